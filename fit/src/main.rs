@@ -1,0 +1,2 @@
+//! The workbench: fits and judges the blendshape models.
+fn main() {}

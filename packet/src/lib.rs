@@ -1,0 +1,2 @@
+//! The facewire packet, version 1.
+#![no_std]

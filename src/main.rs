@@ -1,0 +1,2 @@
+//! The `facewire` command.
+fn main() {}

@@ -10,5 +10,6 @@
 
 pub mod capture;
 pub mod face;
+pub mod infer;
 pub mod link;
 pub mod solve;

@@ -1,0 +1,123 @@
+//! The turned crop of the feature map that a refinement head looks at.
+//!
+//! As MediaPipe's operators `Landmarks2TransformMatrix`, `TransformTensorBilinear` and `TransformLandmarks`: the crop is
+//! turned so that the line through two rotation points is level, and is 1.5 times the box around the head's points.
+
+use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
+
+/// From cells of the crop to cells of the feature map: `linear * p + shift`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Transform {
+    linear: [[f32; 2]; 2],
+    shift: [f32; 2],
+}
+
+impl Transform {
+    /// The crop around those points of the mesh (samples of the network's picture) that `points` lists, turned so
+    /// that the line through `level` is level.
+    pub(super) fn around(mesh: &[[f32; 3]], points: &[u16], level: [u16; 2]) -> Self {
+        let point = |index: u16| {
+            mesh.get(usize::from(index))
+                .map_or([0.0; 2], |point| [point[0], point[1]].map(|value| value * FEATURE_SCALE))
+        };
+        let [from, to] = level.map(point);
+        let angle = TARGET_ANGLE - (to[1] - from[1]).atan2(to[0] - from[0]);
+        let (mut min, mut max) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+        for &index in points {
+            let [x, y] = rotate(point(index), angle);
+            min = [min[0].min(x), min[1].min(y)];
+            max = [max[0].max(x), max[1].max(y)];
+        }
+        let centre = rotate([f32::midpoint(min[0], max[0]), f32::midpoint(min[1], max[1])], -angle);
+        let [width, height] = [max[0] - min[0], max[1] - min[1]].map(|size| size * CROP_SCALE / CROP_SIZE as f32);
+        let (sin, cos) = (-angle).sin_cos();
+        let linear = [[cos * width, -sin * height], [sin * width, cos * height]];
+        let half = CROP_SIZE as f32 / 2.0;
+        let shift =
+            [centre[0] - (linear[0][0] + linear[0][1]) * half, centre[1] - (linear[1][0] + linear[1][1]) * half];
+        Self { linear, shift }
+    }
+
+    /// A point of a head's output, in samples of the network's picture.
+    pub(super) fn apply(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let [across, down] = self.linear;
+        [
+            across[0] * x + across[1] * y + self.shift[0] / FEATURE_SCALE,
+            down[0] * x + down[1] * y + self.shift[1] / FEATURE_SCALE,
+        ]
+    }
+
+    /// Samples the feature map (channels x 48 x 48) into a head's input (channels x 16 x 16): bilinear, zero outside.
+    pub(super) fn sample(&self, map: &[f32], crop: &mut [f32]) {
+        const CROP_AREA: usize = CROP_SIZE * CROP_SIZE;
+        for cell in 0..CROP_AREA {
+            let (x, y) = ((cell % CROP_SIZE) as f32 + 0.5, (cell / CROP_SIZE) as f32 + 0.5);
+            let [across, down] = self.linear;
+            let column = across[0] * x + across[1] * y + self.shift[0] - 0.5;
+            let row = down[0] * x + down[1] * y + self.shift[1] - 0.5;
+            let taps = taps(column, row);
+            let channels = map.chunks_exact(FEATURE_SIZE * FEATURE_SIZE);
+            for (channel, output) in channels.zip(crop.iter_mut().skip(cell).step_by(CROP_AREA)) {
+                *output = taps.iter().map(|&(at, weight)| channel.get(at).map_or(0.0, |value| value * weight)).sum();
+            }
+        }
+    }
+}
+
+/// The four cells around a position and their weights; a cell outside the map has weight 0.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to lie inside the map")]
+fn taps(column: f32, row: f32) -> [(usize, f32); 4] {
+    let (left, top) = (column.floor(), row.floor());
+    let (right_weight, bottom_weight) = (column - left, row - top);
+    let inside = |value: f32| (0.0..FEATURE_SIZE as f32).contains(&value);
+    let tap = |x: f32, y: f32, weight: f32| {
+        if inside(x) && inside(y) { (y as usize * FEATURE_SIZE + x as usize, weight) } else { (0, 0.0) }
+    };
+    [
+        tap(left, top, (1.0 - right_weight) * (1.0 - bottom_weight)),
+        tap(left + 1.0, top, right_weight * (1.0 - bottom_weight)),
+        tap(left, top + 1.0, (1.0 - right_weight) * bottom_weight),
+        tap(left + 1.0, top + 1.0, right_weight * bottom_weight),
+    ]
+}
+
+fn rotate([x, y]: [f32; 2], angle_rad: f32) -> [f32; 2] {
+    let (sin, cos) = angle_rad.sin_cos();
+    [cos * x - sin * y, sin * x + cos * y]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::refinement::FEATURE_CHANNELS;
+    use super::*;
+
+    /// A mesh whose points 0 to 3 are the corners of a 96 x 48 box with level top.
+    fn mesh() -> Vec<[f32; 3]> {
+        vec![[48.0, 48.0, 0.0], [144.0, 48.0, 0.0], [48.0, 96.0, 0.0], [144.0, 96.0, 0.0]]
+    }
+
+    #[test]
+    fn middle_of_the_crop_is_the_middle_of_the_points() {
+        let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
+        let [x, y] = transform.apply([32.0, 32.0]);
+        assert!((x - 96.0).abs() < 1e-4 && (y - 72.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn crop_is_half_again_as_large_as_the_points_box() {
+        let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
+        let ([left, top], [right, bottom]) = (transform.apply([0.0, 0.0]), transform.apply([64.0, 64.0]));
+        assert!((right - left - 144.0).abs() < 1e-3 && (bottom - top - 72.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn sampling_a_ramp_gives_its_value_at_the_crops_cells() {
+        let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
+        let ramp: Vec<f32> =
+            (0..FEATURE_CHANNELS * FEATURE_SIZE * FEATURE_SIZE).map(|at| (at % FEATURE_SIZE) as f32).collect();
+        let mut crop = vec![0.0; FEATURE_CHANNELS * CROP_SIZE * CROP_SIZE];
+        transform.sample(&ramp, &mut crop);
+        assert!((crop[8] - crop[7] - 2.25).abs() < 1e-4, "one cell of the crop is 2.25 cells of the map");
+        assert!((crop[7] + crop[8] - 2.0 * 23.5).abs() < 1e-3);
+    }
+}

@@ -78,14 +78,22 @@ const fn pack([red, green, blue]: [i32; 3]) -> u64 {
     (red as i64 as u64).wrapping_add(green).wrapping_add(blue)
 }
 
-/// Red, green and blue of a sum of pixels whose weights add up to 1024, rounded and clipped.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "21 bits, then clipped to a byte")]
-pub(super) fn unpack(weighted: u64) -> [u8; 3] {
-    [0, CHANNEL_BITS, 2 * CHANNEL_BITS].map(|shift| {
-        let sum = (weighted >> shift) as u32 & ((1 << CHANNEL_BITS) - 1);
-        let rounded = (sum + (1 << (WEIGHT_BITS - 1))) >> WEIGHT_BITS;
-        (rounded as i32 - BIAS).clamp(0, 255) as u8
-    })
+/// Black, weighted.
+pub(super) const BLACK: u64 = pack([BIAS << WEIGHT_BITS; 3]);
+
+/// One channel (0 red, 1 green, 2 blue) of sums of pixels whose weights add up to 1024: clipped to black and white, and
+/// mapped to `low..=high`.
+#[expect(clippy::cast_possible_truncation, reason = "21 bits")]
+pub(super) fn unpack(weighted: &[u64], channel: usize, [low, high]: [f32; 2], output: &mut [f32]) {
+    const MASK: i32 = (1 << CHANNEL_BITS) - 1;
+    const BLACK_SUM: i32 = BIAS << WEIGHT_BITS;
+    const WHITE_SUM: i32 = 255 << WEIGHT_BITS;
+    let shift = channel as u32 * CHANNEL_BITS;
+    let scale = (high - low) / WHITE_SUM as f32;
+    for (output, weighted) in output.iter_mut().zip(weighted) {
+        let sum = (weighted >> shift) as i32 & MASK;
+        *output = (sum - BLACK_SUM).clamp(0, WHITE_SUM) as f32 * scale + low;
+    }
 }
 
 #[cfg(test)]
@@ -99,13 +107,22 @@ mod tests {
             .map(|value| value.clamp(0.0, 255.0))
     }
 
+    /// Red, green and blue of one pixel.
+    fn rgb(pixel: u64) -> [f32; 3] {
+        [0, 1, 2].map(|channel| {
+            let mut level = [0.0];
+            unpack(&[pixel << WEIGHT_BITS], channel, [0.0, 255.0], &mut level);
+            level[0]
+        })
+    }
+
     #[test]
     fn every_colour_is_bt601_to_two_levels() {
         for (luma, blue) in (0..=255).step_by(5).flat_map(|luma| (0..=255).step_by(5).map(move |blue| (luma, blue))) {
             for red in (0..=255).step_by(5) {
-                let ours = unpack(FULL_RANGE.pixel(luma, blue, red) << WEIGHT_BITS);
+                let ours = rgb(FULL_RANGE.pixel(luma, blue, red));
                 for (ours, exact) in ours.into_iter().zip(exact(luma, blue, red)) {
-                    assert!((f32::from(ours) - exact).abs() <= 2.01, "{luma} {blue} {red}: {ours} {exact}");
+                    assert!((ours - exact).abs() <= 2.01, "{luma} {blue} {red}: {ours} {exact}");
                 }
             }
         }
@@ -113,17 +130,16 @@ mod tests {
 
     #[test]
     fn video_black_and_white_are_black_and_white() {
-        assert_eq!(unpack(VIDEO_RANGE.pixel(16, 128, 128) << WEIGHT_BITS), [0; 3]);
-        assert_eq!(unpack(VIDEO_RANGE.pixel(235, 128, 128) << WEIGHT_BITS), [254; 3]);
+        assert!(rgb(VIDEO_RANGE.pixel(16, 128, 128)).iter().all(|level| *level < 0.01));
+        assert!(rgb(VIDEO_RANGE.pixel(235, 128, 128)).iter().all(|level| *level > 254.99));
     }
 
     #[test]
     fn weighted_channels_do_not_leak_into_each_other() {
         let (blue, yellow) = (FULL_RANGE.pixel(29, 255, 107), FULL_RANGE.pixel(226, 0, 149));
-        let mixed = unpack(blue * 512 + yellow * 512);
-        let [first, second] = [blue, yellow].map(|pixel| unpack(pixel << WEIGHT_BITS));
-        for ((mixed, first), second) in mixed.into_iter().zip(first).zip(second) {
-            assert!(mixed.abs_diff(first.midpoint(second)) <= 2);
+        let mixed = rgb(blue.midpoint(yellow));
+        for ((mixed, first), second) in mixed.into_iter().zip(rgb(blue)).zip(rgb(yellow)) {
+            assert!((mixed - f32::midpoint(first, second)).abs() <= 2.0);
         }
     }
 }

@@ -7,7 +7,7 @@
 
 use crate::capture::Picture;
 
-use super::colour::unpack;
+use super::colour::{BLACK, unpack};
 use super::planes::Planes;
 use super::region::FaceBox;
 
@@ -15,6 +15,10 @@ use super::region::FaceBox;
 const ONE: f32 = 65536.0;
 /// From 16.16 to 1/32 px.
 const TO_32NDS: u32 = 11;
+/// 1/64 px, to round.
+const HALF_32ND: i32 = 1 << (TO_32NDS - 1);
+/// More samples per row than any network takes.
+const MAX_SIDE: usize = 192;
 
 /// What a network expects of its input: `side` x `side` samples in three planes R, G, B.
 #[derive(Debug, Clone, Copy)]
@@ -39,55 +43,54 @@ pub enum Border {
 /// Fills `input` (3 x side x side values) with the pixels of `picture` inside `region`.
 pub fn crop(picture: &Picture, region: &FaceBox, shape: CropShape, input: &mut [f32]) {
     let planes = Planes::of(picture);
-    let [low, high] = shape.range;
-    let scale = (high - low) / 255.0;
     let area = shape.side * shape.side;
     let (red, rest) = input.split_at_mut(area.min(input.len()));
     let (green, blue) = rest.split_at_mut(area.min(rest.len()));
+    let mut pixels = [0; MAX_SIDE];
     let rows = red.chunks_exact_mut(shape.side).zip(green.chunks_exact_mut(shape.side));
     for (row, ((red, green), blue)) in rows.zip(blue.chunks_exact_mut(shape.side)).enumerate() {
-        let samples = red.iter_mut().zip(green).zip(blue);
-        for (at, ((r, g), b)) in Walk::new(region, shape.side, row).zip(samples) {
-            let rgb = match shape.border {
-                Border::Black if !planes.hold(at[0] >> 5, at[1] >> 5) => [0; 3],
-                _ => sample(&planes, at),
-            };
-            [*r, *g, *b] = rgb.map(|value| f32::from(value) * scale + low);
+        let positions = positions(region, shape.side, row);
+        for (pixel, at) in pixels.iter_mut().zip(&positions).take(shape.side) {
+            *pixel = sample(&planes, *at);
+        }
+        if shape.border == Border::Black {
+            blacken(&planes, &positions, &mut pixels);
+        }
+        for (channel, output) in [red, green, blue].into_iter().enumerate() {
+            unpack(&pixels, channel, shape.range, output);
         }
     }
 }
 
 /// Positions of one row of samples in 1/32 px, pixel centres being whole numbers.
-struct Walk {
-    at: [i32; 2],
-    step: [i32; 2],
-}
-
-impl Walk {
-    #[expect(clippy::cast_possible_truncation, reason = "saturates: what lies that far outside is border")]
-    fn new(region: &FaceBox, side: usize, row: usize) -> Self {
-        let pitch = 1.0 / side as f32;
-        let at = region.to_picture(0.0, row as f32 * pitch).map(|position| (position * ONE) as i32);
-        let (sin, cos) = region.angle_rad.sin_cos();
-        let step = [cos, sin].map(|along| (along * region.size * pitch * ONE) as i32);
-        Self { at, step }
+#[expect(clippy::cast_possible_truncation, reason = "saturates: what lies that far outside is border")]
+fn positions(region: &FaceBox, side: usize, row: usize) -> [[i32; 2]; MAX_SIDE] {
+    let pitch = 1.0 / side as f32;
+    let start = region.to_picture(0.0, row as f32 * pitch).map(|position| (position * ONE) as i32);
+    let (sin, cos) = region.angle_rad.sin_cos();
+    let step = [cos, sin].map(|along| (along * region.size * pitch * ONE) as i32);
+    let mut at = start.map(|start| start.saturating_add(HALF_32ND));
+    let mut positions = [[0; 2]; MAX_SIDE];
+    for position in &mut positions {
+        *position = at.map(|at| at >> TO_32NDS);
+        at = [at[0].wrapping_add(step[0]), at[1].wrapping_add(step[1])];
     }
+    positions
 }
 
-impl Iterator for Walk {
-    type Item = [i32; 2];
-
-    fn next(&mut self) -> Option<[i32; 2]> {
-        let at = self.at.map(|at| at.saturating_add(1 << (TO_32NDS - 1)) >> TO_32NDS);
-        self.at = [self.at[0].wrapping_add(self.step[0]), self.at[1].wrapping_add(self.step[1])];
-        Some(at)
-    }
-}
-
-/// Red, green and blue at a position in 1/32 px.
-fn sample(planes: &Planes, at: [i32; 2]) -> [u8; 3] {
+/// The pixel at a position, its channels weighted by 1024.
+fn sample(planes: &Planes, at: [i32; 2]) -> u64 {
     let [x, y] = at.map(|at| at >> 5);
     let [right, down] = at.map(|at| u64::from((at & 31).unsigned_abs()));
-    let [top, bottom] = [y, y + 1].map(|y| planes.pixel(x, y) * (32 - right) + planes.pixel(x + 1, y) * right);
-    unpack(top * (32 - down) + bottom * down)
+    let rows = planes.square(x, y);
+    let [top, bottom] = rows.map(|[left_pixel, right_pixel]| left_pixel * (32 - right) + right_pixel * right);
+    top * (32 - down) + bottom * down
+}
+
+fn blacken(planes: &Planes, positions: &[[i32; 2]], pixels: &mut [u64]) {
+    for (pixel, [x, y]) in pixels.iter_mut().zip(positions) {
+        if !planes.hold(x >> 5, y >> 5) {
+            *pixel = BLACK;
+        }
+    }
 }

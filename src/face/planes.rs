@@ -7,9 +7,8 @@ use super::colour::Colour;
 /// Chroma of grey: what a picture without chroma planes has everywhere.
 const GREY: u8 = 128;
 
-/// Samples `step` bytes apart in rows `stride` bytes apart, each for `1 << shift` pixels of the picture.
-struct Plane<'a> {
-    data: &'a [u8],
+/// How samples lie in memory: `step` bytes apart in rows `stride` bytes apart, each for `1 << shift` pixels.
+struct Layout {
     stride: usize,
     step: usize,
     shift: [u8; 2],
@@ -17,27 +16,43 @@ struct Plane<'a> {
 
 /// A picture as planes of samples.
 pub(super) struct Planes<'a> {
-    luma: Plane<'a>,
-    chroma: [Plane<'a>; 2],
+    luma: &'a [u8],
+    luma_layout: Layout,
+    /// Cb and Cr, both laid out alike.
+    chroma: [&'a [u8]; 2],
+    chroma_layout: Layout,
     colour: &'static Colour,
     /// Last column and row.
     last: [i32; 2],
 }
 
-impl Plane<'_> {
-    fn get(&self, x: usize, y: usize) -> u8 {
-        let at = (y >> self.shift[1]) * self.stride + (x >> self.shift[0]) * self.step;
-        self.data.get(at).copied().unwrap_or(GREY)
+impl Layout {
+    fn row(&self, y: usize) -> usize {
+        (y >> self.shift[1]) * self.stride
+    }
+
+    fn column(&self, x: usize) -> usize {
+        (x >> self.shift[0]) * self.step
     }
 }
 
 impl Planes<'_> {
-    /// The pixel at a column and row, or the nearest one to a place outside the picture.
-    pub(super) fn pixel(&self, x: i32, y: i32) -> u64 {
-        let x = x.clamp(0, self.last[0]).unsigned_abs() as usize;
-        let y = y.clamp(0, self.last[1]).unsigned_abs() as usize;
-        let [blue, red] = &self.chroma;
-        self.colour.pixel(self.luma.get(x, y), blue.get(x, y), red.get(x, y))
+    /// The pixels at columns `x` and `x + 1` of rows `y` and `y + 1`; outside the picture, the nearest ones.
+    pub(super) fn square(&self, x: i32, y: i32) -> [[u64; 2]; 2] {
+        let nearest = |at: i32, last: i32| at.clamp(0, last).unsigned_abs() as usize;
+        let (left, top) = (nearest(x, self.last[0]), nearest(y, self.last[1]));
+        let (right, bottom) = (nearest(x + 1, self.last[0]), nearest(y + 1, self.last[1]));
+        let columns = [left, right].map(|x| (self.luma_layout.column(x), self.chroma_layout.column(x)));
+        let rows = [top, bottom].map(|y| (self.luma_layout.row(y), self.chroma_layout.row(y)));
+        rows.map(|(luma_row, chroma_row)| {
+            columns.map(|(luma, chroma)| self.pixel(luma_row + luma, chroma_row + chroma))
+        })
+    }
+
+    fn pixel(&self, luma: usize, chroma: usize) -> u64 {
+        let get = |data: &[u8], at: usize| data.get(at).copied().unwrap_or(GREY);
+        let [blue, red] = self.chroma.map(|data| get(data, chroma));
+        self.colour.pixel(get(self.luma, luma), blue, red)
     }
 
     /// Whether there is a pixel at a column and row.
@@ -48,24 +63,22 @@ impl Planes<'_> {
 
 impl<'a> Planes<'a> {
     pub(super) fn of(picture: &Picture<'a>) -> Self {
-        let plane = |data, stride, step, shift| Plane { data, stride, step, shift };
+        let layout = |stride, step, shift| Layout { stride, step, shift };
         let from = |data: &'a [u8], first: usize| data.get(first..).unwrap_or(&[]);
-        let (luma, chroma) = match picture.pixels {
-            Pixels::Grey { data, stride } => {
-                (plane(data, stride, 1, [0, 0]), [(); 2].map(|()| plane(&[], 0, 0, [0, 0])))
-            }
+        let (luma, luma_layout, chroma, chroma_layout) = match picture.pixels {
+            Pixels::Grey { data, stride } => (data, layout(stride, 1, [0, 0]), [&[] as &[u8]; 2], layout(0, 0, [0, 0])),
             Pixels::Yuyv { data, stride } => {
-                (plane(data, stride, 2, [0, 0]), [1, 3].map(|first| plane(from(data, first), stride, 4, [1, 0])))
+                (data, layout(stride, 2, [0, 0]), [from(data, 1), from(data, 3)], layout(stride, 4, [1, 0]))
             }
             Pixels::Nv12 { luma, chroma, stride } => {
-                (plane(luma, stride, 1, [0, 0]), [0, 1].map(|first| plane(from(chroma, first), stride, 2, [1, 1])))
+                (luma, layout(stride, 1, [0, 0]), [chroma, from(chroma, 1)], layout(stride, 2, [1, 1]))
             }
             Pixels::Planar { planes: [luma, blue, red], strides, chroma_shift } => {
-                (plane(luma, strides[0], 1, [0, 0]), [blue, red].map(|data| plane(data, strides[1], 1, chroma_shift)))
+                (luma, layout(strides[0], 1, [0, 0]), [blue, red], layout(strides[1], 1, chroma_shift))
             }
         };
         let last =
             [picture.width, picture.height].map(|size| i32::try_from(size).unwrap_or(0).saturating_sub(1).max(0));
-        Self { luma, chroma, colour: Colour::of(picture.full_range), last }
+        Self { luma, luma_layout, chroma, chroma_layout, colour: Colour::of(picture.full_range), last }
     }
 }

@@ -64,20 +64,21 @@ impl Transform {
     }
 }
 
-/// The four cells around a position and their weights; a cell outside the map has weight 0.
+/// The four cells around a position and their weights; none for a position outside the map.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to lie inside the map")]
 fn taps(column: f32, row: f32) -> [(usize, f32); 4] {
+    const LAST: f32 = (FEATURE_SIZE - 1) as f32;
+    if !((0.0..=LAST).contains(&column) && (0.0..=LAST).contains(&row)) {
+        return [(0, 0.0); 4];
+    }
     let (left, top) = (column.floor(), row.floor());
     let (right_weight, bottom_weight) = (column - left, row - top);
-    let inside = |value: f32| (0.0..FEATURE_SIZE as f32).contains(&value);
-    let tap = |x: f32, y: f32, weight: f32| {
-        if inside(x) && inside(y) { (y as usize * FEATURE_SIZE + x as usize, weight) } else { (0, 0.0) }
-    };
+    let at = top as usize * FEATURE_SIZE + left as usize;
     [
-        tap(left, top, (1.0 - right_weight) * (1.0 - bottom_weight)),
-        tap(left + 1.0, top, right_weight * (1.0 - bottom_weight)),
-        tap(left, top + 1.0, (1.0 - right_weight) * bottom_weight),
-        tap(left + 1.0, top + 1.0, right_weight * bottom_weight),
+        (at, (1.0 - right_weight) * (1.0 - bottom_weight)),
+        (at + 1, right_weight * (1.0 - bottom_weight)),
+        (at + FEATURE_SIZE, (1.0 - right_weight) * bottom_weight),
+        (at + FEATURE_SIZE + 1, right_weight * bottom_weight),
     ]
 }
 

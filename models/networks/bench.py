@@ -1,0 +1,78 @@
+#!/usr/bin/env python3
+"""Times the networks, one thread, in both forms that to_onnx.py can write them in.
+
+The two forms alternate within one run; the figures are medians of 300 rounds. All networks
+take their turn in each round, so that each finds the caches as another has left them.
+"""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+
+import convert
+import networks
+import sources
+import to_onnx
+
+ROUNDS = 300
+
+
+class Timed:
+    """A session with bound input and outputs, as facewire runs it."""
+
+    def __init__(self, path: Path) -> None:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        self.session = onnxruntime.InferenceSession(str(path), options)
+        self.binding = self.session.io_binding()
+        [start] = self.session.get_inputs()
+        noise = np.random.default_rng(52).random(start.shape, np.float32)
+        self.binding.bind_cpu_input(start.name, noise)
+        for end in self.session.get_outputs():
+            self.binding.bind_output(end.name)
+        self.seconds: list[float] = []
+
+    def run(self) -> None:
+        """One inference."""
+        start = time.perf_counter()
+        self.session.run_with_iobinding(self.binding)
+        self.seconds.append(time.perf_counter() - start)
+
+    def median_ms(self) -> float:
+        """Median time of the runs so far, in milliseconds."""
+        return statistics.median(self.seconds) * 1e3
+
+
+def main() -> None:
+    """Prints one line a network."""
+    mediapipe = sources.fetch(sources.MEDIAPIPE, convert.cache_folder() / "downloads")
+    parts = networks.all_networks(
+        sources.extract(mediapipe, sources.DETECTOR),
+        sources.extract(mediapipe, sources.ATTENTION_MESH),
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        timed = {}
+        for form in ("blocked", "plain"):
+            target = Path(folder) / form
+            target.mkdir()
+            to_onnx.write(parts, target, blocked=form == "blocked")
+            for part in parts:
+                timed[form, part.name] = Timed(target / f"{part.name}.onnx")
+        for _ in range(ROUNDS):
+            for network in timed.values():
+                network.run()
+    print(f"ONNX Runtime {onnxruntime.__version__}, ms   blocked    plain")
+    for part in parts:
+        blocked, plain = (timed[form, part.name].median_ms() for form in ("blocked", "plain"))
+        print(f"{part.name:28}{blocked:10.3f}{plain:9.3f}")
+
+
+if __name__ == "__main__":
+    main()

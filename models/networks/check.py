@@ -1,0 +1,86 @@
+"""Every converted network against the TFLite interpreter, on noise and on a face.
+
+The interpreter runs the part of the TFLite file that a network was converted from.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+from ai_edge_litert.interpreter import Interpreter, OpResolverType
+
+from networks import Network
+from sources import SetupError
+
+# Largest difference, in parts of the largest value of an output. Two float32 libraries
+# that add up in different orders stay under a tenth of it: 0.003 px on the mesh.
+TOLERANCE = 2e-5
+
+# A frame of the built-in clip around the face: "picture", 192 x 192 RGB.
+FACE = Path(__file__).parent / "face.npz"
+
+# Where lips and eyes lie in the feature map of that picture: row and column of a 16 x 16 crop.
+CROPS = {"lips": (24, 16), "left_eye": (11, 10), "right_eye": (11, 22)}
+
+
+class Reference:
+    """The TFLite interpreter, with pictures and feature maps in ONNX order."""
+
+    def __init__(self, content: bytes) -> None:
+        # TensorFlow's own kernels, without a delegate: the plainest reading of the file.
+        self.interpreter = Interpreter(
+            model_content=content,
+            experimental_op_resolver_type=OpResolverType.BUILTIN_WITHOUT_DEFAULT_DELEGATES,
+        )
+        self.interpreter.allocate_tensors()
+
+    def run(self, tensor: np.ndarray) -> list[np.ndarray]:
+        """Outputs, feature maps NCHW."""
+        [start] = self.interpreter.get_input_details()
+        self.interpreter.set_tensor(start["index"], tensor.transpose(0, 2, 3, 1))
+        self.interpreter.invoke()
+        ends = self.interpreter.get_output_details()
+        values = [self.interpreter.get_tensor(end["index"]) for end in ends]
+        return [v.transpose(0, 3, 1, 2) if v.ndim == 4 else v for v in values]
+
+
+def check(networks: list[Network], folder: Path) -> None:
+    """Raises SetupError where a network in `folder` disagrees with its reference."""
+    noise = np.random.default_rng(52)
+    realistic = _inputs_of_a_face(next(n for n in networks if n.name == "mesh"))
+    for network in networks:
+        face = realistic[network.name]
+        random = noise.uniform(face.min(), face.max(), face.shape).astype(np.float32)
+        worst = max(_difference(network, folder, tensor) for tensor in (random, face))
+        print(f"networks: {network.name} agrees with TFLite to {worst:.1e} of its range")
+
+
+def _difference(network: Network, folder: Path, tensor: np.ndarray) -> float:
+    session = onnxruntime.InferenceSession(
+        str(folder / f"{network.name}.onnx"), providers=["CPUExecutionProvider"]
+    )
+    found = session.run(list(network.outputs), {network.input: tensor})
+    expected = Reference(network.tflite).run(tensor)
+    worst = 0.0
+    for name, value, reference in zip(network.outputs, found, expected):
+        range_ = float(np.abs(reference).max())
+        difference = float(np.abs(value - reference.reshape(value.shape)).max()) / range_
+        if not difference <= TOLERANCE:
+            raise SetupError(f"{network.name}: {name} is off by {difference:.1e} of its range")
+        worst = max(worst, difference)
+    return worst
+
+
+def _inputs_of_a_face(mesh: Network) -> dict[str, np.ndarray]:
+    """Inputs of all networks, from the picture of a face."""
+    pixels = np.load(FACE)["picture"].astype(np.float32).transpose(2, 0, 1)[None] / 255
+    _, flag, features = Reference(mesh.tflite).run(pixels)
+    if flag.item() <= 0:
+        raise SetupError("the landmark network finds no face in the picture of one")
+    small = (np.arange(128) * 1.5).astype(int)
+    inputs = {"mesh": pixels, "detector": pixels[:, :, small][..., small] * 2 - 1}
+    for name, (row, column) in CROPS.items():
+        inputs[name] = features[:, :, row:row + 16, column:column + 16]
+    return {name: np.ascontiguousarray(tensor) for name, tensor in inputs.items()}

@@ -1,0 +1,60 @@
+"""The five networks: which tensors of the TFLite files they start and end at.
+
+The attention mesh contains operators that no other runtime knows. They compute where to
+crop the feature map for the lips and the eyes, crop, and map the points back; facewire
+does that itself, so the network is cut into four plain ones around them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from refinement import crop_of
+from tflite_graph import cut, load, producer, tensor_named
+
+
+@dataclass
+class Network:
+    """A part of a TFLite file, and the names and shapes it has as ONNX."""
+
+    name: str
+    tflite: bytes
+    input: str
+    outputs: dict[str, list[int]]
+
+
+def all_networks(detector: bytes, attention: bytes) -> list[Network]:
+    """Cuts the two TFLite files into the networks that facewire runs."""
+    return [
+        _detector(detector),
+        _mesh(attention),
+        _head(attention, "lips", {"points": ("conv_lips", 160)}),
+        _head(attention, "left_eye",
+              {"points": ("conv_left_eye", 142), "iris": ("conv_left_iris", 10)}),
+        _head(attention, "right_eye",
+              {"points": ("conv_right_eye", 142), "iris": ("conv_right_iris", 10)}),
+    ]
+
+
+def _detector(content: bytes) -> Network:
+    model = load(content)
+    ends = [tensor_named(model, name) for name in ("regressors", "classificators")]
+    part = cut(content, [tensor_named(model, "input")], ends)
+    return Network("detector", part, "image", {"boxes": [1, 896, 16], "scores": [1, 896, 1]})
+
+
+def _mesh(content: bytes) -> Network:
+    model = load(content)
+    ends = [tensor_named(model, name) for name in ("output_mesh", "conv_faceflag")]
+    ends.append(int(producer(model, crop_of(model, "conv_lips")).inputs[0]))
+    part = cut(content, [tensor_named(model, "input_1")], ends)
+    outputs = {"mesh": [1, 1404], "flag": [1, 1], "features": [1, 32, 48, 48]}
+    return Network("mesh", part, "image", outputs)
+
+
+def _head(content: bytes, name: str, outputs: dict[str, tuple[str, int]]) -> Network:
+    model = load(content)
+    ends = [tensor_named(model, tensor) for tensor, _ in outputs.values()]
+    start = crop_of(model, outputs["points"][0])
+    part = cut(content, [start], ends)
+    return Network(name, part, "crop", {key: [1, size] for key, (_, size) in outputs.items()})

@@ -1,0 +1,174 @@
+"""What the networks' files say about lips, eyes and irises, checked against the Rust tables.
+
+Two sources: the options of the custom operators in the attention mesh (where to crop), and
+the LandmarksRefinementCalculator of MediaPipe's face graph (which points a head replaces,
+and where the depth of an iris comes from). src/face/refinement.rs holds the same numbers;
+a difference ends the set-up.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from flatbuffers import flexbuffers
+
+from sources import SetupError
+from tflite_graph import Model, kind_of, load, producer, read, tensor_named
+
+RUST_TABLES = Path(__file__).parents[2] / "src/face/refinement.rs"
+
+# Head in the Rust tables, and the tensor that ends it in the attention mesh.
+HEADS = {"LIPS": "conv_lips", "LEFT_EYE": "conv_left_eye", "RIGHT_EYE": "conv_right_eye"}
+
+# Order of the inputs of the LandmarksRefinementCalculator, after the mesh itself.
+REFINEMENTS = ("LIPS", "LEFT_EYE", "RIGHT_EYE", "LEFT_IRIS", "RIGHT_IRIS")
+
+# Field numbers of mediapipe/framework/calculator.proto and
+# mediapipe/calculators/util/landmarks_refinement_calculator.proto.
+NODE_CALCULATOR, NODE_OPTIONS, REFINEMENT = 2, 7, 1
+INDEXES_MAPPING, Z_REFINEMENT = 1, 2
+Z_NONE, Z_COPY, Z_ASSIGN_AVERAGE = 1, 2, 3
+
+
+@dataclass
+class Refinement:
+    """Points that one output replaces; how their z is set, and from which points."""
+
+    points: list[int]
+    z_rule: int
+    z_points: list[int]
+
+
+def crop_of(model: Model, end: str) -> int:
+    """The tensor with the crop of the feature map that leads to the named output."""
+    tensor = tensor_named(model, end)
+    while kind_of(model, operator := producer(model, tensor)) != "TransformTensorBilinear":
+        tensor = int(operator.inputs[0])
+    return tensor
+
+
+def check(attention: bytes, graphs: bytes) -> None:
+    """Raises SetupError where the Rust tables differ from the two sources."""
+    rust = rust_constants(RUST_TABLES.read_text(encoding="utf-8"))
+    expected = {**operator_constants(attention), **graph_constants(graphs)}
+    for name, value in expected.items():
+        if rust.get(name) != value:
+            raise SetupError(f"{RUST_TABLES}: {name} is {rust.get(name)}, it should be {value}")
+
+
+def rust_constants(source: str) -> dict[str, list[float]]:
+    """Numbers of every `const NAME: TYPE = ...;`; a scalar is a list of one."""
+    found = re.findall(r"const (\w+): (?:\[\w+; \d+\]|\w+) =\s+([^;]+);", source)
+    return {name: [float(n) for n in re.findall(r"-?\d+(?:\.\d+)?", value)]
+            for name, value in found}
+
+
+def operator_constants(attention: bytes) -> dict[str, list[float]]:
+    """Constants of the crops, from the custom operators' options."""
+    model, constants = load(attention), read(attention).constants
+    found: dict[str, list[float]] = {}
+    for head, end in HEADS.items():
+        bilinear = producer(model, crop_of(model, end))
+        features, matrix = (int(index) for index in bilinear.inputs)
+        to_matrix = producer(model, matrix)
+        options = flexbuffers.Loads(bytes(to_matrix.customOptions))
+        scaled = producer(model, int(to_matrix.inputs[0]))
+        _, height, width, channels = model.subgraphs[0].tensors[features].shape
+        found[head] = options["subset_idxs"]
+        found[f"{head}_ROTATION"] = [options["left_rotation_idx"], options["right_rotation_idx"]]
+        shared = {
+            "CROP_SIZE": _only({options["output_height"], options["output_width"],
+                                *flexbuffers.Loads(bytes(bilinear.customOptions)).values()}),
+            "CROP_SCALE": _only({options["scale_x"], options["scale_y"]}),
+            "TARGET_ANGLE": [options["target_rotation_radians"]],
+            "FEATURE_SIZE": _only({int(height), int(width)}),
+            "FEATURE_CHANNELS": [int(channels)],
+            "FEATURE_SCALE": constants[int(scaled.inputs[1])].tolist(),
+        }
+        if any(found.setdefault(name, value) != value for name, value in shared.items()):
+            raise SetupError("the three heads of the attention mesh differ in their crops")
+        _check_translation(model, constants, matrix, 1 / shared["FEATURE_SCALE"][0])
+    return found
+
+
+def _check_translation(model: Model, constants: dict[int, np.ndarray], matrix: int,
+                       factor: float) -> None:
+    """The map back to the picture is the crop's, its translation (column 3) times `factor`."""
+    multiply = next(o for o in model.subgraphs[0].operators
+                    if matrix in o.inputs and kind_of(model, o) == "MUL")
+    factors = constants[int(multiply.inputs[1])].reshape(4, 4)
+    if factors[:2, :2].tolist() != [[1, 1], [1, 1]] or factors[:2, 3].tolist() != [factor] * 2:
+        raise SetupError(f"the map from crop to picture scales by {factors.tolist()}")
+
+
+def _only(values: set[float]) -> list[float]:
+    if len(values) != 1:
+        raise SetupError(f"the attention mesh has different sizes: {values}")
+    return list(values)
+
+
+def graph_constants(graphs: bytes) -> dict[str, list[float]]:
+    """Index lists of the LandmarksRefinementCalculator."""
+    mesh, *parts = refinements(graphs)
+    if mesh.points != list(range(468)) or mesh.z_rule != Z_COPY:
+        raise SetupError("the refinement does not start from the 468 points of the mesh")
+    found: dict[str, list[float]] = {}
+    for name, part in zip(REFINEMENTS, parts):
+        found[name] = part.points
+        iris = name.endswith("IRIS")
+        if part.z_rule != (Z_ASSIGN_AVERAGE if iris else Z_NONE):
+            raise SetupError(f"unexpected rule {part.z_rule} for the depth of {name}")
+        if iris:
+            found[f"{name}_DEPTH"] = part.z_points
+    return found
+
+
+def refinements(graphs: bytes) -> list[Refinement]:
+    """Reads the calculator's options out of the graphs compiled into MediaPipe.
+
+    The graph is a serialised protocol buffer; the calculator's name starts its node, and
+    the length of the node stands in the two bytes before.
+    """
+    name = b"LandmarksRefinementCalculator"
+    start = graphs.index(bytes([NODE_CALCULATOR << 3 | 2, len(name)]) + name)
+    length, _ = _varint(graphs, start - 2)
+    options = _only_field(graphs[start:start + length], NODE_OPTIONS)
+    [(_, extension)] = _fields(options)
+    return [_refinement(value) for number, value in _fields(extension) if number == REFINEMENT]
+
+
+def _refinement(message: bytes) -> Refinement:
+    points = [value for number, value in _fields(message) if number == INDEXES_MAPPING]
+    [(rule, content)] = _fields(_only_field(message, Z_REFINEMENT))
+    return Refinement(points, rule, [value for _, value in _fields(content)])
+
+
+def _only_field(message: bytes, number: int) -> bytes:
+    [value] = [value for found, value in _fields(message) if found == number]
+    return value
+
+
+def _fields(message: bytes) -> Iterator[tuple[int, int | bytes]]:
+    """Fields of a protocol buffer that has varints and length-delimited ones only."""
+    at = 0
+    while at < len(message):
+        key, at = _varint(message, at)
+        value, at = _varint(message, at)
+        if key & 7 == 2:
+            value, at = message[at:at + value], at + value
+        elif key & 7 != 0:
+            raise ValueError(f"wire type {key & 7}")
+        yield key >> 3, value
+
+
+def _varint(message: bytes, at: int) -> tuple[int, int]:
+    value = shift = 0
+    while True:
+        byte, at = message[at], at + 1
+        value, shift = value | (byte & 127) << shift, shift + 7
+        if byte < 128:
+            return value, at

@@ -1,0 +1,132 @@
+"""Reading TFLite files: a plain list of operators, and cutting out part of a network.
+
+Works on the object API of the TFLite schema. `cut` yields a valid TFLite file that the
+interpreter can run, so each part of a network has its own reference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import flatbuffers
+import numpy as np
+from ai_edge_litert import schema_py_generated as schema
+
+Model = Any  # schema.ModelT, which the generated module does not type
+
+OPERATOR_NAMES = {
+    value: name for name, value in vars(schema.BuiltinOperator).items() if not name.startswith("_")
+}
+DTYPES = {
+    schema.TensorType.FLOAT32: np.float32,
+    schema.TensorType.FLOAT16: np.float16,
+    schema.TensorType.INT32: np.int32,
+}
+
+
+@dataclass
+class Operator:
+    """One operator: tensor numbers, and the options record of the schema (or raw bytes)."""
+
+    kind: str
+    inputs: list[int]
+    outputs: list[int]
+    options: Any
+
+
+@dataclass
+class Graph:
+    """A network whose float16 weights are already float32 constants."""
+
+    operators: list[Operator]
+    shapes: dict[int, tuple[int, ...]]
+    constants: dict[int, np.ndarray]
+    inputs: list[int]
+    outputs: list[int]
+
+
+def load(content: bytes) -> Model:
+    """Parses a TFLite file."""
+    return schema.ModelT.InitFromObj(schema.Model.GetRootAsModel(content, 0))
+
+
+def save(model: Model) -> bytes:
+    """Serialises a model for the interpreter."""
+    builder = flatbuffers.Builder(1 << 20)
+    builder.Finish(model.Pack(builder), b"TFL3")
+    return bytes(builder.Output())
+
+
+def kind_of(model: Model, operator: Any) -> str:
+    """Operator name as the schema spells it, or the name of a custom operator."""
+    code = model.operatorCodes[operator.opcodeIndex]
+    # Files older than 2020 carry the number in the first field only.
+    name = OPERATOR_NAMES[max(code.builtinCode, code.deprecatedBuiltinCode)]
+    return code.customCode.decode() if name == "CUSTOM" else name
+
+
+def tensor_named(model: Model, name: str) -> int:
+    """Number of the tensor with this name."""
+    tensors = model.subgraphs[0].tensors
+    return next(index for index, tensor in enumerate(tensors) if tensor.name.decode() == name)
+
+
+def producer(model: Model, tensor: int) -> Any:
+    """The operator that writes a tensor."""
+    return next(o for o in model.subgraphs[0].operators if tensor in o.outputs)
+
+
+def cut(content: bytes, inputs: list[int], outputs: list[int]) -> bytes:
+    """The part of a network between two sets of tensors, as a TFLite file of its own."""
+    model = load(content)
+    subgraph = model.subgraphs[0]
+    wanted, kept = set(outputs), []
+    for operator in reversed(subgraph.operators):
+        if wanted.intersection(operator.outputs):
+            kept.append(operator)
+            wanted.update(set(int(i) for i in operator.inputs) - set(inputs))
+    subgraph.operators = kept[::-1]
+    subgraph.inputs, subgraph.outputs = inputs, outputs
+    model.signatureDefs = []
+    _drop_unused_codes(model)
+    return save(model)
+
+
+def _drop_unused_codes(model: Model) -> None:
+    """The interpreter refuses a file that merely lists a custom operator it does not know."""
+    operators = model.subgraphs[0].operators
+    used = sorted({operator.opcodeIndex for operator in operators})
+    model.operatorCodes = [model.operatorCodes[index] for index in used]
+    for operator in operators:
+        operator.opcodeIndex = used.index(operator.opcodeIndex)
+
+
+def read(content: bytes) -> Graph:
+    """The operators of a file, with constants folded through DEQUANTIZE."""
+    model = load(content)
+    subgraph = model.subgraphs[0]
+    constants = {index: array for index in range(len(subgraph.tensors))
+                 if (array := _constant(model, index)) is not None}
+    operators = []
+    for operator in subgraph.operators:
+        kind = kind_of(model, operator)
+        inputs = [int(index) for index in operator.inputs]
+        outputs = [int(index) for index in operator.outputs]
+        if kind == "DEQUANTIZE":
+            constants[outputs[0]] = constants[inputs[0]].astype(np.float32)
+        else:
+            operators.append(Operator(kind, inputs, outputs, operator.builtinOptions))
+    shapes = {index: tuple(int(n) for n in tensor.shape)
+              for index, tensor in enumerate(subgraph.tensors) if tensor.shape is not None}
+    ends = [int(i) for i in subgraph.inputs], [int(i) for i in subgraph.outputs]
+    return Graph(operators, shapes, constants, *ends)
+
+
+def _constant(model: Model, index: int) -> np.ndarray | None:
+    tensor = model.subgraphs[0].tensors[index]
+    data = model.buffers[tensor.buffer].data
+    if data is None or len(data) == 0:
+        return None
+    flat = np.frombuffer(bytes(data), DTYPES[tensor.type])
+    return flat.reshape([int(n) for n in tensor.shape])

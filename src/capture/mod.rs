@@ -1,5 +1,98 @@
-//! Where frames come from. The pixels stay in the camera's own format: the crop samples them directly.
+//! Where frames come from: cameras, Motion-JPEG and y4m files, standard input, the built-in clip.
+//!
+//! Contract: a [`Source`] lends one [`Frame`] at a time in the camera's own format; nothing converts the colour of a
+//! whole frame, the crop samples the planes directly. Buffers are sized when a source is opened and never grow.
+//! A frame that fails is an error of its own ([`CaptureError::Frame`]) and the source goes on with the next.
+//!
+//! Limits: pictures up to [`MAX_SIDE_PX`] a side, 8 bits a sample.
 
+mod avi;
+mod clip;
+mod error;
+mod file;
+mod jpeg;
+mod paced;
 mod picture;
+mod rate;
+mod riff;
+#[cfg(test)]
+mod testing;
+mod y4m;
 
-pub use picture::{Picture, Pixels};
+pub use avi::AviSource;
+pub use clip::Clip;
+pub use error::{CaptureError, FrameFault};
+pub use file::{DEMO, open_file};
+pub use jpeg::JpegDecoder;
+pub use paced::{Paced, monotonic_us};
+pub use picture::{MAX_SIDE_PX, Picture, Pixels};
+pub use rate::FrameRate;
+pub use y4m::Y4mSource;
+
+use std::fmt;
+
+/// One picture with the moment it was taken, lent by its source until the next call.
+#[derive(Debug, Clone, Copy)]
+pub struct Frame<'a> {
+    /// The picture.
+    pub picture: Picture<'a>,
+    /// When it was captured: microseconds of `CLOCK_MONOTONIC` for a camera, of the file's own time from 0 for a file.
+    pub captured_us: u64,
+    /// Position in the source, counting frames that were skipped or failed; starts at 0 for a file.
+    pub number: u64,
+    /// Older frames passed over for this one: newest wins.
+    pub skipped: u32,
+}
+
+/// Something that gives frames.
+pub trait Source {
+    /// The next frame (a camera: the newest, waiting for it if need be); `None` at the end of a file.
+    ///
+    /// # Errors
+    /// After [`CaptureError::Frame`] the next call goes on behind the failed frame; after any other error a file has
+    /// ended and a camera must be opened again.
+    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError>;
+
+    /// Passes over one frame as cheaply as the source can; `false` at the end of a file.
+    ///
+    /// # Errors
+    /// As [`Source::next`].
+    fn skip(&mut self) -> Result<bool, CaptureError> {
+        Ok(self.next()?.is_some())
+    }
+
+    /// Time from one frame to the next, if the source states it.
+    fn frame_period_us(&self) -> Option<u64>;
+
+    /// What this source is, for the operator.
+    fn describe(&self) -> Description<'_>;
+}
+
+/// What a source delivers, printed as `demo: MJPEG 640x480 at 30 fps`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Description<'a> {
+    /// The device node or file.
+    pub origin: &'a str,
+    /// Name of the pixel format.
+    pub format: &'static str,
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Frames a second, if stated.
+    pub rate: Option<FrameRate>,
+}
+
+impl fmt::Display for Description<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}: {} {}x{}",
+            self.origin, self.format, self.width, self.height
+        )?;
+        match self.rate {
+            Some(rate) => write!(f, " at {rate}"),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,6 +1,9 @@
 //! A picture in the format the camera gave it, borrowed from its source.
 
-/// A borrowed picture, `width` x `height` pixels.
+/// Longest side of a picture.
+pub const MAX_SIDE_PX: usize = 4096;
+
+/// A borrowed picture, `width` x `height` pixels, made by [`Picture::new`].
 #[derive(Debug, Clone, Copy)]
 pub struct Picture<'a> {
     /// Pixels per row.
@@ -13,7 +16,7 @@ pub struct Picture<'a> {
     pub full_range: bool,
 }
 
-/// The samples of a picture. Strides are in bytes. Every constructor of a source checks the lengths once,
+/// The samples of a picture. Strides are in bytes. [`Picture::new`] checks the lengths once,
 /// so that each row and column inside the picture lies inside its slice.
 #[derive(Debug, Clone, Copy)]
 pub enum Pixels<'a> {
@@ -39,7 +42,7 @@ pub enum Pixels<'a> {
         planes: [&'a [u8]; 3],
         /// Bytes from one row to the next of luma and of both chroma planes.
         strides: [usize; 2],
-        /// Chroma is `1 << x` narrower and `1 << y` lower than luma.
+        /// Chroma is `1 << x` narrower and `1 << y` lower than luma, rounded up.
         chroma_shift: [u8; 2],
     },
     /// Luma only.
@@ -49,4 +52,133 @@ pub enum Pixels<'a> {
         /// Bytes from one row to the next.
         stride: usize,
     },
+}
+
+impl<'a> Picture<'a> {
+    /// `None` if a side is 0 or over [`MAX_SIDE_PX`], or if the samples do not reach to the last row and column.
+    #[must_use]
+    pub fn new(width: usize, height: usize, pixels: Pixels<'a>, full_range: bool) -> Option<Self> {
+        let sides = 1..=MAX_SIDE_PX;
+        let fits = sides.contains(&width) && sides.contains(&height) && pixels.hold(width, height);
+        fits.then_some(Self {
+            width,
+            height,
+            pixels,
+            full_range,
+        })
+    }
+}
+
+impl Pixels<'_> {
+    /// Whether `width` x `height` pixels are there.
+    fn hold(&self, width: usize, height: usize) -> bool {
+        match *self {
+            Self::Yuyv { data, stride } => holds(data, stride, [4 * width.div_ceil(2), height]),
+            Self::Grey { data, stride } => holds(data, stride, [width, height]),
+            Self::Nv12 {
+                luma,
+                chroma,
+                stride,
+            } => {
+                let chroma_size = [2 * width.div_ceil(2), height.div_ceil(2)];
+                holds(luma, stride, [width, height]) && holds(chroma, stride, chroma_size)
+            }
+            Self::Planar {
+                planes: [luma, cb, cr],
+                strides: [stride, chroma_stride],
+                chroma_shift,
+            } => {
+                let size = chroma_size([width, height], chroma_shift);
+                holds(luma, stride, [width, height])
+                    && size.is_some_and(|size| {
+                        [cb, cr]
+                            .iter()
+                            .all(|plane| holds(plane, chroma_stride, size))
+                    })
+            }
+        }
+    }
+}
+
+/// Columns and rows of a chroma plane; `None` for a shift that no format has.
+fn chroma_size(size: [usize; 2], shift: [u8; 2]) -> Option<[usize; 2]> {
+    let shrink = |side: usize, shift: u8| side.div_ceil(1 << shift);
+    let [[width, height], [x, y]] = [size, shift.map(usize::from)];
+    (x <= 2 && y <= 2).then(|| [shrink(width, shift[0]), shrink(height, shift[1])])
+}
+
+/// Whether `plane` has `rows` rows of `row_bytes`, `stride` apart; the last may end with its last sample.
+fn holds(plane: &[u8], stride: usize, [row_bytes, rows]: [usize; 2]) -> bool {
+    let before_last = stride.checked_mul(rows.saturating_sub(1));
+    let needed = before_last.and_then(|bytes| bytes.checked_add(row_bytes));
+    stride >= row_bytes && needed.is_some_and(|needed| plane.len() >= needed)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    const DATA: [u8; 64] = [0; 64];
+
+    fn grey(len: usize, stride: usize) -> Pixels<'static> {
+        Pixels::Grey {
+            data: DATA.get(..len).unwrap(),
+            stride,
+        }
+    }
+
+    #[test]
+    fn a_picture_reaches_its_last_row_and_column_or_is_refused() {
+        assert!(Picture::new(5, 4, grey(29, 8), false).is_some());
+        assert!(
+            Picture::new(5, 4, grey(28, 8), false).is_none(),
+            "last row one byte short"
+        );
+        assert!(
+            Picture::new(5, 4, grey(64, 4), false).is_none(),
+            "rows overlap"
+        );
+        assert!(Picture::new(0, 4, grey(64, 8), false).is_none());
+        assert!(Picture::new(5, 4097, grey(64, 8), false).is_none());
+        assert!(
+            Picture::new(5, 4, grey(64, usize::MAX), false).is_none(),
+            "no overflow"
+        );
+    }
+
+    #[test]
+    fn odd_widths_need_their_whole_last_chroma_pair() {
+        let yuyv = |stride| Pixels::Yuyv {
+            data: &DATA,
+            stride,
+        };
+        assert!(Picture::new(3, 2, yuyv(8), false).is_some());
+        assert!(Picture::new(3, 2, yuyv(7), false).is_none());
+        let nv12 = |chroma| Pixels::Nv12 {
+            luma: &DATA,
+            chroma,
+            stride: 4,
+        };
+        assert!(Picture::new(3, 3, nv12(DATA.get(..8).unwrap()), false).is_some());
+        assert!(Picture::new(3, 3, nv12(DATA.get(..7).unwrap()), false).is_none());
+    }
+
+    #[test]
+    fn short_chroma_planes_and_odd_shifts_are_refused() {
+        let planar = |cr, chroma_shift| Pixels::Planar {
+            planes: [&DATA, &DATA, cr],
+            strides: [5, 3],
+            chroma_shift,
+        };
+        let cr_of = |len| DATA.get(..len).unwrap();
+        assert!(Picture::new(5, 3, planar(cr_of(6), [1, 1]), true).is_some());
+        assert!(Picture::new(5, 3, planar(cr_of(5), [1, 1]), true).is_none());
+        assert!(
+            Picture::new(5, 3, planar(&DATA, [0, 0]), true).is_none(),
+            "chroma as wide as luma needs its stride"
+        );
+        assert!(Picture::new(5, 3, planar(&DATA, [3, 0]), true).is_none());
+        assert!(Picture::new(5, 3, planar(&DATA, [255, 255]), true).is_none());
+    }
 }

@@ -1,0 +1,84 @@
+//! Opening a file by its content, and what readers of files share.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read};
+
+use super::{AviSource, CaptureError, Clip, Source, Y4mSource};
+
+/// The name of the built-in clip wherever a file or a camera is asked for.
+pub const DEMO: &str = "demo";
+/// Bytes read at once.
+const BUFFER_BYTES: usize = 64 * 1024;
+
+/// Opens `-` (y4m on standard input), `demo` (the built-in clip, once through), or a file by what is in it.
+///
+/// # Errors
+/// [`CaptureError::Open`], [`CaptureError::UnknownContainer`], and those of the readers.
+pub fn open_file(input: &str) -> Result<Box<dyn Source + Send>, CaptureError> {
+    match input {
+        DEMO => Ok(Box::new(Clip::once()?)),
+        "-" => Ok(Box::new(Y4mSource::open(
+            BufReader::with_capacity(BUFFER_BYTES, io::stdin()),
+            "standard input",
+        )?)),
+        path => open_path(path),
+    }
+}
+
+fn open_path(path: &str) -> Result<Box<dyn Source + Send>, CaptureError> {
+    let cannot = |source| CaptureError::Open {
+        path: path.to_owned(),
+        source,
+    };
+    let file = File::open(path).map_err(cannot)?;
+    let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);
+    match reader.fill_buf().map_err(cannot)? {
+        [b'R', b'I', b'F', b'F', ..] => Ok(Box::new(AviSource::open(reader, path)?)),
+        [b'Y', b'U', b'V', b'4', ..] => Ok(Box::new(Y4mSource::open(reader, path)?)),
+        _ => Err(CaptureError::UnknownContainer {
+            path: path.to_owned(),
+        }),
+    }
+}
+
+/// Fills `buffer` as far as the stream goes; says how far.
+pub(super) fn fill(reader: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
+    let mut filled = 0;
+    while let Some(rest) = buffer.get_mut(filled..).filter(|rest| !rest.is_empty()) {
+        match reader.read(rest) {
+            Ok(0) => break,
+            Ok(read) => filled += read,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(filled)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn reason(path: &str) -> String {
+        open_file(path).err().unwrap().to_string()
+    }
+
+    #[test]
+    fn the_demo_opens_by_its_name_and_files_by_their_content() {
+        assert_eq!(open_file(DEMO).unwrap().describe().origin, "demo");
+        let clip = concat!(env!("CARGO_MANIFEST_DIR"), "/src/capture/demo.avi");
+        assert_eq!(open_file(clip).unwrap().describe().origin, clip);
+    }
+
+    #[test]
+    fn what_is_no_video_is_refused_by_name() {
+        assert!(reason("/nowhere/film.avi").contains("cannot open /nowhere/film.avi"));
+        assert!(reason("/").contains("cannot open /"));
+        assert!(
+            reason(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"))
+                .contains("neither an AVI nor a y4m")
+        );
+        assert!(reason("/dev/null").contains("neither an AVI nor a y4m"));
+    }
+}

@@ -1,0 +1,80 @@
+//! Frames a second as the exact fraction that files and drivers state.
+
+use std::fmt;
+
+/// Slowest rate taken for real; below it a file's numbers are noise.
+const MIN_FPS: f64 = 0.1;
+/// Fastest rate taken for real.
+const MAX_FPS: f64 = 1000.0;
+
+/// `frames` in `seconds`, between 0.1 and 1000 a second.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrameRate {
+    frames: u32,
+    seconds: u32,
+}
+
+impl FrameRate {
+    /// 30 frames a second.
+    pub const FPS_30: Self = Self {
+        frames: 30,
+        seconds: 1,
+    };
+
+    /// `None` if that is no rate of a camera.
+    #[must_use]
+    pub fn new(frames: u32, seconds: u32) -> Option<Self> {
+        let rate = Self { frames, seconds };
+        (frames > 0 && seconds > 0 && (MIN_FPS..=MAX_FPS).contains(&rate.fps())).then_some(rate)
+    }
+
+    /// Frames a second.
+    #[must_use]
+    pub fn fps(self) -> f64 {
+        f64::from(self.frames) / f64::from(self.seconds)
+    }
+
+    /// Time from one frame to the next, rounded down.
+    #[must_use]
+    pub fn period_us(self) -> u64 {
+        self.stamp_us(1)
+    }
+
+    /// Time of frame `number` when frame 0 is at 0; exact to 1 microsecond however long the stream.
+    #[must_use]
+    pub fn stamp_us(self, number: u64) -> u64 {
+        let us =
+            u128::from(number) * 1_000_000 * u128::from(self.seconds) / u128::from(self.frames);
+        u64::try_from(us).unwrap_or(u64::MAX)
+    }
+}
+
+impl fmt::Display for FrameRate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let hundredths = (self.fps() * 100.0).round() / 100.0;
+        write!(f, "{hundredths} fps")
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stamps_do_not_drift_over_a_day_of_ntsc() {
+        let ntsc = FrameRate::new(30_000, 1001).unwrap();
+        let frames_in_1001_s = 30_000;
+        assert_eq!(ntsc.stamp_us(frames_in_1001_s * 86), 1_001_000_000 * 86);
+        assert_eq!(ntsc.period_us(), 33_366);
+        assert_eq!(ntsc.to_string(), "29.97 fps");
+    }
+
+    #[test]
+    fn absurd_rates_are_refused() {
+        for (frames, seconds) in [(0, 1), (1, 0), (1, 11), (u32::MAX, 1), (0, 0)] {
+            assert_eq!(FrameRate::new(frames, seconds), None, "{frames}/{seconds}");
+        }
+        assert_eq!(FrameRate::new(1, 10).unwrap().period_us(), 10_000_000);
+    }
+}

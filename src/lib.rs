@@ -9,6 +9,8 @@
 //! Equation numbers are those of the method in `ARCHITECTURE.md`.
 
 pub mod capture;
+pub mod config;
 pub mod face;
 pub mod link;
+pub mod service;
 pub mod solve;

@@ -9,7 +9,9 @@
 //! Equation numbers are those of the method in `ARCHITECTURE.md`.
 
 pub mod capture;
+pub mod config;
 pub mod face;
 pub mod infer;
 pub mod link;
+pub mod service;
 pub mod solve;

@@ -1,2 +1,29 @@
-//! The facewire packet, version 1.
+//! The facewire packet, version 1: 52 blendshape coefficients and a head pose in 132 bytes.
+//!
+//! Role: the one definition of what goes over the wire, for the sender and for receivers, microcontrollers included.
+//! Contract: [`Packet::encode`] and [`Packet::decode`] cannot panic, allocate or fail half-way; whatever is decoded
+//! has the right length, magic, version and checksum.
+//! Limits: no framing (a datagram is one packet), no resending; a lost packet is replaced by the next one.
+//!
+//! ```
+//! use facewire_packet::{Packet, State};
+//!
+//! let mut packet = Packet { state: State::Live, sequence: 7, ..Packet::NEUTRAL };
+//! packet.coefficients[17] = 0.5; // jawOpen
+//! let received = Packet::decode(&packet.encode())?;
+//! assert!((received.coefficients[17] - 0.5).abs() < 1.0 / 65535.0);
+//! # Ok::<(), facewire_packet::DecodeError>(())
+//! ```
 #![no_std]
+
+mod blendshapes;
+mod error;
+mod field;
+mod packet;
+mod quantise;
+mod state;
+
+pub use blendshapes::{BLENDSHAPE_COUNT, BLENDSHAPES};
+pub use error::DecodeError;
+pub use packet::{PACKET_BYTES, Packet, SILENCE_MS, VERSION};
+pub use state::{Reason, State};

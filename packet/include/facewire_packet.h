@@ -1,0 +1,167 @@
+/* The facewire packet, version 1, for receivers. SPDX-License-Identifier: MIT OR Apache-2.0
+ *
+ * C99, no libraries, no floating point, no allocation. One datagram is one packet of 132 bytes.
+ *
+ *     struct facewire_packet packet;
+ *     if (facewire_decode(bytes, length, &packet) == FACEWIRE_OK) {
+ *         jaw_us = 1000 + packet.coefficients[FACEWIRE_JAW_OPEN] * 1000L / FACEWIRE_COEFFICIENT_ONE;
+ *     }
+ *
+ * A receiver that got no valid packet for FACEWIRE_SILENCE_MS moves to neutral by itself: all coefficients 0,
+ * rotation identity, at a speed its mechanics bear.
+ */
+#ifndef FACEWIRE_PACKET_H
+#define FACEWIRE_PACKET_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define FACEWIRE_PACKET_BYTES 132
+#define FACEWIRE_VERSION 1
+#define FACEWIRE_SILENCE_MS 500
+/* What stands for 1.0 in a coefficient and in a component of the quaternion. */
+#define FACEWIRE_COEFFICIENT_ONE 65535
+#define FACEWIRE_ROTATION_ONE 32767
+
+/* How much the sender trusts the pose. */
+enum facewire_state {
+    FACEWIRE_LIVE = 0,
+    FACEWIRE_HOLD = 1,
+    FACEWIRE_DECAY = 2,
+    FACEWIRE_NEUTRAL = 3
+};
+
+/* Why the sender is not live. */
+enum facewire_reason {
+    FACEWIRE_REASON_NONE = 0,
+    FACEWIRE_REASON_NO_FACE = 1,
+    FACEWIRE_REASON_NO_CAMERA = 2,
+    FACEWIRE_REASON_LATE = 3,
+    FACEWIRE_REASON_BAD_RESULT = 4,
+    FACEWIRE_REASON_STOPPING = 5
+};
+
+/* What facewire_decode() returns. */
+enum facewire_result {
+    FACEWIRE_OK = 0,
+    FACEWIRE_BAD_LENGTH = -1,
+    FACEWIRE_BAD_MAGIC = -2,
+    FACEWIRE_BAD_VERSION = -3,
+    FACEWIRE_BAD_CHECKSUM = -4,
+    FACEWIRE_BAD_REASON = -5
+};
+
+/* Places in coefficients[]. Left and right are the person's own. */
+enum facewire_blendshape {
+    FACEWIRE_EYE_BLINK_LEFT = 0,
+    FACEWIRE_EYE_LOOK_DOWN_LEFT,
+    FACEWIRE_EYE_LOOK_IN_LEFT,
+    FACEWIRE_EYE_LOOK_OUT_LEFT,
+    FACEWIRE_EYE_LOOK_UP_LEFT,
+    FACEWIRE_EYE_SQUINT_LEFT,
+    FACEWIRE_EYE_WIDE_LEFT,
+    FACEWIRE_EYE_BLINK_RIGHT,
+    FACEWIRE_EYE_LOOK_DOWN_RIGHT,
+    FACEWIRE_EYE_LOOK_IN_RIGHT,
+    FACEWIRE_EYE_LOOK_OUT_RIGHT,
+    FACEWIRE_EYE_LOOK_UP_RIGHT,
+    FACEWIRE_EYE_SQUINT_RIGHT,
+    FACEWIRE_EYE_WIDE_RIGHT,
+    FACEWIRE_JAW_FORWARD,
+    FACEWIRE_JAW_LEFT,
+    FACEWIRE_JAW_RIGHT,
+    FACEWIRE_JAW_OPEN,
+    FACEWIRE_MOUTH_CLOSE,
+    FACEWIRE_MOUTH_FUNNEL,
+    FACEWIRE_MOUTH_PUCKER,
+    FACEWIRE_MOUTH_LEFT,
+    FACEWIRE_MOUTH_RIGHT,
+    FACEWIRE_MOUTH_SMILE_LEFT,
+    FACEWIRE_MOUTH_SMILE_RIGHT,
+    FACEWIRE_MOUTH_FROWN_LEFT,
+    FACEWIRE_MOUTH_FROWN_RIGHT,
+    FACEWIRE_MOUTH_DIMPLE_LEFT,
+    FACEWIRE_MOUTH_DIMPLE_RIGHT,
+    FACEWIRE_MOUTH_STRETCH_LEFT,
+    FACEWIRE_MOUTH_STRETCH_RIGHT,
+    FACEWIRE_MOUTH_ROLL_LOWER,
+    FACEWIRE_MOUTH_ROLL_UPPER,
+    FACEWIRE_MOUTH_SHRUG_LOWER,
+    FACEWIRE_MOUTH_SHRUG_UPPER,
+    FACEWIRE_MOUTH_PRESS_LEFT,
+    FACEWIRE_MOUTH_PRESS_RIGHT,
+    FACEWIRE_MOUTH_LOWER_DOWN_LEFT,
+    FACEWIRE_MOUTH_LOWER_DOWN_RIGHT,
+    FACEWIRE_MOUTH_UPPER_UP_LEFT,
+    FACEWIRE_MOUTH_UPPER_UP_RIGHT,
+    FACEWIRE_BROW_DOWN_LEFT,
+    FACEWIRE_BROW_DOWN_RIGHT,
+    FACEWIRE_BROW_INNER_UP,
+    FACEWIRE_BROW_OUTER_UP_LEFT,
+    FACEWIRE_BROW_OUTER_UP_RIGHT,
+    FACEWIRE_CHEEK_PUFF,
+    FACEWIRE_CHEEK_SQUINT_LEFT,
+    FACEWIRE_CHEEK_SQUINT_RIGHT,
+    FACEWIRE_NOSE_SNEER_LEFT,
+    FACEWIRE_NOSE_SNEER_RIGHT,
+    FACEWIRE_TONGUE_OUT,
+    FACEWIRE_BLENDSHAPES
+};
+
+struct facewire_packet {
+    uint8_t state;       /* enum facewire_state */
+    uint8_t reason;      /* enum facewire_reason */
+    uint16_t sequence;   /* counts packets and wraps: a gap is a loss */
+    uint16_t age;        /* capture to sending, in 0.1 ms, saturates */
+    uint32_t capture_us; /* capture time by the sender's monotonic clock, wraps */
+    int16_t rotation[4]; /* quaternion x y z w times 32767; axes x to the person's left, y up, z out of the face */
+    int16_t position_mm[3]; /* in the camera's frame: x right in the picture, y down, z away */
+    uint16_t coefficients[FACEWIRE_BLENDSHAPES]; /* times 65535 */
+};
+
+static inline uint16_t facewire_u16(const uint8_t *bytes) {
+    return (uint16_t)(bytes[0] | (uint16_t)bytes[1] << 8);
+}
+
+static inline int16_t facewire_i16(const uint8_t *bytes) {
+    return (int16_t)facewire_u16(bytes);
+}
+
+/* CRC-16/MCRF4XX. */
+static inline uint16_t facewire_crc(const uint8_t *bytes, size_t length) {
+    uint16_t crc = 0xFFFF;
+    for (size_t i = 0; i < length; i++) {
+        crc ^= bytes[i];
+        for (int bit = 0; bit < 8; bit++) {
+            crc = (uint16_t)(crc & 1 ? crc >> 1 ^ 0x8408 : crc >> 1);
+        }
+    }
+    return crc;
+}
+
+/* Whether the bytes are a packet of this version: an enum facewire_result. */
+static inline int facewire_verify(const uint8_t *bytes, size_t length) {
+    if (length != FACEWIRE_PACKET_BYTES) return FACEWIRE_BAD_LENGTH;
+    if (bytes[0] != 0x46 || bytes[1] != 0x57) return FACEWIRE_BAD_MAGIC;
+    if (bytes[2] != FACEWIRE_VERSION) return FACEWIRE_BAD_VERSION;
+    if (facewire_u16(bytes + 130) != facewire_crc(bytes, 130)) return FACEWIRE_BAD_CHECKSUM;
+    if (bytes[3] >> 4 > FACEWIRE_REASON_STOPPING) return FACEWIRE_BAD_REASON;
+    return FACEWIRE_OK;
+}
+
+/* Fills `packet` from `length` bytes, or leaves it alone and returns a negative enum facewire_result. */
+static inline int facewire_decode(const uint8_t *bytes, size_t length, struct facewire_packet *packet) {
+    int result = facewire_verify(bytes, length);
+    if (result != FACEWIRE_OK) return result;
+    packet->state = bytes[3] & 3;
+    packet->reason = bytes[3] >> 4;
+    packet->sequence = facewire_u16(bytes + 4);
+    packet->age = facewire_u16(bytes + 6);
+    packet->capture_us = facewire_u16(bytes + 8) | (uint32_t)facewire_u16(bytes + 10) << 16;
+    for (int i = 0; i < 4; i++) packet->rotation[i] = facewire_i16(bytes + 12 + 2 * i);
+    for (int i = 0; i < 3; i++) packet->position_mm[i] = facewire_i16(bytes + 20 + 2 * i);
+    for (int i = 0; i < FACEWIRE_BLENDSHAPES; i++) packet->coefficients[i] = facewire_u16(bytes + 26 + 2 * i);
+    return FACEWIRE_OK;
+}
+
+#endif

@@ -1,0 +1,149 @@
+//! The packet as a plain struct, and its way to bytes and back.
+
+use crc::{CRC_16_MCRF4XX, Crc, NoTable};
+
+use crate::{BLENDSHAPE_COUNT, DecodeError, Reason, State, field, quantise};
+
+/// Bytes of a packet, on UDP one datagram.
+pub const PACKET_BYTES: usize = 132;
+/// The version this crate writes and reads.
+pub const VERSION: u8 = 1;
+/// A receiver that got no valid packet for so long goes to neutral by itself.
+pub const SILENCE_MS: u32 = 500;
+
+const MAGIC: [u8; 2] = *b"FW";
+/// Bitwise: 132 bytes take a microsecond, a table would take half a kilobyte of a microcontroller.
+const CRC: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_MCRF4XX);
+
+/// One pose of the face, as sent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Packet {
+    /// How much the sender trusts the pose.
+    pub state: State,
+    /// Why it is not live.
+    pub reason: Reason,
+    /// Counts packets and wraps: a gap is a loss.
+    pub sequence: u16,
+    /// From capture to sending, in microseconds; kept in steps of 100, at most 6.5535 s.
+    pub age_us: u32,
+    /// When the frame was captured: the sender's monotonic clock in microseconds, wraps after 71 minutes.
+    pub capture_us: u32,
+    /// Head rotation, unit quaternion x y z w: identity when facing the camera; axes x to the person's left,
+    /// y up, z out of the face.
+    pub rotation: [f32; 4],
+    /// Head position in the camera's frame, millimetres: x right in the picture, y down, z away.
+    pub position_mm: [f32; 3],
+    /// The blendshape coefficients, 0..=1, in the order of [`crate::BLENDSHAPES`].
+    pub coefficients: [f32; BLENDSHAPE_COUNT],
+}
+
+impl Packet {
+    /// The neutral face of a sender that has seen nothing yet.
+    pub const NEUTRAL: Self = Self {
+        state: State::Neutral,
+        reason: Reason::None,
+        sequence: 0,
+        age_us: u32::MAX,
+        capture_us: 0,
+        rotation: [0.0, 0.0, 0.0, 1.0],
+        position_mm: [0.0; 3],
+        coefficients: [0.0; BLENDSHAPE_COUNT],
+    };
+
+    /// The bytes to send. Values beyond their range saturate, NaN becomes 0, and a quaternion that is not finite
+    /// becomes the identity.
+    #[must_use]
+    pub fn encode(&self) -> [u8; PACKET_BYTES] {
+        let mut bytes = [0; PACKET_BYTES];
+        let wire = &mut bytes;
+        field::MAGIC.put(wire, MAGIC);
+        field::VERSION.put(wire, [VERSION]);
+        field::FLAGS.put(wire, [self.state as u8 | (self.reason as u8) << 4]);
+        field::SEQUENCE.put(wire, self.sequence.to_le_bytes());
+        field::AGE.put(wire, quantise::age(self.age_us).to_le_bytes());
+        field::CAPTURE.put(wire, self.capture_us.to_le_bytes());
+        field::ROTATION.put(wire, i16s_to_bytes(quantise::rotation(self.rotation)));
+        field::POSITION.put(wire, i16s_to_bytes(quantise::position(self.position_mm)));
+        field::COEFFICIENTS.put(wire, coefficients_to_bytes(&self.coefficients));
+        field::CHECKSUM.put(wire, checksum(wire).to_le_bytes());
+        bytes
+    }
+
+    /// Reads a packet that is exactly `bytes`.
+    ///
+    /// # Errors
+    /// [`DecodeError`] says in which respect the bytes are not a packet of version 1. Bits 2 and 3 of the flags
+    /// are not used by version 1 and are ignored.
+    pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let wire = verified(bytes)?;
+        let [flags] = field::FLAGS.get(wire);
+        let reason = flags >> 4;
+        Ok(Self {
+            state: State::from_bits(flags),
+            reason: Reason::from_number(reason).ok_or(DecodeError::Reason(reason))?,
+            sequence: u16::from_le_bytes(field::SEQUENCE.get(wire)),
+            age_us: quantise::age_back(u16::from_le_bytes(field::AGE.get(wire))),
+            capture_us: u32::from_le_bytes(field::CAPTURE.get(wire)),
+            rotation: quantise::rotation_back(i16s_from_bytes(&field::ROTATION.get(wire))),
+            position_mm: i16s_from_bytes(&field::POSITION.get(wire)).map(f32::from),
+            coefficients: coefficients_from_bytes(&field::COEFFICIENTS.get(wire)),
+        })
+    }
+}
+
+/// The bytes as a packet whose length, magic, version and checksum are right.
+fn verified(bytes: &[u8]) -> Result<&[u8; PACKET_BYTES], DecodeError> {
+    let wire =
+        <&[u8; PACKET_BYTES]>::try_from(bytes).map_err(|_| DecodeError::Length(bytes.len()))?;
+    if field::MAGIC.get(wire) != MAGIC {
+        return Err(DecodeError::Magic);
+    }
+    let [version] = field::VERSION.get(wire);
+    if version != VERSION {
+        return Err(DecodeError::Version(version));
+    }
+    if u16::from_le_bytes(field::CHECKSUM.get(wire)) != checksum(wire) {
+        return Err(DecodeError::Checksum);
+    }
+    Ok(wire)
+}
+
+/// CRC-16/MCRF4XX over everything before the checksum.
+fn checksum(wire: &[u8; PACKET_BYTES]) -> u16 {
+    let covered = field::COEFFICIENTS.end();
+    CRC.checksum(wire.get(..covered).unwrap_or_default())
+}
+
+fn i16s_to_bytes<const N: usize, const BYTES: usize>(values: [i16; N]) -> [u8; BYTES] {
+    const { assert!(BYTES == 2 * N) };
+    let mut bytes = [0; BYTES];
+    for (pair, value) in bytes.as_chunks_mut().0.iter_mut().zip(values) {
+        *pair = value.to_le_bytes();
+    }
+    bytes
+}
+
+fn i16s_from_bytes<const N: usize, const BYTES: usize>(bytes: &[u8; BYTES]) -> [i16; N] {
+    const { assert!(BYTES == 2 * N) };
+    let mut values = [0; N];
+    for (value, pair) in values.iter_mut().zip(bytes.as_chunks().0) {
+        *value = i16::from_le_bytes(*pair);
+    }
+    values
+}
+
+fn coefficients_to_bytes(coefficients: &[f32; BLENDSHAPE_COUNT]) -> [u8; 2 * BLENDSHAPE_COUNT] {
+    let mut bytes = [0; 2 * BLENDSHAPE_COUNT];
+    for (pair, value) in bytes.as_chunks_mut().0.iter_mut().zip(coefficients) {
+        *pair = quantise::coefficient(*value).to_le_bytes();
+    }
+    bytes
+}
+
+fn coefficients_from_bytes(bytes: &[u8; 2 * BLENDSHAPE_COUNT]) -> [f32; BLENDSHAPE_COUNT] {
+    let mut coefficients = [0.0; BLENDSHAPE_COUNT];
+    for (value, pair) in coefficients.iter_mut().zip(bytes.as_chunks().0) {
+        *value = quantise::coefficient_back(u16::from_le_bytes(*pair));
+    }
+    coefficients
+}

@@ -1,0 +1,117 @@
+//! The C header decodes what the crate encodes.
+#![allow(clippy::unwrap_used, clippy::indexing_slicing)]
+
+use std::{
+    env, fs,
+    io::Write as _,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    sync::LazyLock,
+};
+
+use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
+
+/// `decode.c`, compiled once with every warning an error.
+static DECODER: LazyLock<PathBuf> = LazyLock::new(|| {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join("facewire_decode");
+    let compiler = env::var_os("CC").unwrap_or_else(|| "cc".into());
+    let status = Command::new(compiler)
+        .args([
+            "-std=c99",
+            "-Wall",
+            "-Wextra",
+            "-Wpedantic",
+            "-Wconversion",
+            "-Werror",
+        ])
+        .arg("-I")
+        .arg(package.join("include"))
+        .arg(package.join("tests/decode.c"))
+        .arg("-o")
+        .arg(&program)
+        .status()
+        .unwrap();
+    assert!(status.success(), "the C compiler refuses the header");
+    program
+});
+
+/// What the C program prints about these bytes.
+fn decoded_by_c(bytes: &[u8]) -> Vec<i64> {
+    let mut child = Command::new(&*DECODER)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(bytes).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.split_whitespace()
+        .map(|number| number.parse().unwrap())
+        .collect()
+}
+
+fn packet() -> Packet {
+    let mut packet = Packet {
+        state: State::Decay,
+        reason: Reason::NoCamera,
+        sequence: 65535,
+        age_us: 123_400,
+        capture_us: 0xFEDC_BA98,
+        rotation: [0.0, -1.0, 1.0, 0.5],
+        position_mm: [-1.0, 2.0, -30000.0],
+        ..Packet::NEUTRAL
+    };
+    packet.coefficients[0] = 1.0;
+    packet.coefficients[51] = 0.5;
+    packet
+}
+
+#[test]
+fn c_reads_every_field_that_rust_wrote() {
+    let mut want = vec![
+        2,
+        2,
+        65535,
+        1234,
+        0xFEDC_BA98,
+        0,
+        -32767,
+        32767,
+        16384,
+        -1,
+        2,
+        -30000,
+    ];
+    want.push(65535);
+    want.extend([0; 50]);
+    want.push(32768);
+    assert_eq!(decoded_by_c(&packet().encode()), want);
+}
+
+#[test]
+fn c_refuses_damage_and_wrong_lengths_with_the_number_of_the_error() {
+    let bytes = packet().encode();
+    let flipped = |offset: usize| {
+        let mut damaged = bytes;
+        damaged[offset] ^= 1;
+        decoded_by_c(&damaged)
+    };
+    assert_eq!(decoded_by_c(&bytes[..131]), [-1]);
+    assert_eq!(flipped(0), [-2]);
+    assert_eq!(flipped(2), [-3]);
+    assert_eq!(flipped(77), [-4]);
+}
+
+#[test]
+fn c_names_the_blendshapes_in_the_order_of_the_crate() {
+    let header = Path::new(env!("CARGO_MANIFEST_DIR")).join("include/facewire_packet.h");
+    let text = fs::read_to_string(header).unwrap();
+    let list = text.split("enum facewire_blendshape {").nth(1).unwrap();
+    let names = list.lines().skip(1).map(str::trim).take(BLENDSHAPES.len());
+    for (c_name, name) in names.zip(BLENDSHAPES) {
+        let in_capitals = c_name.trim_end_matches(',').trim_end_matches(" = 0");
+        let without_bars = in_capitals.trim_start_matches("FACEWIRE_").replace('_', "");
+        assert_eq!(without_bars, name.to_uppercase());
+    }
+}

@@ -1,0 +1,184 @@
+//! What packets promise.
+#![allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::float_cmp)]
+
+use std::fmt::Write as _;
+
+use facewire_packet::{BLENDSHAPES, DecodeError, PACKET_BYTES, Packet, Reason, State};
+
+/// The bytes of [`golden_packet`], written by another implementation: Python's `struct` and `crccheck`.
+const GOLDEN: &str = "\
+     4657013134127b00efcdab89cd0c67e66626b376f4ff23006402000005050a0a0f0f141419191e1e23232828\
+     2d2d323237373c3c414146464b4b505055555a5a5f5f646469696e6e737378787d7d828287878c8c91919696\
+     9b9ba0a0a5a5aaaaafafb4b4b9b9bebec3c3c8c8cdcdd2d2d7d7dcdce1e1e6e6ebebf0f0f5f5fafaffffe7a4";
+
+#[expect(clippy::cast_precision_loss, reason = "0 to 51")]
+fn golden_packet() -> Packet {
+    Packet {
+        state: State::Hold,
+        reason: Reason::Late,
+        sequence: 0x1234,
+        age_us: 12_345,
+        capture_us: 0x89AB_CDEF,
+        rotation: [0.1, -0.2, 0.3, 0.927_361_8],
+        position_mm: [-12.4, 34.6, 612.0],
+        coefficients: std::array::from_fn(|index| index as f32 / 51.0),
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        write!(text, "{byte:02x}").unwrap();
+        text
+    })
+}
+
+/// The packet with other first bytes and a checksum that fits them.
+fn with_byte(offset: usize, value: u8) -> [u8; PACKET_BYTES] {
+    let mut bytes = golden_packet().encode();
+    bytes[offset] = value;
+    let checksum = crc16_mcrf4xx(&bytes[..130]);
+    bytes[130..].copy_from_slice(&checksum.to_le_bytes());
+    bytes
+}
+
+/// Bit by bit, from the definition.
+fn crc16_mcrf4xx(bytes: &[u8]) -> u16 {
+    bytes.iter().fold(0xFFFF, |crc, byte| {
+        (0..8).fold(crc ^ u16::from(*byte), |crc, _| {
+            (crc >> 1) ^ (0x8408 * (crc & 1))
+        })
+    })
+}
+
+#[test]
+fn checksum_has_the_published_check_value() {
+    assert_eq!(crc16_mcrf4xx(b"123456789"), 0x6F91);
+}
+
+#[test]
+fn bytes_are_those_of_another_implementation() {
+    assert_eq!(hex(&golden_packet().encode()), GOLDEN);
+}
+
+#[test]
+fn round_trip_is_within_half_a_step() {
+    let sent = golden_packet();
+    let received = Packet::decode(&sent.encode()).unwrap();
+    assert_eq!((received.state, received.reason), (sent.state, sent.reason));
+    assert_eq!(
+        (received.sequence, received.capture_us),
+        (sent.sequence, sent.capture_us)
+    );
+    assert!(received.age_us.abs_diff(sent.age_us) <= 50);
+    for (got, want) in received.rotation.iter().zip(sent.rotation) {
+        assert!((got - want).abs() <= 0.501 / 32767.0, "{got} for {want}");
+    }
+    for (got, want) in received.position_mm.iter().zip(sent.position_mm) {
+        assert!((got - want).abs() <= 0.5, "{got} for {want}");
+    }
+    for (got, want) in received.coefficients.iter().zip(sent.coefficients) {
+        assert!((got - want).abs() <= 0.501 / 65535.0, "{got} for {want}");
+    }
+}
+
+#[test]
+fn decoding_and_encoding_again_gives_the_same_bytes() {
+    let bytes = golden_packet().encode();
+    assert_eq!(Packet::decode(&bytes).unwrap().encode(), bytes);
+}
+
+#[test]
+fn every_state_and_reason_survives_the_wire() {
+    use Reason::{BadResult, Late, NoCamera, NoFace, None, Stopping};
+    for state in [State::Live, State::Hold, State::Decay, State::Neutral] {
+        for reason in [None, NoFace, NoCamera, Late, BadResult, Stopping] {
+            let sent = Packet {
+                state,
+                reason,
+                ..Packet::NEUTRAL
+            };
+            let received = Packet::decode(&sent.encode()).unwrap();
+            assert_eq!((received.state, received.reason), (state, reason));
+        }
+    }
+}
+
+#[test]
+fn every_flipped_bit_is_refused() {
+    let bytes = golden_packet().encode();
+    for bit in 0..PACKET_BYTES * 8 {
+        let mut damaged = bytes;
+        damaged[bit / 8] ^= 1 << (bit % 8);
+        assert!(Packet::decode(&damaged).is_err(), "bit {bit}");
+    }
+}
+
+#[test]
+fn wrong_lengths_are_refused_with_their_number_of_bytes() {
+    let mut long = golden_packet().encode().to_vec();
+    long.push(0);
+    for length in (0..=133).filter(|length| *length != PACKET_BYTES) {
+        assert_eq!(
+            Packet::decode(&long[..length]),
+            Err(DecodeError::Length(length))
+        );
+    }
+}
+
+#[test]
+fn foreign_magic_version_and_reason_are_refused_even_with_a_right_checksum() {
+    assert_eq!(Packet::decode(&with_byte(0, b'X')), Err(DecodeError::Magic));
+    assert_eq!(
+        Packet::decode(&with_byte(2, 2)),
+        Err(DecodeError::Version(2))
+    );
+    assert_eq!(
+        Packet::decode(&with_byte(3, 6 << 4)),
+        Err(DecodeError::Reason(6))
+    );
+}
+
+#[test]
+fn unused_flag_bits_are_ignored() {
+    let received = Packet::decode(&with_byte(3, 0b0011_1101)).unwrap();
+    assert_eq!(
+        (received.state, received.reason),
+        (State::Hold, Reason::Late)
+    );
+}
+
+#[test]
+fn values_beyond_their_range_saturate() {
+    let mut packet = Packet {
+        age_us: u32::MAX,
+        rotation: [2.0, -2.0, 0.0, 0.0],
+        position_mm: [1e9, -1e9, f32::INFINITY],
+        ..Packet::NEUTRAL
+    };
+    packet.coefficients[0] = 1.5;
+    packet.coefficients[1] = -0.5;
+    let received = Packet::decode(&packet.encode()).unwrap();
+    assert_eq!(received.age_us, 6_553_500);
+    assert_eq!(received.rotation, [1.0, -1.0, 0.0, 0.0]);
+    assert_eq!(received.position_mm, [32767.0, -32768.0, 32767.0]);
+    assert_eq!(received.coefficients[..2], [1.0, 0.0]);
+}
+
+#[test]
+fn nan_reaches_the_wire_as_neutral() {
+    let packet = Packet {
+        rotation: [f32::NAN, 0.0, 0.0, 1.0],
+        position_mm: [f32::NAN; 3],
+        coefficients: [f32::NAN; 52],
+        ..Packet::NEUTRAL
+    };
+    assert_eq!(packet.encode(), Packet::NEUTRAL.encode());
+}
+
+#[test]
+fn names_are_distinct_and_end_with_the_tongue() {
+    let mut names = BLENDSHAPES;
+    names.sort_unstable();
+    assert!(names.windows(2).all(|pair| pair[0] < pair[1]));
+    assert_eq!((BLENDSHAPES[17], BLENDSHAPES[51]), ("jawOpen", "tongueOut"));
+}

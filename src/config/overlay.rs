@@ -1,0 +1,174 @@
+//! Lays a file over settings.
+
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue, Error},
+};
+
+use super::{
+    Fault, Faults,
+    section::Section,
+    settings::{LinkSettings, Settings},
+};
+
+/// Tables a file may have.
+const TABLES: [&str; 7] = [
+    "camera", "networks", "solver", "failsafe", "send", "link", "log",
+];
+/// Farther names are no help.
+const LEAST_SIMILARITY: f64 = 0.6;
+
+/// A file that is being laid over settings.
+struct Overlay<'a> {
+    source: &'a str,
+    text: &'a str,
+    /// Byte of the text and what is wrong there.
+    found: Vec<(usize, Fault)>,
+}
+
+/// Lays `text` over the settings and adds its faults. With a fault, the settings are not to be used. Of a text that is
+/// not TOML nothing else is judged: what the parser guesses of it would give faults that are none.
+pub fn apply(settings: &mut Settings, source: &str, text: &str, faults: &mut Faults) {
+    let (document, errors) = DeTable::parse_recoverable(text);
+    let mut overlay = Overlay {
+        source,
+        text,
+        found: Vec::new(),
+    };
+    if errors.is_empty() {
+        overlay.document(settings, document.get_ref());
+    }
+    for error in errors {
+        overlay.syntax(&error);
+    }
+    overlay.found.sort_by_key(|(offset, _)| *offset);
+    for (_, fault) in overlay.found {
+        faults.push(fault);
+    }
+}
+
+/// Adds the faults of settings that do not go together; those that are faulty by themselves are not judged.
+pub fn check_together(settings: &Settings, faults: &mut Faults) {
+    let failsafe = &settings.failsafe;
+    let mut need = |good: bool, key: &'static str, value: String, expected: String| {
+        let table = key.split('.').next().unwrap_or(key);
+        if !good && !faults.concern(table) {
+            faults.push(Fault::Together {
+                key,
+                value,
+                expected,
+            });
+        }
+    };
+    let [live, hold, neutral] = [failsafe.live_ms, failsafe.hold_ms, failsafe.neutral_ms];
+    need(
+        live < hold,
+        "failsafe.hold_ms",
+        hold.to_string(),
+        format!("more than failsafe.live_ms, which is {live}"),
+    );
+    need(
+        hold < neutral,
+        "failsafe.neutral_ms",
+        neutral.to_string(),
+        format!("more than failsafe.hold_ms, which is {hold}"),
+    );
+    need(
+        !settings.links.is_empty(),
+        "link",
+        "[]".to_owned(),
+        "at least one [[link]]".to_owned(),
+    );
+}
+
+impl Overlay<'_> {
+    /// Sets what the document says.
+    fn document(&mut self, settings: &mut Settings, document: &DeTable<'_>) {
+        for (name, value) in document {
+            match name.get_ref().as_ref() {
+                "camera" => self.section(&mut settings.camera, "camera", value),
+                "networks" => self.section(&mut settings.networks, "networks", value),
+                "solver" => self.section(&mut settings.solver, "solver", value),
+                "failsafe" => self.section(&mut settings.failsafe, "failsafe", value),
+                "send" => self.section(&mut settings.send, "send", value),
+                "link" => settings.links = self.links(value),
+                "log" => self.section(&mut settings.log, "log", value),
+                unknown => self.unknown(unknown, unknown, &TABLES, name.span().start),
+            }
+        }
+    }
+
+    fn section<S: Section>(&mut self, section: &mut S, name: &str, value: &Spanned<DeValue<'_>>) {
+        let Some(table) = value.get_ref().as_table() else {
+            return self.value(name, value, "a table".to_owned());
+        };
+        for (key, value) in table {
+            let path = format!("{name}.{}", key.get_ref());
+            if !S::KEYS.contains(&key.get_ref().as_ref()) {
+                self.unknown(&path, key.get_ref(), S::KEYS, key.span().start);
+            } else if let Err(expected) = section.set(key.get_ref(), value.get_ref()) {
+                self.value(&path, value, expected);
+            }
+        }
+    }
+
+    fn links(&mut self, value: &Spanned<DeValue<'_>>) -> Vec<LinkSettings> {
+        let Some(tables) = value.get_ref().as_array() else {
+            self.value("link", value, "each link under its own [[link]]".to_owned());
+            return Vec::new();
+        };
+        let read = |table| {
+            let mut link = LinkSettings::default();
+            self.section(&mut link, "link", table);
+            link
+        };
+        tables.iter().map(read).collect()
+    }
+
+    fn syntax(&mut self, error: &Error) {
+        let offset = error.span().map_or(0, |span| span.start);
+        let place = self.place(offset);
+        let message = error.message().to_owned();
+        self.found.push((offset, Fault::Syntax { place, message }));
+    }
+
+    fn unknown(&mut self, path: &str, key: &str, known: &[&str], offset: usize) {
+        let fault = Fault::Unknown {
+            place: self.place(offset),
+            key: path.to_owned(),
+            hint: hint(key, known),
+        };
+        self.found.push((offset, fault));
+    }
+
+    fn value(&mut self, path: &str, value: &Spanned<DeValue<'_>>, expected: String) {
+        let offset = value.span().start;
+        let written = self.text.get(value.span()).unwrap_or_default();
+        let fault = Fault::Value {
+            place: self.place(offset),
+            key: path.to_owned(),
+            value: written.lines().next().unwrap_or_default().to_owned(),
+            expected,
+        };
+        self.found.push((offset, fault));
+    }
+
+    /// `file:line` of a byte of the text.
+    fn place(&self, offset: usize) -> String {
+        let before = self.text.get(..offset).unwrap_or_default();
+        let line = 1 + before.matches('\n').count();
+        format!("{}:{line}", self.source)
+    }
+}
+
+/// The nearest known name as the end of a sentence; all of them when none is near.
+fn hint(key: &str, known: &[&str]) -> String {
+    let similarity = |name: &str| strsim::jaro_winkler(key, name);
+    let nearest = known
+        .iter()
+        .max_by(|a, b| similarity(a).total_cmp(&similarity(b)));
+    match nearest {
+        Some(name) if similarity(name) >= LEAST_SIMILARITY => format!("; did you mean {name}?"),
+        _ => format!("; there are {}", known.join(", ")),
+    }
+}

@@ -1,0 +1,165 @@
+//! The types a setting may have: how each is read, bounded, described and written.
+
+use std::{fmt, ops::RangeInclusive};
+
+use toml::de::DeValue;
+
+/// A type of setting.
+pub trait Value: Sized {
+    /// What bounds a value of the type.
+    type Bounds;
+
+    /// The value, or `None` when it has another type or is out of bounds.
+    fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Option<Self>;
+
+    /// What [`Value::read`] takes, to follow "give".
+    fn expected(bounds: &Self::Bounds) -> String;
+
+    /// The value in TOML.
+    fn write(&self) -> String;
+}
+
+/// A type with few values, each with a name.
+pub trait Choice: Copy + PartialEq + 'static {
+    /// Every value and its name.
+    const ALL: &'static [(&'static str, Self)];
+
+    /// The value's name.
+    fn name(self) -> &'static str {
+        let named = Self::ALL.iter().find(|(_, value)| *value == self);
+        named.map_or("", |(name, _)| name)
+    }
+}
+
+impl<T: Choice> Value for T {
+    type Bounds = ();
+
+    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
+        let text = value.as_str()?;
+        let named = Self::ALL.iter().find(|(name, _)| *name == text);
+        named.map(|(_, value)| *value)
+    }
+
+    fn expected((): &()) -> String {
+        let names: Vec<String> = Self::ALL.iter().map(|(name, _)| quoted(name)).collect();
+        match names.as_slice() {
+            [only] => only.clone(),
+            _ => format!("one of {}", names.join(", ")),
+        }
+    }
+
+    fn write(&self) -> String {
+        quoted(self.name())
+    }
+}
+
+impl Value for u32 {
+    type Bounds = RangeInclusive<u32>;
+
+    fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Option<Self> {
+        let integer = value.as_integer()?;
+        let number = Self::from_str_radix(integer.as_str(), integer.radix()).ok()?;
+        bounds.contains(&number).then_some(number)
+    }
+
+    fn expected(bounds: &Self::Bounds) -> String {
+        format!("a whole number from {} to {}", bounds.start(), bounds.end())
+    }
+
+    fn write(&self) -> String {
+        self.to_string()
+    }
+}
+
+impl Value for f32 {
+    type Bounds = RangeInclusive<f32>;
+
+    fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Option<Self> {
+        let number: Self = match value {
+            DeValue::Float(float) => float.as_str().parse().ok()?,
+            DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok()?,
+            _ => return None,
+        };
+        bounds.contains(&number).then_some(number)
+    }
+
+    fn expected(bounds: &Self::Bounds) -> String {
+        format!("a number from {:?} to {:?}", bounds.start(), bounds.end())
+    }
+
+    fn write(&self) -> String {
+        format!("{self:?}")
+    }
+}
+
+impl Value for String {
+    type Bounds = ();
+
+    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
+        value.as_str().map(str::to_owned)
+    }
+
+    fn expected((): &()) -> String {
+        "a text in quotes".to_owned()
+    }
+
+    fn write(&self) -> String {
+        quoted(self)
+    }
+}
+
+/// A network address as written: `host:port`, the host a name or an address, IPv6 in brackets.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Address(String);
+
+impl Address {
+    /// The address, or `None` unless it is a host, a colon and a port from 1 to 65535.
+    #[must_use]
+    pub fn new(text: &str) -> Option<Self> {
+        let (host, port) = text.rsplit_once(':')?;
+        let bracketed = host.starts_with('[') && host.ends_with(']');
+        let host_good = !host.is_empty() && (bracketed || !host.contains(':'));
+        let port_good = port.parse::<u16>().is_ok_and(|port| port != 0);
+        (host_good && port_good).then(|| Self(text.to_owned()))
+    }
+
+    /// `host:port`.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl Default for Address {
+    /// This machine, at the port that `facewire monitor` listens to.
+    fn default() -> Self {
+        Self("127.0.0.1:5252".to_owned())
+    }
+}
+
+impl fmt::Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Value for Address {
+    type Bounds = ();
+
+    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
+        value.as_str().and_then(Self::new)
+    }
+
+    fn expected((): &()) -> String {
+        "\"host:port\" with a port from 1 to 65535".to_owned()
+    }
+
+    fn write(&self) -> String {
+        quoted(&self.0)
+    }
+}
+
+/// The text as a TOML string.
+fn quoted(text: &str) -> String {
+    toml::Value::from(text).to_string()
+}

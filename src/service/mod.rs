@@ -1,0 +1,3 @@
+//! The service: camera to links, unattended.
+
+pub mod failsafe;

@@ -51,7 +51,7 @@ fn main() -> Result<()> {
 
 fn train(dataset: &Path, out: &Path) -> Result<()> {
     let samples = dataset::load(dataset)?;
-    let made_by = format!("facewire-fit train {} --out {}", dataset.display(), out.display());
+    let made_by = format!("facewire-fit train {}", dataset.display());
     let file = train::train(&samples, made_by)?;
     std::fs::write(out, toml::to_string(&file)?).with_context(|| format!("cannot write {}", out.display()))?;
     report(&file.to_model()?, &samples, false)

@@ -11,6 +11,8 @@ use npyz::npz::NpzArchive;
 
 /// Every so many-th subject is held out: the fit never sees a picture of it.
 pub const HOLD_OUT_EVERY: usize = 8;
+/// Numbers a face has.
+pub const LANDMARK_VALUES: usize = 3 * LANDMARKS;
 /// Column of `meta` that is 1 for a neutral face.
 const META_NEUTRAL: usize = 4;
 
@@ -40,12 +42,12 @@ pub fn load(path: &Path) -> Result<Vec<Sample>> {
     let file = File::open(path).with_context(|| format!("cannot open {}", path.display()))?;
     let mut archive = NpzArchive::new(BufReader::new(file)).context("not a NumPy archive")?;
     let columns = columns(&path.with_file_name("names.json"))?;
-    let landmarks = floats(&mut archive, "landmarks", 3 * LANDMARKS)?;
+    let landmarks = floats(&mut archive, "landmarks", LANDMARK_VALUES)?;
     let weights = floats(&mut archive, "weights", COEFFS)?;
     let pose = floats(&mut archive, "pose", 3)?;
     let meta = floats(&mut archive, "meta", META_NEUTRAL + 1)?;
     let subjects = subject_ranks(&mut archive)?;
-    let rows = weights.chunks_exact(COEFFS).zip(landmarks.chunks_exact(3 * LANDMARKS));
+    let rows = weights.chunks_exact(COEFFS).zip(landmarks.chunks_exact(LANDMARK_VALUES));
     let labels = pose.chunks_exact(3).zip(meta.chunks_exact(META_NEUTRAL + 1)).zip(subjects);
     let samples = rows.zip(labels).map(|((weights, points), ((pose, meta), subject))| Sample {
         landmarks: landmarks_of(points),
@@ -65,7 +67,8 @@ fn columns(names: &Path) -> Result<[usize; COEFFS]> {
     Ok(BLENDSHAPES.map(|known| names.iter().position(|name| name == known).unwrap_or(0)))
 }
 
-fn floats(archive: &mut NpzArchive<BufReader<File>>, name: &str, per_row: usize) -> Result<Vec<f32>> {
+/// Reads a float array that has `per_row` values a row.
+pub fn floats(archive: &mut NpzArchive<BufReader<File>>, name: &str, per_row: usize) -> Result<Vec<f32>> {
     let array = archive.by_name(name)?.with_context(|| format!("the archive has no {name}"))?;
     let columns: u64 = array.shape().iter().skip(1).product();
     ensure!(columns == per_row as u64, "{name} has {columns} values a row, not {per_row}");
@@ -79,7 +82,8 @@ fn subject_ranks(archive: &mut NpzArchive<BufReader<File>>) -> Result<Vec<usize>
     Ok(numbers.iter().map(|number| distinct.partition_point(|other| other < number)).collect())
 }
 
-fn landmarks_of(row: &[f32]) -> Landmarks {
+/// A row of the array as points.
+pub fn landmarks_of(row: &[f32]) -> Landmarks {
     let mut landmarks = Landmarks([[0.0; 3]; LANDMARKS]);
     landmarks.0.iter_mut().flatten().zip(row).for_each(|(slot, value)| *slot = *value);
     landmarks

@@ -8,7 +8,10 @@ use facewire::solve::{
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use crate::dataset::Sample;
+use crate::{
+    dataset::Sample,
+    stats::{mean, mse, pearson},
+};
 
 /// How well a blendshape is found.
 #[derive(Debug, Clone, Copy, Default)]
@@ -86,40 +89,25 @@ pub fn scores_of(model: &Model, faces: &Faces, chosen: impl Fn(usize) -> bool) -
 }
 
 fn score(pairs: &[(f64, f64)]) -> Score {
-    #[expect(clippy::cast_precision_loss, reason = "thousands of pictures")]
-    let count = pairs.len() as f64;
-    let mean = |f: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(f).sum::<f64>() / count;
-    let (mean_a, mean_b) = (mean(&|p| p.0), mean(&|p| p.1));
-    let covariance = mean(&|p| (p.0 - mean_a) * (p.1 - mean_b));
-    let deviations = (mean(&|p| (p.0 - mean_a).powi(2)) * mean(&|p| (p.1 - mean_b).powi(2))).sqrt();
-    Score { r: if deviations > 1e-12 { covariance / deviations } else { 0.0 }, mse: mean(&|p| (p.0 - p.1).powi(2)) }
+    Score { r: pearson(pairs.iter().copied()), mse: mse(pairs.iter().copied()) }
 }
 
 /// Mean over the blendshapes that landmarks show (51).
-pub fn mean(scores: &[Score]) -> Score {
-    #[expect(clippy::cast_precision_loss, reason = "51")]
-    let count = (scores.len() - 1) as f64;
+pub fn mean_of(scores: &[Score]) -> Score {
     let shown = &scores[..scores.len() - 1];
-    Score {
-        r: shown.iter().map(|score| score.r).sum::<f64>() / count,
-        mse: shown.iter().map(|score| score.mse).sum::<f64>() / count,
-    }
+    Score { r: mean(shown.iter().map(|score| score.r)), mse: mean(shown.iter().map(|score| score.mse)) }
 }
 
 /// Mean absolute error of yaw, pitch and roll over all pictures, degrees. Nothing of the pose is fitted per subject.
 pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
     let camera = Camera { width_px: 400.0, height_px: 600.0, horizontal_fov_deg: 16.1 };
-    let mut sums = [0.0; 3];
-    for sample in samples {
-        let pose = HeadPose::new(&normalise(&sample.landmarks)?, &camera);
-        let angles = [pose.yaw_deg, pose.pitch_deg, pose.roll_deg];
-        for ((sum, angle), truth) in sums.iter_mut().zip(angles).zip(sample.pose_deg) {
-            *sum += (f64::from(angle) - truth).abs();
-        }
-    }
-    #[expect(clippy::cast_precision_loss, reason = "thousands of pictures")]
-    let count = samples.len() as f64;
-    Ok(sums.map(|sum| sum / count))
+    let angles = |pose: HeadPose| [pose.yaw_deg, pose.pitch_deg, pose.roll_deg].map(f64::from);
+    let errors = |sample: &Sample| -> Result<[f64; 3]> {
+        let seen = angles(HeadPose::new(&normalise(&sample.landmarks)?, &camera));
+        Ok(core::array::from_fn(|axis| (seen[axis] - sample.pose_deg[axis]).abs()))
+    };
+    let errors = samples.par_iter().map(errors).collect::<Result<Vec<_>>>()?;
+    Ok(core::array::from_fn(|axis| mean(errors.iter().map(|error| error[axis]))))
 }
 
 /// The table that `evaluate` prints.
@@ -129,6 +117,6 @@ pub fn table(known: &[Score], unknown: &[Score]) -> String {
     };
     let head = "| blendshape           | r      | MSE     | r      | MSE     |\n|---|---|---|---|---|\n";
     let rows = BLENDSHAPES.iter().zip(known.iter().zip(unknown)).map(|(name, (a, b))| line(name, *a, *b));
-    let mean_line = line("mean of 51", mean(known), mean(unknown));
+    let mean_line = line("mean of 51", mean_of(known), mean_of(unknown));
     format!("neutral face known, then not known\n{head}{}{mean_line}", rows.collect::<String>())
 }

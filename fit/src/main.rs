@@ -1,2 +1,113 @@
-//! The workbench: fits and judges the blendshape models.
-fn main() {}
+//! The workbench: fits and judges the blendshape models. Runs on a desk, never on the board.
+#![allow(clippy::indexing_slicing, reason = "a matrix tool on a desk: an index out of range is a bug to be seen")]
+
+mod clip;
+mod dataset;
+mod evaluate;
+mod ridge;
+mod stats;
+mod train;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::{Parser, Subcommand};
+use facewire::solve::Model;
+
+#[derive(Parser)]
+#[command(version, about)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Fit both maps of the model and write them, with their scores on held-out subjects
+    Train {
+        /// Landmarks with true coefficients (NumPy archive, names.json beside it)
+        dataset: PathBuf,
+        /// Where the model is written
+        #[arg(long, default_value = "models/blendshapes.toml")]
+        out: PathBuf,
+    },
+    /// Print correlation and error of every blendshape, by facewire's own solver
+    Evaluate {
+        /// Landmarks with true coefficients (NumPy archive, names.json beside it)
+        dataset: PathBuf,
+        /// A model to judge instead of the built-in one
+        #[arg(long)]
+        model: Option<PathBuf>,
+        /// Judge on all subjects: for data that the model was not fitted on
+        #[arg(long)]
+        all_subjects: bool,
+    },
+    /// Print correlation with the truth, pose error and jitter on a clip, with and without its neutral face
+    Clip {
+        /// Landmarks of the frames (NumPy archive)
+        landmarks: PathBuf,
+        /// Table of the true curves
+        #[arg(long)]
+        truth: Option<PathBuf>,
+        /// Frames of the face at rest: from 0 up to this one
+        #[arg(long, default_value_t = 1)]
+        neutral_frames: usize,
+        /// A model to judge instead of the built-in one
+        #[arg(long)]
+        model: Option<PathBuf>,
+    },
+}
+
+fn main() -> Result<()> {
+    match Cli::parse().command {
+        Command::Train { dataset, out } => train(&dataset, &out),
+        Command::Evaluate { dataset, model, all_subjects } => evaluate(&dataset, model.as_deref(), all_subjects),
+        Command::Clip { landmarks, truth, neutral_frames, model } => {
+            clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
+        }
+    }
+}
+
+fn train(dataset: &Path, out: &Path) -> Result<()> {
+    let samples = dataset::load(dataset)?;
+    let made_by = format!("facewire-fit train {}", dataset.display());
+    let file = train::train(&samples, made_by)?;
+    std::fs::write(out, toml::to_string(&file)?).with_context(|| format!("cannot write {}", out.display()))?;
+    report(&file.to_model()?, &samples, false)
+}
+
+fn evaluate(dataset: &Path, model: Option<&Path>, all_subjects: bool) -> Result<()> {
+    report(&load_model(model)?, &dataset::load(dataset)?, all_subjects)
+}
+
+fn report(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Result<()> {
+    let scores = |neutral_known| -> Result<_> {
+        let faces = evaluate::Faces::new(samples, neutral_known)?;
+        evaluate::scores_of(model, &faces, |row| all_subjects || faces.held_out(row))
+    };
+    print!("{}", evaluate::table(&scores(true)?, &scores(false)?));
+    let [yaw, pitch, roll] = evaluate::pose_error_deg(samples)?;
+    println!("head pose, mean error over all pictures: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
+    println!("model in memory: {} bytes", model.size_bytes());
+    Ok(())
+}
+
+fn load_model(path: Option<&Path>) -> Result<Model> {
+    Ok(path.map_or_else(Model::embedded, Model::load)?)
+}
+
+fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {
+    let (model, frames) = (load_model(model)?, clip::load(landmarks)?);
+    let with = clip::solve(&model, &frames, Some(0..neutral_frames))?;
+    let without = clip::solve(&model, &frames, None)?;
+    for (name, solved) in [("known", &with), ("not known", &without)] {
+        let [raw, smoothed] = clip::jitters(solved);
+        println!("neutral {name}: mean second difference raw {raw:.4}, smoothed {smoothed:.4}");
+    }
+    let Some(path) = truth else { return Ok(()) };
+    let truth = clip::load_truth(path)?;
+    print!("{}", clip::table(&truth, &with, &without));
+    let [yaw, pitch, roll] = clip::pose_error_deg(&truth, &with);
+    println!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
+    Ok(())
+}

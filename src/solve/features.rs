@@ -1,0 +1,108 @@
+//! `S` and `T_d` (eq. 4, 5): what the regression sees of a face.
+//!
+//! A feature is a coordinate of a landmark or the distance of two landmarks, as its displacement from the wearer's
+//! neutral face where that is known. Selection (eq. 4) is the model's list of indices into [`Features`]: on the
+//! board the matrix D would be nothing but zeros. Names: `x159`, `y159`, `z159` are coordinates of landmark 159,
+//! `d159-145` is a distance; unit: eye distances.
+
+use core::fmt;
+
+use super::{affine::Normalised, neutral::Neutral};
+use crate::face::LANDMARKS;
+
+/// Pairs of landmarks whose distance, unlike their coordinates, survives errors of the head's rotation:
+/// lid gaps, irises to the corners and lids of their eyes, mouth, brows to lids, cheeks and chin.
+const DISTANCES: [(usize, usize); 35] = [
+    (159, 145), (158, 153), (160, 144), (386, 374), (385, 380), (387, 373),
+    (468, 33), (468, 133), (473, 362), (473, 263), (468, 159), (468, 145), (473, 386), (473, 374),
+    (13, 14), (61, 291), (0, 17), (78, 308), (82, 87), (312, 317), (37, 84), (267, 314), (164, 0),
+    (61, 33), (291, 263), (61, 1), (291, 1),
+    (105, 159), (334, 386), (55, 285),
+    (152, 1), (152, 17), (205, 50), (50, 4), (280, 4),
+];
+
+const COORDINATES: usize = 3 * LANDMARKS;
+/// Features of a face.
+pub const FEATURES: usize = COORDINATES + DISTANCES.len();
+
+/// All features of one face, in the order of [`FeatureId`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Features {
+    pub(super) values: [f32; FEATURES],
+    /// Whether the values are displacements from the wearer's neutral face.
+    pub(super) neutral_known: bool,
+}
+
+impl Features {
+    /// Displacements from `neutral`, or the plain values if the wearer's neutral face is not known.
+    #[must_use]
+    pub fn new(face: &Normalised, neutral: Option<&Neutral>) -> Self {
+        let mut values = measure(&face.points);
+        if let Some(neutral) = neutral {
+            values.iter_mut().zip(neutral.features.iter()).for_each(|(value, rest)| *value -= rest);
+        }
+        Self { values, neutral_known: neutral.is_some() }
+    }
+
+    /// The values, in the order of [`FeatureId`].
+    #[must_use]
+    pub fn values(&self) -> &[f32; FEATURES] {
+        &self.values
+    }
+}
+
+/// Coordinates and distances of a face, without a reference.
+pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; FEATURES] {
+    let mut values = [0.0; FEATURES];
+    let distances = DISTANCES.iter().map(|pair| distance(points, *pair));
+    values.iter_mut().zip(points.iter().flatten().copied().chain(distances)).for_each(|(slot, value)| *slot = value);
+    values
+}
+
+fn distance(points: &[[f32; 3]; LANDMARKS], (a, b): (usize, usize)) -> f32 {
+    let (Some(a), Some(b)) = (points.get(a), points.get(b)) else { return 0.0 };
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
+}
+
+/// Index of a feature, below [`FEATURES`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct FeatureId(u16);
+
+impl FeatureId {
+    /// The feature at `index` of [`Features::values`].
+    #[must_use]
+    pub fn from_index(index: usize) -> Option<Self> {
+        (index < FEATURES).then(|| u16::try_from(index).ok().map(Self))?
+    }
+
+    /// Place in [`Features::values`].
+    #[must_use]
+    pub fn index(self) -> usize {
+        usize::from(self.0)
+    }
+
+    /// Reads a name as [`FeatureId`] displays it.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        let (kind, rest) = name.split_at_checked(1)?;
+        if kind == "d" {
+            let (a, b) = rest.split_once('-')?;
+            let pair = (a.parse().ok()?, b.parse().ok()?);
+            let place = DISTANCES.iter().position(|known| *known == pair)?;
+            return Self::from_index(COORDINATES + place);
+        }
+        let axis = ["x", "y", "z"].iter().position(|known| *known == kind)?;
+        let landmark = rest.parse::<usize>().ok().filter(|landmark| *landmark < LANDMARKS)?;
+        Self::from_index(3 * landmark + axis)
+    }
+}
+
+impl fmt::Display for FeatureId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let index = self.index();
+        match index.checked_sub(COORDINATES).and_then(|place| DISTANCES.get(place)) {
+            Some((a, b)) => write!(f, "d{a}-{b}"),
+            None => write!(f, "{}{}", ['x', 'y', 'z'].get(index % 3).unwrap_or(&'x'), index / 3),
+        }
+    }
+}

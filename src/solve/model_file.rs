@@ -1,0 +1,216 @@
+//! The model as a file that people can read and compare (TOML).
+//!
+//! ```toml
+//! format = 1
+//! made_by = "facewire-fit train ..."
+//!
+//! [neutral_known.jawOpen]
+//! r = 0.95          # Pearson's, held-out subjects, after both steps
+//! mse = 0.004
+//!
+//! [neutral_known.jawOpen.linear]        # step 1: weights of features, per eye distance
+//! bias = 0.01
+//! d13-14 = 1.9
+//!
+//! [neutral_known.jawOpen.polynomial]    # step 2: weights of clipped estimates and their products
+//! bias = -0.01
+//! jawOpen = 0.9
+//! "jawOpen*mouthFunnel" = 0.2
+//! ```
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::{
+    blendshapes::BLENDSHAPES,
+    features::FeatureId,
+    regression::{Blendshape, Map, Model, ONE, Term},
+};
+
+/// Version of the layout.
+const FORMAT: u32 = 1;
+/// The entry of both tables that is not multiplied by anything.
+const BIAS: &str = "bias";
+/// No landmark lies on the tongue: it has no model and stays 0.
+const WITHOUT_MODEL: &str = "tongueOut";
+
+/// A model file that cannot be used.
+#[derive(Debug, Error)]
+pub enum ModelError {
+    /// The file cannot be read.
+    #[error("the model {} cannot be read ({source}); check the path and its permissions", path.display())]
+    Unreadable {
+        /// Where it was looked for.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Not TOML, or not of this layout.
+    #[error("the model file is damaged; restore it or fit it again: {0}")]
+    Damaged(#[from] Box<toml::de::Error>),
+    /// Made for another version of this program.
+    #[error("the model file has format {found}, this program reads format {FORMAT}; fit it again with facewire-fit")]
+    WrongFormat {
+        /// The format of the file.
+        found: u32,
+    },
+    /// A blendshape is missing.
+    #[error("the model file has no {table}.{blendshape}; restore it or fit it again")]
+    Missing {
+        /// Table of the file.
+        table: &'static str,
+        /// Name of the blendshape.
+        blendshape: &'static str,
+    },
+    /// A name that this program does not know.
+    #[error("the model file names an unknown {name} in {table}; fit it again with facewire-fit")]
+    Unknown {
+        /// Table of the file.
+        table: String,
+        /// The name.
+        name: String,
+    },
+    /// A weight that is not finite, or too large to be one.
+    #[error("the weight {name} in {table} of the model file is not a finite number; restore the file")]
+    NotFinite {
+        /// Table of the file.
+        table: String,
+        /// Name of the weight.
+        name: String,
+    },
+    /// More weights than fit.
+    #[error("{table} of the model file has more weights than this program holds; fit it again with fewer")]
+    TooMany {
+        /// Table of the file.
+        table: String,
+    },
+}
+
+/// The file as it is written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelFile {
+    /// Version of the layout.
+    pub format: u32,
+    /// The command that made it.
+    pub made_by: String,
+    /// What it was fitted on, in words.
+    pub fitted_on: String,
+    /// Maps by blendshape, for displacements from the wearer's neutral face.
+    pub neutral_known: BTreeMap<String, BlendshapeTable>,
+    /// Maps by blendshape, for faces whose neutral is not known.
+    pub neutral_unknown: BTreeMap<String, BlendshapeTable>,
+}
+
+/// One blendshape of a map.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BlendshapeTable {
+    /// Pearson's r on held-out subjects.
+    pub r: f64,
+    /// Mean squared error on held-out subjects.
+    pub mse: f64,
+    /// Weights of features.
+    pub linear: BTreeMap<String, f64>,
+    /// Weights of clipped estimates and of their products.
+    pub polynomial: BTreeMap<String, f64>,
+}
+
+impl ModelFile {
+    /// An empty file of the present format.
+    #[must_use]
+    pub fn new(made_by: String, fitted_on: String) -> Self {
+        Self { format: FORMAT, made_by, fitted_on, neutral_known: BTreeMap::new(), neutral_unknown: BTreeMap::new() }
+    }
+
+    /// Reads a file's text.
+    ///
+    /// # Errors
+    /// [`ModelError::WrongFormat`] or [`ModelError::Damaged`].
+    pub fn parse(text: &str) -> Result<Self, ModelError> {
+        #[derive(Deserialize)]
+        struct Header {
+            format: u32,
+        }
+        let Header { format: found } = toml::from_str(text).map_err(Box::new)?;
+        if found != FORMAT {
+            return Err(ModelError::WrongFormat { found });
+        }
+        Ok(toml::from_str(text).map_err(Box::new)?)
+    }
+
+    /// Checks every name and number and lays the maps out for the solver.
+    ///
+    /// # Errors
+    /// [`ModelError`], naming the table and the entry.
+    pub fn to_model(&self) -> Result<Model, ModelError> {
+        Ok(Model {
+            neutral_known: map("neutral_known", &self.neutral_known)?,
+            neutral_unknown: map("neutral_unknown", &self.neutral_unknown)?,
+        })
+    }
+}
+
+fn map(table: &'static str, entries: &BTreeMap<String, BlendshapeTable>) -> Result<Map, ModelError> {
+    if let Some(name) = entries.keys().find(|name| !BLENDSHAPES.contains(&name.as_str()) || *name == WITHOUT_MODEL) {
+        return Err(ModelError::Unknown { table: table.to_owned(), name: name.clone() });
+    }
+    let one = |name: &&'static str| match entries.get(*name) {
+        Some(entry) => blendshape(&format!("{table}.{name}"), entry),
+        None if *name == WITHOUT_MODEL => Ok(Blendshape::default()),
+        None => Err(ModelError::Missing { table, blendshape: name }),
+    };
+    Ok(Map(BLENDSHAPES.iter().map(one).collect::<Result<_, _>>()?))
+}
+
+fn blendshape(table: &str, entry: &BlendshapeTable) -> Result<Blendshape, ModelError> {
+    let mut out = Blendshape::default();
+    for (name, weight) in &entry.linear {
+        let weight = finite(table, name, *weight)?;
+        if name == BIAS {
+            out.bias = weight;
+            continue;
+        }
+        let id = FeatureId::from_name(name).ok_or_else(|| unknown(table, name))?;
+        out.linear.push((id, weight)).map_err(|_| too_many(table))?;
+    }
+    for (name, weight) in &entry.polynomial {
+        let weight = finite(table, name, *weight)?;
+        let term = Term::from_name(name).ok_or_else(|| unknown(table, name))?;
+        out.polynomial.push((term, weight)).map_err(|_| too_many(table))?;
+    }
+    Ok(out)
+}
+
+fn unknown(table: &str, name: &str) -> ModelError {
+    ModelError::Unknown { table: table.to_owned(), name: name.to_owned() }
+}
+
+fn too_many(table: &str) -> ModelError {
+    ModelError::TooMany { table: table.to_owned() }
+}
+
+fn finite(table: &str, name: &str, weight: f64) -> Result<f32, ModelError> {
+    #[expect(clippy::cast_possible_truncation, reason = "checked below")]
+    let narrow = weight as f32;
+    if narrow.is_finite() {
+        return Ok(narrow);
+    }
+    Err(ModelError::NotFinite { table: table.to_owned(), name: name.to_owned() })
+}
+
+impl Term {
+    /// `bias`, the name of a blendshape, or two of them joined by `*`.
+    fn from_name(name: &str) -> Option<Self> {
+        let place = |name: &str| u8::try_from(BLENDSHAPES.iter().position(|known| *known == name)?).ok();
+        if name == BIAS {
+            return Some(Self(ONE, ONE));
+        }
+        match name.split_once('*') {
+            Some((a, b)) => Some(Self(place(a)?, place(b)?)),
+            None => Some(Self(place(name)?, ONE)),
+        }
+    }
+}

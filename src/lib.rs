@@ -13,5 +13,6 @@ pub mod config;
 pub mod face;
 pub mod infer;
 pub mod link;
+pub mod pipeline;
 pub mod service;
 pub mod solve;

@@ -94,6 +94,7 @@ impl<R: Read> AviSource<R> {
             captured_us,
             number,
             skipped: 0,
+            damaged: 0,
         })
     }
 

@@ -1,7 +1,9 @@
 //! What can go wrong between a camera or file and a frame. Each variant is one sentence for the operator.
 
 use std::io;
+use std::path::Path;
 
+use rustix::io::Errno;
 use thiserror::Error;
 
 /// Why a source gave no frame.
@@ -72,9 +74,129 @@ pub enum CaptureError {
     /// Reading failed.
     #[error("reading failed: {0}; check the disk or the pipe")]
     Read(#[from] io::Error),
+    /// No camera at all.
+    #[error(
+        "there is no camera; plug one in, or set camera.device = \"demo\" to play the built-in clip"
+    )]
+    NoCamera,
+    /// No camera of that name or path.
+    #[error("no camera is called {wanted}; {hint}")]
+    NotFound {
+        /// As set.
+        wanted: String,
+        /// Those that are there, or how to list them.
+        hint: String,
+    },
+    /// A file or device of another kind.
+    #[error(
+        "{path} is not a camera that captures pictures; `facewire devices` lists those that do"
+    )]
+    NotACamera {
+        /// As set.
+        path: String,
+    },
+    /// The user may not open it.
+    #[error("no permission to open {path}; add the user to the group `video`")]
+    PermissionDenied {
+        /// As set.
+        path: String,
+    },
+    /// Another program has it.
+    #[error("{path} is in use by another program; stop that one (`fuser -v {path}` names it)")]
+    Busy {
+        /// As set.
+        path: String,
+    },
+    /// The camera has no such format.
+    #[error("{path} does not offer {wanted}; set camera.format to one it has: {offered}")]
+    ModeLacking {
+        /// Its node.
+        path: String,
+        /// Names of formats.
+        wanted: &'static str,
+        /// Its first modes.
+        offered: String,
+    },
+    /// The driver set something else than it offered.
+    #[error("{path} answered with {got}, which cannot be read; set another camera.format or size")]
+    ModeRefused {
+        /// Its node.
+        path: String,
+        /// Format and size.
+        got: String,
+    },
+    /// Unplugged, or its driver was removed.
+    #[error("the camera is gone; plug it in again")]
+    Gone,
+    /// No frame came in time.
+    #[error("the camera sent nothing for {waited_ms} ms; check its cable and USB bandwidth")]
+    Stalled {
+        /// How long was waited.
+        waited_ms: u64,
+    },
+    /// Frame after frame was bad.
+    #[error(
+        "{count} frames in a row were bad, of the last {fault}; check the camera's cable and USB bandwidth"
+    )]
+    AllDamaged {
+        /// How many.
+        count: u32,
+        /// Of the last.
+        fault: FrameFault,
+    },
+    /// The driver failed in another way.
+    #[error("the camera failed while {during}: {source}; unplug it and plug it in again")]
+    Device {
+        /// What was being done.
+        during: &'static str,
+        /// The system's reason.
+        source: io::Error,
+    },
     /// libjpeg-turbo could not start.
     #[error("the JPEG decoder could not start; free some memory")]
     Decoder,
+}
+
+impl CaptureError {
+    /// What the system's error means for the device at `path`.
+    pub(super) fn device(path: &Path, during: &'static str, source: io::Error) -> Self {
+        let path = path.display().to_string();
+        match source.kind() {
+            io::ErrorKind::NotFound => Self::NotFound {
+                wanted: path,
+                hint: "`facewire devices` lists those there are".to_owned(),
+            },
+            io::ErrorKind::PermissionDenied => Self::PermissionDenied { path },
+            io::ErrorKind::ResourceBusy => Self::Busy { path },
+            _ if Self::is_not_v4l2(&source) => Self::NotACamera { path },
+            _ if Self::is_gone(&source) => Self::Gone,
+            _ => Self::Device { during, source },
+        }
+    }
+
+    /// What the system's error means while frames flow.
+    pub(super) fn stream(source: io::Error) -> Self {
+        if Self::is_gone(&source) {
+            Self::Gone
+        } else {
+            Self::Device {
+                during: "sending frames",
+                source,
+            }
+        }
+    }
+
+    /// Whether the device was removed.
+    pub(super) fn is_gone(error: &io::Error) -> bool {
+        [Errno::NODEV, Errno::NXIO]
+            .map(Errno::raw_os_error)
+            .map(Some)
+            .contains(&error.raw_os_error())
+    }
+
+    fn is_not_v4l2(error: &io::Error) -> bool {
+        error.raw_os_error() == Some(Errno::NOTTY.raw_os_error())
+    }
 }
 
 /// What is wrong with one frame. Small and `Copy`, so that counting faults costs nothing.

@@ -17,6 +17,7 @@ mod rate;
 mod riff;
 #[cfg(test)]
 mod testing;
+pub mod v4l2;
 mod y4m;
 
 pub use avi::AviSource;
@@ -42,6 +43,8 @@ pub struct Frame<'a> {
     pub number: u64,
     /// Older frames passed over for this one: newest wins.
     pub skipped: u32,
+    /// Damaged frames since the last good one, where the source passes over them itself.
+    pub damaged: u32,
 }
 
 /// Something that gives frames.

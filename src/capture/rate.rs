@@ -34,6 +34,12 @@ impl FrameRate {
         f64::from(self.frames) / f64::from(self.seconds)
     }
 
+    /// Frames and the seconds they take.
+    #[must_use]
+    pub fn fraction(self) -> [u32; 2] {
+        [self.frames, self.seconds]
+    }
+
     /// Time from one frame to the next, rounded down.
     #[must_use]
     pub fn period_us(self) -> u64 {

@@ -135,6 +135,7 @@ impl<R: Read> Source for Y4mSource<R> {
             captured_us,
             number,
             skipped: 0,
+            damaged: 0,
         }))
     }
 

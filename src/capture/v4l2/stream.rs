@@ -1,0 +1,233 @@
+//! The camera's buffers: wait, drain to the newest, look at it, and give everything back safely.
+//!
+//! The v4l crate's stream lends a buffer from one `next` to the following one, and must not be used after an error;
+//! both hold here, because every error ends the source. Its `Drop` panics when stopping fails for any reason but a
+//! camera that is gone, so [`Stream`] stops it first and lets go of it only if that worked. Else it is leaked with
+//! its descriptor and four buffers, once: a camera that cannot be stopped stays busy and is not opened again.
+
+use std::io;
+use std::mem;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use v4l::Device;
+use v4l::buffer::{Flags, Metadata, Type};
+use v4l::device::Handle;
+use v4l::io::mmap::Stream as MappedStream;
+use v4l::io::traits::{CaptureStream, Stream as _};
+
+use super::super::{CaptureError, FrameFault, monotonic_us};
+
+/// Two would do; four ride out a late wake-up without a dropped frame.
+const BUFFERS: u32 = 4;
+/// `poll` flag: something can be dequeued.
+const READABLE: i16 = 1;
+/// A camera takes its time to begin: exposure, USB bandwidth, sleeping hubs.
+const START_TIMEOUT: Duration = Duration::from_secs(5);
+/// `STREAMOFF` may be interrupted by signals.
+const STOP_ATTEMPTS: usize = 10;
+
+/// A camera that delivers.
+pub struct Stream {
+    /// `None` only while it is dropped.
+    mapped: Option<MappedStream<'static>>,
+    handle: Arc<Handle>,
+    limits: Limits,
+}
+
+/// How long to wait.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    /// For a frame; then the camera has stalled.
+    pub timeout: Duration,
+    /// Age from which a frame that lay in a buffer is passed over for a new one.
+    pub stale_us: u64,
+}
+
+/// One filled buffer.
+#[derive(Clone, Copy)]
+pub struct Shot<'a> {
+    /// What the driver wrote.
+    pub bytes: &'a [u8],
+    /// When the picture was taken, on the monotonic clock.
+    pub captured_us: u64,
+}
+
+impl Stream {
+    /// Maps the buffers and waits for the first frame, which is left out: some drivers hand out an old one.
+    ///
+    /// # Errors
+    /// [`CaptureError::Stalled`] if none comes in 5 seconds, [`CaptureError::Busy`], [`CaptureError::Gone`], ...
+    pub fn start(device: &Device, path: &Path, limits: Limits) -> Result<Self, CaptureError> {
+        let fail = |error| CaptureError::device(path, "starting it", error);
+        let mut mapped =
+            MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
+        mapped.set_timeout(START_TIMEOUT);
+        let mut stream = Self {
+            mapped: Some(mapped),
+            handle: device.handle(),
+            limits,
+        };
+        match stream.mapped()?.next() {
+            Ok(_) => Ok(stream),
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => Err(stalled(START_TIMEOUT)),
+            Err(error) => Err(fail(error)),
+        }
+    }
+
+    /// Waits for a frame, passes over all but the newest, and shows it to `look`. Returns how many were passed over.
+    ///
+    /// A reader that was away for long finds every buffer filled and the newest old already, for the driver had
+    /// nowhere to put the later ones. Such a frame is passed over too, and the next one waited for.
+    ///
+    /// # Errors
+    /// [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Device`]. The inner result is that of `look`,
+    /// or the fault of a buffer that is damaged in itself.
+    pub fn newest<T>(
+        &mut self,
+        look: impl FnOnce(Shot<'_>) -> Result<T, FrameFault>,
+    ) -> Result<(u32, Result<T, FrameFault>), CaptureError> {
+        self.wait()?;
+        let (handle, limits) = (self.handle.clone(), self.limits);
+        let mapped = self.mapped()?;
+        let (mut skipped, mut patience) = (0, limits.timeout);
+        loop {
+            let (bytes, meta) = mapped.next().map_err(CaptureError::stream)?;
+            let now_us = monotonic_us();
+            let is_stale = skipped > 0 && now_us - captured_us(meta, now_us) > limits.stale_us;
+            let wait = if is_stale {
+                mem::take(&mut patience)
+            } else {
+                Duration::ZERO
+            };
+            if skipped > BUFFERS || !is_ready(&handle, wait)? {
+                return Ok((skipped, shot(bytes, meta).and_then(look)));
+            }
+            skipped += 1;
+        }
+    }
+
+    fn mapped(&mut self) -> Result<&mut MappedStream<'static>, CaptureError> {
+        self.mapped.as_mut().ok_or(CaptureError::Gone)
+    }
+
+    fn wait(&self) -> Result<(), CaptureError> {
+        let deadline_us =
+            monotonic_us() + u64::try_from(self.limits.timeout.as_micros()).unwrap_or(u64::MAX / 2);
+        loop {
+            let left = Duration::from_micros(deadline_us.saturating_sub(monotonic_us()));
+            if is_ready(&self.handle, left)? {
+                return Ok(());
+            }
+            if left.is_zero() {
+                return Err(stalled(self.limits.timeout));
+            }
+        }
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        let Some(mut mapped) = self.mapped.take() else {
+            return;
+        };
+        if !has_stopped(&mut mapped) {
+            mem::forget(mapped);
+        }
+    }
+}
+
+/// Whether the stream is at rest, so that dropping it cannot fail.
+fn has_stopped(mapped: &mut MappedStream<'static>) -> bool {
+    for _ in 0..STOP_ATTEMPTS {
+        match mapped.stop() {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return CaptureError::is_gone(&error),
+            Ok(()) => return true,
+        }
+    }
+    false
+}
+
+/// Whether a buffer is ready or comes within `timeout`. A signal counts as not yet.
+fn is_ready(handle: &Handle, timeout: Duration) -> Result<bool, CaptureError> {
+    // Rounded up, or the last fraction of a millisecond would be waited for in a tight loop.
+    let timeout_ms = i32::try_from(timeout.as_micros().div_ceil(1000)).unwrap_or(i32::MAX);
+    match handle.poll(READABLE, timeout_ms) {
+        Ok(ready) => Ok(ready > 0),
+        Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(false),
+        Err(error) => Err(CaptureError::stream(error)),
+    }
+}
+
+/// The part of the mapping that the driver filled.
+fn shot<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<Shot<'a>, FrameFault> {
+    if meta.flags.contains(Flags::ERROR) {
+        return Err(FrameFault::Marked);
+    }
+    let used = usize::try_from(meta.bytesused)
+        .ok()
+        .and_then(|used| bytes.get(..used));
+    let bytes = used.ok_or(FrameFault::Incomplete)?;
+    Ok(Shot {
+        bytes,
+        captured_us: captured_us(meta, monotonic_us()),
+    })
+}
+
+/// The driver's time where it is of the monotonic clock, else the present; never later than that.
+fn captured_us(meta: &Metadata, now_us: u64) -> u64 {
+    if meta.flags & Flags::TIMESTAMP_MASK != Flags::TIMESTAMP_MONOTONIC {
+        return now_us;
+    }
+    let [seconds, micros] =
+        [meta.timestamp.sec, meta.timestamp.usec].map(|part| u64::try_from(part).unwrap_or(0));
+    seconds
+        .saturating_mul(1_000_000)
+        .saturating_add(micros)
+        .min(now_us)
+}
+
+fn stalled(timeout: Duration) -> CaptureError {
+    CaptureError::Stalled {
+        waited_ms: u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use v4l::timestamp::Timestamp;
+
+    use super::*;
+
+    fn meta(bytesused: u32, flags: Flags) -> Metadata {
+        Metadata {
+            bytesused,
+            flags,
+            timestamp: Timestamp::new(2, 500),
+            ..Metadata::default()
+        }
+    }
+
+    #[test]
+    fn only_what_the_driver_filled_is_shown() {
+        let buffer = [7; 100];
+        let shown =
+            |bytesused, flags| shot(&buffer, &meta(bytesused, flags)).map(|shot| shot.bytes.len());
+        assert_eq!(shown(60, Flags::empty()), Ok(60));
+        assert_eq!(shown(101, Flags::empty()), Err(FrameFault::Incomplete));
+        assert_eq!(shown(60, Flags::ERROR), Err(FrameFault::Marked));
+    }
+
+    #[test]
+    fn the_drivers_time_is_taken_only_from_the_monotonic_clock_and_never_from_the_future() {
+        let now_us = 3_000_000;
+        let time = |flags, now_us| captured_us(&meta(0, flags), now_us);
+        assert_eq!(time(Flags::TIMESTAMP_MONOTONIC, now_us), 2_000_500);
+        assert_eq!(time(Flags::TIMESTAMP_COPY, now_us), now_us);
+        assert_eq!(time(Flags::TIMESTAMP_UNKNOWN, now_us), now_us);
+        assert_eq!(time(Flags::TIMESTAMP_MONOTONIC, 1_000_000), 1_000_000);
+    }
+}

@@ -6,7 +6,11 @@ pub fn pearson(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let (a, b) = (mean(&|p| p.0), mean(&|p| p.1));
     let covariance = mean(&|p| (p.0 - a) * (p.1 - b));
     let deviations = (mean(&|p| (p.0 - a).powi(2)) * mean(&|p| (p.1 - b).powi(2))).sqrt();
-    if deviations > 1e-12 { covariance / deviations } else { 0.0 }
+    if deviations > 1e-12 {
+        covariance / deviations
+    } else {
+        0.0
+    }
 }
 
 /// Mean squared error.

@@ -66,13 +66,27 @@ pub fn normalise(landmarks: &Landmarks) -> Result<Normalised, DegenerateFace> {
     let fit = fit_rigid(landmarks)?;
     let inverse = (fit.rotation.transpose() / fit.scale).cast::<f32>();
     let origin = fit.origin.cast::<f32>();
-    let points = landmarks.0.map(|point| (inverse * (upright(point) - origin)).into());
-    if points.iter().flatten().any(|value: &f32| !(value.abs() < MAX_COORDINATE)) {
+    let points = landmarks
+        .0
+        .map(|point| (inverse * (upright(point) - origin)).into());
+    if points
+        .iter()
+        .flatten()
+        .any(|value: &f32| !(value.abs() < MAX_COORDINATE))
+    {
         return Err(DegenerateFace::NotAFace);
     }
-    #[expect(clippy::cast_possible_truncation, reason = "pixels per eye distance, checked to be finite")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "pixels per eye distance, checked to be finite"
+    )]
     let scale_px = fit.scale as f32;
-    Ok(Normalised { points, rotation: fit.rotation.cast(), scale_px, origin_px: [origin.x, -origin.y] })
+    Ok(Normalised {
+        points,
+        rotation: fit.rotation.cast(),
+        scale_px,
+        origin_px: [origin.x, -origin.y],
+    })
 }
 
 /// From the picture's axes (y down, z away) to x right, y up, z towards the camera.
@@ -89,8 +103,10 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<Similarity, DegenerateFace> {
     };
     #[expect(clippy::cast_precision_loss, reason = "a few dozen points")]
     let count = RIGID.len() as f64;
-    let (seen_sum, canonical_sum) =
-        pairs().fold((Vector3::zeros(), Vector3::zeros()), |(a, b), (seen, canonical)| (a + seen, b + canonical));
+    let (seen_sum, canonical_sum) = pairs().fold(
+        (Vector3::zeros(), Vector3::zeros()),
+        |(a, b), (seen, canonical)| (a + seen, b + canonical),
+    );
     let (seen_mean, canonical_mean) = (seen_sum / count, canonical_sum / count);
     let (mut covariance, mut seen_var, mut canonical_var) = (Matrix3::zeros(), 0.0, 0.0);
     for (seen, canonical) in pairs() {
@@ -108,7 +124,11 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<Similarity, DegenerateFace> {
     if misfit.sqrt() > MAX_MISFIT {
         return Err(DegenerateFace::NotAFace);
     }
-    Ok(Similarity { rotation, scale, origin: seen_mean - scale * (rotation * canonical_mean) })
+    Ok(Similarity {
+        rotation,
+        scale,
+        origin: seen_mean - scale * (rotation * canonical_mean),
+    })
 }
 
 /// The proper rotation `R` that maximises `tr(R' M)`, and that trace; none if `M` has no two independent directions.

@@ -13,12 +13,41 @@ use crate::face::LANDMARKS;
 /// Pairs of landmarks whose distance, unlike their coordinates, survives errors of the head's rotation:
 /// lid gaps, irises to the corners and lids of their eyes, mouth, brows to lids, cheeks and chin.
 const DISTANCES: [(usize, usize); 35] = [
-    (159, 145), (158, 153), (160, 144), (386, 374), (385, 380), (387, 373),
-    (468, 33), (468, 133), (473, 362), (473, 263), (468, 159), (468, 145), (473, 386), (473, 374),
-    (13, 14), (61, 291), (0, 17), (78, 308), (82, 87), (312, 317), (37, 84), (267, 314), (164, 0),
-    (61, 33), (291, 263), (61, 1), (291, 1),
-    (105, 159), (334, 386), (55, 285),
-    (152, 1), (152, 17), (205, 50), (50, 4), (280, 4),
+    (159, 145),
+    (158, 153),
+    (160, 144),
+    (386, 374),
+    (385, 380),
+    (387, 373),
+    (468, 33),
+    (468, 133),
+    (473, 362),
+    (473, 263),
+    (468, 159),
+    (468, 145),
+    (473, 386),
+    (473, 374),
+    (13, 14),
+    (61, 291),
+    (0, 17),
+    (78, 308),
+    (82, 87),
+    (312, 317),
+    (37, 84),
+    (267, 314),
+    (164, 0),
+    (61, 33),
+    (291, 263),
+    (61, 1),
+    (291, 1),
+    (105, 159),
+    (334, 386),
+    (55, 285),
+    (152, 1),
+    (152, 17),
+    (205, 50),
+    (50, 4),
+    (280, 4),
 ];
 
 const COORDINATES: usize = 3 * LANDMARKS;
@@ -39,9 +68,15 @@ impl Features {
     pub fn new(face: &Normalised, neutral: Option<&Neutral>) -> Self {
         let mut values = measure(&face.points);
         if let Some(neutral) = neutral {
-            values.iter_mut().zip(neutral.features.iter()).for_each(|(value, rest)| *value -= rest);
+            values
+                .iter_mut()
+                .zip(neutral.features.iter())
+                .for_each(|(value, rest)| *value -= rest);
         }
-        Self { values, neutral_known: neutral.is_some() }
+        Self {
+            values,
+            neutral_known: neutral.is_some(),
+        }
     }
 
     /// The values, in the order of [`FeatureId`].
@@ -55,13 +90,22 @@ impl Features {
 pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; FEATURES] {
     let mut values = [0.0; FEATURES];
     let distances = DISTANCES.iter().map(|pair| distance(points, *pair));
-    values.iter_mut().zip(points.iter().flatten().copied().chain(distances)).for_each(|(slot, value)| *slot = value);
+    values
+        .iter_mut()
+        .zip(points.iter().flatten().copied().chain(distances))
+        .for_each(|(slot, value)| *slot = value);
     values
 }
 
 fn distance(points: &[[f32; 3]; LANDMARKS], (a, b): (usize, usize)) -> f32 {
-    let (Some(a), Some(b)) = (points.get(a), points.get(b)) else { return 0.0 };
-    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
+    let (Some(a), Some(b)) = (points.get(a), points.get(b)) else {
+        return 0.0;
+    };
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| (a - b) * (a - b))
+        .sum::<f32>()
+        .sqrt()
 }
 
 /// Index of a feature, below [`FEATURES`].
@@ -92,7 +136,10 @@ impl FeatureId {
             return Self::from_index(COORDINATES + place);
         }
         let axis = ["x", "y", "z"].iter().position(|known| *known == kind)?;
-        let landmark = rest.parse::<usize>().ok().filter(|landmark| *landmark < LANDMARKS)?;
+        let landmark = rest
+            .parse::<usize>()
+            .ok()
+            .filter(|landmark| *landmark < LANDMARKS)?;
         Self::from_index(3 * landmark + axis)
     }
 }
@@ -100,9 +147,17 @@ impl FeatureId {
 impl fmt::Display for FeatureId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let index = self.index();
-        match index.checked_sub(COORDINATES).and_then(|place| DISTANCES.get(place)) {
+        match index
+            .checked_sub(COORDINATES)
+            .and_then(|place| DISTANCES.get(place))
+        {
             Some((a, b)) => write!(f, "d{a}-{b}"),
-            None => write!(f, "{}{}", ['x', 'y', 'z'].get(index % 3).unwrap_or(&'x'), index / 3),
+            None => write!(
+                f,
+                "{}{}",
+                ['x', 'y', 'z'].get(index % 3).unwrap_or(&'x'),
+                index / 3
+            ),
         }
     }
 }

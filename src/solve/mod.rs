@@ -25,4 +25,4 @@ pub use model_file::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
 pub use pose::{Camera, HeadPose};
 pub use regression::{Model, NotFinite, RawCoeffs};
-pub use smoothing::{GatedAverage, GatedAverageState, Smoothed};
+pub use smoothing::{GateEdge, GatedAverage, GatedAverageState, Smoothed};

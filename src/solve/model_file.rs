@@ -51,7 +51,9 @@ pub enum ModelError {
     #[error("the model file is damaged; restore it or fit it again: {0}")]
     Damaged(#[from] Box<toml::de::Error>),
     /// Made for another version of this program.
-    #[error("the model file has format {found}, this program reads format {FORMAT}; fit it again with facewire-fit")]
+    #[error(
+        "the model file has format {found}, this program reads format {FORMAT}; fit it again with facewire-fit"
+    )]
     WrongFormat {
         /// The format of the file.
         found: u32,
@@ -73,7 +75,9 @@ pub enum ModelError {
         name: String,
     },
     /// A weight that is not finite, or too large to be one.
-    #[error("the weight {name} in {table} of the model file is not a finite number; restore the file")]
+    #[error(
+        "the weight {name} in {table} of the model file is not a finite number; restore the file"
+    )]
     NotFinite {
         /// Table of the file.
         table: String,
@@ -81,7 +85,9 @@ pub enum ModelError {
         name: String,
     },
     /// More weights than fit.
-    #[error("{table} of the model file has more weights than this program holds; fit it again with fewer")]
+    #[error(
+        "{table} of the model file has more weights than this program holds; fit it again with fewer"
+    )]
     TooMany {
         /// Table of the file.
         table: String,
@@ -122,7 +128,13 @@ impl ModelFile {
     /// An empty file of the present format.
     #[must_use]
     pub fn new(made_by: String, fitted_on: String) -> Self {
-        Self { format: FORMAT, made_by, fitted_on, neutral_known: BTreeMap::new(), neutral_unknown: BTreeMap::new() }
+        Self {
+            format: FORMAT,
+            made_by,
+            fitted_on,
+            neutral_known: BTreeMap::new(),
+            neutral_unknown: BTreeMap::new(),
+        }
     }
 
     /// Reads a file's text.
@@ -153,16 +165,31 @@ impl ModelFile {
     }
 }
 
-fn map(table: &'static str, entries: &BTreeMap<String, BlendshapeTable>) -> Result<Map, ModelError> {
-    if let Some(name) = entries.keys().find(|name| !BLENDSHAPES.contains(&name.as_str()) || *name == WITHOUT_MODEL) {
-        return Err(ModelError::Unknown { table: table.to_owned(), name: name.clone() });
+fn map(
+    table: &'static str,
+    entries: &BTreeMap<String, BlendshapeTable>,
+) -> Result<Map, ModelError> {
+    if let Some(name) = entries
+        .keys()
+        .find(|name| !BLENDSHAPES.contains(&name.as_str()) || *name == WITHOUT_MODEL)
+    {
+        return Err(ModelError::Unknown {
+            table: table.to_owned(),
+            name: name.clone(),
+        });
     }
     let one = |name: &&'static str| match entries.get(*name) {
         Some(entry) => blendshape(&format!("{table}.{name}"), entry),
         None if *name == WITHOUT_MODEL => Ok(Blendshape::default()),
-        None => Err(ModelError::Missing { table, blendshape: name }),
+        None => Err(ModelError::Missing {
+            table,
+            blendshape: name,
+        }),
     };
-    Ok(Map(BLENDSHAPES.iter().map(one).collect::<Result<_, _>>()?))
+    Ok(Map(BLENDSHAPES
+        .iter()
+        .map(one)
+        .collect::<Result<_, _>>()?))
 }
 
 fn blendshape(table: &str, entry: &BlendshapeTable) -> Result<Blendshape, ModelError> {
@@ -179,17 +206,24 @@ fn blendshape(table: &str, entry: &BlendshapeTable) -> Result<Blendshape, ModelE
     for (name, weight) in &entry.polynomial {
         let weight = finite(table, name, *weight)?;
         let term = Term::from_name(name).ok_or_else(|| unknown(table, name))?;
-        out.polynomial.push((term, weight)).map_err(|_| too_many(table))?;
+        out.polynomial
+            .push((term, weight))
+            .map_err(|_| too_many(table))?;
     }
     Ok(out)
 }
 
 fn unknown(table: &str, name: &str) -> ModelError {
-    ModelError::Unknown { table: table.to_owned(), name: name.to_owned() }
+    ModelError::Unknown {
+        table: table.to_owned(),
+        name: name.to_owned(),
+    }
 }
 
 fn too_many(table: &str) -> ModelError {
-    ModelError::TooMany { table: table.to_owned() }
+    ModelError::TooMany {
+        table: table.to_owned(),
+    }
 }
 
 fn finite(table: &str, name: &str, weight: f64) -> Result<f32, ModelError> {
@@ -198,13 +232,17 @@ fn finite(table: &str, name: &str, weight: f64) -> Result<f32, ModelError> {
     if narrow.is_finite() {
         return Ok(narrow);
     }
-    Err(ModelError::NotFinite { table: table.to_owned(), name: name.to_owned() })
+    Err(ModelError::NotFinite {
+        table: table.to_owned(),
+        name: name.to_owned(),
+    })
 }
 
 impl Term {
     /// `bias`, the name of a blendshape, or two of them joined by `*`.
     fn from_name(name: &str) -> Option<Self> {
-        let place = |name: &str| u8::try_from(BLENDSHAPES.iter().position(|known| *known == name)?).ok();
+        let place =
+            |name: &str| u8::try_from(BLENDSHAPES.iter().position(|known| *known == name)?).ok();
         if name == BIAS {
             return Some(Self(ONE, ONE));
         }

@@ -15,7 +15,9 @@ const MAX_COORDINATE: f32 = 10.0;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NeutralError {
     /// No frame was added.
-    #[error("no face was seen while the neutral face was recorded; look at the camera and record again")]
+    #[error(
+        "no face was seen while the neutral face was recorded; look at the camera and record again"
+    )]
     NoFrames,
     /// A stored coordinate is not a number or not of a face.
     #[error("the stored neutral face is damaged; record it again")]
@@ -35,10 +37,17 @@ impl Neutral {
     /// # Errors
     /// [`NeutralError::Damaged`] if a coordinate is not finite or far outside a face.
     pub fn from_points(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, NeutralError> {
-        if !points.iter().flatten().all(|value| value.abs() < MAX_COORDINATE) {
+        if !points
+            .iter()
+            .flatten()
+            .all(|value| value.abs() < MAX_COORDINATE)
+        {
             return Err(NeutralError::Damaged);
         }
-        Ok(Self { points: Box::new(*points), features: Box::new(measure(points)) })
+        Ok(Self {
+            points: Box::new(*points),
+            features: Box::new(measure(points)),
+        })
     }
 
     /// The points, in the basis of [`Normalised::points`].
@@ -57,7 +66,10 @@ pub struct NeutralMean {
 
 impl Default for NeutralMean {
     fn default() -> Self {
-        Self { sums: Box::new([[0.0; 3]; LANDMARKS]), frames: 0 }
+        Self {
+            sums: Box::new([[0.0; 3]; LANDMARKS]),
+            frames: 0,
+        }
     }
 }
 
@@ -65,7 +77,8 @@ impl NeutralMean {
     /// Adds a frame. Does not allocate.
     pub fn add(&mut self, face: &Normalised) {
         let sums = self.sums.iter_mut().flatten();
-        sums.zip(face.points.iter().flatten()).for_each(|(sum, value)| *sum += f64::from(*value));
+        sums.zip(face.points.iter().flatten())
+            .for_each(|(sum, value)| *sum += f64::from(*value));
         self.frames = self.frames.saturating_add(1);
     }
 

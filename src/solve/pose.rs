@@ -69,7 +69,9 @@ impl HeadPose {
 /// `Rz(roll) Rx(-pitch) Ry(yaw)`, radians, on the half of the sphere where w is not negative.
 fn quaternion(yaw: f32, pitch: f32, roll: f32) -> [f32; 4] {
     let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
-    let rotation = about(Vector3::z_axis(), roll) * about(Vector3::x_axis(), -pitch) * about(Vector3::y_axis(), yaw);
+    let rotation = about(Vector3::z_axis(), roll)
+        * about(Vector3::x_axis(), -pitch)
+        * about(Vector3::y_axis(), yaw);
     let sign = if rotation.w < 0.0 { -1.0 } else { 1.0 };
     (sign * rotation.coords).into()
 }
@@ -79,5 +81,9 @@ fn position(face: &Normalised, camera: &Camera) -> [f32; 3] {
     let z_mm = focal_px * EYE_DISTANCE_MM / face.scale_px;
     let [x_px, y_px] = face.origin_px;
     let mm_per_px = z_mm / focal_px;
-    [(x_px - 0.5 * camera.width_px) * mm_per_px, (y_px - 0.5 * camera.height_px) * mm_per_px, z_mm]
+    [
+        (x_px - 0.5 * camera.width_px) * mm_per_px,
+        (y_px - 0.5 * camera.height_px) * mm_per_px,
+        z_mm,
+    ]
 }

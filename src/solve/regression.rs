@@ -28,7 +28,9 @@ const MAX_RESULT: f32 = 10.0;
 
 /// The model gave something that is no coefficient. The frame is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[error("the blendshape model gave an absurd value; check the model file and the recorded neutral face")]
+#[error(
+    "the blendshape model gave an absurd value; check the model file and the recorded neutral face"
+)]
 pub struct NotFinite;
 
 /// Coefficients as the regression gives them, in the order of [`super::BLENDSHAPES`]: finite, not yet clamped.
@@ -79,8 +81,10 @@ impl Model {
     /// # Errors
     /// [`ModelError`] if the file is missing, damaged, of another version or holds numbers that are not finite.
     pub fn load(path: &Path) -> Result<Self, ModelError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| ModelError::Unreadable { path: path.to_owned(), source })?;
+        let text = std::fs::read_to_string(path).map_err(|source| ModelError::Unreadable {
+            path: path.to_owned(),
+            source,
+        })?;
         ModelFile::parse(&text)?.to_model()
     }
 
@@ -89,24 +93,39 @@ impl Model {
     /// # Errors
     /// [`NotFinite`] if a result is no number or far outside a coefficient's range.
     pub fn process(&self, features: &Features) -> Result<RawCoeffs, NotFinite> {
-        let map = if features.neutral_known { &self.neutral_known } else { &self.neutral_unknown };
+        let map = if features.neutral_known {
+            &self.neutral_known
+        } else {
+            &self.neutral_unknown
+        };
         let clipped = map.clipped_estimates(features);
         let mut raw = [0.0; COEFFS];
-        raw.iter_mut().zip(&map.0).for_each(|(out, blendshape)| *out = blendshape.polynomial(&clipped));
-        if raw.iter().all(|value| value.abs() < MAX_RESULT) { Ok(RawCoeffs(raw)) } else { Err(NotFinite) }
+        raw.iter_mut()
+            .zip(&map.0)
+            .for_each(|(out, blendshape)| *out = blendshape.polynomial(&clipped));
+        if raw.iter().all(|value| value.abs() < MAX_RESULT) {
+            Ok(RawCoeffs(raw))
+        } else {
+            Err(NotFinite)
+        }
     }
 
     /// Bytes of the model in memory.
     #[must_use]
     pub fn size_bytes(&self) -> usize {
-        size_of_val(&*self.neutral_known.0) + size_of_val(&*self.neutral_unknown.0) + size_of::<Self>()
+        size_of_val(&*self.neutral_known.0)
+            + size_of_val(&*self.neutral_unknown.0)
+            + size_of::<Self>()
     }
 }
 
 impl Map {
     fn clipped_estimates(&self, features: &Features) -> Clipped {
         let mut clipped = [1.0; COEFFS + 1];
-        clipped.iter_mut().zip(&self.0).for_each(|(out, blendshape)| *out = blendshape.estimate(features).clamp(0.0, 1.0));
+        clipped
+            .iter_mut()
+            .zip(&self.0)
+            .for_each(|(out, blendshape)| *out = blendshape.estimate(features).clamp(0.0, 1.0));
         clipped
     }
 }
@@ -114,11 +133,19 @@ impl Map {
 impl Blendshape {
     fn estimate(&self, features: &Features) -> f32 {
         let value = |id: FeatureId| features.values.get(id.index()).copied().unwrap_or(f32::NAN);
-        self.bias + self.linear.iter().map(|(id, weight)| weight * value(*id)).sum::<f32>()
+        self.bias
+            + self
+                .linear
+                .iter()
+                .map(|(id, weight)| weight * value(*id))
+                .sum::<f32>()
     }
 
     fn polynomial(&self, clipped: &Clipped) -> f32 {
         let value = |place: u8| clipped.get(usize::from(place)).copied().unwrap_or(f32::NAN);
-        self.polynomial.iter().map(|(Term(a, b), weight)| weight * value(*a) * value(*b)).sum()
+        self.polynomial
+            .iter()
+            .map(|(Term(a, b), weight)| weight * value(*a) * value(*b))
+            .sum()
     }
 }

@@ -76,8 +76,8 @@ section! {
     SolverSettings {
         /// File of the fitted model; empty: the built-in one.
         model: String = String::new(), (), "";
-        /// Frames that smoothing averages; 1 is off.
-        smoothing_frames: u32 = 5, 1..=15, " (frames)";
+        /// Earlier frames that smoothing averages with the newest, for the eyes at most 2; 0 is off.
+        smoothing_frames: u32 = 5, 0..=10, " (frames)";
     }
 }
 

@@ -51,9 +51,7 @@ pub struct MonitorArgs {
 #[derive(Debug, thiserror::Error)]
 pub enum MonitorError {
     /// The port is taken, or the address is not this machine's.
-    #[error(
-        "cannot listen to {listen} ({error}); end what uses the port, or give --listen another address"
-    )]
+    #[error("cannot listen to {listen} ({error}); end what uses the port, or give --listen another address")]
     Listen {
         /// The address asked for.
         listen: SocketAddr,
@@ -61,9 +59,7 @@ pub enum MonitorError {
         error: io::Error,
     },
     /// Nothing valid came.
-    #[error(
-        "no packet came to {listen}; check [[link]] address in the sender's configuration, and the firewall"
-    )]
+    #[error("no packet came to {listen}; check [[link]] address in the sender's configuration, and the firewall")]
     NoPacket {
         /// The address listened to.
         listen: SocketAddr,
@@ -85,10 +81,7 @@ enum View {
 /// # Errors
 /// The address cannot be listened to, the output cannot be written, or no packet came at all.
 pub fn run(args: &MonitorArgs) -> Result<(), MonitorError> {
-    let cannot_listen = |error| MonitorError::Listen {
-        listen: args.listen,
-        error,
-    };
+    let cannot_listen = |error| MonitorError::Listen { listen: args.listen, error };
     let socket = UdpSocket::bind(args.listen).map_err(cannot_listen)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
@@ -101,9 +94,7 @@ pub fn run(args: &MonitorArgs) -> Result<(), MonitorError> {
         _ => {}
     }
     if tally.packets() == 0 {
-        return Err(MonitorError::NoPacket {
-            listen: args.listen,
-        });
+        return Err(MonitorError::NoPacket { listen: args.listen });
     }
     summarise(args, &tally)
 }
@@ -111,11 +102,7 @@ pub fn run(args: &MonitorArgs) -> Result<(), MonitorError> {
 /// The summary goes beside the JSON, not into it.
 fn summarise(args: &MonitorArgs, tally: &Tally) -> Result<(), MonitorError> {
     let line = tally.summary();
-    let written = if args.json {
-        writeln!(io::stderr(), "{line}")
-    } else {
-        writeln!(io::stdout(), "{line}")
-    };
+    let written = if args.json { writeln!(io::stderr(), "{line}") } else { writeln!(io::stdout(), "{line}") };
     match written {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(()),
@@ -123,12 +110,7 @@ fn summarise(args: &MonitorArgs, tally: &Tally) -> Result<(), MonitorError> {
 }
 
 /// Shows packets until a limit or a signal ends it. The screen is restored on return.
-fn watch(
-    args: &MonitorArgs,
-    socket: &UdpSocket,
-    stop: &AtomicBool,
-    tally: &mut Tally,
-) -> io::Result<()> {
+fn watch(args: &MonitorArgs, socket: &UdpSocket, stop: &AtomicBool, tally: &mut Tally) -> io::Result<()> {
     let mut view = View::new(args)?;
     let begin = Instant::now();
     let end = args.seconds.map(|seconds| begin + seconds);
@@ -137,9 +119,7 @@ fn watch(
         && args.packets.is_none_or(|packets| tally.packets() < packets)
         && end.is_none_or(|end| Instant::now() < end)
     {
-        let left = end.map_or(SCREEN_PERIOD, |end| {
-            end.saturating_duration_since(Instant::now())
-        });
+        let left = end.map_or(SCREEN_PERIOD, |end| end.saturating_duration_since(Instant::now()));
         let packet = receive(socket, left.min(SCREEN_PERIOD), tally)?;
         view.packet(packet.as_ref(), tally)?;
         if shown.elapsed() >= view.period() {

@@ -81,10 +81,7 @@ pub fn row(name: &str, packet: &Packet, width: usize) -> String {
 /// The heading of a column: where left and right are.
 pub fn heading(width: usize) -> String {
     let slot = slot_width(width);
-    let text = format!(
-        "{:NAME_WIDTH$}{:slot$}{:SLOT_GAP$}{:slot$}",
-        "", "left", "", "right"
-    );
+    let text = format!("{:NAME_WIDTH$}{:slot$}{:SLOT_GAP$}{:slot$}", "", "left", "", "right");
     text.dim().to_string()
 }
 
@@ -121,11 +118,7 @@ fn sides(degrees: f32) -> [Option<Cell>; 2] {
     [degrees, -degrees].map(|degrees| {
         Some(Cell {
             fill: (degrees / HEAD_FULL_DEG).clamp(0.0, 1.0),
-            number: if degrees >= 0.5 {
-                format!("{degrees:2.0}°")
-            } else {
-                String::new()
-            },
+            number: if degrees >= 0.5 { format!("{degrees:2.0}°") } else { String::new() },
         })
     })
 }
@@ -136,9 +129,7 @@ fn coefficient(name: &str, side: &str, packet: &Packet) -> Option<Cell> {
     let index = BLENDSHAPES.iter().position(is_it)?;
     let fill = *packet.coefficients.get(index)?;
     let number = format!("{fill:.2}");
-    let number = number
-        .strip_prefix('0')
-        .map_or_else(|| "1.0".to_owned(), str::to_owned);
+    let number = number.strip_prefix('0').map_or_else(|| "1.0".to_owned(), str::to_owned);
     Some(Cell { fill, number })
 }
 
@@ -149,11 +140,7 @@ impl Cell {
         let colour = if live { FILL } else { STALE_FILL };
         let bar = bar(self.fill, slot.saturating_sub(NUMBER_WIDTH));
         let number = format!(" {:>3}", self.number);
-        let number = if self.fill < 0.05 {
-            number.dim()
-        } else {
-            number.stylize()
-        };
+        let number = if self.fill < 0.05 { number.dim() } else { number.stylize() };
         format!("{}{number}", bar.with(colour).on(TRACK))
     }
 }
@@ -207,10 +194,7 @@ mod tests {
         let mut packet = Packet::NEUTRAL;
         packet.coefficients[0] = 1.0;
         let [left, right] = cells("eyeBlink", &packet).map(Option::unwrap);
-        assert_eq!(
-            (left.number.as_str(), right.number.as_str()),
-            ("1.0", ".00")
-        );
+        assert_eq!((left.number.as_str(), right.number.as_str()), ("1.0", ".00"));
         packet.rotation = [0.0, 0.25_f32.sin(), 0.0, 0.25_f32.cos()];
         let [left, right] = cells("head yaw", &packet).map(Option::unwrap);
         assert_eq!((left.number.as_str(), right.number.as_str()), ("29°", ""));

@@ -62,25 +62,22 @@ impl Json {
     }
 }
 
-/// Without the digits that only the change to binary made.
+/// Without the digits that only the change to binary made, and without a sign of 0.
 fn rounded(value: f32, steps: f64) -> f64 {
-    (f64::from(value) * steps).round() / steps
+    (f64::from(value) * steps).round() / steps + 0.0
 }
 
-/// Head angles in degrees: yaw positive to the person's left, pitch up, roll to the person's right shoulder; the head
-/// rolls first, then nods, then turns.
+/// Head angles in degrees: yaw positive to the person's left, pitch up, roll to the person's right shoulder. As the
+/// sender composes them: `Rz(roll) Rx(-pitch) Ry(yaw)`.
 pub fn yaw_pitch_roll_deg(rotation: [f32; 4]) -> [f32; 3] {
     let matrix = UnitQuaternion::new_normalize(Quaternion::from(rotation)).to_rotation_matrix();
     // Columns are where x (person's left), y (up) and z (out of the face) point.
-    let [
-        [_, left_y, _],
-        [_, up_y, _],
-        [forward_x, forward_y, forward_z],
-    ] = matrix.into_inner().into();
-    let yaw = forward_x.atan2(forward_z);
-    let pitch = forward_y.clamp(-1.0, 1.0).asin();
-    let roll = left_y.atan2(up_y);
-    [yaw, pitch, roll].map(f32::to_degrees)
+    let [[_, _, left_z], [up_x, up_y, up_z], [_, _, forward_z]] = matrix.into_inner().into();
+    let yaw = (-left_z).atan2(forward_z);
+    let pitch = -up_z.clamp(-1.0, 1.0).asin();
+    let roll = (-up_x).atan2(up_y);
+    // Adding 0 makes -0 a 0.
+    [yaw, pitch, roll].map(|radians| radians.to_degrees() + 0.0)
 }
 
 /// State and reason as words.
@@ -114,13 +111,8 @@ pub fn line(listen: SocketAddr, tally: &Tally, now: Instant) -> String {
 fn strongest(packet: &Packet) -> String {
     let mut named: Vec<_> = BLENDSHAPES.iter().zip(packet.coefficients).collect();
     named.sort_by(|(_, a), (_, b)| b.total_cmp(a));
-    let noteworthy = named
-        .iter()
-        .take(NAMED)
-        .filter(|(_, value)| *value >= NOTEWORTHY);
-    let parts: Vec<String> = noteworthy
-        .map(|(name, value)| format!("  {name} {value:.2}"))
-        .collect();
+    let noteworthy = named.iter().take(NAMED).filter(|(_, value)| *value >= NOTEWORTHY);
+    let parts: Vec<String> = noteworthy.map(|(name, value)| format!("  {name} {value:.2}")).collect();
     parts.concat()
 }
 
@@ -143,52 +135,33 @@ mod tests {
     }
 
     fn near(got: [f32; 3], want: [f32; 3]) -> bool {
-        got.iter()
-            .zip(want)
-            .all(|(got, want)| (got - want).abs() < 1e-3)
+        got.iter().zip(want).all(|(got, want)| (got - want).abs() < 1e-3)
     }
 
     #[test]
     fn angles_have_the_signs_of_the_packet() {
-        assert!(
-            near(yaw_pitch_roll_deg(about(1, 30.0)), [30.0, 0.0, 0.0]),
-            "to the person's left"
-        );
-        assert!(
-            near(yaw_pitch_roll_deg(about(0, -20.0)), [0.0, 20.0, 0.0]),
-            "up"
-        );
-        assert!(
-            near(yaw_pitch_roll_deg(about(2, 10.0)), [0.0, 0.0, 10.0]),
-            "to the right shoulder"
-        );
+        assert!(near(yaw_pitch_roll_deg(about(1, 30.0)), [30.0, 0.0, 0.0]), "to the person's left");
+        assert!(near(yaw_pitch_roll_deg(about(0, -20.0)), [0.0, 20.0, 0.0]), "up");
+        assert!(near(yaw_pitch_roll_deg(about(2, 10.0)), [0.0, 0.0, 10.0]), "to the right shoulder");
+    }
+
+    #[test]
+    fn angles_come_back_from_a_head_that_turns_nods_and_tips() {
+        let [yaw, pitch, roll] = [25.0, -15.0, 10.0];
+        let rotation = |axis, degrees| UnitQuaternion::new_normalize(Quaternion::from(about(axis, degrees)));
+        let head = rotation(2, roll) * rotation(0, -pitch) * rotation(1, yaw);
+        assert!(near(yaw_pitch_roll_deg(head.coords.into()), [yaw, pitch, roll]));
     }
 
     #[test]
     fn json_names_every_coefficient_in_the_order_of_the_packet() {
         let mut tally = Tally::new();
-        let mut packet = Packet {
-            state: State::Hold,
-            reason: Reason::Late,
-            ..Packet::NEUTRAL
-        };
+        let mut packet = Packet { state: State::Hold, reason: Reason::Late, ..Packet::NEUTRAL };
         packet.coefficients = [0.25; 52];
-        tally.count(
-            &packet,
-            SocketAddr::from(([127, 0, 0, 1], 7)),
-            Instant::now(),
-        );
+        tally.count(&packet, SocketAddr::from(([127, 0, 0, 1], 7)), Instant::now());
         let text = serde_json::to_string(&Json::new(&packet, &tally)).unwrap_or_default();
-        assert!(
-            text.starts_with(
-                r#"{"from":"127.0.0.1:7","state":"hold","reason":"late","sequence":0,"#
-            ),
-            "{text}"
-        );
-        assert!(
-            text.ends_with(r#""noseSneerRight":0.25,"tongueOut":0.25}}"#),
-            "{text}"
-        );
+        assert!(text.starts_with(r#"{"from":"127.0.0.1:7","state":"hold","reason":"late","sequence":0,"#), "{text}");
+        assert!(text.ends_with(r#""noseSneerRight":0.25,"tongueOut":0.25}}"#), "{text}");
         assert_eq!(text.matches(":0.25").count(), 52);
     }
 
@@ -197,23 +170,13 @@ mod tests {
         let listen = SocketAddr::from(([0, 0, 0, 0], 5252));
         let now = Instant::now();
         let mut tally = Tally::new();
-        assert_eq!(
-            line(listen, &tally, now),
-            "waiting for packets at 0.0.0.0:5252"
-        );
-        let mut packet = Packet {
-            state: State::Live,
-            age_us: 23_400,
-            ..Packet::NEUTRAL
-        };
+        assert_eq!(line(listen, &tally, now), "waiting for packets at 0.0.0.0:5252");
+        let mut packet = Packet { state: State::Live, age_us: 23_400, ..Packet::NEUTRAL };
         packet.coefficients[17] = 0.5;
         tally.count(&packet, listen, now);
         let want = "live  0.0 packets/s  lost 0  refused 0  age 23.4 ms  yaw 0.0 pitch 0.0 roll 0.0  jawOpen 0.50";
         assert_eq!(line(listen, &tally, now), want);
         let later = now + Duration::from_millis(1500);
-        assert_eq!(
-            line(listen, &tally, later),
-            "silent for 1.5 s  lost 0  refused 0"
-        );
+        assert_eq!(line(listen, &tally, later), "silent for 1.5 s  lost 0  refused 0");
     }
 }

@@ -10,8 +10,8 @@ use crossterm::{
     cursor, execute, queue,
     style::{Color, Print, Stylize as _},
     terminal::{
-        BeginSynchronizedUpdate, Clear, ClearType, DisableLineWrap, EnableLineWrap,
-        EndSynchronizedUpdate, EnterAlternateScreen, LeaveAlternateScreen,
+        BeginSynchronizedUpdate, Clear, ClearType, DisableLineWrap, EnableLineWrap, EndSynchronizedUpdate,
+        EnterAlternateScreen, LeaveAlternateScreen,
     },
 };
 use facewire_packet::{Packet, State};
@@ -34,13 +34,7 @@ impl Screen {
     /// Takes the terminal.
     pub fn enter() -> io::Result<Self> {
         let mut out = io::stdout();
-        execute!(
-            out,
-            EnterAlternateScreen,
-            cursor::Hide,
-            DisableLineWrap,
-            Clear(ClearType::All)
-        )?;
+        execute!(out, EnterAlternateScreen, cursor::Hide, DisableLineWrap, Clear(ClearType::All))?;
         Ok(Self { out })
     }
 
@@ -52,11 +46,7 @@ impl Screen {
         for (y, line) in (0..height).zip(lines) {
             let margin = " ".repeat(MARGIN);
             // Clearing comes first: after a full line it would take the last character.
-            queue!(
-                self.out,
-                cursor::MoveTo(0, y),
-                Clear(ClearType::UntilNewLine)
-            )?;
+            queue!(self.out, cursor::MoveTo(0, y), Clear(ClearType::UntilNewLine))?;
             queue!(self.out, Print(margin), Print(line))?;
         }
         queue!(self.out, EndSynchronizedUpdate)?;
@@ -75,15 +65,9 @@ impl Drop for Screen {
 fn picture(listen: SocketAddr, tally: &Tally, now: Instant, width: usize) -> Vec<String> {
     let column = (width.saturating_sub(MARGIN + COLUMN_GAP) / 2).min(WIDEST_COLUMN);
     let gap = " ".repeat(COLUMN_GAP);
-    let packet = tally
-        .newest()
-        .map_or(Packet::NEUTRAL, |newest| newest.packet);
+    let packet = tally.newest().map_or(Packet::NEUTRAL, |newest| newest.packet);
     let heading = bars::heading(column);
-    let mut lines = vec![
-        status(tally, now),
-        counts(tally),
-        format!("{heading}{gap}{heading}"),
-    ];
+    let mut lines = vec![status(tally, now), counts(tally), format!("{heading}{gap}{heading}")];
     for (first, second) in bars::FIRST_COLUMN.iter().zip(bars::SECOND_COLUMN) {
         let [first, second] = [first, second].map(|name| bars::row(name, &packet, column));
         lines.push(format!("{first}{gap}{second}"));
@@ -99,10 +83,7 @@ fn status(tally: &Tally, now: Instant) -> String {
         return "○ waiting for packets".bold().to_string();
     };
     if let Some(silence) = tally.silence(now) {
-        let text = format!(
-            "○ silent for {:.1} s: the face is neutral by now",
-            silence.as_secs_f64()
-        );
+        let text = format!("○ silent for {:.1} s: the face is neutral by now", silence.as_secs_f64());
         return text.with(Color::Red).bold().to_string();
     }
     let colour = match newest.packet.state {
@@ -110,10 +91,7 @@ fn status(tally: &Tally, now: Instant) -> String {
         State::Hold | State::Decay => Color::Yellow,
         State::Neutral => Color::Blue,
     };
-    format!("● {}", report::state(&newest.packet))
-        .with(colour)
-        .bold()
-        .to_string()
+    format!("● {}", report::state(&newest.packet)).with(colour).bold().to_string()
 }
 
 /// Rates and counts.
@@ -134,10 +112,9 @@ fn counts(tally: &Tally) -> String {
 /// Where packets come from and how to end.
 fn footer(listen: SocketAddr, tally: &Tally) -> String {
     match tally.newest() {
-        Some(newest) => format!(
-            "packet {} from {}   person's left, right   Ctrl-C ends",
-            newest.packet.sequence, newest.from
-        ),
+        Some(newest) => {
+            format!("packet {} from {}   person's left, right   Ctrl-C ends", newest.packet.sequence, newest.from)
+        }
         None => format!("at {listen}   Ctrl-C ends"),
     }
 }
@@ -148,25 +125,17 @@ mod tests {
 
     use super::*;
 
-    const LISTEN: SocketAddr =
-        SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED), 5252);
+    const LISTEN: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED), 5252);
 
     fn full_packet() -> Packet {
-        Packet {
-            state: State::Live,
-            sequence: 65535,
-            coefficients: [1.0; 52],
-            ..Packet::NEUTRAL
-        }
+        Packet { state: State::Live, sequence: 65535, coefficients: [1.0; 52], ..Packet::NEUTRAL }
     }
 
     /// The characters that are seen of a line.
     fn visible(line: &str) -> String {
         let mut parts = line.split('\u{1b}');
         let first = parts.next().unwrap_or_default().to_owned();
-        parts.fold(first, |text, part| {
-            text + part.split_once('m').map_or("", |(_, rest)| rest)
-        })
+        parts.fold(first, |text, part| text + part.split_once('m').map_or("", |(_, rest)| rest))
     }
 
     #[test]
@@ -177,14 +146,8 @@ mod tests {
         for width in [80, 120, 200] {
             let lines = picture(LISTEN, &tally, now, width);
             assert!(lines.len() <= 24, "{} lines", lines.len());
-            let widest = lines
-                .iter()
-                .map(|line| MARGIN + visible(line).chars().count())
-                .max();
-            assert!(
-                widest <= Some(width) && widest > Some(width * 2 / 3),
-                "{widest:?} of {width}"
-            );
+            let widest = lines.iter().map(|line| MARGIN + visible(line).chars().count()).max();
+            assert!(widest <= Some(width) && widest > Some(width * 2 / 3), "{widest:?} of {width}");
         }
     }
 
@@ -201,17 +164,10 @@ mod tests {
         let mut tally = Tally::new();
         let now = Instant::now();
         assert_eq!(visible(&status(&tally, now)), "○ waiting for packets");
-        let lost = Packet {
-            state: State::Hold,
-            reason: facewire_packet::Reason::NoFace,
-            ..full_packet()
-        };
+        let lost = Packet { state: State::Hold, reason: facewire_packet::Reason::NoFace, ..full_packet() };
         tally.count(&lost, LISTEN, now);
         assert_eq!(visible(&status(&tally, now)), "● hold: no face");
         let later = status(&tally, now + Duration::from_secs(2));
-        assert_eq!(
-            visible(&later),
-            "○ silent for 2.0 s: the face is neutral by now"
-        );
+        assert_eq!(visible(&later), "○ silent for 2.0 s: the face is neutral by now");
     }
 }

@@ -43,15 +43,7 @@ pub struct Newest {
 impl Tally {
     /// Nothing received yet.
     pub fn new() -> Self {
-        Self {
-            packets: 0,
-            lost: 0,
-            refused: 0,
-            newest: None,
-            first: None,
-            recent: VecDeque::new(),
-            ages_us: ages(),
-        }
+        Self { packets: 0, lost: 0, refused: 0, newest: None, first: None, recent: VecDeque::new(), ages_us: ages() }
     }
 
     /// Counts a valid packet.
@@ -61,22 +53,13 @@ impl Tally {
         self.lost += u64::from(lost_before);
         self.first.get_or_insert(at);
         self.recent.push_back(at);
-        while self
-            .recent
-            .front()
-            .is_some_and(|first| at.duration_since(*first) > RATE_WINDOW)
-        {
+        while self.recent.front().is_some_and(|first| at.duration_since(*first) > RATE_WINDOW) {
             self.recent.pop_front();
         }
         if packet.state == State::Live {
             self.ages_us.saturating_record(u64::from(packet.age_us));
         }
-        self.newest = Some(Newest {
-            packet: *packet,
-            from,
-            at,
-            lost_before,
-        });
+        self.newest = Some(Newest { packet: *packet, from, at, lost_before });
     }
 
     /// Packets of this sender that are missing before this one.
@@ -161,18 +144,11 @@ impl Tally {
 #[expect(clippy::cast_precision_loss, reason = "a count of packets")]
 fn rate(count: u64, span: Duration) -> f64 {
     let seconds = span.as_secs_f64();
-    if seconds > 0.0 {
-        count.saturating_sub(1) as f64 / seconds
-    } else {
-        0.0
-    }
+    if seconds > 0.0 { count.saturating_sub(1) as f64 / seconds } else { 0.0 }
 }
 
 /// Up to the greatest age a packet can tell, to three digits.
-#[expect(
-    clippy::expect_used,
-    reason = "constant bounds, checked by every test of this file"
-)]
+#[expect(clippy::expect_used, reason = "constant bounds, checked by every test of this file")]
 fn ages() -> Histogram<u64> {
     Histogram::new_with_max(6_553_500, 3).expect("bounds are valid")
 }
@@ -185,12 +161,7 @@ mod tests {
     const B: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 2);
 
     fn packet(sequence: u16) -> Packet {
-        Packet {
-            state: State::Live,
-            sequence,
-            age_us: 20_000,
-            ..Packet::NEUTRAL
-        }
+        Packet { state: State::Live, sequence, age_us: 20_000, ..Packet::NEUTRAL }
     }
 
     fn lost(sequences: &[u16]) -> u64 {
@@ -227,11 +198,7 @@ mod tests {
         let mut tally = Tally::new();
         let begin = Instant::now();
         for sequence in 0..100_u16 {
-            tally.count(
-                &packet(sequence),
-                A,
-                begin + Duration::from_millis(20) * sequence.into(),
-            );
+            tally.count(&packet(sequence), A, begin + Duration::from_millis(20) * sequence.into());
         }
         assert!((tally.rate_hz() - 50.0).abs() < 0.01, "{}", tally.rate_hz());
     }
@@ -240,11 +207,7 @@ mod tests {
     fn silence_is_told_after_500_ms() {
         let mut tally = Tally::new();
         let begin = Instant::now();
-        assert_eq!(
-            tally.silence(begin),
-            None,
-            "nothing came yet: not a silence but a wait"
-        );
+        assert_eq!(tally.silence(begin), None, "nothing came yet: not a silence but a wait");
         tally.count(&packet(0), A, begin);
         assert_eq!(tally.silence(begin + Duration::from_millis(500)), None);
         let longer = Duration::from_millis(501);
@@ -256,11 +219,7 @@ mod tests {
         let mut tally = Tally::new();
         let begin = Instant::now();
         for sequence in 0..31_u16 {
-            tally.count(
-                &packet(sequence),
-                A,
-                begin + Duration::from_millis(100) * sequence.into(),
-            );
+            tally.count(&packet(sequence), A, begin + Duration::from_millis(100) * sequence.into());
         }
         tally.refuse();
         let want = "31 packets in 3.0 s (10.0 a second), 0 lost, 1 refused; \

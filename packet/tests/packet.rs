@@ -83,6 +83,25 @@ fn decoding_and_encoding_again_gives_the_same_bytes() {
 }
 
 #[test]
+fn any_bytes_that_decode_survive_encoding_and_decoding() {
+    let mut random = 1_u32;
+    let mut decoded = 0;
+    for _ in 0..10_000 {
+        let mut bytes: [u8; PACKET_BYTES] = std::array::from_fn(|_| {
+            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (random >> 24) as u8
+        });
+        bytes[..3].copy_from_slice(b"FW\x01");
+        let checksum = crc16_mcrf4xx(&bytes[..130]);
+        bytes[130..].copy_from_slice(&checksum.to_le_bytes());
+        let Ok(packet) = Packet::decode(&bytes) else { continue };
+        assert_eq!(Packet::decode(&packet.encode()), Ok(packet));
+        decoded += 1;
+    }
+    assert!(decoded > 3000, "6 of 16 reasons are known: {decoded}");
+}
+
+#[test]
 fn every_state_and_reason_survives_the_wire() {
     use Reason::{BadResult, Late, NoCamera, NoFace, None, Stopping};
     for state in [State::Live, State::Hold, State::Decay, State::Neutral] {

@@ -88,7 +88,7 @@ section! {
         live_ms: u32 = 150, 20..=5000, " (ms)";
         /// The last pose stands still up to here.
         hold_ms: u32 = 300, 40..=10_000, " (ms)";
-        /// The face is neutral from here on, or later where slew_per_s allows no more.
+        /// The face is neutral from here on, or later where `slew_per_s` allows no more.
         neutral_ms: u32 = 1000, 60..=60_000, " (ms)";
         /// Fastest change of a coefficient on the way to neutral and back.
         slew_per_s: f32 = 4.0, 0.1..=100.0, " (1/s)";

@@ -7,7 +7,7 @@
 
 use std::io::Read;
 
-use super::file::fill;
+use super::read::fill;
 use super::{CaptureError, Description, Frame, FrameRate, MAX_SIDE_PX, Picture, Pixels, Source};
 
 /// Longest header line; real ones have under 100 bytes.

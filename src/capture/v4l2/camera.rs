@@ -159,7 +159,8 @@ fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, Ca
     })
 }
 
-/// The layout of a format that is read. Without a word on the range, the kernel's rule: limited but for JPEG colour.
+/// The layout of a format that is read. Without a word on the range, the kernel's rule: limited
+/// but for grey and for JPEG colour.
 fn layout(set: &Format) -> Option<Layout> {
     let format = PixelFormat::of(set.fourcc.repr)?;
     let [width, height, stride] = [set.width, set.height, set.stride].map(|number| number as usize);
@@ -172,7 +173,9 @@ fn layout(set: &Format) -> Option<Layout> {
     let full_range = match set.quantization {
         Quantization::FullRange => true,
         Quantization::LimitedRange => false,
-        Quantization::Default => matches!(set.colorspace, Colorspace::JPEG),
+        Quantization::Default => {
+            format == PixelFormat::Grey || matches!(set.colorspace, Colorspace::JPEG)
+        }
     };
     let sides = 1..=MAX_SIDE_PX;
     let fits = sides.contains(&width)
@@ -319,6 +322,7 @@ mod tests {
         };
         assert!(!full(Colorspace::SRGB, Quantization::Default));
         assert!(full(Colorspace::JPEG, Quantization::Default));
+        assert!(layout(&format(*b"GREY", 6)).unwrap().full_range);
         assert!(full(Colorspace::SRGB, Quantization::FullRange));
         assert!(!full(Colorspace::JPEG, Quantization::LimitedRange));
     }

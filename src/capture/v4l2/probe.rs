@@ -46,25 +46,17 @@ pub struct Found {
 impl Camera {
     /// The error of a wish for a format that it does not have.
     pub(super) fn lacks(&self, wish: &Wish) -> CaptureError {
-        const SHOWN: usize = 6;
-        let mut offered: Vec<_> = self
-            .modes
-            .iter()
-            .take(SHOWN)
-            .map(ToString::to_string)
-            .collect();
-        if self.modes.len() > SHOWN {
-            offered.push("...".to_owned());
-        }
+        let mut offered: Vec<_> = self.modes.iter().map(|mode| mode.format.name()).collect();
+        offered.dedup();
         CaptureError::ModeLacking {
             path: self.node.display().to_string(),
             wanted: wish
                 .format
                 .map_or("YUYV, NV12, MJPEG, JPEG or GREY", PixelFormat::name),
             offered: if offered.is_empty() {
-                "other formats".to_owned()
+                "none that is read".to_owned()
             } else {
-                offered.join("; ")
+                offered.join(", ")
             },
         }
     }
@@ -295,7 +287,9 @@ mod tests {
         };
         let text = camera.lacks(&wish).to_string();
         assert!(
-            text.contains("/dev/video7") && text.contains("NV12") && text.contains("other formats"),
+            text.contains("/dev/video7")
+                && text.contains("NV12")
+                && text.contains("none that is read"),
             "{text}"
         );
     }

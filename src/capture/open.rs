@@ -12,7 +12,7 @@ pub const DEMO: &str = "demo";
 /// Bytes read at once.
 const BUFFER_BYTES: usize = 64 * 1024;
 
-/// Opens a camera by its setting (see [`super::v4l2::find`]), or for `demo` the built-in clip, which then plays for
+/// Opens a camera by its setting (see [`CameraSource::open`]), or for `demo` the built-in clip, which then plays for
 /// ever in real time. A camera that sends nothing for `timeout` has stalled.
 ///
 /// # Errors

@@ -7,6 +7,7 @@
 //! camera is pulled out. Limits: single-planar capture in YUYV, NV12, GREY and Motion-JPEG.
 
 mod camera;
+mod layout;
 mod mode;
 mod probe;
 mod select;
@@ -15,4 +16,3 @@ mod stream;
 pub use camera::CameraSource;
 pub use mode::{Choice, Mode, PixelFormat, Rates, Steps, Wish, choose};
 pub use probe::{Camera, Found, cameras};
-pub use select::find;

@@ -10,6 +10,7 @@ use crate::capture::v4l2::{Camera, cameras};
 pub(super) fn run() -> Result<(), Failure> {
     let mut text = String::new();
     let found = cameras();
+    // Writing to a string cannot fail.
     for camera in &found.cameras {
         text += &camera_lines(camera);
     }
@@ -17,7 +18,7 @@ pub(super) fn run() -> Result<(), Failure> {
         text += "no camera\n";
     }
     for refused in &found.refused {
-        text += &format!("not looked at: {refused}\n");
+        let _ = writeln!(text, "not looked at: {refused}");
     }
     let ports = serialport::available_ports().unwrap_or_default();
     text.extend(ports.iter().map(port_line));
@@ -30,7 +31,6 @@ pub(super) fn run() -> Result<(), Failure> {
 fn camera_lines(camera: &Camera) -> String {
     let mut text = format!("camera {} \"{}\" ({})\n", camera.node.display(), camera.card, camera.driver);
     for link in &camera.links {
-        // Writing to a string cannot fail.
         let _ = writeln!(text, "  stable path {}", link.display());
     }
     for mode in &camera.modes {

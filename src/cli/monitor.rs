@@ -23,6 +23,7 @@ use std::{
 use facewire_packet::{PACKET_BYTES, Packet};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
+pub(super) use self::report::yaw_pitch_roll_deg;
 use self::{report::Json, screen::Screen, tally::Tally};
 
 /// 30 pictures a second are smooth, and more would load a board for nothing.

@@ -2,20 +2,17 @@
 
 use std::time::Duration;
 
-use crate::capture::v4l2::{CameraSource, PixelFormat, Wish};
-use crate::capture::{CaptureError, Clip, DEMO, FrameRate, Paced, Source};
+use crate::capture::v4l2::{PixelFormat, Wish};
+use crate::capture::{self, CaptureError, FrameRate, Source};
 use crate::config::{CameraFormat, CameraSettings};
 
 /// Opens the camera that the settings name: a device, or the built-in clip played as one.
 ///
 /// # Errors
-/// Those of [`CameraSource::open`].
-pub fn open(settings: &CameraSettings) -> Result<Box<dyn Source>, CaptureError> {
-    if settings.device == DEMO {
-        return Ok(Box::new(Paced::new(Clip::looped()?)));
-    }
+/// Those of [`capture::open_camera`].
+pub fn open(settings: &CameraSettings) -> Result<Box<dyn Source + Send>, CaptureError> {
     let timeout = Duration::from_millis(settings.stall_timeout_ms.into());
-    Ok(Box::new(CameraSource::open(&settings.device, &wish(settings), timeout)?))
+    capture::open_camera(&settings.device, &wish(settings), timeout)
 }
 
 fn wish(settings: &CameraSettings) -> Wish {

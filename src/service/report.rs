@@ -7,6 +7,7 @@ use crate::pipeline::Solution;
 
 /// The newest result of the hot loop.
 #[derive(Debug, Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "three of them live in a triple buffer, on no heap")]
 pub(super) enum Report {
     /// Not one yet.
     Nothing,

@@ -92,9 +92,10 @@ impl Log {
         let status = counters.status();
         let before = self.before.replace(status).map_or(0, |before| before.frames);
         let fps = (status.frames - before) as f64 / STATUS_PERIOD.as_secs_f64();
-        match &self.blind {
-            Some(reason) => tracing::warn!("blind, because {reason}: {status}"),
-            None => tracing::info!("fps={fps:.1} {status}"),
+        if let Some(reason) = &self.blind {
+            tracing::warn!("blind, because {reason}: {status}");
+        } else {
+            tracing::info!("fps={fps:.1} {status}");
         }
     }
 }

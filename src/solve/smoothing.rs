@@ -83,7 +83,7 @@ impl GatedAverage {
     #[must_use]
     pub fn with_window(window: u32) -> Self {
         let default = Self::default();
-        let window = u8::try_from(window).unwrap_or(u8::MAX).min(MAX_WINDOW as u8);
+        let window = u8::try_from(window).unwrap_or(u8::MAX);
         let window = default.window.map(|usual| if usual == WINDOW { window } else { window.min(usual) });
         Self { window, ..default }
     }

@@ -7,6 +7,7 @@
 mod clip;
 mod dataset;
 mod evaluate;
+mod mirror;
 mod ridge;
 mod stats;
 mod train;
@@ -86,7 +87,7 @@ fn main() -> Result<()> {
 fn train(dataset: &Path, out: &Path) -> Result<()> {
     let samples = dataset::load(dataset)?;
     let made_by = format!("facewire-fit train {}", dataset.display());
-    let file = train::train(&samples, made_by)?;
+    let file = train::train(&mirror::with_mirrored(&samples)?, &samples, made_by)?;
     std::fs::write(out, toml::to_string(&file)?)
         .with_context(|| format!("cannot write {}", out.display()))?;
     report(&file.to_model()?, &samples, false)

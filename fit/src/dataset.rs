@@ -1,4 +1,4 @@
-//! Landmarks with their true coefficients, as a NumPy archive (`train.npz`) with `names.json` beside it.
+//! Landmarks with their true coefficients, as an archive of arrays (`train.npz`) with `names.json` beside it.
 
 use std::{collections::BTreeSet, fs::File, io::BufReader, path::Path};
 

@@ -69,10 +69,10 @@ pub fn normalise(landmarks: &Landmarks) -> Result<Normalised, DegenerateFace> {
     let points = landmarks
         .0
         .map(|point| (inverse * (upright(point) - origin)).into());
-    if points
+    if !points
         .iter()
         .flatten()
-        .any(|value: &f32| !(value.abs() < MAX_COORDINATE))
+        .all(|value: &f32| value.abs() < MAX_COORDINATE)
     {
         return Err(DegenerateFace::NotAFace);
     }
@@ -117,7 +117,7 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<Similarity, DegenerateFace> {
     }
     let (rotation, trace) = nearest_rotation(covariance).ok_or(DegenerateFace::TooSmall)?;
     let scale = trace / canonical_var;
-    if !(scale >= MIN_EYE_DISTANCE_PX) {
+    if scale.is_nan() || scale < MIN_EYE_DISTANCE_PX {
         return Err(DegenerateFace::TooSmall);
     }
     let misfit = (seen_var / (scale * scale) - canonical_var).max(0.0) / count;
@@ -134,13 +134,13 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<Similarity, DegenerateFace> {
 /// The proper rotation `R` that maximises `tr(R' M)`, and that trace; none if `M` has no two independent directions.
 fn nearest_rotation(covariance: Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
     let size = covariance.amax();
-    if !(size > 0.0 && size.is_finite()) {
+    if size <= 0.0 || !size.is_finite() {
         return None;
     }
     let svd = (covariance / size).try_svd(true, true, f64::EPSILON, MAX_ITERATIONS)?;
     let (mut u, v_t) = (svd.u?, svd.v_t?);
     let mut values = svd.singular_values;
-    if !(values.y > 1e-6 * values.x) {
+    if values.y.is_nan() || values.y <= 1e-6 * values.x {
         return None;
     }
     if (u * v_t).determinant() < 0.0 {

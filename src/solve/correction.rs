@@ -103,9 +103,13 @@ fn follow(rest: f32, f: f32, k_dt: f32) -> f32 {
     bounded_rest(rest + share * (f - rest))
 }
 
-/// `max` and `min` rather than `clamp`: they turn a rest that is not a number into 0.
+/// A rest that is not a number counts as none.
 fn bounded_rest(rest: f32) -> f32 {
-    rest.max(0.0).min(MAX_REST)
+    if rest.is_nan() {
+        0.0
+    } else {
+        rest.clamp(0.0, MAX_REST)
+    }
 }
 
 #[cfg(test)]

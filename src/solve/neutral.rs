@@ -114,7 +114,9 @@ mod tests {
             [0, 1].map(|_| normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"));
         (frames[0].points[13], frames[1].points[13]) = ([0.1, 0.2, 0.3], [0.3, 0.4, 0.7]);
         let mut mean = NeutralMean::default();
-        frames.iter().for_each(|frame| mean.add(frame));
+        for frame in &frames {
+            mean.add(frame);
+        }
         let point = mean.finish().expect("two frames").points()[13];
         assert!(
             point

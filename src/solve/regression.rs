@@ -124,7 +124,7 @@ impl Map {
         let mut clipped = [1.0; COEFFS + 1];
         for (out, blendshape) in clipped.iter_mut().zip(&self.0) {
             let estimate = blendshape.estimate(features);
-            if !(estimate.abs() < MAX_ESTIMATE) {
+            if estimate.is_nan() || estimate.abs() > MAX_ESTIMATE {
                 return Err(AbsurdResult);
             }
             *out = estimate.clamp(0.0, 1.0);

@@ -201,7 +201,7 @@ mod tests {
         let signal: Vec<f32> = (0..2000)
             .map(|_| {
                 seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                0.3 + 0.02 * (f32::from((seed >> 16) as u8) / 255.0 - 0.5)
+                0.3 + 0.02 * (f32::from(seed.to_be_bytes()[0]) / 255.0 - 0.5)
             })
             .collect();
         let jitter = |x: &[f32]| {

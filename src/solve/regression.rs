@@ -16,7 +16,8 @@ use thiserror::Error;
 use super::{
     blendshapes::COEFFS,
     features::{FeatureId, Features},
-    model_file::{ModelError, ModelFile},
+    model_error::ModelError,
+    model_file::ModelFile,
 };
 
 /// Most features a blendshape may select (eq. 4).

@@ -9,8 +9,8 @@ use crate::face::{Landmarks, Tracker};
 use crate::infer::{InferError, NetworkFolder};
 use crate::service::failsafe::Pose;
 use crate::solve::{
-    AbsurdResult, Camera, Corrected, Correction, CorrectionState, DegenerateFace, Features, GatedAverage, GatedAverageState, HeadPose,
-    Model, ModelError, Neutral, RawCoeffs, Smoothed, normalise,
+    AbsurdResult, Camera, Corrected, Correction, CorrectionState, DegenerateFace, Features, GatedAverage,
+    GatedAverageState, HeadPose, Model, ModelError, Neutral, RawCoeffs, Smoothed, normalise,
 };
 
 /// Time step of the first frame after a gap, seconds.
@@ -35,11 +35,7 @@ impl Solution {
     /// What the face shows.
     #[must_use]
     pub fn pose(&self) -> Pose {
-        Pose {
-            rotation: self.head.rotation_xyzw,
-            position_mm: self.head.position_mm,
-            coefficients: self.smoothed.0,
-        }
+        Pose { rotation: self.head.rotation_xyzw, position_mm: self.head.position_mm, coefficients: self.smoothed.0 }
     }
 }
 

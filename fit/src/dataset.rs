@@ -1,4 +1,4 @@
-//! Landmarks with their true coefficients, as a NumPy archive (`train.npz`) with `names.json` beside it.
+//! Landmarks with their true coefficients, as an archive of arrays (`train.npz`) with `names.json` beside it.
 
 use std::{collections::BTreeSet, fs::File, io::BufReader, path::Path};
 
@@ -17,6 +17,7 @@ pub const LANDMARK_VALUES: usize = 3 * LANDMARKS;
 const META_NEUTRAL: usize = 4;
 
 /// One picture of a face.
+#[derive(Clone)]
 pub struct Sample {
     /// Where its points are.
     pub landmarks: Landmarks,
@@ -28,9 +29,19 @@ pub struct Sample {
     pub subject: usize,
     /// Whether the face is at rest.
     pub neutral: bool,
+    /// Whether this is a mirrored copy.
+    pub mirrored: bool,
 }
 
+/// Subject and whether it is seen in the mirror.
+pub type Person = (usize, bool);
+
 impl Sample {
+    /// Whose face it is.
+    pub fn person(&self) -> Person {
+        (self.subject, self.mirrored)
+    }
+
     /// Whether the fit may not see this picture. Whole subjects are held out, never single pictures.
     pub fn held_out(&self) -> bool {
         self.subject % HOLD_OUT_EVERY == HOLD_OUT_EVERY - 1
@@ -62,6 +73,7 @@ pub fn load(path: &Path) -> Result<Vec<Sample>> {
             pose_deg: pose_of(pose),
             subject,
             neutral: meta.get(META_NEUTRAL).is_some_and(|flag| *flag > 0.5),
+            mirrored: false,
         });
     Ok(samples.collect())
 }

@@ -1,5 +1,7 @@
 //! Judges a model by facewire's own solver, picture by picture.
 
+use std::collections::BTreeMap;
+
 use anyhow::{Context, Result};
 use facewire::solve::{
     BLENDSHAPES, COEFFS, Camera, Correction, FEATURES, Features, HeadPose, Model, Neutral,
@@ -9,7 +11,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::{
-    dataset::Sample,
+    dataset::{Person, Sample},
     stats::{mean, mse, pearson},
 };
 
@@ -38,10 +40,10 @@ impl<'a> Faces<'a> {
         let neutrals = if neutral_known {
             neutrals(samples, &faces)?
         } else {
-            Vec::new()
+            BTreeMap::new()
         };
         let one = |(sample, face): (&Sample, &Normalised)| {
-            Features::new(face, neutrals.get(sample.subject))
+            Features::new(face, neutrals.get(&sample.person()))
         };
         Ok(Self {
             samples,
@@ -76,23 +78,22 @@ impl<'a> Faces<'a> {
     }
 }
 
-/// The neutral face of every subject, by rank.
-fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<Vec<Neutral>> {
-    let subjects = samples
-        .iter()
-        .map(|sample| sample.subject + 1)
-        .max()
-        .unwrap_or(0);
-    let mut means = vec![NeutralMean::default(); subjects];
-    let resting = samples
-        .iter()
-        .zip(faces)
-        .filter(|(sample, _)| sample.neutral);
-    resting.for_each(|(sample, face)| means[sample.subject].add(face));
-    means
-        .iter()
-        .map(|mean| mean.finish().context("a subject has no neutral picture"))
-        .collect()
+/// The neutral face of every person.
+fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<BTreeMap<Person, Neutral>> {
+    let mut means: BTreeMap<Person, NeutralMean> = BTreeMap::new();
+    for (sample, face) in samples.iter().zip(faces) {
+        let mean = means.entry(sample.person()).or_default();
+        if sample.neutral {
+            mean.add(face);
+        }
+    }
+    let finish = |(person, mean): (Person, NeutralMean)| {
+        Ok((
+            person,
+            mean.finish().context("a subject has no neutral picture")?,
+        ))
+    };
+    means.into_iter().map(finish).collect()
 }
 
 /// Scores of the corrected coefficients on held-out subjects, by blendshape.

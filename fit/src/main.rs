@@ -5,8 +5,10 @@
 )]
 
 mod clip;
+mod curves;
 mod dataset;
 mod evaluate;
+mod mirror;
 mod ridge;
 mod stats;
 mod train;
@@ -28,7 +30,7 @@ struct Cli {
 enum Command {
     /// Fit both maps of the model and write them, with their scores on held-out subjects
     Train {
-        /// Landmarks with true coefficients (NumPy archive, names.json beside it)
+        /// Landmarks with true coefficients (npz archive, names beside it as JSON)
         dataset: PathBuf,
         /// Where the model is written
         #[arg(long, default_value = "models/blendshapes.toml")]
@@ -36,7 +38,7 @@ enum Command {
     },
     /// Print correlation and error of every blendshape, by facewire's own solver
     Evaluate {
-        /// Landmarks with true coefficients (NumPy archive, names.json beside it)
+        /// Landmarks with true coefficients (npz archive, names beside it as JSON)
         dataset: PathBuf,
         /// A model to judge instead of the built-in one
         #[arg(long)]
@@ -47,7 +49,7 @@ enum Command {
     },
     /// Print correlation with the truth, pose error and jitter on a clip, with and without its neutral face
     Clip {
-        /// Landmarks of the frames (NumPy archive)
+        /// Landmarks of the frames (npz archive)
         landmarks: PathBuf,
         /// Table of the true curves
         #[arg(long)]
@@ -86,7 +88,7 @@ fn main() -> Result<()> {
 fn train(dataset: &Path, out: &Path) -> Result<()> {
     let samples = dataset::load(dataset)?;
     let made_by = format!("facewire-fit train {}", dataset.display());
-    let file = train::train(&samples, made_by)?;
+    let file = train::train(&mirror::with_mirrored(&samples)?, &samples, made_by)?;
     std::fs::write(out, toml::to_string(&file)?)
         .with_context(|| format!("cannot write {}", out.display()))?;
     report(&file.to_model()?, &samples, false)
@@ -130,9 +132,9 @@ fn clip(
     let [p50, p99] = clip::cost_us(&model, &frames)?;
     println!("solver, landmarks to smoothed coefficients: p50 {p50:.1}, p99 {p99:.1} microseconds");
     let Some(path) = truth else { return Ok(()) };
-    let truth = clip::load_truth(path)?;
-    print!("{}", clip::table(&truth, &with, &without));
-    let [yaw, pitch, roll] = clip::pose_error_deg(&truth, &with);
+    let truth = curves::Truth::load(path)?;
+    print!("{}", curves::table(&truth, &with, &without)?);
+    let [yaw, pitch, roll] = curves::pose_error_deg(&truth, &with);
     println!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
     Ok(())
 }

@@ -106,12 +106,12 @@ impl Moments {
     }
 
     fn select_for(&self, target: usize, count: usize) -> Vec<usize> {
-        let mut chosen = Vec::with_capacity(count);
+        let mut chosen: Vec<usize> = Vec::with_capacity(count);
         let mut residual: DVector<f64> = self.cross.column(target).into_owned();
         while chosen.len() < count.min(self.gram.ncols()) {
-            chosen
-                .iter()
-                .for_each(|index: &usize| residual[*index] = 0.0);
+            for index in &chosen {
+                residual[*index] = 0.0;
+            }
             chosen.push(residual.iamax());
             residual = self.cross.column(target).into_owned();
             for (index, weight) in chosen.iter().zip(&self.solve(target, &chosen)) {

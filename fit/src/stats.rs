@@ -1,6 +1,10 @@
 //! Statistics of pairs (estimate, truth).
 
 /// Pearson's correlation; 0 where one side does not move.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "iterators are passed by value"
+)]
 pub fn pearson(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let mean = |f: &dyn Fn((f64, f64)) -> f64| mean(pairs.clone().map(f));
     let (a, b) = (mean(&|p| p.0), mean(&|p| p.1));

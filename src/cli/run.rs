@@ -36,6 +36,8 @@ fn start_log(level: LogLevel) {
     if to_journal {
         log.without_time().with_ansi(false).init();
     } else {
-        log.with_timer(tracing_subscriber::fmt::time::uptime()).with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).init();
+        log.with_timer(tracing_subscriber::fmt::time::uptime())
+            .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
+            .init();
     }
 }

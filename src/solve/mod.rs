@@ -23,10 +23,10 @@ mod test_face;
 
 pub use affine::{DegenerateFace, Normalised, normalise};
 pub use blendshapes::{BLENDSHAPES, COEFFS};
-pub use correction::{Corrected, Correction, CorrectionState};
+pub use correction::{Corrected, Correction, CorrectionState, MAX_REST};
 pub use features::{FEATURES, FeatureId, Features};
 pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
 pub use pose::{Camera, HeadPose};
 pub use regression::{AbsurdResult, Model, RawCoeffs};
-pub use smoothing::{GateEdge, GatedAverage, GatedAverageState, Smoothed};
+pub use smoothing::{GateEdge, GatedAverage, GatedAverageState, MAX_WINDOW, Smoothed};

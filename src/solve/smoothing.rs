@@ -3,9 +3,10 @@
 //! Within one standard deviation of the last N values a new one is averaged with them, `(f_t + N avg) / (N + 1)`;
 //! outside it passes as it is, so that a blink is not delayed. Eq. 10 is a standard deviation (it has the root).
 //! As printed the gate has a step at its edge and closes to nothing on a face that holds still. Values then jump
-//! between smoothed and not: on a clip of a speaking person the second difference, 0.0085 unsmoothed, rises to 0.011.
+//! between smoothed and not: on a clip of a real face the mean second difference, 0.0098 unsmoothed, rises to 0.0111.
 //! So by default the share of the new value grows smoothly from `1 / (N + 1)` in the middle of the gate to 1 at its
-//! edge, and the gate is never narrower than a few times the jitter of a still face: 0.007, at less delay.
+//! edge, and the gate is never narrower than a few times the jitter of a still face: 0.0068, and the built-in clip's
+//! curves follow the truth more closely (r 0.834, as printed 0.818).
 //! N is 5, for the eyes 2: they want little smoothing.
 
 use super::{

@@ -6,8 +6,8 @@ use anyhow::{Context, Result};
 use facewire::{
     face::Landmarks,
     solve::{
-        COEFFS, Camera, Corrected, Correction, Features, GatedAverage, GatedAverageState, HeadPose,
-        Model, Neutral, NeutralMean, Normalised, RawCoeffs, Smoothed, normalise,
+        COEFFS, Camera, Corrected, Correction, Features, GatedAverage, GatedAverageState, HeadPose, Model, Neutral,
+        NeutralMean, Normalised, RawCoeffs, Smoothed, normalise,
     },
 };
 use npyz::npz::NpzArchive;
@@ -39,36 +39,21 @@ pub fn load(path: &Path) -> Result<Vec<Landmarks>> {
     let file = File::open(path).with_context(|| format!("cannot open {}", path.display()))?;
     let mut archive = NpzArchive::new(BufReader::new(file)).context("not a NumPy archive")?;
     let values = floats(&mut archive, "landmarks", LANDMARK_VALUES)?;
-    Ok(values
-        .chunks_exact(LANDMARK_VALUES)
-        .map(landmarks_of)
-        .collect())
+    Ok(values.chunks_exact(LANDMARK_VALUES).map(landmarks_of).collect())
 }
 
 /// Runs all stages over a clip, `neutral` being frames of the face at rest.
 pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>) -> Result<Solved> {
     let faces = clip.iter().map(normalise).collect::<Result<Vec<_>, _>>()?;
-    let neutral = neutral
-        .map(|frames| mean_face(&faces, frames))
-        .transpose()?;
-    let camera = Camera {
-        width_px: 640.0,
-        height_px: 480.0,
-        horizontal_fov_deg: 60.0,
-    };
+    let neutral = neutral.map(|frames| mean_face(&faces, frames)).transpose()?;
+    let camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
     let (correction, smoothing) = (Correction::default(), GatedAverage::default());
     let (mut rest, mut history) = (correction.start(), GatedAverageState::default());
-    let mut out = Solved {
-        raw: vec![],
-        corrected: vec![],
-        smoothed: vec![],
-        poses: vec![],
-    };
+    let mut out = Solved { raw: vec![], corrected: vec![], smoothed: vec![], poses: vec![] };
     for face in &faces {
         let raw = model.process(&Features::new(face, neutral.as_ref()))?;
         let corrected = correction.process(&mut rest, &raw, FRAME_S);
-        out.smoothed
-            .push(smoothing.process(&mut history, &corrected));
+        out.smoothed.push(smoothing.process(&mut history, &corrected));
         out.poses.push(HeadPose::new(face, &camera));
         out.raw.push(raw);
         out.corrected.push(corrected);
@@ -78,11 +63,7 @@ pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>) -
 
 fn mean_face(faces: &[Normalised], frames: Range<usize>) -> Result<Neutral> {
     let mut mean = NeutralMean::default();
-    faces
-        .get(frames)
-        .context("the clip has no such frames")?
-        .iter()
-        .for_each(|face| mean.add(face));
+    faces.get(frames).context("the clip has no such frames")?.iter().for_each(|face| mean.add(face));
     Ok(mean.finish()?)
 }
 
@@ -94,23 +75,15 @@ pub fn jitters(solved: &Solved) -> [f64; 2] {
 }
 
 fn jitter(frames: &[[f32; COEFFS]]) -> f64 {
-    let second =
-        |w: &[[f32; COEFFS]], i: usize| f64::from((w[2][i] - 2.0 * w[1][i] + w[0][i]).abs());
-    mean(
-        frames
-            .windows(3)
-            .flat_map(|window| (0..COEFFS).map(move |index| second(window, index))),
-    )
+    let second = |w: &[[f32; COEFFS]], i: usize| f64::from((w[2][i] - 2.0 * w[1][i] + w[0][i]).abs());
+    mean(frames.windows(3).flat_map(|window| (0..COEFFS).map(move |index| second(window, index))))
 }
 
 /// Time of all stages for one face, landmarks to smoothed coefficients: median and 99th percentile, microseconds.
 pub fn cost_us(model: &Model, clip: &[Landmarks]) -> Result<[f64; 2]> {
     let (correction, smoothing) = (Correction::default(), GatedAverage::default());
     let (mut rest, mut history) = (correction.start(), GatedAverageState::default());
-    let neutral = mean_face(
-        &[normalise(clip.first().context("the clip is empty")?)?],
-        0..1,
-    )?;
+    let neutral = mean_face(&[normalise(clip.first().context("the clip is empty")?)?], 0..1)?;
     let mut times = Vec::new();
     for landmarks in clip.iter().cycle().take(TIMED_FACES) {
         let start = Instant::now();

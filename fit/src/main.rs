@@ -1,8 +1,5 @@
 //! The workbench: fits and judges the blendshape models. Runs on a desk, never on the board.
-#![allow(
-    clippy::indexing_slicing,
-    reason = "a matrix tool on a desk: an index out of range is a bug to be seen"
-)]
+#![allow(clippy::indexing_slicing, reason = "a matrix tool on a desk: an index out of range is a bug to be seen")]
 
 mod clip;
 mod curves;
@@ -66,22 +63,10 @@ enum Command {
 fn main() -> Result<()> {
     match Cli::parse().command {
         Command::Train { dataset, out } => train(&dataset, &out),
-        Command::Evaluate {
-            dataset,
-            model,
-            all_subjects,
-        } => evaluate(&dataset, model.as_deref(), all_subjects),
-        Command::Clip {
-            landmarks,
-            truth,
-            neutral_frames,
-            model,
-        } => clip(
-            &landmarks,
-            truth.as_deref(),
-            neutral_frames,
-            model.as_deref(),
-        ),
+        Command::Evaluate { dataset, model, all_subjects } => evaluate(&dataset, model.as_deref(), all_subjects),
+        Command::Clip { landmarks, truth, neutral_frames, model } => {
+            clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
+        }
     }
 }
 
@@ -89,8 +74,7 @@ fn train(dataset: &Path, out: &Path) -> Result<()> {
     let samples = dataset::load(dataset)?;
     let made_by = format!("facewire-fit train {}", dataset.display());
     let file = train::train(&mirror::with_mirrored(&samples)?, &samples, made_by)?;
-    std::fs::write(out, toml::to_string(&file)?)
-        .with_context(|| format!("cannot write {}", out.display()))?;
+    std::fs::write(out, toml::to_string(&file)?).with_context(|| format!("cannot write {}", out.display()))?;
     report(&file.to_model()?, &samples, false)
 }
 
@@ -105,9 +89,7 @@ fn report(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Res
     };
     print!("{}", evaluate::table(&scores(true)?, &scores(false)?));
     let [yaw, pitch, roll] = evaluate::pose_error_deg(samples)?;
-    println!(
-        "head pose, mean error over all pictures: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees"
-    );
+    println!("head pose, mean error over all pictures: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
     println!("model in memory: {} bytes", model.size_bytes());
     Ok(())
 }
@@ -116,12 +98,7 @@ fn load_model(path: Option<&Path>) -> Result<Model> {
     Ok(path.map_or_else(Model::embedded, Model::load)?)
 }
 
-fn clip(
-    landmarks: &Path,
-    truth: Option<&Path>,
-    neutral_frames: usize,
-    model: Option<&Path>,
-) -> Result<()> {
+fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {
     let (model, frames) = (load_model(model)?, clip::load(landmarks)?);
     let with = clip::solve(&model, &frames, Some(0..neutral_frames))?;
     let without = clip::solve(&model, &frames, None)?;

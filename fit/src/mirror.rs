@@ -40,30 +40,20 @@ fn mirrored_points(samples: &[Sample]) -> Result<[usize; LANDMARKS]> {
     let mut mean = Box::new([[0.0_f32; 3]; LANDMARKS]);
     for sample in samples.iter().filter(|sample| !sample.held_out()) {
         let face = normalise(&sample.landmarks)?;
-        mean.iter_mut()
-            .flatten()
-            .zip(face.points.iter().flatten())
-            .for_each(|(sum, value)| *sum += value);
+        mean.iter_mut().flatten().zip(face.points.iter().flatten()).for_each(|(sum, value)| *sum += value);
     }
     let pairs = pair_up(&mean);
     let crossed = |(a, b): (usize, &usize)| a != *b && mean[a][0] * mean[*b][0] > 0.0;
-    ensure!(
-        !pairs.iter().enumerate().any(crossed),
-        "the mean face is not symmetric"
-    );
+    ensure!(!pairs.iter().enumerate().any(crossed), "the mean face is not symmetric");
     Ok(pairs)
 }
 
 /// Pairs each point with the one nearest to its mirror image, the closest pairs first; a point in the middle is its
 /// own partner.
 fn pair_up(points: &[[f32; 3]; LANDMARKS]) -> [usize; LANDMARKS] {
-    let gap = |a: &[f32; 3], b: &[f32; 3]| {
-        (a[0] + b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)
-    };
+    let gap = |a: &[f32; 3], b: &[f32; 3]| (a[0] + b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2);
     let all = (0..LANDMARKS).flat_map(|a| (a..LANDMARKS).map(move |b| (a, b)));
-    let mut gaps: Vec<_> = all
-        .map(|(a, b)| (gap(&points[a], &points[b]), a, b))
-        .collect();
+    let mut gaps: Vec<_> = all.map(|(a, b)| (gap(&points[a], &points[b]), a, b)).collect();
     gaps.sort_by(|one, other| one.0.total_cmp(&other.0));
     let mut partner = [None; LANDMARKS];
     for (_, a, b) in gaps {
@@ -80,10 +70,7 @@ fn mirrored_blendshape(name: &str) -> usize {
         (_, Some(stem)) => format!("{stem}Left"),
         _ => name.to_owned(),
     };
-    BLENDSHAPES
-        .iter()
-        .position(|known| *known == other)
-        .unwrap_or(0)
+    BLENDSHAPES.iter().position(|known| *known == other).unwrap_or(0)
 }
 
 #[cfg(test)]
@@ -95,9 +82,6 @@ mod tests {
         let other = |index: usize| mirrored_blendshape(BLENDSHAPES[index]);
         assert!((0..COEFFS).all(|index| other(other(index)) == index));
         assert_eq!(BLENDSHAPES[mirrored_blendshape("jawLeft")], "jawRight");
-        assert_eq!(
-            BLENDSHAPES[mirrored_blendshape("browInnerUp")],
-            "browInnerUp"
-        );
+        assert_eq!(BLENDSHAPES[mirrored_blendshape("browInnerUp")], "browInnerUp");
     }
 }

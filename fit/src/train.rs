@@ -53,55 +53,27 @@ fn fit_map(faces: &Faces) -> Result<BTreeMap<String, BlendshapeTable>> {
     let scale = Scale::of(&terms, &truth, LEAST_TERM);
     let moments = Moments::of(&scale, &terms, &truth);
     let polynomial = moments.fit(&scale, &moments.select(TERMS));
-    let tables = linear
-        .iter()
-        .zip(&polynomial)
-        .map(|(linear, polynomial)| table(linear, polynomial));
-    Ok(BLENDSHAPES
-        .iter()
-        .map(ToString::to_string)
-        .zip(tables)
-        .collect())
+    let tables = linear.iter().zip(&polynomial).map(|(linear, polynomial)| table(linear, polynomial));
+    Ok(BLENDSHAPES.iter().map(ToString::to_string).zip(tables).collect())
 }
 
 /// Step 1, and its estimates for every row by a fit that saw neither the row nor its subject.
-fn fit_linear(
-    features: &DMatrix<f64>,
-    truth: &DMatrix<f64>,
-    folds: &[usize],
-) -> Result<(Vec<Fit>, DMatrix<f64>)> {
+fn fit_linear(features: &DMatrix<f64>, truth: &DMatrix<f64>, folds: &[usize]) -> Result<(Vec<Fit>, DMatrix<f64>)> {
     let scale = Scale::of(features, truth, LEAST_FEATURE);
-    let rows_of = |fold: usize| -> Vec<usize> {
-        (0..folds.len()).filter(|row| folds[*row] == fold).collect()
-    };
+    let rows_of = |fold: usize| -> Vec<usize> { (0..folds.len()).filter(|row| folds[*row] == fold).collect() };
     let parts: Vec<Moments> = (0..FOLDS)
-        .map(|fold| {
-            Moments::of(
-                &scale,
-                &features.select_rows(&rows_of(fold)),
-                &truth.select_rows(&rows_of(fold)),
-            )
-        })
+        .map(|fold| Moments::of(&scale, &features.select_rows(&rows_of(fold)), &truth.select_rows(&rows_of(fold))))
         .collect();
     let whole = Moments::sum(parts.iter()).context("no rows")?;
     let chosen = whole.select(SELECTED);
     let mut estimates = DMatrix::zeros(truth.nrows(), truth.ncols());
     for fold in 0..FOLDS {
-        let others = parts
-            .iter()
-            .enumerate()
-            .filter(|(part, _)| *part != fold)
-            .map(|(_, part)| part);
-        let fits = Moments::sum(others)
-            .context("one fold only")?
-            .fit(&scale, &chosen);
+        let others = parts.iter().enumerate().filter(|(part, _)| *part != fold).map(|(_, part)| part);
+        let fits = Moments::sum(others).context("one fold only")?.fit(&scale, &chosen);
         let rows = rows_of(fold);
         let seen = features.select_rows(&rows);
         for (target, fit) in fits.iter().enumerate() {
-            fit.predict(&seen)
-                .iter()
-                .zip(&rows)
-                .for_each(|(value, row)| estimates[(*row, target)] = *value);
+            fit.predict(&seen).iter().zip(&rows).for_each(|(value, row)| estimates[(*row, target)] = *value);
         }
     }
     Ok((whole.fit(&scale, &chosen), estimates))
@@ -111,11 +83,7 @@ fn fit_linear(
 fn terms_of(estimates: &DMatrix<f64>) -> DMatrix<f64> {
     let clipped = estimates.map(|value| value.clamp(0.0, 1.0));
     let products = pairs().map(|(a, b)| clipped.column(a).component_mul(&clipped.column(b)));
-    let columns: Vec<_> = clipped
-        .column_iter()
-        .map(nalgebra::Matrix::into_owned)
-        .chain(products)
-        .collect();
+    let columns: Vec<_> = clipped.column_iter().map(nalgebra::Matrix::into_owned).chain(products).collect();
     DMatrix::from_columns(&columns)
 }
 
@@ -125,15 +93,12 @@ fn pairs() -> impl Iterator<Item = (usize, usize)> {
 
 fn term_names() -> Vec<String> {
     let alone = BLENDSHAPES.iter().take(MODELLED).map(ToString::to_string);
-    alone
-        .chain(pairs().map(|(a, b)| format!("{}*{}", BLENDSHAPES[a], BLENDSHAPES[b])))
-        .collect()
+    alone.chain(pairs().map(|(a, b)| format!("{}*{}", BLENDSHAPES[a], BLENDSHAPES[b]))).collect()
 }
 
 fn table(linear: &Fit, polynomial: &Fit) -> BlendshapeTable {
     let names = term_names();
-    let feature =
-        |index: usize| FeatureId::from_index(index).map_or_else(String::new, |id| id.to_string());
+    let feature = |index: usize| FeatureId::from_index(index).map_or_else(String::new, |id| id.to_string());
     BlendshapeTable {
         linear: weights(linear, feature),
         polynomial: weights(polynomial, |index| names[index].clone()),
@@ -142,13 +107,8 @@ fn table(linear: &Fit, polynomial: &Fit) -> BlendshapeTable {
 }
 
 fn weights(fit: &Fit, name: impl Fn(usize) -> String) -> BTreeMap<String, f64> {
-    let named = fit
-        .weights
-        .iter()
-        .map(|(index, weight)| (name(*index), round(*weight)));
-    named
-        .chain([("bias".to_owned(), round(fit.bias))])
-        .collect()
+    let named = fit.weights.iter().map(|(index, weight)| (name(*index), round(*weight)));
+    named.chain([("bias".to_owned(), round(fit.bias))]).collect()
 }
 
 /// To four decimals: far below what the weights are known to, and short to read.

@@ -10,10 +10,7 @@
 //! By default `rest` is 0 and `k` is 0: nothing adapts unless it is asked for. The rest never exceeds [`MAX_REST`], so
 //! that a neutral face recorded during a blink or a smile cannot switch a blendshape off.
 
-use super::{
-    blendshapes::{BLENDSHAPES, COEFFS},
-    regression::RawCoeffs,
-};
+use super::{BLENDSHAPES, COEFFS, regression::RawCoeffs};
 
 /// Largest resting offset that is removed.
 pub const MAX_REST: f32 = 0.3;

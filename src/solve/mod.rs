@@ -7,7 +7,6 @@
 //! Every stage refuses what the next could not use (not finite, not a face), so that such a frame is rejected whole.
 
 mod affine;
-mod blendshapes;
 mod canonical;
 mod correction;
 mod features;
@@ -22,8 +21,8 @@ mod smoothing;
 mod test_face;
 
 pub use affine::{DegenerateFace, Normalised, normalise};
-pub use blendshapes::{BLENDSHAPES, COEFFS};
 pub use correction::{Corrected, Correction, CorrectionState, MAX_REST};
+pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use features::{FEATURES, FeatureId, Features};
 pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};

@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    blendshapes::BLENDSHAPES,
+    BLENDSHAPES,
     features::FeatureId,
     model_error::ModelError,
     regression::{Blendshape, Map, Model, ONE, Term},

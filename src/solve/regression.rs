@@ -14,7 +14,7 @@ use heapless::Vec;
 use thiserror::Error;
 
 use super::{
-    blendshapes::COEFFS,
+    COEFFS,
     features::{FeatureId, Features},
     model_error::ModelError,
     model_file::ModelFile,

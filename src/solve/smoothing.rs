@@ -9,10 +9,7 @@
 //! curves follow the truth more closely (r 0.834, as printed 0.818).
 //! N is 5, for the eyes 2: they want little smoothing.
 
-use super::{
-    blendshapes::{BLENDSHAPES, COEFFS},
-    correction::Corrected,
-};
+use super::{BLENDSHAPES, COEFFS, correction::Corrected};
 
 /// Most frames that are remembered.
 pub const MAX_WINDOW: usize = 10;

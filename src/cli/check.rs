@@ -9,8 +9,17 @@ use crate::link::Link;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::service::open_camera;
 
+const EXAMPLES: &str = "\
+Examples:
+  facewire check
+  facewire check --config facewire.toml
+
+Bad settings are all named, and no device is touched (exit status 78). Otherwise every part is tried, and the exit
+status is that of the first that failed.";
+
 /// Arguments of `facewire check`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub(super) struct CheckArgs {
     #[command(flatten)]
     settings: SettingsArgs,

@@ -126,7 +126,7 @@ impl From<ServiceError> for Failure {
         match error {
             ServiceError::Setup(error) => error.into(),
             ServiceError::Link(error) => error.into(),
-            ServiceError::System(_) => Self::failed(error.to_string()),
+            ServiceError::System(_) | ServiceError::Panicked(_) => Self::failed(error.to_string()),
         }
     }
 }

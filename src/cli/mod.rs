@@ -14,7 +14,7 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand};
 
 use self::failure::Failure;
-use crate::config::{self, Settings};
+use crate::config::{self, Faults, Settings};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -59,7 +59,7 @@ enum Command {
 }
 
 /// Where settings come from.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 struct SettingsArgs {
     /// Configuration file; without it the defaults hold.
     #[arg(long, value_name = "FILE")]
@@ -70,8 +70,8 @@ struct SettingsArgs {
 }
 
 impl SettingsArgs {
-    fn load(&self) -> Result<Settings, Failure> {
-        Ok(config::load(self.board.as_deref(), self.config.as_deref())?)
+    fn load(&self) -> Result<Settings, Faults> {
+        config::load(self.board.as_deref(), self.config.as_deref())
     }
 }
 

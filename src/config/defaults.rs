@@ -17,6 +17,7 @@ pub fn defaults() -> String {
         ("[solver]", settings.solver.write()),
         ("[failsafe]", settings.failsafe.write()),
         ("[send]", settings.send.write()),
+        ("[realtime]", settings.realtime.write()),
         ("[log]", settings.log.write()),
     ];
     let links = settings.links.iter().map(|link| ("[[link]]", link.write()));

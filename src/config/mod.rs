@@ -23,7 +23,7 @@ pub use defaults::defaults;
 pub use fault::{Fault, Faults};
 pub use settings::{
     CameraFormat, CameraSettings, FailsafeSettings, LinkKind, LinkSettings, LogLevel, LogSettings, NetworkSettings,
-    SendSettings, Settings, SolverSettings,
+    RealtimeSettings, SendSettings, Settings, SolverSettings,
 };
 pub use value::Address;
 

@@ -12,7 +12,7 @@ use super::{
 };
 
 /// Tables a file may have.
-const TABLES: [&str; 7] = ["camera", "networks", "solver", "failsafe", "send", "link", "log"];
+const TABLES: [&str; 8] = ["camera", "networks", "solver", "failsafe", "send", "link", "realtime", "log"];
 /// Farther names are no help.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -72,6 +72,7 @@ impl Overlay<'_> {
                 "failsafe" => self.section(&mut settings.failsafe, "failsafe", value),
                 "send" => self.section(&mut settings.send, "send", value),
                 "link" => settings.links = self.links(value),
+                "realtime" => self.section(&mut settings.realtime, "realtime", value),
                 "log" => self.section(&mut settings.log, "log", value),
                 unknown => self.unknown(unknown, unknown, &TABLES, name.span().start),
             }

@@ -22,6 +22,8 @@ pub struct Settings {
     pub send: SendSettings,
     /// `[[link]]`, at least one
     pub links: Vec<LinkSettings>,
+    /// `[realtime]`
+    pub realtime: RealtimeSettings,
     /// `[log]`
     pub log: LogSettings,
 }
@@ -35,6 +37,7 @@ impl Default for Settings {
             failsafe: FailsafeSettings::default(),
             send: SendSettings::default(),
             links: vec![LinkSettings::default()],
+            realtime: RealtimeSettings::default(),
             log: LogSettings::default(),
         }
     }
@@ -111,6 +114,21 @@ section! {
         kind: LinkKind = LinkKind::Udp, (), "";
         /// Where to: a host name, an address, a broadcast or a multicast address.
         address: Address = Address::default(), (), "";
+    }
+}
+
+section! {
+    /// What the system is asked for at the start, so that other programs cannot hold the service up. Where it refuses,
+    /// the service runs on and the status line says so.
+    RealtimeSettings {
+        /// Keeps the service's memory in RAM, all its stack among it.
+        lock_memory: bool = false, (), "";
+        /// Real-time priority (`SCHED_FIFO`) of the thread that runs frames; the one that sends has one more. 0 is off.
+        priority: u32 = 0, 0..=98, "";
+        /// The only CPU of the thread that runs frames; -1 leaves it to the system.
+        hot_cpu: i32 = -1, -1..=1023, "";
+        /// The only CPU of the thread that sends; -1 leaves it to the system.
+        sender_cpu: i32 = -1, -1..=1023, "";
     }
 }
 

@@ -53,17 +53,40 @@ impl<T: Choice> Value for T {
     }
 }
 
-impl Value for u32 {
-    type Bounds = RangeInclusive<u32>;
+/// Whole numbers are all read, bounded and written alike.
+macro_rules! whole_number {
+    ($($type:ty),*) => { $(
+        impl Value for $type {
+            type Bounds = RangeInclusive<$type>;
 
-    fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Option<Self> {
-        let integer = value.as_integer()?;
-        let number = Self::from_str_radix(integer.as_str(), integer.radix()).ok()?;
-        bounds.contains(&number).then_some(number)
+            fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Option<Self> {
+                let integer = value.as_integer()?;
+                let number = Self::from_str_radix(integer.as_str(), integer.radix()).ok()?;
+                bounds.contains(&number).then_some(number)
+            }
+
+            fn expected(bounds: &Self::Bounds) -> String {
+                format!("a whole number from {} to {}", bounds.start(), bounds.end())
+            }
+
+            fn write(&self) -> String {
+                self.to_string()
+            }
+        }
+    )* };
+}
+
+whole_number!(u32, i32);
+
+impl Value for bool {
+    type Bounds = ();
+
+    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
+        value.as_bool()
     }
 
-    fn expected(bounds: &Self::Bounds) -> String {
-        format!("a whole number from {} to {}", bounds.start(), bounds.end())
+    fn expected((): &()) -> String {
+        "true or false".to_owned()
     }
 
     fn write(&self) -> String {

@@ -4,6 +4,8 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 
+use super::heartbeat::Heartbeats;
+
 /// Width of a latency bucket, microseconds.
 const BUCKET_US: u64 = 250;
 /// Latencies up to 256 ms are told apart; longer ones fall into the last bucket.
@@ -14,6 +16,8 @@ const BUCKETS: usize = 1024;
 pub struct Counters {
     stop: Arc<AtomicBool>,
     stop_sending: AtomicBool,
+    /// What the watchdog goes by.
+    pub(super) beats: Heartbeats,
     /// Frames the pipeline was given.
     pub(super) frames: AtomicU64,
     /// Frames with a solution.
@@ -42,6 +46,7 @@ impl Default for Counters {
         Self {
             stop: Arc::default(),
             stop_sending: AtomicBool::new(false),
+            beats: Heartbeats::default(),
             frames: zero(),
             solved: zero(),
             rejected: zero(),
@@ -72,7 +77,9 @@ impl Counters {
         self.stop_sending.load(Relaxed)
     }
 
-    pub(super) fn stop_sending(&self) {
+    /// Tells all threads to end.
+    pub(super) fn stop(&self) {
+        self.stop.store(true, Relaxed);
         self.stop_sending.store(true, Relaxed);
     }
 

@@ -2,8 +2,9 @@
 //!
 //! The recovery is the loop: open the camera, work, on any error close it and open it again. Between
 //! [`Source::next`] and the hand-over to the sender nothing allocates, locks or logs; events go to the supervisor only
-//! while there is no camera.
+//! while there is no camera. New settings are taken between frames.
 
+use std::mem::swap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, mpsc};
 use std::thread::{self, Thread};
@@ -12,12 +13,16 @@ use std::time::Duration;
 use facewire_packet::Reason;
 use triple_buffer::Input;
 
+use super::camera;
 use super::counters::Counters;
+use super::event::Event;
+use super::exchange::Exchange;
+use super::heartbeat::Phase;
 use super::report::Report;
-use super::{camera, supervisor::Event};
-use crate::capture::{CaptureError, Frame, Source};
-use crate::config::{CameraSettings, Settings};
-use crate::pipeline::{Pipeline, Rejected};
+use crate::capture::{CaptureError, Frame, Source, monotonic_us};
+use crate::config::CameraSettings;
+use crate::face::Tracker;
+use crate::pipeline::{Pipeline, Rejected, Solver};
 
 /// Waits between attempts to open a camera: the first, and the longest, milliseconds.
 const BACK_OFF_MS: [u64; 2] = [100, 1000];
@@ -34,39 +39,64 @@ pub(super) struct Outlets {
     pub(super) events: mpsc::Sender<Event>,
 }
 
+/// What new settings change; what is `None` stays. The hot loop leaves the old in place of the new.
+#[derive(Default)]
+pub(super) struct HotChange {
+    /// The camera is opened anew.
+    pub(super) camera: Option<CameraSettings>,
+    pub(super) tracker: Option<Tracker>,
+    pub(super) solver: Option<Solver>,
+}
+
 pub(super) struct HotLoop {
     camera: CameraSettings,
     pipeline: Pipeline,
     outlets: Outlets,
+    changes: Arc<Exchange<HotChange>>,
     counters: Arc<Counters>,
     last_captured_us: Option<u64>,
 }
 
 impl HotLoop {
-    pub(super) fn new(settings: &Settings, pipeline: Pipeline, outlets: Outlets, counters: Arc<Counters>) -> Self {
-        Self { camera: settings.camera.clone(), pipeline, outlets, counters, last_captured_us: None }
+    pub(super) fn new(
+        camera: CameraSettings,
+        pipeline: Pipeline,
+        outlets: Outlets,
+        changes: Arc<Exchange<HotChange>>,
+        counters: Arc<Counters>,
+    ) -> Self {
+        Self { camera, pipeline, outlets, changes, counters, last_captured_us: None }
     }
 
     pub(super) fn run(mut self) {
         let [first_ms, longest_ms] = BACK_OFF_MS;
         let mut wait_ms = first_ms;
         while !self.counters.stopping() {
-            match camera::open(&self.camera) {
-                Ok(mut source) => {
-                    wait_ms = first_ms;
-                    self.opened(&*source);
-                    if let Err(error) = self.stream(&mut *source) {
-                        self.tell(Event::Lost(error));
-                    }
-                }
-                Err(error) => self.tell(Event::Closed(error)),
+            self.enter(Phase::Camera);
+            self.adopt();
+            let trouble = self.session();
+            self.report(Report::Fault(Reason::NoCamera));
+            let Err(event) = trouble else { continue };
+            if matches!(event, Event::Lost(_)) {
+                wait_ms = first_ms;
             }
+            self.tell(event);
             if !self.counters.stopping() {
-                self.report(Report::Fault(Reason::NoCamera));
+                self.enter(Phase::Camera);
                 thread::park_timeout(Duration::from_millis(wait_ms));
                 wait_ms = (2 * wait_ms).min(longest_ms);
             }
         }
+    }
+
+    /// Opens the camera and runs its frames until it fails, or until the service stops or wants another camera.
+    fn session(&mut self) -> Result<(), Event> {
+        let mut source = camera::open(&self.camera).map_err(Event::Closed)?;
+        self.opened(&*source);
+        let outcome = self.stream(&mut *source).map_err(Event::Lost);
+        // Closing, too, may take its time in the kernel.
+        self.enter(Phase::Camera);
+        outcome
     }
 
     fn opened(&mut self, source: &dyn Source) {
@@ -77,9 +107,10 @@ impl HotLoop {
         self.tell(Event::Opened(source.describe().to_string()));
     }
 
-    /// Runs frames until the service stops or the camera fails.
+    /// Runs frames until the service stops, the camera fails, or new settings want it opened anew.
     fn stream(&mut self, source: &mut dyn Source) -> Result<(), CaptureError> {
-        while !self.counters.stopping() {
+        while !self.counters.stopping() && !self.adopt() {
+            self.enter(Phase::Frame);
             match source.next() {
                 Ok(Some(frame)) => self.frame(&frame),
                 Ok(None) => return Err(CaptureError::Gone),
@@ -91,6 +122,7 @@ impl HotLoop {
     }
 
     fn frame(&mut self, frame: &Frame) {
+        self.enter(Phase::Work);
         add(&self.counters.frames, 1);
         add(&self.counters.skipped, u64::from(frame.skipped));
         add(&self.counters.damaged, u64::from(frame.damaged));
@@ -119,6 +151,22 @@ impl HotLoop {
         self.counters.frame_period_us.store(next_us, Relaxed);
     }
 
+    /// Takes new settings, if there are any; whether they want the camera opened anew.
+    fn adopt(&mut self) -> bool {
+        let (camera, pipeline, mut is_new_camera) = (&mut self.camera, &mut self.pipeline, false);
+        self.changes.take(|change| {
+            is_new_camera = change.camera.is_some();
+            swap_if_some(camera, &mut change.camera);
+            swap_if_some(&mut pipeline.tracker, &mut change.tracker);
+            swap_if_some(&mut pipeline.solver, &mut change.solver);
+        });
+        is_new_camera
+    }
+
+    fn enter(&self, phase: Phase) {
+        self.counters.beats.enter(phase, monotonic_us());
+    }
+
     fn report(&mut self, report: Report) {
         self.outlets.reports.write(report);
         self.outlets.wake.unpark();
@@ -127,6 +175,12 @@ impl HotLoop {
     /// The supervisor lives as long as this thread; if it did not, nobody would be there to be told.
     fn tell(&self, event: Event) {
         let _ = self.outlets.events.send(event);
+    }
+}
+
+fn swap_if_some<T>(old: &mut T, new: &mut Option<T>) {
+    if let Some(new) = new {
+        swap(old, new);
     }
 }
 

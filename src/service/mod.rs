@@ -1,30 +1,55 @@
 //! The service: camera to links, unattended, until it is told to stop.
 //!
 //! Three threads. The hot loop runs frames ([`hot`]); the sender owns the failsafe and the links ([`sender`]), so that
-//! a stuck inference cannot freeze a face; the supervisor, which is the thread that calls [`run`], hears signals and
-//! writes the log ([`supervisor`]). From the hot loop to the sender goes a triple buffer, newest wins; from both to the
-//! supervisor go counters, and, where no frame waits, events.
+//! a stuck inference cannot freeze a face; the supervisor, which is the thread that calls [`run`], hears signals,
+//! changes settings, serves the watchdog and writes the log ([`supervisor`]). From the hot loop to the sender goes a
+//! triple buffer, newest wins; from both to the supervisor go counters, and, where no frame waits, events; from the
+//! supervisor to both go new settings ([`exchange`]).
 
 mod camera;
 mod counters;
+mod event;
+mod exchange;
 pub mod failsafe;
+mod heartbeat;
 mod hot;
+mod log;
+mod manager;
+mod realtime;
+mod reload;
 mod report;
 mod sender;
 mod supervisor;
 
 use std::io;
 use std::sync::{Arc, mpsc};
-use std::thread::Builder;
+use std::thread::{Builder, JoinHandle, sleep};
+use std::time::Duration;
 
 pub use camera::open as open_camera;
 pub use counters::{Counters, Status};
+pub use reload::Program;
 
+use self::event::Event;
+use self::exchange::Exchange;
+use self::heartbeat::Phase;
+use self::hot::{HotLoop, Outlets};
+use self::realtime::Place;
+use self::reload::{Reloader, Taker};
+use self::report::Report;
+use self::sender::{Sender, SenderSettings};
+use self::supervisor::{Signals, Supervisor};
+use crate::capture::monotonic_us;
 use crate::config::Settings;
-use crate::link::{Link, LinkError};
+use crate::link::LinkError;
 use crate::pipeline::{Pipeline, SetupError};
 
-/// Why the service could not start.
+/// How long a stopping service waits for the hot loop, which may be in the kernel, opening a camera.
+const HOT_PATIENCE: Duration = Duration::from_secs(2);
+/// How often it looks.
+const HOT_LOOK: Duration = Duration::from_millis(10);
+
+/// Why the service could not start, or ended.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
     /// A network or the model.
@@ -36,36 +61,74 @@ pub enum ServiceError {
     /// The system refused a thread or a signal handler.
     #[error("the system refused a thread or a signal handler: {0}")]
     System(#[from] io::Error),
+    /// A thread panicked. The receivers were sent the neutral face if it was not the sender.
+    #[error("the {0} ended by a panic, which is a fault of facewire: please report it; start the service again")]
+    Panicked(&'static str),
 }
 
-/// Runs until SIGTERM or SIGINT. A second signal ends the process at once.
+/// Runs until SIGTERM or SIGINT. A second signal ends the process at once. SIGHUP changes the settings to what `program`
+/// reads then, SIGUSR1 writes the status line.
 ///
 /// # Errors
-/// [`ServiceError`], before any camera is opened. Afterwards nothing ends the service but a signal.
-pub fn run(settings: &Settings) -> Result<Status, ServiceError> {
+/// [`ServiceError`], before any camera is opened. Afterwards nothing ends the service but a signal, or a panic.
+pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, ServiceError> {
     let counters = Arc::new(Counters::default());
-    supervisor::catch_signals(&counters)?;
-    let links = settings.links.iter().map(Link::open).collect::<Result<Vec<_>, _>>()?;
-    let pipeline = Pipeline::load(settings)?;
-    let (reports, news) = triple_buffer::triple_buffer(&report::Report::NOTHING);
+    let signals = Signals::catch(&counters)?;
+    let links = reload::open_links(&settings)?;
+    let pipeline = Pipeline::load(&settings)?;
+    let (reports, news) = triple_buffer::triple_buffer(&Report::NOTHING);
     let (events, heard) = mpsc::channel();
+    counters.beats.enter(Phase::Camera, monotonic_us());
 
-    let sender = sender::Sender::new(settings, links, news, Arc::clone(&counters));
-    let sender = Builder::new().name("fw-sender".to_owned()).spawn(move || sender.run())?;
-    let wake = sender.thread().clone();
-    let hot = hot::HotLoop::new(settings, pipeline, hot::Outlets { reports, wake, events }, Arc::clone(&counters));
-    let hot = Builder::new().name("fw-hot".to_owned()).spawn(move || hot.run())?;
+    let changes = Arc::<Exchange<_>>::default();
+    let sender_settings = SenderSettings::new(&settings, Some(links));
+    let sender = Sender::new(sender_settings, Arc::clone(&changes), news, Arc::clone(&counters));
+    let sender = spawn("fw-sender", Place::sender(&settings.realtime), &events, || sender.run())?;
+    let sender_taker = Taker { changes, thread: sender.thread().clone() };
 
-    supervisor::supervise(&counters, &heard);
-    // Frames end before packets do, so that the last word of the sender is its own.
-    hot.thread().unpark();
-    if hot.join().is_err() {
-        tracing::error!("the hot loop ended by a panic");
-    }
-    counters.stop_sending();
+    let changes = Arc::<Exchange<_>>::default();
+    let outlets = Outlets { reports, wake: sender.thread().clone(), events: events.clone() };
+    let hot = HotLoop::new(settings.camera.clone(), pipeline, outlets, Arc::clone(&changes), Arc::clone(&counters));
+    let hot = spawn("fw-hot", Place::hot(&settings.realtime), &events, || hot.run())?;
+    let hot_taker = Taker { changes, thread: hot.thread().clone() };
+
+    let reloader = Reloader::new(settings, program, hot_taker, sender_taker);
+    let supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
+    supervisor.run(|| !sender.is_finished() && !hot.is_finished());
+    stop(&counters, sender, hot)
+}
+
+/// Starts a thread at its place and tells what it was granted.
+fn spawn(
+    name: &str,
+    place: Place,
+    events: &mpsc::Sender<Event>,
+    run: impl FnOnce() + Send + 'static,
+) -> io::Result<JoinHandle<()>> {
+    let events = events.clone();
+    Builder::new().name(name.to_owned()).spawn(move || {
+        // The supervisor hears it: it does not end before this thread.
+        let _ = events.send(Event::Started(place.take()));
+        drop(events);
+        run();
+    })
+}
+
+/// Lets the sender say its last word first: whatever holds up the hot loop does not concern the receivers.
+fn stop(counters: &Counters, sender: JoinHandle<()>, hot: JoinHandle<()>) -> Result<Status, ServiceError> {
+    counters.stop();
     sender.thread().unpark();
-    if sender.join().is_err() {
-        tracing::error!("the sender ended by a panic");
+    hot.thread().unpark();
+    sender.join().map_err(|_| ServiceError::Panicked("sender"))?;
+    let mut looks = HOT_PATIENCE.as_millis() / HOT_LOOK.as_millis();
+    while looks > 0 && !hot.is_finished() {
+        sleep(HOT_LOOK);
+        looks -= 1;
     }
+    if !hot.is_finished() {
+        tracing::warn!("the camera does not come back from the kernel and is left behind");
+        return Ok(counters.status());
+    }
+    hot.join().map_err(|_| ServiceError::Panicked("hot loop"))?;
     Ok(counters.status())
 }

@@ -1,101 +1,120 @@
-//! The supervisor: signals and log, on the thread that started the others.
+//! The supervisor: signals, settings, watchdog and log, on the thread that started the others.
 
 use std::io;
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::time::{Duration, Instant};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::mpsc::Receiver;
+use std::time::Duration;
 
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
 
-use super::counters::{Counters, Status};
-use crate::capture::CaptureError;
+use super::counters::Counters;
+use super::event::Event;
+use super::heartbeat::Watch;
+use super::log::Log;
+use super::manager::{self, Watchdog};
+use super::realtime;
+use super::reload::Reloader;
+use crate::capture::monotonic_us;
 
 /// How often signals are looked for.
 const TICK: Duration = Duration::from_millis(50);
-/// How often the status line is written.
-const STATUS_PERIOD: Duration = Duration::from_secs(10);
 /// Exit status after a second signal.
 const IMPATIENT: i32 = 130;
 
-/// What the hot loop tells while it has no frame to work on.
-#[derive(Debug)]
-pub(super) enum Event {
-    /// A camera was opened; what it delivers.
-    Opened(String),
-    /// The camera failed.
-    Lost(CaptureError),
-    /// No camera could be opened.
-    Closed(CaptureError),
+/// Signals that ask for something.
+#[derive(Default)]
+pub(super) struct Signals {
+    reload: Arc<AtomicBool>,
+    status: Arc<AtomicBool>,
 }
 
-/// Lets SIGTERM and SIGINT stop the service, the second of them at once.
-pub(super) fn catch_signals(counters: &Counters) -> io::Result<()> {
-    for signal in [SIGTERM, SIGINT] {
-        flag::register_conditional_shutdown(signal, IMPATIENT, counters.stop_flag())?;
-        flag::register(signal, counters.stop_flag())?;
-    }
-    Ok(())
-}
-
-/// Logs events and the status until the service is to stop.
-pub(super) fn supervise(counters: &Counters, events: &Receiver<Event>) {
-    let mut log = Log::default();
-    while !counters.stopping() {
-        match events.recv_timeout(TICK) {
-            Ok(event) => log.event(event),
-            Err(RecvTimeoutError::Timeout) => {}
-            // The hot loop ended without being told to: so must the service, to be started anew.
-            Err(RecvTimeoutError::Disconnected) => break,
+impl Signals {
+    /// Lets SIGTERM and SIGINT stop the service, the second of them at once; SIGHUP and SIGUSR1 are noted.
+    pub(super) fn catch(counters: &Counters) -> io::Result<Self> {
+        for signal in [SIGTERM, SIGINT] {
+            flag::register_conditional_shutdown(signal, IMPATIENT, counters.stop_flag())?;
+            flag::register(signal, counters.stop_flag())?;
         }
-        log.status(counters);
-    }
-    tracing::info!("stopping");
-}
-
-/// What was logged last.
-struct Log {
-    /// Why there is no camera, as last told: the same reason is told once.
-    blind: Option<String>,
-    due: Instant,
-    before: Option<Status>,
-}
-
-impl Default for Log {
-    fn default() -> Self {
-        Self { blind: None, due: Instant::now() + STATUS_PERIOD, before: None }
+        let signals = Self::default();
+        flag::register(SIGHUP, Arc::clone(&signals.reload))?;
+        flag::register(SIGUSR1, Arc::clone(&signals.status))?;
+        Ok(signals)
     }
 }
 
-impl Log {
-    fn event(&mut self, event: Event) {
-        match event {
-            Event::Opened(source) => {
-                self.blind = None;
-                tracing::info!("camera opened: {source}");
-            }
-            Event::Lost(error) => tracing::warn!("camera lost: {error}"),
-            Event::Closed(error) => {
-                let reason = error.to_string();
-                if self.blind.as_ref() != Some(&reason) {
-                    tracing::warn!("no camera: {reason}; trying again");
-                }
-                self.blind = Some(reason);
-            }
+pub(super) struct Supervisor {
+    counters: Arc<Counters>,
+    signals: Signals,
+    events: Receiver<Event>,
+    reloader: Reloader,
+    watchdog: Option<Watchdog>,
+    log: Log,
+}
+
+impl Supervisor {
+    pub(super) fn new(counters: Arc<Counters>, signals: Signals, events: Receiver<Event>, reloader: Reloader) -> Self {
+        Self { counters, signals, events, reloader, watchdog: Watchdog::new(monotonic_us()), log: Log::default() }
+    }
+
+    /// Watches over the service until it is to stop, or a thread has ended without being told to.
+    pub(super) fn run(mut self, all_run: impl Fn() -> bool) {
+        self.lock_memory();
+        manager::ready();
+        while !self.counters.stopping() && all_run() {
+            self.hear();
+            self.reload();
+            self.ping();
+            self.tell_status();
+        }
+        tracing::info!("stopping");
+        manager::stopping();
+    }
+
+    /// Waits a moment for an event.
+    fn hear(&mut self) {
+        let Ok(event) = self.events.recv_timeout(TICK) else { return };
+        let has_grown = matches!(event, Event::Opened(_));
+        let before = self.log.sight();
+        self.log.event(event);
+        let sight = self.log.sight();
+        if sight != before {
+            manager::status(&sight);
+        }
+        if has_grown {
+            self.lock_memory();
         }
     }
 
-    fn status(&mut self, counters: &Counters) {
-        if Instant::now() < self.due {
-            return;
+    /// One reload after the other.
+    fn reload(&mut self) {
+        if self.reloader.is_idle() && self.signals.reload.swap(false, Relaxed) {
+            self.reloader.start();
         }
-        self.due += STATUS_PERIOD;
-        let status = counters.status();
-        let before = self.before.replace(status).map_or(0, |before| before.frames);
-        let fps = (status.frames - before) as f64 / STATUS_PERIOD.as_secs_f64();
-        if let Some(reason) = &self.blind {
-            tracing::warn!("blind, because {reason}: {status}");
-        } else {
-            tracing::info!("fps={fps:.1} {status}");
+        if self.reloader.step() {
+            self.lock_memory();
+        }
+    }
+
+    fn ping(&mut self) {
+        let watch = Watch::new(&self.reloader.live().camera);
+        if let Some(watchdog) = &mut self.watchdog {
+            watchdog.ping(watch, &self.counters.beats.read(), monotonic_us());
+        }
+    }
+
+    fn tell_status(&mut self) {
+        let is_asked = self.signals.status.swap(false, Relaxed);
+        if is_asked || self.log.is_due() {
+            let line = self.log.status(&self.counters);
+            manager::status(&line);
+        }
+    }
+
+    fn lock_memory(&mut self) {
+        if self.reloader.live().realtime.lock_memory {
+            self.log.grant(realtime::lock_memory());
         }
     }
 }

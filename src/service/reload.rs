@@ -1,0 +1,206 @@
+//! SIGHUP: new settings, built and checked beside the running service, and taken whole or not at all.
+//!
+//! Reading the file, resolving names and loading networks may take seconds. A thread of its own does it, so that the
+//! watchdog is served meanwhile; at the first fault the old settings stay.
+
+use std::io;
+use std::sync::Arc;
+use std::thread::{Builder, JoinHandle, Thread};
+
+use super::exchange::Exchange;
+use super::hot::HotChange;
+use super::sender::SenderSettings;
+use crate::config::{Faults, LogLevel, Settings};
+use crate::face::Tracker;
+use crate::infer::NetworkFolder;
+use crate::link::{Link, LinkError};
+use crate::pipeline::{SetupError, Solver};
+
+/// What the service needs of the program around it to change its settings.
+pub trait Program: Send + Sync {
+    /// Reads the settings again.
+    ///
+    /// # Errors
+    /// Every fault found.
+    fn load(&self) -> Result<Settings, Faults>;
+
+    /// Changes what is logged.
+    fn set_log_level(&self, level: LogLevel);
+}
+
+/// Why settings are refused.
+#[derive(Debug, thiserror::Error)]
+enum Refusal {
+    #[error(transparent)]
+    Settings(#[from] Faults),
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+    #[error(transparent)]
+    Link(#[from] LinkError),
+}
+
+/// Everything that new settings need, ready to be taken.
+struct Change {
+    settings: Settings,
+    hot: HotChange,
+    sender: SenderSettings,
+}
+
+impl Change {
+    /// Reads the settings and builds what differs from the live ones.
+    fn prepare(program: &dyn Program, live: &Settings) -> Result<Self, Refusal> {
+        let new = program.load()?;
+        let is_new_camera = new.camera != live.camera;
+        // The solver goes by the camera's field of view.
+        let is_new_solver = new.solver != live.solver || is_new_camera;
+        let hot = HotChange {
+            camera: is_new_camera.then(|| new.camera.clone()),
+            tracker: if new.networks == live.networks { None } else { Some(tracker(&new)?) },
+            solver: if is_new_solver { Some(Solver::load(&new)?) } else { None },
+        };
+        let links = if new.links == live.links { None } else { Some(open_links(&new)?) };
+        Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })
+    }
+}
+
+fn tracker(settings: &Settings) -> Result<Tracker, SetupError> {
+    let folder = NetworkFolder::find(&settings.networks.folder)?;
+    Ok(Tracker::load(&folder, settings.networks.threads as usize)?)
+}
+
+/// Opens all links.
+pub(super) fn open_links(settings: &Settings) -> Result<Vec<Link>, LinkError> {
+    settings.links.iter().map(Link::open).collect()
+}
+
+/// A thread that takes changes.
+pub(super) struct Taker<T> {
+    pub(super) changes: Arc<Exchange<T>>,
+    pub(super) thread: Thread,
+}
+
+impl<T> Taker<T> {
+    fn offer(&self, change: T) {
+        self.changes.offer(change);
+        self.thread.unpark();
+    }
+}
+
+/// How far a reload is.
+enum Stage {
+    Idle,
+    Preparing(JoinHandle<Result<Change, Refusal>>),
+    /// Offered to the threads.
+    Taking,
+}
+
+/// The live settings and how they change.
+pub(super) struct Reloader {
+    live: Settings,
+    program: Arc<dyn Program>,
+    hot: Taker<HotChange>,
+    sender: Taker<SenderSettings>,
+    stage: Stage,
+}
+
+impl Reloader {
+    pub(super) fn new(
+        live: Settings,
+        program: Arc<dyn Program>,
+        hot: Taker<HotChange>,
+        sender: Taker<SenderSettings>,
+    ) -> Self {
+        Self { live, program, hot, sender, stage: Stage::Idle }
+    }
+
+    /// The settings that hold now.
+    pub(super) fn live(&self) -> &Settings {
+        &self.live
+    }
+
+    /// Whether no reload is under way.
+    pub(super) fn is_idle(&self) -> bool {
+        matches!(self.stage, Stage::Idle)
+    }
+
+    /// Begins a reload.
+    pub(super) fn start(&mut self) {
+        tracing::info!("reading the settings again");
+        let (program, live) = (Arc::clone(&self.program), self.live.clone());
+        let prepare = move || Change::prepare(&*program, &live);
+        match Builder::new().name("fw-reload".to_owned()).spawn(prepare) {
+            Ok(thread) => self.stage = Stage::Preparing(thread),
+            Err(error) => refuse(&error),
+        }
+    }
+
+    /// Goes on with a reload; whether it has ended just now.
+    pub(super) fn step(&mut self) -> bool {
+        match &self.stage {
+            Stage::Preparing(thread) if thread.is_finished() => self.conclude(),
+            Stage::Taking if !self.hot.changes.is_waiting() && !self.sender.changes.is_waiting() => self.finish(),
+            _ => return false,
+        }
+        self.is_idle()
+    }
+
+    /// Hands the prepared change out, or says why there is none.
+    fn conclude(&mut self) {
+        let Stage::Preparing(thread) = std::mem::replace(&mut self.stage, Stage::Idle) else { return };
+        match thread.join() {
+            Ok(Ok(change)) => self.offer(change),
+            Ok(Err(refusal)) => refuse(&refusal),
+            Err(_) => refuse(&io::Error::other("reading them ended by a panic")),
+        }
+    }
+
+    fn offer(&mut self, change: Change) {
+        let changed = changed_tables(&self.live, &change.settings);
+        if changed.is_empty() {
+            tracing::info!("settings are unchanged");
+            return;
+        }
+        tracing::info!("settings changed: {}", changed.join(", "));
+        let mut settings = change.settings;
+        if settings.realtime != self.live.realtime {
+            tracing::warn!("[realtime] is read at the start only: restart the service to change it");
+            settings.realtime = self.live.realtime.clone();
+        }
+        self.program.set_log_level(settings.log.level);
+        self.live = settings;
+        self.hot.offer(change.hot);
+        self.sender.offer(change.sender);
+        self.stage = Stage::Taking;
+    }
+
+    /// Frees what the threads left.
+    fn finish(&mut self) {
+        self.hot.changes.clear();
+        self.sender.changes.clear();
+        self.stage = Stage::Idle;
+        tracing::info!("new settings hold");
+    }
+}
+
+/// One line for each fault.
+fn refuse(reason: &dyn std::error::Error) {
+    for line in reason.to_string().lines() {
+        tracing::error!("{line}");
+    }
+    tracing::error!("settings refused: the old ones stay");
+}
+
+/// Names of the tables that differ.
+fn changed_tables(old: &Settings, new: &Settings) -> Vec<&'static str> {
+    let tables = [
+        ("camera", old.camera != new.camera),
+        ("networks", old.networks != new.networks),
+        ("solver", old.solver != new.solver),
+        ("failsafe", old.failsafe != new.failsafe),
+        ("send", old.send != new.send),
+        ("link", old.links != new.links),
+        ("realtime", old.realtime != new.realtime),
+        ("log", old.log != new.log),
+    ];
+    tables.into_iter().filter(|(_, is_changed)| *is_changed).map(|(name, _)| name).collect()
+}

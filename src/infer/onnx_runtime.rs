@@ -32,7 +32,7 @@ impl OnnxRuntimeNetwork {
         threads: usize,
     ) -> Result<Self, InferError> {
         let environment = environment(library)?;
-        let damaged = |reason: String| InferError::Damaged { path: path.to_path_buf(), reason };
+        let damaged = |reason: String| InferError::Damaged { path: path.to_path_buf(), reason: one_line(&reason) };
         let session = session(&environment, path, threads).map_err(|error| damaged(error.to_string()))?;
         check(&session, signature).map_err(damaged)?;
         let options = preallocate(signature).map_err(|error| damaged(error.to_string()))?;
@@ -87,6 +87,11 @@ fn session(environment: &Environment, path: &Path, threads: usize) -> ort::Resul
         .with_intra_op_spinning(false)?
         .with_flush_to_zero()?
         .commit_from_file(path)
+}
+
+/// ONNX Runtime breaks some of its sentences.
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn preallocate(signature: &Signature) -> ort::Result<RunOptions<HasSelectedOutputs>> {

@@ -1,14 +1,14 @@
 //! Films made in memory, and films that ffmpeg decodes.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use facewire::capture::{Clip, Pixels, Source as _};
 
-/// Bytes of `FRAME` and of a frame of 640x480 in 4:2:0.
-pub const FRAME_BYTES: usize = 6 + 640 * 480 * 3 / 2;
-const HEADER: &str = "YUV4MPEG2 W640 H480 F30:1 C420jpeg XCOLORRANGE=FULL\n";
+/// Like the built-in clip: 640x480, 4:2:2, full range.
+const HEADER: &str = "YUV4MPEG2 W640 H480 F30:1 C422 XCOLORRANGE=FULL\n";
+/// Samples of a frame.
+const FRAME_BYTES: usize = 640 * 480 * 2;
 
 /// The built-in clip as a file.
 pub fn demo_avi() -> PathBuf {
@@ -21,22 +21,19 @@ pub fn demo_y4m(frames: usize) -> Vec<u8> {
     let mut stream = HEADER.as_bytes().to_vec();
     for _ in 0..frames {
         let picture = clip.next().unwrap().unwrap().picture;
-        let Pixels::Planar { planes, strides: [luma, chroma], chroma_shift: [1, 1] } = picture.pixels else {
-            panic!("the clip is 4:2:0");
+        let Pixels::Planar { planes, strides: [640, 320], chroma_shift: [1, 0] } = picture.pixels else {
+            panic!("the clip is 4:2:2 without padding");
         };
-        let [width, height] = [picture.width, picture.height];
-        let sizes = [(luma, width, height), (chroma, width / 2, height / 2), (chroma, width / 2, height / 2)];
-        stream.write_all(b"FRAME\n").unwrap();
-        for (plane, (stride, width, height)) in planes.into_iter().zip(sizes) {
-            plane.chunks(stride).take(height).for_each(|row| stream.extend_from_slice(&row[..width]));
-        }
+        stream.extend_from_slice(b"FRAME\n");
+        let lengths = [FRAME_BYTES / 2, FRAME_BYTES / 4, FRAME_BYTES / 4];
+        planes.iter().zip(lengths).for_each(|(plane, length)| stream.extend_from_slice(&plane[..length]));
     }
     stream
 }
 
 /// A y4m stream that shows grey and no face.
 pub fn empty_y4m(frames: usize) -> Vec<u8> {
-    let frame = [&b"FRAME\n"[..], &[128; FRAME_BYTES - 6]].concat();
+    let frame = [&b"FRAME\n"[..], &[128; FRAME_BYTES]].concat();
     [HEADER.as_bytes(), &frame.repeat(frames)].concat()
 }
 

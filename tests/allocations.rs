@@ -16,7 +16,7 @@ use common::film::{demo_y4m, empty_y4m};
 use facewire::capture::{Clip, Source, Y4mSource};
 use facewire::config::{Address, LinkSettings, Settings};
 use facewire::link::Link;
-use facewire::pipeline::{Pipeline, Rejected};
+use facewire::pipeline::{Pipeline, Rejected, Solution};
 use facewire::service::failsafe::{Failsafe, History, News};
 use facewire_packet::{Reason, State};
 
@@ -56,7 +56,7 @@ impl Way {
     fn frame(&mut self, source: &mut dyn Source) {
         let frame = source.next().unwrap().unwrap();
         let (result, now_us) = (self.pipeline.process(&frame), frame.captured_us + 10_000);
-        let pose = result.as_ref().map(|solution| solution.pose());
+        let pose = result.as_ref().map(Solution::pose);
         let news = match &pose {
             Ok(pose) => News::Pose(pose, frame.captured_us),
             Err(Rejected::NoFace) => News::Fault(Reason::NoFace),

@@ -12,7 +12,7 @@ use std::sync::LazyLock;
 
 use common::film::{decode, demo_avi};
 use common::points::{Distance, read_npy, read_npz, read_steps};
-use common::program::{Run, facewire};
+use common::program::{Run, facewire, text};
 use common::{shared, skip};
 use facewire::face::Landmarks;
 use tempfile::NamedTempFile;
@@ -30,7 +30,7 @@ static DEMO: LazyLock<Vec<Landmarks>> = LazyLock::new(|| track("demo", Stdio::nu
 /// The landmarks that `facewire track` writes for a film.
 fn track(input: &str, stdin: Stdio) -> Vec<Landmarks> {
     let file = NamedTempFile::with_suffix(".npy").unwrap();
-    let mut command = facewire(["track", input, "--landmarks", file.path().to_str().unwrap()]);
+    let mut command = facewire(["track", input, "--landmarks", text(file.path())]);
     Run::ended(&command.stdin(stdin).output().unwrap()).succeeded();
     read_npy(file.path())
 }

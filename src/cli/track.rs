@@ -79,7 +79,7 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
         history: History::default(),
         stage: args.stage,
         csv: Csv::create(args.out.as_deref())?,
-        landmarks: args.landmarks.as_deref().map(LandmarkFile::new),
+        landmarks: args.landmarks.as_deref().map(LandmarkFile::new).transpose()?,
         tally: Tally::default(),
     };
     let begun = Instant::now();
@@ -171,10 +171,10 @@ impl Track {
     }
 
     fn finish(self) -> Result<Tally, Failure> {
-        self.csv.finish()?;
         if let Some(file) = &self.landmarks {
             file.write()?;
         }
+        self.csv.finish()?;
         Ok(self.tally)
     }
 }

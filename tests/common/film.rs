@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 use facewire::capture::{Clip, Pixels, Source as _};
 
 /// Like the built-in clip: 640x480, 4:2:2, full range.
-const HEADER: &str = "YUV4MPEG2 W640 H480 F30:1 C422 XCOLORRANGE=FULL\n";
+pub const HEADER: &str = "YUV4MPEG2 W640 H480 F30:1 C422 XCOLORRANGE=FULL\n";
 /// Samples of a frame.
 const FRAME_BYTES: usize = 640 * 480 * 2;
 
@@ -33,7 +33,7 @@ pub fn demo_y4m(frames: usize) -> Vec<u8> {
 
 /// A y4m stream that shows grey and no face.
 pub fn empty_y4m(frames: usize) -> Vec<u8> {
-    let frame = [&b"FRAME\n"[..], &[128; FRAME_BYTES]].concat();
+    let frame = [&b"FRAME\n"[..], &vec![128; FRAME_BYTES]].concat();
     [HEADER.as_bytes(), &frame.repeat(frames)].concat()
 }
 

@@ -1,12 +1,12 @@
-//! Landmarks in NumPy's files, and how far two sets of them lie apart.
+//! Landmarks in `.npy` files, and how far two sets of them lie apart.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
 use facewire::face::{LANDMARKS, Landmarks};
-use npyz::NpyFile;
 use npyz::npz::NpzArchive;
+use npyz::{AutoSerialize, NpyFile, WriteOptions, WriterBuilder as _};
 
 /// Landmarks that `facewire track` or MediaPipe wrote, frame by frame; not a number where there is no face.
 pub fn read_npy(path: &Path) -> Vec<Landmarks> {
@@ -31,6 +31,15 @@ fn frames<R: Read, T: npyz::Deserialize>(npy: NpyFile<R>, pixels: impl Fn(T) -> 
     let values: Vec<f32> = npy.into_vec().unwrap().into_iter().map(pixels).collect();
     let frame = |frame: &[[f32; 3]]| Landmarks(frame.try_into().unwrap());
     values.as_chunks().0.chunks_exact(LANDMARKS).map(frame).collect()
+}
+
+/// A `.npy` file of any numbers in any shape.
+pub fn write_npy<T: AutoSerialize + Copy>(shape: &[u64], values: &[T]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut writer = WriteOptions::new().default_dtype().shape(shape).writer(&mut bytes).begin_nd().unwrap();
+    writer.extend(values.iter().copied()).unwrap();
+    writer.finish().unwrap();
+    bytes
 }
 
 /// How far landmarks lie from those of another program, over the frames in which both see a face.

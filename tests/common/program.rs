@@ -2,6 +2,7 @@
 
 use std::ffi::OsStr;
 use std::io::Write as _;
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::thread;
 
@@ -10,6 +11,16 @@ pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Comm
     let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
     command.args(arguments);
     command
+}
+
+/// A path as an argument.
+pub fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Tracks a y4m stream on standard input.
+pub fn track_stream(stream: &[u8]) -> Run {
+    Run::fed(&mut facewire(["track", "-"]), stream)
 }
 
 /// A run that has ended.

@@ -61,8 +61,12 @@ pub(super) struct LandmarkFile {
 }
 
 impl LandmarkFile {
-    pub(super) fn new(path: &Path) -> Self {
-        Self { path: path.to_owned(), values: Vec::new() }
+    /// Tells of a path that cannot be written before a long film is read. What stands there stays until the end: it
+    /// may be the input.
+    pub(super) fn new(path: &Path) -> Result<Self, Failure> {
+        let opened = File::options().append(true).create(true).open(path);
+        opened.map_err(|error| Failure::unwritable(path, &error))?;
+        Ok(Self { path: path.to_owned(), values: Vec::new() })
     }
 
     /// Adds a frame; one without a face is not-a-number throughout.

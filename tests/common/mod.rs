@@ -3,6 +3,7 @@
 
 pub mod coefficients;
 pub mod film;
+pub mod networks;
 pub mod points;
 pub mod program;
 

@@ -4,21 +4,13 @@
 mod common;
 
 use std::fs;
-use std::io::Write as _;
 use std::path::Path;
 
 use common::networks::{Networks, content};
-use common::program::{Run, facewire, text};
+use common::program::{Run, facewire, settings, text};
 use common::skip;
 use facewire::config::{self, Settings};
 use tempfile::NamedTempFile;
-
-/// A file of settings.
-fn settings(toml: &str) -> NamedTempFile {
-    let mut file = NamedTempFile::with_suffix(".toml").unwrap();
-    file.write_all(toml.as_bytes()).unwrap();
-    file
-}
 
 /// Runs a command with these settings.
 fn with_settings(command: &[&str], toml: &str) -> Run {

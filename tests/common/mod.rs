@@ -6,6 +6,7 @@ pub mod film;
 pub mod networks;
 pub mod points;
 pub mod program;
+pub mod service;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};

@@ -6,6 +6,8 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::thread;
 
+use tempfile::NamedTempFile;
+
 /// The program with these arguments.
 pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
@@ -16,6 +18,13 @@ pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Comm
 /// A path as an argument.
 pub fn text(path: &Path) -> &str {
     path.to_str().unwrap()
+}
+
+/// A file of settings.
+pub fn settings(toml: &str) -> NamedTempFile {
+    let mut file = NamedTempFile::with_suffix(".toml").unwrap();
+    file.write_all(toml.as_bytes()).unwrap();
+    file
 }
 
 /// Tracks a y4m stream on standard input.

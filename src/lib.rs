@@ -9,6 +9,7 @@
 //! Equation numbers are those of the method in `ARCHITECTURE.md`.
 
 pub mod capture;
+pub mod cli;
 pub mod config;
 pub mod face;
 pub mod infer;

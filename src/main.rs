@@ -1,2 +1,10 @@
-//! The `facewire` command.
-fn main() {}
+//! The `facewire` command. Everything it does is in the library.
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use facewire::cli::Cli;
+
+fn main() -> ExitCode {
+    Cli::parse().run()
+}

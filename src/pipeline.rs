@@ -7,9 +7,10 @@ use crate::capture::{Frame, Picture};
 use crate::config::Settings;
 use crate::face::{Landmarks, Tracker};
 use crate::infer::{InferError, NetworkFolder};
+use crate::service::failsafe::Pose;
 use crate::solve::{
-    Camera, Corrected, Correction, CorrectionState, DegenerateFace, Features, GatedAverage, GatedAverageState, HeadPose,
-    Model, ModelError, Neutral, NotFinite, RawCoeffs, Smoothed, normalise,
+    AbsurdResult, Camera, Corrected, Correction, CorrectionState, DegenerateFace, Features, GatedAverage, GatedAverageState, HeadPose,
+    Model, ModelError, Neutral, RawCoeffs, Smoothed, normalise,
 };
 
 /// Time step of the first frame after a gap, seconds.
@@ -30,6 +31,18 @@ pub struct Solution {
     pub head: HeadPose,
 }
 
+impl Solution {
+    /// What the face shows.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        Pose {
+            rotation: self.head.rotation_xyzw,
+            position_mm: self.head.position_mm,
+            coefficients: self.smoothed.0,
+        }
+    }
+}
+
 /// Why a frame gave no solution.
 #[derive(Debug, thiserror::Error)]
 pub enum Rejected {
@@ -42,9 +55,9 @@ pub enum Rejected {
     /// The landmarks form no face.
     #[error(transparent)]
     Degenerate(#[from] DegenerateFace),
-    /// The coefficients are no numbers.
+    /// The coefficients are none.
     #[error(transparent)]
-    NotFinite(#[from] NotFinite),
+    Absurd(#[from] AbsurdResult),
 }
 
 /// Why the pipeline cannot be made.
@@ -113,7 +126,7 @@ impl Solver {
     /// From the landmarks of a frame captured at `time_us`, in a picture of `size_px`, to coefficients.
     ///
     /// # Errors
-    /// [`Rejected::Degenerate`] or [`Rejected::NotFinite`]: the frame counts as if there were no face.
+    /// [`Rejected::Degenerate`] or [`Rejected::Absurd`]: the frame counts as if there were no face.
     pub fn solve(&mut self, landmarks: &Landmarks, size_px: [f32; 2], time_us: u64) -> Result<Solution, Rejected> {
         let step_s = self.history.step_s(&self.correction, time_us);
         let normalised = normalise(landmarks)?;

@@ -127,6 +127,8 @@ fn clip(
         let [raw, smoothed] = clip::jitters(solved);
         println!("neutral {name}: mean second difference raw {raw:.4}, smoothed {smoothed:.4}");
     }
+    let [p50, p99] = clip::cost_us(&model, &frames)?;
+    println!("solver, landmarks to smoothed coefficients: p50 {p50:.1}, p99 {p99:.1} microseconds");
     let Some(path) = truth else { return Ok(()) };
     let truth = clip::load_truth(path)?;
     print!("{}", clip::table(&truth, &with, &without));

@@ -32,12 +32,13 @@ pub struct Fit {
 }
 
 impl Scale {
-    /// Of the given rows.
-    pub fn of(columns: &DMatrix<f64>, targets: &DMatrix<f64>) -> Self {
+    /// Of the given rows. A column that deviates less than `least` is scaled as if it deviated by that, so that the
+    /// ridge keeps its weight small: what hardly ever moves must not decide when it does.
+    pub fn of(columns: &DMatrix<f64>, targets: &DMatrix<f64>, least: f64) -> Self {
         let mean: Vec<f64> = columns.column_iter().map(|column| column.mean()).collect();
         let deviation = columns
             .column_iter()
-            .map(|column| column.variance().sqrt().max(1e-9))
+            .map(|column| column.variance().sqrt().max(least))
             .collect();
         Self {
             mean,

@@ -19,6 +19,9 @@ use crate::{
 const SELECTED: usize = 96;
 /// Terms of a blendshape's polynomial beside its bias. Held-out r by count: 0 .63, 12 .69, 24 .696, all of 1,377 .71.
 const TERMS: usize = 24;
+/// Least deviation of a feature (eye distances) and of a term that earns a full weight.
+const LEAST_FEATURE: f64 = 0.005;
+const LEAST_TERM: f64 = 0.01;
 /// The polynomial is fitted on estimates for subjects that the estimates' own fit did not see.
 const FOLDS: usize = 4;
 /// All blendshapes but the last, `tongueOut`, which landmarks do not show.
@@ -52,7 +55,7 @@ fn fit_map(faces: &Faces) -> Result<BTreeMap<String, BlendshapeTable>> {
     let (features, truth) = faces.matrices(&rows, MODELLED);
     let (linear, estimates) = fit_linear(&features, &truth, &folds)?;
     let terms = terms_of(&estimates);
-    let scale = Scale::of(&terms, &truth);
+    let scale = Scale::of(&terms, &truth, LEAST_TERM);
     let moments = Moments::of(&scale, &terms, &truth);
     let polynomial = moments.fit(&scale, &moments.select(TERMS));
     let tables = linear
@@ -72,7 +75,7 @@ fn fit_linear(
     truth: &DMatrix<f64>,
     folds: &[usize],
 ) -> Result<(Vec<Fit>, DMatrix<f64>)> {
-    let scale = Scale::of(features, truth);
+    let scale = Scale::of(features, truth, LEAST_FEATURE);
     let rows_of = |fold: usize| -> Vec<usize> {
         (0..folds.len()).filter(|row| folds[*row] == fold).collect()
     };

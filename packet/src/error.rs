@@ -26,16 +26,13 @@ impl fmt::Display for DecodeError {
                 f,
                 "{bytes} bytes are not a packet of {PACKET_BYTES}: check that only facewire sends to this port"
             ),
-            Self::Magic => f.write_str(
-                "the bytes do not begin with \"FW\": check that only facewire sends to this port",
-            ),
-            Self::Version(version) => write!(
-                f,
-                "the packet has version {version}, this receiver knows {VERSION}: update the older side"
-            ),
-            Self::Checksum => {
-                f.write_str("the checksum does not match: check the cable and the baud rate")
+            Self::Magic => {
+                f.write_str("the bytes do not begin with \"FW\": check that only facewire sends to this port")
             }
+            Self::Version(version) => {
+                write!(f, "the packet has version {version}, this receiver knows {VERSION}: update the older side")
+            }
+            Self::Checksum => f.write_str("the checksum does not match: check the cable and the baud rate"),
             Self::Reason(reason) => write!(
                 f,
                 "the packet gives reason {reason}, which version {VERSION} does not define: update the receiver"

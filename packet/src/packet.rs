@@ -93,8 +93,7 @@ impl Packet {
 
 /// The bytes as a packet whose length, magic, version and checksum are right.
 fn verified(bytes: &[u8]) -> Result<&[u8; PACKET_BYTES], DecodeError> {
-    let wire =
-        <&[u8; PACKET_BYTES]>::try_from(bytes).map_err(|_| DecodeError::Length(bytes.len()))?;
+    let wire = <&[u8; PACKET_BYTES]>::try_from(bytes).map_err(|_| DecodeError::Length(bytes.len()))?;
     if field::MAGIC.get(wire) != MAGIC {
         return Err(DecodeError::Magic);
     }

@@ -9,11 +9,7 @@ const ROTATION_STEPS: f32 = 32767.0;
 const AGE_STEP_US: u32 = 100;
 
 /// A coefficient, 0..=1, to 0..=65535.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "`as` saturates and turns NaN into 0"
-)]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "`as` saturates and turns NaN into 0")]
 pub fn coefficient(value: f32) -> u16 {
     (value * COEFFICIENT_STEPS + 0.5) as u16
 }
@@ -54,10 +50,7 @@ pub fn age_back(wire: u16) -> u32 {
 }
 
 /// Rounds half away from zero.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "`as` saturates and turns NaN into 0"
-)]
+#[expect(clippy::cast_possible_truncation, reason = "`as` saturates and turns NaN into 0")]
 fn nearest(value: f32) -> i16 {
     (value + 0.5_f32.copysign(value)) as i16
 }

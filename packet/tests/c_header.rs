@@ -17,14 +17,7 @@ static DECODER: LazyLock<PathBuf> = LazyLock::new(|| {
     let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join("facewire_decode");
     let compiler = env::var_os("CC").unwrap_or_else(|| "cc".into());
     let status = Command::new(compiler)
-        .args([
-            "-std=c99",
-            "-Wall",
-            "-Wextra",
-            "-Wpedantic",
-            "-Wconversion",
-            "-Werror",
-        ])
+        .args(["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"])
         .arg("-I")
         .arg(package.join("include"))
         .arg(package.join("tests/decode.c"))
@@ -38,17 +31,11 @@ static DECODER: LazyLock<PathBuf> = LazyLock::new(|| {
 
 /// What the C program prints about these bytes.
 fn decoded_by_c(bytes: &[u8]) -> Vec<i64> {
-    let mut child = Command::new(&*DECODER)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = Command::new(&*DECODER).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     child.stdin.take().unwrap().write_all(bytes).unwrap();
     let output = child.wait_with_output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
-    text.split_whitespace()
-        .map(|number| number.parse().unwrap())
-        .collect()
+    text.split_whitespace().map(|number| number.parse().unwrap()).collect()
 }
 
 fn packet() -> Packet {
@@ -69,20 +56,7 @@ fn packet() -> Packet {
 
 #[test]
 fn c_reads_every_field_that_rust_wrote() {
-    let mut want = vec![
-        2,
-        2,
-        65535,
-        1234,
-        0xFEDC_BA98,
-        0,
-        -32767,
-        32767,
-        16384,
-        -1,
-        2,
-        -30000,
-    ];
+    let mut want = vec![2, 2, 65535, 1234, 0xFEDC_BA98, 0, -32767, 32767, 16384, -1, 2, -30000];
     want.push(65535);
     want.extend([0; 50]);
     want.push(32768);

@@ -43,11 +43,9 @@ fn with_byte(offset: usize, value: u8) -> [u8; PACKET_BYTES] {
 
 /// Bit by bit, from the definition.
 fn crc16_mcrf4xx(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0xFFFF, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(*byte), |crc, _| {
-            (crc >> 1) ^ (0x8408 * (crc & 1))
-        })
-    })
+    bytes
+        .iter()
+        .fold(0xFFFF, |crc, byte| (0..8).fold(crc ^ u16::from(*byte), |crc, _| (crc >> 1) ^ (0x8408 * (crc & 1))))
 }
 
 #[test]
@@ -65,10 +63,7 @@ fn round_trip_is_within_half_a_step() {
     let sent = golden_packet();
     let received = Packet::decode(&sent.encode()).unwrap();
     assert_eq!((received.state, received.reason), (sent.state, sent.reason));
-    assert_eq!(
-        (received.sequence, received.capture_us),
-        (sent.sequence, sent.capture_us)
-    );
+    assert_eq!((received.sequence, received.capture_us), (sent.sequence, sent.capture_us));
     assert!(received.age_us.abs_diff(sent.age_us) <= 50);
     for (got, want) in received.rotation.iter().zip(sent.rotation) {
         assert!((got - want).abs() <= 0.501 / 32767.0, "{got} for {want}");
@@ -88,15 +83,30 @@ fn decoding_and_encoding_again_gives_the_same_bytes() {
 }
 
 #[test]
+fn any_bytes_that_decode_survive_encoding_and_decoding() {
+    let mut random = 1_u32;
+    let mut decoded = 0;
+    for _ in 0..10_000 {
+        let mut bytes: [u8; PACKET_BYTES] = std::array::from_fn(|_| {
+            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (random >> 24) as u8
+        });
+        bytes[..3].copy_from_slice(b"FW\x01");
+        let checksum = crc16_mcrf4xx(&bytes[..130]);
+        bytes[130..].copy_from_slice(&checksum.to_le_bytes());
+        let Ok(packet) = Packet::decode(&bytes) else { continue };
+        assert_eq!(Packet::decode(&packet.encode()), Ok(packet));
+        decoded += 1;
+    }
+    assert!(decoded > 3000, "6 of 16 reasons are known: {decoded}");
+}
+
+#[test]
 fn every_state_and_reason_survives_the_wire() {
     use Reason::{BadResult, Late, NoCamera, NoFace, None, Stopping};
     for state in [State::Live, State::Hold, State::Decay, State::Neutral] {
         for reason in [None, NoFace, NoCamera, Late, BadResult, Stopping] {
-            let sent = Packet {
-                state,
-                reason,
-                ..Packet::NEUTRAL
-            };
+            let sent = Packet { state, reason, ..Packet::NEUTRAL };
             let received = Packet::decode(&sent.encode()).unwrap();
             assert_eq!((received.state, received.reason), (state, reason));
         }
@@ -118,33 +128,21 @@ fn wrong_lengths_are_refused_with_their_number_of_bytes() {
     let mut long = golden_packet().encode().to_vec();
     long.push(0);
     for length in (0..=133).filter(|length| *length != PACKET_BYTES) {
-        assert_eq!(
-            Packet::decode(&long[..length]),
-            Err(DecodeError::Length(length))
-        );
+        assert_eq!(Packet::decode(&long[..length]), Err(DecodeError::Length(length)));
     }
 }
 
 #[test]
 fn foreign_magic_version_and_reason_are_refused_even_with_a_right_checksum() {
     assert_eq!(Packet::decode(&with_byte(0, b'X')), Err(DecodeError::Magic));
-    assert_eq!(
-        Packet::decode(&with_byte(2, 2)),
-        Err(DecodeError::Version(2))
-    );
-    assert_eq!(
-        Packet::decode(&with_byte(3, 6 << 4)),
-        Err(DecodeError::Reason(6))
-    );
+    assert_eq!(Packet::decode(&with_byte(2, 2)), Err(DecodeError::Version(2)));
+    assert_eq!(Packet::decode(&with_byte(3, 6 << 4)), Err(DecodeError::Reason(6)));
 }
 
 #[test]
 fn unused_flag_bits_are_ignored() {
     let received = Packet::decode(&with_byte(3, 0b0011_1101)).unwrap();
-    assert_eq!(
-        (received.state, received.reason),
-        (State::Hold, Reason::Late)
-    );
+    assert_eq!((received.state, received.reason), (State::Hold, Reason::Late));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The clip that is built into the program: 240 frames of a rendered face, 640x480 at 30 a second.
 
-use super::file::DEMO;
+use super::open::DEMO;
 use super::{AviSource, CaptureError, Description, Frame, Source};
 
 static DEMO_AVI: &[u8] = include_bytes!("demo.avi");

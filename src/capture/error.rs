@@ -108,13 +108,15 @@ pub enum CaptureError {
         path: String,
     },
     /// The camera has no such format.
-    #[error("{path} does not offer {wanted}; set camera.format to one it has: {offered}")]
+    #[error(
+        "{path} does not offer {wanted}; set camera.format to one it has ({offered}), or take another camera"
+    )]
     ModeLacking {
         /// Its node.
         path: String,
         /// Names of formats.
         wanted: &'static str,
-        /// Its first modes.
+        /// Names of the formats it has.
         offered: String,
     },
     /// The driver set something else than it offered.

@@ -9,11 +9,12 @@
 mod avi;
 mod clip;
 mod error;
-mod file;
 mod jpeg;
+mod open;
 mod paced;
 mod picture;
 mod rate;
+mod read;
 mod riff;
 #[cfg(test)]
 mod testing;
@@ -23,8 +24,8 @@ mod y4m;
 pub use avi::AviSource;
 pub use clip::Clip;
 pub use error::{CaptureError, FrameFault};
-pub use file::{DEMO, open_file};
 pub use jpeg::JpegDecoder;
+pub use open::{DEMO, open_camera, open_file};
 pub use paced::{Paced, monotonic_us};
 pub use picture::{MAX_SIDE_PX, Picture, Pixels};
 pub use rate::FrameRate;

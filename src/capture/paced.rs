@@ -7,6 +7,10 @@ use rustix::time::{ClockId, clock_gettime};
 
 use super::{CaptureError, Description, Frame, FrameRate, Source};
 
+/// Frames passed over at once, however late the reader: a process that was stopped for hours goes on from near where
+/// it was.
+const MAX_PASSED_OVER: u32 = 300;
+
 /// Plays `source` at its own rate.
 #[derive(Debug)]
 pub struct Paced<S> {
@@ -30,9 +34,9 @@ impl<S: Source> Paced<S> {
         }
     }
 
-    /// Passes over `count` frames, or fewer at the end.
+    /// Passes over `count` frames, or fewer at the end and when there are very many.
     fn pass_over(&mut self, count: u32) -> Result<(), CaptureError> {
-        for _ in 0..count {
+        for _ in 0..count.min(MAX_PASSED_OVER) {
             match self.source.skip() {
                 Ok(true) | Err(CaptureError::Frame { .. }) => {}
                 Ok(false) => break,

@@ -6,7 +6,7 @@
 use std::io::{self, Read};
 
 use super::CaptureError;
-use super::file::fill;
+use super::read::fill;
 
 /// Bytes that [`Riff::read_start`] returns.
 pub const START_BYTES: usize = 64;

@@ -5,10 +5,13 @@
 //!
 //! Limits: 4:2:0, 4:2:2, 4:4:4, 4:1:1 and mono; interlacing is not undone; one frame in memory.
 
+mod header;
+
 use std::io::Read;
 
-use super::file::fill;
-use super::{CaptureError, Description, Frame, FrameRate, MAX_SIDE_PX, Picture, Pixels, Source};
+use self::header::Header;
+use super::read::fill;
+use super::{CaptureError, Description, Frame, FrameRate, Picture, Source};
 
 /// Longest header line; real ones have under 100 bytes.
 const MAX_LINE_BYTES: usize = 1024;
@@ -25,17 +28,6 @@ pub struct Y4mSource<R> {
     /// Frames read.
     number: u64,
     ended: bool,
-}
-
-/// What the first line says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Header {
-    width: usize,
-    height: usize,
-    rate: Option<FrameRate>,
-    /// `None` is luma alone.
-    chroma_shift: Option<[u8; 2]>,
-    full_range: bool,
 }
 
 impl<R: Read> Y4mSource<R> {
@@ -168,95 +160,6 @@ impl<R: Read> Source for Y4mSource<R> {
             rate,
         }
     }
-}
-
-impl Header {
-    /// Parses the fields behind the magic word. Aspect, interlacing and comments do not matter here.
-    fn parse(fields: &[u8]) -> Result<Self, CaptureError> {
-        let mut header = Self {
-            width: 0,
-            height: 0,
-            rate: None,
-            chroma_shift: Some([1, 1]),
-            full_range: false,
-        };
-        for field in fields.split(|&byte| byte == b' ') {
-            match field {
-                [b'W', value @ ..] => header.width = number(value).unwrap_or(0) as usize,
-                [b'H', value @ ..] => header.height = number(value).unwrap_or(0) as usize,
-                [b'F', value @ ..] => header.rate = rate(value),
-                [b'C', value @ ..] => header.chroma_shift = chroma_shift(value)?,
-                b"XCOLORRANGE=FULL" => header.full_range = true,
-                _ => {}
-            }
-        }
-        let Self { width, height, .. } = header;
-        let fits = |side| (1..=MAX_SIDE_PX).contains(&side);
-        if fits(width) && fits(height) {
-            Ok(header)
-        } else {
-            Err(CaptureError::PictureSize { width, height })
-        }
-    }
-
-    /// Columns and rows of each chroma plane.
-    fn chroma_size(&self) -> [usize; 2] {
-        let shrink = |side: usize, shift: u8| side.div_ceil(1 << shift);
-        self.chroma_shift.map_or([0, 0], |[x, y]| {
-            [shrink(self.width, x), shrink(self.height, y)]
-        })
-    }
-
-    fn frame_bytes(&self) -> usize {
-        let [columns, rows] = self.chroma_size();
-        self.width * self.height + 2 * columns * rows
-    }
-
-    fn pixels<'a>(&self, samples: &'a [u8]) -> Option<Pixels<'a>> {
-        let stride = self.width;
-        let Some(chroma_shift) = self.chroma_shift else {
-            return Some(Pixels::Grey {
-                data: samples,
-                stride,
-            });
-        };
-        let [columns, rows] = self.chroma_size();
-        let (luma, chroma) = samples.split_at_checked(stride * self.height)?;
-        let (cb, cr) = chroma.split_at_checked(columns * rows)?;
-        Some(Pixels::Planar {
-            planes: [luma, cb, cr],
-            strides: [stride, columns],
-            chroma_shift,
-        })
-    }
-}
-
-/// How much smaller chroma is. The siting names differ by a fraction of a pixel, which does not matter here.
-fn chroma_shift(name: &[u8]) -> Result<Option<[u8; 2]>, CaptureError> {
-    match name {
-        b"420" | b"420jpeg" | b"420mpeg2" | b"420paldv" => Ok(Some([1, 1])),
-        b"422" => Ok(Some([1, 0])),
-        b"444" => Ok(Some([0, 0])),
-        b"411" => Ok(Some([2, 0])),
-        b"mono" => Ok(None),
-        [.., b'p', b'1', _] | [.., b'p', b'9'] | [b'm', b'o', b'n', b'o', ..] => {
-            Err(CaptureError::Y4m("has more than 8 bits a sample"))
-        }
-        _ => Err(CaptureError::Y4m(
-            "has a colour layout that is not supported",
-        )),
-    }
-}
-
-fn number(digits: &[u8]) -> Option<u32> {
-    std::str::from_utf8(digits).ok()?.parse().ok()
-}
-
-/// `30000:1001`; `0:0` means that it is not known.
-fn rate(value: &[u8]) -> Option<FrameRate> {
-    let colon = value.iter().position(|&byte| byte == b':')?;
-    let (frames, seconds) = value.split_at_checked(colon)?;
-    FrameRate::new(number(frames)?, number(seconds.get(1..)?)?)
 }
 
 /// Reads up to a line feed, which is left out; the flag says whether it came before the end and the limit.

@@ -15,8 +15,5 @@ pub fn text(name: &str) -> Result<&'static str, Fault> {
     let board = BOARDS.iter().find(|(known, _)| *known == name);
     board
         .map(|(_, text)| *text)
-        .ok_or_else(|| Fault::UnknownBoard {
-            name: name.to_owned(),
-            known: BOARDS.map(|(known, _)| known).join(", "),
-        })
+        .ok_or_else(|| Fault::UnknownBoard { name: name.to_owned(), known: BOARDS.map(|(known, _)| known).join(", ") })
 }

@@ -74,19 +74,13 @@ impl Faults {
 
     /// The value if there are no faults.
     pub(super) fn into_result<T>(self, value: T) -> Result<T, Self> {
-        if self.0.is_empty() {
-            Ok(value)
-        } else {
-            Err(self)
-        }
+        if self.0.is_empty() { Ok(value) } else { Err(self) }
     }
 
     /// Whether a value of this table is faulty by itself.
     pub(super) fn concern(&self, table: &str) -> bool {
         let in_table = |key: &str| key.split('.').next() == Some(table);
-        self.0
-            .iter()
-            .any(|fault| matches!(fault, Fault::Value { key, .. } if in_table(key)))
+        self.0.iter().any(|fault| matches!(fault, Fault::Value { key, .. } if in_table(key)))
     }
 
     /// Each fault.

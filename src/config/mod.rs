@@ -22,8 +22,8 @@ pub use board::BOARDS;
 pub use defaults::defaults;
 pub use fault::{Fault, Faults};
 pub use settings::{
-    CameraFormat, CameraSettings, FailsafeSettings, LinkKind, LinkSettings, LogLevel, LogSettings,
-    NetworkSettings, SendSettings, Settings, SolverSettings,
+    CameraFormat, CameraSettings, FailsafeSettings, LinkKind, LinkSettings, LogLevel, LogSettings, NetworkSettings,
+    SendSettings, Settings, SolverSettings,
 };
 pub use value::Address;
 
@@ -49,10 +49,7 @@ pub fn load(board: Option<&str>, file: Option<&Path>) -> Result<Settings, Faults
                 let source = path.display().to_string();
                 overlay::apply(&mut settings, &source, &text, &mut faults);
             }
-            Err(error) => faults.push(Fault::Unreadable {
-                path: path.to_owned(),
-                error,
-            }),
+            Err(error) => faults.push(Fault::Unreadable { path: path.to_owned(), error }),
         }
     }
     overlay::check_together(&settings, &mut faults);

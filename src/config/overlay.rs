@@ -12,9 +12,7 @@ use super::{
 };
 
 /// Tables a file may have.
-const TABLES: [&str; 7] = [
-    "camera", "networks", "solver", "failsafe", "send", "link", "log",
-];
+const TABLES: [&str; 7] = ["camera", "networks", "solver", "failsafe", "send", "link", "log"];
 /// Farther names are no help.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -30,11 +28,7 @@ struct Overlay<'a> {
 /// not TOML nothing else is judged: what the parser guesses of it would give faults that are none.
 pub fn apply(settings: &mut Settings, source: &str, text: &str, faults: &mut Faults) {
     let (document, errors) = DeTable::parse_recoverable(text);
-    let mut overlay = Overlay {
-        source,
-        text,
-        found: Vec::new(),
-    };
+    let mut overlay = Overlay { source, text, found: Vec::new() };
     if errors.is_empty() {
         overlay.document(settings, document.get_ref());
     }
@@ -53,32 +47,18 @@ pub fn check_together(settings: &Settings, faults: &mut Faults) {
     let mut need = |good: bool, key: &'static str, value: String, expected: String| {
         let table = key.split('.').next().unwrap_or(key);
         if !good && !faults.concern(table) {
-            faults.push(Fault::Together {
-                key,
-                value,
-                expected,
-            });
+            faults.push(Fault::Together { key, value, expected });
         }
     };
     let [live, hold, neutral] = [failsafe.live_ms, failsafe.hold_ms, failsafe.neutral_ms];
-    need(
-        live < hold,
-        "failsafe.hold_ms",
-        hold.to_string(),
-        format!("more than failsafe.live_ms, which is {live}"),
-    );
+    need(live < hold, "failsafe.hold_ms", hold.to_string(), format!("more than failsafe.live_ms, which is {live}"));
     need(
         hold < neutral,
         "failsafe.neutral_ms",
         neutral.to_string(),
         format!("more than failsafe.hold_ms, which is {hold}"),
     );
-    need(
-        !settings.links.is_empty(),
-        "link",
-        "[]".to_owned(),
-        "at least one [[link]]".to_owned(),
-    );
+    need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
 }
 
 impl Overlay<'_> {
@@ -133,11 +113,7 @@ impl Overlay<'_> {
     }
 
     fn unknown(&mut self, path: &str, key: &str, known: &[&str], offset: usize) {
-        let fault = Fault::Unknown {
-            place: self.place(offset),
-            key: path.to_owned(),
-            hint: hint(key, known),
-        };
+        let fault = Fault::Unknown { place: self.place(offset), key: path.to_owned(), hint: hint(key, known) };
         self.found.push((offset, fault));
     }
 
@@ -164,9 +140,7 @@ impl Overlay<'_> {
 /// The nearest known name as the end of a sentence; all of them when none is near.
 fn hint(key: &str, known: &[&str]) -> String {
     let similarity = |name: &str| strsim::jaro_winkler(key, name);
-    let nearest = known
-        .iter()
-        .max_by(|a, b| similarity(a).total_cmp(&similarity(b)));
+    let nearest = known.iter().max_by(|a, b| similarity(a).total_cmp(&similarity(b)));
     match nearest {
         Some(name) if similarity(name) >= LEAST_SIMILARITY => format!("; did you mean {name}?"),
         _ => format!("; there are {}", known.join(", ")),

@@ -76,8 +76,8 @@ section! {
     SolverSettings {
         /// File of the fitted model; empty: the built-in one.
         model: String = String::new(), (), "";
-        /// Frames that smoothing averages; 1 is off.
-        smoothing_frames: u32 = 5, 1..=15, " (frames)";
+        /// Earlier frames that smoothing averages with the newest, for the eyes at most 2; 0 is off.
+        smoothing_frames: u32 = 5, 0..=10, " (frames)";
     }
 }
 
@@ -88,7 +88,7 @@ section! {
         live_ms: u32 = 150, 20..=5000, " (ms)";
         /// The last pose stands still up to here.
         hold_ms: u32 = 300, 40..=10_000, " (ms)";
-        /// The face is neutral from here on, or later where slew_per_s allows no more.
+        /// The face is neutral from here on, or later where `slew_per_s` allows no more.
         neutral_ms: u32 = 1000, 60..=60_000, " (ms)";
         /// Fastest change of a coefficient on the way to neutral and back.
         slew_per_s: f32 = 4.0, 0.1..=100.0, " (1/s)";

@@ -20,19 +20,13 @@ fn defaults_explain_each_setting_with_type_and_bounds() {
     let text = defaults();
     let assignments = text.lines().filter(|line| line.contains(" = "));
     assert_eq!(assignments.count(), 19);
-    assert!(text.contains(
-        "# Picture height.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n"
-    ));
+    assert!(text.contains("# Picture height.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n"));
 }
 
 #[test]
 fn every_board_is_valid_and_says_for_which_machine() {
     for (name, text) in BOARDS {
-        assert!(
-            load(Some(name), None).is_ok(),
-            "{name}: {:?}",
-            load(Some(name), None)
-        );
+        assert!(load(Some(name), None).is_ok(), "{name}: {:?}", load(Some(name), None));
         assert!(text.starts_with("# "), "{name}");
     }
 }
@@ -57,21 +51,13 @@ fn the_file_overlays_the_board_which_overlays_the_defaults() {
     let settings = load(Some("pi-zero-2w"), Some(&path));
     fs::remove_file(&path).unwrap();
     let camera = settings.unwrap().camera;
-    assert_eq!(
-        (camera.fps, camera.width, camera.stall_timeout_ms),
-        (20, 320, 1000)
-    );
+    assert_eq!((camera.fps, camera.width, camera.stall_timeout_ms), (20, 320, 1000));
 }
 
 #[test]
 fn unreadable_file_is_refused_by_its_name() {
-    let fault = load(None, Some(Path::new("/nowhere/facewire.toml")))
-        .unwrap_err()
-        .to_string();
-    assert!(
-        fault.starts_with("/nowhere/facewire.toml: cannot be read (No such file"),
-        "{fault}"
-    );
+    let fault = load(None, Some(Path::new("/nowhere/facewire.toml"))).unwrap_err().to_string();
+    assert!(fault.starts_with("/nowhere/facewire.toml: cannot be read (No such file"), "{fault}");
 }
 
 #[test]
@@ -102,10 +88,7 @@ facewire.toml:10: link.address = \"127.0.0.1\": give \"host:port\" with a port f
 #[test]
 fn syntax_errors_name_their_line() {
     let text = faults("[camera]\nwidth = 640\nheight = = 480\n");
-    assert!(
-        text.starts_with("facewire.toml:3: not valid TOML: "),
-        "{text}"
-    );
+    assert!(text.starts_with("facewire.toml:3: not valid TOML: "), "{text}");
 }
 
 #[test]
@@ -141,24 +124,13 @@ fn links_of_a_file_replace_the_default_one() {
 
 #[test]
 fn addresses_without_host_or_with_an_impossible_port_are_refused() {
-    for bad in [
-        "",
-        ":5252",
-        "host",
-        "host:",
-        "host:0",
-        "host:65536",
-        "::1:5252",
-        "host:port",
-    ] {
+    for bad in ["", ":5252", "host", "host:", "host:0", "host:65536", "::1:5252", "host:port"] {
         assert_eq!(Address::new(bad), None, "{bad}");
     }
 }
 
 #[test]
 fn whole_numbers_serve_where_a_number_is_asked_for() {
-    let failsafe = parse("file", "[failsafe]\nslew_per_s = 2\n")
-        .unwrap()
-        .failsafe;
+    let failsafe = parse("file", "[failsafe]\nslew_per_s = 2\n").unwrap().failsafe;
     assert!((failsafe.slew_per_s - 2.0).abs() < f32::EPSILON);
 }

@@ -27,19 +27,10 @@ impl UdpLink {
     /// # Errors
     /// The host does not resolve, or there is no socket.
     pub fn open(address: &Address) -> Result<Self, LinkError> {
-        let receiver = resolved(address).map_err(|reason| LinkError::Resolve {
-            address: address.to_string(),
-            reason,
-        })?;
-        let socket = socket_for(receiver).map_err(|error| LinkError::Socket {
-            address: address.to_string(),
-            error,
-        })?;
-        Ok(Self {
-            socket,
-            receiver,
-            counts: LinkCounts::default(),
-        })
+        let receiver =
+            resolved(address).map_err(|reason| LinkError::Resolve { address: address.to_string(), reason })?;
+        let socket = socket_for(receiver).map_err(|error| LinkError::Socket { address: address.to_string(), error })?;
+        Ok(Self { socket, receiver, counts: LinkCounts::default() })
     }
 
     /// Where packets go.
@@ -67,10 +58,7 @@ impl UdpLink {
 /// The first address of the host, of IPv4 if it has one: a small receiver seldom listens to IPv6, and "localhost"
 /// would else be one.
 fn resolved(address: &Address) -> Result<SocketAddr, String> {
-    let found = address
-        .as_str()
-        .to_socket_addrs()
-        .map_err(|error| error.to_string())?;
+    let found = address.as_str().to_socket_addrs().map_err(|error| error.to_string())?;
     let first = found.min_by_key(SocketAddr::is_ipv6);
     first.ok_or_else(|| "it has no address".to_owned())
 }
@@ -103,9 +91,7 @@ mod tests {
 
     fn receiver(address: &str) -> UdpSocket {
         let socket = UdpSocket::bind(address).unwrap();
-        socket
-            .set_read_timeout(Some(Duration::from_secs(5)))
-            .unwrap();
+        socket.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
         socket
     }
 
@@ -116,28 +102,15 @@ mod tests {
                 eprintln!("skipped {any}: this machine has no such address");
                 continue;
             };
-            socket
-                .set_read_timeout(Some(Duration::from_secs(5)))
-                .unwrap();
+            socket.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
             let mut link = open(&socket.local_addr().unwrap().to_string());
-            let packet = Packet {
-                state: State::Live,
-                sequence: 9,
-                age_us: 100,
-                ..Packet::NEUTRAL
-            };
+            let packet = Packet { state: State::Live, sequence: 9, age_us: 100, ..Packet::NEUTRAL };
             link.send(&packet);
             let mut bytes = [0; 1024];
             let length = socket.recv(&mut bytes).unwrap();
             assert_eq!(length, PACKET_BYTES);
             assert_eq!(Packet::decode(bytes.get(..length).unwrap()), Ok(packet));
-            assert_eq!(
-                link.counts(),
-                LinkCounts {
-                    sent: 1,
-                    dropped: 0
-                }
-            );
+            assert_eq!(link.counts(), LinkCounts { sent: 1, dropped: 0 });
         }
     }
 
@@ -153,13 +126,7 @@ mod tests {
         let late = receiver(&address);
         link.send(&Packet::NEUTRAL);
         assert_eq!(late.recv(&mut [0; 1024]).unwrap(), PACKET_BYTES);
-        assert_eq!(
-            link.counts(),
-            LinkCounts {
-                sent: 11,
-                dropped: 0
-            }
-        );
+        assert_eq!(link.counts(), LinkCounts { sent: 11, dropped: 0 });
     }
 
     #[test]
@@ -168,13 +135,7 @@ mod tests {
         // An IPv4 socket cannot reach it, whatever routes this machine has.
         link.receiver = SocketAddr::from((Ipv6Addr::LOCALHOST, 9));
         link.send(&Packet::NEUTRAL);
-        assert_eq!(
-            link.counts(),
-            LinkCounts {
-                sent: 0,
-                dropped: 1
-            }
-        );
+        assert_eq!(link.counts(), LinkCounts { sent: 0, dropped: 1 });
     }
 
     #[test]
@@ -186,10 +147,7 @@ mod tests {
     fn an_unknown_host_is_refused_with_its_address_and_what_to_check() {
         let error = UdpLink::open(&Address::new("nowhere.invalid:5252").unwrap()).unwrap_err();
         let text = error.to_string();
-        assert!(
-            text.starts_with("link nowhere.invalid:5252: the host does not resolve ("),
-            "{text}"
-        );
+        assert!(text.starts_with("link nowhere.invalid:5252: the host does not resolve ("), "{text}");
         assert!(text.contains("check the spelling"), "{text}");
     }
 

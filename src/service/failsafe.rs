@@ -73,11 +73,8 @@ impl Failsafe {
     #[must_use]
     pub fn new(settings: &FailsafeSettings, rate_hz: u32, frame_period_us: u64) -> Self {
         let [live_us, hold_us, neutral_us] =
-            [settings.live_ms, settings.hold_ms, settings.neutral_ms]
-                .map(|ms| u64::from(ms) * 1000);
-        let longer_us = frame_period_us
-            .saturating_mul(LIVE_FRAMES)
-            .saturating_sub(live_us);
+            [settings.live_ms, settings.hold_ms, settings.neutral_ms].map(|ms| u64::from(ms) * 1000);
+        let longer_us = frame_period_us.saturating_mul(LIVE_FRAMES).saturating_sub(live_us);
         Self {
             live_us: live_us.saturating_add(longer_us),
             hold_us: hold_us.saturating_add(longer_us),
@@ -114,12 +111,8 @@ impl Failsafe {
             State::Decay => self.neutral_us,
             State::Neutral => u64::MAX,
         };
-        let until_state_us = next_state_us
-            .checked_sub(history.age_us)
-            .filter(|us| *us > 0);
-        let until_packet_us = self
-            .interval_us(history)
-            .saturating_sub(history.since_sent_us);
+        let until_state_us = next_state_us.checked_sub(history.age_us).filter(|us| *us > 0);
+        let until_packet_us = self.interval_us(history).saturating_sub(history.since_sent_us);
         until_packet_us.min(until_state_us.unwrap_or(u64::MAX))
     }
 
@@ -194,11 +187,7 @@ impl Failsafe {
         let from_us = before_us.max(self.hold_us);
         let left = Duration::from_micros(self.neutral_us.saturating_sub(from_us));
         let passed = Duration::from_micros(age_us.saturating_sub(from_us));
-        if passed >= left {
-            1.0
-        } else {
-            passed.div_duration_f32(left)
-        }
+        if passed >= left { 1.0 } else { passed.div_duration_f32(left) }
     }
 
     /// Time from one packet to the next when no pose is followed. Live and caught up, only a pose is worth one.
@@ -213,8 +202,7 @@ impl Failsafe {
     /// Whether to send now, and if so, counts it as sent.
     fn send(&self, history: &mut History, followed: bool) -> bool {
         let sent = Some((history.state, history.told_reason()));
-        let due =
-            followed || history.sent != sent || history.since_sent_us >= self.interval_us(history);
+        let due = followed || history.sent != sent || history.since_sent_us >= self.interval_us(history);
         if due {
             history.sent = sent;
             history.since_sent_us = 0;

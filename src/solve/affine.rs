@@ -149,3 +149,71 @@ fn nearest_rotation(covariance: Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
     }
     Some((u * v_t, values.sum() * size))
 }
+
+#[cfg(test)]
+#[allow(clippy::indexing_slicing, clippy::expect_used)]
+mod tests {
+    use super::*;
+    use crate::solve::test_face::face;
+
+    #[test]
+    fn turned_scaled_and_moved_face_comes_back_to_its_own_basis() {
+        let seen = normalise(&face([25.0, -15.0, 10.0], 80.0, [400.0, 120.0])).expect("a face");
+        for (index, canonical) in RIGID {
+            for (a, b) in seen.points[index].iter().zip(canonical) {
+                assert!(
+                    (f64::from(*a) - b).abs() < 1e-4,
+                    "landmark {index}: {a} for {b}"
+                );
+            }
+        }
+        assert!((seen.scale_px - 80.0).abs() < 0.01);
+        assert!(
+            (seen.origin_px[0] - 400.0).abs() < 0.01 && (seen.origin_px[1] - 120.0).abs() < 0.01
+        );
+    }
+
+    #[test]
+    fn landmark_that_is_not_a_number_is_refused_wherever_it_lies() {
+        for (index, value) in [
+            (0, f32::NAN),
+            (200, f32::INFINITY),
+            (477, f32::NEG_INFINITY),
+        ] {
+            let mut landmarks = face([0.0; 3], 80.0, [320.0, 240.0]);
+            landmarks.0[index][1] = value;
+            assert_eq!(normalise(&landmarks), Err(DegenerateFace::NotFinite));
+        }
+    }
+
+    #[test]
+    fn face_without_extent_is_refused() {
+        assert_eq!(
+            normalise(&Landmarks([[5.0; 3]; LANDMARKS])),
+            Err(DegenerateFace::TooSmall)
+        );
+        assert_eq!(
+            normalise(&face([0.0; 3], 2.0, [0.0; 2])),
+            Err(DegenerateFace::TooSmall)
+        );
+        let mut line = Landmarks([[0.0; 3]; LANDMARKS]);
+        (0_u16..)
+            .zip(&mut line.0)
+            .for_each(|(index, point)| point[0] = f32::from(index));
+        assert!(normalise(&line).is_err());
+    }
+
+    #[test]
+    fn points_that_do_not_form_a_face_are_refused() {
+        let mut scattered = face([0.0; 3], 80.0, [320.0, 240.0]);
+        scattered
+            .0
+            .iter_mut()
+            .step_by(2)
+            .for_each(|point| point[1] = 480.0 - point[1] * 1.7);
+        assert_eq!(normalise(&scattered), Err(DegenerateFace::NotAFace));
+        let mut stray = face([0.0; 3], 80.0, [320.0, 240.0]);
+        stray.0[14] = [1e30, 0.0, 0.0];
+        assert_eq!(normalise(&stray), Err(DegenerateFace::NotAFace));
+    }
+}

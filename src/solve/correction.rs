@@ -103,7 +103,7 @@ fn follow(rest: f32, f: f32, k_dt: f32) -> f32 {
     bounded_rest(rest + share * (f - rest))
 }
 
-/// `max` and `min` rather than `clamp`: they turn a rest that is not a number into 0.
+#[expect(clippy::manual_clamp, reason = "`max` and `min` turn a rest that is not a number into 0")]
 fn bounded_rest(rest: f32) -> f32 {
     rest.max(0.0).min(MAX_REST)
 }

@@ -161,3 +161,48 @@ impl fmt::Display for FeatureId {
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::expect_used, clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+    use crate::solve::{NeutralMean, normalise, test_face::face};
+
+    #[test]
+    fn every_feature_is_found_again_by_its_name() {
+        for index in 0..FEATURES {
+            let id = FeatureId::from_index(index).expect("below the count");
+            assert_eq!(FeatureId::from_name(&id.to_string()), Some(id));
+        }
+        assert_eq!(FeatureId::from_index(FEATURES), None);
+    }
+
+    #[test]
+    fn names_of_no_feature_are_refused() {
+        for name in ["", "x", "x478", "y-1", "w3", "d1-2", "d159", "é1"] {
+            assert_eq!(FeatureId::from_name(name), None, "{name}");
+        }
+    }
+
+    #[test]
+    fn neutral_face_has_no_displacement() {
+        let face = normalise(&face([5.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
+        let mut mean = NeutralMean::default();
+        mean.add(&face);
+        let neutral = mean.finish().expect("one frame");
+        assert!(
+            Features::new(&face, Some(&neutral))
+                .values
+                .iter()
+                .all(|value| value.abs() < 1e-6)
+        );
+    }
+
+    #[test]
+    fn opened_mouth_lengthens_its_distance_by_as_much() {
+        let id = FeatureId::from_name("d13-14").expect("known");
+        let mut points = [[0.0; 3]; LANDMARKS];
+        points[14] = [0.0, -0.3, -0.4];
+        assert!((measure(&points)[id.index()] - 0.5).abs() < 1e-6);
+    }
+}

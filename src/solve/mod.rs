@@ -16,6 +16,9 @@ mod neutral;
 mod pose;
 mod regression;
 mod smoothing;
+#[cfg(test)]
+#[allow(clippy::indexing_slicing)]
+mod test_face;
 
 pub use affine::{DegenerateFace, Normalised, normalise};
 pub use blendshapes::{BLENDSHAPES, COEFFS};
@@ -24,5 +27,5 @@ pub use features::{FEATURES, FeatureId, Features};
 pub use model_file::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
 pub use pose::{Camera, HeadPose};
-pub use regression::{Model, NotFinite, RawCoeffs};
+pub use regression::{AbsurdResult, Model, RawCoeffs};
 pub use smoothing::{GateEdge, GatedAverage, GatedAverageState, Smoothed};

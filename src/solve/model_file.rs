@@ -252,3 +252,104 @@ impl Term {
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    const SHIPPED: &str = include_str!("../../models/blendshapes.toml");
+
+    fn shipped() -> ModelFile {
+        ModelFile::parse(SHIPPED).expect("the shipped model is sound")
+    }
+
+    fn error_of(change: impl Fn(&mut BlendshapeTable)) -> String {
+        let mut file = shipped();
+        change(file.neutral_known.get_mut("jawOpen").expect("it has a jaw"));
+        file.to_model().expect_err("a fault was put in").to_string()
+    }
+
+    #[test]
+    fn missing_file_is_named() {
+        let error = Model::load(Path::new("no/such/model.toml"))
+            .expect_err("there is none")
+            .to_string();
+        assert!(error.contains("no/such/model.toml"), "{error}");
+    }
+
+    #[test]
+    fn damaged_file_is_refused() {
+        let cut = SHIPPED.get(..SHIPPED.len() / 2).expect("plain text");
+        assert!(
+            ModelFile::parse(cut)
+                .and_then(|file| file.to_model())
+                .is_err()
+        );
+        assert!(matches!(
+            ModelFile::parse("format = [1"),
+            Err(ModelError::Damaged(_))
+        ));
+        assert!(matches!(
+            ModelFile::parse("format = 1"),
+            Err(ModelError::Damaged(_))
+        ));
+    }
+
+    #[test]
+    fn other_format_is_told_from_damage() {
+        assert!(matches!(
+            ModelFile::parse("format = 2\nnew = true"),
+            Err(ModelError::WrongFormat { found: 2 })
+        ));
+    }
+
+    #[test]
+    fn missing_and_unknown_blendshapes_are_named() {
+        let mut file = shipped();
+        let entry = file
+            .neutral_unknown
+            .remove("jawOpen")
+            .expect("it has a jaw");
+        assert!(
+            file.to_model()
+                .expect_err("no jaw")
+                .to_string()
+                .contains("neutral_unknown.jawOpen")
+        );
+        file.neutral_unknown.insert("jawOpened".to_owned(), entry);
+        assert!(
+            file.to_model()
+                .expect_err("no such jaw")
+                .to_string()
+                .contains("jawOpened")
+        );
+    }
+
+    #[test]
+    fn weight_that_is_not_finite_is_named() {
+        for wrong in [f64::NAN, f64::INFINITY, 1e300] {
+            let error = error_of(|table| drop(table.linear.insert("y14".to_owned(), wrong)));
+            assert!(
+                error.contains("y14") && error.contains("neutral_known.jawOpen"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn unknown_feature_and_term_are_named() {
+        assert!(error_of(|table| drop(table.linear.insert("q7".to_owned(), 1.0))).contains("q7"));
+        assert!(
+            error_of(|table| drop(table.polynomial.insert("jawOpen*q7".to_owned(), 1.0)))
+                .contains("jawOpen*q7")
+        );
+    }
+
+    #[test]
+    fn more_weights_than_fit_are_refused() {
+        let many = (0..478).map(|landmark| (format!("x{landmark}"), 0.1));
+        assert!(error_of(|table| table.linear.extend(many.clone())).contains("more weights"));
+    }
+}

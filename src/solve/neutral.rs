@@ -101,3 +101,40 @@ impl NeutralMean {
         Neutral::from_points(&self.sums.map(|point| point.map(mean)))
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::expect_used, clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+    use crate::solve::{normalise, test_face::face};
+
+    #[test]
+    fn mean_of_two_frames_lies_half_way() {
+        let mut frames =
+            [0, 1].map(|_| normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"));
+        (frames[0].points[13], frames[1].points[13]) = ([0.1, 0.2, 0.3], [0.3, 0.4, 0.7]);
+        let mut mean = NeutralMean::default();
+        frames.iter().for_each(|frame| mean.add(frame));
+        let point = mean.finish().expect("two frames").points()[13];
+        assert!(
+            point
+                .iter()
+                .zip([0.2, 0.3, 0.5])
+                .all(|(a, b)| (a - b).abs() < 1e-6)
+        );
+    }
+
+    #[test]
+    fn recording_without_a_face_gives_no_neutral() {
+        assert_eq!(NeutralMean::default().finish(), Err(NeutralError::NoFrames));
+    }
+
+    #[test]
+    fn stored_neutral_with_a_wild_coordinate_is_refused() {
+        for value in [f32::NAN, f32::INFINITY, 1e6] {
+            let mut points = [[0.0; 3]; LANDMARKS];
+            points[477][2] = value;
+            assert_eq!(Neutral::from_points(&points), Err(NeutralError::Damaged));
+        }
+    }
+}

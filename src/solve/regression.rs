@@ -23,15 +23,15 @@ use super::{
 pub(super) const MAX_SELECTED: usize = 96;
 /// Most terms of a blendshape's polynomial.
 pub(super) const MAX_TERMS: usize = 32;
-/// Largest result that is still taken for a coefficient; on real faces they stay between -1 and 2.
-const MAX_RESULT: f32 = 10.0;
+/// Largest estimate of a face; on rendered and real ones they stay between -0.5 and 1.3.
+const MAX_ESTIMATE: f32 = 5.0;
 
 /// The model gave something that is no coefficient. The frame is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[error(
     "the blendshape model gave an absurd value; check the model file and the recorded neutral face"
 )]
-pub struct NotFinite;
+pub struct AbsurdResult;
 
 /// Coefficients as the regression gives them, in the order of [`super::BLENDSHAPES`]: finite, not yet clamped.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,22 +91,22 @@ impl Model {
     /// The coefficients of a face. Takes the map that fits the features: neutral face known or not.
     ///
     /// # Errors
-    /// [`NotFinite`] if a result is no number or far outside a coefficient's range.
-    pub fn process(&self, features: &Features) -> Result<RawCoeffs, NotFinite> {
+    /// [`AbsurdResult`] if a result is no number or far outside a coefficient's range.
+    pub fn process(&self, features: &Features) -> Result<RawCoeffs, AbsurdResult> {
         let map = if features.neutral_known {
             &self.neutral_known
         } else {
             &self.neutral_unknown
         };
-        let clipped = map.clipped_estimates(features);
+        let clipped = map.clipped_estimates(features)?;
         let mut raw = [0.0; COEFFS];
         raw.iter_mut()
             .zip(&map.0)
             .for_each(|(out, blendshape)| *out = blendshape.polynomial(&clipped));
-        if raw.iter().all(|value| value.abs() < MAX_RESULT) {
+        if raw.iter().all(|value| value.is_finite()) {
             Ok(RawCoeffs(raw))
         } else {
-            Err(NotFinite)
+            Err(AbsurdResult)
         }
     }
 
@@ -120,13 +120,16 @@ impl Model {
 }
 
 impl Map {
-    fn clipped_estimates(&self, features: &Features) -> Clipped {
+    fn clipped_estimates(&self, features: &Features) -> Result<Clipped, AbsurdResult> {
         let mut clipped = [1.0; COEFFS + 1];
-        clipped
-            .iter_mut()
-            .zip(&self.0)
-            .for_each(|(out, blendshape)| *out = blendshape.estimate(features).clamp(0.0, 1.0));
-        clipped
+        for (out, blendshape) in clipped.iter_mut().zip(&self.0) {
+            let estimate = blendshape.estimate(features);
+            if !(estimate.abs() < MAX_ESTIMATE) {
+                return Err(AbsurdResult);
+            }
+            *out = estimate.clamp(0.0, 1.0);
+        }
+        Ok(clipped)
     }
 }
 
@@ -147,5 +150,91 @@ impl Blendshape {
             .iter()
             .map(|(Term(a, b), weight)| weight * value(*a) * value(*b))
             .sum()
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used, clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+    use crate::solve::{normalise, test_face::face};
+
+    const JAW_OPEN: usize = 17;
+    const FUNNEL: usize = 19;
+    const TONGUE_OUT: usize = 51;
+
+    fn blendshape(bias: f32, terms: &[(Term, f32)]) -> Blendshape {
+        Blendshape {
+            bias,
+            linear: Vec::new(),
+            polynomial: terms.iter().copied().collect(),
+        }
+    }
+
+    /// A model whose two maps hold `entry` at `index` and nothing elsewhere but a funnel of 0.5.
+    fn model(index: usize, entry: &Blendshape) -> Model {
+        let mut map = Map(vec![Blendshape::default(); COEFFS].into());
+        map.0[FUNNEL] = blendshape(0.5, &[]);
+        map.0[index] = entry.clone();
+        Model {
+            neutral_known: map.clone(),
+            neutral_unknown: map,
+        }
+    }
+
+    fn features() -> Features {
+        Features::new(
+            &normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"),
+            None,
+        )
+    }
+
+    #[test]
+    fn result_is_the_polynomial_of_clipped_estimates() {
+        let terms = [
+            (Term(ONE, ONE), 0.1),
+            (Term(17, ONE), 0.2),
+            (Term(17, 19), 0.4),
+        ];
+        let raw = model(JAW_OPEN, &blendshape(3.0, &terms))
+            .process(&features())
+            .expect("finite");
+        assert!(
+            (raw.0[JAW_OPEN] - (0.1 + 0.2 + 0.4 * 0.5)).abs() < 1e-6,
+            "the estimate of 3 counts as 1"
+        );
+    }
+
+    #[test]
+    fn estimate_adds_weighted_features() {
+        let id = FeatureId::from_name("x263").expect("known");
+        let mut entry = blendshape(0.0, &[(Term(17, ONE), 1.0)]);
+        entry.linear.push((id, 0.5)).expect("room");
+        let raw = model(JAW_OPEN, &entry)
+            .process(&features())
+            .expect("finite");
+        assert!((raw.0[JAW_OPEN] - 0.5 * 0.7218).abs() < 1e-3);
+    }
+
+    #[test]
+    fn absurd_and_missing_numbers_reject_the_frame() {
+        for wrong in [f32::NAN, f32::INFINITY, -7.0] {
+            assert_eq!(
+                model(JAW_OPEN, &blendshape(wrong, &[])).process(&features()),
+                Err(AbsurdResult)
+            );
+        }
+        let model = model(JAW_OPEN, &blendshape(0.0, &[(Term(ONE, ONE), f32::NAN)]));
+        assert_eq!(model.process(&features()), Err(AbsurdResult));
+    }
+
+    #[test]
+    fn shipped_model_is_small_and_leaves_the_tongue_in() {
+        let model = Model::embedded().expect("the shipped model loads");
+        assert!(model.size_bytes() <= 256 * 1024);
+        for map in [&model.neutral_known, &model.neutral_unknown] {
+            assert_eq!(map.0.len(), COEFFS);
+            assert_eq!(map.0[TONGUE_OUT], Blendshape::default());
+        }
     }
 }

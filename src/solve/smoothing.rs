@@ -79,6 +79,15 @@ impl Default for GatedAverage {
 }
 
 impl GatedAverage {
+    /// Averages over `window` previous values, at most [`MAX_WINDOW`], where the default has more than the eyes' few.
+    #[must_use]
+    pub fn with_window(window: u32) -> Self {
+        let default = Self::default();
+        let window = u8::try_from(window).unwrap_or(u8::MAX);
+        let window = default.window.map(|usual| if usual == WINDOW { window } else { window.min(usual) });
+        Self { window, ..default }
+    }
+
     /// Smooths one frame. A new state (after a loss of the face) lets the first frames pass as they are.
     pub fn process(&self, state: &mut GatedAverageState, corrected: &Corrected) -> Smoothed {
         let mut out = corrected.0;

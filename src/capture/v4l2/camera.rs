@@ -3,16 +3,13 @@
 use std::path::Path;
 use std::time::Duration;
 
-use v4l::format::{Colorspace, Quantization};
 use v4l::video::Capture;
 use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
-use super::super::{
-    CaptureError, Description, Frame, FrameFault, FrameRate, JpegDecoder, MAX_SIDE_PX, Picture,
-    Pixels, Source,
-};
-use super::mode::{Choice, PixelFormat, Wish, choose};
+use super::super::{CaptureError, Description, Frame, FrameFault, FrameRate, Source};
+use super::layout::{Layout, Store};
+use super::mode::{Choice, Wish, choose};
 use super::select;
 use super::stream::{Limits, Shot, Stream};
 
@@ -33,30 +30,15 @@ pub struct CameraSource {
     taken: u64,
 }
 
-/// What the driver has set.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Layout {
-    format: PixelFormat,
-    width: usize,
-    height: usize,
-    stride: usize,
-    full_range: bool,
-}
-
-/// Where the pixels of the newest frame are kept.
-enum Store {
-    /// As the camera sent them.
-    Raw(Box<[u8]>),
-    /// Decoded.
-    Jpeg(JpegDecoder),
-}
-
 impl CameraSource {
-    /// Finds the camera `wanted` means (see [`super::find`]), sets the mode nearest to `wish` and starts it. A frame
-    /// that does not come within `timeout` is an error.
+    /// Opens the camera that `wanted` means: `auto` (the first with a usable mode), a path (`/dev/video0` or a link to
+    /// it), or a part of its name or of its links. Sets the mode nearest to `wish` and waits for the first frame, up
+    /// to 5 seconds; later frames must come within `timeout`.
     ///
     /// # Errors
-    /// Those of [`super::find`], [`CaptureError::ModeLacking`], [`CaptureError::ModeRefused`], [`CaptureError::Stalled`].
+    /// [`CaptureError::NoCamera`], [`CaptureError::NotFound`], [`CaptureError::NotACamera`],
+    /// [`CaptureError::PermissionDenied`], [`CaptureError::Busy`], [`CaptureError::ModeLacking`],
+    /// [`CaptureError::ModeRefused`], [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Device`].
     pub fn open(wanted: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
         let (camera, device) = select::open(wanted, wish)?;
         let choice = choose(&camera.modes, wish).ok_or_else(|| camera.lacks(wish))?;
@@ -153,37 +135,9 @@ fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, Ca
     let set = device
         .set_format(&wanted)
         .map_err(|error| CaptureError::device(path, "setting its format", error))?;
-    layout(&set).ok_or_else(|| CaptureError::ModeRefused {
+    Layout::of(&set).ok_or_else(|| CaptureError::ModeRefused {
         path: path.display().to_string(),
         got: format!("{} {}x{}", set.fourcc, set.width, set.height),
-    })
-}
-
-/// The layout of a format that is read. Without a word on the range, the kernel's rule: limited but for JPEG colour.
-fn layout(set: &Format) -> Option<Layout> {
-    let format = PixelFormat::of(set.fourcc.repr)?;
-    let [width, height, stride] = [set.width, set.height, set.stride].map(|number| number as usize);
-    let row_bytes = if format == PixelFormat::Yuyv {
-        4 * width.div_ceil(2)
-    } else {
-        width
-    };
-    let stride = if stride == 0 { row_bytes } else { stride };
-    let full_range = match set.quantization {
-        Quantization::FullRange => true,
-        Quantization::LimitedRange => false,
-        Quantization::Default => matches!(set.colorspace, Colorspace::JPEG),
-    };
-    let sides = 1..=MAX_SIDE_PX;
-    let fits = sides.contains(&width)
-        && sides.contains(&height)
-        && (row_bytes..=16 * MAX_SIDE_PX).contains(&stride);
-    fits.then_some(Layout {
-        format,
-        width,
-        height,
-        stride,
-        full_range,
     })
 }
 
@@ -195,131 +149,4 @@ fn set_rate(device: &Device, rate: FrameRate) -> Option<FrameRate> {
         .ok()?
         .interval;
     FrameRate::new(set.denominator, set.numerator)
-}
-
-impl Layout {
-    /// Bytes of a raw frame.
-    fn bytes(&self) -> usize {
-        let chroma_rows = if self.format == PixelFormat::Nv12 {
-            self.height.div_ceil(2)
-        } else {
-            0
-        };
-        self.stride * (self.height + chroma_rows)
-    }
-}
-
-impl Store {
-    fn new(layout: &Layout) -> Result<Self, CaptureError> {
-        match layout.format {
-            PixelFormat::Mjpeg | PixelFormat::Jpeg => {
-                JpegDecoder::new(layout.width, layout.height).map(Self::Jpeg)
-            }
-            _ => Ok(Self::Raw(vec![0; layout.bytes()].into_boxed_slice())),
-        }
-    }
-
-    /// Copies or decodes the buffer, which then goes back to the driver.
-    fn keep(&mut self, bytes: &[u8], layout: &Layout) -> Result<(), FrameFault> {
-        match self {
-            Self::Jpeg(decoder) => decoder.decode(bytes),
-            Self::Raw(kept) => {
-                kept.copy_from_slice(bytes.get(..layout.bytes()).ok_or(FrameFault::Incomplete)?);
-                Ok(())
-            }
-        }
-    }
-
-    fn picture(&self, layout: &Layout) -> Option<Picture<'_>> {
-        let data = match self {
-            Self::Jpeg(decoder) => return decoder.picture(),
-            Self::Raw(data) => data,
-        };
-        let &Layout {
-            format,
-            width,
-            height,
-            stride,
-            full_range,
-        } = layout;
-        let pixels = match format {
-            PixelFormat::Yuyv => Pixels::Yuyv { data, stride },
-            PixelFormat::Nv12 => {
-                let (luma, chroma) = data.split_at_checked(stride * height)?;
-                Pixels::Nv12 {
-                    luma,
-                    chroma,
-                    stride,
-                }
-            }
-            _ => Pixels::Grey { data, stride },
-        };
-        Picture::new(width, height, pixels, full_range)
-    }
-}
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-
-    fn format(fourcc: [u8; 4], stride: u32) -> Format {
-        Format {
-            stride,
-            ..Format::new(6, 4, FourCC::new(&fourcc))
-        }
-    }
-
-    fn kept(fourcc: [u8; 4], stride: u32, bytes: usize) -> Result<(), FrameFault> {
-        let layout = layout(&format(fourcc, stride)).unwrap();
-        let mut store = Store::new(&layout).unwrap();
-        store.keep(&vec![9; bytes], &layout)?;
-        assert!(store.picture(&layout).is_some());
-        Ok(())
-    }
-
-    #[test]
-    fn a_raw_frame_is_kept_whole_or_refused_when_it_is_short() {
-        for (fourcc, stride, bytes) in [
-            (*b"YUYV", 12, 48),
-            (*b"YUYV", 16, 64),
-            (*b"NV12", 8, 48),
-            (*b"GREY", 0, 24),
-        ] {
-            assert_eq!(kept(fourcc, stride, bytes), Ok(()));
-            assert_eq!(
-                kept(fourcc, stride, bytes + 100),
-                Ok(()),
-                "padding behind it"
-            );
-            assert_eq!(kept(fourcc, stride, bytes - 1), Err(FrameFault::Incomplete));
-            assert_eq!(kept(fourcc, stride, 0), Err(FrameFault::Incomplete));
-        }
-        assert_eq!(kept(*b"MJPG", 0, 100), Err(FrameFault::NotJpeg));
-    }
-
-    #[test]
-    fn what_the_driver_set_instead_is_refused_unless_it_can_be_read() {
-        assert_eq!(layout(&format(*b"RGB3", 18)), None);
-        assert_eq!(layout(&format(*b"YUYV", 11)), None, "rows overlap");
-        assert_eq!(layout(&Format::new(5000, 4, FourCC::new(b"GREY"))), None);
-        assert_eq!(layout(&Format::new(0, 4, FourCC::new(b"GREY"))), None);
-    }
-
-    #[test]
-    fn the_range_is_limited_unless_the_driver_says_otherwise() {
-        let full = |colorspace, quantization| {
-            layout(&Format {
-                colorspace,
-                quantization,
-                ..format(*b"YUYV", 12)
-            })
-            .unwrap()
-            .full_range
-        };
-        assert!(!full(Colorspace::SRGB, Quantization::Default));
-        assert!(full(Colorspace::JPEG, Quantization::Default));
-        assert!(full(Colorspace::SRGB, Quantization::FullRange));
-        assert!(!full(Colorspace::JPEG, Quantization::LimitedRange));
-    }
 }

@@ -46,25 +46,17 @@ pub struct Found {
 impl Camera {
     /// The error of a wish for a format that it does not have.
     pub(super) fn lacks(&self, wish: &Wish) -> CaptureError {
-        const SHOWN: usize = 6;
-        let mut offered: Vec<_> = self
-            .modes
-            .iter()
-            .take(SHOWN)
-            .map(ToString::to_string)
-            .collect();
-        if self.modes.len() > SHOWN {
-            offered.push("...".to_owned());
-        }
+        let mut offered: Vec<_> = self.modes.iter().map(|mode| mode.format.name()).collect();
+        offered.dedup();
         CaptureError::ModeLacking {
             path: self.node.display().to_string(),
             wanted: wish
                 .format
                 .map_or("YUYV, NV12, MJPEG, JPEG or GREY", PixelFormat::name),
             offered: if offered.is_empty() {
-                "other formats".to_owned()
+                "none that is read".to_owned()
             } else {
-                offered.join("; ")
+                offered.join(", ")
             },
         }
     }
@@ -93,35 +85,43 @@ pub fn cameras() -> Found {
 /// # Errors
 /// [`CaptureError::NotFound`], [`CaptureError::NotACamera`], and those of [`CaptureError::device`].
 pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
-    let node = fs::canonicalize(path)
-        .map_err(|error| CaptureError::device(path, "looking for it", error))?;
-    let meta =
-        fs::metadata(&node).map_err(|error| CaptureError::device(path, "looking for it", error))?;
-    let not_a_camera = || CaptureError::NotACamera {
-        path: path.display().to_string(),
+    let fail = |during| move |error| CaptureError::device(path, during, error);
+    let node = video_node(path)?;
+    let device = Device::with_path(&node).map_err(fail("opening it"))?;
+    let (card, driver, captures) = identity(&device, &node).map_err(fail("asking what it is"))?;
+    // A camera of other formats is a camera, without a mode that is read.
+    if !captures || device.format().is_err() {
+        return Err(not_a_camera(path));
+    }
+    let camera = Camera {
+        card,
+        driver,
+        links: links(&node),
+        modes: modes(&device),
+        node,
     };
-    // Looked at before it is opened: opening a serial port would reset what hangs on it.
-    if !meta.file_type().is_char_device() || rustix::fs::major(meta.rdev()) != VIDEO_MAJOR {
-        return Err(not_a_camera());
+    Ok((camera, device))
+}
+
+/// Where `path` leads, if that is a video device. It is looked at before it is opened: opening a serial port would
+/// reset what hangs on it.
+fn video_node(path: &Path) -> Result<PathBuf, CaptureError> {
+    let fail = |error| CaptureError::device(path, "looking for it", error);
+    let node = fs::canonicalize(path).map_err(fail)?;
+    let meta = fs::metadata(&node).map_err(fail)?;
+    let is_video =
+        meta.file_type().is_char_device() && rustix::fs::major(meta.rdev()) == VIDEO_MAJOR;
+    if is_video {
+        Ok(node)
+    } else {
+        Err(not_a_camera(path))
     }
-    let device = Device::with_path(&node)
-        .map_err(|error| CaptureError::device(path, "opening it", error))?;
-    let (card, driver, captures) = identity(&device, &node)
-        .map_err(|error| CaptureError::device(path, "asking what it is", error))?;
-    let modes = if captures { modes(&device) } else { Vec::new() };
-    if !captures || modes.is_empty() && device.format().is_err() {
-        return Err(not_a_camera());
+}
+
+fn not_a_camera(path: &Path) -> CaptureError {
+    CaptureError::NotACamera {
+        path: path.display().to_string(),
     }
-    Ok((
-        Camera {
-            links: links(&node),
-            node,
-            card,
-            driver,
-            modes,
-        },
-        device,
-    ))
 }
 
 /// `/dev/videoN` by number.
@@ -295,7 +295,9 @@ mod tests {
         };
         let text = camera.lacks(&wish).to_string();
         assert!(
-            text.contains("/dev/video7") && text.contains("NV12") && text.contains("other formats"),
+            text.contains("/dev/video7")
+                && text.contains("NV12")
+                && text.contains("none that is read"),
             "{text}"
         );
     }

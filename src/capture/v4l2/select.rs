@@ -11,17 +11,12 @@ use super::probe::{Camera, Found, cameras, probe};
 /// The setting that leaves the choice to the program.
 const AUTO: &str = "auto";
 
-/// Finds the camera that `wanted` means: `auto` (the first with a usable mode), a path (`/dev/video0` or a link to
-/// it), or a part of its name or of its links, in capitals or not.
+/// Finds and opens the camera that `wanted` means: `auto` (the first with a usable mode), a path (`/dev/video0` or a
+/// link to it), or a part of its name or of its links, in capitals or not.
 ///
 /// # Errors
 /// [`CaptureError::NoCamera`], [`CaptureError::NotFound`], [`CaptureError::NotACamera`],
-/// [`CaptureError::PermissionDenied`], [`CaptureError::Busy`].
-pub fn find(wanted: &str, wish: &Wish) -> Result<Camera, CaptureError> {
-    open(wanted, wish).map(|(camera, _)| camera)
-}
-
-/// As [`find`], and opens it.
+/// [`CaptureError::PermissionDenied`], [`CaptureError::ModeLacking`] if `auto` finds no usable mode.
 pub(super) fn open(wanted: &str, wish: &Wish) -> Result<(Camera, Device), CaptureError> {
     if wanted.starts_with('/') {
         return probe(Path::new(wanted));

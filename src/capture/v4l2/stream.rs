@@ -96,12 +96,9 @@ impl Stream {
             let (bytes, meta) = mapped.next().map_err(CaptureError::stream)?;
             let now_us = monotonic_us();
             let is_stale = skipped > 0 && now_us - captured_us(meta, now_us) > limits.stale_us;
-            let wait = if is_stale {
-                mem::take(&mut patience)
-            } else {
-                Duration::ZERO
-            };
-            if skipped > BUFFERS || !is_ready(&handle, wait)? {
+            let has_newer = is_ready(&handle, Duration::ZERO)?
+                || is_stale && is_ready(&handle, mem::take(&mut patience))?;
+            if !has_newer || skipped > BUFFERS {
                 return Ok((skipped, shot(bytes, meta).and_then(look)));
             }
             skipped += 1;

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
+use super::super::Pixels;
 use super::*;
 
 fn stream(header: &str, frame_bytes: usize, frames: usize) -> Vec<u8> {

@@ -28,27 +28,18 @@ pub struct Pose {
 
 impl Pose {
     /// No expression, facing the camera.
-    pub const NEUTRAL: Self = Self {
-        rotation: [0.0, 0.0, 0.0, 1.0],
-        position_mm: [0.0; 3],
-        coefficients: [0.0; BLENDSHAPE_COUNT],
-    };
+    pub const NEUTRAL: Self =
+        Self { rotation: [0.0, 0.0, 0.0, 1.0], position_mm: [0.0; 3], coefficients: [0.0; BLENDSHAPE_COUNT] };
 
     /// Neutral at this pose's place: a head has no neutral position, so the last one stays.
     pub(super) fn neutral_here(&self) -> Self {
-        Self {
-            position_mm: self.position_mm,
-            ..Self::NEUTRAL
-        }
+        Self { position_mm: self.position_mm, ..Self::NEUTRAL }
     }
 
     /// The pose with rounding removed, or `None` when any value is not a number or out of range.
     pub(super) fn checked(&self) -> Option<Self> {
         let plausible = -COEFFICIENT_TOLERANCE..=1.0 + COEFFICIENT_TOLERANCE;
-        let coefficients_good = self
-            .coefficients
-            .iter()
-            .all(|value| plausible.contains(value));
+        let coefficients_good = self.coefficients.iter().all(|value| plausible.contains(value));
         let limit = -POSITION_LIMIT_MM..=POSITION_LIMIT_MM;
         let position_good = self.position_mm.iter().all(|mm| limit.contains(mm));
         let quaternion = Quaternion::from(self.rotation);
@@ -71,18 +62,8 @@ impl Pose {
             }
         }
         Self {
-            rotation: turned(
-                self.rotation,
-                target.rotation,
-                part,
-                limit * RADIANS_PER_UNIT,
-            ),
-            position_mm: moved(
-                self.position_mm,
-                target.position_mm,
-                part,
-                limit * MM_PER_UNIT,
-            ),
+            rotation: turned(self.rotation, target.rotation, part, limit * RADIANS_PER_UNIT),
+            position_mm: moved(self.position_mm, target.position_mm, part, limit * MM_PER_UNIT),
             coefficients,
         }
     }

@@ -15,29 +15,17 @@ struct Run {
 }
 
 fn settings() -> FailsafeSettings {
-    FailsafeSettings {
-        live_ms: 150,
-        hold_ms: 300,
-        neutral_ms: 1000,
-        slew_per_s: SLEW_PER_S,
-    }
+    FailsafeSettings { live_ms: 150, hold_ms: 300, neutral_ms: 1000, slew_per_s: SLEW_PER_S }
 }
 
 fn all(value: f32) -> Pose {
-    Pose {
-        coefficients: [value; 52],
-        position_mm: [10.0, 20.0, 600.0],
-        ..Pose::NEUTRAL
-    }
+    Pose { coefficients: [value; 52], position_mm: [10.0, 20.0, 600.0], ..Pose::NEUTRAL }
 }
 
 /// A head turned about the vertical axis.
 fn turned(degrees: f32) -> Pose {
     let (sin, cos) = (degrees.to_radians() / 2.0).sin_cos();
-    Pose {
-        rotation: [0.0, sin, 0.0, cos],
-        ..all(1.0)
-    }
+    Pose { rotation: [0.0, sin, 0.0, cos], ..all(1.0) }
 }
 
 fn yaw_deg(pose: &Pose) -> f32 {
@@ -46,11 +34,7 @@ fn yaw_deg(pose: &Pose) -> f32 {
 
 impl Run {
     fn new() -> Self {
-        Self {
-            failsafe: Failsafe::new(&settings(), 60, FRAME_US),
-            history: History::default(),
-            now_us: 5_000_000,
-        }
+        Self { failsafe: Failsafe::new(&settings(), 60, FRAME_US), history: History::default(), now_us: 5_000_000 }
     }
 
     /// Following this pose for two seconds, so that every ramp is over.
@@ -95,10 +79,7 @@ impl Run {
 fn transitions(outputs: &[(u64, Output)]) -> Vec<(u64, State)> {
     let mut changes: Vec<(u64, State)> = Vec::new();
     for (at_us, output) in outputs {
-        if changes
-            .last()
-            .is_none_or(|(_, state)| *state != output.state)
-        {
+        if changes.last().is_none_or(|(_, state)| *state != output.state) {
             changes.push((at_us / MS, output.state));
         }
     }
@@ -121,12 +102,7 @@ fn fastest(outputs: &[(u64, Output)]) -> f32 {
 #[test]
 fn silence_leads_through_hold_and_decay_to_neutral_at_150_300_and_1000_ms() {
     let outputs = Run::live(&all(1.0)).watch(1500 * MS);
-    let want = [
-        (1, State::Live),
-        (150, State::Hold),
-        (300, State::Decay),
-        (1000, State::Neutral),
-    ];
+    let want = [(1, State::Live), (150, State::Hold), (300, State::Decay), (1000, State::Neutral)];
     assert_eq!(transitions(&outputs), want);
 }
 
@@ -135,12 +111,7 @@ fn times_count_from_the_capture_of_the_last_pose_not_from_its_arrival() {
     let mut run = Run::live(&all(1.0));
     run.now_us += FRAME_US;
     run.news(News::Pose(&all(0.9), run.now_us - 50 * MS));
-    let want = [
-        (1, State::Live),
-        (100, State::Hold),
-        (250, State::Decay),
-        (950, State::Neutral),
-    ];
+    let want = [(1, State::Live), (100, State::Hold), (250, State::Decay), (950, State::Neutral)];
     assert_eq!(transitions(&run.watch(1500 * MS)), want);
 }
 
@@ -148,27 +119,16 @@ fn times_count_from_the_capture_of_the_last_pose_not_from_its_arrival() {
 fn slow_cameras_move_all_times_by_what_three_frames_take_longer() {
     let mut run = Run::live(&all(1.0));
     run.failsafe = Failsafe::new(&settings(), 60, 100 * MS);
-    let want = [
-        (1, State::Live),
-        (300, State::Hold),
-        (450, State::Decay),
-        (1150, State::Neutral),
-    ];
+    let want = [(1, State::Live), (300, State::Hold), (450, State::Decay), (1150, State::Neutral)];
     assert_eq!(transitions(&run.watch(1500 * MS)), want);
 }
 
 #[test]
 fn hold_stands_still_and_decay_never_moves_faster_than_the_slew_limit() {
     let outputs = Run::live(&all(1.0)).watch(1500 * MS);
-    let held = outputs
-        .iter()
-        .filter(|(_, output)| output.state == State::Hold);
+    let held = outputs.iter().filter(|(_, output)| output.state == State::Hold);
     assert!(held.clone().count() == 150 && held.clone().all(|(_, output)| output.pose == all(1.0)));
-    assert!(
-        fastest(&outputs) <= 1.0 / 0.7 * 1.001,
-        "{}",
-        fastest(&outputs)
-    );
+    assert!(fastest(&outputs) <= 1.0 / 0.7 * 1.001, "{}", fastest(&outputs));
     let last = outputs.last().map(|(_, output)| output.pose);
     assert_eq!(last, Some(all(1.0).neutral_here()));
 }
@@ -176,17 +136,10 @@ fn hold_stands_still_and_decay_never_moves_faster_than_the_slew_limit() {
 #[test]
 fn short_decays_are_limited_by_slew_and_neutral_waits_for_them() {
     let mut run = Run::live(&all(1.0));
-    let short = FailsafeSettings {
-        neutral_ms: 310,
-        ..settings()
-    };
+    let short = FailsafeSettings { neutral_ms: 310, ..settings() };
     run.failsafe = Failsafe::new(&short, 60, FRAME_US);
     let outputs = run.watch(1000 * MS);
-    assert!(
-        fastest(&outputs) <= SLEW_PER_S * 1.001,
-        "{}",
-        fastest(&outputs)
-    );
+    assert!(fastest(&outputs) <= SLEW_PER_S * 1.001, "{}", fastest(&outputs));
     assert_eq!(transitions(&outputs).last(), Some(&(550, State::Neutral)));
 }
 
@@ -194,10 +147,7 @@ fn short_decays_are_limited_by_slew_and_neutral_waits_for_them() {
 fn neutral_is_complete_by_its_time_even_when_no_update_came_before() {
     let mut run = Run::live(&all(1.0));
     let output = run.wait(1000 * MS);
-    assert_eq!(
-        (output.state, output.pose),
-        (State::Neutral, all(1.0).neutral_here())
-    );
+    assert_eq!((output.state, output.pose), (State::Neutral, all(1.0).neutral_here()));
 }
 
 #[test]
@@ -207,10 +157,7 @@ fn head_turns_back_by_the_time_of_neutral_at_a_bounded_rate_and_keeps_its_place(
         [(_, from), (_, to)] => (yaw_deg(&from.pose) - yaw_deg(&to.pose)).abs() / 1e-3,
         _ => 0.0,
     });
-    assert!(
-        rates.fold(0.0, f32::max) < 110.0,
-        "70 degrees in 700 ms are 100 a second"
-    );
+    assert!(rates.fold(0.0, f32::max) < 110.0, "70 degrees in 700 ms are 100 a second");
     let last = outputs.last().map(|(_, output)| output.pose);
     assert_eq!(last, Some(all(1.0).neutral_here()));
 }
@@ -220,10 +167,7 @@ fn a_head_that_looks_backwards_decays_at_180_degrees_per_second() {
     let outputs = Run::live(&turned(179.0)).watch(2000 * MS);
     let (at_ms, state) = transitions(&outputs).pop().unwrap_or_default();
     assert_eq!(state, State::Neutral);
-    assert!(
-        (1290..1300).contains(&at_ms),
-        "{at_ms}: 179 degrees take 994 ms"
-    );
+    assert!((1290..1300).contains(&at_ms), "{at_ms}: 179 degrees take 994 ms");
 }
 
 #[test]
@@ -246,10 +190,7 @@ fn recovery_takes_three_poses_and_100_ms() {
             slow.pose(&all(1.0)).state
         })
         .collect();
-    assert_eq!(
-        states,
-        [State::Neutral, State::Neutral, State::Live, State::Live]
-    );
+    assert_eq!(states, [State::Neutral, State::Neutral, State::Live, State::Live]);
 
     let mut quick = Run::live(&all(0.0));
     quick.wait(2000 * MS);
@@ -257,11 +198,7 @@ fn recovery_takes_three_poses_and_100_ms() {
         quick.now_us += 10 * MS;
         quick.pose(&all(1.0)).state
     });
-    assert_eq!(
-        states.filter(|state| *state == State::Live).count(),
-        2,
-        "at 100 and 110 ms"
-    );
+    assert_eq!(states.filter(|state| *state == State::Live).count(), 2, "at 100 and 110 ms");
 }
 
 #[test]
@@ -273,11 +210,7 @@ fn recovery_begins_anew_after_a_fault_or_a_gap() {
             run.now_us += 60 * MS;
             run.pose(&all(1.0));
         }
-        run.now_us += if matches!(interrupt, News::Nothing) {
-            160 * MS
-        } else {
-            0
-        };
+        run.now_us += if matches!(interrupt, News::Nothing) { 160 * MS } else { 0 };
         run.news(interrupt);
         run.now_us += 60 * MS;
         assert_eq!(run.pose(&all(1.0)).state, State::Neutral);
@@ -292,25 +225,13 @@ fn recovery_ramps_from_the_current_output_and_then_follows_exactly() {
     for ms in 0..1000 {
         run.now_us += MS;
         let at_us = run.now_us;
-        let output = if ms % 33 == 0 {
-            run.pose(&all(0.8))
-        } else {
-            run.news(News::Nothing)
-        };
+        let output = if ms % 33 == 0 { run.pose(&all(0.8)) } else { run.news(News::Nothing) };
         outputs.push((at_us, output));
     }
-    assert!(
-        fastest(&outputs) <= SLEW_PER_S * 1.001,
-        "{}",
-        fastest(&outputs)
-    );
+    assert!(fastest(&outputs) <= SLEW_PER_S * 1.001, "{}", fastest(&outputs));
     assert_eq!(run.history.shown, all(0.8));
     run.now_us += FRAME_US;
-    assert_eq!(
-        run.pose(&all(0.1)).pose,
-        all(0.1),
-        "live and caught up, nothing limits"
-    );
+    assert_eq!(run.pose(&all(0.1)).pose, all(0.1), "live and caught up, nothing limits");
 }
 
 #[test]
@@ -324,35 +245,19 @@ fn the_first_pose_ever_brings_its_place_without_a_ramp() {
         .last();
     let pose = output.map_or(Pose::NEUTRAL, |output| output.pose);
     assert_eq!(pose.position_mm, [10.0, 20.0, 600.0]);
-    assert!(
-        pose.coefficients[0] <= 0.2 + 1e-5,
-        "but its expression does not jump"
-    );
+    assert!(pose.coefficients[0] <= 0.2 + 1e-5, "but its expression does not jump");
 }
 
 #[test]
 fn every_fault_is_told_with_its_reason_until_a_pose_is_followed() {
-    for reason in [
-        Reason::NoFace,
-        Reason::NoCamera,
-        Reason::Late,
-        Reason::BadResult,
-    ] {
+    for reason in [Reason::NoFace, Reason::NoCamera, Reason::Late, Reason::BadResult] {
         let mut run = Run::live(&all(1.0));
-        assert_eq!(
-            run.news(News::Fault(reason)).reason,
-            Reason::None,
-            "still live"
-        );
+        assert_eq!(run.news(News::Fault(reason)).reason, Reason::None, "still live");
         for us in [160 * MS, 200 * MS, 900 * MS] {
             assert_eq!(run.wait(us).reason, reason);
         }
         run.now_us += 50 * MS;
-        assert_eq!(
-            run.pose(&all(1.0)).reason,
-            reason,
-            "one pose does not end it"
-        );
+        assert_eq!(run.pose(&all(1.0)).reason, reason, "one pose does not end it");
     }
 }
 
@@ -364,19 +269,8 @@ fn silence_without_a_known_fault_is_late() {
 #[test]
 fn before_any_frame_the_face_is_neutral_for_want_of_a_camera() {
     let output = Run::new().news(News::Nothing);
-    assert_eq!(
-        (output.state, output.reason),
-        (State::Neutral, Reason::NoCamera)
-    );
-    assert_eq!(
-        output.packet(1).encode(),
-        Packet {
-            reason: Reason::NoCamera,
-            sequence: 1,
-            ..Packet::NEUTRAL
-        }
-        .encode()
-    );
+    assert_eq!((output.state, output.reason), (State::Neutral, Reason::NoCamera));
+    assert_eq!(output.packet(1).encode(), Packet { reason: Reason::NoCamera, sequence: 1, ..Packet::NEUTRAL }.encode());
 }
 
 #[test]
@@ -385,18 +279,9 @@ fn a_pose_with_one_bad_number_is_rejected_whole() {
     nan.coefficients[20] = f32::NAN;
     let mut beyond = all(0.5);
     beyond.coefficients[51] = 1.01;
-    let bad_rotation = Pose {
-        rotation: [0.0, 0.0, 0.0, f32::NAN],
-        ..all(0.5)
-    };
-    let no_rotation = Pose {
-        rotation: [0.0; 4],
-        ..all(0.5)
-    };
-    let far = Pose {
-        position_mm: [0.0, 0.0, f32::INFINITY],
-        ..all(0.5)
-    };
+    let bad_rotation = Pose { rotation: [0.0, 0.0, 0.0, f32::NAN], ..all(0.5) };
+    let no_rotation = Pose { rotation: [0.0; 4], ..all(0.5) };
+    let far = Pose { position_mm: [0.0, 0.0, f32::INFINITY], ..all(0.5) };
     for bad in [nan, beyond, bad_rotation, no_rotation, far] {
         let mut run = Run::live(&all(1.0));
         run.now_us += FRAME_US;
@@ -418,10 +303,7 @@ fn poses_that_come_too_late_are_not_followed() {
     let mut run = Run::live(&all(1.0));
     run.now_us += 200 * MS;
     let output = run.news(News::Pose(&all(0.0), run.now_us - 180 * MS));
-    assert_eq!(
-        (output.state, output.reason, output.pose),
-        (State::Hold, Reason::Late, all(1.0))
-    );
+    assert_eq!((output.state, output.reason, output.pose), (State::Hold, Reason::Late, all(1.0)));
 }
 
 #[test]
@@ -430,9 +312,7 @@ fn the_same_pose_given_again_is_not_news() {
     let capture_us = run.now_us;
     for _ in 0..150 {
         run.now_us += MS;
-        assert!(
-            !run.news(News::Pose(&all(1.0), capture_us)).due || run.history.state == State::Hold
-        );
+        assert!(!run.news(News::Pose(&all(1.0), capture_us)).due || run.history.state == State::Hold);
     }
     assert_eq!(run.history.state, State::Hold);
 }
@@ -493,21 +373,9 @@ fn waiting_as_told_sends_hold_and_decay_at_the_rate_and_neutral_at_10_hz() {
         }
     }
     let count = |state| sent.iter().filter(|sent| **sent == state).count();
-    assert!(
-        (9..=10).contains(&count(State::Hold)),
-        "150 ms at 60 Hz: {}",
-        count(State::Hold)
-    );
-    assert!(
-        (41..=43).contains(&count(State::Decay)),
-        "700 ms at 60 Hz: {}",
-        count(State::Decay)
-    );
-    assert!(
-        (20..=21).contains(&count(State::Neutral)),
-        "2 s at 10 Hz: {}",
-        count(State::Neutral)
-    );
+    assert!((9..=10).contains(&count(State::Hold)), "150 ms at 60 Hz: {}", count(State::Hold));
+    assert!((41..=43).contains(&count(State::Decay)), "700 ms at 60 Hz: {}", count(State::Decay));
+    assert!((20..=21).contains(&count(State::Neutral)), "2 s at 10 Hz: {}", count(State::Neutral));
 }
 
 #[test]
@@ -523,9 +391,6 @@ fn a_change_of_reason_is_sent_at_once() {
 #[test]
 fn stopping_is_neutral_with_its_reason() {
     let output = Run::live(&all(1.0)).history.stopping();
-    assert_eq!(
-        (output.state, output.reason),
-        (State::Neutral, Reason::Stopping)
-    );
+    assert_eq!((output.state, output.reason), (State::Neutral, Reason::Stopping));
     assert_eq!((output.pose, output.due), (all(1.0).neutral_here(), true));
 }

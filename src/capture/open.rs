@@ -1,14 +1,32 @@
-//! Opening a file by its content, and what readers of files share.
+//! Opening what a setting or an argument names: a camera, a file by its content, or the built-in clip.
 
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, BufRead, BufReader};
+use std::time::Duration;
 
-use super::{AviSource, CaptureError, Clip, Source, Y4mSource};
+use super::v4l2::{CameraSource, Wish};
+use super::{AviSource, CaptureError, Clip, Paced, Source, Y4mSource};
 
 /// The name of the built-in clip wherever a file or a camera is asked for.
 pub const DEMO: &str = "demo";
 /// Bytes read at once.
 const BUFFER_BYTES: usize = 64 * 1024;
+
+/// Opens a camera by its setting (see [`CameraSource::open`]), or for `demo` the built-in clip, which then plays for
+/// ever in real time. A camera that sends nothing for `timeout` has stalled.
+///
+/// # Errors
+/// Those of [`CameraSource::open`].
+pub fn open_camera(
+    device: &str,
+    wish: &Wish,
+    timeout: Duration,
+) -> Result<Box<dyn Source + Send>, CaptureError> {
+    match device {
+        DEMO => Ok(Box::new(Paced::new(Clip::looped()?))),
+        device => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
+    }
+}
 
 /// Opens `-` (y4m on standard input), `demo` (the built-in clip, once through), or a file by what is in it.
 ///
@@ -39,20 +57,6 @@ fn open_path(path: &str) -> Result<Box<dyn Source + Send>, CaptureError> {
             path: path.to_owned(),
         }),
     }
-}
-
-/// Fills `buffer` as far as the stream goes; says how far.
-pub(super) fn fill(reader: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
-    let mut filled = 0;
-    while let Some(rest) = buffer.get_mut(filled..).filter(|rest| !rest.is_empty()) {
-        match reader.read(rest) {
-            Ok(0) => break,
-            Ok(read) => filled += read,
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(error),
-        }
-    }
-    Ok(filled)
 }
 
 #[cfg(test)]

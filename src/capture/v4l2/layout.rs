@@ -1,0 +1,197 @@
+//! What a driver has set, and where the pixels of the newest frame are kept.
+
+use v4l::Format;
+use v4l::format::{Colorspace, Quantization};
+
+use super::super::{CaptureError, FrameFault, JpegDecoder, MAX_SIDE_PX, Picture, Pixels};
+use super::mode::PixelFormat;
+
+/// What the driver has set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Layout {
+    /// Pixel format.
+    pub format: PixelFormat,
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Bytes from one row to the next.
+    pub stride: usize,
+    /// Whether raw luma runs 0..=255.
+    pub full_range: bool,
+}
+
+/// Where the pixels of the newest frame are kept.
+pub enum Store {
+    /// As the camera sent them.
+    Raw(Box<[u8]>),
+    /// Decoded.
+    Jpeg(JpegDecoder),
+}
+
+impl Layout {
+    /// The layout of a format that is read. Without a word on the range, the kernel's rule: limited
+    /// but for grey and for JPEG colour.
+    pub fn of(set: &Format) -> Option<Self> {
+        let format = PixelFormat::of(set.fourcc.repr)?;
+        let [width, height, stride] =
+            [set.width, set.height, set.stride].map(|number| number as usize);
+        let row_bytes = if format == PixelFormat::Yuyv {
+            4 * width.div_ceil(2)
+        } else {
+            width
+        };
+        let stride = if stride == 0 { row_bytes } else { stride };
+        let full_range = match set.quantization {
+            Quantization::FullRange => true,
+            Quantization::LimitedRange => false,
+            Quantization::Default => {
+                format == PixelFormat::Grey || matches!(set.colorspace, Colorspace::JPEG)
+            }
+        };
+        let sides = 1..=MAX_SIDE_PX;
+        let fits = sides.contains(&width)
+            && sides.contains(&height)
+            && (row_bytes..=16 * MAX_SIDE_PX).contains(&stride);
+        fits.then_some(Self {
+            format,
+            width,
+            height,
+            stride,
+            full_range,
+        })
+    }
+
+    /// Bytes of a raw frame.
+    fn bytes(&self) -> usize {
+        let chroma_rows = if self.format == PixelFormat::Nv12 {
+            self.height.div_ceil(2)
+        } else {
+            0
+        };
+        self.stride * (self.height + chroma_rows)
+    }
+}
+
+impl Store {
+    /// Room for one frame.
+    pub fn new(layout: &Layout) -> Result<Self, CaptureError> {
+        match layout.format {
+            PixelFormat::Mjpeg | PixelFormat::Jpeg => {
+                JpegDecoder::new(layout.width, layout.height).map(Self::Jpeg)
+            }
+            _ => Ok(Self::Raw(vec![0; layout.bytes()].into_boxed_slice())),
+        }
+    }
+
+    /// Copies or decodes the buffer, which then goes back to the driver.
+    pub fn keep(&mut self, bytes: &[u8], layout: &Layout) -> Result<(), FrameFault> {
+        match self {
+            Self::Jpeg(decoder) => decoder.decode(bytes),
+            Self::Raw(kept) => {
+                kept.copy_from_slice(bytes.get(..layout.bytes()).ok_or(FrameFault::Incomplete)?);
+                Ok(())
+            }
+        }
+    }
+
+    /// The frame kept last.
+    pub fn picture(&self, layout: &Layout) -> Option<Picture<'_>> {
+        let data = match self {
+            Self::Jpeg(decoder) => return decoder.picture(),
+            Self::Raw(data) => data,
+        };
+        let &Layout {
+            format,
+            width,
+            height,
+            stride,
+            full_range,
+        } = layout;
+        let pixels = match format {
+            PixelFormat::Yuyv => Pixels::Yuyv { data, stride },
+            PixelFormat::Nv12 => {
+                let (luma, chroma) = data.split_at_checked(stride * height)?;
+                Pixels::Nv12 {
+                    luma,
+                    chroma,
+                    stride,
+                }
+            }
+            _ => Pixels::Grey { data, stride },
+        };
+        Picture::new(width, height, pixels, full_range)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use v4l::FourCC;
+
+    use super::*;
+
+    fn format(fourcc: [u8; 4], stride: u32) -> Format {
+        Format {
+            stride,
+            ..Format::new(6, 4, FourCC::new(&fourcc))
+        }
+    }
+
+    fn kept(fourcc: [u8; 4], stride: u32, bytes: usize) -> Result<(), FrameFault> {
+        let layout = Layout::of(&format(fourcc, stride)).unwrap();
+        let mut store = Store::new(&layout).unwrap();
+        store.keep(&vec![9; bytes], &layout)?;
+        assert!(store.picture(&layout).is_some());
+        Ok(())
+    }
+
+    #[test]
+    fn a_raw_frame_is_kept_whole_or_refused_when_it_is_short() {
+        for (fourcc, stride, bytes) in [
+            (*b"YUYV", 12, 48),
+            (*b"YUYV", 16, 64),
+            (*b"NV12", 8, 48),
+            (*b"GREY", 0, 24),
+        ] {
+            assert_eq!(kept(fourcc, stride, bytes), Ok(()));
+            assert_eq!(
+                kept(fourcc, stride, bytes + 100),
+                Ok(()),
+                "padding behind it"
+            );
+            assert_eq!(kept(fourcc, stride, bytes - 1), Err(FrameFault::Incomplete));
+            assert_eq!(kept(fourcc, stride, 0), Err(FrameFault::Incomplete));
+        }
+        assert_eq!(kept(*b"MJPG", 0, 100), Err(FrameFault::NotJpeg));
+    }
+
+    #[test]
+    fn what_the_driver_set_instead_is_refused_unless_it_can_be_read() {
+        assert_eq!(Layout::of(&format(*b"RGB3", 18)), None);
+        assert_eq!(Layout::of(&format(*b"YUYV", 11)), None, "rows overlap");
+        assert_eq!(
+            Layout::of(&Format::new(5000, 4, FourCC::new(b"GREY"))),
+            None
+        );
+        assert_eq!(Layout::of(&Format::new(0, 4, FourCC::new(b"GREY"))), None);
+    }
+
+    #[test]
+    fn the_range_is_limited_unless_the_driver_says_otherwise() {
+        let full = |colorspace, quantization| {
+            Layout::of(&Format {
+                colorspace,
+                quantization,
+                ..format(*b"YUYV", 12)
+            })
+            .unwrap()
+            .full_range
+        };
+        assert!(!full(Colorspace::SRGB, Quantization::Default));
+        assert!(full(Colorspace::JPEG, Quantization::Default));
+        assert!(Layout::of(&format(*b"GREY", 6)).unwrap().full_range);
+        assert!(full(Colorspace::SRGB, Quantization::FullRange));
+        assert!(!full(Colorspace::JPEG, Quantization::LimitedRange));
+    }
+}

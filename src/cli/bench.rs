@@ -1,0 +1,105 @@
+//! `facewire bench`: how long each stage takes over a clip, and what the process needs.
+
+mod chart;
+mod figures;
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use rustix::time::{ClockId, clock_gettime};
+
+use self::figures::{Figures, Samples};
+use super::failure::{Failure, print};
+use super::SettingsArgs;
+use crate::capture::{DEMO, Frame, Source, open_file};
+use crate::pipeline::{Pipeline, size_px};
+
+const EXAMPLES: &str = "\
+Examples:
+  facewire bench
+  facewire bench talk.avi --rounds 1 --json
+  facewire bench --svg latency.svg
+
+The whole is the time from a frame in memory, decoded, to its coefficients. scripts/compare sets it beside MediaPipe.";
+
+/// Arguments of `facewire bench`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct BenchArgs {
+    /// A .y4m or Motion-JPEG .avi file, or `demo`, the built-in clip.
+    #[arg(default_value = DEMO)]
+    input: String,
+    /// How often the input is played, after one time to warm up.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: u32,
+    /// One object on one line.
+    #[arg(long)]
+    json: bool,
+    /// Draw the distribution of the whole's latency.
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
+    if args.input == "-" {
+        return Err(Failure::data("standard input cannot be played more than once; give bench a file".to_owned()));
+    }
+    let mut pipeline = Pipeline::load(&args.settings.load()?)?;
+    play(&mut pipeline, &args.input, &mut Samples::default())?;
+    let mut samples = Samples::default();
+    let begun = cpu_time();
+    for _ in 0..args.rounds {
+        play(&mut pipeline, &args.input, &mut samples)?;
+    }
+    if samples.whole.is_empty() {
+        return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
+    }
+    let figures = Figures::new(&args.input, &samples, cpu_time().saturating_sub(begun));
+    if let Some(path) = &args.svg {
+        chart::draw(path, &samples.whole)?;
+    }
+    print(&if args.json { figures.json() } else { figures.table() })
+}
+
+fn play(pipeline: &mut Pipeline, input: &str, samples: &mut Samples) -> Result<(), Failure> {
+    let mut source = open_file(input)?;
+    pipeline.tracker.forget();
+    loop {
+        let begun = Instant::now();
+        let Some(frame) = next(source.as_mut())? else { return Ok(()) };
+        samples.decode.push(begun.elapsed());
+        samples.frames += 1;
+        time_frame(pipeline, &frame, samples)?;
+    }
+}
+
+fn next(source: &mut dyn Source) -> Result<Option<Frame<'_>>, Failure> {
+    Ok(source.next()?)
+}
+
+/// Runs one frame as the pipeline does, with a clock between the stages. A frame without a face is not counted.
+fn time_frame(pipeline: &mut Pipeline, frame: &Frame, samples: &mut Samples) -> Result<(), Failure> {
+    let begun = Instant::now();
+    let Some(face) = pipeline.tracker.detect(&frame.picture)? else { return Ok(()) };
+    let detected = Instant::now();
+    let Some(landmarks) = pipeline.tracker.landmarks(&frame.picture, &face)? else { return Ok(()) };
+    let found = Instant::now();
+    if pipeline.solver.solve(landmarks, size_px(&frame.picture), frame.captured_us).is_ok() {
+        let solved = Instant::now();
+        samples.detect.push(detected - begun);
+        samples.mesh.push(found - detected);
+        samples.solve.push(solved - found);
+        samples.whole.push(solved - begun);
+    }
+    Ok(())
+}
+
+/// Processor time of this process so far.
+fn cpu_time() -> Duration {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    let part = |value: i64| u64::try_from(value).unwrap_or(0);
+    Duration::from_secs(part(time.tv_sec)) + Duration::from_nanos(part(time.tv_nsec))
+}

@@ -1,0 +1,56 @@
+//! `facewire check`: says of every part whether it works, before anything relies on it.
+
+use clap::Args;
+
+use super::failure::{Failure, print};
+use super::SettingsArgs;
+use crate::config::{CameraSettings, Settings};
+use crate::link::Link;
+use crate::pipeline::{Pipeline, Rejected};
+use crate::service::open_camera;
+
+/// Arguments of `facewire check`.
+#[derive(Debug, Args)]
+pub(super) struct CheckArgs {
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+/// Checks everything, and fails with the first trouble found. Settings come first: bad ones touch no device.
+pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
+    let settings = args.settings.load()?;
+    print("settings  ok\n")?;
+    let parts = [("networks", check_networks(&settings)), ("camera", check_camera(&settings.camera))];
+    let links = settings.links.iter().map(|link| ("link", Link::open(link).map(|_| link.address.to_string()).map_err(Failure::from)));
+    let mut first = None;
+    for (part, outcome) in parts.into_iter().chain(links) {
+        match outcome {
+            Ok(found) => print(&format!("{part:<9} ok: {found}\n"))?,
+            Err(failure) => {
+                print(&format!("{part:<9} FAILED: {}\n", failure.message()))?;
+                first.get_or_insert(failure);
+            }
+        }
+    }
+    first.map_or(Ok(()), Err)
+}
+
+/// Loads the networks and the model, and runs them on a frame of the built-in clip, whose face they must find.
+fn check_networks(settings: &Settings) -> Result<String, Failure> {
+    let mut pipeline = Pipeline::load(settings)?;
+    let mut clip = open_camera(&CameraSettings { device: "demo".to_owned(), ..CameraSettings::default() })?;
+    let Some(frame) = clip.next()? else { return Err(Failure::data("the built-in clip is empty".to_owned())) };
+    match pipeline.process(&frame) {
+        Ok(_) => Ok("they find the face of the built-in clip".to_owned()),
+        Err(Rejected::Infer(error)) => Err(error.into()),
+        Err(rejected) => Err(Failure::failed(format!("the built-in clip gives nothing: {rejected}; run scripts/setup again"))),
+    }
+}
+
+/// Opens the camera and waits for one frame.
+fn check_camera(settings: &CameraSettings) -> Result<String, Failure> {
+    let mut camera = open_camera(settings)?;
+    let described = camera.describe().to_string();
+    camera.next()?;
+    Ok(described)
+}

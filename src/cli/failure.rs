@@ -1,0 +1,133 @@
+//! How a command fails: one exit status for each kind of trouble, after `sysexits.h`.
+
+use std::io::{self, ErrorKind, Write as _};
+use std::process::ExitCode;
+
+use super::monitor::MonitorError;
+use crate::capture::CaptureError;
+use crate::config::{EX_CONFIG, Faults};
+use crate::infer::InferError;
+use crate::link::LinkError;
+use crate::pipeline::SetupError;
+use crate::service::ServiceError;
+
+const EX_FAILED: u8 = 1;
+const EX_DATAERR: u8 = 65;
+const EX_NOINPUT: u8 = 66;
+const EX_NOHOST: u8 = 68;
+const EX_UNAVAILABLE: u8 = 69;
+const EX_IOERR: u8 = 74;
+
+/// Why a command fails.
+#[derive(Debug)]
+pub(super) struct Failure {
+    status: u8,
+    /// One sentence for the operator; for settings, one line for each fault.
+    message: String,
+}
+
+impl Failure {
+    pub(super) fn data(message: String) -> Self {
+        Self { status: EX_DATAERR, message }
+    }
+
+    pub(super) fn failed(message: String) -> Self {
+        Self { status: EX_FAILED, message }
+    }
+
+    /// A file that cannot be read or written, with its path.
+    pub(super) fn file(path: &std::path::Path, error: &io::Error) -> Self {
+        let status = if error.kind() == ErrorKind::NotFound { EX_NOINPUT } else { EX_IOERR };
+        Self { status, message: format!("{}: {error}", path.display()) }
+    }
+
+    pub(super) fn message(&self) -> &str {
+        &self.message
+    }
+
+    /// Says it on standard error and gives the exit status. An output that was closed early is no failure.
+    pub(super) fn report(&self) -> ExitCode {
+        if self.message.is_empty() {
+            return ExitCode::SUCCESS;
+        }
+        for line in self.message.lines() {
+            eprintln!("facewire: {line}");
+        }
+        ExitCode::from(self.status)
+    }
+}
+
+/// Prints to standard output.
+pub(super) fn print(text: &str) -> Result<(), Failure> {
+    Ok(io::stdout().write_all(text.as_bytes())?)
+}
+
+impl From<io::Error> for Failure {
+    /// A closed pipe means that the reader has seen enough.
+    fn from(error: io::Error) -> Self {
+        if error.kind() == ErrorKind::BrokenPipe {
+            return Self { status: 0, message: String::new() };
+        }
+        Self { status: EX_IOERR, message: format!("writing the output failed: {error}") }
+    }
+}
+
+impl From<Faults> for Failure {
+    fn from(faults: Faults) -> Self {
+        Self { status: EX_CONFIG, message: faults.to_string() }
+    }
+}
+
+impl From<CaptureError> for Failure {
+    fn from(error: CaptureError) -> Self {
+        use CaptureError::{Avi, CutShort, Damaged, Frame, PictureSize, Read, UnknownContainer, Y4m};
+        let status = match error {
+            Avi(_) | CutShort { .. } | Damaged { .. } | Frame { .. } | PictureSize { .. } | UnknownContainer { .. }
+            | Y4m(_) => EX_DATAERR,
+            Read(_) => EX_IOERR,
+            _ => EX_NOINPUT,
+        };
+        Self { status, message: error.to_string() }
+    }
+}
+
+impl From<InferError> for Failure {
+    fn from(error: InferError) -> Self {
+        Self { status: EX_UNAVAILABLE, message: error.to_string() }
+    }
+}
+
+impl From<SetupError> for Failure {
+    fn from(error: SetupError) -> Self {
+        match error {
+            SetupError::Networks(error) => error.into(),
+            SetupError::Model { .. } => Self { status: EX_CONFIG, message: error.to_string() },
+        }
+    }
+}
+
+impl From<LinkError> for Failure {
+    fn from(error: LinkError) -> Self {
+        let status = match error {
+            LinkError::Resolve { .. } => EX_NOHOST,
+            LinkError::Socket { .. } => EX_UNAVAILABLE,
+        };
+        Self { status, message: error.to_string() }
+    }
+}
+
+impl From<ServiceError> for Failure {
+    fn from(error: ServiceError) -> Self {
+        match error {
+            ServiceError::Setup(error) => error.into(),
+            ServiceError::Link(error) => error.into(),
+            ServiceError::System(_) => Self::failed(error.to_string()),
+        }
+    }
+}
+
+impl From<MonitorError> for Failure {
+    fn from(error: MonitorError) -> Self {
+        Self::failed(error.to_string())
+    }
+}

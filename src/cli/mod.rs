@@ -1,0 +1,92 @@
+//! The subcommands of `facewire`: arguments, exit status, and what is printed.
+
+mod bench;
+mod check;
+mod devices;
+mod failure;
+mod monitor;
+mod run;
+mod track;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+
+use self::failure::Failure;
+use crate::config::{self, Settings};
+
+const EXAMPLES: &str = "\
+Examples:
+  facewire devices                          what cameras and serial ports there are
+  facewire defaults > facewire.toml         a configuration to edit
+  facewire check --config facewire.toml     says what works and what does not
+  facewire run --config facewire.toml       the service, until Ctrl-C
+  facewire monitor                          see the packets arrive (in another terminal)
+  facewire track demo --out demo.csv        the coefficients of a clip
+
+Exit status: 0 done, 1 failed, 2 wrong arguments, 65 damaged input, 66 no such input or camera trouble,
+68 a host does not resolve, 69 networks or ONNX Runtime missing, 74 reading or writing failed, 78 bad settings.";
+
+/// A webcam becomes the 52 ARKit blendshape coefficients and the head pose, sent as packets.
+#[derive(Debug, Parser)]
+#[command(name = "facewire", version, after_help = EXAMPLES)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// The service: camera to links, until SIGTERM or Ctrl-C.
+    Run(run::RunArgs),
+    /// The same pipeline over a file: one CSV row for every frame.
+    Track(track::TrackArgs),
+    /// Time every stage over a clip: latency, CPU, memory.
+    Bench(bench::BenchArgs),
+    /// Validate settings, then try camera, networks, model and links.
+    Check(check::CheckArgs),
+    /// List cameras with their formats and stable paths, and serial ports.
+    Devices,
+    /// Print the complete default configuration, commented.
+    Defaults,
+    /// Receive packets and show them live.
+    Monitor(monitor::MonitorArgs),
+}
+
+/// Where settings come from.
+#[derive(Debug, Args)]
+struct SettingsArgs {
+    /// Configuration file; without it the defaults hold.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Settings for a board, under those of the file; a wrong name lists them all.
+    #[arg(long, value_name = "NAME")]
+    board: Option<String>,
+}
+
+impl SettingsArgs {
+    fn load(&self) -> Result<Settings, Failure> {
+        Ok(config::load(self.board.as_deref(), self.config.as_deref())?)
+    }
+}
+
+impl Cli {
+    /// Runs the subcommand and says how it ended, on standard error and as exit status.
+    #[must_use]
+    pub fn run(self) -> ExitCode {
+        let outcome = match self.command {
+            Command::Run(args) => run::run(&args),
+            Command::Track(args) => track::run(&args),
+            Command::Bench(args) => bench::run(&args),
+            Command::Check(args) => check::run(&args),
+            Command::Devices => devices::run(),
+            Command::Defaults => failure::print(&config::defaults()),
+            Command::Monitor(args) => monitor::run(&args).map_err(Failure::from),
+        };
+        match outcome {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(failure) => failure.report(),
+        }
+    }
+}

@@ -1,0 +1,229 @@
+//! What has been received so far.
+
+use std::{
+    collections::VecDeque,
+    net::SocketAddr,
+    time::{Duration, Instant},
+};
+
+use facewire_packet::{Packet, SILENCE_MS, State};
+use hdrhistogram::Histogram;
+
+/// A larger gap in the sequence is a sender that began anew, not a loss.
+const RESTART_GAP: u16 = 1024;
+/// The rate is that of the last second.
+const RATE_WINDOW: Duration = Duration::from_secs(1);
+
+/// Counts, rates and ages of packets, and the newest of them.
+pub struct Tally {
+    packets: u64,
+    lost: u64,
+    refused: u64,
+    newest: Option<Newest>,
+    first: Option<Instant>,
+    /// Receive times within [`RATE_WINDOW`] of the newest.
+    recent: VecDeque<Instant>,
+    /// Ages of live packets, microseconds.
+    ages_us: Histogram<u64>,
+}
+
+/// The newest packet.
+#[derive(Debug, Clone)]
+pub struct Newest {
+    /// The packet.
+    pub packet: Packet,
+    /// Who sent it.
+    pub from: SocketAddr,
+    /// When it came.
+    pub at: Instant,
+    /// Packets lost just before it.
+    pub lost_before: u16,
+}
+
+impl Tally {
+    /// Nothing received yet.
+    pub fn new() -> Self {
+        Self { packets: 0, lost: 0, refused: 0, newest: None, first: None, recent: VecDeque::new(), ages_us: ages() }
+    }
+
+    /// Counts a valid packet.
+    pub fn count(&mut self, packet: &Packet, from: SocketAddr, at: Instant) {
+        let lost_before = self.gap_before(packet, from);
+        self.packets += 1;
+        self.lost += u64::from(lost_before);
+        self.first.get_or_insert(at);
+        self.recent.push_back(at);
+        while self.recent.front().is_some_and(|first| at.duration_since(*first) > RATE_WINDOW) {
+            self.recent.pop_front();
+        }
+        if packet.state == State::Live {
+            self.ages_us.saturating_record(u64::from(packet.age_us));
+        }
+        self.newest = Some(Newest { packet: *packet, from, at, lost_before });
+    }
+
+    /// Packets of this sender that are missing before this one.
+    fn gap_before(&self, packet: &Packet, from: SocketAddr) -> u16 {
+        let Some(last) = self.newest.as_ref().filter(|newest| newest.from == from) else {
+            return 0;
+        };
+        let step = packet.sequence.wrapping_sub(last.packet.sequence);
+        let gap = step.wrapping_sub(1);
+        if gap < RESTART_GAP { gap } else { 0 }
+    }
+
+    /// Counts a datagram that is not a packet.
+    pub fn refuse(&mut self) {
+        self.refused += 1;
+    }
+
+    /// Valid packets.
+    pub fn packets(&self) -> u64 {
+        self.packets
+    }
+
+    /// Packets missing in the sequence.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Datagrams that were not packets.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    /// The newest packet.
+    pub fn newest(&self) -> Option<&Newest> {
+        self.newest.as_ref()
+    }
+
+    /// Time since the newest packet, when it is too long.
+    pub fn silence(&self, now: Instant) -> Option<Duration> {
+        let since = now.saturating_duration_since(self.newest.as_ref()?.at);
+        (since > Duration::from_millis(SILENCE_MS.into())).then_some(since)
+    }
+
+    /// Packets a second, over the last second.
+    pub fn rate_hz(&self) -> f64 {
+        let (Some(first), Some(last)) = (self.recent.front(), self.recent.back()) else {
+            return 0.0;
+        };
+        rate(self.recent.len() as u64, last.duration_since(*first))
+    }
+
+    /// One line about everything.
+    pub fn summary(&self) -> String {
+        let (Some(first), Some(newest)) = (self.first, &self.newest) else {
+            return "no packets".to_owned();
+        };
+        let span = newest.at.duration_since(first);
+        let ages = if self.ages_us.is_empty() {
+            String::new()
+        } else {
+            let [p50, p95] = [0.5, 0.95].map(|part| self.age_ms(part));
+            format!("; age of live packets p50 {p50:.1} ms, p95 {p95:.1} ms")
+        };
+        format!(
+            "{} packets in {:.1} s ({:.1} a second), {} lost, {} refused{ages}",
+            self.packets,
+            span.as_secs_f64(),
+            rate(self.packets, span),
+            self.lost,
+            self.refused
+        )
+    }
+
+    /// The age below which this part of the live packets is.
+    #[expect(clippy::cast_precision_loss, reason = "at most 6.6 million")]
+    fn age_ms(&self, part: f64) -> f64 {
+        self.ages_us.value_at_quantile(part) as f64 / 1000.0
+    }
+}
+
+/// `count` events, the first and the last of them `span` apart, a second.
+#[expect(clippy::cast_precision_loss, reason = "a count of packets")]
+fn rate(count: u64, span: Duration) -> f64 {
+    let seconds = span.as_secs_f64();
+    if seconds > 0.0 { count.saturating_sub(1) as f64 / seconds } else { 0.0 }
+}
+
+/// Up to the greatest age a packet can tell, to three digits.
+#[expect(clippy::expect_used, reason = "constant bounds, checked by every test of this file")]
+fn ages() -> Histogram<u64> {
+    Histogram::new_with_max(6_553_500, 3).expect("bounds are valid")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 1);
+    const B: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 2);
+
+    fn packet(sequence: u16) -> Packet {
+        Packet { state: State::Live, sequence, age_us: 20_000, ..Packet::NEUTRAL }
+    }
+
+    fn lost(sequences: &[u16]) -> u64 {
+        let mut tally = Tally::new();
+        for sequence in sequences {
+            tally.count(&packet(*sequence), A, Instant::now());
+        }
+        tally.lost()
+    }
+
+    #[test]
+    fn gaps_are_losses_also_across_the_wrap() {
+        assert_eq!(lost(&[1, 2, 5, 6]), 2);
+        assert_eq!(lost(&[65534, 65535, 0, 2]), 1);
+    }
+
+    #[test]
+    fn repeated_and_late_packets_and_restarted_senders_are_not_losses() {
+        assert_eq!(lost(&[7, 7]), 0);
+        assert_eq!(lost(&[7, 6]), 0);
+        assert_eq!(lost(&[40_000, 0]), 0);
+    }
+
+    #[test]
+    fn two_senders_do_not_count_as_losses_of_each_other() {
+        let mut tally = Tally::new();
+        tally.count(&packet(10), A, Instant::now());
+        tally.count(&packet(500), B, Instant::now());
+        assert_eq!(tally.lost(), 0);
+    }
+
+    #[test]
+    fn rate_is_that_of_the_last_second() {
+        let mut tally = Tally::new();
+        let begin = Instant::now();
+        for sequence in 0..100_u16 {
+            tally.count(&packet(sequence), A, begin + Duration::from_millis(20) * sequence.into());
+        }
+        assert!((tally.rate_hz() - 50.0).abs() < 0.01, "{}", tally.rate_hz());
+    }
+
+    #[test]
+    fn silence_is_told_after_500_ms() {
+        let mut tally = Tally::new();
+        let begin = Instant::now();
+        assert_eq!(tally.silence(begin), None, "nothing came yet: not a silence but a wait");
+        tally.count(&packet(0), A, begin);
+        assert_eq!(tally.silence(begin + Duration::from_millis(500)), None);
+        let longer = Duration::from_millis(501);
+        assert_eq!(tally.silence(begin + longer), Some(longer));
+    }
+
+    #[test]
+    fn summary_tells_counts_rate_and_ages() {
+        let mut tally = Tally::new();
+        let begin = Instant::now();
+        for sequence in 0..31_u16 {
+            tally.count(&packet(sequence), A, begin + Duration::from_millis(100) * sequence.into());
+        }
+        tally.refuse();
+        let want = "31 packets in 3.0 s (10.0 a second), 0 lost, 1 refused; \
+                    age of live packets p50 20.0 ms, p95 20.0 ms";
+        assert_eq!(tally.summary(), want);
+    }
+}

@@ -1,0 +1,254 @@
+//! `facewire track`: the pipeline over a file, every frame, without a clock.
+
+mod faces;
+mod rows;
+
+use std::fmt;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use facewire_packet::{BLENDSHAPE_COUNT, Reason, State};
+
+use self::faces::{Face, Faces};
+use self::rows::{Csv, LandmarkFile, Row};
+use super::monitor::yaw_pitch_roll_deg;
+use super::{Failure, SettingsArgs};
+use crate::pipeline::{Solution, Solver};
+use crate::service::failsafe::{Failsafe, History, News};
+use crate::solve::{NeutralMean, normalise};
+
+const EXAMPLES: &str = "\
+Examples:
+  facewire track demo --out demo.csv
+  ffmpeg -i talk.mp4 -f yuv4mpegpipe -pix_fmt yuv420p - | facewire track - --neutral 0..30 > talk.csv
+  facewire track talk.avi --landmarks talk.npy --out talk.csv
+  facewire track talk.npy --fps 30 --stage raw";
+
+/// A line about the progress is written after so many frames.
+const PROGRESS_FRAMES: u64 = 1000;
+
+/// Arguments of `facewire track`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct TrackArgs {
+    /// A .y4m or Motion-JPEG .avi file, `-` (y4m on standard input), `demo` (the built-in clip), or a .npy file of
+    /// landmarks (frames x 478 x 3, pixels).
+    input: String,
+    /// The CSV file; without it, standard output.
+    #[arg(long, value_name = "FILE.csv")]
+    out: Option<PathBuf>,
+    /// Also write the landmarks (frames x 478 x 3, pixels; not-a-number where there is no face).
+    #[arg(long, value_name = "FILE.npy")]
+    landmarks: Option<PathBuf>,
+    /// Take frames A up to B, without B, as the wearer's neutral face.
+    #[arg(long, value_name = "A..B", value_parser = parse_range)]
+    neutral: Option<Range<u64>>,
+    /// Which coefficients to write.
+    #[arg(long, value_enum, default_value_t = Stage::Smoothed)]
+    stage: Stage,
+    /// Frames a second, where the input states none [default: 30].
+    #[arg(long, value_parser = parse_fps)]
+    fps: Option<f64>,
+    /// Size of the picture that the points of a .npy file lie in, for the head's position.
+    #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "640x480")]
+    size: [f32; 2],
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+/// A stage of the solver.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Stage {
+    /// As the regression gives them.
+    Raw,
+    /// After the corrective terms.
+    Corrected,
+    /// After smoothing: what is sent.
+    Smoothed,
+}
+
+pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
+    let settings = args.settings.load()?;
+    let mut faces = Faces::open(&args.input, &settings, args.fps, args.size)?;
+    let mut track = Track {
+        solver: Solver::load(&settings)?,
+        failsafe: Failsafe::new(&settings.failsafe, settings.send.rate_hz, 0),
+        history: History::default(),
+        stage: args.stage,
+        csv: Csv::create(args.out.as_deref())?,
+        landmarks: args.landmarks.as_deref().map(LandmarkFile::new),
+        tally: Tally::default(),
+    };
+    let begun = Instant::now();
+    let outcome = track.all(&mut faces, args.neutral.as_ref());
+    // What was solved before the input failed is kept.
+    let tally = track.finish()?;
+    eprintln!("facewire: {tally} in {:.1} s", begun.elapsed().as_secs_f64());
+    outcome
+}
+
+struct Track {
+    solver: Solver,
+    failsafe: Failsafe,
+    history: History,
+    stage: Stage,
+    csv: Csv,
+    landmarks: Option<LandmarkFile>,
+    tally: Tally,
+}
+
+impl Track {
+    fn all(&mut self, faces: &mut Faces, neutral: Option<&Range<u64>>) -> Result<(), Failure> {
+        if let Some(range) = neutral {
+            self.learn_neutral(faces, range)?;
+        }
+        while let Some(face) = faces.next()? {
+            self.frame(&face)?;
+        }
+        Ok(())
+    }
+
+    /// Reads up to the end of the range, takes the mean of the faces in it as neutral, then solves what was read.
+    fn learn_neutral(&mut self, faces: &mut Faces, range: &Range<u64>) -> Result<(), Failure> {
+        let mut mean = NeutralMean::default();
+        let mut waiting = Vec::new();
+        while waiting.last().is_none_or(|face: &Face| face.number + 1 < range.end) {
+            let Some(face) = faces.next()? else { break };
+            let landmarks = face.landmarks.as_deref().filter(|_| range.contains(&face.number));
+            if let Some(normalised) = landmarks.and_then(|landmarks| normalise(landmarks).ok()) {
+                mean.add(&normalised);
+            }
+            waiting.push(face);
+        }
+        let refuse = |error| Failure::data(format!("--neutral {}..{}: {error}", range.start, range.end));
+        self.solver.set_neutral(mean.finish().map_err(refuse)?);
+        waiting.iter().try_for_each(|face| self.frame(face))
+    }
+
+    fn frame(&mut self, face: &Face) -> Result<(), Failure> {
+        let landmarks = face.landmarks.as_deref();
+        if let Some(file) = &mut self.landmarks {
+            file.push(landmarks);
+        }
+        let solution = landmarks.and_then(|found| self.solver.solve(found, face.size_px, face.time_us).ok());
+        self.tally.count(face, solution.is_some());
+        let row = self.row(face, solution.as_ref());
+        self.csv.write(&row)
+    }
+
+    /// A frame with a solution is live; one without shows what the service would send.
+    fn row(&mut self, face: &Face, solution: Option<&Solution>) -> Row {
+        let pose = solution.map(Solution::pose);
+        let news = match &pose {
+            Some(pose) => News::Pose(pose, face.time_us),
+            None => News::Fault(Reason::NoFace),
+        };
+        let shown = self.failsafe.update(&mut self.history, face.time_us, news);
+        let (number, time_us) = (face.number, face.time_us);
+        match solution {
+            Some(solution) => Row {
+                number,
+                time_us,
+                state: State::Live,
+                coefficients: self.stage.of(solution),
+                angles_deg: [solution.head.yaw_deg, solution.head.pitch_deg, solution.head.roll_deg],
+                position_mm: solution.head.position_mm,
+            },
+            None => Row {
+                number,
+                time_us,
+                state: shown.state,
+                coefficients: shown.pose.coefficients,
+                angles_deg: yaw_pitch_roll_deg(shown.pose.rotation),
+                position_mm: shown.pose.position_mm,
+            },
+        }
+    }
+
+    fn finish(self) -> Result<Tally, Failure> {
+        self.csv.finish()?;
+        if let Some(file) = &self.landmarks {
+            file.write()?;
+        }
+        Ok(self.tally)
+    }
+}
+
+impl Stage {
+    fn of(self, solution: &Solution) -> [f32; BLENDSHAPE_COUNT] {
+        match self {
+            Self::Raw => solution.raw.0,
+            Self::Corrected => solution.corrected.0,
+            Self::Smoothed => solution.smoothed.0,
+        }
+    }
+}
+
+/// How many frames gave what.
+#[derive(Debug, Default)]
+struct Tally {
+    frames: u64,
+    faces: u64,
+    damaged: u64,
+}
+
+impl Tally {
+    fn count(&mut self, face: &Face, solved: bool) {
+        self.frames += 1;
+        self.faces += u64::from(solved);
+        self.damaged += u64::from(face.damaged);
+        if self.frames.is_multiple_of(PROGRESS_FRAMES) {
+            eprintln!("facewire: {self}");
+        }
+    }
+}
+
+impl fmt::Display for Tally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} frames, {} with a face", self.frames, self.faces)?;
+        if self.damaged > 0 {
+            write!(f, ", {} damaged", self.damaged)?;
+        }
+        Ok(())
+    }
+}
+
+fn parse_range(text: &str) -> Result<Range<u64>, String> {
+    let wanted = "write A..B with A below B, such as 0..30";
+    let (start, end) = text.split_once("..").ok_or(wanted)?;
+    let range = start.parse().map_err(|_| wanted)?..end.parse().map_err(|_| wanted)?;
+    if range.is_empty() { Err(wanted.to_owned()) } else { Ok(range) }
+}
+
+fn parse_fps(text: &str) -> Result<f64, String> {
+    let fps = text.parse().unwrap_or(f64::NAN);
+    if (0.1..=1000.0).contains(&fps) { Ok(fps) } else { Err("write a number from 0.1 to 1000".to_owned()) }
+}
+
+fn parse_size(text: &str) -> Result<[f32; 2], String> {
+    let side = |text: &str| text.parse::<u16>().ok().filter(|side| *side > 0).map(f32::from);
+    let sides = text.split_once('x').and_then(|(width, height)| Some([side(width)?, side(height)?]));
+    sides.ok_or_else(|| "write WIDTHxHEIGHT in pixels, such as 640x480".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_half_open_and_not_empty() {
+        assert_eq!(parse_range("0..30"), Ok(0..30));
+        for wrong in ["30", "5..5", "9..2", "a..b", "..4"] {
+            assert!(parse_range(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn sizes_and_rates_of_nothing_are_refused() {
+        assert_eq!(parse_size("960x540"), Ok([960.0, 540.0]));
+        assert!(parse_size("0x540").is_err() && parse_size("960").is_err());
+        assert!(parse_fps("0").is_err() && parse_fps("NaN").is_err() && parse_fps("29.97").is_ok());
+    }
+}

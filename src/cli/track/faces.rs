@@ -1,0 +1,154 @@
+//! Where `track` gets landmarks from: a film through the networks, or a `.npy` file of points.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use npyz::{DType, NpyFile, TypeChar};
+
+use super::super::Failure;
+use crate::capture::{CaptureError, Source, open_file};
+use crate::config::Settings;
+use crate::face::{LANDMARKS, Landmarks, Tracker};
+use crate::infer::{InferError, NetworkFolder};
+use crate::pipeline::size_px;
+
+/// Numbers of one face in a file.
+const VALUES: usize = 3 * LANDMARKS;
+/// Rate of a film or of points that state none, frames a second.
+const DEFAULT_FPS: f64 = 30.0;
+
+/// One frame, with its landmarks if it shows a face.
+#[derive(Debug, Clone)]
+pub(super) struct Face {
+    /// Position in the input, from 0.
+    pub(super) number: u64,
+    /// Its moment on the input's own clock.
+    pub(super) time_us: u64,
+    /// Width and height of the picture.
+    pub(super) size_px: [f32; 2],
+    /// In pixels.
+    pub(super) landmarks: Option<Box<Landmarks>>,
+    /// The frame was damaged.
+    pub(super) damaged: bool,
+}
+
+/// A stream of faces.
+pub(super) enum Faces {
+    /// A film and the networks.
+    Film { source: Box<dyn Source + Send>, tracker: Box<Tracker>, period_us: Option<f64>, numbered: u64 },
+    /// Points read from a file.
+    Points { values: Box<dyn Iterator<Item = std::io::Result<f64>>>, left: u64, number: u64, period_us: f64, size_px: [f32; 2] },
+}
+
+impl Faces {
+    /// Opens `input`. `fps` gives the time step where the input has none; `size_px` the picture that points lie in.
+    pub(super) fn open(input: &str, settings: &Settings, fps: Option<f64>, size_px: [f32; 2]) -> Result<Self, Failure> {
+        let period_us = 1e6 / fps.unwrap_or(DEFAULT_FPS);
+        if Path::new(input).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) {
+            let (values, left) = open_points(Path::new(input))?;
+            return Ok(Self::Points { values, left, number: 0, period_us, size_px });
+        }
+        let source = open_file(input)?;
+        let folder = NetworkFolder::find(&settings.networks.folder)?;
+        let tracker = Box::new(Tracker::load(&folder, settings.networks.threads as usize)?);
+        let period_us = source.frame_period_us().is_none().then_some(period_us);
+        Ok(Self::Film { source, tracker, period_us, numbered: 0 })
+    }
+
+    /// The next frame; `None` at the end.
+    pub(super) fn next(&mut self) -> Result<Option<Face>, Failure> {
+        match self {
+            Self::Film { source, tracker, period_us, numbered } => {
+                let face = next_of_film(source.as_mut(), tracker, *numbered)?;
+                *numbered = face.as_ref().map_or(*numbered, |face| face.number + 1);
+                Ok(face.map(|face| match period_us {
+                    Some(period_us) => Face { time_us: stamp_us(face.number, *period_us), ..face },
+                    None => face,
+                }))
+            }
+            Self::Points { left: 0, .. } => Ok(None),
+            Self::Points { values, left, number, period_us, size_px } => {
+                let landmarks = next_points(values.as_mut())?;
+                let face = Face {
+                    number: *number,
+                    time_us: stamp_us(*number, *period_us),
+                    size_px: *size_px,
+                    landmarks: landmarks.is_finite().then_some(landmarks),
+                    damaged: false,
+                };
+                *left -= 1;
+                *number += 1;
+                Ok(Some(face))
+            }
+        }
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a time of at most some days")]
+fn stamp_us(number: u64, period_us: f64) -> u64 {
+    (number as f64 * period_us) as u64
+}
+
+/// A damaged frame is one without a face; it keeps its row.
+fn next_of_film(source: &mut dyn Source, tracker: &mut Tracker, expected: u64) -> Result<Option<Face>, Failure> {
+    let period_us = source.frame_period_us().unwrap_or_default();
+    match source.next() {
+        Ok(None) => Ok(None),
+        Ok(Some(frame)) => Ok(Some(Face {
+            number: frame.number,
+            time_us: frame.captured_us,
+            size_px: size_px(&frame.picture),
+            landmarks: find(tracker, &frame.picture)?,
+            damaged: false,
+        })),
+        Err(CaptureError::Frame { number, .. }) => {
+            let number = number.max(expected);
+            Ok(Some(Face { number, time_us: number * period_us, size_px: [0.0; 2], landmarks: None, damaged: true }))
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+fn find(tracker: &mut Tracker, picture: &crate::capture::Picture) -> Result<Option<Box<Landmarks>>, InferError> {
+    let Some(region) = tracker.detect(picture)? else { return Ok(None) };
+    Ok(tracker.landmarks(picture, &region)?.map(|landmarks| Box::new(landmarks.clone())))
+}
+
+type Points = (Box<dyn Iterator<Item = std::io::Result<f64>>>, u64);
+
+fn open_points(path: &Path) -> Result<Points, Failure> {
+    let file = File::open(path).map_err(|error| Failure::file(path, &error))?;
+    let refuse = |reason: &str| {
+        let shown = path.display();
+        Failure::data(format!("{shown} {reason}; it must hold frames x 478 x 3 floating-point numbers in C order"))
+    };
+    let npy = NpyFile::new(BufReader::new(file)).map_err(|_| refuse("is not a .npy file"))?;
+    let [frames, 478, 3] = *npy.shape() else { return Err(refuse(&format!("has shape {:?}", npy.shape()))) };
+    if npy.order() != npyz::Order::C {
+        return Err(refuse("is in Fortran order"));
+    }
+    let DType::Plain(kind) = npy.dtype() else { return Err(refuse("holds records")) };
+    match (kind.type_char(), kind.size_field()) {
+        (TypeChar::Float, 4) => {
+            let values = npy.data::<f32>().map_err(|error| refuse(&error.to_string()))?;
+            Ok((Box::new(values.map(|value| value.map(f64::from))), frames))
+        }
+        (TypeChar::Float, 8) => {
+            let values = npy.data::<f64>().map_err(|error| refuse(&error.to_string()))?;
+            Ok((Box::new(values), frames))
+        }
+        _ => Err(refuse("holds numbers of another kind")),
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "landmarks are kept as f32")]
+fn next_points(values: &mut dyn Iterator<Item = std::io::Result<f64>>) -> Result<Box<Landmarks>, Failure> {
+    let mut landmarks = Box::new(Landmarks::zero());
+    let mut count = 0;
+    for (slot, value) in landmarks.0.as_flattened_mut().iter_mut().zip(values) {
+        *slot = value.map_err(|error| Failure::data(format!("the .npy file is cut short: {error}")))? as f32;
+        count += 1;
+    }
+    if count == VALUES { Ok(landmarks) } else { Err(Failure::data("the .npy file is cut short".to_owned())) }
+}

@@ -1,0 +1,84 @@
+//! What `track` writes: the CSV of coefficients, and the `.npy` of landmarks.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use facewire_packet::{BLENDSHAPES, State};
+use npyz::WriterBuilder;
+
+use super::super::Failure;
+use crate::face::{LANDMARKS, Landmarks};
+
+const HEAD_COLUMNS: [&str; 6] = ["head_yaw_deg", "head_pitch_deg", "head_roll_deg", "head_x_mm", "head_y_mm", "head_z_mm"];
+
+/// One row of the CSV.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Row {
+    pub(super) number: u64,
+    pub(super) time_us: u64,
+    pub(super) state: State,
+    pub(super) coefficients: [f32; BLENDSHAPES.len()],
+    /// Yaw, pitch, roll.
+    pub(super) angles_deg: [f32; 3],
+    pub(super) position_mm: [f32; 3],
+}
+
+/// The CSV file, or standard output.
+pub(super) struct Csv(BufWriter<Box<dyn Write>>);
+
+impl Csv {
+    pub(super) fn create(path: Option<&Path>) -> Result<Self, Failure> {
+        let output: Box<dyn Write> = match path {
+            Some(path) => Box::new(File::create(path).map_err(|error| Failure::file(path, &error))?),
+            None => Box::new(io::stdout()),
+        };
+        let mut csv = Self(BufWriter::new(output));
+        let columns = ["frame", "time_s", "state"].into_iter().chain(BLENDSHAPES).chain(HEAD_COLUMNS);
+        writeln!(csv.0, "{}", columns.collect::<Vec<_>>().join(","))?;
+        Ok(csv)
+    }
+
+    pub(super) fn write(&mut self, row: &Row) -> Result<(), Failure> {
+        write!(self.0, "{},{:.6},{}", row.number, row.time_us as f64 / 1e6, row.state.name())?;
+        for value in row.coefficients.iter().chain(&row.angles_deg).chain(&row.position_mm) {
+            // Adding 0 makes -0 a 0.
+            write!(self.0, ",{:.6}", value + 0.0)?;
+        }
+        Ok(writeln!(self.0)?)
+    }
+
+    pub(super) fn finish(mut self) -> Result<(), Failure> {
+        Ok(self.0.flush()?)
+    }
+}
+
+/// Landmarks of all frames, kept until the end because the file's head states their number.
+pub(super) struct LandmarkFile {
+    path: PathBuf,
+    values: Vec<f32>,
+}
+
+impl LandmarkFile {
+    pub(super) fn new(path: &Path) -> Self {
+        Self { path: path.to_owned(), values: Vec::new() }
+    }
+
+    /// Adds a frame; one without a face is not-a-number throughout.
+    pub(super) fn push(&mut self, landmarks: Option<&Landmarks>) {
+        match landmarks {
+            Some(landmarks) => self.values.extend_from_slice(landmarks.0.as_flattened()),
+            None => self.values.extend([f32::NAN; 3 * LANDMARKS]),
+        }
+    }
+
+    pub(super) fn write(&self) -> Result<(), Failure> {
+        let failed = |error: io::Error| Failure::file(&self.path, &error);
+        let file = BufWriter::new(File::create(&self.path).map_err(failed)?);
+        let frames = self.values.len() / (3 * LANDMARKS);
+        let shape = [frames as u64, LANDMARKS as u64, 3];
+        let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd().map_err(failed)?;
+        writer.extend(self.values.iter().copied()).map_err(failed)?;
+        writer.finish().map_err(failed)
+    }
+}

@@ -7,10 +7,9 @@ use crate::capture::{Frame, Picture};
 use crate::config::Settings;
 use crate::face::{Landmarks, Tracker};
 use crate::infer::{InferError, NetworkFolder};
-use crate::service::failsafe::Pose;
 use crate::solve::{
-    AbsurdResult, Camera, Corrected, Correction, CorrectionState, DegenerateFace, Features, GatedAverage, GatedAverageState, HeadPose,
-    Model, ModelError, Neutral, RawCoeffs, Smoothed, normalise,
+    AbsurdResult, Camera, Corrected, Correction, CorrectionState, DegenerateFace, Features, GatedAverage,
+    GatedAverageState, HeadPose, Model, ModelError, Neutral, RawCoeffs, Smoothed, normalise,
 };
 
 /// Time step of the first frame after a gap, seconds.
@@ -29,18 +28,6 @@ pub struct Solution {
     pub smoothed: Smoothed,
     /// The head.
     pub head: HeadPose,
-}
-
-impl Solution {
-    /// What the face shows.
-    #[must_use]
-    pub fn pose(&self) -> Pose {
-        Pose {
-            rotation: self.head.rotation_xyzw,
-            position_mm: self.head.position_mm,
-            coefficients: self.smoothed.0,
-        }
-    }
 }
 
 /// Why a frame gave no solution.

@@ -13,12 +13,7 @@ use facewire::capture::{CaptureError, FrameRate, Pixels, Source, monotonic_us};
 const TIMEOUT: Duration = Duration::from_secs(2);
 
 fn wish(format: Option<PixelFormat>) -> Wish {
-    Wish {
-        width: 640,
-        height: 480,
-        rate: FrameRate::new(25, 1).unwrap(),
-        format,
-    }
+    Wish { width: 640, height: 480, rate: FrameRate::new(25, 1).unwrap(), format }
 }
 
 fn open(device: &str, format: Option<PixelFormat>) -> Result<CameraSource, CaptureError> {
@@ -26,14 +21,7 @@ fn open(device: &str, format: Option<PixelFormat>) -> Result<CameraSource, Captu
 }
 
 fn shell(command: &str) {
-    assert!(
-        Command::new("sh")
-            .args(["-c", command])
-            .status()
-            .unwrap()
-            .success(),
-        "{command}"
-    );
+    assert!(Command::new("sh").args(["-c", command]).status().unwrap().success(), "{command}");
 }
 
 /// Loads the test camera, or binds it again.
@@ -64,10 +52,7 @@ fn each_raw_format_is_delivered_with_its_time() {
     plug_vivid();
     for format in [PixelFormat::Yuyv, PixelFormat::Nv12, PixelFormat::Grey] {
         let mut source = open("auto", Some(format)).unwrap();
-        assert_eq!(
-            source.describe().to_string(),
-            format!("vivid (/dev/video0): {format} 640x480 at 25 fps")
-        );
+        assert_eq!(source.describe().to_string(), format!("vivid (/dev/video0): {format} 640x480 at 25 fps"));
         let first_us = source.next().unwrap().unwrap().captured_us;
         let frame = source.next().unwrap().unwrap();
         assert!(first_us < frame.captured_us && frame.captured_us <= monotonic_us());
@@ -91,11 +76,7 @@ fn a_slow_reader_gets_a_fresh_frame_and_the_count_of_those_it_missed() {
     let asked_us = monotonic_us();
     let frame = source.next().unwrap().unwrap();
     assert!(frame.skipped >= 3, "{}", frame.skipped);
-    assert!(
-        frame.captured_us + 500_000 > asked_us,
-        "{} us old",
-        asked_us - frame.captured_us
-    );
+    assert!(frame.captured_us + 500_000 > asked_us, "{} us old", asked_us - frame.captured_us);
 }
 
 #[test]
@@ -105,9 +86,7 @@ fn a_damaged_frame_is_counted_and_passed_over() {
     let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
     source.next().unwrap();
     let breaker = spawn(|| vivid("inject_v4l2_buf_flag_error=1"));
-    let damaged: u32 = (0..100)
-        .map(|_| source.next().unwrap().unwrap().damaged)
-        .sum();
+    let damaged: u32 = (0..100).map(|_| source.next().unwrap().unwrap().damaged).sum();
     breaker.join().unwrap();
     assert_eq!(damaged, 1);
 }
@@ -118,10 +97,7 @@ fn a_silent_camera_has_stalled() {
     plug_vivid();
     let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
     vivid("percentage_of_dropped_buffers=100");
-    assert!(matches!(
-        failure(&mut source),
-        CaptureError::Stalled { waited_ms: 2000 }
-    ));
+    assert!(matches!(failure(&mut source), CaptureError::Stalled { waited_ms: 2000 }));
 }
 
 #[test]
@@ -142,35 +118,17 @@ fn a_camera_removed_mid_stream_is_gone_and_can_be_opened_again() {
 #[ignore = "needs the test camera vivid"]
 fn a_failing_driver_is_an_error_and_the_camera_works_when_opened_again() {
     plug_vivid();
-    for error in [
-        "inject_fatal_streaming_error=1",
-        "inject_vidioc_qbuf_error=1",
-    ] {
+    for error in ["inject_fatal_streaming_error=1", "inject_vidioc_qbuf_error=1"] {
         let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
         vivid(error);
-        assert!(
-            matches!(failure(&mut source), CaptureError::Device { .. }),
-            "{error}"
-        );
+        assert!(matches!(failure(&mut source), CaptureError::Device { .. }), "{error}");
         drop(source);
-        assert!(
-            open("vivid", None).unwrap().next().unwrap().is_some(),
-            "{error}"
-        );
+        assert!(open("vivid", None).unwrap().next().unwrap().is_some(), "{error}");
     }
-    for error in [
-        "inject_vidioc_reqbufs_error=1",
-        "inject_vidioc_streamon_error=1",
-    ] {
+    for error in ["inject_vidioc_reqbufs_error=1", "inject_vidioc_streamon_error=1"] {
         vivid(error);
-        assert!(
-            matches!(open("vivid", None), Err(CaptureError::Device { .. })),
-            "{error}"
-        );
-        assert!(
-            open("vivid", None).unwrap().next().unwrap().is_some(),
-            "{error}"
-        );
+        assert!(matches!(open("vivid", None), Err(CaptureError::Device { .. })), "{error}");
+        assert!(open("vivid", None).unwrap().next().unwrap().is_some(), "{error}");
     }
 }
 
@@ -179,10 +137,7 @@ fn a_failing_driver_is_an_error_and_the_camera_works_when_opened_again() {
 fn a_camera_in_use_is_busy_and_a_missing_format_is_named() {
     plug_vivid();
     let mut first = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
-    assert!(matches!(
-        open("vivid", None),
-        Err(CaptureError::Busy { .. })
-    ));
+    assert!(matches!(open("vivid", None), Err(CaptureError::Busy { .. })));
     assert!(first.next().is_ok());
     drop(first);
     let error = open("auto", Some(PixelFormat::Mjpeg)).err().unwrap();
@@ -195,20 +150,9 @@ fn a_usb_webcam_is_found_by_its_link_and_its_metadata_node_is_refused() {
     shell("modprobe -r vivid; uvc-camera plug demo.avi 10; udevadm settle; sleep 2");
     let found = cameras();
     assert_eq!((found.cameras.len(), found.refused.len()), (1, 0));
-    let link = found
-        .cameras
-        .first()
-        .unwrap()
-        .links
-        .first()
-        .unwrap()
-        .display()
-        .to_string();
+    let link = found.cameras.first().unwrap().links.first().unwrap().display().to_string();
     assert!(link.contains("by-id"), "{link}");
-    assert!(matches!(
-        open("/dev/video1", None),
-        Err(CaptureError::NotACamera { .. })
-    ));
+    assert!(matches!(open("/dev/video1", None), Err(CaptureError::NotACamera { .. })));
 
     let mut source = open(&link, None).unwrap();
     let picture = source.next().unwrap().unwrap().picture;

@@ -1,15 +1,17 @@
 //! Judges a model by facewire's own solver, picture by picture.
 
+use std::collections::BTreeMap;
+
 use anyhow::{Context, Result};
 use facewire::solve::{
-    BLENDSHAPES, COEFFS, Camera, Correction, FEATURES, Features, HeadPose, Model, Neutral,
-    NeutralMean, Normalised, normalise,
+    BLENDSHAPES, COEFFS, Camera, Correction, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised,
+    normalise,
 };
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::{
-    dataset::Sample,
+    dataset::{Person, Sample},
     stats::{mean, mse, pearson},
 };
 
@@ -31,22 +33,10 @@ pub struct Faces<'a> {
 impl<'a> Faces<'a> {
     /// Features of every sample, displacements from the subject's neutral picture if `neutral_known`.
     pub fn new(samples: &'a [Sample], neutral_known: bool) -> Result<Self> {
-        let faces = samples
-            .par_iter()
-            .map(|sample| normalise(&sample.landmarks))
-            .collect::<Result<Vec<_>, _>>()?;
-        let neutrals = if neutral_known {
-            neutrals(samples, &faces)?
-        } else {
-            Vec::new()
-        };
-        let one = |(sample, face): (&Sample, &Normalised)| {
-            Features::new(face, neutrals.get(sample.subject))
-        };
-        Ok(Self {
-            samples,
-            features: samples.par_iter().zip(&faces).map(one).collect(),
-        })
+        let faces = samples.par_iter().map(|sample| normalise(&sample.landmarks)).collect::<Result<Vec<_>, _>>()?;
+        let neutrals = if neutral_known { neutrals(samples, &faces)? } else { BTreeMap::new() };
+        let one = |(sample, face): (&Sample, &Normalised)| Features::new(face, neutrals.get(&sample.person()));
+        Ok(Self { samples, features: samples.par_iter().zip(&faces).map(one).collect() })
     }
 
     /// How many pictures.
@@ -66,33 +56,25 @@ impl<'a> Faces<'a> {
 
     /// Features and the first `targets` true coefficients of the given pictures, one a row.
     pub fn matrices(&self, rows: &[usize], targets: usize) -> (DMatrix<f64>, DMatrix<f64>) {
-        let feature =
-            |row: usize, column: usize| f64::from(self.features[rows[row]].values()[column]);
+        let feature = |row: usize, column: usize| f64::from(self.features[rows[row]].values()[column]);
         let truth = |row: usize, column: usize| self.samples[rows[row]].truth[column];
-        (
-            DMatrix::from_fn(rows.len(), FEATURES, feature),
-            DMatrix::from_fn(rows.len(), targets, truth),
-        )
+        (DMatrix::from_fn(rows.len(), FEATURES, feature), DMatrix::from_fn(rows.len(), targets, truth))
     }
 }
 
-/// The neutral face of every subject, by rank.
-fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<Vec<Neutral>> {
-    let subjects = samples
-        .iter()
-        .map(|sample| sample.subject + 1)
-        .max()
-        .unwrap_or(0);
-    let mut means = vec![NeutralMean::default(); subjects];
-    let resting = samples
-        .iter()
-        .zip(faces)
-        .filter(|(sample, _)| sample.neutral);
-    resting.for_each(|(sample, face)| means[sample.subject].add(face));
-    means
-        .iter()
-        .map(|mean| mean.finish().context("a subject has no neutral picture"))
-        .collect()
+/// The neutral face of every person.
+fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<BTreeMap<Person, Neutral>> {
+    let mut means: BTreeMap<Person, NeutralMean> = BTreeMap::new();
+    for (sample, face) in samples.iter().zip(faces) {
+        let mean = means.entry(sample.person()).or_default();
+        if sample.neutral {
+            mean.add(face);
+        }
+    }
+    let finish = |(person, mean): (Person, NeutralMean)| {
+        Ok((person, mean.finish().context("a subject has no neutral picture")?))
+    };
+    means.into_iter().map(finish).collect()
 }
 
 /// Scores of the corrected coefficients on held-out subjects, by blendshape.
@@ -101,79 +83,48 @@ pub fn scores(model: &Model, faces: &Faces) -> Result<Vec<Score>> {
 }
 
 /// Scores of the corrected coefficients on the chosen pictures, by blendshape.
-pub fn scores_of(
-    model: &Model,
-    faces: &Faces,
-    chosen: impl Fn(usize) -> bool,
-) -> Result<Vec<Score>> {
+pub fn scores_of(model: &Model, faces: &Faces, chosen: impl Fn(usize) -> bool) -> Result<Vec<Score>> {
     let correction = Correction::default();
     let mut pairs = vec![Vec::new(); COEFFS];
     for row in (0..faces.len()).filter(|row| chosen(*row)) {
         let raw = model.process(&faces.features[row])?;
         let corrected = correction.process(&mut correction.start(), &raw, 0.0);
         for (index, list) in pairs.iter_mut().enumerate() {
-            list.push((
-                f64::from(corrected.0[index]),
-                faces.samples[row].truth[index],
-            ));
+            list.push((f64::from(corrected.0[index]), faces.samples[row].truth[index]));
         }
     }
     Ok(pairs.iter().map(|list| score(list)).collect())
 }
 
 fn score(pairs: &[(f64, f64)]) -> Score {
-    Score {
-        r: pearson(pairs.iter().copied()),
-        mse: mse(pairs.iter().copied()),
-    }
+    Score { r: pearson(pairs.iter().copied()), mse: mse(pairs.iter().copied()) }
 }
 
 /// Mean over the blendshapes that landmarks show (51).
 pub fn mean_of(scores: &[Score]) -> Score {
     let shown = &scores[..scores.len() - 1];
-    Score {
-        r: mean(shown.iter().map(|score| score.r)),
-        mse: mean(shown.iter().map(|score| score.mse)),
-    }
+    Score { r: mean(shown.iter().map(|score| score.r)), mse: mean(shown.iter().map(|score| score.mse)) }
 }
 
 /// Mean absolute error of yaw, pitch and roll over all pictures, degrees. Nothing of the pose is fitted per subject.
 pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
-    let camera = Camera {
-        width_px: 400.0,
-        height_px: 600.0,
-        horizontal_fov_deg: 16.1,
-    };
+    let camera = Camera { width_px: 400.0, height_px: 600.0, horizontal_fov_deg: 16.1 };
     let angles = |pose: HeadPose| [pose.yaw_deg, pose.pitch_deg, pose.roll_deg].map(f64::from);
     let errors = |sample: &Sample| -> Result<[f64; 3]> {
         let seen = angles(HeadPose::new(&normalise(&sample.landmarks)?, &camera));
-        Ok(core::array::from_fn(|axis| {
-            (seen[axis] - sample.pose_deg[axis]).abs()
-        }))
+        Ok(core::array::from_fn(|axis| (seen[axis] - sample.pose_deg[axis]).abs()))
     };
     let errors = samples.par_iter().map(errors).collect::<Result<Vec<_>>>()?;
-    Ok(core::array::from_fn(|axis| {
-        mean(errors.iter().map(|error| error[axis]))
-    }))
+    Ok(core::array::from_fn(|axis| mean(errors.iter().map(|error| error[axis]))))
 }
 
 /// The table that `evaluate` prints.
 pub fn table(known: &[Score], unknown: &[Score]) -> String {
     let line = |name: &str, known: Score, unknown: Score| {
-        format!(
-            "| {name:<20} | {:>6.3} | {:>7.4} | {:>6.3} | {:>7.4} |\n",
-            known.r, known.mse, unknown.r, unknown.mse
-        )
+        format!("| {name:<20} | {:>6.3} | {:>7.4} | {:>6.3} | {:>7.4} |\n", known.r, known.mse, unknown.r, unknown.mse)
     };
-    let head =
-        "| blendshape           | r      | MSE     | r      | MSE     |\n|---|---|---|---|---|\n";
-    let rows = BLENDSHAPES
-        .iter()
-        .zip(known.iter().zip(unknown))
-        .map(|(name, (a, b))| line(name, *a, *b));
+    let head = "| blendshape           | r      | MSE     | r      | MSE     |\n|---|---|---|---|---|\n";
+    let rows = BLENDSHAPES.iter().zip(known.iter().zip(unknown)).map(|(name, (a, b))| line(name, *a, *b));
     let mean_line = line("mean of 51", mean_of(known), mean_of(unknown));
-    format!(
-        "neutral face known, then not known\n{head}{}{mean_line}",
-        rows.collect::<String>()
-    )
+    format!("neutral face known, then not known\n{head}{}{mean_line}", rows.collect::<String>())
 }

@@ -1,12 +1,11 @@
 //! The workbench: fits and judges the blendshape models. Runs on a desk, never on the board.
-#![allow(
-    clippy::indexing_slicing,
-    reason = "a matrix tool on a desk: an index out of range is a bug to be seen"
-)]
+#![allow(clippy::indexing_slicing, reason = "a matrix tool on a desk: an index out of range is a bug to be seen")]
 
 mod clip;
+mod curves;
 mod dataset;
 mod evaluate;
+mod mirror;
 mod ridge;
 mod stats;
 mod train;
@@ -28,7 +27,7 @@ struct Cli {
 enum Command {
     /// Fit both maps of the model and write them, with their scores on held-out subjects
     Train {
-        /// Landmarks with true coefficients (NumPy archive, names.json beside it)
+        /// Landmarks with true coefficients (npz archive, names beside it as JSON)
         dataset: PathBuf,
         /// Where the model is written
         #[arg(long, default_value = "models/blendshapes.toml")]
@@ -36,7 +35,7 @@ enum Command {
     },
     /// Print correlation and error of every blendshape, by facewire's own solver
     Evaluate {
-        /// Landmarks with true coefficients (NumPy archive, names.json beside it)
+        /// Landmarks with true coefficients (npz archive, names beside it as JSON)
         dataset: PathBuf,
         /// A model to judge instead of the built-in one
         #[arg(long)]
@@ -47,7 +46,7 @@ enum Command {
     },
     /// Print correlation with the truth, pose error and jitter on a clip, with and without its neutral face
     Clip {
-        /// Landmarks of the frames (NumPy archive)
+        /// Landmarks of the frames (npz archive)
         landmarks: PathBuf,
         /// Table of the true curves
         #[arg(long)]
@@ -64,31 +63,18 @@ enum Command {
 fn main() -> Result<()> {
     match Cli::parse().command {
         Command::Train { dataset, out } => train(&dataset, &out),
-        Command::Evaluate {
-            dataset,
-            model,
-            all_subjects,
-        } => evaluate(&dataset, model.as_deref(), all_subjects),
-        Command::Clip {
-            landmarks,
-            truth,
-            neutral_frames,
-            model,
-        } => clip(
-            &landmarks,
-            truth.as_deref(),
-            neutral_frames,
-            model.as_deref(),
-        ),
+        Command::Evaluate { dataset, model, all_subjects } => evaluate(&dataset, model.as_deref(), all_subjects),
+        Command::Clip { landmarks, truth, neutral_frames, model } => {
+            clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
+        }
     }
 }
 
 fn train(dataset: &Path, out: &Path) -> Result<()> {
     let samples = dataset::load(dataset)?;
     let made_by = format!("facewire-fit train {}", dataset.display());
-    let file = train::train(&samples, made_by)?;
-    std::fs::write(out, toml::to_string(&file)?)
-        .with_context(|| format!("cannot write {}", out.display()))?;
+    let file = train::train(&mirror::with_mirrored(&samples)?, &samples, made_by)?;
+    std::fs::write(out, toml::to_string(&file)?).with_context(|| format!("cannot write {}", out.display()))?;
     report(&file.to_model()?, &samples, false)
 }
 
@@ -103,9 +89,7 @@ fn report(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Res
     };
     print!("{}", evaluate::table(&scores(true)?, &scores(false)?));
     let [yaw, pitch, roll] = evaluate::pose_error_deg(samples)?;
-    println!(
-        "head pose, mean error over all pictures: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees"
-    );
+    println!("head pose, mean error over all pictures: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
     println!("model in memory: {} bytes", model.size_bytes());
     Ok(())
 }
@@ -114,12 +98,7 @@ fn load_model(path: Option<&Path>) -> Result<Model> {
     Ok(path.map_or_else(Model::embedded, Model::load)?)
 }
 
-fn clip(
-    landmarks: &Path,
-    truth: Option<&Path>,
-    neutral_frames: usize,
-    model: Option<&Path>,
-) -> Result<()> {
+fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {
     let (model, frames) = (load_model(model)?, clip::load(landmarks)?);
     let with = clip::solve(&model, &frames, Some(0..neutral_frames))?;
     let without = clip::solve(&model, &frames, None)?;
@@ -130,9 +109,9 @@ fn clip(
     let [p50, p99] = clip::cost_us(&model, &frames)?;
     println!("solver, landmarks to smoothed coefficients: p50 {p50:.1}, p99 {p99:.1} microseconds");
     let Some(path) = truth else { return Ok(()) };
-    let truth = clip::load_truth(path)?;
-    print!("{}", clip::table(&truth, &with, &without));
-    let [yaw, pitch, roll] = clip::pose_error_deg(&truth, &with);
+    let truth = curves::Truth::load(path)?;
+    print!("{}", curves::table(&truth, &with, &without)?);
+    let [yaw, pitch, roll] = curves::pose_error_deg(&truth, &with);
     println!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
     Ok(())
 }

@@ -36,22 +36,13 @@ impl Scale {
     /// ridge keeps its weight small: what hardly ever moves must not decide when it does.
     pub fn of(columns: &DMatrix<f64>, targets: &DMatrix<f64>, least: f64) -> Self {
         let mean: Vec<f64> = columns.column_iter().map(|column| column.mean()).collect();
-        let deviation = columns
-            .column_iter()
-            .map(|column| column.variance().sqrt().max(least))
-            .collect();
-        Self {
-            mean,
-            deviation,
-            target_mean: targets.column_iter().map(|column| column.mean()).collect(),
-        }
+        let deviation = columns.column_iter().map(|column| column.variance().sqrt().max(least)).collect();
+        Self { mean, deviation, target_mean: targets.column_iter().map(|column| column.mean()).collect() }
     }
 
     fn standardise(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         let mut out = columns.clone();
-        for ((mut column, mean), deviation) in
-            out.column_iter_mut().zip(&self.mean).zip(&self.deviation)
-        {
+        for ((mut column, mean), deviation) in out.column_iter_mut().zip(&self.mean).zip(&self.deviation) {
             column.apply(|value| *value = (*value - mean) / deviation);
         }
         out
@@ -73,21 +64,13 @@ impl Moments {
         let transposed = standard.transpose();
         #[expect(clippy::cast_precision_loss, reason = "thousands of rows")]
         let rows = columns.nrows() as f64;
-        Self {
-            gram: &transposed * &standard,
-            cross: &transposed * scale.centre(targets),
-            rows,
-        }
+        Self { gram: &transposed * &standard, cross: &transposed * scale.centre(targets), rows }
     }
 
     /// Sum of several parts.
     pub fn sum<'a>(mut parts: impl Iterator<Item = &'a Self>) -> Option<Self> {
         let first = parts.next()?;
-        let mut total = Self {
-            gram: first.gram.clone(),
-            cross: first.cross.clone(),
-            rows: first.rows,
-        };
+        let mut total = Self { gram: first.gram.clone(), cross: first.cross.clone(), rows: first.rows };
         for part in parts {
             total.gram += &part.gram;
             total.cross += &part.cross;
@@ -99,19 +82,16 @@ impl Moments {
     /// For every target the columns that forward selection takes: again and again the one that correlates most with
     /// what the chosen ones leave unexplained (F-regression, conditional on those before).
     pub fn select(&self, count: usize) -> Vec<Vec<usize>> {
-        (0..self.cross.ncols())
-            .into_par_iter()
-            .map(|target| self.select_for(target, count))
-            .collect()
+        (0..self.cross.ncols()).into_par_iter().map(|target| self.select_for(target, count)).collect()
     }
 
     fn select_for(&self, target: usize, count: usize) -> Vec<usize> {
-        let mut chosen = Vec::with_capacity(count);
+        let mut chosen: Vec<usize> = Vec::with_capacity(count);
         let mut residual: DVector<f64> = self.cross.column(target).into_owned();
         while chosen.len() < count.min(self.gram.ncols()) {
-            chosen
-                .iter()
-                .for_each(|index: &usize| residual[*index] = 0.0);
+            for index in &chosen {
+                residual[*index] = 0.0;
+            }
             chosen.push(residual.iamax());
             residual = self.cross.column(target).into_owned();
             for (index, weight) in chosen.iter().zip(&self.solve(target, &chosen)) {
@@ -126,37 +106,19 @@ impl Moments {
         let mut gram = self.gram.select_rows(chosen).select_columns(chosen);
         (0..chosen.len()).for_each(|index| gram[(index, index)] += RIDGE * self.rows);
         let cross = self.cross.column(target).select_rows(chosen);
-        gram.cholesky().map_or_else(
-            || vec![0.0; chosen.len()],
-            |cholesky| cholesky.solve(&cross).as_slice().to_vec(),
-        )
+        gram.cholesky().map_or_else(|| vec![0.0; chosen.len()], |cholesky| cholesky.solve(&cross).as_slice().to_vec())
     }
 
     /// Fits every target on its chosen columns.
     pub fn fit(&self, scale: &Scale, chosen: &[Vec<usize>]) -> Vec<Fit> {
-        chosen
-            .par_iter()
-            .enumerate()
-            .map(|(target, columns)| self.fit_one(scale, target, columns))
-            .collect()
+        chosen.par_iter().enumerate().map(|(target, columns)| self.fit_one(scale, target, columns)).collect()
     }
 
     fn fit_one(&self, scale: &Scale, target: usize, columns: &[usize]) -> Fit {
-        let unscaled =
-            |(column, weight): (&usize, f64)| (*column, weight / scale.deviation[*column]);
-        let weights: Vec<_> = columns
-            .iter()
-            .zip(self.solve(target, columns))
-            .map(unscaled)
-            .collect();
-        let shift: f64 = weights
-            .iter()
-            .map(|(column, weight)| weight * scale.mean[*column])
-            .sum();
-        Fit {
-            bias: scale.target_mean[target] - shift,
-            weights,
-        }
+        let unscaled = |(column, weight): (&usize, f64)| (*column, weight / scale.deviation[*column]);
+        let weights: Vec<_> = columns.iter().zip(self.solve(target, columns)).map(unscaled).collect();
+        let shift: f64 = weights.iter().map(|(column, weight)| weight * scale.mean[*column]).sum();
+        Fit { bias: scale.target_mean[target] - shift, weights }
     }
 }
 
@@ -164,9 +126,7 @@ impl Fit {
     /// The fitted value for every row.
     pub fn predict(&self, columns: &DMatrix<f64>) -> DVector<f64> {
         let mut out = DVector::from_element(columns.nrows(), self.bias);
-        self.weights
-            .iter()
-            .for_each(|(column, weight)| out.axpy(*weight, &columns.column(*column), 1.0));
+        self.weights.iter().for_each(|(column, weight)| out.axpy(*weight, &columns.column(*column), 1.0));
         out
     }
 }

@@ -1,16 +1,13 @@
 //! Statistics of pairs (estimate, truth).
 
 /// Pearson's correlation; 0 where one side does not move.
+#[expect(clippy::needless_pass_by_value, reason = "iterators are passed by value")]
 pub fn pearson(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let mean = |f: &dyn Fn((f64, f64)) -> f64| mean(pairs.clone().map(f));
     let (a, b) = (mean(&|p| p.0), mean(&|p| p.1));
     let covariance = mean(&|p| (p.0 - a) * (p.1 - b));
     let deviations = (mean(&|p| (p.0 - a).powi(2)) * mean(&|p| (p.1 - b).powi(2))).sqrt();
-    if deviations > 1e-12 {
-        covariance / deviations
-    } else {
-        0.0
-    }
+    if deviations > 1e-12 { covariance / deviations } else { 0.0 }
 }
 
 /// Mean squared error.

@@ -47,16 +47,7 @@ impl<R: Read> AviSource<R> {
         let decoder = JpegDecoder::new(width, height)?;
         let jpeg = vec![0; decoder.max_jpeg_bytes()].into_boxed_slice();
         let origin = origin.to_owned();
-        Ok(Self {
-            riff,
-            video,
-            origin,
-            decoder,
-            jpeg,
-            jpeg_bytes: 0,
-            begun: 0,
-            ended: false,
-        })
+        Ok(Self { riff, video, origin, decoder, jpeg, jpeg_bytes: 0, begun: 0, ended: false })
     }
 
     /// Goes on with the same film from its beginning; numbers and times run on.
@@ -84,18 +75,8 @@ impl<R: Read> AviSource<R> {
         let jpeg = self.jpeg.get(..self.jpeg_bytes).unwrap_or_default();
         self.decoder.decode(jpeg).map_err(bad)?;
         let picture = self.decoder.picture().ok_or(bad(FrameFault::Layout))?;
-        let captured_us = self
-            .video
-            .rate
-            .unwrap_or(FrameRate::FPS_30)
-            .stamp_us(number);
-        Ok(Frame {
-            picture,
-            captured_us,
-            number,
-            skipped: 0,
-            damaged: 0,
-        })
+        let captured_us = self.video.rate.unwrap_or(FrameRate::FPS_30).stamp_us(number);
+        Ok(Frame { picture, captured_us, number, skipped: 0, damaged: 0 })
     }
 
     fn find_frame(&mut self) -> Result<bool, CaptureError> {
@@ -115,11 +96,7 @@ impl<R: Read> AviSource<R> {
                 }
             } else if !self.riff.skip(bytes.into()).map_err(stop)? {
                 // Nothing is lost with an index that is cut off.
-                return if id == *b"idx1" {
-                    Ok(false)
-                } else {
-                    Err(stop(self.riff.cut()))
-                };
+                return if id == *b"idx1" { Ok(false) } else { Err(stop(self.riff.cut())) };
             }
         }
     }
@@ -131,25 +108,14 @@ impl<R: Read> AviSource<R> {
             return self.riff.read(jpeg).map_err(stop);
         }
         let whole = self.riff.skip(bytes.into()).map_err(stop)?;
-        let too_large = CaptureError::Frame {
-            number,
-            fault: FrameFault::TooLarge,
-        };
-        Err(if whole {
-            too_large
-        } else {
-            stop(self.riff.cut())
-        })
+        let too_large = CaptureError::Frame { number, fault: FrameFault::TooLarge };
+        Err(if whole { too_large } else { stop(self.riff.cut()) })
     }
 }
 
 impl<R: Read> Source for AviSource<R> {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        if self.advance()? {
-            self.decoded().map(Some)
-        } else {
-            Ok(None)
-        }
+        if self.advance()? { self.decoded().map(Some) } else { Ok(None) }
     }
 
     fn skip(&mut self) -> Result<bool, CaptureError> {
@@ -162,13 +128,7 @@ impl<R: Read> Source for AviSource<R> {
 
     fn describe(&self) -> Description<'_> {
         let [width, height] = self.video.size;
-        Description {
-            origin: &self.origin,
-            format: "MJPEG",
-            width,
-            height,
-            rate: self.video.rate,
-        }
+        Description { origin: &self.origin, format: "MJPEG", width, height, rate: self.video.rate }
     }
 }
 
@@ -186,12 +146,7 @@ fn read_header<R: Read>(riff: &mut Riff<R>) -> Result<Video, CaptureError> {
         Stop::Cut { .. } => CaptureError::Avi("ends within its header"),
         Stop::Read(error) => CaptureError::Read(error),
     };
-    if !matches!(
-        riff.next_item().map_err(early)?,
-        Some(Item::List {
-            kind: [b'A', b'V', b'I', b' ']
-        })
-    ) {
+    if !matches!(riff.next_item().map_err(early)?, Some(Item::List { kind: [b'A', b'V', b'I', b' '] })) {
         return Err(CaptureError::Avi("is not an AVI file"));
     }
     let mut header = Header::default();
@@ -221,12 +176,7 @@ struct Header {
 impl Header {
     /// Takes in a chunk. Offsets are those of `AVISTREAMHEADER` and `BITMAPINFOHEADER`.
     fn note(&mut self, id: [u8; 4], fields: &[u8; START_BYTES]) {
-        let word = |at: usize| {
-            fields
-                .get(at..at + 4)
-                .and_then(|b| b.try_into().ok())
-                .unwrap_or([0; 4])
-        };
+        let word = |at: usize| fields.get(at..at + 4).and_then(|b| b.try_into().ok()).unwrap_or([0; 4]);
         let number = |at| u32::from_le_bytes(word(at));
         match &id {
             b"strh" => {

@@ -18,10 +18,7 @@ impl Clip {
     /// # Errors
     /// [`CaptureError::Decoder`] without memory.
     pub fn once() -> Result<Self, CaptureError> {
-        Ok(Self {
-            film: AviSource::open(DEMO_AVI, DEMO)?,
-            looped: false,
-        })
+        Ok(Self { film: AviSource::open(DEMO_AVI, DEMO)?, looped: false })
     }
 
     /// Plays it for ever; frame numbers and times run on.
@@ -29,10 +26,7 @@ impl Clip {
     /// # Errors
     /// [`CaptureError::Decoder`] without memory.
     pub fn looped() -> Result<Self, CaptureError> {
-        Ok(Self {
-            looped: true,
-            ..Self::once()?
-        })
+        Ok(Self { looped: true, ..Self::once()? })
     }
 
     fn advance(&mut self) -> Result<bool, CaptureError> {
@@ -48,11 +42,7 @@ impl Clip {
 
 impl Source for Clip {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        if self.advance()? {
-            self.film.decoded().map(Some)
-        } else {
-            Ok(None)
-        }
+        if self.advance()? { self.film.decoded().map(Some) } else { Ok(None) }
     }
 
     fn skip(&mut self) -> Result<bool, CaptureError> {
@@ -80,10 +70,7 @@ mod tests {
         let mut last = 0;
         for number in 0..240 {
             let frame = clip.next().unwrap().unwrap();
-            assert_eq!(
-                (frame.number, frame.picture.width, frame.picture.height),
-                (number, 640, 480)
-            );
+            assert_eq!((frame.number, frame.picture.width, frame.picture.height), (number, 640, 480));
             last = frame.captured_us;
         }
         assert_eq!(last, 7_966_666);
@@ -104,10 +91,7 @@ mod tests {
     }
 
     fn luma_sum(frame: &Frame<'_>) -> u64 {
-        let super::super::Pixels::Planar {
-            planes: [luma, ..], ..
-        } = frame.picture.pixels
-        else {
+        let super::super::Pixels::Planar { planes: [luma, ..], .. } = frame.picture.pixels else {
             return 0;
         };
         luma.iter().copied().map(u64::from).sum()

@@ -18,9 +18,7 @@ pub enum CaptureError {
         fault: FrameFault,
     },
     /// The file could not be opened.
-    #[error(
-        "cannot open {path}: {source}; give the path of a .y4m or Motion-JPEG .avi file, `-` or `demo`"
-    )]
+    #[error("cannot open {path}: {source}; give the path of a .y4m or Motion-JPEG .avi file, `-` or `demo`")]
     Open {
         /// As given.
         path: String,
@@ -28,9 +26,7 @@ pub enum CaptureError {
         source: io::Error,
     },
     /// Neither AVI nor y4m.
-    #[error(
-        "{path} is neither an AVI nor a y4m file; convert it with `ffmpeg -i {path} -c:v mjpeg -q:v 3 out.avi`"
-    )]
+    #[error("{path} is neither an AVI nor a y4m file; convert it with `ffmpeg -i {path} -c:v mjpeg -q:v 3 out.avi`")]
     UnknownContainer {
         /// As given.
         path: String,
@@ -42,9 +38,7 @@ pub enum CaptureError {
     #[error("the y4m stream {0}; make one with `ffmpeg -i FILE -pix_fmt yuv420p out.y4m`")]
     Y4m(&'static str),
     /// Larger or smaller than this program takes.
-    #[error(
-        "the picture is {width}x{height}, but each side must be 1 to 4096 pixels; scale it first"
-    )]
+    #[error("the picture is {width}x{height}, but each side must be 1 to 4096 pixels; scale it first")]
     PictureSize {
         /// Pixels per row.
         width: usize,
@@ -62,9 +56,7 @@ pub enum CaptureError {
         offset: u64,
     },
     /// Bytes where a frame should begin are something else.
-    #[error(
-        "the stream is damaged at byte {offset}, before frame {frame}; copy or record it again"
-    )]
+    #[error("the stream is damaged at byte {offset}, before frame {frame}; copy or record it again")]
     Damaged {
         /// The frame that should begin, from 0.
         frame: u64,
@@ -75,9 +67,7 @@ pub enum CaptureError {
     #[error("reading failed: {0}; check the disk or the pipe")]
     Read(#[from] io::Error),
     /// No camera at all.
-    #[error(
-        "there is no camera; plug one in, or set camera.device = \"demo\" to play the built-in clip"
-    )]
+    #[error("there is no camera; plug one in, or set camera.device = \"demo\" to play the built-in clip")]
     NoCamera,
     /// No camera of that name or path.
     #[error("no camera is called {wanted}; {hint}")]
@@ -88,9 +78,7 @@ pub enum CaptureError {
         hint: String,
     },
     /// A file or device of another kind.
-    #[error(
-        "{path} is not a camera that captures pictures; `facewire devices` lists those that do"
-    )]
+    #[error("{path} is not a camera that captures pictures; `facewire devices` lists those that do")]
     NotACamera {
         /// As set.
         path: String,
@@ -108,9 +96,7 @@ pub enum CaptureError {
         path: String,
     },
     /// The camera has no such format.
-    #[error(
-        "{path} does not offer {wanted}; set camera.format to one it has ({offered}), or take another camera"
-    )]
+    #[error("{path} does not offer {wanted}; set camera.format to one it has ({offered}), or take another camera")]
     ModeLacking {
         /// Its node.
         path: String,
@@ -137,9 +123,7 @@ pub enum CaptureError {
         waited_ms: u64,
     },
     /// Frame after frame was bad.
-    #[error(
-        "{count} frames in a row were bad, of the last {fault}; check the camera's cable and USB bandwidth"
-    )]
+    #[error("{count} frames in a row were bad, of the last {fault}; check the camera's cable and USB bandwidth")]
     AllDamaged {
         /// How many.
         count: u32,
@@ -164,10 +148,9 @@ impl CaptureError {
     pub(super) fn device(path: &Path, during: &'static str, source: io::Error) -> Self {
         let path = path.display().to_string();
         match source.kind() {
-            io::ErrorKind::NotFound => Self::NotFound {
-                wanted: path,
-                hint: "`facewire devices` lists those there are".to_owned(),
-            },
+            io::ErrorKind::NotFound => {
+                Self::NotFound { wanted: path, hint: "`facewire devices` lists those there are".to_owned() }
+            }
             io::ErrorKind::PermissionDenied => Self::PermissionDenied { path },
             io::ErrorKind::ResourceBusy => Self::Busy { path },
             _ if Self::is_not_v4l2(&source) => Self::NotACamera { path },
@@ -178,22 +161,12 @@ impl CaptureError {
 
     /// What the system's error means while frames flow.
     pub(super) fn stream(source: io::Error) -> Self {
-        if Self::is_gone(&source) {
-            Self::Gone
-        } else {
-            Self::Device {
-                during: "sending frames",
-                source,
-            }
-        }
+        if Self::is_gone(&source) { Self::Gone } else { Self::Device { during: "sending frames", source } }
     }
 
     /// Whether the device was removed.
     pub(super) fn is_gone(error: &io::Error) -> bool {
-        [Errno::NODEV, Errno::NXIO]
-            .map(Errno::raw_os_error)
-            .map(Some)
-            .contains(&error.raw_os_error())
+        [Errno::NODEV, Errno::NXIO].map(Errno::raw_os_error).map(Some).contains(&error.raw_os_error())
     }
 
     fn is_not_v4l2(error: &io::Error) -> bool {

@@ -40,12 +40,7 @@ impl JpegDecoder {
         let decompressor = decompressor().map_err(|_| CaptureError::Decoder)?;
         let padded = |side: usize| side.next_multiple_of(MAX_SUBSAMPLING);
         let planes = vec![0; 3 * padded(width) * padded(height)];
-        Ok(Self {
-            decompressor,
-            planes,
-            size: [width, height],
-            decoded: None,
-        })
+        Ok(Self { decompressor, planes, size: [width, height], decoded: None })
     }
 
     /// Most bytes that an image of this size can sensibly have; sources bound their buffers by it.
@@ -64,13 +59,7 @@ impl JpegDecoder {
         let subsamp = self.read_header(jpeg)?;
         let [width, height] = self.size;
         let pixels = self.planes.as_mut_slice();
-        let image = YuvImage {
-            pixels,
-            width,
-            align: 1,
-            height,
-            subsamp,
-        };
+        let image = YuvImage { pixels, width, align: 1, height, subsamp };
         match self.decompressor.decompress_to_yuv(jpeg, image) {
             Err(error) if !is_harmless(&error) => Err(self.corrupt()),
             _ => {
@@ -106,13 +95,7 @@ impl JpegDecoder {
 
     /// Refuses what does not fit the buffer or is no camera picture.
     fn check(&self, header: &DecompressHeader) -> Result<(), FrameFault> {
-        let &DecompressHeader {
-            width,
-            height,
-            subsamp,
-            colorspace,
-            ..
-        } = header;
+        let &DecompressHeader { width, height, subsamp, colorspace, .. } = header;
         if [width, height] != self.size {
             return Err(FrameFault::WrongSize { width, height });
         }
@@ -125,23 +108,14 @@ impl JpegDecoder {
     fn pixels(&self, subsamp: Subsamp) -> Option<Pixels<'_>> {
         let [width, height] = self.size;
         if subsamp == Subsamp::Gray {
-            return Some(Pixels::Grey {
-                data: &self.planes,
-                stride: width,
-            });
+            return Some(Pixels::Grey { data: &self.planes, stride: width });
         }
         let (columns, rows) = (subsamp.width(), subsamp.height());
         let strides = [width.next_multiple_of(columns), width.div_ceil(columns)];
         let [stride, chroma_stride] = strides;
-        let (luma, rest) = self
-            .planes
-            .split_at_checked(stride * height.next_multiple_of(rows))?;
+        let (luma, rest) = self.planes.split_at_checked(stride * height.next_multiple_of(rows))?;
         let (cb, cr) = rest.split_at_checked(chroma_stride * height.div_ceil(rows))?;
-        Some(Pixels::Planar {
-            planes: [luma, cb, cr],
-            strides,
-            chroma_shift: chroma_shift(subsamp)?,
-        })
+        Some(Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: chroma_shift(subsamp)? })
     }
 }
 
@@ -169,12 +143,8 @@ fn trimmed(jpeg: &[u8]) -> Result<&[u8], FrameFault> {
     if !jpeg.starts_with(START_OF_IMAGE) {
         return Err(FrameFault::NotJpeg);
     }
-    let end = jpeg
-        .windows(2)
-        .rposition(|pair| pair == END_OF_IMAGE)
-        .ok_or(FrameFault::Incomplete)?;
-    jpeg.get(..end + END_OF_IMAGE.len())
-        .ok_or(FrameFault::Incomplete)
+    let end = jpeg.windows(2).rposition(|pair| pair == END_OF_IMAGE).ok_or(FrameFault::Incomplete)?;
+    jpeg.get(..end + END_OF_IMAGE.len()).ok_or(FrameFault::Incomplete)
 }
 
 /// Whether the image is whole all the same: only a few bytes too many before the end marker.
@@ -185,9 +155,7 @@ fn is_harmless(error: &Error) -> bool {
     let count = text
         .strip_prefix("Corrupt JPEG data: ")
         .and_then(|text| text.strip_suffix(" extraneous bytes before marker 0xd9"));
-    count
-        .and_then(|count| count.parse().ok())
-        .is_some_and(|count: u32| count <= MAX_STRAY_BYTES)
+    count.and_then(|count| count.parse().ok()).is_some_and(|count: u32| count <= MAX_STRAY_BYTES)
 }
 
 #[cfg(test)]

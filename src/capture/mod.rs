@@ -89,11 +89,7 @@ pub struct Description<'a> {
 
 impl fmt::Display for Description<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{}: {} {}x{}",
-            self.origin, self.format, self.width, self.height
-        )?;
+        write!(f, "{}: {} {}x{}", self.origin, self.format, self.width, self.height)?;
         match self.rate {
             Some(rate) => write!(f, " at {rate}"),
             None => Ok(()),

@@ -17,11 +17,7 @@ const BUFFER_BYTES: usize = 64 * 1024;
 ///
 /// # Errors
 /// Those of [`CameraSource::open`].
-pub fn open_camera(
-    device: &str,
-    wish: &Wish,
-    timeout: Duration,
-) -> Result<Box<dyn Source + Send>, CaptureError> {
+pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
     match device {
         DEMO => Ok(Box::new(Paced::new(Clip::looped()?))),
         device => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
@@ -35,27 +31,19 @@ pub fn open_camera(
 pub fn open_file(input: &str) -> Result<Box<dyn Source + Send>, CaptureError> {
     match input {
         DEMO => Ok(Box::new(Clip::once()?)),
-        "-" => Ok(Box::new(Y4mSource::open(
-            BufReader::with_capacity(BUFFER_BYTES, io::stdin()),
-            "standard input",
-        )?)),
+        "-" => Ok(Box::new(Y4mSource::open(BufReader::with_capacity(BUFFER_BYTES, io::stdin()), "standard input")?)),
         path => open_path(path),
     }
 }
 
 fn open_path(path: &str) -> Result<Box<dyn Source + Send>, CaptureError> {
-    let cannot = |source| CaptureError::Open {
-        path: path.to_owned(),
-        source,
-    };
+    let cannot = |source| CaptureError::Open { path: path.to_owned(), source };
     let file = File::open(path).map_err(cannot)?;
     let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);
     match reader.fill_buf().map_err(cannot)? {
         [b'R', b'I', b'F', b'F', ..] => Ok(Box::new(AviSource::open(reader, path)?)),
         [b'Y', b'U', b'V', b'4', ..] => Ok(Box::new(Y4mSource::open(reader, path)?)),
-        _ => Err(CaptureError::UnknownContainer {
-            path: path.to_owned(),
-        }),
+        _ => Err(CaptureError::UnknownContainer { path: path.to_owned() }),
     }
 }
 
@@ -79,10 +67,7 @@ mod tests {
     fn what_is_no_video_is_refused_by_name() {
         assert!(reason("/nowhere/film.avi").contains("cannot open /nowhere/film.avi"));
         assert!(reason("/").contains("cannot open /"));
-        assert!(
-            reason(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"))
-                .contains("neither an AVI nor a y4m")
-        );
+        assert!(reason(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")).contains("neither an AVI nor a y4m"));
         assert!(reason("/dev/null").contains("neither an AVI nor a y4m"));
     }
 }

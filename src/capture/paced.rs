@@ -23,15 +23,8 @@ pub struct Paced<S> {
 impl<S: Source> Paced<S> {
     /// Starts with the first call of [`Source::next`]; a source without a rate is played at 30 frames a second.
     pub fn new(source: S) -> Self {
-        let period_us = source
-            .frame_period_us()
-            .unwrap_or(FrameRate::FPS_30.period_us())
-            .max(1);
-        Self {
-            source,
-            period_us,
-            due_us: None,
-        }
+        let period_us = source.frame_period_us().unwrap_or(FrameRate::FPS_30.period_us()).max(1);
+        Self { source, period_us, due_us: None }
     }
 
     /// Passes over `count` frames, or fewer at the end and when there are very many.
@@ -57,11 +50,7 @@ impl<S: Source> Source for Paced<S> {
         self.pass_over(skipped)?;
         sleep(Duration::from_micros(captured_us.saturating_sub(now_us)));
         let frame = self.source.next()?;
-        Ok(frame.map(|frame| Frame {
-            captured_us,
-            skipped,
-            ..frame
-        }))
+        Ok(frame.map(|frame| Frame { captured_us, skipped, ..frame }))
     }
 
     fn frame_period_us(&self) -> Option<u64> {
@@ -83,8 +72,7 @@ fn frames_missed(now_us: u64, due_us: u64, period_us: u64) -> u32 {
 #[must_use]
 pub fn monotonic_us() -> u64 {
     let time = clock_gettime(ClockId::Monotonic);
-    let [seconds, nanoseconds] =
-        [time.tv_sec, time.tv_nsec].map(|part| u64::try_from(part).unwrap_or(0));
+    let [seconds, nanoseconds] = [time.tv_sec, time.tv_nsec].map(|part| u64::try_from(part).unwrap_or(0));
     seconds * 1_000_000 + nanoseconds / 1000
 }
 

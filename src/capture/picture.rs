@@ -60,12 +60,7 @@ impl<'a> Picture<'a> {
     pub fn new(width: usize, height: usize, pixels: Pixels<'a>, full_range: bool) -> Option<Self> {
         let sides = 1..=MAX_SIDE_PX;
         let fits = sides.contains(&width) && sides.contains(&height) && pixels.hold(width, height);
-        fits.then_some(Self {
-            width,
-            height,
-            pixels,
-            full_range,
-        })
+        fits.then_some(Self { width, height, pixels, full_range })
     }
 }
 
@@ -75,26 +70,14 @@ impl Pixels<'_> {
         match *self {
             Self::Yuyv { data, stride } => holds(data, stride, [4 * width.div_ceil(2), height]),
             Self::Grey { data, stride } => holds(data, stride, [width, height]),
-            Self::Nv12 {
-                luma,
-                chroma,
-                stride,
-            } => {
+            Self::Nv12 { luma, chroma, stride } => {
                 let chroma_size = [2 * width.div_ceil(2), height.div_ceil(2)];
                 holds(luma, stride, [width, height]) && holds(chroma, stride, chroma_size)
             }
-            Self::Planar {
-                planes: [luma, cb, cr],
-                strides: [stride, chroma_stride],
-                chroma_shift,
-            } => {
+            Self::Planar { planes: [luma, cb, cr], strides: [stride, chroma_stride], chroma_shift } => {
                 let size = chroma_size([width, height], chroma_shift);
                 holds(luma, stride, [width, height])
-                    && size.is_some_and(|size| {
-                        [cb, cr]
-                            .iter()
-                            .all(|plane| holds(plane, chroma_stride, size))
-                    })
+                    && size.is_some_and(|size| [cb, cr].iter().all(|plane| holds(plane, chroma_stride, size)))
             }
         }
     }
@@ -122,62 +105,36 @@ mod tests {
     const DATA: [u8; 64] = [0; 64];
 
     fn grey(len: usize, stride: usize) -> Pixels<'static> {
-        Pixels::Grey {
-            data: DATA.get(..len).unwrap(),
-            stride,
-        }
+        Pixels::Grey { data: DATA.get(..len).unwrap(), stride }
     }
 
     #[test]
     fn a_picture_reaches_its_last_row_and_column_or_is_refused() {
         assert!(Picture::new(5, 4, grey(29, 8), false).is_some());
-        assert!(
-            Picture::new(5, 4, grey(28, 8), false).is_none(),
-            "last row one byte short"
-        );
-        assert!(
-            Picture::new(5, 4, grey(64, 4), false).is_none(),
-            "rows overlap"
-        );
+        assert!(Picture::new(5, 4, grey(28, 8), false).is_none(), "last row one byte short");
+        assert!(Picture::new(5, 4, grey(64, 4), false).is_none(), "rows overlap");
         assert!(Picture::new(0, 4, grey(64, 8), false).is_none());
         assert!(Picture::new(5, 4097, grey(64, 8), false).is_none());
-        assert!(
-            Picture::new(5, 4, grey(64, usize::MAX), false).is_none(),
-            "no overflow"
-        );
+        assert!(Picture::new(5, 4, grey(64, usize::MAX), false).is_none(), "no overflow");
     }
 
     #[test]
     fn odd_widths_need_their_whole_last_chroma_pair() {
-        let yuyv = |stride| Pixels::Yuyv {
-            data: &DATA,
-            stride,
-        };
+        let yuyv = |stride| Pixels::Yuyv { data: &DATA, stride };
         assert!(Picture::new(3, 2, yuyv(8), false).is_some());
         assert!(Picture::new(3, 2, yuyv(7), false).is_none());
-        let nv12 = |chroma| Pixels::Nv12 {
-            luma: &DATA,
-            chroma,
-            stride: 4,
-        };
+        let nv12 = |chroma| Pixels::Nv12 { luma: &DATA, chroma, stride: 4 };
         assert!(Picture::new(3, 3, nv12(DATA.get(..8).unwrap()), false).is_some());
         assert!(Picture::new(3, 3, nv12(DATA.get(..7).unwrap()), false).is_none());
     }
 
     #[test]
     fn short_chroma_planes_and_odd_shifts_are_refused() {
-        let planar = |cr, chroma_shift| Pixels::Planar {
-            planes: [&DATA, &DATA, cr],
-            strides: [5, 3],
-            chroma_shift,
-        };
+        let planar = |cr, chroma_shift| Pixels::Planar { planes: [&DATA, &DATA, cr], strides: [5, 3], chroma_shift };
         let cr_of = |len| DATA.get(..len).unwrap();
         assert!(Picture::new(5, 3, planar(cr_of(6), [1, 1]), true).is_some());
         assert!(Picture::new(5, 3, planar(cr_of(5), [1, 1]), true).is_none());
-        assert!(
-            Picture::new(5, 3, planar(&DATA, [0, 0]), true).is_none(),
-            "chroma as wide as luma needs its stride"
-        );
+        assert!(Picture::new(5, 3, planar(&DATA, [0, 0]), true).is_none(), "chroma as wide as luma needs its stride");
         assert!(Picture::new(5, 3, planar(&DATA, [3, 0]), true).is_none());
         assert!(Picture::new(5, 3, planar(&DATA, [255, 255]), true).is_none());
     }

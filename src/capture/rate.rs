@@ -16,10 +16,7 @@ pub struct FrameRate {
 
 impl FrameRate {
     /// 30 frames a second.
-    pub const FPS_30: Self = Self {
-        frames: 30,
-        seconds: 1,
-    };
+    pub const FPS_30: Self = Self { frames: 30, seconds: 1 };
 
     /// `None` if that is no rate of a camera.
     #[must_use]
@@ -49,8 +46,7 @@ impl FrameRate {
     /// Time of frame `number` when frame 0 is at 0; exact to 1 microsecond however long the stream.
     #[must_use]
     pub fn stamp_us(self, number: u64) -> u64 {
-        let us =
-            u128::from(number) * 1_000_000 * u128::from(self.seconds) / u128::from(self.frames);
+        let us = u128::from(number) * 1_000_000 * u128::from(self.seconds) / u128::from(self.frames);
         u64::try_from(us).unwrap_or(u64::MAX)
     }
 }

@@ -64,19 +64,12 @@ pub struct Riff<R> {
 impl<R> Riff<R> {
     /// At the start of `reader`.
     pub fn new(reader: R) -> Self {
-        Self {
-            reader,
-            offset: 0,
-            end: None,
-            padding: false,
-        }
+        Self { reader, offset: 0, end: None, padding: false }
     }
 
     /// The stream ends here, too soon.
     pub fn cut(&self) -> Stop {
-        Stop::Cut {
-            offset: self.offset,
-        }
+        Stop::Cut { offset: self.offset }
     }
 }
 
@@ -90,11 +83,7 @@ impl<R: Read> Riff<R> {
         let mut header = [0; 8];
         let got = self.fill(&mut header)?;
         if got < header.len() {
-            return if complete && (got == 0 || self.end.is_some()) {
-                Ok(None)
-            } else {
-                Err(self.cut())
-            };
+            return if complete && (got == 0 || self.end.is_some()) { Ok(None) } else { Err(self.cut()) };
         }
         let [a, b, c, d, size @ ..] = header;
         let (id, bytes) = ([a, b, c, d], u32::from_le_bytes(size));
@@ -118,11 +107,7 @@ impl<R: Read> Riff<R> {
         }
         let mut kind = [0; 4];
         let got = self.fill(&mut kind)?;
-        if got < kind.len() {
-            Err(self.cut())
-        } else {
-            Ok(Item::List { kind })
-        }
+        if got < kind.len() { Err(self.cut()) } else { Ok(Item::List { kind }) }
     }
 
     /// The first bytes of a chunk, filled up with 0; the rest is skipped.
@@ -130,26 +115,17 @@ impl<R: Read> Riff<R> {
         let mut start = [0; START_BYTES];
         let length = usize::try_from(bytes).map_or(START_BYTES, |bytes| bytes.min(START_BYTES));
         self.read(start.get_mut(..length).unwrap_or_default())?;
-        if self.skip(u64::from(bytes) - length as u64)? {
-            Ok(start)
-        } else {
-            Err(self.cut())
-        }
+        if self.skip(u64::from(bytes) - length as u64)? { Ok(start) } else { Err(self.cut()) }
     }
 
     /// Reads as much of a chunk's content as `buffer` holds.
     pub fn read(&mut self, buffer: &mut [u8]) -> Result<(), Stop> {
-        if self.fill(buffer)? == buffer.len() {
-            Ok(())
-        } else {
-            Err(self.cut())
-        }
+        if self.fill(buffer)? == buffer.len() { Ok(()) } else { Err(self.cut()) }
     }
 
     /// Passes over a chunk's content; `false` if it is cut off.
     pub fn skip(&mut self, bytes: u64) -> Result<bool, Stop> {
-        let passed =
-            io::copy(&mut self.reader.by_ref().take(bytes), &mut io::sink()).map_err(Stop::Read)?;
+        let passed = io::copy(&mut self.reader.by_ref().take(bytes), &mut io::sink()).map_err(Stop::Read)?;
         self.offset += passed;
         Ok(passed == bytes)
     }

@@ -1,22 +1,12 @@
 //! Pictures and files for the tests of this stage.
-#![allow(
-    clippy::unwrap_used,
-    clippy::indexing_slicing,
-    clippy::trivially_copy_pass_by_ref
-)]
+#![allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::trivially_copy_pass_by_ref)]
 
 use turbojpeg::{Compressor, Subsamp, YuvImage, yuv_pixels_len};
 
 /// A smooth picture: each plane is a slope of its own, so that a swapped or shifted plane shows.
 pub fn slopes(width: usize, height: usize, subsamp: Subsamp) -> YuvImage<Vec<u8>> {
     let length = yuv_pixels_len(width, 1, height, subsamp).unwrap();
-    let mut image = YuvImage {
-        pixels: vec![0; length],
-        width,
-        align: 1,
-        height,
-        subsamp,
-    };
+    let mut image = YuvImage { pixels: vec![0; length], width, align: 1, height, subsamp };
     let luma_bytes = image.y_width() * image.y_height();
     let (luma_width, chroma_width) = (image.y_width(), image.uv_width().max(1));
     let chroma_bytes = (length - luma_bytes) / 2;
@@ -35,19 +25,12 @@ pub fn slopes(width: usize, height: usize, subsamp: Subsamp) -> YuvImage<Vec<u8>
 pub fn jpeg(width: usize, height: usize, subsamp: Subsamp) -> Vec<u8> {
     let mut compressor = Compressor::new().unwrap();
     compressor.set_quality(100).unwrap();
-    compressor
-        .compress_yuv_to_vec(slopes(width, height, subsamp).as_deref())
-        .unwrap()
+    compressor.compress_yuv_to_vec(slopes(width, height, subsamp).as_deref()).unwrap()
 }
 
 /// A chunk with its padding.
 pub fn chunk(id: &[u8; 4], content: &[u8]) -> Vec<u8> {
-    let mut chunk = [
-        &id[..],
-        &u32::try_from(content.len()).unwrap().to_le_bytes(),
-        content,
-    ]
-    .concat();
+    let mut chunk = [&id[..], &u32::try_from(content.len()).unwrap().to_le_bytes(), content].concat();
     if content.len() % 2 == 1 {
         chunk.push(0);
     }
@@ -71,32 +54,14 @@ pub fn avi_header(width: u32, height: u32, codec: &[u8; 4]) -> Vec<u8> {
     format[16..20].copy_from_slice(codec);
     let streams = [
         list(b"LIST", b"strl", &[sound, chunk(b"strf", &[0; 18])]),
-        list(
-            b"LIST",
-            b"strl",
-            &[chunk(b"strh", &video), chunk(b"strf", &format)],
-        ),
+        list(b"LIST", b"strl", &[chunk(b"strh", &video), chunk(b"strf", &format)]),
     ];
-    list(
-        b"LIST",
-        b"hdrl",
-        &[vec![chunk(b"avih", &[0; 56])], streams.to_vec()].concat(),
-    )
+    list(b"LIST", b"hdrl", &[vec![chunk(b"avih", &[0; 56])], streams.to_vec()].concat())
 }
 
 /// A complete file with sound between the frames and an index.
 pub fn avi(width: u32, height: u32, frames: &[Vec<u8>]) -> Vec<u8> {
-    let chunks = frames
-        .iter()
-        .flat_map(|frame| [chunk(b"01dc", frame), chunk(b"00wb", &[1, 2, 3])]);
+    let chunks = frames.iter().flat_map(|frame| [chunk(b"01dc", frame), chunk(b"00wb", &[1, 2, 3])]);
     let movi = list(b"LIST", b"movi", &chunks.collect::<Vec<_>>());
-    list(
-        b"RIFF",
-        b"AVI ",
-        &[
-            avi_header(width, height, b"MJPG"),
-            movi,
-            chunk(b"idx1", &[0; 32]),
-        ],
-    )
+    list(b"RIFF", b"AVI ", &[avi_header(width, height, b"MJPG"), movi, chunk(b"idx1", &[0; 32])])
 }

@@ -38,24 +38,14 @@ impl<R: Read> Y4mSource<R> {
     pub fn open(mut reader: R, origin: &str) -> Result<Self, CaptureError> {
         let mut line = [0; MAX_LINE_BYTES];
         let (line, ended) = read_line(&mut reader, &mut line)?;
-        let fields = line
-            .strip_prefix(b"YUV4MPEG2 ")
-            .ok_or(CaptureError::Y4m("is not a y4m stream"))?;
+        let fields = line.strip_prefix(b"YUV4MPEG2 ").ok_or(CaptureError::Y4m("is not a y4m stream"))?;
         if !ended {
             return Err(CaptureError::Y4m("ends within its header"));
         }
         let offset = line.len() as u64 + 1;
         let header = Header::parse(fields)?;
         let samples = vec![0; header.frame_bytes()].into_boxed_slice();
-        Ok(Self {
-            reader,
-            header,
-            origin: origin.to_owned(),
-            samples,
-            offset,
-            number: 0,
-            ended: false,
-        })
+        Ok(Self { reader, header, origin: origin.to_owned(), samples, offset, number: 0, ended: false })
     }
 
     /// Reads `FRAME`, its parameters and its samples; `false` at the end.
@@ -67,13 +57,9 @@ impl<R: Read> Y4mSource<R> {
         }
         let (frame, offset) = (self.number, self.offset);
         self.offset += line.len() as u64 + u64::from(ended);
-        let cut =
-            !ended && line.len() < MAX_LINE_BYTES && b"FRAME".iter().zip(line).all(|(a, b)| a == b);
+        let cut = !ended && line.len() < MAX_LINE_BYTES && b"FRAME".iter().zip(line).all(|(a, b)| a == b);
         if cut {
-            return Err(CaptureError::CutShort {
-                frame,
-                offset: self.offset,
-            });
+            return Err(CaptureError::CutShort { frame, offset: self.offset });
         }
         if !ended || !line.starts_with(b"FRAME") {
             return Err(CaptureError::Damaged { frame, offset });
@@ -85,10 +71,7 @@ impl<R: Read> Y4mSource<R> {
         let filled = fill(&mut self.reader, &mut self.samples)?;
         self.offset += filled as u64;
         if filled < self.samples.len() {
-            return Err(CaptureError::CutShort {
-                frame: self.number,
-                offset: self.offset,
-            });
+            return Err(CaptureError::CutShort { frame: self.number, offset: self.offset });
         }
         self.number += 1;
         Ok(true)
@@ -110,25 +93,13 @@ impl<R: Read> Source for Y4mSource<R> {
         if !self.advance()? {
             return Ok(None);
         }
-        let Header {
-            width,
-            height,
-            rate,
-            full_range,
-            ..
-        } = self.header;
+        let Header { width, height, rate, full_range, .. } = self.header;
         let number = self.number - 1;
         let captured_us = rate.unwrap_or(FrameRate::FPS_30).stamp_us(number);
         let pixels = self.header.pixels(&self.samples);
         let picture = pixels.and_then(|pixels| Picture::new(width, height, pixels, full_range));
         let picture = picture.ok_or(CaptureError::PictureSize { width, height })?;
-        Ok(Some(Frame {
-            picture,
-            captured_us,
-            number,
-            skipped: 0,
-            damaged: 0,
-        }))
+        Ok(Some(Frame { picture, captured_us, number, skipped: 0, damaged: 0 }))
     }
 
     fn skip(&mut self) -> Result<bool, CaptureError> {
@@ -140,40 +111,18 @@ impl<R: Read> Source for Y4mSource<R> {
     }
 
     fn describe(&self) -> Description<'_> {
-        let Header {
-            width,
-            height,
-            rate,
-            chroma_shift,
-            ..
-        } = self.header;
-        let format = if chroma_shift.is_some() {
-            "YUV"
-        } else {
-            "GREY"
-        };
-        Description {
-            origin: &self.origin,
-            format,
-            width,
-            height,
-            rate,
-        }
+        let Header { width, height, rate, chroma_shift, .. } = self.header;
+        let format = if chroma_shift.is_some() { "YUV" } else { "GREY" };
+        Description { origin: &self.origin, format, width, height, rate }
     }
 }
 
 /// Reads up to a line feed, which is left out; the flag says whether it came before the end and the limit.
-fn read_line<'a>(
-    reader: &mut impl Read,
-    line: &'a mut [u8],
-) -> Result<(&'a [u8], bool), CaptureError> {
+fn read_line<'a>(reader: &mut impl Read, line: &'a mut [u8]) -> Result<(&'a [u8], bool), CaptureError> {
     let mut length = 0;
     let mut byte = [0];
     while length < line.len() && fill(reader, &mut byte)? == 1 && byte != [b'\n'] {
-        line.iter_mut()
-            .skip(length)
-            .take(1)
-            .for_each(|end| [*end] = byte);
+        line.iter_mut().skip(length).take(1).for_each(|end| [*end] = byte);
         length += 1;
     }
     Ok((line.get(..length).unwrap_or_default(), byte == [b'\n']))

@@ -10,8 +10,8 @@ use clap::Args;
 use rustix::time::{ClockId, clock_gettime};
 
 use self::figures::{Figures, Samples};
-use super::failure::{Failure, print};
 use super::SettingsArgs;
+use super::failure::{Failure, print};
 use crate::capture::{DEMO, Frame, Source, open_file};
 use crate::pipeline::{Pipeline, size_px};
 

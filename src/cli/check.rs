@@ -2,15 +2,24 @@
 
 use clap::Args;
 
-use super::failure::{Failure, print};
 use super::SettingsArgs;
+use super::failure::{Failure, print};
 use crate::config::{CameraSettings, Settings};
 use crate::link::Link;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::service::open_camera;
 
+const EXAMPLES: &str = "\
+Examples:
+  facewire check
+  facewire check --config facewire.toml
+
+Bad settings are all named, and no device is touched (exit status 78). Otherwise every part is tried, and the exit
+status is that of the first that failed.";
+
 /// Arguments of `facewire check`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub(super) struct CheckArgs {
     #[command(flatten)]
     settings: SettingsArgs,
@@ -21,7 +30,10 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     print("settings  ok\n")?;
     let parts = [("networks", check_networks(&settings)), ("camera", check_camera(&settings.camera))];
-    let links = settings.links.iter().map(|link| ("link", Link::open(link).map(|_| link.address.to_string()).map_err(Failure::from)));
+    let links = settings
+        .links
+        .iter()
+        .map(|link| ("link", Link::open(link).map(|_| link.address.to_string()).map_err(Failure::from)));
     let mut first = None;
     for (part, outcome) in parts.into_iter().chain(links) {
         match outcome {
@@ -43,7 +55,9 @@ fn check_networks(settings: &Settings) -> Result<String, Failure> {
     match pipeline.process(&frame) {
         Ok(_) => Ok("they find the face of the built-in clip".to_owned()),
         Err(Rejected::Infer(error)) => Err(error.into()),
-        Err(rejected) => Err(Failure::failed(format!("the built-in clip gives nothing: {rejected}; run scripts/setup again"))),
+        Err(rejected) => {
+            Err(Failure::failed(format!("the built-in clip gives nothing: {rejected}; run scripts/setup again")))
+        }
     }
 }
 

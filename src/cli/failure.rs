@@ -82,7 +82,12 @@ impl From<CaptureError> for Failure {
     fn from(error: CaptureError) -> Self {
         use CaptureError::{Avi, CutShort, Damaged, Frame, PictureSize, Read, UnknownContainer, Y4m};
         let status = match error {
-            Avi(_) | CutShort { .. } | Damaged { .. } | Frame { .. } | PictureSize { .. } | UnknownContainer { .. }
+            Avi(_)
+            | CutShort { .. }
+            | Damaged { .. }
+            | Frame { .. }
+            | PictureSize { .. }
+            | UnknownContainer { .. }
             | Y4m(_) => EX_DATAERR,
             Read(_) => EX_IOERR,
             _ => EX_NOINPUT,

@@ -25,8 +25,12 @@ Examples:
   facewire monitor                          see the packets arrive (in another terminal)
   facewire track demo --out demo.csv        the coefficients of a clip
 
-Exit status: 0 done, 1 failed, 2 wrong arguments, 65 damaged input, 66 no such input or camera trouble,
-68 a host does not resolve, 69 networks or ONNX Runtime missing, 74 reading or writing failed, 78 bad settings.";
+Exit status:
+   0  done                         68  a host does not resolve
+   1  failed                       69  networks or ONNX Runtime missing
+   2  wrong arguments              74  reading or writing failed
+  65  damaged input                78  bad settings
+  66  no such input, or trouble with the camera";
 
 /// A webcam becomes the 52 ARKit blendshape coefficients and the head pose, sent as packets.
 #[derive(Debug, Parser)]

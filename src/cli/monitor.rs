@@ -31,8 +31,15 @@ const SCREEN_PERIOD: Duration = Duration::from_millis(33);
 /// A log wants a line a second.
 const LINE_PERIOD: Duration = Duration::from_secs(1);
 
+const EXAMPLES: &str = "\
+Examples:
+  facewire monitor
+  facewire monitor --listen 0.0.0.0:6000 --seconds 10
+  facewire monitor --json --packets 100 > packets.jsonl";
+
 /// Receive packets by UDP and show them live
 #[derive(Debug, Clone, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct MonitorArgs {
     /// Address and port to listen to
     #[arg(long, value_name = "ADDRESS", default_value = "0.0.0.0:5252")]

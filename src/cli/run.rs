@@ -7,8 +7,17 @@ use super::{Failure, SettingsArgs};
 use crate::config::LogLevel;
 use crate::service;
 
+const EXAMPLES: &str = "\
+Examples:
+  facewire run                              the first camera, packets to 127.0.0.1:5252
+  facewire run --config facewire.toml
+  facewire run --board pi4 --config facewire.toml
+
+Without a camera it runs on, sends the neutral face with the reason, and takes the camera when it comes.";
+
 /// Arguments of `facewire run`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub(super) struct RunArgs {
     #[command(flatten)]
     settings: SettingsArgs,
@@ -36,6 +45,8 @@ fn start_log(level: LogLevel) {
     if to_journal {
         log.without_time().with_ansi(false).init();
     } else {
-        log.with_timer(tracing_subscriber::fmt::time::uptime()).with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).init();
+        log.with_timer(tracing_subscriber::fmt::time::uptime())
+            .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
+            .init();
     }
 }

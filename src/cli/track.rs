@@ -16,7 +16,7 @@ use self::rows::{Csv, LandmarkFile, Row};
 use super::monitor::yaw_pitch_roll_deg;
 use super::{Failure, SettingsArgs};
 use crate::pipeline::{Solution, Solver};
-use crate::service::failsafe::{Failsafe, History, News};
+use crate::service::failsafe::{Failsafe, History, News, Pose};
 use crate::solve::{NeutralMean, normalise};
 
 const EXAMPLES: &str = "\
@@ -140,7 +140,7 @@ impl Track {
 
     /// A frame with a solution is live; one without shows what the service would send.
     fn row(&mut self, face: &Face, solution: Option<&Solution>) -> Row {
-        let pose = solution.map(Solution::pose);
+        let pose = solution.map(Pose::from);
         let news = match &pose {
             Some(pose) => News::Pose(pose, face.time_us),
             None => News::Fault(Reason::NoFace),

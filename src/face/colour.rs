@@ -78,22 +78,16 @@ const fn pack([red, green, blue]: [i32; 3]) -> u64 {
     (red as i64 as u64).wrapping_add(green).wrapping_add(blue)
 }
 
-/// Black, weighted.
-pub(super) const BLACK: u64 = pack([BIAS << WEIGHT_BITS; 3]);
+/// A channel of full brightness, weighted.
+pub(super) const WHITE: i32 = 255 << WEIGHT_BITS;
 
-/// One channel (0 red, 1 green, 2 blue) of sums of pixels whose weights add up to 1024: clipped to black and white, and
-/// mapped to `low..=high`.
+/// Red, green and blue of a sum of pixels whose weights add up to 1024: 0 is black, [`WHITE`] full brightness. Colours
+/// that no screen shows lie beyond.
 #[expect(clippy::cast_possible_truncation, reason = "21 bits")]
-pub(super) fn unpack(weighted: &[u64], channel: usize, [low, high]: [f32; 2], output: &mut [f32]) {
+#[inline]
+pub(super) fn channels(weighted: u64) -> [i32; 3] {
     const MASK: i32 = (1 << CHANNEL_BITS) - 1;
-    const BLACK_SUM: i32 = BIAS << WEIGHT_BITS;
-    const WHITE_SUM: i32 = 255 << WEIGHT_BITS;
-    let shift = channel as u32 * CHANNEL_BITS;
-    let scale = (high - low) / WHITE_SUM as f32;
-    for (output, weighted) in output.iter_mut().zip(weighted) {
-        let sum = (weighted >> shift) as i32 & MASK;
-        *output = (sum - BLACK_SUM).clamp(0, WHITE_SUM) as f32 * scale + low;
-    }
+    [0, CHANNEL_BITS, 2 * CHANNEL_BITS].map(|shift| ((weighted >> shift) as i32 & MASK) - (BIAS << WEIGHT_BITS))
 }
 
 #[cfg(test)]
@@ -107,13 +101,9 @@ mod tests {
             .map(|value| value.clamp(0.0, 255.0))
     }
 
-    /// Red, green and blue of one pixel.
+    /// Red, green and blue of one pixel, 0 to 255.
     fn rgb(pixel: u64) -> [f32; 3] {
-        [0, 1, 2].map(|channel| {
-            let mut level = [0.0];
-            unpack(&[pixel << WEIGHT_BITS], channel, [0.0, 255.0], &mut level);
-            level[0]
-        })
+        channels(pixel << WEIGHT_BITS).map(|level| level.clamp(0, WHITE) as f32 / 1024.0)
     }
 
     #[test]

@@ -7,7 +7,7 @@
 
 use crate::capture::Picture;
 
-use super::colour::{BLACK, unpack};
+use super::colour::{WHITE, channels};
 use super::planes::Planes;
 use super::region::FaceBox;
 
@@ -46,18 +46,17 @@ pub fn crop(picture: &Picture, region: &FaceBox, shape: CropShape, input: &mut [
     let area = shape.side * shape.side;
     let (red, rest) = input.split_at_mut(area.min(input.len()));
     let (green, blue) = rest.split_at_mut(area.min(rest.len()));
-    let mut pixels = [0; MAX_SIDE];
     let rows = red.chunks_exact_mut(shape.side).zip(green.chunks_exact_mut(shape.side));
+    let mut levels = Levels::default();
     for (row, ((red, green), blue)) in rows.zip(blue.chunks_exact_mut(shape.side)).enumerate() {
         let positions = positions(region, shape.side, row);
-        for (pixel, at) in pixels.iter_mut().zip(&positions).take(shape.side) {
-            *pixel = sample(&planes, *at);
-        }
+        let positions = positions.get(..shape.side).unwrap_or(&positions);
+        levels.take(&planes, positions);
         if shape.border == Border::Black {
-            blacken(&planes, &positions, &mut pixels);
+            levels.blacken(&planes, positions);
         }
-        for (channel, output) in [red, green, blue].into_iter().enumerate() {
-            unpack(&pixels, channel, shape.range, output);
+        for (output, levels) in [red, green, blue].into_iter().zip(&levels.0) {
+            to_range(levels, shape.range, output);
         }
     }
 }
@@ -78,19 +77,60 @@ fn positions(region: &FaceBox, side: usize, row: usize) -> [[i32; 2]; MAX_SIDE] 
     positions
 }
 
-/// The pixel at a position, its channels weighted by 1024.
-fn sample(planes: &Planes, at: [i32; 2]) -> u64 {
-    let [x, y] = at.map(|at| at >> 5);
-    let [right, down] = at.map(|at| u64::from((at & 31).unsigned_abs()));
-    let rows = planes.square(x, y);
-    let [top, bottom] = rows.map(|[left_pixel, right_pixel]| left_pixel * (32 - right) + right_pixel * right);
-    top * (32 - down) + bottom * down
+/// Red, green and blue of one row of samples, 0 to [`WHITE`].
+struct Levels([[i32; MAX_SIDE]; 3]);
+
+impl Default for Levels {
+    fn default() -> Self {
+        Self([[0; MAX_SIDE]; 3])
+    }
 }
 
-fn blacken(planes: &Planes, positions: &[[i32; 2]], pixels: &mut [u64]) {
-    for (pixel, [x, y]) in pixels.iter_mut().zip(positions) {
-        if !planes.hold(x >> 5, y >> 5) {
-            *pixel = BLACK;
+impl Levels {
+    /// Samples the picture at the positions of a row.
+    fn take(&mut self, planes: &Planes, positions: &[[i32; 2]]) {
+        let inside = |at: Option<&[i32; 2]>| at.is_some_and(|[x, y]| planes.hold_square(x >> 5, y >> 5));
+        // A row is straight: it lies inside the picture if both its ends do.
+        if inside(positions.first()) && inside(positions.last()) {
+            self.fill(positions, |[x, y]| {
+                let [x, y] = [x, y].map(|at| at.unsigned_abs() as usize);
+                planes.square([x, x + 1], [y, y + 1])
+            });
+        } else {
+            self.fill(positions, |[x, y]| planes.nearest_square(x, y));
         }
     }
+
+    #[inline]
+    fn fill(&mut self, positions: &[[i32; 2]], square: impl Fn([i32; 2]) -> [[u64; 2]; 2]) {
+        let [red, green, blue] = &mut self.0;
+        for (((red, green), blue), at) in red.iter_mut().zip(green).zip(blue).zip(positions) {
+            [*red, *green, *blue] = channels(mix(square(at.map(|at| at >> 5)), *at));
+        }
+    }
+
+    /// Makes black what lies outside the picture.
+    fn blacken(&mut self, planes: &Planes, positions: &[[i32; 2]]) {
+        for channel in &mut self.0 {
+            for (level, [x, y]) in channel.iter_mut().zip(positions) {
+                *level *= i32::from(planes.hold(x >> 5, y >> 5));
+            }
+        }
+    }
+}
+
+/// Clips levels to black and white and maps them to the network's range.
+fn to_range(levels: &[i32], [low, high]: [f32; 2], output: &mut [f32]) {
+    let scale = (high - low) / WHITE as f32;
+    for (output, level) in output.iter_mut().zip(levels) {
+        *output = (*level).clamp(0, WHITE) as f32 * scale + low;
+    }
+}
+
+/// The mean of four pixels, weighted by how near each is to a position in 1/32 px; all weights add up to 1024.
+#[inline]
+fn mix(rows: [[u64; 2]; 2], at: [i32; 2]) -> u64 {
+    let [right, down] = at.map(|at| u64::from((at & 31).unsigned_abs()));
+    let [top, bottom] = rows.map(|[left_pixel, right_pixel]| left_pixel * (32 - right) + right_pixel * right);
+    top * (32 - down) + bottom * down
 }

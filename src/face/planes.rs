@@ -38,13 +38,19 @@ impl Layout {
 
 impl Planes<'_> {
     /// The pixels at columns `x` and `x + 1` of rows `y` and `y + 1`; outside the picture, the nearest ones.
-    pub(super) fn square(&self, x: i32, y: i32) -> [[u64; 2]; 2] {
+    pub(super) fn nearest_square(&self, x: i32, y: i32) -> [[u64; 2]; 2] {
         let nearest = |at: i32, last: i32| at.clamp(0, last).unsigned_abs() as usize;
-        let (left, top) = (nearest(x, self.last[0]), nearest(y, self.last[1]));
-        let (right, bottom) = (nearest(x + 1, self.last[0]), nearest(y + 1, self.last[1]));
-        let columns = [left, right].map(|x| (self.luma_layout.column(x), self.chroma_layout.column(x)));
-        let rows = [top, bottom].map(|y| (self.luma_layout.row(y), self.chroma_layout.row(y)));
-        rows.map(|(luma_row, chroma_row)| {
+        let columns = [x, x.saturating_add(1)].map(|x| nearest(x, self.last[0]));
+        let rows = [y, y.saturating_add(1)].map(|y| nearest(y, self.last[1]));
+        self.square(columns, rows)
+    }
+
+    /// The pixels where two columns and two rows of the picture cross.
+    #[inline]
+    pub(super) fn square(&self, columns: [usize; 2], rows: [usize; 2]) -> [[u64; 2]; 2] {
+        let columns = columns.map(|x| (self.luma_layout.column(x), self.chroma_layout.column(x)));
+        rows.map(|y| {
+            let (luma_row, chroma_row) = (self.luma_layout.row(y), self.chroma_layout.row(y));
             columns.map(|(luma, chroma)| self.pixel(luma_row + luma, chroma_row + chroma))
         })
     }
@@ -53,6 +59,11 @@ impl Planes<'_> {
         let get = |data: &[u8], at: usize| data.get(at).copied().unwrap_or(GREY);
         let [blue, red] = self.chroma.map(|data| get(data, chroma));
         self.colour.pixel(get(self.luma, luma), blue, red)
+    }
+
+    /// Whether the square that begins at a column and row lies inside the picture.
+    pub(super) fn hold_square(&self, x: i32, y: i32) -> bool {
+        (0..self.last[0]).contains(&x) && (0..self.last[1]).contains(&y)
     }
 
     /// Whether there is a pixel at a column and row.

@@ -144,7 +144,14 @@ impl fmt::Display for Status {
             f,
             "frames={} faces={} rejected={} skipped={} damaged={} cameras_opened={} packets={} dropped={} \
              latency_ms p50={p50:.2} p95={p95:.2} p99={p99:.2}",
-            self.frames, self.solved, self.rejected, self.skipped, self.damaged, self.opened, self.packets, self.dropped
+            self.frames,
+            self.solved,
+            self.rejected,
+            self.skipped,
+            self.damaged,
+            self.opened,
+            self.packets,
+            self.dropped
         )
     }
 }

@@ -21,7 +21,7 @@ impl Report {
     pub(super) const NOTHING: Self = Self::Nothing;
 
     pub(super) fn solved(solution: &Solution, captured_us: u64) -> Self {
-        Self::Solved { pose: solution.pose(), captured_us }
+        Self::Solved { pose: solution.into(), captured_us }
     }
 
     pub(super) fn news(&self) -> News<'_> {
@@ -29,6 +29,16 @@ impl Report {
             Self::Nothing => News::Nothing,
             Self::Solved { pose, captured_us } => News::Pose(pose, *captured_us),
             Self::Fault(reason) => News::Fault(*reason),
+        }
+    }
+}
+
+impl From<&Solution> for Pose {
+    fn from(solution: &Solution) -> Self {
+        Self {
+            rotation: solution.head.rotation_xyzw,
+            position_mm: solution.head.position_mm,
+            coefficients: solution.smoothed.0,
         }
     }
 }

@@ -66,27 +66,13 @@ pub fn normalise(landmarks: &Landmarks) -> Result<Normalised, DegenerateFace> {
     let fit = fit_rigid(landmarks)?;
     let inverse = (fit.rotation.transpose() / fit.scale).cast::<f32>();
     let origin = fit.origin.cast::<f32>();
-    let points = landmarks
-        .0
-        .map(|point| (inverse * (upright(point) - origin)).into());
-    if points
-        .iter()
-        .flatten()
-        .any(|value: &f32| !(value.abs() < MAX_COORDINATE))
-    {
+    let points = landmarks.0.map(|point| (inverse * (upright(point) - origin)).into());
+    if !points.iter().flatten().all(|value: &f32| value.abs() < MAX_COORDINATE) {
         return Err(DegenerateFace::NotAFace);
     }
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "pixels per eye distance, checked to be finite"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "pixels per eye distance, checked to be finite")]
     let scale_px = fit.scale as f32;
-    Ok(Normalised {
-        points,
-        rotation: fit.rotation.cast(),
-        scale_px,
-        origin_px: [origin.x, -origin.y],
-    })
+    Ok(Normalised { points, rotation: fit.rotation.cast(), scale_px, origin_px: [origin.x, -origin.y] })
 }
 
 /// From the picture's axes (y down, z away) to x right, y up, z towards the camera.
@@ -103,10 +89,8 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<Similarity, DegenerateFace> {
     };
     #[expect(clippy::cast_precision_loss, reason = "a few dozen points")]
     let count = RIGID.len() as f64;
-    let (seen_sum, canonical_sum) = pairs().fold(
-        (Vector3::zeros(), Vector3::zeros()),
-        |(a, b), (seen, canonical)| (a + seen, b + canonical),
-    );
+    let (seen_sum, canonical_sum) =
+        pairs().fold((Vector3::zeros(), Vector3::zeros()), |(a, b), (seen, canonical)| (a + seen, b + canonical));
     let (seen_mean, canonical_mean) = (seen_sum / count, canonical_sum / count);
     let (mut covariance, mut seen_var, mut canonical_var) = (Matrix3::zeros(), 0.0, 0.0);
     for (seen, canonical) in pairs() {
@@ -117,30 +101,26 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<Similarity, DegenerateFace> {
     }
     let (rotation, trace) = nearest_rotation(covariance).ok_or(DegenerateFace::TooSmall)?;
     let scale = trace / canonical_var;
-    if !(scale >= MIN_EYE_DISTANCE_PX) {
+    if scale.is_nan() || scale < MIN_EYE_DISTANCE_PX {
         return Err(DegenerateFace::TooSmall);
     }
     let misfit = (seen_var / (scale * scale) - canonical_var).max(0.0) / count;
     if misfit.sqrt() > MAX_MISFIT {
         return Err(DegenerateFace::NotAFace);
     }
-    Ok(Similarity {
-        rotation,
-        scale,
-        origin: seen_mean - scale * (rotation * canonical_mean),
-    })
+    Ok(Similarity { rotation, scale, origin: seen_mean - scale * (rotation * canonical_mean) })
 }
 
 /// The proper rotation `R` that maximises `tr(R' M)`, and that trace; none if `M` has no two independent directions.
 fn nearest_rotation(covariance: Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
     let size = covariance.amax();
-    if !(size > 0.0 && size.is_finite()) {
+    if size <= 0.0 || !size.is_finite() {
         return None;
     }
     let svd = (covariance / size).try_svd(true, true, f64::EPSILON, MAX_ITERATIONS)?;
     let (mut u, v_t) = (svd.u?, svd.v_t?);
     let mut values = svd.singular_values;
-    if !(values.y > 1e-6 * values.x) {
+    if values.y.is_nan() || values.y <= 1e-6 * values.x {
         return None;
     }
     if (u * v_t).determinant() < 0.0 {
@@ -161,25 +141,16 @@ mod tests {
         let seen = normalise(&face([25.0, -15.0, 10.0], 80.0, [400.0, 120.0])).expect("a face");
         for (index, canonical) in RIGID {
             for (a, b) in seen.points[index].iter().zip(canonical) {
-                assert!(
-                    (f64::from(*a) - b).abs() < 1e-4,
-                    "landmark {index}: {a} for {b}"
-                );
+                assert!((f64::from(*a) - b).abs() < 1e-4, "landmark {index}: {a} for {b}");
             }
         }
         assert!((seen.scale_px - 80.0).abs() < 0.01);
-        assert!(
-            (seen.origin_px[0] - 400.0).abs() < 0.01 && (seen.origin_px[1] - 120.0).abs() < 0.01
-        );
+        assert!((seen.origin_px[0] - 400.0).abs() < 0.01 && (seen.origin_px[1] - 120.0).abs() < 0.01);
     }
 
     #[test]
     fn landmark_that_is_not_a_number_is_refused_wherever_it_lies() {
-        for (index, value) in [
-            (0, f32::NAN),
-            (200, f32::INFINITY),
-            (477, f32::NEG_INFINITY),
-        ] {
+        for (index, value) in [(0, f32::NAN), (200, f32::INFINITY), (477, f32::NEG_INFINITY)] {
             let mut landmarks = face([0.0; 3], 80.0, [320.0, 240.0]);
             landmarks.0[index][1] = value;
             assert_eq!(normalise(&landmarks), Err(DegenerateFace::NotFinite));
@@ -188,29 +159,17 @@ mod tests {
 
     #[test]
     fn face_without_extent_is_refused() {
-        assert_eq!(
-            normalise(&Landmarks([[5.0; 3]; LANDMARKS])),
-            Err(DegenerateFace::TooSmall)
-        );
-        assert_eq!(
-            normalise(&face([0.0; 3], 2.0, [0.0; 2])),
-            Err(DegenerateFace::TooSmall)
-        );
+        assert_eq!(normalise(&Landmarks([[5.0; 3]; LANDMARKS])), Err(DegenerateFace::TooSmall));
+        assert_eq!(normalise(&face([0.0; 3], 2.0, [0.0; 2])), Err(DegenerateFace::TooSmall));
         let mut line = Landmarks([[0.0; 3]; LANDMARKS]);
-        (0_u16..)
-            .zip(&mut line.0)
-            .for_each(|(index, point)| point[0] = f32::from(index));
+        (0_u16..).zip(&mut line.0).for_each(|(index, point)| point[0] = f32::from(index));
         assert!(normalise(&line).is_err());
     }
 
     #[test]
     fn points_that_do_not_form_a_face_are_refused() {
         let mut scattered = face([0.0; 3], 80.0, [320.0, 240.0]);
-        scattered
-            .0
-            .iter_mut()
-            .step_by(2)
-            .for_each(|point| point[1] = 480.0 - point[1] * 1.7);
+        scattered.0.iter_mut().step_by(2).for_each(|point| point[1] = 480.0 - point[1] * 1.7);
         assert_eq!(normalise(&scattered), Err(DegenerateFace::NotAFace));
         let mut stray = face([0.0; 3], 80.0, [320.0, 240.0]);
         stray.0[14] = [1e30, 0.0, 0.0];

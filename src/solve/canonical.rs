@@ -1,7 +1,7 @@
 //! Where the rigid points of a face lie in its own basis.
 //!
-//! The mean of 400 neutral, near-frontal faces of as many subjects, made symmetric, its frontal view at zero yaw,
-//! pitch and roll; see `fit/README.md`. Coordinates as in [`super::affine::Normalised::points`].
+//! The mean of the neutral, near-frontal faces of the 400 subjects of the training data, laid over one another, made
+//! symmetric, and turned so that a face looking into the camera has no pitch. Coordinates as in [`super::affine::Normalised::points`].
 
 /// Landmark index and place of the points that expressions hardly move: corners of the eyes, bridge, sides and
 /// wings of the nose, temples, middle of the forehead.

@@ -10,10 +10,7 @@
 //! By default `rest` is 0 and `k` is 0: nothing adapts unless it is asked for. The rest never exceeds [`MAX_REST`], so
 //! that a neutral face recorded during a blink or a smile cannot switch a blendshape off.
 
-use super::{
-    blendshapes::{BLENDSHAPES, COEFFS},
-    regression::RawCoeffs,
-};
+use super::{BLENDSHAPES, COEFFS, regression::RawCoeffs};
 
 /// Largest resting offset that is removed.
 pub const MAX_REST: f32 = 0.3;
@@ -45,18 +42,8 @@ pub struct CorrectionState {
 
 impl Default for Correction {
     fn default() -> Self {
-        let gain = BLENDSHAPES.map(|name| {
-            if name.starts_with("eyeBlink") {
-                EYE_BLINK_GAIN
-            } else {
-                0.0
-            }
-        });
-        Self {
-            gain,
-            rest: [0.0; COEFFS],
-            rest_rate_per_s: [0.0; COEFFS],
-        }
+        let gain = BLENDSHAPES.map(|name| if name.starts_with("eyeBlink") { EYE_BLINK_GAIN } else { 0.0 });
+        Self { gain, rest: [0.0; COEFFS], rest_rate_per_s: [0.0; COEFFS] }
     }
 }
 
@@ -64,9 +51,7 @@ impl Correction {
     /// The state to begin with.
     #[must_use]
     pub fn start(&self) -> CorrectionState {
-        CorrectionState {
-            rest: self.rest.map(bounded_rest),
-        }
+        CorrectionState { rest: self.rest.map(bounded_rest) }
     }
 
     /// Corrects one frame, `dt_s` seconds after the previous one.
@@ -103,9 +88,9 @@ fn follow(rest: f32, f: f32, k_dt: f32) -> f32 {
     bounded_rest(rest + share * (f - rest))
 }
 
-#[expect(clippy::manual_clamp, reason = "`max` and `min` turn a rest that is not a number into 0")]
+/// A rest that is not a number counts as none.
 fn bounded_rest(rest: f32) -> f32 {
-    rest.max(0.0).min(MAX_REST)
+    if rest.is_nan() { 0.0 } else { rest.clamp(0.0, MAX_REST) }
 }
 
 #[cfg(test)]
@@ -127,24 +112,14 @@ mod tests {
 
     /// `beta` of eq. 8 as printed: `age_s` since the minimum `f_t0` was seen.
     fn printed_shift(f: f32, minimum: f32, age_s: f32, k: f32, beta_0: f32) -> f32 {
-        if f > minimum + (-k * age_s).exp() {
-            f
-        } else {
-            beta_0
-        }
+        if f > minimum + (-k * age_s).exp() { f } else { beta_0 }
     }
 
     #[test]
     fn printed_shift_doubles_an_expression_that_is_held() {
         let corrected = |age_s| 0.4 + printed_shift(0.4, 0.1, age_s, 2.0, 0.0);
-        assert!(
-            (corrected(0.1) - 0.4).abs() < 1e-6,
-            "right after the minimum nothing changes"
-        );
-        assert!(
-            (corrected(2.0) - 0.8).abs() < 1e-6,
-            "later the value is added to itself"
-        );
+        assert!((corrected(0.1) - 0.4).abs() < 1e-6, "right after the minimum nothing changes");
+        assert!((corrected(2.0) - 0.8).abs() < 1e-6, "later the value is added to itself");
     }
 
     #[test]
@@ -152,54 +127,34 @@ mod tests {
         let correction = Correction::default();
         assert!(once(&correction, 0.82).0[BLINK] > 0.98);
         assert!((once(&correction, 0.3).0[BLINK] - 0.3).abs() < 1e-6);
-        assert!(
-            (once(&correction, 0.82).0[JAW_OPEN] - 0.82).abs() < 1e-6,
-            "other blendshapes are left alone"
-        );
+        assert!((once(&correction, 0.82).0[JAW_OPEN] - 0.82).abs() < 1e-6, "other blendshapes are left alone");
     }
 
     #[test]
     fn correction_keeps_the_order_of_values() {
-        let correction = Correction {
-            rest: [0.1; COEFFS],
-            ..Correction::default()
-        };
-        let curve: Vec<f32> = (0_u8..=120)
-            .map(|i| once(&correction, f32::from(i) / 100.0).0[BLINK])
-            .collect();
+        let correction = Correction { rest: [0.1; COEFFS], ..Correction::default() };
+        let curve: Vec<f32> = (0_u8..=120).map(|i| once(&correction, f32::from(i) / 100.0).0[BLINK]).collect();
         assert!(curve.windows(2).all(|pair| pair[1] >= pair[0]));
     }
 
     #[test]
     fn rest_is_removed_and_the_full_range_kept() {
-        let correction = Correction {
-            rest: [0.2; COEFFS],
-            ..Correction::default()
-        };
+        let correction = Correction { rest: [0.2; COEFFS], ..Correction::default() };
         assert!(once(&correction, 0.2).0[JAW_OPEN].abs() < 1e-6);
         assert!((once(&correction, 1.0).0[JAW_OPEN] - 1.0).abs() < 1e-6);
     }
 
     #[test]
     fn neutral_recorded_during_a_blink_does_not_stop_blinking() {
-        let correction = Correction {
-            rest: [1.0; COEFFS],
-            ..Correction::default()
-        };
+        let correction = Correction { rest: [1.0; COEFFS], ..Correction::default() };
         assert!(once(&correction, 0.9).0[BLINK] > 0.9);
     }
 
     #[test]
     fn rest_that_follows_reaches_a_resting_offset_and_drops_at_once() {
-        let correction = Correction {
-            rest_rate_per_s: [1.0; COEFFS],
-            ..Correction::default()
-        };
+        let correction = Correction { rest_rate_per_s: [1.0; COEFFS], ..Correction::default() };
         let mut state = correction.start();
-        let last = (0..150)
-            .map(|_| correction.process(&mut state, &all(0.12), FRAME_S))
-            .last()
-            .expect("150 frames");
+        let last = (0..150).map(|_| correction.process(&mut state, &all(0.12), FRAME_S)).last().expect("150 frames");
         assert!(last.0[JAW_OPEN] < 0.01);
         correction.process(&mut state, &all(0.02), FRAME_S);
         assert!(correction.process(&mut state, &all(0.5), FRAME_S).0[JAW_OPEN] > 0.45);
@@ -212,8 +167,6 @@ mod tests {
         (0..3000).for_each(|_| {
             correction.process(&mut state, &all(0.5), FRAME_S);
         });
-        assert!(
-            (correction.process(&mut state, &all(0.5), FRAME_S).0[JAW_OPEN] - 0.5).abs() < 1e-6
-        );
+        assert!((correction.process(&mut state, &all(0.5), FRAME_S).0[JAW_OPEN] - 0.5).abs() < 1e-6);
     }
 }

@@ -68,15 +68,9 @@ impl Features {
     pub fn new(face: &Normalised, neutral: Option<&Neutral>) -> Self {
         let mut values = measure(&face.points);
         if let Some(neutral) = neutral {
-            values
-                .iter_mut()
-                .zip(neutral.features.iter())
-                .for_each(|(value, rest)| *value -= rest);
+            values.iter_mut().zip(neutral.features.iter()).for_each(|(value, rest)| *value -= rest);
         }
-        Self {
-            values,
-            neutral_known: neutral.is_some(),
-        }
+        Self { values, neutral_known: neutral.is_some() }
     }
 
     /// The values, in the order of [`FeatureId`].
@@ -90,10 +84,7 @@ impl Features {
 pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; FEATURES] {
     let mut values = [0.0; FEATURES];
     let distances = DISTANCES.iter().map(|pair| distance(points, *pair));
-    values
-        .iter_mut()
-        .zip(points.iter().flatten().copied().chain(distances))
-        .for_each(|(slot, value)| *slot = value);
+    values.iter_mut().zip(points.iter().flatten().copied().chain(distances)).for_each(|(slot, value)| *slot = value);
     values
 }
 
@@ -101,11 +92,7 @@ fn distance(points: &[[f32; 3]; LANDMARKS], (a, b): (usize, usize)) -> f32 {
     let (Some(a), Some(b)) = (points.get(a), points.get(b)) else {
         return 0.0;
     };
-    a.iter()
-        .zip(b)
-        .map(|(a, b)| (a - b) * (a - b))
-        .sum::<f32>()
-        .sqrt()
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
 }
 
 /// Index of a feature, below [`FEATURES`].
@@ -136,10 +123,7 @@ impl FeatureId {
             return Self::from_index(COORDINATES + place);
         }
         let axis = ["x", "y", "z"].iter().position(|known| *known == kind)?;
-        let landmark = rest
-            .parse::<usize>()
-            .ok()
-            .filter(|landmark| *landmark < LANDMARKS)?;
+        let landmark = rest.parse::<usize>().ok().filter(|landmark| *landmark < LANDMARKS)?;
         Self::from_index(3 * landmark + axis)
     }
 }
@@ -147,17 +131,9 @@ impl FeatureId {
 impl fmt::Display for FeatureId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let index = self.index();
-        match index
-            .checked_sub(COORDINATES)
-            .and_then(|place| DISTANCES.get(place))
-        {
+        match index.checked_sub(COORDINATES).and_then(|place| DISTANCES.get(place)) {
             Some((a, b)) => write!(f, "d{a}-{b}"),
-            None => write!(
-                f,
-                "{}{}",
-                ['x', 'y', 'z'].get(index % 3).unwrap_or(&'x'),
-                index / 3
-            ),
+            None => write!(f, "{}{}", ['x', 'y', 'z'].get(index % 3).unwrap_or(&'x'), index / 3),
         }
     }
 }
@@ -190,12 +166,7 @@ mod tests {
         let mut mean = NeutralMean::default();
         mean.add(&face);
         let neutral = mean.finish().expect("one frame");
-        assert!(
-            Features::new(&face, Some(&neutral))
-                .values
-                .iter()
-                .all(|value| value.abs() < 1e-6)
-        );
+        assert!(Features::new(&face, Some(&neutral)).values.iter().all(|value| value.abs() < 1e-6));
     }
 
     #[test]

@@ -7,10 +7,10 @@
 //! Every stage refuses what the next could not use (not finite, not a face), so that such a frame is rejected whole.
 
 mod affine;
-mod blendshapes;
 mod canonical;
 mod correction;
 mod features;
+mod model_error;
 pub mod model_file;
 mod neutral;
 mod pose;
@@ -21,11 +21,11 @@ mod smoothing;
 mod test_face;
 
 pub use affine::{DegenerateFace, Normalised, normalise};
-pub use blendshapes::{BLENDSHAPES, COEFFS};
-pub use correction::{Corrected, Correction, CorrectionState};
+pub use correction::{Corrected, Correction, CorrectionState, MAX_REST};
+pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use features::{FEATURES, FeatureId, Features};
-pub use model_file::ModelError;
+pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
 pub use pose::{Camera, HeadPose};
 pub use regression::{AbsurdResult, Model, RawCoeffs};
-pub use smoothing::{GateEdge, GatedAverage, GatedAverageState, Smoothed};
+pub use smoothing::{GateEdge, GatedAverage, GatedAverageState, MAX_WINDOW, Smoothed};

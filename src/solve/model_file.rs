@@ -18,81 +18,23 @@
 //! "jawOpen*mouthFunnel" = 0.2
 //! ```
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 use super::{
-    blendshapes::BLENDSHAPES,
+    BLENDSHAPES,
     features::FeatureId,
+    model_error::ModelError,
     regression::{Blendshape, Map, Model, ONE, Term},
 };
 
 /// Version of the layout.
-const FORMAT: u32 = 1;
+pub(super) const FORMAT: u32 = 1;
 /// The entry of both tables that is not multiplied by anything.
 const BIAS: &str = "bias";
 /// No landmark lies on the tongue: it has no model and stays 0.
 const WITHOUT_MODEL: &str = "tongueOut";
-
-/// A model file that cannot be used.
-#[derive(Debug, Error)]
-pub enum ModelError {
-    /// The file cannot be read.
-    #[error("the model {} cannot be read ({source}); check the path and its permissions", path.display())]
-    Unreadable {
-        /// Where it was looked for.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// Not TOML, or not of this layout.
-    #[error("the model file is damaged; restore it or fit it again: {0}")]
-    Damaged(#[from] Box<toml::de::Error>),
-    /// Made for another version of this program.
-    #[error(
-        "the model file has format {found}, this program reads format {FORMAT}; fit it again with facewire-fit"
-    )]
-    WrongFormat {
-        /// The format of the file.
-        found: u32,
-    },
-    /// A blendshape is missing.
-    #[error("the model file has no {table}.{blendshape}; restore it or fit it again")]
-    Missing {
-        /// Table of the file.
-        table: &'static str,
-        /// Name of the blendshape.
-        blendshape: &'static str,
-    },
-    /// A name that this program does not know.
-    #[error("the model file names an unknown {name} in {table}; fit it again with facewire-fit")]
-    Unknown {
-        /// Table of the file.
-        table: String,
-        /// The name.
-        name: String,
-    },
-    /// A weight that is not finite, or too large to be one.
-    #[error(
-        "the weight {name} in {table} of the model file is not a finite number; restore the file"
-    )]
-    NotFinite {
-        /// Table of the file.
-        table: String,
-        /// Name of the weight.
-        name: String,
-    },
-    /// More weights than fit.
-    #[error(
-        "{table} of the model file has more weights than this program holds; fit it again with fewer"
-    )]
-    TooMany {
-        /// Table of the file.
-        table: String,
-    },
-}
 
 /// The file as it is written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -128,13 +70,7 @@ impl ModelFile {
     /// An empty file of the present format.
     #[must_use]
     pub fn new(made_by: String, fitted_on: String) -> Self {
-        Self {
-            format: FORMAT,
-            made_by,
-            fitted_on,
-            neutral_known: BTreeMap::new(),
-            neutral_unknown: BTreeMap::new(),
-        }
+        Self { format: FORMAT, made_by, fitted_on, neutral_known: BTreeMap::new(), neutral_unknown: BTreeMap::new() }
     }
 
     /// Reads a file's text.
@@ -165,31 +101,16 @@ impl ModelFile {
     }
 }
 
-fn map(
-    table: &'static str,
-    entries: &BTreeMap<String, BlendshapeTable>,
-) -> Result<Map, ModelError> {
-    if let Some(name) = entries
-        .keys()
-        .find(|name| !BLENDSHAPES.contains(&name.as_str()) || *name == WITHOUT_MODEL)
-    {
-        return Err(ModelError::Unknown {
-            table: table.to_owned(),
-            name: name.clone(),
-        });
+fn map(table: &'static str, entries: &BTreeMap<String, BlendshapeTable>) -> Result<Map, ModelError> {
+    if let Some(name) = entries.keys().find(|name| !BLENDSHAPES.contains(&name.as_str()) || *name == WITHOUT_MODEL) {
+        return Err(ModelError::Unknown { table: table.to_owned(), name: name.clone() });
     }
     let one = |name: &&'static str| match entries.get(*name) {
         Some(entry) => blendshape(&format!("{table}.{name}"), entry),
         None if *name == WITHOUT_MODEL => Ok(Blendshape::default()),
-        None => Err(ModelError::Missing {
-            table,
-            blendshape: name,
-        }),
+        None => Err(ModelError::Missing { table, blendshape: name }),
     };
-    Ok(Map(BLENDSHAPES
-        .iter()
-        .map(one)
-        .collect::<Result<_, _>>()?))
+    Ok(Map(BLENDSHAPES.iter().map(one).collect::<Result<_, _>>()?))
 }
 
 fn blendshape(table: &str, entry: &BlendshapeTable) -> Result<Blendshape, ModelError> {
@@ -206,24 +127,17 @@ fn blendshape(table: &str, entry: &BlendshapeTable) -> Result<Blendshape, ModelE
     for (name, weight) in &entry.polynomial {
         let weight = finite(table, name, *weight)?;
         let term = Term::from_name(name).ok_or_else(|| unknown(table, name))?;
-        out.polynomial
-            .push((term, weight))
-            .map_err(|_| too_many(table))?;
+        out.polynomial.push((term, weight)).map_err(|_| too_many(table))?;
     }
     Ok(out)
 }
 
 fn unknown(table: &str, name: &str) -> ModelError {
-    ModelError::Unknown {
-        table: table.to_owned(),
-        name: name.to_owned(),
-    }
+    ModelError::Unknown { table: table.to_owned(), name: name.to_owned() }
 }
 
 fn too_many(table: &str) -> ModelError {
-    ModelError::TooMany {
-        table: table.to_owned(),
-    }
+    ModelError::TooMany { table: table.to_owned() }
 }
 
 fn finite(table: &str, name: &str, weight: f64) -> Result<f32, ModelError> {
@@ -232,17 +146,13 @@ fn finite(table: &str, name: &str, weight: f64) -> Result<f32, ModelError> {
     if narrow.is_finite() {
         return Ok(narrow);
     }
-    Err(ModelError::NotFinite {
-        table: table.to_owned(),
-        name: name.to_owned(),
-    })
+    Err(ModelError::NotFinite { table: table.to_owned(), name: name.to_owned() })
 }
 
 impl Term {
     /// `bias`, the name of a blendshape, or two of them joined by `*`.
     fn from_name(name: &str) -> Option<Self> {
-        let place =
-            |name: &str| u8::try_from(BLENDSHAPES.iter().position(|known| *known == name)?).ok();
+        let place = |name: &str| u8::try_from(BLENDSHAPES.iter().position(|known| *known == name)?).ok();
         if name == BIAS {
             return Some(Self(ONE, ONE));
         }
@@ -273,77 +183,55 @@ mod tests {
 
     #[test]
     fn missing_file_is_named() {
-        let error = Model::load(Path::new("no/such/model.toml"))
-            .expect_err("there is none")
-            .to_string();
+        let error = Model::load(Path::new("no/such/model.toml")).expect_err("there is none").to_string();
         assert!(error.contains("no/such/model.toml"), "{error}");
     }
 
     #[test]
     fn damaged_file_is_refused() {
         let cut = SHIPPED.get(..SHIPPED.len() / 2).expect("plain text");
-        assert!(
-            ModelFile::parse(cut)
-                .and_then(|file| file.to_model())
-                .is_err()
-        );
-        assert!(matches!(
-            ModelFile::parse("format = [1"),
-            Err(ModelError::Damaged(_))
-        ));
-        assert!(matches!(
-            ModelFile::parse("format = 1"),
-            Err(ModelError::Damaged(_))
-        ));
+        assert!(ModelFile::parse(cut).and_then(|file| file.to_model()).is_err());
+        assert!(matches!(ModelFile::parse("format = [1"), Err(ModelError::Damaged(_))));
+        assert!(matches!(ModelFile::parse("format = 1"), Err(ModelError::Damaged(_))));
     }
 
     #[test]
     fn other_format_is_told_from_damage() {
-        assert!(matches!(
-            ModelFile::parse("format = 2\nnew = true"),
-            Err(ModelError::WrongFormat { found: 2 })
-        ));
+        assert!(matches!(ModelFile::parse("format = 2\nnew = true"), Err(ModelError::WrongFormat { found: 2 })));
     }
 
     #[test]
     fn missing_and_unknown_blendshapes_are_named() {
         let mut file = shipped();
-        let entry = file
-            .neutral_unknown
-            .remove("jawOpen")
-            .expect("it has a jaw");
-        assert!(
-            file.to_model()
-                .expect_err("no jaw")
-                .to_string()
-                .contains("neutral_unknown.jawOpen")
-        );
+        let entry = file.neutral_unknown.remove("jawOpen").expect("it has a jaw");
+        assert!(file.to_model().expect_err("no jaw").to_string().contains("neutral_unknown.jawOpen"));
         file.neutral_unknown.insert("jawOpened".to_owned(), entry);
-        assert!(
-            file.to_model()
-                .expect_err("no such jaw")
-                .to_string()
-                .contains("jawOpened")
-        );
+        assert!(file.to_model().expect_err("no such jaw").to_string().contains("jawOpened"));
     }
 
     #[test]
     fn weight_that_is_not_finite_is_named() {
         for wrong in [f64::NAN, f64::INFINITY, 1e300] {
-            let error = error_of(|table| drop(table.linear.insert("y14".to_owned(), wrong)));
-            assert!(
-                error.contains("y14") && error.contains("neutral_known.jawOpen"),
-                "{error}"
-            );
+            let error = error_of(|table| {
+                table.linear.insert("y14".to_owned(), wrong);
+            });
+            assert!(error.contains("y14") && error.contains("neutral_known.jawOpen"), "{error}");
         }
     }
 
     #[test]
     fn unknown_feature_and_term_are_named() {
-        assert!(error_of(|table| drop(table.linear.insert("q7".to_owned(), 1.0))).contains("q7"));
         assert!(
-            error_of(|table| drop(table.polynomial.insert("jawOpen*q7".to_owned(), 1.0)))
-                .contains("jawOpen*q7")
+            error_of(|table| {
+                table.linear.insert("q7".to_owned(), 1.0);
+            })
+            .contains("q7")
+        );
+        assert!(
+            error_of(|table| {
+                table.polynomial.insert("jawOpen*q7".to_owned(), 1.0);
+            })
+            .contains("jawOpen*q7")
         );
     }
 

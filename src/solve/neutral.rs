@@ -15,9 +15,7 @@ const MAX_COORDINATE: f32 = 10.0;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NeutralError {
     /// No frame was added.
-    #[error(
-        "no face was seen while the neutral face was recorded; look at the camera and record again"
-    )]
+    #[error("no face was seen while the neutral face was recorded; look at the camera and record again")]
     NoFrames,
     /// A stored coordinate is not a number or not of a face.
     #[error("the stored neutral face is damaged; record it again")]
@@ -37,17 +35,10 @@ impl Neutral {
     /// # Errors
     /// [`NeutralError::Damaged`] if a coordinate is not finite or far outside a face.
     pub fn from_points(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, NeutralError> {
-        if !points
-            .iter()
-            .flatten()
-            .all(|value| value.abs() < MAX_COORDINATE)
-        {
+        if !points.iter().flatten().all(|value| value.abs() < MAX_COORDINATE) {
             return Err(NeutralError::Damaged);
         }
-        Ok(Self {
-            points: Box::new(*points),
-            features: Box::new(measure(points)),
-        })
+        Ok(Self { points: Box::new(*points), features: Box::new(measure(points)) })
     }
 
     /// The points, in the basis of [`Normalised::points`].
@@ -66,10 +57,7 @@ pub struct NeutralMean {
 
 impl Default for NeutralMean {
     fn default() -> Self {
-        Self {
-            sums: Box::new([[0.0; 3]; LANDMARKS]),
-            frames: 0,
-        }
+        Self { sums: Box::new([[0.0; 3]; LANDMARKS]), frames: 0 }
     }
 }
 
@@ -77,8 +65,7 @@ impl NeutralMean {
     /// Adds a frame. Does not allocate.
     pub fn add(&mut self, face: &Normalised) {
         let sums = self.sums.iter_mut().flatten();
-        sums.zip(face.points.iter().flatten())
-            .for_each(|(sum, value)| *sum += f64::from(*value));
+        sums.zip(face.points.iter().flatten()).for_each(|(sum, value)| *sum += f64::from(*value));
         self.frames = self.frames.saturating_add(1);
     }
 
@@ -110,18 +97,14 @@ mod tests {
 
     #[test]
     fn mean_of_two_frames_lies_half_way() {
-        let mut frames =
-            [0, 1].map(|_| normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"));
+        let mut frames = [0, 1].map(|_| normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"));
         (frames[0].points[13], frames[1].points[13]) = ([0.1, 0.2, 0.3], [0.3, 0.4, 0.7]);
         let mut mean = NeutralMean::default();
-        frames.iter().for_each(|frame| mean.add(frame));
+        for frame in &frames {
+            mean.add(frame);
+        }
         let point = mean.finish().expect("two frames").points()[13];
-        assert!(
-            point
-                .iter()
-                .zip([0.2, 0.3, 0.5])
-                .all(|(a, b)| (a - b).abs() < 1e-6)
-        );
+        assert!(point.iter().zip([0.2, 0.3, 0.5]).all(|(a, b)| (a - b).abs() < 1e-6));
     }
 
     #[test]

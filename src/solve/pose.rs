@@ -69,9 +69,7 @@ impl HeadPose {
 /// `Rz(roll) Rx(-pitch) Ry(yaw)`, radians, on the half of the sphere where w is not negative.
 fn quaternion(yaw: f32, pitch: f32, roll: f32) -> [f32; 4] {
     let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
-    let rotation = about(Vector3::z_axis(), roll)
-        * about(Vector3::x_axis(), -pitch)
-        * about(Vector3::y_axis(), yaw);
+    let rotation = about(Vector3::z_axis(), roll) * about(Vector3::x_axis(), -pitch) * about(Vector3::y_axis(), yaw);
     let sign = if rotation.w < 0.0 { -1.0 } else { 1.0 };
     (sign * rotation.coords).into()
 }
@@ -81,11 +79,7 @@ fn position(face: &Normalised, camera: &Camera) -> [f32; 3] {
     let z_mm = focal_px * EYE_DISTANCE_MM / face.scale_px;
     let [x_px, y_px] = face.origin_px;
     let mm_per_px = z_mm / focal_px;
-    [
-        (x_px - 0.5 * camera.width_px) * mm_per_px,
-        (y_px - 0.5 * camera.height_px) * mm_per_px,
-        z_mm,
-    ]
+    [(x_px - 0.5 * camera.width_px) * mm_per_px, (y_px - 0.5 * camera.height_px) * mm_per_px, z_mm]
 }
 
 #[cfg(test)]
@@ -94,17 +88,10 @@ mod tests {
     use super::*;
     use crate::solve::{normalise, test_face::face};
 
-    const CAMERA: Camera = Camera {
-        width_px: 640.0,
-        height_px: 480.0,
-        horizontal_fov_deg: 60.0,
-    };
+    const CAMERA: Camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
 
     fn pose(angles: [f32; 3], scale_px: f32, origin_px: [f32; 2]) -> HeadPose {
-        HeadPose::new(
-            &normalise(&face(angles, scale_px, origin_px)).expect("a face"),
-            &CAMERA,
-        )
+        HeadPose::new(&normalise(&face(angles, scale_px, origin_px)).expect("a face"), &CAMERA)
     }
 
     fn near(a: &[f32], b: &[f32], tolerance: f32) -> bool {
@@ -113,21 +100,13 @@ mod tests {
 
     #[test]
     fn face_towards_the_camera_has_the_identity_rotation() {
-        assert!(near(
-            &pose([0.0; 3], 80.0, [320.0, 240.0]).rotation_xyzw,
-            &[0.0, 0.0, 0.0, 1.0],
-            1e-4
-        ));
+        assert!(near(&pose([0.0; 3], 80.0, [320.0, 240.0]).rotation_xyzw, &[0.0, 0.0, 0.0, 1.0], 1e-4));
     }
 
     #[test]
     fn angles_follow_the_person_left_up_and_right_shoulder() {
         let seen = pose([20.0, 10.0, -5.0], 80.0, [320.0, 240.0]);
-        assert!(near(
-            &[seen.yaw_deg, seen.pitch_deg, seen.roll_deg],
-            &[20.0 * YAW_GAIN, 10.0, -5.0],
-            0.02
-        ));
+        assert!(near(&[seen.yaw_deg, seen.pitch_deg, seen.roll_deg], &[20.0 * YAW_GAIN, 10.0, -5.0], 0.02));
     }
 
     #[test]
@@ -136,21 +115,13 @@ mod tests {
         let rotation = UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
         let gaze = rotation * Vector3::z();
         let (yaw, pitch) = ((20.0 * YAW_GAIN).to_radians(), 10.0_f32.to_radians());
-        assert!(near(
-            gaze.as_slice(),
-            &[yaw.sin(), yaw.cos() * pitch.sin(), yaw.cos() * pitch.cos()],
-            1e-3
-        ));
+        assert!(near(gaze.as_slice(), &[yaw.sin(), yaw.cos() * pitch.sin(), yaw.cos() * pitch.cos()], 1e-3));
     }
 
     #[test]
     fn eyes_63_mm_apart_are_placed_by_the_angle_of_view() {
         let focal_px = 320.0 / 30.0_f32.to_radians().tan();
-        let seen = pose(
-            [0.0; 3],
-            63.0 * focal_px / 600.0,
-            [320.0 + 0.1 * focal_px, 240.0],
-        );
+        let seen = pose([0.0; 3], 63.0 * focal_px / 600.0, [320.0 + 0.1 * focal_px, 240.0]);
         assert!(near(&seen.position_mm, &[60.0, 0.0, 600.0], 0.5));
     }
 

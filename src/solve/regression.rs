@@ -14,9 +14,10 @@ use heapless::Vec;
 use thiserror::Error;
 
 use super::{
-    blendshapes::COEFFS,
+    COEFFS,
     features::{FeatureId, Features},
-    model_file::{ModelError, ModelFile},
+    model_error::ModelError,
+    model_file::ModelFile,
 };
 
 /// Most features a blendshape may select (eq. 4).
@@ -28,9 +29,7 @@ const MAX_ESTIMATE: f32 = 5.0;
 
 /// The model gave something that is no coefficient. The frame is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[error(
-    "the blendshape model gave an absurd value; check the model file and the recorded neutral face"
-)]
+#[error("the blendshape model gave an absurd value; check the model file and the recorded neutral face")]
 pub struct AbsurdResult;
 
 /// Coefficients as the regression gives them, in the order of [`super::BLENDSHAPES`]: finite, not yet clamped.
@@ -81,10 +80,8 @@ impl Model {
     /// # Errors
     /// [`ModelError`] if the file is missing, damaged, of another version or holds numbers that are not finite.
     pub fn load(path: &Path) -> Result<Self, ModelError> {
-        let text = std::fs::read_to_string(path).map_err(|source| ModelError::Unreadable {
-            path: path.to_owned(),
-            source,
-        })?;
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ModelError::Unreadable { path: path.to_owned(), source })?;
         ModelFile::parse(&text)?.to_model()
     }
 
@@ -93,29 +90,17 @@ impl Model {
     /// # Errors
     /// [`AbsurdResult`] if a result is no number or far outside a coefficient's range.
     pub fn process(&self, features: &Features) -> Result<RawCoeffs, AbsurdResult> {
-        let map = if features.neutral_known {
-            &self.neutral_known
-        } else {
-            &self.neutral_unknown
-        };
+        let map = if features.neutral_known { &self.neutral_known } else { &self.neutral_unknown };
         let clipped = map.clipped_estimates(features)?;
         let mut raw = [0.0; COEFFS];
-        raw.iter_mut()
-            .zip(&map.0)
-            .for_each(|(out, blendshape)| *out = blendshape.polynomial(&clipped));
-        if raw.iter().all(|value| value.is_finite()) {
-            Ok(RawCoeffs(raw))
-        } else {
-            Err(AbsurdResult)
-        }
+        raw.iter_mut().zip(&map.0).for_each(|(out, blendshape)| *out = blendshape.polynomial(&clipped));
+        if raw.iter().all(|value| value.is_finite()) { Ok(RawCoeffs(raw)) } else { Err(AbsurdResult) }
     }
 
     /// Bytes of the model in memory.
     #[must_use]
     pub fn size_bytes(&self) -> usize {
-        size_of_val(&*self.neutral_known.0)
-            + size_of_val(&*self.neutral_unknown.0)
-            + size_of::<Self>()
+        size_of_val(&*self.neutral_known.0) + size_of_val(&*self.neutral_unknown.0) + size_of::<Self>()
     }
 }
 
@@ -124,7 +109,7 @@ impl Map {
         let mut clipped = [1.0; COEFFS + 1];
         for (out, blendshape) in clipped.iter_mut().zip(&self.0) {
             let estimate = blendshape.estimate(features);
-            if !(estimate.abs() < MAX_ESTIMATE) {
+            if estimate.is_nan() || estimate.abs() > MAX_ESTIMATE {
                 return Err(AbsurdResult);
             }
             *out = estimate.clamp(0.0, 1.0);
@@ -136,20 +121,12 @@ impl Map {
 impl Blendshape {
     fn estimate(&self, features: &Features) -> f32 {
         let value = |id: FeatureId| features.values.get(id.index()).copied().unwrap_or(f32::NAN);
-        self.bias
-            + self
-                .linear
-                .iter()
-                .map(|(id, weight)| weight * value(*id))
-                .sum::<f32>()
+        self.bias + self.linear.iter().map(|(id, weight)| weight * value(*id)).sum::<f32>()
     }
 
     fn polynomial(&self, clipped: &Clipped) -> f32 {
         let value = |place: u8| clipped.get(usize::from(place)).copied().unwrap_or(f32::NAN);
-        self.polynomial
-            .iter()
-            .map(|(Term(a, b), weight)| weight * value(*a) * value(*b))
-            .sum()
+        self.polynomial.iter().map(|(Term(a, b), weight)| weight * value(*a) * value(*b)).sum()
     }
 }
 
@@ -164,11 +141,7 @@ mod tests {
     const TONGUE_OUT: usize = 51;
 
     fn blendshape(bias: f32, terms: &[(Term, f32)]) -> Blendshape {
-        Blendshape {
-            bias,
-            linear: Vec::new(),
-            polynomial: terms.iter().copied().collect(),
-        }
+        Blendshape { bias, linear: Vec::new(), polynomial: terms.iter().copied().collect() }
     }
 
     /// A model whose two maps hold `entry` at `index` and nothing elsewhere but a funnel of 0.5.
@@ -176,33 +149,18 @@ mod tests {
         let mut map = Map(vec![Blendshape::default(); COEFFS].into());
         map.0[FUNNEL] = blendshape(0.5, &[]);
         map.0[index] = entry.clone();
-        Model {
-            neutral_known: map.clone(),
-            neutral_unknown: map,
-        }
+        Model { neutral_known: map.clone(), neutral_unknown: map }
     }
 
     fn features() -> Features {
-        Features::new(
-            &normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"),
-            None,
-        )
+        Features::new(&normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"), None)
     }
 
     #[test]
     fn result_is_the_polynomial_of_clipped_estimates() {
-        let terms = [
-            (Term(ONE, ONE), 0.1),
-            (Term(17, ONE), 0.2),
-            (Term(17, 19), 0.4),
-        ];
-        let raw = model(JAW_OPEN, &blendshape(3.0, &terms))
-            .process(&features())
-            .expect("finite");
-        assert!(
-            (raw.0[JAW_OPEN] - (0.1 + 0.2 + 0.4 * 0.5)).abs() < 1e-6,
-            "the estimate of 3 counts as 1"
-        );
+        let terms = [(Term(ONE, ONE), 0.1), (Term(17, ONE), 0.2), (Term(17, 19), 0.4)];
+        let raw = model(JAW_OPEN, &blendshape(3.0, &terms)).process(&features()).expect("finite");
+        assert!((raw.0[JAW_OPEN] - (0.1 + 0.2 + 0.4 * 0.5)).abs() < 1e-6, "the estimate of 3 counts as 1");
     }
 
     #[test]
@@ -210,19 +168,14 @@ mod tests {
         let id = FeatureId::from_name("x263").expect("known");
         let mut entry = blendshape(0.0, &[(Term(17, ONE), 1.0)]);
         entry.linear.push((id, 0.5)).expect("room");
-        let raw = model(JAW_OPEN, &entry)
-            .process(&features())
-            .expect("finite");
+        let raw = model(JAW_OPEN, &entry).process(&features()).expect("finite");
         assert!((raw.0[JAW_OPEN] - 0.5 * 0.7218).abs() < 1e-3);
     }
 
     #[test]
     fn absurd_and_missing_numbers_reject_the_frame() {
         for wrong in [f32::NAN, f32::INFINITY, -7.0] {
-            assert_eq!(
-                model(JAW_OPEN, &blendshape(wrong, &[])).process(&features()),
-                Err(AbsurdResult)
-            );
+            assert_eq!(model(JAW_OPEN, &blendshape(wrong, &[])).process(&features()), Err(AbsurdResult));
         }
         let model = model(JAW_OPEN, &blendshape(0.0, &[(Term(ONE, ONE), f32::NAN)]));
         assert_eq!(model.process(&features()), Err(AbsurdResult));

@@ -3,15 +3,13 @@
 //! Within one standard deviation of the last N values a new one is averaged with them, `(f_t + N avg) / (N + 1)`;
 //! outside it passes as it is, so that a blink is not delayed. Eq. 10 is a standard deviation (it has the root).
 //! As printed the gate has a step at its edge and closes to nothing on a face that holds still. Values then jump
-//! between smoothed and not: on a clip of a speaking person the second difference, 0.0085 unsmoothed, rises to 0.011.
+//! between smoothed and not: on a clip of a real face the mean second difference, 0.0098 unsmoothed, rises to 0.0111.
 //! So by default the share of the new value grows smoothly from `1 / (N + 1)` in the middle of the gate to 1 at its
-//! edge, and the gate is never narrower than a few times the jitter of a still face: 0.007, at less delay.
+//! edge, and the gate is never narrower than a few times the jitter of a still face: 0.0068, and the built-in clip's
+//! curves follow the truth more closely (r 0.834, as printed 0.818).
 //! N is 5, for the eyes 2: they want little smoothing.
 
-use super::{
-    blendshapes::{BLENDSHAPES, COEFFS},
-    correction::Corrected,
-};
+use super::{BLENDSHAPES, COEFFS, correction::Corrected};
 
 /// Most frames that are remembered.
 pub const MAX_WINDOW: usize = 10;
@@ -54,22 +52,14 @@ pub struct GatedAverageState {
 
 impl Default for GatedAverageState {
     fn default() -> Self {
-        Self {
-            frames: [[0.0; COEFFS]; MAX_WINDOW],
-            filled: 0,
-        }
+        Self { frames: [[0.0; COEFFS]; MAX_WINDOW], filled: 0 }
     }
 }
 
 impl Default for GatedAverage {
     fn default() -> Self {
-        let by_region = BLENDSHAPES.map(|name| {
-            if name.starts_with("eye") {
-                (EYE_WINDOW, EYE_MIN_GATE)
-            } else {
-                (WINDOW, MIN_GATE)
-            }
-        });
+        let by_region = BLENDSHAPES
+            .map(|name| if name.starts_with("eye") { (EYE_WINDOW, EYE_MIN_GATE) } else { (WINDOW, MIN_GATE) });
         Self {
             window: by_region.map(|(window, _)| window),
             min_gate: by_region.map(|(_, gate)| gate),
@@ -94,11 +84,7 @@ impl GatedAverage {
         let settings = self.window.iter().zip(&self.min_gate);
         for (index, (value, (window, min_gate))) in out.iter_mut().zip(settings).enumerate() {
             let window = usize::from(*window).min(state.filled);
-            let previous = state
-                .frames
-                .iter()
-                .take(window)
-                .filter_map(|frame| frame.get(index).copied());
+            let previous = state.frames.iter().take(window).filter_map(|frame| frame.get(index).copied());
             *value = gated(*value, previous, *min_gate, self.edge);
         }
         state.push(out);
@@ -117,15 +103,8 @@ impl GatedAverageState {
 }
 
 /// Eq. 11 for one value. Fewer than two previous values have no deviation: the value passes.
-fn gated(
-    value: f32,
-    previous: impl Iterator<Item = f32> + Clone,
-    min_gate: f32,
-    edge: GateEdge,
-) -> f32 {
-    let (count, sum) = previous
-        .clone()
-        .fold((0.0_f32, 0.0), |(count, sum), f| (count + 1.0, sum + f));
+fn gated(value: f32, previous: impl Iterator<Item = f32> + Clone, min_gate: f32, edge: GateEdge) -> f32 {
+    let (count, sum) = previous.clone().fold((0.0_f32, 0.0), |(count, sum), f| (count + 1.0, sum + f));
     if count < 2.0 {
         return value;
     }
@@ -154,18 +133,11 @@ mod tests {
 
     fn run(filter: &GatedAverage, signal: &[f32]) -> Vec<f32> {
         let mut state = GatedAverageState::default();
-        signal
-            .iter()
-            .map(|f| filter.process(&mut state, &Corrected([*f; COEFFS])).0[JAW_OPEN])
-            .collect()
+        signal.iter().map(|f| filter.process(&mut state, &Corrected([*f; COEFFS])).0[JAW_OPEN]).collect()
     }
 
     fn printed() -> GatedAverage {
-        GatedAverage {
-            min_gate: [0.0; COEFFS],
-            edge: GateEdge::Step,
-            ..GatedAverage::default()
-        }
+        GatedAverage { min_gate: [0.0; COEFFS], edge: GateEdge::Step, ..GatedAverage::default() }
     }
 
     #[test]
@@ -190,10 +162,7 @@ mod tests {
     fn smooth_edge_lets_near_values_come_out_near() {
         let signal = |last| [0.2, 0.2, 0.2, 0.2, 0.2, last];
         let out = |last| run(&GatedAverage::default(), &signal(last))[5];
-        assert!(
-            (out(0.251) - out(0.249)).abs() < 0.015,
-            "across the edge of the gate"
-        );
+        assert!((out(0.251) - out(0.249)).abs() < 0.015, "across the edge of the gate");
         assert!(out(0.21) < 0.203, "well inside");
     }
 
@@ -210,14 +179,10 @@ mod tests {
         let signal: Vec<f32> = (0..2000)
             .map(|_| {
                 seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                0.3 + 0.02 * (f32::from((seed >> 16) as u8) / 255.0 - 0.5)
+                0.3 + 0.02 * (f32::from(seed.to_be_bytes()[0]) / 255.0 - 0.5)
             })
             .collect();
-        let jitter = |x: &[f32]| {
-            x.windows(2)
-                .map(|pair| (pair[1] - pair[0]).abs())
-                .sum::<f32>()
-        };
+        let jitter = |x: &[f32]| x.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f32>();
         assert!(jitter(&run(&GatedAverage::default(), &signal)) < 0.5 * jitter(&signal));
     }
 

@@ -34,9 +34,7 @@ fn frames_of_the_video_stream_come_with_their_time() {
     let mut source = open(&film).unwrap();
     assert_eq!(source.describe().to_string(), "film: MJPEG 16x8 at 30 fps");
     assert_eq!(source.frame_period_us(), Some(33_333));
-    let times: Vec<_> = (0..2)
-        .map(|_| source.next().unwrap().unwrap().captured_us)
-        .collect();
+    let times: Vec<_> = (0..2).map(|_| source.next().unwrap().unwrap().captured_us).collect();
     assert_eq!(times, [0, 33_333]);
     assert!(source.next().unwrap().is_none());
 }
@@ -44,38 +42,21 @@ fn frames_of_the_video_stream_come_with_their_time() {
 #[test]
 fn every_truncation_gives_the_frames_before_it_and_one_error_with_its_place() {
     let film = avi(16, 8, &[frame(), frame(), frame()]);
-    let starts: Vec<_> = film
-        .windows(4)
-        .enumerate()
-        .filter(|(_, id)| id == b"01dc")
-        .map(|(at, _)| at)
-        .collect();
+    let starts: Vec<_> = film.windows(4).enumerate().filter(|(_, id)| id == b"01dc").map(|(at, _)| at).collect();
     let movi = starts[0];
     let index = film.windows(4).rposition(|id| id == b"idx1").unwrap();
     for length in 0..movi {
-        assert!(
-            matches!(open(&film[..length]), Err(CaptureError::Avi(_))) || length == movi,
-            "{length}"
-        );
+        assert!(matches!(open(&film[..length]), Err(CaptureError::Avi(_))) || length == movi, "{length}");
     }
     for length in movi..index + 8 {
-        let complete = starts
-            .iter()
-            .filter(|&start| start + 8 + frame().len() <= length)
-            .count();
+        let complete = starts.iter().filter(|&start| start + 8 + frame().len() <= length).count();
         let (numbers, errors) = play(&film[..length]);
         assert_eq!(numbers.len(), complete, "{length}");
-        let [CaptureError::CutShort { frame, offset }] = errors[..] else {
-            unreachable!("{length}: {errors:?}")
-        };
+        let [CaptureError::CutShort { frame, offset }] = errors[..] else { unreachable!("{length}: {errors:?}") };
         assert_eq!((frame, offset), (complete as u64, length as u64));
     }
     for length in index + 8..=film.len() {
-        assert_eq!(
-            play(&film[..length]).1.len(),
-            0,
-            "nothing is lost with the index"
-        );
+        assert_eq!(play(&film[..length]).1.len(), 0, "nothing is lost with the index");
     }
 }
 
@@ -85,13 +66,7 @@ fn a_bad_frame_is_counted_and_the_next_one_follows() {
     broken.truncate(100);
     let (numbers, errors) = play(&avi(16, 8, &[frame(), broken, frame()]));
     assert_eq!(numbers, [0, 2]);
-    assert!(matches!(
-        errors[..],
-        [CaptureError::Frame {
-            number: 1,
-            fault: FrameFault::Incomplete
-        }]
-    ));
+    assert!(matches!(errors[..], [CaptureError::Frame { number: 1, fault: FrameFault::Incomplete }]));
 }
 
 #[test]
@@ -99,19 +74,10 @@ fn a_frame_too_large_for_its_picture_is_passed_over() {
     let huge = vec![0; 200_000];
     let (numbers, errors) = play(&avi(16, 8, &[huge.clone(), frame()]));
     assert_eq!(numbers, [1]);
-    assert!(matches!(
-        errors[..],
-        [CaptureError::Frame {
-            number: 0,
-            fault: FrameFault::TooLarge
-        }]
-    ));
+    assert!(matches!(errors[..], [CaptureError::Frame { number: 0, fault: FrameFault::TooLarge }]));
     let film = avi(16, 8, &[huge]);
     let (_, errors) = play(&film[..film.len() - 1000]);
-    assert!(matches!(
-        errors[..],
-        [CaptureError::CutShort { frame: 0, .. }]
-    ));
+    assert!(matches!(errors[..], [CaptureError::CutShort { frame: 0, .. }]));
 }
 
 #[test]
@@ -134,11 +100,7 @@ fn a_recording_whose_writer_was_stopped_is_read_to_its_end() {
 #[test]
 fn all_parts_of_an_opendml_film_are_read_and_what_follows_is_not() {
     let mut film = avi(16, 8, &[frame()]);
-    let groups = list(
-        b"LIST",
-        b"rec ",
-        &[chunk(b"01dc", &frame()), chunk(b"01dc", &frame())],
-    );
+    let groups = list(b"LIST", b"rec ", &[chunk(b"01dc", &frame()), chunk(b"01dc", &frame())]);
     film.extend(list(b"RIFF", b"AVIX", &[list(b"LIST", b"movi", &[groups])]));
     film.extend(chunk(b"01dc", &frame()));
     let (numbers, errors) = play(&film);
@@ -150,15 +112,11 @@ fn other_files_are_refused_with_their_reason() {
     let reason = |bytes: &[u8]| open(bytes).unwrap_err().to_string();
     let movi = list(b"LIST", b"movi", &[]);
     let film = |header| list(b"RIFF", b"AVI ", &[header, movi.clone()]);
-    assert!(
-        reason(&list(b"RIFF", b"WAVE", &[chunk(b"data", &[0; 9])])).contains("is not an AVI file")
-    );
+    assert!(reason(&list(b"RIFF", b"WAVE", &[chunk(b"data", &[0; 9])])).contains("is not an AVI file"));
     assert!(reason(&film(avi_header(16, 8, b"H264"))).contains("is not Motion-JPEG"));
     assert!(reason(&film(chunk(b"JUNK", &[]))).contains("has no video stream"));
     assert!(reason(&film(avi_header(5000, 8, b"MJPG"))).contains("5000x8"));
-    assert!(
-        reason(&list(b"RIFF", b"AVI ", &[avi_header(16, 8, b"MJPG")])).contains("has no pictures")
-    );
+    assert!(reason(&list(b"RIFF", b"AVI ", &[avi_header(16, 8, b"MJPG")])).contains("has no pictures"));
 }
 
 #[test]

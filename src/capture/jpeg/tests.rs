@@ -5,14 +5,8 @@ use super::*;
 
 const WIDTH: usize = 37;
 const HEIGHT: usize = 21;
-const COLOUR: [Subsamp; 6] = [
-    Subsamp::None,
-    Subsamp::Sub2x1,
-    Subsamp::Sub2x2,
-    Subsamp::Sub1x2,
-    Subsamp::Sub4x1,
-    Subsamp::Sub1x4,
-];
+const COLOUR: [Subsamp; 6] =
+    [Subsamp::None, Subsamp::Sub2x1, Subsamp::Sub2x2, Subsamp::Sub1x2, Subsamp::Sub4x1, Subsamp::Sub1x4];
 
 fn decoder() -> JpegDecoder {
     JpegDecoder::new(WIDTH, HEIGHT).unwrap()
@@ -43,32 +37,16 @@ fn every_chroma_subsampling_comes_out_plane_by_plane_within_2() {
         decoder.decode(&jpeg(WIDTH, HEIGHT, subsamp)).unwrap();
         let picture = decoder.picture().unwrap();
         assert!(picture.full_range);
-        let Pixels::Planar {
-            planes,
-            strides,
-            chroma_shift,
-        } = picture.pixels
-        else {
-            panic!("{subsamp:?}")
-        };
+        let Pixels::Planar { planes, strides, chroma_shift } = picture.pixels else { panic!("{subsamp:?}") };
         let truth = slopes(WIDTH, HEIGHT, subsamp);
         assert_eq!(strides, [truth.y_width(), truth.uv_width()]);
-        assert_eq!(
-            chroma_shift.map(|shift| 1 << shift),
-            [subsamp.width(), subsamp.height()]
-        );
+        assert_eq!(chroma_shift.map(|shift| 1 << shift), [subsamp.width(), subsamp.height()]);
         let luma_bytes = truth.y_width() * truth.y_height();
         let chroma_bytes = truth.uv_width() * truth.uv_height();
         let (luma, chroma) = truth.pixels.split_at(luma_bytes);
         assert!(worst(luma, planes[0]) <= 2, "{subsamp:?}");
-        assert!(
-            worst(&chroma[..chroma_bytes], planes[1]) <= 2,
-            "{subsamp:?}"
-        );
-        assert!(
-            worst(&chroma[chroma_bytes..], planes[2]) <= 2,
-            "{subsamp:?}"
-        );
+        assert!(worst(&chroma[..chroma_bytes], planes[1]) <= 2, "{subsamp:?}");
+        assert!(worst(&chroma[chroma_bytes..], planes[2]) <= 2, "{subsamp:?}");
     }
 }
 
@@ -76,9 +54,7 @@ fn every_chroma_subsampling_comes_out_plane_by_plane_within_2() {
 fn grey_images_are_luma_alone() {
     let mut decoder = decoder();
     decoder.decode(&jpeg(WIDTH, HEIGHT, Subsamp::Gray)).unwrap();
-    let Pixels::Grey { data, stride } = decoder.picture().unwrap().pixels else {
-        panic!()
-    };
+    let Pixels::Grey { data, stride } = decoder.picture().unwrap().pixels else { panic!() };
     assert_eq!(stride, WIDTH);
     assert!(worst(&slopes(WIDTH, HEIGHT, Subsamp::Gray).pixels, data) <= 2);
 }
@@ -98,18 +74,9 @@ fn images_without_huffman_tables_are_decoded_by_the_standard_ones() {
 fn another_size_is_refused_before_it_is_decoded() {
     let mut decoder = decoder();
     let fault = decoder.decode(&jpeg(WIDTH + 1, HEIGHT, Subsamp::Sub2x2));
-    assert_eq!(
-        fault,
-        Err(FrameFault::WrongSize {
-            width: WIDTH + 1,
-            height: HEIGHT
-        })
-    );
+    assert_eq!(fault, Err(FrameFault::WrongSize { width: WIDTH + 1, height: HEIGHT }));
     assert!(decoder.planes.iter().all(|&sample| sample == 0));
-    assert!(matches!(
-        JpegDecoder::new(4097, 10),
-        Err(CaptureError::PictureSize { .. })
-    ));
+    assert!(matches!(JpegDecoder::new(4097, 10), Err(CaptureError::PictureSize { .. })));
 }
 
 #[test]
@@ -121,10 +88,7 @@ fn every_truncation_is_refused_and_leaves_no_picture() {
         assert!(decoder.picture().is_none());
         decoder.decode(&whole).unwrap();
         let closed = [&whole[..length], END_OF_IMAGE].concat();
-        assert!(
-            decoder.decode(&closed).is_err() || length + 4 > whole.len(),
-            "{length} with an end marker"
-        );
+        assert!(decoder.decode(&closed).is_err() || length + 4 > whole.len(), "{length} with an end marker");
     }
 }
 
@@ -150,24 +114,16 @@ fn padding_behind_and_a_few_stray_bytes_within_an_image_are_forgiven() {
     decoder.decode(&[&whole[..], &[0; 1000]].concat()).unwrap();
     let (body, end) = whole.split_at(whole.len() - 2);
     decoder.decode(&[body, &[0; 3], end].concat()).unwrap();
-    assert_eq!(
-        decoder.decode(&[body, &[0; 300], end].concat()),
-        Err(FrameFault::Corrupt)
-    );
+    assert_eq!(decoder.decode(&[body, &[0; 300], end].concat()), Err(FrameFault::Corrupt));
 }
 
 #[test]
 fn an_image_of_endless_scans_is_refused() {
     let mut compressor = turbojpeg::Compressor::new().unwrap();
     compressor.set_progressive(true).unwrap();
-    let whole = compressor
-        .compress_yuv_to_vec(slopes(WIDTH, HEIGHT, Subsamp::Sub2x2).as_deref())
-        .unwrap();
+    let whole = compressor.compress_yuv_to_vec(slopes(WIDTH, HEIGHT, Subsamp::Sub2x2).as_deref()).unwrap();
     decoder().decode(&whole).unwrap();
-    let scan = whole
-        .windows(2)
-        .rposition(|pair| pair == [0xff, 0xda])
-        .unwrap();
+    let scan = whole.windows(2).rposition(|pair| pair == [0xff, 0xda]).unwrap();
     let (start, last) = (&whole[..scan], &whole[scan..whole.len() - 2]);
     let bomb = [start, &last.repeat(10_000), END_OF_IMAGE].concat();
     assert_eq!(decoder().decode(&bomb), Err(FrameFault::Corrupt));
@@ -179,19 +135,10 @@ fn rgb_and_lossless_images_are_refused() {
     compressor.set_lossless(true).unwrap();
     let pixels = vec![90_u8; 3 * WIDTH * HEIGHT];
     let format = turbojpeg::PixelFormat::RGB;
-    let image = turbojpeg::Image {
-        pixels: &pixels[..],
-        width: WIDTH,
-        pitch: 3 * WIDTH,
-        height: HEIGHT,
-        format,
-    };
+    let image = turbojpeg::Image { pixels: &pixels[..], width: WIDTH, pitch: 3 * WIDTH, height: HEIGHT, format };
     let lossless = compressor.compress_to_vec(image).unwrap();
     assert_eq!(decoder().decode(&lossless), Err(FrameFault::Layout));
     assert_eq!(decoder().decode(b"GIF89a"), Err(FrameFault::NotJpeg));
     assert_eq!(decoder().decode(&[]), Err(FrameFault::NotJpeg));
-    assert_eq!(
-        decoder().decode(START_OF_IMAGE),
-        Err(FrameFault::Incomplete)
-    );
+    assert_eq!(decoder().decode(START_OF_IMAGE), Err(FrameFault::Incomplete));
 }

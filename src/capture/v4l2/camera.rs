@@ -43,26 +43,13 @@ impl CameraSource {
         let (camera, device) = select::open(wanted, wish)?;
         let choice = choose(&camera.modes, wish).ok_or_else(|| camera.lacks(wish))?;
         let layout = set_format(&device, &camera.node, choice)?;
-        let rate = choice
-            .rate
-            .and_then(|rate| set_rate(&device, rate))
-            .or(choice.rate);
+        let rate = choice.rate.and_then(|rate| set_rate(&device, rate)).or(choice.rate);
         let pixels = Store::new(&layout)?;
         let period_us = rate.unwrap_or(FrameRate::FPS_30).period_us();
-        let limits = Limits {
-            timeout,
-            stale_us: STALE_PERIODS * period_us,
-        };
+        let limits = Limits { timeout, stale_us: STALE_PERIODS * period_us };
         let stream = Stream::start(&device, &camera.node, limits)?;
         let origin = format!("{} ({})", camera.card, camera.node.display());
-        Ok(Self {
-            stream,
-            pixels,
-            layout,
-            origin,
-            rate,
-            taken: 0,
-        })
+        Ok(Self { stream, pixels, layout, origin, rate, taken: 0 })
     }
 
     /// Takes the newest good frame; says when it was taken and how many were passed over and damaged.
@@ -79,10 +66,7 @@ impl CameraSource {
                 Err(found) => fault = found,
             }
         }
-        Err(CaptureError::AllDamaged {
-            count: MAX_DAMAGED,
-            fault,
-        })
+        Err(CaptureError::AllDamaged { count: MAX_DAMAGED, fault })
     }
 }
 
@@ -90,18 +74,9 @@ impl Source for CameraSource {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
         let (captured_us, skipped, damaged) = self.advance()?;
         let number = self.taken - 1;
-        let no_picture = CaptureError::Frame {
-            number,
-            fault: FrameFault::Incomplete,
-        };
+        let no_picture = CaptureError::Frame { number, fault: FrameFault::Incomplete };
         let picture = self.pixels.picture(&self.layout).ok_or(no_picture)?;
-        Ok(Some(Frame {
-            picture,
-            captured_us,
-            number,
-            skipped,
-            damaged,
-        }))
+        Ok(Some(Frame { picture, captured_us, number, skipped, damaged }))
     }
 
     fn frame_period_us(&self) -> Option<u64> {
@@ -109,32 +84,15 @@ impl Source for CameraSource {
     }
 
     fn describe(&self) -> Description<'_> {
-        let Layout {
-            format,
-            width,
-            height,
-            ..
-        } = self.layout;
-        Description {
-            origin: &self.origin,
-            format: format.name(),
-            width,
-            height,
-            rate: self.rate,
-        }
+        let Layout { format, width, height, .. } = self.layout;
+        Description { origin: &self.origin, format: format.name(), width, height, rate: self.rate }
     }
 }
 
 /// Sets format and size, and reads back what the driver made of it.
 fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
-    let wanted = Format::new(
-        choice.width,
-        choice.height,
-        FourCC::new(&choice.format.fourcc()),
-    );
-    let set = device
-        .set_format(&wanted)
-        .map_err(|error| CaptureError::device(path, "setting its format", error))?;
+    let wanted = Format::new(choice.width, choice.height, FourCC::new(&choice.format.fourcc()));
+    let set = device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))?;
     Layout::of(&set).ok_or_else(|| CaptureError::ModeRefused {
         path: path.display().to_string(),
         got: format!("{} {}x{}", set.fourcc, set.width, set.height),
@@ -144,9 +102,6 @@ fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, Ca
 /// Asks for a rate; the driver's answer, if it has one.
 fn set_rate(device: &Device, rate: FrameRate) -> Option<FrameRate> {
     let [frames, seconds] = rate.fraction();
-    let set = device
-        .set_params(&Parameters::new(Fraction::new(seconds, frames)))
-        .ok()?
-        .interval;
+    let set = device.set_params(&Parameters::new(Fraction::new(seconds, frames))).ok()?.interval;
     FrameRate::new(set.denominator, set.numerator)
 }

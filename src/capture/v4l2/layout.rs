@@ -34,41 +34,23 @@ impl Layout {
     /// but for grey and for JPEG colour.
     pub fn of(set: &Format) -> Option<Self> {
         let format = PixelFormat::of(set.fourcc.repr)?;
-        let [width, height, stride] =
-            [set.width, set.height, set.stride].map(|number| number as usize);
-        let row_bytes = if format == PixelFormat::Yuyv {
-            4 * width.div_ceil(2)
-        } else {
-            width
-        };
+        let [width, height, stride] = [set.width, set.height, set.stride].map(|number| number as usize);
+        let row_bytes = if format == PixelFormat::Yuyv { 4 * width.div_ceil(2) } else { width };
         let stride = if stride == 0 { row_bytes } else { stride };
         let full_range = match set.quantization {
             Quantization::FullRange => true,
             Quantization::LimitedRange => false,
-            Quantization::Default => {
-                format == PixelFormat::Grey || matches!(set.colorspace, Colorspace::JPEG)
-            }
+            Quantization::Default => format == PixelFormat::Grey || matches!(set.colorspace, Colorspace::JPEG),
         };
         let sides = 1..=MAX_SIDE_PX;
-        let fits = sides.contains(&width)
-            && sides.contains(&height)
-            && (row_bytes..=16 * MAX_SIDE_PX).contains(&stride);
-        fits.then_some(Self {
-            format,
-            width,
-            height,
-            stride,
-            full_range,
-        })
+        let fits =
+            sides.contains(&width) && sides.contains(&height) && (row_bytes..=16 * MAX_SIDE_PX).contains(&stride);
+        fits.then_some(Self { format, width, height, stride, full_range })
     }
 
     /// Bytes of a raw frame.
     fn bytes(&self) -> usize {
-        let chroma_rows = if self.format == PixelFormat::Nv12 {
-            self.height.div_ceil(2)
-        } else {
-            0
-        };
+        let chroma_rows = if self.format == PixelFormat::Nv12 { self.height.div_ceil(2) } else { 0 };
         self.stride * (self.height + chroma_rows)
     }
 }
@@ -77,9 +59,7 @@ impl Store {
     /// Room for one frame.
     pub fn new(layout: &Layout) -> Result<Self, CaptureError> {
         match layout.format {
-            PixelFormat::Mjpeg | PixelFormat::Jpeg => {
-                JpegDecoder::new(layout.width, layout.height).map(Self::Jpeg)
-            }
+            PixelFormat::Mjpeg | PixelFormat::Jpeg => JpegDecoder::new(layout.width, layout.height).map(Self::Jpeg),
             _ => Ok(Self::Raw(vec![0; layout.bytes()].into_boxed_slice())),
         }
     }
@@ -101,22 +81,12 @@ impl Store {
             Self::Jpeg(decoder) => return decoder.picture(),
             Self::Raw(data) => data,
         };
-        let &Layout {
-            format,
-            width,
-            height,
-            stride,
-            full_range,
-        } = layout;
+        let &Layout { format, width, height, stride, full_range } = layout;
         let pixels = match format {
             PixelFormat::Yuyv => Pixels::Yuyv { data, stride },
             PixelFormat::Nv12 => {
                 let (luma, chroma) = data.split_at_checked(stride * height)?;
-                Pixels::Nv12 {
-                    luma,
-                    chroma,
-                    stride,
-                }
+                Pixels::Nv12 { luma, chroma, stride }
             }
             _ => Pixels::Grey { data, stride },
         };
@@ -132,10 +102,7 @@ mod tests {
     use super::*;
 
     fn format(fourcc: [u8; 4], stride: u32) -> Format {
-        Format {
-            stride,
-            ..Format::new(6, 4, FourCC::new(&fourcc))
-        }
+        Format { stride, ..Format::new(6, 4, FourCC::new(&fourcc)) }
     }
 
     fn kept(fourcc: [u8; 4], stride: u32, bytes: usize) -> Result<(), FrameFault> {
@@ -148,18 +115,9 @@ mod tests {
 
     #[test]
     fn a_raw_frame_is_kept_whole_or_refused_when_it_is_short() {
-        for (fourcc, stride, bytes) in [
-            (*b"YUYV", 12, 48),
-            (*b"YUYV", 16, 64),
-            (*b"NV12", 8, 48),
-            (*b"GREY", 0, 24),
-        ] {
+        for (fourcc, stride, bytes) in [(*b"YUYV", 12, 48), (*b"YUYV", 16, 64), (*b"NV12", 8, 48), (*b"GREY", 0, 24)] {
             assert_eq!(kept(fourcc, stride, bytes), Ok(()));
-            assert_eq!(
-                kept(fourcc, stride, bytes + 100),
-                Ok(()),
-                "padding behind it"
-            );
+            assert_eq!(kept(fourcc, stride, bytes + 100), Ok(()), "padding behind it");
             assert_eq!(kept(fourcc, stride, bytes - 1), Err(FrameFault::Incomplete));
             assert_eq!(kept(fourcc, stride, 0), Err(FrameFault::Incomplete));
         }
@@ -170,23 +128,14 @@ mod tests {
     fn what_the_driver_set_instead_is_refused_unless_it_can_be_read() {
         assert_eq!(Layout::of(&format(*b"RGB3", 18)), None);
         assert_eq!(Layout::of(&format(*b"YUYV", 11)), None, "rows overlap");
-        assert_eq!(
-            Layout::of(&Format::new(5000, 4, FourCC::new(b"GREY"))),
-            None
-        );
+        assert_eq!(Layout::of(&Format::new(5000, 4, FourCC::new(b"GREY"))), None);
         assert_eq!(Layout::of(&Format::new(0, 4, FourCC::new(b"GREY"))), None);
     }
 
     #[test]
     fn the_range_is_limited_unless_the_driver_says_otherwise() {
         let full = |colorspace, quantization| {
-            Layout::of(&Format {
-                colorspace,
-                quantization,
-                ..format(*b"YUYV", 12)
-            })
-            .unwrap()
-            .full_range
+            Layout::of(&Format { colorspace, quantization, ..format(*b"YUYV", 12) }).unwrap().full_range
         };
         assert!(!full(Colorspace::SRGB, Quantization::Default));
         assert!(full(Colorspace::JPEG, Quantization::Default));

@@ -41,9 +41,7 @@ impl PixelFormat {
     /// The format of these four characters.
     #[must_use]
     pub fn of(fourcc: [u8; 4]) -> Option<Self> {
-        Self::ALL
-            .into_iter()
-            .find(|format| format.fourcc() == fourcc)
+        Self::ALL.into_iter().find(|format| format.fourcc() == fourcc)
     }
 
     /// The name used in settings.
@@ -61,9 +59,7 @@ impl PixelFormat {
     /// The format of this name, in capitals or not.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL
-            .into_iter()
-            .find(|format| format.name().eq_ignore_ascii_case(name))
+        Self::ALL.into_iter().find(|format| format.name().eq_ignore_ascii_case(name))
     }
 }
 
@@ -82,11 +78,7 @@ impl Steps {
     /// One value.
     #[must_use]
     pub const fn one(value: u32) -> Self {
-        Self {
-            min: value,
-            max: value,
-            step: 0,
-        }
+        Self { min: value, max: value, step: 0 }
     }
 
     /// The smallest value that is at least `wish`, else the largest there is.
@@ -95,8 +87,7 @@ impl Steps {
         let step = self.step.max(1);
         let steps = wish.saturating_sub(self.min).div_ceil(step);
         let last = self.max.saturating_sub(self.min) / step;
-        self.min
-            .saturating_add(steps.min(last).saturating_mul(step))
+        self.min.saturating_add(steps.min(last).saturating_mul(step))
     }
 }
 
@@ -165,32 +156,17 @@ pub struct Choice {
 /// beyond (else the largest), then the cheapest format, then the rate nearest above. `None` if no mode has the format.
 #[must_use]
 pub fn choose(modes: &[Mode], wish: &Wish) -> Option<Choice> {
-    let candidates = modes
-        .iter()
-        .filter(|mode| wish.format.is_none_or(|format| format == mode.format));
-    candidates
-        .flat_map(|mode| mode.choices(wish))
-        .min_by_key(|choice| choice.cost(wish))
+    let candidates = modes.iter().filter(|mode| wish.format.is_none_or(|format| format == mode.format));
+    candidates.flat_map(|mode| mode.choices(wish)).min_by_key(|choice| choice.cost(wish))
 }
 
 impl Mode {
     /// This mode at the size nearest to the wish, once for each of its rates.
     fn choices(&self, wish: &Wish) -> impl Iterator<Item = Choice> {
-        let (width, height) = (
-            self.width.at_least(wish.width),
-            self.height.at_least(wish.height),
-        );
-        let at = move |format, rate| Choice {
-            format,
-            width,
-            height,
-            rate,
-        };
+        let (width, height) = (self.width.at_least(wish.width), self.height.at_least(wish.height));
+        let at = move |format, rate| Choice { format, width, height, rate };
         let unknown = self.rates.is_empty().then(|| at(self.format, None));
-        let known = self
-            .rates
-            .iter()
-            .map(move |rates| at(self.format, Some(rates.nearest(wish.rate))));
+        let known = self.rates.iter().map(move |rates| at(self.format, Some(rates.nearest(wish.rate))));
         known.chain(unknown)
     }
 }
@@ -199,24 +175,12 @@ impl Choice {
     /// Smaller is better, compared from left to right. A rate that the driver does not tell is taken for the wish.
     fn cost(&self, wish: &Wish) -> [u64; 5] {
         let (fps, wanted) = (self.rate.unwrap_or(wish.rate).fps(), wish.rate.fps());
-        let short = if fps >= RATE_TOLERANCE * wanted {
-            0
-        } else {
-            millihertz(wanted - fps)
-        };
+        let short = if fps >= RATE_TOLERANCE * wanted { 0 } else { millihertz(wanted - fps) };
         let smaller = self.width < wish.width || self.height < wish.height;
         let pixels = u64::from(self.width) * u64::from(self.height);
         let distance = pixels.abs_diff(u64::from(wish.width) * u64::from(wish.height));
-        let preference = PixelFormat::ALL
-            .iter()
-            .position(|&format| format == self.format);
-        [
-            short,
-            smaller.into(),
-            distance,
-            preference.map_or(u64::MAX, |at| at as u64),
-            millihertz((fps - wanted).abs()),
-        ]
+        let preference = PixelFormat::ALL.iter().position(|&format| format == self.format);
+        [short, smaller.into(), distance, preference.map_or(u64::MAX, |at| at as u64), millihertz((fps - wanted).abs())]
     }
 }
 
@@ -234,11 +198,7 @@ impl fmt::Display for PixelFormat {
 
 impl fmt::Display for Steps {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.min == self.max {
-            write!(f, "{}", self.min)
-        } else {
-            write!(f, "{}..{}", self.min, self.max)
-        }
+        if self.min == self.max { write!(f, "{}", self.min) } else { write!(f, "{}..{}", self.min, self.max) }
     }
 }
 

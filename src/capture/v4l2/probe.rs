@@ -50,14 +50,8 @@ impl Camera {
         offered.dedup();
         CaptureError::ModeLacking {
             path: self.node.display().to_string(),
-            wanted: wish
-                .format
-                .map_or("YUYV, NV12, MJPEG, JPEG or GREY", PixelFormat::name),
-            offered: if offered.is_empty() {
-                "none that is read".to_owned()
-            } else {
-                offered.join(", ")
-            },
+            wanted: wish.format.map_or("YUYV, NV12, MJPEG, JPEG or GREY", PixelFormat::name),
+            offered: if offered.is_empty() { "none that is read".to_owned() } else { offered.join(", ") },
         }
     }
 }
@@ -69,11 +63,7 @@ pub fn cameras() -> Found {
     for node in nodes() {
         match probe(&node) {
             Ok((camera, _)) => found.cameras.push(camera),
-            Err(
-                CaptureError::NotACamera { .. }
-                | CaptureError::NotFound { .. }
-                | CaptureError::Gone,
-            ) => {}
+            Err(CaptureError::NotACamera { .. } | CaptureError::NotFound { .. } | CaptureError::Gone) => {}
             Err(error) => found.refused.push(error),
         }
     }
@@ -93,13 +83,7 @@ pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
     if !captures || device.format().is_err() {
         return Err(not_a_camera(path));
     }
-    let camera = Camera {
-        card,
-        driver,
-        links: links(&node),
-        modes: modes(&device),
-        node,
-    };
+    let camera = Camera { card, driver, links: links(&node), modes: modes(&device), node };
     Ok((camera, device))
 }
 
@@ -109,55 +93,32 @@ fn video_node(path: &Path) -> Result<PathBuf, CaptureError> {
     let fail = |error| CaptureError::device(path, "looking for it", error);
     let node = fs::canonicalize(path).map_err(fail)?;
     let meta = fs::metadata(&node).map_err(fail)?;
-    let is_video =
-        meta.file_type().is_char_device() && rustix::fs::major(meta.rdev()) == VIDEO_MAJOR;
-    if is_video {
-        Ok(node)
-    } else {
-        Err(not_a_camera(path))
-    }
+    let is_video = meta.file_type().is_char_device() && rustix::fs::major(meta.rdev()) == VIDEO_MAJOR;
+    if is_video { Ok(node) } else { Err(not_a_camera(path)) }
 }
 
 fn not_a_camera(path: &Path) -> CaptureError {
-    CaptureError::NotACamera {
-        path: path.display().to_string(),
-    }
+    CaptureError::NotACamera { path: path.display().to_string() }
 }
 
 /// `/dev/videoN` by number.
 fn nodes() -> Vec<PathBuf> {
-    let number = |path: &PathBuf| {
-        path.file_name()?
-            .to_str()?
-            .strip_prefix("video")?
-            .parse::<u32>()
-            .ok()
-    };
-    let mut nodes: Vec<_> = entries("/dev")
-        .filter(|path| number(path).is_some())
-        .collect();
+    let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("video")?.parse::<u32>().ok();
+    let mut nodes: Vec<_> = entries("/dev").filter(|path| number(path).is_some()).collect();
     nodes.sort_by_key(number);
     nodes
 }
 
 fn links(node: &Path) -> Vec<PathBuf> {
     let leads_here = |link: &PathBuf| fs::canonicalize(link).is_ok_and(|target| target == node);
-    let mut links: Vec<_> = LINK_FOLDERS
-        .into_iter()
-        .flat_map(entries)
-        .filter(leads_here)
-        .collect();
+    let mut links: Vec<_> = LINK_FOLDERS.into_iter().flat_map(entries).filter(leads_here).collect();
     // By folder first: `by-id` names the camera itself, `by-path` the socket it is in.
     links.sort();
     links
 }
 
 fn entries(folder: &str) -> impl Iterator<Item = PathBuf> {
-    fs::read_dir(folder)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .map(|entry| entry.path())
+    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
 }
 
 /// Card, driver, and whether it captures pictures by streaming.
@@ -165,64 +126,33 @@ fn entries(folder: &str) -> impl Iterator<Item = PathBuf> {
 /// The v4l crate panics on a card name that is not UTF-8, as one is that the kernel cut within a character. Such a
 /// device is not asked; its list of formats then tells whether it captures.
 fn identity(device: &Device, node: &Path) -> io::Result<(String, String, bool)> {
-    let name = Path::new("/sys/class/video4linux")
-        .join(node.file_name().unwrap_or_default())
-        .join("name");
-    if let Some(card) = fs::read(name)
-        .ok()
-        .filter(|card| std::str::from_utf8(card).is_err())
-    {
-        return Ok((
-            String::from_utf8_lossy(card.trim_ascii()).into_owned(),
-            "unknown".to_owned(),
-            true,
-        ));
+    let name = Path::new("/sys/class/video4linux").join(node.file_name().unwrap_or_default()).join("name");
+    if let Some(card) = fs::read(name).ok().filter(|card| std::str::from_utf8(card).is_err()) {
+        return Ok((String::from_utf8_lossy(card.trim_ascii()).into_owned(), "unknown".to_owned(), true));
     }
     let caps = device.query_caps()?;
-    let captures = caps
-        .capabilities
-        .contains(Flags::VIDEO_CAPTURE | Flags::STREAMING);
+    let captures = caps.capabilities.contains(Flags::VIDEO_CAPTURE | Flags::STREAMING);
     Ok((caps.card, caps.driver, captures))
 }
 
 fn modes(device: &Device) -> Vec<Mode> {
-    let codes = device
-        .enum_formats()
-        .unwrap_or_default()
-        .into_iter()
-        .map(|format| format.fourcc.repr);
+    let codes = device.enum_formats().unwrap_or_default().into_iter().map(|format| format.fourcc.repr);
     let mut formats: Vec<_> = codes.filter_map(PixelFormat::of).collect();
     formats.dedup();
-    formats
-        .into_iter()
-        .flat_map(|format| modes_of(device, format))
-        .collect()
+    formats.into_iter().flat_map(|format| modes_of(device, format)).collect()
 }
 
 /// The sizes of one format. A driver that lists none has the size that is set.
 fn modes_of(device: &Device, format: PixelFormat) -> Vec<Mode> {
     let fourcc = FourCC::new(&format.fourcc());
     let sizes = device.enum_framesizes(fourcc).unwrap_or_default();
-    let mut sizes: Vec<_> = sizes
-        .into_iter()
-        .filter_map(|size| steps(&size.size))
-        .collect();
+    let mut sizes: Vec<_> = sizes.into_iter().filter_map(|size| steps(&size.size)).collect();
     if sizes.is_empty() {
-        sizes.extend(
-            device
-                .format()
-                .ok()
-                .map(|set| [Steps::one(set.width), Steps::one(set.height)]),
-        );
+        sizes.extend(device.format().ok().map(|set| [Steps::one(set.width), Steps::one(set.height)]));
     }
     let mode = |[width, height]: [Steps; 2]| {
         let rates = rates(device, fourcc, [width.max, height.max]);
-        Mode {
-            format,
-            width,
-            height,
-            rates,
-        }
+        Mode { format, width, height, rates }
     };
     sizes.into_iter().map(mode).collect()
 }
@@ -231,45 +161,26 @@ fn steps(size: &FrameSizeEnum) -> Option<[Steps; 2]> {
     let [width, height] = match size {
         FrameSizeEnum::Discrete(size) => [Steps::one(size.width), Steps::one(size.height)],
         FrameSizeEnum::Stepwise(size) => [
-            Steps {
-                min: size.min_width,
-                max: size.max_width,
-                step: size.step_width,
-            },
-            Steps {
-                min: size.min_height,
-                max: size.max_height,
-                step: size.step_height,
-            },
+            Steps { min: size.min_width, max: size.max_width, step: size.step_width },
+            Steps { min: size.min_height, max: size.max_height, step: size.step_height },
         ],
     };
     (width.max > 0 && height.max > 0).then_some([width, height])
 }
 
 fn rates(device: &Device, fourcc: FourCC, [width, height]: [u32; 2]) -> Vec<Rates> {
-    let intervals = device
-        .enum_frameintervals(fourcc, width, height)
-        .unwrap_or_default();
-    intervals
-        .iter()
-        .filter_map(|interval| rates_of(&interval.interval))
-        .collect()
+    let intervals = device.enum_frameintervals(fourcc, width, height).unwrap_or_default();
+    intervals.iter().filter_map(|interval| rates_of(&interval.interval)).collect()
 }
 
 fn rates_of(interval: &FrameIntervalEnum) -> Option<Rates> {
     let rate = |interval: &Fraction| FrameRate::new(interval.denominator, interval.numerator);
     match interval {
-        FrameIntervalEnum::Discrete(interval) => rate(interval).map(|rate| Rates {
-            slowest: rate,
-            fastest: rate,
-        }),
+        FrameIntervalEnum::Discrete(interval) => rate(interval).map(|rate| Rates { slowest: rate, fastest: rate }),
         FrameIntervalEnum::Stepwise(steps) => {
             let fastest = rate(&steps.min)?;
             // The longest interval is often beyond all reason; the shortest is what counts.
-            Some(Rates {
-                slowest: rate(&steps.max).unwrap_or(fastest),
-                fastest,
-            })
+            Some(Rates { slowest: rate(&steps.max).unwrap_or(fastest), fastest })
         }
     }
 }
@@ -287,18 +198,8 @@ mod tests {
             links: Vec::new(),
             modes: Vec::new(),
         };
-        let wish = Wish {
-            width: 1,
-            height: 1,
-            rate: FrameRate::FPS_30,
-            format: Some(PixelFormat::Nv12),
-        };
+        let wish = Wish { width: 1, height: 1, rate: FrameRate::FPS_30, format: Some(PixelFormat::Nv12) };
         let text = camera.lacks(&wish).to_string();
-        assert!(
-            text.contains("/dev/video7")
-                && text.contains("NV12")
-                && text.contains("none that is read"),
-            "{text}"
-        );
+        assert!(text.contains("/dev/video7") && text.contains("NV12") && text.contains("none that is read"), "{text}");
     }
 }

@@ -24,18 +24,13 @@ pub(super) fn open(wanted: &str, wish: &Wish) -> Result<(Camera, Device), Captur
     let Found { cameras, refused } = cameras();
     match pick(&cameras, wanted, wish) {
         Some(camera) => probe(&camera.node),
-        None => Err(refused
-            .into_iter()
-            .next()
-            .unwrap_or_else(|| missing(&cameras, wanted, wish))),
+        None => Err(refused.into_iter().next().unwrap_or_else(|| missing(&cameras, wanted, wish))),
     }
 }
 
 fn pick<'a>(cameras: &'a [Camera], wanted: &str, wish: &Wish) -> Option<&'a Camera> {
     if wanted == AUTO {
-        return cameras
-            .iter()
-            .find(|camera| choose(&camera.modes, wish).is_some());
+        return cameras.iter().find(|camera| choose(&camera.modes, wish).is_some());
     }
     cameras.iter().find(|camera| camera.is_called(wanted))
 }
@@ -48,25 +43,15 @@ fn missing(cameras: &[Camera], wanted: &str, wish: &Wish) -> CaptureError {
     if wanted == AUTO {
         return first.lacks(wish);
     }
-    let names: Vec<_> = cameras
-        .iter()
-        .map(|camera| format!("{} ({})", camera.card, camera.node.display()))
-        .collect();
-    CaptureError::NotFound {
-        wanted: wanted.to_owned(),
-        hint: format!("there is {}", names.join(", ")),
-    }
+    let names: Vec<_> = cameras.iter().map(|camera| format!("{} ({})", camera.card, camera.node.display())).collect();
+    CaptureError::NotFound { wanted: wanted.to_owned(), hint: format!("there is {}", names.join(", ")) }
 }
 
 impl Camera {
     /// Whether `part` stands in its name or in the name of one of its links.
     fn is_called(&self, part: &str) -> bool {
         let part = part.to_lowercase();
-        let links = self
-            .links
-            .iter()
-            .filter_map(|link| link.file_name())
-            .map(|name| name.to_string_lossy());
+        let links = self.links.iter().filter_map(|link| link.file_name()).map(|name| name.to_string_lossy());
         let named = |name: &str| name.to_lowercase().contains(&part);
         named(&self.card) || links.into_iter().any(|name| named(&name))
     }
@@ -81,29 +66,16 @@ mod tests {
     use super::super::mode::{Mode, PixelFormat, Steps};
     use super::*;
 
-    const WISH: Wish = Wish {
-        width: 640,
-        height: 480,
-        rate: FrameRate::FPS_30,
-        format: None,
-    };
+    const WISH: Wish = Wish { width: 640, height: 480, rate: FrameRate::FPS_30, format: None };
 
     fn camera(node: &str, card: &str, formats: &[PixelFormat]) -> Camera {
         let size = (Steps::one(640), Steps::one(480));
-        let mode = |&format| Mode {
-            format,
-            width: size.0,
-            height: size.1,
-            rates: Vec::new(),
-        };
+        let mode = |&format| Mode { format, width: size.0, height: size.1, rates: Vec::new() };
         Camera {
             node: PathBuf::from(node),
             card: card.to_owned(),
             driver: "uvcvideo".to_owned(),
-            links: vec![PathBuf::from(format!(
-                "/dev/v4l/by-id/usb-{}-video-index0",
-                card.replace(' ', "_")
-            ))],
+            links: vec![PathBuf::from(format!("/dev/v4l/by-id/usb-{}-video-index0", card.replace(' ', "_")))],
             modes: formats.iter().map(mode).collect(),
         }
     }
@@ -124,64 +96,31 @@ mod tests {
     #[test]
     fn auto_takes_the_first_camera_with_a_usable_mode() {
         assert_eq!(picked("auto", &WISH).as_deref(), Some("/dev/video2"));
-        let grey = Wish {
-            format: Some(PixelFormat::Grey),
-            ..WISH
-        };
+        let grey = Wish { format: Some(PixelFormat::Grey), ..WISH };
         assert_eq!(picked("auto", &grey).as_deref(), Some("/dev/video4"));
-        assert_eq!(
-            picked(
-                "auto",
-                &Wish {
-                    format: Some(PixelFormat::Nv12),
-                    ..WISH
-                }
-            ),
-            None
-        );
+        assert_eq!(picked("auto", &Wish { format: Some(PixelFormat::Nv12), ..WISH }), None);
     }
 
     #[test]
     fn a_part_of_the_name_or_of_a_link_is_enough() {
         assert_eq!(picked("c615", &WISH).as_deref(), Some("/dev/video2"));
-        assert_eq!(
-            picked("usb-Infrared_", &WISH).as_deref(),
-            Some("/dev/video4")
-        );
+        assert_eq!(picked("usb-Infrared_", &WISH).as_deref(), Some("/dev/video4"));
         assert_eq!(picked("C920", &WISH), None);
     }
 
     #[test]
     fn a_missing_camera_is_reported_with_those_that_are_there() {
         let text = missing(&three(), "C920", &WISH).to_string();
-        assert!(
-            text.contains("C920") && text.contains("HD Webcam C615 (/dev/video2)"),
-            "{text}"
-        );
-        assert!(matches!(
-            missing(&[], "auto", &WISH),
-            CaptureError::NoCamera
-        ));
+        assert!(text.contains("C920") && text.contains("HD Webcam C615 (/dev/video2)"), "{text}");
+        assert!(matches!(missing(&[], "auto", &WISH), CaptureError::NoCamera));
     }
 
     #[test]
     fn what_is_no_camera_is_refused_before_it_is_opened() {
         let reason = |path| open(path, &WISH).err().unwrap();
-        assert!(matches!(
-            reason("/dev/null"),
-            CaptureError::NotACamera { .. }
-        ));
-        assert!(matches!(
-            reason("/dev/tty"),
-            CaptureError::NotACamera { .. }
-        ));
-        assert!(matches!(
-            reason("/etc/passwd"),
-            CaptureError::NotACamera { .. }
-        ));
-        assert!(matches!(
-            reason("/dev/video4000"),
-            CaptureError::NotFound { .. }
-        ));
+        assert!(matches!(reason("/dev/null"), CaptureError::NotACamera { .. }));
+        assert!(matches!(reason("/dev/tty"), CaptureError::NotACamera { .. }));
+        assert!(matches!(reason("/etc/passwd"), CaptureError::NotACamera { .. }));
+        assert!(matches!(reason("/dev/video4000"), CaptureError::NotFound { .. }));
     }
 }

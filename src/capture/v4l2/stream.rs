@@ -61,14 +61,9 @@ impl Stream {
     /// [`CaptureError::Stalled`] if none comes in 5 seconds, [`CaptureError::Busy`], [`CaptureError::Gone`], ...
     pub fn start(device: &Device, path: &Path, limits: Limits) -> Result<Self, CaptureError> {
         let fail = |error| CaptureError::device(path, "starting it", error);
-        let mut mapped =
-            MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
+        let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
         mapped.set_timeout(START_TIMEOUT);
-        let mut stream = Self {
-            mapped: Some(mapped),
-            handle: device.handle(),
-            limits,
-        };
+        let mut stream = Self { mapped: Some(mapped), handle: device.handle(), limits };
         match stream.mapped()?.next() {
             Ok(_) => Ok(stream),
             Err(error) if error.kind() == io::ErrorKind::TimedOut => Err(stalled(START_TIMEOUT)),
@@ -96,8 +91,8 @@ impl Stream {
             let (bytes, meta) = mapped.next().map_err(CaptureError::stream)?;
             let now_us = monotonic_us();
             let is_stale = skipped > 0 && now_us - captured_us(meta, now_us) > limits.stale_us;
-            let has_newer = is_ready(&handle, Duration::ZERO)?
-                || is_stale && is_ready(&handle, mem::take(&mut patience))?;
+            let has_newer =
+                is_ready(&handle, Duration::ZERO)? || is_stale && is_ready(&handle, mem::take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
                 return Ok((skipped, shot(bytes, meta).and_then(look)));
             }
@@ -110,8 +105,7 @@ impl Stream {
     }
 
     fn wait(&self) -> Result<(), CaptureError> {
-        let deadline_us =
-            monotonic_us() + u64::try_from(self.limits.timeout.as_micros()).unwrap_or(u64::MAX / 2);
+        let deadline_us = monotonic_us() + u64::try_from(self.limits.timeout.as_micros()).unwrap_or(u64::MAX / 2);
         loop {
             let left = Duration::from_micros(deadline_us.saturating_sub(monotonic_us()));
             if is_ready(&self.handle, left)? {
@@ -163,14 +157,9 @@ fn shot<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<Shot<'a>, FrameFault> {
     if meta.flags.contains(Flags::ERROR) {
         return Err(FrameFault::Marked);
     }
-    let used = usize::try_from(meta.bytesused)
-        .ok()
-        .and_then(|used| bytes.get(..used));
+    let used = usize::try_from(meta.bytesused).ok().and_then(|used| bytes.get(..used));
     let bytes = used.ok_or(FrameFault::Incomplete)?;
-    Ok(Shot {
-        bytes,
-        captured_us: captured_us(meta, monotonic_us()),
-    })
+    Ok(Shot { bytes, captured_us: captured_us(meta, monotonic_us()) })
 }
 
 /// The driver's time where it is of the monotonic clock, else the present; never later than that.
@@ -178,18 +167,12 @@ fn captured_us(meta: &Metadata, now_us: u64) -> u64 {
     if meta.flags & Flags::TIMESTAMP_MASK != Flags::TIMESTAMP_MONOTONIC {
         return now_us;
     }
-    let [seconds, micros] =
-        [meta.timestamp.sec, meta.timestamp.usec].map(|part| u64::try_from(part).unwrap_or(0));
-    seconds
-        .saturating_mul(1_000_000)
-        .saturating_add(micros)
-        .min(now_us)
+    let [seconds, micros] = [meta.timestamp.sec, meta.timestamp.usec].map(|part| u64::try_from(part).unwrap_or(0));
+    seconds.saturating_mul(1_000_000).saturating_add(micros).min(now_us)
 }
 
 fn stalled(timeout: Duration) -> CaptureError {
-    CaptureError::Stalled {
-        waited_ms: u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX),
-    }
+    CaptureError::Stalled { waited_ms: u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX) }
 }
 
 #[cfg(test)]
@@ -200,19 +183,13 @@ mod tests {
     use super::*;
 
     fn meta(bytesused: u32, flags: Flags) -> Metadata {
-        Metadata {
-            bytesused,
-            flags,
-            timestamp: Timestamp::new(2, 500),
-            ..Metadata::default()
-        }
+        Metadata { bytesused, flags, timestamp: Timestamp::new(2, 500), ..Metadata::default() }
     }
 
     #[test]
     fn only_what_the_driver_filled_is_shown() {
         let buffer = [7; 100];
-        let shown =
-            |bytesused, flags| shot(&buffer, &meta(bytesused, flags)).map(|shot| shot.bytes.len());
+        let shown = |bytesused, flags| shot(&buffer, &meta(bytesused, flags)).map(|shot| shot.bytes.len());
         assert_eq!(shown(60, Flags::empty()), Ok(60));
         assert_eq!(shown(101, Flags::empty()), Err(FrameFault::Incomplete));
         assert_eq!(shown(60, Flags::ERROR), Err(FrameFault::Marked));

@@ -16,13 +16,7 @@ pub(super) struct Header {
 impl Header {
     /// Parses the fields behind the magic word. Aspect, interlacing and comments do not matter here.
     pub fn parse(fields: &[u8]) -> Result<Self, CaptureError> {
-        let mut header = Self {
-            width: 0,
-            height: 0,
-            rate: None,
-            chroma_shift: Some([1, 1]),
-            full_range: false,
-        };
+        let mut header = Self { width: 0, height: 0, rate: None, chroma_shift: Some([1, 1]), full_range: false };
         for field in fields.split(|&byte| byte == b' ') {
             match field {
                 [b'W', value @ ..] => header.width = number(value).unwrap_or(0) as usize,
@@ -35,19 +29,13 @@ impl Header {
         }
         let Self { width, height, .. } = header;
         let fits = |side| (1..=MAX_SIDE_PX).contains(&side);
-        if fits(width) && fits(height) {
-            Ok(header)
-        } else {
-            Err(CaptureError::PictureSize { width, height })
-        }
+        if fits(width) && fits(height) { Ok(header) } else { Err(CaptureError::PictureSize { width, height }) }
     }
 
     /// Columns and rows of each chroma plane.
     fn chroma_size(&self) -> [usize; 2] {
         let shrink = |side: usize, shift: u8| side.div_ceil(1 << shift);
-        self.chroma_shift.map_or([0, 0], |[x, y]| {
-            [shrink(self.width, x), shrink(self.height, y)]
-        })
+        self.chroma_shift.map_or([0, 0], |[x, y]| [shrink(self.width, x), shrink(self.height, y)])
     }
 
     pub fn frame_bytes(&self) -> usize {
@@ -58,19 +46,12 @@ impl Header {
     pub fn pixels<'a>(&self, samples: &'a [u8]) -> Option<Pixels<'a>> {
         let stride = self.width;
         let Some(chroma_shift) = self.chroma_shift else {
-            return Some(Pixels::Grey {
-                data: samples,
-                stride,
-            });
+            return Some(Pixels::Grey { data: samples, stride });
         };
         let [columns, rows] = self.chroma_size();
         let (luma, chroma) = samples.split_at_checked(stride * self.height)?;
         let (cb, cr) = chroma.split_at_checked(columns * rows)?;
-        Some(Pixels::Planar {
-            planes: [luma, cb, cr],
-            strides: [stride, columns],
-            chroma_shift,
-        })
+        Some(Pixels::Planar { planes: [luma, cb, cr], strides: [stride, columns], chroma_shift })
     }
 }
 
@@ -85,9 +66,7 @@ fn chroma_shift(name: &[u8]) -> Result<Option<[u8; 2]>, CaptureError> {
         [.., b'p', b'1', _] | [.., b'p', b'9'] | [b'm', b'o', b'n', b'o', ..] => {
             Err(CaptureError::Y4m("has more than 8 bits a sample"))
         }
-        _ => Err(CaptureError::Y4m(
-            "has a colour layout that is not supported",
-        )),
+        _ => Err(CaptureError::Y4m("has a colour layout that is not supported")),
     }
 }
 

@@ -5,11 +5,7 @@ use super::*;
 
 fn stream(header: &str, frame_bytes: usize, frames: usize) -> Vec<u8> {
     let frame = [&b"FRAME\n"[..], &vec![7; frame_bytes]].concat();
-    [
-        format!("YUV4MPEG2 {header}\n").as_bytes(),
-        &frame.repeat(frames),
-    ]
-    .concat()
+    [format!("YUV4MPEG2 {header}\n").as_bytes(), &frame.repeat(frames)].concat()
 }
 
 fn open(bytes: &[u8]) -> Result<Y4mSource<&[u8]>, CaptureError> {
@@ -34,16 +30,8 @@ fn all_8_bit_layouts_are_read_with_odd_sizes() {
         let frame = source.next().unwrap().unwrap();
         assert!(!frame.picture.full_range);
         match frame.picture.pixels {
-            Pixels::Planar {
-                planes,
-                chroma_shift,
-                ..
-            } => {
-                assert_eq!(
-                    (Some(chroma_shift), planes.concat()),
-                    (shift, vec![7; bytes]),
-                    "{fields}"
-                );
+            Pixels::Planar { planes, chroma_shift, .. } => {
+                assert_eq!((Some(chroma_shift), planes.concat()), (shift, vec![7; bytes]), "{fields}");
             }
             Pixels::Grey { data, .. } => assert_eq!((None, data.len()), (shift, bytes)),
             _ => panic!("{fields}"),
@@ -57,17 +45,9 @@ fn all_8_bit_layouts_are_read_with_odd_sizes() {
 fn the_range_and_the_rate_are_taken_from_the_header() {
     let ntsc = stream("W4 H2 F30000:1001 C444 XCOLORRANGE=FULL", 24, 1);
     let mut source = open(&ntsc).unwrap();
-    assert_eq!(
-        source.describe().to_string(),
-        "stream: YUV 4x2 at 29.97 fps"
-    );
+    assert_eq!(source.describe().to_string(), "stream: YUV 4x2 at 29.97 fps");
     assert!(source.next().unwrap().unwrap().picture.full_range);
-    assert_eq!(
-        open(&stream("W4 H2 F0:0", 12, 1))
-            .unwrap()
-            .frame_period_us(),
-        None
-    );
+    assert_eq!(open(&stream("W4 H2 F0:0", 12, 1)).unwrap().frame_period_us(), None);
 }
 
 #[test]
@@ -75,10 +55,7 @@ fn every_truncation_gives_the_frames_before_it_and_names_the_frame() {
     let whole = stream("W4 H2 F25:1 Cmono", 8, 3);
     let header = whole.iter().position(|&byte| byte == b'\n').unwrap() + 1;
     for length in 0..header {
-        assert!(
-            matches!(open(&whole[..length]), Err(CaptureError::Y4m(_))),
-            "{length}"
-        );
+        assert!(matches!(open(&whole[..length]), Err(CaptureError::Y4m(_))), "{length}");
     }
     for length in header..=whole.len() {
         let (complete, rest) = ((length - header) / 14, (length - header) % 14);
@@ -109,26 +86,10 @@ fn deep_colour_and_unknown_layouts_are_refused_by_name() {
 
 #[test]
 fn absurd_sizes_and_other_files_are_refused() {
-    for size in [
-        "W0 H2",
-        "W4097 H2",
-        "W4",
-        "W99999999999999999999 H4",
-        "W-4 H4",
-        "W4294967295 H4294967295",
-    ] {
-        assert!(
-            matches!(
-                open(&stream(size, 0, 0)),
-                Err(CaptureError::PictureSize { .. })
-            ),
-            "{size}"
-        );
+    for size in ["W0 H2", "W4097 H2", "W4", "W99999999999999999999 H4", "W-4 H4", "W4294967295 H4294967295"] {
+        assert!(matches!(open(&stream(size, 0, 0)), Err(CaptureError::PictureSize { .. })), "{size}");
     }
-    assert!(matches!(
-        open(b"RIFF"),
-        Err(CaptureError::Y4m("is not a y4m stream"))
-    ));
+    assert!(matches!(open(b"RIFF"), Err(CaptureError::Y4m("is not a y4m stream"))));
     let endless = [&b"YUV4MPEG2 "[..], &[b'W'; 5000]].concat();
     assert!(matches!(open(&endless), Err(CaptureError::Y4m(_))));
 }

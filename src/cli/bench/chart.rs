@@ -18,7 +18,8 @@ pub(super) fn draw(path: &Path, samples: &[Duration]) -> Result<(), Failure> {
     sorted.sort_unstable();
     let ms = |sample: &Duration| sample.as_secs_f64() * 1000.0;
     let widest_ms = 1.1 * ms(&quantile(&sorted, SHOWN));
-    let steps = sorted.iter().zip(1..).map(|(sample, rank)| (ms(sample), 100.0 * f64::from(rank) / sorted.len() as f64));
+    let steps =
+        sorted.iter().zip(1..).map(|(sample, rank)| (ms(sample), 100.0 * f64::from(rank) / sorted.len() as f64));
 
     let drawing = SVGBackend::new(path, SIZE_PX).into_drawing_area();
     let failed = |error: &dyn std::fmt::Display| Failure::failed(format!("{}: cannot draw: {error}", path.display()));

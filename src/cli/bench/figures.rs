@@ -76,7 +76,8 @@ impl Figures {
     }
 
     pub(super) fn table(&self) -> String {
-        let mut text = format!("{}: {} frames, {} with a face, on {}\n\n", self.input, self.frames, self.faces, self.machine);
+        let mut text =
+            format!("{}: {} frames, {} with a face, on {}\n\n", self.input, self.frames, self.faces, self.machine);
         text += "milliseconds      p50      p95      p99      max\n";
         let rows = [
             ("decode", &self.decode),

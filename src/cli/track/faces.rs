@@ -38,7 +38,13 @@ pub(super) enum Faces {
     /// A film and the networks.
     Film { source: Box<dyn Source + Send>, tracker: Box<Tracker>, period_us: Option<f64>, numbered: u64 },
     /// Points read from a file.
-    Points { values: Box<dyn Iterator<Item = std::io::Result<f64>>>, left: u64, number: u64, period_us: f64, size_px: [f32; 2] },
+    Points {
+        values: Box<dyn Iterator<Item = std::io::Result<f64>>>,
+        left: u64,
+        number: u64,
+        period_us: f64,
+        size_px: [f32; 2],
+    },
 }
 
 impl Faces {

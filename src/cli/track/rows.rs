@@ -10,7 +10,8 @@ use npyz::WriterBuilder;
 use super::super::Failure;
 use crate::face::{LANDMARKS, Landmarks};
 
-const HEAD_COLUMNS: [&str; 6] = ["head_yaw_deg", "head_pitch_deg", "head_roll_deg", "head_x_mm", "head_y_mm", "head_z_mm"];
+const HEAD_COLUMNS: [&str; 6] =
+    ["head_yaw_deg", "head_pitch_deg", "head_roll_deg", "head_x_mm", "head_y_mm", "head_z_mm"];
 
 /// One row of the CSV.
 #[derive(Debug, Clone, Copy)]
@@ -77,7 +78,8 @@ impl LandmarkFile {
         let file = BufWriter::new(File::create(&self.path).map_err(failed)?);
         let frames = self.values.len() / (3 * LANDMARKS);
         let shape = [frames as u64, LANDMARKS as u64, 3];
-        let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd().map_err(failed)?;
+        let mut writer =
+            npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd().map_err(failed)?;
         writer.extend(self.values.iter().copied()).map_err(failed)?;
         writer.finish().map_err(failed)
     }

@@ -8,37 +8,18 @@ fn fps(frames: u32) -> FrameRate {
 }
 
 fn mode(format: PixelFormat, [width, height]: [u32; 2], rates: &[u32]) -> Mode {
-    let rates = rates
-        .iter()
-        .map(|&rate| Rates {
-            slowest: fps(rate),
-            fastest: fps(rate),
-        })
-        .collect();
-    Mode {
-        format,
-        width: Steps::one(width),
-        height: Steps::one(height),
-        rates,
-    }
+    let rates = rates.iter().map(|&rate| Rates { slowest: fps(rate), fastest: fps(rate) }).collect();
+    Mode { format, width: Steps::one(width), height: Steps::one(height), rates }
 }
 
 fn wish(width: u32, height: u32, rate: u32) -> Wish {
-    Wish {
-        width,
-        height,
-        rate: fps(rate),
-        format: None,
-    }
+    Wish { width, height, rate: fps(rate), format: None }
 }
 
 fn chosen(modes: &[Mode], wish: &Wish) -> String {
     let choice = choose(modes, wish).unwrap();
     let rate = choice.rate.map_or("?".to_owned(), |rate| rate.to_string());
-    format!(
-        "{} {}x{} {rate}",
-        choice.format, choice.width, choice.height
-    )
+    format!("{} {}x{} {rate}", choice.format, choice.width, choice.height)
 }
 
 /// The list of a common USB 2 webcam: raw pictures are slow at large sizes.
@@ -76,10 +57,7 @@ fn a_webcam_gives_raw_pictures_where_they_are_fast_enough_and_jpeg_where_not() {
 
 #[test]
 fn a_named_format_is_the_only_one_taken() {
-    let only = |format| Wish {
-        format: Some(format),
-        ..wish(640, 480, 30)
-    };
+    let only = |format| Wish { format: Some(format), ..wish(640, 480, 30) };
     assert_eq!(chosen(&webcam(), &only(Mjpeg)), "MJPEG 640x480 30 fps");
     assert_eq!(choose(&webcam(), &only(Nv12)), None);
     assert_eq!(choose(&[], &wish(640, 480, 30)), None);
@@ -87,9 +65,7 @@ fn a_named_format_is_the_only_one_taken() {
 
 #[test]
 fn formats_are_preferred_raw_then_jpeg_then_grey() {
-    let mut modes: Vec<_> = [Grey, Jpeg, Mjpeg, Nv12, Yuyv]
-        .map(|format| mode(format, [640, 480], &[30]))
-        .into();
+    let mut modes: Vec<_> = [Grey, Jpeg, Mjpeg, Nv12, Yuyv].map(|format| mode(format, [640, 480], &[30])).into();
     for expected in ["YUYV", "NV12", "MJPEG", "JPEG", "GREY"] {
         assert!(chosen(&modes, &wish(640, 480, 30)).starts_with(expected));
         modes.pop();
@@ -99,21 +75,9 @@ fn formats_are_preferred_raw_then_jpeg_then_grey() {
 #[test]
 fn the_ntsc_rate_passes_for_30() {
     let ntsc = FrameRate::new(30_000, 1001).unwrap();
-    let rates = vec![Rates {
-        slowest: ntsc,
-        fastest: ntsc,
-    }];
-    let modes = [
-        Mode {
-            rates,
-            ..mode(Yuyv, [640, 480], &[])
-        },
-        mode(Mjpeg, [640, 480], &[30]),
-    ];
-    assert_eq!(
-        chosen(&modes, &wish(640, 480, 30)),
-        "YUYV 640x480 29.97 fps"
-    );
+    let rates = vec![Rates { slowest: ntsc, fastest: ntsc }];
+    let modes = [Mode { rates, ..mode(Yuyv, [640, 480], &[]) }, mode(Mjpeg, [640, 480], &[30])];
+    assert_eq!(chosen(&modes, &wish(640, 480, 30)), "YUYV 640x480 29.97 fps");
 }
 
 #[test]
@@ -121,81 +85,23 @@ fn ranges_of_sizes_and_rates_give_what_is_wished() {
     let stepwise = |width, height| Mode {
         width,
         height,
-        rates: vec![Rates {
-            slowest: fps(1),
-            fastest: fps(60),
-        }],
+        rates: vec![Rates { slowest: fps(1), fastest: fps(60) }],
         ..mode(Yuyv, [0, 0], &[])
     };
-    let camera = stepwise(
-        Steps {
-            min: 32,
-            max: 2592,
-            step: 2,
-        },
-        Steps {
-            min: 32,
-            max: 1944,
-            step: 2,
-        },
-    );
-    assert_eq!(
-        chosen(std::slice::from_ref(&camera), &wish(640, 480, 30)),
-        "YUYV 640x480 30 fps"
-    );
-    assert_eq!(
-        chosen(std::slice::from_ref(&camera), &wish(641, 481, 90)),
-        "YUYV 642x482 60 fps"
-    );
-    assert_eq!(
-        chosen(std::slice::from_ref(&camera), &wish(9999, 16, 30)),
-        "YUYV 2592x32 30 fps"
-    );
-    assert_eq!(
-        camera.to_string(),
-        "YUYV 32..2592x32..1944 at 1 fps to 60 fps"
-    );
+    let camera = stepwise(Steps { min: 32, max: 2592, step: 2 }, Steps { min: 32, max: 1944, step: 2 });
+    assert_eq!(chosen(std::slice::from_ref(&camera), &wish(640, 480, 30)), "YUYV 640x480 30 fps");
+    assert_eq!(chosen(std::slice::from_ref(&camera), &wish(641, 481, 90)), "YUYV 642x482 60 fps");
+    assert_eq!(chosen(std::slice::from_ref(&camera), &wish(9999, 16, 30)), "YUYV 2592x32 30 fps");
+    assert_eq!(camera.to_string(), "YUYV 32..2592x32..1944 at 1 fps to 60 fps");
 }
 
 #[test]
 fn steps_never_leave_their_range() {
     let table = [
-        (
-            Steps {
-                min: 16,
-                max: 100,
-                step: 16,
-            },
-            99,
-            96,
-        ),
-        (
-            Steps {
-                min: 16,
-                max: 100,
-                step: 0,
-            },
-            50,
-            50,
-        ),
-        (
-            Steps {
-                min: 16,
-                max: 10,
-                step: 3,
-            },
-            50,
-            16,
-        ),
-        (
-            Steps {
-                min: 0,
-                max: u32::MAX,
-                step: u32::MAX,
-            },
-            1,
-            u32::MAX,
-        ),
+        (Steps { min: 16, max: 100, step: 16 }, 99, 96),
+        (Steps { min: 16, max: 100, step: 0 }, 50, 50),
+        (Steps { min: 16, max: 10, step: 3 }, 50, 16),
+        (Steps { min: 0, max: u32::MAX, step: u32::MAX }, 1, u32::MAX),
         (Steps::one(640), 4096, 640),
     ];
     for (steps, wish, expected) in table {
@@ -212,10 +118,7 @@ fn a_driver_that_tells_no_rates_is_taken_at_its_word() {
 #[test]
 fn names_and_codes_lead_back_to_their_format() {
     for format in PixelFormat::ALL {
-        assert_eq!(
-            PixelFormat::named(&format.name().to_lowercase()),
-            Some(format)
-        );
+        assert_eq!(PixelFormat::named(&format.name().to_lowercase()), Some(format));
         assert_eq!(PixelFormat::of(format.fourcc()), Some(format));
     }
     assert_eq!(PixelFormat::of(*b"H264"), None);

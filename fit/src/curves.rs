@@ -1,0 +1,150 @@
+//! Compares the curves of a clip with the true ones.
+
+use std::{fmt::Write, path::Path};
+
+use anyhow::{Context, Result, ensure};
+use facewire::solve::{BLENDSHAPES, COEFFS, HeadPose};
+
+use crate::{
+    clip::Solved,
+    stats::{mean, pearson},
+};
+
+/// Smoothing and the network delay a curve: the truth may lead by this many frames.
+const MAX_LAG: usize = 5;
+/// Coefficients that move less (standard deviation) say nothing about correlation.
+const MOVING: f64 = 0.02;
+
+/// True curves of a clip.
+pub struct Truth {
+    /// Yaw, pitch (positive nods up), roll by frame, degrees.
+    pub pose_deg: Vec<[f64; 3]>,
+    /// Coefficients by frame.
+    pub coefficients: Vec<[f64; COEFFS]>,
+}
+
+impl Truth {
+    /// Reads a table with a header of names: `yaw_deg,pitch_deg,roll_deg` (pitch nods down) and the blendshapes.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let mut lines = text.lines();
+        let header: Vec<&str> = lines.next().context("the table is empty")?.split(',').collect();
+        let column = |name: &str| header.iter().position(|known| *known == name).with_context(|| format!("no {name}"));
+        let pose = [column("yaw_deg")?, column("pitch_deg")?, column("roll_deg")?];
+        let shapes = BLENDSHAPES.iter().map(|name| column(name)).collect::<Result<Vec<_>>>()?;
+        let mut truth = Truth { pose_deg: vec![], coefficients: vec![] };
+        for line in lines {
+            let row = line.split(',').map(str::parse).collect::<Result<Vec<f64>, _>>()?;
+            ensure!(row.len() == header.len(), "a line has {} values, the header {}", row.len(), header.len());
+            let [yaw, pitch, roll] = pose.map(|index| row[index]);
+            truth.pose_deg.push([yaw, -pitch, roll]);
+            truth.coefficients.push(core::array::from_fn(|index| row[shapes[index]]));
+        }
+        Ok(truth)
+    }
+}
+
+/// Best correlation of a curve with the truth, letting the curve come up to [`MAX_LAG`] frames late, and that lag.
+fn lagged_r(curve: &[f64], truth: &[f64]) -> (f64, usize) {
+    let at = |lag: usize| (pearson(curve.iter().skip(lag).copied().zip(truth.iter().copied())), lag);
+    (0..=MAX_LAG).map(at).fold((-1.0, 0), |best, next| if next.0 > best.0 { next } else { best })
+}
+
+/// Blendshapes that move in the truth, with their curves.
+fn moving(truth: &Truth) -> impl Iterator<Item = (usize, Vec<f64>)> {
+    let curve = |index: usize| truth.coefficients.iter().map(|frame| frame[index]).collect::<Vec<_>>();
+    let curves = (0..COEFFS).map(move |index| (index, curve(index)));
+    curves.filter(|(_, curve)| deviation(curve) > MOVING)
+}
+
+fn deviation(curve: &[f64]) -> f64 {
+    let centre = mean(curve.iter().copied());
+    mean(curve.iter().map(|value| (value - centre).powi(2))).sqrt()
+}
+
+/// The table that `clip` prints: best correlation and its lag, neutral face known and not known.
+pub fn table(truth: &Truth, known: &Solved, unknown: &Solved) -> Result<String> {
+    let mut lines =
+        String::from("| blendshape           | r, neutral known (lag) | r, not known (lag) |\n|---|---|---|\n");
+    let mut found = Vec::new();
+    for (index, true_curve) in moving(truth) {
+        let [a, b] = [known, unknown].map(|solved| lagged_r(&curve(solved, index), &true_curve));
+        writeln!(lines, "| {:<20} | {:.3} ({}) | {:.3} ({}) |", BLENDSHAPES[index], a.0, a.1, b.0, b.1)?;
+        found.push([a.0, b.0]);
+    }
+    let [a, b] = [0, 1].map(|side: usize| mean(found.iter().map(|pair| pair[side])));
+    writeln!(lines, "| mean of {} | {a:.3} | {b:.3} |", found.len())?;
+    Ok(lines)
+}
+
+fn curve(solved: &Solved, index: usize) -> Vec<f64> {
+    solved.smoothed.iter().map(|frame| f64::from(frame.0[index])).collect()
+}
+
+/// Mean absolute error of yaw, pitch, roll, degrees.
+pub fn pose_error_deg(truth: &Truth, solved: &Solved) -> [f64; 3] {
+    let angles = |pose: &HeadPose| [pose.yaw_deg, pose.pitch_deg, pose.roll_deg].map(f64::from);
+    let pairs = || solved.poses.iter().map(angles).zip(&truth.pose_deg);
+    core::array::from_fn(|axis| mean(pairs().map(|(angles, truth)| (angles[axis] - truth[axis]).abs())))
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use std::path::PathBuf;
+
+    use facewire::{face::Landmarks, solve::Model};
+
+    use super::*;
+    use crate::clip::{load, solve};
+
+    /// The built-in clip's landmarks and truth, from the folder of reference data.
+    fn demo() -> Option<(Vec<Landmarks>, Truth)> {
+        let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+        let shared = std::env::var_os("FACEWIRE_SHARED").map_or_else(beside, PathBuf::from);
+        let landmarks = load(&shared.join("golden/demo-mediapipe.npz")).ok();
+        let truth = Truth::load(&shared.join("footage/demo.csv")).ok();
+        if landmarks.is_none() || truth.is_none() {
+            eprintln!("skipped: no golden/ and footage/ in {} (set FACEWIRE_SHARED)", shared.display());
+        }
+        landmarks.zip(truth)
+    }
+
+    fn index_of(name: &str) -> usize {
+        BLENDSHAPES.iter().position(|known| *known == name).expect("a blendshape")
+    }
+
+    #[test]
+    fn jaw_and_blinks_follow_the_truth_without_a_neutral_face() {
+        let Some((landmarks, truth)) = demo() else {
+            return;
+        };
+        let solved = solve(&Model::embedded().expect("shipped"), &landmarks, None).expect("every frame");
+        for (name, least) in [("jawOpen", 0.9), ("eyeBlinkLeft", 0.8), ("eyeBlinkRight", 0.8)] {
+            let index = index_of(name);
+            let true_curve: Vec<f64> = truth.coefficients.iter().map(|frame| frame[index]).collect();
+            let (r, _) = lagged_r(&curve(&solved, index), &true_curve);
+            assert!(r > least, "{name}: {r}");
+        }
+    }
+
+    #[test]
+    fn closed_eyes_read_above_0_8_and_resting_ones_below_0_1() {
+        let Some((landmarks, _)) = demo() else { return };
+        let solved = solve(&Model::embedded().expect("shipped"), &landmarks, Some(0..1)).expect("every frame");
+        for name in ["eyeBlinkLeft", "eyeBlinkRight"] {
+            let curve = curve(&solved, index_of(name));
+            assert!(curve.iter().any(|value| *value > 0.8), "{name}");
+            assert!(curve.iter().take(3).all(|value| *value < 0.1), "{name}");
+        }
+    }
+
+    #[test]
+    fn head_pose_is_within_a_degree_and_a_half_on_average() {
+        let Some((landmarks, truth)) = demo() else {
+            return;
+        };
+        let solved = solve(&Model::embedded().expect("shipped"), &landmarks, None).expect("every frame");
+        assert!(pose_error_deg(&truth, &solved).iter().all(|error| *error < 1.5));
+    }
+}

@@ -1,0 +1,87 @@
+//! The same faces seen in a mirror: twice the data, and no side of the face is favoured.
+//!
+//! Without them the map for an unknown neutral reads mirrored faces far worse (r 0.51 for 0.65): it had learned which
+//! way the training faces lean.
+
+use anyhow::{Result, ensure};
+use facewire::{
+    face::{LANDMARKS, Landmarks},
+    solve::{BLENDSHAPES, COEFFS, normalise},
+};
+
+use crate::dataset::Sample;
+
+/// The samples that the fit may see, and their mirrored copies.
+pub fn with_mirrored(samples: &[Sample]) -> Result<Vec<Sample>> {
+    let points = mirrored_points(samples)?;
+    let shapes = BLENDSHAPES.map(mirrored_blendshape);
+    let seen = samples.iter().filter(|sample| !sample.held_out());
+    let copies = seen.clone().map(|sample| mirror(sample, &points, &shapes));
+    Ok(seen.cloned().chain(copies).collect())
+}
+
+fn mirror(sample: &Sample, points: &[usize; LANDMARKS], shapes: &[usize; COEFFS]) -> Sample {
+    let flipped = |index: usize| {
+        let [x, y, z] = sample.landmarks.0[index];
+        [-x, y, z]
+    };
+    let [yaw, pitch, roll] = sample.pose_deg;
+    Sample {
+        landmarks: Landmarks(points.map(flipped)),
+        truth: shapes.map(|index| sample.truth[index]),
+        pose_deg: [-yaw, pitch, -roll],
+        mirrored: !sample.mirrored,
+        ..*sample
+    }
+}
+
+/// For every landmark the one on the other side. Found in the mean of all pictures: in a closed mouth, lips coincide.
+fn mirrored_points(samples: &[Sample]) -> Result<[usize; LANDMARKS]> {
+    let mut mean = Box::new([[0.0_f32; 3]; LANDMARKS]);
+    for sample in samples.iter().filter(|sample| !sample.held_out()) {
+        let face = normalise(&sample.landmarks)?;
+        mean.iter_mut().flatten().zip(face.points.iter().flatten()).for_each(|(sum, value)| *sum += value);
+    }
+    let pairs = pair_up(&mean);
+    let crossed = |(a, b): (usize, &usize)| a != *b && mean[a][0] * mean[*b][0] > 0.0;
+    ensure!(!pairs.iter().enumerate().any(crossed), "the mean face is not symmetric");
+    Ok(pairs)
+}
+
+/// Pairs each point with the one nearest to its mirror image, the closest pairs first; a point in the middle is its
+/// own partner.
+fn pair_up(points: &[[f32; 3]; LANDMARKS]) -> [usize; LANDMARKS] {
+    let gap = |a: &[f32; 3], b: &[f32; 3]| (a[0] + b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2);
+    let all = (0..LANDMARKS).flat_map(|a| (a..LANDMARKS).map(move |b| (a, b)));
+    let mut gaps: Vec<_> = all.map(|(a, b)| (gap(&points[a], &points[b]), a, b)).collect();
+    gaps.sort_by(|one, other| one.0.total_cmp(&other.0));
+    let mut partner = [None; LANDMARKS];
+    for (_, a, b) in gaps {
+        if partner[a].is_none() && partner[b].is_none() {
+            (partner[a], partner[b]) = (Some(b), Some(a));
+        }
+    }
+    core::array::from_fn(|index| partner[index].unwrap_or(index))
+}
+
+fn mirrored_blendshape(name: &str) -> usize {
+    let other = match (name.strip_suffix("Left"), name.strip_suffix("Right")) {
+        (Some(stem), _) => format!("{stem}Right"),
+        (_, Some(stem)) => format!("{stem}Left"),
+        _ => name.to_owned(),
+    };
+    BLENDSHAPES.iter().position(|known| *known == other).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_blendshape_is_its_own_mirror_image_twice_removed() {
+        let other = |index: usize| mirrored_blendshape(BLENDSHAPES[index]);
+        assert!((0..COEFFS).all(|index| other(other(index)) == index));
+        assert_eq!(BLENDSHAPES[mirrored_blendshape("jawLeft")], "jawRight");
+        assert_eq!(BLENDSHAPES[mirrored_blendshape("browInnerUp")], "browInnerUp");
+    }
+}

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Judges packets that tests/packet_decoder.py has recorded. Exit status 1: they are not as they should be.
+"""Judges packets that tests/packet_decoder.py has recorded.
+
+Exit status 1: they are not as they should be; 3: too few poses to judge the clip by.
 
   judge.py clip PACKETS.csv TRUTH.csv FPS   the face of the clip, played at FPS frames a second
   judge.py passes PACKETS.csv STEP...       the packets pass through these steps, in this order
@@ -12,7 +14,8 @@ import sys
 
 LEAST_CORRELATION = 0.7
 # Part of the clip's frames that must have given a pose, so that no coefficient is judged by a glimpse.
-LEAST_SEEN = 0.8
+LEAST_SEEN = 0.7
+TOO_FEW = 3
 # The clip's frames that a search step moves the truth by.
 STEP_FRAMES = 0.5
 
@@ -73,7 +76,8 @@ def judge_clip(packets, truth_path, fps):
     truth = {name: [float(row[name]) for row in truth_rows] for name in truth_rows[0] if name != "frame"}
     seen = poses(packets)
     if len(seen) < LEAST_SEEN * len(truth_rows):
-        return f"{len(seen)} poses of the clip's {len(truth_rows)} frames came"
+        print(f"only {len(seen)} poses of the clip's {len(truth_rows)} frames came", file=sys.stderr)
+        sys.exit(TOO_FEW)
     positions = [(time_s - seen[0][0]) * float(fps) for time_s, _ in seen]
     shown = {name: [float(row[name]) for _, row in seen] for name in truth}
     lag, correlations = align(positions, shown, truth)

@@ -2,8 +2,8 @@
 # shellcheck shell=sh
 
 set -eu
-# The clip's frames a second as played here, an eighth of its own: each then gets its pose in spite of the emulation.
-fps=4 speed=0.1333
+# The judge's status when too few frames gave a pose.
+too_few=3
 work=/run/case
 service='' decoder=''
 
@@ -79,17 +79,29 @@ passed() { python3 $work/judge.py passes $work/packets.csv "$@" 2>$work/judged; 
 # counted NAME: this counter of the last status line
 counted() { sed -n "s/.*stopped: .*\\b$1=\\([0-9]*\\).*/\\1/p" $work/log; }
 
-poses() { [ "$(grep -c ',live,' $work/packets.csv)" -ge "$1" ]; }
-
-# show_clip: the service has the clip before its camera, for a whole turn and until most of its frames gave a pose
-show_clip() {
+# shown_at FPS: the service had the clip before its camera for a whole turn; the status is the judge's
+shown_at() {
+    play "$1"
     start_service
-    sleep $((240 / fps + 2))
-    await 120 poses 200
+    sleep $((240 / $1 + 4))
     stop_service
-    grep -o 'camera opened: .*' $work/log
-    python3 $work/judge.py clip $work/packets.csv $work/demo-truth.csv $fps || fail 'the face is not the one of the clip'
+    stop_playing
     [ "$(counted damaged)" = 0 ] || fail "damaged frames: $(counted damaged)"
+    status=0
+    python3 $work/judge.py clip $work/packets.csv $work/demo-truth.csv "$1" || status=$?
+    return $status
+}
+
+# show_clip: the face of the clip reaches the packets. A case says how to play FPS and stop_playing.
+# A busy machine gets another try at half the rate, for a pose that came from too few frames says nothing.
+show_clip() {
+    for rate in 4 2 1; do
+        status=0
+        shown_at $rate || status=$?
+        [ "$status" = $too_few ] || break
+    done
+    grep -o 'camera opened: .*' $work/log
+    [ "$status" = 0 ] || fail 'the face is not the one of the clip'
 }
 
 # refuses STATUS DEVICE FORMAT PATTERN: `facewire check` ends with the status and says the sentence, once

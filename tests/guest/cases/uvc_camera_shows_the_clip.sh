@@ -1,6 +1,7 @@
 #!/bin/sh
 # A USB webcam, by the kernel's own driver, in Motion-JPEG.
 . cases/lib.sh
-uvc-camera plug $work/demo.avi $fps
+play() { uvc-camera plug $work/demo.avi "$1"; }
+stop_playing() { uvc-camera unplug; }
 configure auto
 show_clip

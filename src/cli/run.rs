@@ -64,6 +64,8 @@ impl Program for RunCommand {
 fn start_log(level: LogLevel) -> reload::Handle<LevelFilter, Registry> {
     let (filter, handle) = reload::Layer::new(filter(level));
     let lines = tracing_subscriber::fmt::layer().with_target(false).with_writer(std::io::stderr);
+    // That nobody reads standard error any more would be told on standard error, by a panic.
+    let lines = lines.log_internal_errors(false);
     let registry = tracing_subscriber::registry().with(filter);
     let to_journal = std::env::var_os("JOURNAL_STREAM").is_some();
     if to_journal {

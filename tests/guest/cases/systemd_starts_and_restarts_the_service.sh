@@ -1,0 +1,79 @@
+#!/bin/sh
+# The installed unit: it starts without a camera, as a user of its own, and takes one that comes later; killed, it is
+# back; bad settings are refused while it runs, and end it for good when it starts.
+. cases/lib.sh
+
+configuration=/etc/facewire/facewire.toml
+
+journal() { journalctl --unit facewire --output cat >$work/log; }
+told() { journal && logged "$@"; }
+property() { systemctl show --property "$1" --value facewire; }
+is_active() { [ "$(property ActiveState)" = active ]; }
+is_another() { is_active && [ "$(property MainPID)" != "$1" ]; }
+is_refused() { [ "$(property ActiveState) $(property ExecMainStatus)" = 'failed 78' ]; }
+
+systemd/install --binary facewire --networks networks >$work/installed || fail "$(cat $work/installed)"
+configure /dev/facewire-camera
+install -m 644 $work/facewire.toml $configuration
+python3 $work/packet_decoder.py --seconds 3600 --csv $work/packets.csv 2>$work/refused &
+decoder=$!
+await 20 listening
+
+# The driver, too, comes after the start.
+for module in videobuf2_vmalloc videobuf2_dma_contig videobuf2_memops videobuf2_v4l2 videobuf2_common videodev; do
+    ! grep -q "^$module " /proc/modules || rmmod $module
+done
+! grep -q video4linux /proc/devices || fail 'the driver of cameras is loaded already'
+systemctl start facewire || fail "not started: $(systemctl status facewire)"
+await 10 told 1 'no camera: no camera is called /dev/facewire-camera'
+pid=$(property MainPID)
+# systemd takes dynamic users from 61184 to 65519.
+user=$(property UID)
+[ "$user" -ge 61184 ] || fail "it runs as user $user"
+uvc-camera plug $work/demo.avi 2
+await 30 told 1 'camera opened: UVC Camera'
+await 60 passed live
+echo "as user $user: $(grep 'camera opened' $work/log)"
+
+kill -KILL "$pid"
+await 10 is_another "$pid"
+await 30 told 2 'camera opened: UVC Camera'
+echo "killed, back as $(property StatusText)"
+
+# Stopped, it gives no sign of life any more.
+pid=$(property MainPID)
+kill -STOP "$pid"
+await 20 is_another "$pid"
+await 30 told 3 'camera opened: UVC Camera'
+[ "$(property NRestarts)" = 2 ] || fail "started again $(property NRestarts) times instead of twice"
+echo "stuck, back by the watchdog: $(journalctl --unit facewire --output cat | grep -i watchdog | tail -n 1)"
+
+pid=$(property MainPID)
+printf '[camera]\nfps = 0\n' >>$configuration
+systemctl reload facewire
+await 10 told 1 'settings refused: the old ones stay'
+[ "$(property MainPID)" = "$pid" ] || fail 'bad settings ended the running service'
+systemctl restart facewire 2>$work/said && fail 'it started with bad settings'
+await 10 is_refused
+sleep 2
+is_refused || fail "bad settings: $(systemctl status facewire)"
+echo "bad settings: exit status $(property ExecMainStatus), not started again"
+
+install -D -m 644 -t /etc/systemd/system/facewire.service.d systemd/facewire.service.d/realtime.conf
+{
+    cat $work/facewire.toml
+    printf '[realtime]\nlock_memory = true\npriority = 20\nhot_cpu = 1\n'
+} >$configuration
+systemctl daemon-reload
+systemctl restart facewire || fail "not started: $(systemctl status facewire)"
+await 30 told 4 'camera opened: UVC Camera'
+systemctl kill --signal USR1 facewire
+await 10 told 1 'real time: '
+for grant in 'memory locked' 'sender priority 21' 'hot priority 20' 'hot on CPU 1'; do
+    grep -qE "real time: .*$grant(,|\$)" $work/log || fail "not granted: $grant"
+done
+grep -o 'real time: .*' $work/log | tail -n 1
+systemctl stop facewire
+[ "$(property ExecMainStatus)" = 0 ] || fail "stopped with $(property ExecMainStatus)"
+kill $decoder
+[ ! -s $work/refused ] || fail "refused packets: $(head -n 3 $work/refused)"

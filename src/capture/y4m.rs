@@ -38,7 +38,7 @@ impl<R: Read> Y4mSource<R> {
     pub fn open(mut reader: R, origin: &str) -> Result<Self, CaptureError> {
         let mut line = [0; MAX_LINE_BYTES];
         let (line, ended) = read_line(&mut reader, &mut line)?;
-        let fields = line.strip_prefix(b"YUV4MPEG2 ").ok_or(CaptureError::Y4m("is not a y4m stream"))?;
+        let fields = line.strip_prefix(b"YUV4MPEG2 ").ok_or(CaptureError::Y4m("does not begin with YUV4MPEG2"))?;
         if !ended {
             return Err(CaptureError::Y4m("ends within its header"));
         }

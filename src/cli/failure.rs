@@ -1,6 +1,8 @@
 //! How a command fails: one exit status for each kind of trouble, after `sysexits.h`.
 
+use std::fmt::Display;
 use std::io::{self, ErrorKind, Write as _};
+use std::path::Path;
 use std::process::ExitCode;
 
 use super::monitor::MonitorError;
@@ -35,10 +37,17 @@ impl Failure {
         Self { status: EX_FAILED, message }
     }
 
-    /// A file that cannot be read or written, with its path.
-    pub(super) fn file(path: &std::path::Path, error: &io::Error) -> Self {
+    /// A file that cannot be read.
+    pub(super) fn unreadable(path: &Path, error: &io::Error) -> Self {
         let status = if error.kind() == ErrorKind::NotFound { EX_NOINPUT } else { EX_IOERR };
-        Self { status, message: format!("{}: {error}", path.display()) }
+        Self { status, message: format!("cannot read {}: {error}; check the path and its permissions", path.display()) }
+    }
+
+    /// A file that cannot be written.
+    pub(super) fn unwritable(path: &Path, error: &io::Error) -> Self {
+        let message =
+            format!("cannot write {}: {error}; check the folder, its permissions and the disk", path.display());
+        Self { status: EX_IOERR, message }
     }
 
     pub(super) fn message(&self) -> &str {
@@ -50,11 +59,14 @@ impl Failure {
         if self.message.is_empty() {
             return ExitCode::SUCCESS;
         }
-        for line in self.message.lines() {
-            eprintln!("facewire: {line}");
-        }
+        self.message.lines().for_each(say);
         ExitCode::from(self.status)
     }
+}
+
+/// Says a line on standard error. That nobody listens any more is no failure, and no reason to panic.
+pub(super) fn say(line: impl Display) {
+    let _ = writeln!(io::stderr(), "facewire: {line}");
 }
 
 /// Prints to standard output.
@@ -133,6 +145,10 @@ impl From<ServiceError> for Failure {
 
 impl From<MonitorError> for Failure {
     fn from(error: MonitorError) -> Self {
-        Self::failed(error.to_string())
+        let status = match error {
+            MonitorError::Listen { .. } | MonitorError::NoPacket { .. } => EX_FAILED,
+            MonitorError::Output(_) => EX_IOERR,
+        };
+        Self { status, message: error.to_string() }
     }
 }

@@ -41,6 +41,8 @@ fn start_log(level: LogLevel) {
         LogLevel::Trace => LevelFilter::TRACE,
     };
     let log = tracing_subscriber::fmt().with_max_level(level).with_target(false).with_writer(std::io::stderr);
+    // That nobody reads standard error any more would be told on standard error, by a panic.
+    let log = log.log_internal_errors(false);
     let to_journal = std::env::var_os("JOURNAL_STREAM").is_some();
     if to_journal {
         log.without_time().with_ansi(false).init();

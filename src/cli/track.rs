@@ -13,6 +13,7 @@ use facewire_packet::{BLENDSHAPE_COUNT, Reason, State};
 
 use self::faces::{Face, Faces};
 use self::rows::{Csv, LandmarkFile, Row};
+use super::failure::say;
 use super::monitor::yaw_pitch_roll_deg;
 use super::{Failure, SettingsArgs};
 use crate::pipeline::{Solution, Solver};
@@ -22,7 +23,7 @@ use crate::solve::{NeutralMean, normalise};
 const EXAMPLES: &str = "\
 Examples:
   facewire track demo --out demo.csv
-  ffmpeg -i talk.mp4 -f yuv4mpegpipe -pix_fmt yuv420p - | facewire track - --neutral 0..30 > talk.csv
+  ffmpeg -i talk.mp4 -f yuv4mpegpipe -pix_fmt yuv420p - | facewire track - --neutral 0..30
   facewire track talk.avi --landmarks talk.npy --out talk.csv
   facewire track talk.npy --fps 30 --stage raw";
 
@@ -78,14 +79,16 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
         history: History::default(),
         stage: args.stage,
         csv: Csv::create(args.out.as_deref())?,
-        landmarks: args.landmarks.as_deref().map(LandmarkFile::new),
+        landmarks: args.landmarks.as_deref().map(LandmarkFile::new).transpose()?,
         tally: Tally::default(),
     };
     let begun = Instant::now();
     let outcome = track.all(&mut faces, args.neutral.as_ref());
     // What was solved before the input failed is kept.
     let tally = track.finish()?;
-    eprintln!("facewire: {tally} in {:.1} s", begun.elapsed().as_secs_f64());
+    if outcome.is_ok() || tally.frames > 0 {
+        say(format_args!("{tally} in {:.1} s", begun.elapsed().as_secs_f64()));
+    }
     outcome
 }
 
@@ -168,10 +171,10 @@ impl Track {
     }
 
     fn finish(self) -> Result<Tally, Failure> {
-        self.csv.finish()?;
         if let Some(file) = &self.landmarks {
             file.write()?;
         }
+        self.csv.finish()?;
         Ok(self.tally)
     }
 }
@@ -200,7 +203,7 @@ impl Tally {
         self.faces += u64::from(solved);
         self.damaged += u64::from(face.damaged);
         if self.frames.is_multiple_of(PROGRESS_FRAMES) {
-            eprintln!("facewire: {self}");
+            say(self);
         }
     }
 }

@@ -4,6 +4,8 @@
 //! shares its board with other work. Outputs are preallocated in the run options, which makes a run free of
 //! allocations on the Rust side.
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -32,7 +34,7 @@ impl OnnxRuntimeNetwork {
         threads: usize,
     ) -> Result<Self, InferError> {
         let environment = environment(library)?;
-        let damaged = |reason: String| InferError::Damaged { path: path.to_path_buf(), reason };
+        let damaged = |reason: String| InferError::Damaged { path: path.to_path_buf(), reason: one_line(&reason) };
         let session = session(&environment, path, threads).map_err(|error| damaged(error.to_string()))?;
         check(&session, signature).map_err(damaged)?;
         let options = preallocate(signature).map_err(|error| damaged(error.to_string()))?;
@@ -74,10 +76,27 @@ fn environment(library: &Path) -> Result<Environment, InferError> {
         return Ok(environment.clone());
     }
     let failed = |reason: String| InferError::Library { path: library.to_path_buf(), reason };
+    if !is_whole(library) {
+        return Err(failed("it is cut short or no library".to_owned()));
+    }
     let builder = ort::init_from(library).map_err(|error| failed(error.to_string()))?;
     let environment = builder.with_telemetry(false).build().map_err(|error| failed(error.to_string()))?;
     environment.set_log_level(LogLevel::Error);
     Ok(ENVIRONMENT.get_or_init(|| environment).clone())
+}
+
+/// Whether the file reaches to the end of its section table, which comes last in a library (ELF-64, little-endian).
+/// The loader of the system does not look, and the process would end by a bus error.
+fn is_whole(library: &Path) -> bool {
+    let mut header = [0; 64];
+    let Ok(mut file) = File::open(library) else { return false };
+    if file.read_exact(&mut header).is_err() || !header.starts_with(b"\x7fELF\x02\x01") {
+        return false;
+    }
+    let number =
+        |at: usize, bytes: usize| header.iter().skip(at).take(bytes).rfold(0, |sum, byte| sum << 8 | u64::from(*byte));
+    let [start, entry_bytes, entries] = [number(40, 8), number(58, 2), number(60, 2)];
+    file.metadata().is_ok_and(|found| start.saturating_add(entry_bytes * entries) <= found.len())
 }
 
 fn session(environment: &Environment, path: &Path, threads: usize) -> ort::Result<Session> {
@@ -87,6 +106,11 @@ fn session(environment: &Environment, path: &Path, threads: usize) -> ort::Resul
         .with_intra_op_spinning(false)?
         .with_flush_to_zero()?
         .commit_from_file(path)
+}
+
+/// ONNX Runtime breaks some of its sentences.
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn preallocate(signature: &Signature) -> ort::Result<RunOptions<HasSelectedOutputs>> {

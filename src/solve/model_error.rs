@@ -18,8 +18,13 @@ pub enum ModelError {
         source: std::io::Error,
     },
     /// Not TOML, or not of this layout.
-    #[error("the model file is damaged; restore it or fit it again: {0}")]
-    Damaged(#[from] Box<toml::de::Error>),
+    #[error("the model file is damaged in line {line} ({reason}); restore it or fit it again")]
+    Damaged {
+        /// Where, from 1.
+        line: usize,
+        /// What the parser says.
+        reason: String,
+    },
     /// Made for another version of this program.
     #[error("the model file has format {found}, this program reads format {FORMAT}; fit it again with facewire-fit")]
     WrongFormat {

@@ -20,7 +20,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
     BLENDSHAPES,
@@ -82,11 +82,11 @@ impl ModelFile {
         struct Header {
             format: u32,
         }
-        let Header { format: found } = toml::from_str(text).map_err(Box::new)?;
+        let Header { format: found } = from_toml(text)?;
         if found != FORMAT {
             return Err(ModelError::WrongFormat { found });
         }
-        Ok(toml::from_str(text).map_err(Box::new)?)
+        from_toml(text)
     }
 
     /// Checks every name and number and lays the maps out for the solver.
@@ -99,6 +99,13 @@ impl ModelFile {
             neutral_unknown: map("neutral_unknown", &self.neutral_unknown)?,
         })
     }
+}
+
+fn from_toml<T: DeserializeOwned>(text: &str) -> Result<T, ModelError> {
+    toml::from_str(text).map_err(|error| {
+        let before = text.get(..error.span().map_or(0, |span| span.start)).unwrap_or_default();
+        ModelError::Damaged { line: 1 + before.matches('\n').count(), reason: error.message().to_owned() }
+    })
 }
 
 fn map(table: &'static str, entries: &BTreeMap<String, BlendshapeTable>) -> Result<Map, ModelError> {
@@ -191,8 +198,8 @@ mod tests {
     fn damaged_file_is_refused() {
         let cut = SHIPPED.get(..SHIPPED.len() / 2).expect("plain text");
         assert!(ModelFile::parse(cut).and_then(|file| file.to_model()).is_err());
-        assert!(matches!(ModelFile::parse("format = [1"), Err(ModelError::Damaged(_))));
-        assert!(matches!(ModelFile::parse("format = 1"), Err(ModelError::Damaged(_))));
+        assert!(matches!(ModelFile::parse("\nformat = [1"), Err(ModelError::Damaged { line: 2, .. })));
+        assert!(matches!(ModelFile::parse("format = 1"), Err(ModelError::Damaged { .. })));
     }
 
     #[test]

@@ -9,12 +9,10 @@ use npyz::{DType, NpyFile, TypeChar};
 use super::super::Failure;
 use crate::capture::{CaptureError, Source, open_file};
 use crate::config::Settings;
-use crate::face::{LANDMARKS, Landmarks, Tracker};
+use crate::face::{Landmarks, Tracker};
 use crate::infer::{InferError, NetworkFolder};
 use crate::pipeline::size_px;
 
-/// Numbers of one face in a file.
-const VALUES: usize = 3 * LANDMARKS;
 /// Rate of a film or of points that state none, frames a second.
 const DEFAULT_FPS: f64 = 30.0;
 
@@ -75,7 +73,7 @@ impl Faces {
             }
             Self::Points { left: 0, .. } => Ok(None),
             Self::Points { values, left, number, period_us, size_px } => {
-                let landmarks = next_points(values.as_mut())?;
+                let landmarks = next_points(values.as_mut(), *number)?;
                 let face = Face {
                     number: *number,
                     time_us: stamp_us(*number, *period_us),
@@ -124,7 +122,7 @@ fn find(tracker: &mut Tracker, picture: &crate::capture::Picture) -> Result<Opti
 type Points = (Box<dyn Iterator<Item = std::io::Result<f64>>>, u64);
 
 fn open_points(path: &Path) -> Result<Points, Failure> {
-    let file = File::open(path).map_err(|error| Failure::file(path, &error))?;
+    let file = File::open(path).map_err(|error| Failure::unreadable(path, &error))?;
     let refuse = |reason: &str| {
         let shown = path.display();
         Failure::data(format!("{shown} {reason}; it must hold frames x 478 x 3 floating-point numbers in C order"))
@@ -149,12 +147,12 @@ fn open_points(path: &Path) -> Result<Points, Failure> {
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "landmarks are kept as f32")]
-fn next_points(values: &mut dyn Iterator<Item = std::io::Result<f64>>) -> Result<Box<Landmarks>, Failure> {
+fn next_points(values: &mut dyn Iterator<Item = std::io::Result<f64>>, number: u64) -> Result<Box<Landmarks>, Failure> {
+    let hint = "the frames before it were used, write it again for the rest";
+    let cut = || Failure::data(format!("the .npy file is cut short in frame {number}; {hint}"));
     let mut landmarks = Box::new(Landmarks::zero());
-    let mut count = 0;
-    for (slot, value) in landmarks.0.as_flattened_mut().iter_mut().zip(values) {
-        *slot = value.map_err(|error| Failure::data(format!("the .npy file is cut short: {error}")))? as f32;
-        count += 1;
+    for slot in landmarks.0.as_flattened_mut() {
+        *slot = values.next().and_then(Result::ok).ok_or_else(cut)? as f32;
     }
-    if count == VALUES { Ok(landmarks) } else { Err(Failure::data("the .npy file is cut short".to_owned())) }
+    Ok(landmarks)
 }

@@ -31,7 +31,7 @@ pub(super) struct Csv(BufWriter<Box<dyn Write>>);
 impl Csv {
     pub(super) fn create(path: Option<&Path>) -> Result<Self, Failure> {
         let output: Box<dyn Write> = match path {
-            Some(path) => Box::new(File::create(path).map_err(|error| Failure::file(path, &error))?),
+            Some(path) => Box::new(File::create(path).map_err(|error| Failure::unwritable(path, &error))?),
             None => Box::new(io::stdout()),
         };
         let mut csv = Self(BufWriter::new(output));
@@ -61,8 +61,12 @@ pub(super) struct LandmarkFile {
 }
 
 impl LandmarkFile {
-    pub(super) fn new(path: &Path) -> Self {
-        Self { path: path.to_owned(), values: Vec::new() }
+    /// Tells of a path that cannot be written before a long film is read. What stands there stays until the end: it
+    /// may be the input.
+    pub(super) fn new(path: &Path) -> Result<Self, Failure> {
+        let opened = File::options().append(true).create(true).open(path);
+        opened.map_err(|error| Failure::unwritable(path, &error))?;
+        Ok(Self { path: path.to_owned(), values: Vec::new() })
     }
 
     /// Adds a frame; one without a face is not-a-number throughout.
@@ -74,7 +78,7 @@ impl LandmarkFile {
     }
 
     pub(super) fn write(&self) -> Result<(), Failure> {
-        let failed = |error: io::Error| Failure::file(&self.path, &error);
+        let failed = |error: io::Error| Failure::unwritable(&self.path, &error);
         let file = BufWriter::new(File::create(&self.path).map_err(failed)?);
         let frames = self.values.len() / (3 * LANDMARKS);
         let shape = [frames as u64, LANDMARKS as u64, 3];

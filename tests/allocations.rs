@@ -1,0 +1,147 @@
+//! Between a frame and its packet nothing is allocated on the Rust heap.
+//!
+//! Every allocation of the thread that runs the frames is counted, whatever other threads do meanwhile. What ONNX
+//! Runtime allocates for itself is C++ and not seen here.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::hint::black_box;
+use std::net::UdpSocket;
+use std::sync::Barrier;
+use std::thread;
+
+use allocation_counter::{AllocationInfo, measure};
+use common::film::{demo_y4m, empty_y4m};
+use facewire::capture::{Clip, Source, Y4mSource};
+use facewire::config::{Address, LinkSettings, Settings};
+use facewire::link::Link;
+use facewire::pipeline::{Pipeline, Rejected, Solution};
+use facewire::service::failsafe::{Failsafe, History, News, Pose};
+use facewire_packet::{Reason, State};
+
+/// Frames before anything is counted.
+const WARM_UP: usize = 20;
+
+/// All that a frame passes on its way to a receiver.
+struct Way {
+    pipeline: Pipeline,
+    failsafe: Failsafe,
+    history: History,
+    link: Link,
+    sequence: u16,
+    live: usize,
+    /// Takes what is sent.
+    _receiver: UdpSocket,
+}
+
+impl Way {
+    fn new() -> Self {
+        let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let address = Address::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+        let settings =
+            Settings { links: vec![LinkSettings { address, ..LinkSettings::default() }], ..Settings::default() };
+        Self {
+            pipeline: Pipeline::load(&settings).unwrap_or_else(|error| panic!("{error}")),
+            failsafe: Failsafe::new(&settings.failsafe, settings.send.rate_hz, 33_333),
+            history: History::default(),
+            link: Link::open(&settings.links[0]).unwrap(),
+            sequence: 0,
+            live: 0,
+            _receiver: receiver,
+        }
+    }
+
+    /// One frame from its source to its packet, by the calls of the service.
+    fn frame(&mut self, source: &mut dyn Source) {
+        let frame = source.next().unwrap().unwrap();
+        let (result, now_us) = (self.pipeline.process(&frame), frame.captured_us + 10_000);
+        let pose = result.as_ref().map(pose);
+        let news = match &pose {
+            Ok(pose) => News::Pose(pose, frame.captured_us),
+            Err(Rejected::NoFace) => News::Fault(Reason::NoFace),
+            Err(_) => News::Fault(Reason::BadResult),
+        };
+        let output = self.failsafe.update(&mut self.history, now_us, news);
+        self.link.send(&output.packet(self.sequence));
+        self.sequence = self.sequence.wrapping_add(1);
+        self.live += usize::from(output.state == State::Live);
+    }
+
+    /// What so many frames allocate after the first few.
+    fn allocated(&mut self, source: &mut dyn Source, frames: usize) -> AllocationInfo {
+        (0..WARM_UP).for_each(|_| self.frame(source));
+        self.live = 0;
+        measure(|| (0..frames).for_each(|_| self.frame(source)))
+    }
+}
+
+/// More than the clip has: it begins anew meanwhile.
+#[test]
+fn frames_of_a_motion_jpeg_allocate_nothing() {
+    let mut way = Way::new();
+    let allocated = way.allocated(&mut Clip::looped().unwrap(), 230);
+    assert_eq!(allocated, AllocationInfo::default());
+    assert_eq!((way.live, way.link.counts().sent), (230, 250));
+}
+
+fn pose(solution: &Solution) -> Pose {
+    let Solution { head, smoothed, .. } = solution;
+    Pose { rotation: head.rotation_xyzw, position_mm: head.position_mm, coefficients: smoothed.0 }
+}
+
+#[test]
+fn frames_of_a_y4m_stream_allocate_nothing() {
+    let stream = demo_y4m(WARM_UP + 40);
+    let mut way = Way::new();
+    let allocated = way.allocated(&mut Y4mSource::open(&stream[..], "memory").unwrap(), 40);
+    assert_eq!(allocated, AllocationInfo::default());
+    assert_eq!(way.live, 40);
+}
+
+/// The detector runs on each of them, and the failsafe sends a neutral face.
+#[test]
+fn frames_without_a_face_allocate_nothing() {
+    let stream = empty_y4m(WARM_UP + 40);
+    let mut way = Way::new();
+    let allocated = way.allocated(&mut Y4mSource::open(&stream[..], "memory").unwrap(), 40);
+    assert_eq!(allocated, AllocationInfo::default());
+    assert_eq!((way.live, way.link.counts().sent), (0, 60));
+}
+
+/// A face that is lost, and found by the detector, while everything is counted.
+#[test]
+fn finding_a_lost_face_allocates_nothing() {
+    let mut way = Way::new();
+    let mut clip = Clip::looped().unwrap();
+    (0..WARM_UP).for_each(|_| way.frame(&mut clip));
+    let allocated = measure(|| {
+        for _ in 0..5 {
+            way.pipeline.tracker.forget();
+            way.frame(&mut clip);
+        }
+    });
+    assert_eq!(allocated, AllocationInfo::default());
+}
+
+#[test]
+fn the_counter_sees_boxes_and_growth_of_this_thread_alone() {
+    assert_eq!(measure(|| drop(black_box(Box::new(1_u8)))).count_total, 1);
+    let mut list = Vec::with_capacity(1);
+    list.push(1_u64);
+    assert_eq!(measure(|| list.push(2)).count_total, 1);
+
+    let turn = Barrier::new(2);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            turn.wait();
+            drop(black_box(vec![0_u8; 1000]));
+            turn.wait();
+        });
+        let allocated = measure(|| {
+            turn.wait();
+            turn.wait();
+        });
+        assert_eq!(allocated, AllocationInfo::default());
+    });
+}

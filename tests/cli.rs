@@ -1,0 +1,227 @@
+//! What the commands say of settings, networks, cameras and hosts that are wrong, and of themselves.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::networks::{Networks, content};
+use common::program::{Run, facewire, settings, text};
+use common::skip;
+use facewire::config::{self, Settings};
+use tempfile::NamedTempFile;
+
+/// Runs a command with these settings.
+fn with_settings(command: &[&str], toml: &str) -> Run {
+    let file = settings(toml);
+    Run::of(facewire(command).args(["--config", text(file.path())]))
+}
+
+/// Runs a command with the networks of another folder.
+fn with_networks(command: &[&str], folder: &Path) -> Run {
+    Run::of(facewire(command).env("FACEWIRE_NETWORKS", folder))
+}
+
+/// Commands that read settings, with the least arguments they need.
+const COMMANDS: [&[&str]; 4] = [&["run"], &["check"], &["track", "demo"], &["bench"]];
+
+#[test]
+fn every_fault_of_the_settings_is_named_at_once_before_anything_else_is_tried() {
+    let toml = "\
+[camera]
+widht = 640
+fps = 0
+height = \"480\"
+[networks]
+folder = \"/nowhere\"
+[[link]]
+address = \"nowhere.invalid\"
+";
+    let wants = [
+        ":2: camera.widht is not a setting; did you mean width?",
+        ":3: camera.fps = 0: give a whole number from 1 to 240 (1/s)",
+        ":4: camera.height = \"480\": give a whole number from 120 to 2160 (pixels)",
+        ":8: link.address = \"nowhere.invalid\": give \"host:port\" with a port from 1 to 65535",
+    ];
+    for command in COMMANDS {
+        let run = with_settings(command, toml);
+        let sentences = run.sentences(78);
+        assert_eq!(sentences.len(), wants.len(), "{}", run.err);
+        assert!(sentences.iter().zip(wants).all(|(sentence, want)| sentence.ends_with(want)), "{}", run.err);
+        assert!(run.out.is_empty());
+    }
+}
+
+#[test]
+fn an_unknown_board_is_refused_with_the_names_there_are() {
+    for command in COMMANDS {
+        let run = Run::of(facewire(command).args(["--board", "pi6"]));
+        assert!(run.sentence(78).contains("\"pi6\": not known; give --board one of generic, pi4,"), "{}", run.err);
+    }
+}
+
+#[test]
+fn settings_that_cannot_be_read_are_named() {
+    for path in ["/nowhere/facewire.toml", "/"] {
+        let run = Run::of(&mut facewire(["check", "--config", path]));
+        assert!(run.sentence(78).starts_with(&format!("{path}: cannot be read (")), "{}", run.err);
+    }
+    let binary = NamedTempFile::new().unwrap();
+    fs::write(binary.path(), [0xff; 100]).unwrap();
+    Run::of(&mut facewire(["check", "--config", text(binary.path())])).sentence(78);
+    let run = with_settings(&["check"], "[camera]\nwidth = = 3\n");
+    assert!(run.sentences(78)[0].contains(":2: not valid TOML: "), "{}", run.err);
+}
+
+#[test]
+fn the_printed_defaults_load_back_unchanged() {
+    let defaults = Run::of(&mut facewire(["defaults"])).succeeded().out;
+    let file = settings(&defaults);
+    assert_eq!(config::load(None, Some(file.path())).unwrap(), Settings::default());
+    let demo = defaults.replace("device = \"auto\"", "device = \"demo\"");
+    assert!(with_settings(&["check"], &demo).succeeded().out.starts_with("settings  ok\n"));
+}
+
+#[test]
+fn check_says_of_every_part_that_it_works() {
+    let run = with_settings(&["check"], "[camera]\ndevice = \"demo\"\n[[link]]\naddress = \"localhost:5252\"\n");
+    let want = "\
+settings  ok
+networks  ok: they find the face of the built-in clip
+camera    ok: demo: MJPEG 640x480 at 30 fps
+link      ok: localhost:5252
+";
+    assert_eq!(run.succeeded().out, want);
+}
+
+#[test]
+fn check_goes_on_after_a_fault_and_fails_with_the_first() {
+    let run =
+        with_settings(&["check"], "[camera]\ndevice = \"/dev/null\"\n[[link]]\naddress = \"nowhere.invalid:1\"\n");
+    assert!(run.sentence(66).starts_with("/dev/null is not a camera"), "{}", run.err);
+    for part in ["settings  ok\n", "networks  ok: ", "camera    FAILED: ", "link      FAILED: "] {
+        assert!(run.out.contains(part), "{}", run.out);
+    }
+}
+
+#[test]
+fn missing_networks_are_refused_with_what_to_run() {
+    let empty = tempfile::tempdir().unwrap();
+    let absent = empty.path().join("absent");
+    for command in COMMANDS {
+        let run = with_networks(command, &absent);
+        let sentence = run.sentence(69);
+        assert!(sentence.contains(text(&absent)) && sentence.contains("run scripts/setup"), "{sentence}");
+        let run = with_networks(command, empty.path());
+        assert!(run.sentence(69).contains("detector.onnx is missing: run scripts/setup again"), "{}", run.err);
+    }
+}
+
+#[test]
+fn a_damaged_network_is_named() {
+    let mesh = content("mesh.onnx");
+    let garbled: Vec<u8> = mesh.iter().map(|byte| byte ^ 0x55).collect();
+    for damaged in [&mesh[..mesh.len() / 2], &mesh[..mesh.len() - 1], &garbled, &content("detector.onnx"), b""] {
+        let networks = Networks::copy().with("mesh.onnx", damaged);
+        let run = with_networks(&["track", "demo"], networks.path());
+        let sentence = run.sentence(69);
+        assert!(sentence.contains("mesh.onnx is damaged or of another version ("), "{sentence}");
+        assert!(run.out.is_empty());
+    }
+}
+
+#[test]
+fn a_missing_or_wrong_onnx_runtime_is_named() {
+    let library = "libonnxruntime.so";
+    let run = with_networks(&["track", "demo"], Networks::copy().without(library).path());
+    assert!(run.sentence(69).contains("libonnxruntime.so is missing: run scripts/setup again"), "{}", run.err);
+    let whole = content(library);
+    for wrong in [&b"a letter"[..], b"", &whole[..whole.len() / 2], &whole[..whole.len() - 1]] {
+        let run = with_networks(&["track", "demo"], Networks::copy().with(library, wrong).path());
+        assert!(run.sentence(69).starts_with("ONNX Runtime cannot be loaded from "), "{}", run.err);
+    }
+}
+
+#[test]
+fn a_missing_or_damaged_model_is_named() {
+    let shipped = include_str!("../models/blendshapes.toml");
+    let without_jaw = shipped.replace(".jawOpen", ".jawOpened");
+    let cases = [
+        (&shipped[..20_000], "is damaged in line"),
+        ("", "is damaged in line 1"),
+        ("format = 99\n", "has format 99"),
+        (&without_jaw, "jawOpened"),
+    ];
+    for (content, reason) in cases {
+        let model = settings(content);
+        let toml = format!("[solver]\nmodel = \"{}\"\n", text(model.path()));
+        let run = with_settings(&["track", "demo"], &toml);
+        let sentence = run.sentence(78);
+        assert!(sentence.contains(text(model.path())) && sentence.contains(reason), "{sentence}");
+    }
+    let run = with_settings(&["check"], "[solver]\nmodel = \"/nowhere/model.toml\"\n");
+    assert!(run.sentence(78).contains("/nowhere/model.toml cannot be read"), "{}", run.err);
+}
+
+#[test]
+fn a_host_that_does_not_resolve_is_named() {
+    let toml = "[camera]\ndevice = \"demo\"\n[[link]]\naddress = \"nowhere.invalid:5252\"\n";
+    for command in ["run", "check"] {
+        let run = with_settings(&[command], toml);
+        assert!(run.sentence(68).starts_with("link nowhere.invalid:5252: the host does not resolve"), "{}", run.err);
+    }
+}
+
+#[test]
+fn what_is_no_camera_is_refused_by_name() {
+    for device in
+        ["/dev/null", "/dev/tty", "/dev/zero", "/", "/etc/passwd", "/dev/video99", "/nowhere", "no such camera"]
+    {
+        let run = with_settings(&["check"], &format!("[camera]\ndevice = \"{device}\"\n"));
+        run.sentence(66);
+        assert!(run.out.contains("camera    FAILED: "), "{}", run.out);
+    }
+    let run = with_settings(&["check"], "[camera]\ndevice = \"/dev/null\"\n");
+    assert!(run.sentence(66).starts_with("/dev/null is not a camera that captures pictures"), "{}", run.err);
+}
+
+#[test]
+fn without_any_camera_check_says_so() {
+    if Path::new("/dev/video0").exists() {
+        return skip("without_any_camera_check_says_so", "this machine has a camera");
+    }
+    let run = Run::of(&mut facewire(["check"]));
+    assert!(run.sentence(66).starts_with("there is no camera; plug one in"), "{}", run.err);
+    assert!(Run::of(&mut facewire(["devices"])).succeeded().out.starts_with("no camera\n"));
+}
+
+#[test]
+fn help_explains_every_subcommand_and_its_arguments() {
+    let overview = Run::of(&mut facewire(["--help"])).succeeded().out;
+    assert!(overview.contains("Examples:") && overview.contains("Exit status:"), "{overview}");
+    for command in ["run", "track", "bench", "check", "devices", "defaults", "monitor"] {
+        assert!(overview.contains(&format!("\n  {command} ")), "{overview}");
+        let help = Run::of(&mut facewire([command, "--help"])).succeeded().out;
+        assert!(help.contains(&format!("Usage: facewire {command}")), "{help}");
+        let lines: Vec<&str> = help.lines().map(str::trim).collect();
+        let arguments =
+            lines.windows(2).filter(|pair| ["<", "[INPUT]", "-"].iter().any(|sign| pair[0].starts_with(sign)));
+        for pair in arguments {
+            let described = pair[0].contains("  ") || !pair[1].is_empty();
+            assert!(described, "{command}: {}", pair[0]);
+        }
+    }
+    assert_eq!(
+        Run::of(&mut facewire(["--version"])).succeeded().out,
+        format!("facewire {}\n", env!("CARGO_PKG_VERSION"))
+    );
+}
+
+#[test]
+fn unknown_subcommands_and_none_at_all_are_wrong_arguments() {
+    let run = Run::of(&mut facewire(["frobnicate"]));
+    assert!(run.status == Some(2) && run.err.contains("frobnicate"), "{}", run.err);
+    let run = Run::of(&mut facewire::<&str>([]));
+    assert!(run.status == Some(2) && run.err.contains("Usage: facewire"), "{}", run.err);
+}

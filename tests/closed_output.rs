@@ -1,0 +1,60 @@
+//! Outputs that nobody reads any more, and full disks.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::fs::File;
+use std::io::{Write as _, pipe};
+use std::process::Stdio;
+
+use common::film::demo_y4m;
+use common::program::{Run, facewire, text};
+use tempfile::NamedTempFile;
+
+/// The writing end of a pipe that has no reader.
+fn closed() -> Stdio {
+    pipe().unwrap().1.into()
+}
+
+fn short_film() -> NamedTempFile {
+    let mut film = NamedTempFile::with_suffix(".y4m").unwrap();
+    film.write_all(&demo_y4m(3)).unwrap();
+    film
+}
+
+/// As `facewire ... | head -1` does.
+#[test]
+fn standard_output_that_is_closed_early_is_no_failure() {
+    let film = short_film();
+    let film = text(film.path());
+    for command in
+        [&["track", film][..], &["bench", film, "--rounds", "1"], &["check"], &["defaults"], &["devices"], &["--help"]]
+    {
+        let run = Run::ended(&facewire(command).stdout(closed()).output().unwrap()).succeeded();
+        assert!(run.err.is_empty() || run.err.contains("3 frames, "), "{command:?}: {}", run.err);
+    }
+}
+
+#[test]
+fn standard_error_that_is_closed_changes_no_exit_status() {
+    let film = short_film();
+    for (command, status) in [
+        (&["track", text(film.path())][..], 0),
+        (&["track", "/nowhere/film.avi"], 66),
+        (&["check", "--board", "pi6"], 78),
+        (&["frobnicate"], 2),
+    ] {
+        let ended = facewire(command).stderr(closed()).output().unwrap();
+        assert_eq!(ended.status.code(), Some(status), "{command:?}");
+    }
+}
+
+#[test]
+fn standard_output_on_a_full_disk_is_told() {
+    let film = short_film();
+    for command in [&["track", text(film.path())][..], &["check"], &["defaults"], &["devices"]] {
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        let run = Run::ended(&facewire(command).stdout(full).output().unwrap());
+        assert!(run.sentence(74).contains("No space left on device"), "{command:?}: {}", run.err);
+    }
+}

@@ -1,0 +1,89 @@
+//! The program, run as a user runs it.
+
+use std::ffi::OsStr;
+use std::io::Write as _;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::thread;
+
+use tempfile::NamedTempFile;
+
+/// The program with these arguments.
+pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
+    command.args(arguments);
+    command
+}
+
+/// A path as an argument.
+pub fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// A file of settings.
+pub fn settings(toml: &str) -> NamedTempFile {
+    let mut file = NamedTempFile::with_suffix(".toml").unwrap();
+    file.write_all(toml.as_bytes()).unwrap();
+    file
+}
+
+/// Tracks a y4m stream on standard input.
+pub fn track_stream(stream: &[u8]) -> Run {
+    Run::fed(&mut facewire(["track", "-"]), stream)
+}
+
+/// A run that has ended.
+#[derive(Debug)]
+pub struct Run {
+    pub status: Option<i32>,
+    pub out: String,
+    pub err: String,
+}
+
+impl Run {
+    /// Runs to the end, with nothing on standard input.
+    pub fn of(command: &mut Command) -> Self {
+        Self::ended(&command.stdin(Stdio::null()).output().unwrap())
+    }
+
+    /// Runs to the end with these bytes on standard input.
+    pub fn fed(command: &mut Command, input: &[u8]) -> Self {
+        let command = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let mut stdin = child.stdin.take().unwrap();
+        let output = thread::scope(|scope| {
+            // A program that refuses its input closes it early.
+            scope.spawn(move || drop(stdin.write_all(input)));
+            child.wait_with_output().unwrap()
+        });
+        Self::ended(&output)
+    }
+
+    /// What is left of a process; a panic fails the test whatever was expected.
+    pub fn ended(output: &Output) -> Self {
+        let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+        let run = Self { status: output.status.code(), out: text(&output.stdout), err: text(&output.stderr) };
+        assert!(!run.err.contains("panicked"), "{run:?}");
+        run
+    }
+
+    /// The run, if it succeeded.
+    pub fn succeeded(self) -> Self {
+        assert_eq!(self.status, Some(0), "{}", self.err);
+        self
+    }
+
+    /// The sentences of a run that failed with `status`: all that stands on standard error but the count of frames.
+    pub fn sentences(&self, status: i32) -> Vec<&str> {
+        assert_eq!(self.status, Some(status), "{}", self.err);
+        let named = |line| str::strip_prefix(line, "facewire: ").unwrap_or_else(|| panic!("not a sentence: {line}"));
+        self.err.lines().map(named).filter(|line| !line.contains(" frames, ")).collect()
+    }
+
+    /// The only sentence of a run that failed with `status`.
+    pub fn sentence(&self, status: i32) -> &str {
+        let sentences = self.sentences(status);
+        assert_eq!(sentences.len(), 1, "{}", self.err);
+        sentences[0]
+    }
+}

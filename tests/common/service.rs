@@ -1,0 +1,109 @@
+//! A running service and a receiver of its packets.
+
+use std::net::UdpSocket;
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use facewire_packet::{PACKET_BYTES, Packet};
+use rustix::process::{Pid, Signal, kill_process};
+use tempfile::NamedTempFile;
+
+use super::program::{Run, facewire, settings, text};
+
+/// Longer than anything here takes on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// `facewire run` in the background. It is killed when the test ends, however that ends.
+pub struct Service {
+    child: Option<Child>,
+    _settings: NamedTempFile,
+}
+
+impl Service {
+    /// Starts it with these settings and one link to each receiver.
+    pub fn start(toml: &str, addresses: &[String]) -> Self {
+        Self::start_logging_to(toml, addresses, Stdio::piped())
+    }
+
+    /// The same, with standard error going elsewhere.
+    pub fn start_logging_to(toml: &str, addresses: &[String], log: Stdio) -> Self {
+        let links: Vec<String> =
+            addresses.iter().map(|address| format!("[[link]]\naddress = \"{address}\"\n")).collect();
+        let settings = settings(&[toml, &links.concat()].concat());
+        let mut command = facewire(["run", "--config", text(settings.path())]);
+        Self { child: Some(started(command.stderr(log))), _settings: settings }
+    }
+
+    /// Sends the signal; gives how the process ended and how long that took.
+    pub fn stop(mut self, signal: Signal) -> (Run, Duration) {
+        let mut child = self.child.take().unwrap();
+        kill_process(Pid::from_child(&child), signal).unwrap();
+        let told = Instant::now();
+        while child.try_wait().unwrap().is_none() {
+            if told.elapsed() > PATIENCE {
+                child.kill().unwrap();
+            }
+            sleep(Duration::from_millis(5));
+        }
+        let took = told.elapsed();
+        (Run::ended(&child.wait_with_output().unwrap()), took)
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            child.kill().unwrap();
+            child.wait().unwrap();
+        }
+    }
+}
+
+fn started(command: &mut Command) -> Child {
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap()
+}
+
+/// Listens at a port of its own.
+pub struct Receiver(UdpSocket);
+
+impl Receiver {
+    pub fn new() -> Self {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        Self(socket)
+    }
+
+    pub fn port(&self) -> u16 {
+        self.0.local_addr().unwrap().port()
+    }
+
+    pub fn address(&self) -> String {
+        self.0.local_addr().unwrap().to_string()
+    }
+
+    /// The next packet, which must be valid and come within 5 seconds.
+    pub fn packet(&self) -> Packet {
+        let mut bytes = [0; PACKET_BYTES + 1];
+        let length = self.0.recv(&mut bytes).unwrap_or_else(|error| panic!("no packet came: {error}"));
+        Packet::decode(&bytes[..length]).unwrap()
+    }
+
+    /// Packets up to the first that is wanted.
+    pub fn until(&self, wanted: impl Fn(&Packet) -> bool) -> Vec<Packet> {
+        let begun = Instant::now();
+        let mut packets = vec![self.packet()];
+        while !packets.last().is_some_and(&wanted) {
+            assert!(begun.elapsed() < PATIENCE, "{:?}", packets.last());
+            packets.push(self.packet());
+        }
+        packets
+    }
+
+    /// What has come and was not taken.
+    pub fn rest(&self) -> Vec<Packet> {
+        self.0.set_nonblocking(true).unwrap();
+        let waits = || self.0.peek(&mut [0; PACKET_BYTES]).is_ok();
+        std::iter::from_fn(|| waits().then(|| self.packet())).collect()
+    }
+}

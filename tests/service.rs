@@ -1,0 +1,132 @@
+//! `facewire run` from camera to receivers, and `facewire monitor`.
+//!
+//! Times have wide margins: the machine may be busy.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+#![allow(clippy::float_cmp, reason = "a neutral face is 0 exactly")]
+
+mod common;
+
+use std::io::pipe;
+use std::time::{Duration, Instant};
+
+use common::program::{Run, facewire};
+use common::service::{Receiver, Service};
+use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
+use rustix::process::Signal;
+use serde_json::Value;
+
+const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
+const NO_CAMERA: &str = "[camera]\ndevice = \"/dev/video99\"\n";
+/// From the signal to the end of the process.
+const LONGEST_STOP: Duration = Duration::from_secs(2);
+
+/// Checks that no packet was lost and none came twice, from the very first.
+fn assert_numbered(packets: &[Packet]) {
+    assert!(packets.iter().map(|packet| usize::from(packet.sequence)).eq(0..packets.len()));
+}
+
+/// Checks that the last word was three neutral faces, and how the process ended.
+fn assert_stopped(packets: &[Packet], (run, took): (Run, Duration)) -> String {
+    assert!(took < LONGEST_STOP, "{took:?}");
+    let last_words = packets.iter().filter(|packet| packet.reason == Reason::Stopping).count();
+    assert_eq!(last_words, 3);
+    for packet in &packets[packets.len() - 3..] {
+        assert_eq!((packet.state, packet.reason), (State::Neutral, Reason::Stopping));
+        assert_eq!((packet.rotation, packet.coefficients), ([0.0, 0.0, 0.0, 1.0], [0.0; BLENDSHAPES.len()]));
+    }
+    run.succeeded().err
+}
+
+#[test]
+fn every_receiver_sees_the_face_go_live_and_stop_neutral() {
+    let [first, second] = [Receiver::new(), Receiver::new()];
+    let service = Service::start(DEMO, &[first.address(), format!("localhost:{}", second.port())]);
+    let mut packets = first.until(|packet| packet.state == State::Live);
+    assert!(packets.split_last().unwrap().1.iter().all(|packet| packet.state == State::Neutral));
+    packets.extend((0..40).map(|_| first.packet()));
+    let ended = service.stop(Signal::TERM);
+    packets.extend(first.rest());
+
+    assert_numbered(&packets);
+    assert_eq!(packets, second.rest(), "to the second receiver go the same packets");
+    let log = assert_stopped(&packets, ended);
+    assert!(log.contains("camera opened: demo: MJPEG 640x480 at 30 fps"), "{log}");
+    assert!(log.contains("stopped: frames="), "{log}");
+}
+
+#[test]
+fn live_packets_follow_the_face() {
+    let receiver = Receiver::new();
+    let _service = Service::start(DEMO, &[receiver.address()]);
+    receiver.until(|packet| packet.state == State::Live);
+    let packets: Vec<Packet> =
+        (0..60).map(|_| receiver.packet()).filter(|packet| packet.state == State::Live).collect();
+    let captures = packets.windows(2).filter(|pair| pair[0].capture_us != pair[1].capture_us).count();
+    let moves = packets.windows(2).filter(|pair| pair[0].coefficients != pair[1].coefficients).count();
+    assert!(captures > 10 && moves > 10, "{captures} {moves} of {}", packets.len());
+    for packet in &packets {
+        assert_eq!(packet.reason, Reason::None);
+        assert!(packet.age_us < 1_000_000, "{packet:?}");
+        assert!(packet.coefficients.iter().any(|value| *value > 0.02), "{packet:?}");
+        let [x, y, z, w] = packet.rotation;
+        assert!((x * x + y * y + z * z + w * w - 1.0).abs() < 1e-3, "{packet:?}");
+        assert!(packet.position_mm[2] > 100.0, "in front of the camera: {packet:?}");
+    }
+}
+
+#[test]
+fn without_a_camera_the_face_is_neutral_10_times_a_second_and_the_log_says_why() {
+    let receiver = Receiver::new();
+    let service = Service::start(NO_CAMERA, &[receiver.address()]);
+    let mut packets = vec![receiver.packet()];
+    let begun = Instant::now();
+    packets.extend((0..20).map(|_| receiver.packet()));
+    let took_s = begun.elapsed().as_secs_f64();
+    assert!((1.5..4.0).contains(&took_s), "20 packets in {took_s} s");
+    for packet in &packets {
+        assert_eq!((packet.state, packet.reason), (State::Neutral, Reason::NoCamera));
+        assert_eq!(packet.coefficients, [0.0; BLENDSHAPES.len()]);
+    }
+    let ended = service.stop(Signal::TERM);
+    packets.extend(receiver.rest());
+    assert_numbered(&packets);
+    let log = assert_stopped(&packets, ended);
+    assert_eq!(log.matches("no camera: no camera is called /dev/video99").count(), 1, "told once: {log}");
+}
+
+#[test]
+fn a_log_that_nobody_reads_ends_no_service() {
+    let receiver = Receiver::new();
+    let service = Service::start_logging_to(DEMO, &[receiver.address()], pipe().unwrap().1.into());
+    let mut packets = receiver.until(|packet| packet.state == State::Live);
+    let ended = service.stop(Signal::INT);
+    packets.extend(receiver.rest());
+    assert_stopped(&packets, ended);
+}
+
+#[test]
+fn the_monitor_writes_each_packet_as_a_line_of_json() {
+    let port = Receiver::new().port();
+    let address = format!("127.0.0.1:{port}");
+    let _service = Service::start(DEMO, std::slice::from_ref(&address));
+    let mut monitor = facewire(["monitor", "--json", "--packets", "5", "--seconds", "20", "--listen", &address]);
+    let run = Run::of(&mut monitor).succeeded();
+    assert!(run.err.starts_with("5 packets in "), "{}", run.err);
+    let lines: Vec<Value> = run.out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines.len(), 5);
+    for (line, before) in lines.iter().zip(lines[0]["sequence"].as_u64().unwrap()..) {
+        assert_eq!(line["sequence"], before);
+        assert!(["live", "neutral"].contains(&line["state"].as_str().unwrap()), "{line}");
+        let names = line["coefficients"].as_object().unwrap();
+        assert!(names.len() == BLENDSHAPES.len() && BLENDSHAPES.iter().all(|name| names.contains_key(*name)), "{line}");
+    }
+}
+
+#[test]
+fn the_monitor_of_a_silent_or_taken_port_fails_with_what_to_check() {
+    let receiver = Receiver::new();
+    let run = Run::of(&mut facewire(["monitor", "--listen", &receiver.address()]));
+    assert!(run.sentence(1).contains("give --listen another address"), "{}", run.err);
+    let run = Run::of(&mut facewire(["monitor", "--listen", "127.0.0.1:0", "--seconds", "0.2"]));
+    assert!(run.sentence(1).contains("no packet came to "), "{}", run.err);
+}

@@ -46,7 +46,7 @@ section! {
         /// Camera: "auto" (the first one), "/dev/video0" or a link to it, part of a camera's name, or "demo" (the built-in
         /// clip played as a camera). `facewire devices` lists what there is.
         device: String = "auto".to_owned(), (), "";
-        /// Picture width. The camera's nearest mode is taken.
+        /// Picture width. Of the camera's modes that reach `fps`, the nearest is taken.
         width: u32 = 640, 160..=3840, " (pixels)";
         /// Picture height.
         height: u32 = 480, 120..=2160, " (pixels)";

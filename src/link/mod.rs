@@ -2,14 +2,18 @@
 //!
 //! Role: each [`Link`] takes the packet to one receiver.
 //! Contract: once open, a link never fails, blocks or allocates: what could not be sent is counted, because the
-//! receiver may come, go and come back at any time.
+//! receiver may come, go and come back at any time. No link waits for another.
 //! Limits: nothing is queued or sent again. The next packet is newer.
 
+mod serial;
 mod udp;
 
-pub use udp::UdpLink;
+use std::time::Duration;
 
 use facewire_packet::Packet;
+
+pub use serial::{PortError, PortTrouble, SerialLink, open_port};
+pub use udp::UdpLink;
 
 use crate::config::{LinkKind, LinkSettings};
 
@@ -18,6 +22,8 @@ use crate::config::{LinkKind, LinkSettings};
 pub enum Link {
     /// Packets of version 1, each one datagram.
     Udp(UdpLink),
+    /// Packets of version 1, each one frame.
+    Serial(SerialLink),
 }
 
 /// Why a link cannot be opened.
@@ -41,25 +47,52 @@ pub enum LinkError {
         /// What the system says.
         error: std::io::Error,
     },
+    /// The serial port does not open.
+    #[error("link {0}")]
+    Port(#[from] PortError),
+    /// The system gives no thread.
+    #[error("link {link}: no thread ({error}); raise the limit of threads")]
+    Thread {
+        /// Where the link leads.
+        link: String,
+        /// What the system says.
+        error: std::io::Error,
+    },
 }
 
 /// What became of the packets of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LinkCounts {
-    /// Given to the network.
+    /// Given to the network or the serial port.
     pub sent: u64,
-    /// Dropped because the network took none, as when a cable is out.
+    /// Dropped because it took none, as when a cable is out.
     pub dropped: u64,
 }
 
 impl Link {
-    /// Opens the link. Names are resolved here, once.
+    /// Opens the link. Names are resolved here, once; a serial port is opened, now and ever again, by the link's own
+    /// thread.
     ///
     /// # Errors
-    /// The host does not resolve, or there is no socket. Neither is for ever: try again later.
+    /// The host does not resolve, or the system gives no socket or thread. None is for ever: try again later.
     pub fn open(settings: &LinkSettings) -> Result<Self, LinkError> {
         match settings.kind {
             LinkKind::Udp => UdpLink::open(&settings.address).map(Self::Udp),
+            LinkKind::Serial => SerialLink::open(&settings.device, settings.baud).map(Self::Serial),
+        }
+    }
+
+    /// Says where the link leads if it opens at this moment. Nothing is sent.
+    ///
+    /// # Errors
+    /// Why it does not open.
+    pub fn check(settings: &LinkSettings) -> Result<String, LinkError> {
+        match settings.kind {
+            LinkKind::Udp => UdpLink::open(&settings.address).map(|_| settings.address.to_string()),
+            LinkKind::Serial => {
+                open_port(&settings.device, settings.baud, Duration::ZERO)?;
+                Ok(format!("{} at {} baud", settings.device.display(), settings.baud))
+            }
         }
     }
 
@@ -67,6 +100,7 @@ impl Link {
     pub fn send(&mut self, packet: &Packet) {
         match self {
             Self::Udp(link) => link.send(packet),
+            Self::Serial(link) => link.send(packet),
         }
     }
 
@@ -75,6 +109,16 @@ impl Link {
     pub fn counts(&self) -> LinkCounts {
         match self {
             Self::Udp(link) => link.counts(),
+            Self::Serial(link) => link.counts(),
+        }
+    }
+
+    /// Whether packets have a way out at present.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        match self {
+            Self::Udp(_) => true,
+            Self::Serial(link) => link.is_open(),
         }
     }
 }

@@ -8,8 +8,6 @@
 
 mod line;
 mod port;
-#[cfg(test)]
-mod tests;
 
 use std::{
     path::Path,

@@ -1,7 +1,7 @@
 //! The thread of a serial link: opens the port, writes the newest packet, and on any error opens it again.
 
 use std::{
-    io::{self, Write as _},
+    io::{self, ErrorKind, Write as _},
     path::PathBuf,
     sync::{
         Arc,
@@ -115,12 +115,12 @@ impl Line {
 
     fn write(&self, port: &mut Port) -> io::Result<()> {
         let took_before = port.takes;
-        if port.write(&self.newest.peek_output_buffer().encode_frame())? {
-            self.shared.sent.fetch_add(1, Relaxed);
-        } else {
-            self.shared.drop_one();
+        let took = port.write(&self.newest.peek_output_buffer().encode_frame());
+        match took {
+            Ok(true) => _ = self.shared.sent.fetch_add(1, Relaxed),
+            Ok(false) | Err(_) => self.shared.drop_one(),
         }
-        if took_before && !port.takes {
+        if !took? && took_before {
             tracing::warn!("link {}: it takes no packets; check that the receiver reads", self.device.display());
         }
         Ok(())
@@ -162,15 +162,19 @@ impl Port {
     fn write(&mut self, frame: &[u8; FRAME_BYTES]) -> io::Result<bool> {
         // What the board says is for nobody; left unread, it could make the board wait.
         let _ = self.tty.clear(ClearBuffer::Input);
-        self.takes = match self.tty.write(frame) {
-            Ok(bytes) => bytes == FRAME_BYTES,
-            Err(error) => match error.kind() {
-                io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => false,
-                _ => return Err(error),
-            },
+        let took = match self.tty.write(frame) {
+            Ok(bytes) => Ok(bytes == FRAME_BYTES),
+            Err(error) if is_wait(&error) => Ok(false),
+            Err(error) => Err(error),
         };
-        Ok(self.takes)
+        self.takes = matches!(took, Ok(true));
+        took
     }
+}
+
+/// Whether nothing is wrong but that there was no room in time.
+fn is_wait(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
 impl Drop for Port {

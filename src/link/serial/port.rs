@@ -53,7 +53,7 @@ pub enum PortTrouble {
 
 impl PortError {
     /// The port and what is wrong with it.
-    pub(super) fn new(device: &Path, trouble: PortTrouble) -> Self {
+    fn new(device: &Path, trouble: PortTrouble) -> Self {
         Self { device: device.to_owned(), trouble }
     }
 
@@ -109,4 +109,23 @@ fn prepared(device: &Path) -> Result<OwnedFd, PortTrouble> {
     modes.control_modes.remove(ControlModes::HUPCL);
     tcsetattr(&port, OptionalActions::Now, &modes)?;
     Ok(port)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missing_rights_name_the_group() {
+        let error = PortError::new(Path::new("/dev/ttyUSB0"), Errno::ACCESS.into());
+        let want = "/dev/ttyUSB0: this user may not open it; add the user to the group dialout and log in again";
+        assert_eq!(error.to_string(), want);
+    }
+
+    #[test]
+    fn a_lock_of_another_program_is_busy_whichever_way_it_is_told() {
+        let locked = serialport::Error::new(ErrorKind::NoDevice, "Unable to acquire exclusive lock on serial port");
+        assert_eq!(PortTrouble::from(locked), PortTrouble::Busy);
+        assert_eq!(PortTrouble::from(Errno::BUSY), PortTrouble::Busy);
+    }
 }

@@ -46,7 +46,11 @@ impl Board {
         let mut modes = tcgetattr(&port).unwrap();
         modes.make_raw();
         tcsetattr(&port, OptionalActions::Now, &modes).unwrap();
-        while port.write(&[1]).is_ok() {}
+        // The system moves bytes on at leisure, which makes room again.
+        let mut fill = || std::iter::repeat_with(|| port.write(&[1])).take_while(Result::is_ok).count();
+        while fill() > 0 {
+            thread::sleep(Duration::from_millis(50));
+        }
         port
     }
 
@@ -94,9 +98,13 @@ impl StablePath {
         self.0.path().join("board")
     }
 
+    /// Pulls the board: its path goes before its node, which another board may get at once.
+    pub fn pull(&self, board: Board) {
+        fs::remove_file(self.path()).unwrap();
+        drop(board);
+    }
+
     pub fn leads_to(&self, board: &Board) {
-        let new = self.0.path().join("new");
-        symlink(&board.device, &new).unwrap();
-        fs::rename(new, self.path()).unwrap();
+        symlink(&board.device, self.path()).unwrap();
     }
 }

@@ -1,4 +1,4 @@
-//! The C header decodes what the crate encodes.
+//! The C header decodes what the crate encodes, and the Arduino sketch moves by it.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
 use std::{
@@ -11,24 +11,27 @@ use std::{
 
 use facewire_packet::{BLENDSHAPES, DecodeError, FrameReader, Packet, Reason, State};
 
-static DECODER: LazyLock<PathBuf> = LazyLock::new(|| compiled("decode"));
-static FEEDER: LazyLock<PathBuf> = LazyLock::new(|| compiled("feed"));
+static DECODER: LazyLock<PathBuf> = LazyLock::new(|| compiled("decode.c", "CC", "cc", "-std=c99"));
+static FEEDER: LazyLock<PathBuf> = LazyLock::new(|| compiled("feed.c", "CC", "cc", "-std=c99"));
+static SKETCH: LazyLock<PathBuf> = LazyLock::new(|| compiled("arduino/main.cpp", "CXX", "c++", "-std=c++11"));
 
 /// A program of this folder, compiled once with every warning an error.
-fn compiled(name: &str) -> PathBuf {
+fn compiled(source: &str, variable: &str, compiler: &str, standard: &str) -> PathBuf {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("facewire_{name}"));
-    let compiler = env::var_os("CC").unwrap_or_else(|| "cc".into());
+    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(source.replace(['/', '.'], "_"));
+    let compiler = env::var_os(variable).unwrap_or_else(|| compiler.into());
     let status = Command::new(compiler)
-        .args(["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"])
+        .args([standard, "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"])
         .arg("-I")
         .arg(package.join("include"))
-        .arg(package.join("tests").join(name).with_extension("c"))
+        .arg("-I")
+        .arg(package.join("tests/arduino"))
+        .arg(package.join("tests").join(source))
         .arg("-o")
         .arg(&program)
         .status()
         .unwrap();
-    assert!(status.success(), "the C compiler refuses the header");
+    assert!(status.success(), "the compiler refuses {source}");
     program
 }
 
@@ -115,6 +118,19 @@ fn c_finds_on_a_line_what_the_crate_finds_there() {
     let found = read_by_rust(&line);
     assert!([-1, -6, 65535].iter().all(|number| found.contains(number)));
     assert_eq!(printed(&FEEDER, &line), found);
+}
+
+#[test]
+fn the_arduino_sketch_follows_the_face_and_goes_neutral_when_packets_stop() {
+    let mut packet = packet();
+    for (index, value) in [(17, 0.5), (0, 1.0), (7, 0.0)] {
+        packet.coefficients[index] = value;
+    }
+    // The servos travel at their bounded speed during three packets.
+    let line = packet.encode_frame().repeat(3);
+    assert_eq!(printed(&SKETCH, &line), [1300, 1200, 1200, 1000, 1800, 1200]);
+    let cut = &packet.encode_frame()[..100];
+    assert_eq!(printed(&SKETCH, cut), [1000, 1800, 1200, 1000, 1800, 1200]);
 }
 
 #[test]

@@ -144,7 +144,7 @@ fn a_board_pulled_and_plugged_in_again_is_back_within_1_5_s_and_nothing_else_sto
     }
     let log = text(&service.stop().stderr);
     assert_eq!(log.matches("link opened").count(), 3, "{log}");
-    assert_eq!(log.matches("no link: ").count(), 4, "lost and not found, each told once: {log}");
+    assert_eq!(log.matches("no link ").count(), 4, "lost and not found, each told once: {log}");
 }
 
 #[test]
@@ -157,6 +157,15 @@ fn a_port_that_is_missing_at_the_start_keeps_nothing_from_starting() {
     board.next();
     let log = text(&service.stop().stderr);
     assert!(log.contains("there is no such serial port; plug it in"), "{log}");
+}
+
+#[test]
+fn a_host_that_does_not_resolve_keeps_nothing_from_the_serial_line() {
+    let mut board = Board::plugged_in();
+    let service = Service::with(&(serial(&board.device) + "[[link]]\naddress = \"nowhere.invalid:5252\"\n"));
+    board.next();
+    let log = text(&service.stop().stderr);
+    assert!(log.contains("no link nowhere.invalid:5252: the host does not resolve ("), "{log}");
 }
 
 /// What `facewire check` says, and how it ends.

@@ -5,6 +5,7 @@
 //! receiver may come, go and come back at any time. No link waits for another.
 //! Limits: nothing is queued or sent again. The next packet is newer.
 
+mod retry;
 mod serial;
 mod udp;
 
@@ -70,11 +71,11 @@ pub struct LinkCounts {
 }
 
 impl Link {
-    /// Opens the link. Names are resolved here, once; a serial port is opened, now and ever again, by the link's own
-    /// thread.
+    /// Opens the link. A host by its name is looked up, and a serial port opened, on threads of their own, again and again
+    /// until they are there: no link waits for another.
     ///
     /// # Errors
-    /// The host does not resolve, or the system gives no socket or thread. None is for ever: try again later.
+    /// The system gives no thread, or no socket for an address in numbers.
     pub fn open(settings: &LinkSettings) -> Result<Self, LinkError> {
         match settings.kind {
             LinkKind::Udp => UdpLink::open(&settings.address).map(Self::Udp),
@@ -88,7 +89,7 @@ impl Link {
     /// Why it does not open.
     pub fn check(settings: &LinkSettings) -> Result<String, LinkError> {
         match settings.kind {
-            LinkKind::Udp => UdpLink::open(&settings.address).map(|_| settings.address.to_string()),
+            LinkKind::Udp => UdpLink::check(&settings.address).map(|_| settings.address.to_string()),
             LinkKind::Serial => {
                 open_port(&settings.device, settings.baud, Duration::ZERO)?;
                 Ok(format!("{} at {} baud", settings.device.display(), settings.baud))
@@ -117,7 +118,7 @@ impl Link {
     #[must_use]
     pub fn is_open(&self) -> bool {
         match self {
-            Self::Udp(_) => true,
+            Self::Udp(link) => link.is_open(),
             Self::Serial(link) => link.is_open(),
         }
     }

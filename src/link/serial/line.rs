@@ -19,9 +19,8 @@ use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 use triple_buffer::Output as Newest;
 
 use super::port::{self, PortError};
+use crate::link::retry::Retry;
 
-/// Waits between attempts to open the port: the first and the longest.
-const BACK_OFF: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(1)];
 /// A port that takes nothing for so long has lost a packet: the next is newer.
 const PATIENCE: Duration = Duration::from_millis(50);
 /// Longest sleep. Every packet ends it.
@@ -78,20 +77,17 @@ pub struct Line {
 impl Line {
     /// Writes packets until told to stop. What becomes of the port is logged here, on no thread that a packet waits for.
     pub fn run(mut self) {
-        let [first, longest] = BACK_OFF;
-        let mut wait = first;
-        let mut reason = None;
+        let mut retry = Retry::default();
         while !self.shared.stopping() {
             let sent_before = self.shared.sent();
             if let Err(error) = self.session() {
                 self.shared.open.store(false, Relaxed);
-                tell(&mut reason, &error);
+                retry.tell(&error.into());
             }
             if self.shared.sent() != sent_before {
-                (wait, reason) = (first, None);
+                retry = Retry::default();
             }
-            self.pause(wait);
-            wait = (2 * wait).min(longest);
+            self.pause(retry.wait());
         }
     }
 
@@ -133,15 +129,6 @@ impl Line {
             thread::park_timeout(end.saturating_duration_since(Instant::now()));
         }
     }
-}
-
-/// Logs why there is no link; the same reason once.
-fn tell(reason: &mut Option<String>, error: &PortError) {
-    let now = error.to_string();
-    if reason.as_ref() != Some(&now) {
-        tracing::warn!("no link: {now}; trying again");
-    }
-    *reason = Some(now);
 }
 
 /// An open port, and whether it took the last packet.

@@ -8,6 +8,7 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use allocation_counter::{AllocationInfo, measure};
 use board::{Board, StablePath, eventually};
 use facewire::config::{LinkKind, LinkSettings};
 use facewire::link::{Link, LinkCounts, SerialLink};
@@ -92,6 +93,18 @@ fn every_packet_is_counted_once() {
         received += board.packets().len() as u64;
         link.counts().sent + link.counts().dropped == 3000 && link.counts().sent == received
     });
+}
+
+#[test]
+fn handing_a_packet_over_allocates_nothing_whether_the_port_takes_it_or_not() {
+    let board = Board::plugged_in();
+    let mut links = [open(&board), SerialLink::open(Path::new("/dev/nowhere"), 115_200).unwrap()];
+    links.iter_mut().for_each(|link| link.send(&packet(0)));
+    for link in &mut links {
+        let packet = packet(1);
+        let allocated = measure(|| (0..100).for_each(|_| link.send(&packet)));
+        assert_eq!(allocated, AllocationInfo::default());
+    }
 }
 
 #[test]

@@ -160,6 +160,14 @@ fn a_port_that_is_missing_at_the_start_keeps_nothing_from_starting() {
 }
 
 #[test]
+fn a_host_that_does_not_resolve_is_an_error_where_there_is_no_other_link() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = configuration(folder.path(), "[[link]]\naddress = \"nowhere.invalid:5252\"\n");
+    let output = facewire(["run", "--config", config.to_str().unwrap()]).output().unwrap();
+    assert_eq!(output.status.code(), Some(68), "{}", text(&output.stderr));
+}
+
+#[test]
 fn a_host_that_does_not_resolve_keeps_nothing_from_the_serial_line() {
     let mut board = Board::plugged_in();
     let service = Service::with(&(serial(&board.device) + "[[link]]\naddress = \"nowhere.invalid:5252\"\n"));

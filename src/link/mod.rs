@@ -83,6 +83,20 @@ impl Link {
         }
     }
 
+    /// Opens the links of a service.
+    ///
+    /// # Errors
+    /// As [`Link::open`]. A host that does not resolve is an error too where there is no other link: then nothing is lost
+    /// by telling it at once, and whoever started the service may start it again.
+    pub fn open_all(settings: &[LinkSettings]) -> Result<Vec<Self>, LinkError> {
+        if let [only] = settings
+            && only.kind == LinkKind::Udp
+        {
+            Self::check(only)?;
+        }
+        settings.iter().map(Self::open).collect()
+    }
+
     /// Says where the link leads if it opens at this moment. Nothing is sent.
     ///
     /// # Errors

@@ -45,7 +45,7 @@ pub enum ServiceError {
 pub fn run(settings: &Settings) -> Result<Status, ServiceError> {
     let counters = Arc::new(Counters::default());
     supervisor::catch_signals(&counters)?;
-    let links = settings.links.iter().map(Link::open).collect::<Result<Vec<_>, _>>()?;
+    let links = Link::open_all(&settings.links)?;
     let pipeline = Pipeline::load(settings)?;
     let (reports, news) = triple_buffer::triple_buffer(&report::Report::NOTHING);
     let (events, heard) = mpsc::channel();

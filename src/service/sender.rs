@@ -67,5 +67,7 @@ impl Sender {
         self.counters.packets.fetch_add(1, Relaxed);
         let dropped = self.links.iter().map(|link| link.counts().dropped).sum();
         self.counters.dropped.store(dropped, Relaxed);
+        let open = self.links.iter().filter(|link| link.is_open()).count();
+        self.counters.links_open.store(open as u64, Relaxed);
     }
 }

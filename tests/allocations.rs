@@ -16,7 +16,7 @@ use common::film::{demo_y4m, empty_y4m};
 use facewire::capture::{Clip, Source, Y4mSource};
 use facewire::config::{Address, LinkSettings, Settings};
 use facewire::link::Link;
-use facewire::pipeline::{Pipeline, Rejected, Solution};
+use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::failsafe::{Failsafe, History, News, Pose};
 use facewire_packet::{Reason, State};
 
@@ -56,7 +56,7 @@ impl Way {
     fn frame(&mut self, source: &mut dyn Source) {
         let frame = source.next().unwrap().unwrap();
         let (result, now_us) = (self.pipeline.process(&frame), frame.captured_us + 10_000);
-        let pose = result.as_ref().map(pose);
+        let pose = result.as_ref().map(Pose::from);
         let news = match &pose {
             Ok(pose) => News::Pose(pose, frame.captured_us),
             Err(Rejected::NoFace) => News::Fault(Reason::NoFace),
@@ -83,11 +83,6 @@ fn frames_of_a_motion_jpeg_allocate_nothing() {
     let allocated = way.allocated(&mut Clip::looped().unwrap(), 230);
     assert_eq!(allocated, AllocationInfo::default());
     assert_eq!((way.live, way.link.counts().sent), (230, 250));
-}
-
-fn pose(solution: &Solution) -> Pose {
-    let Solution { head, smoothed, .. } = solution;
-    Pose { rotation: head.rotation_xyzw, position_mm: head.position_mm, coefficients: smoothed.0 }
 }
 
 #[test]

@@ -92,6 +92,7 @@ def record(datagrams, out):
     """Writes valid packets as CSV; returns counts of packets, losses (gaps in the sequence) and refusals."""
     writer = csv.writer(out)
     writer.writerow(HEADER)
+    out.flush()
     counts = {"packets": 0, "lost": 0, "refused": 0}
     last = None
     for received_s, data in datagrams:

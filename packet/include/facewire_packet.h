@@ -1,11 +1,16 @@
 /* The facewire packet, version 1, for receivers. SPDX-License-Identifier: MIT OR Apache-2.0
  *
- * C99, no libraries, no floating point, no allocation. One datagram is one packet of 132 bytes.
+ * C99 or C++11, no libraries, no floating point, no allocation. On UDP a datagram is a packet of 132 bytes:
  *
  *     struct facewire_packet packet;
  *     if (facewire_decode(bytes, length, &packet) == FACEWIRE_OK) {
  *         jaw_us = 1000 + packet.coefficients[FACEWIRE_JAW_OPEN] * 1000L / FACEWIRE_COEFFICIENT_ONE;
  *     }
+ *
+ * On a serial line it is a frame (COBS) that ends with the only 0 in it. Give every byte as it comes:
+ *
+ *     static struct facewire_line line;
+ *     if (facewire_feed(&line, byte, &packet) == FACEWIRE_OK) { ... }
  *
  * A receiver that got no valid packet for FACEWIRE_SILENCE_MS moves to neutral by itself: all coefficients 0,
  * rotation identity, at a speed its mechanics bear.
@@ -41,14 +46,16 @@ enum facewire_reason {
     FACEWIRE_REASON_STOPPING = 5
 };
 
-/* What facewire_decode() returns. */
+/* What facewire_decode() and facewire_feed() return. */
 enum facewire_result {
+    FACEWIRE_MORE = 1, /* no frame ends with this byte */
     FACEWIRE_OK = 0,
     FACEWIRE_BAD_LENGTH = -1,
     FACEWIRE_BAD_MAGIC = -2,
     FACEWIRE_BAD_VERSION = -3,
     FACEWIRE_BAD_CHECKSUM = -4,
-    FACEWIRE_BAD_REASON = -5
+    FACEWIRE_BAD_REASON = -5,
+    FACEWIRE_CUT = -6 /* a frame that lacks bytes */
 };
 
 /* Places in coefficients[]. Left and right are the person's own. */
@@ -162,6 +169,36 @@ static inline int facewire_decode(const uint8_t *bytes, size_t length, struct fa
     for (int i = 0; i < 3; i++) packet->position_mm[i] = facewire_i16(bytes + 20 + 2 * i);
     for (int i = 0; i < FACEWIRE_BLENDSHAPES; i++) packet->coefficients[i] = facewire_u16(bytes + 26 + 2 * i);
     return FACEWIRE_OK;
+}
+
+/* What a serial line has brought since its last 0. All zero at first. */
+struct facewire_line {
+    uint8_t bytes[FACEWIRE_PACKET_BYTES];
+    uint8_t length; /* bytes the frame has so far; what is beyond a packet is not kept, and counted once */
+    uint8_t left;   /* 1 + bytes up to the next place of a 0; 0 before the frame's first byte */
+};
+
+static inline void facewire_keep(struct facewire_line *line, uint8_t byte) {
+    if (line->length < FACEWIRE_PACKET_BYTES) line->bytes[line->length] = byte;
+    if (line->length <= FACEWIRE_PACKET_BYTES) line->length++;
+}
+
+/* Takes the next byte of a serial line. FACEWIRE_OK: it completes a packet, which is in `packet` now. FACEWIRE_MORE: it
+ * does not. Otherwise a frame has ended that holds no packet, and `packet` is left alone. */
+static inline int facewire_feed(struct facewire_line *line, uint8_t byte, struct facewire_packet *packet) {
+    uint8_t left = line->left;
+    if (byte != 0) {
+        if (left > 1) facewire_keep(line, byte);
+        if (left == 1) facewire_keep(line, 0);
+        line->left = left > 1 ? (uint8_t)(left - 1) : byte;
+        return FACEWIRE_MORE;
+    }
+    uint8_t length = line->length;
+    line->length = 0;
+    line->left = 0;
+    if (left == 0) return FACEWIRE_MORE; /* an empty frame */
+    if (left > 1) return FACEWIRE_CUT;
+    return facewire_decode(line->bytes, length, packet);
 }
 
 #endif

@@ -15,6 +15,8 @@ pub enum DecodeError {
     Version(u8),
     /// The checksum does not match: the bytes were damaged on the way.
     Checksum,
+    /// A frame that ends before the place where its next 0 should stand.
+    Cut,
     /// A reason that version 1 does not define.
     Reason(u8),
 }
@@ -33,6 +35,7 @@ impl fmt::Display for DecodeError {
                 write!(f, "the packet has version {version}, this receiver knows {VERSION}: update the older side")
             }
             Self::Checksum => f.write_str("the checksum does not match: check the cable and the baud rate"),
+            Self::Cut => f.write_str("the frame lacks bytes: check the cable and the baud rate"),
             Self::Reason(reason) => write!(
                 f,
                 "the packet gives reason {reason}, which version {VERSION} does not define: update the receiver"

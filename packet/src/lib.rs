@@ -3,7 +3,8 @@
 //! Role: the one definition of what goes over the wire, for the sender and for receivers, microcontrollers included.
 //! Contract: [`Packet::encode`] and [`Packet::decode`] cannot panic, allocate or fail half-way; whatever is decoded
 //! has the right length, magic, version and checksum.
-//! Limits: no framing (a datagram is one packet), no resending; a lost packet is replaced by the next one.
+//! By UDP a datagram is one packet; on a serial line [`Packet::encode_frame`] and [`FrameReader`] keep packets apart.
+//! Limits: no resending; a lost packet is replaced by the next one.
 //!
 //! ```
 //! use facewire_packet::{Packet, State};
@@ -19,11 +20,13 @@
 mod blendshapes;
 mod error;
 mod field;
+mod frame;
 mod packet;
 mod quantise;
 mod state;
 
 pub use blendshapes::{BLENDSHAPE_COUNT, BLENDSHAPES};
 pub use error::DecodeError;
+pub use frame::{FRAME_BYTES, FrameReader};
 pub use packet::{PACKET_BYTES, Packet, SILENCE_MS, VERSION};
 pub use state::{Reason, State};

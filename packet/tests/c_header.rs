@@ -1,4 +1,4 @@
-//! The C header decodes what the crate encodes.
+//! The C header decodes what the crate encodes, and the Arduino sketch moves by it.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
 use std::{
@@ -9,33 +9,43 @@ use std::{
     sync::LazyLock,
 };
 
-use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
+use facewire_packet::{BLENDSHAPES, DecodeError, FrameReader, Packet, Reason, State};
 
-/// `decode.c`, compiled once with every warning an error.
-static DECODER: LazyLock<PathBuf> = LazyLock::new(|| {
+static DECODER: LazyLock<PathBuf> = LazyLock::new(|| compiled("decode.c", "CC", "cc", "-std=c99"));
+static FEEDER: LazyLock<PathBuf> = LazyLock::new(|| compiled("feed.c", "CC", "cc", "-std=c99"));
+static SKETCH: LazyLock<PathBuf> = LazyLock::new(|| compiled("arduino/main.cpp", "CXX", "c++", "-std=c++11"));
+
+/// A program of this folder, compiled once with every warning an error.
+fn compiled(source: &str, variable: &str, compiler: &str, standard: &str) -> PathBuf {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join("facewire_decode");
-    let compiler = env::var_os("CC").unwrap_or_else(|| "cc".into());
+    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(source.replace(['/', '.'], "_"));
+    let compiler = env::var_os(variable).unwrap_or_else(|| compiler.into());
     let status = Command::new(compiler)
-        .args(["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"])
+        .args([standard, "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"])
         .arg("-I")
         .arg(package.join("include"))
-        .arg(package.join("tests/decode.c"))
+        .arg("-I")
+        .arg(package.join("tests/arduino"))
+        .arg(package.join("tests").join(source))
         .arg("-o")
         .arg(&program)
         .status()
         .unwrap();
-    assert!(status.success(), "the C compiler refuses the header");
+    assert!(status.success(), "the compiler refuses {source}");
     program
-});
+}
 
-/// What the C program prints about these bytes.
-fn decoded_by_c(bytes: &[u8]) -> Vec<i64> {
-    let mut child = Command::new(&*DECODER).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+/// The numbers that a program prints about these bytes.
+fn printed(program: &Path, bytes: &[u8]) -> Vec<i64> {
+    let mut child = Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     child.stdin.take().unwrap().write_all(bytes).unwrap();
     let output = child.wait_with_output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     text.split_whitespace().map(|number| number.parse().unwrap()).collect()
+}
+
+fn decoded_by_c(bytes: &[u8]) -> Vec<i64> {
+    printed(&DECODER, bytes)
 }
 
 fn packet() -> Packet {
@@ -75,6 +85,52 @@ fn c_refuses_damage_and_wrong_lengths_with_the_number_of_the_error() {
     assert_eq!(flipped(0), [-2]);
     assert_eq!(flipped(2), [-3]);
     assert_eq!(flipped(77), [-4]);
+}
+
+/// What the crate makes of a line, as the C program prints it.
+fn read_by_rust(line: &[u8]) -> Vec<i64> {
+    let mut reader = FrameReader::default();
+    let results = line.iter().filter_map(|byte| reader.push(*byte));
+    results
+        .flat_map(|result| match result {
+            Ok(packet) => vec![packet.sequence.into(), i64::from(packet.coefficients[51] > 0.0) * 32768],
+            Err(DecodeError::Length(_)) => vec![-1],
+            Err(DecodeError::Magic) => vec![-2],
+            Err(DecodeError::Version(_)) => vec![-3],
+            Err(DecodeError::Checksum) => vec![-4],
+            Err(DecodeError::Reason(_)) => vec![-5],
+            Err(DecodeError::Cut) => vec![-6],
+        })
+        .collect()
+}
+
+#[test]
+fn c_finds_on_a_line_what_the_crate_finds_there() {
+    let frame = packet().encode_frame();
+    assert_eq!(printed(&FEEDER, &frame), [65535, 32768]);
+    let mut line = vec![0, 0];
+    for cut in 0..frame.len() {
+        line.extend_from_slice(&frame[cut..]);
+        line.extend_from_slice(&frame[..cut]);
+        line.extend_from_slice(&[7; 300][..2 * cut]);
+        line.extend_from_slice(&[0, 0][cut % 2..]);
+    }
+    let found = read_by_rust(&line);
+    assert!([-1, -6, 65535].iter().all(|number| found.contains(number)));
+    assert_eq!(printed(&FEEDER, &line), found);
+}
+
+#[test]
+fn the_arduino_sketch_follows_the_face_and_goes_neutral_when_packets_stop() {
+    let mut packet = packet();
+    for (index, value) in [(17, 0.5), (0, 1.0), (7, 0.0)] {
+        packet.coefficients[index] = value;
+    }
+    // The servos travel at their bounded speed during three packets.
+    let line = packet.encode_frame().repeat(3);
+    assert_eq!(printed(&SKETCH, &line), [1300, 1200, 1200, 1000, 1800, 1200]);
+    let cut = &packet.encode_frame()[..100];
+    assert_eq!(printed(&SKETCH, cut), [1000, 1800, 1200, 1000, 1800, 1200]);
 }
 
 #[test]

@@ -131,7 +131,7 @@ pub enum CaptureError {
         fault: FrameFault,
     },
     /// The driver failed in another way.
-    #[error("the camera failed while {during}: {source}; unplug it and plug it in again")]
+    #[error("the camera failed while {during}: {source}; if that goes on, unplug it and plug it in again")]
     Device {
         /// What was being done.
         during: &'static str,

@@ -30,10 +30,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     print("settings  ok\n")?;
     let parts = [("networks", check_networks(&settings)), ("camera", check_camera(&settings.camera))];
-    let links = settings
-        .links
-        .iter()
-        .map(|link| ("link", Link::open(link).map(|_| link.address.to_string()).map_err(Failure::from)));
+    let links = settings.links.iter().map(|link| ("link", Link::check(link).map_err(Failure::from)));
     let mut first = None;
     for (part, outcome) in parts.into_iter().chain(links) {
         match outcome {

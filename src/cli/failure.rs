@@ -127,7 +127,7 @@ impl From<LinkError> for Failure {
     fn from(error: LinkError) -> Self {
         let status = match error {
             LinkError::Resolve { .. } => EX_NOHOST,
-            LinkError::Socket { .. } => EX_UNAVAILABLE,
+            LinkError::Socket { .. } | LinkError::Port(_) | LinkError::Thread { .. } => EX_UNAVAILABLE,
         };
         Self { status, message: error.to_string() }
     }

@@ -27,7 +27,7 @@ Examples:
 
 Exit status:
    0  done                         68  a host does not resolve
-   1  failed                       69  networks or ONNX Runtime missing
+   1  failed                       69  networks, ONNX Runtime or a serial port missing
    2  wrong arguments              74  reading or writing failed
   65  damaged input                78  bad settings
   66  no such input, or trouble with the camera";

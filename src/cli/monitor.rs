@@ -3,16 +3,18 @@
 //! Role: the receiver that is always at hand, to see what a sender does. On a terminal it draws bars, elsewhere it
 //! writes a line a second; `--json` writes one object a packet.
 //! Contract: it listens, changes nothing, and ends on Ctrl-C, SIGTERM, a closed output or its limits with a summary.
-//! Limits: several senders to one port are shown as they come, the newest packet wins.
+//! Limits: a serial port is opened once. Several senders to one port are shown as they come, the newest packet wins.
 
 mod bars;
+mod receiver;
 mod report;
 mod screen;
 mod tally;
 
 use std::{
     io::{self, IsTerminal as _, Write as _},
-    net::{SocketAddr, UdpSocket},
+    net::SocketAddr,
+    path::PathBuf,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -20,11 +22,17 @@ use std::{
     time::{Duration, Instant},
 };
 
-use facewire_packet::{PACKET_BYTES, Packet};
+use facewire_packet::Packet;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 pub(super) use self::report::yaw_pitch_roll_deg;
-use self::{report::Json, screen::Screen, tally::Tally};
+use self::{
+    receiver::{Place, Receiver},
+    report::Json,
+    screen::Screen,
+    tally::Tally,
+};
+use crate::link::PortError;
 
 /// 30 pictures a second are smooth, and more would load a board for nothing.
 const SCREEN_PERIOD: Duration = Duration::from_millis(33);
@@ -35,15 +43,22 @@ const EXAMPLES: &str = "\
 Examples:
   facewire monitor
   facewire monitor --listen 0.0.0.0:6000 --seconds 10
+  facewire monitor --serial /dev/ttyUSB0
   facewire monitor --json --packets 100 > packets.jsonl";
 
-/// Receive packets by UDP and show them live
+/// Receive packets by UDP, or from a serial port, and show them live
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct MonitorArgs {
     /// Address and port to listen to
     #[arg(long, value_name = "ADDRESS", default_value = "0.0.0.0:5252")]
     pub listen: SocketAddr,
+    /// Serial port to read instead
+    #[arg(long, value_name = "DEVICE", conflicts_with = "listen")]
+    pub serial: Option<PathBuf>,
+    /// Bits a second of the serial port
+    #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial")]
+    pub baud: u32,
     /// Write each packet as one line of JSON
     #[arg(long)]
     pub json: bool,
@@ -66,11 +81,20 @@ pub enum MonitorError {
         /// What the system says.
         error: io::Error,
     },
-    /// Nothing valid came.
+    /// The serial port does not open, or went away.
+    #[error("cannot listen to {0}")]
+    Port(#[from] PortError),
+    /// Nothing valid came by UDP.
     #[error("no packet came to {listen}; check [[link]] address in the sender's configuration, and the firewall")]
     NoPacket {
         /// The address listened to.
         listen: SocketAddr,
+    },
+    /// Nothing valid came by the serial line.
+    #[error("no packet came by {}; check the wires, and that both sides have the same baud rate", device.display())]
+    NoFrame {
+        /// The serial port.
+        device: PathBuf,
     },
     /// The terminal or the output cannot be written.
     #[error("cannot write the output ({0}); check where it goes")]
@@ -89,20 +113,21 @@ enum View {
 /// # Errors
 /// The address cannot be listened to, the output cannot be written, or no packet came at all.
 pub fn run(args: &MonitorArgs) -> Result<(), MonitorError> {
-    let cannot_listen = |error| MonitorError::Listen { listen: args.listen, error };
-    let socket = UdpSocket::bind(args.listen).map_err(cannot_listen)?;
+    let mut receiver = Receiver::open(args)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     let mut tally = Tally::new();
-    let watched = watch(args, &socket, &stop, &mut tally);
-    match watched {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => return Err(error.into()),
-        _ => {}
+    match watch(args, &mut receiver, &stop, &mut tally) {
+        Err(MonitorError::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => {}
+        watched => watched?,
     }
     if tally.packets() == 0 {
-        return Err(MonitorError::NoPacket { listen: args.listen });
+        return Err(match args.place() {
+            Place::Udp(listen) => MonitorError::NoPacket { listen },
+            Place::Serial(device) => MonitorError::NoFrame { device },
+        });
     }
     summarise(args, &tally)
 }
@@ -118,7 +143,13 @@ fn summarise(args: &MonitorArgs, tally: &Tally) -> Result<(), MonitorError> {
 }
 
 /// Shows packets until a limit or a signal ends it. The screen is restored on return.
-fn watch(args: &MonitorArgs, socket: &UdpSocket, stop: &AtomicBool, tally: &mut Tally) -> io::Result<()> {
+fn watch(
+    args: &MonitorArgs,
+    receiver: &mut Receiver,
+    stop: &AtomicBool,
+    tally: &mut Tally,
+) -> Result<(), MonitorError> {
+    let place = args.place();
     let mut view = View::new(args)?;
     let begin = Instant::now();
     let end = args.seconds.map(|seconds| begin + seconds);
@@ -128,36 +159,29 @@ fn watch(args: &MonitorArgs, socket: &UdpSocket, stop: &AtomicBool, tally: &mut 
         && end.is_none_or(|end| Instant::now() < end)
     {
         let left = end.map_or(SCREEN_PERIOD, |end| end.saturating_duration_since(Instant::now()));
-        let packet = receive(socket, left.min(SCREEN_PERIOD), tally)?;
+        let packet = receive(receiver, left.min(SCREEN_PERIOD), tally)?;
         view.packet(packet.as_ref(), tally)?;
         if shown.elapsed() >= view.period() {
             shown = Instant::now();
-            view.refresh(args, tally)?;
+            view.refresh(&place, tally)?;
         }
     }
     Ok(())
 }
 
 /// Waits for a packet and counts what came.
-fn receive(socket: &UdpSocket, wait: Duration, tally: &mut Tally) -> io::Result<Option<Packet>> {
-    // One byte more than a packet, so that longer datagrams are seen to be too long.
-    let mut bytes = [0; PACKET_BYTES + 1];
-    socket.set_read_timeout(Some(wait.max(Duration::from_millis(1))))?;
-    let (length, from) = match socket.recv_from(&mut bytes) {
-        Ok(received) => received,
-        Err(error) => match error.kind() {
-            io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted => {
-                return Ok(None);
-            }
-            _ => return Err(error),
-        },
-    };
-    let packet = Packet::decode(bytes.get(..length).unwrap_or_default()).ok();
-    match &packet {
-        Some(packet) => tally.count(packet, from, Instant::now()),
-        None => tally.refuse(),
-    }
-    Ok(packet)
+fn receive(receiver: &mut Receiver, wait: Duration, tally: &mut Tally) -> Result<Option<Packet>, MonitorError> {
+    Ok(match receiver.next(wait)? {
+        Some(Ok((packet, from))) => {
+            tally.count(&packet, from, Instant::now());
+            Some(packet)
+        }
+        Some(Err(_)) => {
+            tally.refuse();
+            None
+        }
+        None => None,
+    })
 }
 
 impl View {
@@ -190,11 +214,11 @@ impl View {
     }
 
     /// Shows how things stand.
-    fn refresh(&mut self, args: &MonitorArgs, tally: &Tally) -> io::Result<()> {
+    fn refresh(&mut self, place: &Place, tally: &Tally) -> io::Result<()> {
         let now = Instant::now();
         match self {
-            Self::Screen(screen) => screen.draw(args.listen, tally, now),
-            Self::Lines => writeln!(io::stdout(), "{}", report::line(args.listen, tally, now)),
+            Self::Screen(screen) => screen.draw(place, tally, now),
+            Self::Lines => writeln!(io::stdout(), "{}", report::line(place, tally, now)),
             Self::Json => Ok(()),
         }
     }

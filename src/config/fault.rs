@@ -51,6 +51,41 @@ pub enum Fault {
         /// Type and bounds.
         expected: String,
     },
+    /// A setting of links of another kind.
+    #[error("{place}: {key} is not a setting of a link with kind = \"{kind}\"; that has {known}")]
+    OtherKind {
+        /// Where.
+        place: String,
+        /// The key.
+        key: String,
+        /// The kind of the link.
+        kind: &'static str,
+        /// What such links have.
+        known: String,
+    },
+    /// A serial link without its port.
+    #[error("{place}: link.device is missing: give the path of a serial port; `facewire devices` lists them")]
+    NoDevice {
+        /// Where the link begins.
+        place: String,
+    },
+    /// More packets than the line of a serial link carries.
+    #[error(
+        "link.baud = {baud}: give {enough} or more, or camera.fps and send.rate_hz of at most {most_hz}: {rate_hz} packets \
+         a second need more than 80 % of the line at {}", device.display()
+    )]
+    SlowLine {
+        /// The serial port.
+        device: PathBuf,
+        /// Its baud rate.
+        baud: u32,
+        /// Packets a second, by the settings.
+        rate_hz: u32,
+        /// Most packets a second that the baud rate carries.
+        most_hz: u32,
+        /// A usual baud rate that carries them.
+        enough: u32,
+    },
     /// Settings that do not go together.
     #[error("{key} = {value}: give {expected}")]
     Together {

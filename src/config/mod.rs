@@ -53,6 +53,7 @@ pub fn load(board: Option<&str>, file: Option<&Path>) -> Result<Settings, Faults
         }
     }
     overlay::check_together(&settings, &mut faults);
+    overlay::check_lines(&settings, &mut faults);
     faults.into_result(settings)
 }
 
@@ -65,5 +66,6 @@ pub fn parse(source: &str, text: &str) -> Result<Settings, Faults> {
     let mut faults = Faults::default();
     overlay::apply(&mut settings, source, text, &mut faults);
     overlay::check_together(&settings, &mut faults);
+    overlay::check_lines(&settings, &mut faults);
     faults.into_result(settings)
 }

@@ -8,11 +8,14 @@ use toml::{
 use super::{
     Fault, Faults,
     section::Section,
-    settings::{LinkSettings, Settings},
+    settings::{LinkKind, LinkSettings, Settings, most_packets_hz},
+    value::Choice as _,
 };
 
 /// Tables a file may have.
 const TABLES: [&str; 8] = ["camera", "networks", "solver", "failsafe", "send", "link", "realtime", "log"];
+/// Baud rates that every serial port knows. The last carries the highest rate a setting can give.
+const USUAL_BAUDS: [u32; 7] = [9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
 /// Farther names are no help.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -61,6 +64,24 @@ pub fn check_together(settings: &Settings, faults: &mut Faults) {
     need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
 }
 
+/// Adds the faults of serial lines that are too slow for what is sent.
+pub fn check_lines(settings: &Settings, faults: &mut Faults) {
+    if ["camera", "send", "link"].iter().any(|table| faults.concern(table)) {
+        return;
+    }
+    let rate_hz = settings.camera.fps.max(settings.send.rate_hz);
+    let serial = settings.links.iter().filter(|link| link.kind == LinkKind::Serial);
+    for link in serial.filter(|link| most_packets_hz(link.baud) < rate_hz) {
+        faults.push(Fault::SlowLine {
+            device: link.device.clone(),
+            baud: link.baud,
+            rate_hz,
+            most_hz: most_packets_hz(link.baud),
+            enough: USUAL_BAUDS.into_iter().find(|baud| most_packets_hz(*baud) >= rate_hz).unwrap_or(u32::MAX),
+        });
+    }
+}
+
 impl Overlay<'_> {
     /// Sets what the document says.
     fn document(&mut self, settings: &mut Settings, document: &DeTable<'_>) {
@@ -98,12 +119,36 @@ impl Overlay<'_> {
             self.value("link", value, "each link under its own [[link]]".to_owned());
             return Vec::new();
         };
-        let read = |table| {
-            let mut link = LinkSettings::default();
-            self.section(&mut link, "link", table);
-            link
+        tables.iter().map(|table| self.link(table)).collect()
+    }
+
+    fn link(&mut self, value: &Spanned<DeValue<'_>>) -> LinkSettings {
+        let mut link = LinkSettings::default();
+        self.section(&mut link, "link", value);
+        let table = value.get_ref().as_table();
+        let keys = table.into_iter().flat_map(DeTable::keys);
+        let known = |key: &str| !LinkSettings::KEYS.contains(&key) || link.kind.keys().contains(&key);
+        for key in keys.filter(|key| !known(key.get_ref())) {
+            self.other_kind(key.get_ref(), link.kind, key.span().start);
+        }
+        if link.kind == LinkKind::Serial && !table.is_some_and(|table| table.contains_key("device")) {
+            self.no_device(value.span().start);
+        }
+        link
+    }
+
+    fn other_kind(&mut self, key: &str, kind: LinkKind, offset: usize) {
+        let fault = Fault::OtherKind {
+            place: self.place(offset),
+            key: format!("link.{key}"),
+            kind: kind.name(),
+            known: kind.keys().join(", "),
         };
-        tables.iter().map(read).collect()
+        self.found.push((offset, fault));
+    }
+
+    fn no_device(&mut self, offset: usize) {
+        self.found.push((offset, Fault::NoDevice { place: self.place(offset) }));
     }
 
     fn syntax(&mut self, error: &Error) {

@@ -12,8 +12,8 @@ pub trait Section: Default {
     /// A key that is not in [`Section::KEYS`] changes nothing.
     fn set(&mut self, key: &str, value: &DeValue<'_>) -> Result<(), String>;
 
-    /// The lines of the table in TOML, each setting after its comment.
-    fn write(&self) -> String;
+    /// The lines of the table in TOML: these settings of it, each after its comment.
+    fn write(&self, keys: &[&str]) -> String;
 }
 
 /// Appends a setting in TOML after its comment: `lines` of documentation, then what it takes.
@@ -59,12 +59,14 @@ macro_rules! section {
                 Ok(())
             }
 
-            fn write(&self) -> String {
+            fn write(&self, keys: &[&str]) -> String {
                 let mut text = String::new();
                 $(
-                    let expected = <$type as Value>::expected(&$bounds) + $unit;
-                    let assignment = format!("{} = {}", stringify!($key), self.$key.write());
-                    write_setting(&mut text, &[ $( $lines, )* ], &expected, &assignment);
+                    if keys.contains(&stringify!($key)) {
+                        let expected = <$type as Value>::expected(&$bounds) + $unit;
+                        let assignment = format!("{} = {}", stringify!($key), self.$key.write());
+                        write_setting(&mut text, &[ $( $lines, )* ], &expected, &assignment);
+                    }
                 )*
                 text
             }

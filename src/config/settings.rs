@@ -1,5 +1,8 @@
 //! Every setting: key, type, default, bounds, unit and comment. Nothing about them stands anywhere else.
 
+use std::path::PathBuf;
+
+use facewire_packet::FRAME_BYTES;
 use toml::de::DeValue;
 
 use super::{
@@ -49,7 +52,7 @@ section! {
         /// Camera: "auto" (the first one), "/dev/video0" or a link to it, part of a camera's name, or "demo" (the built-in
         /// clip played as a camera). `facewire devices` lists what there is.
         device: String = "auto".to_owned(), (), "";
-        /// Picture width. The camera's nearest mode is taken.
+        /// Picture width. Of the camera's modes that reach `fps`, the nearest is taken.
         width: u32 = 640, 160..=3840, " (pixels)";
         /// Picture height.
         height: u32 = 480, 120..=2160, " (pixels)";
@@ -110,11 +113,27 @@ section! {
 section! {
     /// A receiver. Each `[[link]]` adds one; the first in a file replaces those before it.
     LinkSettings {
-        /// Carrier and format: "udp" sends facewire packets.
+        /// Carrier: "udp" sends each packet as a datagram, "serial" as a frame (COBS) of 134 bytes.
         kind: LinkKind = LinkKind::Udp, (), "";
         /// Where to: a host name, an address, a broadcast or a multicast address.
         address: Address = Address::default(), (), "";
+        /// Serial port, best by a path that stays when others are plugged in. `facewire devices` lists what there is.
+        device: PathBuf = PathBuf::new(), (), "";
+        /// Bits a second on the line. At most 80 % of them may be used: 115200 carries a `camera.fps` and a
+        /// `send.rate_hz` of 68.
+        baud: u32 = 115_200, 9600..=4_000_000, " (1/s)";
     }
+}
+
+/// Share of a serial line that packets may use, percent: the rest is for clocks that differ, and to catch up.
+const LINE_SHARE: u64 = 80;
+/// A byte on a serial line: start bit, 8 bits, stop bit.
+const BITS_PER_BYTE: u64 = 10;
+
+/// Most packets a second that a serial line of so many bits a second may be given.
+pub fn most_packets_hz(baud: u32) -> u32 {
+    let packets = u64::from(baud) * LINE_SHARE / 100 / (FRAME_BYTES as u64 * BITS_PER_BYTE);
+    u32::try_from(packets).unwrap_or(u32::MAX)
 }
 
 section! {
@@ -165,15 +184,27 @@ impl Choice for CameraFormat {
     ];
 }
 
-/// Carrier and format of a link.
+/// Carrier of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LinkKind {
     /// Packets of version 1 by UDP.
     Udp,
+    /// Packets of version 1 as frames on a serial line.
+    Serial,
+}
+
+impl LinkKind {
+    /// The keys that a link of this kind has.
+    pub(super) fn keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Udp => &["kind", "address"],
+            Self::Serial => &["kind", "device", "baud"],
+        }
+    }
 }
 
 impl Choice for LinkKind {
-    const ALL: &'static [(&'static str, Self)] = &[("udp", Self::Udp)];
+    const ALL: &'static [(&'static str, Self)] = &[("udp", Self::Udp), ("serial", Self::Serial)];
 }
 
 /// Severity of log lines.

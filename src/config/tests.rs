@@ -19,8 +19,19 @@ fn defaults_load_back_unchanged() {
 fn defaults_explain_each_setting_with_type_and_bounds() {
     let text = defaults();
     let assignments = text.lines().filter(|line| line.contains(" = "));
-    assert_eq!(assignments.count(), 23);
+    assert_eq!(assignments.count(), 26);
     assert!(text.contains("# Picture height.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n"));
+}
+
+#[test]
+fn the_example_of_a_serial_link_among_the_defaults_loads_too() {
+    let text = defaults();
+    let (start, example) = text.split_at(text.find("# [[link]]").unwrap());
+    let uncommented: String = example.lines().flat_map(|line| [line.strip_prefix("# ").unwrap(), "\n"]).collect();
+    let links = parse("defaults", &(start.to_owned() + &uncommented)).unwrap().links;
+    let [udp, serial] = &links[..] else { panic!("{} links", links.len()) };
+    assert_eq!(*udp, LinkSettings::default());
+    assert_eq!((serial.kind, serial.device.to_str(), serial.baud), (LinkKind::Serial, Some("/dev/ttyACM0"), 115_200));
 }
 
 #[test]
@@ -120,6 +131,60 @@ fn links_of_a_file_replace_the_default_one() {
     let links = parse("file", text).unwrap().links;
     let addresses: Vec<&str> = links.iter().map(|link| link.address.as_str()).collect();
     assert_eq!(addresses, ["head.local:1", "[::1]:65535"]);
+}
+
+#[test]
+fn keys_of_another_kind_of_link_are_refused_and_a_serial_link_needs_its_device() {
+    let text = "\
+[[link]]
+device = \"/dev/ttyUSB0\"
+[[link]]
+kind = \"serial\"
+address = \"127.0.0.1:5252\"
+[[link]]
+kind = \"serial\"
+device = \"ttyUSB0\"
+baud = 300
+";
+    let want = "\
+facewire.toml:2: link.device is not a setting of a link with kind = \"udp\"; that has kind, address
+facewire.toml:3: link.device is missing: give the path of a serial port; `facewire devices` lists them
+facewire.toml:5: link.address is not a setting of a link with kind = \"serial\"; that has kind, device, baud
+facewire.toml:8: link.device = \"ttyUSB0\": give a path in quotes that begins with /
+facewire.toml:9: link.baud = 300: give a whole number from 9600 to 4000000 (1/s)";
+    assert_eq!(faults(text), want);
+}
+
+/// The faults of a serial link at these rates; nothing when there are none.
+fn line_faults(baud: u32, fps: u32, rate_hz: u32) -> String {
+    let text = format!(
+        "[camera]\nfps = {fps}\n[send]\nrate_hz = {rate_hz}\n\
+         [[link]]\nkind = \"serial\"\ndevice = \"/dev/ttyUSB0\"\nbaud = {baud}\n"
+    );
+    parse("file", &text).err().unwrap_or_default().to_string()
+}
+
+#[test]
+fn a_rate_over_80_percent_of_the_line_is_refused_with_what_fits() {
+    // 134 bytes of 10 bits: 115200 baud carry 85.97 a second, of which 68.8 are 80 %.
+    assert_eq!(line_faults(115_200, 30, 68), "");
+    let want = "link.baud = 115200: give 230400 or more, or camera.fps and send.rate_hz of at most 68: 69 packets a \
+                second need more than 80 % of the line at /dev/ttyUSB0";
+    assert_eq!(line_faults(115_200, 30, 69), want);
+    assert_eq!(line_faults(115_200, 69, 30), want);
+}
+
+#[test]
+fn a_line_of_exactly_80_percent_is_taken_and_the_highest_rate_has_a_baud_rate_too() {
+    assert_eq!(line_faults(134 * 10 * 60 * 10 / 8, 60, 60), "");
+    assert!(line_faults(134 * 10 * 60 * 10 / 8 - 1, 60, 60).contains("of at most 59: 60 packets"));
+    assert!(line_faults(9600, 240, 240).starts_with("link.baud = 9600: give 460800 or more"));
+    assert_eq!(line_faults(460_800, 240, 240), "");
+}
+
+#[test]
+fn lines_are_not_judged_beside_faulty_rates() {
+    assert_eq!(line_faults(9600, 0, 60), "file:2: camera.fps = 0: give a whole number from 1 to 240 (1/s)");
 }
 
 #[test]

@@ -1,6 +1,10 @@
 //! The types a setting may have: how each is read, bounded, described and written.
 
-use std::{fmt, ops::RangeInclusive};
+use std::{
+    fmt,
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+};
 
 use toml::de::DeValue;
 
@@ -128,6 +132,23 @@ impl Value for String {
 
     fn write(&self) -> String {
         quoted(self)
+    }
+}
+
+/// A path from the root, because a service has no folder of its own.
+impl Value for PathBuf {
+    type Bounds = ();
+
+    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
+        value.as_str().map(Path::new).filter(|path| path.is_absolute()).map(Path::to_owned)
+    }
+
+    fn expected((): &()) -> String {
+        "a path in quotes that begins with /".to_owned()
+    }
+
+    fn write(&self) -> String {
+        quoted(&self.to_string_lossy())
     }
 }
 

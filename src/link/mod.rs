@@ -2,14 +2,19 @@
 //!
 //! Role: each [`Link`] takes the packet to one receiver.
 //! Contract: once open, a link never fails, blocks or allocates: what could not be sent is counted, because the
-//! receiver may come, go and come back at any time.
+//! receiver may come, go and come back at any time. No link waits for another.
 //! Limits: nothing is queued or sent again. The next packet is newer.
 
+mod retry;
+mod serial;
 mod udp;
 
-pub use udp::UdpLink;
+use std::time::Duration;
 
 use facewire_packet::Packet;
+
+pub use serial::{PortError, PortTrouble, SerialLink, open_port};
+pub use udp::UdpLink;
 
 use crate::config::{LinkKind, LinkSettings};
 
@@ -18,6 +23,8 @@ use crate::config::{LinkKind, LinkSettings};
 pub enum Link {
     /// Packets of version 1, each one datagram.
     Udp(UdpLink),
+    /// Packets of version 1, each one frame.
+    Serial(SerialLink),
 }
 
 /// Why a link cannot be opened.
@@ -41,25 +48,66 @@ pub enum LinkError {
         /// What the system says.
         error: std::io::Error,
     },
+    /// The serial port does not open.
+    #[error("link {0}")]
+    Port(#[from] PortError),
+    /// The system gives no thread.
+    #[error("link {link}: no thread ({error}); raise the limit of threads")]
+    Thread {
+        /// Where the link leads.
+        link: String,
+        /// What the system says.
+        error: std::io::Error,
+    },
 }
 
 /// What became of the packets of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LinkCounts {
-    /// Given to the network.
+    /// Given to the network or the serial port.
     pub sent: u64,
-    /// Dropped because the network took none, as when a cable is out.
+    /// Dropped because it took none, as when a cable is out.
     pub dropped: u64,
 }
 
 impl Link {
-    /// Opens the link. Names are resolved here, once.
+    /// Opens the link. A host by its name is looked up, and a serial port opened, on threads of their own, again and again
+    /// until they are there: no link waits for another.
     ///
     /// # Errors
-    /// The host does not resolve, or there is no socket. Neither is for ever: try again later.
+    /// The system gives no thread, or no socket for an address in numbers.
     pub fn open(settings: &LinkSettings) -> Result<Self, LinkError> {
         match settings.kind {
             LinkKind::Udp => UdpLink::open(&settings.address).map(Self::Udp),
+            LinkKind::Serial => SerialLink::open(&settings.device, settings.baud).map(Self::Serial),
+        }
+    }
+
+    /// Opens the links of a service.
+    ///
+    /// # Errors
+    /// As [`Link::open`]. A host that does not resolve is an error too where there is no other link: then nothing is lost
+    /// by telling it at once, and whoever started the service may start it again.
+    pub fn open_all(settings: &[LinkSettings]) -> Result<Vec<Self>, LinkError> {
+        if let [only] = settings
+            && only.kind == LinkKind::Udp
+        {
+            Self::check(only)?;
+        }
+        settings.iter().map(Self::open).collect()
+    }
+
+    /// Says where the link leads if it opens at this moment. Nothing is sent.
+    ///
+    /// # Errors
+    /// Why it does not open.
+    pub fn check(settings: &LinkSettings) -> Result<String, LinkError> {
+        match settings.kind {
+            LinkKind::Udp => UdpLink::check(&settings.address).map(|_| settings.address.to_string()),
+            LinkKind::Serial => {
+                open_port(&settings.device, settings.baud, Duration::ZERO)?;
+                Ok(format!("{} at {} baud", settings.device.display(), settings.baud))
+            }
         }
     }
 
@@ -67,6 +115,7 @@ impl Link {
     pub fn send(&mut self, packet: &Packet) {
         match self {
             Self::Udp(link) => link.send(packet),
+            Self::Serial(link) => link.send(packet),
         }
     }
 
@@ -75,6 +124,16 @@ impl Link {
     pub fn counts(&self) -> LinkCounts {
         match self {
             Self::Udp(link) => link.counts(),
+            Self::Serial(link) => link.counts(),
+        }
+    }
+
+    /// Whether packets have a way out at present.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        match self {
+            Self::Udp(link) => link.is_open(),
+            Self::Serial(link) => link.is_open(),
         }
     }
 }

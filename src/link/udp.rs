@@ -1,50 +1,68 @@
 //! UDP: one packet, one datagram.
 //!
 //! The socket is not connected, so that a receiver that is not there yet (an ICMP refusal), a route that comes late and
-//! a change of this machine's own address cannot break the link.
+//! a change of this machine's own address cannot break the link. A name is looked up until it is found, on a thread of
+//! its own, because the network may come up after the service and the answer may take seconds; then once and for all.
 
 use std::{
     io,
     net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket},
+    sync::{Arc, OnceLock, Weak},
+    thread,
 };
 
 use facewire_packet::Packet;
 
-use super::{LinkCounts, LinkError};
+use super::{LinkCounts, LinkError, retry::Retry};
 use crate::config::Address;
 
 /// A socket and where its packets go.
 #[derive(Debug)]
-pub struct UdpLink {
+struct Way {
     socket: UdpSocket,
     receiver: SocketAddr,
+}
+
+/// Packets to one address.
+#[derive(Debug)]
+pub struct UdpLink {
+    way: Arc<OnceLock<Way>>,
     counts: LinkCounts,
 }
 
 impl UdpLink {
-    /// Resolves the address and opens a socket that may broadcast and never blocks.
+    /// Opens a socket that may broadcast and never blocks, at once for an address in numbers, and else when the name is
+    /// found.
+    ///
+    /// # Errors
+    /// There is no socket for the address in numbers, or no thread to look up the name.
+    pub fn open(address: &Address) -> Result<Self, LinkError> {
+        let in_numbers = address.as_str().parse::<SocketAddr>().is_ok();
+        let way = Arc::new(if in_numbers { OnceLock::from(Way::find(address)?) } else { OnceLock::new() });
+        if !in_numbers {
+            look_up(Arc::downgrade(&way), address.clone())?;
+        }
+        Ok(Self { way, counts: LinkCounts::default() })
+    }
+
+    /// Where packets would go if the link opened at this moment.
     ///
     /// # Errors
     /// The host does not resolve, or there is no socket.
-    pub fn open(address: &Address) -> Result<Self, LinkError> {
-        let receiver =
-            resolved(address).map_err(|reason| LinkError::Resolve { address: address.to_string(), reason })?;
-        let socket = socket_for(receiver).map_err(|error| LinkError::Socket { address: address.to_string(), error })?;
-        Ok(Self { socket, receiver, counts: LinkCounts::default() })
+    pub fn check(address: &Address) -> Result<SocketAddr, LinkError> {
+        Way::find(address).map(|way| way.receiver)
     }
 
-    /// Where packets go.
+    /// Whether it is known where packets go.
     #[must_use]
-    pub fn receiver(&self) -> SocketAddr {
-        self.receiver
+    pub fn is_open(&self) -> bool {
+        self.way.get().is_some()
     }
 
     /// Sends the packet or drops it.
     pub fn send(&mut self, packet: &Packet) {
-        let counter = match self.socket.send_to(&packet.encode(), self.receiver) {
-            Ok(_) => &mut self.counts.sent,
-            Err(_) => &mut self.counts.dropped,
-        };
+        let sent = self.way.get().is_some_and(|way| way.socket.send_to(&packet.encode(), way.receiver).is_ok());
+        let counter = if sent { &mut self.counts.sent } else { &mut self.counts.dropped };
         *counter = counter.wrapping_add(1);
     }
 
@@ -53,6 +71,33 @@ impl UdpLink {
     pub fn counts(&self) -> LinkCounts {
         self.counts
     }
+}
+
+impl Way {
+    fn find(address: &Address) -> Result<Self, LinkError> {
+        let receiver =
+            resolved(address).map_err(|reason| LinkError::Resolve { address: address.to_string(), reason })?;
+        let socket = socket_for(receiver).map_err(|error| LinkError::Socket { address: address.to_string(), error })?;
+        Ok(Self { socket, receiver })
+    }
+}
+
+/// Looks for the way on a thread of its own until it is found, or the link is gone.
+fn look_up(way: Weak<OnceLock<Way>>, address: Address) -> Result<(), LinkError> {
+    let link = address.to_string();
+    let look = move || {
+        let mut retry = Retry::default();
+        while let Some(way) = way.upgrade() {
+            match Way::find(&address) {
+                Ok(found) => return drop(way.set(found)),
+                Err(error) => retry.tell(&error),
+            }
+            drop(way);
+            thread::sleep(retry.wait());
+        }
+    };
+    let thread = thread::Builder::new().name("fw-lookup".to_owned()).spawn(look);
+    thread.map(drop).map_err(|error| LinkError::Thread { link, error })
 }
 
 /// The first address of the host, of IPv4 if it has one: a small receiver seldom listens to IPv6, and "localhost"
@@ -131,28 +176,46 @@ mod tests {
 
     #[test]
     fn what_the_network_refuses_is_counted_and_not_fatal() {
-        let mut link = open("127.0.0.1:9");
         // An IPv4 socket cannot reach it, whatever routes this machine has.
-        link.receiver = SocketAddr::from((Ipv6Addr::LOCALHOST, 9));
+        let receiver = SocketAddr::from((Ipv6Addr::LOCALHOST, 9));
+        let way = Way { socket: UdpSocket::bind("127.0.0.1:0").unwrap(), receiver };
+        let mut link = UdpLink { way: Arc::new(way.into()), counts: LinkCounts::default() };
         link.send(&Packet::NEUTRAL);
         assert_eq!(link.counts(), LinkCounts { sent: 0, dropped: 1 });
     }
 
     #[test]
     fn broadcasting_is_allowed() {
-        assert!(open("255.255.255.255:9").socket.broadcast().unwrap());
+        let way = Way::find(&Address::new("255.255.255.255:9").unwrap()).unwrap();
+        assert!(way.socket.broadcast().unwrap());
     }
 
     #[test]
-    fn an_unknown_host_is_refused_with_its_address_and_what_to_check() {
-        let error = UdpLink::open(&Address::new("nowhere.invalid:5252").unwrap()).unwrap_err();
+    fn an_unknown_host_is_told_with_its_address_and_what_to_check() {
+        let error = UdpLink::check(&Address::new("nowhere.invalid:5252").unwrap()).unwrap_err();
         let text = error.to_string();
         assert!(text.starts_with("link nowhere.invalid:5252: the host does not resolve ("), "{text}");
         assert!(text.contains("check the spelling"), "{text}");
     }
 
     #[test]
-    fn localhost_is_reached_by_ipv4() {
-        assert!(open("localhost:5252").receiver().is_ipv4());
+    fn packets_for_an_unknown_host_are_counted_as_dropped() {
+        let mut link = open("nowhere.invalid:5252");
+        link.send(&Packet::NEUTRAL);
+        assert_eq!((link.is_open(), link.counts()), (false, LinkCounts { sent: 0, dropped: 1 }));
+    }
+
+    #[test]
+    fn localhost_is_found_beside_the_service_and_reached_by_ipv4() {
+        let socket = receiver("127.0.0.1:0");
+        let mut link = open(&format!("localhost:{}", socket.local_addr().unwrap().port()));
+        let mut tries = 0;
+        while !link.is_open() {
+            tries += 1;
+            assert!(tries < 1000);
+            thread::sleep(Duration::from_millis(10));
+        }
+        link.send(&Packet::NEUTRAL);
+        assert_eq!(socket.recv(&mut [0; 1024]).unwrap(), PACKET_BYTES);
     }
 }

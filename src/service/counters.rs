@@ -11,7 +11,7 @@ const BUCKET_US: u64 = 250;
 /// Latencies up to 256 ms are told apart; longer ones fall into the last bucket.
 const BUCKETS: usize = 1024;
 
-/// Counters of a running service. Every one only grows.
+/// Counters of a running service. Every one only grows, but for the links that are open.
 #[derive(Debug)]
 pub struct Counters {
     stop: Arc<AtomicBool>,
@@ -34,6 +34,8 @@ pub struct Counters {
     pub(super) packets: AtomicU64,
     /// Packets that a link did not take.
     pub(super) dropped: AtomicU64,
+    /// Links that are open at present.
+    pub(super) links_open: AtomicU64,
     /// Microseconds between frames that give a pose, for the failsafe's patience.
     pub(super) frame_period_us: AtomicU64,
     /// From capture to sending.
@@ -55,6 +57,7 @@ impl Default for Counters {
             opened: zero(),
             packets: zero(),
             dropped: zero(),
+            links_open: zero(),
             frame_period_us: zero(),
             latency: [const { AtomicU32::new(0) }; BUCKETS],
         }
@@ -103,6 +106,7 @@ impl Counters {
             opened: self.opened.load(Relaxed),
             packets: self.packets.load(Relaxed),
             dropped: self.dropped.load(Relaxed),
+            links_open: self.links_open.load(Relaxed),
             latency_ms: [0.5, 0.95, 0.99].map(|part| self.latency_ms(part)),
         }
     }
@@ -140,6 +144,8 @@ pub struct Status {
     pub packets: u64,
     /// Packets that a link did not take.
     pub dropped: u64,
+    /// Links that are open at present.
+    pub links_open: u64,
     /// From capture to sending: p50, p95, p99, milliseconds.
     pub latency_ms: [f64; 3],
 }
@@ -150,7 +156,7 @@ impl fmt::Display for Status {
         write!(
             f,
             "frames={} faces={} rejected={} skipped={} damaged={} cameras_opened={} packets={} dropped={} \
-             latency_ms p50={p50:.2} p95={p95:.2} p99={p99:.2}",
+             links_open={} latency_ms p50={p50:.2} p95={p95:.2} p99={p99:.2}",
             self.frames,
             self.solved,
             self.rejected,
@@ -158,7 +164,8 @@ impl fmt::Display for Status {
             self.damaged,
             self.opened,
             self.packets,
-            self.dropped
+            self.dropped,
+            self.links_open
         )
     }
 }

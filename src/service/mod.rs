@@ -41,7 +41,7 @@ use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
 use crate::capture::monotonic_us;
 use crate::config::Settings;
-use crate::link::LinkError;
+use crate::link::{Link, LinkError};
 use crate::pipeline::{Pipeline, SetupError};
 
 /// How long a stopping service waits for the hot loop, which may be in the kernel, opening a camera.
@@ -74,7 +74,7 @@ pub enum ServiceError {
 pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, ServiceError> {
     let counters = Arc::new(Counters::default());
     let signals = Signals::catch(&counters)?;
-    let links = reload::open_links(&settings)?;
+    let links = Link::open_all(&settings.links)?;
     let pipeline = Pipeline::load(&settings)?;
     let (reports, news) = triple_buffer::triple_buffer(&Report::NOTHING);
     let (events, heard) = mpsc::channel();

@@ -58,7 +58,7 @@ impl Change {
             tracker: if new.networks == live.networks { None } else { Some(tracker(&new)?) },
             solver: if is_new_solver { Some(Solver::load(&new)?) } else { None },
         };
-        let links = if new.links == live.links { None } else { Some(open_links(&new)?) };
+        let links = if new.links == live.links { None } else { Some(Link::open_all(&new.links)?) };
         Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })
     }
 }
@@ -66,11 +66,6 @@ impl Change {
 fn tracker(settings: &Settings) -> Result<Tracker, SetupError> {
     let folder = NetworkFolder::find(&settings.networks.folder)?;
     Ok(Tracker::load(&folder, settings.networks.threads as usize)?)
-}
-
-/// Opens all links.
-pub(super) fn open_links(settings: &Settings) -> Result<Vec<Link>, LinkError> {
-    settings.links.iter().map(Link::open).collect()
 }
 
 /// A thread that takes changes.

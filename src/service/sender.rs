@@ -119,8 +119,14 @@ impl Sender {
         self.sequence = self.sequence.wrapping_add(1);
         self.settings.links.iter_mut().flatten().for_each(|link| link.send(&packet));
         self.counters.packets.fetch_add(1, Relaxed);
+        self.count_links();
+    }
+
+    fn count_links(&mut self) {
         let dropped = self.settings.dropped();
         self.counters.dropped.fetch_add(dropped.saturating_sub(self.dropped), Relaxed);
         self.dropped = dropped;
+        let open = self.settings.links.iter().flatten().filter(|link| link.is_open()).count();
+        self.counters.links_open.store(open as u64, Relaxed);
     }
 }

@@ -5,8 +5,8 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 
 use facewire::face::{LANDMARKS, Landmarks};
-use npyz::npz::NpzArchive;
 use npyz::{AutoSerialize, NpyFile, WriteOptions, WriterBuilder as _};
+use zip::ZipArchive;
 
 /// Landmarks that `facewire track` or MediaPipe wrote, frame by frame; not a number where there is no face.
 pub fn read_npy(path: &Path) -> Vec<Landmarks> {
@@ -22,8 +22,9 @@ pub fn read_steps(path: &Path) -> Vec<Landmarks> {
 
 /// The array `landmarks` of a `.npz` file.
 pub fn read_npz(path: &Path) -> Vec<Landmarks> {
-    let mut archive = NpzArchive::open(path).unwrap();
-    frames(archive.by_name("landmarks").unwrap().unwrap(), |value: f32| value)
+    let mut archive = ZipArchive::new(File::open(path).unwrap()).unwrap();
+    let member = archive.by_name("landmarks.npy").unwrap();
+    frames(NpyFile::new(BufReader::new(member)).unwrap(), |value: f32| value)
 }
 
 fn frames<R: Read, T: npyz::Deserialize>(npy: NpyFile<R>, pixels: impl Fn(T) -> f32) -> Vec<Landmarks> {

@@ -1,12 +1,15 @@
 //! Packets as text.
 
-use std::{net::SocketAddr, time::Instant};
+use std::time::Instant;
 
 use facewire_packet::{BLENDSHAPES, Packet, Reason};
 use nalgebra::{Quaternion, UnitQuaternion};
 use serde::{Serialize, Serializer};
 
-use super::tally::{Newest, Tally};
+use super::{
+    receiver::Place,
+    tally::{Newest, Tally},
+};
 
 /// How many coefficients a line names.
 const NAMED: usize = 4;
@@ -16,7 +19,7 @@ const NOTEWORTHY: f32 = 0.05;
 /// A packet as an object of JSON.
 #[derive(Debug, Serialize)]
 pub struct Json {
-    from: Option<SocketAddr>,
+    from: Option<String>,
     state: &'static str,
     reason: &'static str,
     sequence: u16,
@@ -46,7 +49,7 @@ impl Json {
     pub fn new(packet: &Packet, tally: &Tally) -> Self {
         let [yaw, pitch, roll] = yaw_pitch_roll_deg(packet.rotation).map(|deg| rounded(deg, 1e3));
         Self {
-            from: tally.newest().map(|newest| newest.from),
+            from: tally.newest().map(|newest| newest.from.to_string()),
             state: packet.state.name(),
             reason: packet.reason.name(),
             sequence: packet.sequence,
@@ -89,7 +92,7 @@ pub fn state(packet: &Packet) -> String {
 }
 
 /// How things stand, in a line for a log.
-pub fn line(listen: SocketAddr, tally: &Tally, now: Instant) -> String {
+pub fn line(listen: &Place, tally: &Tally, now: Instant) -> String {
     let Some(Newest { packet, .. }) = tally.newest() else {
         return format!("waiting for packets at {listen}");
     };
@@ -118,7 +121,7 @@ fn strongest(packet: &Packet) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
+    use std::{net::SocketAddr, time::Duration};
 
     use facewire_packet::State;
 
@@ -158,7 +161,7 @@ mod tests {
         let mut tally = Tally::new();
         let mut packet = Packet { state: State::Hold, reason: Reason::Late, ..Packet::NEUTRAL };
         packet.coefficients = [0.25; 52];
-        tally.count(&packet, SocketAddr::from(([127, 0, 0, 1], 7)), Instant::now());
+        tally.count(&packet, Place::Udp(SocketAddr::from(([127, 0, 0, 1], 7))), Instant::now());
         let text = serde_json::to_string(&Json::new(&packet, &tally)).unwrap_or_default();
         assert!(text.starts_with(r#"{"from":"127.0.0.1:7","state":"hold","reason":"late","sequence":0,"#), "{text}");
         assert!(text.ends_with(r#""noseSneerRight":0.25,"tongueOut":0.25}}"#), "{text}");
@@ -167,16 +170,16 @@ mod tests {
 
     #[test]
     fn line_tells_waiting_state_and_silence() {
-        let listen = SocketAddr::from(([0, 0, 0, 0], 5252));
+        let listen = Place::Udp(SocketAddr::from(([0, 0, 0, 0], 5252)));
         let now = Instant::now();
         let mut tally = Tally::new();
-        assert_eq!(line(listen, &tally, now), "waiting for packets at 0.0.0.0:5252");
+        assert_eq!(line(&listen, &tally, now), "waiting for packets at 0.0.0.0:5252");
         let mut packet = Packet { state: State::Live, age_us: 23_400, ..Packet::NEUTRAL };
         packet.coefficients[17] = 0.5;
-        tally.count(&packet, listen, now);
+        tally.count(&packet, listen.clone(), now);
         let want = "live  0.0 packets/s  lost 0  refused 0  age 23.4 ms  yaw 0.0 pitch 0.0 roll 0.0  jawOpen 0.50";
-        assert_eq!(line(listen, &tally, now), want);
+        assert_eq!(line(&listen, &tally, now), want);
         let later = now + Duration::from_millis(1500);
-        assert_eq!(line(listen, &tally, later), "silent for 1.5 s  lost 0  refused 0");
+        assert_eq!(line(&listen, &tally, later), "silent for 1.5 s  lost 0  refused 0");
     }
 }

@@ -2,7 +2,6 @@
 
 use std::{
     io::{self, Stdout, Write as _},
-    net::SocketAddr,
     time::Instant,
 };
 
@@ -16,7 +15,7 @@ use crossterm::{
 };
 use facewire_packet::{Packet, State};
 
-use super::{bars, report, tally::Tally};
+use super::{bars, receiver::Place, report, tally::Tally};
 
 /// Between the two columns.
 const COLUMN_GAP: usize = 1;
@@ -39,7 +38,7 @@ impl Screen {
     }
 
     /// Draws how things stand.
-    pub fn draw(&mut self, listen: SocketAddr, tally: &Tally, now: Instant) -> io::Result<()> {
+    pub fn draw(&mut self, listen: &Place, tally: &Tally, now: Instant) -> io::Result<()> {
         let (width, height) = crossterm::terminal::size()?;
         let lines = picture(listen, tally, now, width.into());
         queue!(self.out, BeginSynchronizedUpdate)?;
@@ -62,7 +61,7 @@ impl Drop for Screen {
 }
 
 /// All lines from the top, with colours.
-fn picture(listen: SocketAddr, tally: &Tally, now: Instant, width: usize) -> Vec<String> {
+fn picture(listen: &Place, tally: &Tally, now: Instant, width: usize) -> Vec<String> {
     let column = (width.saturating_sub(MARGIN + COLUMN_GAP) / 2).min(WIDEST_COLUMN);
     let gap = " ".repeat(COLUMN_GAP);
     let packet = tally.newest().map_or(Packet::NEUTRAL, |newest| newest.packet);
@@ -110,7 +109,7 @@ fn counts(tally: &Tally) -> String {
 }
 
 /// Where packets come from and how to end.
-fn footer(listen: SocketAddr, tally: &Tally) -> String {
+fn footer(listen: &Place, tally: &Tally) -> String {
     match tally.newest() {
         Some(newest) => {
             format!("packet {} from {}   person's left, right   Ctrl-C ends", newest.packet.sequence, newest.from)
@@ -121,11 +120,14 @@ fn footer(listen: SocketAddr, tally: &Tally) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
+    use std::{
+        net::{IpAddr, Ipv4Addr, SocketAddr},
+        time::Duration,
+    };
 
     use super::*;
 
-    const LISTEN: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED), 5252);
+    const LISTEN: Place = Place::Udp(SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), 5252));
 
     fn full_packet() -> Packet {
         Packet { state: State::Live, sequence: 65535, coefficients: [1.0; 52], ..Packet::NEUTRAL }
@@ -142,9 +144,9 @@ mod tests {
     fn picture_fits_80_by_24_and_fills_wider_terminals() {
         let mut tally = Tally::new();
         let now = Instant::now();
-        tally.count(&full_packet(), SocketAddr::from(([255; 4], 65535)), now);
+        tally.count(&full_packet(), Place::Udp(SocketAddr::from(([255; 4], 65535))), now);
         for width in [80, 120, 200] {
-            let lines = picture(LISTEN, &tally, now, width);
+            let lines = picture(&LISTEN, &tally, now, width);
             assert!(lines.len() <= 24, "{} lines", lines.len());
             let widest = lines.iter().map(|line| MARGIN + visible(line).chars().count()).max();
             assert!(widest <= Some(width) && widest > Some(width * 2 / 3), "{widest:?} of {width}");
@@ -155,7 +157,7 @@ mod tests {
     fn tiny_terminals_are_no_harm() {
         let tally = Tally::new();
         for width in [0, 1, 20] {
-            assert_eq!(picture(LISTEN, &tally, Instant::now(), width).len(), 24);
+            assert_eq!(picture(&LISTEN, &tally, Instant::now(), width).len(), 24);
         }
     }
 

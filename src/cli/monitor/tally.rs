@@ -2,12 +2,13 @@
 
 use std::{
     collections::VecDeque,
-    net::SocketAddr,
     time::{Duration, Instant},
 };
 
 use facewire_packet::{Packet, SILENCE_MS, State};
 use hdrhistogram::Histogram;
+
+use super::receiver::Place;
 
 /// A larger gap in the sequence is a sender that began anew, not a loss.
 const RESTART_GAP: u16 = 1024;
@@ -33,7 +34,7 @@ pub struct Newest {
     /// The packet.
     pub packet: Packet,
     /// Who sent it.
-    pub from: SocketAddr,
+    pub from: Place,
     /// When it came.
     pub at: Instant,
     /// Packets lost just before it.
@@ -47,8 +48,8 @@ impl Tally {
     }
 
     /// Counts a valid packet.
-    pub fn count(&mut self, packet: &Packet, from: SocketAddr, at: Instant) {
-        let lost_before = self.gap_before(packet, from);
+    pub fn count(&mut self, packet: &Packet, from: Place, at: Instant) {
+        let lost_before = self.gap_before(packet, &from);
         self.packets += 1;
         self.lost += u64::from(lost_before);
         self.first.get_or_insert(at);
@@ -63,8 +64,8 @@ impl Tally {
     }
 
     /// Packets of this sender that are missing before this one.
-    fn gap_before(&self, packet: &Packet, from: SocketAddr) -> u16 {
-        let Some(last) = self.newest.as_ref().filter(|newest| newest.from == from) else {
+    fn gap_before(&self, packet: &Packet, from: &Place) -> u16 {
+        let Some(last) = self.newest.as_ref().filter(|newest| newest.from == *from) else {
             return 0;
         };
         let step = packet.sequence.wrapping_sub(last.packet.sequence);
@@ -72,7 +73,7 @@ impl Tally {
         if gap < RESTART_GAP { gap } else { 0 }
     }
 
-    /// Counts a datagram that is not a packet.
+    /// Counts a datagram or a frame that is not a packet.
     pub fn refuse(&mut self) {
         self.refused += 1;
     }
@@ -87,7 +88,7 @@ impl Tally {
         self.lost
     }
 
-    /// Datagrams that were not packets.
+    /// Datagrams and frames that were not packets.
     pub fn refused(&self) -> u64 {
         self.refused
     }
@@ -155,10 +156,12 @@ fn ages() -> Histogram<u64> {
 
 #[cfg(test)]
 mod tests {
+    use std::net::{Ipv4Addr, SocketAddr};
+
     use super::*;
 
-    const A: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 1);
-    const B: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 2);
+    const A: Place = Place::Udp(SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 1));
+    const B: Place = Place::Udp(SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 2));
 
     fn packet(sequence: u16) -> Packet {
         Packet { state: State::Live, sequence, age_us: 20_000, ..Packet::NEUTRAL }

@@ -1,0 +1,135 @@
+//! Where packets come from: a UDP port or a serial line.
+
+use std::{
+    fmt,
+    io::{self, BufRead as _, BufReader, ErrorKind},
+    net::{SocketAddr, UdpSocket},
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use facewire_packet::{DecodeError, FrameReader, PACKET_BYTES, Packet};
+use serialport::{SerialPort as _, TTYPort};
+
+use super::{MonitorArgs, MonitorError};
+use crate::link::{PortError, open_port};
+
+/// A place that packets come to or from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Place {
+    /// Address and port.
+    Udp(SocketAddr),
+    /// A serial port.
+    Serial(PathBuf),
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Udp(address) => address.fmt(f),
+            Self::Serial(device) => device.display().fmt(f),
+        }
+    }
+}
+
+impl MonitorArgs {
+    /// Where the monitor listens.
+    pub(super) fn place(&self) -> Place {
+        self.serial.clone().map_or(Place::Udp(self.listen), Place::Serial)
+    }
+}
+
+/// What came, if something came: a packet and its sender, or why it is none.
+type Received = Option<Result<(Packet, Place), DecodeError>>;
+
+/// What the monitor listens with.
+pub enum Receiver {
+    Udp(UdpSocket),
+    Serial(Box<Line>),
+}
+
+impl Receiver {
+    /// Begins to listen.
+    pub fn open(args: &MonitorArgs) -> Result<Self, MonitorError> {
+        let Some(device) = &args.serial else {
+            let cannot_listen = |error| MonitorError::Listen { listen: args.listen, error };
+            return UdpSocket::bind(args.listen).map(Self::Udp).map_err(cannot_listen);
+        };
+        let port = open_port(device, args.baud, Duration::ZERO)?;
+        Ok(Self::Serial(Box::new(Line::new(device, port))))
+    }
+
+    /// Waits for the next packet, `wait` at most.
+    pub fn next(&mut self, wait: Duration) -> Result<Received, MonitorError> {
+        let wait = wait.max(Duration::from_millis(1));
+        match self {
+            Self::Udp(socket) => Ok(datagram(socket, wait)?),
+            Self::Serial(line) => line.next(wait),
+        }
+    }
+}
+
+fn datagram(socket: &UdpSocket, wait: Duration) -> io::Result<Received> {
+    // One byte more than a packet, so that longer datagrams are seen to be too long.
+    let mut bytes = [0; PACKET_BYTES + 1];
+    socket.set_read_timeout(Some(wait))?;
+    match socket.recv_from(&mut bytes) {
+        Ok((length, from)) => {
+            let packet = Packet::decode(bytes.get(..length).unwrap_or_default());
+            Ok(Some(packet.map(|packet| (packet, Place::Udp(from)))))
+        }
+        Err(error) if is_wait(&error) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// Whether nothing is wrong but that nothing came.
+fn is_wait(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
+}
+
+/// A serial line that is read.
+pub struct Line {
+    device: PathBuf,
+    port: BufReader<TTYPort>,
+    frames: FrameReader,
+    /// Whether a frame has ended. The first was mostly joined in its middle: that is no fault.
+    in_step: bool,
+}
+
+impl Line {
+    fn new(device: &Path, port: TTYPort) -> Self {
+        let frames = FrameReader::default();
+        Self { device: device.to_owned(), port: BufReader::new(port), frames, in_step: false }
+    }
+
+    fn next(&mut self, wait: Duration) -> Result<Received, MonitorError> {
+        let lost = |error: io::Error| PortError::lost(&self.device, error);
+        self.port.get_mut().set_timeout(wait).map_err(|error| lost(error.into()))?;
+        let bytes = match self.port.fill_buf() {
+            Ok([]) => return Err(lost(ErrorKind::UnexpectedEof.into()).into()),
+            Ok(bytes) => bytes,
+            Err(error) if is_wait(&error) => return Ok(None),
+            Err(error) => return Err(lost(error).into()),
+        };
+        let mut ended = None;
+        let mut used = 0;
+        for byte in bytes {
+            used += 1;
+            ended = self.frames.push(*byte);
+            if ended.is_some() {
+                break;
+            }
+        }
+        self.port.consume(used);
+        Ok(self.received(ended))
+    }
+
+    /// What a frame gave.
+    fn received(&mut self, ended: Option<Result<Packet, DecodeError>>) -> Received {
+        let joined_in_its_middle = !self.in_step && ended.as_ref().is_some_and(Result::is_err);
+        self.in_step |= ended.is_some();
+        let from = || Place::Serial(self.device.clone());
+        ended.filter(|_| !joined_in_its_middle).map(|result| result.map(|packet| (packet, from())))
+    }
+}

@@ -1,0 +1,174 @@
+//! The thread of a serial link: opens the port, writes the newest packet, and on any error opens it again.
+
+use std::{
+    io::{self, ErrorKind, Write as _},
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{
+            AtomicBool, AtomicU64,
+            Ordering::{Acquire, Relaxed, Release},
+        },
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use facewire_packet::{FRAME_BYTES, Packet};
+use serialport::{ClearBuffer, SerialPort as _, TTYPort};
+use triple_buffer::Output as Newest;
+
+use super::port::{self, PortError};
+use crate::link::retry::Retry;
+
+/// A port that takes nothing for so long has lost a packet: the next is newer.
+const PATIENCE: Duration = Duration::from_millis(50);
+/// Longest sleep. Every packet ends it.
+const IDLE: Duration = Duration::from_millis(100);
+
+/// What the link and its thread both see.
+#[derive(Debug, Default)]
+pub struct Shared {
+    stop: AtomicBool,
+    open: AtomicBool,
+    sent: AtomicU64,
+    dropped: AtomicU64,
+}
+
+impl Shared {
+    /// Lets the thread write what it was given and end.
+    pub fn stop(&self) {
+        self.stop.store(true, Release);
+    }
+
+    fn stopping(&self) -> bool {
+        self.stop.load(Acquire)
+    }
+
+    /// Whether the port is open.
+    pub fn is_open(&self) -> bool {
+        self.open.load(Relaxed)
+    }
+
+    /// Packets written.
+    pub fn sent(&self) -> u64 {
+        self.sent.load(Relaxed)
+    }
+
+    /// Packets that were not.
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Relaxed)
+    }
+
+    /// Counts a packet that is not written.
+    pub fn drop_one(&self) {
+        self.dropped.fetch_add(1, Relaxed);
+    }
+}
+
+/// A serial line and the packets for it.
+pub struct Line {
+    pub device: PathBuf,
+    pub baud: u32,
+    pub newest: Newest<Packet>,
+    pub shared: Arc<Shared>,
+}
+
+impl Line {
+    /// Writes packets until told to stop. What becomes of the port is logged here, on no thread that a packet waits for.
+    pub fn run(mut self) {
+        let mut retry = Retry::default();
+        while !self.shared.stopping() {
+            let sent_before = self.shared.sent();
+            if let Err(error) = self.session() {
+                self.shared.open.store(false, Relaxed);
+                retry.tell(&error.into());
+            }
+            if self.shared.sent() != sent_before {
+                retry = Retry::default();
+            }
+            self.pause(retry.wait());
+        }
+    }
+
+    /// From opening to the first error, or to the end.
+    fn session(&mut self) -> Result<(), PortError> {
+        let mut port = Port::open(port::open(&self.device, self.baud, PATIENCE)?);
+        self.shared.open.store(true, Relaxed);
+        tracing::info!("link opened: {} at {} baud", self.device.display(), self.baud);
+        loop {
+            // Asked first, so that what was given before the end is still written.
+            let stopping = self.shared.stopping();
+            if self.newest.update() {
+                self.write(&mut port).map_err(|error| PortError::lost(&self.device, error))?;
+            } else if stopping {
+                return Ok(());
+            } else {
+                thread::park_timeout(IDLE);
+            }
+        }
+    }
+
+    fn write(&self, port: &mut Port) -> io::Result<()> {
+        let took_before = port.takes;
+        let took = port.write(&self.newest.peek_output_buffer().encode_frame());
+        match took {
+            Ok(true) => _ = self.shared.sent.fetch_add(1, Relaxed),
+            Ok(false) | Err(_) => self.shared.drop_one(),
+        }
+        if !took? && took_before {
+            tracing::warn!("link {}: it takes no packets; check that the receiver reads", self.device.display());
+        }
+        Ok(())
+    }
+
+    /// Waits, however many packets come meanwhile.
+    fn pause(&self, wait: Duration) {
+        let end = Instant::now() + wait;
+        while !self.shared.stopping() && Instant::now() < end {
+            thread::park_timeout(end.saturating_duration_since(Instant::now()));
+        }
+    }
+}
+
+/// An open port, and whether it took the last packet.
+struct Port {
+    tty: TTYPort,
+    takes: bool,
+}
+
+impl Port {
+    /// Begins with the end of a frame, so that a part of one from earlier does not spoil the first packet. A port that
+    /// takes nothing yet needs none.
+    fn open(mut tty: TTYPort) -> Self {
+        let _ = tty.write(&[0]);
+        Self { tty, takes: true }
+    }
+
+    /// Whether the port took the frame, all of it and in time.
+    fn write(&mut self, frame: &[u8; FRAME_BYTES]) -> io::Result<bool> {
+        // What the board says is for nobody; left unread, it could make the board wait.
+        let _ = self.tty.clear(ClearBuffer::Input);
+        let took = match self.tty.write(frame) {
+            Ok(bytes) => Ok(bytes == FRAME_BYTES),
+            Err(error) if is_wait(&error) => Ok(false),
+            Err(error) => Err(error),
+        };
+        self.takes = matches!(took, Ok(true));
+        took
+    }
+}
+
+/// Whether nothing is wrong but that there was no room in time.
+fn is_wait(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}
+
+impl Drop for Port {
+    /// Closing waits until all is sent, for half a minute where nobody reads.
+    fn drop(&mut self) {
+        if !self.takes {
+            let _ = self.tty.clear(ClearBuffer::Output);
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! A board at a serial line, played by a pseudo-terminal.
+#![allow(dead_code, reason = "each test uses a part")]
+
+use std::ffi::OsStr;
+use std::fs::{self, File};
+use std::io::{Read as _, Write as _};
+use std::os::fd::OwnedFd;
+use std::os::unix::ffi::OsStrExt as _;
+use std::os::unix::fs::symlink;
+use std::path::PathBuf;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use facewire_packet::{FrameReader, Packet};
+use rustix::fs::{Mode, OFlags};
+use rustix::io::ioctl_fionbio;
+use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+
+/// The far end of a serial line.
+pub struct Board {
+    pub master: File,
+    pub device: PathBuf,
+    reader: FrameReader,
+}
+
+impl Board {
+    pub fn plugged_in() -> Self {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+        unlockpt(&master).unwrap();
+        ioctl_fionbio(&master, true).unwrap();
+        let name = ptsname(&master, Vec::new()).unwrap();
+        let device = OsStr::from_bytes(name.as_bytes()).into();
+        Self { master: master.into(), device, reader: FrameReader::default() }
+    }
+
+    /// The port as another program has it that has not locked it.
+    pub fn port(&self) -> OwnedFd {
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        rustix::fs::open(&self.device, flags, Mode::empty()).unwrap()
+    }
+
+    /// Fills the line as a board does that has stopped reading. As long as what is returned lives, so do the bytes.
+    pub fn stall(&self) -> File {
+        let mut port = File::from(self.port());
+        let mut modes = tcgetattr(&port).unwrap();
+        modes.make_raw();
+        tcsetattr(&port, OptionalActions::Now, &modes).unwrap();
+        // The system moves bytes on at leisure, which makes room again.
+        let mut fill = || std::iter::repeat_with(|| port.write(&[1])).take_while(Result::is_ok).count();
+        while fill() > 0 {
+            thread::sleep(Duration::from_millis(50));
+        }
+        port
+    }
+
+    /// Sends these bytes, which are fewer than the line holds.
+    pub fn send(&self, bytes: &[u8]) {
+        (&self.master).write_all(bytes).unwrap();
+    }
+
+    /// The packets that have come.
+    pub fn packets(&mut self) -> Vec<Packet> {
+        let mut bytes = [0; 4096];
+        let length = self.master.read(&mut bytes).unwrap_or(0);
+        let taken = bytes.iter().take(length);
+        taken.filter_map(|byte| self.reader.push(*byte)?.ok()).collect()
+    }
+
+    /// The next packet, or those that come at once.
+    pub fn next(&mut self) -> Vec<Packet> {
+        let mut packets = Vec::new();
+        eventually("a packet", || {
+            packets = self.packets();
+            !packets.is_empty()
+        });
+        packets
+    }
+}
+
+pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
+    let end = Instant::now() + Duration::from_secs(10);
+    while !happens() {
+        assert!(Instant::now() < end, "{what} did not come");
+        thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// A link under a path that stays, as `/dev/serial/by-id/` has them.
+pub struct StablePath(tempfile::TempDir);
+
+impl StablePath {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub fn path(&self) -> PathBuf {
+        self.0.path().join("board")
+    }
+
+    /// Pulls the board: its path goes before its node, which another board may get at once.
+    pub fn pull(&self, board: Board) {
+        fs::remove_file(self.path()).unwrap();
+        drop(board);
+    }
+
+    pub fn leads_to(&self, board: &Board) {
+        symlink(&board.device, self.path()).unwrap();
+    }
+}

@@ -1,0 +1,259 @@
+//! The program with a serial line, run as a user runs it.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+mod board;
+
+use std::fs;
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use board::{Board, StablePath, eventually};
+use facewire_packet::{PACKET_BYTES, Packet, Reason};
+use rustix::process::{Pid, Signal, kill_process};
+use rustix::termios::{LocalModes, tcgetattr};
+
+fn facewire<'a>(arguments: impl IntoIterator<Item = &'a str>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+/// The service with the built-in clip for a camera; it is killed if the test forgets it.
+struct Service {
+    child: Option<Child>,
+    _folder: tempfile::TempDir,
+}
+
+impl Service {
+    /// Starts it with these links.
+    fn with(links: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let config = configuration(folder.path(), &format!("[camera]\ndevice = \"demo\"\n{links}"));
+        let child = facewire(["run", "--config", config.to_str().unwrap()]).spawn().unwrap();
+        Self { child: Some(child), _folder: folder }
+    }
+
+    /// Stops it as systemd does.
+    fn stop(mut self) -> Output {
+        let child = self.child.take().unwrap();
+        kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        output
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            child.kill().unwrap();
+            child.wait().unwrap();
+        }
+    }
+}
+
+fn configuration(folder: &Path, text: &str) -> PathBuf {
+    let path = folder.join("facewire.toml");
+    fs::write(&path, text).unwrap();
+    path
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn serial(device: &Path) -> String {
+    format!("[[link]]\nkind = \"serial\"\ndevice = \"{}\"\n", device.display())
+}
+
+fn udp(socket: &UdpSocket) -> String {
+    format!("[[link]]\naddress = \"{}\"\n", socket.local_addr().unwrap())
+}
+
+fn udp_socket() -> UdpSocket {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    socket
+}
+
+/// The datagrams of the next while.
+fn count(socket: &UdpSocket, span: Duration) -> usize {
+    let end = Instant::now() + span;
+    let mut bytes = [0; PACKET_BYTES + 1];
+    std::iter::repeat_with(|| socket.recv(&mut bytes).unwrap()).take_while(|_| Instant::now() < end).count()
+}
+
+#[test]
+fn the_stream_of_the_demo_is_read_at_the_other_end_up_to_the_last_word() {
+    let mut board = Board::plugged_in();
+    let service = Service::with(&serial(&board.device));
+    let mut packets = Vec::new();
+    eventually("a face", || {
+        packets.extend(board.packets());
+        packets.len() > 30 && packets.iter().any(|packet| packet.coefficients.iter().any(|value| *value > 0.2))
+    });
+    // Held open so that what the service wrote last outlives it.
+    let port = board.port();
+    let output = service.stop();
+    eventually("the last word", || {
+        packets.extend(board.packets());
+        packets.last().is_some_and(|packet| packet.reason == Reason::Stopping)
+    });
+    drop(port);
+    let steps = packets.windows(2).map(|pair| pair[1].sequence.wrapping_sub(pair[0].sequence));
+    assert!(steps.clone().all(|step| step >= 1), "packets came in another order");
+    assert!(steps.filter(|step| *step == 1).count() > packets.len() / 2, "most packets were lost");
+    assert!(text(&output.stderr).contains(&format!("link opened: {} at 115200 baud", board.device.display())));
+}
+
+#[test]
+fn a_board_that_stops_reading_takes_nothing_from_the_receiver_beside_it() {
+    let (board, socket) = (Board::plugged_in(), udp_socket());
+    let _full = board.stall();
+    let service = Service::with(&(serial(&board.device) + &udp(&socket)));
+    let mut received = count(&socket, Duration::from_secs(3));
+    let log = text(&service.stop().stderr);
+    socket.set_nonblocking(true).unwrap();
+    received += std::iter::repeat_with(|| socket.recv(&mut [0; 256])).take_while(Result::is_ok).count();
+    let value = |key: &str| -> usize { log.rsplit_once(key).unwrap().1.split(' ').next().unwrap().parse().unwrap() };
+    assert!(value(" faces=") > 0, "{log}");
+    assert!(value(" packets=") * 10 >= value(" faces=") * 9, "poses were not sent: {log}");
+    // The one that ended the count is not in it.
+    assert_eq!(received + 1, value(" packets="), "{log}");
+    assert!(value(" dropped=") + 3 >= value(" packets="), "{log}");
+    assert!(log.contains("it takes no packets; check that the receiver reads"), "{log}");
+}
+
+#[test]
+fn a_board_pulled_and_plugged_in_again_is_back_within_1_5_s_and_nothing_else_stops() {
+    let (stable, socket) = (StablePath::new(), udp_socket());
+    let mut board = Board::plugged_in();
+    stable.leads_to(&board);
+    let service = Service::with(&(serial(&stable.path()) + &udp(&socket)));
+    board.next();
+    for _ in 0..2 {
+        stable.pull(std::mem::replace(&mut board, Board::plugged_in()));
+        assert!(count(&socket, Duration::from_secs(2)) > 10, "UDP stopped with the board");
+        stable.leads_to(&board);
+        let back = Instant::now();
+        board.next();
+        assert!(back.elapsed() < Duration::from_millis(1500), "{:?}", back.elapsed());
+    }
+    let log = text(&service.stop().stderr);
+    assert_eq!(log.matches("link opened").count(), 3, "{log}");
+    assert_eq!(log.matches("no link ").count(), 4, "lost and not found, each told once: {log}");
+}
+
+#[test]
+fn a_port_that_is_missing_at_the_start_keeps_nothing_from_starting() {
+    let (stable, socket) = (StablePath::new(), udp_socket());
+    let service = Service::with(&(serial(&stable.path()) + &udp(&socket)));
+    socket.recv(&mut [0; PACKET_BYTES]).unwrap();
+    let mut board = Board::plugged_in();
+    stable.leads_to(&board);
+    board.next();
+    let log = text(&service.stop().stderr);
+    assert!(log.contains("there is no such serial port; plug it in"), "{log}");
+}
+
+#[test]
+fn a_host_that_does_not_resolve_is_an_error_where_there_is_no_other_link() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = configuration(folder.path(), "[[link]]\naddress = \"nowhere.invalid:5252\"\n");
+    let output = facewire(["run", "--config", config.to_str().unwrap()]).output().unwrap();
+    assert_eq!(output.status.code(), Some(68), "{}", text(&output.stderr));
+}
+
+#[test]
+fn a_host_that_does_not_resolve_keeps_nothing_from_the_serial_line() {
+    let mut board = Board::plugged_in();
+    let service = Service::with(&(serial(&board.device) + "[[link]]\naddress = \"nowhere.invalid:5252\"\n"));
+    board.next();
+    let log = text(&service.stop().stderr);
+    assert!(log.contains("no link nowhere.invalid:5252: the host does not resolve ("), "{log}");
+}
+
+/// What `facewire check` says, and how it ends.
+fn check(links: &str) -> (Option<i32>, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let config = configuration(folder.path(), &format!("[camera]\ndevice = \"demo\"\n{links}"));
+    let output = facewire(["check", "--config", config.to_str().unwrap()]).output().unwrap();
+    (output.status.code(), text(&output.stdout) + &text(&output.stderr))
+}
+
+#[test]
+fn check_tells_of_each_link_whether_it_works() {
+    let board = Board::plugged_in();
+    let (status, told) = check(&(serial(&board.device) + &serial(Path::new("/dev/nowhere"))));
+    assert_eq!(status, Some(69));
+    assert!(told.contains(&format!("link      ok: {} at 115200 baud\n", board.device.display())), "{told}");
+    assert!(
+        told.contains("link      FAILED: link /dev/nowhere: there is no such serial port; plug it in, or"),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_line_too_slow_for_its_packets_is_bad_configuration() {
+    let (status, told) = check(&(serial(Path::new("/dev/nowhere")) + "baud = 57600\n"));
+    assert_eq!(status, Some(78));
+    let want = "facewire: link.baud = 57600: give 115200 or more, or camera.fps and send.rate_hz of at most 34: 60 packets \
+                a second need more than 80 % of the line at /dev/nowhere\n";
+    assert_eq!(told, want);
+}
+
+/// The monitor at a board that begins in the middle of a frame, and what it printed.
+fn monitor(arguments: &[&str], damaged: usize) -> Output {
+    let board = Board::plugged_in();
+    let device = board.device.to_str().unwrap().to_owned();
+    let command = ["monitor", "--serial", &device, "--seconds", "20"];
+    let child = facewire(command.into_iter().chain(arguments.iter().copied())).spawn().unwrap();
+    let port = board.port();
+    eventually("the monitor", || !tcgetattr(&port).unwrap().local_modes.contains(LocalModes::ICANON));
+    let frame = |sequence| Packet { sequence, ..Packet::NEUTRAL }.encode_frame();
+    board.send(&frame(0)[50..]);
+    board.send(&vec![7; damaged]);
+    (1..=50).for_each(|sequence| board.send(&frame(sequence)));
+    child.wait_with_output().unwrap()
+}
+
+#[test]
+fn the_monitor_reads_a_serial_port_that_it_joins_in_the_middle_of_a_frame() {
+    let output = monitor(&["--json", "--packets", "50"], 0);
+    let lines = text(&output.stdout);
+    assert_eq!((output.status.code(), lines.lines().count()), (Some(0), 50), "{}", text(&output.stderr));
+    assert!(lines.starts_with(r#"{"from":"/dev/pts/"#), "{lines}");
+    assert!(lines.lines().last().unwrap().contains(r#""sequence":50,"lost_before":0,"#));
+    assert!(text(&output.stderr).contains(" 0 lost, 0 refused"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn the_monitor_counts_damaged_frames() {
+    let output = monitor(&["--packets", "49"], 3);
+    let told = text(&output.stdout);
+    assert!(told.lines().last().unwrap().contains(" 0 lost, 1 refused"), "{told}");
+}
+
+#[test]
+fn the_monitor_tells_a_silent_line_a_missing_one_and_one_that_goes_away() {
+    let board = Board::plugged_in();
+    let device = board.device.to_str().unwrap();
+    let run = |device: &str, seconds| {
+        facewire(["monitor", "--serial", device, "--seconds", seconds]).spawn().unwrap().wait_with_output().unwrap()
+    };
+    let silent = text(&run(device, "0.2").stderr);
+    let wires = "check the wires, and that both sides have the same baud rate";
+    assert_eq!(silent, format!("facewire: no packet came by {device}; {wires}\n"));
+    let missing = text(&run("/dev/nowhere", "0.2").stderr);
+    assert!(missing.starts_with("facewire: cannot listen to /dev/nowhere: there is no such serial port"), "{missing}");
+    let gone = thread::scope(|scope| {
+        let running = scope.spawn(|| run(device, "20"));
+        thread::sleep(Duration::from_millis(500));
+        drop(board.master);
+        text(&running.join().unwrap().stderr)
+    });
+    assert!(gone.contains(&format!("cannot listen to {device}: went away (")), "{gone}");
+}

@@ -146,7 +146,8 @@ impl From<ServiceError> for Failure {
 impl From<MonitorError> for Failure {
     fn from(error: MonitorError) -> Self {
         let status = match error {
-            MonitorError::Listen { .. } | MonitorError::NoPacket { .. } => EX_FAILED,
+            MonitorError::Listen { .. } | MonitorError::NoPacket { .. } | MonitorError::NoFrame { .. } => EX_FAILED,
+            MonitorError::Port(_) => EX_UNAVAILABLE,
             MonitorError::Output(_) => EX_IOERR,
         };
         Self { status, message: error.to_string() }

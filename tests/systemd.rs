@@ -214,6 +214,30 @@ fn the_unit_is_correct_and_exposes_no_more_than_it_did() {
     }
 }
 
+/// All text below a folder of the project.
+fn sources(folder: &Path) -> String {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let text = |path: PathBuf| match path.extension().and_then(|ending| ending.to_str()) {
+        None if path.is_dir() => sources(&path),
+        Some("rs") => fs::read_to_string(path).unwrap(),
+        _ => String::new(),
+    };
+    entries.map(text).collect()
+}
+
+#[test]
+fn every_test_that_the_table_of_faults_names_exists() {
+    let table = fs::read_to_string(project("docs/service.md")).unwrap();
+    let tests = [project("src"), project("tests")].map(|folder| sources(&folder)).concat();
+    let rows = table.lines().filter(|line| line.matches('|').count() == 5);
+    let names: Vec<&str> = rows.flat_map(|row| row.rsplit('|').nth(1).unwrap().split('`').skip(1).step_by(2)).collect();
+    assert!(names.len() >= 15, "{names:?}");
+    for name in names {
+        let is_case = name.ends_with(".sh") && project("tests/guest/cases").join(name).exists();
+        assert!(is_case || tests.contains(&format!("fn {name}()")), "{name}");
+    }
+}
+
 #[test]
 fn installing_puts_everything_in_place_and_keeps_a_configuration_that_is_there() {
     let dest = tempfile::tempdir().unwrap();

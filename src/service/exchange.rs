@@ -1,7 +1,7 @@
 //! How new settings reach a running thread: the supervisor leaves them, the thread takes them when no frame waits.
 //!
 //! The thread looks at a flag; only when it is up does it try the lock, and never waits for it. What it leaves in
-//! place of the new is freed by the supervisor.
+//! place of the new goes back to the supervisor.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -41,9 +41,9 @@ impl<T> Exchange<T> {
         self.waiting.store(false, Ordering::Release);
     }
 
-    /// Frees what the thread left.
-    pub(super) fn clear(&self) {
-        *self.lock() = None;
+    /// What the thread left, to be freed.
+    pub(super) fn left(&self) -> Option<T> {
+        self.lock().take()
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<T>> {
@@ -67,9 +67,7 @@ mod tests {
         exchange.take(|change| swap(change, &mut mine));
         exchange.take(|change| swap(change, &mut mine));
         assert_eq!((mine, exchange.is_waiting()), ("new", false));
-        assert_eq!(*exchange.lock(), Some("old"));
-        exchange.clear();
-        assert_eq!(*exchange.lock(), None);
+        assert_eq!((exchange.left(), exchange.left()), (Some("old"), None));
     }
 
     #[test]

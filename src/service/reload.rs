@@ -168,10 +168,12 @@ impl Reloader {
         self.stage = Stage::Taking;
     }
 
-    /// Frees what the threads left.
+    /// Frees what the threads left, on a thread of its own: a serial port that hangs takes its time to close.
     fn finish(&mut self) {
-        self.hot.changes.clear();
-        self.sender.changes.clear();
+        let left = (self.hot.changes.left(), self.sender.changes.left());
+        if let Err(error) = Builder::new().name("fw-free".to_owned()).spawn(move || drop(left)) {
+            tracing::debug!("what was replaced was freed without a thread: {error}");
+        }
         self.stage = Stage::Idle;
         tracing::info!("new settings hold");
     }

@@ -1,6 +1,7 @@
 #!/bin/sh
-# The installed unit: it starts without a camera, as a user of its own, and takes one that comes later; killed, it is
-# back; bad settings are refused while it runs, and end it for good when it starts.
+# The installed unit: it starts without a camera, as a user of its own, and takes one that comes later; killed or stuck, it
+# is back; bad settings are refused while it runs, and end it for good when it starts; real time is granted; with no
+# network at all it sends by a serial port.
 . cases/lib.sh
 
 configuration=/etc/facewire/facewire.toml
@@ -73,6 +74,22 @@ for grant in 'memory locked' 'sender priority 21' 'hot priority 20' 'hot on CPU 
     grep -qE "real time: .*$grant(,|\$)" $work/log || fail "not granted: $grant"
 done
 grep -o 'real time: .*' $work/log | tail -n 1
+
+# By serial line alone: no network at all, and a port that comes later.
+install -m 644 -t /etc/systemd/system/facewire.service.d systemd/facewire.service.d/serial-only.conf
+{
+    sed '/link/,$d' $work/facewire.toml
+    printf '[[link]]\nkind = "serial"\ndevice = "/dev/facewire-link"\n'
+} >$configuration
+systemctl daemon-reload
+systemctl restart facewire || fail "not started: $(systemctl status facewire)"
+usb-acm plug
+stty -F /dev/ttyGS0 raw -echo
+await 20 told 1 'link opened: /dev/facewire-link'
+received=$(timeout 20 head -c 1000 /dev/ttyGS0 | wc -c)
+[ "$received" = 1000 ] || fail "only $received bytes came by the serial line"
+grep 'link opened' $work/log
+
 systemctl stop facewire
 [ "$(property ExecMainStatus)" = 0 ] || fail "stopped with $(property ExecMainStatus)"
 kill $decoder

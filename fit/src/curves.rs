@@ -91,21 +91,21 @@ pub fn pose_error_deg(truth: &Truth, solved: &Solved) -> [f64; 3] {
 #[cfg(test)]
 #[allow(clippy::expect_used)]
 mod tests {
-    use std::path::PathBuf;
-
     use facewire::{face::Landmarks, solve::Model};
 
     use super::*;
-    use crate::clip::{load, solve};
+    use crate::{
+        clip::{load, solve},
+        reference,
+    };
 
     /// The built-in clip's landmarks and truth, from the folder of reference data.
     fn demo() -> Option<(Vec<Landmarks>, Truth)> {
-        let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-        let shared = std::env::var_os("FACEWIRE_SHARED").map_or_else(beside, PathBuf::from);
+        let shared = reference::folder();
         let landmarks = load(&shared.join("golden/demo-mediapipe.npz")).ok();
         let truth = Truth::load(&shared.join("footage/demo.csv")).ok();
         if landmarks.is_none() || truth.is_none() {
-            eprintln!("skipped: no golden/ and footage/ in {} (set FACEWIRE_SHARED)", shared.display());
+            reference::say_skipped("golden/ and footage/");
         }
         landmarks.zip(truth)
     }

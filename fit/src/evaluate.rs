@@ -128,3 +128,23 @@ pub fn table(known: &[Score], unknown: &[Score]) -> String {
     let mean_line = line("mean of 51", mean_of(known), mean_of(unknown));
     format!("neutral face known, then not known\n{head}{}{mean_line}", rows.collect::<String>())
 }
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+    use crate::{dataset, reference};
+
+    #[test]
+    fn shipped_model_correlates_above_0_6_on_subjects_the_fit_never_saw() {
+        let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
+            return reference::say_skipped("dataset/");
+        };
+        let model = Model::embedded().expect("shipped");
+        for neutral_known in [true, false] {
+            let faces = Faces::new(&samples, neutral_known).expect("faces");
+            let mean = mean_of(&scores(&model, &faces).expect("scores"));
+            assert!(mean.r >= 0.6 && mean.mse <= 0.014, "neutral known: {neutral_known}, {mean:?}");
+        }
+    }
+}

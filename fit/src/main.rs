@@ -6,6 +6,8 @@ mod curves;
 mod dataset;
 mod evaluate;
 mod mirror;
+#[cfg(test)]
+mod reference;
 mod ridge;
 mod stats;
 mod train;

@@ -46,7 +46,7 @@ pub fn content(name: &str) -> Vec<u8> {
     fs::read(installed().join(name)).unwrap()
 }
 
-fn installed() -> PathBuf {
+pub fn installed() -> PathBuf {
     let folder = NetworkFolder::find("").unwrap_or_else(|error| panic!("{error}"));
     folder.path().canonicalize().unwrap()
 }

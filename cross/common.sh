@@ -1,0 +1,33 @@
+# shellcheck shell=bash
+# What cross/setup, build and check share: names, folders and how they speak. Sourced, not run.
+
+root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
+cache=${XDG_CACHE_HOME:-$HOME/.cache}/facewire
+target_folder=$(realpath --canonicalize-missing -- "${CARGO_TARGET_DIR:-$root/target}")
+program=${0##*/}
+
+say() { printf '%s: %s\n' "$program" "$*"; }
+
+fail() {
+    printf '%s: %s\n' "$program" "$*" >&2
+    exit 1
+}
+
+# describe ARCHITECTURE: sets Rust's and GNU's names of the target, Debian's of the architecture, and the folders.
+describe() {
+    architecture=$1
+    case $architecture in
+    aarch64) triple=aarch64-unknown-linux-gnu gnu=aarch64-linux-gnu debian=arm64 ;;
+    armv7) triple=armv7-unknown-linux-gnueabihf gnu=arm-linux-gnueabihf debian=armhf ;;
+    *) return 1 ;;
+    esac
+    # shellcheck disable=SC2034 # For those who source this.
+    gnu_linker=$gnu-gcc toolchain=$cache/cross/$debian board_folder=$target_folder/boards/$architecture
+}
+
+# Whether the compiler that cargo would take (of rustup, or the distribution's) already builds for the target.
+own_compiler_has_target() {
+    local libraries
+    libraries=$(cd "$root" && "${RUSTC:-rustc}" --print target-libdir --target "$triple" 2>/dev/null) &&
+        compgen -G "$libraries/libstd-*.rlib" >/dev/null
+}

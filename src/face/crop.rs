@@ -9,7 +9,7 @@ use crate::capture::Picture;
 
 use super::colour::{WHITE, channels};
 use super::planes::Planes;
-use super::region::FaceBox;
+use super::region::{FaceBox, Placement};
 
 /// One pixel in the 16.16 fixed point of positions along a row.
 const ONE: f32 = 65536.0;
@@ -42,14 +42,14 @@ pub enum Border {
 
 /// Fills `input` (3 x side x side values) with the pixels of `picture` inside `region`.
 pub fn crop(picture: &Picture, region: &FaceBox, shape: CropShape, input: &mut [f32]) {
-    let planes = Planes::of(picture);
+    let (planes, placement) = (Planes::of(picture), region.placement());
     let area = shape.side * shape.side;
     let (red, rest) = input.split_at_mut(area.min(input.len()));
     let (green, blue) = rest.split_at_mut(area.min(rest.len()));
     let rows = red.chunks_exact_mut(shape.side).zip(green.chunks_exact_mut(shape.side));
     let mut levels = Levels::default();
     for (row, ((red, green), blue)) in rows.zip(blue.chunks_exact_mut(shape.side)).enumerate() {
-        let positions = positions(region, shape.side, row);
+        let positions = positions(&placement, shape.side, row);
         let positions = positions.get(..shape.side).unwrap_or(&positions);
         levels.take(&planes, positions);
         if shape.border == Border::Black {
@@ -63,11 +63,10 @@ pub fn crop(picture: &Picture, region: &FaceBox, shape: CropShape, input: &mut [
 
 /// Positions of one row of samples in 1/32 px, pixel centres being whole numbers.
 #[expect(clippy::cast_possible_truncation, reason = "saturates: what lies that far outside is border")]
-fn positions(region: &FaceBox, side: usize, row: usize) -> [[i32; 2]; MAX_SIDE] {
+fn positions(placement: &Placement, side: usize, row: usize) -> [[i32; 2]; MAX_SIDE] {
     let pitch = 1.0 / side as f32;
-    let start = region.to_picture(0.0, row as f32 * pitch).map(|position| (position * ONE) as i32);
-    let (sin, cos) = region.angle_rad.sin_cos();
-    let step = [cos, sin].map(|along| (along * region.size * pitch * ONE) as i32);
+    let start = placement.to_picture(0.0, row as f32 * pitch).map(|position| (position * ONE) as i32);
+    let step = placement.step(side).map(|along| (along * ONE) as i32);
     let mut at = start.map(|start| start.saturating_add(HALF_32ND));
     let mut positions = [[0; 2]; MAX_SIDE];
     for position in &mut positions {

@@ -9,7 +9,7 @@ use crate::capture::Picture;
 use crate::infer::{self, InferError, Network, NetworkFolder, Signature};
 
 use super::crop::{Border, CropShape, crop};
-use super::region::FaceBox;
+use super::region::{FaceBox, Placement};
 
 /// Samples per side of the network's picture.
 const SIDE: usize = 128;
@@ -76,7 +76,7 @@ impl Detector {
         crop(picture, &view, SHAPE, self.network.input());
         self.network.run()?;
         let candidates = decode(self.network.output(0), self.network.output(1));
-        Ok(strongest(&candidates).map(|candidate| candidate.detection(&view)))
+        Ok(strongest(&candidates).map(|candidate| candidate.detection(&view.placement())))
     }
 }
 
@@ -106,7 +106,7 @@ impl Candidate {
         shared / (area + other_area - shared).max(f32::EPSILON)
     }
 
-    fn detection(&self, view: &FaceBox) -> Detection {
+    fn detection(&self, view: &Placement) -> Detection {
         let [left, top, right, bottom, x0, y0, x1, y1] = self.values;
         Detection {
             score: self.score,

@@ -152,9 +152,9 @@ fn place_depth(landmarks: &mut Landmarks, iris: &[u16], rim: &[u16]) {
 
 /// From samples of the network's picture to pixels of the whole one; depth is scaled like width.
 fn to_picture(region: &FaceBox, landmarks: &mut Landmarks) {
-    let scale = region.size / SIDE as f32;
+    let (placement, scale) = (region.placement(), region.size / SIDE as f32);
     for [x, y, z] in &mut landmarks.0 {
-        [*x, *y] = region.to_picture(*x / SIDE as f32, *y / SIDE as f32);
+        [*x, *y] = placement.to_picture(*x / SIDE as f32, *y / SIDE as f32);
         *z *= scale;
     }
 }

@@ -50,12 +50,36 @@ impl FaceBox {
         Self::around(min, max, eyes)
     }
 
+    /// The way from the region to the picture, for many points.
+    #[must_use]
+    pub fn placement(&self) -> Placement {
+        let (sin, cos) = self.angle_rad.sin_cos();
+        Placement { region: *self, across: [cos, sin] }
+    }
+}
+
+/// A region with its direction worked out.
+#[derive(Debug, Clone, Copy)]
+pub struct Placement {
+    region: FaceBox,
+    /// The region's x axis in the picture, of length 1.
+    across: [f32; 2],
+}
+
+impl Placement {
     /// The picture position of `(u, v)`, both 0 to 1 across the region.
     #[must_use]
-    pub fn to_picture(&self, u: f32, v: f32) -> [f32; 2] {
-        let (sin, cos) = self.angle_rad.sin_cos();
-        let (x, y) = ((u - 0.5) * self.size, (v - 0.5) * self.size);
-        [self.centre[0] + cos * x - sin * y, self.centre[1] + sin * x + cos * y]
+    pub fn to_picture(self, u: f32, v: f32) -> [f32; 2] {
+        let ([cos, sin], FaceBox { centre, size, .. }) = (self.across, self.region);
+        let (x, y) = ((u - 0.5) * size, (v - 0.5) * size);
+        [centre[0] + cos * x - sin * y, centre[1] + sin * x + cos * y]
+    }
+
+    /// What one of `side` steps across the region is in the picture.
+    #[must_use]
+    pub fn step(&self, side: usize) -> [f32; 2] {
+        let pitch = 1.0 / side as f32;
+        self.across.map(|along| along * self.region.size * pitch)
     }
 }
 
@@ -73,7 +97,7 @@ mod tests {
     fn tilted_eyes_lie_level_in_the_region() {
         let eyes = [[20.0, 40.0], [40.0, 60.0]];
         let region = FaceBox::around([0.0, 0.0], [60.0, 100.0], eyes).expect("a box");
-        let [left, right] = [region.to_picture(0.0, 0.5), region.to_picture(1.0, 0.5)];
+        let [left, right] = [0.0, 1.0].map(|u| region.placement().to_picture(u, 0.5));
         assert!(((right[1] - left[1]) / (right[0] - left[0]) - 1.0).abs() < 1e-5);
     }
 

@@ -4,7 +4,7 @@
 //! panic. All memory is taken when they are made. A frame that gives no trustworthy result gives none at all.
 
 use crate::capture::{Frame, Picture};
-use crate::config::Settings;
+use crate::config::{NetworkSettings, Settings};
 use crate::face::{Landmarks, Tracker};
 use crate::infer::{InferError, NetworkFolder};
 use crate::solve::{
@@ -157,9 +157,7 @@ impl Pipeline {
     /// # Errors
     /// [`SetupError`].
     pub fn load(settings: &Settings) -> Result<Self, SetupError> {
-        let folder = NetworkFolder::find(&settings.networks.folder)?;
-        let tracker = Tracker::load(&folder, settings.networks.threads as usize)?;
-        Ok(Self { tracker, solver: Solver::load(settings)? })
+        Ok(Self { tracker: load_tracker(&settings.networks)?, solver: Solver::load(settings)? })
     }
 
     /// Solves one frame.
@@ -171,6 +169,15 @@ impl Pipeline {
         let landmarks = self.tracker.landmarks(&frame.picture, &face)?.ok_or(Rejected::NoFace)?;
         self.solver.solve(landmarks, size_px(&frame.picture), frame.captured_us)
     }
+}
+
+/// Loads the networks that the settings name.
+///
+/// # Errors
+/// Those of [`NetworkFolder::find`] and [`Tracker::load`].
+pub fn load_tracker(settings: &NetworkSettings) -> Result<Tracker, InferError> {
+    let folder = NetworkFolder::find(&settings.folder)?;
+    Tracker::load(&folder, settings.threads as usize)
 }
 
 /// Width and height of a picture as the solver takes them.

@@ -4,6 +4,7 @@ use clap::Args;
 
 use super::SettingsArgs;
 use super::failure::{Failure, print};
+use crate::capture::{DEMO, open_file};
 use crate::config::{CameraSettings, Settings};
 use crate::link::Link;
 use crate::pipeline::{Pipeline, Rejected};
@@ -47,7 +48,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
 /// Loads the networks and the model, and runs them on a frame of the built-in clip, whose face they must find.
 fn check_networks(settings: &Settings) -> Result<String, Failure> {
     let mut pipeline = Pipeline::load(settings)?;
-    let mut clip = open_camera(&CameraSettings { device: "demo".to_owned(), ..CameraSettings::default() })?;
+    let mut clip = open_file(DEMO)?;
     let Some(frame) = clip.next()? else { return Err(Failure::data("the built-in clip is empty".to_owned())) };
     match pipeline.process(&frame) {
         Ok(_) => Ok("they find the face of the built-in clip".to_owned()),

@@ -11,10 +11,8 @@ use super::exchange::Exchange;
 use super::hot::HotChange;
 use super::sender::SenderSettings;
 use crate::config::{Faults, LogLevel, Settings};
-use crate::face::Tracker;
-use crate::infer::NetworkFolder;
 use crate::link::{Link, LinkError};
-use crate::pipeline::{SetupError, Solver};
+use crate::pipeline::{SetupError, Solver, load_tracker};
 
 /// What the service needs of the program around it to change its settings.
 pub trait Program: Send + Sync {
@@ -55,17 +53,16 @@ impl Change {
         let is_new_solver = new.solver != live.solver || is_new_camera;
         let hot = HotChange {
             camera: is_new_camera.then(|| new.camera.clone()),
-            tracker: if new.networks == live.networks { None } else { Some(tracker(&new)?) },
+            tracker: if new.networks == live.networks {
+                None
+            } else {
+                Some(load_tracker(&new.networks).map_err(SetupError::from)?)
+            },
             solver: if is_new_solver { Some(Solver::load(&new)?) } else { None },
         };
         let links = if new.links == live.links { None } else { Some(Link::open_all(&new.links)?) };
         Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })
     }
-}
-
-fn tracker(settings: &Settings) -> Result<Tracker, SetupError> {
-    let folder = NetworkFolder::find(&settings.networks.folder)?;
-    Ok(Tracker::load(&folder, settings.networks.threads as usize)?)
 }
 
 /// A thread that takes changes.

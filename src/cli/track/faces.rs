@@ -10,8 +10,8 @@ use super::super::Failure;
 use crate::capture::{CaptureError, Source, open_file};
 use crate::config::Settings;
 use crate::face::{Landmarks, Tracker};
-use crate::infer::{InferError, NetworkFolder};
-use crate::pipeline::size_px;
+use crate::infer::InferError;
+use crate::pipeline::{load_tracker, size_px};
 
 /// Rate of a film or of points that state none, frames a second.
 const DEFAULT_FPS: f64 = 30.0;
@@ -54,8 +54,7 @@ impl Faces {
             return Ok(Self::Points { values, left, number: 0, period_us, size_px });
         }
         let source = open_file(input)?;
-        let folder = NetworkFolder::find(&settings.networks.folder)?;
-        let tracker = Box::new(Tracker::load(&folder, settings.networks.threads as usize)?);
+        let tracker = Box::new(load_tracker(&settings.networks)?);
         let period_us = source.frame_period_us().is_none().then_some(period_us);
         Ok(Self::Film { source, tracker, period_us, numbered: 0 })
     }

@@ -6,6 +6,8 @@ use std::path::Path;
 use rustix::io::Errno;
 use thiserror::Error;
 
+use super::Script;
+
 /// Why a source gave no frame.
 #[derive(Debug, Error)]
 pub enum CaptureError {
@@ -76,6 +78,12 @@ pub enum CaptureError {
         wanted: String,
         /// Those that are there, or how to list them.
         hint: String,
+    },
+    /// A rehearsal that cannot be read.
+    #[error("{wanted} is no rehearsal; give {expected}", expected = Script::EXPECTED)]
+    Script {
+        /// As set.
+        wanted: String,
     },
     /// A file or device of another kind.
     #[error("{path} is not a camera that captures pictures; `facewire devices` lists those that do")]

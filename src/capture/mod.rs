@@ -1,4 +1,4 @@
-//! Where frames come from: cameras, Motion-JPEG and y4m files, standard input, the built-in clip.
+//! Where frames come from: cameras, Motion-JPEG and y4m files, standard input, the built-in clip, and that with faults.
 //!
 //! Contract: a [`Source`] lends one [`Frame`] at a time in the camera's own format; nothing converts the colour of a
 //! whole frame, the crop samples the planes directly. Buffers are sized when a source is opened and never grow.
@@ -15,6 +15,7 @@ mod paced;
 mod picture;
 mod rate;
 mod read;
+mod rehearsal;
 mod riff;
 #[cfg(test)]
 mod testing;
@@ -29,6 +30,7 @@ pub use open::{DEMO, open_camera, open_file};
 pub use paced::{Paced, monotonic_us};
 pub use picture::{MAX_SIDE_PX, Picture, Pixels};
 pub use rate::FrameRate;
+pub use rehearsal::Script;
 pub use y4m::Y4mSource;
 
 use std::fmt;

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::time::Duration;
 
+use super::rehearsal::{BadScript, Rehearsal, Script};
 use super::v4l2::{CameraSource, Wish};
 use super::{AviSource, CaptureError, Clip, Paced, Source, Y4mSource};
 
@@ -13,14 +14,16 @@ pub const DEMO: &str = "demo";
 const BUFFER_BYTES: usize = 64 * 1024;
 
 /// Opens a camera by its setting (see [`CameraSource::open`]), or for `demo` the built-in clip, which then plays for
-/// ever in real time. A camera that sends nothing for `timeout` has stalled.
+/// ever in real time, for a [`Script`] with its faults. A camera that sends nothing for `timeout` has stalled.
 ///
 /// # Errors
-/// Those of [`CameraSource::open`].
+/// Those of [`CameraSource::open`] and [`Rehearsal::open`], and [`CaptureError::Script`].
 pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
-    match device {
-        DEMO => Ok(Box::new(Paced::new(Clip::looped()?))),
-        device => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
+    match (device, Script::of(device)) {
+        (DEMO, _) => Ok(Box::new(Paced::new(Clip::looped()?))),
+        (_, Some(Ok(script))) => Ok(Box::new(Rehearsal::open(script, timeout)?)),
+        (_, Some(Err(BadScript))) => Err(CaptureError::Script { wanted: device.to_owned() }),
+        (_, None) => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
     }
 }
 

@@ -11,6 +11,7 @@ use super::{
     settings::{LinkKind, LinkSettings, Settings, most_packets_hz},
     value::Choice as _,
 };
+use crate::capture::Script;
 
 /// Tables a file may have.
 const TABLES: [&str; 8] = ["camera", "networks", "solver", "failsafe", "send", "link", "realtime", "log"];
@@ -61,6 +62,9 @@ pub fn check_together(settings: &Settings, faults: &mut Faults) {
         neutral.to_string(),
         format!("more than failsafe.hold_ms, which is {hold}"),
     );
+    let device = &settings.camera.device;
+    let is_readable = Script::of(device).is_none_or(|script| script.is_ok());
+    need(is_readable, "camera.device", format!("{device:?}"), Script::EXPECTED.to_owned());
     need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
 }
 

@@ -199,3 +199,10 @@ fn whole_numbers_serve_where_a_number_is_asked_for() {
     let failsafe = parse("file", "[failsafe]\nslew_per_s = 2\n").unwrap().failsafe;
     assert!((failsafe.slew_per_s - 2.0).abs() < f32::EPSILON);
 }
+
+#[test]
+fn a_rehearsal_that_cannot_be_read_is_refused_with_an_example() {
+    let fault = faults("[camera]\ndevice = \"rehearsal: live 5, nap 2\"");
+    assert!(fault.starts_with("camera.device = \"rehearsal: live 5, nap 2\": give a rehearsal such as"), "{fault}");
+    assert!(parse("file", "[camera]\ndevice = \"rehearsal: live 5, gone 2\"").is_ok());
+}

@@ -7,6 +7,8 @@ pub mod networks;
 pub mod points;
 pub mod program;
 pub mod service;
+pub mod slew;
+pub mod stuck;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};

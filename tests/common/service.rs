@@ -10,6 +10,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use tempfile::NamedTempFile;
 
 use super::program::{Run, facewire, settings, text};
+use super::stuck::thread_called;
 
 /// Longer than anything here takes on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -33,6 +34,11 @@ impl Service {
         let settings = settings(&[toml, &links.concat()].concat());
         let mut command = facewire(["run", "--config", text(settings.path())]);
         Self { child: Some(started(command.stderr(log))), _settings: settings }
+    }
+
+    /// The number of its thread of this name.
+    pub fn thread(&mut self, name: &str) -> i32 {
+        thread_called(self.child.as_mut().unwrap(), name)
     }
 
     /// Sends the signal; gives how the process ended and how long that took.

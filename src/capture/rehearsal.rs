@@ -1,0 +1,261 @@
+//! The built-in clip as a camera with faults, so that links, receivers and this program can rehearse them.
+//!
+//! A rehearsal is a script on a clock that begins when the first one is opened and runs on while there is no camera:
+//! what happens is a function of the script and the time alone. `live 5, gone 2` plays for 5 s, is unplugged for 2 s,
+//! and begins again; `random 7` is live every other 2 s and in between has a fault of random kind and length, the same
+//! for each 7.
+
+use std::sync::OnceLock;
+use std::thread::sleep;
+use std::time::Duration;
+
+use super::{CaptureError, Clip, Description, Frame, FrameFault, Paced, Picture, Pixels, Source, monotonic_us};
+
+/// What the setting of such a camera begins with.
+const PREFIX: &str = "rehearsal:";
+/// Length of a random scene, and of the live one after it.
+const RANDOM_SCENE_US: u64 = 2_000_000;
+/// Shortest random fault.
+const SHORTEST_FAULT_US: u64 = 100_000;
+/// Longest scene that a script may have.
+const LONGEST_SCENE_S: f64 = 86_400.0;
+/// Luma of the picture without a face.
+const GREY: u8 = 128;
+
+/// What the camera does at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scene {
+    /// Plays the clip.
+    Live,
+    /// Shows nothing but grey.
+    NoFace,
+    /// Every frame is damaged.
+    Damaged,
+    /// Nothing comes, as from a camera that has stalled.
+    Silent,
+    /// Neither a frame nor an error comes, however long that takes: a driver or an inference that hangs.
+    Hung,
+    /// Unplugged.
+    Gone,
+}
+
+impl Scene {
+    const ALL: [(&'static str, Self); 6] = [
+        ("live", Self::Live),
+        ("no-face", Self::NoFace),
+        ("damaged", Self::Damaged),
+        ("silent", Self::Silent),
+        ("hung", Self::Hung),
+        ("gone", Self::Gone),
+    ];
+}
+
+/// What happens when, for ever.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Script {
+    /// Scenes and their lengths in microseconds, over and over.
+    Scenes(Vec<(Scene, u64)>),
+    /// Random faults of this seed.
+    Random(u64),
+}
+
+impl Script {
+    /// What a script looks like, to follow "give".
+    pub const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
+         damaged, silent, hung and gone with their seconds, or \"rehearsal: random 7\"";
+
+    /// The script in `device`; `None` if that names no rehearsal, an error if it cannot be read.
+    #[must_use]
+    pub fn of(device: &str) -> Option<Result<Self, BadScript>> {
+        device.strip_prefix(PREFIX).map(|script| Self::parse(script).ok_or(BadScript))
+    }
+
+    fn parse(script: &str) -> Option<Self> {
+        if let Some(seed) = script.trim().strip_prefix("random ") {
+            return seed.trim().parse().ok().map(Self::Random);
+        }
+        script.split(',').map(parse_scene).collect::<Option<_>>().map(Self::Scenes)
+    }
+
+    /// The scene at a time since the beginning, and how long it goes on, microseconds.
+    fn at(&self, elapsed_us: u64) -> (Scene, u64) {
+        match self {
+            Self::Scenes(scenes) => at(scenes, elapsed_us),
+            Self::Random(seed) => random_at(*seed, elapsed_us),
+        }
+    }
+}
+
+/// A rehearsal that cannot be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BadScript;
+
+fn parse_scene(text: &str) -> Option<(Scene, u64)> {
+    let (name, length) = text.trim().split_once(' ')?;
+    let (_, scene) = Scene::ALL.into_iter().find(|(known, _)| *known == name)?;
+    let length_s: f64 = length.trim().parse().ok()?;
+    let length = (0.001..=LONGEST_SCENE_S).contains(&length_s).then(|| Duration::from_secs_f64(length_s))?;
+    Some((scene, u64::try_from(length.as_micros()).ok()?))
+}
+
+fn at(scenes: &[(Scene, u64)], elapsed_us: u64) -> (Scene, u64) {
+    let total_us: u64 = scenes.iter().map(|(_, length_us)| length_us).sum();
+    let mut left_us = elapsed_us.checked_rem(total_us).unwrap_or(0);
+    for (scene, length_us) in scenes {
+        if left_us < *length_us {
+            return (*scene, length_us - left_us);
+        }
+        left_us -= length_us;
+    }
+    (Scene::Live, 0)
+}
+
+/// Odd scenes are live; even ones begin with a fault and are live for the rest.
+fn random_at(seed: u64, elapsed_us: u64) -> (Scene, u64) {
+    let (number, begun_us) = (elapsed_us / RANDOM_SCENE_US, elapsed_us % RANDOM_SCENE_US);
+    let mut random = fastrand::Rng::with_seed(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ number);
+    let fault = random.choice(Scene::ALL).map_or(Scene::Live, |(_, scene)| scene);
+    let fault_us = random.u64(SHORTEST_FAULT_US..RANDOM_SCENE_US);
+    if number % 2 == 0 && begun_us < fault_us {
+        (fault, fault_us - begun_us)
+    } else {
+        (Scene::Live, RANDOM_SCENE_US - begun_us)
+    }
+}
+
+/// The camera of a rehearsal.
+#[derive(Debug)]
+pub struct Rehearsal {
+    script: Script,
+    film: Paced<Clip>,
+    grey: Vec<u8>,
+    timeout: Duration,
+    begun_us: u64,
+}
+
+impl Rehearsal {
+    /// Opens it, unless it is gone at present. A silent one has stalled after `timeout`.
+    ///
+    /// # Errors
+    /// [`CaptureError::NotFound`] while it is gone, [`CaptureError::Decoder`] without memory.
+    pub fn open(script: Script, timeout: Duration) -> Result<Self, CaptureError> {
+        static BEGUN_US: OnceLock<u64> = OnceLock::new();
+        let begun_us = *BEGUN_US.get_or_init(monotonic_us);
+        let film = Clip::looped()?;
+        let pixels = film.describe().width * film.describe().height;
+        let rehearsal = Self { script, film: Paced::new(film), grey: vec![GREY; pixels], timeout, begun_us };
+        match rehearsal.now() {
+            (Scene::Gone, _) => Err(gone()),
+            _ => Ok(rehearsal),
+        }
+    }
+
+    fn now(&self) -> (Scene, Duration) {
+        let (scene, left_us) = self.script.at(monotonic_us().saturating_sub(self.begun_us));
+        (scene, Duration::from_micros(left_us))
+    }
+
+    fn faceless(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+        let Some(frame) = self.film.next()? else { return Ok(None) };
+        let Picture { width, height, .. } = frame.picture;
+        let pixels = Pixels::Grey { data: &self.grey, stride: width };
+        Ok(Picture::new(width, height, pixels, true).map(|picture| Frame { picture, ..frame }))
+    }
+
+    fn damaged(&mut self) -> CaptureError {
+        match self.film.next() {
+            Ok(Some(frame)) => CaptureError::Frame { number: frame.number, fault: FrameFault::Corrupt },
+            Ok(None) => CaptureError::Gone,
+            Err(error) => error,
+        }
+    }
+}
+
+impl Source for Rehearsal {
+    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+        match self.now() {
+            (Scene::Live, _) => self.film.next(),
+            (Scene::NoFace, _) => self.faceless(),
+            (Scene::Damaged, _) => Err(self.damaged()),
+            (Scene::Silent, left) if left >= self.timeout => {
+                sleep(self.timeout);
+                Err(CaptureError::Stalled { waited_ms: u64::try_from(self.timeout.as_millis()).unwrap_or(u64::MAX) })
+            }
+            (Scene::Silent | Scene::Hung, left) => {
+                sleep(left);
+                self.film.next()
+            }
+            (Scene::Gone, _) => Err(CaptureError::Gone),
+        }
+    }
+
+    fn frame_period_us(&self) -> Option<u64> {
+        self.film.frame_period_us()
+    }
+
+    fn describe(&self) -> Description<'_> {
+        Description { origin: "rehearsal", ..self.film.describe() }
+    }
+}
+
+fn gone() -> CaptureError {
+    CaptureError::NotFound { wanted: "rehearsal".to_owned(), hint: "it is unplugged, as its script says".to_owned() }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    const S: u64 = 1_000_000;
+
+    fn script(device: &str) -> Script {
+        Script::of(device).unwrap().unwrap()
+    }
+
+    #[test]
+    fn scenes_follow_each_other_and_begin_again() {
+        let script = script("rehearsal: live 5, gone 2.5,no-face 1");
+        assert_eq!(script.at(0), (Scene::Live, 5 * S));
+        assert_eq!(script.at(5 * S - 1), (Scene::Live, 1));
+        assert_eq!(script.at(5 * S), (Scene::Gone, 5 * S / 2));
+        assert_eq!(script.at(8 * S), (Scene::NoFace, S / 2));
+        assert_eq!(script.at(17 * S / 2), (Scene::Live, 5 * S));
+    }
+
+    #[test]
+    fn a_random_rehearsal_has_every_scene_and_is_the_same_for_the_same_seed() {
+        let scenes = |seed| -> Vec<Scene> {
+            let script = script(&format!("rehearsal: random {seed}"));
+            (0..200).map(|number| script.at(number * RANDOM_SCENE_US).0).collect()
+        };
+        for (name, scene) in Scene::ALL {
+            assert!(scenes(7).contains(&scene), "{name}");
+        }
+        assert_eq!(scenes(7), scenes(7));
+        assert_ne!(scenes(7), scenes(8));
+        assert!(scenes(7).into_iter().skip(1).step_by(2).all(|scene| scene == Scene::Live));
+    }
+
+    #[test]
+    fn what_is_no_script_is_refused_and_a_camera_of_another_name_is_none() {
+        for bad in ["", "live", "live 0", "live -1", "live x", "live 3,", "nap 3", "random", "random x", "live 1e9"] {
+            assert_eq!(Script::of(&format!("rehearsal:{bad}")), Some(Err(BadScript)), "{bad}");
+        }
+        assert_eq!(Script::of("/dev/video0"), None);
+    }
+
+    #[test]
+    fn each_fault_comes_as_a_camera_would_tell_it() {
+        let play = |scene: &str| {
+            let script = script(&format!("rehearsal: {scene} 60"));
+            Rehearsal::open(script, Duration::from_millis(1))
+        };
+        assert!(matches!(play("gone"), Err(CaptureError::NotFound { .. })));
+        assert!(matches!(play("silent").unwrap().next(), Err(CaptureError::Stalled { waited_ms: 1 })));
+        assert!(matches!(play("damaged").unwrap().next(), Err(CaptureError::Frame { number: 0, .. })));
+        let mut faceless = play("no-face").unwrap();
+        let frame = faceless.next().unwrap().unwrap();
+        assert!(matches!(frame.picture.pixels, Pixels::Grey { data, .. } if data.iter().all(|luma| *luma == GREY)));
+    }
+}

@@ -1,0 +1,87 @@
+//! What receivers see of a face, a camera and an inference that fail, in real time.
+//!
+//! The times of the failsafe are tested to the microsecond where time is a number (`src/service/failsafe/`); here they
+//! are lower bounds, and the machine may be busy.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use common::service::{Receiver, Service};
+use common::slew::assert_slew;
+use common::stuck::Stuck;
+use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
+
+/// Since the last good pose, microseconds: hold from the first on, decay from the second, neutral from the third.
+const TIMES_US: [u32; 3] = [150_000, 300_000, 1_000_000];
+/// How much later a busy machine may be, microseconds.
+const LATER_US: u32 = 1_000_000;
+
+/// A camera that does this for 3 s after each 4 s of the clip.
+fn rehearsal(scene: &str) -> String {
+    format!("[camera]\ndevice = \"rehearsal: live 4, {scene} 3\"\nstall_timeout_ms = 500\n")
+}
+
+/// Checks one fault, from the first live packet to the next after it: states, times, reason, and no step too great.
+fn assert_failsafe(packets: &[Packet], reason: Reason) {
+    packets.windows(2).for_each(|pair| assert_slew(&pair[0], &pair[1]));
+    assert!(packets.windows(2).all(|pair| pair[1].sequence == pair[0].sequence.wrapping_add(1)));
+    let faulty: Vec<&Packet> = packets.iter().filter(|packet| packet.state != State::Live).collect();
+    let mut states: Vec<State> = faulty.iter().map(|packet| packet.state).collect();
+    states.dedup();
+    assert_eq!(states, [State::Hold, State::Decay, State::Neutral]);
+    for (state, from_us) in states.iter().zip(TIMES_US) {
+        let first = faulty.iter().find(|packet| packet.state == *state).unwrap();
+        assert!((from_us..from_us + LATER_US).contains(&first.age_us), "{first:?}");
+    }
+    let last = faulty.last().unwrap();
+    assert_eq!((last.reason, last.coefficients), (reason, [0.0; BLENDSHAPES.len()]));
+}
+
+/// Packets from the first live one through a fault to the fifth live one after it.
+fn through_a_fault(receiver: &Receiver) -> Vec<Packet> {
+    receiver.until(|packet| packet.state == State::Live);
+    let mut packets = receiver.until(|packet| packet.state == State::Neutral);
+    packets.extend(receiver.until(|packet| packet.state == State::Live));
+    packets.extend((0..4).map(|_| receiver.packet()));
+    packets
+}
+
+fn assert_rehearsed(scene: &str, reason: Reason) {
+    let receiver = Receiver::new();
+    let _service = Service::start(&rehearsal(scene), &[receiver.address()]);
+    assert_failsafe(&through_a_fault(&receiver), reason);
+}
+
+#[test]
+fn a_lost_face_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
+    assert_rehearsed("no-face", Reason::NoFace);
+}
+
+#[test]
+fn a_camera_that_is_gone_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
+    assert_rehearsed("gone", Reason::NoCamera);
+}
+
+#[test]
+fn a_silent_camera_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
+    assert_rehearsed("silent", Reason::NoCamera);
+}
+
+#[test]
+fn a_camera_with_damaged_frames_only_is_late_and_comes_back_by_a_ramp() {
+    assert_rehearsed("damaged", Reason::Late);
+}
+
+/// The thread that runs inferences stands still while the sender goes on.
+#[test]
+fn a_stuck_inference_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
+    let receiver = Receiver::new();
+    let mut service = Service::start("[camera]\ndevice = \"demo\"\n", &[receiver.address()]);
+    receiver.until(|packet| packet.state == State::Live);
+    let stuck = Stuck::stop(service.thread("fw-hot"));
+    let mut packets = receiver.until(|packet| packet.state == State::Neutral);
+    drop(stuck);
+    packets.extend(receiver.until(|packet| packet.state == State::Live));
+    packets.extend((0..4).map(|_| receiver.packet()));
+    assert_failsafe(&packets, Reason::Late);
+}

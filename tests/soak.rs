@@ -1,0 +1,74 @@
+//! A service that is given random faults for a long time: of its camera, face, links and inference.
+//!
+//! Two minutes by default; `FACEWIRE_SOAK_MINUTES=120 cargo test --release --test soak` for a night's. The service is
+//! this test itself, started again as `facewire run` with an allocator that counts ([`counted`]). Each second is judged
+//! ([`judge`]): packets without a gap, the right states and reasons, no step above the slew limit; and wherever frames
+//! flowed, no allocation and no page fault of the threads that they pass. At the end memory and descriptors must be what
+//! they were, and the counters must add up.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod board;
+mod common;
+#[path = "soak/counted.rs"]
+mod counted;
+#[path = "soak/faults.rs"]
+mod faults;
+#[path = "soak/judge.rs"]
+mod judge;
+#[path = "soak/process.rs"]
+mod process;
+
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use clap::Parser as _;
+use facewire::cli::Cli;
+use libtest_mimic::{Arguments, Trial};
+
+use self::faults::Faults;
+use self::judge::Judge;
+use self::process::Service;
+
+/// Set for the process that is the service.
+const SERVICE: &str = "FACEWIRE_SOAK_SERVICE";
+/// How often faults may begin and end.
+const STEP: Duration = Duration::from_millis(100);
+/// Steps that are judged together.
+const STEPS: u32 = 10;
+/// Random, but the same each time.
+const SEED: u64 = 7;
+
+fn main() -> ExitCode {
+    if std::env::var_os(SERVICE).is_some() {
+        counted::answer_on_standard_output();
+        return Cli::parse().run();
+    }
+    let name = "a_service_with_random_faults_stays_what_it_was";
+    let soak = Trial::test(name, || {
+        soak(minutes());
+        Ok(())
+    });
+    libtest_mimic::run(&Arguments::from_args(), vec![soak]).exit_code()
+}
+
+fn minutes() -> u32 {
+    std::env::var("FACEWIRE_SOAK_MINUTES").map_or(2, |minutes| minutes.parse().unwrap())
+}
+
+fn soak(minutes: u32) {
+    let mut faults = Faults::new(SEED);
+    let mut service = Service::start(&faults.settings(SEED));
+    let mut judge = Judge::default();
+    let end = Instant::now() + Duration::from_mins(1) * minutes;
+    while Instant::now() < end {
+        for _ in 0..STEPS {
+            std::thread::sleep(STEP);
+            faults.step(&service);
+        }
+        judge.interval(service.packets(), service.sample());
+    }
+    faults.end();
+    let (rest, log) = service.stop();
+    judge.end(rest, &log);
+    println!("{judge}; boards pulled, receivers ended, hot loops stopped: {:?}", faults.counts);
+}

@@ -1,0 +1,80 @@
+//! An allocator that counts, thread by thread, for a process that looks on.
+//!
+//! [`allocation_counter`] measures what the calling thread does in a closure; here another process asks about threads
+//! that it did not start.
+#![allow(unsafe_code, reason = "an allocator is unsafe; this one hands everything on")]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::io::{Write as _, stdin, stdout};
+use std::sync::atomic::{AtomicI32, AtomicU64, Ordering::Relaxed};
+use std::thread;
+
+use rustix::thread::gettid;
+
+/// More threads than a service ever has.
+const SLOTS: usize = 64;
+
+#[global_allocator]
+static COUNTED: Counted = Counted;
+
+static COUNTS: [Slot; SLOTS] = [const { Slot { thread: AtomicI32::new(0), count: AtomicU64::new(0) } }; SLOTS];
+
+/// What a thread has allocated.
+struct Slot {
+    thread: AtomicI32,
+    count: AtomicU64,
+}
+
+struct Counted;
+
+// SAFETY: every call goes to the system's allocator unchanged; counting allocates nothing.
+unsafe impl GlobalAlloc for Counted {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        // SAFETY: as the caller promises.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        count();
+        // SAFETY: as the caller promises.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, bytes: usize) -> *mut u8 {
+        count();
+        // SAFETY: as the caller promises.
+        unsafe { System.realloc(memory, layout, bytes) }
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: as the caller promises.
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+/// Counts for the calling thread. Where all slots are taken, short-lived threads came and went: they share the last.
+fn count() {
+    let thread = gettid().as_raw_nonzero().get();
+    let is_own = |slot: &&Slot| {
+        let taken = slot.thread.compare_exchange(0, thread, Relaxed, Relaxed);
+        taken.is_ok() || taken == Err(thread)
+    };
+    let slot = COUNTS.iter().find(is_own).unwrap_or(&COUNTS[SLOTS - 1]);
+    slot.count.fetch_add(1, Relaxed);
+}
+
+/// Answers each line of standard input with one of standard output: `thread:count` for every thread.
+pub fn answer_on_standard_output() {
+    let answer = || {
+        let counted = COUNTS.iter().filter(|slot| slot.thread.load(Relaxed) != 0);
+        let counts = counted.map(|slot| format!("{}:{}", slot.thread.load(Relaxed), slot.count.load(Relaxed)));
+        counts.collect::<Vec<_>>().join(" ")
+    };
+    thread::spawn(move || {
+        let mut line = String::new();
+        while stdin().read_line(&mut line).is_ok_and(|bytes| bytes > 0) {
+            let _ = writeln!(stdout(), "{}", answer());
+        }
+    });
+}

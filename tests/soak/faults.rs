@@ -1,0 +1,121 @@
+//! Random faults of the links, and of an inference: a thread that stands still wherever it is.
+//!
+//! Those of the camera and the face are the service's own rehearsal.
+
+use std::net::{SocketAddr, UdpSocket};
+
+use super::board::{Board, StablePath};
+use super::common::stuck::Stuck;
+use super::process::Service;
+
+/// In so many steps, a fault begins once on average; it lasts at most so many.
+const SERIAL: Chance = Chance { rarity: 80, longest: 40 };
+const RECEIVER: Chance = Chance { rarity: 80, longest: 40 };
+const INFERENCE: Chance = Chance { rarity: 150, longest: 20 };
+
+struct Chance {
+    rarity: u32,
+    longest: u32,
+}
+
+/// What is broken, and for how many more steps.
+pub struct Faults {
+    random: fastrand::Rng,
+    path: StablePath,
+    board: Option<Board>,
+    board_back_in: u32,
+    address: SocketAddr,
+    receiver: Option<UdpSocket>,
+    receiver_back_in: u32,
+    stopped: Option<Stuck>,
+    resumed_in: u32,
+    /// Times each happened: boards pulled, receivers ended, threads stopped.
+    pub counts: [u32; 3],
+}
+
+impl Faults {
+    pub fn new(seed: u64) -> Self {
+        let (path, board) = (StablePath::new(), Board::plugged_in());
+        path.leads_to(&board);
+        let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let address = receiver.local_addr().unwrap();
+        let (board, receiver) = (Some(board), Some(receiver));
+        Self {
+            random: fastrand::Rng::with_seed(seed),
+            path,
+            board,
+            board_back_in: 0,
+            address,
+            receiver,
+            receiver_back_in: 0,
+            stopped: None,
+            resumed_in: 0,
+            counts: [0; 3],
+        }
+    }
+
+    /// A camera with random faults, and the links that will have theirs.
+    pub fn settings(&self, seed: u64) -> String {
+        format!(
+            "[camera]\ndevice = \"rehearsal: random {seed}\"\nstall_timeout_ms = 500\n\
+             [realtime]\nlock_memory = true\n\
+             [[link]]\nkind = \"serial\"\ndevice = \"{}\"\n[[link]]\naddress = \"{}\"\n",
+            self.path.path().display(),
+            self.address
+        )
+    }
+
+    /// Lets a step pass, in which faults may begin and end.
+    pub fn step(&mut self, service: &Service) {
+        self.serial();
+        self.receiver();
+        self.inference(service);
+    }
+
+    /// Mends everything.
+    pub fn end(&mut self) {
+        self.stopped = None;
+    }
+
+    fn begins(&mut self, chance: &Chance) -> Option<u32> {
+        (self.random.u32(0..chance.rarity) == 0).then(|| self.random.u32(1..=chance.longest))
+    }
+
+    fn serial(&mut self) {
+        if let Some(board) = &mut self.board {
+            board.packets();
+        } else if self.board_back_in == 0 {
+            let board = Board::plugged_in();
+            self.path.leads_to(&board);
+            self.board = Some(board);
+        }
+        self.board_back_in = self.board_back_in.saturating_sub(1);
+        if let Some(steps) = self.begins(&SERIAL).filter(|_| self.board.is_some()) {
+            self.path.pull(self.board.take().unwrap());
+            self.board_back_in = steps;
+            self.counts[0] += 1;
+        }
+    }
+
+    fn receiver(&mut self) {
+        if self.receiver.is_none() && self.receiver_back_in == 0 {
+            self.receiver = UdpSocket::bind(self.address).ok();
+        }
+        self.receiver_back_in = self.receiver_back_in.saturating_sub(1);
+        if let Some(steps) = self.begins(&RECEIVER).filter(|_| self.receiver.is_some()) {
+            self.receiver = None;
+            self.receiver_back_in = steps;
+            self.counts[1] += 1;
+        }
+    }
+
+    fn inference(&mut self, service: &Service) {
+        self.stopped.take_if(|_| self.resumed_in == 0);
+        self.resumed_in = self.resumed_in.saturating_sub(1);
+        if let Some(steps) = self.begins(&INFERENCE).filter(|_| self.stopped.is_none()) {
+            self.stopped = Some(Stuck::stop(service.hot_thread()));
+            self.resumed_in = steps;
+            self.counts[2] += 1;
+        }
+    }
+}

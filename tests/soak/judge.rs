@@ -1,0 +1,131 @@
+//! What must hold, second by second and in the end.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::time::Duration;
+
+use facewire_packet::{Packet, Reason, State};
+
+use super::common::slew::assert_slew;
+use super::process::{Arrival, Sample};
+
+/// Longest time between two packets. A neutral face comes 10 times a second; the rest is for a busy machine.
+const LONGEST_PAUSE: Duration = Duration::from_secs(1);
+/// What is not judged at the beginning, seconds: networks load, caches fill.
+const WARM_UP_S: usize = 20;
+/// Growth of the resident memory that a short run may show. Over hours 1 MiB/h is the limit.
+const RESIDENT_NOISE_KIB: f64 = 512.0;
+const RESIDENT_KIB_PER_H: f64 = 1024.0;
+
+/// All that was seen.
+#[derive(Default)]
+pub struct Judge {
+    last: Option<Arrival>,
+    packets: u64,
+    longest_pause: Duration,
+    seen: BTreeSet<String>,
+    samples: Vec<Sample>,
+    /// Whether frames flowed all through the last second.
+    flowed: bool,
+    judged_s: usize,
+    growth_kib: f64,
+}
+
+impl Judge {
+    /// Judges the packets of a second and what the process is at its end.
+    pub fn interval(&mut self, packets: Vec<Arrival>, sample: Sample) {
+        let flows = !packets.is_empty() && packets.iter().all(|(_, packet)| flows(packet));
+        for arrival in packets {
+            self.packet(arrival);
+        }
+        if let Some(before) = self.samples.last().filter(|_| flows && self.flowed && self.samples.len() > WARM_UP_S) {
+            assert_eq!(sample.allocations, before.allocations, "frames allocate, after {} s", self.samples.len());
+            assert_eq!(sample.page_faults, before.page_faults, "frames fault pages, after {} s", self.samples.len());
+            self.judged_s += 1;
+        }
+        self.flowed = flows;
+        self.samples.push(sample);
+    }
+
+    fn packet(&mut self, (at, packet): Arrival) {
+        self.packets += 1;
+        self.seen.insert(format!("{:?}/{:?}", packet.state, packet.reason));
+        assert_eq!(packet.state == State::Live, packet.reason == Reason::None, "{packet:?}");
+        if let Some((last_at, last)) = self.last.replace((at, packet)) {
+            assert_eq!(packet.sequence, last.sequence.wrapping_add(1), "a packet is missing");
+            let pause = at - last_at;
+            assert!(pause < LONGEST_PAUSE, "{pause:?} without a packet, after {} s", self.samples.len());
+            self.longest_pause = self.longest_pause.max(pause);
+            assert_slew(&last, &packet);
+        }
+    }
+
+    /// Judges the whole: the last packets, and the log with the service's own counts.
+    pub fn end(&mut self, packets: Vec<Arrival>, log: &str) {
+        for arrival in packets {
+            self.packet(arrival);
+        }
+        let (_, last) = self.last.unwrap();
+        assert_eq!((last.state, last.reason), (State::Neutral, Reason::Stopping));
+        assert!(!log.contains("panicked"), "{log}");
+        self.assert_counts(log.lines().last().unwrap());
+        self.assert_memory();
+        for wanted in ["Live/None", "Hold/Late", "Neutral/NoFace", "Neutral/NoCamera"] {
+            assert!(self.seen.contains(wanted), "{wanted} never came: {:?}", self.seen);
+        }
+        assert!(self.judged_s > 10, "frames flowed for {} s only", self.judged_s);
+    }
+
+    /// The counters of the last line add up.
+    fn assert_counts(&self, line: &str) {
+        let count = |name: &str| -> u64 {
+            let value = line.split_whitespace().find_map(|pair| pair.strip_prefix(name)?.strip_prefix('='));
+            value.and_then(|value| value.parse().ok()).unwrap_or_else(|| panic!("no {name} in {line}"))
+        };
+        assert_eq!(count("packets"), self.packets, "{line}");
+        assert!(count("faces") + count("rejected") <= count("frames"), "{line}");
+    }
+
+    /// Memory and descriptors in the end are what they were in the beginning.
+    fn assert_memory(&mut self) {
+        let judged = &self.samples[WARM_UP_S..];
+        let third = judged.len() / 3;
+        let (first, last) = (&judged[..third], &judged[judged.len() - third..]);
+        let most = |samples: &[Sample]| samples.iter().map(|sample| sample.descriptors).max().unwrap();
+        assert!(most(last) <= most(first), "descriptors: {} at first, {} at last", most(first), most(last));
+        let between = last[0].at - first[0].at;
+        self.growth_kib = median_kib(last) - median_kib(first);
+        let allowed_kib = RESIDENT_NOISE_KIB.max(RESIDENT_KIB_PER_H * between.as_secs_f64() / 3600.0);
+        assert!(self.growth_kib <= allowed_kib, "memory grew by {} KiB in {between:?}", self.growth_kib);
+    }
+}
+
+impl fmt::Display for Judge {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (first, last) = (&self.samples[0], &self.samples[self.samples.len() - 1]);
+        write!(
+            f,
+            "{} packets in {:.0} s, longest pause {:.0} ms; resident {} KiB, growth between first and last third \
+             {:.0} KiB; {} descriptors; allocations and page faults judged in {} s; seen {:?}",
+            self.packets,
+            (last.at - first.at).as_secs_f64(),
+            self.longest_pause.as_secs_f64() * 1000.0,
+            last.resident_kib,
+            self.growth_kib,
+            last.descriptors,
+            self.judged_s,
+            self.seen
+        )
+    }
+}
+
+/// Whether a frame was behind the packet, with or without a face.
+fn flows(packet: &Packet) -> bool {
+    matches!(packet.reason, Reason::None | Reason::NoFace)
+}
+
+fn median_kib(samples: &[Sample]) -> f64 {
+    let mut kib: Vec<u64> = samples.iter().map(|sample| sample.resident_kib).collect();
+    kib.sort_unstable();
+    kib[kib.len() / 2] as f64
+}

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use common::program::{Run, facewire};
 use common::service::{Receiver, Service};
+use common::slew::assert_slew;
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -25,11 +26,13 @@ fn assert_numbered(packets: &[Packet]) {
     assert!(packets.iter().map(|packet| usize::from(packet.sequence)).eq(0..packets.len()));
 }
 
-/// Checks that the last word was three neutral faces, and how the process ended.
+/// Checks that the face went to neutral without a step, that the last word was three neutral faces, and how the process
+/// ended.
 fn assert_stopped(packets: &[Packet], (run, took): (Run, Duration)) -> String {
     assert!(took < LONGEST_STOP, "{took:?}");
-    let last_words = packets.iter().filter(|packet| packet.reason == Reason::Stopping).count();
-    assert_eq!(last_words, 3);
+    packets.windows(2).for_each(|pair| assert_slew(&pair[0], &pair[1]));
+    let is_last_word = |packet: &&Packet| packet.reason == Reason::Stopping && packet.state == State::Neutral;
+    assert_eq!(packets.iter().filter(is_last_word).count(), 3);
     for packet in &packets[packets.len() - 3..] {
         assert_eq!((packet.state, packet.reason), (State::Neutral, Reason::Stopping));
         assert_eq!((packet.rotation, packet.coefficients), ([0.0, 0.0, 0.0, 1.0], [0.0; BLENDSHAPES.len()]));

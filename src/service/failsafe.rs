@@ -102,6 +102,21 @@ impl Failsafe {
         }
     }
 
+    /// Moves a face that stops towards neutral, as fast as it may; [`State::Neutral`] once it is there. To be sent each
+    /// time, at the rate of a decay.
+    pub fn stop(&self, history: &mut History, now_us: u64) -> Output {
+        let elapsed_us = history.advance(now_us);
+        let neutral = history.shown.neutral_here();
+        history.shown = history.shown.towards(&neutral, 1.0, self.slew(elapsed_us));
+        let state = if history.shown == neutral { State::Neutral } else { State::Decay };
+        Output { state, ..history.stopping() }
+    }
+
+    /// How far the output may move in a time.
+    fn slew(&self, elapsed_us: u64) -> f32 {
+        self.slew_per_s * Duration::from_micros(elapsed_us).as_secs_f32()
+    }
+
     /// When to call [`Failsafe::update`] again at the latest, from the last call on.
     #[must_use]
     pub fn wait_us(&self, history: &History) -> u64 {
@@ -162,7 +177,7 @@ impl Failsafe {
 
     /// Moves what is shown by what the time allows.
     fn move_output(&self, history: &mut History, before_us: u64, elapsed_us: u64) {
-        let limit = self.slew_per_s * Duration::from_micros(elapsed_us).as_secs_f32();
+        let limit = self.slew(elapsed_us);
         match history.state {
             State::Live if history.ramping => {
                 history.shown = history.shown.towards(&history.target, 1.0, limit);

@@ -22,6 +22,8 @@ use crate::link::Link;
 
 /// Longest sleep, so that a stop is heard without a wake-up.
 const MAX_SLEEP_US: u64 = 100_000;
+/// Longest way to neutral of a face that stops. By then, `slew_per_s` of less than 2 is not heeded.
+const LONGEST_STOP_US: u64 = 500_000;
 
 /// What the settings say to the sender.
 #[derive(Debug)]
@@ -81,7 +83,21 @@ impl Sender {
             self.adopt();
             thread::park_timeout(Duration::from_micros(failsafe.wait_us(&history).min(MAX_SLEEP_US)));
         }
-        let last = history.stopping();
+        self.stop(&mut history);
+    }
+
+    /// Brings the face to neutral by the slew limit, in a time that a stop may take, and then says three times that it
+    /// is there.
+    fn stop(&mut self, history: &mut History) {
+        let (failsafe, end_us) = (self.failsafe(), monotonic_us() + LONGEST_STOP_US);
+        let pause = Duration::from_secs(1) / self.settings.rate_hz.max(1);
+        let mut output = failsafe.stop(history, monotonic_us());
+        while output.state != State::Neutral && monotonic_us() < end_us {
+            self.send(&output);
+            thread::sleep(pause);
+            output = failsafe.stop(history, monotonic_us());
+        }
+        let last = Output { state: State::Neutral, pose: output.pose.neutral_here(), ..output };
         (0..STOPPING_PACKETS).for_each(|_| self.send(&last));
     }
 

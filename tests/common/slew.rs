@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use facewire_packet::{Packet, Reason, State};
+use facewire_packet::{Packet, State};
 
 /// The default of `failsafe.slew_per_s`.
 const SLEW_PER_S: f32 = 4.0;
@@ -12,11 +12,10 @@ const WIRE_STEP: f32 = 2.0 / 65535.0;
 /// The age of a packet counts no further, microseconds.
 const OLDEST_US: u32 = 6_553_500;
 
-/// Checks that only a live face moves faster than the limit, and not with its first packet; or one that stops.
+/// Checks that only a live face moves faster than the limit, and not with its first packet.
 pub fn assert_slew(last: &Packet, next: &Packet) {
     let is_followed = last.state == State::Live && next.state == State::Live;
-    let is_stopping = next.reason == Reason::Stopping;
-    if is_followed || is_stopping || [last, next].iter().any(|packet| packet.age_us >= OLDEST_US) {
+    if is_followed || [last, next].iter().any(|packet| packet.age_us >= OLDEST_US) {
         return;
     }
     let sent_us = |packet: &Packet| packet.capture_us.wrapping_add(packet.age_us);

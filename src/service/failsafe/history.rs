@@ -120,13 +120,12 @@ impl History {
         self.age_us = age_us;
     }
 
-    /// The neutral face of a sender that stops, to be sent [`STOPPING_PACKETS`](super::STOPPING_PACKETS) times.
-    #[must_use]
-    pub fn stopping(&self) -> Output {
+    /// What is shown, by a sender that stops.
+    pub(super) fn stopping(&self) -> Output {
         Output {
             state: State::Neutral,
             reason: Reason::Stopping,
-            pose: self.shown.neutral_here(),
+            pose: self.shown,
             age_us: self.age_us,
             capture_us: self.capture_us,
             due: true,

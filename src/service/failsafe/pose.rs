@@ -32,7 +32,7 @@ impl Pose {
         Self { rotation: [0.0, 0.0, 0.0, 1.0], position_mm: [0.0; 3], coefficients: [0.0; BLENDSHAPE_COUNT] };
 
     /// Neutral at this pose's place: a head has no neutral position, so the last one stays.
-    pub(super) fn neutral_here(&self) -> Self {
+    pub(in crate::service) fn neutral_here(&self) -> Self {
         Self { position_mm: self.position_mm, ..Self::NEUTRAL }
     }
 

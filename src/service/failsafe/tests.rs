@@ -389,8 +389,17 @@ fn a_change_of_reason_is_sent_at_once() {
 }
 
 #[test]
-fn stopping_is_neutral_with_its_reason() {
-    let output = Run::live(&all(1.0)).history.stopping();
-    assert_eq!((output.state, output.reason), (State::Neutral, Reason::Stopping));
-    assert_eq!((output.pose, output.due), (all(1.0).neutral_here(), true));
+fn a_face_that_stops_goes_to_neutral_by_the_slew_limit_and_says_why() {
+    let mut run = Run::live(&all(1.0));
+    for ms in 1..=250_u16 {
+        run.now_us += MS;
+        let output = run.failsafe.stop(&mut run.history, run.now_us);
+        let expected = 1.0 - SLEW_PER_S * f32::from(ms) / 1000.0;
+        assert!((output.pose.coefficients[0] - expected).abs() < 1e-4, "{expected} after {ms} ms");
+        assert_eq!((output.reason, output.due), (Reason::Stopping, true));
+        assert_eq!(output.state == State::Decay, output.pose != all(1.0).neutral_here());
+    }
+    run.now_us += MS;
+    let output = run.failsafe.stop(&mut run.history, run.now_us);
+    assert_eq!((output.state, output.pose), (State::Neutral, all(1.0).neutral_here()));
 }

@@ -24,16 +24,22 @@ fn facewire<'a>(arguments: impl IntoIterator<Item = &'a str>) -> Command {
 /// The service with the built-in clip for a camera; it is killed if the test forgets it.
 struct Service {
     child: Option<Child>,
-    _folder: tempfile::TempDir,
+    folder: tempfile::TempDir,
 }
 
 impl Service {
     /// Starts it with these links.
     fn with(links: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let config = configuration(folder.path(), &format!("[camera]\ndevice = \"demo\"\n{links}"));
+        let config = configuration(folder.path(), &demo_with(links));
         let child = facewire(["run", "--config", config.to_str().unwrap()]).spawn().unwrap();
-        Self { child: Some(child), _folder: folder }
+        Self { child: Some(child), folder }
+    }
+
+    /// Gives it other links while it runs.
+    fn reload(&self, links: &str) {
+        configuration(self.folder.path(), &demo_with(links));
+        kill_process(Pid::from_child(self.child.as_ref().unwrap()), Signal::HUP).unwrap();
     }
 
     /// Stops it as systemd does.
@@ -53,6 +59,10 @@ impl Drop for Service {
             child.wait().unwrap();
         }
     }
+}
+
+fn demo_with(links: &str) -> String {
+    format!("[camera]\ndevice = \"demo\"\n{links}")
 }
 
 fn configuration(folder: &Path, text: &str) -> PathBuf {
@@ -174,6 +184,22 @@ fn a_host_that_does_not_resolve_keeps_nothing_from_the_serial_line() {
     board.next();
     let log = text(&service.stop().stderr);
     assert!(log.contains("no link nowhere.invalid:5252: the host does not resolve ("), "{log}");
+}
+
+#[test]
+fn a_reload_moves_the_stream_to_another_board() {
+    let [mut old, mut new] = [Board::plugged_in(), Board::plugged_in()];
+    let service = Service::with(&serial(&old.device));
+    old.next();
+    service.reload(&serial(&new.device));
+    new.next();
+    eventually("the end of the old stream", || {
+        thread::sleep(Duration::from_millis(300));
+        old.packets().is_empty()
+    });
+    let log = text(&service.stop().stderr);
+    assert_eq!(log.matches("link opened").count(), 2, "{log}");
+    assert_eq!(log.matches("camera opened").count(), 1, "the camera was not touched: {log}");
 }
 
 /// What `facewire check` says, and how it ends.

@@ -19,7 +19,7 @@ use serde_json::Value;
 const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
 const NO_CAMERA: &str = "[camera]\ndevice = \"/dev/video99\"\n";
 /// From the signal to the end of the process.
-const LONGEST_STOP: Duration = Duration::from_secs(2);
+const LONGEST_STOP: Duration = Duration::from_secs(3);
 
 /// Checks that no packet was lost and none came twice, from the very first.
 fn assert_numbered(packets: &[Packet]) {
@@ -95,6 +95,33 @@ fn without_a_camera_the_face_is_neutral_10_times_a_second_and_the_log_says_why()
     assert_numbered(&packets);
     let log = assert_stopped(&packets, ended);
     assert_eq!(log.matches("no camera: no camera is called /dev/video99").count(), 1, "told once: {log}");
+}
+
+/// A camera that does not come back from the kernel.
+const HUNG: &str = "[camera]\ndevice = \"rehearsal: hung 60\"\n";
+
+#[test]
+fn a_hung_camera_does_not_keep_the_service_from_stopping() {
+    let receiver = Receiver::new();
+    let service = Service::start(HUNG, &[receiver.address()]);
+    let mut packets = vec![receiver.packet()];
+    let (run, took) = service.stop(Signal::TERM);
+    packets.extend(receiver.rest());
+    let log = assert_stopped(&packets, (run, took));
+    assert!(log.contains("is left behind"), "{log}");
+}
+
+#[test]
+fn a_second_signal_ends_the_service_at_once() {
+    let receiver = Receiver::new();
+    let service = Service::start(HUNG, &[receiver.address()]);
+    receiver.packet();
+    service.signal(Signal::TERM);
+    receiver.until(|packet| packet.reason == Reason::Stopping);
+    let (run, took) = service.stop(Signal::INT);
+    assert_eq!(run.status, Some(130), "{}", run.err);
+    assert!(took < Duration::from_secs(1), "{took:?}");
+    assert!(!run.err.contains("is left behind"), "the first signal was obeyed: {}", run.err);
 }
 
 #[test]

@@ -16,6 +16,7 @@ use std::time::{Duration, Instant};
 
 use common::program::{Run, facewire, text};
 use common::service::Receiver;
+use common::stuck::{Stuck, thread_called};
 use facewire_packet::State;
 use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
@@ -138,6 +139,22 @@ fn a_service_at_work_serves_the_watchdog_and_writes_its_status_when_asked() {
     unit.words_until("STATUS=fps=");
     let log = unit.stop();
     assert!(log.contains(" faces="), "{log}");
+}
+
+/// A thread that stands still waits for a frame most often, and may. So it is stopped until that was at its work.
+#[test]
+fn a_stuck_inference_gets_no_more_watchdog_pings_and_the_face_goes_neutral() {
+    let mut unit = Unit::start(DEMO);
+    unit.receiver.until(|packet| packet.state == State::Live);
+    let hot = thread_called(&mut unit.child, "fw-hot");
+    let is_pinged = |wait: Duration| unit.words.recv_timeout(wait).is_ok_and(|word| word == "WATCHDOG=1");
+    let is_stuck_at_work = || {
+        let _stuck = Stuck::stop(hot);
+        // The first may have been due before, and one more tells of the time before that.
+        let pings = (0..3).filter(|_| is_pinged(Duration::from_secs(1))).count();
+        pings < 3 && unit.receiver.rest().last().is_some_and(|packet| packet.state == State::Neutral)
+    };
+    assert!((0..100).any(|_| is_stuck_at_work()), "the watchdog is served whatever the inference does");
 }
 
 #[test]

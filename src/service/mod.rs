@@ -24,7 +24,7 @@ mod supervisor;
 use std::io;
 use std::sync::{Arc, mpsc};
 use std::thread::{Builder, JoinHandle, sleep};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 pub use camera::open as open_camera;
 pub use counters::{Counters, Status};
@@ -116,14 +116,13 @@ fn spawn(
 
 /// Lets the sender say its last word first: whatever holds up the hot loop does not concern the receivers.
 fn stop(counters: &Counters, sender: JoinHandle<()>, hot: JoinHandle<()>) -> Result<Status, ServiceError> {
+    let end = Instant::now() + HOT_PATIENCE;
     counters.stop();
     sender.thread().unpark();
     hot.thread().unpark();
     sender.join().map_err(|_| ServiceError::Panicked("sender"))?;
-    let mut looks = HOT_PATIENCE.as_millis() / HOT_LOOK.as_millis();
-    while looks > 0 && !hot.is_finished() {
+    while Instant::now() < end && !hot.is_finished() {
         sleep(HOT_LOOK);
-        looks -= 1;
     }
     if !hot.is_finished() {
         tracing::warn!("the camera does not come back from the kernel and is left behind");
@@ -131,4 +130,23 @@ fn stop(counters: &Counters, sender: JoinHandle<()>, hot: JoinHandle<()>) -> Res
     }
     hot.join().map_err(|_| ServiceError::Panicked("hot loop"))?;
     Ok(counters.status())
+}
+
+#[cfg(test)]
+#[allow(clippy::panic, clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// How a service ends whose threads end so.
+    fn ended(sender: fn(), hot: fn()) -> String {
+        let [sender, hot] = [sender, hot].map(std::thread::spawn);
+        stop(&Counters::default(), sender, hot).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_thread_that_panics_is_named_in_the_services_last_words() {
+        let fine = || {};
+        assert!(ended(fine, || panic!("tried")).starts_with("the hot loop ended by a panic"));
+        assert!(ended(|| panic!("tried"), fine).starts_with("the sender ended by a panic"));
+    }
 }

@@ -41,10 +41,14 @@ impl Service {
         thread_called(self.child.as_mut().unwrap(), name)
     }
 
+    pub fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(self.child.as_ref().unwrap()), signal).unwrap();
+    }
+
     /// Sends the signal; gives how the process ended and how long that took.
     pub fn stop(mut self, signal: Signal) -> (Run, Duration) {
+        self.signal(signal);
         let mut child = self.child.take().unwrap();
-        kill_process(Pid::from_child(&child), signal).unwrap();
         let told = Instant::now();
         while child.try_wait().unwrap().is_none() {
             if told.elapsed() > PATIENCE {

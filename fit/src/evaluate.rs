@@ -7,7 +7,6 @@ use facewire::solve::{
     BLENDSHAPES, COEFFS, Camera, Correction, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised,
     normalise,
 };
-use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::{
@@ -49,16 +48,9 @@ impl<'a> Faces<'a> {
         self.samples[row].held_out()
     }
 
-    /// Subject of picture `row`.
-    pub fn subject(&self, row: usize) -> usize {
-        self.samples[row].subject
-    }
-
-    /// Features and the first `targets` true coefficients of the given pictures, one a row.
-    pub fn matrices(&self, rows: &[usize], targets: usize) -> (DMatrix<f64>, DMatrix<f64>) {
-        let feature = |row: usize, column: usize| f64::from(self.features[rows[row]].values()[column]);
-        let truth = |row: usize, column: usize| self.samples[rows[row]].truth[column];
-        (DMatrix::from_fn(rows.len(), FEATURES, feature), DMatrix::from_fn(rows.len(), targets, truth))
+    /// Features of picture `row`.
+    pub fn values(&self, row: usize) -> &[f32; FEATURES] {
+        self.features[row].values()
     }
 }
 

@@ -1,14 +1,17 @@
 //! The workbench: fits and judges the blendshape models. Runs on a desk, never on the board.
 #![allow(clippy::indexing_slicing, reason = "a matrix tool on a desk: an index out of range is a bug to be seen")]
 
+mod basis;
 mod clip;
 mod curves;
 mod dataset;
+mod design;
 mod evaluate;
 mod mirror;
+mod network;
 #[cfg(test)]
 mod reference;
-mod ridge;
+mod select;
 mod stats;
 mod train;
 
@@ -27,13 +30,16 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Fit both maps of the model and write them, with their scores on held-out subjects
+    /// Fit the model and write it, with its scores on held-out subjects
     Train {
         /// Landmarks with true coefficients (npz archive, names beside it as JSON)
         dataset: PathBuf,
         /// Where the model is written
         #[arg(long, default_value = "models/blendshapes.toml")]
         out: PathBuf,
+        /// Looks at every picture
+        #[arg(long, default_value_t = 60)]
+        epochs: usize,
     },
     /// Print correlation and error of every blendshape, by facewire's own solver
     Evaluate {
@@ -64,7 +70,7 @@ enum Command {
 
 fn main() -> Result<()> {
     match Cli::parse().command {
-        Command::Train { dataset, out } => train(&dataset, &out),
+        Command::Train { dataset, out, epochs } => train(&dataset, &out, epochs),
         Command::Evaluate { dataset, model, all_subjects } => evaluate(&dataset, model.as_deref(), all_subjects),
         Command::Clip { landmarks, truth, neutral_frames, model } => {
             clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
@@ -72,10 +78,10 @@ fn main() -> Result<()> {
     }
 }
 
-fn train(dataset: &Path, out: &Path) -> Result<()> {
+fn train(dataset: &Path, out: &Path, epochs: usize) -> Result<()> {
     let samples = dataset::load(dataset)?;
-    let made_by = format!("facewire-fit train {}", dataset.display());
-    let file = train::train(&mirror::with_mirrored(&samples)?, &samples, made_by)?;
+    let made_by = format!("facewire-fit train {} --epochs {epochs}", dataset.display());
+    let file = train::train(&mirror::with_mirrored(&samples)?, &samples, epochs, made_by)?;
     std::fs::write(out, toml::to_string(&file)?).with_context(|| format!("cannot write {}", out.display()))?;
     report(&file.to_model()?, &samples, false)
 }

@@ -1,9 +1,10 @@
 //! `S` and `T_d` (eq. 4, 5): what the regression sees of a face.
 //!
 //! A feature is a coordinate of a landmark or the distance of two landmarks, as its displacement from the wearer's
-//! neutral face where that is known. Selection (eq. 4) is the model's list of indices into [`Features`]: on the
-//! board the matrix D would be nothing but zeros. Names: `x159`, `y159`, `z159` are coordinates of landmark 159,
-//! `d159-145` is a distance; unit: eye distances.
+//! neutral face where that is known; or how far the head is turned, which no neutral face changes. Selection (eq. 4) is
+//! the model's list of indices into [`Features`]: on the board the matrix D would be nothing but zeros. Names: `x159`,
+//! `y159`, `z159` are coordinates of landmark 159, `d159-145` is a distance; unit: eye distances. `yaw`, `pitch` and
+//! `roll` are about the sines of these angles.
 
 use core::fmt;
 
@@ -50,9 +51,14 @@ const DISTANCES: [(usize, usize); 35] = [
     (280, 4),
 ];
 
+/// Names of the features that say how far the head is turned.
+const TURNS: [&str; 3] = ["yaw", "pitch", "roll"];
+
 const COORDINATES: usize = 3 * LANDMARKS;
+/// Features that are measured on the face: coordinates, then distances.
+pub const MEASURES: usize = COORDINATES + DISTANCES.len();
 /// Features of a face.
-pub const FEATURES: usize = COORDINATES + DISTANCES.len();
+pub const FEATURES: usize = MEASURES + TURNS.len();
 
 /// All features of one face, in the order of [`FeatureId`].
 #[derive(Debug, Clone, PartialEq)]
@@ -66,11 +72,19 @@ impl Features {
     /// Displacements from `neutral`, or the plain values if the wearer's neutral face is not known.
     #[must_use]
     pub fn new(face: &Normalised, neutral: Option<&Neutral>) -> Self {
-        let mut values = measure(&face.points);
+        let mut measures = measure(&face.points);
         if let Some(neutral) = neutral {
-            values.iter_mut().zip(neutral.features.iter()).for_each(|(value, rest)| *value -= rest);
+            measures.iter_mut().zip(neutral.measures.iter()).for_each(|(value, rest)| *value -= rest);
         }
+        let mut values = [0.0; FEATURES];
+        let all = measures.into_iter().chain(turns(face));
+        values.iter_mut().zip(all).for_each(|(slot, value)| *slot = value);
         Self { values, neutral_known: neutral.is_some() }
+    }
+
+    /// One of the values.
+    pub(super) fn get(&self, id: FeatureId) -> f32 {
+        self.values.get(id.index()).copied().unwrap_or(f32::NAN)
     }
 
     /// The values, in the order of [`FeatureId`].
@@ -81,11 +95,17 @@ impl Features {
 }
 
 /// Coordinates and distances of a face, without a reference.
-pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; FEATURES] {
-    let mut values = [0.0; FEATURES];
+pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; MEASURES] {
+    let mut values = [0.0; MEASURES];
     let distances = DISTANCES.iter().map(|pair| distance(points, *pair));
     values.iter_mut().zip(points.iter().flatten().copied().chain(distances)).for_each(|(slot, value)| *slot = value);
     values
+}
+
+/// In the picture, where the face points to (right, up) and how high its left side is.
+fn turns(face: &Normalised) -> [f32; 3] {
+    let m = &face.rotation;
+    [m.m13, m.m23, m.m21]
 }
 
 fn distance(points: &[[f32; 3]; LANDMARKS], (a, b): (usize, usize)) -> f32 {
@@ -115,6 +135,9 @@ impl FeatureId {
     /// Reads a name as [`FeatureId`] displays it.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
+        if let Some(turn) = TURNS.iter().position(|known| *known == name) {
+            return Self::from_index(MEASURES + turn);
+        }
         let (kind, rest) = name.split_at_checked(1)?;
         if kind == "d" {
             let (a, b) = rest.split_once('-')?;
@@ -131,6 +154,9 @@ impl FeatureId {
 impl fmt::Display for FeatureId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let index = self.index();
+        if let Some(turn) = index.checked_sub(MEASURES).and_then(|place| TURNS.get(place)) {
+            return f.write_str(turn);
+        }
         match index.checked_sub(COORDINATES).and_then(|place| DISTANCES.get(place)) {
             Some((a, b)) => write!(f, "d{a}-{b}"),
             None => write!(f, "{}{}", ['x', 'y', 'z'].get(index % 3).unwrap_or(&'x'), index / 3),
@@ -166,7 +192,19 @@ mod tests {
         let mut mean = NeutralMean::default();
         mean.add(&face);
         let neutral = mean.finish().expect("one frame");
-        assert!(Features::new(&face, Some(&neutral)).values.iter().all(|value| value.abs() < 1e-6));
+        let features = Features::new(&face, Some(&neutral));
+        assert!(features.values[..MEASURES].iter().all(|value| value.abs() < 1e-6));
+    }
+
+    #[test]
+    fn a_turned_head_is_felt_by_sine_whatever_the_neutral_face() {
+        let angles = [20.0_f32, -10.0, 5.0];
+        let face = normalise(&face(angles, 80.0, [320.0, 240.0])).expect("a face");
+        let values = Features::new(&face, None).values;
+        for (name, degrees) in TURNS.iter().zip(angles) {
+            let value = values[FeatureId::from_name(name).expect("known").index()];
+            assert!((value - degrees.to_radians().sin()).abs() < 0.05, "{name}: {value}");
+        }
     }
 
     #[test]

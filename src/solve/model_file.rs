@@ -1,21 +1,23 @@
 //! The model as a file that people can read and compare (TOML).
 //!
 //! ```toml
-//! format = 1
+//! format = 2
 //! made_by = "facewire-fit train ..."
+//! fitted_on = "..."
 //!
-//! [neutral_known.jawOpen]
-//! r = 0.95          # Pearson's, held-out subjects, after both steps
-//! mse = 0.004
+//! [offsets]                   # of the hidden units, 120 at most
+//! neutral_known = [0.1, -0.3]
+//! neutral_unknown = [0.2, -0.1]
 //!
-//! [neutral_known.jawOpen.linear]        # step 1: weights of features, per eye distance
-//! bias = 0.01
-//! d13-14 = 1.9
+//! [inputs.d13-14]             # a selected feature: its mean over neutral faces, its weight for each hidden unit
+//! neutral = 0.05
+//! weights = [1.9, -0.4]
 //!
-//! [neutral_known.jawOpen.polynomial]    # step 2: weights of clipped estimates and their products
-//! bias = -0.01
-//! jawOpen = 0.9
-//! "jawOpen*mouthFunnel" = 0.2
+//! [blendshapes.jawOpen]       # its weight of each hidden unit
+//! neutral_known = { r = 0.95, mse = 0.004 }     # held-out subjects, after eq. 7
+//! neutral_unknown = { r = 0.93, mse = 0.005 }
+//! offset = 0.01
+//! weights = [0.8, 0.1]
 //! ```
 
 use std::collections::BTreeMap;
@@ -26,13 +28,11 @@ use super::{
     BLENDSHAPES,
     features::FeatureId,
     model_error::ModelError,
-    regression::{Blendshape, Map, Model, ONE, Term},
+    regression::{Hidden, Input, MAX_HIDDEN, MAX_INPUTS, Model, Output},
 };
 
 /// Version of the layout.
-pub(super) const FORMAT: u32 = 1;
-/// The entry of both tables that is not multiplied by anything.
-const BIAS: &str = "bias";
+pub(super) const FORMAT: u32 = 2;
 /// No landmark lies on the tongue: it has no model and stays 0.
 const WITHOUT_MODEL: &str = "tongueOut";
 
@@ -46,31 +46,70 @@ pub struct ModelFile {
     pub made_by: String,
     /// What it was fitted on, in words.
     pub fitted_on: String,
-    /// Maps by blendshape, for displacements from the wearer's neutral face.
-    pub neutral_known: BTreeMap<String, BlendshapeTable>,
-    /// Maps by blendshape, for faces whose neutral is not known.
-    pub neutral_unknown: BTreeMap<String, BlendshapeTable>,
+    /// Offsets of the hidden units.
+    pub offsets: OffsetTable,
+    /// Selected features by name.
+    pub inputs: BTreeMap<String, InputTable>,
+    /// Blendshapes by name.
+    pub blendshapes: BTreeMap<String, BlendshapeTable>,
 }
 
-/// One blendshape of a map.
+/// Offsets of the hidden units, one each.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OffsetTable {
+    /// For displacements from the wearer's neutral face.
+    pub neutral_known: Vec<f64>,
+    /// For faces whose neutral is not known.
+    pub neutral_unknown: Vec<f64>,
+}
+
+/// A selected feature.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InputTable {
+    /// Its mean over neutral faces.
+    pub neutral: f64,
+    /// Its weight for each hidden unit.
+    pub weights: Vec<f64>,
+}
+
+/// A blendshape.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BlendshapeTable {
-    /// Pearson's r on held-out subjects.
+    /// Score with the wearer's neutral face known.
+    pub neutral_known: ScoreTable,
+    /// Score without.
+    pub neutral_unknown: ScoreTable,
+    /// What it is where the hidden layer is 0.
+    pub offset: f64,
+    /// Weights of the hidden units.
+    pub weights: Vec<f64>,
+}
+
+/// How well a blendshape is found for subjects that the fit did not see.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScoreTable {
+    /// Pearson's correlation.
     pub r: f64,
-    /// Mean squared error on held-out subjects.
+    /// Mean squared error.
     pub mse: f64,
-    /// Weights of features.
-    pub linear: BTreeMap<String, f64>,
-    /// Weights of clipped estimates and of their products.
-    pub polynomial: BTreeMap<String, f64>,
 }
 
 impl ModelFile {
     /// An empty file of the present format.
     #[must_use]
     pub fn new(made_by: String, fitted_on: String) -> Self {
-        Self { format: FORMAT, made_by, fitted_on, neutral_known: BTreeMap::new(), neutral_unknown: BTreeMap::new() }
+        Self {
+            format: FORMAT,
+            made_by,
+            fitted_on,
+            offsets: OffsetTable::default(),
+            inputs: BTreeMap::new(),
+            blendshapes: BTreeMap::new(),
+        }
     }
 
     /// Reads a file's text.
@@ -89,15 +128,36 @@ impl ModelFile {
         from_toml(text)
     }
 
-    /// Checks every name and number and lays the maps out for the solver.
+    /// Checks every name and number and lays the map out for the solver.
     ///
     /// # Errors
     /// [`ModelError`], naming the table and the entry.
     pub fn to_model(&self) -> Result<Model, ModelError> {
+        if self.inputs.len() > MAX_INPUTS {
+            return Err(ModelError::TooMany { table: "inputs".to_owned() });
+        }
+        let OffsetTable { neutral_known, neutral_unknown } = &self.offsets;
         Ok(Model {
-            neutral_known: map("neutral_known", &self.neutral_known)?,
-            neutral_unknown: map("neutral_unknown", &self.neutral_unknown)?,
+            inputs: self.inputs.iter().map(|(name, table)| input(name, table)).collect::<Result<_, _>>()?,
+            offsets: [
+                hidden("offsets.neutral_known", neutral_known)?,
+                hidden("offsets.neutral_unknown", neutral_unknown)?,
+            ],
+            outputs: self.outputs()?,
         })
+    }
+
+    fn outputs(&self) -> Result<Box<[Output]>, ModelError> {
+        let is_known = |name: &str| BLENDSHAPES.contains(&name) && name != WITHOUT_MODEL;
+        if let Some(name) = self.blendshapes.keys().find(|name| !is_known(name)) {
+            return Err(ModelError::Unknown { table: "blendshapes".to_owned(), name: name.clone() });
+        }
+        let one = |name: &&'static str| match self.blendshapes.get(*name) {
+            Some(table) => output(name, table),
+            None if *name == WITHOUT_MODEL => Ok(Output::NOTHING),
+            None => Err(ModelError::Missing { table: "blendshapes", blendshape: name }),
+        };
+        BLENDSHAPES.iter().map(one).collect()
     }
 }
 
@@ -108,43 +168,31 @@ fn from_toml<T: DeserializeOwned>(text: &str) -> Result<T, ModelError> {
     })
 }
 
-fn map(table: &'static str, entries: &BTreeMap<String, BlendshapeTable>) -> Result<Map, ModelError> {
-    if let Some(name) = entries.keys().find(|name| !BLENDSHAPES.contains(&name.as_str()) || *name == WITHOUT_MODEL) {
-        return Err(ModelError::Unknown { table: table.to_owned(), name: name.clone() });
-    }
-    let one = |name: &&'static str| match entries.get(*name) {
-        Some(entry) => blendshape(&format!("{table}.{name}"), entry),
-        None if *name == WITHOUT_MODEL => Ok(Blendshape::default()),
-        None => Err(ModelError::Missing { table, blendshape: name }),
-    };
-    Ok(Map(BLENDSHAPES.iter().map(one).collect::<Result<_, _>>()?))
+fn input(name: &str, table: &InputTable) -> Result<Input, ModelError> {
+    let unknown = || ModelError::Unknown { table: "inputs".to_owned(), name: name.to_owned() };
+    let place = format!("inputs.{name}");
+    Ok(Input {
+        feature: FeatureId::from_name(name).ok_or_else(unknown)?,
+        neutral: finite(&place, "neutral", table.neutral)?,
+        weights: hidden(&place, &table.weights)?,
+    })
 }
 
-fn blendshape(table: &str, entry: &BlendshapeTable) -> Result<Blendshape, ModelError> {
-    let mut out = Blendshape::default();
-    for (name, weight) in &entry.linear {
-        let weight = finite(table, name, *weight)?;
-        if name == BIAS {
-            out.bias = weight;
-            continue;
-        }
-        let id = FeatureId::from_name(name).ok_or_else(|| unknown(table, name))?;
-        out.linear.push((id, weight)).map_err(|_| too_many(table))?;
+fn output(name: &str, table: &BlendshapeTable) -> Result<Output, ModelError> {
+    let place = format!("blendshapes.{name}");
+    Ok(Output { offset: finite(&place, "offset", table.offset)?, weights: hidden(&place, &table.weights)? })
+}
+
+/// One number for each hidden unit; those that the file does not have are 0.
+fn hidden(table: &str, numbers: &[f64]) -> Result<Hidden, ModelError> {
+    if numbers.len() > MAX_HIDDEN {
+        return Err(ModelError::TooMany { table: table.to_owned() });
     }
-    for (name, weight) in &entry.polynomial {
-        let weight = finite(table, name, *weight)?;
-        let term = Term::from_name(name).ok_or_else(|| unknown(table, name))?;
-        out.polynomial.push((term, weight)).map_err(|_| too_many(table))?;
+    let mut out = [0.0; MAX_HIDDEN];
+    for (slot, number) in out.iter_mut().zip(numbers) {
+        *slot = finite(table, "weights", *number)?;
     }
     Ok(out)
-}
-
-fn unknown(table: &str, name: &str) -> ModelError {
-    ModelError::Unknown { table: table.to_owned(), name: name.to_owned() }
-}
-
-fn too_many(table: &str) -> ModelError {
-    ModelError::TooMany { table: table.to_owned() }
 }
 
 fn finite(table: &str, name: &str, weight: f64) -> Result<f32, ModelError> {
@@ -154,20 +202,6 @@ fn finite(table: &str, name: &str, weight: f64) -> Result<f32, ModelError> {
         return Ok(narrow);
     }
     Err(ModelError::NotFinite { table: table.to_owned(), name: name.to_owned() })
-}
-
-impl Term {
-    /// `bias`, the name of a blendshape, or two of them joined by `*`.
-    fn from_name(name: &str) -> Option<Self> {
-        let place = |name: &str| u8::try_from(BLENDSHAPES.iter().position(|known| *known == name)?).ok();
-        if name == BIAS {
-            return Some(Self(ONE, ONE));
-        }
-        match name.split_once('*') {
-            Some((a, b)) => Some(Self(place(a)?, place(b)?)),
-            None => Some(Self(place(name)?, ONE)),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -182,9 +216,9 @@ mod tests {
         ModelFile::parse(SHIPPED).expect("the shipped model is sound")
     }
 
-    fn error_of(change: impl Fn(&mut BlendshapeTable)) -> String {
+    fn error_of(change: impl Fn(&mut ModelFile)) -> String {
         let mut file = shipped();
-        change(file.neutral_known.get_mut("jawOpen").expect("it has a jaw"));
+        change(&mut file);
         file.to_model().expect_err("a fault was put in").to_string()
     }
 
@@ -199,52 +233,47 @@ mod tests {
         let cut = SHIPPED.get(..SHIPPED.len() / 2).expect("plain text");
         assert!(ModelFile::parse(cut).and_then(|file| file.to_model()).is_err());
         assert!(matches!(ModelFile::parse("\nformat = [1"), Err(ModelError::Damaged { line: 2, .. })));
-        assert!(matches!(ModelFile::parse("format = 1"), Err(ModelError::Damaged { .. })));
+        assert!(matches!(ModelFile::parse("format = 2"), Err(ModelError::Damaged { .. })));
     }
 
     #[test]
     fn other_format_is_told_from_damage() {
-        assert!(matches!(ModelFile::parse("format = 2\nnew = true"), Err(ModelError::WrongFormat { found: 2 })));
+        assert!(matches!(ModelFile::parse("format = 1\nold = true"), Err(ModelError::WrongFormat { found: 1 })));
     }
 
     #[test]
     fn missing_and_unknown_blendshapes_are_named() {
         let mut file = shipped();
-        let entry = file.neutral_unknown.remove("jawOpen").expect("it has a jaw");
-        assert!(file.to_model().expect_err("no jaw").to_string().contains("neutral_unknown.jawOpen"));
-        file.neutral_unknown.insert("jawOpened".to_owned(), entry);
+        let entry = file.blendshapes.remove("jawOpen").expect("it has a jaw");
+        assert!(file.to_model().expect_err("no jaw").to_string().contains("blendshapes.jawOpen"));
+        file.blendshapes.insert("jawOpened".to_owned(), entry);
         assert!(file.to_model().expect_err("no such jaw").to_string().contains("jawOpened"));
     }
 
     #[test]
-    fn weight_that_is_not_finite_is_named() {
+    fn numbers_that_are_not_finite_are_named() {
         for wrong in [f64::NAN, f64::INFINITY, 1e300] {
-            let error = error_of(|table| {
-                table.linear.insert("y14".to_owned(), wrong);
-            });
-            assert!(error.contains("y14") && error.contains("neutral_known.jawOpen"), "{error}");
+            let jaw = |file: &mut ModelFile| file.blendshapes.entry("jawOpen".to_owned()).or_default().offset = wrong;
+            assert!(error_of(jaw).contains("offset in blendshapes.jawOpen"));
+            let input = |file: &mut ModelFile| file.inputs.entry("y14".to_owned()).or_default().weights = vec![wrong];
+            assert!(error_of(input).contains("weights in inputs.y14"));
         }
     }
 
     #[test]
-    fn unknown_feature_and_term_are_named() {
-        assert!(
-            error_of(|table| {
-                table.linear.insert("q7".to_owned(), 1.0);
-            })
-            .contains("q7")
-        );
-        assert!(
-            error_of(|table| {
-                table.polynomial.insert("jawOpen*q7".to_owned(), 1.0);
-            })
-            .contains("jawOpen*q7")
-        );
+    fn an_unknown_feature_is_named() {
+        let error = error_of(|file| _ = file.inputs.insert("q7".to_owned(), InputTable::default()));
+        assert!(error.contains("unknown q7 in inputs"), "{error}");
     }
 
     #[test]
     fn more_weights_than_fit_are_refused() {
-        let many = (0..478).map(|landmark| (format!("x{landmark}"), 0.1));
-        assert!(error_of(|table| table.linear.extend(many.clone())).contains("more weights"));
+        let wide = |file: &mut ModelFile| file.offsets.neutral_known = vec![0.0; MAX_HIDDEN + 1];
+        assert!(error_of(wide).contains("offsets.neutral_known of the model file has more weights"));
+        let many = |file: &mut ModelFile| {
+            let names = (0..=MAX_INPUTS).filter_map(|index| FeatureId::from_index(index).map(|id| id.to_string()));
+            file.inputs.extend(names.map(|name| (name, InputTable::default())));
+        };
+        assert!(error_of(many).contains("inputs of the model file has more weights"));
     }
 }

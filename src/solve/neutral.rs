@@ -4,7 +4,7 @@ use thiserror::Error;
 
 use super::{
     affine::Normalised,
-    features::{FEATURES, measure},
+    features::{MEASURES, measure},
 };
 use crate::face::LANDMARKS;
 
@@ -26,7 +26,7 @@ pub enum NeutralError {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Neutral {
     points: Box<[[f32; 3]; LANDMARKS]>,
-    pub(super) features: Box<[f32; FEATURES]>,
+    pub(super) measures: Box<[f32; MEASURES]>,
 }
 
 impl Neutral {
@@ -38,7 +38,7 @@ impl Neutral {
         if !points.iter().flatten().all(|value| value.abs() < MAX_COORDINATE) {
             return Err(NeutralError::Damaged);
         }
-        Ok(Self { points: Box::new(*points), features: Box::new(measure(points)) })
+        Ok(Self { points: Box::new(*points), measures: Box::new(measure(points)) })
     }
 
     /// The points, in the basis of [`Normalised::points`].

@@ -1,16 +1,14 @@
 //! `R`: from features to coefficients, as the fitted model says.
 //!
-//! Two steps per blendshape, both linear in their weights (ordinary least squares with a little ridge):
-//! 1. an estimate `l = w.f + b` from a few dozen selected features;
-//! 2. a polynomial of degree 2 of all estimates, clipped to `0..=1`: `R = b' + sum v_ij c_i c_j`. It tells apart
-//!    expressions that move the same points, and knows that no coefficient goes below zero.
+//! One hidden layer, shared by all blendshapes and by faces whose neutral is known or not:
+//! `h = max(0, W x + a)`, then `R = V h + b`, where `x` are the selected features. Where the wearer's neutral face is not
+//! known, displacements are measured from the mean of many neutral faces, and `a` is another. What the hidden layer adds
+//! to an affine map is that expressions which move the same points are told apart by all the others.
 //!
-//! There are two maps, one for displacements from the wearer's neutral face, one for faces whose neutral is not known.
 //! Limits: `tongueOut` is always 0, because no landmark lies on the tongue.
 
 use std::path::Path;
 
-use heapless::Vec;
 use thiserror::Error;
 
 use super::{
@@ -20,12 +18,12 @@ use super::{
     model_file::ModelFile,
 };
 
-/// Most features a blendshape may select (eq. 4).
-pub(super) const MAX_SELECTED: usize = 96;
-/// Most terms of a blendshape's polynomial.
-pub(super) const MAX_TERMS: usize = 32;
-/// Largest estimate of a face; on rendered and real ones they stay between -0.5 and 1.3.
-const MAX_ESTIMATE: f32 = 5.0;
+/// Most units of the hidden layer.
+pub const MAX_HIDDEN: usize = 120;
+/// Most features that are selected (eq. 4): with [`MAX_HIDDEN`] they make a model of 256 KiB.
+pub const MAX_INPUTS: usize = 470;
+/// Largest result of a face; on rendered and real ones they stay between -0.5 and 1.5.
+const MAX_RESULT: f32 = 5.0;
 
 /// The model gave something that is no coefficient. The frame is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -36,35 +34,38 @@ pub struct AbsurdResult;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RawCoeffs(pub [f32; COEFFS]);
 
-/// The fitted maps. Fixed after loading; about 110 KiB.
+/// One number for each hidden unit; those that a model does not use are 0.
+pub(super) type Hidden = [f32; MAX_HIDDEN];
+
+/// The fitted map. Fixed after loading; at most 256 KiB.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
-    pub(super) neutral_known: Map,
-    pub(super) neutral_unknown: Map,
+    pub(super) inputs: Box<[Input]>,
+    /// `a` where the neutral face is known, and where it is not.
+    pub(super) offsets: [Hidden; 2],
+    pub(super) outputs: Box<[Output]>,
 }
 
-/// One entry for every blendshape.
+/// A selected feature: its column of `W`.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Map(pub(super) Box<[Blendshape]>);
-
-/// `l = bias + sum weight * feature`, then `R = sum weight * term`.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Blendshape {
-    pub(super) bias: f32,
-    pub(super) linear: Vec<(FeatureId, f32), MAX_SELECTED>,
-    pub(super) polynomial: Vec<(Term, f32), MAX_TERMS>,
+pub(super) struct Input {
+    pub(super) feature: FeatureId,
+    /// Its mean over neutral faces.
+    pub(super) neutral: f32,
+    pub(super) weights: Hidden,
 }
 
-/// The product of two places in the clipped estimates, where place [`ONE`] holds 1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Term(pub(super) u8, pub(super) u8);
+/// A blendshape: its row of `V`, and of `b`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Output {
+    pub(super) offset: f32,
+    pub(super) weights: Hidden,
+}
 
-/// The place after the estimates, which holds 1.
-#[expect(clippy::cast_possible_truncation, reason = "52")]
-pub(super) const ONE: u8 = COEFFS as u8;
-
-/// Estimates clipped to `0..=1`, then 1.
-pub(super) type Clipped = [f32; COEFFS + 1];
+impl Output {
+    /// Always 0.
+    pub(super) const NOTHING: Self = Self { offset: 0.0, weights: [0.0; MAX_HIDDEN] };
+}
 
 impl Model {
     /// The model this program was shipped with.
@@ -85,48 +86,47 @@ impl Model {
         ModelFile::parse(&text)?.to_model()
     }
 
-    /// The coefficients of a face. Takes the map that fits the features: neutral face known or not.
+    /// The coefficients of a face.
     ///
     /// # Errors
     /// [`AbsurdResult`] if a result is no number or far outside a coefficient's range.
     pub fn process(&self, features: &Features) -> Result<RawCoeffs, AbsurdResult> {
-        let map = if features.neutral_known { &self.neutral_known } else { &self.neutral_unknown };
-        let clipped = map.clipped_estimates(features)?;
+        let hidden = self.hidden(features);
         let mut raw = [0.0; COEFFS];
-        raw.iter_mut().zip(&map.0).for_each(|(out, blendshape)| *out = blendshape.polynomial(&clipped));
-        if raw.iter().all(|value| value.is_finite()) { Ok(RawCoeffs(raw)) } else { Err(AbsurdResult) }
+        raw.iter_mut().zip(&self.outputs).for_each(|(out, output)| *out = output.apply(&hidden));
+        // A NaN is in no range.
+        let is_sane = raw.iter().all(|value| (-MAX_RESULT..=MAX_RESULT).contains(value));
+        if is_sane { Ok(RawCoeffs(raw)) } else { Err(AbsurdResult) }
+    }
+
+    fn hidden(&self, features: &Features) -> Hidden {
+        let [known, unknown] = &self.offsets;
+        let mut hidden = if features.neutral_known { *known } else { *unknown };
+        for input in &self.inputs {
+            let reference = if features.neutral_known { 0.0 } else { input.neutral };
+            let value = features.get(input.feature) - reference;
+            hidden.iter_mut().zip(&input.weights).for_each(|(sum, weight)| *sum += weight * value);
+        }
+        // Not `max`, which would make 0 of a NaN.
+        hidden.map(|sum| if sum < 0.0 { 0.0 } else { sum })
     }
 
     /// Bytes of the model in memory.
     #[must_use]
     pub fn size_bytes(&self) -> usize {
-        size_of_val(&*self.neutral_known.0) + size_of_val(&*self.neutral_unknown.0) + size_of::<Self>()
+        size_of_val(&*self.inputs) + size_of_val(&*self.outputs) + size_of::<Self>()
     }
 }
 
-impl Map {
-    fn clipped_estimates(&self, features: &Features) -> Result<Clipped, AbsurdResult> {
-        let mut clipped = [1.0; COEFFS + 1];
-        for (out, blendshape) in clipped.iter_mut().zip(&self.0) {
-            let estimate = blendshape.estimate(features);
-            if estimate.is_nan() || estimate.abs() > MAX_ESTIMATE {
-                return Err(AbsurdResult);
-            }
-            *out = estimate.clamp(0.0, 1.0);
+impl Output {
+    /// `V h + b` of one blendshape. Eight sums, so that the compiler may take them side by side.
+    fn apply(&self, hidden: &Hidden) -> f32 {
+        let (hidden, weights) = (hidden.as_chunks::<8>().0, self.weights.as_chunks::<8>().0);
+        let mut sums = [0.0; 8];
+        for (hidden, weights) in hidden.iter().zip(weights) {
+            sums.iter_mut().zip(hidden.iter().zip(weights)).for_each(|(sum, (value, weight))| *sum += value * weight);
         }
-        Ok(clipped)
-    }
-}
-
-impl Blendshape {
-    fn estimate(&self, features: &Features) -> f32 {
-        let value = |id: FeatureId| features.values.get(id.index()).copied().unwrap_or(f32::NAN);
-        self.bias + self.linear.iter().map(|(id, weight)| weight * value(*id)).sum::<f32>()
-    }
-
-    fn polynomial(&self, clipped: &Clipped) -> f32 {
-        let value = |place: u8| clipped.get(usize::from(place)).copied().unwrap_or(f32::NAN);
-        self.polynomial.iter().map(|(Term(a, b), weight)| weight * value(*a) * value(*b)).sum()
+        self.offset + sums.iter().sum::<f32>()
     }
 }
 
@@ -137,19 +137,24 @@ mod tests {
     use crate::solve::{normalise, test_face::face};
 
     const JAW_OPEN: usize = 17;
-    const FUNNEL: usize = 19;
     const TONGUE_OUT: usize = 51;
 
-    fn blendshape(bias: f32, terms: &[(Term, f32)]) -> Blendshape {
-        Blendshape { bias, linear: Vec::new(), polynomial: terms.iter().copied().collect() }
-    }
-
-    /// A model whose two maps hold `entry` at `index` and nothing elsewhere but a funnel of 0.5.
-    fn model(index: usize, entry: &Blendshape) -> Model {
-        let mut map = Map(vec![Blendshape::default(); COEFFS].into());
-        map.0[FUNNEL] = blendshape(0.5, &[]);
-        map.0[index] = entry.clone();
-        Model { neutral_known: map.clone(), neutral_unknown: map }
+    /// Two hidden units, `x - 0.5` and `0.5 - x` of the outer corner of the left eye, which `JAW_OPEN` weighs by 2
+    /// and 3.
+    fn model() -> Model {
+        let row = |a: f32, b: f32| {
+            let mut row = [0.0; MAX_HIDDEN];
+            (row[0], row[MAX_HIDDEN - 1]) = (a, b);
+            row
+        };
+        let feature = FeatureId::from_name("x263").expect("known");
+        let mut outputs = vec![Output::NOTHING; COEFFS];
+        outputs[JAW_OPEN] = Output { offset: 0.1, weights: row(2.0, 3.0) };
+        Model {
+            inputs: Box::new([Input { feature, neutral: 0.2, weights: row(1.0, -1.0) }]),
+            offsets: [[0.0; MAX_HIDDEN], row(-0.5, 0.5)],
+            outputs: outputs.into(),
+        }
     }
 
     fn features() -> Features {
@@ -157,37 +162,36 @@ mod tests {
     }
 
     #[test]
-    fn result_is_the_polynomial_of_clipped_estimates() {
-        let terms = [(Term(ONE, ONE), 0.1), (Term(17, ONE), 0.2), (Term(17, 19), 0.4)];
-        let raw = model(JAW_OPEN, &blendshape(3.0, &terms)).process(&features()).expect("finite");
-        assert!((raw.0[JAW_OPEN] - (0.1 + 0.2 + 0.4 * 0.5)).abs() < 1e-6, "the estimate of 3 counts as 1");
-    }
-
-    #[test]
-    fn estimate_adds_weighted_features() {
-        let id = FeatureId::from_name("x263").expect("known");
-        let mut entry = blendshape(0.0, &[(Term(17, ONE), 1.0)]);
-        entry.linear.push((id, 0.5)).expect("room");
-        let raw = model(JAW_OPEN, &entry).process(&features()).expect("finite");
-        assert!((raw.0[JAW_OPEN] - 0.5 * 0.7218).abs() < 1e-3);
+    fn result_is_a_weighted_sum_of_what_is_positive_of_the_hidden_layer() {
+        let raw = model().process(&features()).expect("finite");
+        let x = 0.7218 - 0.2;
+        assert!((raw.0[JAW_OPEN] - (0.1 + 2.0 * (x - 0.5))).abs() < 1e-3, "{}", raw.0[JAW_OPEN]);
+        assert!(raw.0.iter().enumerate().all(|(index, value)| index == JAW_OPEN || *value == 0.0));
     }
 
     #[test]
     fn absurd_and_missing_numbers_reject_the_frame() {
         for wrong in [f32::NAN, f32::INFINITY, -7.0] {
-            assert_eq!(model(JAW_OPEN, &blendshape(wrong, &[])).process(&features()), Err(AbsurdResult));
+            let mut model = model();
+            model.outputs[JAW_OPEN].offset = wrong;
+            assert_eq!(model.process(&features()), Err(AbsurdResult));
         }
-        let model = model(JAW_OPEN, &blendshape(0.0, &[(Term(ONE, ONE), f32::NAN)]));
+        let mut model = model();
+        model.offsets[1][0] = f32::NAN;
         assert_eq!(model.process(&features()), Err(AbsurdResult));
     }
 
     #[test]
     fn shipped_model_is_small_and_leaves_the_tongue_in() {
         let model = Model::embedded().expect("the shipped model loads");
-        assert!(model.size_bytes() <= 256 * 1024);
-        for map in [&model.neutral_known, &model.neutral_unknown] {
-            assert_eq!(map.0.len(), COEFFS);
-            assert_eq!(map.0[TONGUE_OUT], Blendshape::default());
-        }
+        assert!(model.size_bytes() <= 256 * 1024, "{}", model.size_bytes());
+        assert_eq!(model.outputs.len(), COEFFS);
+        assert_eq!(model.outputs[TONGUE_OUT], Output::NOTHING);
+    }
+
+    #[test]
+    fn the_largest_model_takes_256_kib() {
+        let largest = MAX_INPUTS * size_of::<Input>() + COEFFS * size_of::<Output>() + size_of::<Model>();
+        assert!(largest <= 256 * 1024, "{largest}");
     }
 }

@@ -128,15 +128,15 @@ mod tests {
     use crate::{dataset, reference};
 
     #[test]
-    fn shipped_model_correlates_above_0_6_on_subjects_the_fit_never_saw() {
+    fn shipped_model_correlates_on_subjects_the_fit_never_saw() {
         let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
             return reference::say_skipped("dataset/");
         };
         let model = Model::embedded().expect("shipped");
-        for neutral_known in [true, false] {
+        for (neutral_known, least_r, most_mse) in [(true, 0.7, 0.0105), (false, 0.66, 0.012)] {
             let faces = Faces::new(&samples, neutral_known).expect("faces");
             let mean = mean_of(&scores(&model, &faces).expect("scores"));
-            assert!(mean.r >= 0.6 && mean.mse <= 0.014, "neutral known: {neutral_known}, {mean:?}");
+            assert!(mean.r >= least_r && mean.mse <= most_mse, "neutral known: {neutral_known}, {mean:?}");
         }
     }
 }

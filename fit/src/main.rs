@@ -1,5 +1,6 @@
 //! The workbench: fits and judges the blendshape models. Runs on a desk, never on the board.
 #![allow(clippy::indexing_slicing, reason = "a matrix tool on a desk: an index out of range is a bug to be seen")]
+#![allow(clippy::cast_possible_truncation, reason = "sums are taken in f64, what they give is f32")]
 
 mod basis;
 mod clip;

@@ -66,7 +66,9 @@ fn lesson(design: &Design, scale: &Scale, basis: &Basis) -> Lesson {
     let mut inputs = &basis.map * design.columns(&faces, &basis.features, scale);
     let known = inputs.nrows();
     inputs = inputs.insert_row(known, 0.0);
-    faces.iter().for_each(|face| inputs[(known, *face)] = f32::from(u8::from(design.is_known(*face))));
+    for face in &faces {
+        inputs[(known, *face)] = f32::from(u8::from(design.is_known(*face)));
+    }
     let mut noise = vec![NOISE; known];
     noise.push(KNOWN_NOISE);
     Lesson { inputs, truth: design.truth(&faces), noise }

@@ -154,7 +154,7 @@ mod tests {
     #[test]
     fn what_no_affine_map_gives_is_learned() {
         let lesson = products();
-        let network = Network::train(&lesson, 12, 400, 1, |_| ());
+        let network = Network::train(&lesson, 12, 2000, 1, |_| ());
         let variance = lesson.truth.variance();
         assert!(error(&network, &lesson) < 0.2 * variance, "{} of {variance}", error(&network, &lesson));
     }

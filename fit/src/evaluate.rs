@@ -133,7 +133,7 @@ mod tests {
             return reference::say_skipped("dataset/");
         };
         let model = Model::embedded().expect("shipped");
-        for (neutral_known, least_r, most_mse) in [(true, 0.7, 0.0105), (false, 0.66, 0.012)] {
+        for (neutral_known, least_r, most_mse) in [(true, 0.7, 0.011), (false, 0.66, 0.012)] {
             let faces = Faces::new(&samples, neutral_known).expect("faces");
             let mean = mean_of(&scores(&model, &faces).expect("scores"));
             assert!(mean.r >= least_r && mean.mse <= most_mse, "neutral known: {neutral_known}, {mean:?}");

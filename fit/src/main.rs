@@ -39,7 +39,7 @@ enum Command {
         #[arg(long, default_value = "models/blendshapes.toml")]
         out: PathBuf,
         /// Looks at every picture
-        #[arg(long, default_value_t = 60)]
+        #[arg(long, default_value_t = 90)]
         epochs: usize,
     },
     /// Print correlation and error of every blendshape, by facewire's own solver

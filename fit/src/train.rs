@@ -22,8 +22,9 @@ use crate::{
 const SELECTED: usize = 140;
 /// Principal components of what is seen of them.
 const COMPONENTS: usize = 300;
-/// Noise on each, and on whether the neutral face is known.
-const NOISE: f32 = 0.3;
+/// Noise on each, and on whether the neutral face is known. With 0.3 instead of 0.5 held-out r is 0.007 higher, and raw
+/// coefficients of real footage jitter by a quarter more.
+const NOISE: f32 = 0.5;
 const KNOWN_NOISE: f32 = 0.02;
 /// Least deviation of a feature that earns a full weight, eye distances.
 const LEAST_FEATURE: f32 = 0.005;

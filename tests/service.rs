@@ -146,7 +146,7 @@ fn the_monitor_writes_each_packet_as_a_line_of_json() {
     assert_eq!(lines.len(), 5);
     for (line, before) in lines.iter().zip(lines[0]["sequence"].as_u64().unwrap()..) {
         assert_eq!(line["sequence"], before);
-        assert!(["live", "neutral"].contains(&line["state"].as_str().unwrap()), "{line}");
+        assert!(["live", "hold", "decay", "neutral"].contains(&line["state"].as_str().unwrap()), "{line}");
         let names = line["coefficients"].as_object().unwrap();
         assert!(names.len() == BLENDSHAPES.len() && BLENDSHAPES.iter().all(|name| names.contains_key(*name)), "{line}");
     }

@@ -19,7 +19,7 @@ fn defaults_load_back_unchanged() {
 fn defaults_explain_each_setting_with_type_and_bounds() {
     let text = defaults();
     let assignments = text.lines().filter(|line| line.contains(" = "));
-    assert_eq!(assignments.count(), 26);
+    assert_eq!(assignments.count(), 27);
     assert!(text.contains("# Picture height.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n"));
 }
 

@@ -12,14 +12,17 @@ mod event;
 mod exchange;
 pub mod failsafe;
 mod heartbeat;
+mod histogram;
 mod hot;
 mod log;
 mod manager;
+mod metrics;
 mod realtime;
 mod reload;
 mod report;
 mod sender;
 mod supervisor;
+mod times;
 
 use std::io;
 use std::sync::{Arc, mpsc};
@@ -29,6 +32,7 @@ use std::time::Duration;
 pub use camera::open as open_camera;
 pub use counters::{Counters, Status};
 pub use reload::Program;
+pub use times::Quantiles;
 
 use self::event::Event;
 use self::exchange::Exchange;

@@ -97,6 +97,13 @@ facewire.toml:10: link.address = \"127.0.0.1\": give \"host:port\" with a port f
 }
 
 #[test]
+fn metrics_that_other_machines_could_read_are_refused_with_what_to_give() {
+    let want = "facewire.toml:2: metrics.listen = \"0.0.0.0:9464\": give \"\", a loopback address and port such as \
+                \"127.0.0.1:9464\" or \"[::1]:9464\", or \"unix:\" and a path that begins with /";
+    assert_eq!(faults("[metrics]\nlisten = \"0.0.0.0:9464\"\n"), want);
+}
+
+#[test]
 fn syntax_errors_name_their_line() {
     let text = faults("[camera]\nwidth = 640\nheight = = 480\n");
     assert!(text.starts_with("facewire.toml:3: not valid TOML: "), "{text}");

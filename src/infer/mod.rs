@@ -11,6 +11,9 @@ use std::path::{Path, PathBuf};
 
 pub use folder::NetworkFolder;
 
+/// All values of the input of the first run: a grey picture, to the detector as to the mesh.
+const WARM_UP: f32 = 0.5;
+
 /// The names and lengths that a network file must have, so that a file of another version is refused at start-up.
 #[derive(Debug)]
 pub struct Signature {
@@ -78,10 +81,11 @@ fn list(paths: &[PathBuf]) -> String {
     shown.join(", ")
 }
 
-/// Loads the network `signature.name` from `folder`, to run on `threads` threads.
+/// Loads the network `signature.name` from `folder`, to run on `threads` threads, and runs it once: engines take memory in
+/// the first run, and the first frame must not wait for it. The input is then a grey picture.
 ///
 /// # Errors
-/// Every [`InferError`] but [`InferError::NoFolder`] and [`InferError::Run`].
+/// Every [`InferError`] but [`InferError::NoFolder`].
 pub fn load(
     folder: &NetworkFolder,
     signature: &'static Signature,
@@ -89,7 +93,10 @@ pub fn load(
 ) -> Result<Box<dyn Network>, InferError> {
     let path = folder.network(signature.name);
     require(&path)?;
-    engine(folder, &path, signature, threads)
+    let mut network = engine(folder, &path, signature, threads)?;
+    network.input().fill(WARM_UP);
+    network.run()?;
+    Ok(network)
 }
 
 #[cfg(feature = "ort")]

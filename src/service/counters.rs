@@ -74,7 +74,7 @@ impl Counters {
         self.stop_sending.store(true, Relaxed);
     }
 
-    /// The failsafe is in this state now.
+    /// The failsafe is in this state now. It sends every change of it.
     pub(super) fn set_state(&self, state: State) {
         let number = STATES.iter().zip(0..).find(|(known, _)| **known == state);
         self.state.store(number.map_or(0, |(_, number)| number), Relaxed);

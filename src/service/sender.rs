@@ -82,10 +82,8 @@ impl Sender {
             thread::park_timeout(Duration::from_micros(failsafe.wait_us(&history).min(MAX_SLEEP_US)));
         }
         let last = history.stopping();
-        self.counters.set_state(last.state);
         (0..STOPPING_PACKETS).for_each(|_| self.send(&last));
-        let closed = self.settings.links.take().into_iter().flatten().map(Link::close).sum();
-        self.count(closed);
+        self.close_links();
     }
 
     /// Hears the news and sends what is due.
@@ -93,7 +91,6 @@ impl Sender {
         let news = if self.reports.update() { self.reports.peek_output_buffer().news() } else { News::Nothing };
         let followed = matches!(news, News::Pose(..));
         let output = failsafe.update(history, monotonic_us(), news);
-        self.counters.set_state(output.state);
         if !output.due {
             return;
         }
@@ -123,6 +120,7 @@ impl Sender {
         self.sequence = self.sequence.wrapping_add(1);
         self.settings.links.iter_mut().flatten().for_each(|link| link.send(&packet));
         self.counters.packets.fetch_add(1, Relaxed);
+        self.counters.set_state(output.state);
         self.count_links();
     }
 
@@ -130,6 +128,12 @@ impl Sender {
         self.count(self.settings.counts());
         let open = self.settings.links.iter().flatten().filter(|link| link.is_open()).count();
         self.counters.links_open.store(open as u64, Relaxed);
+    }
+
+    /// Closes the links and counts what became of the last packets.
+    fn close_links(&mut self) {
+        let closed = self.settings.links.take().into_iter().flatten().map(Link::close).sum();
+        self.count(closed);
     }
 
     /// Adds to the counters what came since the last time.

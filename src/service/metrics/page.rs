@@ -35,7 +35,7 @@ pub(super) struct Page(Registry);
 impl Page {
     pub(super) fn new(counters: Arc<Counters>) -> Self {
         let mut registry = Registry::with_prefix("facewire");
-        registry.register("build", "The program.", Info::new([("version", env!("CARGO_PKG_VERSION"))]));
+        registry.register("build", "The program", Info::new([("version", env!("CARGO_PKG_VERSION"))]));
         registry.register_collector(Box::new(Reading(counters)));
         Self(registry)
     }

@@ -11,8 +11,10 @@ use std::path::{Path, PathBuf};
 
 pub use folder::NetworkFolder;
 
-/// All values of the input of the first run: a grey picture, to the detector as to the mesh.
-const WARM_UP: f32 = 0.5;
+/// Runs before the first frame: in its first run ONNX Runtime plans the memory for the next, and takes it in the second.
+const WARM_UP_RUNS: usize = 2;
+/// All values of their input: a grey picture, to the detector as to the mesh.
+const GREY: f32 = 0.5;
 
 /// The names and lengths that a network file must have, so that a file of another version is refused at start-up.
 #[derive(Debug)]
@@ -81,8 +83,8 @@ fn list(paths: &[PathBuf]) -> String {
     shown.join(", ")
 }
 
-/// Loads the network `signature.name` from `folder`, to run on `threads` threads, and runs it once: engines take memory in
-/// the first run, and the first frame must not wait for it. The input is then a grey picture.
+/// Loads the network `signature.name` from `folder`, to run on `threads` threads, and warms it up with a grey picture:
+/// engines take memory in their first runs, and the first frame must not wait for it.
 ///
 /// # Errors
 /// Every [`InferError`] but [`InferError::NoFolder`].
@@ -94,8 +96,10 @@ pub fn load(
     let path = folder.network(signature.name);
     require(&path)?;
     let mut network = engine(folder, &path, signature, threads)?;
-    network.input().fill(WARM_UP);
-    network.run()?;
+    for _ in 0..WARM_UP_RUNS {
+        network.input().fill(GREY);
+        network.run()?;
+    }
     Ok(network)
 }
 

@@ -82,6 +82,16 @@ mod tests {
     }
 
     #[test]
+    fn counting_times_allocates_nothing() {
+        let (times, stage) = (Times::default(), Some(Duration::from_micros(9)));
+        let allocated = allocation_counter::measure(|| {
+            times.record_stages(&StageTimes { detect: stage, mesh: stage, solve: stage });
+            times.work.record(between(1, u64::MAX));
+        });
+        assert_eq!(allocated, allocation_counter::AllocationInfo::default());
+    }
+
+    #[test]
     fn quantiles_are_shown_with_three_digits() {
         assert_eq!(Quantiles([0.0094, 9.25, 101.4]).to_string(), "0.009/9.25/101");
         assert_eq!(Quantiles([0.0, 0.254, 12.04]).to_string(), "0.000/0.254/12.0");

@@ -64,7 +64,7 @@ impl Supervisor {
     }
 
     /// Watches over the service until it is to stop, or a thread has ended without being told to.
-    pub(super) fn run(mut self, all_run: impl Fn() -> bool) {
+    pub(super) fn run(&mut self, all_run: impl Fn() -> bool) {
         self.serve_metrics();
         self.lock_memory();
         manager::ready();

@@ -3,6 +3,8 @@
 //! Contract: [`Pipeline::process`] and [`Solver::solve`] allocate nothing, take no lock, write no log and reach no
 //! panic. All memory is taken when they are made. A frame that gives no trustworthy result gives none at all.
 
+use std::time::{Duration, Instant};
+
 use crate::capture::{Frame, Picture};
 use crate::config::{NetworkSettings, Settings};
 use crate::face::{Landmarks, Tracker};
@@ -143,12 +145,32 @@ impl History {
     }
 }
 
+/// How long each stage of a frame took; `None` for one that did not run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StageTimes {
+    /// Where the face is: next to nothing while it is followed, else the detector.
+    pub detect: Option<Duration>,
+    /// Its landmarks.
+    pub mesh: Option<Duration>,
+    /// From landmarks to coefficients.
+    pub solve: Option<Duration>,
+}
+
+/// Runs a stage and measures it. The clock is for statistics alone: no result depends on it.
+fn timed<T>(time: &mut Option<Duration>, stage: impl FnOnce() -> T) -> T {
+    let begun = Instant::now();
+    let result = stage();
+    *time = Some(begun.elapsed());
+    result
+}
+
 /// From frames to coefficients.
 pub struct Pipeline {
     /// Finds the landmarks.
     pub tracker: Tracker,
     /// Turns them into coefficients.
     pub solver: Solver,
+    times: StageTimes,
 }
 
 impl Pipeline {
@@ -157,7 +179,11 @@ impl Pipeline {
     /// # Errors
     /// [`SetupError`].
     pub fn load(settings: &Settings) -> Result<Self, SetupError> {
-        Ok(Self { tracker: load_tracker(&settings.networks)?, solver: Solver::load(settings)? })
+        Ok(Self {
+            tracker: load_tracker(&settings.networks)?,
+            solver: Solver::load(settings)?,
+            times: StageTimes::default(),
+        })
     }
 
     /// Solves one frame.
@@ -165,9 +191,17 @@ impl Pipeline {
     /// # Errors
     /// [`Rejected`]: the frame gives nothing, and the next one is as good as any.
     pub fn process(&mut self, frame: &Frame) -> Result<Solution, Rejected> {
-        let face = self.tracker.detect(&frame.picture)?.ok_or(Rejected::NoFace)?;
-        let landmarks = self.tracker.landmarks(&frame.picture, &face)?.ok_or(Rejected::NoFace)?;
-        self.solver.solve(landmarks, size_px(&frame.picture), frame.captured_us)
+        let (picture, times) = (&frame.picture, &mut self.times);
+        *times = StageTimes::default();
+        let face = timed(&mut times.detect, || self.tracker.detect(picture))?.ok_or(Rejected::NoFace)?;
+        let landmarks = timed(&mut times.mesh, || self.tracker.landmarks(picture, &face))?.ok_or(Rejected::NoFace)?;
+        timed(&mut times.solve, || self.solver.solve(landmarks, size_px(picture), frame.captured_us))
+    }
+
+    /// How long the stages of the last frame took.
+    #[must_use]
+    pub fn times(&self) -> &StageTimes {
+        &self.times
     }
 }
 

@@ -133,6 +133,7 @@ fn a_board_that_stops_reading_takes_nothing_from_the_receiver_beside_it() {
     assert!(value(" packets=") * 10 >= value(" faces=") * 9, "poses were not sent: {log}");
     // The one that ended the count is not in it.
     assert_eq!(received + 1, value(" packets="), "{log}");
+    assert_eq!(value(" packets=") * 2, value(" sent=") + value(" dropped="), "each packet, on each link: {log}");
     assert!(value(" dropped=") + 3 >= value(" packets="), "{log}");
     assert!(log.contains("it takes no packets; check that the receiver reads"), "{log}");
 }

@@ -40,6 +40,18 @@ fn assert_stopped(packets: &[Packet], (run, took): (Run, Duration)) -> String {
     run.succeeded().err
 }
 
+/// Checks that every frame and every packet to each link is in one of the counts of the last line.
+fn assert_adds_up(log: &str, links: u64) {
+    let last = log.rsplit_once("stopped: ").unwrap().1;
+    let count = |key: &str| -> u64 {
+        let value = last.split_whitespace().find_map(|part| part.strip_prefix(key)?.strip_prefix('='));
+        value.unwrap_or_else(|| panic!("no {key}: {last}")).parse().unwrap()
+    };
+    assert!(count("faces") > 0 && count("frames") >= count("faces"), "{last}");
+    assert_eq!(count("frames"), count("faces") + count("no_face") + count("rejected"), "{last}");
+    assert_eq!(count("packets") * links, count("sent") + count("dropped"), "{last}");
+}
+
 #[test]
 fn every_receiver_sees_the_face_go_live_and_stop_neutral() {
     let [first, second] = [Receiver::new(), Receiver::new()];
@@ -54,7 +66,7 @@ fn every_receiver_sees_the_face_go_live_and_stop_neutral() {
     assert_eq!(packets, second.rest(), "to the second receiver go the same packets");
     let log = assert_stopped(&packets, ended);
     assert!(log.contains("camera opened: demo: MJPEG 640x480 at 30 fps"), "{log}");
-    assert!(log.contains("stopped: frames="), "{log}");
+    assert_adds_up(&log, 2);
 }
 
 #[test]

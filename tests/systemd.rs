@@ -7,7 +7,7 @@ mod common;
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
-use std::os::unix::net::UnixDatagram;
+use std::os::unix::net::{UnixDatagram, UnixStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{self, Receiver as Channel};
@@ -203,6 +203,27 @@ fn links_change_while_the_service_runs() {
     let sequence = other.packet().sequence;
     assert!(sequence > 0, "numbering goes on");
     unit.receiver.until(|packet| packet.sequence > sequence);
+}
+
+#[test]
+fn metrics_open_and_close_while_the_service_runs() {
+    let unit = Unit::start(NO_CAMERA);
+    unit.words_until("STATUS=blind");
+    let path = unit.folder.path().join("metrics.sock");
+    let wait_for = |is_there: bool| {
+        let begun = Instant::now();
+        while UnixStream::connect(&path).is_ok() != is_there {
+            assert!(begun.elapsed() < PATIENCE, "{is_there}");
+            thread::sleep(Duration::from_millis(20));
+        }
+    };
+    unit.reload(&format!("{NO_CAMERA}[metrics]\nlisten = \"unix:{}\"\n", text(&path)));
+    wait_for(true);
+    unit.reload(NO_CAMERA);
+    wait_for(false);
+    assert!(!path.exists());
+    let log = unit.stop();
+    assert_eq!(log.matches("settings changed: metrics").count(), 2, "{log}");
 }
 
 #[test]

@@ -13,7 +13,7 @@ use self::figures::{Figures, Samples};
 use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{DEMO, Frame, Source, open_file};
-use crate::pipeline::{Pipeline, size_px};
+use crate::pipeline::{Pipeline, Rejected};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -80,19 +80,13 @@ fn next(source: &mut dyn Source) -> Result<Option<Frame<'_>>, Failure> {
     Ok(source.next()?)
 }
 
-/// Runs one frame as the pipeline does, with a clock between the stages. A frame without a face is not counted.
+/// Runs one frame and takes down how long its stages took. A frame without a face is not counted.
 fn time_frame(pipeline: &mut Pipeline, frame: &Frame, samples: &mut Samples) -> Result<(), Failure> {
     let begun = Instant::now();
-    let Some(face) = pipeline.tracker.detect(&frame.picture)? else { return Ok(()) };
-    let detected = Instant::now();
-    let Some(landmarks) = pipeline.tracker.landmarks(&frame.picture, &face)? else { return Ok(()) };
-    let found = Instant::now();
-    if pipeline.solver.solve(landmarks, size_px(&frame.picture), frame.captured_us).is_ok() {
-        let solved = Instant::now();
-        samples.detect.push(detected - begun);
-        samples.mesh.push(found - detected);
-        samples.solve.push(solved - found);
-        samples.whole.push(solved - begun);
+    match pipeline.process(frame) {
+        Ok(_) => samples.push(pipeline.times(), begun.elapsed()),
+        Err(Rejected::Infer(error)) => return Err(error.into()),
+        Err(_) => {}
     }
     Ok(())
 }

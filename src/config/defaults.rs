@@ -26,6 +26,7 @@ pub fn defaults() -> String {
     write(&mut text, "[failsafe]", &settings.failsafe);
     write(&mut text, "[send]", &settings.send);
     write(&mut text, "[realtime]", &settings.realtime);
+    write(&mut text, "[metrics]", &settings.metrics);
     write(&mut text, "[log]", &settings.log);
     for link in &settings.links {
         text.extend(["\n[[link]]\n", &link.write(link.kind.keys())]);

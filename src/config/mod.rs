@@ -9,6 +9,7 @@
 mod board;
 mod defaults;
 mod fault;
+mod listen;
 mod overlay;
 mod section;
 mod settings;
@@ -21,9 +22,10 @@ use std::path::Path;
 pub use board::BOARDS;
 pub use defaults::defaults;
 pub use fault::{Fault, Faults};
+pub use listen::Listen;
 pub use settings::{
-    CameraFormat, CameraSettings, FailsafeSettings, LinkKind, LinkSettings, LogLevel, LogSettings, NetworkSettings,
-    RealtimeSettings, SendSettings, Settings, SolverSettings,
+    CameraFormat, CameraSettings, FailsafeSettings, LinkKind, LinkSettings, LogLevel, LogSettings, MetricsSettings,
+    NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,
 };
 pub use value::Address;
 

@@ -14,7 +14,7 @@ use super::{
 use crate::capture::Script;
 
 /// Tables a file may have.
-const TABLES: [&str; 8] = ["camera", "networks", "solver", "failsafe", "send", "link", "realtime", "log"];
+const TABLES: [&str; 9] = ["camera", "networks", "solver", "failsafe", "send", "link", "realtime", "metrics", "log"];
 /// Baud rates that every serial port knows. The last carries the highest rate a setting can give.
 const USUAL_BAUDS: [u32; 7] = [9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
 /// Farther names are no help.
@@ -98,6 +98,7 @@ impl Overlay<'_> {
                 "send" => self.section(&mut settings.send, "send", value),
                 "link" => settings.links = self.links(value),
                 "realtime" => self.section(&mut settings.realtime, "realtime", value),
+                "metrics" => self.section(&mut settings.metrics, "metrics", value),
                 "log" => self.section(&mut settings.log, "log", value),
                 unknown => self.unknown(unknown, unknown, &TABLES, name.span().start),
             }

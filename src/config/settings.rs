@@ -6,6 +6,7 @@ use facewire_packet::FRAME_BYTES;
 use toml::de::DeValue;
 
 use super::{
+    listen::Listen,
     section::{Section, section, write_setting},
     value::{Address, Choice, Value},
 };
@@ -27,6 +28,8 @@ pub struct Settings {
     pub links: Vec<LinkSettings>,
     /// `[realtime]`
     pub realtime: RealtimeSettings,
+    /// `[metrics]`
+    pub metrics: MetricsSettings,
     /// `[log]`
     pub log: LogSettings,
 }
@@ -41,6 +44,7 @@ impl Default for Settings {
             send: SendSettings::default(),
             links: vec![LinkSettings::default()],
             realtime: RealtimeSettings::default(),
+            metrics: MetricsSettings::default(),
             log: LogSettings::default(),
         }
     }
@@ -150,6 +154,15 @@ section! {
         hot_cpu: i32 = -1, -1..=1023, "";
         /// The only CPU of the thread that sends; -1 leaves it to the system.
         sender_cpu: i32 = -1, -1..=1023, "";
+    }
+}
+
+section! {
+    /// Counts and times for Prometheus and its kin.
+    MetricsSettings {
+        /// Where they can be read by HTTP, at /metrics, from this machine only: an address and port, or a Unix socket; empty:
+        /// nowhere.
+        listen: Listen = Listen::Off, (), "";
     }
 }
 

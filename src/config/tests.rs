@@ -19,7 +19,7 @@ fn defaults_load_back_unchanged() {
 fn defaults_explain_each_setting_with_type_and_bounds() {
     let text = defaults();
     let assignments = text.lines().filter(|line| line.contains(" = "));
-    assert_eq!(assignments.count(), 26);
+    assert_eq!(assignments.count(), 27);
     assert!(text.contains("# Picture height.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n"));
 }
 
@@ -94,6 +94,13 @@ facewire.toml:6: sned is not a setting; did you mean send?
 facewire.toml:8: failsafe.live_ms = \"150\": give a whole number from 20 to 5000 (ms)
 facewire.toml:10: link.address = \"127.0.0.1\": give \"host:port\" with a port from 1 to 65535";
     assert_eq!(faults(text), want);
+}
+
+#[test]
+fn metrics_that_other_machines_could_read_are_refused_with_what_to_give() {
+    let want = "facewire.toml:2: metrics.listen = \"0.0.0.0:9464\": give \"\", a loopback address and port such as \
+                \"127.0.0.1:9464\" or \"[::1]:9464\", or \"unix:\" and a path that begins with /";
+    assert_eq!(faults("[metrics]\nlisten = \"0.0.0.0:9464\"\n"), want);
 }
 
 #[test]

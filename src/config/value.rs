@@ -204,6 +204,6 @@ impl Value for Address {
 }
 
 /// The text as a TOML string.
-fn quoted(text: &str) -> String {
+pub fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }

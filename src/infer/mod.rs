@@ -11,6 +11,11 @@ use std::path::{Path, PathBuf};
 
 pub use folder::NetworkFolder;
 
+/// Runs before the first frame: in its first run ONNX Runtime plans the memory for the next, and takes it in the second.
+const WARM_UP_RUNS: usize = 2;
+/// All values of their input: a grey picture, to the detector as to the mesh.
+const GREY: f32 = 0.5;
+
 /// The names and lengths that a network file must have, so that a file of another version is refused at start-up.
 #[derive(Debug)]
 pub struct Signature {
@@ -78,10 +83,11 @@ fn list(paths: &[PathBuf]) -> String {
     shown.join(", ")
 }
 
-/// Loads the network `signature.name` from `folder`, to run on `threads` threads.
+/// Loads the network `signature.name` from `folder`, to run on `threads` threads, and warms it up with a grey picture:
+/// engines take memory in their first runs, and the first frame must not wait for it.
 ///
 /// # Errors
-/// Every [`InferError`] but [`InferError::NoFolder`] and [`InferError::Run`].
+/// Every [`InferError`] but [`InferError::NoFolder`].
 pub fn load(
     folder: &NetworkFolder,
     signature: &'static Signature,
@@ -89,7 +95,12 @@ pub fn load(
 ) -> Result<Box<dyn Network>, InferError> {
     let path = folder.network(signature.name);
     require(&path)?;
-    engine(folder, &path, signature, threads)
+    let mut network = engine(folder, &path, signature, threads)?;
+    for _ in 0..WARM_UP_RUNS {
+        network.input().fill(GREY);
+        network.run()?;
+    }
+    Ok(network)
 }
 
 #[cfg(feature = "ort")]

@@ -9,6 +9,7 @@ mod retry;
 mod serial;
 mod udp;
 
+use std::iter::Sum;
 use std::time::Duration;
 
 use facewire_packet::Packet;
@@ -70,6 +71,13 @@ pub struct LinkCounts {
     pub dropped: u64,
 }
 
+impl Sum for LinkCounts {
+    fn sum<I: Iterator<Item = Self>>(counts: I) -> Self {
+        counts
+            .fold(Self::default(), |sum, next| Self { sent: sum.sent + next.sent, dropped: sum.dropped + next.dropped })
+    }
+}
+
 impl Link {
     /// Opens the link. A host by its name is looked up, and a serial port opened, on threads of their own, again and again
     /// until they are there: no link waits for another.
@@ -125,6 +133,15 @@ impl Link {
         match self {
             Self::Udp(link) => link.counts(),
             Self::Serial(link) => link.counts(),
+        }
+    }
+
+    /// Closes the link; what became of its packets in the end.
+    #[must_use]
+    pub fn close(self) -> LinkCounts {
+        match self {
+            Self::Udp(link) => link.counts(),
+            Self::Serial(link) => link.close(),
         }
     }
 

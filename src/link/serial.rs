@@ -61,7 +61,15 @@ impl SerialLink {
     /// What became of the packets so far; the last may be on its way.
     #[must_use]
     pub fn counts(&self) -> LinkCounts {
-        LinkCounts { sent: self.shared.sent(), dropped: self.shared.dropped() }
+        self.shared.counts()
+    }
+
+    /// Lets the thread write what it was given and end; what became of all packets, unless it hangs in the system.
+    #[must_use]
+    pub fn close(self) -> LinkCounts {
+        let shared = Arc::clone(&self.shared);
+        drop(self);
+        shared.counts()
     }
 
     /// Whether the port is open.

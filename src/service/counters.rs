@@ -2,19 +2,19 @@
 
 use std::fmt;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 
-use super::heartbeat::Heartbeats;
+use facewire_packet::State;
 
-/// Width of a latency bucket, microseconds.
-const BUCKET_US: u64 = 250;
-/// Latencies up to 256 ms are told apart; longer ones fall into the last bucket.
-const BUCKETS: usize = 1024;
-/// The last bucket's end, milliseconds.
-const LONGEST_MS: f64 = (BUCKET_US * BUCKETS as u64) as f64 / 1000.0;
+use super::heartbeat::{Heartbeats, Phase};
+use super::times::{Quantiles, Times};
 
-/// Counters of a running service. Every one only grows, but for the links that are open.
-#[derive(Debug)]
+/// States by their number in [`Counters::state`].
+pub(super) const STATES: [State; 4] = [State::Neutral, State::Live, State::Hold, State::Decay];
+
+/// Counters of a running service. Every one only grows, but for those that say "at present". How they add up is told at
+/// [`Status`].
+#[derive(Debug, Default)]
 pub struct Counters {
     stop: Arc<AtomicBool>,
     stop_sending: AtomicBool,
@@ -24,46 +24,32 @@ pub struct Counters {
     pub(super) frames: AtomicU64,
     /// Frames with a solution.
     pub(super) solved: AtomicU64,
+    /// Frames that show no face.
+    pub(super) no_face: AtomicU64,
     /// Frames rejected though there was a face.
     pub(super) rejected: AtomicU64,
     /// Frames passed over because a newer one was there.
     pub(super) skipped: AtomicU64,
+    /// Frames whose work took longer than the camera's frame period.
+    pub(super) deadline_misses: AtomicU64,
     /// Frames that were damaged.
     pub(super) damaged: AtomicU64,
     /// Times a camera was opened.
     pub(super) opened: AtomicU64,
     /// Packets given to each link.
     pub(super) packets: AtomicU64,
-    /// Packets that a link did not take.
+    /// Packets that links sent.
+    pub(super) sent: AtomicU64,
+    /// Packets that links did not take.
     pub(super) dropped: AtomicU64,
     /// Links that are open at present.
     pub(super) links_open: AtomicU64,
-    /// Microseconds between frames that give a pose, for the failsafe's patience.
+    /// Microseconds between frames that give a pose at present, for the failsafe's patience.
     pub(super) frame_period_us: AtomicU64,
-    /// From capture to sending.
-    latency: [AtomicU32; BUCKETS],
-}
-
-impl Default for Counters {
-    fn default() -> Self {
-        let zero = || AtomicU64::new(0);
-        Self {
-            stop: Arc::default(),
-            stop_sending: AtomicBool::new(false),
-            beats: Heartbeats::default(),
-            frames: zero(),
-            solved: zero(),
-            rejected: zero(),
-            skipped: zero(),
-            damaged: zero(),
-            opened: zero(),
-            packets: zero(),
-            dropped: zero(),
-            links_open: zero(),
-            frame_period_us: zero(),
-            latency: [const { AtomicU32::new(0) }; BUCKETS],
-        }
-    }
+    /// The failsafe's state at present, by its place in [`STATES`].
+    state: AtomicU64,
+    /// How long frames take.
+    pub(super) times: Times,
 }
 
 impl Counters {
@@ -88,111 +74,117 @@ impl Counters {
         self.stop_sending.store(true, Relaxed);
     }
 
-    /// Counts the time from a frame's capture to the sending of its pose.
-    pub(super) fn count_latency(&self, latency_us: u64) {
-        let bucket = usize::try_from(latency_us / BUCKET_US).unwrap_or(BUCKETS).min(BUCKETS - 1);
-        if let Some(count) = self.latency.get(bucket) {
-            count.fetch_add(1, Relaxed);
-        }
+    /// The failsafe is in this state now. It sends every change of it.
+    pub(super) fn set_state(&self, state: State) {
+        let number = STATES.iter().zip(0..).find(|(known, _)| **known == state);
+        self.state.store(number.map_or(0, |(_, number)| number), Relaxed);
     }
 
     /// All counts now.
     #[must_use]
     pub fn status(&self) -> Status {
+        let state = usize::try_from(self.state.load(Relaxed)).ok().and_then(|number| STATES.get(number));
         Status {
             frames: self.frames.load(Relaxed),
             solved: self.solved.load(Relaxed),
+            no_face: self.no_face.load(Relaxed),
             rejected: self.rejected.load(Relaxed),
             skipped: self.skipped.load(Relaxed),
+            deadline_misses: self.deadline_misses.load(Relaxed),
             damaged: self.damaged.load(Relaxed),
             opened: self.opened.load(Relaxed),
+            camera_open: self.beats.read().phase != Phase::Camera,
             packets: self.packets.load(Relaxed),
+            sent: self.sent.load(Relaxed),
             dropped: self.dropped.load(Relaxed),
             links_open: self.links_open.load(Relaxed),
-            latency_ms: [0.5, 0.95, 0.99].map(|part| self.latency_ms(part)),
+            state: state.copied().unwrap_or_default(),
+            times_ms: self.times.quantiles(),
         }
     }
-
-    /// The latency that `part` of the poses did not exceed; 0 before the first.
-    fn latency_ms(&self, part: f64) -> f64 {
-        let counts = self.latency.iter().map(|count| u64::from(count.load(Relaxed)));
-        let total: u64 = counts.clone().sum();
-        let wanted = part * total as f64;
-        let below = counts.scan(0, |sum, count| {
-            *sum += count;
-            Some(*sum)
-        });
-        let buckets = below.take_while(|sum| (*sum as f64) < wanted).count() as u64;
-        if total == 0 { 0.0 } else { ((buckets + 1) * BUCKET_US) as f64 / 1000.0 }
-    }
-}
-
-/// A latency as the status line has it.
-fn shown_ms(ms: f64) -> String {
-    if ms < LONGEST_MS { format!("{ms:.2}") } else { format!(">{LONGEST_MS}") }
 }
 
 /// The counts at one moment; prints as the status line.
+///
+/// How they add up, once the threads have ended (a line of a running service may be one frame or packet off):
+/// - `frames = solved + no_face + rejected`;
+/// - `packets * links = sent + dropped`, for as long as the links stay the same. Where SIGHUP changes them, every serial
+///   line that is closed may keep one packet to itself.
+///
+/// `skipped` and `damaged` frames never reached the pipeline and are not in `frames`. A `deadline_misses` frame is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Status {
     /// Frames the pipeline was given.
     pub frames: u64,
     /// Frames with a solution.
     pub solved: u64,
+    /// Frames that show no face.
+    pub no_face: u64,
     /// Frames rejected though there was a face.
     pub rejected: u64,
     /// Frames passed over because a newer one was there.
     pub skipped: u64,
+    /// Frames whose work took longer than the camera's frame period.
+    pub deadline_misses: u64,
     /// Frames that were damaged.
     pub damaged: u64,
     /// Times a camera was opened.
     pub opened: u64,
-    /// Packets sent.
+    /// Whether a camera is open at present.
+    pub camera_open: bool,
+    /// Packets given to each link.
     pub packets: u64,
-    /// Packets that a link did not take.
+    /// Packets that links sent, over all links.
+    pub sent: u64,
+    /// Packets that links did not take, over all links.
     pub dropped: u64,
     /// Links that are open at present.
     pub links_open: u64,
-    /// From capture to sending: p50, p95, p99, milliseconds.
-    pub latency_ms: [f64; 3],
+    /// The failsafe's state.
+    pub state: State,
+    /// Names and distributions of times: wait, detect, mesh, solve, work, age.
+    pub times_ms: [(&'static str, Quantiles); 6],
 }
 
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [p50, p95, p99] = self.latency_ms.map(shown_ms);
-        write!(
-            f,
-            "frames={} faces={} rejected={} skipped={} damaged={} cameras_opened={} packets={} dropped={} \
-             links_open={} latency_ms p50={p50} p95={p95} p99={p99}",
-            self.frames,
-            self.solved,
-            self.rejected,
-            self.skipped,
-            self.damaged,
-            self.opened,
-            self.packets,
-            self.dropped,
-            self.links_open
-        )
+        write!(f, "frames={} faces={} no_face={} rejected={}", self.frames, self.solved, self.no_face, self.rejected)?;
+        let Self { skipped, deadline_misses, damaged, opened, .. } = self;
+        write!(f, " skipped={skipped} deadline_misses={deadline_misses} damaged={damaged} cameras_opened={opened}")?;
+        write!(f, " packets={} sent={} dropped={}", self.packets, self.sent, self.dropped)?;
+        write!(f, " links_open={} state={}", self.links_open, self.state.name())?;
+        self.times_ms.iter().try_for_each(|(name, quantiles)| write!(f, " {name}_ms={quantiles}"))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]
-    fn latencies_are_told_to_a_quarter_of_a_millisecond() {
+    fn the_status_line_has_every_count_under_its_name() {
         let counters = Counters::default();
-        (1..=100).for_each(|ms| counters.count_latency(ms * 1000));
-        let [p50, p95, p99] = counters.status().latency_ms;
-        assert!((p50 - 50.0).abs() <= 0.25 && (p95 - 95.0).abs() <= 0.25 && (p99 - 99.0).abs() <= 0.25);
+        counters.frames.store(10, Relaxed);
+        counters.no_face.store(1, Relaxed);
+        counters.deadline_misses.store(2, Relaxed);
+        counters.sent.store(3, Relaxed);
+        counters.times.age.record(Duration::from_millis(8));
+        let line = counters.status().to_string();
+        let parts = ["frames=10 ", " no_face=1 ", " deadline_misses=2 ", " sent=3 ", " wait_ms=0.000/0.000/0.000 "];
+        assert!(parts.iter().all(|part| line.contains(part)), "{line}");
+        assert!(line.ends_with(" age_ms=8.13/8.13/8.13"), "{line}");
+        assert!(line.split(' ').all(|part| part.matches('=').count() == 1), "{line}");
     }
 
     #[test]
-    fn latency_beyond_the_last_bucket_is_counted_there_and_told_as_more() {
+    fn the_state_told_is_the_one_that_was_set() {
         let counters = Counters::default();
-        counters.count_latency(u64::MAX);
-        assert!(counters.status().to_string().contains("p50=>256 "));
+        assert_eq!(counters.status().state, State::Neutral);
+        for state in STATES {
+            counters.set_state(state);
+            assert_eq!(counters.status().state, state);
+        }
     }
 }

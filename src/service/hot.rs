@@ -19,7 +19,8 @@ use super::event::Event;
 use super::exchange::Exchange;
 use super::heartbeat::Phase;
 use super::report::Report;
-use crate::capture::{CaptureError, Frame, Source, monotonic_us};
+use super::times::between;
+use crate::capture::{CaptureError, Frame, FrameRate, Source, monotonic_us};
 use crate::config::CameraSettings;
 use crate::face::Tracker;
 use crate::pipeline::{Pipeline, Rejected, Solver};
@@ -55,6 +56,8 @@ pub(super) struct HotLoop {
     changes: Arc<Exchange<HotChange>>,
     counters: Arc<Counters>,
     last_captured_us: Option<u64>,
+    /// The camera's frame period: work that takes longer makes it skip frames.
+    deadline: Duration,
 }
 
 impl HotLoop {
@@ -65,7 +68,7 @@ impl HotLoop {
         changes: Arc<Exchange<HotChange>>,
         counters: Arc<Counters>,
     ) -> Self {
-        Self { camera, pipeline, outlets, changes, counters, last_captured_us: None }
+        Self { camera, pipeline, outlets, changes, counters, last_captured_us: None, deadline: Duration::MAX }
     }
 
     pub(super) fn run(mut self) {
@@ -102,6 +105,7 @@ impl HotLoop {
     fn opened(&mut self, source: &dyn Source) {
         add(&self.counters.opened, 1);
         self.counters.frame_period_us.store(source.frame_period_us().unwrap_or(0), Relaxed);
+        self.deadline = self.frame_period(source);
         self.last_captured_us = None;
         self.pipeline.tracker.forget();
         self.tell(Event::Opened(source.describe().to_string()));
@@ -121,8 +125,14 @@ impl HotLoop {
         Ok(())
     }
 
+    /// What the camera states, or else what it was asked for.
+    fn frame_period(&self, source: &dyn Source) -> Duration {
+        let asked = FrameRate::new(self.camera.fps, 1).unwrap_or(FrameRate::FPS_30);
+        Duration::from_micros(source.frame_period_us().unwrap_or(asked.period_us()))
+    }
+
     fn frame(&mut self, frame: &Frame) {
-        self.enter(Phase::Work);
+        let begun_us = self.enter(Phase::Work);
         add(&self.counters.frames, 1);
         add(&self.counters.skipped, u64::from(frame.skipped));
         add(&self.counters.damaged, u64::from(frame.damaged));
@@ -131,7 +141,10 @@ impl HotLoop {
                 add(&self.counters.solved, 1);
                 Report::solved(&solution, frame.captured_us)
             }
-            Err(Rejected::NoFace) => Report::Fault(Reason::NoFace),
+            Err(Rejected::NoFace) => {
+                add(&self.counters.no_face, 1);
+                Report::Fault(Reason::NoFace)
+            }
             Err(_) => {
                 add(&self.counters.rejected, 1);
                 Report::Fault(Reason::BadResult)
@@ -139,6 +152,16 @@ impl HotLoop {
         };
         self.measure_period(frame.captured_us);
         self.report(report);
+        self.measure_work(frame.captured_us, begun_us);
+    }
+
+    /// Counts how long the frame waited and was worked on. What it gave is already on its way.
+    fn measure_work(&self, captured_us: u64, begun_us: u64) {
+        let (counters, work) = (&self.counters, between(begun_us, monotonic_us()));
+        counters.times.wait.record(between(captured_us, begun_us));
+        counters.times.record_stages(self.pipeline.times());
+        counters.times.work.record(work);
+        add(&counters.deadline_misses, u64::from(work > self.deadline));
     }
 
     /// Follows the time between frames that were worked on: a slow board needs a more patient failsafe.
@@ -163,8 +186,11 @@ impl HotLoop {
         is_new_camera
     }
 
-    fn enter(&self, phase: Phase) {
-        self.counters.beats.enter(phase, monotonic_us());
+    /// Begins a phase; when that was.
+    fn enter(&self, phase: Phase) -> u64 {
+        let now_us = monotonic_us();
+        self.counters.beats.enter(phase, now_us);
+        now_us
     }
 
     fn report(&mut self, report: Report) {

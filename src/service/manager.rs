@@ -8,7 +8,7 @@ use sd_notify::NotifyState;
 
 use super::heartbeat::{Beats, Watch};
 
-/// Networks are loaded and the sender runs. There may be no camera.
+/// Networks are loaded and have run, memory is locked if it is to be, and the sender runs. There may be no camera.
 pub(super) fn ready() {
     tell(NotifyState::Ready);
 }

@@ -4,7 +4,8 @@
 //! a stuck inference cannot freeze a face; the supervisor, which is the thread that calls [`run`], hears signals,
 //! changes settings, serves the watchdog and writes the log ([`supervisor`]). From the hot loop to the sender goes a
 //! triple buffer, newest wins; from both to the supervisor go counters, and, where no frame waits, events; from the
-//! supervisor to both go new settings ([`exchange`]).
+//! supervisor to both go new settings ([`exchange`]). A fourth thread lets the counters be read, if it is wanted
+//! ([`metrics`]).
 
 mod camera;
 mod counters;
@@ -12,14 +13,17 @@ mod event;
 mod exchange;
 pub mod failsafe;
 mod heartbeat;
+mod histogram;
 mod hot;
 mod log;
 mod manager;
+mod metrics;
 mod realtime;
 mod reload;
 mod report;
 mod sender;
 mod supervisor;
+mod times;
 
 use std::io;
 use std::sync::{Arc, mpsc};
@@ -29,6 +33,7 @@ use std::time::{Duration, Instant};
 pub use camera::open as open_camera;
 pub use counters::{Counters, Status};
 pub use reload::Program;
+pub use times::Quantiles;
 
 use self::event::Event;
 use self::exchange::Exchange;
@@ -93,7 +98,7 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let hot_taker = Taker { changes, thread: hot.thread().clone() };
 
     let reloader = Reloader::new(settings, program, hot_taker, sender_taker);
-    let supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
+    let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     stop(&counters, sender, hot)
 }

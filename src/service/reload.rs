@@ -194,6 +194,7 @@ fn changed_tables(old: &Settings, new: &Settings) -> Vec<&'static str> {
         ("send", old.send != new.send),
         ("link", old.links != new.links),
         ("realtime", old.realtime != new.realtime),
+        ("metrics", old.metrics != new.metrics),
         ("log", old.log != new.log),
     ];
     tables.into_iter().filter(|(_, is_changed)| *is_changed).map(|(name, _)| name).collect()

@@ -18,7 +18,7 @@ use super::failsafe::{Failsafe, History, News, Output, STOPPING_PACKETS};
 use super::report::Report;
 use crate::capture::monotonic_us;
 use crate::config::{FailsafeSettings, Settings};
-use crate::link::Link;
+use crate::link::{Link, LinkCounts};
 
 /// Longest sleep, so that a stop is heard without a wake-up.
 const MAX_SLEEP_US: u64 = 100_000;
@@ -48,9 +48,9 @@ impl SenderSettings {
         }
     }
 
-    /// Packets that the links dropped.
-    fn dropped(&self) -> u64 {
-        self.links.iter().flatten().map(|link| link.counts().dropped).sum()
+    /// What became of the packets of these links.
+    fn counts(&self) -> LinkCounts {
+        self.links.iter().flatten().map(Link::counts).sum()
     }
 }
 
@@ -61,7 +61,7 @@ pub(super) struct Sender {
     counters: Arc<Counters>,
     sequence: u16,
     /// Of these links, already in the counters.
-    dropped: u64,
+    counted: LinkCounts,
 }
 
 impl Sender {
@@ -71,7 +71,7 @@ impl Sender {
         reports: Newest<Report>,
         counters: Arc<Counters>,
     ) -> Self {
-        Self { settings, changes, reports, counters, sequence: 0, dropped: 0 }
+        Self { settings, changes, reports, counters, sequence: 0, counted: LinkCounts::default() }
     }
 
     pub(super) fn run(mut self) {
@@ -99,6 +99,7 @@ impl Sender {
         }
         let last = Output { state: State::Neutral, pose: output.pose.neutral_here(), ..output };
         (0..STOPPING_PACKETS).for_each(|_| self.send(&last));
+        self.close_links();
     }
 
     /// Hears the news and sends what is due.
@@ -111,7 +112,7 @@ impl Sender {
         }
         self.send(&output);
         if followed && output.state == State::Live {
-            self.counters.count_latency(output.age_us);
+            self.counters.times.age.record(Duration::from_micros(output.age_us));
         }
     }
 
@@ -123,10 +124,10 @@ impl Sender {
 
     /// Takes new settings, if there are any.
     fn adopt(&mut self) {
-        let (settings, dropped) = (&mut self.settings, &mut self.dropped);
+        let (settings, counted) = (&mut self.settings, &mut self.counted);
         self.changes.take(|change| {
             settings.adopt(change);
-            *dropped = settings.dropped();
+            *counted = settings.counts();
         });
     }
 
@@ -135,14 +136,26 @@ impl Sender {
         self.sequence = self.sequence.wrapping_add(1);
         self.settings.links.iter_mut().flatten().for_each(|link| link.send(&packet));
         self.counters.packets.fetch_add(1, Relaxed);
+        self.counters.set_state(output.state);
         self.count_links();
     }
 
     fn count_links(&mut self) {
-        let dropped = self.settings.dropped();
-        self.counters.dropped.fetch_add(dropped.saturating_sub(self.dropped), Relaxed);
-        self.dropped = dropped;
+        self.count(self.settings.counts());
         let open = self.settings.links.iter().flatten().filter(|link| link.is_open()).count();
         self.counters.links_open.store(open as u64, Relaxed);
+    }
+
+    /// Closes the links and counts what became of the last packets.
+    fn close_links(&mut self) {
+        let closed = self.settings.links.take().into_iter().flatten().map(Link::close).sum();
+        self.count(closed);
+    }
+
+    /// Adds to the counters what came since the last time.
+    fn count(&mut self, counts: LinkCounts) {
+        let LinkCounts { sent, dropped } = std::mem::replace(&mut self.counted, counts);
+        self.counters.sent.fetch_add(counts.sent.saturating_sub(sent), Relaxed);
+        self.counters.dropped.fetch_add(counts.dropped.saturating_sub(dropped), Relaxed);
     }
 }

@@ -14,9 +14,11 @@ use super::event::Event;
 use super::heartbeat::Watch;
 use super::log::Log;
 use super::manager::{self, Watchdog};
+use super::metrics::Metrics;
 use super::realtime;
 use super::reload::Reloader;
 use crate::capture::monotonic_us;
+use crate::config::Listen;
 
 /// How often signals are looked for.
 const TICK: Duration = Duration::from_millis(50);
@@ -51,15 +53,19 @@ pub(super) struct Supervisor {
     reloader: Reloader,
     watchdog: Option<Watchdog>,
     log: Log,
+    /// Where the metrics are read, and the thread that gives them.
+    metrics: (Listen, Option<Metrics>),
 }
 
 impl Supervisor {
     pub(super) fn new(counters: Arc<Counters>, signals: Signals, events: Receiver<Event>, reloader: Reloader) -> Self {
-        Self { counters, signals, events, reloader, watchdog: Watchdog::new(monotonic_us()), log: Log::default() }
+        let watchdog = Watchdog::new(monotonic_us());
+        Self { counters, signals, events, reloader, watchdog, log: Log::default(), metrics: (Listen::Off, None) }
     }
 
     /// Watches over the service until it is to stop, or a thread has ended without being told to.
-    pub(super) fn run(mut self, all_run: impl Fn() -> bool) {
+    pub(super) fn run(&mut self, all_run: impl Fn() -> bool) {
+        self.serve_metrics();
         self.lock_memory();
         manager::ready();
         while !self.counters.stopping() && all_run() {
@@ -93,6 +99,7 @@ impl Supervisor {
             self.reloader.start();
         }
         if self.reloader.step() {
+            self.serve_metrics();
             self.lock_memory();
         }
     }
@@ -109,6 +116,22 @@ impl Supervisor {
         if is_asked || self.log.is_due() {
             let line = self.log.status(&self.counters);
             manager::status(&line);
+        }
+    }
+
+    /// Lets the metrics be read where the settings say, and no longer anywhere else.
+    fn serve_metrics(&mut self) {
+        let wanted = &self.reloader.live().metrics.listen;
+        if *wanted == self.metrics.0 {
+            return;
+        }
+        self.metrics = (wanted.clone(), None);
+        if *wanted == Listen::Off {
+            return;
+        }
+        match Metrics::start(wanted.clone(), &self.counters) {
+            Ok(metrics) => self.metrics.1 = Some(metrics),
+            Err(error) => tracing::warn!("no metrics at {wanted} ({error}): raise the limit of threads and files"),
         }
     }
 

@@ -59,6 +59,10 @@ impl Service {
         let took = told.elapsed();
         (Run::ended(&child.wait_with_output().unwrap()), took)
     }
+
+    pub fn pid(&self) -> u32 {
+        self.child.as_ref().unwrap().id()
+    }
 }
 
 impl Drop for Service {

@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+use crate::pipeline::StageTimes;
+
 /// The rate at which a camera usually runs, frames a second.
 const CAMERA_FPS: f64 = 30.0;
 
@@ -20,6 +22,17 @@ pub(super) struct Samples {
     pub(super) solve: Vec<Duration>,
     /// From a frame in memory to its coefficients.
     pub(super) whole: Vec<Duration>,
+}
+
+impl Samples {
+    /// Takes down a frame with a face.
+    pub(super) fn push(&mut self, times: &StageTimes, whole: Duration) {
+        let stages = [(&mut self.detect, times.detect), (&mut self.mesh, times.mesh), (&mut self.solve, times.solve)];
+        for (samples, time) in stages {
+            samples.extend(time);
+        }
+        self.whole.push(whole);
+    }
 }
 
 /// What was measured.

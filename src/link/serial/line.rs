@@ -19,7 +19,7 @@ use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 use triple_buffer::Output as Newest;
 
 use super::port::{self, PortError};
-use crate::link::retry::Retry;
+use crate::link::{LinkCounts, retry::Retry};
 
 /// A port that takes nothing for so long has lost a packet: the next is newer.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -50,14 +50,13 @@ impl Shared {
         self.open.load(Relaxed)
     }
 
-    /// Packets written.
-    pub fn sent(&self) -> u64 {
-        self.sent.load(Relaxed)
+    /// Packets written, and those that were not.
+    pub fn counts(&self) -> LinkCounts {
+        LinkCounts { sent: self.sent(), dropped: self.dropped.load(Relaxed) }
     }
 
-    /// Packets that were not.
-    pub fn dropped(&self) -> u64 {
-        self.dropped.load(Relaxed)
+    fn sent(&self) -> u64 {
+        self.sent.load(Relaxed)
     }
 
     /// Counts a packet that is not written.
@@ -88,6 +87,10 @@ impl Line {
                 retry = Retry::default();
             }
             self.pause(retry.wait());
+        }
+        // Given while there was no port, and never taken.
+        if self.newest.update() {
+            self.shared.drop_one();
         }
     }
 

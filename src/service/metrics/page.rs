@@ -1,0 +1,185 @@
+//! The page of metrics: every counter, gauge and histogram under its name.
+
+use std::fmt;
+use std::fs;
+use std::sync::Arc;
+
+use prometheus_client::collector::Collector;
+use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric, MetricEncoder, NoLabelSet, text};
+use prometheus_client::metrics::counter::ConstCounter;
+use prometheus_client::metrics::gauge::ConstGauge;
+use prometheus_client::metrics::info::Info;
+use prometheus_client::metrics::{MetricType, TypedMetric};
+use prometheus_client::registry::{Registry, Unit};
+use rustix::param::page_size;
+
+use crate::service::counters::{Counters, STATES, Status};
+use crate::service::histogram::Histogram;
+
+/// The format's own name, so that a reader need not guess.
+pub(super) const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+/// Limits of the histograms' buckets: powers of two of a nanosecond and one and a half times them, from 16 microseconds
+/// to 1.6 seconds. There they are exact.
+fn limits_ns() -> [u64; 34] {
+    std::array::from_fn(|index| {
+        let power = 1 << (14 + index / 2);
+        if index % 2 == 0 { power } else { power + power / 2 }
+    })
+}
+
+/// Makes the page.
+#[derive(Debug)]
+pub(super) struct Page(Registry);
+
+impl Page {
+    pub(super) fn new(counters: Arc<Counters>) -> Self {
+        let mut registry = Registry::with_prefix("facewire");
+        registry.register("build", "The program", Info::new([("version", env!("CARGO_PKG_VERSION"))]));
+        registry.register_collector(Box::new(Reading(counters)));
+        Self(registry)
+    }
+
+    /// All metrics now.
+    pub(super) fn text(&self) -> String {
+        let mut page = String::new();
+        // Writing to a string does not fail.
+        let _ = text::encode(&mut page, &self.0);
+        page
+    }
+}
+
+/// Reads the counters, once for each page.
+#[derive(Debug)]
+struct Reading(Arc<Counters>);
+
+impl Collector for Reading {
+    fn encode(&self, encoder: DescriptorEncoder) -> fmt::Result {
+        let mut writer = Writer(encoder);
+        writer.frames(&self.0.status())?;
+        writer.packets(&self.0.status())?;
+        writer.times(&self.0)?;
+        let help = "Memory of the process that is in RAM.";
+        let mut metric = writer.0.encode_descriptor("resident_memory", help, Some(&Unit::Bytes), MetricType::Gauge)?;
+        metric.encode_gauge(&resident_bytes())
+    }
+}
+
+struct Writer<'a>(DescriptorEncoder<'a>);
+
+impl Writer<'_> {
+    fn frames(&mut self, status: &Status) -> fmt::Result {
+        let results = [("solved", status.solved), ("no_face", status.no_face), ("rejected", status.rejected)];
+        self.counters("frames", "Frames worked on.", "result", results)?;
+        self.metric("frames_skipped", "Frames passed over for a newer one.", &ConstCounter::new(status.skipped))?;
+        self.metric("frames_damaged", "Frames that camera or cable spoilt.", &ConstCounter::new(status.damaged))?;
+        let help = "Frames whose work took longer than the camera's frame period.";
+        self.metric("deadline_misses", help, &ConstCounter::new(status.deadline_misses))?;
+        self.metric("cameras_opened", "Times a camera was opened.", &ConstCounter::new(status.opened))?;
+        self.metric("camera_open", "Whether a camera is open.", &ConstGauge::new(u64::from(status.camera_open)))
+    }
+
+    fn packets(&mut self, status: &Status) -> fmt::Result {
+        self.metric("packets", "Packets given to each link.", &ConstCounter::new(status.packets))?;
+        let results = [("sent", status.sent), ("dropped", status.dropped)];
+        self.counters("link_packets", "What became of packets, over all links.", "result", results)?;
+        self.metric("links_open", "Links that are open.", &ConstGauge::new(status.links_open))?;
+        let gauges = STATES.map(|state| (state.name(), ConstGauge::new(u64::from(state == status.state))));
+        self.family("failsafe_state", "1 for the state of the failsafe.", "state", &gauges)
+    }
+
+    fn times(&mut self, counters: &Counters) -> fmt::Result {
+        let times = &counters.times;
+        let stages = [("wait", &times.wait), ("detect", &times.detect), ("mesh", &times.mesh), ("solve", &times.solve)];
+        let help = "Time of each stage of a frame; wait is from capture to the begin of work.";
+        self.histograms("stage", help, &stages.map(|(name, times)| (Some(("stage", name)), times)))?;
+        self.histograms("work", "Time from a frame in memory to what it gave.", &[(None, &times.work)])?;
+        self.histograms("age", "Age of a pose when it is sent, from capture.", &[(None, &times.age)])
+    }
+
+    fn metric(&mut self, name: &str, help: &str, metric: &impl EncodeMetric) -> fmt::Result {
+        metric.encode(self.0.encode_descriptor(name, help, None, metric.metric_type())?)
+    }
+
+    fn counters<const N: usize>(
+        &mut self,
+        name: &str,
+        help: &str,
+        label: &str,
+        counts: [(&str, u64); N],
+    ) -> fmt::Result {
+        self.family(name, help, label, &counts.map(|(value, count)| (value, ConstCounter::new(count))))
+    }
+
+    /// One metric for each value of the label.
+    fn family<M: EncodeMetric + TypedMetric, const N: usize>(
+        &mut self,
+        name: &str,
+        help: &str,
+        label: &str,
+        metrics: &[(&str, M); N],
+    ) -> fmt::Result {
+        let mut family = self.0.encode_descriptor(name, help, None, M::TYPE)?;
+        metrics.iter().try_for_each(|(value, metric)| metric.encode(family.encode_family(&[(label, *value)])?))
+    }
+
+    fn histograms(&mut self, name: &str, help: &str, all: &[(Option<(&str, &str)>, &Histogram)]) -> fmt::Result {
+        let mut family = self.0.encode_descriptor(name, help, Some(&Unit::Seconds), MetricType::Histogram)?;
+        all.iter().try_for_each(|(label, histogram)| match label {
+            Some(label) => encode(histogram, &mut family.encode_family(&[*label])?),
+            None => encode(histogram, &mut family),
+        })
+    }
+}
+
+fn encode(histogram: &Histogram, metric: &mut MetricEncoder) -> fmt::Result {
+    let limits = limits_ns();
+    let (below, longer) = histogram.counts_below(&limits);
+    let below_s = limits.into_iter().map(|limit_ns| limit_ns as f64 / 1e9).zip(below);
+    let buckets: Vec<_> = below_s.chain([(f64::INFINITY, longer)]).collect();
+    let count = below.iter().sum::<u64>() + longer;
+    metric.encode_histogram::<NoLabelSet>(histogram.sum_s(), count, &buckets, None)
+}
+
+/// As the kernel counts it; 0 if it does not say.
+fn resident_bytes() -> u64 {
+    let pages = fs::read_to_string("/proc/self/statm").unwrap_or_default();
+    let resident = pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok());
+    resident.unwrap_or(0) * page_size() as u64
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::atomic::Ordering::Relaxed;
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn the_page_tells_what_was_counted() {
+        let counters = Arc::new(Counters::default());
+        counters.solved.store(7, Relaxed);
+        counters.dropped.store(2, Relaxed);
+        counters.times.mesh.record(Duration::from_micros(20));
+        let page = Page::new(counters).text();
+        for line in [
+            "# TYPE facewire_frames counter",
+            "facewire_frames_total{result=\"solved\"} 7",
+            "facewire_link_packets_total{result=\"dropped\"} 2",
+            "facewire_failsafe_state{state=\"neutral\"} 1",
+            "facewire_failsafe_state{state=\"live\"} 0",
+            "# UNIT facewire_stage_seconds seconds",
+            "facewire_stage_seconds_bucket{le=\"0.000016384\",stage=\"mesh\"} 0",
+            "facewire_stage_seconds_bucket{le=\"0.000024576\",stage=\"mesh\"} 1",
+            "facewire_stage_seconds_sum{stage=\"mesh\"} 0.00002",
+            "facewire_stage_seconds_count{stage=\"mesh\"} 1",
+            "facewire_age_seconds_bucket{le=\"+Inf\"} 0",
+            "# EOF",
+        ] {
+            assert!(page.lines().any(|found| found == line), "no {line} in:\n{page}");
+        }
+        let memory = page.lines().find_map(|line| line.strip_prefix("facewire_resident_memory_bytes ")).unwrap();
+        assert!(memory.parse::<u64>().unwrap() > 1 << 20, "{memory}");
+    }
+}

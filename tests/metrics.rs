@@ -1,0 +1,147 @@
+//! `facewire run` with metrics, read by Prometheus' own parser, and what does not stop it.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use common::program::{Run, text};
+use common::service::{Receiver, Service};
+use facewire_packet::State;
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// Longer than anything here takes on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Frames that are solved, but not sent yet, or come while the page is written.
+const FRAMES_BETWEEN: f64 = 30.0;
+
+/// A service that plays the built-in clip, with its metrics there.
+fn start(listen: &str, receiver: &Receiver) -> Service {
+    let toml = format!("[camera]\ndevice = \"demo\"\n[metrics]\nlisten = \"{listen}\"\n");
+    Service::start(&toml, &[receiver.address()])
+}
+
+/// A loopback address that is free, or was a moment ago.
+fn free_address() -> String {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
+}
+
+/// The Python in which `scripts/setup tests` has put Prometheus' parser.
+fn python() -> Option<PathBuf> {
+    let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
+    let cache = cache.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache")))?;
+    Some(cache.join("facewire/venv-tests/bin/python")).filter(|python| python.exists())
+}
+
+/// All samples, judged by the parser.
+fn samples(python: &Path, listen: &str) -> Value {
+    let reader = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/metrics_reader.py");
+    let run = Run::of(Command::new(python).arg(reader).arg(listen)).succeeded();
+    serde_json::from_str(&run.out).unwrap()
+}
+
+/// What a client sees that sends these bytes.
+fn answer(address: &str, request: &[u8]) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.write_all(request).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    answer
+}
+
+fn eventually(what: &str, mut is_so: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_so() {
+        assert!(begun.elapsed() < PATIENCE, "never: {what}");
+        sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn prometheus_parser_reads_the_metrics_by_tcp_and_by_unix_socket() {
+    let Some(python) = python() else {
+        return common::skip("metrics", "Prometheus' parser is not there; run scripts/setup tests");
+    };
+    let folder = tempfile::tempdir().unwrap();
+    for listen in [free_address(), format!("unix:{}", text(&folder.path().join("metrics.sock")))] {
+        let receiver = Receiver::new();
+        let service = start(&listen, &receiver);
+        receiver.until(|packet| packet.state == State::Live);
+        let before = samples(&python, &listen);
+        let samples = samples(&python, &listen);
+        let value = |name: &str| samples[name].as_f64().unwrap_or_else(|| panic!("no {name} in {samples}"));
+
+        let solved = value("facewire_frames_total{result=solved}");
+        assert!(solved > before["facewire_frames_total{result=solved}"].as_f64().unwrap(), "they go on");
+        for [count, sum, longest_s] in [
+            ["facewire_stage_seconds_count{stage=wait}", "facewire_stage_seconds_sum{stage=wait}", "1"],
+            ["facewire_stage_seconds_count{stage=mesh}", "facewire_stage_seconds_sum{stage=mesh}", "1"],
+            ["facewire_stage_seconds_count{stage=solve}", "facewire_stage_seconds_sum{stage=solve}", "0.1"],
+            ["facewire_work_seconds_count{}", "facewire_work_seconds_sum{}", "1"],
+            ["facewire_age_seconds_count{}", "facewire_age_seconds_sum{}", "1"],
+        ] {
+            assert!((value(count) - solved).abs() <= FRAMES_BETWEEN, "{count}: {samples}");
+            let mean_s = value(sum) / value(count);
+            assert!(mean_s > 0.0 && mean_s < longest_s.parse().unwrap(), "{sum}: {mean_s} s in the mean");
+        }
+        let states =
+            ["live", "hold", "decay", "neutral"].map(|state| format!("facewire_failsafe_state{{state={state}}}"));
+        assert!((states.iter().map(|state| value(state)).sum::<f64>() - 1.0).abs() < 1e-9, "{samples}");
+        assert!(value("facewire_resident_memory_bytes{}") > 10e6);
+        service.stop(Signal::TERM).0.succeeded();
+    }
+    assert!(!folder.path().join("metrics.sock").exists(), "it goes with the service");
+}
+
+#[test]
+fn a_port_in_use_is_told_once_stops_no_face_and_is_taken_when_it_is_free() {
+    let (other, receiver) = (TcpListener::bind("127.0.0.1:0").unwrap(), Receiver::new());
+    let address = other.local_addr().unwrap().to_string();
+    let service = start(&address, &receiver);
+    receiver.until(|packet| packet.state == State::Live);
+    (0..60).for_each(|_| _ = receiver.packet());
+    drop(other);
+    eventually("metrics", || TcpStream::connect(&address).is_ok());
+    let log = service.stop(Signal::TERM).0.succeeded().err;
+    let told =
+        format!("no metrics at {address} (Address already in use (os error 98)): free it or give metrics.listen");
+    assert_eq!(log.matches(&told).count(), 1, "{log}");
+}
+
+#[test]
+fn the_socket_that_a_killed_service_left_behind_is_taken_by_the_next() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("metrics.sock");
+    let listen = format!("unix:{}", text(&path));
+    for _ in 0..2 {
+        let receiver = Receiver::new();
+        let service = start(&listen, &receiver);
+        eventually("metrics", || UnixStream::connect(&path).is_ok());
+        assert_eq!(service.stop(Signal::KILL).0.status, None);
+        assert!(path.exists());
+    }
+}
+
+#[test]
+fn readers_that_ask_for_something_else_or_for_nothing_are_answered_and_hold_up_nobody() {
+    let (address, receiver) = (free_address(), Receiver::new());
+    let service = start(&address, &receiver);
+    eventually("metrics", || TcpStream::connect(&address).is_ok());
+    let _silent = TcpStream::connect(&address).unwrap();
+    assert!(answer(&address, b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n").starts_with("HTTP/1.1 200 OK\r\n"));
+    assert!(answer(&address, b"GET / HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 404 "));
+    assert!(answer(&address, b"DELETE /metrics HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 405 "));
+    assert!(answer(&address, &[0; 64]).starts_with("HTTP/1.1 400 "));
+    assert!(answer(&address, &[b"GET /".as_slice(), &[b'x'; 4091]].concat()).starts_with("HTTP/1.1 431 "));
+    receiver.until(|packet| packet.state == State::Live);
+    service.stop(Signal::TERM).0.succeeded();
+}

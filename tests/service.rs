@@ -109,14 +109,18 @@ fn without_a_camera_the_face_is_neutral_10_times_a_second_and_the_log_says_why()
     assert_eq!(log.matches("no camera: no camera is called /dev/video99").count(), 1, "told once: {log}");
 }
 
-/// A camera that does not come back from the kernel.
-const HUNG: &str = "[camera]\ndevice = \"rehearsal: hung 60\"\n";
+/// A service whose camera does not come back from the kernel any more, and what came before.
+fn hung(receiver: &Receiver) -> (Service, Vec<Packet>) {
+    let service = Service::start("[camera]\ndevice = \"rehearsal: live 2, hung 60\"\n", &[receiver.address()]);
+    let mut packets = receiver.until(|packet| packet.state == State::Live);
+    packets.extend(receiver.until(|packet| packet.state == State::Decay));
+    (service, packets)
+}
 
 #[test]
 fn a_hung_camera_does_not_keep_the_service_from_stopping() {
     let receiver = Receiver::new();
-    let service = Service::start(HUNG, &[receiver.address()]);
-    let mut packets = vec![receiver.packet()];
+    let (service, mut packets) = hung(&receiver);
     let (run, took) = service.stop(Signal::TERM);
     packets.extend(receiver.rest());
     let log = assert_stopped(&packets, (run, took));
@@ -126,8 +130,7 @@ fn a_hung_camera_does_not_keep_the_service_from_stopping() {
 #[test]
 fn a_second_signal_ends_the_service_at_once() {
     let receiver = Receiver::new();
-    let service = Service::start(HUNG, &[receiver.address()]);
-    receiver.packet();
+    let (service, _) = hung(&receiver);
     service.signal(Signal::TERM);
     receiver.until(|packet| packet.reason == Reason::Stopping);
     let (run, took) = service.stop(Signal::INT);

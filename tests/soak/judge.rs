@@ -11,6 +11,8 @@ use super::process::{Arrival, Sample};
 
 /// Longest time between two packets. A neutral face comes 10 times a second; the rest is for a busy machine.
 const LONGEST_PAUSE: Duration = Duration::from_secs(1);
+/// Serial port, a receiver with faults, and one without.
+const LINKS: u64 = 3;
 /// What is not judged at the beginning, seconds: networks load, caches fill.
 const WARM_UP_S: usize = 20;
 /// Growth of the resident memory that a short run may show. Over hours 1 MiB/h is the limit.
@@ -83,7 +85,8 @@ impl Judge {
             value.and_then(|value| value.parse().ok()).unwrap_or_else(|| panic!("no {name} in {line}"))
         };
         assert_eq!(count("packets"), self.packets, "{line}");
-        assert!(count("faces") + count("rejected") <= count("frames"), "{line}");
+        assert_eq!(count("faces") + count("no_face") + count("rejected"), count("frames"), "{line}");
+        assert_eq!(count("sent") + count("dropped"), LINKS * count("packets"), "{line}");
     }
 
     /// Memory and descriptors in the end are what they were in the beginning.

@@ -19,7 +19,7 @@ mod value;
 use std::path::Path;
 
 pub use board::BOARDS;
-pub use defaults::defaults;
+pub use defaults::{defaults, written};
 pub use fault::{Fault, Faults};
 pub use settings::{
     CameraFormat, CameraSettings, FailsafeSettings, LinkKind, LinkSettings, LogLevel, LogSettings, NetworkSettings,

@@ -243,6 +243,16 @@ mod tests {
     }
 
     #[test]
+    fn errors_fill_one_line_whatever_stands_in_names() {
+        for weight in [1.0, f64::NAN] {
+            let error = error_of(|table| {
+                table.linear.insert("line\n\u{1b}end".to_owned(), weight);
+            });
+            assert!(error.contains(r#""line\n\u{1b}end""#) && !error.contains(char::is_control), "{error}");
+        }
+    }
+
+    #[test]
     fn more_weights_than_fit_are_refused() {
         let many = (0..478).map(|landmark| (format!("x{landmark}"), 0.1));
         assert!(error_of(|table| table.linear.extend(many.clone())).contains("more weights"));

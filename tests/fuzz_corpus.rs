@@ -40,6 +40,11 @@ fn frame_intake_corpus() {
 }
 
 #[test]
+fn model_file_corpus() {
+    keeps_its_promise(targets::model_file, "model_file");
+}
+
+#[test]
 fn y4m_corpus() {
     keeps_its_promise(targets::y4m, "y4m");
 }

@@ -129,6 +129,20 @@ fn points_in_fortran_order_and_shapes_beyond_memory_are_refused() {
 }
 
 #[test]
+fn points_with_a_header_that_keeps_a_parser_busy_are_refused() {
+    let file = |header: &[u8]| {
+        [b"\x93NUMPY\x01\x00", &u16::try_from(header.len()).unwrap().to_le_bytes()[..], header].concat()
+    };
+    let shape = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, 478, 3), }}", i64::MAX);
+    for bytes in
+        [file(&[b'{'; 40]), file(&[b'('; 15_000]), file(shape.as_bytes()), b"\x93NUMPY\x02\0\xff\xff\xff\xff".to_vec()]
+    {
+        let run = track_file("points.npy", &bytes);
+        assert!(run.sentence(65).contains("is not a .npy file of plain numbers"), "{}", run.err);
+    }
+}
+
+#[test]
 fn points_that_are_cut_short_give_the_rows_before_the_cut() {
     let run = track_file("cut.npy", &WHOLE.points[..128 + 5 * LANDMARKS * 12 + 1000]);
     assert!(run.sentence(65).contains("cut short in frame 5"), "{}", run.err);

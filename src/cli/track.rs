@@ -1,6 +1,7 @@
 //! `facewire track`: the pipeline over a file, every frame, without a clock.
 
 mod faces;
+mod points;
 mod rows;
 
 use std::fmt;

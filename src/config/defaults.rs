@@ -1,4 +1,4 @@
-//! The complete default configuration as a commented file.
+//! The complete configuration as a commented file.
 
 use super::{
     section::Section,
@@ -18,8 +18,15 @@ const SERIAL: &str = "
 /// The default settings in TOML, each with its comment. The text loads back to [`Settings::default`].
 #[must_use]
 pub fn defaults() -> String {
-    let settings = Settings::default();
-    let mut text = HEAD.to_owned();
+    let mut text = HEAD.to_owned() + &written(&Settings::default()) + SERIAL;
+    serial_example().lines().for_each(|line| text.extend(["# ", line, "\n"]));
+    text
+}
+
+/// Settings in TOML, each with its comment. The text loads back to the same settings.
+#[must_use]
+pub fn written(settings: &Settings) -> String {
+    let mut text = String::new();
     write(&mut text, "[camera]", &settings.camera);
     write(&mut text, "[networks]", &settings.networks);
     write(&mut text, "[solver]", &settings.solver);
@@ -31,8 +38,6 @@ pub fn defaults() -> String {
     for link in &settings.links {
         text.extend(["\n[[link]]\n", &link.write(link.kind.keys())]);
     }
-    text += SERIAL;
-    serial_example().lines().for_each(|line| text.extend(["# ", line, "\n"]));
     text
 }
 

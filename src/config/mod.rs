@@ -20,7 +20,7 @@ mod value;
 use std::path::Path;
 
 pub use board::BOARDS;
-pub use defaults::defaults;
+pub use defaults::{defaults, written};
 pub use fault::{Fault, Faults};
 pub use listen::Listen;
 pub use settings::{

@@ -164,7 +164,7 @@ impl Overlay<'_> {
     }
 
     fn unknown(&mut self, path: &str, key: &str, known: &[&str], offset: usize) {
-        let fault = Fault::Unknown { place: self.place(offset), key: path.to_owned(), hint: hint(key, known) };
+        let fault = Fault::Unknown { place: self.place(offset), key: printable(path), hint: hint(key, known) };
         self.found.push((offset, fault));
     }
 
@@ -174,7 +174,7 @@ impl Overlay<'_> {
         let fault = Fault::Value {
             place: self.place(offset),
             key: path.to_owned(),
-            value: written.lines().next().unwrap_or_default().to_owned(),
+            value: printable(written.lines().next().unwrap_or_default()),
             expected,
         };
         self.found.push((offset, fault));
@@ -186,6 +186,12 @@ impl Overlay<'_> {
         let line = 1 + before.matches('\n').count();
         format!("{}:{line}", self.source)
     }
+}
+
+/// The text with its control characters escaped: a quoted key may hold line ends and what a terminal takes for orders.
+fn printable(text: &str) -> String {
+    let one = |c: char| if c.is_control() { c.escape_default().collect() } else { c.to_string() };
+    text.chars().map(one).collect()
 }
 
 /// The nearest known name as the end of a sentence; all of them when none is near.

@@ -16,6 +16,14 @@ fn defaults_load_back_unchanged() {
 }
 
 #[test]
+fn settings_of_all_kinds_load_back_from_their_written_form() {
+    let text = "[camera]\ndevice = 'a \"b\"\\c é'\nhorizontal_fov_deg = 71.3\nformat = \"nv12\"\n[realtime]\nhot_cpu = 3\n\
+                [[link]]\nkind = \"serial\"\ndevice = \"/dev/tty\\nS0\"\n[[link]]\naddress = \"[::1]:1\"\n";
+    let settings = parse("file", text).unwrap();
+    assert_eq!(parse("written", &written(&settings)).unwrap(), settings);
+}
+
+#[test]
 fn defaults_explain_each_setting_with_type_and_bounds() {
     let text = defaults();
     let assignments = text.lines().filter(|line| line.contains(" = "));
@@ -101,6 +109,17 @@ fn metrics_that_other_machines_could_read_are_refused_with_what_to_give() {
     let want = "facewire.toml:2: metrics.listen = \"0.0.0.0:9464\": give \"\", a loopback address and port such as \
                 \"127.0.0.1:9464\" or \"[::1]:9464\", or \"unix:\" and a path that begins with /";
     assert_eq!(faults("[metrics]\nlisten = \"0.0.0.0:9464\"\n"), want);
+}
+
+#[test]
+fn each_fault_fills_one_line_whatever_stands_in_keys_and_values() {
+    let text = "\"line\\nend\" = 1\n[camera]\n\"\\u001b[2J\" = 2\nwidth = \"tab\tand é\"\n";
+    let want = "\
+facewire.toml:1: line\\nend is not a setting; did you mean link?
+facewire.toml:3: camera.\\u{1b}[2J is not a setting; there are device, width, height, fps, format, stall_timeout_ms, \
+horizontal_fov_deg
+facewire.toml:4: camera.width = \"tab\\tand é\": give a whole number from 160 to 3840 (pixels)";
+    assert_eq!(faults(text), want);
 }
 
 #[test]

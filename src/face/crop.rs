@@ -19,11 +19,15 @@ const TO_32NDS: u32 = 11;
 const HALF_32ND: i32 = 1 << (TO_32NDS - 1);
 /// More samples per row than any network takes.
 const MAX_SIDE: usize = 192;
+/// Longest step from one sample to the next, about 170 px: a row of longer ones would go round the whole range of
+/// positions, leave the picture on one side and come back on the other.
+#[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "192 fits")]
+const MAX_STEP: i32 = i32::MAX / MAX_SIDE as i32;
 
 /// What a network expects of its input: `side` x `side` samples in three planes R, G, B.
 #[derive(Debug, Clone, Copy)]
 pub struct CropShape {
-    /// Samples per row and column.
+    /// Samples per row and column, 1 to 192.
     pub side: usize,
     /// The values of black and of full brightness.
     pub range: [f32; 2],
@@ -40,7 +44,8 @@ pub enum Border {
     Black,
 }
 
-/// Fills `input` (3 x side x side values) with the pixels of `picture` inside `region`.
+/// Fills `input` (3 x side x side values) with the pixels of `picture` inside `region`. Regions larger than 32,000 px are
+/// sampled as if they were so large.
 pub fn crop(picture: &Picture, region: &FaceBox, shape: CropShape, input: &mut [f32]) {
     let (planes, placement) = (Planes::of(picture), region.placement());
     let area = shape.side * shape.side;
@@ -66,7 +71,7 @@ pub fn crop(picture: &Picture, region: &FaceBox, shape: CropShape, input: &mut [
 fn positions(placement: &Placement, side: usize, row: usize) -> [[i32; 2]; MAX_SIDE] {
     let pitch = 1.0 / side as f32;
     let start = placement.to_picture(0.0, row as f32 * pitch).map(|position| (position * ONE) as i32);
-    let step = placement.step(side).map(|along| (along * ONE) as i32);
+    let step = placement.step(side).map(|along| ((along * ONE) as i32).clamp(-MAX_STEP, MAX_STEP));
     let mut at = start.map(|start| start.saturating_add(HALF_32ND));
     let mut positions = [[0; 2]; MAX_SIDE];
     for position in &mut positions {
@@ -132,4 +137,28 @@ fn mix(rows: [[u64; 2]; 2], at: [i32; 2]) -> u64 {
     let [right, down] = at.map(|at| u64::from((at & 31).unsigned_abs()));
     let [top, bottom] = rows.map(|[left_pixel, right_pixel]| left_pixel * (32 - right) + right_pixel * right);
     top * (32 - down) + bottom * down
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp)]
+mod tests {
+    use super::*;
+    use crate::capture::Pixels;
+
+    #[test]
+    fn a_region_of_any_size_samples_nothing_but_the_picture() {
+        // One colour of no grey, with other bytes behind each row.
+        let data = [[90, 100, 90, 180].repeat(6), vec![0; 24]].concat().repeat(18);
+        let picture = Picture::new(12, 18, Pixels::Yuyv { data: &data, stride: 48 }, true).expect("all rows are there");
+        let shape = CropShape { side: MAX_SIDE, range: [0.0, 1.0], border: Border::Replicate };
+        // At 65,879 px the first and the last sample of a row would lie inside, and those between them would not.
+        for size in [0.0, 20.0, 4000.0, 65_879.125, 1e9, f32::INFINITY, f32::NAN] {
+            let region = FaceBox { centre: [5.0 + size / 2.0; 2], size, angle_rad: 0.0 };
+            let mut input = vec![f32::NAN; 3 * MAX_SIDE * MAX_SIDE];
+            crop(&picture, &region, shape, &mut input);
+            for channel in input.chunks_exact(MAX_SIDE * MAX_SIDE) {
+                assert!(channel.iter().all(|value| *value == channel[0]), "{size} px");
+            }
+        }
+    }
 }

@@ -11,6 +11,7 @@ mod region;
 mod tracker;
 mod transform;
 
+pub use crop::{Border, CropShape, crop};
 pub use detector::{Detection, Detector};
 pub use landmarks::{LANDMARKS, Landmarks, MESH};
 pub use mesh::Mesh;

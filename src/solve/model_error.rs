@@ -40,7 +40,7 @@ pub enum ModelError {
         blendshape: &'static str,
     },
     /// A name that this program does not know.
-    #[error("the model file names an unknown {name} in {table}; fit it again with facewire-fit")]
+    #[error("the model file names an unknown {name:?} in {table}; fit it again with facewire-fit")]
     Unknown {
         /// Table of the file.
         table: String,
@@ -48,7 +48,7 @@ pub enum ModelError {
         name: String,
     },
     /// A weight that is not finite, or too large to be one.
-    #[error("the weight {name} in {table} of the model file is not a finite number; restore the file")]
+    #[error("the weight {name:?} in {table} of the model file is not a finite number; restore the file")]
     NotFinite {
         /// Table of the file.
         table: String,

@@ -254,16 +254,25 @@ mod tests {
     fn numbers_that_are_not_finite_are_named() {
         for wrong in [f64::NAN, f64::INFINITY, 1e300] {
             let jaw = |file: &mut ModelFile| file.blendshapes.entry("jawOpen".to_owned()).or_default().offset = wrong;
-            assert!(error_of(jaw).contains("offset in blendshapes.jawOpen"));
+            assert!(error_of(jaw).contains("\"offset\" in blendshapes.jawOpen"));
             let input = |file: &mut ModelFile| file.inputs.entry("y14".to_owned()).or_default().weights = vec![wrong];
-            assert!(error_of(input).contains("weights in inputs.y14"));
+            assert!(error_of(input).contains("\"weights\" in inputs.y14"));
         }
     }
 
     #[test]
     fn an_unknown_feature_is_named() {
         let error = error_of(|file| _ = file.inputs.insert("q7".to_owned(), InputTable::default()));
-        assert!(error.contains("unknown q7 in inputs"), "{error}");
+        assert!(error.contains("unknown \"q7\" in inputs"), "{error}");
+    }
+
+    #[test]
+    fn errors_fill_one_line_whatever_stands_in_names() {
+        for weight in [1.0, f64::NAN] {
+            let table = InputTable { neutral: weight, ..InputTable::default() };
+            let error = error_of(|file| _ = file.inputs.insert("line\n\u{1b}end".to_owned(), table.clone()));
+            assert!(error.contains(r#""line\n\u{1b}end""#) && !error.contains(char::is_control), "{error}");
+        }
     }
 
     #[test]

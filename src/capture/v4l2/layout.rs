@@ -32,10 +32,16 @@ pub enum Store {
 impl Layout {
     /// The layout of a format that is read. Without a word on the range, the kernel's rule: limited
     /// but for grey and for JPEG colour.
+    #[must_use]
     pub fn of(set: &Format) -> Option<Self> {
         let format = PixelFormat::of(set.fourcc.repr)?;
         let [width, height, stride] = [set.width, set.height, set.stride].map(|number| number as usize);
-        let row_bytes = if format == PixelFormat::Yuyv { 4 * width.div_ceil(2) } else { width };
+        let row_bytes = match format {
+            PixelFormat::Yuyv => 4 * width.div_ceil(2),
+            // The chroma rows are as far apart, and hold whole pairs.
+            PixelFormat::Nv12 => 2 * width.div_ceil(2),
+            _ => width,
+        };
         let stride = if stride == 0 { row_bytes } else { stride };
         let full_range = match set.quantization {
             Quantization::FullRange => true,
@@ -57,6 +63,9 @@ impl Layout {
 
 impl Store {
     /// Room for one frame.
+    ///
+    /// # Errors
+    /// Those of [`JpegDecoder::new`].
     pub fn new(layout: &Layout) -> Result<Self, CaptureError> {
         match layout.format {
             PixelFormat::Mjpeg | PixelFormat::Jpeg => JpegDecoder::new(layout.width, layout.height).map(Self::Jpeg),
@@ -65,6 +74,9 @@ impl Store {
     }
 
     /// Copies or decodes the buffer, which then goes back to the driver.
+    ///
+    /// # Errors
+    /// [`FrameFault::Incomplete`] for a raw frame that is too short, else those of [`JpegDecoder::decode`].
     pub fn keep(&mut self, bytes: &[u8], layout: &Layout) -> Result<(), FrameFault> {
         match self {
             Self::Jpeg(decoder) => decoder.decode(bytes),
@@ -76,6 +88,7 @@ impl Store {
     }
 
     /// The frame kept last.
+    #[must_use]
     pub fn picture(&self, layout: &Layout) -> Option<Picture<'_>> {
         let data = match self {
             Self::Jpeg(decoder) => return decoder.picture(),
@@ -122,6 +135,20 @@ mod tests {
             assert_eq!(kept(fourcc, stride, 0), Err(FrameFault::Incomplete));
         }
         assert_eq!(kept(*b"MJPG", 0, 100), Err(FrameFault::NotJpeg));
+    }
+
+    #[test]
+    fn a_row_of_odd_width_has_room_for_its_last_chroma_pair() {
+        let odd = |fourcc: &[u8; 4], stride| Layout::of(&Format { stride, ..Format::new(5, 3, FourCC::new(fourcc)) });
+        for (fourcc, row_bytes) in [(b"NV12", 6), (b"YUYV", 12)] {
+            assert_eq!(odd(fourcc, row_bytes - 1), None, "no picture would ever come of it");
+            for stride in [0, row_bytes] {
+                let layout = odd(fourcc, stride).unwrap();
+                let mut store = Store::new(&layout).unwrap();
+                store.keep(&[9; 36], &layout).unwrap();
+                assert!(store.picture(&layout).is_some());
+            }
+        }
     }
 
     #[test]

@@ -14,5 +14,6 @@ mod select;
 mod stream;
 
 pub use camera::CameraSource;
+pub use layout::{Layout, Store};
 pub use mode::{Choice, Mode, PixelFormat, Rates, Steps, Wish, choose};
 pub use probe::{Camera, Found, cameras};

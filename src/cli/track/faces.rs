@@ -1,12 +1,9 @@
 //! Where `track` gets landmarks from: a film through the networks, or a `.npy` file of points.
 
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 
-use npyz::{DType, NpyFile, TypeChar};
-
 use super::super::Failure;
+use super::points::{Values, next_points, open_points};
 use crate::capture::{CaptureError, Source, open_file};
 use crate::config::Settings;
 use crate::face::{Landmarks, Tracker};
@@ -36,13 +33,7 @@ pub(super) enum Faces {
     /// A film and the networks.
     Film { source: Box<dyn Source + Send>, tracker: Box<Tracker>, period_us: Option<f64>, numbered: u64 },
     /// Points read from a file.
-    Points {
-        values: Box<dyn Iterator<Item = std::io::Result<f64>>>,
-        left: u64,
-        number: u64,
-        period_us: f64,
-        size_px: [f32; 2],
-    },
+    Points { values: Values, left: u64, number: u64, period_us: f64, size_px: [f32; 2] },
 }
 
 impl Faces {
@@ -72,7 +63,7 @@ impl Faces {
             }
             Self::Points { left: 0, .. } => Ok(None),
             Self::Points { values, left, number, period_us, size_px } => {
-                let landmarks = next_points(values.as_mut(), *number)?;
+                let landmarks = next_points(values, *number)?;
                 let face = Face {
                     number: *number,
                     time_us: stamp_us(*number, *period_us),
@@ -116,42 +107,4 @@ fn next_of_film(source: &mut dyn Source, tracker: &mut Tracker, expected: u64) -
 fn find(tracker: &mut Tracker, picture: &crate::capture::Picture) -> Result<Option<Box<Landmarks>>, InferError> {
     let Some(region) = tracker.detect(picture)? else { return Ok(None) };
     Ok(tracker.landmarks(picture, &region)?.map(|landmarks| Box::new(landmarks.clone())))
-}
-
-type Points = (Box<dyn Iterator<Item = std::io::Result<f64>>>, u64);
-
-fn open_points(path: &Path) -> Result<Points, Failure> {
-    let file = File::open(path).map_err(|error| Failure::unreadable(path, &error))?;
-    let refuse = |reason: &str| {
-        let shown = path.display();
-        Failure::data(format!("{shown} {reason}; it must hold frames x 478 x 3 floating-point numbers in C order"))
-    };
-    let npy = NpyFile::new(BufReader::new(file)).map_err(|_| refuse("is not a .npy file"))?;
-    let [frames, 478, 3] = *npy.shape() else { return Err(refuse(&format!("has shape {:?}", npy.shape()))) };
-    if npy.order() != npyz::Order::C {
-        return Err(refuse("is in Fortran order"));
-    }
-    let DType::Plain(kind) = npy.dtype() else { return Err(refuse("holds records")) };
-    match (kind.type_char(), kind.size_field()) {
-        (TypeChar::Float, 4) => {
-            let values = npy.data::<f32>().map_err(|error| refuse(&error.to_string()))?;
-            Ok((Box::new(values.map(|value| value.map(f64::from))), frames))
-        }
-        (TypeChar::Float, 8) => {
-            let values = npy.data::<f64>().map_err(|error| refuse(&error.to_string()))?;
-            Ok((Box::new(values), frames))
-        }
-        _ => Err(refuse("holds numbers of another kind")),
-    }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "landmarks are kept as f32")]
-fn next_points(values: &mut dyn Iterator<Item = std::io::Result<f64>>, number: u64) -> Result<Box<Landmarks>, Failure> {
-    let hint = "the frames before it were used, write it again for the rest";
-    let cut = || Failure::data(format!("the .npy file is cut short in frame {number}; {hint}"));
-    let mut landmarks = Box::new(Landmarks::zero());
-    for slot in landmarks.0.as_flattened_mut() {
-        *slot = values.next().and_then(Result::ok).ok_or_else(cut)? as f32;
-    }
-    Ok(landmarks)
 }

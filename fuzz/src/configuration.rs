@@ -1,0 +1,71 @@
+//! The reader of settings.
+
+use std::fs;
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+use facewire::config::{BOARDS, Fault, Faults, Settings, load, parse, written};
+
+/// A fault that no setting depends on.
+const ONE_MORE: &str = "no_such_table";
+
+static FILE: LazyLock<PathBuf> =
+    LazyLock::new(|| std::env::temp_dir().join(format!("facewire-fuzz-{}.toml", std::process::id())));
+
+/// Any file over any board (the first byte: `1` to `4` is one of them) is taken or refused with faults that each fill one
+/// line and name a line there is. What is taken loads back from its written form unchanged. A fault more is told beside
+/// all others.
+pub fn configuration(data: &[u8]) {
+    fs::write(&*FILE, data).unwrap();
+    let board = data.first().and_then(|first| BOARDS.get(usize::from(first.wrapping_sub(b'1'))));
+    let settled = load(board.map(|(name, _)| *name), Some(&FILE));
+    fs::remove_file(&*FILE).unwrap();
+    let Ok(text) = str::from_utf8(data) else {
+        let faults = settled.unwrap_err();
+        assert!(matches!(faults.iter().collect::<Vec<_>>()[..], [Fault::Unreadable { .. }]), "{faults}");
+        return;
+    };
+    judge(&settled, text);
+    let alone = parse("file", text);
+    judge(&alone, text);
+    tells_one_more_fault(&alone, text);
+}
+
+fn judge(settled: &Result<Settings, Faults>, text: &str) {
+    match settled {
+        Ok(settings) => assert_eq!(parse("written", &written(settings)).unwrap(), *settings),
+        Err(faults) => {
+            assert!(faults.iter().next().is_some());
+            faults.iter().for_each(|fault| judge_fault(fault, text));
+        }
+    }
+}
+
+fn judge_fault(fault: &Fault, text: &str) {
+    let shown = fault.to_string();
+    assert!(!shown.is_empty() && !shown.contains(char::is_control), "{shown:?}");
+    if let Fault::Syntax { place, .. }
+    | Fault::Unknown { place, .. }
+    | Fault::Value { place, .. }
+    | Fault::OtherKind { place, .. }
+    | Fault::NoDevice { place } = fault
+    {
+        let line = place.rsplit(':').next().and_then(|line| line.parse::<usize>().ok());
+        assert!(line.is_some_and(|line| (1..=text.split('\n').count()).contains(&line)), "{shown}");
+    }
+}
+
+fn tells_one_more_fault(settled: &Result<Settings, Faults>, text: &str) {
+    let before = told(settled);
+    if text.contains(ONE_MORE) || before.iter().any(|fault| fault.contains("not valid TOML")) {
+        return;
+    }
+    let mut after = told(&parse("file", &format!("{text}\n[{ONE_MORE}]\n")));
+    let added = after.iter().position(|fault| fault.contains(ONE_MORE));
+    after.remove(added.unwrap());
+    assert_eq!(after, before);
+}
+
+fn told(settled: &Result<Settings, Faults>) -> Vec<String> {
+    settled.as_ref().err().map_or_else(Vec::new, |faults| faults.iter().map(Fault::to_string).collect())
+}

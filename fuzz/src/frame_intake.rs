@@ -1,0 +1,136 @@
+//! From a camera's buffer to a network's input.
+
+use facewire::capture::v4l2::{Layout, PixelFormat, Store};
+use facewire::capture::{MAX_SIDE_PX, Picture};
+use facewire::face::{Border, CropShape, FaceBox, crop};
+use v4l::format::{Colorspace, Quantization};
+use v4l::{Format, FourCC};
+
+use super::film::hash;
+use super::input::Input;
+
+/// Luma, Cb and Cr of a picture of one colour.
+const COLOUR: [u8; 3] = [90, 100, 180];
+/// What lies between and behind the rows: of another colour than the picture and than grey.
+const PADDING: u8 = 0;
+/// Larger frames are left out, for the fuzzer's speed.
+const MOST_BYTES: usize = 1 << 16;
+/// Samples a side: of the largest network, and few, for the fuzzer's speed.
+const SIDES: [usize; 4] = [192, 33, 7, 1];
+
+/// What a driver may set is taken if and only if it can be read, and a buffer is taken if and only if it is whole. A
+/// region of the picture, wherever it lies, holds nothing but pixels of the picture and border. A JPEG image decodes the
+/// same whatever was decoded before it.
+pub fn frame_intake(data: &[u8]) {
+    let mut input = Input(data);
+    let format = format(&mut input);
+    let (region, shape) = (region(&mut input), shape(&mut input));
+    let layout = Layout::of(&format);
+    assert_eq!(layout.is_some(), can_be_read(&format), "{format}");
+    let Some(layout) = layout else { return };
+    if layout.stride * layout.height * 2 > MOST_BYTES {
+        return;
+    }
+    match layout.format {
+        PixelFormat::Mjpeg | PixelFormat::Jpeg => jpeg(&layout, &mut input, &region, shape),
+        _ => raw(&layout, usize::from(input.short()), &region, shape),
+    }
+}
+
+fn format(input: &mut Input<'_>) -> Format {
+    let fourccs = PixelFormat::ALL.map(PixelFormat::fourcc);
+    let fourcc = fourccs.get(usize::from(input.byte())).copied().unwrap_or(*b"RGB3");
+    let [width, height] = [input.short(), input.short()].map(u32::from);
+    let stride = input.word();
+    let [colorspace, quantization] = [input.byte(), input.byte()].map(u32::from);
+    let mut format = Format { stride, ..Format::new(width, height, FourCC::new(&fourcc)) };
+    format.colorspace = Colorspace::try_from(colorspace).unwrap_or(format.colorspace);
+    format.quantization = Quantization::try_from(quantization).unwrap_or(format.quantization);
+    format
+}
+
+fn can_be_read(format: &Format) -> bool {
+    let [width, height, stride] = [format.width, format.height, format.stride].map(|number| number as usize);
+    let row_bytes = match &format.fourcc.repr {
+        b"YUYV" => (width + width % 2) * 2,
+        b"NV12" => width + width % 2,
+        b"GREY" | b"MJPG" | b"JPEG" => width,
+        _ => return false,
+    };
+    let sides_fit = [width, height].iter().all(|side| (1..=MAX_SIDE_PX).contains(side));
+    sides_fit && (stride == 0 || (row_bytes..=16 * MAX_SIDE_PX).contains(&stride))
+}
+
+/// Any numbers, or likely ones: eighths of a pixel and thousandths of a radian.
+fn region(input: &mut Input<'_>) -> FaceBox {
+    let [x, y, size, angle_rad] = if input.byte().is_multiple_of(2) {
+        [(); 4].map(|()| f32::from_bits(input.word()))
+    } else {
+        [8.0, 8.0, 8.0, 1000.0].map(|parts| f32::from(input.short().cast_signed()) / parts)
+    };
+    FaceBox { centre: [x, y], size, angle_rad }
+}
+
+fn shape(input: &mut Input<'_>) -> CropShape {
+    let choice = input.byte();
+    let border = if choice & 1 == 0 { Border::Replicate } else { Border::Black };
+    CropShape { side: SIDES[usize::from(choice >> 1) % SIDES.len()], range: [-1.0, 1.0], border }
+}
+
+fn raw(layout: &Layout, used: usize, region: &FaceBox, shape: CropShape) {
+    let frame = painted(layout);
+    let mut store = Store::new(layout).unwrap();
+    let padded = [&frame[..], &[PADDING; 64]].concat();
+    let used = used.min(padded.len());
+    assert_eq!(store.keep(&padded[..used], layout).is_ok(), used >= frame.len());
+    store.keep(&padded, layout).unwrap();
+    let picture = store.picture(layout).unwrap();
+    assert_eq!((picture.width, picture.height), (layout.width, layout.height));
+    let middle = FaceBox { centre: [0.0; 2], size: 0.0, angle_rad: 0.0 };
+    let colour = sampled(&picture, &middle, CropShape { side: 1, border: Border::Replicate, ..shape });
+    for (values, colour) in sampled(&picture, region, shape).chunks_exact(shape.side.pow(2)).zip(colour) {
+        let is_border = |value: f32| shape.border == Border::Black && value == shape.range[0];
+        assert!(values.iter().all(|value| *value == colour || is_border(*value)), "{region:?} {layout:?}");
+    }
+}
+
+/// A frame of one colour, as a driver lays it out.
+fn painted(layout: &Layout) -> Vec<u8> {
+    let [luma, cb, cr] = COLOUR;
+    let pairs = layout.width.div_ceil(2);
+    let row = |samples: Vec<u8>| [samples.clone(), vec![PADDING; layout.stride - samples.len()]].concat();
+    match layout.format {
+        PixelFormat::Yuyv => row([luma, cb, luma, cr].repeat(pairs)).repeat(layout.height),
+        PixelFormat::Nv12 => {
+            let chroma = row([cb, cr].repeat(pairs)).repeat(layout.height.div_ceil(2));
+            [row(vec![luma; layout.width]).repeat(layout.height), chroma].concat()
+        }
+        _ => row(vec![luma; layout.width]).repeat(layout.height),
+    }
+}
+
+fn sampled(picture: &Picture<'_>, region: &FaceBox, shape: CropShape) -> Vec<f32> {
+    let mut values = vec![f32::NAN; 3 * shape.side.pow(2)];
+    crop(picture, region, shape, &mut values);
+    values
+}
+
+fn jpeg(layout: &Layout, input: &mut Input<'_>, region: &FaceBox, shape: CropShape) {
+    let cut = usize::from(input.byte()) * input.0.len() / 256;
+    let image = input.0;
+    let decoded = |store: &mut Store, image: &[u8]| {
+        store.keep(image, layout).map(|()| hash(&store.picture(layout).unwrap())).map_err(|fault| fault.to_string())
+    };
+    let mut store = Store::new(layout).unwrap();
+    let alone = decoded(&mut store, image);
+    let mut used = Store::new(layout).unwrap();
+    for before in [&image[..cut], &image[cut..], image] {
+        let _ = decoded(&mut used, before);
+        assert_eq!(decoded(&mut used, image), alone);
+    }
+    assert_eq!(alone.is_ok(), store.picture(layout).is_some());
+    if let Some(picture) = store.picture(layout) {
+        assert_eq!((picture.width, picture.height), (layout.width, layout.height));
+        assert!(sampled(&picture, region, shape).iter().all(|value| (-1.0..=1.0).contains(value)));
+    }
+}

@@ -1,0 +1,55 @@
+//! Every file of the fuzz corpus keeps its target's promise, whatever was once found with it.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing, clippy::float_cmp, clippy::type_complexity)]
+
+#[path = "../fuzz/src/lib.rs"]
+mod targets;
+
+use std::fs;
+
+/// Runs the target on the files of its folder.
+fn keeps_its_promise(target: fn(&[u8]), name: &str) {
+    let folder = format!("{}/fuzz/corpus/{name}", env!("CARGO_MANIFEST_DIR"));
+    let mut files: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    assert!(files.len() >= 3, "{folder} holds {} files", files.len());
+    files.sort();
+    for file in files {
+        println!("{}", file.display());
+        target(&fs::read(file).unwrap());
+    }
+    target(&[]);
+}
+
+#[test]
+fn packet_corpus() {
+    keeps_its_promise(targets::packet, "packet");
+}
+
+#[test]
+fn cobs_stream_corpus() {
+    keeps_its_promise(targets::cobs_stream, "cobs_stream");
+}
+
+#[test]
+fn configuration_corpus() {
+    keeps_its_promise(targets::configuration, "configuration");
+}
+
+#[test]
+fn frame_intake_corpus() {
+    keeps_its_promise(targets::frame_intake, "frame_intake");
+}
+
+#[test]
+fn model_file_corpus() {
+    keeps_its_promise(targets::model_file, "model_file");
+}
+
+#[test]
+fn y4m_corpus() {
+    keeps_its_promise(targets::y4m, "y4m");
+}
+
+#[test]
+fn avi_corpus() {
+    keeps_its_promise(targets::avi, "avi");
+}

@@ -23,6 +23,10 @@ use crate::link::Link;
 /// Longest sleep, so that a stop is heard without a wake-up.
 const MAX_SLEEP_US: u64 = 100_000;
 
+/// From one of the last packets to the next: a serial link that is given another before it wrote the first drops the
+/// first, and what spoils one datagram often spoils those close behind it.
+const STOPPING_PERIOD: Duration = Duration::from_millis(20);
+
 /// What the settings say to the sender.
 #[derive(Debug)]
 pub(super) struct SenderSettings {
@@ -82,7 +86,12 @@ impl Sender {
             thread::park_timeout(Duration::from_micros(failsafe.wait_us(&history).min(MAX_SLEEP_US)));
         }
         let last = history.stopping();
-        (0..STOPPING_PACKETS).for_each(|_| self.send(&last));
+        for number in 0..STOPPING_PACKETS {
+            if number > 0 {
+                thread::sleep(STOPPING_PERIOD);
+            }
+            self.send(&last);
+        }
     }
 
     /// Hears the news and sends what is due.

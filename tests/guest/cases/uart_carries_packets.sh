@@ -18,4 +18,5 @@ stop_service
 [ "$(counted dropped)" = 0 ] || fail "dropped packets: $(counted dropped)"
 sync
 python3 $work/judge.py line uart live neutral/stopping neutral/stopping neutral/stopping || fail 'not what was sent'
-echo "$(tr -dc '\000' <uart | wc -c) frames by UART, $(stty -F /dev/ttyS1 speed) baud"
+# Each frame ends with a zero, and the link begins with one of its own.
+echo "$(($(tr -dc '\000' <uart | wc -c) - 1)) frames by UART, $(stty -F /dev/ttyS1 speed) baud"

@@ -63,7 +63,7 @@ echo "stuck, back by the watchdog: $(journalctl --unit facewire --output cat | g
 # One thread alone: the other goes on to the neutral face, and the watchdog is no less strict. It has time for that here,
 # where a pose is followed for 2 s.
 patient=/run/systemd/system/facewire.service.d/patient.conf
-settle() { systemctl --quiet stop facewire && systemctl daemon-reload && systemctl start facewire; }
+settle() { systemctl stop facewire 2>$work/said && systemctl daemon-reload && systemctl start facewire; }
 mkdir -p ${patient%/*}
 printf '[Service]\nWatchdogSec=6s\n' >$patient
 sed 's/hold_ms = .*/hold_ms = 2200/; s/neutral_ms = .*/neutral_ms = 2400/' $work/facewire.toml >$configuration

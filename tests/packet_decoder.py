@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Decodes facewire packets of version 1 from UDP, written from the table in packet/README.md alone.
+"""Decodes facewire packets of version 1 from UDP, written from packet/README.md alone. COBS is here for its importers.
 
 It shares no code with the sender, so that the two check each other. As a program it listens for a while and writes one
 CSV row per valid packet; its last line on standard error counts packets, losses and refusals.
@@ -64,6 +64,20 @@ def decode(data):
         "position_mm": list(struct.unpack_from("<3h", data, 20)),
         "coefficients": [value / 65535 for value in struct.unpack_from("<52H", data, 26)],
     }
+
+
+def cobs_decode(frame):
+    """The bytes behind a COBS frame, its closing zero taken off; ValueError if it is none."""
+    data, at = b"", 0
+    while at < len(frame):
+        code = frame[at]
+        if not code or at + code > len(frame):
+            raise ValueError("the frame is not COBS")
+        data += frame[at + 1:at + code]
+        at += code
+        if code < 255 and at < len(frame):
+            data += b"\0"
+    return data
 
 
 def listen(port, seconds, host=""):

@@ -108,9 +108,9 @@ fn the_stream_of_the_demo_is_read_at_the_other_end_up_to_the_last_word() {
     // Held open so that what the service wrote last outlives it.
     let port = board.port();
     let output = service.stop();
-    eventually("the last word", || {
+    eventually("the last word, three times", || {
         packets.extend(board.packets());
-        packets.last().is_some_and(|packet| packet.reason == Reason::Stopping)
+        packets.iter().filter(|packet| packet.reason == Reason::Stopping).count() == 3
     });
     drop(port);
     let steps = packets.windows(2).map(|pair| pair[1].sequence.wrapping_sub(pair[0].sequence));

@@ -24,6 +24,9 @@ use crate::link::{Link, LinkCounts};
 const MAX_SLEEP_US: u64 = 100_000;
 /// Longest way to neutral of a face that stops. By then, `slew_per_s` of less than 2 is not heeded.
 const LONGEST_STOP_US: u64 = 500_000;
+/// From one of the last packets to the next: a serial link that is given another before it wrote the first drops the
+/// first, and what spoils one datagram often spoils those close behind it.
+const STOPPING_PERIOD: Duration = Duration::from_millis(20);
 
 /// What the settings say to the sender.
 #[derive(Debug)]
@@ -98,7 +101,10 @@ impl Sender {
             output = failsafe.stop(history, monotonic_us());
         }
         let last = Output { state: State::Neutral, pose: output.pose.neutral_here(), ..output };
-        (0..STOPPING_PACKETS).for_each(|_| self.send(&last));
+        for _ in 0..STOPPING_PACKETS {
+            self.send(&last);
+            thread::sleep(STOPPING_PERIOD);
+        }
         self.close_links();
     }
 

@@ -5,6 +5,7 @@ Exit status 1: they are not as they should be; 3: too few poses to judge the cli
 
   judge.py clip PACKETS.csv TRUTH.csv FPS   the face of the clip, played at FPS frames a second
   judge.py passes PACKETS.csv STEP...       the packets pass through these steps, in this order
+  judge.py line BYTES STEP...               the same of the frames that left a serial port, each of them whole
 
 A step is a state (live) or a state with its reason (neutral/no_face). Only the standard library is used.
 """
@@ -27,9 +28,10 @@ def read(path):
 
 
 def complaint_about_order(rows):
-    """A sentence about lost packets, or None. All went over the loopback interface, which loses none."""
+    """A sentence about lost packets, or None. All went over the loopback interface, which loses none. A service that was
+    started again begins with 0."""
     sequences = [int(row["sequence"]) for row in rows]
-    lost = sum((later - earlier - 1) % 65536 for earlier, later in zip(sequences, sequences[1:]))
+    lost = sum((later - earlier - 1) % 65536 for earlier, later in zip(sequences, sequences[1:]) if later)
     return f"{lost} packets are missing in the sequence" if lost else None
 
 
@@ -100,11 +102,27 @@ def judge_passes(packets, *steps):
     return complaint_about_order(packets)
 
 
+def read_line(path):
+    """The packets in the bytes of a serial line; ends the program at the first frame that is damaged."""
+    # Here, for the other judges are asked again and again by cases that wait.
+    from packet_decoder import cobs_decode, decode
+
+    with open(path, "rb") as file:
+        *frames, rest = file.read().split(b"\0")
+    try:
+        packets = [decode(cobs_decode(frame)) for frame in frames if frame]
+    except ValueError as error:
+        sys.exit(f"{path}: {error}")
+    if rest:
+        sys.exit(f"{path}: the last frame has no end")
+    return packets
+
+
 def main():
-    judges = {"clip": judge_clip, "passes": judge_passes}
+    judges = {"clip": judge_clip, "passes": judge_passes, "line": judge_passes}
     if len(sys.argv) < 4 or sys.argv[1] not in judges:
         sys.exit(__doc__)
-    packets = read(sys.argv[2])
+    packets = read_line(sys.argv[2]) if sys.argv[1] == "line" else read(sys.argv[2])
     complaint = judges[sys.argv[1]](packets, *sys.argv[3:]) if packets else "no packet came"
     if complaint:
         sys.exit(f"{sys.argv[2]}: {complaint}")

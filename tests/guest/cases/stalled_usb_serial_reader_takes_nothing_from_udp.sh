@@ -1,0 +1,12 @@
+#!/bin/sh
+# The board at a USB serial port stops reading: the receiver by UDP gets every packet, and the board gets fresh ones when it
+# reads again.
+. cases/lib.sh
+cp receivers.py endurance.py stalled.py $work
+configure /dev/video9
+cat >>$work/facewire.toml <<CONFIG
+[[link]]
+kind = "serial"
+device = "/dev/serial/by-id/usb-Arduino_0043_1234-if00"
+CONFIG
+python3 $work/stalled.py $work || fail 'a board that does not read is not taken as it should be'

@@ -11,7 +11,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use board::{Board, StablePath, eventually};
-use facewire_packet::{PACKET_BYTES, Packet, Reason};
+use facewire_packet::{PACKET_BYTES, Packet, Reason, State};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::termios::{LocalModes, tcgetattr};
 
@@ -107,11 +107,13 @@ fn the_stream_of_the_demo_is_read_at_the_other_end_up_to_the_last_word() {
     });
     // Held open so that what the service wrote last outlives it.
     let port = board.port();
-    let output = service.stop();
+    let stopping = thread::spawn(|| service.stop());
+    let is_last_word = |packet: &&Packet| packet.reason == Reason::Stopping && packet.state == State::Neutral;
     eventually("the last word, three times", || {
         packets.extend(board.packets());
-        packets.iter().filter(|packet| packet.reason == Reason::Stopping).count() == 3
+        packets.iter().filter(is_last_word).count() == 3
     });
+    let output = stopping.join().unwrap();
     drop(port);
     let steps = packets.windows(2).map(|pair| pair[1].sequence.wrapping_sub(pair[0].sequence));
     assert!(steps.clone().all(|step| step >= 1), "packets came in another order");

@@ -5,11 +5,15 @@ mod clip;
 mod curves;
 mod dataset;
 mod evaluate;
+mod judge;
 mod mirror;
+mod paper;
+mod recording;
 #[cfg(test)]
 mod reference;
 mod ridge;
-mod stats;
+mod statistics;
+mod timecode;
 mod train;
 
 use std::path::{Path, PathBuf};
@@ -35,8 +39,10 @@ enum Command {
         #[arg(long, default_value = "models/blendshapes.toml")]
         out: PathBuf,
     },
-    /// Print correlation and error of every blendshape, by facewire's own solver
-    Evaluate {
+    /// Judge a CSV of `facewire track` by true curves, or by another tracker's
+    Evaluate(evaluate::EvaluateArgs),
+    /// Print correlation and error of a model on a dataset, by facewire's own solver
+    Judge {
         /// Landmarks with true coefficients (npz archive, names beside it as JSON)
         dataset: PathBuf,
         /// A model to judge instead of the built-in one
@@ -65,7 +71,8 @@ enum Command {
 fn main() -> Result<()> {
     match Cli::parse().command {
         Command::Train { dataset, out } => train(&dataset, &out),
-        Command::Evaluate { dataset, model, all_subjects } => evaluate(&dataset, model.as_deref(), all_subjects),
+        Command::Evaluate(args) => evaluate::run(&args),
+        Command::Judge { dataset, model, all_subjects } => judge(&dataset, model.as_deref(), all_subjects),
         Command::Clip { landmarks, truth, neutral_frames, model } => {
             clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
         }
@@ -77,20 +84,20 @@ fn train(dataset: &Path, out: &Path) -> Result<()> {
     let made_by = format!("facewire-fit train {}", dataset.display());
     let file = train::train(&mirror::with_mirrored(&samples)?, &samples, made_by)?;
     std::fs::write(out, toml::to_string(&file)?).with_context(|| format!("cannot write {}", out.display()))?;
-    report(&file.to_model()?, &samples, false)
+    judge_on(&file.to_model()?, &samples, false)
 }
 
-fn evaluate(dataset: &Path, model: Option<&Path>, all_subjects: bool) -> Result<()> {
-    report(&load_model(model)?, &dataset::load(dataset)?, all_subjects)
+fn judge(dataset: &Path, model: Option<&Path>, all_subjects: bool) -> Result<()> {
+    judge_on(&load_model(model)?, &dataset::load(dataset)?, all_subjects)
 }
 
-fn report(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Result<()> {
+fn judge_on(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Result<()> {
     let scores = |neutral_known| -> Result<_> {
-        let faces = evaluate::Faces::new(samples, neutral_known)?;
-        evaluate::scores_of(model, &faces, |row| all_subjects || faces.held_out(row))
+        let faces = judge::Faces::new(samples, neutral_known)?;
+        judge::scores_of(model, &faces, |row| all_subjects || faces.held_out(row))
     };
-    print!("{}", evaluate::table(&scores(true)?, &scores(false)?));
-    let [yaw, pitch, roll] = evaluate::pose_error_deg(samples)?;
+    print!("{}", judge::table(&scores(true)?, &scores(false)?));
+    let [yaw, pitch, roll] = judge::pose_error_deg(samples)?;
     println!("head pose, mean error over all pictures: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
     println!("model in memory: {} bytes", model.size_bytes());
     Ok(())

@@ -11,7 +11,7 @@ use nalgebra::DMatrix;
 
 use crate::{
     dataset::Sample,
-    evaluate::{self, Faces},
+    judge::{self, Faces},
     ridge::{Fit, Moments, Scale},
 };
 
@@ -38,7 +38,7 @@ pub fn train(seen: &[Sample], samples: &[Sample], made_by: String) -> Result<Mod
     file.neutral_known = fit_map(&Faces::new(seen, true)?).context("neutral known")?;
     file.neutral_unknown = fit_map(&Faces::new(seen, false)?).context("neutral unknown")?;
     let model = file.to_model()?;
-    let scores = |neutral_known| evaluate::scores(&model, &Faces::new(samples, neutral_known)?);
+    let scores = |neutral_known| judge::scores(&model, &Faces::new(samples, neutral_known)?);
     fill_in(&mut file.neutral_known, &scores(true)?);
     fill_in(&mut file.neutral_unknown, &scores(false)?);
     Ok(file)
@@ -116,7 +116,7 @@ fn round(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }
 
-fn fill_in(tables: &mut BTreeMap<String, BlendshapeTable>, scores: &[evaluate::Score]) {
+fn fill_in(tables: &mut BTreeMap<String, BlendshapeTable>, scores: &[judge::Score]) {
     for (name, score) in BLENDSHAPES.iter().zip(scores) {
         if let Some(table) = tables.get_mut(*name) {
             (table.r, table.mse) = (round(score.r), (score.mse * 1e5).round() / 1e5);

@@ -1,6 +1,6 @@
 //! Judges a model by facewire's own solver, picture by picture.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, hint::black_box, time::Instant};
 
 use anyhow::{Context, Result};
 use facewire::solve::{
@@ -14,6 +14,9 @@ use crate::{
     dataset::{Person, Sample},
     statistics::{mean, mse, pearson},
 };
+
+/// Passes over the pictures, of which the fastest is the least disturbed.
+const TIMED_PASSES: usize = 7;
 
 /// How well a blendshape is found.
 #[derive(Debug, Clone, Copy, Default)]
@@ -44,9 +47,14 @@ impl<'a> Faces<'a> {
         self.samples.len()
     }
 
-    /// Whether the fit may not see picture `row`.
-    pub fn held_out(&self, row: usize) -> bool {
-        self.samples[row].held_out()
+    /// The pictures to judge by: those that the fit may not see, or all.
+    pub fn rows(&self, all: bool) -> Vec<usize> {
+        (0..self.len()).filter(|row| all || self.samples[*row].held_out()).collect()
+    }
+
+    /// True coefficients of a blendshape in pictures `rows`.
+    pub fn truth(&self, blendshape: usize, rows: &[usize]) -> Vec<f64> {
+        rows.iter().map(|row| self.samples[*row].truth[blendshape]).collect()
     }
 
     /// Subject of picture `row`.
@@ -79,25 +87,40 @@ fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<BTreeMap<Person,
 
 /// Scores of the corrected coefficients on held-out subjects, by blendshape.
 pub fn scores(model: &Model, faces: &Faces) -> Result<Vec<Score>> {
-    scores_of(model, faces, |row| faces.held_out(row))
+    scores_of(model, faces, &faces.rows(false))
 }
 
-/// Scores of the corrected coefficients on the chosen pictures, by blendshape.
-pub fn scores_of(model: &Model, faces: &Faces, chosen: impl Fn(usize) -> bool) -> Result<Vec<Score>> {
+/// Scores of the corrected coefficients of pictures `rows`, by blendshape.
+pub fn scores_of(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Score>> {
+    let score = |(blendshape, estimate): (usize, Vec<f64>)| {
+        let truth = faces.truth(blendshape, rows);
+        Score { r: pearson(&estimate, &truth), mse: mse(&estimate, &truth) }
+    };
+    Ok(estimates(model, faces, rows)?.into_iter().enumerate().map(score).collect())
+}
+
+/// Corrected coefficients of pictures `rows`, one list for each blendshape.
+pub fn estimates(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Vec<f64>>> {
     let correction = Correction::default();
-    let mut curves = vec![(Vec::new(), Vec::new()); COEFFS];
-    for row in (0..faces.len()).filter(|row| chosen(*row)) {
-        let raw = model.process(&faces.features[row])?;
+    let mut curves = vec![Vec::new(); COEFFS];
+    for row in rows {
+        let raw = model.process(&faces.features[*row])?;
         let corrected = correction.process(&mut correction.start(), &raw, 0.0);
-        for (index, (estimate, truth)) in curves.iter_mut().enumerate() {
-            estimate.push(f64::from(corrected.0[index]));
-            truth.push(faces.samples[row].truth[index]);
-        }
+        curves.iter_mut().zip(corrected.0).for_each(|(curve, value)| curve.push(f64::from(value)));
     }
-    Ok(curves
-        .iter()
-        .map(|(estimate, truth)| Score { r: pearson(estimate, truth), mse: mse(estimate, truth) })
-        .collect())
+    Ok(curves)
+}
+
+/// Time of the regression for one face, nanoseconds: mean over the pictures `rows`, of the fastest of some passes.
+pub fn regression_ns(model: &Model, faces: &Faces, rows: &[usize]) -> Result<f64> {
+    let pass = || -> Result<f64> {
+        let start = Instant::now();
+        for row in rows {
+            black_box(model.process(black_box(&faces.features[*row]))?);
+        }
+        Ok(start.elapsed().as_secs_f64() * 1e9 / rows.len() as f64)
+    };
+    (0..TIMED_PASSES).try_fold(f64::INFINITY, |best, _| Ok(best.min(pass()?)))
 }
 
 /// Mean over the blendshapes that landmarks show (51).

@@ -5,12 +5,14 @@ mod clip;
 mod curves;
 mod dataset;
 mod evaluate;
+mod fitted;
 mod judge;
 mod mirror;
 mod paper;
 mod recording;
 #[cfg(test)]
 mod reference;
+mod report;
 mod ridge;
 mod statistics;
 mod timecode;
@@ -52,6 +54,8 @@ enum Command {
         #[arg(long)]
         all_subjects: bool,
     },
+    /// Write the figures of every blendshape and model kind as one HTML page, with drawings
+    Report(report::ReportArgs),
     /// Print correlation with the truth, pose error and jitter on a clip, with and without its neutral face
     Clip {
         /// Landmarks of the frames (npz archive)
@@ -73,6 +77,7 @@ fn main() -> Result<()> {
         Command::Train { dataset, out } => train(&dataset, &out),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Judge { dataset, model, all_subjects } => judge(&dataset, model.as_deref(), all_subjects),
+        Command::Report(args) => report::run(&args),
         Command::Clip { landmarks, truth, neutral_frames, model } => {
             clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
         }
@@ -94,7 +99,7 @@ fn judge(dataset: &Path, model: Option<&Path>, all_subjects: bool) -> Result<()>
 fn judge_on(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Result<()> {
     let scores = |neutral_known| -> Result<_> {
         let faces = judge::Faces::new(samples, neutral_known)?;
-        judge::scores_of(model, &faces, |row| all_subjects || faces.held_out(row))
+        judge::scores_of(model, &faces, &faces.rows(all_subjects))
     };
     print!("{}", judge::table(&scores(true)?, &scores(false)?));
     let [yaw, pitch, roll] = judge::pose_error_deg(samples)?;

@@ -1,7 +1,7 @@
 //! Curves of blendshapes over time, read from CSV.
 //!
-//! Columns are found by name, upper and lower case alike, so their order does not matter: Live Link Face has JawRight
-//! before JawLeft. Time is the column `Timecode` (Live Link Face, `hours:minutes:seconds:frames.part`), `time_s`
+//! Columns are found by name, upper and lower case alike, so their order does not matter: Live Link Face has `JawRight`
+//! before `JawLeft`. Time is the column `Timecode` (Live Link Face, `hours:minutes:seconds:frames.part`), `time_s`
 //! (`facewire track`), or `frame` at a stated rate; without any of them rows follow each other at that rate. Times are
 //! counted from the first row. Other columns are not read.
 

@@ -109,9 +109,9 @@ mod tests {
 
     /// A wink of `jawOpen` every second, seen `late_s` late at `fps`.
     fn wave(fps: f64, length_s: f64, late_s: f64) -> Recording {
-        let rows = (length_s * fps).round() as usize + 1;
-        let value = |row: usize| ((row as f64 / fps - late_s) * 4.0).sin().mul_add(0.5, 0.5);
-        let lines: Vec<String> = (0..rows).map(|row| format!("{},{}\n", row as f64 / fps, value(row))).collect();
+        let times = (0..1000).map(|row| f64::from(row) / fps).take_while(|time| *time < length_s + 0.5 / fps);
+        let value = |time: f64| ((time - late_s) * 4.0).sin().mul_add(0.5, 0.5);
+        let lines: Vec<String> = times.map(|time| format!("{time},{}\n", value(time))).collect();
         Recording::read(format!("time_s,jawOpen\n{}", lines.concat()).as_bytes(), fps).unwrap()
     }
 

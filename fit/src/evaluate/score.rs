@@ -89,7 +89,7 @@ pub fn of_paper(row: &AgainstArkit) -> Figures {
 }
 
 /// Mean of every figure over the blendshapes that have it.
-pub fn means<'a>(scores: impl Iterator<Item = &'a Score> + Clone) -> Figures {
+pub fn means<'a>(scores: &(impl Iterator<Item = &'a Score> + Clone)) -> Figures {
     core::array::from_fn(|place| {
         let values = scores.clone().filter_map(move |score| score.figures[place]);
         values.clone().next().map(|_| mean(values))
@@ -137,6 +137,6 @@ mod tests {
             Score { blendshape: "jawOpen", moves: true, figures, events: None }
         };
         let scores = [score(Some(0.5)), score(None), score(Some(1.0))];
-        assert_eq!(means(scores.iter())[..2], [Some(0.75), None]);
+        assert_eq!(means(&scores.iter())[..2], [Some(0.75), None]);
     }
 }

@@ -81,9 +81,9 @@ fn rows(scores: &[Score]) -> String {
 fn mean_rows(scores: &[Score]) -> String {
     let moving = scores.iter().filter(|score| score.moves);
     let like_paper = moving.clone().filter(|score| of_table(score.blendshape).is_some());
-    let mut text = line(&format!("mean of {} moving", moving.clone().count()), &means(moving), "");
+    let mut text = line(&format!("mean of {} moving", moving.clone().count()), &means(&moving), "");
     if like_paper.clone().next().is_some() {
-        text += &line(&format!("mean of {} of paper", like_paper.clone().count()), &means(like_paper), "");
+        text += &line(&format!("mean of {} of paper", like_paper.clone().count()), &means(&like_paper), "");
         text += &line("  paper, mean of 15", &of_paper(&AGAINST_ARKIT_AVERAGE), "");
     }
     text
@@ -122,8 +122,8 @@ pub fn json(aligned: &Aligned, scores: &[Score]) -> Value {
         "only_in_track": aligned.unmatched[0],
         "only_in_truth": aligned.unmatched[1],
         "blendshapes": scores.iter().map(row).collect::<serde_json::Map<_, _>>(),
-        "mean_of_moving": named(&means(moving())),
-        "mean_of_the_papers": named(&means(like_paper)),
+        "mean_of_moving": named(&means(&moving())),
+        "mean_of_the_papers": named(&means(&like_paper)),
         "paper_mean": named(&of_paper(&AGAINST_ARKIT_AVERAGE)),
         "events_where_the_reference_has_none": imagined(scores),
     })

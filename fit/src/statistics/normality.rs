@@ -64,7 +64,9 @@ fn weights(count: usize) -> Option<Vec<f64>> {
     let left_scores = squares - 2.0 * ends.iter().map(|(score, _)| score.powi(2)).sum::<f64>();
     let left_weights = 1.0 - 2.0 * ends.iter().map(|(_, weight)| weight.powi(2)).sum::<f64>();
     let scale = (left_scores / left_weights).sqrt();
-    weights.iter_mut().for_each(|weight| *weight /= scale);
+    for weight in &mut weights {
+        *weight /= scale;
+    }
     for (place, (_, weight)) in ends.iter().enumerate() {
         *weights.get_mut(place)? = -weight;
         *weights.get_mut(count - 1 - place)? = *weight;

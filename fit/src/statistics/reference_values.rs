@@ -1,7 +1,7 @@
-//! The statistics against values of SciPy 1.17.1 and statsmodels 0.15.0 (`fit/tests/reference.py`).
+//! The statistics against values of `SciPy` 1.17.1 and statsmodels 0.15.0 (`fit/tests/reference.py`).
 //!
 //! Tolerances: 1e-9 relative, for arithmetic in another order; 1e-6 for Shapiro and Wilk's W and 1e-4 relative for its
-//! p value, where SciPy's own coefficients and quantiles are rounded otherwise.
+//! p value, where `SciPy`'s own coefficients and quantiles are rounded otherwise.
 
 use nalgebra::DMatrix;
 use serde::Deserialize;

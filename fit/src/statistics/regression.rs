@@ -21,7 +21,7 @@ pub fn f_statistic(r_squared: f64, rows: usize, parameters: usize) -> Option<Tes
 
 /// R2 of the least-squares regression of `values` on `columns` and a constant, and the rank of the columns.
 /// `None` if the values or all columns are constant.
-pub(super) fn explained(columns: &DMatrix<f64>, values: &[f64]) -> Option<(f64, usize)> {
+pub fn explained(columns: &DMatrix<f64>, values: &[f64]) -> Option<(f64, usize)> {
     let mut centred = columns.clone();
     centred.column_iter_mut().for_each(|mut column| column.add_scalar_mut(-column.mean()));
     let mut target = DVector::from_column_slice(values);

@@ -1,0 +1,36 @@
+//! How much each landmark of the face moves with a blendshape (the paper's figure of the correlation for `JawOpen`).
+
+use facewire::face::LANDMARKS;
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::Judged;
+use crate::statistics::{explained, mean};
+
+/// Coordinates of the judged faces.
+pub struct Landmarks {
+    /// Mean place of each landmark: x to the person's left, y up, eye distances.
+    pub places: Vec<[f64; 2]>,
+    /// Displacement from the neutral face by picture, three columns a landmark.
+    displacements: DMatrix<f64>,
+}
+
+impl Landmarks {
+    /// Of the judged pictures. The first features are the coordinates of the landmarks.
+    pub fn new(judged: &Judged) -> Self {
+        let coordinates = |features: DMatrix<f64>| features.columns(0, 3 * LANDMARKS).into_owned();
+        let plain = coordinates(judged.unknown.matrices(&judged.rows, 0).0);
+        let column_mean = |column: usize| mean(plain.column(column).iter().copied());
+        let places = (0..LANDMARKS).map(|landmark| [3 * landmark, 3 * landmark + 1].map(column_mean)).collect();
+        Self { places, displacements: coordinates(judged.known.matrices(&judged.rows, 0).0) }
+    }
+
+    /// Multiple correlation of each landmark's three coordinates with the truth: 0 to 1.
+    pub fn correlations(&self, truth: &[f64]) -> Vec<f64> {
+        let one = |landmark: usize| {
+            let columns = self.displacements.columns(3 * landmark, 3).into_owned();
+            explained(&columns, truth).map_or(0.0, |(r_squared, _)| r_squared.sqrt())
+        };
+        (0..LANDMARKS).into_par_iter().map(one).collect()
+    }
+}

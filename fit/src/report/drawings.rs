@@ -9,6 +9,8 @@ const SIZE_PX: (u32, u32) = (360, 270);
 const FACE_PX: (u32, u32) = (360, 400);
 /// Points of a cloud: enough to see its shape, few enough for a page of fifty.
 const CLOUD: usize = 300;
+/// So many of them are those with the largest coefficients.
+const LARGEST: usize = 200;
 const POINT_PX: i32 = 2;
 /// Points of clouds, lines through them, and bars.
 const BLUE_INK: RGBColor = RGBColor(47, 126, 216);
@@ -27,31 +29,48 @@ struct Axes {
 }
 
 /// Points about a line from the lower left to the upper right: estimate against truth.
-pub fn fit(estimates: &[f64], truth: &[f64]) -> Result<String> {
-    let points: Vec<_> = truth.iter().copied().zip(estimates.iter().copied()).collect();
+pub fn fit(pairs: &[(f64, f64)]) -> Result<String> {
+    let points: Vec<_> = telling(pairs).into_iter().map(|(estimate, truth)| (truth, estimate)).collect();
     let axes = Axes { x: ("truth", [0.0, 1.0]), y: ("estimate", [0.0, 1.0]) };
-    cloud(&points, axes, [(0.0, 0.0), (1.0, 1.0)])
+    clouds(&[(&points, BLUE_INK)], axes, Some([(0.0, 0.0), (1.0, 1.0)]))
 }
 
 /// Residuals over estimates.
-pub fn residuals(estimates: &[f64], residuals: &[f64]) -> Result<String> {
-    let points: Vec<_> = estimates.iter().copied().zip(residuals.iter().copied()).collect();
+pub fn residuals(pairs: &[(f64, f64)]) -> Result<String> {
+    let points: Vec<_> = telling(pairs).into_iter().map(|(estimate, truth)| (estimate, truth - estimate)).collect();
     let axes = Axes { x: ("estimate", [0.0, 1.0]), y: ("residual", [-1.0, 1.0]) };
-    cloud(&points, axes, [(0.0, 0.0), (1.0, 0.0)])
+    clouds(&[(&points, BLUE_INK)], axes, Some([(0.0, 0.0), (1.0, 0.0)]))
+}
+
+/// How far a landmark that follows the blendshape moves with the truth (blue), and one that does not (orange).
+pub fn movements(follows: &[(f64, f64)], rests: &[(f64, f64)]) -> Result<String> {
+    let largest = follows.iter().chain(rests).map(|(_, moved)| moved.abs()).fold(0.0, f64::max);
+    let axes = Axes { x: ("truth", [0.0, 1.0]), y: ("displacement", [-largest, largest]) };
+    let half = |points: &[(f64, f64)]| evenly(&telling(points), CLOUD / 2);
+    clouds(&[(&half(rests), ORANGE_INK), (&half(follows), BLUE_INK)], axes, None)
+}
+
+/// The [`CLOUD`] points that tell most: those with the largest coordinates, and some of the others. In most pictures
+/// most blendshapes are 0.
+fn telling(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| b.0.max(b.1).total_cmp(&a.0.max(a.1)));
+    let (largest, others) = sorted.split_at(sorted.len().min(LARGEST));
+    [largest.to_vec(), evenly(others, CLOUD - LARGEST)].concat()
 }
 
 /// Truth and estimates of all pictures, both in the order of the truth.
-pub fn ranked(estimates: &[f64], truth: &[f64]) -> Result<String> {
-    let mut pairs: Vec<(f64, f64)> = truth.iter().copied().zip(estimates.iter().copied()).collect();
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+pub fn ranked(pairs: &[(f64, f64)]) -> Result<String> {
+    let mut pairs = pairs.to_vec();
+    pairs.sort_by(|a, b| a.1.total_cmp(&b.1));
     let pairs = evenly(&pairs, CLOUD);
     let place = |index: usize| 100.0 * index as f64 / pairs.len() as f64;
     let axes = Axes { x: ("% of pictures, by truth", [0.0, 100.0]), y: ("coefficient", [0.0, 1.0]) };
     drawn(SIZE_PX, |area| {
         let mut chart = axes.draw(area)?;
-        let points = pairs.iter().enumerate().map(|(index, pair)| (place(index), pair.1));
+        let points = pairs.iter().enumerate().map(|(index, pair)| (place(index), pair.0));
         chart.draw_series(points.map(|point| Circle::new(point, POINT_PX, BLUE_INK.filled())))?;
-        let line = pairs.iter().enumerate().map(|(index, pair)| (place(index), pair.0));
+        let line = pairs.iter().enumerate().map(|(index, pair)| (place(index), pair.1));
         chart.draw_series(LineSeries::new(line, ORANGE_INK.stroke_width(2)))?;
         Ok(())
     })
@@ -75,8 +94,10 @@ pub fn autocorrelation(lags: &[f64], values: usize) -> Result<String> {
     })
 }
 
-/// A face whose landmarks are coloured by a value from 0 (dark) to 1 (yellow). The person's left is at the right.
+/// A face whose landmarks are coloured by a value, from 0 (dark) to the highest of them (yellow). The person's left is
+/// at the right.
 pub fn face(places: &[[f64; 2]], values: &[f64]) -> Result<String> {
+    let highest = values.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let range = |axis: usize| {
         let along = places.iter().map(|place| place[axis]);
         (along.clone().fold(f64::MAX, f64::min), along.fold(f64::MIN, f64::max))
@@ -94,7 +115,7 @@ pub fn face(places: &[[f64; 2]], values: &[f64]) -> Result<String> {
     drawn(FACE_PX, |area| {
         area.fill(&FACE_GROUND)?;
         for (place, value) in dots {
-            area.draw(&Circle::new(pixel(*place), radius_px(*value), heat(*value).filled()))?;
+            area.draw(&Circle::new(pixel(*place), radius_px(value / highest), heat(value / highest).filled()))?;
         }
         Ok(())
     })
@@ -119,12 +140,13 @@ fn heat(value: f64) -> RGBColor {
     RGBColor(red, green, blue)
 }
 
-fn cloud(points: &[(f64, f64)], axes: Axes, line: [(f64, f64); 2]) -> Result<String> {
+fn clouds(clouds: &[(&[(f64, f64)], RGBColor)], axes: Axes, line: Option<[(f64, f64); 2]>) -> Result<String> {
     drawn(SIZE_PX, |area| {
         let mut chart = axes.draw(area)?;
-        let points = evenly(points, CLOUD);
-        chart.draw_series(points.into_iter().map(|point| Circle::new(point, POINT_PX, BLUE_INK.filled())))?;
-        chart.draw_series(LineSeries::new(line, ORANGE_INK.stroke_width(2)))?;
+        for (points, ink) in clouds {
+            chart.draw_series(points.iter().map(|point| Circle::new(*point, POINT_PX, ink.filled())))?;
+        }
+        chart.draw_series(line.map(|line| PathElement::new(line.to_vec(), ORANGE_INK.stroke_width(2))))?;
         Ok(())
     })
 }
@@ -140,11 +162,13 @@ impl Axes {
         let ((x_name, [x0, x1]), (y_name, [y0, y1])) = (self.x, self.y);
         let mut chart = ChartBuilder::on(area)
             .margin(8)
+            .margin_right(18)
             .x_label_area_size(36)
             .y_label_area_size(44)
             .build_cartesian_2d(x0..x1, y0..y1)?;
         let mut mesh = chart.configure_mesh();
         mesh.disable_mesh().x_labels(6).y_labels(6).x_desc(x_name).y_desc(y_name);
+        mesh.x_label_formatter(&|x| label(*x)).y_label_formatter(&|y| label(*y));
         mesh.label_style(("sans-serif", 13)).axis_desc_style(("sans-serif", 14)).draw()?;
         Ok(chart)
     }
@@ -157,7 +181,13 @@ fn drawn(size_px: (u32, u32), draw: impl FnOnce(&Area) -> Result<(), Failed>) ->
     let area = SVGBackend::with_string(&mut text, size_px).into_drawing_area();
     draw(&area).and_then(|()| area.present()).map_err(|error| anyhow!("cannot draw: {error}"))?;
     drop(area);
-    Ok(text)
+    // Of a page of sixty thousand points, these defaults would be half.
+    Ok(text.replace(" opacity=\"1\"", "").replace(" stroke=\"none\" stroke-width=\"1\"", ""))
+}
+
+/// With the decimals it needs, up to two.
+fn label(value: f64) -> String {
+    format!("{}", (value * 100.0).round() / 100.0 + 0.0)
 }
 
 #[cfg(test)]
@@ -166,9 +196,9 @@ mod tests {
 
     #[test]
     fn cloud_has_no_more_points_than_a_page_can_carry() {
-        let values: Vec<f64> = (0..5000).map(|i| f64::from(i) / 5000.0).collect();
-        let drawing = fit(&values, &values).unwrap();
-        assert!((CLOUD / 2..=CLOUD).contains(&drawing.matches("<circle").count()));
+        let pairs: Vec<_> = (0..5000).map(|i| (f64::from(i) / 5000.0, 0.5)).collect();
+        let drawing = fit(&pairs).unwrap();
+        assert!((LARGEST..=CLOUD).contains(&drawing.matches("<circle").count()));
     }
 
     #[test]

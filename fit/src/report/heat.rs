@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::Judged;
-use crate::statistics::{explained, mean};
+use crate::statistics::{explained, mean, pearson};
 
 /// Coordinates of the judged faces.
 pub struct Landmarks {
@@ -32,5 +32,13 @@ impl Landmarks {
             explained(&columns, truth).map_or(0.0, |(r_squared, _)| r_squared.sqrt())
         };
         (0..LANDMARKS).into_par_iter().map(one).collect()
+    }
+
+    /// `(truth, displacement)` of a landmark, along the axis that has most to do with the truth.
+    pub fn movement(&self, landmark: usize, truth: &[f64]) -> Vec<(f64, f64)> {
+        let axes = [0, 1, 2].map(|axis| self.displacements.column(3 * landmark + axis).iter().copied().collect());
+        let most = |a: &Vec<f64>, b: &Vec<f64>| pearson(a, truth).abs().total_cmp(&pearson(b, truth).abs());
+        let along = axes.into_iter().max_by(most).unwrap_or_default();
+        truth.iter().copied().zip(along).collect()
     }
 }

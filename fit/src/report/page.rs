@@ -112,17 +112,19 @@ fn all(sections: &[Section]) -> Vec<Line> {
 
 impl Section<'_> {
     fn html(&self, landmarks: &Landmarks) -> Result<Markup> {
-        let (_, drawn) = self.models.first().context("a blendshape has no model")?;
-        let estimates = &self.models[0].0.predictions;
-        let lags = autocorrelation(&drawn.residuals, LAGS);
-        let face = drawings::face(&landmarks.places, &landmarks.correlations(&self.truth))?;
-        let figures = [
-            (drawings::fit(estimates, &self.truth)?, "Estimate against truth"),
-            (drawings::ranked(estimates, &self.truth)?, "Estimates (dots) and truth (line) in the order of the truth"),
-            (drawings::residuals(&drawn.estimates, &drawn.residuals)?, "Residuals over estimates"),
-            (drawings::autocorrelation(&lags, drawn.residuals.len())?, "Autocorrelation of the residuals"),
-            (face, "Correlation of each landmark: black 0, yellow 1"),
+        let (model, diagnostics) = self.models.first().context("a blendshape has no model")?;
+        let pairs: Vec<_> = model.predictions.iter().copied().zip(self.truth.iter().copied()).collect();
+        let lags = autocorrelation(&diagnostics.residuals, LAGS);
+        let mut figures = vec![
+            (drawings::fit(&pairs)?, "Estimate against truth, mostly of pictures that show the expression".to_owned()),
+            (
+                drawings::ranked(&pairs)?,
+                "Estimates (dots) and truth (line), pictures in the order of the truth".to_owned(),
+            ),
+            (drawings::residuals(&pairs)?, "Residuals over estimates, of the same pictures".to_owned()),
+            (drawings::autocorrelation(&lags, pairs.len())?, "Autocorrelation of the residuals".to_owned()),
         ];
+        figures.extend(self.landmark_figures(landmarks)?);
         let lines: Vec<Line> =
             self.models.iter().map(|(model, diagnostics)| Line::new(model.kind, model, diagnostics)).collect();
         Ok(html! {
@@ -134,6 +136,25 @@ impl Section<'_> {
                 p.up { a href="#all" { "All blendshapes" } }
             }
         })
+    }
+
+    /// The face with the correlations, and how its most and least correlated landmarks move.
+    fn landmark_figures(&self, landmarks: &Landmarks) -> Result<[(String, String); 2]> {
+        let found = landmarks.correlations(&self.truth);
+        let by_value = |a: &(usize, &f64), b: &(usize, &f64)| a.1.total_cmp(b.1);
+        let (least, _) = found.iter().enumerate().min_by(by_value).context("there are no landmarks")?;
+        let (most, highest) = found.iter().enumerate().max_by(by_value).context("there are no landmarks")?;
+        let [follows, rests] = [most, least].map(|landmark| landmarks.movement(landmark, &self.truth));
+        Ok([
+            (
+                drawings::face(&landmarks.places, &found)?,
+                format!("Correlation of each landmark with the truth: black 0, yellow {highest:.2}"),
+            ),
+            (
+                drawings::movements(&follows, &rests)?,
+                format!("Landmarks {most} (blue, most correlated) and {least} (orange, least), eye distances"),
+            ),
+        ])
     }
 }
 

@@ -18,7 +18,10 @@ mod statistics;
 mod timecode;
 mod train;
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
 
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
@@ -72,8 +75,18 @@ enum Command {
     },
 }
 
-fn main() -> Result<()> {
-    match Cli::parse().command {
+fn main() -> ExitCode {
+    match run(Cli::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("facewire-fit: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(command: Command) -> Result<()> {
+    match command {
         Command::Train { dataset, out } => train(&dataset, &out),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Judge { dataset, model, all_subjects } => judge(&dataset, model.as_deref(), all_subjects),

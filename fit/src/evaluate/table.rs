@@ -12,6 +12,8 @@ use super::{
 };
 use crate::paper::{AGAINST_ARKIT, AGAINST_ARKIT_AVERAGE, AGAINST_ARKIT_TITLE, AgainstArkit};
 
+/// So many blendshapes that only one side has are named; JSON names all.
+const NAMED: usize = 5;
 /// Head of each column, its width and decimals.
 const COLUMNS: [(&str, usize, usize); FIGURES] = [
     ("r", 6, 3),
@@ -47,7 +49,9 @@ fn heading(aligned: &Aligned) -> String {
         format!("{} frames; track {track:.1} Hz, truth {truth:.1} Hz; shift {late} frames\n", aligned.times_s.len());
     for (side, names) in ["track", "truth"].iter().zip(&aligned.unmatched) {
         if !names.is_empty() {
-            let _ = writeln!(text, "only in the {side}: {}", names.join(", "));
+            let named: Vec<&str> = names.iter().copied().take(NAMED).collect();
+            let dots = if names.len() > NAMED { ", ..." } else { "" };
+            let _ = writeln!(text, "{} only in the {side}: {}{dots}", names.len(), named.join(", "));
         }
     }
     text
@@ -98,7 +102,7 @@ fn imagined(scores: &[Score]) -> usize {
 fn notes(scores: &[Score]) -> String {
     format!(
         "events: found/in the reference; {} more where the reference has none. jitter: RMS of frame-to-frame steps at \
-         rest.\npaper: its table {AGAINST_ARKIT_TITLE}, other faces, events annotated by a person, curves against \
+         rest.\npaper: its table {AGAINST_ARKIT_TITLE}: other faces, events annotated\nby a person, curves against \
          ARKit 6.\n",
         imagined(scores)
     )

@@ -62,6 +62,11 @@ impl<'a> Faces<'a> {
         self.samples[row].subject
     }
 
+    /// Features of picture `row`.
+    pub fn values(&self, row: usize) -> &[f32; FEATURES] {
+        self.features[row].values()
+    }
+
     /// Features and the first `targets` true coefficients of the given pictures, one a row.
     pub fn matrices(&self, rows: &[usize], targets: usize) -> (DMatrix<f64>, DMatrix<f64>) {
         let feature = |row: usize, column: usize| f64::from(self.features[rows[row]].values()[column]);

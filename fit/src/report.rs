@@ -10,16 +10,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use facewire::solve::model_file::ModelFile;
 
 use crate::{
     dataset,
     fitted::{self, Fitted},
     judge::Faces,
+    load_model,
 };
-
-/// The model this program was shipped with.
-const SHIPPED: &str = include_str!("../../models/blendshapes.toml");
 
 /// Arguments of `report`.
 #[derive(Debug, Args)]
@@ -56,7 +53,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let rows = known.rows(args.all_subjects);
     let described = describe(&args.dataset, rows.len(), args.all_subjects);
     let judged = Judged { known: &known, unknown: &unknown, rows, described };
-    let fitted = fitted::shipped(&model_file(args.model.as_deref())?, &known, &unknown, &judged.rows)?;
+    let fitted = fitted::shipped(&load_model(args.model.as_deref())?, &known, &unknown, &judged.rows)?;
     write(&args.out, &judged, &fitted)
 }
 
@@ -72,12 +69,4 @@ fn describe(dataset: &Path, pictures: usize, all_subjects: bool) -> String {
     let subjects = if all_subjects { "all subjects" } else { "subjects that the fit never saw" };
     let name = dataset.file_name().unwrap_or_default().to_string_lossy();
     format!("{pictures} rendered pictures of {subjects}, from {name}")
-}
-
-fn model_file(path: Option<&Path>) -> Result<ModelFile> {
-    let text = match path {
-        Some(path) => std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?,
-        None => SHIPPED.to_owned(),
-    };
-    Ok(ModelFile::parse(&text)?)
 }

@@ -18,11 +18,11 @@ pub struct Landmarks {
 impl Landmarks {
     /// Of the judged pictures. The first features are the coordinates of the landmarks.
     pub fn new(judged: &Judged) -> Self {
-        let coordinates = |features: DMatrix<f64>| features.columns(0, 3 * LANDMARKS).into_owned();
-        let plain = coordinates(judged.unknown.matrices(&judged.rows, 0).0);
-        let column_mean = |column: usize| mean(plain.column(column).iter().copied());
-        let places = (0..LANDMARKS).map(|landmark| [3 * landmark, 3 * landmark + 1].map(column_mean)).collect();
-        Self { places, displacements: coordinates(judged.known.matrices(&judged.rows, 0).0) }
+        let rows = &judged.rows;
+        let mean_of = |column: usize| mean(rows.iter().map(|row| f64::from(judged.unknown.values(*row)[column])));
+        let places = (0..LANDMARKS).map(|landmark| [3 * landmark, 3 * landmark + 1].map(mean_of)).collect();
+        let displacement = |row: usize, column: usize| f64::from(judged.known.values(rows[row])[column]);
+        Self { places, displacements: DMatrix::from_fn(rows.len(), 3 * LANDMARKS, displacement) }
     }
 
     /// Multiple correlation of each landmark's three coordinates with the truth: 0 to 1.

@@ -191,7 +191,7 @@ fn guide() -> Markup {
             dt { "BP" } dd { "Breusch and Pagan (Koenker's form) on the estimates, one degree of freedom: a small p says that errors grow or shrink with the coefficient." }
             dt { "F" } dd { "Overall F with the model's weights as degrees of freedom. The pictures are not those of the fit, so it measures size and has no p." }
             dt { "SW" } dd { "Shapiro and Wilk's W of the residuals: 1 if they look normal. With a thousand pictures p is small for any real model." }
-            dt { "bytes, ns" } dd { "Memory of the weights; time for one face, all blendshapes' time shared out evenly." }
+            dt { "bytes, ns" } dd { "Memory, and time for one face; of the shipped model, which has parts in common, an even share." }
         }
     }
 }

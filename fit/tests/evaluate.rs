@@ -136,10 +136,14 @@ fn live_link_face_recording_is_read_by_name_and_time() {
     let folder = folder();
     let [recording, track] = ["live-link.csv", "track.csv"].map(|name| folder.path().join(name));
     let value = |row: u32| f64::from(row % 40) / 40.0;
-    let live_link: String =
-        (0..120).map(|row| format!("23:59:{}:{}.25,61,0.0,{}\n", 56 + row / 30, row % 30 * 2, value(row))).collect();
-    let ours: String =
-        (0..120).map(|row| format!("{row},{},live,{},0.0\n", f64::from(row) / 30.0, value(row))).collect();
+    let live_link: String = (0..120)
+        .map(|row| format!("23:59:{}:{}.25,61,0.0,{}\n", 56 + row / 30, row % 30 * 2, value(row)))
+        .collect::<Vec<_>>()
+        .concat();
+    let ours: String = (0..120)
+        .map(|row| format!("{row},{},live,{},0.0\n", f64::from(row) / 30.0, value(row)))
+        .collect::<Vec<_>>()
+        .concat();
     fs::write(&recording, format!("Timecode,BlendShapeCount,JawRight,JawLeft\n{live_link}")).unwrap();
     fs::write(&track, format!("frame,time_s,state,jawLeft,jawRight\n{ours}")).unwrap();
     let found = figures(track.to_str().unwrap(), recording.to_str().unwrap(), &[]);

@@ -189,9 +189,9 @@ fn guide() -> Markup {
             dt { "MSE" } dd { "Mean squared error." }
             dt { "DW" } dd { "Durbin and Watson, residuals in the order of the estimates: 2 where neighbours have nothing in common; far below, the model bends the wrong way." }
             dt { "BP" } dd { "Breusch and Pagan (Koenker's form) on the estimates, one degree of freedom: a small p says that errors grow or shrink with the coefficient." }
-            dt { "F" } dd { "Overall F with the model's weights as degrees of freedom. The pictures are not those of the fit, so it measures size and has no p." }
+            dt { "F" } dd { "Overall F with the blendshape's own weights as degrees of freedom. The pictures are not those of the fit, so it measures size and has no p." }
             dt { "SW" } dd { "Shapiro and Wilk's W of the residuals: 1 if they look normal. With a thousand pictures p is small for any real model." }
-            dt { "bytes, ns" } dd { "Memory, and time for one face; of the shipped model, which has parts in common, an even share." }
+            dt { "bytes, ns" } dd { "Memory, and time of the regression for one face; of the shipped model, whose blendshapes have parts in common, an even share." }
         }
     }
 }

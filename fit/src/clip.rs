@@ -14,7 +14,7 @@ use npyz::npz::NpzArchive;
 
 use crate::{
     dataset::{LANDMARK_VALUES, floats, landmarks_of},
-    stats::mean,
+    statistics::mean,
 };
 
 /// Frame rate of the clips.

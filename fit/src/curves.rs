@@ -7,13 +7,13 @@ use facewire::solve::{BLENDSHAPES, COEFFS, HeadPose};
 
 use crate::{
     clip::Solved,
-    stats::{mean, pearson},
+    statistics::{mean, pearson, standard_deviation},
 };
 
 /// Smoothing and the network delay a curve: the truth may lead by this many frames.
 const MAX_LAG: usize = 5;
 /// Coefficients that move less (standard deviation) say nothing about correlation.
-const MOVING: f64 = 0.02;
+pub const MOVING: f64 = 0.02;
 
 /// True curves of a clip.
 pub struct Truth {
@@ -46,7 +46,7 @@ impl Truth {
 
 /// Best correlation of a curve with the truth, letting the curve come up to [`MAX_LAG`] frames late, and that lag.
 fn lagged_r(curve: &[f64], truth: &[f64]) -> (f64, usize) {
-    let at = |lag: usize| (pearson(curve.iter().skip(lag).copied().zip(truth.iter().copied())), lag);
+    let at = |lag: usize| (pearson(curve.get(lag..).unwrap_or_default(), truth), lag);
     (0..=MAX_LAG).map(at).fold((-1.0, 0), |best, next| if next.0 > best.0 { next } else { best })
 }
 
@@ -54,12 +54,7 @@ fn lagged_r(curve: &[f64], truth: &[f64]) -> (f64, usize) {
 fn moving(truth: &Truth) -> impl Iterator<Item = (usize, Vec<f64>)> {
     let curve = |index: usize| truth.coefficients.iter().map(|frame| frame[index]).collect::<Vec<_>>();
     let curves = (0..COEFFS).map(move |index| (index, curve(index)));
-    curves.filter(|(_, curve)| deviation(curve) > MOVING)
-}
-
-fn deviation(curve: &[f64]) -> f64 {
-    let centre = mean(curve.iter().copied());
-    mean(curve.iter().map(|value| (value - centre).powi(2))).sqrt()
+    curves.filter(|(_, curve)| standard_deviation(curve) > MOVING)
 }
 
 /// The table that `clip` prints: best correlation and its lag, neutral face known and not known.

@@ -6,7 +6,7 @@ use facewire::solve::{BLENDSHAPES, FEATURES, MEASURES};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use crate::{dataset::Sample, evaluate::Faces};
+use crate::{dataset::Sample, judge::Faces};
 
 /// All blendshapes but the last, `tongueOut`, which landmarks do not show.
 pub const MODELLED: usize = BLENDSHAPES.len() - 1;

@@ -1,142 +1,109 @@
-//! Judges a model by facewire's own solver, picture by picture.
+//! `facewire-fit evaluate`: judges the curves of a tracker by true ones, or by those of another tracker.
 
-use std::collections::BTreeMap;
+mod align;
+mod annotations;
+mod score;
+mod table;
+
+use std::{fs::File, path::PathBuf};
 
 use anyhow::{Context, Result};
-use facewire::solve::{
-    BLENDSHAPES, COEFFS, Camera, Correction, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised,
-    normalise,
+use clap::Args;
+
+use self::{
+    align::Aligned,
+    annotations::Annotations,
+    score::{Limits, Score},
 };
-use rayon::prelude::*;
+use crate::recording::Recording;
 
-use crate::{
-    dataset::{Person, Sample},
-    stats::{mean, mse, pearson},
-};
+const AFTER_HELP: &str = "\
+Columns are matched by name. Read are the CSV of `facewire track`, recordings of Live Link Face, and any table with a
+header of blendshapes and a column time_s or frame. The truth is interpolated at the times of TRACK.
+Correlations are given where the truth moves (standard deviation above 0.02), jitter where it rests.
+An event is a rise of the truth to f-min after a fall below half of it, or a line of EVENTS (blendshape,time_s or
+blendshape,frame; counted from the truth's first row). It is found if TRACK reaches f-min within the tolerance.
 
-/// How well a blendshape is found.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Score {
-    /// Pearson's correlation with the truth.
-    pub r: f64,
-    /// Mean squared error.
-    pub mse: f64,
+Examples:
+  facewire track demo --out track.csv && facewire-fit evaluate track.csv truth.csv
+  facewire-fit evaluate track.csv MySlate_5_iPhone.csv --shift auto --overlap --json scores.json";
+
+/// Arguments of `evaluate`.
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct EvaluateArgs {
+    /// The curves to be judged (CSV).
+    track: PathBuf,
+    /// The true curves, or those of another tracker (CSV).
+    truth: PathBuf,
+    /// Annotated events; without them events are read off the truth.
+    #[arg(long, value_name = "EVENTS.csv")]
+    events: Option<PathBuf>,
+    /// Also write the figures as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Frames that TRACK is late by, or `auto`: the best within 2 seconds.
+    #[arg(long, value_name = "FRAMES", default_value = "0", allow_negative_numbers = true, value_parser = parse_shift)]
+    shift: Shift,
+    /// Judge what both cover, where one is longer.
+    #[arg(long)]
+    overlap: bool,
+    /// Frames a second of tables that state no time.
+    #[arg(long, default_value_t = 30.0, value_parser = positive)]
+    fps: f64,
+    /// Coefficient at which an expression counts as an event.
+    #[arg(long, default_value_t = 0.3, value_parser = positive)]
+    f_min: f64,
+    /// How far from an event it may be found, seconds (the paper: about 15 frames).
+    #[arg(long, default_value_t = 0.5, value_parser = positive)]
+    tolerance_s: f64,
 }
 
-/// Pictures with what the solver sees of them.
-pub struct Faces<'a> {
-    samples: &'a [Sample],
-    features: Vec<Features>,
+/// How far TRACK is late.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Shift {
+    Frames(i32),
+    Auto,
 }
 
-impl<'a> Faces<'a> {
-    /// Features of every sample, displacements from the subject's neutral picture if `neutral_known`.
-    pub fn new(samples: &'a [Sample], neutral_known: bool) -> Result<Self> {
-        let faces = samples.par_iter().map(|sample| normalise(&sample.landmarks)).collect::<Result<Vec<_>, _>>()?;
-        let neutrals = if neutral_known { neutrals(samples, &faces)? } else { BTreeMap::new() };
-        let one = |(sample, face): (&Sample, &Normalised)| Features::new(face, neutrals.get(&sample.person()));
-        Ok(Self { samples, features: samples.par_iter().zip(&faces).map(one).collect() })
+/// Runs the command.
+pub fn run(args: &EvaluateArgs) -> Result<()> {
+    let [track, truth] = [&args.track, &args.truth].map(|path| Recording::load(path, args.fps));
+    let (track, truth) = (track?, truth?);
+    if !args.overlap {
+        align::same_length(&track, &truth)?;
     }
-
-    /// How many pictures.
-    pub fn len(&self) -> usize {
-        self.samples.len()
-    }
-
-    /// Whether the fit may not see picture `row`.
-    pub fn held_out(&self, row: usize) -> bool {
-        self.samples[row].held_out()
-    }
-
-    /// Features of picture `row`.
-    pub fn values(&self, row: usize) -> &[f32; FEATURES] {
-        self.features[row].values()
-    }
-}
-
-/// The neutral face of every person.
-fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<BTreeMap<Person, Neutral>> {
-    let mut means: BTreeMap<Person, NeutralMean> = BTreeMap::new();
-    for (sample, face) in samples.iter().zip(faces) {
-        let mean = means.entry(sample.person()).or_default();
-        if sample.neutral {
-            mean.add(face);
-        }
-    }
-    let finish = |(person, mean): (Person, NeutralMean)| {
-        Ok((person, mean.finish().context("a subject has no neutral picture")?))
+    let aligned = match args.shift {
+        Shift::Frames(frames) => Aligned::new(&track, &truth, frames)?,
+        Shift::Auto => align::best(&track, &truth)?,
     };
-    means.into_iter().map(finish).collect()
+    let events = args.events.as_deref().map(|path| Annotations::load(path, args.fps)).transpose()?;
+    let limits = Limits { f_min: args.f_min, tolerance_s: args.tolerance_s };
+    let scores = score::all(&aligned, events.as_ref(), limits);
+    print!("{}", table::text(&aligned, &scores));
+    let Some(path) = &args.json else { return Ok(()) };
+    let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    serde_json::to_writer_pretty(file, &table::json(&aligned, &scores)).context("cannot write the figures")
 }
 
-/// Scores of the corrected coefficients on held-out subjects, by blendshape.
-pub fn scores(model: &Model, faces: &Faces) -> Result<Vec<Score>> {
-    scores_of(model, faces, |row| faces.held_out(row))
+fn parse_shift(text: &str) -> Result<Shift, String> {
+    let frames = || text.parse().map(Shift::Frames).map_err(|_| "write a number of frames, or auto".to_owned());
+    if text == "auto" { Ok(Shift::Auto) } else { frames() }
 }
 
-/// Scores of the corrected coefficients on the chosen pictures, by blendshape.
-pub fn scores_of(model: &Model, faces: &Faces, chosen: impl Fn(usize) -> bool) -> Result<Vec<Score>> {
-    let correction = Correction::default();
-    let mut pairs = vec![Vec::new(); COEFFS];
-    for row in (0..faces.len()).filter(|row| chosen(*row)) {
-        let raw = model.process(&faces.features[row])?;
-        let corrected = correction.process(&mut correction.start(), &raw, 0.0);
-        for (index, list) in pairs.iter_mut().enumerate() {
-            list.push((f64::from(corrected.0[index]), faces.samples[row].truth[index]));
-        }
-    }
-    Ok(pairs.iter().map(|list| score(list)).collect())
-}
-
-fn score(pairs: &[(f64, f64)]) -> Score {
-    Score { r: pearson(pairs.iter().copied()), mse: mse(pairs.iter().copied()) }
-}
-
-/// Mean over the blendshapes that landmarks show (51).
-pub fn mean_of(scores: &[Score]) -> Score {
-    let shown = &scores[..scores.len() - 1];
-    Score { r: mean(shown.iter().map(|score| score.r)), mse: mean(shown.iter().map(|score| score.mse)) }
-}
-
-/// Mean absolute error of yaw, pitch and roll over all pictures, degrees. Nothing of the pose is fitted per subject.
-pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
-    let camera = Camera { width_px: 400.0, height_px: 600.0, horizontal_fov_deg: 16.1 };
-    let angles = |pose: HeadPose| [pose.yaw_deg, pose.pitch_deg, pose.roll_deg].map(f64::from);
-    let errors = |sample: &Sample| -> Result<[f64; 3]> {
-        let seen = angles(HeadPose::new(&normalise(&sample.landmarks)?, &camera));
-        Ok(core::array::from_fn(|axis| (seen[axis] - sample.pose_deg[axis]).abs()))
-    };
-    let errors = samples.par_iter().map(errors).collect::<Result<Vec<_>>>()?;
-    Ok(core::array::from_fn(|axis| mean(errors.iter().map(|error| error[axis]))))
-}
-
-/// The table that `evaluate` prints.
-pub fn table(known: &[Score], unknown: &[Score]) -> String {
-    let line = |name: &str, known: Score, unknown: Score| {
-        format!("| {name:<20} | {:>6.3} | {:>7.4} | {:>6.3} | {:>7.4} |\n", known.r, known.mse, unknown.r, unknown.mse)
-    };
-    let head = "| blendshape           | r      | MSE     | r      | MSE     |\n|---|---|---|---|---|\n";
-    let rows = BLENDSHAPES.iter().zip(known.iter().zip(unknown)).map(|(name, (a, b))| line(name, *a, *b));
-    let mean_line = line("mean of 51", mean_of(known), mean_of(unknown));
-    format!("neutral face known, then not known\n{head}{}{mean_line}", rows.collect::<String>())
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| *number > 0.0 && number.is_finite());
+    number.ok_or_else(|| "write a number above 0".to_owned())
 }
 
 #[cfg(test)]
-#[allow(clippy::expect_used)]
 mod tests {
     use super::*;
-    use crate::{dataset, reference};
 
     #[test]
-    fn shipped_model_correlates_on_subjects_the_fit_never_saw() {
-        let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
-            return reference::say_skipped("dataset/");
-        };
-        let model = Model::embedded().expect("shipped");
-        for (neutral_known, least_r, most_mse) in [(true, 0.7, 0.011), (false, 0.66, 0.012)] {
-            let faces = Faces::new(&samples, neutral_known).expect("faces");
-            let mean = mean_of(&scores(&model, &faces).expect("scores"));
-            assert!(mean.r >= least_r && mean.mse <= most_mse, "neutral known: {neutral_known}, {mean:?}");
-        }
+    fn shift_is_a_number_of_frames_or_auto() {
+        assert_eq!(parse_shift("-3"), Ok(Shift::Frames(-3)));
+        assert_eq!(parse_shift("auto"), Ok(Shift::Auto));
+        assert!(parse_shift("3.5").is_err() && positive("0").is_err() && positive("inf").is_err());
     }
 }

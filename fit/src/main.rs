@@ -8,15 +8,24 @@ mod curves;
 mod dataset;
 mod design;
 mod evaluate;
+mod fitted;
+mod judge;
 mod mirror;
 mod network;
+mod paper;
+mod recording;
 #[cfg(test)]
 mod reference;
+mod report;
 mod select;
-mod stats;
+mod statistics;
+mod timecode;
 mod train;
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
 
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
@@ -42,8 +51,10 @@ enum Command {
         #[arg(long, default_value_t = 90)]
         epochs: usize,
     },
-    /// Print correlation and error of every blendshape, by facewire's own solver
-    Evaluate {
+    /// Judge a CSV of `facewire track` by true curves, or by another tracker's
+    Evaluate(evaluate::EvaluateArgs),
+    /// Print correlation and error of a model on a dataset, by facewire's own solver
+    Judge {
         /// Landmarks with true coefficients (npz archive, names beside it as JSON)
         dataset: PathBuf,
         /// A model to judge instead of the built-in one
@@ -53,6 +64,8 @@ enum Command {
         #[arg(long)]
         all_subjects: bool,
     },
+    /// Write the figures of every blendshape and model kind as one HTML page, with drawings
+    Report(report::ReportArgs),
     /// Print correlation with the truth, pose error and jitter on a clip, with and without its neutral face
     Clip {
         /// Landmarks of the frames (npz archive)
@@ -69,10 +82,22 @@ enum Command {
     },
 }
 
-fn main() -> Result<()> {
-    match Cli::parse().command {
+fn main() -> ExitCode {
+    match run(Cli::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("facewire-fit: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(command: Command) -> Result<()> {
+    match command {
         Command::Train { dataset, out, epochs } => train(&dataset, &out, epochs),
-        Command::Evaluate { dataset, model, all_subjects } => evaluate(&dataset, model.as_deref(), all_subjects),
+        Command::Evaluate(args) => evaluate::run(&args),
+        Command::Judge { dataset, model, all_subjects } => judge(&dataset, model.as_deref(), all_subjects),
+        Command::Report(args) => report::run(&args),
         Command::Clip { landmarks, truth, neutral_frames, model } => {
             clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
         }
@@ -84,20 +109,20 @@ fn train(dataset: &Path, out: &Path, epochs: usize) -> Result<()> {
     let made_by = format!("facewire-fit train {} --epochs {epochs}", dataset.display());
     let file = train::train(&mirror::with_mirrored(&samples)?, &samples, epochs, made_by)?;
     std::fs::write(out, toml::to_string(&file)?).with_context(|| format!("cannot write {}", out.display()))?;
-    report(&file.to_model()?, &samples, false)
+    judge_on(&file.to_model()?, &samples, false)
 }
 
-fn evaluate(dataset: &Path, model: Option<&Path>, all_subjects: bool) -> Result<()> {
-    report(&load_model(model)?, &dataset::load(dataset)?, all_subjects)
+fn judge(dataset: &Path, model: Option<&Path>, all_subjects: bool) -> Result<()> {
+    judge_on(&load_model(model)?, &dataset::load(dataset)?, all_subjects)
 }
 
-fn report(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Result<()> {
+fn judge_on(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Result<()> {
     let scores = |neutral_known| -> Result<_> {
-        let faces = evaluate::Faces::new(samples, neutral_known)?;
-        evaluate::scores_of(model, &faces, |row| all_subjects || faces.held_out(row))
+        let faces = judge::Faces::new(samples, neutral_known)?;
+        judge::scores_of(model, &faces, &faces.rows(all_subjects))
     };
-    print!("{}", evaluate::table(&scores(true)?, &scores(false)?));
-    let [yaw, pitch, roll] = evaluate::pose_error_deg(samples)?;
+    print!("{}", judge::table(&scores(true)?, &scores(false)?));
+    let [yaw, pitch, roll] = judge::pose_error_deg(samples)?;
     println!("head pose, mean error over all pictures: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
     println!("model in memory: {} bytes", model.size_bytes());
     Ok(())

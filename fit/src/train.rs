@@ -13,7 +13,7 @@ use crate::{
     basis::Basis,
     dataset::Sample,
     design::{Design, MODELLED, Scale},
-    evaluate::{self, Faces},
+    judge::{self, Faces},
     network::{Lesson, Network},
     select::select,
 };
@@ -39,8 +39,8 @@ pub fn train(seen: &[Sample], samples: &[Sample], epochs: usize, made_by: String
     );
     let mut file = fit(&Design::new(seen)?, epochs, ModelFile::new(made_by, fitted_on))?;
     let model = file.to_model()?;
-    let [known, unknown] = [true, false].map(|known| evaluate::scores(&model, &Faces::new(samples, known)?));
-    let score = |score: &evaluate::Score| ScoreTable { r: rounded(score.r, 4), mse: rounded(score.mse, 5) };
+    let [known, unknown] = [true, false].map(|known| judge::scores(&model, &Faces::new(samples, known)?));
+    let score = |score: &judge::Score| ScoreTable { r: rounded(score.r, 4), mse: rounded(score.mse, 5) };
     for (name, (known, unknown)) in BLENDSHAPES.iter().zip(known?.iter().zip(&unknown?)) {
         if let Some(table) = file.blendshapes.get_mut(*name) {
             (table.neutral_known, table.neutral_unknown) = (score(known), score(unknown));

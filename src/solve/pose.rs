@@ -3,7 +3,7 @@
 //! Rotation is `Rz(roll) Rx(-pitch) Ry(yaw)`: it turns the head's axes (x to the person's left, y up, z out of the
 //! face) into the picture's (x right, y up, z towards the camera), so it is the identity when facing the camera.
 //! Position comes from the size a mean face has at that distance. Accuracy on 10,000 rendered faces (yaw to 40,
-//! pitch to 25 degrees), mean error: yaw 1.2, pitch 2.4, roll 0.8 degrees; `facewire-fit evaluate` prints it.
+//! pitch to 25 degrees), mean error: yaw 1.2, pitch 2.4, roll 0.8 degrees; `facewire-fit judge` prints it.
 //! Limits: position scales with the wearer's true distance of the eyes (63 mm are assumed).
 
 use nalgebra::{UnitQuaternion, Vector3};

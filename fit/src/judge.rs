@@ -1,0 +1,165 @@
+//! Judges a model by facewire's own solver, picture by picture.
+
+use std::{collections::BTreeMap, hint::black_box, time::Instant};
+
+use anyhow::{Context, Result};
+use facewire::solve::{
+    BLENDSHAPES, COEFFS, Camera, Correction, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised,
+    normalise,
+};
+use rayon::prelude::*;
+
+use crate::{
+    dataset::{Person, Sample},
+    statistics::{mean, mse, pearson},
+};
+
+/// Passes over the pictures, of which the fastest is the least disturbed.
+const TIMED_PASSES: usize = 7;
+
+/// How well a blendshape is found.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Score {
+    /// Pearson's correlation with the truth.
+    pub r: f64,
+    /// Mean squared error.
+    pub mse: f64,
+}
+
+/// Pictures with what the solver sees of them.
+pub struct Faces<'a> {
+    samples: &'a [Sample],
+    features: Vec<Features>,
+}
+
+impl<'a> Faces<'a> {
+    /// Features of every sample, displacements from the subject's neutral picture if `neutral_known`.
+    pub fn new(samples: &'a [Sample], neutral_known: bool) -> Result<Self> {
+        let faces = samples.par_iter().map(|sample| normalise(&sample.landmarks)).collect::<Result<Vec<_>, _>>()?;
+        let neutrals = if neutral_known { neutrals(samples, &faces)? } else { BTreeMap::new() };
+        let one = |(sample, face): (&Sample, &Normalised)| Features::new(face, neutrals.get(&sample.person()));
+        Ok(Self { samples, features: samples.par_iter().zip(&faces).map(one).collect() })
+    }
+
+    /// How many pictures.
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// The pictures to judge by: those that the fit may not see, or all.
+    pub fn rows(&self, all: bool) -> Vec<usize> {
+        (0..self.len()).filter(|row| all || self.samples[*row].held_out()).collect()
+    }
+
+    /// True coefficients of a blendshape in pictures `rows`.
+    pub fn truth(&self, blendshape: usize, rows: &[usize]) -> Vec<f64> {
+        rows.iter().map(|row| self.samples[*row].truth[blendshape]).collect()
+    }
+
+    /// Features of picture `row`.
+    pub fn values(&self, row: usize) -> &[f32; FEATURES] {
+        self.features[row].values()
+    }
+}
+
+/// The neutral face of every person.
+fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<BTreeMap<Person, Neutral>> {
+    let mut means: BTreeMap<Person, NeutralMean> = BTreeMap::new();
+    for (sample, face) in samples.iter().zip(faces) {
+        let mean = means.entry(sample.person()).or_default();
+        if sample.neutral {
+            mean.add(face);
+        }
+    }
+    let finish = |(person, mean): (Person, NeutralMean)| {
+        Ok((person, mean.finish().context("a subject has no neutral picture")?))
+    };
+    means.into_iter().map(finish).collect()
+}
+
+/// Scores of the corrected coefficients on held-out subjects, by blendshape.
+pub fn scores(model: &Model, faces: &Faces) -> Result<Vec<Score>> {
+    scores_of(model, faces, &faces.rows(false))
+}
+
+/// Scores of the corrected coefficients of pictures `rows`, by blendshape.
+pub fn scores_of(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Score>> {
+    let score = |(blendshape, estimate): (usize, Vec<f64>)| {
+        let truth = faces.truth(blendshape, rows);
+        Score { r: pearson(&estimate, &truth), mse: mse(&estimate, &truth) }
+    };
+    Ok(estimates(model, faces, rows)?.into_iter().enumerate().map(score).collect())
+}
+
+/// Corrected coefficients of pictures `rows`, one list for each blendshape.
+pub fn estimates(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Vec<f64>>> {
+    let correction = Correction::default();
+    let mut curves = vec![Vec::new(); COEFFS];
+    for row in rows {
+        let raw = model.process(&faces.features[*row])?;
+        let corrected = correction.process(&mut correction.start(), &raw, 0.0);
+        curves.iter_mut().zip(corrected.0).for_each(|(curve, value)| curve.push(f64::from(value)));
+    }
+    Ok(curves)
+}
+
+/// Time of the regression for one face, nanoseconds: mean over the pictures `rows`, of the fastest of some passes.
+pub fn regression_ns(model: &Model, faces: &Faces, rows: &[usize]) -> Result<f64> {
+    let pass = || -> Result<f64> {
+        let start = Instant::now();
+        for row in rows {
+            black_box(model.process(black_box(&faces.features[*row]))?);
+        }
+        Ok(start.elapsed().as_secs_f64() * 1e9 / rows.len() as f64)
+    };
+    (0..TIMED_PASSES).try_fold(f64::INFINITY, |best, _| Ok(best.min(pass()?)))
+}
+
+/// Mean over the blendshapes that landmarks show (51).
+pub fn mean_of(scores: &[Score]) -> Score {
+    let shown = &scores[..scores.len() - 1];
+    Score { r: mean(shown.iter().map(|score| score.r)), mse: mean(shown.iter().map(|score| score.mse)) }
+}
+
+/// Mean absolute error of yaw, pitch and roll over all pictures, degrees. Nothing of the pose is fitted per subject.
+pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
+    let camera = Camera { width_px: 400.0, height_px: 600.0, horizontal_fov_deg: 16.1 };
+    let angles = |pose: HeadPose| [pose.yaw_deg, pose.pitch_deg, pose.roll_deg].map(f64::from);
+    let errors = |sample: &Sample| -> Result<[f64; 3]> {
+        let seen = angles(HeadPose::new(&normalise(&sample.landmarks)?, &camera));
+        Ok(core::array::from_fn(|axis| (seen[axis] - sample.pose_deg[axis]).abs()))
+    };
+    let errors = samples.par_iter().map(errors).collect::<Result<Vec<_>>>()?;
+    Ok(core::array::from_fn(|axis| mean(errors.iter().map(|error| error[axis]))))
+}
+
+/// The table that `judge` prints.
+pub fn table(known: &[Score], unknown: &[Score]) -> String {
+    let line = |name: &str, known: Score, unknown: Score| {
+        format!("| {name:<20} | {:>6.3} | {:>7.4} | {:>6.3} | {:>7.4} |\n", known.r, known.mse, unknown.r, unknown.mse)
+    };
+    let head = "| blendshape           | r      | MSE     | r      | MSE     |\n|---|---|---|---|---|\n";
+    let rows = BLENDSHAPES.iter().zip(known.iter().zip(unknown)).map(|(name, (a, b))| line(name, *a, *b));
+    let mean_line = line("mean of 51", mean_of(known), mean_of(unknown));
+    format!("neutral face known, then not known\n{head}{}{mean_line}", rows.collect::<String>())
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+    use crate::{dataset, reference};
+
+    #[test]
+    fn shipped_model_correlates_on_subjects_the_fit_never_saw() {
+        let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
+            return reference::say_skipped("dataset/");
+        };
+        let model = Model::embedded().expect("shipped");
+        for (neutral_known, least_r, most_mse) in [(true, 0.7, 0.011), (false, 0.66, 0.012)] {
+            let faces = Faces::new(&samples, neutral_known).expect("faces");
+            let mean = mean_of(&scores(&model, &faces).expect("scores"));
+            assert!(mean.r >= least_r && mean.mse <= most_mse, "neutral known: {neutral_known}, {mean:?}");
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! Curves of blendshapes over time, read from CSV.
+//!
+//! Columns are found by name, upper and lower case alike, so their order does not matter: Live Link Face has `JawRight`
+//! before `JawLeft`. Time is the column `Timecode` (Live Link Face, `hours:minutes:seconds:frames.part`), `time_s`
+//! (`facewire track`), or `frame` at a stated rate; without any of them rows follow each other at that rate. Times are
+//! counted from the first row. Other columns are not read.
+
+use std::{collections::BTreeMap, fs::File, path::Path};
+
+use anyhow::{Context, Result, bail, ensure};
+use csv::{Reader, StringRecord};
+use facewire::solve::BLENDSHAPES;
+
+use crate::timecode;
+
+/// Curves of some blendshapes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// Of each row, seconds after the first, strictly rising.
+    pub times_s: Vec<f64>,
+    /// One value a row, by name of the blendshape.
+    pub curves: BTreeMap<&'static str, Vec<f64>>,
+}
+
+/// Where the time of a row stands.
+#[derive(Debug, Clone, Copy)]
+enum Clock {
+    Timecode(usize),
+    Seconds(usize),
+    Frame(usize),
+    Rows,
+}
+
+impl Recording {
+    /// Reads a file. `fps` is the rate of files that state no time.
+    pub fn load(path: &Path, fps: f64) -> Result<Self> {
+        let named = || format!("{}", path.display());
+        let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::read(file, fps).with_context(named)
+    }
+
+    /// Reads CSV.
+    pub fn read(input: impl std::io::Read, fps: f64) -> Result<Self> {
+        let mut reader = Reader::from_reader(input);
+        let header = reader.headers().context("is not a CSV file")?.clone();
+        let columns = blendshape_columns(&header)?;
+        let clock = Clock::of(&header);
+        let rows = reader.records().collect::<Result<Vec<_>, _>>().context("is not a CSV file")?;
+        ensure!(rows.len() >= 2, "holds {} rows of coefficients; at least 2 are needed", rows.len());
+        let times = clock.times_s(&rows, fps)?;
+        let kept = rising(&times)?;
+        let mut curves = BTreeMap::new();
+        for (name, column) in columns {
+            let values = kept.iter().map(|row| number(&rows[*row], *row, column, name));
+            curves.insert(name, values.collect::<Result<Vec<_>>>()?);
+        }
+        Ok(Self { times_s: kept.iter().map(|row| times[*row] - times[0]).collect(), curves })
+    }
+
+    /// Seconds from the first to the last row.
+    pub fn length_s(&self) -> f64 {
+        self.times_s.last().copied().unwrap_or(0.0)
+    }
+
+    /// Seconds from row to row: the median, which a gap does not disturb.
+    pub fn step_s(&self) -> f64 {
+        let mut steps: Vec<f64> = self.times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        steps.get(steps.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// A blendshape's value at a time between the first and the last row, on the line between its neighbours.
+    /// `None` outside and for a blendshape that is not recorded.
+    pub fn at(&self, blendshape: &str, time_s: f64) -> Option<f64> {
+        let curve = self.curves.get(blendshape)?;
+        let next = self.times_s.partition_point(|time| *time < time_s);
+        let (after, value) = (*self.times_s.get(next)?, *curve.get(next)?);
+        if next == 0 {
+            return (time_s >= after).then_some(value);
+        }
+        let (before, start) = (self.times_s[next - 1], curve[next - 1]);
+        Some(start + (value - start) * (time_s - before) / (after - before))
+    }
+}
+
+/// The blendshapes of a header with the places of their columns.
+fn blendshape_columns(header: &StringRecord) -> Result<Vec<(&'static str, usize)>> {
+    let mut found = Vec::new();
+    for name in BLENDSHAPES {
+        let places: Vec<usize> = places(header, name).collect();
+        ensure!(places.len() <= 1, "has {} columns called {name}", places.len());
+        found.extend(places.first().map(|place| (name, *place)));
+    }
+    let begin: Vec<&str> = header.iter().take(4).collect();
+    ensure!(!found.is_empty(), "has no column of a blendshape; its first line begins `{}`", begin.join(","));
+    Ok(found)
+}
+
+fn places<'a>(header: &'a StringRecord, name: &'a str) -> impl Iterator<Item = usize> + 'a {
+    header.iter().enumerate().filter(move |(_, cell)| cell.trim().eq_ignore_ascii_case(name)).map(|(place, _)| place)
+}
+
+impl Clock {
+    fn of(header: &StringRecord) -> Self {
+        let place = |name| places(header, name).next();
+        let timecode = place("timecode").map(Self::Timecode);
+        let seconds = || place("time_s").map(Self::Seconds);
+        timecode.or_else(seconds).or_else(|| place("frame").map(Self::Frame)).unwrap_or(Self::Rows)
+    }
+
+    fn times_s(self, rows: &[StringRecord], fps: f64) -> Result<Vec<f64>> {
+        let numbers = |column, name| rows.iter().zip(0..).map(move |(record, row)| number(record, row, column, name));
+        match self {
+            Self::Timecode(column) => timecode::seconds(rows.iter().map(|row| row.get(column).unwrap_or_default())),
+            Self::Seconds(column) => numbers(column, "time_s").collect(),
+            Self::Frame(column) => numbers(column, "frame").map(|frame| Ok(frame? / fps)).collect(),
+            Self::Rows => Ok((0..rows.len()).map(|row| row as f64 / fps).collect()),
+        }
+    }
+}
+
+/// Rows whose time is later than that of the row before. Recordings repeat a time where a frame was late.
+fn rising(times: &[f64]) -> Result<Vec<usize>> {
+    let mut kept = vec![0];
+    for (row, pair) in (1..).zip(times.windows(2)) {
+        if pair[1] < pair[0] {
+            bail!("line {}: time goes back from {:.3} to {:.3} s", row + 2, pair[0], pair[1]);
+        }
+        if pair[1] > pair[0] {
+            kept.push(row);
+        }
+    }
+    ensure!(kept.len() >= 2, "all rows have the same time");
+    Ok(kept)
+}
+
+fn number(record: &StringRecord, row: usize, column: usize, name: &str) -> Result<f64> {
+    let cell = record.get(column).unwrap_or_default().trim();
+    let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
+    value.with_context(|| format!("line {}, column {name}: `{cell}` is not a number", row + 2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Recording> {
+        Recording::read(text.as_bytes(), 30.0)
+    }
+
+    fn refusal(text: &str) -> String {
+        format!("{:#}", read(text).unwrap_err())
+    }
+
+    #[test]
+    fn columns_are_found_by_name_in_any_order_and_case() {
+        let track = read("frame,time_s,state,jawLeft,jawRight\n0,0.0,live,0.1,0.2\n1,0.5,live,0.3,0.4\n").unwrap();
+        let live_link = read(
+            "Timecode,BlendShapeCount,JawRight,JawLeft,HeadYaw\n01:00:00:00.0,61,0.2,0.1,0\n01:00:00:30.0,61,0.4,0.3,0\n",
+        );
+        assert_eq!(track.curves["jawLeft"], [0.1, 0.3]);
+        assert_eq!(live_link.unwrap(), track);
+    }
+
+    #[test]
+    fn files_without_time_take_the_stated_rate() {
+        assert_eq!(read("frame,jawOpen\n5,0\n8,1\n").unwrap().times_s, [0.0, 3.0 / 30.0]);
+        assert_eq!(read("jawOpen\n0\n1\n").unwrap().times_s, [0.0, 1.0 / 30.0]);
+    }
+
+    #[test]
+    fn values_between_rows_lie_on_the_line_and_there_are_none_outside() {
+        let recording = read("time_s,jawOpen\n2.0,0.0\n3.0,0.5\n4.0,0.1\n").unwrap();
+        let values = [0.0, 0.5, 1.5, 2.0].map(|time| recording.at("jawOpen", time).unwrap());
+        let wanted = [0.0, 0.25, 0.3, 0.1];
+        assert!(values.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-12), "{values:?}");
+        assert_eq!([-0.1, 2.1].map(|time| recording.at("jawOpen", time)), [None, None]);
+        assert_eq!(recording.at("jawLeft", 1.0), None);
+    }
+
+    #[test]
+    fn row_that_repeats_the_time_before_it_is_left_out() {
+        let recording = read("time_s,jawOpen\n0,0.1\n1,0.2\n1,0.9\n2,0.3\n").unwrap();
+        assert_eq!(recording.curves["jawOpen"], [0.1, 0.2, 0.3]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_its_line() {
+        assert!(refusal("time,x\n1,2\n").contains("no column of a blendshape; its first line begins `time,x`"));
+        assert!(refusal("jawOpen,JawOpen\n1,2\n").contains("2 columns called jawOpen"));
+        assert!(refusal("time_s,jawOpen\n0,0\n1,high\n").contains("line 3, column jawOpen: `high`"));
+        assert!(refusal("time_s,jawOpen\n0,0\n1,NaN\n").contains("line 3"));
+        assert!(refusal("time_s,jawOpen\n1,0\n0,0\n").contains("line 3: time goes back"));
+        assert!(refusal("jawOpen\n0.5\n").contains("1 rows"));
+        assert!(refusal("jawOpen,jawLeft\n0.5,0.5\n0.5\n").contains("is not a CSV file"));
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_are_refused() {
+        let refusal = Recording::read(&b"\x89PNG\r\n\xff\xfe\n\xff\n"[..], 30.0).unwrap_err();
+        assert!(format!("{refusal:#}").contains("is not a CSV file"));
+    }
+}

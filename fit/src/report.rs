@@ -1,0 +1,72 @@
+//! `facewire-fit report`: the figures of every blendshape and kind of model, as one page of HTML with drawings.
+
+mod diagnostics;
+mod drawings;
+mod heat;
+mod page;
+mod table;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::Args;
+
+use crate::{
+    dataset,
+    fitted::{self, Fitted},
+    judge::Faces,
+    load_model,
+};
+
+/// Arguments of `report`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// Landmarks with true coefficients (npz archive, names beside it as JSON).
+    dataset: PathBuf,
+    /// Where the page is written.
+    #[arg(long, value_name = "FILE", default_value = "report.html")]
+    out: PathBuf,
+    /// A model to judge instead of the built-in one.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Judge on all subjects: for data that the model was not fitted on.
+    #[arg(long)]
+    all_subjects: bool,
+}
+
+/// The pictures that all kinds of model are judged by.
+pub struct Judged<'a> {
+    /// Displacements from the subjects' neutral faces.
+    pub known: &'a Faces<'a>,
+    /// Where the points lie.
+    pub unknown: &'a Faces<'a>,
+    /// The pictures.
+    pub rows: Vec<usize>,
+    /// What they are, in words.
+    pub described: String,
+}
+
+/// Runs the command.
+pub fn run(args: &ReportArgs) -> Result<()> {
+    let samples = dataset::load(&args.dataset)?;
+    let (known, unknown) = (Faces::new(&samples, true)?, Faces::new(&samples, false)?);
+    let rows = known.rows(args.all_subjects);
+    let described = describe(&args.dataset, rows.len(), args.all_subjects);
+    let judged = Judged { known: &known, unknown: &unknown, rows, described };
+    let fitted = fitted::shipped(&load_model(args.model.as_deref())?, &known, &unknown, &judged.rows)?;
+    write(&args.out, &judged, &fitted)
+}
+
+/// Writes the page. The first kind of model in `fitted` is the one that is drawn.
+fn write(path: &Path, judged: &Judged, fitted: &[Fitted]) -> Result<()> {
+    let page = page::html(judged, fitted)?;
+    std::fs::write(path, &page).with_context(|| format!("cannot write {}", path.display()))?;
+    println!("{}: {:.1} MB", path.display(), page.len() as f64 / 1e6);
+    Ok(())
+}
+
+fn describe(dataset: &Path, pictures: usize, all_subjects: bool) -> String {
+    let subjects = if all_subjects { "all subjects" } else { "subjects that the fit never saw" };
+    let name = dataset.file_name().unwrap_or_default().to_string_lossy();
+    format!("{pictures} rendered pictures of {subjects}, from {name}")
+}

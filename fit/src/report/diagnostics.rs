@@ -1,0 +1,97 @@
+//! The statistics that the paper's tables report, of one model and blendshape.
+
+use nalgebra::DMatrix;
+
+use crate::{
+    fitted::Fitted,
+    statistics::{
+        SHAPIRO_WILK_MOST, Tested, breusch_pagan, durbin_watson, f_statistic, mse, pearson, r_squared, shapiro_wilk, xi,
+    },
+};
+
+/// Statistics of a regression on the judged pictures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnostics {
+    /// Coefficient of determination.
+    pub r_squared: f64,
+    /// Chatterjee's correlation.
+    pub xi: f64,
+    /// Mean squared error.
+    pub mse: f64,
+    /// Pearson's correlation.
+    pub pearson: f64,
+    /// Of the residuals in the order of the estimates.
+    pub durbin_watson: f64,
+    /// Lagrange multiplier on the estimates.
+    pub breusch_pagan: Option<Tested>,
+    /// Overall F; `None` where the model is worse than the mean of the truth.
+    pub f: Option<Tested>,
+    /// Of the residuals.
+    pub shapiro_wilk: Option<Tested>,
+    /// Truth less estimate, and the estimates, in the order of the estimates.
+    pub residuals: Vec<f64>,
+    /// The estimates, rising.
+    pub estimates: Vec<f64>,
+}
+
+impl Diagnostics {
+    /// Of a model's predictions. Pictures have no order of their own; residuals are taken in that of the estimates,
+    /// where neighbours that are alike mean that the model bends the wrong way.
+    pub fn new(fitted: &Fitted, truth: &[f64]) -> Self {
+        let estimates = &fitted.predictions;
+        let mut order: Vec<usize> = (0..truth.len()).collect();
+        order.sort_by(|a, b| estimates[*a].total_cmp(&estimates[*b]));
+        let residuals: Vec<f64> = order.iter().map(|row| truth[*row] - estimates[*row]).collect();
+        let sorted: Vec<f64> = order.iter().map(|row| estimates[*row]).collect();
+        let r_squared = r_squared(estimates, truth);
+        let f = f_statistic(r_squared, truth.len(), fitted.degrees_of_freedom).filter(|f| f.statistic > 0.0);
+        Self {
+            r_squared,
+            xi: xi(estimates, truth),
+            mse: mse(estimates, truth),
+            pearson: pearson(estimates, truth),
+            durbin_watson: durbin_watson(&residuals),
+            breusch_pagan: breusch_pagan(&residuals, &DMatrix::from_column_slice(sorted.len(), 1, &sorted))
+                .map(|test| test.lagrange),
+            f,
+            shapiro_wilk: shapiro_wilk(&evenly(&residuals, SHAPIRO_WILK_MOST)),
+            residuals,
+            estimates: sorted,
+        }
+    }
+}
+
+/// At most `most` of the values, evenly spaced.
+pub fn evenly<T: Copy>(values: &[T], most: usize) -> Vec<T> {
+    values.iter().step_by(values.len().div_ceil(most).max(1)).copied().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fitted(predictions: Vec<f64>) -> Fitted {
+        Fitted { kind: "test", blendshape: 0, predictions, degrees_of_freedom: 1, bytes: 8, nanoseconds: 1.0 }
+    }
+
+    #[test]
+    fn model_that_bends_the_wrong_way_has_a_low_durbin_watson_whatever_the_order_of_the_pictures() {
+        let truth: Vec<f64> = (0..200).map(|i| f64::from(i * 77 % 200) / 200.0).collect();
+        let bent: Vec<f64> = truth.iter().map(|value| value * value).collect();
+        assert!(Diagnostics::new(&fitted(bent), &truth).durbin_watson < 0.1);
+    }
+
+    #[test]
+    fn model_worse_than_the_mean_has_no_f() {
+        let truth: Vec<f64> = (0..20).map(f64::from).collect();
+        let turned = truth.iter().rev().copied().collect();
+        let diagnostics = Diagnostics::new(&fitted(turned), &truth);
+        assert!(diagnostics.r_squared < 0.0 && diagnostics.f.is_none());
+    }
+
+    #[test]
+    fn evenly_chosen_values_are_no_more_than_asked_for() {
+        assert_eq!(evenly(&[1, 2, 3, 4, 5, 6, 7], 3), [1, 4, 7]);
+        assert_eq!(evenly(&[1, 2], 5), [1, 2]);
+    }
+}

@@ -1,0 +1,204 @@
+//! The page: one file, nothing loaded from elsewhere, readable on a phone and on a dark screen.
+
+use anyhow::{Context, Result};
+use facewire::solve::BLENDSHAPES;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use rayon::prelude::*;
+
+use super::{
+    Judged,
+    diagnostics::Diagnostics,
+    drawings,
+    heat::Landmarks,
+    table::{self, Line},
+};
+use crate::{
+    fitted::Fitted,
+    paper::{CHEEK_PUFF, MODELS_TITLE, ModelRow, SMILE_LEFT},
+    statistics::autocorrelation,
+};
+
+const STYLE: &str = include_str!("style.css");
+/// Lags of the autocorrelation that are drawn.
+const LAGS: usize = 30;
+
+/// A blendshape with what every kind of model makes of it; the first is drawn.
+struct Section<'a> {
+    name: &'static str,
+    truth: Vec<f64>,
+    models: Vec<(&'a Fitted, Diagnostics)>,
+}
+
+/// The whole page.
+pub fn html(judged: &Judged, fitted: &[Fitted]) -> Result<String> {
+    let sections = sections(judged, fitted);
+    let landmarks = Landmarks::new(judged);
+    let drawn = sections.par_iter().map(|section| section.html(&landmarks)).collect::<Result<Vec<_>>>()?;
+    let first = sections.first().and_then(|section| section.models.first()).context("there is no model to report")?.0;
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { "facewire: blendshape models" }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                header {
+                    h1 { "Blendshape models" }
+                    p { (judged.described) ". Times: " (cpu()) "." }
+                }
+                (contents(&sections))
+                main {
+                    h2 id="kinds" { "Kinds of model" }
+                    p { "Mean over the blendshapes." }
+                    (table::html("kind", &means(&sections)))
+                    h2 id="all" { "All blendshapes" }
+                    p { (first.kind) "." }
+                    (table::html("blendshape", &all(&sections)))
+                    (guide())
+                    @for section in &drawn { (section) }
+                }
+            }
+        }
+    };
+    Ok(page.into_string())
+}
+
+fn sections<'a>(judged: &Judged, fitted: &'a [Fitted]) -> Vec<Section<'a>> {
+    let section = |(blendshape, name): (usize, &'static str)| {
+        let truth = judged.known.truth(blendshape, &judged.rows);
+        let own = fitted.iter().filter(|model| model.blendshape == blendshape);
+        let models: Vec<_> = own.map(|model| (model, Diagnostics::new(model, &truth))).collect();
+        (!models.is_empty()).then_some(Section { name, truth, models })
+    };
+    BLENDSHAPES.into_iter().enumerate().filter_map(section).collect()
+}
+
+fn contents(sections: &[Section]) -> Markup {
+    html! {
+        nav aria-label="Contents" {
+            a href="#kinds" { "Kinds of model" }
+            a href="#all" { "All blendshapes" }
+            a href="#guide" { "How to read it" }
+            @for section in sections { a.small href={ "#" (section.name) } { (section.name) } }
+        }
+    }
+}
+
+/// A line for every kind: its mean over the blendshapes.
+fn means(sections: &[Section]) -> Vec<Line> {
+    let mut kinds: Vec<&str> = Vec::new();
+    for (model, _) in sections.iter().flat_map(|section| &section.models) {
+        if !kinds.contains(&model.kind) {
+            kinds.push(model.kind);
+        }
+    }
+    let line = |kind: &str| {
+        let models = sections.iter().flat_map(|section| &section.models).filter(|(model, _)| model.kind == kind);
+        Line::mean(kind, &models.map(|(model, diagnostics)| Line::new("", model, diagnostics)).collect::<Vec<_>>())
+    };
+    kinds.into_iter().map(line).collect()
+}
+
+fn all(sections: &[Section]) -> Vec<Line> {
+    let line = |section: &Section| {
+        let (model, diagnostics) = section.models.first()?;
+        Some(Line::new(section.name, model, diagnostics).linked())
+    };
+    sections.iter().filter_map(line).collect()
+}
+
+impl Section<'_> {
+    fn html(&self, landmarks: &Landmarks) -> Result<Markup> {
+        let (model, diagnostics) = self.models.first().context("a blendshape has no model")?;
+        let pairs: Vec<_> = model.predictions.iter().copied().zip(self.truth.iter().copied()).collect();
+        let lags = autocorrelation(&diagnostics.residuals, LAGS);
+        let mut figures = vec![
+            (drawings::fit(&pairs)?, "Estimate against truth, mostly of pictures that show the expression".to_owned()),
+            (
+                drawings::ranked(&pairs)?,
+                "Estimates (dots) and truth (line), pictures in the order of the truth".to_owned(),
+            ),
+            (drawings::residuals(&pairs)?, "Residuals over estimates, of the same pictures".to_owned()),
+            (drawings::autocorrelation(&lags, pairs.len())?, "Autocorrelation of the residuals".to_owned()),
+        ];
+        figures.extend(self.landmark_figures(landmarks)?);
+        let lines: Vec<Line> =
+            self.models.iter().map(|(model, diagnostics)| Line::new(model.kind, model, diagnostics)).collect();
+        Ok(html! {
+            section id=(self.name) {
+                h2 { (self.name) }
+                (table::html("kind", &lines))
+                (papers(self.name))
+                div.figures { @for (drawing, caption) in &figures { (figure(drawing, caption, self.name)) } }
+                p.up { a href="#all" { "All blendshapes" } }
+            }
+        })
+    }
+
+    /// The face with the correlations, and how its most and least correlated landmarks move.
+    fn landmark_figures(&self, landmarks: &Landmarks) -> Result<[(String, String); 2]> {
+        let found = landmarks.correlations(&self.truth);
+        let by_value = |a: &(usize, &f64), b: &(usize, &f64)| a.1.total_cmp(b.1);
+        let (least, _) = found.iter().enumerate().min_by(by_value).context("there are no landmarks")?;
+        let (most, highest) = found.iter().enumerate().max_by(by_value).context("there are no landmarks")?;
+        let [follows, rests] = [most, least].map(|landmark| landmarks.movement(landmark, &self.truth));
+        Ok([
+            (
+                drawings::face(&landmarks.places, &found)?,
+                format!("Correlation of each landmark with the truth: black 0, yellow {highest:.2}"),
+            ),
+            (
+                drawings::movements(&follows, &rests)?,
+                format!("Landmarks {most} (blue, most correlated) and {least} (orange, least), eye distances"),
+            ),
+        ])
+    }
+}
+
+fn figure(drawing: &str, caption: &str, name: &str) -> Markup {
+    html! {
+        figure role="img" aria-label={ (name) ": " (caption) } {
+            (PreEscaped(drawing))
+            figcaption { (caption) }
+        }
+    }
+}
+
+/// The paper's figures of the two blendshapes whose models it reports.
+fn papers(name: &str) -> Markup {
+    let rows: &[ModelRow] = match name {
+        "mouthSmileLeft" => &SMILE_LEFT,
+        "cheekPuff" => &CHEEK_PUFF,
+        _ => return html! {},
+    };
+    html! {
+        p { "The paper, table " (MODELS_TITLE) ": fitted and judged on pictures of one avatar." }
+        (table::html("kind", &rows.iter().map(Line::of_paper).collect::<Vec<_>>()))
+    }
+}
+
+fn guide() -> Markup {
+    html! {
+        h2 id="guide" { "How to read it" }
+        dl {
+            dt { "R2, r" } dd { "Part of the truth's variance explained, and Pearson's correlation. R2 below 0: worse than the mean of the truth." }
+            dt { "xi" } dd { "Chatterjee's correlation: how far the truth is any function of the estimate." }
+            dt { "MSE" } dd { "Mean squared error." }
+            dt { "DW" } dd { "Durbin and Watson, residuals in the order of the estimates: 2 where neighbours have nothing in common; far below, the model bends the wrong way." }
+            dt { "BP" } dd { "Breusch and Pagan (Koenker's form) on the estimates, one degree of freedom: a small p says that errors grow or shrink with the coefficient." }
+            dt { "F" } dd { "Overall F with the blendshape's own weights as degrees of freedom. The pictures are not those of the fit, so it measures size and has no p." }
+            dt { "SW" } dd { "Shapiro and Wilk's W of the residuals: 1 if they look normal. With a thousand pictures p is small for any real model." }
+            dt { "bytes, ns" } dd { "Memory, and time of the regression for one face; of the shipped model, whose blendshapes have parts in common, an even share." }
+        }
+    }
+}
+
+/// What the times were taken on.
+fn cpu() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    name.map_or_else(|| "a CPU that does not say its name".to_owned(), |(_, name)| name.trim().to_owned())
+}

@@ -1,0 +1,117 @@
+//! Expressions as events: found, missed, imagined (the paper's eq. 12 to 14).
+//!
+//! An event of the reference is found if the coefficient reaches `f_min` within a tolerance of it. Of the paper's two
+//! lines for `n_FN` the first is read as `n_FP = n_algo - n_TP`, the second as `n_FN = n_ref - n_TP`.
+
+use serde::Serialize;
+
+/// An event ends when the curve falls below this part of `f_min`; until then it cannot begin again.
+const RELEASE: f64 = 0.5;
+/// Slack at the edges of the tolerance, for times that are sums of frames.
+const SLACK_S: f64 = 1e-6;
+
+/// Events of one blendshape.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct EventCounts {
+    /// In the reference.
+    pub reference: usize,
+    /// In the judged curve.
+    pub estimate: usize,
+    /// Of the reference, found in the judged curve.
+    pub found: usize,
+}
+
+impl EventCounts {
+    /// Found ones among those of the judged curve; `None` if it has none. One rise that covers two events of the
+    /// reference counts as both.
+    pub fn precision(&self) -> Option<f64> {
+        let imagined = self.estimate.saturating_sub(self.found);
+        ratio(self.found, self.found + imagined)
+    }
+
+    /// Found ones among those of the reference; `None` if it has none.
+    pub fn recall(&self) -> Option<f64> {
+        ratio(self.found, self.reference)
+    }
+
+    /// Harmonic mean of both; 0 if nothing was found, `None` if there was nothing to find.
+    pub fn f1(&self) -> Option<f64> {
+        let recall = self.recall()?;
+        let precision = self.precision().unwrap_or(0.0);
+        Some(if self.found > 0 { 2.0 * precision * recall / (precision + recall) } else { 0.0 })
+    }
+}
+
+fn ratio(part: usize, whole: usize) -> Option<f64> {
+    (whole > 0).then(|| part as f64 / whole as f64)
+}
+
+/// Times at which a curve rises to `f_min`, having been below half of it since the time before. A curve that
+/// starts above begins with an event.
+pub fn rising_edges(times_s: &[f64], curve: &[f64], f_min: f64) -> Vec<f64> {
+    let mut armed = true;
+    let mut edges = Vec::new();
+    for (time, value) in times_s.iter().zip(curve) {
+        if armed && *value >= f_min {
+            edges.push(*time);
+        }
+        armed = *value < RELEASE * f_min || (armed && *value < f_min);
+    }
+    edges
+}
+
+/// Counts the `reference` events (times) that a curve finds within `tolerance_s`.
+pub fn count_events(times_s: &[f64], curve: &[f64], reference: &[f64], f_min: f64, tolerance_s: f64) -> EventCounts {
+    let reaches = |event: f64| {
+        let near = |time: &f64| (time - event).abs() <= tolerance_s + SLACK_S;
+        times_s.iter().zip(curve).any(|(time, value)| near(time) && *value >= f_min)
+    };
+    EventCounts {
+        reference: reference.len(),
+        estimate: rising_edges(times_s, curve, f_min).len(),
+        found: reference.iter().filter(|event| reaches(**event)).count(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn times(count: usize) -> Vec<f64> {
+        (0..count).map(|frame| frame as f64 / 30.0).collect()
+    }
+
+    #[test]
+    fn trembling_about_the_threshold_is_one_event() {
+        let curve = [0.0, 0.31, 0.29, 0.31, 0.16, 0.31, 0.1, 0.31];
+        assert_eq!(rising_edges(&times(8), &curve, 0.3).len(), 2);
+    }
+
+    #[test]
+    fn slow_rise_is_one_event_where_it_passes_the_threshold() {
+        let curve = [0.1, 0.2, 0.25, 0.3, 0.4];
+        assert_eq!(rising_edges(&times(5), &curve, 0.3), [0.1]);
+    }
+
+    #[test]
+    fn event_is_found_at_the_edge_of_the_tolerance_and_not_after_it() {
+        let mut curve = vec![0.0; 60];
+        curve[30] = 0.5;
+        let found = |event_frame: f64| count_events(&times(60), &curve, &[event_frame / 30.0], 0.3, 0.5).found;
+        assert_eq!([found(15.0), found(14.0), found(45.0), found(46.0)], [1, 0, 1, 0]);
+    }
+
+    #[test]
+    fn precision_recall_and_f1_follow_from_the_counts() {
+        let counts = EventCounts { reference: 4, estimate: 3, found: 2 };
+        assert!((counts.precision().unwrap() - 2.0 / 3.0).abs() < 1e-12);
+        assert!((counts.recall().unwrap() - 0.5).abs() < 1e-12);
+        assert!((counts.f1().unwrap() - 4.0 / 7.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nothing_to_find_is_not_a_score_and_nothing_found_is_zero() {
+        assert_eq!(EventCounts { reference: 0, estimate: 2, found: 0 }.f1(), None);
+        assert_eq!(EventCounts { reference: 2, estimate: 0, found: 0 }.f1(), Some(0.0));
+    }
+}

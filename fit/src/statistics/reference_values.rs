@@ -1,0 +1,121 @@
+//! The statistics against values of `SciPy` 1.17.1 and statsmodels 0.15.0 (`fit/tests/reference.py`).
+//!
+//! Tolerances: 1e-9 relative, for arithmetic in another order; 1e-6 for Shapiro and Wilk's W and 1e-4 relative for its
+//! p value, where `SciPy`'s own coefficients and quantiles are rounded otherwise.
+
+use nalgebra::DMatrix;
+use serde::Deserialize;
+
+use super::*;
+
+#[derive(Deserialize)]
+struct Reference {
+    pairs: Vec<Pair>,
+    regressions: Vec<Regression>,
+    normalities: Vec<Normality>,
+    long_normalities: Vec<LongNormality>,
+}
+
+#[derive(Deserialize)]
+struct Pair {
+    estimate: Vec<f64>,
+    truth: Vec<f64>,
+    pearson: f64,
+    spearman: f64,
+    xi: f64,
+    mse: f64,
+    deviation: f64,
+    r_squared: f64,
+}
+
+#[derive(Deserialize)]
+struct Regression {
+    columns: Vec<Vec<f64>>,
+    residuals: Vec<f64>,
+    r_squared: f64,
+    f: [f64; 2],
+    durbin_watson: f64,
+    breusch_pagan: [f64; 2],
+    breusch_pagan_f: [f64; 2],
+    autocorrelation: Vec<f64>,
+}
+
+#[derive(Deserialize)]
+struct Normality {
+    values: Vec<f64>,
+    w: f64,
+    p: f64,
+}
+
+#[derive(Deserialize)]
+struct LongNormality {
+    count: u32,
+    w: f64,
+    p: f64,
+}
+
+fn reference() -> Reference {
+    serde_json::from_str(include_str!("../../tests/reference.json")).unwrap()
+}
+
+#[track_caller]
+fn agree(ours: f64, theirs: f64, relative: f64) {
+    let allowed = relative * theirs.abs().max(1e-3);
+    assert!((ours - theirs).abs() <= allowed, "{ours} is not {theirs} within {allowed}");
+}
+
+#[track_caller]
+fn tests_agree(ours: Tested, theirs: [f64; 2]) {
+    agree(ours.statistic, theirs[0], 1e-9);
+    agree(ours.p, theirs[1], 1e-9);
+}
+
+#[test]
+fn correlations_and_deviations_are_those_of_scipy() {
+    for pair in reference().pairs {
+        let (estimate, truth) = (&pair.estimate, &pair.truth);
+        agree(pearson(estimate, truth), pair.pearson, 1e-9);
+        agree(spearman(estimate, truth), pair.spearman, 1e-9);
+        agree(xi(estimate, truth), pair.xi, 1e-9);
+        agree(mse(estimate, truth), pair.mse, 1e-9);
+        agree(deviation_of_differences(estimate, truth), pair.deviation, 1e-9);
+        agree(r_squared(estimate, truth), pair.r_squared, 1e-9);
+    }
+}
+
+#[test]
+fn diagnostics_of_regressions_are_those_of_statsmodels() {
+    for regression in reference().regressions {
+        let (rows, parameters) = (regression.residuals.len(), regression.columns.len());
+        let columns = DMatrix::from_fn(rows, parameters, |row, column| regression.columns[column][row]);
+        let spread = breusch_pagan(&regression.residuals, &columns).unwrap();
+        tests_agree(spread.lagrange, regression.breusch_pagan);
+        tests_agree(spread.f, regression.breusch_pagan_f);
+        tests_agree(f_statistic(regression.r_squared, rows, parameters).unwrap(), regression.f);
+        agree(durbin_watson(&regression.residuals), regression.durbin_watson, 1e-9);
+        let lags = autocorrelation(&regression.residuals, 6);
+        lags.iter().zip(&regression.autocorrelation).for_each(|(ours, theirs)| agree(*ours, *theirs, 1e-9));
+    }
+}
+
+#[test]
+fn shapiro_wilk_is_that_of_scipy_from_3_to_5000_values() {
+    for sample in reference().normalities {
+        let tested = shapiro_wilk(&sample.values).unwrap();
+        agree(tested.statistic, sample.w, 1e-6);
+        agree(tested.p, sample.p, 1e-4);
+    }
+    for sample in reference().long_normalities {
+        let value = |index: u32| (f64::from(index) * 0.618_033_988_749_895 % 1.0).powi(2);
+        let tested = shapiro_wilk(&(1..=sample.count).map(value).collect::<Vec<_>>()).unwrap();
+        agree(tested.statistic, sample.w, 1e-6);
+        agree(tested.p, sample.p, 1e-4);
+    }
+}
+
+/// Shapiro and Wilk (1965) print W = 0.79 for these eleven weights, from tabulated coefficients of three digits.
+#[test]
+fn shapiro_wilk_gives_the_published_value_of_its_own_example() {
+    let published = &reference().normalities[0];
+    assert!((shapiro_wilk(&published.values).unwrap().statistic - 0.79).abs() < 0.01);
+}

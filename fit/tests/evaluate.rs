@@ -1,0 +1,181 @@
+//! `facewire-fit evaluate` on what `facewire track` makes of the built-in clip, and on files that are wrong.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::indexing_slicing)]
+
+use std::{
+    fs,
+    io::Write as _,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+    sync::LazyLock,
+};
+
+use clap::Parser as _;
+use facewire::{face::Mesh, infer::NetworkFolder};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// True curves of the built-in clip that the repository holds: jaw and blinks.
+const SOME_TRUTH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/guest/demo-truth.csv");
+
+fn folder() -> TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+fn evaluate(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_facewire-fit")).arg("evaluate").args(arguments).output().unwrap()
+}
+
+/// What a successful run prints.
+fn printed(arguments: &[&str]) -> String {
+    let output = evaluate(arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// What a run that refuses says.
+fn refusal(arguments: &[&str]) -> String {
+    let output = evaluate(arguments);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(!output.status.success() && !said.contains("panicked"), "{said}");
+    said
+}
+
+/// Figures of a run as JSON.
+fn figures(track: &str, truth: &str, options: &[&str]) -> Value {
+    let folder = folder();
+    let json = folder.path().join("figures.json");
+    printed(&[&[track, truth, "--json", json.to_str().unwrap()], options].concat());
+    serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap()
+}
+
+fn skip(test: &str, why: &str) {
+    std::io::stderr().write_all(format!("skipped {test}: {why}\n").as_bytes()).unwrap();
+}
+
+/// The built-in clip, tracked once for all tests; `None` where no network can be run.
+struct Demo {
+    csv: Option<PathBuf>,
+    _folder: TempDir,
+}
+
+static DEMO: LazyLock<Demo> = LazyLock::new(|| {
+    let folder = folder();
+    let csv = folder.path().join("demo.csv");
+    let command = ["facewire", "track", "demo", "--out", csv.to_str().unwrap()];
+    let _ = facewire::cli::Cli::parse_from(command).run();
+    let rows = fs::read_to_string(&csv).map_or(0, |text| text.lines().count());
+    Demo { csv: (rows > 1).then_some(csv), _folder: folder }
+});
+
+/// The tracked clip, or a word about what is missing. Where the networks can be run it must be there.
+fn demo(test: &str) -> Option<&'static str> {
+    if let Err(error) = NetworkFolder::find("").and_then(|networks| Mesh::load(&networks, 1)) {
+        skip(test, &error.to_string());
+        return None;
+    }
+    Some(DEMO.csv.as_deref().and_then(Path::to_str).expect("track writes the clip"))
+}
+
+#[test]
+fn jaw_and_blinks_of_the_built_in_clip_follow_the_truth() {
+    let Some(track) = demo("jaw_and_blinks_of_the_built_in_clip_follow_the_truth") else { return };
+    let found = figures(track, SOME_TRUTH, &[]);
+    assert_eq!(found["frames"], 240);
+    for name in ["jawOpen", "eyeBlinkLeft", "eyeBlinkRight"] {
+        let own = &found["blendshapes"][name]["figures"];
+        let at_least = |figure: &str, least: f64| {
+            let value = own[figure].as_f64().unwrap();
+            assert!(value >= least, "{name}, {figure}: {value}");
+        };
+        at_least("pearson", 0.8);
+        at_least("spearman", 0.7);
+        at_least("xi", 0.45);
+        at_least("accuracy", 0.8);
+        at_least("f1", 0.8);
+        assert!(own["msd"].as_f64().unwrap() < 0.04, "{name}: {own}");
+    }
+}
+
+#[test]
+fn all_curves_of_the_built_in_clip_correlate_above_0_7_on_average() {
+    let test = "all_curves_of_the_built_in_clip_correlate_above_0_7_on_average";
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    let shared = std::env::var_os("FACEWIRE_SHARED").map_or_else(beside, PathBuf::from);
+    let truth = shared.join("footage/demo.csv");
+    if !truth.is_file() {
+        return skip(test, "no footage/demo.csv (set FACEWIRE_SHARED)");
+    }
+    let Some(track) = demo(test) else { return };
+    let found = figures(track, truth.to_str().unwrap(), &["--shift", "auto"]);
+    assert!(found["mean_of_moving"]["pearson"].as_f64().unwrap() > 0.7, "{}", found["mean_of_moving"]);
+    assert!(found["shift_frames"].as_i64().unwrap().abs() <= 3);
+}
+
+#[test]
+fn tracker_judged_by_itself_is_perfect_and_its_copy_late_by_6_frames_is_found() {
+    let folder = folder();
+    let row = |time: f64, late: f64| format!("{time},{}\n", 0.5 - 0.5 * ((time - late) * 3.0).cos());
+    let write = |name: &str, rate: f64, late: f64| {
+        let rows = (0..600).map(|row| f64::from(row) / rate).take_while(|time| *time < 9.01);
+        let path = folder.path().join(name);
+        fs::write(&path, format!("time_s,jawOpen\n{}", rows.map(|time| row(time, late)).collect::<String>())).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let (itself, late, faster) = (write("a", 30.0, 0.0), write("b", 30.0, 0.2), write("c", 60.0, 0.0));
+    let own = figures(&itself, &itself, &[]);
+    assert_eq!(own["blendshapes"]["jawOpen"]["figures"]["pearson"], 1.0);
+    assert_eq!(own["blendshapes"]["jawOpen"]["figures"]["f1"], 1.0);
+    let found = figures(&late, &faster, &["--shift", "auto"]);
+    assert_eq!(found["shift_frames"], 6);
+    assert!(found["blendshapes"]["jawOpen"]["figures"]["pearson"].as_f64().unwrap() > 0.999);
+}
+
+#[test]
+fn live_link_face_recording_is_read_by_name_and_time() {
+    let folder = folder();
+    let [recording, track] = ["live-link.csv", "track.csv"].map(|name| folder.path().join(name));
+    let value = |row: u32| f64::from(row % 40) / 40.0;
+    let live_link: String = (0..120)
+        .map(|row| format!("23:59:{}:{}.25,61,0.0,{}\n", 56 + row / 30, row % 30 * 2, value(row)))
+        .collect::<Vec<_>>()
+        .concat();
+    let ours: String = (0..120)
+        .map(|row| format!("{row},{},live,{},0.0\n", f64::from(row) / 30.0, value(row)))
+        .collect::<Vec<_>>()
+        .concat();
+    fs::write(&recording, format!("Timecode,BlendShapeCount,JawRight,JawLeft\n{live_link}")).unwrap();
+    fs::write(&track, format!("frame,time_s,state,jawLeft,jawRight\n{ours}")).unwrap();
+    let found = figures(track.to_str().unwrap(), recording.to_str().unwrap(), &[]);
+    assert!((found["truth_hz"].as_f64().unwrap() - 30.0).abs() < 0.01);
+    assert!(found["blendshapes"]["jawLeft"]["figures"]["pearson"].as_f64().unwrap() > 0.999);
+    assert_eq!(found["blendshapes"]["jawRight"]["moves"], false);
+}
+
+#[test]
+fn annotated_events_are_used_in_place_of_the_truths() {
+    let folder = folder();
+    let events = folder.path().join("events.csv");
+    fs::write(&events, "blendshape,frame\njawOpen,20\njawOpen,200\n").unwrap();
+    let found = figures(SOME_TRUTH, SOME_TRUTH, &["--events", events.to_str().unwrap()]);
+    assert_eq!(found["blendshapes"]["jawOpen"]["events"]["reference"], 2);
+    assert_eq!(found["blendshapes"]["eyeBlinkLeft"]["events"], Value::Null);
+}
+
+#[test]
+fn wrong_files_are_refused_with_what_is_wrong() {
+    let folder = folder();
+    let write = |name: &str, content: &[u8]| {
+        let path = folder.path().join(name);
+        fs::write(&path, content).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let short = write("short.csv", b"frame,jawOpen\n0,0.1\n1,0.2\n2,0.3\n");
+    let other = write("other.csv", b"frame,x\n0,0.1\n1,0.2\n");
+    let picture = write("picture.png", b"\x89PNG\r\n\x1a\n\xff\xfe\xfd,\xff\n\xff\xff");
+    assert!(refusal(&[&short, SOME_TRUTH]).contains("--overlap"));
+    assert!(refusal(&[&other, SOME_TRUTH]).contains("no column of a blendshape"));
+    assert!(refusal(&[&picture, SOME_TRUTH]).contains("not a CSV file"));
+    assert!(refusal(&["absent.csv", SOME_TRUTH]).contains("cannot read absent.csv"));
+    assert!(refusal(&[SOME_TRUTH, SOME_TRUTH, "--shift", "soon"]).contains("number of frames, or auto"));
+}

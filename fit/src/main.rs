@@ -10,6 +10,7 @@ mod mirror;
 mod reference;
 mod ridge;
 mod stats;
+mod synth;
 mod train;
 
 use std::path::{Path, PathBuf};
@@ -60,6 +61,10 @@ enum Command {
         #[arg(long)]
         model: Option<PathBuf>,
     },
+    /// Render faces with known coefficients, find their landmarks, and write them as a dataset
+    Synth(synth::run::Options),
+    /// Render a clip of one person with the truth of every frame
+    Film(synth::film::Options),
 }
 
 fn main() -> Result<()> {
@@ -69,6 +74,8 @@ fn main() -> Result<()> {
         Command::Clip { landmarks, truth, neutral_frames, model } => {
             clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
         }
+        Command::Synth(options) => synth::run::run(&options),
+        Command::Film(options) => synth::film::run(&options),
     }
 }
 

@@ -1,0 +1,206 @@
+//! ARKit coefficients to a deformed head: which rig shapes they move, how far, and where the eyeballs turn.
+//!
+//! Amplitude: the largest displacement over the distance of the eyes differs between rig and ARKit by the factor in
+//! [`RATIOS`]; weights are divided by it, so that a truth of 1 means ARKit's motion. Three shapes mean contact rather
+//! than distance and keep it: a lid is shut at `eyeBlink` 1, lips meet where `mouthClose` equals `jawOpen`.
+//! `tongueOut` has no shape.
+
+use anyhow::{Context, Result};
+use facewire::solve::{BLENDSHAPES, COEFFS};
+use glam::{Mat3, Vec3};
+
+use super::{
+    geometry::vertices_of,
+    rig::{Rig, Triangle},
+};
+
+/// One value per blendshape, in the order of [`BLENDSHAPES`].
+pub type Coefficients = [f32; COEFFS];
+
+/// Largest displacement in the rig over that in ARKit, both over the distance of the eyes. `eyeLookIn` and
+/// `eyeLookOut` are of the lids. `eyeBlink` shuts the lid at 1. `mouthClose` is set so that lips meet over an open jaw.
+const RATIOS: [(&str, f32); 30] = [
+    ("browDown", 0.74),
+    ("browInnerUp", 0.56),
+    ("browOuterUp", 0.74),
+    ("cheekPuff", 1.51),
+    ("cheekSquint", 0.82),
+    ("eyeBlink", 1.0),
+    ("eyeLookDown", 1.75),
+    ("eyeLookIn", 0.67),
+    ("eyeLookOut", 0.71),
+    ("eyeLookUp", 1.0),
+    ("eyeSquint", 0.75),
+    ("eyeWide", 1.03),
+    ("jawForward", 1.23),
+    ("jawLeft", 1.02),
+    ("jawRight", 1.02),
+    ("jawOpen", 1.05),
+    ("mouthClose", 1.25),
+    ("mouthDimple", 0.88),
+    ("mouthFrown", 0.88),
+    ("mouthFunnel", 0.87),
+    ("mouthLowerDown", 0.65),
+    ("mouthPress", 0.42),
+    ("mouthPucker", 1.09),
+    ("mouthRollLower", 1.57),
+    ("mouthRollUpper", 1.14),
+    ("mouthShrugLower", 1.55),
+    ("mouthShrugUpper", 1.32),
+    ("mouthSmile", 0.86),
+    ("mouthStretch", 0.75),
+    ("noseSneer", 2.14),
+];
+/// The same for shapes named by the side they move to.
+const SIDEWAYS: [(&str, f32); 3] = [("mouthLeft", 1.57), ("mouthRight", 1.57), ("mouthUpperUp", 0.94)];
+/// Turn of an eyeball per unit of `eyeLookIn` or `eyeLookOut`, and of `eyeLookUp` or `eyeLookDown`.
+pub const GAZE_DEG: [f32; 2] = [34.7, 31.9];
+
+/// How a rig is moved.
+pub struct Puppet {
+    drives: Vec<Drive>,
+    eyes: [Eye; 2],
+}
+
+/// One coefficient moving one shape.
+struct Drive {
+    coefficient: usize,
+    shape: usize,
+    gain: f32,
+}
+
+struct Eye {
+    vertices: Vec<u32>,
+    /// Coefficients `eyeLookIn`, `eyeLookOut`, `eyeLookUp`, `eyeLookDown` of this eye.
+    look: [usize; 4],
+    /// 1 for the person's left eye, -1 for the right: which way is out.
+    out: f32,
+}
+
+impl Puppet {
+    /// Finds the shapes of a rig.
+    pub fn new(rig: &Rig) -> Result<Self> {
+        let shown = BLENDSHAPES.iter().enumerate().filter(|(_, name)| **name != "tongueOut");
+        let drives = shown.map(|(coefficient, name)| drives(rig, coefficient, name)).collect::<Result<Vec<_>>>()?;
+        let [left, right] = &rig.parts.eyes;
+        let eyes = [Eye::new(left, "Left", 1.0)?, Eye::new(right, "Right", -1.0)?];
+        Ok(Self { drives: drives.into_iter().flatten().collect(), eyes })
+    }
+
+    /// Moves the vertices in `base` into `out`.
+    pub fn deform(&self, rig: &Rig, base: &[Vec3], weights: &Coefficients, out: &mut Vec<Vec3>) {
+        out.clear();
+        out.extend_from_slice(base);
+        for drive in &self.drives {
+            let weight = weights[drive.coefficient] * drive.gain;
+            if weight != 0.0 {
+                let moves = &rig.shapes[drive.shape].moves;
+                moves.iter().for_each(|(vertex, offset)| out[*vertex as usize] += weight * *offset);
+            }
+        }
+        self.eyes.iter().for_each(|eye| eye.turn(weights, out));
+    }
+}
+
+fn drives(rig: &Rig, coefficient: usize, name: &str) -> Result<Vec<Drive>> {
+    let gain = 1.0 / ratio(name).with_context(|| format!("no amplitude of {name}"))?;
+    let found = rig_names(name).into_iter().filter_map(|name| rig.shape(&name));
+    let drives: Vec<_> = found.map(|shape| Drive { coefficient, shape, gain }).collect();
+    anyhow::ensure!(!drives.is_empty(), "the rig has no shape for {name}");
+    Ok(drives)
+}
+
+/// The rig's names for a blendshape: halves that move together are two shapes.
+fn rig_names(name: &str) -> Vec<String> {
+    let sides = [("Left", "_L"), ("Right", "_R")];
+    let sided = sides.iter().find_map(|(side, ending)| Some(format!("{}{ending}", name.strip_suffix(side)?)));
+    let halves = ["_L", "_R"].map(|ending| format!("{name}{ending}"));
+    [name.to_owned()].into_iter().chain(sided).chain(halves).collect()
+}
+
+/// Rig over ARKit.
+fn ratio(name: &str) -> Option<f32> {
+    let stem = name.strip_suffix("Left").or_else(|| name.strip_suffix("Right")).unwrap_or(name);
+    let all = || SIDEWAYS.iter().chain(&RATIOS);
+    let of = |wanted: &str| all().find(|(known, _)| *known == wanted).map(|(_, ratio)| *ratio);
+    of(name).or_else(|| of(stem))
+}
+
+impl Eye {
+    fn new(triangles: &[Triangle], side: &str, out: f32) -> Result<Self> {
+        let vertices = vertices_of(triangles);
+        let index = |stem: &str| {
+            let name = format!("{stem}{side}");
+            BLENDSHAPES.iter().position(|known| *known == name).with_context(|| format!("no {name}"))
+        };
+        let look = [index("eyeLookIn")?, index("eyeLookOut")?, index("eyeLookUp")?, index("eyeLookDown")?];
+        Ok(Self { vertices, look, out })
+    }
+
+    fn turn(&self, weights: &Coefficients, points: &mut [Vec3]) {
+        let rotation = gaze(self.look.map(|index| weights[index]), self.out);
+        if rotation == Mat3::IDENTITY {
+            return;
+        }
+        let centre = self.centre(points);
+        for vertex in &self.vertices {
+            let point = &mut points[*vertex as usize];
+            *point = centre + rotation * (*point - centre);
+        }
+    }
+
+    /// Middle of the ball. Front to back the cornea's bulge does not count: the ball is as deep as it is wide.
+    fn centre(&self, points: &[Vec3]) -> Vec3 {
+        let bound = |pick: fn(Vec3, Vec3) -> Vec3, start: Vec3| {
+            self.vertices.iter().fold(start, |bound, vertex| pick(bound, points[*vertex as usize]))
+        };
+        let (least, most) = (bound(Vec3::min, Vec3::INFINITY), bound(Vec3::max, Vec3::NEG_INFINITY));
+        let middle = f32::midpoint(least.x, most.x);
+        Vec3::new(middle, f32::midpoint(least.y, most.y), least.z + (most.x - least.x) / 2.0)
+    }
+}
+
+/// Turn of an eyeball from `[in, out, up, down]`; `out` is 1 for the person's left eye, -1 for the right.
+pub fn gaze([inward, outward, up, down]: [f32; 4], out: f32) -> Mat3 {
+    head_rotation(out * (outward - inward) * GAZE_DEG[0], (down - up) * GAZE_DEG[1], 0.0)
+}
+
+/// Rotation from angles in degrees: yaw to the person's left, pitch nodding down, roll to the right shoulder.
+pub fn head_rotation(yaw_deg: f32, pitch_deg: f32, roll_deg: f32) -> Mat3 {
+    let [yaw, pitch, roll] = [yaw_deg, pitch_deg, roll_deg].map(f32::to_radians);
+    Mat3::from_rotation_z(roll) * Mat3::from_rotation_x(pitch) * Mat3::from_rotation_y(yaw)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn head_turns_left_nods_down_and_tips_right() {
+        assert!((head_rotation(30.0, 0.0, 0.0) * Vec3::Z).x > 0.49, "the nose goes to the person's left");
+        assert!((head_rotation(0.0, 30.0, 0.0) * Vec3::Z).y < -0.49, "the nose goes down");
+        assert!((head_rotation(0.0, 0.0, 30.0) * Vec3::Y).x < -0.49, "the crown goes to the person's right");
+    }
+
+    #[test]
+    fn eyes_turn_34_7_degrees_sideways_and_31_9_up_and_down() {
+        let angle = |look, out: f32| {
+            let seen = gaze(look, out) * Vec3::Z;
+            [seen.x.atan2(seen.z).to_degrees(), seen.y.asin().to_degrees()]
+        };
+        let near = |[a, b]: [f32; 2], [c, d]: [f32; 2]| (a - c).abs() < 1e-3 && (b - d).abs() < 1e-3;
+        assert!(near(angle([0.0, 1.0, 0.0, 0.0], 1.0), [34.7, 0.0]), "left eye out is to the left");
+        assert!(near(angle([1.0, 0.0, 0.0, 0.0], -1.0), [34.7, 0.0]), "right eye in is to the left");
+        assert!(near(angle([0.0, 0.0, 1.0, 0.0], 1.0), [0.0, 31.9]));
+        assert!(near(angle([0.0, 0.0, 0.0, 0.5], -1.0), [0.0, -15.95]));
+    }
+
+    #[test]
+    fn every_blendshape_but_the_tongue_has_an_amplitude() {
+        assert!(BLENDSHAPES.iter().filter(|name| **name != "tongueOut").all(|name| ratio(name).is_some()));
+        assert_eq!(
+            [ratio("mouthSmileLeft"), ratio("mouthLeft"), ratio("jawRight")],
+            [Some(0.86), Some(1.57), Some(1.02)]
+        );
+    }
+}

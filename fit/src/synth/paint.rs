@@ -1,0 +1,138 @@
+//! The colour of one sample: skin with hair, beard and clothes, mouth, eyes, brows.
+
+use glam::{Vec2, Vec3};
+
+use super::{
+    geometry::smoothstep,
+    kit::Kit,
+    person::Person,
+    render::{Corners, Head},
+    scene::Lighting,
+    skin::Skin,
+    texture::linear,
+};
+
+/// Colours in linear light.
+const GUMS: Vec3 = Vec3::new(0.32, 0.075, 0.07);
+const TEETH: Vec3 = Vec3::new(0.62, 0.54, 0.42);
+/// Exponent of the glint on eyes, and its strength.
+const GLINT: (f32, f32) = (260.0, 6.0);
+/// Light on an eye: the lids take this share at the upper edge of the ball.
+const LID_SHADE: f32 = 0.6;
+
+/// Knows a picture's person and light.
+pub struct Painter<'a> {
+    kit: &'a Kit,
+    person: &'a Person,
+    head: &'a Head,
+    lighting: &'a Lighting,
+    skin: &'a Skin,
+}
+
+impl<'a> Painter<'a> {
+    /// For one picture.
+    pub fn new(kit: &'a Kit, person: &'a Person, head: &'a Head, lighting: &'a Lighting) -> Self {
+        Self { kit, person, head, lighting, skin: &kit.skins[person.looks.skin] }
+    }
+
+    /// Skin, or what covers it.
+    pub fn skin(&self, at: Corners) -> Vec3 {
+        let diffuse = at.mix(|vertex| self.head.lit[vertex].diffuse);
+        let looks = &self.person.looks;
+        if at.mix(|vertex| self.person.cloth[vertex]) > 0.0 {
+            return looks.cloth.0 * diffuse;
+        }
+        let gloss = at.mix(|vertex| self.head.lit[vertex].gloss);
+        let share = at.mix(|vertex| self.kit.cover.share[vertex]);
+        let mut colour = at.mix(|vertex| self.skin.tone[vertex]);
+        if share > 0.0 {
+            let uv = at.mix(|vertex| self.kit.rig.skin_uv[vertex]);
+            colour = colour.lerp(self.skin.texture.light(uv), share);
+        }
+        colour *= looks.tint;
+        let beard = at.mix(|vertex| self.person.beard[vertex]);
+        if beard > 0.0 {
+            colour = colour.lerp(colour * Vec3::new(0.25, 0.24, 0.26), beard);
+        }
+        match looks.hair {
+            Some((hair, _)) => self.hair(at, hair, colour, diffuse, gloss * looks.gloss),
+            None => colour * diffuse + gloss * looks.gloss,
+        }
+    }
+
+    fn hair(&self, at: Corners, hair: Vec3, skin: Vec3, diffuse: Vec3, gloss: Vec3) -> Vec3 {
+        let depth = at.mix(|vertex| self.person.hair[vertex]);
+        if depth < -0.6 {
+            return skin * diffuse + gloss;
+        }
+        let rest = at.mix(|vertex| self.kit.rig.neutral[vertex]);
+        let strand = noise(Vec3::new(rest.x * 7.0, rest.y * 1.6, rest.z * 1.6));
+        let cover = smoothstep(-0.5, 0.9, depth + 0.9 * (strand - 0.5));
+        let shine = 0.55 + 0.9 * strand;
+        skin.lerp(hair * shine, cover) * diffuse + gloss * (1.0 - 0.8 * cover)
+    }
+
+    /// Gums, tongue and the hollow of the mouth.
+    pub fn gums(&self, at: Corners) -> Vec3 {
+        let lit = |vertex: usize| self.head.lit[vertex];
+        GUMS * at.mix(|vertex| lit(vertex).diffuse) + at.mix(|vertex| lit(vertex).gloss)
+    }
+
+    /// Teeth.
+    pub fn teeth(&self, at: Corners) -> Vec3 {
+        let lit = |vertex: usize| self.head.lit[vertex];
+        TEETH * at.mix(|vertex| lit(vertex).diffuse) + 1.5 * at.mix(|vertex| lit(vertex).gloss)
+    }
+
+    /// An eyeball, wet, under its lids.
+    pub fn eye(&self, at: Corners) -> Vec3 {
+        let offset = at.mix(|vertex| self.kit.ball_offsets[vertex]);
+        let colour = self.kit.eyes[self.person.looks.eye].colour(offset.truncate(), self.person.looks.iris);
+        let normal = at.mix(|vertex| self.head.normals[vertex]).normalize_or_zero();
+        let point = at.mix(|vertex| self.head.points[vertex]);
+        let view = -point.normalize_or_zero();
+        let glint = self.lighting.lights.iter().map(|lamp| {
+            let half = (lamp.toward + view).normalize_or_zero();
+            lamp.colour * GLINT.1 * normal.dot(half).max(0.0).powf(GLINT.0)
+        });
+        let shade = 1.0 - LID_SHADE * smoothstep(-0.1, 0.6, normal.y);
+        let diffuse = at.mix(|vertex| self.head.lit[vertex].diffuse);
+        (colour * diffuse + glint.sum::<Vec3>()) * shade
+    }
+
+    /// How much a brow covers, and its colour.
+    pub fn brow(&self, at: Corners) -> (f32, Vec3) {
+        let uv: Vec2 = at.mix(|vertex| self.person.brow_uv[vertex]);
+        let (colour, opacity) = self.person.looks.brow_colour;
+        let alpha = self.kit.brows[self.person.looks.brow].cover(uv) * opacity;
+        (alpha, colour * at.mix(|vertex| self.head.lit[vertex].diffuse))
+    }
+}
+
+/// A dark colour as it is stored, in linear light.
+pub fn hair_colour(stored: Vec3) -> Vec3 {
+    linear(stored)
+}
+
+/// Smooth noise over space, 0 to 1, of period 1.
+fn noise(place: Vec3) -> f32 {
+    let cell = place.floor();
+    let part = place - cell;
+    let share = part * part * (3.0 - 2.0 * part);
+    let at = |dx: f32, dy: f32, dz: f32| hash(cell + Vec3::new(dx, dy, dz));
+    let line = |dy: f32, dz: f32| lerp(at(0.0, dy, dz), at(1.0, dy, dz), share.x);
+    let plane = |dz: f32| lerp(line(0.0, dz), line(1.0, dz), share.y);
+    lerp(plane(0.0), plane(1.0), share.z)
+}
+
+fn lerp(from: f32, to: f32, share: f32) -> f32 {
+    from + (to - from) * share
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "cells are small whole numbers; wraps")]
+fn hash(cell: Vec3) -> f32 {
+    let [x, y, z] = [cell.x, cell.y, cell.z].map(|value| value as i32 as u32);
+    let mixed = x.wrapping_mul(0x9E37_79B1) ^ y.wrapping_mul(0x85EB_CA77) ^ z.wrapping_mul(0xC2B2_AE3D);
+    let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0x2C1B_3C6D);
+    (mixed >> 8) as f32 / 16_777_216.0
+}

@@ -1,9 +1,9 @@
-//! Brows: an alpha layer over the skin, laid by three points of each texture on three points of the face.
+//! Brows: an alpha layer over the skin, laid by its two ends on those of the face's brows.
 //!
 //! A texture shows two brows, one above the other; the upper one is used for both sides.
 
 use anyhow::{Context, Result};
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 
 use super::{
     rig::{Rig, Triangle},
@@ -13,9 +13,9 @@ use super::{
 /// Alpha from which a pixel counts.
 const INK: u8 = 40;
 /// Exponent on alpha: the textures are of single hairs, which camera pixels do not show.
-const DENSER: f32 = 0.65;
-/// Landmarks of the person's left brow: inner end, middle, outer end; and how far above them the brow lies, cm.
-const ANCHORS: [(usize, f32); 3] = [(22, -0.1), (24, 0.15), (26, 0.0)];
+const DENSER: f32 = 0.5;
+/// Landmarks at the inner and outer end of the person's left brow, and how far above them its middle lies, cm.
+const ANCHORS: [(usize, f32); 2] = [(22, 0.05), (26, 0.05)];
 /// Skin in front of this, and within this range of height above the anchors' mean, may carry a brow.
 const FRONT: f32 = 4.0;
 const REACH: f32 = 2.6;
@@ -23,8 +23,9 @@ const REACH: f32 = 2.6;
 /// One style.
 pub struct Brow {
     texture: Texture,
-    /// From `(|x|, y, 1)` of the head at rest to texture coordinates.
-    lay: Mat3,
+    /// Inner and outer end on the head at rest, and in the texture.
+    on_face: [Vec2; 2],
+    in_texture: [Vec2; 2],
     /// Lowest v that belongs to the upper brow.
     floor: f32,
     /// Skin that it may cover.
@@ -36,23 +37,27 @@ impl Brow {
     pub fn new(texture: Texture, rig: &Rig) -> Result<Self> {
         let [_, height] = texture.size();
         let floor_row = upper_rows(&texture).context("a brow texture does not show two brows")?;
-        let anchors = ANCHORS.map(|(index, above)| rig.landmark(index) + above * Vec3::Y);
-        let from = Mat3::from_cols_array_2d(&anchors.map(|anchor| [anchor.x.abs(), anchor.y, 1.0]));
-        let ends = ends(&texture, floor_row).context("a brow texture is empty")?;
-        let to = Mat3::from_cols_array_2d(&ends.map(|end| [end.x, end.y, 1.0]));
-        let middle = anchors.iter().map(|anchor| anchor.y).sum::<f32>() / 3.0;
+        let on_face = ANCHORS.map(|(index, above)| {
+            let point = rig.landmark(index);
+            Vec2::new(point.x.abs(), point.y + above)
+        });
+        let in_texture = ends(&texture, floor_row).context("a brow texture is empty")?;
+        let middle = f32::midpoint(on_face[0].y, on_face[1].y);
         let near = |vertex: &u32| {
             let point = rig.neutral[*vertex as usize];
             point.z > FRONT && (point.y - middle).abs() < REACH
         };
         let face = &rig.parts.skin[..rig.parts.face];
         let triangles = face.iter().filter(|triangle| triangle.iter().all(near)).copied().collect();
-        Ok(Self { lay: to * from.inverse(), floor: 1.0 - floor_row as f32 / height as f32, texture, triangles })
+        Ok(Self { on_face, in_texture, floor: 1.0 - floor_row as f32 / height as f32, texture, triangles })
     }
 
-    /// Where a vertex of the head at rest lies in the texture.
+    /// Where a vertex of the head at rest lies in the texture: along the line between the ends, and as far above it.
     pub fn place(&self, rest: Vec3) -> Vec2 {
-        (self.lay * Vec3::new(rest.x.abs(), rest.y, 1.0)).truncate()
+        let ([inner, outer], [from, to]) = (self.on_face, self.in_texture);
+        let along = (rest.x.abs() - inner.x) / (outer.x - inner.x);
+        let scale = (to.x - from.x) / (outer.x - inner.x);
+        from.lerp(to, along) + Vec2::new(0.0, scale * (rest.y - inner.lerp(outer, along).y))
     }
 
     /// How much of the skin is covered there, 0 to 1.
@@ -75,8 +80,8 @@ fn upper_rows(texture: &Texture) -> Option<usize> {
     (middle - reach..middle + reach).min_by_key(|row| (ink(*row), row.abs_diff(middle)))
 }
 
-/// Inner end, middle and outer end of the upper brow.
-fn ends(texture: &Texture, floor_row: usize) -> Option<[Vec2; 3]> {
+/// Inner and outer end of the upper brow.
+fn ends(texture: &Texture, floor_row: usize) -> Option<[Vec2; 2]> {
     let [width, height] = texture.size();
     let rows_of =
         |column: usize| -> Vec<usize> { (0..floor_row).filter(|row| texture.pixel(column, *row)[3] > INK).collect() };
@@ -87,7 +92,7 @@ fn ends(texture: &Texture, floor_row: usize) -> Option<[Vec2; 3]> {
         let row = rows.iter().sum::<usize>() as f32 / rows.len().max(1) as f32;
         Some(Vec2::new(column as f32 / width as f32, 1.0 - row / height as f32))
     };
-    Some([at(0.05)?, at(0.5)?, at(0.97)?])
+    Some([at(0.05)?, at(0.97)?])
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length")]

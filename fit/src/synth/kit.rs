@@ -14,7 +14,7 @@ use super::{
     rig::{Rig, Triangle},
     scene::shoulder,
     shadow::ambient_occlusion,
-    skin::{Cover, Skin},
+    skin::{Layout, Skin},
     texture::Texture,
 };
 use facewire::solve::{BLENDSHAPES, COEFFS};
@@ -29,7 +29,7 @@ pub struct Kit {
     /// How it moves.
     pub puppet: Puppet,
     /// How the skin texture is laid on it.
-    pub cover: Cover,
+    pub layout: Layout,
     /// Names of skins, brows and eyes: their files' without ending.
     pub names: [Vec<String>; 3],
     /// In the order of their names.
@@ -66,10 +66,10 @@ impl Kit {
     pub fn load(folder: &Path) -> Result<Self> {
         let rig = Rig::load(folder)?;
         let puppet = Puppet::new(&rig)?;
-        let cover = Cover::new(&rig);
+        let layout = Layout::new(&rig);
         let [skins, brows, eyes] = ["skins", "brows", "eyes"].map(|kind| textures(&folder.join(kind)));
         let [(skin_names, skins), (brow_names, brows), (eye_names, eyes)] = [skins?, brows?, eyes?];
-        let skins = skins.into_par_iter().map(|texture| Skin::new(texture, &rig, &cover));
+        let skins = skins.into_par_iter().map(|texture| Skin::new(texture, &rig, &layout));
         let brows = brows.into_iter().map(|texture| Brow::new(texture, &rig));
         let eyes = eyes.into_iter().map(EyeTexture::new);
         let parts = &rig.parts;
@@ -86,7 +86,7 @@ impl Kit {
             skins: skins.collect(),
             brows: brows.collect::<Result<_>>()?,
             eyes: eyes.collect::<Result<_>>()?,
-            cover,
+            layout,
             puppet,
             rig,
         })

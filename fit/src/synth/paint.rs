@@ -1,6 +1,6 @@
 //! The colour of one sample: skin with hair, beard and clothes, mouth, eyes, brows.
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4Swizzles};
 
 use super::{
     geometry::smoothstep,
@@ -14,9 +14,13 @@ use super::{
 
 /// Colours in linear light.
 const GUMS: Vec3 = Vec3::new(0.32, 0.075, 0.07);
-const TEETH: Vec3 = Vec3::new(0.62, 0.54, 0.42);
+const TEETH: Vec3 = Vec3::new(0.68, 0.61, 0.50);
+/// What a full beard takes of the light.
+const BEARD: Vec3 = Vec3::new(0.75, 0.76, 0.74);
+/// Hair begins and is full this far inside the hairline, centimetres.
+const HAIR_EDGE: [f32; 2] = [-0.9, 0.9];
 /// Exponent of the glint on eyes, and its strength.
-const GLINT: (f32, f32) = (260.0, 6.0);
+const GLINT: (f32, f32) = (400.0, 2.5);
 /// Light on an eye: the lids take this share at the upper edge of the ball.
 const LID_SHADE: f32 = 0.6;
 
@@ -37,39 +41,29 @@ impl<'a> Painter<'a> {
 
     /// Skin, or what covers it.
     pub fn skin(&self, at: Corners) -> Vec3 {
-        let diffuse = at.mix(|vertex| self.head.lit[vertex].diffuse);
         let looks = &self.person.looks;
-        if at.mix(|vertex| self.person.cloth[vertex]) > 0.0 {
+        let [diffuse, gloss] =
+            [at.mix(|vertex| self.head.lit[vertex].diffuse), at.mix(|vertex| self.head.lit[vertex].gloss)];
+        let place = at.mix(|vertex| self.person.covers[vertex].place);
+        let tone = at.mix(|vertex| self.person.covers[vertex].tone);
+        let rest = at.mix(|vertex| self.person.covers[vertex].rest);
+        let [hair, below_collar] = [place.z, place.w];
+        if below_collar > 0.0 {
             return looks.cloth.0 * diffuse;
         }
-        let gloss = at.mix(|vertex| self.head.lit[vertex].gloss);
-        let share = at.mix(|vertex| self.kit.cover.share[vertex]);
-        let mut colour = at.mix(|vertex| self.skin.tone[vertex]);
-        if share > 0.0 {
-            let uv = at.mix(|vertex| self.kit.rig.skin_uv[vertex]);
-            colour = colour.lerp(self.skin.texture.light(uv), share);
+        let mut colour = tone.truncate();
+        if tone.w > 0.0 {
+            colour = colour.lerp(self.skin.texture.light(place.xy()) * looks.tint, tone.w);
         }
-        colour *= looks.tint;
-        let beard = at.mix(|vertex| self.person.beard[vertex]);
-        if beard > 0.0 {
-            colour = colour.lerp(colour * Vec3::new(0.25, 0.24, 0.26), beard);
-        }
+        colour *= Vec3::ONE - rest.w * BEARD;
         match looks.hair {
-            Some((hair, _)) => self.hair(at, hair, colour, diffuse, gloss * looks.gloss),
-            None => colour * diffuse + gloss * looks.gloss,
+            Some((hair_colour, _)) if hair > HAIR_EDGE[0] => {
+                let (cover, strand) = strands(rest.truncate(), hair);
+                colour.lerp(hair_colour * (0.65 + 0.7 * strand), cover) * diffuse
+                    + gloss * looks.gloss * (1.0 - 0.8 * cover)
+            }
+            _ => colour * diffuse + gloss * looks.gloss,
         }
-    }
-
-    fn hair(&self, at: Corners, hair: Vec3, skin: Vec3, diffuse: Vec3, gloss: Vec3) -> Vec3 {
-        let depth = at.mix(|vertex| self.person.hair[vertex]);
-        if depth < -0.6 {
-            return skin * diffuse + gloss;
-        }
-        let rest = at.mix(|vertex| self.kit.rig.neutral[vertex]);
-        let strand = noise(Vec3::new(rest.x * 7.0, rest.y * 1.6, rest.z * 1.6));
-        let cover = smoothstep(-0.5, 0.9, depth + 0.9 * (strand - 0.5));
-        let shine = 0.55 + 0.9 * strand;
-        skin.lerp(hair * shine, cover) * diffuse + gloss * (1.0 - 0.8 * cover)
     }
 
     /// Gums, tongue and the hollow of the mouth.
@@ -107,6 +101,12 @@ impl<'a> Painter<'a> {
         let alpha = self.kit.brows[self.person.looks.brow].cover(uv) * opacity;
         (alpha, colour * at.mix(|vertex| self.head.lit[vertex].diffuse))
     }
+}
+
+/// How much hair covers the skin `depth` centimetres inside the hairline, and how bright the strand there is (0 to 1).
+fn strands(rest: Vec3, depth: f32) -> (f32, f32) {
+    let strand = noise(Vec3::new(rest.x * 9.0, rest.y * 1.4, rest.z * 1.4));
+    (smoothstep(HAIR_EDGE[0] + 0.4, HAIR_EDGE[1], depth + 0.9 * (strand - 0.5)), strand)
 }
 
 /// A dark colour as it is stored, in linear light.

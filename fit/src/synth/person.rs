@@ -1,6 +1,6 @@
 //! A person: the shape of the head and what it looks like, the same in all of the person's pictures.
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 
 use super::{
     geometry::{piecewise, smoothstep},
@@ -52,14 +52,21 @@ pub struct Person {
     pub base: Vec<Vec3>,
     /// What it looks like.
     pub looks: Looks,
-    /// How far inside the hair each vertex lies, centimetres; negative on bare skin.
-    pub hair: Vec<f32>,
-    /// How far below the collar, centimetres.
-    pub cloth: Vec<f32>,
-    /// Density of the beard.
-    pub beard: Vec<f32>,
+    /// What covers each vertex.
+    pub covers: Vec<Cover>,
     /// Where the brows' texture lies.
     pub brow_uv: Vec<Vec2>,
+}
+
+/// What a vertex of the skin carries, packed for interpolation.
+#[derive(Debug, Clone, Copy)]
+pub struct Cover {
+    /// Tone (linear), and share of the texture against it.
+    pub tone: Vec4,
+    /// Place in the texture, how far inside the hair (centimetres, negative on bare skin), how far below the collar.
+    pub place: Vec4,
+    /// Position on the rig at rest, and density of the beard.
+    pub rest: Vec4,
 }
 
 impl Person {
@@ -85,14 +92,16 @@ impl Person {
             kit.brows[looks.brow].place(Vec3::new(point.x, y, point.z))
         };
         let mouth = (kit.rig.landmark(48) + kit.rig.landmark(54)) / 2.0;
-        Self {
-            cloth: rest.iter().map(|point| collar_at(*point, looks.cloth.1)).collect(),
-            beard: rest.iter().map(|point| looks.beard * beard_at(*point, mouth)).collect(),
-            brow_uv: rest.iter().map(brow).collect(),
-            base,
-            looks,
-            hair,
-        }
+        let skin = &kit.skins[looks.skin];
+        let cover = |vertex: usize| {
+            let (point, uv) = (rest[vertex], kit.rig.skin_uv[vertex]);
+            Cover {
+                tone: (skin.tone[vertex] * looks.tint).extend(kit.layout.share[vertex]),
+                place: Vec4::new(uv.x, uv.y, hair[vertex], collar_at(point, looks.cloth.1)),
+                rest: point.extend(looks.beard * beard_at(point, mouth)),
+            }
+        };
+        Self { covers: (0..rest.len()).map(cover).collect(), brow_uv: rest.iter().map(brow).collect(), base, looks }
     }
 }
 

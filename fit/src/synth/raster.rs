@@ -2,7 +2,7 @@
 //!
 //! Positions are snapped to 1/256 of a sample and edges are worked out in whole numbers, with the top-left rule: of
 //! triangles that share an edge exactly one covers a sample on it, so there are neither cracks nor double coverage.
-//! Contract: nothing outside the grid is visited. Limits: corners within 32,000 samples of the origin, else skipped.
+//! Contract: nothing outside the grid is visited. Limits: corners within 16,000 samples of the origin, else skipped.
 
 use glam::{Vec2, Vec3};
 
@@ -10,7 +10,9 @@ use glam::{Vec2, Vec3};
 const STEPS: f32 = 256.0;
 const STEP: i64 = 256;
 /// Corners beyond this are not drawn: edges would leave the whole numbers.
-const FARTHEST: f32 = 32_000.0;
+const FARTHEST: f32 = 16_000.0;
+/// Added and taken away again, it rounds numbers below 2^22 (1.5 x 2^23, where the steps of an f32 are 1).
+const ROUNDER: f32 = 12_582_912.0;
 
 /// Columns and rows of a grid of samples; sample (0, 0) has its centre at (0.5, 0.5).
 #[derive(Debug, Clone, Copy)]
@@ -21,33 +23,21 @@ pub struct Grid {
     pub height: usize,
 }
 
-/// Which side of a triangle is drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Facing {
-    /// Only that whose corners run counter-clockwise as seen, y being down in the grid.
-    Front,
-    /// Both.
-    Both,
-}
-
 impl Grid {
-    /// Calls `sample(index, weights of the corners)` for every sample that the triangle covers.
-    pub fn fill(self, corners: [Vec2; 3], facing: Facing, mut sample: impl FnMut(usize, Vec3)) {
-        if !corners.iter().all(|corner| corner.abs().max_element() < FARTHEST) {
+    /// Calls `sample(index, weights of the corners)` for every sample that the triangle covers. Only triangles whose
+    /// corners run counter-clockwise as seen (y being down) are drawn: the others show their back.
+    pub fn fill(self, corners: [Vec2; 3], mut sample: impl FnMut(usize, Vec3)) {
+        let [one, two, three] = corners;
+        if !(one.abs().max(two.abs()).max(three.abs()).max_element() < FARTHEST) || (one + two + three).is_nan() {
             return;
         }
-        let [a, b, c] = corners.map(snap);
+        let [a, b, c] = [snap(one), snap(two), snap(three)];
         let area = cross(a, b, c);
-        // Counter-clockwise as seen is negative with y down.
-        if area == 0 || (area > 0 && facing == Facing::Front) {
+        if area >= 0 {
             return;
         }
-        let inverse = 1.0 / area.abs() as f32;
-        if area > 0 {
-            self.fill_clockwise([a, b, c], |index, [u, v, w]| sample(index, Vec3::new(u, v, w) * inverse));
-        } else {
-            self.fill_clockwise([a, c, b], |index, [u, w, v]| sample(index, Vec3::new(u, v, w) * inverse));
-        }
+        let inverse = 1.0 / -area as f32;
+        self.fill_clockwise([a, c, b], |index, [u, w, v]| sample(index, Vec3::new(u, v, w) * inverse));
     }
 
     fn fill_clockwise(self, [a, b, c]: [[i64; 2]; 3], mut sample: impl FnMut(usize, [f32; 3])) {
@@ -57,12 +47,14 @@ impl Grid {
         // Each edge belongs to the corner opposite to it.
         let mut edges = [Edge::new(b, c, start), Edge::new(c, a, start), Edge::new(a, b, start)];
         for row in rows {
-            let mut values = edges.each_ref().map(|edge| edge.value);
+            let [mut u, mut v, mut w] = [edges[0].value, edges[1].value, edges[2].value];
             for column in columns.clone() {
-                if values.iter().zip(&edges).all(|(value, edge)| *value >= edge.least) {
-                    sample(row * self.width + column, values.map(|value| value as f32));
+                if u >= edges[0].least && v >= edges[1].least && w >= edges[2].least {
+                    sample(row * self.width + column, [u as f32, v as f32, w as f32]);
                 }
-                values.iter_mut().zip(&edges).for_each(|(value, edge)| *value += edge.right);
+                u += edges[0].right;
+                v += edges[1].right;
+                w += edges[2].right;
             }
             edges.iter_mut().for_each(|edge| edge.value += edge.down);
         }
@@ -88,7 +80,8 @@ impl Edge {
 
 #[expect(clippy::cast_possible_truncation, reason = "positions are bounded by FARTHEST")]
 fn snap(position: Vec2) -> [i64; 2] {
-    [position.x, position.y].map(|value| (value * STEPS).round() as i64)
+    let rounded = position * STEPS + ROUNDER - ROUNDER;
+    [rounded.x as i64, rounded.y as i64]
 }
 
 fn cross(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i64 {
@@ -117,7 +110,7 @@ mod tests {
     fn coverage(triangles: &[[Vec2; 3]]) -> Vec<u32> {
         let mut counts = vec![0; GRID.width * GRID.height];
         for corners in triangles {
-            GRID.fill(*corners, Facing::Both, |index, _| counts[index] += 1);
+            GRID.fill(*corners, |index, _| counts[index] += 1);
         }
         counts
     }
@@ -128,7 +121,7 @@ mod tests {
             let angle = f32::from(blade) / f32::from(blades) * core::f32::consts::TAU;
             centre + 90.0 * Vec2::from_angle(angle)
         };
-        (0..blades).map(|blade| [centre, rim(blade), rim((blade + 1) % blades)]).collect()
+        (0..blades).map(|blade| [centre, rim((blade + 1) % blades), rim(blade)]).collect()
     }
 
     #[test]
@@ -143,7 +136,7 @@ mod tests {
     #[test]
     fn corners_on_sample_centres_belong_to_one_of_two_halves() {
         let square = [Vec2::new(4.5, 4.5), Vec2::new(12.5, 4.5), Vec2::new(12.5, 12.5), Vec2::new(4.5, 12.5)];
-        let counts = coverage(&[[square[0], square[1], square[2]], [square[0], square[2], square[3]]]);
+        let counts = coverage(&[[square[0], square[2], square[1]], [square[0], square[3], square[2]]]);
         assert_eq!(counts.iter().sum::<u32>(), 64);
         assert!(counts.iter().all(|count| *count <= 1));
     }
@@ -158,7 +151,7 @@ mod tests {
     #[test]
     fn weights_are_those_of_the_corners_and_sum_to_one() {
         let corners = [Vec2::new(2.0, 2.0), Vec2::new(5.0, 25.0), Vec2::new(35.0, 7.0)];
-        GRID.fill(corners, Facing::Both, |index, weights| {
+        GRID.fill(corners, |index, weights| {
             let place = corners[0] * weights.x + corners[1] * weights.y + corners[2] * weights.z;
             let expected = Vec2::new((index % GRID.width) as f32 + 0.5, (index / GRID.width) as f32 + 0.5);
             assert!((weights.element_sum() - 1.0).abs() < 1e-4 && (place - expected).length() < 0.01);
@@ -169,8 +162,8 @@ mod tests {
     fn only_the_side_turned_to_the_camera_is_drawn() {
         let seen = [Vec2::new(2.0, 2.0), Vec2::new(5.0, 25.0), Vec2::new(35.0, 7.0)];
         let mut counts = [0; 2];
-        GRID.fill(seen, Facing::Front, |_, _| counts[0] += 1);
-        GRID.fill([seen[0], seen[2], seen[1]], Facing::Front, |_, _| counts[1] += 1);
+        GRID.fill(seen, |_, _| counts[0] += 1);
+        GRID.fill([seen[0], seen[2], seen[1]], |_, _| counts[1] += 1);
         assert!(counts[0] > 100 && counts[1] == 0);
     }
 }

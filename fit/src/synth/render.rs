@@ -9,7 +9,6 @@ use super::{
     kit::{BOUNDS, Kit},
     paint::{Painter, hair_colour},
     person::Person,
-    raster::Facing,
     rig::Triangle,
     scene::Shot,
     shade::{Lit, Surface, light},
@@ -18,6 +17,8 @@ use super::{
 
 /// Cells of a side of the key light's depth map.
 const SHADOW_SIDE: usize = 200;
+/// Share of the sky seen inside the mouth, right behind the lips.
+const MOUTH_SKY: f32 = 0.6;
 /// Brows and lashes are drawn this much nearer (relative), so that the skin below them does not hide them.
 const LIFT: f32 = 1.0005;
 
@@ -93,8 +94,10 @@ impl Renderer {
         let head = &mut self.head;
         let key = shot.lighting.lights.first().map_or(Vec3::Y, |lamp| lamp.toward);
         let bounds = (shot.placement.position + BOUNDS.0 - Vec3::new(0.0, -1.0, 3.0), BOUNDS.1);
-        self.shadow.draw(key, bounds, &head.points, &kit.surface);
+        self.shadow.draw(key, bounds, &head.points, &kit.rig.parts.skin);
         kit.sky.seen(&shot.weights, &mut head.sky);
+        // What the lips hide at rest, the fall-off behind them accounts for.
+        kit.mouth.iter().for_each(|vertex| head.sky[*vertex as usize] = MOUTH_SKY);
         head.lit.clear();
         let vertices = head.points.iter().zip(&head.normals).zip(&head.sky).zip(&kit.is_skin);
         let lit = vertices.map(|(((point, normal), sky), skin)| {
@@ -124,8 +127,8 @@ impl Head {
         let [upper, lower] = [62, 66].map(|index| self.shape[kit.rig.landmarks[index]]);
         let front = f32::midpoint(upper.z, lower.z);
         let gap = (upper - lower).length();
-        let open = (0.25 + 0.5 * gap).min(1.0);
-        let reach = 0.9 + 0.5 * gap;
+        let open = (0.3 + 0.6 * gap).min(1.0);
+        let reach = 1.2 + 0.6 * gap;
         for vertex in &kit.mouth {
             let vertex = *vertex as usize;
             let share = open * (-(front - self.shape[vertex].z - 0.3).max(0.0) / reach).exp();
@@ -161,11 +164,11 @@ fn draw(
     mut paint: impl FnMut(&mut Canvas, usize, f32, Corners),
 ) {
     let grid = canvas.grid;
-    for triangle in triangles {
-        let vertices = triangle.map(|vertex| vertex as usize);
-        let seen = vertices.map(|vertex| head.screen[vertex]);
-        let nears = Vec3::from_array(seen.map(|(_, near)| near * lift));
-        grid.fill(seen.map(|(place, _)| place), Facing::Front, |index, weights| {
+    for [a, b, c] in triangles {
+        let vertices = [*a as usize, *b as usize, *c as usize];
+        let [one, two, three] = [head.screen[vertices[0]], head.screen[vertices[1]], head.screen[vertices[2]]];
+        let nears = Vec3::new(one.1, two.1, three.1) * lift;
+        grid.fill([one.0, two.0, three.0], |index, weights| {
             let near = weights.dot(nears);
             if canvas.sees(index, near) {
                 paint(canvas, index, near, Corners { vertices, weights });

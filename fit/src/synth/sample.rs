@@ -25,6 +25,18 @@ const IDENTITY_LIMIT: f32 = 2.5;
 /// Yaw, pitch and roll: standard deviation, and bounds, degrees.
 const TURN_DEG: [(f32, f32); 3] = [(16.0, 40.0), (10.0, 25.0), (7.0, 20.0)];
 
+/// Colours of hair, linear: black, dark and light brown, blond, red, grey.
+const HAIR: [[f32; 3]; 6] = [
+    [0.012, 0.010, 0.009],
+    [0.045, 0.026, 0.016],
+    [0.11, 0.065, 0.035],
+    [0.35, 0.25, 0.13],
+    [0.2, 0.07, 0.025],
+    [0.3, 0.3, 0.31],
+];
+/// Lightness of skin below this is dark.
+const DARK_SKIN: f32 = 0.16;
+
 /// What may be drawn.
 pub struct Choice<'a> {
     /// Numbers of skins, brows and eyes.
@@ -79,10 +91,10 @@ impl Subject {
         let spread = rng_ref.random_range(0.5..1.0);
         let identity: Vec<f32> =
             (0..kit.rig.identities.len()).map(|_| spread * normal(rng_ref, 1.0, IDENTITY_LIMIT)).collect();
-        let looks = looks(rng_ref, choice);
+        let looks = looks(rng_ref, kit, choice);
         let person = Person::new(kit, &identity, looks);
         let distance = rng_ref.random_range(32.0_f32.ln()..100.0_f32.ln()).exp();
-        let face_px = rng_ref.random_range(0.24..0.5) * size[0].min(size[1]) as f32;
+        let face_px = rng_ref.random_range(0.28..0.55) * size[0].min(size[1]) as f32;
         let lighting = lighting(rng_ref);
         let room = lighting.ambient[0] * rng_ref.random_range(0.6..2.0);
         Self {
@@ -149,12 +161,13 @@ fn motion(rng: &mut ChaCha8Rng) -> Vec2 {
     }
 }
 
-fn looks(rng: &mut ChaCha8Rng, choice: &Choice) -> Looks {
-    let hair = hair_colour(rng);
-    let brow = hair.min(Vec3::splat(0.12)) * rng.random_range(0.25..0.9);
+fn looks(rng: &mut ChaCha8Rng, kit: &Kit, choice: &Choice) -> Looks {
+    let skin = pick(rng, &choice.skins);
+    let hair = hair_colour(rng, kit.skins[skin].lightness);
+    let brow = hair.min(Vec3::splat(0.12)) * rng.random_range(0.12..0.55);
     let bearded = rng.random_bool(0.3);
     Looks {
-        skin: pick(rng, &choice.skins),
+        skin,
         brow: pick(rng, &choice.brows),
         eye: pick(rng, &choice.eyes),
         tint: Vec3::new(rng.random_range(0.9..1.12), 1.0, rng.random_range(0.88..1.1)) * rng.random_range(0.75..1.2),
@@ -163,7 +176,7 @@ fn looks(rng: &mut ChaCha8Rng, choice: &Choice) -> Looks {
         hairline: normal(rng, 0.6, 1.5),
         beard: if bearded { rng.random_range(0.15..0.95) } else { 0.0 },
         brow_colour: (brow, rng.random_range(0.6..1.0)),
-        brow_shape: [normal(rng, 0.15, 0.4), rng.random_range(0.8..1.25)],
+        brow_shape: [normal(rng, 0.15, 0.4), rng.random_range(1.0..1.9)],
         iris: rng.random_range(0.355..0.42),
         lashes: rng.random_range(0.1..0.8),
         cloth: (cloth_colour(rng), normal(rng, 1.0, 2.0) - 13.0),
@@ -177,17 +190,10 @@ fn cloth_colour(rng: &mut ChaCha8Rng) -> Vec3 {
     grey.lerp(hue * hue * 0.6, rng.random_range(0.0_f32..0.9).powi(2))
 }
 
-/// Black, brown, blond, red, grey; linear.
-fn hair_colour(rng: &mut ChaCha8Rng) -> Vec3 {
-    let kinds = [
-        [0.012, 0.010, 0.009],
-        [0.045, 0.026, 0.016],
-        [0.11, 0.065, 0.035],
-        [0.35, 0.25, 0.13],
-        [0.2, 0.07, 0.025],
-        [0.3, 0.3, 0.31],
-    ];
-    let kind = kinds.iter().choose(rng).copied().unwrap_or_default();
+/// Dark skin has mostly black hair.
+fn hair_colour(rng: &mut ChaCha8Rng, skin_lightness: f32) -> Vec3 {
+    let black = skin_lightness < DARK_SKIN && rng.random_bool(0.8);
+    let kind = if black { HAIR[0] } else { HAIR.iter().choose(rng).copied().unwrap_or_default() };
     Vec3::from_array(kind) * rng.random_range(0.7..1.4)
 }
 
@@ -228,7 +234,7 @@ fn effects(rng: &mut ChaCha8Rng) -> Effects {
     Effects {
         defocus_px: if rng.random_bool(0.5) { rng.random_range(0.35..1.5) } else { 0.0 },
         motion_px: Vec2::ZERO,
-        exposure: warmth(rng) * rng.random_range(0.55..1.3),
+        exposure: warmth(rng) * rng.random_range(0.5..1.15),
         vignette: rng.random_range(0.0..0.45),
         noise: [noise, noise * rng.random_range(0.05..0.3)],
         contrast: rng.random_range(0.85..1.2),

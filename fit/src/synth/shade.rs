@@ -16,7 +16,7 @@ const HARD_WRAP: Vec3 = Vec3::splat(0.08);
 /// Reflection of skin seen straight on.
 const FRESNEL: f32 = 0.03;
 /// Lobes of the highlight: exponent and share.
-const LOBES: [(f32, f32); 2] = [(12.0, 0.7), (42.0, 0.3)];
+const LOBES: [(i32, f32); 2] = [(12, 0.7), (42, 0.3)];
 /// Vertices turned this far away (cosine) are not seen and not lit.
 const HIDDEN: f32 = -0.35;
 
@@ -75,7 +75,7 @@ fn add_lamp(lit: &mut Lit, lamp: &Light, surface: &Surface, view: Vec3, open: f3
 
 /// Blinn-Phong lobes, normalised.
 fn highlight(cosine: f32) -> f32 {
-    LOBES.iter().map(|(exponent, share)| share * (exponent + 8.0) / 8.0 * cosine.powf(*exponent)).sum()
+    LOBES.iter().map(|(exponent, share)| share * (*exponent as f32 + 8.0) / 8.0 * cosine.powi(*exponent)).sum()
 }
 
 #[cfg(test)]

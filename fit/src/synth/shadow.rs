@@ -3,10 +3,7 @@
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::{
-    raster::{Facing, Grid},
-    rig::Triangle,
-};
+use super::{raster::Grid, rig::Triangle};
 
 /// Surfaces this much in front, centimetres, cast a shadow; less is the surface itself.
 const BIAS_CM: f32 = 0.12;
@@ -18,35 +15,42 @@ const AMBIENT_SIDE: usize = 160;
 pub struct DepthMap {
     grid: Grid,
     depths: Vec<f32>,
-    /// Rows: right, up, toward.
+    /// Rows: right, down, toward.
     axes: Mat3,
     corner: Vec2,
     cells_per_cm: f32,
+    /// Cell and depth of every vertex.
+    seen: Vec<(Vec2, f32)>,
 }
 
 impl DepthMap {
     /// A map without content, of `side` cells a side.
     pub fn new(side: usize) -> Self {
         let grid = Grid { width: side, height: side };
-        Self { grid, depths: vec![0.0; side * side], axes: Mat3::IDENTITY, corner: Vec2::ZERO, cells_per_cm: 1.0 }
+        let depths = vec![0.0; side * side];
+        Self { grid, depths, axes: Mat3::IDENTITY, corner: Vec2::ZERO, cells_per_cm: 1.0, seen: Vec::new() }
     }
 
     /// Fills the map with the triangles as seen from `toward`, framing `bounds` (centre, radius).
     pub fn draw(&mut self, toward: Vec3, bounds: (Vec3, f32), points: &[Vec3], triangles: &[Triangle]) {
         let toward = toward.normalize_or(Vec3::Z);
         let right = toward.any_orthonormal_vector();
-        self.axes = Mat3::from_cols(right, toward.cross(right), toward).transpose();
+        self.axes = Mat3::from_cols(right, right.cross(toward), toward).transpose();
         let (centre, radius) = bounds;
         self.cells_per_cm = self.grid.width as f32 / (2.0 * radius);
         self.corner = (self.axes * centre).truncate() - radius;
         self.depths.fill(f32::NEG_INFINITY);
-        for triangle in triangles {
-            let seen = triangle.map(|vertex| self.place(points[vertex as usize]));
-            let depths = Vec3::from_array(seen.map(|(_, depth)| depth));
-            self.grid.fill(seen.map(|(cell, _)| cell), Facing::Both, |index, weights| {
+        let mut seen = core::mem::take(&mut self.seen);
+        seen.clear();
+        seen.extend(points.iter().map(|point| self.place(*point)));
+        for [a, b, c] in triangles {
+            let [(one, near), (two, middle), (three, far)] = [seen[*a as usize], seen[*b as usize], seen[*c as usize]];
+            let depths = Vec3::new(near, middle, far);
+            self.grid.fill([one, two, three], |index, weights| {
                 self.depths[index] = self.depths[index].max(weights.dot(depths));
             });
         }
+        self.seen = seen;
     }
 
     /// A length in cells of the map.

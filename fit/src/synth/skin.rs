@@ -11,14 +11,15 @@ use super::{geometry::smoothstep, rig::Rig, texture::Texture};
 const BLEND_RINGS: u8 = 8;
 /// Texture coordinates further apart than this within a triangle span two parts of the texture.
 const SEAM: f32 = 0.04;
-/// Below this, and behind this on the scalp, there is no texture, centimetres.
+/// Below this, behind this, and behind this on the scalp, there is no texture, centimetres.
 const NECK: f32 = -8.5;
+const BESIDE: f32 = 4.6;
 const BEHIND: f32 = 7.5;
 /// Sweeps that spread the tone.
 const SWEEPS: usize = 120;
 
 /// How the texture is laid on a rig: the same for all skins.
-pub struct Cover {
+pub struct Layout {
     /// Share of the texture against the tone, by vertex.
     pub share: Vec<f32>,
     /// Neighbours of each vertex in the skin.
@@ -31,9 +32,11 @@ pub struct Skin {
     pub texture: Texture,
     /// Linear colour of each vertex, where the texture does not reach.
     pub tone: Vec<Vec3>,
+    /// Mean green of the face, linear.
+    pub lightness: f32,
 }
 
-impl Cover {
+impl Layout {
     /// Finds where the texture is good.
     pub fn new(rig: &Rig) -> Self {
         let neighbours = neighbours(rig);
@@ -43,7 +46,7 @@ impl Cover {
             let seam = spans_seam(rig, triangle.map(|vertex| vertex as usize));
             for vertex in triangle.map(|vertex| vertex as usize) {
                 let point = rig.neutral[vertex];
-                if seam || point.y < NECK || (back && point.z < BEHIND) {
+                if seam || point.y < NECK || point.z < BESIDE || (back && point.z < BEHIND) {
                     rings[vertex] = 0;
                 }
             }
@@ -89,23 +92,23 @@ fn spread_rings(rings: &mut [u8], neighbours: &[Vec<u32>]) {
 
 impl Skin {
     /// Spreads the tone of the face over the rest of the head.
-    pub fn new(texture: Texture, rig: &Rig, cover: &Cover) -> Self {
+    pub fn new(texture: Texture, rig: &Rig, layout: &Layout) -> Self {
         let seen: Vec<Vec3> = rig.skin_uv.iter().map(|uv| texture.light(*uv)).collect();
-        let sure = |vertex: &usize| cover.share[*vertex] >= 1.0 && !cover.neighbours[*vertex].is_empty();
+        let sure = |vertex: &usize| layout.share[*vertex] >= 1.0 && !layout.neighbours[*vertex].is_empty();
         let known: Vec<usize> = (0..seen.len()).filter(sure).collect();
         let mean = known.iter().map(|vertex| seen[*vertex]).sum::<Vec3>() / known.len().max(1) as f32;
         let mut tone = vec![mean; seen.len()];
         known.iter().for_each(|vertex| tone[*vertex] = seen[*vertex]);
-        let open: Vec<usize> = (0..seen.len()).filter(|vertex| cover.share[*vertex] < 1.0).collect();
+        let open: Vec<usize> = (0..seen.len()).filter(|vertex| layout.share[*vertex] < 1.0).collect();
         for _ in 0..SWEEPS {
             for vertex in &open {
-                let around = &cover.neighbours[*vertex];
+                let around = &layout.neighbours[*vertex];
                 let sum: Vec3 = around.iter().map(|next| tone[*next as usize]).sum();
                 if !around.is_empty() {
                     tone[*vertex] = sum / around.len() as f32;
                 }
             }
         }
-        Self { texture, tone }
+        Self { texture, tone, lightness: mean.y }
     }
 }

@@ -30,14 +30,13 @@ impl Texture {
         self.pixels[row.min(self.height - 1) * self.width + column.min(self.width - 1)]
     }
 
-    /// Bilinear between pixel centres; channels 0 to 255 as stored (sRGB).
+    /// Bilinear between pixel centres, clamped to the border; channels 0 to 255 as stored (sRGB).
     pub fn sample(&self, uv: Vec2) -> Vec4 {
         let limit = Vec2::new(self.width as f32 - 1.0, self.height as f32 - 1.0);
         let place = Vec2::new(uv.x * self.width as f32, (1.0 - uv.y) * self.height as f32) - 0.5;
         let place = place.clamp(Vec2::ZERO, limit);
-        let corner = place.floor();
-        let part = place - corner;
-        let (column, row) = (index(corner.x), index(corner.y));
+        let (column, row) = (index(place.x), index(place.y));
+        let part = place - Vec2::new(column as f32, row as f32);
         let at = |dx: usize, dy: usize| Vec4::from_array(self.pixel(column + dx, row + dy).map(f32::from));
         let upper = at(0, 0).lerp(at(1, 0), part.x);
         let lower = at(0, 1).lerp(at(1, 1), part.x);

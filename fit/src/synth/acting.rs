@@ -108,7 +108,7 @@ fn combined(rng: &mut ChaCha8Rng) -> Coefficients {
 
 /// Into bounds, and without what no face does.
 fn settle(rng: &mut ChaCha8Rng, weights: &mut Coefficients) {
-    weights.iter_mut().for_each(|value| *value = value.clamp(0.0, 1.0));
+    *weights = weights.map(|value| value.clamp(0.0, 1.0));
     for (one, other) in EXCLUSIVE {
         let (one, other) = (index_of(one), index_of(other));
         if weights[one] > ACTIVE && weights[other] > ACTIVE {

@@ -23,15 +23,15 @@ use super::worker::{META, ROW};
 struct Column {
     name: &'static str,
     first: usize,
-    shape: &'static [u64],
+    shape: &'static [usize],
 }
 
 const POINTS: usize = 3 * LANDMARKS;
 const COLUMNS: [Column; 4] = [
-    Column { name: "landmarks", first: 0, shape: &[LANDMARKS as u64, 3] },
-    Column { name: "weights", first: POINTS, shape: &[COEFFS as u64] },
+    Column { name: "landmarks", first: 0, shape: &[LANDMARKS, 3] },
+    Column { name: "weights", first: POINTS, shape: &[COEFFS] },
     Column { name: "pose", first: POINTS + COEFFS, shape: &[3] },
-    Column { name: "meta", first: POINTS + COEFFS + 3, shape: &[META as u64] },
+    Column { name: "meta", first: POINTS + COEFFS + 3, shape: &[META] },
 ];
 
 /// Writes the archive. `subjects` holds each subject's rows, by number.
@@ -62,8 +62,9 @@ fn pictures(subjects: &[Vec<f32>]) -> u64 {
 }
 
 fn write_column(npz: &mut NpzWriter<BufWriter<File>>, column: &Column, subjects: &[Vec<f32>]) -> Result<()> {
-    let shape = [&[pictures(subjects)], column.shape].concat();
-    let width: usize = column.shape.iter().map(|side| *side as usize).product();
+    let sides = column.shape.iter().map(|side| *side as u64);
+    let shape: Vec<u64> = core::iter::once(pictures(subjects)).chain(sides).collect();
+    let width: usize = column.shape.iter().product();
     let mut array = npz.array::<f32>(column.name, options())?.default_dtype().shape(&shape).begin_nd()?;
     for row in subjects.iter().flat_map(|rows| rows.chunks_exact(ROW)) {
         array.extend(row[column.first..column.first + width].iter().copied())?;
@@ -81,6 +82,7 @@ fn write_subjects(npz: &mut NpzWriter<BufWriter<File>>, subjects: &[Vec<f32>]) -
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
     use super::*;
     use crate::dataset;

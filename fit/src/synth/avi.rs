@@ -5,11 +5,13 @@ struct Chunks(Vec<u8>);
 
 impl Chunks {
     fn numbers(&mut self, values: &[u32]) -> &mut Self {
-        values.iter().for_each(|value| self.0.extend(value.to_le_bytes()));
+        for value in values {
+            self.0.extend(value.to_le_bytes());
+        }
         self
     }
 
-    fn chunk(&mut self, id: &[u8; 4], body: &[u8]) -> &mut Self {
+    fn chunk(&mut self, id: [u8; 4], body: &[u8]) -> &mut Self {
         self.0.extend(id);
         self.numbers(&[length(body)]);
         self.0.extend(body);
@@ -17,8 +19,8 @@ impl Chunks {
         self
     }
 
-    fn list(&mut self, id: &[u8; 4], kind: &[u8; 4], body: &[u8]) -> &mut Self {
-        self.chunk(id, &[kind, body].concat())
+    fn list(&mut self, id: [u8; 4], kind: [u8; 4], body: &[u8]) -> &mut Self {
+        self.chunk(id, &[kind.as_slice(), body].concat())
     }
 }
 
@@ -33,16 +35,16 @@ pub fn film(frames: &[Vec<u8>], [width, height]: [u32; 2], rate: u32) -> Vec<u8>
     let (mut images, mut index) = (Chunks(vec![]), Chunks(vec![]));
     for frame in frames {
         let offset = length(&images.0) + 4;
-        images.chunk(b"00dc", frame);
+        images.chunk(*b"00dc", frame);
         index.0.extend(b"00dc");
         // Every image stands alone (AVIIF_KEYFRAME).
         index.numbers(&[0x10, offset, length(frame)]);
     }
     let mut body = Chunks(vec![]);
-    body.list(b"LIST", b"hdrl", &header(count, largest, [width, height], rate));
-    body.list(b"LIST", b"movi", &images.0).chunk(b"idx1", &index.0);
+    body.list(*b"LIST", *b"hdrl", &header(count, largest, [width, height], rate));
+    body.list(*b"LIST", *b"movi", &images.0).chunk(*b"idx1", &index.0);
     let mut file = Chunks(vec![]);
-    file.list(b"RIFF", b"AVI ", &body.0);
+    file.list(*b"RIFF", *b"AVI ", &body.0);
     file.0
 }
 
@@ -56,9 +58,9 @@ fn header(count: u32, largest: u32, [width, height]: [u32; 2], rate: u32) -> Vec
     format.numbers(&[40, width, height, 24 << 16 | 1]).0.extend(b"MJPG");
     format.numbers(&[3 * width * height, 0, 0, 0, 0]);
     let mut streams = Chunks(vec![]);
-    streams.chunk(b"strh", &stream.0).chunk(b"strf", &format.0);
+    streams.chunk(*b"strh", &stream.0).chunk(*b"strf", &format.0);
     let mut all = Chunks(vec![]);
-    all.chunk(b"avih", &main.0).list(b"LIST", b"strl", &streams.0);
+    all.chunk(*b"avih", &main.0).list(*b"LIST", *b"strl", &streams.0);
     all.0
 }
 

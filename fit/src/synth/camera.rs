@@ -9,8 +9,8 @@ use turbojpeg::{Compressor, Image, PixelFormat, Subsamp};
 
 /// Steps of the tone curve's table over 0 to 1.
 const TONES: usize = 4096;
-/// Normal numbers to draw noise from.
-const NORMALS: usize = 1 << 16;
+/// Normal numbers to draw noise from: few enough to stay in the cache.
+const NORMALS: usize = 1 << 12;
 /// Blur narrower than this is none, pixels.
 const LEAST_BLUR: f32 = 0.3;
 
@@ -113,7 +113,7 @@ impl Camera {
                 let far = (Vec2::new(column as f32, row as f32) - middle).length_squared() / middle.length_squared();
                 let seen = *pixel * effects.exposure * (1.0 - effects.vignette * far);
                 let spread = (seen * (photons * photons) + sensor * sensor).max(Vec3::ZERO);
-                let noise = Vec3::from_array(core::array::from_fn(|_| draw(&self.normals, &mut state)));
+                let noise = draw(&self.normals, &mut state);
                 let value = seen + noise * Vec3::new(spread.x.sqrt(), spread.y.sqrt(), spread.z.sqrt());
                 *bytes = value.to_array().map(|value| curve[whole(value.clamp(0.0, 1.0) * (TONES - 1) as f32)]);
             }
@@ -132,12 +132,12 @@ impl Camera {
     }
 }
 
-/// The next normal number.
-fn draw(normals: &[f32], state: &mut u32) -> f32 {
+/// The next three normal numbers.
+fn draw(normals: &[f32], state: &mut u32) -> Vec3 {
     *state ^= *state << 13;
     *state ^= *state >> 17;
     *state ^= *state << 5;
-    normals[*state as usize % NORMALS]
+    Vec3::from_array([0, 10, 20].map(|shift| normals[(*state >> shift) as usize % NORMALS]))
 }
 
 /// Half of a normalised Gaussian, from its middle on.

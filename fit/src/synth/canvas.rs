@@ -1,6 +1,6 @@
 //! The samples of a picture: four to a pixel, with depth, resolved to pixels at the end.
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 use super::raster::Grid;
 
@@ -13,7 +13,7 @@ pub struct Canvas {
     pub grid: Grid,
     /// Inverse of the distance; 0 where nothing was drawn.
     near: Vec<f32>,
-    colour: Vec<Vec3>,
+    colour: Vec<Vec3A>,
 }
 
 impl Canvas {
@@ -21,7 +21,7 @@ impl Canvas {
     pub fn new([width, height]: [usize; 2]) -> Self {
         let grid = Grid { width: SAMPLES * width, height: SAMPLES * height };
         let count = grid.width * grid.height;
-        Self { grid, near: vec![0.0; count], colour: vec![Vec3::ZERO; count] }
+        Self { grid, near: vec![0.0; count], colour: vec![Vec3A::ZERO; count] }
     }
 
     /// Forgets everything.
@@ -35,13 +35,13 @@ impl Canvas {
     }
 
     /// Puts an opaque colour.
-    pub fn put(&mut self, index: usize, near: f32, colour: Vec3) {
+    pub fn put(&mut self, index: usize, near: f32, colour: Vec3A) {
         self.near[index] = near;
         self.colour[index] = colour;
     }
 
     /// Lays a colour over what is there.
-    pub fn blend(&mut self, index: usize, alpha: f32, colour: Vec3) {
+    pub fn blend(&mut self, index: usize, alpha: f32, colour: Vec3A) {
         let slot = &mut self.colour[index];
         *slot = slot.lerp(colour, alpha);
     }
@@ -54,9 +54,10 @@ impl Canvas {
             for (column, pixel) in row.iter_mut().enumerate() {
                 let first = column * SAMPLES;
                 let samples = [first, first + 1, first + width, first + width + 1];
-                let behind = *pixel;
+                let behind = Vec3A::from(*pixel);
                 let of = |index: usize| if near[index] > 0.0 { colour[index] } else { behind };
-                *pixel = samples.map(of).iter().sum::<Vec3>() / (SAMPLES * SAMPLES) as f32;
+                let [a, b, c, d] = samples;
+                *pixel = Vec3::from(of(a) + of(b) + of(c) + of(d)) / (SAMPLES * SAMPLES) as f32;
             }
         }
     }
@@ -69,8 +70,8 @@ mod tests {
     #[test]
     fn a_pixel_half_covered_is_half_backdrop() {
         let mut canvas = Canvas::new([2, 1]);
-        canvas.put(0, 0.1, Vec3::ONE);
-        canvas.put(4, 0.1, Vec3::ONE);
+        canvas.put(0, 0.1, Vec3A::ONE);
+        canvas.put(4, 0.1, Vec3A::ONE);
         let mut pixels = [Vec3::ZERO; 2];
         canvas.resolve(&mut pixels);
         assert_eq!(pixels, [Vec3::splat(0.5), Vec3::ZERO]);

@@ -94,8 +94,9 @@ impl Puppet {
         for drive in &self.drives {
             let weight = weights[drive.coefficient] * drive.gain;
             if weight != 0.0 {
-                let moves = &rig.shapes[drive.shape].moves;
-                moves.iter().for_each(|(vertex, offset)| out[*vertex as usize] += weight * *offset);
+                for (vertex, offset) in &rig.shapes[drive.shape].moves {
+                    out[*vertex as usize] += weight * *offset;
+                }
             }
         }
         self.eyes.iter().for_each(|eye| eye.turn(weights, out));
@@ -113,9 +114,9 @@ fn drives(rig: &Rig, coefficient: usize, name: &str) -> Result<Vec<Drive>> {
 /// The rig's names for a blendshape: halves that move together are two shapes.
 fn rig_names(name: &str) -> Vec<String> {
     let sides = [("Left", "_L"), ("Right", "_R")];
-    let sided = sides.iter().find_map(|(side, ending)| Some(format!("{}{ending}", name.strip_suffix(side)?)));
+    let one_side = sides.iter().find_map(|(side, ending)| Some(format!("{}{ending}", name.strip_suffix(side)?)));
     let halves = ["_L", "_R"].map(|ending| format!("{name}{ending}"));
-    [name.to_owned()].into_iter().chain(sided).chain(halves).collect()
+    [name.to_owned()].into_iter().chain(one_side).chain(halves).collect()
 }
 
 /// Rig over ARKit.
@@ -174,6 +175,7 @@ pub fn head_rotation(yaw_deg: f32, pitch_deg: f32, roll_deg: f32) -> Mat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{reference, synth::acting::index_of};
 
     #[test]
     fn head_turns_left_nods_down_and_tips_right() {
@@ -202,5 +204,82 @@ mod tests {
             [ratio("mouthSmileLeft"), ratio("mouthLeft"), ratio("jawRight")],
             [Some(0.86), Some(1.57), Some(1.02)]
         );
+    }
+
+    fn rig() -> Option<Rig> {
+        let folder = reference::folder().join("rig");
+        let rig = folder.exists().then(|| Rig::load(&folder).expect("a rig"));
+        if rig.is_none() {
+            reference::say_skipped("rig/");
+        }
+        rig
+    }
+
+    fn deformed(rig: &Rig, moved: &[(&str, f32)]) -> Vec<Vec3> {
+        let mut weights = [0.0; COEFFS];
+        for (name, weight) in moved {
+            weights[index_of(name)] = *weight;
+        }
+        let mut points = Vec::new();
+        Puppet::new(rig).expect("shapes").deform(rig, &rig.neutral, &weights, &mut points);
+        points
+    }
+
+    #[test]
+    fn eye_blink_left_shuts_the_persons_left_lid_and_no_other() {
+        let Some(rig) = rig() else { return };
+        let points = deformed(&rig, &[("eyeBlinkLeft", 1.0)]);
+        let gap = |points: &[Vec3], [upper, lower]: [usize; 2]| {
+            (points[rig.landmarks[upper]] - points[rig.landmarks[lower]]).length()
+        };
+        let [left, right] = [[43, 47], [38, 40]];
+        assert!(rig.landmark(43).x > 0.0, "the person's left is at positive x, right in the picture");
+        assert!(gap(&points, left) < 0.2 * gap(&rig.neutral, left));
+        assert!(gap(&points, right) > 0.98 * gap(&rig.neutral, right));
+    }
+
+    #[test]
+    fn weight_1_moves_vertices_by_arkits_amount() {
+        let Some(rig) = rig() else { return };
+        for (name, shape, ratio) in [
+            ("browDownLeft", "browDown_L", 0.74),
+            ("mouthPressRight", "mouthPress_R", 0.42),
+            ("noseSneerLeft", "noseSneer_L", 2.14),
+            ("mouthLeft", "mouthLeft", 1.57),
+            ("jawOpen", "jawOpen", 1.05),
+        ] {
+            let points = deformed(&rig, &[(name, 1.0)]);
+            let moved = points.iter().zip(&rig.neutral).map(|(point, rest)| (*point - *rest).length());
+            let shape = &rig.shapes[rig.shape(shape).expect("a shape")];
+            let rig_moves = shape.moves.iter().map(|(_, offset)| offset.length());
+            let [moved, rig_moves] = [moved.fold(0.0, f32::max), rig_moves.fold(0.0, f32::max)];
+            assert!((moved * ratio / rig_moves - 1.0).abs() < 1e-3, "{name}");
+        }
+    }
+
+    #[test]
+    fn halves_move_together_and_closed_lips_meet_over_an_open_jaw() {
+        let Some(rig) = rig() else { return };
+        let brows = deformed(&rig, &[("browInnerUp", 1.0)]);
+        let lifts = [21, 22].map(|index| brows[rig.landmarks[index]].y - rig.landmark(index).y);
+        assert!(lifts.iter().all(|lift| *lift > 0.3) && (lifts[0] - lifts[1]).abs() < 0.05);
+        let lips = |points: &[Vec3]| points[rig.landmarks[62]].y - points[rig.landmarks[66]].y;
+        let open = deformed(&rig, &[("jawOpen", 1.0)]);
+        let closed = deformed(&rig, &[("jawOpen", 1.0), ("mouthClose", 1.0)]);
+        assert!(lips(&open) > 2.0 && (lips(&closed) - lips(&rig.neutral)).abs() < 0.1);
+    }
+
+    #[test]
+    fn the_iris_turns_with_the_gaze() {
+        let Some(rig) = rig() else { return };
+        let front = rig.parts.eyes[0]
+            .concat()
+            .into_iter()
+            .max_by(|a, b| rig.neutral[*a as usize].z.total_cmp(&rig.neutral[*b as usize].z));
+        let iris = front.expect("a vertex") as usize;
+        let out = deformed(&rig, &[("eyeLookOutLeft", 1.0)])[iris];
+        let down = deformed(&rig, &[("eyeLookDownLeft", 1.0)])[iris];
+        assert!(out.x - rig.neutral[iris].x > 0.7, "out is to the person's left for the left eye");
+        assert!(rig.neutral[iris].y - down.y > 0.7);
     }
 }

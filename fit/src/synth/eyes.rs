@@ -37,7 +37,9 @@ pub fn ball_offsets(rig: &Rig) -> Vec<Vec3> {
         let least = vertices.iter().map(place).fold(Vec3::INFINITY, Vec3::min);
         let most = vertices.iter().map(place).fold(Vec3::NEG_INFINITY, Vec3::max);
         let (centre, radius) = ((least + most) / 2.0, (most.x - least.x) / 2.0);
-        vertices.iter().for_each(|vertex| offsets[*vertex as usize] = (place(vertex) - centre) / radius);
+        for vertex in &vertices {
+            offsets[*vertex as usize] = (place(vertex) - centre) / radius;
+        }
     }
     offsets
 }

@@ -137,7 +137,9 @@ fn table(takes: &[Take]) -> Result<String> {
     for (number, take) in takes.iter().enumerate() {
         write!(text, "{number}")?;
         let values = take.shot.placement.angles_deg.iter().chain(&take.shot.weights);
-        values.map(|value| write!(text, ",{value:.4}")).collect::<Result<(), _>>()?;
+        for value in values {
+            write!(text, ",{value:.4}")?;
+        }
         text.push('\n');
     }
     Ok(text)

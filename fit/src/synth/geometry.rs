@@ -17,9 +17,13 @@ pub fn normals_into(points: &[Vec3], triangles: &[Triangle], sums: &mut [Vec3]) 
     for triangle in triangles {
         let [a, b, c] = triangle.map(|vertex| points[vertex as usize]);
         let normal = (b - a).cross(c - a);
-        triangle.iter().for_each(|vertex| sums[*vertex as usize] += normal);
+        for vertex in triangle {
+            sums[*vertex as usize] += normal;
+        }
     }
-    sums.iter_mut().for_each(|normal| *normal = normal.normalize_or_zero());
+    for normal in sums {
+        *normal = normal.normalize_or_zero();
+    }
 }
 
 /// The vertices of some triangles, each once, in order.
@@ -50,6 +54,7 @@ pub fn piecewise(points: &[(f32, f32)], at: f32) -> f32 {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
     use super::*;
 

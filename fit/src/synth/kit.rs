@@ -19,6 +19,8 @@ use super::{
 };
 use facewire::solve::{BLENDSHAPES, COEFFS};
 
+/// Light comes around corners: no vertex sees less of the sky.
+const LEAST_SKY: f32 = 0.03;
 /// A sphere around the head, for light.
 pub const BOUNDS: (Vec3, f32) = (Vec3::new(0.0, -1.0, 2.0), 21.0);
 
@@ -141,6 +143,8 @@ impl Sky {
                 out.iter_mut().zip(change).for_each(|(share, change)| *share += weight * change);
             }
         }
-        out.iter_mut().for_each(|share| *share = share.clamp(0.03, 1.0));
+        for share in out {
+            *share = share.clamp(LEAST_SKY, 1.0);
+        }
     }
 }

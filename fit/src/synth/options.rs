@@ -116,6 +116,7 @@ fn chosen(set: Set, known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
     use facewire::solve::COEFFS;
 

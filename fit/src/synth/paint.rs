@@ -1,6 +1,6 @@
 //! The colour of one sample: skin with hair, beard and clothes, mouth, eyes, brows.
 
-use glam::{Vec2, Vec3, Vec4Swizzles};
+use glam::{Vec2, Vec3, Vec3A, Vec4Swizzles};
 
 use super::{
     geometry::smoothstep,
@@ -9,16 +9,19 @@ use super::{
     render::{Corners, Head},
     scene::Lighting,
     skin::Skin,
-    texture::linear,
 };
 
 /// Colours in linear light.
-const GUMS: Vec3 = Vec3::new(0.32, 0.075, 0.07);
-const TEETH: Vec3 = Vec3::new(0.68, 0.61, 0.50);
+const GUMS: Vec3A = Vec3A::new(0.32, 0.075, 0.07);
+const TEETH: Vec3A = Vec3A::new(0.68, 0.61, 0.50);
 /// What a full beard takes of the light.
-const BEARD: Vec3 = Vec3::new(0.75, 0.76, 0.74);
+const BEARD: Vec3A = Vec3A::new(0.75, 0.76, 0.74);
 /// Hair begins and is full this far inside the hairline, centimetres.
 const HAIR_EDGE: [f32; 2] = [-0.9, 0.9];
+/// Share of the light that eyes give back, over what their textures show.
+const EYE: f32 = 0.75;
+/// Lashes.
+pub const LASHES: Vec3A = Vec3A::splat(0.004);
 /// Exponent of the glint on eyes, and its strength.
 const GLINT: (f32, f32) = (400.0, 2.5);
 /// Light on an eye: the lids take this share at the upper edge of the ball.
@@ -40,48 +43,48 @@ impl<'a> Painter<'a> {
     }
 
     /// Skin, or what covers it.
-    pub fn skin(&self, at: Corners) -> Vec3 {
+    pub fn skin(&self, at: Corners) -> Vec3A {
         let looks = &self.person.looks;
-        let [diffuse, gloss] =
-            [at.mix(|vertex| self.head.lit[vertex].diffuse), at.mix(|vertex| self.head.lit[vertex].gloss)];
+        let diffuse = at.mix(|vertex| self.head.lit[vertex].diffuse);
         let place = at.mix(|vertex| self.person.covers[vertex].place);
-        let tone = at.mix(|vertex| self.person.covers[vertex].tone);
-        let rest = at.mix(|vertex| self.person.covers[vertex].rest);
         let [hair, below_collar] = [place.z, place.w];
         if below_collar > 0.0 {
-            return looks.cloth.0 * diffuse;
+            return Vec3A::from(looks.cloth.0) * diffuse;
         }
-        let mut colour = tone.truncate();
+        let gloss = at.mix(|vertex| self.head.lit[vertex].gloss) * looks.gloss;
+        let tone = at.mix(|vertex| self.person.covers[vertex].tone);
+        let mut colour = Vec3A::from_vec4(tone);
         if tone.w > 0.0 {
-            colour = colour.lerp(self.skin.texture.light(place.xy()) * looks.tint, tone.w);
+            colour = colour.lerp(Vec3A::from(self.skin.texture.light(place.xy()) * looks.tint), tone.w);
         }
-        colour *= Vec3::ONE - rest.w * BEARD;
+        if looks.beard > 0.0 {
+            colour *= Vec3A::ONE - BEARD * at.mix(|vertex| self.person.covers[vertex].rest).w;
+        }
         match looks.hair {
             Some((hair_colour, _)) if hair > HAIR_EDGE[0] => {
-                let (cover, strand) = strands(rest.truncate(), hair);
-                colour.lerp(hair_colour * (0.65 + 0.7 * strand), cover) * diffuse
-                    + gloss * looks.gloss * (1.0 - 0.8 * cover)
+                let rest = at.mix(|vertex| self.person.covers[vertex].rest).truncate();
+                let (cover, strand) = strands(rest, hair);
+                let colour = colour.lerp(Vec3A::from(hair_colour) * (0.65 + 0.7 * strand), cover);
+                colour * diffuse + gloss * (1.0 - 0.8 * cover)
             }
-            _ => colour * diffuse + gloss * looks.gloss,
+            _ => colour * diffuse + gloss,
         }
     }
 
     /// Gums, tongue and the hollow of the mouth.
-    pub fn gums(&self, at: Corners) -> Vec3 {
-        let lit = |vertex: usize| self.head.lit[vertex];
-        GUMS * at.mix(|vertex| lit(vertex).diffuse) + at.mix(|vertex| lit(vertex).gloss)
+    pub fn gums(&self, at: Corners) -> Vec3A {
+        GUMS * at.mix(|vertex| self.head.lit[vertex].diffuse) + at.mix(|vertex| self.head.lit[vertex].gloss)
     }
 
     /// Teeth.
-    pub fn teeth(&self, at: Corners) -> Vec3 {
-        let lit = |vertex: usize| self.head.lit[vertex];
-        TEETH * at.mix(|vertex| lit(vertex).diffuse) + 1.5 * at.mix(|vertex| lit(vertex).gloss)
+    pub fn teeth(&self, at: Corners) -> Vec3A {
+        TEETH * at.mix(|vertex| self.head.lit[vertex].diffuse) + 1.5 * at.mix(|vertex| self.head.lit[vertex].gloss)
     }
 
     /// An eyeball, wet, under its lids.
-    pub fn eye(&self, at: Corners) -> Vec3 {
+    pub fn eye(&self, at: Corners) -> Vec3A {
         let offset = at.mix(|vertex| self.kit.ball_offsets[vertex]);
-        let colour = self.kit.eyes[self.person.looks.eye].colour(offset.truncate(), self.person.looks.iris);
+        let colour = EYE * self.kit.eyes[self.person.looks.eye].colour(offset.truncate(), self.person.looks.iris);
         let normal = at.mix(|vertex| self.head.normals[vertex]).normalize_or_zero();
         let point = at.mix(|vertex| self.head.points[vertex]);
         let view = -point.normalize_or_zero();
@@ -90,16 +93,16 @@ impl<'a> Painter<'a> {
             lamp.colour * GLINT.1 * normal.dot(half).max(0.0).powf(GLINT.0)
         });
         let shade = 1.0 - LID_SHADE * smoothstep(-0.1, 0.6, normal.y);
-        let diffuse = at.mix(|vertex| self.head.lit[vertex].diffuse);
-        (colour * diffuse + glint.sum::<Vec3>()) * shade
+        let diffuse = Vec3::from(at.mix(|vertex| self.head.lit[vertex].diffuse));
+        Vec3A::from((colour * diffuse + glint.sum::<Vec3>()) * shade)
     }
 
     /// How much a brow covers, and its colour.
-    pub fn brow(&self, at: Corners) -> (f32, Vec3) {
+    pub fn brow(&self, at: Corners) -> (f32, Vec3A) {
         let uv: Vec2 = at.mix(|vertex| self.person.brow_uv[vertex]);
         let (colour, opacity) = self.person.looks.brow_colour;
         let alpha = self.kit.brows[self.person.looks.brow].cover(uv) * opacity;
-        (alpha, colour * at.mix(|vertex| self.head.lit[vertex].diffuse))
+        (alpha, Vec3A::from(colour) * at.mix(|vertex| self.head.lit[vertex].diffuse))
     }
 }
 
@@ -109,16 +112,11 @@ fn strands(rest: Vec3, depth: f32) -> (f32, f32) {
     (smoothstep(HAIR_EDGE[0] + 0.4, HAIR_EDGE[1], depth + 0.9 * (strand - 0.5)), strand)
 }
 
-/// A dark colour as it is stored, in linear light.
-pub fn hair_colour(stored: Vec3) -> Vec3 {
-    linear(stored)
-}
-
 /// Smooth noise over space, 0 to 1, of period 1.
 fn noise(place: Vec3) -> f32 {
     let cell = place.floor();
-    let part = place - cell;
-    let share = part * part * (3.0 - 2.0 * part);
+    let inside = place - cell;
+    let share = inside * inside * (3.0 - 2.0 * inside);
     let at = |dx: f32, dy: f32, dz: f32| hash(cell + Vec3::new(dx, dy, dz));
     let line = |dy: f32, dz: f32| lerp(at(0.0, dy, dz), at(1.0, dy, dz), share.x);
     let plane = |dz: f32| lerp(line(0.0, dz), line(1.0, dz), share.y);

@@ -27,17 +27,17 @@ impl Grid {
     /// Calls `sample(index, weights of the corners)` for every sample that the triangle covers. Only triangles whose
     /// corners run counter-clockwise as seen (y being down) are drawn: the others show their back.
     pub fn fill(self, corners: [Vec2; 3], mut sample: impl FnMut(usize, Vec3)) {
-        let [one, two, three] = corners;
-        if !(one.abs().max(two.abs()).max(three.abs()).max_element() < FARTHEST) || (one + two + three).is_nan() {
+        let farthest = corners[0].abs().max(corners[1].abs()).max(corners[2].abs());
+        if !(farthest.max_element() < FARTHEST) || (corners[0] + corners[1] + corners[2]).is_nan() {
             return;
         }
-        let [a, b, c] = [snap(one), snap(two), snap(three)];
+        let [a, b, c] = [snap(corners[0]), snap(corners[1]), snap(corners[2])];
         let area = cross(a, b, c);
         if area >= 0 {
             return;
         }
         let inverse = 1.0 / -area as f32;
-        self.fill_clockwise([a, c, b], |index, [u, w, v]| sample(index, Vec3::new(u, v, w) * inverse));
+        self.fill_clockwise([a, c, b], |index, [one, three, two]| sample(index, Vec3::new(one, two, three) * inverse));
     }
 
     fn fill_clockwise(self, [a, b, c]: [[i64; 2]; 3], mut sample: impl FnMut(usize, [f32; 3])) {
@@ -47,16 +47,18 @@ impl Grid {
         // Each edge belongs to the corner opposite to it.
         let mut edges = [Edge::new(b, c, start), Edge::new(c, a, start), Edge::new(a, b, start)];
         for row in rows {
-            let [mut u, mut v, mut w] = [edges[0].value, edges[1].value, edges[2].value];
+            let mut at = [edges[0].value, edges[1].value, edges[2].value];
             for column in columns.clone() {
-                if u >= edges[0].least && v >= edges[1].least && w >= edges[2].least {
-                    sample(row * self.width + column, [u as f32, v as f32, w as f32]);
+                if at[0] >= edges[0].least && at[1] >= edges[1].least && at[2] >= edges[2].least {
+                    sample(row * self.width + column, [at[0] as f32, at[1] as f32, at[2] as f32]);
                 }
-                u += edges[0].right;
-                v += edges[1].right;
-                w += edges[2].right;
+                at[0] += edges[0].right;
+                at[1] += edges[1].right;
+                at[2] += edges[2].right;
             }
-            edges.iter_mut().for_each(|edge| edge.value += edge.down);
+            for edge in &mut edges {
+                edge.value += edge.down;
+            }
         }
     }
 }

@@ -7,7 +7,7 @@ use super::{
     canvas::{Canvas, SAMPLES},
     geometry::normals_into,
     kit::{BOUNDS, Kit},
-    paint::{Painter, hair_colour},
+    paint::{LASHES, Painter},
     person::Person,
     rig::Triangle,
     scene::Shot,
@@ -80,7 +80,7 @@ impl Renderer {
             canvas.blend(index, alpha, colour);
         });
         draw(canvas, head, &parts.lashes, 1.0, |canvas, index, _, _| {
-            canvas.blend(index, person.looks.lashes, hair_colour(Vec3::splat(0.02)));
+            canvas.blend(index, person.looks.lashes, LASHES);
         });
         self.canvas.resolve(pixels);
     }

@@ -77,6 +77,11 @@ struct Progress {
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
+    run_until(options, true)
+}
+
+/// Makes all shards, and the archive of them if `whole`.
+fn run_until(options: &Options, whole: bool) -> Result<()> {
     let &[width, height] = options.size.as_slice() else { bail!("--size takes two numbers") };
     ensure!(options.per_subject > 0 && options.pictures >= options.per_subject, "too few pictures for one subject");
     ensure!(width.min(height) >= 128 && width.max(height) <= 2048, "--size takes 128 to 2048");
@@ -105,8 +110,11 @@ pub fn run(options: &Options) -> Result<()> {
         progress: Mutex::new(Progress::new(options)),
     };
     job.report(job.on_all_threads()?);
-    finish(&options.out, &shards, job.subjects())?;
-    shards.remove()
+    if whole {
+        finish(&options.out, &shards, job.subjects())?;
+        shards.remove()?;
+    }
+    Ok(())
 }
 
 fn finish(out: &Path, shards: &Shards, subjects: u64) -> Result<()> {
@@ -203,5 +211,53 @@ impl Progress {
         let left = self.wanted.saturating_sub(self.done) as f64 / rate.max(1e-9);
         let left = if rate > 0.0 { format!("{:.0} min left", left / 60.0) } else { "time left not known".to_owned() };
         format!("{} of {} pictures, {rate:.1} a second, {left}", self.done, self.wanted)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use facewire::infer::NetworkFolder;
+
+    use super::*;
+    use crate::reference;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        options: Options,
+    }
+
+    /// Options for a small archive called `name`, on the given number of threads; none without rig and networks.
+    fn options(name: &str, threads: &str) -> Option<Options> {
+        let shared = reference::folder();
+        let (rig, curves) = (shared.join("rig"), shared.join("curves/alex_rom_3.csv"));
+        if !rig.exists() || NetworkFolder::find("").is_err() {
+            reference::say_skipped("rig/, or no networks");
+            return None;
+        }
+        let folder = std::env::temp_dir().join(format!("facewire-fit-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let [out, rig, curves] = [folder.join("faces.npz"), rig, curves].map(|path| path.display().to_string());
+        let fixed = ["synth", "--pictures", "6", "--per-subject", "2", "--size", "256", "256", "--seed", "7"];
+        let given = [out.as_str(), "--rig", &rig, "--curves", &curves, "--threads", threads];
+        Some(Cli::parse_from(fixed.iter().chain(&given)).options)
+    }
+
+    fn made(options: &Options) -> Vec<u8> {
+        run(options).expect("an archive");
+        std::fs::read(&options.out).expect("the archive")
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_file_on_any_number_of_threads_and_after_a_cut() {
+        let (Some(one), Some(two), Some(cut)) = (options("one", "1"), options("two", "2"), options("cut", "1")) else {
+            return;
+        };
+        let whole = made(&one);
+        assert_eq!(whole, made(&two), "threads change nothing");
+        let fewer = Options { pictures: 2, ..options("cut", "1").expect("as before") };
+        run_until(&fewer, false).expect("the first subject");
+        assert_eq!(whole, made(&cut), "a run that was cut ends in the same file");
     }
 }

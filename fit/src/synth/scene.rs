@@ -106,11 +106,11 @@ impl Placement {
 
     /// Moves points of the rig to the world. `shoulder` says how far each belongs to the shoulders.
     pub fn place(&self, points: &mut [Vec3], shoulder: &[f32]) {
-        let [head, shoulders] = self.rotations();
+        let [head, body] = self.rotations();
         for (point, share) in points.iter_mut().zip(shoulder) {
             let offset = *point - PIVOT;
             let turned = head * offset;
-            let held = if *share > 0.0 { turned.lerp(shoulders * offset, *share) } else { turned };
+            let held = if *share > 0.0 { turned.lerp(body * offset, *share) } else { turned };
             *point = self.position + held;
         }
     }

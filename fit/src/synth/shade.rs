@@ -3,7 +3,7 @@
 //! Vertices stand as close as pixels do, so light is worked out for each and interpolated. Skin lets red light
 //! through further than blue: a wrapped cosine with a wider wrap for red stands in for scattering.
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 use super::{
     scene::{Light, Lighting},
@@ -15,6 +15,8 @@ const SKIN_WRAP: Vec3 = Vec3::new(0.42, 0.17, 0.11);
 const HARD_WRAP: Vec3 = Vec3::splat(0.08);
 /// Reflection of skin seen straight on.
 const FRESNEL: f32 = 0.03;
+/// Reflection of the surroundings.
+const SKY_GLOSS: f32 = 0.02;
 /// Lobes of the highlight: exponent and share.
 const LOBES: [(i32, f32); 2] = [(12, 0.7), (42, 0.3)];
 /// Vertices turned this far away (cosine) are not seen and not lit.
@@ -24,9 +26,9 @@ const HIDDEN: f32 = -0.35;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Lit {
     /// What the surface's own colour is multiplied by.
-    pub diffuse: Vec3,
+    pub diffuse: Vec3A,
     /// What is added to it.
-    pub gloss: Vec3,
+    pub gloss: Vec3A,
 }
 
 /// A vertex in the world.
@@ -48,12 +50,13 @@ pub fn light(lighting: &Lighting, shadow: &DepthMap, surface: &Surface) -> Lit {
     if surface.normal.dot(view) < HIDDEN {
         return Lit::default();
     }
-    let mut lit = Lit { diffuse: lighting.ambient(surface.normal) * surface.sky, gloss: Vec3::ZERO };
+    let sky = lighting.ambient(surface.normal) * surface.sky;
+    let mut lit = Lit { diffuse: sky.into(), gloss: Vec3A::ZERO };
     for (index, lamp) in lighting.lights.iter().enumerate() {
         let open = if index == 0 { shadowed(lighting, shadow, surface) } else { surface.sky.sqrt() };
         add_lamp(&mut lit, lamp, surface, view, open);
     }
-    lit.gloss += lighting.ambient(view.reflect(surface.normal) * -1.0) * surface.sky * 0.02;
+    lit.gloss += Vec3A::from(lighting.ambient(-view.reflect(surface.normal)) * surface.sky * SKY_GLOSS);
     lit
 }
 
@@ -65,11 +68,12 @@ fn shadowed(lighting: &Lighting, shadow: &DepthMap, surface: &Surface) -> f32 {
 fn add_lamp(lit: &mut Lit, lamp: &Light, surface: &Surface, view: Vec3, open: f32) {
     let wrap = if surface.skin { SKIN_WRAP } else { HARD_WRAP };
     let cosine = surface.normal.dot(lamp.toward);
-    lit.diffuse += lamp.colour * open * ((wrap + cosine) / (1.0 + wrap)).max(Vec3::ZERO);
+    lit.diffuse += Vec3A::from(lamp.colour * open * ((wrap + cosine) / (1.0 + wrap)).max(Vec3::ZERO));
     if cosine > 0.0 {
         let half = (lamp.toward + view).normalize_or_zero();
         let grazing = FRESNEL + (1.0 - FRESNEL) * (1.0 - half.dot(view).max(0.0)).powi(5);
-        lit.gloss += lamp.colour * open * grazing * cosine * highlight(surface.normal.dot(half).max(0.0));
+        let share = open * grazing * cosine * highlight(surface.normal.dot(half).max(0.0));
+        lit.gloss += Vec3A::from(lamp.colour * share);
     }
 }
 

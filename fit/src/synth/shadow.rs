@@ -109,6 +109,7 @@ fn direction(index: u16) -> Vec3 {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
     use super::*;
 

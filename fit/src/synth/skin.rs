@@ -64,10 +64,10 @@ fn neighbours(rig: &Rig) -> Vec<Vec<u32>> {
             lists[*from as usize].push(*to);
         }
     }
-    lists.iter_mut().for_each(|list| {
+    for list in &mut lists {
         list.sort_unstable();
         list.dedup();
-    });
+    }
     lists
 }
 
@@ -98,7 +98,9 @@ impl Skin {
         let known: Vec<usize> = (0..seen.len()).filter(sure).collect();
         let mean = known.iter().map(|vertex| seen[*vertex]).sum::<Vec3>() / known.len().max(1) as f32;
         let mut tone = vec![mean; seen.len()];
-        known.iter().for_each(|vertex| tone[*vertex] = seen[*vertex]);
+        for vertex in &known {
+            tone[*vertex] = seen[*vertex];
+        }
         let open: Vec<usize> = (0..seen.len()).filter(|vertex| layout.share[*vertex] < 1.0).collect();
         for _ in 0..SWEEPS {
             for vertex in &open {

@@ -30,17 +30,25 @@ impl Texture {
         self.pixels[row.min(self.height - 1) * self.width + column.min(self.width - 1)]
     }
 
-    /// Bilinear between pixel centres, clamped to the border; channels 0 to 255 as stored (sRGB).
+    /// Bilinear between pixel centres, clamped to the border; channels 0 to 255 as stored (sRGB). Weights are whole
+    /// 256ths, so that two channels are blended in one multiplication.
     pub fn sample(&self, uv: Vec2) -> Vec4 {
         let limit = Vec2::new(self.width as f32 - 1.0, self.height as f32 - 1.0);
         let place = Vec2::new(uv.x * self.width as f32, (1.0 - uv.y) * self.height as f32) - 0.5;
-        let place = place.clamp(Vec2::ZERO, limit);
-        let (column, row) = (index(place.x), index(place.y));
-        let part = place - Vec2::new(column as f32, row as f32);
-        let at = |dx: usize, dy: usize| Vec4::from_array(self.pixel(column + dx, row + dy).map(f32::from));
-        let upper = at(0, 0).lerp(at(1, 0), part.x);
-        let lower = at(0, 1).lerp(at(1, 1), part.x);
-        upper.lerp(lower, part.y)
+        let place = 256.0 * place.clamp(Vec2::ZERO, limit);
+        let (x, y) = (index(place.x), index(place.y));
+        let (column, row, right, down) = (x / 256, y / 256, x % 256, y % 256);
+        let both = right * down / 256;
+        let taps = [(0, 0, 256 + both - right - down), (1, 0, right - both), (0, 1, down - both), (1, 1, both)];
+        let (mut red_blue, mut green_alpha) = (0, 0);
+        for (dx, dy, weight) in taps {
+            let pixel = u32::from_le_bytes(self.pixel(column + dx, row + dy)) as usize;
+            red_blue += (pixel & 0x00FF_00FF) * weight;
+            green_alpha += (pixel >> 8 & 0x00FF_00FF) * weight;
+        }
+        let channel = |value: usize| (value & 0xFFFF) as f32;
+        let both = [channel(red_blue), channel(green_alpha), channel(red_blue >> 16), channel(green_alpha >> 16)];
+        Vec4::from_array(both) / 256.0
     }
 
     /// Linear light, 0 to 1.
@@ -60,6 +68,7 @@ pub fn linear(colour: Vec3) -> Vec3 {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
     use super::*;
 

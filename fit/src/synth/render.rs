@@ -149,6 +149,7 @@ pub struct Corners {
 
 impl Corners {
     /// Blends what the corners have.
+    #[inline]
     pub fn mix<T: core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>>(&self, of: impl Fn(usize) -> T) -> T {
         let [a, b, c] = self.vertices;
         of(a) * self.weights.x + of(b) * self.weights.y + of(c) * self.weights.z

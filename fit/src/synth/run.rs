@@ -44,7 +44,7 @@ pub struct Options {
     #[arg(long, value_enum, default_value = "train")]
     set: Set,
     /// Columns and rows of the pictures
-    #[arg(long, num_args = 2, default_values_t = [480, 480], value_names = ["WIDTH", "HEIGHT"])]
+    #[arg(long, num_args = 2, default_values_t = [400, 400], value_names = ["WIDTH", "HEIGHT"])]
     size: Vec<usize>,
     /// Threads; all cores unless given
     #[arg(long)]

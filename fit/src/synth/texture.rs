@@ -32,6 +32,7 @@ impl Texture {
 
     /// Bilinear between pixel centres, clamped to the border; channels 0 to 255 as stored (sRGB). Weights are whole
     /// 256ths, so that two channels are blended in one multiplication.
+    #[inline]
     pub fn sample(&self, uv: Vec2) -> Vec4 {
         let limit = Vec2::new(self.width as f32 - 1.0, self.height as f32 - 1.0);
         let place = Vec2::new(uv.x * self.width as f32, (1.0 - uv.y) * self.height as f32) - 0.5;
@@ -52,6 +53,7 @@ impl Texture {
     }
 
     /// Linear light, 0 to 1.
+    #[inline]
     pub fn light(&self, uv: Vec2) -> Vec3 {
         linear(self.sample(uv).truncate() / 255.0)
     }
@@ -63,6 +65,7 @@ fn index(value: f32) -> usize {
 }
 
 /// From sRGB to linear light, both 0 to 1, by the usual power of 2.2 in a form without `powf`: within 0.01.
+#[inline]
 pub fn linear(colour: Vec3) -> Vec3 {
     colour * colour * (0.8 + 0.2 * colour)
 }

@@ -13,7 +13,7 @@ use super::{
 /// Alpha from which a pixel counts.
 const INK: u8 = 40;
 /// Exponent on alpha: the textures are of single hairs, which camera pixels do not show.
-const DENSER: f32 = 0.5;
+const DENSER: f32 = 0.35;
 /// Landmarks at the inner and outer end of the person's left brow, and how far above them its middle lies, cm.
 const ANCHORS: [(usize, f32); 2] = [(22, 0.05), (26, 0.05)];
 /// Skin in front of this, and within this range of height above the anchors' mean, may carry a brow.

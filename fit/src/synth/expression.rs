@@ -1,8 +1,4 @@
 //! ARKit coefficients to a deformed head: which rig shapes they move, how far, and where the eyeballs turn.
-//!
-//! Amplitude: the largest displacement over the distance of the eyes differs between rig and ARKit by the factor in
-//! [`RATIOS`]; weights are divided by it, so that a truth of 1 means ARKit's motion. Three shapes mean contact rather
-//! than distance and keep it: a lid is shut at `eyeBlink` 1, lips meet where `mouthClose` equals `jawOpen`.
 //! `tongueOut` has no shape.
 
 use anyhow::{Context, Result};
@@ -10,6 +6,7 @@ use facewire::solve::{BLENDSHAPES, COEFFS};
 use glam::{Mat3, Vec3};
 
 use super::{
+    amplitude::ratio,
     geometry::vertices_of,
     rig::{Rig, Triangle},
 };
@@ -17,42 +14,6 @@ use super::{
 /// One value per blendshape, in the order of [`BLENDSHAPES`].
 pub type Coefficients = [f32; COEFFS];
 
-/// Largest displacement in the rig over that in ARKit, both over the distance of the eyes. `eyeLookIn` and
-/// `eyeLookOut` are of the lids. `eyeBlink` shuts the lid at 1. `mouthClose` is set so that lips meet over an open jaw.
-const RATIOS: [(&str, f32); 30] = [
-    ("browDown", 0.74),
-    ("browInnerUp", 0.56),
-    ("browOuterUp", 0.74),
-    ("cheekPuff", 1.51),
-    ("cheekSquint", 0.82),
-    ("eyeBlink", 1.0),
-    ("eyeLookDown", 1.75),
-    ("eyeLookIn", 0.67),
-    ("eyeLookOut", 0.71),
-    ("eyeLookUp", 1.0),
-    ("eyeSquint", 0.75),
-    ("eyeWide", 1.03),
-    ("jawForward", 1.23),
-    ("jawLeft", 1.02),
-    ("jawRight", 1.02),
-    ("jawOpen", 1.05),
-    ("mouthClose", 1.25),
-    ("mouthDimple", 0.88),
-    ("mouthFrown", 0.88),
-    ("mouthFunnel", 0.87),
-    ("mouthLowerDown", 0.65),
-    ("mouthPress", 0.42),
-    ("mouthPucker", 1.09),
-    ("mouthRollLower", 1.57),
-    ("mouthRollUpper", 1.14),
-    ("mouthShrugLower", 1.55),
-    ("mouthShrugUpper", 1.32),
-    ("mouthSmile", 0.86),
-    ("mouthStretch", 0.75),
-    ("noseSneer", 2.14),
-];
-/// The same for shapes named by the side they move to.
-const SIDEWAYS: [(&str, f32); 3] = [("mouthLeft", 1.57), ("mouthRight", 1.57), ("mouthUpperUp", 0.94)];
 /// Turn of an eyeball per unit of `eyeLookIn` or `eyeLookOut`, and of `eyeLookUp` or `eyeLookDown`.
 pub const GAZE_DEG: [f32; 2] = [34.7, 31.9];
 
@@ -117,14 +78,6 @@ fn rig_names(name: &str) -> Vec<String> {
     let one_side = sides.iter().find_map(|(side, ending)| Some(format!("{}{ending}", name.strip_suffix(side)?)));
     let halves = ["_L", "_R"].map(|ending| format!("{name}{ending}"));
     [name.to_owned()].into_iter().chain(one_side).chain(halves).collect()
-}
-
-/// Rig over ARKit.
-fn ratio(name: &str) -> Option<f32> {
-    let stem = name.strip_suffix("Left").or_else(|| name.strip_suffix("Right")).unwrap_or(name);
-    let all = || SIDEWAYS.iter().chain(&RATIOS);
-    let of = |wanted: &str| all().find(|(known, _)| *known == wanted).map(|(_, ratio)| *ratio);
-    of(name).or_else(|| of(stem))
 }
 
 impl Eye {
@@ -195,15 +148,6 @@ mod tests {
         assert!(near(angle([1.0, 0.0, 0.0, 0.0], -1.0), [34.7, 0.0]), "right eye in is to the left");
         assert!(near(angle([0.0, 0.0, 1.0, 0.0], 1.0), [0.0, 31.9]));
         assert!(near(angle([0.0, 0.0, 0.0, 0.5], -1.0), [0.0, -15.95]));
-    }
-
-    #[test]
-    fn every_blendshape_but_the_tongue_has_an_amplitude() {
-        assert!(BLENDSHAPES.iter().filter(|name| **name != "tongueOut").all(|name| ratio(name).is_some()));
-        assert_eq!(
-            [ratio("mouthSmileLeft"), ratio("mouthLeft"), ratio("jawRight")],
-            [Some(0.86), Some(1.57), Some(1.02)]
-        );
     }
 
     fn rig() -> Option<Rig> {

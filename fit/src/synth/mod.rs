@@ -11,6 +11,7 @@
 //! head without tear film, pores or single hairs; eyes, teeth and lips lie where the rig has them.
 
 mod acting;
+mod amplitude;
 mod archive;
 mod avi;
 mod backdrop;
@@ -28,6 +29,7 @@ mod kit;
 mod options;
 mod paint;
 mod person;
+mod progress;
 mod raster;
 mod recording;
 mod render;

@@ -113,13 +113,13 @@ fn strands(rest: Vec3, depth: f32) -> (f32, f32) {
 }
 
 /// Smooth noise over space, 0 to 1, of period 1.
-fn noise(place: Vec3) -> f32 {
-    let cell = place.floor();
-    let inside = place - cell;
-    let share = inside * inside * (3.0 - 2.0 * inside);
+fn noise(at_point: Vec3) -> f32 {
+    let cell = at_point.floor();
+    let offset = at_point - cell;
+    let share = offset * offset * (3.0 - 2.0 * offset);
     let at = |dx: f32, dy: f32, dz: f32| hash(cell + Vec3::new(dx, dy, dz));
-    let line = |dy: f32, dz: f32| lerp(at(0.0, dy, dz), at(1.0, dy, dz), share.x);
-    let plane = |dz: f32| lerp(line(0.0, dz), line(1.0, dz), share.y);
+    let row = |dy: f32, dz: f32| lerp(at(0.0, dy, dz), at(1.0, dy, dz), share.x);
+    let plane = |dz: f32| lerp(row(0.0, dz), row(1.0, dz), share.y);
     lerp(plane(0.0), plane(1.0), share.z)
 }
 

@@ -6,7 +6,6 @@ use std::{
         Mutex,
         atomic::{AtomicU64, Ordering},
     },
-    time::Instant,
 };
 
 use anyhow::{Context, Result, bail, ensure};
@@ -17,15 +16,13 @@ use super::{
     booth::Times,
     kit::Kit,
     options::{Set, Sources},
+    progress::Progress,
     shards::Shards,
     worker::{ROW, Studio, Worker},
 };
 
 /// Goes up when the same settings give other pictures.
 const EDITION: u32 = 1;
-/// Seconds between lines of progress.
-const PROGRESS_S: f64 = 5.0;
-
 /// What `synth` takes.
 #[derive(Debug, Args)]
 pub struct Options {
@@ -66,15 +63,6 @@ struct Job<'a> {
     progress: Mutex<Progress>,
 }
 
-struct Progress {
-    started: Instant,
-    said: Instant,
-    /// Pictures wanted, done, and of these read from shards of an earlier run.
-    wanted: usize,
-    done: usize,
-    resumed: usize,
-}
-
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     run_until(options, true)
@@ -107,7 +95,7 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
         options,
         saved,
         next: AtomicU64::new(0),
-        progress: Mutex::new(Progress::new(options)),
+        progress: Mutex::new(Progress::new(options.pictures.next_multiple_of(options.per_subject))),
     };
     job.report(job.on_all_threads()?);
     if whole {
@@ -179,38 +167,19 @@ impl Job<'_> {
     }
 
     fn note(&self, pictures: usize, resumed: bool) {
-        let Ok(mut progress) = self.progress.lock() else { return };
-        progress.done += pictures;
-        progress.resumed += if resumed { pictures } else { 0 };
-        if progress.said.elapsed().as_secs_f64() > PROGRESS_S {
-            progress.said = Instant::now();
-            eprintln!("{}", progress.line());
+        if let Ok(mut progress) = self.progress.lock() {
+            progress.note(pictures, resumed);
         }
     }
 
     fn report(&self, times: Times) {
         let Ok(progress) = self.progress.lock() else { return };
         eprintln!("{}", progress.line());
-        let made = (progress.done - progress.resumed).max(1) as f64;
+        let made = progress.made().max(1) as f64;
         let [render, camera, tracking] = [times.render, times.camera, times.tracking].map(|time| time / made * 1e3);
         eprintln!(
             "CPU milliseconds a picture: render {render:.1}, camera and JPEG {camera:.1}, tracking {tracking:.1}"
         );
-    }
-}
-
-impl Progress {
-    fn new(options: &Options) -> Self {
-        let now = Instant::now();
-        let wanted = options.pictures.next_multiple_of(options.per_subject);
-        Self { started: now, said: now, wanted, done: 0, resumed: 0 }
-    }
-
-    fn line(&self) -> String {
-        let rate = (self.done - self.resumed) as f64 / self.started.elapsed().as_secs_f64();
-        let left = self.wanted.saturating_sub(self.done) as f64 / rate.max(1e-9);
-        let left = if rate > 0.0 { format!("{:.0} min left", left / 60.0) } else { "time left not known".to_owned() };
-        format!("{} of {} pictures, {rate:.1} a second, {left}", self.done, self.wanted)
     }
 }
 

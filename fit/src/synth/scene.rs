@@ -110,8 +110,8 @@ impl Placement {
         for (point, share) in points.iter_mut().zip(shoulder) {
             let offset = *point - PIVOT;
             let turned = head * offset;
-            let held = if *share > 0.0 { turned.lerp(body * offset, *share) } else { turned };
-            *point = self.position + held;
+            let blended = if *share > 0.0 { turned.lerp(body * offset, *share) } else { turned };
+            *point = self.position + blended;
         }
     }
 }

@@ -99,21 +99,23 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
     };
     job.report(job.on_all_threads()?);
     if whole {
-        finish(&options.out, &shards, job.subjects())?;
+        finish(options, &shards, job.subjects())?;
         shards.remove()?;
     }
     Ok(())
 }
 
-fn finish(out: &Path, shards: &Shards, subjects: u64) -> Result<()> {
+/// Joins the shards, and says what is in the archive and what is not.
+fn finish(options: &Options, shards: &Shards, subjects: u64) -> Result<()> {
     let rows = (0..subjects).map(|number| shards.read(number)?.context("a shard has gone"));
     let rows = rows.collect::<Result<Vec<_>>>()?;
-    archive::write(out, &rows)?;
+    archive::write(&options.out, &rows)?;
     let pictures: usize = rows.iter().map(|rows| rows.len() / ROW).sum();
     let tries: f32 = rows.iter().flat_map(|rows| rows.chunks_exact(ROW)).filter_map(|row| row.last()).sum();
     let people = rows.iter().filter(|rows| !rows.is_empty()).count();
-    eprintln!("{}: {pictures} pictures of {people} people", out.display());
-    eprintln!("no face found in {} of {tries} pictures drawn; those were drawn again", tries - pictures as f32);
+    let left_out = rows.len() * options.per_subject - pictures;
+    eprintln!("{}: {pictures} pictures of {people} people", options.out.display());
+    eprintln!("no face found: {} pictures drawn again, {left_out} left out", tries - pictures as f32);
     Ok(())
 }
 

@@ -93,7 +93,7 @@ impl Subject {
             (0..kit.rig.identities.len()).map(|_| spread * normal(rng_ref, 1.0, IDENTITY_LIMIT)).collect();
         let looks = looks(rng_ref, kit, choice);
         let person = Person::new(kit, &identity, looks);
-        let distance = rng_ref.random_range(32.0_f32.ln()..100.0_f32.ln()).exp();
+        let distance = rng_ref.random_range(38.0_f32.ln()..95.0_f32.ln()).exp();
         let face_px = rng_ref.random_range(0.28..0.55) * size[0].min(size[1]) as f32;
         let lighting = lighting(rng_ref);
         let room = lighting.ambient[0] * rng_ref.random_range(0.6..2.0);

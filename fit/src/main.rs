@@ -1,4 +1,5 @@
-//! The workbench: fits and judges the blendshape models. Runs on a desk, never on the board.
+//! The workbench: renders faces with known coefficients, fits and judges the blendshape models. Runs on a desk, never on
+//! the board.
 #![allow(clippy::indexing_slicing, reason = "a matrix tool on a desk: an index out of range is a bug to be seen")]
 
 mod clip;

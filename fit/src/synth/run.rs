@@ -191,7 +191,7 @@ mod tests {
     use facewire::infer::NetworkFolder;
 
     use super::*;
-    use crate::reference;
+    use crate::{dataset, evaluate, reference};
 
     #[derive(Parser)]
     struct Cli {
@@ -230,5 +230,18 @@ mod tests {
         let fewer = Options { pictures: 2, ..options("cut", "1").expect("as before") };
         run_until(&fewer, false).expect("the first subject");
         assert_eq!(whole, made(&cut), "a run that was cut ends in the same file");
+    }
+
+    #[test]
+    fn the_solver_reads_the_true_pose_from_rendered_faces() {
+        let Some(few) = options("pose", "2") else { return };
+        let options = Options { pictures: 24, per_subject: 8, size: vec![400, 400], ..few };
+        run(&options).expect("an archive");
+        let samples = dataset::load(&options.out).expect("a dataset");
+        assert_eq!(samples.len(), 24);
+        let [yaw, pitch, roll] = evaluate::pose_error_deg(&samples).expect("poses");
+        assert!(yaw < 3.0 && pitch < 6.0 && roll < 2.0, "{yaw} {pitch} {roll}");
+        let mean_turn = samples.iter().map(|sample| sample.pose_deg[0].abs()).sum::<f64>() / 24.0;
+        assert!(mean_turn > 6.0, "heads do turn: a wrong sign would be seen, {mean_turn}");
     }
 }

@@ -1,4 +1,5 @@
-//! The workbench: fits and judges the blendshape models. Runs on a desk, never on the board.
+//! The workbench: renders faces with known coefficients, fits and judges the blendshape models. Runs on a desk, never on
+//! the board.
 #![allow(clippy::indexing_slicing, reason = "a matrix tool on a desk: an index out of range is a bug to be seen")]
 #![allow(clippy::cast_possible_truncation, reason = "sums are taken in f64, what they give is f32")]
 
@@ -19,6 +20,7 @@ mod reference;
 mod report;
 mod select;
 mod statistics;
+mod synth;
 mod timecode;
 mod train;
 
@@ -80,6 +82,10 @@ enum Command {
         #[arg(long)]
         model: Option<PathBuf>,
     },
+    /// Render faces with known coefficients, find their landmarks, and write them as a dataset
+    Synth(synth::run::Options),
+    /// Render a clip of one person with the truth of every frame
+    Film(synth::film::Options),
 }
 
 fn main() -> ExitCode {
@@ -101,6 +107,8 @@ fn run(command: Command) -> Result<()> {
         Command::Clip { landmarks, truth, neutral_frames, model } => {
             clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
         }
+        Command::Synth(options) => synth::run::run(&options),
+        Command::Film(options) => synth::film::run(&options),
     }
 }
 

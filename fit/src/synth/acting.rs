@@ -1,0 +1,189 @@
+//! Expressions at random: single shapes, frames of real recordings, and combinations.
+
+use std::sync::LazyLock;
+
+use facewire::solve::{BLENDSHAPES, COEFFS};
+use rand::{RngExt, seq::IteratorRandom};
+use rand_chacha::ChaCha8Rng;
+
+use super::expression::Coefficients;
+
+/// Shapes above this are at work.
+const ACTIVE: f32 = 0.3;
+/// A single shape's face is otherwise a recorded frame weakened to at most this.
+const TRACE: f32 = 0.15;
+/// Each coefficient of a recorded frame is scaled by this much.
+const SCALE: core::ops::Range<f32> = 0.6..1.8;
+/// Faces do not do both at once.
+const EXCLUSIVE: [(&str, &str); 14] = [
+    ("eyeBlinkLeft", "eyeWideLeft"),
+    ("eyeBlinkRight", "eyeWideRight"),
+    ("jawLeft", "jawRight"),
+    ("mouthLeft", "mouthRight"),
+    ("browDownLeft", "browOuterUpLeft"),
+    ("browDownRight", "browOuterUpRight"),
+    ("mouthSmileLeft", "mouthFrownLeft"),
+    ("mouthSmileRight", "mouthFrownRight"),
+    ("eyeLookUpLeft", "eyeLookDownLeft"),
+    ("eyeLookUpRight", "eyeLookDownRight"),
+    ("eyeLookInLeft", "eyeLookOutLeft"),
+    ("eyeLookInRight", "eyeLookOutRight"),
+    ("mouthFunnel", "mouthStretchLeft"),
+    ("mouthPucker", "mouthSmileLeft"),
+];
+/// What moves together with a shape: the other side, or for the eyes what looks the same way.
+static PARTNERS: LazyLock<Vec<Option<Partner>>> =
+    LazyLock::new(|| BLENDSHAPES.iter().map(|name| Partner::of(name)).collect());
+
+struct Partner {
+    index: usize,
+    /// Always with the same strength.
+    fixed: bool,
+}
+
+/// Shares of the three kinds of expressions, in any unit.
+#[derive(Debug, Clone, Copy)]
+pub struct Mix {
+    /// One shape, alone or with its other side.
+    pub single: f32,
+    /// A frame of a recording.
+    pub recorded: f32,
+    /// Three to six shapes.
+    pub combined: f32,
+}
+
+/// An expression at random; `frames` are of recordings.
+pub fn random_expression(rng: &mut ChaCha8Rng, mix: Mix, frames: &[Coefficients]) -> Coefficients {
+    let choice = rng.random_range(0.0..mix.single + mix.recorded + mix.combined);
+    let mut weights = if choice < mix.single {
+        single(rng, frames)
+    } else if choice < mix.single + mix.recorded {
+        recorded(rng, frames)
+    } else {
+        combined(rng)
+    };
+    settle(rng, &mut weights);
+    weights
+}
+
+fn frame(rng: &mut ChaCha8Rng, frames: &[Coefficients]) -> Coefficients {
+    frames.iter().choose(rng).copied().unwrap_or([0.0; COEFFS])
+}
+
+fn single(rng: &mut ChaCha8Rng, frames: &[Coefficients]) -> Coefficients {
+    let trace = rng.random_range(0.0..TRACE);
+    let mut weights = frame(rng, frames).map(|value| trace * value);
+    let (index, strength) = (rng.random_range(0..COEFFS - 1), rng.random());
+    weights[index] = strength;
+    match &PARTNERS[index] {
+        Some(partner) if partner.fixed => weights[partner.index] = strength,
+        Some(partner) if rng.random_bool(0.6) => weights[partner.index] = strength * rng.random_range(0.7..1.3),
+        _ => {}
+    }
+    open_for_closed_lips(rng, &mut weights);
+    weights
+}
+
+/// Where lips close further than the jaw is open, opens it.
+fn open_for_closed_lips(rng: &mut ChaCha8Rng, weights: &mut Coefficients) {
+    let (close, open) = (index_of("mouthClose"), index_of("jawOpen"));
+    if weights[close] > weights[open] {
+        weights[open] = weights[close] + rng.random_range(0.0..0.4);
+    }
+}
+
+fn recorded(rng: &mut ChaCha8Rng, frames: &[Coefficients]) -> Coefficients {
+    frame(rng, frames).map(|value| value * rng.random_range(SCALE))
+}
+
+fn combined(rng: &mut ChaCha8Rng) -> Coefficients {
+    let mut weights = [0.0; COEFFS];
+    let count = rng.random_range(3..=6);
+    for index in (0..COEFFS - 1).sample(rng, count) {
+        weights[index] = rng.random();
+    }
+    open_for_closed_lips(rng, &mut weights);
+    weights
+}
+
+/// Into bounds, and without what no face does.
+fn settle(rng: &mut ChaCha8Rng, weights: &mut Coefficients) {
+    *weights = weights.map(|value| value.clamp(0.0, 1.0));
+    for (one, other) in EXCLUSIVE {
+        let (one, other) = (index_of(one), index_of(other));
+        if weights[one] > ACTIVE && weights[other] > ACTIVE {
+            weights[if rng.random() { one } else { other }] = 0.0;
+        }
+    }
+    restrain(weights);
+}
+
+/// The bounds that hold for every expression: lips close no further than the jaw is open; the tongue is not seen.
+pub fn restrain(weights: &mut Coefficients) {
+    let (close, open) = (index_of("mouthClose"), index_of("jawOpen"));
+    weights[close] = weights[close].min(weights[open]);
+    weights[index_of("tongueOut")] = 0.0;
+}
+
+/// Number of a blendshape.
+pub fn index_of(name: &str) -> usize {
+    BLENDSHAPES.iter().position(|known| *known == name).unwrap_or(0)
+}
+
+impl Partner {
+    fn of(name: &str) -> Option<Self> {
+        let (stem, other) = match (name.strip_suffix("Left"), name.strip_suffix("Right")) {
+            (Some(stem), _) => (stem, "Right"),
+            (_, Some(stem)) => (stem, "Left"),
+            _ => return None,
+        };
+        let (fixed, stem) = match stem {
+            "jaw" | "mouth" => return None,
+            "eyeLookIn" => (true, "eyeLookOut"),
+            "eyeLookOut" => (true, "eyeLookIn"),
+            _ => (false, stem),
+        };
+        Some(Self { index: index_of(&format!("{stem}{other}")), fixed })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand_chacha::rand_core::SeedableRng;
+
+    use super::*;
+
+    const MIX: Mix = Mix { single: 1.0, recorded: 1.0, combined: 1.0 };
+
+    #[test]
+    fn expressions_stay_within_bounds_and_close_lips_no_further_than_the_jaw_is_open() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let frames = [[0.9; COEFFS], [0.1; COEFFS]];
+        let (close, open, tongue) = (index_of("mouthClose"), index_of("jawOpen"), index_of("tongueOut"));
+        for _ in 0..2000 {
+            let weights = random_expression(&mut rng, MIX, &frames);
+            assert!(weights.iter().all(|value| (0.0..=1.0).contains(value)));
+            assert!(weights[close] <= weights[open] && weights[tongue] == 0.0);
+        }
+    }
+
+    #[test]
+    fn every_shape_but_the_tongue_is_drawn_strong_and_weak() {
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let mix = Mix { recorded: 0.0, ..MIX };
+        let drawn: Vec<Coefficients> = (0..4000).map(|_| random_expression(&mut rng, mix, &[])).collect();
+        for index in 0..COEFFS - 1 {
+            let strong = drawn.iter().filter(|weights| weights[index] > 0.7).count();
+            assert!(strong > 20, "{} {strong}", BLENDSHAPES[index]);
+        }
+    }
+
+    #[test]
+    fn eyes_look_the_same_way() {
+        let partner = |name: &str| PARTNERS[index_of(name)].as_ref().map(|partner| BLENDSHAPES[partner.index]);
+        assert_eq!(partner("eyeLookInLeft"), Some("eyeLookOutRight"));
+        assert_eq!(partner("eyeLookOutLeft"), Some("eyeLookInRight"));
+        assert_eq!(partner("eyeBlinkRight"), Some("eyeBlinkLeft"));
+        assert_eq!(partner("mouthLeft"), None);
+    }
+}

@@ -1,0 +1,105 @@
+//! All subjects' rows as one archive in the layout that `train` and `evaluate` read, names of the columns beside it.
+
+use std::{
+    fs::{self, File},
+    io::BufWriter,
+    path::Path,
+};
+
+use anyhow::{Context, Result};
+use facewire::{
+    face::LANDMARKS,
+    solve::{BLENDSHAPES, COEFFS},
+};
+use npyz::{
+    WriterBuilder,
+    npz::NpzWriter,
+    zip::{CompressionMethod, DateTime, write::FileOptions},
+};
+
+use super::worker::{META, ROW};
+
+/// Where an array's numbers stand in a row, and its shape behind the number of pictures.
+struct Column {
+    name: &'static str,
+    first: usize,
+    shape: &'static [usize],
+}
+
+const POINTS: usize = 3 * LANDMARKS;
+const COLUMNS: [Column; 4] = [
+    Column { name: "landmarks", first: 0, shape: &[LANDMARKS, 3] },
+    Column { name: "weights", first: POINTS, shape: &[COEFFS] },
+    Column { name: "pose", first: POINTS + COEFFS, shape: &[3] },
+    Column { name: "meta", first: POINTS + COEFFS + 3, shape: &[META] },
+];
+
+/// Writes the archive. `subjects` holds each subject's rows, by number.
+pub fn write(out: &Path, subjects: &[Vec<f32>]) -> Result<()> {
+    let failed = || format!("cannot write {}", out.display());
+    let unfinished = out.with_extension("unfinished");
+    let mut npz = NpzWriter::new(BufWriter::new(File::create(&unfinished).with_context(failed)?));
+    for column in &COLUMNS {
+        write_column(&mut npz, column, subjects).with_context(failed)?;
+    }
+    write_subjects(&mut npz, subjects).with_context(failed)?;
+    npz.zip_writer().finish().with_context(failed)?;
+    let names = serde_json::to_string(&BLENDSHAPES.as_slice())?;
+    fs::write(out.with_file_name("names.json"), names).context("cannot write names.json")?;
+    fs::rename(&unfinished, out).with_context(failed)
+}
+
+/// Without a time: the same pictures give the same file.
+fn options() -> FileOptions {
+    FileOptions::default()
+        .compression_method(CompressionMethod::Stored)
+        .last_modified_time(DateTime::default())
+        .large_file(true)
+}
+
+fn pictures(subjects: &[Vec<f32>]) -> u64 {
+    subjects.iter().map(|rows| (rows.len() / ROW) as u64).sum()
+}
+
+fn write_column(npz: &mut NpzWriter<BufWriter<File>>, column: &Column, subjects: &[Vec<f32>]) -> Result<()> {
+    let sides = column.shape.iter().map(|side| *side as u64);
+    let shape: Vec<u64> = core::iter::once(pictures(subjects)).chain(sides).collect();
+    let width: usize = column.shape.iter().product();
+    let mut array = npz.array::<f32>(column.name, options())?.default_dtype().shape(&shape).begin_nd()?;
+    for row in subjects.iter().flat_map(|rows| rows.chunks_exact(ROW)) {
+        array.extend(row[column.first..column.first + width].iter().copied())?;
+    }
+    Ok(array.finish()?)
+}
+
+fn write_subjects(npz: &mut NpzWriter<BufWriter<File>>, subjects: &[Vec<f32>]) -> Result<()> {
+    let shape = [pictures(subjects)];
+    let mut array = npz.array::<i32>("subject", options())?.default_dtype().shape(&shape).begin_nd()?;
+    for (number, rows) in (0_i32..).zip(subjects) {
+        array.extend(core::iter::repeat_n(number, rows.len() / ROW))?;
+    }
+    Ok(array.finish()?)
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp, reason = "these numbers are exact")]
+mod tests {
+    use super::*;
+    use crate::dataset;
+
+    #[test]
+    fn archive_reads_back_as_a_dataset() {
+        let folder = std::env::temp_dir().join(format!("facewire-fit-{}-archive", std::process::id()));
+        fs::create_dir_all(&folder).expect("a folder");
+        let out = folder.join("faces.npz");
+        let row = |start: u16| (0..ROW).map(move |index| f32::from(start) + index as f32 / 4096.0);
+        let subjects = vec![row(0).chain(row(1)).collect(), vec![], row(2).collect::<Vec<f32>>()];
+        write(&out, &subjects).expect("written");
+        let samples = dataset::load(&out).expect("read");
+        assert_eq!(samples.iter().map(|sample| sample.subject).collect::<Vec<_>>(), [0, 0, 1]);
+        assert_eq!(samples[1].landmarks.0[1][0], 1.0 + 3.0 / 4096.0);
+        assert_eq!(samples[2].truth[2], f64::from(2.0 + 1436.0_f32 / 4096.0));
+        assert_eq!(samples[0].pose_deg[1], -f64::from(1487.0_f32 / 4096.0), "the file's pitch nods down");
+        fs::remove_dir_all(folder).expect("removed");
+    }
+}

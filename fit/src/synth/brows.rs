@@ -1,0 +1,101 @@
+//! Brows: an alpha layer over the skin, laid by its two ends on those of the face's brows.
+//!
+//! A texture shows two brows, one above the other; the upper one is used for both sides.
+
+use anyhow::{Context, Result};
+use glam::{Vec2, Vec3};
+
+use super::{
+    rig::{Rig, Triangle},
+    texture::Texture,
+};
+
+/// Alpha from which a pixel counts.
+const INK: u8 = 40;
+/// Exponent on alpha: the textures are of single hairs, which camera pixels do not show.
+const DENSER: f32 = 0.35;
+/// Landmarks at the inner and outer end of the person's left brow, and how far above them its middle lies, cm.
+const ANCHORS: [(usize, f32); 2] = [(22, 0.05), (26, 0.05)];
+/// Skin in front of this, and within this range of height above the anchors' mean, may carry a brow.
+const FRONT: f32 = 4.0;
+const REACH: f32 = 2.6;
+
+/// One style.
+pub struct Brow {
+    texture: Texture,
+    /// Inner and outer end on the head at rest, and in the texture.
+    on_face: [Vec2; 2],
+    in_texture: [Vec2; 2],
+    /// Lowest v that belongs to the upper brow.
+    floor: f32,
+    /// Skin that it may cover.
+    pub triangles: Vec<Triangle>,
+}
+
+impl Brow {
+    /// Lays a texture on a rig.
+    pub fn new(texture: Texture, rig: &Rig) -> Result<Self> {
+        let [_, height] = texture.size();
+        let floor_row = upper_rows(&texture).context("a brow texture does not show two brows")?;
+        let on_face = ANCHORS.map(|(index, above)| {
+            let point = rig.landmark(index);
+            Vec2::new(point.x.abs(), point.y + above)
+        });
+        let in_texture = ends(&texture, floor_row).context("a brow texture is empty")?;
+        let middle = f32::midpoint(on_face[0].y, on_face[1].y);
+        let near = |vertex: &u32| {
+            let point = rig.neutral[*vertex as usize];
+            point.z > FRONT && (point.y - middle).abs() < REACH
+        };
+        let face = &rig.parts.skin[..rig.parts.face];
+        let triangles = face.iter().filter(|triangle| triangle.iter().all(near)).copied().collect();
+        Ok(Self { on_face, in_texture, floor: 1.0 - floor_row as f32 / height as f32, texture, triangles })
+    }
+
+    /// Where a vertex of the head at rest lies in the texture: along the line between the ends, and as far above it.
+    pub fn place(&self, rest: Vec3) -> Vec2 {
+        let ([inner, outer], [from, to]) = (self.on_face, self.in_texture);
+        let along = (rest.x.abs() - inner.x) / (outer.x - inner.x);
+        let scale = (to.x - from.x) / (outer.x - inner.x);
+        from.lerp(to, along) + Vec2::new(0.0, scale * (rest.y - inner.lerp(outer, along).y))
+    }
+
+    /// How much of the skin is covered there, 0 to 1.
+    pub fn cover(&self, uv: Vec2) -> f32 {
+        let inside = uv.x > 0.0 && uv.x < 1.0 && uv.y > self.floor && uv.y < 1.0;
+        if inside { (self.texture.sample(uv).w / 255.0).powf(DENSER) } else { 0.0 }
+    }
+}
+
+/// The first empty row below the upper brow: in the gap between the two.
+fn upper_rows(texture: &Texture) -> Option<usize> {
+    let [width, height] = texture.size();
+    let ink = |row: usize| (0..width).filter(|column| texture.pixel(*column, row)[3] > INK).count();
+    let inked: Vec<bool> = (0..height).map(|row| ink(row) > 0).collect();
+    let first = inked.iter().position(|inked| *inked)?;
+    let last = inked.iter().rposition(|inked| *inked)?;
+    // The widest gap; where brows overlap in height, the emptiest row near the middle.
+    let middle = usize::midpoint(first, last);
+    let reach = (last - first) / 6;
+    (middle - reach..middle + reach).min_by_key(|row| (ink(*row), row.abs_diff(middle)))
+}
+
+/// Inner and outer end of the upper brow.
+fn ends(texture: &Texture, floor_row: usize) -> Option<[Vec2; 2]> {
+    let [width, height] = texture.size();
+    let rows_of =
+        |column: usize| -> Vec<usize> { (0..floor_row).filter(|row| texture.pixel(column, *row)[3] > INK).collect() };
+    let columns: Vec<usize> = (0..width).filter(|column| !rows_of(*column).is_empty()).collect();
+    let at = |share: f32| {
+        let column = *columns.get(fraction(columns.len(), share))?;
+        let rows = rows_of(column);
+        let row = rows.iter().sum::<usize>() as f32 / rows.len().max(1) as f32;
+        Some(Vec2::new(column as f32 / width as f32, 1.0 - row / height as f32))
+    };
+    Some([at(0.05)?, at(0.97)?])
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length")]
+fn fraction(count: usize, share: f32) -> usize {
+    (count as f32 * share) as usize
+}

@@ -1,0 +1,50 @@
+//! A body below the rig's shoulders, where the mesh ends: its rim, drawn down and out, so that no bust floats in the
+//! picture.
+
+use std::collections::{HashMap, HashSet};
+
+use glam::Vec3;
+
+use super::rig::{Rig, Triangle};
+
+/// The rim of the shoulders lies below this, centimetres; other rims are inside mouth and eyes.
+const RIM: f32 = -11.0;
+/// Rings below the rim: how far down, and how much wider.
+const RINGS: [(f32, f32); 3] = [(2.5, 1.12), (7.0, 1.22), (45.0, 1.3)];
+
+/// Adds the body.
+pub fn extend(rig: &mut Rig) {
+    let edges = rim(&rig.parts.skin, &rig.neutral);
+    let mut order: Vec<u32> = edges.iter().flatten().copied().collect();
+    order.sort_unstable();
+    order.dedup();
+    let mut above: HashMap<u32, u32> = order.iter().map(|vertex| (*vertex, *vertex)).collect();
+    for (down, wider) in RINGS {
+        let below: HashMap<u32, u32> =
+            order.iter().map(|vertex| (*vertex, rig.add_below(*vertex as usize, down, wider))).collect();
+        for [a, b] in &edges {
+            let [upper_a, upper_b, lower_a, lower_b] = [above[a], above[b], below[a], below[b]];
+            rig.parts.skin.extend([[upper_b, upper_a, lower_a], [upper_b, lower_a, lower_b]]);
+        }
+        above = below;
+    }
+}
+
+/// Edges that only one triangle has, low down, in that triangle's direction.
+fn rim(triangles: &[Triangle], points: &[Vec3]) -> Vec<[u32; 2]> {
+    let directed = || triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
+    let all: HashSet<[u32; 2]> = directed().collect();
+    let low = |[a, b]: &[u32; 2]| points[*a as usize].y < RIM && points[*b as usize].y < RIM;
+    directed().filter(|[a, b]| !all.contains(&[*b, *a])).filter(low).collect()
+}
+
+impl Rig {
+    /// A vertex below another, which no expression moves.
+    fn add_below(&mut self, vertex: usize, down: f32, wider: f32) -> u32 {
+        let point = self.neutral[vertex];
+        self.neutral.push(Vec3::new(point.x * wider, RIM.min(point.y) - down, point.z * wider));
+        self.skin_uv.push(self.skin_uv[vertex]);
+        self.identities.iter_mut().for_each(|mode| mode.push(mode[vertex]));
+        u32::try_from(self.neutral.len() - 1).unwrap_or(u32::MAX)
+    }
+}

@@ -1,0 +1,229 @@
+//! ARKit coefficients to a deformed head: which rig shapes they move, how far, and where the eyeballs turn.
+//! `tongueOut` has no shape.
+
+use anyhow::{Context, Result};
+use facewire::solve::{BLENDSHAPES, COEFFS};
+use glam::{Mat3, Vec3};
+
+use super::{
+    amplitude::ratio,
+    geometry::vertices_of,
+    rig::{Rig, Triangle},
+};
+
+/// One value per blendshape, in the order of [`BLENDSHAPES`].
+pub type Coefficients = [f32; COEFFS];
+
+/// Turn of an eyeball per unit of `eyeLookIn` or `eyeLookOut`, and of `eyeLookUp` or `eyeLookDown`.
+pub const GAZE_DEG: [f32; 2] = [34.7, 31.9];
+
+/// How a rig is moved.
+pub struct Puppet {
+    drives: Vec<Drive>,
+    eyes: [Eye; 2],
+}
+
+/// One coefficient moving one shape.
+struct Drive {
+    coefficient: usize,
+    shape: usize,
+    gain: f32,
+}
+
+struct Eye {
+    vertices: Vec<u32>,
+    /// Coefficients `eyeLookIn`, `eyeLookOut`, `eyeLookUp`, `eyeLookDown` of this eye.
+    look: [usize; 4],
+    /// 1 for the person's left eye, -1 for the right: which way is out.
+    out: f32,
+}
+
+impl Puppet {
+    /// Finds the shapes of a rig.
+    pub fn new(rig: &Rig) -> Result<Self> {
+        let shown = BLENDSHAPES.iter().enumerate().filter(|(_, name)| **name != "tongueOut");
+        let drives = shown.map(|(coefficient, name)| drives(rig, coefficient, name)).collect::<Result<Vec<_>>>()?;
+        let [left, right] = &rig.parts.eyes;
+        let eyes = [Eye::new(left, "Left", 1.0)?, Eye::new(right, "Right", -1.0)?];
+        Ok(Self { drives: drives.into_iter().flatten().collect(), eyes })
+    }
+
+    /// Moves the vertices in `base` into `out`.
+    pub fn deform(&self, rig: &Rig, base: &[Vec3], weights: &Coefficients, out: &mut Vec<Vec3>) {
+        out.clear();
+        out.extend_from_slice(base);
+        for drive in &self.drives {
+            let weight = weights[drive.coefficient] * drive.gain;
+            if weight != 0.0 {
+                for (vertex, offset) in &rig.shapes[drive.shape].moves {
+                    out[*vertex as usize] += weight * *offset;
+                }
+            }
+        }
+        self.eyes.iter().for_each(|eye| eye.turn(weights, out));
+    }
+}
+
+fn drives(rig: &Rig, coefficient: usize, name: &str) -> Result<Vec<Drive>> {
+    let gain = 1.0 / ratio(name).with_context(|| format!("no amplitude of {name}"))?;
+    let found = rig_names(name).into_iter().filter_map(|name| rig.shape(&name));
+    let drives: Vec<_> = found.map(|shape| Drive { coefficient, shape, gain }).collect();
+    anyhow::ensure!(!drives.is_empty(), "the rig has no shape for {name}");
+    Ok(drives)
+}
+
+/// The rig's names for a blendshape: halves that move together are two shapes.
+fn rig_names(name: &str) -> Vec<String> {
+    let sides = [("Left", "_L"), ("Right", "_R")];
+    let one_side = sides.iter().find_map(|(side, ending)| Some(format!("{}{ending}", name.strip_suffix(side)?)));
+    let halves = ["_L", "_R"].map(|ending| format!("{name}{ending}"));
+    [name.to_owned()].into_iter().chain(one_side).chain(halves).collect()
+}
+
+impl Eye {
+    fn new(triangles: &[Triangle], side: &str, out: f32) -> Result<Self> {
+        let vertices = vertices_of(triangles);
+        let index = |stem: &str| {
+            let name = format!("{stem}{side}");
+            BLENDSHAPES.iter().position(|known| *known == name).with_context(|| format!("no {name}"))
+        };
+        let look = [index("eyeLookIn")?, index("eyeLookOut")?, index("eyeLookUp")?, index("eyeLookDown")?];
+        Ok(Self { vertices, look, out })
+    }
+
+    fn turn(&self, weights: &Coefficients, points: &mut [Vec3]) {
+        let rotation = gaze(self.look.map(|index| weights[index]), self.out);
+        if rotation == Mat3::IDENTITY {
+            return;
+        }
+        let centre = self.centre(points);
+        for vertex in &self.vertices {
+            let point = &mut points[*vertex as usize];
+            *point = centre + rotation * (*point - centre);
+        }
+    }
+
+    /// Middle of the ball. Front to back the cornea's bulge does not count: the ball is as deep as it is wide.
+    fn centre(&self, points: &[Vec3]) -> Vec3 {
+        let bound = |pick: fn(Vec3, Vec3) -> Vec3, start: Vec3| {
+            self.vertices.iter().fold(start, |bound, vertex| pick(bound, points[*vertex as usize]))
+        };
+        let (least, most) = (bound(Vec3::min, Vec3::INFINITY), bound(Vec3::max, Vec3::NEG_INFINITY));
+        let middle = f32::midpoint(least.x, most.x);
+        Vec3::new(middle, f32::midpoint(least.y, most.y), least.z + (most.x - least.x) / 2.0)
+    }
+}
+
+/// Turn of an eyeball from `[in, out, up, down]`; `out` is 1 for the person's left eye, -1 for the right.
+pub fn gaze([inward, outward, up, down]: [f32; 4], out: f32) -> Mat3 {
+    head_rotation(out * (outward - inward) * GAZE_DEG[0], (down - up) * GAZE_DEG[1], 0.0)
+}
+
+/// Rotation from angles in degrees: yaw to the person's left, pitch nodding down, roll to the right shoulder.
+pub fn head_rotation(yaw_deg: f32, pitch_deg: f32, roll_deg: f32) -> Mat3 {
+    let [yaw, pitch, roll] = [yaw_deg, pitch_deg, roll_deg].map(f32::to_radians);
+    Mat3::from_rotation_z(roll) * Mat3::from_rotation_x(pitch) * Mat3::from_rotation_y(yaw)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{reference, synth::acting::index_of};
+
+    #[test]
+    fn head_turns_left_nods_down_and_tips_right() {
+        assert!((head_rotation(30.0, 0.0, 0.0) * Vec3::Z).x > 0.49, "the nose goes to the person's left");
+        assert!((head_rotation(0.0, 30.0, 0.0) * Vec3::Z).y < -0.49, "the nose goes down");
+        assert!((head_rotation(0.0, 0.0, 30.0) * Vec3::Y).x < -0.49, "the crown goes to the person's right");
+    }
+
+    #[test]
+    fn eyes_turn_34_7_degrees_sideways_and_31_9_up_and_down() {
+        let angle = |look, out: f32| {
+            let seen = gaze(look, out) * Vec3::Z;
+            [seen.x.atan2(seen.z).to_degrees(), seen.y.asin().to_degrees()]
+        };
+        let near = |[a, b]: [f32; 2], [c, d]: [f32; 2]| (a - c).abs() < 1e-3 && (b - d).abs() < 1e-3;
+        assert!(near(angle([0.0, 1.0, 0.0, 0.0], 1.0), [34.7, 0.0]), "left eye out is to the left");
+        assert!(near(angle([1.0, 0.0, 0.0, 0.0], -1.0), [34.7, 0.0]), "right eye in is to the left");
+        assert!(near(angle([0.0, 0.0, 1.0, 0.0], 1.0), [0.0, 31.9]));
+        assert!(near(angle([0.0, 0.0, 0.0, 0.5], -1.0), [0.0, -15.95]));
+    }
+
+    fn rig() -> Option<Rig> {
+        let folder = reference::folder().join("rig");
+        let rig = folder.exists().then(|| Rig::load(&folder).expect("a rig"));
+        if rig.is_none() {
+            reference::say_skipped("rig/");
+        }
+        rig
+    }
+
+    fn deformed(rig: &Rig, moved: &[(&str, f32)]) -> Vec<Vec3> {
+        let mut weights = [0.0; COEFFS];
+        for (name, weight) in moved {
+            weights[index_of(name)] = *weight;
+        }
+        let mut points = Vec::new();
+        Puppet::new(rig).expect("shapes").deform(rig, &rig.neutral, &weights, &mut points);
+        points
+    }
+
+    #[test]
+    fn eye_blink_left_shuts_the_persons_left_lid_and_no_other() {
+        let Some(rig) = rig() else { return };
+        let points = deformed(&rig, &[("eyeBlinkLeft", 1.0)]);
+        let gap = |points: &[Vec3], [upper, lower]: [usize; 2]| {
+            (points[rig.landmarks[upper]] - points[rig.landmarks[lower]]).length()
+        };
+        let [left, right] = [[43, 47], [38, 40]];
+        assert!(rig.landmark(43).x > 0.0, "the person's left is at positive x, right in the picture");
+        assert!(gap(&points, left) < 0.2 * gap(&rig.neutral, left));
+        assert!(gap(&points, right) > 0.98 * gap(&rig.neutral, right));
+    }
+
+    #[test]
+    fn weight_1_moves_vertices_by_arkits_amount() {
+        let Some(rig) = rig() else { return };
+        for (name, shape, ratio) in [
+            ("browDownLeft", "browDown_L", 0.74),
+            ("mouthPressRight", "mouthPress_R", 0.42),
+            ("noseSneerLeft", "noseSneer_L", 2.14),
+            ("mouthLeft", "mouthLeft", 1.57),
+            ("jawOpen", "jawOpen", 1.05),
+        ] {
+            let points = deformed(&rig, &[(name, 1.0)]);
+            let moved = points.iter().zip(&rig.neutral).map(|(point, rest)| (*point - *rest).length());
+            let shape = &rig.shapes[rig.shape(shape).expect("a shape")];
+            let rig_moves = shape.moves.iter().map(|(_, offset)| offset.length());
+            let [moved, rig_moves] = [moved.fold(0.0, f32::max), rig_moves.fold(0.0, f32::max)];
+            assert!((moved * ratio / rig_moves - 1.0).abs() < 1e-3, "{name}");
+        }
+    }
+
+    #[test]
+    fn halves_move_together_and_closed_lips_meet_over_an_open_jaw() {
+        let Some(rig) = rig() else { return };
+        let brows = deformed(&rig, &[("browInnerUp", 1.0)]);
+        let lifts = [21, 22].map(|index| brows[rig.landmarks[index]].y - rig.landmark(index).y);
+        assert!(lifts.iter().all(|lift| *lift > 0.3) && (lifts[0] - lifts[1]).abs() < 0.05);
+        let lips = |points: &[Vec3]| points[rig.landmarks[62]].y - points[rig.landmarks[66]].y;
+        let open = deformed(&rig, &[("jawOpen", 1.0)]);
+        let closed = deformed(&rig, &[("jawOpen", 1.0), ("mouthClose", 1.0)]);
+        assert!(lips(&open) > 2.0 && (lips(&closed) - lips(&rig.neutral)).abs() < 0.1);
+    }
+
+    #[test]
+    fn the_iris_turns_with_the_gaze() {
+        let Some(rig) = rig() else { return };
+        let front = rig.parts.eyes[0]
+            .concat()
+            .into_iter()
+            .max_by(|a, b| rig.neutral[*a as usize].z.total_cmp(&rig.neutral[*b as usize].z));
+        let iris = front.expect("a vertex") as usize;
+        let out = deformed(&rig, &[("eyeLookOutLeft", 1.0)])[iris];
+        let down = deformed(&rig, &[("eyeLookDownLeft", 1.0)])[iris];
+        assert!(out.x - rig.neutral[iris].x > 0.7, "out is to the person's left for the left eye");
+        assert!(rig.neutral[iris].y - down.y > 0.7);
+    }
+}

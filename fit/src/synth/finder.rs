@@ -1,0 +1,77 @@
+//! A JPEG image to landmarks, by the product's own detector and mesh.
+//!
+//! The region is first the detector's, then twice that of the landmarks themselves, as when a face is followed.
+
+use anyhow::{Context, Result};
+use facewire::{
+    capture::JpegDecoder,
+    face::{Detector, FaceBox, Landmarks, Mesh},
+    infer::NetworkFolder,
+};
+use glam::Vec2;
+
+/// How often the region is taken from the landmarks found before.
+const REFINEMENTS: usize = 2;
+/// Outer corners of the eyes: the person's right, then left.
+const EYE_CORNERS: [usize; 2] = [33, 263];
+/// Corners found further off than this share of their distance are another thing's.
+const ASTRAY: f32 = 0.3;
+
+/// Decoder and networks, each on one thread.
+pub struct Finder {
+    decoder: JpegDecoder,
+    detector: Detector,
+    mesh: Mesh,
+    landmarks: Landmarks,
+}
+
+impl Finder {
+    /// Loads the networks, for pictures of `size`.
+    pub fn load([width, height]: [usize; 2]) -> Result<Self> {
+        let folder = NetworkFolder::find("")?;
+        Ok(Self {
+            decoder: JpegDecoder::new(width, height)?,
+            detector: Detector::load(&folder, 1)?,
+            mesh: Mesh::load(&folder, 1)?,
+            landmarks: Landmarks::zero(),
+        })
+    }
+
+    /// The landmarks of the face whose outer corners of the eyes are at `eyes`; none if it is not found.
+    pub fn find(&mut self, jpeg: &[u8], eyes: [Vec2; 2]) -> Result<Option<&Landmarks>> {
+        self.decoder.decode(jpeg)?;
+        let picture = self.decoder.picture().context("the image was not decoded")?;
+        let mut region = self.detector.find(&picture)?.and_then(|detection| detection.region());
+        for _ in 0..=REFINEMENTS {
+            let Some(around) = region else { return Ok(None) };
+            let found = self.mesh.find(&picture, &around, &mut self.landmarks)?;
+            region = if found { FaceBox::following(&self.landmarks) } else { None };
+        }
+        Ok((region.is_some() && agrees(&self.landmarks, eyes)).then_some(&self.landmarks))
+    }
+}
+
+fn agrees(landmarks: &Landmarks, eyes: [Vec2; 2]) -> bool {
+    let distance = (eyes[0] - eyes[1]).length();
+    let off = |(index, eye): (usize, Vec2)| {
+        let [x, y, _] = landmarks.0[index];
+        (Vec2::new(x, y) - eye).length()
+    };
+    EYE_CORNERS.into_iter().zip(eyes).all(|pair| off(pair) < ASTRAY * distance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn landmarks_of_another_thing_are_refused() {
+        let mut landmarks = Landmarks::zero();
+        landmarks.0[33] = [100.0, 50.0, 0.0];
+        landmarks.0[263] = [160.0, 50.0, 0.0];
+        let eyes = [Vec2::new(102.0, 52.0), Vec2::new(158.0, 49.0)];
+        assert!(agrees(&landmarks, eyes));
+        assert!(!agrees(&landmarks, eyes.map(|eye| eye + 30.0)));
+        assert!(!agrees(&landmarks, [eyes[1], eyes[0]]));
+    }
+}

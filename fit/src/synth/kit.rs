@@ -1,0 +1,150 @@
+//! All that pictures are made of, loaded once: rig, textures, and what is worked out from them beforehand.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{
+    brows::Brow,
+    expression::{Coefficients, Puppet},
+    eyes::{EyeTexture, ball_offsets},
+    geometry::{normals, vertices_of},
+    rig::{Rig, Triangle},
+    scene::shoulder,
+    shadow::ambient_occlusion,
+    skin::{Layout, Skin},
+    texture::Texture,
+};
+use facewire::solve::{BLENDSHAPES, COEFFS};
+
+/// Light comes around corners: no vertex sees less of the sky.
+const LEAST_SKY: f32 = 0.03;
+/// A sphere around the head, for light.
+pub const BOUNDS: (Vec3, f32) = (Vec3::new(0.0, -1.0, 2.0), 21.0);
+
+/// Rig, textures and what follows from them.
+pub struct Kit {
+    /// The head.
+    pub rig: Rig,
+    /// How it moves.
+    pub puppet: Puppet,
+    /// How the skin texture is laid on it.
+    pub layout: Layout,
+    /// Names of skins, brows and eyes: their files' without ending.
+    pub names: [Vec<String>; 3],
+    /// In the order of their names.
+    pub skins: Vec<Skin>,
+    /// In the order of their names.
+    pub brows: Vec<Brow>,
+    /// In the order of their names.
+    pub eyes: Vec<EyeTexture>,
+    /// Ambient light.
+    pub sky: Sky,
+    /// Normals of the head at rest.
+    pub rest_normals: Vec<Vec3>,
+    /// How far each vertex belongs to the shoulders.
+    pub shoulder: Vec<f32>,
+    /// Offset of an eyeball's vertices from its middle over its radius, looking ahead; 0 for other vertices.
+    pub ball_offsets: Vec<Vec3>,
+    /// Whether a vertex is skin.
+    pub is_skin: Vec<bool>,
+    /// All triangles that can be seen, for normals and shadows.
+    pub surface: Vec<Triangle>,
+    /// Vertices of gums and teeth.
+    pub mouth: Vec<u32>,
+}
+
+/// Share of the sky that vertices see.
+pub struct Sky {
+    rest: Vec<f32>,
+    /// How it changes where a coefficient is 1: mouth and lids open and shut.
+    changes: Vec<(usize, Vec<f32>)>,
+}
+
+impl Kit {
+    /// Reads the folder of a rig; see `fit/README.md` for its layout.
+    pub fn load(folder: &Path) -> Result<Self> {
+        let rig = Rig::load(folder)?;
+        let puppet = Puppet::new(&rig)?;
+        let layout = Layout::new(&rig);
+        let [skins, brows, eyes] = ["skins", "brows", "eyes"].map(|kind| textures(&folder.join(kind)));
+        let [(skin_names, skins), (brow_names, brows), (eye_names, eyes)] = [skins?, brows?, eyes?];
+        let skins = skins.into_par_iter().map(|texture| Skin::new(texture, &rig, &layout));
+        let brows = brows.into_iter().map(|texture| Brow::new(texture, &rig));
+        let eyes = eyes.into_iter().map(EyeTexture::new);
+        let parts = &rig.parts;
+        let surface = [parts.skin.as_slice(), &parts.gums, &parts.teeth, &parts.eyes[0], &parts.eyes[1]].concat();
+        Ok(Self {
+            sky: Sky::new(&rig, &puppet, &surface)?,
+            rest_normals: normals(&rig.neutral, &surface),
+            shoulder: rig.neutral.iter().map(|point| shoulder(*point)).collect(),
+            ball_offsets: ball_offsets(&rig),
+            is_skin: is_skin(&rig),
+            mouth: vertices_of(&[parts.gums.as_slice(), &parts.teeth].concat()),
+            surface,
+            names: [skin_names, brow_names, eye_names],
+            skins: skins.collect(),
+            brows: brows.collect::<Result<_>>()?,
+            eyes: eyes.collect::<Result<_>>()?,
+            layout,
+            puppet,
+            rig,
+        })
+    }
+}
+
+fn is_skin(rig: &Rig) -> Vec<bool> {
+    let mut skin = vec![false; rig.neutral.len()];
+    rig.parts.skin.iter().flatten().for_each(|vertex| skin[*vertex as usize] = true);
+    skin
+}
+
+/// The pictures in a folder, with their names, in the order of these.
+fn textures(folder: &Path) -> Result<(Vec<String>, Vec<Texture>)> {
+    let entries = std::fs::read_dir(folder).with_context(|| format!("cannot open {}", folder.display()))?;
+    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<PathBuf>>>()?;
+    paths.retain(|path| path.extension().is_some_and(|ending| ending == "png" || ending == "jpg"));
+    paths.sort();
+    ensure!(!paths.is_empty(), "{} has no pictures", folder.display());
+    let names = paths.iter().filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned())).collect();
+    Ok((names, paths.par_iter().map(|path| Texture::load(path)).collect::<Result<_>>()?))
+}
+
+impl Sky {
+    fn new(rig: &Rig, puppet: &Puppet, surface: &[Triangle]) -> Result<Self> {
+        let index =
+            |name: &str| BLENDSHAPES.iter().position(|known| *known == name).with_context(|| format!("no {name}"));
+        let moved = ["jawOpen", "eyeBlinkLeft", "eyeBlinkRight", "mouthFunnel", "mouthSmileLeft", "mouthSmileRight"];
+        let baked = |weights: &Coefficients| {
+            let mut points = Vec::new();
+            puppet.deform(rig, &rig.neutral, weights, &mut points);
+            ambient_occlusion(&points, &normals(&points, surface), surface, BOUNDS)
+        };
+        let rest = baked(&[0.0; COEFFS]);
+        let change = |name: &&str| -> Result<_> {
+            let coefficient = index(name)?;
+            let mut weights = [0.0; COEFFS];
+            weights[coefficient] = 1.0;
+            let change = baked(&weights).iter().zip(&rest).map(|(there, here)| there - here).collect();
+            Ok((coefficient, change))
+        };
+        Ok(Self { changes: moved.iter().map(change).collect::<Result<_>>()?, rest })
+    }
+
+    /// For every vertex of a face with this expression, into `out`.
+    pub fn seen(&self, weights: &Coefficients, out: &mut Vec<f32>) {
+        out.clear();
+        out.extend_from_slice(&self.rest);
+        for (coefficient, change) in &self.changes {
+            let weight = weights[*coefficient];
+            if weight != 0.0 {
+                out.iter_mut().zip(change).for_each(|(share, change)| *share += weight * change);
+            }
+        }
+        for share in out {
+            *share = share.clamp(LEAST_SKY, 1.0);
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! Recordings of real ARKit coefficients (Live Link Face, CSV), columns taken by name.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use facewire::solve::{BLENDSHAPES, COEFFS};
+
+use super::expression::Coefficients;
+
+/// Frames of a recording, in order.
+pub struct Recording {
+    /// At 30 frames a second, 0 to 1.
+    pub frames: Vec<Coefficients>,
+}
+
+impl Recording {
+    /// Reads a table with a header of blendshape names, in any order and any case.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::parse(&text).with_context(|| format!("{} is no recording", path.display()))
+    }
+
+    fn parse(text: &str) -> Result<Self> {
+        let mut lines = text.lines();
+        let header: Vec<&str> = lines.next().context("the table is empty")?.split(',').map(str::trim).collect();
+        let column = |name: &&str| {
+            header
+                .iter()
+                .position(|known| known.eq_ignore_ascii_case(name))
+                .with_context(|| format!("no column {name}"))
+        };
+        let columns = BLENDSHAPES.iter().map(column).collect::<Result<Vec<_>>>()?;
+        let frames = lines.filter(|line| !line.trim().is_empty()).map(|line| frame(line, &columns));
+        let frames = frames.collect::<Result<Vec<_>>>()?;
+        ensure!(!frames.is_empty(), "there are no frames");
+        Ok(Self { frames })
+    }
+}
+
+fn frame(line: &str, columns: &[usize]) -> Result<Coefficients> {
+    let values: Vec<&str> = line.split(',').collect();
+    let mut frame = [0.0; COEFFS];
+    for (slot, column) in frame.iter_mut().zip(columns) {
+        let text = values.get(*column).context("a line is short")?;
+        *slot = text.trim().parse::<f32>().with_context(|| format!("{text} is no number"))?.clamp(0.0, 1.0);
+    }
+    Ok(frame)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_taken_by_name_not_by_place() {
+        let mut names: Vec<String> = BLENDSHAPES.iter().map(|name| name[..1].to_uppercase() + &name[1..]).collect();
+        names.reverse();
+        let values: Vec<String> = (0..COEFFS).map(|index| format!("{:.2}", index as f32 / 100.0)).collect();
+        let text = format!("Timecode,{}\n10:00,{}\n", names.join(","), values.join(","));
+        let recording = Recording::parse(&text).expect("a recording");
+        assert_eq!(recording.frames.len(), 1);
+        assert!((recording.frames[0][0] - 0.51).abs() < 1e-6, "the first blendshape stood last");
+        assert!(Recording::parse("Timecode,JawOpen\n1,0.5\n").is_err());
+    }
+}

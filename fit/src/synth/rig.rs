@@ -1,0 +1,157 @@
+//! The face rig: a head with expression shapes and identity modes, read from a folder.
+//!
+//! Layout of the folder: `rig.npz` (arrays below), `rig.json` (names of materials and expressions, 68 landmark
+//! vertices). Units are centimetres; x to the person's left, y up, z out of the face. See `fit/README.md`.
+//!
+//! Parts that only a ray tracer can use (tear fluid, eye occlusion, the inner iris) are left out.
+
+use std::{fs::File, io::BufReader, path::Path};
+
+use anyhow::{Context, Result, ensure};
+use glam::{Vec2, Vec3};
+use npyz::npz::NpzArchive;
+use serde_json::Value;
+
+use super::bust;
+use crate::dataset::floats;
+
+/// Expression offsets shorter than this, in centimetres, are taken for 0.
+const LEAST_MOVE: f32 = 0.002;
+/// The four corners of the eyes among the 68 landmarks.
+const EYE_CORNERS: [usize; 4] = [36, 39, 42, 45];
+/// Lashes higher than this above the corners of the eyes belong to the upper lids, centimetres.
+const UPPER_LASH: f32 = 0.12;
+
+/// Three vertices.
+pub type Triangle = [u32; 3];
+
+/// A head at rest, and all ways in which it can be changed.
+pub struct Rig {
+    /// Where the vertices are.
+    pub neutral: Vec<Vec3>,
+    /// Expression shapes by the rig's own names.
+    pub shapes: Vec<Shape>,
+    /// Offset of every vertex, one list per mode.
+    pub identities: Vec<Vec<Vec3>>,
+    /// Where the skin texture lies.
+    pub skin_uv: Vec<Vec2>,
+    /// Vertices of the 68 usual landmarks.
+    pub landmarks: Vec<usize>,
+    /// Triangles by part.
+    pub parts: Parts,
+}
+
+/// Triangles of a head.
+pub struct Parts {
+    /// Face, scalp, neck and shoulders.
+    pub skin: Vec<Triangle>,
+    /// How many of `skin`, counted from the first, are the face in front of the ears.
+    pub face: usize,
+    /// Gums, tongue and the hollow of the mouth.
+    pub gums: Vec<Triangle>,
+    /// Both rows.
+    pub teeth: Vec<Triangle>,
+    /// Eyeballs of the person's left and right.
+    pub eyes: [Vec<Triangle>; 2],
+    /// Of the upper lids.
+    pub lashes: Vec<Triangle>,
+}
+
+/// One expression shape.
+pub struct Shape {
+    /// As the rig calls it.
+    pub name: String,
+    /// Vertices that it moves, and how far at weight 1.
+    pub moves: Vec<(u32, Vec3)>,
+}
+
+impl Rig {
+    /// Reads a rig.
+    pub fn load(folder: &Path) -> Result<Self> {
+        let path = folder.join("rig.npz");
+        let file = File::open(&path).with_context(|| format!("cannot open {} (--rig DIR)", path.display()))?;
+        let mut archive = NpzArchive::new(BufReader::new(file)).context("rig.npz is not a NumPy archive")?;
+        let names: Value = serde_json::from_reader(BufReader::new(File::open(folder.join("rig.json"))?))?;
+        let neutral = points(&floats(&mut archive, "neutral", 3)?);
+        let vertices = neutral.len();
+        let expressions = floats(&mut archive, "expressions", 3 * vertices)?;
+        let identities = floats(&mut archive, "identities", 3 * vertices)?;
+        let skin_uv = floats(&mut archive, "skin_uv", 2)?;
+        let landmarks = vertex_list(&names["landmark68_vertices"])?;
+        ensure!(landmarks.iter().all(|index| *index < vertices), "a landmark is no vertex");
+        let parts = parts(&mut archive, &strings(&names["materials"])?, &neutral, &landmarks)?;
+        let names = strings(&names["expressions"])?;
+        let shapes = names.into_iter().zip(expressions.chunks_exact(3 * vertices));
+        let mut rig = Self {
+            shapes: shapes.map(|(name, offsets)| Shape { name, moves: moves(&points(offsets)) }).collect(),
+            identities: identities.chunks_exact(3 * vertices).map(points).collect(),
+            skin_uv: skin_uv.chunks_exact(2).map(Vec2::from_slice).collect(),
+            landmarks,
+            parts,
+            neutral,
+        };
+        bust::extend(&mut rig);
+        Ok(rig)
+    }
+
+    /// Where landmark `index` of the 68 is on the head at rest.
+    pub fn landmark(&self, index: usize) -> Vec3 {
+        self.neutral[self.landmarks[index]]
+    }
+
+    /// Number of a shape by the rig's name.
+    pub fn shape(&self, name: &str) -> Option<usize> {
+        self.shapes.iter().position(|shape| shape.name == name)
+    }
+}
+
+fn points(values: &[f32]) -> Vec<Vec3> {
+    values.chunks_exact(3).map(Vec3::from_slice).collect()
+}
+
+fn moves(offsets: &[Vec3]) -> Vec<(u32, Vec3)> {
+    let far = offsets.iter().enumerate().filter(|(_, offset)| offset.length() > LEAST_MOVE);
+    far.filter_map(|(index, offset)| Some((u32::try_from(index).ok()?, *offset))).collect()
+}
+
+fn strings(list: &Value) -> Result<Vec<String>> {
+    serde_json::from_value(list.clone()).context("rig.json lacks a list of names")
+}
+
+fn vertex_list(list: &Value) -> Result<Vec<usize>> {
+    serde_json::from_value(list.clone()).context("rig.json lacks landmark68_vertices")
+}
+
+fn integers(archive: &mut NpzArchive<BufReader<File>>, name: &str) -> Result<Vec<i32>> {
+    let array = archive.by_name(name)?.with_context(|| format!("the rig has no {name}"))?;
+    array.into_vec::<i32>().with_context(|| format!("{name} is not int32"))
+}
+
+fn parts(
+    archive: &mut NpzArchive<BufReader<File>>,
+    materials: &[String],
+    neutral: &[Vec3],
+    landmarks: &[usize],
+) -> Result<Parts> {
+    let corners = integers(archive, "faces")?.into_iter().map(u32::try_from).collect::<Result<Vec<_>, _>>()?;
+    ensure!(corners.iter().all(|vertex| (*vertex as usize) < neutral.len()), "a triangle has no such vertex");
+    let triangles: Vec<Triangle> = corners.as_chunks::<3>().0.to_vec();
+    let kinds = integers(archive, "face_material")?;
+    let of = |name: &str| -> Vec<Triangle> {
+        let wanted = materials.iter().position(|known| known == name).and_then(|index| i32::try_from(index).ok());
+        let both = triangles.iter().zip(&kinds);
+        both.filter(|(_, kind)| Some(**kind) == wanted).map(|(triangle, _)| *triangle).collect()
+    };
+    let level = EYE_CORNERS.iter().map(|index| neutral[landmarks[*index]].y).sum::<f32>() / 4.0;
+    let height = |triangle: &Triangle| triangle.iter().map(|vertex| neutral[*vertex as usize].y).sum::<f32>() / 3.0;
+    let upper = |triangle: &Triangle| height(triangle) > level + UPPER_LASH;
+    let face = of("M_Face");
+    Ok(Parts {
+        face: face.len(),
+        skin: [face, of("M_BackHead")].concat(),
+        gums: of("M_GumsTongue"),
+        teeth: of("M_Teeth"),
+        eyes: [of("M_ScleraLeft"), of("M_ScleraRight")],
+        lashes: of("M_EyeLashes").into_iter().filter(upper).collect(),
+    })
+}

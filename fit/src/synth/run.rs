@@ -1,0 +1,247 @@
+//! `facewire-fit synth`: many subjects on all cores, resumable, to one archive.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{
+        Mutex,
+        atomic::{AtomicU64, Ordering},
+    },
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+
+use super::{
+    archive,
+    booth::Times,
+    kit::Kit,
+    options::{Set, Sources},
+    progress::Progress,
+    shards::Shards,
+    worker::{ROW, Studio, Worker},
+};
+
+/// Goes up when the same settings give other pictures.
+const EDITION: u32 = 1;
+/// What `synth` takes.
+#[derive(Debug, Args)]
+pub struct Options {
+    /// Archive to write (npz); names.json is written beside it
+    out: PathBuf,
+    /// Pictures in all
+    #[arg(long, default_value_t = 50_000)]
+    pictures: usize,
+    /// Pictures of each subject, the first of them neutral
+    #[arg(long, default_value_t = 25)]
+    per_subject: usize,
+    /// Another seed gives other people
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Which part of textures and curves
+    #[arg(long, value_enum, default_value = "train")]
+    set: Set,
+    /// Columns and rows of the pictures
+    #[arg(long, num_args = 2, default_values_t = [400, 400], value_names = ["WIDTH", "HEIGHT"])]
+    size: Vec<usize>,
+    /// Threads; all cores unless given
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Also write the pictures of the first subjects: a folder, and how many pictures
+    #[arg(long, num_args = 2, value_names = ["DIR", "N"])]
+    save_pictures: Vec<String>,
+    #[command(flatten)]
+    sources: Sources,
+}
+
+/// What all threads share.
+struct Job<'a> {
+    studio: &'a Studio<'a>,
+    shards: &'a Shards,
+    options: &'a Options,
+    saved: Option<(&'a Path, usize)>,
+    next: AtomicU64,
+    progress: Mutex<Progress>,
+}
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    run_until(options, true)
+}
+
+/// Makes all shards, and the archive of them if `whole`.
+fn run_until(options: &Options, whole: bool) -> Result<()> {
+    let &[width, height] = options.size.as_slice() else { bail!("--size takes two numbers") };
+    ensure!(options.per_subject > 0 && options.pictures >= options.per_subject, "too few pictures for one subject");
+    ensure!(width.min(height) >= 128 && width.max(height) <= 2048, "--size takes 128 to 2048");
+    let frames = options.sources.frames(options.set)?.concat();
+    let kit = Kit::load(&options.sources.rig)?;
+    let choice = options.sources.choice(options.set, &kit, &frames)?;
+    let Options { seed, per_subject, .. } = options;
+    let settings = format!(
+        "edition {EDITION}, seed {seed}, {per_subject} pictures a subject of {width} x {height}\n{}",
+        options.sources.describe(options.set, &choice)?
+    );
+    let shards = Shards::open(&options.out, &settings)?;
+    let studio = Studio { kit: &kit, choice: &choice, size: [width, height], seed: options.set.seed(*seed) };
+    let folder = PathBuf::from(options.save_pictures.first().map_or("", String::as_str));
+    let saved = options.save_pictures.get(1).map(|count| count.parse().context("--save-pictures takes a number"));
+    let saved = saved.transpose()?.map(|count| (folder.as_path(), count));
+    if saved.is_some() {
+        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
+    let job = Job {
+        studio: &studio,
+        shards: &shards,
+        options,
+        saved,
+        next: AtomicU64::new(0),
+        progress: Mutex::new(Progress::new(options.pictures.next_multiple_of(options.per_subject))),
+    };
+    job.report(job.on_all_threads()?);
+    if whole {
+        finish(options, &shards, job.subjects())?;
+        shards.remove()?;
+    }
+    Ok(())
+}
+
+/// Joins the shards, and says what is in the archive and what is not.
+fn finish(options: &Options, shards: &Shards, subjects: u64) -> Result<()> {
+    let rows = (0..subjects).map(|number| shards.read(number)?.context("a shard has gone"));
+    let rows = rows.collect::<Result<Vec<_>>>()?;
+    archive::write(&options.out, &rows)?;
+    let pictures: usize = rows.iter().map(|rows| rows.len() / ROW).sum();
+    let tries: f32 = rows.iter().flat_map(|rows| rows.chunks_exact(ROW)).filter_map(|row| row.last()).sum();
+    let people = rows.iter().filter(|rows| !rows.is_empty()).count();
+    let left_out = rows.len() * options.per_subject - pictures;
+    eprintln!("{}: {pictures} pictures of {people} people", options.out.display());
+    eprintln!("no face found: {} pictures drawn again, {left_out} left out", tries - pictures as f32);
+    Ok(())
+}
+
+impl Job<'_> {
+    fn subjects(&self) -> u64 {
+        self.options.pictures.div_ceil(self.options.per_subject) as u64
+    }
+
+    /// CPU time of all parts.
+    fn on_all_threads(&self) -> Result<Times> {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = self.options.threads.unwrap_or(cores).max(1);
+        std::thread::scope(|scope| {
+            let running: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.on_one_thread())).collect();
+            let mut total = Times::default();
+            for thread in running {
+                let Ok(times) = thread.join() else { bail!("a thread broke down") };
+                total += times?;
+            }
+            Ok(total)
+        })
+    }
+
+    /// Subject after subject until none is left.
+    fn on_one_thread(&self) -> Result<Times> {
+        let mut worker = None;
+        loop {
+            let number = self.next.fetch_add(1, Ordering::Relaxed);
+            if number >= self.subjects() {
+                return Ok(worker.map_or(Times::default(), |worker: Worker| worker.times()));
+            }
+            if let Some(rows) = self.shards.read(number)? {
+                self.note(rows.len() / ROW, true);
+                continue;
+            }
+            let ready = match worker.take() {
+                Some(ready) => ready,
+                None => Worker::new(self.studio)?,
+            };
+            let worker = worker.insert(ready);
+            let rows = worker.subject(number, self.options.per_subject, self.folder_of(number))?;
+            self.shards.write(number, &rows)?;
+            self.note(rows.len() / ROW, false);
+        }
+    }
+
+    fn folder_of(&self, number: u64) -> Option<&Path> {
+        let (folder, count) = self.saved?;
+        let before = usize::try_from(number).unwrap_or(usize::MAX).saturating_mul(self.options.per_subject);
+        (before < count).then_some(folder)
+    }
+
+    fn note(&self, pictures: usize, resumed: bool) {
+        if let Ok(mut progress) = self.progress.lock() {
+            progress.note(pictures, resumed);
+        }
+    }
+
+    fn report(&self, times: Times) {
+        let Ok(progress) = self.progress.lock() else { return };
+        eprintln!("{}", progress.line());
+        let made = progress.made().max(1) as f64;
+        let [render, camera, tracking] = [times.render, times.camera, times.tracking].map(|time| time / made * 1e3);
+        eprintln!(
+            "CPU milliseconds a picture: render {render:.1}, camera and JPEG {camera:.1}, tracking {tracking:.1}"
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use facewire::infer::NetworkFolder;
+
+    use super::*;
+    use crate::{dataset, evaluate, reference};
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        options: Options,
+    }
+
+    /// Options for a small archive called `name`, on the given number of threads; none without rig and networks.
+    fn options(name: &str, threads: &str) -> Option<Options> {
+        let shared = reference::folder();
+        let (rig, curves) = (shared.join("rig"), shared.join("curves/alex_rom_3.csv"));
+        if !rig.exists() || NetworkFolder::find("").is_err() {
+            reference::say_skipped("rig/, or no networks");
+            return None;
+        }
+        let folder = std::env::temp_dir().join(format!("facewire-fit-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let [out, rig, curves] = [folder.join("faces.npz"), rig, curves].map(|path| path.display().to_string());
+        let fixed = ["synth", "--pictures", "6", "--per-subject", "2", "--size", "256", "256", "--seed", "7"];
+        let given = [out.as_str(), "--rig", &rig, "--curves", &curves, "--threads", threads];
+        Some(Cli::parse_from(fixed.iter().chain(&given)).options)
+    }
+
+    fn made(options: &Options) -> Vec<u8> {
+        run(options).expect("an archive");
+        std::fs::read(&options.out).expect("the archive")
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_file_on_any_number_of_threads_and_after_a_cut() {
+        let (Some(one), Some(two), Some(cut)) = (options("one", "1"), options("two", "2"), options("cut", "1")) else {
+            return;
+        };
+        let whole = made(&one);
+        assert_eq!(whole, made(&two), "threads change nothing");
+        let fewer = Options { pictures: 2, ..options("cut", "1").expect("as before") };
+        run_until(&fewer, false).expect("the first subject");
+        assert_eq!(whole, made(&cut), "a run that was cut ends in the same file");
+    }
+
+    #[test]
+    fn the_solver_reads_the_true_pose_from_rendered_faces() {
+        let Some(few) = options("pose", "2") else { return };
+        let options = Options { pictures: 24, per_subject: 8, size: vec![400, 400], ..few };
+        run(&options).expect("an archive");
+        let samples = dataset::load(&options.out).expect("a dataset");
+        assert_eq!(samples.len(), 24);
+        let [yaw, pitch, roll] = evaluate::pose_error_deg(&samples).expect("poses");
+        assert!(yaw < 3.0 && pitch < 6.0 && roll < 2.0, "{yaw} {pitch} {roll}");
+        let mean_turn = samples.iter().map(|sample| sample.pose_deg[0].abs()).sum::<f64>() / 24.0;
+        assert!(mean_turn > 6.0, "heads do turn: a wrong sign would be seen, {mean_turn}");
+    }
+}

@@ -1,0 +1,96 @@
+//! Pictures that are laid on the head.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use glam::{Vec2, Vec3, Vec4};
+
+/// A picture of 8 bits a channel; u runs right, v up, both 0 to 1, as in the rig.
+pub struct Texture {
+    width: usize,
+    height: usize,
+    pixels: Vec<[u8; 4]>,
+}
+
+impl Texture {
+    /// Reads PNG or JPEG; opaque where the file has no alpha.
+    pub fn load(path: &Path) -> Result<Self> {
+        let picture = image::open(path).with_context(|| format!("cannot read {}", path.display()))?.into_rgba8();
+        let (width, height) = (picture.width() as usize, picture.height() as usize);
+        Ok(Self { width, height, pixels: picture.into_raw().as_chunks::<4>().0.to_vec() })
+    }
+
+    /// Columns and rows.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// The pixel at a column and a row from the top, clamped to the border.
+    pub fn pixel(&self, column: usize, row: usize) -> [u8; 4] {
+        self.pixels[row.min(self.height - 1) * self.width + column.min(self.width - 1)]
+    }
+
+    /// Bilinear between pixel centres, clamped to the border; channels 0 to 255 as stored (sRGB). Weights are whole
+    /// 256ths, so that two channels are blended in one multiplication.
+    #[inline]
+    pub fn sample(&self, uv: Vec2) -> Vec4 {
+        let limit = Vec2::new(self.width as f32 - 1.0, self.height as f32 - 1.0);
+        let place = Vec2::new(uv.x * self.width as f32, (1.0 - uv.y) * self.height as f32) - 0.5;
+        let place = 256.0 * place.clamp(Vec2::ZERO, limit);
+        let (x, y) = (index(place.x), index(place.y));
+        let (column, row, right, down) = (x / 256, y / 256, x % 256, y % 256);
+        let both = right * down / 256;
+        let taps = [(0, 0, 256 + both - right - down), (1, 0, right - both), (0, 1, down - both), (1, 1, both)];
+        let (mut red_blue, mut green_alpha) = (0, 0);
+        for (dx, dy, weight) in taps {
+            let pixel = u32::from_le_bytes(self.pixel(column + dx, row + dy)) as usize;
+            red_blue += (pixel & 0x00FF_00FF) * weight;
+            green_alpha += (pixel >> 8 & 0x00FF_00FF) * weight;
+        }
+        let channel = |value: usize| (value & 0xFFFF) as f32;
+        let both = [channel(red_blue), channel(green_alpha), channel(red_blue >> 16), channel(green_alpha >> 16)];
+        Vec4::from_array(both) / 256.0
+    }
+
+    /// Linear light, 0 to 1.
+    #[inline]
+    pub fn light(&self, uv: Vec2) -> Vec3 {
+        linear(self.sample(uv).truncate() / 255.0)
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the picture before")]
+fn index(value: f32) -> usize {
+    value as usize
+}
+
+/// From sRGB to linear light, both 0 to 1, by the usual power of 2.2 in a form without `powf`: within 0.01.
+#[inline]
+pub fn linear(colour: Vec3) -> Vec3 {
+    colour * colour * (0.8 + 0.2 * colour)
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp, reason = "these numbers are exact")]
+mod tests {
+    use super::*;
+
+    fn two_by_one() -> Texture {
+        Texture { width: 2, height: 1, pixels: vec![[0, 0, 0, 255], [200, 100, 0, 255]] }
+    }
+
+    #[test]
+    fn samples_lie_between_pixel_centres_and_stay_inside() {
+        let texture = two_by_one();
+        assert_eq!(texture.sample(Vec2::new(0.5, 0.5)).truncate(), Vec3::new(100.0, 50.0, 0.0));
+        assert_eq!(texture.sample(Vec2::new(-3.0, 7.0)).truncate(), Vec3::ZERO);
+        assert_eq!(texture.sample(Vec2::new(9.0, -7.0)).x, 200.0);
+    }
+
+    #[test]
+    fn white_and_black_keep_their_light() {
+        assert_eq!(linear(Vec3::ONE), Vec3::ONE);
+        assert_eq!(linear(Vec3::ZERO), Vec3::ZERO);
+        assert!((linear(Vec3::splat(0.5)).x - 0.5_f32.powf(2.2)).abs() < 0.01);
+    }
+}

@@ -180,8 +180,9 @@ impl Pipeline {
     /// [`SetupError`].
     pub fn load(settings: &Settings) -> Result<Self, SetupError> {
         Ok(Self {
-            tracker: load_tracker(&settings.networks)?,
+            // First, so that the networks take the memory that reading the model leaves free.
             solver: Solver::load(settings)?,
+            tracker: load_tracker(&settings.networks)?,
             times: StageTimes::default(),
         })
     }

@@ -1,4 +1,4 @@
-//! Expressions at random: single shapes, frames of real recordings, and combinations.
+//! Expressions at random: single shapes, frames of real recordings, combinations, and rest.
 
 use std::sync::LazyLock;
 
@@ -41,7 +41,7 @@ struct Partner {
     fixed: bool,
 }
 
-/// Shares of the three kinds of expressions, in any unit.
+/// Shares of the kinds of expressions, in any unit.
 #[derive(Debug, Clone, Copy)]
 pub struct Mix {
     /// One shape, alone or with its other side.
@@ -50,17 +50,21 @@ pub struct Mix {
     pub recorded: f32,
     /// Three to six shapes.
     pub combined: f32,
+    /// No expression: what turning the head alone looks like.
+    pub rest: f32,
 }
 
 /// An expression at random; `frames` are of recordings.
 pub fn random_expression(rng: &mut ChaCha8Rng, mix: Mix, frames: &[Coefficients]) -> Coefficients {
-    let choice = rng.random_range(0.0..mix.single + mix.recorded + mix.combined);
+    let choice = rng.random_range(0.0..mix.single + mix.recorded + mix.combined + mix.rest);
     let mut weights = if choice < mix.single {
         single(rng, frames)
     } else if choice < mix.single + mix.recorded {
         recorded(rng, frames)
-    } else {
+    } else if choice < mix.single + mix.recorded + mix.combined {
         combined(rng)
+    } else {
+        [0.0; COEFFS]
     };
     settle(rng, &mut weights);
     weights
@@ -153,7 +157,7 @@ mod tests {
 
     use super::*;
 
-    const MIX: Mix = Mix { single: 1.0, recorded: 1.0, combined: 1.0 };
+    const MIX: Mix = Mix { single: 1.0, recorded: 1.0, combined: 1.0, rest: 0.1 };
 
     #[test]
     fn expressions_stay_within_bounds_and_close_lips_no_further_than_the_jaw_is_open() {
@@ -170,7 +174,7 @@ mod tests {
     #[test]
     fn every_shape_but_the_tongue_is_drawn_strong_and_weak() {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
-        let mix = Mix { recorded: 0.0, ..MIX };
+        let mix = Mix { recorded: 0.0, rest: 0.0, ..MIX };
         let drawn: Vec<Coefficients> = (0..4000).map(|_| random_expression(&mut rng, mix, &[])).collect();
         for index in 0..COEFFS - 1 {
             let strong = drawn.iter().filter(|weights| weights[index] > 0.7).count();

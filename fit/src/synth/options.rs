@@ -42,9 +42,18 @@ pub struct Sources {
     /// Eyes, likewise
     #[arg(long, value_delimiter = ',')]
     pub eyes: Vec<String>,
-    /// Shares of expressions: one shape, recorded frames, three to six shapes
-    #[arg(long, value_delimiter = ',', num_args = 1, default_value = "40,40,20", value_name = "ONE,RECORDED,COMBINED")]
+    /// Shares of expressions: one shape, recorded frames, three to six shapes, none
+    #[arg(
+        long,
+        value_delimiter = ',',
+        num_args = 1,
+        default_value = "38,38,19,5",
+        value_name = "ONE,RECORDED,COMBINED,REST"
+    )]
     pub mix: Vec<f32>,
+    /// Turn heads by just so many degrees to either side and up or down, in place of at random
+    #[arg(long, num_args = 2, value_names = ["YAW", "PITCH"])]
+    pub turn_deg: Vec<f32>,
 }
 
 impl Set {
@@ -80,7 +89,7 @@ impl Sources {
     /// What may be drawn.
     pub fn choice<'a>(&self, set: Set, kit: &Kit, frames: &'a [Coefficients]) -> Result<Choice<'a>> {
         let [skins, brows, eyes] = &kit.names;
-        let &[single, recorded, combined] = self.mix.as_slice() else { bail!("--mix takes three numbers") };
+        let &[single, recorded, combined, rest] = self.mix.as_slice() else { bail!("--mix takes four numbers") };
         let sound = self.mix.iter().all(|share| *share >= 0.0) && self.mix.iter().sum::<f32>() > 0.0;
         anyhow::ensure!(sound, "--mix takes shares that are not negative and not all 0");
         Ok(Choice {
@@ -88,7 +97,8 @@ impl Sources {
             brows: chosen(set, brows, &self.brows)?,
             eyes: chosen(set, eyes, &self.eyes)?,
             frames,
-            mix: Mix { single, recorded, combined },
+            mix: Mix { single, recorded, combined, rest },
+            turn_deg: <[f32; 2]>::try_from(self.turn_deg.as_slice()).ok(),
         })
     }
 
@@ -98,6 +108,7 @@ impl Sources {
         writeln!(text, "set {set:?}, rig {}", self.rig.display())?;
         writeln!(text, "skins {:?}, brows {:?}, eyes {:?}", choice.skins, choice.brows, choice.eyes)?;
         writeln!(text, "curves {:?}, {} frames, mix {:?}", self.curves, choice.frames.len(), self.mix)?;
+        writeln!(text, "turn {:?}", choice.turn_deg)?;
         Ok(text)
     }
 }

@@ -24,6 +24,8 @@ const FACE_CM: f32 = 14.5;
 const IDENTITY_LIMIT: f32 = 2.5;
 /// Yaw, pitch and roll: standard deviation, and bounds, degrees.
 const TURN_DEG: [(f32, f32); 3] = [(16.0, 40.0), (10.0, 25.0), (7.0, 20.0)];
+/// The same for the subject's neutral picture.
+const NEARLY_FRONTAL_DEG: [(f32, f32); 3] = [(2.0, 5.0); 3];
 
 /// Colours of hair, linear: black, dark and light brown, blond, red, grey.
 const HAIR: [[f32; 3]; 6] = [
@@ -49,6 +51,8 @@ pub struct Choice<'a> {
     pub frames: &'a [Coefficients],
     /// Kinds of expressions.
     pub mix: Mix,
+    /// Yaw and pitch of every head that is not the subject's neutral one, to either side, in place of turns at random.
+    pub turn_deg: Option<[f32; 2]>,
 }
 
 /// A subject: person, camera and room, which stay the same over the subject's pictures.
@@ -112,10 +116,14 @@ impl Subject {
     pub fn take(&mut self, choice: &Choice, neutral: bool) -> Take {
         let rng = &mut self.rng;
         let weights = if neutral { [0.0; COEFFS] } else { random_expression(rng, choice.mix, choice.frames) };
-        let turn = |(deviation, limit): (f32, f32)| {
-            if neutral { normal(rng, 2.0, 5.0) } else { normal(rng, deviation, limit) }
+        let angles_deg =
+            if neutral { NEARLY_FRONTAL_DEG } else { TURN_DEG }.map(|(deviation, limit)| normal(rng, deviation, limit));
+        let angles_deg = match choice.turn_deg {
+            Some([yaw, pitch]) if !neutral => {
+                [yaw.copysign(angles_deg[0]), pitch.copysign(angles_deg[1]), angles_deg[2]]
+            }
+            _ => angles_deg,
         };
-        let angles_deg = TURN_DEG.map(turn);
         let position = position(rng, self.distance, &self.lens);
         let mut effects = self.effects.clone();
         effects.exposure *= rng.random_range(0.9..1.1);

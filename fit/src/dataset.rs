@@ -61,7 +61,7 @@ pub fn load(path: &Path) -> Result<Vec<Sample>> {
     let rows = weights.chunks_exact(COEFFS).zip(landmarks.chunks_exact(LANDMARK_VALUES));
     let labels = pose.chunks_exact(3).zip(meta.chunks_exact(META_NEUTRAL + 1)).zip(subjects);
     let samples = rows.zip(labels).map(|((weights, points), ((pose, meta), subject))| Sample {
-        landmarks: landmarks_of(points),
+        landmarks: as_the_mesh_gives(landmarks_of(points)),
         truth: columns.map(|column| weights.get(column).copied().map_or(0.0, f64::from)),
         pose_deg: pose_of(pose),
         subject,
@@ -98,6 +98,12 @@ fn subject_ranks(archive: &mut NpzArchive<BufReader<File>>) -> Result<Vec<usize>
 pub fn landmarks_of(row: &[f32]) -> Landmarks {
     let mut landmarks = Landmarks([[0.0; 3]; LANDMARKS]);
     landmarks.0.iter_mut().flatten().zip(row).for_each(|(slot, value)| *slot = *value);
+    landmarks
+}
+
+/// With irises in depth, whatever tracker found the points.
+fn as_the_mesh_gives(mut landmarks: Landmarks) -> Landmarks {
+    landmarks.level_irises();
     landmarks
 }
 

@@ -121,6 +121,22 @@ pub fn mean_of(scores: &[Score]) -> Score {
     Score { r: mean(shown.iter().map(|score| score.r)), mse: mean(shown.iter().map(|score| score.mse)) }
 }
 
+/// Which of pictures `rows` show faces at rest, the subjects' own neutral pictures aside: only their heads turn.
+pub fn resting(samples: &[Sample], rows: &[usize]) -> Vec<usize> {
+    let rests = |row: &usize| !samples[*row].neutral && samples[*row].truth.iter().all(|value| *value == 0.0);
+    rows.iter().copied().filter(rests).collect()
+}
+
+/// What a model makes of resting faces, in words: how little the turn of a head moves coefficients.
+pub fn rest_line(model: &Model, faces: &Faces, rows: &[usize]) -> Result<String> {
+    let mean_of_curve = |curve: Vec<f64>| mean(curve.into_iter().map(f64::abs));
+    let means: Vec<f64> = estimates(model, faces, rows)?.into_iter().map(mean_of_curve).collect();
+    let named = means.iter().zip(BLENDSHAPES).max_by(|(a, _), (b, _)| a.total_cmp(b));
+    let (most, name) = named.context("there are blendshapes")?;
+    let all = mean(means[..means.len() - 1].iter().copied());
+    Ok(format!("mean coefficient of {} turned faces at rest: {all:.3}, highest {most:.3} ({name})", rows.len()))
+}
+
 /// Mean absolute error of yaw, pitch and roll over all pictures, degrees. Nothing of the pose is fitted per subject.
 pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
     let camera = Camera { width_px: 400.0, height_px: 600.0, horizontal_fov_deg: 16.1 };

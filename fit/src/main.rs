@@ -125,11 +125,16 @@ fn judge(dataset: &Path, model: Option<&Path>, all_subjects: bool) -> Result<()>
 }
 
 fn judge_on(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Result<()> {
-    let scores = |neutral_known| -> Result<_> {
-        let faces = judge::Faces::new(samples, neutral_known)?;
-        judge::scores_of(model, &faces, &faces.rows(all_subjects))
-    };
-    print!("{}", judge::table(&scores(true)?, &scores(false)?));
+    let [known, unknown] = [judge::Faces::new(samples, true)?, judge::Faces::new(samples, false)?];
+    let rows = known.rows(all_subjects);
+    let scores = |faces| judge::scores_of(model, faces, &rows);
+    print!("{}", judge::table(&scores(&known)?, &scores(&unknown)?));
+    let resting = judge::resting(samples, &rows);
+    for (name, faces) in [("known", &known), ("not known", &unknown)] {
+        if !resting.is_empty() {
+            println!("neutral {name}: {}", judge::rest_line(model, faces, &resting)?);
+        }
+    }
     let [yaw, pitch, roll] = judge::pose_error_deg(samples)?;
     println!("head pose, mean error over all pictures: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
     println!("model in memory: {} bytes", model.size_bytes());

@@ -125,7 +125,7 @@ impl Head {
         place(landmarks, self.refinement.points, self.network.output(0), &transform);
         if let Some((iris, rim)) = self.refinement.iris {
             place(landmarks, iris, self.network.output(1), &transform);
-            place_depth(landmarks, iris, rim);
+            landmarks.level_iris(iris, rim);
         }
         Ok(())
     }
@@ -135,17 +135,6 @@ fn place(landmarks: &mut Landmarks, indices: &[u16], output: &[f32], transform: 
     for (&index, &point) in indices.iter().zip(output.as_chunks::<2>().0) {
         if let Some([x, y, _]) = landmarks.0.get_mut(usize::from(index)) {
             [*x, *y] = transform.apply(point);
-        }
-    }
-}
-
-/// Puts the iris at the mean depth of the eye's rim.
-fn place_depth(landmarks: &mut Landmarks, iris: &[u16], rim: &[u16]) {
-    let depth_of = |index: &u16| landmarks.0.get(usize::from(*index)).map_or(0.0, |point| point[2]);
-    let depth = rim.iter().map(depth_of).sum::<f32>() / rim.len() as f32;
-    for &index in iris {
-        if let Some(point) = landmarks.0.get_mut(usize::from(index)) {
-            point[2] = depth;
         }
     }
 }

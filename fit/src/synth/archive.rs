@@ -1,4 +1,4 @@
-//! All subjects' rows as one archive in the layout that `train` and `evaluate` read, names of the columns beside it.
+//! All subjects' rows as one archive in the layout that `train` and `judge` read, names of the columns beside it.
 
 use std::{
     fs::{self, File},

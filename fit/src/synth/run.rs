@@ -191,7 +191,7 @@ mod tests {
     use facewire::infer::NetworkFolder;
 
     use super::*;
-    use crate::{dataset, evaluate, reference};
+    use crate::{dataset, judge, reference};
 
     #[derive(Parser)]
     struct Cli {
@@ -239,7 +239,7 @@ mod tests {
         run(&options).expect("an archive");
         let samples = dataset::load(&options.out).expect("a dataset");
         assert_eq!(samples.len(), 24);
-        let [yaw, pitch, roll] = evaluate::pose_error_deg(&samples).expect("poses");
+        let [yaw, pitch, roll] = judge::pose_error_deg(&samples).expect("poses");
         assert!(yaw < 3.0 && pitch < 6.0 && roll < 2.0, "{yaw} {pitch} {roll}");
         let mean_turn = samples.iter().map(|sample| sample.pose_deg[0].abs()).sum::<f64>() / 24.0;
         assert!(mean_turn > 6.0, "heads do turn: a wrong sign would be seen, {mean_turn}");

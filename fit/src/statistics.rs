@@ -20,7 +20,7 @@ pub use events::{EventCounts, count_events, rising_edges};
 pub use motion::jitter_at_rest;
 pub use normality::{SHAPIRO_WILK_MOST, shapiro_wilk};
 pub use ranks::{spearman, xi};
-pub use regression::{explained, f_statistic};
+pub use regression::{Directions, f_statistic};
 pub use residuals::{autocorrelation, breusch_pagan, durbin_watson};
 
 /// A test statistic, and how probable one so large is if nothing is the matter.

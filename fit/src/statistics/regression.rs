@@ -19,6 +19,12 @@ pub fn f_statistic(r_squared: f64, rows: usize, parameters: usize) -> Option<Tes
     Some(Tested { statistic, p })
 }
 
+/// F of a regression on one value alone, from its correlation with the truth in `rows` rows; infinite where they are one.
+/// 0 if no row is left over.
+pub fn f_regression(pearson: f64, rows: usize) -> f64 {
+    f_statistic(pearson.powi(2), rows, 1).map_or(0.0, |tested| tested.statistic)
+}
+
 /// What the columns of a regression span: worked out once, for any number of regressions on them.
 pub struct Directions(DMatrix<f64>);
 

@@ -42,7 +42,7 @@ pub struct SelectArgs {
     #[arg(long, default_value_t = 2.0, value_parser = percentile)]
     percentile: f64,
     /// Most pictures that support vectors are fitted to, and most that they are judged by.
-    #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u32).range(20..=5000))]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(20..=5000))]
     svr_rows: u32,
 }
 
@@ -92,4 +92,60 @@ fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize
     }
     eprintln!();
     Ok(segments)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference;
+
+    /// Landmarks about the left eye and its lids, irises left out.
+    const LEFT_LIDS: [usize; 32] = [
+        249, 263, 362, 373, 374, 380, 381, 382, 384, 385, 386, 387, 388, 390, 398, 466, 253, 254, 256, 257, 258, 259,
+        260, 286, 339, 341, 359, 414, 463, 467, 252, 255,
+    ];
+
+    /// Where the nose meets the upper lip, and the inner edge of that.
+    const NOSE_BASE: usize = 2;
+    const UPPER_LIP: usize = 13;
+
+    /// Rankings of one blendshape on the reference pictures; few support vectors, for they are not looked at.
+    fn segment(name: &str) -> Option<Segment> {
+        let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
+            reference::say_skipped("dataset/");
+            return None;
+        };
+        let known = Faces::new(&samples, true).unwrap();
+        let pictures = Pictures::new(&samples, &known).unwrap();
+        segments(&pictures, &[blendshape(name).unwrap()], kept_of(2.0), 20).unwrap().pop()
+    }
+
+    #[test]
+    fn best_features_of_eye_blink_left_lie_at_the_left_eyes_lids() {
+        let Some(segment) = segment("eyeBlinkLeft") else { return };
+        let [r, f, _] = &segment.rankings;
+        for ranking in [r, f] {
+            let landmarks = table::landmarks(&ranking.order[..8]);
+            assert!(landmarks.iter().all(|landmark| LEFT_LIDS.contains(landmark)), "{landmarks:?}");
+        }
+        assert!(segment.r[r.order[0]].abs() > 0.7);
+    }
+
+    #[test]
+    fn all_features_kept_for_jaw_open_lie_at_mouth_and_chin() {
+        let Some(segment) = segment("jawOpen") else { return };
+        let samples = dataset::load(&reference::folder().join("dataset/train.npz")).unwrap();
+        let neutral = samples.iter().find(|sample| sample.neutral).unwrap();
+        let down = |landmark: usize| neutral.landmarks.0[landmark][1];
+        let landmarks = table::landmarks(segment.kept());
+        assert!(landmarks.iter().all(|landmark| down(*landmark) > down(NOSE_BASE)), "{landmarks:?}");
+        assert!(landmarks.iter().filter(|landmark| down(**landmark) > down(UPPER_LIP)).count() > landmarks.len() / 2);
+    }
+
+    #[test]
+    fn two_hundredths_are_30_features_and_unknown_names_are_refused() {
+        assert_eq!(kept_of(2.0), 30);
+        assert!(blendshape("tongueOut").is_err() && blendshape("eyeBlink").is_err());
+        assert!(percentile("0").is_err() && percentile("NaN").is_err());
+    }
 }

@@ -1,7 +1,7 @@
 //! The statistics by which estimates are judged: of curves and of regressions.
 //!
-//! Plain functions of slices; pairs are `(estimate, truth)` in this order. Each is held to values of `SciPy` and
-//! statsmodels (`fit/tests/reference.py` makes them, `reference_values.rs` compares).
+//! Plain functions of slices; pairs are `(estimate, truth)` in this order. Each is held to values of `SciPy`,
+//! statsmodels and scikit-learn (`fit/tests/reference.py` makes them, `reference_values.rs` compares).
 
 mod agreement;
 mod events;

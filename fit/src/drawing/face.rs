@@ -28,7 +28,7 @@ pub fn face(places: &[[f64; 2]], values: &[f64], marked: &[usize]) -> Result<Str
             area.draw(&Circle::new(*pixel, radius_px(value / highest), heat(value / highest).filled()))?;
         }
         for landmark in marked {
-            area.draw(&Circle::new(pixels[*landmark], radius_px(1.0), MARK.stroke_width(2)))?;
+            area.draw(&Circle::new(pixels[*landmark], radius_px(1.0) + 1, MARK.stroke_width(1)))?;
         }
         Ok(())
     })

@@ -3,14 +3,17 @@
 use std::path::Path;
 
 use anyhow::Result;
-use facewire::solve::{BLENDSHAPES, MEASURES};
+use facewire::{
+    face::LANDMARKS,
+    solve::{BLENDSHAPES, MEASURES},
+};
 use maud::{Markup, html};
 use rayon::prelude::*;
 
 use super::{
     drawings,
     pictures::Pictures,
-    ranking::{PAIRS, Segment},
+    ranking::{PAIRS, Ranking, Segment},
     table::{feature_name, landmarks, mean_figures, pair_cells, pair_figures, pair_heads},
 };
 use crate::{
@@ -57,7 +60,7 @@ fn summary(segments: &[Segment]) -> Markup {
         ["kept", "landmarks", "best", "r"].into_iter().chain(pairs.iter().map(String::as_str)).collect();
     let row = |segment: &Segment| {
         let best = segment.kept()[0];
-        let (count, places) = (segment.count.to_string(), landmarks(segment).len().to_string());
+        let (count, places) = (segment.count.to_string(), landmarks(segment.kept()).len().to_string());
         let own = [count, places, feature_name(best), format!("{:.3}", segment.r[best])];
         let head = RowHead { name: BLENDSHAPES[segment.blendshape], link: true };
         (head, own.into_iter().chain(pair_cells(pair_figures(segment))).collect())
@@ -67,16 +70,18 @@ fn summary(segments: &[Segment]) -> Markup {
     table("blendshape", &heads, &segments.iter().map(row).chain([mean]).collect::<Vec<_>>())
 }
 
-fn section(segment: &Segment, pictures: &Pictures, landmarks_of: &Landmarks) -> Result<Markup> {
-    let (name, chosen) = (BLENDSHAPES[segment.blendshape], landmarks(segment));
-    let correlations = landmarks_of.correlations(&pictures.truth(segment.blendshape, &pictures.seen));
+fn section(segment: &Segment, pictures: &Pictures, face_of: &Landmarks) -> Result<Markup> {
+    let (name, chosen) = (BLENDSHAPES[segment.blendshape], landmarks(segment.kept()));
+    let correlations = face_of.correlations(&pictures.truth(segment.blendshape, &pictures.seen));
     let highest = correlations.iter().copied().fold(0.0, f64::max);
-    let heat = face(&landmarks_of.places, &correlations, &chosen)?;
+    let heat = face(&face_of.places, &correlations, &chosen)?;
     let caption = format!(
         "Correlation of each landmark's coordinates together with the truth: black 0, yellow {highest:.2}. Rings: landmarks of kept features"
     );
+    let [_, by_f, _] = &segment.rankings;
+    let heat_f = face(&face_of.places, &strength(by_f), &landmarks(&by_f.order[..segment.count]))?;
     let order = drawings::order(segment)?;
-    let [by_f, by_svr, both] = PAIRS.map(|pair| drawings::ranks(segment, pair));
+    let [r_and_f, r_and_svr, f_and_svr] = PAIRS.map(|pair| drawings::ranks(segment, pair));
     Ok(html! {
         section id=(name) {
             h2 { (name) }
@@ -89,14 +94,21 @@ fn section(segment: &Segment, pictures: &Pictures, landmarks_of: &Landmarks) -> 
             (best_features(segment))
             div.figures {
                 (figure(&heat, &caption, name))
+                (figure(&heat_f, "The same by partial F (its root, largest of the coordinates): what moves with this blendshape itself. Rings: landmarks of its best features", name))
                 (figure(&order, "Features by rank; blue: kept, up to the line", name))
-                (figure(&by_f?, "Correlation and partial F. In the lower left corner: among the best of both", name))
-                (figure(&by_svr?, "Correlation and support vectors", name))
-                (figure(&both?, "Partial F and support vectors; blue: kept by correlation", name))
+                (figure(&r_and_f?, "Correlation and partial F. In the lower left corner: among the best of both", name))
+                (figure(&r_and_svr?, "Correlation and support vectors", name))
+                (figure(&f_and_svr?, "Partial F and support vectors; blue: kept by correlation", name))
             }
             p.up { a href="#all" { "Up" } }
         }
     })
+}
+
+/// Root of the largest score of a landmark's coordinates.
+fn strength(ranking: &Ranking) -> Vec<f64> {
+    let largest = |scores: &[f64]| scores.iter().copied().fold(0.0, f64::max).sqrt();
+    ranking.scores[..3 * LANDMARKS].chunks_exact(3).map(largest).collect()
 }
 
 fn discarded(segment: &Segment) -> String {

@@ -69,7 +69,31 @@ fn estimates(values: &[f64], truth: &[f64], places: &[f64]) -> Result<Vec<f64>> 
 
 #[cfg(test)]
 mod tests {
+    use serde::Deserialize;
+
     use super::*;
+
+    #[derive(Deserialize)]
+    struct Reference {
+        support_vectors: SupportVectors,
+    }
+
+    #[derive(Deserialize)]
+    struct SupportVectors {
+        values: Vec<f64>,
+        truth: Vec<f64>,
+        places: Vec<f64>,
+        estimates: Vec<f64>,
+    }
+
+    /// Tolerance: two solvers stop at different distances from the optimum.
+    #[test]
+    fn estimates_are_those_of_scikit_learn_within_0_005() {
+        let reference: Reference = serde_json::from_str(include_str!("../../tests/reference.json")).unwrap();
+        let SupportVectors { values, truth, places, estimates: theirs } = reference.support_vectors;
+        let ours = estimates(&values, &truth, &places).unwrap();
+        assert!(ours.iter().zip(&theirs).all(|(a, b)| (a - b).abs() < 0.005), "{ours:?} {theirs:?}");
+    }
 
     #[test]
     fn bent_curve_without_linear_correlation_is_read_and_noise_is_not() {

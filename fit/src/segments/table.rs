@@ -16,10 +16,10 @@ pub fn feature_name(feature: usize) -> String {
     FeatureId::from_index(feature).map_or_else(String::new, |id| id.to_string())
 }
 
-/// Landmarks of which a coordinate is kept, the best first.
-pub fn landmarks(segment: &Segment) -> Vec<usize> {
+/// Landmarks that features are coordinates of, in the order of the features.
+pub fn landmarks(features: &[usize]) -> Vec<usize> {
     let mut known = BTreeSet::new();
-    let coordinates = segment.kept().iter().filter(|feature| **feature < 3 * LANDMARKS);
+    let coordinates = features.iter().filter(|feature| **feature < 3 * LANDMARKS);
     coordinates.map(|feature| feature / 3).filter(|landmark| known.insert(*landmark)).collect()
 }
 
@@ -59,7 +59,7 @@ pub fn text(segments: &[Segment]) -> String {
     let cells = |figures| columns(pair_cells(figures));
     let line = |segment: &Segment| {
         let (name, best) = (BLENDSHAPES[segment.blendshape], segment.kept()[0]);
-        let own = format!("{} | {:>9}", segment.count, landmarks(segment).len());
+        let own = format!("{} | {:>9}", segment.count, landmarks(segment.kept()).len());
         let cells = cells(pair_figures(segment));
         format!("| {name:<19} | {own} | {:>8} | {:>6.3} |{cells}\n", feature_name(best), segment.r[best])
     };

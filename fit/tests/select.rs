@@ -29,11 +29,11 @@ fn noise(index: usize) -> f32 {
     (index as f32 * 0.618_034 + (index / 97) as f32 * 0.377).fract()
 }
 
-/// The still face: the first frame of the built-in clip.
+/// The still face, pixels: the first frame of the built-in clip, which the file holds in 1/32 pixel.
 static FACE: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let file = File::open(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/demo-landmarks.npy")).unwrap();
-    let values = NpyFile::new(BufReader::new(file)).unwrap().data::<f32>().unwrap();
-    values.take(3 * LANDMARKS).map(Result::unwrap).collect()
+    let values = NpyFile::new(BufReader::new(file)).unwrap().data::<i16>().unwrap();
+    values.take(3 * LANDMARKS).map(|value| f32::from(value.unwrap()) / 32.0).collect()
 });
 
 /// Coefficients of [`MOVES`] in a picture: the second follows the first, but for a tenth of it.
@@ -141,7 +141,7 @@ fn named_blendshapes_and_percentile_are_taken_and_wrong_ones_refused() {
         folder.path(),
         &[&dataset, "--blendshape", "jawOpen", "--percentile", "1", "--svr-rows", "20", "--csv", "ranks.csv"],
     );
-    assert!(printed.contains("| jawOpen             | 15 |") && !printed.contains("mouthShrugLower"), "{printed}");
+    assert!(printed.contains("| jawOpen             |   15 |") && !printed.contains("mouthShrugLower"), "{printed}");
     let refusal = |arguments: &[&str]| {
         let output = select(folder.path(), &[&[dataset.as_str()], arguments].concat());
         assert!(!output.status.success());

@@ -57,15 +57,15 @@ pub fn html(pictures: &Pictures, unknown: &Faces, segments: &[Segment], dataset:
 fn summary(segments: &[Segment]) -> Markup {
     let pairs = pair_heads();
     let heads: Vec<&str> =
-        ["kept", "landmarks", "best", "r"].into_iter().chain(pairs.iter().map(String::as_str)).collect();
+        ["kept", "landmarks", "best", "r", "best by F"].into_iter().chain(pairs.iter().map(String::as_str)).collect();
     let row = |segment: &Segment| {
-        let best = segment.kept()[0];
+        let [best, best_by_f] = segment.best();
         let (count, places) = (segment.count.to_string(), landmarks(segment.kept()).len().to_string());
-        let own = [count, places, feature_name(best), format!("{:.3}", segment.r[best])];
+        let own = [count, places, feature_name(best), format!("{:.3}", segment.r[best]), feature_name(best_by_f)];
         let head = RowHead { name: BLENDSHAPES[segment.blendshape], link: true };
         (head, own.into_iter().chain(pair_cells(pair_figures(segment))).collect())
     };
-    let none = ["", "", "", ""].map(str::to_owned).into_iter();
+    let none = [""; 5].map(str::to_owned).into_iter();
     let mean = (RowHead { name: "mean", link: false }, none.chain(pair_cells(mean_figures(segments))).collect());
     table("blendshape", &heads, &segments.iter().map(row).chain([mean]).collect::<Vec<_>>())
 }

@@ -4,7 +4,7 @@ use crate::statistics::spearman;
 
 /// How many rankings there are.
 pub const RANKINGS: usize = 3;
-/// By what they rank: correlation, partial F, and R2 of support vectors.
+/// What they go by: correlation, partial F, and R2 of support vectors.
 pub const NAMES: [&str; RANKINGS] = ["r", "F", "SVR"];
 /// The pairs that are compared.
 pub const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
@@ -61,6 +61,11 @@ impl Segment {
     /// The features that are kept: the best by correlation, the best first.
     pub fn kept(&self) -> &[usize] {
         &self.rankings[0].order[..self.count]
+    }
+
+    /// The best feature by correlation, and by partial F.
+    pub fn best(&self) -> [usize; 2] {
+        [0, 1].map(|index| self.rankings[index].order[0])
     }
 
     /// Whether a feature is kept.

@@ -58,16 +58,21 @@ pub fn text(segments: &[Segment]) -> String {
     let columns = |cells: [String; 2 * PAIRS.len()]| cells.map(|cell| format!(" {cell:>11} |")).concat();
     let cells = |figures| columns(pair_cells(figures));
     let line = |segment: &Segment| {
-        let (name, best) = (BLENDSHAPES[segment.blendshape], segment.kept()[0]);
-        let own = format!("{} | {:>9}", segment.count, landmarks(segment.kept()).len());
+        let (name, [best, best_by_f]) = (BLENDSHAPES[segment.blendshape], segment.best());
+        let own = format!("{:>4} | {:>9}", segment.count, landmarks(segment.kept()).len());
         let cells = cells(pair_figures(segment));
-        format!("| {name:<19} | {own} | {:>8} | {:>6.3} |{cells}\n", feature_name(best), segment.r[best])
+        let (best, r, best_by_f) = (feature_name(best), segment.r[best], feature_name(best_by_f));
+        format!("| {name:<19} | {own} | {best:<8} | {r:>6.3} | {best_by_f:<8} |{cells}\n")
     };
     let heads = columns(pair_heads());
-    let rule = "-------------|".repeat(2 * PAIRS.len());
-    let mean = format!("| {:<19} |    |           |          |        |{}\n", "mean", cells(mean_figures(segments)));
-    let head = format!("| {:<19} | kept | landmarks | best | r |{heads}\n|---|---|---|---|---|{rule}\n", "blendshape");
-    head + &segments.iter().map(line).collect::<String>() + &mean
+    let mean = format!(
+        "| {:<19} |      |           |          |        |          |{}\n",
+        "mean",
+        cells(mean_figures(segments))
+    );
+    let head = format!("| {:<19} | kept | landmarks | best     | r      | by F     |{heads}\n", "blendshape");
+    let rule = format!("|---|---|---|---|---|---|{}\n", "---|".repeat(2 * PAIRS.len()));
+    head + &rule + &segments.iter().map(line).collect::<String>() + &mean
 }
 
 /// A row for every blendshape and feature.

@@ -53,10 +53,12 @@ pub fn pair_cells(figures: [f64; 2 * PAIRS.len()]) -> [String; 2 * PAIRS.len()] 
     core::array::from_fn(cell)
 }
 
-/// A line for every segment, and their mean.
+/// A line for every segment, and their mean; of the figures of agreement the overlaps.
 pub fn text(segments: &[Segment]) -> String {
-    let columns = |cells: [String; 2 * PAIRS.len()]| cells.map(|cell| format!(" {cell:>11} |")).concat();
-    let cells = |figures| columns(pair_cells(figures));
+    let columns = |cells: &[String]| -> Vec<String> {
+        cells.iter().take(PAIRS.len()).map(|cell| format!(" {cell:>11} |")).collect()
+    };
+    let cells = |figures| columns(&pair_cells(figures)).concat();
     let line = |segment: &Segment| {
         let (name, [best, best_by_f]) = (BLENDSHAPES[segment.blendshape], segment.best());
         let own = format!("{:>4} | {:>9}", segment.count, landmarks(segment.kept()).len());
@@ -64,14 +66,14 @@ pub fn text(segments: &[Segment]) -> String {
         let (best, r, best_by_f) = (feature_name(best), segment.r[best], feature_name(best_by_f));
         format!("| {name:<19} | {own} | {best:<8} | {r:>6.3} | {best_by_f:<8} |{cells}\n")
     };
-    let heads = columns(pair_heads());
+    let heads = columns(&pair_heads()).concat();
     let mean = format!(
         "| {:<19} |      |           |          |        |          |{}\n",
         "mean",
         cells(mean_figures(segments))
     );
     let head = format!("| {:<19} | kept | landmarks | best     | r      | by F     |{heads}\n", "blendshape");
-    let rule = format!("|---|---|---|---|---|---|{}\n", "---|".repeat(2 * PAIRS.len()));
+    let rule = format!("|---|---|---|---|---|---|{}\n", "---|".repeat(PAIRS.len()));
     head + &rule + &segments.iter().map(line).collect::<String>() + &mean
 }
 

@@ -8,8 +8,11 @@ mod clip;
 mod curves;
 mod dataset;
 mod design;
+mod drawing;
 mod evaluate;
 mod fitted;
+mod heat;
+mod html;
 mod judge;
 mod mirror;
 mod network;
@@ -18,6 +21,7 @@ mod recording;
 #[cfg(test)]
 mod reference;
 mod report;
+mod segments;
 mod select;
 mod statistics;
 mod synth;
@@ -68,6 +72,8 @@ enum Command {
     },
     /// Write the figures of every blendshape and model kind as one HTML page, with drawings
     Report(report::ReportArgs),
+    /// Rank the features of every blendshape by correlation, partial F and support vectors, with heat maps, as one HTML page
+    Select(segments::SelectArgs),
     /// Print correlation with the truth, pose error and jitter on a clip, with and without its neutral face
     Clip {
         /// Landmarks of the frames (npz archive)
@@ -104,6 +110,7 @@ fn run(command: Command) -> Result<()> {
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Judge { dataset, model, all_subjects } => judge(&dataset, model.as_deref(), all_subjects),
         Command::Report(args) => report::run(&args),
+        Command::Select(args) => segments::run(&args),
         Command::Clip { landmarks, truth, neutral_frames, model } => {
             clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
         }

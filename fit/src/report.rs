@@ -2,18 +2,18 @@
 
 mod diagnostics;
 mod drawings;
-mod heat;
 mod page;
 mod table;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 
 use crate::{
     dataset,
     fitted::{self, Fitted},
+    html,
     judge::Faces,
     load_model,
 };
@@ -59,10 +59,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
 
 /// Writes the page. The first kind of model in `fitted` is the one that is drawn.
 fn write(path: &Path, judged: &Judged, fitted: &[Fitted]) -> Result<()> {
-    let page = page::html(judged, fitted)?;
-    std::fs::write(path, &page).with_context(|| format!("cannot write {}", path.display()))?;
-    println!("{}: {:.1} MB", path.display(), page.len() as f64 / 1e6);
-    Ok(())
+    html::write(path, &page::html(judged, fitted)?)
 }
 
 fn describe(dataset: &Path, pictures: usize, all_subjects: bool) -> String {

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Makes reference.json: samples, and what SciPy and statsmodels say of them.
+"""Makes reference.json: samples, and what SciPy, statsmodels and scikit-learn say of them.
 
-  pip install scipy==1.17.1 statsmodels==0.15.0 && python reference.py > reference.json
+  pip install scipy==1.17.1 statsmodels==0.15.0 scikit-learn==1.9.1 && python reference.py > reference.json
 
 The statistics of facewire-fit are held to these values (src/statistics/reference_values.rs).
 """
@@ -11,6 +11,8 @@ import json
 import numpy as np
 import statsmodels.api as sm
 from scipy import stats
+from sklearn.feature_selection import f_regression
+from sklearn.svm import SVR
 from statsmodels.stats.diagnostic import het_breuschpagan
 from statsmodels.stats.stattools import durbin_watson
 from statsmodels.tsa.stattools import acf
@@ -71,6 +73,49 @@ def long_sample(count):
     return {"count": count, "w": float(w), "p": float(p)}
 
 
+def features(columns, groups, truth):
+    """F of each column alone, and of each given all others and the groups."""
+    columns, truth = rounded(columns), rounded(truth)
+    members = (groups[:, None] == np.unique(groups)).astype(float)
+
+    def partial(column):
+        without = np.hstack([np.delete(columns, column, axis=1), members])
+        full = sm.OLS(truth, np.hstack([columns[:, [column]], without])).fit()
+        return full.compare_f_test(sm.OLS(truth, without).fit())[0]
+
+    return {
+        "columns": columns.T.tolist(),
+        "groups": groups.tolist(),
+        "truth": truth.tolist(),
+        "f_alone": f_regression(columns, truth)[0].tolist(),
+        "partial_f": [partial(column) for column in range(columns.shape[1])],
+    }
+
+
+def features_that_go_together():
+    """Four features of 90 rows in six groups, of which the second follows the first."""
+    columns = random.normal(0, 1, (90, 4))
+    columns[:, 1] += 2 * columns[:, 0]
+    groups = np.arange(90) % 6
+    return features(columns, groups, columns @ [1, 0, 0.5, 0] + 0.7 * groups + random.normal(0, 1, 90))
+
+
+def support_vectors(values, truth, places):
+    """Regression by support vectors on one standardised feature."""
+    values, truth, places = rounded(values), rounded(truth), rounded(places)
+
+    def scaled(some):
+        return ((some - values.mean()) / values.std(ddof=1))[:, None]
+
+    fitted = SVR(kernel="rbf", gamma=1.0, C=1.0, epsilon=0.05, tol=1e-5).fit(scaled(values), truth)
+    return {
+        "values": values.tolist(),
+        "truth": truth.tolist(),
+        "places": places.tolist(),
+        "estimates": fitted.predict(scaled(places)).tolist(),
+    }
+
+
 def main():
     x = random.uniform(0, 1, 80)
     noise = random.normal(0, 1, 80)
@@ -99,6 +144,8 @@ def main():
             normality(random.normal(0, 1, 300)),
         ],
         "long_normalities": [long_sample(1250), long_sample(5000)],
+        "features": features_that_go_together(),
+        "support_vectors": support_vectors(x, np.clip(np.sin(4 * x) + 0.1 * noise, 0, 1), random.uniform(0, 1, 20)),
     }, indent=None, separators=(",", ":")))
 
 

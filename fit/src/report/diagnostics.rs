@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 
 use crate::{
+    drawing::evenly,
     fitted::Fitted,
     statistics::{
         SHAPIRO_WILK_MOST, Tested, breusch_pagan, durbin_watson, f_statistic, mse, pearson, r_squared, shapiro_wilk, xi,
@@ -61,11 +62,6 @@ impl Diagnostics {
     }
 }
 
-/// At most `most` of the values, evenly spaced.
-pub fn evenly<T: Copy>(values: &[T], most: usize) -> Vec<T> {
-    values.iter().step_by(values.len().div_ceil(most).max(1)).copied().collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -87,11 +83,5 @@ mod tests {
         let turned = truth.iter().rev().copied().collect();
         let diagnostics = Diagnostics::new(&fitted(turned), &truth);
         assert!(diagnostics.r_squared < 0.0 && diagnostics.f.is_none());
-    }
-
-    #[test]
-    fn evenly_chosen_values_are_no_more_than_asked_for() {
-        assert_eq!(evenly(&[1, 2, 3, 4, 5, 6, 7], 3), [1, 4, 7]);
-        assert_eq!(evenly(&[1, 2], 5), [1, 2]);
     }
 }

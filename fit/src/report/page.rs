@@ -1,24 +1,25 @@
-//! The page: one file, nothing loaded from elsewhere, readable on a phone and on a dark screen.
+//! The page.
 
 use anyhow::{Context, Result};
 use facewire::solve::BLENDSHAPES;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 use rayon::prelude::*;
 
 use super::{
     Judged,
     diagnostics::Diagnostics,
     drawings,
-    heat::Landmarks,
     table::{self, Line},
 };
 use crate::{
+    drawing::face::face,
     fitted::Fitted,
+    heat::Landmarks,
+    html::{figure, page},
     paper::{CHEEK_PUFF, MODELS_TITLE, ModelRow, SMILE_LEFT},
     statistics::autocorrelation,
 };
 
-const STYLE: &str = include_str!("style.css");
 /// Lags of the autocorrelation that are drawn.
 const LAGS: usize = 30;
 
@@ -32,38 +33,27 @@ struct Section<'a> {
 /// The whole page.
 pub fn html(judged: &Judged, fitted: &[Fitted]) -> Result<String> {
     let sections = sections(judged, fitted);
-    let landmarks = Landmarks::new(judged);
+    let landmarks = Landmarks::new(judged.known, judged.unknown, &judged.rows)?;
     let drawn = sections.par_iter().map(|section| section.html(&landmarks)).collect::<Result<Vec<_>>>()?;
     let first = sections.first().and_then(|section| section.models.first()).context("there is no model to report")?.0;
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { "facewire: blendshape models" }
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                header {
-                    h1 { "Blendshape models" }
-                    p { (judged.described) ". Times: " (cpu()) "." }
-                }
-                (contents(&sections))
-                main {
-                    h2 id="kinds" { "Kinds of model" }
-                    p { "Mean over the blendshapes." }
-                    (table::html("kind", &means(&sections)))
-                    h2 id="all" { "All blendshapes" }
-                    p { (first.kind) "." }
-                    (table::html("blendshape", &all(&sections)))
-                    (guide())
-                    @for section in &drawn { (section) }
-                }
-            }
+    let body = html! {
+        header {
+            h1 { "Blendshape models" }
+            p { (judged.described) ". Times: " (cpu()) "." }
+        }
+        (contents(&sections))
+        main {
+            h2 id="kinds" { "Kinds of model" }
+            p { "Mean over the blendshapes." }
+            (table::html("kind", &means(&sections)))
+            h2 id="all" { "All blendshapes" }
+            p { (first.kind) "." }
+            (table::html("blendshape", &all(&sections)))
+            (guide())
+            @for section in &drawn { (section) }
         }
     };
-    Ok(page.into_string())
+    Ok(page("blendshape models", &body))
 }
 
 fn sections<'a>(judged: &Judged, fitted: &'a [Fitted]) -> Vec<Section<'a>> {
@@ -147,7 +137,7 @@ impl Section<'_> {
         let [follows, rests] = [most, least].map(|landmark| landmarks.movement(landmark, &self.truth));
         Ok([
             (
-                drawings::face(&landmarks.places, &found)?,
+                face(&landmarks.places, &found, &[])?,
                 format!("Correlation of each landmark with the truth: black 0, yellow {highest:.2}"),
             ),
             (
@@ -155,15 +145,6 @@ impl Section<'_> {
                 format!("Landmarks {most} (blue, most correlated) and {least} (orange, least), eye distances"),
             ),
         ])
-    }
-}
-
-fn figure(drawing: &str, caption: &str, name: &str) -> Markup {
-    html! {
-        figure role="img" aria-label={ (name) ": " (caption) } {
-            (PreEscaped(drawing))
-            figcaption { (caption) }
-        }
     }
 }
 

@@ -1,10 +1,11 @@
 //! Tables of the page, one column for each statistic.
 
-use maud::{Markup, html};
+use maud::Markup;
 
 use super::diagnostics::Diagnostics;
 use crate::{
     fitted::Fitted,
+    html::RowHead,
     paper::ModelRow,
     statistics::{Tested, mean},
 };
@@ -68,25 +69,14 @@ impl Line {
     }
 }
 
-/// A table that scrolls by itself where the screen is narrow.
+/// Lines as a table.
 pub fn html(first: &str, lines: &[Line]) -> Markup {
-    html! {
-        div.scroll tabindex="0" role="region" aria-label={ "Table by " (first) } {
-            table {
-                thead { tr { th scope="col" { (first) } @for head in HEADS { th scope="col" { (head) } } } }
-                tbody {
-                    @for line in lines {
-                        tr {
-                            th scope="row" {
-                                @if line.link { a href={ "#" (line.name) } { (line.name) } } @else { (line.name) }
-                            }
-                            @for (place, value) in line.values.iter().enumerate() { td { (cell(place, *value)) } }
-                        }
-                    }
-                }
-            }
-        }
-    }
+    crate::html::table(first, &HEADS, &lines.iter().map(row).collect::<Vec<_>>())
+}
+
+fn row(line: &Line) -> (RowHead<'_>, Vec<String>) {
+    let cells = line.values.iter().enumerate().map(|(place, value)| cell(place, *value));
+    (RowHead { name: &line.name, link: line.link }, cells.collect())
 }
 
 fn cell(place: usize, value: Option<f64>) -> String {

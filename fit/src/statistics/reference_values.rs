@@ -1,4 +1,4 @@
-//! The statistics against values of `SciPy` 1.17.1 and statsmodels 0.15.0 (`fit/tests/reference.py`).
+//! The statistics against values of `SciPy` 1.17.1, statsmodels 0.15.0 and scikit-learn 1.9.1 (`fit/tests/reference.py`).
 //!
 //! Tolerances: 1e-9 relative, for arithmetic in another order; 1e-6 for Shapiro and Wilk's W and 1e-4 relative for its
 //! p value, where `SciPy`'s own coefficients and quantiles are rounded otherwise.
@@ -14,6 +14,7 @@ struct Reference {
     regressions: Vec<Regression>,
     normalities: Vec<Normality>,
     long_normalities: Vec<LongNormality>,
+    features: Features,
 }
 
 #[derive(Deserialize)]
@@ -52,6 +53,15 @@ struct LongNormality {
     count: u32,
     w: f64,
     p: f64,
+}
+
+#[derive(Deserialize)]
+struct Features {
+    columns: Vec<Vec<f64>>,
+    groups: Vec<usize>,
+    truth: Vec<f64>,
+    f_alone: Vec<f64>,
+    partial_f: Vec<f64>,
 }
 
 fn reference() -> Reference {
@@ -111,6 +121,22 @@ fn shapiro_wilk_is_that_of_scipy_from_3_to_5000_values() {
         agree(tested.statistic, sample.w, 1e-6);
         agree(tested.p, sample.p, 1e-4);
     }
+}
+
+#[test]
+fn f_of_features_alone_is_that_of_scikit_learn() {
+    let Features { columns, truth, f_alone, .. } = reference().features;
+    let ours = columns.iter().map(|column| f_regression(pearson(column, &truth), truth.len()));
+    ours.zip(&f_alone).for_each(|(ours, theirs)| agree(ours, *theirs, 1e-9));
+}
+
+/// Tolerance 1e-8: the ridge that lets constant regressors pass.
+#[test]
+fn partial_f_within_groups_is_that_of_statsmodels() {
+    let Features { columns, groups, truth, partial_f, .. } = reference().features;
+    let regressors = DMatrix::from_fn(truth.len(), columns.len(), |row, column| columns[column][row]);
+    let ours = Together::new(regressors, &groups).unwrap().partial_f(&truth);
+    ours.iter().zip(&partial_f).for_each(|(ours, theirs)| agree(*ours, *theirs, 1e-8));
 }
 
 /// Shapiro and Wilk (1965) print W = 0.79 for these eleven weights, from tabulated coefficients of three digits.

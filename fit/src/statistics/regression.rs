@@ -19,25 +19,42 @@ pub fn f_statistic(r_squared: f64, rows: usize, parameters: usize) -> Option<Tes
     Some(Tested { statistic, p })
 }
 
-/// R2 of the least-squares regression of `values` on `columns` and a constant, and the rank of the columns.
-/// `None` if the values or all columns are constant.
-pub fn explained(columns: &DMatrix<f64>, values: &[f64]) -> Option<(f64, usize)> {
-    let mut centred = columns.clone();
-    centred.column_iter_mut().for_each(|mut column| column.add_scalar_mut(-column.mean()));
-    let mut target = DVector::from_column_slice(values);
-    target.add_scalar_mut(-target.mean());
-    let total = target.norm_squared();
-    let scale = values.iter().map(|value| value.powi(2)).sum::<f64>();
-    if total <= scale * f64::EPSILON {
-        return None;
+/// F of a regression on one value alone, from its correlation with the truth in `rows` rows; infinite where they are one.
+/// 0 if no row is left over.
+pub fn f_regression(pearson: f64, rows: usize) -> f64 {
+    f_statistic(pearson.powi(2), rows, 1).map_or(0.0, |tested| tested.statistic)
+}
+
+/// What the columns of a regression span: worked out once, for any number of regressions on them.
+pub struct Directions(DMatrix<f64>);
+
+impl Directions {
+    /// Of columns about their means. None are left of constant columns; `None` if they are not numbers.
+    pub fn of(columns: &DMatrix<f64>) -> Option<Self> {
+        let mut centred = columns.clone();
+        centred.column_iter_mut().for_each(|mut column| column.add_scalar_mut(-column.mean()));
+        let decomposed = centred.svd(true, false);
+        let values = &decomposed.singular_values;
+        let least = values.max() * SAME;
+        let kept: Vec<usize> = (0..values.len()).filter(|index| values[*index] > least).collect();
+        Some(Self(decomposed.u?.select_columns(&kept)))
     }
-    let decomposed = centred.svd(true, false);
-    let least = decomposed.singular_values.max() * SAME;
-    let rank = decomposed.singular_values.iter().filter(|value| **value > least).count();
-    let directions = decomposed.u?;
-    let along = directions.column_iter().zip(&decomposed.singular_values).filter(|(_, value)| **value > least);
-    let part: f64 = along.map(|(direction, _)| direction.dot(&target).powi(2)).sum();
-    (rank > 0).then_some((part / total, rank))
+
+    /// Rank of the columns.
+    pub fn rank(&self) -> usize {
+        self.0.ncols()
+    }
+
+    /// R2 of the least-squares regression of `values` on the columns and a constant. `None` if the values or all
+    /// columns are constant.
+    pub fn explain(&self, values: &[f64]) -> Option<f64> {
+        let mut target = DVector::from_column_slice(values);
+        target.add_scalar_mut(-target.mean());
+        let total = target.norm_squared();
+        let scale = values.iter().map(|value| value.powi(2)).sum::<f64>();
+        let varies = total > scale * f64::EPSILON && self.rank() > 0;
+        varies.then(|| self.0.tr_mul(&target).norm_squared() / total)
+    }
 }
 
 #[cfg(test)]
@@ -47,8 +64,10 @@ mod tests {
     #[test]
     fn repeated_columns_count_once() {
         let columns = DMatrix::from_fn(6, 2, |row, _| row as f64);
-        let (r_squared, rank) = explained(&columns, &[1.0, 3.0, 5.0, 7.0, 9.0, 11.0]).unwrap();
-        assert!((r_squared - 1.0).abs() < 1e-12 && rank == 1);
+        let directions = Directions::of(&columns).unwrap();
+        assert!((directions.explain(&[1.0, 3.0, 5.0, 7.0, 9.0, 11.0]).unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!(directions.rank(), 1);
+        assert_eq!(directions.explain(&[1.0; 6]), None);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::{Tested, f_statistic, mean, regression::explained};
+use super::{Tested, f_statistic, mean, regression::Directions};
 
 /// Durbin and Watson's statistic of residuals in their order: 2 where neighbours have nothing in common, near 0 where
 /// they are alike, towards 4 where they alternate. 2 for residuals that are all 0.
@@ -27,7 +27,8 @@ pub struct BreuschPagan {
 pub fn breusch_pagan(residuals: &[f64], regressors: &DMatrix<f64>) -> Option<BreuschPagan> {
     use statrs::distribution::{ChiSquared, ContinuousCDF};
     let squares: Vec<f64> = residuals.iter().map(|residual| residual.powi(2)).collect();
-    let (r_squared, rank) = explained(regressors, &squares)?;
+    let directions = Directions::of(regressors)?;
+    let (r_squared, rank) = (directions.explain(&squares)?, directions.rank());
     let statistic = squares.len() as f64 * r_squared;
     let p = ChiSquared::new(rank as f64).ok()?.sf(statistic);
     Some(BreuschPagan { lagrange: Tested { statistic, p }, f: f_statistic(r_squared, squares.len(), rank)? })

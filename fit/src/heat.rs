@@ -1,37 +1,40 @@
 //! How much each landmark of the face moves with a blendshape (the paper's figure of the correlation for `JawOpen`).
 
+use anyhow::{Context, Result};
 use facewire::face::LANDMARKS;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::Judged;
-use crate::statistics::{explained, mean, pearson};
+use crate::{
+    judge::Faces,
+    statistics::{Directions, mean, pearson},
+};
 
-/// Coordinates of the judged faces.
+/// Coordinates of the landmarks of some pictures.
 pub struct Landmarks {
     /// Mean place of each landmark: x to the person's left, y up, eye distances.
     pub places: Vec<[f64; 2]>,
     /// Displacement from the neutral face by picture, three columns a landmark.
     displacements: DMatrix<f64>,
+    /// What the three columns of each landmark span.
+    directions: Vec<Directions>,
 }
 
 impl Landmarks {
-    /// Of the judged pictures. The first features are the coordinates of the landmarks.
-    pub fn new(judged: &Judged) -> Self {
-        let rows = &judged.rows;
-        let mean_of = |column: usize| mean(rows.iter().map(|row| f64::from(judged.unknown.values(*row)[column])));
+    /// Of pictures `rows`, with the subjects' neutral faces known and not known. The first features are the coordinates.
+    pub fn new(known: &Faces, unknown: &Faces, rows: &[usize]) -> Result<Self> {
+        let mean_of = |column: usize| mean(rows.iter().map(|row| f64::from(unknown.values(*row)[column])));
         let places = (0..LANDMARKS).map(|landmark| [3 * landmark, 3 * landmark + 1].map(mean_of)).collect();
-        let displacement = |row: usize, column: usize| f64::from(judged.known.values(rows[row])[column]);
-        Self { places, displacements: DMatrix::from_fn(rows.len(), 3 * LANDMARKS, displacement) }
+        let displacement = |row: usize, column: usize| f64::from(known.values(rows[row])[column]);
+        let displacements = DMatrix::from_fn(rows.len(), 3 * LANDMARKS, displacement);
+        let of = |landmark: usize| Directions::of(&displacements.columns(3 * landmark, 3).into_owned());
+        let directions = (0..LANDMARKS).into_par_iter().map(of).collect::<Option<_>>();
+        Ok(Self { places, displacements, directions: directions.context("the coordinates have no directions")? })
     }
 
     /// Multiple correlation of each landmark's three coordinates with the truth: 0 to 1.
     pub fn correlations(&self, truth: &[f64]) -> Vec<f64> {
-        let one = |landmark: usize| {
-            let columns = self.displacements.columns(3 * landmark, 3).into_owned();
-            explained(&columns, truth).map_or(0.0, |(r_squared, _)| r_squared.sqrt())
-        };
-        (0..LANDMARKS).into_par_iter().map(one).collect()
+        self.directions.iter().map(|own| own.explain(truth).map_or(0.0, f64::sqrt)).collect()
     }
 
     /// `(truth, displacement)` of a landmark, along the axis that has most to do with the truth.

@@ -1,0 +1,117 @@
+//! Drawings as SVG text: axes, clouds of points, and the face. Black in them is the page's text colour, so they follow
+//! a dark page (`html/style.css`).
+
+pub mod face;
+
+use anyhow::{Result, anyhow};
+use plotters::{
+    coord::{Shift, types::RangedCoordf64},
+    prelude::*,
+};
+
+/// A drawing with axes.
+pub const SIZE_PX: (u32, u32) = (360, 270);
+/// Points of clouds.
+pub const POINT_PX: i32 = 2;
+/// Points of clouds, lines through them, and bars.
+pub const BLUE_INK: RGBColor = RGBColor(47, 126, 216);
+pub const ORANGE_INK: RGBColor = RGBColor(230, 126, 34);
+
+pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub type Failed = DrawingAreaErrorKind<std::io::Error>;
+pub type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
+/// What an axis shows, and how far it goes.
+pub struct Axis {
+    name: &'static str,
+    range: [f64; 2],
+    ticks: usize,
+    label: fn(f64) -> String,
+}
+
+impl Axis {
+    /// Of numbers as they are.
+    pub fn linear(name: &'static str, range: [f64; 2]) -> Self {
+        Self { name, range, ticks: 6, label: with_few_decimals }
+    }
+
+    /// Of ranks, the first of which matter most: the decimal logarithm is drawn, the rank is written.
+    pub fn ranks(name: &'static str, last: usize) -> Self {
+        let most = (last as f64).log10();
+        Self { name, range: [0.0, most], ticks: 4, label: |power| format!("{:.0}", 10.0_f64.powf(power)) }
+    }
+}
+
+/// The axes of a drawing.
+pub struct Axes {
+    pub x: Axis,
+    pub y: Axis,
+}
+
+impl Axes {
+    /// Draws them.
+    pub fn draw<'a, 'b>(self, area: &'a Area<'b>) -> Result<Chart<'a, 'b>, Failed> {
+        let (Self { x, y }, [x0, x1], [y0, y1]) = (&self, self.x.range, self.y.range);
+        let mut chart = ChartBuilder::on(area)
+            .margin(8)
+            .margin_right(18)
+            .x_label_area_size(36)
+            .y_label_area_size(44)
+            .build_cartesian_2d(x0..x1, y0..y1)?;
+        let mut mesh = chart.configure_mesh();
+        mesh.disable_mesh().x_labels(x.ticks).y_labels(y.ticks).x_desc(x.name).y_desc(y.name);
+        let (label_x, label_y) = (|value: &f64| (x.label)(*value), |value: &f64| (y.label)(*value));
+        mesh.x_label_formatter(&label_x).y_label_formatter(&label_y);
+        mesh.label_style(("sans-serif", 13)).axis_desc_style(("sans-serif", 14)).draw()?;
+        Ok(chart)
+    }
+}
+
+/// A drawing of `size_px`.
+pub fn drawn(size_px: (u32, u32), draw: impl FnOnce(&Area) -> Result<(), Failed>) -> Result<String> {
+    let mut text = String::new();
+    let area = SVGBackend::with_string(&mut text, size_px).into_drawing_area();
+    draw(&area).and_then(|()| area.present()).map_err(|error| anyhow!("cannot draw: {error}"))?;
+    drop(area);
+    // Of a page of sixty thousand points, these defaults would be half.
+    Ok(text.replace(" opacity=\"1\"", "").replace(" stroke=\"none\" stroke-width=\"1\"", ""))
+}
+
+/// Clouds of points, the last on top, and straight lines over them.
+pub fn clouds(clouds: &[(&[(f64, f64)], RGBColor)], axes: Axes, lines: &[[(f64, f64); 2]]) -> Result<String> {
+    drawn(SIZE_PX, |area| {
+        let mut chart = axes.draw(area)?;
+        for (points, ink) in clouds {
+            chart.draw_series(points.iter().map(|point| Circle::new(*point, POINT_PX, ink.filled())))?;
+        }
+        chart.draw_series(lines.iter().map(|line| PathElement::new(line.to_vec(), ORANGE_INK.stroke_width(2))))?;
+        Ok(())
+    })
+}
+
+/// At most `most` of the values, evenly spaced.
+pub fn evenly<T: Copy>(values: &[T], most: usize) -> Vec<T> {
+    values.iter().step_by(values.len().div_ceil(most).max(1)).copied().collect()
+}
+
+/// With the decimals it needs, up to two.
+fn with_few_decimals(value: f64) -> String {
+    format!("{}", (value * 100.0).round() / 100.0 + 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn evenly_chosen_values_are_no_more_than_asked_for() {
+        assert_eq!(evenly(&[1, 2, 3, 4, 5, 6, 7], 3), [1, 4, 7]);
+        assert_eq!(evenly(&[1, 2], 5), [1, 2]);
+    }
+
+    #[test]
+    fn ranks_are_written_as_ranks_and_numbers_without_needless_decimals() {
+        assert_eq!((Axis::ranks("", 1469).label)(2.0), "100");
+        assert_eq!([0.25, -0.001, 2.0].map(with_few_decimals), ["0.25", "0", "2"]);
+    }
+}

@@ -1,0 +1,98 @@
+//! The face as dots, one for each landmark.
+
+use anyhow::Result;
+use plotters::prelude::*;
+
+use super::drawn;
+
+const SIZE_PX: (u32, u32) = (360, 400);
+/// Part of the drawing that the face fills.
+const FILLED: f64 = 0.92;
+/// Behind the face, on dark and light pages: points that do not move with the blendshape are dark.
+const GROUND: RGBColor = RGBColor(46, 46, 58);
+/// Around marked landmarks.
+const MARK: RGBColor = RGBColor(90, 200, 250);
+/// Dots of the face: radius by value.
+const DOT_PX: [f64; 2] = [2.0, 4.5];
+
+/// A face whose landmarks are coloured by a value, from 0 (dark) to the highest of them (yellow), with rings around
+/// those of `marked`. The person's left is at the right.
+pub fn face(places: &[[f64; 2]], values: &[f64], marked: &[usize]) -> Result<String> {
+    let highest = values.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    let pixels = pixels(places);
+    let mut dots: Vec<_> = pixels.iter().zip(values).collect();
+    dots.sort_by(|a, b| a.1.total_cmp(b.1));
+    drawn(SIZE_PX, |area| {
+        area.fill(&GROUND)?;
+        for (pixel, value) in dots {
+            area.draw(&Circle::new(*pixel, radius_px(value / highest), heat(value / highest).filled()))?;
+        }
+        for landmark in marked {
+            area.draw(&Circle::new(pixels[*landmark], radius_px(1.0) + 1, MARK.stroke_width(1)))?;
+        }
+        Ok(())
+    })
+}
+
+/// Where places (x to the person's left, y up) come to lie when all are to be seen.
+#[expect(clippy::cast_possible_truncation, reason = "pixels")]
+fn pixels(places: &[[f64; 2]]) -> Vec<(i32, i32)> {
+    let range = |axis: usize| {
+        let along = places.iter().map(|place| place[axis]);
+        (along.clone().fold(f64::MAX, f64::min), along.fold(f64::MIN, f64::max))
+    };
+    let ((left, right), (bottom, top)) = (range(0), range(1));
+    let (width, height) = (f64::from(SIZE_PX.0), f64::from(SIZE_PX.1));
+    let scale = (width / (right - left)).min(height / (top - bottom)) * FILLED;
+    let centre = [f64::midpoint(left, right), f64::midpoint(bottom, top)];
+    let pixel = |[x, y]: &[f64; 2]| {
+        let (x, y) = ((x - centre[0]) * scale, (centre[1] - y) * scale);
+        ((width / 2.0 + x) as i32, (height / 2.0 + y) as i32)
+    };
+    places.iter().map(pixel).collect()
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "a few pixels")]
+fn radius_px(value: f64) -> i32 {
+    (DOT_PX[0] + value * (DOT_PX[1] - DOT_PX[0])).round() as i32
+}
+
+/// Black by way of purple and orange to yellow.
+fn heat(value: f64) -> RGBColor {
+    const STOPS: [[f64; 3]; 5] =
+        [[0.0, 0.0, 4.0], [87.0, 16.0, 110.0], [188.0, 55.0, 84.0], [249.0, 142.0, 9.0], [252.0, 255.0, 164.0]];
+    let place = value.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 4, and colours")]
+    let [red, green, blue] = {
+        let below = (place as usize).min(STOPS.len() - 2);
+        let part = place - below as f64;
+        core::array::from_fn(|c| (STOPS[below][c] + part * (STOPS[below + 1][c] - STOPS[below][c])).round() as u8)
+    };
+    RGBColor(red, green, blue)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn persons_left_is_drawn_at_the_right_and_the_brow_above_the_chin() {
+        let drawing = face(&[[1.0, 1.0], [-1.0, -1.0]], &[0.0, 1.0], &[]).unwrap();
+        let place = |mark: &str| -> Vec<i32> {
+            drawing.split(mark).skip(1).map(|rest| rest.split('"').next().unwrap().parse().unwrap()).collect()
+        };
+        let (x, y) = (place(" cx=\""), place(" cy=\""));
+        assert!(x[0] > x[1] && y[0] < y[1], "{x:?} {y:?}");
+    }
+
+    #[test]
+    fn marked_landmarks_have_a_ring_beside_their_dot() {
+        let drawing = face(&[[1.0, 1.0], [-1.0, -1.0]], &[0.0, 1.0], &[1]).unwrap();
+        assert_eq!(drawing.matches("<circle").count(), 3);
+    }
+
+    #[test]
+    fn heat_runs_from_dark_to_yellow() {
+        assert_eq!([heat(-1.0), heat(2.0)], [RGBColor(0, 0, 4), RGBColor(252, 255, 164)]);
+    }
+}

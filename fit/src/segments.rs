@@ -1,0 +1,151 @@
+//! `facewire-fit select`: segmentation (eq. 4) as the paper does it, to look at.
+//!
+//! For every blendshape the features (coordinates and distances, displacements from the subject's neutral face) are
+//! ranked by correlation with its coefficient, of which the first hundredths are kept, and, to check that, by F and by
+//! support vectors. F of one feature alone has the order of r2 and would only agree with itself; the partial F, with the
+//! subject, the head's pose and all other blendshapes held, tells what moves with this blendshape from what moves with
+//! those that usually come with it. The model that facewire runs shares its features among all blendshapes and
+//! selects them otherwise (`select.rs`).
+
+mod drawings;
+mod page;
+mod pictures;
+mod ranking;
+mod support;
+mod table;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use facewire::solve::{BLENDSHAPES, MEASURES};
+
+use crate::{dataset, design::MODELLED, html, judge::Faces, statistics::f_regression};
+use pictures::Pictures;
+use ranking::{Ranking, Segment};
+
+/// Arguments of `select`.
+#[derive(Debug, Args)]
+pub struct SelectArgs {
+    /// Landmarks with true coefficients (npz archive, names beside it as JSON).
+    dataset: PathBuf,
+    /// Only this blendshape; may be given several times.
+    #[arg(long, value_name = "NAME", value_parser = blendshape)]
+    blendshape: Vec<usize>,
+    /// Where the page is written.
+    #[arg(long, value_name = "FILE", default_value = "segments.html")]
+    out: PathBuf,
+    /// A table of all scores and ranks.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Hundredths of the features that are kept.
+    #[arg(long, default_value_t = 2.0, value_parser = percentile)]
+    percentile: f64,
+    /// Most pictures that support vectors are fitted to, and most that they are judged by.
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(20..=5000))]
+    svr_rows: u32,
+}
+
+fn blendshape(name: &str) -> Result<usize, String> {
+    let known = BLENDSHAPES.iter().take(MODELLED).position(|known| *known == name);
+    known.ok_or_else(|| "not a blendshape that landmarks show; their names are like eyeBlinkLeft".to_owned())
+}
+
+fn percentile(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number| (0.1..=50.0).contains(number));
+    number.ok_or_else(|| "not a number from 0.1 to 50".to_owned())
+}
+
+/// Runs the command.
+pub fn run(args: &SelectArgs) -> Result<()> {
+    let samples = dataset::load(&args.dataset)?;
+    let (known, unknown) = (Faces::new(&samples, true)?, Faces::new(&samples, false)?);
+    let pictures = Pictures::new(&samples, &known)?;
+    let wanted = if args.blendshape.is_empty() { (0..MODELLED).collect() } else { args.blendshape.clone() };
+    let kept = kept_of(args.percentile);
+    let segments = segments(&pictures, &wanted, kept, args.svr_rows as usize)?;
+    print!("{}", table::text(&segments));
+    if let Some(path) = &args.csv {
+        table::write_csv(path, &segments).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    html::write(&args.out, &page::html(&pictures, &unknown, &segments, &args.dataset)?)
+}
+
+/// Features that are kept of all.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most the number of features")]
+fn kept_of(percentile: f64) -> usize {
+    (MEASURES as f64 * percentile / 100.0).ceil() as usize
+}
+
+/// Segments of the `wanted` blendshapes that move in these pictures.
+fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize) -> Result<Vec<Segment>> {
+    let moving: Vec<usize> = wanted.iter().copied().filter(|shape| pictures.moves(*shape)).collect();
+    ensure!(!moving.is_empty(), "none of these blendshapes moves in the pictures");
+    let (r, partial_f) = (pictures.correlations(&moving), pictures.partial_f(&moving)?);
+    let mut segments = Vec::new();
+    for (place, (blendshape, (r, partial_f))) in moving.iter().zip(r.into_iter().zip(partial_f)).enumerate() {
+        eprint!("\rsupport vectors: blendshape {} of {} ", place + 1, moving.len());
+        let f_alone = r.iter().map(|r| f_regression(*r, pictures.seen.len())).collect();
+        let r2 = support::scores(pictures, *blendshape, most_rows)?;
+        let rankings = [r.iter().map(|r| r.abs()).collect(), partial_f, r2].map(Ranking::new);
+        segments.push(Segment { blendshape: *blendshape, r, f_alone, rankings, count: kept });
+    }
+    eprintln!();
+    Ok(segments)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference;
+
+    /// Landmarks about the left eye and its lids, irises left out.
+    const LEFT_LIDS: [usize; 32] = [
+        249, 263, 362, 373, 374, 380, 381, 382, 384, 385, 386, 387, 388, 390, 398, 466, 253, 254, 256, 257, 258, 259,
+        260, 286, 339, 341, 359, 414, 463, 467, 252, 255,
+    ];
+
+    /// Where the nose meets the upper lip, and the inner edge of that.
+    const NOSE_BASE: usize = 2;
+    const UPPER_LIP: usize = 13;
+
+    /// Rankings of one blendshape on the reference pictures; few support vectors, for they are not looked at.
+    fn segment(name: &str) -> Option<Segment> {
+        let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
+            reference::say_skipped("dataset/");
+            return None;
+        };
+        let known = Faces::new(&samples, true).unwrap();
+        let pictures = Pictures::new(&samples, &known).unwrap();
+        segments(&pictures, &[blendshape(name).unwrap()], kept_of(2.0), 20).unwrap().pop()
+    }
+
+    #[test]
+    fn best_features_of_eye_blink_left_lie_at_the_left_eyes_lids() {
+        let Some(segment) = segment("eyeBlinkLeft") else { return };
+        let [r, f, _] = &segment.rankings;
+        for ranking in [r, f] {
+            let landmarks = table::landmarks(&ranking.order[..8]);
+            assert!(landmarks.iter().all(|landmark| LEFT_LIDS.contains(landmark)), "{landmarks:?}");
+        }
+        assert!(segment.r[r.order[0]].abs() > 0.7);
+    }
+
+    #[test]
+    fn all_features_kept_for_jaw_open_lie_at_mouth_and_chin() {
+        let Some(segment) = segment("jawOpen") else { return };
+        let samples = dataset::load(&reference::folder().join("dataset/train.npz")).unwrap();
+        let neutral = samples.iter().find(|sample| sample.neutral).unwrap();
+        let down = |landmark: usize| neutral.landmarks.0[landmark][1];
+        let landmarks = table::landmarks(segment.kept());
+        assert!(landmarks.iter().all(|landmark| down(*landmark) > down(NOSE_BASE)), "{landmarks:?}");
+        assert!(landmarks.iter().filter(|landmark| down(**landmark) > down(UPPER_LIP)).count() > landmarks.len() / 2);
+    }
+
+    #[test]
+    fn two_hundredths_are_30_features_and_unknown_names_are_refused() {
+        assert_eq!(kept_of(2.0), 30);
+        assert!(blendshape("tongueOut").is_err() && blendshape("eyeBlink").is_err());
+        assert!(percentile("0").is_err() && percentile("NaN").is_err());
+    }
+}

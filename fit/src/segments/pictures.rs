@@ -1,0 +1,86 @@
+//! The pictures that features are ranked on, as columns of numbers.
+
+use anyhow::{Context, Result, ensure};
+use facewire::solve::MEASURES;
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use crate::{
+    dataset::Sample,
+    design::MODELLED,
+    judge::Faces,
+    statistics::{Together, pearson, standard_deviation},
+};
+
+/// Standard deviation of a coefficient that counts as moving.
+const MOVES: f64 = 1e-3;
+/// Angles of the head's pose.
+const ANGLES: usize = 3;
+
+/// Pictures of subjects that the fit may see, by whom features are ranked, and of held-out ones, by whom support
+/// vectors are judged.
+pub struct Pictures<'a> {
+    samples: &'a [Sample],
+    /// Displacements from the subjects' neutral faces.
+    pub known: &'a Faces<'a>,
+    /// Pictures that the fit may see.
+    pub seen: Vec<usize>,
+    /// Pictures of held-out subjects.
+    pub held_out: Vec<usize>,
+}
+
+impl<'a> Pictures<'a> {
+    /// Of samples, and their displacements from the subjects' neutral faces.
+    pub fn new(samples: &'a [Sample], known: &'a Faces<'a>) -> Result<Self> {
+        let held_out = known.rows(false);
+        let seen: Vec<usize> = (0..samples.len()).filter(|row| !samples[*row].held_out()).collect();
+        ensure!(!held_out.is_empty() && !seen.is_empty(), "8 subjects are needed, one of which is held out");
+        Ok(Self { samples, known, seen, held_out })
+    }
+
+    /// True coefficients of a blendshape in pictures `rows`.
+    pub fn truth(&self, blendshape: usize, rows: &[usize]) -> Vec<f64> {
+        self.known.truth(blendshape, rows)
+    }
+
+    /// A feature of pictures `rows`.
+    pub fn feature(&self, feature: usize, rows: &[usize]) -> Vec<f64> {
+        rows.iter().map(|row| f64::from(self.known.values(*row)[feature])).collect()
+    }
+
+    /// Whether a blendshape moves, in both sets of pictures.
+    pub fn moves(&self, blendshape: usize) -> bool {
+        let moves = |rows: &[usize]| standard_deviation(&self.truth(blendshape, rows)) > MOVES;
+        moves(&self.seen) && moves(&self.held_out)
+    }
+
+    /// Pearson's correlation of every feature with each of `blendshapes`.
+    pub fn correlations(&self, blendshapes: &[usize]) -> Vec<Vec<f64>> {
+        let truths: Vec<Vec<f64>> = blendshapes.iter().map(|shape| self.truth(*shape, &self.seen)).collect();
+        let of = |feature: usize| {
+            let values = self.feature(feature, &self.seen);
+            truths.iter().map(|truth| pearson(&values, truth)).collect()
+        };
+        transposed(&(0..MEASURES).into_par_iter().map(of).collect::<Vec<Vec<f64>>>(), blendshapes.len())
+    }
+
+    /// Partial F of every feature with each of `blendshapes`, with the subject, the true pose and all other
+    /// blendshapes held.
+    pub fn partial_f(&self, blendshapes: &[usize]) -> Result<Vec<Vec<f64>>> {
+        let held = DMatrix::from_fn(self.seen.len(), MODELLED + ANGLES, |row, column| {
+            let sample = &self.samples[self.seen[row]];
+            if column < MODELLED { sample.truth[column] } else { sample.pose_deg[column - MODELLED] }
+        });
+        let subjects: Vec<usize> = self.seen.iter().map(|row| self.samples[*row].subject).collect();
+        let together = Together::new(held, &subjects).context("too few pictures of each subject")?;
+        let of = |feature: usize| {
+            let all = together.partial_f(&self.feature(feature, &self.seen));
+            blendshapes.iter().map(|shape| all[*shape]).collect()
+        };
+        Ok(transposed(&(0..MEASURES).into_par_iter().map(of).collect::<Vec<Vec<f64>>>(), blendshapes.len()))
+    }
+}
+
+fn transposed(rows: &[Vec<f64>], columns: usize) -> Vec<Vec<f64>> {
+    (0..columns).map(|column| rows.iter().map(|row| row[column]).collect()).collect()
+}

@@ -1,0 +1,110 @@
+//! The cross-check by support vectors: how well a support vector regression with a Gaussian kernel reads the coefficient
+//! from one feature alone.
+//!
+//! Importance within a regression on many features would tell little: neighbouring landmarks carry the same
+//! movement, and each could be missed.
+
+use anyhow::{Context, Result};
+use facewire::solve::MEASURES;
+use rayon::prelude::*;
+use smartcore::{
+    linalg::basic::matrix::DenseMatrix,
+    svm::{
+        Kernels,
+        svr::{SVR, SVRParameters},
+    },
+};
+
+use super::pictures::Pictures;
+use crate::{
+    drawing::evenly,
+    statistics::{mean, r_squared, standard_deviation},
+};
+
+/// Coefficient above which a picture shows the expression.
+const SHOWS: f64 = 0.05;
+/// Error of a coefficient that costs nothing.
+const EPSILON: f64 = 0.05;
+/// Cost of larger errors.
+const COST: f64 = 1.0;
+/// `exp(-GAMMA d^2)`, `d` in standard deviations of the feature.
+const GAMMA: f64 = 1.0;
+
+/// R2 of every feature's own regression, fitted to at most `most` pictures and judged by as many of held-out subjects.
+/// At least half of them show the expression, if there are so many.
+pub fn scores(pictures: &Pictures, blendshape: usize, most: usize) -> Result<Vec<f64>> {
+    let [fitted, judged] = [&pictures.seen, &pictures.held_out].map(|rows| bounded(pictures, blendshape, rows, most));
+    let [own, other] = [&fitted, &judged].map(|rows| pictures.truth(blendshape, rows));
+    let score = |feature: usize| {
+        let (own_values, other_values) = (pictures.feature(feature, &fitted), pictures.feature(feature, &judged));
+        Ok(r_squared(&estimates(&own_values, &own, &other_values)?, &other))
+    };
+    (0..MEASURES).into_par_iter().map(score).collect()
+}
+
+/// At most `most` of the pictures `rows`: evenly from small to large coefficients, of those that show the expression and
+/// of those that do not.
+fn bounded(pictures: &Pictures, blendshape: usize, rows: &[usize], most: usize) -> Vec<usize> {
+    let mut by_truth: Vec<_> = rows.iter().copied().zip(pictures.truth(blendshape, rows)).collect();
+    by_truth.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let sorted: Vec<usize> = by_truth.iter().map(|(row, _)| *row).collect();
+    let (rests, shows) = sorted.split_at(by_truth.partition_point(|(_, truth)| *truth < SHOWS));
+    let showing = evenly(shows, (most / 2).max(most.saturating_sub(rests.len())));
+    [evenly(rests, most - showing.len()), showing].concat()
+}
+
+/// Estimates at `places`, by a regression fitted to `values` and their `truth`.
+fn estimates(values: &[f64], truth: &[f64], places: &[f64]) -> Result<Vec<f64>> {
+    let (centre, deviation) = (mean(values.iter().copied()), standard_deviation(values).max(f64::EPSILON));
+    let column = |values: &[f64]| {
+        let scaled = values.iter().map(|value| (value - centre) / deviation).collect();
+        DenseMatrix::new(values.len(), 1, scaled, true)
+    };
+    let (values, places, truth) = (column(values)?, column(places)?, truth.to_vec());
+    let parameters =
+        SVRParameters::default().with_eps(EPSILON).with_c(COST).with_kernel(Kernels::rbf().with_gamma(GAMMA));
+    let fitted = SVR::fit(&values, &truth, &parameters).context("support vectors cannot be fitted")?;
+    fitted.predict(&places).context("support vectors cannot be used")
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Deserialize)]
+    struct Reference {
+        support_vectors: SupportVectors,
+    }
+
+    #[derive(Deserialize)]
+    struct SupportVectors {
+        values: Vec<f64>,
+        truth: Vec<f64>,
+        places: Vec<f64>,
+        estimates: Vec<f64>,
+    }
+
+    /// Tolerance: two solvers stop at different distances from the optimum.
+    #[test]
+    fn estimates_are_those_of_scikit_learn_within_0_005() {
+        let reference: Reference = serde_json::from_str(include_str!("../../tests/reference.json")).unwrap();
+        let SupportVectors { values, truth, places, estimates: theirs } = reference.support_vectors;
+        let ours = estimates(&values, &truth, &places).unwrap();
+        assert!(ours.iter().zip(&theirs).all(|(a, b)| (a - b).abs() < 0.005), "{ours:?} {theirs:?}");
+    }
+
+    #[test]
+    fn bent_curve_without_linear_correlation_is_read_and_noise_is_not() {
+        let values: Vec<f64> = (0..120).map(|i| f64::from(i) / 60.0 - 1.0).collect();
+        let places: Vec<f64> = values.iter().map(|value| value * 0.95).collect();
+        let square = |values: &[f64]| values.iter().map(|value| value * value).collect::<Vec<_>>();
+        let found = estimates(&values, &square(&values), &places).unwrap();
+        assert!(r_squared(&found, &square(&places)) > 0.95);
+        let noise: Vec<f64> = (0..120).map(|i| f64::from(i * 7919 % 120) / 120.0).collect();
+        let others = [&noise[37..], &noise[..37]].concat();
+        let found = estimates(&noise, &square(&values), &others).unwrap();
+        assert!(r_squared(&found, &square(&values)) < 0.3);
+    }
+}

@@ -184,7 +184,7 @@ fn looks(rng: &mut ChaCha8Rng, kit: &Kit, choice: &Choice) -> Looks {
         hairline: normal(rng, 0.6, 1.5),
         beard: if bearded { rng.random_range(0.15..0.95) } else { 0.0 },
         brow_colour: (brow, rng.random_range(0.6..1.0)),
-        brow_shape: [normal(rng, 0.15, 0.4), rng.random_range(1.0..1.9)],
+        brow_shape: [normal(rng, 0.26, 0.7), rng.random_range(1.0..1.9)],
         iris: rng.random_range(0.355..0.42),
         lashes: rng.random_range(0.05..0.5),
         cloth: (cloth_colour(rng), normal(rng, 1.0, 2.0) - 13.0),

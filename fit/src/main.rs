@@ -11,6 +11,7 @@ mod design;
 mod evaluate;
 mod fitted;
 mod judge;
+mod kinds;
 mod mirror;
 mod network;
 mod paper;

@@ -113,7 +113,7 @@ impl Predictor for Fitted {
         let scale = self.length * self.length;
         let kept = self.faces.column_iter().zip(&self.weights);
         let covariance = |(other, weight): (nalgebra::DVectorView<f64>, &f64)| {
-            weight * self.kernel.covariance(squared_distance(&other, face) / scale)
+            weight * self.kernel.covariance(squared_distance(other.iter(), face) / scale)
         };
         self.mean + kept.map(covariance).sum::<f64>()
     }

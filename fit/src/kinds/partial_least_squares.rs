@@ -48,7 +48,9 @@ fn directions(gram: &DMatrix<f64>, cross: &DVector<f64>) -> DMatrix<f64> {
     let (mut next, mut least) = (cross.clone(), 0.0);
     while basis.len() < COMPONENTS.min(cross.len()) {
         for _ in 0..2 {
-            basis.iter().for_each(|known| next -= known * known.dot(&next));
+            for known in &basis {
+                next -= known * known.dot(&next);
+            }
         }
         let length = next.norm();
         if length <= least {

@@ -122,7 +122,7 @@ fn multipliers(kernel: &DMatrix<f64>, truth: &[f64]) -> Vec<f64> {
 impl Predictor for Fitted {
     fn predict(&self, face: &[f64]) -> f64 {
         let kept = self.faces.column_iter().zip(&self.multipliers);
-        self.centre + kept.map(|(other, multiplier)| multiplier * self.kernel.value(&other, face)).sum::<f64>()
+        self.centre + kept.map(|(other, multiplier)| multiplier * self.kernel.value(other.iter(), face)).sum::<f64>()
     }
 
     fn weights(&self) -> usize {

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use super::{Form, Kind, Limits, Predictor, WIDE};
 
 /// Ridge of a standardised feature, in parts of its variance.
-const RIDGE: f64 = 0.01;
+const RIDGE: f64 = 0.001;
 /// What keeps ordinary least squares defined where features repeat each other.
 const TINY: f64 = 1e-9;
 
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn ridge_shrinks_the_weight_of_a_lone_feature_by_a_hundredth() {
+    fn ridge_shrinks_the_weight_of_a_lone_feature_by_a_thousandth() {
         let (faces, truth) = faces(200, 1, |face| face[0]);
         let [line, ridge] = [&LeastSquares as &dyn Kind, &Ridge].map(|kind| kind.fit(&faces, &truth).unwrap());
         let slope = |model: &dyn Predictor| model.predict(&[1.0]) - model.predict(&[0.0]);

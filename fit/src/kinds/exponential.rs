@@ -18,7 +18,7 @@ const LIFT: f64 = 0.25;
 /// Exponents are kept below this: coefficients end at 1.
 const MOST: f64 = 1.0;
 /// Ridge of the start, and of every step at first; in parts of the mean variance.
-const RIDGE: f64 = 0.01;
+const RIDGE: f64 = 0.001;
 /// Steps of the fit.
 const STEPS: usize = 12;
 /// By how much the ridge of a step falls after a good one and grows after a bad one.

@@ -4,10 +4,8 @@
 use anyhow::Result;
 use nalgebra::{DMatrix, DVector};
 
-use super::{Form, Kind, Limits, Predictor};
+use super::{Form, Kind, Limits, MIDDLE, Predictor};
 
-/// All features and faces that a wide kind has would take minutes; bins make many faces cheap.
-const LIMITS: Limits = Limits { features: 24, faces: usize::MAX };
 const BINS: usize = 64;
 const TREES: usize = 100;
 /// Part of a tree's estimate that is believed.
@@ -52,7 +50,7 @@ impl Kind for HistogramBoosting {
     }
 
     fn limits(&self) -> Limits {
-        LIMITS
+        MIDDLE
     }
 
     fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {

@@ -88,9 +88,9 @@ pub struct Limits {
 
 /// For kinds whose cost grows in step with features and faces.
 const WIDE: Limits = Limits { features: 64, faces: usize::MAX };
-/// For kinds that multiply features.
+/// For kinds that look at one feature at a time, and again and again.
 const MIDDLE: Limits = Limits { features: 24, faces: usize::MAX };
-/// For kinds that compare faces with faces, or sort them again and again.
+/// For kinds that compare faces with faces, or sort them.
 const NARROW: Limits = Limits { features: 24, faces: 2000 };
 /// For kinds that solve an equation for each face.
 const NARROWEST: Limits = Limits { features: 24, faces: 1000 };

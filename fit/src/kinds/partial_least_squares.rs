@@ -9,7 +9,7 @@ use super::{
 };
 
 /// Components: directions that have most in common with the truth, each after those before it.
-const COMPONENTS: usize = 8;
+const COMPONENTS: usize = 16;
 /// A direction that covaries with what is left of the truth by less than this part of the first one is noise.
 const LEAST_PART: f64 = 1e-9;
 

@@ -9,7 +9,7 @@ use super::{
 };
 
 /// The components that carry this part of the variance are kept.
-const KEPT: f64 = 0.99;
+const KEPT: f64 = 0.999;
 
 /// Least squares on the largest principal components; on the board an affine map.
 pub struct PrincipalComponents;

@@ -4,20 +4,22 @@ use anyhow::Result;
 use nalgebra::DMatrix;
 
 use super::{
-    Form, Kind, Limits, MIDDLE, Predictor,
+    Form, Kind, Limits, Predictor, WIDE,
     affine::{Affine, dot},
 };
 
-/// Ridge of a feature or product, in parts of their mean variance: products of 24 features are many.
-const RIDGE: f64 = 0.01;
+/// Features that are multiplied with each other: all 64 would make 2,080 products.
+const MULTIPLIED: usize = 24;
+/// Ridge of a feature or product, in parts of their mean variance.
+const RIDGE: f64 = 0.001;
 
-/// Least squares on features, their squares and products, with a ridge.
+/// Least squares on features, and on squares and products of the first of them, with a ridge.
 pub struct Quadratic;
 
 struct Fitted {
     offset: f64,
     linear: Vec<f64>,
-    /// Of the products with this and later features, one after another.
+    /// Of the products of each multiplied feature with itself and later ones, one after another.
     products: Vec<f64>,
 }
 
@@ -31,7 +33,7 @@ impl Kind for Quadratic {
     }
 
     fn limits(&self) -> Limits {
-        MIDDLE
+        WIDE
     }
 
     fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
@@ -43,8 +45,8 @@ impl Kind for Quadratic {
 
 /// Features, and beside them their products: first with first to last, second with second to last, and so on.
 fn with_products(faces: &DMatrix<f64>) -> DMatrix<f64> {
-    let features = faces.ncols();
-    let pairs: Vec<_> = (0..features).flat_map(|one| (one..features).map(move |other| (one, other))).collect();
+    let (features, multiplied) = (faces.ncols(), faces.ncols().min(MULTIPLIED));
+    let pairs: Vec<_> = (0..multiplied).flat_map(|one| (one..multiplied).map(move |other| (one, other))).collect();
     let mut all = faces.clone().resize_horizontally(features + pairs.len(), 0.0);
     for (place, (one, other)) in pairs.into_iter().enumerate() {
         all.set_column(features + place, &faces.column(one).component_mul(&faces.column(other)));
@@ -54,12 +56,13 @@ fn with_products(faces: &DMatrix<f64>) -> DMatrix<f64> {
 
 impl Predictor for Fitted {
     fn predict(&self, face: &[f64]) -> f64 {
+        let multiplied = &face[..face.len().min(MULTIPLIED)];
         let mut left = self.products.as_slice();
-        let mut sum = self.offset;
-        for (place, (value, weight)) in face.iter().zip(&self.linear).enumerate() {
-            let (own, rest) = left.split_at(face.len() - place);
+        let mut sum = self.offset + dot(&self.linear, face);
+        for (place, value) in multiplied.iter().enumerate() {
+            let (own, rest) = left.split_at(multiplied.len() - place);
             left = rest;
-            sum += value * (weight + dot(own, &face[place..]));
+            sum += value * dot(own, &multiplied[place..]);
         }
         sum
     }
@@ -82,6 +85,15 @@ mod tests {
     fn squares_and_products_are_found() {
         let truth = |face: &[f64]| 0.2 + 0.1 * face[0] + 0.3 * face[0] * face[2] - 0.2 * face[1].powi(2);
         assert!(unexplained(&Quadratic, 300, truth) < 1e-3);
+    }
+
+    #[test]
+    fn features_beyond_the_multiplied_ones_enter_by_themselves() {
+        let (faces, truth) = faces(500, 30, |face| face[0] * face[1] + 0.5 * face[29]);
+        let model = Quadratic.fit(&faces, &truth).unwrap();
+        let row: Vec<f64> = faces.row(3).iter().copied().collect();
+        assert!((model.predict(&row) - truth[3]).abs() < 0.02);
+        assert_eq!(model.weights(), 30 + 24 * 25 / 2);
     }
 
     #[test]

@@ -135,8 +135,8 @@ impl Restrict {
         let done = AtomicUsize::new(0);
         let one = |blendshape: &usize| -> Result<(usize, Vec<Trial>)> {
             let ranks = bench.rank(*blendshape, widest);
-            let trials = kinds.iter().map(|kind| bench.best_response(&**kind, *blendshape, &ranks));
-            let trials = trials.collect::<Result<Vec<_>>>()?;
+            let trials = kinds.iter().map(|kind| bench.try_kind(&**kind, *blendshape, &ranks));
+            let trials = trials.collect::<Result<Vec<_>>>()?.concat();
             let done = 1 + done.fetch_add(1, Ordering::Relaxed);
             eprint!("\r{done} of {} blendshapes", blendshapes.len());
             Ok((*blendshape, trials))

@@ -9,18 +9,20 @@ use super::{
     split::Split,
     trial::Trial,
 };
-use crate::{kinds::Form, statistics::mean};
+use crate::{
+    kinds::{Form, Response},
+    statistics::mean,
+};
 
 /// Everything the command prints.
 pub fn text(choices: &[Choice], split: &Split, budget: &Budget) -> String {
-    let parts = if split.one_subject { "pictures" } else { "subjects" };
+    let parts = if split.one_subject { "pictures" } else { "whole subjects" };
     let mut text = format!(
-        "{} pictures in {} folds of {parts} choose, {} other {parts}' pictures score\n",
+        "{} pictures, in {} folds of {parts}, choose; {} held-out ones score\n",
         split.seen.len(),
         split.folds,
         split.held_out.len()
-    )
-    .replace("other pictures' pictures", "other pictures");
+    );
     let _ = writeln!(
         text,
         "budget of one blendshape: {} bytes, {:.0} nanoseconds; - : none within it\n\n{}\n{}\n{}",
@@ -35,8 +37,7 @@ pub fn text(choices: &[Choice], split: &Split, budget: &Budget) -> String {
 
 fn by_blendshape(choices: &[Choice]) -> String {
     let mut text = "\
-|                     | chosen                           || best within budget      || best of all             || linear  |
-| blendshape          | kind             |     r |   MSE  | kind             |   MSE  | kind             |   MSE  |   MSE  |
+| blendshape          | chosen           |     r |   MSE  | best in budget   |   MSE  | best of all      |   MSE  | linear |
 |---------------------|------------------|------:|-------:|------------------|-------:|------------------|-------:|-------:|
 "
     .to_owned();
@@ -68,48 +69,66 @@ fn mse(trial: Option<&Trial>) -> String {
     trial.map_or("     -".to_owned(), |trial| format!("{:.4}", trial.mse))
 }
 
-/// A line for every kind: means over the blendshapes.
+/// A line for every kind and response: means over the blendshapes.
 fn by_kind(choices: &[Choice]) -> String {
     let mut text = "\
-| kind         | validation |     r |   MSE  |    bytes |       ns | features |  faces | chosen |
-|--------------|-----------:|------:|-------:|---------:|---------:|---------:|-------:|-------:|
+| kind             | validation |     r |   MSE  |    bytes |       ns | features |  faces | chosen |
+|------------------|-----------:|------:|-------:|---------:|---------:|---------:|-------:|-------:|
 "
     .to_owned();
-    let kinds = choices.first().map_or(0, |choice| choice.trials.len());
-    for place in 0..kinds {
-        let trials = || choices.iter().filter_map(|choice| choice.trials.get(place));
+    let Some(first) = choices.first() else { return text };
+    for (place, Trial { features, faces, .. }) in first.trials.iter().enumerate() {
         let chosen = choices.iter().filter(|choice| choice.chosen == Some(place)).count();
-        let first = trials().next();
+        let mean = |figure: fn(&Trial) -> f64| mean(choices.iter().map(|choice| figure(&choice.trials[place])));
         let _ = writeln!(
             text,
-            "| {:<12} | {:>10.4} | {:.3} | {:.4} | {:>8.0} | {:>8.0} | {:>8} | {:>6} | {chosen:>6} |",
-            first.map_or("", |trial| trial.kind),
-            mean(trials().map(|trial| trial.validation[0])),
-            mean(trials().map(|trial| trial.r)),
-            mean(trials().map(|trial| trial.mse)),
-            mean(trials().map(|trial| trial.bytes as f64)),
-            mean(trials().map(|trial| trial.nanoseconds)),
-            first.map_or(0, |trial| trial.features),
-            first.map_or(0, |trial| trial.faces),
+            "| {:<16} | {:>10.4} | {:>5.3} | {:.4} | {:>8.0} | {:>8.0} | {features:>8} | {faces:>6} | {chosen:>6} |",
+            first.trials[place].name(),
+            mean(|trial| trial.validation[0]),
+            mean(|trial| trial.r),
+            mean(|trial| trial.mse),
+            mean(|trial| trial.bytes as f64),
+            mean(|trial| trial.nanoseconds),
         );
     }
     text
 }
 
+/// What was chosen comes to, and how many blendshapes want which form.
 fn summary(choices: &[Choice]) -> String {
-    let chosen = || choices.iter().filter_map(|choice| choice.at(choice.chosen));
-    let bent = choices.iter().filter(|choice| choice.at(choice.chosen).is_some_and(|trial| trial.form != Form::Affine));
-    let bent: Vec<&str> = bent.map(|choice| choice.blendshape).collect();
-    format!(
-        "chosen: mean r {:.3}, mean MSE {:.4}, {} bytes in all\nmore than an affine map within the budget: {} of {}: {}",
-        mean(chosen().map(|trial| trial.r)),
-        mean(chosen().map(|trial| trial.mse)),
-        chosen().map(|trial| trial.bytes).sum::<usize>(),
-        bent.len(),
-        choices.len(),
-        bent.join(", ")
-    )
+    let chosen: Vec<(&str, &Trial)> =
+        choices.iter().filter_map(|choice| Some((choice.blendshape, choice.at(choice.chosen)?))).collect();
+    let trials = || chosen.iter().map(|(_, trial)| trial);
+    let mut text = format!(
+        "chosen: mean r {:.3}, mean MSE {:.4}, {} bytes in all\n",
+        mean(trials().map(|trial| trial.r)),
+        mean(trials().map(|trial| trial.mse)),
+        trials().map(|trial| trial.bytes).sum::<usize>(),
+    );
+    let bent = trials().filter(|trial| trial.form != Form::Affine).count();
+    let lifted = trials().filter(|trial| trial.form == Form::Affine && trial.response != Response::Plain).count();
+    let _ = writeln!(
+        text,
+        "{bent} of {} want more than an affine map, {lifted} an affine map of the transformed truth",
+        chosen.len()
+    );
+    for (form, words) in FORMS {
+        let names: Vec<&str> = chosen.iter().filter(|(_, trial)| trial.form == form).map(|(name, _)| *name).collect();
+        if !names.is_empty() {
+            let _ = writeln!(text, "{words}, {}: {}", names.len(), names.join(", "));
+        }
+    }
+    text
 }
+
+/// What runs on a board, in words.
+const FORMS: [(Form, &str); 5] = [
+    (Form::Affine, "affine"),
+    (Form::Exponential, "exponential"),
+    (Form::LogExponential, "log-exponential"),
+    (Form::Quadratic, "quadratic"),
+    (Form::HiddenLayer, "hidden layer"),
+];
 
 /// All figures.
 pub fn json(choices: &[Choice], split: &Split, budget: &Budget) -> Value {

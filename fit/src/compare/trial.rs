@@ -3,7 +3,7 @@
 use std::{hint::black_box, time::Instant};
 
 use anyhow::{Context, Result};
-use facewire::solve::COEFFS;
+use facewire::solve::BLENDSHAPES;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
@@ -88,13 +88,10 @@ impl<'a> Bench<'a> {
         self.trainings.iter().map(|(_, ranking)| ranking.best(blendshape, count)).collect()
     }
 
-    /// Tries a kind with every response that suits it, and keeps the one of the least validation error.
-    pub fn best_response(&self, kind: &dyn Kind, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Trial> {
+    /// Tries a kind with every response that suits it.
+    pub fn try_kind(&self, kind: &dyn Kind, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Vec<Trial>> {
         let responses = Response::tried_with(kind.form());
-        let trials = responses.iter().map(|response| self.run(kind, *response, blendshape, ranks));
-        let trials = trials.collect::<Result<Vec<_>>>()?;
-        let best = trials.into_iter().min_by(|a, b| a.validation[0].total_cmp(&b.validation[0]));
-        best.context("no response suits this kind")
+        responses.iter().map(|response| self.run(kind, *response, blendshape, ranks)).collect()
     }
 
     fn run(&self, kind: &dyn Kind, response: Response, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Trial> {
@@ -148,9 +145,8 @@ impl Job<'_> {
         let scale = Scale::of(self.bench.faces, &rows, features);
         let matrix = scale.matrix(self.bench.faces, &rows);
         let truth = self.bench.faces.truth(self.blendshape, &rows);
-        let model = with_response(kind, response, &matrix, &truth).with_context(|| {
-            format!("{} cannot be fitted to {}", kind.name(), facewire::solve::BLENDSHAPES[self.blendshape])
-        })?;
+        let model = with_response(kind, response, &matrix, &truth)
+            .with_context(|| format!("{} cannot be fitted to {}", kind.name(), BLENDSHAPES[self.blendshape]))?;
         Ok(Fitted { model, scale, faces: rows.len() })
     }
 }
@@ -227,9 +223,4 @@ impl Fitted {
         };
         (0..TIMED_PASSES).map(|_| pass()).fold(f64::INFINITY, f64::min)
     }
-}
-
-/// What a model of all blendshapes at once costs each of them.
-pub fn share(of_all: f64) -> f64 {
-    of_all / COEFFS as f64
 }

@@ -54,9 +54,9 @@ impl Kind for GradientBoosting {
     }
 }
 
-/// Fits a tree of at most this depth.
+/// Fits a tree of at most so many splits from root to leaf; `smartcore` counts nodes.
 pub fn tree(faces: &DenseMatrix<f64>, truth: &Vec<f64>, depth: u16) -> Result<Tree> {
-    let parameters = DecisionTreeRegressorParameters::default().with_max_depth(depth);
+    let parameters = DecisionTreeRegressorParameters::default().with_max_depth(depth + 1);
     Tree::fit(faces, truth, parameters).context("cannot grow a tree")
 }
 

@@ -14,6 +14,8 @@ mod neighbours;
 mod partial_least_squares;
 mod principal_components;
 mod quadratic;
+#[cfg(test)]
+mod reference_values;
 mod response;
 mod support_vectors;
 #[cfg(test)]

@@ -178,3 +178,35 @@ impl Restrict {
         Ok(all)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference;
+
+    fn restrict(blendshapes: &[&str], kinds: &[&str]) -> Restrict {
+        let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
+        Restrict { blendshapes: owned(blendshapes), ..Restrict::to_kinds(owned(kinds)) }
+    }
+
+    #[test]
+    fn names_that_nothing_has_are_refused_with_the_known_ones() {
+        let error = restrict(&[], &["ols", "lasso"]).kinds().err().unwrap().to_string();
+        assert!(error.contains("lasso") && error.contains("ridge") && error.contains(hidden_layer::NAME), "{error}");
+        assert!(restrict(&["tongueOut"], &[]).blendshapes().is_err());
+    }
+
+    #[test]
+    fn jaw_of_unseen_subjects_is_found_by_an_affine_map_and_better_by_a_quadratic_one() {
+        let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
+            return reference::say_skipped("dataset/");
+        };
+        let faces = Faces::new(&samples, true).unwrap();
+        let split = Split::new(&samples, 3, false).unwrap();
+        let tried = restrict(&["jawOpen"], &["ols", "poly"]).try_all(&samples, &faces, &split).unwrap();
+        let of = |kind: &str| tried[0].1.iter().find(|trial| trial.name() == kind).unwrap();
+        assert!(of("ols").r > 0.93 && of("poly").mse < of("ols").mse, "{:?}", [of("ols").mse, of("poly").mse]);
+        let [validation, error] = of("ols").validation;
+        assert!((validation - of("ols").mse).abs() < 4.0 * error, "{validation} {error}");
+    }
+}

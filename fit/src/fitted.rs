@@ -11,7 +11,7 @@ use crate::judge::{Faces, estimates, regression_ns};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
     /// What kind of model it is, in a few words.
-    pub kind: &'static str,
+    pub kind: String,
     /// Place in [`facewire::solve::BLENDSHAPES`].
     pub blendshape: usize,
     /// Its coefficient for every judged picture, in the order of the truth.
@@ -32,10 +32,10 @@ pub fn shipped(model: &Model, known: &Faces, unknown: &Faces, rows: &[usize]) ->
     Ok(fitted.into_iter().collect::<Result<Vec<_>>>()?.concat())
 }
 
-fn one(kind: &'static str, model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Fitted>> {
+fn one(kind: &str, model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Fitted>> {
     let nanoseconds = regression_ns(model, faces, rows)? / COEFFS as f64;
     let fitted = |(blendshape, predictions): (usize, Vec<f64>)| Fitted {
-        kind,
+        kind: kind.to_owned(),
         blendshape,
         predictions,
         degrees_of_freedom: MAX_HIDDEN,

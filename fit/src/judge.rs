@@ -7,6 +7,7 @@ use facewire::solve::{
     BLENDSHAPES, COEFFS, Camera, Correction, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised,
     normalise,
 };
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::{
@@ -54,6 +55,11 @@ impl<'a> Faces<'a> {
     /// True coefficients of a blendshape in pictures `rows`.
     pub fn truth(&self, blendshape: usize, rows: &[usize]) -> Vec<f64> {
         rows.iter().map(|row| self.samples[*row].truth[blendshape]).collect()
+    }
+
+    /// True coefficients of pictures `rows`, a column each.
+    pub fn truths(&self, rows: &[usize]) -> DMatrix<f64> {
+        DMatrix::from_fn(COEFFS, rows.len(), |blendshape, row| self.samples[rows[row]].truth[blendshape])
     }
 
     /// Features of picture `row`.

@@ -5,6 +5,7 @@
 
 mod basis;
 mod clip;
+mod compare;
 mod curves;
 mod dataset;
 mod design;
@@ -14,6 +15,7 @@ mod fitted;
 mod heat;
 mod html;
 mod judge;
+mod kinds;
 mod mirror;
 mod network;
 mod paper;
@@ -57,6 +59,8 @@ enum Command {
         #[arg(long, default_value_t = 90)]
         epochs: usize,
     },
+    /// Compare the paper's kinds of model on every blendshape, and choose one of them within a budget
+    Fit(compare::FitArgs),
     /// Judge a CSV of `facewire track` by true curves, or by another tracker's
     Evaluate(evaluate::EvaluateArgs),
     /// Print correlation and error of a model on a dataset, by facewire's own solver
@@ -107,6 +111,7 @@ fn main() -> ExitCode {
 fn run(command: Command) -> Result<()> {
     match command {
         Command::Train { dataset, out, epochs } => train(&dataset, &out, epochs),
+        Command::Fit(args) => compare::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Judge { dataset, model, all_subjects } => judge(&dataset, model.as_deref(), all_subjects),
         Command::Report(args) => report::run(&args),

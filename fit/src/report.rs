@@ -1,6 +1,6 @@
 //! `facewire-fit report`: the figures of every blendshape and kind of model, as one page of HTML with drawings.
 
-mod diagnostics;
+pub mod diagnostics;
 mod drawings;
 mod page;
 mod table;
@@ -11,6 +11,7 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::{
+    compare::{self, Restrict},
     dataset,
     fitted::{self, Fitted},
     html,
@@ -32,6 +33,9 @@ pub struct ReportArgs {
     /// Judge on all subjects: for data that the model was not fitted on.
     #[arg(long)]
     all_subjects: bool,
+    /// Kinds of model to fit and to show beside it, comma between, by the names of `fit`
+    #[arg(long, value_delimiter = ',', conflicts_with = "all_subjects")]
+    kinds: Vec<String>,
 }
 
 /// The pictures that all kinds of model are judged by.
@@ -53,7 +57,10 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let rows = known.rows(args.all_subjects);
     let described = describe(&args.dataset, rows.len(), args.all_subjects);
     let judged = Judged { known: &known, unknown: &unknown, rows, described };
-    let fitted = fitted::shipped(&load_model(args.model.as_deref())?, &known, &unknown, &judged.rows)?;
+    let mut fitted = fitted::shipped(&load_model(args.model.as_deref())?, &known, &unknown, &judged.rows)?;
+    if !args.kinds.is_empty() {
+        fitted.extend(compare::fitted(&samples, &known, &Restrict::to_kinds(args.kinds.clone()))?);
+    }
     write(&args.out, &judged, &fitted)
 }
 

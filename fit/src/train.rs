@@ -49,7 +49,8 @@ pub fn train(seen: &[Sample], samples: &[Sample], epochs: usize, made_by: String
     Ok(file)
 }
 
-fn fit(design: &Design, epochs: usize, mut file: ModelFile) -> Result<ModelFile> {
+/// Fits the model to a design, and fills it in.
+pub fn fit(design: &Design, epochs: usize, mut file: ModelFile) -> Result<ModelFile> {
     let scale = Scale::of(design, LEAST_FEATURE);
     let features = select(design, &scale, SELECTED)?;
     eprintln!("{} features of {SELECTED} landmarks selected", features.len());

@@ -67,7 +67,14 @@ mod tests {
     use super::*;
 
     fn fitted(predictions: Vec<f64>) -> Fitted {
-        Fitted { kind: "test", blendshape: 0, predictions, degrees_of_freedom: 1, bytes: 8, nanoseconds: 1.0 }
+        Fitted {
+            kind: "test".to_owned(),
+            blendshape: 0,
+            predictions,
+            degrees_of_freedom: 1,
+            bytes: 8,
+            nanoseconds: 1.0,
+        }
     }
 
     #[test]

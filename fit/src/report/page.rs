@@ -81,8 +81,8 @@ fn contents(sections: &[Section]) -> Markup {
 fn means(sections: &[Section]) -> Vec<Line> {
     let mut kinds: Vec<&str> = Vec::new();
     for (model, _) in sections.iter().flat_map(|section| &section.models) {
-        if !kinds.contains(&model.kind) {
-            kinds.push(model.kind);
+        if !kinds.contains(&model.kind.as_str()) {
+            kinds.push(&model.kind);
         }
     }
     let line = |kind: &str| {
@@ -116,7 +116,7 @@ impl Section<'_> {
         ];
         figures.extend(self.landmark_figures(landmarks)?);
         let lines: Vec<Line> =
-            self.models.iter().map(|(model, diagnostics)| Line::new(model.kind, model, diagnostics)).collect();
+            self.models.iter().map(|(model, diagnostics)| Line::new(&model.kind, model, diagnostics)).collect();
         Ok(html! {
             section id=(self.name) {
                 h2 { (self.name) }

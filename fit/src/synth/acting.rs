@@ -54,11 +54,11 @@ pub struct Mix {
     pub rest: f32,
 }
 
-/// An expression at random; `frames` are of recordings.
-pub fn random_expression(rng: &mut ChaCha8Rng, mix: Mix, frames: &[Coefficients]) -> Coefficients {
+/// An expression at random; `frames` are of recordings, `shapes` those that may show alone (all, if there are none).
+pub fn random_expression(rng: &mut ChaCha8Rng, mix: Mix, frames: &[Coefficients], shapes: &[usize]) -> Coefficients {
     let choice = rng.random_range(0.0..mix.single + mix.recorded + mix.combined + mix.rest);
     let mut weights = if choice < mix.single {
-        single(rng, frames)
+        single(rng, frames, shapes)
     } else if choice < mix.single + mix.recorded {
         recorded(rng, frames)
     } else if choice < mix.single + mix.recorded + mix.combined {
@@ -74,10 +74,11 @@ fn frame(rng: &mut ChaCha8Rng, frames: &[Coefficients]) -> Coefficients {
     frames.iter().choose(rng).copied().unwrap_or([0.0; COEFFS])
 }
 
-fn single(rng: &mut ChaCha8Rng, frames: &[Coefficients]) -> Coefficients {
+fn single(rng: &mut ChaCha8Rng, frames: &[Coefficients], shapes: &[usize]) -> Coefficients {
     let trace = rng.random_range(0.0..TRACE);
     let mut weights = frame(rng, frames).map(|value| trace * value);
-    let (index, strength) = (rng.random_range(0..COEFFS - 1), rng.random());
+    let any = rng.random_range(0..COEFFS - 1);
+    let (index, strength) = (shapes.get(any % shapes.len().max(1)).copied().unwrap_or(any), rng.random());
     weights[index] = strength;
     match &PARTNERS[index] {
         Some(partner) if partner.fixed => weights[partner.index] = strength,
@@ -165,7 +166,7 @@ mod tests {
         let frames = [[0.9; COEFFS], [0.1; COEFFS]];
         let (close, open, tongue) = (index_of("mouthClose"), index_of("jawOpen"), index_of("tongueOut"));
         for _ in 0..2000 {
-            let weights = random_expression(&mut rng, MIX, &frames);
+            let weights = random_expression(&mut rng, MIX, &frames, &[]);
             assert!(weights.iter().all(|value| (0.0..=1.0).contains(value)));
             assert!(weights[close] <= weights[open] && weights[tongue] == 0.0);
         }
@@ -175,10 +176,21 @@ mod tests {
     fn every_shape_but_the_tongue_is_drawn_strong_and_weak() {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
         let mix = Mix { recorded: 0.0, rest: 0.0, ..MIX };
-        let drawn: Vec<Coefficients> = (0..4000).map(|_| random_expression(&mut rng, mix, &[])).collect();
+        let drawn: Vec<Coefficients> = (0..4000).map(|_| random_expression(&mut rng, mix, &[], &[])).collect();
         for index in 0..COEFFS - 1 {
             let strong = drawn.iter().filter(|weights| weights[index] > 0.7).count();
             assert!(strong > 20, "{} {strong}", BLENDSHAPES[index]);
+        }
+    }
+
+    #[test]
+    fn chosen_shapes_are_the_only_ones_that_show_alone() {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let mix = Mix { recorded: 0.0, combined: 0.0, rest: 0.0, ..MIX };
+        let (puff, open) = (index_of("cheekPuff"), index_of("jawOpen"));
+        for _ in 0..200 {
+            let weights = random_expression(&mut rng, mix, &[], &[puff, open]);
+            assert!(weights.iter().enumerate().all(|(index, weight)| *weight == 0.0 || [puff, open].contains(&index)));
         }
     }
 

@@ -4,6 +4,7 @@ use std::{fmt::Write, path::PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
+use facewire::solve::BLENDSHAPES;
 
 use super::{acting::Mix, expression::Coefficients, kit::Kit, recording::Recording, sample::Choice};
 
@@ -51,6 +52,9 @@ pub struct Sources {
         value_name = "ONE,RECORDED,COMBINED,REST"
     )]
     pub mix: Vec<f32>,
+    /// Shapes that show alone instead of all, by ARKit name, comma between
+    #[arg(long, value_delimiter = ',')]
+    pub shapes: Vec<String>,
     /// Turn heads by just so many degrees to either side and up or down, in place of at random
     #[arg(long, num_args = 2, value_names = ["YAW", "PITCH"])]
     pub turn_deg: Vec<f32>,
@@ -98,6 +102,7 @@ impl Sources {
             eyes: chosen(set, eyes, &self.eyes)?,
             frames,
             mix: Mix { single, recorded, combined, rest },
+            shapes: named(&BLENDSHAPES.map(str::to_owned), &self.shapes)?,
             turn_deg: <[f32; 2]>::try_from(self.turn_deg.as_slice()).ok(),
         })
     }
@@ -108,7 +113,7 @@ impl Sources {
         writeln!(text, "set {set:?}, rig {}", self.rig.display())?;
         writeln!(text, "skins {:?}, brows {:?}, eyes {:?}", choice.skins, choice.brows, choice.eyes)?;
         writeln!(text, "curves {:?}, {} frames, mix {:?}", self.curves, choice.frames.len(), self.mix)?;
-        writeln!(text, "turn {:?}", choice.turn_deg)?;
+        writeln!(text, "turn {:?}, shapes {:?}", choice.turn_deg, self.shapes)?;
         Ok(text)
     }
 }
@@ -117,6 +122,10 @@ fn chosen(set: Set, known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
     if wanted.is_empty() {
         return Ok((0..known.len()).filter(|index| set.has(*index)).collect());
     }
+    named(known, wanted)
+}
+
+fn named(known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
     let find = |name: &String| {
         known
             .iter()

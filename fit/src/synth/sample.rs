@@ -51,6 +51,8 @@ pub struct Choice<'a> {
     pub frames: &'a [Coefficients],
     /// Kinds of expressions.
     pub mix: Mix,
+    /// Shapes that may show alone, instead of all.
+    pub shapes: Vec<usize>,
     /// Yaw and pitch of every head that is not the subject's neutral one, to either side, in place of turns at random.
     pub turn_deg: Option<[f32; 2]>,
 }
@@ -115,7 +117,8 @@ impl Subject {
     /// The next picture of the subject: neutral and nearly frontal, or at random.
     pub fn take(&mut self, choice: &Choice, neutral: bool) -> Take {
         let rng = &mut self.rng;
-        let weights = if neutral { [0.0; COEFFS] } else { random_expression(rng, choice.mix, choice.frames) };
+        let weights =
+            if neutral { [0.0; COEFFS] } else { random_expression(rng, choice.mix, choice.frames, &choice.shapes) };
         let angles_deg =
             if neutral { NEARLY_FRONTAL_DEG } else { TURN_DEG }.map(|(deviation, limit)| normal(rng, deviation, limit));
         let angles_deg = match choice.turn_deg {

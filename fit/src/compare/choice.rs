@@ -1,0 +1,124 @@
+//! Which kind of model a blendshape gets.
+
+use serde::Serialize;
+
+use super::trial::Trial;
+use crate::kinds::{Form, Response};
+
+/// What the model of one blendshape may cost.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Budget {
+    /// Memory.
+    pub bytes: usize,
+    /// Time for one face on this machine.
+    pub nanoseconds: f64,
+}
+
+impl Budget {
+    /// Whether the model can run on a board within the budget.
+    pub fn allows(&self, trial: &Trial) -> bool {
+        trial.form.runs_on_board() && trial.bytes <= self.bytes && trial.nanoseconds <= self.nanoseconds
+    }
+}
+
+/// A blendshape with all that was tried on it; choices are places in `trials`.
+#[derive(Debug, Clone, Serialize)]
+pub struct Choice {
+    /// Its ARKit name.
+    pub blendshape: &'static str,
+    /// What was tried, in the order of the kinds.
+    pub trials: Vec<Trial>,
+    /// The simplest within the budget that is no worse than the best within it by more than a standard error of that
+    /// one's validation error.
+    pub chosen: Option<usize>,
+    /// Of the least validation error within the budget.
+    pub best_within_budget: Option<usize>,
+    /// Of the least validation error.
+    pub best: Option<usize>,
+    /// Of the least validation error among affine maps of the features onto the plain truth.
+    pub linear: Option<usize>,
+}
+
+impl Choice {
+    /// Chooses among trials of a blendshape.
+    pub fn new(blendshape: &'static str, trials: Vec<Trial>, budget: &Budget) -> Self {
+        let least = |keep: &dyn Fn(&Trial) -> bool| {
+            let kept = trials.iter().enumerate().filter(|(_, trial)| keep(trial));
+            kept.min_by(|a, b| a.1.validation[0].total_cmp(&b.1.validation[0])).map(|(place, _)| place)
+        };
+        let best_within_budget = least(&|trial| budget.allows(trial));
+        let chosen = best_within_budget.and_then(|best| {
+            let most = trials[best].validation.iter().sum();
+            let tied = |trial: &Trial| budget.allows(trial) && trial.validation[0] <= most;
+            let simplest = trials.iter().filter(|trial| tied(trial)).map(simplicity).min()?;
+            least(&|trial| tied(trial) && simplicity(trial) == simplest)
+        });
+        let best = least(&|_| true);
+        let linear = least(&|trial| simplicity(trial) == (Form::Affine, Response::Plain));
+        Self { blendshape, trials, chosen, best_within_budget, best, linear }
+    }
+
+    /// One of the choices.
+    pub fn at(&self, place: Option<usize>) -> Option<&Trial> {
+        self.trials.get(place?)
+    }
+}
+
+/// The simplest are the least.
+fn simplicity(trial: &Trial) -> (Form, Response) {
+    (trial.form, trial.response)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trial(kind: &'static str, form: Form, validation: [f64; 2], bytes: usize) -> Trial {
+        Trial {
+            kind,
+            response: Response::Plain,
+            form,
+            validation,
+            r: 0.0,
+            mse: 0.0,
+            bytes,
+            nanoseconds: 1.0,
+            weights: 1,
+            faces: 1,
+            features: 1,
+            predictions: Vec::new(),
+        }
+    }
+
+    fn chosen(trials: Vec<Trial>) -> [Option<&'static str>; 4] {
+        let choice = Choice::new("jawOpen", trials, &Budget { bytes: 100, nanoseconds: 10.0 });
+        [choice.chosen, choice.best_within_budget, choice.best, choice.linear]
+            .map(|place| choice.at(place).map(|trial| trial.kind))
+    }
+
+    #[test]
+    fn simpler_kind_within_a_standard_error_of_the_best_is_chosen() {
+        let trials = |affine| {
+            vec![
+                trial("ols", Form::Affine, [affine, 0.1], 10),
+                trial("poly", Form::Quadratic, [1.0, 0.2], 10),
+                trial("gp-rbf", Form::Large, [0.5, 0.1], 10),
+            ]
+        };
+        assert_eq!(chosen(trials(1.19)), [Some("ols"), Some("poly"), Some("gp-rbf"), Some("ols")]);
+        assert_eq!(chosen(trials(1.21))[0], Some("poly"));
+    }
+
+    #[test]
+    fn among_equally_simple_kinds_the_better_is_chosen() {
+        let trials = vec![trial("ols", Form::Affine, [1.1, 0.5], 10), trial("ridge", Form::Affine, [1.0, 0.5], 10)];
+        assert_eq!(chosen(trials)[0], Some("ridge"));
+    }
+
+    #[test]
+    fn kind_over_the_budget_is_not_chosen() {
+        let trials = vec![trial("ols", Form::Affine, [2.0, 0.1], 10), trial("poly", Form::Quadratic, [1.0, 0.1], 101)];
+        assert_eq!(chosen(trials), [Some("ols"), Some("ols"), Some("poly"), Some("ols")]);
+        assert_eq!(chosen(vec![trial("gp-rbf", Form::Large, [1.0, 0.1], 1)])[..2], [None, None]);
+    }
+}

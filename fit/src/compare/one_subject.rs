@@ -1,0 +1,66 @@
+//! The paper's table of models for one avatar, with ours above it.
+
+use std::fmt::Write as _;
+
+use facewire::solve::BLENDSHAPES;
+
+use super::{as_fitted, choice::Choice, split::Split};
+use crate::{
+    judge::Faces,
+    paper::{CHEEK_PUFF, MODELS_TITLE, ModelRow, SMILE_LEFT},
+    report::diagnostics::Diagnostics,
+    statistics::Tested,
+};
+
+/// Tables of the two blendshapes that the paper reports, as far as they were fitted.
+pub fn text(choices: &[Choice], faces: &Faces, split: &Split) -> String {
+    let papers: [(&str, &[ModelRow]); 2] = [("mouthSmileLeft", &SMILE_LEFT), ("cheekPuff", &CHEEK_PUFF)];
+    let mut text = String::new();
+    for (blendshape, paper) in papers {
+        if let Some(choice) = choices.iter().find(|choice| choice.blendshape == blendshape) {
+            let _ = writeln!(text, "\n{blendshape}, and below the paper's ({MODELS_TITLE})\n{HEAD}");
+            text.extend(lines(choice, faces, split));
+            text.extend(paper.iter().map(of_paper));
+        }
+    }
+    text
+}
+
+const HEAD: &str = "\
+| kind             |     R2 |    xi |    MSE |   DW |     BP |  p(BP) |       F |    SW |    bytes |       ns |
+|------------------|-------:|------:|-------:|-----:|-------:|-------:|--------:|------:|---------:|---------:|";
+
+fn lines(choice: &Choice, faces: &Faces, split: &Split) -> Vec<String> {
+    let blendshape = BLENDSHAPES.iter().position(|name| *name == choice.blendshape).unwrap_or(0);
+    let truth = faces.truth(blendshape, &split.held_out);
+    let line = |trial: &super::Trial| {
+        let fitted = as_fitted(blendshape, trial.clone());
+        let found = Diagnostics::new(&fitted, &truth);
+        let statistic = |tested: Option<Tested>, decimals: usize| {
+            tested.map_or("-".to_owned(), |tested| format!("{:.decimals$}", tested.statistic))
+        };
+        format!(
+            "| {:<16} | {:>6.4} | {:.3} | {:.4} | {:.2} | {:>6} | {:>6} | {:>7} | {:>5} | {:>8} | {:>8.0} |\n",
+            fitted.kind,
+            found.r_squared,
+            found.xi,
+            found.mse,
+            found.durbin_watson,
+            statistic(found.breusch_pagan, 1),
+            found.breusch_pagan.map_or("-".to_owned(), |test| format!("{:.0e}", test.p)),
+            statistic(found.f, 0),
+            statistic(found.shapiro_wilk, 3),
+            fitted.bytes,
+            fitted.nanoseconds
+        )
+    };
+    choice.trials.iter().map(line).collect()
+}
+
+fn of_paper(row: &ModelRow) -> String {
+    let [r_squared, xi, mse, durbin_watson, shapiro_wilk] = row.figures;
+    let (kind, bytes) = (format!("  {}", row.kind), row.bytes);
+    format!(
+        "| {kind:<16} | {r_squared:>6.4} | {xi:.3} | {mse:.4} | {durbin_watson:.2} |        |        |         | {shapiro_wilk:.3} | {bytes:>8} |          |\n"
+    )
+}

@@ -1,0 +1,153 @@
+//! Multiple linear regression, by ordinary least squares and with a ridge.
+
+use anyhow::{Context, Result};
+use nalgebra::{DMatrix, DVector};
+
+use super::{Form, Kind, Limits, Predictor, WIDE};
+
+/// Ridge of a standardised feature, in parts of its variance.
+const RIDGE: f64 = 0.001;
+/// What keeps ordinary least squares defined where features repeat each other.
+const TINY: f64 = 1e-9;
+
+/// Ordinary least squares.
+pub struct LeastSquares;
+
+/// Least squares with a penalty on the squares of the weights.
+pub struct Ridge;
+
+/// `w f + b`.
+pub struct Affine {
+    weights: DVector<f64>,
+    offset: f64,
+    degrees_of_freedom: usize,
+}
+
+impl Kind for LeastSquares {
+    fn name(&self) -> &'static str {
+        "ols"
+    }
+
+    fn form(&self) -> Form {
+        Form::Affine
+    }
+
+    fn limits(&self) -> Limits {
+        WIDE
+    }
+
+    fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
+        Ok(Box::new(Affine::least_squares(faces, truth, TINY)?))
+    }
+}
+
+impl Kind for Ridge {
+    fn name(&self) -> &'static str {
+        "ridge"
+    }
+
+    fn form(&self) -> Form {
+        Form::Affine
+    }
+
+    fn limits(&self) -> Limits {
+        WIDE
+    }
+
+    fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
+        Ok(Box::new(Affine::least_squares(faces, truth, RIDGE)?))
+    }
+}
+
+impl Affine {
+    /// A map found by other means.
+    pub fn new(weights: DVector<f64>, centre: &Centre, degrees_of_freedom: usize) -> Self {
+        let offset = centre.truth - weights.dot(&centre.face);
+        Self { weights, offset, degrees_of_freedom }
+    }
+
+    /// Least squares, with a penalty of `ridge` faces' worth per face on the squared weights.
+    pub fn least_squares(faces: &DMatrix<f64>, truth: &[f64], ridge: f64) -> Result<Self> {
+        let (faces, truth, centre) = centred(faces, truth);
+        let transposed = faces.transpose();
+        let weights = solve(&transposed * faces, &(transposed * truth), ridge)?;
+        let degrees_of_freedom = weights.len();
+        Ok(Self::new(weights, &centre, degrees_of_freedom))
+    }
+
+    /// Takes weight and offset apart.
+    pub fn parts(self) -> (DVector<f64>, f64) {
+        (self.weights, self.offset)
+    }
+}
+
+/// Solves `(A + ridge mean(diag A)) w = c`.
+pub fn solve(mut gram: DMatrix<f64>, cross: &DVector<f64>, ridge: f64) -> Result<DVector<f64>> {
+    let penalty = ridge * gram.diagonal().mean();
+    (0..gram.nrows()).for_each(|index| gram[(index, index)] += penalty);
+    Ok(gram.cholesky().context("no feature varies in these faces")?.solve(cross))
+}
+
+/// Means that were taken away.
+pub struct Centre {
+    /// Of each feature.
+    pub face: DVector<f64>,
+    /// Of the truth.
+    pub truth: f64,
+}
+
+/// Faces and truth less their means.
+pub fn centred(faces: &DMatrix<f64>, truth: &[f64]) -> (DMatrix<f64>, DVector<f64>, Centre) {
+    let mut truth = DVector::from_column_slice(truth);
+    let centre = Centre { face: faces.row_mean().transpose(), truth: truth.mean() };
+    let mut faces = faces.clone();
+    faces.column_iter_mut().zip(&centre.face).for_each(|(mut column, mean)| column.add_scalar_mut(-mean));
+    truth.add_scalar_mut(-centre.truth);
+    (faces, truth, centre)
+}
+
+/// Sum of products.
+pub fn dot<'a>(weights: impl IntoIterator<Item = &'a f64>, values: &[f64]) -> f64 {
+    weights.into_iter().zip(values).map(|(weight, value)| weight * value).sum()
+}
+
+impl Predictor for Affine {
+    fn predict(&self, face: &[f64]) -> f64 {
+        self.offset + dot(self.weights.as_slice(), face)
+    }
+
+    fn weights(&self) -> usize {
+        self.degrees_of_freedom
+    }
+
+    fn numbers(&self) -> usize {
+        self.weights.len() + 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kinds::test_faces::{faces, largest_error};
+
+    #[test]
+    fn affine_map_is_found_again() {
+        let truth = |face: &[f64]| 0.3 + 0.2 * face[0] - 0.1 * face[2];
+        assert!(largest_error(&LeastSquares, truth) < 1e-7);
+    }
+
+    #[test]
+    fn ridge_shrinks_the_weight_of_a_lone_feature_by_a_thousandth() {
+        let (faces, truth) = faces(200, 1, |face| face[0]);
+        let [line, ridge] = [&LeastSquares as &dyn Kind, &Ridge].map(|kind| kind.fit(&faces, &truth).unwrap());
+        let slope = |model: &dyn Predictor| model.predict(&[1.0]) - model.predict(&[0.0]);
+        assert!((slope(&*line) / slope(&*ridge) - 1.0 - RIDGE).abs() < 1e-6);
+    }
+
+    #[test]
+    fn repeated_features_share_a_weight() {
+        let (one, truth) = faces(50, 1, |face| face[0]);
+        let twice = DMatrix::from_fn(50, 2, |row, _| one[(row, 0)]);
+        assert!((LeastSquares.fit(&twice, &truth).unwrap().predict(&[0.5, 0.5]) - 0.5).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,160 @@
+//! Multiple exponential and log-exponential regression.
+//!
+//! The paper names both without an equation. They are read as `y = exp(w f + b) - c`, in which the logarithm of the
+//! coefficient (lifted by `c`, for most are 0) is linear in the features; and as the same of `sign(f) ln(1 + |f|)`, for
+//! displacements have signs. The fit of the logarithm is where the fit of the coefficient itself starts
+//! (Levenberg and Marquardt): by itself it would weigh errors near 0 most.
+
+use anyhow::Result;
+use nalgebra::{DMatrix, DVector};
+
+use super::{
+    Form, Kind, Limits, Predictor, WIDE,
+    affine::{Affine, dot, solve},
+};
+
+/// `c`: the steepest and the flattest part of the curve are as 1 to `(1 + c) / c`.
+const LIFT: f64 = 0.25;
+/// Exponents are kept below this: coefficients end at 1.
+const MOST: f64 = 1.0;
+/// Ridge of the start, and of every step at first; in parts of the mean variance.
+const RIDGE: f64 = 0.001;
+/// Steps of the fit.
+const STEPS: usize = 12;
+/// By how much the ridge of a step falls after a good one and grows after a bad one.
+const EASE: f64 = 0.3;
+const STRAIN: f64 = 5.0;
+
+/// Exponential of an affine map.
+pub struct Exponential;
+
+/// Exponential of an affine map of logarithms.
+pub struct LogExponential;
+
+struct Fitted {
+    weights: DVector<f64>,
+    offset: f64,
+    of_logarithms: bool,
+}
+
+impl Kind for Exponential {
+    fn name(&self) -> &'static str {
+        "exp"
+    }
+
+    fn form(&self) -> Form {
+        Form::Exponential
+    }
+
+    fn limits(&self) -> Limits {
+        WIDE
+    }
+
+    fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
+        let (weights, offset) = fit(faces, truth)?;
+        Ok(Box::new(Fitted { weights, offset, of_logarithms: false }))
+    }
+}
+
+impl Kind for LogExponential {
+    fn name(&self) -> &'static str {
+        "log-exp"
+    }
+
+    fn form(&self) -> Form {
+        Form::LogExponential
+    }
+
+    fn limits(&self) -> Limits {
+        WIDE
+    }
+
+    fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
+        let (weights, offset) = fit(&faces.map(logarithm), truth)?;
+        Ok(Box::new(Fitted { weights, offset, of_logarithms: true }))
+    }
+}
+
+fn logarithm(feature: f64) -> f64 {
+    feature.signum() * feature.abs().ln_1p()
+}
+
+/// Weights and offset of the exponent.
+fn fit(faces: &DMatrix<f64>, truth: &[f64]) -> Result<(DVector<f64>, f64)> {
+    let lifted: Vec<f64> = truth.iter().map(|truth| truth.max(0.0) + LIFT).collect();
+    let logarithms: Vec<f64> = lifted.iter().map(|truth| truth.ln()).collect();
+    let (weights, offset) = Affine::least_squares(faces, &logarithms, RIDGE)?.parts();
+    let faces = faces.clone().insert_column(faces.ncols(), 1.0);
+    let mut weights = weights.push(offset);
+    let truth = DVector::from_vec(lifted);
+    let (mut errors, mut ridge) = (errors(&faces, &weights, &truth), RIDGE);
+    for _ in 0..STEPS {
+        let next = &weights + step(&faces, &errors, ridge)?;
+        let next_errors = self::errors(&faces, &next, &truth);
+        if next_errors.left.norm_squared() < errors.left.norm_squared() {
+            (weights, errors, ridge) = (next, next_errors, ridge * EASE);
+        } else {
+            ridge *= STRAIN;
+        }
+    }
+    let last = weights.len() - 1;
+    let offset = weights[last];
+    Ok((weights.remove_row(last), offset))
+}
+
+/// What an exponent gives, and what it leaves of the truth.
+struct Errors {
+    estimates: DVector<f64>,
+    left: DVector<f64>,
+}
+
+fn errors(faces: &DMatrix<f64>, weights: &DVector<f64>, truth: &DVector<f64>) -> Errors {
+    let estimates = (faces * weights).map(|exponent| exponent.min(MOST).exp());
+    Errors { left: truth - &estimates, estimates }
+}
+
+/// Of Gauss and Newton, with a ridge: the slope of an exponential is the exponential.
+fn step(faces: &DMatrix<f64>, errors: &Errors, ridge: f64) -> Result<DVector<f64>> {
+    let mut slopes = faces.clone();
+    slopes.column_iter_mut().for_each(|mut column| column.component_mul_assign(&errors.estimates));
+    let transposed = slopes.transpose();
+    solve(&transposed * &slopes, &(transposed * &errors.left), ridge)
+}
+
+impl Predictor for Fitted {
+    fn predict(&self, face: &[f64]) -> f64 {
+        let sum = if self.of_logarithms {
+            self.weights.iter().zip(face).map(|(weight, feature)| weight * logarithm(*feature)).sum()
+        } else {
+            dot(self.weights.as_slice(), face)
+        };
+        (self.offset + sum).min(MOST).exp() - LIFT
+    }
+
+    fn weights(&self) -> usize {
+        self.weights.len()
+    }
+
+    fn numbers(&self) -> usize {
+        self.weights.len() + 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kinds::test_faces::largest_error;
+
+    #[test]
+    fn exponential_of_an_affine_map_is_found_again() {
+        let truth = |face: &[f64]| (-0.6 + 0.3 * face[0] - 0.2 * face[1]).exp() - LIFT;
+        assert!(largest_error(&Exponential, truth) < 1e-6);
+    }
+
+    #[test]
+    fn exponential_of_logarithms_is_found_again() {
+        let truth = |face: &[f64]| (-0.6 + 0.5 * logarithm(face[0]) - 0.3 * logarithm(face[2])).exp() - LIFT;
+        assert!(largest_error(&LogExponential, truth) < 1e-6);
+        assert!(largest_error(&Exponential, truth) > 1e-3);
+    }
+}

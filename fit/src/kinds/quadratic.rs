@@ -1,0 +1,108 @@
+//! Polynomial regression of degree 2.
+
+use anyhow::Result;
+use nalgebra::DMatrix;
+
+use super::{
+    Form, Kind, Limits, Predictor, WIDE,
+    affine::{Affine, dot},
+};
+
+/// Features that are multiplied with each other: all 64 would make 2,080 products.
+const MULTIPLIED: usize = 24;
+/// Ridge of a feature or product, in parts of their mean variance.
+const RIDGE: f64 = 0.001;
+
+/// Least squares on features, and on squares and products of the first of them, with a ridge.
+pub struct Quadratic;
+
+struct Fitted {
+    offset: f64,
+    linear: Vec<f64>,
+    /// Of the products of each multiplied feature with itself and later ones, one after another.
+    products: Vec<f64>,
+}
+
+impl Kind for Quadratic {
+    fn name(&self) -> &'static str {
+        "poly"
+    }
+
+    fn form(&self) -> Form {
+        Form::Quadratic
+    }
+
+    fn limits(&self) -> Limits {
+        WIDE
+    }
+
+    fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
+        let (mut weights, offset) = Affine::least_squares(&with_products(faces), truth, RIDGE)?.parts();
+        let products = weights.as_mut_slice()[faces.ncols()..].to_vec();
+        Ok(Box::new(Fitted { offset, linear: weights.as_slice()[..faces.ncols()].to_vec(), products }))
+    }
+}
+
+/// Features, and beside them their products: first with first to last, second with second to last, and so on.
+fn with_products(faces: &DMatrix<f64>) -> DMatrix<f64> {
+    let (features, multiplied) = (faces.ncols(), faces.ncols().min(MULTIPLIED));
+    let pairs: Vec<_> = (0..multiplied).flat_map(|one| (one..multiplied).map(move |other| (one, other))).collect();
+    let mut all = faces.clone().resize_horizontally(features + pairs.len(), 0.0);
+    for (place, (one, other)) in pairs.into_iter().enumerate() {
+        all.set_column(features + place, &faces.column(one).component_mul(&faces.column(other)));
+    }
+    all
+}
+
+impl Predictor for Fitted {
+    fn predict(&self, face: &[f64]) -> f64 {
+        let multiplied = &face[..face.len().min(MULTIPLIED)];
+        let mut left = self.products.as_slice();
+        let mut sum = self.offset + dot(&self.linear, face);
+        for (place, value) in multiplied.iter().enumerate() {
+            let (own, rest) = left.split_at(multiplied.len() - place);
+            left = rest;
+            sum += value * dot(own, &multiplied[place..]);
+        }
+        sum
+    }
+
+    fn weights(&self) -> usize {
+        self.linear.len() + self.products.len()
+    }
+
+    fn numbers(&self) -> usize {
+        self.weights() + 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kinds::test_faces::{faces, unexplained};
+
+    #[test]
+    fn squares_and_products_are_found() {
+        let truth = |face: &[f64]| 0.2 + 0.1 * face[0] + 0.3 * face[0] * face[2] - 0.2 * face[1].powi(2);
+        assert!(unexplained(&Quadratic, 300, truth) < 1e-3);
+    }
+
+    #[test]
+    fn features_beyond_the_multiplied_ones_enter_by_themselves() {
+        let (faces, truth) = faces(500, 30, |face| face[0] * face[1] + 0.5 * face[29]);
+        let model = Quadratic.fit(&faces, &truth).unwrap();
+        let row: Vec<f64> = faces.row(3).iter().copied().collect();
+        assert!((model.predict(&row) - truth[3]).abs() < 0.02);
+        assert_eq!(model.weights(), 30 + 24 * 25 / 2);
+    }
+
+    #[test]
+    fn prediction_is_the_affine_map_of_features_and_products() {
+        let (faces, truth) = faces(100, 4, |face| face[0] * face[3] + face[1]);
+        let model = Quadratic.fit(&faces, &truth).unwrap();
+        let map = Affine::least_squares(&with_products(&faces), &truth, RIDGE).unwrap();
+        let row: Vec<f64> = with_products(&faces).row(5).iter().copied().collect();
+        assert!((model.predict(&row[..4]) - map.predict(&row)).abs() < 1e-12);
+        assert_eq!(model.weights(), 14);
+    }
+}

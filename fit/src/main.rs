@@ -126,7 +126,9 @@ fn run(command: Command) -> Result<()> {
 
 fn train(dataset: &Path, out: &Path, epochs: usize) -> Result<()> {
     let samples = dataset::load(dataset)?;
-    let made_by = format!("facewire-fit train {} --epochs {epochs}", dataset.display());
+    let pictures = std::fs::read_to_string(synth::run::provenance(dataset)).unwrap_or_default();
+    let pictures = pictures.lines().next().map(|line| format!("; pictures: {line}")).unwrap_or_default();
+    let made_by = format!("facewire-fit train {} --epochs {epochs}{pictures}", dataset.display());
     let file = train::train(&mirror::with_mirrored(&samples)?, &samples, epochs, made_by)?;
     std::fs::write(out, toml::to_string(&file)?).with_context(|| format!("cannot write {}", out.display()))?;
     judge_on(&file.to_model()?, &samples, false)

@@ -108,9 +108,9 @@ impl Sources {
     }
 
     /// What decides the pictures, as text.
-    pub fn describe(&self, set: Set, choice: &Choice) -> Result<String> {
+    pub fn describe(&self, choice: &Choice) -> Result<String> {
         let mut text = String::new();
-        writeln!(text, "set {set:?}, rig {}", self.rig.display())?;
+        writeln!(text, "rig {}", self.rig.display())?;
         writeln!(text, "skins {:?}, brows {:?}, eyes {:?}", choice.skins, choice.brows, choice.eyes)?;
         writeln!(text, "curves {:?}, {} frames, mix {:?}", self.curves, choice.frames.len(), self.mix)?;
         writeln!(text, "turn {:?}, shapes {:?}", choice.turn_deg, self.shapes)?;

@@ -26,7 +26,7 @@ const EDITION: u32 = 3;
 /// What `synth` takes.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// Archive to write (npz); names.json is written beside it
+    /// Archive to write (npz); beside it names.json, and what decided the pictures (txt)
     out: PathBuf,
     /// Pictures in all
     #[arg(long, default_value_t = 50_000)]
@@ -78,8 +78,9 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
     let choice = options.sources.choice(options.set, &kit, &frames)?;
     let Options { seed, per_subject, .. } = options;
     let settings = format!(
-        "edition {EDITION}, seed {seed}, {per_subject} pictures a subject of {width} x {height}\n{}",
-        options.sources.describe(options.set, &choice)?
+        "synth edition {EDITION}, seed {seed}, set {:?}, {per_subject} pictures a subject of {width} x {height}\n{}",
+        options.set,
+        options.sources.describe(&choice)?
     );
     let shards = Shards::open(&options.out, &settings)?;
     let studio = Studio { kit: &kit, choice: &choice, size: [width, height], seed: options.set.seed(*seed) };
@@ -100,9 +101,16 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
     job.report(job.on_all_threads()?);
     if whole {
         finish(options, &shards, job.subjects())?;
+        let told = provenance(&options.out);
+        std::fs::write(&told, &settings).with_context(|| format!("cannot write {}", told.display()))?;
         shards.remove()?;
     }
     Ok(())
+}
+
+/// The file beside an archive that says what decided its pictures; the first line in a few words.
+pub fn provenance(archive: &Path) -> PathBuf {
+    archive.with_extension("txt")
 }
 
 /// Joins the shards, and says what is in the archive and what is not.

@@ -18,6 +18,7 @@ use super::counters::Counters;
 use super::event::Event;
 use super::exchange::Exchange;
 use super::heartbeat::Phase;
+use super::realtime;
 use super::report::Report;
 use super::times::between;
 use crate::capture::{CaptureError, Frame, FrameRate, Source, monotonic_us};
@@ -108,6 +109,7 @@ impl HotLoop {
         self.deadline = self.frame_period(source);
         self.last_captured_us = None;
         self.pipeline.tracker.forget();
+        realtime::leave_room_in_heap();
         self.tell(Event::Opened(source.describe().to_string()));
     }
 

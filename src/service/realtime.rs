@@ -4,6 +4,7 @@
 //! status says so. Priority is set by thread, after the networks are loaded: a policy for the whole process would give
 //! it to ONNX Runtime's own threads, too.
 
+use std::hint::black_box;
 use std::{fmt, io};
 
 use rustix::mm::{MlockAllFlags, mlockall};
@@ -15,6 +16,9 @@ use thread_priority::unix::{
 use thread_priority::{Error, ThreadPriority};
 
 use crate::config::RealtimeSettings;
+
+/// Room at the end of a heap. From 128 KiB on, it would not come from the heap.
+const HEAP_ROOM_BYTES: usize = 120 * 1024;
 
 /// Something asked of the system, and what it said.
 #[derive(Debug, PartialEq, Eq)]
@@ -116,6 +120,13 @@ fn set_cpu(cpu: usize) -> Result<(), String> {
 pub(super) fn lock_memory() -> Grant {
     let outcome = mlockall(MlockAllFlags::CURRENT).map_err(|error| io::Error::from(error).to_string());
     Grant::new("memory locked".to_owned(), outcome, "give the service LimitMEMLOCK (systemd) or a memlock limit")
+}
+
+/// Leaves room at the end of the calling thread's heap. What libraries take and give back there from frame to frame may
+/// need another page only after hours, when the pieces lie unluckily, and growth costs a page fault even where memory is
+/// locked. The GNU C library keeps this much: it gives back what is beyond 128 KiB.
+pub(super) fn leave_room_in_heap() {
+    drop(black_box(vec![1_u8; HEAP_ROOM_BYTES]));
 }
 
 #[cfg(test)]

@@ -52,10 +52,16 @@ impl Brow {
         Ok(Self { on_face, in_texture, floor: 1.0 - floor_row as f32 / height as f32, texture, triangles })
     }
 
+    /// How far out along the brow a vertex of the head at rest lies: 0 at the inner end, 1 at the outer.
+    pub fn along(&self, rest: Vec3) -> f32 {
+        let [inner, outer] = self.on_face;
+        (rest.x.abs() - inner.x) / (outer.x - inner.x)
+    }
+
     /// Where a vertex of the head at rest lies in the texture: along the line between the ends, and as far above it.
     pub fn place(&self, rest: Vec3) -> Vec2 {
         let ([inner, outer], [from, to]) = (self.on_face, self.in_texture);
-        let along = (rest.x.abs() - inner.x) / (outer.x - inner.x);
+        let along = self.along(rest);
         let scale = (to.x - from.x) / (outer.x - inner.x);
         from.lerp(to, along) + Vec2::new(0.0, scale * (rest.y - inner.lerp(outer, along).y))
     }

@@ -36,8 +36,10 @@ pub struct Looks {
     pub beard: f32,
     /// Colour of the brows, and how opaque they are.
     pub brow_colour: (Vec3, f32),
-    /// How much higher than usual the brows are, centimetres, and how much thicker (1 as drawn).
-    pub brow_shape: [f32; 2],
+    /// How much higher than usual the brows are at their inner and at their outer end, centimetres.
+    pub brow_lift: [f32; 2],
+    /// How much thicker the brows are (1 as drawn).
+    pub brow_thickness: f32,
     /// Radius of the iris over that of the eyeball.
     pub iris: f32,
     /// How opaque the lashes are.
@@ -85,11 +87,13 @@ impl Person {
                 .map(|(depth, normal)| *normal * volume * smoothstep(0.0, 1.6, *depth));
             base.iter_mut().zip(grown).for_each(|(point, offset)| *point += offset);
         }
-        let [lift, thickness] = looks.brow_shape;
+        let brow = &kit.brows[looks.brow];
         let middle = kit.rig.landmark(24).y;
-        let brow = |point: &Vec3| {
-            let y = middle + (point.y - middle - lift) / thickness;
-            kit.brows[looks.brow].place(Vec3::new(point.x, y, point.z))
+        let brow_at = |point: &Vec3| {
+            let [inner, outer] = looks.brow_lift;
+            let lift = inner + (outer - inner) * brow.along(*point);
+            let y = middle + (point.y - middle - lift) / looks.brow_thickness;
+            brow.place(Vec3::new(point.x, y, point.z))
         };
         let mouth = (kit.rig.landmark(48) + kit.rig.landmark(54)) / 2.0;
         let skin = &kit.skins[looks.skin];
@@ -101,7 +105,7 @@ impl Person {
                 rest: point.extend(looks.beard * beard_at(point, mouth)),
             }
         };
-        Self { covers: (0..rest.len()).map(cover).collect(), brow_uv: rest.iter().map(brow).collect(), base, looks }
+        Self { covers: (0..rest.len()).map(cover).collect(), brow_uv: rest.iter().map(brow_at).collect(), base, looks }
     }
 }
 

@@ -187,11 +187,18 @@ fn looks(rng: &mut ChaCha8Rng, kit: &Kit, choice: &Choice) -> Looks {
         hairline: normal(rng, 0.6, 1.5),
         beard: if bearded { rng.random_range(0.15..0.95) } else { 0.0 },
         brow_colour: (brow, rng.random_range(0.6..1.0)),
-        brow_shape: [normal(rng, 0.26, 0.7), rng.random_range(1.0..1.9)],
+        brow_lift: brow_lift(rng),
+        brow_thickness: rng.random_range(1.0..1.9),
         iris: rng.random_range(0.355..0.42),
         lashes: rng.random_range(0.05..0.5),
         cloth: (cloth_colour(rng), normal(rng, 1.0, 2.0) - 13.0),
     }
+}
+
+/// Of the inner and the outer end, centimetres: high or low, level or arched.
+fn brow_lift(rng: &mut ChaCha8Rng) -> [f32; 2] {
+    let (inner, tilt) = (normal(rng, 0.22, 0.6), normal(rng, 0.22, 0.5));
+    [inner, inner + tilt]
 }
 
 /// Mostly dull.

@@ -173,14 +173,14 @@ mod tests {
     use crate::{dataset, reference};
 
     #[test]
-    fn shipped_model_correlates_on_subjects_the_fit_never_saw() {
+    fn shipped_model_correlates_on_faces_of_another_renderer_and_tracker() {
         let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
             return reference::say_skipped("dataset/");
         };
         let model = Model::embedded().expect("shipped");
-        for (neutral_known, least_r, most_mse) in [(true, 0.7, 0.011), (false, 0.66, 0.012)] {
+        for (neutral_known, least_r, most_mse) in [(true, 0.72, 0.011), (false, 0.66, 0.013)] {
             let faces = Faces::new(&samples, neutral_known).expect("faces");
-            let mean = mean_of(&scores(&model, &faces).expect("scores"));
+            let mean = mean_of(&scores_of(&model, &faces, &faces.rows(true)).expect("scores"));
             assert!(mean.r >= least_r && mean.mse <= most_mse, "neutral known: {neutral_known}, {mean:?}");
         }
     }

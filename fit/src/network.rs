@@ -25,11 +25,14 @@ pub struct Network {
     pub b: DVector<f32>,
 }
 
-/// Inputs and what the outputs should be, a column for each face, and how loud the noise on each input is.
+/// Inputs and what the outputs should be, a column for each face.
 pub struct Lesson {
     pub inputs: DMatrix<f32>,
     pub truth: DMatrix<f32>,
+    /// How loud the noise on each input is.
     pub noise: Vec<f32>,
+    /// How much an error of each output counts.
+    pub importance: Vec<f32>,
 }
 
 impl Network {
@@ -52,7 +55,7 @@ impl Network {
         for epoch in 0..epochs {
             random.shuffle(&mut order);
             for faces in order.chunks(BATCH).filter(|faces| faces.len() == BATCH.min(order.len())) {
-                let gradient = network.gradient(&lesson.batch(faces, &mut random), &lesson.truth.select_columns(faces));
+                let gradient = network.gradient(&lesson.batch(faces, &mut random));
                 let rate = RATE * 0.5 * (1.0 + (std::f32::consts::PI * adam.steps as f32 / steps).cos());
                 adam.step(&mut network, gradient, rate);
             }
@@ -62,18 +65,19 @@ impl Network {
     }
 
     /// Gradient of the squared error, in the order of [`Network::parameters`].
-    fn gradient(&self, inputs: &DMatrix<f32>, truth: &DMatrix<f32>) -> [DMatrix<f32>; 4] {
-        let mut hidden = &self.w * inputs;
+    fn gradient(&self, lesson: &Lesson) -> [DMatrix<f32>; 4] {
+        let mut hidden = &self.w * &lesson.inputs;
         hidden.column_iter_mut().for_each(|mut column| column += &self.a);
         hidden.apply(|value| *value = value.max(0.0));
         let mut error = &self.v * &hidden;
         error.column_iter_mut().for_each(|mut column| column += &self.b);
-        error.zip_apply(truth, |output, truth| *output = weighed_error(*output, truth));
-        error *= 2.0 / error.len() as f32;
+        error.zip_apply(&lesson.truth, |output, truth| *output = weighed_error(*output, truth));
+        let importance = lesson.importance.iter().map(|importance| 2.0 * importance / lesson.truth.len() as f32);
+        error.row_iter_mut().zip(importance).for_each(|(mut row, importance)| row *= importance);
         let mut back = self.v.tr_mul(&error);
         back.zip_apply(&hidden, |slope, value| *slope = if value > 0.0 { *slope } else { 0.0 });
         let sum = |matrix: &DMatrix<f32>| DMatrix::from_column_slice(matrix.nrows(), 1, matrix.column_sum().as_slice());
-        [&back * inputs.transpose(), sum(&back), &error * hidden.transpose(), sum(&error)]
+        [&back * lesson.inputs.transpose(), sum(&back), &error * hidden.transpose(), sum(&error)]
     }
 
     fn parameters(&mut self) -> [&mut [f32]; 4] {
@@ -92,12 +96,14 @@ fn noise(random: &mut fastrand::Rng) -> f32 {
 }
 
 impl Lesson {
-    fn batch(&self, faces: &[usize], random: &mut fastrand::Rng) -> DMatrix<f32> {
-        let mut batch = self.inputs.select_columns(faces);
-        for mut column in batch.column_iter_mut() {
+    /// Some of the faces, with noise.
+    fn batch(&self, faces: &[usize], random: &mut fastrand::Rng) -> Self {
+        let mut inputs = self.inputs.select_columns(faces);
+        for mut column in inputs.column_iter_mut() {
             column.iter_mut().zip(&self.noise).for_each(|(value, loudness)| *value += loudness * noise(random));
         }
-        batch
+        let truth = self.truth.select_columns(faces);
+        Self { inputs, truth, noise: self.noise.clone(), importance: self.importance.clone() }
     }
 }
 
@@ -139,7 +145,7 @@ mod tests {
         let at = |index: usize| [(index % 16) as f32 / 8.0 - 1.0, (index / 16) as f32 / 8.0 - 1.0];
         let inputs = DMatrix::from_fn(2, 256, |row, column| at(column)[row]);
         let truth = DMatrix::from_fn(1, 256, |_, column| 0.5 + 0.4 * at(column)[0] * at(column)[1]);
-        Lesson { inputs, truth, noise: vec![0.0; 2] }
+        Lesson { inputs, truth, noise: vec![0.0; 2], importance: vec![1.0] }
     }
 
     fn error(network: &Network, lesson: &Lesson) -> f32 {
@@ -163,7 +169,7 @@ mod tests {
     fn gradient_is_the_slope_of_the_error() {
         let lesson = products();
         let mut network = Network::new(2, 5, 1, &mut fastrand::Rng::with_seed(3));
-        let gradient = network.gradient(&lesson.inputs, &lesson.truth);
+        let gradient = network.gradient(&lesson);
         for (group, expected) in gradient.iter().enumerate() {
             let step = 1e-2;
             let mut errors = [step, -step].map(|step| {

@@ -26,6 +26,7 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 
 pub use response::{Response, with_response};
+pub use support_vectors::SupportVectors;
 
 /// A way to make a model of one blendshape.
 pub trait Kind: Sync {

@@ -4,32 +4,20 @@
 //! Importance within a regression on many features would tell little: neighbouring landmarks carry the same
 //! movement, and each could be missed.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use facewire::solve::MEASURES;
+use nalgebra::DMatrix;
 use rayon::prelude::*;
-use smartcore::{
-    linalg::basic::matrix::DenseMatrix,
-    svm::{
-        Kernels,
-        svr::{SVR, SVRParameters},
-    },
-};
 
 use super::pictures::Pictures;
 use crate::{
     drawing::evenly,
+    kinds::{Kind, SupportVectors},
     statistics::{mean, r_squared, standard_deviation},
 };
 
 /// Coefficient above which a picture shows the expression.
 const SHOWS: f64 = 0.05;
-/// Error of a coefficient that costs nothing.
-const EPSILON: f64 = 0.05;
-/// Cost of larger errors.
-const COST: f64 = 1.0;
-/// `exp(-GAMMA d^2)`, `d` in standard deviations of the feature.
-const GAMMA: f64 = 1.0;
-
 /// R2 of every feature's own regression, fitted to at most `most` pictures and judged by as many of held-out subjects.
 /// At least half of them show the expression, if there are so many.
 pub fn scores(pictures: &Pictures, blendshape: usize, most: usize) -> Result<Vec<f64>> {
@@ -56,15 +44,10 @@ fn bounded(pictures: &Pictures, blendshape: usize, rows: &[usize], most: usize) 
 /// Estimates at `places`, by a regression fitted to `values` and their `truth`.
 fn estimates(values: &[f64], truth: &[f64], places: &[f64]) -> Result<Vec<f64>> {
     let (centre, deviation) = (mean(values.iter().copied()), standard_deviation(values).max(f64::EPSILON));
-    let column = |values: &[f64]| {
-        let scaled = values.iter().map(|value| (value - centre) / deviation).collect();
-        DenseMatrix::new(values.len(), 1, scaled, true)
-    };
-    let (values, places, truth) = (column(values)?, column(places)?, truth.to_vec());
-    let parameters =
-        SVRParameters::default().with_eps(EPSILON).with_c(COST).with_kernel(Kernels::rbf().with_gamma(GAMMA));
-    let fitted = SVR::fit(&values, &truth, &parameters).context("support vectors cannot be fitted")?;
-    fitted.predict(&places).context("support vectors cannot be used")
+    let scaled = |value: &f64| (value - centre) / deviation;
+    let faces = DMatrix::from_iterator(values.len(), 1, values.iter().map(scaled));
+    let fitted = SupportVectors::Rbf.fit(&faces, truth)?;
+    Ok(places.iter().map(|place| fitted.predict(&[scaled(place)])).collect())
 }
 
 #[cfg(test)]
@@ -86,13 +69,13 @@ mod tests {
         estimates: Vec<f64>,
     }
 
-    /// Tolerance: two solvers stop at different distances from the optimum.
+    /// Tolerance: there the offset is free, here it belongs to the penalty.
     #[test]
-    fn estimates_are_those_of_scikit_learn_within_0_005() {
+    fn estimates_are_those_of_scikit_learn_within_0_04() {
         let reference: Reference = serde_json::from_str(include_str!("../../tests/reference.json")).unwrap();
         let SupportVectors { values, truth, places, estimates: theirs } = reference.support_vectors;
         let ours = estimates(&values, &truth, &places).unwrap();
-        assert!(ours.iter().zip(&theirs).all(|(a, b)| (a - b).abs() < 0.005), "{ours:?} {theirs:?}");
+        assert!(ours.iter().zip(&theirs).all(|(a, b)| (a - b).abs() < 0.04), "{ours:?} {theirs:?}");
     }
 
     #[test]

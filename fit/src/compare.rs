@@ -33,6 +33,7 @@ use crate::{
     fitted::Fitted,
     judge::Faces,
     kinds::{self, Kind},
+    train,
 };
 
 /// Budget of the solver, over all blendshapes: memory, and time for one face.
@@ -40,7 +41,6 @@ const ALL_BYTES: usize = 256 * 1024;
 const ALL_NANOSECONDS: usize = 20_000;
 
 const FOLDS: usize = 3;
-const EPOCHS: usize = 90;
 
 /// Arguments of `fit`.
 #[derive(Debug, Args)]
@@ -76,7 +76,7 @@ pub struct Restrict {
     #[arg(long, default_value_t = FOLDS)]
     pub folds: usize,
     /// Looks of the hidden layer at every picture
-    #[arg(long, default_value_t = EPOCHS)]
+    #[arg(long, default_value_t = train::EPOCHS)]
     pub epochs: usize,
 }
 
@@ -124,7 +124,7 @@ fn as_fitted(blendshape: usize, trial: Trial) -> Fitted {
 impl Restrict {
     /// Some kinds on all blendshapes, otherwise as usual.
     pub fn to_kinds(kinds: Vec<String>) -> Self {
-        Self { blendshapes: Vec::new(), kinds, folds: FOLDS, epochs: EPOCHS }
+        Self { blendshapes: Vec::new(), kinds, folds: FOLDS, epochs: train::EPOCHS }
     }
 
     /// Tries the kinds on the blendshapes, which are named by their place.

@@ -56,7 +56,7 @@ enum Command {
         #[arg(long, default_value = "models/blendshapes.toml")]
         out: PathBuf,
         /// Looks at every picture
-        #[arg(long, default_value_t = 60)]
+        #[arg(long, default_value_t = train::EPOCHS)]
         epochs: usize,
     },
     /// Compare the paper's kinds of model on every blendshape, and choose one of them within a budget

@@ -30,6 +30,8 @@ const KNOWN_NOISE: f32 = 0.02;
 const LEAST_FEATURE: f32 = 0.005;
 /// Deviation of a blendshape below which it counts no more.
 const LEAST_TRUTH: f32 = 0.01;
+/// Looks at every picture, unless told otherwise.
+pub const EPOCHS: usize = 60;
 const SEED: u64 = 1;
 
 /// Fits a model on `seen`, and scores it on the held-out subjects of `samples`.

@@ -6,13 +6,14 @@
 
 mod common;
 
-use std::io::pipe;
+use std::io::{PipeReader, PipeWriter, Write as _, pipe};
 use std::time::{Duration, Instant};
 
 use common::program::{Run, facewire};
 use common::service::{Receiver, Service};
 use common::slew::assert_slew;
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -140,11 +141,33 @@ fn a_second_signal_ends_the_service_at_once() {
 }
 
 #[test]
-fn a_log_that_nobody_reads_ends_no_service() {
+fn a_log_whose_reader_has_gone_ends_no_service() {
     let receiver = Receiver::new();
     let service = Service::start_logging_to(DEMO, &[receiver.address()], pipe().unwrap().1.into());
     let mut packets = receiver.until(|packet| packet.state == State::Live);
     let ended = service.stop(Signal::INT);
+    packets.extend(receiver.rest());
+    assert_stopped(&packets, ended);
+}
+
+/// A pipe that takes nothing any more.
+fn full() -> (PipeReader, PipeWriter) {
+    let (reader, mut writer) = pipe().unwrap();
+    let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+    while poll(&mut [PollFd::new(&writer, PollFlags::OUT)], Some(&at_once)).unwrap() > 0 {
+        writer.write_all(&[b'.'; 4096]).unwrap();
+    }
+    (reader, writer)
+}
+
+#[test]
+fn a_log_that_nobody_reads_holds_up_nothing() {
+    let (receiver, (_reader, log)) = (Receiver::new(), full());
+    let service = Service::start_logging_to(DEMO, &[receiver.address()], log.into());
+    let mut packets = receiver.until(|packet| packet.state == State::Live);
+    service.signal(Signal::USR1);
+    packets.extend((0..10).map(|_| receiver.packet()));
+    let ended = service.stop(Signal::TERM);
     packets.extend(receiver.rest());
     assert_stopped(&packets, ended);
 }

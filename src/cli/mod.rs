@@ -4,6 +4,7 @@ mod bench;
 mod check;
 mod devices;
 mod failure;
+mod log;
 mod monitor;
 mod run;
 mod track;

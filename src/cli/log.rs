@@ -1,0 +1,121 @@
+//! The log of the service: lines on standard error, whoever reads them.
+
+use std::io::{self, IsTerminal as _, Write, stderr};
+use std::os::fd::AsFd;
+use std::sync::Mutex;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use tracing::level_filters::LevelFilter;
+use tracing_subscriber::fmt::time::uptime;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{Registry, reload};
+
+use crate::config::LogLevel;
+
+/// A pipe with room takes so many bytes at once (`PIPE_BUF` in pipe(7)).
+const LONGEST_LINE: usize = 4096;
+
+/// What is logged, to be changed while it runs.
+pub(super) struct Level(reload::Handle<LevelFilter, Registry>);
+
+impl Level {
+    pub(super) fn set(&self, level: LogLevel) {
+        // It fails only when there is no log any more.
+        let _ = self.0.reload(filter(level));
+    }
+}
+
+/// The log goes to standard error; the journal adds its own times.
+pub(super) fn start(level: LogLevel) -> Level {
+    let (filter, handle) = reload::Layer::new(filter(level));
+    let output = Mutex::new(Lossy { output: stderr(), lost: 0 });
+    let lines = tracing_subscriber::fmt::layer().with_target(false).with_writer(output);
+    // That nobody reads standard error any more would be told on standard error, by a panic.
+    let lines = lines.log_internal_errors(false);
+    let registry = tracing_subscriber::registry().with(filter);
+    let to_journal = std::env::var_os("JOURNAL_STREAM").is_some();
+    if to_journal {
+        registry.with(lines.without_time().with_ansi(false)).init();
+    } else {
+        let is_terminal = stderr().is_terminal();
+        registry.with(lines.with_timer(uptime()).with_ansi(is_terminal)).init();
+    }
+    Level(handle)
+}
+
+fn filter(level: LogLevel) -> LevelFilter {
+    match level {
+        LogLevel::Error => LevelFilter::ERROR,
+        LogLevel::Warn => LevelFilter::WARN,
+        LogLevel::Info => LevelFilter::INFO,
+        LogLevel::Debug => LevelFilter::DEBUG,
+        LogLevel::Trace => LevelFilter::TRACE,
+    }
+}
+
+/// An output that holds up nobody: a line that it does not take at once is lost, and the next one says how many were.
+struct Lossy<W> {
+    output: W,
+    lost: u64,
+}
+
+impl<W: Write + AsFd> Lossy<W> {
+    /// Whether there is room. Of a reader that has gone the write tells.
+    fn takes(&self) -> bool {
+        const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
+        poll(&mut [PollFd::new(&self.output, PollFlags::OUT)], Some(&AT_ONCE)).is_ok_and(|ready| ready > 0)
+    }
+
+    fn tell_lost(&mut self) -> io::Result<()> {
+        let lost = std::mem::take(&mut self.lost);
+        writeln!(self.output, "{lost} lines of the log are lost: they were not read in time")
+    }
+}
+
+impl<W: Write + AsFd> Write for Lossy<W> {
+    /// Takes a whole line.
+    fn write(&mut self, line: &[u8]) -> io::Result<usize> {
+        if self.lost > 0 && self.takes() {
+            self.tell_lost()?;
+        }
+        if self.takes() {
+            self.output.write_all(line.get(..LONGEST_LINE).unwrap_or(line))?;
+        } else {
+            self.lost += 1;
+        }
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.output.flush()
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::io::{Read as _, pipe};
+
+    use super::*;
+
+    #[test]
+    fn a_line_that_is_not_taken_at_once_is_lost_and_told_later() {
+        let (mut reader, output) = pipe().unwrap();
+        let mut log = Lossy { output, lost: 0 };
+        while log.takes() {
+            log.write_all(&[b'.'; LONGEST_LINE]).unwrap();
+        }
+        log.write_all(b"first\n").unwrap();
+        log.write_all(b"second\n").unwrap();
+        let mut filled = [0; 2 * LONGEST_LINE];
+        reader.read_exact(&mut filled).unwrap();
+        log.write_all(b"third\n").unwrap();
+        drop(log);
+        let mut rest = String::new();
+        reader.read_to_string(&mut rest).unwrap();
+        assert!(rest.contains(".2 lines of the log are lost"), "{rest}");
+        assert!(!rest.contains("first") && !rest.contains("second"), "{rest}");
+        assert!(rest.ends_with("\nthird\n"), "{rest}");
+    }
+}

@@ -171,6 +171,30 @@ fn bad_settings_are_refused_with_all_their_faults_and_the_face_stays_live() {
     assert_eq!(log.matches("camera opened").count(), 1, "{log}");
 }
 
+/// The hot loop waits for a frame, for longer than the new settings allow, and takes them only then.
+#[test]
+fn a_reload_while_the_camera_is_silent_keeps_the_watchdog_served_and_the_metrics_and_the_next_reload_at_once() {
+    let silent = |rest: &str| format!("[camera]\ndevice = \"rehearsal: live 1, silent 60\"\n{rest}");
+    let unit = Unit::start(&silent("stall_timeout_ms = 20000\n"));
+    unit.receiver.until(|packet| packet.state == State::Live);
+    unit.receiver.until(|packet| packet.state == State::Neutral);
+    let socket = unit.folder.path().join("metrics");
+    let metrics = format!("[metrics]\nlisten = \"unix:{}\"\n", text(&socket));
+    unit.reload(&silent(&["stall_timeout_ms = 100\n", &metrics].concat()));
+    let end = Instant::now() + Duration::from_secs(6);
+    while Instant::now() < end {
+        let word = unit.words.recv_timeout(Duration::from_secs(2));
+        assert!(word.is_ok(), "no sign of life for 2 s");
+    }
+    assert!(UnixStream::connect(&socket).is_ok());
+    unit.reload("[camera]\nfps = 0\n");
+    thread::sleep(Duration::from_secs(1));
+    let log = unit.stop();
+    assert!(log.contains("settings changed: camera, metrics"), "{log}");
+    assert!(log.contains("settings refused: the old ones stay"), "{log}");
+    assert!(!log.contains("new settings hold"), "the hot loop waited all the while: {log}");
+}
+
 #[test]
 fn networks_that_are_not_there_are_refused_whole() {
     let unit = Unit::start(NO_CAMERA);

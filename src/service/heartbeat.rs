@@ -68,8 +68,8 @@ pub(super) struct Beats {
     pub(super) sender_us: u64,
 }
 
-/// How long the hot loop may wait.
-#[derive(Debug, Clone, Copy)]
+/// How long the hot loop may wait; the greater is the more patient.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Watch {
     frame_patience_us: u64,
 }

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::thread::{Builder, JoinHandle, Thread};
 
 use super::exchange::Exchange;
+use super::heartbeat::Watch;
 use super::hot::HotChange;
 use super::sender::SenderSettings;
 use crate::config::{Faults, LogLevel, Settings};
@@ -78,21 +79,17 @@ impl<T> Taker<T> {
     }
 }
 
-/// How far a reload is.
-enum Stage {
-    Idle,
-    Preparing(JoinHandle<Result<Change, Refusal>>),
-    /// Offered to the threads.
-    Taking,
-}
-
 /// The live settings and how they change.
 pub(super) struct Reloader {
     live: Settings,
+    /// Those that the threads may still go by.
+    former: Option<Settings>,
     program: Arc<dyn Program>,
     hot: Taker<HotChange>,
     sender: Taker<SenderSettings>,
-    stage: Stage,
+    preparing: Option<JoinHandle<Result<Change, Refusal>>>,
+    /// Prepared, while the threads have not taken the change before it.
+    prepared: Option<Change>,
 }
 
 impl Reloader {
@@ -102,7 +99,7 @@ impl Reloader {
         hot: Taker<HotChange>,
         sender: Taker<SenderSettings>,
     ) -> Self {
-        Self { live, program, hot, sender, stage: Stage::Idle }
+        Self { live, former: None, program, hot, sender, preparing: None, prepared: None }
     }
 
     /// The settings that hold now.
@@ -110,9 +107,15 @@ impl Reloader {
         &self.live
     }
 
-    /// Whether no reload is under way.
-    pub(super) fn is_idle(&self) -> bool {
-        matches!(self.stage, Stage::Idle)
+    /// How long the hot loop may wait, by the new settings or by those that it has not left yet.
+    pub(super) fn watch(&self) -> Watch {
+        let live = Watch::new(&self.live.camera);
+        self.former.as_ref().map_or(live, |former| live.max(Watch::new(&former.camera)))
+    }
+
+    /// Whether settings can be read: one change waits at most.
+    pub(super) fn is_ready(&self) -> bool {
+        self.preparing.is_none() && self.prepared.is_none()
     }
 
     /// Begins a reload.
@@ -121,31 +124,37 @@ impl Reloader {
         let (program, live) = (Arc::clone(&self.program), self.live.clone());
         let prepare = move || Change::prepare(&*program, &live);
         match Builder::new().name("fw-reload".to_owned()).spawn(prepare) {
-            Ok(thread) => self.stage = Stage::Preparing(thread),
+            Ok(thread) => self.preparing = Some(thread),
             Err(error) => refuse(&error),
         }
     }
 
-    /// Goes on with a reload; whether it has ended just now.
+    /// Goes on with a reload; whether new settings have been taken just now.
     pub(super) fn step(&mut self) -> bool {
-        match &self.stage {
-            Stage::Preparing(thread) if thread.is_finished() => self.conclude(),
-            Stage::Taking if !self.hot.changes.is_waiting() && !self.sender.changes.is_waiting() => self.finish(),
-            _ => return false,
+        if let Some(thread) = self.preparing.take_if(|thread| thread.is_finished()) {
+            self.conclude(thread);
         }
-        self.is_idle()
+        let is_taken =
+            self.former.is_some() && !self.hot.changes.is_waiting() && !self.sender.changes.is_waiting();
+        if is_taken {
+            self.finish();
+        }
+        if self.former.is_none() && let Some(change) = self.prepared.take() {
+            self.offer(change);
+        }
+        is_taken
     }
 
-    /// Hands the prepared change out, or says why there is none.
-    fn conclude(&mut self) {
-        let Stage::Preparing(thread) = std::mem::replace(&mut self.stage, Stage::Idle) else { return };
+    /// Keeps the prepared change, or says why there is none.
+    fn conclude(&mut self, thread: JoinHandle<Result<Change, Refusal>>) {
         match thread.join() {
-            Ok(Ok(change)) => self.offer(change),
+            Ok(Ok(change)) => self.prepared = Some(change),
             Ok(Err(refusal)) => refuse(&refusal),
             Err(_) => refuse(&io::Error::other("reading them ended by a panic")),
         }
     }
 
+    /// Hands the change out to the threads.
     fn offer(&mut self, change: Change) {
         let changed = changed_tables(&self.live, &change.settings);
         if changed.is_empty() {
@@ -159,10 +168,9 @@ impl Reloader {
             settings.realtime = self.live.realtime.clone();
         }
         self.program.set_log_level(settings.log.level);
-        self.live = settings;
+        self.former = Some(std::mem::replace(&mut self.live, settings));
         self.hot.offer(change.hot);
         self.sender.offer(change.sender);
-        self.stage = Stage::Taking;
     }
 
     /// Frees what the threads left, on a thread of its own: a serial port that hangs takes its time to close.
@@ -171,7 +179,7 @@ impl Reloader {
         if let Err(error) = Builder::new().name("fw-free".to_owned()).spawn(move || drop(left)) {
             tracing::debug!("what was replaced was freed without a thread: {error}");
         }
-        self.stage = Stage::Idle;
+        self.former = None;
         tracing::info!("new settings hold");
     }
 }

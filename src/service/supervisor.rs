@@ -11,7 +11,6 @@ use signal_hook::flag;
 
 use super::counters::Counters;
 use super::event::Event;
-use super::heartbeat::Watch;
 use super::log::Log;
 use super::manager::{self, Watchdog};
 use super::metrics::Metrics;
@@ -95,17 +94,17 @@ impl Supervisor {
 
     /// One reload after the other.
     fn reload(&mut self) {
-        if self.reloader.is_idle() && self.signals.reload.swap(false, Relaxed) {
+        if self.reloader.is_ready() && self.signals.reload.swap(false, Relaxed) {
             self.reloader.start();
         }
         if self.reloader.step() {
-            self.serve_metrics();
             self.lock_memory();
         }
+        self.serve_metrics();
     }
 
     fn ping(&mut self) {
-        let watch = Watch::new(&self.reloader.live().camera);
+        let watch = self.reloader.watch();
         if let Some(watchdog) = &mut self.watchdog {
             watchdog.ping(watch, &self.counters.beats.read(), monotonic_us());
         }

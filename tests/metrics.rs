@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use common::program::{Run, text};
 use common::service::{Receiver, Service};
 use facewire_packet::State;
-use rustix::process::Signal;
+use rustix::process::{Pid, Resource, Rlimit, Signal, getrlimit, prlimit};
 use serde_json::Value;
 
 /// Longer than anything here takes on a busy machine.
@@ -144,4 +144,32 @@ fn readers_that_ask_for_something_else_or_for_nothing_are_answered_and_hold_up_n
     assert!(answer(&address, &[b"GET /".as_slice(), &[b'x'; 4091]].concat()).starts_with("HTTP/1.1 431 "));
     receiver.until(|packet| packet.state == State::Live);
     service.stop(Signal::TERM).0.succeeded();
+}
+
+/// Ticks of the clock (100 a second) that a thread has had of the processors.
+fn ticks(thread: i32) -> u64 {
+    let stat = std::fs::read_to_string(format!("/proc/{thread}/task/{thread}/stat")).unwrap();
+    let fields: Vec<_> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
+    fields[11..=12].iter().map(|field| field.parse::<u64>().unwrap()).sum()
+}
+
+#[test]
+fn without_free_descriptors_a_reader_waits_and_costs_nothing() {
+    let (address, receiver) = (free_address(), Receiver::new());
+    let mut service = start(&address, &receiver);
+    eventually("metrics", || TcpStream::connect(&address).is_ok());
+    receiver.until(|packet| packet.state == State::Live);
+    let (pid, thread) = (Pid::from_raw(service.pid().try_into().unwrap()), service.thread("fw-metrics"));
+    let own = getrlimit(Resource::Nofile);
+    prlimit(pid, Resource::Nofile, Rlimit { current: Some(3), ..own }).unwrap();
+    let reader = std::thread::spawn({
+        let address = address.clone();
+        move || answer(&address, b"GET /metrics HTTP/1.1\r\n\r\n")
+    });
+    let begun = ticks(thread);
+    sleep(Duration::from_secs(2));
+    let took = ticks(thread) - begun;
+    assert!(took < 10, "{took} of 200 ticks");
+    prlimit(pid, Resource::Nofile, own).unwrap();
+    assert!(reader.join().unwrap().starts_with("HTTP/1.1 200 OK"));
 }

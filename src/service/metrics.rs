@@ -22,7 +22,7 @@ use self::page::Page;
 use super::counters::Counters;
 use crate::config::Listen;
 
-/// How long to wait before the place is tried again.
+/// How long to wait before the place, or a reader, is tried again.
 const RETRY: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
 /// How long one reader may take.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -71,11 +71,19 @@ impl Server {
         let Some(listener) = self.listener() else { return };
         tracing::info!("metrics at {}", self.listen);
         while self.wait(&listener).is_ok_and(|waits| waits) {
-            // A reader that goes away again, or is slow, is no matter.
-            if let Err(error) = listener.accept(PATIENCE).and_then(|peer| self.answer(peer)) {
-                tracing::debug!("metrics were not read: {error}");
+            match listener.accept(PATIENCE) {
+                // A reader that goes away again, or is slow, is no matter.
+                Ok(peer) => self.answer(peer).unwrap_or_else(|error| tracing::debug!("metrics were not read: {error}")),
+                // A reader who cannot be taken, as when there are no more descriptors, is still there the next moment.
+                Err(_) if self.is_stopped_within(RETRY) => return,
+                Err(error) => tracing::debug!("a reader of the metrics was not taken: {error}"),
             }
         }
+    }
+
+    /// Waits, unless told to stop.
+    fn is_stopped_within(&self, time: Timespec) -> bool {
+        poll(&mut [PollFd::new(&self.stopped, PollFlags::IN)], Some(&time)) != Ok(0)
     }
 
     /// Tries until there is one; `None` when told to stop.
@@ -93,8 +101,7 @@ impl Server {
                 }
                 Err(_) => {}
             }
-            let mut stopped = [PollFd::new(&self.stopped, PollFlags::IN)];
-            if poll(&mut stopped, Some(&RETRY)) != Ok(0) {
+            if self.is_stopped_within(RETRY) {
                 return None;
             }
         }

@@ -134,12 +134,13 @@ impl Reloader {
         if let Some(thread) = self.preparing.take_if(|thread| thread.is_finished()) {
             self.conclude(thread);
         }
-        let is_taken =
-            self.former.is_some() && !self.hot.changes.is_waiting() && !self.sender.changes.is_waiting();
+        let is_taken = self.former.is_some() && !self.hot.changes.is_waiting() && !self.sender.changes.is_waiting();
         if is_taken {
             self.finish();
         }
-        if self.former.is_none() && let Some(change) = self.prepared.take() {
+        if self.former.is_none()
+            && let Some(change) = self.prepared.take()
+        {
             self.offer(change);
         }
         is_taken

@@ -3,7 +3,8 @@
 //! Role: takes packets to a microcontroller by UART or USB.
 //! Contract: [`SerialLink::send`] hands the packet to the link's own thread through a triple buffer, newest wins: it
 //! never waits, whatever the port does. A port that is not there, or goes away, is opened again by its path, after
-//! 100 ms and then ever later up to 1 s. Every packet is counted, as sent or as dropped.
+//! 100 ms and then ever later up to 1 s. Newest wins on the line too: a packet that would wait behind more than one
+//! other is dropped. Every packet is counted, as sent or as dropped.
 //! Limits: nothing is read. A receiver that stops reading loses packets and is not noticed otherwise.
 
 mod line;

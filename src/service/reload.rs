@@ -7,11 +7,13 @@ use std::io;
 use std::sync::Arc;
 use std::thread::{Builder, JoinHandle, Thread};
 
+use super::counters::Counters;
 use super::exchange::Exchange;
 use super::hot::HotChange;
+use super::links::Links;
 use super::sender::SenderSettings;
 use crate::config::{Faults, LogLevel, Settings};
-use crate::link::{Link, LinkError};
+use crate::link::LinkError;
 use crate::pipeline::{SetupError, Solver, load_tracker};
 
 /// What the service needs of the program around it to change its settings.
@@ -60,7 +62,7 @@ impl Change {
             },
             solver: if is_new_solver { Some(Solver::load(&new)?) } else { None },
         };
-        let links = if new.links == live.links { None } else { Some(Link::open_all(&new.links)?) };
+        let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links)?) };
         Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })
     }
 }
@@ -92,6 +94,7 @@ pub(super) struct Reloader {
     program: Arc<dyn Program>,
     hot: Taker<HotChange>,
     sender: Taker<SenderSettings>,
+    counters: Arc<Counters>,
     stage: Stage,
 }
 
@@ -101,8 +104,9 @@ impl Reloader {
         program: Arc<dyn Program>,
         hot: Taker<HotChange>,
         sender: Taker<SenderSettings>,
+        counters: Arc<Counters>,
     ) -> Self {
-        Self { live, program, hot, sender, stage: Stage::Idle }
+        Self { live, program, hot, sender, counters, stage: Stage::Idle }
     }
 
     /// The settings that hold now.
@@ -167,8 +171,13 @@ impl Reloader {
 
     /// Frees what the threads left, on a thread of its own: a serial port that hangs takes its time to close.
     fn finish(&mut self) {
-        let left = (self.hot.changes.left(), self.sender.changes.left());
-        if let Err(error) = Builder::new().name("fw-free".to_owned()).spawn(move || drop(left)) {
+        let (hot, sender) = (self.hot.changes.left(), self.sender.changes.left());
+        let counters = Arc::clone(&self.counters);
+        let free = move || {
+            sender.into_iter().for_each(|left| left.close(&counters));
+            drop(hot);
+        };
+        if let Err(error) = Builder::new().name("fw-free".to_owned()).spawn(free) {
             tracing::debug!("what was replaced was freed without a thread: {error}");
         }
         self.stage = Stage::Idle;

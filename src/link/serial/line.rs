@@ -19,6 +19,7 @@ use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 use triple_buffer::Output as Newest;
 
 use super::port::{self, PortError};
+use super::turn::Turn;
 use crate::link::{LinkCounts, retry::Retry};
 
 /// A port that takes nothing for so long has lost a packet: the next is newer.
@@ -27,6 +28,10 @@ const PATIENCE: Duration = Duration::from_millis(50);
 const STUCK: Duration = Duration::from_millis(500);
 /// Longest sleep. Every packet ends it.
 const IDLE: Duration = Duration::from_millis(100);
+/// How long a link that new settings have ended may take to close the port without a word about it.
+const CLOSING: Duration = Duration::from_secs(2);
+/// How often that is looked at.
+const CLOSING_LOOK: Duration = Duration::from_millis(2);
 
 /// What the link and its thread both see.
 #[derive(Debug, Default)]
@@ -98,6 +103,7 @@ impl Line {
 
     /// From opening to the first error, or to the end.
     fn session(&mut self) -> Result<(), PortError> {
+        let Some(_turn) = self.turn()? else { return Ok(()) };
         let mut port = Port::open(port::open(&self.device, self.baud, PATIENCE)?);
         self.shared.open.store(true, Relaxed);
         tracing::info!("link opened: {} at {} baud", self.device.display(), self.baud);
@@ -112,6 +118,21 @@ impl Line {
                 thread::park_timeout(IDLE);
             }
         }
+    }
+
+    /// Waits until no other link is at the port. `None` when told to stop.
+    fn turn(&self) -> Result<Option<Turn>, PortError> {
+        let end = Instant::now() + CLOSING;
+        while !self.shared.stopping() {
+            if let Some(turn) = Turn::take(&self.device) {
+                return Ok(Some(turn));
+            }
+            if Instant::now() >= end {
+                return Err(PortError::closing(&self.device));
+            }
+            thread::park_timeout(CLOSING_LOOK);
+        }
+        Ok(None)
     }
 
     fn write(&self, port: &mut Port) -> io::Result<()> {

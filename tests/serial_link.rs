@@ -159,6 +159,28 @@ fn what_was_sent_last_is_written_before_the_link_is_gone() {
 }
 
 #[test]
+fn a_link_at_the_port_of_another_opens_it_as_soon_as_that_one_is_closed() {
+    let (stable, mut board) = (StablePath::new(), Board::plugged_in());
+    stable.leads_to(&board);
+    // Held open so that what the old link wrote last outlives it.
+    let _port = board.port();
+    let mut old = open(&board);
+    let mut new = SerialLink::open(&stable.path(), 230_400).unwrap();
+    new.send(&packet(2));
+    thread::sleep(Duration::from_millis(300));
+    assert!(!new.is_open(), "by another name it is the same port");
+    old.send(&packet(1));
+    old.stop();
+    let (stopped, mut came) = (Instant::now(), Vec::new());
+    eventually("the packets of both", || {
+        came.extend(board.packets());
+        came.len() > 1
+    });
+    assert_eq!(came, [packet(1), packet(2)]);
+    assert!(stopped.elapsed() < Duration::from_millis(500), "{:?}", stopped.elapsed());
+}
+
+#[test]
 fn a_link_ends_though_its_board_does_not_read() {
     // Full, and full but for a part of a frame, which is where the system makes the thread wait.
     for room in [0, 50] {

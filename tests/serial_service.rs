@@ -205,6 +205,54 @@ fn a_reload_moves_the_stream_to_another_board() {
     assert_eq!(log.matches("camera opened").count(), 1, "the camera was not touched: {log}");
 }
 
+/// The number after this in the last line of the log.
+fn counted(log: &str, key: &str) -> u64 {
+    log.lines().last().unwrap().rsplit_once(key).unwrap().1.split(' ').next().unwrap().parse().unwrap()
+}
+
+#[test]
+fn counters_add_up_over_reloads_that_leave_links_alone_and_such_that_change_them() {
+    let (mut board, socket) = (Board::plugged_in(), udp_socket());
+    let port = serial(&board.device);
+    let links = |baud: u32| format!("{port}baud = {baud}\n{}", udp(&socket));
+    let service = Service::with(&links(115_200));
+    socket.recv(&mut [0; PACKET_BYTES]).unwrap();
+    for round in 0..12 {
+        let baud = if round % 4 < 2 { 115_200 } else { 230_400 };
+        service.reload(&format!("[failsafe]\nhold_ms = {}\n{}", 301 + round, links(baud)));
+        count(&socket, Duration::from_millis(400));
+        board.packets();
+    }
+    let log = text(&service.stop().stderr);
+    assert_eq!(log.matches("new settings hold").count(), 12, "{log}");
+    assert_eq!(2 * counted(&log, " packets="), counted(&log, " sent=") + counted(&log, " dropped="), "{log}");
+}
+
+#[test]
+fn a_reload_leaves_an_unchanged_port_open_and_reopens_a_changed_one_without_a_false_word() {
+    let (stable, mut board, sockets) = (StablePath::new(), Board::plugged_in(), [udp_socket(), udp_socket()]);
+    stable.leads_to(&board);
+    let service = Service::with(&(serial(&board.device) + &udp(&sockets[0])));
+    board.next();
+    // Another receiver; another baud rate; the same port by another name.
+    let others = [
+        udp(&sockets[1]) + &serial(&board.device),
+        udp(&sockets[1]) + &serial(&board.device) + "baud = 230400\n",
+        udp(&sockets[1]) + &serial(&stable.path()),
+    ];
+    for links in others {
+        service.reload(&links);
+        count(&sockets[1], Duration::from_secs(1));
+        board.packets();
+        board.next();
+    }
+    let log = text(&service.stop().stderr);
+    let lines = |what: &str| log.lines().filter(|line| line.contains(what)).count();
+    assert_eq!(lines("new settings hold"), 3, "{log}");
+    assert_eq!(lines("link opened"), 3, "{log}");
+    assert_eq!(lines("no link"), 0, "{log}");
+}
+
 /// What `facewire check` says, and how it ends.
 fn check(links: &str) -> (Option<i32>, String) {
     let folder = tempfile::tempdir().unwrap();

@@ -1,9 +1,9 @@
-//! A service that is given random faults for a long time: of its camera, face, links and inference.
+//! A service that is given random faults for a long time: of its camera, face, links and inference; and other settings.
 //!
 //! Two minutes by default; `FACEWIRE_SOAK_MINUTES=120 cargo test --release --test soak` for a night's. The service is
 //! this test itself, started again as `facewire run` with an allocator that counts ([`counted`]). Each second is judged
 //! ([`judge`]): packets without a gap, the right states and reasons, no step above the slew limit; and wherever frames
-//! flowed, no allocation and no page fault of the threads that they pass. At the end memory and descriptors must be what
+//! flowed and settings stayed, no allocation and no page fault of the threads that they pass. At the end memory and descriptors must be what
 //! they were, and the counters must add up.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
@@ -57,18 +57,25 @@ fn minutes() -> u32 {
 
 fn soak(minutes: u32) {
     let mut faults = Faults::new(SEED);
-    let mut service = Service::start(&faults.settings(SEED));
+    let mut service = Service::start(&faults.settings());
     let mut judge = Judge::default();
     let end = Instant::now() + Duration::from_mins(1) * minutes;
     while Instant::now() < end {
+        let is_changed = faults.change_settings(&service);
         for _ in 0..STEPS {
             std::thread::sleep(STEP);
             faults.step(&service);
         }
-        judge.interval(service.packets(), service.sample());
+        judge.interval(service.packets(), service.sample(), is_changed);
     }
     faults.end();
+    // The last change is taken, and what it ended is counted.
+    std::thread::sleep(Duration::from_secs(1));
     let (rest, log) = service.stop();
     judge.end(rest, &log);
-    println!("{judge}; boards pulled, receivers ended, hot loops stopped: {:?}", faults.counts);
+    println!(
+        "{judge}; boards pulled, receivers ended, hot loops stopped, settings \
+              changed: {:?}",
+        faults.counts
+    );
 }

@@ -69,6 +69,17 @@ pub enum Fault {
         /// Where the link begins.
         place: String,
     },
+    /// Two serial links at one port.
+    #[error(
+        "link.device = \"{}\": give another port, or leave the link out: \"{}\" of an earlier link is the same", device.display(),
+        first.display()
+    )]
+    SamePort {
+        /// The port of the earlier link.
+        first: PathBuf,
+        /// That of the later.
+        device: PathBuf,
+    },
     /// More packets than the line of a serial link carries.
     #[error(
         "link.baud = {baud}: give {enough} or more, or camera.fps and send.rate_hz of at most {most_hz}: {rate_hz} packets \

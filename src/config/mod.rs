@@ -55,6 +55,7 @@ pub fn load(board: Option<&str>, file: Option<&Path>) -> Result<Settings, Faults
         }
     }
     overlay::check_together(&settings, &mut faults);
+    overlay::check_ports(&settings, &mut faults);
     overlay::check_lines(&settings, &mut faults);
     faults.into_result(settings)
 }
@@ -68,6 +69,7 @@ pub fn parse(source: &str, text: &str) -> Result<Settings, Faults> {
     let mut faults = Faults::default();
     overlay::apply(&mut settings, source, text, &mut faults);
     overlay::check_together(&settings, &mut faults);
+    overlay::check_ports(&settings, &mut faults);
     overlay::check_lines(&settings, &mut faults);
     faults.into_result(settings)
 }

@@ -12,11 +12,12 @@ use super::{
     value::Choice as _,
 };
 use crate::capture::Script;
+use crate::link::device_number;
 
 /// Tables a file may have.
 const TABLES: [&str; 9] = ["camera", "networks", "solver", "failsafe", "send", "link", "realtime", "metrics", "log"];
 /// Baud rates that every serial port knows. The last carries the highest rate a setting can give.
-const USUAL_BAUDS: [u32; 7] = [9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
+const USUAL_BAUDS: [u32; 6] = [19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
 /// Farther names are no help.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -68,14 +69,30 @@ pub fn check_together(settings: &Settings, faults: &mut Faults) {
     need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
 }
 
+/// Adds the faults of serial links at a port that an earlier one has. Two names of one port are known only while it is
+/// plugged in.
+pub fn check_ports(settings: &Settings, faults: &mut Faults) {
+    let devices = serial_links(settings).map(|link| &link.device).filter(|device| device.is_absolute());
+    let ports: Vec<_> = devices.map(|device| (device, device_number(device))).collect();
+    for (place, (device, number)) in ports.iter().enumerate() {
+        let is_same = |other: &&(_, _)| other.0 == *device || (number.is_some() && other.1 == *number);
+        if let Some((first, _)) = ports.iter().take(place).find(is_same) {
+            faults.push(Fault::SamePort { first: first.to_path_buf(), device: device.to_path_buf() });
+        }
+    }
+}
+
+fn serial_links(settings: &Settings) -> impl Iterator<Item = &LinkSettings> {
+    settings.links.iter().filter(|link| link.kind == LinkKind::Serial)
+}
+
 /// Adds the faults of serial lines that are too slow for what is sent.
 pub fn check_lines(settings: &Settings, faults: &mut Faults) {
     if ["camera", "send", "link"].iter().any(|table| faults.concern(table)) {
         return;
     }
     let rate_hz = settings.camera.fps.max(settings.send.rate_hz);
-    let serial = settings.links.iter().filter(|link| link.kind == LinkKind::Serial);
-    for link in serial.filter(|link| most_packets_hz(link.baud) < rate_hz) {
+    for link in serial_links(settings).filter(|link| most_packets_hz(link.baud) < rate_hz) {
         faults.push(Fault::SlowLine {
             device: link.device.clone(),
             baud: link.baud,

@@ -110,9 +110,9 @@ section! {
 section! {
     /// How packets are sent.
     SendSettings {
-        /// Packets a second while the output moves without a new pose. A new pose is sent at once, a neutral face 10 times
-        /// a second.
-        rate_hz: u32 = 60, 1..=240, " (1/s)";
+        /// Packets a second while the output moves without a new pose. A new pose is sent at once; a face that is neutral,
+        /// or waits for the next pose, 10 times a second.
+        rate_hz: u32 = 60, 10..=240, " (1/s)";
     }
 }
 
@@ -127,7 +127,7 @@ section! {
         device: PathBuf = PathBuf::new(), (), "";
         /// Bits a second on the line. At most 80 % of them may be used: 115200 carries a `camera.fps` and a
         /// `send.rate_hz` of 68.
-        baud: u32 = 115_200, 9600..=4_000_000, " (1/s)";
+        baud: u32 = 115_200, 19_200..=4_000_000, " (1/s)";
     }
 }
 

@@ -177,7 +177,7 @@ facewire.toml:2: link.device is not a setting of a link with kind = \"udp\"; tha
 facewire.toml:3: link.device is missing: give the path of a serial port; `facewire devices` lists them
 facewire.toml:5: link.address is not a setting of a link with kind = \"serial\"; that has kind, device, baud
 facewire.toml:8: link.device = \"ttyUSB0\": give a path in quotes that begins with /
-facewire.toml:9: link.baud = 300: give a whole number from 9600 to 4000000 (1/s)";
+facewire.toml:9: link.baud = 300: give a whole number from 19200 to 4000000 (1/s)";
     assert_eq!(faults(text), want);
 }
 
@@ -204,13 +204,36 @@ fn a_rate_over_80_percent_of_the_line_is_refused_with_what_fits() {
 fn a_line_of_exactly_80_percent_is_taken_and_the_highest_rate_has_a_baud_rate_too() {
     assert_eq!(line_faults(134 * 10 * 60 * 10 / 8, 60, 60), "");
     assert!(line_faults(134 * 10 * 60 * 10 / 8 - 1, 60, 60).contains("of at most 59: 60 packets"));
-    assert!(line_faults(9600, 240, 240).starts_with("link.baud = 9600: give 460800 or more"));
+    assert!(line_faults(19_200, 240, 240).starts_with("link.baud = 19200: give 460800 or more"));
     assert_eq!(line_faults(460_800, 240, 240), "");
 }
 
 #[test]
+fn the_slowest_line_carries_the_lowest_rate() {
+    assert_eq!(line_faults(19_200, 10, 10), "");
+    assert!(line_faults(19_200, 10, 9).ends_with("send.rate_hz = 9: give a whole number from 10 to 240 (1/s)"));
+}
+
+#[test]
+fn two_links_at_one_serial_port_are_refused_under_whatever_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let other = folder.path().join("null");
+    std::os::unix::fs::symlink("/dev/null", &other).unwrap();
+    let link = |device: &Path| format!("[[link]]\nkind = \"serial\"\ndevice = \"{}\"\n", device.display());
+    let fault = |first: &str, second: &Path| faults(&(link(Path::new(first)) + &link(second)));
+    let want = |first: &str, second: &str| {
+        let what = "give another port, or leave the link out";
+        format!("link.device = \"{second}\": {what}: \"{first}\" of an earlier link is the same")
+    };
+    assert_eq!(fault("/dev/nowhere", Path::new("/dev/nowhere")), want("/dev/nowhere", "/dev/nowhere"));
+    assert_eq!(fault("/dev/null", &other), want("/dev/null", other.to_str().unwrap()));
+    let two = link(Path::new("/dev/nowhere")) + &link(Path::new("/dev/elsewhere")) + &link(folder.path());
+    assert!(parse("file", &two).is_ok());
+}
+
+#[test]
 fn lines_are_not_judged_beside_faulty_rates() {
-    assert_eq!(line_faults(9600, 0, 60), "file:2: camera.fps = 0: give a whole number from 1 to 240 (1/s)");
+    assert_eq!(line_faults(19_200, 0, 60), "file:2: camera.fps = 0: give a whole number from 1 to 240 (1/s)");
 }
 
 #[test]

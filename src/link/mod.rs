@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use facewire_packet::Packet;
 
-pub use serial::{PortError, PortTrouble, SerialLink, open_port};
+pub use serial::{PortError, PortTrouble, SerialLink, device_number, open_port};
 pub use udp::UdpLink;
 
 use crate::config::{LinkKind, LinkSettings};
@@ -91,20 +91,6 @@ impl Link {
         }
     }
 
-    /// Opens the links of a service.
-    ///
-    /// # Errors
-    /// As [`Link::open`]. A host that does not resolve is an error too where there is no other link: then nothing is lost
-    /// by telling it at once, and whoever started the service may start it again.
-    pub fn open_all(settings: &[LinkSettings]) -> Result<Vec<Self>, LinkError> {
-        if let [only] = settings
-            && only.kind == LinkKind::Udp
-        {
-            Self::check(only)?;
-        }
-        settings.iter().map(Self::open).collect()
-    }
-
     /// Says where the link leads if it opens at this moment. Nothing is sent.
     ///
     /// # Errors
@@ -133,6 +119,14 @@ impl Link {
         match self {
             Self::Udp(link) => link.counts(),
             Self::Serial(link) => link.counts(),
+        }
+    }
+
+    /// Lets the link write what it was given and end, without waiting for it. What it is given after that may be lost.
+    pub fn stop(&self) {
+        match self {
+            Self::Udp(_) => {}
+            Self::Serial(link) => link.stop(),
         }
     }
 

@@ -3,11 +3,13 @@
 //! Role: takes packets to a microcontroller by UART or USB.
 //! Contract: [`SerialLink::send`] hands the packet to the link's own thread through a triple buffer, newest wins: it
 //! never waits, whatever the port does. A port that is not there, or goes away, is opened again by its path, after
-//! 100 ms and then ever later up to 1 s. Every packet is counted, as sent or as dropped.
+//! 100 ms and then ever later up to 1 s. Newest wins on the line too: a packet that would wait behind more than one
+//! other is dropped. Every packet is counted, as sent or as dropped.
 //! Limits: nothing is read. A receiver that stops reading loses packets and is not noticed otherwise.
 
 mod line;
 mod port;
+mod turn;
 
 use std::{
     path::Path,
@@ -21,6 +23,7 @@ use triple_buffer::{Input, triple_buffer};
 
 use self::line::{Line, Shared};
 pub use self::port::{PortError, PortTrouble, open as open_port};
+pub use self::turn::device_number;
 use super::{LinkCounts, LinkError};
 
 /// How long the last packet may take when the link is dropped. A thread that hangs in the system longer than that ends
@@ -64,7 +67,13 @@ impl SerialLink {
         self.shared.counts()
     }
 
-    /// Lets the thread write what it was given and end; what became of all packets, unless it hangs in the system.
+    /// Lets the thread write what it was given and end.
+    pub fn stop(&self) {
+        self.shared.stop();
+        self.thread.thread().unpark();
+    }
+
+    /// Stops the link and waits for its thread; what became of all packets, unless it hangs in the system.
     #[must_use]
     pub fn close(self) -> LinkCounts {
         let shared = Arc::clone(&self.shared);
@@ -81,8 +90,7 @@ impl SerialLink {
 
 impl Drop for SerialLink {
     fn drop(&mut self) {
-        self.shared.stop();
-        self.thread.thread().unpark();
+        self.stop();
         let end = Instant::now() + LAST_PACKET;
         while !self.thread.is_finished() && Instant::now() < end {
             thread::sleep(Duration::from_millis(5));

@@ -108,8 +108,7 @@ impl Counters {
 ///
 /// How they add up, once the threads have ended (a line of a running service may be one frame or packet off):
 /// - `frames = solved + no_face + rejected`;
-/// - `packets * links = sent + dropped`, for as long as the links stay the same. Where SIGHUP changes them, every serial
-///   line that is closed may keep one packet to itself.
+/// - `packets * links = sent + dropped`, where SIGHUP does not change the number of links.
 ///
 /// `skipped` and `damaged` frames never reached the pipeline and are not in `frames`. A `deadline_misses` frame is.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -22,8 +22,9 @@ pub use pose::Pose;
 
 use crate::config::FailsafeSettings;
 
-/// How often a neutral face is sent.
-const NEUTRAL_PERIOD_US: u64 = 100_000;
+/// How often a neutral face is sent, and at least whatever stands still: receivers go neutral by themselves after
+/// 500 ms without a packet.
+const STILL_PERIOD_US: u64 = 100_000;
 /// A camera may drop two frames in a row and stay live.
 const LIVE_FRAMES: u64 = 3;
 /// Times a neutral face is sent when the sender stops: one may be lost.
@@ -205,12 +206,12 @@ impl Failsafe {
         if passed >= left { 1.0 } else { passed.div_duration_f32(left) }
     }
 
-    /// Time from one packet to the next when no pose is followed. Live and caught up, only a pose is worth one.
+    /// Time from one packet to the next when no pose is followed.
     fn interval_us(&self, history: &History) -> u64 {
         match history.state {
-            State::Live if !history.ramping => u64::MAX,
-            State::Neutral => NEUTRAL_PERIOD_US,
-            State::Live | State::Hold | State::Decay => self.period_us,
+            State::Live if history.ramping => self.period_us,
+            State::Hold | State::Decay => self.period_us,
+            State::Live | State::Neutral => STILL_PERIOD_US,
         }
     }
 

@@ -15,6 +15,7 @@ pub mod failsafe;
 mod heartbeat;
 mod histogram;
 mod hot;
+mod links;
 mod log;
 mod manager;
 mod metrics;
@@ -39,6 +40,7 @@ use self::event::Event;
 use self::exchange::Exchange;
 use self::heartbeat::Phase;
 use self::hot::{HotLoop, Outlets};
+use self::links::Links;
 use self::realtime::Place;
 use self::reload::{Reloader, Taker};
 use self::report::Report;
@@ -46,7 +48,7 @@ use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
 use crate::capture::monotonic_us;
 use crate::config::Settings;
-use crate::link::{Link, LinkError};
+use crate::link::LinkError;
 use crate::pipeline::{Pipeline, SetupError};
 
 /// How long a stopping service waits for the hot loop, which may be in the kernel, opening a camera.
@@ -79,7 +81,7 @@ pub enum ServiceError {
 pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, ServiceError> {
     let counters = Arc::new(Counters::default());
     let signals = Signals::catch(&counters)?;
-    let links = Link::open_all(&settings.links)?;
+    let links = Links::open(&settings.links)?;
     let pipeline = Pipeline::load(&settings)?;
     let (reports, news) = triple_buffer::triple_buffer(&Report::NOTHING);
     let (events, heard) = mpsc::channel();
@@ -97,7 +99,7 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let hot = spawn("fw-hot", Place::hot(&settings.realtime), &events, || hot.run())?;
     let hot_taker = Taker { changes, thread: hot.thread().clone() };
 
-    let reloader = Reloader::new(settings, program, hot_taker, sender_taker);
+    let reloader = Reloader::new(settings, program, hot_taker, sender_taker, Arc::clone(&counters));
     let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     stop(&counters, sender, hot)

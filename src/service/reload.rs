@@ -7,12 +7,14 @@ use std::io;
 use std::sync::Arc;
 use std::thread::{Builder, JoinHandle, Thread};
 
+use super::counters::Counters;
 use super::exchange::Exchange;
 use super::heartbeat::Watch;
 use super::hot::HotChange;
+use super::links::Links;
 use super::sender::SenderSettings;
 use crate::config::{Faults, LogLevel, Settings};
-use crate::link::{Link, LinkError};
+use crate::link::LinkError;
 use crate::pipeline::{SetupError, Solver, load_tracker};
 
 /// What the service needs of the program around it to change its settings.
@@ -61,7 +63,7 @@ impl Change {
             },
             solver: if is_new_solver { Some(Solver::load(&new)?) } else { None },
         };
-        let links = if new.links == live.links { None } else { Some(Link::open_all(&new.links)?) };
+        let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links)?) };
         Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })
     }
 }
@@ -87,6 +89,7 @@ pub(super) struct Reloader {
     program: Arc<dyn Program>,
     hot: Taker<HotChange>,
     sender: Taker<SenderSettings>,
+    counters: Arc<Counters>,
     preparing: Option<JoinHandle<Result<Change, Refusal>>>,
     /// Prepared, while the threads have not taken the change before it.
     prepared: Option<Change>,
@@ -98,8 +101,9 @@ impl Reloader {
         program: Arc<dyn Program>,
         hot: Taker<HotChange>,
         sender: Taker<SenderSettings>,
+        counters: Arc<Counters>,
     ) -> Self {
-        Self { live, former: None, program, hot, sender, preparing: None, prepared: None }
+        Self { live, former: None, program, hot, sender, counters, preparing: None, prepared: None }
     }
 
     /// The settings that hold now.
@@ -176,8 +180,13 @@ impl Reloader {
 
     /// Frees what the threads left, on a thread of its own: a serial port that hangs takes its time to close.
     fn finish(&mut self) {
-        let left = (self.hot.changes.left(), self.sender.changes.left());
-        if let Err(error) = Builder::new().name("fw-free".to_owned()).spawn(move || drop(left)) {
+        let (hot, sender) = (self.hot.changes.left(), self.sender.changes.left());
+        let counters = Arc::clone(&self.counters);
+        let free = move || {
+            sender.into_iter().for_each(|left| left.close(&counters));
+            drop(hot);
+        };
+        if let Err(error) = Builder::new().name("fw-free".to_owned()).spawn(free) {
             tracing::debug!("what was replaced was freed without a thread: {error}");
         }
         self.former = None;

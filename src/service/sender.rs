@@ -15,10 +15,10 @@ use triple_buffer::Output as Newest;
 use super::counters::Counters;
 use super::exchange::Exchange;
 use super::failsafe::{Failsafe, History, News, Output, STOPPING_PACKETS};
+use super::links::Links;
 use super::report::Report;
 use crate::capture::monotonic_us;
 use crate::config::{FailsafeSettings, Settings};
-use crate::link::{Link, LinkCounts};
 
 /// Longest sleep, so that a stop is heard without a wake-up.
 const MAX_SLEEP_US: u64 = 100_000;
@@ -34,11 +34,11 @@ pub(super) struct SenderSettings {
     failsafe: FailsafeSettings,
     rate_hz: u32,
     /// `None` in a change that leaves the links as they are.
-    links: Option<Vec<Link>>,
+    links: Option<Links>,
 }
 
 impl SenderSettings {
-    pub(super) fn new(settings: &Settings, links: Option<Vec<Link>>) -> Self {
+    pub(super) fn new(settings: &Settings, links: Option<Links>) -> Self {
         Self { failsafe: settings.failsafe.clone(), rate_hz: settings.send.rate_hz, links }
     }
 
@@ -46,14 +46,16 @@ impl SenderSettings {
     fn adopt(&mut self, change: &mut Self) {
         swap(&mut self.failsafe, &mut change.failsafe);
         swap(&mut self.rate_hz, &mut change.rate_hz);
-        if change.links.is_some() {
-            swap(&mut self.links, &mut change.links);
+        if let (Some(links), Some(change)) = (&mut self.links, &mut change.links) {
+            links.adopt(change);
         }
     }
 
-    /// What became of the packets of these links.
-    fn counts(&self) -> LinkCounts {
-        self.links.iter().flatten().map(Link::counts).sum()
+    /// Closes the links and counts what became of their last packets.
+    pub(super) fn close(self, counters: &Counters) {
+        if let Some(links) = self.links {
+            links.close(counters);
+        }
     }
 }
 
@@ -63,8 +65,6 @@ pub(super) struct Sender {
     reports: Newest<Report>,
     counters: Arc<Counters>,
     sequence: u16,
-    /// Of these links, already in the counters.
-    counted: LinkCounts,
 }
 
 impl Sender {
@@ -74,7 +74,7 @@ impl Sender {
         reports: Newest<Report>,
         counters: Arc<Counters>,
     ) -> Self {
-        Self { settings, changes, reports, counters, sequence: 0, counted: LinkCounts::default() }
+        Self { settings, changes, reports, counters, sequence: 0 }
     }
 
     pub(super) fn run(mut self) {
@@ -87,6 +87,7 @@ impl Sender {
             thread::park_timeout(Duration::from_micros(failsafe.wait_us(&history).min(MAX_SLEEP_US)));
         }
         self.stop(&mut history);
+        self.settings.close(&self.counters);
     }
 
     /// Brings the face to neutral by the slew limit, in a time that a stop may take, and then says three times that it
@@ -105,7 +106,6 @@ impl Sender {
             self.send(&last);
             thread::sleep(STOPPING_PERIOD);
         }
-        self.close_links();
     }
 
     /// Hears the news and sends what is due.
@@ -130,38 +130,18 @@ impl Sender {
 
     /// Takes new settings, if there are any.
     fn adopt(&mut self) {
-        let (settings, counted) = (&mut self.settings, &mut self.counted);
-        self.changes.take(|change| {
-            settings.adopt(change);
-            *counted = settings.counts();
-        });
+        let settings = &mut self.settings;
+        self.changes.take(|change| settings.adopt(change));
     }
 
     fn send(&mut self, output: &Output) {
         let packet = output.packet(self.sequence);
         self.sequence = self.sequence.wrapping_add(1);
-        self.settings.links.iter_mut().flatten().for_each(|link| link.send(&packet));
         self.counters.packets.fetch_add(1, Relaxed);
         self.counters.set_state(output.state);
-        self.count_links();
-    }
-
-    fn count_links(&mut self) {
-        self.count(self.settings.counts());
-        let open = self.settings.links.iter().flatten().filter(|link| link.is_open()).count();
-        self.counters.links_open.store(open as u64, Relaxed);
-    }
-
-    /// Closes the links and counts what became of the last packets.
-    fn close_links(&mut self) {
-        let closed = self.settings.links.take().into_iter().flatten().map(Link::close).sum();
-        self.count(closed);
-    }
-
-    /// Adds to the counters what came since the last time.
-    fn count(&mut self, counts: LinkCounts) {
-        let LinkCounts { sent, dropped } = std::mem::replace(&mut self.counted, counts);
-        self.counters.sent.fetch_add(counts.sent.saturating_sub(sent), Relaxed);
-        self.counters.dropped.fetch_add(counts.dropped.saturating_sub(dropped), Relaxed);
+        if let Some(links) = &mut self.settings.links {
+            links.send(&packet);
+            links.count(&self.counters);
+        }
     }
 }

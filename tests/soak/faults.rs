@@ -1,6 +1,7 @@
 //! Random faults of the links, and of an inference: a thread that stands still wherever it is.
 //!
-//! Those of the camera and the face are the service's own rehearsal.
+//! Those of the camera and the face are the service's own rehearsal. Changes of settings are no faults, but come as
+//! suddenly.
 
 use std::net::{SocketAddr, UdpSocket};
 
@@ -12,6 +13,10 @@ use super::process::Service;
 const SERIAL: Chance = Chance { rarity: 80, longest: 40 };
 const RECEIVER: Chance = Chance { rarity: 80, longest: 40 };
 const INFERENCE: Chance = Chance { rarity: 150, longest: 20 };
+/// In so many seconds, other settings come once on average.
+const SETTINGS: Chance = Chance { rarity: 8, longest: 1 };
+/// Every so many changes, a link changes too: the serial port is opened at another baud rate.
+const LINK_CHANGE: u32 = 3;
 
 struct Chance {
     rarity: u32,
@@ -20,6 +25,7 @@ struct Chance {
 
 /// What is broken, and for how many more steps.
 pub struct Faults {
+    seed: u64,
     random: fastrand::Rng,
     path: StablePath,
     board: Option<Board>,
@@ -29,8 +35,8 @@ pub struct Faults {
     receiver_back_in: u32,
     stopped: Option<Stuck>,
     resumed_in: u32,
-    /// Times each happened: boards pulled, receivers ended, threads stopped.
-    pub counts: [u32; 3],
+    /// Times each happened: boards pulled, receivers ended, threads stopped, settings changed.
+    pub counts: [u32; 4],
 }
 
 impl Faults {
@@ -41,6 +47,7 @@ impl Faults {
         let address = receiver.local_addr().unwrap();
         let (board, receiver) = (Some(board), Some(receiver));
         Self {
+            seed,
             random: fastrand::Rng::with_seed(seed),
             path,
             board,
@@ -50,19 +57,33 @@ impl Faults {
             receiver_back_in: 0,
             stopped: None,
             resumed_in: 0,
-            counts: [0; 3],
+            counts: [0; 4],
         }
     }
 
-    /// A camera with random faults, and the links that will have theirs.
-    pub fn settings(&self, seed: u64) -> String {
+    /// A camera with random faults, and the links that will have theirs; else what the changes so far have made of them.
+    pub fn settings(&self) -> String {
+        let changes = self.counts[3];
+        let (hold_ms, neutral_ms) = if changes.is_multiple_of(2) { (300, 1000) } else { (400, 900) };
+        let baud = if (changes / LINK_CHANGE).is_multiple_of(2) { 115_200 } else { 230_400 };
         format!(
-            "[camera]\ndevice = \"rehearsal: random {seed}\"\nstall_timeout_ms = 500\n\
-             [realtime]\nlock_memory = true\n\
-             [[link]]\nkind = \"serial\"\ndevice = \"{}\"\n[[link]]\naddress = \"{}\"\n",
+            "[camera]\ndevice = \"rehearsal: random {}\"\nstall_timeout_ms = 500\n\
+             [realtime]\nlock_memory = true\n[failsafe]\nhold_ms = {hold_ms}\nneutral_ms = {neutral_ms}\n\
+             [[link]]\nkind = \"serial\"\ndevice = \"{}\"\nbaud = {baud}\n[[link]]\naddress = \"{}\"\n",
+            self.seed,
             self.path.path().display(),
             self.address
         )
+    }
+
+    /// Now and then gives the service other settings; whether it has.
+    pub fn change_settings(&mut self, service: &Service) -> bool {
+        let is_time = self.begins(&SETTINGS).is_some();
+        if is_time {
+            self.counts[3] += 1;
+            service.change(&self.settings());
+        }
+        is_time
     }
 
     /// Lets a step pass, in which faults may begin and end.

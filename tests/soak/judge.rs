@@ -29,20 +29,20 @@ pub struct Judge {
     longest_pause: Duration,
     seen: BTreeSet<String>,
     samples: Vec<Sample>,
-    /// Seconds for which frames have flowed.
+    /// Seconds for which frames have flowed under the same settings.
     flowing_s: usize,
     judged_s: usize,
     growth_kib: f64,
 }
 
 impl Judge {
-    /// Judges the packets of a second and what the process is at its end.
-    pub fn interval(&mut self, packets: Vec<Arrival>, sample: Sample) {
+    /// Judges the packets of a second and what the process is at its end. At its beginning settings may have changed.
+    pub fn interval(&mut self, packets: Vec<Arrival>, sample: Sample, is_changed: bool) {
         let flows = !packets.is_empty() && packets.iter().all(|(_, packet)| flows(packet));
         for arrival in packets {
             self.packet(arrival);
         }
-        self.flowing_s = if flows { self.flowing_s + 1 } else { 0 };
+        self.flowing_s = if flows && !is_changed { self.flowing_s + 1 } else { 0 };
         self.samples.push(sample);
         if self.flowing_s >= SURROUNDINGS_S && self.samples.len() > WARM_UP_S {
             self.assert_still();
@@ -50,7 +50,8 @@ impl Judge {
     }
 
     /// Frames allocate nothing and fault no page. Of seconds in which frames flowed, that before the last is judged: a
-    /// camera may have been opened in the first, and lost at the end of the last, which packets show only later.
+    /// camera may have been opened in the first, and lost at the end of the last, which packets show only later. New
+    /// settings may cost something when they are taken, which is in the second of their change or in that after it.
     fn assert_still(&mut self) {
         let second = self.samples.len() - 1;
         let [.., before, after, _] = &self.samples[..] else { return };
@@ -79,7 +80,10 @@ impl Judge {
         }
         let (_, last) = self.last.unwrap();
         assert_eq!((last.state, last.reason), (State::Neutral, Reason::Stopping));
-        assert!(!log.contains("panicked"), "{log}");
+        for unwanted in ["panicked", "settings refused", "another program", "not closed yet"] {
+            assert!(!log.contains(unwanted), "{unwanted}: {log}");
+        }
+        assert!(log.contains("new settings hold"), "{log}");
         self.assert_counts(log.lines().last().unwrap());
         self.assert_memory();
         for wanted in ["Live/None", "Hold/Late", "Neutral/NoFace", "Neutral/NoCamera"] {

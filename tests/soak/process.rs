@@ -32,7 +32,9 @@ pub struct Service {
     arrivals: Arc<Mutex<Vec<Arrival>>>,
     threads: [i32; 2],
     folder: TempDir,
-    _settings: NamedTempFile,
+    settings: NamedTempFile,
+    /// The link to the receiver, in the settings.
+    link: String,
 }
 
 /// What the process is at one moment.
@@ -50,8 +52,8 @@ impl Service {
     /// Starts it with these settings and one more link, to the receiver.
     pub fn start(toml: &str) -> Self {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let toml = format!("{toml}[[link]]\naddress = \"{}\"\n", socket.local_addr().unwrap());
-        let (settings, folder) = (settings(&toml), tempfile::tempdir().unwrap());
+        let link = format!("[[link]]\naddress = \"{}\"\n", socket.local_addr().unwrap());
+        let (settings, folder) = (settings(&(toml.to_owned() + &link)), tempfile::tempdir().unwrap());
         let mut command = Command::new(std::env::current_exe().unwrap());
         command.args(["run", "--config", text(settings.path())]).env(SERVICE, "1");
         let log = File::create(folder.path().join("log")).unwrap();
@@ -60,7 +62,13 @@ impl Service {
         collect(socket, &arrivals);
         let (requests, answers) = (child.stdin.take().unwrap(), BufReader::new(child.stdout.take().unwrap()));
         let threads = HOT_THREADS.map(|name| thread_called(&mut child, name));
-        Self { child, requests, answers, arrivals, threads, folder, _settings: settings }
+        Self { child, requests, answers, arrivals, threads, folder, settings, link }
+    }
+
+    /// Gives it these settings and the link to the receiver.
+    pub fn change(&self, toml: &str) {
+        fs::write(self.settings.path(), toml.to_owned() + &self.link).unwrap();
+        kill_process(Pid::from_child(&self.child), Signal::HUP).unwrap();
     }
 
     /// The thread that runs frames.

@@ -40,6 +40,11 @@ pub enum PortTrouble {
     /// Opened elsewhere.
     #[error("another program has it open; end that program, or give another port")]
     Busy,
+    /// Opened by a link that new settings have ended.
+    #[error(
+        "it is not closed yet since the settings changed; check that its receiver reads, or unplug it and plug it in again"
+    )]
+    Closing,
     /// A file, or a device of another kind.
     #[error("not a serial port; give one that `facewire devices` lists")]
     NotSerial,
@@ -55,6 +60,11 @@ impl PortError {
     /// The port and what is wrong with it.
     fn new(device: &Path, trouble: PortTrouble) -> Self {
         Self { device: device.to_owned(), trouble }
+    }
+
+    /// A port at which another link still is.
+    pub fn closing(device: &Path) -> Self {
+        Self::new(device, PortTrouble::Closing)
     }
 
     /// A port that failed while it was open.

@@ -310,9 +310,10 @@ fn poses_that_come_too_late_are_not_followed() {
 fn the_same_pose_given_again_is_not_news() {
     let mut run = Run::live(&all(1.0));
     let capture_us = run.now_us;
-    for _ in 0..150 {
+    for ms in 1..=150 {
         run.now_us += MS;
-        assert!(!run.news(News::Pose(&all(1.0), capture_us)).due || run.history.state == State::Hold);
+        let due = run.news(News::Pose(&all(1.0), capture_us)).due;
+        assert!(!due || ms == 100 || run.history.state == State::Hold, "{ms}");
     }
     assert_eq!(run.history.state, State::Hold);
 }
@@ -349,14 +350,32 @@ fn a_pose_from_the_future_is_not_live_for_longer() {
 }
 
 #[test]
-fn poses_are_sent_at_once_while_live_and_nothing_else_is() {
+fn poses_are_sent_at_once_while_live_and_else_only_what_has_stood_still_for_100_ms() {
     let mut run = Run::live(&all(1.0));
     run.now_us += FRAME_US;
     assert!(run.pose(&all(0.9)).due);
-    assert_eq!(run.failsafe.wait_us(&run.history), 150 * MS);
-    assert!(!run.wait(100 * MS).due);
+    assert_eq!(run.failsafe.wait_us(&run.history), 100 * MS);
+    assert!(!run.wait(99 * MS).due);
+    let again = run.wait(MS);
+    assert_eq!((again.due, again.state, again.pose, again.age_us), (true, State::Live, all(0.9), 100 * MS));
     assert_eq!(run.failsafe.wait_us(&run.history), 50 * MS);
     assert!(run.wait(50 * MS).due, "hold begins");
+}
+
+#[test]
+fn no_settings_and_no_camera_make_packets_rarer_than_10_hz() {
+    let patient = FailsafeSettings { live_ms: 5000, hold_ms: 10_000, neutral_ms: 60_000, slew_per_s: 0.1 };
+    for (settings, frame_period_us) in [(patient, FRAME_US), (settings(), 1_000_000)] {
+        let mut run = Run::live(&all(1.0));
+        run.failsafe = Failsafe::new(&settings, 10, frame_period_us);
+        let mut waited_us = 0;
+        for _ in 0..1000 {
+            let wait_us = run.failsafe.wait_us(&run.history);
+            waited_us = if run.wait(wait_us).due { 0 } else { waited_us + wait_us };
+            assert!(waited_us <= 100 * MS, "{waited_us}, {:?}", run.history.state);
+        }
+        assert_eq!(run.history.state, State::Neutral);
+    }
 }
 
 #[test]

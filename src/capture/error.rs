@@ -131,7 +131,7 @@ pub enum CaptureError {
         waited_ms: u64,
     },
     /// Frame after frame was bad.
-    #[error("{count} frames in a row were bad, of the last {fault}; check the camera's cable and USB bandwidth")]
+    #[error("{count} frames in a row were bad (the last: {fault}); check the camera's cable and USB bandwidth")]
     AllDamaged {
         /// How many.
         count: u32,

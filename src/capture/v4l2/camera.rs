@@ -11,10 +11,7 @@ use super::super::{CaptureError, Description, Frame, FrameFault, FrameRate, Sour
 use super::layout::{Layout, Store};
 use super::mode::{Choice, Wish, choose};
 use super::select;
-use super::stream::{Limits, Shot, Stream};
-
-/// Damaged frames in a row that are passed over; a camera that sends more is opened anew.
-const MAX_DAMAGED: u32 = 8;
+use super::stream::{Limits, Stream};
 
 /// Frame periods after which a frame that lay waiting is too old: the next one is nearer than it.
 const STALE_PERIODS: u64 = 2;
@@ -26,8 +23,6 @@ pub struct CameraSource {
     layout: Layout,
     origin: String,
     rate: Option<FrameRate>,
-    /// Frames taken from the driver.
-    taken: u64,
 }
 
 impl CameraSource {
@@ -49,34 +44,23 @@ impl CameraSource {
         let limits = Limits { timeout, stale_us: STALE_PERIODS * period_us };
         let stream = Stream::start(&device, &camera.node, limits)?;
         let origin = format!("{} ({})", camera.card, camera.node.display());
-        Ok(Self { stream, pixels, layout, origin, rate, taken: 0 })
-    }
-
-    /// Takes the newest good frame; says when it was taken and how many were passed over and damaged.
-    fn advance(&mut self) -> Result<(u64, u32, u32), CaptureError> {
-        let (mut skipped, mut fault) = (0, FrameFault::Marked);
-        for damaged in 0..MAX_DAMAGED {
-            let (pixels, layout) = (&mut self.pixels, &self.layout);
-            let look = |shot: Shot<'_>| pixels.keep(shot.bytes, layout).map(|()| shot.captured_us);
-            let (passed, kept) = self.stream.newest(look)?;
-            skipped += passed;
-            self.taken += u64::from(passed) + 1;
-            match kept {
-                Ok(captured_us) => return Ok((captured_us, skipped, damaged)),
-                Err(found) => fault = found,
-            }
-        }
-        Err(CaptureError::AllDamaged { count: MAX_DAMAGED, fault })
+        Ok(Self { stream, pixels, layout, origin, rate })
     }
 }
 
 impl Source for CameraSource {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        let (captured_us, skipped, damaged) = self.advance()?;
-        let number = self.taken - 1;
-        let no_picture = CaptureError::Frame { number, fault: FrameFault::Incomplete };
-        let picture = self.pixels.picture(&self.layout).ok_or(no_picture)?;
-        Ok(Some(Frame { picture, captured_us, number, skipped, damaged }))
+        let (pixels, layout) = (&mut self.pixels, &self.layout);
+        let kept = self.stream.newest(|shot| pixels.keep(shot.bytes, layout).map(|()| shot.captured_us))?;
+        let number = self.stream.taken() - 1;
+        let damaged = |fault| CaptureError::Frame { number, fault };
+        let captured_us = kept.map_err(damaged)?;
+        let picture = self.pixels.picture(&self.layout).ok_or(damaged(FrameFault::Incomplete))?;
+        Ok(Some(Frame { picture, captured_us, number }))
+    }
+
+    fn take_skipped(&mut self) -> u32 {
+        self.stream.take_skipped()
     }
 
     fn frame_period_us(&self) -> Option<u64> {

@@ -34,6 +34,10 @@ pub struct Stream {
     mapped: Option<MappedStream<'static>>,
     handle: Arc<Handle>,
     limits: Limits,
+    /// Frames taken from the driver.
+    taken: u64,
+    /// Those of them that were passed over since this was last asked.
+    skipped: u32,
 }
 
 /// How long to wait.
@@ -63,15 +67,15 @@ impl Stream {
         let fail = |error| CaptureError::device(path, "starting it", error);
         let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
         mapped.set_timeout(START_TIMEOUT);
-        let mut stream = Self { mapped: Some(mapped), handle: device.handle(), limits };
-        match stream.mapped()?.next() {
+        let mut stream = Self { mapped: Some(mapped), handle: device.handle(), limits, taken: 0, skipped: 0 };
+        match stream.mapped.as_mut().ok_or(CaptureError::Gone)?.next() {
             Ok(_) => Ok(stream),
             Err(error) if error.kind() == io::ErrorKind::TimedOut => Err(stalled(START_TIMEOUT)),
             Err(error) => Err(fail(error)),
         }
     }
 
-    /// Waits for a frame, passes over all but the newest, and shows it to `look`. Returns how many were passed over.
+    /// Waits for a frame, passes over all but the newest, and shows it to `look`.
     ///
     /// A reader that was away for long finds every buffer filled and the newest old already, for the driver had
     /// nowhere to put the later ones. Such a frame is passed over too, and the next one waited for.
@@ -82,26 +86,34 @@ impl Stream {
     pub fn newest<T>(
         &mut self,
         look: impl FnOnce(Shot<'_>) -> Result<T, FrameFault>,
-    ) -> Result<(u32, Result<T, FrameFault>), CaptureError> {
+    ) -> Result<Result<T, FrameFault>, CaptureError> {
         self.wait()?;
-        let (handle, limits) = (self.handle.clone(), self.limits);
-        let mapped = self.mapped()?;
-        let (mut skipped, mut patience) = (0, limits.timeout);
+        let (handle, limits) = (&self.handle, self.limits);
+        let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
+        let (mut passed_over, mut patience) = (0, limits.timeout);
         loop {
             let (bytes, meta) = mapped.next().map_err(CaptureError::stream)?;
+            self.taken += 1;
             let now_us = monotonic_us();
-            let is_stale = skipped > 0 && now_us - captured_us(meta, now_us) > limits.stale_us;
+            let is_stale = passed_over > 0 && now_us - captured_us(meta, now_us) > limits.stale_us;
             let has_newer =
-                is_ready(&handle, Duration::ZERO)? || is_stale && is_ready(&handle, mem::take(&mut patience))?;
-            if !has_newer || skipped > BUFFERS {
-                return Ok((skipped, shot(bytes, meta).and_then(look)));
+                is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, mem::take(&mut patience))?;
+            if !has_newer || passed_over > BUFFERS {
+                return Ok(shot(bytes, meta).and_then(look));
             }
-            skipped += 1;
+            passed_over += 1;
+            self.skipped += 1;
         }
     }
 
-    fn mapped(&mut self) -> Result<&mut MappedStream<'static>, CaptureError> {
-        self.mapped.as_mut().ok_or(CaptureError::Gone)
+    /// Frames taken from the driver, without the first.
+    pub fn taken(&self) -> u64 {
+        self.taken
+    }
+
+    /// How many frames were passed over since this was last asked.
+    pub fn take_skipped(&mut self) -> u32 {
+        mem::take(&mut self.skipped)
     }
 
     fn wait(&self) -> Result<(), CaptureError> {

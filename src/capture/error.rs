@@ -146,6 +146,14 @@ pub enum CaptureError {
         /// The system's reason.
         source: io::Error,
     },
+    /// The driver answered with what is not understood.
+    #[error("the driver of {path} answered with what the kernel does not define ({reason}); take another camera")]
+    Driver {
+        /// Its node.
+        path: String,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// libjpeg-turbo could not start.
     #[error("the JPEG decoder could not start; free some memory")]
     Decoder,

@@ -8,8 +8,10 @@ use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
 use super::super::{CaptureError, Description, Frame, FrameFault, FrameRate, Source};
+use super::guard::guarded;
 use super::layout::{Layout, Store};
 use super::mode::{Choice, Wish, choose};
+use super::probe::Camera;
 use super::select;
 use super::stream::{Limits, Stream};
 
@@ -33,16 +35,21 @@ impl CameraSource {
     /// # Errors
     /// [`CaptureError::NoCamera`], [`CaptureError::NotFound`], [`CaptureError::NotACamera`],
     /// [`CaptureError::PermissionDenied`], [`CaptureError::Busy`], [`CaptureError::ModeLacking`],
-    /// [`CaptureError::ModeRefused`], [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Device`].
+    /// [`CaptureError::ModeRefused`], [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Driver`],
+    /// [`CaptureError::Device`].
     pub fn open(wanted: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
         let (camera, device) = select::open(wanted, wish)?;
+        guarded(&camera.node, || Self::start(&camera, &device, wish, timeout))
+    }
+
+    fn start(camera: &Camera, device: &Device, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
         let choice = choose(&camera.modes, wish).ok_or_else(|| camera.lacks(wish))?;
-        let layout = set_format(&device, &camera.node, choice)?;
-        let rate = choice.rate.and_then(|rate| set_rate(&device, rate)).or(choice.rate);
+        let layout = set_format(device, &camera.node, choice)?;
+        let rate = choice.rate.and_then(|rate| set_rate(device, rate)).or(choice.rate);
         let pixels = Store::new(&layout)?;
         let period_us = rate.unwrap_or(FrameRate::FPS_30).period_us();
         let limits = Limits { timeout, stale_us: STALE_PERIODS * period_us };
-        let stream = Stream::start(&device, &camera.node, limits)?;
+        let stream = Stream::start(device, &camera.node, limits)?;
         let origin = format!("{} ({})", camera.card, camera.node.display());
         Ok(Self { stream, pixels, layout, origin, rate })
     }

@@ -1,16 +1,17 @@
 //! The camera's buffers: wait, drain to the newest, look at it, and give everything back safely.
 //!
 //! The v4l crate's stream lends a buffer from one `next` to the following one, and must not be used after an error;
-//! both hold here, because every error ends the source. Its `Drop` panics when stopping fails for any reason but a
-//! camera that is gone, so [`Stream`] stops it first and lets go of it only if that worked. Else it is leaked with
+//! both hold here, because every error ends the source. Its `Drop` panics when stopping fails with any error but
+//! `ENODEV`, so [`Stream`] stops it first and lets go of it only if that worked. Else it is leaked with
 //! its descriptor and four buffers, once: a camera that cannot be stopped stays busy and is not opened again.
 
 use std::io;
 use std::mem;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use rustix::io::Errno;
 use v4l::Device;
 use v4l::buffer::{Flags, Metadata, Type};
 use v4l::device::Handle;
@@ -18,6 +19,7 @@ use v4l::io::mmap::Stream as MappedStream;
 use v4l::io::traits::{CaptureStream, Stream as _};
 
 use super::super::{CaptureError, FrameFault, monotonic_us};
+use super::guard::guarded;
 
 /// Two would do; four ride out a late wake-up without a dropped frame.
 const BUFFERS: u32 = 4;
@@ -33,6 +35,7 @@ pub struct Stream {
     /// `None` only while it is dropped.
     mapped: Option<MappedStream<'static>>,
     handle: Arc<Handle>,
+    path: PathBuf,
     limits: Limits,
     /// Frames taken from the driver.
     taken: u64,
@@ -67,7 +70,8 @@ impl Stream {
         let fail = |error| CaptureError::device(path, "starting it", error);
         let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
         mapped.set_timeout(START_TIMEOUT);
-        let mut stream = Self { mapped: Some(mapped), handle: device.handle(), limits, taken: 0, skipped: 0 };
+        let mut stream =
+            Self { mapped: Some(mapped), handle: device.handle(), path: path.to_owned(), limits, taken: 0, skipped: 0 };
         match stream.mapped.as_mut().ok_or(CaptureError::Gone)?.next() {
             Ok(_) => Ok(stream),
             Err(error) if error.kind() == io::ErrorKind::TimedOut => Err(stalled(START_TIMEOUT)),
@@ -135,7 +139,13 @@ impl Drop for Stream {
         let Some(mut mapped) = self.mapped.take() else {
             return;
         };
-        if !has_stopped(&mut mapped) {
+        if has_stopped(&mut mapped) {
+            // Giving the buffers back may fail all the same, and then there is nothing more to do.
+            let _ = guarded(&self.path, || {
+                drop(mapped);
+                Ok(())
+            });
+        } else {
             mem::forget(mapped);
         }
     }
@@ -146,7 +156,7 @@ fn has_stopped(mapped: &mut MappedStream<'static>) -> bool {
     for _ in 0..STOP_ATTEMPTS {
         match mapped.stop() {
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return CaptureError::is_gone(&error),
+            Err(error) => return error.raw_os_error() == Some(Errno::NODEV.raw_os_error()),
             Ok(()) => return true,
         }
     }

@@ -11,8 +11,7 @@ use super::super::{CaptureError, Description, Frame, FrameFault, FrameRate, Sour
 use super::guard::guarded;
 use super::layout::{Layout, Store};
 use super::mode::{Choice, Wish, choose};
-use super::probe::Camera;
-use super::select;
+use super::select::{self, Selected};
 use super::stream::{Limits, Stream};
 
 /// Frame periods after which a frame that lay waiting is too old: the next one is nearer than it.
@@ -38,11 +37,12 @@ impl CameraSource {
     /// [`CaptureError::ModeRefused`], [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Driver`],
     /// [`CaptureError::Device`].
     pub fn open(wanted: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
-        let (camera, device) = select::open(wanted, wish)?;
-        guarded(&camera.node, || Self::start(&camera, &device, wish, timeout))
+        let selected = select::open(wanted, wish)?;
+        guarded(&selected.camera.node, || Self::start(&selected, wish, timeout))
     }
 
-    fn start(camera: &Camera, device: &Device, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
+    fn start(selected: &Selected, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
+        let Selected { camera, device, origin } = selected;
         let choice = choose(&camera.modes, wish).ok_or_else(|| camera.lacks(wish))?;
         let layout = set_format(device, &camera.node, choice)?;
         let rate = choice.rate.and_then(|rate| set_rate(device, rate)).or(choice.rate);
@@ -50,8 +50,7 @@ impl CameraSource {
         let period_us = rate.unwrap_or(FrameRate::FPS_30).period_us();
         let limits = Limits { timeout, stale_us: STALE_PERIODS * period_us };
         let stream = Stream::start(device, &camera.node, limits)?;
-        let origin = format!("{} ({})", camera.card, camera.node.display());
-        Ok(Self { stream, pixels, layout, origin, rate })
+        Ok(Self { stream, pixels, layout, origin: origin.clone(), rate })
     }
 }
 

@@ -6,10 +6,11 @@
 
 mod common;
 
-use common::service::{Receiver, Service};
+use common::service::{Receiver, Service, counted};
 use common::slew::assert_slew;
 use common::stuck::Stuck;
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
+use rustix::process::Signal;
 
 /// Since the last good pose, microseconds: hold from the first on, decay from the second, neutral from the third.
 const TIMES_US: [u32; 3] = [150_000, 300_000, 1_000_000];
@@ -77,8 +78,24 @@ fn a_silent_camera_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
 }
 
 #[test]
-fn a_camera_with_damaged_frames_only_is_late_and_comes_back_by_a_ramp() {
-    assert_rehearsed("damaged", Reason::Late);
+fn a_camera_with_damaged_frames_only_is_none_and_comes_back_by_a_ramp() {
+    assert_rehearsed("damaged", Reason::NoCamera);
+}
+
+/// Opened again and again, it is told once, and every damaged frame counts.
+#[test]
+fn a_camera_that_never_shows_anything_is_told_once_and_its_frames_are_counted() {
+    let receiver = Receiver::new();
+    let service = Service::start("[camera]\ndevice = \"rehearsal: damaged 60\"\n", &[receiver.address()]);
+    let packets: Vec<Packet> = (0..40).map(|_| receiver.packet()).collect();
+    let is_blind = |packet: &Packet| (packet.state, packet.reason) == (State::Neutral, Reason::NoCamera);
+    assert!(packets.iter().skip(20).all(is_blind));
+    let (run, _) = service.stop(Signal::TERM);
+    let run = run.succeeded();
+    assert!(counted(&run.err, "damaged") >= 16, "{}", run.err);
+    assert_eq!(counted(&run.err, "cameras_opened"), 0);
+    assert_eq!(run.err.matches("no camera: 8 frames in a row were bad").count(), 1, "{}", run.err);
+    assert!(!run.err.contains("camera opened"), "{}", run.err);
 }
 
 /// The thread that runs inferences stands still while the sender goes on.

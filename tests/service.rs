@@ -10,7 +10,7 @@ use std::io::{PipeReader, PipeWriter, Write as _, pipe};
 use std::time::{Duration, Instant};
 
 use common::program::{Run, facewire};
-use common::service::{Receiver, Service};
+use common::service::{Receiver, Service, counted};
 use common::slew::assert_slew;
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -43,14 +43,10 @@ fn assert_stopped(packets: &[Packet], (run, took): (Run, Duration)) -> String {
 
 /// Checks that every frame and every packet to each link is in one of the counts of the last line.
 fn assert_adds_up(log: &str, links: u64) {
-    let last = log.rsplit_once("stopped: ").unwrap().1;
-    let count = |key: &str| -> u64 {
-        let value = last.split_whitespace().find_map(|part| part.strip_prefix(key)?.strip_prefix('='));
-        value.unwrap_or_else(|| panic!("no {key}: {last}")).parse().unwrap()
-    };
-    assert!(count("faces") > 0 && count("frames") >= count("faces"), "{last}");
-    assert_eq!(count("frames"), count("faces") + count("no_face") + count("rejected"), "{last}");
-    assert_eq!(count("packets") * links, count("sent") + count("dropped"), "{last}");
+    let count = |key| counted(log, key);
+    assert!(count("faces") > 0 && count("frames") >= count("faces"), "{log}");
+    assert_eq!(count("frames"), count("faces") + count("no_face") + count("rejected"), "{log}");
+    assert_eq!(count("packets") * links, count("sent") + count("dropped"), "{log}");
 }
 
 #[test]

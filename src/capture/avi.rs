@@ -76,7 +76,7 @@ impl<R: Read> AviSource<R> {
         self.decoder.decode(jpeg).map_err(bad)?;
         let picture = self.decoder.picture().ok_or(bad(FrameFault::Layout))?;
         let captured_us = self.video.rate.unwrap_or(FrameRate::FPS_30).stamp_us(number);
-        Ok(Frame { picture, captured_us, number, skipped: 0, damaged: 0 })
+        Ok(Frame { picture, captured_us, number })
     }
 
     fn find_frame(&mut self) -> Result<bool, CaptureError> {

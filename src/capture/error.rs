@@ -131,7 +131,7 @@ pub enum CaptureError {
         waited_ms: u64,
     },
     /// Frame after frame was bad.
-    #[error("{count} frames in a row were bad, of the last {fault}; check the camera's cable and USB bandwidth")]
+    #[error("{count} frames in a row were bad (the last: {fault}); check the camera's cable and USB bandwidth")]
     AllDamaged {
         /// How many.
         count: u32,
@@ -145,6 +145,14 @@ pub enum CaptureError {
         during: &'static str,
         /// The system's reason.
         source: io::Error,
+    },
+    /// The driver answered with what is not understood.
+    #[error("the driver of {path} answered with what the kernel does not define ({reason}); take another camera")]
+    Driver {
+        /// Its node.
+        path: String,
+        /// What is wrong with it.
+        reason: String,
     },
     /// libjpeg-turbo could not start.
     #[error("the JPEG decoder could not start; free some memory")]

@@ -44,10 +44,6 @@ pub struct Frame<'a> {
     pub captured_us: u64,
     /// Position in the source, counting frames that were skipped or failed; starts at 0 for a file.
     pub number: u64,
-    /// Older frames passed over for this one: newest wins.
-    pub skipped: u32,
-    /// Damaged frames since the last good one, where the source passes over them itself.
-    pub damaged: u32,
 }
 
 /// Something that gives frames.
@@ -65,6 +61,11 @@ pub trait Source {
     /// As [`Source::next`].
     fn skip(&mut self) -> Result<bool, CaptureError> {
         Ok(self.next()?.is_some())
+    }
+
+    /// How many frames were passed over for newer ones since this was last asked, whatever [`Source::next`] said then.
+    fn take_skipped(&mut self) -> u32 {
+        0
     }
 
     /// Time from one frame to the next, if the source states it.

@@ -189,6 +189,10 @@ impl Source for Rehearsal {
         }
     }
 
+    fn take_skipped(&mut self) -> u32 {
+        self.film.take_skipped()
+    }
+
     fn frame_period_us(&self) -> Option<u64> {
         self.film.frame_period_us()
     }

@@ -99,7 +99,7 @@ impl<R: Read> Source for Y4mSource<R> {
         let pixels = self.header.pixels(&self.samples);
         let picture = pixels.and_then(|pixels| Picture::new(width, height, pixels, full_range));
         let picture = picture.ok_or(CaptureError::PictureSize { width, height })?;
-        Ok(Some(Frame { picture, captured_us, number, skipped: 0, damaged: 0 }))
+        Ok(Some(Frame { picture, captured_us, number }))
     }
 
     fn skip(&mut self) -> Result<bool, CaptureError> {

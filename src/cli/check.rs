@@ -8,7 +8,7 @@ use crate::capture::{DEMO, open_file};
 use crate::config::{CameraSettings, Settings};
 use crate::link::Link;
 use crate::pipeline::{Pipeline, Rejected};
-use crate::service::open_camera;
+use crate::service::{await_picture, open_camera};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -59,10 +59,10 @@ fn check_networks(settings: &Settings) -> Result<String, Failure> {
     }
 }
 
-/// Opens the camera and waits for one frame.
+/// Opens the camera and waits for a good frame.
 fn check_camera(settings: &CameraSettings) -> Result<String, Failure> {
     let mut camera = open_camera(settings)?;
     let described = camera.describe().to_string();
-    camera.next()?;
+    await_picture(&mut *camera, || {})?;
     Ok(described)
 }

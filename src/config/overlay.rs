@@ -65,6 +65,8 @@ pub fn check_together(settings: &Settings, faults: &mut Faults) {
     );
     let device = &settings.camera.device;
     let is_readable = Script::of(device).is_none_or(|script| script.is_ok());
+    let anything = "\"auto\", the path of a camera, part of its name, \"demo\" or a rehearsal";
+    need(!device.trim().is_empty(), "camera.device", format!("{device:?}"), anything.to_owned());
     need(is_readable, "camera.device", format!("{device:?}"), Script::EXPECTED.to_owned());
     need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
 }

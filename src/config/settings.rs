@@ -53,10 +53,10 @@ impl Default for Settings {
 section! {
     /// Where frames come from.
     CameraSettings {
-        /// Camera: "auto" (the first one), "/dev/video0" or a link to it, part of a camera's name, "demo" (the built-in
-        /// clip played as a camera), or a rehearsal, which is that with faults: "rehearsal: live 5, gone 2" with the
-        /// scenes live, no-face, damaged, silent, hung and gone and their seconds, or "rehearsal: random 7".
-        /// `facewire devices` lists what there is.
+        /// Camera: "auto" (the first one), "/dev/video0" or a link to it, part of a camera's name (the first that bears
+        /// it; of several, keep to one by its stable path), "demo" (the built-in clip played as a camera), or a
+        /// rehearsal, which is that with faults: "rehearsal: live 5, gone 2" with the scenes live, no-face, damaged,
+        /// silent, hung and gone and their seconds, or "rehearsal: random 7". `facewire devices` lists what there is.
         device: String = "auto".to_owned(), (), "";
         /// Picture width. Of the camera's modes that reach `fps`, the nearest is taken.
         width: u32 = 640, 160..=3840, " (pixels)";

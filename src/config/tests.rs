@@ -250,6 +250,14 @@ fn whole_numbers_serve_where_a_number_is_asked_for() {
 }
 
 #[test]
+fn a_camera_without_a_name_is_refused_for_every_camera_bears_it() {
+    for empty in ["", " "] {
+        let fault = faults(&format!("[camera]\ndevice = \"{empty}\""));
+        assert!(fault.starts_with(&format!("camera.device = \"{empty}\": give \"auto\", the path of")), "{fault}");
+    }
+}
+
+#[test]
 fn a_rehearsal_that_cannot_be_read_is_refused_with_an_example() {
     let fault = faults("[camera]\ndevice = \"rehearsal: live 5, nap 2\"");
     assert!(fault.starts_with("camera.device = \"rehearsal: live 5, nap 2\": give a rehearsal such as"), "{fault}");

@@ -1,10 +1,15 @@
-//! From the settings to an open camera.
+//! From the settings to a camera that shows something, and how long to wait before the next attempt.
 
 use std::time::Duration;
 
 use crate::capture::v4l2::{PixelFormat, Wish};
-use crate::capture::{self, CaptureError, FrameRate, Source};
+use crate::capture::{self, CaptureError, FrameFault, FrameRate, Source};
 use crate::config::{CameraFormat, CameraSettings};
+
+/// Damaged frames in a row that are passed over; a camera that sends more is opened anew, which heals some.
+const MAX_DAMAGED: u32 = 8;
+/// The first wait between attempts to open a camera, and the longest.
+const BACK_OFF: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(1)];
 
 /// Opens the camera that the settings name: a device, or the built-in clip played as one.
 ///
@@ -25,4 +30,131 @@ fn wish(settings: &CameraSettings) -> Wish {
     };
     let rate = FrameRate::new(settings.fps, 1).unwrap_or(FrameRate::FPS_30);
     Wish { width: settings.width, height: settings.height, rate, format }
+}
+
+/// Waits for the first good frame, which is left out: only then is a camera one. Tells `damaged` of each that is not.
+///
+/// # Errors
+/// [`CaptureError::AllDamaged`], and those of [`Source::next`].
+pub fn await_picture(source: &mut dyn Source, mut damaged: impl FnMut()) -> Result<(), CaptureError> {
+    let mut in_a_row = DamagedInARow::default();
+    loop {
+        match source.next() {
+            Ok(Some(_)) => return Ok(()),
+            Ok(None) => return Err(CaptureError::Gone),
+            Err(CaptureError::Frame { fault, .. }) => {
+                damaged();
+                in_a_row.add(fault)?;
+            }
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+/// Damaged frames since the last good one.
+#[derive(Debug, Default)]
+pub(super) struct DamagedInARow(u32);
+
+impl DamagedInARow {
+    /// One more; too many of them are [`CaptureError::AllDamaged`].
+    pub(super) fn add(&mut self, fault: FrameFault) -> Result<(), CaptureError> {
+        self.0 += 1;
+        if self.0 < MAX_DAMAGED { Ok(()) } else { Err(CaptureError::AllDamaged { count: self.0, fault }) }
+    }
+
+    /// A good frame came.
+    pub(super) fn end(&mut self) {
+        self.0 = 0;
+    }
+}
+
+/// How long to wait before the next attempt to open a camera: twice as long each time, anew after a camera that lasted.
+#[derive(Debug)]
+pub(super) struct BackOff {
+    next: Duration,
+}
+
+impl Default for BackOff {
+    fn default() -> Self {
+        Self { next: BACK_OFF[0] }
+    }
+}
+
+impl BackOff {
+    /// The wait after a camera that gave frames for so long; zero for one that gave none.
+    pub(super) fn after(&mut self, lasted: Duration) -> Duration {
+        let [first, longest] = BACK_OFF;
+        let wait = if lasted >= longest { first } else { self.next };
+        self.next = (2 * wait).min(longest);
+        wait
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::capture::{Clip, Description, Frame};
+
+    /// The clip, of which the first frames are damaged.
+    struct Spoilt {
+        clip: Clip,
+        damaged: u32,
+    }
+
+    impl Spoilt {
+        fn new(damaged: u32) -> Self {
+            Self { clip: Clip::looped().unwrap(), damaged }
+        }
+    }
+
+    impl Source for Spoilt {
+        fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+            let Some(left) = self.damaged.checked_sub(1) else { return self.clip.next() };
+            self.damaged = left;
+            Err(CaptureError::Frame { number: 0, fault: FrameFault::NotJpeg })
+        }
+
+        fn frame_period_us(&self) -> Option<u64> {
+            self.clip.frame_period_us()
+        }
+
+        fn describe(&self) -> Description<'_> {
+            self.clip.describe()
+        }
+    }
+
+    /// How waiting for a picture ends, and how many damaged frames that took.
+    fn awaited(damaged: u32) -> (Result<(), CaptureError>, u32) {
+        let mut counted = 0;
+        let outcome = await_picture(&mut Spoilt::new(damaged), || counted += 1);
+        (outcome, counted)
+    }
+
+    #[test]
+    fn a_camera_is_one_with_its_first_good_frame_and_eight_damaged_in_a_row_are_too_many() {
+        assert!(matches!(awaited(0), (Ok(()), 0)));
+        assert!(matches!(awaited(7), (Ok(()), 7)));
+        let (outcome, counted) = awaited(100);
+        assert!(matches!(outcome, Err(CaptureError::AllDamaged { count: 8, fault: FrameFault::NotJpeg })));
+        assert_eq!(counted, 8);
+    }
+
+    #[test]
+    fn a_good_frame_begins_the_row_anew() {
+        let mut in_a_row = DamagedInARow::default();
+        for _ in 0..3 {
+            assert!((0..7).all(|_| in_a_row.add(FrameFault::Corrupt).is_ok()));
+            in_a_row.end();
+        }
+    }
+
+    #[test]
+    fn waits_double_up_to_a_second_and_begin_anew_only_after_a_camera_that_lasted_one() {
+        let mut back_off = BackOff::default();
+        let mut wait_ms = |lasted_ms| back_off.after(Duration::from_millis(lasted_ms)).as_millis();
+        assert_eq!([0; 6].map(&mut wait_ms), [100, 200, 400, 800, 1000, 1000]);
+        assert_eq!(wait_ms(999), 1000, "a glimpse");
+        assert_eq!([1000, 0].map(&mut wait_ms), [100, 200]);
+    }
 }

@@ -8,7 +8,7 @@ use crate::capture::CaptureError;
 pub(super) enum Event {
     /// A thread started; what of real time it was granted.
     Started(Vec<Grant>),
-    /// A camera was opened; what it delivers.
+    /// A camera was opened and shows something; what it delivers.
     Opened(String),
     /// The camera failed.
     Lost(CaptureError),

@@ -10,8 +10,8 @@ use crate::config::CameraSettings;
 /// Longest time that opening or closing a camera may take, microseconds: some control calls of a USB camera, each
 /// given up by the kernel after 5 s, then up to 5 s for the first frame.
 const CAMERA_PATIENCE_US: u64 = 30_000_000;
-/// Stall timeouts that one frame may take: up to 8 damaged ones are passed over, each waited for twice at most.
-const WAITS_PER_FRAME: u64 = 16;
+/// Stall timeouts that one frame may take: one for it, and one for a newer where it lay waiting for long.
+const WAITS_PER_FRAME: u64 = 2;
 /// Added to the wait for a frame, so that the camera's own timeout comes first, microseconds.
 const GRACE_US: u64 = 1_000_000;
 /// Bits that hold the phase beside the time.
@@ -127,8 +127,8 @@ mod tests {
     #[test]
     fn waiting_for_a_frame_is_movement_until_the_stall_timeout_must_be_over() {
         assert!(moves(Phase::Frame, 102 * S), "the stall timeout and more");
-        assert!(moves(Phase::Frame, 117 * S - 1), "damaged frames were passed over");
-        assert!(!moves(Phase::Frame, 117 * S));
+        assert!(moves(Phase::Frame, 103 * S - 1), "twice, and a second of grace");
+        assert!(!moves(Phase::Frame, 103 * S));
     }
 
     #[test]

@@ -13,7 +13,7 @@ use std::time::Duration;
 use facewire_packet::Reason;
 use triple_buffer::Input;
 
-use super::camera;
+use super::camera::{self, BackOff, DamagedInARow};
 use super::counters::Counters;
 use super::event::Event;
 use super::exchange::Exchange;
@@ -26,8 +26,6 @@ use crate::config::CameraSettings;
 use crate::face::Tracker;
 use crate::pipeline::{Pipeline, Rejected, Solver};
 
-/// Waits between attempts to open a camera: the first, and the longest, milliseconds.
-const BACK_OFF_MS: [u64; 2] = [100, 1000];
 /// Longer gaps between frames are no frame period, microseconds.
 const MAX_PERIOD_US: u64 = 500_000;
 /// A new frame period counts for this part of the mean.
@@ -56,6 +54,8 @@ pub(super) struct HotLoop {
     outlets: Outlets,
     changes: Arc<Exchange<HotChange>>,
     counters: Arc<Counters>,
+    /// When the camera showed its first picture.
+    opened_us: Option<u64>,
     last_captured_us: Option<u64>,
     /// The camera's frame period: work that takes longer makes it skip frames.
     deadline: Duration,
@@ -69,26 +69,23 @@ impl HotLoop {
         changes: Arc<Exchange<HotChange>>,
         counters: Arc<Counters>,
     ) -> Self {
-        Self { camera, pipeline, outlets, changes, counters, last_captured_us: None, deadline: Duration::MAX }
+        let (opened_us, last_captured_us, deadline) = (None, None, Duration::MAX);
+        Self { camera, pipeline, outlets, changes, counters, opened_us, last_captured_us, deadline }
     }
 
     pub(super) fn run(mut self) {
-        let [first_ms, longest_ms] = BACK_OFF_MS;
-        let mut wait_ms = first_ms;
+        let mut back_off = BackOff::default();
         while !self.counters.stopping() {
             self.enter(Phase::Camera);
             self.adopt();
             let trouble = self.session();
             self.report(Report::Fault(Reason::NoCamera));
+            let lasted = self.opened_us.take().map_or(Duration::ZERO, |opened_us| between(opened_us, monotonic_us()));
             let Err(event) = trouble else { continue };
-            if matches!(event, Event::Lost(_)) {
-                wait_ms = first_ms;
-            }
             self.tell(event);
             if !self.counters.stopping() {
                 self.enter(Phase::Camera);
-                thread::park_timeout(Duration::from_millis(wait_ms));
-                wait_ms = (2 * wait_ms).min(longest_ms);
+                thread::park_timeout(back_off.after(lasted));
             }
         }
     }
@@ -96,15 +93,32 @@ impl HotLoop {
     /// Opens the camera and runs its frames until it fails, or until the service stops or wants another camera.
     fn session(&mut self) -> Result<(), Event> {
         let mut source = camera::open(&self.camera).map_err(Event::Closed)?;
-        self.opened(&*source);
-        let outcome = self.stream(&mut *source).map_err(Event::Lost);
+        let outcome = self.show(&mut *source);
         // Closing, too, may take its time in the kernel.
         self.enter(Phase::Camera);
         outcome
     }
 
+    fn show(&mut self, source: &mut dyn Source) -> Result<(), Event> {
+        self.await_picture(source).map_err(Event::Closed)?;
+        self.opened(source);
+        self.stream(source).map_err(Event::Lost)
+    }
+
+    /// A camera that sends nothing but damaged frames is none.
+    fn await_picture(&self, source: &mut dyn Source) -> Result<(), CaptureError> {
+        self.enter(Phase::Frame);
+        let outcome = camera::await_picture(source, || {
+            self.enter(Phase::Frame);
+            add(&self.counters.damaged, 1);
+        });
+        self.count_skipped(source);
+        outcome
+    }
+
     fn opened(&mut self, source: &dyn Source) {
         add(&self.counters.opened, 1);
+        self.opened_us = Some(monotonic_us());
         self.counters.frame_period_us.store(source.frame_period_us().unwrap_or(0), Relaxed);
         self.deadline = self.frame_period(source);
         self.last_captured_us = None;
@@ -115,16 +129,30 @@ impl HotLoop {
 
     /// Runs frames until the service stops, the camera fails, or new settings want it opened anew.
     fn stream(&mut self, source: &mut dyn Source) -> Result<(), CaptureError> {
+        let mut in_a_row = DamagedInARow::default();
         while !self.counters.stopping() && !self.adopt() {
             self.enter(Phase::Frame);
-            match source.next() {
-                Ok(Some(frame)) => self.frame(&frame),
-                Ok(None) => return Err(CaptureError::Gone),
-                Err(CaptureError::Frame { .. }) => add(&self.counters.damaged, 1),
-                Err(error) => return Err(error),
-            }
+            let outcome = match source.next() {
+                Ok(Some(frame)) => {
+                    in_a_row.end();
+                    self.frame(&frame);
+                    Ok(())
+                }
+                Ok(None) => Err(CaptureError::Gone),
+                Err(CaptureError::Frame { fault, .. }) => {
+                    add(&self.counters.damaged, 1);
+                    in_a_row.add(fault)
+                }
+                Err(error) => Err(error),
+            };
+            self.count_skipped(source);
+            outcome?;
         }
         Ok(())
+    }
+
+    fn count_skipped(&self, source: &mut dyn Source) {
+        add(&self.counters.skipped, source.take_skipped().into());
     }
 
     /// What the camera states, or else what it was asked for.
@@ -136,8 +164,6 @@ impl HotLoop {
     fn frame(&mut self, frame: &Frame) {
         let begun_us = self.enter(Phase::Work);
         add(&self.counters.frames, 1);
-        add(&self.counters.skipped, u64::from(frame.skipped));
-        add(&self.counters.damaged, u64::from(frame.damaged));
         let report = match self.pipeline.process(frame) {
             Ok(solution) => {
                 add(&self.counters.solved, 1);

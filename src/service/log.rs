@@ -1,19 +1,23 @@
 //! What the supervisor says: events as they come, and one status line from time to time.
 
 use std::fmt::Write as _;
+use std::mem::{Discriminant, discriminant};
 use std::time::{Duration, Instant};
 
 use super::counters::{Counters, Status};
 use super::event::Event;
 use super::realtime::Grant;
+use crate::capture::CaptureError;
 
 /// How often the status line is written.
 const STATUS_PERIOD: Duration = Duration::from_secs(10);
 
 /// What was said last.
 pub(super) struct Log {
-    /// The camera, or why there is none: the same reason is told once.
+    /// The camera, or why there is none.
     camera: Result<String, String>,
+    /// The reason that was told last: one of the same kind is not told again.
+    told: Option<Discriminant<CaptureError>>,
     /// What of real time was asked for, and what became of it.
     grants: Vec<Grant>,
     due: Instant,
@@ -24,7 +28,7 @@ impl Default for Log {
     fn default() -> Self {
         let now = Instant::now();
         let camera = Err("none was opened yet".to_owned());
-        Self { camera, grants: Vec::new(), due: now + STATUS_PERIOD, before: (now, 0) }
+        Self { camera, told: None, grants: Vec::new(), due: now + STATUS_PERIOD, before: (now, 0) }
     }
 }
 
@@ -35,19 +39,24 @@ impl Log {
             Event::Opened(source) => {
                 tracing::info!("camera opened: {source}");
                 self.camera = Ok(source);
+                self.told = None;
             }
             Event::Lost(error) => {
                 tracing::warn!("camera lost: {error}");
-                self.camera = Err(error.to_string());
+                self.blind(&error);
             }
             Event::Closed(error) => {
-                let reason = error.to_string();
-                if self.camera.as_ref() != Err(&reason) {
-                    tracing::warn!("no camera: {reason}; trying again");
+                if self.told != Some(discriminant(&error)) {
+                    tracing::warn!("no camera: {error}; trying again");
                 }
-                self.camera = Err(reason);
+                self.blind(&error);
             }
         }
+    }
+
+    fn blind(&mut self, error: &CaptureError) {
+        self.told = Some(discriminant(error));
+        self.camera = Err(error.to_string());
     }
 
     /// The camera in one line.

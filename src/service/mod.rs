@@ -31,7 +31,7 @@ use std::sync::{Arc, mpsc};
 use std::thread::{Builder, JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
-pub use camera::open as open_camera;
+pub use camera::{await_picture, open as open_camera};
 pub use counters::{Counters, Status};
 pub use reload::Program;
 pub use times::Quantiles;

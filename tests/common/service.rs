@@ -78,6 +78,14 @@ fn started(command: &mut Command) -> Child {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap()
 }
 
+/// This count of the last status line in a log.
+pub fn counted(log: &str, key: &str) -> u64 {
+    let line =
+        log.lines().rfind(|line| line.contains(" cameras_opened=")).unwrap_or_else(|| panic!("no status: {log}"));
+    let value = line.split_whitespace().find_map(|part| part.strip_prefix(key)?.strip_prefix('='));
+    value.unwrap_or_else(|| panic!("no {key}: {line}")).parse().unwrap()
+}
+
 /// Listens at a port of its own.
 pub struct Receiver(UdpSocket);
 

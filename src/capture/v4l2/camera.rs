@@ -8,13 +8,11 @@ use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
 use super::super::{CaptureError, Description, Frame, FrameFault, FrameRate, Source};
+use super::guard::guarded;
 use super::layout::{Layout, Store};
 use super::mode::{Choice, Wish, choose};
-use super::select;
-use super::stream::{Limits, Shot, Stream};
-
-/// Damaged frames in a row that are passed over; a camera that sends more is opened anew.
-const MAX_DAMAGED: u32 = 8;
+use super::select::{self, Selected};
+use super::stream::{Limits, Stream};
 
 /// Frame periods after which a frame that lay waiting is too old: the next one is nearer than it.
 const STALE_PERIODS: u64 = 2;
@@ -26,8 +24,6 @@ pub struct CameraSource {
     layout: Layout,
     origin: String,
     rate: Option<FrameRate>,
-    /// Frames taken from the driver.
-    taken: u64,
 }
 
 impl CameraSource {
@@ -38,45 +34,39 @@ impl CameraSource {
     /// # Errors
     /// [`CaptureError::NoCamera`], [`CaptureError::NotFound`], [`CaptureError::NotACamera`],
     /// [`CaptureError::PermissionDenied`], [`CaptureError::Busy`], [`CaptureError::ModeLacking`],
-    /// [`CaptureError::ModeRefused`], [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Device`].
+    /// [`CaptureError::ModeRefused`], [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Driver`],
+    /// [`CaptureError::Device`].
     pub fn open(wanted: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
-        let (camera, device) = select::open(wanted, wish)?;
+        let selected = select::open(wanted, wish)?;
+        guarded(&selected.camera.node, || Self::start(&selected, wish, timeout))
+    }
+
+    fn start(selected: &Selected, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
+        let Selected { camera, device, origin } = selected;
         let choice = choose(&camera.modes, wish).ok_or_else(|| camera.lacks(wish))?;
-        let layout = set_format(&device, &camera.node, choice)?;
-        let rate = choice.rate.and_then(|rate| set_rate(&device, rate)).or(choice.rate);
+        let layout = set_format(device, &camera.node, choice)?;
+        let rate = choice.rate.and_then(|rate| set_rate(device, rate)).or(choice.rate);
         let pixels = Store::new(&layout)?;
         let period_us = rate.unwrap_or(FrameRate::FPS_30).period_us();
         let limits = Limits { timeout, stale_us: STALE_PERIODS * period_us };
-        let stream = Stream::start(&device, &camera.node, limits)?;
-        let origin = format!("{} ({})", camera.card, camera.node.display());
-        Ok(Self { stream, pixels, layout, origin, rate, taken: 0 })
-    }
-
-    /// Takes the newest good frame; says when it was taken and how many were passed over and damaged.
-    fn advance(&mut self) -> Result<(u64, u32, u32), CaptureError> {
-        let (mut skipped, mut fault) = (0, FrameFault::Marked);
-        for damaged in 0..MAX_DAMAGED {
-            let (pixels, layout) = (&mut self.pixels, &self.layout);
-            let look = |shot: Shot<'_>| pixels.keep(shot.bytes, layout).map(|()| shot.captured_us);
-            let (passed, kept) = self.stream.newest(look)?;
-            skipped += passed;
-            self.taken += u64::from(passed) + 1;
-            match kept {
-                Ok(captured_us) => return Ok((captured_us, skipped, damaged)),
-                Err(found) => fault = found,
-            }
-        }
-        Err(CaptureError::AllDamaged { count: MAX_DAMAGED, fault })
+        let stream = Stream::start(device, &camera.node, limits)?;
+        Ok(Self { stream, pixels, layout, origin: origin.clone(), rate })
     }
 }
 
 impl Source for CameraSource {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        let (captured_us, skipped, damaged) = self.advance()?;
-        let number = self.taken - 1;
-        let no_picture = CaptureError::Frame { number, fault: FrameFault::Incomplete };
-        let picture = self.pixels.picture(&self.layout).ok_or(no_picture)?;
-        Ok(Some(Frame { picture, captured_us, number, skipped, damaged }))
+        let (pixels, layout) = (&mut self.pixels, &self.layout);
+        let kept = self.stream.newest(|shot| pixels.keep(shot.bytes, layout).map(|()| shot.captured_us))?;
+        let number = self.stream.taken() - 1;
+        let damaged = |fault| CaptureError::Frame { number, fault };
+        let captured_us = kept.map_err(damaged)?;
+        let picture = self.pixels.picture(&self.layout).ok_or(damaged(FrameFault::Incomplete))?;
+        Ok(Some(Frame { picture, captured_us, number }))
+    }
+
+    fn take_skipped(&mut self) -> u32 {
+        self.stream.take_skipped()
     }
 
     fn frame_period_us(&self) -> Option<u64> {

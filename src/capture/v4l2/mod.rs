@@ -4,9 +4,10 @@
 //! list, `stream` waits for the newest buffer, and [`CameraSource`] checks it and keeps its pixels.
 //!
 //! Contract: any error but a damaged frame ends the source; drop it and open it again. Nothing here panics when a
-//! camera is pulled out. Limits: single-planar capture in YUYV, NV12, GREY and Motion-JPEG.
+//! camera is pulled out or its driver gives nonsense (`guard`). Limits: single-planar capture in YUYV, NV12, GREY and Motion-JPEG.
 
 mod camera;
+mod guard;
 mod layout;
 mod mode;
 mod probe;

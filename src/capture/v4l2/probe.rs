@@ -12,6 +12,7 @@ use v4l::video::Capture;
 use v4l::{Device, FourCC, Fraction};
 
 use super::super::{CaptureError, FrameRate};
+use super::guard::guarded;
 use super::mode::{Mode, PixelFormat, Rates, Steps, Wish};
 
 /// The kernel's number for video devices.
@@ -73,8 +74,13 @@ pub fn cameras() -> Found {
 /// Opens `path` and asks what it is.
 ///
 /// # Errors
-/// [`CaptureError::NotFound`], [`CaptureError::NotACamera`], and those of [`CaptureError::device`].
+/// [`CaptureError::NotFound`], [`CaptureError::NotACamera`], [`CaptureError::Driver`], and those of
+/// [`CaptureError::device`].
 pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
+    guarded(path, || look_at(path))
+}
+
+fn look_at(path: &Path) -> Result<(Camera, Device), CaptureError> {
     let fail = |during| move |error| CaptureError::device(path, during, error);
     let node = video_node(path)?;
     let device = Device::with_path(&node).map_err(fail("opening it"))?;

@@ -1,6 +1,6 @@
 //! Which camera a setting means.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use v4l::Device;
 
@@ -11,28 +11,45 @@ use super::probe::{Camera, Found, cameras, probe};
 /// The setting that leaves the choice to the program.
 const AUTO: &str = "auto";
 
+/// A camera that a setting means.
+pub(super) struct Selected {
+    pub(super) camera: Camera,
+    pub(super) device: Device,
+    /// Its name and node, for the operator, and what else is called so.
+    pub(super) origin: String,
+}
+
 /// Finds and opens the camera that `wanted` means: `auto` (the first with a usable mode), a path (`/dev/video0` or a
-/// link to it), or a part of its name or of its links, in capitals or not.
+/// link to it), or a part of its name or of its links, in capitals or not (the first with a usable mode that has it).
 ///
 /// # Errors
 /// [`CaptureError::NoCamera`], [`CaptureError::NotFound`], [`CaptureError::NotACamera`],
 /// [`CaptureError::PermissionDenied`], [`CaptureError::ModeLacking`] if `auto` finds no usable mode.
-pub(super) fn open(wanted: &str, wish: &Wish) -> Result<(Camera, Device), CaptureError> {
+pub(super) fn open(wanted: &str, wish: &Wish) -> Result<Selected, CaptureError> {
+    let selected = |(camera, device), rivals: &[PathBuf]| {
+        let origin = origin(&camera, rivals);
+        Selected { camera, device, origin }
+    };
     if wanted.starts_with('/') {
-        return probe(Path::new(wanted));
+        return probe(Path::new(wanted)).map(|found| selected(found, &[]));
     }
     let Found { cameras, refused } = cameras();
     match pick(&cameras, wanted, wish) {
-        Some(camera) => probe(&camera.node),
+        Some((camera, rivals)) => probe(&camera.node).map(|found| selected(found, &rivals)),
         None => Err(refused.into_iter().next().unwrap_or_else(|| missing(&cameras, wanted, wish))),
     }
 }
 
-fn pick<'a>(cameras: &'a [Camera], wanted: &str, wish: &Wish) -> Option<&'a Camera> {
+/// The camera that is meant, and the nodes of others that are called so too. One without a usable mode is taken only
+/// if there is no other: many webcams have a second device of the same name.
+fn pick<'a>(cameras: &'a [Camera], wanted: &str, wish: &Wish) -> Option<(&'a Camera, Vec<PathBuf>)> {
+    let mut usable = cameras.iter().filter(|camera| choose(&camera.modes, wish).is_some());
     if wanted == AUTO {
-        return cameras.iter().find(|camera| choose(&camera.modes, wish).is_some());
+        return usable.next().map(|camera| (camera, Vec::new()));
     }
-    cameras.iter().find(|camera| camera.is_called(wanted))
+    let mut called = usable.filter(|camera| camera.is_called(wanted));
+    let first = called.next().or_else(|| cameras.iter().find(|camera| camera.is_called(wanted)))?;
+    Some((first, called.map(|camera| camera.node.clone()).collect()))
 }
 
 /// Why none of `cameras` serves.
@@ -45,6 +62,19 @@ fn missing(cameras: &[Camera], wanted: &str, wish: &Wish) -> CaptureError {
     }
     let names: Vec<_> = cameras.iter().map(|camera| format!("{} ({})", camera.card, camera.node.display())).collect();
     CaptureError::NotFound { wanted: wanted.to_owned(), hint: format!("there is {}", names.join(", ")) }
+}
+
+/// Name and node of a camera, and how to tell it from its rivals.
+fn origin(camera: &Camera, rivals: &[PathBuf]) -> String {
+    let (card, node) = (&camera.card, camera.node.display());
+    if rivals.is_empty() {
+        return format!("{card} ({node})");
+    }
+    let rivals: Vec<_> = rivals.iter().map(|rival| rival.display().to_string()).collect();
+    let rivals = rivals.join(", ");
+    // The last is by the socket it is in, which tells twins apart.
+    let remedy = camera.links.last().map_or("a path".to_owned(), |link| format!("\"{}\"", link.display()));
+    format!("{card} ({node}, but the name fits {rivals} too: set camera.device = {remedy} to keep to this one)")
 }
 
 impl Camera {
@@ -60,8 +90,6 @@ impl Camera {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use std::path::PathBuf;
-
     use super::super::super::FrameRate;
     use super::super::mode::{Mode, PixelFormat, Steps};
     use super::*;
@@ -90,7 +118,7 @@ mod tests {
 
     fn picked(wanted: &str, wish: &Wish) -> Option<String> {
         let cameras = three();
-        pick(&cameras, wanted, wish).map(|camera| camera.node.display().to_string())
+        pick(&cameras, wanted, wish).map(|(camera, _)| camera.node.display().to_string())
     }
 
     #[test]
@@ -106,6 +134,36 @@ mod tests {
         assert_eq!(picked("c615", &WISH).as_deref(), Some("/dev/video2"));
         assert_eq!(picked("usb-Infrared_", &WISH).as_deref(), Some("/dev/video4"));
         assert_eq!(picked("C920", &WISH), None);
+    }
+
+    #[test]
+    fn of_two_cameras_of_a_name_the_first_that_is_usable_is_taken_and_the_others_are_told() {
+        let mut cameras = three();
+        cameras.insert(0, camera("/dev/video1", "HD Webcam C615", &[]));
+        cameras.push(camera("/dev/video6", "HD Webcam C615", &[PixelFormat::Yuyv]));
+        let (first, rivals) = pick(&cameras, "C615", &WISH).unwrap();
+        assert_eq!(
+            (first.node.as_path(), &rivals[..]),
+            (Path::new("/dev/video2"), &[PathBuf::from("/dev/video6")][..])
+        );
+        let (unusable, _) = pick(&cameras[..1], "C615", &WISH).unwrap();
+        assert_eq!(unusable.node, Path::new("/dev/video1"), "its format is what is told then");
+        assert_eq!(pick(&cameras, "auto", &WISH).unwrap().1, [PathBuf::new(); 0]);
+    }
+
+    #[test]
+    fn a_name_that_several_cameras_bear_is_told_with_the_remedy() {
+        let named = |links: &[&str], rivals: &[&str]| {
+            let links = links.iter().map(PathBuf::from).collect();
+            let camera = Camera { links, ..camera("/dev/video2", "C615", &[]) };
+            origin(&camera, &rivals.iter().map(PathBuf::from).collect::<Vec<_>>())
+        };
+        let links = ["/dev/v4l/by-id/usb-C615", "/dev/v4l/by-path/usb-1"];
+        assert_eq!(named(&links, &[]), "C615 (/dev/video2)");
+        let text = "C615 (/dev/video2, but the name fits /dev/video4, /dev/video6 too: \
+                    set camera.device = \"/dev/v4l/by-path/usb-1\" to keep to this one)";
+        assert_eq!(named(&links, &["/dev/video4", "/dev/video6"]), text);
+        assert!(named(&[], &["/dev/video4"]).contains("set camera.device = a path to keep"));
     }
 
     #[test]

@@ -1,16 +1,17 @@
 //! The camera's buffers: wait, drain to the newest, look at it, and give everything back safely.
 //!
 //! The v4l crate's stream lends a buffer from one `next` to the following one, and must not be used after an error;
-//! both hold here, because every error ends the source. Its `Drop` panics when stopping fails for any reason but a
-//! camera that is gone, so [`Stream`] stops it first and lets go of it only if that worked. Else it is leaked with
+//! both hold here, because every error ends the source. Its `Drop` panics when stopping fails with any error but
+//! `ENODEV`, so [`Stream`] stops it first and lets go of it only if that worked. Else it is leaked with
 //! its descriptor and four buffers, once: a camera that cannot be stopped stays busy and is not opened again.
 
 use std::io;
 use std::mem;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use rustix::io::Errno;
 use v4l::Device;
 use v4l::buffer::{Flags, Metadata, Type};
 use v4l::device::Handle;
@@ -18,6 +19,7 @@ use v4l::io::mmap::Stream as MappedStream;
 use v4l::io::traits::{CaptureStream, Stream as _};
 
 use super::super::{CaptureError, FrameFault, monotonic_us};
+use super::guard::guarded;
 
 /// Two would do; four ride out a late wake-up without a dropped frame.
 const BUFFERS: u32 = 4;
@@ -33,7 +35,12 @@ pub struct Stream {
     /// `None` only while it is dropped.
     mapped: Option<MappedStream<'static>>,
     handle: Arc<Handle>,
+    path: PathBuf,
     limits: Limits,
+    /// Frames taken from the driver.
+    taken: u64,
+    /// Those of them that were passed over since this was last asked.
+    skipped: u32,
 }
 
 /// How long to wait.
@@ -63,15 +70,16 @@ impl Stream {
         let fail = |error| CaptureError::device(path, "starting it", error);
         let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
         mapped.set_timeout(START_TIMEOUT);
-        let mut stream = Self { mapped: Some(mapped), handle: device.handle(), limits };
-        match stream.mapped()?.next() {
+        let mut stream =
+            Self { mapped: Some(mapped), handle: device.handle(), path: path.to_owned(), limits, taken: 0, skipped: 0 };
+        match stream.mapped.as_mut().ok_or(CaptureError::Gone)?.next() {
             Ok(_) => Ok(stream),
             Err(error) if error.kind() == io::ErrorKind::TimedOut => Err(stalled(START_TIMEOUT)),
             Err(error) => Err(fail(error)),
         }
     }
 
-    /// Waits for a frame, passes over all but the newest, and shows it to `look`. Returns how many were passed over.
+    /// Waits for a frame, passes over all but the newest, and shows it to `look`.
     ///
     /// A reader that was away for long finds every buffer filled and the newest old already, for the driver had
     /// nowhere to put the later ones. Such a frame is passed over too, and the next one waited for.
@@ -82,26 +90,34 @@ impl Stream {
     pub fn newest<T>(
         &mut self,
         look: impl FnOnce(Shot<'_>) -> Result<T, FrameFault>,
-    ) -> Result<(u32, Result<T, FrameFault>), CaptureError> {
+    ) -> Result<Result<T, FrameFault>, CaptureError> {
         self.wait()?;
-        let (handle, limits) = (self.handle.clone(), self.limits);
-        let mapped = self.mapped()?;
-        let (mut skipped, mut patience) = (0, limits.timeout);
+        let (handle, limits) = (&self.handle, self.limits);
+        let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
+        let (mut passed_over, mut patience) = (0, limits.timeout);
         loop {
             let (bytes, meta) = mapped.next().map_err(CaptureError::stream)?;
+            self.taken += 1;
             let now_us = monotonic_us();
-            let is_stale = skipped > 0 && now_us - captured_us(meta, now_us) > limits.stale_us;
+            let is_stale = passed_over > 0 && now_us - captured_us(meta, now_us) > limits.stale_us;
             let has_newer =
-                is_ready(&handle, Duration::ZERO)? || is_stale && is_ready(&handle, mem::take(&mut patience))?;
-            if !has_newer || skipped > BUFFERS {
-                return Ok((skipped, shot(bytes, meta).and_then(look)));
+                is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, mem::take(&mut patience))?;
+            if !has_newer || passed_over > BUFFERS {
+                return Ok(shot(bytes, meta).and_then(look));
             }
-            skipped += 1;
+            passed_over += 1;
+            self.skipped += 1;
         }
     }
 
-    fn mapped(&mut self) -> Result<&mut MappedStream<'static>, CaptureError> {
-        self.mapped.as_mut().ok_or(CaptureError::Gone)
+    /// Frames taken from the driver, without the first.
+    pub fn taken(&self) -> u64 {
+        self.taken
+    }
+
+    /// How many frames were passed over since this was last asked.
+    pub fn take_skipped(&mut self) -> u32 {
+        mem::take(&mut self.skipped)
     }
 
     fn wait(&self) -> Result<(), CaptureError> {
@@ -123,7 +139,13 @@ impl Drop for Stream {
         let Some(mut mapped) = self.mapped.take() else {
             return;
         };
-        if !has_stopped(&mut mapped) {
+        if has_stopped(&mut mapped) {
+            // Giving the buffers back may fail all the same, and then there is nothing more to do.
+            let _ = guarded(&self.path, || {
+                drop(mapped);
+                Ok(())
+            });
+        } else {
             mem::forget(mapped);
         }
     }
@@ -134,7 +156,7 @@ fn has_stopped(mapped: &mut MappedStream<'static>) -> bool {
     for _ in 0..STOP_ATTEMPTS {
         match mapped.stop() {
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return CaptureError::is_gone(&error),
+            Err(error) => return error.raw_os_error() == Some(Errno::NODEV.raw_os_error()),
             Ok(()) => return true,
         }
     }

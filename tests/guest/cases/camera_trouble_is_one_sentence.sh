@@ -17,3 +17,22 @@ other=$!
 sleep 2
 refuses 66 /dev/video0 auto '/dev/video0 is in use by another program'
 kill $other
+uvc-camera unplug
+
+# Whoever feeds a loopback camera may set what the kernel does not define, here a field order of 77.
+modprobe v4l2loopback video_nr=7 exclusive_caps=0
+await 10 test -e /dev/video7
+python3 - <<'FEEDER' &
+import fcntl, struct, time
+fmt = struct.pack("=II7I", 2, 0, 640, 480, *struct.unpack("=I", b"YUYV"), 77, 1280, 614400, 8)
+device = open("/dev/video7", "r+b", buffering=0)
+fcntl.ioctl(device, 0xC0D05605, bytearray(fmt.ljust(208, b"\0")))
+device.write(bytes(614400))
+open("/run/fed", "w").close()
+time.sleep(600)
+FEEDER
+feeder=$!
+await 20 test -e /run/fed
+refuses 66 /dev/video7 auto 'the driver of /dev/video7 answered with what the kernel does not define .Invalid field order'
+refuses 66 auto auto 'the driver of /dev/video7 answered'
+kill $feeder

@@ -79,7 +79,7 @@ pub fn check_ports(settings: &Settings, faults: &mut Faults) {
     for (place, (device, number)) in ports.iter().enumerate() {
         let is_same = |other: &&(_, _)| other.0 == *device || (number.is_some() && other.1 == *number);
         if let Some((first, _)) = ports.iter().take(place).find(is_same) {
-            faults.push(Fault::SamePort { first: first.to_path_buf(), device: device.to_path_buf() });
+            faults.push(Fault::SamePort { first: (*first).clone(), device: (*device).clone() });
         }
     }
 }

@@ -95,8 +95,7 @@ impl Links {
 impl Slot {
     /// One of the links that are free to be kept, or a new one.
     fn change(settings: &LinkSettings, free: &mut [Option<&LinkSettings>]) -> Result<Self, LinkError> {
-        let is_same = |live: &Option<&LinkSettings>| *live == Some(settings);
-        if let Some((place, live)) = free.iter_mut().enumerate().find(|(_, live)| is_same(live)) {
+        if let Some((place, live)) = free.iter_mut().enumerate().find(|(_, live)| **live == Some(settings)) {
             *live = None;
             return Ok(Self::Kept(place));
         }

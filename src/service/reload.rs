@@ -183,7 +183,9 @@ impl Reloader {
         let (hot, sender) = (self.hot.changes.left(), self.sender.changes.left());
         let counters = Arc::clone(&self.counters);
         let free = move || {
-            sender.into_iter().for_each(|left| left.close(&counters));
+            if let Some(left) = sender {
+                left.close(&counters);
+            }
             drop(hot);
         };
         if let Err(error) = Builder::new().name("fw-free".to_owned()).spawn(free) {

@@ -63,6 +63,7 @@ impl PortError {
     }
 
     /// A port at which another link still is.
+    #[must_use]
     pub fn closing(device: &Path) -> Self {
         Self::new(device, PortTrouble::Closing)
     }

@@ -6,6 +6,9 @@
 
 mod common;
 
+use std::thread::sleep;
+use std::time::Duration;
+
 use common::service::{Receiver, Service, counted};
 use common::slew::assert_slew;
 use common::stuck::Stuck;
@@ -110,4 +113,20 @@ fn a_stuck_inference_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
     packets.extend(receiver.until(|packet| packet.state == State::Live));
     packets.extend((0..4).map(|_| receiver.packet()));
     assert_failsafe(&packets, Reason::Late);
+}
+
+/// The camera's frame period is 33 ms. A stop in the middle of decoding, which is no work yet, counts for nothing, but
+/// not each of them is there.
+#[test]
+fn work_that_takes_longer_than_a_frame_period_is_a_missed_deadline() {
+    let receiver = Receiver::new();
+    let mut service = Service::start("[camera]\ndevice = \"demo\"\n", &[receiver.address()]);
+    receiver.until(|packet| packet.state == State::Live);
+    for _ in 0..10 {
+        let _stuck = Stuck::computing(service.thread("fw-hot"));
+        sleep(Duration::from_millis(100));
+    }
+    let (run, _) = service.stop(Signal::TERM);
+    let log = run.succeeded().err;
+    assert!(counted(&log, "deadline_misses") > 0, "{log}");
 }

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::time::Duration;
 
 use facewire_packet::State;
 
@@ -78,6 +79,12 @@ impl Counters {
     pub(super) fn set_state(&self, state: State) {
         let number = STATES.iter().zip(0..).find(|(known, _)| **known == state);
         self.state.store(number.map_or(0, |(_, number)| number), Relaxed);
+    }
+
+    /// A frame was worked on for so long; longer than `deadline` makes the camera's next one wait.
+    pub(super) fn worked(&self, work: Duration, deadline: Duration) {
+        self.times.work.record(work);
+        self.deadline_misses.fetch_add(u64::from(work > deadline), Relaxed);
     }
 
     /// All counts now.
@@ -158,8 +165,6 @@ impl fmt::Display for Status {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use super::*;
 
     #[test]
@@ -175,6 +180,16 @@ mod tests {
         assert!(parts.iter().all(|part| line.contains(part)), "{line}");
         assert!(line.ends_with(" age_ms=8.13/8.13/8.13"), "{line}");
         assert!(line.split(' ').all(|part| part.matches('=').count() == 1), "{line}");
+    }
+
+    #[test]
+    fn work_as_long_as_the_frame_period_is_in_time_and_a_microsecond_longer_is_a_miss() {
+        let counters = Counters::default();
+        let misses = |work_us| {
+            counters.worked(Duration::from_micros(work_us), Duration::from_micros(33_333));
+            counters.status().deadline_misses
+        };
+        assert_eq!([0, 33_333, 33_334, 33_333, 500_000].map(misses), [0, 0, 1, 1, 2]);
     }
 
     #[test]

@@ -188,8 +188,7 @@ impl HotLoop {
         let (counters, work) = (&self.counters, between(begun_us, monotonic_us()));
         counters.times.wait.record(between(captured_us, begun_us));
         counters.times.record_stages(self.pipeline.times());
-        counters.times.work.record(work);
-        add(&counters.deadline_misses, u64::from(work > self.deadline));
+        counters.worked(work, self.deadline);
     }
 
     /// Follows the time between frames that were worked on: a slow board needs a more patient failsafe.

@@ -21,6 +21,19 @@ impl Stuck {
         waitpid(thread, Some(WaitPidFlag::__WALL)).unwrap();
         Self(thread)
     }
+
+    /// Stops it while it computes: in no call of the kernel, where it waits.
+    pub fn computing(thread: i32) -> Self {
+        loop {
+            let stuck = Self::stop(thread);
+            // The kernel's word for no call is -1.
+            if fs::read_to_string(format!("/proc/{thread}/syscall")).unwrap().starts_with("-1 ") {
+                return stuck;
+            }
+            drop(stuck);
+            sleep(Duration::from_millis(3));
+        }
+    }
 }
 
 impl Drop for Stuck {

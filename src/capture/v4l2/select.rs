@@ -148,7 +148,7 @@ mod tests {
         );
         let (unusable, _) = pick(&cameras[..1], "C615", &WISH).unwrap();
         assert_eq!(unusable.node, Path::new("/dev/video1"), "its format is what is told then");
-        assert_eq!(pick(&cameras, "auto", &WISH).unwrap().1, [PathBuf::new(); 0]);
+        assert!(pick(&cameras, "auto", &WISH).unwrap().1.is_empty());
     }
 
     #[test]

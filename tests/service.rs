@@ -6,15 +6,17 @@
 
 mod common;
 
-use std::io::{PipeReader, PipeWriter, Write as _, pipe};
+use std::io::{BufRead as _, BufReader, PipeReader, PipeWriter, Write as _, pipe};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use common::program::{Run, facewire};
+use common::program::{Run, facewire, settings, text};
 use common::service::{Receiver, Service, counted};
 use common::slew::assert_slew;
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::process::Signal;
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
 const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
@@ -104,6 +106,33 @@ fn without_a_camera_the_face_is_neutral_10_times_a_second_and_the_log_says_why()
     assert_numbered(&packets);
     let log = assert_stopped(&packets, ended);
     assert_eq!(log.matches("no camera: no camera is called /dev/video99").count(), 1, "told once: {log}");
+}
+
+/// The service in a network of its own, whose only interface is down; none where that cannot be made.
+fn cut_off(settings: &Path) -> Option<Child> {
+    let unshare = ["--user", "--map-root-user", "--net"];
+    let works = Command::new("unshare").args(unshare).arg("true").output().is_ok_and(|run| run.status.success());
+    let mut command = Command::new("unshare");
+    command.args(unshare).arg(env!("CARGO_BIN_EXE_facewire")).args(["run", "--config", text(settings)]);
+    works.then(|| command.stderr(Stdio::piped()).spawn().unwrap())
+}
+
+#[test]
+fn a_network_that_takes_no_packets_is_told_once() {
+    let settings = settings(&[NO_CAMERA, "[[link]]\naddress = \"192.0.2.1:5252\"\n"].concat());
+    let Some(mut service) = cut_off(settings.path()) else {
+        return common::skip("refusal", "unshare gives no network of one's own");
+    };
+    let mut log = BufReader::new(service.stderr.take().unwrap()).lines().map(Result::unwrap);
+    let refusal = "link 192.0.2.1:5252: the network takes no packets (Network is unreachable";
+    let status = log.by_ref().take_while(|line| !line.contains(refusal)).last().unwrap();
+    assert!(status.contains(" links_open=0 "), "{status}");
+    let pid = Pid::from_child(&service);
+    kill_process(pid, Signal::USR1).unwrap();
+    log.by_ref().find(|line| line.contains(" links_open=0 ")).unwrap();
+    kill_process(pid, Signal::TERM).unwrap();
+    assert_eq!(log.filter(|line| line.contains(refusal)).count(), 0);
+    assert!(service.wait().unwrap().success());
 }
 
 /// A service whose camera does not come back from the kernel any more, and what came before.

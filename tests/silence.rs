@@ -3,16 +3,20 @@
 //! The kernel's own record of its calls is read (strace), libraries of others included.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
+mod board;
 mod common;
 
 use std::fs;
+use std::os::unix::net::{UnixDatagram, UnixStream};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
+use board::{Board, eventually};
 use common::program::{settings, text};
 use common::service::Receiver;
 use facewire_packet::State;
 use rustix::process::{Pid, Signal, kill_process};
+use tempfile::TempDir;
 
 /// Calls that open, make, remove or rename something, start a program, or concern the network.
 const CALLS: &str = "trace=%network,open,openat,openat2,creat,mkdir,mkdirat,unlink,unlinkat,rename,renameat2,execve";
@@ -21,32 +25,76 @@ const SYSTEM: [&str; 7] = ["/lib", "/lib64", "/usr/lib", "/etc/ld.so", "/etc/loc
 /// Packets that are awaited once the face is live: ten seconds, past the first status line.
 const PACKETS: usize = 300;
 
-/// The calls of a service that played the built-in clip to the receiver, one a line; `None` where strace cannot trace.
-fn traced(receiver: &Receiver, folder: &Path) -> Option<String> {
-    let (record, log) = (folder.join("calls"), folder.join("log"));
-    let toml = format!("[camera]\ndevice = \"demo\"\n[[link]]\naddress = \"{}\"\n", receiver.address());
-    let settings = settings(&toml);
-    let mut strace = Command::new("strace");
-    strace.args(["-f", "-qq", "-s", "256", "-e", CALLS, "-o", text(&record), env!("CARGO_BIN_EXE_facewire")]);
-    strace.args(["run", "--config", text(settings.path())]);
-    // cargo points the loader to its build folders.
-    strace.env_remove("LD_LIBRARY_PATH");
-    let strace = strace.stdin(Stdio::null()).stderr(fs::File::create(&log).unwrap());
-    let Ok(mut strace) = strace.spawn() else {
-        common::skip("silence", "there is no strace");
-        return None;
-    };
-    let Some(service) = child_of(&mut strace, &record) else {
-        common::skip("silence", &format!("strace cannot trace here: {}", fs::read_to_string(&log).unwrap()));
-        return None;
-    };
-    receiver.until(|packet| packet.state == State::Live);
-    for _ in 0..PACKETS {
-        receiver.packet();
+/// A service under strace.
+struct Traced {
+    strace: Child,
+    service: Pid,
+    folder: TempDir,
+}
+
+impl Traced {
+    /// Starts it; `None` where strace cannot trace.
+    fn start(settings: &Path, manager: Option<&Path>) -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        let (record, log) = (folder.path().join("calls"), folder.path().join("log"));
+        let mut strace = Command::new("strace");
+        strace.args(["-f", "-qq", "-s", "256", "-e", CALLS, "-o", text(&record), env!("CARGO_BIN_EXE_facewire")]);
+        strace.args(["run", "--config", text(settings)]);
+        // cargo points the loader to its build folders.
+        strace.env_remove("LD_LIBRARY_PATH");
+        strace.envs(manager.map(|socket| ("NOTIFY_SOCKET", socket)));
+        let strace = strace.stdin(Stdio::null()).stderr(fs::File::create(&log).unwrap());
+        let Ok(mut strace) = strace.spawn() else {
+            common::skip("silence", "there is no strace");
+            return None;
+        };
+        let Some(service) = child_of(&mut strace, &record) else {
+            common::skip("silence", &format!("strace cannot trace here: {}", fs::read_to_string(&log).unwrap()));
+            return None;
+        };
+        Some(Self { strace, service, folder })
     }
-    kill_process(service, Signal::TERM).unwrap();
-    assert!(strace.wait().unwrap().success(), "{}", fs::read_to_string(&log).unwrap());
-    fs::read_to_string(record).ok()
+
+    fn signal(&self, signal: Signal) {
+        kill_process(self.service, signal).unwrap();
+    }
+
+    /// Stops it; its calls, without those that the record has in two parts: the beginning stands there, too.
+    fn calls(mut self) -> Vec<Call> {
+        self.signal(Signal::TERM);
+        let log = fs::read_to_string(self.folder.path().join("log")).unwrap();
+        assert!(self.strace.wait().unwrap().success(), "{log}");
+        let record = fs::read_to_string(self.folder.path().join("calls")).unwrap();
+        let calls = record.lines().filter_map(|line| line.split_once(' ')).map(|(_, call)| call.trim());
+        let calls = calls.filter(|call| !["<...", "---", "+++"].iter().any(|other| call.starts_with(other)));
+        calls.map(|call| Call(call.to_owned())).collect()
+    }
+}
+
+/// A line of the record.
+struct Call(String);
+
+impl Call {
+    fn name(&self) -> &str {
+        self.0.split('(').next().unwrap()
+    }
+
+    /// Its first path.
+    fn path(&self) -> Option<&Path> {
+        self.0.split('"').nth(1).map(Path::new)
+    }
+
+    fn says(&self, part: &str) -> bool {
+        self.0.contains(part)
+    }
+
+    /// Whether it reads a file that every service reads: the system's, the networks, these settings.
+    fn reads_what_is_known(&self, settings: &Path) -> bool {
+        let path = self.path().unwrap();
+        let known = SYSTEM.iter().any(|system| path.starts_with(system) || text(path).starts_with(system));
+        let reads = !["O_WRONLY", "O_RDWR", "O_CREAT"].iter().any(|flag| self.says(flag));
+        reads && (known || path.starts_with(common::networks::installed()) || path == settings)
+    }
 }
 
 /// The process that strace started, once it runs; none if strace ends without.
@@ -64,41 +112,73 @@ fn child_of(strace: &mut Child, record: &Path) -> Option<Pid> {
     }
 }
 
-/// The path in a call, if it has one.
-fn path_of(call: &str) -> Option<&str> {
-    call.split('"').nth(1)
-}
-
 #[test]
 fn run_speaks_to_its_receiver_only_and_writes_no_file() {
-    let (receiver, folder) = (Receiver::new(), tempfile::tempdir().unwrap());
-    let Some(record) = traced(&receiver, folder.path()) else { return };
-    let networks = common::networks::installed();
-    let calls: Vec<_> = record.lines().filter_map(|line| line.split_once(' ')).map(|(_, call)| call.trim()).collect();
+    let receiver = Receiver::new();
+    let settings = settings(&format!("[camera]\ndevice = \"demo\"\n[[link]]\naddress = \"{}\"\n", receiver.address()));
+    let Some(service) = Traced::start(settings.path(), None) else { return };
+    receiver.until(|packet| packet.state == State::Live);
+    for _ in 0..PACKETS {
+        receiver.packet();
+    }
     let to_receiver = format!("sin_port=htons({}), sin_addr=inet_addr(\"127.0.0.1\")", receiver.port());
     let mut sent = 0;
-    for call in calls {
-        let name = call.split('(').next().unwrap();
-        let allowed = match name {
-            "open" | "openat" => {
-                let path = Path::new(path_of(call).unwrap());
-                let known = SYSTEM.iter().any(|system| path.starts_with(system) || text(path).starts_with(system));
-                let reads = !["O_WRONLY", "O_RDWR", "O_CREAT"].iter().any(|flag| call.contains(flag));
-                let configured = path.starts_with(&networks) || path.extension().is_some_and(|ending| ending == "toml");
-                reads && (known || configured)
-            }
-            "socket" => call.contains("AF_INET, SOCK_DGRAM"),
-            "bind" => call.contains("sin_port=htons(0)"),
+    for call in service.calls() {
+        let allowed = match call.name() {
+            "open" | "openat" => call.reads_what_is_known(settings.path()),
+            "socket" => call.says("AF_INET, SOCK_DGRAM"),
+            "bind" => call.says("sin_port=htons(0)"),
             "sendto" => {
                 sent += 1;
-                call.contains(&to_receiver)
+                call.says(&to_receiver)
             }
-            "setsockopt" => call.contains("SO_BROADCAST"),
-            "execve" => call.contains(env!("CARGO_BIN_EXE_facewire")),
-            // A call that was interrupted in the record, or a signal: its beginning was judged.
-            _ => call.starts_with("<...") || call.starts_with("---") || call.starts_with("+++"),
+            "setsockopt" => call.says("SO_BROADCAST"),
+            "execve" => call.says(env!("CARGO_BIN_EXE_facewire")),
+            _ => false,
         };
-        assert!(allowed, "not configured: {call}");
+        assert!(allowed, "not configured: {}", call.0);
     }
     assert!(sent > PACKETS, "the record shows {sent} packets");
+}
+
+/// Whatever else can be configured: a serial line, metrics, a manager, settings that change.
+#[test]
+fn run_with_a_serial_line_metrics_and_a_manager_opens_these_only() {
+    let (mut board, folder) = (Board::plugged_in(), tempfile::tempdir().unwrap());
+    let [manager, metrics] = ["manager", "metrics"].map(|name| folder.path().join(name));
+    let _manager = UnixDatagram::bind(&manager).unwrap();
+    let toml = |fps: u32| {
+        let link = format!("[[link]]\nkind = \"serial\"\ndevice = \"{}\"\n", text(&board.device));
+        let metrics = format!("[metrics]\nlisten = \"unix:{}\"\n", text(&metrics));
+        format!("[camera]\ndevice = \"demo\"\nfps = {fps}\n{metrics}{link}")
+    };
+    let (first, changed) = (toml(30), toml(25));
+    let settings = settings(&first);
+    let Some(service) = Traced::start(settings.path(), Some(&manager)) else { return };
+    board.next();
+    eventually("metrics", || UnixStream::connect(&metrics).is_ok());
+    fs::write(settings.path(), changed).unwrap();
+    service.signal(Signal::HUP);
+    (0..100).for_each(|_| _ = board.next());
+    let mut opened = 0;
+    for call in service.calls() {
+        let is_at = |path: &Path| call.path() == Some(path);
+        let allowed = match call.name() {
+            "open" | "openat" if is_at(&board.device) => {
+                opened += 1;
+                true
+            }
+            "open" | "openat" => call.reads_what_is_known(settings.path()),
+            "socket" => call.says("AF_UNIX, SOCK_DGRAM") || call.says("AF_UNIX, SOCK_STREAM"),
+            "bind" | "unlink" => is_at(&metrics),
+            // Without an address it goes where the socket was connected: to a reader of the metrics.
+            "sendto" if call.says(", NULL, 0)") => true,
+            "connect" | "sendto" | "sendmsg" => is_at(&manager),
+            "listen" | "accept4" | "setsockopt" | "recvfrom" | "recv" => true,
+            "execve" => call.says(env!("CARGO_BIN_EXE_facewire")),
+            _ => false,
+        };
+        assert!(allowed, "not configured: {}", call.0);
+    }
+    assert!(opened > 0, "the record shows the serial line");
 }

@@ -126,7 +126,7 @@ impl From<SetupError> for Failure {
 impl From<LinkError> for Failure {
     fn from(error: LinkError) -> Self {
         let status = match error {
-            LinkError::Resolve { .. } => EX_NOHOST,
+            LinkError::Resolve { .. } | LinkError::Route { .. } => EX_NOHOST,
             LinkError::Socket { .. } | LinkError::Port(_) | LinkError::Thread { .. } => EX_UNAVAILABLE,
         };
         Self { status, message: error.to_string() }

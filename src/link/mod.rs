@@ -49,6 +49,14 @@ pub enum LinkError {
         /// What the system says.
         error: std::io::Error,
     },
+    /// This machine has no route to the address.
+    #[error("link {address}: no network leads there ({error}); check this machine's cable or Wi-Fi and the address")]
+    Route {
+        /// The address as configured.
+        address: String,
+        /// What the system says.
+        error: std::io::Error,
+    },
     /// The serial port does not open.
     #[error("link {0}")]
     Port(#[from] PortError),
@@ -97,7 +105,7 @@ impl Link {
     /// Why it does not open.
     pub fn check(settings: &LinkSettings) -> Result<String, LinkError> {
         match settings.kind {
-            LinkKind::Udp => UdpLink::check(&settings.address).map(|_| settings.address.to_string()),
+            LinkKind::Udp => UdpLink::check(&settings.address).map(|()| settings.address.to_string()),
             LinkKind::Serial => {
                 open_port(&settings.device, settings.baud, Duration::ZERO)?;
                 Ok(format!("{} at {} baud", settings.device.display(), settings.baud))
@@ -136,6 +144,15 @@ impl Link {
         match self {
             Self::Udp(link) => link.counts(),
             Self::Serial(link) => link.close(),
+        }
+    }
+
+    /// Why the network did not take the last packet, as the system's number. Serial links tell by themselves.
+    #[must_use]
+    pub fn refusal(&self) -> Option<i32> {
+        match self {
+            Self::Udp(link) => link.refusal(),
+            Self::Serial(_) => None,
         }
     }
 

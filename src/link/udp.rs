@@ -28,6 +28,8 @@ struct Way {
 pub struct UdpLink {
     way: Arc<OnceLock<Way>>,
     counts: LinkCounts,
+    /// Why the network did not take the last packet, as the system's number.
+    refusal: Option<i32>,
 }
 
 impl UdpLink {
@@ -42,28 +44,44 @@ impl UdpLink {
         if !in_numbers {
             look_up(Arc::downgrade(&way), address.clone())?;
         }
-        Ok(Self { way, counts: LinkCounts::default() })
+        Ok(Self { way, counts: LinkCounts::default(), refusal: None })
     }
 
     /// Where packets would go if the link opened at this moment.
     ///
     /// # Errors
     /// The host does not resolve, or there is no socket.
-    pub fn check(address: &Address) -> Result<SocketAddr, LinkError> {
+    pub fn find(address: &Address) -> Result<SocketAddr, LinkError> {
         Way::find(address).map(|way| way.receiver)
     }
 
-    /// Whether it is known where packets go.
+    /// Whether this machine has a way there at this moment. Nothing is sent.
+    ///
+    /// # Errors
+    /// As [`UdpLink::find`], or no network leads there.
+    pub fn check(address: &Address) -> Result<(), LinkError> {
+        let Way { socket, receiver } = Way::find(address)?;
+        socket.connect(receiver).map_err(|error| LinkError::Route { address: address.to_string(), error })
+    }
+
+    /// Whether it is known where packets go, and the network takes them.
     #[must_use]
     pub fn is_open(&self) -> bool {
-        self.way.get().is_some()
+        self.way.get().is_some() && self.refusal.is_none()
+    }
+
+    /// Why the network did not take the last packet.
+    #[must_use]
+    pub fn refusal(&self) -> Option<i32> {
+        self.refusal
     }
 
     /// Sends the packet or drops it.
     pub fn send(&mut self, packet: &Packet) {
-        let sent = self.way.get().is_some_and(|way| way.socket.send_to(&packet.encode(), way.receiver).is_ok());
-        let counter = if sent { &mut self.counts.sent } else { &mut self.counts.dropped };
+        let sent = self.way.get().map(|way| way.socket.send_to(&packet.encode(), way.receiver));
+        let counter = if let Some(Ok(_)) = sent { &mut self.counts.sent } else { &mut self.counts.dropped };
         *counter = counter.wrapping_add(1);
+        self.refusal = sent.and_then(|sent| sent.err()?.raw_os_error());
     }
 
     /// What became of the packets so far.
@@ -179,9 +197,19 @@ mod tests {
         // An IPv4 socket cannot reach it, whatever routes this machine has.
         let receiver = SocketAddr::from((Ipv6Addr::LOCALHOST, 9));
         let way = Way { socket: UdpSocket::bind("127.0.0.1:0").unwrap(), receiver };
-        let mut link = UdpLink { way: Arc::new(way.into()), counts: LinkCounts::default() };
+        let mut link = UdpLink { way: Arc::new(way.into()), counts: LinkCounts::default(), refusal: None };
+        assert!(link.is_open());
         link.send(&Packet::NEUTRAL);
         assert_eq!(link.counts(), LinkCounts { sent: 0, dropped: 1 });
+        assert!(!link.is_open() && link.refusal().is_some());
+    }
+
+    #[test]
+    fn an_address_to_which_no_network_leads_is_told_with_what_to_check() {
+        // It leads nowhere without the name of an interface. No IPv6 at all is another error.
+        let error = UdpLink::check(&Address::new("[fe80::1]:5252").unwrap()).unwrap_err().to_string();
+        let beginning = ["link [fe80::1]:5252: no network leads there (", "link [fe80::1]:5252: no socket ("];
+        assert!(beginning.iter().any(|beginning| error.starts_with(beginning)), "{error}");
     }
 
     #[test]
@@ -192,7 +220,7 @@ mod tests {
 
     #[test]
     fn an_unknown_host_is_told_with_its_address_and_what_to_check() {
-        let error = UdpLink::check(&Address::new("nowhere.invalid:5252").unwrap()).unwrap_err();
+        let error = UdpLink::find(&Address::new("nowhere.invalid:5252").unwrap()).unwrap_err();
         let text = error.to_string();
         assert!(text.starts_with("link nowhere.invalid:5252: the host does not resolve ("), "{text}");
         assert!(text.contains("check the spelling"), "{text}");

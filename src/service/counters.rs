@@ -1,6 +1,7 @@
 //! What the threads count, shared without a lock and in fixed memory.
 
 use std::fmt;
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
@@ -45,6 +46,9 @@ pub struct Counters {
     pub(super) dropped: AtomicU64,
     /// Links that are open at present.
     pub(super) links_open: AtomicU64,
+    /// The first link whose last packet the network did not take, by its place plus 1, and why; 0 is none. One word, so
+    /// that both belong together.
+    refusal: AtomicU64,
     /// Microseconds between frames that give a pose at present, for the failsafe's patience.
     pub(super) frame_period_us: AtomicU64,
     /// The failsafe's state at present, by its place in [`STATES`].
@@ -73,6 +77,20 @@ impl Counters {
     pub(super) fn stop(&self) {
         self.stop.store(true, Relaxed);
         self.stop_sending.store(true, Relaxed);
+    }
+
+    /// The network does not take the packets of the link at this place, for a reason by the system's number.
+    pub(super) fn refuse(&self, refusal: Option<(u32, i32)>) {
+        let word = refusal.map_or(0, |(place, reason)| (u64::from(place) + 1) << 32 | u64::from(reason.unsigned_abs()));
+        self.refusal.store(word, Relaxed);
+    }
+
+    /// What [`Counters::refuse`] said last.
+    pub(super) fn refusal(&self) -> Option<(usize, io::Error)> {
+        let word = self.refusal.load(Relaxed);
+        let place = usize::try_from(word >> 32).ok()?.checked_sub(1)?;
+        let reason = i32::try_from(word & u64::from(u32::MAX)).ok()?;
+        Some((place, io::Error::from_raw_os_error(reason)))
     }
 
     /// The failsafe is in this state now. It sends every change of it.
@@ -190,6 +208,17 @@ mod tests {
             counters.status().deadline_misses
         };
         assert_eq!([0, 33_333, 33_334, 33_333, 500_000].map(misses), [0, 0, 1, 1, 2]);
+    }
+
+    #[test]
+    fn a_refusal_is_told_with_its_link_and_reason_until_there_is_none() {
+        let counters = Counters::default();
+        assert!(counters.refusal().is_none());
+        counters.refuse(Some((2, 101)));
+        let (place, reason) = counters.refusal().unwrap();
+        assert_eq!((place, reason.raw_os_error()), (2, Some(101)));
+        counters.refuse(None);
+        assert!(counters.refusal().is_none());
     }
 
     #[test]

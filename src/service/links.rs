@@ -10,7 +10,7 @@ use facewire_packet::Packet;
 
 use super::counters::Counters;
 use crate::config::{LinkKind, LinkSettings};
-use crate::link::{Link, LinkCounts, LinkError};
+use crate::link::{Link, LinkCounts, LinkError, UdpLink};
 
 /// Links in the order of their settings.
 #[derive(Debug)]
@@ -43,7 +43,7 @@ impl Links {
             && only.kind == LinkKind::Udp
             && !live.contains(only)
         {
-            Link::check(only)?;
+            UdpLink::find(&only.address)?;
         }
         let mut free: Vec<Option<&LinkSettings>> = live.iter().map(Some).collect();
         new.iter().map(|settings| Slot::change(settings, &mut free)).collect::<Result<_, _>>().map(Self)
@@ -71,7 +71,8 @@ impl Links {
         });
     }
 
-    /// Adds to the counters what became of packets since the last time, and says how many links are open.
+    /// Adds to the counters what became of packets since the last time, and says how many links are open and which is
+    /// refused.
     pub(super) fn count(&mut self, counters: &Counters) {
         for slot in &mut self.0 {
             if let Slot::Open(link, counted) = slot {
@@ -80,6 +81,8 @@ impl Links {
         }
         let open = self.0.iter().filter_map(Slot::link).filter(|link| link.is_open()).count();
         counters.links_open.store(open as u64, Relaxed);
+        let refused = |(link, place): (&Slot, u32)| Some((place, link.link()?.refusal()?));
+        counters.refuse(self.0.iter().zip(0..).find_map(refused));
     }
 
     /// Closes each and counts what became of its last packets.

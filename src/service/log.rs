@@ -22,13 +22,15 @@ pub(super) struct Log {
     grants: Vec<Grant>,
     due: Instant,
     before: (Instant, u64),
+    /// What of the network was told last.
+    refusal: Option<String>,
 }
 
 impl Default for Log {
     fn default() -> Self {
         let now = Instant::now();
         let camera = Err("none was opened yet".to_owned());
-        Self { camera, told: None, grants: Vec::new(), due: now + STATUS_PERIOD, before: (now, 0) }
+        Self { camera, told: None, grants: Vec::new(), due: now + STATUS_PERIOD, before: (now, 0), refusal: None }
     }
 }
 
@@ -78,6 +80,16 @@ impl Log {
         }
         self.grants.retain(|known| !known.is_about_the_same(&grant));
         self.grants.push(grant);
+    }
+
+    /// Says which link's packets the network does not take, once.
+    pub(super) fn refusal(&mut self, refusal: Option<String>) {
+        if let Some(told) = &refusal
+            && self.refusal != refusal
+        {
+            tracing::warn!("{told}");
+        }
+        self.refusal = refusal;
     }
 
     /// Whether the status line is due.

@@ -115,7 +115,16 @@ impl Supervisor {
         if is_asked || self.log.is_due() {
             let line = self.log.status(&self.counters);
             manager::status(&line);
+            self.log.refusal(self.refusal());
         }
+    }
+
+    /// What the network has against the packets of a link.
+    fn refusal(&self) -> Option<String> {
+        let (place, reason) = self.counters.refusal()?;
+        let address = &self.reloader.live().links.get(place)?.address;
+        let remedy = "check this machine's cable or Wi-Fi, the address, and IPAddressAllow in the unit";
+        Some(format!("link {address}: the network takes no packets ({reason}); {remedy}"))
     }
 
     /// Lets the metrics be read where the settings say, and no longer anywhere else.

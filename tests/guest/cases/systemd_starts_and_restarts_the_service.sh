@@ -48,14 +48,14 @@ done
 echo "as user $user: $(grep 'camera opened' $work/log), $(readlink /proc/"$pid"/fd/* | grep '^/dev/tty' | paste -sd ' ')"
 
 kill -KILL "$pid"
-await 10 is_another "$pid"
+await 40 is_another "$pid"
 await 30 told 2 'camera opened: UVC Camera'
 echo "killed, back as $(property StatusText)"
 
 # Stopped, it gives no sign of life any more.
 pid=$(property MainPID)
 kill -STOP "$pid"
-await 20 is_another "$pid"
+await 40 is_another "$pid"
 await 30 told 3 'camera opened: UVC Camera'
 [ "$(property NRestarts)" = 2 ] || fail "started again $(property NRestarts) times instead of twice"
 echo "stuck, back by the watchdog: $(journalctl --unit facewire --output cat | grep -i watchdog | tail -n 1)"
@@ -76,7 +76,7 @@ decoder=$!
 await 60 seen live
 pid=$(property MainPID)
 perl freeze-thread "$pid" fw-hot libonnxruntime >$work/frozen &
-await 20 is_another "$pid"
+await 40 is_another "$pid"
 passed live hold/late decay/late neutral/late || fail "one thread stuck: $(cat $work/judged)"
 [ "$(property NRestarts)" = 1 ] || fail "started again $(property NRestarts) times instead of once"
 await 30 told 5 'camera opened: UVC Camera'

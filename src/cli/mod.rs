@@ -52,7 +52,7 @@ enum Command {
     Check(check::CheckArgs),
     /// List cameras with their formats and stable paths, and serial ports.
     Devices,
-    /// Print the complete default configuration, commented.
+    /// Print every setting with its default, commented out.
     Defaults,
     /// Receive packets and show them live.
     Monitor(monitor::MonitorArgs),
@@ -64,7 +64,7 @@ struct SettingsArgs {
     /// Configuration file; without it the defaults hold.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Settings for a board, under those of the file; a wrong name lists them all.
+    /// Settings for a board, under those of the file and in place of the file's `board`; a wrong name lists them all.
     #[arg(long, value_name = "NAME")]
     board: Option<String>,
 }

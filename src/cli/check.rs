@@ -5,9 +5,9 @@ use clap::Args;
 use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{DEMO, open_file};
-use crate::config::{CameraSettings, Settings};
+use crate::config::{CameraSettings, Settings, SolverSettings};
 use crate::link::Link;
-use crate::pipeline::{Pipeline, Rejected};
+use crate::pipeline::{Pipeline, Rejected, Solver};
 use crate::service::open_camera;
 
 const EXAMPLES: &str = "\
@@ -15,8 +15,8 @@ Examples:
   facewire check
   facewire check --config facewire.toml
 
-Bad settings are all named, and no device is touched (exit status 78). Otherwise every part is tried, and the exit
-status is that of the first that failed.";
+Bad settings are all named, and no device is touched (exit status 78). Otherwise every part is tried, and the \
+exit status is that of the first that failed.";
 
 /// Arguments of `facewire check`.
 #[derive(Debug, Args)]
@@ -30,7 +30,11 @@ pub(super) struct CheckArgs {
 pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     print("settings  ok\n")?;
-    let parts = [("networks", check_networks(&settings)), ("camera", check_camera(&settings.camera))];
+    let parts = [
+        ("model", check_model(&settings)),
+        ("networks", check_networks(&settings)),
+        ("camera", check_camera(&settings.camera)),
+    ];
     let links = settings.links.iter().map(|link| ("link", Link::check(link).map_err(Failure::from)));
     let mut first = None;
     for (part, outcome) in parts.into_iter().chain(links) {
@@ -45,9 +49,17 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     first.map_or(Ok(()), Err)
 }
 
-/// Loads the networks and the model, and runs them on a frame of the built-in clip, whose face they must find.
+/// Loads the blendshape model.
+fn check_model(settings: &Settings) -> Result<String, Failure> {
+    Solver::load(settings)?;
+    let path = &settings.solver.model;
+    Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })
+}
+
+/// Loads the networks and runs them, with the built-in model, on a frame of the built-in clip, whose face they must find.
 fn check_networks(settings: &Settings) -> Result<String, Failure> {
-    let mut pipeline = Pipeline::load(settings)?;
+    let settings = Settings { solver: SolverSettings::default(), ..settings.clone() };
+    let mut pipeline = Pipeline::load(&settings)?;
     let mut clip = open_file(DEMO)?;
     let Some(frame) = clip.next()? else { return Err(Failure::data("the built-in clip is empty".to_owned())) };
     match pipeline.process(&frame) {

@@ -77,6 +77,10 @@ pub fn check_together(settings: &Settings, faults: &mut Faults) {
     let device = &settings.camera.device;
     let is_readable = Script::of(device).is_none_or(|script| script.is_ok());
     need(is_readable, "camera.device", format!("{device:?}"), Script::EXPECTED.to_owned());
+    for (key, path) in [("networks.folder", &settings.networks.folder), ("solver.model", &settings.solver.model)] {
+        let expected = "a path from / on: no shell replaces the ~ of a setting".to_owned();
+        need(!path.starts_with('~'), key, format!("{path:?}"), expected);
+    }
     need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
 }
 

@@ -264,6 +264,14 @@ fn whole_numbers_serve_where_a_number_is_asked_for() {
 }
 
 #[test]
+fn paths_that_only_a_shell_understands_are_refused() {
+    let want = "\
+networks.folder = \"~/networks\": give a path from / on: no shell replaces the ~ of a setting
+solver.model = \"~\": give a path from / on: no shell replaces the ~ of a setting";
+    assert_eq!(faults("[networks]\nfolder = \"~/networks\"\n[solver]\nmodel = \"~\"\n"), want);
+}
+
+#[test]
 fn a_rehearsal_that_cannot_be_read_is_refused_with_an_example() {
     let fault = faults("[camera]\ndevice = \"rehearsal: live 5, nap 2\"");
     assert!(fault.starts_with("camera.device = \"rehearsal: live 5, nap 2\": give a rehearsal such as"), "{fault}");

@@ -94,7 +94,7 @@ mod tests {
         for frame in &frames {
             mean.add(frame);
         }
-        let mut half_way = frames[0].points.clone();
+        let mut half_way = frames[0].points;
         half_way[13] = [0.2, 0.3, 0.5];
         let (mean, want) = (mean.finish().expect("two frames").measures, measure(&half_way));
         assert!(mean.iter().zip(&want).all(|(a, b)| (a - b).abs() < 1e-6));

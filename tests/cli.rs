@@ -168,6 +168,16 @@ fn a_missing_or_damaged_model_is_named() {
 }
 
 #[test]
+fn a_model_that_gives_values_of_no_face_is_told_from_the_networks() {
+    let shipped = include_str!("../models/blendshapes.toml");
+    let (head, rest) = shipped.split_once("neutral_unknown = [").unwrap();
+    let model = settings(&format!("{head}neutral_unknown = [999.0, {}", rest.split_once(", ").unwrap().1));
+    let run = with_settings(&["check"], &format!("[solver]\nmodel = \"{}\"\n", text(model.path())));
+    assert!(run.out.contains("model     FAILED: the blendshape model gave a value that no face has; "), "{}", run.out);
+    assert!(run.out.contains("networks  ok: "), "{}", run.out);
+}
+
+#[test]
 fn a_host_that_does_not_resolve_is_named() {
     let toml = "[camera]\ndevice = \"demo\"\n[[link]]\naddress = \"nowhere.invalid:5252\"\n";
     for command in ["run", "check"] {

@@ -5,9 +5,10 @@ use clap::Args;
 use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{DEMO, open_file};
-use crate::config::{CameraSettings, Settings, SolverSettings};
+use crate::config::{CameraSettings, NetworkSettings, Settings};
+use crate::face::Landmarks;
 use crate::link::Link;
-use crate::pipeline::{Pipeline, Rejected, Solver};
+use crate::pipeline::{Solver, load_tracker, size_px};
 use crate::service::open_camera;
 
 const EXAMPLES: &str = "\
@@ -30,9 +31,10 @@ pub(super) struct CheckArgs {
 pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     print("settings  ok\n")?;
+    let face = clip_face(&settings.networks);
     let parts = [
-        ("model", check_model(&settings)),
-        ("networks", check_networks(&settings)),
+        ("model", check_model(&settings, face.as_ref().ok())),
+        ("networks", face.map(|_| "they find the face of the built-in clip".to_owned())),
         ("camera", check_camera(&settings.camera)),
     ];
     let links = settings.links.iter().map(|link| ("link", Link::check(link).map_err(Failure::from)));
@@ -49,26 +51,28 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     first.map_or(Ok(()), Err)
 }
 
-/// Loads the blendshape model.
-fn check_model(settings: &Settings) -> Result<String, Failure> {
-    Solver::load(settings)?;
-    let path = &settings.solver.model;
-    Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })
-}
+/// Landmarks, and the size of the picture they lie in.
+type Face = (Landmarks, [f32; 2]);
 
-/// Loads the networks and runs them, with the built-in model, on a frame of the built-in clip, whose face they must find.
-fn check_networks(settings: &Settings) -> Result<String, Failure> {
-    let settings = Settings { solver: SolverSettings::default(), ..settings.clone() };
-    let mut pipeline = Pipeline::load(&settings)?;
+/// Loads the networks and runs them on a frame of the built-in clip, whose face they must find.
+fn clip_face(settings: &NetworkSettings) -> Result<Face, Failure> {
+    let mut tracker = load_tracker(settings)?;
     let mut clip = open_file(DEMO)?;
     let Some(frame) = clip.next()? else { return Err(Failure::data("the built-in clip is empty".to_owned())) };
-    match pipeline.process(&frame) {
-        Ok(_) => Ok("they find the face of the built-in clip".to_owned()),
-        Err(Rejected::Infer(error)) => Err(error.into()),
-        Err(rejected) => {
-            Err(Failure::failed(format!("the built-in clip gives nothing: {rejected}; run scripts/setup again")))
-        }
+    let none = || Failure::failed("they find no face in the built-in clip; run scripts/setup again".to_owned());
+    let region = tracker.detect(&frame.picture)?.ok_or_else(none)?;
+    let landmarks = tracker.landmarks(&frame.picture, &region)?.ok_or_else(none)?;
+    Ok((landmarks.clone(), size_px(&frame.picture)))
+}
+
+/// Loads the blendshape model, and solves the face of the built-in clip with it, if the networks found that.
+fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failure> {
+    let mut solver = Solver::load(settings)?;
+    if let Some((landmarks, size_px)) = face {
+        solver.solve(landmarks, *size_px, 0).map_err(|rejected| Failure::failed(rejected.to_string()))?;
     }
+    let path = &settings.solver.model;
+    Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })
 }
 
 /// Opens the camera and waits for one frame.

@@ -4,6 +4,7 @@
 mod common;
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
 use common::networks::{Networks, content};
@@ -79,7 +80,7 @@ fn the_printed_defaults_load_back_unchanged() {
     let defaults = Run::of(&mut facewire(["defaults"])).succeeded().out;
     let file = settings(&defaults);
     assert_eq!(config::load(None, Some(file.path())).unwrap(), Settings::default());
-    let demo = defaults.replace("device = \"auto\"", "device = \"demo\"");
+    let demo = defaults.replace("# device = \"auto\"", "device = \"demo\"");
     assert!(with_settings(&["check"], &demo).succeeded().out.starts_with("settings  ok\n"));
 }
 
@@ -88,6 +89,7 @@ fn check_says_of_every_part_that_it_works() {
     let run = with_settings(&["check"], "[camera]\ndevice = \"demo\"\n[[link]]\naddress = \"localhost:5252\"\n");
     let want = "\
 settings  ok
+model     ok: the built-in one
 networks  ok: they find the face of the built-in clip
 camera    ok: demo: MJPEG 640x480 at 30 fps
 link      ok: localhost:5252
@@ -100,7 +102,7 @@ fn check_goes_on_after_a_fault_and_fails_with_the_first() {
     let run =
         with_settings(&["check"], "[camera]\ndevice = \"/dev/null\"\n[[link]]\naddress = \"nowhere.invalid:1\"\n");
     assert!(run.sentence(66).starts_with("/dev/null is not a camera"), "{}", run.err);
-    for part in ["settings  ok\n", "networks  ok: ", "camera    FAILED: ", "link      FAILED: "] {
+    for part in ["settings  ok\n", "model     ok: ", "networks  ok: ", "camera    FAILED: ", "link      FAILED: "] {
         assert!(run.out.contains(part), "{}", run.out);
     }
 }
@@ -161,7 +163,18 @@ fn a_missing_or_damaged_model_is_named() {
         assert!(sentence.contains(text(model.path())) && sentence.contains(reason), "{sentence}");
     }
     let run = with_settings(&["check"], "[solver]\nmodel = \"/nowhere/model.toml\"\n");
-    assert!(run.sentence(78).contains("/nowhere/model.toml cannot be read"), "{}", run.err);
+    assert!(run.sentence(78).starts_with("the model /nowhere/model.toml cannot be read ("), "{}", run.err);
+    assert!(run.out.contains("model     FAILED: ") && run.out.contains("networks  ok: "), "{}", run.out);
+}
+
+#[test]
+fn a_model_that_gives_values_of_no_face_is_told_from_the_networks() {
+    let shipped = include_str!("../models/blendshapes.toml");
+    let (head, rest) = shipped.split_once("neutral_unknown = [").unwrap();
+    let model = settings(&format!("{head}neutral_unknown = [999.0, {}", rest.split_once(", ").unwrap().1));
+    let run = with_settings(&["check"], &format!("[solver]\nmodel = \"{}\"\n", text(model.path())));
+    assert!(run.out.contains("model     FAILED: the blendshape model gave a value that no face has; "), "{}", run.out);
+    assert!(run.out.contains("networks  ok: "), "{}", run.out);
 }
 
 #[test]
@@ -204,6 +217,7 @@ fn help_explains_every_subcommand_and_its_arguments() {
         assert!(overview.contains(&format!("\n  {command} ")), "{overview}");
         let help = Run::of(&mut facewire([command, "--help"])).succeeded().out;
         assert!(help.contains(&format!("Usage: facewire {command}")), "{help}");
+        assert!(help.contains("\nExample") && help.contains("\nExit status:\n"), "{help}");
         let lines: Vec<&str> = help.lines().map(str::trim).collect();
         let arguments =
             lines.windows(2).filter(|pair| ["<", "[INPUT]", "-"].iter().any(|sign| pair[0].starts_with(sign)));
@@ -216,6 +230,49 @@ fn help_explains_every_subcommand_and_its_arguments() {
         Run::of(&mut facewire(["--version"])).succeeded().out,
         format!("facewire {}\n", env!("CARGO_PKG_VERSION"))
     );
+}
+
+#[test]
+fn sentences_of_the_help_are_broken_only_where_the_line_ends() {
+    let help = Run::of(&mut facewire(["check", "--help"])).succeeded().out;
+    let last = help.lines().skip_while(|line| !line.starts_with("Bad settings")).take_while(|line| !line.is_empty());
+    let lines: Vec<&str> = last.collect();
+    assert!(lines.len() == 2 && lines[0].len() > 80, "{help}");
+}
+
+#[test]
+fn networks_that_this_user_may_not_read_are_told_from_missing_ones() {
+    if rustix::process::geteuid().is_root() {
+        return skip("networks_that_this_user_may_not_read", "root may read everything");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o000)).unwrap();
+    for networks in [folder.path().to_owned(), folder.path().join("networks")] {
+        let run = with_networks(&["track", "demo"], &networks);
+        assert!(run.sentence(69).contains("cannot be read (Permission denied"), "{}", run.err);
+    }
+    fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o700)).unwrap();
+}
+
+#[test]
+fn a_neutral_range_beyond_the_clip_is_refused_with_the_number_of_its_frames() {
+    let run = Run::of(&mut facewire(["track", "demo", "--neutral", "500..600"]));
+    assert_eq!(run.sentence(65), "--neutral 500..600: the input has 240 frames; give a range within them");
+}
+
+#[test]
+fn bench_offers_only_what_it_takes() {
+    let run = Run::of(&mut facewire(["bench", "/nowhere/film.avi"]));
+    let sentence = run.sentence(66);
+    assert!(sentence.ends_with("give the path of a .y4m or Motion-JPEG .avi file, or `demo`"), "{sentence}");
+}
+
+#[test]
+fn a_drawing_that_cannot_be_written_leaves_the_figures_and_is_named() {
+    let arguments = ["bench", "demo", "--rounds", "1", "--json", "--svg", "/nowhere/latency.svg"];
+    let run = Run::of(&mut facewire(arguments));
+    assert!(run.sentence(74).starts_with("cannot write /nowhere/latency.svg: No such file"), "{}", run.err);
+    assert!(run.out.contains("\"p50_ms\""), "{}", run.out);
 }
 
 #[test]

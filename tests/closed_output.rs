@@ -52,9 +52,17 @@ fn standard_error_that_is_closed_changes_no_exit_status() {
 #[test]
 fn standard_output_on_a_full_disk_is_told() {
     let film = short_film();
-    for command in [&["track", text(film.path())][..], &["check"], &["defaults"], &["devices"]] {
+    let film = text(film.path());
+    for command in [&["track", film][..], &["check"], &["defaults"], &["devices"]] {
         let full = File::options().write(true).open("/dev/full").unwrap();
         let run = Run::ended(&facewire(command).stdout(full).output().unwrap());
-        assert!(run.sentence(74).contains("No space left on device"), "{command:?}: {}", run.err);
+        let sentence = run.sentence(74);
+        assert!(
+            sentence.starts_with("cannot write standard output: No space left on device"),
+            "{command:?}: {sentence}"
+        );
+        assert!(sentence.ends_with("; free some space, or write to another disk"), "{sentence}");
     }
+    let run = Run::of(&mut facewire(["track", film, "--out", "/dev/full"]));
+    assert!(run.sentence(74).starts_with("cannot write /dev/full: No space left on device"), "{}", run.err);
 }

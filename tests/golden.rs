@@ -60,9 +60,17 @@ fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/demo-landmarks.npy")
 }
 
-/// Checks the demands on landmarks over as many frames with a face.
-fn assert_near(ours: &[Landmarks], theirs: &[Landmarks], frames: usize) {
+/// Tells how far the landmarks of a film are from MediaPipe's; `cargo test --test golden -- --nocapture` shows it.
+fn told(clip: &str, ours: &[Landmarks], theirs: &[Landmarks]) -> Distance {
     let distance = Distance::between(ours, theirs);
+    let Distance { frames, mean_px, worst_px, .. } = distance;
+    println!("{clip}: {frames} frames with a face, mean distance {mean_px:.2} px, worst {worst_px:.2} px");
+    distance
+}
+
+/// Checks the demands on landmarks over as many frames with a face.
+fn assert_near(clip: &str, ours: &[Landmarks], theirs: &[Landmarks], frames: usize) {
+    let distance = told(clip, ours, theirs);
     assert_eq!(distance.frames, frames);
     assert!(distance.mean_px <= MEAN_PX, "{distance:?}");
     assert!(distance.worst_px <= WORST_PX, "{distance:?}");
@@ -72,7 +80,7 @@ fn assert_near(ours: &[Landmarks], theirs: &[Landmarks], frames: usize) {
 #[test]
 fn every_8th_frame_of_the_clip_is_as_mediapipe_sees_it() {
     let ours: Vec<Landmarks> = DEMO.iter().step_by(8).cloned().collect();
-    assert_near(&ours, &read_steps(&golden()), 30);
+    assert_near("built-in, every 8th frame", &ours, &read_steps(&golden()), 30);
 }
 
 #[test]
@@ -80,13 +88,13 @@ fn every_frame_of_the_clip_is_as_mediapipe_sees_it() {
     let Some(shared) = shared() else {
         return skip("every_frame_of_the_clip", "no folder of reference clips; set FACEWIRE_SHARED");
     };
-    assert_near(&DEMO, &read_npz(&shared.join("golden/demo-mediapipe.npz")), 240);
+    assert_near("built-in", &DEMO, &read_npz(&shared.join("golden/demo-mediapipe.npz")), 240);
 }
 
 #[test]
 fn a_person_who_speaks_is_as_mediapipe_sees_it() {
     if let Some([ours, theirs]) = reference("a_person_who_speaks", "single_face.mp4", "single_face-mediapipe.npz") {
-        assert_near(&ours, &theirs, 72);
+        assert_near("a person speaking", &ours, &theirs, 72);
     }
 }
 
@@ -101,7 +109,8 @@ fn a_person_who_leaves_is_lost_when_mediapipe_loses_it() {
     for (ours, theirs) in ours_changes.iter().zip(&theirs_changes) {
         assert!(ours.abs_diff(*theirs) <= FRAMES_APART, "{ours_changes:?} {theirs_changes:?}");
     }
-    let distance = Distance::between(&ours, &theirs);
+    let distance = told("a person who leaves", &ours, &theirs);
+    println!("a person who leaves: a face comes or goes in frames {ours_changes:?}, by MediaPipe {theirs_changes:?}");
     assert!(distance.frames > 60 && distance.mean_px <= MEAN_PX, "{distance:?}");
 }
 

@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::indexing_slicing)]
 
+#[path = "../src/reference.rs"]
+mod reference;
+
 use std::{
     fs,
     io::Write as _,
@@ -100,11 +103,9 @@ fn jaw_and_blinks_of_the_built_in_clip_follow_the_truth() {
 #[test]
 fn all_curves_of_the_built_in_clip_correlate_above_0_7_on_average() {
     let test = "all_curves_of_the_built_in_clip_correlate_above_0_7_on_average";
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    let shared = std::env::var_os("FACEWIRE_SHARED").map_or_else(beside, PathBuf::from);
-    let truth = shared.join("footage/demo.csv");
+    let truth = reference::folder().join("footage/demo.csv");
     if !truth.is_file() {
-        return skip(test, "no footage/demo.csv (set FACEWIRE_SHARED)");
+        return reference::say_skipped("footage/demo.csv");
     }
     let Some(track) = demo(test) else { return };
     let found = figures(track, truth.to_str().unwrap(), &["--shift", "auto"]);

@@ -21,11 +21,12 @@ from tflite_graph import Model, kind_of, load, producer, read, tensor_named
 
 RUST_TABLES = Path(__file__).parents[2] / "src/face/refinement.rs"
 
-# Head in the Rust tables, and the tensor that ends it in the attention mesh.
-HEADS = {"LIPS": "conv_lips", "LEFT_EYE": "conv_left_eye", "RIGHT_EYE": "conv_right_eye"}
+# Head in the Rust tables, and the tensor that ends it in the attention mesh. The tables name
+# eyes by the person's own side, MediaPipe by that of the picture.
+HEADS = {"LIPS": "conv_lips", "RIGHT_EYE": "conv_left_eye", "LEFT_EYE": "conv_right_eye"}
 
 # Order of the inputs of the LandmarksRefinementCalculator, after the mesh itself.
-REFINEMENTS = ("LIPS", "LEFT_EYE", "RIGHT_EYE", "LEFT_IRIS", "RIGHT_IRIS")
+REFINEMENTS = ("LIPS", "RIGHT_EYE", "LEFT_EYE", "RIGHT_IRIS", "LEFT_IRIS")
 
 # Field numbers of mediapipe/framework/calculator.proto and
 # mediapipe/calculators/util/landmarks_refinement_calculator.proto.

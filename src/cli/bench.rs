@@ -58,14 +58,13 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
     }
     let figures = Figures::new(&args.input, &samples, cpu_time().saturating_sub(begun));
-    if let Some(path) = &args.svg {
-        chart::draw(path, &samples.whole)?;
-    }
-    print(&if args.json { figures.json() } else { figures.table() })
+    // First the figures: they are there even if the drawing cannot be written.
+    print(&if args.json { figures.json() } else { figures.table() })?;
+    args.svg.as_ref().map_or(Ok(()), |path| chart::draw(path, &samples.whole))
 }
 
 fn play(pipeline: &mut Pipeline, input: &str, samples: &mut Samples) -> Result<(), Failure> {
-    let mut source = open_file(input)?;
+    let mut source = open_file(input).map_err(Failure::no_film)?;
     pipeline.tracker.forget();
     loop {
         let begun = Instant::now();

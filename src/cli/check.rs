@@ -5,9 +5,10 @@ use clap::Args;
 use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{DEMO, open_file};
-use crate::config::{CameraSettings, Settings};
+use crate::config::{CameraSettings, NetworkSettings, Settings};
+use crate::face::Landmarks;
 use crate::link::Link;
-use crate::pipeline::{Pipeline, Rejected};
+use crate::pipeline::{Solver, load_tracker, size_px};
 use crate::service::{await_picture, open_camera};
 
 const EXAMPLES: &str = "\
@@ -15,8 +16,8 @@ Examples:
   facewire check
   facewire check --config facewire.toml
 
-Bad settings are all named, and no device is touched (exit status 78). Otherwise every part is tried, and the exit
-status is that of the first that failed.";
+Bad settings are all named, and no device is touched (exit status 78). Otherwise every part is tried, and the \
+exit status is that of the first that failed.";
 
 /// Arguments of `facewire check`.
 #[derive(Debug, Args)]
@@ -30,7 +31,12 @@ pub(super) struct CheckArgs {
 pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     print("settings  ok\n")?;
-    let parts = [("networks", check_networks(&settings)), ("camera", check_camera(&settings.camera))];
+    let face = clip_face(&settings.networks);
+    let parts = [
+        ("model", check_model(&settings, face.as_ref().ok())),
+        ("networks", face.map(|_| "they find the face of the built-in clip".to_owned())),
+        ("camera", check_camera(&settings.camera)),
+    ];
     let links = settings.links.iter().map(|link| ("link", Link::check(link).map_err(Failure::from)));
     let mut first = None;
     for (part, outcome) in parts.into_iter().chain(links) {
@@ -45,18 +51,28 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     first.map_or(Ok(()), Err)
 }
 
-/// Loads the networks and the model, and runs them on a frame of the built-in clip, whose face they must find.
-fn check_networks(settings: &Settings) -> Result<String, Failure> {
-    let mut pipeline = Pipeline::load(settings)?;
+/// Landmarks, and the size of the picture they lie in.
+type Face = (Landmarks, [f32; 2]);
+
+/// Loads the networks and runs them on a frame of the built-in clip, whose face they must find.
+fn clip_face(settings: &NetworkSettings) -> Result<Face, Failure> {
+    let mut tracker = load_tracker(settings)?;
     let mut clip = open_file(DEMO)?;
     let Some(frame) = clip.next()? else { return Err(Failure::data("the built-in clip is empty".to_owned())) };
-    match pipeline.process(&frame) {
-        Ok(_) => Ok("they find the face of the built-in clip".to_owned()),
-        Err(Rejected::Infer(error)) => Err(error.into()),
-        Err(rejected) => {
-            Err(Failure::failed(format!("the built-in clip gives nothing: {rejected}; run scripts/setup again")))
-        }
+    let none = || Failure::failed("they find no face in the built-in clip; run scripts/setup again".to_owned());
+    let region = tracker.detect(&frame.picture)?.ok_or_else(none)?;
+    let landmarks = tracker.landmarks(&frame.picture, &region)?.ok_or_else(none)?;
+    Ok((landmarks.clone(), size_px(&frame.picture)))
+}
+
+/// Loads the blendshape model, and solves the face of the built-in clip with it, if the networks found that.
+fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failure> {
+    let mut solver = Solver::load(settings)?;
+    if let Some((landmarks, size_px)) = face {
+        solver.solve(landmarks, *size_px, 0).map_err(|rejected| Failure::failed(rejected.to_string()))?;
     }
+    let path = &settings.solver.model;
+    Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })
 }
 
 /// Opens the camera and waits for a good frame.

@@ -1,11 +1,16 @@
-//! `facewire devices`: what can be plugged in, and what to write into the settings for it.
+//! `facewire devices`: what is plugged in, and what to write into the settings for it.
 
 use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use serialport::{SerialPortInfo, SerialPortType};
 
 use super::failure::{Failure, print};
 use crate::capture::v4l2::{Camera, cameras};
+
+/// Links to serial ports that stay when others are plugged in: `by-id` names the device, `by-path` its socket.
+const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
 
 pub(super) fn run() -> Result<(), Failure> {
     let mut text = String::new();
@@ -21,7 +26,7 @@ pub(super) fn run() -> Result<(), Failure> {
         let _ = writeln!(text, "not looked at: {refused}");
     }
     let ports = serialport::available_ports().unwrap_or_default();
-    text.extend(ports.iter().map(port_line));
+    text.extend(ports.iter().map(|port| port_lines(port, &PORT_LINKS)));
     if ports.is_empty() {
         text += "no serial port\n";
     }
@@ -42,10 +47,49 @@ fn camera_lines(camera: &Camera) -> String {
     text
 }
 
-fn port_line(port: &SerialPortInfo) -> String {
+fn port_lines(port: &SerialPortInfo, link_folders: &[impl AsRef<Path>]) -> String {
     let kind = match &port.port_type {
         SerialPortType::UsbPort(usb) => usb.product.clone().unwrap_or_else(|| "USB".to_owned()),
         SerialPortType::PciPort | SerialPortType::BluetoothPort | SerialPortType::Unknown => "UART".to_owned(),
     };
-    format!("serial port {} ({kind})\n", port.port_name)
+    let mut text = format!("serial port {} ({kind})\n", port.port_name);
+    for link in link_folders.iter().flat_map(|folder| links_to(Path::new(&port.port_name), folder.as_ref())) {
+        let _ = writeln!(text, "  stable path {}", link.display());
+    }
+    text
+}
+
+/// The links in the folder that lead to the port.
+fn links_to(port: &Path, folder: &Path) -> Vec<PathBuf> {
+    let Ok(port) = fs::canonicalize(port) else { return Vec::new() };
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut links: Vec<_> = entries.filter(|link| fs::canonicalize(link).is_ok_and(|end| end == port)).collect();
+    links.sort();
+    links
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    #[test]
+    fn a_serial_port_is_listed_with_the_paths_that_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let [port, other, links] = ["ttyACM0", "ttyACM1", "by-id"].map(|name| folder.path().join(name));
+        for node in [&port, &other] {
+            fs::write(node, "").unwrap();
+        }
+        fs::create_dir(&links).unwrap();
+        symlink("../ttyACM0", links.join("usb-Head_0001")).unwrap();
+        symlink("../ttyACM1", links.join("usb-Other_0002")).unwrap();
+        let name = port.display().to_string();
+        let info = SerialPortInfo { port_name: name.clone(), port_type: SerialPortType::Unknown };
+        let stable = links.join("usb-Head_0001");
+        let absent = folder.path().join("by-path");
+        let want = format!("serial port {name} (UART)\n  stable path {}\n", stable.display());
+        assert_eq!(port_lines(&info, &[links, absent]), want);
+    }
 }

@@ -20,6 +20,9 @@ const EX_NOHOST: u8 = 68;
 const EX_UNAVAILABLE: u8 = 69;
 const EX_IOERR: u8 = 74;
 
+/// Standard output as a path is named.
+pub(super) const STANDARD_OUTPUT: &str = "standard output";
+
 /// Why a command fails.
 #[derive(Debug)]
 pub(super) struct Failure {
@@ -43,11 +46,25 @@ impl Failure {
         Self { status, message: format!("cannot read {}: {error}; check the path and its permissions", path.display()) }
     }
 
-    /// A file that cannot be written.
+    /// A file that cannot be written. A closed pipe is none: its reader has seen enough.
     pub(super) fn unwritable(path: &Path, error: &io::Error) -> Self {
+        if error.kind() == ErrorKind::BrokenPipe {
+            return Self { status: 0, message: String::new() };
+        }
+        let remedy = match error.kind() {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "free some space, or write to another disk",
+            _ if path == Path::new(STANDARD_OUTPUT) => "check where it goes",
+            _ => "check the folder, its permissions and the disk",
+        };
+        Self { status: EX_IOERR, message: format!("cannot write {}: {error}; {remedy}", path.display()) }
+    }
+
+    /// A film that can be read again and again cannot be opened.
+    pub(super) fn no_film(error: CaptureError) -> Self {
+        let CaptureError::Open { path, source } = error else { return error.into() };
         let message =
-            format!("cannot write {}: {error}; check the folder, its permissions and the disk", path.display());
-        Self { status: EX_IOERR, message }
+            format!("cannot open {path}: {source}; give the path of a .y4m or Motion-JPEG .avi file, or `demo`");
+        Self { status: EX_NOINPUT, message }
     }
 
     pub(super) fn message(&self) -> &str {
@@ -71,17 +88,7 @@ pub(super) fn say(line: impl Display) {
 
 /// Prints to standard output.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
-    Ok(io::stdout().write_all(text.as_bytes())?)
-}
-
-impl From<io::Error> for Failure {
-    /// A closed pipe means that the reader has seen enough.
-    fn from(error: io::Error) -> Self {
-        if error.kind() == ErrorKind::BrokenPipe {
-            return Self { status: 0, message: String::new() };
-        }
-        Self { status: EX_IOERR, message: format!("writing the output failed: {error}") }
-    }
+    io::stdout().write_all(text.as_bytes()).map_err(|error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error))
 }
 
 impl From<Faults> for Failure {

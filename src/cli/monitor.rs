@@ -14,6 +14,7 @@ mod tally;
 use std::{
     io::{self, IsTerminal as _, Write as _},
     net::SocketAddr,
+    ops::RangeInclusive,
     path::PathBuf,
     sync::{
         Arc,
@@ -36,6 +37,8 @@ use crate::link::PortError;
 
 /// 30 pictures a second are smooth, and more would load a board for nothing.
 const SCREEN_PERIOD: Duration = Duration::from_millis(33);
+/// What `--seconds` takes: up to a year.
+const SECONDS: RangeInclusive<f64> = 0.001..=31_536_000.0;
 /// A log wants a line a second.
 const LINE_PERIOD: Duration = Duration::from_secs(1);
 
@@ -57,13 +60,14 @@ pub struct MonitorArgs {
     #[arg(long, value_name = "DEVICE", conflicts_with = "listen")]
     pub serial: Option<PathBuf>,
     /// Bits a second of the serial port
-    #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial")]
+    #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial",
+        value_parser = clap::value_parser!(u32).range(9600..=4_000_000))]
     pub baud: u32,
     /// Write each packet as one line of JSON
     #[arg(long)]
     pub json: bool,
     /// End after so many valid packets
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub packets: Option<u64>,
     /// End after so many seconds
     #[arg(long, value_name = "S", value_parser = seconds)]
@@ -226,6 +230,47 @@ impl View {
 
 /// Seconds on the command line.
 fn seconds(text: &str) -> Result<Duration, String> {
-    let number: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    Duration::try_from_secs_f64(number).map_err(|error| error.to_string())
+    let number = text.parse().unwrap_or(f64::NAN);
+    if SECONDS.contains(&number) {
+        Ok(Duration::from_secs_f64(number))
+    } else {
+        Err(format!("write a number from {} to {}", SECONDS.start(), SECONDS.end()))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Arguments {
+        #[command(flatten)]
+        monitor: MonitorArgs,
+    }
+
+    fn parsed(arguments: &[&str]) -> Result<MonitorArgs, clap::Error> {
+        Arguments::try_parse_from([&["monitor"], arguments].concat()).map(|arguments| arguments.monitor)
+    }
+
+    #[test]
+    fn limits_that_no_clock_or_port_knows_are_refused() {
+        for wrong in ["0", "-1", "1e19", "1e308", "inf", "NaN", "1e-320", "31536001", "ten"] {
+            assert!(parsed(&[&format!("--seconds={wrong}")]).is_err(), "--seconds {wrong}");
+        }
+        for wrong in ["0", "-1", "300", "4000001", "4294967296"] {
+            assert!(parsed(&["--serial", "/dev/ttyUSB0", &format!("--baud={wrong}")]).is_err(), "--baud {wrong}");
+        }
+        for wrong in ["0", "-1", "18446744073709551616"] {
+            assert!(parsed(&[&format!("--packets={wrong}")]).is_err(), "--packets {wrong}");
+        }
+    }
+
+    #[test]
+    fn the_longest_time_that_is_taken_has_an_end() {
+        let longest = parsed(&["--seconds", "31536000"]).unwrap().seconds.unwrap();
+        assert!(Instant::now().checked_add(longest).is_some());
+    }
 }

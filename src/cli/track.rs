@@ -126,6 +126,13 @@ impl Track {
             }
             waiting.push(face);
         }
+        let read = waiting.last().map_or(0, |face| face.number + 1);
+        if read <= range.start {
+            return Err(Failure::data(format!(
+                "--neutral {}..{}: the input has {read} frames; give a range within them",
+                range.start, range.end
+            )));
+        }
         let refuse = |error| Failure::data(format!("--neutral {}..{}: {error}", range.start, range.end));
         self.solver.set_neutral(mean.finish().map_err(refuse)?);
         waiting.iter().try_for_each(|face| self.frame(face))

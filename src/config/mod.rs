@@ -1,7 +1,7 @@
 //! Settings: TOML files laid over the defaults.
 //!
 //! Role: from `--board` and `--config` to one typed [`Settings`]. Defaults come first, then the board's file, then the
-//! user's; a file names only what it changes.
+//! user's, which may name the board itself; a file names only what it changes.
 //! Contract: nothing is half applied. Either every setting is within its bounds, or [`Faults`] names every fault of the
 //! files at once, each with key, value and bounds, and no device was touched.
 //! The settings themselves stand in `settings.rs`: one entry gives a key its type, default, bounds and comment.
@@ -32,7 +32,7 @@ pub use value::Address;
 /// Exit status for bad settings, as in `sysexits.h`: systemd does not restart a service that ends with it.
 pub const EX_CONFIG: u8 = 78;
 
-/// The settings of a run: defaults, then the board's, then the file's.
+/// The settings of a run: defaults, then the board's, then the file's. A board given here takes the place of the file's.
 ///
 /// # Errors
 /// Every fault found: an unknown board, a file that cannot be read, and all that is wrong inside it.
@@ -40,8 +40,8 @@ pub fn load(board: Option<&str>, file: Option<&Path>) -> Result<Settings, Faults
     let mut settings = Settings::default();
     let mut faults = Faults::default();
     if let Some(name) = board {
-        match board::text(name) {
-            Ok(text) => overlay::apply(&mut settings, &format!("board {name}"), text, &mut faults),
+        match board::named(name) {
+            Ok(board) => overlay::apply_board(&mut settings, board, &mut faults),
             Err(fault) => faults.push(fault),
         }
     }
@@ -49,7 +49,7 @@ pub fn load(board: Option<&str>, file: Option<&Path>) -> Result<Settings, Faults
         match std::fs::read_to_string(path) {
             Ok(text) => {
                 let source = path.display().to_string();
-                overlay::apply(&mut settings, &source, &text, &mut faults);
+                overlay::apply_file(&mut settings, &source, &text, board.is_none(), &mut faults);
             }
             Err(error) => faults.push(Fault::Unreadable { path: path.to_owned(), error }),
         }
@@ -60,14 +60,14 @@ pub fn load(board: Option<&str>, file: Option<&Path>) -> Result<Settings, Faults
     faults.into_result(settings)
 }
 
-/// The settings in `text`, laid over the defaults; `source` names it in faults.
+/// The settings in `text`, laid over the defaults and the board it names; `source` names it in faults.
 ///
 /// # Errors
 /// Every fault found.
 pub fn parse(source: &str, text: &str) -> Result<Settings, Faults> {
     let mut settings = Settings::default();
     let mut faults = Faults::default();
-    overlay::apply(&mut settings, source, text, &mut faults);
+    overlay::apply_file(&mut settings, source, text, true, &mut faults);
     overlay::check_together(&settings, &mut faults);
     overlay::check_ports(&settings, &mut faults);
     overlay::check_lines(&settings, &mut faults);

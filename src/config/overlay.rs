@@ -6,7 +6,7 @@ use toml::{
 };
 
 use super::{
-    Fault, Faults,
+    Fault, Faults, board,
     section::Section,
     settings::{LinkKind, LinkSettings, Settings, most_packets_hz},
     value::Choice as _,
@@ -14,8 +14,9 @@ use super::{
 use crate::capture::Script;
 use crate::link::device_number;
 
-/// Tables a file may have.
-const TABLES: [&str; 9] = ["camera", "networks", "solver", "failsafe", "send", "link", "realtime", "metrics", "log"];
+/// Keys and tables a file may have.
+const NAMES: [&str; 10] =
+    ["board", "camera", "networks", "solver", "failsafe", "send", "link", "realtime", "metrics", "log"];
 /// Baud rates that every serial port knows. The last carries the highest rate a setting can give.
 const USUAL_BAUDS: [u32; 6] = [19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
 /// Farther names are no help.
@@ -25,17 +26,28 @@ const LEAST_SIMILARITY: f64 = 0.6;
 struct Overlay<'a> {
     source: &'a str,
     text: &'a str,
+    /// Whether the board that the file names is taken.
+    takes_board: bool,
     /// Byte of the text and what is wrong there.
     found: Vec<(usize, Fault)>,
 }
 
-/// Lays `text` over the settings and adds its faults. With a fault, the settings are not to be used. Of a text that is
+/// Lays a board over the settings.
+pub fn apply_board(settings: &mut Settings, (name, text): (&str, &str), faults: &mut Faults) {
+    apply(settings, Overlay { source: &format!("board {name}"), text, takes_board: false, found: Vec::new() }, faults);
+}
+
+/// Lays a file over the settings, with the board it names under it if `takes_board`.
+pub fn apply_file(settings: &mut Settings, source: &str, text: &str, takes_board: bool, faults: &mut Faults) {
+    apply(settings, Overlay { source, text, takes_board, found: Vec::new() }, faults);
+}
+
+/// Lays the text over the settings and adds its faults. With a fault, the settings are not to be used. Of a text that is
 /// not TOML nothing else is judged: what the parser guesses of it would give faults that are none.
-pub fn apply(settings: &mut Settings, source: &str, text: &str, faults: &mut Faults) {
-    let (document, errors) = DeTable::parse_recoverable(text);
-    let mut overlay = Overlay { source, text, found: Vec::new() };
+fn apply(settings: &mut Settings, mut overlay: Overlay<'_>, faults: &mut Faults) {
+    let (document, errors) = DeTable::parse_recoverable(overlay.text);
     if errors.is_empty() {
-        overlay.document(settings, document.get_ref());
+        overlay.document(settings, document.get_ref(), faults);
     }
     for error in errors {
         overlay.syntax(&error);
@@ -68,6 +80,10 @@ pub fn check_together(settings: &Settings, faults: &mut Faults) {
     let anything = "\"auto\", the path of a camera, part of its name, \"demo\" or a rehearsal";
     need(!device.trim().is_empty(), "camera.device", format!("{device:?}"), anything.to_owned());
     need(is_readable, "camera.device", format!("{device:?}"), Script::EXPECTED.to_owned());
+    for (key, path) in [("networks.folder", &settings.networks.folder), ("solver.model", &settings.solver.model)] {
+        let expected = "a path from / on: no shell replaces the ~ of a setting".to_owned();
+        need(!path.starts_with('~'), key, format!("{path:?}"), expected);
+    }
     need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
 }
 
@@ -106,10 +122,14 @@ pub fn check_lines(settings: &Settings, faults: &mut Faults) {
 }
 
 impl Overlay<'_> {
-    /// Sets what the document says.
-    fn document(&mut self, settings: &mut Settings, document: &DeTable<'_>) {
+    /// Sets what the document says, after what its board says.
+    fn document(&mut self, settings: &mut Settings, document: &DeTable<'_>, faults: &mut Faults) {
+        if let Some(value) = document.get("board") {
+            self.board(settings, value, faults);
+        }
         for (name, value) in document {
             match name.get_ref().as_ref() {
+                "board" => {}
                 "camera" => self.section(&mut settings.camera, "camera", value),
                 "networks" => self.section(&mut settings.networks, "networks", value),
                 "solver" => self.section(&mut settings.solver, "solver", value),
@@ -119,8 +139,16 @@ impl Overlay<'_> {
                 "realtime" => self.section(&mut settings.realtime, "realtime", value),
                 "metrics" => self.section(&mut settings.metrics, "metrics", value),
                 "log" => self.section(&mut settings.log, "log", value),
-                unknown => self.unknown(unknown, unknown, &TABLES, name.span().start),
+                unknown => self.unknown(unknown, unknown, &NAMES, name.span().start),
             }
+        }
+    }
+
+    fn board(&mut self, settings: &mut Settings, value: &Spanned<DeValue<'_>>, faults: &mut Faults) {
+        match value.get_ref().as_str().and_then(board::find) {
+            Some(board) if self.takes_board => apply_board(settings, board, faults),
+            Some(_) => {}
+            None => self.value("board", value, board::expected()),
         }
     }
 

@@ -76,7 +76,8 @@ section! {
 section! {
     /// The networks that find face and landmarks.
     NetworkSettings {
-        /// Folder of the networks; empty: searched in the usual places.
+        /// Folder of the networks; empty: searched in the usual places. One that does not begin with / is looked for from
+        /// the folder in which facewire is started.
         folder: String = String::new(), (), "";
         /// Threads of one inference.
         threads: u32 = 1, 1..=8, "";
@@ -86,9 +87,9 @@ section! {
 section! {
     /// From landmarks to coefficients.
     SolverSettings {
-        /// File of the fitted model; empty: the built-in one.
+        /// File of the fitted model; empty: the built-in one. One that does not begin with / is looked for as above.
         model: String = String::new(), (), "";
-        /// Earlier frames that smoothing averages with the newest, for the eyes at most 2; 0 is off.
+        /// Earlier frames that smoothing averages with the newest, for the eyes at most 2; 0 and 1 are off.
         smoothing_frames: u32 = 5, 0..=10, " (frames)";
     }
 }
@@ -123,7 +124,8 @@ section! {
         kind: LinkKind = LinkKind::Udp, (), "";
         /// Where to: a host name, an address, a broadcast or a multicast address.
         address: Address = Address::default(), (), "";
-        /// Serial port, best by a path that stays when others are plugged in. `facewire devices` lists what there is.
+        /// Serial port, best by a path that stays when others are plugged in: `facewire devices` lists what there is, with
+        /// such paths.
         device: PathBuf = PathBuf::new(), (), "";
         /// Bits a second on the line. At most 80 % of them may be used: 115200 carries a `camera.fps` and a
         /// `send.rate_hz` of 68.

@@ -10,9 +10,30 @@ fn faults(text: &str) -> String {
     parse("facewire.toml", text).unwrap_err().to_string()
 }
 
+/// The defaults with the sign of comment taken off each setting, without the example at their end.
+fn uncommented_defaults() -> String {
+    let text = defaults();
+    let (settings, _) = text.split_once("# [[link]]").unwrap();
+    let is_setting = |line: &str| line.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '));
+    let line = |line| match str::strip_prefix(line, "# ") {
+        Some(setting) if is_setting(setting) => setting.to_owned() + "\n",
+        _ => format!("{line}\n"),
+    };
+    settings.lines().map(line).collect()
+}
+
 #[test]
-fn defaults_load_back_unchanged() {
+fn defaults_load_back_unchanged_with_and_without_their_signs_of_comment() {
     assert_eq!(parse("defaults", &defaults()).unwrap(), Settings::default());
+    assert_eq!(parse("defaults", &uncommented_defaults()).unwrap(), Settings::default());
+}
+
+#[test]
+fn defaults_leave_to_the_board_what_it_sets() {
+    for (name, _) in BOARDS {
+        let text = defaults().replace("# board = \"generic\"", &format!("board = \"{name}\""));
+        assert_eq!(parse("defaults", &text).unwrap(), load(Some(name), None).unwrap(), "{name}");
+    }
 }
 
 #[test]
@@ -25,9 +46,9 @@ fn settings_of_all_kinds_load_back_from_their_written_form() {
 
 #[test]
 fn defaults_explain_each_setting_with_type_and_bounds() {
-    let text = defaults();
-    let assignments = text.lines().filter(|line| line.contains(" = "));
-    assert_eq!(assignments.count(), 27);
+    let text = uncommented_defaults();
+    let settings = text.lines().filter(|line| !line.starts_with('#') && line.contains(" = "));
+    assert_eq!(settings.count(), 25, "the board, and what the tables have");
     assert!(text.contains("# Picture height.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n"));
 }
 
@@ -63,14 +84,30 @@ fn unknown_board_is_refused_with_the_names_there_are() {
     assert_eq!(fault, want);
 }
 
+/// Camera settings by the arguments `--board` and `--config`.
+fn camera(board: Option<&str>, text: &str) -> CameraSettings {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    fs::write(file.path(), text).unwrap();
+    load(board, Some(file.path())).unwrap().camera
+}
+
 #[test]
 fn the_file_overlays_the_board_which_overlays_the_defaults() {
-    let path = std::env::temp_dir().join(format!("facewire-overlay-{}.toml", std::process::id()));
-    fs::write(&path, "[camera]\nfps = 20\n").unwrap();
-    let settings = load(Some("pi-zero-2w"), Some(&path));
-    fs::remove_file(&path).unwrap();
-    let camera = settings.unwrap().camera;
-    assert_eq!((camera.fps, camera.width, camera.stall_timeout_ms), (20, 320, 1000));
+    let by_argument = camera(Some("pi-zero-2w"), "[camera]\nfps = 20\n");
+    assert_eq!((by_argument.fps, by_argument.width, by_argument.stall_timeout_ms), (20, 320, 1000));
+    assert_eq!(camera(None, "board = \"pi-zero-2w\"\n[camera]\nfps = 20\n"), by_argument);
+}
+
+#[test]
+fn a_board_given_as_an_argument_takes_the_place_of_the_files() {
+    assert_eq!(camera(Some("pi4"), "board = \"pi-zero-2w\"\n"), camera(Some("pi4"), ""));
+}
+
+#[test]
+fn an_unknown_board_in_a_file_is_refused_with_its_line_and_the_names_there_are() {
+    let want = "facewire.toml:1: board = \"pi6\": give one of \"generic\", \"pi4\", \"pi5\", \"pi-zero-2w\"";
+    assert_eq!(faults("board = \"pi6\"\n"), want);
+    assert!(faults("[camera]\nboard = \"pi4\"\n").starts_with("facewire.toml:2: camera.board is not a setting"));
 }
 
 #[test]
@@ -255,6 +292,14 @@ fn a_camera_without_a_name_is_refused_for_every_camera_bears_it() {
         let fault = faults(&format!("[camera]\ndevice = \"{empty}\""));
         assert!(fault.starts_with(&format!("camera.device = \"{empty}\": give \"auto\", the path of")), "{fault}");
     }
+}
+
+#[test]
+fn paths_that_only_a_shell_understands_are_refused() {
+    let want = "\
+networks.folder = \"~/networks\": give a path from / on: no shell replaces the ~ of a setting
+solver.model = \"~\": give a path from / on: no shell replaces the ~ of a setting";
+    assert_eq!(faults("[networks]\nfolder = \"~/networks\"\n[solver]\nmodel = \"~\"\n"), want);
 }
 
 #[test]

@@ -27,8 +27,8 @@ impl Landmarks {
 
     /// Puts both irises at the mean depth of their eye's rim. The mesh does so; some trackers leave them at depth 0.
     pub fn level_irises(&mut self) {
-        self.level_iris(&LEFT_IRIS, &LEFT_IRIS_DEPTH);
         self.level_iris(&RIGHT_IRIS, &RIGHT_IRIS_DEPTH);
+        self.level_iris(&LEFT_IRIS, &LEFT_IRIS_DEPTH);
     }
 
     /// Puts one iris at the mean depth of its rim.

@@ -50,19 +50,20 @@ static LIPS_REFINEMENT: Refinement = Refinement {
     iris: None,
     level: LIPS_ROTATION,
 };
-static LEFT_EYE_REFINEMENT: Refinement = Refinement {
-    signature: eye_signature("left_eye"),
-    points: &LEFT_EYE,
-    iris: Some((&LEFT_IRIS, &LEFT_IRIS_DEPTH)),
-    level: LEFT_EYE_ROTATION,
-};
 static RIGHT_EYE_REFINEMENT: Refinement = Refinement {
-    signature: eye_signature("right_eye"),
+    signature: eye_signature("left_eye"),
     points: &RIGHT_EYE,
     iris: Some((&RIGHT_IRIS, &RIGHT_IRIS_DEPTH)),
     level: RIGHT_EYE_ROTATION,
 };
+static LEFT_EYE_REFINEMENT: Refinement = Refinement {
+    signature: eye_signature("right_eye"),
+    points: &LEFT_EYE,
+    iris: Some((&LEFT_IRIS, &LEFT_IRIS_DEPTH)),
+    level: LEFT_EYE_ROTATION,
+};
 
+/// The networks bear the names of MediaPipe: by the side of the picture that the eye stands in.
 const fn eye_signature(name: &'static str) -> Signature {
     Signature { name, input: HEAD_INPUT, outputs: &[("points", &[1, 142]), ("iris", &[1, 10])] }
 }
@@ -89,7 +90,7 @@ impl Mesh {
         };
         Ok(Self {
             backbone: infer::load(folder, &BACKBONE, threads)?,
-            heads: [head(&LIPS_REFINEMENT)?, head(&LEFT_EYE_REFINEMENT)?, head(&RIGHT_EYE_REFINEMENT)?],
+            heads: [head(&LIPS_REFINEMENT)?, head(&RIGHT_EYE_REFINEMENT)?, head(&LEFT_EYE_REFINEMENT)?],
         })
     }
 

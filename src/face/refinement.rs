@@ -7,7 +7,8 @@
 //!
 //! A head replaces x and y of the mesh points in its list, in the order of the list; their
 //! z stays the mesh's. The box of the same points places its crop. Left and right are the
-//! picture's, as the camera sees it: the left eye is the one with the corners 33 and 133.
+//! person's own: the right eye is the one with the corners 33 and 133. MediaPipe's files name
+//! eyes by the side of the picture they stand in.
 
 /// Feature map of the mesh network: rows and columns.
 pub(crate) const FEATURE_SIZE: usize = 48;
@@ -38,37 +39,37 @@ pub(crate) const LIPS: [u16; 80] = [
 /// Mouth corners whose line is level in the crop of the lips.
 pub(crate) const LIPS_ROTATION: [u16; 2] = [61, 291];
 
-/// Points of the left eye: contour of the lids, rings around it, eyebrow.
-pub(crate) const LEFT_EYE: [u16; 71] = [
+/// Points of the right eye: contour of the lids, rings around it, eyebrow.
+pub(crate) const RIGHT_EYE: [u16; 71] = [
     33, 7, 163, 144, 145, 153, 154, 155, 133, 246, 161, 160, 159, 158, 157, 173, 130, 25, 110, 24, 23, 22, 26, 112,
     243, 247, 30, 29, 27, 28, 56, 190, 226, 31, 228, 229, 230, 231, 232, 233, 244, 113, 225, 224, 223, 222, 221, 189,
     35, 124, 46, 53, 52, 65, 143, 111, 117, 118, 119, 120, 121, 128, 245, 156, 70, 63, 105, 66, 107, 55, 193,
 ];
 
-/// Eye corners whose line is level in the crop of the left eye.
-pub(crate) const LEFT_EYE_ROTATION: [u16; 2] = [33, 133];
+/// Eye corners whose line is level in the crop of the right eye.
+pub(crate) const RIGHT_EYE_ROTATION: [u16; 2] = [33, 133];
 
-/// Points of the right eye, in the mirrored order of the left.
-pub(crate) const RIGHT_EYE: [u16; 71] = [
+/// Points of the left eye, in the mirrored order of the right.
+pub(crate) const LEFT_EYE: [u16; 71] = [
     263, 249, 390, 373, 374, 380, 381, 382, 362, 466, 388, 387, 386, 385, 384, 398, 359, 255, 339, 254, 253, 252, 256,
     341, 463, 467, 260, 259, 257, 258, 286, 414, 446, 261, 448, 449, 450, 451, 452, 453, 464, 342, 445, 444, 443, 442,
     441, 413, 265, 353, 276, 283, 282, 295, 372, 340, 346, 347, 348, 349, 350, 357, 465, 383, 300, 293, 334, 296, 336,
     285, 417,
 ];
 
-/// Eye corners whose line is level in the crop of the right eye.
-pub(crate) const RIGHT_EYE_ROTATION: [u16; 2] = [362, 263];
+/// Eye corners whose line is level in the crop of the left eye.
+pub(crate) const LEFT_EYE_ROTATION: [u16; 2] = [362, 263];
 
-/// Points the left eye adds to the mesh: centre of the iris, then four on its edge.
-pub(crate) const LEFT_IRIS: [u16; 5] = [468, 469, 470, 471, 472];
+/// Points the right eye adds to the mesh: centre of the iris, then four on its edge.
+pub(crate) const RIGHT_IRIS: [u16; 5] = [468, 469, 470, 471, 472];
 
-/// Points the right eye adds to the mesh.
-pub(crate) const RIGHT_IRIS: [u16; 5] = [473, 474, 475, 476, 477];
-
-/// Contour of the left eye: all five iris points take the mean of its z.
-pub(crate) const LEFT_IRIS_DEPTH: [u16; 16] =
-    [33, 7, 163, 144, 145, 153, 154, 155, 133, 246, 161, 160, 159, 158, 157, 173];
+/// Points the left eye adds to the mesh.
+pub(crate) const LEFT_IRIS: [u16; 5] = [473, 474, 475, 476, 477];
 
 /// Contour of the right eye: all five iris points take the mean of its z.
 pub(crate) const RIGHT_IRIS_DEPTH: [u16; 16] =
+    [33, 7, 163, 144, 145, 153, 154, 155, 133, 246, 161, 160, 159, 158, 157, 173];
+
+/// Contour of the left eye: all five iris points take the mean of its z.
+pub(crate) const LEFT_IRIS_DEPTH: [u16; 16] =
     [263, 249, 390, 373, 374, 380, 381, 382, 362, 466, 388, 387, 386, 385, 384, 398];

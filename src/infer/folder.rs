@@ -1,7 +1,8 @@
 //! Where the networks and ONNX Runtime lie on this machine.
 
-use std::env;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::{env, fs};
 
 use super::InferError;
 
@@ -19,13 +20,21 @@ impl NetworkFolder {
     /// the user's cache (where `scripts/setup` puts it), and the place of an installed package.
     ///
     /// # Errors
-    /// [`InferError::NoFolder`], naming every folder tried.
+    /// [`InferError::NoFolder`], naming every folder tried, or [`InferError::Unreadable`] for the first that this user
+    /// may not look at, if there is no other.
     pub fn find(setting: &str) -> Result<Self, InferError> {
         let tried = candidates(setting);
-        match tried.iter().find(|folder| folder.is_dir()) {
-            Some(folder) => Ok(Self(folder.clone())),
-            None => Err(InferError::NoFolder(tried)),
+        let mut refused = None;
+        for folder in &tried {
+            match fs::metadata(folder) {
+                Ok(found) if found.is_dir() => return Ok(Self(folder.clone())),
+                Err(error) if error.kind() == ErrorKind::PermissionDenied => {
+                    refused.get_or_insert(InferError::Unreadable { path: folder.clone(), error });
+                }
+                _ => {}
+            }
         }
+        Err(refused.unwrap_or(InferError::NoFolder(tried)))
     }
 
     /// The folder itself.

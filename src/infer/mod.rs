@@ -7,6 +7,8 @@ mod folder;
 #[cfg(feature = "ort")]
 mod onnx_runtime;
 
+use std::fs::File;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 pub use folder::NetworkFolder;
@@ -51,6 +53,14 @@ pub enum InferError {
         list(.0)
     )]
     NoFolder(Vec<PathBuf>),
+    /// A folder or a file of it may not be looked at.
+    #[error("{} cannot be read ({error}); give this user the right to read it and all folders above it", path.display())]
+    Unreadable {
+        /// The folder or file.
+        path: PathBuf,
+        /// What the system says.
+        error: io::Error,
+    },
     /// One file of the folder is missing.
     #[error("{} is missing: run scripts/setup again", .0.display())]
     Missing(PathBuf),
@@ -74,7 +84,7 @@ pub enum InferError {
     #[error("this facewire was built without an engine for the networks: build it with the feature `ort`")]
     NoEngine,
     /// The engine failed on a frame.
-    #[error("network {0} failed to run")]
+    #[error("network {0} failed to run; free some memory, and if that does not help run scripts/setup again")]
     Run(&'static str),
 }
 
@@ -122,5 +132,11 @@ fn engine(_: &NetworkFolder, _: &Path, _: &'static Signature, _: usize) -> Resul
 }
 
 fn require(path: &Path) -> Result<(), InferError> {
-    if path.is_file() { Ok(()) } else { Err(InferError::Missing(path.to_path_buf())) }
+    match File::open(path) {
+        Ok(file) if file.metadata().is_ok_and(|found| found.is_file()) => Ok(()),
+        Err(error) if error.kind() == ErrorKind::PermissionDenied => {
+            Err(InferError::Unreadable { path: path.to_path_buf(), error })
+        }
+        _ => Err(InferError::Missing(path.to_path_buf())),
+    }
 }

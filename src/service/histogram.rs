@@ -16,7 +16,7 @@ const BUCKETS: usize = 1024;
 
 /// Times and how often each came.
 #[derive(Debug)]
-pub(super) struct Histogram {
+pub(crate) struct Histogram {
     counts: [AtomicU64; BUCKETS],
     sum_ns: AtomicU64,
 }
@@ -29,7 +29,7 @@ impl Default for Histogram {
 
 impl Histogram {
     /// Counts a time.
-    pub(super) fn record(&self, time: Duration) {
+    pub(crate) fn record(&self, time: Duration) {
         let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX).min(LONGEST_NS);
         if let Some(count) = self.counts.get(bucket_of(ns)) {
             count.fetch_add(1, Relaxed);
@@ -38,12 +38,12 @@ impl Histogram {
     }
 
     /// Sum of all times, seconds.
-    pub(super) fn sum_s(&self) -> f64 {
+    pub(crate) fn sum_s(&self) -> f64 {
         self.sum_ns.load(Relaxed) as f64 / 1e9
     }
 
     /// Times that no `parts` of all exceed, milliseconds; 0 before the first.
-    pub(super) fn quantiles_ms<const N: usize>(&self, parts: [f64; N]) -> [f64; N] {
+    pub(crate) fn quantiles_ms<const N: usize>(&self, parts: [f64; N]) -> [f64; N] {
         let total: u64 = self.counts().map(|(_, count)| count).sum();
         parts.map(|part| self.quantile_ms(part * total as f64))
     }
@@ -60,7 +60,7 @@ impl Histogram {
 
     /// How many times lie below each of the limits and not below the one before; the last for all that are longer.
     /// Exact for limits at which a bucket ends, such as powers of two from 64 on and one and a half times them.
-    pub(super) fn counts_below<const N: usize>(&self, limits_ns: &[u64; N]) -> ([u64; N], u64) {
+    pub(crate) fn counts_below<const N: usize>(&self, limits_ns: &[u64; N]) -> ([u64; N], u64) {
         let (mut below, mut longer) = ([0; N], 0);
         for (end_ns, count) in self.counts() {
             match limits_ns.iter().zip(&mut below).find(|(limit_ns, _)| end_ns <= **limit_ns) {

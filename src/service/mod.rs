@@ -13,7 +13,7 @@ mod event;
 mod exchange;
 pub mod failsafe;
 mod heartbeat;
-mod histogram;
+pub(crate) mod histogram;
 mod hot;
 mod links;
 mod log;
@@ -66,7 +66,9 @@ pub enum ServiceError {
     #[error(transparent)]
     Link(#[from] LinkError),
     /// The system refused a thread or a signal handler.
-    #[error("the system refused a thread or a signal handler: {0}")]
+    #[error(
+        "the system refused a thread or a signal handler: {0}; raise the limit of threads (systemd: TasksMax), or free some memory"
+    )]
     System(#[from] io::Error),
     /// A thread panicked. The receivers were sent the neutral face if it was not the sender.
     #[error("the {0} ended by a panic, which is a fault of facewire: please report it; start the service again")]

@@ -65,18 +65,22 @@ pub(super) struct Place {
     /// Of `SCHED_FIFO`, 1 to 99.
     priority: Option<u32>,
     cpu: Option<usize>,
+    /// What to do about a CPU that is refused.
+    cpu_remedy: &'static str,
 }
 
 impl Place {
     pub(super) fn hot(settings: &RealtimeSettings) -> Self {
         let priority = Some(settings.priority).filter(|priority| *priority > 0);
-        Self { name: "hot", priority, cpu: usize::try_from(settings.hot_cpu).ok() }
+        let cpu_remedy = "set realtime.hot_cpu to a CPU that this machine has and the service may use, or to -1";
+        Self { name: "hot", priority, cpu: usize::try_from(settings.hot_cpu).ok(), cpu_remedy }
     }
 
     /// The sender goes before the hot loop: an inference must not hold up the failsafe.
     pub(super) fn sender(settings: &RealtimeSettings) -> Self {
         let priority = Self::hot(settings).priority.map(|priority| priority + 1);
-        Self { name: "sender", priority, cpu: usize::try_from(settings.sender_cpu).ok() }
+        let cpu_remedy = "set realtime.sender_cpu to a CPU that this machine has and the service may use, or to -1";
+        Self { name: "sender", priority, cpu: usize::try_from(settings.sender_cpu).ok(), cpu_remedy }
     }
 
     /// Asks for the calling thread.
@@ -85,10 +89,7 @@ impl Place {
             let remedy = "give the service LimitRTPRIO (systemd) or an rtprio limit";
             Grant::new(format!("{} priority {priority}", self.name), set_priority(priority), remedy)
         });
-        let cpu = self.cpu.map(|cpu| {
-            let remedy = "set realtime to a CPU that this machine has and the service may use";
-            Grant::new(format!("{} on CPU {cpu}", self.name), set_cpu(cpu), remedy)
-        });
+        let cpu = self.cpu.map(|cpu| Grant::new(format!("{} on CPU {cpu}", self.name), set_cpu(cpu), self.cpu_remedy));
         priority.into_iter().chain(cpu).collect()
     }
 }
@@ -171,6 +172,6 @@ mod tests {
         let grants = std::thread::spawn(move || place.take()).join().unwrap();
         let grant = grants.first().unwrap();
         assert!(grant.to_string().starts_with("sender on CPU 1023 refused (Invalid argument"), "{grant}");
-        assert!(grant.remedy().is_some());
+        assert!(grant.remedy().unwrap().starts_with("set realtime.sender_cpu to a CPU"));
     }
 }

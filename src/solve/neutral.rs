@@ -8,43 +8,33 @@ use super::{
 };
 use crate::face::LANDMARKS;
 
-/// Largest coordinate of a stored neutral face, eye distances.
+/// Largest coordinate of a neutral face, eye distances.
 const MAX_COORDINATE: f32 = 10.0;
 
 /// A neutral face that cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NeutralError {
     /// No frame was added.
-    #[error("no face was seen while the neutral face was recorded; look at the camera and record again")]
+    #[error("none of these frames shows a face; give frames in which the wearer looks at the camera")]
     NoFrames,
-    /// A stored coordinate is not a number or not of a face.
-    #[error("the stored neutral face is damaged; record it again")]
-    Damaged,
+    /// A coordinate is not a number or not of a face.
+    #[error("the mean of these frames is no face; give frames in which the wearer looks at the camera")]
+    NoFace,
 }
 
 /// The mean normalised face of a wearer at rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Neutral {
-    points: Box<[[f32; 3]; LANDMARKS]>,
     pub(super) measures: Box<[f32; MEASURES]>,
 }
 
 impl Neutral {
-    /// From stored points, in the basis of [`Normalised::points`].
-    ///
-    /// # Errors
-    /// [`NeutralError::Damaged`] if a coordinate is not finite or far outside a face.
-    pub fn from_points(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, NeutralError> {
+    /// From points in the basis of [`Normalised::points`].
+    fn from_points(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, NeutralError> {
         if !points.iter().flatten().all(|value| value.abs() < MAX_COORDINATE) {
-            return Err(NeutralError::Damaged);
+            return Err(NeutralError::NoFace);
         }
-        Ok(Self { points: Box::new(*points), measures: Box::new(measure(points)) })
-    }
-
-    /// The points, in the basis of [`Normalised::points`].
-    #[must_use]
-    pub fn points(&self) -> &[[f32; 3]; LANDMARKS] {
-        &self.points
+        Ok(Self { measures: Box::new(measure(points)) })
     }
 }
 
@@ -78,7 +68,8 @@ impl NeutralMean {
     /// The mean of the frames.
     ///
     /// # Errors
-    /// [`NeutralError::NoFrames`] if none was added.
+    /// [`NeutralError::NoFrames`] if none was added, [`NeutralError::NoFace`] if the mean has a coordinate that is not
+    /// finite or far outside a face.
     pub fn finish(&self) -> Result<Neutral, NeutralError> {
         if self.frames == 0 {
             return Err(NeutralError::NoFrames);
@@ -103,8 +94,11 @@ mod tests {
         for frame in &frames {
             mean.add(frame);
         }
-        let point = mean.finish().expect("two frames").points()[13];
-        assert!(point.iter().zip([0.2, 0.3, 0.5]).all(|(a, b)| (a - b).abs() < 1e-6));
+        let mut half_way = frames[0].points;
+        half_way[13] = [0.2, 0.3, 0.5];
+        let (mean, want) = (mean.finish().expect("two frames").measures, measure(&half_way));
+        assert!(mean.iter().zip(&want).all(|(a, b)| (a - b).abs() < 1e-6));
+        assert!(mean.iter().zip(&measure(&frames[0].points)).any(|(a, b)| (a - b).abs() > 0.05));
     }
 
     #[test]
@@ -113,11 +107,11 @@ mod tests {
     }
 
     #[test]
-    fn stored_neutral_with_a_wild_coordinate_is_refused() {
+    fn neutral_with_a_wild_coordinate_is_refused() {
         for value in [f32::NAN, f32::INFINITY, 1e6] {
             let mut points = [[0.0; 3]; LANDMARKS];
             points[477][2] = value;
-            assert_eq!(Neutral::from_points(&points), Err(NeutralError::Damaged));
+            assert_eq!(Neutral::from_points(&points), Err(NeutralError::NoFace));
         }
     }
 }

@@ -27,7 +27,7 @@ const MAX_RESULT: f32 = 5.0;
 
 /// The model gave something that is no coefficient. The frame is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[error("the blendshape model gave an absurd value; check the model file and the recorded neutral face")]
+#[error("the blendshape model gave a value that no face has; leave solver.model empty for the built-in model")]
 pub struct AbsurdResult;
 
 /// Coefficients as the regression gives them, in the order of [`super::BLENDSHAPES`]: finite, not yet clamped.

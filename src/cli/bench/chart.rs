@@ -1,5 +1,7 @@
 //! The distribution of latencies as a drawing.
 
+use std::fmt::Display;
+use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
@@ -21,8 +23,10 @@ pub(super) fn draw(path: &Path, samples: &[Duration]) -> Result<(), Failure> {
     let steps =
         sorted.iter().zip(1..).map(|(sample, rank)| (ms(sample), 100.0 * f64::from(rank) / sorted.len() as f64));
 
-    let drawing = SVGBackend::new(path, SIZE_PX).into_drawing_area();
-    let failed = |error: &dyn std::fmt::Display| Failure::failed(format!("{}: cannot draw: {error}", path.display()));
+    let mut svg = String::new();
+    let drawing = SVGBackend::with_string(&mut svg, SIZE_PX).into_drawing_area();
+    let failed =
+        |error: &dyn Display| Failure::failed(format!("cannot draw {}: {error}; leave out --svg", path.display()));
     drawing.fill(&WHITE).map_err(|error| failed(&error))?;
     let mut chart = ChartBuilder::on(&drawing)
         .margin(16)
@@ -35,5 +39,8 @@ pub(super) fn draw(path: &Path, samples: &[Duration]) -> Result<(), Failure> {
     mesh.x_desc("milliseconds").y_desc("% of frames").draw().map_err(|error| failed(&error))?;
     let line = LineSeries::new(steps.filter(|(ms, _)| *ms <= widest_ms), BLUE.stroke_width(2));
     chart.draw_series(line).map_err(|error| failed(&error))?;
-    drawing.present().map_err(|error| failed(&error))
+    drawing.present().map_err(|error| failed(&error))?;
+    drop(chart);
+    drop(drawing);
+    fs::write(path, svg).map_err(|error| Failure::unwritable(path, &error))
 }

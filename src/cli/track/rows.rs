@@ -8,6 +8,7 @@ use facewire_packet::{BLENDSHAPES, State};
 use npyz::WriterBuilder;
 
 use super::super::Failure;
+use super::super::failure::STANDARD_OUTPUT;
 use crate::face::{LANDMARKS, Landmarks};
 
 const HEAD_COLUMNS: [&str; 6] =
@@ -26,7 +27,10 @@ pub(super) struct Row {
 }
 
 /// The CSV file, or standard output.
-pub(super) struct Csv(BufWriter<Box<dyn Write>>);
+pub(super) struct Csv {
+    path: PathBuf,
+    output: BufWriter<Box<dyn Write>>,
+}
 
 impl Csv {
     pub(super) fn create(path: Option<&Path>) -> Result<Self, Failure> {
@@ -34,23 +38,35 @@ impl Csv {
             Some(path) => Box::new(File::create(path).map_err(|error| Failure::unwritable(path, &error))?),
             None => Box::new(io::stdout()),
         };
-        let mut csv = Self(BufWriter::new(output));
+        let path = path.unwrap_or(Path::new(STANDARD_OUTPUT)).to_owned();
+        let mut csv = Self { path, output: BufWriter::new(output) };
         let columns = ["frame", "time_s", "state"].into_iter().chain(BLENDSHAPES).chain(HEAD_COLUMNS);
-        writeln!(csv.0, "{}", columns.collect::<Vec<_>>().join(","))?;
+        let head = writeln!(csv.output, "{}", columns.collect::<Vec<_>>().join(","));
+        csv.told(head)?;
         Ok(csv)
     }
 
     pub(super) fn write(&mut self, row: &Row) -> Result<(), Failure> {
-        write!(self.0, "{},{:.6},{}", row.number, row.time_us as f64 / 1e6, row.state.name())?;
+        let written = self.write_row(row);
+        self.told(written)
+    }
+
+    fn write_row(&mut self, row: &Row) -> io::Result<()> {
+        write!(self.output, "{},{:.6},{}", row.number, row.time_us as f64 / 1e6, row.state.name())?;
         for value in row.coefficients.iter().chain(&row.angles_deg).chain(&row.position_mm) {
             // Adding 0 makes -0 a 0.
-            write!(self.0, ",{:.6}", value + 0.0)?;
+            write!(self.output, ",{:.6}", value + 0.0)?;
         }
-        Ok(writeln!(self.0)?)
+        writeln!(self.output)
     }
 
     pub(super) fn finish(mut self) -> Result<(), Failure> {
-        Ok(self.0.flush()?)
+        let flushed = self.output.flush();
+        self.told(flushed)
+    }
+
+    fn told(&self, outcome: io::Result<()>) -> Result<(), Failure> {
+        outcome.map_err(|error| Failure::unwritable(&self.path, &error))
     }
 }
 

@@ -73,6 +73,7 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
     let &[width, height] = options.size.as_slice() else { bail!("--size takes two numbers") };
     ensure!(options.per_subject > 0 && options.pictures >= options.per_subject, "too few pictures for one subject");
     ensure!(width.min(height) >= 128 && width.max(height) <= 2048, "--size takes 128 to 2048");
+    archive::check(&options.out)?;
     let frames = options.sources.frames(options.set)?.concat();
     let kit = Kit::load(&options.sources.rig)?;
     let choice = options.sources.choice(options.set, &kit, &frames)?;

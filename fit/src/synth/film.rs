@@ -16,8 +16,9 @@ use super::{
     expression::Coefficients,
     geometry::smoothstep,
     kit::Kit,
-    options::{Set, Sources, picture_size},
+    options::{Sources, picture_size},
     sample::{Subject, Take},
+    set::Set,
 };
 use crate::output;
 

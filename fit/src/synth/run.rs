@@ -15,8 +15,9 @@ use super::{
     archive,
     booth::Times,
     kit::Kit,
-    options::{Scenes, Set, Sources, picture_size},
+    options::{Scenes, Sources, picture_size},
     progress::Progress,
+    set::Set,
     shards::Shards,
     worker::{ROW, Studio, Worker},
 };

@@ -1,6 +1,6 @@
 //! Judges a model on a clip: every stage of facewire's solver in a row, frame by frame.
 
-use std::{fs::File, hint::black_box, io::BufReader, ops::Range, path::Path, time::Instant};
+use std::{hint::black_box, ops::Range, path::Path, time::Instant};
 
 use anyhow::{Context, Result};
 use facewire::{
@@ -10,10 +10,10 @@ use facewire::{
         NeutralMean, Normalised, RawCoeffs, Smoothed, normalise,
     },
 };
-use npyz::npz::NpzArchive;
 
 use crate::{
-    dataset::{LANDMARK_VALUES, floats, landmarks_of},
+    arrays::{Arrays, lone_floats},
+    dataset::{LANDMARK_SHAPE, LANDMARK_VALUES, landmarks_of},
     statistics::mean,
 };
 
@@ -32,11 +32,14 @@ pub struct Solved {
     pub poses: Vec<HeadPose>,
 }
 
-/// Reads `landmarks` of an archive of frames.
+/// Reads the frames of a `.npy` file of `facewire track --landmarks`, or `landmarks` of an archive.
 pub fn load(path: &Path) -> Result<Vec<Landmarks>> {
-    let file = File::open(path).with_context(|| format!("cannot open {}", path.display()))?;
-    let mut archive = NpzArchive::new(BufReader::new(file)).context("not a NumPy archive")?;
-    let values = floats(&mut archive, "landmarks", LANDMARK_VALUES)?;
+    let lone = path.extension().is_some_and(|ending| ending == "npy");
+    let values = if lone {
+        lone_floats(path, &LANDMARK_SHAPE)?
+    } else {
+        Arrays::open(path)?.floats("landmarks", &LANDMARK_SHAPE)?
+    };
     Ok(values.chunks_exact(LANDMARK_VALUES).map(landmarks_of).collect())
 }
 
@@ -92,4 +95,43 @@ pub fn cost_us(model: &Model, clip: &[Landmarks]) -> Result<[f64; 2]> {
     }
     times.sort_by(f64::total_cmp);
     Ok([times[TIMED_FACES / 2], times[TIMED_FACES * 99 / 100]])
+}
+
+#[cfg(test)]
+mod tests {
+    use facewire::face::LANDMARKS;
+    use npyz::{WriteOptions, WriterBuilder};
+
+    use super::*;
+
+    /// Writes frames of points as `facewire track --landmarks` does, and reads them.
+    fn loaded(name: &str, shape: [u64; 3], value: impl Fn(usize) -> f32) -> Result<Vec<Landmarks>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join(name);
+        let file = std::fs::File::create(&path)?;
+        let mut array = WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
+        array.extend((0..shape.iter().product::<u64>() as usize).map(value))?;
+        array.finish()?;
+        load(&path)
+    }
+
+    #[test]
+    fn lone_array_of_a_track_is_read_with_irises_in_depth() {
+        let flat = |place: usize| if place / 3 % LANDMARKS < 468 { 6.0 } else { 0.0 };
+        let frames = loaded("clip.npy", [2, 478, 3], flat).expect("frames");
+        assert_eq!(frames.len(), 2);
+        assert!(frames[1].0.iter().all(|point| (point[2] - 6.0).abs() < 1e-6));
+    }
+
+    #[test]
+    fn what_is_no_clip_is_refused_with_its_name_and_frame() {
+        let refusal = |name, shape, value: f32| {
+            let at = move |place| if place == 3 * LANDMARKS { value } else { 1.0 };
+            format!("{:#}", loaded(name, shape, at).expect_err("refused"))
+        };
+        let faceless = refusal("clip.npy", [2, 478, 3], f32::NAN);
+        assert!(faceless.contains("clip.npy: row 1") && faceless.contains("without a face"), "{faceless}");
+        assert!(refusal("clip.npy", [2, 468, 3], 1.0).contains("shape [2, 468, 3]"));
+        assert!(refusal("clip.npz", [2, 478, 3], 1.0).contains("clip.npz is not a NumPy archive"));
+    }
 }

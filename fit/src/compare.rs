@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use self::{
     choice::{Budget, Choice},
     split::Split,
-    trial::{Bench, Trial},
+    trial::{Bench, Trial, Tried},
 };
 use crate::{
     dataset::{self, Sample},
@@ -33,7 +33,7 @@ use crate::{
     fitted::Fitted,
     judge::Faces,
     kinds::{self, Kind},
-    train,
+    output, train,
 };
 
 /// Budget of the solver, over all blendshapes: memory, and time for one face.
@@ -76,12 +76,13 @@ pub struct Restrict {
     #[arg(long, default_value_t = FOLDS)]
     pub folds: usize,
     /// Looks of the hidden layer at every picture
-    #[arg(long, default_value_t = train::EPOCHS)]
-    pub epochs: usize,
+    #[arg(long, default_value_t = train::EPOCHS, value_parser = clap::value_parser!(u32).range(1..))]
+    pub epochs: u32,
 }
 
 /// Runs the command.
 pub fn run(args: &FitArgs) -> Result<()> {
+    args.json.iter().try_for_each(|path| output::check(path))?;
     let samples = dataset::load(&args.dataset)?;
     let faces = Faces::new(&samples, true)?;
     let split = Split::new(&samples, args.restrict.folds, args.one_subject)?;
@@ -95,8 +96,7 @@ pub fn run(args: &FitArgs) -> Result<()> {
     }
     let Some(path) = &args.json else { return Ok(()) };
     let all = table::json(&choices, &split, &budget);
-    std::fs::write(path, serde_json::to_string_pretty(&all)?)
-        .with_context(|| format!("cannot write {}", path.display()))
+    output::write(path, serde_json::to_string_pretty(&all)?)
 }
 
 /// The kinds in `restrict`, as a report takes them: on the held-out subjects.
@@ -129,22 +129,29 @@ impl Restrict {
 
     /// Tries the kinds on the blendshapes, which are named by their place.
     fn try_all(&self, samples: &[Sample], faces: &Faces, split: &Split) -> Result<Vec<(usize, Vec<Trial>)>> {
-        let (blendshapes, kinds) = (self.blendshapes()?, self.kinds()?);
+        let kinds = self.kinds()?;
+        let trainings: Vec<Vec<usize>> = (0..split.folds).map(|fold| split.training(fold)).collect();
+        let parts: Vec<&[usize]> = trainings.iter().chain([&split.held_out]).map(Vec::as_slice).collect();
+        let blendshapes = faces.moving(&self.blendshapes()?, &parts)?;
         let bench = Bench::new(faces, split);
         let widest = kinds.iter().map(|kind| kind.limits().features).max().unwrap_or(0);
         let done = AtomicUsize::new(0);
-        let one = |blendshape: &usize| -> Result<(usize, Vec<Trial>)> {
+        let one = |blendshape: &usize| -> Result<(usize, Vec<Tried>)> {
             let ranks = bench.rank(*blendshape, widest);
             let trials = kinds.iter().map(|kind| bench.try_kind(&**kind, *blendshape, &ranks));
-            let trials = trials.collect::<Result<Vec<_>>>()?.concat();
+            let trials = trials.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
             let done = 1 + done.fetch_add(1, Ordering::Relaxed);
             eprint!("\r{done} of {} blendshapes", blendshapes.len());
             Ok((*blendshape, trials))
         };
-        let mut tried = blendshapes.par_iter().map(one).collect::<Result<Vec<_>>>()?;
+        let tried = blendshapes.par_iter().map(one).collect::<Result<Vec<_>>>()?;
         eprintln!();
+        // One after another, when no fit loads the cores: the choice depends on the times.
+        let timed = |tried: Vec<Tried>| tried.into_iter().map(|tried| bench.timed(tried)).collect();
+        let mut tried: Vec<(usize, Vec<Trial>)> =
+            tried.into_iter().map(|(place, tried)| (place, timed(tried))).collect();
         if self.has_hidden_layer() && !split.one_subject {
-            let layer = hidden_layer::trials(samples, faces, split, self.epochs)?;
+            let layer = hidden_layer::trials(samples, faces, split, self.epochs as usize)?;
             for (blendshape, trials) in &mut tried {
                 trials.push(layer[*blendshape].clone());
             }

@@ -27,15 +27,32 @@ impl Truth {
     /// Reads a table with a header of names: `yaw_deg,pitch_deg,roll_deg` (pitch nods down) and the blendshapes.
     pub fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::parse(&text).with_context(|| format!("{} is no table of true curves", path.display()))
+    }
+
+    /// Refuses a table of another clip.
+    pub fn fits(&self, path: &Path, frames: usize) -> Result<()> {
+        let rows = self.coefficients.len();
+        ensure!(
+            rows == frames,
+            "{} has {rows} rows, the landmarks have {frames} frames: cut both to the same stretch",
+            path.display()
+        );
+        Ok(())
+    }
+
+    fn parse(text: &str) -> Result<Self> {
         let mut lines = text.lines();
         let header: Vec<&str> = lines.next().context("the table is empty")?.split(',').collect();
         let column = |name: &str| header.iter().position(|known| *known == name).with_context(|| format!("no {name}"));
         let pose = [column("yaw_deg")?, column("pitch_deg")?, column("roll_deg")?];
         let shapes = BLENDSHAPES.iter().map(|name| column(name)).collect::<Result<Vec<_>>>()?;
         let mut truth = Truth { pose_deg: vec![], coefficients: vec![] };
-        for line in lines {
-            let row = line.split(',').map(str::parse).collect::<Result<Vec<f64>, _>>()?;
-            ensure!(row.len() == header.len(), "a line has {} values, the header {}", row.len(), header.len());
+        for (number, line) in (2..).zip(lines) {
+            let value = |cell: &str| cell.parse().ok().filter(|value: &f64| value.is_finite());
+            let row: Option<Vec<f64>> = line.split(',').map(value).collect();
+            let row = row.with_context(|| format!("line {number} holds something that is no number"))?;
+            ensure!(row.len() == header.len(), "line {number} has {} values of {}", row.len(), header.len());
             let [yaw, pitch, roll] = pose.map(|index| row[index]);
             truth.pose_deg.push([yaw, -pitch, roll]);
             truth.coefficients.push(core::array::from_fn(|index| row[shapes[index]]));
@@ -107,6 +124,18 @@ mod tests {
 
     fn index_of(name: &str) -> usize {
         BLENDSHAPES.iter().position(|known| *known == name).expect("a blendshape")
+    }
+
+    #[test]
+    fn tables_of_other_clips_and_without_numbers_are_refused() {
+        let header = format!("frame,yaw_deg,pitch_deg,roll_deg,{}", BLENDSHAPES.join(","));
+        let row = |value: &str| ["0.5"; COEFFS + 3].join(",") + "," + value;
+        let truth = Truth::parse(&[&header, &row("0.1"), &row("0.2")].map(String::as_str).join("\n")).expect("a table");
+        assert!(truth.fits(Path::new("clip.csv"), 2).is_ok());
+        let refusal = truth.fits(Path::new("clip.csv"), 3).expect_err("a row is missing").to_string();
+        assert!(refusal.contains("clip.csv has 2 rows") && refusal.contains("3 frames"), "{refusal}");
+        let refusal = Truth::parse(&[&header, &row("0.1"), &row("NaN")].map(String::as_str).join("\n")).err();
+        assert!(refusal.is_some_and(|error| error.to_string().contains("line 3")));
     }
 
     #[test]

@@ -5,9 +5,9 @@ mod annotations;
 mod score;
 mod table;
 
-use std::{fs::File, path::PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 
 use self::{
@@ -15,14 +15,15 @@ use self::{
     annotations::Annotations,
     score::{Limits, Score},
 };
-use crate::recording::Recording;
+use crate::{output, recording::Recording};
 
 const AFTER_HELP: &str = "\
 Columns are matched by name. Read are the CSV of `facewire track`, recordings of Live Link Face, and any table with a
 header of blendshapes and a column time_s or frame. The truth is interpolated at the times of TRACK.
 Correlations are given where the truth moves (standard deviation above 0.02), jitter where it rests.
 An event is a rise of the truth to f-min after a fall below half of it, or a line of EVENTS (blendshape,time_s or
-blendshape,frame; counted from the truth's first row). It is found if TRACK reaches f-min within the tolerance.
+blendshape,frame; counted from the truth's first row). It is found if TRACK rises to f-min within the tolerance; each
+rise finds one event.
 
 Examples:
   facewire track demo --out track.csv && facewire-fit evaluate track.csv truth.csv
@@ -68,6 +69,7 @@ enum Shift {
 
 /// Runs the command.
 pub fn run(args: &EvaluateArgs) -> Result<()> {
+    args.json.iter().try_for_each(|path| output::check(path))?;
     let [track, truth] = [&args.track, &args.truth].map(|path| Recording::load(path, args.fps));
     let (track, truth) = (track?, truth?);
     if !args.overlap {
@@ -82,8 +84,7 @@ pub fn run(args: &EvaluateArgs) -> Result<()> {
     let scores = score::all(&aligned, events.as_ref(), limits);
     print!("{}", table::text(&aligned, &scores));
     let Some(path) = &args.json else { return Ok(()) };
-    let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
-    serde_json::to_writer_pretty(file, &table::json(&aligned, &scores)).context("cannot write the figures")
+    output::write(path, serde_json::to_string_pretty(&table::json(&aligned, &scores))?)
 }
 
 fn parse_shift(text: &str) -> Result<Shift, String> {

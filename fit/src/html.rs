@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use crate::output;
 
 const STYLE: &str = include_str!("html/style.css");
 
@@ -26,7 +28,7 @@ pub fn page(title: &str, body: &Markup) -> String {
 
 /// Writes a page, and says how large it is.
 pub fn write(path: &Path, page: &str) -> Result<()> {
-    std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+    output::write(path, page)?;
     println!("{}: {:.1} MB", path.display(), page.len() as f64 / 1e6);
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, hint::black_box, time::Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use facewire::solve::{
     BLENDSHAPES, COEFFS, Camera, Correction, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised,
     normalise,
@@ -11,12 +11,14 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::{
-    dataset::{Person, Sample},
-    statistics::{mean, mse, pearson},
+    dataset::{Person, Sample, held_out},
+    statistics::{mean, mse, pearson, standard_deviation},
 };
 
 /// Passes over the pictures, of which the fastest is the least disturbed.
 const TIMED_PASSES: usize = 7;
+/// Standard deviation of a coefficient that counts as moving.
+const MOVES: f64 = 1e-3;
 
 /// How well a blendshape is found.
 #[derive(Debug, Clone, Copy, Default)]
@@ -47,9 +49,22 @@ impl<'a> Faces<'a> {
         self.samples.len()
     }
 
-    /// The pictures to judge by: those that the fit may not see, or all.
-    pub fn rows(&self, all: bool) -> Vec<usize> {
-        (0..self.len()).filter(|row| all || self.samples[*row].held_out()).collect()
+    /// The pictures to judge by: those that the fit may not see, of which there must be some, or all.
+    pub fn rows(&self, all: bool) -> Result<Vec<usize>> {
+        if all { Ok((0..self.len()).collect()) } else { held_out(self.samples) }
+    }
+
+    /// Of blendshapes `wanted` those that move in every one of `parts` of the pictures. The still ones are said on
+    /// standard error: nothing can be fitted to them, nor judged.
+    pub fn moving(&self, wanted: &[usize], parts: &[&[usize]]) -> Result<Vec<usize>> {
+        let moves = |shape: &usize| parts.iter().all(|rows| standard_deviation(&self.truth(*shape, rows)) > MOVES);
+        let (moving, still): (Vec<usize>, Vec<usize>) = wanted.iter().partition(|shape| moves(shape));
+        ensure!(!moving.is_empty(), "none of these blendshapes moves in the pictures");
+        if !still.is_empty() {
+            let names: Vec<&str> = still.iter().map(|shape| BLENDSHAPES[*shape]).collect();
+            eprintln!("left out, for they keep still in the pictures: {}", names.join(", "));
+        }
+        Ok(moving)
     }
 
     /// True coefficients of a blendshape in pictures `rows`.
@@ -85,7 +100,7 @@ fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<BTreeMap<Person,
 
 /// Scores of the corrected coefficients on held-out subjects, by blendshape.
 pub fn scores(model: &Model, faces: &Faces) -> Result<Vec<Score>> {
-    scores_of(model, faces, &faces.rows(false))
+    scores_of(model, faces, &faces.rows(false)?)
 }
 
 /// Scores of the corrected coefficients of pictures `rows`, by blendshape.
@@ -180,7 +195,7 @@ mod tests {
         let model = Model::embedded().expect("shipped");
         for (neutral_known, least_r, most_mse) in [(true, 0.72, 0.011), (false, 0.66, 0.013)] {
             let faces = Faces::new(&samples, neutral_known).expect("faces");
-            let mean = mean_of(&scores_of(&model, &faces, &faces.rows(true)).expect("scores"));
+            let mean = mean_of(&scores_of(&model, &faces, &faces.rows(true).expect("all")).expect("scores"));
             assert!(mean.r >= least_r && mean.mse <= most_mse, "neutral known: {neutral_known}, {mean:?}");
         }
     }

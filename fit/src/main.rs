@@ -3,6 +3,7 @@
 #![allow(clippy::indexing_slicing, reason = "a matrix tool on a desk: an index out of range is a bug to be seen")]
 #![allow(clippy::cast_possible_truncation, reason = "sums are taken in f64, what they give is f32")]
 
+mod arrays;
 mod basis;
 mod clip;
 mod compare;
@@ -18,6 +19,7 @@ mod judge;
 mod kinds;
 mod mirror;
 mod network;
+mod output;
 mod paper;
 mod recording;
 #[cfg(test)]
@@ -35,7 +37,7 @@ use std::{
     process::ExitCode,
 };
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::{Parser, Subcommand};
 use facewire::solve::Model;
 
@@ -56,8 +58,8 @@ enum Command {
         #[arg(long, default_value = "models/blendshapes.toml")]
         out: PathBuf,
         /// Looks at every picture
-        #[arg(long, default_value_t = train::EPOCHS)]
-        epochs: usize,
+        #[arg(long, default_value_t = train::EPOCHS, value_parser = clap::value_parser!(u32).range(1..))]
+        epochs: u32,
     },
     /// Compare the paper's kinds of model on every blendshape, and choose one of them within a budget
     Fit(compare::FitArgs),
@@ -80,7 +82,7 @@ enum Command {
     Select(segments::SelectArgs),
     /// Print correlation with the truth, pose error and jitter on a clip, with and without its neutral face
     Clip {
-        /// Landmarks of the frames (npz archive)
+        /// Landmarks of the frames: a .npy file of `facewire track --landmarks`, or an npz archive that has `landmarks`
         landmarks: PathBuf,
         /// Table of the true curves
         #[arg(long)]
@@ -124,13 +126,14 @@ fn run(command: Command) -> Result<()> {
     }
 }
 
-fn train(dataset: &Path, out: &Path, epochs: usize) -> Result<()> {
+fn train(dataset: &Path, out: &Path, epochs: u32) -> Result<()> {
+    output::check(out)?;
     let samples = dataset::load(dataset)?;
     let pictures = std::fs::read_to_string(synth::run::provenance(dataset)).unwrap_or_default();
     let pictures = pictures.lines().next().map(|line| format!("; pictures: {line}")).unwrap_or_default();
     let made_by = format!("facewire-fit train {} --epochs {epochs}{pictures}", dataset.display());
-    let file = train::train(&mirror::with_mirrored(&samples)?, &samples, epochs, made_by)?;
-    std::fs::write(out, toml::to_string(&file)?).with_context(|| format!("cannot write {}", out.display()))?;
+    let file = train::train(&mirror::with_mirrored(&samples)?, &samples, epochs as usize, made_by)?;
+    output::write(out, toml::to_string(&file)?)?;
     judge_on(&file.to_model()?, &samples, false)
 }
 
@@ -140,7 +143,7 @@ fn judge(dataset: &Path, model: Option<&Path>, all_subjects: bool) -> Result<()>
 
 fn judge_on(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Result<()> {
     let [known, unknown] = [judge::Faces::new(samples, true)?, judge::Faces::new(samples, false)?];
-    let rows = known.rows(all_subjects);
+    let rows = known.rows(all_subjects)?;
     let scores = |faces| judge::scores_of(model, faces, &rows);
     print!("{}", judge::table(&scores(&known)?, &scores(&unknown)?));
     let resting = judge::resting(samples, &rows);
@@ -171,6 +174,7 @@ fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Op
     println!("solver, landmarks to smoothed coefficients: p50 {p50:.1}, p99 {p99:.1} microseconds");
     let Some(path) = truth else { return Ok(()) };
     let truth = curves::Truth::load(path)?;
+    truth.fits(path, frames.len())?;
     print!("{}", curves::table(&truth, &with, &without)?);
     let [yaw, pitch, roll] = curves::pose_error_deg(&truth, &with);
     println!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");

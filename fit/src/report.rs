@@ -16,7 +16,7 @@ use crate::{
     fitted::{self, Fitted},
     html,
     judge::Faces,
-    load_model,
+    load_model, output,
 };
 
 /// Arguments of `report`.
@@ -52,9 +52,10 @@ pub struct Judged<'a> {
 
 /// Runs the command.
 pub fn run(args: &ReportArgs) -> Result<()> {
+    output::check(&args.out)?;
     let samples = dataset::load(&args.dataset)?;
     let (known, unknown) = (Faces::new(&samples, true)?, Faces::new(&samples, false)?);
-    let rows = known.rows(args.all_subjects);
+    let rows = known.rows(args.all_subjects)?;
     let described = describe(&args.dataset, rows.len(), args.all_subjects);
     let judged = Judged { known: &known, unknown: &unknown, rows, described };
     let mut fitted = fitted::shipped(&load_model(args.model.as_deref())?, &known, &unknown, &judged.rows)?;

@@ -16,11 +16,11 @@ mod table;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use clap::Args;
 use facewire::solve::{BLENDSHAPES, MEASURES};
 
-use crate::{dataset, design::MODELLED, html, judge::Faces, statistics::f_regression};
+use crate::{dataset, design::MODELLED, html, judge::Faces, output, statistics::f_regression};
 use pictures::Pictures;
 use ranking::{Ranking, Segment};
 
@@ -58,6 +58,7 @@ fn percentile(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &SelectArgs) -> Result<()> {
+    args.csv.iter().chain([&args.out]).try_for_each(|path| output::check(path))?;
     let samples = dataset::load(&args.dataset)?;
     let (known, unknown) = (Faces::new(&samples, true)?, Faces::new(&samples, false)?);
     let pictures = Pictures::new(&samples, &known)?;
@@ -79,8 +80,7 @@ fn kept_of(percentile: f64) -> usize {
 
 /// Segments of the `wanted` blendshapes that move in these pictures.
 fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize) -> Result<Vec<Segment>> {
-    let moving: Vec<usize> = wanted.iter().copied().filter(|shape| pictures.moves(*shape)).collect();
-    ensure!(!moving.is_empty(), "none of these blendshapes moves in the pictures");
+    let moving = pictures.known.moving(wanted, &[&pictures.seen, &pictures.held_out])?;
     let (r, partial_f) = (pictures.correlations(&moving), pictures.partial_f(&moving)?);
     let mut segments = Vec::new();
     for (place, (blendshape, (r, partial_f))) in moving.iter().zip(r.into_iter().zip(partial_f)).enumerate() {

@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::{
     basis::Basis,
-    dataset::Sample,
+    dataset::{Sample, held_out},
     design::{Design, MODELLED, Scale},
     judge::{self, Faces},
     network::{Lesson, Network},
@@ -31,12 +31,12 @@ const LEAST_FEATURE: f32 = 0.005;
 /// Deviation of a blendshape below which it counts no more.
 const LEAST_TRUTH: f32 = 0.01;
 /// Looks at every picture, unless told otherwise.
-pub const EPOCHS: usize = 60;
+pub const EPOCHS: u32 = 60;
 const SEED: u64 = 1;
 
 /// Fits a model on `seen`, and scores it on the held-out subjects of `samples`.
 pub fn train(seen: &[Sample], samples: &[Sample], epochs: usize, made_by: String) -> Result<ModelFile> {
-    let held_out = samples.iter().filter(|sample| sample.held_out()).count();
+    let held_out = held_out(samples)?.len();
     let fitted_on = format!(
         "{} pictures and their mirror images; r and mse are those of {held_out} pictures of other subjects",
         samples.len() - held_out

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use anyhow::{Result, ensure};
 
-use crate::dataset::Sample;
+use crate::dataset::{Sample, held_out};
 
 /// Where all pictures are of one subject, every so many-th of them is held out.
 const HOLD_OUT_EVERY: usize = 4;
@@ -33,20 +33,21 @@ impl Split {
         let split = if one_subject || subjects.len() == 1 {
             Self::of_pictures(samples.len(), folds)
         } else {
-            Self::of_subjects(samples, folds)
+            Self::of_subjects(samples, folds)?
         };
         let filled = (0..folds).all(|fold| !split.validation(fold).is_empty());
         ensure!(folds > 1 && filled && !split.held_out.is_empty(), "too few subjects or pictures for {folds} folds");
         Ok(split)
     }
 
-    fn of_subjects(samples: &[Sample], folds: usize) -> Self {
-        let (held_out, seen): (Vec<usize>, Vec<usize>) = (0..samples.len()).partition(|row| samples[*row].held_out());
+    fn of_subjects(samples: &[Sample], folds: usize) -> Result<Self> {
+        let held_out = held_out(samples)?;
+        let seen: Vec<usize> = (0..samples.len()).filter(|row| !samples[*row].held_out()).collect();
         let subjects: BTreeSet<usize> = seen.iter().map(|row| samples[*row].subject).collect();
         let subjects: Vec<usize> = subjects.into_iter().collect();
         let fold = |sample: &Sample| subjects.partition_point(|subject| *subject < sample.subject) % folds.max(1);
         let group = samples.iter().map(|sample| sample.subject).collect();
-        Self { seen, held_out, folds, one_subject: false, fold: samples.iter().map(fold).collect(), group }
+        Ok(Self { seen, held_out, folds, one_subject: false, fold: samples.iter().map(fold).collect(), group })
     }
 
     fn of_pictures(pictures: usize, folds: usize) -> Self {

@@ -138,17 +138,28 @@ impl Predictor for Fitted {
     fn numbers(&self) -> usize {
         self.weights.len() + 1
     }
+
+    fn needs_scale(&self) -> bool {
+        self.of_logarithms
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kinds::test_faces::largest_error;
+    use crate::kinds::test_faces::{faces, largest_error};
 
     #[test]
     fn exponential_of_an_affine_map_is_found_again() {
         let truth = |face: &[f64]| (-0.6 + 0.3 * face[0] - 0.2 * face[1]).exp() - LIFT;
         assert!(largest_error(&Exponential, truth) < 1e-6);
+    }
+
+    #[test]
+    fn only_logarithms_need_the_scale_of_their_features() {
+        let (faces, truth) = faces(50, 3, |face| 0.1 + 0.1 * face[0].abs());
+        let needs = |kind: &dyn Kind| kind.fit(&faces, &truth).unwrap().needs_scale();
+        assert_eq!([needs(&Exponential), needs(&LogExponential)], [false, true]);
     }
 
     #[test]

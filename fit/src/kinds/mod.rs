@@ -53,6 +53,12 @@ pub trait Predictor: Send + Sync {
 
     /// Numbers it must keep, each of which takes 4 bytes on a board.
     fn numbers(&self) -> usize;
+
+    /// Whether a board must keep mean and deviation of every feature beside them, and apply them to each face. What is
+    /// affine or quadratic in the features takes them into its weights, and a tree into its thresholds.
+    fn needs_scale(&self) -> bool {
+        false
+    }
 }
 
 /// What a model computes, the simplest first.

@@ -91,6 +91,10 @@ impl Predictor for Transformed {
     fn numbers(&self) -> usize {
         self.inner.numbers()
     }
+
+    fn needs_scale(&self) -> bool {
+        self.inner.needs_scale()
+    }
 }
 
 #[cfg(test)]

@@ -132,6 +132,10 @@ impl Predictor for Fitted {
     fn numbers(&self) -> usize {
         self.faces.len() + self.multipliers.len() + 1
     }
+
+    fn needs_scale(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]

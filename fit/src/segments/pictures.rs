@@ -1,6 +1,6 @@
 //! The pictures that features are ranked on, as columns of numbers.
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use facewire::solve::MEASURES;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -9,11 +9,9 @@ use crate::{
     dataset::Sample,
     design::MODELLED,
     judge::Faces,
-    statistics::{Together, pearson, standard_deviation},
+    statistics::{Together, pearson},
 };
 
-/// Standard deviation of a coefficient that counts as moving.
-const MOVES: f64 = 1e-3;
 /// Angles of the head's pose.
 const ANGLES: usize = 3;
 
@@ -32,9 +30,8 @@ pub struct Pictures<'a> {
 impl<'a> Pictures<'a> {
     /// Of samples, and their displacements from the subjects' neutral faces.
     pub fn new(samples: &'a [Sample], known: &'a Faces<'a>) -> Result<Self> {
-        let held_out = known.rows(false);
+        let held_out = known.rows(false)?;
         let seen: Vec<usize> = (0..samples.len()).filter(|row| !samples[*row].held_out()).collect();
-        ensure!(!held_out.is_empty() && !seen.is_empty(), "8 subjects are needed, one of which is held out");
         Ok(Self { samples, known, seen, held_out })
     }
 
@@ -46,12 +43,6 @@ impl<'a> Pictures<'a> {
     /// A feature of pictures `rows`.
     pub fn feature(&self, feature: usize, rows: &[usize]) -> Vec<f64> {
         rows.iter().map(|row| f64::from(self.known.values(*row)[feature])).collect()
-    }
-
-    /// Whether a blendshape moves, in both sets of pictures.
-    pub fn moves(&self, blendshape: usize) -> bool {
-        let moves = |rows: &[usize]| standard_deviation(&self.truth(blendshape, rows)) > MOVES;
-        moves(&self.seen) && moves(&self.held_out)
     }
 
     /// Pearson's correlation of every feature with each of `blendshapes`.

@@ -1,7 +1,9 @@
 //! Expressions as events: found, missed, imagined (the paper's eq. 12 to 14).
 //!
-//! An event of the reference is found if the coefficient reaches `f_min` within a tolerance of it. Of the paper's two
-//! lines for `n_FN` the first is read as `n_FP = n_algo - n_TP`, the second as `n_FN = n_ref - n_TP`.
+//! An event of the reference is found if the coefficient rises to `f_min` within a tolerance of it, each rise finding
+//! one event: the paper's "contained within sensitivity and time thresholds" alone would let a curve that is stuck high
+//! find all. Of the paper's two lines for `n_FN` the first is read as `n_FP = n_algo - n_TP`, the second as
+//! `n_FN = n_ref - n_TP`.
 
 use serde::Serialize;
 
@@ -17,16 +19,14 @@ pub struct EventCounts {
     pub reference: usize,
     /// In the judged curve.
     pub estimate: usize,
-    /// Of the reference, found in the judged curve.
+    /// Of the reference, found in the judged curve: no more than either.
     pub found: usize,
 }
 
 impl EventCounts {
-    /// Found ones among those of the judged curve; `None` if it has none. One rise that covers two events of the
-    /// reference counts as both.
+    /// Found ones among those of the judged curve; `None` if it has none.
     pub fn precision(&self) -> Option<f64> {
-        let imagined = self.estimate.saturating_sub(self.found);
-        ratio(self.found, self.found + imagined)
+        ratio(self.found, self.estimate)
     }
 
     /// Found ones among those of the reference; `None` if it has none.
@@ -46,10 +46,9 @@ fn ratio(part: usize, whole: usize) -> Option<f64> {
     (whole > 0).then(|| part as f64 / whole as f64)
 }
 
-/// Times at which a curve rises to `f_min`, having been below half of it since the time before. A curve that
-/// starts above begins with an event.
+/// Times at which a curve rises to `f_min`, having been below half of it since the last time, if there was one.
 pub fn rising_edges(times_s: &[f64], curve: &[f64], f_min: f64) -> Vec<f64> {
-    let mut armed = true;
+    let mut armed = false;
     let mut edges = Vec::new();
     for (time, value) in times_s.iter().zip(curve) {
         if armed && *value >= f_min {
@@ -60,17 +59,22 @@ pub fn rising_edges(times_s: &[f64], curve: &[f64], f_min: f64) -> Vec<f64> {
     edges
 }
 
-/// Counts the `reference` events (times) that a curve finds within `tolerance_s`.
+/// Counts the `reference` events (times) that a curve finds within `tolerance_s`. Taken in their order, each event has
+/// the first rise near it that none before it has: no other pairing finds more.
 pub fn count_events(times_s: &[f64], curve: &[f64], reference: &[f64], f_min: f64, tolerance_s: f64) -> EventCounts {
-    let reaches = |event: f64| {
-        let near = |time: &f64| (time - event).abs() <= tolerance_s + SLACK_S;
-        times_s.iter().zip(curve).any(|(time, value)| near(time) && *value >= f_min)
-    };
-    EventCounts {
-        reference: reference.len(),
-        estimate: rising_edges(times_s, curve, f_min).len(),
-        found: reference.iter().filter(|event| reaches(**event)).count(),
+    let edges = rising_edges(times_s, curve, f_min);
+    let mut events = reference.to_vec();
+    events.sort_by(f64::total_cmp);
+    let (mut found, mut next) = (0, 0);
+    for event in events {
+        let reach = tolerance_s + SLACK_S;
+        next += edges[next..].iter().take_while(|edge| **edge < event - reach).count();
+        if edges.get(next).is_some_and(|edge| *edge <= event + reach) {
+            found += 1;
+            next += 1;
+        }
     }
+    EventCounts { reference: reference.len(), estimate: edges.len(), found }
 }
 
 #[cfg(test)]
@@ -99,6 +103,29 @@ mod tests {
         curve[30] = 0.5;
         let found = |event_frame: f64| count_events(&times(60), &curve, &[event_frame / 30.0], 0.3, 0.5).found;
         assert_eq!([found(15.0), found(14.0), found(45.0), found(46.0)], [1, 0, 1, 0]);
+    }
+
+    #[test]
+    fn curve_that_is_stuck_high_finds_nothing() {
+        let counts = count_events(&times(90), &[1.0; 90], &[0.1, 1.0, 2.0], 0.3, 0.5);
+        assert_eq!(counts, EventCounts { reference: 3, estimate: 0, found: 0 });
+        assert_eq!([counts.precision(), counts.f1()], [None, Some(0.0)]);
+    }
+
+    #[test]
+    fn one_rise_finds_one_event_and_one_event_takes_one_rise() {
+        let mut curve = vec![0.0; 90];
+        curve[30..40].fill(0.9);
+        let counts = |curve: &[f64], frames: &[f64]| {
+            let events: Vec<f64> = frames.iter().map(|frame| frame / 30.0).collect();
+            let EventCounts { estimate, found, .. } = count_events(&times(90), curve, &events, 0.3, 0.5);
+            [estimate, found]
+        };
+        assert_eq!(counts(&curve, &[35.0, 28.0]), [1, 1]);
+        assert_eq!(counts(&curve, &[50.0]), [1, 0], "still high near the event, but risen long before");
+        curve[50..55].fill(0.9);
+        assert_eq!(counts(&curve, &[40.0]), [2, 1]);
+        assert_eq!(counts(&curve, &[60.0, 40.0]), [2, 2], "in any order");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::{
     path::Path,
 };
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use facewire::{
     face::LANDMARKS,
     solve::{BLENDSHAPES, COEFFS},
@@ -26,6 +26,8 @@ struct Column {
     shape: &'static [usize],
 }
 
+/// File beside an archive with the names of the columns of `weights`.
+const NAMES: &str = "names.json";
 const POINTS: usize = 3 * LANDMARKS;
 const COLUMNS: [Column; 4] = [
     Column { name: "landmarks", first: 0, shape: &[LANDMARKS, 3] },
@@ -33,6 +35,21 @@ const COLUMNS: [Column; 4] = [
     Column { name: "pose", first: POINTS + COEFFS, shape: &[3] },
     Column { name: "meta", first: POINTS + COEFFS + 3, shape: &[META] },
 ];
+
+/// Refuses, before anything is rendered, an output that the text beside it would overwrite, and one whose names of
+/// columns would replace those of another dataset.
+pub fn check(out: &Path) -> Result<()> {
+    let npz = out.extension().is_some_and(|ending| ending == "npz");
+    ensure!(npz, "{} does not end in .npz; give the archive that ending", out.display());
+    let names = out.with_file_name(NAMES);
+    let known = fs::read_to_string(&names).ok().and_then(|text| serde_json::from_str::<Vec<String>>(&text).ok());
+    ensure!(
+        !names.exists() || known.is_some_and(|known| known == BLENDSHAPES),
+        "{} names the columns of another dataset, and `synth` has them in another order; write to another folder",
+        names.display()
+    );
+    Ok(())
+}
 
 /// Writes the archive. `subjects` holds each subject's rows, by number.
 pub fn write(out: &Path, subjects: &[Vec<f32>]) -> Result<()> {
@@ -45,7 +62,7 @@ pub fn write(out: &Path, subjects: &[Vec<f32>]) -> Result<()> {
     write_subjects(&mut npz, subjects).with_context(failed)?;
     npz.zip_writer().finish().with_context(failed)?;
     let names = serde_json::to_string(&BLENDSHAPES.as_slice())?;
-    fs::write(out.with_file_name("names.json"), names).context("cannot write names.json")?;
+    fs::write(out.with_file_name(NAMES), names).context("cannot write names.json")?;
     fs::rename(&unfinished, out).with_context(failed)
 }
 
@@ -86,6 +103,23 @@ fn write_subjects(npz: &mut NpzWriter<BufWriter<File>>, subjects: &[Vec<f32>]) -
 mod tests {
     use super::*;
     use crate::dataset;
+
+    #[test]
+    fn names_of_other_columns_and_outputs_that_are_no_npz_are_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("faces.npz");
+        check(&out).expect("an empty folder");
+        assert!(check(&folder.path().join("out.txt")).is_err_and(|error| error.to_string().contains(".npz")));
+        let names = folder.path().join(NAMES);
+        let mut columns = BLENDSHAPES;
+        fs::write(&names, serde_json::to_string_pretty(&columns.as_slice()).expect("JSON")).expect("written");
+        check(&out).expect("the same names");
+        columns.swap(15, 16);
+        let other = serde_json::to_string(&columns.as_slice()).expect("JSON");
+        fs::write(&names, &other).expect("written");
+        assert!(check(&out).is_err_and(|error| error.to_string().contains("another folder")));
+        assert_eq!(fs::read_to_string(&names).expect("still there"), other);
+    }
 
     #[test]
     fn archive_reads_back_as_a_dataset() {

@@ -2,7 +2,7 @@
 
 use std::{f32::consts::TAU, fmt::Write, path::PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result};
 use clap::Args;
 use facewire::solve::BLENDSHAPES;
 use glam::{Vec2, Vec3};
@@ -16,12 +16,16 @@ use super::{
     expression::Coefficients,
     geometry::smoothstep,
     kit::Kit,
-    options::{Set, Sources},
+    options::{Sources, picture_size},
     sample::{Subject, Take},
+    set::Set,
 };
+use crate::output;
 
 /// Frames a second, of recordings and of clips.
 const RATE: u32 = 30;
+/// Longer than recordings are.
+const MOST_SECONDS: i64 = 3600;
 /// A clip starts with a neutral face and comes into motion over this time, seconds.
 const START_S: [f32; 2] = [0.3, 1.3];
 /// Waves of the head's motion along each of its ways: yaw, pitch, roll (degrees), x, y, z (centimetres).
@@ -44,7 +48,7 @@ pub struct Options {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Length
-    #[arg(long, default_value_t = 8)]
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=MOST_SECONDS))]
     seconds: u32,
     /// Which part of textures and curves
     #[arg(long, value_enum, default_value = "judge")]
@@ -58,19 +62,21 @@ pub struct Options {
 
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
-    let &[width, height] = options.size.as_slice() else { bail!("--size takes two numbers") };
+    let [width, height] = picture_size(&options.size)?;
+    output::check(&options.out)?;
+    output::check(&options.truth)?;
     let count = (options.seconds * RATE) as usize;
     let recordings = options.sources.frames(options.set)?;
     let kit = Kit::load(&options.sources.rig)?;
-    let choice = options.sources.choice(options.set, &kit, &[])?;
+    let wardrobe = options.sources.wardrobe(options.set, &kit.names)?;
     let seed = options.set.seed(options.seed);
-    let mut subject = Subject::random(&kit, &choice, [width, height], [seed, FILM_PEOPLE]);
+    let mut subject = Subject::random(&kit, &wardrobe, [width, height], [seed, FILM_PEOPLE]);
     let takes = takes(&mut subject, &recordings, count)?;
     let mut booth = Booth::new([width, height])?;
     let frames = takes.iter().map(|take| booth.shoot(&kit, &mut subject, take)).collect::<Result<Vec<_>>>()?;
     let size = [u32::try_from(width)?, u32::try_from(height)?];
-    std::fs::write(&options.out, avi::film(&frames, size, RATE)).context("cannot write the film")?;
-    std::fs::write(&options.truth, table(&takes)?).context("cannot write the truth")?;
+    output::write(&options.out, avi::film(&frames, size, RATE))?;
+    output::write(&options.truth, table(&takes)?)?;
     eprintln!("{}: {count} frames", options.out.display());
     Ok(())
 }
@@ -79,7 +85,6 @@ pub fn run(options: &Options) -> Result<()> {
 fn takes(subject: &mut Subject, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<Take>> {
     let long = recordings.iter().filter(|frames| frames.len() >= count);
     let frames = long.choose(subject.rng()).context("no recording has that many frames in this set")?;
-    ensure!(count > 0, "a film has at least one second");
     let first = subject.rng().random_range(0..=frames.len() - count);
     let gains: Coefficients = core::array::from_fn(|_| subject.rng().random_range(1.0..1.5));
     let sway = SWAY.map(|size| Wave::random(subject.rng(), size));
@@ -131,7 +136,7 @@ fn blur_motion(takes: &mut [Take]) {
     }
 }
 
-/// The truth as `facewire-fit clip` reads it; pitch nods down.
+/// The truth as `evaluate` and `clip --truth` read it; pitch nods down.
 fn table(takes: &[Take]) -> Result<String> {
     let mut text = format!("frame,yaw_deg,pitch_deg,roll_deg,{}\n", BLENDSHAPES.join(","));
     for (number, take) in takes.iter().enumerate() {
@@ -143,4 +148,36 @@ fn table(takes: &[Take]) -> Result<String> {
         text.push('\n');
     }
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Cli {
+        #[command(flatten)]
+        options: Options,
+    }
+
+    fn refusal(arguments: &[&str]) -> String {
+        let film = ["film", "a.avi", "--truth", "a.csv"];
+        Cli::try_parse_from([&film, arguments].concat()).map_or_else(|error| error.to_string(), |_| String::new())
+    }
+
+    #[test]
+    fn what_a_film_does_not_heed_is_no_option_of_it() {
+        assert_eq!(refusal(&["--seconds", "10", "--skins", "one"]), "");
+        for option in ["--mix=1,0,0,0", "--shapes=jawOpen", "--turn-deg=1"] {
+            assert!(refusal(&[option]).contains("unexpected argument"), "{option}");
+        }
+    }
+
+    #[test]
+    fn lengths_that_no_recording_has_are_refused() {
+        assert!(refusal(&["--seconds", "143165577"]).contains("not in 1..=3600"));
+        assert!(refusal(&["--seconds", "0"]).contains("not in 1..=3600"));
+    }
 }

@@ -37,6 +37,7 @@ mod rig;
 pub mod run;
 mod sample;
 mod scene;
+mod set;
 mod shade;
 mod shadow;
 mod shards;

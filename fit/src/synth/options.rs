@@ -2,30 +2,20 @@
 
 use std::{fmt::Write, path::PathBuf};
 
-use anyhow::{Context, Result, bail};
-use clap::{Args, ValueEnum};
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
 use facewire::solve::BLENDSHAPES;
 
-use super::{acting::Mix, expression::Coefficients, kit::Kit, recording::Recording, sample::Choice};
+use super::{
+    acting::Mix,
+    expression::Coefficients,
+    recording::Recording,
+    sample::{Choice, Wardrobe},
+    set::{JUDGE_EVERY, Set},
+};
+use crate::design::MODELLED;
 
-/// Every so many-th skin, brow and eye texture is for judging.
-const JUDGE_EVERY: usize = 4;
-/// Of each recording, the part before the first share is for training, that after the second for judging.
-const TRAIN_UNTIL: f32 = 0.72;
-const JUDGE_FROM: f32 = 0.75;
-
-/// Which textures, curves and people: what one set has, the other has not.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Set {
-    /// For fitting
-    Train,
-    /// For judging: nothing of it is in the training set
-    Judge,
-    /// Everything, on people of its own
-    All,
-}
-
-/// What people, expressions and rooms are drawn from.
+/// What people and real expressions are drawn from.
 #[derive(Debug, Clone, Args)]
 pub struct Sources {
     /// Folder of the face rig
@@ -43,6 +33,11 @@ pub struct Sources {
     /// Eyes, likewise
     #[arg(long, value_delimiter = ',')]
     pub eyes: Vec<String>,
+}
+
+/// What the single pictures of `synth` show.
+#[derive(Debug, Clone, Args)]
+pub struct Scenes {
     /// Shares of expressions: one shape, recorded frames, three to six shapes, none
     #[arg(
         long,
@@ -60,69 +55,77 @@ pub struct Sources {
     pub turn_deg: Vec<f32>,
 }
 
-impl Set {
-    /// Whether texture `index` of its kind belongs to the set.
-    fn has(self, index: usize) -> bool {
-        let judge = index % JUDGE_EVERY == JUDGE_EVERY - 1;
-        self == Self::All || judge == (self == Self::Judge)
-    }
-
-    /// The set's part of a recording.
-    fn part(self, frames: &[Coefficients]) -> &[Coefficients] {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length")]
-        let at = |share: f32| (share * frames.len() as f32) as usize;
-        match self {
-            Self::Train => &frames[..at(TRAIN_UNTIL)],
-            Self::Judge => &frames[at(JUDGE_FROM)..],
-            Self::All => frames,
-        }
-    }
-
-    /// People of different sets are different though the seed is the same.
-    pub fn seed(self, seed: u64) -> u64 {
-        seed.wrapping_mul(3).wrapping_add(self as u64)
-    }
-}
-
 impl Sources {
     /// The set's part of each recording, one after another.
     pub fn frames(&self, set: Set) -> Result<Vec<Vec<Coefficients>>> {
-        self.curves.iter().map(|path| Ok(set.part(&Recording::load(path)?.frames).to_vec())).collect()
+        let part = |path: &PathBuf| -> Result<Vec<Coefficients>> {
+            let part = set.part(&Recording::load(path)?.frames).to_vec();
+            ensure!(!part.is_empty(), "{} is too short to have frames for --set {}", path.display(), set.name());
+            Ok(part)
+        };
+        self.curves.iter().map(part).collect()
     }
 
+    /// The textures that people may have.
+    pub fn wardrobe(&self, set: Set, known: &[Vec<String>; 3]) -> Result<Wardrobe> {
+        let [skins, brows, eyes] = known;
+        Ok(Wardrobe {
+            skins: chosen(set, "skins", skins, &self.skins)?,
+            brows: chosen(set, "brows", brows, &self.brows)?,
+            eyes: chosen(set, "eyes", eyes, &self.eyes)?,
+        })
+    }
+}
+
+impl Scenes {
     /// What may be drawn.
-    pub fn choice<'a>(&self, set: Set, kit: &Kit, frames: &'a [Coefficients]) -> Result<Choice<'a>> {
-        let [skins, brows, eyes] = &kit.names;
+    pub fn choice<'a>(&self, wardrobe: Wardrobe, frames: &'a [Coefficients]) -> Result<Choice<'a>> {
         let &[single, recorded, combined, rest] = self.mix.as_slice() else { bail!("--mix takes four numbers") };
         let sound = self.mix.iter().all(|share| *share >= 0.0) && self.mix.iter().sum::<f32>() > 0.0;
-        anyhow::ensure!(sound, "--mix takes shares that are not negative and not all 0");
+        ensure!(sound, "--mix takes shares that are not negative and not all 0");
         Ok(Choice {
-            skins: chosen(set, skins, &self.skins)?,
-            brows: chosen(set, brows, &self.brows)?,
-            eyes: chosen(set, eyes, &self.eyes)?,
+            wardrobe,
             frames,
             mix: Mix { single, recorded, combined, rest },
-            shapes: named(&BLENDSHAPES.map(str::to_owned), &self.shapes)?,
+            shapes: named(
+                &BLENDSHAPES[..MODELLED].iter().map(|name| (*name).to_owned()).collect::<Vec<_>>(),
+                &self.shapes,
+            )?,
             turn_deg: <[f32; 2]>::try_from(self.turn_deg.as_slice()).ok(),
         })
     }
 
     /// What decides the pictures, as text.
-    pub fn describe(&self, choice: &Choice) -> Result<String> {
-        let mut text = String::new();
-        writeln!(text, "rig {}", self.rig.display())?;
-        writeln!(text, "skins {:?}, brows {:?}, eyes {:?}", choice.skins, choice.brows, choice.eyes)?;
-        writeln!(text, "curves {:?}, {} frames, mix {:?}", self.curves, choice.frames.len(), self.mix)?;
+    pub fn describe(&self, sources: &Sources, choice: &Choice) -> Result<String> {
+        let (mut text, Wardrobe { skins, brows, eyes }) = (String::new(), &choice.wardrobe);
+        writeln!(text, "rig {}", sources.rig.display())?;
+        writeln!(text, "skins {skins:?}, brows {brows:?}, eyes {eyes:?}")?;
+        writeln!(text, "curves {:?}, {} frames, mix {:?}", sources.curves, choice.frames.len(), self.mix)?;
         writeln!(text, "turn {:?}, shapes {:?}", choice.turn_deg, self.shapes)?;
         Ok(text)
     }
 }
 
-fn chosen(set: Set, known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
-    if wanted.is_empty() {
-        return Ok((0..known.len()).filter(|index| set.has(*index)).collect());
+/// Columns and rows of pictures, from the two numbers of `--size`.
+pub fn picture_size(size: &[usize]) -> Result<[usize; 2]> {
+    let &[width, height] = size else { bail!("--size takes two numbers") };
+    ensure!(width.min(height) >= 128 && width.max(height) <= 2048, "--size takes 128 to 2048");
+    Ok([width, height])
+}
+
+/// Numbers of the textures of a `kind` that are wanted, or else of the set's. Never none: another set's would be taken.
+fn chosen(set: Set, kind: &str, known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
+    if !wanted.is_empty() {
+        return named(known, wanted);
     }
-    named(known, wanted)
+    let chosen: Vec<usize> = (0..known.len()).filter(|index| set.has(*index)).collect();
+    ensure!(
+        !chosen.is_empty(),
+        "of the rig's {} {kind} none is for --set {}, which has every {JUDGE_EVERY}th; add some, or name them with --{kind}",
+        known.len(),
+        set.name()
+    );
+    Ok(chosen)
 }
 
 fn named(known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
@@ -138,31 +141,79 @@ fn named(known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
 #[cfg(test)]
 #[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
+    use clap::Parser;
     use facewire::solve::COEFFS;
 
     use super::*;
 
-    #[test]
-    fn training_and_judging_share_no_texture_and_no_frame() {
-        assert!((0..13).all(|index| Set::Train.has(index) != Set::Judge.has(index)));
-        assert_eq!((0..13).filter(|index| Set::Judge.has(*index)).count(), 3);
-        let frames: Vec<Coefficients> = (0_u8..100).map(|index| [f32::from(index); COEFFS]).collect();
-        let last = Set::Train.part(&frames).last().map_or(0.0, |frame| frame[0]);
-        let first = Set::Judge.part(&frames).first().map_or(0.0, |frame| frame[0]);
-        assert_eq!([last, first], [71.0, 75.0]);
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        sources: Sources,
+        #[command(flatten)]
+        scenes: Scenes,
+    }
+
+    fn parsed(arguments: &[&str]) -> Cli {
+        Cli::parse_from([&["synth"], arguments].concat())
+    }
+
+    /// Names of so many textures of each kind.
+    fn rig(counts: [usize; 3]) -> [Vec<String>; 3] {
+        counts.map(|count| (0..count).map(|number| format!("texture {number}")).collect())
     }
 
     #[test]
-    fn sets_have_people_of_their_own_with_the_same_seed() {
-        assert_ne!(Set::Train.seed(1), Set::Judge.seed(1));
-        assert_ne!(Set::Judge.seed(1), Set::All.seed(1));
+    fn judging_has_no_skin_brow_eye_or_frame_of_training() {
+        let sources = parsed(&[]).sources;
+        let [train, judge] =
+            [Set::Train, Set::Judge].map(|set| sources.wardrobe(set, &rig([4, 9, 30])).expect("enough of each"));
+        let kinds = [(train.skins, judge.skins), (train.brows, judge.brows), (train.eyes, judge.eyes)];
+        for ((train, judge), count) in kinds.into_iter().zip([4, 9, 30]) {
+            assert!(!train.is_empty() && !judge.is_empty() && train.iter().all(|number| !judge.contains(number)));
+            assert_eq!(train.len() + judge.len(), count);
+        }
+        let frames: Vec<Coefficients> = (0_u16..1000).map(|frame| [f32::from(frame); COEFFS]).collect();
+        assert!(Set::Train.part(&frames).iter().all(|frame| !Set::Judge.part(&frames).contains(frame)));
+    }
+
+    #[test]
+    fn set_without_a_texture_or_a_frame_is_refused() {
+        let sources = parsed(&[]).sources;
+        for (counts, kind) in [([3, 4, 4], "skins"), ([4, 3, 4], "brows"), ([4, 4, 3], "eyes")] {
+            let error = sources.wardrobe(Set::Judge, &rig(counts)).err().expect("refused").to_string();
+            assert!(error.contains(&format!("rig's 3 {kind}")) && error.contains("--set judge"), "{error}");
+        }
+        let named = parsed(&["--skins", "texture 1"]).sources;
+        assert_eq!(named.wardrobe(Set::Judge, &rig([3, 4, 4])).expect("named").skins, [1]);
+        let folder = tempfile::tempdir().expect("a folder");
+        let short = folder.path().join("short.csv");
+        std::fs::write(&short, format!("{}\n{}\n", BLENDSHAPES.join(","), [".5"; COEFFS].join(","))).expect("written");
+        let short = parsed(&["--curves", short.to_str().expect("a path")]).sources;
+        assert!(short.frames(Set::Train).is_err_and(|error| error.to_string().contains("short.csv is too short")));
+    }
+
+    #[test]
+    fn tongue_cannot_be_asked_for() {
+        let choice = |arguments: &[&str]| {
+            let cli = parsed(arguments);
+            cli.scenes.choice(cli.sources.wardrobe(Set::Train, &rig([4, 4, 4]))?, &[]).map(|choice| choice.shapes)
+        };
+        assert_eq!(choice(&["--shapes", "eyeBlinkLeft"]).expect("known"), [0]);
+        assert!(choice(&["--shapes", "tongueOut"]).is_err_and(|error| error.to_string().contains("no tongueOut")));
+    }
+
+    #[test]
+    fn pictures_are_neither_tiny_nor_huge() {
+        assert_eq!(picture_size(&[128, 2048]).expect("allowed"), [128, 2048]);
+        assert!(picture_size(&[127, 400]).is_err() && picture_size(&[400, 2049]).is_err());
     }
 
     #[test]
     fn unknown_names_are_refused_with_the_known_ones() {
         let known = ["a".to_owned(), "b".to_owned()];
-        assert_eq!(chosen(Set::Judge, &known, &["b".to_owned()]).expect("known"), [1]);
-        let error = chosen(Set::All, &known, &["c".to_owned()]).expect_err("unknown");
+        assert_eq!(chosen(Set::Judge, "skins", &known, &["b".to_owned()]).expect("known"), [1]);
+        let error = chosen(Set::All, "skins", &known, &["c".to_owned()]).expect_err("unknown");
         assert!(error.to_string().contains("a, b"));
     }
 }

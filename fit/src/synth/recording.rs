@@ -30,7 +30,9 @@ impl Recording {
                 .with_context(|| format!("no column {name}"))
         };
         let columns = BLENDSHAPES.iter().map(column).collect::<Result<Vec<_>>>()?;
-        let frames = lines.filter(|line| !line.trim().is_empty()).map(|line| frame(line, &columns));
+        let lines = lines.enumerate().filter(|(_, line)| !line.trim().is_empty());
+        let frames =
+            lines.map(|(row, line)| frame(line, &columns).with_context(|| format!("line {} is damaged", row + 2)));
         let frames = frames.collect::<Result<Vec<_>>>()?;
         ensure!(!frames.is_empty(), "there are no frames");
         Ok(Self { frames })
@@ -42,7 +44,8 @@ fn frame(line: &str, columns: &[usize]) -> Result<Coefficients> {
     let mut frame = [0.0; COEFFS];
     for (slot, column) in frame.iter_mut().zip(columns) {
         let text = values.get(*column).context("a line is short")?;
-        *slot = text.trim().parse::<f32>().with_context(|| format!("{text} is no number"))?.clamp(0.0, 1.0);
+        let value = text.trim().parse::<f32>().ok().filter(|value| value.is_finite());
+        *slot = value.with_context(|| format!("{text} is no number"))?.clamp(0.0, 1.0);
     }
     Ok(frame)
 }
@@ -61,5 +64,19 @@ mod tests {
         assert_eq!(recording.frames.len(), 1);
         assert!((recording.frames[0][0] - 0.51).abs() < 1e-6, "the first blendshape stood last");
         assert!(Recording::parse("Timecode,JawOpen\n1,0.5\n").is_err());
+    }
+
+    #[test]
+    fn value_that_is_no_number_is_refused_with_file_and_line() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for wrong in ["NaN", "inf", "high"] {
+            let path = folder.path().join("take.csv");
+            let (good, mut bad) = (["0.5"; COEFFS], ["0.5"; COEFFS]);
+            bad[7] = wrong;
+            let text = [BLENDSHAPES, good, bad].map(|row| row.join(",")).join("\n");
+            std::fs::write(&path, text).expect("written");
+            let error = format!("{:#}", Recording::load(&path).err().expect("refused"));
+            assert!(error.contains("take.csv") && error.contains("line 3") && error.contains(wrong), "{error}");
+        }
     }
 }

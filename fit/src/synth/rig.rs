@@ -9,11 +9,10 @@ use std::{fs::File, io::BufReader, path::Path};
 
 use anyhow::{Context, Result, ensure};
 use glam::{Vec2, Vec3};
-use npyz::npz::NpzArchive;
 use serde_json::Value;
 
 use super::bust;
-use crate::dataset::floats;
+use crate::arrays::Arrays;
 
 /// Expression offsets shorter than this, in centimetres, are taken for 0.
 const LEAST_MOVE: f32 = 0.002;
@@ -68,18 +67,16 @@ pub struct Shape {
 impl Rig {
     /// Reads a rig.
     pub fn load(folder: &Path) -> Result<Self> {
-        let path = folder.join("rig.npz");
-        let file = File::open(&path).with_context(|| format!("cannot open {} (--rig DIR)", path.display()))?;
-        let mut archive = NpzArchive::new(BufReader::new(file)).context("rig.npz is not a NumPy archive")?;
+        let mut arrays = Arrays::open(&folder.join("rig.npz")).context("there is no rig (--rig DIR)")?;
         let names: Value = serde_json::from_reader(BufReader::new(File::open(folder.join("rig.json"))?))?;
-        let neutral = points(&floats(&mut archive, "neutral", 3)?);
+        let neutral = points(&arrays.floats("neutral", &[3])?);
         let vertices = neutral.len();
-        let expressions = floats(&mut archive, "expressions", 3 * vertices)?;
-        let identities = floats(&mut archive, "identities", 3 * vertices)?;
-        let skin_uv = floats(&mut archive, "skin_uv", 2)?;
+        let expressions = arrays.floats("expressions", &[vertices, 3])?;
+        let identities = arrays.floats("identities", &[vertices, 3])?;
+        let skin_uv = arrays.floats("skin_uv", &[2])?;
         let landmarks = vertex_list(&names["landmark68_vertices"])?;
         ensure!(landmarks.iter().all(|index| *index < vertices), "a landmark is no vertex");
-        let parts = parts(&mut archive, &strings(&names["materials"])?, &neutral, &landmarks)?;
+        let parts = parts(&mut arrays, &strings(&names["materials"])?, &neutral, &landmarks)?;
         let names = strings(&names["expressions"])?;
         let shapes = names.into_iter().zip(expressions.chunks_exact(3 * vertices));
         let mut rig = Self {
@@ -122,21 +119,11 @@ fn vertex_list(list: &Value) -> Result<Vec<usize>> {
     serde_json::from_value(list.clone()).context("rig.json lacks landmark68_vertices")
 }
 
-fn integers(archive: &mut NpzArchive<BufReader<File>>, name: &str) -> Result<Vec<i32>> {
-    let array = archive.by_name(name)?.with_context(|| format!("the rig has no {name}"))?;
-    array.into_vec::<i32>().with_context(|| format!("{name} is not int32"))
-}
-
-fn parts(
-    archive: &mut NpzArchive<BufReader<File>>,
-    materials: &[String],
-    neutral: &[Vec3],
-    landmarks: &[usize],
-) -> Result<Parts> {
-    let corners = integers(archive, "faces")?.into_iter().map(u32::try_from).collect::<Result<Vec<_>, _>>()?;
+fn parts(arrays: &mut Arrays, materials: &[String], neutral: &[Vec3], landmarks: &[usize]) -> Result<Parts> {
+    let corners = arrays.integers("faces", &[3])?.into_iter().map(u32::try_from).collect::<Result<Vec<_>, _>>()?;
     ensure!(corners.iter().all(|vertex| (*vertex as usize) < neutral.len()), "a triangle has no such vertex");
     let triangles: Vec<Triangle> = corners.as_chunks::<3>().0.to_vec();
-    let kinds = integers(archive, "face_material")?;
+    let kinds = arrays.integers("face_material", &[])?;
     let of = |name: &str| -> Vec<Triangle> {
         let wanted = materials.iter().position(|known| known == name).and_then(|index| i32::try_from(index).ok());
         let both = triangles.iter().zip(&kinds);

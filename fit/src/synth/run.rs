@@ -15,8 +15,9 @@ use super::{
     archive,
     booth::Times,
     kit::Kit,
-    options::{Set, Sources},
+    options::{Scenes, Sources, picture_size},
     progress::Progress,
+    set::Set,
     shards::Shards,
     worker::{ROW, Studio, Worker},
 };
@@ -46,11 +47,13 @@ pub struct Options {
     /// Threads; all cores unless given
     #[arg(long)]
     threads: Option<usize>,
-    /// Also write the pictures of the first subjects: a folder, and how many pictures
+    /// Also write the first pictures that are drawn now: a folder, and how many; not those of an earlier run
     #[arg(long, num_args = 2, value_names = ["DIR", "N"])]
     save_pictures: Vec<String>,
     #[command(flatten)]
     sources: Sources,
+    #[command(flatten)]
+    scenes: Scenes,
 }
 
 /// What all threads share.
@@ -70,17 +73,17 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// Makes all shards, and the archive of them if `whole`.
 fn run_until(options: &Options, whole: bool) -> Result<()> {
-    let &[width, height] = options.size.as_slice() else { bail!("--size takes two numbers") };
+    let [width, height] = picture_size(&options.size)?;
     ensure!(options.per_subject > 0 && options.pictures >= options.per_subject, "too few pictures for one subject");
-    ensure!(width.min(height) >= 128 && width.max(height) <= 2048, "--size takes 128 to 2048");
+    archive::check(&options.out)?;
     let frames = options.sources.frames(options.set)?.concat();
     let kit = Kit::load(&options.sources.rig)?;
-    let choice = options.sources.choice(options.set, &kit, &frames)?;
+    let choice = options.scenes.choice(options.sources.wardrobe(options.set, &kit.names)?, &frames)?;
     let Options { seed, per_subject, .. } = options;
     let settings = format!(
         "synth edition {EDITION}, seed {seed}, set {:?}, {per_subject} pictures a subject of {width} x {height}\n{}",
         options.set,
-        options.sources.describe(&choice)?
+        options.scenes.describe(&options.sources, &choice)?
     );
     let shards = Shards::open(&options.out, &settings)?;
     let studio = Studio { kit: &kit, choice: &choice, size: [width, height], seed: options.set.seed(*seed) };
@@ -98,6 +101,7 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
         next: AtomicU64::new(0),
         progress: Mutex::new(Progress::new(options.pictures.next_multiple_of(options.per_subject))),
     };
+    job.say_unsaved()?;
     job.report(job.on_all_threads()?);
     if whole {
         finish(options, &shards, job.subjects())?;
@@ -164,16 +168,30 @@ impl Job<'_> {
                 None => Worker::new(self.studio)?,
             };
             let worker = worker.insert(ready);
-            let rows = worker.subject(number, self.options.per_subject, self.folder_of(number))?;
+            let rows = worker.subject(number, self.options.per_subject, self.saved_of(number))?;
             self.shards.write(number, &rows)?;
             self.note(rows.len() / ROW, false);
         }
     }
 
-    fn folder_of(&self, number: u64) -> Option<&Path> {
+    /// Where the pictures of a subject are written, and how many of them.
+    fn saved_of(&self, number: u64) -> Option<(&Path, usize)> {
         let (folder, count) = self.saved?;
         let before = usize::try_from(number).unwrap_or(usize::MAX).saturating_mul(self.options.per_subject);
-        (before < count).then_some(folder)
+        (before < count).then(|| (folder, count - before))
+    }
+
+    /// Subjects of an earlier run are not drawn again, so their pictures cannot be written.
+    fn say_unsaved(&self) -> Result<()> {
+        let mut done = 0;
+        for number in (0..self.subjects()).take_while(|number| self.saved_of(*number).is_some()) {
+            done += usize::from(self.shards.read(number)?.is_some());
+        }
+        if done > 0 {
+            let hint = "to see them too, remove the .parts folder and begin anew";
+            eprintln!("pictures of {done} subjects were drawn in an earlier run and are not written; {hint}");
+        }
+        Ok(())
     }
 
     fn note(&self, pictures: usize, resumed: bool) {
@@ -238,6 +256,17 @@ mod tests {
         let fewer = Options { pictures: 2, ..options("cut", "1").expect("as before") };
         run_until(&fewer, false).expect("the first subject");
         assert_eq!(whole, made(&cut), "a run that was cut ends in the same file");
+    }
+
+    #[test]
+    fn as_many_pictures_are_saved_as_were_asked_for() {
+        for (wanted, name) in [(1, "one-saved"), (3, "three-saved")] {
+            let Some(options) = options(name, "2") else { return };
+            let folder = options.out.with_file_name("pictures");
+            run(&Options { save_pictures: vec![folder.display().to_string(), wanted.to_string()], ..options })
+                .expect("an archive");
+            assert_eq!(std::fs::read_dir(folder).expect("a folder").count(), wanted);
+        }
     }
 
     #[test]

@@ -39,14 +39,20 @@ const HAIR: [[f32; 3]; 6] = [
 /// Lightness of skin below this is dark.
 const DARK_SKIN: f32 = 0.16;
 
+/// Numbers of the textures that people may have; at least one of each kind.
+pub struct Wardrobe {
+    /// Of skins.
+    pub skins: Vec<usize>,
+    /// Of brows.
+    pub brows: Vec<usize>,
+    /// Of eyes.
+    pub eyes: Vec<usize>,
+}
+
 /// What may be drawn.
 pub struct Choice<'a> {
-    /// Numbers of skins, brows and eyes.
-    pub skins: Vec<usize>,
-    /// Styles of brows.
-    pub brows: Vec<usize>,
-    /// Colours of eyes.
-    pub eyes: Vec<usize>,
+    /// Looks of people.
+    pub wardrobe: Wardrobe,
     /// Frames of recordings.
     pub frames: &'a [Coefficients],
     /// Kinds of expressions.
@@ -90,14 +96,14 @@ fn pick(rng: &mut ChaCha8Rng, list: &[usize]) -> usize {
 
 impl Subject {
     /// Draws subject `number` of a seed, for pictures of `size`.
-    pub fn random(kit: &Kit, choice: &Choice, size: [usize; 2], [seed, number]: [u64; 2]) -> Self {
+    pub fn random(kit: &Kit, wardrobe: &Wardrobe, size: [usize; 2], [seed, number]: [u64; 2]) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(number + 1);
         let rng_ref = &mut rng;
         let spread = rng_ref.random_range(0.5..1.0);
         let identity: Vec<f32> =
             (0..kit.rig.identities.len()).map(|_| spread * normal(rng_ref, 1.0, IDENTITY_LIMIT)).collect();
-        let looks = looks(rng_ref, kit, choice);
+        let looks = looks(rng_ref, kit, wardrobe);
         let person = Person::new(kit, &identity, looks);
         let distance = rng_ref.random_range(38.0_f32.ln()..95.0_f32.ln()).exp();
         let face_px = rng_ref.random_range(0.28..0.55) * size[0].min(size[1]) as f32;
@@ -172,15 +178,15 @@ fn motion(rng: &mut ChaCha8Rng) -> Vec2 {
     }
 }
 
-fn looks(rng: &mut ChaCha8Rng, kit: &Kit, choice: &Choice) -> Looks {
-    let skin = pick(rng, &choice.skins);
+fn looks(rng: &mut ChaCha8Rng, kit: &Kit, wardrobe: &Wardrobe) -> Looks {
+    let skin = pick(rng, &wardrobe.skins);
     let hair = hair_colour(rng, kit.skins[skin].lightness);
     let brow = hair.min(Vec3::splat(0.12)) * rng.random_range(0.12..0.55);
     let bearded = rng.random_bool(0.3);
     Looks {
         skin,
-        brow: pick(rng, &choice.brows),
-        eye: pick(rng, &choice.eyes),
+        brow: pick(rng, &wardrobe.brows),
+        eye: pick(rng, &wardrobe.eyes),
         tint: Vec3::new(rng.random_range(0.9..1.12), 1.0, rng.random_range(0.88..1.1)) * rng.random_range(0.75..1.2),
         gloss: rng.random_range(0.4..2.2),
         hair: rng.random_bool(0.85).then(|| (hair, rng.random_range(0.1..1.6))),

@@ -51,11 +51,11 @@ impl<'a> Worker<'a> {
         Times { tracking: self.tracking_s, ..self.booth.times }
     }
 
-    /// Rows of a subject's pictures, the neutral one first; none at all if that one is not found. Pictures are
-    /// written to `folder` if there is one.
-    pub fn subject(&mut self, number: u64, pictures: usize, folder: Option<&Path>) -> Result<Vec<f32>> {
+    /// Rows of a subject's pictures, the neutral one first; none at all if that one is not found. The first so many
+    /// are written to the folder of `saved`.
+    pub fn subject(&mut self, number: u64, pictures: usize, saved: Option<(&Path, usize)>) -> Result<Vec<f32>> {
         let Studio { kit, choice, size, seed } = *self.studio;
-        let mut subject = Subject::random(kit, choice, size, [seed, number]);
+        let mut subject = Subject::random(kit, &choice.wardrobe, size, [seed, number]);
         let mut rows = Vec::with_capacity(pictures * ROW);
         for picture in 0..pictures {
             let Some((jpeg, row)) = self.picture(&mut subject, picture == 0)? else {
@@ -65,7 +65,7 @@ impl<'a> Worker<'a> {
                 continue;
             };
             rows.extend(row);
-            if let Some(folder) = folder {
+            if let Some((folder, _)) = saved.filter(|(_, count)| picture < *count) {
                 let path = folder.join(format!("{number:05}-{picture:02}.jpg"));
                 std::fs::write(&path, jpeg).with_context(|| format!("cannot write {}", path.display()))?;
             }

@@ -1,5 +1,5 @@
-//! `facewire-fit select` on a small dataset made here: two blendshapes that mostly go together, each moving a landmark
-//! of its own.
+//! Commands of `facewire-fit` on a small dataset made here: two blendshapes that mostly go together, each moving a
+//! landmark of its own, and 49 that keep still.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::indexing_slicing, clippy::cast_possible_truncation)]
 
@@ -63,39 +63,49 @@ fn weights(picture: usize) -> Vec<f32> {
     BLENDSHAPES.iter().map(|name| moved.get(name).copied().unwrap_or(0.0)).collect()
 }
 
-/// Writes `faces.npz` and `names.json`.
-fn write_dataset(folder: &Path) -> String {
+/// Writes `faces.npz` and `names.json`, of so many subjects.
+fn write_dataset(folder: &Path, subjects: usize) -> String {
+    let pictures = subjects * PICTURES;
     let path = folder.join("faces.npz");
     let mut npz = NpzWriter::create(&path).unwrap();
     let mut array = |name: &str, shape: &[u64], row: &dyn Fn(usize) -> Vec<f32>| {
-        let shape: Vec<u64> = [(SUBJECTS * PICTURES) as u64].iter().chain(shape).copied().collect();
+        let shape: Vec<u64> = [pictures as u64].iter().chain(shape).copied().collect();
         let mut array =
             npz.array(name, FileOptions::default()).unwrap().default_dtype().shape(&shape).begin_nd().unwrap();
-        array.extend((0..SUBJECTS * PICTURES).flat_map(row)).unwrap();
+        array.extend((0..pictures).flat_map(row)).unwrap();
         array.finish().unwrap();
     };
     array("landmarks", &[LANDMARKS as u64, 3], &landmarks);
     array("weights", &[BLENDSHAPES.len() as u64], &weights);
     array("pose", &[3], &|picture| vec![noise(picture * 3), noise(picture * 5), noise(picture * 11)]);
     array("meta", &[5], &|picture| vec![0.0, 0.0, 0.0, 0.0, f32::from(u8::from(picture.is_multiple_of(PICTURES)))]);
-    let shape = [(SUBJECTS * PICTURES) as u64];
-    let mut subjects =
+    let shape = [pictures as u64];
+    let mut numbers =
         npz.array("subject", FileOptions::default()).unwrap().default_dtype().shape(&shape).begin_nd().unwrap();
-    subjects.extend((0..SUBJECTS * PICTURES).map(|picture| i32::try_from(picture / PICTURES).unwrap())).unwrap();
-    subjects.finish().unwrap();
+    numbers.extend((0..pictures).map(|picture| i32::try_from(picture / PICTURES).unwrap())).unwrap();
+    numbers.finish().unwrap();
     npz.zip_writer().finish().unwrap();
     fs::write(folder.join("names.json"), serde_json::to_string(&BLENDSHAPES.as_slice()).unwrap()).unwrap();
     path.to_str().unwrap().to_owned()
 }
 
-fn select(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_facewire-fit")).current_dir(folder).arg("select").args(arguments).output().unwrap()
+fn run(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_facewire-fit")).current_dir(folder).args(arguments).output().unwrap()
 }
 
-fn selected(folder: &Path, arguments: &[&str]) -> String {
-    let output = select(folder, arguments);
+/// What a command prints that does its work.
+fn printed(folder: &Path, arguments: &[&str]) -> String {
+    let output = run(folder, arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
+}
+
+/// What a command says that refuses.
+fn refusal(folder: &Path, arguments: &[&str]) -> String {
+    let output = run(folder, arguments);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(!output.status.success() && !said.contains("panicked"), "{arguments:?}: {said}");
+    said
 }
 
 /// Rows of the table of ranks as maps from its heads.
@@ -108,9 +118,9 @@ fn rows(csv: &str) -> Vec<BTreeMap<&str, &str>> {
 #[test]
 fn each_blendshapes_own_landmark_is_found_and_only_partial_f_tells_two_that_go_together_apart() {
     let folder = TempDir::new().unwrap();
-    let dataset = write_dataset(folder.path());
-    let options = [dataset.as_str(), "--svr-rows", "40", "--csv", "ranks.csv", "--out", "page.html"];
-    let printed = selected(folder.path(), &options);
+    let dataset = write_dataset(folder.path(), SUBJECTS);
+    let options = ["select", &dataset, "--svr-rows", "40", "--csv", "ranks.csv", "--out", "page.html"];
+    let printed = self::printed(folder.path(), &options);
     let csv = fs::read_to_string(folder.path().join("ranks.csv")).unwrap();
     let rows = rows(&csv);
     assert_eq!(rows.len(), MOVES.len() * FEATURES, "blendshapes that do not move are left out");
@@ -129,25 +139,95 @@ fn each_blendshapes_own_landmark_is_found_and_only_partial_f_tells_two_that_go_t
     assert_eq!(page.matches("<svg").count(), MOVES.len() * 6);
     assert!(!page.contains("src=") && !page.contains("<script") && !page.contains("<link"), "nothing from elsewhere");
 
-    selected(folder.path(), &["--csv", "again.csv", options[0], "--svr-rows", "40"]);
+    self::printed(folder.path(), &["select", "--csv", "again.csv", &dataset, "--svr-rows", "40"]);
     assert!(fs::read_to_string(folder.path().join("again.csv")).unwrap() == csv, "the same data give the same table");
 }
 
 #[test]
 fn named_blendshapes_and_percentile_are_taken_and_wrong_ones_refused() {
     let folder = TempDir::new().unwrap();
-    let dataset = write_dataset(folder.path());
-    let printed = selected(
+    let dataset = write_dataset(folder.path(), SUBJECTS);
+    let printed = printed(
         folder.path(),
-        &[&dataset, "--blendshape", "jawOpen", "--percentile", "1", "--svr-rows", "20", "--csv", "ranks.csv"],
+        &["select", &dataset, "--blendshape", "jawOpen", "--percentile", "1", "--svr-rows", "20", "--csv", "ranks.csv"],
     );
     assert!(printed.contains("| jawOpen             |   15 |") && !printed.contains("mouthShrugLower"), "{printed}");
-    let refusal = |arguments: &[&str]| {
-        let output = select(folder.path(), &[&[dataset.as_str()], arguments].concat());
-        assert!(!output.status.success());
-        String::from_utf8(output.stderr).unwrap()
-    };
+    let refusal = |arguments: &[&str]| refusal(folder.path(), &[&["select", &dataset], arguments].concat());
     assert!(refusal(&["--blendshape", "jawOpened"]).contains("not a blendshape that landmarks show"));
     assert!(refusal(&["--blendshape", "jawLeft"]).contains("none of these blendshapes moves"));
     assert!(refusal(&["--percentile", "0"]).contains("from 0.1 to 50"));
+}
+
+#[test]
+fn blendshapes_that_keep_still_are_left_out_of_fit_and_report_and_said() {
+    let folder = TempDir::new().unwrap();
+    let dataset = write_dataset(folder.path(), SUBJECTS);
+    for arguments in [["fit", &dataset, "--kinds", "pls,log-exp"], ["report", &dataset, "--kinds", "pls,log-exp"]] {
+        let output = run(folder.path(), &arguments);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{said}");
+        assert!(said.contains("keep still in the pictures: eyeBlinkLeft") && !said.contains("jawOpen"), "{said}");
+        let printed = String::from_utf8(output.stdout).unwrap();
+        assert!(arguments[0] == "report" || printed.lines().any(|line| line.starts_with("| jawOpen ")), "{printed}");
+    }
+}
+
+#[test]
+fn logarithms_keep_the_scale_of_their_features() {
+    let folder = TempDir::new().unwrap();
+    let dataset = write_dataset(folder.path(), SUBJECTS);
+    let options = ["--kinds", "exp,log-exp", "--blendshapes", "jawOpen", "--json", "figures.json"];
+    printed(folder.path(), &[&["fit", &dataset], &options[..]].concat());
+    let figures = fs::read_to_string(folder.path().join("figures.json")).unwrap();
+    let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
+    let trials = figures["blendshapes"][0]["trials"].as_array().unwrap();
+    // A weight, a feature's index, and the offset; then mean and deviation of every feature.
+    let bytes = |scale: u64| trials.iter().map(move |trial| trial["features"].as_u64().unwrap() * (6 + scale) + 4);
+    assert_eq!(trials[0]["bytes"].as_u64(), bytes(0).next());
+    assert_eq!(trials[1]["bytes"].as_u64(), bytes(8).nth(1));
+    assert!(trials.iter().all(|trial| trial["nanoseconds"].as_f64().unwrap() > 0.0));
+}
+
+#[test]
+fn fewer_than_eight_subjects_are_refused_where_some_are_to_be_held_out() {
+    let folder = TempDir::new().unwrap();
+    let dataset = write_dataset(folder.path(), 7);
+    for command in ["judge", "train", "report", "select", "fit"] {
+        let options = if command == "train" { &["--out", "model.toml"][..] } else { &[] };
+        let said = refusal(folder.path(), &[&[command, &dataset], options].concat());
+        assert!(said.contains("7 subjects are too few") && said.contains("--all-subjects"), "{command}: {said}");
+    }
+    assert!(printed(folder.path(), &["judge", &dataset, "--all-subjects"]).contains("mean of 51"));
+}
+
+#[test]
+fn output_that_cannot_be_written_is_refused_before_the_dataset_is_read() {
+    let folder = TempDir::new().unwrap();
+    for arguments in [
+        ["train", "absent.npz", "--out", "no/model.toml"],
+        ["fit", "absent.npz", "--json", "no/figures.json"],
+        ["report", "absent.npz", "--out", "no/report.html"],
+        ["select", "absent.npz", "--out", "no/page.html"],
+        ["select", "absent.npz", "--csv", "no/ranks.csv"],
+    ] {
+        assert!(refusal(folder.path(), &arguments).contains("cannot write no/"), "{arguments:?}");
+    }
+    assert!(refusal(folder.path(), &["train", "absent.npz", "--epochs", "0"]).contains("--epochs"));
+}
+
+#[test]
+fn clip_is_judged_by_a_truth_with_a_row_for_every_frame_only() {
+    let folder = TempDir::new().unwrap();
+    let dataset = write_dataset(folder.path(), 1);
+    let row = ["0.1"; 56].join(",");
+    let heads = format!("frame,yaw_deg,pitch_deg,roll_deg,{}", BLENDSHAPES.join(","));
+    let write = |name: &str, rows: usize| {
+        let rows = vec![row.as_str(); rows].join("\n");
+        fs::write(folder.path().join(name), format!("{heads}\n{rows}\n")).unwrap();
+    };
+    write("whole.csv", PICTURES);
+    write("short.csv", PICTURES - 1);
+    let whole = printed(folder.path(), &["clip", &dataset, "--truth", "whole.csv"]);
+    assert!(whole.contains("head pose"), "{whole}");
+    assert!(refusal(folder.path(), &["clip", &dataset, "--truth", "short.csv"]).contains("short.csv has 11 rows"));
 }

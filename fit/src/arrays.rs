@@ -1,0 +1,154 @@
+//! Arrays of `float32` and `int32` from `NumPy` files, one row for each picture or frame.
+//!
+//! Refused, each in one sentence with file and array: another type, another shape, Fortran order (the rows of which
+//! would be read as columns), no rows, and numbers that are not finite, with their row.
+
+use std::{
+    fs::File,
+    io::{BufReader, Read},
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use npyz::{Deserialize, NpyFile, Order, npz::NpzArchive};
+
+/// An archive of arrays.
+pub struct Arrays {
+    path: PathBuf,
+    archive: NpzArchive<BufReader<File>>,
+}
+
+impl Arrays {
+    /// Opens an npz archive.
+    pub fn open(path: &Path) -> Result<Self> {
+        let archive = NpzArchive::new(open(path)?);
+        let archive = archive.with_context(|| format!("{} is not a NumPy archive (.npz)", path.display()))?;
+        Ok(Self { path: path.to_owned(), archive })
+    }
+
+    /// The rows of a float32 array, one after another; `shape` is that of a row.
+    pub fn floats(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
+        let label = self.label(name);
+        finite(values(self.array(name)?, shape, "float32", &label)?, shape, &label)
+    }
+
+    /// The same of an int32 array.
+    pub fn integers(&mut self, name: &str, shape: &[usize]) -> Result<Vec<i32>> {
+        let label = self.label(name);
+        values(self.array(name)?, shape, "int32", &label)
+    }
+
+    fn array(&mut self, name: &str) -> Result<NpyFile<impl Read>> {
+        let label = self.label(name);
+        let array = self.archive.by_name(name).with_context(|| format!("{label} is damaged"))?;
+        array.with_context(|| format!("{} has no array {name}", self.path.display()))
+    }
+
+    fn label(&self, name: &str) -> String {
+        format!("{}: {name}", self.path.display())
+    }
+}
+
+/// The rows of a lone float32 array (`.npy`); `shape` is that of a row.
+pub fn lone_floats(path: &Path, shape: &[usize]) -> Result<Vec<f32>> {
+    let label = path.display().to_string();
+    let array = NpyFile::new(open(path)?).with_context(|| format!("{label} is not a NumPy array (.npy)"))?;
+    finite(values(array, shape, "float32", &label)?, shape, &label)
+}
+
+fn open(path: &Path) -> Result<BufReader<File>> {
+    File::open(path).map(BufReader::new).with_context(|| format!("cannot open {}", path.display()))
+}
+
+fn values<T: Deserialize>(array: NpyFile<impl Read>, row: &[usize], kind: &str, label: &str) -> Result<Vec<T>> {
+    let wanted = row.iter().map(|side| *side as u64);
+    let shape = array.shape().to_vec();
+    let fits = shape.first().is_some_and(|rows| *rows > 0) && shape.iter().skip(1).copied().eq(wanted);
+    ensure!(fits, "{label} has the shape {shape:?}; it must have rows, each of shape {row:?}");
+    let in_rows = array.order() == Order::C || shape.len() == 1;
+    ensure!(in_rows, "{label} is in Fortran order; save it as numpy.ascontiguousarray gives it");
+    let Ok(numbers) = array.data::<T>() else { bail!("{label} is not {kind}") };
+    numbers.collect::<Result<_, _>>().with_context(|| format!("{label} is cut short"))
+}
+
+fn finite(values: Vec<f32>, row: &[usize], label: &str) -> Result<Vec<f32>> {
+    match values.iter().position(|value| !value.is_finite()) {
+        None => Ok(values),
+        Some(place) => {
+            let row = place / row.iter().product::<usize>();
+            bail!("{label}: row {row} (the first is 0) holds {}; leave out rows without a face", values[place])
+        }
+    }
+}
+
+#[cfg(test)]
+pub mod tests {
+    use npyz::{WriterBuilder, npz::NpzWriter, zip::write::FileOptions};
+
+    use super::*;
+
+    /// Arrays for an archive: name, whole shape, order, and what stands at each place.
+    pub struct Made<'a> {
+        pub name: &'a str,
+        pub shape: &'a [u64],
+        pub order: Order,
+        pub value: &'a dyn Fn(usize) -> f32,
+    }
+
+    /// Writes float32 arrays and the subject's numbers.
+    pub fn write(path: &Path, floats: &[Made], subjects: &[i32]) {
+        let mut npz = NpzWriter::create(path).expect("a file");
+        for Made { name, shape, order, value } in floats {
+            let array = npz.array::<f32>(name, FileOptions::default()).expect("an array");
+            let mut array = array.default_dtype().shape(shape).order(*order).begin_nd().expect("begun");
+            let count = shape.iter().product::<u64>() as usize;
+            array.extend((0..count).map(value)).expect("written");
+            array.finish().expect("written");
+        }
+        let array = npz.array::<i32>("subject", FileOptions::default()).expect("an array");
+        let mut array = array.default_dtype().shape(&[subjects.len() as u64]).begin_nd().expect("begun");
+        array.extend(subjects.iter().copied()).expect("written");
+        array.finish().expect("written");
+        npz.zip_writer().finish().expect("written");
+    }
+
+    fn refusal(shape: &[u64], order: Order, value: f32) -> String {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("faces.npz");
+        let made = Made { name: "pose", shape, order, value: &|place| if place == 4 { value } else { 0.5 } };
+        write(&path, &[made], &[1, 2]);
+        let mut arrays = Arrays::open(&path).expect("an archive");
+        assert_eq!(arrays.integers("subject", &[]).expect("int32"), [1, 2]);
+        arrays.floats("pose", &[3]).map_or_else(|error| format!("{error:#}"), |_| String::new())
+    }
+
+    #[test]
+    fn arrays_that_would_be_misread_are_refused_by_file_array_and_row() {
+        assert_eq!(refusal(&[2, 3], Order::C, 0.1), "");
+        let wrong = [
+            (refusal(&[2, 3], Order::Fortran, 0.1), "Fortran order"),
+            (refusal(&[2, 4], Order::C, 0.1), "shape [2, 4]"),
+            (refusal(&[2, 1, 3], Order::C, 0.1), "shape [2, 1, 3]"),
+            (refusal(&[0, 3], Order::C, 0.1), "it must have rows"),
+            (refusal(&[2, 3], Order::C, f32::NAN), "row 1 (the first is 0) holds NaN"),
+            (refusal(&[2, 3], Order::C, f32::INFINITY), "row 1 (the first is 0) holds inf"),
+        ];
+        for (refusal, words) in wrong {
+            assert!(refusal.contains("faces.npz: pose") && refusal.contains(words), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn absent_arrays_other_types_and_other_files_are_refused_by_name() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("faces.npz");
+        write(&path, &[], &[1]);
+        let refusal = |result: Result<Vec<f32>>| format!("{:#}", result.expect_err("refused"));
+        let mut arrays = Arrays::open(&path).expect("an archive");
+        assert!(refusal(arrays.floats("pose", &[3])).contains("faces.npz has no array pose"));
+        assert!(refusal(arrays.floats("subject", &[])).contains("faces.npz: subject is not float32"));
+        std::fs::write(&path, "text").expect("written");
+        assert!(Arrays::open(&path).is_err_and(|error| format!("{error:#}").contains("faces.npz is not a NumPy")));
+        assert!(refusal(lone_floats(&path, &[3])).contains("faces.npz is not a NumPy array"));
+    }
+}

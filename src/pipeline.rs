@@ -10,10 +10,12 @@ use crate::config::{NetworkSettings, Settings};
 use crate::face::{Landmarks, Tracker};
 use crate::infer::{InferError, NetworkFolder};
 use crate::solve::{
-    AbsurdResult, Camera, Corrected, Correction, DegenerateFace, Features, GatedAverage, GatedAverageState, HeadPose,
-    Model, ModelError, Neutral, RawCoeffs, Smoothed, normalise,
+    AbsurdResult, Camera, Corrected, Correction, CorrectionState, DegenerateFace, Features, GatedAverage,
+    GatedAverageState, HeadPose, Model, ModelError, Neutral, RawCoeffs, Smoothed, normalise,
 };
 
+/// Time step of the first frame after a gap, seconds.
+const FIRST_STEP_S: f32 = 1.0 / 30.0;
 /// A longer gap between frames starts filters anew, microseconds.
 const GAP_US: u64 = 500_000;
 
@@ -82,8 +84,9 @@ pub struct Solver {
     history: History,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct History {
+    correction: CorrectionState,
     smoothing: GatedAverageState,
     last_us: Option<u64>,
 }
@@ -101,11 +104,12 @@ impl Solver {
             (path.clone(), Model::load(path.as_ref()))
         };
         let model = loaded.map_err(|error| SetupError::Model { origin, error })?;
+        let correction = Correction::default();
         Ok(Self {
-            history: History::default(),
+            history: History::new(&correction),
             model,
             neutral: None,
-            correction: Correction::default(),
+            correction,
             smoothing: GatedAverage::with_window(settings.solver.smoothing_frames),
             horizontal_fov_deg: settings.camera.horizontal_fov_deg,
         })
@@ -121,11 +125,11 @@ impl Solver {
     /// # Errors
     /// [`Rejected::Degenerate`] or [`Rejected::Absurd`]: the frame counts as if there were no face.
     pub fn solve(&mut self, landmarks: &Landmarks, size_px: [f32; 2], time_us: u64) -> Result<Solution, Rejected> {
-        self.history.step(time_us);
+        let step_s = self.history.step_s(&self.correction, time_us);
         let normalised = normalise(landmarks)?;
         let features = Features::new(&normalised, self.neutral.as_ref());
         let raw = self.model.process(&features)?;
-        let corrected = self.correction.process(&raw);
+        let corrected = self.correction.process(&mut self.history.correction, &raw, step_s);
         let smoothed = self.smoothing.process(&mut self.history.smoothing, &corrected);
         let [width_px, height_px] = size_px;
         let camera = Camera { width_px, height_px, horizontal_fov_deg: self.horizontal_fov_deg };
@@ -134,13 +138,18 @@ impl Solver {
 }
 
 impl History {
-    /// Lets time pass. A long gap since the last frame, or a clock that ran backwards, forgets what was before it.
-    fn step(&mut self, time_us: u64) {
-        let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
-        if step_us.is_none_or(|step_us| step_us >= GAP_US) {
-            *self = Self::default();
+    fn new(correction: &Correction) -> Self {
+        Self { correction: correction.start(), smoothing: GatedAverageState::default(), last_us: None }
+    }
+
+    /// Seconds since the last frame. A long gap, or a clock that ran backwards, forgets what was before it.
+    fn step_s(&mut self, correction: &Correction, time_us: u64) -> f32 {
+        let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us)).filter(|step_us| *step_us < GAP_US);
+        if step_us.is_none() {
+            *self = Self::new(correction);
         }
         self.last_us = Some(time_us);
+        step_us.map_or(FIRST_STEP_S, |step_us| step_us as f32 / 1e6)
     }
 }
 

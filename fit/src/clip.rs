@@ -17,6 +17,8 @@ use crate::{
     statistics::mean,
 };
 
+/// Frame rate of the clips.
+const FRAME_S: f32 = 1.0 / 30.0;
 /// Faces whose solution is timed.
 const TIMED_FACES: usize = 20_000;
 
@@ -49,11 +51,11 @@ pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>) -
     let neutral = neutral.map(|frames| mean_face(&faces, frames)).transpose()?;
     let camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
     let (correction, smoothing) = (Correction::default(), GatedAverage::default());
-    let mut history = GatedAverageState::default();
+    let (mut rest, mut history) = (correction.start(), GatedAverageState::default());
     let mut out = Solved { raw: vec![], corrected: vec![], smoothed: vec![], poses: vec![] };
     for face in &faces {
         let raw = model.process(&Features::new(face, neutral.as_ref()))?;
-        let corrected = correction.process(&raw);
+        let corrected = correction.process(&mut rest, &raw, FRAME_S);
         out.smoothed.push(smoothing.process(&mut history, &corrected));
         out.poses.push(HeadPose::new(face, &camera));
         out.raw.push(raw);
@@ -83,13 +85,13 @@ fn jitter(frames: &[[f32; COEFFS]]) -> f64 {
 /// Time of all stages for one face, landmarks to smoothed coefficients: median and 99th percentile, microseconds.
 pub fn cost_us(model: &Model, clip: &[Landmarks]) -> Result<[f64; 2]> {
     let (correction, smoothing) = (Correction::default(), GatedAverage::default());
-    let mut history = GatedAverageState::default();
+    let (mut rest, mut history) = (correction.start(), GatedAverageState::default());
     let neutral = mean_face(&[normalise(clip.first().context("the clip is empty")?)?], 0..1)?;
     let mut times = Vec::new();
     for landmarks in clip.iter().cycle().take(TIMED_FACES) {
         let start = Instant::now();
         let raw = model.process(&Features::new(&normalise(landmarks)?, Some(&neutral)))?;
-        let corrected = correction.process(&raw);
+        let corrected = correction.process(&mut rest, &raw, FRAME_S);
         black_box(smoothing.process(&mut history, &corrected));
         times.push(start.elapsed().as_secs_f64() * 1e6);
     }

@@ -118,7 +118,7 @@ pub fn estimates(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Vec
     let mut curves = vec![Vec::new(); COEFFS];
     for row in rows {
         let raw = model.process(&faces.features[*row])?;
-        let corrected = correction.process(&raw);
+        let corrected = correction.process(&mut correction.start(), &raw, 0.0);
         curves.iter_mut().zip(corrected.0).for_each(|(curve, value)| curve.push(f64::from(value)));
     }
     Ok(curves)

@@ -21,11 +21,11 @@ mod smoothing;
 mod test_face;
 
 pub use affine::{DegenerateFace, Normalised, normalise};
-pub use correction::{Corrected, Correction};
+pub use correction::{Corrected, Correction, CorrectionState, MAX_REST};
 pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use features::{FEATURES, FeatureId, Features, MEASURES};
 pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
 pub use pose::{Camera, HeadPose};
 pub use regression::{AbsurdResult, MAX_HIDDEN, MAX_INPUTS, Model, RawCoeffs};
-pub use smoothing::{GatedAverage, GatedAverageState, MAX_WINDOW, Smoothed};
+pub use smoothing::{GateEdge, GatedAverage, GatedAverageState, MAX_WINDOW, Smoothed};

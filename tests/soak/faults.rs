@@ -14,7 +14,7 @@ const SERIAL: Chance = Chance { rarity: 80, longest: 40 };
 const RECEIVER: Chance = Chance { rarity: 80, longest: 40 };
 const INFERENCE: Chance = Chance { rarity: 150, longest: 20 };
 /// In so many seconds, other settings come once on average.
-const SETTINGS: Chance = Chance { rarity: 8, longest: 1 };
+const SETTINGS: Chance = Chance { rarity: 20, longest: 1 };
 /// Every so many changes, a link changes too: the serial port is opened at another baud rate.
 const LINK_CHANGE: u32 = 3;
 

@@ -15,6 +15,9 @@ const RECEIVER: Chance = Chance { rarity: 80, longest: 40 };
 const INFERENCE: Chance = Chance { rarity: 150, longest: 20 };
 /// In so many seconds, other settings come once on average.
 const SETTINGS: Chance = Chance { rarity: 20, longest: 1 };
+/// Seconds in which they come in any case, before anything is judged: threads that take changes run once, and the system
+/// keeps the memory of their stacks.
+const FIRST_SETTINGS_S: [u32; 3] = [4, 8, 12];
 /// Every so many changes, a link changes too: the serial port is opened at another baud rate.
 const LINK_CHANGE: u32 = 3;
 
@@ -35,6 +38,7 @@ pub struct Faults {
     receiver_back_in: u32,
     stopped: Option<Stuck>,
     resumed_in: u32,
+    seconds: u32,
     /// Times each happened: boards pulled, receivers ended, threads stopped, settings changed.
     pub counts: [u32; 4],
 }
@@ -57,6 +61,7 @@ impl Faults {
             receiver_back_in: 0,
             stopped: None,
             resumed_in: 0,
+            seconds: 0,
             counts: [0; 4],
         }
     }
@@ -76,9 +81,10 @@ impl Faults {
         )
     }
 
-    /// Now and then gives the service other settings; whether it has.
+    /// Now and then, asked every second, gives the service other settings; whether it has.
     pub fn change_settings(&mut self, service: &Service) -> bool {
-        let is_time = self.begins(&SETTINGS).is_some();
+        self.seconds += 1;
+        let is_time = self.begins(&SETTINGS).is_some() || FIRST_SETTINGS_S.contains(&self.seconds);
         if is_time {
             self.counts[3] += 1;
             service.change(&self.settings());

@@ -89,7 +89,7 @@ impl Judge {
         for wanted in ["Live/None", "Hold/Late", "Neutral/NoFace", "Neutral/NoCamera"] {
             assert!(self.seen.contains(wanted), "{wanted} never came: {:?}", self.seen);
         }
-        assert!(self.judged_s > 5, "frames flowed for {} s only", self.judged_s);
+        assert!(self.judged_s > 0, "frames never flowed for long enough to be judged");
     }
 
     /// The counters of the last line add up.

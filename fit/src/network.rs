@@ -1,7 +1,7 @@
 //! The hidden layer and how it is trained: `AdamW` (Loshchilov and Hutter, 2019) on the squared error, with noise on the
 //! inputs and a learning rate that falls to 0 along a cosine. The same data and seed give the same weights.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
 
 /// Faces that a step looks at.
 const BATCH: usize = 256;
@@ -14,6 +14,8 @@ const MOMENTS: [f32; 2] = [0.9, 0.999];
 const TINY: f32 = 1e-8;
 /// How much an estimate below 0 of a coefficient that is 0 counts, and one above 1 of one that is 1: both are clamped.
 const HARMLESS: f32 = 0.09;
+/// How much a face at rest counts: that a turned head says nothing is worth more than its share of the pictures.
+const REST: f32 = 3.0;
 
 /// `o = V max(0, W x + a) + b`.
 pub struct Network {
@@ -72,6 +74,9 @@ impl Network {
         let mut error = &self.v * &hidden;
         error.column_iter_mut().for_each(|mut column| column += &self.b);
         error.zip_apply(&lesson.truth, |output, truth| *output = weighed_error(*output, truth));
+        let at_rest = |truth: &DVectorView<'_, f32>| truth.iter().all(|value| *value == 0.0);
+        let faces = error.column_iter_mut().zip(lesson.truth.column_iter());
+        faces.filter(|(_, truth)| at_rest(truth)).for_each(|(mut error, _)| error *= REST);
         let importance = lesson.importance.iter().map(|importance| 2.0 * importance / lesson.truth.len() as f32);
         error.row_iter_mut().zip(importance).for_each(|(mut row, importance)| row *= importance);
         let mut back = self.v.tr_mul(&error);

@@ -62,8 +62,8 @@ impl Traced {
     /// Stops it; its calls, without those that the record has in two parts: the beginning stands there, too.
     fn calls(mut self) -> Vec<Call> {
         self.signal(Signal::TERM);
-        let log = fs::read_to_string(self.folder.path().join("log")).unwrap();
-        assert!(self.strace.wait().unwrap().success(), "{log}");
+        let ended = self.strace.wait().unwrap();
+        assert!(ended.success(), "{}", fs::read_to_string(self.folder.path().join("log")).unwrap());
         let record = fs::read_to_string(self.folder.path().join("calls")).unwrap();
         let calls = record.lines().filter_map(|line| line.split_once(' ')).map(|(_, call)| call.trim());
         let calls = calls.filter(|call| !["<...", "---", "+++"].iter().any(|other| call.starts_with(other)));

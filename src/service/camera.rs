@@ -2,14 +2,13 @@
 
 use std::time::Duration;
 
+use crate::back_off::{BackOff, LONGEST};
 use crate::capture::v4l2::{PixelFormat, Wish};
 use crate::capture::{self, CaptureError, FrameFault, FrameRate, Source};
 use crate::config::{CameraFormat, CameraSettings};
 
 /// Damaged frames in a row that are passed over; a camera that sends more is opened anew, which heals some.
 const MAX_DAMAGED: u32 = 8;
-/// The first wait between attempts to open a camera, and the longest.
-const BACK_OFF: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(1)];
 
 /// Opens the camera that the settings name: a device, or the built-in clip played as one.
 ///
@@ -68,26 +67,13 @@ impl DamagedInARow {
     }
 }
 
-/// How long to wait before the next attempt to open a camera: twice as long each time, anew after a camera that lasted.
-#[derive(Debug)]
-pub(super) struct BackOff {
-    next: Duration,
-}
-
-impl Default for BackOff {
-    fn default() -> Self {
-        Self { next: BACK_OFF[0] }
+/// How long to wait before the next attempt, anew after a camera that gave frames for long enough; zero is one that gave
+/// none.
+pub(super) fn wait_after(lasted: Duration, back_off: &mut BackOff) -> Duration {
+    if lasted >= LONGEST {
+        *back_off = BackOff::default();
     }
-}
-
-impl BackOff {
-    /// The wait after a camera that gave frames for so long; zero for one that gave none.
-    pub(super) fn after(&mut self, lasted: Duration) -> Duration {
-        let [first, longest] = BACK_OFF;
-        let wait = if lasted >= longest { first } else { self.next };
-        self.next = (2 * wait).min(longest);
-        wait
-    }
+    back_off.wait()
 }
 
 #[cfg(test)]
@@ -152,7 +138,7 @@ mod tests {
     #[test]
     fn waits_double_up_to_a_second_and_begin_anew_only_after_a_camera_that_lasted_one() {
         let mut back_off = BackOff::default();
-        let mut wait_ms = |lasted_ms| back_off.after(Duration::from_millis(lasted_ms)).as_millis();
+        let mut wait_ms = |lasted_ms| wait_after(Duration::from_millis(lasted_ms), &mut back_off).as_millis();
         assert_eq!([0; 6].map(&mut wait_ms), [100, 200, 400, 800, 1000, 1000]);
         assert_eq!(wait_ms(999), 1000, "a glimpse");
         assert_eq!([1000, 0].map(&mut wait_ms), [100, 200]);

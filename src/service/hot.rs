@@ -13,7 +13,7 @@ use std::time::Duration;
 use facewire_packet::Reason;
 use triple_buffer::Input;
 
-use super::camera::{self, BackOff, DamagedInARow};
+use super::camera::{self, DamagedInARow};
 use super::counters::Counters;
 use super::event::Event;
 use super::exchange::Exchange;
@@ -21,6 +21,7 @@ use super::heartbeat::Phase;
 use super::realtime;
 use super::report::Report;
 use super::times::between;
+use crate::back_off::BackOff;
 use crate::capture::{CaptureError, Frame, FrameRate, Source, monotonic_us};
 use crate::config::CameraSettings;
 use crate::face::Tracker;
@@ -85,7 +86,7 @@ impl HotLoop {
             self.tell(event);
             if !self.counters.stopping() {
                 self.enter(Phase::Camera);
-                thread::park_timeout(back_off.after(lasted));
+                thread::park_timeout(camera::wait_after(lasted, &mut back_off));
             }
         }
     }

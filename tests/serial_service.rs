@@ -224,7 +224,7 @@ fn counters_add_up_over_reloads_that_leave_links_alone_and_such_that_change_them
         board.packets();
     }
     let log = text(&service.stop().stderr);
-    assert_eq!(log.matches("new settings hold").count(), 12, "{log}");
+    assert_eq!(log.matches("settings changed").count(), 12, "{log}");
     assert_eq!(2 * counted(&log, " packets="), counted(&log, " sent=") + counted(&log, " dropped="), "{log}");
 }
 
@@ -248,7 +248,7 @@ fn a_reload_leaves_an_unchanged_port_open_and_reopens_a_changed_one_without_a_fa
     }
     let log = text(&service.stop().stderr);
     let lines = |what: &str| log.lines().filter(|line| line.contains(what)).count();
-    assert_eq!(lines("new settings hold"), 3, "{log}");
+    assert_eq!(lines("settings changed"), 3, "{log}");
     assert_eq!(lines("link opened"), 3, "{log}");
     assert_eq!(lines("no link"), 0, "{log}");
 }

@@ -141,20 +141,19 @@ fn a_service_at_work_serves_the_watchdog_and_writes_its_status_when_asked() {
     assert!(log.contains(" faces="), "{log}");
 }
 
-/// A thread that stands still waits for a frame most often, and may. So it is stopped until that was at its work.
+/// The longest that a hot loop may take for a frame is 10 s.
+const LONGEST_FRAME: Duration = Duration::from_secs(10);
+
 #[test]
 fn a_stuck_inference_gets_no_more_watchdog_pings_and_the_face_goes_neutral() {
     let mut unit = Unit::start(DEMO);
     unit.receiver.until(|packet| packet.state == State::Live);
-    let hot = thread_called(&mut unit.child, "fw-hot");
-    let is_pinged = |wait: Duration| unit.words.recv_timeout(wait).is_ok_and(|word| word == "WATCHDOG=1");
-    let is_stuck_at_work = || {
-        let _stuck = Stuck::stop(hot);
-        // The first may have been due before, and one more tells of the time before that.
-        let pings = (0..3).filter(|_| is_pinged(Duration::from_secs(1))).count();
-        pings < 3 && unit.receiver.rest().last().is_some_and(|packet| packet.state == State::Neutral)
-    };
-    assert!((0..100).any(|_| is_stuck_at_work()), "the watchdog is served whatever the inference does");
+    let _stuck = Stuck::stop(thread_called(&mut unit.child, "fw-hot"));
+    unit.receiver.until(|packet| packet.state == State::Neutral);
+    let begun = Instant::now();
+    while unit.words.recv_timeout(LONGEST_FRAME).is_ok() {
+        assert!(begun.elapsed() < 4 * LONGEST_FRAME, "the watchdog is served although the inference is stuck");
+    }
 }
 
 #[test]
@@ -167,7 +166,7 @@ fn bad_settings_are_refused_with_all_their_faults_and_the_face_stays_live() {
     let log = unit.stop();
     assert!(log.contains("camera.fps = 0: give a whole number from 1 to 240"), "{log}");
     assert!(log.contains("send.rate is not a setting"), "{log}");
-    assert!(log.contains("settings refused: the old ones stay"), "{log}");
+    assert!(log.contains("settings refused: the current ones stay"), "{log}");
     assert_eq!(log.matches("camera opened").count(), 1, "{log}");
 }
 
@@ -191,8 +190,7 @@ fn a_reload_while_the_camera_is_silent_keeps_the_watchdog_served_and_the_metrics
     thread::sleep(Duration::from_secs(1));
     let log = unit.stop();
     assert!(log.contains("settings changed: camera, metrics"), "{log}");
-    assert!(log.contains("settings refused: the old ones stay"), "{log}");
-    assert!(!log.contains("new settings hold"), "the hot loop waited all the while: {log}");
+    assert!(log.contains("settings refused: the current ones stay"), "{log}");
 }
 
 #[test]
@@ -202,7 +200,7 @@ fn networks_that_are_not_there_are_refused_whole() {
     unit.reload(&[DEMO, "[networks]\nfolder = \"/nowhere\"\n"].concat());
     thread::sleep(Duration::from_secs(1));
     let log = unit.stop();
-    assert!(log.contains("looked in /nowhere") && log.contains("the old ones stay"), "{log}");
+    assert!(log.contains("looked in /nowhere") && log.contains("the current ones stay"), "{log}");
     assert!(!log.contains("camera opened"), "the camera setting was good, but not all were: {log}");
 }
 
@@ -257,7 +255,7 @@ fn the_log_level_changes_at_once_and_real_time_only_by_a_restart() {
     unit.reload(&[NO_CAMERA, "[log]\nlevel = \"warn\"\n[realtime]\npriority = 1\n"].concat());
     thread::sleep(Duration::from_secs(1));
     let log = unit.stop();
-    assert!(log.contains("[realtime] is read at the start only"), "{log}");
+    assert!(log.contains("[realtime] takes effect at the next start"), "{log}");
     assert!(!log.contains("stopped: frames="), "of level info: {log}");
 }
 

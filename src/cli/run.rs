@@ -19,7 +19,7 @@ Without a camera it runs on, sends the neutral face with the reason, and takes t
 
 Signals:
   TERM, INT  stop, with the neutral face as the last word; the second one ends at once
-  HUP        read the settings again; bad ones are refused and the old ones stay
+  HUP        read the settings again; bad ones are refused and the current ones stay
   USR1       write the status line now";
 
 /// Arguments of `facewire run`.

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use facewire_packet::State;
 
-use super::heartbeat::{Heartbeats, Phase};
+use super::heartbeat::Heartbeats;
 use super::times::{Quantiles, Times};
 
 /// States by their number in [`Counters::state`].
@@ -20,8 +20,8 @@ pub(super) const STATES: [State; 4] = [State::Neutral, State::Live, State::Hold,
 pub struct Counters {
     stop: Arc<AtomicBool>,
     stop_sending: AtomicBool,
-    /// What the watchdog goes by.
-    pub(super) beats: Heartbeats,
+    /// Signs of life, for the watchdog.
+    pub(super) heartbeats: Heartbeats,
     /// Frames the pipeline was given.
     pub(super) frames: AtomicU64,
     /// Frames with a solution.
@@ -38,6 +38,8 @@ pub struct Counters {
     pub(super) damaged: AtomicU64,
     /// Times a camera was opened.
     pub(super) opened: AtomicU64,
+    /// Whether a camera is open at present.
+    pub(super) camera_open: AtomicBool,
     /// Packets given to each link.
     pub(super) packets: AtomicU64,
     /// Packets that links sent.
@@ -118,7 +120,7 @@ impl Counters {
             deadline_misses: self.deadline_misses.load(Relaxed),
             damaged: self.damaged.load(Relaxed),
             opened: self.opened.load(Relaxed),
-            camera_open: self.beats.read().phase != Phase::Camera,
+            camera_open: self.camera_open.load(Relaxed),
             packets: self.packets.load(Relaxed),
             sent: self.sent.load(Relaxed),
             dropped: self.dropped.load(Relaxed),

@@ -2,9 +2,8 @@
 //!
 //! The recovery is the loop: open the camera, work, on any error close it and open it again. Between
 //! [`Source::next`] and the hand-over to the sender nothing allocates, locks or logs; events go to the supervisor only
-//! while there is no camera. New settings are taken between frames.
+//! while no frame is waiting. New settings are taken between frames.
 
-use std::mem::swap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, mpsc};
 use std::thread::{self, Thread};
@@ -15,11 +14,9 @@ use triple_buffer::Input;
 
 use super::camera::{self, DamagedInARow};
 use super::counters::Counters;
-use super::event::Event;
-use super::exchange::Exchange;
 use super::heartbeat::Phase;
 use super::realtime;
-use super::report::Report;
+use super::report::{Event, Report};
 use super::times::between;
 use crate::back_off::BackOff;
 use crate::capture::{CaptureError, Frame, FrameRate, Source, monotonic_us};
@@ -40,10 +37,9 @@ pub(super) struct Outlets {
     pub(super) events: mpsc::Sender<Event>,
 }
 
-/// What new settings change; what is `None` stays. The hot loop leaves the old in place of the new.
-#[derive(Default)]
+/// The parts of the hot loop that a reload replaces. A field that is `None` keeps its current value.
 pub(super) struct HotChange {
-    /// The camera is opened anew.
+    /// The camera is opened again with these settings.
     pub(super) camera: Option<CameraSettings>,
     pub(super) tracker: Option<Tracker>,
     pub(super) solver: Option<Solver>,
@@ -53,7 +49,7 @@ pub(super) struct HotLoop {
     camera: CameraSettings,
     pipeline: Pipeline,
     outlets: Outlets,
-    changes: Arc<Exchange<HotChange>>,
+    changes: mpsc::Receiver<HotChange>,
     counters: Arc<Counters>,
     /// When the camera showed its first picture.
     opened_us: Option<u64>,
@@ -67,7 +63,7 @@ impl HotLoop {
         camera: CameraSettings,
         pipeline: Pipeline,
         outlets: Outlets,
-        changes: Arc<Exchange<HotChange>>,
+        changes: mpsc::Receiver<HotChange>,
         counters: Arc<Counters>,
     ) -> Self {
         let (opened_us, last_captured_us, deadline) = (None, None, Duration::MAX);
@@ -77,7 +73,7 @@ impl HotLoop {
     pub(super) fn run(mut self) {
         let mut back_off = BackOff::default();
         while !self.counters.stopping() {
-            self.enter(Phase::Camera);
+            self.enter(Phase::Open);
             self.adopt();
             let trouble = self.session();
             self.report(Report::Fault(Reason::NoCamera));
@@ -85,7 +81,7 @@ impl HotLoop {
             let Err(event) = trouble else { continue };
             self.tell(event);
             if !self.counters.stopping() {
-                self.enter(Phase::Camera);
+                self.enter(Phase::Open);
                 thread::park_timeout(camera::wait_after(lasted, &mut back_off));
             }
         }
@@ -96,7 +92,8 @@ impl HotLoop {
         let mut source = camera::open(&self.camera).map_err(Event::Closed)?;
         let outcome = self.show(&mut *source);
         // Closing, too, may take its time in the kernel.
-        self.enter(Phase::Camera);
+        self.enter(Phase::Open);
+        self.counters.camera_open.store(false, Relaxed);
         outcome
     }
 
@@ -108,9 +105,9 @@ impl HotLoop {
 
     /// A camera that sends nothing but damaged frames is none.
     fn await_picture(&self, source: &mut dyn Source) -> Result<(), CaptureError> {
-        self.enter(Phase::Frame);
+        self.enter(self.wait());
         let outcome = camera::await_picture(source, || {
-            self.enter(Phase::Frame);
+            self.enter(self.wait());
             add(&self.counters.damaged, 1);
         });
         self.count_skipped(source);
@@ -119,6 +116,7 @@ impl HotLoop {
 
     fn opened(&mut self, source: &dyn Source) {
         add(&self.counters.opened, 1);
+        self.counters.camera_open.store(true, Relaxed);
         self.opened_us = Some(monotonic_us());
         self.counters.frame_period_us.store(source.frame_period_us().unwrap_or(0), Relaxed);
         self.deadline = self.frame_period(source);
@@ -132,7 +130,7 @@ impl HotLoop {
     fn stream(&mut self, source: &mut dyn Source) -> Result<(), CaptureError> {
         let mut in_a_row = DamagedInARow::default();
         while !self.counters.stopping() && !self.adopt() {
-            self.enter(Phase::Frame);
+            self.enter(self.wait());
             let outcome = match source.next() {
                 Ok(Some(frame)) => {
                     in_a_row.end();
@@ -202,23 +200,27 @@ impl HotLoop {
         self.counters.frame_period_us.store(next_us, Relaxed);
     }
 
-    /// Takes new settings, if there are any; whether they want the camera opened anew.
+    /// Takes the changes of all reloads since the last call. Returns whether the camera is to be opened again.
     fn adopt(&mut self) -> bool {
-        let (camera, pipeline, mut is_new_camera) = (&mut self.camera, &mut self.pipeline, false);
-        self.changes.take(|change| {
-            is_new_camera = change.camera.is_some();
-            swap_if_some(camera, &mut change.camera);
-            swap_if_some(&mut pipeline.tracker, &mut change.tracker);
-            swap_if_some(&mut pipeline.solver, &mut change.solver);
-        });
+        let mut is_new_camera = false;
+        while let Ok(HotChange { camera, tracker, solver }) = self.changes.try_recv() {
+            is_new_camera |= camera.is_some();
+            replace_if_some(&mut self.camera, camera);
+            replace_if_some(&mut self.pipeline.tracker, tracker);
+            replace_if_some(&mut self.pipeline.solver, solver);
+        }
         is_new_camera
     }
 
-    /// Begins a phase; when that was.
+    /// Begins a phase and returns the time.
     fn enter(&self, phase: Phase) -> u64 {
         let now_us = monotonic_us();
-        self.counters.beats.enter(phase, now_us);
+        self.counters.heartbeats.hot(phase, now_us);
         now_us
+    }
+
+    fn wait(&self) -> Phase {
+        Phase::Wait { stall_timeout_ms: self.camera.stall_timeout_ms }
     }
 
     fn report(&mut self, report: Report) {
@@ -232,9 +234,9 @@ impl HotLoop {
     }
 }
 
-fn swap_if_some<T>(old: &mut T, new: &mut Option<T>) {
+fn replace_if_some<T>(old: &mut T, new: Option<T>) {
     if let Some(new) = new {
-        swap(old, new);
+        *old = new;
     }
 }
 

@@ -5,8 +5,8 @@ use std::mem::{Discriminant, discriminant};
 use std::time::{Duration, Instant};
 
 use super::counters::{Counters, Status};
-use super::event::Event;
 use super::realtime::Grant;
+use super::report::Event;
 use crate::capture::CaptureError;
 
 /// How often the status line is written.

@@ -1,64 +1,63 @@
-//! What the service manager is told, by `sd_notify`: ready, stopping, a status line, and that the service moves.
+//! Messages to the service manager by `sd_notify`: ready, stopping, a status line, and the watchdog's pings.
 //!
-//! Only the supervisor speaks to it. Without a manager (no `NOTIFY_SOCKET`) nothing is said.
+//! Only the supervisor sends them. Without a manager (no `NOTIFY_SOCKET`) they go nowhere.
 
 use std::time::Duration;
 
 use sd_notify::NotifyState;
 
-use super::heartbeat::{Beats, Watch};
-
-/// Networks are loaded and have run, memory is locked if it is to be, and the sender runs. There may be no camera.
+/// Says that the service has started: the sender runs and memory is locked if the settings ask for it. The camera, or a
+/// model file on a disk that is not mounted yet, may still be missing.
 pub(super) fn ready() {
-    tell(NotifyState::Ready);
+    notify(NotifyState::Ready);
 }
 
+/// Says that the service is stopping.
 pub(super) fn stopping() {
-    tell(NotifyState::Stopping);
+    notify(NotifyState::Stopping);
 }
 
-/// One line for `systemctl status`.
+/// Sets the line that `systemctl status` shows.
 pub(super) fn status(line: &str) {
-    tell(NotifyState::Status(line));
+    notify(NotifyState::Status(line));
 }
 
-/// A manager that does not listen is no reason to stop.
-fn tell(state: NotifyState<'_>) {
+/// The service runs on if its manager does not listen.
+fn notify(state: NotifyState<'_>) {
     if let Err(error) = sd_notify::notify(&[state]) {
-        tracing::debug!("the service manager was not told: {error}");
+        tracing::debug!("the service manager could not be notified: {error}");
     }
 }
 
-/// Gives the manager signs of life, twice in the time it asks for.
+/// Pings the manager twice in each of its watchdog periods, as long as the service is alive.
 #[derive(Debug)]
 pub(super) struct Watchdog {
     period_us: u64,
-    last_us: u64,
+    last_ping_us: u64,
 }
 
 impl Watchdog {
-    /// For the time that the environment names, if it does.
-    pub(super) fn new(now_us: u64) -> Option<Self> {
+    /// A watchdog for the period in the environment; `None` if the manager has not asked for pings.
+    pub(super) fn from_env(now_us: u64) -> Option<Self> {
         sd_notify::watchdog_enabled().map(|timeout| Self::every(timeout / 2, now_us))
     }
 
     fn every(period: Duration, now_us: u64) -> Self {
-        Self { period_us: u64::try_from(period.as_micros()).unwrap_or(u64::MAX), last_us: now_us }
+        Self { period_us: u64::try_from(period.as_micros()).unwrap_or(u64::MAX), last_ping_us: now_us }
     }
 
-    /// Gives a sign of life if one is due.
-    pub(super) fn ping(&mut self, watch: Watch, beats: &Beats, now_us: u64) {
-        if self.is_due(watch, beats, now_us) {
-            tell(NotifyState::Watchdog);
+    /// Pings the manager if a ping is due and the service is alive.
+    pub(super) fn update(&mut self, is_alive: bool, now_us: u64) {
+        if self.take_ping(is_alive, now_us) {
+            notify(NotifyState::Watchdog);
         }
     }
 
-    /// Whether it is time and the threads have moved since the last sign of life; if so, counts it as given.
-    fn is_due(&mut self, watch: Watch, beats: &Beats, now_us: u64) -> bool {
-        let is_time = now_us.saturating_sub(self.last_us) >= self.period_us;
-        let is_due = is_time && watch.moved(beats, now_us, self.last_us);
+    /// Returns whether to ping now, and counts that ping as sent.
+    fn take_ping(&mut self, is_alive: bool, now_us: u64) -> bool {
+        let is_due = is_alive && now_us.saturating_sub(self.last_ping_us) >= self.period_us;
         if is_due {
-            self.last_us = now_us;
+            self.last_ping_us = now_us;
         }
         is_due
     }
@@ -66,34 +65,22 @@ impl Watchdog {
 
 #[cfg(test)]
 mod tests {
-    use super::super::heartbeat::Phase;
     use super::*;
-    use crate::config::CameraSettings;
 
-    /// Times of the pings in 10 s, looked for every 50 ms, with a sender that always moves.
-    fn pings_ms(hot_at: impl Fn(u64) -> (Phase, u64)) -> Vec<u64> {
-        let watch = Watch::new(&CameraSettings::default());
+    /// Times of the pings in 5 s of a supervisor that looks every 50 ms.
+    fn pings_ms(is_alive: impl Fn(u64) -> bool) -> Vec<u64> {
         let mut watchdog = Watchdog::every(Duration::from_secs(1), 0);
-        let is_due = |ms: &u64| {
-            let (phase, since_ms) = hot_at(*ms);
-            let beats = Beats { phase, since_us: since_ms * 1000, sender_us: ms * 1000 };
-            watchdog.is_due(watch, &beats, ms * 1000)
-        };
-        (50..10_000).step_by(50).filter(is_due).collect()
+        (50..5000).step_by(50).filter(|ms| watchdog.take_ping(is_alive(*ms), ms * 1000)).collect()
     }
 
     #[test]
-    fn a_service_that_moves_pings_twice_in_the_watchdogs_time() {
-        assert_eq!(pings_ms(|ms| (Phase::Work, ms)), [1000, 2000, 3000, 4000, 5000, 6000, 7000, 8000, 9000]);
+    fn a_service_that_is_alive_is_pinged_for_twice_in_each_period() {
+        assert_eq!(pings_ms(|_| true), [1000, 2000, 3000, 4000]);
     }
 
     #[test]
-    fn an_inference_stuck_at_2500_ms_gets_one_more_ping_and_then_none() {
-        assert_eq!(pings_ms(|ms| (Phase::Work, ms.min(2500))), [1000, 2000, 3000]);
-    }
-
-    #[test]
-    fn a_slow_inference_delays_the_ping_and_no_more() {
-        assert_eq!(pings_ms(|ms| (Phase::Work, ms - ms % 1500))[..3], [1500, 3000, 4500]);
+    fn a_stuck_service_gets_no_ping_and_one_that_recovers_gets_the_next_at_once() {
+        assert_eq!(pings_ms(|ms| ms < 2500), [1000, 2000]);
+        assert_eq!(pings_ms(|ms| !(2500..3400).contains(&ms)), [1000, 2000, 3400, 4400]);
     }
 }

@@ -4,13 +4,11 @@
 //! a stuck inference cannot freeze a face; the supervisor, which is the thread that calls [`run`], hears signals,
 //! changes settings, serves the watchdog and writes the log ([`supervisor`]). From the hot loop to the sender goes a
 //! triple buffer, newest wins; from both to the supervisor go counters, and, where no frame waits, events; from the
-//! supervisor to both go new settings ([`exchange`]). A fourth thread lets the counters be read, if it is wanted
+//! supervisor to both go new settings ([`reload`]). A fourth thread lets the counters be read, if it is wanted
 //! ([`metrics`]).
 
 mod camera;
 mod counters;
-mod event;
-mod exchange;
 pub mod failsafe;
 mod heartbeat;
 pub(crate) mod histogram;
@@ -36,14 +34,12 @@ pub use counters::{Counters, Status};
 pub use reload::Program;
 pub use times::Quantiles;
 
-use self::event::Event;
-use self::exchange::Exchange;
 use self::heartbeat::Phase;
 use self::hot::{HotLoop, Outlets};
 use self::links::Links;
 use self::realtime::Place;
-use self::reload::{Reloader, Taker};
-use self::report::Report;
+use self::reload::{Mailbox, Reloader};
+use self::report::{Event, Report};
 use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
 use crate::capture::monotonic_us;
@@ -85,23 +81,24 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let signals = Signals::catch(&counters)?;
     let links = Links::open(&settings.links)?;
     let pipeline = Pipeline::load(&settings)?;
-    let (reports, news) = triple_buffer::triple_buffer(&Report::NOTHING);
+    let (reports, news) = triple_buffer::triple_buffer(&Report::Nothing);
     let (events, heard) = mpsc::channel();
-    counters.beats.enter(Phase::Camera, monotonic_us());
+    counters.heartbeats.hot(Phase::Open, monotonic_us());
+    counters.heartbeats.sender(monotonic_us());
 
-    let changes = Arc::<Exchange<_>>::default();
+    let (changes, for_sender) = mpsc::channel();
     let sender_settings = SenderSettings::new(&settings, Some(links));
-    let sender = Sender::new(sender_settings, Arc::clone(&changes), news, Arc::clone(&counters));
+    let sender = Sender::new(sender_settings, for_sender, news, Arc::clone(&counters));
     let sender = spawn("fw-sender", Place::sender(&settings.realtime), &events, || sender.run())?;
-    let sender_taker = Taker { changes, thread: sender.thread().clone() };
+    let sender_mailbox = Mailbox { changes, thread: sender.thread().clone() };
 
-    let changes = Arc::<Exchange<_>>::default();
+    let (changes, for_hot) = mpsc::channel();
     let outlets = Outlets { reports, wake: sender.thread().clone(), events: events.clone() };
-    let hot = HotLoop::new(settings.camera.clone(), pipeline, outlets, Arc::clone(&changes), Arc::clone(&counters));
+    let hot = HotLoop::new(settings.camera.clone(), pipeline, outlets, for_hot, Arc::clone(&counters));
     let hot = spawn("fw-hot", Place::hot(&settings.realtime), &events, || hot.run())?;
-    let hot_taker = Taker { changes, thread: hot.thread().clone() };
+    let hot_mailbox = Mailbox { changes, thread: hot.thread().clone() };
 
-    let reloader = Reloader::new(settings, program, hot_taker, sender_taker, Arc::clone(&counters));
+    let reloader = Reloader::new(settings, program, hot_mailbox, sender_mailbox);
     let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     stop(&counters, sender, hot)

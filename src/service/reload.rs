@@ -1,15 +1,13 @@
-//! SIGHUP: new settings, built and checked beside the running service, and taken whole or not at all.
+//! Reload on SIGHUP: new settings take effect whole or not at all, while the service runs.
 //!
-//! Reading the file, resolving names and loading networks may take seconds. A thread of its own does it, so that the
-//! watchdog is served meanwhile; at the first fault the old settings stay.
+//! A thread of its own reads the settings and builds what they change, because loading networks may take seconds. If
+//! anything fails, the current settings stay. Otherwise the hot loop and the sender each find their part of the change
+//! in a channel, take it between frames, and drop what it replaces.
 
 use std::io;
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
 use std::thread::{Builder, JoinHandle, Thread};
 
-use super::counters::Counters;
-use super::exchange::Exchange;
-use super::heartbeat::Watch;
 use super::hot::HotChange;
 use super::links::Links;
 use super::sender::SenderSettings;
@@ -17,19 +15,19 @@ use crate::config::{Faults, LogLevel, Settings};
 use crate::link::LinkError;
 use crate::pipeline::{SetupError, Solver, load_tracker};
 
-/// What the service needs of the program around it to change its settings.
+/// The program around the service, as far as a reload needs it.
 pub trait Program: Send + Sync {
     /// Reads the settings again.
     ///
     /// # Errors
-    /// Every fault found.
+    /// Returns every fault of the settings.
     fn load(&self) -> Result<Settings, Faults>;
 
-    /// Changes what is logged.
+    /// Sets the least severe level that is logged.
     fn set_log_level(&self, level: LogLevel);
 }
 
-/// Why settings are refused.
+/// Why a reload is refused.
 #[derive(Debug, thiserror::Error)]
 enum Refusal {
     #[error(transparent)]
@@ -40,7 +38,7 @@ enum Refusal {
     Link(#[from] LinkError),
 }
 
-/// Everything that new settings need, ready to be taken.
+/// New settings with the parts that they change, loaded and opened.
 struct Change {
     settings: Settings,
     hot: HotChange,
@@ -48,7 +46,7 @@ struct Change {
 }
 
 impl Change {
-    /// Reads the settings and builds what differs from the live ones.
+    /// Reads the settings and builds the parts that differ from the current ones.
     fn prepare(program: &dyn Program, live: &Settings) -> Result<Self, Refusal> {
         let new = program.load()?;
         let is_new_camera = new.camera != live.camera;
@@ -68,61 +66,50 @@ impl Change {
     }
 }
 
-/// A thread that takes changes.
-pub(super) struct Taker<T> {
-    pub(super) changes: Arc<Exchange<T>>,
+/// Where the changes for one thread go.
+pub(super) struct Mailbox<T> {
+    pub(super) changes: mpsc::Sender<T>,
     pub(super) thread: Thread,
 }
 
-impl<T> Taker<T> {
-    fn offer(&self, change: T) {
-        self.changes.offer(change);
+impl<T> Mailbox<T> {
+    /// Leaves a change for the thread and wakes it. A thread that has ended needs no change.
+    fn send(&self, change: T) {
+        let _ = self.changes.send(change);
         self.thread.unpark();
     }
 }
 
-/// The live settings and how they change.
+/// The current settings, and the reload in progress.
 pub(super) struct Reloader {
     live: Settings,
-    /// Those that the threads may still go by.
-    former: Option<Settings>,
     program: Arc<dyn Program>,
-    hot: Taker<HotChange>,
-    sender: Taker<SenderSettings>,
-    counters: Arc<Counters>,
+    hot: Mailbox<HotChange>,
+    sender: Mailbox<SenderSettings>,
     preparing: Option<JoinHandle<Result<Change, Refusal>>>,
-    /// Prepared, while the threads have not taken the change before it.
-    prepared: Option<Change>,
 }
 
 impl Reloader {
     pub(super) fn new(
         live: Settings,
         program: Arc<dyn Program>,
-        hot: Taker<HotChange>,
-        sender: Taker<SenderSettings>,
-        counters: Arc<Counters>,
+        hot: Mailbox<HotChange>,
+        sender: Mailbox<SenderSettings>,
     ) -> Self {
-        Self { live, former: None, program, hot, sender, counters, preparing: None, prepared: None }
+        Self { live, program, hot, sender, preparing: None }
     }
 
-    /// The settings that hold now.
+    /// The current settings.
     pub(super) fn live(&self) -> &Settings {
         &self.live
     }
 
-    /// How long the hot loop may wait, by the new settings or by those that it has not left yet.
-    pub(super) fn watch(&self) -> Watch {
-        let live = Watch::new(&self.live.camera);
-        self.former.as_ref().map_or(live, |former| live.max(Watch::new(&former.camera)))
+    /// Whether a reload can begin: one reload runs at a time.
+    pub(super) fn is_idle(&self) -> bool {
+        self.preparing.is_none()
     }
 
-    /// Whether settings can be read: one change waits at most.
-    pub(super) fn is_ready(&self) -> bool {
-        self.preparing.is_none() && self.prepared.is_none()
-    }
-
-    /// Begins a reload.
+    /// Begins to prepare a reload on a thread of its own.
     pub(super) fn start(&mut self) {
         tracing::info!("reading the settings again");
         let (program, live) = (Arc::clone(&self.program), self.live.clone());
@@ -133,78 +120,45 @@ impl Reloader {
         }
     }
 
-    /// Goes on with a reload; whether new settings have been taken just now.
+    /// Hands out the change if it is prepared by now. Returns whether the settings have changed.
     pub(super) fn step(&mut self) -> bool {
-        if let Some(thread) = self.preparing.take_if(|thread| thread.is_finished()) {
-            self.conclude(thread);
-        }
-        let is_taken = self.former.is_some() && !self.hot.changes.is_waiting() && !self.sender.changes.is_waiting();
-        if is_taken {
-            self.finish();
-        }
-        if self.former.is_none()
-            && let Some(change) = self.prepared.take()
-        {
-            self.offer(change);
-        }
-        is_taken
-    }
-
-    /// Keeps the prepared change, or says why there is none.
-    fn conclude(&mut self, thread: JoinHandle<Result<Change, Refusal>>) {
+        let Some(thread) = self.preparing.take_if(|thread| thread.is_finished()) else { return false };
         match thread.join() {
-            Ok(Ok(change)) => self.prepared = Some(change),
+            Ok(Ok(change)) => return self.hand_out(change),
             Ok(Err(refusal)) => refuse(&refusal),
-            Err(_) => refuse(&io::Error::other("reading them ended by a panic")),
+            Err(_) => refuse(&io::Error::other("the thread that read them panicked; please report it")),
         }
+        false
     }
 
-    /// Hands the change out to the threads.
-    fn offer(&mut self, change: Change) {
-        let changed = changed_tables(&self.live, &change.settings);
+    fn hand_out(&mut self, Change { mut settings, hot, sender }: Change) -> bool {
+        let changed = changed_tables(&self.live, &settings);
         if changed.is_empty() {
             tracing::info!("settings are unchanged");
-            return;
+            return false;
         }
         tracing::info!("settings changed: {}", changed.join(", "));
-        let mut settings = change.settings;
         if settings.realtime != self.live.realtime {
-            tracing::warn!("[realtime] is read at the start only: restart the service to change it");
+            tracing::warn!("[realtime] takes effect at the next start: restart the service to change it now");
             settings.realtime = self.live.realtime.clone();
         }
         self.program.set_log_level(settings.log.level);
-        self.former = Some(std::mem::replace(&mut self.live, settings));
-        self.hot.offer(change.hot);
-        self.sender.offer(change.sender);
-    }
-
-    /// Frees what the threads left, on a thread of its own: a serial port that hangs takes its time to close.
-    fn finish(&mut self) {
-        let (hot, sender) = (self.hot.changes.left(), self.sender.changes.left());
-        let counters = Arc::clone(&self.counters);
-        let free = move || {
-            if let Some(left) = sender {
-                left.close(&counters);
-            }
-            drop(hot);
-        };
-        if let Err(error) = Builder::new().name("fw-free".to_owned()).spawn(free) {
-            tracing::debug!("what was replaced was freed without a thread: {error}");
-        }
-        self.former = None;
-        tracing::info!("new settings hold");
+        self.live = settings;
+        self.hot.send(hot);
+        self.sender.send(sender);
+        true
     }
 }
 
-/// One line for each fault.
+/// Logs one line for each fault.
 fn refuse(reason: &dyn std::error::Error) {
     for line in reason.to_string().lines() {
         tracing::error!("{line}");
     }
-    tracing::error!("settings refused: the old ones stay");
+    tracing::error!("settings refused: the current ones stay");
 }
 
-/// Names of the tables that differ.
+/// Returns the names of the tables that differ.
 fn changed_tables(old: &Settings, new: &Settings) -> Vec<&'static str> {
     let tables = [
         ("camera", old.camera != new.camera),

@@ -1,29 +1,31 @@
-//! What the hot loop tells the sender about a frame.
+//! Messages of the hot loop: reports for the sender, events for the supervisor.
 
 use facewire_packet::Reason;
 
 use super::failsafe::{News, Pose};
+use super::realtime::Grant;
+use crate::capture::CaptureError;
 use crate::pipeline::Solution;
 
-/// The newest result of the hot loop.
+/// The newest result of the hot loop. The sender reads the newest report only.
 #[derive(Debug, Clone, Copy)]
-#[expect(clippy::large_enum_variant, reason = "three of them live in a triple buffer, on no heap")]
+#[expect(clippy::large_enum_variant, reason = "three reports live in a triple buffer, none on the heap")]
 pub(super) enum Report {
-    /// Not one yet.
+    /// There is no result yet.
     Nothing,
     /// A pose, and when its frame was captured.
     Solved { pose: Pose, captured_us: u64 },
-    /// Why there is none.
+    /// Why there is no pose.
     Fault(Reason),
 }
 
 impl Report {
-    pub(super) const NOTHING: Self = Self::Nothing;
-
+    /// A report of this solution.
     pub(super) fn solved(solution: &Solution, captured_us: u64) -> Self {
         Self::Solved { pose: solution.into(), captured_us }
     }
 
+    /// The report as the failsafe takes it.
     pub(super) fn news(&self) -> News<'_> {
         match self {
             Self::Nothing => News::Nothing,
@@ -41,4 +43,17 @@ impl From<&Solution> for Pose {
             coefficients: solution.smoothed.0,
         }
     }
+}
+
+/// An event for the log. Threads send events only while no frame is waiting.
+#[derive(Debug)]
+pub(super) enum Event {
+    /// A thread started and got these answers to its real-time requests.
+    Started(Vec<Grant>),
+    /// A camera delivers pictures; the text describes it.
+    Opened(String),
+    /// The open camera failed.
+    Lost(CaptureError),
+    /// No camera could be opened.
+    Closed(CaptureError),
 }

@@ -3,9 +3,8 @@
 //! It sleeps until the hot loop wakes it or the failsafe's next moment comes. Once running, it allocates nothing and
 //! cannot fail; links count what they lose.
 
-use std::mem::swap;
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::Duration;
 
@@ -13,7 +12,6 @@ use facewire_packet::State;
 use triple_buffer::Output as Newest;
 
 use super::counters::Counters;
-use super::exchange::Exchange;
 use super::failsafe::{Failsafe, History, News, Output, STOPPING_PACKETS};
 use super::links::Links;
 use super::report::Report;
@@ -42,12 +40,13 @@ impl SenderSettings {
         Self { failsafe: settings.failsafe.clone(), rate_hz: settings.send.rate_hz, links }
     }
 
-    /// Takes the new, and leaves the old in its place.
-    fn adopt(&mut self, change: &mut Self) {
-        swap(&mut self.failsafe, &mut change.failsafe);
-        swap(&mut self.rate_hz, &mut change.rate_hz);
-        if let (Some(links), Some(change)) = (&mut self.links, &mut change.links) {
-            links.adopt(change);
+    /// Takes the new settings.
+    fn adopt(&mut self, change: Self, counters: &Counters) {
+        self.failsafe = change.failsafe;
+        self.rate_hz = change.rate_hz;
+        if let (Some(links), Some(mut change)) = (&mut self.links, change.links) {
+            links.adopt(&mut change);
+            change.close(counters);
         }
     }
 
@@ -61,7 +60,7 @@ impl SenderSettings {
 
 pub(super) struct Sender {
     settings: SenderSettings,
-    changes: Arc<Exchange<SenderSettings>>,
+    changes: mpsc::Receiver<SenderSettings>,
     reports: Newest<Report>,
     counters: Arc<Counters>,
     sequence: u16,
@@ -70,7 +69,7 @@ pub(super) struct Sender {
 impl Sender {
     pub(super) fn new(
         settings: SenderSettings,
-        changes: Arc<Exchange<SenderSettings>>,
+        changes: mpsc::Receiver<SenderSettings>,
         reports: Newest<Report>,
         counters: Arc<Counters>,
     ) -> Self {
@@ -80,7 +79,7 @@ impl Sender {
     pub(super) fn run(mut self) {
         let mut history = History::default();
         while !self.counters.sending_stops() {
-            self.counters.beats.sender(monotonic_us());
+            self.counters.heartbeats.sender(monotonic_us());
             let failsafe = self.failsafe();
             self.step(&failsafe, &mut history);
             self.adopt();
@@ -128,10 +127,11 @@ impl Sender {
         Failsafe::new(failsafe, *rate_hz, self.counters.frame_period_us.load(Relaxed))
     }
 
-    /// Takes new settings, if there are any.
+    /// Takes the settings of all reloads since the last call.
     fn adopt(&mut self) {
-        let settings = &mut self.settings;
-        self.changes.take(|change| settings.adopt(change));
+        while let Ok(change) = self.changes.try_recv() {
+            self.settings.adopt(change, &self.counters);
+        }
     }
 
     fn send(&mut self, output: &Output) {

@@ -10,12 +10,12 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
 
 use super::counters::Counters;
-use super::event::Event;
 use super::log::Log;
 use super::manager::{self, Watchdog};
 use super::metrics::Metrics;
 use super::realtime;
 use super::reload::Reloader;
+use super::report::Event;
 use crate::capture::monotonic_us;
 use crate::config::Listen;
 
@@ -58,7 +58,7 @@ pub(super) struct Supervisor {
 
 impl Supervisor {
     pub(super) fn new(counters: Arc<Counters>, signals: Signals, events: Receiver<Event>, reloader: Reloader) -> Self {
-        let watchdog = Watchdog::new(monotonic_us());
+        let watchdog = Watchdog::from_env(monotonic_us());
         Self { counters, signals, events, reloader, watchdog, log: Log::default(), metrics: (Listen::Off, None) }
     }
 
@@ -94,7 +94,7 @@ impl Supervisor {
 
     /// One reload after the other.
     fn reload(&mut self) {
-        if self.reloader.is_ready() && self.signals.reload.swap(false, Relaxed) {
+        if self.reloader.is_idle() && self.signals.reload.swap(false, Relaxed) {
             self.reloader.start();
         }
         if self.reloader.step() {
@@ -104,9 +104,9 @@ impl Supervisor {
     }
 
     fn ping(&mut self) {
-        let watch = self.reloader.watch();
         if let Some(watchdog) = &mut self.watchdog {
-            watchdog.ping(watch, &self.counters.beats.read(), monotonic_us());
+            let now_us = monotonic_us();
+            watchdog.update(self.counters.heartbeats.are_alive(now_us), now_us);
         }
     }
 

@@ -83,7 +83,7 @@ impl Judge {
         for unwanted in ["panicked", "settings refused", "another program", "not closed yet"] {
             assert!(!log.contains(unwanted), "{unwanted}: {log}");
         }
-        assert!(log.contains("new settings hold"), "{log}");
+        assert!(log.contains("settings changed"), "{log}");
         self.assert_counts(log.lines().last().unwrap());
         self.assert_memory();
         for wanted in ["Live/None", "Hold/Late", "Neutral/NoFace", "Neutral/NoCamera"] {

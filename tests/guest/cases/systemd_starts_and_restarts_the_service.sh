@@ -88,7 +88,7 @@ settle || fail "not started: $(systemctl status facewire)"
 pid=$(property MainPID)
 printf '[camera]\nfps = 0\n' >>$configuration
 systemctl reload facewire
-await 10 told 1 'settings refused: the old ones stay'
+await 10 told 1 'settings refused: the current ones stay'
 [ "$(property MainPID)" = "$pid" ] || fail 'bad settings ended the running service'
 systemctl restart facewire 2>$work/said && fail 'it started with bad settings'
 await 10 is_refused

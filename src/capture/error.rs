@@ -6,7 +6,7 @@ use std::path::Path;
 use rustix::io::Errno;
 use thiserror::Error;
 
-use super::Script;
+use crate::config::Script;
 
 /// Why a source gave no frame.
 #[derive(Debug, Error)]

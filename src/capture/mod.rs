@@ -30,7 +30,6 @@ pub use open::{DEMO, open_camera, open_file};
 pub use paced::{Paced, monotonic_us};
 pub use picture::{MAX_SIDE_PX, Picture, Pixels};
 pub use rate::FrameRate;
-pub use rehearsal::Script;
 pub use y4m::Y4mSource;
 
 use std::fmt;

@@ -4,9 +4,10 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::time::Duration;
 
-use super::rehearsal::{BadScript, Rehearsal, Script};
+use super::rehearsal::Rehearsal;
 use super::v4l2::{CameraSource, Wish};
 use super::{AviSource, CaptureError, Clip, Paced, Source, Y4mSource};
+use crate::config::{BadScript, Script};
 
 /// The name of the built-in clip wherever a file or a camera is asked for.
 pub const DEMO: &str = "demo";

@@ -10,73 +10,16 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use super::{CaptureError, Clip, Description, Frame, FrameFault, Paced, Picture, Pixels, Source, monotonic_us};
+use crate::config::{Scene, Script};
 
-/// What the setting of such a camera begins with.
-const PREFIX: &str = "rehearsal:";
 /// Length of a random scene, and of the live one after it.
 const RANDOM_SCENE_US: u64 = 2_000_000;
 /// Shortest random fault.
 const SHORTEST_FAULT_US: u64 = 100_000;
-/// Longest scene that a script may have.
-const LONGEST_SCENE_S: f64 = 86_400.0;
 /// Luma of the picture without a face.
 const GREY: u8 = 128;
 
-/// What the camera does at a time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scene {
-    /// Plays the clip.
-    Live,
-    /// Shows nothing but grey.
-    NoFace,
-    /// Every frame is damaged.
-    Damaged,
-    /// Nothing comes, as from a camera that has stalled.
-    Silent,
-    /// Neither a frame nor an error comes, however long that takes: a driver or an inference that hangs.
-    Hung,
-    /// Unplugged.
-    Gone,
-}
-
-impl Scene {
-    const ALL: [(&'static str, Self); 6] = [
-        ("live", Self::Live),
-        ("no-face", Self::NoFace),
-        ("damaged", Self::Damaged),
-        ("silent", Self::Silent),
-        ("hung", Self::Hung),
-        ("gone", Self::Gone),
-    ];
-}
-
-/// What happens when, for ever.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Script {
-    /// Scenes and their lengths in microseconds, over and over.
-    Scenes(Vec<(Scene, u64)>),
-    /// Random faults of this seed.
-    Random(u64),
-}
-
 impl Script {
-    /// What a script looks like, to follow "give".
-    pub const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
-         damaged, silent, hung and gone with their seconds, or \"rehearsal: random 7\"";
-
-    /// The script in `device`; `None` if that names no rehearsal, an error if it cannot be read.
-    #[must_use]
-    pub fn of(device: &str) -> Option<Result<Self, BadScript>> {
-        device.strip_prefix(PREFIX).map(|script| Self::parse(script).ok_or(BadScript))
-    }
-
-    fn parse(script: &str) -> Option<Self> {
-        if let Some(seed) = script.trim().strip_prefix("random ") {
-            return seed.trim().parse().ok().map(Self::Random);
-        }
-        script.split(',').map(parse_scene).collect::<Option<_>>().map(Self::Scenes)
-    }
-
     /// The scene at a time since the beginning, and how long it goes on, microseconds.
     fn at(&self, elapsed_us: u64) -> (Scene, u64) {
         match self {
@@ -84,18 +27,6 @@ impl Script {
             Self::Random(seed) => random_at(*seed, elapsed_us),
         }
     }
-}
-
-/// A rehearsal that cannot be read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct BadScript;
-
-fn parse_scene(text: &str) -> Option<(Scene, u64)> {
-    let (name, length) = text.trim().split_once(' ')?;
-    let (_, scene) = Scene::ALL.into_iter().find(|(known, _)| *known == name)?;
-    let length_s: f64 = length.trim().parse().ok()?;
-    let length = (0.001..=LONGEST_SCENE_S).contains(&length_s).then(|| Duration::from_secs_f64(length_s))?;
-    Some((scene, u64::try_from(length.as_micros()).ok()?))
 }
 
 fn at(scenes: &[(Scene, u64)], elapsed_us: u64) -> (Scene, u64) {
@@ -239,14 +170,6 @@ mod tests {
         assert_eq!(scenes(7), scenes(7));
         assert_ne!(scenes(7), scenes(8));
         assert!(scenes(7).into_iter().skip(1).step_by(2).all(|scene| scene == Scene::Live));
-    }
-
-    #[test]
-    fn what_is_no_script_is_refused_and_a_camera_of_another_name_is_none() {
-        for bad in ["", "live", "live 0", "live -1", "live x", "live 3,", "nap 3", "random", "random x", "live 1e9"] {
-            assert_eq!(Script::of(&format!("rehearsal:{bad}")), Some(Err(BadScript)), "{bad}");
-        }
-        assert_eq!(Script::of("/dev/video0"), None);
     }
 
     #[test]

@@ -11,6 +11,7 @@ mod defaults;
 mod fault;
 mod listen;
 mod overlay;
+mod rehearsal;
 mod section;
 mod settings;
 #[cfg(test)]
@@ -23,6 +24,7 @@ pub use board::BOARDS;
 pub use defaults::{defaults, written};
 pub use fault::{Fault, Faults};
 pub use listen::Listen;
+pub use rehearsal::{BadScript, Scene, Script};
 pub use settings::{
     CameraFormat, CameraSettings, FailsafeSettings, LinkKind, LinkSettings, LogLevel, LogSettings, MetricsSettings,
     NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,

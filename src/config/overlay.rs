@@ -7,11 +7,11 @@ use toml::{
 
 use super::{
     Fault, Faults, board,
+    rehearsal::Script,
     section::Section,
     settings::{LinkKind, LinkSettings, Settings, most_packets_hz},
     value::Choice as _,
 };
-use crate::capture::Script;
 use crate::link::device_number;
 
 /// Keys and tables a file may have.

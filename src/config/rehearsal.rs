@@ -1,0 +1,101 @@
+//! The script of a rehearsal: a camera that plays the built-in clip with faults.
+//!
+//! `rehearsal: live 5, gone 2` plays for 5 s, is unplugged for 2 s, and starts over. `rehearsal: random 7` has random
+//! faults, the same ones for each seed. This module only reads the script; `capture` plays it.
+
+use std::time::Duration;
+
+/// Prefix of a camera setting that names a rehearsal.
+const PREFIX: &str = "rehearsal:";
+/// Longest scene of a script, seconds.
+const LONGEST_SCENE_S: f64 = 86_400.0;
+
+/// What the camera does for a while.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scene {
+    /// Plays the clip.
+    Live,
+    /// Shows a grey picture without a face.
+    NoFace,
+    /// Delivers damaged frames only.
+    Damaged,
+    /// Delivers no frame, like a camera that has stalled.
+    Silent,
+    /// Delivers neither a frame nor an error, like a driver or an inference that hangs.
+    Hung,
+    /// Is unplugged.
+    Gone,
+}
+
+impl Scene {
+    /// Every scene with its name in a script.
+    pub const ALL: [(&'static str, Self); 6] = [
+        ("live", Self::Live),
+        ("no-face", Self::NoFace),
+        ("damaged", Self::Damaged),
+        ("silent", Self::Silent),
+        ("hung", Self::Hung),
+        ("gone", Self::Gone),
+    ];
+}
+
+/// A sequence of scenes that repeats for ever.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Script {
+    /// Scenes and their lengths in microseconds.
+    Scenes(Vec<(Scene, u64)>),
+    /// Random faults from this seed.
+    Random(u64),
+}
+
+/// A rehearsal whose script cannot be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BadScript;
+
+impl Script {
+    /// Describes a valid script; the text follows "give".
+    pub const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
+         damaged, silent, hung and gone with their seconds, or \"rehearsal: random 7\"";
+
+    /// Reads the script in the camera setting `device`. Returns `None` if the setting names no rehearsal, and an error
+    /// if the script cannot be read.
+    #[must_use]
+    pub fn of(device: &str) -> Option<Result<Self, BadScript>> {
+        device.strip_prefix(PREFIX).map(|script| Self::parse(script).ok_or(BadScript))
+    }
+
+    fn parse(script: &str) -> Option<Self> {
+        if let Some(seed) = script.trim().strip_prefix("random ") {
+            return seed.trim().parse().ok().map(Self::Random);
+        }
+        script.split(',').map(parse_scene).collect::<Option<_>>().map(Self::Scenes)
+    }
+}
+
+fn parse_scene(text: &str) -> Option<(Scene, u64)> {
+    let (name, length) = text.trim().split_once(' ')?;
+    let (_, scene) = Scene::ALL.into_iter().find(|(known, _)| *known == name)?;
+    let length_s: f64 = length.trim().parse().ok()?;
+    let length = (0.001..=LONGEST_SCENE_S).contains(&length_s).then(|| Duration::from_secs_f64(length_s))?;
+    Some((scene, u64::try_from(length.as_micros()).ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_are_read_with_their_lengths() {
+        let scenes = vec![(Scene::Live, 5_000_000), (Scene::Gone, 2_500_000), (Scene::NoFace, 1_000_000)];
+        assert_eq!(Script::of("rehearsal: live 5, gone 2.5,no-face 1"), Some(Ok(Script::Scenes(scenes))));
+        assert_eq!(Script::of("rehearsal: random 7"), Some(Ok(Script::Random(7))));
+    }
+
+    #[test]
+    fn an_unreadable_script_is_refused_and_another_camera_setting_is_not_a_script() {
+        for bad in ["", "live", "live 0", "live -1", "live x", "live 3,", "nap 3", "random", "random x", "live 1e9"] {
+            assert_eq!(Script::of(&format!("rehearsal:{bad}")), Some(Err(BadScript)), "{bad}");
+        }
+        assert_eq!(Script::of("/dev/video0"), None);
+    }
+}

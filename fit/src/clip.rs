@@ -5,10 +5,7 @@ use std::{hint::black_box, ops::Range, path::Path, time::Instant};
 use anyhow::{Context, Result};
 use facewire::{
     face::Landmarks,
-    solve::{
-        COEFFS, Camera, Corrected, Correction, Features, GatedAverage, GatedAverageState, HeadPose, Model, Neutral,
-        NeutralMean, Normalised, RawCoeffs, Smoothed, normalise,
-    },
+    solve::{COEFFS, Camera, Filters, Model, Neutral, NeutralMean, Profile, Solution, Solver, normalise},
 };
 
 use crate::{
@@ -17,22 +14,12 @@ use crate::{
     statistics::mean,
 };
 
-/// Frame rate of the clips.
-const FRAME_S: f32 = 1.0 / 30.0;
-/// Faces whose solution is timed.
+/// Time between frames of the clips.
+const FRAME_US: u64 = 33_333;
+/// The camera of the clips.
+const CAMERA: Camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
+/// Number of faces whose solution is timed.
 const TIMED_FACES: usize = 20_000;
-
-/// What the solver makes of each frame.
-pub struct Solved {
-    /// Output of the regression.
-    pub raw: Vec<RawCoeffs>,
-    /// After the corrective terms.
-    pub corrected: Vec<Corrected>,
-    /// After smoothing.
-    pub smoothed: Vec<Smoothed>,
-    /// Of each frame.
-    pub poses: Vec<HeadPose>,
-}
 
 /// Reads the frames of a `.npy` file of `facewire track --landmarks`, or `landmarks` of an archive.
 pub fn load(path: &Path) -> Result<Vec<Landmarks>> {
@@ -46,34 +33,29 @@ pub fn load(path: &Path) -> Result<Vec<Landmarks>> {
 }
 
 /// Runs all stages over a clip, `neutral` being frames of the face at rest.
-pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>) -> Result<Solved> {
-    let faces = clip.iter().map(normalise).collect::<Result<Vec<_>, _>>()?;
-    let neutral = neutral.map(|frames| mean_face(&faces, frames)).transpose()?;
-    let camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
-    let (correction, smoothing) = (Correction::default(), GatedAverage::default());
-    let (mut rest, mut history) = (correction.start(), GatedAverageState::default());
-    let mut out = Solved { raw: vec![], corrected: vec![], smoothed: vec![], poses: vec![] };
-    for face in &faces {
-        let raw = model.process(&Features::new(face, neutral.as_ref()))?;
-        let corrected = correction.process(&mut rest, &raw, FRAME_S);
-        out.smoothed.push(smoothing.process(&mut history, &corrected));
-        out.poses.push(HeadPose::new(face, &camera));
-        out.raw.push(raw);
-        out.corrected.push(corrected);
-    }
-    Ok(out)
+pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>) -> Result<Vec<Solution>> {
+    let neutral = neutral.map(|frames| mean_face(clip, frames)).transpose()?;
+    let mut solver = solver(model, neutral);
+    let frames = (0..).step_by(FRAME_US as usize).zip(clip);
+    frames.map(|(time_us, landmarks)| Ok(solver.solve(landmarks, &CAMERA, time_us)?)).collect()
 }
 
-fn mean_face(faces: &[Normalised], frames: Range<usize>) -> Result<Neutral> {
+fn solver(model: &Model, neutral: Option<Neutral>) -> Solver {
+    Solver::new(model.clone(), Profile { neutral, ..Profile::default() }, Filters::default())
+}
+
+fn mean_face(clip: &[Landmarks], frames: Range<usize>) -> Result<Neutral> {
     let mut mean = NeutralMean::default();
-    faces.get(frames).context("the clip has no such frames")?.iter().for_each(|face| mean.add(face));
+    for landmarks in clip.get(frames).context("the clip has no such frames")? {
+        mean.add(&normalise(landmarks)?);
+    }
     Ok(mean.finish()?)
 }
 
 /// Mean absolute second difference over all coefficients, raw and smoothed: jitter, where a face moves slowly.
-pub fn jitters(solved: &Solved) -> [f64; 2] {
-    let raw: Vec<_> = solved.raw.iter().map(|frame| frame.0).collect();
-    let smoothed: Vec<_> = solved.smoothed.iter().map(|frame| frame.0).collect();
+pub fn jitters(solved: &[Solution]) -> [f64; 2] {
+    let raw: Vec<_> = solved.iter().map(|frame| frame.raw.0).collect();
+    let smoothed: Vec<_> = solved.iter().map(|frame| frame.smoothed.0).collect();
     [jitter(&raw), jitter(&smoothed)]
 }
 
@@ -82,17 +64,13 @@ fn jitter(frames: &[[f32; COEFFS]]) -> f64 {
     mean(frames.windows(3).flat_map(|window| (0..COEFFS).map(move |index| second(window, index))))
 }
 
-/// Time of all stages for one face, landmarks to smoothed coefficients: median and 99th percentile, microseconds.
+/// Time of all stages for one face, landmarks to solution: median and 99th percentile, microseconds.
 pub fn cost_us(model: &Model, clip: &[Landmarks]) -> Result<[f64; 2]> {
-    let (correction, smoothing) = (Correction::default(), GatedAverage::default());
-    let (mut rest, mut history) = (correction.start(), GatedAverageState::default());
-    let neutral = mean_face(&[normalise(clip.first().context("the clip is empty")?)?], 0..1)?;
+    let mut solver = solver(model, Some(mean_face(clip, 0..1)?));
     let mut times = Vec::new();
-    for landmarks in clip.iter().cycle().take(TIMED_FACES) {
+    for (time_us, landmarks) in (0..).step_by(FRAME_US as usize).zip(clip.iter().cycle().take(TIMED_FACES)) {
         let start = Instant::now();
-        let raw = model.process(&Features::new(&normalise(landmarks)?, Some(&neutral)))?;
-        let corrected = correction.process(&mut rest, &raw, FRAME_S);
-        black_box(smoothing.process(&mut history, &corrected));
+        black_box(solver.solve(landmarks, &CAMERA, time_us)?);
         times.push(start.elapsed().as_secs_f64() * 1e6);
     }
     times.sort_by(f64::total_cmp);

@@ -3,12 +3,9 @@
 use std::{fmt::Write, path::Path};
 
 use anyhow::{Context, Result, ensure};
-use facewire::solve::{BLENDSHAPES, COEFFS, HeadPose};
+use facewire::solve::{BLENDSHAPES, COEFFS, Solution};
 
-use crate::{
-    clip::Solved,
-    statistics::{mean, pearson, standard_deviation},
-};
+use crate::statistics::{mean, pearson, standard_deviation};
 
 /// Smoothing and the network delay a curve: the truth may lead by this many frames.
 const MAX_LAG: usize = 5;
@@ -75,7 +72,7 @@ fn moving(truth: &Truth) -> impl Iterator<Item = (usize, Vec<f64>)> {
 }
 
 /// The table that `clip` prints: best correlation and its lag, neutral face known and not known.
-pub fn table(truth: &Truth, known: &Solved, unknown: &Solved) -> Result<String> {
+pub fn table(truth: &Truth, known: &[Solution], unknown: &[Solution]) -> Result<String> {
     let mut lines =
         String::from("| blendshape           | r, neutral known (lag) | r, not known (lag) |\n|---|---|---|\n");
     let mut found = Vec::new();
@@ -89,14 +86,14 @@ pub fn table(truth: &Truth, known: &Solved, unknown: &Solved) -> Result<String> 
     Ok(lines)
 }
 
-fn curve(solved: &Solved, index: usize) -> Vec<f64> {
-    solved.smoothed.iter().map(|frame| f64::from(frame.0[index])).collect()
+fn curve(solved: &[Solution], index: usize) -> Vec<f64> {
+    solved.iter().map(|frame| f64::from(frame.smoothed.0[index])).collect()
 }
 
 /// Mean absolute error of yaw, pitch, roll, degrees.
-pub fn pose_error_deg(truth: &Truth, solved: &Solved) -> [f64; 3] {
-    let angles = |pose: &HeadPose| [pose.yaw_deg, pose.pitch_deg, pose.roll_deg].map(f64::from);
-    let pairs = || solved.poses.iter().map(angles).zip(&truth.pose_deg);
+pub fn pose_error_deg(truth: &Truth, solved: &[Solution]) -> [f64; 3] {
+    let angles = |frame: &Solution| [frame.head.yaw_deg, frame.head.pitch_deg, frame.head.roll_deg].map(f64::from);
+    let pairs = || solved.iter().map(angles).zip(&truth.pose_deg);
     core::array::from_fn(|axis| mean(pairs().map(|(angles, truth)| (angles[axis] - truth[axis]).abs())))
 }
 

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, hint::black_box, time::Instant};
 
 use anyhow::{Context, Result, ensure};
 use facewire::solve::{
-    BLENDSHAPES, COEFFS, Camera, Correction, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised,
+    BLENDSHAPES, COEFFS, Camera, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised, correct,
     normalise,
 };
 use nalgebra::DMatrix;
@@ -114,11 +114,10 @@ pub fn scores_of(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Sco
 
 /// Corrected coefficients of pictures `rows`, one list for each blendshape.
 pub fn estimates(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Vec<f64>>> {
-    let correction = Correction::default();
     let mut curves = vec![Vec::new(); COEFFS];
     for row in rows {
         let raw = model.process(&faces.features[*row])?;
-        let corrected = correction.process(&mut correction.start(), &raw, 0.0);
+        let corrected = correct(&raw, &[0.0; COEFFS]);
         curves.iter_mut().zip(corrected.0).for_each(|(curve, value)| curve.push(f64::from(value)));
     }
     Ok(curves)

@@ -8,8 +8,9 @@ use crate::capture::{DEMO, open_file};
 use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::face::Landmarks;
 use crate::link::Link;
-use crate::pipeline::{Solver, load_tracker, size_px};
+use crate::pipeline::{load_solver, load_tracker, size_px};
 use crate::service::{await_picture, open_camera};
+use crate::solve::Camera;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -67,9 +68,10 @@ fn clip_face(settings: &NetworkSettings) -> Result<Face, Failure> {
 
 /// Loads the blendshape model, and solves the face of the built-in clip with it, if the networks found that.
 fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failure> {
-    let mut solver = Solver::load(settings)?;
+    let mut solver = load_solver(&settings.solver)?;
     if let Some((landmarks, size_px)) = face {
-        solver.solve(landmarks, *size_px, 0).map_err(|rejected| Failure::failed(rejected.to_string()))?;
+        let camera = Camera::new(*size_px, settings.camera.horizontal_fov_deg);
+        solver.solve(landmarks, &camera, 0).map_err(|error| Failure::failed(error.to_string()))?;
     }
     let path = &settings.solver.model;
     Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })

@@ -17,9 +17,9 @@ use self::rows::{Csv, LandmarkFile, Row};
 use super::failure::say;
 use super::monitor::yaw_pitch_roll_deg;
 use super::{Failure, SettingsArgs};
-use crate::pipeline::{Solution, Solver};
+use crate::pipeline::load_solver;
 use crate::service::failsafe::{Failsafe, History, News, Pose};
-use crate::solve::{NeutralMean, normalise};
+use crate::solve::{Camera, NeutralMean, Solution, Solver, normalise};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -75,7 +75,8 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     let mut faces = Faces::open(&args.input, &settings, args.fps, args.size)?;
     let mut track = Track {
-        solver: Solver::load(&settings)?,
+        solver: load_solver(&settings.solver)?,
+        horizontal_fov_deg: settings.camera.horizontal_fov_deg,
         failsafe: Failsafe::new(&settings.failsafe, settings.send.rate_hz, 0),
         history: History::default(),
         stage: args.stage,
@@ -95,6 +96,7 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
 
 struct Track {
     solver: Solver,
+    horizontal_fov_deg: f32,
     failsafe: Failsafe,
     history: History,
     stage: Stage,
@@ -134,7 +136,7 @@ impl Track {
             )));
         }
         let refuse = |error| Failure::data(format!("--neutral {}..{}: {error}", range.start, range.end));
-        self.solver.set_neutral(mean.finish().map_err(refuse)?);
+        self.solver.profile.neutral = Some(mean.finish().map_err(refuse)?);
         waiting.iter().try_for_each(|face| self.frame(face))
     }
 
@@ -143,7 +145,8 @@ impl Track {
         if let Some(file) = &mut self.landmarks {
             file.push(landmarks);
         }
-        let solution = landmarks.and_then(|found| self.solver.solve(found, face.size_px, face.time_us).ok());
+        let camera = Camera::new(face.size_px, self.horizontal_fov_deg);
+        let solution = landmarks.and_then(|found| self.solver.solve(found, &camera, face.time_us).ok());
         self.tally.count(face, solution.is_some());
         let row = self.row(face, solution.as_ref());
         self.csv.write(&row)

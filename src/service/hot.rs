@@ -22,7 +22,8 @@ use crate::back_off::BackOff;
 use crate::capture::{CaptureError, Frame, FrameRate, Source, monotonic_us};
 use crate::config::CameraSettings;
 use crate::face::Tracker;
-use crate::pipeline::{Pipeline, Rejected, Solver};
+use crate::pipeline::{Pipeline, Rejected};
+use crate::solve::{Filters, Model};
 
 /// Longer gaps between frames are no frame period, microseconds.
 const MAX_PERIOD_US: u64 = 500_000;
@@ -42,7 +43,8 @@ pub(super) struct HotChange {
     /// The camera is opened again with these settings.
     pub(super) camera: Option<CameraSettings>,
     pub(super) tracker: Option<Tracker>,
-    pub(super) solver: Option<Solver>,
+    pub(super) model: Option<Model>,
+    pub(super) filters: Option<Filters>,
 }
 
 pub(super) struct HotLoop {
@@ -203,12 +205,14 @@ impl HotLoop {
     /// Takes the changes of all reloads since the last call. Returns whether the camera is to be opened again.
     fn adopt(&mut self) -> bool {
         let mut is_new_camera = false;
-        while let Ok(HotChange { camera, tracker, solver }) = self.changes.try_recv() {
+        while let Ok(HotChange { camera, tracker, model, filters }) = self.changes.try_recv() {
             is_new_camera |= camera.is_some();
             replace_if_some(&mut self.camera, camera);
             replace_if_some(&mut self.pipeline.tracker, tracker);
-            replace_if_some(&mut self.pipeline.solver, solver);
+            replace_if_some(&mut self.pipeline.solver.model, model);
+            replace_if_some(&mut self.pipeline.solver.filters, filters);
         }
+        self.pipeline.horizontal_fov_deg = self.camera.horizontal_fov_deg;
         is_new_camera
     }
 

@@ -13,7 +13,7 @@ use super::links::Links;
 use super::sender::SenderSettings;
 use crate::config::{Faults, LogLevel, Settings};
 use crate::link::LinkError;
-use crate::pipeline::{SetupError, Solver, load_tracker};
+use crate::pipeline::{SetupError, filters, load_model, load_tracker};
 
 /// The program around the service, as far as a reload needs it.
 pub trait Program: Send + Sync {
@@ -50,8 +50,7 @@ impl Change {
     fn prepare(program: &dyn Program, live: &Settings) -> Result<Self, Refusal> {
         let new = program.load()?;
         let is_new_camera = new.camera != live.camera;
-        // The solver goes by the camera's field of view.
-        let is_new_solver = new.solver != live.solver || is_new_camera;
+        let is_new_model = new.solver.model != live.solver.model;
         let hot = HotChange {
             camera: is_new_camera.then(|| new.camera.clone()),
             tracker: if new.networks == live.networks {
@@ -59,7 +58,8 @@ impl Change {
             } else {
                 Some(load_tracker(&new.networks).map_err(SetupError::from)?)
             },
-            solver: if is_new_solver { Some(Solver::load(&new)?) } else { None },
+            model: if is_new_model { Some(load_model(&new.solver)?) } else { None },
+            filters: (new.solver != live.solver).then(|| filters(&new.solver)),
         };
         let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links)?) };
         Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })

@@ -5,7 +5,7 @@ use facewire_packet::Reason;
 use super::failsafe::{News, Pose};
 use super::realtime::Grant;
 use crate::capture::CaptureError;
-use crate::pipeline::Solution;
+use crate::solve::Solution;
 
 /// The newest result of the hot loop. The sender reads the newest report only.
 #[derive(Debug, Clone, Copy)]

@@ -28,6 +28,12 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// A camera with a picture of `[width_px, height_px]`.
+    #[must_use]
+    pub fn new([width_px, height_px]: [f32; 2], horizontal_fov_deg: f32) -> Self {
+        Self { width_px, height_px, horizontal_fov_deg }
+    }
+
     fn focal_px(&self) -> f32 {
         0.5 * self.width_px / (0.5 * self.horizontal_fov_deg).to_radians().tan()
     }

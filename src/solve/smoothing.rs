@@ -32,7 +32,7 @@ pub enum GateEdge {
 
 /// Settings of the gated moving average, per blendshape in the order of [`BLENDSHAPES`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct GatedAverage {
+pub struct Filters {
     /// N: how many previous values are averaged, at most [`MAX_WINDOW`]; below 2 turns smoothing off.
     pub window: [u8; COEFFS],
     /// Half width below which the gate never closes.
@@ -43,18 +43,18 @@ pub struct GatedAverage {
 
 /// The last smoothed frames, newest first.
 #[derive(Debug, Clone, PartialEq)]
-pub struct GatedAverageState {
+pub struct FiltersState {
     frames: [[f32; COEFFS]; MAX_WINDOW],
     filled: usize,
 }
 
-impl Default for GatedAverageState {
+impl Default for FiltersState {
     fn default() -> Self {
         Self { frames: [[0.0; COEFFS]; MAX_WINDOW], filled: 0 }
     }
 }
 
-impl Default for GatedAverage {
+impl Default for Filters {
     fn default() -> Self {
         let by_region = BLENDSHAPES
             .map(|name| if name.starts_with("eye") { (EYE_WINDOW, EYE_MIN_GATE) } else { (WINDOW, MIN_GATE) });
@@ -66,7 +66,7 @@ impl Default for GatedAverage {
     }
 }
 
-impl GatedAverage {
+impl Filters {
     /// Averages over `window` previous values, at most [`MAX_WINDOW`], where the default has more than the eyes' few.
     #[must_use]
     pub fn with_window(window: u32) -> Self {
@@ -77,7 +77,7 @@ impl GatedAverage {
     }
 
     /// Smooths one frame. A new state (after a loss of the face) lets the first frames pass as they are.
-    pub fn process(&self, state: &mut GatedAverageState, corrected: &Corrected) -> Smoothed {
+    pub fn process(&self, state: &mut FiltersState, corrected: &Corrected, _dt_s: f32) -> Smoothed {
         let mut out = corrected.0;
         let settings = self.window.iter().zip(&self.min_gate);
         for (index, (value, (window, min_gate))) in out.iter_mut().zip(settings).enumerate() {
@@ -90,7 +90,7 @@ impl GatedAverage {
     }
 }
 
-impl GatedAverageState {
+impl FiltersState {
     fn push(&mut self, frame: [f32; COEFFS]) {
         self.frames.rotate_right(1);
         if let Some(newest) = self.frames.first_mut() {
@@ -129,37 +129,37 @@ mod tests {
 
     const JAW_OPEN: usize = 17;
 
-    fn run(filter: &GatedAverage, signal: &[f32]) -> Vec<f32> {
-        let mut state = GatedAverageState::default();
-        signal.iter().map(|f| filter.process(&mut state, &Corrected([*f; COEFFS])).0[JAW_OPEN]).collect()
+    fn run(filter: &Filters, signal: &[f32]) -> Vec<f32> {
+        let mut state = FiltersState::default();
+        signal.iter().map(|f| filter.process(&mut state, &Corrected([*f; COEFFS]), 0.03).0[JAW_OPEN]).collect()
     }
 
-    fn printed() -> GatedAverage {
-        GatedAverage { min_gate: [0.0; COEFFS], edge: GateEdge::Step, ..GatedAverage::default() }
+    fn printed() -> Filters {
+        Filters { min_gate: [0.0; COEFFS], edge: GateEdge::Step, ..Filters::default() }
     }
 
     #[test]
     fn printed_form_averages_within_the_deviation_and_passes_what_is_outside() {
-        let mut state = GatedAverageState::default();
+        let mut state = FiltersState::default();
         for f in [0.1, 0.3, 0.1, 0.3, 0.2] {
             state.push([f; COEFFS]);
         }
-        let inside = printed().process(&mut state.clone(), &Corrected([0.25; COEFFS]));
+        let inside = printed().process(&mut state.clone(), &Corrected([0.25; COEFFS]), 0.03);
         assert!((inside.0[JAW_OPEN] - (0.25 + 5.0 * 0.2) / 6.0).abs() < 1e-6);
-        let outside = printed().process(&mut state, &Corrected([0.35; COEFFS]));
+        let outside = printed().process(&mut state, &Corrected([0.35; COEFFS]), 0.03);
         assert!((outside.0[JAW_OPEN] - 0.35).abs() < 1e-6);
     }
 
     #[test]
     fn sudden_move_passes_undelayed() {
-        let out = run(&GatedAverage::default(), &[0.0, 0.01, 0.0, 0.01, 0.0, 0.9]);
+        let out = run(&Filters::default(), &[0.0, 0.01, 0.0, 0.01, 0.0, 0.9]);
         assert!((out[5] - 0.9).abs() < 1e-6);
     }
 
     #[test]
     fn smooth_edge_lets_near_values_come_out_near() {
         let signal = |last| [0.2, 0.2, 0.2, 0.2, 0.2, last];
-        let out = |last| run(&GatedAverage::default(), &signal(last))[5];
+        let out = |last| run(&Filters::default(), &signal(last))[5];
         assert!((out(0.251) - out(0.249)).abs() < 0.015, "across the edge of the gate");
         assert!(out(0.21) < 0.203, "well inside");
     }
@@ -168,7 +168,7 @@ mod tests {
     fn still_value_is_reached_in_the_end() {
         let mut signal = vec![0.5; 6];
         signal.extend([0.53; 60]);
-        assert!((run(&GatedAverage::default(), &signal)[65] - 0.53).abs() < 1e-3);
+        assert!((run(&Filters::default(), &signal)[65] - 0.53).abs() < 1e-3);
     }
 
     #[test]
@@ -181,12 +181,12 @@ mod tests {
             })
             .collect();
         let jitter = |x: &[f32]| x.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f32>();
-        assert!(jitter(&run(&GatedAverage::default(), &signal)) < 0.5 * jitter(&signal));
+        assert!(jitter(&run(&Filters::default(), &signal)) < 0.5 * jitter(&signal));
     }
 
     #[test]
     fn first_frames_after_a_loss_pass_as_they_are() {
-        let out = run(&GatedAverage::default(), &[0.4, 0.5]);
+        let out = run(&Filters::default(), &[0.4, 0.5]);
         assert!((out[0] - 0.4).abs() < 1e-6 && (out[1] - 0.5).abs() < 1e-6);
     }
 }

@@ -1,0 +1,18 @@
+//! What is known of the wearer. It outlives changes of camera, model and filters.
+
+use super::{COEFFS, neutral::Neutral};
+
+/// What is known of the wearer. The default is a wearer of whom nothing is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Profile {
+    /// The neutral face, from which displacements are measured; `None` measures from the mean of many people.
+    pub neutral: Option<Neutral>,
+    /// The raw output for the face at rest, per blendshape in the order of [`super::BLENDSHAPES`]; 0 where unknown.
+    pub rest: [f32; COEFFS],
+}
+
+impl Default for Profile {
+    fn default() -> Self {
+        Self { neutral: None, rest: [0.0; COEFFS] }
+    }
+}

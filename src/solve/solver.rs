@@ -1,0 +1,158 @@
+//! From the landmarks of a frame to its coefficients and the head's pose: every stage in order.
+//!
+//! The parts differ in who owns them. The model is the same for everybody, the profile belongs to the wearer, the
+//! filters are settings, and the camera can differ from frame to frame. Each part of a running solver can be replaced
+//! while the others, and the history of the filters, keep their values.
+
+use thiserror::Error;
+
+use super::{
+    AbsurdResult, Camera, Corrected, DegenerateFace, Features, Filters, FiltersState, HeadPose, Model, Profile,
+    RawCoeffs, Smoothed, correct, normalise,
+};
+use crate::face::Landmarks;
+
+/// Time step assumed for the first frame after a gap, seconds.
+const FIRST_STEP_S: f32 = 1.0 / 30.0;
+/// A gap between frames that is at least this long starts the filters anew, microseconds.
+const GAP_US: u64 = 500_000;
+
+/// The results of one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solution {
+    /// Output of the regression.
+    pub raw: RawCoeffs,
+    /// Coefficients after the corrective terms.
+    pub corrected: Corrected,
+    /// Coefficients after the filters: these are sent.
+    pub smoothed: Smoothed,
+    /// Pose of the head.
+    pub head: HeadPose,
+}
+
+/// Why landmarks give no solution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum SolveError {
+    /// The landmarks do not form a face.
+    #[error(transparent)]
+    Degenerate(#[from] DegenerateFace),
+    /// The model's results are no coefficients.
+    #[error(transparent)]
+    Absurd(#[from] AbsurdResult),
+}
+
+/// Turns landmarks into coefficients and remembers what its filters need between frames.
+#[derive(Debug)]
+pub struct Solver {
+    /// The fitted regression.
+    pub model: Model,
+    /// What is known of the wearer.
+    pub profile: Profile,
+    /// How coefficients are smoothed over time.
+    pub filters: Filters,
+    history: History,
+}
+
+#[derive(Debug, Default)]
+struct History {
+    filters: FiltersState,
+    last_us: Option<u64>,
+}
+
+impl Solver {
+    /// A solver that has not seen any frame.
+    #[must_use]
+    pub fn new(model: Model, profile: Profile, filters: Filters) -> Self {
+        Self { model, profile, filters, history: History::default() }
+    }
+
+    /// Solves the landmarks of a frame that `camera` captured at `time_us`. Does not allocate.
+    ///
+    /// # Errors
+    /// [`SolveError`]: the caller treats the frame as one without a face.
+    pub fn solve(&mut self, landmarks: &Landmarks, camera: &Camera, time_us: u64) -> Result<Solution, SolveError> {
+        let step_s = self.history.step_s(time_us);
+        let face = normalise(landmarks)?;
+        let raw = self.model.process(&Features::new(&face, self.profile.neutral.as_ref()))?;
+        let corrected = correct(&raw, &self.profile.rest);
+        let smoothed = self.filters.process(&mut self.history.filters, &corrected, step_s);
+        Ok(Solution { raw, corrected, smoothed, head: HeadPose::new(&face, camera) })
+    }
+}
+
+impl History {
+    /// Returns the seconds since the last frame. A long gap, or a clock that ran backwards, clears the history.
+    fn step_s(&mut self, time_us: u64) -> f32 {
+        let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us)).filter(|step_us| *step_us < GAP_US);
+        if step_us.is_none() {
+            *self = Self::default();
+        }
+        self.last_us = Some(time_us);
+        step_us.map_or(FIRST_STEP_S, |step_us| step_us as f32 / 1e6)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+    use crate::solve::{COEFFS, MAX_REST, NeutralMean, test_face::face};
+
+    const CAMERA: Camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
+
+    fn solver() -> Solver {
+        let mut mean = NeutralMean::default();
+        mean.add(&normalise(&face([3.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"));
+        let neutral = Some(mean.finish().expect("a neutral face"));
+        let model = Model::embedded().expect("the shipped model");
+        Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::default())
+    }
+
+    /// Solutions of a head that turns, 30 a second; `change` is called before the frame in the middle.
+    fn solutions(change: impl Fn(&mut Solver, &mut Camera)) -> Vec<Solution> {
+        let (mut solver, mut camera) = (solver(), CAMERA);
+        let frame = |number: u16| {
+            if number == 10 {
+                change(&mut solver, &mut camera);
+            }
+            let landmarks = face([0.3 * f32::from(number), 0.0, 0.0], 80.0, [320.0, 240.0]);
+            solver.solve(&landmarks, &camera, 33_333 * u64::from(number)).expect("a face")
+        };
+        (0..20).map(frame).collect()
+    }
+
+    #[test]
+    fn another_camera_changes_the_position_of_the_head_and_nothing_else() {
+        let want = solutions(|_, _| ());
+        let mut got = solutions(|_, camera| *camera = Camera::new([640.0, 480.0], 90.0));
+        assert_ne!(got[10].head.position_mm, want[10].head.position_mm);
+        got.iter_mut().zip(&want).for_each(|(got, want)| got.head.position_mm = want.head.position_mm);
+        assert_eq!(got, want);
+    }
+
+    #[test]
+    fn replaced_model_and_filters_keep_the_wearer_and_the_history() {
+        let got = solutions(|solver, _| {
+            solver.model = Model::embedded().expect("the shipped model");
+            solver.filters = Filters::default();
+        });
+        assert_eq!(got, solutions(|_, _| ()));
+        assert_ne!(got, solutions(|solver, _| solver.profile.rest = [MAX_REST; COEFFS]));
+        assert_ne!(got, solutions(|solver, _| solver.history = History::default()));
+    }
+
+    #[test]
+    fn long_gap_and_a_clock_that_ran_back_start_the_filters_anew() {
+        let is_fresh = |last_us| {
+            let mut solver = solver();
+            let mut solve = |yaw, time_us| solver.solve(&face([yaw, 0.0, 0.0], 80.0, [320.0, 240.0]), &CAMERA, time_us);
+            for frame in 1..=3_u8 {
+                solve(f32::from(frame), 33_333 * u64::from(frame)).expect("a face");
+            }
+            let solution = solve(5.0, last_us).expect("a face");
+            solution.smoothed.0 == solution.corrected.0
+        };
+        assert!(is_fresh(99_999 + GAP_US) && is_fresh(99_998));
+        assert!(!is_fresh(99_998 + GAP_US) && !is_fresh(133_332));
+    }
+}

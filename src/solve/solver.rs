@@ -93,7 +93,7 @@ impl History {
 }
 
 #[cfg(test)]
-#[allow(clippy::expect_used)]
+#[allow(clippy::expect_used, clippy::indexing_slicing, clippy::float_cmp)]
 mod tests {
     use super::*;
     use crate::solve::{COEFFS, MAX_REST, NeutralMean, test_face::face};

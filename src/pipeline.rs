@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crate::capture::{Frame, Picture};
 use crate::config::{NetworkSettings, Settings, SolverSettings};
 use crate::face::Tracker;
-use crate::infer::{InferError, NetworkFolder};
+use crate::infer::{self, InferError};
 use crate::solve::{Camera, Filters, Model, ModelError, Profile, Solution, SolveError, Solver};
 
 /// Why a frame gave no solution.
@@ -117,10 +117,9 @@ impl Pipeline {
 /// Loads the networks that the settings name.
 ///
 /// # Errors
-/// Those of [`NetworkFolder::find`] and [`Tracker::load`].
+/// Those of [`infer::engine`] and [`Tracker::load`].
 pub fn load_tracker(settings: &NetworkSettings) -> Result<Tracker, InferError> {
-    let folder = NetworkFolder::find(&settings.folder)?;
-    Tracker::load(&folder, settings.threads as usize)
+    Tracker::load(infer::engine(settings)?.as_ref())
 }
 
 /// Loads the model that the settings name.

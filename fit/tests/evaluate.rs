@@ -14,7 +14,7 @@ use std::{
 };
 
 use clap::Parser as _;
-use facewire::{face::Mesh, infer::NetworkFolder};
+use facewire::{config::NetworkSettings, face::Mesh, infer};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -73,7 +73,7 @@ static DEMO: LazyLock<Demo> = LazyLock::new(|| {
 
 /// The tracked clip, or a word about what is missing. Where the networks can be run it must be there.
 fn demo(test: &str) -> Option<&'static str> {
-    if let Err(error) = NetworkFolder::find("").and_then(|networks| Mesh::load(&networks, 1)) {
+    if let Err(error) = infer::engine(&NetworkSettings::default()).and_then(|engine| Mesh::load(engine.as_ref())) {
         skip(test, &error.to_string());
         return None;
     }

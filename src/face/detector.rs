@@ -6,7 +6,7 @@
 use heapless::Vec;
 
 use crate::capture::Picture;
-use crate::infer::{self, InferError, Network, NetworkFolder, Signature};
+use crate::infer::{Engine, InferError, Network, Signature};
 
 use super::crop::{Border, CropShape, crop};
 use super::region::{FaceBox, Placement};
@@ -59,12 +59,12 @@ pub struct Detector {
 }
 
 impl Detector {
-    /// Loads the network, to run on `threads` threads.
+    /// Loads the network.
     ///
     /// # Errors
-    /// Those of [`infer::load`].
-    pub fn load(folder: &NetworkFolder, threads: usize) -> Result<Self, InferError> {
-        Ok(Self { network: infer::load(folder, &SIGNATURE, threads)? })
+    /// Those of [`Engine::load`].
+    pub fn load(engine: &dyn Engine) -> Result<Self, InferError> {
+        Ok(Self { network: engine.load(&SIGNATURE)? })
     }
 
     /// The face with the highest score, if there is one.

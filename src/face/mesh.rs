@@ -4,7 +4,7 @@
 //! an eye and places the points there anew (`x` and `y`; the mesh keeps its `z`). Both eye heads add five iris points.
 
 use crate::capture::Picture;
-use crate::infer::{self, InferError, Network, NetworkFolder, Signature};
+use crate::infer::{Engine, InferError, Network, Signature};
 
 use super::crop::{Border, CropShape, crop};
 use super::detector::sigmoid;
@@ -80,16 +80,16 @@ struct Head {
 }
 
 impl Mesh {
-    /// Loads the four networks, to run on `threads` threads.
+    /// Loads the four networks.
     ///
     /// # Errors
-    /// Those of [`infer::load`].
-    pub fn load(folder: &NetworkFolder, threads: usize) -> Result<Self, InferError> {
+    /// Those of [`Engine::load`].
+    pub fn load(engine: &dyn Engine) -> Result<Self, InferError> {
         let head = |refinement: &'static Refinement| -> Result<Head, InferError> {
-            Ok(Head { network: infer::load(folder, &refinement.signature, threads)?, refinement })
+            Ok(Head { network: engine.load(&refinement.signature)?, refinement })
         };
         Ok(Self {
-            backbone: infer::load(folder, &BACKBONE, threads)?,
+            backbone: engine.load(&BACKBONE)?,
             heads: [head(&LIPS_REFINEMENT)?, head(&RIGHT_EYE_REFINEMENT)?, head(&LEFT_EYE_REFINEMENT)?],
         })
     }

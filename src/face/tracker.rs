@@ -3,7 +3,7 @@
 //! The region of interest comes from the previous frame's landmarks; the detector runs only when there are none.
 
 use crate::capture::Picture;
-use crate::infer::{InferError, NetworkFolder};
+use crate::infer::{Engine, InferError};
 
 use super::detector::Detector;
 use super::landmarks::Landmarks;
@@ -19,14 +19,14 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// Loads all networks, to run on `threads` threads.
+    /// Loads all networks.
     ///
     /// # Errors
-    /// Those of [`crate::infer::load`].
-    pub fn load(folder: &NetworkFolder, threads: usize) -> Result<Self, InferError> {
+    /// Those of [`Engine::load`].
+    pub fn load(engine: &dyn Engine) -> Result<Self, InferError> {
         Ok(Self {
-            detector: Detector::load(folder, threads)?,
-            mesh: Mesh::load(folder, threads)?,
+            detector: Detector::load(engine)?,
+            mesh: Mesh::load(engine)?,
             region: None,
             landmarks: Landmarks::zero(),
         })

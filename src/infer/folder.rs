@@ -1,27 +1,29 @@
-//! Where the networks and ONNX Runtime lie on this machine.
+//! Finds the folder that holds the networks and the libraries of the engines.
 
+use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
 use super::InferError;
 
-/// Names the folder in place of the search.
+/// The environment variable that names the folder and replaces the search.
 const VARIABLE: &str = "FACEWIRE_NETWORKS";
-/// Where a package installs it.
+/// The folder that a package installs.
 const INSTALLED: &str = "/usr/lib/facewire/networks";
 
-/// A folder that holds the converted networks and the ONNX Runtime library.
+/// The folder that `scripts/setup` or a package fills.
 #[derive(Debug, Clone)]
 pub struct NetworkFolder(PathBuf);
 
 impl NetworkFolder {
-    /// Takes the folder that the setting names, or, if it is empty, the first that exists of: `$FACEWIRE_NETWORKS`,
-    /// the user's cache (where `scripts/setup` puts it), and the place of an installed package.
+    /// Returns the folder that `setting` names. If `setting` is empty, returns the folder that `$FACEWIRE_NETWORKS`
+    /// names. If that is not set either, returns the first that exists of `facewire/networks` in the user's cache,
+    /// which `scripts/setup` fills, and the folder of an installed package.
     ///
     /// # Errors
-    /// [`InferError::NoFolder`], naming every folder tried, or [`InferError::Unreadable`] for the first that this user
-    /// may not look at, if there is no other.
+    /// [`InferError::NoFolder`] with every folder tried; if this user has no right to look at one of them,
+    /// [`InferError::Unreadable`] with the first such folder.
     pub fn find(setting: &str) -> Result<Self, InferError> {
         let tried = candidates(setting);
         let mut refused = None;
@@ -37,19 +39,23 @@ impl NetworkFolder {
         Err(refused.unwrap_or(InferError::NoFolder(tried)))
     }
 
-    /// The folder itself.
+    /// The path of the folder.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.0
     }
 
-    pub(super) fn network(&self, name: &str) -> PathBuf {
-        self.0.join(format!("{name}.onnx"))
-    }
-
-    #[cfg(feature = "ort")]
-    pub(super) fn onnx_runtime(&self) -> PathBuf {
-        self.0.join("libonnxruntime.so")
+    /// Returns the path of the file `name` in this folder, having opened it once to see that it can be read.
+    ///
+    /// # Errors
+    /// [`InferError::Missing`] or [`InferError::Unreadable`].
+    pub fn file(&self, name: &str) -> Result<PathBuf, InferError> {
+        let path = self.0.join(name);
+        match File::open(&path) {
+            Ok(file) if file.metadata().is_ok_and(|found| found.is_file()) => Ok(path),
+            Err(error) if error.kind() == ErrorKind::PermissionDenied => Err(InferError::Unreadable { path, error }),
+            _ => Err(InferError::Missing(path)),
+        }
     }
 }
 

@@ -1,27 +1,35 @@
-//! Running the landmark networks, by any engine that can stand behind [`Network`].
+//! Runs the landmark networks, on whichever [`Engine`] suits this build and this machine.
 //!
-//! A network has fixed shapes: one input, a few outputs, all `f32`. Its caller writes the input in place, runs it
-//! and reads the outputs in place; nothing is allocated between [`load`] and the end of the process.
+//! A network has fixed shapes: one input and a few outputs, all `f32`. The caller writes the input in place, runs the
+//! network and reads the outputs in place. Nothing is allocated between [`Engine::load`] and the end of the network's
+//! life, unless a run fails.
+//!
+//! To add an engine, write its module and add one line to [`ENGINES`].
 
+mod error;
 mod folder;
 #[cfg(feature = "ort")]
 mod onnx_runtime;
 
-use std::fs::File;
-use std::io::{self, ErrorKind};
-use std::path::{Path, PathBuf};
-
+pub use error::InferError;
 pub use folder::NetworkFolder;
 
-/// Runs before the first frame: in its first run ONNX Runtime plans the memory for the next, and takes it in the second.
-const WARM_UP_RUNS: usize = 2;
-/// All values of their input: a grey picture, to the detector as to the mesh.
-const GREY: f32 = 0.5;
+use crate::config::NetworkSettings;
 
-/// The names and lengths that a network file must have, so that a file of another version is refused at start-up.
+/// Makes an engine for the networks of a folder and for the number of threads that one inference may use.
+type NewEngine = fn(NetworkFolder, usize) -> Box<dyn Engine>;
+
+/// The engines of this build; the preferred one comes first.
+const ENGINES: &[NewEngine] = &[
+    #[cfg(feature = "ort")]
+    |folder, threads| Box::new(onnx_runtime::OnnxRuntime::new(folder, threads)),
+];
+
+/// The name of a network and the shapes of its input and outputs. An engine refuses a file that differs from them,
+/// so that networks of another version are found at start-up.
 #[derive(Debug)]
 pub struct Signature {
-    /// File name without its ending.
+    /// File name without its extension, which is the engine's own.
     pub name: &'static str,
     /// Shape of the only input: pictures in a batch (1), channels, rows, columns.
     pub input: [usize; 4],
@@ -29,114 +37,47 @@ pub struct Signature {
     pub outputs: &'static [(&'static str, &'static [usize])],
 }
 
-/// A network ready to run.
+/// Loads networks.
+pub trait Engine: Send + Sync {
+    /// The name that operators and tests see, in lower case.
+    fn name(&self) -> &'static str;
+
+    /// Loads the network that `signature` describes and takes all memory that its runs need, so that the first frame
+    /// does not wait for any.
+    ///
+    /// # Errors
+    /// [`InferError`], if a file is missing, unreadable or damaged, or if the network does not run.
+    fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError>;
+}
+
+/// A network that is ready to run.
 pub trait Network: Send {
-    /// The input values, row by row, channel by channel.
+    /// The input values: channel by channel, and row by row within a channel.
     fn input(&mut self) -> &mut [f32];
 
     /// Computes the outputs from the input.
     ///
     /// # Errors
-    /// [`InferError::Run`] when the engine refuses; the outputs are then those of an earlier run.
+    /// [`InferError::Run`] if the engine fails. The outputs are then unspecified.
     fn run(&mut self) -> Result<(), InferError>;
 
-    /// Values of output `index` of the signature; empty for an index it does not have.
+    /// The values of output `index` of the signature, in the engine's memory. Empty if there is no such output.
     fn output(&self, index: usize) -> &[f32];
 }
 
-/// Why a network cannot be loaded or run.
-#[derive(Debug, thiserror::Error)]
-pub enum InferError {
-    /// No folder on the search path holds the networks.
-    #[error(
-        "the landmark networks are not installed: looked in {}; run scripts/setup, or set networks.folder",
-        list(.0)
-    )]
-    NoFolder(Vec<PathBuf>),
-    /// A folder or a file of it may not be looked at.
-    #[error("{} cannot be read ({error}); give this user the right to read it and all folders above it", path.display())]
-    Unreadable {
-        /// The folder or file.
-        path: PathBuf,
-        /// What the system says.
-        error: io::Error,
-    },
-    /// One file of the folder is missing.
-    #[error("{} is missing: run scripts/setup again", .0.display())]
-    Missing(PathBuf),
-    /// The ONNX Runtime library is not there or does not load.
-    #[error("ONNX Runtime cannot be loaded from {}: {reason}; run scripts/setup again", path.display())]
-    Library {
-        /// The library file.
-        path: PathBuf,
-        /// What the loader said.
-        reason: String,
-    },
-    /// The file is no network, or one with other inputs and outputs.
-    #[error("{} is damaged or of another version ({reason}): run scripts/setup again", path.display())]
-    Damaged {
-        /// The network file.
-        path: PathBuf,
-        /// What does not fit.
-        reason: String,
-    },
-    /// This build has no engine.
-    #[error("this facewire was built without an engine for the networks: build it with the feature `ort`")]
-    NoEngine,
-    /// The engine failed on a frame.
-    #[error("network {0} failed to run; free some memory, and if that does not help run scripts/setup again")]
-    Run(&'static str),
-}
-
-fn list(paths: &[PathBuf]) -> String {
-    let shown: Vec<_> = paths.iter().map(|path| path.display().to_string()).collect();
-    shown.join(", ")
-}
-
-/// Loads the network `signature.name` from `folder`, to run on `threads` threads, and warms it up with a grey picture:
-/// engines take memory in their first runs, and the first frame must not wait for it.
+/// Returns the engine that runs the networks with these settings.
 ///
 /// # Errors
-/// Every [`InferError`] but [`InferError::NoFolder`].
-pub fn load(
-    folder: &NetworkFolder,
-    signature: &'static Signature,
-    threads: usize,
-) -> Result<Box<dyn Network>, InferError> {
-    let path = folder.network(signature.name);
-    require(&path)?;
-    let mut network = engine(folder, &path, signature, threads)?;
-    for _ in 0..WARM_UP_RUNS {
-        network.input().fill(GREY);
-        network.run()?;
-    }
-    Ok(network)
+/// Those of [`engines`], and [`InferError::NoEngine`] if this build contains none.
+pub fn engine(settings: &NetworkSettings) -> Result<Box<dyn Engine>, InferError> {
+    engines(settings)?.into_iter().next().ok_or(InferError::NoEngine)
 }
 
-#[cfg(feature = "ort")]
-fn engine(
-    folder: &NetworkFolder,
-    path: &Path,
-    signature: &'static Signature,
-    threads: usize,
-) -> Result<Box<dyn Network>, InferError> {
-    let library = folder.onnx_runtime();
-    require(&library)?;
-    let network = onnx_runtime::OnnxRuntimeNetwork::load(&library, path, signature, threads)?;
-    Ok(Box::new(network))
-}
-
-#[cfg(not(feature = "ort"))]
-fn engine(_: &NetworkFolder, _: &Path, _: &'static Signature, _: usize) -> Result<Box<dyn Network>, InferError> {
-    Err(InferError::NoEngine)
-}
-
-fn require(path: &Path) -> Result<(), InferError> {
-    match File::open(path) {
-        Ok(file) if file.metadata().is_ok_and(|found| found.is_file()) => Ok(()),
-        Err(error) if error.kind() == ErrorKind::PermissionDenied => {
-            Err(InferError::Unreadable { path: path.to_path_buf(), error })
-        }
-        _ => Err(InferError::Missing(path.to_path_buf())),
-    }
+/// Returns every engine of this build; the preferred one comes first.
+///
+/// # Errors
+/// Those of [`NetworkFolder::find`].
+pub fn engines(settings: &NetworkSettings) -> Result<Vec<Box<dyn Engine>>, InferError> {
+    let folder = NetworkFolder::find(&settings.folder)?;
+    Ok(ENGINES.iter().map(|new| new(folder.clone(), settings.threads as usize)).collect())
 }

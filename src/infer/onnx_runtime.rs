@@ -1,8 +1,8 @@
-//! ONNX Runtime behind [`Network`].
+//! The engine that runs ONNX networks on ONNX Runtime.
 //!
-//! The library is loaded from a path, never downloaded. Each session runs without spinning threads, because facewire
-//! shares its board with other work. Outputs are preallocated in the run options, which makes a run free of
-//! allocations on the Rust side.
+//! The library is loaded from a file of the network folder and never downloaded. Its threads sleep rather than spin
+//! while they wait for work, because facewire shares its board with other programs. Output tensors are preallocated in
+//! the run options, so that a run allocates nothing on the Rust heap.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -16,9 +16,49 @@ use ort::session::builder::{GraphOptimizationLevel, SessionBuilder};
 use ort::session::{HasSelectedOutputs, OutputSelector, RunOptions, Session};
 use ort::value::{Outlet, Tensor};
 
-use super::{InferError, Network, Signature};
+use super::error::one_line;
+use super::{Engine, InferError, Network, NetworkFolder, Signature};
 
-pub(super) struct OnnxRuntimeNetwork {
+/// File name of the library in the network folder.
+const LIBRARY: &str = "libonnxruntime.so";
+/// Runs of a network when it is loaded. ONNX Runtime plans its memory in the first run and allocates it in the second.
+const WARM_UP_RUNS: usize = 2;
+/// Value of every input during the warm-up: a grey picture.
+const GREY: f32 = 0.5;
+
+/// ONNX Runtime with the networks of one folder.
+pub(super) struct OnnxRuntime {
+    folder: NetworkFolder,
+    threads: usize,
+}
+
+impl OnnxRuntime {
+    /// An engine whose networks use `threads` threads each.
+    pub(super) fn new(folder: NetworkFolder, threads: usize) -> Self {
+        Self { folder, threads }
+    }
+}
+
+impl Engine for OnnxRuntime {
+    fn name(&self) -> &'static str {
+        "onnxruntime"
+    }
+
+    fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError> {
+        let path = self.folder.file(&format!("{}.onnx", signature.name))?;
+        let environment = environment(&self.folder.file(LIBRARY)?)?;
+        let session = session(&environment, &path, self.threads).map_err(one_line);
+        let network = session.and_then(|session| OnnxNetwork::new(session, signature));
+        let mut network = network.map_err(|reason| InferError::Damaged { path, reason })?;
+        for _ in 0..WARM_UP_RUNS {
+            network.input().fill(GREY);
+            network.run()?;
+        }
+        Ok(Box::new(network))
+    }
+}
+
+struct OnnxNetwork {
     signature: &'static Signature,
     session: Session,
     options: RunOptions<HasSelectedOutputs>,
@@ -26,42 +66,36 @@ pub(super) struct OnnxRuntimeNetwork {
     outputs: Vec<Vec<f32>>,
 }
 
-impl OnnxRuntimeNetwork {
-    pub(super) fn load(
-        library: &Path,
-        path: &Path,
-        signature: &'static Signature,
-        threads: usize,
-    ) -> Result<Self, InferError> {
-        let environment = environment(library)?;
-        let damaged = |reason: String| InferError::Damaged { path: path.to_path_buf(), reason: one_line(&reason) };
-        let session = session(&environment, path, threads).map_err(|error| damaged(error.to_string()))?;
-        check(&session, signature).map_err(damaged)?;
-        let options = preallocate(signature).map_err(|error| damaged(error.to_string()))?;
-        let shape = signature.input;
-        let input = Tensor::new(&Allocator::default(), shape).map_err(|error| damaged(error.to_string()))?;
+impl OnnxNetwork {
+    fn new(session: Session, signature: &'static Signature) -> Result<Self, String> {
+        check(&session, signature)?;
+        let options = preallocate(signature).map_err(one_line)?;
+        let input = Tensor::new(&Allocator::default(), signature.input).map_err(one_line)?;
         let outputs = signature.outputs.iter().map(|(_, shape)| vec![0.0; shape.iter().product()]).collect();
         Ok(Self { signature, session, options, input, outputs })
     }
+
+    fn try_run(&mut self) -> Result<(), String> {
+        let values = self.session.run_with_options(ort::inputs![&self.input], &self.options).map_err(one_line)?;
+        for (&(name, _), copy) in self.signature.outputs.iter().zip(&mut self.outputs) {
+            let value = values.get(name).ok_or_else(|| format!("no output {name}"))?;
+            let (_, value) = value.try_extract_tensor::<f32>().map_err(one_line)?;
+            if value.len() != copy.len() {
+                return Err(format!("output {name} has {} values", value.len()));
+            }
+            copy.copy_from_slice(value);
+        }
+        Ok(())
+    }
 }
 
-impl Network for OnnxRuntimeNetwork {
+impl Network for OnnxNetwork {
     fn input(&mut self) -> &mut [f32] {
         self.input.extract_tensor_mut().1
     }
 
     fn run(&mut self) -> Result<(), InferError> {
-        let failed = |_| InferError::Run(self.signature.name);
-        let values = self.session.run_with_options(ort::inputs![&self.input], &self.options).map_err(failed)?;
-        for (&(name, _), copy) in self.signature.outputs.iter().zip(&mut self.outputs) {
-            let Some(value) = values.get(name) else { return Err(InferError::Run(self.signature.name)) };
-            let (_, value) = value.try_extract_tensor::<f32>().map_err(failed)?;
-            if value.len() != copy.len() {
-                return Err(InferError::Run(self.signature.name));
-            }
-            copy.copy_from_slice(value);
-        }
-        Ok(())
+        self.try_run().map_err(|reason| InferError::Run { network: self.signature.name, reason })
     }
 
     fn output(&self, index: usize) -> &[f32] {
@@ -69,7 +103,7 @@ impl Network for OnnxRuntimeNetwork {
     }
 }
 
-/// The process has one environment; the first library loaded is the one used.
+/// Returns the environment, of which a process can have only one. It belongs to the library that was loaded first.
 fn environment(library: &Path) -> Result<Environment, InferError> {
     static ENVIRONMENT: OnceLock<Environment> = OnceLock::new();
     if let Some(environment) = ENVIRONMENT.get() {
@@ -77,16 +111,16 @@ fn environment(library: &Path) -> Result<Environment, InferError> {
     }
     let failed = |reason: String| InferError::Library { path: library.to_path_buf(), reason };
     if !is_whole(library) {
-        return Err(failed("it is cut short or no library".to_owned()));
+        return Err(failed("the file is cut short or is not a library".to_owned()));
     }
-    let builder = ort::init_from(library).map_err(|error| failed(error.to_string()))?;
-    let environment = builder.with_telemetry(false).build().map_err(|error| failed(error.to_string()))?;
+    let builder = ort::init_from(library).map_err(|error| failed(one_line(error)))?;
+    let environment = builder.with_telemetry(false).build().map_err(|error| failed(one_line(error)))?;
     environment.set_log_level(LogLevel::Error);
     Ok(ENVIRONMENT.get_or_init(|| environment).clone())
 }
 
-/// Whether the file reaches to the end of its section table, which comes last in a library (ELF-64, little-endian).
-/// The loader of the system does not look, and the process would end by a bus error.
+/// Whether the file is as long as its ELF header (64 bits, little-endian) says: the section table ends the file of a
+/// library. The system's loader does not check this, and the process would end with a bus error.
 fn is_whole(library: &Path) -> bool {
     let mut header = [0; 64];
     let Ok(mut file) = File::open(library) else { return false };
@@ -108,11 +142,6 @@ fn session(environment: &Environment, path: &Path, threads: usize) -> ort::Resul
         .commit_from_file(path)
 }
 
-/// ONNX Runtime breaks some of its sentences.
-fn one_line(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
-}
-
 fn preallocate(signature: &Signature) -> ort::Result<RunOptions<HasSelectedOutputs>> {
     let mut selector = OutputSelector::default();
     for &(name, shape) in signature.outputs {
@@ -121,8 +150,11 @@ fn preallocate(signature: &Signature) -> ort::Result<RunOptions<HasSelectedOutpu
     Ok(RunOptions::new()?.with_outputs(selector))
 }
 
+/// Checks that the session has the input and the outputs of the signature.
 fn check(session: &Session, signature: &Signature) -> Result<(), String> {
-    let [input] = session.inputs() else { return Err(format!("{} inputs in place of 1", session.inputs().len())) };
+    let [input] = session.inputs() else {
+        return Err(format!("{} inputs in place of 1", session.inputs().len()));
+    };
     check_shape(input, &signature.input)?;
     for &(name, shape) in signature.outputs {
         let output = session.outputs().iter().find(|output| output.name() == name);
@@ -132,10 +164,34 @@ fn check(session: &Session, signature: &Signature) -> Result<(), String> {
 }
 
 fn check_shape(outlet: &Outlet, expected: &[usize]) -> Result<(), String> {
-    let shape = outlet.dtype().tensor_shape().ok_or_else(|| format!("{} is no tensor", outlet.name()))?;
+    let name = outlet.name();
+    let Some(shape) = outlet.dtype().tensor_shape() else {
+        return Err(format!("{name} is not a tensor"));
+    };
     if shape.iter().map(|&size| usize::try_from(size).unwrap_or(0)).eq(expected.iter().copied()) {
         Ok(())
     } else {
-        Err(format!("{} has shape {shape:?} in place of {expected:?}", outlet.name()))
+        Err(format!("{name} has shape {shape:?} in place of {expected:?}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    static LIPS: Signature = Signature { name: "lips", input: [1, 32, 16, 16], outputs: &[("points", &[1, 160])] };
+
+    #[test]
+    fn a_run_that_fails_is_told_in_the_words_of_onnx_runtime() {
+        let folder = NetworkFolder::find("").expect("installed networks");
+        let [library, path] = [LIBRARY, "lips.onnx"].map(|name| folder.file(name).expect("an installed file"));
+        let session = session(&environment(&library).expect("the library"), &path, 1).expect("a session");
+        let mut network = OnnxNetwork::new(session, &LIPS).expect("the network of the signature");
+        network.run().expect("a run");
+        network.input = Tensor::new(&Allocator::default(), [1_usize, 2, 3, 4]).expect("a tensor of another shape");
+        let error = network.run().expect_err("a wrong input").to_string();
+        assert!(error.starts_with("network lips failed to run ("), "{error}");
+        assert!(error.contains("Got invalid dimensions for input"), "{error}");
+        assert!(error.ends_with("); free some memory, and if that does not help run scripts/setup again"), "{error}");
     }
 }

@@ -115,7 +115,7 @@ fn set_cpu(cpu: usize) -> Result<(), String> {
 
 /// Locks all memory that the process has now, and reads in what was not in RAM yet: code, networks, heap, and the stacks
 /// of all threads to their end. No frame then waits for a page, because what a frame needs is there by now: the networks
-/// have run ([`crate::infer::load`]), and what they and the decoder take and give back from frame to frame stays
+/// have run ([`crate::infer::Engine::load`]), and what they and the decoder take and give back from frame to frame stays
 /// with the heap (`tests/page_faults.rs`). Later memory is not locked of itself: beyond the limit it could then not be
 /// had at all. So this is done again whenever a camera was opened or settings were changed, after which nothing grows.
 pub(super) fn lock_memory() -> Grant {

@@ -5,8 +5,8 @@
 use anyhow::{Context, Result};
 use facewire::{
     capture::JpegDecoder,
+    config::NetworkSettings,
     face::{Detector, FaceBox, Landmarks, Mesh},
-    infer::NetworkFolder,
 };
 use glam::Vec2;
 
@@ -28,11 +28,11 @@ pub struct Finder {
 impl Finder {
     /// Loads the networks, for pictures of `size`.
     pub fn load([width, height]: [usize; 2]) -> Result<Self> {
-        let folder = NetworkFolder::find("")?;
+        let engine = facewire::infer::engine(&NetworkSettings::default())?;
         Ok(Self {
             decoder: JpegDecoder::new(width, height)?,
-            detector: Detector::load(&folder, 1)?,
-            mesh: Mesh::load(&folder, 1)?,
+            detector: Detector::load(engine.as_ref())?,
+            mesh: Mesh::load(engine.as_ref())?,
             landmarks: Landmarks::zero(),
         })
     }

@@ -8,7 +8,6 @@
 //! One stage, one module, one type out: a stage cannot be skipped, because the next does not accept its input.
 //! Equation numbers are those of the method in `ARCHITECTURE.md`.
 
-mod back_off;
 pub mod capture;
 pub mod cli;
 pub mod config;
@@ -16,5 +15,6 @@ pub mod face;
 pub mod infer;
 pub mod link;
 pub mod pipeline;
+mod retry;
 pub mod service;
 pub mod solve;

@@ -5,7 +5,6 @@
 //! receiver may come, go and come back at any time. No link waits for another.
 //! Limits: nothing is queued or sent again. The next packet is newer.
 
-mod retry;
 mod serial;
 mod udp;
 

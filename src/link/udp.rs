@@ -13,8 +13,9 @@ use std::{
 
 use facewire_packet::Packet;
 
-use super::{LinkCounts, LinkError, retry::Retry};
+use super::{LinkCounts, LinkError};
 use crate::config::Address;
+use crate::retry::Retry;
 
 /// A socket and where its packets go.
 #[derive(Debug)]
@@ -108,7 +109,7 @@ fn look_up(way: Weak<OnceLock<Way>>, address: Address) -> Result<(), LinkError> 
         while let Some(way) = way.upgrade() {
             match Way::find(&address) {
                 Ok(found) => return drop(way.set(found)),
-                Err(error) => retry.tell(&error),
+                Err(error) => retry.warn(&error),
             }
             drop(way);
             thread::sleep(retry.wait());

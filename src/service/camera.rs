@@ -1,16 +1,16 @@
-//! From the settings to a camera that shows something, and how long to wait before the next attempt.
+//! Opens the camera that the settings name, and decides whether and when to open it again.
 
 use std::time::Duration;
 
-use crate::back_off::{BackOff, LONGEST};
 use crate::capture::v4l2::{PixelFormat, Wish};
 use crate::capture::{self, CaptureError, FrameFault, FrameRate, Source};
 use crate::config::{CameraFormat, CameraSettings};
+use crate::retry::{BackOff, LONGEST_WAIT};
 
-/// Damaged frames in a row that are passed over; a camera that sends more is opened anew, which heals some.
+/// The camera is opened again after this many damaged frames in a row, which cures some cameras.
 const MAX_DAMAGED: u32 = 8;
 
-/// Opens the camera that the settings name: a device, or the built-in clip played as one.
+/// Opens the camera: a device, or the built-in clip played as a camera.
 ///
 /// # Errors
 /// Those of [`capture::open_camera`].
@@ -31,7 +31,8 @@ fn wish(settings: &CameraSettings) -> Wish {
     Wish { width: settings.width, height: settings.height, rate, format }
 }
 
-/// Waits for the first good frame, which is left out: only then is a camera one. Tells `damaged` of each that is not.
+/// Waits until the camera delivers a first intact frame and discards that frame. A device that opens but delivers only
+/// damaged frames does not count as a camera. Calls `damaged` for each damaged frame.
 ///
 /// # Errors
 /// [`CaptureError::AllDamaged`], and those of [`Source::next`].
@@ -50,27 +51,31 @@ pub fn await_picture(source: &mut dyn Source, mut damaged: impl FnMut()) -> Resu
     }
 }
 
-/// Damaged frames since the last good one.
+/// Counts the damaged frames since the last intact one.
 #[derive(Debug, Default)]
 pub(super) struct DamagedInARow(u32);
 
 impl DamagedInARow {
-    /// One more; too many of them are [`CaptureError::AllDamaged`].
+    /// Counts another damaged frame.
+    ///
+    /// # Errors
+    /// [`CaptureError::AllDamaged`] if there were too many in a row.
     pub(super) fn add(&mut self, fault: FrameFault) -> Result<(), CaptureError> {
         self.0 += 1;
         if self.0 < MAX_DAMAGED { Ok(()) } else { Err(CaptureError::AllDamaged { count: self.0, fault }) }
     }
 
-    /// A good frame came.
-    pub(super) fn end(&mut self) {
+    /// Begins again after an intact frame.
+    pub(super) fn reset(&mut self) {
         self.0 = 0;
     }
 }
 
-/// How long to wait before the next attempt, anew after a camera that gave frames for long enough; zero is one that gave
-/// none.
+/// Returns how long to wait before the next attempt to open the camera, which delivered frames for the time `lasted`.
+/// The waits begin again after a camera that lasted for long enough; a camera that shows a few frames and fails, again
+/// and again, does not keep the machine busy.
 pub(super) fn wait_after(lasted: Duration, back_off: &mut BackOff) -> Duration {
-    if lasted >= LONGEST {
+    if lasted >= LONGEST_WAIT {
         *back_off = BackOff::default();
     }
     back_off.wait()
@@ -82,19 +87,19 @@ mod tests {
     use super::*;
     use crate::capture::{Clip, Description, Frame};
 
-    /// The clip, of which the first frames are damaged.
-    struct Spoilt {
+    /// The built-in clip with damaged frames at its beginning.
+    struct DamagedClip {
         clip: Clip,
         damaged: u32,
     }
 
-    impl Spoilt {
+    impl DamagedClip {
         fn new(damaged: u32) -> Self {
             Self { clip: Clip::looped().unwrap(), damaged }
         }
     }
 
-    impl Source for Spoilt {
+    impl Source for DamagedClip {
         fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
             let Some(left) = self.damaged.checked_sub(1) else { return self.clip.next() };
             self.damaged = left;
@@ -110,15 +115,15 @@ mod tests {
         }
     }
 
-    /// How waiting for a picture ends, and how many damaged frames that took.
+    /// Returns how waiting for a picture ends, and how many damaged frames were counted.
     fn awaited(damaged: u32) -> (Result<(), CaptureError>, u32) {
         let mut counted = 0;
-        let outcome = await_picture(&mut Spoilt::new(damaged), || counted += 1);
+        let outcome = await_picture(&mut DamagedClip::new(damaged), || counted += 1);
         (outcome, counted)
     }
 
     #[test]
-    fn a_camera_is_one_with_its_first_good_frame_and_eight_damaged_in_a_row_are_too_many() {
+    fn a_camera_is_accepted_at_its_first_intact_frame_and_given_up_after_eight_damaged_ones() {
         assert!(matches!(awaited(0), (Ok(()), 0)));
         assert!(matches!(awaited(7), (Ok(()), 7)));
         let (outcome, counted) = awaited(100);
@@ -127,16 +132,16 @@ mod tests {
     }
 
     #[test]
-    fn a_good_frame_begins_the_row_anew() {
+    fn an_intact_frame_resets_the_count_of_damaged_frames() {
         let mut in_a_row = DamagedInARow::default();
         for _ in 0..3 {
             assert!((0..7).all(|_| in_a_row.add(FrameFault::Corrupt).is_ok()));
-            in_a_row.end();
+            in_a_row.reset();
         }
     }
 
     #[test]
-    fn waits_double_up_to_a_second_and_begin_anew_only_after_a_camera_that_lasted_one() {
+    fn waits_double_up_to_a_second_and_begin_again_only_after_a_camera_that_lasted_a_second() {
         let mut back_off = BackOff::default();
         let mut wait_ms = |lasted_ms| wait_after(Duration::from_millis(lasted_ms), &mut back_off).as_millis();
         assert_eq!([0; 6].map(&mut wait_ms), [100, 200, 400, 800, 1000, 1000]);

@@ -18,11 +18,11 @@ use super::heartbeat::Phase;
 use super::realtime;
 use super::report::{Event, Report};
 use super::times::between;
-use crate::back_off::BackOff;
 use crate::capture::{CaptureError, Frame, FrameRate, Source, monotonic_us};
 use crate::config::CameraSettings;
 use crate::face::Tracker;
 use crate::pipeline::{Pipeline, Rejected};
+use crate::retry::BackOff;
 use crate::solve::{Filters, Model};
 
 /// Longer gaps between frames are no frame period, microseconds.
@@ -135,7 +135,7 @@ impl HotLoop {
             self.enter(self.wait());
             let outcome = match source.next() {
                 Ok(Some(frame)) => {
-                    in_a_row.end();
+                    in_a_row.reset();
                     self.frame(&frame);
                     Ok(())
                 }

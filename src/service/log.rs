@@ -1,75 +1,82 @@
-//! What the supervisor says: events as they come, and one status line from time to time.
+//! The service's log: events as they come, and a status line from time to time.
 
 use std::fmt::Write as _;
-use std::mem::{Discriminant, discriminant};
 use std::time::{Duration, Instant};
 
 use super::counters::{Counters, Status};
 use super::realtime::Grant;
 use super::report::Event;
-use crate::capture::CaptureError;
+use crate::retry::LastReason;
 
-/// How often the status line is written.
+/// Time between two status lines.
 const STATUS_PERIOD: Duration = Duration::from_secs(10);
 
-/// What was said last.
+/// What the log has said so far, as far as the next lines depend on it.
 pub(super) struct Log {
-    /// The camera, or why there is none.
+    /// Description of the open camera, or why there are no pictures.
     camera: Result<String, String>,
-    /// The reason that was told last: one of the same kind is not told again.
-    told: Option<Discriminant<CaptureError>>,
-    /// What of real time was asked for, and what became of it.
+    /// Why there are no pictures, as it was logged last.
+    blind_because: LastReason,
+    /// Why the network takes no packets, as it was logged last.
+    refusal: LastReason,
+    /// Real-time requests and the system's answers.
     grants: Vec<Grant>,
-    due: Instant,
-    before: (Instant, u64),
-    /// What of the network was told last.
-    refusal: Option<String>,
+    /// When the next status line is due.
+    status_due: Instant,
+    /// Time of the last status line, and the count of frames in it.
+    last_status: (Instant, u64),
 }
 
 impl Default for Log {
     fn default() -> Self {
         let now = Instant::now();
-        let camera = Err("none was opened yet".to_owned());
-        Self { camera, told: None, grants: Vec::new(), due: now + STATUS_PERIOD, before: (now, 0), refusal: None }
+        Self {
+            camera: Err("no camera has been opened yet".to_owned()),
+            blind_because: LastReason::default(),
+            refusal: LastReason::default(),
+            grants: Vec::new(),
+            status_due: now + STATUS_PERIOD,
+            last_status: (now, 0),
+        }
     }
 }
 
 impl Log {
+    /// Logs an event. Repeated attempts that fail for the same reason are logged once.
     pub(super) fn event(&mut self, event: Event) {
         match event {
             Event::Started(grants) => grants.into_iter().for_each(|grant| self.grant(grant)),
-            Event::Opened(source) => {
-                tracing::info!("camera opened: {source}");
-                self.camera = Ok(source);
-                self.told = None;
+            Event::Opened(camera) => {
+                tracing::info!("camera opened: {camera}");
+                self.camera = Ok(camera);
+                self.blind_because.clear();
             }
             Event::Lost(error) => {
-                tracing::warn!("camera lost: {error}");
-                self.blind(&error);
+                let reason = error.to_string();
+                tracing::warn!("camera lost: {reason}");
+                self.blind_because.is_new(&reason);
+                self.camera = Err(reason);
             }
-            Event::Closed(error) => {
-                if self.told != Some(discriminant(&error)) {
-                    tracing::warn!("no camera: {error}; trying again");
-                }
-                self.blind(&error);
-            }
+            Event::Closed(error) => self.blind("no camera", error.to_string()),
         }
     }
 
-    fn blind(&mut self, error: &CaptureError) {
-        self.told = Some(discriminant(error));
-        self.camera = Err(error.to_string());
+    fn blind(&mut self, what: &str, reason: String) {
+        if self.blind_because.is_new(&reason) {
+            tracing::warn!("{what}: {reason}; trying again");
+        }
+        self.camera = Err(reason);
     }
 
-    /// The camera in one line.
-    pub(super) fn sight(&self) -> String {
+    /// Returns the state of the camera in one line.
+    pub(super) fn camera_line(&self) -> String {
         match &self.camera {
-            Ok(source) => format!("camera opened: {source}"),
+            Ok(camera) => format!("camera opened: {camera}"),
             Err(reason) => format!("blind, because {reason}"),
         }
     }
 
-    /// Says what was granted, once for each answer.
+    /// Logs the system's answer to a real-time request, unless the answer is the same as before.
     pub(super) fn grant(&mut self, grant: Grant) {
         if self.grants.contains(&grant) {
             return;
@@ -82,25 +89,23 @@ impl Log {
         self.grants.push(grant);
     }
 
-    /// Says which link's packets the network does not take, once.
+    /// Logs which link's packets the network does not take, and why, once for each reason.
     pub(super) fn refusal(&mut self, refusal: Option<String>) {
-        if let Some(told) = &refusal
-            && self.refusal != refusal
-        {
-            tracing::warn!("{told}");
+        match refusal {
+            None => self.refusal.clear(),
+            Some(reason) if self.refusal.is_new(&reason) => tracing::warn!("{reason}"),
+            Some(_) => {}
         }
-        self.refusal = refusal;
     }
 
-    /// Whether the status line is due.
-    pub(super) fn is_due(&self) -> bool {
-        Instant::now() >= self.due
+    /// Whether a status line is due.
+    pub(super) fn is_status_due(&self) -> bool {
+        Instant::now() >= self.status_due
     }
 
-    /// Writes the status line and returns it.
+    /// Logs the status line and returns it.
     pub(super) fn status(&mut self, counters: &Counters) -> String {
-        let status = counters.status();
-        let line = self.line(&status);
+        let line = self.status_line(&counters.status());
         if self.camera.is_ok() {
             tracing::info!("{line}");
         } else {
@@ -109,14 +114,14 @@ impl Log {
         line
     }
 
-    fn line(&mut self, status: &Status) -> String {
+    fn status_line(&mut self, status: &Status) -> String {
         let now = Instant::now();
-        let (before, frames) = std::mem::replace(&mut self.before, (now, status.frames));
-        self.due = now + STATUS_PERIOD;
-        let fps = (status.frames - frames) as f64 / now.duration_since(before).as_secs_f64().max(f64::EPSILON);
+        let (last, frames) = std::mem::replace(&mut self.last_status, (now, status.frames));
+        self.status_due = now + STATUS_PERIOD;
+        let fps = (status.frames - frames) as f64 / now.duration_since(last).as_secs_f64().max(f64::EPSILON);
         let mut line = match &self.camera {
             Ok(_) => format!("fps={fps:.1} {status}"),
-            Err(_) => format!("{}: {status}", self.sight()),
+            Err(_) => format!("{}: {status}", self.camera_line()),
         };
         for (index, grant) in self.grants.iter().enumerate() {
             let separator = if index == 0 { "; real time: " } else { ", " };

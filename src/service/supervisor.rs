@@ -1,4 +1,4 @@
-//! The supervisor: signals, settings, watchdog and log, on the thread that started the others.
+//! The supervisor: signals, reloads, watchdog and log, on the thread that starts the others.
 
 use std::io;
 use std::sync::Arc;
@@ -19,12 +19,12 @@ use super::report::Event;
 use crate::capture::monotonic_us;
 use crate::config::Listen;
 
-/// How often signals are looked for.
+/// Time between two looks at the signals.
 const TICK: Duration = Duration::from_millis(50);
-/// Exit status after a second signal.
-const IMPATIENT: i32 = 130;
+/// Exit status after a second SIGTERM or SIGINT.
+const EXIT_SECOND_SIGNAL: i32 = 130;
 
-/// Signals that ask for something.
+/// The signals that ask for something other than to stop.
 #[derive(Default)]
 pub(super) struct Signals {
     reload: Arc<AtomicBool>,
@@ -32,10 +32,13 @@ pub(super) struct Signals {
 }
 
 impl Signals {
-    /// Lets SIGTERM and SIGINT stop the service, the second of them at once; SIGHUP and SIGUSR1 are noted.
+    /// Installs the handlers. The first SIGTERM or SIGINT stops the service, the second ends the process at once.
+    ///
+    /// # Errors
+    /// The system refuses a handler.
     pub(super) fn catch(counters: &Counters) -> io::Result<Self> {
         for signal in [SIGTERM, SIGINT] {
-            flag::register_conditional_shutdown(signal, IMPATIENT, counters.stop_flag())?;
+            flag::register_conditional_shutdown(signal, EXIT_SECOND_SIGNAL, counters.stop_flag())?;
             flag::register(signal, counters.stop_flag())?;
         }
         let signals = Self::default();
@@ -52,7 +55,7 @@ pub(super) struct Supervisor {
     reloader: Reloader,
     watchdog: Option<Watchdog>,
     log: Log,
-    /// Where the metrics are read, and the thread that gives them.
+    /// Where the metrics are served, and the thread that serves them.
     metrics: (Listen, Option<Metrics>),
 }
 
@@ -62,13 +65,13 @@ impl Supervisor {
         Self { counters, signals, events, reloader, watchdog, log: Log::default(), metrics: (Listen::Off, None) }
     }
 
-    /// Watches over the service until it is to stop, or a thread has ended without being told to.
+    /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
     pub(super) fn run(&mut self, all_run: impl Fn() -> bool) {
         self.serve_metrics();
         self.lock_memory();
         manager::ready();
         while !self.counters.stopping() && all_run() {
-            self.hear();
+            self.receive();
             self.reload();
             self.ping();
             self.tell_status();
@@ -77,22 +80,22 @@ impl Supervisor {
         manager::stopping();
     }
 
-    /// Waits a moment for an event.
-    fn hear(&mut self) {
+    /// Waits up to one [`TICK`] for an event.
+    fn receive(&mut self) {
         let Ok(event) = self.events.recv_timeout(TICK) else { return };
-        let has_grown = matches!(event, Event::Opened(_));
-        let before = self.log.sight();
+        let is_camera_opened = matches!(event, Event::Opened(_));
+        let before = self.log.camera_line();
         self.log.event(event);
-        let sight = self.log.sight();
-        if sight != before {
-            manager::status(&sight);
+        let now = self.log.camera_line();
+        if now != before {
+            manager::status(&now);
         }
-        if has_grown {
+        if is_camera_opened {
             self.lock_memory();
         }
     }
 
-    /// One reload after the other.
+    /// Begins a reload if one is asked for, and goes on with the one in progress.
     fn reload(&mut self) {
         if self.reloader.is_idle() && self.signals.reload.swap(false, Relaxed) {
             self.reloader.start();
@@ -112,14 +115,14 @@ impl Supervisor {
 
     fn tell_status(&mut self) {
         let is_asked = self.signals.status.swap(false, Relaxed);
-        if is_asked || self.log.is_due() {
+        if is_asked || self.log.is_status_due() {
             let line = self.log.status(&self.counters);
             manager::status(&line);
             self.log.refusal(self.refusal());
         }
     }
 
-    /// What the network has against the packets of a link.
+    /// Returns a sentence about the first link whose packets the network does not take.
     fn refusal(&self) -> Option<String> {
         let (place, reason) = self.counters.refusal()?;
         let address = &self.reloader.live().links.get(place)?.address;
@@ -127,7 +130,7 @@ impl Supervisor {
         Some(format!("link {address}: the network takes no packets ({reason}); {remedy}"))
     }
 
-    /// Lets the metrics be read where the settings say, and no longer anywhere else.
+    /// Serves the metrics at the address in the settings, and no longer at the former one.
     fn serve_metrics(&mut self) {
         let wanted = &self.reloader.live().metrics.listen;
         if *wanted == self.metrics.0 {

@@ -20,7 +20,8 @@ use triple_buffer::Output as Newest;
 
 use super::port::{self, PortError};
 use super::turn::Turn;
-use crate::link::{LinkCounts, retry::Retry};
+use crate::link::{LinkCounts, LinkError};
+use crate::retry::Retry;
 
 /// A port that takes nothing for so long has lost a packet: the next is newer.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -88,7 +89,7 @@ impl Line {
             let sent_before = self.shared.sent();
             if let Err(error) = self.session() {
                 self.shared.open.store(false, Relaxed);
-                retry.tell(&error.into());
+                retry.warn(&LinkError::from(error));
             }
             if self.shared.sent() != sent_before {
                 retry = Retry::default();

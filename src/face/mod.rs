@@ -8,6 +8,8 @@ mod mesh;
 mod planes;
 mod refinement;
 mod region;
+#[cfg(test)]
+pub(crate) mod test_face;
 mod tracker;
 mod transform;
 

@@ -58,3 +58,65 @@ impl Tracker {
         self.region = None;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+    use super::super::test_face::show;
+    use super::*;
+    use crate::capture::Pixels;
+    use crate::infer::scripted::Scripted;
+    use crate::solve::test_face::face;
+
+    const WIDTH: usize = 192;
+
+    /// The size of the mesh's input, so that a region of the whole picture leaves coordinates as they are.
+    fn picture() -> Picture<'static> {
+        static GREY: [u8; WIDTH * WIDTH] = [128; WIDTH * WIDTH];
+        let pixels = Pixels::Grey { data: &GREY, stride: WIDTH };
+        Picture::new(WIDTH, WIDTH, pixels, true).expect("a whole picture")
+    }
+
+    /// A tracker whose networks see a face from the second frame on, and how often its detector ran.
+    fn tracker() -> (Tracker, Arc<AtomicUsize>) {
+        let runs = Arc::new(AtomicUsize::new(0));
+        let counted = Arc::clone(&runs);
+        let engine = Scripted::new(move |mut run| {
+            let is_first = run.network == "detector" && counted.fetch_add(1, Relaxed) == 0;
+            if !is_first {
+                show(&mut run, &face([0.0; 3], 60.0, [96.0, 80.0]));
+            }
+            Ok(())
+        });
+        (Tracker::load(&engine).expect("scripted networks"), runs)
+    }
+
+    #[test]
+    fn the_face_of_scripted_networks_comes_out_as_it_was_put_in() {
+        let (mut tracker, _) = tracker();
+        let region = FaceBox { centre: [96.0; 2], size: 192.0, angle_rad: 0.0 };
+        let found = tracker.landmarks(&picture(), &region).expect("a run").expect("a face").clone();
+        let shown = face([0.0; 3], 60.0, [96.0, 80.0]);
+        for (index, (found, shown)) in found.0.iter().zip(&shown.0).enumerate().take(super::super::MESH) {
+            for (found, shown) in found.iter().zip(shown) {
+                assert!((found - shown).abs() < 1e-3, "landmark {index}: {found} in place of {shown}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_detector_runs_until_it_finds_a_face_and_not_while_that_face_is_followed() {
+        let (mut tracker, detector_runs) = tracker();
+        assert_eq!(tracker.detect(&picture()).expect("a run"), None);
+        for _ in 0..3 {
+            let region = tracker.detect(&picture()).expect("a run").expect("a face");
+            assert!(tracker.landmarks(&picture(), &region).expect("a run").is_some());
+        }
+        assert_eq!(detector_runs.load(Relaxed), 2);
+        tracker.forget();
+        assert!(tracker.detect(&picture()).expect("a run").is_some());
+        assert_eq!(detector_runs.load(Relaxed), 3);
+    }
+}

@@ -10,6 +10,8 @@ mod error;
 mod folder;
 #[cfg(feature = "ort")]
 mod onnx_runtime;
+#[cfg(test)]
+pub(crate) mod scripted;
 
 pub use error::InferError;
 pub use folder::NetworkFolder;

@@ -20,7 +20,7 @@ mod smoothing;
 mod solver;
 #[cfg(test)]
 #[allow(clippy::indexing_slicing)]
-mod test_face;
+pub(crate) mod test_face;
 
 pub use affine::{DegenerateFace, Normalised, normalise};
 pub use correction::{Corrected, MAX_REST, correct};

@@ -7,7 +7,7 @@ use crate::face::{LANDMARKS, Landmarks};
 
 /// The canonical face, turned by yaw (to its left), pitch (up) and roll (to its right shoulder) degrees, with
 /// `scale_px` pixels per eye distance and the point between its eyes at `origin_px`.
-pub(super) fn face([yaw, pitch, roll]: [f32; 3], scale_px: f32, origin_px: [f32; 2]) -> Landmarks {
+pub(crate) fn face([yaw, pitch, roll]: [f32; 3], scale_px: f32, origin_px: [f32; 2]) -> Landmarks {
     let about = |axis, degrees: f32| Rotation3::from_axis_angle(&axis, degrees.to_radians());
     let rotation = about(Vector3::z_axis(), roll) * about(Vector3::x_axis(), -pitch) * about(Vector3::y_axis(), yaw);
     let place = |point: Vector3<f32>| {

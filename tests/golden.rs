@@ -1,86 +1,121 @@
-//! Landmarks through the whole program against MediaPipe's, frame by frame.
+//! The landmarks of every engine against those of MediaPipe, frame by frame.
 //!
-//! `golden/` has MediaPipe's for the built-in clip. Where the folder of reference clips is at hand (`FACEWIRE_SHARED`,
-//! or `shared` beside this checkout), films of people are compared too.
+//! `golden/` holds MediaPipe's landmarks for the built-in clip. Where the folder of reference clips exists
+//! (`FACEWIRE_SHARED`, or `shared` beside this checkout), films of people are compared as well. To see the distances,
+//! run `cargo test --test golden -- --nocapture`.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
 
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
 use std::sync::LazyLock;
 
 use common::film::{decode, demo_avi};
 use common::points::{Distance, read_npy, read_npz, read_steps};
 use common::program::{Run, facewire, text};
 use common::{shared, skip};
-use facewire::face::Landmarks;
+use facewire::capture::{Clip, Picture, Source, Y4mSource};
+use facewire::config::NetworkSettings;
+use facewire::face::{LANDMARKS, Landmarks, Tracker};
+use facewire::infer::{self, Engine};
 use tempfile::NamedTempFile;
 
 /// Largest mean distance from MediaPipe's landmarks in the picture.
 const MEAN_PX: f64 = 0.3;
 /// Largest distance of any point, in the picture and in depth.
 const WORST_PX: f64 = 1.5;
-/// A face may be lost or found so many frames earlier or later.
+/// A face may be lost or found so many frames earlier or later than by MediaPipe.
 const FRAMES_APART: usize = 3;
+/// What the landmarks of a frame without a face consist of.
+const NO_FACE: Landmarks = Landmarks([[f32::NAN; 3]; LANDMARKS]);
 
-/// Landmarks of the built-in clip.
-static DEMO: LazyLock<Vec<Landmarks>> = LazyLock::new(|| track("demo", Stdio::null()));
+/// Every engine of this build, with the landmarks that it finds in the built-in clip.
+static DEMO: LazyLock<Vec<(Box<dyn Engine>, Vec<Landmarks>)>> = LazyLock::new(|| {
+    let engines = infer::engines(&NetworkSettings::default()).unwrap_or_else(|error| panic!("{error}"));
+    assert!(!engines.is_empty(), "this build has no engine");
+    let tracked = |engine: Box<dyn Engine>| {
+        let landmarks = track(&*engine, &mut Clip::once().unwrap(), |picture| picture);
+        (engine, landmarks)
+    };
+    engines.into_iter().map(tracked).collect()
+});
 
-/// The landmarks that `facewire track` writes for a film.
-fn track(input: &str, stdin: Stdio) -> Vec<Landmarks> {
-    let file = NamedTempFile::with_suffix(".npy").unwrap();
-    let mut command = facewire(["track", input, "--landmarks", text(file.path())]);
-    Run::ended(&command.stdin(stdin).output().unwrap()).succeeded();
-    read_npy(file.path())
+fn engines() -> impl Iterator<Item = &'static dyn Engine> {
+    DEMO.iter().map(|(engine, _)| &**engine)
 }
 
-/// The landmarks of a film that ffmpeg decodes; `None` without ffmpeg.
-fn track_decoded(film: &Path, options: &[&str]) -> Option<Vec<Landmarks>> {
+/// Follows the face through a film whose pictures pass through `alter`.
+fn track(engine: &dyn Engine, film: &mut dyn Source, alter: fn(Picture) -> Picture) -> Vec<Landmarks> {
+    let mut tracker = Tracker::load(engine).unwrap_or_else(|error| panic!("{}: {error}", engine.name()));
+    let mut faces = Vec::new();
+    while let Some(frame) = film.next().unwrap() {
+        let picture = alter(frame.picture);
+        let region = tracker.detect(&picture).unwrap();
+        let landmarks = region.and_then(|region| tracker.landmarks(&picture, &region).unwrap());
+        faces.push(landmarks.cloned().unwrap_or(NO_FACE));
+    }
+    faces
+}
+
+/// Follows the face through a film that ffmpeg decodes. Returns `None` without ffmpeg.
+fn track_decoded(
+    engine: &dyn Engine,
+    film: &Path,
+    options: &[&str],
+    alter: fn(Picture) -> Picture,
+) -> Option<Vec<Landmarks>> {
     let mut decoder = decode(film, options)?;
-    let landmarks = track("-", decoder.stdout.take().unwrap().into());
+    let stream = BufReader::new(decoder.stdout.take().unwrap());
+    let landmarks = track(engine, &mut Y4mSource::open(stream, "ffmpeg").unwrap(), alter);
     assert!(decoder.wait().unwrap().success());
     Some(landmarks)
 }
 
-/// Ours and MediaPipe's landmarks of a reference film; `None`, having said why, where something for it is missing.
-fn reference(test: &str, film: &str, golden: &str) -> Option<[Vec<Landmarks>; 2]> {
+/// The landmarks of a reference film by an engine and by MediaPipe. Returns `None`, and says why, if the film or ffmpeg
+/// is missing.
+fn reference(test: &str, engine: &dyn Engine, film: &str) -> Option<[Vec<Landmarks>; 2]> {
     let Some(shared) = shared() else {
         skip(test, "no folder of reference clips; set FACEWIRE_SHARED");
         return None;
     };
-    let Some(ours) = track_decoded(&shared.join("footage").join(film), &["-pix_fmt", "yuv420p"]) else {
+    let path = shared.join("footage").join(film);
+    let Some(ours) = track_decoded(engine, &path, &["-pix_fmt", "yuv420p"], |picture| picture) else {
         skip(test, "no ffmpeg");
         return None;
     };
-    Some([ours, read_npz(&shared.join("golden").join(golden))])
+    let golden = format!("golden/{}-mediapipe.npz", path.file_stem().unwrap().to_str().unwrap());
+    Some([ours, read_npz(&shared.join(golden))])
 }
 
 fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/demo-landmarks.npy")
 }
 
-/// Tells how far the landmarks of a film are from MediaPipe's; `cargo test --test golden -- --nocapture` shows it.
-fn told(clip: &str, ours: &[Landmarks], theirs: &[Landmarks]) -> Distance {
+/// Measures and prints how far an engine's landmarks of a film are from MediaPipe's.
+fn measure(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[Landmarks]) -> Distance {
     let distance = Distance::between(ours, theirs);
     let Distance { frames, mean_px, worst_px, .. } = distance;
-    println!("{clip}: {frames} frames with a face, mean distance {mean_px:.2} px, worst {worst_px:.2} px");
+    println!(
+        "{}, {film}: {frames} frames with a face, mean distance {mean_px:.2} px, worst {worst_px:.2} px",
+        engine.name()
+    );
     distance
 }
 
-/// Checks the demands on landmarks over as many frames with a face.
-fn assert_near(clip: &str, ours: &[Landmarks], theirs: &[Landmarks], frames: usize) {
-    let distance = told(clip, ours, theirs);
-    assert_eq!(distance.frames, frames);
-    assert!(distance.mean_px <= MEAN_PX, "{distance:?}");
-    assert!(distance.worst_px <= WORST_PX, "{distance:?}");
-    assert!(distance.worst_depth_px <= WORST_PX, "{distance:?}");
+/// Checks the distances over all of `frames`, the number of frames in which both see a face.
+fn assert_near(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[Landmarks], frames: usize) {
+    let distance = measure(engine, film, ours, theirs);
+    let is_near = distance.mean_px <= MEAN_PX && distance.worst_px <= WORST_PX && distance.worst_depth_px <= WORST_PX;
+    assert!(distance.frames == frames && is_near, "{}, {film}: {distance:?}", engine.name());
 }
 
 #[test]
 fn every_8th_frame_of_the_clip_is_as_mediapipe_sees_it() {
-    let ours: Vec<Landmarks> = DEMO.iter().step_by(8).cloned().collect();
-    assert_near("built-in, every 8th frame", &ours, &read_steps(&golden()), 30);
+    for (engine, demo) in &*DEMO {
+        let ours: Vec<Landmarks> = demo.iter().step_by(8).cloned().collect();
+        assert_near(&**engine, "every 8th frame of the built-in clip", &ours, &read_steps(&golden()), 30);
+    }
 }
 
 #[test]
@@ -88,46 +123,67 @@ fn every_frame_of_the_clip_is_as_mediapipe_sees_it() {
     let Some(shared) = shared() else {
         return skip("every_frame_of_the_clip", "no folder of reference clips; set FACEWIRE_SHARED");
     };
-    assert_near("built-in", &DEMO, &read_npz(&shared.join("golden/demo-mediapipe.npz")), 240);
+    let theirs = read_npz(&shared.join("golden/demo-mediapipe.npz"));
+    for (engine, demo) in &*DEMO {
+        assert_near(&**engine, "the built-in clip", demo, &theirs, 240);
+    }
 }
 
 #[test]
 fn a_person_who_speaks_is_as_mediapipe_sees_it() {
-    if let Some([ours, theirs]) = reference("a_person_who_speaks", "single_face.mp4", "single_face-mediapipe.npz") {
-        assert_near("a person speaking", &ours, &theirs, 72);
+    for engine in engines() {
+        let Some([ours, theirs]) = reference("a_person_who_speaks", engine, "single_face.mp4") else { return };
+        assert_near(engine, "a person who speaks", &ours, &theirs, 72);
     }
 }
 
 #[test]
 fn a_person_who_leaves_is_lost_when_mediapipe_loses_it() {
-    let Some([ours, theirs]) = reference("a_person_who_leaves", "face_noface.mov", "face_noface-mediapipe.npz") else {
-        return;
-    };
-    let [ours_changes, theirs_changes] = [&ours, &theirs].map(|film| changes(film));
-    assert!(!theirs_changes.is_empty());
-    assert_eq!(ours_changes.len(), theirs_changes.len(), "{ours_changes:?} {theirs_changes:?}");
-    for (ours, theirs) in ours_changes.iter().zip(&theirs_changes) {
-        assert!(ours.abs_diff(*theirs) <= FRAMES_APART, "{ours_changes:?} {theirs_changes:?}");
+    for engine in engines() {
+        let Some([ours, theirs]) = reference("a_person_who_leaves", engine, "face_noface.mov") else { return };
+        let changes = [&ours, &theirs].map(|faces| changes(faces));
+        let [ours_changes, theirs_changes] = &changes;
+        assert!(!theirs_changes.is_empty());
+        assert_eq!(ours_changes.len(), theirs_changes.len(), "{}: {changes:?}", engine.name());
+        let mut pairs = ours_changes.iter().zip(theirs_changes);
+        assert!(pairs.all(|(a, b)| a.abs_diff(*b) <= FRAMES_APART), "{}: {changes:?}", engine.name());
+        let distance = measure(engine, "a person who leaves", &ours, &theirs);
+        println!("a face comes or goes in frames {ours_changes:?}, by MediaPipe {theirs_changes:?}");
+        assert!(distance.frames > 60 && distance.mean_px <= MEAN_PX, "{}: {distance:?}", engine.name());
     }
-    let distance = told("a person who leaves", &ours, &theirs);
-    println!("a person who leaves: a face comes or goes in frames {ours_changes:?}, by MediaPipe {theirs_changes:?}");
-    assert!(distance.frames > 60 && distance.mean_px <= MEAN_PX, "{distance:?}");
 }
 
 /// The frames at which a face comes or goes.
-fn changes(film: &[Landmarks]) -> Vec<usize> {
-    (1..film.len()).filter(|&frame| film[frame].is_finite() != film[frame - 1].is_finite()).collect()
+fn changes(faces: &[Landmarks]) -> Vec<usize> {
+    (1..faces.len()).filter(|&frame| faces[frame].is_finite() != faces[frame - 1].is_finite()).collect()
 }
 
-/// Black and white at 16 and 235 or at 0 and 255: the stream says which. Taken for the other, the mean is 0.29 px.
+/// A y4m stream states whether black and white are 16 and 235 or 0 and 255. Either way the face is the same; a picture
+/// that is taken for one of the other range gives other landmarks.
 #[test]
 fn a_film_of_either_luma_range_gives_the_same_landmarks() {
-    for (range, format) in [("limited", "yuv420p"), ("full", "yuvj420p")] {
-        let options = ["-frames:v", "24", "-pix_fmt", format];
-        let Some(ours) = track_decoded(&demo_avi(), &options) else {
-            return skip("a_film_of_either_luma_range", "no ffmpeg");
-        };
-        let distance = Distance::between(&ours, &DEMO[..24]);
-        assert!(distance.mean_px <= 0.22 && distance.worst_px <= WORST_PX, "{range}: {distance:?}");
+    for (engine, demo) in &*DEMO {
+        for (range, format) in [("limited", "yuv420p"), ("full", "yuvj420p")] {
+            let distance = |alter| {
+                let options = ["-frames:v", "24", "-pix_fmt", format];
+                let ours = track_decoded(&**engine, &demo_avi(), &options, alter)?;
+                Some(Distance::between(&ours, &demo[..24]))
+            };
+            let Some(right) = distance(|picture| picture) else {
+                return skip("a_film_of_either_luma_range", "no ffmpeg");
+            };
+            let wrong = distance(|picture| Picture { full_range: !picture.full_range, ..picture }).unwrap();
+            println!("{}, {range} range: {right:?}, if mistaken {wrong:?}", engine.name());
+            let is_same = right.mean_px < wrong.mean_px && right.worst_px <= WORST_PX && wrong.worst_px > WORST_PX;
+            assert!(is_same, "{}, {range} range: {right:?}, if mistaken {wrong:?}", engine.name());
+        }
     }
+}
+
+#[test]
+fn the_program_writes_the_landmarks_of_its_engine() {
+    let file = NamedTempFile::with_suffix(".npy").unwrap();
+    Run::of(&mut facewire(["track", "demo", "--landmarks", text(file.path())])).succeeded();
+    let (engine, landmarks) = &DEMO[0];
+    assert!(read_npy(file.path()) == *landmarks, "other landmarks than those of {}", engine.name());
 }

@@ -30,8 +30,11 @@ const FRAMES_APART: usize = 3;
 /// What the landmarks of a frame without a face consist of.
 const NO_FACE: Landmarks = Landmarks([[f32::NAN; 3]; LANDMARKS]);
 
-/// Every engine of this build, with the landmarks that it finds in the built-in clip.
-static DEMO: LazyLock<Vec<(Box<dyn Engine>, Vec<Landmarks>)>> = LazyLock::new(|| {
+/// An engine with the landmarks that it finds in the built-in clip.
+type Tracked = (Box<dyn Engine>, Vec<Landmarks>);
+
+/// Every engine of this build.
+static DEMO: LazyLock<Vec<Tracked>> = LazyLock::new(|| {
     let engines = infer::engines(&NetworkSettings::default()).unwrap_or_else(|error| panic!("{error}"));
     assert!(!engines.is_empty(), "this build has no engine");
     let tracked = |engine: Box<dyn Engine>| {

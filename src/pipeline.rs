@@ -41,6 +41,14 @@ pub enum SetupError {
     },
 }
 
+impl SetupError {
+    /// Whether the same attempt can succeed later without anybody changing the settings or a file: a disk may be mounted.
+    #[must_use]
+    pub fn is_temporary(&self) -> bool {
+        matches!(self, Self::Model { error: ModelError::Unreadable { .. }, .. })
+    }
+}
+
 /// The error with its model, once.
 fn told(origin: &str, error: &ModelError) -> String {
     match error {

@@ -12,6 +12,7 @@ use crate::infer::InferError;
 use crate::link::LinkError;
 use crate::pipeline::SetupError;
 use crate::service::ServiceError;
+use crate::solve::ModelError;
 
 const EX_FAILED: u8 = 1;
 const EX_DATAERR: u8 = 65;
@@ -125,6 +126,9 @@ impl From<SetupError> for Failure {
     fn from(error: SetupError) -> Self {
         match error {
             SetupError::Networks(error) => error.into(),
+            SetupError::Model { error: ModelError::Unreadable { .. }, .. } => {
+                Self { status: EX_NOINPUT, message: error.to_string() }
+            }
             SetupError::Model { .. } => Self { status: EX_CONFIG, message: error.to_string() },
         }
     }
@@ -145,6 +149,7 @@ impl From<ServiceError> for Failure {
         match error {
             ServiceError::Setup(error) => error.into(),
             ServiceError::Link(error) => error.into(),
+            ServiceError::Camera(error) => error.into(),
             ServiceError::System(_) | ServiceError::Panicked(_) => Self::failed(error.to_string()),
         }
     }

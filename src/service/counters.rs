@@ -30,6 +30,8 @@ pub struct Counters {
     pub(super) no_face: AtomicU64,
     /// Frames rejected though there was a face.
     pub(super) rejected: AtomicU64,
+    /// Failed inferences; their frames are among the rejected ones.
+    pub(super) engine_failures: AtomicU64,
     /// Frames passed over because a newer one was there.
     pub(super) skipped: AtomicU64,
     /// Frames whose work took longer than the camera's frame period.
@@ -116,6 +118,7 @@ impl Counters {
             solved: self.solved.load(Relaxed),
             no_face: self.no_face.load(Relaxed),
             rejected: self.rejected.load(Relaxed),
+            engine_failures: self.engine_failures.load(Relaxed),
             skipped: self.skipped.load(Relaxed),
             deadline_misses: self.deadline_misses.load(Relaxed),
             damaged: self.damaged.load(Relaxed),
@@ -148,6 +151,8 @@ pub struct Status {
     pub no_face: u64,
     /// Frames rejected though there was a face.
     pub rejected: u64,
+    /// Failed inferences; their frames are among the rejected ones.
+    pub engine_failures: u64,
     /// Frames passed over because a newer one was there.
     pub skipped: u64,
     /// Frames whose work took longer than the camera's frame period.
@@ -176,7 +181,11 @@ impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "frames={} faces={} no_face={} rejected={}", self.frames, self.solved, self.no_face, self.rejected)?;
         let Self { skipped, deadline_misses, damaged, opened, .. } = self;
-        write!(f, " skipped={skipped} deadline_misses={deadline_misses} damaged={damaged} cameras_opened={opened}")?;
+        write!(
+            f,
+            " engine_failures={} skipped={skipped} deadline_misses={deadline_misses} damaged={damaged} cameras_opened={opened}",
+            self.engine_failures
+        )?;
         write!(f, " packets={} sent={} dropped={}", self.packets, self.sent, self.dropped)?;
         write!(f, " links_open={} state={}", self.links_open, self.state.name())?;
         self.times_ms.iter().try_for_each(|(name, quantiles)| write!(f, " {name}_ms={quantiles}"))

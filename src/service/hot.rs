@@ -1,8 +1,8 @@
 //! The hot loop: frames in, poses out, newest wins.
 //!
-//! The recovery is the loop: open the camera, work, on any error close it and open it again. Between
-//! [`Source::next`] and the hand-over to the sender nothing allocates, locks or logs; events go to the supervisor only
-//! while no frame is waiting. New settings are taken between frames.
+//! The loop is its own recovery: load what is missing, open the camera, run frames, and on any trouble begin again.
+//! From a frame in memory to the hand-over to the sender it allocates nothing, takes no lock and writes no log. It
+//! sends events to the supervisor, and takes changed settings, only while no frame is waiting.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, mpsc};
@@ -12,100 +12,165 @@ use std::time::Duration;
 use facewire_packet::Reason;
 use triple_buffer::Input;
 
+use super::ServiceError;
 use super::camera::{self, DamagedInARow};
 use super::counters::Counters;
+use super::engine_health::{EngineHealth, Remedy};
 use super::heartbeat::Phase;
 use super::realtime;
 use super::report::{Event, Report};
 use super::times::between;
 use crate::capture::{CaptureError, Frame, FrameRate, Source, monotonic_us};
-use crate::config::CameraSettings;
+use crate::config::{NetworkSettings, Settings};
 use crate::face::Tracker;
-use crate::pipeline::{Pipeline, Rejected};
+use crate::infer::InferError;
+use crate::pipeline::{Pipeline, Rejected, SetupError};
 use crate::retry::BackOff;
-use crate::solve::{Filters, Model};
+use crate::solve::{Filters, Model, Solution};
 
-/// Longer gaps between frames are no frame period, microseconds.
+/// A longer time between two frames does not count as a frame period, microseconds.
 const MAX_PERIOD_US: u64 = 500_000;
-/// A new frame period counts for this part of the mean.
+/// One part in this many of the mean frame period comes from the newest frame.
 const PERIOD_SHARE: u64 = 8;
 
-/// Where the hot loop's results go.
+/// Where the results of the hot loop go.
 pub(super) struct Outlets {
+    /// The newest report, for the sender.
     pub(super) reports: Input<Report>,
-    /// The sender, to be woken for a report.
+    /// The sender's thread, which is woken for each report.
     pub(super) wake: Thread,
+    /// Events, for the supervisor.
     pub(super) events: mpsc::Sender<Event>,
 }
 
-/// The parts of the hot loop that a reload replaces. A field that is `None` keeps its current value.
+/// New settings, and the parts that they replace. A part that is `None` keeps its current value.
 pub(super) struct HotChange {
-    /// The camera is opened again with these settings.
-    pub(super) camera: Option<CameraSettings>,
+    pub(super) settings: Settings,
     pub(super) tracker: Option<Tracker>,
     pub(super) model: Option<Model>,
     pub(super) filters: Option<Filters>,
 }
 
 pub(super) struct HotLoop {
-    camera: CameraSettings,
-    pipeline: Pipeline,
+    settings: Settings,
+    /// `None` while a part of it, such as a model file on a disk that is not mounted yet, is missing.
+    pipeline: Option<Pipeline>,
+    /// Loads the networks again after the engine has failed.
+    load_tracker: fn(&NetworkSettings) -> Result<Tracker, InferError>,
+    engine: EngineHealth,
     outlets: Outlets,
     changes: mpsc::Receiver<HotChange>,
     counters: Arc<Counters>,
-    /// When the camera showed its first picture.
+    /// When the open camera delivered its first picture.
     opened_us: Option<u64>,
     last_captured_us: Option<u64>,
-    /// The camera's frame period: work that takes longer makes it skip frames.
+    /// The camera's frame period. Work that takes longer makes the loop skip frames.
     deadline: Duration,
+}
+
+/// Why the loop has to begin again, or to end.
+enum Trouble {
+    /// Something is away or has failed for now: try again.
+    Retry(Event),
+    /// Trying again in this process does not help.
+    Fatal(ServiceError),
+}
+
+impl From<Event> for Trouble {
+    fn from(event: Event) -> Self {
+        Self::Retry(event)
+    }
 }
 
 impl HotLoop {
     pub(super) fn new(
-        camera: CameraSettings,
-        pipeline: Pipeline,
+        settings: Settings,
+        pipeline: Option<Pipeline>,
         outlets: Outlets,
         changes: mpsc::Receiver<HotChange>,
         counters: Arc<Counters>,
     ) -> Self {
-        let (opened_us, last_captured_us, deadline) = (None, None, Duration::MAX);
-        Self { camera, pipeline, outlets, changes, counters, opened_us, last_captured_us, deadline }
+        let load_tracker = crate::pipeline::load_tracker;
+        let (engine, deadline) = (EngineHealth::default(), Duration::MAX);
+        let (opened_us, last_captured_us) = (None, None);
+        Self {
+            settings,
+            pipeline,
+            load_tracker,
+            engine,
+            outlets,
+            changes,
+            counters,
+            opened_us,
+            last_captured_us,
+            deadline,
+        }
     }
 
-    pub(super) fn run(mut self) {
+    /// Runs until the service stops.
+    ///
+    /// # Errors
+    /// The engine or the camera's driver has failed in a way that only another process can recover from.
+    pub(super) fn run(mut self) -> Result<(), ServiceError> {
         let mut back_off = BackOff::default();
         while !self.counters.stopping() {
             self.enter(Phase::Open);
             self.adopt();
-            let trouble = self.session();
-            self.report(Report::Fault(Reason::NoCamera));
+            let outcome = self.attempt();
             let lasted = self.opened_us.take().map_or(Duration::ZERO, |opened_us| between(opened_us, monotonic_us()));
-            let Err(event) = trouble else { continue };
-            self.tell(event);
-            if !self.counters.stopping() {
-                self.enter(Phase::Open);
-                thread::park_timeout(camera::wait_after(lasted, &mut back_off));
+            match outcome {
+                Ok(()) => self.report(Report::Fault(Reason::NoCamera)),
+                Err(Trouble::Retry(event)) => {
+                    self.report(Report::Fault(event.reason()));
+                    self.tell(event);
+                    self.pause(camera::wait_after(lasted, &mut back_off));
+                }
+                Err(Trouble::Fatal(error)) => {
+                    self.report(Report::Fault(Reason::BadResult));
+                    return Err(error);
+                }
             }
+        }
+        Ok(())
+    }
+
+    fn pause(&self, wait: Duration) {
+        if !self.counters.stopping() {
+            self.enter(Phase::Open);
+            thread::park_timeout(wait);
         }
     }
 
-    /// Opens the camera and runs its frames until it fails, or until the service stops or wants another camera.
-    fn session(&mut self) -> Result<(), Event> {
-        let mut source = camera::open(&self.camera).map_err(Event::Closed)?;
+    /// Loads what is missing, opens the camera and runs its frames until it fails, or until the service stops or wants
+    /// another camera.
+    fn attempt(&mut self) -> Result<(), Trouble> {
+        self.load_pipeline()?;
+        let mut source = camera::open(&self.settings.camera).map_err(Event::Closed)?;
         let outcome = self.show(&mut *source);
-        // Closing, too, may take its time in the kernel.
+        // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
         outcome
     }
 
-    fn show(&mut self, source: &mut dyn Source) -> Result<(), Event> {
-        self.await_picture(source).map_err(Event::Closed)?;
-        self.opened(source);
-        self.stream(source).map_err(Event::Lost)
+    fn load_pipeline(&mut self) -> Result<(), Trouble> {
+        if self.pipeline.is_some() {
+            return Ok(());
+        }
+        let pipeline = Pipeline::load(&self.settings).map_err(|error| {
+            if error.is_temporary() { Event::NotLoaded(error).into() } else { Trouble::Fatal(error.into()) }
+        })?;
+        self.pipeline = Some(pipeline);
+        Ok(())
     }
 
-    /// A camera that sends nothing but damaged frames is none.
+    fn show(&mut self, source: &mut dyn Source) -> Result<(), Trouble> {
+        self.await_picture(source).map_err(Event::Closed)?;
+        self.opened(source);
+        self.stream(source)
+    }
+
+    /// Waits for the first intact frame: a camera that sends only damaged frames does not count as open.
     fn await_picture(&self, source: &mut dyn Source) -> Result<(), CaptureError> {
         self.enter(self.wait());
         let outcome = camera::await_picture(source, || {
@@ -123,28 +188,29 @@ impl HotLoop {
         self.counters.frame_period_us.store(source.frame_period_us().unwrap_or(0), Relaxed);
         self.deadline = self.frame_period(source);
         self.last_captured_us = None;
-        self.pipeline.tracker.forget();
+        if let Some(pipeline) = &mut self.pipeline {
+            pipeline.tracker.forget();
+        }
         realtime::leave_room_in_heap();
         self.tell(Event::Opened(source.describe().to_string()));
     }
 
-    /// Runs frames until the service stops, the camera fails, or new settings want it opened anew.
-    fn stream(&mut self, source: &mut dyn Source) -> Result<(), CaptureError> {
+    /// Runs frames until the service stops, the camera fails, or new settings want it opened again.
+    fn stream(&mut self, source: &mut dyn Source) -> Result<(), Trouble> {
         let mut in_a_row = DamagedInARow::default();
         while !self.counters.stopping() && !self.adopt() {
             self.enter(self.wait());
             let outcome = match source.next() {
                 Ok(Some(frame)) => {
                     in_a_row.reset();
-                    self.frame(&frame);
-                    Ok(())
+                    self.frame(&frame)
                 }
-                Ok(None) => Err(CaptureError::Gone),
+                Ok(None) => Err(Event::Lost(CaptureError::Gone).into()),
                 Err(CaptureError::Frame { fault, .. }) => {
                     add(&self.counters.damaged, 1);
-                    in_a_row.add(fault)
+                    in_a_row.add(fault).map_err(|error| Event::Lost(error).into())
                 }
-                Err(error) => Err(error),
+                Err(error) => Err(Event::Lost(error).into()),
             };
             self.count_skipped(source);
             outcome?;
@@ -156,43 +222,71 @@ impl HotLoop {
         add(&self.counters.skipped, source.take_skipped().into());
     }
 
-    /// What the camera states, or else what it was asked for.
+    /// The frame period that the camera states, or else the one that the settings ask for.
     fn frame_period(&self, source: &dyn Source) -> Duration {
-        let asked = FrameRate::new(self.camera.fps, 1).unwrap_or(FrameRate::FPS_30);
+        let asked = FrameRate::new(self.settings.camera.fps, 1).unwrap_or(FrameRate::FPS_30);
         Duration::from_micros(source.frame_period_us().unwrap_or(asked.period_us()))
     }
 
-    fn frame(&mut self, frame: &Frame) {
+    fn frame(&mut self, frame: &Frame) -> Result<(), Trouble> {
         let begun_us = self.enter(Phase::Work);
-        add(&self.counters.frames, 1);
-        let report = match self.pipeline.process(frame) {
-            Ok(solution) => {
-                add(&self.counters.solved, 1);
-                Report::solved(&solution, frame.captured_us)
-            }
-            Err(Rejected::NoFace) => {
-                add(&self.counters.no_face, 1);
-                Report::Fault(Reason::NoFace)
-            }
-            Err(_) => {
-                add(&self.counters.rejected, 1);
-                Report::Fault(Reason::BadResult)
-            }
-        };
+        let Some(pipeline) = &mut self.pipeline else { return Ok(()) };
+        let outcome = pipeline.process(frame);
+        let report = self.count(&outcome, frame.captured_us);
         self.measure_period(frame.captured_us);
         self.report(report);
         self.measure_work(frame.captured_us, begun_us);
+        if let Err(Rejected::Infer(error)) = outcome {
+            return self.engine_failed(error);
+        }
+        self.engine.ran();
+        Ok(())
     }
 
-    /// Counts how long the frame waited and was worked on. What it gave is already on its way.
+    fn count(&self, outcome: &Result<Solution, Rejected>, captured_us: u64) -> Report {
+        let counters = &self.counters;
+        add(&counters.frames, 1);
+        let (counter, report) = match outcome {
+            Ok(solution) => (&counters.solved, Report::solved(solution, captured_us)),
+            Err(Rejected::NoFace) => (&counters.no_face, Report::Fault(Reason::NoFace)),
+            Err(_) => (&counters.rejected, Report::Fault(Reason::BadResult)),
+        };
+        add(counter, 1);
+        report
+    }
+
+    /// Counts a failed inference. After too many in a row, loads the networks again, or gives up if that was done already.
+    fn engine_failed(&mut self, error: InferError) -> Result<(), Trouble> {
+        add(&self.counters.engine_failures, 1);
+        match self.engine.failed() {
+            Remedy::Wait => Ok(()),
+            Remedy::Reload => self.reload_engine(error).map_err(|error| Trouble::Fatal(error.into())),
+            Remedy::GiveUp => Err(Trouble::Fatal(SetupError::from(error).into())),
+        }
+    }
+
+    fn reload_engine(&mut self, error: InferError) -> Result<(), SetupError> {
+        self.enter(Phase::Open);
+        self.tell(Event::EngineFailed(error));
+        let tracker = (self.load_tracker)(&self.settings.networks)?;
+        if let Some(pipeline) = &mut self.pipeline {
+            pipeline.tracker = tracker;
+        }
+        self.tell(Event::EngineReloaded);
+        Ok(())
+    }
+
+    /// Counts how long the frame waited and how long the work took. The result is on its way already.
     fn measure_work(&self, captured_us: u64, begun_us: u64) {
         let (counters, work) = (&self.counters, between(begun_us, monotonic_us()));
         counters.times.wait.record(between(captured_us, begun_us));
-        counters.times.record_stages(self.pipeline.times());
+        if let Some(pipeline) = &self.pipeline {
+            counters.times.record_stages(pipeline.times());
+        }
         counters.worked(work, self.deadline);
     }
 
-    /// Follows the time between frames that were worked on: a slow board needs a more patient failsafe.
+    /// Follows the mean time between processed frames: the failsafe is more patient on a slow board.
     fn measure_period(&mut self, captured_us: u64) {
         let gap_us = self.last_captured_us.and_then(|last_us| captured_us.checked_sub(last_us));
         self.last_captured_us = Some(captured_us);
@@ -202,17 +296,20 @@ impl HotLoop {
         self.counters.frame_period_us.store(next_us, Relaxed);
     }
 
-    /// Takes the changes of all reloads since the last call. Returns whether the camera is to be opened again.
+    /// Takes the changes of all reloads since the last call. Returns whether the camera is to be opened again. What was
+    /// learned of the wearer stays.
     fn adopt(&mut self) -> bool {
         let mut is_new_camera = false;
-        while let Ok(HotChange { camera, tracker, model, filters }) = self.changes.try_recv() {
-            is_new_camera |= camera.is_some();
-            replace_if_some(&mut self.camera, camera);
-            replace_if_some(&mut self.pipeline.tracker, tracker);
-            replace_if_some(&mut self.pipeline.solver.model, model);
-            replace_if_some(&mut self.pipeline.solver.filters, filters);
+        while let Ok(HotChange { settings, tracker, model, filters }) = self.changes.try_recv() {
+            is_new_camera |= settings.camera != self.settings.camera;
+            self.settings = settings;
+            // A pipeline that is not loaded yet will be loaded by the new settings.
+            let Some(pipeline) = &mut self.pipeline else { continue };
+            pipeline.horizontal_fov_deg = self.settings.camera.horizontal_fov_deg;
+            replace_if_some(&mut pipeline.tracker, tracker);
+            replace_if_some(&mut pipeline.solver.model, model);
+            replace_if_some(&mut pipeline.solver.filters, filters);
         }
-        self.pipeline.horizontal_fov_deg = self.camera.horizontal_fov_deg;
         is_new_camera
     }
 
@@ -224,7 +321,7 @@ impl HotLoop {
     }
 
     fn wait(&self) -> Phase {
-        Phase::Wait { stall_timeout_ms: self.camera.stall_timeout_ms }
+        Phase::Wait { stall_timeout_ms: self.settings.camera.stall_timeout_ms }
     }
 
     fn report(&mut self, report: Report) {
@@ -232,7 +329,7 @@ impl HotLoop {
         self.outlets.wake.unpark();
     }
 
-    /// The supervisor lives as long as this thread; if it did not, nobody would be there to be told.
+    /// The supervisor outlives this thread; if it did not, nobody would be left to read the event.
     fn tell(&self, event: Event) {
         let _ = self.outlets.events.send(event);
     }
@@ -244,7 +341,7 @@ fn replace_if_some<T>(old: &mut T, new: Option<T>) {
     }
 }
 
-/// Only this thread adds to these counters.
+/// Adds to a counter that only this thread writes.
 fn add(counter: &AtomicU64, count: u64) {
     counter.fetch_add(count, Relaxed);
 }

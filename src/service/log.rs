@@ -58,6 +58,9 @@ impl Log {
                 self.camera = Err(reason);
             }
             Event::Closed(error) => self.blind("no camera", error.to_string()),
+            Event::NotLoaded(error) => self.blind("no model", error.to_string()),
+            Event::EngineFailed(error) => tracing::warn!("{error}; loading the networks again"),
+            Event::EngineReloaded => tracing::info!("networks loaded again"),
         }
     }
 

@@ -9,6 +9,7 @@
 
 mod camera;
 mod counters;
+mod engine_health;
 pub mod failsafe;
 mod heartbeat;
 pub(crate) mod histogram;
@@ -42,7 +43,7 @@ use self::reload::{Mailbox, Reloader};
 use self::report::{Event, Report};
 use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
-use crate::capture::monotonic_us;
+use crate::capture::{CaptureError, monotonic_us};
 use crate::config::Settings;
 use crate::link::LinkError;
 use crate::pipeline::{Pipeline, SetupError};
@@ -61,6 +62,9 @@ pub enum ServiceError {
     /// A link.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// A camera failed in a way that only another process can recover from.
+    #[error(transparent)]
+    Camera(#[from] CaptureError),
     /// The system refused a thread or a signal handler.
     #[error(
         "the system refused a thread or a signal handler: {0}; raise the limit of threads (systemd: TasksMax), or free some memory"
@@ -80,7 +84,12 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let counters = Arc::new(Counters::default());
     let signals = Signals::catch(&counters)?;
     let links = Links::open(&settings.links)?;
-    let pipeline = Pipeline::load(&settings)?;
+    let pipeline = match Pipeline::load(&settings) {
+        Ok(pipeline) => Some(pipeline),
+        // The hot loop tries again.
+        Err(error) if error.is_temporary() => None,
+        Err(error) => return Err(error.into()),
+    };
     let (reports, news) = triple_buffer::triple_buffer(&Report::Nothing);
     let (events, heard) = mpsc::channel();
     counters.heartbeats.hot(Phase::Open, monotonic_us());
@@ -94,7 +103,7 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
 
     let (changes, for_hot) = mpsc::channel();
     let outlets = Outlets { reports, wake: sender.thread().clone(), events: events.clone() };
-    let hot = HotLoop::new(settings.camera.clone(), pipeline, outlets, for_hot, Arc::clone(&counters));
+    let hot = HotLoop::new(settings.clone(), pipeline, outlets, for_hot, Arc::clone(&counters));
     let hot = spawn("fw-hot", Place::hot(&settings.realtime), &events, || hot.run())?;
     let hot_mailbox = Mailbox { changes, thread: hot.thread().clone() };
 
@@ -105,23 +114,30 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
 }
 
 /// Starts a thread at its place and tells what it was granted.
-fn spawn(
+fn spawn<T: Send + 'static>(
     name: &str,
     place: Place,
     events: &mpsc::Sender<Event>,
-    run: impl FnOnce() + Send + 'static,
-) -> io::Result<JoinHandle<()>> {
+    run: impl FnOnce() -> T + Send + 'static,
+) -> io::Result<JoinHandle<T>> {
     let events = events.clone();
     Builder::new().name(name.to_owned()).spawn(move || {
         // The supervisor hears it: it does not end before this thread.
         let _ = events.send(Event::Started(place.take()));
         drop(events);
-        run();
+        run()
     })
 }
 
-/// Lets the sender say its last word first: whatever holds up the hot loop does not concern the receivers.
-fn stop(counters: &Counters, sender: JoinHandle<()>, hot: JoinHandle<()>) -> Result<Status, ServiceError> {
+/// Ends the threads: the sender first, so that the receivers get the last packets whatever holds up the hot loop.
+///
+/// # Errors
+/// A thread panicked, or the hot loop ended with an error.
+fn stop(
+    counters: &Counters,
+    sender: JoinHandle<()>,
+    hot: JoinHandle<Result<(), ServiceError>>,
+) -> Result<Status, ServiceError> {
     let end = Instant::now() + HOT_PATIENCE;
     counters.stop();
     sender.thread().unpark();
@@ -131,10 +147,10 @@ fn stop(counters: &Counters, sender: JoinHandle<()>, hot: JoinHandle<()>) -> Res
         sleep(HOT_LOOK);
     }
     if !hot.is_finished() {
-        tracing::warn!("the camera does not come back from the kernel and is left behind");
+        tracing::warn!("the camera's driver does not return and is left behind");
         return Ok(counters.status());
     }
-    hot.join().map_err(|_| ServiceError::Panicked("hot loop"))?;
+    hot.join().map_err(|_| ServiceError::Panicked("hot loop"))??;
     Ok(counters.status())
 }
 
@@ -143,16 +159,21 @@ fn stop(counters: &Counters, sender: JoinHandle<()>, hot: JoinHandle<()>) -> Res
 mod tests {
     use super::*;
 
-    /// How a service ends whose threads end so.
-    fn ended(sender: fn(), hot: fn()) -> String {
-        let [sender, hot] = [sender, hot].map(std::thread::spawn);
+    /// Returns the error of a service whose threads end like this.
+    fn ended(sender: fn(), hot: fn() -> Result<(), ServiceError>) -> String {
+        let (sender, hot) = (std::thread::spawn(sender), std::thread::spawn(hot));
         stop(&Counters::default(), sender, hot).unwrap_err().to_string()
     }
 
     #[test]
     fn a_thread_that_panics_is_named_in_the_services_last_words() {
-        let fine = || {};
-        assert!(ended(fine, || panic!("tried")).starts_with("the hot loop ended by a panic"));
-        assert!(ended(|| panic!("tried"), fine).starts_with("the sender ended by a panic"));
+        assert!(ended(|| {}, || panic!("tried")).starts_with("the hot loop ended by a panic"));
+        assert!(ended(|| panic!("tried"), || Ok(())).starts_with("the sender ended by a panic"));
+    }
+
+    #[test]
+    fn the_error_of_the_hot_loop_is_the_services() {
+        let gone = || Err(ServiceError::Camera(CaptureError::Gone));
+        assert_eq!(ended(|| {}, gone), CaptureError::Gone.to_string());
     }
 }

@@ -49,10 +49,9 @@ impl Change {
     /// Reads the settings and builds the parts that differ from the current ones.
     fn prepare(program: &dyn Program, live: &Settings) -> Result<Self, Refusal> {
         let new = program.load()?;
-        let is_new_camera = new.camera != live.camera;
         let is_new_model = new.solver.model != live.solver.model;
         let hot = HotChange {
-            camera: is_new_camera.then(|| new.camera.clone()),
+            settings: new.clone(),
             tracker: if new.networks == live.networks {
                 None
             } else {

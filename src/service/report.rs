@@ -5,6 +5,8 @@ use facewire_packet::Reason;
 use super::failsafe::{News, Pose};
 use super::realtime::Grant;
 use crate::capture::CaptureError;
+use crate::infer::InferError;
+use crate::pipeline::SetupError;
 use crate::solve::Solution;
 
 /// The newest result of the hot loop. The sender reads the newest report only.
@@ -56,4 +58,20 @@ pub(super) enum Event {
     Lost(CaptureError),
     /// No camera could be opened.
     Closed(CaptureError),
+    /// The pipeline could not be loaded, because something that it needs is not there yet.
+    NotLoaded(SetupError),
+    /// The engine has failed several times in a row, and its networks are about to be loaded again.
+    EngineFailed(InferError),
+    /// The networks have been loaded again.
+    EngineReloaded,
+}
+
+impl Event {
+    /// The reason that receivers get for the missing poses.
+    pub(super) fn reason(&self) -> Reason {
+        match self {
+            Self::NotLoaded(_) | Self::EngineFailed(_) | Self::EngineReloaded => Reason::BadResult,
+            Self::Started(_) | Self::Opened(_) | Self::Lost(_) | Self::Closed(_) => Reason::NoCamera,
+        }
+    }
 }

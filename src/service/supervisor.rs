@@ -83,14 +83,14 @@ impl Supervisor {
     /// Waits up to one [`TICK`] for an event.
     fn receive(&mut self) {
         let Ok(event) = self.events.recv_timeout(TICK) else { return };
-        let is_camera_opened = matches!(event, Event::Opened(_));
+        let has_grown = matches!(event, Event::Opened(_) | Event::EngineReloaded);
         let before = self.log.camera_line();
         self.log.event(event);
         let now = self.log.camera_line();
         if now != before {
             manager::status(&now);
         }
-        if is_camera_opened {
+        if has_grown {
             self.lock_memory();
         }
     }

@@ -71,6 +71,8 @@ impl Writer<'_> {
     fn frames(&mut self, status: &Status) -> fmt::Result {
         let results = [("solved", status.solved), ("no_face", status.no_face), ("rejected", status.rejected)];
         self.counters("frames", "Frames worked on.", "result", results)?;
+        let help = "Failed inferences; their frames are among the rejected ones.";
+        self.metric("engine_failures", help, &ConstCounter::new(status.engine_failures))?;
         self.metric("frames_skipped", "Frames passed over for a newer one.", &ConstCounter::new(status.skipped))?;
         self.metric("frames_damaged", "Frames that camera or cable spoilt.", &ConstCounter::new(status.damaged))?;
         let help = "Frames whose work took longer than the camera's frame period.";

@@ -93,13 +93,15 @@ impl Pipeline {
     /// # Errors
     /// [`SetupError`].
     pub fn load(settings: &Settings) -> Result<Self, SetupError> {
-        Ok(Self {
-            // First, so that the networks take the memory that reading the model leaves free.
-            solver: load_solver(&settings.solver)?,
-            tracker: load_tracker(&settings.networks)?,
-            horizontal_fov_deg: settings.camera.horizontal_fov_deg,
-            times: StageTimes::default(),
-        })
+        // First the model, so that the networks take the memory that reading it leaves free.
+        let solver = load_solver(&settings.solver)?;
+        Ok(Self::new(load_tracker(&settings.networks)?, solver, settings.camera.horizontal_fov_deg))
+    }
+
+    /// A pipeline of these parts, for a camera with this angle of view.
+    #[must_use]
+    pub fn new(tracker: Tracker, solver: Solver, horizontal_fov_deg: f32) -> Self {
+        Self { tracker, solver, horizontal_fov_deg, times: StageTimes::default() }
     }
 
     /// Solves one frame.

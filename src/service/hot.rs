@@ -16,22 +16,18 @@ use super::ServiceError;
 use super::camera::{self, DamagedInARow};
 use super::counters::Counters;
 use super::engine_health::{EngineHealth, Remedy};
+use super::frame_timing::FrameTiming;
 use super::heartbeat::Phase;
 use super::realtime;
 use super::report::{Event, Report};
 use super::times::between;
-use crate::capture::{CaptureError, Frame, FrameRate, Source, monotonic_us};
+use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};
 use crate::face::Tracker;
 use crate::infer::InferError;
 use crate::pipeline::{Pipeline, Rejected, SetupError};
 use crate::retry::BackOff;
 use crate::solve::{Filters, Model, Solution};
-
-/// A longer time between two frames does not count as a frame period, microseconds.
-const MAX_PERIOD_US: u64 = 500_000;
-/// One part in this many of the mean frame period comes from the newest frame.
-const PERIOD_SHARE: u64 = 8;
 
 /// Where the results of the hot loop go.
 pub(super) struct Outlets {
@@ -63,9 +59,7 @@ pub(super) struct HotLoop {
     counters: Arc<Counters>,
     /// When the open camera delivered its first picture.
     opened_us: Option<u64>,
-    last_captured_us: Option<u64>,
-    /// The camera's frame period. Work that takes longer makes the loop skip frames.
-    deadline: Duration,
+    timing: FrameTiming,
 }
 
 /// Why the loop has to begin again, or to end.
@@ -91,20 +85,8 @@ impl HotLoop {
         counters: Arc<Counters>,
     ) -> Self {
         let load_tracker = crate::pipeline::load_tracker;
-        let (engine, deadline) = (EngineHealth::default(), Duration::MAX);
-        let (opened_us, last_captured_us) = (None, None);
-        Self {
-            settings,
-            pipeline,
-            load_tracker,
-            engine,
-            outlets,
-            changes,
-            counters,
-            opened_us,
-            last_captured_us,
-            deadline,
-        }
+        let (engine, timing) = (EngineHealth::default(), FrameTiming::new(Arc::clone(&counters)));
+        Self { settings, pipeline, load_tracker, engine, outlets, changes, counters, opened_us: None, timing }
     }
 
     /// Runs until the service stops.
@@ -185,9 +167,7 @@ impl HotLoop {
         add(&self.counters.opened, 1);
         self.counters.camera_open.store(true, Relaxed);
         self.opened_us = Some(monotonic_us());
-        self.counters.frame_period_us.store(source.frame_period_us().unwrap_or(0), Relaxed);
-        self.deadline = self.frame_period(source);
-        self.last_captured_us = None;
+        self.timing.camera_opened(source, self.settings.camera.fps);
         if let Some(pipeline) = &mut self.pipeline {
             pipeline.tracker.forget();
         }
@@ -222,20 +202,16 @@ impl HotLoop {
         add(&self.counters.skipped, source.take_skipped().into());
     }
 
-    /// The frame period that the camera states, or else the one that the settings ask for.
-    fn frame_period(&self, source: &dyn Source) -> Duration {
-        let asked = FrameRate::new(self.settings.camera.fps, 1).unwrap_or(FrameRate::FPS_30);
-        Duration::from_micros(source.frame_period_us().unwrap_or(asked.period_us()))
-    }
-
     fn frame(&mut self, frame: &Frame) -> Result<(), Trouble> {
         let begun_us = self.enter(Phase::Work);
         let Some(pipeline) = &mut self.pipeline else { return Ok(()) };
         let outcome = pipeline.process(frame);
+        let stages = *pipeline.times();
+        self.timing.captured(frame.captured_us);
         let report = self.count(&outcome, frame.captured_us);
-        self.measure_period(frame.captured_us);
         self.report(report);
-        self.measure_work(frame.captured_us, begun_us);
+        // The result is on its way: measuring delays nobody.
+        self.timing.worked(frame.captured_us, begun_us, monotonic_us(), &stages);
         if let Err(Rejected::Infer(error)) = outcome {
             return self.engine_failed(error);
         }
@@ -274,26 +250,6 @@ impl HotLoop {
         }
         self.tell(Event::EngineReloaded);
         Ok(())
-    }
-
-    /// Counts how long the frame waited and how long the work took. The result is on its way already.
-    fn measure_work(&self, captured_us: u64, begun_us: u64) {
-        let (counters, work) = (&self.counters, between(begun_us, monotonic_us()));
-        counters.times.wait.record(between(captured_us, begun_us));
-        if let Some(pipeline) = &self.pipeline {
-            counters.times.record_stages(pipeline.times());
-        }
-        counters.worked(work, self.deadline);
-    }
-
-    /// Follows the mean time between processed frames: the failsafe is more patient on a slow board.
-    fn measure_period(&mut self, captured_us: u64) {
-        let gap_us = self.last_captured_us.and_then(|last_us| captured_us.checked_sub(last_us));
-        self.last_captured_us = Some(captured_us);
-        let Some(gap_us) = gap_us.filter(|gap_us| *gap_us <= MAX_PERIOD_US) else { return };
-        let mean_us = self.counters.frame_period_us.load(Relaxed);
-        let next_us = (mean_us * (PERIOD_SHARE - 1) + gap_us) / PERIOD_SHARE;
-        self.counters.frame_period_us.store(next_us, Relaxed);
     }
 
     /// Takes the changes of all reloads since the last call. Returns whether the camera is to be opened again. What was
@@ -344,4 +300,53 @@ fn replace_if_some<T>(old: &mut T, new: Option<T>) {
 /// Adds to a counter that only this thread writes.
 fn add(counter: &AtomicU64, count: u64) {
     counter.fetch_add(count, Relaxed);
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::atomic::AtomicU32;
+
+    use super::*;
+    use crate::capture::DEMO;
+    use crate::infer::scripted::Scripted;
+    use crate::pipeline::load_solver;
+
+    /// Inferences that the engine of a test may still run.
+    static GOOD_RUNS: AtomicU32 = AtomicU32::new(0);
+
+    /// Loads networks that see no face, and fail when the good runs are used up.
+    fn load_failing(_: &NetworkSettings) -> Result<Tracker, InferError> {
+        let count_down = |runs: u32| runs.checked_sub(1);
+        Tracker::load(&Scripted::new(move |_| {
+            GOOD_RUNS.fetch_update(Relaxed, Relaxed, count_down).map(drop).map_err(|_| "the device has hung up")
+        }))
+    }
+
+    #[test]
+    fn an_engine_that_fails_for_good_is_told_loaded_again_and_then_ends_the_service() {
+        let mut settings = Settings::default();
+        settings.camera.device = DEMO.to_owned();
+        let tracker = load_failing(&settings.networks).unwrap();
+        let pipeline = Pipeline::new(tracker, load_solver(&settings.solver).unwrap(), 60.0);
+        let (reports, _) = triple_buffer::triple_buffer(&Report::Nothing);
+        let ((events, told), (_changes, for_hot)) = (mpsc::channel(), mpsc::channel());
+        let outlets = Outlets { reports, wake: thread::current(), events };
+        let counters = Arc::<Counters>::default();
+        let mut hot = HotLoop::new(settings, Some(pipeline), outlets, for_hot, Arc::clone(&counters));
+        hot.load_tracker = load_failing;
+        GOOD_RUNS.store(3, Relaxed);
+        let error = hot.run().unwrap_err().to_string();
+        assert!(
+            error.starts_with("network detector failed to run (the device has hung up); free some memory"),
+            "{error}"
+        );
+        let told: Vec<Event> = told.try_iter().collect();
+        assert!(
+            matches!(&*told, [Event::Opened(_), Event::EngineFailed(_), Event::EngineReloaded]),
+            "the log is told once: {told:?}"
+        );
+        let status = counters.status();
+        assert_eq!((status.no_face, status.rejected, status.engine_failures), (3, 16, 16));
+    }
 }

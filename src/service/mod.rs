@@ -11,6 +11,7 @@ mod camera;
 mod counters;
 mod engine_health;
 pub mod failsafe;
+mod frame_timing;
 mod heartbeat;
 pub(crate) mod histogram;
 mod hot;

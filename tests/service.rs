@@ -6,6 +6,7 @@
 
 mod common;
 
+use std::fs;
 use std::io::{BufRead as _, BufReader, PipeReader, PipeWriter, Write as _, pipe};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -106,6 +107,27 @@ fn without_a_camera_the_face_is_neutral_10_times_a_second_and_the_log_says_why()
     assert_numbered(&packets);
     let log = assert_stopped(&packets, ended);
     assert_eq!(log.matches("no camera: no camera is called /dev/video99").count(), 1, "told once: {log}");
+}
+
+#[test]
+fn a_model_file_that_is_not_mounted_yet_is_waited_for_with_a_neutral_face() {
+    let (receiver, disk) = (Receiver::new(), tempfile::tempdir().unwrap());
+    let model = disk.path().join("mounted/blendshapes.toml");
+    let service = Service::start(&format!("{DEMO}[solver]\nmodel = \"{}\"\n", text(&model)), &[receiver.address()]);
+    for packet in receiver.until(|packet| packet.reason == Reason::BadResult) {
+        assert_eq!((packet.state, packet.coefficients), (State::Neutral, [0.0; BLENDSHAPES.len()]));
+    }
+    for _ in 0..30 {
+        assert_eq!(receiver.packet().state, State::Neutral);
+    }
+    fs::create_dir(model.parent().unwrap()).unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/blendshapes.toml");
+    fs::copy(shipped, model.with_extension("part")).unwrap();
+    fs::rename(model.with_extension("part"), &model).unwrap();
+    receiver.until(|packet| packet.state == State::Live);
+    let log = service.stop(Signal::TERM).0.succeeded().err;
+    assert_eq!(log.matches("no model: ").count(), 1, "{log}");
+    assert!(log.contains("blendshapes.toml cannot be read (No such file or directory"), "{log}");
 }
 
 /// The service in a network of its own, whose only interface is down; none where that cannot be made.

@@ -1,11 +1,11 @@
-//! The service: camera to links, unattended, until it is told to stop.
+//! The service: from the camera to the links, unattended, until it is told to stop.
 //!
-//! Three threads. The hot loop runs frames ([`hot`]); the sender owns the failsafe and the links ([`sender`]), so that
-//! a stuck inference cannot freeze a face; the supervisor, which is the thread that calls [`run`], hears signals,
-//! changes settings, serves the watchdog and writes the log ([`supervisor`]). From the hot loop to the sender goes a
-//! triple buffer, newest wins; from both to the supervisor go counters, and, where no frame waits, events; from the
-//! supervisor to both go new settings ([`reload`]). A fourth thread lets the counters be read, if it is wanted
-//! ([`metrics`]).
+//! Three threads share the work. The hot loop ([`hot`]) runs frames. The sender ([`sender`]) owns the failsafe and the
+//! links, so that a stuck inference cannot freeze a face. The supervisor ([`supervisor`]), which is the thread that calls
+//! [`run`], handles signals, reloads, the watchdog and the log. The hot loop hands its newest report to the sender in a
+//! triple buffer. Both threads share counters with the supervisor, and send it events while no frame is waiting. The
+//! supervisor sends changed settings to both ([`reload`]). A fourth thread serves the counters by HTTP if the settings ask
+//! for it ([`metrics`]).
 
 mod camera;
 mod counters;
@@ -49,18 +49,18 @@ use crate::config::Settings;
 use crate::link::LinkError;
 use crate::pipeline::{Pipeline, SetupError};
 
-/// How long a stopping service waits for the hot loop, which may be in the kernel, opening a camera.
+/// How long a stopping service waits for the hot loop, which may be opening a camera in the kernel.
 const HOT_PATIENCE: Duration = Duration::from_secs(2);
-/// How often it looks.
+/// Time between two looks whether the hot loop has ended.
 const HOT_LOOK: Duration = Duration::from_millis(10);
 
-/// Why the service could not start, or ended.
+/// Why the service could not start, or why it ended.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
-    /// A network or the model.
+    /// A network or the model does not load, or the engine fails for good.
     #[error(transparent)]
     Setup(#[from] SetupError),
-    /// A link.
+    /// A link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
     /// A camera failed in a way that only another process can recover from.
@@ -71,16 +71,17 @@ pub enum ServiceError {
         "the system refused a thread or a signal handler: {0}; raise the limit of threads (systemd: TasksMax), or free some memory"
     )]
     System(#[from] io::Error),
-    /// A thread panicked. The receivers were sent the neutral face if it was not the sender.
+    /// A thread panicked. Unless it was the sender, the receivers got the neutral face.
     #[error("the {0} ended by a panic, which is a fault of facewire: please report it; start the service again")]
     Panicked(&'static str),
 }
 
-/// Runs until SIGTERM or SIGINT. A second signal ends the process at once. SIGHUP changes the settings to what `program`
-/// reads then, SIGUSR1 writes the status line.
+/// Runs until SIGTERM or SIGINT. A second of these signals ends the process at once. SIGHUP lets `program` read the
+/// settings again, and SIGUSR1 writes the status line. Returns the last counts.
 ///
 /// # Errors
-/// [`ServiceError`], before any camera is opened. Afterwards nothing ends the service but a signal, or a panic.
+/// Before the first camera is opened: a link, the networks or the model cannot be used. Later: the engine or a camera's
+/// driver has failed in a way that only another process can recover from, or a thread has panicked.
 pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, ServiceError> {
     let counters = Arc::new(Counters::default());
     let signals = Signals::catch(&counters)?;
@@ -114,7 +115,7 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     stop(&counters, sender, hot)
 }
 
-/// Starts a thread at its place and tells what it was granted.
+/// Starts a thread, which first makes its real-time requests and reports the system's answers.
 fn spawn<T: Send + 'static>(
     name: &str,
     place: Place,
@@ -123,7 +124,7 @@ fn spawn<T: Send + 'static>(
 ) -> io::Result<JoinHandle<T>> {
     let events = events.clone();
     Builder::new().name(name.to_owned()).spawn(move || {
-        // The supervisor hears it: it does not end before this thread.
+        // The supervisor does not end before this thread.
         let _ = events.send(Event::Started(place.take()));
         drop(events);
         run()

@@ -1,35 +1,43 @@
-//! JPEG to planar YCbCr, without colour conversion, into memory of fixed capacity.
+//! Decodes JPEG into planar `YCbCr`, without colour conversion, in memory of fixed capacity.
 //!
-//! The header is read and checked before anything is decoded, so no image can write past the buffer: libjpeg-turbo
-//! lays the planes out by the image's own subsampling, and the buffer holds the announced size at 4:4:4.
-//! Cameras that leave out the Huffman tables are served: libjpeg-turbo then takes the standard ones.
+//! The header is checked before the image is decoded, so no image can write past the buffer: libjpeg-turbo lays out the
+//! planes by the subsampling of the image, and the buffer holds the announced size at 4:4:4. libjpeg-turbo takes the
+//! standard Huffman tables for an image that has none.
 //!
-//! Rust's heap is not touched by a good frame; a corrupt one costs libjpeg-turbo's message, freed at once.
+//! An image that libjpeg-turbo warns of is cleaned first ([`Cleaner`]) and then must decode without a warning.
+//!
+//! Decoding allocates on the Rust heap only where libjpeg-turbo gives a message: for images that are refused, and for
+//! the first one that had to be cleaned. As long as images need it, the later ones are cleaned without trying them.
 
-use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Error, Subsamp, YuvImage};
+mod cleaner;
+mod header;
+mod huffman;
+mod standard_tables;
 
+use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Subsamp, YuvImage};
+
+use self::cleaner::Cleaner;
 use super::{CaptureError, FrameFault, MAX_SIDE_PX, Picture, Pixels};
 
-/// Scans of a progressive image. The usual script has 10; an image of thousands is built to keep a decoder busy.
+/// Largest number of scans of a progressive image. The usual script has 10; an image of thousands is built to keep a
+/// decoder busy.
 const MAX_SCANS: u32 = 20;
 /// Largest number of columns or rows that share one chroma sample (4:1:1, 4:4:1).
 const MAX_SUBSAMPLING: usize = 4;
-/// Stray bytes before the end marker that are forgiven: many webcams leave a few.
-const MAX_STRAY_BYTES: u32 = 16;
 const START_OF_IMAGE: &[u8] = &[0xff, 0xd8];
 const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
 
 /// Decodes JPEG images of one size.
 #[derive(Debug)]
 pub struct JpegDecoder {
-    decompressor: Decompressor,
-    planes: Vec<u8>,
-    size: [usize; 2],
-    decoded: Option<Subsamp>,
+    strict: StrictDecoder,
+    cleaner: Box<Cleaner>,
+    /// Whether the last image had to be cleaned.
+    cleans_first: bool,
 }
 
 impl JpegDecoder {
-    /// A decoder for images of `width` x `height` pixels.
+    /// Creates a decoder for images of `width` x `height` pixels.
     ///
     /// # Errors
     /// [`CaptureError::PictureSize`] beyond [`MAX_SIDE_PX`], [`CaptureError::Decoder`] without memory.
@@ -37,36 +45,77 @@ impl JpegDecoder {
         if !(1..=MAX_SIDE_PX).contains(&width) || !(1..=MAX_SIDE_PX).contains(&height) {
             return Err(CaptureError::PictureSize { width, height });
         }
-        let decompressor = decompressor().map_err(|_| CaptureError::Decoder)?;
-        let padded = |side: usize| side.next_multiple_of(MAX_SUBSAMPLING);
-        let planes = vec![0; 3 * padded(width) * padded(height)];
-        Ok(Self { decompressor, planes, size: [width, height], decoded: None })
+        let strict = StrictDecoder::new(width, height).map_err(|_| CaptureError::Decoder)?;
+        let cleaner = Box::new(Cleaner::new(strict.max_jpeg_bytes()));
+        Ok(Self { strict, cleaner, cleans_first: false })
     }
 
-    /// Most bytes that an image of this size can sensibly have; sources bound their buffers by it.
+    /// Largest number of bytes that an image of this size can sensibly have. Sources bound their buffers by it.
     #[must_use]
     pub fn max_jpeg_bytes(&self) -> usize {
+        self.strict.max_jpeg_bytes()
+    }
+
+    /// Decodes one image, which [`JpegDecoder::picture`] then returns. After an error there is no picture.
+    ///
+    /// # Errors
+    /// Returns what is wrong with the image.
+    pub fn decode(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
+        self.strict.decoded = None;
+        if !jpeg.starts_with(START_OF_IMAGE) {
+            return Err(FrameFault::NotJpeg);
+        }
+        let tried = if self.cleans_first { Err(FrameFault::Corrupt) } else { self.strict.decode(jpeg) };
+        if tried != Err(FrameFault::Corrupt) {
+            return tried;
+        }
+        let fault = match self.cleaner.clean(jpeg) {
+            Ok(clean) => {
+                self.cleans_first = !jpeg.starts_with(clean);
+                return self.strict.decode(clean);
+            }
+            Err(fault) => fault,
+        };
+        let tried = if self.cleans_first { self.strict.decode(jpeg) } else { Err(FrameFault::Corrupt) };
+        self.cleans_first = false;
+        if tried == Err(FrameFault::Corrupt) { Err(fault) } else { tried }
+    }
+
+    /// Returns the picture that was decoded last.
+    #[must_use]
+    pub fn picture(&self) -> Option<Picture<'_>> {
+        self.strict.picture()
+    }
+}
+
+/// Decodes images that libjpeg-turbo has nothing to say against.
+#[derive(Debug)]
+struct StrictDecoder {
+    decompressor: Decompressor,
+    planes: Vec<u8>,
+    size: [usize; 2],
+    decoded: Option<Subsamp>,
+}
+
+impl StrictDecoder {
+    fn new(width: usize, height: usize) -> turbojpeg::Result<Self> {
+        let padded = |side: usize| side.next_multiple_of(MAX_SUBSAMPLING);
+        let planes = vec![0; 3 * padded(width) * padded(height)];
+        Ok(Self { decompressor: decompressor()?, planes, size: [width, height], decoded: None })
+    }
+
+    fn max_jpeg_bytes(&self) -> usize {
         self.planes.len() + 64 * 1024
     }
 
-    /// Decodes one image; [`JpegDecoder::picture`] then shows it. After an error there is no picture.
-    ///
-    /// # Errors
-    /// What is wrong with the image.
-    pub fn decode(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
-        self.decoded = None;
-        let jpeg = trimmed(jpeg)?;
+    fn decode(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
         let subsamp = self.read_header(jpeg)?;
         let [width, height] = self.size;
         let pixels = self.planes.as_mut_slice();
         let image = YuvImage { pixels, width, align: 1, height, subsamp };
-        match self.decompressor.decompress_to_yuv(jpeg, image) {
-            Err(error) if !is_harmless(&error) => Err(self.corrupt()),
-            _ => {
-                self.decoded = Some(subsamp);
-                Ok(())
-            }
-        }
+        self.decompressor.decompress_to_yuv(jpeg, image).map_err(|_| self.corrupt())?;
+        self.decoded = Some(subsamp);
+        Ok(())
     }
 
     fn read_header(&mut self, jpeg: &[u8]) -> Result<Subsamp, FrameFault> {
@@ -76,8 +125,8 @@ impl JpegDecoder {
         }
     }
 
-    /// Takes a fresh instance of libjpeg-turbo: after a bad header the old one would go on inside that header
-    /// and refuse every later image.
+    /// Replaces the instance of libjpeg-turbo: after a bad header the old one would continue within that header, and
+    /// refuse every later image.
     fn corrupt(&mut self) -> FrameFault {
         if let Ok(fresh) = decompressor() {
             self.decompressor = fresh;
@@ -85,15 +134,13 @@ impl JpegDecoder {
         FrameFault::Corrupt
     }
 
-    /// The picture decoded last.
-    #[must_use]
-    pub fn picture(&self) -> Option<Picture<'_>> {
+    fn picture(&self) -> Option<Picture<'_>> {
         let [width, height] = self.size;
         let pixels = self.pixels(self.decoded?)?;
         Picture::new(width, height, pixels, true)
     }
 
-    /// Refuses what does not fit the buffer or is no camera picture.
+    /// Refuses an image that does not fit the buffer, or that no camera makes.
     fn check(&self, header: &DecompressHeader) -> Result<(), FrameFault> {
         let &DecompressHeader { width, height, subsamp, colorspace, .. } = header;
         if [width, height] != self.size {
@@ -125,7 +172,7 @@ fn decompressor() -> turbojpeg::Result<Decompressor> {
     Ok(decompressor)
 }
 
-/// Powers of two by which chroma is narrower and lower.
+/// Returns the powers of two by which chroma is narrower and lower than luma.
 fn chroma_shift(subsamp: Subsamp) -> Option<[u8; 2]> {
     match subsamp {
         Subsamp::None => Some([0, 0]),
@@ -138,25 +185,7 @@ fn chroma_shift(subsamp: Subsamp) -> Option<[u8; 2]> {
     }
 }
 
-/// The image from its start marker to its end marker, without the padding that some cameras send.
-fn trimmed(jpeg: &[u8]) -> Result<&[u8], FrameFault> {
-    if !jpeg.starts_with(START_OF_IMAGE) {
-        return Err(FrameFault::NotJpeg);
-    }
-    let end = jpeg.windows(2).rposition(|pair| pair == END_OF_IMAGE).ok_or(FrameFault::Incomplete)?;
-    jpeg.get(..end + END_OF_IMAGE.len()).ok_or(FrameFault::Incomplete)
-}
-
-/// Whether the image is whole all the same: only a few bytes too many before the end marker.
-fn is_harmless(error: &Error) -> bool {
-    let Error::TurboJpegError(text) = error else {
-        return false;
-    };
-    let count = text
-        .strip_prefix("Corrupt JPEG data: ")
-        .and_then(|text| text.strip_suffix(" extraneous bytes before marker 0xd9"));
-    count.and_then(|count| count.parse().ok()).is_some_and(|count: u32| count <= MAX_STRAY_BYTES)
-}
-
+#[cfg(test)]
+mod camera_tests;
 #[cfg(test)]
 mod tests;

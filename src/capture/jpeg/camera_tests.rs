@@ -1,0 +1,186 @@
+//! Frames as real webcams send them, and frames that lost data, beside what OpenCV makes of them.
+//!
+//! Both images show a part of frame 100 of the built-in clip and were encoded by OpenCV. The sums of luma samples are
+//! those that OpenCV 5.0.0 decodes from the same bytes by `cv2.imdecode(bytes, cv2.IMREAD_GRAYSCALE)`.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+use std::ops::Range;
+
+use allocation_counter::measure;
+
+use super::*;
+
+/// Sum of the luma of either image as OpenCV decodes it.
+const OPENCV_SUM: u64 = 10_850_651;
+const SIZE: [usize; 2] = [320, 240];
+/// 4:2:2, a restart marker after every 7 units, so that the intervals end anywhere in a row.
+const IMAGE_422: &[u8] = include_bytes!("testdata/clip_422_interval_7.jpg");
+/// 4:2:0, a restart marker after each row of 20 units.
+const IMAGE_420: &[u8] = include_bytes!("testdata/clip_420_interval_20.jpg");
+
+/// The luma of an image, if it is accepted by a decoder that saw `before` first.
+fn luma(before: &[u8], image: &[u8]) -> Result<Vec<u8>, FrameFault> {
+    let [width, height] = SIZE;
+    let mut decoder = JpegDecoder::new(width, height).unwrap();
+    let _ = decoder.decode(before);
+    decoder.decode(image)?;
+    let Pixels::Planar { planes: [luma, ..], .. } = decoder.picture().unwrap().pixels else { panic!("no luma") };
+    Ok(luma.to_vec())
+}
+
+fn sum(luma: &[u8]) -> u64 {
+    luma.iter().map(|sample| u64::from(*sample)).sum()
+}
+
+/// Where the segment with this marker begins.
+fn segment(image: &[u8], wanted: u8) -> Range<usize> {
+    let mut at = 2;
+    loop {
+        let end = at + 2 + usize::from(u16::from_be_bytes([image[at + 2], image[at + 3]]));
+        if image[at + 1] == wanted {
+            return at..end;
+        }
+        at = end;
+    }
+}
+
+/// Positions of all restart markers and of the end marker.
+fn markers(image: &[u8]) -> Vec<usize> {
+    let data = segment(image, 0xda).end;
+    (data..image.len() - 1).filter(|at| image[*at] == 0xff && matches!(image[at + 1], 0xd0..=0xd9)).collect()
+}
+
+/// The image with `bytes` in place of a part of it.
+fn replaced(image: &[u8], part: Range<usize>, bytes: &[u8]) -> Vec<u8> {
+    [&image[..part.start], bytes, &image[part.end..]].concat()
+}
+
+fn inserted(image: &[u8], at: usize, bytes: &[u8]) -> Vec<u8> {
+    replaced(image, at..at, bytes)
+}
+
+/// The image with stray bytes before the markers of these numbers.
+fn strewn(image: &[u8], numbers: impl DoubleEndedIterator<Item = usize>, bytes: &[u8]) -> Vec<u8> {
+    let markers = markers(image);
+    numbers.rev().fold(image.to_vec(), |image, number| inserted(&image, markers[number], bytes))
+}
+
+fn without_tables(image: &[u8]) -> Vec<u8> {
+    (0..4).fold(image.to_vec(), |image, _| replaced(&image, segment(&image, 0xc4), &[]))
+}
+
+fn segment_of(marker: u8, content: &[u8]) -> Vec<u8> {
+    [&[0xff, marker], &u16::try_from(content.len() + 2).unwrap().to_be_bytes()[..], content].concat()
+}
+
+/// Frames that have all their blocks. OpenCV decodes all of them to [`OPENCV_SUM`], except for those with two start
+/// markers or no end marker, which it refuses.
+fn whole_frames(image: &[u8]) -> Vec<(&'static str, Vec<u8>)> {
+    let (last, data) = (markers(image).len() - 1, segment(image, 0xda));
+    let avi1 = segment_of(0xe0, &[&b"AVI1"[..], &[0; 27]].concat());
+    let app4 = segment_of(0xe4, &[0x55; 10_000]);
+    let c910 = strewn(image, (0..last).step_by(3), &[0x5a; 9]);
+    vec![
+        ("unaltered", image.to_vec()),
+        ("a stray byte before one restart marker", strewn(image, 4..5, &[0])),
+        ("stray bytes before many restart markers", c910.clone()),
+        ("stuffed and fill bytes before a marker", strewn(image, 2..5, &[0xff, 0, 0x12, 0xff])),
+        ("stray bytes before the end marker", strewn(image, last..=last, &[0; 8])),
+        ("no Huffman tables", without_tables(image)),
+        ("zeros behind the end marker", [image, &[0; 1000]].concat()),
+        ("the rest of an older frame behind the end marker", [image, &image[image.len() / 2..]].concat()),
+        (
+            "AVI1 and APP4 fields and a comment",
+            inserted(image, 2, &[avi1.clone(), app4, segment_of(0xfe, b"X")].concat()),
+        ),
+        ("a stray byte between segments", inserted(image, segment(image, 0xdb).end, &[0])),
+        ("a JFIF field of version 0", replaced(image, 11..13, &[0, 0])),
+        ("zeros as parameters of the scan", replaced(image, data.end - 3..data.end, &[0; 3])),
+        ("two start markers", inserted(image, 2, START_OF_IMAGE)),
+        ("no end marker", image[..image.len() - 2].to_vec()),
+        ("all of a C910", [&inserted(&without_tables(&c910), 2, &avi1)[..], &[0; 300]].concat()),
+    ]
+}
+
+/// A name, a frame, and OpenCV's sums of luma in the 4:2:2 and the 4:2:0 image if it does not refuse the frame.
+type Damaged = (&'static str, Vec<u8>, Option<[u64; 2]>);
+
+/// Frames that lost data. In most of them a stray byte makes libjpeg-turbo's first warning a harmless one.
+fn damaged_frames(image: &[u8]) -> Vec<Damaged> {
+    let stray = strewn(image, 1..2, &[0]);
+    let markers = markers(&stray);
+    let part = |number: usize| markers[number]..markers[number + 1];
+    let after = |number: usize, bytes: Range<usize>| markers[number] + bytes.start..markers[number] + bytes.end;
+    let (before_first, two, eight) = (markers[0] - 10..markers[0], markers[6]..markers[8], markers[3]..markers[11]);
+    let swapped = [&stray[part(7)], &stray[part(6)]].concat();
+    vec![
+        ("cut, with an end marker", [&image[..image.len() / 2], END_OF_IMAGE].concat(), Some([10_628_874, 10_636_849])),
+        ("cut, without an end marker", stray[..stray.len() - 30].to_vec(), None),
+        ("data lost after a stray byte", replaced(&stray, after(6, 20..40), &[]), Some([10_814_747, 10_688_252])),
+        ("data lost before a stray byte", replaced(&stray, before_first, &[]), Some([10_850_539, 10_855_771])),
+        ("an interval lost", replaced(&stray, part(6), &[]), Some([10_820_594, 10_703_311])),
+        ("eight intervals lost", replaced(&stray, eight, &[]), Some([10_708_077, 10_244_597])),
+        ("two intervals swapped", replaced(&stray, two, &swapped), Some([10_820_594, 10_703_311])),
+        ("a restart marker lost", replaced(&stray, after(6, 0..2), &[]), Some([10_820_594, 10_703_311])),
+        ("data overwritten", replaced(&stray, after(6, 20..60), &[0xfe; 40]), Some([10_835_338, 11_217_768])),
+    ]
+}
+
+#[test]
+fn frames_as_webcams_send_them_are_decoded_to_the_same_luma_as_by_opencv() {
+    for image in [IMAGE_422, IMAGE_420] {
+        for (what, frame) in whole_frames(image) {
+            assert_eq!(luma(&[], &frame).map(|luma| sum(&luma)), Ok(OPENCV_SUM), "{what}");
+            assert_eq!(luma(&[], &frame), luma(&[], image), "{what}");
+        }
+    }
+}
+
+#[test]
+fn frames_that_lost_data_are_refused_even_if_the_first_warning_is_harmless() {
+    for (image, subsampling) in [(IMAGE_422, 0), (IMAGE_420, 1)] {
+        for (what, frame, opencv_sums) in damaged_frames(image) {
+            assert!(luma(&[], &frame).is_err(), "{what}");
+            assert_ne!(opencv_sums.map(|sums| sums[subsampling]), Some(OPENCV_SUM), "{what}: OpenCV shows the damage");
+        }
+    }
+}
+
+#[test]
+fn a_frame_is_judged_the_same_whatever_came_before_it() {
+    let frames = |image| {
+        let damaged = damaged_frames(image).into_iter().map(|(what, frame, _)| (what, frame));
+        whole_frames(image).into_iter().chain(damaged).collect::<Vec<_>>()
+    };
+    let (frames, before) = (frames(IMAGE_422), frames(IMAGE_420));
+    for (what, frame) in &frames {
+        let alone = luma(&[], frame);
+        for (what_before, before) in &before {
+            assert_eq!(luma(before, frame), alone, "{what} after {what_before}");
+        }
+    }
+}
+
+/// OpenCV decodes such a frame, too. But codes that were damaged often end at the wrong place, and then leave many bytes.
+#[test]
+fn more_stray_bytes_than_a_webcam_leaves_are_refused() {
+    let last = markers(IMAGE_422).len() - 1;
+    for number in [4, last] {
+        assert!(luma(&[], &strewn(IMAGE_422, number..=number, &[0x33; 32])).is_ok());
+        assert_eq!(luma(&[], &strewn(IMAGE_422, number..=number, &[0x33; 33])), Err(FrameFault::Corrupt));
+    }
+    let header = inserted(IMAGE_422, segment(IMAGE_422, 0xc0).start, &[0x33; 608]);
+    assert!(luma(&[], &header).is_ok(), "no code lies before the segments of the header");
+}
+
+#[test]
+fn a_camera_that_sends_stray_bytes_causes_no_allocation_after_its_first_frame() {
+    let [width, height] = SIZE;
+    let mut decoder = JpegDecoder::new(width, height).unwrap();
+    let stray = strewn(IMAGE_422, 4..5, &[0]);
+    let mut allocations = |frame| measure(|| decoder.decode(frame).unwrap()).count_total;
+    assert!(allocations(&stray) > 0, "libjpeg-turbo warns");
+    for frame in [&stray, &stray, IMAGE_422, IMAGE_422] {
+        assert_eq!(allocations(frame), 0);
+    }
+}

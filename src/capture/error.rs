@@ -124,6 +124,16 @@ pub enum CaptureError {
     /// Unplugged, or its driver was removed.
     #[error("the camera is gone; plug it in again")]
     Gone,
+    /// The camera cannot be stopped, so it stays open until the process ends.
+    #[error(
+        "{path} cannot be stopped: {source}; start this program again, and if that does not help, unplug the camera"
+    )]
+    NotStopped {
+        /// Its node.
+        path: String,
+        /// The system's reason.
+        source: io::Error,
+    },
     /// No frame came in time.
     #[error("the camera sent nothing for {waited_ms} ms; check its cable and USB bandwidth")]
     Stalled {

@@ -72,6 +72,14 @@ pub trait Source {
 
     /// What this source is, for the operator.
     fn describe(&self) -> Description<'_>;
+
+    /// Closes the source. Dropping it does the same, but hides the error.
+    ///
+    /// # Errors
+    /// [`CaptureError::NotStopped`] if a camera stays open for the rest of the process, so that nobody can open it again.
+    fn close(self: Box<Self>) -> Result<(), CaptureError> {
+        Ok(())
+    }
 }
 
 /// What a source delivers, printed as `demo: MJPEG 640x480 at 30 fps`.

@@ -82,5 +82,6 @@ fn check_camera(settings: &CameraSettings) -> Result<String, Failure> {
     let mut camera = open_camera(settings)?;
     let described = camera.describe().to_string();
     await_picture(&mut *camera, || {})?;
+    camera.close()?;
     Ok(described)
 }

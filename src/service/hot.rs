@@ -132,7 +132,7 @@ impl HotLoop {
         // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
-        outcome
+        source.close().map_err(Event::Lost).and(outcome)
     }
 
     fn load_pipeline(&mut self) -> Result<(), Trouble> {

@@ -73,6 +73,10 @@ impl Source for CameraSource {
         self.rate.map(FrameRate::period_us)
     }
 
+    fn close(mut self: Box<Self>) -> Result<(), CaptureError> {
+        self.stream.stop()
+    }
+
     fn describe(&self) -> Description<'_> {
         let Layout { format, width, height, .. } = self.layout;
         Description { origin: &self.origin, format: format.name(), width, height, rate: self.rate }

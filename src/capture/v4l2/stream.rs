@@ -1,9 +1,12 @@
-//! The camera's buffers: wait, drain to the newest, look at it, and give everything back safely.
+//! The buffers of a camera: waits for frames, takes the newest, and gives all buffers back at the end.
 //!
-//! The v4l crate's stream lends a buffer from one `next` to the following one, and must not be used after an error;
-//! both hold here, because every error ends the source. Its `Drop` panics when stopping fails with any error but
-//! `ENODEV`, so [`Stream`] stops it first and lets go of it only if that worked. Else it is leaked with
-//! its descriptor and four buffers, once: a camera that cannot be stopped stays busy and is not opened again.
+//! The v4l crate's stream lends a buffer from one `next` to the following one, and cannot be used after an error. Every
+//! error therefore ends the source.
+//!
+//! Its `Drop` stops the stream, and panics if that fails with any error but `ENODEV`. [`Stream::stop`] therefore stops the
+//! stream first and drops it only afterwards. A camera that cannot be stopped stays open, because its descriptor cannot
+//! be closed without that `Drop`: only the end of the process frees it ([`CaptureError::NotStopped`]). A driver that stops
+//! once, then fails to stop and to free its buffers, makes two panics, and so aborts the process; that also frees it.
 
 use std::io;
 use std::mem;
@@ -16,7 +19,7 @@ use v4l::Device;
 use v4l::buffer::{Flags, Metadata, Type};
 use v4l::device::Handle;
 use v4l::io::mmap::Stream as MappedStream;
-use v4l::io::traits::{CaptureStream, Stream as _};
+use v4l::io::traits::CaptureStream;
 
 use super::super::{CaptureError, FrameFault, monotonic_us};
 use super::guard::guarded;
@@ -32,7 +35,7 @@ const STOP_ATTEMPTS: usize = 10;
 
 /// A camera that delivers.
 pub struct Stream {
-    /// `None` only while it is dropped.
+    /// `None` after [`Stream::stop`].
     mapped: Option<MappedStream<'static>>,
     handle: Arc<Handle>,
     path: PathBuf,
@@ -120,6 +123,14 @@ impl Stream {
         mem::take(&mut self.skipped)
     }
 
+    /// Stops the camera and gives its buffers back. There are no frames afterwards.
+    ///
+    /// # Errors
+    /// [`CaptureError::NotStopped`] if the camera stays open for the rest of the process.
+    pub fn stop(&mut self) -> Result<(), CaptureError> {
+        self.mapped.take().map_or(Ok(()), |mapped| release(mapped, &self.path))
+    }
+
     fn wait(&self) -> Result<(), CaptureError> {
         let deadline_us = monotonic_us() + u64::try_from(self.limits.timeout.as_micros()).unwrap_or(u64::MAX / 2);
         loop {
@@ -136,31 +147,38 @@ impl Stream {
 
 impl Drop for Stream {
     fn drop(&mut self) {
-        let Some(mut mapped) = self.mapped.take() else {
-            return;
-        };
-        if has_stopped(&mut mapped) {
-            // Giving the buffers back may fail all the same, and then there is nothing more to do.
-            let _ = guarded(&self.path, || {
-                drop(mapped);
-                Ok(())
-            });
-        } else {
-            mem::forget(mapped);
-        }
+        // The result matters to those who call `stop` themselves.
+        let _ = self.stop();
     }
 }
 
-/// Whether the stream is at rest, so that dropping it cannot fail.
-fn has_stopped(mapped: &mut MappedStream<'static>) -> bool {
-    for _ in 0..STOP_ATTEMPTS {
-        match mapped.stop() {
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return error.raw_os_error() == Some(Errno::NODEV.raw_os_error()),
-            Ok(()) => return true,
+/// Stops a stream of the v4l crate and drops it. A stream that cannot be stopped is leaked.
+fn release<S: v4l::io::traits::Stream>(mut mapped: S, path: &Path) -> Result<(), CaptureError> {
+    if let Err(source) = stop(&mut mapped) {
+        mem::forget(mapped);
+        return Err(CaptureError::NotStopped { path: path.display().to_string(), source });
+    }
+    // Even if the driver does not take the buffers back, the descriptor is closed, which frees the camera.
+    let _ = guarded(path, || {
+        drop(mapped);
+        Ok(())
+    });
+    Ok(())
+}
+
+/// Stops a stream. A camera that was unplugged counts as stopped.
+fn stop(mapped: &mut impl v4l::io::traits::Stream) -> io::Result<()> {
+    let mut outcome = mapped.stop();
+    for _ in 1..STOP_ATTEMPTS {
+        match &outcome {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => outcome = mapped.stop(),
+            _ => break,
         }
     }
-    false
+    match outcome {
+        Err(error) if error.raw_os_error() == Some(Errno::NODEV.raw_os_error()) => Ok(()),
+        outcome => outcome,
+    }
 }
 
 /// Whether a buffer is ready or comes within `timeout`. A signal counts as not yet.
@@ -198,32 +216,4 @@ fn stalled(timeout: Duration) -> CaptureError {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use v4l::timestamp::Timestamp;
-
-    use super::*;
-
-    fn meta(bytesused: u32, flags: Flags) -> Metadata {
-        Metadata { bytesused, flags, timestamp: Timestamp::new(2, 500), ..Metadata::default() }
-    }
-
-    #[test]
-    fn only_what_the_driver_filled_is_shown() {
-        let buffer = [7; 100];
-        let shown = |bytesused, flags| shot(&buffer, &meta(bytesused, flags)).map(|shot| shot.bytes.len());
-        assert_eq!(shown(60, Flags::empty()), Ok(60));
-        assert_eq!(shown(101, Flags::empty()), Err(FrameFault::Incomplete));
-        assert_eq!(shown(60, Flags::ERROR), Err(FrameFault::Marked));
-    }
-
-    #[test]
-    fn the_drivers_time_is_taken_only_from_the_monotonic_clock_and_never_from_the_future() {
-        let now_us = 3_000_000;
-        let time = |flags, now_us| captured_us(&meta(0, flags), now_us);
-        assert_eq!(time(Flags::TIMESTAMP_MONOTONIC, now_us), 2_000_500);
-        assert_eq!(time(Flags::TIMESTAMP_COPY, now_us), now_us);
-        assert_eq!(time(Flags::TIMESTAMP_UNKNOWN, now_us), now_us);
-        assert_eq!(time(Flags::TIMESTAMP_MONOTONIC, 1_000_000), 1_000_000);
-    }
-}
+mod tests;

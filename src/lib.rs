@@ -18,3 +18,7 @@ pub mod pipeline;
 mod retry;
 pub mod service;
 pub mod solve;
+
+#[cfg(test)]
+#[path = "../tests/common/skip.rs"]
+mod skip;

@@ -202,7 +202,7 @@ fn what_is_no_camera_is_refused_by_name() {
 #[test]
 fn without_any_camera_check_says_so() {
     if Path::new("/dev/video0").exists() {
-        return skip("without_any_camera_check_says_so", "this machine has a camera");
+        return skip("this machine has a camera");
     }
     let run = Run::of(&mut facewire(["check"]));
     assert!(run.sentence(66).starts_with("there is no camera; plug one in"), "{}", run.err);
@@ -243,7 +243,7 @@ fn sentences_of_the_help_are_broken_only_where_the_line_ends() {
 #[test]
 fn networks_that_this_user_may_not_read_are_told_from_missing_ones() {
     if rustix::process::geteuid().is_root() {
-        return skip("networks_that_this_user_may_not_read", "root may read everything");
+        return skip("root may read everything");
     }
     let folder = tempfile::tempdir().unwrap();
     fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o000)).unwrap();

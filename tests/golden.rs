@@ -77,14 +77,14 @@ fn track_decoded(
 
 /// The landmarks of a reference film by an engine and by MediaPipe. Returns `None`, and says why, if the film or ffmpeg
 /// is missing.
-fn reference(test: &str, engine: &dyn Engine, film: &str) -> Option<[Vec<Landmarks>; 2]> {
+fn reference(engine: &dyn Engine, film: &str) -> Option<[Vec<Landmarks>; 2]> {
     let Some(shared) = shared() else {
-        skip(test, "no folder of reference clips; set FACEWIRE_SHARED");
+        skip("no folder of reference clips; set FACEWIRE_SHARED");
         return None;
     };
     let path = shared.join("footage").join(film);
     let Some(ours) = track_decoded(engine, &path, &["-pix_fmt", "yuv420p"], |picture| picture) else {
-        skip(test, "no ffmpeg");
+        skip("no ffmpeg");
         return None;
     };
     let golden = format!("golden/{}-mediapipe.npz", path.file_stem().unwrap().to_str().unwrap());
@@ -124,7 +124,7 @@ fn every_8th_frame_of_the_clip_is_as_mediapipe_sees_it() {
 #[test]
 fn every_frame_of_the_clip_is_as_mediapipe_sees_it() {
     let Some(shared) = shared() else {
-        return skip("every_frame_of_the_clip", "no folder of reference clips; set FACEWIRE_SHARED");
+        return skip("no folder of reference clips; set FACEWIRE_SHARED");
     };
     let theirs = read_npz(&shared.join("golden/demo-mediapipe.npz"));
     for (engine, demo) in &*DEMO {
@@ -135,7 +135,7 @@ fn every_frame_of_the_clip_is_as_mediapipe_sees_it() {
 #[test]
 fn a_person_who_speaks_is_as_mediapipe_sees_it() {
     for engine in engines() {
-        let Some([ours, theirs]) = reference("a_person_who_speaks", engine, "single_face.mp4") else { return };
+        let Some([ours, theirs]) = reference(engine, "single_face.mp4") else { return };
         assert_near(engine, "a person who speaks", &ours, &theirs, 72);
     }
 }
@@ -143,7 +143,7 @@ fn a_person_who_speaks_is_as_mediapipe_sees_it() {
 #[test]
 fn a_person_who_leaves_is_lost_when_mediapipe_loses_it() {
     for engine in engines() {
-        let Some([ours, theirs]) = reference("a_person_who_leaves", engine, "face_noface.mov") else { return };
+        let Some([ours, theirs]) = reference(engine, "face_noface.mov") else { return };
         let changes = [&ours, &theirs].map(|faces| changes(faces));
         let [ours_changes, theirs_changes] = &changes;
         assert!(!theirs_changes.is_empty());
@@ -173,7 +173,7 @@ fn a_film_of_either_luma_range_gives_the_same_landmarks() {
                 Some(Distance::between(&ours, &demo[..24]))
             };
             let Some(right) = distance(|picture| picture) else {
-                return skip("a_film_of_either_luma_range", "no ffmpeg");
+                return skip("no ffmpeg");
             };
             let wrong = distance(|picture| Picture { full_range: !picture.full_range, ..picture }).unwrap();
             println!("{}, {range} range: {right:?}, if mistaken {wrong:?}", engine.name());

@@ -69,7 +69,7 @@ fn eventually(what: &str, mut is_so: impl FnMut() -> bool) {
 #[test]
 fn prometheus_parser_reads_the_metrics_by_tcp_and_by_unix_socket() {
     let Some(python) = python() else {
-        return common::skip("metrics", "Prometheus' parser is not there; run scripts/setup tests");
+        return common::skip("Prometheus' parser is not there; run scripts/setup tests");
     };
     let folder = tempfile::tempdir().unwrap();
     for listen in [free_address(), format!("unix:{}", text(&folder.path().join("metrics.sock")))] {

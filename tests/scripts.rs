@@ -1,4 +1,4 @@
-//! What the scripts say before they set anything up.
+//! What the scripts say before they set anything up, and what `scripts/test` says at its end.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -15,24 +15,26 @@ fn script(name: &str) -> Command {
     Command::new(Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts").join(name))
 }
 
-/// A folder with programs that print these words in place of the system's.
-fn programs(words: &[(&str, &str)]) -> TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    for (name, word) in words {
-        let path = folder.path().join(name);
-        fs::write(&path, format!("#!/bin/sh\necho {word}\n")).unwrap();
-        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    }
-    folder
+/// Writes a shell script that anybody may run.
+fn write_script(path: &Path, commands: &str) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, format!("#!/bin/sh\n{commands}\n")).unwrap();
+    fs::set_permissions(path, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+/// The search path for programs, with this folder before the others.
+fn search_path(first: &Path) -> String {
+    format!("{}:{}", first.display(), std::env::var("PATH").unwrap())
 }
 
 #[test]
-fn a_machine_without_onnx_runtime_is_told_before_anything_is_installed() {
+fn setup_refuses_a_machine_without_onnx_runtime_before_it_installs_anything() {
     for (machine, bits) in [("armv7l", "32"), ("aarch64", "32"), ("riscv64", "64")] {
-        let stand_ins = programs(&[("uname", machine), ("getconf", bits)]);
-        let path = format!("{}:{}", stand_ins.path().display(), std::env::var("PATH").unwrap());
+        let stand_ins = tempfile::tempdir().unwrap();
+        write_script(&stand_ins.path().join("uname"), &format!("echo {machine}"));
+        write_script(&stand_ins.path().join("getconf"), &format!("echo {bits}"));
         let cache = stand_ins.path().join("cache");
-        let run = Run::of(script("setup").env("PATH", path).env("XDG_CACHE_HOME", &cache));
+        let run = Run::of(script("setup").env("PATH", search_path(stand_ins.path())).env("XDG_CACHE_HOME", &cache));
         assert_eq!(run.status, Some(1), "{}", run.err);
         let want = format!(
             "setup: the landmark networks need a 64-bit system on x86-64 or ARM, this is {machine} with {bits} bits: on a \
@@ -44,7 +46,7 @@ fn a_machine_without_onnx_runtime_is_told_before_anything_is_installed() {
 }
 
 #[test]
-fn help_of_the_scripts_sets_nothing_up() {
+fn help_sets_nothing_up() {
     let folder = tempfile::tempdir().unwrap();
     let cache: PathBuf = folder.path().join("cache");
     for name in ["compare", "setup"] {
@@ -52,4 +54,84 @@ fn help_of_the_scripts_sets_nothing_up() {
         assert!(run.out.contains("Usage: scripts/") && run.err.is_empty(), "{name}: {}{}", run.out, run.err);
         assert!(!cache.exists());
     }
+}
+
+/// A copy of `scripts/test` in a project whose programs and scripts are stand-ins that do nothing.
+struct Rehearsal(TempDir);
+
+impl Rehearsal {
+    fn new() -> Self {
+        let rehearsal = Self(tempfile::tempdir().unwrap());
+        for program in ["cargo", "rustfmt", "shellcheck"] {
+            rehearsal.replace(&format!("programs/{program}"), "");
+        }
+        for file in ["scripts/setup", "tests/guest/setup", "tests/guest/cameras", "tests/guest/run"] {
+            rehearsal.replace(file, "");
+        }
+        fs::copy(script("test").get_program(), rehearsal.0.path().join("scripts/test")).unwrap();
+        rehearsal
+    }
+
+    fn replace(&self, file: &str, commands: &str) {
+        write_script(&self.0.path().join(file), commands);
+    }
+
+    fn run(&self, steps: &[&str]) -> Run {
+        let mut test = Command::new(self.0.path().join("scripts/test"));
+        test.env("PATH", search_path(&self.0.path().join("programs"))).env_remove("CARGO_TARGET_DIR");
+        Run::of(test.args(steps))
+    }
+}
+
+#[test]
+fn all_passed_is_said_only_if_nothing_was_skipped() {
+    let run = Rehearsal::new().run(&[]).succeeded();
+    assert!(run.out.ends_with("\n== all passed\n"), "{}", run.out);
+}
+
+#[test]
+fn skipped_tests_are_listed_at_the_end_with_their_reasons() {
+    let rehearsal = Rehearsal::new();
+    rehearsal
+        .replace("programs/cargo", "[ $1 != test ] || echo 'golden smile: there is no ffmpeg' >>$FACEWIRE_SKIPPED");
+    rehearsal.replace("tests/guest/setup", "echo 'device tests: they need Debian' >>$FACEWIRE_SKIPPED; exit 77");
+    let run = rehearsal.run(&[]).succeeded();
+    let list = "\n== passed, but 2 skipped:\ndevice tests: they need Debian\ngolden smile: there is no ffmpeg\n";
+    assert!(run.out.ends_with(list), "{}", run.out);
+    assert!(!run.out.contains("all passed"), "{}", run.out);
+}
+
+#[test]
+fn steps_that_were_not_asked_for_are_listed_as_skipped() {
+    let run = Rehearsal::new().run(&["lint"]).succeeded();
+    let list = "\n== passed, but 2 skipped:\nstep device: not asked for\nstep unit: not asked for\n";
+    assert!(run.out.ends_with(list), "{}", run.out);
+}
+
+#[test]
+fn a_step_that_fails_ends_the_run_without_a_verdict() {
+    let rehearsal = Rehearsal::new();
+    for file in ["programs/cargo", "programs/shellcheck", "scripts/setup", "tests/guest/setup", "tests/guest/run"] {
+        rehearsal.replace(file, "exit 3");
+        let run = rehearsal.run(&[]);
+        assert_eq!(run.status, Some(3), "{file}: {}", run.out);
+        assert!(!run.out.contains("passed"), "{file}: {}", run.out);
+        rehearsal.replace(file, "");
+    }
+}
+
+/// Set for the run of the next test that skips itself.
+const SKIPS: &str = "FACEWIRE_TEST_SKIPS";
+
+#[test]
+fn a_test_that_skips_itself_is_listed_by_its_name() {
+    if std::env::var_os(SKIPS).is_some() {
+        return common::skip("this machine lacks\nsomething\n");
+    }
+    let list = tempfile::NamedTempFile::new().unwrap();
+    let mut this = Command::new(std::env::current_exe().unwrap());
+    this.args(["--exact", "a_test_that_skips_itself_is_listed_by_its_name", "--test-threads", "2"]);
+    Run::of(this.env(SKIPS, "1").env("FACEWIRE_SKIPPED", list.path())).succeeded();
+    let want = "scripts a_test_that_skips_itself_is_listed_by_its_name: this machine lacks something\n";
+    assert_eq!(fs::read_to_string(list.path()).unwrap(), want);
 }

@@ -45,11 +45,11 @@ impl Traced {
         strace.envs(manager.map(|socket| ("NOTIFY_SOCKET", socket)));
         let strace = strace.stdin(Stdio::null()).stderr(fs::File::create(&log).unwrap());
         let Ok(mut strace) = strace.spawn() else {
-            common::skip("silence", "there is no strace");
+            common::skip("there is no strace");
             return None;
         };
         let Some(service) = child_of(&mut strace, &record) else {
-            common::skip("silence", &format!("strace cannot trace here: {}", fs::read_to_string(&log).unwrap()));
+            common::skip(&format!("strace cannot trace here: {}", fs::read_to_string(&log).unwrap()));
             return None;
         };
         Some(Self { strace, service, folder })

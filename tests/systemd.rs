@@ -270,7 +270,23 @@ fn the_installed_configuration_is_the_default_one() {
 fn the_unit_is_correct_and_exposes_no_more_than_it_did() {
     let checked = Run::of(&mut Command::new(project("systemd/check"))).succeeded();
     if checked.out.contains("skipped") {
-        common::skip("the_unit_is_correct_and_exposes_no_more_than_it_did", &checked.out);
+        common::skip(&checked.out);
+    }
+}
+
+/// A rule that matches any webcam or any adapter would move its name to whichever device was plugged in last.
+#[test]
+fn udev_rules_give_no_device_a_name_and_keep_modemmanager_away_from_boards() {
+    let file = fs::read_to_string(project("systemd/99-facewire.rules")).unwrap();
+    let rules: Vec<&str> = file.lines().filter(|line| !line.is_empty() && !line.starts_with('#')).collect();
+    assert!(rules.iter().all(|rule| !rule.contains("SYMLINK") && !rule.contains("NAME")), "{rules:?}");
+    for vendor in ["2341", "2a03", "239a", "2e8a", "303a", "1b4f", "2886", "1ffb", "16c0"] {
+        let of_vendor = |rule: &&&str| rule.contains("ATTRS{idVendor}==") && rule.contains(vendor);
+        let rule = rules.iter().find(of_vendor).unwrap_or_else(|| panic!("no rule for {vendor}"));
+        assert!(rule.starts_with("SUBSYSTEM==\"tty\"") && rule.ends_with("ENV{ID_MM_DEVICE_IGNORE}=\"1\""), "{rule}");
+    }
+    for adapter in ["0403", "1a86", "10c4", "067b"] {
+        assert!(rules.iter().all(|rule| !rule.contains(adapter)), "a modem may be behind an adapter of {adapter}");
     }
 }
 

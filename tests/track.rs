@@ -120,7 +120,7 @@ fn the_same_samples_as_y4m_give_the_same_rows() {
 #[test]
 fn the_clip_as_ffmpeg_decodes_it_gives_nearly_the_same_rows() {
     let Some(mut decoder) = decode(&demo_avi(), &["-pix_fmt", "yuv420p", "-frames:v", "60"]) else {
-        return skip("the_clip_as_ffmpeg_decodes_it", "no ffmpeg");
+        return skip("there is no ffmpeg");
     };
     let stream = Stdio::from(decoder.stdout.take().unwrap());
     let run = Run::ended(&facewire(["track", "-"]).stdin(stream).output().unwrap()).succeeded();

@@ -1,6 +1,11 @@
 //! Where tests find reference data that the repository does not carry.
 
+#[path = "../../tests/common/skip.rs"]
+mod skip;
+
 use std::path::{Path, PathBuf};
+
+pub use skip::skip;
 
 /// The folder named by `FACEWIRE_SHARED`, or `shared` beside the checkout.
 pub fn folder() -> PathBuf {
@@ -8,7 +13,7 @@ pub fn folder() -> PathBuf {
     std::env::var_os("FACEWIRE_SHARED").map_or_else(beside, PathBuf::from)
 }
 
-/// Says that a test has nothing to judge by.
+/// Notes that the calling test did not run, because this part of the reference data is missing.
 pub fn say_skipped(what: &str) {
-    eprintln!("skipped: no {what} in {} (set FACEWIRE_SHARED)", folder().display());
+    skip(&format!("no {what} in {} (set FACEWIRE_SHARED)", folder().display()));
 }

@@ -7,7 +7,6 @@ mod reference;
 
 use std::{
     fs,
-    io::Write as _,
     path::{Path, PathBuf},
     process::{Command, Output},
     sync::LazyLock,
@@ -52,10 +51,6 @@ fn figures(track: &str, truth: &str, options: &[&str]) -> Value {
     serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap()
 }
 
-fn skip(test: &str, why: &str) {
-    std::io::stderr().write_all(format!("skipped {test}: {why}\n").as_bytes()).unwrap();
-}
-
 /// The built-in clip, tracked once for all tests; `None` where no network can be run.
 struct Demo {
     csv: Option<PathBuf>,
@@ -72,9 +67,9 @@ static DEMO: LazyLock<Demo> = LazyLock::new(|| {
 });
 
 /// The tracked clip, or a word about what is missing. Where the networks can be run it must be there.
-fn demo(test: &str) -> Option<&'static str> {
+fn demo() -> Option<&'static str> {
     if let Err(error) = infer::engine(&NetworkSettings::default()).and_then(|engine| Mesh::load(engine.as_ref())) {
-        skip(test, &error.to_string());
+        reference::skip(&error.to_string());
         return None;
     }
     Some(DEMO.csv.as_deref().and_then(Path::to_str).expect("track writes the clip"))
@@ -82,7 +77,7 @@ fn demo(test: &str) -> Option<&'static str> {
 
 #[test]
 fn jaw_and_blinks_of_the_built_in_clip_follow_the_truth() {
-    let Some(track) = demo("jaw_and_blinks_of_the_built_in_clip_follow_the_truth") else { return };
+    let Some(track) = demo() else { return };
     let found = figures(track, SOME_TRUTH, &[]);
     assert_eq!(found["frames"], 240);
     for name in ["jawOpen", "eyeBlinkLeft", "eyeBlinkRight"] {
@@ -102,12 +97,11 @@ fn jaw_and_blinks_of_the_built_in_clip_follow_the_truth() {
 
 #[test]
 fn all_curves_of_the_built_in_clip_correlate_above_0_7_on_average() {
-    let test = "all_curves_of_the_built_in_clip_correlate_above_0_7_on_average";
     let truth = reference::folder().join("footage/demo.csv");
     if !truth.is_file() {
         return reference::say_skipped("footage/demo.csv");
     }
-    let Some(track) = demo(test) else { return };
+    let Some(track) = demo() else { return };
     let found = figures(track, truth.to_str().unwrap(), &["--shift", "auto"]);
     assert!(found["mean_of_moving"]["pearson"].as_f64().unwrap() > 0.7, "{}", found["mean_of_moving"]);
     assert!(found["shift_frames"].as_i64().unwrap().abs() <= 3);

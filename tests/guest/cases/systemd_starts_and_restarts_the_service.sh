@@ -14,9 +14,14 @@ is_another() { is_active && [ "$(property MainPID)" != "$1" ]; }
 opens() { readlink /proc/"$1"/fd/* | grep -q "^$2"; }
 is_refused() { [ "$(property ActiveState) $(property ExecMainStatus)" = 'failed 78' ]; }
 
+# The names that an operator gives to a camera and a board.
+cat >/etc/udev/rules.d/99-facewire-names.rules <<RULES
+SUBSYSTEM=="video4linux", ATTR{index}=="0", ATTRS{idVendor}=="1d6b", ATTRS{idProduct}=="0102", SYMLINK+="facewire-eye"
+SUBSYSTEM=="tty", ATTRS{idVendor}=="2341", ATTRS{idProduct}=="0043", ATTRS{serial}=="1234", SYMLINK+="facewire-head"
+RULES
 systemd/install --binary facewire --networks networks >$work/installed || fail "$(cat $work/installed)"
-configure /dev/facewire-camera
-for port in /dev/ttyS1 /dev/facewire-link; do
+configure /dev/facewire-eye
+for port in /dev/ttyS1 /dev/facewire-head; do
     printf '[[link]]\nkind = "serial"\ndevice = "%s"\n' $port >>$work/facewire.toml
 done
 install -m 644 $work/facewire.toml $configuration
@@ -30,7 +35,7 @@ for module in videobuf2_vmalloc videobuf2_dma_contig videobuf2_memops videobuf2_
 done
 ! grep -q video4linux /proc/devices || fail 'the driver of cameras is loaded already'
 systemctl start facewire || fail "not started: $(systemctl status facewire)"
-await 10 told 1 'no camera: no camera is called /dev/facewire-camera'
+await 10 told 1 'no camera: no camera is called /dev/facewire-eye'
 pid=$(property MainPID)
 # systemd takes dynamic users from 61184 to 65519.
 user=$(property UID)
@@ -39,7 +44,7 @@ uvc-camera plug $work/demo.avi 2
 await 30 told 1 'camera opened: UVC Camera'
 await 60 seen live
 usb-acm plug
-await 10 told 1 'link opened: /dev/facewire-link'
+await 10 told 1 'link opened: /dev/facewire-head'
 logged 1 'link opened: /dev/ttyS1' || fail 'the UART was not opened'
 for device in /dev/video /dev/ttyS1 /dev/ttyACM; do
     opens "$pid" $device || fail "it has no $device open: $(ls -l "/proc/$pid/fd")"
@@ -116,13 +121,13 @@ grep -o 'real time: .*' $work/log | tail -n 1
 install -m 644 -t /etc/systemd/system/facewire.service.d systemd/facewire.service.d/serial-only.conf
 {
     sed '/^\[\[link/,$d' $work/facewire.toml
-    printf '[[link]]\nkind = "serial"\ndevice = "/dev/facewire-link"\n'
+    printf '[[link]]\nkind = "serial"\ndevice = "/dev/facewire-head"\n'
 } >$configuration
 systemctl daemon-reload
-before=$(grep -c 'link opened: /dev/facewire-link' $work/log)
+before=$(grep -c 'link opened: /dev/facewire-head' $work/log)
 stty -F /dev/ttyGS0 raw -echo
 systemctl restart facewire || fail "not started: $(systemctl status facewire)"
-await 20 told $((before + 1)) 'link opened: /dev/facewire-link'
+await 20 told $((before + 1)) 'link opened: /dev/facewire-head'
 received=$(timeout 20 head -c 1000 /dev/ttyGS0 | wc -c)
 [ "$received" = 1000 ] || fail "only $received bytes came by the serial line"
 grep 'link opened' $work/log | tail -n 1

@@ -112,8 +112,9 @@ fn a_port_in_use_is_told_once_stops_no_face_and_is_taken_when_it_is_free() {
     drop(other);
     eventually("metrics", || TcpStream::connect(&address).is_ok());
     let log = service.stop(Signal::TERM).0.succeeded().err;
-    let told =
-        format!("no metrics at {address} (Address already in use (os error 98)): free it or give metrics.listen");
+    let told = format!(
+        "no metrics at {address} (Address already in use (os error 98)): free the address or change metrics.listen"
+    );
     assert_eq!(log.matches(&told).count(), 1, "{log}");
 }
 

@@ -88,7 +88,7 @@ impl Log {
             None => tracing::info!("{grant}"),
             Some(remedy) => tracing::warn!("{grant}: {remedy}"),
         }
-        self.grants.retain(|known| !known.is_about_the_same(&grant));
+        self.grants.retain(|known| !known.is_same_request(&grant));
         self.grants.push(grant);
     }
 

@@ -1,9 +1,10 @@
-//! Counts and times by HTTP, in the text format of `OpenMetrics`, for Prometheus and its kin. Off by default.
+//! Serves the service's counters and times over HTTP, in the `OpenMetrics` text format that Prometheus reads. Off by
+//! default.
 //!
-//! Role: a thread `fw-metrics` that answers `GET /metrics`. It reads the counters and touches nothing else.
-//! Contract: one connection at a time, half a second and 4 KB for each; then it is closed. A place that cannot be
-//! listened at, as when another program does, is told once and tried again every second: it is no reason to stop a face.
-//! Limits: no encryption and no password, hence reachable from this machine only.
+//! The thread `fw-metrics` answers `GET /metrics`. It reads the counters and changes no other part of the service. It
+//! serves one connection at a time, reads at most 4 KB of request, and closes each connection within half a second.
+//! If it cannot listen, for example because another program uses the port, it logs this once and retries every second,
+//! while the service runs on. There is no encryption and no password, so only this machine can connect.
 
 mod listener;
 mod page;
@@ -17,19 +18,19 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use self::listener::{Listener, Peer};
+use self::listener::{Connection, Listener};
 use self::page::Page;
 use super::counters::Counters;
 use crate::config::Listen;
 
-/// How long to wait before the place, or a reader, is tried again.
-const RETRY: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
-/// How long one reader may take.
-const PATIENCE: Duration = Duration::from_millis(500);
-/// All that the thread keeps on its stack is a request and the way to it; locked memory has all of the stack in RAM.
+/// Delay before the next attempt after listening or accepting a connection has failed.
+const RETRY_DELAY: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
+/// How long one connection may last.
+const CONNECTION_TIMEOUT: Duration = Duration::from_millis(500);
+/// Stack size of the thread. It holds little more than one request, and with locked memory the whole stack stays in RAM.
 const STACK_BYTES: usize = 256 << 10;
 
-/// The thread; it ends when this is dropped.
+/// A handle to the metrics thread. Dropping the handle stops the thread.
 #[derive(Debug)]
 pub(super) struct Metrics {
     stop: Option<PipeWriter>,
@@ -40,10 +41,10 @@ impl Metrics {
     /// Starts the thread.
     ///
     /// # Errors
-    /// The system gives no thread or no pipe.
+    /// The system could not create a pipe or a thread.
     pub(super) fn start(listen: Listen, counters: &Arc<Counters>) -> io::Result<Self> {
-        let (stopped, stop) = pipe()?;
-        let server = Server { listen, page: Page::new(Arc::clone(counters)), stopped };
+        let (stop_signal, stop) = pipe()?;
+        let server = Server { listen, page: Page::new(Arc::clone(counters)), stop_signal };
         let builder = Builder::new().name("fw-metrics".to_owned()).stack_size(STACK_BYTES);
         let thread = builder.spawn(move || server.run())?;
         Ok(Self { stop: Some(stop), thread: Some(thread) })
@@ -51,10 +52,10 @@ impl Metrics {
 }
 
 impl Drop for Metrics {
-    /// A reader who is there holds it up for half a second at most.
+    /// Blocks for at most half a second if a client is connected.
     fn drop(&mut self) {
         self.stop = None;
-        // It logs what goes wrong, and nobody relies on it.
+        // A panic of the thread is ignored: the service does not depend on its metrics.
         let _ = self.thread.take().map(JoinHandle::join);
     }
 }
@@ -62,69 +63,72 @@ impl Drop for Metrics {
 struct Server {
     listen: Listen,
     page: Page,
-    /// Closed at its other end to stop this one.
-    stopped: PipeReader,
+    /// [`Metrics`] closes the other end of this pipe to stop the thread.
+    stop_signal: PipeReader,
 }
 
 impl Server {
     fn run(self) {
-        let Some(listener) = self.listener() else { return };
-        tracing::info!("metrics at {}", self.listen);
-        while self.wait(&listener).is_ok_and(|waits| waits) {
-            match listener.accept(PATIENCE) {
-                // A reader that goes away again, or is slow, is no matter.
-                Ok(peer) => self.answer(peer).unwrap_or_else(|error| tracing::debug!("metrics were not read: {error}")),
-                // A reader who cannot be taken, as when there are no more descriptors, is still there the next moment.
-                Err(_) if self.is_stopped_within(RETRY) => return,
-                Err(error) => tracing::debug!("a reader of the metrics was not taken: {error}"),
+        let Some(listener) = self.bind() else { return };
+        tracing::info!("metrics served at {}", self.listen);
+        while self.wait_for_connection(&listener).is_ok_and(|is_waiting| is_waiting) {
+            match listener.accept(CONNECTION_TIMEOUT) {
+                // A client that disconnects or is too slow harms only itself.
+                Ok(connection) => self
+                    .respond(connection)
+                    .unwrap_or_else(|error| tracing::debug!("a request for the metrics failed: {error}")),
+                // Without a free file descriptor, for example, the connection stays in the queue, so that an immediate
+                // retry would spin.
+                Err(_) if self.is_stopped_within(RETRY_DELAY) => return,
+                Err(error) => tracing::debug!("a connection to the metrics was not accepted: {error}"),
             }
         }
     }
 
-    /// Waits, unless told to stop.
+    /// Sleeps for `time`. Returns early, with `true`, if the thread is to stop.
     fn is_stopped_within(&self, time: Timespec) -> bool {
-        poll(&mut [PollFd::new(&self.stopped, PollFlags::IN)], Some(&time)) != Ok(0)
+        poll(&mut [PollFd::new(&self.stop_signal, PollFlags::IN)], Some(&time)) != Ok(0)
     }
 
-    /// Tries until there is one; `None` when told to stop.
-    fn listener(&self) -> Option<Listener> {
-        let mut is_told = false;
+    /// Retries until the socket is open. Returns `None` if the thread is to stop.
+    fn bind(&self) -> Option<Listener> {
+        let mut has_warned = false;
         loop {
             match Listener::bind(&self.listen) {
                 Ok(listener) => return Some(listener),
-                Err(error) if !is_told => {
+                Err(error) if !has_warned => {
                     let at = &self.listen;
                     tracing::warn!(
-                        "no metrics at {at} ({error}): free it or give metrics.listen another; trying again"
+                        "no metrics at {at} ({error}): free the address or change metrics.listen; trying again every second"
                     );
-                    is_told = true;
+                    has_warned = true;
                 }
                 Err(_) => {}
             }
-            if self.is_stopped_within(RETRY) {
+            if self.is_stopped_within(RETRY_DELAY) {
                 return None;
             }
         }
     }
 
-    /// Waits for a reader; `false` when told to stop.
-    fn wait(&self, listener: &Listener) -> io::Result<bool> {
+    /// Waits for the next connection. Returns `false` if the thread is to stop.
+    fn wait_for_connection(&self, listener: &Listener) -> io::Result<bool> {
         let listener = listener.as_fd();
-        let mut waiting = [PollFd::new(&self.stopped, PollFlags::IN), PollFd::new(&listener, PollFlags::IN)];
-        while let Err(error) = poll(&mut waiting, None) {
+        let mut polled = [PollFd::new(&self.stop_signal, PollFlags::IN), PollFd::new(&listener, PollFlags::IN)];
+        while let Err(error) = poll(&mut polled, None) {
             if error != rustix::io::Errno::INTR {
                 return Err(error.into());
             }
         }
-        let [stopped, _] = waiting;
-        Ok(stopped.revents().is_empty())
+        let [stop_signal, _] = polled;
+        Ok(stop_signal.revents().is_empty())
     }
 
-    fn answer(&self, mut peer: Peer) -> io::Result<()> {
-        let answer = match request::read(&mut peer)? {
-            Ok(()) => request::found(page::CONTENT_TYPE, &self.page.text()),
-            Err(refusal) => refusal.answer(),
+    fn respond(&self, mut connection: Connection) -> io::Result<()> {
+        let response = match request::read(&mut connection)? {
+            Ok(()) => request::ok(page::CONTENT_TYPE, &self.page.text()),
+            Err(refusal) => refusal.response(),
         };
-        peer.write_all(answer.as_bytes())
+        connection.write_all(response.as_bytes())
     }
 }

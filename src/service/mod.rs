@@ -39,7 +39,7 @@ pub use times::Quantiles;
 use self::heartbeat::Phase;
 use self::hot::{HotLoop, Outlets};
 use self::links::Links;
-use self::realtime::Place;
+use self::realtime::Scheduling;
 use self::reload::{Mailbox, Reloader};
 use self::report::{Event, Report};
 use self::sender::{Sender, SenderSettings};
@@ -100,13 +100,13 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let (changes, for_sender) = mpsc::channel();
     let sender_settings = SenderSettings::new(&settings, Some(links));
     let sender = Sender::new(sender_settings, for_sender, news, Arc::clone(&counters));
-    let sender = spawn("fw-sender", Place::sender(&settings.realtime), &events, || sender.run())?;
+    let sender = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, || sender.run())?;
     let sender_mailbox = Mailbox { changes, thread: sender.thread().clone() };
 
     let (changes, for_hot) = mpsc::channel();
     let outlets = Outlets { reports, wake: sender.thread().clone(), events: events.clone() };
     let hot = HotLoop::new(settings.clone(), pipeline, outlets, for_hot, Arc::clone(&counters));
-    let hot = spawn("fw-hot", Place::hot(&settings.realtime), &events, || hot.run())?;
+    let hot = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
     let hot_mailbox = Mailbox { changes, thread: hot.thread().clone() };
 
     let reloader = Reloader::new(settings, program, hot_mailbox, sender_mailbox);
@@ -118,14 +118,14 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
 /// Starts a thread, which first makes its real-time requests and reports the system's answers.
 fn spawn<T: Send + 'static>(
     name: &str,
-    place: Place,
+    scheduling: Scheduling,
     events: &mpsc::Sender<Event>,
     run: impl FnOnce() -> T + Send + 'static,
 ) -> io::Result<JoinHandle<T>> {
     let events = events.clone();
     Builder::new().name(name.to_owned()).spawn(move || {
         // The supervisor does not end before this thread.
-        let _ = events.send(Event::Started(place.take()));
+        let _ = events.send(Event::Started(scheduling.apply()));
         drop(events);
         run()
     })

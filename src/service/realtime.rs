@@ -1,8 +1,8 @@
-//! Real time: memory that stays in RAM, scheduling before other programs, CPUs of their own.
+//! Real-time scheduling: locks memory, raises the priority of threads and binds threads to CPUs.
 //!
-//! Each is asked for only if the settings want it. The system may refuse; the service then runs on without it, and the
-//! status says so. Priority is set by thread, after the networks are loaded: a policy for the whole process would give
-//! it to ONNX Runtime's own threads, too.
+//! The service requests each of these only if the settings ask for it. If the system refuses a request, the service runs
+//! without it, and the status line says so. Priorities are set per thread, after the networks are loaded: a scheduling
+//! policy of the whole process would also apply to the threads of ONNX Runtime.
 
 use std::hint::black_box;
 use std::{fmt, io};
@@ -17,13 +17,13 @@ use thread_priority::{Error, ThreadPriority};
 
 use crate::config::RealtimeSettings;
 
-/// Room at the end of a heap. From 128 KiB on, it would not come from the heap.
+/// Free space to leave at the end of a heap. The C library serves allocations from 128 KiB on outside the heap.
 const HEAP_ROOM_BYTES: usize = 120 * 1024;
 
-/// Something asked of the system, and what it said.
+/// A request to the system, and whether the system granted it. Displays as the request, with the reason if refused.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Grant {
-    wish: String,
+    request: String,
     refusal: Option<Refusal>,
 }
 
@@ -34,16 +34,16 @@ struct Refusal {
 }
 
 impl Grant {
-    fn new(wish: String, outcome: Result<(), String>, remedy: &'static str) -> Self {
-        Self { wish, refusal: outcome.err().map(|reason| Refusal { reason, remedy }) }
+    fn new(request: String, outcome: Result<(), String>, remedy: &'static str) -> Self {
+        Self { request, refusal: outcome.err().map(|reason| Refusal { reason, remedy }) }
     }
 
-    /// Whether both answer the same wish.
-    pub(super) fn is_about_the_same(&self, other: &Self) -> bool {
-        self.wish == other.wish
+    /// Returns whether both are answers to the same request.
+    pub(super) fn is_same_request(&self, other: &Self) -> bool {
+        self.request == other.request
     }
 
-    /// What to do about a refusal.
+    /// Returns what the operator can do about the refusal, or `None` if the request was granted.
     pub(super) fn remedy(&self) -> Option<&'static str> {
         self.refusal.as_ref().map(|refusal| refusal.remedy)
     }
@@ -52,39 +52,42 @@ impl Grant {
 impl fmt::Display for Grant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.refusal {
-            None => write!(f, "{}", self.wish),
-            Some(refusal) => write!(f, "{} refused ({})", self.wish, refusal.reason),
+            None => write!(f, "{}", self.request),
+            Some(refusal) => write!(f, "{} refused ({})", self.request, refusal.reason),
         }
     }
 }
 
-/// What a thread asks for itself.
+/// The priority and the CPU affinity that a thread requests for itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct Scheduling {
     name: &'static str,
-    /// Of `SCHED_FIFO`, 1 to 99.
+    /// `SCHED_FIFO` priority, 1 to 99. `None` keeps the default policy.
     priority: Option<u32>,
+    /// The only CPU that may run the thread. `None` allows every CPU.
     cpu: Option<usize>,
-    /// What to do about a CPU that is refused.
+    /// What the operator can do if the system refuses the CPU.
     cpu_remedy: &'static str,
 }
 
-impl Place {
+impl Scheduling {
+    /// Returns the scheduling of the hot loop.
     pub(super) fn hot(settings: &RealtimeSettings) -> Self {
         let priority = Some(settings.priority).filter(|priority| *priority > 0);
         let cpu_remedy = "set realtime.hot_cpu to a CPU that this machine has and the service may use, or to -1";
         Self { name: "hot", priority, cpu: usize::try_from(settings.hot_cpu).ok(), cpu_remedy }
     }
 
-    /// The sender goes before the hot loop: an inference must not hold up the failsafe.
+    /// Returns the scheduling of the sender. Its priority is one above that of the hot loop, so that an inference cannot
+    /// delay the failsafe.
     pub(super) fn sender(settings: &RealtimeSettings) -> Self {
         let priority = Self::hot(settings).priority.map(|priority| priority + 1);
         let cpu_remedy = "set realtime.sender_cpu to a CPU that this machine has and the service may use, or to -1";
         Self { name: "sender", priority, cpu: usize::try_from(settings.sender_cpu).ok(), cpu_remedy }
     }
 
-    /// Asks for the calling thread.
-    pub(super) fn take(self) -> Vec<Grant> {
+    /// Requests the priority and the CPU for the calling thread. Returns one answer for each request.
+    pub(super) fn apply(self) -> Vec<Grant> {
         let priority = self.priority.map(|priority| {
             let remedy = "give the service LimitRTPRIO (systemd) or an rtprio limit";
             Grant::new(format!("{} priority {priority}", self.name), set_priority(priority), remedy)
@@ -106,26 +109,31 @@ fn set_priority(priority: u32) -> Result<(), String> {
 
 fn set_cpu(cpu: usize) -> Result<(), String> {
     if cpu >= CpuSet::MAX_CPU {
-        return Err(format!("CPUs are numbered up to {}", CpuSet::MAX_CPU - 1));
+        return Err(format!("the highest CPU number is {}", CpuSet::MAX_CPU - 1));
     }
     let mut set = CpuSet::new();
     set.set(cpu);
     sched_setaffinity(None, &set).map_err(|error| io::Error::from(error).to_string())
 }
 
-/// Locks all memory that the process has now, and reads in what was not in RAM yet: code, networks, heap, and the stacks
-/// of all threads to their end. No frame then waits for a page, because what a frame needs is there by now: the networks
-/// have run ([`crate::infer::Engine::load`]), and what they and the decoder take and give back from frame to frame stays
-/// with the heap (`tests/page_faults.rs`). Later memory is not locked of itself: beyond the limit it could then not be
-/// had at all. So this is done again whenever a camera was opened or settings were changed, after which nothing grows.
+/// Locks all present memory of the process, and loads the parts that are not in RAM yet: code, networks, heap, and the
+/// whole stacks of all threads.
+///
+/// Afterwards no frame causes a page fault, because all memory that a frame needs is mapped by then: the networks have
+/// run once ([`crate::infer::Engine::load`]), and the memory that they and the decoder allocate and free for each frame
+/// stays in the heap (`tests/page_faults.rs`). Future memory is not locked automatically (`MCL_FUTURE`), because allocations beyond
+/// the memory lock limit would then fail. The supervisor therefore calls this function again after a camera was opened
+/// and after settings were changed. Between those moments the memory does not grow.
 pub(super) fn lock_memory() -> Grant {
     let outcome = mlockall(MlockAllFlags::CURRENT).map_err(|error| io::Error::from(error).to_string());
     Grant::new("memory locked".to_owned(), outcome, "give the service LimitMEMLOCK (systemd) or a memlock limit")
 }
 
-/// Leaves room at the end of the calling thread's heap. What libraries take and give back there from frame to frame may
-/// need another page only after hours, when the pieces lie unluckily, and growth costs a page fault even where memory is
-/// locked. The GNU C library keeps this much: it gives back what is beyond 128 KiB.
+/// Enlarges the calling thread's heap, so that it does not grow later.
+///
+/// Libraries allocate and free heap memory for each frame. Fragmentation may make the heap grow by a page after hours, and
+/// that page causes a page fault even with locked memory. The GNU C library keeps free space of up to 128 KiB at the end of
+/// the heap and returns only larger spaces to the system.
 pub(super) fn leave_room_in_heap() {
     drop(black_box(vec![1_u8; HEAP_ROOM_BYTES]));
 }
@@ -138,27 +146,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_is_asked_for_by_default() {
+    fn the_default_settings_request_nothing() {
         let settings = RealtimeSettings::default();
         assert!(!settings.lock_memory);
-        assert!(Place::hot(&settings).take().is_empty() && Place::sender(&settings).take().is_empty());
+        assert!(Scheduling::hot(&settings).apply().is_empty() && Scheduling::sender(&settings).apply().is_empty());
     }
 
     #[test]
-    fn the_sender_goes_before_the_hot_loop() {
+    fn the_sender_has_a_higher_priority_than_the_hot_loop() {
         let settings = RealtimeSettings { priority: 20, ..RealtimeSettings::default() };
-        assert_eq!(Place::hot(&settings).priority, Some(20));
-        assert_eq!(Place::sender(&settings).priority, Some(21));
+        assert_eq!(Scheduling::hot(&settings).priority, Some(20));
+        assert_eq!(Scheduling::sender(&settings).priority, Some(21));
     }
 
     #[test]
-    fn a_thread_is_bound_to_its_cpu() {
+    fn a_thread_runs_only_on_its_configured_cpu() {
         let allowed = sched_getaffinity(None).unwrap();
         let cpu = (0..CpuSet::MAX_CPU).rfind(|cpu| allowed.is_set(*cpu)).unwrap();
         let hot_cpu = i32::try_from(cpu).unwrap();
-        let place = Place::hot(&RealtimeSettings { hot_cpu, ..RealtimeSettings::default() });
+        let scheduling = Scheduling::hot(&RealtimeSettings { hot_cpu, ..RealtimeSettings::default() });
         let bound = std::thread::spawn(move || {
-            let grants = place.take();
+            let grants = scheduling.apply();
             assert_eq!(grants.first().unwrap().to_string(), format!("hot on CPU {cpu}"));
             sched_getaffinity(None).unwrap()
         });
@@ -168,8 +176,8 @@ mod tests {
 
     #[test]
     fn a_cpu_that_is_not_there_is_refused_with_reason_and_remedy() {
-        let place = Place::sender(&RealtimeSettings { sender_cpu: 1023, ..RealtimeSettings::default() });
-        let grants = std::thread::spawn(move || place.take()).join().unwrap();
+        let scheduling = Scheduling::sender(&RealtimeSettings { sender_cpu: 1023, ..RealtimeSettings::default() });
+        let grants = std::thread::spawn(move || scheduling.apply()).join().unwrap();
         let grant = grants.first().unwrap();
         assert!(grant.to_string().starts_with("sender on CPU 1023 refused (Invalid argument"), "{grant}");
         assert!(grant.remedy().unwrap().starts_with("set realtime.sender_cpu to a CPU"));

@@ -6,23 +6,25 @@ use std::time::Duration;
 use super::histogram::Histogram;
 use crate::pipeline::StageTimes;
 
-/// Distributions over all frames since the start.
+/// Histograms over all frames since the service started.
 #[derive(Debug, Default)]
 pub(super) struct Times {
-    /// From capture to the begin of work: exposure, transfer, decoding, waiting.
+    /// From capture to the start of processing: exposure, transfer, decoding and waiting.
     pub(super) wait: Histogram,
-    /// Stages of the pipeline, for frames in which they ran.
+    /// The detector, for the frames on which it ran.
     pub(super) detect: Histogram,
+    /// The landmark networks, for the frames on which they ran.
     pub(super) mesh: Histogram,
+    /// Landmarks to coefficients, for the frames on which the solver ran.
     pub(super) solve: Histogram,
-    /// From a frame in memory to the hand-over of what it gave.
+    /// From a frame in memory to the hand-over of its result to the sender.
     pub(super) work: Histogram,
-    /// From capture to sending, for poses that were followed.
+    /// From capture to sending, for poses that the failsafe accepted.
     pub(super) age: Histogram,
 }
 
 impl Times {
-    /// Counts the stages that ran.
+    /// Records the stages that ran.
     pub(super) fn record_stages(&self, times: &StageTimes) {
         let stages = [(&self.detect, times.detect), (&self.mesh, times.mesh), (&self.solve, times.solve)];
         for (histogram, time) in stages {
@@ -32,6 +34,7 @@ impl Times {
         }
     }
 
+    /// Returns the name and the quantiles of each histogram.
     pub(super) fn quantiles(&self) -> [(&'static str, Quantiles); 6] {
         let Self { wait, detect, mesh, solve, work, age } = self;
         [("wait", wait), ("detect", detect), ("mesh", mesh), ("solve", solve), ("work", work), ("age", age)]
@@ -39,7 +42,7 @@ impl Times {
     }
 }
 
-/// p50, p95 and p99, milliseconds. Prints as `9.25/10.5/12.0`.
+/// The 50th, 95th and 99th percentile in milliseconds. Displays as `9.25/10.5/12.0`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quantiles(pub [f64; 3]);
 
@@ -49,7 +52,7 @@ impl Quantiles {
     }
 }
 
-/// Three digits, as much as the buckets tell, and microseconds at most.
+/// Prints three significant digits, which is the precision of the histogram, and no digit below a microsecond.
 impl fmt::Display for Quantiles {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [p50, p95, p99] = self.0.map(|ms| match ms {
@@ -62,7 +65,7 @@ impl fmt::Display for Quantiles {
     }
 }
 
-/// Microseconds between two readings of the monotonic clock.
+/// Returns the time between two readings of the monotonic clock, or zero if the second is earlier.
 pub(super) fn between(begun_us: u64, ended_us: u64) -> Duration {
     Duration::from_micros(ended_us.saturating_sub(begun_us))
 }
@@ -72,17 +75,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stage_that_did_not_run_is_not_counted() {
+    fn a_stage_that_did_not_run_is_not_recorded() {
         let times = Times::default();
         times.record_stages(&StageTimes { detect: Some(Duration::from_millis(2)), ..StageTimes::default() });
-        let told = times.quantiles().map(|(name, Quantiles([p50, ..]))| (name, p50 > 0.0));
-        let want =
+        let is_recorded = times.quantiles().map(|(name, Quantiles([p50, ..]))| (name, p50 > 0.0));
+        let expected =
             [("wait", false), ("detect", true), ("mesh", false), ("solve", false), ("work", false), ("age", false)];
-        assert_eq!(told, want);
+        assert_eq!(is_recorded, expected);
     }
 
     #[test]
-    fn counting_times_allocates_nothing() {
+    fn recording_times_does_not_allocate() {
         let (times, stage) = (Times::default(), Some(Duration::from_micros(9)));
         let allocated = allocation_counter::measure(|| {
             times.record_stages(&StageTimes { detect: stage, mesh: stage, solve: stage });
@@ -92,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_shown_with_three_digits() {
+    fn quantiles_display_with_three_significant_digits() {
         assert_eq!(Quantiles([0.0094, 9.25, 101.4]).to_string(), "0.009/9.25/101");
         assert_eq!(Quantiles([0.0, 0.254, 12.04]).to_string(), "0.000/0.254/12.0");
     }

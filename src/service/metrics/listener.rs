@@ -1,4 +1,4 @@
-//! Sockets on which readers of the metrics come, and their connections.
+//! The listening socket of the metrics, TCP or Unix, and the connections accepted on it.
 
 use std::fs;
 use std::io::{self, ErrorKind, Read, Write};
@@ -14,17 +14,17 @@ use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connec
 
 use crate::config::Listen;
 
-/// An open socket.
+/// An open listening socket.
 #[derive(Debug)]
 pub(super) enum Listener {
     Tcp(TcpListener),
-    /// With its file, which goes when this goes.
+    /// The socket and the path of its file, which is deleted on drop.
     Unix(UnixListener, PathBuf),
 }
 
 impl Listener {
-    /// Opens the socket. The file that a service left behind when it was killed is replaced; any other file, and the
-    /// socket of one that runs, stays.
+    /// Opens the socket. A socket file without a listener, left behind by a service that was killed, is replaced. Any
+    /// other file at the path, including a socket in use, is left untouched and makes `bind` fail.
     pub(super) fn bind(listen: &Listen) -> io::Result<Self> {
         match listen {
             Listen::Off => Err(ErrorKind::AddrNotAvailable.into()),
@@ -44,24 +44,24 @@ impl Listener {
         }
     }
 
-    /// The reader who waits, to be served within `patience`.
-    pub(super) fn accept(&self, patience: Duration) -> io::Result<Peer> {
+    /// Accepts the waiting connection. Reading and writing fail once `timeout` has passed since the call.
+    pub(super) fn accept(&self, timeout: Duration) -> io::Result<Connection> {
         let stream: Box<dyn Stream> = match self {
             Self::Tcp(listener) => Box::new(listener.accept()?.0),
             Self::Unix(listener, _) => Box::new(listener.accept()?.0),
         };
-        Ok(Peer { stream, end: Instant::now() + patience })
+        Ok(Connection { stream, deadline: Instant::now() + timeout })
     }
 }
 
-/// Whether this is a socket at which nobody listens any more.
+/// Returns whether `path` is a Unix socket on which no process listens any more.
 fn is_stale(path: &Path) -> bool {
     let is_socket = fs::symlink_metadata(path).is_ok_and(|file| file.file_type().is_socket());
-    is_socket && knock(path) == Err(Errno::CONNREFUSED)
+    is_socket && try_connect(path) == Err(Errno::CONNREFUSED)
 }
 
-/// Connects, without waiting for one who listens and is busy.
-fn knock(path: &Path) -> rustix::io::Result<()> {
+/// Connects to a Unix socket. Does not block if the listener is too busy to accept the connection.
+fn try_connect(path: &Path) -> rustix::io::Result<()> {
     let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
     connect(socket, &SocketAddrUnix::new(path)?)
@@ -79,14 +79,15 @@ impl AsFd for Listener {
 impl Drop for Listener {
     fn drop(&mut self) {
         if let Self::Unix(_, path) = self {
-            // If it does not go, the next service takes it for what it is.
+            // If this fails, the next service finds the file stale and replaces it.
             let _ = fs::remove_file(path);
         }
     }
 }
 
-/// A connection of either kind.
+/// A TCP or Unix connection.
 trait Stream: Read + Write {
+    /// Sets the timeout of each read and each write.
     fn set_timeout(&self, timeout: Duration) -> io::Result<()>;
 }
 
@@ -104,33 +105,34 @@ impl Stream for UnixStream {
     }
 }
 
-/// A reader of the metrics, until its time is over: however it dribbles, it holds up nobody for longer.
-pub(super) struct Peer {
+/// A connection with a deadline for all its reads and writes together. A client that sends or receives byte by byte
+/// therefore cannot block the thread for longer than any other.
+pub(super) struct Connection {
     stream: Box<dyn Stream>,
-    end: Instant,
+    deadline: Instant,
 }
 
-impl Peer {
-    /// The connection, if there is time left.
-    fn in_time(&mut self) -> io::Result<&mut dyn Stream> {
-        let left = self.end.saturating_duration_since(Instant::now());
-        if left.is_zero() {
+impl Connection {
+    /// Returns the stream, set to time out at the deadline.
+    fn stream_before_deadline(&mut self) -> io::Result<&mut dyn Stream> {
+        let remaining = self.deadline.saturating_duration_since(Instant::now());
+        if remaining.is_zero() {
             return Err(ErrorKind::TimedOut.into());
         }
-        self.stream.set_timeout(left)?;
+        self.stream.set_timeout(remaining)?;
         Ok(&mut *self.stream)
     }
 }
 
-impl Read for Peer {
+impl Read for Connection {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        self.in_time()?.read(bytes)
+        self.stream_before_deadline()?.read(bytes)
     }
 }
 
-impl Write for Peer {
+impl Write for Connection {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.in_time()?.write(bytes)
+        self.stream_before_deadline()?.write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
@@ -148,11 +150,11 @@ mod tests {
     }
 
     #[test]
-    fn the_socket_of_a_service_that_was_killed_is_replaced_and_goes_with_the_new_one() {
+    fn the_socket_file_of_a_killed_service_is_replaced_and_deleted_with_the_new_listener() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("metrics.sock");
         drop(UnixListener::bind(&path).unwrap());
-        assert!(path.exists(), "the system leaves it there");
+        assert!(path.exists(), "closing a socket leaves its file in place");
         let listener = Listener::bind(&unix(&path)).unwrap();
         UnixStream::connect(&path).unwrap();
         drop(listener);
@@ -160,10 +162,10 @@ mod tests {
     }
 
     #[test]
-    fn a_socket_in_use_and_a_file_that_is_none_stay_as_they_are() {
+    fn a_socket_in_use_and_a_regular_file_are_left_untouched() {
         let folder = tempfile::tempdir().unwrap();
         let [socket, file] = ["metrics.sock", "notes.txt"].map(|name| folder.path().join(name));
-        let _other = UnixListener::bind(&socket).unwrap();
+        let _in_use = UnixListener::bind(&socket).unwrap();
         fs::write(&file, "mine").unwrap();
         for path in [&socket, &file] {
             assert_eq!(Listener::bind(&unix(path)).unwrap_err().kind(), ErrorKind::AddrInUse);
@@ -173,15 +175,15 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_that_says_nothing_is_given_up_in_time() {
+    fn a_client_that_sends_nothing_is_dropped_at_the_deadline() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("metrics.sock");
         let listener = Listener::bind(&unix(&path)).unwrap();
         let _silent = UnixStream::connect(&path).unwrap();
-        let mut peer = listener.accept(Duration::from_millis(20)).unwrap();
-        let error = peer.read(&mut [0; 1]).unwrap_err();
+        let mut connection = listener.accept(Duration::from_millis(20)).unwrap();
+        let error = connection.read(&mut [0; 1]).unwrap_err();
         assert!(matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut));
         std::thread::sleep(Duration::from_millis(20));
-        assert_eq!(peer.read(&mut [0; 1]).unwrap_err().kind(), ErrorKind::TimedOut);
+        assert_eq!(connection.read(&mut [0; 1]).unwrap_err().kind(), ErrorKind::TimedOut);
     }
 }

@@ -1,4 +1,4 @@
-//! The page of metrics: every counter, gauge and histogram under its name.
+//! Renders every counter, gauge and histogram of the service as one page of `OpenMetrics` text.
 
 use std::fmt;
 use std::fs;
@@ -16,11 +16,11 @@ use rustix::param::page_size;
 use crate::service::counters::{Counters, STATES, Status};
 use crate::service::histogram::Histogram;
 
-/// The format's own name, so that a reader need not guess.
+/// The media type of the `OpenMetrics` text format.
 pub(super) const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-/// Limits of the histograms' buckets: powers of two of a nanosecond and one and a half times them, from 16 microseconds
-/// to 1.6 seconds. There they are exact.
+/// Returns the upper limits of the histogram buckets on the page: powers of two in nanoseconds and 1.5 times each, from
+/// 16 microseconds to 1.6 seconds. [`Histogram::counts_between`] is exact at these limits.
 fn limits_ns() -> [u64; 34] {
     std::array::from_fn(|index| {
         let power = 1 << (14 + index / 2);
@@ -28,38 +28,38 @@ fn limits_ns() -> [u64; 34] {
     })
 }
 
-/// Makes the page.
+/// The registry of all metrics, which renders the page.
 #[derive(Debug)]
 pub(super) struct Page(Registry);
 
 impl Page {
     pub(super) fn new(counters: Arc<Counters>) -> Self {
         let mut registry = Registry::with_prefix("facewire");
-        registry.register("build", "The program", Info::new([("version", env!("CARGO_PKG_VERSION"))]));
-        registry.register_collector(Box::new(Reading(counters)));
+        registry.register("build", "Version of facewire", Info::new([("version", env!("CARGO_PKG_VERSION"))]));
+        registry.register_collector(Box::new(CountersCollector(counters)));
         Self(registry)
     }
 
-    /// All metrics now.
+    /// Renders all metrics with their present values.
     pub(super) fn text(&self) -> String {
         let mut page = String::new();
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = text::encode(&mut page, &self.0);
         page
     }
 }
 
-/// Reads the counters, once for each page.
+/// Reads the counters each time that a page is rendered.
 #[derive(Debug)]
-struct Reading(Arc<Counters>);
+struct CountersCollector(Arc<Counters>);
 
-impl Collector for Reading {
+impl Collector for CountersCollector {
     fn encode(&self, encoder: DescriptorEncoder) -> fmt::Result {
         let mut writer = Writer(encoder);
         writer.frames(&self.0.status())?;
         writer.packets(&self.0.status())?;
         writer.times(&self.0)?;
-        let help = "Memory of the process that is in RAM.";
+        let help = "Resident memory of the process.";
         let mut metric = writer.0.encode_descriptor("resident_memory", help, Some(&Unit::Bytes), MetricType::Gauge)?;
         metric.encode_gauge(&resident_bytes())
     }
@@ -70,33 +70,33 @@ struct Writer<'a>(DescriptorEncoder<'a>);
 impl Writer<'_> {
     fn frames(&mut self, status: &Status) -> fmt::Result {
         let results = [("solved", status.solved), ("no_face", status.no_face), ("rejected", status.rejected)];
-        self.counters("frames", "Frames worked on.", "result", results)?;
+        self.counters("frames", "Frames processed, by result.", "result", results)?;
         let help = "Failed inferences; their frames are among the rejected ones.";
         self.metric("engine_failures", help, &ConstCounter::new(status.engine_failures))?;
-        self.metric("frames_skipped", "Frames passed over for a newer one.", &ConstCounter::new(status.skipped))?;
-        self.metric("frames_damaged", "Frames that camera or cable spoilt.", &ConstCounter::new(status.damaged))?;
-        let help = "Frames whose work took longer than the camera's frame period.";
+        self.metric("frames_skipped", "Frames skipped for a newer frame.", &ConstCounter::new(status.skipped))?;
+        self.metric("frames_damaged", "Frames damaged by camera or cable.", &ConstCounter::new(status.damaged))?;
+        let help = "Frames whose processing took longer than the frame period of the camera.";
         self.metric("deadline_misses", help, &ConstCounter::new(status.deadline_misses))?;
-        self.metric("cameras_opened", "Times a camera was opened.", &ConstCounter::new(status.opened))?;
-        self.metric("camera_open", "Whether a camera is open.", &ConstGauge::new(u64::from(status.camera_open)))
+        self.metric("cameras_opened", "Number of times that a camera was opened.", &ConstCounter::new(status.opened))?;
+        self.metric("camera_open", "1 if a camera is open, else 0.", &ConstGauge::new(u64::from(status.camera_open)))
     }
 
     fn packets(&mut self, status: &Status) -> fmt::Result {
-        self.metric("packets", "Packets given to each link.", &ConstCounter::new(status.packets))?;
+        self.metric("packets", "Packets handed to each link.", &ConstCounter::new(status.packets))?;
         let results = [("sent", status.sent), ("dropped", status.dropped)];
-        self.counters("link_packets", "What became of packets, over all links.", "result", results)?;
+        self.counters("link_packets", "Packets sent and dropped, summed over all links.", "result", results)?;
         self.metric("links_open", "Links that are open.", &ConstGauge::new(status.links_open))?;
         let gauges = STATES.map(|state| (state.name(), ConstGauge::new(u64::from(state == status.state))));
-        self.family("failsafe_state", "1 for the state of the failsafe.", "state", &gauges)
+        self.family("failsafe_state", "1 for the present state of the failsafe, 0 for the others.", "state", &gauges)
     }
 
     fn times(&mut self, counters: &Counters) -> fmt::Result {
         let times = &counters.times;
         let stages = [("wait", &times.wait), ("detect", &times.detect), ("mesh", &times.mesh), ("solve", &times.solve)];
-        let help = "Time of each stage of a frame; wait is from capture to the begin of work.";
+        let help = "Time of each stage of a frame; wait lasts from capture to the start of processing.";
         self.histograms("stage", help, &stages.map(|(name, times)| (Some(("stage", name)), times)))?;
-        self.histograms("work", "Time from a frame in memory to what it gave.", &[(None, &times.work)])?;
-        self.histograms("age", "Age of a pose when it is sent, from capture.", &[(None, &times.age)])
+        self.histograms("work", "Time from a frame in memory to its result.", &[(None, &times.work)])?;
+        self.histograms("age", "Time from the capture of a pose to its sending.", &[(None, &times.age)])
     }
 
     fn metric(&mut self, name: &str, help: &str, metric: &impl EncodeMetric) -> fmt::Result {
@@ -113,7 +113,7 @@ impl Writer<'_> {
         self.family(name, help, label, &counts.map(|(value, count)| (value, ConstCounter::new(count))))
     }
 
-    /// One metric for each value of the label.
+    /// Writes a metric with one series for each value of the label.
     fn family<M: EncodeMetric + TypedMetric, const N: usize>(
         &mut self,
         name: &str,
@@ -136,14 +136,14 @@ impl Writer<'_> {
 
 fn encode(histogram: &Histogram, metric: &mut MetricEncoder) -> fmt::Result {
     let limits = limits_ns();
-    let (below, longer) = histogram.counts_below(&limits);
-    let below_s = limits.into_iter().map(|limit_ns| limit_ns as f64 / 1e9).zip(below);
-    let buckets: Vec<_> = below_s.chain([(f64::INFINITY, longer)]).collect();
-    let count = below.iter().sum::<u64>() + longer;
+    let (counts, longer) = histogram.counts_between(&limits);
+    let limits_s = limits.into_iter().map(|limit_ns| limit_ns as f64 / 1e9);
+    let buckets: Vec<_> = limits_s.zip(counts).chain([(f64::INFINITY, longer)]).collect();
+    let count = counts.iter().sum::<u64>() + longer;
     metric.encode_histogram::<NoLabelSet>(histogram.sum_s(), count, &buckets, None)
 }
 
-/// As the kernel counts it; 0 if it does not say.
+/// Returns the resident memory of the process, or 0 if `/proc/self/statm` cannot be read.
 fn resident_bytes() -> u64 {
     let pages = fs::read_to_string("/proc/self/statm").unwrap_or_default();
     let resident = pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok());
@@ -159,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_page_tells_what_was_counted() {
+    fn the_page_shows_the_values_of_the_counters() {
         let counters = Arc::new(Counters::default());
         counters.solved.store(7, Relaxed);
         counters.dropped.store(2, Relaxed);

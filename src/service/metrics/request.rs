@@ -1,87 +1,86 @@
-//! HTTP, as much as a reader of metrics needs: one request, one answer, and the connection is closed.
+//! The part of HTTP that clients of the metrics need: one request and one response per connection.
 
 use std::io::{self, Read};
 
 use httparse::{EMPTY_HEADER, Request, Status};
 
-/// Longest request. Prometheus' own has about 300 bytes.
-const MOST_BYTES: usize = 4096;
-/// Most headers.
-const MOST_HEADERS: usize = 32;
-/// The only thing there is.
+/// Size limit of a request. The requests of Prometheus have about 300 bytes.
+const MAX_REQUEST_BYTES: usize = 4096;
+const MAX_HEADERS: usize = 32;
+/// The only path that is served.
 const PATH: &str = "/metrics";
 
-/// Why a request is not answered with the metrics.
+/// Why a request is answered with an error instead of the metrics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Refusal {
-    /// No request, or the connection ended in the middle.
-    Bad,
-    /// Another path.
-    Unknown,
-    /// Not GET.
-    Method,
-    /// More than is read.
+    /// The bytes are no HTTP request, or the connection ended before the request was complete.
+    BadRequest,
+    /// The path is not [`PATH`].
+    NotFound,
+    /// The method is not GET.
+    MethodNotAllowed,
+    /// The request exceeds [`MAX_REQUEST_BYTES`] or [`MAX_HEADERS`].
     TooLong,
 }
 
 impl Refusal {
-    /// The whole answer.
-    pub(super) fn answer(self) -> String {
+    /// Returns the complete HTTP response.
+    pub(super) fn response(self) -> String {
         let (status, text) = match self {
-            Self::Bad => ("400 Bad Request", "this is no HTTP request\n"),
-            Self::Unknown => ("404 Not Found", "there is /metrics only\n"),
-            Self::Method => ("405 Method Not Allowed\r\nAllow: GET", "metrics can be read only\n"),
-            Self::TooLong => ("431 Request Header Fields Too Large", "this request is too long\n"),
+            Self::BadRequest => ("400 Bad Request", "this is not an HTTP request\n"),
+            Self::NotFound => ("404 Not Found", "the only page is /metrics\n"),
+            Self::MethodNotAllowed => ("405 Method Not Allowed\r\nAllow: GET", "use GET\n"),
+            Self::TooLong => ("431 Request Header Fields Too Large", "the request is too long\n"),
         };
-        answer(status, "text/plain; charset=utf-8", text)
+        response(status, "text/plain; charset=utf-8", text)
     }
 }
 
-/// The answer that has the page.
-pub(super) fn found(content_type: &str, page: &str) -> String {
-    answer("200 OK", content_type, page)
+/// Returns the complete HTTP response that delivers `page`.
+pub(super) fn ok(content_type: &str, page: &str) -> String {
+    response("200 OK", content_type, page)
 }
 
-fn answer(status: &str, content_type: &str, body: &str) -> String {
+fn response(status: &str, content_type: &str, body: &str) -> String {
     let length = body.len();
     format!(
         "HTTP/1.1 {status}\r\nContent-Type: {content_type}\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{body}"
     )
 }
 
-/// Reads a request; whether it asks for the metrics.
+/// Reads a request and checks that it asks for the metrics.
 ///
 /// # Errors
-/// The connection fails, or its time is over.
-pub(super) fn read(peer: &mut impl Read) -> io::Result<Result<(), Refusal>> {
-    let (mut bytes, mut filled) = ([0; MOST_BYTES], 0);
+/// The connection failed or reached its deadline.
+pub(super) fn read(connection: &mut impl Read) -> io::Result<Result<(), Refusal>> {
+    let (mut bytes, mut filled) = ([0; MAX_REQUEST_BYTES], 0);
     loop {
         let Some(free) = bytes.get_mut(filled..).filter(|free| !free.is_empty()) else {
             return Ok(Err(Refusal::TooLong));
         };
-        let read = peer.read(free)?;
+        let read = connection.read(free)?;
         filled += read;
-        match judge(bytes.get(..filled).unwrap_or_default()) {
-            Some(judged) => return Ok(judged),
-            None if read == 0 => return Ok(Err(Refusal::Bad)),
+        match parse(bytes.get(..filled).unwrap_or_default()) {
+            Some(outcome) => return Ok(outcome),
+            None if read == 0 => return Ok(Err(Refusal::BadRequest)),
             None => {}
         }
     }
 }
 
-/// What the bytes ask for; `None` if there must be more of them.
-fn judge(bytes: &[u8]) -> Option<Result<(), Refusal>> {
-    let mut headers = [EMPTY_HEADER; MOST_HEADERS];
+/// Parses the bytes received so far. Returns `None` while the request is incomplete.
+fn parse(bytes: &[u8]) -> Option<Result<(), Refusal>> {
+    let mut headers = [EMPTY_HEADER; MAX_HEADERS];
     let mut request = Request::new(&mut headers);
     Some(match request.parse(bytes) {
         Ok(Status::Partial) => return None,
-        Ok(Status::Complete(_)) if request.method != Some("GET") => Err(Refusal::Method),
+        Ok(Status::Complete(_)) if request.method != Some("GET") => Err(Refusal::MethodNotAllowed),
         Ok(Status::Complete(_)) if request.path.and_then(|path| path.split('?').next()) != Some(PATH) => {
-            Err(Refusal::Unknown)
+            Err(Refusal::NotFound)
         }
         Ok(Status::Complete(_)) => Ok(()),
         Err(httparse::Error::TooManyHeaders) => Err(Refusal::TooLong),
-        Err(_) => Err(Refusal::Bad),
+        Err(_) => Err(Refusal::BadRequest),
     })
 }
 
@@ -90,31 +89,31 @@ fn judge(bytes: &[u8]) -> Option<Result<(), Refusal>> {
 mod tests {
     use super::*;
 
-    fn judged(request: &str) -> Result<(), Refusal> {
+    fn outcome(request: &str) -> Result<(), Refusal> {
         read(&mut request.as_bytes()).unwrap()
     }
 
     #[test]
-    fn metrics_can_be_read_at_their_path_and_nothing_else() {
-        assert_eq!(judged("GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n"), Ok(()));
-        assert_eq!(judged("GET /metrics?name=x HTTP/1.0\r\n\r\n"), Ok(()));
-        assert_eq!(judged("GET / HTTP/1.1\r\n\r\n"), Err(Refusal::Unknown));
-        assert_eq!(judged("POST /metrics HTTP/1.1\r\n\r\n"), Err(Refusal::Method));
+    fn only_get_requests_for_the_path_of_the_metrics_are_accepted() {
+        assert_eq!(outcome("GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n"), Ok(()));
+        assert_eq!(outcome("GET /metrics?name=x HTTP/1.0\r\n\r\n"), Ok(()));
+        assert_eq!(outcome("GET / HTTP/1.1\r\n\r\n"), Err(Refusal::NotFound));
+        assert_eq!(outcome("POST /metrics HTTP/1.1\r\n\r\n"), Err(Refusal::MethodNotAllowed));
     }
 
     #[test]
-    fn what_is_no_request_or_too_long_is_refused() {
-        assert_eq!(judged(""), Err(Refusal::Bad));
-        assert_eq!(judged("GET /metrics HTTP/1.1\r\nHost"), Err(Refusal::Bad), "cut short");
-        assert_eq!(judged("\u{1}\u{2}\r\n\r\n"), Err(Refusal::Bad));
-        let long = format!("GET /metrics HTTP/1.1\r\nX: {}\r\n\r\n", "x".repeat(MOST_BYTES));
-        assert_eq!(judged(&long), Err(Refusal::TooLong));
-        let many = format!("GET /metrics HTTP/1.1\r\n{}\r\n", "X: x\r\n".repeat(MOST_HEADERS + 1));
-        assert_eq!(judged(&many), Err(Refusal::TooLong));
+    fn malformed_incomplete_and_too_long_requests_are_refused() {
+        assert_eq!(outcome(""), Err(Refusal::BadRequest));
+        assert_eq!(outcome("GET /metrics HTTP/1.1\r\nHost"), Err(Refusal::BadRequest), "cut short");
+        assert_eq!(outcome("\u{1}\u{2}\r\n\r\n"), Err(Refusal::BadRequest));
+        let long = format!("GET /metrics HTTP/1.1\r\nX: {}\r\n\r\n", "x".repeat(MAX_REQUEST_BYTES));
+        assert_eq!(outcome(&long), Err(Refusal::TooLong));
+        let many = format!("GET /metrics HTTP/1.1\r\n{}\r\n", "X: x\r\n".repeat(MAX_HEADERS + 1));
+        assert_eq!(outcome(&many), Err(Refusal::TooLong));
     }
 
     #[test]
-    fn a_request_that_comes_byte_by_byte_is_whole_at_its_end() {
+    fn a_request_that_arrives_byte_by_byte_is_accepted_once_complete() {
         struct Slow<'a>(&'a [u8]);
         impl Read for Slow<'_> {
             fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
@@ -124,13 +123,13 @@ mod tests {
         }
         let mut slow = Slow(b"GET /metrics HTTP/1.1\r\n\r\nmore");
         assert_eq!(read(&mut slow).unwrap(), Ok(()));
-        assert_eq!(slow.0, b"more", "what follows is left alone");
+        assert_eq!(slow.0, b"more", "bytes after the request are not read");
     }
 
     #[test]
-    fn an_answer_states_its_length_and_closes_the_connection() {
-        let text = Refusal::Method.answer();
+    fn a_response_states_its_length_and_that_the_connection_closes() {
+        let text = Refusal::MethodNotAllowed.response();
         assert!(text.starts_with("HTTP/1.1 405 Method Not Allowed\r\nAllow: GET\r\n"), "{text}");
-        assert!(text.contains("\r\nContent-Length: 25\r\nConnection: close\r\n\r\nmetrics can"), "{text}");
+        assert!(text.contains("\r\nContent-Length: 8\r\nConnection: close\r\n\r\nuse GET"), "{text}");
     }
 }

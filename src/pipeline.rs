@@ -149,7 +149,7 @@ pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
 /// The filters that the settings ask for.
 #[must_use]
 pub fn filters(settings: &SolverSettings) -> Filters {
-    Filters::with_window(settings.smoothing_frames)
+    Filters::gated_average(settings.smoothing_ms as f32 / 1000.0)
 }
 
 /// A solver by the settings, for a wearer of whom nothing is known.

@@ -4,8 +4,10 @@ use std::{hint::black_box, ops::Range, path::Path, time::Instant};
 
 use anyhow::{Context, Result};
 use facewire::{
+    config::SolverSettings,
     face::Landmarks,
-    solve::{COEFFS, Camera, Filters, Model, Neutral, NeutralMean, Profile, Solution, Solver, normalise},
+    pipeline::filters,
+    solve::{COEFFS, Camera, Model, Neutral, NeutralMean, Profile, Solution, Solver, normalise},
 };
 
 use crate::{
@@ -41,7 +43,7 @@ pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>) -
 }
 
 fn solver(model: &Model, neutral: Option<Neutral>) -> Solver {
-    Solver::new(model.clone(), Profile { neutral, ..Profile::default() }, Filters::default())
+    Solver::new(model.clone(), Profile { neutral, ..Profile::default() }, filters(&SolverSettings::default()))
 }
 
 fn mean_face(clip: &[Landmarks], frames: Range<usize>) -> Result<Neutral> {

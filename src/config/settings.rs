@@ -89,8 +89,9 @@ section! {
     SolverSettings {
         /// File of the fitted model; empty: the built-in one. One that does not begin with / is looked for as above.
         model: String = String::new(), (), "";
-        /// Earlier frames that smoothing averages with the newest, for the eyes at most 2; 0 and 1 are off.
-        smoothing_frames: u32 = 5, 0..=10, " (frames)";
+        /// Smoothing averages small changes of a coefficient over this time, for the eyes over at most 80 ms; 0 is off.
+        /// A time that holds fewer than 2 earlier frames smooths nothing.
+        smoothing_ms: u32 = 180, 0..=350, " (ms)";
     }
 }
 

@@ -142,6 +142,12 @@ facewire.toml:10: link.address = \"127.0.0.1\": give \"host:port\" with a port f
 }
 
 #[test]
+fn smoothing_in_frames_is_refused_with_the_key_in_milliseconds() {
+    let want = "facewire.toml:2: solver.smoothing_frames is not a setting; did you mean smoothing_ms?";
+    assert_eq!(faults("[solver]\nsmoothing_frames = 5\n"), want);
+}
+
+#[test]
 fn metrics_that_other_machines_could_read_are_refused_with_what_to_give() {
     let want = "facewire.toml:2: metrics.listen = \"0.0.0.0:9464\": give \"\", a loopback address and port such as \
                 \"127.0.0.1:9464\" or \"[::1]:9464\", or \"unix:\" and a path that begins with /";

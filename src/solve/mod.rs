@@ -1,7 +1,7 @@
 //! From landmarks to blendshape coefficients: pure arithmetic, no clock, no I/O, no log.
 //!
 //! ```text
-//! normalise -> Features::new -> Model::process -> correct -> Filters::process
+//! normalise -> Features::new -> Model::process -> correct -> Filters::step
 //! ```
 //!
 //! Every stage refuses what the next could not use (not finite, not a face), so that such a frame is rejected whole.
@@ -10,13 +10,14 @@ mod affine;
 mod canonical;
 mod correction;
 mod features;
+mod filter;
+mod gated_average;
 mod model_error;
 pub mod model_file;
 mod neutral;
 mod pose;
 mod profile;
 mod regression;
-mod smoothing;
 mod solver;
 #[cfg(test)]
 #[allow(clippy::indexing_slicing)]
@@ -26,10 +27,11 @@ pub use affine::{DegenerateFace, Normalised, normalise};
 pub use correction::{Corrected, MAX_REST, correct};
 pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use features::{FEATURES, FeatureId, Features, MEASURES};
+pub use filter::{Filter, FilterState, Filters, FiltersState, Smoothed};
+pub use gated_average::GatedAverage;
 pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
 pub use pose::{Camera, HeadPose};
 pub use profile::Profile;
 pub use regression::{AbsurdResult, MAX_HIDDEN, MAX_INPUTS, Model, RawCoeffs};
-pub use smoothing::{Filters, FiltersState, GateEdge, MAX_WINDOW, Smoothed};
 pub use solver::{Solution, SolveError, Solver};

@@ -12,11 +12,6 @@ use super::{
 };
 use crate::face::Landmarks;
 
-/// Time step assumed for the first frame after a gap, seconds.
-const FIRST_STEP_S: f32 = 1.0 / 30.0;
-/// A gap between frames that is at least this long starts the filters anew, microseconds.
-const GAP_US: u64 = 500_000;
-
 /// The results of one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solution {
@@ -75,20 +70,20 @@ impl Solver {
         let face = normalise(landmarks)?;
         let raw = self.model.process(&Features::new(&face, self.profile.neutral.as_ref()))?;
         let corrected = correct(&raw, &self.profile.rest);
-        let smoothed = self.filters.process(&mut self.history.filters, &corrected, step_s);
+        let smoothed = self.filters.step(&mut self.history.filters, &corrected, step_s);
         Ok(Solution { raw, corrected, smoothed, head: HeadPose::new(&face, camera) })
     }
 }
 
 impl History {
-    /// Returns the seconds since the last frame. A long gap, or a clock that ran backwards, clears the history.
+    /// Returns the seconds since the last frame, 0 for the first. A clock that ran backwards clears the history.
     fn step_s(&mut self, time_us: u64) -> f32 {
-        let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us)).filter(|step_us| *step_us < GAP_US);
+        let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
         if step_us.is_none() {
             *self = Self::default();
         }
         self.last_us = Some(time_us);
-        step_us.map_or(FIRST_STEP_S, |step_us| step_us as f32 / 1e6)
+        step_us.map_or(0.0, |step_us| step_us as f32 / 1e6)
     }
 }
 
@@ -105,7 +100,7 @@ mod tests {
         mean.add(&normalise(&face([3.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"));
         let neutral = Some(mean.finish().expect("a neutral face"));
         let model = Model::embedded().expect("the shipped model");
-        Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::default())
+        Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::gated_average(0.18))
     }
 
     /// Solutions of a head that turns, 30 a second; `change` is called before the frame in the middle.
@@ -134,7 +129,7 @@ mod tests {
     fn replaced_model_and_filters_keep_the_wearer_and_the_history() {
         let got = solutions(|solver, _| {
             solver.model = Model::embedded().expect("the shipped model");
-            solver.filters = Filters::default();
+            solver.filters = Filters::gated_average(0.18);
         });
         assert_eq!(got, solutions(|_, _| ()));
         assert_ne!(got, solutions(|solver, _| solver.profile.rest = [MAX_REST; COEFFS]));
@@ -152,7 +147,7 @@ mod tests {
             let solution = solve(5.0, last_us).expect("a face");
             solution.smoothed.0 == solution.corrected.0
         };
-        assert!(is_fresh(99_999 + GAP_US) && is_fresh(99_998));
-        assert!(!is_fresh(99_998 + GAP_US) && !is_fresh(133_332));
+        assert!(is_fresh(600_000) && is_fresh(99_998));
+        assert!(!is_fresh(133_332));
     }
 }

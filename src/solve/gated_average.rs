@@ -1,0 +1,197 @@
+//! The gated moving average (eq. 9 to 11).
+//!
+//! A new value within one standard deviation of the last N values is averaged with them, `(f_t + N avg) / (N + 1)`. A
+//! value outside this gate passes unchanged, so that a blink is not delayed. (Eq. 10 has the root, so it is a standard
+//! deviation.) The equations count frames at 30 frames per second. Here the last values are those of a window of time,
+//! and N is that time in whole frames of 1/30 s, so that the response to a small change takes as long at every frame rate.
+//!
+//! As printed, the gate has a step at its edge and closes to nothing on a face that holds still, so that values jump
+//! between smoothed and not smoothed. Here the share of the new value grows smoothly from `1 / (N + 1)` in the middle of
+//! the gate to 1 at its edge, and the gate is never narrower than a few times the jitter of a still face.
+
+use heapless::HistoryBuf;
+
+/// Frame rate that the equations assume.
+const FPS: f32 = 30.0;
+/// Most values that are remembered: the longest window of the settings at 90 frames per second. At higher rates the
+/// window is shorter.
+const MAX_VALUES: usize = 32;
+/// Longest window of the eyes: 2 values at 30 frames per second. A third, at 100 ms, stays out even if a camera's frames
+/// come 20 ms early.
+const MAX_EYE_WINDOW_S: f32 = 0.08;
+/// Smallest half width of the gate, a few times the jitter of the coefficients of a still face.
+const MIN_GATE: f32 = 0.05;
+/// The same for the eyes.
+const EYE_MIN_GATE: f32 = 0.03;
+
+/// Settings of a gated moving average.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GatedAverage {
+    /// Age up to which earlier values are averaged, seconds. A window that holds fewer than two smooths nothing.
+    pub window_s: f32,
+    /// Half width below which the gate never closes.
+    pub min_gate: f32,
+}
+
+/// The last outputs of a gated moving average.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Past(HistoryBuf<Output, MAX_VALUES>);
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Output {
+    value: f32,
+    /// Time since the output before, seconds.
+    dt_s: f32,
+}
+
+impl GatedAverage {
+    /// The filter of the coefficients of brows, cheeks, nose, jaw and mouth.
+    pub(super) fn of_the_face(window_s: f32) -> Self {
+        Self { window_s, min_gate: MIN_GATE }
+    }
+
+    /// The filter of the coefficients of the eyes, with a short window.
+    pub(super) fn of_the_eyes(window_s: f32) -> Self {
+        Self { window_s: window_s.min(MAX_EYE_WINDOW_S), min_gate: EYE_MIN_GATE }
+    }
+
+    /// Filters the value `x`, `dt_s` seconds after the last one.
+    pub(super) fn step(self, past: &mut Past, x: f32, dt_s: f32) -> f32 {
+        let value = self.gated(x, past.values(self.window_s, dt_s));
+        past.0.write(Output { value, dt_s });
+        value
+    }
+
+    /// Eq. 11, given the previous values and their ages. Fewer than two have no deviation, so that `x` passes.
+    fn gated(self, x: f32, previous: impl Iterator<Item = (f32, f32)> + Clone) -> f32 {
+        let sums = |(count, sum, _): (f32, f32, f32), (value, age_s)| (count + 1.0, sum + value, age_s);
+        let (count, sum, oldest_s) = previous.clone().fold((0.0, 0.0, 0.0), sums);
+        if count < 2.0 {
+            return x;
+        }
+        let average = sum / count;
+        let variance = previous.map(|(f, _)| (f - average) * (f - average)).sum::<f32>() / (count - 1.0);
+        let gate = variance.sqrt().max(self.min_gate).max(f32::EPSILON);
+        average + share(((x - average) / gate).abs(), (oldest_s * FPS).round()) * (x - average)
+    }
+}
+
+impl Past {
+    pub(super) fn starting_with(value: f32) -> Self {
+        let mut past = HistoryBuf::new();
+        past.write(Output { value, dt_s: 0.0 });
+        Self(past)
+    }
+
+    /// The outputs and their ages, `dt_s` after the newest, from the newest to the last that is at most `window_s` old.
+    fn values(&self, window_s: f32, dt_s: f32) -> impl Iterator<Item = (f32, f32)> + Clone {
+        let with_age = self.0.oldest_ordered().rev().scan(dt_s, |next_age_s, output| {
+            let age_s = *next_age_s;
+            *next_age_s += output.dt_s;
+            Some((output.value, age_s))
+        });
+        with_age.take_while(move |(_, age_s)| *age_s <= window_s)
+    }
+}
+
+/// Share of the new value, `distance` gates away from the average of the values of the last `frames` frames.
+fn share(distance: f32, frames: f32) -> f32 {
+    if distance > 1.0 {
+        return 1.0;
+    }
+    let inside = 1.0 / (frames + 1.0);
+    inside + (1.0 - inside) * distance.powi(4)
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used, clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+
+    const FACE: GatedAverage = GatedAverage { window_s: 0.18, min_gate: MIN_GATE };
+
+    fn run_at(fps: f32, signal: impl IntoIterator<Item = f32>) -> Vec<f32> {
+        let mut signal = signal.into_iter();
+        let mut past = Past::starting_with(signal.next().unwrap_or_default());
+        signal.map(|x| FACE.step(&mut past, x, 1.0 / fps)).collect()
+    }
+
+    /// A resting value with jitter of ±0.01.
+    fn jittering(frames: usize) -> Vec<f32> {
+        let mut random = fastrand::Rng::with_seed(7);
+        (0..frames).map(|_| 0.29 + 0.02 * random.f32()).collect()
+    }
+
+    #[test]
+    fn value_on_the_average_keeps_it_and_one_outside_the_gate_passes() {
+        let mut past = Past::starting_with(0.1);
+        for value in [0.3, 0.1, 0.3, 0.2] {
+            past.0.write(Output { value, dt_s: 1.0 / FPS });
+        }
+        let deviation = 0.1_f32;
+        let near = FACE.step(&mut past.clone(), 0.2 + 0.1 * deviation, 1.0 / FPS);
+        assert!((near - (0.2 + 0.1 * deviation / 6.0)).abs() < 1e-4, "{near}");
+        let outside = FACE.step(&mut past, 0.2 + 1.01 * deviation, 1.0 / FPS);
+        assert!((outside - (0.2 + 1.01 * deviation)).abs() < 1e-6, "{outside}");
+    }
+
+    #[test]
+    fn window_holds_as_many_values_as_its_time_and_at_most_32() {
+        for (fps, want) in [(10.0, 1), (15.0, 2), (30.0, 5), (60.0, 10), (120.0, 21), (240.0, 32)] {
+            let mut past = Past::starting_with(0.5);
+            (0..100).for_each(|_| _ = FACE.step(&mut past, 0.5, 1.0 / fps));
+            assert_eq!(past.values(FACE.window_s, 1.0 / fps).count(), want, "{fps} frames per second");
+        }
+    }
+
+    #[test]
+    fn frames_that_come_10_ms_early_or_late_leave_the_window_as_it_is() {
+        let mut random = fastrand::Rng::with_seed(3);
+        let (mut past, mut last_us) = (Past::starting_with(0.5), 0);
+        for frame in 1..500 {
+            let time_us = 33_333 * frame + random.i32(-5000..5000);
+            let dt_s = (time_us - last_us) as f32 / 1e6;
+            if frame > 5 {
+                assert_eq!(past.values(FACE.window_s, dt_s).count(), 5, "frame {frame}");
+            }
+            FACE.step(&mut past, 0.5, dt_s);
+            last_us = time_us;
+        }
+    }
+
+    #[test]
+    fn sudden_move_passes_undelayed_at_every_frame_rate() {
+        for fps in [5.0, 15.0, 30.0, 60.0, 120.0] {
+            let out = run_at(fps, jittering(30).into_iter().chain([0.9]));
+            assert!((out[29] - 0.9).abs() < 1e-6, "{fps} frames per second: {}", out[29]);
+        }
+    }
+
+    #[test]
+    fn smooth_edge_lets_near_values_come_out_near() {
+        let out = |last| run_at(30.0, [0.2, 0.2, 0.2, 0.2, 0.2, last])[4];
+        assert!((out(0.251) - out(0.249)).abs() < 0.015, "across the edge of the gate");
+        assert!(out(0.21) < 0.203, "well inside");
+    }
+
+    #[test]
+    fn small_step_is_followed_as_fast_at_every_frame_rate() {
+        for fps in [15.0_f32, 30.0, 60.0, 120.0] {
+            let out = run_at(fps, [0.5; 30].into_iter().chain([0.53; 500]));
+            let reached_s = |y| out.iter().skip(29).position(|out| *out > y).map(|frames| frames as f32 / fps);
+            let half_way_s = reached_s(0.515).expect("half way");
+            let nearly_s = reached_s(0.527).expect("90 percent");
+            assert!((0.19..0.25).contains(&half_way_s), "{fps} frames per second: {half_way_s} s");
+            assert!((0.9..1.2).contains(&nearly_s), "{fps} frames per second: {nearly_s} s");
+        }
+    }
+
+    #[test]
+    fn jitter_of_a_still_face_at_least_halves_at_30_and_60_frames_a_second() {
+        let signal = jittering(2000);
+        let jitter = |x: &[f32]| x.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f32>();
+        for fps in [30.0, 60.0] {
+            assert!(jitter(&run_at(fps, signal.clone())) < 0.5 * jitter(&signal), "{fps} frames per second");
+        }
+    }
+}

@@ -132,7 +132,8 @@ impl HotLoop {
         // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
-        source.close().map_err(Event::Lost).and(outcome)
+        source.close().map_err(Event::Lost)?;
+        outcome
     }
 
     fn load_pipeline(&mut self) -> Result<(), Trouble> {

@@ -1,19 +1,19 @@
 /* The facewire packet, version 1, for receivers. SPDX-License-Identifier: MIT OR Apache-2.0
  *
- * C99 or C++11, no libraries, no floating point, no allocation. On UDP a datagram is a packet of 132 bytes:
+ * C99 or C++11, no libraries, no floating point, no allocation. A UDP datagram holds one packet of 132 bytes:
  *
  *     struct facewire_packet packet;
  *     if (facewire_decode(bytes, length, &packet) == FACEWIRE_OK) {
  *         jaw_us = 1000 + packet.coefficients[FACEWIRE_JAW_OPEN] * 1000L / FACEWIRE_COEFFICIENT_ONE;
  *     }
  *
- * On a serial line it is a frame (COBS) that ends with the only 0 in it. Give every byte as it comes:
+ * A serial line carries each packet as a COBS frame that ends with its only zero byte. Pass every received byte on:
  *
  *     static struct facewire_line line;
  *     if (facewire_feed(&line, byte, &packet) == FACEWIRE_OK) { ... }
  *
- * A receiver that got no valid packet for FACEWIRE_SILENCE_MS moves to neutral by itself: all coefficients 0,
- * rotation identity, at a speed its mechanics bear.
+ * A receiver that has received no valid packet for FACEWIRE_SILENCE_MS moves to neutral on its own: all coefficients
+ * 0, rotation identity, at a speed that its mechanics can bear.
  */
 #ifndef FACEWIRE_PACKET_H
 #define FACEWIRE_PACKET_H
@@ -24,7 +24,7 @@
 #define FACEWIRE_PACKET_BYTES 132
 #define FACEWIRE_VERSION 1
 #define FACEWIRE_SILENCE_MS 500
-/* What stands for 1.0 in a coefficient and in a component of the quaternion. */
+/* The integers that represent 1.0 in a coefficient and in a component of the quaternion. */
 #define FACEWIRE_COEFFICIENT_ONE 65535
 #define FACEWIRE_ROTATION_ONE 32767
 
@@ -46,19 +46,19 @@ enum facewire_reason {
     FACEWIRE_REASON_STOPPING = 5
 };
 
-/* What facewire_decode() and facewire_feed() return. */
+/* The return values of facewire_decode() and facewire_feed(). */
 enum facewire_result {
-    FACEWIRE_MORE = 1, /* no frame ends with this byte */
+    FACEWIRE_MORE = 1, /* this byte ends no frame */
     FACEWIRE_OK = 0,
     FACEWIRE_BAD_LENGTH = -1,
     FACEWIRE_BAD_MAGIC = -2,
     FACEWIRE_BAD_VERSION = -3,
     FACEWIRE_BAD_CHECKSUM = -4,
     FACEWIRE_BAD_REASON = -5,
-    FACEWIRE_CUT = -6 /* a frame that lacks bytes */
+    FACEWIRE_CUT = -6 /* the frame is incomplete */
 };
 
-/* Places in coefficients[]. Left and right are the person's own. */
+/* Indices of coefficients[]. Left and right are the person's own. */
 enum facewire_blendshape {
     FACEWIRE_EYE_BLINK_LEFT = 0,
     FACEWIRE_EYE_LOOK_DOWN_LEFT,
@@ -118,11 +118,11 @@ enum facewire_blendshape {
 struct facewire_packet {
     uint8_t state;       /* enum facewire_state */
     uint8_t reason;      /* enum facewire_reason */
-    uint16_t sequence;   /* counts packets and wraps: a gap is a loss */
-    uint16_t age;        /* capture to sending, in 0.1 ms, saturates */
-    uint32_t capture_us; /* capture time by the sender's monotonic clock, wraps */
+    uint16_t sequence;   /* increases by one with each packet and wraps; a gap means lost packets */
+    uint16_t age;        /* time from capture to sending in 0.1 ms; saturates */
+    uint32_t capture_us; /* capture time on the sender's monotonic clock; wraps */
     int16_t rotation[4]; /* quaternion x y z w times 32767; axes x to the person's left, y up, z out of the face */
-    int16_t position_mm[3]; /* in the camera's frame: x right in the picture, y down, z away */
+    int16_t position_mm[3]; /* in camera coordinates: x right in the picture, y down, z away from the camera */
     uint16_t coefficients[FACEWIRE_BLENDSHAPES]; /* times 65535 */
 };
 
@@ -146,7 +146,7 @@ static inline uint16_t facewire_crc(const uint8_t *bytes, size_t length) {
     return crc;
 }
 
-/* Whether the bytes are a packet of this version: an enum facewire_result. */
+/* Checks length, magic number, version, checksum and reason. Returns an enum facewire_result. */
 static inline int facewire_verify(const uint8_t *bytes, size_t length) {
     if (length != FACEWIRE_PACKET_BYTES) return FACEWIRE_BAD_LENGTH;
     if (bytes[0] != 0x46 || bytes[1] != 0x57) return FACEWIRE_BAD_MAGIC;
@@ -156,7 +156,7 @@ static inline int facewire_verify(const uint8_t *bytes, size_t length) {
     return FACEWIRE_OK;
 }
 
-/* Fills `packet` from `length` bytes, or leaves it alone and returns a negative enum facewire_result. */
+/* Decodes `length` bytes to `packet`. On failure leaves `packet` unchanged and returns a negative enum facewire_result. */
 static inline int facewire_decode(const uint8_t *bytes, size_t length, struct facewire_packet *packet) {
     int result = facewire_verify(bytes, length);
     if (result != FACEWIRE_OK) return result;
@@ -171,11 +171,11 @@ static inline int facewire_decode(const uint8_t *bytes, size_t length, struct fa
     return FACEWIRE_OK;
 }
 
-/* What a serial line has brought since its last 0. All zero at first. */
+/* The current frame of a serial line. Initialise it with zeros. */
 struct facewire_line {
     uint8_t bytes[FACEWIRE_PACKET_BYTES];
-    uint8_t length; /* bytes the frame has so far; what is beyond a packet is not kept, and counted once */
-    uint8_t left;   /* 1 + bytes up to the next place of a 0; 0 before the frame's first byte */
+    uint8_t length; /* decoded bytes of the frame; a longer frame than a packet counts as one byte too long */
+    uint8_t left;   /* 1 + remaining bytes of the COBS block; 0 before the frame's first byte */
 };
 
 static inline void facewire_keep(struct facewire_line *line, uint8_t byte) {
@@ -183,8 +183,9 @@ static inline void facewire_keep(struct facewire_line *line, uint8_t byte) {
     if (line->length <= FACEWIRE_PACKET_BYTES) line->length++;
 }
 
-/* Takes the next byte of a serial line. FACEWIRE_OK: it completes a packet, which is in `packet` now. FACEWIRE_MORE: it
- * does not. Otherwise a frame has ended that holds no packet, and `packet` is left alone. */
+/* Processes the next byte of a serial line. Returns FACEWIRE_OK if the byte completes a packet, which is then stored in
+ * `packet`, and FACEWIRE_MORE if the frame goes on. A negative enum facewire_result means that a frame has ended without
+ * a valid packet; `packet` is then unchanged. */
 static inline int facewire_feed(struct facewire_line *line, uint8_t byte, struct facewire_packet *packet) {
     uint8_t left = line->left;
     if (byte != 0) {

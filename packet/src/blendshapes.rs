@@ -1,9 +1,9 @@
-//! The names of the coefficients.
+//! The names of the blendshapes.
 
-/// How many coefficients a packet carries.
+/// The number of coefficients in a packet.
 pub const BLENDSHAPE_COUNT: usize = 52;
 
-/// The coefficients by their `ARKit` names, in the order of the packet, which is that of Live Link.
+/// The `ARKit` names of the coefficients, in the order of the packet, which is the order of Live Link Face.
 /// Left and right are the person's own.
 pub const BLENDSHAPES: [&str; BLENDSHAPE_COUNT] = [
     "eyeBlinkLeft",

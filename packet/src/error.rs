@@ -1,23 +1,23 @@
-//! Why bytes are refused.
+//! The errors of decoding.
 
 use core::fmt;
 
 use crate::packet::{PACKET_BYTES, VERSION};
 
-/// Why bytes are not a packet.
+/// The reason why a byte sequence is not a valid packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DecodeError {
-    /// Not 132 bytes, but this many.
+    /// The packet has this many bytes instead of 132.
     Length(usize),
     /// The first two bytes are not "FW".
     Magic,
-    /// A version other than 1.
+    /// The version is not 1, but this number.
     Version(u8),
-    /// The checksum does not match: the bytes were damaged on the way.
+    /// The checksum does not match, because bytes were damaged in transit.
     Checksum,
-    /// A frame that ends before the place where its next 0 should stand.
+    /// The serial frame ends before its last COBS block is complete.
     Cut,
-    /// A reason that version 1 does not define.
+    /// The reason has a number that version 1 does not define.
     Reason(u8),
 }
 
@@ -26,16 +26,16 @@ impl fmt::Display for DecodeError {
         match self {
             Self::Length(bytes) => write!(
                 f,
-                "{bytes} bytes are not a packet of {PACKET_BYTES}: check that only facewire sends to this port"
+                "{bytes} bytes instead of the {PACKET_BYTES} of a packet: check that only facewire sends to this port"
             ),
             Self::Magic => {
                 f.write_str("the bytes do not begin with \"FW\": check that only facewire sends to this port")
             }
             Self::Version(version) => {
-                write!(f, "the packet has version {version}, this receiver knows {VERSION}: update the older side")
+                write!(f, "the packet has version {version}, but this receiver knows {VERSION}: update the older side")
             }
             Self::Checksum => f.write_str("the checksum does not match: check the cable and the baud rate"),
-            Self::Cut => f.write_str("the frame lacks bytes: check the cable and the baud rate"),
+            Self::Cut => f.write_str("the frame is incomplete: check the cable and the baud rate"),
             Self::Reason(reason) => write!(
                 f,
                 "the packet gives reason {reason}, which version {VERSION} does not define: update the receiver"

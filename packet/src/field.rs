@@ -1,4 +1,4 @@
-//! The wire layout: one field per line, little-endian, without gaps.
+//! The wire layout: one constant per field, little-endian, without gaps.
 
 use crate::packet::PACKET_BYTES;
 
@@ -13,18 +13,19 @@ pub const POSITION: Field<6> = Field { at: 20 };
 pub const COEFFICIENTS: Field<104> = Field { at: 26 };
 pub const CHECKSUM: Field<2> = Field { at: 130 };
 
-/// `N` bytes at a fixed offset.
+/// A field of `N` bytes at a fixed offset of the packet.
 pub struct Field<const N: usize> {
     at: usize,
 }
 
 impl<const N: usize> Field<N> {
-    /// Offset of the byte after the field.
+    /// Returns the offset of the byte after the field.
     pub const fn end(&self) -> usize {
         self.at + N
     }
 
-    /// The field's bytes. The table below is checked when compiled, so the fallback is never taken.
+    /// Returns the field's bytes. The assertions below prove at compile time that the field lies within the packet, so
+    /// the fallback is never used.
     pub fn get(&self, packet: &[u8; PACKET_BYTES]) -> [u8; N] {
         let bytes = packet.get(self.at..).and_then(<[u8]>::first_chunk);
         bytes.copied().unwrap_or([0; N])
@@ -38,7 +39,7 @@ impl<const N: usize> Field<N> {
     }
 }
 
-/// Each field begins where the one before ends, and the last one ends the packet.
+/// Every field begins where the previous field ends, and the last field ends the packet.
 const _: () = {
     assert!(MAGIC.at == 0);
     assert!(VERSION.at == MAGIC.end());

@@ -1,25 +1,25 @@
-//! Packets on a serial line: COBS frames, each ended by the only 0 in it.
+//! Packets on a serial line: COBS frames that each end with a zero byte, the only zero in the frame.
 //!
-//! Consistent Overhead Byte Stuffing (Cheshire and Baker, 1999) puts before the bytes, and in place of each 0 among
-//! them, the distance to the next of these places. A packet is shorter than the 254 bytes after which COBS needs a
-//! further place, so every frame has the same length.
+//! Consistent Overhead Byte Stuffing (Cheshire and Baker, 1999) splits the data at its zero bytes into blocks. In place
+//! of the zeros, and before the first block, it writes the distance to the end of the block. A packet is shorter than
+//! 254 bytes, the length at which COBS has to split a block without a zero, so every frame has the same length.
 
 use core::mem;
 
 use crate::{DecodeError, PACKET_BYTES, Packet};
 
-/// Bytes of a packet on a serial line, the 0 at the end included.
+/// The length of an encoded packet on a serial line, including the zero byte at the end.
 pub const FRAME_BYTES: usize = PACKET_BYTES + 2;
 
 impl Packet {
-    /// The bytes to send on a serial line. Values are treated as by [`Packet::encode`].
+    /// Encodes the packet for a serial line. Values out of range are treated as in [`Packet::encode`].
     #[must_use]
     pub fn encode_frame(&self) -> [u8; FRAME_BYTES] {
         let mut frame = [0; FRAME_BYTES];
         let [first, body @ .., _end] = &mut frame;
         let mut distance = 1;
-        for (place, byte) in body.iter_mut().zip(self.encode()).rev() {
-            *place = if byte == 0 { mem::take(&mut distance) } else { byte };
+        for (slot, byte) in body.iter_mut().zip(self.encode()).rev() {
+            *slot = if byte == 0 { mem::take(&mut distance) } else { byte };
             distance += 1;
         }
         *first = distance;
@@ -27,9 +27,10 @@ impl Packet {
     }
 }
 
-/// Finds packets in the bytes of a serial line, whatever pieces they come in.
+/// Extracts packets from the byte stream of a serial line.
 ///
-/// After lost bytes, or garbage such as a board's start-up messages, it is in step again with the next 0.
+/// After lost bytes or garbage, such as the start-up messages of a board, the reader resynchronises at the next zero
+/// byte.
 ///
 /// ```
 /// use facewire_packet::{FrameReader, Packet};
@@ -43,9 +44,9 @@ impl Packet {
 #[derive(Debug, Clone)]
 pub struct FrameReader {
     bytes: [u8; PACKET_BYTES],
-    /// Bytes the frame has so far; those beyond a packet are counted, not kept.
+    /// Decoded bytes of the current frame. Bytes beyond the length of a packet are counted, but not stored.
     length: usize,
-    /// Bytes up to the next place of a 0; `None` before the frame's first byte.
+    /// Remaining bytes of the current COBS block, or `None` before the first byte of a frame.
     left: Option<u8>,
 }
 
@@ -56,35 +57,36 @@ impl Default for FrameReader {
 }
 
 impl FrameReader {
-    /// Takes the next byte of the line. The byte that ends a frame gives its packet, or why it holds none; empty frames
-    /// give nothing.
+    /// Processes the next byte of the line.
+    ///
+    /// Returns a packet or an error if the byte ends a frame, and `None` otherwise. Empty frames are skipped.
     pub fn push(&mut self, byte: u8) -> Option<Result<Packet, DecodeError>> {
         let Some(distance) = byte.checked_sub(1) else {
-            return mem::take(self).end();
+            return mem::take(self).finish();
         };
         self.left = match self.left {
             None => Some(distance),
             Some(0) => {
-                self.keep(0);
+                self.store(0);
                 Some(distance)
             }
             Some(left) => {
-                self.keep(byte);
+                self.store(byte);
                 Some(left - 1)
             }
         };
         None
     }
 
-    fn keep(&mut self, byte: u8) {
-        if let Some(place) = self.bytes.get_mut(self.length) {
-            *place = byte;
+    fn store(&mut self, byte: u8) {
+        if let Some(slot) = self.bytes.get_mut(self.length) {
+            *slot = byte;
         }
         self.length = self.length.saturating_add(1);
     }
 
-    /// What the frame holds.
-    fn end(self) -> Option<Result<Packet, DecodeError>> {
+    /// Decodes the completed frame. Returns `None` if the frame is empty.
+    fn finish(self) -> Option<Result<Packet, DecodeError>> {
         match (self.left?, self.length) {
             (0, PACKET_BYTES) => Some(Packet::decode(&self.bytes)),
             (0, length) => Some(Err(DecodeError::Length(length))),

@@ -1,10 +1,11 @@
 //! The facewire packet, version 1: 52 blendshape coefficients and a head pose in 132 bytes.
 //!
-//! Role: the one definition of what goes over the wire, for the sender and for receivers, microcontrollers included.
-//! Contract: [`Packet::encode`] and [`Packet::decode`] cannot panic, allocate or fail half-way; whatever is decoded
-//! has the right length, magic, version and checksum.
-//! By UDP a datagram is one packet; on a serial line [`Packet::encode_frame`] and [`FrameReader`] keep packets apart.
-//! Limits: no resending; a lost packet is replaced by the next one.
+//! Role: the single definition of the wire format, for the sender and for receivers, microcontrollers included.
+//! Contract: [`Packet::encode`] and [`Packet::decode`] neither panic nor allocate. A decoded packet had the right
+//! length, magic number, version and checksum.
+//! A UDP datagram holds exactly one packet. On a serial line, [`Packet::encode_frame`] and [`FrameReader`] mark where
+//! packets begin and end.
+//! Limits: packets are not resent; the next packet replaces a lost one.
 //!
 //! ```
 //! use facewire_packet::{Packet, State};

@@ -1,44 +1,44 @@
-//! The packet as a plain struct, and its way to bytes and back.
+//! The packet as a plain struct, with its encoder and decoder.
 
 use crc::{CRC_16_MCRF4XX, Crc, NoTable};
 
 use crate::{BLENDSHAPE_COUNT, DecodeError, Reason, State, field, quantise};
 
-/// Bytes of a packet, on UDP one datagram.
+/// The length of a packet in bytes.
 pub const PACKET_BYTES: usize = 132;
-/// The version this crate writes and reads.
+/// The version of the format that this crate writes and reads.
 pub const VERSION: u8 = 1;
-/// A receiver that got no valid packet for so long goes to neutral by itself.
+/// A receiver that has received no valid packet for this long moves to neutral on its own.
 pub const SILENCE_MS: u32 = 500;
 
 const MAGIC: [u8; 2] = *b"FW";
-/// Bitwise: 132 bytes take a microsecond, a table would take half a kilobyte of a microcontroller.
+/// Computed bit by bit: this takes 1 microsecond per packet, and a table would take 512 bytes of a microcontroller.
 const CRC: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_MCRF4XX);
 
-/// One pose of the face, as sent.
+/// One pose of the face, as sent to a receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Packet {
     /// How much the sender trusts the pose.
     pub state: State,
-    /// Why it is not live.
+    /// Why the state is not live.
     pub reason: Reason,
-    /// Counts packets and wraps: a gap is a loss.
+    /// Increases by one with each packet and wraps. A gap means lost packets.
     pub sequence: u16,
-    /// From capture to sending, in microseconds; kept in steps of 100, at most 6.5535 s.
+    /// Time from capture to sending in microseconds. Sent in steps of 100 microseconds, at most 6.5535 s.
     pub age_us: u32,
-    /// When the frame was captured: the sender's monotonic clock in microseconds, wraps after 71 minutes.
+    /// Capture time of the frame on the sender's monotonic clock, in microseconds. Wraps after 71 minutes.
     pub capture_us: u32,
-    /// Head rotation, unit quaternion x y z w: identity when facing the camera; axes x to the person's left,
-    /// y up, z out of the face.
+    /// Head rotation as a unit quaternion x y z w, identity when the head faces the camera. The axes point to the
+    /// person's left (x), up (y) and out of the face (z).
     pub rotation: [f32; 4],
-    /// Head position in the camera's frame, millimetres: x right in the picture, y down, z away.
+    /// Head position in camera coordinates, in millimetres: x right in the picture, y down, z away from the camera.
     pub position_mm: [f32; 3],
-    /// The blendshape coefficients, 0..=1, in the order of [`crate::BLENDSHAPES`].
+    /// The blendshape coefficients, from 0 to 1, in the order of [`crate::BLENDSHAPES`].
     pub coefficients: [f32; BLENDSHAPE_COUNT],
 }
 
 impl Packet {
-    /// The neutral face of a sender that has seen nothing yet.
+    /// The neutral face of a sender that has not seen a face yet.
     pub const NEUTRAL: Self = Self {
         state: State::Neutral,
         reason: Reason::None,
@@ -50,8 +50,8 @@ impl Packet {
         coefficients: [0.0; BLENDSHAPE_COUNT],
     };
 
-    /// The bytes to send. Values beyond their range saturate, NaN becomes 0, and a quaternion that is not finite
-    /// becomes the identity.
+    /// Encodes the packet. Values out of range saturate, NaN becomes 0, and a quaternion with a component that is not
+    /// finite becomes the identity.
     #[must_use]
     pub fn encode(&self) -> [u8; PACKET_BYTES] {
         let mut bytes = [0; PACKET_BYTES];
@@ -69,11 +69,11 @@ impl Packet {
         bytes
     }
 
-    /// Reads a packet that is exactly `bytes`.
+    /// Decodes a packet from exactly [`PACKET_BYTES`] bytes.
     ///
     /// # Errors
-    /// [`DecodeError`] says in which respect the bytes are not a packet of version 1. Bits 2 and 3 of the flags
-    /// are not used by version 1 and are ignored.
+    /// Returns a [`DecodeError`] if the bytes are not a packet of version 1. Bits 2 and 3 of the flags are reserved in
+    /// version 1 and are ignored.
     pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
         let wire = verified(bytes)?;
         let [flags] = field::FLAGS.get(wire);
@@ -91,7 +91,7 @@ impl Packet {
     }
 }
 
-/// The bytes as a packet whose length, magic, version and checksum are right.
+/// Checks length, magic number, version and checksum.
 fn verified(bytes: &[u8]) -> Result<&[u8; PACKET_BYTES], DecodeError> {
     let wire = <&[u8; PACKET_BYTES]>::try_from(bytes).map_err(|_| DecodeError::Length(bytes.len()))?;
     if field::MAGIC.get(wire) != MAGIC {
@@ -107,7 +107,7 @@ fn verified(bytes: &[u8]) -> Result<&[u8; PACKET_BYTES], DecodeError> {
     Ok(wire)
 }
 
-/// CRC-16/MCRF4XX over everything before the checksum.
+/// Computes the CRC-16/MCRF4XX of all bytes before the checksum.
 fn checksum(wire: &[u8; PACKET_BYTES]) -> u16 {
     let covered = field::COEFFICIENTS.end();
     CRC.checksum(wire.get(..covered).unwrap_or_default())

@@ -1,30 +1,30 @@
-//! What a packet says about itself.
+//! The state of the sender and the reason for it.
 
 /// How much the sender trusts the pose it sends.
 ///
 /// ```text
-///          silence          silence          output neutral
-///   Live ----------> Hold ----------> Decay ----------------> Neutral
-///    ^  <------------                   |                        |
-///    |   a good pose                    |                        |
-///    +----------------------------------+------------------------+
-///                  several good poses in a row (recovery)
+///         no good pose      no good pose     output has become neutral
+///   Live -------------> Hold ----------> Decay ----------------> Neutral
+///    ^  <---------------                   |                        |
+///    |    a good pose                      |                        |
+///    +-------------------------------------+------------------------+
+///                 several good poses in a row (recovery)
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum State {
-    /// Follows the camera.
+    /// The output follows the camera.
     Live,
-    /// No good pose for a moment: the last output stands still.
+    /// No good pose arrived for a short time. The output keeps its last value.
     Hold,
-    /// No good pose for longer: the output moves to neutral at a bounded speed.
+    /// No good pose arrived for longer. The output moves to neutral at a bounded speed.
     Decay,
-    /// The neutral face: all coefficients 0, head facing the camera.
+    /// The output is the neutral face: all coefficients are 0 and the head faces the camera.
     #[default]
     Neutral,
 }
 
 impl State {
-    /// The state whose bits these are; only the lower two count.
+    /// Reads the state from the two lowest bits.
     pub(crate) const fn from_bits(bits: u8) -> Self {
         match bits & 0b11 {
             0 => Self::Live,
@@ -34,7 +34,7 @@ impl State {
         }
     }
 
-    /// Lower-case name, as in tables and logs.
+    /// Returns the lower-case name, as used in tables and logs.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -46,26 +46,26 @@ impl State {
     }
 }
 
-/// Why the sender is not live.
+/// Why the state is not live.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Reason {
-    /// Nothing is wrong.
+    /// No fault is known.
     #[default]
     None,
-    /// The camera runs, but shows no face.
+    /// The camera delivers pictures without a face.
     NoFace,
-    /// The camera gives no frames.
+    /// The camera delivers no frames.
     NoCamera,
-    /// Poses come too late, or not at all without a known fault.
+    /// Poses arrive too late, or do not arrive although no fault is known.
     Late,
-    /// A result was not a number or out of range.
+    /// The solver's result was not a number or out of range.
     BadResult,
-    /// The sender is going away.
+    /// The sender is shutting down.
     Stopping,
 }
 
 impl Reason {
-    /// The reason with this number, or `None` for a number version 1 does not know.
+    /// Returns the reason with this number, or `None` if version 1 does not define it.
     pub(crate) const fn from_number(number: u8) -> Option<Self> {
         Some(match number {
             0 => Self::None,
@@ -78,7 +78,7 @@ impl Reason {
         })
     }
 
-    /// Lower-case name, as in tables and logs.
+    /// Returns the lower-case name, as used in tables and logs.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

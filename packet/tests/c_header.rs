@@ -1,4 +1,4 @@
-//! The C header decodes what the crate encodes, and the Arduino sketch moves by it.
+//! The C header decodes what the crate encodes, and the Arduino sketch follows it.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
 use std::{
@@ -15,7 +15,7 @@ static DECODER: LazyLock<PathBuf> = LazyLock::new(|| compiled("decode.c", "CC", 
 static FEEDER: LazyLock<PathBuf> = LazyLock::new(|| compiled("feed.c", "CC", "cc", "-std=c99"));
 static SKETCH: LazyLock<PathBuf> = LazyLock::new(|| compiled("arduino/main.cpp", "CXX", "c++", "-std=c++11"));
 
-/// A program of this folder, compiled once with every warning an error.
+/// Compiles a program of this folder, with every warning an error, and returns its path.
 fn compiled(source: &str, variable: &str, compiler: &str, standard: &str) -> PathBuf {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
     let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(source.replace(['/', '.'], "_"));
@@ -35,7 +35,7 @@ fn compiled(source: &str, variable: &str, compiler: &str, standard: &str) -> Pat
     program
 }
 
-/// The numbers that a program prints about these bytes.
+/// Runs a program with these bytes as its standard input and returns the numbers it prints.
 fn printed(program: &Path, bytes: &[u8]) -> Vec<i64> {
     let mut child = Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     child.stdin.take().unwrap().write_all(bytes).unwrap();
@@ -74,7 +74,7 @@ fn c_reads_every_field_that_rust_wrote() {
 }
 
 #[test]
-fn c_refuses_damage_and_wrong_lengths_with_the_number_of_the_error() {
+fn c_refuses_damaged_packets_and_wrong_lengths_with_the_error_number() {
     let bytes = packet().encode();
     let flipped = |offset: usize| {
         let mut damaged = bytes;
@@ -87,7 +87,7 @@ fn c_refuses_damage_and_wrong_lengths_with_the_number_of_the_error() {
     assert_eq!(flipped(77), [-4]);
 }
 
-/// What the crate makes of a line, as the C program prints it.
+/// Reads a line with the crate and returns the results as the C program prints them.
 fn read_by_rust(line: &[u8]) -> Vec<i64> {
     let mut reader = FrameReader::default();
     let results = line.iter().filter_map(|byte| reader.push(*byte));
@@ -105,7 +105,7 @@ fn read_by_rust(line: &[u8]) -> Vec<i64> {
 }
 
 #[test]
-fn c_finds_on_a_line_what_the_crate_finds_there() {
+fn c_and_rust_find_the_same_packets_and_errors_on_a_line() {
     let frame = packet().encode_frame();
     assert_eq!(printed(&FEEDER, &frame), [65535, 32768]);
     let mut line = vec![0, 0];

@@ -1,4 +1,4 @@
-/* Prints the fields of the packet on standard input, one line, or the error number. */
+/* Prints the fields of the packet on standard input in one line, or the error number. */
 #include <stdio.h>
 
 #include "facewire_packet.h"

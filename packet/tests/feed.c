@@ -1,5 +1,5 @@
-/* Feeds standard input byte by byte and prints, for each byte that ends a frame, the packet's sequence number and last
- * coefficient, or the error number. */
+/* Feeds standard input byte by byte to facewire_feed(). For each byte that ends a frame, prints the packet's sequence
+ * number and last coefficient, or the error number. */
 #include <stdio.h>
 
 #include "facewire_packet.h"

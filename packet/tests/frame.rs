@@ -1,9 +1,9 @@
-//! What frames on a serial line promise.
+//! Packets survive a serial line with lost bytes, flipped bits and garbage.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
 use facewire_packet::{DecodeError, FRAME_BYTES, FrameReader, Packet, State};
 
-/// A packet with few zeros, many of them, or some, as `sequence` has it.
+/// Returns a packet whose share of non-zero coefficients depends on `sequence`: from all of them to one in five.
 fn packet(sequence: u16) -> Packet {
     let mut packet = Packet { state: State::Live, sequence, ..Packet::NEUTRAL };
     let every = usize::from(sequence % 5) + 1;
@@ -13,18 +13,18 @@ fn packet(sequence: u16) -> Packet {
     Packet::decode(&packet.encode()).unwrap()
 }
 
-/// What a reader makes of a line.
+/// Reads a line and returns the packets and errors.
 fn read(line: &[u8]) -> Vec<Result<Packet, DecodeError>> {
     let mut reader = FrameReader::default();
     line.iter().filter_map(|byte| reader.push(*byte)).collect()
 }
 
-/// The packets among it.
+/// Reads a line and returns the packets.
 fn packets(line: &[u8]) -> Vec<Packet> {
     read(line).into_iter().filter_map(Result::ok).collect()
 }
 
-/// Numbers without a pattern that frames could share (Marsaglia's xorshift).
+/// Pseudo-random bytes without a repeating pattern that could be mistaken for frames (Marsaglia's xorshift).
 fn noise(seed: u32) -> impl Iterator<Item = u8> {
     std::iter::successors(Some(seed), |state| {
         let state = state ^ (state << 13);
@@ -35,7 +35,7 @@ fn noise(seed: u32) -> impl Iterator<Item = u8> {
 }
 
 #[test]
-fn every_frame_has_134_bytes_and_one_zero_at_its_end() {
+fn every_frame_has_134_bytes_and_its_only_zero_at_the_end() {
     for sequence in 0..2000 {
         let frame = packet(sequence).encode_frame();
         assert_eq!((frame.len(), FRAME_BYTES), (134, 134));
@@ -44,7 +44,7 @@ fn every_frame_has_134_bytes_and_one_zero_at_its_end() {
 }
 
 #[test]
-fn stuffing_is_that_of_the_definition() {
+fn encoding_agrees_with_the_definition_of_cobs() {
     let packet = packet(3);
     let mut want = Vec::new();
     for run in packet.encode().split(|byte| *byte == 0) {
@@ -56,14 +56,14 @@ fn stuffing_is_that_of_the_definition() {
 }
 
 #[test]
-fn packets_come_back_in_order_from_a_line_without_pauses() {
+fn frames_without_pauses_between_them_are_decoded_in_order() {
     let sent: Vec<Packet> = (0..500).map(packet).collect();
     let line: Vec<u8> = sent.iter().flat_map(Packet::encode_frame).collect();
     assert_eq!(packets(&line), sent);
 }
 
 #[test]
-fn a_line_that_is_joined_at_any_byte_gives_every_packet_but_the_one_that_was_cut() {
+fn a_reader_that_starts_mid_frame_loses_only_that_frame() {
     let sent = [packet(1), packet(2), packet(3)];
     let line: Vec<u8> = sent.iter().flat_map(Packet::encode_frame).collect();
     for start in 0..=FRAME_BYTES {
@@ -73,7 +73,7 @@ fn a_line_that_is_joined_at_any_byte_gives_every_packet_but_the_one_that_was_cut
 }
 
 #[test]
-fn after_a_line_that_stops_at_any_byte_the_next_frame_but_one_is_read() {
+fn a_frame_cut_off_at_any_byte_costs_at_most_one_further_packet() {
     for end in 0..FRAME_BYTES {
         let mut line = packet(1).encode_frame()[..end].to_vec();
         line.extend(packet(2).encode_frame());
@@ -83,7 +83,7 @@ fn after_a_line_that_stops_at_any_byte_the_next_frame_but_one_is_read() {
 }
 
 #[test]
-fn a_lost_byte_costs_one_packet_and_a_lost_end_two() {
+fn a_lost_byte_costs_one_packet_and_a_lost_end_marker_two() {
     for lost in 0..FRAME_BYTES {
         let mut line: Vec<u8> = [1, 2, 3].into_iter().flat_map(|number| packet(number).encode_frame()).collect();
         line.remove(lost);
@@ -93,7 +93,7 @@ fn a_lost_byte_costs_one_packet_and_a_lost_end_two() {
 }
 
 #[test]
-fn every_flipped_bit_of_a_frame_costs_no_packet_after_the_next() {
+fn a_flipped_bit_costs_at_most_one_further_packet() {
     for bit in 0..FRAME_BYTES * 8 {
         let mut line: Vec<u8> = [1, 2, 3].into_iter().flat_map(|number| packet(number).encode_frame()).collect();
         line[bit / 8] ^= 1 << (bit % 8);
@@ -104,7 +104,7 @@ fn every_flipped_bit_of_a_frame_costs_no_packet_after_the_next() {
 }
 
 #[test]
-fn garbage_between_frames_makes_no_packet_and_hides_none_behind_a_zero() {
+fn garbage_before_a_zero_yields_no_packet_and_hides_none() {
     for seed in 1..200 {
         let mut line: Vec<u8> = noise(seed).take(usize::try_from(seed).unwrap() * 7).collect();
         line.push(0);
@@ -114,18 +114,18 @@ fn garbage_between_frames_makes_no_packet_and_hides_none_behind_a_zero() {
 }
 
 #[test]
-fn a_line_without_any_zero_takes_no_memory_and_is_refused_by_its_length() {
+fn a_stream_without_zeros_is_refused_by_its_length() {
     let mut line = vec![1; 100_000];
     line.push(0);
     assert_eq!(read(&line), [Err(DecodeError::Length(99_999))]);
 }
 
 #[test]
-fn frames_that_hold_no_packet_are_refused_with_the_reason() {
+fn frames_without_a_valid_packet_are_refused_with_the_reason() {
     let frame = packet(1).encode_frame();
-    let damaged = |place: usize, byte: u8| {
+    let damaged = |index: usize, byte: u8| {
         let mut frame = frame;
-        frame[place] = byte;
+        frame[index] = byte;
         read(&frame)
     };
     assert_eq!(read(&[2, b'x', 1, 0]), [Err(DecodeError::Length(2))]);
@@ -135,7 +135,7 @@ fn frames_that_hold_no_packet_are_refused_with_the_reason() {
 }
 
 #[test]
-fn empty_frames_are_passed_over() {
+fn empty_frames_are_skipped() {
     let line = [&[0; 7][..], &packet(4).encode_frame(), &[0; 3]].concat();
     assert_eq!(read(&line), [Ok(packet(4))]);
 }

@@ -1,11 +1,11 @@
-//! What packets promise.
+//! Packets survive encoding, and damaged or foreign bytes are refused.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::float_cmp)]
 
 use std::fmt::Write as _;
 
 use facewire_packet::{BLENDSHAPES, DecodeError, PACKET_BYTES, Packet, Reason, State};
 
-/// The bytes of [`golden_packet`], written by another implementation: Python's `struct` and `crccheck`.
+/// The encoding of [`golden_packet`] by an independent implementation: Python's `struct` and `crccheck`.
 const GOLDEN: &str = "\
      4657013134127b00efcdab89cd0c67e66626b376f4ff23006402000005050a0a0f0f141419191e1e23232828\
      2d2d323237373c3c414146464b4b505055555a5a5f5f646469696e6e737378787d7d828287878c8c91919696\
@@ -32,7 +32,7 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// The packet with other first bytes and a checksum that fits them.
+/// Returns the golden packet with one byte replaced and a matching checksum.
 fn with_byte(offset: usize, value: u8) -> [u8; PACKET_BYTES] {
     let mut bytes = golden_packet().encode();
     bytes[offset] = value;
@@ -41,7 +41,7 @@ fn with_byte(offset: usize, value: u8) -> [u8; PACKET_BYTES] {
     bytes
 }
 
-/// Bit by bit, from the definition.
+/// Computes the checksum bit by bit from its definition.
 fn crc16_mcrf4xx(bytes: &[u8]) -> u16 {
     bytes
         .iter()
@@ -54,12 +54,12 @@ fn checksum_has_the_published_check_value() {
 }
 
 #[test]
-fn bytes_are_those_of_another_implementation() {
+fn encoding_agrees_with_an_independent_implementation() {
     assert_eq!(hex(&golden_packet().encode()), GOLDEN);
 }
 
 #[test]
-fn round_trip_is_within_half_a_step() {
+fn decoded_values_are_within_half_a_quantisation_step() {
     let sent = golden_packet();
     let received = Packet::decode(&sent.encode()).unwrap();
     assert_eq!((received.state, received.reason), (sent.state, sent.reason));
@@ -124,7 +124,7 @@ fn every_flipped_bit_is_refused() {
 }
 
 #[test]
-fn wrong_lengths_are_refused_with_their_number_of_bytes() {
+fn wrong_lengths_are_refused_with_the_number_of_bytes() {
     let mut long = golden_packet().encode().to_vec();
     long.push(0);
     for length in (0..=133).filter(|length| *length != PACKET_BYTES) {
@@ -133,20 +133,20 @@ fn wrong_lengths_are_refused_with_their_number_of_bytes() {
 }
 
 #[test]
-fn foreign_magic_version_and_reason_are_refused_even_with_a_right_checksum() {
+fn foreign_magic_version_and_reason_are_refused_despite_a_valid_checksum() {
     assert_eq!(Packet::decode(&with_byte(0, b'X')), Err(DecodeError::Magic));
     assert_eq!(Packet::decode(&with_byte(2, 2)), Err(DecodeError::Version(2)));
     assert_eq!(Packet::decode(&with_byte(3, 6 << 4)), Err(DecodeError::Reason(6)));
 }
 
 #[test]
-fn unused_flag_bits_are_ignored() {
+fn reserved_flag_bits_are_ignored() {
     let received = Packet::decode(&with_byte(3, 0b0011_1101)).unwrap();
     assert_eq!((received.state, received.reason), (State::Hold, Reason::Late));
 }
 
 #[test]
-fn values_beyond_their_range_saturate() {
+fn values_out_of_range_saturate() {
     let mut packet = Packet {
         age_us: u32::MAX,
         rotation: [2.0, -2.0, 0.0, 0.0],
@@ -163,7 +163,7 @@ fn values_beyond_their_range_saturate() {
 }
 
 #[test]
-fn nan_reaches_the_wire_as_neutral() {
+fn nan_is_sent_as_neutral() {
     let packet = Packet {
         rotation: [f32::NAN, 0.0, 0.0, 1.0],
         position_mm: [f32::NAN; 3],

@@ -1,17 +1,17 @@
-// A jaw and two eyelids that follow facewire by a serial line. SPDX-License-Identifier: MIT OR Apache-2.0
+// A jaw and two eyelids that follow facewire over a serial line. SPDX-License-Identifier: MIT OR Apache-2.0
 //
-// For boards with 2 KB of memory and more. Copy include/facewire_packet.h beside this file. Adjust pins and pulses to your
-// servos, and try them without the linkage first.
+// For boards with at least 2 KB of memory. Copy include/facewire_packet.h to this folder. Adjust pins and pulse widths to
+// your servos, and try them before you attach the linkage.
 
 #include <Servo.h>
 
 #include "facewire_packet.h"
 
-// Serial is the USB connector, on an Uno pin 0 too. Boards with a further line have Serial1 at their RX pin.
+// Serial is the USB connector, on an Uno also pin 0. On boards with a second serial port, Serial1 is the RX pin.
 #define LINE Serial
 
 const unsigned long BAUD = 115200;
-// Fastest way from one end to the other, also back to neutral when packets stop.
+// Shortest time for the full range of motion, also when returning to neutral after packets have stopped.
 const float FULL_TRAVEL_MS = 250;
 
 struct Joint {
@@ -31,7 +31,7 @@ const int JOINTS = sizeof joints / sizeof joints[0];
 Servo servos[JOINTS];
 float positions[JOINTS]; // 0 to 1
 struct facewire_line line;
-struct facewire_packet face; // all zero: neutral
+struct facewire_packet face; // all zero at first, which is the neutral face
 unsigned long received_ms = 0;
 unsigned long moved_ms = 0;
 

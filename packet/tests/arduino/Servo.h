@@ -1,4 +1,4 @@
-// Stands in for Arduino's library of this name: keeps the last pulse.
+// A stand-in for the Arduino library of the same name that keeps the width of the last pulse.
 struct Servo {
     int pulse_us = 0;
     void attach(int) {}

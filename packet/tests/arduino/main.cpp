@@ -1,5 +1,5 @@
-// Runs the Arduino sketch on standard input, a millisecond for each byte, and prints the pulses of its three servos after
-// the last byte and again a second later.
+// Runs the Arduino sketch on the bytes of standard input, one byte per simulated millisecond. Prints the pulses of its
+// three servos after the last byte and again one second later.
 #include <algorithm>
 #include <cstdio>
 #include <vector>

@@ -1,7 +1,8 @@
-//! Arrays of `float32` and `int32` from `NumPy` files, one row for each picture or frame.
+//! Reads arrays of `float32` and `int32` from `NumPy` files, with one row per picture or frame.
 //!
-//! Refused, each in one sentence with file and array: another type, another shape, Fortran order (the rows of which
-//! would be read as columns), no rows, and numbers that are not finite, with their row.
+//! An array is refused if its type or shape is wrong, if it is in Fortran order (which would exchange rows and
+//! columns), if it has no rows, or if it holds numbers that are not finite. The error names the file, the array and,
+//! for a number that is not finite, the row.
 
 use std::{
     fs::File,
@@ -12,7 +13,7 @@ use std::{
 use anyhow::{Context, Result, bail, ensure};
 use npyz::{Deserialize, NpyFile, Order, npz::NpzArchive};
 
-/// An archive of arrays.
+/// An npz archive of arrays.
 pub struct Arrays {
     path: PathBuf,
     archive: NpzArchive<BufReader<File>>,
@@ -26,13 +27,13 @@ impl Arrays {
         Ok(Self { path: path.to_owned(), archive })
     }
 
-    /// The rows of a float32 array, one after another; `shape` is that of a row.
+    /// Reads a float32 array and returns its values row by row. `shape` is the shape of one row.
     pub fn floats(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
         let label = self.label(name);
         finite(values(self.array(name)?, shape, "float32", &label)?, shape, &label)
     }
 
-    /// The same of an int32 array.
+    /// Reads an int32 array like [`Self::floats`].
     pub fn integers(&mut self, name: &str, shape: &[usize]) -> Result<Vec<i32>> {
         let label = self.label(name);
         values(self.array(name)?, shape, "int32", &label)
@@ -49,8 +50,8 @@ impl Arrays {
     }
 }
 
-/// The rows of a lone float32 array (`.npy`); `shape` is that of a row.
-pub fn lone_floats(path: &Path, shape: &[usize]) -> Result<Vec<f32>> {
+/// Reads the float32 array of an npy file like [`Arrays::floats`].
+pub fn npy_floats(path: &Path, shape: &[usize]) -> Result<Vec<f32>> {
     let label = path.display().to_string();
     let array = NpyFile::new(open(path)?).with_context(|| format!("{label} is not a NumPy array (.npy)"))?;
     finite(values(array, shape, "float32", &label)?, shape, &label)
@@ -64,9 +65,9 @@ fn values<T: Deserialize>(array: NpyFile<impl Read>, row: &[usize], kind: &str, 
     let wanted = row.iter().map(|side| *side as u64);
     let shape = array.shape().to_vec();
     let fits = shape.first().is_some_and(|rows| *rows > 0) && shape.iter().skip(1).copied().eq(wanted);
-    ensure!(fits, "{label} has the shape {shape:?}; it must have rows, each of shape {row:?}");
-    let in_rows = array.order() == Order::C || shape.len() == 1;
-    ensure!(in_rows, "{label} is in Fortran order; save it as numpy.ascontiguousarray gives it");
+    ensure!(fits, "{label} has shape {shape:?}, but must have at least one row, each of shape {row:?}");
+    let row_major = array.order() == Order::C || shape.len() == 1;
+    ensure!(row_major, "{label} is in Fortran order: convert it by numpy.ascontiguousarray and save it again");
     let Ok(numbers) = array.data::<T>() else { bail!("{label} is not {kind}") };
     numbers.collect::<Result<_, _>>().with_context(|| format!("{label} is cut short"))
 }
@@ -74,9 +75,9 @@ fn values<T: Deserialize>(array: NpyFile<impl Read>, row: &[usize], kind: &str, 
 fn finite(values: Vec<f32>, row: &[usize], label: &str) -> Result<Vec<f32>> {
     match values.iter().position(|value| !value.is_finite()) {
         None => Ok(values),
-        Some(place) => {
-            let row = place / row.iter().product::<usize>();
-            bail!("{label}: row {row} (the first is 0) holds {}; leave out rows without a face", values[place])
+        Some(index) => {
+            let row = index / row.iter().product::<usize>();
+            bail!("{label}: row {row} (counted from 0) holds {}: leave out rows without a face", values[index])
         }
     }
 }
@@ -87,18 +88,18 @@ pub mod tests {
 
     use super::*;
 
-    /// Arrays for an archive: name, whole shape, order, and what stands at each place.
-    pub struct Made<'a> {
+    /// A float32 array to write, with the value at each index.
+    pub struct TestArray<'a> {
         pub name: &'a str,
         pub shape: &'a [u64],
         pub order: Order,
         pub value: &'a dyn Fn(usize) -> f32,
     }
 
-    /// Writes float32 arrays and the subject's numbers.
-    pub fn write(path: &Path, floats: &[Made], subjects: &[i32]) {
+    /// Writes an archive of float32 arrays and the int32 array `subject`.
+    pub fn write(path: &Path, floats: &[TestArray], subjects: &[i32]) {
         let mut npz = NpzWriter::create(path).expect("a file");
-        for Made { name, shape, order, value } in floats {
+        for TestArray { name, shape, order, value } in floats {
             let array = npz.array::<f32>(name, FileOptions::default()).expect("an array");
             let mut array = array.default_dtype().shape(shape).order(*order).begin_nd().expect("begun");
             let count = shape.iter().product::<u64>() as usize;
@@ -115,23 +116,23 @@ pub mod tests {
     fn refusal(shape: &[u64], order: Order, value: f32) -> String {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("faces.npz");
-        let made = Made { name: "pose", shape, order, value: &|place| if place == 4 { value } else { 0.5 } };
-        write(&path, &[made], &[1, 2]);
+        let array = TestArray { name: "pose", shape, order, value: &|index| if index == 4 { value } else { 0.5 } };
+        write(&path, &[array], &[1, 2]);
         let mut arrays = Arrays::open(&path).expect("an archive");
         assert_eq!(arrays.integers("subject", &[]).expect("int32"), [1, 2]);
         arrays.floats("pose", &[3]).map_or_else(|error| format!("{error:#}"), |_| String::new())
     }
 
     #[test]
-    fn arrays_that_would_be_misread_are_refused_by_file_array_and_row() {
+    fn arrays_that_would_be_misread_are_refused_with_file_array_and_row() {
         assert_eq!(refusal(&[2, 3], Order::C, 0.1), "");
         let wrong = [
             (refusal(&[2, 3], Order::Fortran, 0.1), "Fortran order"),
             (refusal(&[2, 4], Order::C, 0.1), "shape [2, 4]"),
             (refusal(&[2, 1, 3], Order::C, 0.1), "shape [2, 1, 3]"),
-            (refusal(&[0, 3], Order::C, 0.1), "it must have rows"),
-            (refusal(&[2, 3], Order::C, f32::NAN), "row 1 (the first is 0) holds NaN"),
-            (refusal(&[2, 3], Order::C, f32::INFINITY), "row 1 (the first is 0) holds inf"),
+            (refusal(&[0, 3], Order::C, 0.1), "must have at least one row"),
+            (refusal(&[2, 3], Order::C, f32::NAN), "row 1 (counted from 0) holds NaN"),
+            (refusal(&[2, 3], Order::C, f32::INFINITY), "row 1 (counted from 0) holds inf"),
         ];
         for (refusal, words) in wrong {
             assert!(refusal.contains("faces.npz: pose") && refusal.contains(words), "{refusal}");
@@ -139,7 +140,7 @@ pub mod tests {
     }
 
     #[test]
-    fn absent_arrays_other_types_and_other_files_are_refused_by_name() {
+    fn missing_arrays_wrong_types_and_other_files_are_refused_by_name() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("faces.npz");
         write(&path, &[], &[1]);
@@ -149,6 +150,6 @@ pub mod tests {
         assert!(refusal(arrays.floats("subject", &[])).contains("faces.npz: subject is not float32"));
         std::fs::write(&path, "text").expect("written");
         assert!(Arrays::open(&path).is_err_and(|error| format!("{error:#}").contains("faces.npz is not a NumPy")));
-        assert!(refusal(lone_floats(&path, &[3])).contains("faces.npz is not a NumPy array"));
+        assert!(refusal(npy_floats(&path, &[3])).contains("faces.npz is not a NumPy array"));
     }
 }

@@ -1,17 +1,17 @@
-//! Principal components of the selected features, in which the network is trained and its weights decay.
+//! Principal components of the selected features. The network is trained on them, and its weights decay in this basis.
 
 use anyhow::Result;
 use nalgebra::DMatrix;
 
 use crate::design::{Design, Scale};
 
-/// Components with a smaller part of the largest one's deviation are scaled as if they had that.
-const LEAST_PART: f64 = 0.02;
-/// Power of the deviation by which a component is divided: 1 would make small ones, which are noise, as loud as large
-/// ones; 0 would leave them too faint to be learned.
+/// The smallest deviation that a component is scaled by, relative to the largest component's.
+const MIN_RELATIVE_DEVIATION: f64 = 0.02;
+/// Each component is divided by its deviation to this power. With 1, the small components, which are noise, would count
+/// as much as the large ones; with 0, the network would hardly learn from them.
 const WHITENING: f64 = 0.6;
 
-/// A linear map of standardised features onto scaled components.
+/// A linear map from standardised features to scaled principal components.
 pub struct Basis {
     pub features: Vec<usize>,
     /// Components x features.
@@ -19,7 +19,7 @@ pub struct Basis {
 }
 
 impl Basis {
-    /// The `count` largest components.
+    /// Computes the `count` largest components.
     pub fn of(design: &Design, scale: &Scale, features: Vec<usize>, count: usize) -> Result<Self> {
         let (gram, _) = design.moments(&features, scale)?;
         let eigen = gram.symmetric_eigen();
@@ -27,7 +27,7 @@ impl Basis {
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
         order.truncate(count);
         let deviation = |index: usize| eigen.eigenvalues[index].max(0.0).sqrt();
-        let least = LEAST_PART * deviation(order[0]);
+        let least = MIN_RELATIVE_DEVIATION * deviation(order[0]);
         let map = DMatrix::from_fn(order.len(), features.len(), |row, column| {
             let component = order[row];
             let divisor = deviation(component).max(least).powf(WHITENING);

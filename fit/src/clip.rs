@@ -1,4 +1,4 @@
-//! Judges a model on a clip: every stage of facewire's solver in a row, frame by frame.
+//! Judges a model on a clip: runs every stage of facewire's solver, frame by frame.
 
 use std::{hint::black_box, ops::Range, path::Path, time::Instant};
 
@@ -11,7 +11,7 @@ use facewire::{
 };
 
 use crate::{
-    arrays::{Arrays, lone_floats},
+    arrays::{Arrays, npy_floats},
     dataset::{LANDMARK_SHAPE, LANDMARK_VALUES, landmarks_of},
     statistics::mean,
 };
@@ -20,21 +20,21 @@ use crate::{
 const FRAME_US: u64 = 33_333;
 /// The camera of the clips.
 const CAMERA: Camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
-/// Number of faces whose solution is timed.
+/// Number of faces to time.
 const TIMED_FACES: usize = 20_000;
 
-/// Reads the frames of a `.npy` file of `facewire track --landmarks`, or `landmarks` of an archive.
+/// Reads the frames from a `.npy` file of `facewire track --landmarks`, or from the array `landmarks` of an archive.
 pub fn load(path: &Path) -> Result<Vec<Landmarks>> {
-    let lone = path.extension().is_some_and(|ending| ending == "npy");
-    let values = if lone {
-        lone_floats(path, &LANDMARK_SHAPE)?
+    let is_npy = path.extension().is_some_and(|extension| extension == "npy");
+    let values = if is_npy {
+        npy_floats(path, &LANDMARK_SHAPE)?
     } else {
         Arrays::open(path)?.floats("landmarks", &LANDMARK_SHAPE)?
     };
     Ok(values.chunks_exact(LANDMARK_VALUES).map(landmarks_of).collect())
 }
 
-/// Runs all stages over a clip, `neutral` being frames of the face at rest.
+/// Runs the solver over a clip. `neutral` is the range of frames in which the face is at rest.
 pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>) -> Result<Vec<Solution>> {
     let neutral = neutral.map(|frames| mean_face(clip, frames)).transpose()?;
     let mut solver = solver(model, neutral);
@@ -48,13 +48,14 @@ fn solver(model: &Model, neutral: Option<Neutral>) -> Solver {
 
 fn mean_face(clip: &[Landmarks], frames: Range<usize>) -> Result<Neutral> {
     let mut mean = NeutralMean::default();
-    for landmarks in clip.get(frames).context("the clip has no such frames")? {
+    for landmarks in clip.get(frames).context("the clip has fewer frames than the neutral range")? {
         mean.add(&normalise(landmarks)?);
     }
     Ok(mean.finish()?)
 }
 
-/// Mean absolute second difference over all coefficients, raw and smoothed: jitter, where a face moves slowly.
+/// Returns the mean absolute second difference over all coefficients, raw and smoothed. It measures the jitter of a
+/// face that moves slowly.
 pub fn jitters(solved: &[Solution]) -> [f64; 2] {
     let raw: Vec<_> = solved.iter().map(|frame| frame.raw.0).collect();
     let smoothed: Vec<_> = solved.iter().map(|frame| frame.smoothed.0).collect();
@@ -66,7 +67,7 @@ fn jitter(frames: &[[f32; COEFFS]]) -> f64 {
     mean(frames.windows(3).flat_map(|window| (0..COEFFS).map(move |index| second(window, index))))
 }
 
-/// Time of all stages for one face, landmarks to solution: median and 99th percentile, microseconds.
+/// Times the solver from landmarks to solution. Returns median and 99th percentile in microseconds.
 pub fn cost_us(model: &Model, clip: &[Landmarks]) -> Result<[f64; 2]> {
     let mut solver = solver(model, Some(mean_face(clip, 0..1)?));
     let mut times = Vec::new();
@@ -86,7 +87,7 @@ mod tests {
 
     use super::*;
 
-    /// Writes frames of points as `facewire track --landmarks` does, and reads them.
+    /// Writes frames of landmarks as `facewire track --landmarks` does, and loads them.
     fn loaded(name: &str, shape: [u64; 3], value: impl Fn(usize) -> f32) -> Result<Vec<Landmarks>> {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join(name);
@@ -98,17 +99,17 @@ mod tests {
     }
 
     #[test]
-    fn lone_array_of_a_track_is_read_with_irises_in_depth() {
-        let flat = |place: usize| if place / 3 % LANDMARKS < 468 { 6.0 } else { 0.0 };
+    fn a_landmark_file_of_track_is_read_and_its_irises_are_levelled() {
+        let flat = |index: usize| if index / 3 % LANDMARKS < 468 { 6.0 } else { 0.0 };
         let frames = loaded("clip.npy", [2, 478, 3], flat).expect("frames");
         assert_eq!(frames.len(), 2);
         assert!(frames[1].0.iter().all(|point| (point[2] - 6.0).abs() < 1e-6));
     }
 
     #[test]
-    fn what_is_no_clip_is_refused_with_its_name_and_frame() {
+    fn files_that_are_no_clip_are_refused_with_their_name_and_the_row() {
         let refusal = |name, shape, value: f32| {
-            let at = move |place| if place == 3 * LANDMARKS { value } else { 1.0 };
+            let at = move |index| if index == 3 * LANDMARKS { value } else { 1.0 };
             format!("{:#}", loaded(name, shape, at).expect_err("refused"))
         };
         let faceless = refusal("clip.npy", [2, 478, 3], f32::NAN);

@@ -1,8 +1,8 @@
-//! `facewire-fit fit`: every kind of model on every blendshape, and which of them it gets.
+//! `facewire-fit fit`: fits every kind of model to every blendshape and chooses one of them for each.
 //!
-//! Kinds are chosen by the errors that they make on seen subjects when fitted without them (folds of whole subjects);
-//! the scores are of held-out subjects, which neither the fits nor the choice have seen. Features are selected anew
-//! for every fold. The same data give the same figures, but for times.
+//! A kind is chosen by its errors on seen subjects when fitted without them (cross-validation in folds of whole
+//! subjects). The scores are on held-out subjects, which neither the fits nor the choice see. Features are selected
+//! anew for every fold. The same data give the same results, except for times.
 
 mod choice;
 mod hidden_layer;
@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use self::{
     choice::{Budget, Choice},
     split::Split,
-    trial::{Bench, Trial, Tried},
+    trial::{Trial, Trials, UntimedTrial},
 };
 use crate::{
     dataset::{self, Sample},
@@ -36,7 +36,7 @@ use crate::{
     output, train,
 };
 
-/// Budget of the solver, over all blendshapes: memory, and time for one face.
+/// The budget of the whole solver: memory, and time for one face.
 const ALL_BYTES: usize = 256 * 1024;
 const ALL_NANOSECONDS: usize = 20_000;
 
@@ -45,37 +45,37 @@ const FOLDS: usize = 3;
 /// Arguments of `fit`.
 #[derive(Debug, Args)]
 pub struct FitArgs {
-    /// Landmarks with true coefficients (npz archive, names beside it as JSON)
+    /// Landmarks with true coefficients (npz archive with names.json beside it)
     dataset: PathBuf,
     #[command(flatten)]
-    restrict: Restrict,
-    /// Memory that the model of one blendshape may take, bytes
+    options: FitOptions,
+    /// Memory budget for the model of one blendshape, in bytes
     #[arg(long, default_value_t = ALL_BYTES / COEFFS)]
     bytes: usize,
-    /// Time that it may take for one face on this machine
+    /// Time budget for the model of one blendshape on one face, on this machine
     #[arg(long, default_value_t = ALL_NANOSECONDS / COEFFS)]
     nanoseconds: usize,
-    /// Part pictures rather than subjects; done unasked where there is one subject only
+    /// Hold out pictures instead of subjects; implied if the data are of one subject
     #[arg(long)]
     one_subject: bool,
-    /// Write all figures
+    /// JSON file for all results
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// What is tried, and how.
+/// Which blendshapes and kinds to fit, and how.
 #[derive(Debug, Clone, Args)]
-pub struct Restrict {
-    /// Blendshapes instead of all, by ARKit name, comma between
+pub struct FitOptions {
+    /// Blendshapes by ARKit name, separated by commas [default: all]
     #[arg(long, value_delimiter = ',')]
     pub blendshapes: Vec<String>,
-    /// Kinds instead of all, comma between
+    /// Kinds of model, separated by commas [default: all]
     #[arg(long, value_delimiter = ',')]
     pub kinds: Vec<String>,
-    /// Parts of the seen subjects, each of which is left out of a fit in its turn
+    /// Number of folds for cross-validation
     #[arg(long, default_value_t = FOLDS)]
     pub folds: usize,
-    /// Looks of the hidden layer at every picture
+    /// Passes of the hidden layer over the training data
     #[arg(long, default_value_t = train::EPOCHS, value_parser = clap::value_parser!(u32).range(1..))]
     pub epochs: u32,
 }
@@ -85,9 +85,9 @@ pub fn run(args: &FitArgs) -> Result<()> {
     args.json.iter().try_for_each(|path| output::check(path))?;
     let samples = dataset::load(&args.dataset)?;
     let faces = Faces::new(&samples, true)?;
-    let split = Split::new(&samples, args.restrict.folds, args.one_subject)?;
+    let split = Split::new(&samples, args.options.folds, args.one_subject)?;
     let budget = Budget { bytes: args.bytes, nanoseconds: args.nanoseconds as f64 };
-    let tried = args.restrict.try_all(&samples, &faces, &split)?;
+    let tried = args.options.run_trials(&samples, &faces, &split)?;
     let choose = |(blendshape, trials): (usize, Vec<Trial>)| Choice::new(BLENDSHAPES[blendshape], trials, &budget);
     let choices: Vec<Choice> = tried.into_iter().map(choose).collect();
     print!("{}", table::text(&choices, &split, &budget));
@@ -99,11 +99,11 @@ pub fn run(args: &FitArgs) -> Result<()> {
     output::write(path, serde_json::to_string_pretty(&all)?)
 }
 
-/// The kinds in `restrict`, as a report takes them: on the held-out subjects.
-pub fn fitted(samples: &[Sample], faces: &Faces, restrict: &Restrict) -> Result<Vec<Fitted>> {
-    let split = Split::new(samples, restrict.folds, false)?;
-    ensure!(!split.one_subject, "a report of kinds takes several subjects");
-    let tried = restrict.try_all(samples, faces, &split)?;
+/// Fits the kinds in `options` for a report and applies them to the held-out subjects.
+pub fn fitted(samples: &[Sample], faces: &Faces, options: &FitOptions) -> Result<Vec<Fitted>> {
+    let split = Split::new(samples, options.folds, false)?;
+    ensure!(!split.one_subject, "a report of kinds needs several subjects");
+    let tried = options.run_trials(samples, faces, &split)?;
     let each = |(blendshape, trials): (usize, Vec<Trial>)| {
         trials.into_iter().map(move |trial| as_fitted(blendshape, trial)).collect::<Vec<_>>()
     };
@@ -121,24 +121,24 @@ fn as_fitted(blendshape: usize, trial: Trial) -> Fitted {
     }
 }
 
-impl Restrict {
-    /// Some kinds on all blendshapes, otherwise as usual.
+impl FitOptions {
+    /// Selects some kinds on all blendshapes, with the default folds and epochs.
     pub fn to_kinds(kinds: Vec<String>) -> Self {
         Self { blendshapes: Vec::new(), kinds, folds: FOLDS, epochs: train::EPOCHS }
     }
 
-    /// Tries the kinds on the blendshapes, which are named by their place.
-    fn try_all(&self, samples: &[Sample], faces: &Faces, split: &Split) -> Result<Vec<(usize, Vec<Trial>)>> {
+    /// Fits all kinds to all blendshapes. Returns the trials with the index of their blendshape.
+    fn run_trials(&self, samples: &[Sample], faces: &Faces, split: &Split) -> Result<Vec<(usize, Vec<Trial>)>> {
         let kinds = self.kinds()?;
         let trainings: Vec<Vec<usize>> = (0..split.folds).map(|fold| split.training(fold)).collect();
         let parts: Vec<&[usize]> = trainings.iter().chain([&split.held_out]).map(Vec::as_slice).collect();
         let blendshapes = faces.moving(&self.blendshapes()?, &parts)?;
-        let bench = Bench::new(faces, split);
+        let runner = Trials::new(faces, split);
         let widest = kinds.iter().map(|kind| kind.limits().features).max().unwrap_or(0);
         let done = AtomicUsize::new(0);
-        let one = |blendshape: &usize| -> Result<(usize, Vec<Tried>)> {
-            let ranks = bench.rank(*blendshape, widest);
-            let trials = kinds.iter().map(|kind| bench.try_kind(&**kind, *blendshape, &ranks));
+        let one = |blendshape: &usize| -> Result<(usize, Vec<UntimedTrial>)> {
+            let ranks = runner.rank(*blendshape, widest);
+            let trials = kinds.iter().map(|kind| runner.run_kind(&**kind, *blendshape, &ranks));
             let trials = trials.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
             let done = 1 + done.fetch_add(1, Ordering::Relaxed);
             eprint!("\r{done} of {} blendshapes", blendshapes.len());
@@ -146,10 +146,10 @@ impl Restrict {
         };
         let tried = blendshapes.par_iter().map(one).collect::<Result<Vec<_>>>()?;
         eprintln!();
-        // One after another, when no fit loads the cores: the choice depends on the times.
-        let timed = |tried: Vec<Tried>| tried.into_iter().map(|tried| bench.timed(tried)).collect();
+        // Times are taken one after another while no fit loads the cores, because the choice depends on them.
+        let timed = |tried: Vec<UntimedTrial>| tried.into_iter().map(|tried| runner.timed(tried)).collect();
         let mut tried: Vec<(usize, Vec<Trial>)> =
-            tried.into_iter().map(|(place, tried)| (place, timed(tried))).collect();
+            tried.into_iter().map(|(blendshape, tried)| (blendshape, timed(tried))).collect();
         if self.has_hidden_layer() && !split.one_subject {
             let layer = hidden_layer::trials(samples, faces, split, self.epochs as usize)?;
             for (blendshape, trials) in &mut tried {
@@ -161,8 +161,8 @@ impl Restrict {
 
     fn blendshapes(&self) -> Result<Vec<usize>> {
         let find = |name: &String| {
-            let place = BLENDSHAPES.iter().take(MODELLED).position(|known| known == name);
-            place.with_context(|| format!("no blendshape {name} that landmarks show"))
+            let index = BLENDSHAPES.iter().take(MODELLED).position(|known| known == name);
+            index.with_context(|| format!("no blendshape {name} among those that landmarks show"))
         };
         if self.blendshapes.is_empty() {
             Ok((0..MODELLED).collect())
@@ -179,7 +179,7 @@ impl Restrict {
         let mut all = kinds::all();
         let known: Vec<&str> = all.iter().map(|kind| kind.name()).chain([hidden_layer::NAME]).collect();
         for name in &self.kinds {
-            ensure!(known.contains(&name.as_str()), "no kind {name}; there are {}", known.join(", "));
+            ensure!(known.contains(&name.as_str()), "no kind of model {name}: the kinds are {}", known.join(", "));
         }
         all.retain(|kind| self.kinds.is_empty() || self.kinds.iter().any(|name| name == kind.name()));
         Ok(all)
@@ -191,26 +191,26 @@ mod tests {
     use super::*;
     use crate::reference;
 
-    fn restrict(blendshapes: &[&str], kinds: &[&str]) -> Restrict {
+    fn options(blendshapes: &[&str], kinds: &[&str]) -> FitOptions {
         let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
-        Restrict { blendshapes: owned(blendshapes), ..Restrict::to_kinds(owned(kinds)) }
+        FitOptions { blendshapes: owned(blendshapes), ..FitOptions::to_kinds(owned(kinds)) }
     }
 
     #[test]
-    fn names_that_nothing_has_are_refused_with_the_known_ones() {
-        let error = restrict(&[], &["ols", "lasso"]).kinds().err().unwrap().to_string();
+    fn unknown_kinds_and_blendshapes_are_refused_with_the_known_ones() {
+        let error = options(&[], &["ols", "lasso"]).kinds().err().unwrap().to_string();
         assert!(error.contains("lasso") && error.contains("ridge") && error.contains(hidden_layer::NAME), "{error}");
-        assert!(restrict(&["tongueOut"], &[]).blendshapes().is_err());
+        assert!(options(&["tongueOut"], &[]).blendshapes().is_err());
     }
 
     #[test]
-    fn jaw_of_unseen_subjects_is_found_by_an_affine_map_and_better_by_a_quadratic_one() {
+    fn the_jaw_of_unseen_subjects_is_found_by_an_affine_model_and_better_by_a_quadratic_one() {
         let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
             return reference::say_skipped("dataset/");
         };
         let faces = Faces::new(&samples, true).unwrap();
         let split = Split::new(&samples, 3, false).unwrap();
-        let tried = restrict(&["jawOpen"], &["ols", "poly"]).try_all(&samples, &faces, &split).unwrap();
+        let tried = options(&["jawOpen"], &["ols", "poly"]).run_trials(&samples, &faces, &split).unwrap();
         let of = |kind: &str| tried[0].1.iter().find(|trial| trial.name() == kind).unwrap();
         assert!(of("ols").r > 0.93 && of("poly").mse < of("ols").mse, "{:?}", [of("ols").mse, of("poly").mse]);
         let [validation, error] = of("ols").validation;

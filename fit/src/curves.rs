@@ -1,4 +1,4 @@
-//! Compares the curves of a clip with the true ones.
+//! Compares the curves of a clip with the true curves.
 
 use std::{fmt::Write, path::Path};
 
@@ -7,32 +7,33 @@ use facewire::solve::{BLENDSHAPES, COEFFS, Solution};
 
 use crate::statistics::{mean, pearson, standard_deviation};
 
-/// Smoothing and the network delay a curve: the truth may lead by this many frames.
+/// The largest lag in frames by which a curve may follow the truth. Smoothing and the network delay curves.
 const MAX_LAG: usize = 5;
-/// Coefficients that move less (standard deviation) say nothing about correlation.
+/// Curves with a smaller standard deviation are left out, because their correlation means nothing.
 pub const MOVING: f64 = 0.02;
 
-/// True curves of a clip.
+/// The true curves of a clip.
 pub struct Truth {
-    /// Yaw, pitch (positive nods up), roll by frame, degrees.
+    /// Yaw, pitch (positive when the head nods up) and roll of each frame in degrees.
     pub pose_deg: Vec<[f64; 3]>,
-    /// Coefficients by frame.
+    /// Coefficients of each frame.
     pub coefficients: Vec<[f64; COEFFS]>,
 }
 
 impl Truth {
-    /// Reads a table with a header of names: `yaw_deg,pitch_deg,roll_deg` (pitch nods down) and the blendshapes.
+    /// Reads a CSV file with a header: `yaw_deg,pitch_deg,roll_deg` (pitch positive when nodding down) and the
+    /// blendshapes.
     pub fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Self::parse(&text).with_context(|| format!("{} is no table of true curves", path.display()))
+        Self::parse(&text).with_context(|| format!("{} is not a table of true curves", path.display()))
     }
 
-    /// Refuses a table of another clip.
+    /// Checks that the table has as many rows as the clip has frames.
     pub fn fits(&self, path: &Path, frames: usize) -> Result<()> {
         let rows = self.coefficients.len();
         ensure!(
             rows == frames,
-            "{} has {rows} rows, the landmarks have {frames} frames: cut both to the same stretch",
+            "{} has {rows} rows, but the landmarks have {frames} frames: cut both to the same frames",
             path.display()
         );
         Ok(())
@@ -48,8 +49,8 @@ impl Truth {
         for (number, line) in (2..).zip(lines) {
             let value = |cell: &str| cell.parse().ok().filter(|value: &f64| value.is_finite());
             let row: Option<Vec<f64>> = line.split(',').map(value).collect();
-            let row = row.with_context(|| format!("line {number} holds something that is no number"))?;
-            ensure!(row.len() == header.len(), "line {number} has {} values of {}", row.len(), header.len());
+            let row = row.with_context(|| format!("line {number} has a value that is not a number"))?;
+            ensure!(row.len() == header.len(), "line {number} has {} values instead of {}", row.len(), header.len());
             let [yaw, pitch, roll] = pose.map(|index| row[index]);
             truth.pose_deg.push([yaw, -pitch, roll]);
             truth.coefficients.push(core::array::from_fn(|index| row[shapes[index]]));
@@ -58,20 +59,20 @@ impl Truth {
     }
 }
 
-/// Best correlation of a curve with the truth, letting the curve come up to [`MAX_LAG`] frames late, and that lag.
+/// Returns the best correlation of a curve that may lag the truth by up to [`MAX_LAG`] frames, and that lag.
 fn lagged_r(curve: &[f64], truth: &[f64]) -> (f64, usize) {
     let at = |lag: usize| (pearson(curve.get(lag..).unwrap_or_default(), truth), lag);
     (0..=MAX_LAG).map(at).fold((-1.0, 0), |best, next| if next.0 > best.0 { next } else { best })
 }
 
-/// Blendshapes that move in the truth, with their curves.
+/// Returns the index and true curve of the blendshapes that move.
 fn moving(truth: &Truth) -> impl Iterator<Item = (usize, Vec<f64>)> {
     let curve = |index: usize| truth.coefficients.iter().map(|frame| frame[index]).collect::<Vec<_>>();
     let curves = (0..COEFFS).map(move |index| (index, curve(index)));
     curves.filter(|(_, curve)| standard_deviation(curve) > MOVING)
 }
 
-/// The table that `clip` prints: best correlation and its lag, neutral face known and not known.
+/// Returns the table that `clip` prints: the best correlation and its lag, with the neutral face known and not known.
 pub fn table(truth: &Truth, known: &[Solution], unknown: &[Solution]) -> Result<String> {
     let mut lines =
         String::from("| blendshape           | r, neutral known (lag) | r, not known (lag) |\n|---|---|---|\n");
@@ -90,7 +91,7 @@ fn curve(solved: &[Solution], index: usize) -> Vec<f64> {
     solved.iter().map(|frame| f64::from(frame.smoothed.0[index])).collect()
 }
 
-/// Mean absolute error of yaw, pitch, roll, degrees.
+/// Returns the mean absolute error of yaw, pitch and roll in degrees.
 pub fn pose_error_deg(truth: &Truth, solved: &[Solution]) -> [f64; 3] {
     let angles = |frame: &Solution| [frame.head.yaw_deg, frame.head.pitch_deg, frame.head.roll_deg].map(f64::from);
     let pairs = || solved.iter().map(angles).zip(&truth.pose_deg);
@@ -108,7 +109,7 @@ mod tests {
         reference,
     };
 
-    /// The built-in clip's landmarks and truth, from the folder of reference data.
+    /// Loads the built-in clip's landmarks and truth from the folder of reference data.
     fn demo() -> Option<(Vec<Landmarks>, Truth)> {
         let shared = reference::folder();
         let landmarks = load(&shared.join("golden/demo-mediapipe.npz")).ok();
@@ -124,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_of_other_clips_and_without_numbers_are_refused() {
+    fn truth_of_another_length_or_without_numbers_is_refused() {
         let header = format!("frame,yaw_deg,pitch_deg,roll_deg,{}", BLENDSHAPES.join(","));
         let row = |value: &str| ["0.5"; COEFFS + 3].join(",") + "," + value;
         let truth = Truth::parse(&[&header, &row("0.1"), &row("0.2")].map(String::as_str).join("\n")).expect("a table");
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn jaw_and_blinks_follow_the_truth_without_a_neutral_face() {
+    fn jaw_and_blinks_follow_the_truth_even_if_the_neutral_face_is_not_known() {
         let Some((landmarks, truth)) = demo() else {
             return;
         };
@@ -150,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn closed_eyes_read_above_0_8_and_resting_ones_below_0_1() {
+    fn closed_eyes_read_above_0_8_and_open_ones_below_0_1() {
         let Some((landmarks, _)) = demo() else { return };
         let solved = solve(&Model::embedded().expect("shipped"), &landmarks, Some(0..1)).expect("every frame");
         for name in ["eyeBlinkLeft", "eyeBlinkRight"] {
@@ -161,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn head_pose_is_within_a_degree_and_a_half_on_average() {
+    fn head_pose_error_is_below_1_5_degrees_on_average() {
         let Some((landmarks, truth)) = demo() else {
             return;
         };

@@ -1,5 +1,5 @@
-//! What the fit sees of the pictures: features of every face twice, once from the subject's neutral face and once from
-//! the mean of all neutral faces, so that one model learns to do with and without.
+//! The design matrix of the fit. Every face appears twice, with features relative to the subject's own neutral face and
+//! relative to the mean of all neutral faces, so that one model learns both cases.
 
 use anyhow::{Context, Result};
 use facewire::solve::{BLENDSHAPES, FEATURES, MEASURES};
@@ -8,22 +8,22 @@ use rayon::prelude::*;
 
 use crate::{dataset::Sample, judge::Faces};
 
-/// All blendshapes but the last, `tongueOut`, which landmarks do not show.
+/// Number of blendshapes that the model predicts: all but the last, `tongueOut`, which no landmark shows.
 pub const MODELLED: usize = BLENDSHAPES.len() - 1;
-/// Faces whose products are added up together.
+/// Number of faces whose products one thread adds up at a time.
 const BLOCK: usize = 4096;
 
-/// Faces with their true coefficients. A face is a column.
+/// Features and true coefficients of all faces. A face is a column.
 pub struct Design<'a> {
     samples: &'a [Sample],
     known: Faces<'a>,
     unknown: Faces<'a>,
-    /// Mean of each feature over neutral faces; 0 for the head's turn.
+    /// Mean of each feature over all neutral faces, and 0 for the features of head rotation.
     pub neutral: Vec<f32>,
 }
 
 impl<'a> Design<'a> {
-    /// Of all these pictures; each person must have a neutral one.
+    /// Builds the design from all samples. Every person must have a neutral picture.
     pub fn new(samples: &'a [Sample]) -> Result<Self> {
         let (known, unknown) = (Faces::new(samples, true)?, Faces::new(samples, false)?);
         let rows: Vec<usize> = (0..samples.len()).filter(|row| samples[*row].neutral).collect();
@@ -35,17 +35,17 @@ impl<'a> Design<'a> {
         Ok(Self { samples, known, unknown, neutral })
     }
 
-    /// Faces: every picture with its neutral face known, then every picture without.
+    /// Returns the number of faces: every sample with its neutral face known, then every sample without.
     pub fn len(&self) -> usize {
         2 * self.samples.len()
     }
 
-    /// Whether the neutral face of a face is known.
+    /// Returns whether the face's features are relative to the subject's own neutral face.
     pub fn is_known(&self, face: usize) -> bool {
         face < self.samples.len()
     }
 
-    /// A feature of a face.
+    /// Returns one feature of one face.
     pub fn value(&self, face: usize, feature: usize) -> f32 {
         match face.checked_sub(self.samples.len()) {
             None => self.known.values(face)[feature],
@@ -53,7 +53,7 @@ impl<'a> Design<'a> {
         }
     }
 
-    /// Features of some faces, standardised by `scale`, a column each.
+    /// Returns the standardised features of some faces, one column per face.
     pub fn columns(&self, faces: &[usize], features: &[usize], scale: &Scale) -> DMatrix<f32> {
         DMatrix::from_fn(features.len(), faces.len(), |row, column| {
             let feature = features[row];
@@ -61,13 +61,13 @@ impl<'a> Design<'a> {
         })
     }
 
-    /// True coefficients of some faces, a column each.
+    /// Returns the true coefficients of some faces, one column per face.
     pub fn truth(&self, faces: &[usize]) -> DMatrix<f32> {
         let truth = |row: usize, column: usize| self.samples[faces[column] % self.samples.len()].truth[row] as f32;
         DMatrix::from_fn(MODELLED, faces.len(), truth)
     }
 
-    /// Second moments of standardised features with each other, and with the truth about its mean; a mean over faces.
+    /// Returns the second moments of the standardised features with each other, and with the centred truth.
     pub fn moments(&self, features: &[usize], scale: &Scale) -> Result<(DMatrix<f64>, DMatrix<f64>)> {
         let faces: Vec<usize> = (0..self.len()).collect();
         let truth_mean = self.truth(&faces).column_mean();
@@ -84,15 +84,15 @@ impl<'a> Design<'a> {
     }
 }
 
-/// Mean and deviation of each feature.
+/// Mean and standard deviation of each feature.
 pub struct Scale {
     pub mean: Vec<f32>,
     pub deviation: Vec<f32>,
 }
 
 impl Scale {
-    /// Of a design. A feature that deviates less than `least` is scaled as if it deviated by that: what hardly ever
-    /// moves must not decide when it does.
+    /// Computes the scale of a design. A standard deviation below `least` is replaced by `least`, so that a feature
+    /// that hardly ever moves cannot dominate when it does.
     pub fn of(design: &Design, least: f32) -> Self {
         let moments = |feature: usize| {
             let values = (0..design.len()).map(|face| f64::from(design.value(face, feature)));

@@ -1,5 +1,5 @@
-//! Drawings as SVG text: axes, clouds of points, and the face. Black in them is the page's text colour, so they follow
-//! a dark page (`html/style.css`).
+//! Charts as SVG text: axes, scatter plots, and the face. The page's style sheet (`html/style.css`) shows black as the
+//! page's text colour, so that the charts suit a dark page, too.
 
 pub mod face;
 
@@ -9,19 +9,19 @@ use plotters::{
     prelude::*,
 };
 
-/// A drawing with axes.
+/// Size of a chart with axes.
 pub const SIZE_PX: (u32, u32) = (360, 270);
-/// Points of clouds.
+/// Radius of the points of a scatter plot.
 pub const POINT_PX: i32 = 2;
-/// Points of clouds, lines through them, and bars.
+/// Colours of points, lines and bars.
 pub const BLUE_INK: RGBColor = RGBColor(47, 126, 216);
 pub const ORANGE_INK: RGBColor = RGBColor(230, 126, 34);
 
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-pub type Failed = DrawingAreaErrorKind<std::io::Error>;
+pub type DrawError = DrawingAreaErrorKind<std::io::Error>;
 pub type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-/// What an axis shows, and how far it goes.
+/// The name, range and labels of an axis.
 pub struct Axis {
     name: &'static str,
     range: [f64; 2],
@@ -30,27 +30,27 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Of numbers as they are.
+    /// Returns an axis with a linear scale.
     pub fn linear(name: &'static str, range: [f64; 2]) -> Self {
         Self { name, range, ticks: 6, label: with_few_decimals }
     }
 
-    /// Of ranks, the first of which matter most: the decimal logarithm is drawn, the rank is written.
+    /// Returns an axis of ranks from 1 to `last`, with a logarithmic scale because the first ranks matter most.
     pub fn ranks(name: &'static str, last: usize) -> Self {
         let most = (last as f64).log10();
         Self { name, range: [0.0, most], ticks: 4, label: |power| format!("{:.0}", 10.0_f64.powf(power)) }
     }
 }
 
-/// The axes of a drawing.
+/// The axes of a chart.
 pub struct Axes {
     pub x: Axis,
     pub y: Axis,
 }
 
 impl Axes {
-    /// Draws them.
-    pub fn draw<'a, 'b>(self, area: &'a Area<'b>) -> Result<Chart<'a, 'b>, Failed> {
+    /// Draws the axes.
+    pub fn draw<'a, 'b>(self, area: &'a Area<'b>) -> Result<Chart<'a, 'b>, DrawError> {
         let (Self { x, y }, [x0, x1], [y0, y1]) = (&self, self.x.range, self.y.range);
         let mut chart = ChartBuilder::on(area)
             .margin(8)
@@ -67,19 +67,19 @@ impl Axes {
     }
 }
 
-/// A drawing of `size_px`.
-pub fn drawn(size_px: (u32, u32), draw: impl FnOnce(&Area) -> Result<(), Failed>) -> Result<String> {
+/// Returns the SVG text of a chart of `size_px` that `draw` fills.
+pub fn svg(size_px: (u32, u32), draw: impl FnOnce(&Area) -> Result<(), DrawError>) -> Result<String> {
     let mut text = String::new();
     let area = SVGBackend::with_string(&mut text, size_px).into_drawing_area();
     draw(&area).and_then(|()| area.present()).map_err(|error| anyhow!("cannot draw: {error}"))?;
     drop(area);
-    // Of a page of sixty thousand points, these defaults would be half.
+    // Plotters writes these default attributes for every point: half of a page of 60,000 points.
     Ok(text.replace(" opacity=\"1\"", "").replace(" stroke=\"none\" stroke-width=\"1\"", ""))
 }
 
-/// Clouds of points, the last on top, and straight lines over them.
-pub fn clouds(clouds: &[(&[(f64, f64)], RGBColor)], axes: Axes, lines: &[[(f64, f64); 2]]) -> Result<String> {
-    drawn(SIZE_PX, |area| {
+/// Draws scatter plots, the last one on top, and straight lines over them.
+pub fn scatter(clouds: &[(&[(f64, f64)], RGBColor)], axes: Axes, lines: &[[(f64, f64); 2]]) -> Result<String> {
+    svg(SIZE_PX, |area| {
         let mut chart = axes.draw(area)?;
         for (points, ink) in clouds {
             chart.draw_series(points.iter().map(|point| Circle::new(*point, POINT_PX, ink.filled())))?;
@@ -89,12 +89,12 @@ pub fn clouds(clouds: &[(&[(f64, f64)], RGBColor)], axes: Axes, lines: &[[(f64, 
     })
 }
 
-/// At most `most` of the values, evenly spaced.
-pub fn evenly<T: Copy>(values: &[T], most: usize) -> Vec<T> {
+/// Returns at most `most` of the values, evenly spaced.
+pub fn subsample<T: Copy>(values: &[T], most: usize) -> Vec<T> {
     values.iter().step_by(values.len().div_ceil(most).max(1)).copied().collect()
 }
 
-/// With the decimals it needs, up to two.
+/// Formats a number with as many decimals as it needs, at most two.
 fn with_few_decimals(value: f64) -> String {
     format!("{}", (value * 100.0).round() / 100.0 + 0.0)
 }
@@ -104,13 +104,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn evenly_chosen_values_are_no_more_than_asked_for() {
-        assert_eq!(evenly(&[1, 2, 3, 4, 5, 6, 7], 3), [1, 4, 7]);
-        assert_eq!(evenly(&[1, 2], 5), [1, 2]);
+    fn a_subsample_is_no_larger_than_asked_for() {
+        assert_eq!(subsample(&[1, 2, 3, 4, 5, 6, 7], 3), [1, 4, 7]);
+        assert_eq!(subsample(&[1, 2], 5), [1, 2]);
     }
 
     #[test]
-    fn ranks_are_written_as_ranks_and_numbers_without_needless_decimals() {
+    fn axis_labels_show_ranks_and_no_needless_decimals() {
         assert_eq!((Axis::ranks("", 1469).label)(2.0), "100");
         assert_eq!([0.25, -0.001, 2.0].map(with_few_decimals), ["0.25", "0", "2"]);
     }

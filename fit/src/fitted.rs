@@ -1,31 +1,31 @@
-//! What a kind of model makes of the judged pictures, for one blendshape: all that a report needs to know of it.
+//! The results of a model on the judged pictures, for one blendshape, as a report needs them.
 //!
-//! A kind of model is anything that can fill in [`Fitted`]; [`shipped`] does it for the model that facewire runs.
+//! Any kind of model can fill in [`Fitted`]. [`shipped`] does so for the model that facewire runs.
 
 use anyhow::Result;
 use facewire::solve::{COEFFS, MAX_HIDDEN, Model};
 
 use crate::judge::{Faces, estimates, regression_ns};
 
-/// A model of one blendshape, after it has seen the judged pictures.
+/// A fitted model of one blendshape with its predictions for the judged pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
-    /// What kind of model it is, in a few words.
+    /// The kind of model in a few words.
     pub kind: String,
-    /// Place in [`facewire::solve::BLENDSHAPES`].
+    /// Index in [`facewire::solve::BLENDSHAPES`].
     pub blendshape: usize,
-    /// Its coefficient for every judged picture, in the order of the truth.
+    /// The predicted coefficient of every judged picture, in the order of the truth.
     pub predictions: Vec<f64>,
-    /// Fitted weights beside the constant.
+    /// The number of fitted weights, without the constant.
     pub degrees_of_freedom: usize,
-    /// Memory it takes.
+    /// Memory of the model.
     pub bytes: usize,
-    /// Time it takes for one face, on this machine.
+    /// Time for one face on this machine.
     pub nanoseconds: f64,
 }
 
-/// The model that facewire runs, with the subjects' neutral faces known and not known. Memory and time are those of all
-/// blendshapes, shared out evenly.
+/// Applies the model that facewire runs, with the subjects' neutral faces known and not known. Its memory and time are
+/// divided evenly among the blendshapes.
 pub fn shipped(model: &Model, known: &Faces, unknown: &Faces, rows: &[usize]) -> Result<Vec<Fitted>> {
     let kinds = [("shipped, neutral known", known), ("shipped, neutral not known", unknown)];
     let fitted = kinds.map(|(kind, faces)| one(kind, model, faces, rows));
@@ -42,6 +42,6 @@ fn one(kind: &str, model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<F
         bytes: model.size_bytes() / COEFFS,
         nanoseconds,
     };
-    // `tongueOut`, the last, has no model.
+    // The last blendshape, `tongueOut`, has no model.
     Ok(estimates(model, faces, rows)?.into_iter().enumerate().take(COEFFS - 1).map(fitted).collect())
 }

@@ -1,4 +1,5 @@
-//! What pages have in common: one file, nothing loaded from elsewhere, readable on a phone and on a dark screen.
+//! Elements that the HTML pages share. A page is a single file without external resources, and suits phones and dark
+//! screens.
 
 use std::path::Path;
 
@@ -9,7 +10,7 @@ use crate::output;
 
 const STYLE: &str = include_str!("html/style.css");
 
-/// A page of this title and body.
+/// Returns a page with this title and body.
 pub fn page(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
@@ -26,14 +27,14 @@ pub fn page(title: &str, body: &Markup) -> String {
     page.into_string()
 }
 
-/// Writes a page, and says how large it is.
+/// Writes a page and prints its size.
 pub fn write(path: &Path, page: &str) -> Result<()> {
     output::write(path, page)?;
     println!("{}: {:.1} MB", path.display(), page.len() as f64 / 1e6);
     Ok(())
 }
 
-/// A drawing with its caption; `name` is what it is of.
+/// Returns a drawing with its caption. `name` is the subject of the drawing, for screen readers.
 pub fn figure(drawing: &str, caption: &str, name: &str) -> Markup {
     html! {
         figure role="img" aria-label={ (name) ": " (caption) } {
@@ -43,22 +44,22 @@ pub fn figure(drawing: &str, caption: &str, name: &str) -> Markup {
     }
 }
 
-/// A cell at the head of a row.
-pub struct RowHead<'a> {
-    /// What stands there.
+/// The header cell of a row.
+pub struct RowHeader<'a> {
+    /// The text of the cell.
     pub name: &'a str,
-    /// Whether it leads to the section of that name.
+    /// Whether the cell links to the section of that name.
     pub link: bool,
 }
 
-/// A table that scrolls by itself where the screen is narrow. Each row is its head and its other cells.
-pub fn table(first: &str, heads: &[&str], rows: &[(RowHead, Vec<String>)]) -> Markup {
+/// Returns a table that scrolls on its own if the screen is narrow. Each row has a header cell and further cells.
+pub fn table(first: &str, heads: &[&str], rows: &[(RowHeader, Vec<String>)]) -> Markup {
     html! {
         div.scroll tabindex="0" role="region" aria-label={ "Table by " (first) } {
             table {
                 thead { tr { th scope="col" { (first) } @for head in heads { th scope="col" { (head) } } } }
                 tbody {
-                    @for (RowHead { name, link }, cells) in rows {
+                    @for (RowHeader { name, link }, cells) in rows {
                         tr {
                             th scope="row" { @if *link { a href={ "#" (name) } { (name) } } @else { (name) } }
                             @for cell in cells { td { (cell) } }

@@ -1,4 +1,4 @@
-//! Judges a model by facewire's own solver, picture by picture.
+//! Judges a model on single pictures, by facewire's own solver.
 
 use std::{collections::BTreeMap, hint::black_box, time::Instant};
 
@@ -15,12 +15,12 @@ use crate::{
     statistics::{mean, mse, pearson, standard_deviation},
 };
 
-/// Passes over the pictures, of which the fastest is the least disturbed.
+/// Number of passes over the pictures when timing. The fastest pass counts, because other load disturbs it least.
 const TIMED_PASSES: usize = 7;
-/// Standard deviation of a coefficient that counts as moving.
+/// A blendshape whose coefficient has a higher standard deviation than this counts as moving.
 const MOVES: f64 = 1e-3;
 
-/// How well a blendshape is found.
+/// Accuracy of one blendshape.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Score {
     /// Pearson's correlation with the truth.
@@ -29,14 +29,14 @@ pub struct Score {
     pub mse: f64,
 }
 
-/// Pictures with what the solver sees of them.
+/// All samples with the features that the solver computes from them.
 pub struct Faces<'a> {
     samples: &'a [Sample],
     features: Vec<Features>,
 }
 
 impl<'a> Faces<'a> {
-    /// Features of every sample, displacements from the subject's neutral picture if `neutral_known`.
+    /// Computes the features of every sample. They are relative to the person's neutral face if `neutral_known`.
     pub fn new(samples: &'a [Sample], neutral_known: bool) -> Result<Self> {
         let faces = samples.par_iter().map(|sample| normalise(&sample.landmarks)).collect::<Result<Vec<_>, _>>()?;
         let neutrals = if neutral_known { neutrals(samples, &faces)? } else { BTreeMap::new() };
@@ -44,46 +44,46 @@ impl<'a> Faces<'a> {
         Ok(Self { samples, features: samples.par_iter().zip(&faces).map(one).collect() })
     }
 
-    /// How many pictures.
+    /// Returns the number of samples.
     pub fn len(&self) -> usize {
         self.samples.len()
     }
 
-    /// The pictures to judge by: those that the fit may not see, of which there must be some, or all.
+    /// Returns the indices of all samples if `all`, and of the held-out samples otherwise.
     pub fn rows(&self, all: bool) -> Result<Vec<usize>> {
         if all { Ok((0..self.len()).collect()) } else { held_out(self.samples) }
     }
 
-    /// Of blendshapes `wanted` those that move in every one of `parts` of the pictures. The still ones are said on
-    /// standard error: nothing can be fitted to them, nor judged.
+    /// Returns those of the blendshapes `wanted` that move in every one of `parts` of the samples. The others can be
+    /// neither fitted nor judged; their names are printed on standard error.
     pub fn moving(&self, wanted: &[usize], parts: &[&[usize]]) -> Result<Vec<usize>> {
         let moves = |shape: &usize| parts.iter().all(|rows| standard_deviation(&self.truth(*shape, rows)) > MOVES);
         let (moving, still): (Vec<usize>, Vec<usize>) = wanted.iter().partition(|shape| moves(shape));
         ensure!(!moving.is_empty(), "none of these blendshapes moves in the pictures");
         if !still.is_empty() {
             let names: Vec<&str> = still.iter().map(|shape| BLENDSHAPES[*shape]).collect();
-            eprintln!("left out, for they keep still in the pictures: {}", names.join(", "));
+            eprintln!("left out because they do not move in the pictures: {}", names.join(", "));
         }
         Ok(moving)
     }
 
-    /// True coefficients of a blendshape in pictures `rows`.
+    /// Returns the true coefficients of a blendshape in pictures `rows`.
     pub fn truth(&self, blendshape: usize, rows: &[usize]) -> Vec<f64> {
         rows.iter().map(|row| self.samples[*row].truth[blendshape]).collect()
     }
 
-    /// True coefficients of pictures `rows`, a column each.
+    /// Returns the true coefficients of pictures `rows`, one column per picture.
     pub fn truths(&self, rows: &[usize]) -> DMatrix<f64> {
         DMatrix::from_fn(COEFFS, rows.len(), |blendshape, row| self.samples[rows[row]].truth[blendshape])
     }
 
-    /// Features of picture `row`.
+    /// Returns the features of picture `row`.
     pub fn values(&self, row: usize) -> &[f32; FEATURES] {
         self.features[row].values()
     }
 }
 
-/// The neutral face of every person.
+/// Averages the neutral pictures of every person.
 fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<BTreeMap<Person, Neutral>> {
     let mut means: BTreeMap<Person, NeutralMean> = BTreeMap::new();
     for (sample, face) in samples.iter().zip(faces) {
@@ -98,12 +98,12 @@ fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<BTreeMap<Person,
     means.into_iter().map(finish).collect()
 }
 
-/// Scores of the corrected coefficients on held-out subjects, by blendshape.
+/// Scores the corrected coefficients on the held-out subjects, for each blendshape.
 pub fn scores(model: &Model, faces: &Faces) -> Result<Vec<Score>> {
     scores_of(model, faces, &faces.rows(false)?)
 }
 
-/// Scores of the corrected coefficients of pictures `rows`, by blendshape.
+/// Scores the corrected coefficients on pictures `rows`, for each blendshape.
 pub fn scores_of(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Score>> {
     let score = |(blendshape, estimate): (usize, Vec<f64>)| {
         let truth = faces.truth(blendshape, rows);
@@ -112,7 +112,7 @@ pub fn scores_of(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Sco
     Ok(estimates(model, faces, rows)?.into_iter().enumerate().map(score).collect())
 }
 
-/// Corrected coefficients of pictures `rows`, one list for each blendshape.
+/// Returns the corrected coefficients of pictures `rows`, one list per blendshape.
 pub fn estimates(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Vec<f64>>> {
     let mut curves = vec![Vec::new(); COEFFS];
     for row in rows {
@@ -123,7 +123,7 @@ pub fn estimates(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Vec
     Ok(curves)
 }
 
-/// Time of the regression for one face, nanoseconds: mean over the pictures `rows`, of the fastest of some passes.
+/// Times the regression. Returns nanoseconds per face: the mean over pictures `rows` in the fastest of several passes.
 pub fn regression_ns(model: &Model, faces: &Faces, rows: &[usize]) -> Result<f64> {
     let pass = || -> Result<f64> {
         let start = Instant::now();
@@ -135,19 +135,19 @@ pub fn regression_ns(model: &Model, faces: &Faces, rows: &[usize]) -> Result<f64
     (0..TIMED_PASSES).try_fold(f64::INFINITY, |best, _| Ok(best.min(pass()?)))
 }
 
-/// Mean over the blendshapes that landmarks show (51).
+/// Averages over the 51 blendshapes that landmarks show.
 pub fn mean_of(scores: &[Score]) -> Score {
     let shown = &scores[..scores.len() - 1];
     Score { r: mean(shown.iter().map(|score| score.r)), mse: mean(shown.iter().map(|score| score.mse)) }
 }
 
-/// Which of pictures `rows` show faces at rest, the subjects' own neutral pictures aside: only their heads turn.
+/// Returns those of the pictures `rows` that show a turned face at rest, without the subjects' neutral pictures.
 pub fn resting(samples: &[Sample], rows: &[usize]) -> Vec<usize> {
     let rests = |row: &usize| !samples[*row].neutral && samples[*row].truth.iter().all(|value| *value == 0.0);
     rows.iter().copied().filter(rests).collect()
 }
 
-/// What a model makes of resting faces, in words: how little the turn of a head moves coefficients.
+/// Describes the coefficients of resting faces in one line: how little a turn of the head changes them.
 pub fn rest_line(model: &Model, faces: &Faces, rows: &[usize]) -> Result<String> {
     let mean_of_curve = |curve: Vec<f64>| mean(curve.into_iter().map(f64::abs));
     let means: Vec<f64> = estimates(model, faces, rows)?.into_iter().map(mean_of_curve).collect();
@@ -157,7 +157,8 @@ pub fn rest_line(model: &Model, faces: &Faces, rows: &[usize]) -> Result<String>
     Ok(format!("mean coefficient of {} turned faces at rest: {all:.3}, highest {most:.3} ({name})", rows.len()))
 }
 
-/// Mean absolute error of yaw, pitch and roll over all pictures, degrees. Nothing of the pose is fitted per subject.
+/// Returns the mean absolute error of yaw, pitch and roll in degrees over all pictures, held out or not, because the
+/// head pose is not fitted.
 pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
     let camera = Camera { width_px: 400.0, height_px: 600.0, horizontal_fov_deg: 16.1 };
     let angles = |pose: HeadPose| [pose.yaw_deg, pose.pitch_deg, pose.roll_deg].map(f64::from);
@@ -169,7 +170,7 @@ pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
     Ok(core::array::from_fn(|axis| mean(errors.iter().map(|error| error[axis]))))
 }
 
-/// The table that `judge` prints.
+/// Returns the table that `judge` prints.
 pub fn table(known: &[Score], unknown: &[Score]) -> String {
     let line = |name: &str, known: Score, unknown: Score| {
         format!("| {name:<20} | {:>6.3} | {:>7.4} | {:>6.3} | {:>7.4} |\n", known.r, known.mse, unknown.r, unknown.mse)
@@ -187,7 +188,7 @@ mod tests {
     use crate::{dataset, reference};
 
     #[test]
-    fn shipped_model_correlates_on_faces_of_another_renderer_and_tracker() {
+    fn the_shipped_model_correlates_on_faces_of_another_renderer_and_tracker() {
         let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
             return reference::say_skipped("dataset/");
         };

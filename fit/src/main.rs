@@ -1,7 +1,7 @@
-//! The workbench: renders faces with known coefficients, fits and judges the blendshape models. Runs on a desk, never on
-//! the board.
-#![allow(clippy::indexing_slicing, reason = "a matrix tool on a desk: an index out of range is a bug to be seen")]
-#![allow(clippy::cast_possible_truncation, reason = "sums are taken in f64, what they give is f32")]
+//! The workbench: renders faces with known coefficients, and fits and judges the blendshape models. It runs on a
+//! desktop computer, never on the board.
+#![allow(clippy::indexing_slicing, reason = "an index out of range is a bug, and a panic shows where")]
+#![allow(clippy::cast_possible_truncation, reason = "sums are accumulated in f64 and stored as f32")]
 
 mod arrays;
 mod basis;
@@ -50,44 +50,44 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Fit the model and write it, with its scores on held-out subjects
+    /// Fit the model, score it on held-out subjects, and write it
     Train {
-        /// Landmarks with true coefficients (npz archive, names beside it as JSON)
+        /// Landmarks with true coefficients (npz archive with names.json beside it)
         dataset: PathBuf,
-        /// Where the model is written
+        /// The model file to write
         #[arg(long, default_value = "models/blendshapes.toml")]
         out: PathBuf,
-        /// Looks at every picture
+        /// Passes over the training data
         #[arg(long, default_value_t = train::EPOCHS, value_parser = clap::value_parser!(u32).range(1..))]
         epochs: u32,
     },
-    /// Compare the paper's kinds of model on every blendshape, and choose one of them within a budget
+    /// Compare kinds of regression model on every blendshape, and choose one of them within a budget
     Fit(compare::FitArgs),
-    /// Judge a CSV of `facewire track` by true curves, or by another tracker's
+    /// Compare the curves in a CSV file of `facewire track` with true curves, or with those of another tracker
     Evaluate(evaluate::EvaluateArgs),
-    /// Print correlation and error of a model on a dataset, by facewire's own solver
+    /// Print correlation and error of a model on a dataset, computed by facewire's own solver
     Judge {
-        /// Landmarks with true coefficients (npz archive, names beside it as JSON)
+        /// Landmarks with true coefficients (npz archive with names.json beside it)
         dataset: PathBuf,
         /// A model to judge instead of the built-in one
         #[arg(long)]
         model: Option<PathBuf>,
-        /// Judge on all subjects: for data that the model was not fitted on
+        /// Judge on all subjects: only for data that the model was not fitted on
         #[arg(long)]
         all_subjects: bool,
     },
-    /// Write the figures of every blendshape and model kind as one HTML page, with drawings
+    /// Write the statistics of every blendshape and kind of model as one HTML page with charts
     Report(report::ReportArgs),
-    /// Rank the features of every blendshape by correlation, partial F and support vectors, with heat maps, as one HTML page
+    /// Rank the features of every blendshape by correlation, partial F and support vectors, as one HTML page
     Select(segments::SelectArgs),
     /// Print correlation with the truth, pose error and jitter on a clip, with and without its neutral face
     Clip {
-        /// Landmarks of the frames: a .npy file of `facewire track --landmarks`, or an npz archive that has `landmarks`
+        /// Landmarks of every frame: a .npy file of `facewire track --landmarks`, or an npz archive with `landmarks`
         landmarks: PathBuf,
-        /// Table of the true curves
+        /// CSV file of the true curves, one row per frame
         #[arg(long)]
         truth: Option<PathBuf>,
-        /// Frames of the face at rest: from 0 up to this one
+        /// Number of frames at the start of the clip in which the face is at rest
         #[arg(long, default_value_t = 1)]
         neutral_frames: usize,
         /// A model to judge instead of the built-in one
@@ -164,9 +164,9 @@ fn load_model(path: Option<&Path>) -> Result<Model> {
 
 fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {
     let (model, frames) = (load_model(model)?, clip::load(landmarks)?);
-    let with = clip::solve(&model, &frames, Some(0..neutral_frames))?;
-    let without = clip::solve(&model, &frames, None)?;
-    for (name, solved) in [("known", &with), ("not known", &without)] {
+    let known = clip::solve(&model, &frames, Some(0..neutral_frames))?;
+    let unknown = clip::solve(&model, &frames, None)?;
+    for (name, solved) in [("known", &known), ("not known", &unknown)] {
         let [raw, smoothed] = clip::jitters(solved);
         println!("neutral {name}: mean second difference raw {raw:.4}, smoothed {smoothed:.4}");
     }
@@ -175,8 +175,8 @@ fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Op
     let Some(path) = truth else { return Ok(()) };
     let truth = curves::Truth::load(path)?;
     truth.fits(path, frames.len())?;
-    print!("{}", curves::table(&truth, &with, &without)?);
-    let [yaw, pitch, roll] = curves::pose_error_deg(&truth, &with);
+    print!("{}", curves::table(&truth, &known, &unknown)?);
+    let [yaw, pitch, roll] = curves::pose_error_deg(&truth, &known);
     println!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
     Ok(())
 }

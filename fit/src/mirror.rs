@@ -1,7 +1,7 @@
-//! The same faces seen in a mirror: twice the data, and no side of the face is favoured.
+//! Mirrored copies of the training faces: twice the data, and neither side of the face is favoured.
 //!
-//! Without them the map for an unknown neutral reads mirrored faces far worse (r 0.51 for 0.65): it had learned which
-//! way the training faces lean.
+//! Without the copies, the model for an unknown neutral face is far worse on mirrored faces (r 0.51 instead of 0.65),
+//! because it learns the asymmetry of the training faces.
 
 use anyhow::{Result, ensure};
 use facewire::{
@@ -11,7 +11,7 @@ use facewire::{
 
 use crate::dataset::Sample;
 
-/// The samples that the fit may see, and their mirrored copies.
+/// Returns the samples that the fit may see, and their mirrored copies.
 pub fn with_mirrored(samples: &[Sample]) -> Result<Vec<Sample>> {
     let points = mirrored_points(samples)?;
     let shapes = BLENDSHAPES.map(mirrored_blendshape);
@@ -35,7 +35,8 @@ fn mirror(sample: &Sample, points: &[usize; LANDMARKS], shapes: &[usize; COEFFS]
     }
 }
 
-/// For every landmark the one on the other side. Found in the mean of all pictures: in a closed mouth, lips coincide.
+/// Returns the opposite landmark of each landmark, found in the mean of all pictures, in which the lips do not coincide
+/// as in a closed mouth.
 fn mirrored_points(samples: &[Sample]) -> Result<[usize; LANDMARKS]> {
     let mut mean = Box::new([[0.0_f32; 3]; LANDMARKS]);
     for sample in samples.iter().filter(|sample| !sample.held_out()) {
@@ -44,12 +45,12 @@ fn mirrored_points(samples: &[Sample]) -> Result<[usize; LANDMARKS]> {
     }
     let pairs = pair_up(&mean);
     let crossed = |(a, b): (usize, &usize)| a != *b && mean[a][0] * mean[*b][0] > 0.0;
-    ensure!(!pairs.iter().enumerate().any(crossed), "the mean face is not symmetric");
+    ensure!(!pairs.iter().enumerate().any(crossed), "the mean face is not symmetric: check the order of the landmarks");
     Ok(pairs)
 }
 
-/// Pairs each point with the one nearest to its mirror image, the closest pairs first; a point in the middle is its
-/// own partner.
+/// Pairs each point with the point nearest to its mirror image, the closest pairs first. A point in the middle is
+/// paired with itself.
 fn pair_up(points: &[[f32; 3]; LANDMARKS]) -> [usize; LANDMARKS] {
     let gap = |a: &[f32; 3], b: &[f32; 3]| (a[0] + b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2);
     let all = (0..LANDMARKS).flat_map(|a| (a..LANDMARKS).map(move |b| (a, b)));
@@ -78,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_blendshape_is_its_own_mirror_image_twice_removed() {
+    fn mirroring_twice_restores_every_blendshape() {
         let other = |index: usize| mirrored_blendshape(BLENDSHAPES[index]);
         assert!((0..COEFFS).all(|index| other(other(index)) == index));
         assert_eq!(BLENDSHAPES[mirrored_blendshape("jawLeft")], "jawRight");

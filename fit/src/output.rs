@@ -1,4 +1,4 @@
-//! Files that commands write.
+//! Writing output files.
 
 use std::{
     fs::{self, File},
@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::{Context, Result};
 
-/// Refuses a path that cannot be written, before any work is done for it. What stands there stays as it is.
+/// Checks that a file can be written before the work for it begins. An existing file is left unchanged.
 pub fn check(path: &Path) -> Result<()> {
     let failed = || format!("cannot write {}", path.display());
     let is_new = !path.exists();
@@ -25,7 +25,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn path_is_tried_without_a_trace() {
+    fn checking_a_path_leaves_no_trace() {
         let folder = tempfile::tempdir().expect("a folder");
         let [new, old] = ["new", "old"].map(|name| folder.path().join(name));
         fs::write(&old, "kept").expect("written");

@@ -1,13 +1,12 @@
-//! The paper's figures, to hold beside ours ("Statistical Blendshape Calculation and Analysis for Graphics
-//! Applications").
+//! Results of the paper "Statistical Blendshape Calculation and Analysis for Graphics Applications", for comparison.
 //!
-//! They are of other faces and another truth than ours: a scale to read our figures by, not a contest.
+//! The paper measured other faces against another truth, so its results give a scale, but do not tell which is better.
 
 use serde::Serialize;
 
-/// Title of the table that [`AGAINST_ARKIT`] holds.
+/// Title of the paper's table with the rows [`AGAINST_ARKIT`].
 pub const AGAINST_ARKIT_TITLE: &str = "\"Comparison Between ARKit and our methods\"";
-/// Title of the table that [`SMILE_LEFT`] and [`CHEEK_PUFF`] hold.
+/// Title of the paper's table with the rows [`SMILE_LEFT`] and [`CHEEK_PUFF`].
 pub const MODELS_TITLE: &str = "\"Demonstrative statistical behavior of blendshape models\"";
 
 /// Precision, recall and F1 of annotated events.
@@ -21,7 +20,7 @@ pub struct Events {
     pub f1: f64,
 }
 
-/// How far two curves agree.
+/// Agreement of two curves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Agreement {
     /// Pearson's correlation.
@@ -34,18 +33,18 @@ pub struct Agreement {
     pub accuracy: f64,
     /// Mean squared deviation.
     pub msd: f64,
-    /// Standard deviation of the differences; how the paper makes its own is not said.
+    /// Standard deviation of the differences. The paper does not say how it computes its values.
     pub deviation: f64,
 }
 
-/// A blendshape of the paper's model on video: events against annotations, curves against ARKit 6.
+/// The paper's model on video for one blendshape: its events compared with annotations, its curves with ARKit 6.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct AgainstArkit {
-    /// Its ARKit name.
+    /// ARKit name.
     pub blendshape: &'static str,
-    /// Of annotated events.
+    /// Agreement with annotated events.
     pub events: Events,
-    /// With ARKit 6.
+    /// Agreement with the curves of ARKit 6.
     pub agreement: Agreement,
 }
 
@@ -56,7 +55,7 @@ const fn row(blendshape: &'static str, events: [f64; 3], agreement: [f64; 6]) ->
     AgainstArkit { blendshape, events: Events { precision, recall, f1 }, agreement }
 }
 
-/// The fifteen blendshapes of the paper's table.
+/// The fifteen rows of the paper's table.
 pub const AGAINST_ARKIT: [AgainstArkit; 15] = [
     row("eyeBlinkLeft", [1.00, 1.00, 1.00], [0.576, 0.572, 0.305, 0.752, 0.061, 0.216]),
     row("eyeLookDownLeft", [0.61, 1.00, 0.76], [0.657, 0.678, 0.393, 0.876, 0.015, 0.074]),
@@ -75,16 +74,16 @@ pub const AGAINST_ARKIT: [AgainstArkit; 15] = [
     row("browDownRight", [0.75, 0.85, 0.80], [0.717, 0.518, 0.373, 0.756, 0.059, 0.235]),
 ];
 
-/// The paper's own average of them. Its MSD is not that of its rows, which is 0.026.
+/// The averages that the paper prints. Its average MSD differs from that of its rows, which is 0.026.
 pub const AGAINST_ARKIT_AVERAGE: AgainstArkit =
     row("average", [0.82, 0.90, 0.83], [0.667, 0.645, 0.451, 0.859, 0.019, 0.132]);
 
 /// A model of one blendshape, fitted and judged on one avatar.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelRow {
-    /// Name of its kind, as printed.
+    /// Name of the kind of model, as printed.
     pub kind: &'static str,
-    /// R2, xi, MSE, Durbin-Watson, Shapiro-Wilk.
+    /// R2, xi, MSE, Durbin-Watson and Shapiro-Wilk.
     pub figures: [f64; 5],
     /// Bytes in memory.
     pub bytes: u64,
@@ -125,9 +124,9 @@ mod tests {
     use super::*;
     use crate::statistics::mean;
 
-    /// Catches a slip in copying: a wrong digit moves a column's mean.
+    /// Catches copying errors, because a wrong digit changes the mean of a column.
     #[test]
-    fn columns_average_to_the_papers_average() {
+    fn the_columns_have_the_averages_that_the_paper_prints() {
         let average =
             |column: fn(&AgainstArkit) -> f64| (mean(AGAINST_ARKIT.iter().map(column)), column(&AGAINST_ARKIT_AVERAGE));
         let columns = [
@@ -138,8 +137,8 @@ mod tests {
             average(|row| row.agreement.xi),
             average(|row| row.agreement.accuracy),
         ];
-        for (place, (ours, papers)) in columns.iter().enumerate() {
-            assert!((ours - papers).abs() < 0.0101, "column {place}: {ours}, printed {papers}");
+        for (index, (ours, papers)) in columns.iter().enumerate() {
+            assert!((ours - papers).abs() < 0.0101, "column {index}: {ours}, printed {papers}");
         }
     }
 }

@@ -1,9 +1,10 @@
-//! Curves of blendshapes over time, read from CSV.
+//! Reads curves of blendshapes over time from CSV.
 //!
-//! Columns are found by name, upper and lower case alike, so their order does not matter: Live Link Face has `JawRight`
-//! before `JawLeft`. Time is the column `Timecode` (Live Link Face, `hours:minutes:seconds:frames.part`), `time_s`
-//! (`facewire track`), or `frame` at a stated rate; without any of them rows follow each other at that rate. Times are
-//! counted from the first row. Other columns are not read.
+//! Columns are matched by name regardless of case and order, because Live Link Face has `JawRight` before `JawLeft`.
+//! The time is the column `Timecode` (Live Link Face, `hours:minutes:seconds:frames.part`), `time_s` (`facewire
+//! track`), or
+//! `frame` at a given rate. Without any of these columns, rows are assumed to follow each other at that rate. Times
+//! count from the first row. Other columns are ignored.
 
 use std::{collections::BTreeMap, fs::File, path::Path};
 
@@ -13,16 +14,16 @@ use facewire::solve::BLENDSHAPES;
 
 use crate::timecode;
 
-/// Curves of some blendshapes.
+/// The curves of some blendshapes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
-    /// Of each row, seconds after the first, strictly rising.
+    /// Time of each row in seconds since the first row, strictly increasing.
     pub times_s: Vec<f64>,
-    /// One value a row, by name of the blendshape.
+    /// One value per row, by name of the blendshape.
     pub curves: BTreeMap<&'static str, Vec<f64>>,
 }
 
-/// Where the time of a row stands.
+/// The source of a row's time, with the index of its column.
 #[derive(Debug, Clone, Copy)]
 enum Clock {
     Timecode(usize),
@@ -32,7 +33,7 @@ enum Clock {
 }
 
 impl Recording {
-    /// Reads a file. `fps` is the rate of files that state no time.
+    /// Reads a file. `fps` is the rate of files without times.
     pub fn load(path: &Path, fps: f64) -> Result<Self> {
         let named = || format!("{}", path.display());
         let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
@@ -46,9 +47,9 @@ impl Recording {
         let columns = blendshape_columns(&header)?;
         let clock = Clock::of(&header);
         let rows = reader.records().collect::<Result<Vec<_>, _>>().context("is not a CSV file")?;
-        ensure!(rows.len() >= 2, "holds {} rows of coefficients; at least 2 are needed", rows.len());
+        ensure!(rows.len() >= 2, "has {} rows of coefficients, but at least 2 are needed", rows.len());
         let times = clock.times_s(&rows, fps)?;
-        let kept = rising(&times)?;
+        let kept = increasing(&times)?;
         let mut curves = BTreeMap::new();
         for (name, column) in columns {
             let values = kept.iter().map(|row| number(&rows[*row], *row, column, name));
@@ -57,20 +58,20 @@ impl Recording {
         Ok(Self { times_s: kept.iter().map(|row| times[*row] - times[0]).collect(), curves })
     }
 
-    /// Seconds from the first to the last row.
+    /// Returns the seconds from the first to the last row.
     pub fn length_s(&self) -> f64 {
         self.times_s.last().copied().unwrap_or(0.0)
     }
 
-    /// Seconds from row to row: the median, which a gap does not disturb.
+    /// Returns the seconds from row to row: the median, which gaps do not affect.
     pub fn step_s(&self) -> f64 {
         let mut steps: Vec<f64> = self.times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         steps.sort_by(f64::total_cmp);
         steps.get(steps.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// A blendshape's value at a time between the first and the last row, on the line between its neighbours.
-    /// `None` outside and for a blendshape that is not recorded.
+    /// Interpolates a blendshape linearly at a time between the first and the last row. Returns `None` outside of that
+    /// range, and for a blendshape that was not recorded.
     pub fn at(&self, blendshape: &str, time_s: f64) -> Option<f64> {
         let curve = self.curves.get(blendshape)?;
         let next = self.times_s.partition_point(|time| *time < time_s);
@@ -83,29 +84,29 @@ impl Recording {
     }
 }
 
-/// The blendshapes of a header with the places of their columns.
+/// Returns the blendshapes of a header with the indices of their columns.
 fn blendshape_columns(header: &StringRecord) -> Result<Vec<(&'static str, usize)>> {
     let mut found = Vec::new();
     for name in BLENDSHAPES {
-        let places: Vec<usize> = places(header, name).collect();
-        ensure!(places.len() <= 1, "has {} columns called {name}", places.len());
-        found.extend(places.first().map(|place| (name, *place)));
+        let columns: Vec<usize> = columns(header, name).collect();
+        ensure!(columns.len() <= 1, "has {} columns called {name}", columns.len());
+        found.extend(columns.first().map(|column| (name, *column)));
     }
     let begin: Vec<&str> = header.iter().take(4).collect();
-    ensure!(!found.is_empty(), "has no column of a blendshape; its first line begins `{}`", begin.join(","));
+    ensure!(!found.is_empty(), "has no column of a blendshape: its first line begins with `{}`", begin.join(","));
     Ok(found)
 }
 
-fn places<'a>(header: &'a StringRecord, name: &'a str) -> impl Iterator<Item = usize> + 'a {
-    header.iter().enumerate().filter(move |(_, cell)| cell.trim().eq_ignore_ascii_case(name)).map(|(place, _)| place)
+fn columns<'a>(header: &'a StringRecord, name: &'a str) -> impl Iterator<Item = usize> + 'a {
+    header.iter().enumerate().filter(move |(_, cell)| cell.trim().eq_ignore_ascii_case(name)).map(|(index, _)| index)
 }
 
 impl Clock {
     fn of(header: &StringRecord) -> Self {
-        let place = |name| places(header, name).next();
-        let timecode = place("timecode").map(Self::Timecode);
-        let seconds = || place("time_s").map(Self::Seconds);
-        timecode.or_else(seconds).or_else(|| place("frame").map(Self::Frame)).unwrap_or(Self::Rows)
+        let column = |name| columns(header, name).next();
+        let timecode = column("timecode").map(Self::Timecode);
+        let seconds = || column("time_s").map(Self::Seconds);
+        timecode.or_else(seconds).or_else(|| column("frame").map(Self::Frame)).unwrap_or(Self::Rows)
     }
 
     fn times_s(self, rows: &[StringRecord], fps: f64) -> Result<Vec<f64>> {
@@ -119,12 +120,12 @@ impl Clock {
     }
 }
 
-/// Rows whose time is later than that of the row before. Recordings repeat a time where a frame was late.
-fn rising(times: &[f64]) -> Result<Vec<usize>> {
+/// Returns the rows that are later than the previous row. Recordings repeat a time if a frame was late.
+fn increasing(times: &[f64]) -> Result<Vec<usize>> {
     let mut kept = vec![0];
     for (row, pair) in (1..).zip(times.windows(2)) {
         if pair[1] < pair[0] {
-            bail!("line {}: time goes back from {:.3} to {:.3} s", row + 2, pair[0], pair[1]);
+            bail!("line {}: the time goes back from {:.3} to {:.3} s", row + 2, pair[0], pair[1]);
         }
         if pair[1] > pair[0] {
             kept.push(row);
@@ -163,13 +164,13 @@ mod tests {
     }
 
     #[test]
-    fn files_without_time_take_the_stated_rate() {
+    fn files_without_times_use_the_given_rate() {
         assert_eq!(read("frame,jawOpen\n5,0\n8,1\n").unwrap().times_s, [0.0, 3.0 / 30.0]);
         assert_eq!(read("jawOpen\n0\n1\n").unwrap().times_s, [0.0, 1.0 / 30.0]);
     }
 
     #[test]
-    fn values_between_rows_lie_on_the_line_and_there_are_none_outside() {
+    fn values_between_rows_are_interpolated_and_there_are_none_outside() {
         let recording = read("time_s,jawOpen\n2.0,0.0\n3.0,0.5\n4.0,0.1\n").unwrap();
         let values = [0.0, 0.5, 1.5, 2.0].map(|time| recording.at("jawOpen", time).unwrap());
         let wanted = [0.0, 0.25, 0.3, 0.1];
@@ -179,24 +180,24 @@ mod tests {
     }
 
     #[test]
-    fn row_that_repeats_the_time_before_it_is_left_out() {
+    fn a_row_that_repeats_the_previous_time_is_left_out() {
         let recording = read("time_s,jawOpen\n0,0.1\n1,0.2\n1,0.9\n2,0.3\n").unwrap();
         assert_eq!(recording.curves["jawOpen"], [0.1, 0.2, 0.3]);
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_line() {
-        assert!(refusal("time,x\n1,2\n").contains("no column of a blendshape; its first line begins `time,x`"));
+    fn errors_name_line_and_column() {
+        assert!(refusal("time,x\n1,2\n").contains("no column of a blendshape: its first line begins with `time,x`"));
         assert!(refusal("jawOpen,JawOpen\n1,2\n").contains("2 columns called jawOpen"));
         assert!(refusal("time_s,jawOpen\n0,0\n1,high\n").contains("line 3, column jawOpen: `high`"));
         assert!(refusal("time_s,jawOpen\n0,0\n1,NaN\n").contains("line 3"));
-        assert!(refusal("time_s,jawOpen\n1,0\n0,0\n").contains("line 3: time goes back"));
+        assert!(refusal("time_s,jawOpen\n1,0\n0,0\n").contains("line 3: the time goes back"));
         assert!(refusal("jawOpen\n0.5\n").contains("1 rows"));
         assert!(refusal("jawOpen,jawLeft\n0.5,0.5\n0.5\n").contains("is not a CSV file"));
     }
 
     #[test]
-    fn bytes_that_are_no_text_are_refused() {
+    fn binary_files_are_refused() {
         let refusal = Recording::read(&b"\x89PNG\r\n\xff\xfe\n\xff\n"[..], 30.0).unwrap_err();
         assert!(format!("{refusal:#}").contains("is not a CSV file"));
     }

@@ -1,4 +1,4 @@
-//! `facewire-fit report`: the figures of every blendshape and kind of model, as one page of HTML with drawings.
+//! `facewire-fit report`: statistics of every blendshape and kind of model, as one HTML page with charts.
 
 pub mod diagnostics;
 mod drawings;
@@ -11,7 +11,7 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::{
-    compare::{self, Restrict},
+    compare::{self, FitOptions},
     dataset,
     fitted::{self, Fitted},
     html,
@@ -22,31 +22,31 @@ use crate::{
 /// Arguments of `report`.
 #[derive(Debug, Args)]
 pub struct ReportArgs {
-    /// Landmarks with true coefficients (npz archive, names beside it as JSON).
+    /// Landmarks with true coefficients (npz archive with names.json beside it)
     dataset: PathBuf,
-    /// Where the page is written.
+    /// The page to write
     #[arg(long, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
-    /// A model to judge instead of the built-in one.
+    /// A model to judge instead of the built-in one
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Judge on all subjects: for data that the model was not fitted on.
+    /// Judge on all subjects: only for data that the model was not fitted on
     #[arg(long)]
     all_subjects: bool,
-    /// Kinds of model to fit and to show beside it, comma between, by the names of `fit`
+    /// Kinds of model to fit and show beside the shipped model, by their names in `fit`, separated by commas
     #[arg(long, value_delimiter = ',', conflicts_with = "all_subjects")]
     kinds: Vec<String>,
 }
 
-/// The pictures that all kinds of model are judged by.
+/// The pictures on which all models are judged.
 pub struct Judged<'a> {
-    /// Displacements from the subjects' neutral faces.
+    /// Faces with features relative to the subjects' neutral faces.
     pub known: &'a Faces<'a>,
-    /// Where the points lie.
+    /// Faces with features that are not relative to a neutral face.
     pub unknown: &'a Faces<'a>,
-    /// The pictures.
+    /// Indices of the pictures.
     pub rows: Vec<usize>,
-    /// What they are, in words.
+    /// A description of the pictures.
     pub described: String,
 }
 
@@ -60,12 +60,12 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let judged = Judged { known: &known, unknown: &unknown, rows, described };
     let mut fitted = fitted::shipped(&load_model(args.model.as_deref())?, &known, &unknown, &judged.rows)?;
     if !args.kinds.is_empty() {
-        fitted.extend(compare::fitted(&samples, &known, &Restrict::to_kinds(args.kinds.clone()))?);
+        fitted.extend(compare::fitted(&samples, &known, &FitOptions::to_kinds(args.kinds.clone()))?);
     }
     write(&args.out, &judged, &fitted)
 }
 
-/// Writes the page. The first kind of model in `fitted` is the one that is drawn.
+/// Writes the page. Charts are drawn for the first kind of model in `fitted`.
 fn write(path: &Path, judged: &Judged, fitted: &[Fitted]) -> Result<()> {
     html::write(path, &page::html(judged, fitted)?)
 }

@@ -1,11 +1,11 @@
-//! `facewire-fit select`: segmentation (eq. 4) as the paper does it, to look at.
+//! `facewire-fit select`: the paper's segmentation (eq. 4), the selection of features by correlation, for inspection.
 //!
-//! For every blendshape the features (coordinates and distances, displacements from the subject's neutral face) are
-//! ranked by correlation with its coefficient, of which the first hundredths are kept, and, to check that, by F and by
-//! support vectors. F of one feature alone has the order of r2 and would only agree with itself; the partial F, with the
-//! subject, the head's pose and all other blendshapes held, tells what moves with this blendshape from what moves with
-//! those that usually come with it. The model that facewire runs shares its features among all blendshapes and
-//! selects them otherwise (`select.rs`).
+//! For every blendshape, the features (coordinates and distances, as displacements from the subject's neutral face) are
+//! ranked by their correlation with the coefficient, and the best few percent are kept. Two other rankings check this
+//! one: by partial F and by support vectors. The F of a single feature orders features like r squared, so it would be
+//! no check. The partial F, which controls for the subject, the head's pose and all other blendshapes, distinguishes
+//! features that move with this blendshape from those that move with others that usually accompany it. The model that
+//! facewire runs shares its features among all blendshapes and selects them in another way (`select.rs`).
 
 mod drawings;
 mod page;
@@ -27,28 +27,28 @@ use ranking::{Ranking, Segment};
 /// Arguments of `select`.
 #[derive(Debug, Args)]
 pub struct SelectArgs {
-    /// Landmarks with true coefficients (npz archive, names beside it as JSON).
+    /// Landmarks with true coefficients (npz archive with names.json beside it)
     dataset: PathBuf,
-    /// Only this blendshape; may be given several times.
+    /// A blendshape to rank features for; may be repeated [default: all]
     #[arg(long, value_name = "NAME", value_parser = blendshape)]
     blendshape: Vec<usize>,
-    /// Where the page is written.
+    /// The page to write
     #[arg(long, value_name = "FILE", default_value = "segments.html")]
     out: PathBuf,
-    /// A table of all scores and ranks.
+    /// CSV file for all scores and ranks
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Hundredths of the features that are kept.
+    /// Percentage of the features to keep
     #[arg(long, default_value_t = 2.0, value_parser = percentile)]
     percentile: f64,
-    /// Most pictures that support vectors are fitted to, and most that they are judged by.
+    /// Largest number of pictures to fit support vectors to, and to judge them by
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(20..=5000))]
     svr_rows: u32,
 }
 
 fn blendshape(name: &str) -> Result<usize, String> {
     let known = BLENDSHAPES.iter().take(MODELLED).position(|known| *known == name);
-    known.ok_or_else(|| "not a blendshape that landmarks show; their names are like eyeBlinkLeft".to_owned())
+    known.ok_or_else(|| "not a blendshape that landmarks show: names are like eyeBlinkLeft".to_owned())
 }
 
 fn percentile(text: &str) -> Result<f64, String> {
@@ -63,7 +63,7 @@ pub fn run(args: &SelectArgs) -> Result<()> {
     let (known, unknown) = (Faces::new(&samples, true)?, Faces::new(&samples, false)?);
     let pictures = Pictures::new(&samples, &known)?;
     let wanted = if args.blendshape.is_empty() { (0..MODELLED).collect() } else { args.blendshape.clone() };
-    let kept = kept_of(args.percentile);
+    let kept = kept_count(args.percentile);
     let segments = segments(&pictures, &wanted, kept, args.svr_rows as usize)?;
     print!("{}", table::text(&segments));
     if let Some(path) = &args.csv {
@@ -72,19 +72,19 @@ pub fn run(args: &SelectArgs) -> Result<()> {
     html::write(&args.out, &page::html(&pictures, &unknown, &segments, &args.dataset)?)
 }
 
-/// Features that are kept of all.
+/// Returns the number of features to keep.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most the number of features")]
-fn kept_of(percentile: f64) -> usize {
+fn kept_count(percentile: f64) -> usize {
     (MEASURES as f64 * percentile / 100.0).ceil() as usize
 }
 
-/// Segments of the `wanted` blendshapes that move in these pictures.
+/// Ranks the features for those of the `wanted` blendshapes that move in these pictures.
 fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize) -> Result<Vec<Segment>> {
     let moving = pictures.known.moving(wanted, &[&pictures.seen, &pictures.held_out])?;
     let (r, partial_f) = (pictures.correlations(&moving), pictures.partial_f(&moving)?);
     let mut segments = Vec::new();
-    for (place, (blendshape, (r, partial_f))) in moving.iter().zip(r.into_iter().zip(partial_f)).enumerate() {
-        eprint!("\rsupport vectors: blendshape {} of {} ", place + 1, moving.len());
+    for (index, (blendshape, (r, partial_f))) in moving.iter().zip(r.into_iter().zip(partial_f)).enumerate() {
+        eprint!("\rsupport vectors: blendshape {} of {} ", index + 1, moving.len());
         let f_alone = r.iter().map(|r| f_regression(*r, pictures.seen.len())).collect();
         let r2 = support::scores(pictures, *blendshape, most_rows)?;
         let rankings = [r.iter().map(|r| r.abs()).collect(), partial_f, r2].map(Ranking::new);
@@ -99,17 +99,17 @@ mod tests {
     use super::*;
     use crate::reference;
 
-    /// Landmarks about the left eye and its lids, irises left out.
+    /// Landmarks around the left eye and on its lids, without the iris.
     const LEFT_LIDS: [usize; 32] = [
         249, 263, 362, 373, 374, 380, 381, 382, 384, 385, 386, 387, 388, 390, 398, 466, 253, 254, 256, 257, 258, 259,
         260, 286, 339, 341, 359, 414, 463, 467, 252, 255,
     ];
 
-    /// Where the nose meets the upper lip, and the inner edge of that.
+    /// The landmark between nose and upper lip, and the inner edge of the upper lip.
     const NOSE_BASE: usize = 2;
     const UPPER_LIP: usize = 13;
 
-    /// Rankings of one blendshape on the reference pictures; few support vectors, for they are not looked at.
+    /// Ranks the features of one blendshape on the reference pictures, with few support vectors to save time.
     fn segment(name: &str) -> Option<Segment> {
         let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
             reference::say_skipped("dataset/");
@@ -117,11 +117,11 @@ mod tests {
         };
         let known = Faces::new(&samples, true).unwrap();
         let pictures = Pictures::new(&samples, &known).unwrap();
-        segments(&pictures, &[blendshape(name).unwrap()], kept_of(2.0), 20).unwrap().pop()
+        segments(&pictures, &[blendshape(name).unwrap()], kept_count(2.0), 20).unwrap().pop()
     }
 
     #[test]
-    fn best_features_of_eye_blink_left_lie_at_the_left_eyes_lids() {
+    fn the_best_features_of_eye_blink_left_are_at_the_left_eyelids() {
         let Some(segment) = segment("eyeBlinkLeft") else { return };
         let [r, f, _] = &segment.rankings;
         for ranking in [r, f] {
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn all_features_kept_for_jaw_open_lie_at_mouth_and_chin() {
+    fn all_features_kept_for_jaw_open_are_at_mouth_and_chin() {
         let Some(segment) = segment("jawOpen") else { return };
         let samples = dataset::load(&reference::folder().join("dataset/train.npz")).unwrap();
         let neutral = samples.iter().find(|sample| sample.neutral).unwrap();
@@ -143,8 +143,8 @@ mod tests {
     }
 
     #[test]
-    fn two_hundredths_are_30_features_and_unknown_names_are_refused() {
-        assert_eq!(kept_of(2.0), 30);
+    fn two_percent_are_30_features_and_unknown_names_are_refused() {
+        assert_eq!(kept_count(2.0), 30);
         assert!(blendshape("tongueOut").is_err() && blendshape("eyeBlink").is_err());
         assert!(percentile("0").is_err() && percentile("NaN").is_err());
     }

@@ -1,7 +1,7 @@
-//! `S` (eq. 4): which landmarks the model looks at.
+//! Selects the landmarks that the model uses (`S` in eq. 4 of the paper).
 //!
-//! Of all landmarks, those are left out, some at a time, without which a linear fit of all blendshapes together loses
-//! least. The top hundredths by correlation alone are the same few points many times over.
+//! Backward elimination: repeatedly leaves out the landmarks without which a linear fit of all blendshapes together
+//! loses least. Selecting by correlation alone gives the same few points many times over.
 
 use anyhow::{Context, Result};
 use facewire::{face::LANDMARKS, solve::FEATURES};
@@ -9,14 +9,14 @@ use nalgebra::DMatrix;
 
 use crate::design::{Design, Scale};
 
-/// Coordinates of a landmark.
+/// Coordinates per landmark.
 const AXES: usize = 3;
-/// Part of the landmarks that is left out at a time.
+/// One in this many landmarks is left out at a time.
 const PART: usize = 6;
 /// Ridge penalty, relative to the variance of a standardised feature.
 const RIDGE: f64 = 0.003;
 
-/// The features of the `count` best landmarks, and all distances and turns of the head.
+/// Returns the features of the `count` best landmarks, together with all distances and the features of head rotation.
 pub fn select(design: &Design, scale: &Scale, count: usize) -> Result<Vec<usize>> {
     let all: Vec<usize> = (0..FEATURES).collect();
     let (gram, cross) = design.moments(&all, scale)?;
@@ -36,17 +36,17 @@ fn features_of(landmarks: &[usize]) -> Vec<usize> {
     coordinates.chain(AXES * LANDMARKS..FEATURES).collect()
 }
 
-/// By how much the squared error of the linear fit on these landmarks grows when one is left out:
-/// `tr(w' (A^-1)_gg^-1 w)`, where `w` are its weights and `A` the moments of all.
+/// Returns by how much the squared error of the linear fit on these landmarks grows if one of them is left out:
+/// `tr(w' (A^-1)_gg^-1 w)`, where `w` are the landmark's weights and `A` the second moments of all features.
 fn losses(gram: &DMatrix<f64>, cross: &DMatrix<f64>, landmarks: &[usize]) -> Result<Vec<(usize, f64)>> {
     let features = features_of(landmarks);
     let mut gram = gram.select_rows(&features).select_columns(&features);
     (0..features.len()).for_each(|index| gram[(index, index)] += RIDGE);
     let inverse = gram.cholesky().context("the features are degenerate")?.inverse();
     let weights = &inverse * cross.select_rows(&features);
-    let loss = |(place, landmark): (usize, &usize)| {
-        let own = inverse.fixed_view::<AXES, AXES>(AXES * place, AXES * place).into_owned();
-        let weights = weights.rows(AXES * place, AXES);
+    let loss = |(index, landmark): (usize, &usize)| {
+        let own = inverse.fixed_view::<AXES, AXES>(AXES * index, AXES * index).into_owned();
+        let weights = weights.rows(AXES * index, AXES);
         let solved = own.cholesky().map(|own| own.solve(&weights.into_owned()));
         (*landmark, solved.map_or(f64::INFINITY, |solved| weights.dot(&solved)))
     };

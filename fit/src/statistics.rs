@@ -1,7 +1,7 @@
-//! The statistics by which estimates are judged: of curves and of regressions.
+//! Statistics of curves and of regressions, by which estimates are judged.
 //!
-//! Plain functions of slices; pairs are `(estimate, truth)` in this order. Each is held to values of `SciPy`,
-//! statsmodels and scikit-learn (`fit/tests/reference.py` makes them, `reference_values.rs` compares).
+//! The functions take slices, with the estimate before the truth. Tests compare each of them with `SciPy`, statsmodels
+//! or scikit-learn (`fit/tests/reference.py` makes the values, `reference_values.rs` compares).
 
 mod agreement;
 mod events;
@@ -19,17 +19,17 @@ use serde::Serialize;
 pub use agreement::{accuracy, deviation_of_differences, mean, mse, pearson, r_squared, standard_deviation};
 pub use events::{EventCounts, count_events, rising_edges};
 pub use motion::jitter_at_rest;
-pub use normality::{SHAPIRO_WILK_MOST, shapiro_wilk};
-pub use partial::Together;
+pub use normality::{SHAPIRO_WILK_MAX, shapiro_wilk};
+pub use partial::Regressors;
 pub use ranks::{spearman, xi};
-pub use regression::{Directions, f_regression, f_statistic};
+pub use regression::{ColumnSpace, f_regression, f_statistic};
 pub use residuals::{autocorrelation, breusch_pagan, durbin_watson};
 
-/// A test statistic, and how probable one so large is if nothing is the matter.
+/// The result of a statistical test.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Tested {
+pub struct TestResult {
     /// The statistic.
     pub statistic: f64,
-    /// Its p value.
+    /// The p value: the probability of a statistic at least as large under the null hypothesis.
     pub p: f64,
 }

@@ -1,4 +1,4 @@
-//! Fits the model: selects landmarks, trains the hidden layer, and writes both out by name.
+//! Fits the model: selects landmarks, trains the hidden layer, and fills in the model file.
 
 use std::collections::BTreeMap;
 
@@ -14,27 +14,27 @@ use crate::{
     dataset::{Sample, held_out},
     design::{Design, MODELLED, Scale},
     judge::{self, Faces},
-    network::{Lesson, Network},
+    network::{Network, TrainingData},
     select::select,
 };
 
-/// Landmarks that are looked at.
+/// Number of landmarks that the model uses.
 const SELECTED: usize = 140;
-/// Principal components of what is seen of them.
+/// Number of principal components of their features.
 const COMPONENTS: usize = 300;
-/// Noise on each, and on whether the neutral face is known. Less of it finds more of weak blendshapes, and makes the
-/// coefficients of real footage jitter more.
+/// Noise on each component, and on the input that tells whether the neutral face is known. Less noise improves weak
+/// blendshapes, but increases the jitter on real footage.
 const NOISE: f32 = 0.2;
 const KNOWN_NOISE: f32 = 0.02;
-/// Least deviation of a feature that earns a full weight, eye distances.
+/// Smallest deviation of a feature, in eye distances, that features are scaled by.
 const LEAST_FEATURE: f32 = 0.005;
-/// Deviation of a blendshape below which it counts no more.
+/// Smallest deviation of a blendshape, by which its errors are divided.
 const LEAST_TRUTH: f32 = 0.01;
-/// Looks at every picture, unless told otherwise.
+/// Default number of passes over the training data.
 pub const EPOCHS: u32 = 60;
 const SEED: u64 = 1;
 
-/// Fits a model on `seen`, and scores it on the held-out subjects of `samples`.
+/// Fits a model on `seen` and scores it on the held-out subjects of `samples`.
 pub fn train(seen: &[Sample], samples: &[Sample], epochs: usize, made_by: String) -> Result<ModelFile> {
     let held_out = held_out(samples)?.len();
     let fitted_on = format!(
@@ -53,21 +53,21 @@ pub fn train(seen: &[Sample], samples: &[Sample], epochs: usize, made_by: String
     Ok(file)
 }
 
-/// Fits the model to a design, and fills it in.
+/// Fits the model to a design and stores it in `file`.
 pub fn fit(design: &Design, epochs: usize, mut file: ModelFile) -> Result<ModelFile> {
     let scale = Scale::of(design, LEAST_FEATURE);
     let features = select(design, &scale, SELECTED)?;
     eprintln!("{} features of {SELECTED} landmarks selected", features.len());
     let basis = Basis::of(design, &scale, features, COMPONENTS)?;
-    let lesson = lesson(design, &scale, &basis);
-    let network = Network::train(&lesson, MAX_HIDDEN, epochs, SEED, |epoch| eprint!("\repoch {epoch} of {epochs}"));
+    let data = training_data(design, &scale, &basis);
+    let network = Network::train(&data, MAX_HIDDEN, epochs, SEED, |epoch| eprint!("\repoch {epoch} of {epochs}"));
     eprintln!();
     fill_in(&mut file, design, &scale, &basis, &network);
     Ok(file)
 }
 
-/// Components of every face, and below them whether its neutral face is known.
-fn lesson(design: &Design, scale: &Scale, basis: &Basis) -> Lesson {
+/// Returns the components of every face, and as the last input whether its neutral face is known.
+fn training_data(design: &Design, scale: &Scale, basis: &Basis) -> TrainingData {
     let faces: Vec<usize> = (0..design.len()).collect();
     let mut inputs = &basis.map * design.columns(&faces, &basis.features, scale);
     let known = inputs.nrows();
@@ -78,18 +78,19 @@ fn lesson(design: &Design, scale: &Scale, basis: &Basis) -> Lesson {
     let mut noise = vec![NOISE; known];
     noise.push(KNOWN_NOISE);
     let truth = design.truth(&faces);
-    Lesson { inputs, noise, importance: importance(&truth), truth }
+    TrainingData { inputs, noise, importance: importance(&truth), truth }
 }
 
-/// Errors count by the inverse of a blendshape's deviation, 1 on average: between the square, by which those that hardly
-/// move would not be learned, and the correlation, by which they would count as much as the others.
+/// Returns the weight of each blendshape's error: the inverse of its standard deviation, scaled to a mean of 1. Without
+/// weights, blendshapes that hardly move would not be learned. Dividing by the variance, as a correlation does, would
+/// weigh them as much as all others.
 fn importance(truth: &DMatrix<f32>) -> Vec<f32> {
     let inverse: Vec<f32> = truth.row_iter().map(|row| 1.0 / row.variance().sqrt().max(LEAST_TRUTH)).collect();
     let mean = inverse.iter().sum::<f32>() / inverse.len() as f32;
     inverse.iter().map(|inverse| inverse / mean).collect()
 }
 
-/// Takes the network from components back to features, which have names and units.
+/// Converts the network's inputs from components back to features, which have names and units, and stores it in `file`.
 fn fill_in(file: &mut ModelFile, design: &Design, scale: &Scale, basis: &Basis, network: &Network) {
     let components = basis.map.nrows();
     let mut weights: DMatrix<f32> = network.w.columns(0, components) * &basis.map;
@@ -120,7 +121,7 @@ fn numbers<'a>(values: impl Iterator<Item = &'a f32>) -> Vec<f64> {
     values.map(|value| number(*value)).collect()
 }
 
-/// To four decimals: far below what the weights are known to, and short to read.
+/// Rounds to four decimals, far below the accuracy of the weights, to keep the file short.
 fn number(value: f32) -> f64 {
     rounded(f64::from(value), 4)
 }

@@ -1,5 +1,5 @@
-//! Commands of `facewire-fit` on a small dataset made here: two blendshapes that mostly go together, each moving a
-//! landmark of its own, and 49 that keep still.
+//! Commands of `facewire-fit` on a small synthetic dataset. Two correlated blendshapes each move a landmark of their
+//! own, and the other 49 do not move.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::indexing_slicing, clippy::cast_possible_truncation)]
 
@@ -17,26 +17,26 @@ use npyz::{NpyFile, WriterBuilder, npz::NpzWriter, zip::write::FileOptions};
 use tempfile::TempDir;
 
 const SUBJECTS: usize = 16;
-/// Pictures of each; the first is neutral.
+/// Pictures of each subject. The first one is neutral.
 const PICTURES: usize = 12;
-/// Landmark that each blendshape moves down, and how far at 1, pixels.
+/// A blendshape, the landmark that it moves down, and the displacement in pixels at coefficient 1.
 const MOVES: [(&str, usize, f32); 2] = [("jawOpen", 17, 20.0), ("mouthShrugLower", 200, 10.0)];
-/// Features that are coordinates or distances.
+/// Number of features that are coordinates or distances.
 const FEATURES: usize = 3 * LANDMARKS + 35;
 
-/// A made-up number from 0 to 1.
+/// Returns a pseudo-random number from 0 to 1.
 fn noise(index: usize) -> f32 {
     (index as f32 * 0.618_034 + (index / 97) as f32 * 0.377).fract()
 }
 
-/// The still face, pixels: the first frame of the built-in clip, which the file holds in 1/32 pixel.
+/// The face at rest in pixels: the first frame of the built-in clip, which the file stores in 1/32 pixel.
 static FACE: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let file = File::open(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/demo-landmarks.npy")).unwrap();
     let values = NpyFile::new(BufReader::new(file)).unwrap().data::<i16>().unwrap();
     values.take(3 * LANDMARKS).map(|value| f32::from(value.unwrap()) / 32.0).collect()
 });
 
-/// Coefficients of [`MOVES`] in a picture: the second follows the first, but for a tenth of it.
+/// Returns the coefficients of [`MOVES`] in a picture. The second coefficient is 0.9 of the first plus noise.
 fn coefficients(picture: usize) -> [f32; 2] {
     if picture.is_multiple_of(PICTURES) {
         return [0.0, 0.0];
@@ -63,7 +63,7 @@ fn weights(picture: usize) -> Vec<f32> {
     BLENDSHAPES.iter().map(|name| moved.get(name).copied().unwrap_or(0.0)).collect()
 }
 
-/// Writes `faces.npz` and `names.json`, of so many subjects.
+/// Writes `faces.npz` and `names.json` with a number of subjects, and returns the path of the dataset.
 fn write_dataset(folder: &Path, subjects: usize) -> String {
     let pictures = subjects * PICTURES;
     let path = folder.join("faces.npz");
@@ -93,14 +93,14 @@ fn run(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_facewire-fit")).current_dir(folder).args(arguments).output().unwrap()
 }
 
-/// What a command prints that does its work.
+/// Runs a command that must succeed and returns its standard output.
 fn printed(folder: &Path, arguments: &[&str]) -> String {
     let output = run(folder, arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// What a command says that refuses.
+/// Runs a command that must fail and returns its standard error.
 fn refusal(folder: &Path, arguments: &[&str]) -> String {
     let output = run(folder, arguments);
     let said = String::from_utf8(output.stderr).unwrap();
@@ -108,7 +108,7 @@ fn refusal(folder: &Path, arguments: &[&str]) -> String {
     said
 }
 
-/// Rows of the table of ranks as maps from its heads.
+/// Parses a CSV file to one map per row, from column name to value.
 fn rows(csv: &str) -> Vec<BTreeMap<&str, &str>> {
     let mut lines = csv.lines().map(|line| line.split(','));
     let heads: Vec<&str> = lines.next().unwrap().collect();
@@ -116,7 +116,7 @@ fn rows(csv: &str) -> Vec<BTreeMap<&str, &str>> {
 }
 
 #[test]
-fn each_blendshapes_own_landmark_is_found_and_only_partial_f_tells_two_that_go_together_apart() {
+fn each_blendshapes_own_landmark_is_found_and_partial_f_separates_correlated_blendshapes() {
     let folder = TempDir::new().unwrap();
     let dataset = write_dataset(folder.path(), SUBJECTS);
     let options = ["select", &dataset, "--svr-rows", "40", "--csv", "ranks.csv", "--out", "page.html"];
@@ -137,14 +137,14 @@ fn each_blendshapes_own_landmark_is_found_and_only_partial_f_tells_two_that_go_t
     }
     let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
     assert_eq!(page.matches("<svg").count(), MOVES.len() * 6);
-    assert!(!page.contains("src=") && !page.contains("<script") && !page.contains("<link"), "nothing from elsewhere");
+    assert!(!page.contains("src=") && !page.contains("<script") && !page.contains("<link"), "no external resources");
 
     self::printed(folder.path(), &["select", "--csv", "again.csv", &dataset, "--svr-rows", "40"]);
     assert!(fs::read_to_string(folder.path().join("again.csv")).unwrap() == csv, "the same data give the same table");
 }
 
 #[test]
-fn named_blendshapes_and_percentile_are_taken_and_wrong_ones_refused() {
+fn blendshapes_and_percentile_can_be_chosen_and_invalid_ones_are_refused() {
     let folder = TempDir::new().unwrap();
     let dataset = write_dataset(folder.path(), SUBJECTS);
     let printed = printed(
@@ -159,21 +159,21 @@ fn named_blendshapes_and_percentile_are_taken_and_wrong_ones_refused() {
 }
 
 #[test]
-fn blendshapes_that_keep_still_are_left_out_of_fit_and_report_and_said() {
+fn blendshapes_that_do_not_move_are_left_out_of_fit_and_report_and_named() {
     let folder = TempDir::new().unwrap();
     let dataset = write_dataset(folder.path(), SUBJECTS);
     for arguments in [["fit", &dataset, "--kinds", "pls,log-exp"], ["report", &dataset, "--kinds", "pls,log-exp"]] {
         let output = run(folder.path(), &arguments);
         let said = String::from_utf8(output.stderr).unwrap();
         assert!(output.status.success(), "{said}");
-        assert!(said.contains("keep still in the pictures: eyeBlinkLeft") && !said.contains("jawOpen"), "{said}");
+        assert!(said.contains("do not move in the pictures: eyeBlinkLeft") && !said.contains("jawOpen"), "{said}");
         let printed = String::from_utf8(output.stdout).unwrap();
         assert!(arguments[0] == "report" || printed.lines().any(|line| line.starts_with("| jawOpen ")), "{printed}");
     }
 }
 
 #[test]
-fn logarithms_keep_the_scale_of_their_features() {
+fn models_of_logarithms_store_the_scale_of_their_features() {
     let folder = TempDir::new().unwrap();
     let dataset = write_dataset(folder.path(), SUBJECTS);
     let options = ["--kinds", "exp,log-exp", "--blendshapes", "jawOpen", "--json", "figures.json"];
@@ -181,7 +181,7 @@ fn logarithms_keep_the_scale_of_their_features() {
     let figures = fs::read_to_string(folder.path().join("figures.json")).unwrap();
     let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
     let trials = figures["blendshapes"][0]["trials"].as_array().unwrap();
-    // A weight, a feature's index, and the offset; then mean and deviation of every feature.
+    // A weight and an index for every feature, and the offset. Logarithms add mean and deviation of every feature.
     let bytes = |scale: u64| trials.iter().map(move |trial| trial["features"].as_u64().unwrap() * (6 + scale) + 4);
     assert_eq!(trials[0]["bytes"].as_u64(), bytes(0).next());
     assert_eq!(trials[1]["bytes"].as_u64(), bytes(8).nth(1));
@@ -189,7 +189,7 @@ fn logarithms_keep_the_scale_of_their_features() {
 }
 
 #[test]
-fn fewer_than_eight_subjects_are_refused_where_some_are_to_be_held_out() {
+fn fewer_than_eight_subjects_are_refused_if_some_must_be_held_out() {
     let folder = TempDir::new().unwrap();
     let dataset = write_dataset(folder.path(), 7);
     for command in ["judge", "train", "report", "select", "fit"] {
@@ -201,7 +201,7 @@ fn fewer_than_eight_subjects_are_refused_where_some_are_to_be_held_out() {
 }
 
 #[test]
-fn output_that_cannot_be_written_is_refused_before_the_dataset_is_read() {
+fn an_output_path_that_cannot_be_written_is_refused_before_the_dataset_is_read() {
     let folder = TempDir::new().unwrap();
     for arguments in [
         ["train", "absent.npz", "--out", "no/model.toml"],
@@ -216,7 +216,7 @@ fn output_that_cannot_be_written_is_refused_before_the_dataset_is_read() {
 }
 
 #[test]
-fn clip_is_judged_by_a_truth_with_a_row_for_every_frame_only() {
+fn the_truth_of_a_clip_must_have_a_row_for_every_frame() {
     let folder = TempDir::new().unwrap();
     let dataset = write_dataset(folder.path(), 1);
     let row = ["0.1"; 56].join(",");

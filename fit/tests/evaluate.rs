@@ -1,4 +1,4 @@
-//! `facewire-fit evaluate` on what `facewire track` makes of the built-in clip, and on files that are wrong.
+//! `facewire-fit evaluate` on the output of `facewire track` for the built-in clip, and on invalid files.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::indexing_slicing)]
 
@@ -17,7 +17,7 @@ use facewire::{config::NetworkSettings, face::Mesh, infer};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// True curves of the built-in clip that the repository holds: jaw and blinks.
+/// True curves of the jaw and the blinks in the built-in clip, which the repository contains.
 const SOME_TRUTH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/guest/demo-truth.csv");
 
 fn folder() -> TempDir {
@@ -28,14 +28,14 @@ fn evaluate(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_facewire-fit")).arg("evaluate").args(arguments).output().unwrap()
 }
 
-/// What a successful run prints.
+/// Runs a command that must succeed and returns its standard output.
 fn printed(arguments: &[&str]) -> String {
     let output = evaluate(arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// What a run that refuses says.
+/// Runs a command that must fail and returns its standard error.
 fn refusal(arguments: &[&str]) -> String {
     let output = evaluate(arguments);
     let said = String::from_utf8(output.stderr).unwrap();
@@ -43,7 +43,7 @@ fn refusal(arguments: &[&str]) -> String {
     said
 }
 
-/// Figures of a run as JSON.
+/// Returns the JSON output of a run.
 fn figures(track: &str, truth: &str, options: &[&str]) -> Value {
     let folder = folder();
     let json = folder.path().join("figures.json");
@@ -51,7 +51,7 @@ fn figures(track: &str, truth: &str, options: &[&str]) -> Value {
     serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap()
 }
 
-/// The built-in clip, tracked once for all tests; `None` where no network can be run.
+/// The built-in clip, tracked once for all tests. `csv` is `None` if no networks can be run.
 struct Demo {
     csv: Option<PathBuf>,
     _folder: TempDir,
@@ -66,7 +66,7 @@ static DEMO: LazyLock<Demo> = LazyLock::new(|| {
     Demo { csv: (rows > 1).then_some(csv), _folder: folder }
 });
 
-/// The tracked clip, or a word about what is missing. Where the networks can be run it must be there.
+/// Returns the tracked clip. If the networks cannot be run, notes why and returns `None`.
 fn demo() -> Option<&'static str> {
     if let Err(error) = infer::engine(&NetworkSettings::default()).and_then(|engine| Mesh::load(engine.as_ref())) {
         reference::skip(&error.to_string());
@@ -108,7 +108,7 @@ fn all_curves_of_the_built_in_clip_correlate_above_0_7_on_average() {
 }
 
 #[test]
-fn tracker_judged_by_itself_is_perfect_and_its_copy_late_by_6_frames_is_found() {
+fn a_curve_matches_itself_perfectly_and_a_lag_of_6_frames_is_found() {
     let folder = folder();
     let row = |time: f64, late: f64| format!("{time},{}\n", 0.5 - 0.5 * ((time - late) * 3.0).cos());
     let write = |name: &str, rate: f64, late: f64| {
@@ -127,7 +127,7 @@ fn tracker_judged_by_itself_is_perfect_and_its_copy_late_by_6_frames_is_found() 
 }
 
 #[test]
-fn live_link_face_recording_is_read_by_name_and_time() {
+fn a_live_link_face_recording_is_matched_by_name_and_time() {
     let folder = folder();
     let [recording, track] = ["live-link.csv", "track.csv"].map(|name| folder.path().join(name));
     let value = |row: u32| f64::from(row % 40) / 40.0;
@@ -148,7 +148,7 @@ fn live_link_face_recording_is_read_by_name_and_time() {
 }
 
 #[test]
-fn annotated_events_are_used_in_place_of_the_truths() {
+fn annotated_events_replace_those_derived_from_the_truth() {
     let folder = folder();
     let events = folder.path().join("events.csv");
     fs::write(&events, "blendshape,frame\njawOpen,20\njawOpen,200\n").unwrap();
@@ -158,7 +158,7 @@ fn annotated_events_are_used_in_place_of_the_truths() {
 }
 
 #[test]
-fn wrong_files_are_refused_with_what_is_wrong() {
+fn invalid_files_are_refused_with_the_reason() {
     let folder = folder();
     let write = |name: &str, content: &[u8]| {
         let path = folder.path().join(name);
@@ -172,5 +172,5 @@ fn wrong_files_are_refused_with_what_is_wrong() {
     assert!(refusal(&[&other, SOME_TRUTH]).contains("no column of a blendshape"));
     assert!(refusal(&[&picture, SOME_TRUTH]).contains("not a CSV file"));
     assert!(refusal(&["absent.csv", SOME_TRUTH]).contains("cannot read absent.csv"));
-    assert!(refusal(&[SOME_TRUTH, SOME_TRUTH, "--shift", "soon"]).contains("number of frames, or auto"));
+    assert!(refusal(&[SOME_TRUTH, SOME_TRUTH, "--shift", "soon"]).contains("number of frames or `auto`"));
 }

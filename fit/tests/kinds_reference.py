@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Makes kinds_reference.json: what scikit-learn's models of some faces say of others.
+"""Makes kinds_reference.json: predictions of scikit-learn's models for synthetic faces.
 
   pip install numpy scikit-learn==1.9.1 && python kinds_reference.py > kinds_reference.json
 
-The kinds of facewire-fit are held to these values (src/kinds/reference_values.rs), which makes the same faces.
+A test compares the kinds of facewire-fit with these values on the same faces (src/kinds/reference_values.rs).
 """
 
 import json
@@ -23,18 +23,18 @@ SEEN, NEW, FEATURES = 80, 5, 20
 
 
 def faces():
-    """Rows of numbers between -1 and 1 without order: fractions of large multiples of sines."""
+    """Pseudo-random numbers between -1 and 1: fractional parts of large multiples of sines."""
     place = np.arange(1, (SEEN + NEW) * FEATURES + 1)
     return (2 * (np.sin(place * 12.9898) * 43758.5453 % 1) - 1).reshape(-1, FEATURES)
 
 
 def ridge(columns, part):
-    """scikit-learn's penalty for a part of the columns' mean sum of squares about their means."""
+    """Ridge regression with a penalty relative to the columns' mean sum of squares about their means."""
     return Ridge(part * np.mean(np.sum((columns - columns.mean(axis=0)) ** 2, axis=0)))
 
 
 def gaussian_process(kernel, seen, truth):
-    """Length and noise by the likelihood of the grid, the process's variance being the best for each."""
+    """Chooses length scale and noise from a grid by likelihood, with the most likely signal variance for each."""
     unit = np.sqrt(FEATURES)
     centred = truth - truth.mean()
 

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Makes reference.json: samples, and what SciPy, statsmodels and scikit-learn say of them.
+"""Makes reference.json: samples with their statistics according to SciPy, statsmodels and scikit-learn.
 
   pip install scipy==1.17.1 statsmodels==0.15.0 scikit-learn==1.9.1 && python reference.py > reference.json
 
-The statistics of facewire-fit are held to these values (src/statistics/reference_values.rs).
+A test compares the statistics of facewire-fit with these values (src/statistics/reference_values.rs).
 """
 
 import json
@@ -21,12 +21,12 @@ random = np.random.default_rng(2024)
 
 
 def rounded(values):
-    """Six decimals, so that both sides read the same numbers."""
+    """Rounds to six decimals, so that both sides compute with the same numbers."""
     return np.round(np.asarray(values, dtype=float), 6)
 
 
 def pair(estimate, truth):
-    """Agreement of two curves. There are no ties in the estimate: xi breaks them at random."""
+    """Agreement of two curves. The estimate must not have ties, because xi breaks them at random."""
     estimate, truth = rounded(estimate), rounded(truth)
     assert len(set(estimate)) == len(estimate)
     difference = estimate - truth
@@ -67,14 +67,14 @@ def normality(values):
 
 
 def long_sample(count):
-    """A sample too long to be written down: squares of the fractions of multiples of the golden ratio."""
+    """A sample too long to store: squares of the fractional parts of multiples of the golden ratio."""
     values = (np.arange(1, count + 1) * 0.618033988749895 % 1.0) ** 2
     w, p = stats.shapiro(values)
     return {"count": count, "w": float(w), "p": float(p)}
 
 
 def features(columns, groups, truth):
-    """F of each column alone, and of each given all others and the groups."""
+    """F of each column alone, and partial F of each column, controlling for the others and the groups."""
     columns, truth = rounded(columns), rounded(truth)
     members = (groups[:, None] == np.unique(groups)).astype(float)
 
@@ -92,8 +92,8 @@ def features(columns, groups, truth):
     }
 
 
-def features_that_go_together():
-    """Four features of 90 rows in six groups, of which the second follows the first."""
+def correlated_features():
+    """Four features of 90 rows in six groups. The second feature is correlated with the first."""
     columns = random.normal(0, 1, (90, 4))
     columns[:, 1] += 2 * columns[:, 0]
     groups = np.arange(90) % 6
@@ -101,7 +101,7 @@ def features_that_go_together():
 
 
 def support_vectors(values, truth, places):
-    """Regression by support vectors on one standardised feature."""
+    """Support vector regression on one standardised feature."""
     values, truth, places = rounded(values), rounded(truth), rounded(places)
 
     def scaled(some):
@@ -144,7 +144,7 @@ def main():
             normality(random.normal(0, 1, 300)),
         ],
         "long_normalities": [long_sample(1250), long_sample(5000)],
-        "features": features_that_go_together(),
+        "features": correlated_features(),
         "support_vectors": support_vectors(x, np.clip(np.sin(4 * x) + 0.1 * noise, 0, 1), random.uniform(0, 1, 20)),
     }, indent=None, separators=(",", ":")))
 

@@ -1,11 +1,11 @@
-//! Which kind of model a blendshape gets.
+//! The choice of the kind of model for a blendshape.
 
 use serde::Serialize;
 
 use super::trial::Trial;
 use crate::kinds::{Form, Response};
 
-/// What the model of one blendshape may cost.
+/// Limits on the cost of the model of one blendshape.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Budget {
     /// Memory.
@@ -15,36 +15,35 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// Whether the model can run on a board within the budget.
+    /// Returns whether the model can run on a board within the budget.
     pub fn allows(&self, trial: &Trial) -> bool {
         trial.form.runs_on_board() && trial.bytes <= self.bytes && trial.nanoseconds <= self.nanoseconds
     }
 }
 
-/// A blendshape with all that was tried on it; choices are places in `trials`.
+/// The trials of one blendshape. Choices are indices into `trials`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Choice {
-    /// Its ARKit name.
+    /// ARKit name of the blendshape.
     pub blendshape: &'static str,
-    /// What was tried, in the order of the kinds.
+    /// All trials, in the order of the kinds.
     pub trials: Vec<Trial>,
-    /// The simplest within the budget that is no worse than the best within it by more than a standard error of that
-    /// one's validation error.
+    /// The simplest trial within the budget whose validation error is within one standard error of the best trial's.
     pub chosen: Option<usize>,
-    /// Of the least validation error within the budget.
+    /// The trial with the least validation error within the budget.
     pub best_within_budget: Option<usize>,
-    /// Of the least validation error.
+    /// The trial with the least validation error.
     pub best: Option<usize>,
-    /// Of the least validation error among affine maps of the features onto the plain truth.
+    /// The trial with the least validation error among affine maps of the features to the untransformed truth.
     pub linear: Option<usize>,
 }
 
 impl Choice {
-    /// Chooses among trials of a blendshape.
+    /// Chooses among the trials of a blendshape.
     pub fn new(blendshape: &'static str, trials: Vec<Trial>, budget: &Budget) -> Self {
         let least = |keep: &dyn Fn(&Trial) -> bool| {
             let kept = trials.iter().enumerate().filter(|(_, trial)| keep(trial));
-            kept.min_by(|a, b| a.1.validation[0].total_cmp(&b.1.validation[0])).map(|(place, _)| place)
+            kept.min_by(|a, b| a.1.validation[0].total_cmp(&b.1.validation[0])).map(|(index, _)| index)
         };
         let best_within_budget = least(&|trial| budget.allows(trial));
         let chosen = best_within_budget.and_then(|best| {
@@ -58,13 +57,13 @@ impl Choice {
         Self { blendshape, trials, chosen, best_within_budget, best, linear }
     }
 
-    /// One of the choices.
-    pub fn at(&self, place: Option<usize>) -> Option<&Trial> {
-        self.trials.get(place?)
+    /// Returns the trial with this index.
+    pub fn at(&self, index: Option<usize>) -> Option<&Trial> {
+        self.trials.get(index?)
     }
 }
 
-/// The simplest are the least.
+/// Returns a key that orders trials from simple to complex.
 fn simplicity(trial: &Trial) -> (Form, Response) {
     (trial.form, trial.response)
 }
@@ -93,11 +92,11 @@ mod tests {
     fn chosen(trials: Vec<Trial>) -> [Option<&'static str>; 4] {
         let choice = Choice::new("jawOpen", trials, &Budget { bytes: 100, nanoseconds: 10.0 });
         [choice.chosen, choice.best_within_budget, choice.best, choice.linear]
-            .map(|place| choice.at(place).map(|trial| trial.kind))
+            .map(|index| choice.at(index).map(|trial| trial.kind))
     }
 
     #[test]
-    fn simpler_kind_within_a_standard_error_of_the_best_is_chosen() {
+    fn the_simpler_kind_within_a_standard_error_of_the_best_is_chosen() {
         let trials = |affine| {
             vec![
                 trial("ols", Form::Affine, [affine, 0.1], 10),
@@ -116,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn kind_over_the_budget_is_not_chosen() {
+    fn a_kind_over_the_budget_is_not_chosen() {
         let trials = vec![trial("ols", Form::Affine, [2.0, 0.1], 10), trial("poly", Form::Quadratic, [1.0, 0.1], 101)];
         assert_eq!(chosen(trials), [Some("ols"), Some("ols"), Some("poly"), Some("ols")]);
         assert_eq!(chosen(vec![trial("gp-rbf", Form::Large, [1.0, 0.1], 1)])[..2], [None, None]);

@@ -1,4 +1,4 @@
-//! The hidden layer that facewire runs, tried like the other kinds: trained anew for every part of the pictures.
+//! The hidden layer that facewire runs as one of the kinds to compare. It is trained anew for every fold.
 
 use anyhow::Result;
 use facewire::solve::{COEFFS, MAX_HIDDEN, model_file::ModelFile};
@@ -14,10 +14,10 @@ use crate::{
     train,
 };
 
-/// Name of the kind.
+/// The name of this kind.
 pub const NAME: &str = "hidden-layer";
 
-/// Trains it on every part, and scores it for every blendshape; in their order.
+/// Trains the network on every fold and returns one trial per blendshape, in their order.
 pub fn trials(samples: &[Sample], faces: &Faces, split: &Split, epochs: usize) -> Result<Vec<Trial>> {
     let mut estimated = vec![vec![0.0; samples.len()]; MODELLED];
     for fold in 0..split.folds {
@@ -41,7 +41,7 @@ pub fn trials(samples: &[Sample], faces: &Faces, split: &Split, epochs: usize) -
     Ok(all.map(|(blendshape, (seen, held_out))| trial(faces, split, &cost, (blendshape, seen, held_out))).collect())
 }
 
-/// Of one blendshape: an even share of the whole.
+/// The cost per blendshape: an even share of the whole network's.
 struct Cost {
     bytes: usize,
     nanoseconds: f64,

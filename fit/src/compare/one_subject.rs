@@ -1,4 +1,4 @@
-//! The paper's table of models for one avatar, with ours above it.
+//! The results for a single subject beside the paper's table of models for one avatar.
 
 use std::fmt::Write as _;
 
@@ -9,18 +9,18 @@ use crate::{
     judge::Faces,
     paper::{CHEEK_PUFF, MODELS_TITLE, ModelRow, SMILE_LEFT},
     report::diagnostics::Diagnostics,
-    statistics::Tested,
+    statistics::TestResult,
 };
 
-/// Tables of the two blendshapes that the paper reports, as far as they were fitted.
+/// Returns the tables of those of the paper's two blendshapes that were fitted.
 pub fn text(choices: &[Choice], faces: &Faces, split: &Split) -> String {
     let papers: [(&str, &[ModelRow]); 2] = [("mouthSmileLeft", &SMILE_LEFT), ("cheekPuff", &CHEEK_PUFF)];
     let mut text = String::new();
     for (blendshape, paper) in papers {
         if let Some(choice) = choices.iter().find(|choice| choice.blendshape == blendshape) {
-            let _ = writeln!(text, "\n{blendshape}, and below the paper's ({MODELS_TITLE})\n{HEAD}");
+            let _ = writeln!(text, "\n{blendshape}; indented rows are the paper's ({MODELS_TITLE})\n{HEAD}");
             text.extend(lines(choice, faces, split));
-            text.extend(paper.iter().map(of_paper));
+            text.extend(paper.iter().map(paper_line));
         }
     }
     text
@@ -36,7 +36,7 @@ fn lines(choice: &Choice, faces: &Faces, split: &Split) -> Vec<String> {
     let line = |trial: &super::Trial| {
         let fitted = as_fitted(blendshape, trial.clone());
         let found = Diagnostics::new(&fitted, &truth);
-        let statistic = |tested: Option<Tested>, decimals: usize| {
+        let statistic = |tested: Option<TestResult>, decimals: usize| {
             tested.map_or("-".to_owned(), |tested| format!("{:.decimals$}", tested.statistic))
         };
         format!(
@@ -57,7 +57,7 @@ fn lines(choice: &Choice, faces: &Faces, split: &Split) -> Vec<String> {
     choice.trials.iter().map(line).collect()
 }
 
-fn of_paper(row: &ModelRow) -> String {
+fn paper_line(row: &ModelRow) -> String {
     let [r_squared, xi, mse, durbin_watson, shapiro_wilk] = row.figures;
     let (kind, bytes) = (format!("  {}", row.kind), row.bytes);
     format!(

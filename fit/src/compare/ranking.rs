@@ -1,7 +1,7 @@
-//! `S` (eq. 4) for one blendshape: its features, the most telling first, found in the pictures of the fit only.
+//! Feature selection (`S` in eq. 4 of the paper) for one blendshape, on the pictures of the fit only.
 //!
-//! Each next feature is the one that explains most of what those before it leave (forward selection by partial
-//! correlation). Plain correlation would give the same few points many times over.
+//! Forward selection by partial correlation: each next feature explains most of the variance that the previous ones
+//! leave. Plain correlation would select the same few points many times over.
 
 use facewire::solve::FEATURES;
 use nalgebra::{DMatrix, DVector};
@@ -9,14 +9,15 @@ use rayon::prelude::*;
 
 use crate::{design::MODELLED, judge::Faces};
 
-/// Features that deviate less, in eye distances, are scaled as if they deviated by this.
+/// The smallest deviation, in eye distances, that a feature is scaled by.
 pub const LEAST_DEVIATION: f64 = 0.001;
-/// Noise that each feature is taken to have, in parts of its variance: without it a feature that all but repeats
-/// others could be chosen for what is left of it.
+/// Noise assumed in each feature, relative to its variance. Without it, a feature that nearly repeats others could be
+/// selected for its tiny remainder.
 const NOISE: f64 = 0.003;
-/// Pictures whose products are added up together.
+/// Number of pictures whose products one thread adds up at a time.
 const BLOCK: usize = 2048;
 
+/// Sums and sums of products of the features and of the truth.
 /// Sums and sums of products of features, and of features with the truth.
 pub struct Moments {
     count: f64,
@@ -27,7 +28,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Over some pictures.
+    /// Sums over some pictures.
     pub fn of(faces: &Faces, rows: &[usize]) -> Self {
         let part = |rows: &[usize]| {
             let columns = DMatrix::from_fn(FEATURES, rows.len(), |feature, row| faces.values(rows[row])[feature]);
@@ -41,19 +42,19 @@ impl Moments {
                 gram: (columns * transposed).map(f64::from),
             }
         };
-        // Added up in their order: the same pictures give the same sums.
+        // Added up in order, so that the same pictures give the same sums.
         let parts: Vec<Self> = rows.par_chunks(BLOCK).map(part).collect();
         parts.iter().fold(Self::none(), Self::with)
     }
 
-    /// Over no pictures.
+    /// Returns the sums over no pictures.
     pub fn none() -> Self {
         let (sum, truth_sum) = (DVector::zeros(FEATURES), DVector::zeros(MODELLED));
         let (gram, cross) = (DMatrix::zeros(FEATURES, FEATURES), DMatrix::zeros(FEATURES, MODELLED));
         Self { count: 0.0, sum, gram, truth_sum, cross }
     }
 
-    /// Over more pictures.
+    /// Adds the sums over further pictures.
     pub fn with(mut self, other: &Self) -> Self {
         self.count += other.count;
         self.sum += &other.sum;
@@ -63,7 +64,7 @@ impl Moments {
         self
     }
 
-    /// Covariances of standardised features, and with the truth.
+    /// Computes the covariances of the standardised features with each other and with the truth.
     pub fn standardised(mut self) -> Ranking {
         let (mean, truth_mean) = (self.sum / self.count, self.truth_sum / self.count);
         self.gram /= self.count;
@@ -80,31 +81,32 @@ impl Moments {
     }
 }
 
-/// Finds features for any blendshape.
+/// Covariances that rank the features for any blendshape.
 pub struct Ranking {
     gram: DMatrix<f64>,
     cross: DMatrix<f64>,
 }
 
 impl Ranking {
-    /// The `count` most telling features of a blendshape, by pivoted Cholesky decomposition: `left` is what the chosen
-    /// ones leave of each feature's variance, `tells` what they leave of its covariance with the truth.
+    /// Returns the `count` best features for a blendshape, by pivoted Cholesky decomposition. `rest` is the part of
+    /// each feature's variance that the selected features do not explain, `covariance` the same of its covariance with
+    /// the truth.
     pub fn best(&self, blendshape: usize, count: usize) -> Vec<usize> {
-        let mut left = self.gram.diagonal().add_scalar(NOISE);
-        let mut tells = self.cross.column(blendshape).into_owned();
+        let mut rest = self.gram.diagonal().add_scalar(NOISE);
+        let mut covariance = self.cross.column(blendshape).into_owned();
         let mut chosen: Vec<usize> = Vec::new();
         let mut factors: Vec<DVector<f64>> = Vec::new();
         for _ in 0..count {
-            let gain = |feature: &usize| tells[*feature].powi(2) / left[*feature];
-            let open = (0..left.len()).filter(|feature| left[*feature] > NOISE / 2.0 && !chosen.contains(feature));
+            let gain = |feature: &usize| covariance[*feature].powi(2) / rest[*feature];
+            let open = (0..rest.len()).filter(|feature| rest[*feature] > NOISE / 2.0 && !chosen.contains(feature));
             let Some(best) = open.max_by(|a, b| gain(a).total_cmp(&gain(b))) else { break };
             let mut factor = self.gram.column(best).into_owned();
             for known in &factors {
                 factor.axpy(-known[best], known, 1.0);
             }
-            factor /= left[best].sqrt();
-            tells.axpy(-tells[best] / left[best].sqrt(), &factor, 1.0);
-            left.zip_apply(&factor, |left, own| *left -= own * own);
+            factor /= rest[best].sqrt();
+            covariance.axpy(-covariance[best] / rest[best].sqrt(), &factor, 1.0);
+            rest.zip_apply(&factor, |rest, own| *rest -= own * own);
             factors.push(factor);
             chosen.push(best);
         }
@@ -117,8 +119,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn feature_that_repeats_a_chosen_one_comes_after_one_that_adds_something() {
-        // Two copies of a strong feature, and a weak one of its own.
+    fn a_feature_that_repeats_a_selected_one_comes_after_one_that_adds_information() {
+        // Two copies of a strong feature, and a weak feature independent of them.
         let gram = DMatrix::from_row_slice(3, 3, &[1.0, 0.99, 0.0, 0.99, 1.0, 0.0, 0.0, 0.0, 1.0]);
         let ranking = Ranking { gram, cross: DMatrix::from_column_slice(3, 1, &[0.8, 0.79, 0.2]) };
         assert_eq!(ranking.best(0, 3), [0, 2, 1]);

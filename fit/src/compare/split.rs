@@ -1,4 +1,4 @@
-//! Which pictures a fit sees, which of them choose among kinds, and which it is scored on.
+//! The split of the pictures: which ones the fit sees, which choose the kind, and which it is scored on.
 
 use std::collections::BTreeSet;
 
@@ -6,41 +6,41 @@ use anyhow::{Result, ensure};
 
 use crate::dataset::{Sample, held_out};
 
-/// Where all pictures are of one subject, every so many-th of them is held out.
+/// If all pictures are of one subject, one in this many pictures is held out.
 const HOLD_OUT_EVERY: usize = 4;
 const SEED: u64 = 1;
 
-/// Pictures by number.
+/// A split of the pictures. Pictures are denoted by their index.
 pub struct Split {
-    /// The fit and the choice of the kind may use these, rising.
+    /// Pictures for fitting and for choosing the kind, in ascending order.
     pub seen: Vec<usize>,
-    /// All scores are of these, rising.
+    /// Pictures for scoring, in ascending order.
     pub held_out: Vec<usize>,
-    /// How many folds the seen ones are parted into.
+    /// The number of folds of the seen pictures.
     pub folds: usize,
-    /// Whether pictures are parted rather than subjects.
+    /// Whether pictures were split rather than subjects.
     pub one_subject: bool,
-    /// Of every picture; of held-out ones it means nothing.
+    /// The fold of every picture, without meaning for held-out pictures.
     fold: Vec<usize>,
-    /// Pictures whose errors may have something in common.
+    /// The group of every picture. Errors within a group may be correlated.
     group: Vec<usize>,
 }
 
 impl Split {
-    /// Parts whole subjects, or pictures if there is but one subject or `one_subject` says so.
+    /// Splits by subject, or by picture if there is only one subject or if `one_subject` is set.
     pub fn new(samples: &[Sample], folds: usize, one_subject: bool) -> Result<Self> {
         let subjects: BTreeSet<usize> = samples.iter().map(|sample| sample.subject).collect();
         let split = if one_subject || subjects.len() == 1 {
-            Self::of_pictures(samples.len(), folds)
+            Self::by_picture(samples.len(), folds)
         } else {
-            Self::of_subjects(samples, folds)?
+            Self::by_subject(samples, folds)?
         };
         let filled = (0..folds).all(|fold| !split.validation(fold).is_empty());
         ensure!(folds > 1 && filled && !split.held_out.is_empty(), "too few subjects or pictures for {folds} folds");
         Ok(split)
     }
 
-    fn of_subjects(samples: &[Sample], folds: usize) -> Result<Self> {
+    fn by_subject(samples: &[Sample], folds: usize) -> Result<Self> {
         let held_out = held_out(samples)?;
         let seen: Vec<usize> = (0..samples.len()).filter(|row| !samples[*row].held_out()).collect();
         let subjects: BTreeSet<usize> = seen.iter().map(|row| samples[*row].subject).collect();
@@ -50,25 +50,26 @@ impl Split {
         Ok(Self { seen, held_out, folds, one_subject: false, fold: samples.iter().map(fold).collect(), group })
     }
 
-    fn of_pictures(pictures: usize, folds: usize) -> Self {
+    fn by_picture(pictures: usize, folds: usize) -> Self {
         let mut order: Vec<usize> = (0..pictures).collect();
         fastrand::Rng::with_seed(SEED).shuffle(&mut order);
         let (held_out, seen) = (0..pictures).partition(|row| order[*row].is_multiple_of(HOLD_OUT_EVERY));
-        let fold = order.iter().map(|place| place / HOLD_OUT_EVERY % folds.max(1)).collect();
+        let fold = order.iter().map(|index| index / HOLD_OUT_EVERY % folds.max(1)).collect();
         Self { seen, held_out, folds, one_subject: true, fold, group: (0..pictures).collect() }
     }
 
-    /// The seen pictures without a fold.
+    /// Returns the seen pictures that are not in the fold `without`.
     pub fn training(&self, without: usize) -> Vec<usize> {
         self.seen.iter().copied().filter(|row| self.fold[*row] != without).collect()
     }
 
-    /// The pictures of a fold.
+    /// Returns the pictures of a fold.
     pub fn validation(&self, fold: usize) -> Vec<usize> {
         self.seen.iter().copied().filter(|row| self.fold[*row] == fold).collect()
     }
 
-    /// Mean of the squared errors of the seen pictures, and its standard error: those of one subject are alike.
+    /// Returns the mean squared error on the seen pictures and its standard error. The standard error allows for
+    /// correlated errors within a group (clustered standard error).
     pub fn mean_error(&self, squared: &[f64]) -> [f64; 2] {
         let count = squared.len() as f64;
         let mean = squared.iter().sum::<f64>() / count;
@@ -100,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn no_subject_is_in_two_parts() {
+    fn no_subject_is_in_two_folds() {
         let samples = samples(32, 3);
         let split = Split::new(&samples, 3, false).unwrap();
         let subjects = |rows: &[usize]| rows.iter().map(|row| samples[*row].subject).collect::<BTreeSet<_>>();
@@ -113,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_one_subject_are_parted_evenly() {
+    fn pictures_of_one_subject_are_split_evenly() {
         let split = Split::new(&samples(1, 400), 3, false).unwrap();
         assert!(split.one_subject && split.held_out.len() == 100);
         assert!((0..3).all(|fold| split.validation(fold).len().abs_diff(100) < 3));
@@ -126,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn error_that_a_subject_shares_is_counted_once() {
+    fn an_error_that_all_pictures_of_a_subject_share_counts_once() {
         let apart = Split::new(&samples(1, 400), 3, true).unwrap();
         let together = Split::new(&samples(100, 4), 3, false).unwrap();
         let of_subject = |split: &Split| split.seen.iter().map(|row| (row / 4 % 2) as f64).collect::<Vec<_>>();

@@ -1,4 +1,4 @@
-//! What `fit` prints: a line for every blendshape, a line for every kind, and what they come to.
+//! The output of `fit`: a table by blendshape, a table by kind, and a summary.
 
 use std::fmt::Write as _;
 
@@ -14,18 +14,18 @@ use crate::{
     statistics::mean,
 };
 
-/// Everything the command prints.
+/// Returns everything that the command prints.
 pub fn text(choices: &[Choice], split: &Split, budget: &Budget) -> String {
     let parts = if split.one_subject { "pictures" } else { "whole subjects" };
     let mut text = format!(
-        "{} pictures, in {} folds of {parts}, choose; {} held-out ones score\n",
+        "kinds chosen on {} pictures in {} folds of {parts}, scored on {} held-out pictures\n",
         split.seen.len(),
         split.folds,
         split.held_out.len()
     );
     let _ = writeln!(
         text,
-        "budget of one blendshape: {} bytes, {:.0} nanoseconds; - : none within it\n\n{}\n{}\n{}",
+        "budget of one blendshape: {} bytes, {:.0} nanoseconds; - means that no kind is within it\n\n{}\n{}\n{}",
         budget.bytes,
         budget.nanoseconds,
         by_blendshape(choices),
@@ -43,7 +43,7 @@ fn by_blendshape(choices: &[Choice]) -> String {
     .to_owned();
     for choice in choices {
         let [chosen, within, best, linear] =
-            [choice.chosen, choice.best_within_budget, choice.best, choice.linear].map(|place| choice.at(place));
+            [choice.chosen, choice.best_within_budget, choice.best, choice.linear].map(|index| choice.at(index));
         let r = chosen.map_or("-".to_owned(), |trial| format!("{:.3}", trial.r));
         let _ = writeln!(
             text,
@@ -69,7 +69,7 @@ fn mse(trial: Option<&Trial>) -> String {
     trial.map_or("     -".to_owned(), |trial| format!("{:.4}", trial.mse))
 }
 
-/// A line for every kind and response: means over the blendshapes.
+/// Returns one line per kind and response, averaged over the blendshapes.
 fn by_kind(choices: &[Choice]) -> String {
     let mut text = "\
 | kind             | validation |     r |   MSE  |    bytes |       ns | features |  faces | chosen |
@@ -77,13 +77,13 @@ fn by_kind(choices: &[Choice]) -> String {
 "
     .to_owned();
     let Some(first) = choices.first() else { return text };
-    for (place, Trial { features, faces, .. }) in first.trials.iter().enumerate() {
-        let chosen = choices.iter().filter(|choice| choice.chosen == Some(place)).count();
-        let mean = |figure: fn(&Trial) -> f64| mean(choices.iter().map(|choice| figure(&choice.trials[place])));
+    for (index, Trial { features, faces, .. }) in first.trials.iter().enumerate() {
+        let chosen = choices.iter().filter(|choice| choice.chosen == Some(index)).count();
+        let mean = |figure: fn(&Trial) -> f64| mean(choices.iter().map(|choice| figure(&choice.trials[index])));
         let _ = writeln!(
             text,
             "| {:<16} | {:>10.4} | {:>5.3} | {:.4} | {:>8.0} | {:>8.0} | {features:>8} | {faces:>6} | {chosen:>6} |",
-            first.trials[place].name(),
+            first.trials[index].name(),
             mean(|trial| trial.validation[0]),
             mean(|trial| trial.r),
             mean(|trial| trial.mse),
@@ -94,7 +94,7 @@ fn by_kind(choices: &[Choice]) -> String {
     text
 }
 
-/// What was chosen comes to, and how many blendshapes want which form.
+/// Returns the mean scores of the chosen kinds, and the blendshapes for which each form was chosen.
 fn summary(choices: &[Choice]) -> String {
     let chosen: Vec<(&str, &Trial)> =
         choices.iter().filter_map(|choice| Some((choice.blendshape, choice.at(choice.chosen)?))).collect();
@@ -105,11 +105,11 @@ fn summary(choices: &[Choice]) -> String {
         mean(trials().map(|trial| trial.mse)),
         trials().map(|trial| trial.bytes).sum::<usize>(),
     );
-    let bent = trials().filter(|trial| trial.form != Form::Affine).count();
-    let lifted = trials().filter(|trial| trial.form == Form::Affine && trial.response != Response::Plain).count();
+    let nonlinear = trials().filter(|trial| trial.form != Form::Affine).count();
+    let transformed = trials().filter(|trial| trial.form == Form::Affine && trial.response != Response::Plain).count();
     let _ = writeln!(
         text,
-        "{bent} of {} want more than an affine map, {lifted} an affine map of the transformed truth",
+        "{nonlinear} of {} need more than an affine map, {transformed} an affine map of the transformed truth",
         chosen.len()
     );
     for (form, words) in FORMS {
@@ -121,7 +121,7 @@ fn summary(choices: &[Choice]) -> String {
     text
 }
 
-/// What runs on a board, in words.
+/// The forms that can run on a board, in words.
 const FORMS: [(Form, &str); 5] = [
     (Form::Affine, "affine"),
     (Form::Exponential, "exponential"),
@@ -130,7 +130,7 @@ const FORMS: [(Form, &str); 5] = [
     (Form::HiddenLayer, "hidden layer"),
 ];
 
-/// All figures.
+/// Returns all results as JSON.
 pub fn json(choices: &[Choice], split: &Split, budget: &Budget) -> Value {
     json!({
         "seen_pictures": split.seen.len(),

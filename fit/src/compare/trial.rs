@@ -1,4 +1,4 @@
-//! One kind of model, fitted to one blendshape on every part of the pictures.
+//! Trials: one kind of model, fitted to one blendshape on every fold.
 
 use std::{hint::black_box, time::Instant};
 
@@ -18,23 +18,24 @@ use crate::{
 };
 
 const SEED: u64 = 1;
-/// Faces that the time is taken on, and passes over them, of which the fastest is the least disturbed.
+/// Number of faces to time, and number of passes over them. The fastest pass counts, because other load disturbs it
+/// least.
 const TIMED: usize = 100;
 const TIMED_PASSES: usize = 7;
-/// Memory of a number, and of the index of a feature.
+/// Bytes of a number, and of the index of a feature.
 const NUMBER_BYTES: usize = 4;
 const INDEX_BYTES: usize = 2;
 
-/// How a kind did on a blendshape.
+/// The result of one kind of model on one blendshape.
 #[derive(Debug, Clone, Serialize)]
 pub struct Trial {
-    /// Its kind.
+    /// Name of the kind.
     pub kind: &'static str,
-    /// What is made of the truth before the fit.
+    /// Transformation of the truth before the fit.
     pub response: Response,
-    /// What it computes.
+    /// What the model computes.
     pub form: Form,
-    /// Mean squared error on seen pictures by fits without their subjects, and its standard error.
+    /// Cross-validated mean squared error on the seen pictures, and its standard error.
     pub validation: [f64; 2],
     /// Pearson's correlation on held-out pictures.
     pub r: f64,
@@ -44,35 +45,36 @@ pub struct Trial {
     pub bytes: usize,
     /// Time for one face on this machine.
     pub nanoseconds: f64,
-    /// Fitted weights beside the constant.
+    /// Number of fitted weights, without the constant.
     pub weights: usize,
-    /// Faces that it was fitted to.
+    /// Number of faces that the model was fitted to.
     pub faces: usize,
-    /// Features that it looks at.
+    /// Number of features that the model uses.
     pub features: usize,
-    /// Its coefficient for every held-out picture.
+    /// Predicted coefficient of every held-out picture.
     #[serde(skip)]
     pub predictions: Vec<f64>,
 }
 
 impl Trial {
-    /// Kind and response in words.
+    /// Returns the name of kind and response.
     pub fn name(&self) -> String {
         format!("{}{}", self.kind, self.response.suffix())
     }
 }
 
-/// Pictures to fit, and where to look in them. The last is of all seen ones.
-pub struct Bench<'a> {
-    /// What the solver sees of them.
+/// The pictures of each fold with their ranked features, on which kinds are tried.
+pub struct Trials<'a> {
+    /// Features of all pictures.
     pub faces: &'a Faces<'a>,
-    /// Which are for what.
+    /// The split of the pictures.
     pub split: &'a Split,
+    /// Training pictures and ranking for each fold. The last entry is for all seen pictures.
     trainings: Vec<(Vec<usize>, Ranking)>,
 }
 
-impl<'a> Bench<'a> {
-    /// Takes the moments of all features, once for each fold.
+impl<'a> Trials<'a> {
+    /// Computes the moments of all features, once for each fold.
     pub fn new(faces: &'a Faces, split: &'a Split) -> Self {
         let moments: Vec<Moments> = (0..split.folds).map(|fold| Moments::of(faces, &split.validation(fold))).collect();
         let sum = |without: Option<usize>| {
@@ -83,26 +85,32 @@ impl<'a> Bench<'a> {
         Self { faces, split, trainings: folds.chain([(split.seen.clone(), sum(None))]).collect() }
     }
 
-    /// Most telling features of a blendshape, by fold and then for all seen pictures.
+    /// Returns the best features for a blendshape: for each fold, then for all seen pictures.
     pub fn rank(&self, blendshape: usize, count: usize) -> Vec<Vec<usize>> {
         self.trainings.iter().map(|(_, ranking)| ranking.best(blendshape, count)).collect()
     }
 
     /// Tries a kind with every response that suits it.
-    pub fn try_kind(&self, kind: &dyn Kind, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Vec<Tried>> {
-        let responses = Response::tried_with(kind.form());
+    pub fn run_kind(&self, kind: &dyn Kind, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Vec<UntimedTrial>> {
+        let responses = Response::suited_to(kind.form());
         responses.iter().map(|response| self.run(kind, *response, blendshape, ranks)).collect()
     }
 
-    /// The trial, with the time of its model taken now.
-    pub fn timed(&self, tried: Tried) -> Trial {
+    /// Times the model of a trial.
+    pub fn timed(&self, tried: UntimedTrial) -> Trial {
         let nanoseconds = tried.model.nanoseconds(self.faces, &self.split.held_out);
         Trial { nanoseconds, ..tried.trial }
     }
 
-    fn run(&self, kind: &dyn Kind, response: Response, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Tried> {
+    fn run(
+        &self,
+        kind: &dyn Kind,
+        response: Response,
+        blendshape: usize,
+        ranks: &[Vec<usize>],
+    ) -> Result<UntimedTrial> {
         let fit = |training: usize| {
-            let job = Job { bench: self, training, blendshape, features: &ranks[training] };
+            let job = Job { trials: self, training, blendshape, features: &ranks[training] };
             job.fit(kind, response)
         };
         let mut errors = vec![0.0; self.faces.len()];
@@ -132,19 +140,19 @@ impl<'a> Bench<'a> {
             features,
             predictions,
         };
-        Ok(Tried { trial, model: fitted })
+        Ok(UntimedTrial { trial, model: fitted })
     }
 }
 
-/// A trial whose time is yet to be taken.
-pub struct Tried {
+/// A trial whose model has not been timed yet.
+pub struct UntimedTrial {
     trial: Trial,
     model: Fitted,
 }
 
-/// A blendshape to be fitted on one part of the pictures.
+/// The fit of one blendshape on one fold.
 struct Job<'a> {
-    bench: &'a Bench<'a>,
+    trials: &'a Trials<'a>,
     training: usize,
     blendshape: usize,
     features: &'a [usize],
@@ -153,18 +161,18 @@ struct Job<'a> {
 impl Job<'_> {
     fn fit(&self, kind: &dyn Kind, response: Response) -> Result<Fitted> {
         let Limits { features, faces } = kind.limits();
-        let rows = sample(&self.bench.trainings[self.training].0, faces);
+        let rows = sample(&self.trials.trainings[self.training].0, faces);
         let features = &self.features[..features.min(self.features.len())];
-        let scale = Scale::of(self.bench.faces, &rows, features);
-        let matrix = scale.matrix(self.bench.faces, &rows);
-        let truth = self.bench.faces.truth(self.blendshape, &rows);
+        let scale = Scale::of(self.trials.faces, &rows, features);
+        let matrix = scale.matrix(self.trials.faces, &rows);
+        let truth = self.trials.faces.truth(self.blendshape, &rows);
         let model = with_response(kind, response, &matrix, &truth)
             .with_context(|| format!("{} cannot be fitted to {}", kind.name(), BLENDSHAPES[self.blendshape]))?;
         Ok(Fitted { model, scale, faces: rows.len() })
     }
 }
 
-/// At most `most` of the rows, the same ones each time.
+/// Returns at most `most` of the rows, always the same ones.
 fn sample(rows: &[usize], most: usize) -> Vec<usize> {
     let mut rows = rows.to_vec();
     if rows.len() > most {
@@ -174,7 +182,7 @@ fn sample(rows: &[usize], most: usize) -> Vec<usize> {
     rows
 }
 
-/// Features, and mean and deviation of each.
+/// The features of a model, with the mean and standard deviation of each.
 struct Scale {
     features: Vec<usize>,
     mean: Vec<f64>,
@@ -207,7 +215,7 @@ impl Scale {
     }
 }
 
-/// A model with the scale of its features.
+/// A fitted model with the scale of its features.
 struct Fitted {
     model: Box<dyn Predictor>,
     scale: Scale,
@@ -215,7 +223,7 @@ struct Fitted {
 }
 
 impl Fitted {
-    /// Coefficients of some pictures.
+    /// Predicts the coefficients of some pictures.
     fn estimates(&self, faces: &Faces, rows: &[usize]) -> Vec<f64> {
         let one = |row: &usize| {
             let face: Vec<f64> = self.scale.standardised(faces, *row).collect();
@@ -224,7 +232,8 @@ impl Fitted {
         rows.iter().map(one).collect()
     }
 
-    /// Numbers to be kept: of the model, and of the scale of its features where it cannot be taken into the weights.
+    /// Returns how many numbers a board has to store: those of the model, and the scale of its features unless the
+    /// weights can absorb it.
     fn numbers(&self) -> usize {
         let scale = if self.model.needs_scale() { 2 * self.scale.features.len() } else { 0 };
         self.model.numbers() + scale

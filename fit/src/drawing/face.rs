@@ -1,29 +1,29 @@
-//! The face as dots, one for each landmark.
+//! Draws the face as one dot per landmark.
 
 use anyhow::Result;
 use plotters::prelude::*;
 
-use super::drawn;
+use super::svg;
 
 const SIZE_PX: (u32, u32) = (360, 400);
-/// Part of the drawing that the face fills.
+/// Share of the drawing's size that the face fills.
 const FILLED: f64 = 0.92;
-/// Behind the face, on dark and light pages: points that do not move with the blendshape are dark.
-const GROUND: RGBColor = RGBColor(46, 46, 58);
-/// Around marked landmarks.
+/// The background, the same on dark and light pages, because landmarks with low values are dark.
+const BACKGROUND: RGBColor = RGBColor(46, 46, 58);
+/// Colour of the rings around marked landmarks.
 const MARK: RGBColor = RGBColor(90, 200, 250);
-/// Dots of the face: radius by value.
+/// Radius of the dot of the lowest and of the highest value.
 const DOT_PX: [f64; 2] = [2.0, 4.5];
 
-/// A face whose landmarks are coloured by a value, from 0 (dark) to the highest of them (yellow), with rings around
-/// those of `marked`. The person's left is at the right.
-pub fn face(places: &[[f64; 2]], values: &[f64], marked: &[usize]) -> Result<String> {
+/// Draws a face whose landmarks are coloured from 0 (dark) to the highest value (yellow), with rings around `marked`
+/// landmarks. The person's left is at the right.
+pub fn face(positions: &[[f64; 2]], values: &[f64], marked: &[usize]) -> Result<String> {
     let highest = values.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-    let pixels = pixels(places);
+    let pixels = pixels(positions);
     let mut dots: Vec<_> = pixels.iter().zip(values).collect();
     dots.sort_by(|a, b| a.1.total_cmp(b.1));
-    drawn(SIZE_PX, |area| {
-        area.fill(&GROUND)?;
+    svg(SIZE_PX, |area| {
+        area.fill(&BACKGROUND)?;
         for (pixel, value) in dots {
             area.draw(&Circle::new(*pixel, radius_px(value / highest), heat(value / highest).filled()))?;
         }
@@ -34,11 +34,11 @@ pub fn face(places: &[[f64; 2]], values: &[f64], marked: &[usize]) -> Result<Str
     })
 }
 
-/// Where places (x to the person's left, y up) come to lie when all are to be seen.
+/// Converts positions (x to the person's left, y up) to pixels so that all of them fit in the drawing.
 #[expect(clippy::cast_possible_truncation, reason = "pixels")]
-fn pixels(places: &[[f64; 2]]) -> Vec<(i32, i32)> {
+fn pixels(positions: &[[f64; 2]]) -> Vec<(i32, i32)> {
     let range = |axis: usize| {
-        let along = places.iter().map(|place| place[axis]);
+        let along = positions.iter().map(|position| position[axis]);
         (along.clone().fold(f64::MAX, f64::min), along.fold(f64::MIN, f64::max))
     };
     let ((left, right), (bottom, top)) = (range(0), range(1));
@@ -49,7 +49,7 @@ fn pixels(places: &[[f64; 2]]) -> Vec<(i32, i32)> {
         let (x, y) = ((x - centre[0]) * scale, (centre[1] - y) * scale);
         ((width / 2.0 + x) as i32, (height / 2.0 + y) as i32)
     };
-    places.iter().map(pixel).collect()
+    positions.iter().map(pixel).collect()
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "a few pixels")]
@@ -57,15 +57,15 @@ fn radius_px(value: f64) -> i32 {
     (DOT_PX[0] + value * (DOT_PX[1] - DOT_PX[0])).round() as i32
 }
 
-/// Black by way of purple and orange to yellow.
+/// Maps 0 to 1 to colours from black by way of purple and orange to yellow.
 fn heat(value: f64) -> RGBColor {
     const STOPS: [[f64; 3]; 5] =
         [[0.0, 0.0, 4.0], [87.0, 16.0, 110.0], [188.0, 55.0, 84.0], [249.0, 142.0, 9.0], [252.0, 255.0, 164.0]];
-    let place = value.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
+    let position = value.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 4, and colours")]
     let [red, green, blue] = {
-        let below = (place as usize).min(STOPS.len() - 2);
-        let part = place - below as f64;
+        let below = (position as usize).min(STOPS.len() - 2);
+        let part = position - below as f64;
         core::array::from_fn(|c| (STOPS[below][c] + part * (STOPS[below + 1][c] - STOPS[below][c])).round() as u8)
     };
     RGBColor(red, green, blue)
@@ -76,17 +76,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn persons_left_is_drawn_at_the_right_and_the_brow_above_the_chin() {
+    fn the_persons_left_is_drawn_at_the_right_and_up_is_up() {
         let drawing = face(&[[1.0, 1.0], [-1.0, -1.0]], &[0.0, 1.0], &[]).unwrap();
-        let place = |mark: &str| -> Vec<i32> {
+        let attribute = |mark: &str| -> Vec<i32> {
             drawing.split(mark).skip(1).map(|rest| rest.split('"').next().unwrap().parse().unwrap()).collect()
         };
-        let (x, y) = (place(" cx=\""), place(" cy=\""));
+        let (x, y) = (attribute(" cx=\""), attribute(" cy=\""));
         assert!(x[0] > x[1] && y[0] < y[1], "{x:?} {y:?}");
     }
 
     #[test]
-    fn marked_landmarks_have_a_ring_beside_their_dot() {
+    fn marked_landmarks_have_a_ring_around_their_dot() {
         let drawing = face(&[[1.0, 1.0], [-1.0, -1.0]], &[0.0, 1.0], &[1]).unwrap();
         assert_eq!(drawing.matches("<circle").count(), 3);
     }

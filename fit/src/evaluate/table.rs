@@ -1,4 +1,4 @@
-//! The figures as a table for a terminal, the paper's beside them, and as JSON.
+//! The scores as a table beside the paper's, and as JSON.
 
 use std::fmt::Write as _;
 
@@ -8,14 +8,14 @@ use serde_json::{Value, json};
 use super::{
     Score,
     align::Aligned,
-    score::{FIGURES, Figures, NAMES, means, of_paper},
+    score::{METRICS, Metrics, NAMES, means, paper_metrics},
 };
 use crate::paper::{AGAINST_ARKIT, AGAINST_ARKIT_AVERAGE, AGAINST_ARKIT_TITLE, AgainstArkit};
 
-/// So many blendshapes that only one side has are named; JSON names all.
+/// How many of the blendshapes that only one file has are named in the text. JSON names all of them.
 const NAMED: usize = 5;
-/// Head of each column, its width and decimals.
-const COLUMNS: [(&str, usize, usize); FIGURES] = [
+/// Title, width and decimals of each column.
+const COLUMNS: [(&str, usize, usize); METRICS] = [
     ("r", 6, 3),
     ("rho", 6, 3),
     ("xi", 6, 3),
@@ -28,25 +28,25 @@ const COLUMNS: [(&str, usize, usize); FIGURES] = [
     ("F1", 4, 2),
 ];
 
-/// The scores in the order of ARKit.
+/// Returns the scores in ARKit's order.
 fn ordered(scores: &[Score]) -> impl Iterator<Item = &Score> + Clone {
     BLENDSHAPES.into_iter().filter_map(|name| scores.iter().find(|score| score.blendshape == name))
 }
 
-fn of_table(blendshape: &str) -> Option<&'static AgainstArkit> {
+fn paper_row(blendshape: &str) -> Option<&'static AgainstArkit> {
     AGAINST_ARKIT.iter().find(|row| row.blendshape == blendshape)
 }
 
-/// Everything the command prints.
+/// Returns everything that the command prints.
 pub fn text(aligned: &Aligned, scores: &[Score]) -> String {
     format!("{}\n{}{}{}\n{}", heading(aligned), head(), rows(scores), mean_rows(scores), notes(scores))
 }
 
 fn heading(aligned: &Aligned) -> String {
     let [track, truth] = aligned.steps_s.map(f64::recip);
-    let late = aligned.shift_frames;
+    let shift = aligned.shift_frames;
     let mut text =
-        format!("{} frames; track {track:.1} Hz, truth {truth:.1} Hz; shift {late} frames\n", aligned.times_s.len());
+        format!("{} frames; track {track:.1} Hz, truth {truth:.1} Hz; shift {shift} frames\n", aligned.times_s.len());
     for (side, names) in ["track", "truth"].iter().zip(&aligned.unmatched) {
         if !names.is_empty() {
             let named: Vec<&str> = names.iter().copied().take(NAMED).collect();
@@ -63,59 +63,59 @@ fn head() -> String {
     format!("| {:<19} |{names} events |\n|{}|{rules}-------:|\n", "blendshape", "-".repeat(21))
 }
 
-fn line(name: &str, figures: &Figures, events: &str) -> String {
+fn line(name: &str, metrics: &Metrics, events: &str) -> String {
     let cell = |(value, (_, width, decimals)): (&Option<f64>, &(&str, usize, usize))| match value {
         Some(value) => format!(" {value:>width$.decimals$} |"),
         None => format!(" {:>width$} |", "-"),
     };
-    let cells: String = figures.iter().zip(&COLUMNS).map(cell).collect();
+    let cells: String = metrics.iter().zip(&COLUMNS).map(cell).collect();
     format!("| {name:<19} |{cells} {events:>6} |\n")
 }
 
-/// Each blendshape, and under it the paper's.
+/// Returns a line for each blendshape, followed by the paper's line if it reports this blendshape.
 fn rows(scores: &[Score]) -> String {
     let row = |score: &Score| {
         let events = score.events.map_or_else(String::new, |events| format!("{}/{}", events.found, events.reference));
-        let paper = of_table(score.blendshape).map(|row| line("  paper", &of_paper(row), ""));
-        line(score.blendshape, &score.figures, &events) + &paper.unwrap_or_default()
+        let paper = paper_row(score.blendshape).map(|row| line("  paper", &paper_metrics(row), ""));
+        line(score.blendshape, &score.metrics, &events) + &paper.unwrap_or_default()
     };
     ordered(scores).map(row).collect()
 }
 
 fn mean_rows(scores: &[Score]) -> String {
     let moving = scores.iter().filter(|score| score.moves);
-    let like_paper = moving.clone().filter(|score| of_table(score.blendshape).is_some());
+    let in_paper = moving.clone().filter(|score| paper_row(score.blendshape).is_some());
     let mut text = line(&format!("mean of {} moving", moving.clone().count()), &means(&moving), "");
-    if like_paper.clone().next().is_some() {
-        text += &line(&format!("mean of {} of paper", like_paper.clone().count()), &means(&like_paper), "");
-        text += &line("  paper, mean of 15", &of_paper(&AGAINST_ARKIT_AVERAGE), "");
+    if in_paper.clone().next().is_some() {
+        text += &line(&format!("mean of {} of paper", in_paper.clone().count()), &means(&in_paper), "");
+        text += &line("  paper, mean of 15", &paper_metrics(&AGAINST_ARKIT_AVERAGE), "");
     }
     text
 }
 
-/// Events where the reference has none: they would otherwise show nowhere.
-fn imagined(scores: &[Score]) -> usize {
+/// Counts the track's events in blendshapes without any true event, which no metric includes.
+fn false_events(scores: &[Score]) -> usize {
     let counts = scores.iter().filter_map(|score| score.events);
     counts.filter(|events| events.reference == 0).map(|events| events.estimate).sum()
 }
 
 fn notes(scores: &[Score]) -> String {
     format!(
-        "events: found/in the reference; {} more where the reference has none. jitter: RMS of frame-to-frame steps at \
-         rest.\npaper: its table {AGAINST_ARKIT_TITLE}: other faces, events annotated\nby a person, curves against \
-         ARKit 6.\n",
-        imagined(scores)
+        "events: found/in the reference; {} more in blendshapes without any. jitter: RMS of frame-to-frame steps at \
+         rest.\npaper: its table {AGAINST_ARKIT_TITLE}: other faces, annotated events,\ncurves of ARKit 6 as the \
+         truth.\n",
+        false_events(scores)
     )
 }
 
-/// The same figures by name.
+/// Returns the same scores as JSON, by name.
 pub fn json(aligned: &Aligned, scores: &[Score]) -> Value {
     let moving = || scores.iter().filter(|score| score.moves);
-    let like_paper = moving().filter(|score| of_table(score.blendshape).is_some());
+    let in_paper = moving().filter(|score| paper_row(score.blendshape).is_some());
     let row = |score: &Score| {
-        let paper = of_table(score.blendshape).map(|row| named(&of_paper(row)));
+        let paper = paper_row(score.blendshape).map(|row| named(&paper_metrics(row)));
         let own =
-            json!({ "moves": score.moves, "figures": named(&score.figures), "events": score.events, "paper": paper });
+            json!({ "moves": score.moves, "figures": named(&score.metrics), "events": score.events, "paper": paper });
         (score.blendshape.to_owned(), own)
     };
     json!({
@@ -127,14 +127,14 @@ pub fn json(aligned: &Aligned, scores: &[Score]) -> Value {
         "only_in_truth": aligned.unmatched[1],
         "blendshapes": scores.iter().map(row).collect::<serde_json::Map<_, _>>(),
         "mean_of_moving": named(&means(&moving())),
-        "mean_of_the_papers": named(&means(&like_paper)),
-        "paper_mean": named(&of_paper(&AGAINST_ARKIT_AVERAGE)),
-        "events_where_the_reference_has_none": imagined(scores),
+        "mean_of_the_papers": named(&means(&in_paper)),
+        "paper_mean": named(&paper_metrics(&AGAINST_ARKIT_AVERAGE)),
+        "events_where_the_reference_has_none": false_events(scores),
     })
 }
 
-fn named(figures: &Figures) -> Value {
-    NAMES.iter().zip(figures).map(|(name, value)| ((*name).to_owned(), json!(value))).collect()
+fn named(metrics: &Metrics) -> Value {
+    NAMES.iter().zip(metrics).map(|(name, value)| ((*name).to_owned(), json!(value))).collect()
 }
 
 #[cfg(test)]
@@ -142,11 +142,11 @@ mod tests {
     use super::*;
 
     fn score(blendshape: &'static str) -> Score {
-        Score { blendshape, moves: true, figures: [Some(0.5); FIGURES], events: None }
+        Score { blendshape, moves: true, metrics: [Some(0.5); METRICS], events: None }
     }
 
     #[test]
-    fn every_line_of_the_table_is_as_wide_as_its_head_and_fits_115_columns() {
+    fn every_line_is_as_wide_as_the_header_and_fits_115_columns() {
         let scores = [score("mouthUpperUpRight"), score("jawOpen")];
         let table = head() + &rows(&scores) + &mean_rows(&scores);
         let widths: Vec<usize> = table.lines().map(str::len).collect();
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn papers_figures_stand_under_the_blendshapes_that_it_reports() {
+    fn the_papers_line_follows_the_blendshapes_that_it_reports() {
         let table = rows(&[score("jawOpen"), score("jawLeft")]);
         let lines: Vec<&str> = table.lines().collect();
         assert!(lines[0].contains("jawLeft") && lines[1].contains("jawOpen") && lines[2].contains("0.921"));

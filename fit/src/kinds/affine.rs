@@ -1,19 +1,19 @@
-//! Multiple linear regression, by ordinary least squares and with a ridge.
+//! Multiple linear regression: ordinary least squares and ridge regression.
 
 use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector};
 
 use super::{Form, Kind, Limits, Predictor, WIDE};
 
-/// Ridge of a standardised feature, in parts of its variance.
+/// Ridge penalty on a standardised feature, relative to its variance.
 const RIDGE: f64 = 0.001;
-/// What keeps ordinary least squares defined where features repeat each other.
+/// The penalty that keeps ordinary least squares solvable if features repeat each other.
 const TINY: f64 = 1e-9;
 
 /// Ordinary least squares.
 pub struct LeastSquares;
 
-/// Least squares with a penalty on the squares of the weights.
+/// Ridge regression: least squares with a penalty on the squared weights.
 pub struct Ridge;
 
 /// `w f + b`.
@@ -60,13 +60,13 @@ impl Kind for Ridge {
 }
 
 impl Affine {
-    /// A map found by other means.
+    /// Returns a map with the given weights, fitted to centred data.
     pub fn new(weights: DVector<f64>, centre: &Centre, degrees_of_freedom: usize) -> Self {
         let offset = centre.truth - weights.dot(&centre.face);
         Self { weights, offset, degrees_of_freedom }
     }
 
-    /// Least squares, with a penalty of `ridge` faces' worth per face on the squared weights.
+    /// Fits by least squares, with a penalty of `ridge` times the mean variance on the squared weights.
     pub fn least_squares(faces: &DMatrix<f64>, truth: &[f64], ridge: f64) -> Result<Self> {
         let (faces, truth, centre) = centred(faces, truth);
         let transposed = faces.transpose();
@@ -75,7 +75,7 @@ impl Affine {
         Ok(Self::new(weights, &centre, degrees_of_freedom))
     }
 
-    /// Takes weight and offset apart.
+    /// Returns weights and offset.
     pub fn parts(self) -> (DVector<f64>, f64) {
         (self.weights, self.offset)
     }
@@ -88,15 +88,15 @@ pub fn solve(mut gram: DMatrix<f64>, cross: &DVector<f64>, ridge: f64) -> Result
     Ok(gram.cholesky().context("no feature varies in these faces")?.solve(cross))
 }
 
-/// Means that were taken away.
+/// The means that centring subtracts.
 pub struct Centre {
-    /// Of each feature.
+    /// Mean of each feature.
     pub face: DVector<f64>,
-    /// Of the truth.
+    /// Mean of the truth.
     pub truth: f64,
 }
 
-/// Faces and truth less their means.
+/// Subtracts the means of faces and truth.
 pub fn centred(faces: &DMatrix<f64>, truth: &[f64]) -> (DMatrix<f64>, DVector<f64>, Centre) {
     let mut truth = DVector::from_column_slice(truth);
     let centre = Centre { face: faces.row_mean().transpose(), truth: truth.mean() };
@@ -106,7 +106,7 @@ pub fn centred(faces: &DMatrix<f64>, truth: &[f64]) -> (DMatrix<f64>, DVector<f6
     (faces, truth, centre)
 }
 
-/// Sum of products.
+/// Returns the dot product.
 pub fn dot<'a>(weights: impl IntoIterator<Item = &'a f64>, values: &[f64]) -> f64 {
     weights.into_iter().zip(values).map(|(weight, value)| weight * value).sum()
 }
@@ -131,13 +131,13 @@ mod tests {
     use crate::kinds::test_faces::{faces, largest_error};
 
     #[test]
-    fn affine_map_is_found_again() {
+    fn an_affine_map_is_found_again() {
         let truth = |face: &[f64]| 0.3 + 0.2 * face[0] - 0.1 * face[2];
         assert!(largest_error(&LeastSquares, truth) < 1e-7);
     }
 
     #[test]
-    fn ridge_shrinks_the_weight_of_a_lone_feature_by_a_thousandth() {
+    fn ridge_shrinks_the_weight_of_a_single_feature_by_a_thousandth() {
         let (faces, truth) = faces(200, 1, |face| face[0]);
         let [line, ridge] = [&LeastSquares as &dyn Kind, &Ridge].map(|kind| kind.fit(&faces, &truth).unwrap());
         let slope = |model: &dyn Predictor| model.predict(&[1.0]) - model.predict(&[0.0]);

@@ -1,9 +1,10 @@
 //! Multiple exponential and log-exponential regression.
 //!
-//! The paper names both without an equation. They are read as `y = exp(w f + b) - c`, in which the logarithm of the
-//! coefficient (lifted by `c`, for most are 0) is linear in the features; and as the same of `sign(f) ln(1 + |f|)`, for
-//! displacements have signs. The fit of the logarithm is where the fit of the coefficient itself starts
-//! (Levenberg and Marquardt): by itself it would weigh errors near 0 most.
+//! The paper names both without an equation. Here, exponential regression means `y = exp(w f + b) - c`, so that the
+//! logarithm of the coefficient is linear in the features; `c` is needed because most coefficients are 0.
+//! Log-exponential regression applies the same to `sign(f) ln(1 + |f|)`, because displacements have signs.
+//! Least squares on the logarithm would weigh errors near 0 most, so it is only the start of a Levenberg-Marquardt fit
+//! of the coefficient itself.
 
 use anyhow::Result;
 use nalgebra::{DMatrix, DVector};
@@ -13,22 +14,22 @@ use super::{
     affine::{Affine, dot, solve},
 };
 
-/// `c`: the steepest and the flattest part of the curve are as 1 to `(1 + c) / c`.
+/// The constant `c`. The slopes of the steepest and the flattest part of the curve are in the ratio `(1 + c) / c`.
 const LIFT: f64 = 0.25;
-/// Exponents are kept below this: coefficients end at 1.
+/// Largest exponent. Coefficients end at 1, so larger exponents have no use.
 const MOST: f64 = 1.0;
-/// Ridge of the start, and of every step at first; in parts of the mean variance.
+/// Ridge penalty of the least-squares start, and initial damping of the steps, relative to the mean variance.
 const RIDGE: f64 = 0.001;
-/// Steps of the fit.
+/// Number of steps of the fit.
 const STEPS: usize = 12;
-/// By how much the ridge of a step falls after a good one and grows after a bad one.
+/// Factors of the damping after a step that reduced the error, and after one that did not.
 const EASE: f64 = 0.3;
 const STRAIN: f64 = 5.0;
 
-/// Exponential of an affine map.
+/// Regression by the exponential of an affine map.
 pub struct Exponential;
 
-/// Exponential of an affine map of logarithms.
+/// Regression by the exponential of an affine map of the features' logarithms.
 pub struct LogExponential;
 
 struct Fitted {
@@ -79,7 +80,7 @@ fn logarithm(feature: f64) -> f64 {
     feature.signum() * feature.abs().ln_1p()
 }
 
-/// Weights and offset of the exponent.
+/// Returns weights and offset of the exponent.
 fn fit(faces: &DMatrix<f64>, truth: &[f64]) -> Result<(DVector<f64>, f64)> {
     let lifted: Vec<f64> = truth.iter().map(|truth| truth.max(0.0) + LIFT).collect();
     let logarithms: Vec<f64> = lifted.iter().map(|truth| truth.ln()).collect();
@@ -87,14 +88,14 @@ fn fit(faces: &DMatrix<f64>, truth: &[f64]) -> Result<(DVector<f64>, f64)> {
     let faces = faces.clone().insert_column(faces.ncols(), 1.0);
     let mut weights = weights.push(offset);
     let truth = DVector::from_vec(lifted);
-    let (mut errors, mut ridge) = (errors(&faces, &weights, &truth), RIDGE);
+    let (mut errors, mut damping) = (errors(&faces, &weights, &truth), RIDGE);
     for _ in 0..STEPS {
-        let next = &weights + step(&faces, &errors, ridge)?;
+        let next = &weights + step(&faces, &errors, damping)?;
         let next_errors = self::errors(&faces, &next, &truth);
-        if next_errors.left.norm_squared() < errors.left.norm_squared() {
-            (weights, errors, ridge) = (next, next_errors, ridge * EASE);
+        if next_errors.residuals.norm_squared() < errors.residuals.norm_squared() {
+            (weights, errors, damping) = (next, next_errors, damping * EASE);
         } else {
-            ridge *= STRAIN;
+            damping *= STRAIN;
         }
     }
     let last = weights.len() - 1;
@@ -102,23 +103,23 @@ fn fit(faces: &DMatrix<f64>, truth: &[f64]) -> Result<(DVector<f64>, f64)> {
     Ok((weights.remove_row(last), offset))
 }
 
-/// What an exponent gives, and what it leaves of the truth.
+/// The predictions of an exponent and its residuals.
 struct Errors {
     estimates: DVector<f64>,
-    left: DVector<f64>,
+    residuals: DVector<f64>,
 }
 
 fn errors(faces: &DMatrix<f64>, weights: &DVector<f64>, truth: &DVector<f64>) -> Errors {
     let estimates = (faces * weights).map(|exponent| exponent.min(MOST).exp());
-    Errors { left: truth - &estimates, estimates }
+    Errors { residuals: truth - &estimates, estimates }
 }
 
-/// Of Gauss and Newton, with a ridge: the slope of an exponential is the exponential.
-fn step(faces: &DMatrix<f64>, errors: &Errors, ridge: f64) -> Result<DVector<f64>> {
+/// Returns a damped Gauss-Newton step. The derivative of the exponential is the exponential.
+fn step(faces: &DMatrix<f64>, errors: &Errors, damping: f64) -> Result<DVector<f64>> {
     let mut slopes = faces.clone();
     slopes.column_iter_mut().for_each(|mut column| column.component_mul_assign(&errors.estimates));
     let transposed = slopes.transpose();
-    solve(&transposed * &slopes, &(transposed * &errors.left), ridge)
+    solve(&transposed * &slopes, &(transposed * &errors.residuals), damping)
 }
 
 impl Predictor for Fitted {
@@ -150,7 +151,7 @@ mod tests {
     use crate::kinds::test_faces::{faces, largest_error};
 
     #[test]
-    fn exponential_of_an_affine_map_is_found_again() {
+    fn the_exponential_of_an_affine_map_is_found_again() {
         let truth = |face: &[f64]| (-0.6 + 0.3 * face[0] - 0.2 * face[1]).exp() - LIFT;
         assert!(largest_error(&Exponential, truth) < 1e-6);
     }

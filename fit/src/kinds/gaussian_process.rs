@@ -1,32 +1,32 @@
 //! Gaussian process regression (Rasmussen and Williams, 2006, algorithm 2.1).
 //!
-//! Length and noise are those of a grid under which some of the truth is most probable; the variance of the process is
-//! the one that suits each of them best (their equation 5.8).
+//! Length scale and noise are chosen from a grid by their marginal likelihood on some of the faces. The signal variance
+//! is the most likely one for each of them (their equation 5.8).
 
 use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::{Form, Kind, Limits, NARROWEST, Predictor};
 
-/// Lengths that are tried, in parts of the root of the number of features, and noise, in parts of the process's variance.
+/// Length scales to try, relative to the root of the number of features, and noise variances, relative to the signal's.
 const LENGTHS: [f64; 4] = [0.7, 1.4, 2.8, 5.6];
 const NOISES: [f64; 4] = [0.003, 0.03, 0.15, 0.6];
-/// Faces that length and noise are chosen by.
-const JURY: usize = 300;
+/// Number of faces for choosing length scale and noise.
+const SELECTION_FACES: usize = 300;
 
-/// With one of two kernels.
+/// A Gaussian process with one of two kernels.
 #[derive(Clone, Copy)]
 pub enum GaussianProcess {
-    /// `exp(-d2 / 2)`: smooth.
+    /// The squared exponential kernel, `exp(-d2 / 2)`.
     Rbf,
-    /// Matérn's with 5/2: twice differentiable.
+    /// The Matérn kernel with parameter 5/2, which is twice differentiable.
     Matern,
 }
 
 struct Fitted {
     kernel: GaussianProcess,
     length: f64,
-    /// A column each.
+    /// One column per face.
     faces: DMatrix<f64>,
     weights: DVector<f64>,
     mean: f64,
@@ -54,19 +54,20 @@ impl Kind for GaussianProcess {
         truth.add_scalar_mut(-mean);
         let squares = squared_distances(faces);
         let (length, noise) = self.choose(&squares, &truth, (faces.ncols() as f64).sqrt());
-        let weights = self.decompose(&squares, length, noise).context("faces repeat each other")?.solve(&truth);
+        let decomposed = self.decompose(&squares, length, noise).context("the faces repeat each other")?;
+        let weights = decomposed.solve(&truth);
         Ok(Box::new(Fitted { kernel: *self, length, faces: faces.transpose(), weights, mean }))
     }
 }
 
 impl GaussianProcess {
-    /// Covariance of two faces that are so far apart, squared, in units of the length.
+    /// Returns the covariance of two faces from their squared distance in units of the length scale.
     fn covariance(self, squared: f64) -> f64 {
         match self {
             Self::Rbf => (-squared / 2.0).exp(),
             Self::Matern => {
-                let far = (5.0 * squared).sqrt();
-                (1.0 + far + far * far / 3.0) * (-far).exp()
+                let distance = (5.0 * squared).sqrt();
+                (1.0 + distance + distance * distance / 3.0) * (-distance).exp()
             }
         }
     }
@@ -77,13 +78,14 @@ impl GaussianProcess {
         covariance.cholesky()
     }
 
-    /// Length and noise under which the truth of the first faces is most probable.
+    /// Returns the length scale and noise with the highest likelihood on the first faces.
     fn choose(self, squares: &DMatrix<f64>, truth: &DVector<f64>, unit: f64) -> (f64, f64) {
-        let jury = truth.len().min(JURY);
-        let (squares, truth) = (squares.view((0, 0), (jury, jury)).into_owned(), truth.rows(0, jury).into_owned());
+        let count = truth.len().min(SELECTION_FACES);
+        let squares = squares.view((0, 0), (count, count)).into_owned();
+        let truth = truth.rows(0, count).into_owned();
         let all = LENGTHS.iter().flat_map(|length| NOISES.map(|noise| (length * unit, noise)));
-        let probability = |(length, noise)| self.log_likelihood(&squares, &truth, length, noise);
-        let best = all.max_by(|a, b| probability(*a).total_cmp(&probability(*b)));
+        let likelihood = |(length, noise)| self.log_likelihood(&squares, &truth, length, noise);
+        let best = all.max_by(|a, b| likelihood(*a).total_cmp(&likelihood(*b)));
         best.unwrap_or((unit, NOISES[0]))
     }
 
@@ -95,7 +97,7 @@ impl GaussianProcess {
     }
 }
 
-/// Of every two rows.
+/// Returns the squared distances between all pairs of rows.
 pub fn squared_distances(faces: &DMatrix<f64>) -> DMatrix<f64> {
     let products = faces * faces.transpose();
     DMatrix::from_fn(faces.nrows(), faces.nrows(), |one, other| {
@@ -103,9 +105,9 @@ pub fn squared_distances(faces: &DMatrix<f64>) -> DMatrix<f64> {
     })
 }
 
-/// Of a face and one that is kept.
-pub fn squared_distance<'a>(kept: impl IntoIterator<Item = &'a f64>, face: &[f64]) -> f64 {
-    kept.into_iter().zip(face).map(|(one, other)| (one - other).powi(2)).sum()
+/// Returns the squared distance between two faces.
+pub fn squared_distance<'a>(one: impl IntoIterator<Item = &'a f64>, other: &[f64]) -> f64 {
+    one.into_iter().zip(other).map(|(one, other)| (one - other).powi(2)).sum()
 }
 
 impl Predictor for Fitted {
@@ -137,14 +139,14 @@ mod tests {
     use crate::kinds::test_faces::unexplained;
 
     #[test]
-    fn smooth_function_is_found_between_the_faces() {
+    fn a_smooth_function_is_found_between_the_faces() {
         let truth = |face: &[f64]| (2.0 * face[0]).sin() * face[1];
         assert!(unexplained(&GaussianProcess::Rbf, 200, truth) < 0.01);
         assert!(unexplained(&GaussianProcess::Matern, 200, truth) < 0.02);
     }
 
     #[test]
-    fn far_from_all_faces_the_estimate_is_the_mean() {
+    fn far_from_all_faces_the_prediction_is_the_mean() {
         let faces = DMatrix::from_column_slice(3, 1, &[0.0, 1.0, 2.0]);
         let model = GaussianProcess::Rbf.fit(&faces, &[0.1, 0.2, 0.6]).unwrap();
         assert!((model.predict(&[100.0]) - 0.3).abs() < 1e-12);

@@ -1,5 +1,5 @@
-//! Gradient boosting over histograms of the features, as in `LightGBM` (Ke et al., 2017): each feature is cut into bins
-//! of equally many faces, and a tree looks for its splits among the bins only.
+//! Gradient boosting on histograms of the features, as in `LightGBM` (Ke et al., 2017). Each feature is divided into
+//! bins with equally many faces, and trees split at the ends of bins only.
 
 use anyhow::Result;
 use nalgebra::{DMatrix, DVector};
@@ -8,22 +8,22 @@ use super::{Form, Kind, Limits, MIDDLE, Predictor};
 
 const BINS: usize = 64;
 const TREES: usize = 100;
-/// Part of a tree's estimate that is believed.
+/// Learning rate: the share of each tree's prediction that is added.
 const RATE: f64 = 0.1;
 const DEPTH: usize = 5;
 const LEAST_FACES: u32 = 20;
 
-/// Boosted trees over bins.
+/// Boosted trees on binned features.
 pub struct HistogramBoosting;
 
-/// A tree: a leaf, or two of them.
+/// A regression tree.
 enum Tree {
     Leaf(f64),
-    /// Faces whose feature is at most the limit go to the first.
+    /// Faces whose feature is at most the threshold belong to the first child.
     Split {
         feature: usize,
-        limit: f64,
-        parts: Box<[Tree; 2]>,
+        threshold: f64,
+        children: Box<[Tree; 2]>,
     },
 }
 
@@ -32,9 +32,9 @@ struct Fitted {
     trees: Vec<Tree>,
 }
 
-/// The faces in bins.
+/// The features of all faces, divided into bins.
 struct Binned {
-    /// For each feature, upper ends of all bins but the last.
+    /// For each feature, the upper ends of all bins but the last.
     limits: Vec<Vec<f64>>,
     /// For each feature, the bin of every face.
     bins: Vec<Vec<u8>>,
@@ -56,9 +56,9 @@ impl Kind for HistogramBoosting {
     fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
         let binned = Binned::new(faces);
         let mean = DVector::from_column_slice(truth).mean();
-        let mut left: Vec<f64> = truth.iter().map(|truth| truth - mean).collect();
+        let mut residuals: Vec<f64> = truth.iter().map(|truth| truth - mean).collect();
         let all: Vec<usize> = (0..truth.len()).collect();
-        let trees = (0..TREES).map(|_| binned.grow(&mut left, &all, DEPTH)).collect();
+        let trees = (0..TREES).map(|_| binned.grow(&mut residuals, &all, DEPTH)).collect();
         Ok(Box::new(Fitted { mean, trees }))
     }
 }
@@ -74,31 +74,31 @@ impl Binned {
         Self { limits, bins }
     }
 
-    /// Grows a tree on some faces, and takes what it explains away from what is `left` to explain.
-    fn grow(&self, left: &mut [f64], faces: &[usize], depth: usize) -> Tree {
-        let split = if depth > 0 { self.best_split(left, faces) } else { None };
+    /// Grows a tree on some faces and subtracts its prediction from the residuals.
+    fn grow(&self, residuals: &mut [f64], faces: &[usize], depth: usize) -> Tree {
+        let split = if depth > 0 { self.best_split(residuals, faces) } else { None };
         let Some((feature, bin)) = split else {
-            let value = RATE * faces.iter().map(|face| left[*face]).sum::<f64>() / faces.len().max(1) as f64;
+            let value = RATE * faces.iter().map(|face| residuals[*face]).sum::<f64>() / faces.len().max(1) as f64;
             for face in faces {
-                left[*face] -= value;
+                residuals[*face] -= value;
             }
             return Tree::Leaf(value);
         };
         let (low, high): (Vec<usize>, Vec<usize>) =
             faces.iter().partition(|face| usize::from(self.bins[feature][**face]) <= bin);
-        let parts = Box::new([self.grow(left, &low, depth - 1), self.grow(left, &high, depth - 1)]);
-        Tree::Split { feature, limit: self.limits[feature][bin], parts }
+        let children = Box::new([self.grow(residuals, &low, depth - 1), self.grow(residuals, &high, depth - 1)]);
+        Tree::Split { feature, threshold: self.limits[feature][bin], children }
     }
 
-    /// Feature and last bin of the lower part, of the split that explains most.
-    fn best_split(&self, left: &[f64], faces: &[usize]) -> Option<(usize, usize)> {
-        let total: f64 = faces.iter().map(|face| left[*face]).sum();
+    /// Returns the feature of the split that explains most, and the last bin of its lower part.
+    fn best_split(&self, residuals: &[f64], faces: &[usize]) -> Option<(usize, usize)> {
+        let total: f64 = faces.iter().map(|face| residuals[*face]).sum();
         let mut best = (total * total / faces.len() as f64 + f64::EPSILON, None);
         for (feature, bins) in self.bins.iter().enumerate() {
             let mut histogram = [(0.0, 0_u32); BINS];
             for face in faces {
                 let (sum, count) = &mut histogram[usize::from(bins[*face])];
-                (*sum, *count) = (*sum + left[*face], *count + 1);
+                (*sum, *count) = (*sum + residuals[*face], *count + 1);
             }
             let found = best_cut(&histogram, total, faces.len() as u32);
             if let Some((gain, bin)) = found.filter(|(gain, _)| *gain > best.0) {
@@ -109,7 +109,7 @@ impl Binned {
     }
 }
 
-/// Where to cut a histogram of sums and counts so that the parts' means explain most, and how much that is.
+/// Returns the gain of the best split of a histogram of sums and counts, and the last bin of its lower part.
 fn best_cut(histogram: &[(f64, u32); BINS], total: f64, count: u32) -> Option<(f64, usize)> {
     let (mut sum, mut below) = (0.0, 0);
     let gains = histogram.iter().enumerate().filter_map(|(bin, (own, faces))| {
@@ -121,7 +121,7 @@ fn best_cut(histogram: &[(f64, u32); BINS], total: f64, count: u32) -> Option<(f
     gains.max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-/// Upper ends of bins of equally many values.
+/// Returns the upper ends of bins with equally many values.
 fn limits(mut values: Vec<f64>) -> Vec<f64> {
     values.sort_by(f64::total_cmp);
     let mut limits: Vec<f64> = (1..BINS).map(|bin| values[(bin * values.len() / BINS).min(values.len() - 1)]).collect();
@@ -135,7 +135,9 @@ impl Tree {
         loop {
             match tree {
                 Self::Leaf(value) => return *value,
-                Self::Split { feature, limit, parts } => tree = &parts[usize::from(face[*feature] > *limit)],
+                Self::Split { feature, threshold, children } => {
+                    tree = &children[usize::from(face[*feature] > *threshold)];
+                }
             }
         }
     }
@@ -143,7 +145,7 @@ impl Tree {
     fn leaves(&self) -> usize {
         match self {
             Self::Leaf(_) => 1,
-            Self::Split { parts, .. } => parts.iter().map(Self::leaves).sum(),
+            Self::Split { children, .. } => children.iter().map(Self::leaves).sum(),
         }
     }
 }
@@ -157,7 +159,8 @@ impl Predictor for Fitted {
         self.trees.iter().map(Tree::leaves).sum()
     }
 
-    /// A number for a leaf; for a split, of which there is one less, feature, limit and where its parts are.
+    /// Counts one number per leaf, and three per split: feature, threshold and position of its children. A tree has one
+    /// split less than leaves.
     fn numbers(&self) -> usize {
         4 * self.weights() - 3 * self.trees.len() + 1
     }
@@ -169,20 +172,20 @@ mod tests {
     use crate::kinds::test_faces::{faces, unexplained};
 
     #[test]
-    fn step_is_found_to_a_bin() {
+    fn a_step_is_found_to_the_nearest_bin() {
         let (faces, truth) = faces(640, 2, |face| if face[1] > 0.3 { 1.0 } else { 0.0 });
         let model = HistogramBoosting.fit(&faces, &truth).unwrap();
         assert!((model.predict(&[0.0, 0.2])).abs() < 0.05 && (model.predict(&[0.0, 0.4]) - 1.0).abs() < 0.05);
     }
 
     #[test]
-    fn bent_function_is_found_from_many_faces() {
+    fn a_nonlinear_function_is_found_from_many_faces() {
         let truth = |face: &[f64]| face[0] * face[1] + (3.0 * face[2]).sin();
         assert!(unexplained(&HistogramBoosting, 4000, truth) < 0.03);
     }
 
     #[test]
-    fn feature_of_one_value_is_never_split() {
+    fn a_constant_feature_is_never_split() {
         let faces = DMatrix::from_element(100, 1, 1.0);
         let truth: Vec<f64> = (0..100).map(|row| f64::from(row % 2)).collect();
         let model = HistogramBoosting.fit(&faces, &truth).unwrap();

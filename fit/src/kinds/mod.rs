@@ -1,8 +1,9 @@
-//! The kinds of model that the paper compares, one file for each family.
+//! The kinds of model that the paper compares, with one file per family.
 //!
-//! A [`Kind`] is fitted to one blendshape. Faces are rows of standardised features (mean 0, deviation 1, as
-//! displacements from the wearer's neutral face); the truth is a coefficient of 0 to 1, or what a [`Response`] makes
-//! of it. Estimates are not clamped here. The same faces give the same model: whatever is drawn has a fixed seed.
+//! A [`Kind`] is fitted to one blendshape. Faces are rows of standardised features: displacements from the wearer's
+//! neutral face, with mean 0 and standard deviation 1. The truth is a coefficient from 0 to 1, or its transformation by
+//! a [`Response`]. Predictions are not clamped here. Random numbers have fixed seeds, so that the same faces give the
+//! same model.
 
 mod ada_boost;
 mod affine;
@@ -28,83 +29,83 @@ use serde::Serialize;
 pub use response::{Response, with_response};
 pub use support_vectors::SupportVectors;
 
-/// A way to make a model of one blendshape.
+/// A method to fit a model of one blendshape.
 pub trait Kind: Sync {
-    /// Short name, as it is given on the command line.
+    /// Returns the short name, as used on the command line.
     fn name(&self) -> &'static str;
 
-    /// What the fitted model computes.
+    /// Returns the form of the fitted model.
     fn form(&self) -> Form;
 
-    /// How much of the data it is given.
+    /// Returns the limits on the data that this kind is fitted to.
     fn limits(&self) -> Limits;
 
-    /// Fits the model to `faces` (a row each) and their `truth`.
+    /// Fits the model to `faces`, one row per face, and their `truth`.
     fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>>;
 }
 
 /// A fitted model.
 pub trait Predictor: Send + Sync {
-    /// The coefficient of a face, from its standardised features.
+    /// Predicts the coefficient of a face from its standardised features.
     fn predict(&self, face: &[f64]) -> f64;
 
-    /// Fitted weights beside the constant: the degrees of freedom of its F statistic.
+    /// Returns the number of fitted weights without the constant: the degrees of freedom of the F statistic.
     fn weights(&self) -> usize;
 
-    /// Numbers it must keep, each of which takes 4 bytes on a board.
+    /// Returns the number of values that a board has to store. Each takes 4 bytes.
     fn numbers(&self) -> usize;
 
-    /// Whether a board must keep mean and deviation of every feature beside them, and apply them to each face. What is
-    /// affine or quadratic in the features takes them into its weights, and a tree into its thresholds.
+    /// Returns whether a board has to standardise the features of every face. Affine and quadratic models absorb the
+    /// scale into their weights, and trees into their thresholds.
     fn needs_scale(&self) -> bool {
         false
     }
 }
 
-/// What a model computes, the simplest first.
+/// The function that a model computes. Simpler forms compare as less.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Form {
-    /// `w f + b`, whatever it was fitted by.
+    /// `w f + b`, however it was fitted.
     Affine,
     /// `exp(w f + b) - c`.
     Exponential,
-    /// The same of logarithms of the features.
+    /// `exp(w f + b) - c` of the features' logarithms.
     LogExponential,
-    /// Affine in the features and their products.
+    /// An affine map of the features and their products.
     Quadratic,
-    /// The hidden layer that all blendshapes share.
+    /// The hidden layer shared by all blendshapes.
     HiddenLayer,
-    /// Keeps faces or trees: too large or too slow for a board.
+    /// A model that stores faces or trees, and is too large or too slow for a board.
     Large,
 }
 
 impl Form {
-    /// Whether it is arithmetic that a board does at every frame.
+    /// Returns whether a board can compute the model in every frame.
     pub fn runs_on_board(self) -> bool {
         self != Self::Large
     }
 }
 
-/// How much of the data a kind is given.
+/// Limits on the data that a kind is fitted to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// So many of the features that explain most.
+    /// Number of features, the best first.
     pub features: usize,
-    /// At most so many faces.
+    /// Largest number of faces.
     pub faces: usize,
 }
 
-/// For kinds whose cost grows in step with features and faces.
+/// Limits of kinds whose cost is linear in the number of faces.
 const WIDE: Limits = Limits { features: 64, faces: usize::MAX };
-/// For kinds that look at one feature at a time, and again and again.
+/// Limits of kinds that pass over the features many times.
 const MIDDLE: Limits = Limits { features: 24, faces: usize::MAX };
-/// For kinds that compare faces with faces, or sort them.
+/// Limits of kinds that compare all faces with each other, or sort them.
 const NARROW: Limits = Limits { features: 24, faces: 2000 };
-/// For kinds that solve an equation for each face.
+/// Limits of kinds that solve a system of equations with one unknown per face.
 const NARROWEST: Limits = Limits { features: 24, faces: 1000 };
 
-/// All kinds that are fitted to one blendshape at a time, the simplest first.
+/// Returns all kinds that are fitted to one blendshape at a time, the simplest first.
 pub fn all() -> Vec<Box<dyn Kind>> {
     vec![
         Box::new(affine::LeastSquares),

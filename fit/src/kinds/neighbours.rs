@@ -1,20 +1,20 @@
-//! Regression on the nearest neighbours. Faces are compared one by one: in 24 dimensions no tree finds them sooner.
+//! Regression on the nearest neighbours by brute force, because a k-d tree is no faster in 24 dimensions.
 
 use anyhow::Result;
 use nalgebra::DMatrix;
 
 use super::{Form, Kind, Limits, NARROW, Predictor, gaussian_process::squared_distance};
 
-/// Neighbours that are asked, each heard by the inverse of its distance.
+/// Number of neighbours, each weighted by the inverse of its distance.
 const NEIGHBOURS: usize = 8;
-/// Squared distance below which a face is the same.
+/// Squared distance below which two faces count as the same.
 const SAME: f64 = 1e-18;
 
-/// Weighted mean of the nearest faces.
+/// The weighted mean of the nearest faces.
 pub struct Neighbours;
 
 struct Fitted {
-    /// A column each.
+    /// One column per face.
     faces: DMatrix<f64>,
     truth: Vec<f64>,
 }
@@ -45,12 +45,13 @@ impl Predictor for Fitted {
             found.select_nth_unstable_by(NEIGHBOURS, |a, b| a.0.total_cmp(&b.0));
             found.truncate(NEIGHBOURS);
         }
-        let heard = found.iter().map(|(squared, truth)| (squared.max(SAME).sqrt().recip(), truth));
-        let (weights, sum) = heard.fold((0.0, 0.0), |(all, sum), (weight, truth)| (all + weight, sum + weight * truth));
+        let weighted = found.iter().map(|(squared, truth)| (squared.max(SAME).sqrt().recip(), truth));
+        let add = |(weights, sum): (f64, f64), (weight, truth)| (weights + weight, sum + weight * truth);
+        let (weights, sum) = weighted.fold((0.0, 0.0), add);
         sum / weights
     }
 
-    /// Effective, as for a smoother: faces over neighbours.
+    /// The effective degrees of freedom of a smoother: faces divided by neighbours.
     fn weights(&self) -> usize {
         self.truth.len() / NEIGHBOURS
     }
@@ -70,7 +71,7 @@ mod tests {
     use crate::kinds::test_faces::{faces, unexplained};
 
     #[test]
-    fn face_that_was_seen_has_its_own_truth() {
+    fn the_prediction_for_a_seen_face_is_its_truth() {
         let (faces, truth) = faces(100, 3, |face| face[0] * face[1]);
         let model = Neighbours.fit(&faces, &truth).unwrap();
         let row: Vec<f64> = faces.row(17).iter().copied().collect();
@@ -78,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn bent_function_is_found_from_many_faces() {
+    fn a_nonlinear_function_is_found_from_many_faces() {
         assert!(unexplained(&Neighbours, 2000, |face| face[0] * face[1] + face[2]) < 0.03);
     }
 }

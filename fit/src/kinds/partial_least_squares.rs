@@ -8,12 +8,12 @@ use super::{
     affine::{Affine, centred, solve},
 };
 
-/// Components: directions that have most in common with the truth, each after those before it.
+/// Number of components.
 const COMPONENTS: usize = 16;
-/// A direction that covaries with what is left of the truth by less than this part of the first one is noise.
-const LEAST_PART: f64 = 1e-9;
+/// Smallest length of a new direction relative to the first, before it counts as rounding noise.
+const LEAST_LENGTH: f64 = 1e-9;
 
-/// Least squares on a few directions of large covariance with the truth; on the board an affine map.
+/// Least squares on a few directions with large covariance with the truth. The result is an affine map.
 pub struct PartialLeastSquares;
 
 impl Kind for PartialLeastSquares {
@@ -34,15 +34,15 @@ impl Kind for PartialLeastSquares {
         let transposed = faces.transpose();
         let (gram, cross) = (&transposed * &faces, transposed * truth);
         let directions = directions(&gram, &cross);
-        ensure!(directions.ncols() > 0, "no feature follows the truth");
+        ensure!(directions.ncols() > 0, "no feature varies with the truth");
         let reduced = directions.transpose() * &gram * &directions;
         let scores = solve(reduced, &directions.tr_mul(&cross), 0.0)?;
         Ok(Box::new(Affine::new(&directions * scores, &centre, directions.ncols())))
     }
 }
 
-/// An orthonormal basis of the Krylov space of `gram` and `cross`, which is that of the components' weights
-/// (Helland, 1988).
+/// Returns an orthonormal basis of the Krylov space of `gram` and `cross`, which the weights of the components span
+/// (Helland, 1988). Orthogonalises twice for numerical stability.
 fn directions(gram: &DMatrix<f64>, cross: &DVector<f64>) -> DMatrix<f64> {
     let mut basis: Vec<DVector<f64>> = Vec::new();
     let (mut next, mut least) = (cross.clone(), 0.0);
@@ -58,7 +58,7 @@ fn directions(gram: &DMatrix<f64>, cross: &DVector<f64>) -> DMatrix<f64> {
         }
         let direction = &next / length;
         next = gram * &direction;
-        least = LEAST_PART * next.norm();
+        least = LEAST_LENGTH * next.norm();
         basis.push(direction);
     }
     DMatrix::from_fn(cross.len(), basis.len(), |row, column| basis[column][row])
@@ -70,7 +70,7 @@ mod tests {
     use crate::kinds::test_faces::{faces, largest_error};
 
     #[test]
-    fn affine_map_is_found_again_by_as_many_components_as_features() {
+    fn an_affine_map_is_found_again_by_as_many_components_as_features() {
         assert!(largest_error(&PartialLeastSquares, |face| 0.3 + 0.2 * face[0] - 0.1 * face[2]) < 1e-9);
     }
 

@@ -1,4 +1,4 @@
-//! Regression on principal components of the features.
+//! Regression on the principal components of the features.
 
 use anyhow::{Context, Result};
 use nalgebra::DMatrix;
@@ -8,10 +8,10 @@ use super::{
     affine::{Affine, centred},
 };
 
-/// The components that carry this part of the variance are kept.
+/// Share of the variance that the kept components carry.
 const KEPT: f64 = 0.999;
 
-/// Least squares on the largest principal components; on the board an affine map.
+/// Least squares on the largest principal components. The result is an affine map.
 pub struct PrincipalComponents;
 
 impl Kind for PrincipalComponents {
@@ -41,7 +41,7 @@ impl Kind for PrincipalComponents {
     }
 }
 
-/// How many of the falling variances make up [`KEPT`] of all.
+/// Returns how many of the descending variances make up [`KEPT`] of their sum.
 fn kept(variances: &[f64]) -> usize {
     let enough = KEPT * variances.iter().sum::<f64>();
     let mut sum = 0.0;
@@ -58,12 +58,12 @@ mod tests {
     use crate::kinds::test_faces::{faces, largest_error};
 
     #[test]
-    fn affine_map_is_found_again_where_all_components_are_large() {
+    fn an_affine_map_is_found_again_if_all_components_are_large() {
         assert!(largest_error(&PrincipalComponents, |face| 0.3 + 0.2 * face[0] - 0.1 * face[2]) < 1e-9);
     }
 
     #[test]
-    fn direction_that_hardly_varies_is_left_out() {
+    fn a_direction_that_hardly_varies_is_left_out() {
         let (mut faces, _) = faces(200, 2, |_| 0.0);
         let truth: Vec<f64> = faces.column(1).iter().copied().collect();
         faces.column_mut(1).scale_mut(0.01);

@@ -8,18 +8,18 @@ use super::{
     affine::{Affine, dot},
 };
 
-/// Features that are multiplied with each other: all 64 would make 2,080 products.
+/// Number of features that are multiplied with each other. All 64 would give 2,080 products.
 const MULTIPLIED: usize = 24;
-/// Ridge of a feature or product, in parts of their mean variance.
+/// Ridge penalty on a feature or product, relative to their mean variance.
 const RIDGE: f64 = 0.001;
 
-/// Least squares on features, and on squares and products of the first of them, with a ridge.
+/// Ridge regression on the features, and on the squares and products of the first of them.
 pub struct Quadratic;
 
 struct Fitted {
     offset: f64,
     linear: Vec<f64>,
-    /// Of the products of each multiplied feature with itself and later ones, one after another.
+    /// Weights of the products of each multiplied feature with itself and the later ones, one feature after another.
     products: Vec<f64>,
 }
 
@@ -43,13 +43,13 @@ impl Kind for Quadratic {
     }
 }
 
-/// Features, and beside them their products: first with first to last, second with second to last, and so on.
+/// Appends the products to the features: first with first to last, second with second to last, and so on.
 fn with_products(faces: &DMatrix<f64>) -> DMatrix<f64> {
     let (features, multiplied) = (faces.ncols(), faces.ncols().min(MULTIPLIED));
     let pairs: Vec<_> = (0..multiplied).flat_map(|one| (one..multiplied).map(move |other| (one, other))).collect();
     let mut all = faces.clone().resize_horizontally(features + pairs.len(), 0.0);
-    for (place, (one, other)) in pairs.into_iter().enumerate() {
-        all.set_column(features + place, &faces.column(one).component_mul(&faces.column(other)));
+    for (index, (one, other)) in pairs.into_iter().enumerate() {
+        all.set_column(features + index, &faces.column(one).component_mul(&faces.column(other)));
     }
     all
 }
@@ -57,12 +57,12 @@ fn with_products(faces: &DMatrix<f64>) -> DMatrix<f64> {
 impl Predictor for Fitted {
     fn predict(&self, face: &[f64]) -> f64 {
         let multiplied = &face[..face.len().min(MULTIPLIED)];
-        let mut left = self.products.as_slice();
+        let mut products = self.products.as_slice();
         let mut sum = self.offset + dot(&self.linear, face);
-        for (place, value) in multiplied.iter().enumerate() {
-            let (own, rest) = left.split_at(multiplied.len() - place);
-            left = rest;
-            sum += value * dot(own, &multiplied[place..]);
+        for (index, value) in multiplied.iter().enumerate() {
+            let (own, rest) = products.split_at(multiplied.len() - index);
+            products = rest;
+            sum += value * dot(own, &multiplied[index..]);
         }
         sum
     }
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn features_beyond_the_multiplied_ones_enter_by_themselves() {
+    fn features_that_are_not_multiplied_enter_linearly() {
         let (faces, truth) = faces(500, 30, |face| face[0] * face[1] + 0.5 * face[29]);
         let model = Quadratic.fit(&faces, &truth).unwrap();
         let row: Vec<f64> = faces.row(3).iter().copied().collect();
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn prediction_is_the_affine_map_of_features_and_products() {
+    fn the_prediction_is_the_affine_map_of_features_and_products() {
         let (faces, truth) = faces(100, 4, |face| face[0] * face[3] + face[1]);
         let model = Quadratic.fit(&faces, &truth).unwrap();
         let map = Affine::least_squares(&with_products(&faces), &truth, RIDGE).unwrap();

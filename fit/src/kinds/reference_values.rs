@@ -1,7 +1,7 @@
-//! The kinds against scikit-learn 1.9.1 (`fit/tests/kinds_reference.py`).
+//! Compares the kinds with scikit-learn 1.9.1 (`fit/tests/kinds_reference.py`).
 //!
-//! Tolerance 1e-6; of boosted trees 0.02, for splits of a few faces that explain equally much are taken at random there:
-//! with another seed its own estimates are as far off.
+//! The tolerance is 1e-6, and 0.02 for boosted trees: scikit-learn chooses at random among splits that explain equally
+//! much, and its own predictions differ by as much with another seed.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ const SEEN: usize = 80;
 const NEW: usize = 5;
 const FEATURES: usize = 20;
 
-/// The script's faces.
+/// The features of the script's faces.
 fn value(row: usize, column: usize) -> f64 {
     let place = (row * FEATURES + column + 1) as f64;
     2.0 * ((place * 12.9898).sin() * 43758.5453).rem_euclid(1.0) - 1.0

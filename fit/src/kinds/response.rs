@@ -1,5 +1,5 @@
-//! Transformations of the dependent variable (eq. 6): a kind is fitted to what they make of the truth, and its estimate
-//! is taken back.
+//! Transformations of the dependent variable (eq. 6 of the paper). A kind is fitted to the transformed truth, and its
+//! predictions are transformed back.
 
 use anyhow::Result;
 use nalgebra::DMatrix;
@@ -7,24 +7,24 @@ use serde::Serialize;
 
 use super::{Form, Kind, Predictor};
 
-/// Coefficients closer than this to 0 or 1 are taken as this far away: their logits are infinite.
+/// Coefficients are clamped to this distance from 0 and 1, where the logit is infinite.
 const EDGE: f64 = 0.02;
 
-/// What is made of the truth before the fit.
+/// A transformation of the truth before the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Response {
-    /// Nothing.
+    /// The truth itself.
     Plain,
     /// Its square root.
     SquareRoot,
-    /// `ln(y / (1 - y))`.
+    /// Its logit, `ln(y / (1 - y))`.
     Logit,
 }
 
 impl Response {
-    /// Those that a form is tried with. Forms that bend by themselves need none.
-    pub fn tried_with(form: Form) -> &'static [Self] {
+    /// Returns the responses to try with a form. Forms that are nonlinear themselves need no transformation.
+    pub fn suited_to(form: Form) -> &'static [Self] {
         match form {
             Form::Affine | Form::Quadratic => &[Self::Plain, Self::SquareRoot, Self::Logit],
             Form::Exponential | Form::LogExponential | Form::HiddenLayer | Form::Large => &[Self::Plain],
@@ -50,7 +50,7 @@ impl Response {
         }
     }
 
-    /// What the table adds to the name of a kind.
+    /// Returns what tables append to the name of a kind.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Plain => "",
@@ -103,7 +103,7 @@ mod tests {
     use crate::kinds::{affine::LeastSquares, test_faces::faces};
 
     #[test]
-    fn what_was_transformed_comes_back() {
+    fn transforming_there_and_back_restores_the_truth() {
         for response in [Response::Plain, Response::SquareRoot, Response::Logit] {
             for truth in [0.03, 0.3, 0.9] {
                 let back = response.back(response.forward(truth));
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn square_of_an_affine_map_is_found_by_the_square_root() {
+    fn the_square_of_an_affine_map_is_found_by_the_square_root() {
         let (faces, truth) = faces(100, 2, |face| (0.5 + 0.2 * face[0] - 0.1 * face[1]).powi(2));
         let model = with_response(&LeastSquares, Response::SquareRoot, &faces, &truth).unwrap();
         assert!((model.predict(&[0.5, -0.5]) - 0.65_f64.powi(2)).abs() < 1e-7);

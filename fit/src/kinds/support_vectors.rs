@@ -1,8 +1,8 @@
-//! Support vector regression with an insensitive zone.
+//! Support vector regression with an epsilon-insensitive loss.
 //!
-//! The offset is a feature that is 1 in every face, and so belongs to the penalty. Then the dual has no equation to
-//! keep, and its multipliers can be found one at a time (Hsieh et al., 2008). `smartcore` has the usual form, but
-//! with a polynomial kernel takes the wrong diagonal, and keeps its model within borrowed parameters.
+//! The offset is a feature that is 1 in every face, and so is part of the penalty. The dual problem then has no
+//! equality constraint and is solved by coordinate descent (Hsieh et al., 2008). `smartcore` has the usual form, but
+//! uses a wrong diagonal with the polynomial kernel, and its model borrows its parameters.
 
 use anyhow::Result;
 use nalgebra::{DMatrix, DVector};
@@ -13,28 +13,28 @@ use super::{
     gaussian_process::{squared_distance, squared_distances},
 };
 
-/// Errors up to this cost nothing.
+/// Errors up to this size cost nothing (epsilon).
 const ZONE: f64 = 0.05;
-/// Largest multiplier: what the cost of an error rises by.
+/// Largest multiplier (the cost C).
 const MOST: f64 = 1.0;
-/// Passes over the faces, if they do not settle before, and what settled means.
+/// Largest number of passes over the faces, and the largest change of a multiplier in a pass that counts as converged.
 const PASSES: usize = 200;
-const SETTLED: f64 = 1e-4;
-/// Of the polynomial kernel `(f g / n + 1)^3`.
+const CONVERGED: f64 = 1e-4;
+/// Degree of the polynomial kernel.
 const DEGREE: i32 = 3;
 
-/// With one of two kernels; their scale is that of scikit-learn's default.
+/// Support vector regression with one of two kernels, scaled as by scikit-learn's default.
 #[derive(Clone, Copy)]
 pub enum SupportVectors {
-    /// `exp(-d2 / n)`, of n features.
+    /// `exp(-d2 / n)` with n features.
     Rbf,
-    /// `(f g / n + 1)^3`.
+    /// `(f g / n + 1)^3` with n features.
     Polynomial,
 }
 
 struct Fitted {
     kernel: SupportVectors,
-    /// A column each.
+    /// One column per face.
     faces: DMatrix<f64>,
     multipliers: Vec<f64>,
     centre: f64,
@@ -58,8 +58,8 @@ impl Kind for SupportVectors {
 
     fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
         let centre = DVector::from_column_slice(truth).mean();
-        let lifted: Vec<f64> = truth.iter().map(|truth| truth - centre).collect();
-        let multipliers = multipliers(&self.matrix(faces), &lifted);
+        let centred: Vec<f64> = truth.iter().map(|truth| truth - centre).collect();
+        let multipliers = multipliers(&self.matrix(faces), &centred);
         let kept: Vec<usize> = (0..truth.len()).filter(|row| multipliers[*row] != 0.0).collect();
         let faces = faces.select_rows(&kept).transpose();
         let multipliers = kept.iter().map(|row| multipliers[*row]).collect();
@@ -68,7 +68,7 @@ impl Kind for SupportVectors {
 }
 
 impl SupportVectors {
-    /// The kernel of every two faces.
+    /// Returns the kernel of all pairs of faces.
     fn matrix(self, faces: &DMatrix<f64>) -> DMatrix<f64> {
         let features = faces.ncols() as f64;
         match self {
@@ -86,7 +86,7 @@ impl SupportVectors {
     }
 }
 
-/// With the 1 of the offset.
+/// The kernel with an added 1 for the offset.
 fn rbf(squared: f64, features: f64) -> f64 {
     (-squared / features).exp() + 1.0
 }
@@ -95,24 +95,24 @@ fn polynomial(product: f64, features: f64) -> f64 {
     (product / features + 1.0).powi(DEGREE) + 1.0
 }
 
-/// Of the dual: least `m' K m / 2 - y' m + zone |m|`, each within [`MOST`] of 0.
+/// Solves the dual: minimises `m' K m / 2 - y' m + zone |m|` with each multiplier within [`MOST`] of 0.
 fn multipliers(kernel: &DMatrix<f64>, truth: &[f64]) -> Vec<f64> {
     let mut multipliers = vec![0.0_f64; truth.len()];
     let mut estimates = DVector::<f64>::zeros(truth.len());
     for _ in 0..PASSES {
         let mut largest = 0.0_f64;
-        for (place, multiplier) in multipliers.iter_mut().enumerate() {
-            let own = kernel[(place, place)];
-            let best: f64 = own * *multiplier - estimates[place] + truth[place];
+        for (index, multiplier) in multipliers.iter_mut().enumerate() {
+            let own = kernel[(index, index)];
+            let best: f64 = own * *multiplier - estimates[index] + truth[index];
             let next = (best.signum() * (best.abs() - ZONE).max(0.0) / own).clamp(-MOST, MOST);
             let change = next - *multiplier;
             if change != 0.0 {
-                estimates.axpy(change, &kernel.column(place), 1.0);
+                estimates.axpy(change, &kernel.column(index), 1.0);
                 *multiplier = next;
                 largest = largest.max(change.abs());
             }
         }
-        if largest < SETTLED {
+        if largest < CONVERGED {
             break;
         }
     }
@@ -144,14 +144,14 @@ mod tests {
     use crate::kinds::test_faces::{faces, unexplained};
 
     #[test]
-    fn bent_function_is_found_to_about_the_zone() {
+    fn a_nonlinear_function_is_found_to_about_the_zone() {
         let truth = |face: &[f64]| 0.5 + 0.4 * face[0] * face[1] + 0.3 * face[2];
         assert!(unexplained(&SupportVectors::Rbf, 300, truth) < 0.03);
         assert!(unexplained(&SupportVectors::Polynomial, 300, truth) < 0.03);
     }
 
     #[test]
-    fn multipliers_are_the_least_of_the_dual() {
+    fn the_multipliers_minimise_the_dual() {
         let (faces, truth) = faces(60, 3, |face| face[0] * face[1]);
         let kernel = SupportVectors::Rbf.matrix(&faces);
         let dual = |multipliers: &DVector<f64>| {
@@ -159,17 +159,17 @@ mod tests {
             multipliers.dot(&(&kernel * multipliers)) / 2.0 - truth.dot(multipliers) + ZONE * multipliers.lp_norm(1)
         };
         let found = DVector::from_vec(multipliers(&kernel, &truth));
-        for place in 0..60 {
+        for index in 0..60 {
             for step in [-0.01, 0.01] {
                 let mut other = found.clone();
-                other[place] = (other[place] + step).clamp(-MOST, MOST);
-                assert!(dual(&other) >= dual(&found) - 1e-5, "{place} {step}");
+                other[index] = (other[index] + step).clamp(-MOST, MOST);
+                assert!(dual(&other) >= dual(&found) - 1e-5, "{index} {step}");
             }
         }
     }
 
     #[test]
-    fn truth_within_the_zone_needs_no_faces() {
+    fn a_truth_within_the_zone_needs_no_support_vectors() {
         let (faces, truth) = faces(40, 2, |face| 0.5 + 0.04 * face[0]);
         assert_eq!(SupportVectors::Rbf.fit(&faces, &truth).unwrap().weights(), 0);
     }

@@ -1,16 +1,17 @@
-//! The statistics that the paper's tables report, of one model and blendshape.
+//! The statistics of the paper's tables, for one model of one blendshape.
 
 use nalgebra::DMatrix;
 
 use crate::{
-    drawing::evenly,
+    drawing::subsample,
     fitted::Fitted,
     statistics::{
-        SHAPIRO_WILK_MOST, Tested, breusch_pagan, durbin_watson, f_statistic, mse, pearson, r_squared, shapiro_wilk, xi,
+        SHAPIRO_WILK_MAX, TestResult, breusch_pagan, durbin_watson, f_statistic, mse, pearson, r_squared, shapiro_wilk,
+        xi,
     },
 };
 
-/// Statistics of a regression on the judged pictures.
+/// Statistics of a model on the judged pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnostics {
     /// Coefficient of determination.
@@ -21,23 +22,23 @@ pub struct Diagnostics {
     pub mse: f64,
     /// Pearson's correlation.
     pub pearson: f64,
-    /// Of the residuals in the order of the estimates.
+    /// Durbin-Watson statistic of the residuals in the order of the estimates.
     pub durbin_watson: f64,
-    /// Lagrange multiplier on the estimates.
-    pub breusch_pagan: Option<Tested>,
-    /// Overall F; `None` where the model is worse than the mean of the truth.
-    pub f: Option<Tested>,
-    /// Of the residuals.
-    pub shapiro_wilk: Option<Tested>,
-    /// Truth less estimate, and the estimates, in the order of the estimates.
+    /// Breusch-Pagan test (Lagrange multiplier) with the estimate as the regressor.
+    pub breusch_pagan: Option<TestResult>,
+    /// Overall F, or `None` if the model is worse than the mean of the truth.
+    pub f: Option<TestResult>,
+    /// Shapiro-Wilk test of the residuals.
+    pub shapiro_wilk: Option<TestResult>,
+    /// Truth minus estimate, in the order of the estimates.
     pub residuals: Vec<f64>,
-    /// The estimates, rising.
+    /// The estimates in ascending order.
     pub estimates: Vec<f64>,
 }
 
 impl Diagnostics {
-    /// Of a model's predictions. Pictures have no order of their own; residuals are taken in that of the estimates,
-    /// where neighbours that are alike mean that the model bends the wrong way.
+    /// Computes the statistics of a model's predictions. Pictures have no natural order, so the residuals are ordered
+    /// by estimate. Correlated neighbours then mean that the model has the wrong curvature.
     pub fn new(fitted: &Fitted, truth: &[f64]) -> Self {
         let estimates = &fitted.predictions;
         let mut order: Vec<usize> = (0..truth.len()).collect();
@@ -55,7 +56,7 @@ impl Diagnostics {
             breusch_pagan: breusch_pagan(&residuals, &DMatrix::from_column_slice(sorted.len(), 1, &sorted))
                 .map(|test| test.lagrange),
             f,
-            shapiro_wilk: shapiro_wilk(&evenly(&residuals, SHAPIRO_WILK_MOST)),
+            shapiro_wilk: shapiro_wilk(&subsample(&residuals, SHAPIRO_WILK_MAX)),
             residuals,
             estimates: sorted,
         }
@@ -78,14 +79,14 @@ mod tests {
     }
 
     #[test]
-    fn model_that_bends_the_wrong_way_has_a_low_durbin_watson_whatever_the_order_of_the_pictures() {
+    fn a_model_of_wrong_curvature_has_a_low_durbin_watson_in_any_order_of_the_pictures() {
         let truth: Vec<f64> = (0..200).map(|i| f64::from(i * 77 % 200) / 200.0).collect();
         let bent: Vec<f64> = truth.iter().map(|value| value * value).collect();
         assert!(Diagnostics::new(&fitted(bent), &truth).durbin_watson < 0.1);
     }
 
     #[test]
-    fn model_worse_than_the_mean_has_no_f() {
+    fn a_model_worse_than_the_mean_has_no_f() {
         let truth: Vec<f64> = (0..20).map(f64::from).collect();
         let turned = truth.iter().rev().copied().collect();
         let diagnostics = Diagnostics::new(&fitted(turned), &truth);

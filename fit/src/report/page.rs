@@ -1,4 +1,4 @@
-//! The page.
+//! The page of the report.
 
 use anyhow::{Context, Result};
 use facewire::solve::BLENDSHAPES;
@@ -14,26 +14,26 @@ use super::{
 use crate::{
     drawing::face::face,
     fitted::Fitted,
-    heat::Landmarks,
+    heat::LandmarkMotion,
     html::{figure, page},
     paper::{CHEEK_PUFF, MODELS_TITLE, ModelRow, SMILE_LEFT},
     statistics::autocorrelation,
 };
 
-/// Lags of the autocorrelation that are drawn.
+/// Largest lag of the autocorrelation chart.
 const LAGS: usize = 30;
 
-/// A blendshape with what every kind of model makes of it; the first is drawn.
+/// A blendshape with the results of every kind of model. Charts are drawn for the first kind.
 struct Section<'a> {
     name: &'static str,
     truth: Vec<f64>,
     models: Vec<(&'a Fitted, Diagnostics)>,
 }
 
-/// The whole page.
+/// Returns the whole page.
 pub fn html(judged: &Judged, fitted: &[Fitted]) -> Result<String> {
     let sections = sections(judged, fitted);
-    let landmarks = Landmarks::new(judged.known, judged.unknown, &judged.rows)?;
+    let landmarks = LandmarkMotion::new(judged.known, judged.unknown, &judged.rows)?;
     let drawn = sections.par_iter().map(|section| section.html(&landmarks)).collect::<Result<Vec<_>>>()?;
     let first = sections.first().and_then(|section| section.models.first()).context("there is no model to report")?.0;
     let body = html! {
@@ -77,7 +77,7 @@ fn contents(sections: &[Section]) -> Markup {
     }
 }
 
-/// A line for every kind: its mean over the blendshapes.
+/// Returns a line for every kind of model, averaged over the blendshapes.
 fn means(sections: &[Section]) -> Vec<Line> {
     let mut kinds: Vec<&str> = Vec::new();
     for (model, _) in sections.iter().flat_map(|section| &section.models) {
@@ -101,7 +101,7 @@ fn all(sections: &[Section]) -> Vec<Line> {
 }
 
 impl Section<'_> {
-    fn html(&self, landmarks: &Landmarks) -> Result<Markup> {
+    fn html(&self, landmarks: &LandmarkMotion) -> Result<Markup> {
         let (model, diagnostics) = self.models.first().context("a blendshape has no model")?;
         let pairs: Vec<_> = model.predictions.iter().copied().zip(self.truth.iter().copied()).collect();
         let lags = autocorrelation(&diagnostics.residuals, LAGS);
@@ -109,9 +109,9 @@ impl Section<'_> {
             (drawings::fit(&pairs)?, "Estimate against truth, mostly of pictures that show the expression".to_owned()),
             (
                 drawings::ranked(&pairs)?,
-                "Estimates (dots) and truth (line), pictures in the order of the truth".to_owned(),
+                "Estimates (dots) and truth (line), with the pictures in the order of the truth".to_owned(),
             ),
-            (drawings::residuals(&pairs)?, "Residuals over estimates, of the same pictures".to_owned()),
+            (drawings::residuals(&pairs)?, "Residuals against estimates, for the same pictures".to_owned()),
             (drawings::autocorrelation(&lags, pairs.len())?, "Autocorrelation of the residuals".to_owned()),
         ];
         figures.extend(self.landmark_figures(landmarks)?);
@@ -128,8 +128,8 @@ impl Section<'_> {
         })
     }
 
-    /// The face with the correlations, and how its most and least correlated landmarks move.
-    fn landmark_figures(&self, landmarks: &Landmarks) -> Result<[(String, String); 2]> {
+    /// Draws the correlation of every landmark, and the motion of the most and the least correlated landmark.
+    fn landmark_figures(&self, landmarks: &LandmarkMotion) -> Result<[(String, String); 2]> {
         let found = landmarks.correlations(&self.truth);
         let by_value = |a: &(usize, &f64), b: &(usize, &f64)| a.1.total_cmp(b.1);
         let (least, _) = found.iter().enumerate().min_by(by_value).context("there are no landmarks")?;
@@ -137,18 +137,18 @@ impl Section<'_> {
         let [follows, rests] = [most, least].map(|landmark| landmarks.movement(landmark, &self.truth));
         Ok([
             (
-                face(&landmarks.places, &found, &[])?,
+                face(&landmarks.positions, &found, &[])?,
                 format!("Correlation of each landmark with the truth: black 0, yellow {highest:.2}"),
             ),
             (
                 drawings::movements(&follows, &rests)?,
-                format!("Landmarks {most} (blue, most correlated) and {least} (orange, least), eye distances"),
+                format!("Landmarks {most} (blue, most correlated) and {least} (orange, least), in eye distances"),
             ),
         ])
     }
 }
 
-/// The paper's figures of the two blendshapes whose models it reports.
+/// Returns the paper's table for the two blendshapes that it reports.
 fn papers(name: &str) -> Markup {
     let rows: &[ModelRow] = match name {
         "mouthSmileLeft" => &SMILE_LEFT,
@@ -156,8 +156,8 @@ fn papers(name: &str) -> Markup {
         _ => return html! {},
     };
     html! {
-        p { "The paper, table " (MODELS_TITLE) ": fitted and judged on pictures of one avatar." }
-        (table::html("kind", &rows.iter().map(Line::of_paper).collect::<Vec<_>>()))
+        p { "Results of the paper, table " (MODELS_TITLE) ": fitted and judged on pictures of one avatar." }
+        (table::html("kind", &rows.iter().map(Line::from_paper).collect::<Vec<_>>()))
     }
 }
 
@@ -165,21 +165,21 @@ fn guide() -> Markup {
     html! {
         h2 id="guide" { "How to read it" }
         dl {
-            dt { "R2, r" } dd { "Part of the truth's variance explained, and Pearson's correlation. R2 below 0: worse than the mean of the truth." }
-            dt { "xi" } dd { "Chatterjee's correlation: how far the truth is any function of the estimate." }
+            dt { "R2, r" } dd { "Share of the truth's variance that the model explains, and Pearson's correlation. With R2 below 0 the model is worse than the mean of the truth." }
+            dt { "xi" } dd { "Chatterjee's correlation: the degree to which the truth is a function of the estimate." }
             dt { "MSE" } dd { "Mean squared error." }
-            dt { "DW" } dd { "Durbin and Watson, residuals in the order of the estimates: 2 where neighbours have nothing in common; far below, the model bends the wrong way." }
-            dt { "BP" } dd { "Breusch and Pagan (Koenker's form) on the estimates, one degree of freedom: a small p says that errors grow or shrink with the coefficient." }
-            dt { "F" } dd { "Overall F with the blendshape's own weights as degrees of freedom. The pictures are not those of the fit, so it measures size and has no p." }
-            dt { "SW" } dd { "Shapiro and Wilk's W of the residuals: 1 if they look normal. With a thousand pictures p is small for any real model." }
-            dt { "bytes, ns" } dd { "Memory, and time of the regression for one face; of the shipped model, whose blendshapes have parts in common, an even share." }
+            dt { "DW" } dd { "Durbin-Watson statistic, with the residuals in the order of the estimates: 2 if neighbours are uncorrelated. A value far below 2 means that the model has the wrong curvature." }
+            dt { "BP" } dd { "Breusch-Pagan test (Koenker's form) on the estimates, with one degree of freedom. A small p means that the errors grow or shrink with the coefficient." }
+            dt { "F" } dd { "Overall F, with the number of the blendshape's own weights as degrees of freedom. The model was not fitted to these pictures, so F only measures the size of the effect and has no p." }
+            dt { "SW" } dd { "Shapiro-Wilk W of the residuals: 1 if they look normal. With a thousand pictures, p is small for any real model." }
+            dt { "bytes, ns" } dd { "Memory, and time of the regression for one face. The blendshapes of the shipped model share parts; each gets an even share of its cost." }
         }
     }
 }
 
-/// What the times were taken on.
+/// Returns the name of the CPU on which the times were taken.
 fn cpu() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    name.map_or_else(|| "a CPU that does not say its name".to_owned(), |(_, name)| name.trim().to_owned())
+    name.map_or_else(|| "an unknown CPU".to_owned(), |(_, name)| name.trim().to_owned())
 }

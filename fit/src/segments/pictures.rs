@@ -1,4 +1,4 @@
-//! The pictures that features are ranked on, as columns of numbers.
+//! The pictures on which features are ranked.
 
 use anyhow::{Context, Result};
 use facewire::solve::MEASURES;
@@ -9,17 +9,17 @@ use crate::{
     dataset::Sample,
     design::MODELLED,
     judge::Faces,
-    statistics::{Together, pearson},
+    statistics::{Regressors, pearson},
 };
 
-/// Angles of the head's pose.
+/// Number of angles of the head's pose.
 const ANGLES: usize = 3;
 
-/// Pictures of subjects that the fit may see, by whom features are ranked, and of held-out ones, by whom support
+/// Pictures of subjects that the fit may see, on which features are ranked, and of held-out subjects, on which support
 /// vectors are judged.
 pub struct Pictures<'a> {
     samples: &'a [Sample],
-    /// Displacements from the subjects' neutral faces.
+    /// Features relative to the subjects' neutral faces.
     pub known: &'a Faces<'a>,
     /// Pictures that the fit may see.
     pub seen: Vec<usize>,
@@ -28,24 +28,24 @@ pub struct Pictures<'a> {
 }
 
 impl<'a> Pictures<'a> {
-    /// Of samples, and their displacements from the subjects' neutral faces.
+    /// Splits the samples. `known` are their features relative to the subjects' neutral faces.
     pub fn new(samples: &'a [Sample], known: &'a Faces<'a>) -> Result<Self> {
         let held_out = known.rows(false)?;
         let seen: Vec<usize> = (0..samples.len()).filter(|row| !samples[*row].held_out()).collect();
         Ok(Self { samples, known, seen, held_out })
     }
 
-    /// True coefficients of a blendshape in pictures `rows`.
+    /// Returns the true coefficients of a blendshape in pictures `rows`.
     pub fn truth(&self, blendshape: usize, rows: &[usize]) -> Vec<f64> {
         self.known.truth(blendshape, rows)
     }
 
-    /// A feature of pictures `rows`.
+    /// Returns the values of a feature in pictures `rows`.
     pub fn feature(&self, feature: usize, rows: &[usize]) -> Vec<f64> {
         rows.iter().map(|row| f64::from(self.known.values(*row)[feature])).collect()
     }
 
-    /// Pearson's correlation of every feature with each of `blendshapes`.
+    /// Returns Pearson's correlation of every feature with each of `blendshapes`.
     pub fn correlations(&self, blendshapes: &[usize]) -> Vec<Vec<f64>> {
         let truths: Vec<Vec<f64>> = blendshapes.iter().map(|shape| self.truth(*shape, &self.seen)).collect();
         let of = |feature: usize| {
@@ -55,17 +55,17 @@ impl<'a> Pictures<'a> {
         transposed(&(0..MEASURES).into_par_iter().map(of).collect::<Vec<Vec<f64>>>(), blendshapes.len())
     }
 
-    /// Partial F of every feature with each of `blendshapes`, with the subject, the true pose and all other
-    /// blendshapes held.
+    /// Returns the partial F of every feature with each of `blendshapes`, controlling for the subject, the true pose
+    /// and all other blendshapes.
     pub fn partial_f(&self, blendshapes: &[usize]) -> Result<Vec<Vec<f64>>> {
         let held = DMatrix::from_fn(self.seen.len(), MODELLED + ANGLES, |row, column| {
             let sample = &self.samples[self.seen[row]];
             if column < MODELLED { sample.truth[column] } else { sample.pose_deg[column - MODELLED] }
         });
         let subjects: Vec<usize> = self.seen.iter().map(|row| self.samples[*row].subject).collect();
-        let together = Together::new(held, &subjects).context("too few pictures of each subject")?;
+        let regressors = Regressors::new(held, &subjects).context("too few pictures of each subject")?;
         let of = |feature: usize| {
-            let all = together.partial_f(&self.feature(feature, &self.seen));
+            let all = regressors.partial_f(&self.feature(feature, &self.seen));
             blendshapes.iter().map(|shape| all[*shape]).collect()
         };
         Ok(transposed(&(0..MEASURES).into_par_iter().map(of).collect::<Vec<Vec<f64>>>(), blendshapes.len()))

@@ -1,8 +1,8 @@
-//! The cross-check by support vectors: how well a support vector regression with a Gaussian kernel reads the coefficient
-//! from one feature alone.
+//! The ranking by support vectors: how well a support vector regression with a Gaussian kernel predicts the coefficient
+//! from a single feature.
 //!
-//! Importance within a regression on many features would tell little: neighbouring landmarks carry the same
-//! movement, and each could be missed.
+//! The importance of a feature in a regression on all features would tell little, because neighbouring landmarks move
+//! alike and each of them is dispensable.
 
 use anyhow::Result;
 use facewire::solve::MEASURES;
@@ -11,15 +11,16 @@ use rayon::prelude::*;
 
 use super::pictures::Pictures;
 use crate::{
-    drawing::evenly,
+    drawing::subsample,
     kinds::{Kind, SupportVectors},
     statistics::{mean, r_squared, standard_deviation},
 };
 
 /// Coefficient above which a picture shows the expression.
 const SHOWS: f64 = 0.05;
-/// R2 of every feature's own regression, fitted to at most `most` pictures and judged by as many of held-out subjects.
-/// At least half of them show the expression, if there are so many.
+
+/// Returns R2 of a regression on each feature, fitted to at most `most` pictures and judged on at most as many of
+/// held-out subjects. At least half of these pictures show the expression, if there are enough of them.
 pub fn scores(pictures: &Pictures, blendshape: usize, most: usize) -> Result<Vec<f64>> {
     let [fitted, judged] = [&pictures.seen, &pictures.held_out].map(|rows| bounded(pictures, blendshape, rows, most));
     let [own, other] = [&fitted, &judged].map(|rows| pictures.truth(blendshape, rows));
@@ -30,24 +31,24 @@ pub fn scores(pictures: &Pictures, blendshape: usize, most: usize) -> Result<Vec
     (0..MEASURES).into_par_iter().map(score).collect()
 }
 
-/// At most `most` of the pictures `rows`: evenly from small to large coefficients, of those that show the expression and
-/// of those that do not.
+/// Returns at most `most` of the pictures `rows`, evenly spaced by coefficient among those that show the expression,
+/// and among those that do not.
 fn bounded(pictures: &Pictures, blendshape: usize, rows: &[usize], most: usize) -> Vec<usize> {
     let mut by_truth: Vec<_> = rows.iter().copied().zip(pictures.truth(blendshape, rows)).collect();
     by_truth.sort_by(|a, b| a.1.total_cmp(&b.1));
     let sorted: Vec<usize> = by_truth.iter().map(|(row, _)| *row).collect();
     let (rests, shows) = sorted.split_at(by_truth.partition_point(|(_, truth)| *truth < SHOWS));
-    let showing = evenly(shows, (most / 2).max(most.saturating_sub(rests.len())));
-    [evenly(rests, most - showing.len()), showing].concat()
+    let showing = subsample(shows, (most / 2).max(most.saturating_sub(rests.len())));
+    [subsample(rests, most - showing.len()), showing].concat()
 }
 
-/// Estimates at `places`, by a regression fitted to `values` and their `truth`.
-fn estimates(values: &[f64], truth: &[f64], places: &[f64]) -> Result<Vec<f64>> {
+/// Fits a regression to `values` and their `truth`, and returns its estimates for `others`.
+fn estimates(values: &[f64], truth: &[f64], others: &[f64]) -> Result<Vec<f64>> {
     let (centre, deviation) = (mean(values.iter().copied()), standard_deviation(values).max(f64::EPSILON));
     let scaled = |value: &f64| (value - centre) / deviation;
     let faces = DMatrix::from_iterator(values.len(), 1, values.iter().map(scaled));
     let fitted = SupportVectors::Rbf.fit(&faces, truth)?;
-    Ok(places.iter().map(|place| fitted.predict(&[scaled(place)])).collect())
+    Ok(others.iter().map(|value| fitted.predict(&[scaled(value)])).collect())
 }
 
 #[cfg(test)]
@@ -69,9 +70,9 @@ mod tests {
         estimates: Vec<f64>,
     }
 
-    /// Tolerance: there the offset is free, here it belongs to the penalty.
+    /// The tolerance is large because the penalty does not include the offset in scikit-learn.
     #[test]
-    fn estimates_are_those_of_scikit_learn_within_0_04() {
+    fn estimates_agree_with_scikit_learn_within_0_04() {
         let reference: Reference = serde_json::from_str(include_str!("../../tests/reference.json")).unwrap();
         let SupportVectors { values, truth, places, estimates: theirs } = reference.support_vectors;
         let ours = estimates(&values, &truth, &places).unwrap();
@@ -79,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn bent_curve_without_linear_correlation_is_read_and_noise_is_not() {
+    fn a_curve_without_linear_correlation_is_predicted_and_noise_is_not() {
         let values: Vec<f64> = (0..120).map(|i| f64::from(i) / 60.0 - 1.0).collect();
         let places: Vec<f64> = values.iter().map(|value| value * 0.95).collect();
         let square = |values: &[f64]| values.iter().map(|value| value * value).collect::<Vec<_>>();

@@ -1,4 +1,4 @@
-//! The rankings as a summary for the terminal, and as a table of all ranks for other tools.
+//! The rankings as a summary for the terminal, and as CSV with all ranks.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -11,19 +11,19 @@ use facewire::{
 use super::ranking::{NAMES, PAIRS, Segment};
 use crate::statistics::mean;
 
-/// Name of a feature, as in the model file.
+/// Returns the name of a feature, as in the model file.
 pub fn feature_name(feature: usize) -> String {
     FeatureId::from_index(feature).map_or_else(String::new, |id| id.to_string())
 }
 
-/// Landmarks that features are coordinates of, in the order of the features.
+/// Returns the landmarks that features are coordinates of, in the order of the features.
 pub fn landmarks(features: &[usize]) -> Vec<usize> {
     let mut known = BTreeSet::new();
     let coordinates = features.iter().filter(|feature| **feature < 3 * LANDMARKS);
     coordinates.map(|feature| feature / 3).filter(|landmark| known.insert(*landmark)).collect()
 }
 
-/// Heads of the figures of agreement.
+/// Returns the titles of the columns for the agreement of rankings.
 pub fn pair_heads() -> [String; 2 * PAIRS.len()] {
     let pair = |index: usize| {
         let ((a, b), what) = (PAIRS[index % PAIRS.len()], if index < PAIRS.len() { "both" } else { "rho" });
@@ -32,19 +32,19 @@ pub fn pair_heads() -> [String; 2 * PAIRS.len()] {
     core::array::from_fn(pair)
 }
 
-/// Figures of agreement: overlaps, then correlations of the ranks.
+/// Returns the agreement of the rankings: overlaps, then correlations of the ranks.
 pub fn pair_figures(segment: &Segment) -> [f64; 2 * PAIRS.len()] {
     let (overlaps, agreements) = (segment.overlaps(), segment.agreements());
     core::array::from_fn(|index| if index < PAIRS.len() { overlaps[index] } else { agreements[index - PAIRS.len()] })
 }
 
-/// Means of the figures of agreement over the segments.
+/// Returns the agreement of the rankings, averaged over the segments.
 pub fn mean_figures(segments: &[Segment]) -> [f64; 2 * PAIRS.len()] {
     let figures: Vec<_> = segments.iter().map(pair_figures).collect();
     core::array::from_fn(|index| mean(figures.iter().map(|own| own[index])))
 }
 
-/// The figures as they are written: overlaps are shares, correlations are not.
+/// Formats the agreement of the rankings: overlaps as percentages, correlations as numbers.
 pub fn pair_cells(figures: [f64; 2 * PAIRS.len()]) -> [String; 2 * PAIRS.len()] {
     let cell = |index: usize| match figures[index] {
         overlap if index < PAIRS.len() => format!("{:.0} %", 100.0 * overlap),
@@ -53,7 +53,7 @@ pub fn pair_cells(figures: [f64; 2 * PAIRS.len()]) -> [String; 2 * PAIRS.len()] 
     core::array::from_fn(cell)
 }
 
-/// A line for every segment, and their mean; of the figures of agreement the overlaps.
+/// Returns a line for every segment with the overlaps, and their mean.
 pub fn text(segments: &[Segment]) -> String {
     let columns = |cells: &[String]| -> Vec<String> {
         cells.iter().take(PAIRS.len()).map(|cell| format!(" {cell:>11} |")).collect()
@@ -77,7 +77,7 @@ pub fn text(segments: &[Segment]) -> String {
     head + &rule + &segments.iter().map(line).collect::<String>() + &mean
 }
 
-/// A row for every blendshape and feature.
+/// Writes a row for every blendshape and feature.
 pub fn write_csv(path: &Path, segments: &[Segment]) -> Result<()> {
     let mut csv = csv::Writer::from_path(path)?;
     let heads = "blendshape,feature,kept,r,f_alone,partial_f,svr_r2,rank_r,rank_f,rank_svr";

@@ -1,9 +1,9 @@
-//! How far two curves agree.
+//! Agreement of two curves.
 
-/// Product of deviations below which a side counts as still.
+/// Variances and products of standard deviations up to this value count as 0.
 const STILL: f64 = 1e-12;
 
-/// Mean; 0 of nothing.
+/// Returns the mean, or 0 if there are no values.
 pub fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (count, sum) = values.fold((0.0, 0.0), |(count, sum), value| (count + 1.0, sum + value));
     if count > 0.0 { sum / count } else { 0.0 }
@@ -13,7 +13,7 @@ fn differences<'a>(estimate: &'a [f64], truth: &'a [f64]) -> impl Iterator<Item 
     estimate.iter().zip(truth).map(|(a, b)| a - b)
 }
 
-/// Pearson's correlation; 0 where one side does not move.
+/// Returns Pearson's correlation, or 0 if one side is constant.
 pub fn pearson(estimate: &[f64], truth: &[f64]) -> f64 {
     let pairs = || estimate.iter().zip(truth);
     let (a, b) = (mean(pairs().map(|p| *p.0)), mean(pairs().map(|p| *p.1)));
@@ -23,34 +23,34 @@ pub fn pearson(estimate: &[f64], truth: &[f64]) -> f64 {
     if deviations > STILL { covariance / deviations } else { 0.0 }
 }
 
-/// Mean squared error; against another tracker it is called mean squared deviation.
+/// Returns the mean squared error. Between two trackers it is called mean squared deviation.
 pub fn mse(estimate: &[f64], truth: &[f64]) -> f64 {
     mean(differences(estimate, truth).map(|difference| difference.powi(2)))
 }
 
-/// Standard deviation (n - 1) of the differences: what is left of the error once its mean is taken off.
+/// Returns the standard deviation (n - 1) of the differences: the error without its mean.
 ///
-/// The paper does not say how its column "Deviation" is made; in some of its rows it exceeds the root of the mean
-/// squared deviation, which this one never does by more than `sqrt(n / (n - 1))`.
+/// The paper does not say how it computes its column "Deviation". In some of its rows, the value exceeds the root of
+/// the mean squared deviation, which this function never does by more than a factor of `sqrt(n / (n - 1))`.
 pub fn deviation_of_differences(estimate: &[f64], truth: &[f64]) -> f64 {
     standard_deviation(&differences(estimate, truth).collect::<Vec<_>>())
 }
 
-/// Standard deviation (n - 1); 0 of fewer than two values.
+/// Returns the standard deviation (n - 1), or 0 if there are fewer than two values.
 pub fn standard_deviation(values: &[f64]) -> f64 {
     let centre = mean(values.iter().copied());
     let squares: f64 = values.iter().map(|value| (value - centre).powi(2)).sum();
     (squares / values.len().saturating_sub(1).max(1) as f64).sqrt()
 }
 
-/// `1 - sqrt(MSD)`. The paper reports an accuracy and does not define it; all fifteen rows of its table agree with
-/// this definition, if its MSD is cut off after three decimals.
+/// Returns `1 - sqrt(MSD)`. The paper does not define the accuracy that it reports, but all fifteen rows of its table
+/// agree with this definition if its MSD is truncated to three decimals.
 pub fn accuracy(estimate: &[f64], truth: &[f64]) -> f64 {
     1.0 - mse(estimate, truth).sqrt()
 }
 
-/// Coefficient of determination: the part of the truth's variance that the estimate explains. Below 0 it is worse
-/// than the truth's mean; 0 where the truth does not move.
+/// Returns the coefficient of determination: the share of the truth's variance that the estimate explains. It is below
+/// 0 if the estimate is worse than the truth's mean, and 0 if the truth is constant.
 pub fn r_squared(estimate: &[f64], truth: &[f64]) -> f64 {
     let centre = mean(truth.iter().copied());
     let variance = mean(truth.iter().map(|value| (value - centre).powi(2)));
@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn mean_squared_error_of_a_constant_miss_is_its_square() {
+    fn a_constant_error_gives_its_square_as_the_mean_squared_error() {
         assert!((mse(&[0.0, 1.0], &[0.5, 1.5]) - 0.25).abs() < 1e-12);
         assert!((accuracy(&[0.0, 1.0], &[0.5, 1.5]) - 0.5).abs() < 1e-12);
         assert!(deviation_of_differences(&[0.0, 1.0], &[0.5, 1.5]) < 1e-12);

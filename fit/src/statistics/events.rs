@@ -1,40 +1,40 @@
-//! Expressions as events: found, missed, imagined (the paper's eq. 12 to 14).
+//! Events in curves, and how many of them a tracker finds (eq. 12 to 14 of the paper).
 //!
-//! An event of the reference is found if the coefficient rises to `f_min` within a tolerance of it, each rise finding
-//! one event: the paper's "contained within sensitivity and time thresholds" alone would let a curve that is stuck high
-//! find all. Of the paper's two lines for `n_FN` the first is read as `n_FP = n_algo - n_TP`, the second as
-//! `n_FN = n_ref - n_TP`.
+//! An event of the reference is found if the coefficient rises to `f_min` within a tolerance of it, where each rise
+//! finds one event. The paper's condition "contained within sensitivity and time thresholds" alone would let a curve
+//! that is stuck high find all events. The paper defines `n_FN` twice; the first definition is read as
+//! `n_FP = n_algo - n_TP`, the second as `n_FN = n_ref - n_TP`.
 
 use serde::Serialize;
 
-/// An event ends when the curve falls below this part of `f_min`; until then it cannot begin again.
+/// An event ends when the curve falls below this multiple of `f_min`. Only then can the next event begin.
 const RELEASE: f64 = 0.5;
-/// Slack at the edges of the tolerance, for times that are sums of frames.
+/// Rounding allowance at the limits of the tolerance, because times are sums of frame durations.
 const SLACK_S: f64 = 1e-6;
 
-/// Events of one blendshape.
+/// Event counts of one blendshape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct EventCounts {
-    /// In the reference.
+    /// Events in the reference.
     pub reference: usize,
-    /// In the judged curve.
+    /// Events in the judged curve.
     pub estimate: usize,
-    /// Of the reference, found in the judged curve: no more than either.
+    /// Events of the reference that were found in the judged curve.
     pub found: usize,
 }
 
 impl EventCounts {
-    /// Found ones among those of the judged curve; `None` if it has none.
+    /// Returns the share of the judged curve's events that match, or `None` if it has none.
     pub fn precision(&self) -> Option<f64> {
         ratio(self.found, self.estimate)
     }
 
-    /// Found ones among those of the reference; `None` if it has none.
+    /// Returns the share of the reference's events that were found, or `None` if it has none.
     pub fn recall(&self) -> Option<f64> {
         ratio(self.found, self.reference)
     }
 
-    /// Harmonic mean of both; 0 if nothing was found, `None` if there was nothing to find.
+    /// Returns the harmonic mean of precision and recall: 0 if no event was found, `None` if the reference has none.
     pub fn f1(&self) -> Option<f64> {
         let recall = self.recall()?;
         let precision = self.precision().unwrap_or(0.0);
@@ -46,7 +46,7 @@ fn ratio(part: usize, whole: usize) -> Option<f64> {
     (whole > 0).then(|| part as f64 / whole as f64)
 }
 
-/// Times at which a curve rises to `f_min`, having been below half of it since the last time, if there was one.
+/// Returns the times at which a curve rises to `f_min` after it was below half of it.
 pub fn rising_edges(times_s: &[f64], curve: &[f64], f_min: f64) -> Vec<f64> {
     let mut armed = false;
     let mut edges = Vec::new();
@@ -59,8 +59,8 @@ pub fn rising_edges(times_s: &[f64], curve: &[f64], f_min: f64) -> Vec<f64> {
     edges
 }
 
-/// Counts the `reference` events (times) that a curve finds within `tolerance_s`. Taken in their order, each event has
-/// the first rise near it that none before it has: no other pairing finds more.
+/// Counts the events at the times `reference` that a curve finds within `tolerance_s`. In order of time, each event is
+/// matched with the first free rise near it; no other matching finds more.
 pub fn count_events(times_s: &[f64], curve: &[f64], reference: &[f64], f_min: f64, tolerance_s: f64) -> EventCounts {
     let edges = rising_edges(times_s, curve, f_min);
     let mut events = reference.to_vec();
@@ -86,19 +86,19 @@ mod tests {
     }
 
     #[test]
-    fn trembling_about_the_threshold_is_one_event() {
+    fn oscillating_around_the_threshold_is_one_event() {
         let curve = [0.0, 0.31, 0.29, 0.31, 0.16, 0.31, 0.1, 0.31];
         assert_eq!(rising_edges(&times(8), &curve, 0.3).len(), 2);
     }
 
     #[test]
-    fn slow_rise_is_one_event_where_it_passes_the_threshold() {
+    fn a_slow_rise_is_one_event_at_the_time_it_passes_the_threshold() {
         let curve = [0.1, 0.2, 0.25, 0.3, 0.4];
         assert_eq!(rising_edges(&times(5), &curve, 0.3), [0.1]);
     }
 
     #[test]
-    fn event_is_found_at_the_edge_of_the_tolerance_and_not_after_it() {
+    fn an_event_is_found_up_to_the_tolerance_and_not_beyond() {
         let mut curve = vec![0.0; 60];
         curve[30] = 0.5;
         let found = |event_frame: f64| count_events(&times(60), &curve, &[event_frame / 30.0], 0.3, 0.5).found;
@@ -106,14 +106,14 @@ mod tests {
     }
 
     #[test]
-    fn curve_that_is_stuck_high_finds_nothing() {
+    fn a_curve_that_is_stuck_high_finds_no_event() {
         let counts = count_events(&times(90), &[1.0; 90], &[0.1, 1.0, 2.0], 0.3, 0.5);
         assert_eq!(counts, EventCounts { reference: 3, estimate: 0, found: 0 });
         assert_eq!([counts.precision(), counts.f1()], [None, Some(0.0)]);
     }
 
     #[test]
-    fn one_rise_finds_one_event_and_one_event_takes_one_rise() {
+    fn one_rise_finds_at_most_one_event_and_vice_versa() {
         let mut curve = vec![0.0; 90];
         curve[30..40].fill(0.9);
         let counts = |curve: &[f64], frames: &[f64]| {
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_find_is_not_a_score_and_nothing_found_is_zero() {
+    fn f1_is_undefined_without_reference_events_and_0_if_none_is_found() {
         assert_eq!(EventCounts { reference: 0, estimate: 2, found: 0 }.f1(), None);
         assert_eq!(EventCounts { reference: 2, estimate: 0, found: 0 }.f1(), Some(0.0));
     }

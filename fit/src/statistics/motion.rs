@@ -1,14 +1,15 @@
-//! How much a curve moves where it should rest.
+//! Motion of a curve while its truth rests.
 
-/// So many frames the truth has to rest before a frame counts: by then a smoothed curve has arrived too.
+/// Number of frames for which the truth has to rest before a frame counts, so that a smoothed curve has settled.
 const REST_FRAMES: usize = 6;
-/// Widest range of a truth that rests: under what shows on a face, above the noise of a sensor.
+/// Largest range of a truth at rest: too little to be visible on a face, and more than the noise of a sensor.
 const REST_RANGE: f64 = 0.01;
-/// Fewer frames at rest say nothing.
+/// Fewest frames at rest that can be judged.
 const LEAST_FRAMES: usize = 10;
 
-/// Jitter at rest: root mean square of the step from frame to frame, over the frames where the truth has stayed
-/// within [`REST_RANGE`] for [`REST_FRAMES`]. `None` if there are fewer than [`LEAST_FRAMES`] of them.
+/// Returns the jitter at rest: the root mean square of the steps from frame to frame, over the frames at which the
+/// truth has stayed within [`REST_RANGE`] for [`REST_FRAMES`]. Returns `None` if there are fewer than [`LEAST_FRAMES`]
+/// of them.
 pub fn jitter_at_rest(estimate: &[f64], truth: &[f64]) -> Option<f64> {
     let windows = truth.windows(REST_FRAMES).zip(estimate.windows(REST_FRAMES));
     let at_rest = windows.filter(|(truth, _)| range(truth) <= REST_RANGE);
@@ -35,7 +36,7 @@ mod tests {
     }
 
     #[test]
-    fn truth_that_never_rests_has_no_jitter_at_rest() {
+    fn a_truth_that_never_rests_has_no_jitter_at_rest() {
         let truth: Vec<f64> = (0..60).map(|i| f64::from(i) / 60.0).collect();
         assert_eq!(jitter_at_rest(&truth, &truth), None);
     }

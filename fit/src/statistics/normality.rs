@@ -1,35 +1,36 @@
-//! Shapiro and Wilk's test for normal residuals, by Royston's approximation.
+//! The Shapiro-Wilk test for normal residuals, by Royston's approximation.
 //!
-//! Coefficients: P. Royston, "Approximating the Shapiro-Wilk W-test for non-normality" (1992) and algorithm AS R94 (1995).
+//! Coefficients: P. Royston, "Approximating the Shapiro-Wilk W-test for non-normality" (1992) and algorithm AS R94
+//! (1995).
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use super::{Tested, mean};
+use super::{TestResult, mean};
 
-/// Most values for which Royston's approximation holds.
-pub const SHAPIRO_WILK_MOST: usize = 5000;
-/// Fewest values that can deviate from normality.
+/// Largest sample for which Royston's approximation holds.
+pub const SHAPIRO_WILK_MAX: usize = 5000;
+/// Smallest sample that can deviate from normality.
 const FEWEST: usize = 3;
-/// Up to this many values, the last two weights are not corrected one by one.
+/// Up to this sample size, only the last weight is corrected, and above it the last two.
 const FEW: usize = 5;
-/// Up to this many values, `ln(1 - W)` needs another transformation.
+/// Up to this sample size, `ln(1 - W)` is transformed in another way.
 const SMALL: usize = 11;
 
-/// Corrections of the last weight and of the one before it: polynomials in `1 / sqrt(n)`.
+/// Corrections of the last weight and of the weight before it: polynomials in `1 / sqrt(n)`.
 const LAST: [f64; 6] = [0.0, 0.221_157, -0.147_981, -2.071_19, 4.434_685, -2.706_056];
 const BEFORE_LAST: [f64; 6] = [0.0, 0.042_981, -0.293_762, -1.752_461, 5.682_633, -3.582_633];
-/// For at most [`SMALL`] values, polynomials in n: a bound, the mean, the logarithm of the deviation.
+/// For samples up to [`SMALL`], polynomials in n: a bound, the mean, and the logarithm of the standard deviation.
 const SMALL_BOUND: [f64; 2] = [-2.273, 0.459];
 const SMALL_MEAN: [f64; 4] = [0.544, -0.399_78, 0.025_054, -6.714e-4];
 const SMALL_DEVIATION: [f64; 4] = [1.3822, -0.778_57, 0.062_767, -0.002_032_2];
-/// For more values, polynomials in ln n.
+/// For larger samples, the same mean and logarithm of the standard deviation as polynomials in ln n.
 const LARGE_MEAN: [f64; 4] = [-1.5861, -0.310_82, -0.083_751, 0.003_891_5];
 const LARGE_DEVIATION: [f64; 3] = [-0.4803, -0.082_676, 0.003_030_2];
 
-/// W (1 for a sample that looks normal) and its p value. `None` for fewer than 3 or more than
-/// [`SHAPIRO_WILK_MOST`] values, or equal ones.
-pub fn shapiro_wilk(values: &[f64]) -> Option<Tested> {
-    if !(FEWEST..=SHAPIRO_WILK_MOST).contains(&values.len()) {
+/// Returns W, which is 1 for a sample that looks normal, and its p value. Returns `None` for fewer than 3 or more than
+/// [`SHAPIRO_WILK_MAX`] values, and for constant values.
+pub fn shapiro_wilk(values: &[f64]) -> Option<TestResult> {
+    if !(FEWEST..=SHAPIRO_WILK_MAX).contains(&values.len()) {
         return None;
     }
     let mut sorted = values.to_vec();
@@ -41,10 +42,10 @@ pub fn shapiro_wilk(values: &[f64]) -> Option<Tested> {
         return None;
     }
     let statistic = (span.powi(2) / squares).min(1.0);
-    Some(Tested { statistic, p: p_of(statistic, sorted.len())? })
+    Some(TestResult { statistic, p: p_of(statistic, sorted.len())? })
 }
 
-/// Weights of the sorted values: antisymmetric, of length 1.
+/// Returns the weights of the sorted values: an antisymmetric vector of length 1.
 fn weights(count: usize) -> Option<Vec<f64>> {
     let normal = Normal::standard();
     let n = count as f64;
@@ -61,15 +62,15 @@ fn weights(count: usize) -> Option<Vec<f64>> {
         .zip(weights.iter().rev())
         .map(|(terms, score)| (*score, score / squares.sqrt() + polynomial(terms, n.sqrt().recip())))
         .collect();
-    let left_scores = squares - 2.0 * ends.iter().map(|(score, _)| score.powi(2)).sum::<f64>();
-    let left_weights = 1.0 - 2.0 * ends.iter().map(|(_, weight)| weight.powi(2)).sum::<f64>();
-    let scale = (left_scores / left_weights).sqrt();
+    let rest_of_scores = squares - 2.0 * ends.iter().map(|(score, _)| score.powi(2)).sum::<f64>();
+    let rest_of_weights = 1.0 - 2.0 * ends.iter().map(|(_, weight)| weight.powi(2)).sum::<f64>();
+    let scale = (rest_of_scores / rest_of_weights).sqrt();
     for weight in &mut weights {
         *weight /= scale;
     }
-    for (place, (_, weight)) in ends.iter().enumerate() {
-        *weights.get_mut(place)? = -weight;
-        *weights.get_mut(count - 1 - place)? = *weight;
+    for (index, (_, weight)) in ends.iter().enumerate() {
+        *weights.get_mut(index)? = -weight;
+        *weights.get_mut(count - 1 - index)? = *weight;
     }
     Some(weights)
 }
@@ -101,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_are_antisymmetric_and_of_length_one() {
+    fn the_weights_are_antisymmetric_and_of_length_one() {
         for count in [3, 4, 5, 6, 11, 12, 500] {
             let weights = weights(count).unwrap();
             let length: f64 = weights.iter().map(|weight| weight.powi(2)).sum();
@@ -111,9 +112,9 @@ mod tests {
     }
 
     #[test]
-    fn too_few_too_many_and_equal_values_are_not_tested() {
+    fn samples_that_are_too_small_too_large_or_constant_are_not_tested() {
         assert_eq!(shapiro_wilk(&[1.0, 2.0]), None);
         assert_eq!(shapiro_wilk(&[1.0; 20]), None);
-        assert_eq!(shapiro_wilk(&vec![0.0; SHAPIRO_WILK_MOST + 1]), None);
+        assert_eq!(shapiro_wilk(&vec![0.0; SHAPIRO_WILK_MAX + 1]), None);
     }
 }

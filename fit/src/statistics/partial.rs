@@ -1,30 +1,30 @@
-//! What one of several things that go together has to do with a value, when the others are held.
+//! Partial F tests: the relation of a value to one of several correlated regressors, controlling for the others.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
-/// Added to the moments of standardised regressors, so that constant ones do not stop the others.
+/// Added to the moments of standardised regressors, so that constant regressors do not make them singular.
 const RIDGE: f64 = 1e-12;
-/// Variance inflation above which a regressor is no more than what the others make up.
-const MOST_INFLATION: f64 = 1e8;
-/// Part of the variance below which what is left is rounding.
+/// Variance inflation factor above which a regressor counts as a linear combination of the others.
+const MAX_INFLATION: f64 = 1e8;
+/// Share of the variance below which a remainder is rounding error.
 const ROUNDING: f64 = 1e-12;
 
-/// Regressors that go together, in groups of rows that each have a mean of their own: worked out once, to test any
-/// number of values.
-pub struct Together {
-    /// Of length 1, about the means of the groups.
+/// Correlated regressors, with rows in groups that each have a mean of their own (fixed effects). They are prepared
+/// once to test any number of values.
+pub struct Regressors {
+    /// Regressors without the group means, scaled to length 1.
     regressors: DMatrix<f64>,
-    /// Inverse of their moments.
+    /// Inverse of their second moments.
     inverse: DMatrix<f64>,
     groups: Groups,
-    /// Degrees of freedom left.
-    left: f64,
+    /// Residual degrees of freedom.
+    degrees_of_freedom: f64,
 }
 
-impl Together {
-    /// Of regressors (rows x columns) and the group of each row. `None` if no row is left over.
+impl Regressors {
+    /// Prepares regressors (rows x columns) with the group of each row. Returns `None` if no degree of freedom remains.
     pub fn new(mut regressors: DMatrix<f64>, groups: &[usize]) -> Option<Self> {
         let groups = Groups::new(groups);
         for mut column in regressors.column_iter_mut() {
@@ -35,16 +35,18 @@ impl Together {
             column *= scale;
         }
         let moments = regressors.tr_mul(&regressors);
-        let rank = moments.symmetric_eigenvalues().iter().filter(|value| **value > MOST_INFLATION.recip()).count();
-        let left = regressors.nrows().checked_sub(groups.sizes.len() + rank).filter(|left| *left > 0)? as f64;
+        let rank = moments.symmetric_eigenvalues().iter().filter(|value| **value > MAX_INFLATION.recip()).count();
+        let used = groups.sizes.len() + rank;
+        let degrees_of_freedom = regressors.nrows().checked_sub(used).filter(|rest| *rest > 0)? as f64;
         let ridge = DMatrix::identity(moments.nrows(), moments.ncols()) * RIDGE;
         let inverse = (moments + ridge).cholesky()?.inverse();
-        Some(Self { regressors, inverse, groups, left })
+        Some(Self { regressors, inverse, groups, degrees_of_freedom })
     }
 
-    /// Partial F of `values` with every regressor, on 1 and the degrees of freedom that are left: what adding either
-    /// to a regression of the other on all other regressors and the groups explains. 0 where a regressor does
-    /// not vary or cannot be told from the others.
+    /// Returns the partial F of `values` with every regressor, controlling for all other regressors and the groups,
+    /// with 1 and the residual degrees of freedom. It is symmetric: regressing the values on the regressor or the
+    /// regressor on the values gives the same F. It is 0 for a regressor that is constant or a combination of the
+    /// others.
     pub fn partial_f(&self, values: &[f64]) -> Vec<f64> {
         let mut values = DVector::from_column_slice(values);
         self.groups.centre(values.as_mut_slice());
@@ -53,16 +55,16 @@ impl Together {
         let total = values.norm_squared();
         let unexplained = (total - along.dot(&weights)).max(total * ROUNDING);
         let f = |(weight, inflation): (&f64, f64)| {
-            let told = inflation < MOST_INFLATION && total > 0.0;
-            if told { weight.powi(2) / inflation / (unexplained / self.left) } else { 0.0 }
+            let tested = inflation < MAX_INFLATION && total > 0.0;
+            if tested { weight.powi(2) / inflation / (unexplained / self.degrees_of_freedom) } else { 0.0 }
         };
         weights.iter().zip(self.inverse.diagonal().iter().copied()).map(f).collect()
     }
 }
 
-/// Which rows belong together.
+/// The division of the rows into groups.
 struct Groups {
-    /// Rank of the group of each row.
+    /// Index of the group of each row.
     of_row: Vec<usize>,
     sizes: Vec<f64>,
 }
@@ -77,7 +79,7 @@ impl Groups {
         Self { of_row: groups.iter().map(|group| ranks[group]).collect(), sizes: sizes.into_values().collect() }
     }
 
-    /// Takes its mean off every group.
+    /// Subtracts the mean of every group.
     fn centre(&self, values: &mut [f64]) {
         let mut sums = vec![0.0; self.sizes.len()];
         self.of_row.iter().zip(values.iter()).for_each(|(group, value)| sums[*group] += value);
@@ -90,34 +92,34 @@ impl Groups {
 mod tests {
     use super::*;
 
-    /// Two regressors that mostly go together, and a value that follows the first only.
+    /// Tests two strongly correlated regressors and a value that follows only the first.
     #[test]
-    fn value_that_follows_one_of_two_that_go_together_has_little_to_do_with_the_other() {
+    fn a_value_has_no_partial_f_with_a_regressor_that_merely_accompanies_its_cause() {
         let first = |row: usize| (row as f64 * 0.7).sin();
         let regressors = DMatrix::from_fn(200, 2, |row, column| {
             first(row) + if column == 1 { 0.3 * (row as f64 * 1.9).cos() } else { 0.0 }
         });
         let values: Vec<f64> = (0..200).map(|row| first(row) + 0.1 * (row as f64 * 2.3).sin()).collect();
-        let f = Together::new(regressors, &[0; 200]).unwrap().partial_f(&values);
+        let f = Regressors::new(regressors, &[0; 200]).unwrap().partial_f(&values);
         assert!(f[0] > 1000.0 && f[1] < 5.0, "{f:?}");
     }
 
     #[test]
-    fn constants_and_repeated_regressors_have_no_f_and_leave_the_others_theirs() {
+    fn constant_and_repeated_regressors_have_no_f_and_do_not_change_the_others() {
         let regressors = DMatrix::from_fn(50, 4, |row, column| match column {
             0 => (row as f64 * 0.7).sin(),
             1 => 0.3,
             _ => (row as f64 * 1.3).cos(),
         });
         let values: Vec<f64> = (0..50).map(|row| (f64::from(row) * 0.7).sin() + 0.1 * f64::from(row % 3)).collect();
-        let alone = Together::new(regressors.columns(0, 3).into_owned(), &[0; 50]).unwrap().partial_f(&values);
-        let all = Together::new(regressors, &[0; 50]).unwrap().partial_f(&values);
+        let alone = Regressors::new(regressors.columns(0, 3).into_owned(), &[0; 50]).unwrap().partial_f(&values);
+        let all = Regressors::new(regressors, &[0; 50]).unwrap().partial_f(&values);
         assert!((all[0] / alone[0] - 1.0).abs() < 1e-4 && alone[2] > 0.0, "{alone:?} {all:?}");
         assert!(all[1] + all[2] + all[3] < f64::EPSILON);
     }
 
     #[test]
     fn as_many_groups_as_rows_leave_nothing_to_test() {
-        assert!(Together::new(DMatrix::identity(3, 1), &[0, 1, 2]).is_none());
+        assert!(Regressors::new(DMatrix::identity(3, 1), &[0, 1, 2]).is_none());
     }
 }

@@ -1,20 +1,21 @@
-//! Statistics of ranks.
+//! Rank correlations.
 
 use super::pearson;
 
-/// Seed of the order in which equal estimates are taken.
+/// Seed of the random order of equal estimates.
 const SEED: u64 = 1;
 
-/// Spearman's correlation: Pearson's of the ranks, equal values sharing their mean rank; 0 where one side is still.
+/// Returns Spearman's correlation: Pearson's correlation of the ranks, with the mean rank for equal values. Returns 0
+/// if one side is constant.
 pub fn spearman(estimate: &[f64], truth: &[f64]) -> f64 {
     pearson(&mean_ranks(estimate), &mean_ranks(truth))
 }
 
-/// Chatterjee's correlation (2021, eq. 1.2): 1 where the truth is a function of the estimate, about 0 where they are
-/// independent. 0 where the truth does not move.
+/// Returns Chatterjee's correlation (2021, eq. 1.2): 1 if the truth is a function of the estimate, about 0 if they are
+/// independent, and 0 if the truth is constant.
 ///
-/// Equal estimates are taken in a random order, as the definition asks, always the same: in their order in time, a
-/// curve that rests at 0 would seem to follow whatever the truth does slowly.
+/// Equal estimates are put in a random order, as the definition requires, which is the same in every run. In order of
+/// time, a curve that rests at 0 would seem to follow any truth that changes slowly.
 pub fn xi(estimate: &[f64], truth: &[f64]) -> f64 {
     let count = estimate.len().min(truth.len());
     let mut order: Vec<usize> = (0..count).collect();
@@ -30,7 +31,7 @@ pub fn xi(estimate: &[f64], truth: &[f64]) -> f64 {
     if scale > 0.0 { 1.0 - n * steps / scale } else { 0.0 }
 }
 
-/// Ranks from 1, equal values sharing their mean rank.
+/// Returns ranks from 1, with the mean rank for equal values.
 fn mean_ranks(values: &[f64]) -> Vec<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -49,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn any_function_of_the_estimate_has_a_high_xi_though_no_linear_correlation() {
+    fn a_nonlinear_function_of_the_estimate_has_a_high_xi_without_linear_correlation() {
         let estimate: Vec<f64> = (-500..=500).map(|i| f64::from(i) / 500.0).collect();
         let truth: Vec<f64> = estimate.iter().map(|x| x * x).collect();
         assert!(pearson(&estimate, &truth).abs() < 1e-9);
@@ -57,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn estimate_that_rests_while_the_truth_moves_slowly_has_no_xi() {
+    fn an_estimate_at_rest_has_no_xi_with_a_truth_that_moves_slowly() {
         let truth: Vec<f64> = (0..1000).map(|i| (f64::from(i) / 100.0).sin()).collect();
         assert!(xi(&[0.0; 1000], &truth).abs() < 0.1);
     }

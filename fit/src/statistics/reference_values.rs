@@ -1,7 +1,7 @@
-//! The statistics against values of `SciPy` 1.17.1, statsmodels 0.15.0 and scikit-learn 1.9.1 (`fit/tests/reference.py`).
+//! Compares the statistics with `SciPy` 1.17.1, statsmodels 0.15.0 and scikit-learn 1.9.1 (`fit/tests/reference.py`).
 //!
-//! Tolerances: 1e-9 relative, for arithmetic in another order; 1e-6 for Shapiro and Wilk's W and 1e-4 relative for its
-//! p value, where `SciPy`'s own coefficients and quantiles are rounded otherwise.
+//! The tolerance is 1e-9 relative, for another order of additions. It is 1e-6 for the Shapiro-Wilk W and 1e-4 relative
+//! for its p value, because `SciPy` rounds coefficients and quantiles in another way.
 
 use nalgebra::DMatrix;
 use serde::Deserialize;
@@ -75,13 +75,13 @@ fn agree(ours: f64, theirs: f64, relative: f64) {
 }
 
 #[track_caller]
-fn tests_agree(ours: Tested, theirs: [f64; 2]) {
+fn tests_agree(ours: TestResult, theirs: [f64; 2]) {
     agree(ours.statistic, theirs[0], 1e-9);
     agree(ours.p, theirs[1], 1e-9);
 }
 
 #[test]
-fn correlations_and_deviations_are_those_of_scipy() {
+fn correlations_and_deviations_agree_with_scipy() {
     for pair in reference().pairs {
         let (estimate, truth) = (&pair.estimate, &pair.truth);
         agree(pearson(estimate, truth), pair.pearson, 1e-9);
@@ -94,7 +94,7 @@ fn correlations_and_deviations_are_those_of_scipy() {
 }
 
 #[test]
-fn diagnostics_of_regressions_are_those_of_statsmodels() {
+fn diagnostics_of_regressions_agree_with_statsmodels() {
     for regression in reference().regressions {
         let (rows, parameters) = (regression.residuals.len(), regression.columns.len());
         let columns = DMatrix::from_fn(rows, parameters, |row, column| regression.columns[column][row]);
@@ -109,7 +109,7 @@ fn diagnostics_of_regressions_are_those_of_statsmodels() {
 }
 
 #[test]
-fn shapiro_wilk_is_that_of_scipy_from_3_to_5000_values() {
+fn shapiro_wilk_agrees_with_scipy_from_3_to_5000_values() {
     for sample in reference().normalities {
         let tested = shapiro_wilk(&sample.values).unwrap();
         agree(tested.statistic, sample.w, 1e-6);
@@ -124,24 +124,24 @@ fn shapiro_wilk_is_that_of_scipy_from_3_to_5000_values() {
 }
 
 #[test]
-fn f_of_features_alone_is_that_of_scikit_learn() {
+fn f_of_single_features_agrees_with_scikit_learn() {
     let Features { columns, truth, f_alone, .. } = reference().features;
     let ours = columns.iter().map(|column| f_regression(pearson(column, &truth), truth.len()));
     ours.zip(&f_alone).for_each(|(ours, theirs)| agree(ours, *theirs, 1e-9));
 }
 
-/// Tolerance 1e-8: the ridge that lets constant regressors pass.
+/// The tolerance is 1e-8 because of the ridge that allows constant regressors.
 #[test]
-fn partial_f_within_groups_is_that_of_statsmodels() {
+fn partial_f_within_groups_agrees_with_statsmodels() {
     let Features { columns, groups, truth, partial_f, .. } = reference().features;
     let regressors = DMatrix::from_fn(truth.len(), columns.len(), |row, column| columns[column][row]);
-    let ours = Together::new(regressors, &groups).unwrap().partial_f(&truth);
+    let ours = Regressors::new(regressors, &groups).unwrap().partial_f(&truth);
     ours.iter().zip(&partial_f).for_each(|(ours, theirs)| agree(*ours, *theirs, 1e-8));
 }
 
-/// Shapiro and Wilk (1965) print W = 0.79 for these eleven weights, from tabulated coefficients of three digits.
+/// Shapiro and Wilk (1965) give W = 0.79 for these eleven weights, computed with coefficients of three digits.
 #[test]
-fn shapiro_wilk_gives_the_published_value_of_its_own_example() {
+fn shapiro_wilk_agrees_with_its_published_example() {
     let published = &reference().normalities[0];
     assert!((shapiro_wilk(&published.values).unwrap().statistic - 0.79).abs() < 0.01);
 }

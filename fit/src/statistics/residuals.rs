@@ -1,40 +1,40 @@
-//! What the residuals of a regression (truth less estimate) give away.
+//! Diagnostics of the residuals of a regression (truth minus estimate).
 
 use nalgebra::DMatrix;
 
-use super::{Tested, f_statistic, mean, regression::Directions};
+use super::{TestResult, f_statistic, mean, regression::ColumnSpace};
 
-/// Durbin and Watson's statistic of residuals in their order: 2 where neighbours have nothing in common, near 0 where
-/// they are alike, towards 4 where they alternate. 2 for residuals that are all 0.
+/// Returns the Durbin-Watson statistic of residuals in their order: 2 if neighbours are uncorrelated, near 0 if they
+/// are alike, near 4 if they alternate. Returns 2 if all residuals are 0.
 pub fn durbin_watson(residuals: &[f64]) -> f64 {
     let steps: f64 = residuals.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
     let squares: f64 = residuals.iter().map(|residual| residual.powi(2)).sum();
     if squares > 0.0 { steps / squares } else { 2.0 }
 }
 
-/// Breusch and Pagan's test for a spread of residuals that changes with the regressors.
+/// The results of the Breusch-Pagan test, which tests whether the spread of the residuals changes with the regressors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BreuschPagan {
-    /// Lagrange multiplier, `n R2`, chi-squared with a degree of freedom for each regressor.
-    pub lagrange: Tested,
-    /// The same question asked of the F distribution.
-    pub f: Tested,
+    /// Lagrange multiplier, `n R2`: chi-squared with one degree of freedom per regressor.
+    pub lagrange: TestResult,
+    /// The variant of the test with an F distribution.
+    pub f: TestResult,
 }
 
-/// Breusch and Pagan's test in Koenker's form, which does not ask for normal residuals; squared residuals are
-/// regressed on `regressors` (rows x columns, without a constant). `None` if there are too few rows or
-/// nothing varies.
+/// Performs the Breusch-Pagan test in Koenker's form, which does not assume normal residuals: regresses the squared
+/// residuals on `regressors` (rows x columns, without a constant). Returns `None` if there are too few rows or all
+/// values are constant.
 pub fn breusch_pagan(residuals: &[f64], regressors: &DMatrix<f64>) -> Option<BreuschPagan> {
     use statrs::distribution::{ChiSquared, ContinuousCDF};
     let squares: Vec<f64> = residuals.iter().map(|residual| residual.powi(2)).collect();
-    let directions = Directions::of(regressors)?;
-    let (r_squared, rank) = (directions.explain(&squares)?, directions.rank());
+    let space = ColumnSpace::of(regressors)?;
+    let (r_squared, rank) = (space.explain(&squares)?, space.rank());
     let statistic = squares.len() as f64 * r_squared;
     let p = ChiSquared::new(rank as f64).ok()?.sf(statistic);
-    Some(BreuschPagan { lagrange: Tested { statistic, p }, f: f_statistic(r_squared, squares.len(), rank)? })
+    Some(BreuschPagan { lagrange: TestResult { statistic, p }, f: f_statistic(r_squared, squares.len(), rank)? })
 }
 
-/// Autocorrelation at lags 0 to `lags`, all divided by the variance at lag 0. Zeros where the values are still.
+/// Returns the autocorrelation at lags 0 to `lags`, relative to lag 0. Returns zeros if the values are constant.
 pub fn autocorrelation(values: &[f64], lags: usize) -> Vec<f64> {
     let centre = mean(values.iter().copied());
     let centred: Vec<f64> = values.iter().map(|value| value - centre).collect();

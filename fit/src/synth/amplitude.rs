@@ -1,4 +1,5 @@
-//! How far the rig's shapes move against ARKit's: the largest displacement over the distance of the eyes differs between rig and ARKit by the factor in
+//! How far the rig's shapes move against ARKit's: the largest displacement over the distance of the eyes differs
+//! between rig and ARKit by the factor in
 //! `RATIOS`; weights are divided by it, so that a truth of 1 means ARKit's motion. Three shapes mean contact rather
 //! than distance and keep it: a lid is shut at `eyeBlink` 1, lips meet where `mouthClose` equals `jawOpen`.
 

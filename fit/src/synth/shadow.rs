@@ -7,7 +7,7 @@ use super::{raster::Grid, rig::Triangle};
 
 /// Surfaces this much in front, centimetres, cast a shadow; less is the surface itself.
 const BIAS_CM: f32 = 0.12;
-/// Directions that ambient light is gathered from, and cells of a side of their maps.
+/// ColumnSpace that ambient light is gathered from, and cells of a side of their maps.
 const DIRECTIONS: u16 = 64;
 const AMBIENT_SIDE: usize = 160;
 
@@ -101,7 +101,7 @@ pub fn ambient_occlusion(points: &[Vec3], normals: &[Vec3], triangles: &[Triangl
     (0..points.len()).map(share).collect()
 }
 
-/// Directions spread evenly over the sphere (golden spiral).
+/// ColumnSpace spread evenly over the sphere (golden spiral).
 fn direction(index: u16) -> Vec3 {
     let height = 1.0 - (2.0 * f32::from(index) + 1.0) / f32::from(DIRECTIONS);
     let around = Vec2::from_angle(f32::from(index) * 2.399_963_3) * (1.0 - height * height).sqrt();

@@ -14,8 +14,8 @@ const ROUNDING: f64 = 1e-12;
 /// Correlated regressors, with rows in groups that each have a mean of their own (fixed effects). They are prepared
 /// once to test any number of values.
 pub struct Regressors {
-    /// Regressors without the group means, scaled to length 1.
-    regressors: DMatrix<f64>,
+    /// The regressors without the group means, scaled to length 1.
+    columns: DMatrix<f64>,
     /// Inverse of their second moments.
     inverse: DMatrix<f64>,
     groups: Groups,
@@ -40,7 +40,7 @@ impl Regressors {
         let degrees_of_freedom = regressors.nrows().checked_sub(used).filter(|rest| *rest > 0)? as f64;
         let ridge = DMatrix::identity(moments.nrows(), moments.ncols()) * RIDGE;
         let inverse = (moments + ridge).cholesky()?.inverse();
-        Some(Self { regressors, inverse, groups, degrees_of_freedom })
+        Some(Self { columns: regressors, inverse, groups, degrees_of_freedom })
     }
 
     /// Returns the partial F of `values` with every regressor, controlling for all other regressors and the groups,
@@ -50,7 +50,7 @@ impl Regressors {
     pub fn partial_f(&self, values: &[f64]) -> Vec<f64> {
         let mut values = DVector::from_column_slice(values);
         self.groups.centre(values.as_mut_slice());
-        let along = self.regressors.tr_mul(&values);
+        let along = self.columns.tr_mul(&values);
         let weights = &self.inverse * &along;
         let total = values.norm_squared();
         let unexplained = (total - along.dot(&weights)).max(total * ROUNDING);

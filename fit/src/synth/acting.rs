@@ -1,4 +1,4 @@
-//! Expressions at random: single shapes, frames of real recordings, combinations, and rest.
+//! Random expressions: single shapes, frames of real recordings, combinations, and the face at rest.
 
 use std::sync::LazyLock;
 
@@ -8,13 +8,13 @@ use rand_chacha::ChaCha8Rng;
 
 use super::expression::Coefficients;
 
-/// Shapes above this are at work.
+/// Coefficient above which a shape counts as active.
 const ACTIVE: f32 = 0.3;
-/// A single shape's face is otherwise a recorded frame weakened to at most this.
+/// Largest factor on the recorded frame that is added to a single shape.
 const TRACE: f32 = 0.15;
-/// Each coefficient of a recorded frame is scaled by this much.
+/// Range of the factor on each coefficient of a recorded frame.
 const SCALE: core::ops::Range<f32> = 0.6..1.8;
-/// Faces do not do both at once.
+/// Pairs of shapes that are not active together on a real face.
 const EXCLUSIVE: [(&str, &str); 14] = [
     ("eyeBlinkLeft", "eyeWideLeft"),
     ("eyeBlinkRight", "eyeWideRight"),
@@ -31,30 +31,31 @@ const EXCLUSIVE: [(&str, &str); 14] = [
     ("mouthFunnel", "mouthStretchLeft"),
     ("mouthPucker", "mouthSmileLeft"),
 ];
-/// What moves together with a shape: the other side, or for the eyes what looks the same way.
+/// The shape that moves together with each shape: the same on the other side, or the same direction of the other eye.
 static PARTNERS: LazyLock<Vec<Option<Partner>>> =
     LazyLock::new(|| BLENDSHAPES.iter().map(|name| Partner::of(name)).collect());
 
 struct Partner {
     index: usize,
-    /// Always with the same strength.
+    /// Whether both shapes always have the same strength.
     fixed: bool,
 }
 
-/// Shares of the kinds of expressions, in any unit.
+/// Relative frequencies of the kinds of expressions.
 #[derive(Debug, Clone, Copy)]
 pub struct Mix {
-    /// One shape, alone or with its other side.
+    /// One shape, alone or with its partner.
     pub single: f32,
     /// A frame of a recording.
     pub recorded: f32,
     /// Three to six shapes.
     pub combined: f32,
-    /// No expression: what turning the head alone looks like.
+    /// No expression, to teach what turning the head alone looks like.
     pub rest: f32,
 }
 
-/// An expression at random; `frames` are of recordings, `shapes` those that may show alone (all, if there are none).
+/// Returns a random expression. `frames` are recorded frames, `shapes` the candidates for a single shape (all if
+/// empty).
 pub fn random_expression(rng: &mut ChaCha8Rng, mix: Mix, frames: &[Coefficients], shapes: &[usize]) -> Coefficients {
     let choice = rng.random_range(0.0..mix.single + mix.recorded + mix.combined + mix.rest);
     let mut weights = if choice < mix.single {
@@ -66,7 +67,7 @@ pub fn random_expression(rng: &mut ChaCha8Rng, mix: Mix, frames: &[Coefficients]
     } else {
         [0.0; COEFFS]
     };
-    settle(rng, &mut weights);
+    constrain(rng, &mut weights);
     weights
 }
 
@@ -89,7 +90,7 @@ fn single(rng: &mut ChaCha8Rng, frames: &[Coefficients], shapes: &[usize]) -> Co
     weights
 }
 
-/// Where lips close further than the jaw is open, opens it.
+/// Opens the jaw if the lips would close further than the jaw is open.
 fn open_for_closed_lips(rng: &mut ChaCha8Rng, weights: &mut Coefficients) {
     let (close, open) = (index_of("mouthClose"), index_of("jawOpen"));
     if weights[close] > weights[open] {
@@ -111,8 +112,8 @@ fn combined(rng: &mut ChaCha8Rng) -> Coefficients {
     weights
 }
 
-/// Into bounds, and without what no face does.
-fn settle(rng: &mut ChaCha8Rng, weights: &mut Coefficients) {
+/// Clamps the coefficients and removes combinations that no real face shows.
+fn constrain(rng: &mut ChaCha8Rng, weights: &mut Coefficients) {
     *weights = weights.map(|value| value.clamp(0.0, 1.0));
     for (one, other) in EXCLUSIVE {
         let (one, other) = (index_of(one), index_of(other));
@@ -120,17 +121,17 @@ fn settle(rng: &mut ChaCha8Rng, weights: &mut Coefficients) {
             weights[if rng.random() { one } else { other }] = 0.0;
         }
     }
-    restrain(weights);
+    enforce_limits(weights);
 }
 
-/// The bounds that hold for every expression: lips close no further than the jaw is open; the tongue is not seen.
-pub fn restrain(weights: &mut Coefficients) {
+/// Enforces the limits of every expression: lips close no further than the jaw is open, and the tongue is not shown.
+pub fn enforce_limits(weights: &mut Coefficients) {
     let (close, open) = (index_of("mouthClose"), index_of("jawOpen"));
     weights[close] = weights[close].min(weights[open]);
     weights[index_of("tongueOut")] = 0.0;
 }
 
-/// Number of a blendshape.
+/// Returns the index of a blendshape.
 pub fn index_of(name: &str) -> usize {
     BLENDSHAPES.iter().position(|known| *known == name).unwrap_or(0)
 }
@@ -161,7 +162,7 @@ mod tests {
     const MIX: Mix = Mix { single: 1.0, recorded: 1.0, combined: 1.0, rest: 0.1 };
 
     #[test]
-    fn expressions_stay_within_bounds_and_close_lips_no_further_than_the_jaw_is_open() {
+    fn coefficients_are_bounded_and_lips_close_no_further_than_the_jaw_is_open() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let frames = [[0.9; COEFFS], [0.1; COEFFS]];
         let (close, open, tongue) = (index_of("mouthClose"), index_of("jawOpen"), index_of("tongueOut"));
@@ -184,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn chosen_shapes_are_the_only_ones_that_show_alone() {
+    fn only_chosen_shapes_are_shown_alone() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let mix = Mix { recorded: 0.0, combined: 0.0, rest: 0.0, ..MIX };
         let (puff, open) = (index_of("cheekPuff"), index_of("jawOpen"));
@@ -195,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn eyes_look_the_same_way() {
+    fn both_eyes_look_in_the_same_direction() {
         let partner = |name: &str| PARTNERS[index_of(name)].as_ref().map(|partner| BLENDSHAPES[partner.index]);
         assert_eq!(partner("eyeLookInLeft"), Some("eyeLookOutRight"));
         assert_eq!(partner("eyeLookOutLeft"), Some("eyeLookInRight"));

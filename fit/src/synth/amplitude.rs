@@ -1,10 +1,11 @@
-//! How far the rig's shapes move against ARKit's: the largest displacement over the distance of the eyes differs
-//! between rig and ARKit by the factor in
-//! `RATIOS`; weights are divided by it, so that a truth of 1 means ARKit's motion. Three shapes mean contact rather
-//! than distance and keep it: a lid is shut at `eyeBlink` 1, lips meet where `mouthClose` equals `jawOpen`.
+//! The amplitude of the rig's shapes relative to ARKit's.
+//!
+//! A shape's amplitude is its largest displacement divided by the distance of the eyes. It differs between rig and
+//! ARKit by the factor in `RATIOS`. Weights are divided by this factor, so that a coefficient of 1 means ARKit's
+//! motion.
 
-/// Largest displacement in the rig over that in ARKit, both over the distance of the eyes. `eyeLookIn` and
-/// `eyeLookOut` are of the lids. `eyeBlink` shuts the lid at 1. `mouthClose` is set so that lips meet over an open jaw.
+/// Amplitude in the rig divided by the amplitude in ARKit. `eyeLookIn` and `eyeLookOut` refer to the lids. Two shapes
+/// are defined by contact instead: `eyeBlink` shuts the lid at 1, and lips meet where `mouthClose` equals `jawOpen`.
 const RATIOS: [(&str, f32); 30] = [
     ("browDown", 0.74),
     ("browInnerUp", 0.56),
@@ -37,9 +38,10 @@ const RATIOS: [(&str, f32); 30] = [
     ("mouthStretch", 0.75),
     ("noseSneer", 2.14),
 ];
-/// The same for shapes named by the side they move to.
+/// The same for shapes whose name ends with a direction of motion instead of a side of the face.
 const SIDEWAYS: [(&str, f32); 3] = [("mouthLeft", 1.57), ("mouthRight", 1.57), ("mouthUpperUp", 0.94)];
-/// Amplitude of the rig over ARKit's for a blendshape.
+
+/// Returns the amplitude of a blendshape in the rig divided by its amplitude in ARKit.
 pub fn ratio(name: &str) -> Option<f32> {
     let stem = name.strip_suffix("Left").or_else(|| name.strip_suffix("Right")).unwrap_or(name);
     let all = || SIDEWAYS.iter().chain(&RATIOS);

@@ -1,4 +1,4 @@
-//! All subjects' rows as one archive in the layout that `train` and `judge` read, names of the columns beside it.
+//! Writes the rows of all subjects as one archive in the layout that `train` and `judge` read.
 
 use std::{
     fs::{self, File},
@@ -19,14 +19,14 @@ use npyz::{
 
 use super::worker::{META, ROW};
 
-/// Where an array's numbers stand in a row, and its shape behind the number of pictures.
+/// An array of the archive: its position in a row, and its shape for one picture.
 struct Column {
     name: &'static str,
     first: usize,
     shape: &'static [usize],
 }
 
-/// File beside an archive with the names of the columns of `weights`.
+/// The file beside an archive that names the columns of `weights`.
 const NAMES: &str = "names.json";
 const POINTS: usize = 3 * LANDMARKS;
 const COLUMNS: [Column; 4] = [
@@ -36,22 +36,22 @@ const COLUMNS: [Column; 4] = [
     Column { name: "meta", first: POINTS + COEFFS + 3, shape: &[META] },
 ];
 
-/// Refuses, before anything is rendered, an output that the text beside it would overwrite, and one whose names of
-/// columns would replace those of another dataset.
+/// Checks before the first picture is rendered that the output is an npz file, which its provenance file cannot
+/// overwrite, and that `names.json` does not belong to another dataset.
 pub fn check(out: &Path) -> Result<()> {
-    let npz = out.extension().is_some_and(|ending| ending == "npz");
-    ensure!(npz, "{} does not end in .npz; give the archive that ending", out.display());
+    let npz = out.extension().is_some_and(|extension| extension == "npz");
+    ensure!(npz, "{} does not end in .npz: choose a name with this ending", out.display());
     let names = out.with_file_name(NAMES);
     let known = fs::read_to_string(&names).ok().and_then(|text| serde_json::from_str::<Vec<String>>(&text).ok());
     ensure!(
         !names.exists() || known.is_some_and(|known| known == BLENDSHAPES),
-        "{} names the columns of another dataset, and `synth` has them in another order; write to another folder",
+        "{} names the columns of another dataset in another order: write to another folder",
         names.display()
     );
     Ok(())
 }
 
-/// Writes the archive. `subjects` holds each subject's rows, by number.
+/// Writes the archive. `subjects` holds the rows of each subject, by number.
 pub fn write(out: &Path, subjects: &[Vec<f32>]) -> Result<()> {
     let failed = || format!("cannot write {}", out.display());
     let unfinished = out.with_extension("unfinished");
@@ -66,7 +66,7 @@ pub fn write(out: &Path, subjects: &[Vec<f32>]) -> Result<()> {
     fs::rename(&unfinished, out).with_context(failed)
 }
 
-/// Without a time: the same pictures give the same file.
+/// Returns file options without a time stamp, so that the same pictures give the same file.
 fn options() -> FileOptions {
     FileOptions::default()
         .compression_method(CompressionMethod::Stored)
@@ -105,7 +105,7 @@ mod tests {
     use crate::dataset;
 
     #[test]
-    fn names_of_other_columns_and_outputs_that_are_no_npz_are_refused() {
+    fn another_datasets_names_and_outputs_other_than_npz_are_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let out = folder.path().join("faces.npz");
         check(&out).expect("an empty folder");
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn archive_reads_back_as_a_dataset() {
+    fn an_archive_reads_back_as_a_dataset() {
         let folder = std::env::temp_dir().join(format!("facewire-fit-{}-archive", std::process::id()));
         fs::create_dir_all(&folder).expect("a folder");
         let out = folder.join("faces.npz");
@@ -133,7 +133,7 @@ mod tests {
         assert_eq!(samples.iter().map(|sample| sample.subject).collect::<Vec<_>>(), [0, 0, 1]);
         assert_eq!(samples[1].landmarks.0[1][0], 1.0 + 3.0 / 4096.0);
         assert_eq!(samples[2].truth[2], f64::from(2.0 + 1436.0_f32 / 4096.0));
-        assert_eq!(samples[0].pose_deg[1], -f64::from(1487.0_f32 / 4096.0), "the file's pitch nods down");
+        assert_eq!(samples[0].pose_deg[1], -f64::from(1487.0_f32 / 4096.0), "pitch nods down in the file");
         fs::remove_dir_all(folder).expect("removed");
     }
 }

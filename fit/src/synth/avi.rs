@@ -1,6 +1,6 @@
-//! Motion-JPEG AVI: a header, the images, an index.
+//! Writes Motion-JPEG AVI files: a header, the images, and an index.
 
-/// What is written of a film that cannot be known before it ends is filled in from its frames.
+/// A buffer of RIFF chunks.
 struct Chunks(Vec<u8>);
 
 impl Chunks {
@@ -28,7 +28,7 @@ fn length(bytes: &[u8]) -> u32 {
     u32::try_from(bytes.len()).unwrap_or(u32::MAX)
 }
 
-/// A film of `frames` (JPEG images of `size`) at `rate` frames a second. Under 4 GB.
+/// Returns an AVI file with `frames` (JPEG images of `size`) at `rate` frames per second. It must be smaller than 4 GB.
 pub fn film(frames: &[Vec<u8>], [width, height]: [u32; 2], rate: u32) -> Vec<u8> {
     let count = u32::try_from(frames.len()).unwrap_or(u32::MAX);
     let largest = frames.iter().map(|frame| length(frame)).max().unwrap_or(0);
@@ -37,7 +37,7 @@ pub fn film(frames: &[Vec<u8>], [width, height]: [u32; 2], rate: u32) -> Vec<u8>
         let offset = length(&images.0) + 4;
         images.chunk(*b"00dc", frame);
         index.0.extend(b"00dc");
-        // Every image stands alone (AVIIF_KEYFRAME).
+        // AVIIF_KEYFRAME: every image can be decoded on its own.
         index.numbers(&[0x10, offset, length(frame)]);
     }
     let mut body = Chunks(vec![]);
@@ -48,7 +48,7 @@ pub fn film(frames: &[Vec<u8>], [width, height]: [u32; 2], rate: u32) -> Vec<u8>
     file.0
 }
 
-/// AVIMAINHEADER, AVISTREAMHEADER and BITMAPINFOHEADER.
+/// Returns the headers AVIMAINHEADER, AVISTREAMHEADER and BITMAPINFOHEADER.
 fn header(count: u32, largest: u32, [width, height]: [u32; 2], rate: u32) -> Vec<u8> {
     let mut main = Chunks(vec![]);
     main.numbers(&[1_000_000 / rate, largest * rate, 0, 0x10, count, 0, 1, largest, width, height, 0, 0, 0, 0]);
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_product_reads_size_rate_and_every_frame() {
+    fn facewire_reads_size_rate_and_every_frame() {
         let image = turbojpeg::Image {
             pixels: vec![90_u8; 64 * 48 * 3],
             width: 64,

@@ -1,4 +1,4 @@
-//! What stands behind a person: a gradient with soft and hard-edged shapes, as rooms look out of focus.
+//! The background of a picture: a gradient with soft and sharp shapes, like a room that is out of focus.
 
 use glam::{Vec2, Vec3};
 use rand::RngExt;
@@ -6,12 +6,12 @@ use rand_chacha::ChaCha8Rng;
 
 use super::geometry::smoothstep;
 
-/// Pixels of the picture to one cell of the coarse backdrop.
+/// Pixels of the picture per cell of the backdrop.
 const CELL: usize = 6;
-/// Most shapes.
+/// Largest number of shapes.
 const SHAPES: u8 = 14;
 
-/// A backdrop, drawn coarsely.
+/// A backdrop at low resolution.
 #[derive(Debug, Clone)]
 pub struct Backdrop {
     size: [usize; 2],
@@ -30,7 +30,7 @@ struct Shape {
 }
 
 impl Backdrop {
-    /// Draws one at random for pictures of `size`; `light` is the mean light of the room.
+    /// Generates a random backdrop for pictures of `size`. `light` is the mean light of the room.
     pub fn random(rng: &mut ChaCha8Rng, size: [usize; 2], light: Vec3) -> Self {
         let size = size.map(|side| side.div_ceil(CELL) + 1);
         let wall = random_colour(rng) * light;
@@ -38,15 +38,15 @@ impl Backdrop {
         let count = if rng.random_bool(0.25) { 0 } else { rng.random_range(2..=SHAPES) };
         let shapes: Vec<Shape> = (0..count).map(|_| Shape::random(rng, light)).collect();
         let cell = |index: usize| {
-            let place = Vec2::new((index % size[0]) as f32, (index / size[0]) as f32);
-            let place = place / size[0] as f32 - Vec2::new(0.5, 0.5 * size[1] as f32 / size[0] as f32);
-            let start = wall * (1.0 + slope.dot(place)).max(0.1);
-            shapes.iter().fold(start, |colour, shape| colour.lerp(shape.colour, shape.cover(place)))
+            let position = Vec2::new((index % size[0]) as f32, (index / size[0]) as f32);
+            let position = position / size[0] as f32 - Vec2::new(0.5, 0.5 * size[1] as f32 / size[0] as f32);
+            let start = wall * (1.0 + slope.dot(position)).max(0.1);
+            shapes.iter().fold(start, |colour, shape| colour.lerp(shape.colour, shape.cover(position)))
         };
         Self { cells: (0..size[0] * size[1]).map(cell).collect(), size }
     }
 
-    /// Fills a picture of the given width.
+    /// Fills a picture of the given width, interpolating between cells.
     pub fn fill(&self, width: usize, pixels: &mut [Vec3]) {
         for (row, line) in pixels.chunks_exact_mut(width).enumerate() {
             let (upper, down) = (row / CELL, (row % CELL) as f32 / CELL as f32);
@@ -64,7 +64,7 @@ impl Backdrop {
     }
 }
 
-/// Colours of walls and things: mostly dull, in linear light.
+/// Returns a colour for a wall or an object in linear light. Most colours are unsaturated.
 fn random_colour(rng: &mut ChaCha8Rng) -> Vec3 {
     let level = rng.random_range(0.02_f32..0.9).powf(1.4);
     let hue = Vec3::new(rng.random(), rng.random(), rng.random());
@@ -85,10 +85,11 @@ impl Shape {
         }
     }
 
-    fn cover(&self, place: Vec2) -> f32 {
-        let offset = self.turn.rotate(place - self.centre).abs() - self.half;
+    /// Returns the opacity of the shape at a position.
+    fn cover(&self, position: Vec2) -> f32 {
+        let offset = self.turn.rotate(position - self.centre).abs() - self.half;
         let beyond = if self.round {
-            ((offset + self.half) / self.half).length().mul_add(1.0, -1.0) * self.half.min_element()
+            (((offset + self.half) / self.half).length() - 1.0) * self.half.min_element()
         } else {
             offset.max_element()
         };

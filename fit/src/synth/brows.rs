@@ -1,6 +1,6 @@
-//! Brows: an alpha layer over the skin, laid by its two ends on those of the face's brows.
+//! Brows: a translucent texture over the skin, aligned with the two ends of the face's brow.
 //!
-//! A texture shows two brows, one above the other; the upper one is used for both sides.
+//! A texture contains two brows, one above the other. The upper one is used for both sides.
 
 use anyhow::{Context, Result};
 use glam::{Vec2, Vec3};
@@ -10,30 +10,31 @@ use super::{
     texture::Texture,
 };
 
-/// Alpha from which a pixel counts.
+/// Alpha above which a pixel belongs to a brow.
 const INK: u8 = 40;
-/// Exponent on alpha: the textures are of single hairs, which camera pixels do not show.
+/// Exponent on alpha. Values below 1 make brows denser, because the textures show single hairs, which are smaller than
+/// the camera's pixels.
 const DENSER: f32 = 0.35;
-/// Landmarks at the inner and outer end of the person's left brow, and how far above them its middle lies, cm.
+/// Landmarks at the inner and outer end of the person's left brow, and the height of its centre line above them in cm.
 const ANCHORS: [(usize, f32); 2] = [(22, 0.05), (26, 0.05)];
-/// Skin in front of this, and within this range of height above the anchors' mean, may carry a brow.
+/// A brow can cover skin in front of this depth, within this distance above and below the anchors, in cm.
 const FRONT: f32 = 4.0;
 const REACH: f32 = 2.6;
 
-/// One style.
+/// One style of brows.
 pub struct Brow {
     texture: Texture,
     /// Inner and outer end on the head at rest, and in the texture.
     on_face: [Vec2; 2],
     in_texture: [Vec2; 2],
-    /// Lowest v that belongs to the upper brow.
+    /// Lowest v coordinate that belongs to the upper brow.
     floor: f32,
-    /// Skin that it may cover.
+    /// Skin that the brow can cover.
     pub triangles: Vec<Triangle>,
 }
 
 impl Brow {
-    /// Lays a texture on a rig.
+    /// Aligns a texture with a rig.
     pub fn new(texture: Texture, rig: &Rig) -> Result<Self> {
         let [_, height] = texture.size();
         let floor_row = upper_rows(&texture).context("a brow texture does not show two brows")?;
@@ -52,13 +53,13 @@ impl Brow {
         Ok(Self { on_face, in_texture, floor: 1.0 - floor_row as f32 / height as f32, texture, triangles })
     }
 
-    /// How far out along the brow a vertex of the head at rest lies: 0 at the inner end, 1 at the outer.
+    /// Returns the position of a vertex along the brow: 0 at the inner end, 1 at the outer end.
     pub fn along(&self, rest: Vec3) -> f32 {
         let [inner, outer] = self.on_face;
         (rest.x.abs() - inner.x) / (outer.x - inner.x)
     }
 
-    /// Where a vertex of the head at rest lies in the texture: along the line between the ends, and as far above it.
+    /// Returns the texture coordinates of a vertex of the head at rest.
     pub fn place(&self, rest: Vec3) -> Vec2 {
         let ([inner, outer], [from, to]) = (self.on_face, self.in_texture);
         let along = self.along(rest);
@@ -66,27 +67,27 @@ impl Brow {
         from.lerp(to, along) + Vec2::new(0.0, scale * (rest.y - inner.lerp(outer, along).y))
     }
 
-    /// How much of the skin is covered there, 0 to 1.
+    /// Returns the opacity of the brow at a texture coordinate, from 0 to 1.
     pub fn cover(&self, uv: Vec2) -> f32 {
         let inside = uv.x > 0.0 && uv.x < 1.0 && uv.y > self.floor && uv.y < 1.0;
         if inside { (self.texture.sample(uv).w / 255.0).powf(DENSER) } else { 0.0 }
     }
 }
 
-/// The first empty row below the upper brow: in the gap between the two.
+/// Returns a row between the upper and the lower brow.
 fn upper_rows(texture: &Texture) -> Option<usize> {
     let [width, height] = texture.size();
     let ink = |row: usize| (0..width).filter(|column| texture.pixel(*column, row)[3] > INK).count();
     let inked: Vec<bool> = (0..height).map(|row| ink(row) > 0).collect();
     let first = inked.iter().position(|inked| *inked)?;
     let last = inked.iter().rposition(|inked| *inked)?;
-    // The widest gap; where brows overlap in height, the emptiest row near the middle.
+    // Where the brows overlap in height, no row is empty, so the emptiest row near the middle is used.
     let middle = usize::midpoint(first, last);
     let reach = (last - first) / 6;
     (middle - reach..middle + reach).min_by_key(|row| (ink(*row), row.abs_diff(middle)))
 }
 
-/// Inner and outer end of the upper brow.
+/// Returns inner and outer end of the upper brow.
 fn ends(texture: &Texture, floor_row: usize) -> Option<[Vec2; 2]> {
     let [width, height] = texture.size();
     let rows_of =

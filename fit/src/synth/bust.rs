@@ -1,4 +1,4 @@
-//! A body below the rig's shoulders, where the mesh ends: its rim, drawn down and out, so that no bust floats in the
+//! Extends the rig, whose mesh ends at the shoulders, downwards and outwards, so that the bust does not float in the
 //! picture.
 
 use std::collections::{HashMap, HashSet};
@@ -7,12 +7,12 @@ use glam::Vec3;
 
 use super::rig::{Rig, Triangle};
 
-/// The rim of the shoulders lies below this, centimetres; other rims are inside mouth and eyes.
+/// The rim of the shoulders lies below this height in centimetres. Higher rims are inside mouth and eyes.
 const RIM: f32 = -11.0;
-/// Rings below the rim: how far down, and how much wider.
+/// Rings of vertices below the rim: distance below it in centimetres, and scale.
 const RINGS: [(f32, f32); 3] = [(2.5, 1.12), (7.0, 1.22), (45.0, 1.3)];
 
-/// Adds the body.
+/// Adds the body to a rig.
 pub fn extend(rig: &mut Rig) {
     let edges = rim(&rig.parts.skin, &rig.neutral);
     let mut order: Vec<u32> = edges.iter().flatten().copied().collect();
@@ -30,7 +30,7 @@ pub fn extend(rig: &mut Rig) {
     }
 }
 
-/// Edges that only one triangle has, low down, in that triangle's direction.
+/// Returns the boundary edges of the shoulders, directed like the triangles that they belong to.
 fn rim(triangles: &[Triangle], points: &[Vec3]) -> Vec<[u32; 2]> {
     let directed = || triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
     let all: HashSet<[u32; 2]> = directed().collect();
@@ -39,7 +39,7 @@ fn rim(triangles: &[Triangle], points: &[Vec3]) -> Vec<[u32; 2]> {
 }
 
 impl Rig {
-    /// A vertex below another, which no expression moves.
+    /// Adds a vertex below another one. No expression moves it.
     fn add_below(&mut self, vertex: usize, down: f32, wider: f32) -> u32 {
         let point = self.neutral[vertex];
         self.neutral.push(Vec3::new(point.x * wider, RIM.min(point.y) - down, point.z * wider));

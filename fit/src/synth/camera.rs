@@ -1,4 +1,4 @@
-//! What a webcam makes of the light: blur, motion, exposure, white balance, vignette, noise, tone curve, JPEG.
+//! Simulates a webcam: blur, motion, exposure, white balance, vignette, noise, tone curve, and JPEG.
 
 use anyhow::Result;
 use glam::{Vec2, Vec3};
@@ -7,37 +7,37 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::StandardNormal;
 use turbojpeg::{Compressor, Image, PixelFormat, Subsamp};
 
-/// Steps of the tone curve's table over 0 to 1.
+/// Number of entries in the table of the tone curve.
 const TONES: usize = 4096;
-/// Normal numbers to draw noise from: few enough to stay in the cache.
+/// Number of precomputed normal deviates: few enough to stay in the cache.
 const NORMALS: usize = 1 << 12;
-/// Blur narrower than this is none, pixels.
+/// Narrower blur is left out, in pixels.
 const LEAST_BLUR: f32 = 0.3;
 
-/// How the camera sees one picture.
+/// Camera effects of one picture.
 #[derive(Debug, Clone)]
 pub struct Effects {
-    /// Standard deviation of the defocus, pixels.
+    /// Standard deviation of the defocus in pixels.
     pub defocus_px: f32,
-    /// Path during the exposure, pixels.
+    /// Motion during the exposure in pixels.
     pub motion_px: Vec2,
-    /// Factor on light, with the white balance.
+    /// Factor on the light, including the white balance.
     pub exposure: Vec3,
-    /// Loss of light in the corners, 0 to 1.
+    /// Loss of light in the corners, from 0 to 1.
     pub vignette: f32,
-    /// Noise: of the light (standard deviation at full light), and of the sensor.
+    /// Noise: standard deviation of the photon noise at full light, and of the sensor noise.
     pub noise: [f32; 2],
-    /// Exponent of the tone curve over the usual 1/2.2.
+    /// Exponent of the tone curve divided by the usual 1/2.2.
     pub contrast: f32,
-    /// Strength of the sharpening that cameras add.
+    /// Strength of the sharpening that cameras apply.
     pub sharpening: f32,
-    /// 1 to 100.
+    /// JPEG quality from 1 to 100.
     pub jpeg_quality: i32,
-    /// Chroma at half width, or half width and height.
+    /// Chroma subsampling.
     pub chroma: Subsamp,
 }
 
-/// Room for developing pictures of one size.
+/// A camera with buffers for pictures of one size.
 pub struct Camera {
     width: usize,
     scratch: Vec<Vec3>,
@@ -47,7 +47,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// For pictures of this size.
+    /// Creates a camera for pictures of this size.
     pub fn new([width, height]: [usize; 2]) -> Result<Self> {
         let rng = ChaCha8Rng::seed_from_u64(0);
         let normals = rng.sample_iter(StandardNormal).take(NORMALS).collect();
@@ -55,8 +55,8 @@ impl Camera {
         Ok(Self { width, scratch, bytes, normals, compressor: Compressor::new()? })
     }
 
-    /// Develops linear light, which is used up, into a JPEG image.
-    pub fn develop(&mut self, light: &mut [Vec3], effects: &Effects, rng: &mut ChaCha8Rng) -> Result<Vec<u8>> {
+    /// Converts linear light to a JPEG image. Overwrites `light`.
+    pub fn capture(&mut self, light: &mut [Vec3], effects: &Effects, rng: &mut ChaCha8Rng) -> Result<Vec<u8>> {
         if effects.defocus_px > LEAST_BLUR {
             self.defocus(light, effects.defocus_px);
         }
@@ -74,14 +74,14 @@ impl Camera {
         Ok(self.compressor.compress_to_vec(image)?)
     }
 
-    /// Gaussian blur, rows then columns.
+    /// Applies a Gaussian blur to rows and then to columns.
     fn defocus(&mut self, light: &mut [Vec3], sigma: f32) {
         let kernel = gaussian(sigma);
         blur(light, &mut self.scratch, self.width, &kernel, [1, 0]);
         blur(&self.scratch, light, self.width, &kernel, [0, 1]);
     }
 
-    /// Mean along the path.
+    /// Applies motion blur: averages along the path.
     fn smear(&mut self, light: &mut [Vec3], path: Vec2) {
         self.scratch.copy_from_slice(light);
         let (width, height) = (self.width, light.len() / self.width);
@@ -99,7 +99,7 @@ impl Camera {
         }
     }
 
-    /// Light to bytes: exposure, vignette, noise, tone curve.
+    /// Converts light to bytes: exposure, vignette, noise, and tone curve.
     fn expose(&mut self, light: &[Vec3], effects: &Effects, rng: &mut ChaCha8Rng) {
         let curve = tone_curve(effects.contrast);
         let mut state: u32 = rng.random::<u32>() | 1;
@@ -120,7 +120,7 @@ impl Camera {
         }
     }
 
-    /// Adds what a pixel differs from the mean of its four neighbours.
+    /// Sharpens by adding the difference of each pixel from the mean of its four neighbours.
     fn sharpen(&mut self, strength: f32) {
         let original = self.bytes.clone();
         let stride = 3 * self.width;
@@ -132,7 +132,7 @@ impl Camera {
     }
 }
 
-/// The next three normal numbers.
+/// Returns the next three normal deviates.
 fn draw(normals: &[f32], state: &mut u32) -> Vec3 {
     *state ^= *state << 13;
     *state ^= *state >> 17;
@@ -140,7 +140,7 @@ fn draw(normals: &[f32], state: &mut u32) -> Vec3 {
     Vec3::from_array([0, 10, 20].map(|shift| normals[(*state >> shift) as usize % NORMALS]))
 }
 
-/// Half of a normalised Gaussian, from its middle on.
+/// Returns the right half of a normalised Gaussian kernel, beginning with its centre.
 fn gaussian(sigma: f32) -> Vec<f32> {
     let taps = whole((2.5 * sigma).ceil()) + 1;
     let weight = |tap: usize| (-0.5 * (tap as f32 / sigma).powi(2)).exp();
@@ -153,8 +153,8 @@ fn blur(from: &[Vec3], to: &mut [Vec3], width: usize, kernel: &[f32], [across, d
     for (index, pixel) in to.iter_mut().enumerate() {
         let (column, row) = (index % width, index / width);
         let at = |tap: usize, forward: bool| {
-            let moved = |place: usize, by: usize, side: usize| {
-                if forward { (place + by).min(side - 1) } else { place.saturating_sub(by) }
+            let moved = |index: usize, by: usize, side: usize| {
+                if forward { (index + by).min(side - 1) } else { index.saturating_sub(by) }
             };
             from[moved(row, tap * down, height) * width + moved(column, tap * across, width)]
         };
@@ -163,7 +163,7 @@ fn blur(from: &[Vec3], to: &mut [Vec3], width: usize, kernel: &[f32], [across, d
     }
 }
 
-/// Linear light to bytes: highlights roll off, then the power of 1/2.2 over `contrast`.
+/// Returns the table from linear light to bytes: a shoulder that compresses highlights, then the tone curve.
 fn tone_curve(contrast: f32) -> Vec<u8> {
     let tone = |step: usize| {
         let light = 1.0 - (-1.9 * step as f32 / (TONES - 1) as f32).exp();

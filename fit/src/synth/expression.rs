@@ -1,5 +1,5 @@
-//! ARKit coefficients to a deformed head: which rig shapes they move, how far, and where the eyeballs turn.
-//! `tongueOut` has no shape.
+//! Deforms the head by ARKit coefficients: moves the vertices of the rig's shapes and rotates the eyeballs. `tongueOut`
+//! has no shape.
 
 use anyhow::{Context, Result};
 use facewire::solve::{BLENDSHAPES, COEFFS};
@@ -14,17 +14,17 @@ use super::{
 /// One value per blendshape, in the order of [`BLENDSHAPES`].
 pub type Coefficients = [f32; COEFFS];
 
-/// Turn of an eyeball per unit of `eyeLookIn` or `eyeLookOut`, and of `eyeLookUp` or `eyeLookDown`.
+/// Rotation of an eyeball per unit of `eyeLookIn` or `eyeLookOut`, and of `eyeLookUp` or `eyeLookDown`.
 pub const GAZE_DEG: [f32; 2] = [34.7, 31.9];
 
-/// How a rig is moved.
-pub struct Puppet {
-    drives: Vec<Drive>,
+/// Deforms a rig by coefficients.
+pub struct Deformer {
+    drivers: Vec<Driver>,
     eyes: [Eye; 2],
 }
 
-/// One coefficient moving one shape.
-struct Drive {
+/// A shape of the rig with the coefficient that drives it.
+struct Driver {
     coefficient: usize,
     shape: usize,
     gain: f32,
@@ -32,30 +32,30 @@ struct Drive {
 
 struct Eye {
     vertices: Vec<u32>,
-    /// Coefficients `eyeLookIn`, `eyeLookOut`, `eyeLookUp`, `eyeLookDown` of this eye.
+    /// Indices of this eye's `eyeLookIn`, `eyeLookOut`, `eyeLookUp` and `eyeLookDown`.
     look: [usize; 4],
-    /// 1 for the person's left eye, -1 for the right: which way is out.
+    /// The outward direction along x: 1 for the person's left eye, -1 for the right.
     out: f32,
 }
 
-impl Puppet {
+impl Deformer {
     /// Finds the shapes of a rig.
     pub fn new(rig: &Rig) -> Result<Self> {
         let shown = BLENDSHAPES.iter().enumerate().filter(|(_, name)| **name != "tongueOut");
-        let drives = shown.map(|(coefficient, name)| drives(rig, coefficient, name)).collect::<Result<Vec<_>>>()?;
+        let drivers = shown.map(|(coefficient, name)| drivers(rig, coefficient, name)).collect::<Result<Vec<_>>>()?;
         let [left, right] = &rig.parts.eyes;
         let eyes = [Eye::new(left, "Left", 1.0)?, Eye::new(right, "Right", -1.0)?];
-        Ok(Self { drives: drives.into_iter().flatten().collect(), eyes })
+        Ok(Self { drivers: drivers.into_iter().flatten().collect(), eyes })
     }
 
-    /// Moves the vertices in `base` into `out`.
+    /// Deforms the vertices in `base` and stores them in `out`.
     pub fn deform(&self, rig: &Rig, base: &[Vec3], weights: &Coefficients, out: &mut Vec<Vec3>) {
         out.clear();
         out.extend_from_slice(base);
-        for drive in &self.drives {
-            let weight = weights[drive.coefficient] * drive.gain;
+        for driver in &self.drivers {
+            let weight = weights[driver.coefficient] * driver.gain;
             if weight != 0.0 {
-                for (vertex, offset) in &rig.shapes[drive.shape].moves {
+                for (vertex, offset) in &rig.shapes[driver.shape].moves {
                     out[*vertex as usize] += weight * *offset;
                 }
             }
@@ -64,15 +64,15 @@ impl Puppet {
     }
 }
 
-fn drives(rig: &Rig, coefficient: usize, name: &str) -> Result<Vec<Drive>> {
+fn drivers(rig: &Rig, coefficient: usize, name: &str) -> Result<Vec<Driver>> {
     let gain = 1.0 / ratio(name).with_context(|| format!("no amplitude of {name}"))?;
     let found = rig_names(name).into_iter().filter_map(|name| rig.shape(&name));
-    let drives: Vec<_> = found.map(|shape| Drive { coefficient, shape, gain }).collect();
-    anyhow::ensure!(!drives.is_empty(), "the rig has no shape for {name}");
-    Ok(drives)
+    let drivers: Vec<_> = found.map(|shape| Driver { coefficient, shape, gain }).collect();
+    anyhow::ensure!(!drivers.is_empty(), "the rig has no shape for {name}");
+    Ok(drivers)
 }
 
-/// The rig's names for a blendshape: halves that move together are two shapes.
+/// Returns the possible names of a blendshape in the rig, which splits some blendshapes into two halves.
 fn rig_names(name: &str) -> Vec<String> {
     let sides = [("Left", "_L"), ("Right", "_R")];
     let one_side = sides.iter().find_map(|(side, ending)| Some(format!("{}{ending}", name.strip_suffix(side)?)));
@@ -103,7 +103,7 @@ impl Eye {
         }
     }
 
-    /// Middle of the ball. Front to back the cornea's bulge does not count: the ball is as deep as it is wide.
+    /// Returns the centre of the eyeball. Its depth follows from its width, because the cornea bulges.
     fn centre(&self, points: &[Vec3]) -> Vec3 {
         let bound = |pick: fn(Vec3, Vec3) -> Vec3, start: Vec3| {
             self.vertices.iter().fold(start, |bound, vertex| pick(bound, points[*vertex as usize]))
@@ -114,12 +114,14 @@ impl Eye {
     }
 }
 
-/// Turn of an eyeball from `[in, out, up, down]`; `out` is 1 for the person's left eye, -1 for the right.
+/// Returns the rotation of an eyeball from `[in, out, up, down]`. `out` is 1 for the person's left eye, -1 for the
+/// right.
 pub fn gaze([inward, outward, up, down]: [f32; 4], out: f32) -> Mat3 {
     head_rotation(out * (outward - inward) * GAZE_DEG[0], (down - up) * GAZE_DEG[1], 0.0)
 }
 
-/// Rotation from angles in degrees: yaw to the person's left, pitch nodding down, roll to the right shoulder.
+/// Returns the rotation for angles in degrees: yaw to the person's left, pitch nodding down, roll to the right
+/// shoulder.
 pub fn head_rotation(yaw_deg: f32, pitch_deg: f32, roll_deg: f32) -> Mat3 {
     let [yaw, pitch, roll] = [yaw_deg, pitch_deg, roll_deg].map(f32::to_radians);
     Mat3::from_rotation_z(roll) * Mat3::from_rotation_x(pitch) * Mat3::from_rotation_y(yaw)
@@ -131,14 +133,14 @@ mod tests {
     use crate::{reference, synth::acting::index_of};
 
     #[test]
-    fn head_turns_left_nods_down_and_tips_right() {
+    fn positive_angles_turn_left_nod_down_and_tip_right() {
         assert!((head_rotation(30.0, 0.0, 0.0) * Vec3::Z).x > 0.49, "the nose goes to the person's left");
         assert!((head_rotation(0.0, 30.0, 0.0) * Vec3::Z).y < -0.49, "the nose goes down");
         assert!((head_rotation(0.0, 0.0, 30.0) * Vec3::Y).x < -0.49, "the crown goes to the person's right");
     }
 
     #[test]
-    fn eyes_turn_34_7_degrees_sideways_and_31_9_up_and_down() {
+    fn eyes_rotate_34_7_degrees_sideways_and_31_9_up_and_down() {
         let angle = |look, out: f32| {
             let seen = gaze(look, out) * Vec3::Z;
             [seen.x.atan2(seen.z).to_degrees(), seen.y.asin().to_degrees()]
@@ -165,12 +167,12 @@ mod tests {
             weights[index_of(name)] = *weight;
         }
         let mut points = Vec::new();
-        Puppet::new(rig).expect("shapes").deform(rig, &rig.neutral, &weights, &mut points);
+        Deformer::new(rig).expect("shapes").deform(rig, &rig.neutral, &weights, &mut points);
         points
     }
 
     #[test]
-    fn eye_blink_left_shuts_the_persons_left_lid_and_no_other() {
+    fn eye_blink_left_shuts_only_the_persons_left_lid() {
         let Some(rig) = rig() else { return };
         let points = deformed(&rig, &[("eyeBlinkLeft", 1.0)]);
         let gap = |points: &[Vec3], [upper, lower]: [usize; 2]| {
@@ -183,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn weight_1_moves_vertices_by_arkits_amount() {
+    fn weight_1_moves_vertices_by_arkits_amplitude() {
         let Some(rig) = rig() else { return };
         for (name, shape, ratio) in [
             ("browDownLeft", "browDown_L", 0.74),
@@ -202,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn halves_move_together_and_closed_lips_meet_over_an_open_jaw() {
+    fn both_halves_of_a_shape_move_and_closed_lips_meet_over_an_open_jaw() {
         let Some(rig) = rig() else { return };
         let brows = deformed(&rig, &[("browInnerUp", 1.0)]);
         let lifts = [21, 22].map(|index| brows[rig.landmarks[index]].y - rig.landmark(index).y);
@@ -214,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn the_iris_turns_with_the_gaze() {
+    fn the_iris_rotates_with_the_gaze() {
         let Some(rig) = rig() else { return };
         let front = rig.parts.eyes[0]
             .concat()

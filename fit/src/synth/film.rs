@@ -1,4 +1,4 @@
-//! `facewire-fit film`: a clip of one person, driven by a recording, with its truth frame by frame.
+//! `facewire-fit film`: renders a clip of one person, driven by a recording, with the truth of every frame.
 
 use std::{f32::consts::TAU, fmt::Write, path::PathBuf};
 
@@ -10,50 +10,51 @@ use rand::{RngExt, seq::IteratorRandom};
 use rand_chacha::ChaCha8Rng;
 
 use super::{
-    acting::restrain,
+    acting::enforce_limits,
+    assets::Assets,
     avi,
-    booth::Booth,
     expression::Coefficients,
     geometry::smoothstep,
-    kit::Kit,
+    imager::Imager,
     options::{Sources, picture_size},
-    sample::{Subject, Take},
+    sample::{PictureSpec, Subject},
     set::Set,
 };
 use crate::output;
 
-/// Frames a second, of recordings and of clips.
+/// Frame rate of recordings and clips.
 const RATE: u32 = 30;
-/// Longer than recordings are.
+/// Limit on the length of a clip, longer than any recording.
 const MOST_SECONDS: i64 = 3600;
-/// A clip starts with a neutral face and comes into motion over this time, seconds.
+/// A clip starts with a neutral face. Motion fades in between these times in seconds.
 const START_S: [f32; 2] = [0.3, 1.3];
-/// Waves of the head's motion along each of its ways: yaw, pitch, roll (degrees), x, y, z (centimetres).
+/// Amplitude of the head's motion: yaw, pitch, roll (degrees), x, y, z (centimetres); and number of waves it consists
+/// of.
 const SWAY: [f32; 6] = [13.0, 7.0, 5.0, 1.6, 1.0, 2.0];
 const WAVES: usize = 4;
-/// Numbers of people from here on are in films only.
+/// Numbers of people from here on are used in films only.
 const FILM_PEOPLE: u64 = 1 << 40;
-/// Share of a frame's time during which light is gathered.
+/// Exposure time as a share of the frame period.
 const SHUTTER: f32 = 0.4;
 
-/// What `film` takes.
+/// Arguments of `film`.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// Motion-JPEG film to write (AVI)
+    /// The Motion-JPEG file to write (AVI)
     out: PathBuf,
-    /// Table of the true head pose and coefficients of every frame to write (CSV)
+    /// The file for true head pose and coefficients of every frame (CSV)
     #[arg(long)]
     truth: PathBuf,
-    /// Another seed gives another person and another part of the recording
+    /// Seed of the random numbers, which choose the person and the part of the recording
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Length
+    /// Length of the clip in seconds
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=MOST_SECONDS))]
     seconds: u32,
-    /// Which part of textures and curves
+    /// Set of textures and recorded frames to use
     #[arg(long, value_enum, default_value = "judge")]
     set: Set,
-    /// Columns and rows of the pictures
+    /// Width and height of the pictures
     #[arg(long, num_args = 2, default_values_t = [640, 480], value_names = ["WIDTH", "HEIGHT"])]
     size: Vec<usize>,
     #[command(flatten)]
@@ -67,41 +68,42 @@ pub fn run(options: &Options) -> Result<()> {
     output::check(&options.truth)?;
     let count = (options.seconds * RATE) as usize;
     let recordings = options.sources.frames(options.set)?;
-    let kit = Kit::load(&options.sources.rig)?;
-    let wardrobe = options.sources.wardrobe(options.set, &kit.names)?;
+    let assets = Assets::load(&options.sources.rig)?;
+    let textures = options.sources.textures(options.set, &assets.names)?;
     let seed = options.set.seed(options.seed);
-    let mut subject = Subject::random(&kit, &wardrobe, [width, height], [seed, FILM_PEOPLE]);
-    let takes = takes(&mut subject, &recordings, count)?;
-    let mut booth = Booth::new([width, height])?;
-    let frames = takes.iter().map(|take| booth.shoot(&kit, &mut subject, take)).collect::<Result<Vec<_>>>()?;
+    let mut subject = Subject::random(&assets, &textures, [width, height], [seed, FILM_PEOPLE]);
+    let specs = specs(&mut subject, &recordings, count)?;
+    let mut imager = Imager::new([width, height])?;
+    let frames =
+        specs.iter().map(|spec| imager.take_picture(&assets, &mut subject, spec)).collect::<Result<Vec<_>>>()?;
     let size = [u32::try_from(width)?, u32::try_from(height)?];
     output::write(&options.out, avi::film(&frames, size, RATE))?;
-    output::write(&options.truth, table(&takes)?)?;
+    output::write(&options.truth, table(&specs)?)?;
     eprintln!("{}: {count} frames", options.out.display());
     Ok(())
 }
 
-/// The person's frames: a stretch of a recording on a head that sways.
-fn takes(subject: &mut Subject, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<Take>> {
+/// Returns the frames of a clip: part of a recording, on a head that sways.
+fn specs(subject: &mut Subject, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<PictureSpec>> {
     let long = recordings.iter().filter(|frames| frames.len() >= count);
-    let frames = long.choose(subject.rng()).context("no recording has that many frames in this set")?;
+    let frames = long.choose(subject.rng()).context("no recording of this set is so long: choose fewer --seconds")?;
     let first = subject.rng().random_range(0..=frames.len() - count);
     let gains: Coefficients = core::array::from_fn(|_| subject.rng().random_range(1.0..1.5));
     let sway = SWAY.map(|size| Wave::random(subject.rng(), size));
-    let mut takes: Vec<Take> = Vec::with_capacity(count);
+    let mut specs: Vec<PictureSpec> = Vec::with_capacity(count);
     for (number, frame) in frames[first..first + count].iter().enumerate() {
         let time_s = number as f32 / RATE as f32;
         let start = smoothstep(START_S[0], START_S[1], time_s);
         let mut weights = core::array::from_fn(|index| (start * gains[index] * frame[index]).min(1.0));
-        restrain(&mut weights);
+        enforce_limits(&mut weights);
         let [yaw, pitch, roll, x, y, z] = sway.each_ref().map(|waves| start * Wave::sum(waves, time_s));
-        takes.push(subject.pose(weights, [yaw, pitch, roll], Vec3::new(x, y, z)));
+        specs.push(subject.pose(weights, [yaw, pitch, roll], Vec3::new(x, y, z)));
     }
-    blur_motion(&mut takes);
-    Ok(takes)
+    blur_motion(&mut specs);
+    Ok(specs)
 }
 
-/// One of the waves that make up a motion.
+/// A sinusoidal component of a motion.
 struct Wave {
     size: f32,
     hertz: f32,
@@ -109,7 +111,7 @@ struct Wave {
 }
 
 impl Wave {
-    /// Waves that together reach about `size`, faster ones smaller.
+    /// Returns waves with an overall amplitude of about `size`. Faster waves are smaller.
     fn random(rng: &mut ChaCha8Rng, size: f32) -> [Self; WAVES] {
         core::array::from_fn(|_| {
             let hertz: f32 = rng.random_range(0.08..0.7);
@@ -126,22 +128,22 @@ impl Wave {
     }
 }
 
-/// Blurs each picture along the way of the tip of the nose since the one before.
-fn blur_motion(takes: &mut [Take]) {
-    let places: Vec<Option<Vec2>> = takes.iter().map(|take| take.shot.nose()).collect();
-    for (take, pair) in takes.iter_mut().skip(1).zip(places.windows(2)) {
+/// Sets each picture's motion blur from the motion of the nose since the previous picture.
+fn blur_motion(specs: &mut [PictureSpec]) {
+    let noses: Vec<Option<Vec2>> = specs.iter().map(|spec| spec.scene.nose()).collect();
+    for (spec, pair) in specs.iter_mut().skip(1).zip(noses.windows(2)) {
         if let [Some(before), Some(after)] = pair {
-            take.effects.motion_px = SHUTTER * (*after - *before);
+            spec.effects.motion_px = SHUTTER * (*after - *before);
         }
     }
 }
 
-/// The truth as `evaluate` and `clip --truth` read it; pitch nods down.
-fn table(takes: &[Take]) -> Result<String> {
+/// Returns the truth as `evaluate` and `clip --truth` read it, with pitch positive when nodding down.
+fn table(specs: &[PictureSpec]) -> Result<String> {
     let mut text = format!("frame,yaw_deg,pitch_deg,roll_deg,{}\n", BLENDSHAPES.join(","));
-    for (number, take) in takes.iter().enumerate() {
+    for (number, spec) in specs.iter().enumerate() {
         write!(text, "{number}")?;
-        let values = take.shot.placement.angles_deg.iter().chain(&take.shot.weights);
+        let values = spec.scene.placement.angles_deg.iter().chain(&spec.scene.weights);
         for value in values {
             write!(text, ",{value:.4}")?;
         }
@@ -168,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_film_does_not_heed_is_no_option_of_it() {
+    fn film_does_not_accept_options_that_have_no_effect_on_it() {
         assert_eq!(refusal(&["--seconds", "10", "--skins", "one"]), "");
         for option in ["--mix=1,0,0,0", "--shapes=jawOpen", "--turn-deg=1"] {
             assert!(refusal(&[option]).contains("unexpected argument"), "{option}");
@@ -176,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_that_no_recording_has_are_refused() {
+    fn lengths_beyond_any_recording_are_refused() {
         assert!(refusal(&["--seconds", "143165577"]).contains("not in 1..=3600"));
         assert!(refusal(&["--seconds", "0"]).contains("not in 1..=3600"));
     }

@@ -1,6 +1,6 @@
-//! A JPEG image to landmarks, by the product's own detector and mesh.
+//! Finds the landmarks in a JPEG image by facewire's own detector and mesh.
 //!
-//! The region is first the detector's, then twice that of the landmarks themselves, as when a face is followed.
+//! The first region comes from the detector. As in tracking, further regions are derived from the landmarks found.
 
 use anyhow::{Context, Result};
 use facewire::{
@@ -10,14 +10,14 @@ use facewire::{
 };
 use glam::Vec2;
 
-/// How often the region is taken from the landmarks found before.
+/// Number of times the region is derived from the landmarks.
 const REFINEMENTS: usize = 2;
-/// Outer corners of the eyes: the person's right, then left.
+/// Landmarks at the outer eye corners: the person's right, then left.
 const EYE_CORNERS: [usize; 2] = [33, 263];
-/// Corners found further off than this share of their distance are another thing's.
+/// Largest error of an eye corner, relative to the distance of both, before the landmarks count as another object's.
 const ASTRAY: f32 = 0.3;
 
-/// Decoder and networks, each on one thread.
+/// JPEG decoder and networks, each on one thread.
 pub struct Finder {
     decoder: JpegDecoder,
     detector: Detector,
@@ -26,7 +26,7 @@ pub struct Finder {
 }
 
 impl Finder {
-    /// Loads the networks, for pictures of `size`.
+    /// Loads the networks for pictures of `size`.
     pub fn load([width, height]: [usize; 2]) -> Result<Self> {
         let engine = facewire::infer::engine(&NetworkSettings::default())?;
         Ok(Self {
@@ -37,7 +37,7 @@ impl Finder {
         })
     }
 
-    /// The landmarks of the face whose outer corners of the eyes are at `eyes`; none if it is not found.
+    /// Finds the landmarks of the face whose outer eye corners are at `eyes`. Returns `None` if this face is not found.
     pub fn find(&mut self, jpeg: &[u8], eyes: [Vec2; 2]) -> Result<Option<&Landmarks>> {
         self.decoder.decode(jpeg)?;
         let picture = self.decoder.picture().context("the image was not decoded")?;
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn landmarks_of_another_thing_are_refused() {
+    fn landmarks_of_another_object_are_refused() {
         let mut landmarks = Landmarks::zero();
         landmarks.0[33] = [100.0, 50.0, 0.0];
         landmarks.0[263] = [160.0, 50.0, 0.0];

@@ -1,17 +1,17 @@
-//! Small geometry that several stages share.
+//! Geometry and interpolation for several stages.
 
 use glam::Vec3;
 
 use super::rig::Triangle;
 
-/// Unit normals of vertices, from the triangles around them weighed by their area; 0 for vertices without any.
+/// Returns area-weighted unit normals of the vertices, and 0 for vertices without triangles.
 pub fn normals(points: &[Vec3], triangles: &[Triangle]) -> Vec<Vec3> {
     let mut sums = vec![Vec3::ZERO; points.len()];
     normals_into(points, triangles, &mut sums);
     sums
 }
 
-/// As [`normals`], into vectors that are there.
+/// Computes [`normals`] in place.
 pub fn normals_into(points: &[Vec3], triangles: &[Triangle], sums: &mut [Vec3]) {
     sums.fill(Vec3::ZERO);
     for triangle in triangles {
@@ -26,7 +26,7 @@ pub fn normals_into(points: &[Vec3], triangles: &[Triangle], sums: &mut [Vec3]) 
     }
 }
 
-/// The vertices of some triangles, each once, in order.
+/// Returns the vertices of some triangles in ascending order, without duplicates.
 pub fn vertices_of(triangles: &[Triangle]) -> Vec<u32> {
     let mut vertices = triangles.concat();
     vertices.sort_unstable();
@@ -34,13 +34,13 @@ pub fn vertices_of(triangles: &[Triangle]) -> Vec<u32> {
     vertices
 }
 
-/// 0 up to `from`, 1 from `to` on, smooth between.
+/// Interpolates smoothly from 0 at `from` to 1 at `to`.
 pub fn smoothstep(from: f32, to: f32, value: f32) -> f32 {
     let share = ((value - from) / (to - from)).clamp(0.0, 1.0);
     share * share * (3.0 - 2.0 * share)
 }
 
-/// Linear between the given points (ascending), constant beyond.
+/// Interpolates linearly between points in ascending order. The function is constant outside of them.
 pub fn piecewise(points: &[(f32, f32)], at: f32) -> f32 {
     let between = points.windows(2).find(|pair| at <= pair[1].0);
     match (between, points.last()) {
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn normals_point_to_the_side_that_sees_corners_counter_clockwise() {
+    fn normals_point_to_the_side_from_which_corners_run_counter_clockwise() {
         let points = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
         assert_eq!(normals(&points, &[[0, 1, 2]]), [Vec3::Z, Vec3::Z, Vec3::Z, Vec3::ZERO]);
     }

@@ -1,21 +1,21 @@
-//! Faces with known coefficients: a software renderer for a face rig, and a sampler of people, expressions, light
-//! and cameras.
+//! Synthesises faces with known coefficients: a software renderer for a face rig, and a sampler of people, expressions,
+//! lighting and cameras.
 //!
 //! ```text
-//! Subject -> Take -> Head -> samples -> light -> JPEG -> Landmarks -> archive
-//! sample     sample  render  raster     canvas   camera  finder       dataset
-//!            acting  expression, scene, shade, paint
+//! Subject -> PictureSpec -> Head -> samples -> light -> JPEG -> Landmarks -> archive
+//! sample     sample         render  raster     canvas   camera  finder       archive
+//!            acting         expression, scene, shade, paint
 //! ```
 //!
-//! Contract: a subject's pictures depend on the seed and its number alone. Limits: light and texture are those of a
-//! head without tear film, pores or single hairs; eyes, teeth and lips lie where the rig has them.
+//! Contract: a subject's pictures depend on nothing but the seed and the subject's number. Limits: the renderer shows
+//! no tear film, pores or single hairs, and eyes, teeth and lips are where the rig has them.
 
 mod acting;
 mod amplitude;
 mod archive;
+mod assets;
 mod avi;
 mod backdrop;
-mod booth;
 mod brows;
 mod bust;
 mod camera;
@@ -25,7 +25,7 @@ mod eyes;
 pub mod film;
 mod finder;
 mod geometry;
-mod kit;
+mod imager;
 mod options;
 mod paint;
 mod person;

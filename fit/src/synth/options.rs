@@ -1,4 +1,4 @@
-//! Options of `synth` and `film`, and what they allow to be drawn.
+//! Options of `synth` and `film`, and the distributions of pictures that they define.
 
 use std::{fmt::Write, path::PathBuf};
 
@@ -10,12 +10,12 @@ use super::{
     acting::Mix,
     expression::Coefficients,
     recording::Recording,
-    sample::{Choice, Wardrobe},
+    sample::{Distribution, TextureChoice},
     set::{JUDGE_EVERY, Set},
 };
 use crate::design::MODELLED;
 
-/// What people and real expressions are drawn from.
+/// Rig, textures and recordings to draw from.
 #[derive(Debug, Clone, Args)]
 pub struct Sources {
     /// Folder of the face rig
@@ -24,7 +24,7 @@ pub struct Sources {
     /// Recordings of ARKit coefficients (Live Link Face, CSV)
     #[arg(long, num_args = 1.., default_value = "../shared/curves/alex_rom_3.csv")]
     pub curves: Vec<PathBuf>,
-    /// Skins to draw from instead of the set's, by file name without its ending, comma between
+    /// Skins, by file name without extension, separated by commas [default: those of the set]
     #[arg(long, value_delimiter = ',')]
     pub skins: Vec<String>,
     /// Brows, likewise
@@ -35,10 +35,10 @@ pub struct Sources {
     pub eyes: Vec<String>,
 }
 
-/// What the single pictures of `synth` show.
+/// Contents of the single pictures of `synth`.
 #[derive(Debug, Clone, Args)]
-pub struct Scenes {
-    /// Shares of expressions: one shape, recorded frames, three to six shapes, none
+pub struct SceneOptions {
+    /// Frequencies of expressions: single shape, recorded frame, three to six shapes, face at rest
     #[arg(
         long,
         value_delimiter = ',',
@@ -47,16 +47,16 @@ pub struct Scenes {
         value_name = "ONE,RECORDED,COMBINED,REST"
     )]
     pub mix: Vec<f32>,
-    /// Shapes that show alone instead of all, by ARKit name, comma between
+    /// Shapes to show alone, by ARKit name, separated by commas [default: all]
     #[arg(long, value_delimiter = ',')]
     pub shapes: Vec<String>,
-    /// Turn heads by just so many degrees to either side and up or down, in place of at random
+    /// Turn every head by exactly these angles, to either side and up or down, instead of random angles
     #[arg(long, num_args = 2, value_names = ["YAW", "PITCH"])]
     pub turn_deg: Vec<f32>,
 }
 
 impl Sources {
-    /// The set's part of each recording, one after another.
+    /// Returns the set's frames of each recording.
     pub fn frames(&self, set: Set) -> Result<Vec<Vec<Coefficients>>> {
         let part = |path: &PathBuf| -> Result<Vec<Coefficients>> {
             let part = set.part(&Recording::load(path)?.frames).to_vec();
@@ -66,10 +66,10 @@ impl Sources {
         self.curves.iter().map(part).collect()
     }
 
-    /// The textures that people may have.
-    pub fn wardrobe(&self, set: Set, known: &[Vec<String>; 3]) -> Result<Wardrobe> {
+    /// Returns the textures to draw from.
+    pub fn textures(&self, set: Set, known: &[Vec<String>; 3]) -> Result<TextureChoice> {
         let [skins, brows, eyes] = known;
-        Ok(Wardrobe {
+        Ok(TextureChoice {
             skins: chosen(set, "skins", skins, &self.skins)?,
             brows: chosen(set, "brows", brows, &self.brows)?,
             eyes: chosen(set, "eyes", eyes, &self.eyes)?,
@@ -77,14 +77,14 @@ impl Sources {
     }
 }
 
-impl Scenes {
-    /// What may be drawn.
-    pub fn choice<'a>(&self, wardrobe: Wardrobe, frames: &'a [Coefficients]) -> Result<Choice<'a>> {
+impl SceneOptions {
+    /// Returns the distribution of pictures that the options define.
+    pub fn distribution<'a>(&self, textures: TextureChoice, frames: &'a [Coefficients]) -> Result<Distribution<'a>> {
         let &[single, recorded, combined, rest] = self.mix.as_slice() else { bail!("--mix takes four numbers") };
-        let sound = self.mix.iter().all(|share| *share >= 0.0) && self.mix.iter().sum::<f32>() > 0.0;
-        ensure!(sound, "--mix takes shares that are not negative and not all 0");
-        Ok(Choice {
-            wardrobe,
+        let valid = self.mix.iter().all(|share| *share >= 0.0) && self.mix.iter().sum::<f32>() > 0.0;
+        ensure!(valid, "--mix takes numbers that are at least 0, and not all 0");
+        Ok(Distribution {
+            textures,
             frames,
             mix: Mix { single, recorded, combined, rest },
             shapes: named(
@@ -95,25 +95,25 @@ impl Scenes {
         })
     }
 
-    /// What decides the pictures, as text.
-    pub fn describe(&self, sources: &Sources, choice: &Choice) -> Result<String> {
-        let (mut text, Wardrobe { skins, brows, eyes }) = (String::new(), &choice.wardrobe);
+    /// Returns the settings that determine the pictures as text, for the provenance file.
+    pub fn describe(&self, sources: &Sources, distribution: &Distribution) -> Result<String> {
+        let (mut text, TextureChoice { skins, brows, eyes }) = (String::new(), &distribution.textures);
         writeln!(text, "rig {}", sources.rig.display())?;
         writeln!(text, "skins {skins:?}, brows {brows:?}, eyes {eyes:?}")?;
-        writeln!(text, "curves {:?}, {} frames, mix {:?}", sources.curves, choice.frames.len(), self.mix)?;
-        writeln!(text, "turn {:?}, shapes {:?}", choice.turn_deg, self.shapes)?;
+        writeln!(text, "curves {:?}, {} frames, mix {:?}", sources.curves, distribution.frames.len(), self.mix)?;
+        writeln!(text, "turn {:?}, shapes {:?}", distribution.turn_deg, self.shapes)?;
         Ok(text)
     }
 }
 
-/// Columns and rows of pictures, from the two numbers of `--size`.
+/// Parses the two numbers of `--size` to width and height.
 pub fn picture_size(size: &[usize]) -> Result<[usize; 2]> {
-    let &[width, height] = size else { bail!("--size takes two numbers") };
-    ensure!(width.min(height) >= 128 && width.max(height) <= 2048, "--size takes 128 to 2048");
+    let &[width, height] = size else { bail!("--size specs two numbers") };
+    ensure!(width.min(height) >= 128 && width.max(height) <= 2048, "--size takes numbers from 128 to 2048");
     Ok([width, height])
 }
 
-/// Numbers of the textures of a `kind` that are wanted, or else of the set's. Never none: another set's would be taken.
+/// Returns the indices of the wanted textures, or of the set's if none are wanted. An empty selection is an error.
 fn chosen(set: Set, kind: &str, known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
     if !wanted.is_empty() {
         return named(known, wanted);
@@ -121,7 +121,7 @@ fn chosen(set: Set, kind: &str, known: &[String], wanted: &[String]) -> Result<V
     let chosen: Vec<usize> = (0..known.len()).filter(|index| set.has(*index)).collect();
     ensure!(
         !chosen.is_empty(),
-        "of the rig's {} {kind} none is for --set {}, which has every {JUDGE_EVERY}th; add some, or name them with --{kind}",
+        "none of the rig's {} {kind} belongs to --set {}, which has one in {JUDGE_EVERY}: add some, or use --{kind}",
         known.len(),
         set.name()
     );
@@ -133,7 +133,7 @@ fn named(known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
         known
             .iter()
             .position(|known| known == name)
-            .with_context(|| format!("no {name}; there are {}", known.join(", ")))
+            .with_context(|| format!("no {name}: the names are {}", known.join(", ")))
     };
     wanted.iter().map(find).collect()
 }
@@ -151,23 +151,23 @@ mod tests {
         #[command(flatten)]
         sources: Sources,
         #[command(flatten)]
-        scenes: Scenes,
+        scenes: SceneOptions,
     }
 
     fn parsed(arguments: &[&str]) -> Cli {
         Cli::parse_from([&["synth"], arguments].concat())
     }
 
-    /// Names of so many textures of each kind.
+    /// Returns the names of this many textures of each kind.
     fn rig(counts: [usize; 3]) -> [Vec<String>; 3] {
         counts.map(|count| (0..count).map(|number| format!("texture {number}")).collect())
     }
 
     #[test]
-    fn judging_has_no_skin_brow_eye_or_frame_of_training() {
+    fn the_judging_set_shares_no_texture_and_no_frame_with_the_training_set() {
         let sources = parsed(&[]).sources;
         let [train, judge] =
-            [Set::Train, Set::Judge].map(|set| sources.wardrobe(set, &rig([4, 9, 30])).expect("enough of each"));
+            [Set::Train, Set::Judge].map(|set| sources.textures(set, &rig([4, 9, 30])).expect("enough of each"));
         let kinds = [(train.skins, judge.skins), (train.brows, judge.brows), (train.eyes, judge.eyes)];
         for ((train, judge), count) in kinds.into_iter().zip([4, 9, 30]) {
             assert!(!train.is_empty() && !judge.is_empty() && train.iter().all(|number| !judge.contains(number)));
@@ -178,14 +178,14 @@ mod tests {
     }
 
     #[test]
-    fn set_without_a_texture_or_a_frame_is_refused() {
+    fn a_set_without_a_texture_or_a_frame_is_refused() {
         let sources = parsed(&[]).sources;
         for (counts, kind) in [([3, 4, 4], "skins"), ([4, 3, 4], "brows"), ([4, 4, 3], "eyes")] {
-            let error = sources.wardrobe(Set::Judge, &rig(counts)).err().expect("refused").to_string();
+            let error = sources.textures(Set::Judge, &rig(counts)).err().expect("refused").to_string();
             assert!(error.contains(&format!("rig's 3 {kind}")) && error.contains("--set judge"), "{error}");
         }
         let named = parsed(&["--skins", "texture 1"]).sources;
-        assert_eq!(named.wardrobe(Set::Judge, &rig([3, 4, 4])).expect("named").skins, [1]);
+        assert_eq!(named.textures(Set::Judge, &rig([3, 4, 4])).expect("named").skins, [1]);
         let folder = tempfile::tempdir().expect("a folder");
         let short = folder.path().join("short.csv");
         std::fs::write(&short, format!("{}\n{}\n", BLENDSHAPES.join(","), [".5"; COEFFS].join(","))).expect("written");
@@ -194,17 +194,21 @@ mod tests {
     }
 
     #[test]
-    fn tongue_cannot_be_asked_for() {
-        let choice = |arguments: &[&str]| {
+    fn the_tongue_cannot_be_chosen_as_a_shape() {
+        let distribution = |arguments: &[&str]| {
             let cli = parsed(arguments);
-            cli.scenes.choice(cli.sources.wardrobe(Set::Train, &rig([4, 4, 4]))?, &[]).map(|choice| choice.shapes)
+            cli.scenes
+                .distribution(cli.sources.textures(Set::Train, &rig([4, 4, 4]))?, &[])
+                .map(|distribution| distribution.shapes)
         };
-        assert_eq!(choice(&["--shapes", "eyeBlinkLeft"]).expect("known"), [0]);
-        assert!(choice(&["--shapes", "tongueOut"]).is_err_and(|error| error.to_string().contains("no tongueOut")));
+        assert_eq!(distribution(&["--shapes", "eyeBlinkLeft"]).expect("known"), [0]);
+        assert!(
+            distribution(&["--shapes", "tongueOut"]).is_err_and(|error| error.to_string().contains("no tongueOut"))
+        );
     }
 
     #[test]
-    fn pictures_are_neither_tiny_nor_huge() {
+    fn picture_sizes_are_limited_to_128_to_2048() {
         assert_eq!(picture_size(&[128, 2048]).expect("allowed"), [128, 2048]);
         assert!(picture_size(&[127, 400]).is_err() && picture_size(&[400, 2049]).is_err());
     }

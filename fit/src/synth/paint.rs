@@ -1,12 +1,12 @@
-//! The colour of one sample: skin with hair, beard and clothes, mouth, eyes, brows.
+//! Computes the colour of one sample: skin with hair, beard and clothes; mouth, eyes, and brows.
 
 use glam::{Vec2, Vec3, Vec3A, Vec4Swizzles};
 
 use super::{
+    assets::Assets,
     geometry::smoothstep,
-    kit::Kit,
     person::Person,
-    render::{Corners, Head},
+    render::{Barycentric, Head},
     scene::Lighting,
     skin::Skin,
 };
@@ -14,22 +14,22 @@ use super::{
 /// Colours in linear light.
 const GUMS: Vec3A = Vec3A::new(0.32, 0.075, 0.07);
 const TEETH: Vec3A = Vec3A::new(0.68, 0.61, 0.50);
-/// What a full beard takes of the light.
+/// Share of the light that a full beard absorbs.
 const BEARD: Vec3A = Vec3A::new(0.75, 0.76, 0.74);
-/// Hair begins and is full this far inside the hairline, centimetres.
+/// Distances inside the hairline at which hair begins and is full, in centimetres.
 const HAIR_EDGE: [f32; 2] = [-0.9, 0.9];
-/// Share of the light that eyes give back, over what their textures show.
+/// Factor on the colour of eye textures.
 const EYE: f32 = 0.75;
-/// Lashes.
+/// Colour of the lashes.
 pub const LASHES: Vec3A = Vec3A::splat(0.004);
-/// Exponent of the glint on eyes, and its strength.
+/// Exponent and strength of the specular highlight on eyes.
 const GLINT: (f32, f32) = (400.0, 2.5);
-/// Light on an eye: the lids take this share at the upper edge of the ball.
+/// Share of the light that the lids keep from the upper edge of the eyeball.
 const LID_SHADE: f32 = 0.6;
 
-/// Knows a picture's person and light.
+/// Paints one picture of a person.
 pub struct Painter<'a> {
-    kit: &'a Kit,
+    assets: &'a Assets,
     person: &'a Person,
     head: &'a Head,
     lighting: &'a Lighting,
@@ -37,82 +37,84 @@ pub struct Painter<'a> {
 }
 
 impl<'a> Painter<'a> {
-    /// For one picture.
-    pub fn new(kit: &'a Kit, person: &'a Person, head: &'a Head, lighting: &'a Lighting) -> Self {
-        Self { kit, person, head, lighting, skin: &kit.skins[person.looks.skin] }
+    /// Creates a painter for one picture.
+    pub fn new(assets: &'a Assets, person: &'a Person, head: &'a Head, lighting: &'a Lighting) -> Self {
+        Self { assets, person, head, lighting, skin: &assets.skins[person.looks.skin] }
     }
 
-    /// Skin, or what covers it.
-    pub fn skin(&self, at: Corners) -> Vec3A {
+    /// Returns the colour of skin, hair or clothes.
+    pub fn skin(&self, at: Barycentric) -> Vec3A {
         let looks = &self.person.looks;
-        let diffuse = at.mix(|vertex| self.head.lit[vertex].diffuse);
-        let place = at.mix(|vertex| self.person.covers[vertex].place);
-        let [hair, below_collar] = [place.z, place.w];
+        let diffuse = at.interpolate(|vertex| self.head.lit[vertex].diffuse);
+        let cover = at.interpolate(|vertex| self.person.attributes[vertex].cover);
+        let [hair, below_collar] = [cover.z, cover.w];
         if below_collar > 0.0 {
             return Vec3A::from(looks.cloth.0) * diffuse;
         }
-        let gloss = at.mix(|vertex| self.head.lit[vertex].gloss) * looks.gloss;
-        let tone = at.mix(|vertex| self.person.covers[vertex].tone);
+        let gloss = at.interpolate(|vertex| self.head.lit[vertex].gloss) * looks.gloss;
+        let tone = at.interpolate(|vertex| self.person.attributes[vertex].tone);
         let mut colour = Vec3A::from_vec4(tone);
         if tone.w > 0.0 {
-            colour = colour.lerp(Vec3A::from(self.skin.texture.light(place.xy()) * looks.tint), tone.w);
+            colour = colour.lerp(Vec3A::from(self.skin.texture.light(cover.xy()) * looks.tint), tone.w);
         }
         if looks.beard > 0.0 {
-            colour *= Vec3A::ONE - BEARD * at.mix(|vertex| self.person.covers[vertex].rest).w;
+            colour *= Vec3A::ONE - BEARD * at.interpolate(|vertex| self.person.attributes[vertex].rest).w;
         }
         match looks.hair {
             Some((hair_colour, _)) if hair > HAIR_EDGE[0] => {
-                let rest = at.mix(|vertex| self.person.covers[vertex].rest).truncate();
-                let (cover, strand) = strands(rest, hair);
-                let colour = colour.lerp(Vec3A::from(hair_colour) * (0.65 + 0.7 * strand), cover);
-                colour * diffuse + gloss * (1.0 - 0.8 * cover)
+                let rest = at.interpolate(|vertex| self.person.attributes[vertex].rest).truncate();
+                let (opacity, strand) = strands(rest, hair);
+                let colour = colour.lerp(Vec3A::from(hair_colour) * (0.65 + 0.7 * strand), opacity);
+                colour * diffuse + gloss * (1.0 - 0.8 * opacity)
             }
             _ => colour * diffuse + gloss,
         }
     }
 
-    /// Gums, tongue and the hollow of the mouth.
-    pub fn gums(&self, at: Corners) -> Vec3A {
-        GUMS * at.mix(|vertex| self.head.lit[vertex].diffuse) + at.mix(|vertex| self.head.lit[vertex].gloss)
+    /// Returns the colour of gums, tongue and the inside of the mouth.
+    pub fn gums(&self, at: Barycentric) -> Vec3A {
+        GUMS * at.interpolate(|vertex| self.head.lit[vertex].diffuse)
+            + at.interpolate(|vertex| self.head.lit[vertex].gloss)
     }
 
-    /// Teeth.
-    pub fn teeth(&self, at: Corners) -> Vec3A {
-        TEETH * at.mix(|vertex| self.head.lit[vertex].diffuse) + 1.5 * at.mix(|vertex| self.head.lit[vertex].gloss)
+    /// Returns the colour of teeth.
+    pub fn teeth(&self, at: Barycentric) -> Vec3A {
+        TEETH * at.interpolate(|vertex| self.head.lit[vertex].diffuse)
+            + 1.5 * at.interpolate(|vertex| self.head.lit[vertex].gloss)
     }
 
-    /// An eyeball, wet, under its lids.
-    pub fn eye(&self, at: Corners) -> Vec3A {
-        let offset = at.mix(|vertex| self.kit.ball_offsets[vertex]);
-        let colour = EYE * self.kit.eyes[self.person.looks.eye].colour(offset.truncate(), self.person.looks.iris);
-        let normal = at.mix(|vertex| self.head.normals[vertex]).normalize_or_zero();
-        let point = at.mix(|vertex| self.head.points[vertex]);
+    /// Returns the colour of a wet eyeball in the shade of its lids.
+    pub fn eye(&self, at: Barycentric) -> Vec3A {
+        let offset = at.interpolate(|vertex| self.assets.ball_offsets[vertex]);
+        let colour = EYE * self.assets.eyes[self.person.looks.eye].colour(offset.truncate(), self.person.looks.iris);
+        let normal = at.interpolate(|vertex| self.head.normals[vertex]).normalize_or_zero();
+        let point = at.interpolate(|vertex| self.head.points[vertex]);
         let view = -point.normalize_or_zero();
         let glint = self.lighting.lights.iter().map(|lamp| {
             let half = (lamp.toward + view).normalize_or_zero();
             lamp.colour * GLINT.1 * normal.dot(half).max(0.0).powf(GLINT.0)
         });
         let shade = 1.0 - LID_SHADE * smoothstep(-0.1, 0.6, normal.y);
-        let diffuse = Vec3::from(at.mix(|vertex| self.head.lit[vertex].diffuse));
+        let diffuse = Vec3::from(at.interpolate(|vertex| self.head.lit[vertex].diffuse));
         Vec3A::from((colour * diffuse + glint.sum::<Vec3>()) * shade)
     }
 
-    /// How much a brow covers, and its colour.
-    pub fn brow(&self, at: Corners) -> (f32, Vec3A) {
-        let uv: Vec2 = at.mix(|vertex| self.person.brow_uv[vertex]);
+    /// Returns the opacity of a brow and its colour.
+    pub fn brow(&self, at: Barycentric) -> (f32, Vec3A) {
+        let uv: Vec2 = at.interpolate(|vertex| self.person.brow_uv[vertex]);
         let (colour, opacity) = self.person.looks.brow_colour;
-        let alpha = self.kit.brows[self.person.looks.brow].cover(uv) * opacity;
-        (alpha, Vec3A::from(colour) * at.mix(|vertex| self.head.lit[vertex].diffuse))
+        let alpha = self.assets.brows[self.person.looks.brow].cover(uv) * opacity;
+        (alpha, Vec3A::from(colour) * at.interpolate(|vertex| self.head.lit[vertex].diffuse))
     }
 }
 
-/// How much hair covers the skin `depth` centimetres inside the hairline, and how bright the strand there is (0 to 1).
+/// Returns the opacity of hair `depth` centimetres inside the hairline, and the brightness of the strand (0 to 1).
 fn strands(rest: Vec3, depth: f32) -> (f32, f32) {
     let strand = noise(Vec3::new(rest.x * 9.0, rest.y * 1.4, rest.z * 1.4));
     (smoothstep(HAIR_EDGE[0] + 0.4, HAIR_EDGE[1], depth + 0.9 * (strand - 0.5)), strand)
 }
 
-/// Smooth noise over space, 0 to 1, of period 1.
+/// Returns smooth noise over space, from 0 to 1, with one random value per unit cell.
 fn noise(at_point: Vec3) -> f32 {
     let cell = at_point.floor();
     let offset = at_point - cell;

@@ -1,111 +1,116 @@
-//! A person: the shape of the head and what it looks like, the same in all of the person's pictures.
+//! A person: the shape and the looks of the head, which are the same in all of the person's pictures.
 
 use glam::{Vec2, Vec3, Vec4};
 
 use super::{
+    assets::Assets,
     geometry::{piecewise, smoothstep},
-    kit::Kit,
 };
 
-/// Height of the hairline by depth (z, y), centimetres: nape, behind the ear, above it, temple, forehead.
+/// Height of the hairline at depths z, in centimetres: nape, behind the ear, above the ear, temple, forehead.
 const HAIRLINE: [(f32, f32); 7] =
     [(-6.0, -7.0), (-3.0, -5.0), (-1.5, 1.0), (0.5, 5.4), (3.0, 6.4), (6.0, 9.6), (9.0, 11.4)];
-/// Ears stick out beyond this half width, below this height.
+/// Ears are beyond this distance from the middle and below this height.
 const EAR: (f32, f32) = (7.65, 5.6);
-/// The beard grows on skin at this distance around the mouth, centimetres.
+/// The beard grows at these distances from the mouth, in centimetres.
 const BEARD_REACH: [f32; 2] = [1.0, 5.0];
 
-/// What is drawn at random of a person, beside the identity.
+/// The random properties of a person other than the identity shape.
 #[derive(Debug, Clone)]
 pub struct Looks {
-    /// Which skin, brows and eyes of the kit.
+    /// Index of the skin.
     pub skin: usize,
-    /// Style of brows.
+    /// Index of the brows.
     pub brow: usize,
-    /// Colour of eyes.
+    /// Index of the eyes.
     pub eye: usize,
     /// Factor on the skin's colour.
     pub tint: Vec3,
-    /// Strength of the highlight on skin; about 1.
+    /// Strength of the skin's specular highlight, about 1.
     pub gloss: f32,
-    /// Colour of hair and how far it stands out, centimetres; none for a bald head.
+    /// Colour of the hair and its thickness in centimetres, or `None` for a bald head.
     pub hair: Option<(Vec3, f32)>,
-    /// How much higher than usual the hairline is, centimetres.
+    /// Offset of the hairline in centimetres, positive upwards.
     pub hairline: f32,
-    /// Darkness of a beard, 0 to 1.
+    /// Darkness of the beard, from 0 to 1.
     pub beard: f32,
-    /// Colour of the brows, and how opaque they are.
+    /// Colour and opacity of the brows.
     pub brow_colour: (Vec3, f32),
-    /// How much higher than usual the brows are at their inner and at their outer end, centimetres.
+    /// Offset of the brows' inner and outer end in centimetres, positive upwards.
     pub brow_lift: [f32; 2],
-    /// How much thicker the brows are (1 as drawn).
+    /// Factor on the thickness of the brows.
     pub brow_thickness: f32,
-    /// Radius of the iris over that of the eyeball.
+    /// Radius of the iris relative to the eyeball's.
     pub iris: f32,
-    /// How opaque the lashes are.
+    /// Opacity of the lashes.
     pub lashes: f32,
-    /// Colour of the clothes and height of their collar, centimetres.
+    /// Colour of the clothes and height of their collar in centimetres.
     pub cloth: (Vec3, f32),
 }
 
-/// A head, ready to be moved.
+/// A head that can be deformed by expressions.
 pub struct Person {
     /// Vertices at rest.
     pub base: Vec<Vec3>,
-    /// What it looks like.
+    /// Looks of the person.
     pub looks: Looks,
-    /// What covers each vertex.
-    pub covers: Vec<Cover>,
-    /// Where the brows' texture lies.
+    /// Attributes of each vertex of the skin.
+    pub attributes: Vec<VertexAttributes>,
+    /// Coordinates of each vertex in the brows' texture.
     pub brow_uv: Vec<Vec2>,
 }
 
-/// What a vertex of the skin carries, packed for interpolation.
+/// Attributes of a vertex of the skin, packed for interpolation.
 #[derive(Debug, Clone, Copy)]
-pub struct Cover {
-    /// Tone (linear), and share of the texture against it.
+pub struct VertexAttributes {
+    /// Tone in linear light, and weight of the texture against the tone.
     pub tone: Vec4,
-    /// Place in the texture, how far inside the hair (centimetres, negative on bare skin), how far below the collar.
-    pub place: Vec4,
+    /// Texture coordinates, distance inside the hairline (negative on bare skin) and below the collar in centimetres.
+    pub cover: Vec4,
     /// Position on the rig at rest, and density of the beard.
     pub rest: Vec4,
 }
 
 impl Person {
-    /// Makes the head with the given weights of the identity modes.
-    pub fn new(kit: &Kit, identity: &[f32], looks: Looks) -> Self {
-        let rest = &kit.rig.neutral;
+    /// Creates a head from weights of the identity modes.
+    pub fn new(assets: &Assets, identity: &[f32], looks: Looks) -> Self {
+        let rest = &assets.rig.neutral;
         let hair: Vec<f32> = rest.iter().map(|point| hair_at(*point, looks.hairline)).collect();
         let mut base = rest.clone();
-        for (weight, mode) in identity.iter().zip(&kit.rig.identities) {
+        for (weight, mode) in identity.iter().zip(&assets.rig.identities) {
             base.iter_mut().zip(mode).for_each(|(point, offset)| *point += *weight * *offset);
         }
         if let Some((_, volume)) = looks.hair {
             let grown = hair
                 .iter()
-                .zip(&kit.rest_normals)
+                .zip(&assets.rest_normals)
                 .map(|(depth, normal)| *normal * volume * smoothstep(0.0, 1.6, *depth));
             base.iter_mut().zip(grown).for_each(|(point, offset)| *point += offset);
         }
-        let brow = &kit.brows[looks.brow];
-        let middle = kit.rig.landmark(24).y;
+        let brow = &assets.brows[looks.brow];
+        let middle = assets.rig.landmark(24).y;
         let brow_at = |point: &Vec3| {
             let [inner, outer] = looks.brow_lift;
             let lift = inner + (outer - inner) * brow.along(*point);
             let y = middle + (point.y - middle - lift) / looks.brow_thickness;
             brow.place(Vec3::new(point.x, y, point.z))
         };
-        let mouth = (kit.rig.landmark(48) + kit.rig.landmark(54)) / 2.0;
-        let skin = &kit.skins[looks.skin];
-        let cover = |vertex: usize| {
-            let (point, uv) = (rest[vertex], kit.rig.skin_uv[vertex]);
-            Cover {
-                tone: (skin.tone[vertex] * looks.tint).extend(kit.layout.share[vertex]),
-                place: Vec4::new(uv.x, uv.y, hair[vertex], collar_at(point, looks.cloth.1)),
+        let mouth = (assets.rig.landmark(48) + assets.rig.landmark(54)) / 2.0;
+        let skin = &assets.skins[looks.skin];
+        let attributes = |vertex: usize| {
+            let (point, uv) = (rest[vertex], assets.rig.skin_uv[vertex]);
+            VertexAttributes {
+                tone: (skin.tone[vertex] * looks.tint).extend(assets.layout.share[vertex]),
+                cover: Vec4::new(uv.x, uv.y, hair[vertex], collar_at(point, looks.cloth.1)),
                 rest: point.extend(looks.beard * beard_at(point, mouth)),
             }
         };
-        Self { covers: (0..rest.len()).map(cover).collect(), brow_uv: rest.iter().map(brow_at).collect(), base, looks }
+        Self {
+            attributes: (0..rest.len()).map(attributes).collect(),
+            brow_uv: rest.iter().map(brow_at).collect(),
+            base,
+            looks,
+        }
     }
 }
 
@@ -114,12 +119,12 @@ fn hair_at(point: Vec3, hairline: f32) -> f32 {
     if ear { -1.0 } else { point.y - piecewise(&HAIRLINE, point.z) - hairline * smoothstep(0.0, 6.0, point.z) }
 }
 
-/// Lower in front than at the sides, as collars are.
+/// Returns the distance below the collar, which is lower in front than at the sides.
 fn collar_at(point: Vec3, height: f32) -> f32 {
     height + 0.06 * point.x * point.x - 0.12 * point.z.max(0.0) - point.y
 }
 
-/// Around the mouth and along the jaw, not on the lips.
+/// Returns the density of a beard, which grows around the mouth and along the jaw, but not on the lips.
 fn beard_at(point: Vec3, mouth: Vec3) -> f32 {
     let from_mouth = ((point.x - mouth.x) / 1.5).hypot(point.y - mouth.y);
     let low = 1.0 - smoothstep(mouth.y + 1.4, mouth.y + 3.2, point.y - 0.12 * point.x.abs());

@@ -1,20 +1,21 @@
-//! Triangles to samples: which samples of a grid a triangle covers, and with which weights of its corners.
+//! Rasterises triangles: determines which samples of a grid a triangle covers, with their barycentric coordinates.
 //!
-//! Positions are snapped to 1/256 of a sample and edges are worked out in whole numbers, with the top-left rule: of
-//! triangles that share an edge exactly one covers a sample on it, so there are neither cracks nor double coverage.
-//! Contract: nothing outside the grid is visited. Limits: corners within 16,000 samples of the origin, else skipped.
+//! Positions are snapped to 1/256 of a sample and edge functions are integers, with the top-left rule. Of triangles
+//! that share an edge, exactly one covers a sample on it, so that there are neither cracks nor overlaps. Contract: no
+//! sample outside the grid is visited. Limits: triangles with corners more than 16,000 samples from the origin are
+//! skipped.
 
 use glam::{Vec2, Vec3};
 
-/// Steps of a snapped position.
+/// Number of subpixel positions per sample.
 const STEPS: f32 = 256.0;
 const STEP: i64 = 256;
-/// Corners beyond this are not drawn: edges would leave the whole numbers.
+/// Largest coordinate of a corner for which the edge functions do not overflow.
 const FARTHEST: f32 = 16_000.0;
-/// Added and taken away again, it rounds numbers below 2^22 (1.5 x 2^23, where the steps of an f32 are 1).
+/// Adding and subtracting this number rounds an f32 below 2^22 to an integer: 1.5 x 2^23, where the spacing is 1.
 const ROUNDER: f32 = 12_582_912.0;
 
-/// Columns and rows of a grid of samples; sample (0, 0) has its centre at (0.5, 0.5).
+/// A grid of samples. Sample (0, 0) has its centre at (0.5, 0.5).
 #[derive(Debug, Clone, Copy)]
 pub struct Grid {
     /// Columns.
@@ -24,8 +25,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Calls `sample(index, weights of the corners)` for every sample that the triangle covers. Only triangles whose
-    /// corners run counter-clockwise as seen (y being down) are drawn: the others show their back.
+    /// Calls `sample(index, barycentric coordinates)` for every sample that the triangle covers. Triangles whose
+    /// corners run clockwise in the picture face away and are skipped.
     pub fn fill(self, corners: [Vec2; 3], mut sample: impl FnMut(usize, Vec3)) {
         let farthest = corners[0].abs().max(corners[1].abs()).max(corners[2].abs());
         if !(farthest.max_element() < FARTHEST) || (corners[0] + corners[1] + corners[2]).is_nan() {
@@ -44,7 +45,7 @@ impl Grid {
         let columns = span([a[0], b[0], c[0]], self.width);
         let rows = span([a[1], b[1], c[1]], self.height);
         let start = [centre(columns.start), centre(rows.start)];
-        // Each edge belongs to the corner opposite to it.
+        // Each edge is opposite to the corner whose weight it gives.
         let mut edges = [Edge::new(b, c, start), Edge::new(c, a, start), Edge::new(a, b, start)];
         for row in rows {
             let mut at = [edges[0].value, edges[1].value, edges[2].value];
@@ -63,12 +64,12 @@ impl Grid {
     }
 }
 
-/// Twice the area on the inner side of an edge, as it changes from sample to sample.
+/// An edge function: twice the area between the edge and a sample, with its increments from sample to sample.
 struct Edge {
     value: i64,
     right: i64,
     down: i64,
-    /// 0 for a top or left edge, whose samples belong to the triangle; else 1.
+    /// Least value of a covered sample: 0 for a top or left edge, which includes its samples, and 1 otherwise.
     least: i64,
 }
 
@@ -94,7 +95,7 @@ fn centre(index: usize) -> i64 {
     i64::try_from(index).unwrap_or(0) * STEP + STEP / 2
 }
 
-/// Samples of a side of the grid whose centres lie between the least and the greatest position.
+/// Returns the range of samples whose centres lie between the smallest and the largest position.
 fn span(positions: [i64; 3], side: usize) -> core::ops::Range<usize> {
     let [a, b, c] = positions;
     let first = (a.min(b).min(c) + STEP / 2 - 1).div_euclid(STEP).max(0);
@@ -117,7 +118,7 @@ mod tests {
         counts
     }
 
-    /// A fan around a centre that lies inside the grid's sides, its rim beyond all of them.
+    /// Returns a fan of triangles around a centre inside the grid, whose rim is outside of it.
     fn fan(centre: Vec2, blades: u8) -> Vec<[Vec2; 3]> {
         let rim = |blade: u8| {
             let angle = f32::from(blade) / f32::from(blades) * core::f32::consts::TAU;
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn corners_on_sample_centres_belong_to_one_of_two_halves() {
+    fn samples_on_a_shared_edge_belong_to_one_triangle() {
         let square = [Vec2::new(4.5, 4.5), Vec2::new(12.5, 4.5), Vec2::new(12.5, 12.5), Vec2::new(4.5, 12.5)];
         let counts = coverage(&[[square[0], square[2], square[1]], [square[0], square[3], square[2]]]);
         assert_eq!(counts.iter().sum::<u32>(), 64);
@@ -144,24 +145,24 @@ mod tests {
     }
 
     #[test]
-    fn nothing_outside_the_grid_is_visited_and_absurd_corners_are_skipped() {
+    fn triangles_outside_the_grid_and_invalid_corners_are_skipped() {
         let far = [Vec2::new(-500.0, -500.0), Vec2::new(-400.0, 900.0), Vec2::new(-300.0, 10.0)];
-        let absurd = [Vec2::new(f32::NAN, 0.0), Vec2::new(1e9, 3.0), Vec2::new(0.0, 20.0)];
-        assert!(coverage(&[far, absurd]).iter().all(|count| *count == 0));
+        let invalid = [Vec2::new(f32::NAN, 0.0), Vec2::new(1e9, 3.0), Vec2::new(0.0, 20.0)];
+        assert!(coverage(&[far, invalid]).iter().all(|count| *count == 0));
     }
 
     #[test]
-    fn weights_are_those_of_the_corners_and_sum_to_one() {
+    fn weights_interpolate_the_position_and_sum_to_one() {
         let corners = [Vec2::new(2.0, 2.0), Vec2::new(5.0, 25.0), Vec2::new(35.0, 7.0)];
         GRID.fill(corners, |index, weights| {
-            let place = corners[0] * weights.x + corners[1] * weights.y + corners[2] * weights.z;
+            let position = corners[0] * weights.x + corners[1] * weights.y + corners[2] * weights.z;
             let expected = Vec2::new((index % GRID.width) as f32 + 0.5, (index / GRID.width) as f32 + 0.5);
-            assert!((weights.element_sum() - 1.0).abs() < 1e-4 && (place - expected).length() < 0.01);
+            assert!((weights.element_sum() - 1.0).abs() < 1e-4 && (position - expected).length() < 0.01);
         });
     }
 
     #[test]
-    fn only_the_side_turned_to_the_camera_is_drawn() {
+    fn only_triangles_that_face_the_camera_are_drawn() {
         let seen = [Vec2::new(2.0, 2.0), Vec2::new(5.0, 25.0), Vec2::new(35.0, 7.0)];
         let mut counts = [0; 2];
         GRID.fill(seen, |_, _| counts[0] += 1);

@@ -1,4 +1,4 @@
-//! Recordings of real ARKit coefficients (Live Link Face, CSV), columns taken by name.
+//! Reads recordings of real ARKit coefficients (Live Link Face, CSV). Columns are matched by name.
 
 use std::path::Path;
 
@@ -7,17 +7,17 @@ use facewire::solve::{BLENDSHAPES, COEFFS};
 
 use super::expression::Coefficients;
 
-/// Frames of a recording, in order.
+/// A recording of coefficients at 30 frames per second.
 pub struct Recording {
-    /// At 30 frames a second, 0 to 1.
+    /// The frames, with coefficients from 0 to 1.
     pub frames: Vec<Coefficients>,
 }
 
 impl Recording {
-    /// Reads a table with a header of blendshape names, in any order and any case.
+    /// Reads a CSV file with a header of blendshape names, in any order and case.
     pub fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Self::parse(&text).with_context(|| format!("{} is no recording", path.display()))
+        Self::parse(&text).with_context(|| format!("{} is not a recording of blendshapes", path.display()))
     }
 
     fn parse(text: &str) -> Result<Self> {
@@ -45,7 +45,7 @@ fn frame(line: &str, columns: &[usize]) -> Result<Coefficients> {
     for (slot, column) in frame.iter_mut().zip(columns) {
         let text = values.get(*column).context("a line is short")?;
         let value = text.trim().parse::<f32>().ok().filter(|value| value.is_finite());
-        *slot = value.with_context(|| format!("{text} is no number"))?.clamp(0.0, 1.0);
+        *slot = value.with_context(|| format!("{text} is not a number"))?.clamp(0.0, 1.0);
     }
     Ok(frame)
 }
@@ -55,28 +55,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_are_taken_by_name_not_by_place() {
+    fn columns_are_matched_by_name() {
         let mut names: Vec<String> = BLENDSHAPES.iter().map(|name| name[..1].to_uppercase() + &name[1..]).collect();
         names.reverse();
         let values: Vec<String> = (0..COEFFS).map(|index| format!("{:.2}", index as f32 / 100.0)).collect();
         let text = format!("Timecode,{}\n10:00,{}\n", names.join(","), values.join(","));
         let recording = Recording::parse(&text).expect("a recording");
         assert_eq!(recording.frames.len(), 1);
-        assert!((recording.frames[0][0] - 0.51).abs() < 1e-6, "the first blendshape stood last");
+        assert!((recording.frames[0][0] - 0.51).abs() < 1e-6, "the first blendshape is in the last column");
         assert!(Recording::parse("Timecode,JawOpen\n1,0.5\n").is_err());
     }
 
     #[test]
-    fn value_that_is_no_number_is_refused_with_file_and_line() {
+    fn a_value_that_is_not_a_number_is_refused_with_file_and_line() {
         let folder = tempfile::tempdir().expect("a folder");
         for wrong in ["NaN", "inf", "high"] {
-            let path = folder.path().join("take.csv");
+            let path = folder.path().join("spec.csv");
             let (good, mut bad) = (["0.5"; COEFFS], ["0.5"; COEFFS]);
             bad[7] = wrong;
             let text = [BLENDSHAPES, good, bad].map(|row| row.join(",")).join("\n");
             std::fs::write(&path, text).expect("written");
             let error = format!("{:#}", Recording::load(&path).err().expect("refused"));
-            assert!(error.contains("take.csv") && error.contains("line 3") && error.contains(wrong), "{error}");
+            assert!(error.contains("spec.csv") && error.contains("line 3") && error.contains(wrong), "{error}");
         }
     }
 }

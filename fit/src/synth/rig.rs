@@ -1,9 +1,10 @@
-//! The face rig: a head with expression shapes and identity modes, read from a folder.
+//! The face rig: a head with expression shapes and identity modes, loaded from a folder.
 //!
-//! Layout of the folder: `rig.npz` (arrays below), `rig.json` (names of materials and expressions, 68 landmark
-//! vertices). Units are centimetres; x to the person's left, y up, z out of the face. See `fit/README.md`.
+//! The folder holds `rig.npz` (arrays) and `rig.json` (names of materials and expressions, vertices of 68 landmarks);
+//! see
+//! `fit/README.md`. Units are centimetres, with x to the person's left, y up, and z out of the face.
 //!
-//! Parts that only a ray tracer can use (tear fluid, eye occlusion, the inner iris) are left out.
+//! Materials that only suit ray tracing (tear fluid, eye occlusion, the inner iris) are not used.
 
 use std::{fs::File, io::BufReader, path::Path};
 
@@ -14,60 +15,61 @@ use serde_json::Value;
 use super::bust;
 use crate::arrays::Arrays;
 
-/// Expression offsets shorter than this, in centimetres, are taken for 0.
+/// Shorter offsets of an expression, in centimetres, are treated as 0.
 const LEAST_MOVE: f32 = 0.002;
-/// The four corners of the eyes among the 68 landmarks.
+/// The four eye corners among the 68 landmarks.
 const EYE_CORNERS: [usize; 4] = [36, 39, 42, 45];
-/// Lashes higher than this above the corners of the eyes belong to the upper lids, centimetres.
+/// Lashes higher than this above the eye corners belong to the upper lids, in centimetres.
 const UPPER_LASH: f32 = 0.12;
 
-/// Three vertices.
+/// Indices of three vertices.
 pub type Triangle = [u32; 3];
 
-/// A head at rest, and all ways in which it can be changed.
+/// A head at rest with its expression shapes and identity modes.
 pub struct Rig {
-    /// Where the vertices are.
+    /// Vertices of the head at rest.
     pub neutral: Vec<Vec3>,
-    /// Expression shapes by the rig's own names.
+    /// Expression shapes.
     pub shapes: Vec<Shape>,
-    /// Offset of every vertex, one list per mode.
+    /// Offset of every vertex for each identity mode.
     pub identities: Vec<Vec<Vec3>>,
-    /// Where the skin texture lies.
+    /// Coordinates of each vertex in the skin texture.
     pub skin_uv: Vec<Vec2>,
-    /// Vertices of the 68 usual landmarks.
+    /// Vertices of the usual 68 landmarks.
     pub landmarks: Vec<usize>,
-    /// Triangles by part.
+    /// Triangles by part of the head.
     pub parts: Parts,
 }
 
-/// Triangles of a head.
+/// The triangles of a head.
 pub struct Parts {
     /// Face, scalp, neck and shoulders.
     pub skin: Vec<Triangle>,
-    /// How many of `skin`, counted from the first, are the face in front of the ears.
+    /// Number of triangles at the beginning of `skin` that belong to the face in front of the ears.
     pub face: usize,
-    /// Gums, tongue and the hollow of the mouth.
+    /// Gums, tongue and the inside of the mouth.
     pub gums: Vec<Triangle>,
-    /// Both rows.
+    /// Both rows of teeth.
     pub teeth: Vec<Triangle>,
-    /// Eyeballs of the person's left and right.
+    /// Eyeballs: the person's left, then right.
     pub eyes: [Vec<Triangle>; 2],
-    /// Of the upper lids.
+    /// Lashes of the upper lids.
     pub lashes: Vec<Triangle>,
 }
 
-/// One expression shape.
+/// An expression shape.
 pub struct Shape {
-    /// As the rig calls it.
+    /// Name in the rig.
     pub name: String,
-    /// Vertices that it moves, and how far at weight 1.
+    /// The vertices that the shape moves, with their offsets at weight 1.
     pub moves: Vec<(u32, Vec3)>,
 }
 
 impl Rig {
-    /// Reads a rig.
+    /// Loads a rig from a folder.
     pub fn load(folder: &Path) -> Result<Self> {
-        let mut arrays = Arrays::open(&folder.join("rig.npz")).context("there is no rig (--rig DIR)")?;
+        let arrays = Arrays::open(&folder.join("rig.npz"));
+        let mut arrays = arrays.context("cannot load the face rig: name its folder by --rig DIR")?;
         let names: Value = serde_json::from_reader(BufReader::new(File::open(folder.join("rig.json"))?))?;
         let neutral = points(&arrays.floats("neutral", &[3])?);
         let vertices = neutral.len();
@@ -75,7 +77,10 @@ impl Rig {
         let identities = arrays.floats("identities", &[vertices, 3])?;
         let skin_uv = arrays.floats("skin_uv", &[2])?;
         let landmarks = vertex_list(&names["landmark68_vertices"])?;
-        ensure!(landmarks.iter().all(|index| *index < vertices), "a landmark is no vertex");
+        ensure!(
+            landmarks.iter().all(|index| *index < vertices),
+            "rig.json: a landmark refers to a vertex that does not exist"
+        );
         let parts = parts(&mut arrays, &strings(&names["materials"])?, &neutral, &landmarks)?;
         let names = strings(&names["expressions"])?;
         let shapes = names.into_iter().zip(expressions.chunks_exact(3 * vertices));
@@ -91,12 +96,12 @@ impl Rig {
         Ok(rig)
     }
 
-    /// Where landmark `index` of the 68 is on the head at rest.
+    /// Returns the position of one of the 68 landmarks on the head at rest.
     pub fn landmark(&self, index: usize) -> Vec3 {
         self.neutral[self.landmarks[index]]
     }
 
-    /// Number of a shape by the rig's name.
+    /// Returns the index of the shape with this name in the rig.
     pub fn shape(&self, name: &str) -> Option<usize> {
         self.shapes.iter().position(|shape| shape.name == name)
     }
@@ -121,7 +126,10 @@ fn vertex_list(list: &Value) -> Result<Vec<usize>> {
 
 fn parts(arrays: &mut Arrays, materials: &[String], neutral: &[Vec3], landmarks: &[usize]) -> Result<Parts> {
     let corners = arrays.integers("faces", &[3])?.into_iter().map(u32::try_from).collect::<Result<Vec<_>, _>>()?;
-    ensure!(corners.iter().all(|vertex| (*vertex as usize) < neutral.len()), "a triangle has no such vertex");
+    ensure!(
+        corners.iter().all(|vertex| (*vertex as usize) < neutral.len()),
+        "rig.npz: a triangle refers to a vertex that does not exist"
+    );
     let triangles: Vec<Triangle> = corners.as_chunks::<3>().0.to_vec();
     let kinds = arrays.integers("face_material", &[])?;
     let of = |name: &str| -> Vec<Triangle> {

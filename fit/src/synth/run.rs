@@ -1,4 +1,4 @@
-//! `facewire-fit synth`: many subjects on all cores, resumable, to one archive.
+//! `facewire-fit synth`: renders many subjects on all cores to one archive. An interrupted run can be resumed.
 
 use std::{
     path::{Path, PathBuf},
@@ -13,52 +13,53 @@ use clap::Args;
 
 use super::{
     archive,
-    booth::Times,
-    kit::Kit,
-    options::{Scenes, Sources, picture_size},
+    assets::Assets,
+    imager::Times,
+    options::{SceneOptions, Sources, picture_size},
     progress::Progress,
     set::Set,
     shards::Shards,
-    worker::{ROW, Studio, Worker},
+    worker::{ROW, Setup, Worker},
 };
 
-/// Goes up when the same settings give other pictures.
+/// Increases when the same settings give other pictures.
 const EDITION: u32 = 4;
-/// What `synth` takes.
+
+/// Arguments of `synth`.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// Archive to write (npz); beside it names.json, and what decided the pictures (txt)
+    /// The archive to write (npz); names.json and a text file with the settings are written beside it
     out: PathBuf,
-    /// Pictures in all
+    /// Number of pictures
     #[arg(long, default_value_t = 50_000)]
     pictures: usize,
     /// Pictures of each subject, the first of them neutral
     #[arg(long, default_value_t = 25)]
     per_subject: usize,
-    /// Another seed gives other people
+    /// Seed of the random numbers; another seed gives other people
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Which part of textures and curves
+    /// Set of textures and recorded frames to use
     #[arg(long, value_enum, default_value = "train")]
     set: Set,
-    /// Columns and rows of the pictures
+    /// Width and height of the pictures
     #[arg(long, num_args = 2, default_values_t = [400, 400], value_names = ["WIDTH", "HEIGHT"])]
     size: Vec<usize>,
-    /// Threads; all cores unless given
+    /// Number of threads [default: one per core]
     #[arg(long)]
     threads: Option<usize>,
-    /// Also write the first pictures that are drawn now: a folder, and how many; not those of an earlier run
+    /// Folder for the first N pictures; pictures of an earlier run are not saved
     #[arg(long, num_args = 2, value_names = ["DIR", "N"])]
     save_pictures: Vec<String>,
     #[command(flatten)]
     sources: Sources,
     #[command(flatten)]
-    scenes: Scenes,
+    scenes: SceneOptions,
 }
 
-/// What all threads share.
+/// A run of `synth`, shared by all threads.
 struct Job<'a> {
-    studio: &'a Studio<'a>,
+    setup: &'a Setup<'a>,
     shards: &'a Shards,
     options: &'a Options,
     saved: Option<(&'a Path, usize)>,
@@ -71,55 +72,56 @@ pub fn run(options: &Options) -> Result<()> {
     run_until(options, true)
 }
 
-/// Makes all shards, and the archive of them if `whole`.
+/// Renders all subjects, and writes the archive if `whole`.
 fn run_until(options: &Options, whole: bool) -> Result<()> {
     let [width, height] = picture_size(&options.size)?;
     ensure!(options.per_subject > 0 && options.pictures >= options.per_subject, "too few pictures for one subject");
     archive::check(&options.out)?;
     let frames = options.sources.frames(options.set)?.concat();
-    let kit = Kit::load(&options.sources.rig)?;
-    let choice = options.scenes.choice(options.sources.wardrobe(options.set, &kit.names)?, &frames)?;
+    let assets = Assets::load(&options.sources.rig)?;
+    let distribution = options.scenes.distribution(options.sources.textures(options.set, &assets.names)?, &frames)?;
     let Options { seed, per_subject, .. } = options;
     let settings = format!(
         "synth edition {EDITION}, seed {seed}, set {:?}, {per_subject} pictures a subject of {width} x {height}\n{}",
         options.set,
-        options.scenes.describe(&options.sources, &choice)?
+        options.scenes.describe(&options.sources, &distribution)?
     );
     let shards = Shards::open(&options.out, &settings)?;
-    let studio = Studio { kit: &kit, choice: &choice, size: [width, height], seed: options.set.seed(*seed) };
+    let setup =
+        Setup { assets: &assets, distribution: &distribution, size: [width, height], seed: options.set.seed(*seed) };
     let folder = PathBuf::from(options.save_pictures.first().map_or("", String::as_str));
-    let saved = options.save_pictures.get(1).map(|count| count.parse().context("--save-pictures takes a number"));
+    let saved = options.save_pictures.get(1).map(|count| count.parse().context("--save-pictures specs a number"));
     let saved = saved.transpose()?.map(|count| (folder.as_path(), count));
     if saved.is_some() {
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     }
     let job = Job {
-        studio: &studio,
+        setup: &setup,
         shards: &shards,
         options,
         saved,
         next: AtomicU64::new(0),
         progress: Mutex::new(Progress::new(options.pictures.next_multiple_of(options.per_subject))),
     };
-    job.say_unsaved()?;
-    job.report(job.on_all_threads()?);
+    job.warn_unsaved()?;
+    job.report(job.run_threads()?);
     if whole {
         finish(options, &shards, job.subjects())?;
-        let told = provenance(&options.out);
-        std::fs::write(&told, &settings).with_context(|| format!("cannot write {}", told.display()))?;
+        let text = provenance(&options.out);
+        std::fs::write(&text, &settings).with_context(|| format!("cannot write {}", text.display()))?;
         shards.remove()?;
     }
     Ok(())
 }
 
-/// The file beside an archive that says what decided its pictures; the first line in a few words.
+/// Returns the text file beside an archive with the settings of its pictures. Its first line is a summary.
 pub fn provenance(archive: &Path) -> PathBuf {
     archive.with_extension("txt")
 }
 
-/// Joins the shards, and says what is in the archive and what is not.
+/// Joins the shards to the archive and prints a summary.
 fn finish(options: &Options, shards: &Shards, subjects: u64) -> Result<()> {
-    let rows = (0..subjects).map(|number| shards.read(number)?.context("a shard has gone"));
+    let rows = (0..subjects).map(|number| shards.read(number)?.context("the shard of a subject has disappeared"));
     let rows = rows.collect::<Result<Vec<_>>>()?;
     archive::write(&options.out, &rows)?;
     let pictures: usize = rows.iter().map(|rows| rows.len() / ROW).sum();
@@ -136,23 +138,23 @@ impl Job<'_> {
         self.options.pictures.div_ceil(self.options.per_subject) as u64
     }
 
-    /// CPU time of all parts.
-    fn on_all_threads(&self) -> Result<Times> {
+    /// Renders all subjects and returns the total CPU times.
+    fn run_threads(&self) -> Result<Times> {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = self.options.threads.unwrap_or(cores).max(1);
         std::thread::scope(|scope| {
-            let running: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.on_one_thread())).collect();
+            let running: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.run_worker())).collect();
             let mut total = Times::default();
             for thread in running {
-                let Ok(times) = thread.join() else { bail!("a thread broke down") };
+                let Ok(times) = thread.join() else { bail!("a thread panicked") };
                 total += times?;
             }
             Ok(total)
         })
     }
 
-    /// Subject after subject until none is left.
-    fn on_one_thread(&self) -> Result<Times> {
+    /// Renders one subject after another until all are done.
+    fn run_worker(&self) -> Result<Times> {
         let mut worker = None;
         loop {
             let number = self.next.fetch_add(1, Ordering::Relaxed);
@@ -160,43 +162,43 @@ impl Job<'_> {
                 return Ok(worker.map_or(Times::default(), |worker: Worker| worker.times()));
             }
             if let Some(rows) = self.shards.read(number)? {
-                self.note(rows.len() / ROW, true);
+                self.count(rows.len() / ROW, true);
                 continue;
             }
             let ready = match worker.take() {
                 Some(ready) => ready,
-                None => Worker::new(self.studio)?,
+                None => Worker::new(self.setup)?,
             };
             let worker = worker.insert(ready);
             let rows = worker.subject(number, self.options.per_subject, self.saved_of(number))?;
             self.shards.write(number, &rows)?;
-            self.note(rows.len() / ROW, false);
+            self.count(rows.len() / ROW, false);
         }
     }
 
-    /// Where the pictures of a subject are written, and how many of them.
+    /// Returns the folder for a subject's pictures and how many of them to save.
     fn saved_of(&self, number: u64) -> Option<(&Path, usize)> {
         let (folder, count) = self.saved?;
         let before = usize::try_from(number).unwrap_or(usize::MAX).saturating_mul(self.options.per_subject);
         (before < count).then(|| (folder, count - before))
     }
 
-    /// Subjects of an earlier run are not drawn again, so their pictures cannot be written.
-    fn say_unsaved(&self) -> Result<()> {
+    /// Prints a warning if subjects whose pictures should be saved were rendered by an earlier run.
+    fn warn_unsaved(&self) -> Result<()> {
         let mut done = 0;
         for number in (0..self.subjects()).take_while(|number| self.saved_of(*number).is_some()) {
             done += usize::from(self.shards.read(number)?.is_some());
         }
         if done > 0 {
-            let hint = "to see them too, remove the .parts folder and begin anew";
-            eprintln!("pictures of {done} subjects were drawn in an earlier run and are not written; {hint}");
+            let hint = "to save them too, remove the .parts folder and start again";
+            eprintln!("the pictures of {done} subjects were rendered by an earlier run and are not saved: {hint}");
         }
         Ok(())
     }
 
-    fn note(&self, pictures: usize, resumed: bool) {
+    fn count(&self, pictures: usize, resumed: bool) {
         if let Ok(mut progress) = self.progress.lock() {
-            progress.note(pictures, resumed);
+            progress.count(pictures, resumed);
         }
     }
 
@@ -225,7 +227,7 @@ mod tests {
         options: Options,
     }
 
-    /// Options for a small archive called `name`, on the given number of threads; none without rig and networks.
+    /// Returns options for a small archive in a folder called `name`, or `None` if rig or networks are missing.
     fn options(name: &str, threads: &str) -> Option<Options> {
         let shared = reference::folder();
         let (rig, curves) = (shared.join("rig"), shared.join("curves/alex_rom_3.csv"));
@@ -247,19 +249,19 @@ mod tests {
     }
 
     #[test]
-    fn the_same_seed_gives_the_same_file_on_any_number_of_threads_and_after_a_cut() {
+    fn the_same_seed_gives_the_same_file_on_any_number_of_threads_and_after_an_interruption() {
         let (Some(one), Some(two), Some(cut)) = (options("one", "1"), options("two", "2"), options("cut", "1")) else {
             return;
         };
         let whole = made(&one);
-        assert_eq!(whole, made(&two), "threads change nothing");
+        assert_eq!(whole, made(&two), "the number of threads has no influence");
         let fewer = Options { pictures: 2, ..options("cut", "1").expect("as before") };
         run_until(&fewer, false).expect("the first subject");
-        assert_eq!(whole, made(&cut), "a run that was cut ends in the same file");
+        assert_eq!(whole, made(&cut), "a resumed run gives the same file");
     }
 
     #[test]
-    fn as_many_pictures_are_saved_as_were_asked_for() {
+    fn as_many_pictures_are_saved_as_requested() {
         for (wanted, name) in [(1, "one-saved"), (3, "three-saved")] {
             let Some(options) = options(name, "2") else { return };
             let folder = options.out.with_file_name("pictures");
@@ -270,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn the_solver_reads_the_true_pose_from_rendered_faces() {
+    fn the_solver_finds_the_true_pose_in_rendered_faces() {
         let Some(few) = options("pose", "2") else { return };
         let options = Options { pictures: 24, per_subject: 8, size: vec![400, 400], ..few };
         run(&options).expect("an archive");
@@ -279,6 +281,6 @@ mod tests {
         let [yaw, pitch, roll] = judge::pose_error_deg(&samples).expect("poses");
         assert!(yaw < 3.0 && pitch < 6.0 && roll < 2.0, "{yaw} {pitch} {roll}");
         let mean_turn = samples.iter().map(|sample| sample.pose_deg[0].abs()).sum::<f64>() / 24.0;
-        assert!(mean_turn > 6.0, "heads do turn: a wrong sign would be seen, {mean_turn}");
+        assert!(mean_turn > 6.0, "heads must turn, or a wrong sign would go unnoticed: {mean_turn}");
     }
 }

@@ -1,5 +1,5 @@
-//! The sampler: who is seen, and how, in each picture. Everything is drawn from the subject's own seed, so that a
-//! subject's pictures are the same whatever else is drawn.
+//! The sampler: draws subjects, and a scene for each of their pictures. All random numbers come from the subject's own
+//! stream, so that a subject's pictures do not depend on other subjects.
 
 use facewire::solve::COEFFS;
 use glam::{Vec2, Vec3};
@@ -10,24 +10,24 @@ use turbojpeg::Subsamp;
 
 use super::{
     acting::{Mix, random_expression},
+    assets::Assets,
     backdrop::Backdrop,
     camera::Effects,
     expression::Coefficients,
-    kit::Kit,
     person::{Looks, Person},
-    scene::{Lens, Light, Lighting, Placement, Shot},
+    scene::{Lens, Light, Lighting, Placement, Scene},
 };
 
-/// Width of a face in front, centimetres: for the size that it has in the picture.
+/// Width of a face seen from the front in centimetres, to compute the focal length from its size in the picture.
 const FACE_CM: f32 = 14.5;
-/// Beyond this many deviations identities look like nobody.
+/// Limit on the weights of identity modes in standard deviations, beyond which heads look unnatural.
 const IDENTITY_LIMIT: f32 = 2.5;
-/// Yaw, pitch and roll: standard deviation, and bounds, degrees.
+/// Standard deviation and limit of yaw, pitch and roll in degrees.
 const TURN_DEG: [(f32, f32); 3] = [(16.0, 40.0), (10.0, 25.0), (7.0, 20.0)];
 /// The same for the subject's neutral picture.
 const NEARLY_FRONTAL_DEG: [(f32, f32); 3] = [(2.0, 5.0); 3];
 
-/// Colours of hair, linear: black, dark and light brown, blond, red, grey.
+/// Hair colours in linear light: black, dark and light brown, blond, red, grey.
 const HAIR: [[f32; 3]; 6] = [
     [0.012, 0.010, 0.009],
     [0.045, 0.026, 0.016],
@@ -36,38 +36,38 @@ const HAIR: [[f32; 3]; 6] = [
     [0.2, 0.07, 0.025],
     [0.3, 0.3, 0.31],
 ];
-/// Lightness of skin below this is dark.
+/// Skin of lower lightness counts as dark.
 const DARK_SKIN: f32 = 0.16;
 
-/// Numbers of the textures that people may have; at least one of each kind.
-pub struct Wardrobe {
-    /// Of skins.
+/// Indices of the textures to draw from, at least one of each kind.
+pub struct TextureChoice {
+    /// Skins.
     pub skins: Vec<usize>,
-    /// Of brows.
+    /// Brows.
     pub brows: Vec<usize>,
-    /// Of eyes.
+    /// Eyes.
     pub eyes: Vec<usize>,
 }
 
-/// What may be drawn.
-pub struct Choice<'a> {
-    /// Looks of people.
-    pub wardrobe: Wardrobe,
+/// The distribution that pictures are drawn from.
+pub struct Distribution<'a> {
+    /// Textures of people.
+    pub textures: TextureChoice,
     /// Frames of recordings.
     pub frames: &'a [Coefficients],
-    /// Kinds of expressions.
+    /// Frequencies of the kinds of expressions.
     pub mix: Mix,
-    /// Shapes that may show alone, instead of all.
+    /// Shapes that may be shown alone, or all if empty.
     pub shapes: Vec<usize>,
-    /// Yaw and pitch of every head that is not the subject's neutral one, to either side, in place of turns at random.
+    /// Yaw and pitch of every head except in neutral pictures, to either side, instead of random angles.
     pub turn_deg: Option<[f32; 2]>,
 }
 
-/// A subject: person, camera and room, which stay the same over the subject's pictures.
+/// A subject: a person with camera and room, which are the same in all of the subject's pictures.
 pub struct Subject {
     /// The person.
     pub person: Person,
-    /// Distance of the head, centimetres.
+    /// Distance of the head from the camera in centimetres.
     pub distance: f32,
     lighting: Lighting,
     lens: Lens,
@@ -76,13 +76,13 @@ pub struct Subject {
     rng: ChaCha8Rng,
 }
 
-/// One picture to be taken.
-pub struct Take {
-    /// What it shows.
-    pub shot: Shot,
-    /// How the camera sees it.
+/// Everything that defines one picture of a subject.
+pub struct PictureSpec {
+    /// The scene to render.
+    pub scene: Scene,
+    /// The effects of the camera.
     pub effects: Effects,
-    /// The subject's neutral picture.
+    /// Whether this is the subject's neutral picture.
     pub neutral: bool,
 }
 
@@ -95,16 +95,16 @@ fn pick(rng: &mut ChaCha8Rng, list: &[usize]) -> usize {
 }
 
 impl Subject {
-    /// Draws subject `number` of a seed, for pictures of `size`.
-    pub fn random(kit: &Kit, wardrobe: &Wardrobe, size: [usize; 2], [seed, number]: [u64; 2]) -> Self {
+    /// Draws subject `number` of a seed for pictures of `size`.
+    pub fn random(assets: &Assets, textures: &TextureChoice, size: [usize; 2], [seed, number]: [u64; 2]) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(number + 1);
         let rng_ref = &mut rng;
         let spread = rng_ref.random_range(0.5..1.0);
         let identity: Vec<f32> =
-            (0..kit.rig.identities.len()).map(|_| spread * normal(rng_ref, 1.0, IDENTITY_LIMIT)).collect();
-        let looks = looks(rng_ref, kit, wardrobe);
-        let person = Person::new(kit, &identity, looks);
+            (0..assets.rig.identities.len()).map(|_| spread * normal(rng_ref, 1.0, IDENTITY_LIMIT)).collect();
+        let looks = looks(rng_ref, assets, textures);
+        let person = Person::new(assets, &identity, looks);
         let distance = rng_ref.random_range(38.0_f32.ln()..95.0_f32.ln()).exp();
         let face_px = rng_ref.random_range(0.28..0.55) * size[0].min(size[1]) as f32;
         let lighting = lighting(rng_ref);
@@ -120,14 +120,17 @@ impl Subject {
         }
     }
 
-    /// The next picture of the subject: neutral and nearly frontal, or at random.
-    pub fn take(&mut self, choice: &Choice, neutral: bool) -> Take {
+    /// Draws the next picture of the subject: random, or neutral and nearly frontal.
+    pub fn random_spec(&mut self, distribution: &Distribution, neutral: bool) -> PictureSpec {
         let rng = &mut self.rng;
-        let weights =
-            if neutral { [0.0; COEFFS] } else { random_expression(rng, choice.mix, choice.frames, &choice.shapes) };
+        let weights = if neutral {
+            [0.0; COEFFS]
+        } else {
+            random_expression(rng, distribution.mix, distribution.frames, &distribution.shapes)
+        };
         let angles_deg =
             if neutral { NEARLY_FRONTAL_DEG } else { TURN_DEG }.map(|(deviation, limit)| normal(rng, deviation, limit));
-        let angles_deg = match choice.turn_deg {
+        let angles_deg = match distribution.turn_deg {
             Some([yaw, pitch]) if !neutral => {
                 [yaw.copysign(angles_deg[0]), pitch.copysign(angles_deg[1]), angles_deg[2]]
             }
@@ -138,29 +141,29 @@ impl Subject {
         effects.exposure *= rng.random_range(0.9..1.1);
         effects.motion_px = motion(rng);
         let placement = Placement { angles_deg, position };
-        let shot = Shot { weights, placement, lighting: self.lighting.clone(), lens: self.lens };
-        Take { shot, effects, neutral }
+        let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens };
+        PictureSpec { scene, effects, neutral }
     }
 
-    /// A picture with a given expression and place; `offset` is from the middle of the picture, centimetres.
-    pub fn pose(&self, weights: Coefficients, angles_deg: [f32; 3], offset: Vec3) -> Take {
+    /// Returns a picture with a given expression and pose. `offset` is from the middle of the picture in centimetres.
+    pub fn pose(&self, weights: Coefficients, angles_deg: [f32; 3], offset: Vec3) -> PictureSpec {
         let placement = Placement { angles_deg, position: offset - Vec3::new(0.0, 0.5, self.distance) };
-        let shot = Shot { weights, placement, lighting: self.lighting.clone(), lens: self.lens };
-        Take { shot, effects: self.effects.clone(), neutral: false }
+        let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens };
+        PictureSpec { scene, effects: self.effects.clone(), neutral: false }
     }
 
-    /// What stands behind.
+    /// Returns the backdrop.
     pub fn backdrop(&self) -> &Backdrop {
         &self.backdrop
     }
 
-    /// For noise.
+    /// Returns the random number generator, for noise.
     pub fn rng(&mut self) -> &mut ChaCha8Rng {
         &mut self.rng
     }
 }
 
-/// Somewhere in the picture, with the whole face inside.
+/// Draws a position at which the whole face is inside the picture.
 fn position(rng: &mut ChaCha8Rng, distance: f32, lens: &Lens) -> Vec3 {
     let depth = distance * rng.random_range(0.88..1.12);
     let half = Vec2::new(lens.size[0] as f32, lens.size[1] as f32) / 2.0 * depth / lens.focal_px;
@@ -178,15 +181,15 @@ fn motion(rng: &mut ChaCha8Rng) -> Vec2 {
     }
 }
 
-fn looks(rng: &mut ChaCha8Rng, kit: &Kit, wardrobe: &Wardrobe) -> Looks {
-    let skin = pick(rng, &wardrobe.skins);
-    let hair = hair_colour(rng, kit.skins[skin].lightness);
+fn looks(rng: &mut ChaCha8Rng, assets: &Assets, textures: &TextureChoice) -> Looks {
+    let skin = pick(rng, &textures.skins);
+    let hair = hair_colour(rng, assets.skins[skin].lightness);
     let brow = hair.min(Vec3::splat(0.12)) * rng.random_range(0.12..0.55);
     let bearded = rng.random_bool(0.3);
     Looks {
         skin,
-        brow: pick(rng, &wardrobe.brows),
-        eye: pick(rng, &wardrobe.eyes),
+        brow: pick(rng, &textures.brows),
+        eye: pick(rng, &textures.eyes),
         tint: Vec3::new(rng.random_range(0.9..1.12), 1.0, rng.random_range(0.88..1.1)) * rng.random_range(0.75..1.2),
         gloss: rng.random_range(0.4..2.2),
         hair: rng.random_bool(0.85).then(|| (hair, rng.random_range(0.1..1.6))),
@@ -201,20 +204,20 @@ fn looks(rng: &mut ChaCha8Rng, kit: &Kit, wardrobe: &Wardrobe) -> Looks {
     }
 }
 
-/// Of the inner and the outer end, centimetres: high or low, level or arched.
+/// Draws the offset of the brows' inner and outer end in centimetres: high or low, level or arched.
 fn brow_lift(rng: &mut ChaCha8Rng) -> [f32; 2] {
     let (inner, tilt) = (normal(rng, 0.22, 0.6), normal(rng, 0.22, 0.5));
     [inner, inner + tilt]
 }
 
-/// Mostly dull.
+/// Draws a colour for clothes. Most colours are unsaturated.
 fn cloth_colour(rng: &mut ChaCha8Rng) -> Vec3 {
     let hue = Vec3::new(rng.random(), rng.random(), rng.random());
     let grey = Vec3::splat(rng.random_range(0.01..0.7));
     grey.lerp(hue * hue * 0.6, rng.random_range(0.0_f32..0.9).powi(2))
 }
 
-/// Dark skin has mostly black hair.
+/// Draws a hair colour. People with dark skin mostly have black hair.
 fn hair_colour(rng: &mut ChaCha8Rng, skin_lightness: f32) -> Vec3 {
     let black = skin_lightness < DARK_SKIN && rng.random_bool(0.8);
     let kind = if black { HAIR[0] } else { HAIR.iter().choose(rng).copied().unwrap_or_default() };
@@ -231,7 +234,7 @@ fn warmth(rng: &mut ChaCha8Rng) -> Vec3 {
     Vec3::new(1.0 + 0.5 * warm, 1.0, 1.0 - warm)
 }
 
-/// From flat and bright to one hard lamp at the side.
+/// Draws a lighting, from flat and bright to a single hard lamp at the side.
 fn lighting(rng: &mut ChaCha8Rng) -> Lighting {
     let flat: f32 = rng.random_range(0.15..0.95);
     let mean = warmth(rng) * (0.12 + 0.5 * flat);

@@ -1,7 +1,7 @@
-//! What one picture shows: expression and place of a head, its light, and the lens it is seen through.
+//! The scene of one picture: expression and pose of a head, its lighting, and the lens.
 //!
-//! World: the camera stands at the origin; x right in the picture (the left of a person facing it), y up, z towards
-//! the camera. Centimetres.
+//! In world coordinates, the camera is at the origin, with x to the right in the picture (the left of a person who
+//! faces the camera), y up, and z towards the camera. Units are centimetres.
 
 use glam::{Mat3, Quat, Vec2, Vec3};
 
@@ -10,77 +10,77 @@ use super::{
     geometry::smoothstep,
 };
 
-/// The point of the rig that the head turns about.
-const PIVOT: Vec3 = Vec3::new(0.0, -1.0, 3.0);
-/// About the tip of the nose.
+/// The point of the rig that the head rotates about.
+pub const PIVOT: Vec3 = Vec3::new(0.0, -1.0, 3.0);
+/// The approximate position of the tip of the nose.
 const NOSE: Vec3 = Vec3::new(0.0, 0.4, 13.0);
-/// From here down to there the neck follows the head less and less, centimetres.
+/// Between these heights the neck's motion changes from the head's to the shoulders', in centimetres.
 const NECK: [f32; 2] = [-8.5, -15.0];
-/// Share of the head's turn that the shoulders make.
+/// Rotation of the shoulders as a share of the head's.
 const SHOULDERS: f32 = 0.25;
 
-/// A light from far away.
+/// A distant light.
 #[derive(Debug, Clone, Copy)]
 pub struct Light {
-    /// Where it comes from.
+    /// Direction towards the light.
     pub toward: Vec3,
-    /// Linear, about 0 to 1.
+    /// Colour in linear light, about 0 to 1.
     pub colour: Vec3,
 }
 
-/// All light on a head. The first of `lights` casts shadows.
+/// The lighting of a scene. Only the first of `lights` casts shadows.
 #[derive(Debug, Clone)]
 pub struct Lighting {
-    /// Mean light of the surroundings, and how it changes along x, y and z (spherical harmonics of degree 0 and 1).
+    /// Ambient light as spherical harmonics of degree 0 and 1: its mean, and its gradient along x, y and z.
     pub ambient: [Vec3; 4],
     /// Lamps and windows.
     pub lights: Vec<Light>,
-    /// Width of the edge of shadows, centimetres.
+    /// Width of the penumbra in centimetres.
     pub softness: f32,
 }
 
-/// A pinhole.
+/// A pinhole camera.
 #[derive(Debug, Clone, Copy)]
 pub struct Lens {
-    /// Columns and rows of the picture.
+    /// Width and height of the picture.
     pub size: [usize; 2],
-    /// Pixels.
+    /// Focal length in pixels.
     pub focal_px: f32,
 }
 
-/// Where the head is and where it faces.
+/// The pose of a head.
 #[derive(Debug, Clone, Copy)]
 pub struct Placement {
-    /// Yaw to the person's left, pitch nodding down, roll to the right shoulder; all 0 when facing the camera.
+    /// Yaw to the person's left, pitch nodding down, and roll to the right shoulder. All are 0 when facing the camera.
     pub angles_deg: [f32; 3],
-    /// Where the head is, in the world.
+    /// Position in the world.
     pub position: Vec3,
 }
 
-/// One picture of a head.
+/// A head with expression, pose and lighting, seen through a lens.
 #[derive(Debug, Clone)]
-pub struct Shot {
-    /// Its expression.
+pub struct Scene {
+    /// Coefficients of the expression.
     pub weights: Coefficients,
-    /// Its place.
+    /// Pose of the head.
     pub placement: Placement,
-    /// Its light.
+    /// Lighting of the head.
     pub lighting: Lighting,
-    /// The lens.
+    /// Lens of the camera.
     pub lens: Lens,
 }
 
-impl Shot {
-    /// About where the tip of the nose is in the picture, pixels.
+impl Scene {
+    /// Returns the approximate position of the tip of the nose in the picture, in pixels.
     pub fn nose(&self) -> Option<Vec2> {
         let mut tip = [NOSE];
         self.placement.place(&mut tip, &[0.0]);
-        self.lens.project(tip[0]).map(|(place, _)| place)
+        self.lens.project(tip[0]).map(|(pixel, _)| pixel)
     }
 }
 
 impl Lighting {
-    /// Light of the surroundings on a surface that sees all of its half of the sky.
+    /// Returns the ambient light on a surface without occlusion.
     pub fn ambient(&self, normal: Vec3) -> Vec3 {
         let [mean, x, y, z] = self.ambient;
         (mean + normal.x * x + normal.y * y + normal.z * z).max(Vec3::ZERO)
@@ -88,23 +88,24 @@ impl Lighting {
 }
 
 impl Lens {
-    /// Pixel position, and the inverse of the distance in depth. Nothing for points at or behind the camera.
+    /// Projects a point to its pixel position and inverse depth. Returns `None` for points at or behind the camera.
     pub fn project(&self, point: Vec3) -> Option<(Vec2, f32)> {
-        let near = 1.0 / -point.z;
+        let inverse_depth = 1.0 / -point.z;
         let centre = Vec2::new(self.size[0] as f32, self.size[1] as f32) / 2.0;
-        (point.z < -1.0).then(|| (centre + self.focal_px * near * Vec2::new(point.x, -point.y), near))
+        let offset = self.focal_px * inverse_depth * Vec2::new(point.x, -point.y);
+        (point.z < -1.0).then(|| (centre + offset, inverse_depth))
     }
 }
 
 impl Placement {
-    /// From the rig to the world, for head and shoulders: rotation each, about [`PIVOT`].
+    /// Returns the rotations of head and shoulders from the rig to the world, about [`PIVOT`].
     fn rotations(&self) -> [Mat3; 2] {
         let [yaw, pitch, roll] = self.angles_deg;
         let facing = Mat3::from_quat(Quat::from_rotation_arc(Vec3::Z, (-self.position).normalize_or(Vec3::Z)));
         [1.0, SHOULDERS].map(|share| facing * head_rotation(share * yaw, share * pitch, share * roll))
     }
 
-    /// Moves points of the rig to the world. `shoulder` says how far each belongs to the shoulders.
+    /// Moves points of the rig to the world. `shoulder` is the weight of the shoulders' rotation for each point.
     pub fn place(&self, points: &mut [Vec3], shoulder: &[f32]) {
         let [head, body] = self.rotations();
         for (point, share) in points.iter_mut().zip(shoulder) {
@@ -116,7 +117,7 @@ impl Placement {
     }
 }
 
-/// How far a vertex of the head at rest belongs to the shoulders, 0 to 1.
+/// Returns the weight of the shoulders' rotation for a vertex of the head at rest, from 0 to 1.
 pub fn shoulder(point: Vec3) -> f32 {
     smoothstep(-NECK[0], -NECK[1], -point.y)
 }
@@ -129,7 +130,7 @@ mod tests {
 
     #[test]
     fn the_persons_left_is_right_in_the_picture_and_up_is_up() {
-        let at = |x, y| LENS.project(Vec3::new(x, y, -50.0)).map(|(place, _)| place);
+        let at = |x, y| LENS.project(Vec3::new(x, y, -50.0)).map(|(pixel, _)| pixel);
         assert_eq!(at(0.0, 0.0), Some(Vec2::new(320.0, 240.0)));
         assert_eq!(at(5.0, 0.0), Some(Vec2::new(370.0, 240.0)));
         assert_eq!(at(0.0, 5.0), Some(Vec2::new(320.0, 190.0)));
@@ -137,16 +138,16 @@ mod tests {
     }
 
     #[test]
-    fn a_head_beside_the_middle_still_faces_the_camera() {
+    fn a_head_away_from_the_middle_faces_the_camera() {
         let placement = Placement { angles_deg: [0.0; 3], position: Vec3::new(20.0, -5.0, -60.0) };
         let mut points = [PIVOT, PIVOT + 9.0 * Vec3::Z];
         placement.place(&mut points, &[0.0; 2]);
-        let screen = points.map(|point| LENS.project(point).map(|(place, _)| place).unwrap_or_default());
-        assert!((screen[0] - screen[1]).length() < 1e-2, "the nose covers the middle of the head");
+        let screen = points.map(|point| LENS.project(point).map(|(pixel, _)| pixel).unwrap_or_default());
+        assert!((screen[0] - screen[1]).length() < 1e-2, "the nose attributes the middle of the head");
     }
 
     #[test]
-    fn shoulders_follow_a_quarter_of_the_turn() {
+    fn shoulders_follow_a_quarter_of_the_heads_rotation() {
         let placement = Placement { angles_deg: [40.0, 0.0, 0.0], position: Vec3::new(0.0, 0.0, -60.0) };
         let mut points = [PIVOT + Vec3::Z, PIVOT + Vec3::Z];
         placement.place(&mut points, &[0.0, 1.0]);

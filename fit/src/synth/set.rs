@@ -1,34 +1,34 @@
-//! Parts of textures, recordings and people, so that what a model is judged on is nothing that it was fitted on.
+//! Disjoint sets of textures, recorded frames and people, so that a model is not judged on what it was fitted on.
 
 use clap::ValueEnum;
 
 use super::expression::Coefficients;
 
-/// Every so many-th skin, brow and eye texture is for judging.
+/// One in this many skin, brow and eye textures belongs to the judging set.
 pub const JUDGE_EVERY: usize = 4;
-/// Of each recording, the part before the first share is for training, that after the second for judging.
+/// Shares of each recording: the training set ends at the first, and the judging set begins at the second.
 const TRAIN_UNTIL: f32 = 0.72;
 const JUDGE_FROM: f32 = 0.75;
 
-/// Which textures, curves and people: what one set has, the other has not.
+/// A set of textures, recorded frames and people. The training set and the judging set are disjoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Set {
     /// For fitting
     Train,
-    /// For judging: nothing of it is in the training set
+    /// For judging: shares nothing with the training set
     Judge,
-    /// Everything, on people of its own
+    /// All textures and frames, but with people of its own
     All,
 }
 
 impl Set {
-    /// Whether texture `index` of its kind belongs to the set.
+    /// Returns whether texture `index` of its kind belongs to the set.
     pub fn has(self, index: usize) -> bool {
         let judge = index % JUDGE_EVERY == JUDGE_EVERY - 1;
         self == Self::All || judge == (self == Self::Judge)
     }
 
-    /// As it is given on the command line.
+    /// Returns the name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Train => "train",
@@ -37,7 +37,7 @@ impl Set {
         }
     }
 
-    /// The set's part of a recording.
+    /// Returns the set's part of a recording.
     pub fn part(self, frames: &[Coefficients]) -> &[Coefficients] {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length")]
         let at = |share: f32| (share * frames.len() as f32) as usize;
@@ -48,7 +48,7 @@ impl Set {
         }
     }
 
-    /// People of different sets are different though the seed is the same.
+    /// Derives a seed so that different sets contain different people.
     pub fn seed(self, seed: u64) -> u64 {
         seed.wrapping_mul(3).wrapping_add(self as u64)
     }
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn sets_have_people_of_their_own_with_the_same_seed() {
+    fn sets_contain_different_people_for_the_same_seed() {
         assert_ne!(Set::Train.seed(1), Set::Judge.seed(1));
         assert_ne!(Set::Judge.seed(1), Set::All.seed(1));
     }

@@ -1,7 +1,7 @@
-//! Light on vertices: surroundings, lamps with a soft shadow, and the highlight.
+//! Lights vertices: ambient light, lamps with a soft shadow, and specular highlights.
 //!
-//! Vertices stand as close as pixels do, so light is worked out for each and interpolated. Skin lets red light
-//! through further than blue: a wrapped cosine with a wider wrap for red stands in for scattering.
+//! Vertices are about as dense as pixels, so light is computed per vertex and interpolated. Subsurface scattering is
+//! approximated by a wrapped cosine with a wider wrap for red, because skin transmits more red than blue light.
 
 use glam::{Vec3, Vec3A};
 
@@ -10,48 +10,48 @@ use super::{
     shadow::DepthMap,
 };
 
-/// How far light wraps around: skin, and what is not skin.
+/// Wrap of the cosine on skin, and on other materials.
 const SKIN_WRAP: Vec3 = Vec3::new(0.42, 0.17, 0.11);
 const HARD_WRAP: Vec3 = Vec3::splat(0.08);
-/// Reflection of skin seen straight on.
+/// Reflectance of skin at normal incidence.
 const FRESNEL: f32 = 0.03;
-/// Reflection of the surroundings.
+/// Reflectance for ambient light.
 const SKY_GLOSS: f32 = 0.02;
-/// Lobes of the highlight: exponent and share.
+/// Specular lobes: exponent and share.
 const LOBES: [(i32, f32); 2] = [(12, 0.7), (42, 0.3)];
-/// Vertices turned this far away (cosine) are not seen and not lit.
+/// Vertices that face away further than this (cosine) are invisible and not lit.
 const HIDDEN: f32 = -0.35;
 
-/// Light on one vertex, linear.
+/// Linear light on one vertex.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Lit {
-    /// What the surface's own colour is multiplied by.
+pub struct VertexLight {
+    /// Diffuse light, to be multiplied by the surface's colour.
     pub diffuse: Vec3A,
-    /// What is added to it.
+    /// Specular light, to be added.
     pub gloss: Vec3A,
 }
 
 /// A vertex in the world.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
-    /// Where it is, the camera being at the origin.
+    /// Position, with the camera at the origin.
     pub point: Vec3,
-    /// Its unit normal.
+    /// Unit normal.
     pub normal: Vec3,
-    /// Share of the sky that it sees.
+    /// Share of the sky that is visible.
     pub sky: f32,
-    /// Whether it is skin.
+    /// Whether the vertex is skin.
     pub skin: bool,
 }
 
-/// Light on a vertex.
-pub fn light(lighting: &Lighting, shadow: &DepthMap, surface: &Surface) -> Lit {
+/// Computes the light on a vertex.
+pub fn shade(lighting: &Lighting, shadow: &DepthMap, surface: &Surface) -> VertexLight {
     let view = -surface.point.normalize_or_zero();
     if surface.normal.dot(view) < HIDDEN {
-        return Lit::default();
+        return VertexLight::default();
     }
     let sky = lighting.ambient(surface.normal) * surface.sky;
-    let mut lit = Lit { diffuse: sky.into(), gloss: Vec3A::ZERO };
+    let mut lit = VertexLight { diffuse: sky.into(), gloss: Vec3A::ZERO };
     for (index, lamp) in lighting.lights.iter().enumerate() {
         let open = if index == 0 { shadowed(lighting, shadow, surface) } else { surface.sky.sqrt() };
         add_lamp(&mut lit, lamp, surface, view, open);
@@ -65,7 +65,7 @@ fn shadowed(lighting: &Lighting, shadow: &DepthMap, surface: &Surface) -> f32 {
     shadow.light_at(lifted, shadow.cells(lighting.softness)) * surface.sky.sqrt().sqrt()
 }
 
-fn add_lamp(lit: &mut Lit, lamp: &Light, surface: &Surface, view: Vec3, open: f32) {
+fn add_lamp(lit: &mut VertexLight, lamp: &Light, surface: &Surface, view: Vec3, open: f32) {
     let wrap = if surface.skin { SKIN_WRAP } else { HARD_WRAP };
     let cosine = surface.normal.dot(lamp.toward);
     lit.diffuse += Vec3A::from(lamp.colour * open * ((wrap + cosine) / (1.0 + wrap)).max(Vec3::ZERO));
@@ -77,7 +77,7 @@ fn add_lamp(lit: &mut Lit, lamp: &Light, surface: &Surface, view: Vec3, open: f3
     }
 }
 
-/// Blinn-Phong lobes, normalised.
+/// Returns the sum of the normalised Blinn-Phong lobes.
 fn highlight(cosine: f32) -> f32 {
     LOBES.iter().map(|(exponent, share)| share * (*exponent as f32 + 8.0) / 8.0 * cosine.powi(*exponent)).sum()
 }
@@ -86,24 +86,24 @@ fn highlight(cosine: f32) -> f32 {
 mod tests {
     use super::*;
 
-    fn lit(toward: Vec3, skin: bool) -> Lit {
+    fn lit(toward: Vec3, skin: bool) -> VertexLight {
         let lights = vec![Light { toward, colour: Vec3::ONE }];
         let lighting = Lighting { ambient: [Vec3::ZERO; 4], lights, softness: 0.5 };
         let surface = Surface { point: Vec3::new(0.0, 0.0, -50.0), normal: Vec3::Z, sky: 1.0, skin };
         let mut shadow = DepthMap::new(8);
         shadow.draw(toward, (Vec3::ZERO, 1.0), &[], &[]);
-        light(&lighting, &shadow, &surface)
+        shade(&lighting, &shadow, &surface)
     }
 
     #[test]
-    fn light_is_brightest_straight_on_and_none_from_behind() {
+    fn light_is_brightest_at_normal_incidence_and_absent_from_behind() {
         assert!((lit(Vec3::Z, true).diffuse - 1.0).length() < 1e-5);
         assert!(lit(Vec3::NEG_Z, true).diffuse.length() < 1e-5);
         assert!(lit(Vec3::Z, true).gloss.x > lit(Vec3::new(0.8, 0.0, 0.6), true).gloss.x);
     }
 
     #[test]
-    fn past_the_edge_of_light_skin_glows_red_and_other_things_do_not() {
+    fn beyond_the_terminator_only_skin_glows_red() {
         let edge = Vec3::new(1.0, 0.0, -0.15).normalize();
         assert!(lit(edge, true).diffuse.x > 0.1 && lit(edge, true).diffuse.z < 0.01);
         assert!(lit(edge, false).diffuse.max_element() < 0.01);

@@ -1,21 +1,21 @@
-//! What a direction sees of the head: depth maps, for the key light's shadow and for baked ambient occlusion.
+//! Orthographic depth maps of the head: for the key light's shadow and for ambient occlusion.
 
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::{raster::Grid, rig::Triangle};
 
-/// Surfaces this much in front, centimetres, cast a shadow; less is the surface itself.
+/// Surfaces cast a shadow on points that are further behind than this, in centimetres, so not on themselves.
 const BIAS_CM: f32 = 0.12;
-/// ColumnSpace that ambient light is gathered from, and cells of a side of their maps.
+/// Number of directions for ambient occlusion, and cells per side of their maps.
 const DIRECTIONS: u16 = 64;
 const AMBIENT_SIDE: usize = 160;
 
-/// Depths as seen from far away in one direction.
+/// Depths of the head, as seen from an infinite distance in one direction.
 pub struct DepthMap {
     grid: Grid,
     depths: Vec<f32>,
-    /// Rows: right, down, toward.
+    /// Rows: right, down, and towards the viewer.
     axes: Mat3,
     corner: Vec2,
     cells_per_cm: f32,
@@ -24,14 +24,14 @@ pub struct DepthMap {
 }
 
 impl DepthMap {
-    /// A map without content, of `side` cells a side.
+    /// Creates an empty map with `side` cells per side.
     pub fn new(side: usize) -> Self {
         let grid = Grid { width: side, height: side };
         let depths = vec![0.0; side * side];
         Self { grid, depths, axes: Mat3::IDENTITY, corner: Vec2::ZERO, cells_per_cm: 1.0, seen: Vec::new() }
     }
 
-    /// Fills the map with the triangles as seen from `toward`, framing `bounds` (centre, radius).
+    /// Draws the triangles as seen from the direction `toward`. The map covers `bounds` (centre, radius).
     pub fn draw(&mut self, toward: Vec3, bounds: (Vec3, f32), points: &[Vec3], triangles: &[Triangle]) {
         let toward = toward.normalize_or(Vec3::Z);
         let right = toward.any_orthonormal_vector();
@@ -53,7 +53,7 @@ impl DepthMap {
         self.seen = seen;
     }
 
-    /// A length in cells of the map.
+    /// Converts a length to cells of the map.
     pub fn cells(&self, length_cm: f32) -> f32 {
         length_cm * self.cells_per_cm
     }
@@ -63,7 +63,7 @@ impl DepthMap {
         ((seen.truncate() - self.corner) * self.cells_per_cm, seen.z)
     }
 
-    /// Share of the neighbourhood of a point from which light comes, 0 to 1. `spread` is in cells.
+    /// Returns the share of the light that reaches a point, from 0 to 1, sampled over `spread` cells around it.
     pub fn light_at(&self, point: Vec3, spread: f32) -> f32 {
         let (cell, depth) = self.place(point);
         let offsets = [-1.0, 0.0, 1.0].map(|step| step * spread);
@@ -79,7 +79,7 @@ impl DepthMap {
     }
 }
 
-/// Share of the sky that each vertex sees, 0 to 1, weighed by the cosine to its normal.
+/// Returns the cosine-weighted share of the sky that is visible from each vertex, from 0 to 1.
 pub fn ambient_occlusion(points: &[Vec3], normals: &[Vec3], triangles: &[Triangle], bounds: (Vec3, f32)) -> Vec<f32> {
     let seen: Vec<Vec<[f32; 2]>> = (0..DIRECTIONS)
         .into_par_iter()
@@ -101,7 +101,7 @@ pub fn ambient_occlusion(points: &[Vec3], normals: &[Vec3], triangles: &[Triangl
     (0..points.len()).map(share).collect()
 }
 
-/// ColumnSpace spread evenly over the sphere (golden spiral).
+/// Returns one of the directions, which are evenly distributed over the sphere (Fibonacci lattice).
 fn direction(index: u16) -> Vec3 {
     let height = 1.0 - (2.0 * f32::from(index) + 1.0) / f32::from(DIRECTIONS);
     let around = Vec2::from_angle(f32::from(index) * 2.399_963_3) * (1.0 - height * height).sqrt();
@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_lies_behind_is_in_shadow_and_what_lies_beside_is_not() {
+    fn points_behind_a_triangle_are_in_shadow_and_points_beside_it_are_not() {
         let points = [Vec3::new(-1.0, -1.0, 2.0), Vec3::new(1.0, -1.0, 2.0), Vec3::new(0.0, 1.0, 2.0)];
         let mut map = DepthMap::new(64);
         map.draw(Vec3::Z, (Vec3::ZERO, 4.0), &points, &[[0, 1, 2]]);

@@ -1,7 +1,6 @@
-//! Subjects' rows kept in a folder beside the archive while it is made, one file each, so that a run that was cut
-//! goes on where it stopped.
+//! Shards: one file of rows per subject, in a folder beside the archive, from which an interrupted run is resumed.
 //!
-//! A shard appears whole or not at all. The folder remembers the settings that it was made with, and refuses others.
+//! A shard is written atomically. The folder stores the settings that it was made with, and refuses other settings.
 
 use std::{
     fs::{self, File},
@@ -14,7 +13,7 @@ use npyz::{NpyFile, WriteOptions, WriterBuilder};
 
 use super::worker::ROW;
 
-/// Name of the file that remembers the settings.
+/// The file that stores the settings.
 const SETTINGS: &str = "settings.txt";
 
 /// The folder of an archive's shards.
@@ -23,7 +22,7 @@ pub struct Shards {
 }
 
 impl Shards {
-    /// Opens or makes the folder beside `out`. `settings` is everything that decides what the pictures are.
+    /// Opens or creates the folder beside `out`. `settings` are all settings that determine the pictures.
     pub fn open(out: &Path, settings: &str) -> Result<Self> {
         let mut name = out.file_name().context("the output has no file name")?.to_owned();
         name.push(".parts");
@@ -33,7 +32,7 @@ impl Shards {
         match fs::read_to_string(&known) {
             Ok(text) => ensure!(
                 text == settings,
-                "{} was begun with other settings:\n{text}remove the folder, or give those settings again",
+                "{} was made with other settings:\n{text}remove the folder, or use these settings again",
                 folder.display()
             ),
             Err(_) => fs::write(&known, settings).with_context(|| format!("cannot write {}", known.display()))?,
@@ -45,20 +44,20 @@ impl Shards {
         self.folder.join(format!("subject-{subject:06}.npy"))
     }
 
-    /// Rows of a subject that was done before.
+    /// Returns the rows of a subject, or `None` if it has not been rendered.
     pub fn read(&self, subject: u64) -> Result<Option<Vec<f32>>> {
         let path = self.path(subject);
         if !path.exists() {
             return Ok(None);
         }
-        let damaged = || format!("{} is damaged; remove it", path.display());
+        let damaged = || format!("{} is damaged: remove it", path.display());
         let npy = NpyFile::new(BufReader::new(File::open(&path)?)).with_context(damaged)?;
         let rows = npy.into_vec::<f32>().with_context(damaged)?;
         ensure!(rows.len().is_multiple_of(ROW), damaged());
         Ok(Some(rows))
     }
 
-    /// Keeps the rows of a subject.
+    /// Stores the rows of a subject.
     pub fn write(&self, subject: u64, rows: &[f32]) -> Result<()> {
         let path = self.path(subject);
         let unfinished = path.with_extension("unfinished");
@@ -71,7 +70,7 @@ impl Shards {
         fs::rename(&unfinished, &path).with_context(failed)
     }
 
-    /// Removes the folder.
+    /// Removes the folder with all shards.
     pub fn remove(self) -> Result<()> {
         fs::remove_dir_all(&self.folder).with_context(|| format!("cannot remove {}", self.folder.display()))
     }
@@ -88,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_come_back_as_they_were_and_missing_subjects_are_none() {
+    fn rows_are_read_back_unchanged_and_missing_subjects_are_none() {
         let out = folder("rows").join("out.npz");
         let shards = Shards::open(&out, "seed 1\n").expect("a folder");
         let rows: Vec<f32> = (0..2 * ROW).map(|index| index as f32 / 7.0).collect();
@@ -101,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn other_settings_are_refused_and_the_same_are_not() {
+    fn other_settings_are_refused() {
         let out = folder("settings").join("out.npz");
         Shards::open(&out, "seed 1\n").expect("a folder");
         let shards = Shards::open(&out, "seed 1\n").expect("the same");

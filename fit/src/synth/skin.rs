@@ -1,43 +1,43 @@
-//! Skin: texture on the face, and a tone that runs on smoothly where the texture does not reach.
+//! Skin: a texture on the face, and a smooth tone where the texture does not fit.
 //!
-//! The texture was made for another head: on scalp, neck and shoulders, and where its parts meet, it shows seams.
-//! There each vertex has a tone instead, spread from the face over the mesh, and the two are blended over some rings.
+//! The textures were made for another head. On scalp, neck and shoulders, and at the texture's own seams, they do not
+//! fit. There, vertices have a tone that is diffused from the face over the mesh. Texture and tone are blended.
 
 use glam::Vec3;
 
 use super::{geometry::smoothstep, rig::Rig, texture::Texture};
 
-/// Rings of vertices over which texture gives way to tone.
+/// Number of vertex rings over which texture and tone are blended.
 const BLEND_RINGS: u8 = 8;
-/// Texture coordinates further apart than this within a triangle span two parts of the texture.
+/// A triangle with a larger extent in texture coordinates spans a seam of the texture.
 const SEAM: f32 = 0.04;
-/// Below this, behind this, and behind this on the scalp, there is no texture, centimetres.
+/// Limits of the texture in centimetres: lowest y, least z, and least z on the scalp.
 const NECK: f32 = -8.5;
 const BESIDE: f32 = 4.6;
 const BEHIND: f32 = 7.5;
-/// Sweeps that spread the tone.
+/// Number of diffusion steps of the tone.
 const SWEEPS: usize = 120;
 
-/// How the texture is laid on a rig: the same for all skins.
+/// The part of a rig that the skin textures cover, which is the same for all skins.
 pub struct Layout {
-    /// Share of the texture against the tone, by vertex.
+    /// Weight of the texture against the tone, for each vertex.
     pub share: Vec<f32>,
     /// Neighbours of each vertex in the skin.
     neighbours: Vec<Vec<u32>>,
 }
 
-/// One skin.
+/// A skin.
 pub struct Skin {
-    /// As photographed.
+    /// The texture.
     pub texture: Texture,
-    /// Linear colour of each vertex, where the texture does not reach.
+    /// Linear colour of each vertex where the texture does not fit.
     pub tone: Vec<Vec3>,
-    /// Mean green of the face, linear.
+    /// Mean green of the face in linear light.
     pub lightness: f32,
 }
 
 impl Layout {
-    /// Finds where the texture is good.
+    /// Finds the part of a rig that the textures fit.
     pub fn new(rig: &Rig) -> Self {
         let neighbours = neighbours(rig);
         let mut rings: Vec<u8> = vec![BLEND_RINGS; rig.neutral.len()];
@@ -76,7 +76,7 @@ fn spans_seam(rig: &Rig, vertices: [usize; 3]) -> bool {
     [(a, b), (b, c), (c, a)].iter().any(|(from, to)| (*from - *to).abs().max_element() > SEAM)
 }
 
-/// Each vertex: at most one ring further than the nearest of its neighbours.
+/// Sets each vertex to its distance in rings from the nearest vertex at 0, at most [`BLEND_RINGS`].
 fn spread_rings(rings: &mut [u8], neighbours: &[Vec<u32>]) {
     for ring in 0..BLEND_RINGS {
         for vertex in 0..rings.len() {
@@ -91,7 +91,7 @@ fn spread_rings(rings: &mut [u8], neighbours: &[Vec<u32>]) {
 }
 
 impl Skin {
-    /// Spreads the tone of the face over the rest of the head.
+    /// Diffuses the tone of the face over the rest of the head.
     pub fn new(texture: Texture, rig: &Rig, layout: &Layout) -> Self {
         let seen: Vec<Vec3> = rig.skin_uv.iter().map(|uv| texture.light(*uv)).collect();
         let sure = |vertex: &usize| layout.share[*vertex] >= 1.0 && !layout.neighbours[*vertex].is_empty();

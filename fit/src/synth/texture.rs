@@ -1,11 +1,11 @@
-//! Pictures that are laid on the head.
+//! Textures of the head.
 
 use std::path::Path;
 
 use anyhow::{Context, Result};
 use glam::{Vec2, Vec3, Vec4};
 
-/// A picture of 8 bits a channel; u runs right, v up, both 0 to 1, as in the rig.
+/// An image with 8 bits per channel. As in the rig, u runs right and v up, both from 0 to 1.
 pub struct Texture {
     width: usize,
     height: usize,
@@ -13,31 +13,31 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// Reads PNG or JPEG; opaque where the file has no alpha.
+    /// Loads a PNG or JPEG file. Images without alpha are opaque.
     pub fn load(path: &Path) -> Result<Self> {
         let picture = image::open(path).with_context(|| format!("cannot read {}", path.display()))?.into_rgba8();
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         Ok(Self { width, height, pixels: picture.into_raw().as_chunks::<4>().0.to_vec() })
     }
 
-    /// Columns and rows.
+    /// Returns width and height.
     pub fn size(&self) -> [usize; 2] {
         [self.width, self.height]
     }
 
-    /// The pixel at a column and a row from the top, clamped to the border.
+    /// Returns the pixel at a column and a row from the top, clamped to the border.
     pub fn pixel(&self, column: usize, row: usize) -> [u8; 4] {
         self.pixels[row.min(self.height - 1) * self.width + column.min(self.width - 1)]
     }
 
-    /// Bilinear between pixel centres, clamped to the border; channels 0 to 255 as stored (sRGB). Weights are whole
-    /// 256ths, so that two channels are blended in one multiplication.
+    /// Samples the texture bilinearly, clamped to the border. Channels are 0 to 255 as stored (sRGB). Weights are
+    /// integer 256ths, so that one multiplication blends two channels.
     #[inline]
     pub fn sample(&self, uv: Vec2) -> Vec4 {
         let limit = Vec2::new(self.width as f32 - 1.0, self.height as f32 - 1.0);
-        let place = Vec2::new(uv.x * self.width as f32, (1.0 - uv.y) * self.height as f32) - 0.5;
-        let place = 256.0 * place.clamp(Vec2::ZERO, limit);
-        let (x, y) = (index(place.x), index(place.y));
+        let position = Vec2::new(uv.x * self.width as f32, (1.0 - uv.y) * self.height as f32) - 0.5;
+        let position = 256.0 * position.clamp(Vec2::ZERO, limit);
+        let (x, y) = (index(position.x), index(position.y));
         let (column, row, right, down) = (x / 256, y / 256, x % 256, y % 256);
         let both = right * down / 256;
         let taps = [(0, 0, 256 + both - right - down), (1, 0, right - both), (0, 1, down - both), (1, 1, both)];
@@ -52,7 +52,7 @@ impl Texture {
         Vec4::from_array(both) / 256.0
     }
 
-    /// Linear light, 0 to 1.
+    /// Samples the texture in linear light, from 0 to 1.
     #[inline]
     pub fn light(&self, uv: Vec2) -> Vec3 {
         linear(self.sample(uv).truncate() / 255.0)
@@ -64,7 +64,7 @@ fn index(value: f32) -> usize {
     value as usize
 }
 
-/// From sRGB to linear light, both 0 to 1, by the usual power of 2.2 in a form without `powf`: within 0.01.
+/// Converts sRGB to linear light, both from 0 to 1. Approximates the power of 2.2 without `powf`, to within 0.01.
 #[inline]
 pub fn linear(colour: Vec3) -> Vec3 {
     colour * colour * (0.8 + 0.2 * colour)
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_lie_between_pixel_centres_and_stay_inside() {
+    fn samples_are_interpolated_between_pixel_centres_and_clamped() {
         let texture = two_by_one();
         assert_eq!(texture.sample(Vec2::new(0.5, 0.5)).truncate(), Vec3::new(100.0, 50.0, 0.0));
         assert_eq!(texture.sample(Vec2::new(-3.0, 7.0)).truncate(), Vec3::ZERO);
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn white_and_black_keep_their_light() {
+    fn black_and_white_are_unchanged_in_linear_light() {
         assert_eq!(linear(Vec3::ONE), Vec3::ONE);
         assert_eq!(linear(Vec3::ZERO), Vec3::ZERO);
         assert!((linear(Vec3::splat(0.5)).x - 0.5_f32.powf(2.2)).abs() < 0.01);

@@ -1,4 +1,4 @@
-//! One subject after another: pictures taken and searched for landmarks.
+//! Renders one subject after another and finds the landmarks in their pictures.
 
 use std::path::Path;
 
@@ -6,56 +6,56 @@ use anyhow::{Context, Result};
 use facewire::{face::LANDMARKS, solve::COEFFS};
 
 use super::{
-    booth::{Booth, Times, thread_time_s},
+    assets::Assets,
     finder::Finder,
-    kit::Kit,
-    sample::{Choice, Subject, Take},
+    imager::{Imager, Times, thread_time_s},
+    sample::{Distribution, PictureSpec, Subject},
 };
 
-/// Numbers in a row: landmarks, weights, pose, meta, and how often the picture was drawn until its face was found.
+/// Numbers per row: landmarks, weights, pose, meta, and the number of attempts until the face was found.
 pub const ROW: usize = LANDMARKS * 3 + COEFFS + 3 + META + 1;
-/// Numbers that describe a picture: skin, brow, eye, distance, whether neutral.
+/// Numbers that describe a picture: skin, brow, eye, distance, and whether it is neutral.
 pub const META: usize = 5;
-/// A picture whose face is not found is drawn again up to this often, then left out.
+/// Largest number of attempts to draw a picture in which the face is found.
 const TRIES: u8 = 8;
 
-/// What a subject's pictures are drawn from.
-pub struct Studio<'a> {
+/// The settings of all workers.
+pub struct Setup<'a> {
     /// Rig and textures.
-    pub kit: &'a Kit,
-    /// What may be drawn.
-    pub choice: &'a Choice<'a>,
-    /// Columns and rows of the pictures.
+    pub assets: &'a Assets,
+    /// Distribution of the pictures.
+    pub distribution: &'a Distribution<'a>,
+    /// Width and height of the pictures.
     pub size: [usize; 2],
-    /// Of all subjects.
+    /// Seed of all subjects.
     pub seed: u64,
 }
 
-/// Booth and networks of one thread.
+/// Renderer and networks of one thread.
 pub struct Worker<'a> {
-    studio: &'a Studio<'a>,
-    booth: Booth,
+    setup: &'a Setup<'a>,
+    imager: Imager,
     finder: Finder,
     tracking_s: f64,
 }
 
 impl<'a> Worker<'a> {
-    /// Takes all memory and loads the networks.
-    pub fn new(studio: &'a Studio<'a>) -> Result<Self> {
-        let size = studio.size;
-        Ok(Self { studio, booth: Booth::new(size)?, finder: Finder::load(size)?, tracking_s: 0.0 })
+    /// Allocates all buffers and loads the networks.
+    pub fn new(setup: &'a Setup<'a>) -> Result<Self> {
+        let size = setup.size;
+        Ok(Self { setup, imager: Imager::new(size)?, finder: Finder::load(size)?, tracking_s: 0.0 })
     }
 
-    /// CPU time spent so far.
+    /// Returns the CPU times so far.
     pub fn times(&self) -> Times {
-        Times { tracking: self.tracking_s, ..self.booth.times }
+        Times { tracking: self.tracking_s, ..self.imager.times }
     }
 
-    /// Rows of a subject's pictures, the neutral one first; none at all if that one is not found. The first so many
-    /// are written to the folder of `saved`.
+    /// Renders a subject and returns the rows of its pictures, the neutral picture first. If no face is found in the
+    /// neutral picture, there are no rows. `saved` is a folder and how many of the first pictures to save there.
     pub fn subject(&mut self, number: u64, pictures: usize, saved: Option<(&Path, usize)>) -> Result<Vec<f32>> {
-        let Studio { kit, choice, size, seed } = *self.studio;
-        let mut subject = Subject::random(kit, &choice.wardrobe, size, [seed, number]);
+        let Setup { assets, distribution, size, seed } = *self.setup;
+        let mut subject = Subject::random(assets, &distribution.textures, size, [seed, number]);
         let mut rows = Vec::with_capacity(pictures * ROW);
         for picture in 0..pictures {
             let Some((jpeg, row)) = self.picture(&mut subject, picture == 0)? else {
@@ -75,24 +75,24 @@ impl<'a> Worker<'a> {
 
     fn picture(&mut self, subject: &mut Subject, neutral: bool) -> Result<Option<(Vec<u8>, Vec<f32>)>> {
         for tries in 1..=TRIES {
-            let take = subject.take(self.studio.choice, neutral);
-            let jpeg = self.booth.shoot(self.studio.kit, subject, &take)?;
+            let spec = subject.random_spec(self.setup.distribution, neutral);
+            let jpeg = self.imager.take_picture(self.setup.assets, subject, &spec)?;
             let start = thread_time_s();
-            let eyes = self.booth.eye_corners(self.studio.kit);
+            let eyes = self.imager.eye_corners(self.setup.assets);
             let found = self.finder.find(&jpeg, eyes)?.cloned();
             self.tracking_s += thread_time_s() - start;
             if let Some(landmarks) = found {
-                return Ok(Some((jpeg, row(landmarks.0.as_flattened(), subject, &take, tries))));
+                return Ok(Some((jpeg, row(landmarks.0.as_flattened(), subject, &spec, tries))));
             }
         }
         Ok(None)
     }
 }
 
-fn row(landmarks: &[f32], subject: &Subject, take: &Take, tries: u8) -> Vec<f32> {
+fn row(landmarks: &[f32], subject: &Subject, spec: &PictureSpec, tries: u8) -> Vec<f32> {
     let looks = &subject.person.looks;
     let numbers = [looks.skin, looks.brow, looks.eye].map(|number| number as f32);
-    let meta = [subject.distance, f32::from(take.neutral), f32::from(tries)];
-    let labels = take.shot.weights.iter().chain(&take.shot.placement.angles_deg);
+    let meta = [subject.distance, f32::from(spec.neutral), f32::from(tries)];
+    let labels = spec.scene.weights.iter().chain(&spec.scene.placement.angles_deg);
     landmarks.iter().chain(labels).chain(&numbers).chain(&meta).copied().collect()
 }

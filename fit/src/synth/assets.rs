@@ -1,4 +1,4 @@
-//! All that pictures are made of, loaded once: rig, textures, and what is worked out from them beforehand.
+//! The assets of all pictures, loaded once: rig, textures, and data precomputed from them.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::{
     brows::Brow,
-    expression::{Coefficients, Puppet},
+    expression::{Coefficients, Deformer},
     eyes::{EyeTexture, ball_offsets},
     geometry::{normals, vertices_of},
     rig::{Rig, Triangle},
@@ -19,55 +19,55 @@ use super::{
 };
 use facewire::solve::{BLENDSHAPES, COEFFS};
 
-/// Light comes around corners: no vertex sees less of the sky.
-const LEAST_SKY: f32 = 0.03;
-/// A sphere around the head, for light.
+/// Least visibility of the sky, because indirect light reaches every vertex.
+const LEAST_VISIBILITY: f32 = 0.03;
+/// Bounding sphere of the head for lighting: centre and radius.
 pub const BOUNDS: (Vec3, f32) = (Vec3::new(0.0, -1.0, 2.0), 21.0);
 
-/// Rig, textures and what follows from them.
-pub struct Kit {
+/// Rig, textures, and data precomputed from them.
+pub struct Assets {
     /// The head.
     pub rig: Rig,
-    /// How it moves.
-    pub puppet: Puppet,
-    /// How the skin texture is laid on it.
+    /// The shapes of the rig by coefficient.
+    pub deformer: Deformer,
+    /// The part of the head that skin textures cover.
     pub layout: Layout,
-    /// Names of skins, brows and eyes: their files' without ending.
+    /// Names of skins, brows and eyes: their file names without extension.
     pub names: [Vec<String>; 3],
-    /// In the order of their names.
+    /// Skins in the order of their names.
     pub skins: Vec<Skin>,
-    /// In the order of their names.
+    /// Brows in the order of their names.
     pub brows: Vec<Brow>,
-    /// In the order of their names.
+    /// Eyes in the order of their names.
     pub eyes: Vec<EyeTexture>,
-    /// Ambient light.
-    pub sky: Sky,
+    /// Ambient occlusion.
+    pub occlusion: AmbientOcclusion,
     /// Normals of the head at rest.
     pub rest_normals: Vec<Vec3>,
-    /// How far each vertex belongs to the shoulders.
+    /// Weight of the shoulders' motion, against the head's, for each vertex.
     pub shoulder: Vec<f32>,
-    /// Offset of an eyeball's vertices from its middle over its radius, looking ahead; 0 for other vertices.
+    /// Offset of each eyeball vertex from its ball's centre relative to the ball's radius, and 0 for other vertices.
     pub ball_offsets: Vec<Vec3>,
     /// Whether a vertex is skin.
     pub is_skin: Vec<bool>,
-    /// All triangles that can be seen, for normals and shadows.
+    /// All visible triangles, for normals and shadows.
     pub surface: Vec<Triangle>,
     /// Vertices of gums and teeth.
     pub mouth: Vec<u32>,
 }
 
-/// Share of the sky that vertices see.
-pub struct Sky {
+/// Share of the sky that is visible from each vertex.
+pub struct AmbientOcclusion {
     rest: Vec<f32>,
-    /// How it changes where a coefficient is 1: mouth and lids open and shut.
+    /// Change of the visibility at coefficient 1, for coefficients that open and shut mouth and lids.
     changes: Vec<(usize, Vec<f32>)>,
 }
 
-impl Kit {
-    /// Reads the folder of a rig; see `fit/README.md` for its layout.
+impl Assets {
+    /// Loads the assets from the folder of a rig, whose layout is described in `fit/README.md`.
     pub fn load(folder: &Path) -> Result<Self> {
         let rig = Rig::load(folder)?;
-        let puppet = Puppet::new(&rig)?;
+        let deformer = Deformer::new(&rig)?;
         let layout = Layout::new(&rig);
         let [skins, brows, eyes] = ["skins", "brows", "eyes"].map(|kind| textures(&folder.join(kind)));
         let [(skin_names, skins), (brow_names, brows), (eye_names, eyes)] = [skins?, brows?, eyes?];
@@ -77,7 +77,7 @@ impl Kit {
         let parts = &rig.parts;
         let surface = [parts.skin.as_slice(), &parts.gums, &parts.teeth, &parts.eyes[0], &parts.eyes[1]].concat();
         Ok(Self {
-            sky: Sky::new(&rig, &puppet, &surface)?,
+            occlusion: AmbientOcclusion::new(&rig, &deformer, &surface)?,
             rest_normals: normals(&rig.neutral, &surface),
             shoulder: rig.neutral.iter().map(|point| shoulder(*point)).collect(),
             ball_offsets: ball_offsets(&rig),
@@ -89,7 +89,7 @@ impl Kit {
             brows: brows.collect::<Result<_>>()?,
             eyes: eyes.collect::<Result<_>>()?,
             layout,
-            puppet,
+            deformer,
             rig,
         })
     }
@@ -101,25 +101,25 @@ fn is_skin(rig: &Rig) -> Vec<bool> {
     skin
 }
 
-/// The pictures in a folder, with their names, in the order of these.
+/// Loads the images in a folder in the order of their names, which are returned with them.
 fn textures(folder: &Path) -> Result<(Vec<String>, Vec<Texture>)> {
     let entries = std::fs::read_dir(folder).with_context(|| format!("cannot open {}", folder.display()))?;
     let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<PathBuf>>>()?;
-    paths.retain(|path| path.extension().is_some_and(|ending| ending == "png" || ending == "jpg"));
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "png" || extension == "jpg"));
     paths.sort();
-    ensure!(!paths.is_empty(), "{} has no pictures", folder.display());
+    ensure!(!paths.is_empty(), "{} contains no PNG or JPEG images", folder.display());
     let names = paths.iter().filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned())).collect();
     Ok((names, paths.par_iter().map(|path| Texture::load(path)).collect::<Result<_>>()?))
 }
 
-impl Sky {
-    fn new(rig: &Rig, puppet: &Puppet, surface: &[Triangle]) -> Result<Self> {
+impl AmbientOcclusion {
+    fn new(rig: &Rig, deformer: &Deformer, surface: &[Triangle]) -> Result<Self> {
         let index =
             |name: &str| BLENDSHAPES.iter().position(|known| *known == name).with_context(|| format!("no {name}"));
         let moved = ["jawOpen", "eyeBlinkLeft", "eyeBlinkRight", "mouthFunnel", "mouthSmileLeft", "mouthSmileRight"];
         let baked = |weights: &Coefficients| {
             let mut points = Vec::new();
-            puppet.deform(rig, &rig.neutral, weights, &mut points);
+            deformer.deform(rig, &rig.neutral, weights, &mut points);
             ambient_occlusion(&points, &normals(&points, surface), surface, BOUNDS)
         };
         let rest = baked(&[0.0; COEFFS]);
@@ -133,8 +133,8 @@ impl Sky {
         Ok(Self { changes: moved.iter().map(change).collect::<Result<_>>()?, rest })
     }
 
-    /// For every vertex of a face with this expression, into `out`.
-    pub fn seen(&self, weights: &Coefficients, out: &mut Vec<f32>) {
+    /// Computes the visibility for every vertex of a face with this expression, and stores it in `out`.
+    pub fn visibility(&self, weights: &Coefficients, out: &mut Vec<f32>) {
         out.clear();
         out.extend_from_slice(&self.rest);
         for (coefficient, change) in &self.changes {
@@ -144,7 +144,7 @@ impl Sky {
             }
         }
         for share in out {
-            *share = share.clamp(LEAST_SKY, 1.0);
+            *share = share.clamp(LEAST_VISIBILITY, 1.0);
         }
     }
 }

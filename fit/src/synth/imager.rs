@@ -1,4 +1,4 @@
-//! Taking a picture: backdrop, person, camera, with the time that each part took.
+//! Takes a picture: renders backdrop and person and simulates the camera. Measures the time of each step.
 
 use std::ops::AddAssign;
 
@@ -7,13 +7,13 @@ use glam::{Vec2, Vec3};
 use rustix::time::{ClockId, clock_gettime};
 
 use super::{
+    assets::Assets,
     camera::Camera,
-    kit::Kit,
     render::Renderer,
-    sample::{Subject, Take},
+    sample::{PictureSpec, Subject},
 };
 
-/// CPU time of the parts, seconds.
+/// CPU times in seconds.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Times {
     /// Rendering.
@@ -33,41 +33,41 @@ impl AddAssign for Times {
 }
 
 /// Renderer and camera for pictures of one size.
-pub struct Booth {
+pub struct Imager {
     width: usize,
     renderer: Renderer,
     camera: Camera,
     pixels: Vec<Vec3>,
-    /// Spent so far.
+    /// CPU times so far.
     pub times: Times,
 }
 
-impl Booth {
-    /// Takes all memory.
+impl Imager {
+    /// Allocates all buffers.
     pub fn new(size: [usize; 2]) -> Result<Self> {
         let pixels = vec![Vec3::ZERO; size[0] * size[1]];
         let (renderer, camera) = (Renderer::new(size), Camera::new(size)?);
         Ok(Self { width: size[0], renderer, camera, pixels, times: Times::default() })
     }
 
-    /// Renders and develops one picture: a JPEG image.
-    pub fn shoot(&mut self, kit: &Kit, subject: &mut Subject, take: &Take) -> Result<Vec<u8>> {
+    /// Renders a picture and returns it as a JPEG image.
+    pub fn take_picture(&mut self, assets: &Assets, subject: &mut Subject, spec: &PictureSpec) -> Result<Vec<u8>> {
         let start = thread_time_s();
         subject.backdrop().fill(self.width, &mut self.pixels);
-        self.renderer.draw(kit, &subject.person, &take.shot, &mut self.pixels);
+        self.renderer.draw(assets, &subject.person, &spec.scene, &mut self.pixels);
         let drawn = thread_time_s();
-        let jpeg = self.camera.develop(&mut self.pixels, &take.effects, subject.rng())?;
+        let jpeg = self.camera.capture(&mut self.pixels, &spec.effects, subject.rng())?;
         self.times += Times { render: drawn - start, camera: thread_time_s() - drawn, tracking: 0.0 };
         Ok(jpeg)
     }
 
-    /// Where the outer corners of the eyes are in the last picture, pixels: the person's right, then left.
-    pub fn eye_corners(&self, kit: &Kit) -> [Vec2; 2] {
-        self.renderer.eye_corners(kit)
+    /// Returns the pixel positions of the outer eye corners in the last picture: the person's right, then left.
+    pub fn eye_corners(&self, assets: &Assets) -> [Vec2; 2] {
+        self.renderer.eye_corners(assets)
     }
 }
 
-/// CPU time of this thread, seconds.
+/// Returns the CPU time of this thread in seconds.
 pub fn thread_time_s() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     #[expect(clippy::cast_precision_loss, reason = "seconds of one run")]

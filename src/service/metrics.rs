@@ -77,8 +77,8 @@ impl Server {
                 Ok(connection) => self
                     .respond(connection)
                     .unwrap_or_else(|error| tracing::debug!("a request for the metrics failed: {error}")),
-                // Without a free file descriptor, for example, the connection stays in the queue, so that an immediate
-                // retry would spin.
+                // A connection that cannot be accepted, for example for lack of a file descriptor, stays in the queue.
+                // The delay keeps the loop from spinning.
                 Err(_) if self.is_stopped_within(RETRY_DELAY) => return,
                 Err(error) => tracing::debug!("a connection to the metrics was not accepted: {error}"),
             }

@@ -11,7 +11,7 @@ use crate::pipeline::StageTimes;
 pub(super) struct Times {
     /// From capture to the start of processing: exposure, transfer, decoding and waiting.
     pub(super) wait: Histogram,
-    /// The detector, for the frames on which it ran.
+    /// The search for the face: the detector, or almost nothing while a face is followed.
     pub(super) detect: Histogram,
     /// The landmark networks, for the frames on which they ran.
     pub(super) mesh: Histogram,

@@ -72,7 +72,12 @@ enum Trouble {
 
 impl From<Event> for Trouble {
     fn from(event: Event) -> Self {
-        Self::Retry(event)
+        match event {
+            // The camera stays busy until the process ends.
+            Event::Lost(error @ CaptureError::NotStopped { .. })
+            | Event::Closed(error @ CaptureError::NotStopped { .. }) => Self::Fatal(error.into()),
+            event => Self::Retry(event),
+        }
     }
 }
 
@@ -306,6 +311,7 @@ fn add(counter: &AtomicU64, count: u64) {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use std::io;
     use std::sync::atomic::AtomicU32;
 
     use super::*;
@@ -322,6 +328,16 @@ mod tests {
         Tracker::load(&Scripted::new(move |_| {
             GOOD_RUNS.fetch_update(Relaxed, Relaxed, count_down).map(drop).map_err(|_| "the device has hung up")
         }))
+    }
+
+    #[test]
+    fn a_camera_that_cannot_be_stopped_ends_the_service_and_one_that_is_gone_does_not() {
+        let not_stopped =
+            || CaptureError::NotStopped { path: "/dev/video0".to_owned(), source: io::Error::other("stuck") };
+        for event in [Event::Lost(not_stopped()), Event::Closed(not_stopped())] {
+            assert!(matches!(Trouble::from(event), Trouble::Fatal(ServiceError::Camera(_))));
+        }
+        assert!(matches!(Trouble::from(Event::Lost(CaptureError::Gone)), Trouble::Retry(_)));
     }
 
     #[test]

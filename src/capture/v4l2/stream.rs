@@ -68,18 +68,21 @@ impl Stream {
     /// Maps the buffers and waits for the first frame, which is left out: some drivers hand out an old one.
     ///
     /// # Errors
-    /// [`CaptureError::Stalled`] if none comes in 5 seconds, [`CaptureError::Busy`], [`CaptureError::Gone`], ...
+    /// [`CaptureError::Stalled`] if none comes in 5 seconds, [`CaptureError::NotStopped`], [`CaptureError::Busy`],
+    /// [`CaptureError::Gone`], ...
     pub fn start(device: &Device, path: &Path, limits: Limits) -> Result<Self, CaptureError> {
         let fail = |error| CaptureError::device(path, "starting it", error);
         let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
         mapped.set_timeout(START_TIMEOUT);
         let mut stream =
             Self { mapped: Some(mapped), handle: device.handle(), path: path.to_owned(), limits, taken: 0, skipped: 0 };
-        match stream.mapped.as_mut().ok_or(CaptureError::Gone)?.next() {
-            Ok(_) => Ok(stream),
-            Err(error) if error.kind() == io::ErrorKind::TimedOut => Err(stalled(START_TIMEOUT)),
-            Err(error) => Err(fail(error)),
-        }
+        let error = match stream.mapped.as_mut().ok_or(CaptureError::Gone)?.next() {
+            Ok(_) => return Ok(stream),
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => stalled(START_TIMEOUT),
+            Err(error) => fail(error),
+        };
+        stream.stop()?;
+        Err(error)
     }
 
     /// Waits for a frame, passes over all but the newest, and shows it to `look`.

@@ -2,18 +2,17 @@
 
 use super::refinement::{LEFT_IRIS, LEFT_IRIS_DEPTH, RIGHT_IRIS, RIGHT_IRIS_DEPTH};
 
-/// Points of the mesh, which come first.
+/// Number of points of the mesh, which come first.
 pub const MESH: usize = 468;
-/// Points of a face: 468 of the mesh, then 5 of the iris beside point 33 and 5 of the one beside point 263.
+/// Number of points of a face: 468 of the mesh, 5 of the right eye's iris, 5 of the left eye's iris.
 pub const LANDMARKS: usize = 478;
 
-/// Landmarks of one face in MediaPipe's order: x to the right and y down in pixels of the picture, z away from
-/// the camera at the same scale.
+/// Landmarks of one face in MediaPipe's order, in pixels of the picture: x to the right, y down, z away from the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Landmarks(pub [[f32; 3]; LANDMARKS]);
 
 impl Landmarks {
-    /// All points at the origin: room to be filled in.
+    /// All points at the origin.
     #[must_use]
     pub const fn zero() -> Self {
         Self([[0.0; 3]; LANDMARKS])
@@ -25,16 +24,17 @@ impl Landmarks {
         self.0.as_flattened().iter().all(|value| value.is_finite())
     }
 
-    /// Puts both irises at the mean depth of their eye's rim. The mesh does so; some trackers leave them at depth 0.
+    /// Moves each iris to the mean depth of the contour of its eye. [`super::Mesh`] does this to all landmarks it finds;
+    /// the recordings of some other trackers have irises at depth 0.
     pub fn level_irises(&mut self) {
         self.level_iris(&RIGHT_IRIS, &RIGHT_IRIS_DEPTH);
         self.level_iris(&LEFT_IRIS, &LEFT_IRIS_DEPTH);
     }
 
-    /// Puts one iris at the mean depth of its rim.
-    pub(super) fn level_iris(&mut self, iris: &[u16], rim: &[u16]) {
+    /// Moves the points of one iris to the mean depth of the contour of its eye.
+    pub(super) fn level_iris(&mut self, iris: &[u16], contour: &[u16]) {
         let depth_of = |index: &u16| self.0.get(usize::from(*index)).map_or(0.0, |point| point[2]);
-        let depth = rim.iter().map(depth_of).sum::<f32>() / rim.len() as f32;
+        let depth = contour.iter().map(depth_of).sum::<f32>() / contour.len() as f32;
         for &index in iris {
             if let Some(point) = self.0.get_mut(usize::from(index)) {
                 point[2] = depth;

@@ -1,13 +1,13 @@
-//! Landmarks of a face from its region of interest: the attention mesh network and its three heads.
+//! Finds the landmarks of a face in its region of interest, with the attention mesh network and its three heads.
 //!
-//! The backbone gives 468 points and a feature map. Each head looks at a turned crop of that map around the lips or
-//! an eye and places the points there anew (`x` and `y`; the mesh keeps its `z`). Both eye heads add five iris points.
+//! The backbone computes 468 points and a feature map. Each head receives a rotated crop of that map around the lips or
+//! an eye, and computes better `x` and `y` for the points there; `z` remains the backbone's. The heads of the eyes also
+//! compute five points of the iris.
 
 use crate::capture::Picture;
 use crate::infer::{Engine, InferError, Network, Signature};
 
 use super::crop::{Border, CropShape, crop};
-use super::detector::sigmoid;
 use super::landmarks::Landmarks;
 use super::refinement::{
     CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
@@ -16,10 +16,10 @@ use super::refinement::{
 use super::region::FaceBox;
 use super::transform::Transform;
 
-/// Samples per side of the network's picture.
+/// Samples per side of the backbone's input.
 const SIDE: usize = 192;
-/// A face flag below this is no face.
-const MIN_FLAG: f32 = 0.5;
+/// Smallest face flag of a face. The network's flag is the logit of a probability, so that 0 means one half.
+const MIN_FLAG: f32 = 0.0;
 
 static BACKBONE: Signature = Signature {
     name: "mesh",
@@ -33,14 +33,14 @@ static BACKBONE: Signature = Signature {
 const SHAPE: CropShape = CropShape { side: SIDE, range: [0.0, 1.0], border: Border::Replicate };
 const HEAD_INPUT: [usize; 4] = [1, FEATURE_CHANNELS, CROP_SIZE, CROP_SIZE];
 
-/// A network that places some points anew, and which points these are.
+/// The network of a head and the points that it computes.
 struct Refinement {
     signature: Signature,
-    /// Points that the first output places.
+    /// The points of the first output.
     points: &'static [u16],
-    /// Iris points that the second output places, and the eye's rim, whose mean depth they take.
+    /// The iris points of the second output, and the contour of the eye, whose mean depth they take.
     iris: Option<(&'static [u16], &'static [u16])>,
-    /// The line through these is level in the head's crop.
+    /// Two points whose line is level in the head's crop.
     level: [u16; 2],
 }
 
@@ -63,15 +63,16 @@ static LEFT_EYE_REFINEMENT: Refinement = Refinement {
     level: LEFT_EYE_ROTATION,
 };
 
-/// The networks bear the names of MediaPipe: by the side of the picture that the eye stands in.
+/// The network of the person's right eye is called `left_eye`: MediaPipe names it by the side of the picture.
 const fn eye_signature(name: &'static str) -> Signature {
     Signature { name, input: HEAD_INPUT, outputs: &[("points", &[1, 142]), ("iris", &[1, 10])] }
 }
 
-/// The mesh network and its heads, with their input and output memory.
+/// The backbone, its heads and the landmarks that they found last.
 pub struct Mesh {
     backbone: Box<dyn Network>,
     heads: [Head; 3],
+    landmarks: Landmarks,
 }
 
 struct Head {
@@ -91,48 +92,51 @@ impl Mesh {
         Ok(Self {
             backbone: engine.load(&BACKBONE)?,
             heads: [head(&LIPS_REFINEMENT)?, head(&RIGHT_EYE_REFINEMENT)?, head(&LEFT_EYE_REFINEMENT)?],
+            landmarks: Landmarks::zero(),
         })
     }
 
-    /// Finds the landmarks of the face inside `region` and writes them to `landmarks`, in pixels of the picture.
-    /// `false`, and no landmarks, if the network sees no face there.
+    /// Returns the landmarks of the face inside `region`, in pixels of the picture. Returns `None` if the network sees no
+    /// face there or computes a number that is not finite.
     ///
     /// # Errors
     /// [`InferError::Run`].
-    pub fn find(&mut self, picture: &Picture, region: &FaceBox, landmarks: &mut Landmarks) -> Result<bool, InferError> {
+    pub fn find(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
         crop(picture, region, SHAPE, self.backbone.input());
         self.backbone.run()?;
-        let flag = self.backbone.output(1).first().copied().unwrap_or(f32::NAN);
-        if flag.is_nan() || sigmoid(flag) < MIN_FLAG {
-            return Ok(false);
+        if !self.backbone.output(1).first().is_some_and(|flag| *flag >= MIN_FLAG) {
+            return Ok(None);
         }
         let mesh = self.backbone.output(0).as_chunks::<3>().0;
-        for (point, from) in landmarks.0.iter_mut().zip(mesh) {
-            *point = *from;
+        for (point, found) in self.landmarks.0.iter_mut().zip(mesh) {
+            *point = *found;
         }
         for head in &mut self.heads {
-            head.refine(mesh, self.backbone.output(2), landmarks)?;
+            head.refine(mesh, self.backbone.output(2), &mut self.landmarks)?;
         }
-        to_picture(region, landmarks);
-        Ok(landmarks.is_finite())
+        to_picture(region, &mut self.landmarks);
+        Ok(self.landmarks.is_finite().then_some(&self.landmarks))
     }
 }
 
 impl Head {
+    /// Replaces the points of this head in `landmarks`, which are in samples of the backbone's input. `mesh` and `map` are
+    /// the points and the feature map of the backbone.
     fn refine(&mut self, mesh: &[[f32; 3]], map: &[f32], landmarks: &mut Landmarks) -> Result<(), InferError> {
         let transform = Transform::around(mesh, self.refinement.points, self.refinement.level);
         transform.sample(map, self.network.input());
         self.network.run()?;
-        place(landmarks, self.refinement.points, self.network.output(0), &transform);
-        if let Some((iris, rim)) = self.refinement.iris {
-            place(landmarks, iris, self.network.output(1), &transform);
-            landmarks.level_iris(iris, rim);
+        replace(landmarks, self.refinement.points, self.network.output(0), &transform);
+        if let Some((iris, contour)) = self.refinement.iris {
+            replace(landmarks, iris, self.network.output(1), &transform);
+            landmarks.level_iris(iris, contour);
         }
         Ok(())
     }
 }
 
-fn place(landmarks: &mut Landmarks, indices: &[u16], output: &[f32], transform: &Transform) {
+/// Replaces x and y of some points by a head's output, which is in the coordinates of its crop.
+fn replace(landmarks: &mut Landmarks, indices: &[u16], output: &[f32], transform: &Transform) {
     for (&index, &point) in indices.iter().zip(output.as_chunks::<2>().0) {
         if let Some([x, y, _]) = landmarks.0.get_mut(usize::from(index)) {
             [*x, *y] = transform.apply(point);
@@ -140,11 +144,70 @@ fn place(landmarks: &mut Landmarks, indices: &[u16], output: &[f32], transform: 
     }
 }
 
-/// From samples of the network's picture to pixels of the whole one; depth is scaled like width.
+/// Converts samples of the backbone's input to pixels of the picture. Depth has the scale of the width.
 fn to_picture(region: &FaceBox, landmarks: &mut Landmarks) {
-    let (placement, scale) = (region.placement(), region.size / SIDE as f32);
+    let (mapping, scale) = (region.mapping(), region.size / SIDE as f32);
     for [x, y, z] in &mut landmarks.0 {
-        [*x, *y] = placement.to_picture(*x / SIDE as f32, *y / SIDE as f32);
+        [*x, *y] = mapping.to_picture(*x / SIDE as f32, *y / SIDE as f32);
         *z *= scale;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_face::show;
+    use super::*;
+    use crate::capture::Pixels;
+    use crate::infer::scripted::{Run, Scripted};
+    use crate::solve::test_face::face;
+
+    /// Whether the mesh finds a face, if all networks show one after which `alter` changes their outputs.
+    fn found(alter: fn(&mut Run)) -> bool {
+        let engine = Scripted::new(move |mut run| {
+            show(&mut run, &face([0.0; 3], 60.0, [96.0, 80.0]));
+            alter(&mut run);
+            Ok(())
+        });
+        find(&engine).expect("runs without a failure")
+    }
+
+    fn find(engine: &Scripted) -> Result<bool, InferError> {
+        let mut mesh = Mesh::load(engine)?;
+        let pixels = Pixels::Grey { data: &[0; 16], stride: 4 };
+        let picture = Picture::new(4, 4, pixels, true).expect("a whole picture");
+        let region = FaceBox { centre: [2.0; 2], size: 4.0, angle_rad: 0.0 };
+        mesh.find(&picture, &region).map(|found| found.is_some())
+    }
+
+    /// Sets the last value of an output of one network.
+    fn set(run: &mut Run, network: &str, output: usize, value: f32) {
+        if run.network == network {
+            *run.outputs[output].last_mut().expect("values") = value;
+        }
+    }
+
+    #[test]
+    fn a_flag_below_one_half_or_not_a_number_is_not_a_face() {
+        assert!(found(|_| {}));
+        assert!(found(|run| set(run, "mesh", 1, 0.01)));
+        assert!(!found(|run| set(run, "mesh", 1, -0.01)));
+        assert!(!found(|run| set(run, "mesh", 1, f32::NAN)));
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_in_any_output_is_not_a_face() {
+        assert!(!found(|run| set(run, "mesh", 0, f32::NAN)));
+        assert!(!found(|run| set(run, "lips", 0, f32::INFINITY)));
+        assert!(!found(|run| set(run, "left_eye", 1, f32::NAN)));
+    }
+
+    #[test]
+    fn a_network_that_fails_is_named_with_the_words_of_the_engine() {
+        let fails = Scripted::new(|mut run| {
+            show(&mut run, &face([0.0; 3], 60.0, [96.0, 80.0]));
+            if run.network == "right_eye" { Err("no memory") } else { Ok(()) }
+        });
+        let sentence = find(&fails).expect_err("a failure").to_string();
+        assert!(sentence.starts_with("network right_eye failed to run (no memory); "), "{sentence}");
     }
 }

@@ -1,4 +1,4 @@
-//! From a picture to the landmarks of the one face that is followed in it.
+//! Finds a face in a picture, follows it from frame to frame and returns its landmarks.
 
 mod colour;
 mod crop;
@@ -14,7 +14,7 @@ mod tracker;
 mod transform;
 
 pub use crop::{Border, CropShape, crop};
-pub use detector::{Detection, Detector};
+pub use detector::Detector;
 pub use landmarks::{LANDMARKS, Landmarks, MESH};
 pub use mesh::Mesh;
 pub use region::FaceBox;

@@ -1,16 +1,19 @@
-//! One view of all pixel formats: a luma plane and two chroma planes.
+//! Shows a picture of any pixel format as one luma plane and two chroma planes.
 
 use crate::capture::{Picture, Pixels};
 
 use super::colour::Colour;
 
-/// Chroma of grey: what a picture without chroma planes has everywhere.
+/// Chroma of a picture without chroma planes.
 const GREY: u8 = 128;
 
-/// How samples lie in memory: `step` bytes apart in rows `stride` bytes apart, each for `1 << shift` pixels.
+/// Where the samples of a plane are in memory.
 struct Layout {
+    /// Bytes from one row of samples to the next.
     stride: usize,
+    /// Bytes from one sample of a row to the next.
     step: usize,
+    /// Binary logarithm of the columns and rows of pixels that share a sample.
     shift: [u8; 2],
 }
 
@@ -18,11 +21,11 @@ struct Layout {
 pub(super) struct Planes<'a> {
     luma: &'a [u8],
     luma_layout: Layout,
-    /// Cb and Cr, both laid out alike.
+    /// Cb and Cr, which have the same layout. Empty for a grey picture.
     chroma: [&'a [u8]; 2],
     chroma_layout: Layout,
     colour: &'static Colour,
-    /// Last column and row.
+    /// The last column and the last row of the picture.
     last: [i32; 2],
 }
 
@@ -37,7 +40,8 @@ impl Layout {
 }
 
 impl Planes<'_> {
-    /// The pixels at columns `x` and `x + 1` of rows `y` and `y + 1`; outside the picture, the nearest ones.
+    /// The pixels at columns `x` and `x + 1` of rows `y` and `y + 1`. The nearest pixel replaces each one outside the
+    /// picture.
     pub(super) fn nearest_square(&self, x: i32, y: i32) -> [[u64; 2]; 2] {
         let nearest = |at: i32, last: i32| at.clamp(0, last).unsigned_abs() as usize;
         let columns = [x, x.saturating_add(1)].map(|x| nearest(x, self.last[0]));
@@ -45,7 +49,7 @@ impl Planes<'_> {
         self.square(columns, rows)
     }
 
-    /// The pixels where two columns and two rows of the picture cross.
+    /// The pixels of two columns in two rows, all of which must be inside the picture.
     #[inline]
     pub(super) fn square(&self, columns: [usize; 2], rows: [usize; 2]) -> [[u64; 2]; 2] {
         let columns = columns.map(|x| (self.luma_layout.column(x), self.chroma_layout.column(x)));
@@ -57,23 +61,24 @@ impl Planes<'_> {
 
     fn pixel(&self, luma: usize, chroma: usize) -> u64 {
         let get = |data: &[u8], at: usize| data.get(at).copied().unwrap_or(GREY);
-        let [blue, red] = self.chroma.map(|data| get(data, chroma));
-        self.colour.pixel(get(self.luma, luma), blue, red)
+        let [cb, cr] = self.chroma.map(|data| get(data, chroma));
+        self.colour.pixel(get(self.luma, luma), cb, cr)
     }
 
-    /// Whether the square that begins at a column and row lies inside the picture.
-    pub(super) fn hold_square(&self, x: i32, y: i32) -> bool {
+    /// Whether columns `x` and `x + 1` of rows `y` and `y + 1` are inside the picture.
+    pub(super) fn contain_square(&self, x: i32, y: i32) -> bool {
         (0..self.last[0]).contains(&x) && (0..self.last[1]).contains(&y)
     }
 
-    /// Whether there is a pixel at a column and row.
-    pub(super) fn hold(&self, x: i32, y: i32) -> bool {
+    /// Whether a column and a row are inside the picture.
+    pub(super) fn contain(&self, x: i32, y: i32) -> bool {
         (0..=self.last[0]).contains(&x) && (0..=self.last[1]).contains(&y)
     }
 }
 
 impl<'a> Planes<'a> {
-    pub(super) fn of(picture: &Picture<'a>) -> Self {
+    /// The planes of a picture.
+    pub(super) fn new(picture: &Picture<'a>) -> Self {
         let layout = |stride, step, shift| Layout { stride, step, shift };
         let from = |data: &'a [u8], first: usize| data.get(first..).unwrap_or(&[]);
         let (luma, luma_layout, chroma, chroma_layout) = match picture.pixels {
@@ -84,12 +89,12 @@ impl<'a> Planes<'a> {
             Pixels::Nv12 { luma, chroma, stride } => {
                 (luma, layout(stride, 1, [0, 0]), [chroma, from(chroma, 1)], layout(stride, 2, [1, 1]))
             }
-            Pixels::Planar { planes: [luma, blue, red], strides, chroma_shift } => {
-                (luma, layout(strides[0], 1, [0, 0]), [blue, red], layout(strides[1], 1, chroma_shift))
+            Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift } => {
+                (luma, layout(strides[0], 1, [0, 0]), [cb, cr], layout(strides[1], 1, chroma_shift))
             }
         };
         let last =
             [picture.width, picture.height].map(|size| i32::try_from(size).unwrap_or(0).saturating_sub(1).max(0));
-        Self { luma, luma_layout, chroma, chroma_layout, colour: Colour::of(picture.full_range), last }
+        Self { luma, luma_layout, chroma, chroma_layout, colour: Colour::for_range(picture.full_range), last }
     }
 }

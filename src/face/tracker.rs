@@ -1,6 +1,6 @@
-//! Following one face from frame to frame.
+//! Follows one face from frame to frame.
 //!
-//! The region of interest comes from the previous frame's landmarks; the detector runs only when there are none.
+//! The region of interest comes from the landmarks of the previous frame. The detector runs only if there is no region.
 
 use crate::capture::Picture;
 use crate::infer::{Engine, InferError};
@@ -10,12 +10,11 @@ use super::landmarks::Landmarks;
 use super::mesh::Mesh;
 use super::region::FaceBox;
 
-/// Detector, mesh and the face they follow.
+/// The networks, and the region of the face that they follow.
 pub struct Tracker {
     detector: Detector,
     mesh: Mesh,
     region: Option<FaceBox>,
-    landmarks: Landmarks,
 }
 
 impl Tracker {
@@ -24,36 +23,33 @@ impl Tracker {
     /// # Errors
     /// Those of [`Engine::load`].
     pub fn load(engine: &dyn Engine) -> Result<Self, InferError> {
-        Ok(Self {
-            detector: Detector::load(engine)?,
-            mesh: Mesh::load(engine)?,
-            region: None,
-            landmarks: Landmarks::zero(),
-        })
+        Ok(Self { detector: Detector::load(engine)?, mesh: Mesh::load(engine)?, region: None })
     }
 
-    /// Where to look for the face in this picture: around the last landmarks, or where the detector sees a face.
+    /// Returns the region of this picture to search for landmarks: around the landmarks of the previous picture, or where
+    /// the detector finds a face. Returns `None` if it finds no face.
     ///
     /// # Errors
     /// [`InferError::Run`].
     pub fn detect(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
         if self.region.is_none() {
-            self.region = self.detector.find(picture)?.and_then(|detection| detection.region());
+            self.region = self.detector.find(picture)?;
         }
         Ok(self.region)
     }
 
-    /// The landmarks of the face in `region`, in pixels; `None` if there is no face, which ends the following.
+    /// Returns the landmarks of the face in `region`, in pixels of the picture. If there is no face, returns `None` and
+    /// forgets the region, so that the detector searches the next picture.
     ///
     /// # Errors
     /// [`InferError::Run`].
     pub fn landmarks(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
-        let found = self.mesh.find(picture, region, &mut self.landmarks)?;
-        self.region = if found { FaceBox::following(&self.landmarks) } else { None };
-        Ok(found.then_some(&self.landmarks))
+        let found = self.mesh.find(picture, region)?;
+        self.region = found.and_then(FaceBox::following);
+        Ok(found)
     }
 
-    /// Forgets the face, so that the next picture is searched as a whole.
+    /// Forgets the region, so that the detector searches the next picture.
     pub fn forget(&mut self) {
         self.region = None;
     }
@@ -72,14 +68,14 @@ mod tests {
 
     const WIDTH: usize = 192;
 
-    /// The size of the mesh's input, so that a region of the whole picture leaves coordinates as they are.
+    /// A picture of the size of the mesh's input: a region that covers it does not change coordinates.
     fn picture() -> Picture<'static> {
         static GREY: [u8; WIDTH * WIDTH] = [128; WIDTH * WIDTH];
         let pixels = Pixels::Grey { data: &GREY, stride: WIDTH };
         Picture::new(WIDTH, WIDTH, pixels, true).expect("a whole picture")
     }
 
-    /// A tracker whose networks see a face from the second frame on, and how often its detector ran.
+    /// A tracker whose detector finds a face from its second run on, and the number of runs of the detector.
     fn tracker() -> (Tracker, Arc<AtomicUsize>) {
         let runs = Arc::new(AtomicUsize::new(0));
         let counted = Arc::clone(&runs);
@@ -94,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn the_face_of_scripted_networks_comes_out_as_it_was_put_in() {
+    fn the_landmarks_are_those_of_the_networks_in_the_picture() {
         let (mut tracker, _) = tracker();
         let region = FaceBox { centre: [96.0; 2], size: 192.0, angle_rad: 0.0 };
         let found = tracker.landmarks(&picture(), &region).expect("a run").expect("a face").clone();

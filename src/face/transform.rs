@@ -1,11 +1,13 @@
-//! The turned crop of the feature map that a refinement head looks at.
+//! The rotated crop of the feature map that a head receives.
 //!
-//! As MediaPipe's operators `Landmarks2TransformMatrix`, `TransformTensorBilinear` and `TransformLandmarks`: the crop is
-//! turned so that the line through two rotation points is level, and is 1.5 times the box around the head's points.
+//! The arithmetic is that of MediaPipe's operators `Landmarks2TransformMatrix`, `TransformTensorBilinear` and
+//! `TransformLandmarks`. The line through two rotation points is level in the crop, and the crop is 1.5 times as large as
+//! the box around the head's points.
 
 use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
+use super::region::bounds;
 
-/// From cells of the crop to cells of the feature map: `linear * p + shift`.
+/// Maps cells of the crop to cells of the feature map: `linear * p + shift`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Transform {
     linear: [[f32; 2]; 2],
@@ -13,8 +15,8 @@ pub(super) struct Transform {
 }
 
 impl Transform {
-    /// The crop around those points of the mesh (samples of the network's picture) that `points` lists, turned so
-    /// that the line through `level` is level.
+    /// The crop around the points of the mesh whose indices are `points`, in which the line through the points `level` is
+    /// level. The mesh is in samples of the backbone's input.
     pub(super) fn around(mesh: &[[f32; 3]], points: &[u16], level: [u16; 2]) -> Self {
         let point = |index: u16| {
             mesh.get(usize::from(index))
@@ -22,12 +24,7 @@ impl Transform {
         };
         let [from, to] = level.map(point);
         let angle = TARGET_ANGLE - (to[1] - from[1]).atan2(to[0] - from[0]);
-        let (mut min, mut max) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-        for &index in points {
-            let [x, y] = rotate(point(index), angle);
-            min = [min[0].min(x), min[1].min(y)];
-            max = [max[0].max(x), max[1].max(y)];
-        }
+        let [min, max] = bounds(points.iter().map(|&index| rotate(point(index), angle)));
         let centre = rotate([f32::midpoint(min[0], max[0]), f32::midpoint(min[1], max[1])], -angle);
         let [width, height] = [max[0] - min[0], max[1] - min[1]].map(|size| size * CROP_SCALE / CROP_SIZE as f32);
         let (sin, cos) = (-angle).sin_cos();
@@ -38,24 +35,24 @@ impl Transform {
         Self { linear, shift }
     }
 
-    /// A point of a head's output, in samples of the network's picture.
-    pub(super) fn apply(&self, [x, y]: [f32; 2]) -> [f32; 2] {
-        let [across, down] = self.linear;
-        [
-            across[0] * x + across[1] * y + self.shift[0] / FEATURE_SCALE,
-            down[0] * x + down[1] * y + self.shift[1] / FEATURE_SCALE,
-        ]
+    /// Maps a point of a head's output to samples of the backbone's input. A head counts four steps to a cell of its crop,
+    /// as many as there are samples of the backbone's input to a cell of the feature map.
+    pub(super) fn apply(&self, point: [f32; 2]) -> [f32; 2] {
+        self.map(point, self.shift.map(|shift| shift / FEATURE_SCALE))
     }
 
-    /// Samples the feature map (channels x 48 x 48) into a head's input (channels x 16 x 16): bilinear, zero outside.
+    fn map(&self, [x, y]: [f32; 2], shift: [f32; 2]) -> [f32; 2] {
+        let [column, row] = self.linear;
+        [column[0] * x + column[1] * y + shift[0], row[0] * x + row[1] * y + shift[1]]
+    }
+
+    /// Samples the feature map (channels x 48 x 48) into a head's input (channels x 16 x 16) by bilinear interpolation. The
+    /// map is 0 outside.
     pub(super) fn sample(&self, map: &[f32], crop: &mut [f32]) {
         const CROP_AREA: usize = CROP_SIZE * CROP_SIZE;
         for cell in 0..CROP_AREA {
-            let (x, y) = ((cell % CROP_SIZE) as f32 + 0.5, (cell / CROP_SIZE) as f32 + 0.5);
-            let [across, down] = self.linear;
-            let column = across[0] * x + across[1] * y + self.shift[0] - 0.5;
-            let row = down[0] * x + down[1] * y + self.shift[1] - 0.5;
-            let taps = taps(column, row);
+            let centre = [(cell % CROP_SIZE) as f32 + 0.5, (cell / CROP_SIZE) as f32 + 0.5];
+            let taps = taps(self.map(centre, self.shift).map(|position| position - 0.5));
             let channels = map.chunks_exact(FEATURE_SIZE * FEATURE_SIZE);
             for (channel, output) in channels.zip(crop.iter_mut().skip(cell).step_by(CROP_AREA)) {
                 *output = taps.iter().map(|&(at, weight)| channel.get(at).map_or(0.0, |value| value * weight)).sum();
@@ -64,9 +61,9 @@ impl Transform {
     }
 }
 
-/// The four cells around a position and their weights; none for a position outside the map.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to lie inside the map")]
-fn taps(column: f32, row: f32) -> [(usize, f32); 4] {
+/// The four cells around a position, with their weights. The weights of a position outside the map are 0.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be inside the map")]
+fn taps([column, row]: [f32; 2]) -> [(usize, f32); 4] {
     const LAST: f32 = (FEATURE_SIZE - 1) as f32;
     if !((0.0..=LAST).contains(&column) && (0.0..=LAST).contains(&row)) {
         return [(0, 0.0); 4];
@@ -92,27 +89,27 @@ mod tests {
     use super::super::refinement::FEATURE_CHANNELS;
     use super::*;
 
-    /// A mesh whose points 0 to 3 are the corners of a 96 x 48 box with level top.
+    /// A mesh of four points: the corners of an upright box of 96 x 48 samples.
     fn mesh() -> Vec<[f32; 3]> {
         vec![[48.0, 48.0, 0.0], [144.0, 48.0, 0.0], [48.0, 96.0, 0.0], [144.0, 96.0, 0.0]]
     }
 
     #[test]
-    fn middle_of_the_crop_is_the_middle_of_the_points() {
+    fn centre_of_the_crop_is_the_centre_of_the_points() {
         let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
         let [x, y] = transform.apply([32.0, 32.0]);
         assert!((x - 96.0).abs() < 1e-4 && (y - 72.0).abs() < 1e-4);
     }
 
     #[test]
-    fn crop_is_half_again_as_large_as_the_points_box() {
+    fn crop_is_1_5_times_as_large_as_the_box_of_the_points() {
         let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
         let ([left, top], [right, bottom]) = (transform.apply([0.0, 0.0]), transform.apply([64.0, 64.0]));
         assert!((right - left - 144.0).abs() < 1e-3 && (bottom - top - 72.0).abs() < 1e-3);
     }
 
     #[test]
-    fn sampling_a_ramp_gives_its_value_at_the_crops_cells() {
+    fn sampling_a_ramp_gives_its_values_at_the_cells_of_the_crop() {
         let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
         let ramp: Vec<f32> =
             (0..FEATURE_CHANNELS * FEATURE_SIZE * FEATURE_SIZE).map(|at| (at % FEATURE_SIZE) as f32).collect();

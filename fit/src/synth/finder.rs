@@ -22,7 +22,6 @@ pub struct Finder {
     decoder: JpegDecoder,
     detector: Detector,
     mesh: Mesh,
-    landmarks: Landmarks,
 }
 
 impl Finder {
@@ -33,7 +32,6 @@ impl Finder {
             decoder: JpegDecoder::new(width, height)?,
             detector: Detector::load(engine.as_ref())?,
             mesh: Mesh::load(engine.as_ref())?,
-            landmarks: Landmarks::zero(),
         })
     }
 
@@ -41,13 +39,14 @@ impl Finder {
     pub fn find(&mut self, jpeg: &[u8], eyes: [Vec2; 2]) -> Result<Option<&Landmarks>> {
         self.decoder.decode(jpeg)?;
         let picture = self.decoder.picture().context("the image was not decoded")?;
-        let mut region = self.detector.find(&picture)?.and_then(|detection| detection.region());
-        for _ in 0..=REFINEMENTS {
+        let mut region = self.detector.find(&picture)?;
+        for _ in 0..REFINEMENTS {
             let Some(around) = region else { return Ok(None) };
-            let found = self.mesh.find(&picture, &around, &mut self.landmarks)?;
-            region = if found { FaceBox::following(&self.landmarks) } else { None };
+            region = self.mesh.find(&picture, &around)?.and_then(FaceBox::following);
         }
-        Ok((region.is_some() && agrees(&self.landmarks, eyes)).then_some(&self.landmarks))
+        let Some(around) = region else { return Ok(None) };
+        let found = self.mesh.find(&picture, &around)?;
+        Ok(found.filter(|landmarks| FaceBox::following(landmarks).is_some() && agrees(landmarks, eyes)))
     }
 }
 

@@ -17,8 +17,9 @@ use self::rows::{Csv, LandmarkFile, Row};
 use super::failure::say;
 use super::monitor::yaw_pitch_roll_deg;
 use super::{Failure, SettingsArgs};
+use crate::link::Pose;
 use crate::pipeline::load_solver;
-use crate::service::failsafe::{Failsafe, History, News, Pose};
+use crate::service::failsafe::{Failsafe, History, News};
 use crate::solve::{Camera, NeutralMean, Solution, Solver, normalise};
 
 const EXAMPLES: &str = "\
@@ -77,7 +78,7 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
     let mut track = Track {
         solver: load_solver(&settings.solver)?,
         horizontal_fov_deg: settings.camera.horizontal_fov_deg,
-        failsafe: Failsafe::new(&settings.failsafe, settings.send.rate_hz, 0),
+        failsafe: Failsafe::new(&settings.failsafe, 0),
         history: History::default(),
         stage: args.stage,
         csv: Csv::create(args.out.as_deref())?,

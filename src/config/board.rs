@@ -2,7 +2,7 @@
 
 use super::{Fault, value::quoted};
 
-/// Name and settings of each board, from `boards/`.
+/// The name and the settings of each board, from the folder `boards`.
 pub const BOARDS: [(&str, &str); 4] = [
     ("generic", include_str!("../../boards/generic.toml")),
     ("pi4", include_str!("../../boards/pi4.toml")),
@@ -10,18 +10,21 @@ pub const BOARDS: [(&str, &str); 4] = [
     ("pi-zero-2w", include_str!("../../boards/pi-zero-2w.toml")),
 ];
 
-/// The name as it stands in [`BOARDS`], and the settings of the board of this name.
+/// Returns the board called `name` from [`BOARDS`].
 pub fn find(name: &str) -> Option<(&'static str, &'static str)> {
     BOARDS.into_iter().find(|(known, _)| *known == name)
 }
 
-/// As [`find`], for a name that was given as an argument.
+/// Returns the board that an argument names.
+///
+/// # Errors
+/// Names the known boards if the name is unknown.
 pub fn named(name: &str) -> Result<(&'static str, &'static str), Fault> {
     let known = || BOARDS.map(|(known, _)| known).join(", ");
     find(name).ok_or_else(|| Fault::UnknownBoard { name: name.to_owned(), known: known() })
 }
 
-/// What the key `board` of a file takes.
+/// Describes the values of the key `board`.
 pub fn expected() -> String {
     format!("one of {}", BOARDS.map(|(known, _)| quoted(known)).join(", "))
 }

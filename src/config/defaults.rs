@@ -1,25 +1,21 @@
 //! The complete configuration as a commented file.
 
-use super::{
-    board,
-    section::Section,
-    settings::{LinkKind, LinkSettings, Settings},
-};
+use super::{LinkKind, LinkSettings, SerialSettings, board, section::Section, settings::Settings};
 
 const HEAD: &str = "\
-# facewire: every setting with its default. To change one, take the \"# \" off its line; the rest may stay as it is.
-# `facewire check --config FILE` names every fault at once.
+# facewire: every setting with its default. To change a setting, remove the \"# \" at the start of its line; leave all
+# other lines as they are. `facewire check --config FILE` names every fault of the file at once.
 
-# The machine this runs on: its values take the place of the defaults below.
+# The board that facewire runs on. Its settings replace the defaults below.
 # Takes ";
 
-/// Before the example of a serial link.
+/// Introduces the example of a serial link.
 const SERIAL: &str = "
-# A serial port, beside the receiver above or instead of it: take the first \"# \" off these lines.
+# A link to a serial port. Add it by removing the first \"# \" of each of these lines.
 ";
 
-/// The default settings in TOML, each with its comment and commented out itself: what a board sets stays as it is. The
-/// text loads to [`Settings::default`], with and without the signs of comment before its settings.
+/// Writes the default settings in TOML, each after its comment. The settings are commented out, so that those of a board
+/// stay in force. The text loads to [`Settings::default`], whether the settings are commented out or not.
 #[must_use]
 pub fn defaults() -> String {
     let board = format!("{}.\n# board = \"generic\"\n", board::expected());
@@ -33,7 +29,7 @@ pub fn defaults() -> String {
     text
 }
 
-/// Settings in TOML, each with its comment. The text loads back to the same settings.
+/// Writes settings in TOML, each after its comment. The text loads back to the same settings.
 #[must_use]
 pub fn written(settings: &Settings) -> String {
     let mut text = String::new();
@@ -46,18 +42,18 @@ pub fn written(settings: &Settings) -> String {
     write(&mut text, "[metrics]", &settings.metrics);
     write(&mut text, "[log]", &settings.log);
     for link in &settings.links {
-        text.extend(["\n[[link]]\n", &link.write(link.kind.keys())]);
+        text.extend(["\n[[link]]\n", &link.write()]);
     }
     text
 }
 
-fn write<S: Section>(text: &mut String, heading: &str, section: &S) {
-    text.extend(["\n", heading, "\n", &section.write(S::KEYS)]);
+fn write(text: &mut String, heading: &str, section: &dyn Section) {
+    text.extend(["\n", heading, "\n", &section.write()]);
 }
 
-/// A link to the first serial port of most boards that are plugged into USB.
+/// Writes a link to the serial port that most boards get when they are plugged into USB.
 fn serial_example() -> String {
-    let device = "/dev/ttyACM0".into();
-    let link = LinkSettings { kind: LinkKind::Serial, device, ..LinkSettings::default() };
-    format!("[[link]]\n{}", link.write(link.kind.keys()))
+    let serial = SerialSettings { device: "/dev/ttyACM0".into(), ..SerialSettings::default() };
+    let link = LinkSettings { kind: LinkKind::Serial(serial), ..LinkSettings::default() };
+    format!("[[link]]\n{}", link.write())
 }

@@ -1,115 +1,113 @@
-//! What can be wrong with settings.
+//! Faults of settings.
 
 use std::{fmt, io, path::PathBuf};
 
-/// One fault, with its place as `file:line`.
+/// A fault of the settings. `place` is its position as `file:line`.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
     /// The file cannot be read.
     #[error("{}: cannot be read ({error}); give --config a readable file", path.display())]
     Unreadable {
-        /// The file.
+        /// The path of the file.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         error: io::Error,
     },
-    /// No board file of this name is built in.
+    /// An unknown board.
     #[error("board \"{name}\": not known; give --board one of {known}")]
     UnknownBoard {
-        /// The name asked for.
+        /// The name given.
         name: String,
-        /// The names there are.
+        /// The known names.
         known: String,
     },
-    /// Not TOML.
+    /// A syntax error of TOML.
     #[error("{place}: not valid TOML: {message}")]
     Syntax {
-        /// Where.
+        /// The position.
         place: String,
-        /// What the parser says.
+        /// The message of the parser.
         message: String,
     },
-    /// A key or table that no setting has.
+    /// An unknown key or table.
     #[error("{place}: {key} is not a setting{hint}")]
     Unknown {
-        /// Where.
+        /// The position.
         place: String,
         /// The key.
         key: String,
-        /// The nearest name there is, as a half sentence, or nothing.
+        /// The end of the sentence, which names the most similar key.
         hint: String,
     },
-    /// A wrong type, or a value out of its bounds.
+    /// A value of the wrong type, or out of bounds.
     #[error("{place}: {key} = {value}: give {expected}")]
     Value {
-        /// Where.
+        /// The position.
         place: String,
         /// The key.
         key: String,
-        /// What stands there.
+        /// The value in the file.
         value: String,
-        /// Type and bounds.
+        /// The type and the bounds.
         expected: String,
     },
-    /// A setting of links of another kind.
+    /// A key that only links of another kind have.
     #[error("{place}: {key} is not a setting of a link with kind = \"{kind}\"; that has {known}")]
     OtherKind {
-        /// Where.
+        /// The position.
         place: String,
         /// The key.
         key: String,
         /// The kind of the link.
         kind: &'static str,
-        /// What such links have.
+        /// The keys of this kind.
         known: String,
     },
     /// A serial link without its port.
     #[error("{place}: link.device is missing: give the path of a serial port; `facewire devices` lists them")]
     NoDevice {
-        /// Where the link begins.
+        /// The start of the link.
         place: String,
     },
-    /// Two serial links at one port.
+    /// Two links with the same serial port.
     #[error(
-        "link.device = \"{}\": give another port, or leave the link out: \"{}\" of an earlier link is the same", device.display(),
-        first.display()
+        "link.device = \"{}\": an earlier link has the same port; give this link another one, or remove it",
+        device.display()
     )]
     SamePort {
-        /// The port of the earlier link.
-        first: PathBuf,
-        /// That of the later.
+        /// The serial port.
         device: PathBuf,
     },
-    /// More packets than the line of a serial link carries.
+    /// A serial line that is too slow for the packets of its link.
     #[error(
-        "link.baud = {baud}: give {enough} or more, or camera.fps and send.rate_hz of at most {most_hz}: {rate_hz} packets \
-         a second need more than 80 % of the line at {}", device.display()
+        "link.baud = {baud}: give {enough} or more, or pace = \"rate\" and rate_hz = {most_hz}: {rate_hz} packets a \
+         second need more than 80 % of the line at {}", device.display()
     )]
     SlowLine {
         /// The serial port.
         device: PathBuf,
         /// Its baud rate.
         baud: u32,
-        /// Packets a second, by the settings.
+        /// The most packets per second that the link sends.
         rate_hz: u32,
-        /// Most packets a second that the baud rate carries.
+        /// The most packets per second that the line carries.
         most_hz: u32,
-        /// A usual baud rate that carries them.
+        /// A usual baud rate that carries `rate_hz`.
         enough: u32,
     },
-    /// Settings that do not go together.
+    /// A value that does not fit another setting.
     #[error("{key} = {value}: give {expected}")]
     Together {
-        /// The key that has to change.
+        /// The key to change.
         key: &'static str,
-        /// What it is.
+        /// Its value.
         value: String,
-        /// What it has to be beside the others.
+        /// The values that fit.
         expected: String,
     },
 }
 
-/// All faults of the settings, shown one a line.
+/// All faults of the settings, displayed one per line.
 #[derive(Debug, Default, thiserror::Error)]
 pub struct Faults(Vec<Fault>);
 
@@ -118,18 +116,18 @@ impl Faults {
         self.0.push(fault);
     }
 
-    /// The value if there are no faults.
+    /// Returns `value` if there are no faults.
     pub(super) fn into_result<T>(self, value: T) -> Result<T, Self> {
         if self.0.is_empty() { Ok(value) } else { Err(self) }
     }
 
-    /// Whether a value of this table is faulty by itself.
+    /// Whether a value in this table is a fault by itself.
     pub(super) fn concern(&self, table: &str) -> bool {
         let in_table = |key: &str| key.split('.').next() == Some(table);
         self.0.iter().any(|fault| matches!(fault, Fault::Value { key, .. } if in_table(key)))
     }
 
-    /// Each fault.
+    /// Iterates over the faults.
     pub fn iter(&self) -> impl Iterator<Item = &Fault> {
         self.0.iter()
     }

@@ -1,4 +1,4 @@
-//! Where the service may be asked for its metrics.
+//! The address at which the service offers its metrics.
 
 use std::{
     fmt,
@@ -10,13 +10,13 @@ use toml::de::DeValue;
 
 use super::value::{Value, quoted};
 
-/// Before the path of a Unix socket.
+/// Prefix of the path of a Unix socket.
 const UNIX: &str = "unix:";
 
-/// A place to listen at that no other machine can reach.
+/// An address that only programs on this machine can reach.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Listen {
-    /// Nowhere.
+    /// No address: there are no metrics.
     #[default]
     Off,
     /// A loopback address.
@@ -26,7 +26,8 @@ pub enum Listen {
 }
 
 impl Listen {
-    /// The place, or `None` for an address that other machines can reach, a port 0, or a path that is not absolute.
+    /// Reads an address. Returns `None` for an address that other machines can reach, for port 0, and for a path that
+    /// is not absolute.
     #[must_use]
     pub fn new(text: &str) -> Option<Self> {
         if text.is_empty() {

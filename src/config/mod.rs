@@ -1,14 +1,16 @@
 //! Settings: TOML files laid over the defaults.
 //!
-//! Role: from `--board` and `--config` to one typed [`Settings`]. Defaults come first, then the board's file, then the
-//! user's, which may name the board itself; a file names only what it changes.
-//! Contract: nothing is half applied. Either every setting is within its bounds, or [`Faults`] names every fault of the
-//! files at once, each with key, value and bounds, and no device was touched.
-//! The settings themselves stand in `settings.rs`: one entry gives a key its type, default, bounds and comment.
+//! Role: reads `--board` and `--config` into one typed [`Settings`]. The board's file overrides the defaults, and the
+//! user's file overrides the board's. A file contains only the settings that it changes, and may name the board.
+//! Contract: either every setting is valid, or [`Faults`] names every fault at once, each with key, value and bounds.
+//! Settings are judged by their text alone: no device, host or model file is touched.
+//! `settings.rs` and `link.rs` declare the settings: one entry gives a key its type, default, bounds and comment.
 
 mod board;
+mod check;
 mod defaults;
 mod fault;
+mod link;
 mod listen;
 mod overlay;
 mod rehearsal;
@@ -23,21 +25,23 @@ use std::path::Path;
 pub use board::BOARDS;
 pub use defaults::{defaults, written};
 pub use fault::{Fault, Faults};
+pub use link::{LinkKind, LinkSettings, PaceKind, PaceSettings, SerialSettings, UdpSettings};
 pub use listen::Listen;
 pub use rehearsal::{BadScript, Scene, Script};
 pub use settings::{
-    CameraFormat, CameraSettings, FailsafeSettings, LinkKind, LinkSettings, LogLevel, LogSettings, MetricsSettings,
-    NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,
+    CameraFormat, CameraSettings, FailsafeSettings, LogLevel, LogSettings, MetricsSettings, NetworkSettings,
+    RealtimeSettings, SendSettings, Settings, SolverSettings,
 };
 pub use value::Address;
 
-/// Exit status for bad settings, as in `sysexits.h`: systemd does not restart a service that ends with it.
+/// Exit status for bad settings, as in `sysexits.h`. systemd does not restart a service that exits with it.
 pub const EX_CONFIG: u8 = 78;
 
-/// The settings of a run: defaults, then the board's, then the file's. A board given here takes the place of the file's.
+/// Loads the settings of a run: the defaults, overridden by the board, overridden by the file. `board` takes precedence
+/// over the board that the file names.
 ///
 /// # Errors
-/// Every fault found: an unknown board, a file that cannot be read, and all that is wrong inside it.
+/// Returns every fault: an unknown board, a file that cannot be read, and each fault inside the file.
 pub fn load(board: Option<&str>, file: Option<&Path>) -> Result<Settings, Faults> {
     let mut settings = Settings::default();
     let mut faults = Faults::default();
@@ -56,22 +60,19 @@ pub fn load(board: Option<&str>, file: Option<&Path>) -> Result<Settings, Faults
             Err(error) => faults.push(Fault::Unreadable { path: path.to_owned(), error }),
         }
     }
-    overlay::check_together(&settings, &mut faults);
-    overlay::check_ports(&settings, &mut faults);
-    overlay::check_lines(&settings, &mut faults);
+    check::check(&settings, &mut faults);
     faults.into_result(settings)
 }
 
-/// The settings in `text`, laid over the defaults and the board it names; `source` names it in faults.
+/// Parses the settings in `text`, over the defaults and the board that the text names. Faults refer to the text as
+/// `source`.
 ///
 /// # Errors
-/// Every fault found.
+/// Returns every fault.
 pub fn parse(source: &str, text: &str) -> Result<Settings, Faults> {
     let mut settings = Settings::default();
     let mut faults = Faults::default();
     overlay::apply_file(&mut settings, source, text, true, &mut faults);
-    overlay::check_together(&settings, &mut faults);
-    overlay::check_ports(&settings, &mut faults);
-    overlay::check_lines(&settings, &mut faults);
+    check::check(&settings, &mut faults);
     faults.into_result(settings)
 }

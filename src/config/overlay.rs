@@ -1,49 +1,45 @@
-//! Lays a file over settings.
+//! Lays a TOML file over settings.
 
 use toml::{
     Spanned,
-    de::{DeTable, DeValue, Error},
+    de::{DeString, DeTable, DeValue, Error},
 };
 
 use super::{
     Fault, Faults, board,
-    rehearsal::Script,
+    link::{LinkKind, LinkSettings, expected_kind},
     section::Section,
-    settings::{LinkKind, LinkSettings, Settings, most_packets_hz},
-    value::Choice as _,
+    settings::Settings,
 };
-use crate::link::device_number;
 
-/// Keys and tables a file may have.
+/// Keys and tables that a file may have.
 const NAMES: [&str; 10] =
     ["board", "camera", "networks", "solver", "failsafe", "send", "link", "realtime", "metrics", "log"];
-/// Baud rates that every serial port knows. The last carries the highest rate a setting can give.
-const USUAL_BAUDS: [u32; 6] = [19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
-/// Farther names are no help.
+/// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
 /// A file that is being laid over settings.
 struct Overlay<'a> {
     source: &'a str,
     text: &'a str,
-    /// Whether the board that the file names is taken.
+    /// Whether the board that the file names is applied.
     takes_board: bool,
-    /// Byte of the text and what is wrong there.
+    /// The faults found so far, each with its byte in the text.
     found: Vec<(usize, Fault)>,
 }
 
-/// Lays a board over the settings.
+/// Lays the settings of a board over `settings`.
 pub fn apply_board(settings: &mut Settings, (name, text): (&str, &str), faults: &mut Faults) {
     apply(settings, Overlay { source: &format!("board {name}"), text, takes_board: false, found: Vec::new() }, faults);
 }
 
-/// Lays a file over the settings, with the board it names under it if `takes_board`.
+/// Lays a file over `settings`. If `takes_board` is set, the board that the file names comes first.
 pub fn apply_file(settings: &mut Settings, source: &str, text: &str, takes_board: bool, faults: &mut Faults) {
     apply(settings, Overlay { source, text, takes_board, found: Vec::new() }, faults);
 }
 
-/// Lays the text over the settings and adds its faults. With a fault, the settings are not to be used. Of a text that is
-/// not TOML nothing else is judged: what the parser guesses of it would give faults that are none.
+/// Lays the text over the settings and adds its faults. After a fault, the settings must not be used. A text that is not
+/// TOML has syntax errors only: the parser's guess at its content would give misleading faults.
 fn apply(settings: &mut Settings, mut overlay: Overlay<'_>, faults: &mut Faults) {
     let (document, errors) = DeTable::parse_recoverable(overlay.text);
     if errors.is_empty() {
@@ -58,71 +54,8 @@ fn apply(settings: &mut Settings, mut overlay: Overlay<'_>, faults: &mut Faults)
     }
 }
 
-/// Adds the faults of settings that do not go together; those that are faulty by themselves are not judged.
-pub fn check_together(settings: &Settings, faults: &mut Faults) {
-    let failsafe = &settings.failsafe;
-    let mut need = |good: bool, key: &'static str, value: String, expected: String| {
-        let table = key.split('.').next().unwrap_or(key);
-        if !good && !faults.concern(table) {
-            faults.push(Fault::Together { key, value, expected });
-        }
-    };
-    let [live, hold, neutral] = [failsafe.live_ms, failsafe.hold_ms, failsafe.neutral_ms];
-    need(live < hold, "failsafe.hold_ms", hold.to_string(), format!("more than failsafe.live_ms, which is {live}"));
-    need(
-        hold < neutral,
-        "failsafe.neutral_ms",
-        neutral.to_string(),
-        format!("more than failsafe.hold_ms, which is {hold}"),
-    );
-    let device = &settings.camera.device;
-    let is_readable = Script::of(device).is_none_or(|script| script.is_ok());
-    let anything = "\"auto\", the path of a camera, part of its name, \"demo\" or a rehearsal";
-    need(!device.trim().is_empty(), "camera.device", format!("{device:?}"), anything.to_owned());
-    need(is_readable, "camera.device", format!("{device:?}"), Script::EXPECTED.to_owned());
-    for (key, path) in [("networks.folder", &settings.networks.folder), ("solver.model", &settings.solver.model)] {
-        let expected = "a path from / on: no shell replaces the ~ of a setting".to_owned();
-        need(!path.starts_with('~'), key, format!("{path:?}"), expected);
-    }
-    need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
-}
-
-/// Adds the faults of serial links at a port that an earlier one has. Two names of one port are known only while it is
-/// plugged in.
-pub fn check_ports(settings: &Settings, faults: &mut Faults) {
-    let devices = serial_links(settings).map(|link| &link.device).filter(|device| device.is_absolute());
-    let ports: Vec<_> = devices.map(|device| (device, device_number(device))).collect();
-    for (place, (device, number)) in ports.iter().enumerate() {
-        let is_same = |other: &&(_, _)| other.0 == *device || (number.is_some() && other.1 == *number);
-        if let Some((first, _)) = ports.iter().take(place).find(is_same) {
-            faults.push(Fault::SamePort { first: (*first).clone(), device: (*device).clone() });
-        }
-    }
-}
-
-fn serial_links(settings: &Settings) -> impl Iterator<Item = &LinkSettings> {
-    settings.links.iter().filter(|link| link.kind == LinkKind::Serial)
-}
-
-/// Adds the faults of serial lines that are too slow for what is sent.
-pub fn check_lines(settings: &Settings, faults: &mut Faults) {
-    if ["camera", "send", "link"].iter().any(|table| faults.concern(table)) {
-        return;
-    }
-    let rate_hz = settings.camera.fps.max(settings.send.rate_hz);
-    for link in serial_links(settings).filter(|link| most_packets_hz(link.baud) < rate_hz) {
-        faults.push(Fault::SlowLine {
-            device: link.device.clone(),
-            baud: link.baud,
-            rate_hz,
-            most_hz: most_packets_hz(link.baud),
-            enough: USUAL_BAUDS.into_iter().find(|baud| most_packets_hz(*baud) >= rate_hz).unwrap_or(u32::MAX),
-        });
-    }
-}
-
 impl Overlay<'_> {
-    /// Sets what the document says, after what its board says.
+    /// Applies the board that the document names, then the document.
     fn document(&mut self, settings: &mut Settings, document: &DeTable<'_>, faults: &mut Faults) {
         if let Some(value) = document.get("board") {
             self.board(settings, value, faults);
@@ -152,14 +85,14 @@ impl Overlay<'_> {
         }
     }
 
-    fn section<S: Section>(&mut self, section: &mut S, name: &str, value: &Spanned<DeValue<'_>>) {
+    fn section(&mut self, section: &mut dyn Section, name: &str, value: &Spanned<DeValue<'_>>) {
         let Some(table) = value.get_ref().as_table() else {
             return self.value(name, value, "a table".to_owned());
         };
         for (key, value) in table {
             let path = format!("{name}.{}", key.get_ref());
-            if !S::KEYS.contains(&key.get_ref().as_ref()) {
-                self.unknown(&path, key.get_ref(), S::KEYS, key.span().start);
+            if !section.keys().contains(&key.get_ref().as_ref()) {
+                self.unknown(&path, key.get_ref(), section.keys(), key.span().start);
             } else if let Err(expected) = section.set(key.get_ref(), value.get_ref()) {
                 self.value(&path, value, expected);
             }
@@ -176,31 +109,45 @@ impl Overlay<'_> {
 
     fn link(&mut self, value: &Spanned<DeValue<'_>>) -> LinkSettings {
         let mut link = LinkSettings::default();
-        self.section(&mut link, "link", value);
-        let table = value.get_ref().as_table();
-        let keys = table.into_iter().flat_map(DeTable::keys);
-        let known = |key: &str| !LinkSettings::KEYS.contains(&key) || link.kind.keys().contains(&key);
-        for key in keys.filter(|key| !known(key.get_ref())) {
-            self.other_kind(key.get_ref(), link.kind, key.span().start);
+        let Some(table) = value.get_ref().as_table() else {
+            self.value("link", value, "a table".to_owned());
+            return link;
+        };
+        if let Some(name) = table.get("kind") {
+            let Some(kind) = named_kind(name.get_ref()) else {
+                // The other keys cannot be judged without the kind.
+                self.value("link.kind", name, expected_kind());
+                return link;
+            };
+            link.kind = kind;
         }
-        if link.kind == LinkKind::Serial && !table.is_some_and(|table| table.contains_key("device")) {
-            self.no_device(value.span().start);
+        for (key, value) in table.iter().filter(|(key, _)| key.get_ref() != "kind") {
+            self.link_key(&mut link, key, value);
+        }
+        if link.line().is_some() && !table.contains_key("device") {
+            let offset = value.span().start;
+            self.found.push((offset, Fault::NoDevice { place: self.place(offset) }));
         }
         link
     }
 
-    fn other_kind(&mut self, key: &str, kind: LinkKind, offset: usize) {
-        let fault = Fault::OtherKind {
-            place: self.place(offset),
-            key: format!("link.{key}"),
-            kind: kind.name(),
-            known: kind.keys().join(", "),
-        };
-        self.found.push((offset, fault));
-    }
-
-    fn no_device(&mut self, offset: usize) {
-        self.found.push((offset, Fault::NoDevice { place: self.place(offset) }));
+    /// Sets a key that is one of the link's kind, or one that all links share.
+    fn link_key(&mut self, link: &mut LinkSettings, key: &Spanned<DeString<'_>>, value: &Spanned<DeValue<'_>>) {
+        let (name, offset) = (key.get_ref().as_ref(), key.span().start);
+        let path = format!("link.{name}");
+        let section: &mut dyn Section =
+            if link.pace.keys().contains(&name) { &mut link.pace } else { link.kind.section_mut() };
+        if section.keys().contains(&name) {
+            if let Err(expected) = section.set(name, value.get_ref()) {
+                self.value(&path, value, expected);
+            }
+        } else if LinkKind::all().iter().any(|kind| kind.section().keys().contains(&name)) {
+            let (kind, known) = (link.kind.name(), link.keys().join(", "));
+            let fault = Fault::OtherKind { place: self.place(offset), key: path, kind, known };
+            self.found.push((offset, fault));
+        } else {
+            self.unknown(&path, name, &link.keys(), offset);
+        }
     }
 
     fn syntax(&mut self, error: &Error) {
@@ -227,7 +174,7 @@ impl Overlay<'_> {
         self.found.push((offset, fault));
     }
 
-    /// `file:line` of a byte of the text.
+    /// Returns `file:line` of a byte of the text.
     fn place(&self, offset: usize) -> String {
         let before = self.text.get(..offset).unwrap_or_default();
         let line = 1 + before.matches('\n').count();
@@ -235,13 +182,17 @@ impl Overlay<'_> {
     }
 }
 
-/// The text with its control characters escaped: a quoted key may hold line ends and what a terminal takes for orders.
+fn named_kind(name: &DeValue<'_>) -> Option<LinkKind> {
+    LinkKind::all().into_iter().find(|kind| name.as_str() == Some(kind.name()))
+}
+
+/// Escapes control characters: a quoted key may contain line breaks, or sequences that a terminal obeys.
 fn printable(text: &str) -> String {
     let one = |c: char| if c.is_control() { c.escape_default().collect() } else { c.to_string() };
     text.chars().map(one).collect()
 }
 
-/// The nearest known name as the end of a sentence; all of them when none is near.
+/// Returns the end of a sentence that names the known name most similar to `key`, or all known names if none is similar.
 fn hint(key: &str, known: &[&str]) -> String {
     let similarity = |name: &str| strsim::jaro_winkler(key, name);
     let nearest = known.iter().max_by(|a, b| similarity(a).total_cmp(&similarity(b)));

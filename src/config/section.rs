@@ -1,22 +1,23 @@
-//! One declaration per setting: what `section!` makes of it.
+//! Tables of settings: the `section!` macro turns one declaration per setting into a struct and its [`Section`].
 
 use toml::de::DeValue;
 
 /// A table of settings.
-pub trait Section: Default {
-    /// Keys in the order of the declaration.
-    const KEYS: &'static [&'static str];
+pub trait Section {
+    /// The keys in the order of their declaration.
+    fn keys(&self) -> &'static [&'static str];
 
-    /// Sets the key from the value. The error says what the key takes.
+    /// Sets `key` to `value`. An unknown key changes nothing.
     ///
-    /// A key that is not in [`Section::KEYS`] changes nothing.
+    /// # Errors
+    /// Describes the values that the key takes.
     fn set(&mut self, key: &str, value: &DeValue<'_>) -> Result<(), String>;
 
-    /// The lines of the table in TOML: these settings of it, each after its comment.
-    fn write(&self, keys: &[&str]) -> String;
+    /// Writes the lines of the table in TOML, each setting after its comment.
+    fn write(&self) -> String;
 }
 
-/// Appends a setting in TOML after its comment: `lines` of documentation, then what it takes.
+/// Appends a setting in TOML after its comment: the lines of its documentation, and the values it takes.
 pub fn write_setting(text: &mut String, lines: &[&str], expected: &str, assignment: &str) {
     for line in lines {
         text.extend(["#", line, "\n"]);
@@ -24,8 +25,8 @@ pub fn write_setting(text: &mut String, lines: &[&str], expected: &str, assignme
     text.extend(["# Takes ", expected, ".\n", assignment, "\n"]);
 }
 
-/// Declares a table of settings: `/// comment`, `key: Type = default, bounds "unit";` for each. It gives a struct with
-/// these fields and its [`Section`].
+/// Declares a table of settings: `/// comment`, `key: Type = default, bounds, "unit";` for each. The macro writes a
+/// struct with these fields and implements [`Section`] for it.
 macro_rules! section {
     (
         $(#[doc = $doc:literal])* $name:ident {
@@ -45,7 +46,9 @@ macro_rules! section {
         }
 
         impl Section for $name {
-            const KEYS: &'static [&'static str] = &[ $( stringify!($key), )* ];
+            fn keys(&self) -> &'static [&'static str] {
+                &[ $( stringify!($key), )* ]
+            }
 
             fn set(&mut self, key: &str, value: &DeValue<'_>) -> Result<(), String> {
                 match key {
@@ -59,14 +62,12 @@ macro_rules! section {
                 Ok(())
             }
 
-            fn write(&self, keys: &[&str]) -> String {
+            fn write(&self) -> String {
                 let mut text = String::new();
                 $(
-                    if keys.contains(&stringify!($key)) {
-                        let expected = <$type as Value>::expected(&$bounds) + $unit;
-                        let assignment = format!("{} = {}", stringify!($key), self.$key.write());
-                        write_setting(&mut text, &[ $( $lines, )* ], &expected, &assignment);
-                    }
+                    let expected = <$type as Value>::expected(&$bounds) + $unit;
+                    let assignment = format!("{} = {}", stringify!($key), self.$key.write());
+                    write_setting(&mut text, &[ $( $lines, )* ], &expected, &assignment);
                 )*
                 text
             }

@@ -1,17 +1,17 @@
-//! Every setting: key, type, default, bounds, unit and comment. Nothing about them stands anywhere else.
+//! Every setting: its key, type, default, bounds, unit and comment. `facewire defaults` prints them as they stand here.
+//!
+//! The settings of links stand in `link.rs`.
 
-use std::path::PathBuf;
-
-use facewire_packet::FRAME_BYTES;
 use toml::de::DeValue;
 
 use super::{
+    link::LinkSettings,
     listen::Listen,
     section::{Section, section, write_setting},
-    value::{Address, Choice, Value},
+    value::{Choice, Value},
 };
 
-/// All settings, one field a table.
+/// All settings, one field per table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// `[camera]`
@@ -51,35 +51,40 @@ impl Default for Settings {
 }
 
 section! {
-    /// Where frames come from.
+    /// The source of frames.
     CameraSettings {
-        /// Camera: "auto" (the first one), "/dev/video0" or a link to it, part of a camera's name (the first that bears
-        /// it; of several, keep to one by its stable path), "demo" (the built-in clip played as a camera), or a
-        /// rehearsal, which is that with faults: "rehearsal: live 5, gone 2" with the scenes live, no-face, damaged,
-        /// silent, hung and gone and their seconds, or "rehearsal: random 7". `facewire devices` lists what there is.
+        /// The camera:
+        /// - "auto": the first camera that works
+        /// - "/dev/video0", or a link to such a device: `facewire devices` lists the paths that always mean the same camera
+        /// - a part of a camera's name, such as "C920": the first camera of this name that works
+        /// - "demo": the built-in clip, played in real time
+        /// - "rehearsal: live 5, gone 2": the built-in clip with faults; the scenes live, no-face, damaged, silent, hung
+        ///   and gone take turns, each for its number of seconds
+        /// - "rehearsal: random 7": the built-in clip with random faults, the same ones for each number
         device: String = "auto".to_owned(), (), "";
-        /// Picture width. Of the camera's modes that reach `fps`, the nearest is taken.
+        /// Width of the picture. Among the camera's modes that reach `fps`, facewire takes the one nearest to `width` and
+        /// `height`.
         width: u32 = 640, 160..=3840, " (pixels)";
-        /// Picture height.
+        /// Height of the picture.
         height: u32 = 480, 120..=2160, " (pixels)";
-        /// Frames a second.
+        /// Frame rate.
         fps: u32 = 30, 1..=240, " (1/s)";
-        /// Pixel format; "auto" takes the one that costs least.
+        /// Pixel format. "auto" takes the one that the processor decodes fastest.
         format: CameraFormat = CameraFormat::Auto, (), "";
-        /// A camera that gives no frame for so long is opened anew.
+        /// A camera that delivers no frame for this long is closed and opened again.
         stall_timeout_ms: u32 = 1000, 100..=60_000, " (ms)";
-        /// Horizontal field of view of the lens: turns pixels into millimetres for the head's position.
+        /// Horizontal field of view of the lens. It sets the scale of the head's position in millimetres.
         horizontal_fov_deg: f32 = 60.0, 10.0..=170.0, " (degrees)";
     }
 }
 
 section! {
-    /// The networks that find face and landmarks.
+    /// The networks that find the face and its landmarks.
     NetworkSettings {
-        /// Folder of the networks; empty: searched in the usual places. One that does not begin with / is looked for from
-        /// the folder in which facewire is started.
+        /// Folder of the network files. If empty, facewire searches the usual folders. A path that does not begin with /
+        /// starts at the folder in which facewire is started.
         folder: String = String::new(), (), "";
-        /// Threads of one inference.
+        /// Number of threads that run one network.
         threads: u32 = 1, 1..=8, "";
     }
 }
@@ -87,90 +92,67 @@ section! {
 section! {
     /// From landmarks to coefficients.
     SolverSettings {
-        /// File of the fitted model; empty: the built-in one. One that does not begin with / is looked for as above.
+        /// File of the fitted blendshape model. If empty, facewire uses the built-in model. A path that does not begin
+        /// with / starts at the folder in which facewire is started.
         model: String = String::new(), (), "";
-        /// Smoothing averages small changes of a coefficient over this time, for the eyes over at most 80 ms; 0 is off.
-        /// A time that holds fewer than 2 earlier frames smooths nothing.
+        /// Time over which smoothing averages small changes of a coefficient, for the eyes at most 80 ms. 0 turns smoothing
+        /// off, and so does a time in which fewer than 2 earlier frames come.
         smoothing_ms: u32 = 180, 0..=350, " (ms)";
     }
 }
 
 section! {
-    /// What is sent when poses stop coming. Times count from the capture of the last good pose.
+    /// What receivers get while no poses come. All times count from the capture of the last good pose.
     FailsafeSettings {
-        /// Live up to here, or for 3 frame periods if that is longer; the later times move with it.
+        /// The face stays live until this time, or for 3 frame periods if they take longer; the times below then
+        /// move by the same amount.
         live_ms: u32 = 150, 20..=5000, " (ms)";
-        /// The last pose stands still up to here.
+        /// The last pose is held until this time.
         hold_ms: u32 = 300, 40..=10_000, " (ms)";
-        /// The face is neutral from here on, or later where `slew_per_s` allows no more.
+        /// The face has moved to neutral by this time, or later if `slew_per_s` does not allow it.
         neutral_ms: u32 = 1000, 60..=60_000, " (ms)";
-        /// Fastest change of a coefficient on the way to neutral and back.
+        /// Fastest change of a coefficient on the way to neutral and back to the live face. A coefficient goes from 0
+        /// to 1.
         slew_per_s: f32 = 4.0, 0.1..=100.0, " (1/s)";
     }
 }
 
 section! {
-    /// How packets are sent.
+    /// How often links send.
     SendSettings {
-        /// Packets a second while the output moves without a new pose. A new pose is sent at once; a face that is neutral,
-        /// or waits for the next pose, 10 times a second.
+        /// Packets per second of every link whose own `rate_hz` is 0. With pace = "pose", this is the rate while the face
+        /// moves without new poses: a new pose is sent at once, and a face that stands still 10 times per second.
         rate_hz: u32 = 60, 10..=240, " (1/s)";
     }
 }
 
 section! {
-    /// A receiver. Each `[[link]]` adds one; the first in a file replaces those before it.
-    LinkSettings {
-        /// Carrier: "udp" sends each packet as a datagram, "serial" as a frame (COBS) of 134 bytes.
-        kind: LinkKind = LinkKind::Udp, (), "";
-        /// Where to: a host name, an address, a broadcast or a multicast address.
-        address: Address = Address::default(), (), "";
-        /// Serial port, best by a path that stays when others are plugged in: `facewire devices` lists what there is, with
-        /// such paths.
-        device: PathBuf = PathBuf::new(), (), "";
-        /// Bits a second on the line. At most 80 % of them may be used: 115200 carries a `camera.fps` and a
-        /// `send.rate_hz` of 68.
-        baud: u32 = 115_200, 19_200..=4_000_000, " (1/s)";
-    }
-}
-
-/// Share of a serial line that packets may use, percent: the rest is for clocks that differ, and to catch up.
-const LINE_SHARE: u64 = 80;
-/// A byte on a serial line: start bit, 8 bits, stop bit.
-const BITS_PER_BYTE: u64 = 10;
-
-/// Most packets a second that a serial line of so many bits a second may be given.
-pub fn most_packets_hz(baud: u32) -> u32 {
-    let packets = u64::from(baud) * LINE_SHARE / 100 / (FRAME_BYTES as u64 * BITS_PER_BYTE);
-    u32::try_from(packets).unwrap_or(u32::MAX)
-}
-
-section! {
-    /// What the system is asked for at the start, so that other programs cannot hold the service up. Where it refuses,
-    /// the service runs on and the status line says so.
+    /// Protection from other programs on this machine, requested at the start. If the system refuses a request, the
+    /// service runs without it and the status line says so.
     RealtimeSettings {
-        /// Keeps the service's memory in RAM, all its stack among it.
+        /// Keeps all memory of the service in RAM, the stacks of its threads included.
         lock_memory: bool = false, (), "";
-        /// Real-time priority (`SCHED_FIFO`) of the thread that runs frames; the one that sends has one more. 0 is off.
+        /// Real-time priority (`SCHED_FIFO`) of the thread that processes frames; the thread that sends packets gets one
+        /// more. 0 leaves both at ordinary priority.
         priority: u32 = 0, 0..=98, "";
-        /// The only CPU of the thread that runs frames; -1 leaves it to the system.
+        /// The CPU on which the thread that processes frames runs; -1 lets the system choose.
         hot_cpu: i32 = -1, -1..=1023, "";
-        /// The only CPU of the thread that sends; -1 leaves it to the system.
+        /// The CPU on which the thread that sends packets runs; -1 lets the system choose.
         sender_cpu: i32 = -1, -1..=1023, "";
     }
 }
 
 section! {
-    /// Counts and times for Prometheus and its kin.
+    /// Counters and times for Prometheus and compatible programs.
     MetricsSettings {
-        /// Where they can be read by HTTP, at /metrics, from this machine only: an address and port, or a Unix socket; empty:
-        /// nowhere.
+        /// Where programs on this machine can read the metrics by HTTP, at /metrics: a loopback address and port, or a
+        /// Unix socket. If empty, there are no metrics.
         listen: Listen = Listen::Off, (), "";
     }
 }
 
 section! {
-    /// What is logged.
+    /// The log.
     LogSettings {
         /// Least severe level that is logged.
         level: LogLevel = LogLevel::Info, (), "";
@@ -180,15 +162,15 @@ section! {
 /// Pixel format of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CameraFormat {
-    /// The cheapest the camera has.
+    /// The format that takes the least time to decode.
     Auto,
-    /// Packed 4:2:2.
+    /// Packed YUV 4:2:2.
     Yuyv,
     /// Motion-JPEG.
     Mjpeg,
-    /// Semi-planar 4:2:0.
+    /// Semi-planar YUV 4:2:0.
     Nv12,
-    /// Luma only.
+    /// Grey only.
     Grey,
 }
 
@@ -202,41 +184,18 @@ impl Choice for CameraFormat {
     ];
 }
 
-/// Carrier of a link.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LinkKind {
-    /// Packets of version 1 by UDP.
-    Udp,
-    /// Packets of version 1 as frames on a serial line.
-    Serial,
-}
-
-impl LinkKind {
-    /// The keys that a link of this kind has.
-    pub(super) fn keys(self) -> &'static [&'static str] {
-        match self {
-            Self::Udp => &["kind", "address"],
-            Self::Serial => &["kind", "device", "baud"],
-        }
-    }
-}
-
-impl Choice for LinkKind {
-    const ALL: &'static [(&'static str, Self)] = &[("udp", Self::Udp), ("serial", Self::Serial)];
-}
-
-/// Severity of log lines.
+/// Severity of a log message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LogLevel {
-    /// Only what stops the service.
+    /// The service cannot do its work.
     Error,
-    /// What needs a look.
+    /// A fault that the service works around.
     Warn,
-    /// Changes of state and a status line.
+    /// A change of state, or the status line.
     Info,
-    /// What helps to find a fault.
+    /// Details that help to find a fault.
     Debug,
-    /// Everything.
+    /// All details.
     Trace,
 }
 

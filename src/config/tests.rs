@@ -1,16 +1,16 @@
-//! What the configuration promises.
+//! What the settings promise.
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
 
 use super::*;
 
-/// The faults of a text, one a line.
+/// Returns the faults of a text, one per line.
 fn faults(text: &str) -> String {
     parse("facewire.toml", text).unwrap_err().to_string()
 }
 
-/// The defaults with the sign of comment taken off each setting, without the example at their end.
+/// Returns the defaults with every setting uncommented, without the example at the end.
 fn uncommented_defaults() -> String {
     let text = defaults();
     let (settings, _) = text.split_once("# [[link]]").unwrap();
@@ -23,13 +23,13 @@ fn uncommented_defaults() -> String {
 }
 
 #[test]
-fn defaults_load_back_unchanged_with_and_without_their_signs_of_comment() {
+fn defaults_load_back_unchanged_whether_the_settings_are_commented_out_or_not() {
     assert_eq!(parse("defaults", &defaults()).unwrap(), Settings::default());
     assert_eq!(parse("defaults", &uncommented_defaults()).unwrap(), Settings::default());
 }
 
 #[test]
-fn defaults_leave_to_the_board_what_it_sets() {
+fn commented_out_defaults_leave_the_settings_of_a_board_in_force() {
     for (name, _) in BOARDS {
         let text = defaults().replace("# board = \"generic\"", &format!("board = \"{name}\""));
         assert_eq!(parse("defaults", &text).unwrap(), load(Some(name), None).unwrap(), "{name}");
@@ -37,7 +37,7 @@ fn defaults_leave_to_the_board_what_it_sets() {
 }
 
 #[test]
-fn settings_of_all_kinds_load_back_from_their_written_form() {
+fn settings_of_every_type_load_back_from_their_written_form() {
     let text = "[camera]\ndevice = 'a \"b\"\\c é'\nhorizontal_fov_deg = 71.3\nformat = \"nv12\"\n[realtime]\nhot_cpu = 3\n\
                 [[link]]\nkind = \"serial\"\ndevice = \"/dev/tty\\nS0\"\n[[link]]\naddress = \"[::1]:1\"\n";
     let settings = parse("file", text).unwrap();
@@ -45,26 +45,30 @@ fn settings_of_all_kinds_load_back_from_their_written_form() {
 }
 
 #[test]
-fn defaults_explain_each_setting_with_type_and_bounds() {
+fn defaults_explain_every_setting_with_its_type_and_bounds() {
     let text = uncommented_defaults();
     let settings = text.lines().filter(|line| !line.starts_with('#') && line.contains(" = "));
-    assert_eq!(settings.count(), 25, "the board, and what the tables have");
-    assert!(text.contains("# Picture height.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n"));
+    assert_eq!(settings.count(), 27, "the board, and the settings of all tables");
+    assert!(
+        text.contains("# Height of the picture.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n")
+    );
+    assert!(text.contains(" - \"serial\": facewire packets on a serial line"), "{text}");
 }
 
 #[test]
-fn the_example_of_a_serial_link_among_the_defaults_loads_too() {
+fn the_example_of_a_serial_link_in_the_defaults_loads() {
     let text = defaults();
     let (start, example) = text.split_at(text.find("# [[link]]").unwrap());
     let uncommented: String = example.lines().flat_map(|line| [line.strip_prefix("# ").unwrap(), "\n"]).collect();
     let links = parse("defaults", &(start.to_owned() + &uncommented)).unwrap().links;
     let [udp, serial] = &links[..] else { panic!("{} links", links.len()) };
     assert_eq!(*udp, LinkSettings::default());
-    assert_eq!((serial.kind, serial.device.to_str(), serial.baud), (LinkKind::Serial, Some("/dev/ttyACM0"), 115_200));
+    let LinkKind::Serial(serial) = &serial.kind else { panic!("{serial:?}") };
+    assert_eq!((serial.device.to_str(), serial.baud), (Some("/dev/ttyACM0"), 115_200));
 }
 
 #[test]
-fn every_board_is_valid_and_says_for_which_machine() {
+fn every_board_is_valid_and_names_its_machine_in_a_comment() {
     for (name, text) in BOARDS {
         assert!(load(Some(name), None).is_ok(), "{name}: {:?}", load(Some(name), None));
         assert!(text.starts_with("# "), "{name}");
@@ -78,13 +82,13 @@ fn every_file_in_boards_is_built_in() {
 }
 
 #[test]
-fn unknown_board_is_refused_with_the_names_there_are() {
+fn an_unknown_board_is_refused_with_the_known_names() {
     let fault = load(Some("pi6"), None).unwrap_err().to_string();
     let want = "board \"pi6\": not known; give --board one of generic, pi4, pi5, pi-zero-2w";
     assert_eq!(fault, want);
 }
 
-/// Camera settings by the arguments `--board` and `--config`.
+/// Returns the camera settings for the arguments `--board` and `--config`.
 fn camera(board: Option<&str>, text: &str) -> CameraSettings {
     let file = tempfile::NamedTempFile::new().unwrap();
     fs::write(file.path(), text).unwrap();
@@ -99,25 +103,25 @@ fn the_file_overlays_the_board_which_overlays_the_defaults() {
 }
 
 #[test]
-fn a_board_given_as_an_argument_takes_the_place_of_the_files() {
+fn a_board_given_as_an_argument_replaces_the_board_in_the_file() {
     assert_eq!(camera(Some("pi4"), "board = \"pi-zero-2w\"\n"), camera(Some("pi4"), ""));
 }
 
 #[test]
-fn an_unknown_board_in_a_file_is_refused_with_its_line_and_the_names_there_are() {
+fn an_unknown_board_in_a_file_is_refused_with_its_line_and_the_known_names() {
     let want = "facewire.toml:1: board = \"pi6\": give one of \"generic\", \"pi4\", \"pi5\", \"pi-zero-2w\"";
     assert_eq!(faults("board = \"pi6\"\n"), want);
     assert!(faults("[camera]\nboard = \"pi4\"\n").starts_with("facewire.toml:2: camera.board is not a setting"));
 }
 
 #[test]
-fn unreadable_file_is_refused_by_its_name() {
+fn an_unreadable_file_is_refused_by_its_name() {
     let fault = load(None, Some(Path::new("/nowhere/facewire.toml"))).unwrap_err().to_string();
     assert!(fault.starts_with("/nowhere/facewire.toml: cannot be read (No such file"), "{fault}");
 }
 
 #[test]
-fn all_faults_are_named_at_once_with_line_key_value_and_bounds() {
+fn all_faults_are_reported_at_once_with_line_key_value_and_bounds() {
     let text = "\
 [camera]
 widht = 640
@@ -148,14 +152,14 @@ fn smoothing_in_frames_is_refused_with_the_key_in_milliseconds() {
 }
 
 #[test]
-fn metrics_that_other_machines_could_read_are_refused_with_what_to_give() {
+fn metrics_that_other_machines_could_read_are_refused_with_the_addresses_to_give() {
     let want = "facewire.toml:2: metrics.listen = \"0.0.0.0:9464\": give \"\", a loopback address and port such as \
                 \"127.0.0.1:9464\" or \"[::1]:9464\", or \"unix:\" and a path that begins with /";
     assert_eq!(faults("[metrics]\nlisten = \"0.0.0.0:9464\"\n"), want);
 }
 
 #[test]
-fn each_fault_fills_one_line_whatever_stands_in_keys_and_values() {
+fn every_fault_is_one_line_whatever_characters_keys_and_values_contain() {
     let text = "\"line\\nend\" = 1\n[camera]\n\"\\u001b[2J\" = 2\nwidth = \"tab\tand é\"\n";
     let want = "\
 facewire.toml:1: line\\nend is not a setting; did you mean link?
@@ -172,7 +176,7 @@ fn syntax_errors_name_their_line() {
 }
 
 #[test]
-fn times_of_the_failsafe_must_follow_each_other() {
+fn the_times_of_the_failsafe_must_be_in_order() {
     let text = faults("[failsafe]\nlive_ms = 400\nneutral_ms = 200\n");
     let want = "\
 failsafe.hold_ms = 300: give more than failsafe.live_ms, which is 400
@@ -181,12 +185,12 @@ failsafe.neutral_ms = 200: give more than failsafe.hold_ms, which is 300";
 }
 
 #[test]
-fn no_link_at_all_is_refused() {
+fn settings_without_any_link_are_refused() {
     assert_eq!(faults("link = []"), "link = []: give at least one [[link]]");
 }
 
 #[test]
-fn tables_and_links_of_another_shape_are_refused() {
+fn a_number_for_a_table_and_a_table_for_links_are_refused() {
     let text = faults("camera = 3\n[link]\naddress = \"a:1\"\n");
     let want = "\
 facewire.toml:1: camera = 3: give a table
@@ -195,10 +199,10 @@ facewire.toml:2: link = [link]: give each link under its own [[link]]";
 }
 
 #[test]
-fn links_of_a_file_replace_the_default_one() {
+fn the_links_of_a_file_replace_the_default_link() {
     let text = "[[link]]\naddress = \"head.local:1\"\n[[link]]\naddress = \"[::1]:65535\"\n";
     let links = parse("file", text).unwrap().links;
-    let addresses: Vec<&str> = links.iter().map(|link| link.address.as_str()).collect();
+    let addresses: Vec<String> = links.iter().map(LinkSettings::to_string).collect();
     assert_eq!(addresses, ["head.local:1", "[::1]:65535"]);
 }
 
@@ -214,17 +218,31 @@ address = \"127.0.0.1:5252\"
 kind = \"serial\"
 device = \"ttyUSB0\"
 baud = 300
+pase = \"rate\"
+[[link]]
+kind = \"seriell\"
+baud = 300
 ";
     let want = "\
-facewire.toml:2: link.device is not a setting of a link with kind = \"udp\"; that has kind, address
+facewire.toml:2: link.device is not a setting of a link with kind = \"udp\"; that has kind, address, pace, rate_hz
 facewire.toml:3: link.device is missing: give the path of a serial port; `facewire devices` lists them
-facewire.toml:5: link.address is not a setting of a link with kind = \"serial\"; that has kind, device, baud
+facewire.toml:5: link.address is not a setting of a link with kind = \"serial\"; that has kind, device, baud, pace, rate_hz
 facewire.toml:8: link.device = \"ttyUSB0\": give a path in quotes that begins with /
-facewire.toml:9: link.baud = 300: give a whole number from 19200 to 4000000 (1/s)";
+facewire.toml:9: link.baud = 300: give a whole number from 19200 to 4000000 (1/s)
+facewire.toml:10: link.pase is not a setting; did you mean pace?
+facewire.toml:12: link.kind = \"seriell\": give one of \"udp\", \"serial\"";
     assert_eq!(faults(text), want);
 }
 
-/// The faults of a serial link at these rates; nothing when there are none.
+#[test]
+fn a_pace_slower_than_10_packets_per_second_is_refused() {
+    let fault = |rate_hz| parse("file", &format!("[[link]]\npace = \"rate\"\nrate_hz = {rate_hz}\n")).err();
+    let want = "link.rate_hz = 9: give 0 or at least 10: receivers go neutral when packets come more rarely";
+    assert_eq!(fault(9).unwrap().to_string(), want);
+    assert!(fault(10).is_none() && fault(0).is_none());
+}
+
+/// Returns the faults of a serial link at these rates, or an empty text.
 fn line_faults(baud: u32, fps: u32, rate_hz: u32) -> String {
     let text = format!(
         "[camera]\nfps = {fps}\n[send]\nrate_hz = {rate_hz}\n\
@@ -234,21 +252,34 @@ fn line_faults(baud: u32, fps: u32, rate_hz: u32) -> String {
 }
 
 #[test]
-fn a_rate_over_80_percent_of_the_line_is_refused_with_what_fits() {
+fn a_rate_above_80_percent_of_the_line_is_refused_with_the_rates_that_fit() {
     // 134 bytes of 10 bits: 115200 baud carry 85.97 a second, of which 68.8 are 80 %.
     assert_eq!(line_faults(115_200, 30, 68), "");
-    let want = "link.baud = 115200: give 230400 or more, or camera.fps and send.rate_hz of at most 68: 69 packets a \
-                second need more than 80 % of the line at /dev/ttyUSB0";
+    let want = "link.baud = 115200: give 230400 or more, or pace = \"rate\" and rate_hz = 68: 69 packets a second need \
+                more than 80 % of the line at /dev/ttyUSB0";
     assert_eq!(line_faults(115_200, 30, 69), want);
     assert_eq!(line_faults(115_200, 69, 30), want);
 }
 
 #[test]
-fn a_line_of_exactly_80_percent_is_taken_and_the_highest_rate_has_a_baud_rate_too() {
+fn a_rate_of_exactly_80_percent_of_the_line_is_accepted_and_a_usual_baud_rate_carries_the_highest_rate() {
     assert_eq!(line_faults(134 * 10 * 60 * 10 / 8, 60, 60), "");
-    assert!(line_faults(134 * 10 * 60 * 10 / 8 - 1, 60, 60).contains("of at most 59: 60 packets"));
+    assert!(line_faults(134 * 10 * 60 * 10 / 8 - 1, 60, 60).contains("rate_hz = 59: 60 packets"));
     assert!(line_faults(19_200, 240, 240).starts_with("link.baud = 19200: give 460800 or more"));
     assert_eq!(line_faults(460_800, 240, 240), "");
+}
+
+#[test]
+fn a_slow_line_serves_a_fast_camera_at_a_rate_of_its_own() {
+    for pace in ["rate", "change"] {
+        let own = |rate_hz| {
+            let link =
+                format!("[[link]]\nkind = \"serial\"\ndevice = \"/dev/ttyUSB0\"\nbaud = 19200\npace = \"{pace}\"\n");
+            parse("file", &format!("[camera]\nfps = 60\n{link}rate_hz = {rate_hz}\n"))
+        };
+        assert!(own(11).is_ok() && own(12).is_err(), "{pace}");
+        assert!(own(0).unwrap_err().to_string().contains("rate_hz = 11: 60 packets"), "send.rate_hz counts");
+    }
 }
 
 #[test]
@@ -258,42 +289,37 @@ fn the_slowest_line_carries_the_lowest_rate() {
 }
 
 #[test]
-fn two_links_at_one_serial_port_are_refused_under_whatever_names() {
+fn two_links_with_the_same_port_are_refused_but_two_names_of_one_device_are_not() {
     let folder = tempfile::tempdir().unwrap();
     let other = folder.path().join("null");
     std::os::unix::fs::symlink("/dev/null", &other).unwrap();
     let link = |device: &Path| format!("[[link]]\nkind = \"serial\"\ndevice = \"{}\"\n", device.display());
-    let fault = |first: &str, second: &Path| faults(&(link(Path::new(first)) + &link(second)));
-    let want = |first: &str, second: &str| {
-        let what = "give another port, or leave the link out";
-        format!("link.device = \"{second}\": {what}: \"{first}\" of an earlier link is the same")
-    };
-    assert_eq!(fault("/dev/nowhere", Path::new("/dev/nowhere")), want("/dev/nowhere", "/dev/nowhere"));
-    assert_eq!(fault("/dev/null", &other), want("/dev/null", other.to_str().unwrap()));
-    let two = link(Path::new("/dev/nowhere")) + &link(Path::new("/dev/elsewhere")) + &link(folder.path());
-    assert!(parse("file", &two).is_ok());
+    let want =
+        "link.device = \"/dev/nowhere\": an earlier link has the same port; give this link another one, or remove it";
+    assert_eq!(faults(&link(Path::new("/dev/nowhere")).repeat(2)), want);
+    assert!(parse("file", &(link(Path::new("/dev/null")) + &link(&other))).is_ok());
 }
 
 #[test]
-fn lines_are_not_judged_beside_faulty_rates() {
+fn serial_lines_are_not_judged_while_a_rate_is_a_fault_by_itself() {
     assert_eq!(line_faults(19_200, 0, 60), "file:2: camera.fps = 0: give a whole number from 1 to 240 (1/s)");
 }
 
 #[test]
-fn addresses_without_host_or_with_an_impossible_port_are_refused() {
+fn addresses_without_a_host_or_with_an_impossible_port_are_refused() {
     for bad in ["", ":5252", "host", "host:", "host:0", "host:65536", "::1:5252", "host:port"] {
         assert_eq!(Address::new(bad), None, "{bad}");
     }
 }
 
 #[test]
-fn whole_numbers_serve_where_a_number_is_asked_for() {
+fn a_whole_number_is_accepted_for_any_number() {
     let failsafe = parse("file", "[failsafe]\nslew_per_s = 2\n").unwrap().failsafe;
     assert!((failsafe.slew_per_s - 2.0).abs() < f32::EPSILON);
 }
 
 #[test]
-fn a_camera_without_a_name_is_refused_for_every_camera_bears_it() {
+fn an_empty_camera_name_is_refused_because_it_is_part_of_every_name() {
     for empty in ["", " "] {
         let fault = faults(&format!("[camera]\ndevice = \"{empty}\""));
         assert!(fault.starts_with(&format!("camera.device = \"{empty}\": give \"auto\", the path of")), "{fault}");
@@ -301,7 +327,7 @@ fn a_camera_without_a_name_is_refused_for_every_camera_bears_it() {
 }
 
 #[test]
-fn paths_that_only_a_shell_understands_are_refused() {
+fn paths_with_a_tilde_are_refused() {
     let want = "\
 networks.folder = \"~/networks\": give a path from / on: no shell replaces the ~ of a setting
 solver.model = \"~\": give a path from / on: no shell replaces the ~ of a setting";
@@ -309,7 +335,7 @@ solver.model = \"~\": give a path from / on: no shell replaces the ~ of a settin
 }
 
 #[test]
-fn a_rehearsal_that_cannot_be_read_is_refused_with_an_example() {
+fn an_unreadable_rehearsal_is_refused_with_an_example() {
     let fault = faults("[camera]\ndevice = \"rehearsal: live 5, nap 2\"");
     assert!(fault.starts_with("camera.device = \"rehearsal: live 5, nap 2\": give a rehearsal such as"), "{fault}");
     assert!(parse("file", "[camera]\ndevice = \"rehearsal: live 5, gone 2\"").is_ok());

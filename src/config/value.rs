@@ -1,4 +1,4 @@
-//! The types a setting may have: how each is read, bounded, described and written.
+//! The types of settings: how a value of each type is read, checked, described and written.
 
 use std::{
     fmt,
@@ -10,22 +10,22 @@ use toml::de::DeValue;
 
 /// A type of setting.
 pub trait Value: Sized {
-    /// What bounds a value of the type.
+    /// The bounds of a value.
     type Bounds;
 
-    /// The value, or `None` when it has another type or is out of bounds.
+    /// Reads a value. Returns `None` if it has another type or is out of bounds.
     fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Option<Self>;
 
-    /// What [`Value::read`] takes, to follow "give".
+    /// Describes the values that [`Value::read`] takes; the text follows "give".
     fn expected(bounds: &Self::Bounds) -> String;
 
-    /// The value in TOML.
+    /// Writes the value in TOML.
     fn write(&self) -> String;
 }
 
-/// A type with few values, each with a name.
+/// A type with a few named values.
 pub trait Choice: Copy + PartialEq + 'static {
-    /// Every value and its name.
+    /// Every value with its name.
     const ALL: &'static [(&'static str, Self)];
 
     /// The value's name.
@@ -57,7 +57,7 @@ impl<T: Choice> Value for T {
     }
 }
 
-/// Whole numbers are all read, bounded and written alike.
+/// Implements [`Value`] for types of whole numbers.
 macro_rules! whole_number {
     ($($type:ty),*) => { $(
         impl Value for $type {
@@ -135,7 +135,7 @@ impl Value for String {
     }
 }
 
-/// A path from the root, because a service has no folder of its own.
+/// A path from the root: a service has no folder that a relative path could start at.
 impl Value for PathBuf {
     type Bounds = ();
 
@@ -152,12 +152,12 @@ impl Value for PathBuf {
     }
 }
 
-/// A network address as written: `host:port`, the host a name or an address, IPv6 in brackets.
+/// A network address as it is written: `host:port`. The host is a name or an address; an IPv6 address has brackets.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Address(String);
 
 impl Address {
-    /// The address, or `None` unless it is a host, a colon and a port from 1 to 65535.
+    /// Reads an address. Returns `None` unless the text is a host, a colon and a port from 1 to 65535.
     #[must_use]
     pub fn new(text: &str) -> Option<Self> {
         let (host, port) = text.rsplit_once(':')?;
@@ -167,7 +167,7 @@ impl Address {
         (host_good && port_good).then(|| Self(text.to_owned()))
     }
 
-    /// `host:port`.
+    /// The address as `host:port`.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
@@ -175,7 +175,7 @@ impl Address {
 }
 
 impl Default for Address {
-    /// This machine, at the port that `facewire monitor` listens to.
+    /// The port of this machine that `facewire monitor` listens to.
     fn default() -> Self {
         Self("127.0.0.1:5252".to_owned())
     }
@@ -203,7 +203,7 @@ impl Value for Address {
     }
 }
 
-/// The text as a TOML string.
+/// Writes a text as a TOML string.
 pub fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }

@@ -1,166 +1,203 @@
-//! Where coefficients go: carriers and the formats they carry.
+//! Links: where the face is sent, in which format, and when.
 //!
-//! Role: each [`Link`] takes the packet to one receiver.
-//! Contract: once open, a link never fails, blocks or allocates: what could not be sent is counted, because the
-//! receiver may come, go and come back at any time. No link waits for another.
-//! Limits: nothing is queued or sent again. The next packet is newer.
+//! Role: a [`Link`] joins a [`Format`] (the bytes of an output), a [`Pace`] (when an output is due) and a [`Carrier`]
+//! (how bytes reach the receiver).
+//! Contract: an open link never fails, blocks, allocates or logs on the caller's thread. It counts what it could not
+//! send, because a receiver may appear and disappear at any time. No link waits for another.
+//! Limits: nothing is queued or sent again, because the next packet is newer.
+//!
+//! A new format takes a file with an `impl Format`, a table of settings and a kind in `config/link.rs`, and an arm in
+//! [`Link::open`] and [`Link::check`]. A protocol whose receivers subscribe needs a carrier that also receives: like
+//! [`Lookup`](lookup::Lookup), it does so on a thread of its own and hands over destinations through a triple buffer.
 
+mod lookup;
+mod output;
+mod pace;
+mod packet;
 mod serial;
 mod udp;
 
-use std::iter::Sum;
+use std::fmt::Debug;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-use facewire_packet::Packet;
+pub use output::{Output, Pose};
+pub use pace::{Pace, Sent};
+pub use serial::{PortError, PortTrouble, SerialCarrier, open_port};
+pub use udp::UdpCarrier;
 
-pub use serial::{PortError, PortTrouble, SerialLink, device_number, open_port};
-pub use udp::UdpLink;
-
+use self::packet::{Datagrams, Frames};
 use crate::config::{LinkKind, LinkSettings};
 
-/// A way to one receiver.
+/// Turns outputs into bytes.
+pub trait Format: Debug + Send {
+    /// Encodes the output as the link's packet number `sequence`, in a buffer of fixed capacity, and calls `send` once
+    /// for each message.
+    fn encode(&self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8]));
+}
+
+/// Takes bytes to a receiver.
+pub trait Carrier: Debug + Send {
+    /// Sends the message or drops it, without waiting, and counts it.
+    fn send(&mut self, message: &[u8]);
+
+    /// Whether messages reach the network or the serial port at present.
+    fn is_open(&self) -> bool;
+
+    /// The error number of the system if the network refused the last message. Serial ports log their errors themselves.
+    fn refusal(&self) -> Option<i32> {
+        None
+    }
+
+    /// Asks to look up the receiver's address now.
+    fn refresh(&self) {}
+
+    /// Asks the carrier to send what it was given and end, without waiting for it.
+    fn stop(&self) {}
+
+    /// Whether the carrier has ended after [`Carrier::stop`].
+    fn has_ended(&self) -> bool {
+        true
+    }
+}
+
+/// Counters of the messages of all links. They only grow, and each message is counted as sent or dropped in the end.
+#[derive(Debug, Default)]
+pub struct Traffic {
+    /// Messages that links were given to send.
+    pub packets: AtomicU64,
+    /// Messages that the network or a serial port took.
+    pub sent: AtomicU64,
+    /// Messages that were not sent, for example because a cable is unplugged.
+    pub dropped: AtomicU64,
+}
+
+impl Traffic {
+    fn count(counter: &AtomicU64) {
+        counter.fetch_add(1, Relaxed);
+    }
+}
+
+/// A connection to one receiver.
 #[derive(Debug)]
-pub enum Link {
-    /// Packets of version 1, each one datagram.
-    Udp(UdpLink),
-    /// Packets of version 1, each one frame.
-    Serial(SerialLink),
+pub struct Link {
+    format: Box<dyn Format>,
+    carrier: Box<dyn Carrier>,
+    traffic: Arc<Traffic>,
+    /// Number of the next packet.
+    sequence: u32,
+    last: Option<Sent>,
 }
 
 /// Why a link cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// The host of the address has no address of its own.
+    /// The host name has no address.
     #[error(
         "link {address}: the host does not resolve ({reason}); check the spelling and the network, or give its address in numbers"
     )]
     Resolve {
-        /// The address as configured.
+        /// The address in the settings.
         address: String,
-        /// What the resolver says.
+        /// The error of the resolver.
         reason: String,
     },
-    /// The system gives no socket.
+    /// The system refused a socket.
     #[error("link {address}: no socket ({error}); check that the service may use the network")]
     Socket {
-        /// The address as configured.
+        /// The address in the settings.
         address: String,
-        /// What the system says.
+        /// The error of the system.
         error: std::io::Error,
     },
     /// This machine has no route to the address.
     #[error("link {address}: no network leads there ({error}); check this machine's cable or Wi-Fi and the address")]
     Route {
-        /// The address as configured.
+        /// The address in the settings.
         address: String,
-        /// What the system says.
+        /// The error of the system.
         error: std::io::Error,
     },
     /// The serial port does not open.
     #[error("link {0}")]
     Port(#[from] PortError),
-    /// The system gives no thread.
+    /// The system refused a thread.
     #[error("link {link}: no thread ({error}); raise the limit of threads")]
     Thread {
-        /// Where the link leads.
+        /// The receiver in the settings.
         link: String,
-        /// What the system says.
+        /// The error of the system.
         error: std::io::Error,
     },
 }
 
-/// What became of the packets of a link.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct LinkCounts {
-    /// Given to the network or the serial port.
-    pub sent: u64,
-    /// Dropped because it took none, as when a cable is out.
-    pub dropped: u64,
-}
-
-impl Sum for LinkCounts {
-    fn sum<I: Iterator<Item = Self>>(counts: I) -> Self {
-        counts
-            .fold(Self::default(), |sum, next| Self { sent: sum.sent + next.sent, dropped: sum.dropped + next.dropped })
-    }
-}
-
 impl Link {
-    /// Opens the link. A host by its name is looked up, and a serial port opened, on threads of their own, again and again
-    /// until they are there: no link waits for another.
+    /// Opens a link that counts into `traffic`. Threads of its own look up its host or open its serial port, again and
+    /// again until they succeed.
     ///
     /// # Errors
-    /// The system gives no thread, or no socket for an address in numbers.
-    pub fn open(settings: &LinkSettings) -> Result<Self, LinkError> {
-        match settings.kind {
-            LinkKind::Udp => UdpLink::open(&settings.address).map(Self::Udp),
-            LinkKind::Serial => SerialLink::open(&settings.device, settings.baud).map(Self::Serial),
-        }
+    /// Returns an error if the system refuses a thread, or a socket for an address in numbers.
+    pub fn open(settings: &LinkSettings, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
+        let counters = Arc::clone(traffic);
+        let (format, carrier): (Box<dyn Format>, Box<dyn Carrier>) = match &settings.kind {
+            LinkKind::Udp(udp) => (Box::new(Datagrams), Box::new(UdpCarrier::open(&udp.address, counters)?)),
+            LinkKind::Serial(serial) => (
+                Box::new(Frames),
+                Box::new(SerialCarrier::open(&serial.device, serial.baud, Frames::PREAMBLE, counters)?),
+            ),
+        };
+        Ok(Self { format, carrier, traffic: Arc::clone(traffic), sequence: 0, last: None })
     }
 
-    /// Says where the link leads if it opens at this moment. Nothing is sent.
+    /// Tests whether the link can be opened at this moment, without sending anything, and describes it.
     ///
     /// # Errors
-    /// Why it does not open.
+    /// Says why the link cannot be opened.
     pub fn check(settings: &LinkSettings) -> Result<String, LinkError> {
-        match settings.kind {
-            LinkKind::Udp => UdpLink::check(&settings.address).map(|()| settings.address.to_string()),
-            LinkKind::Serial => {
-                open_port(&settings.device, settings.baud, Duration::ZERO)?;
-                Ok(format!("{} at {} baud", settings.device.display(), settings.baud))
+        match &settings.kind {
+            LinkKind::Udp(udp) => udp::check(&udp.address).map(|()| udp.address.to_string()),
+            LinkKind::Serial(serial) => {
+                open_port(&serial.device, serial.baud, Duration::ZERO)?;
+                Ok(format!("{} at {} baud", serial.device.display(), serial.baud))
             }
         }
     }
 
-    /// Sends the packet or drops it.
-    pub fn send(&mut self, packet: &Packet) {
-        match self {
-            Self::Udp(link) => link.send(packet),
-            Self::Serial(link) => link.send(packet),
+    /// Returns an error if the link leads to a host name that does not resolve at this moment.
+    ///
+    /// # Errors
+    /// [`LinkError::Resolve`].
+    pub fn resolve(settings: &LinkSettings) -> Result<(), LinkError> {
+        match &settings.kind {
+            LinkKind::Udp(udp) => udp::resolve(&udp.address).map(drop),
+            LinkKind::Serial(_) => Ok(()),
         }
     }
 
-    /// What became of the packets so far.
+    /// Sends the output if `pace` says that it is due. Returns how long the link can wait for the next output, in
+    /// microseconds.
+    pub fn offer(&mut self, pace: Pace, now_us: u64, output: &Output) -> u64 {
+        if pace.is_due(self.last.as_ref(), now_us, output) {
+            self.send(output);
+            self.last = Some(pace.sent(self.last.as_ref(), now_us, output));
+        }
+        pace.wait_us(self.last.as_ref(), now_us, output)
+    }
+
+    /// Sends the output at once.
+    pub fn send(&mut self, output: &Output) {
+        let Self { format, carrier, traffic, .. } = self;
+        format.encode(output, self.sequence, &mut |message| {
+            Traffic::count(&traffic.packets);
+            carrier.send(message);
+        });
+        self.sequence = self.sequence.wrapping_add(1);
+    }
+
+    /// How the link reaches its receiver.
     #[must_use]
-    pub fn counts(&self) -> LinkCounts {
-        match self {
-            Self::Udp(link) => link.counts(),
-            Self::Serial(link) => link.counts(),
-        }
-    }
-
-    /// Lets the link write what it was given and end, without waiting for it. What it is given after that may be lost.
-    pub fn stop(&self) {
-        match self {
-            Self::Udp(_) => {}
-            Self::Serial(link) => link.stop(),
-        }
-    }
-
-    /// Closes the link; what became of its packets in the end.
-    #[must_use]
-    pub fn close(self) -> LinkCounts {
-        match self {
-            Self::Udp(link) => link.counts(),
-            Self::Serial(link) => link.close(),
-        }
-    }
-
-    /// Why the network did not take the last packet, as the system's number. Serial links tell by themselves.
-    #[must_use]
-    pub fn refusal(&self) -> Option<i32> {
-        match self {
-            Self::Udp(link) => link.refusal(),
-            Self::Serial(_) => None,
-        }
-    }
-
-    /// Whether packets have a way out at present.
-    #[must_use]
-    pub fn is_open(&self) -> bool {
-        match self {
-            Self::Udp(link) => link.is_open(),
-            Self::Serial(link) => link.is_open(),
-        }
+    pub fn carrier(&self) -> &dyn Carrier {
+        &*self.carrier
     }
 }

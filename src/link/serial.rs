@@ -1,99 +1,84 @@
-//! Serial lines: one packet, one frame, one write.
+//! Serial lines: one message, one write.
 //!
-//! Role: takes packets to a microcontroller by UART or USB.
-//! Contract: [`SerialLink::send`] hands the packet to the link's own thread through a triple buffer, newest wins: it
-//! never waits, whatever the port does. A port that is not there, or goes away, is opened again by its path, after
-//! 100 ms and then ever later up to 1 s. Newest wins on the line too: a packet that would wait behind more than one
-//! other is dropped. Every packet is counted, as sent or as dropped.
-//! Limits: nothing is read. A receiver that stops reading loses packets and is not noticed otherwise.
+//! Role: takes messages to a microcontroller by UART or USB.
+//! Contract: [`SerialCarrier::send`](Carrier::send) hands the message to the carrier's own thread through a triple
+//! buffer, where the newest message wins, so it never waits for the port. A port that is missing or disappears is opened
+//! again by its path, after 100 ms at first and at most 1 s later. The newest message wins on the line as well: a
+//! message that would wait behind more than one other is dropped. Every message is counted as sent or dropped.
+//! Limits: input is discarded. A receiver that stops reading loses messages, which only the log shows.
 
+mod claim;
 mod line;
 mod port;
-mod turn;
 
 use std::{
     path::Path,
     sync::Arc,
-    thread::{self, Builder, JoinHandle},
-    time::{Duration, Instant},
+    thread::{Builder, JoinHandle},
 };
 
-use facewire_packet::Packet;
 use triple_buffer::{Input, triple_buffer};
 
-use self::line::{Line, Shared};
+use self::claim::PortClaim;
+use self::line::{Line, Message, Shared};
 pub use self::port::{PortError, PortTrouble, open as open_port};
-pub use self::turn::device_number;
-use super::{LinkCounts, LinkError};
+use super::{Carrier, LinkError, Traffic};
+use crate::retry::Retry;
 
-/// How long the last packet may take when the link is dropped. A thread that hangs in the system longer than that ends
-/// with the process.
-const LAST_PACKET: Duration = Duration::from_millis(500);
-
-/// A serial line with its thread.
+/// A serial line with its thread. When it is dropped, the thread writes the last message and ends by itself.
 #[derive(Debug)]
-pub struct SerialLink {
-    newest: Input<Packet>,
+pub struct SerialCarrier {
+    newest: Input<Message>,
     shared: Arc<Shared>,
     thread: JoinHandle<()>,
 }
 
-impl SerialLink {
-    /// Starts the link; the port need not be there yet.
+impl SerialCarrier {
+    /// Starts the thread. The port may appear later. Each time the port opens, the thread writes `preamble` first.
     ///
     /// # Errors
-    /// The system gives no thread.
-    pub fn open(device: &Path, baud: u32) -> Result<Self, LinkError> {
-        let (newest, output) = triple_buffer(&Packet::NEUTRAL);
-        let shared = Arc::new(Shared::default());
-        let line = Line { device: device.to_owned(), baud, newest: output, shared: Arc::clone(&shared) };
+    /// Returns an error if the system refuses a thread.
+    pub fn open(device: &Path, baud: u32, preamble: &'static [u8], traffic: Arc<Traffic>) -> Result<Self, LinkError> {
+        let (newest, output) = triple_buffer(&Message::new());
+        let shared = Arc::new(Shared::new(traffic));
+        // Claimed here, so that the first of two links to one device gets it.
+        let claim = PortClaim::acquire(device).ok();
+        let (device, line_shared) = (device.to_owned(), Arc::clone(&shared));
+        let name = device.display().to_string();
+        let line = Line { device, baud, preamble, newest: output, shared: line_shared, claim, retry: Retry::default() };
         let thread = Builder::new().name("fw-serial".to_owned()).spawn(move || line.run());
-        let thread = thread.map_err(|error| LinkError::Thread { link: device.display().to_string(), error })?;
+        let thread = thread.map_err(|error| LinkError::Thread { link: name, error })?;
         Ok(Self { newest, shared, thread })
     }
+}
 
-    /// Hands the packet to the thread. One that was not written yet is dropped for it.
-    pub fn send(&mut self, packet: &Packet) {
-        *self.newest.input_buffer_mut() = *packet;
-        if self.newest.publish() {
+impl Carrier for SerialCarrier {
+    /// Hands the message to the thread. It replaces a message that was not written yet.
+    fn send(&mut self, message: &[u8]) {
+        let buffer = self.newest.input_buffer_mut();
+        buffer.clear();
+        if buffer.extend_from_slice(message).is_err() || self.newest.publish() {
             self.shared.drop_one();
         }
         self.thread.thread().unpark();
     }
 
-    /// What became of the packets so far; the last may be on its way.
-    #[must_use]
-    pub fn counts(&self) -> LinkCounts {
-        self.shared.counts()
+    fn is_open(&self) -> bool {
+        self.shared.is_open()
     }
 
-    /// Lets the thread write what it was given and end.
-    pub fn stop(&self) {
+    fn stop(&self) {
         self.shared.stop();
         self.thread.thread().unpark();
     }
 
-    /// Stops the link and waits for its thread; what became of all packets, unless it hangs in the system.
-    #[must_use]
-    pub fn close(self) -> LinkCounts {
-        let shared = Arc::clone(&self.shared);
-        drop(self);
-        shared.counts()
-    }
-
-    /// Whether the port is open.
-    #[must_use]
-    pub fn is_open(&self) -> bool {
-        self.shared.is_open()
+    fn has_ended(&self) -> bool {
+        self.thread.is_finished()
     }
 }
 
-impl Drop for SerialLink {
+impl Drop for SerialCarrier {
     fn drop(&mut self) {
         self.stop();
-        let end = Instant::now() + LAST_PACKET;
-        while !self.thread.is_finished() && Instant::now() < end {
-            thread::sleep(Duration::from_millis(5));
-        }
     }
 }

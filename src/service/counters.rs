@@ -10,6 +10,7 @@ use facewire_packet::State;
 
 use super::heartbeat::Heartbeats;
 use super::times::{Quantiles, Times};
+use crate::link::Traffic;
 
 /// States by their number in [`Counters::state`].
 pub(super) const STATES: [State; 4] = [State::Neutral, State::Live, State::Hold, State::Decay];
@@ -42,12 +43,8 @@ pub struct Counters {
     pub(super) opened: AtomicU64,
     /// Whether a camera is open at present.
     pub(super) camera_open: AtomicBool,
-    /// Packets given to each link.
-    pub(super) packets: AtomicU64,
-    /// Packets that links sent.
-    pub(super) sent: AtomicU64,
-    /// Packets that links did not take.
-    pub(super) dropped: AtomicU64,
+    /// Packets of all links, counted by the links themselves.
+    pub(super) traffic: Arc<Traffic>,
     /// Links that are open at present.
     pub(super) links_open: AtomicU64,
     /// The first link whose last packet the network did not take, by its place plus 1, and why; 0 is none. One word, so
@@ -124,9 +121,9 @@ impl Counters {
             damaged: self.damaged.load(Relaxed),
             opened: self.opened.load(Relaxed),
             camera_open: self.camera_open.load(Relaxed),
-            packets: self.packets.load(Relaxed),
-            sent: self.sent.load(Relaxed),
-            dropped: self.dropped.load(Relaxed),
+            packets: self.traffic.packets.load(Relaxed),
+            sent: self.traffic.sent.load(Relaxed),
+            dropped: self.traffic.dropped.load(Relaxed),
             links_open: self.links_open.load(Relaxed),
             state: state.copied().unwrap_or_default(),
             times_ms: self.times.quantiles(),
@@ -138,7 +135,7 @@ impl Counters {
 ///
 /// How they add up, once the threads have ended (a line of a running service may be one frame or packet off):
 /// - `frames = solved + no_face + rejected`;
-/// - `packets * links = sent + dropped`, where SIGHUP does not change the number of links.
+/// - `packets = sent + dropped`, each over all links, including those that a reload has replaced.
 ///
 /// `skipped` and `damaged` frames never reached the pipeline and are not in `frames`. A `deadline_misses` frame is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -163,11 +160,11 @@ pub struct Status {
     pub opened: u64,
     /// Whether a camera is open at present.
     pub camera_open: bool,
-    /// Packets given to each link.
+    /// Packets that all links were given to send.
     pub packets: u64,
-    /// Packets that links sent, over all links.
+    /// Packets that all links sent.
     pub sent: u64,
-    /// Packets that links did not take, over all links.
+    /// Packets that all links dropped.
     pub dropped: u64,
     /// Links that are open at present.
     pub links_open: u64,
@@ -202,7 +199,7 @@ mod tests {
         counters.frames.store(10, Relaxed);
         counters.no_face.store(1, Relaxed);
         counters.deadline_misses.store(2, Relaxed);
-        counters.sent.store(3, Relaxed);
+        counters.traffic.sent.store(3, Relaxed);
         counters.times.age.record(Duration::from_millis(8));
         let line = counters.status().to_string();
         let parts = ["frames=10 ", " no_face=1 ", " deadline_misses=2 ", " sent=3 ", " wait_ms=0.000/0.000/0.000 "];

@@ -1,12 +1,12 @@
-//! What the face shows when poses stop coming.
+//! The failsafe: what the face shows while no poses come.
 //!
-//! Role: stands between the pipeline and the links, in the sender's thread, so that a stuck inference or a lost
-//! camera cannot freeze a face. See [`State`] for the diagram.
-//! Contract: [`Failsafe::update`] is called for every pose or fault, and no later than [`Failsafe::wait_us`] after
-//! the last call; its output is sent when it says [`Output::due`]. All times count from the capture of the last pose
-//! that was followed. The output never moves faster than `slew_per_s` except while live and caught up.
-//! Limits: a clock that stands still or steps back delays transitions by the step and does no other harm.
-//! The head's rotation decays with the coefficients; its position has no neutral and stays.
+//! Role: stands between the pipeline and the links, in the sender's thread, so that neither a stuck inference nor a lost
+//! camera can freeze a face. [`State`] has the diagram.
+//! Contract: [`Failsafe::update`] is called for every pose and fault, and no later than [`Failsafe::wait_us`] after the
+//! last call. All times count from the capture of the last pose that the output followed. The output moves at most by
+//! `slew_per_s`, except while the face is live and the output has caught up with it.
+//! Limits: a clock that stands still or steps back delays transitions by the step and does no other harm. The head's
+//! rotation decays with the coefficients; its position has no neutral value and stays.
 
 mod history;
 mod pose;
@@ -15,64 +15,43 @@ mod tests;
 
 use std::time::Duration;
 
-use facewire_packet::{Packet, Reason, State};
+use facewire_packet::{Reason, State};
 
 pub use history::History;
-pub use pose::Pose;
 
 use crate::config::FailsafeSettings;
+use crate::link::{Output, Pose};
 
-/// How often a neutral face is sent, and at least whatever stands still: receivers go neutral by themselves after
-/// 500 ms without a packet.
-const STILL_PERIOD_US: u64 = 100_000;
-/// A camera may drop two frames in a row and stay live.
+/// Frame periods without a pose for which the face stays live: a camera may drop two frames in a row.
 const LIVE_FRAMES: u64 = 3;
-/// Times a neutral face is sent when the sender stops: one may be lost.
+/// Number of neutral packets that the sender sends last, because some may be lost.
 pub const STOPPING_PACKETS: usize = 3;
 
-/// Limits of the failsafe, fixed while it runs.
+/// The limits of the failsafe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Failsafe {
     live_us: u64,
     hold_us: u64,
     neutral_us: u64,
     slew_per_s: f32,
-    period_us: u64,
 }
 
-/// What the sender learned since the last update.
+/// What has happened since the last update.
 #[derive(Debug, Clone, Copy)]
 pub enum News<'a> {
-    /// Nothing: only time has passed.
+    /// Nothing, except that time has passed.
     Nothing,
-    /// The newest pose and the capture time of its frame. Giving the same one again changes nothing.
+    /// The newest pose and the capture time of its frame. A pose that was given before changes nothing.
     Pose(&'a Pose, u64),
-    /// Why there is no pose. It stands until a pose or another fault comes.
+    /// Why there is no pose. The reason stands until a pose or another fault comes.
     Fault(Reason),
 }
 
-/// What to show now.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Output {
-    /// How much the pose is to be trusted.
-    pub state: State,
-    /// Why it is not live; [`Reason::None`] while it is.
-    pub reason: Reason,
-    /// The pose.
-    pub pose: Pose,
-    /// Time since the capture of the last pose that was followed; `u64::MAX` when there was none.
-    pub age_us: u64,
-    /// When that one was captured; 0 when there was none.
-    pub capture_us: u64,
-    /// Send it now. The failsafe counts it as sent.
-    pub due: bool,
-}
-
 impl Failsafe {
-    /// Limits from the settings, for a camera of this frame period. Three frame periods longer than `live_ms`
-    /// lengthen it, and move the later times along.
+    /// Returns the limits in the settings, for a camera of this frame period. If three frame periods take longer than
+    /// `live_ms`, all times move by the difference.
     #[must_use]
-    pub fn new(settings: &FailsafeSettings, rate_hz: u32, frame_period_us: u64) -> Self {
+    pub fn new(settings: &FailsafeSettings, frame_period_us: u64) -> Self {
         let [live_us, hold_us, neutral_us] =
             [settings.live_ms, settings.hold_ms, settings.neutral_ms].map(|ms| u64::from(ms) * 1000);
         let longer_us = frame_period_us.saturating_mul(LIVE_FRAMES).saturating_sub(live_us);
@@ -81,44 +60,36 @@ impl Failsafe {
             hold_us: hold_us.saturating_add(longer_us),
             neutral_us: neutral_us.saturating_add(longer_us),
             slew_per_s: settings.slew_per_s,
-            period_us: 1_000_000 / u64::from(rate_hz.max(1)),
         }
     }
 
-    /// Lets time pass, takes the news in and moves the output.
+    /// Lets time pass, takes in the news, moves the output and returns it.
     pub fn update(&self, history: &mut History, now_us: u64, news: News<'_>) -> Output {
         let before_us = history.age_us;
         let elapsed_us = history.advance(now_us);
         self.age(history);
         let followed = self.hear(history, now_us, news);
         self.move_output(history, before_us, elapsed_us);
-        let due = self.send(history, followed);
-        Output {
-            state: history.state,
-            reason: history.told_reason(),
-            pose: history.shown,
-            age_us: history.age_us,
-            capture_us: history.capture_us,
-            due,
-        }
+        let moving = history.state == State::Decay || (history.state == State::Live && history.ramping);
+        Output { followed, moving, ..history.output() }
     }
 
-    /// Moves a face that stops towards neutral, as fast as it may; [`State::Neutral`] once it is there. To be sent each
-    /// time, at the rate of a decay.
+    /// Moves the face towards neutral as fast as `slew_per_s` allows, because the service stops. The state is
+    /// [`State::Neutral`] once the face is neutral.
     pub fn stop(&self, history: &mut History, now_us: u64) -> Output {
         let elapsed_us = history.advance(now_us);
         let neutral = history.shown.neutral_here();
         history.shown = history.shown.towards(&neutral, 1.0, self.slew(elapsed_us));
         let state = if history.shown == neutral { State::Neutral } else { State::Decay };
-        Output { state, ..history.stopping() }
+        Output { state, reason: Reason::Stopping, moving: true, ..history.output() }
     }
 
-    /// How far the output may move in a time.
+    /// How far the output may move in this time.
     fn slew(&self, elapsed_us: u64) -> f32 {
         self.slew_per_s * Duration::from_micros(elapsed_us).as_secs_f32()
     }
 
-    /// When to call [`Failsafe::update`] again at the latest, from the last call on.
+    /// Time from the last update to the next change of state, if no pose or fault comes first.
     #[must_use]
     pub fn wait_us(&self, history: &History) -> u64 {
         let next_state_us = match history.state {
@@ -128,11 +99,10 @@ impl Failsafe {
             State::Neutral => u64::MAX,
         };
         let until_state_us = next_state_us.checked_sub(history.age_us).filter(|us| *us > 0);
-        let until_packet_us = self.interval_us(history).saturating_sub(history.since_sent_us);
-        until_packet_us.min(until_state_us.unwrap_or(u64::MAX))
+        until_state_us.unwrap_or(u64::MAX)
     }
 
-    /// Leaves live and hold when their time is over.
+    /// Leaves the states live and hold when their time is over.
     fn age(&self, history: &mut History) {
         history.state = match history.state {
             State::Neutral => State::Neutral,
@@ -145,7 +115,7 @@ impl Failsafe {
         }
     }
 
-    /// Takes the news in; whether it is a pose that the output follows from now on.
+    /// Takes in the news. Returns whether the output follows a new pose from now on.
     fn hear(&self, history: &mut History, now_us: u64, news: News<'_>) -> bool {
         let (pose, capture_us) = match news {
             News::Nothing => return false,
@@ -176,7 +146,7 @@ impl Failsafe {
         true
     }
 
-    /// Moves what is shown by what the time allows.
+    /// Moves the output as far as the elapsed time allows.
     fn move_output(&self, history: &mut History, before_us: u64, elapsed_us: u64) {
         let limit = self.slew(elapsed_us);
         match history.state {
@@ -197,50 +167,12 @@ impl Failsafe {
         }
     }
 
-    /// Which part of the way to neutral belongs to the time between two ages: a straight line that ends at
+    /// Which part of the remaining way to neutral the face covers between two ages: a straight line that ends at
     /// `neutral_us`.
     fn decayed_part(&self, before_us: u64, age_us: u64) -> f32 {
         let from_us = before_us.max(self.hold_us);
         let left = Duration::from_micros(self.neutral_us.saturating_sub(from_us));
         let passed = Duration::from_micros(age_us.saturating_sub(from_us));
         if passed >= left { 1.0 } else { passed.div_duration_f32(left) }
-    }
-
-    /// Time from one packet to the next when no pose is followed.
-    fn interval_us(&self, history: &History) -> u64 {
-        match history.state {
-            State::Live if history.ramping => self.period_us,
-            State::Hold | State::Decay => self.period_us,
-            State::Live | State::Neutral => STILL_PERIOD_US,
-        }
-    }
-
-    /// Whether to send now, and if so, counts it as sent.
-    fn send(&self, history: &mut History, followed: bool) -> bool {
-        let sent = Some((history.state, history.told_reason()));
-        let due = followed || history.sent != sent || history.since_sent_us >= self.interval_us(history);
-        if due {
-            history.sent = sent;
-            history.since_sent_us = 0;
-        }
-        due
-    }
-}
-
-impl Output {
-    /// The packet to send under this number.
-    #[must_use]
-    #[expect(clippy::cast_possible_truncation, reason = "the packet's clock wraps")]
-    pub fn packet(&self, sequence: u16) -> Packet {
-        Packet {
-            state: self.state,
-            reason: self.reason,
-            sequence,
-            age_us: u32::try_from(self.age_us).unwrap_or(u32::MAX),
-            capture_us: self.capture_us as u32,
-            rotation: self.pose.rotation,
-            position_mm: self.pose.position_mm,
-            coefficients: self.pose.coefficients,
-        }
     }
 }

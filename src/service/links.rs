@@ -1,121 +1,105 @@
-//! The sender's links: what became of their packets, and how new settings change them.
+//! The sender's links, and how a reload changes them.
 //!
-//! A link that the new settings have too goes on as it is. One that they do not have is told to end with its last packet,
-//! and closed and counted on another thread than the sender's.
+//! A link whose format and receiver stay the same is carried over with its open port and its packet numbers. A link that
+//! is replaced is dropped: it sends its last packet and closes its port on its own thread.
 
-use std::mem::swap;
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-
-use facewire_packet::Packet;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use super::counters::Counters;
 use crate::config::{LinkKind, LinkSettings};
-use crate::link::{Link, LinkCounts, LinkError, UdpLink};
+use crate::link::{Link, LinkError, Output, Pace, Traffic};
 
-/// Links in the order of their settings.
-#[derive(Debug)]
-pub(super) struct Links(Vec<Slot>);
+/// How long a stopping service waits for its links to send their last packet.
+const LAST_PACKET: Duration = Duration::from_millis(500);
+/// Time between two looks whether they have.
+const LOOK: Duration = Duration::from_millis(5);
 
+/// Links in the order of their settings. In a change that a reload prepares, a link is `None` if the sender has it.
 #[derive(Debug)]
-enum Slot {
-    /// A link, and what of its counts the service has already.
-    Open(Link, LinkCounts),
-    /// In a change: the place among the links before it of one that stays. After it: that one went on.
-    Kept(usize),
-}
+pub(super) struct Links(Vec<(LinkSettings, Option<Link>)>);
 
 impl Links {
     /// Opens the links of a service.
     ///
     /// # Errors
-    /// As [`Links::change`].
-    pub(super) fn open(settings: &[LinkSettings]) -> Result<Self, LinkError> {
-        Self::change(settings, &[])
+    /// See [`Links::change`].
+    pub(super) fn open(settings: &[LinkSettings], traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
+        Self::change(settings, &[], traffic)
     }
 
-    /// Opens the links that the new settings have and the live ones have not.
+    /// Opens the links in `new` that `live` does not have.
     ///
     /// # Errors
-    /// As [`Link::open`]. A host that does not resolve is an error too where there is no other link: then nothing is lost
-    /// by telling it at once, and whoever started the service may start it again.
-    pub(super) fn change(new: &[LinkSettings], live: &[LinkSettings]) -> Result<Self, LinkError> {
-        if let [only] = new
-            && only.kind == LinkKind::Udp
-            && !live.contains(only)
-        {
-            UdpLink::find(&only.address)?;
-        }
-        let mut free: Vec<Option<&LinkSettings>> = live.iter().map(Some).collect();
-        new.iter().map(|settings| Slot::change(settings, &mut free)).collect::<Result<_, _>>().map(Self)
-    }
-
-    /// Takes a change of these links, and leaves those that end in its place. Nothing is allocated or waited for.
-    pub(super) fn adopt(&mut self, change: &mut Self) {
-        for slot in &mut change.0 {
-            if let Slot::Kept(place) = *slot
-                && let Some(kept) = self.0.get_mut(place)
-            {
-                swap(slot, kept);
+    /// Returns an error if a link cannot be opened. A host name that does not resolve is an error only for a new link that
+    /// is the only one: the service then has nothing else to do, and its manager starts it again.
+    pub(super) fn change(
+        new: &[LinkSettings],
+        live: &[LinkSettings],
+        traffic: &Arc<Traffic>,
+    ) -> Result<Self, LinkError> {
+        let mut kept: Vec<&LinkKind> = live.iter().map(|link| &link.kind).collect();
+        let mut change = Vec::with_capacity(new.len());
+        for settings in new {
+            if let Some(index) = kept.iter().position(|kind| **kind == settings.kind) {
+                kept.swap_remove(index);
+                change.push((settings.clone(), None));
+                continue;
             }
-        }
-        swap(self, change);
-        change.0.iter().filter_map(Slot::link).for_each(Link::stop);
-    }
-
-    /// Sends the packet by each.
-    pub(super) fn send(&mut self, packet: &Packet) {
-        self.0.iter_mut().for_each(|slot| {
-            if let Slot::Open(link, _) = slot {
-                link.send(packet);
+            if new.len() == 1 {
+                Link::resolve(settings)?;
             }
-        });
+            change.push((settings.clone(), Some(Link::open(settings, traffic)?)));
+        }
+        Ok(Self(change))
     }
 
-    /// Adds to the counters what became of packets since the last time, and says how many links are open and which is
-    /// refused.
+    /// Replaces the links. Those that the change leaves out are carried over, all others are dropped. This neither
+    /// allocates nor waits.
+    pub(super) fn adopt(&mut self, mut change: Self) {
+        for (settings, link) in change.0.iter_mut().filter(|(_, link)| link.is_none()) {
+            let same = self.0.iter_mut().find(|(live, link)| live.kind == settings.kind && link.is_some());
+            *link = same.and_then(|(_, link)| link.take());
+        }
+        *self = change;
+    }
+
+    /// Makes links look up their host names now.
+    pub(super) fn refresh(&mut self) {
+        self.each().for_each(|(_, link)| link.carrier().refresh());
+    }
+
+    /// Offers the output to every link; `send_hz` is the rate of `[send]`. Returns the shortest time that a link can wait
+    /// for the next output, in microseconds.
+    pub(super) fn offer(&mut self, now_us: u64, output: &Output, send_hz: u32) -> u64 {
+        let waits = self.each().map(|(settings, link)| link.offer(Pace::new(settings, send_hz), now_us, output));
+        waits.min().unwrap_or(u64::MAX)
+    }
+
+    /// Sends the output by every link at once.
+    pub(super) fn send(&mut self, output: &Output) {
+        self.each().for_each(|(_, link)| link.send(output));
+    }
+
+    /// Counts the open links, and notes which link the network refuses.
     pub(super) fn count(&mut self, counters: &Counters) {
-        for slot in &mut self.0 {
-            if let Slot::Open(link, counted) = slot {
-                add(counters, counted, link.counts());
-            }
-        }
-        let open = self.0.iter().filter_map(Slot::link).filter(|link| link.is_open()).count();
+        let open = self.each().filter(|(_, link)| link.carrier().is_open()).count();
         counters.links_open.store(open as u64, Relaxed);
-        let refused = |(link, place): (&Slot, u32)| Some((place, link.link()?.refusal()?));
-        counters.refuse(self.0.iter().zip(0..).find_map(refused));
+        counters.refuse((0..).zip(self.each()).find_map(|(index, (_, link))| Some((index, link.carrier().refusal()?))));
     }
 
-    /// Closes each and counts what became of its last packets.
-    pub(super) fn close(self, counters: &Counters) {
-        for slot in self.0 {
-            if let Slot::Open(link, mut counted) = slot {
-                add(counters, &mut counted, link.close());
-            }
+    /// Lets every link send its last packet.
+    pub(super) fn close(mut self) {
+        let end = Instant::now() + LAST_PACKET;
+        self.each().for_each(|(_, link)| link.carrier().stop());
+        while self.each().any(|(_, link)| !link.carrier().has_ended()) && Instant::now() < end {
+            thread::sleep(LOOK);
         }
     }
-}
 
-impl Slot {
-    /// One of the links that are free to be kept, or a new one.
-    fn change(settings: &LinkSettings, free: &mut [Option<&LinkSettings>]) -> Result<Self, LinkError> {
-        if let Some((place, live)) = free.iter_mut().enumerate().find(|(_, live)| **live == Some(settings)) {
-            *live = None;
-            return Ok(Self::Kept(place));
-        }
-        Link::open(settings).map(|link| Self::Open(link, LinkCounts::default()))
+    fn each(&mut self) -> impl Iterator<Item = (&LinkSettings, &mut Link)> {
+        self.0.iter_mut().filter_map(|(settings, link)| Some((&*settings, link.as_mut()?)))
     }
-
-    fn link(&self) -> Option<&Link> {
-        match self {
-            Self::Open(link, _) => Some(link),
-            Self::Kept(_) => None,
-        }
-    }
-}
-
-/// Adds to the counters what is not counted yet.
-fn add(counters: &Counters, counted: &mut LinkCounts, counts: LinkCounts) {
-    let LinkCounts { sent, dropped } = std::mem::replace(counted, counts);
-    counters.sent.fetch_add(counts.sent.saturating_sub(sent), Relaxed);
-    counters.dropped.fetch_add(counts.dropped.saturating_sub(dropped), Relaxed);
 }

@@ -85,7 +85,7 @@ pub enum ServiceError {
 pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, ServiceError> {
     let counters = Arc::new(Counters::default());
     let signals = Signals::catch(&counters)?;
-    let links = Links::open(&settings.links)?;
+    let links = Links::open(&settings.links, &counters.traffic)?;
     let pipeline = match Pipeline::load(&settings) {
         Ok(pipeline) => Some(pipeline),
         // The hot loop tries again.
@@ -109,7 +109,7 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let hot = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
     let hot_mailbox = Mailbox { changes, thread: hot.thread().clone() };
 
-    let reloader = Reloader::new(settings, program, hot_mailbox, sender_mailbox);
+    let reloader = Reloader::new(settings, program, hot_mailbox, sender_mailbox, Arc::clone(&counters.traffic));
     let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     stop(&counters, sender, hot)

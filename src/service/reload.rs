@@ -12,7 +12,7 @@ use super::hot::HotChange;
 use super::links::Links;
 use super::sender::SenderSettings;
 use crate::config::{Faults, LogLevel, Settings};
-use crate::link::LinkError;
+use crate::link::{LinkError, Traffic};
 use crate::pipeline::{SetupError, filters, load_model, load_tracker};
 
 /// The program around the service, as far as a reload needs it.
@@ -47,7 +47,7 @@ struct Change {
 
 impl Change {
     /// Reads the settings and builds the parts that differ from the current ones.
-    fn prepare(program: &dyn Program, live: &Settings) -> Result<Self, Refusal> {
+    fn prepare(program: &dyn Program, live: &Settings, traffic: &Arc<Traffic>) -> Result<Self, Refusal> {
         let new = program.load()?;
         let is_new_model = new.solver.model != live.solver.model;
         let hot = HotChange {
@@ -60,7 +60,7 @@ impl Change {
             model: if is_new_model { Some(load_model(&new.solver)?) } else { None },
             filters: (new.solver != live.solver).then(|| filters(&new.solver)),
         };
-        let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links)?) };
+        let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links, traffic)?) };
         Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })
     }
 }
@@ -85,6 +85,7 @@ pub(super) struct Reloader {
     program: Arc<dyn Program>,
     hot: Mailbox<HotChange>,
     sender: Mailbox<SenderSettings>,
+    traffic: Arc<Traffic>,
     preparing: Option<JoinHandle<Result<Change, Refusal>>>,
 }
 
@@ -94,8 +95,9 @@ impl Reloader {
         program: Arc<dyn Program>,
         hot: Mailbox<HotChange>,
         sender: Mailbox<SenderSettings>,
+        traffic: Arc<Traffic>,
     ) -> Self {
-        Self { live, program, hot, sender, preparing: None }
+        Self { live, program, hot, sender, traffic, preparing: None }
     }
 
     /// The current settings.
@@ -111,8 +113,8 @@ impl Reloader {
     /// Begins to prepare a reload on a thread of its own.
     pub(super) fn start(&mut self) {
         tracing::info!("reading the settings again");
-        let (program, live) = (Arc::clone(&self.program), self.live.clone());
-        let prepare = move || Change::prepare(&*program, &live);
+        let (program, live, traffic) = (Arc::clone(&self.program), self.live.clone(), Arc::clone(&self.traffic));
+        let prepare = move || Change::prepare(&*program, &live, &traffic);
         match Builder::new().name("fw-reload".to_owned()).spawn(prepare) {
             Ok(thread) => self.preparing = Some(thread),
             Err(error) => refuse(&error),

@@ -2,10 +2,11 @@
 
 use facewire_packet::Reason;
 
-use super::failsafe::{News, Pose};
+use super::failsafe::News;
 use super::realtime::Grant;
 use crate::capture::CaptureError;
 use crate::infer::InferError;
+use crate::link::Pose;
 use crate::pipeline::SetupError;
 use crate::solve::Solution;
 

@@ -125,9 +125,9 @@ impl Supervisor {
     /// Returns a sentence about the first link whose packets the network does not take.
     fn refusal(&self) -> Option<String> {
         let (place, reason) = self.counters.refusal()?;
-        let address = &self.reloader.live().links.get(place)?.address;
+        let link = self.reloader.live().links.get(place)?;
         let remedy = "check this machine's cable or Wi-Fi, the address, and IPAddressAllow in the unit";
-        Some(format!("link {address}: the network takes no packets ({reason}); {remedy}"))
+        Some(format!("link {link}: the network takes no packets ({reason}); {remedy}"))
     }
 
     /// Serves the metrics at the address in the settings, and no longer at the former one.

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use facewire_packet::{FrameReader, Packet};
 use rustix::fs::{Mode, OFlags};
-use rustix::io::ioctl_fionbio;
+use rustix::io::{Errno, ioctl_fionbio};
 use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
@@ -67,6 +67,12 @@ impl Board {
         taken.filter_map(|byte| self.reader.push(*byte)?.ok()).collect()
     }
 
+    /// Whether nobody has the port open. Bytes on the line are lost.
+    pub fn is_closed(&mut self) -> bool {
+        let read = self.master.read(&mut [0; 4096]);
+        read.is_err_and(|error| error.raw_os_error() == Some(Errno::IO.raw_os_error()))
+    }
+
     /// The next packet, or those that come at once.
     pub fn next(&mut self) -> Vec<Packet> {
         let mut packets = Vec::new();
@@ -106,5 +112,12 @@ impl StablePath {
 
     pub fn leads_to(&self, board: &Board) {
         symlink(&board.device, self.path()).unwrap();
+    }
+
+    /// Moves the path to another board in one step, as udev does.
+    pub fn leads_elsewhere(&self, board: &Board) {
+        let link = self.0.path().join("new");
+        symlink(&board.device, &link).unwrap();
+        fs::rename(link, self.path()).unwrap();
     }
 }

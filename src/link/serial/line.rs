@@ -1,4 +1,4 @@
-//! The thread of a serial link: opens the port, writes the newest packet, and on any error opens it again.
+//! The thread of a serial line: opens the port, writes the newest message, and opens the port again after any error.
 
 use std::{
     io::{self, ErrorKind, Write as _},
@@ -6,7 +6,7 @@ use std::{
     sync::{
         Arc,
         atomic::{
-            AtomicBool, AtomicU64,
+            AtomicBool,
             Ordering::{Acquire, Relaxed, Release},
         },
     },
@@ -14,37 +14,44 @@ use std::{
     time::{Duration, Instant},
 };
 
-use facewire_packet::{FRAME_BYTES, Packet};
 use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 use triple_buffer::Output as Newest;
 
+use super::claim::PortClaim;
 use super::port::{self, PortError};
-use super::turn::Turn;
-use crate::link::{LinkCounts, LinkError};
+use crate::link::{LinkError, Traffic};
 use crate::retry::Retry;
 
-/// A port that takes nothing for so long has lost a packet: the next is newer.
+/// Longest message, bytes. A line of JSON with all coefficients takes about 1500.
+const MESSAGE_BYTES: usize = 2048;
+/// A port that takes no bytes for this long has lost the message: the next one is newer.
 const PATIENCE: Duration = Duration::from_millis(50);
-/// A line that is behind for so long is not slow but stuck. The slowest takes two packets in 0.14 s.
+/// A line that is behind for this long is stuck, not slow. The slowest line sends two packets in 0.14 s.
 const STUCK: Duration = Duration::from_millis(500);
-/// Longest sleep. Every packet ends it.
+/// Longest sleep. Every message ends it.
 const IDLE: Duration = Duration::from_millis(100);
-/// How long a link that new settings have ended may take to close the port without a word about it.
-const CLOSING: Duration = Duration::from_secs(2);
-/// How often that is looked at.
-const CLOSING_LOOK: Duration = Duration::from_millis(2);
+/// How long a new link waits in silence for the link that it replaces to close the port.
+const HANDOVER: Duration = Duration::from_secs(2);
+/// Time between two looks at the port during a handover.
+const HANDOVER_LOOK: Duration = Duration::from_millis(2);
 
-/// What the link and its thread both see.
+/// The encoded bytes of one message.
+pub type Message = heapless::Vec<u8, MESSAGE_BYTES>;
+
+/// State that the carrier and its thread share.
 #[derive(Debug, Default)]
 pub struct Shared {
     stop: AtomicBool,
     open: AtomicBool,
-    sent: AtomicU64,
-    dropped: AtomicU64,
+    traffic: Arc<Traffic>,
 }
 
 impl Shared {
-    /// Lets the thread write what it was given and end.
+    pub fn new(traffic: Arc<Traffic>) -> Self {
+        Self { traffic, ..Self::default() }
+    }
+
+    /// Asks the thread to write the message that it was given last, and to end.
     pub fn stop(&self) {
         self.stop.store(true, Release);
     }
@@ -58,58 +65,54 @@ impl Shared {
         self.open.load(Relaxed)
     }
 
-    /// Packets written, and those that were not.
-    pub fn counts(&self) -> LinkCounts {
-        LinkCounts { sent: self.sent(), dropped: self.dropped.load(Relaxed) }
-    }
-
-    fn sent(&self) -> u64 {
-        self.sent.load(Relaxed)
-    }
-
-    /// Counts a packet that is not written.
+    /// Counts a message that is not written.
     pub fn drop_one(&self) {
-        self.dropped.fetch_add(1, Relaxed);
+        Traffic::count(&self.traffic.dropped);
     }
 }
 
-/// A serial line and the packets for it.
+/// A serial line and its messages.
 pub struct Line {
     pub device: PathBuf,
     pub baud: u32,
-    pub newest: Newest<Packet>,
+    /// Written each time the port is opened.
+    pub preamble: &'static [u8],
+    pub newest: Newest<Message>,
     pub shared: Arc<Shared>,
+    /// The claim for the first attempt to open the port.
+    pub claim: Option<PortClaim>,
+    /// The attempts to open the port since the last message was written.
+    pub retry: Retry,
 }
 
 impl Line {
-    /// Writes packets until told to stop. What becomes of the port is logged here, on no thread that a packet waits for.
+    /// Writes messages until it is told to stop. This thread also logs what happens to the port, because no message
+    /// waits for it.
     pub fn run(mut self) {
-        let mut retry = Retry::default();
+        let handover_end = Instant::now() + HANDOVER;
         while !self.shared.stopping() {
-            let sent_before = self.shared.sent();
-            if let Err(error) = self.session() {
+            if let Err(error) = self.session(handover_end) {
                 self.shared.open.store(false, Relaxed);
-                retry.warn(&LinkError::from(error));
+                self.retry.warn(&LinkError::from(error));
             }
-            if self.shared.sent() != sent_before {
-                retry = Retry::default();
-            }
-            self.pause(retry.wait());
+            let wait = self.retry.wait();
+            self.pause(wait);
         }
-        // Given while there was no port, and never taken.
+        self.shared.open.store(false, Relaxed);
+        // A message that came while there was no port.
         if self.newest.update() {
             self.shared.drop_one();
         }
     }
 
-    /// From opening to the first error, or to the end.
-    fn session(&mut self) -> Result<(), PortError> {
-        let Some(_turn) = self.turn()? else { return Ok(()) };
-        let mut port = Port::open(port::open(&self.device, self.baud, PATIENCE)?);
+    /// Runs from opening the port to the first error, or to the end.
+    fn session(&mut self, handover_end: Instant) -> Result<(), PortError> {
+        let Some(_claim) = self.claim(handover_end)? else { return Ok(()) };
+        let mut port = Port::open(port::open(&self.device, self.baud, PATIENCE)?, self.preamble);
         self.shared.open.store(true, Relaxed);
         tracing::info!("link opened: {} at {} baud", self.device.display(), self.baud);
         loop {
-            // Asked first, so that what was given before the end is still written.
+            // Read before the message, so that a message given before the end is still written.
             let stopping = self.shared.stopping();
             if self.newest.update() {
                 self.write(&mut port).map_err(|error| PortError::lost(&self.device, error))?;
@@ -121,26 +124,29 @@ impl Line {
         }
     }
 
-    /// Waits until no other link is at the port. `None` when told to stop.
-    fn turn(&self) -> Result<Option<Turn>, PortError> {
-        let end = Instant::now() + CLOSING;
+    /// Claims the port. Up to `handover_end`, waits for another link to release it. Returns `None` when told to stop.
+    fn claim(&mut self, handover_end: Instant) -> Result<Option<PortClaim>, PortError> {
+        if let Some(claim) = self.claim.take() {
+            return Ok(Some(claim));
+        }
         while !self.shared.stopping() {
-            if let Some(turn) = Turn::take(&self.device) {
-                return Ok(Some(turn));
+            match PortClaim::acquire(&self.device) {
+                Ok(claim) => return Ok(Some(claim)),
+                Err(holder) if Instant::now() >= handover_end => return Err(PortError::claimed(&self.device, holder)),
+                Err(_) => thread::park_timeout(HANDOVER_LOOK),
             }
-            if Instant::now() >= end {
-                return Err(PortError::closing(&self.device));
-            }
-            thread::park_timeout(CLOSING_LOOK);
         }
         Ok(None)
     }
 
-    fn write(&self, port: &mut Port) -> io::Result<()> {
+    fn write(&mut self, port: &mut Port) -> io::Result<()> {
         let took_before = port.takes;
-        let took = port.write(&self.newest.peek_output_buffer().encode_frame());
+        let took = port.write(self.newest.peek_output_buffer());
         match took {
-            Ok(true) => _ = self.shared.sent.fetch_add(1, Relaxed),
+            Ok(true) => {
+                self.retry = Retry::default();
+                Traffic::count(&self.shared.traffic.sent);
+            }
             Ok(false) | Err(_) => self.shared.drop_one(),
         }
         took?;
@@ -150,7 +156,7 @@ impl Line {
         Ok(())
     }
 
-    /// Waits, however many packets come meanwhile.
+    /// Waits, however many messages come meanwhile.
     fn pause(&self, wait: Duration) {
         let end = Instant::now() + wait;
         while !self.shared.stopping() && Instant::now() < end {
@@ -162,32 +168,31 @@ impl Line {
 /// An open port.
 struct Port {
     tty: TTYPort,
-    /// Whether it takes packets; one that a slow line leaves out does not count.
+    /// Whether the port takes messages. A message that a slow line leaves out does not count.
     takes: bool,
-    /// When it took the last one.
+    /// When the port took the last message.
     took_at: Instant,
 }
 
 impl Port {
-    /// Begins with the end of a frame, so that a part of one from earlier does not spoil the first packet. A port that
-    /// takes nothing yet needs none.
-    fn open(mut tty: TTYPort) -> Self {
-        let _ = tty.write(&[0]);
+    /// Writes the preamble. A port that takes no bytes yet does not need it.
+    fn open(mut tty: TTYPort, preamble: &[u8]) -> Self {
+        let _ = tty.write(preamble);
         Self { tty, takes: true, took_at: Instant::now() }
     }
 
-    /// Whether the port took the frame, all of it and in time.
-    fn write(&mut self, frame: &[u8; FRAME_BYTES]) -> io::Result<bool> {
-        // What the board says is for nobody; left unread, it could make the board wait.
+    /// Writes the message. Returns whether the port took all of it in time.
+    fn write(&mut self, message: &[u8]) -> io::Result<bool> {
+        // Input is discarded, because a board whose output nobody takes may stop.
         let _ = self.tty.clear(ClearBuffer::Input);
-        // A port that cannot tell is written to.
-        if self.tty.bytes_to_write().is_ok_and(is_behind) {
+        // A port that does not know its unsent bytes is written to.
+        if self.tty.bytes_to_write().is_ok_and(|unsent| is_behind(unsent, message.len())) {
             self.takes &= self.took_at.elapsed() < STUCK;
             return Ok(false);
         }
-        let took = match self.tty.write(frame) {
-            Ok(bytes) => Ok(bytes == FRAME_BYTES),
-            Err(error) if is_wait(&error) => Ok(false),
+        let took = match self.tty.write(message) {
+            Ok(bytes) => Ok(bytes == message.len()),
+            Err(error) if is_timeout(&error) => Ok(false),
             Err(error) => Err(error),
         };
         self.takes = matches!(took, Ok(true));
@@ -198,22 +203,22 @@ impl Port {
     }
 }
 
-/// Whether so many bytes that the system has not sent yet are more than a packet. Another behind them would come late,
-/// and each after it later.
+/// Whether the system holds more unsent bytes than one message. A further message would come late, and each one after
+/// it later.
 ///
-/// UARTs and most USB adapters count bytes, without those in their own chips; CDC ACM counts buffers in use, of more than
-/// a packet each, so that there one packet is under way at a time; pseudo-terminals always say 0.
-fn is_behind(unsent_bytes: u32) -> bool {
-    unsent_bytes as usize > FRAME_BYTES
+/// UARTs and most USB adapters count bytes, except those in their own chips. CDC ACM counts buffers in use, each larger
+/// than a packet, so that one packet is under way at a time. Pseudo-terminals always report 0.
+fn is_behind(unsent_bytes: u32, message_bytes: usize) -> bool {
+    unsent_bytes as usize > message_bytes
 }
 
-/// Whether nothing is wrong but that there was no room in time.
-fn is_wait(error: &io::Error) -> bool {
+/// Whether the error only means that there was no room in time.
+fn is_timeout(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
 impl Drop for Port {
-    /// Closing waits until all is sent, for half a minute where nobody reads.
+    /// Discards unsent bytes if the receiver does not read: closing would wait half a minute for them.
     fn drop(&mut self) {
         if !self.takes {
             let _ = self.tty.clear(ClearBuffer::Output);
@@ -223,14 +228,16 @@ impl Drop for Port {
 
 #[cfg(test)]
 mod tests {
+    use facewire_packet::FRAME_BYTES;
+
     use super::*;
 
-    /// The packets that a line takes of those given in 10 s, and the longest that one waits for those before it.
+    /// Returns how many of the packets given in 10 s a line takes, and the longest time that one of them waits.
     fn given(packets_hz: u32, baud: u32) -> (u32, Duration) {
         let (bytes_per_s, mut unsent_bytes, mut taken, mut longest) = (f64::from(baud) / 10.0, 0.0, 0, 0.0);
         for _ in 0..10 * packets_hz {
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some hundreds")]
-            if !is_behind(unsent_bytes as u32) {
+            if !is_behind(unsent_bytes as u32, FRAME_BYTES) {
                 longest = f64::max(longest, unsent_bytes / bytes_per_s);
                 unsent_bytes += FRAME_BYTES as f64;
                 taken += 1;
@@ -241,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_given_more_than_it_carries_sends_what_it_carries_and_no_packet_waits_for_two() {
+    fn a_line_that_is_given_too_many_packets_is_always_busy_and_no_packet_waits_for_two_others() {
         let packet = Duration::from_secs_f64(10.0 * FRAME_BYTES as f64 / 57_600.0);
         let (taken, waited) = given(60, 57_600);
         assert!((428..=432).contains(&taken), "{taken}: 57,600 baud carry 42.99 a second");
@@ -249,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_carries_all_it_is_given_leaves_no_packet_out() {
+    fn a_line_that_is_fast_enough_drops_no_packet() {
         assert_eq!(given(42, 57_600).0, 420);
     }
 }

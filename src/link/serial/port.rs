@@ -1,10 +1,8 @@
-//! Serial ports: how one is opened, and why it is not.
+//! Opening serial ports: raw bytes, 8N1, no flow control, exclusive to this program.
 //!
-//! Raw bytes, 8N1, no flow control, for this program alone.
-//!
-//! Boards of the Arduino kind restart when DTR goes from off to on. Linux switches it on with every opening, and off
-//! with every closing unless HUPCL is cleared; `serialport` leaves both to the system. So HUPCL is cleared before the
-//! port is opened for good: a board restarts when it is opened first after plugging in, and not when the service does.
+//! Arduino-like boards restart when DTR rises. Linux raises DTR when a port is opened, and lowers it when the port is
+//! closed unless HUPCL is cleared; `serialport` leaves both to the system. HUPCL is therefore cleared before the port is
+//! opened for good: a board restarts when its port is opened for the first time, not whenever the service restarts.
 
 use std::{
     fmt, io,
@@ -20,7 +18,7 @@ use rustix::{
 };
 use serialport::{ErrorKind, TTYPort};
 
-/// What is wrong with a serial port, and with which.
+/// A serial port, and what is wrong with it.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {trouble}", device.display())]
 pub struct PortError {
@@ -31,44 +29,49 @@ pub struct PortError {
 /// What is wrong with a serial port.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PortTrouble {
-    /// Nothing has this path.
+    /// There is no device at this path.
     #[error("there is no such serial port; plug it in, or give one that `facewire devices` lists")]
     NotFound,
-    /// The user lacks the rights.
+    /// The user has no access to the device.
     #[error("this user may not open it; add the user to the group dialout and log in again")]
     NotAllowed,
-    /// Opened elsewhere.
+    /// Another program has the port open.
     #[error("another program has it open; end that program, or give another port")]
     Busy,
-    /// Opened by a link that new settings have ended.
+    /// A link that new settings have replaced has not closed the port yet.
     #[error(
         "it is not closed yet since the settings changed; check that its receiver reads, or unplug it and plug it in again"
     )]
     Closing,
-    /// A file, or a device of another kind.
+    /// Another link uses the same device under another name.
+    #[error(
+        "it is the same device as {} at the moment, which another link uses; plug in the device that is missing, or give \
+         each link a port of its own", .0.display()
+    )]
+    Shared(PathBuf),
+    /// The path is a file, or a device of another kind.
     #[error("not a serial port; give one that `facewire devices` lists")]
     NotSerial,
-    /// Whatever else keeps it from opening.
+    /// Any other error.
     #[error("cannot be opened ({0}); check its cable, and plug it in again")]
     Refused(String),
-    /// It was open, and is no more.
+    /// The port failed while it was open.
     #[error("went away ({0}); check its cable, and plug it in again")]
     Lost(String),
 }
 
 impl PortError {
-    /// The port and what is wrong with it.
     fn new(device: &Path, trouble: PortTrouble) -> Self {
         Self { device: device.to_owned(), trouble }
     }
 
-    /// A port at which another link still is.
+    /// The error of a port that the link at `holder` has claimed.
     #[must_use]
-    pub fn closing(device: &Path) -> Self {
-        Self::new(device, PortTrouble::Closing)
+    pub fn claimed(device: &Path, holder: PathBuf) -> Self {
+        Self::new(device, if holder == device { PortTrouble::Closing } else { PortTrouble::Shared(holder) })
     }
 
-    /// A port that failed while it was open.
+    /// The error of a port that failed while it was open.
     pub fn lost(device: &Path, error: impl fmt::Display) -> Self {
         Self::new(device, PortTrouble::Lost(error.to_string()))
     }
@@ -87,7 +90,7 @@ impl From<Errno> for PortTrouble {
 }
 
 impl From<serialport::Error> for PortTrouble {
-    /// `NoDevice` stands for a lock that another program has.
+    /// `serialport` reports the lock of another program as `NoDevice`.
     fn from(error: serialport::Error) -> Self {
         match error.kind {
             ErrorKind::NoDevice => Self::Busy,
@@ -98,21 +101,21 @@ impl From<serialport::Error> for PortTrouble {
     }
 }
 
-/// Opens the serial port at `baud` bits a second. Reading and writing wait for `patience` at most.
+/// Opens the serial port. Reading and writing wait for `patience` at most.
 ///
 /// # Errors
-/// The port, and what is wrong with it.
+/// Says what is wrong with the port.
 pub fn open(device: &Path, baud: u32, patience: Duration) -> Result<TTYPort, PortError> {
     opened(device, baud, patience).map_err(|trouble| PortError::new(device, trouble))
 }
 
 fn opened(device: &Path, baud: u32, patience: Duration) -> Result<TTYPort, PortTrouble> {
-    // Open until the other is, lest the last closing switches DTR off.
+    // Stays open until the port is open for good: otherwise DTR would fall in between.
     let _prepared = prepared(device)?;
     Ok(serialport::new(device.to_string_lossy(), baud).timeout(patience).open_native()?)
 }
 
-/// The port, told to keep DTR when it is closed.
+/// Clears HUPCL, so that closing the port does not lower DTR.
 fn prepared(device: &Path) -> Result<OwnedFd, PortTrouble> {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let port = rustix::fs::open(device, flags, Mode::empty())?;
@@ -127,14 +130,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn missing_rights_name_the_group() {
+    fn an_error_of_access_names_the_group_to_join() {
         let error = PortError::new(Path::new("/dev/ttyUSB0"), Errno::ACCESS.into());
         let want = "/dev/ttyUSB0: this user may not open it; add the user to the group dialout and log in again";
         assert_eq!(error.to_string(), want);
     }
 
     #[test]
-    fn a_lock_of_another_program_is_busy_whichever_way_it_is_told() {
+    fn the_lock_of_another_program_is_reported_as_busy_by_open_and_by_flock() {
         let locked = serialport::Error::new(ErrorKind::NoDevice, "Unable to acquire exclusive lock on serial port");
         assert_eq!(PortTrouble::from(locked), PortTrouble::Busy);
         assert_eq!(PortTrouble::from(Errno::BUSY), PortTrouble::Busy);

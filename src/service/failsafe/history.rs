@@ -1,33 +1,31 @@
-//! What the failsafe remembers.
+//! The history of the failsafe.
 
 use facewire_packet::{Reason, State};
 
-use super::{Output, Pose};
+use crate::link::{Output, Pose};
 
 /// Good poses in a row that end a decay or a neutral face.
 const RECOVERY_POSES: u32 = 3;
-/// Time from the first to the last of them, at least.
+/// Shortest time from the first to the last of them.
 const RECOVERY_US: u64 = 100_000;
 
-/// What the failsafe remembers from update to update.
+/// What the failsafe remembers between updates.
 #[derive(Debug, Clone)]
 pub struct History {
     pub(super) state: State,
     pub(super) reason: Reason,
     pub(super) shown: Pose,
     pub(super) target: Pose,
-    /// Live, but `shown` has not caught up with `target`.
+    /// Whether `shown` still has to catch up with `target`.
     pub(super) ramping: bool,
-    /// No pose was followed yet.
+    /// Whether the output has not followed any pose yet.
     pub(super) fresh: bool,
     pub(super) age_us: u64,
     pub(super) capture_us: u64,
     pub(super) now_us: Option<u64>,
-    /// Capture time of the last pose heard of, followed or not.
+    /// Capture time of the last pose in the news, followed or not.
     pub(super) heard_us: Option<u64>,
     pub(super) recovery: Recovery,
-    pub(super) sent: Option<(State, Reason)>,
-    pub(super) since_sent_us: u64,
 }
 
 /// Good poses in a row.
@@ -44,7 +42,7 @@ impl Recovery {
         self.since_last_us = self.since_last_us.saturating_add(elapsed_us);
     }
 
-    /// Counts a good pose; a gap of `gap_us` begins a new row.
+    /// Counts a good pose. A pose that comes `gap_us` or more after the last one starts a new row.
     pub fn count(&mut self, gap_us: u64) {
         if self.poses == 0 || self.since_last_us >= gap_us {
             *self = Self::default();
@@ -60,7 +58,7 @@ impl Recovery {
 }
 
 impl Default for History {
-    /// Neutral, before any frame.
+    /// Neutral, as before the first frame.
     fn default() -> Self {
         Self {
             state: State::Neutral,
@@ -74,39 +72,37 @@ impl Default for History {
             now_us: None,
             heard_us: None,
             recovery: Recovery::default(),
-            sent: None,
-            since_sent_us: u64::MAX,
         }
     }
 }
 
 impl History {
-    /// Lets time pass; returns how much. A clock that steps back has stood still.
+    /// Lets time pass, and returns how much. A clock that steps back counts as standing still.
     pub fn advance(&mut self, now_us: u64) -> u64 {
         let elapsed_us = now_us.saturating_sub(self.now_us.unwrap_or(now_us));
         self.now_us = Some(now_us);
         self.age_us = self.age_us.saturating_add(elapsed_us);
-        self.since_sent_us = self.since_sent_us.saturating_add(elapsed_us);
         self.recovery.advance(elapsed_us);
         elapsed_us
     }
 
-    /// Notes why there is no pose, and begins the recovery anew.
+    /// Notes why there is no pose, and starts the recovery over.
     pub fn fault(&mut self, reason: Reason) {
         self.reason = reason;
         self.recovery = Recovery::default();
     }
 
-    /// The reason that goes with the state: while live, one that is known already is not told yet.
+    /// The reason to send with the state. While the face is live this is `None`, even if a fault is known already: it is
+    /// sent once the state leaves `Live`.
     #[must_use]
-    pub fn told_reason(&self) -> Reason {
+    pub fn reason_to_send(&self) -> Reason {
         match self.state {
             State::Live => Reason::None,
             State::Hold | State::Decay | State::Neutral => self.reason,
         }
     }
 
-    /// Makes a good pose the one to show, by a ramp when the output stood still or decayed before.
+    /// Follows a good pose from now on. The output moves to it by a ramp if the face was not live before.
     pub fn follow(&mut self, pose: Pose, capture_us: u64, age_us: u64) {
         self.ramping |= self.state != State::Live;
         if self.fresh {
@@ -120,15 +116,16 @@ impl History {
         self.age_us = age_us;
     }
 
-    /// What is shown, by a sender that stops.
-    pub(super) fn stopping(&self) -> Output {
+    /// The output of this moment.
+    pub(super) fn output(&self) -> Output {
         Output {
-            state: State::Neutral,
-            reason: Reason::Stopping,
+            state: self.state,
+            reason: self.reason_to_send(),
             pose: self.shown,
             age_us: self.age_us,
             capture_us: self.capture_us,
-            due: true,
+            followed: false,
+            moving: false,
         }
     }
 }

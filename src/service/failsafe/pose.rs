@@ -1,42 +1,28 @@
-//! A pose of the face, and how it moves at a bounded speed.
+//! How a pose is checked, and how it moves at a bounded speed.
 
-use facewire_packet::BLENDSHAPE_COUNT;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-/// How far the head turns while a coefficient may move by 1: 4 units/s are 180 degrees/s, so that decay brings a
-/// head turned by 126 degrees back within its 700 ms.
+use crate::link::Pose;
+
+/// How far the head may turn while a coefficient may move by 1. At 4 units/s this is 180 degrees/s: a decay of 700 ms
+/// brings back a head that is turned by 126 degrees.
 const RADIANS_PER_UNIT: f32 = std::f32::consts::FRAC_PI_4;
-/// How far the head moves while a coefficient may move by 1: 4 units/s are 1 m/s.
+/// How far the head may move while a coefficient may move by 1. At 4 units/s this is 1 m/s.
 const MM_PER_UNIT: f32 = 250.0;
-/// What rounding in the solver may add to a coefficient of 0 or 1.
+/// Rounding error of the solver that a coefficient of 0 or 1 may have.
 const COEFFICIENT_TOLERANCE: f32 = 1e-3;
-/// What rounding may add to the length of the quaternion.
+/// Rounding error that the length of the quaternion may have.
 const ROTATION_TOLERANCE: f32 = 1e-2;
-/// Farther than any camera sees a face, and still within the packet's 16 bits.
+/// Farther than any camera sees a face, and within the 16 bits of the packet.
 const POSITION_LIMIT_MM: f32 = 32_000.0;
 
-/// What a face shows at one moment. Fields are as in [`facewire_packet::Packet`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose {
-    /// Head rotation, unit quaternion x y z w; identity when facing the camera.
-    pub rotation: [f32; 4],
-    /// Head position in the camera's frame, millimetres.
-    pub position_mm: [f32; 3],
-    /// Blendshape coefficients, 0..=1.
-    pub coefficients: [f32; BLENDSHAPE_COUNT],
-}
-
 impl Pose {
-    /// No expression, facing the camera.
-    pub const NEUTRAL: Self =
-        Self { rotation: [0.0, 0.0, 0.0, 1.0], position_mm: [0.0; 3], coefficients: [0.0; BLENDSHAPE_COUNT] };
-
-    /// Neutral at this pose's place: a head has no neutral position, so the last one stays.
+    /// The neutral face at the position of this pose: a head has no neutral position.
     pub(in crate::service) fn neutral_here(&self) -> Self {
         Self { position_mm: self.position_mm, ..Self::NEUTRAL }
     }
 
-    /// The pose with rounding removed, or `None` when any value is not a number or out of range.
+    /// Removes rounding errors. Returns `None` if any value is not a number or out of range.
     pub(super) fn checked(&self) -> Option<Self> {
         let plausible = -COEFFICIENT_TOLERANCE..=1.0 + COEFFICIENT_TOLERANCE;
         let coefficients_good = self.coefficients.iter().all(|value| plausible.contains(value));
@@ -51,8 +37,8 @@ impl Pose {
         })
     }
 
-    /// Moves the fraction `part` of the way to `target`, but no coefficient by more than `limit`, and the head by
-    /// no more than corresponds to it.
+    /// Moves the fraction `part` of the way to `target`, but no coefficient by more than `limit`, and the head by no more
+    /// than the equivalent of it.
     pub(super) fn towards(&self, target: &Self, part: f32, limit: f32) -> Self {
         let mut coefficients = target.coefficients;
         for (value, from) in coefficients.iter_mut().zip(self.coefficients) {
@@ -69,7 +55,7 @@ impl Pose {
     }
 }
 
-/// Turns about one axis, the shorter way.
+/// Turns `from` towards `to` about one axis, the shorter way.
 fn turned(from: [f32; 4], to: [f32; 4], part: f32, limit_rad: f32) -> [f32; 4] {
     let unit = |rotation| UnitQuaternion::new_normalize(Quaternion::from(rotation));
     let Some((axis, angle)) = unit(from).rotation_to(&unit(to)).axis_angle() else {
@@ -82,7 +68,7 @@ fn turned(from: [f32; 4], to: [f32; 4], part: f32, limit_rad: f32) -> [f32; 4] {
     (step * unit(from)).coords.into()
 }
 
-/// Moves along the straight line.
+/// Moves `from` towards `to` on a straight line.
 fn moved(from: [f32; 3], to: [f32; 3], part: f32, limit_mm: f32) -> [f32; 3] {
     let way = Vector3::from(to) - Vector3::from(from);
     if part >= 1.0 && way.norm() <= limit_mm {

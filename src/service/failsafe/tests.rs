@@ -1,7 +1,9 @@
-//! What the failsafe promises. Only a number advances.
+//! What the failsafe promises. Time is a number that the tests advance.
 #![allow(clippy::float_cmp)]
 
 use super::*;
+use crate::config::LinkSettings;
+use crate::link::{Pace, Sent};
 
 const MS: u64 = 1000;
 /// A camera at 30 frames a second.
@@ -12,6 +14,8 @@ struct Run {
     failsafe: Failsafe,
     history: History,
     now_us: u64,
+    /// What a link with the default pace sent last.
+    sent: Option<Sent>,
 }
 
 fn settings() -> FailsafeSettings {
@@ -34,7 +38,8 @@ fn yaw_deg(pose: &Pose) -> f32 {
 
 impl Run {
     fn new() -> Self {
-        Self { failsafe: Failsafe::new(&settings(), 60, FRAME_US), history: History::default(), now_us: 5_000_000 }
+        let (failsafe, history) = (Failsafe::new(&settings(), FRAME_US), History::default());
+        Self { failsafe, history, now_us: 5_000_000, sent: None }
     }
 
     /// Following this pose for two seconds, so that every ramp is over.
@@ -56,6 +61,25 @@ impl Run {
 
     fn news(&mut self, news: News<'_>) -> Output {
         self.failsafe.update(&mut self.history, self.now_us, news)
+    }
+
+    /// Offers the output to a link with the default pace. Returns whether the link sends it.
+    fn sends(&mut self, output: &Output, rate_hz: u32) -> bool {
+        let pace = Pace::new(&LinkSettings::default(), rate_hz);
+        let is_due = pace.is_due(self.sent.as_ref(), self.now_us, output);
+        if is_due {
+            self.sent = Some(pace.sent(self.sent.as_ref(), self.now_us, output));
+        }
+        is_due
+    }
+
+    /// Lets a sender run as long as it may wait. Returns the output, whether it was sent, and how long that took.
+    fn wait_as_told(&mut self, last: &Output, rate_hz: u32) -> (Output, bool, u64) {
+        let pace = Pace::new(&LinkSettings::default(), rate_hz);
+        let wait_us = pace.wait_us(self.sent.as_ref(), self.now_us, last).min(self.failsafe.wait_us(&self.history));
+        let output = self.wait(wait_us);
+        let is_sent = self.sends(&output, rate_hz);
+        (output, is_sent, wait_us)
     }
 
     fn wait(&mut self, us: u64) -> Output {
@@ -118,7 +142,7 @@ fn times_count_from_the_capture_of_the_last_pose_not_from_its_arrival() {
 #[test]
 fn slow_cameras_move_all_times_by_what_three_frames_take_longer() {
     let mut run = Run::live(&all(1.0));
-    run.failsafe = Failsafe::new(&settings(), 60, 100 * MS);
+    run.failsafe = Failsafe::new(&settings(), 100 * MS);
     let want = [(1, State::Live), (300, State::Hold), (450, State::Decay), (1150, State::Neutral)];
     assert_eq!(transitions(&run.watch(1500 * MS)), want);
 }
@@ -137,7 +161,7 @@ fn hold_stands_still_and_decay_never_moves_faster_than_the_slew_limit() {
 fn short_decays_are_limited_by_slew_and_neutral_waits_for_them() {
     let mut run = Run::live(&all(1.0));
     let short = FailsafeSettings { neutral_ms: 310, ..settings() };
-    run.failsafe = Failsafe::new(&short, 60, FRAME_US);
+    run.failsafe = Failsafe::new(&short, FRAME_US);
     let outputs = run.watch(1000 * MS);
     assert!(fastest(&outputs) <= SLEW_PER_S * 1.001, "{}", fastest(&outputs));
     assert_eq!(transitions(&outputs).last(), Some(&(550, State::Neutral)));
@@ -270,7 +294,7 @@ fn silence_without_a_known_fault_is_late() {
 fn before_any_frame_the_face_is_neutral_for_want_of_a_camera() {
     let output = Run::new().news(News::Nothing);
     assert_eq!((output.state, output.reason), (State::Neutral, Reason::NoCamera));
-    assert_eq!(output.packet(1).encode(), Packet { reason: Reason::NoCamera, sequence: 1, ..Packet::NEUTRAL }.encode());
+    assert_eq!((output.pose, output.age_us), (Pose::NEUTRAL, u64::MAX));
 }
 
 #[test]
@@ -286,7 +310,7 @@ fn a_pose_with_one_bad_number_is_rejected_whole() {
         let mut run = Run::live(&all(1.0));
         run.now_us += FRAME_US;
         let output = run.pose(&bad);
-        assert_eq!((output.pose, output.due), (all(1.0), false));
+        assert_eq!((output.pose, output.followed), (all(1.0), false));
         assert_eq!(run.wait(160 * MS).reason, Reason::BadResult);
     }
 }
@@ -312,8 +336,7 @@ fn the_same_pose_given_again_is_not_news() {
     let capture_us = run.now_us;
     for ms in 1..=150 {
         run.now_us += MS;
-        let due = run.news(News::Pose(&all(1.0), capture_us)).due;
-        assert!(!due || ms == 100 || run.history.state == State::Hold, "{ms}");
+        assert!(!run.news(News::Pose(&all(1.0), capture_us)).followed, "{ms}");
     }
     assert_eq!(run.history.state, State::Hold);
 }
@@ -350,46 +373,44 @@ fn a_pose_from_the_future_is_not_live_for_longer() {
 }
 
 #[test]
-fn poses_are_sent_at_once_while_live_and_else_only_what_has_stood_still_for_100_ms() {
+fn a_live_face_is_sent_with_every_pose_and_again_when_it_has_stood_still_for_100_ms() {
     let mut run = Run::live(&all(1.0));
     run.now_us += FRAME_US;
-    assert!(run.pose(&all(0.9)).due);
-    assert_eq!(run.failsafe.wait_us(&run.history), 100 * MS);
-    assert!(!run.wait(99 * MS).due);
-    let again = run.wait(MS);
-    assert_eq!((again.due, again.state, again.pose, again.age_us), (true, State::Live, all(0.9), 100 * MS));
-    assert_eq!(run.failsafe.wait_us(&run.history), 50 * MS);
-    assert!(run.wait(50 * MS).due, "hold begins");
+    let followed = run.pose(&all(0.9));
+    assert!(run.sends(&followed, 60));
+    let (again, is_sent, waited_us) = run.wait_as_told(&followed, 60);
+    assert_eq!((is_sent, waited_us), (true, 100 * MS));
+    assert_eq!((again.state, again.pose, again.age_us), (State::Live, all(0.9), 100 * MS));
+    let (hold, is_sent, waited_us) = run.wait_as_told(&again, 60);
+    assert_eq!((hold.state, is_sent, waited_us), (State::Hold, true, 50 * MS));
 }
 
 #[test]
-fn no_settings_and_no_camera_make_packets_rarer_than_10_hz() {
+fn packets_come_at_least_10_times_per_second_whatever_the_settings_and_the_camera_are() {
     let patient = FailsafeSettings { live_ms: 5000, hold_ms: 10_000, neutral_ms: 60_000, slew_per_s: 0.1 };
     for (settings, frame_period_us) in [(patient, FRAME_US), (settings(), 1_000_000)] {
         let mut run = Run::live(&all(1.0));
-        run.failsafe = Failsafe::new(&settings, 10, frame_period_us);
-        let mut waited_us = 0;
+        run.failsafe = Failsafe::new(&settings, frame_period_us);
+        let (mut silent_us, mut output) = (0, run.news(News::Nothing));
         for _ in 0..1000 {
-            let wait_us = run.failsafe.wait_us(&run.history);
-            waited_us = if run.wait(wait_us).due { 0 } else { waited_us + wait_us };
-            assert!(waited_us <= 100 * MS, "{waited_us}, {:?}", run.history.state);
+            let (next, is_sent, waited_us) = run.wait_as_told(&output, 10);
+            silent_us = if is_sent { 0 } else { silent_us + waited_us };
+            assert!(silent_us <= 100 * MS, "{silent_us}, {:?}", run.history.state);
+            output = next;
         }
         assert_eq!(run.history.state, State::Neutral);
     }
 }
 
 #[test]
-fn waiting_as_told_sends_hold_and_decay_at_the_rate_and_neutral_at_10_hz() {
+fn hold_and_decay_are_sent_at_the_rate_and_a_neutral_face_10_times_per_second() {
     let mut run = Run::live(&all(1.0));
-    let begin_us = run.now_us;
-    let mut sent = Vec::new();
+    let (begin_us, mut sent, mut output) = (run.now_us, Vec::new(), run.news(News::Nothing));
     while run.now_us < begin_us + 3_000_000 {
-        let wait_us = run.failsafe.wait_us(&run.history);
-        assert!(wait_us > 0, "waiting makes progress");
-        let output = run.wait(wait_us);
-        if output.due {
-            sent.push(output.state);
-        }
+        let (next, is_sent, waited_us) = run.wait_as_told(&output, 60);
+        assert!(waited_us > 0 || sent.is_empty(), "waiting makes progress");
+        sent.extend(is_sent.then_some(next.state));
+        output = next;
     }
     let count = |state| sent.iter().filter(|sent| **sent == state).count();
     assert!((9..=10).contains(&count(State::Hold)), "150 ms at 60 Hz: {}", count(State::Hold));
@@ -400,11 +421,13 @@ fn waiting_as_told_sends_hold_and_decay_at_the_rate_and_neutral_at_10_hz() {
 #[test]
 fn a_change_of_reason_is_sent_at_once() {
     let mut run = Run::live(&all(1.0));
-    run.wait(2000 * MS);
-    run.now_us += MS;
-    assert!(run.news(News::Fault(Reason::NoCamera)).due);
-    run.now_us += MS;
-    assert!(!run.news(News::Fault(Reason::NoCamera)).due);
+    let output = run.wait(2000 * MS);
+    run.sends(&output, 60);
+    for is_sent in [true, false] {
+        run.now_us += MS;
+        let output = run.news(News::Fault(Reason::NoCamera));
+        assert_eq!(run.sends(&output, 60), is_sent);
+    }
 }
 
 #[test]
@@ -415,7 +438,7 @@ fn a_face_that_stops_goes_to_neutral_by_the_slew_limit_and_says_why() {
         let output = run.failsafe.stop(&mut run.history, run.now_us);
         let expected = 1.0 - SLEW_PER_S * f32::from(ms) / 1000.0;
         assert!((output.pose.coefficients[0] - expected).abs() < 1e-4, "{expected} after {ms} ms");
-        assert_eq!((output.reason, output.due), (Reason::Stopping, true));
+        assert_eq!(output.reason, Reason::Stopping);
         assert_eq!(output.state == State::Decay, output.pose != all(1.0).neutral_here());
     }
     run.now_us += MS;

@@ -82,7 +82,7 @@ impl Writer<'_> {
     }
 
     fn packets(&mut self, status: &Status) -> fmt::Result {
-        self.metric("packets", "Packets handed to each link.", &ConstCounter::new(status.packets))?;
+        self.metric("packets", "Packets that all links were given to send.", &ConstCounter::new(status.packets))?;
         let results = [("sent", status.sent), ("dropped", status.dropped)];
         self.counters("link_packets", "Packets sent and dropped, summed over all links.", "result", results)?;
         self.metric("links_open", "Links that are open.", &ConstGauge::new(status.links_open))?;
@@ -162,7 +162,7 @@ mod tests {
     fn the_page_shows_the_values_of_the_counters() {
         let counters = Arc::new(Counters::default());
         counters.solved.store(7, Relaxed);
-        counters.dropped.store(2, Relaxed);
+        counters.traffic.dropped.store(2, Relaxed);
         counters.times.mesh.record(Duration::from_micros(20));
         let page = Page::new(counters).text();
         for line in [

@@ -1,0 +1,79 @@
+//! Faults of settings that are valid one by one but do not fit together.
+
+use super::{Fault, Faults, link::most_packets_hz, rehearsal::Script, settings::Settings};
+
+/// Slowest rate of a link, packets per second: receivers go neutral after 500 ms without one.
+const SLOWEST_LINK_HZ: u32 = 10;
+/// Baud rates that every serial port supports. The last one carries the highest rate that a setting allows.
+const USUAL_BAUDS: [u32; 6] = [19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
+
+/// Adds the faults of settings that do not fit together. Tables with faults of their own are not judged.
+pub fn check(settings: &Settings, faults: &mut Faults) {
+    check_tables(settings, faults);
+    check_ports(settings, faults);
+    check_lines(settings, faults);
+}
+
+fn check_tables(settings: &Settings, faults: &mut Faults) {
+    let failsafe = &settings.failsafe;
+    let mut need = |good: bool, key: &'static str, value: String, expected: String| {
+        let table = key.split('.').next().unwrap_or(key);
+        if !good && !faults.concern(table) {
+            faults.push(Fault::Together { key, value, expected });
+        }
+    };
+    let [live, hold, neutral] = [failsafe.live_ms, failsafe.hold_ms, failsafe.neutral_ms];
+    need(live < hold, "failsafe.hold_ms", hold.to_string(), format!("more than failsafe.live_ms, which is {live}"));
+    need(
+        hold < neutral,
+        "failsafe.neutral_ms",
+        neutral.to_string(),
+        format!("more than failsafe.hold_ms, which is {hold}"),
+    );
+    let device = &settings.camera.device;
+    let is_readable = Script::of(device).is_none_or(|script| script.is_ok());
+    let cameras = "\"auto\", the path of a camera, part of its name, \"demo\" or a rehearsal";
+    need(!device.trim().is_empty(), "camera.device", format!("{device:?}"), cameras.to_owned());
+    need(is_readable, "camera.device", format!("{device:?}"), Script::EXPECTED.to_owned());
+    for (key, path) in [("networks.folder", &settings.networks.folder), ("solver.model", &settings.solver.model)] {
+        let expected = "a path from / on: no shell replaces the ~ of a setting".to_owned();
+        need(!path.starts_with('~'), key, format!("{path:?}"), expected);
+    }
+    need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
+    for rate_hz in settings.links.iter().map(|link| link.pace.rate_hz).filter(|rate_hz| *rate_hz > 0) {
+        let expected = format!("0 or at least {SLOWEST_LINK_HZ}: receivers go neutral when packets come more rarely");
+        need(rate_hz >= SLOWEST_LINK_HZ, "link.rate_hz", rate_hz.to_string(), expected);
+    }
+}
+
+/// Adds a fault for every serial port that two links share. Only the text counts: two names may mean one device for a
+/// while, and links wait for each other then.
+fn check_ports(settings: &Settings, faults: &mut Faults) {
+    let lines = settings.links.iter().filter_map(|link| link.line());
+    let ports: Vec<_> = lines.map(|(device, _)| device).filter(|device| device.is_absolute()).collect();
+    for (index, device) in ports.iter().enumerate() {
+        if ports.iter().take(index).any(|earlier| earlier == device) {
+            faults.push(Fault::SamePort { device: device.to_path_buf() });
+        }
+    }
+}
+
+/// Adds a fault for every serial line that is too slow for its link.
+fn check_lines(settings: &Settings, faults: &mut Faults) {
+    if ["camera", "send", "link"].iter().any(|table| faults.concern(table)) {
+        return;
+    }
+    for link in &settings.links {
+        let Some((device, baud)) = link.line() else { continue };
+        let rate_hz = link.most_hz(settings.camera.fps, settings.send.rate_hz);
+        if most_packets_hz(baud) < rate_hz {
+            faults.push(Fault::SlowLine {
+                device: device.to_owned(),
+                baud,
+                rate_hz,
+                most_hz: most_packets_hz(baud),
+                enough: USUAL_BAUDS.into_iter().find(|baud| most_packets_hz(*baud) >= rate_hz).unwrap_or(u32::MAX),
+            });
+        }
+    }
+}

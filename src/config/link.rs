@@ -1,0 +1,197 @@
+//! Settings of a link: one kind of link has one table of keys, and all kinds share the keys of the pace.
+
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+};
+
+use facewire_packet::FRAME_BYTES;
+use toml::de::DeValue;
+
+use super::{
+    section::{Section, section, write_setting},
+    value::{Address, Choice, Value, quoted},
+};
+
+/// Share of a serial line that packets may use, percent. The rest makes up for clocks that differ.
+const LINE_SHARE: u64 = 80;
+/// Bits of a byte on a serial line: a start bit, 8 data bits and a stop bit.
+const BITS_PER_BYTE: u64 = 10;
+
+/// One `[[link]]`: a receiver, what is sent to it, and when.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LinkSettings {
+    /// What is sent, and how it travels.
+    pub kind: LinkKind,
+    /// When it is sent.
+    pub pace: PaceSettings,
+}
+
+/// Declares the kinds of links: `/// comment`, `Variant(Settings) = "name"` for each. The first is the default.
+macro_rules! link_kinds {
+    ( $(#[doc = $doc:literal])* $name:ident { $( #[doc = $text:literal] $variant:ident($settings:ident) = $key:literal, )* } ) => {
+        $(#[doc = $doc])*
+        #[derive(Debug, Clone, PartialEq)]
+        pub enum $name {
+            $( #[doc = $text] $variant($settings), )*
+        }
+
+        impl $name {
+            /// The name of every kind.
+            const NAMES: &[&str] = &[ $( $key, )* ];
+            /// A line about every kind.
+            const LINES: &[&str] = &[ $( concat!(" - \"", $key, "\":", $text), )* ];
+
+            /// Returns every kind with its default settings.
+            pub(super) fn all() -> [Self; Self::NAMES.len()] {
+                [ $( Self::$variant($settings::default()), )* ]
+            }
+
+            /// The name of this kind.
+            #[must_use]
+            pub fn name(&self) -> &'static str {
+                match self {
+                    $( Self::$variant(_) => $key, )*
+                }
+            }
+
+            /// The settings that only this kind has.
+            pub(super) fn section(&self) -> &dyn Section {
+                match self {
+                    $( Self::$variant(settings) => settings, )*
+                }
+            }
+
+            /// The same settings, to be changed.
+            pub(super) fn section_mut(&mut self) -> &mut dyn Section {
+                match self {
+                    $( Self::$variant(settings) => settings, )*
+                }
+            }
+        }
+    };
+}
+
+link_kinds! {
+    /// What a link sends, and how it travels.
+    LinkKind {
+        /// facewire packets by UDP, each in one datagram of 132 bytes
+        Udp(UdpSettings) = "udp",
+        /// facewire packets on a serial line, each as one COBS frame of 134 bytes
+        Serial(SerialSettings) = "serial",
+    }
+}
+
+impl Default for LinkKind {
+    fn default() -> Self {
+        Self::Udp(UdpSettings::default())
+    }
+}
+
+section! {
+    /// Packets by UDP.
+    UdpSettings {
+        /// The receiver: a host name or an address, also a broadcast or a multicast address, and a port. The address of
+        /// a host name is looked up again every 5 seconds.
+        address: Address = Address::default(), (), "";
+    }
+}
+
+section! {
+    /// Packets on a serial line.
+    SerialSettings {
+        /// The serial port. Prefer a path that does not change when other devices are plugged in: `facewire devices`
+        /// lists the ports with such paths.
+        device: PathBuf = PathBuf::new(), (), "";
+        /// Baud rate. Packets may use at most 80 % of the line: 115200 baud carries 68 packets per second.
+        baud: u32 = 115_200, 19_200..=4_000_000, " (1/s)";
+    }
+}
+
+section! {
+    /// When a link sends.
+    PaceSettings {
+        /// When the link sends a packet:
+        /// - "pose": at once for every new pose and every change of state, `rate_hz` times per second while the face
+        ///   moves without new poses, and 10 times per second otherwise
+        /// - "change": when the face has moved by at least 0.5 % since the last packet, at most `rate_hz` times per
+        ///   second, and 10 times per second otherwise
+        /// - "rate": `rate_hz` times per second, whatever the face does
+        pace: PaceKind = PaceKind::Pose, (), "";
+        /// The rate that `pace` refers to, 10 or more; 0 takes `rate_hz` of [send].
+        rate_hz: u32 = 0, 0..=240, " (1/s)";
+    }
+}
+
+/// What makes a link send.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PaceKind {
+    /// Every new pose.
+    Pose,
+    /// A visible change.
+    Change,
+    /// The clock alone.
+    Rate,
+}
+
+impl Choice for PaceKind {
+    const ALL: &'static [(&'static str, Self)] =
+        &[("pose", Self::Pose), ("change", Self::Change), ("rate", Self::Rate)];
+}
+
+impl LinkSettings {
+    /// The serial port and the baud rate, if the link uses a serial line.
+    pub(super) fn line(&self) -> Option<(&Path, u32)> {
+        match &self.kind {
+            LinkKind::Serial(serial) => Some((&serial.device, serial.baud)),
+            LinkKind::Udp(_) => None,
+        }
+    }
+
+    /// The rate of the link in packets per second; `send_hz` is that of `[send]`.
+    #[must_use]
+    pub fn rate_hz(&self, send_hz: u32) -> u32 {
+        if self.pace.rate_hz == 0 { send_hz } else { self.pace.rate_hz }
+    }
+
+    /// The most packets per second that the link sends for a camera of `fps` frames per second.
+    pub(super) fn most_hz(&self, fps: u32, send_hz: u32) -> u32 {
+        let rate_hz = self.rate_hz(send_hz);
+        if self.pace.pace == PaceKind::Pose { rate_hz.max(fps) } else { rate_hz }
+    }
+
+    /// Returns every key of a link of this kind.
+    pub(super) fn keys(&self) -> Vec<&'static str> {
+        [&["kind"], self.kind.section().keys(), self.pace.keys()].concat()
+    }
+
+    /// Writes the lines of the table in TOML, each setting after its comment.
+    pub(super) fn write(&self) -> String {
+        let mut text = String::new();
+        let lines = [&[" What the link sends, and how it travels:"], LinkKind::LINES].concat();
+        write_setting(&mut text, &lines, &expected_kind(), &format!("kind = {}", quoted(self.kind.name())));
+        text + &self.kind.section().write() + &self.pace.write()
+    }
+}
+
+/// Describes the values of the key `kind`.
+pub(super) fn expected_kind() -> String {
+    let names: Vec<String> = LinkKind::NAMES.iter().map(|name| quoted(name)).collect();
+    format!("one of {}", names.join(", "))
+}
+
+/// Shows where the link leads: an address, or the path of a serial port.
+impl fmt::Display for LinkSettings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.kind {
+            LinkKind::Udp(udp) => udp.address.fmt(f),
+            LinkKind::Serial(serial) => serial.device.display().fmt(f),
+        }
+    }
+}
+
+/// Returns how many packets per second a serial line of this baud rate may carry.
+pub(super) fn most_packets_hz(baud: u32) -> u32 {
+    let packets = u64::from(baud) * LINE_SHARE / 100 / (FRAME_BYTES as u64 * BITS_PER_BYTE);
+    u32::try_from(packets).unwrap_or(u32::MAX)
+}

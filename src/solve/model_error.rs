@@ -1,34 +1,31 @@
 //! Why a model cannot be used.
-//!
-//! The build script compiles this file, too.
 
-use std::{io, path::PathBuf};
+use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// The format of model files that this program reads.
-pub(super) const FORMAT: u32 = 2;
+use super::model_file::FORMAT;
 
-/// A model that cannot be used.
+/// A model file that cannot be used.
 #[derive(Debug, Error)]
 pub enum ModelError {
-    /// The file is missing or cannot be read. It may be later: its disk may not be mounted yet.
+    /// The file cannot be read.
     #[error("the model {} cannot be read ({source}); check the path and its permissions", path.display())]
     Unreadable {
-        /// The path of the file.
+        /// Where it was looked for.
         path: PathBuf,
-        /// The error of the system.
-        source: io::Error,
+        /// What the system said.
+        source: std::io::Error,
     },
-    /// The file is not TOML, or lacks entries, or has other entries.
+    /// Not TOML, or not of this layout.
     #[error("the model file is damaged in line {line} ({reason}); restore it or fit it again")]
     Damaged {
-        /// Number of the line, from 1.
+        /// Where, from 1.
         line: usize,
-        /// The error of the parser.
+        /// What the parser says.
         reason: String,
     },
-    /// The file was written for another version of this program.
+    /// Made for another version of this program.
     #[error("the model file has format {found}, this program reads format {FORMAT}; fit it again with facewire-fit")]
     WrongFormat {
         /// The format of the file.
@@ -37,31 +34,31 @@ pub enum ModelError {
     /// A blendshape is missing.
     #[error("the model file has no {table}.{blendshape}; restore it or fit it again")]
     Missing {
-        /// The table of the file.
+        /// Table of the file.
         table: &'static str,
-        /// The name of the blendshape.
+        /// Name of the blendshape.
         blendshape: &'static str,
     },
     /// A name that this program does not know.
     #[error("the model file names an unknown {name:?} in {table}; fit it again with facewire-fit")]
     Unknown {
-        /// The table of the file.
+        /// Table of the file.
         table: String,
-        /// The unknown name.
+        /// The name.
         name: String,
     },
-    /// A number that is not finite, or too large for single precision.
+    /// A weight that is not finite, or too large to be one.
     #[error("the weight {name:?} in {table} of the model file is not a finite number; restore the file")]
     NotFinite {
-        /// The table of the file.
+        /// Table of the file.
         table: String,
-        /// The name of the number.
+        /// Name of the weight.
         name: String,
     },
-    /// More numbers than the program has room for.
+    /// More weights than fit.
     #[error("{table} of the model file has more weights than this program holds; fit it again with fewer")]
     TooMany {
-        /// The table of the file.
+        /// Table of the file.
         table: String,
     },
 }

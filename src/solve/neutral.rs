@@ -2,7 +2,10 @@
 
 use thiserror::Error;
 
-use super::{affine::Normalised, feature_id::MEASURES, features::measure};
+use super::{
+    affine::Normalised,
+    features::{MEASURES, measure},
+};
 use crate::face::LANDMARKS;
 
 /// Largest coordinate of a neutral face, eye distances.

@@ -122,10 +122,12 @@ impl Receiver {
         packets
     }
 
-    /// What has come and was not taken.
+    /// Packets that have come and were not taken yet.
     pub fn rest(&self) -> Vec<Packet> {
         self.0.set_nonblocking(true).unwrap();
         let waits = || self.0.peek(&mut [0; PACKET_BYTES]).is_ok();
-        std::iter::from_fn(|| waits().then(|| self.packet())).collect()
+        let rest = std::iter::from_fn(|| waits().then(|| self.packet())).collect();
+        self.0.set_nonblocking(false).unwrap();
+        rest
     }
 }

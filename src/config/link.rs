@@ -113,7 +113,7 @@ section! {
     PaceSettings {
         /// When the link sends a packet:
         /// - "pose": at once for every new pose and every change of state, `rate_hz` times per second while the face
-        ///   moves without new poses, and 10 times per second while it stands still
+        ///   holds, decays or returns to live, and 10 times per second otherwise
         /// - "change": when the face has moved visibly since the last packet (a coefficient by 0.5 %, the head by half a
         ///   degree or 2 mm) or its state has changed, at most `rate_hz` times per second; 10 times per second otherwise
         /// - "rate": `rate_hz` times per second, whatever the face does

@@ -5,9 +5,9 @@
 
 use std::time::{Duration, Instant};
 
-use crate::capture::{Frame, Picture};
+use crate::capture::{Content, Frame, Source};
 use crate::config::{NetworkSettings, Settings, SolverSettings};
-use crate::face::Tracker;
+use crate::face::{Landmarks, Tracker};
 use crate::infer::{self, InferError};
 use crate::solve::{Camera, Filters, Model, ModelError, Profile, Solution, SolveError, Solver};
 
@@ -78,11 +78,11 @@ fn timed<T>(time: &mut Option<Duration>, stage: impl FnOnce() -> T) -> T {
 
 /// From frames to coefficients.
 pub struct Pipeline {
-    /// Finds the landmarks.
-    pub tracker: Tracker,
-    /// Turns them into coefficients.
+    /// Finds the landmarks in pictures. `None` for a source of landmarks.
+    pub tracker: Option<Tracker>,
+    /// Turns landmarks into coefficients.
     pub solver: Solver,
-    /// Angle of view of the camera, for the head's position.
+    /// Angle of view of the camera, for the position of the head.
     pub horizontal_fov_deg: f32,
     times: StageTimes,
 }
@@ -93,28 +93,60 @@ impl Pipeline {
     /// # Errors
     /// [`SetupError`].
     pub fn load(settings: &Settings) -> Result<Self, SetupError> {
-        // First the model, so that the networks take the memory that reading it leaves free.
+        // The model comes first, so that the networks take the memory that reading it leaves free.
         let solver = load_solver(&settings.solver)?;
         Ok(Self::new(load_tracker(&settings.networks)?, solver, settings.camera.horizontal_fov_deg))
+    }
+
+    /// Loads the model, and the networks only if `source` shows pictures.
+    ///
+    /// # Errors
+    /// [`SetupError`].
+    pub fn load_for(source: &dyn Source, settings: &Settings) -> Result<Self, SetupError> {
+        if source.shows_pictures() {
+            return Self::load(settings);
+        }
+        let solver = load_solver(&settings.solver)?;
+        let horizontal_fov_deg = settings.camera.horizontal_fov_deg;
+        Ok(Self { tracker: None, solver, horizontal_fov_deg, times: StageTimes::default() })
     }
 
     /// A pipeline of these parts, for a camera with this angle of view.
     #[must_use]
     pub fn new(tracker: Tracker, solver: Solver, horizontal_fov_deg: f32) -> Self {
-        Self { tracker, solver, horizontal_fov_deg, times: StageTimes::default() }
+        Self { tracker: Some(tracker), solver, horizontal_fov_deg, times: StageTimes::default() }
     }
 
-    /// Solves one frame.
+    /// Returns the landmarks that the frame brings, or else those that the tracker finds in its picture. `None` if there
+    /// is no face, or a picture but no tracker.
     ///
     /// # Errors
-    /// [`Rejected`]: the frame gives nothing, and the next one is as good as any.
+    /// [`InferError::Run`].
+    pub fn find<'a>(&'a mut self, frame: &Frame<'a>) -> Result<Option<&'a Landmarks>, InferError> {
+        find(self.tracker.as_mut(), &mut self.times, frame)
+    }
+
+    /// Solves one frame. Landmarks that cannot be solved are no face: the tracker forgets them, so that it finds another
+    /// face in the next picture.
+    ///
+    /// # Errors
+    /// [`Rejected`]. The next frame is not affected.
     pub fn process(&mut self, frame: &Frame) -> Result<Solution, Rejected> {
-        let (picture, times) = (&frame.picture, &mut self.times);
-        *times = StageTimes::default();
-        let face = timed(&mut times.detect, || self.tracker.detect(picture))?.ok_or(Rejected::NoFace)?;
-        let landmarks = timed(&mut times.mesh, || self.tracker.landmarks(picture, &face))?.ok_or(Rejected::NoFace)?;
-        let camera = Camera::new(size_px(picture), self.horizontal_fov_deg);
-        Ok(timed(&mut times.solve, || self.solver.solve(landmarks, &camera, frame.captured_us))?)
+        let landmarks = find(self.tracker.as_mut(), &mut self.times, frame)?.ok_or(Rejected::NoFace)?;
+        let camera = Camera::new(frame.size_px(), self.horizontal_fov_deg);
+        let (solver, times) = (&mut self.solver, &mut self.times);
+        let outcome = timed(&mut times.solve, || solver.solve(landmarks, &camera, frame.captured_us));
+        if outcome.is_err() {
+            self.forget_face();
+        }
+        Ok(outcome?)
+    }
+
+    /// Makes the tracker search the next picture as a whole.
+    pub fn forget_face(&mut self) {
+        if let Some(tracker) = &mut self.tracker {
+            tracker.forget();
+        }
     }
 
     /// How long the stages of the last frame took.
@@ -122,6 +154,21 @@ impl Pipeline {
     pub fn times(&self) -> &StageTimes {
         &self.times
     }
+}
+
+fn find<'a>(
+    tracker: Option<&'a mut Tracker>,
+    times: &mut StageTimes,
+    frame: &Frame<'a>,
+) -> Result<Option<&'a Landmarks>, InferError> {
+    *times = StageTimes::default();
+    let picture = match &frame.content {
+        Content::Picture(picture) => picture,
+        Content::Landmarks { landmarks, .. } => return Ok(*landmarks),
+    };
+    let Some(tracker) = tracker else { return Ok(None) };
+    let Some(region) = timed(&mut times.detect, || tracker.detect(picture))? else { return Ok(None) };
+    timed(&mut times.mesh, || tracker.landmarks(picture, &region))
 }
 
 /// Loads the networks that the settings name.
@@ -160,8 +207,58 @@ pub fn load_solver(settings: &SolverSettings) -> Result<Solver, SetupError> {
     Ok(Solver::new(load_model(settings)?, Profile::default(), filters(settings)))
 }
 
-/// Width and height of a picture as the solver takes them.
-#[must_use]
-pub fn size_px(picture: &Picture) -> [f32; 2] {
-    [picture.width as f32, picture.height as f32]
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+    use super::*;
+    use crate::capture::{Picture, Pixels};
+    use crate::face::test_face::show;
+    use crate::infer::scripted::Scripted;
+    use crate::solve::{Neutral, NeutralMean, normalise, test_face::face};
+
+    const SIDE: usize = 192;
+
+    /// A pipeline whose detector finds something that is no face in its first `wrong` runs, and a face later; and how
+    /// often it ran.
+    fn pipeline(wrong: usize) -> (Pipeline, Arc<AtomicUsize>) {
+        let runs = Arc::new(AtomicUsize::new(0));
+        let counted = Arc::clone(&runs);
+        let engine = Scripted::new(move |mut run| {
+            if run.network == "detector" {
+                counted.fetch_add(1, Relaxed);
+            }
+            let mut shown = face([0.0; 3], 60.0, [96.0, 80.0]);
+            if counted.load(Relaxed) <= wrong {
+                shown.0.reverse();
+            }
+            show(&mut run, &shown);
+            Ok(())
+        });
+        let solver = load_solver(&SolverSettings::default()).unwrap();
+        (Pipeline::new(Tracker::load(&engine).unwrap(), solver, 60.0), runs)
+    }
+
+    #[test]
+    fn landmarks_that_form_no_face_are_forgotten_so_that_another_face_is_found() {
+        let data = vec![128; SIDE * SIDE];
+        let picture = Picture::new(SIDE, SIDE, Pixels::Grey { data: &data, stride: SIDE }, true).unwrap();
+        let frame = |number| Frame { content: Content::Picture(picture), captured_us: 33_333 * number, number };
+        let (mut pipeline, detector_runs) = pipeline(1);
+        pipeline.solver.profile.neutral = Some(neutral(&frame(0)));
+        assert!(matches!(pipeline.process(&frame(0)), Err(Rejected::Unsolved(_))));
+        for number in 1..3 {
+            pipeline.process(&frame(number)).unwrap();
+        }
+        assert_eq!(detector_runs.load(Relaxed), 2);
+    }
+
+    /// The scripted face as the neutral one. It has few points, so only displacements from itself are sensible.
+    fn neutral(frame: &Frame) -> Neutral {
+        let mut mean = NeutralMean::default();
+        mean.add(&normalise(pipeline(0).0.find(frame).unwrap().unwrap()).unwrap());
+        mean.finish().unwrap()
+    }
 }

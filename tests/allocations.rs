@@ -118,7 +118,7 @@ fn finding_a_lost_face_allocates_nothing() {
     (0..WARM_UP).for_each(|_| way.frame(&mut clip));
     let allocated = measure(|| {
         for _ in 0..5 {
-            way.pipeline.tracker.forget();
+            way.pipeline.forget_face();
             way.frame(&mut clip);
         }
     });

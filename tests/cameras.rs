@@ -57,7 +57,7 @@ fn each_raw_format_is_delivered_with_its_time() {
         let first_us = source.next().unwrap().unwrap().captured_us;
         let frame = source.next().unwrap().unwrap();
         assert!(first_us < frame.captured_us && frame.captured_us <= monotonic_us());
-        let matches = match frame.picture.pixels {
+        let matches = match frame.picture().unwrap().pixels {
             Pixels::Yuyv { .. } => format == PixelFormat::Yuyv,
             Pixels::Nv12 { .. } => format == PixelFormat::Nv12,
             Pixels::Grey { .. } => format == PixelFormat::Grey,
@@ -158,7 +158,7 @@ fn a_usb_webcam_is_found_by_its_link_and_its_metadata_node_is_refused() {
     assert!(matches!(open("/dev/video1", None), Err(CaptureError::NotACamera { .. })));
 
     let mut source = open(&link, None).unwrap();
-    let picture = source.next().unwrap().unwrap().picture;
+    let picture = *source.next().unwrap().unwrap().picture().unwrap();
     assert!(picture.full_range && matches!(picture.pixels, Pixels::Planar { .. }));
     let remover = spawn(|| shell("uvc-camera unplug"));
     assert!(matches!(failure(&mut source), CaptureError::Gone));

@@ -53,7 +53,7 @@ fn track(engine: &dyn Engine, film: &mut dyn Source, alter: fn(Picture) -> Pictu
     let mut tracker = Tracker::load(engine).unwrap_or_else(|error| panic!("{}: {error}", engine.name()));
     let mut faces = Vec::new();
     while let Some(frame) = film.next().unwrap() {
-        let picture = alter(frame.picture);
+        let picture = alter(*frame.picture().unwrap());
         let region = tracker.detect(&picture).unwrap();
         let landmarks = region.and_then(|region| tracker.landmarks(&picture, &region).unwrap());
         faces.push(landmarks.cloned().unwrap_or(NO_FACE));

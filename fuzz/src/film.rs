@@ -86,7 +86,7 @@ fn step(source: &mut dyn Source, skip: bool) -> Result<Option<Option<(u64, u64, 
         return Ok(source.skip()?.then_some(None));
     }
     let frame = source.next()?;
-    Ok(frame.map(|frame| Some((frame.number, frame.captured_us, hash(&frame.picture)))))
+    Ok(frame.map(|frame| Some((frame.number, frame.captured_us, hash(frame.picture().unwrap())))))
 }
 
 /// A hash of a picture's samples, without what lies between its rows.

@@ -1,7 +1,7 @@
-"""Reads TFLite files as a list of operators, and cuts a part out of a network.
+"""Reading TFLite files: a plain list of operators, and cutting out part of a network.
 
-`cut` returns a valid TFLite file, so that the interpreter can run each part as the reference
-of its conversion.
+Works on the object API of the TFLite schema. `cut` yields a valid TFLite file that the
+interpreter can run, so each part of a network has its own reference.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DTYPES = {
 
 @dataclass
 class Operator:
-    """An operator, the numbers of its tensors, and its options as the schema has them."""
+    """One operator: tensor numbers, and the options record of the schema (or raw bytes)."""
 
     kind: str
     inputs: list[int]
@@ -37,7 +37,7 @@ class Operator:
 
 @dataclass
 class Graph:
-    """A network whose float16 weights have been converted to float32 constants."""
+    """A network whose float16 weights are already float32 constants."""
 
     operators: list[Operator]
     shapes: dict[int, tuple[int, ...]]
@@ -52,22 +52,22 @@ def load(content: bytes) -> Model:
 
 
 def save(model: Model) -> bytes:
-    """Serialises a model as a TFLite file."""
+    """Serialises a model for the interpreter."""
     builder = flatbuffers.Builder(1 << 20)
     builder.Finish(model.Pack(builder), b"TFL3")
     return bytes(builder.Output())
 
 
 def kind_of(model: Model, operator: Any) -> str:
-    """The operator's name in the schema, or the name of a custom operator."""
+    """Operator name as the schema spells it, or the name of a custom operator."""
     code = model.operatorCodes[operator.opcodeIndex]
-    # A file written before 2020 has the number in deprecatedBuiltinCode only.
+    # Files older than 2020 carry the number in the first field only.
     name = OPERATOR_NAMES[max(code.builtinCode, code.deprecatedBuiltinCode)]
     return code.customCode.decode() if name == "CUSTOM" else name
 
 
 def tensor_named(model: Model, name: str) -> int:
-    """The number of the tensor called `name`."""
+    """Number of the tensor with this name."""
     tensors = model.subgraphs[0].tensors
     return next(index for index, tensor in enumerate(tensors) if tensor.name.decode() == name)
 
@@ -78,7 +78,7 @@ def producer(model: Model, tensor: int) -> Any:
 
 
 def cut(content: bytes, inputs: list[int], outputs: list[int]) -> bytes:
-    """Returns the part of a network between two sets of tensors as a TFLite file."""
+    """The part of a network between two sets of tensors, as a TFLite file of its own."""
     model = load(content)
     subgraph = model.subgraphs[0]
     wanted, kept = set(outputs), []
@@ -94,8 +94,7 @@ def cut(content: bytes, inputs: list[int], outputs: list[int]) -> bytes:
 
 
 def _drop_unused_codes(model: Model) -> None:
-    """Removes unused operators from the file's list: the interpreter refuses a file whose list
-    contains a custom operator that it does not know, even if nothing uses it."""
+    """The interpreter refuses a file that merely lists a custom operator it does not know."""
     operators = model.subgraphs[0].operators
     used = sorted({operator.opcodeIndex for operator in operators})
     model.operatorCodes = [model.operatorCodes[index] for index in used]
@@ -104,7 +103,7 @@ def _drop_unused_codes(model: Model) -> None:
 
 
 def read(content: bytes) -> Graph:
-    """Reads the operators of a file and computes the constants that DEQUANTIZE makes."""
+    """The operators of a file, with constants folded through DEQUANTIZE."""
     model = load(content)
     subgraph = model.subgraphs[0]
     constants = {index: array for index in range(len(subgraph.tensors))

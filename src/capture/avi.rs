@@ -10,7 +10,7 @@ use std::io::Read;
 
 use super::jpeg::JpegDecoder;
 use super::riff::{Item, Riff, START_BYTES, Stop};
-use super::{CaptureError, Description, Frame, FrameFault, FrameRate, Source};
+use super::{CaptureError, Content, Description, Frame, FrameFault, FrameRate, Source};
 
 /// A Motion-JPEG AVI file.
 #[derive(Debug)]
@@ -50,6 +50,13 @@ impl<R: Read> AviSource<R> {
         Ok(Self { riff, video, origin, decoder, jpeg, jpeg_bytes: 0, begun: 0, ended: false })
     }
 
+    /// Sets the rate of a file that states none.
+    #[must_use]
+    pub fn with_rate(mut self, rate: FrameRate) -> Self {
+        self.video.rate = self.video.rate.or(Some(rate));
+        self
+    }
+
     /// Goes on with the same film from its beginning; numbers and times run on.
     pub(super) fn rewind(&mut self, reader: R) -> Result<(), CaptureError> {
         self.riff = Riff::new(reader);
@@ -76,7 +83,7 @@ impl<R: Read> AviSource<R> {
         self.decoder.decode(jpeg).map_err(bad)?;
         let picture = self.decoder.picture().ok_or(bad(FrameFault::Layout))?;
         let captured_us = self.video.rate.unwrap_or(FrameRate::FPS_30).stamp_us(number);
-        Ok(Frame { picture, captured_us, number })
+        Ok(Frame { content: Content::Picture(picture), captured_us, number })
     }
 
     fn find_frame(&mut self) -> Result<bool, CaptureError> {

@@ -70,7 +70,7 @@ mod tests {
         let mut last = 0;
         for number in 0..240 {
             let frame = clip.next().unwrap().unwrap();
-            assert_eq!((frame.number, frame.picture.width, frame.picture.height), (number, 640, 480));
+            assert_eq!((frame.number, frame.size_px()), (number, [640.0, 480.0]));
             last = frame.captured_us;
         }
         assert_eq!(last, 7_966_666);
@@ -91,7 +91,7 @@ mod tests {
     }
 
     fn luma_sum(frame: &Frame<'_>) -> u64 {
-        let super::super::Pixels::Planar { planes: [luma, ..], .. } = frame.picture.pixels else {
+        let super::super::Pixels::Planar { planes: [luma, ..], .. } = frame.picture().unwrap().pixels else {
             return 0;
         };
         luma.iter().copied().map(u64::from).sum()

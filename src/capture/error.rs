@@ -20,7 +20,7 @@ pub enum CaptureError {
         fault: FrameFault,
     },
     /// The file could not be opened.
-    #[error("cannot open {path}: {source}; give the path of a .y4m or Motion-JPEG .avi file, `-` or `demo`")]
+    #[error("cannot open {path}: {source}; give the path of a .y4m, Motion-JPEG .avi or .npy file, `-` or `demo`")]
     Open {
         /// As given.
         path: String,
@@ -39,6 +39,20 @@ pub enum CaptureError {
     /// A y4m stream whose header cannot be used.
     #[error("the y4m stream {0}; make one with `ffmpeg -i FILE -pix_fmt yuv420p out.y4m`")]
     Y4m(&'static str),
+    /// A `.npy` file without landmarks.
+    #[error("{path} {reason}; it must hold frames x 478 x 3 floating-point numbers in C order")]
+    Points {
+        /// As given.
+        path: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A `.npy` file that ends too soon.
+    #[error("the .npy file is cut short in frame {frame}; the frames before it were used, write it again for the rest")]
+    PointsCutShort {
+        /// The frame that is incomplete, from 0.
+        frame: u64,
+    },
     /// Larger or smaller than this program takes.
     #[error("the picture is {width}x{height}, but each side must be 1 to 4096 pixels; scale it first")]
     PictureSize {

@@ -13,6 +13,7 @@ mod jpeg;
 mod open;
 mod paced;
 mod picture;
+mod points;
 mod rate;
 mod read;
 mod rehearsal;
@@ -26,23 +27,60 @@ pub use avi::AviSource;
 pub use clip::Clip;
 pub use error::{CaptureError, FrameFault};
 pub use jpeg::JpegDecoder;
-pub use open::{DEMO, open_camera, open_file};
+pub use open::{DEMO, FileOptions, open_camera, open_file};
 pub use paced::{Paced, monotonic_us};
 pub use picture::{MAX_SIDE_PX, Picture, Pixels};
+pub use points::PointsSource;
 pub use rate::FrameRate;
 pub use y4m::Y4mSource;
 
 use std::fmt;
 
-/// One picture with the moment it was taken, lent by its source until the next call.
+use crate::face::Landmarks;
+
+/// One frame and the time of its capture, lent by its source until the next call.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame<'a> {
-    /// The picture.
-    pub picture: Picture<'a>,
+    /// What the frame shows.
+    pub content: Content<'a>,
     /// When it was captured: microseconds of `CLOCK_MONOTONIC` for a camera, of the file's own time from 0 for a file.
     pub captured_us: u64,
     /// Position in the source, counting frames that were skipped or failed; starts at 0 for a file.
     pub number: u64,
+}
+
+/// What a frame shows.
+#[derive(Debug, Clone, Copy)]
+pub enum Content<'a> {
+    /// A picture in which the face is still to be found.
+    Picture(Picture<'a>),
+    /// The result of an earlier search.
+    Landmarks {
+        /// The landmarks in pixels; `None` where no face was found.
+        landmarks: Option<&'a Landmarks>,
+        /// Width and height of the picture that was searched.
+        size_px: [f32; 2],
+    },
+}
+
+impl<'a> Frame<'a> {
+    /// The picture, if the frame shows one.
+    #[must_use]
+    pub fn picture(&self) -> Option<&Picture<'a>> {
+        match &self.content {
+            Content::Picture(picture) => Some(picture),
+            Content::Landmarks { .. } => None,
+        }
+    }
+
+    /// Width and height of the picture, in pixels.
+    #[must_use]
+    pub fn size_px(&self) -> [f32; 2] {
+        match &self.content {
+            Content::Picture(picture) => [picture.width as f32, picture.height as f32],
+            Content::Landmarks { size_px, .. } => *size_px,
+        }
+    }
 }
 
 /// Something that gives frames.
@@ -69,6 +107,11 @@ pub trait Source {
 
     /// Time from one frame to the next, if the source states it.
     fn frame_period_us(&self) -> Option<u64>;
+
+    /// Whether the frames are pictures, so that the landmark networks are needed.
+    fn shows_pictures(&self) -> bool {
+        true
+    }
 
     /// What this source is, for the operator.
     fn describe(&self) -> Description<'_>;

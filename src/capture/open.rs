@@ -2,15 +2,18 @@
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader};
+use std::path::Path;
 use std::time::Duration;
 
 use super::rehearsal::Rehearsal;
 use super::v4l2::{CameraSource, Wish};
-use super::{AviSource, CaptureError, Clip, Paced, Source, Y4mSource};
+use super::{AviSource, CaptureError, Clip, FrameRate, Paced, PointsSource, Source, Y4mSource};
 use crate::config::{BadScript, Script};
 
 /// The name of the built-in clip wherever a file or a camera is asked for.
 pub const DEMO: &str = "demo";
+/// Ending of the files that hold landmarks.
+const POINTS: &str = "npy";
 /// Bytes read at once.
 const BUFFER_BYTES: usize = 64 * 1024;
 
@@ -28,25 +31,48 @@ pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<d
     }
 }
 
-/// Opens `-` (y4m on standard input), `demo` (the built-in clip, once through), or a file by what is in it.
-///
-/// # Errors
-/// [`CaptureError::Open`], [`CaptureError::UnknownContainer`], and those of the readers.
-pub fn open_file(input: &str) -> Result<Box<dyn Source + Send>, CaptureError> {
-    match input {
-        DEMO => Ok(Box::new(Clip::once()?)),
-        "-" => Ok(Box::new(Y4mSource::open(BufReader::with_capacity(BUFFER_BYTES, io::stdin()), "standard input")?)),
-        path => open_path(path),
+/// What a file may leave open.
+#[derive(Debug, Clone, Copy)]
+pub struct FileOptions {
+    /// Rate of a file that states none.
+    pub rate: FrameRate,
+    /// Width and height of the picture that the landmarks of a `.npy` file lie in.
+    pub points_size_px: [u16; 2],
+}
+
+impl Default for FileOptions {
+    fn default() -> Self {
+        Self { rate: FrameRate::FPS_30, points_size_px: [640, 480] }
     }
 }
 
-fn open_path(path: &str) -> Result<Box<dyn Source + Send>, CaptureError> {
+/// Opens `-` (y4m on standard input), `demo` (the built-in clip, once through), a `.npy` file of landmarks, or a film by its content.
+///
+/// # Errors
+/// [`CaptureError::Open`], [`CaptureError::UnknownContainer`], and those of the readers.
+pub fn open_file(input: &str, options: &FileOptions) -> Result<Box<dyn Source + Send>, CaptureError> {
+    match input {
+        DEMO => Ok(Box::new(Clip::once()?)),
+        "-" => {
+            let input = BufReader::with_capacity(BUFFER_BYTES, io::stdin());
+            Ok(Box::new(Y4mSource::open(input, "standard input")?.with_rate(options.rate)))
+        }
+        path if has_points(path) => Ok(Box::new(PointsSource::open(path, options)?)),
+        path => open_film(path, options.rate),
+    }
+}
+
+fn has_points(path: &str) -> bool {
+    Path::new(path).extension().is_some_and(|ending| ending.eq_ignore_ascii_case(POINTS))
+}
+
+fn open_film(path: &str, rate: FrameRate) -> Result<Box<dyn Source + Send>, CaptureError> {
     let cannot = |source| CaptureError::Open { path: path.to_owned(), source };
     let file = File::open(path).map_err(cannot)?;
     let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);
     match reader.fill_buf().map_err(cannot)? {
-        [b'R', b'I', b'F', b'F', ..] => Ok(Box::new(AviSource::open(reader, path)?)),
-        [b'Y', b'U', b'V', b'4', ..] => Ok(Box::new(Y4mSource::open(reader, path)?)),
+        [b'R', b'I', b'F', b'F', ..] => Ok(Box::new(AviSource::open(reader, path)?.with_rate(rate))),
+        [b'Y', b'U', b'V', b'4', ..] => Ok(Box::new(Y4mSource::open(reader, path)?.with_rate(rate))),
         _ => Err(CaptureError::UnknownContainer { path: path.to_owned() }),
     }
 }
@@ -57,14 +83,15 @@ mod tests {
     use super::*;
 
     fn reason(path: &str) -> String {
-        open_file(path).err().unwrap().to_string()
+        open_file(path, &FileOptions::default()).err().unwrap().to_string()
     }
 
     #[test]
     fn the_demo_opens_by_its_name_and_files_by_their_content() {
-        assert_eq!(open_file(DEMO).unwrap().describe().origin, "demo");
+        let open = |input| open_file(input, &FileOptions::default()).unwrap();
+        assert_eq!(open(DEMO).describe().origin, "demo");
         let clip = concat!(env!("CARGO_MANIFEST_DIR"), "/src/capture/demo.avi");
-        assert_eq!(open_file(clip).unwrap().describe().origin, clip);
+        assert_eq!(open(clip).describe().origin, clip);
     }
 
     #[test]

@@ -7,6 +7,9 @@ const MIN_FPS: f64 = 0.1;
 /// Fastest rate taken for real.
 const MAX_FPS: f64 = 1000.0;
 
+/// Parts of a frame a second to which [`FrameRate::from_fps`] is exact.
+const PRECISION: u32 = 1_000_000;
+
 /// `frames` in `seconds`, between 0.1 and 1000 a second.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameRate {
@@ -23,6 +26,15 @@ impl FrameRate {
     pub fn new(frames: u32, seconds: u32) -> Option<Self> {
         let rate = Self { frames, seconds };
         (frames > 0 && seconds > 0 && (MIN_FPS..=MAX_FPS).contains(&rate.fps())).then_some(rate)
+    }
+
+    /// The rate nearest to `fps`; `None` if that is no rate of a camera.
+    #[must_use]
+    pub fn from_fps(fps: f64) -> Option<Self> {
+        (MIN_FPS..=MAX_FPS).contains(&fps).then_some(())?;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10^9")]
+        let frames = (fps * f64::from(PRECISION)).round() as u32;
+        Self::new(frames, PRECISION)
     }
 
     /// Frames a second.

@@ -9,7 +9,9 @@ use std::sync::OnceLock;
 use std::thread::sleep;
 use std::time::Duration;
 
-use super::{CaptureError, Clip, Description, Frame, FrameFault, Paced, Picture, Pixels, Source, monotonic_us};
+use super::{
+    CaptureError, Clip, Content, Description, Frame, FrameFault, Paced, Picture, Pixels, Source, monotonic_us,
+};
 use crate::config::{Scene, Script};
 
 /// Length of a random scene, and of the live one after it.
@@ -88,9 +90,10 @@ impl Rehearsal {
 
     fn faceless(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
         let Some(frame) = self.film.next()? else { return Ok(None) };
-        let Picture { width, height, .. } = frame.picture;
+        let Some(&Picture { width, height, .. }) = frame.picture() else { return Ok(None) };
         let pixels = Pixels::Grey { data: &self.grey, stride: width };
-        Ok(Picture::new(width, height, pixels, true).map(|picture| Frame { picture, ..frame }))
+        let picture = Picture::new(width, height, pixels, true);
+        Ok(picture.map(|picture| Frame { content: Content::Picture(picture), ..frame }))
     }
 
     fn damaged(&mut self) -> CaptureError {
@@ -183,6 +186,8 @@ mod tests {
         assert!(matches!(play("damaged").unwrap().next(), Err(CaptureError::Frame { number: 0, .. })));
         let mut faceless = play("no-face").unwrap();
         let frame = faceless.next().unwrap().unwrap();
-        assert!(matches!(frame.picture.pixels, Pixels::Grey { data, .. } if data.iter().all(|luma| *luma == GREY)));
+        assert!(
+            matches!(frame.picture().unwrap().pixels, Pixels::Grey { data, .. } if data.iter().all(|luma| *luma == GREY))
+        );
     }
 }

@@ -11,7 +11,7 @@ use std::io::Read;
 
 use self::header::Header;
 use super::read::fill;
-use super::{CaptureError, Description, Frame, FrameRate, Picture, Source};
+use super::{CaptureError, Content, Description, Frame, FrameRate, Picture, Source};
 
 /// Longest header line; real ones have under 100 bytes.
 const MAX_LINE_BYTES: usize = 1024;
@@ -46,6 +46,13 @@ impl<R: Read> Y4mSource<R> {
         let header = Header::parse(fields)?;
         let samples = vec![0; header.frame_bytes()].into_boxed_slice();
         Ok(Self { reader, header, origin: origin.to_owned(), samples, offset, number: 0, ended: false })
+    }
+
+    /// Sets the rate of a stream that states none.
+    #[must_use]
+    pub fn with_rate(mut self, rate: FrameRate) -> Self {
+        self.header.rate = self.header.rate.or(Some(rate));
+        self
     }
 
     /// Reads `FRAME`, its parameters and its samples; `false` at the end.
@@ -99,7 +106,7 @@ impl<R: Read> Source for Y4mSource<R> {
         let pixels = self.header.pixels(&self.samples);
         let picture = pixels.and_then(|pixels| Picture::new(width, height, pixels, full_range));
         let picture = picture.ok_or(CaptureError::PictureSize { width, height })?;
-        Ok(Some(Frame { picture, captured_us, number }))
+        Ok(Some(Frame { content: Content::Picture(picture), captured_us, number }))
     }
 
     fn skip(&mut self) -> Result<bool, CaptureError> {

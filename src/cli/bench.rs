@@ -12,7 +12,7 @@ use rustix::time::{ClockId, clock_gettime};
 use self::figures::{Figures, Samples};
 use super::SettingsArgs;
 use super::failure::{Failure, print};
-use crate::capture::{DEMO, Frame, Source, open_file};
+use crate::capture::{DEMO, FileOptions, Frame, Source, open_file};
 use crate::pipeline::{Pipeline, Rejected};
 
 const EXAMPLES: &str = "\
@@ -47,7 +47,8 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if args.input == "-" {
         return Err(Failure::data("standard input cannot be played more than once; give bench a file".to_owned()));
     }
-    let mut pipeline = Pipeline::load(&args.settings.load()?)?;
+    let settings = args.settings.load()?;
+    let mut pipeline = Pipeline::load_for(&*open(&args.input)?, &settings)?;
     play(&mut pipeline, &args.input, &mut Samples::default())?;
     let mut samples = Samples::default();
     let begun = cpu_time();
@@ -63,9 +64,13 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     args.svg.as_ref().map_or(Ok(()), |path| chart::draw(path, &samples.whole))
 }
 
+fn open(input: &str) -> Result<Box<dyn Source + Send>, Failure> {
+    open_file(input, &FileOptions::default()).map_err(Failure::no_film)
+}
+
 fn play(pipeline: &mut Pipeline, input: &str, samples: &mut Samples) -> Result<(), Failure> {
-    let mut source = open_file(input).map_err(Failure::no_film)?;
-    pipeline.tracker.forget();
+    let mut source = open(input)?;
+    pipeline.forget_face();
     loop {
         let begun = Instant::now();
         let Some(frame) = next(source.as_mut())? else { return Ok(()) };

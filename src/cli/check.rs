@@ -4,11 +4,11 @@ use clap::Args;
 
 use super::SettingsArgs;
 use super::failure::{Failure, print};
-use crate::capture::{DEMO, open_file};
+use crate::capture::{Clip, Frame, Source as _};
 use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::face::Landmarks;
 use crate::link::Link;
-use crate::pipeline::{load_solver, load_tracker, size_px};
+use crate::pipeline::{load_solver, load_tracker};
 use crate::service::{await_picture, open_camera};
 use crate::solve::Camera;
 
@@ -58,12 +58,14 @@ type Face = (Landmarks, [f32; 2]);
 /// Loads the networks and runs them on a frame of the built-in clip, whose face they must find.
 fn clip_face(settings: &NetworkSettings) -> Result<Face, Failure> {
     let mut tracker = load_tracker(settings)?;
-    let mut clip = open_file(DEMO)?;
-    let Some(frame) = clip.next()? else { return Err(Failure::data("the built-in clip is empty".to_owned())) };
+    let mut clip = Clip::once()?;
+    let frame = clip.next()?;
+    let picture = frame.as_ref().and_then(Frame::picture);
+    let picture = picture.ok_or_else(|| Failure::data("the built-in clip is empty".to_owned()))?;
     let none = || Failure::failed("they find no face in the built-in clip; run scripts/setup again".to_owned());
-    let region = tracker.detect(&frame.picture)?.ok_or_else(none)?;
-    let landmarks = tracker.landmarks(&frame.picture, &region)?.ok_or_else(none)?;
-    Ok((landmarks.clone(), size_px(&frame.picture)))
+    let region = tracker.detect(picture)?.ok_or_else(none)?;
+    let landmarks = tracker.landmarks(picture, &region)?.ok_or_else(none)?;
+    Ok((landmarks.clone(), [picture.width, picture.height].map(|side| side as f32)))
 }
 
 /// Loads the blendshape model, and solves the face of the built-in clip with it, if the networks found that.

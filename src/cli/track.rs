@@ -1,7 +1,6 @@
 //! `facewire track`: the pipeline over a file, every frame, without a clock.
 
 mod faces;
-mod points;
 mod rows;
 
 use std::fmt;
@@ -12,15 +11,16 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use facewire_packet::{BLENDSHAPE_COUNT, Reason, State};
 
-use self::faces::{Face, Faces};
+use self::faces::Face;
 use self::rows::{Csv, LandmarkFile, Row};
 use super::failure::say;
 use super::monitor::yaw_pitch_roll_deg;
 use super::{Failure, SettingsArgs};
+use crate::capture::{FileOptions, FrameRate, Source, open_file};
 use crate::link::Pose;
-use crate::pipeline::load_solver;
+use crate::pipeline::Pipeline;
 use crate::service::failsafe::{Failsafe, History, News};
-use crate::solve::{Camera, NeutralMean, Solution, Solver, normalise};
+use crate::solve::{NeutralMean, Solution, normalise};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -53,10 +53,10 @@ pub(super) struct TrackArgs {
     stage: Stage,
     /// Frames a second, where the input states none [default: 30].
     #[arg(long, value_parser = parse_fps)]
-    fps: Option<f64>,
+    fps: Option<FrameRate>,
     /// Size of the picture that the points of a .npy file lie in, for the head's position.
     #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "640x480")]
-    size: [f32; 2],
+    size: [u16; 2],
     #[command(flatten)]
     settings: SettingsArgs,
 }
@@ -74,10 +74,11 @@ enum Stage {
 
 pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
-    let mut faces = Faces::open(&args.input, &settings, args.fps, args.size)?;
+    let options = FileOptions { rate: args.fps.unwrap_or(FrameRate::FPS_30), points_size_px: args.size };
+    let source = open_file(&args.input, &options)?;
     let mut track = Track {
-        solver: load_solver(&settings.solver)?,
-        horizontal_fov_deg: settings.camera.horizontal_fov_deg,
+        pipeline: Pipeline::load_for(&*source, &settings)?,
+        source,
         failsafe: Failsafe::new(&settings.failsafe, 0),
         history: History::default(),
         stage: args.stage,
@@ -86,7 +87,7 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
         tally: Tally::default(),
     };
     let begun = Instant::now();
-    let outcome = track.all(&mut faces, args.neutral.as_ref());
+    let outcome = track.all(args.neutral.as_ref());
     // What was solved before the input failed is kept.
     let tally = track.finish()?;
     if outcome.is_ok() || tally.frames > 0 {
@@ -96,8 +97,8 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
 }
 
 struct Track {
-    solver: Solver,
-    horizontal_fov_deg: f32,
+    source: Box<dyn Source + Send>,
+    pipeline: Pipeline,
     failsafe: Failsafe,
     history: History,
     stage: Stage,
@@ -107,25 +108,31 @@ struct Track {
 }
 
 impl Track {
-    fn all(&mut self, faces: &mut Faces, neutral: Option<&Range<u64>>) -> Result<(), Failure> {
+    fn all(&mut self, neutral: Option<&Range<u64>>) -> Result<(), Failure> {
         if let Some(range) = neutral {
-            self.learn_neutral(faces, range)?;
+            self.learn_neutral(range)?;
         }
-        while let Some(face) = faces.next()? {
+        while let Some(face) = self.next()? {
             self.frame(&face)?;
         }
         Ok(())
     }
 
+    fn next(&mut self) -> Result<Option<Face>, Failure> {
+        Face::next(&mut *self.source, &mut self.pipeline)
+    }
+
     /// Reads up to the end of the range, takes the mean of the faces in it as neutral, then solves what was read.
-    fn learn_neutral(&mut self, faces: &mut Faces, range: &Range<u64>) -> Result<(), Failure> {
+    fn learn_neutral(&mut self, range: &Range<u64>) -> Result<(), Failure> {
         let mut mean = NeutralMean::default();
         let mut waiting = Vec::new();
         while waiting.last().is_none_or(|face: &Face| face.number + 1 < range.end) {
-            let Some(face) = faces.next()? else { break };
+            let Some(face) = self.next()? else { break };
             let landmarks = face.landmarks.as_deref().filter(|_| range.contains(&face.number));
-            if let Some(normalised) = landmarks.and_then(|landmarks| normalise(landmarks).ok()) {
-                mean.add(&normalised);
+            match landmarks.map(normalise) {
+                Some(Ok(normalised)) => mean.add(&normalised),
+                Some(Err(_)) => self.pipeline.forget_face(),
+                None => {}
             }
             waiting.push(face);
         }
@@ -137,7 +144,7 @@ impl Track {
             )));
         }
         let refuse = |error| Failure::data(format!("--neutral {}..{}: {error}", range.start, range.end));
-        self.solver.profile.neutral = Some(mean.finish().map_err(refuse)?);
+        self.pipeline.solver.profile.neutral = Some(mean.finish().map_err(refuse)?);
         waiting.iter().try_for_each(|face| self.frame(face))
     }
 
@@ -146,8 +153,7 @@ impl Track {
         if let Some(file) = &mut self.landmarks {
             file.push(landmarks);
         }
-        let camera = Camera::new(face.size_px, self.horizontal_fov_deg);
-        let solution = landmarks.and_then(|found| self.solver.solve(found, &camera, face.time_us).ok());
+        let solution = self.pipeline.process(&face.frame()).ok();
         self.tally.count(face, solution.is_some());
         let row = self.row(face, solution.as_ref());
         self.csv.write(&row)
@@ -237,13 +243,13 @@ fn parse_range(text: &str) -> Result<Range<u64>, String> {
     if range.is_empty() { Err(wanted.to_owned()) } else { Ok(range) }
 }
 
-fn parse_fps(text: &str) -> Result<f64, String> {
-    let fps = text.parse().unwrap_or(f64::NAN);
-    if (0.1..=1000.0).contains(&fps) { Ok(fps) } else { Err("write a number from 0.1 to 1000".to_owned()) }
+fn parse_fps(text: &str) -> Result<FrameRate, String> {
+    let rate = text.parse().ok().and_then(FrameRate::from_fps);
+    rate.ok_or_else(|| "write a number from 0.1 to 1000".to_owned())
 }
 
-fn parse_size(text: &str) -> Result<[f32; 2], String> {
-    let side = |text: &str| text.parse::<u16>().ok().filter(|side| *side > 0).map(f32::from);
+fn parse_size(text: &str) -> Result<[u16; 2], String> {
+    let side = |text: &str| text.parse().ok().filter(|side| *side > 0);
     let sides = text.split_once('x').and_then(|(width, height)| Some([side(width)?, side(height)?]));
     sides.ok_or_else(|| "write WIDTHxHEIGHT in pixels, such as 640x480".to_owned())
 }
@@ -262,7 +268,7 @@ mod tests {
 
     #[test]
     fn sizes_and_rates_of_nothing_are_refused() {
-        assert_eq!(parse_size("960x540"), Ok([960.0, 540.0]));
+        assert_eq!(parse_size("960x540"), Ok([960, 540]));
         assert!(parse_size("0x540").is_err() && parse_size("960").is_err());
         assert!(parse_fps("0").is_err() && parse_fps("NaN").is_err() && parse_fps("29.97").is_ok());
     }

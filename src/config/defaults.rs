@@ -1,6 +1,6 @@
 //! The complete configuration as a commented file.
 
-use super::{SerialSettings, board, section::Section, settings::Settings};
+use super::{LinkKind, LinkSettings, SerialSettings, board, section::Section, settings::Settings};
 
 const HEAD: &str = "\
 # facewire: every setting with its default. To change a setting, remove the \"# \" at the start of its line; leave all
@@ -11,8 +11,7 @@ const HEAD: &str = "\
 
 /// Introduces the example of a serial link.
 const SERIAL: &str = "
-# Example of a link to a serial port, beside or instead of the link above. To use it, remove the first \"# \" of each of
-# these lines. It also takes pace and rate_hz.
+# A link to a serial port. Add it by removing the first \"# \" of each of these lines.
 ";
 
 /// Writes the default settings in TOML, each after its comment. The settings are commented out, so that those of a board
@@ -26,7 +25,7 @@ pub fn defaults() -> String {
         text.extend([if is_setting { "# " } else { "" }, line, "\n"]);
     }
     text += SERIAL;
-    serial_example().lines().for_each(|line| text.extend([format!("# {line}").trim_end(), "\n"]));
+    serial_example().lines().for_each(|line| text.extend(["# ", line, "\n"]));
     text
 }
 
@@ -55,5 +54,6 @@ fn write(text: &mut String, heading: &str, section: &dyn Section) {
 /// Writes a link to the serial port that most boards get when they are plugged into USB.
 fn serial_example() -> String {
     let serial = SerialSettings { device: "/dev/ttyACM0".into(), ..SerialSettings::default() };
-    format!("[[link]]\nkind = \"serial\"\n{}", serial.write())
+    let link = LinkSettings { kind: LinkKind::Serial(serial), ..LinkSettings::default() };
+    format!("[[link]]\n{}", link.write())
 }

@@ -17,12 +17,8 @@ pub trait Section {
     fn write(&self) -> String;
 }
 
-/// Appends a setting in TOML after its comment: the lines of its documentation, and the values it takes. An empty line
-/// separates it from the setting before.
+/// Appends a setting in TOML after its comment: the lines of its documentation, and the values it takes.
 pub fn write_setting(text: &mut String, lines: &[&str], expected: &str, assignment: &str) {
-    if !text.is_empty() {
-        text.push('\n');
-    }
     for line in lines {
         text.extend(["#", line, "\n"]);
     }

@@ -1,4 +1,4 @@
-//! The counters that all threads share, without a lock and in fixed memory.
+//! What the threads count, shared without a lock and in fixed memory.
 
 use std::fmt;
 use std::io;
@@ -12,34 +12,34 @@ use super::heartbeat::Heartbeats;
 use super::times::{Quantiles, Times};
 use crate::link::Traffic;
 
-/// The states of the failsafe; [`Counters::state`] holds an index into this array.
+/// States by their number in [`Counters::state`].
 pub(super) const STATES: [State; 4] = [State::Neutral, State::Live, State::Hold, State::Decay];
 
-/// Counters of a running service. They only grow, except for those that describe the present. [`Status`] says how they
-/// add up.
+/// Counters of a running service. Every one only grows, but for those that say "at present". How they add up is told at
+/// [`Status`].
 #[derive(Debug, Default)]
 pub struct Counters {
     stop: Arc<AtomicBool>,
     stop_sending: AtomicBool,
     /// Signs of life, for the watchdog.
     pub(super) heartbeats: Heartbeats,
-    /// Frames that the pipeline processed.
+    /// Frames the pipeline was given.
     pub(super) frames: AtomicU64,
     /// Frames with a solution.
     pub(super) solved: AtomicU64,
-    /// Frames without a face.
+    /// Frames that show no face.
     pub(super) no_face: AtomicU64,
-    /// Frames with a face whose result could not be trusted.
+    /// Frames rejected though there was a face.
     pub(super) rejected: AtomicU64,
     /// Failed inferences; their frames are among the rejected ones.
     pub(super) engine_failures: AtomicU64,
-    /// Frames that were skipped because a newer one had arrived.
+    /// Frames passed over because a newer one was there.
     pub(super) skipped: AtomicU64,
     /// Frames whose work took longer than the camera's frame period.
     pub(super) deadline_misses: AtomicU64,
-    /// Damaged frames.
+    /// Frames that were damaged.
     pub(super) damaged: AtomicU64,
-    /// How often a camera was opened.
+    /// Times a camera was opened.
     pub(super) opened: AtomicU64,
     /// Whether a camera is open at present.
     pub(super) camera_open: AtomicBool,
@@ -47,14 +47,14 @@ pub struct Counters {
     pub(super) traffic: Arc<Traffic>,
     /// Links that are open at present.
     pub(super) links_open: AtomicU64,
-    /// The first link whose last packet the network refused: its index plus 1 in the upper half, the system's error number
-    /// in the lower half; 0 if there is none. Both share a word so that they always belong together.
+    /// The first link whose last packet the network did not take, by its place plus 1, and why; 0 is none. One word, so
+    /// that both belong together.
     refusal: AtomicU64,
-    /// Mean time between processed frames at present, microseconds. The failsafe is more patient with slow cameras.
+    /// Microseconds between frames that give a pose at present, for the failsafe's patience.
     pub(super) frame_period_us: AtomicU64,
-    /// The state of the failsafe at present, as an index into [`STATES`].
+    /// The failsafe's state at present, by its place in [`STATES`].
     state: AtomicU64,
-    /// Distributions of times.
+    /// How long frames take.
     pub(super) times: Times,
 }
 
@@ -64,49 +64,49 @@ impl Counters {
         self.stop.load(Relaxed)
     }
 
-    /// Returns the flag that SIGTERM and SIGINT set.
+    /// The flag that signals set.
     pub(super) fn stop_flag(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.stop)
     }
 
-    /// Whether the sender is to stop.
+    /// Whether the sender is to say its last word.
     pub(super) fn sending_stops(&self) -> bool {
         self.stop_sending.load(Relaxed)
     }
 
-    /// Tells all threads to stop.
+    /// Tells all threads to end.
     pub(super) fn stop(&self) {
         self.stop.store(true, Relaxed);
         self.stop_sending.store(true, Relaxed);
     }
 
-    /// Sets the first link that the network refuses: its index and the system's error number.
-    pub(super) fn set_refusal(&self, refusal: Option<(u32, i32)>) {
-        let word = refusal.map_or(0, |(link, error)| (u64::from(link) + 1) << 32 | u64::from(error.unsigned_abs()));
+    /// The network does not take the packets of the link at this place, for a reason by the system's number.
+    pub(super) fn refuse(&self, refusal: Option<(u32, i32)>) {
+        let word = refusal.map_or(0, |(place, reason)| (u64::from(place) + 1) << 32 | u64::from(reason.unsigned_abs()));
         self.refusal.store(word, Relaxed);
     }
 
-    /// Returns the first link that the network refuses, as [`Counters::set_refusal`] set it, and the system's error.
+    /// What [`Counters::refuse`] said last.
     pub(super) fn refusal(&self) -> Option<(usize, io::Error)> {
         let word = self.refusal.load(Relaxed);
-        let link = usize::try_from(word >> 32).ok()?.checked_sub(1)?;
-        let error = i32::try_from(word & u64::from(u32::MAX)).ok()?;
-        Some((link, io::Error::from_raw_os_error(error)))
+        let place = usize::try_from(word >> 32).ok()?.checked_sub(1)?;
+        let reason = i32::try_from(word & u64::from(u32::MAX)).ok()?;
+        Some((place, io::Error::from_raw_os_error(reason)))
     }
 
-    /// Sets the state of the failsafe.
+    /// The failsafe is in this state now. It sends every change of it.
     pub(super) fn set_state(&self, state: State) {
         let number = STATES.iter().zip(0..).find(|(known, _)| **known == state);
         self.state.store(number.map_or(0, |(_, number)| number), Relaxed);
     }
 
-    /// Counts the time that the work on a frame took. Beyond `deadline`, the next frame of the camera had to wait.
-    pub(super) fn count_work(&self, work: Duration, deadline: Duration) {
+    /// A frame was worked on for so long; longer than `deadline` makes the camera's next one wait.
+    pub(super) fn worked(&self, work: Duration, deadline: Duration) {
         self.times.work.record(work);
         self.deadline_misses.fetch_add(u64::from(work > deadline), Relaxed);
     }
 
-    /// Returns the present counts.
+    /// All counts now.
     #[must_use]
     pub fn status(&self) -> Status {
         let state = usize::try_from(self.state.load(Relaxed)).ok().and_then(|number| STATES.get(number));
@@ -131,33 +131,32 @@ impl Counters {
     }
 }
 
-/// The counts at one moment. They print as the status line.
+/// The counts at one moment; prints as the status line.
 ///
-/// They add up once the threads have ended (the line of a running service may be one frame or packet off):
+/// How they add up, once the threads have ended (a line of a running service may be one frame or packet off):
 /// - `frames = solved + no_face + rejected`;
 /// - `packets = sent + dropped`, each over all links, including those that a reload has replaced.
 ///
-/// `frames` includes those that missed their deadline, and excludes `skipped` and `damaged` frames, which never reached the
-/// pipeline.
+/// `skipped` and `damaged` frames never reached the pipeline and are not in `frames`. A `deadline_misses` frame is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Status {
-    /// Frames that the pipeline processed.
+    /// Frames the pipeline was given.
     pub frames: u64,
     /// Frames with a solution.
     pub solved: u64,
-    /// Frames without a face.
+    /// Frames that show no face.
     pub no_face: u64,
-    /// Frames with a face whose result could not be trusted.
+    /// Frames rejected though there was a face.
     pub rejected: u64,
     /// Failed inferences; their frames are among the rejected ones.
     pub engine_failures: u64,
-    /// Frames that were skipped because a newer one had arrived.
+    /// Frames passed over because a newer one was there.
     pub skipped: u64,
     /// Frames whose work took longer than the camera's frame period.
     pub deadline_misses: u64,
-    /// Damaged frames.
+    /// Frames that were damaged.
     pub damaged: u64,
-    /// How often a camera was opened.
+    /// Times a camera was opened.
     pub opened: u64,
     /// Whether a camera is open at present.
     pub camera_open: bool,
@@ -213,25 +212,25 @@ mod tests {
     fn work_as_long_as_the_frame_period_is_in_time_and_a_microsecond_longer_is_a_miss() {
         let counters = Counters::default();
         let misses = |work_us| {
-            counters.count_work(Duration::from_micros(work_us), Duration::from_micros(33_333));
+            counters.worked(Duration::from_micros(work_us), Duration::from_micros(33_333));
             counters.status().deadline_misses
         };
         assert_eq!([0, 33_333, 33_334, 33_333, 500_000].map(misses), [0, 0, 1, 1, 2]);
     }
 
     #[test]
-    fn a_refusal_names_its_link_and_the_error_until_it_is_cleared() {
+    fn a_refusal_is_told_with_its_link_and_reason_until_there_is_none() {
         let counters = Counters::default();
         assert!(counters.refusal().is_none());
-        counters.set_refusal(Some((2, 101)));
-        let (link, error) = counters.refusal().unwrap();
-        assert_eq!((link, error.raw_os_error()), (2, Some(101)));
-        counters.set_refusal(None);
+        counters.refuse(Some((2, 101)));
+        let (place, reason) = counters.refusal().unwrap();
+        assert_eq!((place, reason.raw_os_error()), (2, Some(101)));
+        counters.refuse(None);
         assert!(counters.refusal().is_none());
     }
 
     #[test]
-    fn the_status_reports_the_state_that_was_set() {
+    fn the_state_told_is_the_one_that_was_set() {
         let counters = Counters::default();
         assert_eq!(counters.status().state, State::Neutral);
         for state in STATES {

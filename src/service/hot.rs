@@ -175,7 +175,7 @@ impl HotLoop {
         self.opened_us = Some(monotonic_us());
         self.timing.camera_opened(source, self.settings.camera.fps);
         if let Some(pipeline) = &mut self.pipeline {
-            pipeline.tracker.forget();
+            pipeline.forget_face();
         }
         realtime::leave_room_in_heap();
         self.tell(Event::Opened(source.describe().to_string()));
@@ -252,7 +252,7 @@ impl HotLoop {
         self.tell(Event::EngineFailed(error));
         let tracker = (self.load_tracker)(&self.settings.networks)?;
         if let Some(pipeline) = &mut self.pipeline {
-            pipeline.tracker = tracker;
+            pipeline.tracker = Some(tracker);
         }
         self.tell(Event::EngineReloaded);
         Ok(())
@@ -268,7 +268,7 @@ impl HotLoop {
             // A pipeline that is not loaded yet will be loaded by the new settings.
             let Some(pipeline) = &mut self.pipeline else { continue };
             pipeline.horizontal_fov_deg = self.settings.camera.horizontal_fov_deg;
-            replace_if_some(&mut pipeline.tracker, tracker);
+            replace_if_some(&mut pipeline.tracker, tracker.map(Some));
             replace_if_some(&mut pipeline.solver.model, model);
             replace_if_some(&mut pipeline.solver.filters, filters);
         }

@@ -20,7 +20,8 @@ pub fn demo_y4m(frames: usize) -> Vec<u8> {
     let mut clip = Clip::once().unwrap();
     let mut stream = HEADER.as_bytes().to_vec();
     for _ in 0..frames {
-        let picture = clip.next().unwrap().unwrap().picture;
+        let frame = clip.next().unwrap().unwrap();
+        let picture = frame.picture().unwrap();
         let Pixels::Planar { planes, strides: [640, 320], chroma_shift: [1, 0] } = picture.pixels else {
             panic!("the clip is 4:2:2 without padding");
         };

@@ -7,7 +7,7 @@ use v4l::video::Capture;
 use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
-use super::super::{CaptureError, Description, Frame, FrameFault, FrameRate, Source};
+use super::super::{CaptureError, Content, Description, Frame, FrameFault, FrameRate, Source};
 use super::guard::guarded;
 use super::layout::{Layout, Store};
 use super::mode::{Choice, Wish, choose};
@@ -62,7 +62,7 @@ impl Source for CameraSource {
         let damaged = |fault| CaptureError::Frame { number, fault };
         let captured_us = kept.map_err(damaged)?;
         let picture = self.pixels.picture(&self.layout).ok_or(damaged(FrameFault::Incomplete))?;
-        Ok(Some(Frame { picture, captured_us, number }))
+        Ok(Some(Frame { content: Content::Picture(picture), captured_us, number }))
     }
 
     fn take_skipped(&mut self) -> u32 {

@@ -28,8 +28,8 @@ fn all_8_bit_layouts_are_read_with_odd_sizes() {
         let stream = stream(&format!("W5 H3 F30:1 {fields}"), bytes, 2);
         let mut source = open(&stream).unwrap();
         let frame = source.next().unwrap().unwrap();
-        assert!(!frame.picture.full_range);
-        match frame.picture.pixels {
+        assert!(!frame.picture().unwrap().full_range);
+        match frame.picture().unwrap().pixels {
             Pixels::Planar { planes, chroma_shift, .. } => {
                 assert_eq!((Some(chroma_shift), planes.concat()), (shift, vec![7; bytes]), "{fields}");
             }
@@ -46,7 +46,7 @@ fn the_range_and_the_rate_are_taken_from_the_header() {
     let ntsc = stream("W4 H2 F30000:1001 C444 XCOLORRANGE=FULL", 24, 1);
     let mut source = open(&ntsc).unwrap();
     assert_eq!(source.describe().to_string(), "stream: YUV 4x2 at 29.97 fps");
-    assert!(source.next().unwrap().unwrap().picture.full_range);
+    assert!(source.next().unwrap().unwrap().picture().unwrap().full_range);
     assert_eq!(open(&stream("W4 H2 F0:0", 12, 1)).unwrap().frame_period_us(), None);
 }
 

@@ -1,28 +1,28 @@
-//! Bars of text: the rows of the screen, drawn in eighths of a character.
+//! Bars of text: the rows of the screen, and how a value becomes eighths of blocks.
 
 use crossterm::style::{Color, Stylize as _};
 use facewire_packet::{BLENDSHAPES, Packet};
 
 use super::report::yaw_pitch_roll_deg;
 
-/// Width of the longest name and a space.
+/// Widest name and a space.
 const NAME_WIDTH: usize = 16;
-/// Width of the number after a bar: a space and three characters.
+/// A space and three digits after a bar.
 const NUMBER_WIDTH: usize = 4;
-/// Space between the slots of the left and the right side.
+/// Between the slots of the left and of the right side.
 const SLOT_GAP: usize = 1;
-/// The angle of the head that fills a bar.
+/// A full bar of the head.
 const HEAD_FULL_DEG: f32 = 45.0;
-/// Colour of the empty part of a bar.
+/// What is not filled of a bar.
 const TRACK: Color = Color::AnsiValue(236);
-/// Colour of the filled part of a bar.
+/// A coefficient that is filled.
 const FILL: Color = Color::Cyan;
-/// Colour of the filled part while the face is not live.
+/// The same where the packet is not live.
 const STALE_FILL: Color = Color::DarkGrey;
 
 const EIGHTHS: [&str; 8] = ["", "▏", "▎", "▍", "▌", "▋", "▊", "▉"];
 
-/// Rows of the first column. An empty name is an empty row.
+/// Rows of the first column; an empty name is an empty row.
 pub const FIRST_COLUMN: [&str; 19] = [
     "head yaw",
     "head roll",
@@ -68,7 +68,7 @@ pub const SECOND_COLUMN: [&str; 19] = [
     "mouthShrugLower",
 ];
 
-/// Draws the row of this name, `width` characters wide.
+/// The row of this name, `width` characters wide.
 pub fn row(name: &str, packet: &Packet, width: usize) -> String {
     let slot = slot_width(width);
     let [left, right] = cells(name, packet).map(|cell| match cell {
@@ -78,28 +78,28 @@ pub fn row(name: &str, packet: &Packet, width: usize) -> String {
     format!("{name:NAME_WIDTH$}{left}{:SLOT_GAP$}{right}", "")
 }
 
-/// Draws the heading of a column, which names the left and the right side.
+/// The heading of a column: where left and right are.
 pub fn heading(width: usize) -> String {
     let slot = slot_width(width);
     let text = format!("{:NAME_WIDTH$}{:slot$}{:SLOT_GAP$}{:slot$}", "", "left", "", "right");
     text.dim().to_string()
 }
 
-/// Returns the width of one slot, which holds a bar and its number.
+/// Characters of one slot, bar and number.
 fn slot_width(width: usize) -> usize {
     width.saturating_sub(NAME_WIDTH + SLOT_GAP) / 2
 }
 
-/// The content of one slot.
+/// A value in its slot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
-    /// The filled part of the bar, 0..=1.
+    /// Part of the bar that is filled, 0..=1.
     fill: f32,
-    /// The number after the bar, three characters.
+    /// Three characters.
     number: String,
 }
 
-/// Returns the values of a row, left and right. A blendshape without sides uses the left slot.
+/// The values of a row, left and right. A blendshape without sides stands in the first.
 pub fn cells(name: &str, packet: &Packet) -> [Option<Cell>; 2] {
     let [yaw, pitch, roll] = yaw_pitch_roll_deg(packet.rotation);
     match name {
@@ -113,7 +113,7 @@ pub fn cells(name: &str, packet: &Packet) -> [Option<Cell>; 2] {
     }
 }
 
-/// Shows a positive angle in the left slot, and a negative angle in the right one.
+/// An angle: one that is positive to the first side, a negative one to the second.
 fn sides(degrees: f32) -> [Option<Cell>; 2] {
     [degrees, -degrees].map(|degrees| {
         Some(Cell {
@@ -123,7 +123,7 @@ fn sides(degrees: f32) -> [Option<Cell>; 2] {
     })
 }
 
-/// Returns the coefficient of this name and side.
+/// The coefficient of this name and side.
 fn coefficient(name: &str, side: &str, packet: &Packet) -> Option<Cell> {
     let is_it = |known: &&str| known.strip_prefix(name) == Some(side);
     let index = BLENDSHAPES.iter().position(is_it)?;
@@ -134,7 +134,7 @@ fn coefficient(name: &str, side: &str, packet: &Packet) -> Option<Cell> {
 }
 
 impl Cell {
-    /// Draws the bar and its number in `slot` characters.
+    /// Bar and number in `slot` characters.
     fn drawn(&self, slot: usize, packet: &Packet) -> String {
         let live = packet.state == facewire_packet::State::Live;
         let colour = if live { FILL } else { STALE_FILL };
@@ -145,7 +145,7 @@ impl Cell {
     }
 }
 
-/// Draws a bar of `width` characters, filled in steps of an eighth of a character.
+/// A bar of `width` characters, filled by eighths of them.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -1,6 +1,5 @@
 //! Why a network cannot be loaded or run.
 
-use std::fmt::Display;
 use std::io;
 use std::path::PathBuf;
 
@@ -60,17 +59,17 @@ fn list(paths: &[PathBuf]) -> String {
     shown.join(", ")
 }
 
-/// Longest message of an engine, in bytes: two to three lines of a terminal.
-const MESSAGE_BYTES: usize = 240;
-
 /// Returns what an engine said, on one line and without control characters. A message that is too long is cut and ends
 /// in an ellipsis.
-pub(super) fn one_line(message: impl Display) -> String {
+#[cfg(any(feature = "ort", test))]
+pub(super) fn one_line(message: impl std::fmt::Display) -> String {
+    /// Two to three lines of a terminal.
+    const MAX_BYTES: usize = 240;
     let message = message.to_string();
     let words = message.split(|character: char| character.is_whitespace() || character.is_control());
     let mut line = words.filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" ");
-    if line.len() > MESSAGE_BYTES {
-        line.truncate(line.floor_char_boundary(MESSAGE_BYTES - '…'.len_utf8()));
+    if line.len() > MAX_BYTES {
+        line.truncate(line.floor_char_boundary(MAX_BYTES - '…'.len_utf8()));
         line.push('…');
     }
     line
@@ -88,7 +87,7 @@ mod tests {
     #[test]
     fn a_long_message_is_cut_at_a_character_and_ends_in_an_ellipsis() {
         assert_eq!(one_line("ü".repeat(500)), format!("{}…", "ü".repeat(118)));
-        let whole = "x".repeat(MESSAGE_BYTES);
+        let whole = "x".repeat(240);
         assert_eq!(one_line(&whole), whole);
     }
 }

@@ -85,7 +85,7 @@ mod tests {
         assert_eq!(source.frame_period_us(), Some(33_333));
         let mut count = 0;
         while let Some(frame) = source.next().expect("a frame") {
-            assert_eq!(frame.size_px(), [64.0, 48.0]);
+            assert_eq!(frame.picture().map(|picture| [picture.width, picture.height]), Some([64, 48]));
             count += 1;
         }
         assert_eq!(count, 3);

@@ -139,12 +139,37 @@ impl Choice for PaceKind {
         &[("pose", Self::Pose), ("change", Self::Change), ("rate", Self::Rate)];
 }
 
+/// How a link reaches its receiver.
+#[derive(Debug, Clone, Copy)]
+pub enum CarrierSettings<'a> {
+    /// Datagrams to an address.
+    Udp(&'a Address),
+    /// Bytes on a serial line.
+    Serial {
+        /// The serial port.
+        device: &'a Path,
+        /// Its baud rate.
+        baud: u32,
+    },
+}
+
+impl LinkKind {
+    /// The carrier of this kind.
+    #[must_use]
+    pub fn carrier(&self) -> CarrierSettings<'_> {
+        match self {
+            Self::Udp(udp) => CarrierSettings::Udp(&udp.address),
+            Self::Serial(serial) => CarrierSettings::Serial { device: &serial.device, baud: serial.baud },
+        }
+    }
+}
+
 impl LinkSettings {
     /// The serial port and the baud rate, if the link uses a serial line.
     pub(super) fn line(&self) -> Option<(&Path, u32)> {
-        match &self.kind {
-            LinkKind::Serial(serial) => Some((&serial.device, serial.baud)),
-            LinkKind::Udp(_) => None,
+        match self.kind.carrier() {
+            CarrierSettings::Serial { device, baud } => Some((device, baud)),
+            CarrierSettings::Udp(_) => None,
         }
     }
 
@@ -183,9 +208,9 @@ pub(super) fn expected_kind() -> String {
 /// Shows where the link leads: an address, or the path of a serial port.
 impl fmt::Display for LinkSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.kind {
-            LinkKind::Udp(udp) => udp.address.fmt(f),
-            LinkKind::Serial(serial) => serial.device.display().fmt(f),
+        match self.kind.carrier() {
+            CarrierSettings::Udp(address) => address.fmt(f),
+            CarrierSettings::Serial { device, .. } => device.display().fmt(f),
         }
     }
 }

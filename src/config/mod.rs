@@ -25,7 +25,7 @@ use std::path::Path;
 pub use board::BOARDS;
 pub use defaults::{defaults, written};
 pub use fault::{Fault, Faults};
-pub use link::{LinkKind, LinkSettings, PaceKind, PaceSettings, SerialSettings, UdpSettings};
+pub use link::{CarrierSettings, LinkKind, LinkSettings, PaceKind, PaceSettings, SerialSettings, UdpSettings};
 pub use listen::Listen;
 pub use rehearsal::{BadScript, Scene, Script};
 pub use settings::{

@@ -6,8 +6,8 @@
 //! send, because a receiver may appear and disappear at any time. No link waits for another.
 //! Limits: nothing is queued or sent again, because the next packet is newer.
 //!
-//! A new format takes a file with an `impl Format`, a table of settings and a kind in `config/link.rs`, and an arm in
-//! [`Link::open`] and [`Link::check`]. A protocol whose receivers subscribe needs a carrier that also receives: like
+//! A new format takes a file with an `impl Format` and an arm in [`format_of`]; its settings are a table and a kind in
+//! `config/link.rs`. A protocol whose receivers subscribe needs a carrier that also receives: like
 //! [`Lookup`](lookup::Lookup), it does so on a thread of its own and hands over destinations through a triple buffer.
 
 mod lookup;
@@ -28,13 +28,18 @@ pub use serial::{PortError, PortTrouble, SerialCarrier, open_port};
 pub use udp::UdpCarrier;
 
 use self::packet::{Datagrams, Frames};
-use crate::config::{LinkKind, LinkSettings};
+use crate::config::{CarrierSettings, LinkKind, LinkSettings};
 
 /// Turns outputs into bytes.
 pub trait Format: Debug + Send {
     /// Encodes the output as the link's packet number `sequence`, in a buffer of fixed capacity, and calls `send` once
     /// for each message.
     fn encode(&self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8]));
+
+    /// The bytes to write to a serial port that has just been opened.
+    fn preamble(&self) -> &'static [u8] {
+        &[]
+    }
 }
 
 /// Takes bytes to a receiver.
@@ -139,13 +144,12 @@ impl Link {
     /// # Errors
     /// Returns an error if the system refuses a thread, or a socket for an address in numbers.
     pub fn open(settings: &LinkSettings, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
-        let counters = Arc::clone(traffic);
-        let (format, carrier): (Box<dyn Format>, Box<dyn Carrier>) = match &settings.kind {
-            LinkKind::Udp(udp) => (Box::new(Datagrams), Box::new(UdpCarrier::open(&udp.address, counters)?)),
-            LinkKind::Serial(serial) => (
-                Box::new(Frames),
-                Box::new(SerialCarrier::open(&serial.device, serial.baud, Frames::PREAMBLE, counters)?),
-            ),
+        let (format, counters) = (format_of(&settings.kind), Arc::clone(traffic));
+        let carrier: Box<dyn Carrier> = match settings.kind.carrier() {
+            CarrierSettings::Udp(address) => Box::new(UdpCarrier::open(address, counters)?),
+            CarrierSettings::Serial { device, baud } => {
+                Box::new(SerialCarrier::open(device, baud, format.preamble(), counters)?)
+            }
         };
         Ok(Self { format, carrier, traffic: Arc::clone(traffic), sequence: 0, last: None })
     }
@@ -155,11 +159,11 @@ impl Link {
     /// # Errors
     /// Says why the link cannot be opened.
     pub fn check(settings: &LinkSettings) -> Result<String, LinkError> {
-        match &settings.kind {
-            LinkKind::Udp(udp) => udp::check(&udp.address).map(|()| udp.address.to_string()),
-            LinkKind::Serial(serial) => {
-                open_port(&serial.device, serial.baud, Duration::ZERO)?;
-                Ok(format!("{} at {} baud", serial.device.display(), serial.baud))
+        match settings.kind.carrier() {
+            CarrierSettings::Udp(address) => udp::check(address).map(|()| address.to_string()),
+            CarrierSettings::Serial { device, baud } => {
+                open_port(device, baud, Duration::ZERO)?;
+                Ok(format!("{} at {baud} baud", device.display()))
             }
         }
     }
@@ -169,9 +173,9 @@ impl Link {
     /// # Errors
     /// [`LinkError::Resolve`].
     pub fn resolve(settings: &LinkSettings) -> Result<(), LinkError> {
-        match &settings.kind {
-            LinkKind::Udp(udp) => udp::resolve(&udp.address).map(drop),
-            LinkKind::Serial(_) => Ok(()),
+        match settings.kind.carrier() {
+            CarrierSettings::Udp(address) => udp::resolve(address).map(drop),
+            CarrierSettings::Serial { .. } => Ok(()),
         }
     }
 
@@ -199,5 +203,59 @@ impl Link {
     #[must_use]
     pub fn carrier(&self) -> &dyn Carrier {
         &*self.carrier
+    }
+}
+
+/// Returns the format of a kind of link.
+fn format_of(kind: &LinkKind) -> Box<dyn Format> {
+    match kind {
+        LinkKind::Udp(_) => Box::new(Datagrams),
+        LinkKind::Serial(_) => Box::new(Frames),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::mpsc;
+
+    use facewire_packet::{Packet, Reason, State};
+
+    use super::*;
+
+    /// A carrier that keeps what it is given.
+    #[derive(Debug)]
+    struct Kept(mpsc::Sender<Packet>);
+
+    impl Carrier for Kept {
+        fn send(&mut self, message: &[u8]) {
+            self.0.send(Packet::decode(message).unwrap()).unwrap();
+        }
+
+        fn is_open(&self) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn each_link_numbers_its_own_packets_and_all_count_into_the_same_counters() {
+        let traffic = Arc::<Traffic>::default();
+        let open = || {
+            let (sender, kept) = mpsc::channel();
+            let (format, carrier) = (Box::new(Datagrams), Box::new(Kept(sender)));
+            (Link { format, carrier, traffic: Arc::clone(&traffic), sequence: 0, last: None }, kept)
+        };
+        let (state, reason, pose) = (State::Neutral, Reason::NoFace, Pose::NEUTRAL);
+        let output = Output { state, reason, pose, age_us: 0, capture_us: 0, followed: false, moving: false };
+        let ((mut first, kept_first), (mut second, kept_second)) = (open(), open());
+        (0..3).for_each(|_| first.send(&output));
+        let settings = LinkSettings::default();
+        for now_us in [0, 1] {
+            second.offer(Pace::new(&settings, 60), now_us, &output);
+        }
+        let sequences =
+            |kept: mpsc::Receiver<Packet>| kept.try_iter().map(|packet| packet.sequence).collect::<Vec<_>>();
+        assert_eq!((sequences(kept_first), sequences(kept_second)), (vec![0, 1, 2], vec![0]));
+        assert_eq!(traffic.packets.load(Relaxed), 4);
     }
 }

@@ -12,11 +12,6 @@ pub struct Datagrams;
 #[derive(Debug)]
 pub struct Frames;
 
-impl Frames {
-    /// The end of a frame. Sent first, it separates the first frame from leftovers on the line.
-    pub const PREAMBLE: &[u8] = &[0];
-}
-
 impl Format for Datagrams {
     fn encode(&self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
         send(&packet(output, sequence).encode());
@@ -26,6 +21,11 @@ impl Format for Datagrams {
 impl Format for Frames {
     fn encode(&self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
         send(&packet(output, sequence).encode_frame());
+    }
+
+    /// The end of a frame separates the first frame from leftovers on the line.
+    fn preamble(&self) -> &'static [u8] {
+        &[0]
     }
 }
 
@@ -40,5 +40,41 @@ fn packet(output: &Output, sequence: u32) -> Packet {
         rotation: output.pose.rotation,
         position_mm: output.pose.position_mm,
         coefficients: output.pose.coefficients,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use facewire_packet::{FrameReader, Reason, State};
+
+    use super::*;
+    use crate::link::Pose;
+
+    /// Returns the bytes of the output in this format.
+    fn encoded(format: &dyn Format, output: &Output, sequence: u32) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        format.encode(output, sequence, &mut |message| bytes.extend_from_slice(message));
+        bytes
+    }
+
+    #[test]
+    fn datagrams_and_frames_carry_every_field_of_the_output() {
+        let mut pose = Pose { rotation: [0.0, 0.6, 0.0, 0.8], position_mm: [1.0, -2.0, 600.0], ..Pose::NEUTRAL };
+        pose.coefficients[17] = 1.0;
+        let (state, reason) = (State::Hold, Reason::NoFace);
+        let output =
+            Output { state, reason, pose, age_us: 200, capture_us: (7 << 32) + 5, followed: true, moving: false };
+        let packet = Packet::decode(&encoded(&Datagrams, &output, 65_537)).unwrap();
+        assert_eq!((packet.state, packet.reason, packet.sequence), (state, reason, 1));
+        assert_eq!((packet.age_us, packet.capture_us), (200, 5));
+        assert_eq!((packet.position_mm, packet.coefficients), (pose.position_mm, pose.coefficients));
+        assert!(packet.rotation.iter().zip(pose.rotation).all(|(got, want)| (got - want).abs() < 1e-4));
+
+        let mut reader = FrameReader::default();
+        let line = [Frames.preamble(), &encoded(&Frames, &output, 65_537)].concat();
+        let framed: Vec<Packet> = line.iter().filter_map(|byte| reader.push(*byte)?.ok()).collect();
+        assert_eq!(framed, [packet]);
     }
 }

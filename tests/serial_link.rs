@@ -138,7 +138,7 @@ fn every_packet_is_counted_once() {
 }
 
 #[test]
-fn handing_a_packet_over_allocates_nothing_whether_the_port_takes_it_or_not() {
+fn sending_allocates_nothing_whether_the_port_takes_the_packet_or_not() {
     let board = Board::plugged_in();
     let mut links = [Serial::open(&board), Serial::at(Path::new("/dev/nowhere"), 115_200)];
     for link in &mut links {

@@ -196,7 +196,7 @@ fn a_host_that_does_not_resolve_is_an_error_where_there_is_no_other_link() {
 }
 
 #[test]
-fn a_host_that_does_not_resolve_keeps_nothing_from_the_serial_line() {
+fn a_host_that_does_not_resolve_does_not_disturb_the_serial_line() {
     let mut board = Board::plugged_in();
     let service = Service::with(&(serial(&board.device) + "[[link]]\naddress = \"nowhere.invalid:5252\"\n"));
     board.next();
@@ -297,7 +297,7 @@ fn check(links: &str) -> (Option<i32>, String) {
 }
 
 #[test]
-fn check_tells_of_each_link_whether_it_works() {
+fn check_reports_for_each_link_whether_it_works() {
     let board = Board::plugged_in();
     let (status, told) = check(&(serial(&board.device) + &serial(Path::new("/dev/nowhere"))));
     assert_eq!(status, Some(69));
@@ -309,7 +309,7 @@ fn check_tells_of_each_link_whether_it_works() {
 }
 
 #[test]
-fn a_line_too_slow_for_its_packets_is_bad_configuration() {
+fn a_line_too_slow_for_its_packets_is_a_fault_of_the_settings() {
     let (status, told) = check(&(serial(Path::new("/dev/nowhere")) + "baud = 57600\n"));
     assert_eq!(status, Some(78));
     let want = "facewire: link.baud = 57600: give 115200 or more, or pace = \"rate\" and rate_hz = 34: 60 packets a second \
@@ -350,7 +350,7 @@ fn the_monitor_counts_damaged_frames() {
 }
 
 #[test]
-fn the_monitor_tells_a_silent_line_a_missing_one_and_one_that_goes_away() {
+fn the_monitor_reports_a_silent_a_missing_and_a_disappearing_line() {
     let board = Board::plugged_in();
     let device = board.device.to_str().unwrap();
     let run = |device: &str, seconds| {

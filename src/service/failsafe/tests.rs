@@ -6,7 +6,7 @@ use crate::config::LinkSettings;
 use crate::link::{Pace, Sent};
 
 const MS: u64 = 1000;
-/// A camera at 30 frames a second.
+/// Frame period of a camera with 30 frames per second.
 const FRAME_US: u64 = 33_333;
 const SLEW_PER_S: f32 = 4.0;
 
@@ -26,7 +26,7 @@ fn all(value: f32) -> Pose {
     Pose { coefficients: [value; 52], position_mm: [10.0, 20.0, 600.0], ..Pose::NEUTRAL }
 }
 
-/// A head turned about the vertical axis.
+/// Returns a head turned about the vertical axis.
 fn turned(degrees: f32) -> Pose {
     let (sin, cos) = (degrees.to_radians() / 2.0).sin_cos();
     Pose { rotation: [0.0, sin, 0.0, cos], ..all(1.0) }
@@ -42,7 +42,7 @@ impl Run {
         Self { failsafe, history, now_us: 5_000_000, sent: None }
     }
 
-    /// Following this pose for two seconds, so that every ramp is over.
+    /// Follows this pose for two seconds, so that every ramp is over.
     fn live(pose: &Pose) -> Self {
         let mut run = Self::new();
         for _ in 0..60 {
@@ -54,7 +54,7 @@ impl Run {
         run
     }
 
-    /// A pose captured just now.
+    /// Gives a pose captured at this moment.
     fn pose(&mut self, pose: &Pose) -> Output {
         self.news(News::Pose(pose, self.now_us))
     }
@@ -87,7 +87,7 @@ impl Run {
         self.news(News::Nothing)
     }
 
-    /// Every update of this much time in steps of a millisecond.
+    /// Lets this time pass in steps of a millisecond, and returns the output of every step.
     fn watch(&mut self, us: u64) -> Vec<(u64, Output)> {
         let begin_us = self.now_us;
         (0..us / MS)
@@ -99,7 +99,7 @@ impl Run {
     }
 }
 
-/// Times at which another state begins.
+/// Returns the times at which the state changes.
 fn transitions(outputs: &[(u64, Output)]) -> Vec<(u64, State)> {
     let mut changes: Vec<(u64, State)> = Vec::new();
     for (at_us, output) in outputs {
@@ -110,7 +110,7 @@ fn transitions(outputs: &[(u64, Output)]) -> Vec<(u64, State)> {
     changes
 }
 
-/// The fastest movement of a coefficient between consecutive outputs, in units per second.
+/// Returns the fastest movement of a coefficient between consecutive outputs, in units per second.
 fn fastest(outputs: &[(u64, Output)]) -> f32 {
     let steps = outputs.windows(2).map(|pair| {
         let [(from_us, from), (to_us, to)] = pair else {
@@ -158,7 +158,7 @@ fn hold_stands_still_and_decay_never_moves_faster_than_the_slew_limit() {
 }
 
 #[test]
-fn short_decays_are_limited_by_slew_and_neutral_waits_for_them() {
+fn a_short_decay_is_limited_by_the_slew_rate_and_delays_neutral() {
     let mut run = Run::live(&all(1.0));
     let short = FailsafeSettings { neutral_ms: 310, ..settings() };
     run.failsafe = Failsafe::new(&short, FRAME_US);
@@ -175,7 +175,7 @@ fn neutral_is_complete_by_its_time_even_when_no_update_came_before() {
 }
 
 #[test]
-fn head_turns_back_by_the_time_of_neutral_at_a_bounded_rate_and_keeps_its_place() {
+fn the_head_turns_back_at_a_bounded_rate_by_the_time_of_neutral_and_keeps_its_position() {
     let outputs = Run::live(&turned(70.0)).watch(1500 * MS);
     let rates = outputs.windows(2).map(|pair| match pair {
         [(_, from), (_, to)] => (yaw_deg(&from.pose) - yaw_deg(&to.pose)).abs() / 1e-3,
@@ -226,7 +226,7 @@ fn recovery_takes_three_poses_and_100_ms() {
 }
 
 #[test]
-fn recovery_begins_anew_after_a_fault_or_a_gap() {
+fn recovery_starts_over_after_a_fault_or_a_gap() {
     for interrupt in [News::Fault(Reason::NoFace), News::Nothing] {
         let mut run = Run::live(&all(0.0));
         run.wait(2000 * MS);
@@ -259,7 +259,7 @@ fn recovery_ramps_from_the_current_output_and_then_follows_exactly() {
 }
 
 #[test]
-fn the_first_pose_ever_brings_its_place_without_a_ramp() {
+fn the_first_pose_sets_the_position_without_a_ramp() {
     let mut run = Run::new();
     let output = (0..3)
         .map(|_| {
@@ -273,7 +273,7 @@ fn the_first_pose_ever_brings_its_place_without_a_ramp() {
 }
 
 #[test]
-fn every_fault_is_told_with_its_reason_until_a_pose_is_followed() {
+fn every_fault_is_sent_with_its_reason_until_a_pose_is_followed() {
     for reason in [Reason::NoFace, Reason::NoCamera, Reason::Late, Reason::BadResult] {
         let mut run = Run::live(&all(1.0));
         assert_eq!(run.news(News::Fault(reason)).reason, Reason::None, "still live");
@@ -286,12 +286,12 @@ fn every_fault_is_told_with_its_reason_until_a_pose_is_followed() {
 }
 
 #[test]
-fn silence_without_a_known_fault_is_late() {
+fn silence_without_a_known_fault_has_the_reason_late() {
     assert_eq!(Run::live(&all(1.0)).wait(160 * MS).reason, Reason::Late);
 }
 
 #[test]
-fn before_any_frame_the_face_is_neutral_for_want_of_a_camera() {
+fn before_the_first_frame_the_face_is_neutral_because_there_is_no_camera() {
     let output = Run::new().news(News::Nothing);
     assert_eq!((output.state, output.reason), (State::Neutral, Reason::NoCamera));
     assert_eq!((output.pose, output.age_us), (Pose::NEUTRAL, u64::MAX));
@@ -331,7 +331,7 @@ fn poses_that_come_too_late_are_not_followed() {
 }
 
 #[test]
-fn the_same_pose_given_again_is_not_news() {
+fn a_repeated_pose_changes_nothing() {
     let mut run = Run::live(&all(1.0));
     let capture_us = run.now_us;
     for ms in 1..=150 {
@@ -342,7 +342,7 @@ fn the_same_pose_given_again_is_not_news() {
 }
 
 #[test]
-fn age_is_that_of_the_pose_that_is_followed() {
+fn the_age_counts_from_the_pose_that_the_output_follows() {
     let mut run = Run::live(&all(1.0));
     let capture_us = run.now_us;
     let output = run.wait(2000 * MS);

@@ -32,10 +32,10 @@ pub enum SetupError {
     #[error(transparent)]
     Networks(#[from] InferError),
     /// The blendshape model.
-    #[error("{}", told(origin, error))]
+    #[error("{}", told(path, error))]
     Model {
-        /// The file, or that it is the built-in one.
-        origin: String,
+        /// The model file.
+        path: String,
         /// What is wrong with it.
         error: ModelError,
     },
@@ -50,10 +50,10 @@ impl SetupError {
 }
 
 /// The error with its model, once.
-fn told(origin: &str, error: &ModelError) -> String {
+fn told(path: &str, error: &ModelError) -> String {
     match error {
         ModelError::Unreadable { .. } => error.to_string(),
-        _ => format!("{origin}: {error}"),
+        _ => format!("{path}: {error}"),
     }
 }
 
@@ -185,12 +185,10 @@ pub fn load_tracker(settings: &NetworkSettings) -> Result<Tracker, InferError> {
 /// [`SetupError::Model`].
 pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
     let path = &settings.model;
-    let (origin, loaded) = if path.is_empty() {
-        ("the built-in model".to_owned(), Model::embedded())
-    } else {
-        (path.clone(), Model::load(path.as_ref()))
-    };
-    loaded.map_err(|error| SetupError::Model { origin, error })
+    if path.is_empty() {
+        return Ok(Model::embedded());
+    }
+    Model::load(path.as_ref()).map_err(|error| SetupError::Model { path: path.clone(), error })
 }
 
 /// The filters that the settings ask for.

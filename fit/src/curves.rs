@@ -141,7 +141,7 @@ mod tests {
         let Some((landmarks, truth)) = demo() else {
             return;
         };
-        let solved = solve(&Model::embedded().expect("shipped"), &landmarks, None).expect("every frame");
+        let solved = solve(&Model::embedded(), &landmarks, None).expect("every frame");
         for (name, least) in [("jawOpen", 0.9), ("eyeBlinkLeft", 0.8), ("eyeBlinkRight", 0.8)] {
             let index = index_of(name);
             let true_curve: Vec<f64> = truth.coefficients.iter().map(|frame| frame[index]).collect();
@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn closed_eyes_read_above_0_8_and_open_ones_below_0_1() {
         let Some((landmarks, _)) = demo() else { return };
-        let solved = solve(&Model::embedded().expect("shipped"), &landmarks, Some(0..1)).expect("every frame");
+        let solved = solve(&Model::embedded(), &landmarks, Some(0..1)).expect("every frame");
         for name in ["eyeBlinkLeft", "eyeBlinkRight"] {
             let curve = curve(&solved, index_of(name));
             assert!(curve.iter().any(|value| *value > 0.8), "{name}");
@@ -166,7 +166,7 @@ mod tests {
         let Some((landmarks, truth)) = demo() else {
             return;
         };
-        let solved = solve(&Model::embedded().expect("shipped"), &landmarks, None).expect("every frame");
+        let solved = solve(&Model::embedded(), &landmarks, None).expect("every frame");
         assert!(pose_error_deg(&truth, &solved).iter().all(|error| *error < 1.5));
     }
 }

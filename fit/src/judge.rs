@@ -192,7 +192,7 @@ mod tests {
         let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
             return reference::say_skipped("dataset/");
         };
-        let model = Model::embedded().expect("shipped");
+        let model = Model::embedded();
         for (neutral_known, least_r, most_mse) in [(true, 0.72, 0.011), (false, 0.66, 0.013)] {
             let faces = Faces::new(&samples, neutral_known).expect("faces");
             let mean = mean_of(&scores_of(&model, &faces, &faces.rows(true).expect("all")).expect("scores"));

@@ -159,7 +159,7 @@ fn judge_on(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> R
 }
 
 fn load_model(path: Option<&Path>) -> Result<Model> {
-    Ok(path.map_or_else(Model::embedded, Model::load)?)
+    Ok(path.map_or_else(|| Ok(Model::embedded()), Model::load)?)
 }
 
 fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {

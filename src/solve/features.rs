@@ -1,64 +1,15 @@
-//! `S` and `T_d` (eq. 4, 5): what the regression sees of a face.
+//! `S` and `T_d` (eq. 4, 5): the features of a face that the regression reads.
 //!
-//! A feature is a coordinate of a landmark or the distance of two landmarks, as its displacement from the wearer's
-//! neutral face where that is known; or how far the head is turned, which no neutral face changes. Selection (eq. 4) is
-//! the model's list of indices into [`Features`]: on the board the matrix D would be nothing but zeros. Names: `x159`,
-//! `y159`, `z159` are coordinates of landmark 159, `d159-145` is a distance; unit: eye distances. `yaw`, `pitch` and
-//! `roll` are about the sines of these angles.
+//! Where the wearer's neutral face is known, measures count as displacements from it. How far the head is turned does not
+//! depend on the neutral face. The selection (eq. 4) is the model's list of indices into [`Features`]: the matrix D of
+//! the paper would hold almost nothing but zeros.
 
-use core::fmt;
-
-use super::{affine::Normalised, neutral::Neutral};
-use crate::face::LANDMARKS;
-
-/// Pairs of landmarks whose distance, unlike their coordinates, survives errors of the head's rotation:
-/// lid gaps, irises to the corners and lids of their eyes, mouth, brows to lids, cheeks and chin.
-const DISTANCES: [(usize, usize); 35] = [
-    (159, 145),
-    (158, 153),
-    (160, 144),
-    (386, 374),
-    (385, 380),
-    (387, 373),
-    (468, 33),
-    (468, 133),
-    (473, 362),
-    (473, 263),
-    (468, 159),
-    (468, 145),
-    (473, 386),
-    (473, 374),
-    (13, 14),
-    (61, 291),
-    (0, 17),
-    (78, 308),
-    (82, 87),
-    (312, 317),
-    (37, 84),
-    (267, 314),
-    (164, 0),
-    (61, 33),
-    (291, 263),
-    (61, 1),
-    (291, 1),
-    (105, 159),
-    (334, 386),
-    (55, 285),
-    (152, 1),
-    (152, 17),
-    (205, 50),
-    (50, 4),
-    (280, 4),
-];
-
-/// Names of the features that say how far the head is turned.
-const TURNS: [&str; 3] = ["yaw", "pitch", "roll"];
-
-const COORDINATES: usize = 3 * LANDMARKS;
-/// Features that are measured on the face: coordinates, then distances.
-pub const MEASURES: usize = COORDINATES + DISTANCES.len();
-/// Features of a face.
-pub const FEATURES: usize = MEASURES + TURNS.len();
+use super::{
+    LANDMARKS,
+    affine::Normalised,
+    feature_id::{DISTANCES, FEATURES, FeatureId, MEASURES},
+    neutral::Neutral,
+};
 
 /// All features of one face, in the order of [`FeatureId`].
 #[derive(Debug, Clone, PartialEq)]
@@ -69,7 +20,7 @@ pub struct Features {
 }
 
 impl Features {
-    /// Displacements from `neutral`, or the plain values if the wearer's neutral face is not known.
+    /// Displacements from `neutral`, or the values themselves if the wearer's neutral face is not known.
     #[must_use]
     pub fn new(face: &Normalised, neutral: Option<&Neutral>) -> Self {
         let mut measures = measure(&face.points);
@@ -82,12 +33,12 @@ impl Features {
         Self { values, neutral_known: neutral.is_some() }
     }
 
-    /// One of the values.
+    /// The value of one feature.
     pub(super) fn get(&self, id: FeatureId) -> f32 {
         self.values.get(id.index()).copied().unwrap_or(f32::NAN)
     }
 
-    /// The values, in the order of [`FeatureId`].
+    /// All values, in the order of [`FeatureId`].
     #[must_use]
     pub fn values(&self) -> &[f32; FEATURES] {
         &self.values
@@ -102,7 +53,7 @@ pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; MEASURES] {
     values
 }
 
-/// In the picture, where the face points to (right, up) and how high its left side is.
+/// The direction of the face in the picture (right, up), and how much higher its left side is than its right.
 fn turns(face: &Normalised) -> [f32; 3] {
     let m = &face.rotation;
     [m.m13, m.m23, m.m21]
@@ -115,76 +66,11 @@ fn distance(points: &[[f32; 3]; LANDMARKS], (a, b): (usize, usize)) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
 }
 
-/// Index of a feature, below [`FEATURES`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct FeatureId(u16);
-
-impl FeatureId {
-    /// The feature at `index` of [`Features::values`].
-    #[must_use]
-    pub fn from_index(index: usize) -> Option<Self> {
-        (index < FEATURES).then(|| u16::try_from(index).ok().map(Self))?
-    }
-
-    /// Place in [`Features::values`].
-    #[must_use]
-    pub fn index(self) -> usize {
-        usize::from(self.0)
-    }
-
-    /// Reads a name as [`FeatureId`] displays it.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        if let Some(turn) = TURNS.iter().position(|known| *known == name) {
-            return Self::from_index(MEASURES + turn);
-        }
-        let (kind, rest) = name.split_at_checked(1)?;
-        if kind == "d" {
-            let (a, b) = rest.split_once('-')?;
-            let pair = (a.parse().ok()?, b.parse().ok()?);
-            let place = DISTANCES.iter().position(|known| *known == pair)?;
-            return Self::from_index(COORDINATES + place);
-        }
-        let axis = ["x", "y", "z"].iter().position(|known| *known == kind)?;
-        let landmark = rest.parse::<usize>().ok().filter(|landmark| *landmark < LANDMARKS)?;
-        Self::from_index(3 * landmark + axis)
-    }
-}
-
-impl fmt::Display for FeatureId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let index = self.index();
-        if let Some(turn) = index.checked_sub(MEASURES).and_then(|place| TURNS.get(place)) {
-            return f.write_str(turn);
-        }
-        match index.checked_sub(COORDINATES).and_then(|place| DISTANCES.get(place)) {
-            Some((a, b)) => write!(f, "d{a}-{b}"),
-            None => write!(f, "{}{}", ['x', 'y', 'z'].get(index % 3).unwrap_or(&'x'), index / 3),
-        }
-    }
-}
-
 #[cfg(test)]
 #[allow(clippy::expect_used, clippy::indexing_slicing)]
 mod tests {
     use super::*;
     use crate::solve::{NeutralMean, normalise, test_face::face};
-
-    #[test]
-    fn every_feature_is_found_again_by_its_name() {
-        for index in 0..FEATURES {
-            let id = FeatureId::from_index(index).expect("below the count");
-            assert_eq!(FeatureId::from_name(&id.to_string()), Some(id));
-        }
-        assert_eq!(FeatureId::from_index(FEATURES), None);
-    }
-
-    #[test]
-    fn names_of_no_feature_are_refused() {
-        for name in ["", "x", "x478", "y-1", "w3", "d1-2", "d159", "é1"] {
-            assert_eq!(FeatureId::from_name(name), None, "{name}");
-        }
-    }
 
     #[test]
     fn neutral_face_has_no_displacement() {
@@ -197,8 +83,8 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_head_is_felt_by_sine_whatever_the_neutral_face() {
-        for (axis, name) in TURNS.iter().enumerate() {
+    fn turn_of_the_head_is_about_its_sine() {
+        for (axis, name) in ["yaw", "pitch", "roll"].into_iter().enumerate() {
             let mut angles = [0.0_f32; 3];
             angles[axis] = 20.0;
             let face = normalise(&face(angles, 80.0, [320.0, 240.0])).expect("a face");

@@ -9,9 +9,11 @@
 mod affine;
 mod canonical;
 mod correction;
+mod feature_id;
 mod features;
 mod filter;
 mod gated_average;
+mod model;
 mod model_error;
 pub mod model_file;
 mod neutral;
@@ -23,15 +25,19 @@ mod solver;
 #[allow(clippy::indexing_slicing)]
 pub(crate) mod test_face;
 
+use crate::face::LANDMARKS;
+
 pub use affine::{DegenerateFace, Normalised, normalise};
 pub use correction::{Corrected, MAX_REST, correct};
 pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
-pub use features::{FEATURES, FeatureId, Features, MEASURES};
+pub use feature_id::{FEATURES, FeatureId, MEASURES};
+pub use features::Features;
 pub use filter::{Filter, FilterState, Filters, FiltersState, Smoothed};
 pub use gated_average::GatedAverage;
+pub use model::{MAX_HIDDEN, MAX_INPUTS, Model};
 pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
 pub use pose::{Camera, HeadPose};
 pub use profile::Profile;
-pub use regression::{AbsurdResult, MAX_HIDDEN, MAX_INPUTS, Model, RawCoeffs};
+pub use regression::{AbsurdResult, RawCoeffs};
 pub use solver::{Solution, SolveError, Solver};

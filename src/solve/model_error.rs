@@ -1,31 +1,34 @@
 //! Why a model cannot be used.
+//!
+//! The build script compiles this file, too.
 
-use std::path::PathBuf;
+use std::{io, path::PathBuf};
 
 use thiserror::Error;
 
-use super::model_file::FORMAT;
+/// The format of model files that this program reads.
+pub(super) const FORMAT: u32 = 2;
 
-/// A model file that cannot be used.
+/// A model that cannot be used.
 #[derive(Debug, Error)]
 pub enum ModelError {
-    /// The file cannot be read.
+    /// The file is missing or cannot be read. It may be later: its disk may not be mounted yet.
     #[error("the model {} cannot be read ({source}); check the path and its permissions", path.display())]
     Unreadable {
-        /// Where it was looked for.
+        /// The path of the file.
         path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
+        /// The error of the system.
+        source: io::Error,
     },
-    /// Not TOML, or not of this layout.
+    /// The file is not TOML, or lacks entries, or has other entries.
     #[error("the model file is damaged in line {line} ({reason}); restore it or fit it again")]
     Damaged {
-        /// Where, from 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// What the parser says.
+        /// The error of the parser.
         reason: String,
     },
-    /// Made for another version of this program.
+    /// The file was written for another version of this program.
     #[error("the model file has format {found}, this program reads format {FORMAT}; fit it again with facewire-fit")]
     WrongFormat {
         /// The format of the file.
@@ -34,31 +37,31 @@ pub enum ModelError {
     /// A blendshape is missing.
     #[error("the model file has no {table}.{blendshape}; restore it or fit it again")]
     Missing {
-        /// Table of the file.
+        /// The table of the file.
         table: &'static str,
-        /// Name of the blendshape.
+        /// The name of the blendshape.
         blendshape: &'static str,
     },
     /// A name that this program does not know.
     #[error("the model file names an unknown {name:?} in {table}; fit it again with facewire-fit")]
     Unknown {
-        /// Table of the file.
+        /// The table of the file.
         table: String,
-        /// The name.
+        /// The unknown name.
         name: String,
     },
-    /// A weight that is not finite, or too large to be one.
+    /// A number that is not finite, or too large for single precision.
     #[error("the weight {name:?} in {table} of the model file is not a finite number; restore the file")]
     NotFinite {
-        /// Table of the file.
+        /// The table of the file.
         table: String,
-        /// Name of the weight.
+        /// The name of the number.
         name: String,
     },
-    /// More weights than fit.
+    /// More numbers than the program has room for.
     #[error("{table} of the model file has more weights than this program holds; fit it again with fewer")]
     TooMany {
-        /// Table of the file.
+        /// The table of the file.
         table: String,
     },
 }

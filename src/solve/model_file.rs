@@ -5,7 +5,7 @@
 //! made_by = "facewire-fit train ..."
 //! fitted_on = "..."
 //!
-//! [offsets]                   # of the hidden units, 120 at most
+//! [offsets]                   # of the hidden units, at most 120
 //! neutral_known = [0.1, -0.3]
 //! neutral_unknown = [0.2, -0.1]
 //!
@@ -13,38 +13,38 @@
 //! neutral = 0.05
 //! weights = [1.9, -0.4]
 //!
-//! [blendshapes.jawOpen]       # its weight of each hidden unit
-//! neutral_known = { r = 0.95, mse = 0.004 }     # held-out subjects, after eq. 7
+//! [blendshapes.jawOpen]       # its weight for each hidden unit
+//! neutral_known = { r = 0.95, mse = 0.004 }     # score on held-out subjects, after eq. 7
 //! neutral_unknown = { r = 0.93, mse = 0.005 }
 //! offset = 0.01
 //! weights = [0.8, 0.1]
 //! ```
+//!
+//! The build script compiles this file, too.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, fs, path::Path};
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
     BLENDSHAPES,
-    features::FeatureId,
-    model_error::ModelError,
-    regression::{Hidden, Input, MAX_HIDDEN, MAX_INPUTS, Model, Output},
+    feature_id::FeatureId,
+    model::{Hidden, Input, MAX_HIDDEN, MAX_INPUTS, Model, Output},
+    model_error::{FORMAT, ModelError},
 };
 
-/// Version of the layout.
-pub(super) const FORMAT: u32 = 2;
-/// No landmark lies on the tongue: it has no model and stays 0.
+/// The blendshape that has no model, because no landmark lies on the tongue. It stays 0.
 const WITHOUT_MODEL: &str = "tongueOut";
 
-/// The file as it is written.
+/// The content of a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelFile {
     /// Version of the layout.
     pub format: u32,
-    /// The command that made it.
+    /// The command that wrote the file.
     pub made_by: String,
-    /// What it was fitted on, in words.
+    /// The data that the model was fitted on, in words.
     pub fitted_on: String,
     /// Offsets of the hidden units.
     pub offsets: OffsetTable,
@@ -54,13 +54,13 @@ pub struct ModelFile {
     pub blendshapes: BTreeMap<String, BlendshapeTable>,
 }
 
-/// Offsets of the hidden units, one each.
+/// Offsets of the hidden units, one for each unit.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OffsetTable {
     /// For displacements from the wearer's neutral face.
     pub neutral_known: Vec<f64>,
-    /// For faces whose neutral is not known.
+    /// For wearers whose neutral face is not known.
     pub neutral_unknown: Vec<f64>,
 }
 
@@ -68,9 +68,9 @@ pub struct OffsetTable {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InputTable {
-    /// Its mean over neutral faces.
+    /// Mean of the feature over neutral faces.
     pub neutral: f64,
-    /// Its weight for each hidden unit.
+    /// Weight of the feature for each hidden unit.
     pub weights: Vec<f64>,
 }
 
@@ -78,17 +78,17 @@ pub struct InputTable {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BlendshapeTable {
-    /// Score with the wearer's neutral face known.
+    /// Score where the wearer's neutral face is known.
     pub neutral_known: ScoreTable,
-    /// Score without.
+    /// Score where it is not known.
     pub neutral_unknown: ScoreTable,
-    /// What it is where the hidden layer is 0.
+    /// The coefficient where all hidden units are 0.
     pub offset: f64,
-    /// Weights of the hidden units.
+    /// Weight of each hidden unit.
     pub weights: Vec<f64>,
 }
 
-/// How well a blendshape is found for subjects that the fit did not see.
+/// How well a blendshape is estimated for subjects that the fit has not seen.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScoreTable {
@@ -99,7 +99,7 @@ pub struct ScoreTable {
 }
 
 impl ModelFile {
-    /// An empty file of the present format.
+    /// An empty file of the current format.
     #[must_use]
     pub fn new(made_by: String, fitted_on: String) -> Self {
         Self {
@@ -112,7 +112,7 @@ impl ModelFile {
         }
     }
 
-    /// Reads a file's text.
+    /// Parses the text of a file.
     ///
     /// # Errors
     /// [`ModelError::WrongFormat`] or [`ModelError::Damaged`].
@@ -121,17 +121,22 @@ impl ModelFile {
         struct Header {
             format: u32,
         }
-        let Header { format: found } = from_toml(text)?;
-        if found != FORMAT {
-            return Err(ModelError::WrongFormat { found });
+        let parsed = from_toml::<Self>(text);
+        // A file of another format has another layout, which looks like damage. Only then is the text parsed again.
+        let format = match &parsed {
+            Ok(file) => Some(file.format),
+            Err(_) => from_toml::<Header>(text).ok().map(|header| header.format),
+        };
+        match format {
+            Some(found) if found != FORMAT => Err(ModelError::WrongFormat { found }),
+            _ => parsed,
         }
-        from_toml(text)
     }
 
-    /// Checks every name and number and lays the map out for the solver.
+    /// Checks every name and number and lays the numbers out for the solver.
     ///
     /// # Errors
-    /// [`ModelError`], naming the table and the entry.
+    /// [`ModelError`], which names the table and the entry.
     pub fn to_model(&self) -> Result<Model, ModelError> {
         if self.inputs.len() > MAX_INPUTS {
             return Err(ModelError::TooMany { table: "inputs".to_owned() });
@@ -152,38 +157,56 @@ impl ModelFile {
         if let Some(name) = self.blendshapes.keys().find(|name| !is_known(name)) {
             return Err(ModelError::Unknown { table: "blendshapes".to_owned(), name: name.clone() });
         }
-        let one = |name: &&'static str| match self.blendshapes.get(*name) {
+        let find = |name: &&'static str| match self.blendshapes.get(*name) {
             Some(table) => output(name, table),
-            None if *name == WITHOUT_MODEL => Ok(Output::NOTHING),
+            None if *name == WITHOUT_MODEL => Ok(Output::ZERO),
             None => Err(ModelError::Missing { table: "blendshapes", blendshape: name }),
         };
-        BLENDSHAPES.iter().map(one).collect()
+        BLENDSHAPES.iter().map(find).collect()
+    }
+}
+
+impl Model {
+    /// Loads a model from a file.
+    ///
+    /// # Errors
+    /// [`ModelError::Unreadable`] if the file is missing or cannot be read; the other kinds of [`ModelError`] if it is
+    /// damaged, of another format, or holds numbers that are not finite.
+    pub fn load(path: &Path) -> Result<Self, ModelError> {
+        let bytes = fs::read(path).map_err(|source| ModelError::Unreadable { path: path.to_owned(), source })?;
+        let text = str::from_utf8(&bytes).map_err(|error| damaged(&bytes, error.valid_up_to(), "it is not UTF-8"))?;
+        ModelFile::parse(text)?.to_model()
     }
 }
 
 fn from_toml<T: DeserializeOwned>(text: &str) -> Result<T, ModelError> {
     toml::from_str(text).map_err(|error| {
-        let before = text.get(..error.span().map_or(0, |span| span.start)).unwrap_or_default();
-        ModelError::Damaged { line: 1 + before.matches('\n').count(), reason: error.message().to_owned() }
+        let offset = error.span().map_or(0, |span| span.start);
+        damaged(text.as_bytes(), offset, error.message())
     })
 }
 
-fn input(name: &str, table: &InputTable) -> Result<Input, ModelError> {
+fn damaged(text: &[u8], offset: usize, reason: &str) -> ModelError {
+    let line = 1 + text.iter().take(offset).filter(|byte| **byte == b'\n').count();
+    ModelError::Damaged { line, reason: reason.to_owned() }
+}
+
+fn input(name: &str, entry: &InputTable) -> Result<Input, ModelError> {
     let unknown = || ModelError::Unknown { table: "inputs".to_owned(), name: name.to_owned() };
-    let place = format!("inputs.{name}");
+    let table = format!("inputs.{name}");
     Ok(Input {
         feature: FeatureId::from_name(name).ok_or_else(unknown)?,
-        neutral: finite(&place, "neutral", table.neutral)?,
-        weights: hidden(&place, &table.weights)?,
+        neutral: finite(&table, "neutral", entry.neutral)?,
+        weights: hidden(&table, &entry.weights)?,
     })
 }
 
-fn output(name: &str, table: &BlendshapeTable) -> Result<Output, ModelError> {
-    let place = format!("blendshapes.{name}");
-    Ok(Output { offset: finite(&place, "offset", table.offset)?, weights: hidden(&place, &table.weights)? })
+fn output(name: &str, entry: &BlendshapeTable) -> Result<Output, ModelError> {
+    let table = format!("blendshapes.{name}");
+    Ok(Output { offset: finite(&table, "offset", entry.offset)?, weights: hidden(&table, &entry.weights)? })
 }
 
-/// One number for each hidden unit; those that the file does not have are 0.
+/// One number for each hidden unit. Units that the file does not have get 0.
 fn hidden(table: &str, numbers: &[f64]) -> Result<Hidden, ModelError> {
     if numbers.len() > MAX_HIDDEN {
         return Err(ModelError::TooMany { table: table.to_owned() });
@@ -195,9 +218,9 @@ fn hidden(table: &str, numbers: &[f64]) -> Result<Hidden, ModelError> {
     Ok(out)
 }
 
-fn finite(table: &str, name: &str, weight: f64) -> Result<f32, ModelError> {
+fn finite(table: &str, name: &str, number: f64) -> Result<f32, ModelError> {
     #[expect(clippy::cast_possible_truncation, reason = "checked below")]
-    let narrow = weight as f32;
+    let narrow = number as f32;
     if narrow.is_finite() {
         return Ok(narrow);
     }
@@ -205,84 +228,4 @@ fn finite(table: &str, name: &str, weight: f64) -> Result<f32, ModelError> {
 }
 
 #[cfg(test)]
-#[allow(clippy::expect_used)]
-mod tests {
-    use super::*;
-    use std::path::Path;
-
-    const SHIPPED: &str = include_str!("../../models/blendshapes.toml");
-
-    fn shipped() -> ModelFile {
-        ModelFile::parse(SHIPPED).expect("the shipped model is sound")
-    }
-
-    fn error_of(change: impl Fn(&mut ModelFile)) -> String {
-        let mut file = shipped();
-        change(&mut file);
-        file.to_model().expect_err("a fault was put in").to_string()
-    }
-
-    #[test]
-    fn missing_file_is_named() {
-        let error = Model::load(Path::new("no/such/model.toml")).expect_err("there is none").to_string();
-        assert!(error.contains("no/such/model.toml"), "{error}");
-    }
-
-    #[test]
-    fn damaged_file_is_refused() {
-        let cut = SHIPPED.get(..SHIPPED.len() / 2).expect("plain text");
-        assert!(ModelFile::parse(cut).and_then(|file| file.to_model()).is_err());
-        assert!(matches!(ModelFile::parse("\nformat = [1"), Err(ModelError::Damaged { line: 2, .. })));
-        assert!(matches!(ModelFile::parse("format = 2"), Err(ModelError::Damaged { .. })));
-    }
-
-    #[test]
-    fn other_format_is_told_from_damage() {
-        assert!(matches!(ModelFile::parse("format = 1\nold = true"), Err(ModelError::WrongFormat { found: 1 })));
-    }
-
-    #[test]
-    fn missing_and_unknown_blendshapes_are_named() {
-        let mut file = shipped();
-        let entry = file.blendshapes.remove("jawOpen").expect("it has a jaw");
-        assert!(file.to_model().expect_err("no jaw").to_string().contains("blendshapes.jawOpen"));
-        file.blendshapes.insert("jawOpened".to_owned(), entry);
-        assert!(file.to_model().expect_err("no such jaw").to_string().contains("jawOpened"));
-    }
-
-    #[test]
-    fn numbers_that_are_not_finite_are_named() {
-        for wrong in [f64::NAN, f64::INFINITY, 1e300] {
-            let jaw = |file: &mut ModelFile| file.blendshapes.entry("jawOpen".to_owned()).or_default().offset = wrong;
-            assert!(error_of(jaw).contains("\"offset\" in blendshapes.jawOpen"));
-            let input = |file: &mut ModelFile| file.inputs.entry("y14".to_owned()).or_default().weights = vec![wrong];
-            assert!(error_of(input).contains("\"weights\" in inputs.y14"));
-        }
-    }
-
-    #[test]
-    fn an_unknown_feature_is_named() {
-        let error = error_of(|file| _ = file.inputs.insert("q7".to_owned(), InputTable::default()));
-        assert!(error.contains("unknown \"q7\" in inputs"), "{error}");
-    }
-
-    #[test]
-    fn errors_fill_one_line_whatever_stands_in_names() {
-        for weight in [1.0, f64::NAN] {
-            let table = InputTable { neutral: weight, ..InputTable::default() };
-            let error = error_of(|file| _ = file.inputs.insert("line\n\u{1b}end".to_owned(), table.clone()));
-            assert!(error.contains(r#""line\n\u{1b}end""#) && !error.contains(char::is_control), "{error}");
-        }
-    }
-
-    #[test]
-    fn more_weights_than_fit_are_refused() {
-        let wide = |file: &mut ModelFile| file.offsets.neutral_known = vec![0.0; MAX_HIDDEN + 1];
-        assert!(error_of(wide).contains("offsets.neutral_known of the model file has more weights"));
-        let many = |file: &mut ModelFile| {
-            let names = (0..=MAX_INPUTS).filter_map(|index| FeatureId::from_index(index).map(|id| id.to_string()));
-            file.inputs.extend(names.map(|name| (name, InputTable::default())));
-        };
-        assert!(error_of(many).contains("inputs of the model file has more weights"));
-    }
-}
+mod tests;

@@ -2,10 +2,7 @@
 
 use thiserror::Error;
 
-use super::{
-    affine::Normalised,
-    features::{MEASURES, measure},
-};
+use super::{affine::Normalised, feature_id::MEASURES, features::measure};
 use crate::face::LANDMARKS;
 
 /// Largest coordinate of a neutral face, eye distances.

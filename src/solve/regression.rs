@@ -1,100 +1,54 @@
-//! `R`: from features to coefficients, as the fitted model says.
+//! `R`: the fitted regression from features to coefficients.
 //!
-//! One hidden layer, shared by all blendshapes and by faces whose neutral is known or not:
-//! `h = max(0, W x + a)`, then `R = V h + b`, where `x` are the selected features. Where the wearer's neutral face is not
-//! known, displacements are measured from the mean of many neutral faces, and `a` is another. What the hidden layer adds
-//! to an affine map is that expressions which move the same points are told apart by all the others.
+//! A network with one hidden layer, `h = max(0, W x + a)` and `R = V h + b`, where `x` are the selected features. All
+//! blendshapes share the hidden layer. It serves faces with and without a known neutral face: without one, displacements
+//! are measured from the mean of many neutral faces, and `a` differs. Against an affine map, the hidden layer tells apart
+//! expressions that move the same points.
 //!
 //! Limits: `tongueOut` is always 0, because no landmark lies on the tongue.
-
-use std::path::Path;
 
 use thiserror::Error;
 
 use super::{
     COEFFS,
-    features::{FeatureId, Features},
-    model_error::ModelError,
-    model_file::ModelFile,
+    features::Features,
+    model::{Hidden, Model, Output},
 };
 
-/// Most units of the hidden layer.
-pub const MAX_HIDDEN: usize = 120;
-/// Most features that are selected (eq. 4): with [`MAX_HIDDEN`] they make a model of 256 KiB.
-pub const MAX_INPUTS: usize = 470;
-/// Largest result of a face; on rendered and real ones they stay between -0.5 and 1.5.
+/// The shipped model, as the build script wrote it.
+const EMBEDDED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blendshapes.bin"));
+/// Largest result of a face. On rendered and real faces, results stay between -0.5 and 1.5.
 const MAX_RESULT: f32 = 5.0;
 
-/// The model gave something that is no coefficient. The frame is rejected.
+/// A result that cannot be a coefficient. The frame is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[error("the blendshape model gave a value that no face has; leave solver.model empty for the built-in model")]
 pub struct AbsurdResult;
 
-/// Coefficients as the regression gives them, in the order of [`super::BLENDSHAPES`]: finite, not yet clamped.
+/// Results of the regression, in the order of [`super::BLENDSHAPES`]: finite, not yet clamped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RawCoeffs(pub [f32; COEFFS]);
 
-/// One number for each hidden unit; those that a model does not use are 0.
-pub(super) type Hidden = [f32; MAX_HIDDEN];
-
-/// The fitted map. Fixed after loading; at most 256 KiB.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Model {
-    pub(super) inputs: Box<[Input]>,
-    /// `a` where the neutral face is known, and where it is not.
-    pub(super) offsets: [Hidden; 2],
-    pub(super) outputs: Box<[Output]>,
-}
-
-/// A selected feature: its column of `W`.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Input {
-    pub(super) feature: FeatureId,
-    /// Its mean over neutral faces.
-    pub(super) neutral: f32,
-    pub(super) weights: Hidden,
-}
-
-/// A blendshape: its row of `V`, and of `b`.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Output {
-    pub(super) offset: f32,
-    pub(super) weights: Hidden,
-}
-
-impl Output {
-    /// Always 0.
-    pub(super) const NOTHING: Self = Self { offset: 0.0, weights: [0.0; MAX_HIDDEN] };
-}
-
 impl Model {
-    /// The model this program was shipped with.
+    /// The model that is built into the program.
     ///
-    /// # Errors
-    /// [`ModelError`] if it is damaged; a test keeps that from happening.
-    pub fn embedded() -> Result<Self, ModelError> {
-        ModelFile::parse(include_str!("../../models/blendshapes.toml"))?.to_model()
+    /// # Panics
+    /// Never: the build script has read these bytes back.
+    #[must_use]
+    #[expect(clippy::expect_used, reason = "see Panics")]
+    pub fn embedded() -> Self {
+        Self::from_bytes(EMBEDDED).expect("the embedded model is whole")
     }
 
-    /// A model from a file.
+    /// Computes the coefficients of a face.
     ///
     /// # Errors
-    /// [`ModelError`] if the file is missing, damaged, of another version or holds numbers that are not finite.
-    pub fn load(path: &Path) -> Result<Self, ModelError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| ModelError::Unreadable { path: path.to_owned(), source })?;
-        ModelFile::parse(&text)?.to_model()
-    }
-
-    /// The coefficients of a face.
-    ///
-    /// # Errors
-    /// [`AbsurdResult`] if a result is no number or far outside a coefficient's range.
+    /// [`AbsurdResult`] if a result is not a number or far outside a coefficient's range.
     pub fn process(&self, features: &Features) -> Result<RawCoeffs, AbsurdResult> {
         let hidden = self.hidden(features);
         let mut raw = [0.0; COEFFS];
         raw.iter_mut().zip(&self.outputs).for_each(|(out, output)| *out = output.apply(&hidden));
-        // A NaN is in no range.
+        // No range contains a NaN.
         let is_sane = raw.iter().all(|value| (-MAX_RESULT..=MAX_RESULT).contains(value));
         if is_sane { Ok(RawCoeffs(raw)) } else { Err(AbsurdResult) }
     }
@@ -107,19 +61,13 @@ impl Model {
             let value = features.get(input.feature) - reference;
             hidden.iter_mut().zip(&input.weights).for_each(|(sum, weight)| *sum += weight * value);
         }
-        // Not `max`, which would make 0 of a NaN.
+        // `f32::max` would turn a NaN into 0.
         hidden.map(|sum| if sum < 0.0 { 0.0 } else { sum })
-    }
-
-    /// Bytes of the model in memory.
-    #[must_use]
-    pub fn size_bytes(&self) -> usize {
-        size_of_val(&*self.inputs) + size_of_val(&*self.outputs) + size_of::<Self>()
     }
 }
 
 impl Output {
-    /// `V h + b` of one blendshape. Eight sums, so that the compiler may take them side by side.
+    /// `V h + b` of one blendshape. Eight separate sums let the compiler use vector instructions.
     fn apply(&self, hidden: &Hidden) -> f32 {
         let (hidden, weights) = (hidden.as_chunks::<8>().0, self.weights.as_chunks::<8>().0);
         let mut sums = [0.0; 8];
@@ -134,7 +82,9 @@ impl Output {
 #[allow(clippy::expect_used, clippy::indexing_slicing)]
 mod tests {
     use super::*;
-    use crate::solve::{normalise, test_face::face};
+    use crate::solve::{
+        FeatureId, MAX_HIDDEN, MAX_INPUTS, model::Input, model_file::ModelFile, normalise, test_face::face,
+    };
 
     const JAW_OPEN: usize = 17;
     const TONGUE_OUT: usize = 51;
@@ -148,7 +98,7 @@ mod tests {
             row
         };
         let feature = FeatureId::from_name("x263").expect("known");
-        let mut outputs = vec![Output::NOTHING; COEFFS];
+        let mut outputs = vec![Output::ZERO; COEFFS];
         outputs[JAW_OPEN] = Output { offset: 0.1, weights: row(2.0, 3.0) };
         Model {
             inputs: Box::new([Input { feature, neutral: 0.2, weights: row(1.0, -1.0) }]),
@@ -182,11 +132,27 @@ mod tests {
     }
 
     #[test]
+    fn embedded_numbers_are_those_of_the_readable_file_bit_for_bit() {
+        let file = ModelFile::parse(include_str!("../../models/blendshapes.toml")).expect("the shipped model is sound");
+        let read = file.to_model().expect("the shipped model is sound");
+        assert_eq!(read.to_bytes(), EMBEDDED);
+        assert_eq!(Model::embedded().to_bytes(), EMBEDDED);
+        assert_eq!(Model::embedded(), read);
+    }
+
+    #[test]
+    fn bytes_that_are_not_a_model_are_refused() {
+        assert_eq!(Model::from_bytes(&EMBEDDED[..EMBEDDED.len() - 4]), None, "cut short");
+        assert_eq!(Model::from_bytes(&EMBEDDED[4..]), None, "no such feature");
+        assert_eq!(Model::from_bytes(&[]), None);
+    }
+
+    #[test]
     fn shipped_model_is_small_and_leaves_the_tongue_in() {
-        let model = Model::embedded().expect("the shipped model loads");
+        let model = Model::embedded();
         assert!(model.size_bytes() <= 256 * 1024, "{}", model.size_bytes());
         assert_eq!(model.outputs.len(), COEFFS);
-        assert_eq!(model.outputs[TONGUE_OUT], Output::NOTHING);
+        assert_eq!(model.outputs[TONGUE_OUT], Output::ZERO);
     }
 
     #[test]

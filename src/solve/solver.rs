@@ -99,7 +99,7 @@ mod tests {
         let mut mean = NeutralMean::default();
         mean.add(&normalise(&face([3.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"));
         let neutral = Some(mean.finish().expect("a neutral face"));
-        let model = Model::embedded().expect("the shipped model");
+        let model = Model::embedded();
         Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::gated_average(0.18))
     }
 
@@ -128,7 +128,7 @@ mod tests {
     #[test]
     fn replaced_model_and_filters_keep_the_wearer_and_the_history() {
         let got = solutions(|solver, _| {
-            solver.model = Model::embedded().expect("the shipped model");
+            solver.model = Model::embedded();
             solver.filters = Filters::gated_average(0.18);
         });
         assert_eq!(got, solutions(|_, _| ()));

@@ -1,0 +1,87 @@
+#![allow(clippy::expect_used)]
+
+use super::*;
+
+const SHIPPED: &str = include_str!("../../../models/blendshapes.toml");
+
+fn shipped() -> ModelFile {
+    ModelFile::parse(SHIPPED).expect("the shipped model is sound")
+}
+
+fn error_of(change: impl Fn(&mut ModelFile)) -> String {
+    let mut file = shipped();
+    change(&mut file);
+    file.to_model().expect_err("a fault was put in").to_string()
+}
+
+#[test]
+fn file_that_cannot_be_read_is_told_from_one_that_is_damaged() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("model.toml");
+    let error = Model::load(&path).expect_err("there is no file");
+    assert!(matches!(error, ModelError::Unreadable { .. }));
+    assert!(error.to_string().contains("model.toml cannot be read (No such file"), "{error}");
+    std::fs::write(&path, b"format = 2\nmade_by = \"\xff\"\n").expect("a file");
+    let error = Model::load(&path).expect_err("the file is not text");
+    assert!(matches!(error, ModelError::Damaged { line: 2, .. }), "{error}");
+    std::fs::write(&path, SHIPPED).expect("a file");
+    assert_eq!(Model::load(&path).expect("the shipped model is sound"), Model::embedded());
+}
+
+#[test]
+fn damaged_file_is_refused() {
+    let cut = SHIPPED.get(..SHIPPED.len() / 2).expect("plain text");
+    assert!(ModelFile::parse(cut).and_then(|file| file.to_model()).is_err());
+    assert!(matches!(ModelFile::parse("\nformat = [1"), Err(ModelError::Damaged { line: 2, .. })));
+    assert!(matches!(ModelFile::parse("format = 2"), Err(ModelError::Damaged { .. })));
+}
+
+#[test]
+fn file_of_another_format_is_told_from_a_damaged_one() {
+    assert!(matches!(ModelFile::parse("format = 1\nold = true"), Err(ModelError::WrongFormat { found: 1 })));
+}
+
+#[test]
+fn missing_and_unknown_blendshapes_are_named() {
+    let mut file = shipped();
+    let entry = file.blendshapes.remove("jawOpen").expect("it has a jaw");
+    assert!(file.to_model().expect_err("no jaw").to_string().contains("blendshapes.jawOpen"));
+    file.blendshapes.insert("jawOpened".to_owned(), entry);
+    assert!(file.to_model().expect_err("no such jaw").to_string().contains("jawOpened"));
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_named() {
+    for wrong in [f64::NAN, f64::INFINITY, 1e300] {
+        let jaw = |file: &mut ModelFile| file.blendshapes.entry("jawOpen".to_owned()).or_default().offset = wrong;
+        assert!(error_of(jaw).contains("\"offset\" in blendshapes.jawOpen"));
+        let input = |file: &mut ModelFile| file.inputs.entry("y14".to_owned()).or_default().weights = vec![wrong];
+        assert!(error_of(input).contains("\"weights\" in inputs.y14"));
+    }
+}
+
+#[test]
+fn an_unknown_feature_is_named() {
+    let error = error_of(|file| _ = file.inputs.insert("q7".to_owned(), InputTable::default()));
+    assert!(error.contains("unknown \"q7\" in inputs"), "{error}");
+}
+
+#[test]
+fn errors_fill_one_line_whatever_stands_in_names() {
+    for weight in [1.0, f64::NAN] {
+        let table = InputTable { neutral: weight, ..InputTable::default() };
+        let error = error_of(|file| _ = file.inputs.insert("line\n\u{1b}end".to_owned(), table.clone()));
+        assert!(error.contains(r#""line\n\u{1b}end""#) && !error.contains(char::is_control), "{error}");
+    }
+}
+
+#[test]
+fn more_weights_than_fit_are_refused() {
+    let wide = |file: &mut ModelFile| file.offsets.neutral_known = vec![0.0; MAX_HIDDEN + 1];
+    assert!(error_of(wide).contains("offsets.neutral_known of the model file has more weights"));
+    let many = |file: &mut ModelFile| {
+        let names = (0..=MAX_INPUTS).filter_map(|index| FeatureId::from_index(index).map(|id| id.to_string()));
+        file.inputs.extend(names.map(|name| (name, InputTable::default())));
+    };
+    assert!(error_of(many).contains("inputs of the model file has more weights"));
+}

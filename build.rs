@@ -1,5 +1,5 @@
-//! Turns the readable model, `models/blendshapes.toml`, into the bytes that the program is built with, so that it need not
-//! parse 546 kB of text at every start.
+//! Turns the readable model, `models/blendshapes.toml`, into the bytes that the program is built with, so that it need
+//! not parse 546 kB of text at every start.
 
 use std::{env, fs, path::Path};
 

@@ -163,7 +163,7 @@ fn a_missing_or_damaged_model_is_named() {
         assert!(sentence.contains(text(model.path())) && sentence.contains(reason), "{sentence}");
     }
     let run = with_settings(&["check"], "[solver]\nmodel = \"/nowhere/model.toml\"\n");
-    assert!(run.sentence(78).starts_with("the model /nowhere/model.toml cannot be read ("), "{}", run.err);
+    assert!(run.sentence(66).starts_with("the model /nowhere/model.toml cannot be read ("), "{}", run.err);
     assert!(run.out.contains("model     FAILED: ") && run.out.contains("networks  ok: "), "{}", run.out);
 }
 

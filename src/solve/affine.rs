@@ -1,11 +1,11 @@
-//! `T_a` (eq. 3): from pixels to an eye-eye-nose basis that faces the screen.
+//! `T_a` (eq. 3): the transform from pixels to the face's own basis.
 //!
-//! The three points of the paper (eyes and nose) are noisy, so the basis is fitted to [`RIGID`], points around
-//! the eyes, the nose and the temples that expressions hardly move: a least-squares similarity (Kabsch, Umeyama),
-//! which is `R3 R2 R1` in one step. Against the three points it lowers the error of the head's pitch from 3.2 to
-//! 2.4 degrees and of its roll from 1.0 to 0.8.
-//! Axes: x to the person's left, y up, z out of the face; origin between the eyes; 1 = the distance of the eyes.
-//! Limits: weak perspective, so a face off the middle of the picture is seen as turned by the angle of sight.
+//! The three points of the paper (eyes and nose) are noisy. The basis is therefore fitted to [`RIGID`], points around
+//! the eyes, the nose and the temples that expressions hardly move, by a least-squares similarity (Kabsch, Umeyama),
+//! which is `R3 R2 R1` in one step. Compared with the three points, this lowers the mean error of the head's pitch from
+//! 3.2 to 2.4 degrees and that of its roll from 1.0 to 0.8. Axes: x to the person's left, y up, z out of the face; the
+//! origin lies between the eyes; the unit is their distance. Limits: weak perspective is assumed, so a face away from
+//! the middle of the picture appears turned by the angle at which the camera sees it.
 
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
@@ -13,13 +13,13 @@ use thiserror::Error;
 use super::canonical::RIGID;
 use crate::face::{LANDMARKS, Landmarks};
 
-/// Smallest distance of the eyes, in pixels, whose landmarks carry an expression.
+/// Smallest distance of the eyes at which landmarks still carry an expression, pixels.
 const MIN_EYE_DISTANCE_PX: f64 = 4.0;
-/// Largest root-mean-square misfit of the rigid points, in eye distances. Faces stay below 0.15.
+/// Largest root-mean-square misfit of the rigid points, eye distances. Faces stay below 0.15.
 const MAX_MISFIT: f64 = 0.4;
-/// Largest coordinate of a face in eye distances. Faces stay below 3.
+/// Largest coordinate of a face, eye distances. Faces stay below 3.
 const MAX_COORDINATE: f32 = 10.0;
-/// Iterations of the 3 x 3 decomposition; 10 suffice in double precision.
+/// Limit on the iterations of the 3 x 3 singular value decomposition. In double precision, 10 suffice.
 const MAX_ITERATIONS: usize = 100;
 
 /// Landmarks that cannot be a face. The frame is rejected.
@@ -28,24 +28,24 @@ pub enum DegenerateFace {
     /// A coordinate is infinite or not a number.
     #[error("a landmark is not a number; the landmark network or its input is damaged")]
     NotFinite,
-    /// The eyes coincide or all points lie on a line.
+    /// The eyes are too close together, or all points lie on a line.
     #[error("the face is too small to be read; move closer or choose a larger picture")]
     TooSmall,
-    /// The points do not lie as those of a face do.
+    /// The points are not arranged like those of a face.
     #[error("the landmarks do not form a face; check the picture for glare or covering")]
     NotAFace,
 }
 
-/// A face in the basis of its eyes and nose, and the map that brought it there.
+/// A face in its own basis, and the transform that brought it there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Normalised {
     /// The landmarks: x to the person's left, y up, z out of the face, in eye distances from between the eyes.
     pub points: [[f32; 3]; LANDMARKS],
-    /// Turns the head's axes into the picture's (x right, y up, z towards the camera).
+    /// Rotation from the face's axes to the picture's (x right, y up, z towards the camera).
     pub(super) rotation: Matrix3<f32>,
     /// Pixels per eye distance.
     pub(super) scale_px: f32,
-    /// Where the point between the eyes lies in the picture, pixels, x right and y down.
+    /// Position of the point between the eyes in the picture, pixels, x right and y down.
     pub(super) origin_px: [f32; 2],
 }
 
@@ -55,10 +55,10 @@ struct Similarity {
     origin: Vector3<f64>,
 }
 
-/// Brings a face into its own basis (eq. 3).
+/// Transforms a face into its own basis (eq. 3).
 ///
 /// # Errors
-/// [`DegenerateFace`] if the points are not finite, too close together, or not those of a face.
+/// [`DegenerateFace`] if the points are not finite, too close together, or not arranged like a face.
 pub fn normalise(landmarks: &Landmarks) -> Result<Normalised, DegenerateFace> {
     if !landmarks.0.iter().flatten().all(|value| value.is_finite()) {
         return Err(DegenerateFace::NotFinite);
@@ -75,7 +75,7 @@ pub fn normalise(landmarks: &Landmarks) -> Result<Normalised, DegenerateFace> {
     Ok(Normalised { points, rotation: fit.rotation.cast(), scale_px, origin_px: [origin.x, -origin.y] })
 }
 
-/// From the picture's axes (y down, z away) to x right, y up, z towards the camera.
+/// Converts a landmark, with y down and z away from the camera, to y up and z towards the camera.
 fn upright([x, y, z]: [f32; 3]) -> Vector3<f32> {
     Vector3::new(x, -y, -z)
 }
@@ -111,7 +111,8 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<Similarity, DegenerateFace> {
     Ok(Similarity { rotation, scale, origin: seen_mean - scale * (rotation * canonical_mean) })
 }
 
-/// The proper rotation `R` that maximises `tr(R' M)`, and that trace; none if `M` has no two independent directions.
+/// Returns the proper rotation `R` that maximises `tr(R' M)`, and that trace. Returns `None` if the rank of `M` is
+/// below 2, because the rotation is then ambiguous.
 fn nearest_rotation(covariance: Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
     let size = covariance.amax();
     if size <= 0.0 || !size.is_finite() {
@@ -137,7 +138,7 @@ mod tests {
     use crate::solve::test_face::face;
 
     #[test]
-    fn turned_scaled_and_moved_face_comes_back_to_its_own_basis() {
+    fn rotated_scaled_and_shifted_face_is_brought_to_its_own_basis() {
         let seen = normalise(&face([25.0, -15.0, 10.0], 80.0, [400.0, 120.0])).expect("a face");
         for (index, canonical) in RIGID {
             for (a, b) in seen.points[index].iter().zip(canonical) {
@@ -149,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn landmark_that_is_not_a_number_is_refused_wherever_it_lies() {
+    fn landmark_that_is_not_finite_is_refused_at_every_index() {
         for (index, value) in [(0, f32::NAN), (200, f32::INFINITY), (477, f32::NEG_INFINITY)] {
             let mut landmarks = face([0.0; 3], 80.0, [320.0, 240.0]);
             landmarks.0[index][1] = value;
@@ -158,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn face_without_extent_is_refused() {
+    fn points_that_coincide_or_lie_on_a_line_are_refused() {
         assert_eq!(normalise(&Landmarks([[5.0; 3]; LANDMARKS])), Err(DegenerateFace::TooSmall));
         assert_eq!(normalise(&face([0.0; 3], 2.0, [0.0; 2])), Err(DegenerateFace::TooSmall));
         let mut line = Landmarks([[0.0; 3]; LANDMARKS]);

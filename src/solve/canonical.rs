@@ -1,9 +1,10 @@
-//! Where the rigid points of a face lie in its own basis.
+//! The rigid points of a mean face in its own basis.
 //!
-//! The mean of the neutral, near-frontal faces of the 400 subjects of the training data, laid over one another, made
-//! symmetric, and turned so that a face looking into the camera has no pitch. Coordinates as in [`super::affine::Normalised::points`].
+//! The points are the mean of the aligned neutral, near-frontal faces of the 400 subjects of the training data, made
+//! symmetric, and rotated so that a face that looks into the camera has no pitch. The coordinates are those of
+//! [`super::affine::Normalised::points`].
 
-/// Landmark index and place of the points that expressions hardly move: corners of the eyes, bridge, sides and
+/// Landmark index and coordinates of the points that expressions hardly move: corners of the eyes, bridge, sides and
 /// wings of the nose, temples, middle of the forehead.
 pub(super) const RIGID: [(usize, [f64; 3]); 32] = [
     (33, [-0.7218, 0.0143, -0.0445]),

@@ -10,8 +10,8 @@ use core::fmt;
 
 use super::LANDMARKS;
 
-/// Pairs of landmarks whose distance, unlike their coordinates, survives errors of the head's rotation: lid gaps, irises
-/// to the corners and lids of their eyes, mouth, brows to lids, cheeks and chin.
+/// Pairs of landmarks whose distance, unlike their coordinates, survives errors of the head's rotation: lid gaps,
+/// irises to the corners and lids of their eyes, mouth, brows to lids, cheeks and chin.
 pub(super) const DISTANCES: [(usize, usize); 35] = [
     (159, 145),
     (158, 153),

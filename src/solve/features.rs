@@ -1,8 +1,8 @@
 //! `S` and `T_d` (eq. 4, 5): the features of a face that the regression reads.
 //!
-//! Where the wearer's neutral face is known, measures count as displacements from it. How far the head is turned does not
-//! depend on the neutral face. The selection (eq. 4) is the model's list of indices into [`Features`]: the matrix D of
-//! the paper would hold almost nothing but zeros.
+//! Where the wearer's neutral face is known, measures count as displacements from it. How far the head is turned does
+//! not depend on the neutral face. The selection (eq. 4) is the model's list of indices into [`Features`]: the matrix D
+//! of the paper would hold almost nothing but zeros.
 
 use super::{
     LANDMARKS,

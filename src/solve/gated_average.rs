@@ -3,11 +3,12 @@
 //! A new value within one standard deviation of the last N values is averaged with them, `(f_t + N avg) / (N + 1)`. A
 //! value outside this gate passes unchanged, so that a blink is not delayed. (Eq. 10 has the root, so it is a standard
 //! deviation.) The equations count frames at 30 frames per second. Here the last values are those of a window of time,
-//! and N is that time in whole frames of 1/30 s, so that the response to a small change takes as long at every frame rate.
+//! and N is that time in whole frames of 1/30 s, so that the response to a small change takes as long at every frame
+//! rate.
 //!
 //! As printed, the gate has a step at its edge and closes to nothing on a face that holds still, so that values jump
-//! between smoothed and not smoothed. Here the share of the new value grows smoothly from `1 / (N + 1)` in the middle of
-//! the gate to 1 at its edge, and the gate is never narrower than a few times the jitter of a still face.
+//! between smoothed and not smoothed. Here the share of the new value grows smoothly from `1 / (N + 1)` in the middle
+//! of the gate to 1 at its edge, and the gate is never narrower than a few times the jitter of a still face.
 
 use heapless::HistoryBuf;
 
@@ -16,8 +17,8 @@ const FPS: f32 = 30.0;
 /// Most values that are remembered: the longest window of the settings at 90 frames per second. At higher rates the
 /// window is shorter.
 const MAX_VALUES: usize = 32;
-/// Longest window of the eyes: 2 values at 30 frames per second. A third, at 100 ms, stays out even if a camera's frames
-/// come 20 ms early.
+/// Longest window of the eyes: 2 values at 30 frames per second. A third, at 100 ms, stays out even if a camera's
+/// frames come 20 ms early.
 const MAX_EYE_WINDOW_S: f32 = 0.08;
 /// Smallest half width of the gate, a few times the jitter of the coefficients of a still face.
 const MIN_GATE: f32 = 0.05;

@@ -1,10 +1,11 @@
-//! From landmarks to blendshape coefficients: pure arithmetic, no clock, no I/O, no log.
+//! From landmarks to blendshape coefficients: pure arithmetic without a clock, a log or, but for loading a model, I/O.
 //!
 //! ```text
 //! normalise -> Features::new -> Model::process -> correct -> Filters::step
 //! ```
 //!
-//! Every stage refuses what the next could not use (not finite, not a face), so that such a frame is rejected whole.
+//! [`Solver`] runs these stages. A stage that gets values it cannot use, such as landmarks that are not finite or do
+//! not form a face, returns an error, and the whole frame is rejected.
 
 mod affine;
 mod canonical;

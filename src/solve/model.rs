@@ -51,8 +51,8 @@ impl Model {
         size_of_val(&*self.inputs) + size_of_val(&*self.outputs) + size_of::<Self>()
     }
 
-    /// The model as little-endian words of 4 bytes: both offsets, then offset and weights of each blendshape, then index,
-    /// neutral value and weights of each feature.
+    /// The model as little-endian words of 4 bytes: both offsets, then offset and weights of each blendshape, then
+    /// index, neutral value and weights of each feature.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::new();

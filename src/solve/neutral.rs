@@ -5,28 +5,28 @@ use thiserror::Error;
 use super::{affine::Normalised, feature_id::MEASURES, features::measure};
 use crate::face::LANDMARKS;
 
-/// Largest coordinate of a neutral face, eye distances.
+/// Largest coordinate of a face, eye distances. Faces stay below 3.
 const MAX_COORDINATE: f32 = 10.0;
 
 /// A neutral face that cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NeutralError {
-    /// No frame was added.
+    /// No frame with a face was added.
     #[error("none of these frames shows a face; give frames in which the wearer looks at the camera")]
     NoFrames,
-    /// A coordinate is not a number or not of a face.
-    #[error("the mean of these frames is no face; give frames in which the wearer looks at the camera")]
+    /// A coordinate of the mean is not finite, or larger than that of any face.
+    #[error("the mean of these frames is not a face; give frames in which the wearer looks at the camera")]
     NoFace,
 }
 
-/// The mean normalised face of a wearer at rest.
+/// The neutral face of a wearer: the mean normalised face at rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Neutral {
     pub(super) measures: Box<[f32; MEASURES]>,
 }
 
 impl Neutral {
-    /// From points in the basis of [`Normalised::points`].
+    /// Measures a face whose points are in the basis of [`Normalised::points`].
     fn from_points(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, NeutralError> {
         if !points.iter().flatten().all(|value| value.abs() < MAX_COORDINATE) {
             return Err(NeutralError::NoFace);
@@ -35,7 +35,7 @@ impl Neutral {
     }
 }
 
-/// Gathers frames of a face at rest into a [`Neutral`].
+/// Averages frames of a face at rest into a [`Neutral`].
 #[derive(Debug, Clone)]
 pub struct NeutralMean {
     sums: Box<[[f64; 3]; LANDMARKS]>,
@@ -56,17 +56,17 @@ impl NeutralMean {
         self.frames = self.frames.saturating_add(1);
     }
 
-    /// How many frames were added.
+    /// The number of frames that were added.
     #[must_use]
     pub fn frames(&self) -> u32 {
         self.frames
     }
 
-    /// The mean of the frames.
+    /// Returns the mean of the frames.
     ///
     /// # Errors
-    /// [`NeutralError::NoFrames`] if none was added, [`NeutralError::NoFace`] if the mean has a coordinate that is not
-    /// finite or far outside a face.
+    /// [`NeutralError::NoFrames`] if no frame was added; [`NeutralError::NoFace`] if a coordinate of the mean is not
+    /// finite, or larger than that of any face.
     pub fn finish(&self) -> Result<Neutral, NeutralError> {
         if self.frames == 0 {
             return Err(NeutralError::NoFrames);
@@ -99,12 +99,12 @@ mod tests {
     }
 
     #[test]
-    fn recording_without_a_face_gives_no_neutral() {
+    fn mean_of_no_frames_is_refused() {
         assert_eq!(NeutralMean::default().finish(), Err(NeutralError::NoFrames));
     }
 
     #[test]
-    fn neutral_with_a_wild_coordinate_is_refused() {
+    fn coordinate_that_no_face_has_is_refused() {
         for value in [f32::NAN, f32::INFINITY, 1e6] {
             let mut points = [[0.0; 3]; LANDMARKS];
             points[477][2] = value;

@@ -1,10 +1,10 @@
-//! The head's pose, read off the affine transform.
+//! The head's pose, derived from the transform that normalised the face.
 //!
-//! Rotation is `Rz(roll) Rx(-pitch) Ry(yaw)`: it turns the head's axes (x to the person's left, y up, z out of the
-//! face) into the picture's (x right, y up, z towards the camera), so it is the identity when facing the camera.
-//! Position comes from the size a mean face has at that distance. Accuracy on 10,000 rendered faces (yaw to 40,
-//! pitch to 25 degrees), mean error: yaw 1.2, pitch 2.4, roll 0.8 degrees; `facewire-fit judge` prints it.
-//! Limits: position scales with the wearer's true distance of the eyes (63 mm are assumed).
+//! The rotation `Rz(roll) Rx(-pitch) Ry(yaw)` takes the head's axes (x to the person's left, y up, z out of the face)
+//! to the picture's (x right, y up, z towards the camera). It is the identity for a head that faces the camera. The
+//! position follows from the apparent distance of the eyes. Mean error on 10,000 rendered faces (yaw up to 40, pitch up
+//! to 25 degrees): yaw 1.2, pitch 2.4, roll 0.8 degrees; `facewire-fit judge` prints it. Limits: the eyes are assumed
+//! to be 63 mm apart. For other wearers, the position is scaled in proportion.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -12,11 +12,11 @@ use super::affine::Normalised;
 
 /// Mean distance between the middles of an adult's eyes, millimetres.
 const EYE_DISTANCE_MM: f32 = 63.0;
-/// A head turns about its neck, so that a turned face also moves sideways and is seen from the side: the apparent
-/// yaw is larger than the true one. Measured at 55 to 100 cm: 1.1 times.
+/// True yaw divided by apparent yaw. A head turns about its neck, so that a turned face also moves sideways and the
+/// camera sees it from the side: measured at 55 to 100 cm, the apparent yaw is 1.1 times the true yaw.
 const YAW_GAIN: f32 = 0.9;
 
-/// What of the camera the position depends on.
+/// The properties of the camera that the head's position depends on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
     /// Width of the picture, pixels.
@@ -39,23 +39,25 @@ impl Camera {
     }
 }
 
-/// Where the head is and where it faces.
+/// Position and orientation of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadPose {
-    /// Unit quaternion x, y, z, w with w not negative; identity when facing the camera.
+    /// Rotation as a unit quaternion x, y, z, w with w not negative. It is the identity for a head that faces the
+    /// camera.
     pub rotation_xyzw: [f32; 4],
-    /// To the person's left, degrees.
+    /// Turn to the person's left, degrees.
     pub yaw_deg: f32,
-    /// Nodding up, degrees.
+    /// Nod upwards, degrees.
     pub pitch_deg: f32,
-    /// Tipping to the person's right shoulder, degrees.
+    /// Tilt to the person's right shoulder, degrees.
     pub roll_deg: f32,
-    /// The point between the eyes in the camera's frame, millimetres: x right in the picture, y down, z away.
+    /// Position of the point between the eyes relative to the camera, millimetres: x right in the picture, y down, z
+    /// away from the camera.
     pub position_mm: [f32; 3],
 }
 
 impl HeadPose {
-    /// The pose behind a normalised face.
+    /// Computes the pose of a normalised face.
     #[must_use]
     pub fn new(face: &Normalised, camera: &Camera) -> Self {
         let m = &face.rotation;
@@ -72,7 +74,7 @@ impl HeadPose {
     }
 }
 
-/// `Rz(roll) Rx(-pitch) Ry(yaw)`, radians, on the half of the sphere where w is not negative.
+/// `Rz(roll) Rx(-pitch) Ry(yaw)`, angles in radians. Of the two quaternions of a rotation, the one whose w is not negative.
 fn quaternion(yaw: f32, pitch: f32, roll: f32) -> [f32; 4] {
     let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
     let rotation = about(Vector3::z_axis(), roll) * about(Vector3::x_axis(), -pitch) * about(Vector3::y_axis(), yaw);
@@ -105,18 +107,18 @@ mod tests {
     }
 
     #[test]
-    fn face_towards_the_camera_has_the_identity_rotation() {
+    fn head_that_faces_the_camera_has_the_identity_rotation() {
         assert!(near(&pose([0.0; 3], 80.0, [320.0, 240.0]).rotation_xyzw, &[0.0, 0.0, 0.0, 1.0], 1e-4));
     }
 
     #[test]
-    fn angles_follow_the_person_left_up_and_right_shoulder() {
+    fn angles_are_positive_to_the_left_up_and_to_the_right_shoulder() {
         let seen = pose([20.0, 10.0, -5.0], 80.0, [320.0, 240.0]);
         assert!(near(&[seen.yaw_deg, seen.pitch_deg, seen.roll_deg], &[20.0 * YAW_GAIN, 10.0, -5.0], 0.02));
     }
 
     #[test]
-    fn quaternion_turns_the_gaze_to_the_left_and_up() {
+    fn quaternion_rotates_the_gaze_to_the_left_and_up() {
         let [x, y, z, w] = pose([20.0, 10.0, 0.0], 80.0, [320.0, 240.0]).rotation_xyzw;
         let rotation = UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
         let gaze = rotation * Vector3::z();
@@ -125,14 +127,14 @@ mod tests {
     }
 
     #[test]
-    fn eyes_63_mm_apart_are_placed_by_the_angle_of_view() {
+    fn eyes_63_mm_apart_have_the_position_that_the_angle_of_view_gives() {
         let focal_px = 320.0 / 30.0_f32.to_radians().tan();
         let seen = pose([0.0; 3], 63.0 * focal_px / 600.0, [320.0 + 0.1 * focal_px, 240.0]);
         assert!(near(&seen.position_mm, &[60.0, 0.0, 600.0], 0.5));
     }
 
     #[test]
-    fn quaternion_stays_on_one_half_of_the_sphere() {
+    fn w_of_the_quaternion_is_never_negative() {
         assert!(pose([0.0, 0.0, 170.0], 80.0, [320.0, 240.0]).rotation_xyzw[3] >= 0.0);
         assert!(pose([0.0, 0.0, -170.0], 80.0, [320.0, 240.0]).rotation_xyzw[3] >= 0.0);
     }

@@ -1,9 +1,9 @@
 //! `R`: the fitted regression from features to coefficients.
 //!
 //! A network with one hidden layer, `h = max(0, W x + a)` and `R = V h + b`, where `x` are the selected features. All
-//! blendshapes share the hidden layer. It serves faces with and without a known neutral face: without one, displacements
-//! are measured from the mean of many neutral faces, and `a` differs. Against an affine map, the hidden layer tells apart
-//! expressions that move the same points.
+//! blendshapes share the hidden layer. It serves faces with and without a known neutral face: without one,
+//! displacements are measured from the mean of many neutral faces, and `a` differs. Against an affine map, the hidden
+//! layer tells apart expressions that move the same points.
 //!
 //! Limits: `tongueOut` is always 0, because no landmark lies on the tongue.
 
@@ -89,8 +89,8 @@ mod tests {
     const JAW_OPEN: usize = 17;
     const TONGUE_OUT: usize = 51;
 
-    /// Two hidden units, `x - 0.5` and `0.5 - x` of the outer corner of the left eye, which `JAW_OPEN` weighs by 2
-    /// and 3.
+    /// A model with two hidden units, `x - 0.5` and `0.5 - x`, where `x` is that of the outer corner of the left eye.
+    /// `JAW_OPEN` weights them by 2 and 3.
     fn model() -> Model {
         let row = |a: f32, b: f32| {
             let mut row = [0.0; MAX_HIDDEN];
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn result_is_a_weighted_sum_of_what_is_positive_of_the_hidden_layer() {
+    fn result_is_the_weighted_sum_of_the_positive_hidden_units() {
         let raw = model().process(&features()).expect("finite");
         let x = 0.7218 - 0.2;
         assert!((raw.0[JAW_OPEN] - (0.1 + 2.0 * (x - 0.5))).abs() < 1e-3, "{}", raw.0[JAW_OPEN]);
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn absurd_and_missing_numbers_reject_the_frame() {
+    fn absurd_results_and_nans_reject_the_frame() {
         for wrong in [f32::NAN, f32::INFINITY, -7.0] {
             let mut model = model();
             model.outputs[JAW_OPEN].offset = wrong;
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn shipped_model_is_small_and_leaves_the_tongue_in() {
+    fn shipped_model_is_small_and_never_puts_the_tongue_out() {
         let model = Model::embedded();
         assert!(model.size_bytes() <= 256 * 1024, "{}", model.size_bytes());
         assert_eq!(model.outputs.len(), COEFFS);

@@ -74,7 +74,8 @@ impl HeadPose {
     }
 }
 
-/// `Rz(roll) Rx(-pitch) Ry(yaw)`, angles in radians. Of the two quaternions of a rotation, the one whose w is not negative.
+/// `Rz(roll) Rx(-pitch) Ry(yaw)`, angles in radians. Of the two quaternions of a rotation, returns the one whose w is not
+/// negative.
 fn quaternion(yaw: f32, pitch: f32, roll: f32) -> [f32; 4] {
     let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
     let rotation = about(Vector3::z_axis(), roll) * about(Vector3::x_axis(), -pitch) * about(Vector3::y_axis(), yaw);

@@ -34,19 +34,19 @@ impl Board {
         Self { master: master.into(), device, reader: FrameReader::default() }
     }
 
-    /// The port as another program has it that has not locked it.
+    /// Opens the port like a program that does not lock it.
     pub fn port(&self) -> OwnedFd {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         rustix::fs::open(&self.device, flags, Mode::empty()).unwrap()
     }
 
-    /// Fills the line as a board does that has stopped reading. As long as what is returned lives, so do the bytes.
+    /// Fills the line, as if the board had stopped reading. The bytes stay until the returned port is dropped.
     pub fn stall(&self) -> File {
         let mut port = File::from(self.port());
         let mut modes = tcgetattr(&port).unwrap();
         modes.make_raw();
         tcsetattr(&port, OptionalActions::Now, &modes).unwrap();
-        // The system moves bytes on at leisure, which makes room again.
+        // The system moves bytes on after a while, which makes room again.
         let mut fill = || std::iter::repeat_with(|| port.write(&[1])).take_while(Result::is_ok).count();
         while fill() > 0 {
             thread::sleep(Duration::from_millis(50));
@@ -59,7 +59,7 @@ impl Board {
         (&self.master).write_all(bytes).unwrap();
     }
 
-    /// The packets that have come.
+    /// Returns the packets that have arrived.
     pub fn packets(&mut self) -> Vec<Packet> {
         let mut bytes = [0; 4096];
         let length = self.master.read(&mut bytes).unwrap_or(0);
@@ -73,7 +73,7 @@ impl Board {
         read.is_err_and(|error| error.raw_os_error() == Some(Errno::IO.raw_os_error()))
     }
 
-    /// The next packet, or those that come at once.
+    /// Waits for packets, and returns those that arrive first.
     pub fn next(&mut self) -> Vec<Packet> {
         let mut packets = Vec::new();
         eventually("a packet", || {
@@ -92,7 +92,7 @@ pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
     }
 }
 
-/// A link under a path that stays, as `/dev/serial/by-id/` has them.
+/// A path that always means the same board, like those in `/dev/serial/by-id/`.
 pub struct StablePath(tempfile::TempDir);
 
 impl StablePath {
@@ -104,7 +104,7 @@ impl StablePath {
         self.0.path().join("board")
     }
 
-    /// Pulls the board: its path goes before its node, which another board may get at once.
+    /// Unplugs the board. Its path disappears first, because another board may get its device node at once.
     pub fn pull(&self, board: Board) {
         fs::remove_file(self.path()).unwrap();
         drop(board);

@@ -24,11 +24,11 @@ impl Transform {
         };
         let [from, to] = level.map(point);
         let angle = TARGET_ANGLE - (to[1] - from[1]).atan2(to[0] - from[0]);
-        let [min, max] = bounds(points.iter().map(|&index| rotate(point(index), angle)));
-        let centre = rotate([f32::midpoint(min[0], max[0]), f32::midpoint(min[1], max[1])], -angle);
+        let (sin, cos) = angle.sin_cos();
+        let [min, max] = bounds(points.iter().map(|&index| rotate(point(index), [cos, sin])));
+        let centre = rotate([f32::midpoint(min[0], max[0]), f32::midpoint(min[1], max[1])], [cos, -sin]);
         let [width, height] = [max[0] - min[0], max[1] - min[1]].map(|size| size * CROP_SCALE / CROP_SIZE as f32);
-        let (sin, cos) = (-angle).sin_cos();
-        let linear = [[cos * width, -sin * height], [sin * width, cos * height]];
+        let linear = [[cos * width, sin * height], [-sin * width, cos * height]];
         let half = CROP_SIZE as f32 / 2.0;
         let shift =
             [centre[0] - (linear[0][0] + linear[0][1]) * half, centre[1] - (linear[1][0] + linear[1][1]) * half];
@@ -79,8 +79,8 @@ fn taps([column, row]: [f32; 2]) -> [(usize, f32); 4] {
     ]
 }
 
-fn rotate([x, y]: [f32; 2], angle_rad: f32) -> [f32; 2] {
-    let (sin, cos) = angle_rad.sin_cos();
+/// Rotates a point by an angle, given by its cosine and sine.
+fn rotate([x, y]: [f32; 2], [cos, sin]: [f32; 2]) -> [f32; 2] {
     [cos * x - sin * y, sin * x + cos * y]
 }
 

@@ -35,8 +35,8 @@ pub fn seconds<'a>(codes: impl Iterator<Item = &'a str>) -> Result<Vec<f64>> {
 fn parse(code: &str) -> Option<Timecode> {
     let parts: Vec<f64> = code.trim().split(':').map(|part| part.parse().ok()).collect::<Option<_>>()?;
     let [hours, minutes, seconds, frames] = parts[..] else { return None };
-    let sound = parts.iter().all(|part| *part >= 0.0) && hours < 24.0 && minutes < 60.0 && seconds < 60.0;
-    sound.then_some((hours * 3600.0 + minutes * 60.0 + seconds, frames))
+    let valid = parts.iter().all(|part| *part >= 0.0) && hours < 24.0 && minutes < 60.0 && seconds < 60.0;
+    valid.then_some((hours * 3600.0 + minutes * 60.0 + seconds, frames))
 }
 
 fn rate(codes: &[Timecode]) -> Result<f64> {

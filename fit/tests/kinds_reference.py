@@ -24,8 +24,8 @@ SEEN, NEW, FEATURES = 80, 5, 20
 
 def faces():
     """Pseudo-random numbers between -1 and 1: fractional parts of large multiples of sines."""
-    place = np.arange(1, (SEEN + NEW) * FEATURES + 1)
-    return (2 * (np.sin(place * 12.9898) * 43758.5453 % 1) - 1).reshape(-1, FEATURES)
+    index = np.arange(1, (SEEN + NEW) * FEATURES + 1)
+    return (2 * (np.sin(index * 12.9898) * 43758.5453 % 1) - 1).reshape(-1, FEATURES)
 
 
 def ridge(columns, part):

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Times the networks, one thread, in both forms that to_onnx.py can write them in.
+"""Measures how long each network takes on one thread, in both forms that to_onnx.py writes.
 
-The two forms alternate within one run; the figures are medians of 300 rounds. All networks
-take their turn in each round, so that each finds the caches as another has left them.
+Each round runs every network once in both forms, so that each finds the caches as another
+network has left them. The figures are medians of 300 rounds.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROUNDS = 300
 
 
 class Timed:
-    """A session with bound input and outputs, as facewire runs it."""
+    """A session with bound input and outputs and the options of facewire, and its times."""
 
     def __init__(self, path: Path) -> None:
         options = onnxruntime.SessionOptions()
@@ -46,12 +46,12 @@ class Timed:
         self.seconds.append(time.perf_counter() - start)
 
     def median_ms(self) -> float:
-        """Median time of the runs so far, in milliseconds."""
+        """Median time of a run, in milliseconds."""
         return statistics.median(self.seconds) * 1e3
 
 
 def main() -> None:
-    """Prints one line a network."""
+    """Prints one line for each network."""
     mediapipe = sources.fetch(sources.MEDIAPIPE, convert.cache_folder() / "downloads")
     parts = networks.all_networks(
         sources.extract(mediapipe, sources.DETECTOR),

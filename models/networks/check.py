@@ -1,6 +1,6 @@
-"""Every converted network against the TFLite interpreter, on noise and on a face.
+"""Compares every converted network with the TFLite interpreter, on noise and on a face.
 
-The interpreter runs the part of the TFLite file that a network was converted from.
+The interpreter runs the part of the TFLite file from which the network was converted.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from ai_edge_litert.interpreter import Interpreter, OpResolverType
 from networks import Network
 from sources import SetupError
 
-# Largest difference, in parts of the largest value of an output. Two float32 libraries
-# that add up in different orders stay under a tenth of it: 0.003 px on the mesh.
+# Largest difference allowed, as a share of the largest value of an output: 0.003 px on the
+# mesh. Two float32 libraries that add in different orders differ by less than a tenth of it.
 TOLERANCE = 2e-5
 
-# A frame of the built-in clip around the face: "picture", 192 x 192 RGB.
+# The face in a frame of the built-in clip: array "picture", 192 x 192 RGB.
 FACE = Path(__file__).parent / "face.npz"
 
-# Where lips and eyes lie in the feature map of that picture: row and column of a 16 x 16 crop.
+# Row and column of a 16 x 16 crop of that picture's feature map around the lips and the eyes.
 CROPS = {"lips": (24, 16), "left_eye": (11, 10), "right_eye": (11, 22)}
 
 
 class Reference:
-    """The TFLite interpreter, with pictures and feature maps in ONNX order."""
+    """The TFLite interpreter, with pictures and feature maps in NCHW order."""
 
     def __init__(self, content: bytes) -> None:
-        # TensorFlow's own kernels, without a delegate: the plainest reading of the file.
+        # Without a delegate the interpreter uses TensorFlow's own kernels.
         self.interpreter = Interpreter(
             model_content=content,
             experimental_op_resolver_type=OpResolverType.BUILTIN_WITHOUT_DEFAULT_DELEGATES,
@@ -37,7 +37,7 @@ class Reference:
         self.interpreter.allocate_tensors()
 
     def run(self, tensor: np.ndarray) -> list[np.ndarray]:
-        """Outputs, feature maps NCHW."""
+        """The outputs for an input, both in NCHW order."""
         [start] = self.interpreter.get_input_details()
         self.interpreter.set_tensor(start["index"], tensor.transpose(0, 2, 3, 1))
         self.interpreter.invoke()
@@ -47,7 +47,7 @@ class Reference:
 
 
 def check(networks: list[Network], folder: Path) -> None:
-    """Raises SetupError where a network in `folder` disagrees with its reference."""
+    """Raises SetupError if a network in `folder` differs from its reference."""
     noise = np.random.default_rng(52)
     realistic = _inputs_of_a_face(next(n for n in networks if n.name == "mesh"))
     for network in networks:
@@ -74,11 +74,11 @@ def _difference(network: Network, folder: Path, tensor: np.ndarray) -> float:
 
 
 def _inputs_of_a_face(mesh: Network) -> dict[str, np.ndarray]:
-    """Inputs of all networks, from the picture of a face."""
+    """The inputs of all networks, computed from the picture of a face."""
     pixels = np.load(FACE)["picture"].astype(np.float32).transpose(2, 0, 1)[None] / 255
     _, flag, features = Reference(mesh.tflite).run(pixels)
     if flag.item() <= 0:
-        raise SetupError("the landmark network finds no face in the picture of one")
+        raise SetupError(f"the landmark network finds no face in {FACE}")
     small = (np.arange(128) * 1.5).astype(int)
     inputs = {"mesh": pixels, "detector": pixels[:, :, small][..., small] * 2 - 1}
     for name, (row, column) in CROPS.items():

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Puts the landmark networks and ONNX Runtime where facewire looks for them.
+"""Installs the landmark networks and ONNX Runtime in the folder where facewire looks for them.
 
-Downloads, converts, checks, and only then moves the files into place; SOURCES.txt, written
-last, names every input and output by sha256. Does nothing when all of that still holds.
+Downloads, converts and checks the files, and moves them into the folder only then. The last
+one, SOURCES.txt, lists every input and output with its sha256. If the folder agrees with its
+SOURCES.txt and the inputs have not changed, nothing is done.
 """
 
 from __future__ import annotations
@@ -25,18 +26,18 @@ OUTPUTS = (*(f"{name}.onnx" for name in NETWORKS), LIBRARY)
 
 
 def cache_folder() -> Path:
-    """Folder of everything that facewire can get again."""
+    """Folder of the files that facewire can download or compute again."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "facewire"
 
 
 def networks_folder() -> Path:
-    """Folder that facewire loads the networks from."""
+    """Folder from which facewire loads the networks."""
     return Path(os.environ.get("FACEWIRE_NETWORKS") or cache_folder() / "networks")
 
 
 def sources_text(folder: Path, architecture: str) -> str:
-    """The content SOURCES.txt has when the files in `folder` are complete and current."""
+    """The content of a SOURCES.txt for the files in `folder` and the inputs as they are now."""
     converter = hashlib.sha256()
     files = [*HERE.glob("*.py"), HERE / "requirements.txt", HERE / "face.npz",
              HERE.parents[1] / "src/face/refinement.rs"]
@@ -50,7 +51,7 @@ def sources_text(folder: Path, architecture: str) -> str:
 
 
 def is_current(folder: Path, architecture: str) -> bool:
-    """Whether there is nothing to do."""
+    """Whether the files in `folder` are complete and made from the present inputs."""
     try:
         return (folder / STAMP).read_text(encoding="utf-8") == sources_text(folder, architecture)
     except FileNotFoundError:
@@ -58,12 +59,13 @@ def is_current(folder: Path, architecture: str) -> bool:
 
 
 def build(folder: Path, architecture: str) -> None:
-    """Fills `folder` from the wheels, and checks what it wrote."""
+    """Writes the networks and the library from the wheels into `folder`, and checks them."""
     downloads = cache_folder() / "downloads"
     mediapipe = sources.fetch(sources.MEDIAPIPE, downloads)
     library = sources.fetch(sources.ONNX_RUNTIME[architecture], downloads)
     print("networks: converting", flush=True)
-    # Here, because these need the packages of requirements.txt and take most of a second.
+    # Imported here because these modules need the packages of requirements.txt and take most of
+    # a second, which a run that has nothing to do saves.
     import check
     import networks
     import refinement
@@ -78,7 +80,7 @@ def build(folder: Path, architecture: str) -> None:
 
 
 def install(architecture: str) -> None:
-    """Builds in a folder beside the final one, then moves file by file."""
+    """Builds the files in a temporary folder, then moves them into the final one."""
     folder = networks_folder()
     with sources.unfinished_folder(folder) as unfinished:
         new = Path(unfinished)
@@ -90,11 +92,11 @@ def install(architecture: str) -> None:
 
 
 def main() -> int:
-    """Command line."""
+    """Runs the command line and returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--architecture", default=platform.machine(), metavar="NAME",
-        help="machine that all is for: x86_64 or aarch64 (default: this one)",
+        help="machine that will run the networks: x86_64 or aarch64 (default: this one)",
     )
     architecture = parser.parse_args().architecture
     if architecture not in sources.ONNX_RUNTIME:

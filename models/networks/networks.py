@@ -1,8 +1,8 @@
-"""The five networks: which tensors of the TFLite files they start and end at.
+"""Cuts the TFLite files into the five networks that facewire runs.
 
 The attention mesh contains operators that no other runtime knows. They compute where to
-crop the feature map for the lips and the eyes, crop, and map the points back; facewire
-does that itself, so the network is cut into four plain ones around them.
+crop the feature map for the lips and the eyes, crop it, and map the points back. facewire
+does this itself, so the network is cut into four plain ones between these operators.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tflite_graph import cut, load, producer, tensor_named
 
 @dataclass
 class Network:
-    """A part of a TFLite file, and the names and shapes it has as ONNX."""
+    """A part of a TFLite file, with the names and shapes that it gets as ONNX."""
 
     name: str
     tflite: bytes

@@ -1,9 +1,8 @@
-"""What the networks' files say about lips, eyes and irises, checked against the Rust tables.
+"""Compares the tables of src/face/refinement.rs with MediaPipe's own files.
 
-Two sources: the options of the custom operators in the attention mesh (where to crop), and
-the LandmarksRefinementCalculator of MediaPipe's face graph (which points a head replaces,
-and where the depth of an iris comes from). src/face/refinement.rs holds the same numbers;
-a difference ends the set-up.
+The options of the custom operators in the attention mesh say where to crop the feature map.
+The LandmarksRefinementCalculator of MediaPipe's face graph says which points a head replaces
+and which points give an iris its depth. If a number differs, nothing is installed.
 """
 
 from __future__ import annotations
@@ -21,8 +20,8 @@ from tflite_graph import Model, kind_of, load, producer, read, tensor_named
 
 RUST_TABLES = Path(__file__).parents[2] / "src/face/refinement.rs"
 
-# Head in the Rust tables, and the tensor that ends it in the attention mesh. The tables name
-# eyes by the person's own side, MediaPipe by that of the picture.
+# Each head in the Rust tables, with the last tensor of the head in the attention mesh. The
+# tables name an eye by the person's own side, MediaPipe by the side of the picture.
 HEADS = {"LIPS": "conv_lips", "RIGHT_EYE": "conv_left_eye", "LEFT_EYE": "conv_right_eye"}
 
 # Order of the inputs of the LandmarksRefinementCalculator, after the mesh itself.
@@ -37,7 +36,7 @@ Z_NONE, Z_COPY, Z_ASSIGN_AVERAGE = 1, 2, 3
 
 @dataclass
 class Refinement:
-    """Points that one output replaces; how their z is set, and from which points."""
+    """The points that one output replaces, the rule for their z, and the points it uses."""
 
     points: list[int]
     z_rule: int
@@ -45,7 +44,7 @@ class Refinement:
 
 
 def crop_of(model: Model, end: str) -> int:
-    """The tensor with the crop of the feature map that leads to the named output."""
+    """The crop of the feature map from which the tensor named `end` is computed."""
     tensor = tensor_named(model, end)
     while kind_of(model, operator := producer(model, tensor)) != "TransformTensorBilinear":
         tensor = int(operator.inputs[0])
@@ -53,7 +52,7 @@ def crop_of(model: Model, end: str) -> int:
 
 
 def check(attention: bytes, graphs: bytes) -> None:
-    """Raises SetupError where the Rust tables differ from the two sources."""
+    """Raises SetupError if the Rust tables differ from the two sources."""
     rust = rust_constants(RUST_TABLES.read_text(encoding="utf-8"))
     expected = {**operator_constants(attention), **graph_constants(graphs)}
     for name, value in expected.items():
@@ -62,14 +61,14 @@ def check(attention: bytes, graphs: bytes) -> None:
 
 
 def rust_constants(source: str) -> dict[str, list[float]]:
-    """Numbers of every `const NAME: TYPE = ...;`; a scalar is a list of one."""
+    """The numbers of every `const NAME: TYPE = ...;`, those of a scalar as a list of one."""
     found = re.findall(r"const (\w+): (?:\[\w+; \d+\]|\w+) =\s+([^;]+);", source)
     return {name: [float(n) for n in re.findall(r"-?\d+(?:\.\d+)?", value)]
             for name, value in found}
 
 
 def operator_constants(attention: bytes) -> dict[str, list[float]]:
-    """Constants of the crops, from the custom operators' options."""
+    """The constants of the crops, from the options of the custom operators."""
     model, constants = load(attention), read(attention).constants
     found: dict[str, list[float]] = {}
     for head, end in HEADS.items():
@@ -98,7 +97,8 @@ def operator_constants(attention: bytes) -> dict[str, list[float]]:
 
 def _check_translation(model: Model, constants: dict[int, np.ndarray], matrix: int,
                        factor: float) -> None:
-    """The map back to the picture is the crop's, its translation (column 3) times `factor`."""
+    """Checks that points are mapped back by the crop's matrix, its translation (column 3) times
+    `factor`."""
     multiply = next(o for o in model.subgraphs[0].operators
                     if matrix in o.inputs and kind_of(model, o) == "MUL")
     factors = constants[int(multiply.inputs[1])].reshape(4, 4)
@@ -113,7 +113,7 @@ def _only(values: set[float]) -> list[float]:
 
 
 def graph_constants(graphs: bytes) -> dict[str, list[float]]:
-    """Index lists of the LandmarksRefinementCalculator."""
+    """The index lists of the LandmarksRefinementCalculator."""
     mesh, *parts = refinements(graphs)
     if mesh.points != list(range(468)) or mesh.z_rule != Z_COPY:
         raise SetupError("the refinement does not start from the 468 points of the mesh")
@@ -129,10 +129,10 @@ def graph_constants(graphs: bytes) -> dict[str, list[float]]:
 
 
 def refinements(graphs: bytes) -> list[Refinement]:
-    """Reads the calculator's options out of the graphs compiled into MediaPipe.
+    """Reads the calculator's options from the graphs that are compiled into MediaPipe.
 
-    The graph is a serialised protocol buffer; the calculator's name starts its node, and
-    the length of the node stands in the two bytes before.
+    A graph is a serialised protocol buffer. The node of the calculator starts with its name,
+    and the two bytes before it are the length of the node.
     """
     name = b"LandmarksRefinementCalculator"
     start = graphs.index(bytes([NODE_CALCULATOR << 3 | 2, len(name)]) + name)
@@ -154,7 +154,7 @@ def _only_field(message: bytes, number: int) -> bytes:
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, int | bytes]]:
-    """Fields of a protocol buffer that has varints and length-delimited ones only."""
+    """The fields of a protocol buffer with only varints and length-delimited fields."""
     at = 0
     while at < len(message):
         key, at = _varint(message, at)

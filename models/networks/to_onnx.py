@@ -1,15 +1,15 @@
-"""TFLite operators to ONNX nodes: NHWC to NCHW, fixed shapes, float32.
+"""Converts TFLite operators to ONNX nodes: NHWC to NCHW, fixed shapes, float32.
 
-On x86-64 ONNX Runtime keeps activations in a blocked layout, and an operator it knows only
-in the plain layout costs two reorderings of the tensor. There (`blocked`) the two such
-operators of these networks are written as convolutions:
+On x86-64 ONNX Runtime keeps activations in a blocked layout. An operator that it implements
+only in the plain layout costs two reorderings of the tensor. For such a machine (`blocked`),
+the two operators of these networks that it affects are written as convolutions:
 
 - PReLU, slope a per channel:  x + (1 - a) * relu(-x), both factors as 1x1 depthwise
   convolutions, so that the ReLU and the sum are fused into them;
 - PAD of the channels: a 1x1 convolution with an identity matrix.
 
-On other machines they stay what they are. PAD of rows and columns becomes the padding of
-the convolution that follows. models/README.md has the times.
+For other machines they are written as PRelu and Pad. PAD of rows and columns becomes the
+padding of the convolution that follows. models/README.md lists the times of both forms.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ACTIVATION_NONE = schema.ActivationFunctionType.NONE
 
 
 def write(networks: list[Network], folder: Path, blocked: bool) -> None:
-    """Writes every network as ONNX."""
+    """Writes every network as an ONNX file into `folder`."""
     for network in networks:
         converter = Converter(read(network.tflite), blocked)
         model = converter.model(network.name, network.input, network.outputs)
@@ -40,7 +40,7 @@ def write(networks: list[Network], folder: Path, blocked: bool) -> None:
 
 
 class Converter:
-    """Builds one ONNX model. Tensors are named t<number>, NCHW where they have 4 axes."""
+    """Builds one ONNX model. Tensors are named t<number>; those with 4 axes are NCHW."""
 
     def __init__(self, graph: Graph, blocked: bool) -> None:
         self.graph = graph
@@ -61,7 +61,7 @@ class Converter:
         }
 
     def model(self, name: str, source: str, outputs: dict[str, list[int]]) -> onnx.ModelProto:
-        """Converts all operators; input and outputs take the names and shapes given."""
+        """Converts all operators. The input and the outputs get the names and shapes given."""
         for operator in self.graph.operators:
             if operator.kind not in self.emitters:
                 raise ValueError(f"{name}: no conversion for operator {operator.kind}")
@@ -76,7 +76,7 @@ class Converter:
         onnx.checker.check_model(model, full_check=True)
         return model
 
-    # Names and plumbing.
+    # Names, nodes and shapes.
 
     @staticmethod
     def _t(index: int) -> str:
@@ -113,7 +113,7 @@ class Converter:
     # Operators.
 
     def _convolution(self, op: Operator) -> None:
-        """Weights: TFLite has (out, h, w, in), depthwise (1, h, w, channels)."""
+        """TFLite has weights (out, h, w, in), and (1, h, w, channels) if depthwise."""
         source, (top, left, bottom, right) = self._unpadded(op.inputs[0])
         weights, bias = self.graph.constants[op.inputs[1]], self.graph.constants[op.inputs[2]]
         depthwise = op.kind == "DEPTHWISE_CONV_2D"
@@ -144,11 +144,12 @@ class Converter:
         return self._t(op.outputs[0])
 
     def _unpadded(self, tensor: int) -> tuple[int, list[int]]:
-        """The tensor before a PAD of rows and columns, and that padding (t, l, b, r)."""
+        """The tensor before a PAD of rows and columns, and its top, left, bottom, right."""
         return self.rows_and_columns_padding.get(tensor, (tensor, [0, 0, 0, 0]))
 
     def _padding(self, op: Operator, kernel: list[int], strides: list[int]) -> list[int]:
-        """TFLite's SAME puts the odd row and column at the end (top, left, bottom, right)."""
+        """The padding of an operator: top, left, bottom, right. TFLite's SAME adds an odd row or
+        column at the end."""
         if op.options.padding != SAME:
             return [0, 0, 0, 0]
         size = self.graph.shapes[op.inputs[0]][1:3]
@@ -201,7 +202,7 @@ class Converter:
             self._node("Pad", inputs, self._t(output))
 
     def _reshape(self, op: Operator) -> None:
-        """Back to NHWC first, so that the elements keep TFLite's order."""
+        """Transposes to NHWC first, so that the elements keep TFLite's order."""
         source, output = self._t(op.inputs[0]), self._t(op.outputs[0])
         rows_last = self._node("Transpose", [source], f"{output}_nhwc", perm=[0, 2, 3, 1])
         shape = np.array(self.graph.shapes[op.outputs[0]], np.int64)
@@ -215,7 +216,7 @@ class Converter:
 
 
 def nchw(shape: tuple[int, ...]) -> list[int]:
-    """A TFLite shape in ONNX order; only 4 axes have channels last."""
+    """Converts a TFLite shape to ONNX order. Only shapes of 4 axes have channels."""
     if len(shape) != 4:
         return list(shape)
     return [shape[0], shape[3], shape[1], shape[2]]

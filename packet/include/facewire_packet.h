@@ -12,8 +12,8 @@
  *     static struct facewire_line line;
  *     if (facewire_feed(&line, byte, &packet) == FACEWIRE_OK) { ... }
  *
- * A receiver that has received no valid packet for FACEWIRE_SILENCE_MS moves to neutral on its own: all coefficients
- * 0, rotation identity, at a speed that its mechanics can bear.
+ * If no valid packet arrives for FACEWIRE_SILENCE_MS, the receiver must move to neutral on its own: all coefficients 0,
+ * rotation identity, at a speed that its mechanics can bear.
  */
 #ifndef FACEWIRE_PACKET_H
 #define FACEWIRE_PACKET_H
@@ -156,7 +156,7 @@ static inline int facewire_verify(const uint8_t *bytes, size_t length) {
     return FACEWIRE_OK;
 }
 
-/* Decodes `length` bytes to `packet`. On failure leaves `packet` unchanged and returns a negative enum facewire_result. */
+/* Decodes a packet. On failure returns a negative enum facewire_result and leaves `packet` unchanged. */
 static inline int facewire_decode(const uint8_t *bytes, size_t length, struct facewire_packet *packet) {
     int result = facewire_verify(bytes, length);
     if (result != FACEWIRE_OK) return result;
@@ -174,7 +174,7 @@ static inline int facewire_decode(const uint8_t *bytes, size_t length, struct fa
 /* The current frame of a serial line. Initialise it with zeros. */
 struct facewire_line {
     uint8_t bytes[FACEWIRE_PACKET_BYTES];
-    uint8_t length; /* decoded bytes of the frame; a longer frame than a packet counts as one byte too long */
+    uint8_t length; /* decoded bytes of the frame; stops counting at one more than a packet */
     uint8_t left;   /* 1 + remaining bytes of the COBS block; 0 before the frame's first byte */
 };
 
@@ -184,8 +184,8 @@ static inline void facewire_keep(struct facewire_line *line, uint8_t byte) {
 }
 
 /* Processes the next byte of a serial line. Returns FACEWIRE_OK if the byte completes a packet, which is then stored in
- * `packet`, and FACEWIRE_MORE if the frame goes on. A negative enum facewire_result means that a frame has ended without
- * a valid packet; `packet` is then unchanged. */
+ * `packet`, and FACEWIRE_MORE if the frame goes on. A negative enum facewire_result means that a frame has ended
+ * without a valid packet; `packet` is then unchanged. */
 static inline int facewire_feed(struct facewire_line *line, uint8_t byte, struct facewire_packet *packet) {
     uint8_t left = line->left;
     if (byte != 0) {

@@ -1,8 +1,9 @@
 //! Packets on a serial line: COBS frames that each end with a zero byte, the only zero in the frame.
 //!
-//! Consistent Overhead Byte Stuffing (Cheshire and Baker, 1999) splits the data at its zero bytes into blocks. In place
-//! of the zeros, and before the first block, it writes the distance to the end of the block. A packet is shorter than
-//! 254 bytes, the length at which COBS has to split a block without a zero, so every frame has the same length.
+//! Consistent Overhead Byte Stuffing (Cheshire and Baker, 1999) splits the data at its zero bytes into blocks. It puts a
+//! byte before the first block and in place of each zero, and writes to it the distance to the end of the next block. A
+//! packet is shorter than 254 bytes, the length at which COBS splits a block even without a zero, so every frame has the
+//! same length.
 
 use core::mem;
 

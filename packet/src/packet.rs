@@ -8,7 +8,7 @@ use crate::{BLENDSHAPE_COUNT, DecodeError, Reason, State, field, quantise};
 pub const PACKET_BYTES: usize = 132;
 /// The version of the format that this crate writes and reads.
 pub const VERSION: u8 = 1;
-/// A receiver that has received no valid packet for this long moves to neutral on its own.
+/// A receiver must move to neutral on its own if no valid packet arrives for this long.
 pub const SILENCE_MS: u32 = 500;
 
 const MAGIC: [u8; 2] = *b"FW";

@@ -1,4 +1,4 @@
-//! `facewire devices`: what is plugged in, and what to write into the settings for it.
+//! `facewire devices`: lists connected devices as the settings name them.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -9,7 +9,7 @@ use serialport::{SerialPortInfo, SerialPortType};
 use super::failure::{Failure, print};
 use crate::capture::v4l2::{Camera, cameras};
 
-/// Links to serial ports that stay when others are plugged in: `by-id` names the device, `by-path` its socket.
+/// Folders of stable links to serial ports: `by-id` names the device, `by-path` the socket it is plugged into.
 const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
 
 pub(super) fn run() -> Result<(), Failure> {
@@ -23,7 +23,7 @@ pub(super) fn run() -> Result<(), Failure> {
         text += "no camera\n";
     }
     for refused in &found.refused {
-        let _ = writeln!(text, "not looked at: {refused}");
+        let _ = writeln!(text, "not examined: {refused}");
     }
     let ports = serialport::available_ports().unwrap_or_default();
     text.extend(ports.iter().map(|port| port_lines(port, &PORT_LINKS)));
@@ -59,7 +59,7 @@ fn port_lines(port: &SerialPortInfo, link_folders: &[impl AsRef<Path>]) -> Strin
     text
 }
 
-/// The links in the folder that lead to the port.
+/// Returns the links in the folder that point to the port.
 fn links_to(port: &Path, folder: &Path) -> Vec<PathBuf> {
     let Ok(port) = fs::canonicalize(port) else { return Vec::new() };
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_serial_port_is_listed_with_the_paths_that_stay() {
+    fn a_serial_port_is_listed_with_its_stable_paths() {
         let folder = tempfile::tempdir().unwrap();
         let [port, other, links] = ["ttyACM0", "ttyACM1", "by-id"].map(|name| folder.path().join(name));
         for node in [&port, &other] {

@@ -1,4 +1,4 @@
-//! How a command fails: one exit status for each kind of trouble, after `sysexits.h`.
+//! The failure of a command, with an exit status for each kind of failure as in `sysexits.h`.
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write as _};
@@ -21,14 +21,14 @@ const EX_NOHOST: u8 = 68;
 const EX_UNAVAILABLE: u8 = 69;
 const EX_IOERR: u8 = 74;
 
-/// Standard output as a path is named.
+/// The name of standard output in messages.
 pub(super) const STANDARD_OUTPUT: &str = "standard output";
 
-/// Why a command fails.
+/// Why a command failed.
 #[derive(Debug)]
 pub(super) struct Failure {
     status: u8,
-    /// One sentence for the operator; for settings, one line for each fault.
+    /// One sentence for the operator. Invalid settings give one line for each fault.
     message: String,
 }
 
@@ -41,7 +41,7 @@ impl Failure {
         Self { status: EX_FAILED, message }
     }
 
-    /// A file that cannot be written. A closed pipe is none: its reader has seen enough.
+    /// A file could not be written. A closed pipe is not a failure, because its reader has read enough.
     pub(super) fn unwritable(path: &Path, error: &io::Error) -> Self {
         if error.kind() == ErrorKind::BrokenPipe {
             return Self { status: 0, message: String::new() };
@@ -54,7 +54,7 @@ impl Failure {
         Self { status: EX_IOERR, message: format!("cannot write {}: {error}; {remedy}", path.display()) }
     }
 
-    /// A film that can be read again and again cannot be opened.
+    /// A clip could not be opened.
     pub(super) fn no_film(error: CaptureError) -> Self {
         let CaptureError::Open { path, source } = error else { return error.into() };
         let message =
@@ -66,7 +66,7 @@ impl Failure {
         &self.message
     }
 
-    /// Says it on standard error and gives the exit status. An output that was closed early is no failure.
+    /// Prints the message on standard error and returns the exit status, which is success if there is no message.
     pub(super) fn report(&self) -> ExitCode {
         if self.message.is_empty() {
             return ExitCode::SUCCESS;
@@ -76,12 +76,12 @@ impl Failure {
     }
 }
 
-/// Says a line on standard error. That nobody listens any more is no failure, and no reason to panic.
+/// Prints a line on standard error. Ignores errors, because standard error may be closed.
 pub(super) fn say(line: impl Display) {
     let _ = writeln!(io::stderr(), "facewire: {line}");
 }
 
-/// Prints to standard output.
+/// Prints text on standard output.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
     io::stdout().write_all(text.as_bytes()).map_err(|error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error))
 }

@@ -1,4 +1,4 @@
-//! The log of the service: lines on standard error, whoever reads them.
+//! The log of the service: lines on standard error, which must never delay the service.
 
 use std::io::{self, IsTerminal as _, Write, stderr};
 use std::os::fd::AsFd;
@@ -13,25 +13,25 @@ use tracing_subscriber::{Registry, reload};
 
 use crate::config::LogLevel;
 
-/// A pipe with room takes so many bytes at once (`PIPE_BUF` in pipe(7)).
+/// The largest write that a pipe reported as writable accepts without blocking (`PIPE_BUF` in pipe(7)).
 const LONGEST_LINE: usize = 4096;
 
-/// What is logged, to be changed while it runs.
+/// The level of the log, which can be changed while the service runs.
 pub(super) struct Level(reload::Handle<LevelFilter, Registry>);
 
 impl Level {
     pub(super) fn set(&self, level: LogLevel) {
-        // It fails only when there is no log any more.
+        // This fails only after the log has been dropped.
         let _ = self.0.reload(filter(level));
     }
 }
 
-/// The log goes to standard error; the journal adds its own times.
+/// Starts the log on standard error. Lines have no times if they go to the journal, which adds its own.
 pub(super) fn start(level: LogLevel) -> Level {
     let (filter, handle) = reload::Layer::new(filter(level));
     let output = Mutex::new(Lossy { output: stderr(), lost: 0 });
     let lines = tracing_subscriber::fmt::layer().with_target(false).with_writer(output);
-    // That nobody reads standard error any more would be told on standard error, by a panic.
+    // `tracing` would report that standard error is closed on standard error, and panic.
     let lines = lines.log_internal_errors(false);
     let registry = tracing_subscriber::registry().with(filter);
     let to_journal = std::env::var_os("JOURNAL_STREAM").is_some();
@@ -54,32 +54,33 @@ fn filter(level: LogLevel) -> LevelFilter {
     }
 }
 
-/// An output that holds up nobody: a line that it does not take at once is lost, and the next one says how many were.
+/// An output that never blocks. If a line cannot be written at once, it is dropped, and the next line that can be
+/// written follows a count of the dropped ones.
 struct Lossy<W> {
     output: W,
     lost: u64,
 }
 
 impl<W: Write + AsFd> Lossy<W> {
-    /// Whether there is room. Of a reader that has gone the write tells.
-    fn takes(&self) -> bool {
+    /// Returns whether the output accepts a line now. If its reader has gone, this is true and the write fails.
+    fn is_writable(&self) -> bool {
         const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
         poll(&mut [PollFd::new(&self.output, PollFlags::OUT)], Some(&AT_ONCE)).is_ok_and(|ready| ready > 0)
     }
 
-    fn tell_lost(&mut self) -> io::Result<()> {
+    fn report_lost(&mut self) -> io::Result<()> {
         let lost = std::mem::take(&mut self.lost);
         writeln!(self.output, "{lost} lines of the log are lost: they were not read in time")
     }
 }
 
 impl<W: Write + AsFd> Write for Lossy<W> {
-    /// Takes a whole line.
+    /// Writes one whole line.
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
-        if self.lost > 0 && self.takes() {
-            self.tell_lost()?;
+        if self.lost > 0 && self.is_writable() {
+            self.report_lost()?;
         }
-        if self.takes() {
+        if self.is_writable() {
             self.output.write_all(line.get(..LONGEST_LINE).unwrap_or(line))?;
         } else {
             self.lost += 1;
@@ -100,10 +101,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_that_is_not_taken_at_once_is_lost_and_told_later() {
+    fn a_line_that_cannot_be_written_at_once_is_dropped_and_counted() {
         let (mut reader, output) = pipe().unwrap();
         let mut log = Lossy { output, lost: 0 };
-        while log.takes() {
+        while log.is_writable() {
             log.write_all(&[b'.'; LONGEST_LINE]).unwrap();
         }
         log.write_all(b"first\n").unwrap();

@@ -1,4 +1,4 @@
-//! The subcommands of `facewire`: arguments, exit status, and what is printed.
+//! The subcommands of `facewire`: their arguments, output and exit status.
 
 mod bench;
 mod check;
@@ -19,32 +19,32 @@ use crate::config::{self, Faults, Settings};
 
 const EXAMPLES: &str = "\
 Examples:
-  facewire devices                          what cameras and serial ports there are
-  facewire defaults > facewire.toml         a configuration to edit
-  facewire check --config facewire.toml     says what works and what does not
-  facewire run --config facewire.toml       the service, until Ctrl-C
-  facewire monitor                          see the packets arrive (in another terminal)
-  facewire track demo --out demo.csv        the coefficients of a clip";
+  facewire devices                          list cameras and serial ports
+  facewire defaults > facewire.toml         write a configuration to edit
+  facewire check --config facewire.toml     report what works and what does not
+  facewire run --config facewire.toml       run the service until Ctrl-C
+  facewire monitor                          show the packets as they arrive (in another terminal)
+  facewire track demo --out demo.csv        write the coefficients of a clip";
 
-/// At the end of every help.
+/// Printed at the end of every help text.
 const EXIT_STATUS: &str = "\
 Exit status:
-   0  done                         68  a host does not resolve
-   1  failed                       69  networks, ONNX Runtime or a serial port missing
-   2  wrong arguments              74  reading or writing failed
-  65  damaged input                78  bad settings
-  66  no such input, or trouble   130  run: ended by a second signal
-      with the camera";
+   0  success                      68  a host name does not resolve
+   1  failure                      69  networks, ONNX Runtime or a serial port missing
+   2  invalid arguments            74  reading or writing failed
+  65  damaged input                78  invalid settings
+  66  no such input, or a fault   130  run: ended by a second signal
+      of the camera";
 
 const DEVICES_EXAMPLE: &str = "\
 Example:
-  facewire devices                          a stable path is the one to write into the settings";
+  facewire devices                          use a stable path in the settings";
 
 const DEFAULTS_EXAMPLE: &str = "\
 Example:
-  facewire defaults > facewire.toml         take the \"# \" off the lines to change";
+  facewire defaults > facewire.toml         remove the \"# \" from the lines you change";
 
-/// A webcam becomes the 52 ARKit blendshape coefficients and the head pose, sent as packets.
+/// Turns a webcam into 52 ARKit blendshape coefficients and a head pose, sent as packets.
 #[derive(Debug, Parser)]
 #[command(name = "facewire", version, after_help = EXAMPLES)]
 pub struct Cli {
@@ -54,13 +54,13 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// The service: camera to links, until SIGTERM or Ctrl-C.
+    /// Run the service: camera to links, until SIGTERM or Ctrl-C.
     Run(run::RunArgs),
-    /// The same pipeline over a file: one CSV row for every frame.
+    /// Run the same pipeline on a file, with one CSV row per frame.
     Track(track::TrackArgs),
-    /// Time every stage over a clip: latency, CPU, memory.
+    /// Measure latency, CPU and memory of every stage on a clip.
     Bench(bench::BenchArgs),
-    /// Validate settings, then try camera, networks, model and links.
+    /// Validate the settings, then try camera, networks, model and links.
     Check(check::CheckArgs),
     /// List cameras with their formats and stable paths, and serial ports.
     #[command(after_help = DEVICES_EXAMPLE)]
@@ -72,13 +72,13 @@ enum Command {
     Monitor(monitor::MonitorArgs),
 }
 
-/// Where settings come from.
+/// The sources of the settings.
 #[derive(Debug, Clone, Args)]
 struct SettingsArgs {
-    /// Configuration file; without it the defaults hold.
+    /// Configuration file [default: built-in settings]
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Settings for a board, under those of the file and in place of the file's `board`; a wrong name lists them all.
+    /// Board whose settings replace the defaults; overrides `board` in the file. An unknown name lists all boards
     #[arg(long, value_name = "NAME")]
     board: Option<String>,
 }
@@ -90,14 +90,14 @@ impl SettingsArgs {
 }
 
 impl Cli {
-    /// The arguments of this program. Wrong ones, and those that ask for help, end the process.
+    /// Parses the arguments of this program. Ends the process if they are invalid or ask for help.
     #[must_use]
     pub fn of_arguments() -> Self {
         let command = with_exit_status(Self::command()).mut_subcommands(with_exit_status);
         Self::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit())
     }
 
-    /// Runs the subcommand and says how it ended, on standard error and as exit status.
+    /// Runs the subcommand, prints its failure on standard error, and returns the exit status.
     #[must_use]
     pub fn run(self) -> ExitCode {
         let outcome = match self.command {
@@ -116,7 +116,7 @@ impl Cli {
     }
 }
 
-/// The command with the exit statuses at the end of its help.
+/// Appends the exit statuses to the help of a command.
 fn with_exit_status(command: clap::Command) -> clap::Command {
     let examples = command.get_after_help().map(ToString::to_string).unwrap_or_default();
     command.after_help(format!("{examples}\n\n{EXIT_STATUS}"))

@@ -1,9 +1,9 @@
 //! `facewire monitor`: receives packets and shows them.
 //!
-//! Role: the receiver that is always at hand, to see what a sender does. On a terminal it draws bars, elsewhere it
-//! writes a line a second; `--json` writes one object a packet.
-//! Contract: it listens, changes nothing, and ends on Ctrl-C, SIGTERM, a closed output or its limits with a summary.
-//! Limits: a serial port is opened once. Several senders to one port are shown as they come, the newest packet wins.
+//! Role: a receiver for trying out a sender. On a terminal it draws bars; otherwise it writes one line per second, or
+//! with `--json` one object per packet.
+//! Contract: the monitor only listens. It ends with a summary after Ctrl-C, SIGTERM, a closed output, or its limits.
+//! Limits: a serial port that disappears ends the monitor. If several senders use one port, the newest packet is shown.
 
 mod bars;
 mod receiver;
@@ -28,18 +28,18 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 pub(super) use self::report::yaw_pitch_roll_deg;
 use self::{
-    receiver::{Place, Receiver},
+    receiver::{Endpoint, Receiver},
     report::Json,
     screen::Screen,
     tally::Tally,
 };
 use crate::link::PortError;
 
-/// 30 pictures a second are smooth, and more would load a board for nothing.
+/// Time between two pictures. 30 pictures per second look smooth, and more would only load the board.
 const SCREEN_PERIOD: Duration = Duration::from_millis(33);
-/// What `--seconds` takes: up to a year.
+/// The values of `--seconds`, up to a year.
 const SECONDS: RangeInclusive<f64> = 0.001..=31_536_000.0;
-/// A log wants a line a second.
+/// Time between two lines.
 const LINE_PERIOD: Duration = Duration::from_secs(1);
 
 const EXAMPLES: &str = "\
@@ -59,48 +59,48 @@ pub struct MonitorArgs {
     /// Serial port to read instead
     #[arg(long, value_name = "DEVICE", conflicts_with = "listen")]
     pub serial: Option<PathBuf>,
-    /// Bits a second of the serial port
+    /// Baud rate of the serial port
     #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial",
         value_parser = clap::value_parser!(u32).range(9600..=4_000_000))]
     pub baud: u32,
     /// Write each packet as one line of JSON
     #[arg(long)]
     pub json: bool,
-    /// End after so many valid packets
+    /// End after this number of valid packets
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub packets: Option<u64>,
-    /// End after so many seconds
+    /// End after this number of seconds
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub seconds: Option<Duration>,
 }
 
-/// Why the monitor ends without success.
+/// Why the monitor fails.
 #[derive(Debug, thiserror::Error)]
 pub enum MonitorError {
-    /// The port is taken, or the address is not this machine's.
+    /// The port is in use, or the address does not belong to this machine.
     #[error("cannot listen to {listen} ({error}); end what uses the port, or give --listen another address")]
     Listen {
-        /// The address asked for.
+        /// The address to listen to.
         listen: SocketAddr,
-        /// What the system says.
+        /// The error of the system.
         error: io::Error,
     },
-    /// The serial port does not open, or went away.
+    /// The serial port does not open, or has disappeared.
     #[error("cannot listen to {0}")]
     Port(#[from] PortError),
-    /// Nothing valid came by UDP.
+    /// No valid packet came by UDP.
     #[error("no packet came to {listen}; check [[link]] address in the sender's configuration, and the firewall")]
     NoPacket {
-        /// The address listened to.
+        /// The address that the monitor listened to.
         listen: SocketAddr,
     },
-    /// Nothing valid came by the serial line.
+    /// No valid packet came on the serial line.
     #[error("no packet came by {}; check the wires, and that both sides have the same baud rate", device.display())]
     NoFrame {
         /// The serial port.
         device: PathBuf,
     },
-    /// The terminal or the output cannot be written.
+    /// The terminal or the output cannot be written to.
     #[error("cannot write the output ({0}); check where it goes")]
     Output(#[from] io::Error),
 }
@@ -112,10 +112,10 @@ enum View {
     Json,
 }
 
-/// Receives and shows packets until told to stop.
+/// Receives packets and shows them until a signal or a limit ends it.
 ///
 /// # Errors
-/// The address cannot be listened to, the output cannot be written, or no packet came at all.
+/// Returns an error if the monitor cannot listen or write its output, or if no packet came at all.
 pub fn run(args: &MonitorArgs) -> Result<(), MonitorError> {
     let mut receiver = Receiver::open(args)?;
     let stop = Arc::new(AtomicBool::new(false));
@@ -128,15 +128,15 @@ pub fn run(args: &MonitorArgs) -> Result<(), MonitorError> {
         watched => watched?,
     }
     if tally.packets() == 0 {
-        return Err(match args.place() {
-            Place::Udp(listen) => MonitorError::NoPacket { listen },
-            Place::Serial(device) => MonitorError::NoFrame { device },
+        return Err(match args.endpoint() {
+            Endpoint::Udp(listen) => MonitorError::NoPacket { listen },
+            Endpoint::Serial(device) => MonitorError::NoFrame { device },
         });
     }
     summarise(args, &tally)
 }
 
-/// The summary goes beside the JSON, not into it.
+/// Writes the summary: to standard error if standard output carries JSON.
 fn summarise(args: &MonitorArgs, tally: &Tally) -> Result<(), MonitorError> {
     let line = tally.summary();
     let written = if args.json { writeln!(io::stderr(), "{line}") } else { writeln!(io::stdout(), "{line}") };
@@ -146,14 +146,14 @@ fn summarise(args: &MonitorArgs, tally: &Tally) -> Result<(), MonitorError> {
     }
 }
 
-/// Shows packets until a limit or a signal ends it. The screen is restored on return.
+/// Shows packets until a signal or a limit ends it. The screen is restored on return.
 fn watch(
     args: &MonitorArgs,
     receiver: &mut Receiver,
     stop: &AtomicBool,
     tally: &mut Tally,
 ) -> Result<(), MonitorError> {
-    let place = args.place();
+    let listen = args.endpoint();
     let mut view = View::new(args)?;
     let begin = Instant::now();
     let end = args.seconds.map(|seconds| begin + seconds);
@@ -167,13 +167,13 @@ fn watch(
         view.packet(packet.as_ref(), tally)?;
         if shown.elapsed() >= view.period() {
             shown = Instant::now();
-            view.refresh(&place, tally)?;
+            view.refresh(&listen, tally)?;
         }
     }
     Ok(())
 }
 
-/// Waits for a packet and counts what came.
+/// Waits for a packet and counts it.
 fn receive(receiver: &mut Receiver, wait: Duration, tally: &mut Tally) -> Result<Option<Packet>, MonitorError> {
     Ok(match receiver.next(wait)? {
         Some(Ok((packet, from))) => {
@@ -199,7 +199,7 @@ impl View {
         }
     }
 
-    /// Time from one refresh to the next.
+    /// Time between two refreshes.
     fn period(&self) -> Duration {
         match self {
             Self::Screen(_) | Self::Json => SCREEN_PERIOD,
@@ -207,7 +207,7 @@ impl View {
         }
     }
 
-    /// Takes a packet.
+    /// Shows a packet if every packet is shown.
     fn packet(&self, packet: Option<&Packet>, tally: &Tally) -> io::Result<()> {
         let (Self::Json, Some(packet)) = (self, packet) else {
             return Ok(());
@@ -217,18 +217,18 @@ impl View {
         io::stdout().write_all(line.as_bytes())
     }
 
-    /// Shows how things stand.
-    fn refresh(&mut self, place: &Place, tally: &Tally) -> io::Result<()> {
+    /// Shows the current state.
+    fn refresh(&mut self, listen: &Endpoint, tally: &Tally) -> io::Result<()> {
         let now = Instant::now();
         match self {
-            Self::Screen(screen) => screen.draw(place, tally, now),
-            Self::Lines => writeln!(io::stdout(), "{}", report::line(place, tally, now)),
+            Self::Screen(screen) => screen.draw(listen, tally, now),
+            Self::Lines => writeln!(io::stdout(), "{}", report::line(listen, tally, now)),
             Self::Json => Ok(()),
         }
     }
 }
 
-/// Seconds on the command line.
+/// Reads the value of `--seconds`.
 fn seconds(text: &str) -> Result<Duration, String> {
     let number = text.parse().unwrap_or(f64::NAN);
     if SECONDS.contains(&number) {
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_that_no_clock_or_port_knows_are_refused() {
+    fn limits_and_baud_rates_that_make_no_sense_are_refused() {
         for wrong in ["0", "-1", "1e19", "1e308", "inf", "NaN", "1e-320", "31536001", "ten"] {
             assert!(parsed(&[&format!("--seconds={wrong}")]).is_err(), "--seconds {wrong}");
         }
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn the_longest_time_that_is_taken_has_an_end() {
+    fn the_longest_time_does_not_overflow_the_clock() {
         let longest = parsed(&["--seconds", "31536000"]).unwrap().seconds.unwrap();
         assert!(Instant::now().checked_add(longest).is_some());
     }

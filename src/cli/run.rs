@@ -15,11 +15,11 @@ Examples:
   facewire run --config facewire.toml
   facewire run --board pi4 --config facewire.toml
 
-Without a camera it runs on, sends the neutral face with the reason, and takes the camera when it comes.
+Without a camera, the service sends the neutral face with the reason, and uses the camera as soon as it appears.
 
 Signals:
-  TERM, INT  stop, with the neutral face as the last word; the second one ends at once
-  HUP        read the settings again; bad ones are refused and the current ones stay
+  TERM, INT  stop after sending the neutral face; a second signal stops at once
+  HUP        read the settings again; invalid settings are refused and the current ones stay
   USR1       write the status line now";
 
 /// Arguments of `facewire run`.
@@ -39,7 +39,7 @@ pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// This program as the service sees it: its arguments name the settings, and it owns the log.
+/// The program as the service sees it: loads the settings named by its arguments, and owns the log.
 struct RunCommand {
     settings: SettingsArgs,
     level: Level,

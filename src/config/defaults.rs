@@ -1,6 +1,6 @@
 //! The complete configuration as a commented file.
 
-use super::{LinkKind, LinkSettings, SerialSettings, board, section::Section, settings::Settings};
+use super::{SerialSettings, board, section::Section, settings::Settings};
 
 const HEAD: &str = "\
 # facewire: every setting with its default. To change a setting, remove the \"# \" at the start of its line; leave all
@@ -11,7 +11,8 @@ const HEAD: &str = "\
 
 /// Introduces the example of a serial link.
 const SERIAL: &str = "
-# A link to a serial port. Add it by removing the first \"# \" of each of these lines.
+# Example of a link to a serial port, beside or instead of the link above. To use it, remove the first \"# \" of each of
+# these lines. It also takes pace and rate_hz.
 ";
 
 /// Writes the default settings in TOML, each after its comment. The settings are commented out, so that those of a board
@@ -25,7 +26,7 @@ pub fn defaults() -> String {
         text.extend([if is_setting { "# " } else { "" }, line, "\n"]);
     }
     text += SERIAL;
-    serial_example().lines().for_each(|line| text.extend(["# ", line, "\n"]));
+    serial_example().lines().for_each(|line| text.extend([format!("# {line}").trim_end(), "\n"]));
     text
 }
 
@@ -54,6 +55,5 @@ fn write(text: &mut String, heading: &str, section: &dyn Section) {
 /// Writes a link to the serial port that most boards get when they are plugged into USB.
 fn serial_example() -> String {
     let serial = SerialSettings { device: "/dev/ttyACM0".into(), ..SerialSettings::default() };
-    let link = LinkSettings { kind: LinkKind::Serial(serial), ..LinkSettings::default() };
-    format!("[[link]]\n{}", link.write())
+    format!("[[link]]\nkind = \"serial\"\n{}", serial.write())
 }

@@ -113,12 +113,12 @@ section! {
     PaceSettings {
         /// When the link sends a packet:
         /// - "pose": at once for every new pose and every change of state, `rate_hz` times per second while the face
-        ///   moves without new poses, and 10 times per second otherwise
-        /// - "change": when the face has moved by at least 0.5 % since the last packet, at most `rate_hz` times per
-        ///   second, and 10 times per second otherwise
+        ///   holds, decays or returns to live, and 10 times per second otherwise
+        /// - "change": when the face has moved visibly since the last packet (a coefficient by 0.5 %, the head by half a
+        ///   degree or 2 mm) or its state has changed, at most `rate_hz` times per second; 10 times per second otherwise
         /// - "rate": `rate_hz` times per second, whatever the face does
         pace: PaceKind = PaceKind::Pose, (), "";
-        /// The rate that `pace` refers to, 10 or more; 0 takes `rate_hz` of [send].
+        /// The rate that `pace` refers to, at least 10. 0 means the same as `rate_hz` of [send].
         rate_hz: u32 = 0, 0..=240, " (1/s)";
     }
 }
@@ -195,7 +195,7 @@ impl LinkSettings {
         let mut text = String::new();
         let lines = [&[" What the link sends, and how it travels:"], LinkKind::LINES].concat();
         write_setting(&mut text, &lines, &expected_kind(), &format!("kind = {}", quoted(self.kind.name())));
-        text + &self.kind.section().write() + &self.pace.write()
+        [text, self.kind.section().write(), self.pace.write()].join("\n")
     }
 }
 

@@ -17,8 +17,12 @@ pub trait Section {
     fn write(&self) -> String;
 }
 
-/// Appends a setting in TOML after its comment: the lines of its documentation, and the values it takes.
+/// Appends a setting in TOML after its comment: the lines of its documentation, and the values it takes. An empty line
+/// separates it from the setting before.
 pub fn write_setting(text: &mut String, lines: &[&str], expected: &str, assignment: &str) {
+    if !text.is_empty() {
+        text.push('\n');
+    }
     for line in lines {
         text.extend(["#", line, "\n"]);
     }

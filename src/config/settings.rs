@@ -120,8 +120,8 @@ section! {
 section! {
     /// How often links send.
     SendSettings {
-        /// Packets per second of every link whose own `rate_hz` is 0. With pace = "pose", this is the rate while the face
-        /// moves without new poses: a new pose is sent at once, and a face that stands still 10 times per second.
+        /// Packets per second, for every link whose own `rate_hz` is 0. With the default pace, a link sends new poses at once
+        /// and uses this rate while the face holds, decays or returns to live.
         rate_hz: u32 = 60, 10..=240, " (1/s)";
     }
 }

@@ -59,7 +59,7 @@ fn defaults_explain_every_setting_with_its_type_and_bounds() {
 fn the_example_of_a_serial_link_in_the_defaults_loads() {
     let text = defaults();
     let (start, example) = text.split_at(text.find("# [[link]]").unwrap());
-    let uncommented: String = example.lines().flat_map(|line| [line.strip_prefix("# ").unwrap(), "\n"]).collect();
+    let uncommented: String = example.lines().flat_map(|line| [line.strip_prefix("#").unwrap().trim(), "\n"]).collect();
     let links = parse("defaults", &(start.to_owned() + &uncommented)).unwrap().links;
     let [udp, serial] = &links[..] else { panic!("{} links", links.len()) };
     assert_eq!(*udp, LinkSettings::default());

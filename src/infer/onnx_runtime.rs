@@ -50,10 +50,7 @@ impl Engine for OnnxRuntime {
         let session = session(&environment, &path, self.threads).map_err(one_line);
         let network = session.and_then(|session| OnnxNetwork::new(session, signature));
         let mut network = network.map_err(|reason| InferError::Damaged { path, reason })?;
-        for _ in 0..WARM_UP_RUNS {
-            network.input().fill(GREY);
-            network.run()?;
-        }
+        network.warm_up().map_err(|reason| InferError::Run { network: signature.name, reason })?;
         Ok(Box::new(network))
     }
 }
@@ -63,7 +60,8 @@ struct OnnxNetwork {
     session: Session,
     options: RunOptions<HasSelectedOutputs>,
     input: Tensor<f32>,
-    outputs: Vec<Vec<f32>>,
+    /// The preallocated outputs of `options`, which every run overwrites.
+    outputs: Vec<Tensor<f32>>,
 }
 
 impl OnnxNetwork {
@@ -71,19 +69,19 @@ impl OnnxNetwork {
         check(&session, signature)?;
         let options = preallocate(signature).map_err(one_line)?;
         let input = Tensor::new(&Allocator::default(), signature.input).map_err(one_line)?;
-        let outputs = signature.outputs.iter().map(|(_, shape)| vec![0.0; shape.iter().product()]).collect();
-        Ok(Self { signature, session, options, input, outputs })
+        Ok(Self { signature, session, options, input, outputs: Vec::new() })
     }
 
-    fn try_run(&mut self) -> Result<(), String> {
-        let values = self.session.run_with_options(ort::inputs![&self.input], &self.options).map_err(one_line)?;
-        for (&(name, _), copy) in self.signature.outputs.iter().zip(&mut self.outputs) {
-            let value = values.get(name).ok_or_else(|| format!("no output {name}"))?;
-            let (_, value) = value.try_extract_tensor::<f32>().map_err(one_line)?;
-            if value.len() != copy.len() {
-                return Err(format!("output {name} has {} values", value.len()));
-            }
-            copy.copy_from_slice(value);
+    /// Runs the network until ONNX Runtime has all memory that it needs, and keeps the outputs.
+    fn warm_up(&mut self) -> Result<(), String> {
+        self.input().fill(GREY);
+        for _ in 0..WARM_UP_RUNS {
+            let inputs = ort::inputs![&self.input];
+            let mut values = self.session.run_with_options(inputs, &self.options).map_err(one_line)?;
+            let mut keep = |name: &str| {
+                values.remove(name).ok_or_else(|| format!("no output {name}"))?.downcast().map_err(one_line)
+            };
+            self.outputs = self.signature.outputs.iter().map(|&(name, _)| keep(name)).collect::<Result<_, _>>()?;
         }
         Ok(())
     }
@@ -95,11 +93,12 @@ impl Network for OnnxNetwork {
     }
 
     fn run(&mut self) -> Result<(), InferError> {
-        self.try_run().map_err(|reason| InferError::Run { network: self.signature.name, reason })
+        let outcome = self.session.run_with_options(ort::inputs![&self.input], &self.options);
+        outcome.map(drop).map_err(|error| InferError::Run { network: self.signature.name, reason: one_line(error) })
     }
 
     fn output(&self, index: usize) -> &[f32] {
-        self.outputs.get(index).map_or(&[], Vec::as_slice)
+        self.outputs.get(index).map_or(&[], |output| output.extract_tensor().1)
     }
 }
 

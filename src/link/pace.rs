@@ -12,8 +12,8 @@ use crate::config::{LinkSettings, PaceKind};
 const KEEP_ALIVE_US: u64 = 100_000;
 /// Smallest visible change of a coefficient.
 const COEFFICIENT_STEP: f32 = 0.005;
-/// Smallest visible change of a component of the head's rotation: a turn by 0.6 degrees.
-const ROTATION_STEP: f32 = 0.005;
+/// Smallest visible change of a component of the head's rotation quaternion: the sine of half of 0.5 degrees.
+const ROTATION_STEP: f32 = 0.004_363;
 /// Smallest visible change of the head's position, millimetres.
 const POSITION_STEP_MM: f32 = 2.0;
 

@@ -1,4 +1,4 @@
-//! What the threads count, shared without a lock and in fixed memory.
+//! The counters that all threads share, without a lock and in fixed memory.
 
 use std::fmt;
 use std::io;
@@ -12,34 +12,34 @@ use super::heartbeat::Heartbeats;
 use super::times::{Quantiles, Times};
 use crate::link::Traffic;
 
-/// States by their number in [`Counters::state`].
+/// The states of the failsafe; [`Counters::state`] holds an index into this array.
 pub(super) const STATES: [State; 4] = [State::Neutral, State::Live, State::Hold, State::Decay];
 
-/// Counters of a running service. Every one only grows, but for those that say "at present". How they add up is told at
-/// [`Status`].
+/// Counters of a running service. They only grow, except for those that describe the present. [`Status`] says how they
+/// add up.
 #[derive(Debug, Default)]
 pub struct Counters {
     stop: Arc<AtomicBool>,
     stop_sending: AtomicBool,
     /// Signs of life, for the watchdog.
     pub(super) heartbeats: Heartbeats,
-    /// Frames the pipeline was given.
+    /// Frames that the pipeline processed.
     pub(super) frames: AtomicU64,
     /// Frames with a solution.
     pub(super) solved: AtomicU64,
-    /// Frames that show no face.
+    /// Frames without a face.
     pub(super) no_face: AtomicU64,
-    /// Frames rejected though there was a face.
+    /// Frames with a face whose result could not be trusted.
     pub(super) rejected: AtomicU64,
     /// Failed inferences; their frames are among the rejected ones.
     pub(super) engine_failures: AtomicU64,
-    /// Frames passed over because a newer one was there.
+    /// Frames that were skipped because a newer one had arrived.
     pub(super) skipped: AtomicU64,
     /// Frames whose work took longer than the camera's frame period.
     pub(super) deadline_misses: AtomicU64,
-    /// Frames that were damaged.
+    /// Damaged frames.
     pub(super) damaged: AtomicU64,
-    /// Times a camera was opened.
+    /// How often a camera was opened.
     pub(super) opened: AtomicU64,
     /// Whether a camera is open at present.
     pub(super) camera_open: AtomicBool,
@@ -47,14 +47,14 @@ pub struct Counters {
     pub(super) traffic: Arc<Traffic>,
     /// Links that are open at present.
     pub(super) links_open: AtomicU64,
-    /// The first link whose last packet the network did not take, by its place plus 1, and why; 0 is none. One word, so
-    /// that both belong together.
+    /// The first link whose last packet the network refused: its index plus 1 in the upper half, the system's error number
+    /// in the lower half; 0 if there is none. Both share a word so that they always belong together.
     refusal: AtomicU64,
-    /// Microseconds between frames that give a pose at present, for the failsafe's patience.
+    /// Mean time between processed frames at present, microseconds. The failsafe is more patient with slow cameras.
     pub(super) frame_period_us: AtomicU64,
-    /// The failsafe's state at present, by its place in [`STATES`].
+    /// The state of the failsafe at present, as an index into [`STATES`].
     state: AtomicU64,
-    /// How long frames take.
+    /// Distributions of times.
     pub(super) times: Times,
 }
 
@@ -64,49 +64,49 @@ impl Counters {
         self.stop.load(Relaxed)
     }
 
-    /// The flag that signals set.
+    /// Returns the flag that SIGTERM and SIGINT set.
     pub(super) fn stop_flag(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.stop)
     }
 
-    /// Whether the sender is to say its last word.
+    /// Whether the sender is to stop.
     pub(super) fn sending_stops(&self) -> bool {
         self.stop_sending.load(Relaxed)
     }
 
-    /// Tells all threads to end.
+    /// Tells all threads to stop.
     pub(super) fn stop(&self) {
         self.stop.store(true, Relaxed);
         self.stop_sending.store(true, Relaxed);
     }
 
-    /// The network does not take the packets of the link at this place, for a reason by the system's number.
-    pub(super) fn refuse(&self, refusal: Option<(u32, i32)>) {
-        let word = refusal.map_or(0, |(place, reason)| (u64::from(place) + 1) << 32 | u64::from(reason.unsigned_abs()));
+    /// Sets the first link that the network refuses: its index and the system's error number.
+    pub(super) fn set_refusal(&self, refusal: Option<(u32, i32)>) {
+        let word = refusal.map_or(0, |(link, error)| (u64::from(link) + 1) << 32 | u64::from(error.unsigned_abs()));
         self.refusal.store(word, Relaxed);
     }
 
-    /// What [`Counters::refuse`] said last.
+    /// Returns the first link that the network refuses, as [`Counters::set_refusal`] set it, and the system's error.
     pub(super) fn refusal(&self) -> Option<(usize, io::Error)> {
         let word = self.refusal.load(Relaxed);
-        let place = usize::try_from(word >> 32).ok()?.checked_sub(1)?;
-        let reason = i32::try_from(word & u64::from(u32::MAX)).ok()?;
-        Some((place, io::Error::from_raw_os_error(reason)))
+        let link = usize::try_from(word >> 32).ok()?.checked_sub(1)?;
+        let error = i32::try_from(word & u64::from(u32::MAX)).ok()?;
+        Some((link, io::Error::from_raw_os_error(error)))
     }
 
-    /// The failsafe is in this state now. It sends every change of it.
+    /// Sets the state of the failsafe.
     pub(super) fn set_state(&self, state: State) {
         let number = STATES.iter().zip(0..).find(|(known, _)| **known == state);
         self.state.store(number.map_or(0, |(_, number)| number), Relaxed);
     }
 
-    /// A frame was worked on for so long; longer than `deadline` makes the camera's next one wait.
-    pub(super) fn worked(&self, work: Duration, deadline: Duration) {
+    /// Counts the time that the work on a frame took. Beyond `deadline`, the next frame of the camera had to wait.
+    pub(super) fn count_work(&self, work: Duration, deadline: Duration) {
         self.times.work.record(work);
         self.deadline_misses.fetch_add(u64::from(work > deadline), Relaxed);
     }
 
-    /// All counts now.
+    /// Returns the present counts.
     #[must_use]
     pub fn status(&self) -> Status {
         let state = usize::try_from(self.state.load(Relaxed)).ok().and_then(|number| STATES.get(number));
@@ -131,32 +131,33 @@ impl Counters {
     }
 }
 
-/// The counts at one moment; prints as the status line.
+/// The counts at one moment. They print as the status line.
 ///
-/// How they add up, once the threads have ended (a line of a running service may be one frame or packet off):
+/// They add up once the threads have ended (the line of a running service may be one frame or packet off):
 /// - `frames = solved + no_face + rejected`;
 /// - `packets = sent + dropped`, each over all links, including those that a reload has replaced.
 ///
-/// `skipped` and `damaged` frames never reached the pipeline and are not in `frames`. A `deadline_misses` frame is.
+/// `frames` includes those that missed their deadline, and excludes `skipped` and `damaged` frames, which never reached the
+/// pipeline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Status {
-    /// Frames the pipeline was given.
+    /// Frames that the pipeline processed.
     pub frames: u64,
     /// Frames with a solution.
     pub solved: u64,
-    /// Frames that show no face.
+    /// Frames without a face.
     pub no_face: u64,
-    /// Frames rejected though there was a face.
+    /// Frames with a face whose result could not be trusted.
     pub rejected: u64,
     /// Failed inferences; their frames are among the rejected ones.
     pub engine_failures: u64,
-    /// Frames passed over because a newer one was there.
+    /// Frames that were skipped because a newer one had arrived.
     pub skipped: u64,
     /// Frames whose work took longer than the camera's frame period.
     pub deadline_misses: u64,
-    /// Frames that were damaged.
+    /// Damaged frames.
     pub damaged: u64,
-    /// Times a camera was opened.
+    /// How often a camera was opened.
     pub opened: u64,
     /// Whether a camera is open at present.
     pub camera_open: bool,
@@ -212,25 +213,25 @@ mod tests {
     fn work_as_long_as_the_frame_period_is_in_time_and_a_microsecond_longer_is_a_miss() {
         let counters = Counters::default();
         let misses = |work_us| {
-            counters.worked(Duration::from_micros(work_us), Duration::from_micros(33_333));
+            counters.count_work(Duration::from_micros(work_us), Duration::from_micros(33_333));
             counters.status().deadline_misses
         };
         assert_eq!([0, 33_333, 33_334, 33_333, 500_000].map(misses), [0, 0, 1, 1, 2]);
     }
 
     #[test]
-    fn a_refusal_is_told_with_its_link_and_reason_until_there_is_none() {
+    fn a_refusal_names_its_link_and_the_error_until_it_is_cleared() {
         let counters = Counters::default();
         assert!(counters.refusal().is_none());
-        counters.refuse(Some((2, 101)));
-        let (place, reason) = counters.refusal().unwrap();
-        assert_eq!((place, reason.raw_os_error()), (2, Some(101)));
-        counters.refuse(None);
+        counters.set_refusal(Some((2, 101)));
+        let (link, error) = counters.refusal().unwrap();
+        assert_eq!((link, error.raw_os_error()), (2, Some(101)));
+        counters.set_refusal(None);
         assert!(counters.refusal().is_none());
     }
 
     #[test]
-    fn the_state_told_is_the_one_that_was_set() {
+    fn the_status_reports_the_state_that_was_set() {
         let counters = Counters::default();
         assert_eq!(counters.status().state, State::Neutral);
         for state in STATES {

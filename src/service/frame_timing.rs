@@ -52,6 +52,6 @@ impl FrameTiming {
         let times = &self.counters.times;
         times.wait.record(between(captured_us, begun_us));
         times.record_stages(stages);
-        self.counters.worked(between(begun_us, ended_us), self.deadline);
+        self.counters.count_work(between(begun_us, ended_us), self.deadline);
     }
 }

@@ -87,7 +87,9 @@ impl Links {
     pub(super) fn count(&mut self, counters: &Counters) {
         let open = self.each().filter(|(_, link)| link.carrier().is_open()).count();
         counters.links_open.store(open as u64, Relaxed);
-        counters.refuse((0..).zip(self.each()).find_map(|(index, (_, link))| Some((index, link.carrier().refusal()?))));
+        counters.set_refusal(
+            (0..).zip(self.each()).find_map(|(index, (_, link))| Some((index, link.carrier().refusal()?))),
+        );
     }
 
     /// Lets every link send its last packet.

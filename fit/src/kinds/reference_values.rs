@@ -15,8 +15,8 @@ const FEATURES: usize = 20;
 
 /// The features of the script's faces.
 fn value(row: usize, column: usize) -> f64 {
-    let place = (row * FEATURES + column + 1) as f64;
-    2.0 * ((place * 12.9898).sin() * 43758.5453).rem_euclid(1.0) - 1.0
+    let index = (row * FEATURES + column + 1) as f64;
+    2.0 * ((index * 12.9898).sin() * 43758.5453).rem_euclid(1.0) - 1.0
 }
 
 fn truth(row: usize) -> f64 {

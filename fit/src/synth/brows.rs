@@ -60,7 +60,7 @@ impl Brow {
     }
 
     /// Returns the texture coordinates of a vertex of the head at rest.
-    pub fn place(&self, rest: Vec3) -> Vec2 {
+    pub fn uv(&self, rest: Vec3) -> Vec2 {
         let ([inner, outer], [from, to]) = (self.on_face, self.in_texture);
         let along = self.along(rest);
         let scale = (to.x - from.x) / (outer.x - inner.x);

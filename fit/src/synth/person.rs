@@ -93,7 +93,7 @@ impl Person {
             let [inner, outer] = looks.brow_lift;
             let lift = inner + (outer - inner) * brow.along(*point);
             let y = middle + (point.y - middle - lift) / looks.brow_thickness;
-            brow.place(Vec3::new(point.x, y, point.z))
+            brow.uv(Vec3::new(point.x, y, point.z))
         };
         let mouth = (assets.rig.landmark(48) + assets.rig.landmark(54)) / 2.0;
         let skin = &assets.skins[looks.skin];

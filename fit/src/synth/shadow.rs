@@ -42,7 +42,7 @@ impl DepthMap {
         self.depths.fill(f32::NEG_INFINITY);
         let mut seen = core::mem::take(&mut self.seen);
         seen.clear();
-        seen.extend(points.iter().map(|point| self.place(*point)));
+        seen.extend(points.iter().map(|point| self.project(*point)));
         for [a, b, c] in triangles {
             let [(one, near), (two, middle), (three, far)] = [seen[*a as usize], seen[*b as usize], seen[*c as usize]];
             let depths = Vec3::new(near, middle, far);
@@ -58,14 +58,14 @@ impl DepthMap {
         length_cm * self.cells_per_cm
     }
 
-    fn place(&self, point: Vec3) -> (Vec2, f32) {
+    fn project(&self, point: Vec3) -> (Vec2, f32) {
         let seen = self.axes * point;
         ((seen.truncate() - self.corner) * self.cells_per_cm, seen.z)
     }
 
     /// Returns the share of the light that reaches a point, from 0 to 1, sampled over `spread` cells around it.
     pub fn light_at(&self, point: Vec3, spread: f32) -> f32 {
-        let (cell, depth) = self.place(point);
+        let (cell, depth) = self.project(point);
         let offsets = [-1.0, 0.0, 1.0].map(|step| step * spread);
         let taps = offsets.iter().flat_map(|dx| offsets.iter().map(move |dy| Vec2::new(*dx, *dy)));
         let open = taps.filter(|offset| self.depth_at(cell + *offset) < depth + BIAS_CM).count();

@@ -1,28 +1,28 @@
-//! Bars of text: the rows of the screen, and how a value becomes eighths of blocks.
+//! Bars of text: the rows of the screen, drawn in eighths of a character.
 
 use crossterm::style::{Color, Stylize as _};
 use facewire_packet::{BLENDSHAPES, Packet};
 
 use super::report::yaw_pitch_roll_deg;
 
-/// Widest name and a space.
+/// Width of the longest name and a space.
 const NAME_WIDTH: usize = 16;
-/// A space and three digits after a bar.
+/// Width of the number after a bar: a space and three characters.
 const NUMBER_WIDTH: usize = 4;
-/// Between the slots of the left and of the right side.
+/// Space between the slots of the left and the right side.
 const SLOT_GAP: usize = 1;
-/// A full bar of the head.
+/// The angle of the head that fills a bar.
 const HEAD_FULL_DEG: f32 = 45.0;
-/// What is not filled of a bar.
+/// Colour of the empty part of a bar.
 const TRACK: Color = Color::AnsiValue(236);
-/// A coefficient that is filled.
+/// Colour of the filled part of a bar.
 const FILL: Color = Color::Cyan;
-/// The same where the packet is not live.
+/// Colour of the filled part while the face is not live.
 const STALE_FILL: Color = Color::DarkGrey;
 
 const EIGHTHS: [&str; 8] = ["", "▏", "▎", "▍", "▌", "▋", "▊", "▉"];
 
-/// Rows of the first column; an empty name is an empty row.
+/// Rows of the first column. An empty name is an empty row.
 pub const FIRST_COLUMN: [&str; 19] = [
     "head yaw",
     "head roll",
@@ -68,7 +68,7 @@ pub const SECOND_COLUMN: [&str; 19] = [
     "mouthShrugLower",
 ];
 
-/// The row of this name, `width` characters wide.
+/// Draws the row of this name, `width` characters wide.
 pub fn row(name: &str, packet: &Packet, width: usize) -> String {
     let slot = slot_width(width);
     let [left, right] = cells(name, packet).map(|cell| match cell {
@@ -78,28 +78,28 @@ pub fn row(name: &str, packet: &Packet, width: usize) -> String {
     format!("{name:NAME_WIDTH$}{left}{:SLOT_GAP$}{right}", "")
 }
 
-/// The heading of a column: where left and right are.
+/// Draws the heading of a column, which names the left and the right side.
 pub fn heading(width: usize) -> String {
     let slot = slot_width(width);
     let text = format!("{:NAME_WIDTH$}{:slot$}{:SLOT_GAP$}{:slot$}", "", "left", "", "right");
     text.dim().to_string()
 }
 
-/// Characters of one slot, bar and number.
+/// Returns the width of one slot, which holds a bar and its number.
 fn slot_width(width: usize) -> usize {
     width.saturating_sub(NAME_WIDTH + SLOT_GAP) / 2
 }
 
-/// A value in its slot.
+/// The content of one slot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
-    /// Part of the bar that is filled, 0..=1.
+    /// The filled part of the bar, 0..=1.
     fill: f32,
-    /// Three characters.
+    /// The number after the bar, three characters.
     number: String,
 }
 
-/// The values of a row, left and right. A blendshape without sides stands in the first.
+/// Returns the values of a row, left and right. A blendshape without sides uses the left slot.
 pub fn cells(name: &str, packet: &Packet) -> [Option<Cell>; 2] {
     let [yaw, pitch, roll] = yaw_pitch_roll_deg(packet.rotation);
     match name {
@@ -113,7 +113,7 @@ pub fn cells(name: &str, packet: &Packet) -> [Option<Cell>; 2] {
     }
 }
 
-/// An angle: one that is positive to the first side, a negative one to the second.
+/// Shows a positive angle in the left slot, and a negative angle in the right one.
 fn sides(degrees: f32) -> [Option<Cell>; 2] {
     [degrees, -degrees].map(|degrees| {
         Some(Cell {
@@ -123,7 +123,7 @@ fn sides(degrees: f32) -> [Option<Cell>; 2] {
     })
 }
 
-/// The coefficient of this name and side.
+/// Returns the coefficient of this name and side.
 fn coefficient(name: &str, side: &str, packet: &Packet) -> Option<Cell> {
     let is_it = |known: &&str| known.strip_prefix(name) == Some(side);
     let index = BLENDSHAPES.iter().position(is_it)?;
@@ -134,7 +134,7 @@ fn coefficient(name: &str, side: &str, packet: &Packet) -> Option<Cell> {
 }
 
 impl Cell {
-    /// Bar and number in `slot` characters.
+    /// Draws the bar and its number in `slot` characters.
     fn drawn(&self, slot: usize, packet: &Packet) -> String {
         let live = packet.state == facewire_packet::State::Live;
         let colour = if live { FILL } else { STALE_FILL };
@@ -145,7 +145,7 @@ impl Cell {
     }
 }
 
-/// A bar of `width` characters, filled by eighths of them.
+/// Draws a bar of `width` characters, filled in steps of an eighth of a character.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

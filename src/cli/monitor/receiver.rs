@@ -1,4 +1,4 @@
-//! Where packets come from: a UDP port or a serial line.
+//! Receiving packets from a UDP port or a serial line.
 
 use std::{
     fmt,
@@ -14,16 +14,16 @@ use serialport::{SerialPort as _, TTYPort};
 use super::{MonitorArgs, MonitorError};
 use crate::link::{PortError, open_port};
 
-/// A place that packets come to or from.
+/// The source or the destination of packets.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Place {
+pub enum Endpoint {
     /// Address and port.
     Udp(SocketAddr),
     /// A serial port.
     Serial(PathBuf),
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for Endpoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Udp(address) => address.fmt(f),
@@ -34,22 +34,22 @@ impl fmt::Display for Place {
 
 impl MonitorArgs {
     /// Where the monitor listens.
-    pub(super) fn place(&self) -> Place {
-        self.serial.clone().map_or(Place::Udp(self.listen), Place::Serial)
+    pub(super) fn endpoint(&self) -> Endpoint {
+        self.serial.clone().map_or(Endpoint::Udp(self.listen), Endpoint::Serial)
     }
 }
 
-/// What came, if something came: a packet and its sender, or why it is none.
-type Received = Option<Result<(Packet, Place), DecodeError>>;
+/// A packet with its sender, or a fault of it; `None` if nothing came.
+type Received = Option<Result<(Packet, Endpoint), DecodeError>>;
 
-/// What the monitor listens with.
+/// A socket or a port to listen on.
 pub enum Receiver {
     Udp(UdpSocket),
     Serial(Box<Line>),
 }
 
 impl Receiver {
-    /// Begins to listen.
+    /// Starts to listen.
     pub fn open(args: &MonitorArgs) -> Result<Self, MonitorError> {
         let Some(device) = &args.serial else {
             let cannot_listen = |error| MonitorError::Listen { listen: args.listen, error };
@@ -59,7 +59,7 @@ impl Receiver {
         Ok(Self::Serial(Box::new(Line::new(device, port))))
     }
 
-    /// Waits for the next packet, `wait` at most.
+    /// Waits for the next packet for `wait` at most.
     pub fn next(&mut self, wait: Duration) -> Result<Received, MonitorError> {
         let wait = wait.max(Duration::from_millis(1));
         match self {
@@ -70,37 +70,37 @@ impl Receiver {
 }
 
 fn datagram(socket: &UdpSocket, wait: Duration) -> io::Result<Received> {
-    // One byte more than a packet, so that longer datagrams are seen to be too long.
+    // One byte more than a packet, so that longer datagrams are refused.
     let mut bytes = [0; PACKET_BYTES + 1];
     socket.set_read_timeout(Some(wait))?;
     match socket.recv_from(&mut bytes) {
         Ok((length, from)) => {
             let packet = Packet::decode(bytes.get(..length).unwrap_or_default());
-            Ok(Some(packet.map(|packet| (packet, Place::Udp(from)))))
+            Ok(Some(packet.map(|packet| (packet, Endpoint::Udp(from)))))
         }
-        Err(error) if is_wait(&error) => Ok(None),
+        Err(error) if is_timeout(&error) => Ok(None),
         Err(error) => Err(error),
     }
 }
 
-/// Whether nothing is wrong but that nothing came.
-fn is_wait(error: &io::Error) -> bool {
+/// Whether the error only means that nothing came in time.
+fn is_timeout(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }
 
-/// A serial line that is read.
+/// A serial line.
 pub struct Line {
     device: PathBuf,
     port: BufReader<TTYPort>,
     frames: FrameReader,
-    /// Whether a frame has ended. The first was mostly joined in its middle: that is no fault.
-    in_step: bool,
+    /// Whether the end of a frame has been seen. The first frame is usually incomplete, which is not a fault.
+    is_synchronised: bool,
 }
 
 impl Line {
     fn new(device: &Path, port: TTYPort) -> Self {
         let frames = FrameReader::default();
-        Self { device: device.to_owned(), port: BufReader::new(port), frames, in_step: false }
+        Self { device: device.to_owned(), port: BufReader::new(port), frames, is_synchronised: false }
     }
 
     fn next(&mut self, wait: Duration) -> Result<Received, MonitorError> {
@@ -109,7 +109,7 @@ impl Line {
         let bytes = match self.port.fill_buf() {
             Ok([]) => return Err(lost(ErrorKind::UnexpectedEof.into()).into()),
             Ok(bytes) => bytes,
-            Err(error) if is_wait(&error) => return Ok(None),
+            Err(error) if is_timeout(&error) => return Ok(None),
             Err(error) => return Err(lost(error).into()),
         };
         let mut ended = None;
@@ -125,11 +125,11 @@ impl Line {
         Ok(self.received(ended))
     }
 
-    /// What a frame gave.
+    /// Turns the end of a frame into what was received.
     fn received(&mut self, ended: Option<Result<Packet, DecodeError>>) -> Received {
-        let joined_in_its_middle = !self.in_step && ended.as_ref().is_some_and(Result::is_err);
-        self.in_step |= ended.is_some();
-        let from = || Place::Serial(self.device.clone());
-        ended.filter(|_| !joined_in_its_middle).map(|result| result.map(|packet| (packet, from())))
+        let is_incomplete = !self.is_synchronised && ended.as_ref().is_some_and(Result::is_err);
+        self.is_synchronised |= ended.is_some();
+        let from = || Endpoint::Serial(self.device.clone());
+        ended.filter(|_| !is_incomplete).map(|result| result.map(|packet| (packet, from())))
     }
 }

@@ -7,16 +7,16 @@ use nalgebra::{Quaternion, UnitQuaternion};
 use serde::{Serialize, Serializer};
 
 use super::{
-    receiver::Place,
+    receiver::Endpoint,
     tally::{Newest, Tally},
 };
 
-/// How many coefficients a line names.
+/// The number of coefficients that a line names.
 const NAMED: usize = 4;
-/// Smaller coefficients are not named.
+/// A line does not name smaller coefficients.
 const NOTEWORTHY: f32 = 0.05;
 
-/// A packet as an object of JSON.
+/// A packet as a JSON object.
 #[derive(Debug, Serialize)]
 pub struct Json {
     from: Option<String>,
@@ -33,7 +33,7 @@ pub struct Json {
     coefficients: Coefficients,
 }
 
-/// Names and values, in the order of the packet.
+/// Coefficients with their names, in the order of the packet.
 #[derive(Debug)]
 struct Coefficients([f32; BLENDSHAPES.len()]);
 
@@ -45,7 +45,7 @@ impl Serialize for Coefficients {
 }
 
 impl Json {
-    /// The packet, which is the tally's newest.
+    /// Describes the newest packet of the tally.
     pub fn new(packet: &Packet, tally: &Tally) -> Self {
         let [yaw, pitch, roll] = yaw_pitch_roll_deg(packet.rotation).map(|deg| rounded(deg, 1e3));
         Self {
@@ -65,25 +65,25 @@ impl Json {
     }
 }
 
-/// Without the digits that only the change to binary made, and without a sign of 0.
+/// Rounds to the accuracy of the packet, and turns -0 into 0.
 fn rounded(value: f32, steps: f64) -> f64 {
     (f64::from(value) * steps).round() / steps + 0.0
 }
 
-/// Head angles in degrees: yaw positive to the person's left, pitch up, roll to the person's right shoulder. As the
-/// sender composes them: `Rz(roll) Rx(-pitch) Ry(yaw)`.
+/// Returns the angles of the head in degrees: yaw is positive to the person's left, pitch upwards, roll to the person's
+/// right shoulder. The rotation is `Rz(roll) Rx(-pitch) Ry(yaw)`, as the solver composes it.
 pub fn yaw_pitch_roll_deg(rotation: [f32; 4]) -> [f32; 3] {
     let matrix = UnitQuaternion::new_normalize(Quaternion::from(rotation)).to_rotation_matrix();
-    // Columns are where x (person's left), y (up) and z (out of the face) point.
+    // The columns are the directions of x (the person's left), y (up) and z (out of the face).
     let [[_, _, left_z], [up_x, up_y, up_z], [_, _, forward_z]] = matrix.into_inner().into();
     let yaw = (-left_z).atan2(forward_z);
     let pitch = -up_z.clamp(-1.0, 1.0).asin();
     let roll = (-up_x).atan2(up_y);
-    // Adding 0 makes -0 a 0.
+    // Adding 0 turns -0 into 0.
     [yaw, pitch, roll].map(|radians| radians.to_degrees() + 0.0)
 }
 
-/// State and reason as words.
+/// Names the state and the reason.
 pub fn state(packet: &Packet) -> String {
     match packet.reason {
         Reason::None => packet.state.name().to_owned(),
@@ -91,8 +91,8 @@ pub fn state(packet: &Packet) -> String {
     }
 }
 
-/// How things stand, in a line for a log.
-pub fn line(listen: &Place, tally: &Tally, now: Instant) -> String {
+/// Describes the current state in one line.
+pub fn line(listen: &Endpoint, tally: &Tally, now: Instant) -> String {
     let Some(Newest { packet, .. }) = tally.newest() else {
         return format!("waiting for packets at {listen}");
     };
@@ -110,7 +110,7 @@ pub fn line(listen: &Place, tally: &Tally, now: Instant) -> String {
     )
 }
 
-/// The strongest coefficients by name.
+/// Names the strongest coefficients.
 fn strongest(packet: &Packet) -> String {
     let mut named: Vec<_> = BLENDSHAPES.iter().zip(packet.coefficients).collect();
     named.sort_by(|(_, a), (_, b)| b.total_cmp(a));
@@ -142,14 +142,14 @@ mod tests {
     }
 
     #[test]
-    fn angles_have_the_signs_of_the_packet() {
+    fn angles_have_the_signs_that_the_packet_defines() {
         assert!(near(yaw_pitch_roll_deg(about(1, 30.0)), [30.0, 0.0, 0.0]), "to the person's left");
         assert!(near(yaw_pitch_roll_deg(about(0, -20.0)), [0.0, 20.0, 0.0]), "up");
         assert!(near(yaw_pitch_roll_deg(about(2, 10.0)), [0.0, 0.0, 10.0]), "to the right shoulder");
     }
 
     #[test]
-    fn angles_come_back_from_a_head_that_turns_nods_and_tips() {
+    fn angles_are_recovered_from_a_combined_rotation() {
         let [yaw, pitch, roll] = [25.0, -15.0, 10.0];
         let rotation = |axis, degrees| UnitQuaternion::new_normalize(Quaternion::from(about(axis, degrees)));
         let head = rotation(2, roll) * rotation(0, -pitch) * rotation(1, yaw);
@@ -161,7 +161,7 @@ mod tests {
         let mut tally = Tally::new();
         let mut packet = Packet { state: State::Hold, reason: Reason::Late, ..Packet::NEUTRAL };
         packet.coefficients = [0.25; 52];
-        tally.count(&packet, Place::Udp(SocketAddr::from(([127, 0, 0, 1], 7))), Instant::now());
+        tally.count(&packet, Endpoint::Udp(SocketAddr::from(([127, 0, 0, 1], 7))), Instant::now());
         let text = serde_json::to_string(&Json::new(&packet, &tally)).unwrap_or_default();
         assert!(text.starts_with(r#"{"from":"127.0.0.1:7","state":"hold","reason":"late","sequence":0,"#), "{text}");
         assert!(text.ends_with(r#""noseSneerRight":0.25,"tongueOut":0.25}}"#), "{text}");
@@ -169,8 +169,8 @@ mod tests {
     }
 
     #[test]
-    fn line_tells_waiting_state_and_silence() {
-        let listen = Place::Udp(SocketAddr::from(([0, 0, 0, 0], 5252)));
+    fn the_line_shows_waiting_state_and_silence() {
+        let listen = Endpoint::Udp(SocketAddr::from(([0, 0, 0, 0], 5252)));
         let now = Instant::now();
         let mut tally = Tally::new();
         assert_eq!(line(&listen, &tally, now), "waiting for packets at 0.0.0.0:5252");

@@ -1,4 +1,4 @@
-//! The terminal: where bars are drawn, and how it is given back.
+//! The terminal screen with the bars.
 
 use std::{
     io::{self, Stdout, Write as _},
@@ -15,36 +15,36 @@ use crossterm::{
 };
 use facewire_packet::{Packet, State};
 
-use super::{bars, receiver::Place, report, tally::Tally};
+use super::{bars, receiver::Endpoint, report, tally::Tally};
 
-/// Between the two columns.
+/// Space between the two columns.
 const COLUMN_GAP: usize = 1;
-/// Left of everything.
+/// Space at the left edge.
 const MARGIN: usize = 1;
-/// Longer bars are no easier to read.
+/// Widest column: longer bars are no easier to read.
 const WIDEST_COLUMN: usize = 72;
 
-/// The terminal while the monitor has it. It is given back when dropped.
+/// The terminal in full-screen mode. It is restored when this is dropped.
 pub struct Screen {
     out: Stdout,
 }
 
 impl Screen {
-    /// Takes the terminal.
+    /// Switches the terminal to full-screen mode.
     pub fn enter() -> io::Result<Self> {
         let mut out = io::stdout();
         execute!(out, EnterAlternateScreen, cursor::Hide, DisableLineWrap, Clear(ClearType::All))?;
         Ok(Self { out })
     }
 
-    /// Draws how things stand.
-    pub fn draw(&mut self, listen: &Place, tally: &Tally, now: Instant) -> io::Result<()> {
+    /// Draws the current state.
+    pub fn draw(&mut self, listen: &Endpoint, tally: &Tally, now: Instant) -> io::Result<()> {
         let (width, height) = crossterm::terminal::size()?;
         let lines = picture(listen, tally, now, width.into());
         queue!(self.out, BeginSynchronizedUpdate)?;
         for (y, line) in (0..height).zip(lines) {
             let margin = " ".repeat(MARGIN);
-            // Clearing comes first: after a full line it would take the last character.
+            // The line is cleared first: after a full line, clearing would erase its last character.
             queue!(self.out, cursor::MoveTo(0, y), Clear(ClearType::UntilNewLine))?;
             queue!(self.out, Print(margin), Print(line))?;
         }
@@ -55,13 +55,13 @@ impl Screen {
 
 impl Drop for Screen {
     fn drop(&mut self) {
-        // Nothing can be done about a terminal that is gone.
+        // A terminal that has gone cannot be restored.
         let _ = execute!(self.out, EnableLineWrap, cursor::Show, LeaveAlternateScreen);
     }
 }
 
-/// All lines from the top, with colours.
-fn picture(listen: &Place, tally: &Tally, now: Instant, width: usize) -> Vec<String> {
+/// Returns all lines from the top, with colours.
+fn picture(listen: &Endpoint, tally: &Tally, now: Instant, width: usize) -> Vec<String> {
     let column = (width.saturating_sub(MARGIN + COLUMN_GAP) / 2).min(WIDEST_COLUMN);
     let gap = " ".repeat(COLUMN_GAP);
     let packet = tally.newest().map_or(Packet::NEUTRAL, |newest| newest.packet);
@@ -76,7 +76,7 @@ fn picture(listen: &Place, tally: &Tally, now: Instant, width: usize) -> Vec<Str
     lines
 }
 
-/// What the sender does.
+/// Describes the state of the sender.
 fn status(tally: &Tally, now: Instant) -> String {
     let Some(newest) = tally.newest() else {
         return "○ waiting for packets".bold().to_string();
@@ -93,7 +93,7 @@ fn status(tally: &Tally, now: Instant) -> String {
     format!("● {}", report::state(&newest.packet)).with(colour).bold().to_string()
 }
 
-/// Rates and counts.
+/// Describes rates and counts.
 fn counts(tally: &Tally) -> String {
     let Some(newest) = tally.newest() else {
         return String::new();
@@ -108,8 +108,8 @@ fn counts(tally: &Tally) -> String {
     )
 }
 
-/// Where packets come from and how to end.
-fn footer(listen: &Place, tally: &Tally) -> String {
+/// Names the sender, and the key that ends the monitor.
+fn footer(listen: &Endpoint, tally: &Tally) -> String {
     match tally.newest() {
         Some(newest) => {
             format!("packet {} from {}   person's left, right   Ctrl-C ends", newest.packet.sequence, newest.from)
@@ -127,13 +127,13 @@ mod tests {
 
     use super::*;
 
-    const LISTEN: Place = Place::Udp(SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), 5252));
+    const LISTEN: Endpoint = Endpoint::Udp(SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), 5252));
 
     fn full_packet() -> Packet {
         Packet { state: State::Live, sequence: 65535, coefficients: [1.0; 52], ..Packet::NEUTRAL }
     }
 
-    /// The characters that are seen of a line.
+    /// Returns the line without its colours.
     fn visible(line: &str) -> String {
         let mut parts = line.split('\u{1b}');
         let first = parts.next().unwrap_or_default().to_owned();
@@ -141,10 +141,10 @@ mod tests {
     }
 
     #[test]
-    fn picture_fits_80_by_24_and_fills_wider_terminals() {
+    fn the_picture_fits_80_by_24_characters_and_fills_wider_terminals() {
         let mut tally = Tally::new();
         let now = Instant::now();
-        tally.count(&full_packet(), Place::Udp(SocketAddr::from(([255; 4], 65535))), now);
+        tally.count(&full_packet(), Endpoint::Udp(SocketAddr::from(([255; 4], 65535))), now);
         for width in [80, 120, 200] {
             let lines = picture(&LISTEN, &tally, now, width);
             assert!(lines.len() <= 24, "{} lines", lines.len());
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn tiny_terminals_are_no_harm() {
+    fn a_tiny_terminal_does_no_harm() {
         let tally = Tally::new();
         for width in [0, 1, 20] {
             assert_eq!(picture(&LISTEN, &tally, Instant::now(), width).len(), 24);
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn status_tells_waiting_state_with_reason_and_silence() {
+    fn the_status_shows_waiting_state_with_reason_and_silence() {
         let mut tally = Tally::new();
         let now = Instant::now();
         assert_eq!(visible(&status(&tally, now)), "○ waiting for packets");

@@ -1,4 +1,4 @@
-//! What has been received so far.
+//! Counts of the packets received so far.
 
 use std::{
     collections::VecDeque,
@@ -7,24 +7,24 @@ use std::{
 
 use facewire_packet::{Packet, SILENCE_MS, State};
 
-use super::receiver::Place;
+use super::receiver::Endpoint;
 use crate::service::histogram::Histogram;
 
-/// A larger gap in the sequence is a sender that began anew, not a loss.
+/// A gap of this size means that the sender has restarted, not that packets were lost.
 const RESTART_GAP: u16 = 1024;
-/// The rate is that of the last second.
+/// The time over which the rate is measured.
 const RATE_WINDOW: Duration = Duration::from_secs(1);
 
-/// Counts, rates and ages of packets, and the newest of them.
+/// Counts, rates and ages of packets, and the newest packet.
 pub struct Tally {
     packets: u64,
     lost: u64,
     refused: u64,
     newest: Option<Newest>,
     first: Option<Instant>,
-    /// Receive times within [`RATE_WINDOW`] of the newest.
+    /// Arrival times within [`RATE_WINDOW`] of the newest packet.
     recent: VecDeque<Instant>,
-    /// Ages of live packets, once there is one.
+    /// Ages of live packets; `None` before the first one.
     ages: Option<Histogram>,
 }
 
@@ -33,22 +33,22 @@ pub struct Tally {
 pub struct Newest {
     /// The packet.
     pub packet: Packet,
-    /// Who sent it.
-    pub from: Place,
-    /// When it came.
+    /// The sender.
+    pub from: Endpoint,
+    /// The time of arrival.
     pub at: Instant,
-    /// Packets lost just before it.
+    /// Number of packets lost just before this one.
     pub lost_before: u16,
 }
 
 impl Tally {
-    /// Nothing received yet.
+    /// Starts with no packet.
     pub fn new() -> Self {
         Self { packets: 0, lost: 0, refused: 0, newest: None, first: None, recent: VecDeque::new(), ages: None }
     }
 
     /// Counts a valid packet.
-    pub fn count(&mut self, packet: &Packet, from: Place, at: Instant) {
+    pub fn count(&mut self, packet: &Packet, from: Endpoint, at: Instant) {
         let lost_before = self.gap_before(packet, &from);
         self.packets += 1;
         self.lost += u64::from(lost_before);
@@ -63,8 +63,8 @@ impl Tally {
         self.newest = Some(Newest { packet: *packet, from, at, lost_before });
     }
 
-    /// Packets of this sender that are missing before this one.
-    fn gap_before(&self, packet: &Packet, from: &Place) -> u16 {
+    /// Returns how many packets of this sender are missing before this one.
+    fn gap_before(&self, packet: &Packet, from: &Endpoint) -> u16 {
         let Some(last) = self.newest.as_ref().filter(|newest| newest.from == *from) else {
             return 0;
         };
@@ -73,22 +73,22 @@ impl Tally {
         if gap < RESTART_GAP { gap } else { 0 }
     }
 
-    /// Counts a datagram or a frame that is not a packet.
+    /// Counts a datagram or a frame that is not a valid packet.
     pub fn refuse(&mut self) {
         self.refused += 1;
     }
 
-    /// Valid packets.
+    /// The number of valid packets.
     pub fn packets(&self) -> u64 {
         self.packets
     }
 
-    /// Packets missing in the sequence.
+    /// The number of packets missing in the sequence.
     pub fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// Datagrams and frames that were not packets.
+    /// The number of datagrams and frames that were not valid packets.
     pub fn refused(&self) -> u64 {
         self.refused
     }
@@ -98,13 +98,13 @@ impl Tally {
         self.newest.as_ref()
     }
 
-    /// Time since the newest packet, when it is too long.
+    /// Time since the newest packet, if receivers go neutral after it.
     pub fn silence(&self, now: Instant) -> Option<Duration> {
         let since = now.saturating_duration_since(self.newest.as_ref()?.at);
         (since > Duration::from_millis(SILENCE_MS.into())).then_some(since)
     }
 
-    /// Packets a second, over the last second.
+    /// Packets per second, over the last second.
     pub fn rate_hz(&self) -> f64 {
         let (Some(first), Some(last)) = (self.recent.front(), self.recent.back()) else {
             return 0.0;
@@ -112,7 +112,7 @@ impl Tally {
         rate(self.recent.len() as u64, last.duration_since(*first))
     }
 
-    /// One line about everything.
+    /// Summarises everything in one line.
     pub fn summary(&self) -> String {
         let (Some(first), Some(newest)) = (self.first, &self.newest) else {
             return "no packets".to_owned();
@@ -133,7 +133,7 @@ impl Tally {
     }
 }
 
-/// `count` events, the first and the last of them `span` apart, a second.
+/// Returns the rate of `count` events, of which the first and the last are `span` apart.
 #[expect(clippy::cast_precision_loss, reason = "a count of packets")]
 fn rate(count: u64, span: Duration) -> f64 {
     let seconds = span.as_secs_f64();
@@ -146,8 +146,8 @@ mod tests {
 
     use super::*;
 
-    const A: Place = Place::Udp(SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 1));
-    const B: Place = Place::Udp(SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 2));
+    const A: Endpoint = Endpoint::Udp(SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 1));
+    const B: Endpoint = Endpoint::Udp(SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 2));
 
     fn packet(sequence: u16) -> Packet {
         Packet { state: State::Live, sequence, age_us: 20_000, ..Packet::NEUTRAL }
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn rate_is_that_of_the_last_second() {
+    fn the_rate_covers_the_last_second() {
         let mut tally = Tally::new();
         let begin = Instant::now();
         for sequence in 0..100_u16 {
@@ -193,10 +193,10 @@ mod tests {
     }
 
     #[test]
-    fn silence_is_told_after_500_ms() {
+    fn silence_is_reported_after_500_ms() {
         let mut tally = Tally::new();
         let begin = Instant::now();
-        assert_eq!(tally.silence(begin), None, "nothing came yet: not a silence but a wait");
+        assert_eq!(tally.silence(begin), None, "before the first packet the monitor waits");
         tally.count(&packet(0), A, begin);
         assert_eq!(tally.silence(begin + Duration::from_millis(500)), None);
         let longer = Duration::from_millis(501);
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn summary_tells_counts_rate_and_ages() {
+    fn the_summary_shows_counts_rate_and_ages() {
         let mut tally = Tally::new();
         let begin = Instant::now();
         for sequence in 0..31_u16 {
@@ -213,7 +213,7 @@ mod tests {
         tally.refuse();
         let want = "31 packets in 3.0 s (10.0 a second), 0 lost, 1 refused; \
                     age of live packets p50 20.4 ms, p95 20.4 ms";
-        // Ages are told up to 3.2 % too long.
+        // Reported ages are up to 3.2 % too long.
         assert_eq!(tally.summary(), want);
     }
 }

@@ -1,8 +1,7 @@
 //! The face rig: a head with expression shapes and identity modes, loaded from a folder.
 //!
-//! The folder holds `rig.npz` (arrays) and `rig.json` (names of materials and expressions, vertices of 68 landmarks);
-//! see
-//! `fit/README.md`. Units are centimetres, with x to the person's left, y up, and z out of the face.
+//! The folder holds `rig.npz` (arrays) and `rig.json` (names of materials and expressions, vertices of 68 landmarks),
+//! described in `fit/README.md`. Units are centimetres, with x to the person's left, y up, and z out of the face.
 //!
 //! Materials that only suit ray tracing (tear fluid, eye occlusion, the inner iris) are not used.
 

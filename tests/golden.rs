@@ -25,9 +25,9 @@ use tempfile::NamedTempFile;
 const MEAN_PX: f64 = 0.3;
 /// Largest distance of any point, in the picture and in depth.
 const WORST_PX: f64 = 1.5;
-/// A face may be lost or found so many frames earlier or later than by MediaPipe.
+/// Largest number of frames between the moments at which an engine and MediaPipe lose or find a face.
 const FRAMES_APART: usize = 3;
-/// What the landmarks of a frame without a face consist of.
+/// The landmarks of a frame without a face.
 const NO_FACE: Landmarks = Landmarks([[f32::NAN; 3]; LANDMARKS]);
 
 /// An engine with the landmarks that it finds in the built-in clip.
@@ -106,7 +106,7 @@ fn measure(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[Landma
     distance
 }
 
-/// Checks the distances over all of `frames`, the number of frames in which both see a face.
+/// Checks the distances, and that both see a face in as many as `frames` frames.
 fn assert_near(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[Landmarks], frames: usize) {
     let distance = measure(engine, film, ours, theirs);
     let is_near = distance.mean_px <= MEAN_PX && distance.worst_px <= WORST_PX && distance.worst_depth_px <= WORST_PX;

@@ -15,6 +15,7 @@ pub mod face;
 pub mod infer;
 pub mod link;
 pub mod pipeline;
+pub mod preflight;
 mod retry;
 pub mod service;
 pub mod solve;

@@ -6,10 +6,11 @@
 use std::time::{Duration, Instant};
 
 use crate::capture::{Content, Frame, Source};
-use crate::config::{NetworkSettings, Settings, SolverSettings};
+use crate::config::Settings;
 use crate::face::{Landmarks, Tracker};
-use crate::infer::{self, InferError};
-use crate::solve::{Camera, Filters, Model, ModelError, Profile, Solution, SolveError, Solver};
+use crate::infer::InferError;
+use crate::preflight::{SetupError, load_solver, load_tracker};
+use crate::solve::{Camera, Solution, SolveError, Solver};
 
 /// Why a frame gave no solution.
 #[derive(Debug, thiserror::Error)]
@@ -23,38 +24,6 @@ pub enum Rejected {
     /// The landmarks give no solution.
     #[error(transparent)]
     Unsolved(#[from] SolveError),
-}
-
-/// Why the pipeline cannot be made.
-#[derive(Debug, thiserror::Error)]
-pub enum SetupError {
-    /// The landmark networks.
-    #[error(transparent)]
-    Networks(#[from] InferError),
-    /// The blendshape model.
-    #[error("{}", told(path, error))]
-    Model {
-        /// The model file.
-        path: String,
-        /// What is wrong with it.
-        error: ModelError,
-    },
-}
-
-impl SetupError {
-    /// Whether the same attempt can succeed later without anybody changing the settings or a file: a disk may be mounted.
-    #[must_use]
-    pub fn is_temporary(&self) -> bool {
-        matches!(self, Self::Model { error: ModelError::Unreadable { .. }, .. })
-    }
-}
-
-/// The error with its model, once.
-fn told(path: &str, error: &ModelError) -> String {
-    match error {
-        ModelError::Unreadable { .. } => error.to_string(),
-        _ => format!("{path}: {error}"),
-    }
 }
 
 /// How long each stage of a frame took; `None` for one that did not run.
@@ -171,40 +140,6 @@ fn find<'a>(
     timed(&mut times.mesh, || tracker.landmarks(picture, &region))
 }
 
-/// Loads the networks that the settings name.
-///
-/// # Errors
-/// Those of [`infer::engine`] and [`Tracker::load`].
-pub fn load_tracker(settings: &NetworkSettings) -> Result<Tracker, InferError> {
-    Tracker::load(infer::engine(settings)?.as_ref())
-}
-
-/// Loads the model that the settings name.
-///
-/// # Errors
-/// [`SetupError::Model`].
-pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
-    let path = &settings.model;
-    if path.is_empty() {
-        return Ok(Model::embedded());
-    }
-    Model::load(path.as_ref()).map_err(|error| SetupError::Model { path: path.clone(), error })
-}
-
-/// The filters that the settings ask for.
-#[must_use]
-pub fn filters(settings: &SolverSettings) -> Filters {
-    Filters::gated_average(settings.smoothing_ms as f32 / 1000.0)
-}
-
-/// A solver by the settings, for a wearer of whom nothing is known.
-///
-/// # Errors
-/// Those of [`load_model`].
-pub fn load_solver(settings: &SolverSettings) -> Result<Solver, SetupError> {
-    Ok(Solver::new(load_model(settings)?, Profile::default(), filters(settings)))
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -213,6 +148,7 @@ mod tests {
 
     use super::*;
     use crate::capture::{Picture, Pixels};
+    use crate::config::SolverSettings;
     use crate::face::test_face::show;
     use crate::infer::scripted::Scripted;
     use crate::solve::{Neutral, NeutralMean, normalise, test_face::face};

@@ -279,7 +279,7 @@ fn output_of_the_board_is_discarded_so_that_the_board_never_waits() {
 fn trouble(device: &Path) -> String {
     let serial = SerialSettings { device: device.to_owned(), ..SerialSettings::default() };
     let settings = LinkSettings { kind: LinkKind::Serial(serial), ..LinkSettings::default() };
-    Link::check(&settings).unwrap_err().to_string()
+    Link::check_all(&[settings]).remove(0).unwrap_err().to_string()
 }
 
 #[test]

@@ -328,6 +328,17 @@ fn check(links: &str) -> (Option<i32>, String) {
 }
 
 #[test]
+fn check_reports_two_names_of_one_device() {
+    let (stable, board) = (StablePath::new(), Board::plugged_in());
+    stable.leads_to(&board);
+    let (status, told) = check(&(serial(&board.device) + &serial(&stable.path())));
+    assert_eq!(status, Some(69));
+    let shared =
+        format!("{}: it is the same device as {} at the moment", stable.path().display(), board.device.display());
+    assert!(told.contains(&shared), "{told}");
+}
+
+#[test]
 fn check_reports_for_each_link_whether_it_works() {
     let board = Board::plugged_in();
     let (status, told) = check(&(serial(&board.device) + &serial(Path::new("/dev/nowhere"))));

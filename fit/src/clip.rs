@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use facewire::{
     config::SolverSettings,
     face::Landmarks,
-    pipeline::filters,
+    preflight::filters,
     solve::{COEFFS, Camera, Model, Neutral, NeutralMean, Profile, Solution, Solver, normalise},
 };
 

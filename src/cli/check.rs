@@ -8,7 +8,7 @@ use crate::capture::{Clip, Frame, Source as _};
 use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::face::Landmarks;
 use crate::link::Link;
-use crate::pipeline::{load_solver, load_tracker};
+use crate::preflight::{load_solver, load_tracker};
 use crate::service::{await_picture, open_camera};
 use crate::solve::Camera;
 
@@ -38,7 +38,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
         ("networks", face.map(|_| "they find the face of the built-in clip".to_owned())),
         ("camera", check_camera(&settings.camera)),
     ];
-    let links = settings.links.iter().map(|link| ("link", Link::check(link).map_err(Failure::from)));
+    let links = Link::check_all(&settings.links).into_iter().map(|outcome| ("link", outcome.map_err(Failure::from)));
     let mut first = None;
     for (part, outcome) in parts.into_iter().chain(links) {
         match outcome {

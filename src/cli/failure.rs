@@ -10,7 +10,7 @@ use crate::capture::CaptureError;
 use crate::config::{EX_CONFIG, Faults};
 use crate::infer::InferError;
 use crate::link::LinkError;
-use crate::pipeline::SetupError;
+use crate::preflight::SetupError;
 use crate::service::ServiceError;
 use crate::solve::ModelError;
 

@@ -24,6 +24,7 @@ use std::time::Duration;
 
 pub use output::{Output, Pose};
 pub use pace::{Pace, Sent};
+use serial::PortClaim;
 pub use serial::{PortError, PortTrouble, SerialCarrier, open_port};
 pub use udp::UdpCarrier;
 
@@ -154,14 +155,18 @@ impl Link {
         Ok(Self { format, carrier, traffic: Arc::clone(traffic), sequence: 0, last: None })
     }
 
-    /// Tests whether the link can be opened at this moment, without sending anything, and describes it.
-    ///
-    /// # Errors
-    /// Says why the link cannot be opened.
-    pub fn check(settings: &LinkSettings) -> Result<String, LinkError> {
+    /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
+    #[must_use]
+    pub fn check_all(settings: &[LinkSettings]) -> Vec<Result<String, LinkError>> {
+        let mut claims = Vec::new();
+        settings.iter().map(|settings| Self::check(settings, &mut claims)).collect()
+    }
+
+    fn check(settings: &LinkSettings, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
         match settings.kind.carrier() {
             CarrierSettings::Udp(address) => udp::check(address).map(|()| address.to_string()),
             CarrierSettings::Serial { device, baud } => {
+                claims.push(PortClaim::acquire(device).map_err(|holder| PortError::claimed(device, holder))?);
                 open_port(device, baud, Duration::ZERO)?;
                 Ok(format!("{} at {baud} baud", device.display()))
             }

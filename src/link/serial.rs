@@ -19,7 +19,7 @@ use std::{
 
 use triple_buffer::{Input, triple_buffer};
 
-use self::claim::PortClaim;
+pub use self::claim::PortClaim;
 use self::line::{Line, Message, Shared};
 pub use self::port::{PortError, PortTrouble, open as open_port};
 use super::{Carrier, LinkError, Traffic};

@@ -25,7 +25,8 @@ use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};
 use crate::face::Tracker;
 use crate::infer::InferError;
-use crate::pipeline::{Pipeline, Rejected, SetupError};
+use crate::pipeline::{Pipeline, Rejected};
+use crate::preflight::{self, SetupError};
 use crate::retry::BackOff;
 use crate::solve::{Filters, Model, Solution};
 
@@ -89,7 +90,7 @@ impl HotLoop {
         changes: mpsc::Receiver<HotChange>,
         counters: Arc<Counters>,
     ) -> Self {
-        let load_tracker = crate::pipeline::load_tracker;
+        let load_tracker = preflight::load_tracker;
         let (engine, timing) = (EngineHealth::default(), FrameTiming::new(Arc::clone(&counters)));
         Self { settings, pipeline, load_tracker, engine, outlets, changes, counters, opened_us: None, timing }
     }
@@ -317,7 +318,7 @@ mod tests {
     use super::*;
     use crate::capture::DEMO;
     use crate::infer::scripted::Scripted;
-    use crate::pipeline::load_solver;
+    use crate::preflight::load_solver;
 
     /// Inferences that the engine of a test may still run.
     static GOOD_RUNS: AtomicU32 = AtomicU32::new(0);

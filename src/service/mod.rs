@@ -47,7 +47,8 @@ use self::supervisor::{Signals, Supervisor};
 use crate::capture::{CaptureError, monotonic_us};
 use crate::config::Settings;
 use crate::link::LinkError;
-use crate::pipeline::{Pipeline, SetupError};
+use crate::pipeline::Pipeline;
+use crate::preflight::SetupError;
 
 /// How long a stopping service waits for the hot loop, which may be opening a camera in the kernel.
 const HOT_PATIENCE: Duration = Duration::from_secs(2);

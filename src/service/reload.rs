@@ -13,7 +13,7 @@ use super::links::Links;
 use super::sender::SenderSettings;
 use crate::config::{Faults, LogLevel, Settings};
 use crate::link::{LinkError, Traffic};
-use crate::pipeline::{SetupError, filters, load_model, load_tracker};
+use crate::preflight::{SetupError, filters, load_model, load_tracker};
 
 /// The program around the service, as far as a reload needs it.
 pub trait Program: Send + Sync {

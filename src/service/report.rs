@@ -7,7 +7,7 @@ use super::realtime::Grant;
 use crate::capture::CaptureError;
 use crate::infer::InferError;
 use crate::link::Pose;
-use crate::pipeline::SetupError;
+use crate::preflight::SetupError;
 use crate::solve::Solution;
 
 /// The newest result of the hot loop. The sender reads the newest report only.

@@ -1,7 +1,7 @@
-//! One frame from the camera's pixels to the coefficients: the hot path.
+//! The hot path: from a frame to its coefficients.
 //!
-//! Contract: [`Pipeline::process`] allocates nothing, takes no lock, writes no log and reaches no
-//! panic. All memory is taken when the pipeline is made. A frame that gives no trustworthy result gives none at all.
+//! Contract: [`Pipeline::process`] does not allocate, lock, log or panic; all memory is taken when the pipeline is made. A
+//! frame whose result is not trustworthy is rejected as a whole.
 
 use std::time::{Duration, Instant};
 
@@ -12,32 +12,32 @@ use crate::infer::InferError;
 use crate::preflight::{SetupError, load_solver, load_tracker};
 use crate::solve::{Camera, Solution, SolveError, Solver};
 
-/// Why a frame gave no solution.
+/// Why a frame has no solution.
 #[derive(Debug, thiserror::Error)]
 pub enum Rejected {
-    /// There is no face in the picture.
+    /// The frame shows no face.
     #[error("no face in the picture")]
     NoFace,
-    /// A network failed.
+    /// A network failed to run.
     #[error(transparent)]
     Infer(#[from] InferError),
-    /// The landmarks give no solution.
+    /// The landmarks cannot be solved.
     #[error(transparent)]
     Unsolved(#[from] SolveError),
 }
 
-/// How long each stage of a frame took; `None` for one that did not run.
+/// Duration of each stage of a frame; `None` for a stage that did not run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StageTimes {
-    /// Where the face is: next to nothing while it is followed, else the detector.
+    /// Finding the region of the face. Only this stage runs the detector, and not while a face is followed.
     pub detect: Option<Duration>,
-    /// Its landmarks.
+    /// Finding the landmarks.
     pub mesh: Option<Duration>,
     /// From landmarks to coefficients.
     pub solve: Option<Duration>,
 }
 
-/// Runs a stage and measures it. The clock is for statistics alone: no result depends on it.
+/// Runs a stage and measures its duration, which is used for statistics only.
 fn timed<T>(time: &mut Option<Duration>, stage: impl FnOnce() -> T) -> T {
     let begun = Instant::now();
     let result = stage();
@@ -45,7 +45,7 @@ fn timed<T>(time: &mut Option<Duration>, stage: impl FnOnce() -> T) -> T {
     result
 }
 
-/// From frames to coefficients.
+/// Turns frames into coefficients.
 pub struct Pipeline {
     /// Finds the landmarks in pictures. `None` for a source of landmarks.
     pub tracker: Option<Tracker>,
@@ -118,7 +118,7 @@ impl Pipeline {
         }
     }
 
-    /// How long the stages of the last frame took.
+    /// Durations of the stages of the last frame.
     #[must_use]
     pub fn times(&self) -> &StageTimes {
         &self.times

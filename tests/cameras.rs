@@ -1,5 +1,5 @@
-//! Cameras of a real kernel: `tests/guest/cameras` runs these as root in a virtual machine that has the drivers
-//! vivid, v4l2loopback and uvcvideo. They change system devices, so a plain `cargo test` leaves them out.
+//! Cameras of a real kernel. `tests/guest/cameras` runs these tests as root in a virtual machine with the drivers vivid,
+//! v4l2loopback and uvcvideo. A plain `cargo test` leaves them out, because they change devices of the system.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 use std::fs;
@@ -24,7 +24,7 @@ fn shell(command: &str) {
     assert!(Command::new("sh").args(["-c", command]).status().unwrap().success(), "{command}");
 }
 
-/// Loads the test camera, or binds it again.
+/// Loads the driver of the test camera, or binds the camera to it again.
 fn plug_vivid() {
     shell(
         "modprobe vivid n_devs=1 node_types=0x1; cd /sys/bus/platform/drivers/vivid; [ -e vivid.0 ] || echo vivid.0 >bind",
@@ -36,7 +36,7 @@ fn vivid(control: &str) {
     shell(&format!("v4l2-ctl -d /dev/video0 -c {control}"));
 }
 
-/// Reads until the source fails.
+/// Reads frames until the source fails, and returns its error.
 fn failure(source: &mut CameraSource) -> CaptureError {
     for _ in 0..2000 {
         match source.next() {
@@ -44,12 +44,12 @@ fn failure(source: &mut CameraSource) -> CaptureError {
             Err(error) => return error,
         }
     }
-    panic!("it never failed");
+    panic!("the source does not fail");
 }
 
 #[test]
 #[ignore = "needs the test camera vivid"]
-fn each_raw_format_is_delivered_with_its_time() {
+fn each_raw_format_is_delivered_with_its_time_of_capture() {
     plug_vivid();
     for format in [PixelFormat::Yuyv, PixelFormat::Nv12, PixelFormat::Grey] {
         let mut source = open("auto", Some(format)).unwrap();
@@ -69,7 +69,7 @@ fn each_raw_format_is_delivered_with_its_time() {
 
 #[test]
 #[ignore = "needs the test camera vivid"]
-fn a_slow_reader_gets_a_fresh_frame_and_the_count_of_those_it_missed() {
+fn a_slow_reader_gets_a_fresh_frame_and_the_number_of_skipped_ones() {
     plug_vivid();
     let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
     source.next().unwrap();
@@ -83,7 +83,7 @@ fn a_slow_reader_gets_a_fresh_frame_and_the_count_of_those_it_missed() {
 
 #[test]
 #[ignore = "needs the test camera vivid"]
-fn a_damaged_frame_is_told_and_the_next_one_is_good() {
+fn a_damaged_frame_is_an_error_and_the_next_one_is_intact() {
     plug_vivid();
     let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
     source.next().unwrap();
@@ -105,7 +105,7 @@ fn a_silent_camera_has_stalled() {
 
 #[test]
 #[ignore = "needs the test camera vivid"]
-fn a_camera_removed_mid_stream_is_gone_and_can_be_opened_again() {
+fn a_camera_that_is_unplugged_is_gone_and_can_be_opened_after_it_is_plugged_in() {
     plug_vivid();
     let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
     let remover = spawn(|| fs::write("/sys/bus/platform/drivers/vivid/unbind", "vivid.0").unwrap());
@@ -119,7 +119,7 @@ fn a_camera_removed_mid_stream_is_gone_and_can_be_opened_again() {
 
 #[test]
 #[ignore = "needs the test camera vivid"]
-fn a_failing_driver_is_an_error_and_the_camera_works_when_opened_again() {
+fn after_an_error_of_the_driver_the_camera_can_be_opened_again() {
     plug_vivid();
     for error in ["inject_fatal_streaming_error=1", "inject_vidioc_qbuf_error=1"] {
         let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
@@ -137,7 +137,7 @@ fn a_failing_driver_is_an_error_and_the_camera_works_when_opened_again() {
 
 #[test]
 #[ignore = "needs the test camera vivid"]
-fn a_camera_in_use_is_busy_and_a_missing_format_is_named() {
+fn a_camera_in_use_is_busy_and_the_error_of_a_missing_format_lists_the_offered_ones() {
     plug_vivid();
     let mut first = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
     assert!(matches!(open("vivid", None), Err(CaptureError::Busy { .. })));

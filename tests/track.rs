@@ -1,4 +1,4 @@
-//! `facewire track`: what it reads and what it writes.
+//! The input and the output of `facewire track`.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -16,7 +16,7 @@ use common::skip;
 use facewire::face::Landmarks;
 use tempfile::TempDir;
 
-/// The header that other programs rely on.
+/// The header of the CSV, on which other programs rely.
 const HEADER: &str = "frame,time_s,state,\
     eyeBlinkLeft,eyeLookDownLeft,eyeLookInLeft,eyeLookOutLeft,eyeLookUpLeft,eyeSquintLeft,eyeWideLeft,\
     eyeBlinkRight,eyeLookDownRight,eyeLookInRight,eyeLookOutRight,eyeLookUpRight,eyeSquintRight,eyeWideRight,\
@@ -28,7 +28,7 @@ const HEADER: &str = "frame,time_s,state,\
     cheekSquintRight,noseSneerLeft,noseSneerRight,tongueOut,\
     head_yaw_deg,head_pitch_deg,head_roll_deg,head_x_mm,head_y_mm,head_z_mm";
 
-/// The built-in clip, tracked once for all tests.
+/// Output for the built-in clip, which all tests share.
 struct Demo {
     csv: String,
     landmarks: PathBuf,
@@ -44,7 +44,7 @@ static DEMO: LazyLock<Demo> = LazyLock::new(|| {
 });
 
 impl Demo {
-    /// The rows of its landmarks, solved with these options.
+    /// Tracks the landmarks of the clip with these options.
     fn solved(&self, options: &[&str]) -> Vec<Row> {
         let run = Run::of(facewire(["track", text(&self.landmarks), "--fps", "30"]).args(options));
         rows(&run.succeeded().out)
@@ -74,9 +74,9 @@ fn every_number_of_the_csv_has_6_decimals() {
     }
 }
 
-/// The clip blinks, opens its jaw, smiles and turns its head both ways.
+/// The face of the clip blinks, opens its jaw, smiles and turns to both sides.
 #[test]
-fn the_clip_moves_what_its_face_moves() {
+fn coefficients_and_pose_follow_the_movements_of_the_clip() {
     let rows = rows(&DEMO.csv);
     let most = |name| rows.iter().map(|row| row.coefficient(name)).fold(0.0, f64::max);
     for name in ["eyeBlinkLeft", "eyeBlinkRight", "jawOpen", "mouthSmileLeft", "mouthSmileRight", "browInnerUp"] {
@@ -87,7 +87,7 @@ fn the_clip_moves_what_its_face_moves() {
 }
 
 #[test]
-fn landmarks_give_the_coefficients_of_the_film_they_came_from() {
+fn landmarks_give_the_same_coefficients_as_their_film() {
     let (film, points) = (rows(&DEMO.csv), DEMO.solved(&[]));
     assert!(difference(&film, &points)[1] <= 1e-4);
     let same = |a: &Row, b: &Row| (a.frame, &a.state) == (b.frame, &b.state) && (a.time_s - b.time_s).abs() < 2e-6;
@@ -95,7 +95,7 @@ fn landmarks_give_the_coefficients_of_the_film_they_came_from() {
 }
 
 #[test]
-fn each_stage_of_the_solver_gives_other_coefficients() {
+fn each_stage_of_the_solver_changes_the_coefficients() {
     let [raw, corrected, smoothed] = ["raw", "corrected", "smoothed"].map(|stage| DEMO.solved(&["--stage", stage]));
     assert!(difference(&raw, &corrected)[1] > 0.01);
     assert!(difference(&corrected, &smoothed)[1] > 0.01);
@@ -103,7 +103,7 @@ fn each_stage_of_the_solver_gives_other_coefficients() {
 }
 
 #[test]
-fn the_wearers_neutral_face_lowers_what_a_resting_face_shows() {
+fn with_the_wearers_neutral_face_a_resting_face_has_lower_coefficients() {
     let (without, with) = (DEMO.solved(&[]), DEMO.solved(&["--neutral", "0..8"]));
     let rest = |rows: &[Row]| rows[..8].iter().flat_map(|row| row.coefficients().to_vec()).sum::<f64>() / (8.0 * 52.0);
     assert!(rest(&with) < 0.5 * rest(&without), "{} {}", rest(&with), rest(&without));
@@ -111,14 +111,14 @@ fn the_wearers_neutral_face_lowers_what_a_resting_face_shows() {
 }
 
 #[test]
-fn the_same_samples_as_y4m_give_the_same_rows() {
+fn a_y4m_stream_of_the_same_samples_gives_the_same_rows() {
     let run = track_stream(&demo_y4m(12)).succeeded();
     assert!(run.err.starts_with("facewire: 12 frames, 12 with a face in "), "{}", run.err);
     assert!(run.out.lines().eq(DEMO.csv.lines().take(13)));
 }
 
 #[test]
-fn the_clip_as_ffmpeg_decodes_it_gives_nearly_the_same_rows() {
+fn the_clip_decoded_by_ffmpeg_gives_nearly_the_same_rows() {
     let Some(mut decoder) = decode(&demo_avi(), &["-pix_fmt", "yuv420p", "-frames:v", "60"]) else {
         return skip("there is no ffmpeg");
     };
@@ -130,7 +130,7 @@ fn the_clip_as_ffmpeg_decodes_it_gives_nearly_the_same_rows() {
 }
 
 #[test]
-fn a_face_that_leaves_is_held_then_decays_to_neutral() {
+fn a_face_that_leaves_the_picture_is_held_and_then_decays_to_neutral() {
     let stream = [demo_y4m(12), empty_y4m(60).split_off(common::film::HEADER.len())].concat();
     let rows = rows(&track_stream(&stream).succeeded().out);
     assert_eq!(rows.len(), 72);

@@ -13,7 +13,7 @@ use common::program::{Run, facewire, text, track_stream};
 use facewire::face::LANDMARKS;
 use tempfile::NamedTempFile;
 
-/// The first frames of the built-in clip, whole.
+/// Output for the first frames of the built-in clip.
 struct Whole {
     csv: String,
     points: Vec<u8>,
@@ -25,12 +25,12 @@ static WHOLE: LazyLock<Whole> = LazyLock::new(|| {
     Whole { csv: run.succeeded().out, points: fs::read(file.path()).unwrap() }
 });
 
-/// Whether the run gave the header and as many rows of the whole.
+/// Asserts that the run has printed the header and the first `rows` rows of the whole clip.
 fn assert_begins(run: &Run, rows: usize) {
     assert!(run.out.lines().eq(WHOLE.csv.lines().take(1 + rows)), "{}", run.out);
 }
 
-/// Tracks a file with these bytes.
+/// Tracks a file of this name with these bytes.
 fn track_file(name: &str, bytes: &[u8]) -> Run {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -39,7 +39,7 @@ fn track_file(name: &str, bytes: &[u8]) -> Run {
 }
 
 #[test]
-fn a_film_that_is_cut_short_gives_the_rows_before_the_cut() {
+fn a_film_that_is_cut_off_gives_the_rows_before_the_cut() {
     let y4m = demo_y4m(4);
     let avi = fs::read(demo_avi()).unwrap();
     let runs = [
@@ -55,7 +55,7 @@ fn a_film_that_is_cut_short_gives_the_rows_before_the_cut() {
 }
 
 #[test]
-fn a_damaged_frame_keeps_its_row_and_the_film_goes_on() {
+fn a_damaged_frame_keeps_its_row_and_the_next_frames_follow() {
     let mut avi = fs::read(demo_avi()).unwrap();
     let frames: Vec<usize> =
         (0..avi.len() - 10).filter(|&at| avi[at..].starts_with(b"00dc") && avi[at + 8] == 0xff).collect();
@@ -69,7 +69,7 @@ fn a_damaged_frame_keeps_its_row_and_the_film_goes_on() {
 }
 
 #[test]
-fn what_is_no_film_is_refused() {
+fn a_file_that_is_no_film_is_refused_with_the_reason() {
     let y4m = |fields| format!("YUV4MPEG2 {fields}\nFRAME\n");
     let cases = [
         ("text.avi", "a letter\n".to_owned(), "neither an AVI nor a y4m"),
@@ -100,7 +100,7 @@ fn a_missing_input_is_named() {
 }
 
 #[test]
-fn points_of_another_shape_or_kind_are_refused() {
+fn landmarks_of_another_shape_or_type_are_refused() {
     let cases = [
         (write_npy(&[2, 468, 3], &[0.0_f32; 2 * 468 * 3]), "has shape [2, 468, 3]"),
         (write_npy(&[478, 3], &[0.0_f32; 478 * 3]), "has shape [478, 3]"),
@@ -115,7 +115,7 @@ fn points_of_another_shape_or_kind_are_refused() {
 }
 
 #[test]
-fn points_in_fortran_order_and_shapes_beyond_memory_are_refused() {
+fn landmarks_in_fortran_order_or_of_an_impossible_shape_are_refused() {
     let points = write_npy(&[1, 478, 3], &[0.0_f32; 478 * 3]);
     let header = String::from_utf8(points[10..128].to_vec()).unwrap();
     let with = |header: String| track_file("points.npy", &[&points[..10], header.as_bytes(), &points[128..]].concat());
@@ -129,7 +129,7 @@ fn points_in_fortran_order_and_shapes_beyond_memory_are_refused() {
 }
 
 #[test]
-fn points_with_a_header_that_keeps_a_parser_busy_are_refused() {
+fn a_npy_header_that_keeps_its_parser_busy_is_refused() {
     let file = |header: &[u8]| {
         [b"\x93NUMPY\x01\x00", &u16::try_from(header.len()).unwrap().to_le_bytes()[..], header].concat()
     };
@@ -143,14 +143,14 @@ fn points_with_a_header_that_keeps_a_parser_busy_are_refused() {
 }
 
 #[test]
-fn points_that_are_cut_short_give_the_rows_before_the_cut() {
+fn a_npy_file_that_is_cut_off_gives_the_rows_before_the_cut() {
     let run = track_file("cut.npy", &WHOLE.points[..128 + 5 * LANDMARKS * 12 + 1000]);
     assert!(run.sentence(65).contains("cut short in frame 5"), "{}", run.err);
     assert_begins(&run, 5);
 }
 
 #[test]
-fn points_that_form_no_face_are_no_face() {
+fn landmarks_that_form_no_face_count_as_no_face() {
     let zero = vec![0.0_f32; LANDMARKS * 3];
     let wild: Vec<f32> = (0..LANDMARKS * 3).map(|index| if index % 2 == 0 { 1e30 } else { -1e30 }).collect();
     for values in [zero, wild, vec![f32::NAN; LANDMARKS * 3], vec![f32::INFINITY; LANDMARKS * 3]] {

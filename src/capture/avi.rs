@@ -1,10 +1,10 @@
-//! Motion-JPEG from AVI files (RIFF, and `OpenDML` files of several RIFF parts), read as a stream.
+//! Motion-JPEG in AVI files (RIFF, and `OpenDML` files of several RIFF parts), read as a stream.
 //!
-//! Lists are entered rather than measured, so files whose writer was stopped before it filled in the sizes are read
-//! too. The first video stream counts; sound, indexes and padding are passed over. An empty frame chunk stands for a
-//! frame that the recorder dropped: it takes its number and its time.
+//! The reader does not use the sizes of lists, so it can read a file whose writer was stopped before it filled them in. It
+//! takes the first video stream, and skips sound, indexes and padding. An empty frame chunk stands for a frame that the
+//! recorder dropped; it counts in the numbers and times of the following frames.
 //!
-//! Limits: one chunk header at a time and one frame in memory, its size bounded by that of the picture.
+//! Limits: one chunk header and one frame are in memory, and the size of a frame is bounded by that of the picture.
 
 use std::io::Read;
 
@@ -19,15 +19,16 @@ pub struct AviSource<R> {
     video: Video,
     origin: String,
     decoder: JpegDecoder,
-    /// Room for the largest image, and the bytes of the present one.
+    /// Memory for the largest image.
     jpeg: Box<[u8]>,
+    /// Length of the current image.
     jpeg_bytes: usize,
-    /// Frames begun, good or not.
+    /// Number of frames that were begun, damaged ones among them.
     begun: u64,
     ended: bool,
 }
 
-/// What the file's header says of its first video stream.
+/// The first video stream by the file's header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Video {
     stream: u8,
@@ -36,7 +37,7 @@ struct Video {
 }
 
 impl<R: Read> AviSource<R> {
-    /// Reads the header; `origin` is the name shown to the operator.
+    /// Reads the header. `origin` names the source to the operator.
     ///
     /// # Errors
     /// [`CaptureError::Avi`] for other content, [`CaptureError::PictureSize`], [`CaptureError::Read`].
@@ -57,7 +58,7 @@ impl<R: Read> AviSource<R> {
         self
     }
 
-    /// Goes on with the same film from its beginning; numbers and times run on.
+    /// Continues with the same film from its beginning. Numbers and times continue to grow.
     pub(super) fn rewind(&mut self, reader: R) -> Result<(), CaptureError> {
         self.riff = Riff::new(reader);
         self.video = read_header(&mut self.riff)?;
@@ -65,7 +66,7 @@ impl<R: Read> AviSource<R> {
         Ok(())
     }
 
-    /// Brings the next JPEG image into `self.jpeg`; `false` at the end.
+    /// Reads the next JPEG image into `self.jpeg`. Returns `false` at the end.
     pub(super) fn advance(&mut self) -> Result<bool, CaptureError> {
         if self.ended {
             return Ok(false);
@@ -75,7 +76,7 @@ impl<R: Read> AviSource<R> {
         found
     }
 
-    /// Decodes the image that [`AviSource::advance`] brought.
+    /// Decodes the image that [`AviSource::advance`] has read.
     pub(super) fn decoded(&mut self) -> Result<Frame<'_>, CaptureError> {
         let number = self.begun.saturating_sub(1);
         let bad = |fault| CaptureError::Frame { number, fault };
@@ -102,7 +103,7 @@ impl<R: Read> AviSource<R> {
                     return self.read_jpeg(number, bytes).map(|()| true);
                 }
             } else if !self.riff.skip(bytes.into()).map_err(stop)? {
-                // Nothing is lost with an index that is cut off.
+                // A file that is cut off within its index has all of its frames.
                 return if id == *b"idx1" { Ok(false) } else { Err(stop(self.riff.cut())) };
             }
         }
@@ -140,14 +141,14 @@ impl<R: Read> Source for AviSource<R> {
 }
 
 impl Video {
-    /// Whether a chunk is a frame of this stream: its two-digit number, then `dc` or `db`.
+    /// Returns whether a chunk is a frame of this stream. Its name is then the two-digit number and `dc` or `db`.
     fn is_frame(self, [tens, ones, d, kind]: [u8; 4]) -> bool {
         let number = [b'0' + self.stream / 10, b'0' + self.stream % 10];
         [tens, ones] == number && d == b'd' && matches!(kind, b'c' | b'b')
     }
 }
 
-/// Reads up to the first frame.
+/// Reads the header, up to the first frame.
 fn read_header<R: Read>(riff: &mut Riff<R>) -> Result<Video, CaptureError> {
     let early = |stop| match stop {
         Stop::Cut { .. } => CaptureError::Avi("ends within its header"),
@@ -164,25 +165,25 @@ fn read_header<R: Read>(riff: &mut Riff<R>) -> Result<Video, CaptureError> {
             Some(Item::List { .. }) => {}
             Some(Item::Chunk { id, bytes }) => {
                 let fields = riff.read_start(bytes).map_err(early)?;
-                header.note(id, &fields);
+                header.read(id, &fields);
             }
         }
     }
 }
 
-/// What was gathered of the header so far.
+/// The part of the header that was read so far.
 #[derive(Debug, Default)]
 struct Header {
     streams: u8,
-    /// Number of the first video stream and its rate.
+    /// Number and rate of the first video stream.
     video: Option<(u8, Option<FrameRate>)>,
-    /// Its picture: width, height, codec.
+    /// Size and codec of its pictures.
     picture: Option<([usize; 2], [u8; 4])>,
 }
 
 impl Header {
-    /// Takes in a chunk. Offsets are those of `AVISTREAMHEADER` and `BITMAPINFOHEADER`.
-    fn note(&mut self, id: [u8; 4], fields: &[u8; START_BYTES]) {
+    /// Reads a chunk. The offsets are those of `AVISTREAMHEADER` and `BITMAPINFOHEADER`.
+    fn read(&mut self, id: [u8; 4], fields: &[u8; START_BYTES]) {
         let word = |at: usize| fields.get(at..at + 4).and_then(|b| b.try_into().ok()).unwrap_or([0; 4]);
         let number = |at| u32::from_le_bytes(word(at));
         match &id {
@@ -194,7 +195,7 @@ impl Header {
                 self.streams = self.streams.saturating_add(1);
             }
             b"strf" if self.video.is_some() && self.picture.is_none() => {
-                // A negative height means rows from the top.
+                // A negative height says that the top row comes first.
                 let height = i32::from_le_bytes(word(8)).unsigned_abs();
                 self.picture = Some(([number(4), height].map(|side| side as usize), word(16)));
             }

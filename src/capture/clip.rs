@@ -1,4 +1,4 @@
-//! The clip that is built into the program: 240 frames of a rendered face, 640x480 at 30 a second.
+//! The clip that is built into the program: 240 frames of a rendered face, 640 x 480 pixels, 30 frames per second.
 
 use super::open::DEMO;
 use super::{AviSource, CaptureError, Description, Frame, Source};
@@ -13,7 +13,7 @@ pub struct Clip {
 }
 
 impl Clip {
-    /// Plays it once.
+    /// Opens the clip, to be played once.
     ///
     /// # Errors
     /// [`CaptureError::Decoder`] without memory.
@@ -21,7 +21,7 @@ impl Clip {
         Ok(Self { film: AviSource::open(DEMO_AVI, DEMO)?, looped: false })
     }
 
-    /// Plays it for ever; frame numbers and times run on.
+    /// Opens the clip, to be repeated for ever. Frame numbers and times continue to grow.
     ///
     /// # Errors
     /// [`CaptureError::Decoder`] without memory.
@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_clip_has_240_frames_at_30_a_second() {
+    fn the_clip_has_240_frames_and_30_of_them_per_second() {
         let mut clip = Clip::once().unwrap();
         assert_eq!(clip.describe().to_string(), "demo: MJPEG 640x480 at 30 fps");
         let mut last = 0;
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn the_looped_clip_begins_again_and_its_numbers_run_on() {
+    fn the_looped_clip_repeats_its_pictures_while_numbers_and_times_grow() {
         let mut clip = Clip::looped().unwrap();
         let first = luma_sum(&clip.next().unwrap().unwrap());
         for _ in 1..240 {

@@ -1,4 +1,4 @@
-//! What can go wrong between a camera or file and a frame. Each variant is one sentence for the operator.
+//! Errors of sources. Each is one sentence for the operator: what is wrong, then what to do.
 
 use std::io;
 use std::path::Path;
@@ -8,52 +8,52 @@ use thiserror::Error;
 
 use crate::config::Script;
 
-/// Why a source gave no frame.
+/// Why a source cannot be opened, or delivers no frame.
 #[derive(Debug, Error)]
 pub enum CaptureError {
-    /// One frame is bad; the source goes on.
+    /// One frame cannot be read. The source continues with the next one.
     #[error("frame {number} was left out: {fault}")]
     Frame {
-        /// Its position in the source.
+        /// Position in the source.
         number: u64,
-        /// What is wrong with it.
+        /// What is wrong with the frame.
         fault: FrameFault,
     },
     /// The file could not be opened.
     #[error("cannot open {path}: {source}; give the path of a .y4m, Motion-JPEG .avi or .npy file, `-` or `demo`")]
     Open {
-        /// As given.
+        /// The path as given.
         path: String,
-        /// The system's reason.
+        /// The error of the system.
         source: io::Error,
     },
-    /// Neither AVI nor y4m.
+    /// The file is neither AVI nor y4m.
     #[error("{path} is neither an AVI nor a y4m file; convert it with `ffmpeg -i {path} -c:v mjpeg -q:v 3 out.avi`")]
     UnknownContainer {
-        /// As given.
+        /// The path as given.
         path: String,
     },
-    /// An AVI file whose picture cannot be read.
+    /// The AVI file has no video that can be read.
     #[error("the AVI file {0}; convert it with `ffmpeg -i FILE -c:v mjpeg -q:v 3 out.avi`")]
     Avi(&'static str),
-    /// A y4m stream whose header cannot be used.
+    /// The y4m stream has an unsupported header.
     #[error("the y4m stream {0}; make one with `ffmpeg -i FILE -pix_fmt yuv420p out.y4m`")]
     Y4m(&'static str),
-    /// A `.npy` file without landmarks.
+    /// The `.npy` file does not hold landmarks.
     #[error("{path} {reason}; it must hold frames x 478 x 3 floating-point numbers in C order")]
     Points {
-        /// As given.
+        /// The path as given.
         path: String,
-        /// What is wrong with it.
+        /// What is wrong with the file.
         reason: String,
     },
-    /// A `.npy` file that ends too soon.
+    /// The `.npy` file ends within a frame.
     #[error("the .npy file is cut short in frame {frame}; the frames before it were used, write it again for the rest")]
     PointsCutShort {
-        /// The frame that is incomplete, from 0.
+        /// Number of the incomplete frame, from 0.
         frame: u64,
     },
-    /// Larger or smaller than this program takes.
+    /// The picture is larger or smaller than supported.
     #[error("the picture is {width}x{height}, but each side must be 1 to 4096 pixels; scale it first")]
     PictureSize {
         /// Pixels per row.
@@ -61,81 +61,83 @@ pub enum CaptureError {
         /// Rows.
         height: usize,
     },
-    /// A file that ends too soon.
+    /// The file ends within a frame.
     #[error(
         "the file is cut short at byte {offset}, in frame {frame}; the frames before it were used, copy or record it again for the rest"
     )]
     CutShort {
-        /// The frame that is incomplete, from 0.
+        /// Number of the incomplete frame, from 0.
         frame: u64,
-        /// Where the file ends.
+        /// Length of the file in bytes.
         offset: u64,
     },
-    /// Bytes where a frame should begin are something else.
+    /// There is something else where a frame should begin.
     #[error("the stream is damaged at byte {offset}, before frame {frame}; copy or record it again")]
     Damaged {
-        /// The frame that should begin, from 0.
+        /// Number of the frame that should begin, from 0.
         frame: u64,
-        /// Where it should.
+        /// Byte at which it should begin.
         offset: u64,
     },
-    /// Reading failed.
+    /// A file, or standard input, cannot be read.
     #[error("reading failed: {0}; check the disk or the pipe")]
     Read(#[from] io::Error),
-    /// No camera at all.
+    /// This machine has no camera.
     #[error("there is no camera; plug one in, or set camera.device = \"demo\" to play the built-in clip")]
     NoCamera,
-    /// No camera of that name or path.
+    /// No camera has this name or path.
     #[error("no camera is called {wanted}; {hint}")]
     NotFound {
-        /// As set.
+        /// The setting.
         wanted: String,
-        /// Those that are there, or how to list them.
+        /// The cameras of this machine, or how to list them.
         hint: String,
     },
-    /// A rehearsal that cannot be read.
+    /// The script of a rehearsal cannot be read.
     #[error("{wanted} is no rehearsal; give {expected}", expected = Script::EXPECTED)]
     Script {
-        /// As set.
+        /// The setting.
         wanted: String,
     },
-    /// A file or device of another kind.
+    /// The path leads to a file or to a device of another kind.
     #[error("{path} is not a camera that captures pictures; `facewire devices` lists those that do")]
     NotACamera {
-        /// As set.
+        /// The setting.
         path: String,
     },
-    /// The user may not open it.
+    /// The user has no permission to open the camera.
     #[error("no permission to open {path}; add the user to the group `video`")]
     PermissionDenied {
-        /// As set.
+        /// The setting.
         path: String,
     },
-    /// Another program has it.
-    #[error("{path} is in use by another program; stop that one (`fuser -v {path}` names it)")]
+    /// Another program uses the camera.
+    #[error("{path} is in use by another program; stop that program (`fuser -v {path}` names it)")]
     Busy {
-        /// As set.
+        /// The setting.
         path: String,
     },
-    /// The camera has no such format.
-    #[error("{path} does not offer {wanted}; set camera.format to one it has ({offered}), or take another camera")]
+    /// The camera does not offer the wanted format.
+    #[error(
+        "{path} does not offer {wanted}; set camera.format to a format it offers ({offered}), or use another camera"
+    )]
     ModeLacking {
-        /// Its node.
+        /// Path of the device node.
         path: String,
-        /// Names of formats.
+        /// Names of the wanted formats.
         wanted: &'static str,
-        /// Names of the formats it has.
+        /// Names of the offered formats.
         offered: String,
     },
-    /// The driver set something else than it offered.
+    /// The driver set a format or size that is not supported.
     #[error("{path} answered with {got}, which cannot be read; set another camera.format or size")]
     ModeRefused {
-        /// Its node.
+        /// Path of the device node.
         path: String,
-        /// Format and size.
+        /// The format and size that the driver set.
         got: String,
     },
-    /// Unplugged, or its driver was removed.
+    /// The camera was unplugged, or its driver was removed.
     #[error("the camera is gone; plug it in again")]
     Gone,
     /// The camera cannot be stopped, so it stays open until the process ends.
@@ -143,48 +145,48 @@ pub enum CaptureError {
         "{path} cannot be stopped: {source}; start this program again, and if that does not help, unplug the camera"
     )]
     NotStopped {
-        /// Its node.
+        /// Path of the device node.
         path: String,
-        /// The system's reason.
+        /// The error of the system.
         source: io::Error,
     },
-    /// No frame came in time.
+    /// The camera delivered no frame in time.
     #[error("the camera sent nothing for {waited_ms} ms; check its cable and USB bandwidth")]
     Stalled {
-        /// How long was waited.
+        /// Time that the program waited.
         waited_ms: u64,
     },
-    /// Frame after frame was bad.
+    /// Too many frames in a row could not be read.
     #[error("{count} frames in a row were bad (the last: {fault}); check the camera's cable and USB bandwidth")]
     AllDamaged {
-        /// How many.
+        /// Number of these frames.
         count: u32,
-        /// Of the last.
+        /// What is wrong with the last of them.
         fault: FrameFault,
     },
-    /// The driver failed in another way.
-    #[error("the camera failed while {during}: {source}; if that goes on, unplug it and plug it in again")]
+    /// The driver reported another error.
+    #[error("the camera failed while {during}: {source}; if this happens again, unplug it and plug it in again")]
     Device {
-        /// What was being done.
+        /// What the program was doing.
         during: &'static str,
-        /// The system's reason.
+        /// The error of the system.
         source: io::Error,
     },
-    /// The driver answered with what is not understood.
-    #[error("the driver of {path} answered with what the kernel does not define ({reason}); take another camera")]
+    /// The driver returned a value that the kernel's interface does not define.
+    #[error("the driver of {path} returned a value that the kernel does not define ({reason}); use another camera")]
     Driver {
-        /// Its node.
+        /// Path of the device node.
         path: String,
-        /// What is wrong with it.
+        /// What is wrong with the value.
         reason: String,
     },
-    /// libjpeg-turbo could not start.
+    /// libjpeg-turbo cannot start.
     #[error("the JPEG decoder could not start; free some memory")]
     Decoder,
 }
 
 impl CaptureError {
-    /// What the system's error means for the device at `path`.
+    /// Converts the system's error about the device at `path`.
     pub(super) fn device(path: &Path, during: &'static str, source: io::Error) -> Self {
         let path = path.display().to_string();
         match source.kind() {
@@ -199,12 +201,12 @@ impl CaptureError {
         }
     }
 
-    /// What the system's error means while frames flow.
+    /// Converts the system's error about a camera that delivers frames.
     pub(super) fn stream(source: io::Error) -> Self {
         if Self::is_gone(&source) { Self::Gone } else { Self::Device { during: "sending frames", source } }
     }
 
-    /// Whether the device was removed.
+    /// Returns whether the error says that the device was removed.
     pub(super) fn is_gone(error: &io::Error) -> bool {
         [Errno::NODEV, Errno::NXIO].map(Errno::raw_os_error).map(Some).contains(&error.raw_os_error())
     }
@@ -214,22 +216,22 @@ impl CaptureError {
     }
 }
 
-/// What is wrong with one frame. Small and `Copy`, so that counting faults costs nothing.
+/// What is wrong with one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum FrameFault {
-    /// No JPEG start marker.
+    /// The data has no JPEG start marker.
     #[error("it is not a JPEG image")]
     NotJpeg,
-    /// No JPEG end marker, or fewer bytes than the format needs.
+    /// The data ends before the picture is complete.
     #[error("it is incomplete")]
     Incomplete,
     /// The driver marked the buffer as damaged.
     #[error("the driver marked it as damaged")]
     Marked,
-    /// Bytes that no picture of the announced size can have.
+    /// The data is longer than a picture of the announced size can be.
     #[error("it is larger than a picture of the announced size can be")]
     TooLarge,
-    /// A JPEG of another size than announced.
+    /// The JPEG image has another size than announced.
     #[error("it is {width}x{height}, not the announced size")]
     WrongSize {
         /// Pixels per row.
@@ -237,10 +239,10 @@ pub enum FrameFault {
         /// Rows.
         height: usize,
     },
-    /// Not YCbCr or grey, or with unusual chroma subsampling.
+    /// The image is neither YCbCr nor grey, or has an unusual chroma subsampling.
     #[error("its colour layout is not supported")]
     Layout,
-    /// The JPEG data is corrupt, or has more scans than a camera makes.
+    /// The JPEG data is corrupt, or has more scans than that of a camera.
     #[error("its JPEG data is corrupt")]
     Corrupt,
 }

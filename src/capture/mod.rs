@@ -1,10 +1,10 @@
-//! Where frames come from: cameras, Motion-JPEG and y4m files, standard input, the built-in clip, and that with faults.
+//! Sources of frames: cameras, films, files of landmarks, standard input, and the built-in clip with or without faults.
 //!
-//! Contract: a [`Source`] lends one [`Frame`] at a time in the camera's own format; nothing converts the colour of a
-//! whole frame, the crop samples the planes directly. Buffers are sized when a source is opened and never grow.
-//! A frame that fails is an error of its own ([`CaptureError::Frame`]) and the source goes on with the next.
+//! Contract: a [`Source`] lends one [`Frame`] at a time. Pictures stay in the camera's format, because the crop samples
+//! the planes directly. Buffers get their size when a source is opened, and never grow. A frame that cannot be read is an
+//! error of its own ([`CaptureError::Frame`]), after which the source continues with the next frame.
 //!
-//! Limits: pictures up to [`MAX_SIDE_PX`] a side, 8 bits a sample.
+//! Limits: pictures of up to [`MAX_SIDE_PX`] pixels a side with 8 bits per sample.
 
 mod avi;
 mod clip;
@@ -43,9 +43,9 @@ use crate::face::Landmarks;
 pub struct Frame<'a> {
     /// What the frame shows.
     pub content: Content<'a>,
-    /// When it was captured: microseconds of `CLOCK_MONOTONIC` for a camera, of the file's own time from 0 for a file.
+    /// Time of capture in microseconds: on `CLOCK_MONOTONIC` for a camera, from the beginning of the file for a file.
     pub captured_us: u64,
-    /// Position in the source, counting frames that were skipped or failed; starts at 0 for a file.
+    /// Position in the source, from 0. Frames that were skipped or could not be read are counted.
     pub number: u64,
 }
 
@@ -85,14 +85,14 @@ impl<'a> Frame<'a> {
 
 /// Something that gives frames.
 pub trait Source {
-    /// The next frame (a camera: the newest, waiting for it if need be); `None` at the end of a file.
+    /// Returns the next frame of a file, or `None` at its end. Waits for the newest frame of a camera.
     ///
     /// # Errors
-    /// After [`CaptureError::Frame`] the next call goes on behind the failed frame; after any other error a file has
-    /// ended and a camera must be opened again.
+    /// After [`CaptureError::Frame`] the next call continues with the following frame. After any other error a file has
+    /// ended, and a camera must be opened again.
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError>;
 
-    /// Passes over one frame as cheaply as the source can; `false` at the end of a file.
+    /// Skips one frame, without decoding it if possible. Returns `false` at the end of a file.
     ///
     /// # Errors
     /// As [`Source::next`].
@@ -100,12 +100,13 @@ pub trait Source {
         Ok(self.next()?.is_some())
     }
 
-    /// How many frames were passed over for newer ones since this was last asked, whatever [`Source::next`] said then.
+    /// Returns how many frames [`Source::next`] has skipped in favour of newer ones since the last call of this method,
+    /// also where it returned an error.
     fn take_skipped(&mut self) -> u32 {
         0
     }
 
-    /// Time from one frame to the next, if the source states it.
+    /// Time from one frame to the next in microseconds, if the source states a rate.
     fn frame_period_us(&self) -> Option<u64>;
 
     /// Whether the frames are pictures, so that the landmark networks are needed.
@@ -113,7 +114,7 @@ pub trait Source {
         true
     }
 
-    /// What this source is, for the operator.
+    /// Describes the source to the operator.
     fn describe(&self) -> Description<'_>;
 
     /// Closes the source. Dropping it does the same, but hides the error.
@@ -125,7 +126,7 @@ pub trait Source {
     }
 }
 
-/// What a source delivers, printed as `demo: MJPEG 640x480 at 30 fps`.
+/// What a source delivers. Printed as `demo: MJPEG 640x480 at 30 fps`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Description<'a> {
     /// The device node or file.
@@ -136,7 +137,7 @@ pub struct Description<'a> {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Frames a second, if stated.
+    /// Frames per second, if the source states them.
     pub rate: Option<FrameRate>,
 }
 

@@ -1,4 +1,4 @@
-//! Opening what a setting or an argument names: a camera, a file by its content, or the built-in clip.
+//! Opens the source that a setting or an argument names.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader};
@@ -10,15 +10,15 @@ use super::v4l2::{CameraSource, Wish};
 use super::{AviSource, CaptureError, Clip, FrameRate, Paced, PointsSource, Source, Y4mSource};
 use crate::config::{BadScript, Script};
 
-/// The name of the built-in clip wherever a file or a camera is asked for.
+/// The name of the built-in clip, in place of a file or a camera.
 pub const DEMO: &str = "demo";
 /// Ending of the files that hold landmarks.
 const POINTS: &str = "npy";
-/// Bytes read at once.
+/// Number of bytes that are read at once.
 const BUFFER_BYTES: usize = 64 * 1024;
 
-/// Opens a camera by its setting (see [`CameraSource::open`]), or for `demo` the built-in clip, which then plays for
-/// ever in real time, for a [`Script`] with its faults. A camera that sends nothing for `timeout` has stalled.
+/// Opens the camera that a setting names (see [`CameraSource::open`]). The name `demo` stands for the built-in clip, which
+/// is repeated in real time, and a [`Script`] for a rehearsal. A camera that delivers nothing for `timeout` has stalled.
 ///
 /// # Errors
 /// Those of [`CameraSource::open`] and [`Rehearsal::open`], and [`CaptureError::Script`].
@@ -31,12 +31,12 @@ pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<d
     }
 }
 
-/// What a file may leave open.
+/// Properties that a file may not state.
 #[derive(Debug, Clone, Copy)]
 pub struct FileOptions {
-    /// Rate of a file that states none.
+    /// Rate of a file without a rate.
     pub rate: FrameRate,
-    /// Width and height of the picture that the landmarks of a `.npy` file lie in.
+    /// Width and height of the picture in which the landmarks of a `.npy` file were found.
     pub points_size_px: [u16; 2],
 }
 
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn the_demo_opens_by_its_name_and_files_by_their_content() {
+    fn the_built_in_clip_is_opened_by_its_name_and_a_film_by_its_content() {
         let open = |input| open_file(input, &FileOptions::default()).unwrap();
         assert_eq!(open(DEMO).describe().origin, "demo");
         let clip = concat!(env!("CARGO_MANIFEST_DIR"), "/src/capture/demo.avi");
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_video_is_refused_by_name() {
+    fn a_file_of_another_kind_is_refused_by_name() {
         assert!(reason("/nowhere/film.avi").contains("cannot open /nowhere/film.avi"));
         assert!(reason("/").contains("cannot open /"));
         assert!(reason(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")).contains("neither an AVI nor a y4m"));

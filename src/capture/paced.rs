@@ -1,4 +1,5 @@
-//! A file played as a camera would: in real time, stamped by the monotonic clock, newest frame wins.
+//! Plays a file as if it were a camera: in real time, with timestamps of the monotonic clock, and skipping frames for a
+//! reader that is late.
 
 use std::mem::take;
 use std::thread::sleep;
@@ -8,30 +9,29 @@ use rustix::time::{ClockId, clock_gettime};
 
 use super::{CaptureError, Description, Frame, FrameRate, Source};
 
-/// Frames passed over at once, however late the reader: a process that was stopped for hours goes on from near where
-/// it was.
-const MAX_PASSED_OVER: u32 = 300;
+/// Largest number of frames that are skipped at once, so that a process that was stopped for hours continues soon.
+const MAX_SKIPPED: u32 = 300;
 
-/// Plays `source` at its own rate.
+/// Plays a source at its own rate.
 #[derive(Debug)]
 pub struct Paced<S> {
     source: S,
     period_us: u64,
-    /// When the next frame is due; set by the first call.
+    /// Time at which the next frame is due. The first call sets it.
     due_us: Option<u64>,
     skipped: u32,
 }
 
 impl<S: Source> Paced<S> {
-    /// Starts with the first call of [`Source::next`]; a source without a rate is played at 30 frames a second.
+    /// Starts to play with the first call of [`Source::next`]. A source without a rate is played at 30 frames per second.
     pub fn new(source: S) -> Self {
         let period_us = source.frame_period_us().unwrap_or(FrameRate::FPS_30.period_us()).max(1);
         Self { source, period_us, due_us: None, skipped: 0 }
     }
 
-    /// Passes over `count` frames, or fewer at the end and when there are very many.
-    fn pass_over(&mut self, count: u32) -> Result<(), CaptureError> {
-        for _ in 0..count.min(MAX_PASSED_OVER) {
+    /// Skips `count` frames, but no more than [`MAX_SKIPPED`] and not beyond the end.
+    fn skip_frames(&mut self, count: u32) -> Result<(), CaptureError> {
+        for _ in 0..count.min(MAX_SKIPPED) {
             match self.source.skip() {
                 Ok(true) | Err(CaptureError::Frame { .. }) => {}
                 Ok(false) => break,
@@ -50,7 +50,7 @@ impl<S: Source> Source for Paced<S> {
         let captured_us = due_us + u64::from(skipped) * self.period_us;
         self.due_us = Some(captured_us + self.period_us);
         self.skipped = self.skipped.saturating_add(skipped);
-        self.pass_over(skipped)?;
+        self.skip_frames(skipped)?;
         sleep(Duration::from_micros(captured_us.saturating_sub(now_us)));
         let frame = self.source.next()?;
         Ok(frame.map(|frame| Frame { captured_us, ..frame }))
@@ -69,13 +69,13 @@ impl<S: Source> Source for Paced<S> {
     }
 }
 
-/// Frames older than the newest that is due by now.
+/// Returns how many frames are due that are older than the newest one.
 fn frames_missed(now_us: u64, due_us: u64, period_us: u64) -> u32 {
     let periods = now_us.saturating_sub(due_us) / period_us;
     u32::try_from(periods).unwrap_or(u32::MAX)
 }
 
-/// Microseconds of `CLOCK_MONOTONIC`, the clock of the drivers' timestamps.
+/// Returns the time of `CLOCK_MONOTONIC` in microseconds. Most drivers take their timestamps from this clock.
 #[must_use]
 pub fn monotonic_us() -> u64 {
     let time = clock_gettime(ClockId::Monotonic);
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_late_reader_misses_whole_frames_and_gets_the_newest() {
+    fn a_late_reader_gets_the_newest_frame_that_is_due() {
         assert_eq!(frames_missed(99, 100, 10), 0, "early");
         assert_eq!(frames_missed(109, 100, 10), 0, "still the newest");
         assert_eq!(frames_missed(110, 100, 10), 1);

@@ -1,9 +1,9 @@
-//! A picture in the format the camera gave it, borrowed from its source.
+//! A picture in the format of the camera, borrowed from its source.
 
-/// Longest side of a picture.
+/// Longest side of a picture that is supported.
 pub const MAX_SIDE_PX: usize = 4096;
 
-/// A borrowed picture, `width` x `height` pixels, made by [`Picture::new`].
+/// A borrowed picture, whose samples [`Picture::new`] has checked to be complete.
 #[derive(Debug, Clone, Copy)]
 pub struct Picture<'a> {
     /// Pixels per row.
@@ -12,12 +12,11 @@ pub struct Picture<'a> {
     pub height: usize,
     /// The samples.
     pub pixels: Pixels<'a>,
-    /// Whether luma runs 0..=255 (JPEG) rather than 16..=235 (video).
+    /// Whether black and white are 0 and 255 (JPEG) rather than 16 and 235 (video).
     pub full_range: bool,
 }
 
-/// The samples of a picture. Strides are in bytes. [`Picture::new`] checks the lengths once,
-/// so that each row and column inside the picture lies inside its slice.
+/// The samples of a picture. Strides are in bytes.
 #[derive(Debug, Clone, Copy)]
 pub enum Pixels<'a> {
     /// Packed 4:2:2, `Y0 Cb Y1 Cr`.
@@ -27,7 +26,7 @@ pub enum Pixels<'a> {
         /// Bytes from one row to the next.
         stride: usize,
     },
-    /// Luma plane, then one plane of interleaved `Cb Cr` at half size.
+    /// A luma plane, and a plane of interleaved `Cb Cr` of half the width and height.
     Nv12 {
         /// Luma rows.
         luma: &'a [u8],
@@ -36,7 +35,7 @@ pub enum Pixels<'a> {
         /// Bytes from one row to the next, in both planes.
         stride: usize,
     },
-    /// Three planes, the chroma ones smaller by powers of two (Motion-JPEG, y4m).
+    /// Three planes, of which the chroma planes are smaller by powers of two (Motion-JPEG, y4m).
     Planar {
         /// Luma, Cb, Cr.
         planes: [&'a [u8]; 3],
@@ -55,7 +54,7 @@ pub enum Pixels<'a> {
 }
 
 impl<'a> Picture<'a> {
-    /// `None` if a side is 0 or over [`MAX_SIDE_PX`], or if the samples do not reach to the last row and column.
+    /// Returns `None` if a side is 0 or longer than [`MAX_SIDE_PX`], or if the last row or column is not complete.
     #[must_use]
     pub fn new(width: usize, height: usize, pixels: Pixels<'a>, full_range: bool) -> Option<Self> {
         let sides = 1..=MAX_SIDE_PX;
@@ -65,7 +64,7 @@ impl<'a> Picture<'a> {
 }
 
 impl Pixels<'_> {
-    /// Whether `width` x `height` pixels are there.
+    /// Returns whether the samples of `width` x `height` pixels are complete.
     fn hold(&self, width: usize, height: usize) -> bool {
         match *self {
             Self::Yuyv { data, stride } => holds(data, stride, [4 * width.div_ceil(2), height]),
@@ -83,14 +82,14 @@ impl Pixels<'_> {
     }
 }
 
-/// Columns and rows of a chroma plane; `None` for a shift that no format has.
+/// Returns the columns and rows of a chroma plane, or `None` for a shift that no format has.
 fn chroma_size(size: [usize; 2], shift: [u8; 2]) -> Option<[usize; 2]> {
     let shrink = |side: usize, shift: u8| side.div_ceil(1 << shift);
     let [[width, height], [x, y]] = [size, shift.map(usize::from)];
     (x <= 2 && y <= 2).then(|| [shrink(width, shift[0]), shrink(height, shift[1])])
 }
 
-/// Whether `plane` has `rows` rows of `row_bytes`, `stride` apart; the last may end with its last sample.
+/// Returns whether `plane` has `rows` rows of `row_bytes`, which are `stride` apart. The last row needs no padding.
 fn holds(plane: &[u8], stride: usize, [row_bytes, rows]: [usize; 2]) -> bool {
     let before_last = stride.checked_mul(rows.saturating_sub(1));
     let needed = before_last.and_then(|bytes| bytes.checked_add(row_bytes));
@@ -109,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_reaches_its_last_row_and_column_or_is_refused() {
+    fn a_picture_without_its_last_row_or_column_is_refused() {
         assert!(Picture::new(5, 4, grey(29, 8), false).is_some());
         assert!(Picture::new(5, 4, grey(28, 8), false).is_none(), "last row one byte short");
         assert!(Picture::new(5, 4, grey(64, 4), false).is_none(), "rows overlap");
@@ -119,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn odd_widths_need_their_whole_last_chroma_pair() {
+    fn a_row_of_odd_width_needs_its_last_chroma_pair() {
         let yuyv = |stride| Pixels::Yuyv { data: &DATA, stride };
         assert!(Picture::new(3, 2, yuyv(8), false).is_some());
         assert!(Picture::new(3, 2, yuyv(7), false).is_none());

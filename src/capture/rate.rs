@@ -1,16 +1,16 @@
-//! Frames a second as the exact fraction that files and drivers state.
+//! Frame rates as the exact fractions that files and drivers state.
 
 use std::fmt;
 
-/// Slowest rate taken for real; below it a file's numbers are noise.
+/// Slowest rate that is believed. Files with a slower one hold arbitrary numbers.
 const MIN_FPS: f64 = 0.1;
-/// Fastest rate taken for real.
+/// Fastest rate that is believed.
 const MAX_FPS: f64 = 1000.0;
 
-/// Parts of a frame a second to which [`FrameRate::from_fps`] is exact.
+/// Denominator of the rates that [`FrameRate::from_fps`] returns.
 const PRECISION: u32 = 1_000_000;
 
-/// `frames` in `seconds`, between 0.1 and 1000 a second.
+/// A rate of `frames` in `seconds`, between 0.1 and 1000 frames per second.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameRate {
     frames: u32,
@@ -18,17 +18,17 @@ pub struct FrameRate {
 }
 
 impl FrameRate {
-    /// 30 frames a second.
+    /// 30 frames per second.
     pub const FPS_30: Self = Self { frames: 30, seconds: 1 };
 
-    /// `None` if that is no rate of a camera.
+    /// Returns `None` if the rate is not between 0.1 and 1000 frames per second.
     #[must_use]
     pub fn new(frames: u32, seconds: u32) -> Option<Self> {
         let rate = Self { frames, seconds };
         (frames > 0 && seconds > 0 && (MIN_FPS..=MAX_FPS).contains(&rate.fps())).then_some(rate)
     }
 
-    /// The rate nearest to `fps`; `None` if that is no rate of a camera.
+    /// Returns the rate nearest to `fps`, or `None` as [`FrameRate::new`].
     #[must_use]
     pub fn from_fps(fps: f64) -> Option<Self> {
         (MIN_FPS..=MAX_FPS).contains(&fps).then_some(())?;
@@ -37,25 +37,25 @@ impl FrameRate {
         Self::new(frames, PRECISION)
     }
 
-    /// Frames a second.
+    /// Frames per second.
     #[must_use]
     pub fn fps(self) -> f64 {
         f64::from(self.frames) / f64::from(self.seconds)
     }
 
-    /// Frames and the seconds they take.
+    /// Number of frames, and the seconds that they take.
     #[must_use]
     pub fn fraction(self) -> [u32; 2] {
         [self.frames, self.seconds]
     }
 
-    /// Time from one frame to the next, rounded down.
+    /// Time from one frame to the next in microseconds, rounded down.
     #[must_use]
     pub fn period_us(self) -> u64 {
         self.stamp_us(1)
     }
 
-    /// Time of frame `number` when frame 0 is at 0; exact to 1 microsecond however long the stream.
+    /// Time of frame `number` in microseconds after frame 0, exact to 1 microsecond for streams of any length.
     #[must_use]
     pub fn stamp_us(self, number: u64) -> u64 {
         let us = u128::from(number) * 1_000_000 * u128::from(self.seconds) / u128::from(self.frames);

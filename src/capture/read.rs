@@ -1,8 +1,8 @@
-//! What the readers of files share.
+//! Reading that several file formats share.
 
 use std::io::{self, Read};
 
-/// Fills `buffer` as far as the stream goes; says how far.
+/// Fills `buffer`, or its first part if the stream ends before. Returns the number of bytes.
 pub(super) fn fill(reader: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
     let mut filled = 0;
     while let Some(rest) = buffer.get_mut(filled..).filter(|rest| !rest.is_empty()) {

@@ -1,9 +1,8 @@
-//! The built-in clip as a camera with faults, so that links, receivers and this program can rehearse them.
+//! The built-in clip as a camera with faults, so that operators can rehearse how links and receivers behave then.
 //!
-//! A rehearsal is a script on a clock that begins when the first one is opened and runs on while there is no camera:
-//! what happens is a function of the script and the time alone. `live 5, gone 2` plays for 5 s, is unplugged for 2 s,
-//! and begins again; `random 7` is live every other 2 s and in between has a fault of random kind and length, the same
-//! for each 7.
+//! The clock of a rehearsal starts when the process first opens one, and keeps running while the camera is closed. What
+//! happens depends on the script and on this clock alone. `live 5, gone 2` plays for 5 s, is unplugged for 2 s, and
+//! repeats this. `random 7` has a fault of random kind and length in every other 2 s; the number seeds the generator.
 
 use std::sync::OnceLock;
 use std::thread::sleep;
@@ -14,7 +13,7 @@ use super::{
 };
 use crate::config::{Scene, Script};
 
-/// Length of a random scene, and of the live one after it.
+/// Length of a random scene, and of the live scene after it.
 const RANDOM_SCENE_US: u64 = 2_000_000;
 /// Shortest random fault.
 const SHORTEST_FAULT_US: u64 = 100_000;
@@ -22,7 +21,7 @@ const SHORTEST_FAULT_US: u64 = 100_000;
 const GREY: u8 = 128;
 
 impl Script {
-    /// The scene at a time since the beginning, and how long it goes on, microseconds.
+    /// Returns the scene at a time since the start, and how long it lasts from then on, both in microseconds.
     fn at(&self, elapsed_us: u64) -> (Scene, u64) {
         match self {
             Self::Scenes(scenes) => at(scenes, elapsed_us),
@@ -43,7 +42,7 @@ fn at(scenes: &[(Scene, u64)], elapsed_us: u64) -> (Scene, u64) {
     (Scene::Live, 0)
 }
 
-/// Odd scenes are live; even ones begin with a fault and are live for the rest.
+/// Odd scenes are live. Even scenes begin with a fault, and are live afterwards.
 fn random_at(seed: u64, elapsed_us: u64) -> (Scene, u64) {
     let (number, begun_us) = (elapsed_us / RANDOM_SCENE_US, elapsed_us % RANDOM_SCENE_US);
     let mut random = fastrand::Rng::with_seed(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ number);
@@ -67,10 +66,10 @@ pub struct Rehearsal {
 }
 
 impl Rehearsal {
-    /// Opens it, unless it is gone at present. A silent one has stalled after `timeout`.
+    /// Opens the camera of a rehearsal. A silent camera has stalled after `timeout`.
     ///
     /// # Errors
-    /// [`CaptureError::NotFound`] while it is gone, [`CaptureError::Decoder`] without memory.
+    /// [`CaptureError::NotFound`] while the camera is unplugged, [`CaptureError::Decoder`] without memory.
     pub fn open(script: Script, timeout: Duration) -> Result<Self, CaptureError> {
         static BEGUN_US: OnceLock<u64> = OnceLock::new();
         let begun_us = *BEGUN_US.get_or_init(monotonic_us);
@@ -137,7 +136,7 @@ impl Source for Rehearsal {
 }
 
 fn gone() -> CaptureError {
-    CaptureError::NotFound { wanted: "rehearsal".to_owned(), hint: "it is unplugged, as its script says".to_owned() }
+    CaptureError::NotFound { wanted: "rehearsal".to_owned(), hint: "its script has unplugged it for now".to_owned() }
 }
 
 #[cfg(test)]
@@ -152,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn scenes_follow_each_other_and_begin_again() {
+    fn scenes_follow_each_other_and_repeat() {
         let script = script("rehearsal: live 5, gone 2.5,no-face 1");
         assert_eq!(script.at(0), (Scene::Live, 5 * S));
         assert_eq!(script.at(5 * S - 1), (Scene::Live, 1));
@@ -162,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_random_rehearsal_has_every_scene_and_is_the_same_for_the_same_seed() {
+    fn a_random_rehearsal_has_every_scene_and_depends_on_its_seed() {
         let scenes = |seed| -> Vec<Scene> {
             let script = script(&format!("rehearsal: random {seed}"));
             (0..200).map(|number| script.at(number * RANDOM_SCENE_US).0).collect()
@@ -176,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn each_fault_comes_as_a_camera_would_tell_it() {
+    fn each_fault_looks_like_that_of_a_camera() {
         let play = |scene: &str| {
             let script = script(&format!("rehearsal: {scene} 60"));
             Rehearsal::open(script, Duration::from_millis(1))

@@ -1,27 +1,27 @@
-//! The chunks of a RIFF stream, one after the other, without seeking.
+//! Reads the chunks of a RIFF stream one after the other, without seeking.
 //!
-//! `RIFF` and `LIST` are reported and entered, whatever size they state: their content is chunks again. Only the end
-//! of the outermost one is kept, to tell a complete file from one that is cut between two chunks.
+//! A `RIFF` or a `LIST` holds chunks in turn. The reader reports it and continues with its content, whatever its size. It
+//! only remembers where a `RIFF` ends, to tell a complete file from one that is cut off between two chunks.
 
 use std::io::{self, Read};
 
 use super::CaptureError;
 use super::read::fill;
 
-/// Bytes that [`Riff::read_start`] returns.
+/// Number of bytes that [`Riff::read_start`] returns.
 pub const START_BYTES: usize = 64;
 
-/// What stands next in the stream.
+/// The next part of the stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Item {
-    /// A `RIFF` or `LIST` of this kind begins.
+    /// The beginning of a `RIFF` or `LIST`.
     List {
-        /// Its four characters.
+        /// Four characters that name its kind.
         kind: [u8; 4],
     },
-    /// A chunk; its content is to be read or skipped before the next item.
+    /// A chunk, whose content the caller reads or skips before the next item.
     Chunk {
-        /// Its four characters.
+        /// Four characters that name its kind.
         id: [u8; 4],
         /// Length of its content.
         bytes: u32,
@@ -31,9 +31,9 @@ pub enum Item {
 /// Why the stream stopped.
 #[derive(Debug)]
 pub enum Stop {
-    /// It ends before it should.
+    /// The stream is cut off.
     Cut {
-        /// Bytes there are.
+        /// Length of the stream in bytes.
         offset: u64,
     },
     /// Reading failed.
@@ -41,7 +41,7 @@ pub enum Stop {
 }
 
 impl Stop {
-    /// As the error of a file that was at frame `frame`.
+    /// Converts this into the error of a file that was cut off in frame `frame`.
     pub fn in_frame(self, frame: u64) -> CaptureError {
         match self {
             Self::Cut { offset } => CaptureError::CutShort { frame, offset },
@@ -55,26 +55,26 @@ impl Stop {
 pub struct Riff<R> {
     reader: R,
     offset: u64,
-    /// Where the present `RIFF` says it ends, if it does.
+    /// Offset at which the current `RIFF` ends, if it states a size.
     end: Option<u64>,
-    /// An odd chunk is followed by one byte of padding.
+    /// Whether a byte of padding comes next, as after a chunk of odd length.
     padding: bool,
 }
 
 impl<R> Riff<R> {
-    /// At the start of `reader`.
+    /// Starts at the current position of `reader`.
     pub fn new(reader: R) -> Self {
         Self { reader, offset: 0, end: None, padding: false }
     }
 
-    /// The stream ends here, too soon.
+    /// The error of a stream that is cut off here.
     pub fn cut(&self) -> Stop {
         Stop::Cut { offset: self.offset }
     }
 }
 
 impl<R: Read> Riff<R> {
-    /// The next list or chunk; `None` where the stream properly ends.
+    /// Reads the beginning of the next list or chunk. Returns `None` at the proper end of the stream.
     pub fn next_item(&mut self) -> Result<Option<Item>, Stop> {
         if std::mem::take(&mut self.padding) {
             self.skip(1)?;
@@ -89,7 +89,7 @@ impl<R: Read> Riff<R> {
         let (id, bytes) = ([a, b, c, d], u32::from_le_bytes(size));
         match &id {
             b"RIFF" => self.enter(Some(bytes)).map(Some),
-            // What follows the last RIFF is no part of it.
+            // Data behind the last RIFF is not part of the film.
             _ if complete && self.end.is_some() => Ok(None),
             b"LIST" => self.enter(None).map(Some),
             _ => {
@@ -99,7 +99,7 @@ impl<R: Read> Riff<R> {
         }
     }
 
-    /// Reads the kind of a list. A `RIFF` of 0 or the largest size was never finished: its end is not known.
+    /// Reads the kind of a list. A `RIFF` of size 0 or of the largest size was not finished, so its end is not known.
     fn enter(&mut self, riff_bytes: Option<u32>) -> Result<Item, Stop> {
         if let Some(bytes) = riff_bytes {
             let stated = bytes != 0 && bytes != u32::MAX;
@@ -110,7 +110,7 @@ impl<R: Read> Riff<R> {
         if got < kind.len() { Err(self.cut()) } else { Ok(Item::List { kind }) }
     }
 
-    /// The first bytes of a chunk, filled up with 0; the rest is skipped.
+    /// Returns the first bytes of a chunk, with zeros behind a shorter one, and skips the rest.
     pub fn read_start(&mut self, bytes: u32) -> Result<[u8; START_BYTES], Stop> {
         let mut start = [0; START_BYTES];
         let length = usize::try_from(bytes).map_or(START_BYTES, |bytes| bytes.min(START_BYTES));
@@ -118,19 +118,19 @@ impl<R: Read> Riff<R> {
         if self.skip(u64::from(bytes) - length as u64)? { Ok(start) } else { Err(self.cut()) }
     }
 
-    /// Reads as much of a chunk's content as `buffer` holds.
+    /// Fills `buffer` with the content of a chunk.
     pub fn read(&mut self, buffer: &mut [u8]) -> Result<(), Stop> {
         if self.fill(buffer)? == buffer.len() { Ok(()) } else { Err(self.cut()) }
     }
 
-    /// Passes over a chunk's content; `false` if it is cut off.
+    /// Skips the content of a chunk. Returns `false` if it is cut off.
     pub fn skip(&mut self, bytes: u64) -> Result<bool, Stop> {
         let passed = io::copy(&mut self.reader.by_ref().take(bytes), &mut io::sink()).map_err(Stop::Read)?;
         self.offset += passed;
         Ok(passed == bytes)
     }
 
-    /// Fills `buffer` as far as the stream goes.
+    /// Fills `buffer`, or its first part if the stream ends before. Returns the number of bytes.
     fn fill(&mut self, buffer: &mut [u8]) -> Result<usize, Stop> {
         let filled = fill(&mut self.reader, buffer).map_err(Stop::Read)?;
         self.offset += filled as u64;

@@ -1,9 +1,9 @@
-//! Pictures and files for the tests of this stage.
+//! Pictures and files for the tests of this module.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::trivially_copy_pass_by_ref)]
 
 use turbojpeg::{Compressor, Subsamp, YuvImage, yuv_pixels_len};
 
-/// A smooth picture: each plane is a slope of its own, so that a swapped or shifted plane shows.
+/// Returns a smooth picture. Each plane has another slope, so that tests notice a swapped or shifted plane.
 pub fn slopes(width: usize, height: usize, subsamp: Subsamp) -> YuvImage<Vec<u8>> {
     let length = yuv_pixels_len(width, 1, height, subsamp).unwrap();
     let mut image = YuvImage { pixels: vec![0; length], width, align: 1, height, subsamp };
@@ -21,14 +21,14 @@ pub fn slopes(width: usize, height: usize, subsamp: Subsamp) -> YuvImage<Vec<u8>
     image
 }
 
-/// [`slopes`] as a JPEG image of the best quality.
+/// Returns [`slopes`] as a JPEG image of the best quality.
 pub fn jpeg(width: usize, height: usize, subsamp: Subsamp) -> Vec<u8> {
     let mut compressor = Compressor::new().unwrap();
     compressor.set_quality(100).unwrap();
     compressor.compress_yuv_to_vec(slopes(width, height, subsamp).as_deref()).unwrap()
 }
 
-/// A chunk with its padding.
+/// Returns a chunk with its padding.
 pub fn chunk(id: &[u8; 4], content: &[u8]) -> Vec<u8> {
     let mut chunk = [&id[..], &u32::try_from(content.len()).unwrap().to_le_bytes(), content].concat();
     if content.len() % 2 == 1 {
@@ -37,12 +37,12 @@ pub fn chunk(id: &[u8; 4], content: &[u8]) -> Vec<u8> {
     chunk
 }
 
-/// A `LIST` or `RIFF`.
+/// Returns a `LIST` or `RIFF`.
 pub fn list(id: &[u8; 4], kind: &[u8; 4], chunks: &[Vec<u8>]) -> Vec<u8> {
     chunk(id, &[&kind[..], &chunks.concat()].concat())
 }
 
-/// The header list of a 30 fps film whose stream 0 is sound and stream 1 is video.
+/// Returns the header of a film of 30 frames per second, in which stream 0 is sound and stream 1 is video.
 pub fn avi_header(width: u32, height: u32, codec: &[u8; 4]) -> Vec<u8> {
     let sound = chunk(b"strh", &[&b"auds"[..], &[0; 52]].concat());
     let mut video = [&b"vids"[..], codec, &[0; 48]].concat();
@@ -59,7 +59,7 @@ pub fn avi_header(width: u32, height: u32, codec: &[u8; 4]) -> Vec<u8> {
     list(b"LIST", b"hdrl", &[vec![chunk(b"avih", &[0; 56])], streams.to_vec()].concat())
 }
 
-/// A complete file with sound between the frames and an index.
+/// Returns a complete file with an index, and with sound between the frames.
 pub fn avi(width: u32, height: u32, frames: &[Vec<u8>]) -> Vec<u8> {
     let chunks = frames.iter().flat_map(|frame| [chunk(b"01dc", frame), chunk(b"00wb", &[1, 2, 3])]);
     let movi = list(b"LIST", b"movi", &chunks.collect::<Vec<_>>());

@@ -1,9 +1,9 @@
 //! YUV4MPEG2 streams (`.y4m`, or standard input): uncompressed planes, 8 bits a sample.
 //!
-//! Contract: a stream that ends inside a frame is told from one that ends after a frame. The `y4m` crate reports both
-//! as the end, which is why the few lines of this format are read here.
+//! Contract: a stream that is cut off within a frame is an error, unlike the proper end of a stream. The `y4m` crate
+//! reports both as the end, which is why this module reads the format itself.
 //!
-//! Limits: 4:2:0, 4:2:2, 4:4:4, 4:1:1 and mono; interlacing is not undone; one frame in memory.
+//! Limits: 4:2:0, 4:2:2, 4:4:4, 4:1:1 and mono; pictures are not deinterlaced; one frame is in memory.
 
 mod header;
 
@@ -13,7 +13,7 @@ use self::header::Header;
 use super::read::fill;
 use super::{CaptureError, Content, Description, Frame, FrameRate, Picture, Source};
 
-/// Longest header line; real ones have under 100 bytes.
+/// Longest header line that is read. Usual ones have less than 100 bytes.
 const MAX_LINE_BYTES: usize = 1024;
 
 /// A y4m stream.
@@ -23,15 +23,15 @@ pub struct Y4mSource<R> {
     header: Header,
     origin: String,
     samples: Box<[u8]>,
-    /// Bytes read.
+    /// Number of bytes that were read.
     offset: u64,
-    /// Frames read.
+    /// Number of frames that were read.
     number: u64,
     ended: bool,
 }
 
 impl<R: Read> Y4mSource<R> {
-    /// Reads the header; `origin` is the name shown to the operator. `reader` should be buffered.
+    /// Reads the header. `origin` names the source to the operator. `reader` should be buffered.
     ///
     /// # Errors
     /// [`CaptureError::Y4m`] for other content, [`CaptureError::PictureSize`], [`CaptureError::Read`].
@@ -55,7 +55,7 @@ impl<R: Read> Y4mSource<R> {
         self
     }
 
-    /// Reads `FRAME`, its parameters and its samples; `false` at the end.
+    /// Reads `FRAME`, its parameters and its samples. Returns `false` at the end.
     fn read_frame(&mut self) -> Result<bool, CaptureError> {
         let mut line = [0; MAX_LINE_BYTES];
         let (line, ended) = read_line(&mut self.reader, &mut line)?;
@@ -84,7 +84,7 @@ impl<R: Read> Y4mSource<R> {
         Ok(true)
     }
 
-    /// Brings the next frame into `self.samples`; after the end or an error there is none.
+    /// Reads the next frame into `self.samples`. Returns `false` at the end, and after an error.
     fn advance(&mut self) -> Result<bool, CaptureError> {
         if self.ended {
             return Ok(false);
@@ -124,7 +124,7 @@ impl<R: Read> Source for Y4mSource<R> {
     }
 }
 
-/// Reads up to a line feed, which is left out; the flag says whether it came before the end and the limit.
+/// Reads a line without its line feed. The flag is `false` if the stream or `line` ended before the line feed.
 fn read_line<'a>(reader: &mut impl Read, line: &'a mut [u8]) -> Result<(&'a [u8], bool), CaptureError> {
     let mut length = 0;
     let mut byte = [0];

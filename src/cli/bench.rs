@@ -1,4 +1,4 @@
-//! `facewire bench`: how long each stage takes over a clip, and what the process needs.
+//! `facewire bench`: measures the duration of each stage over a clip, processor time and memory.
 
 mod chart;
 mod figures;
@@ -30,7 +30,7 @@ pub(super) struct BenchArgs {
     /// A .y4m or Motion-JPEG .avi file, or `demo`, the built-in clip.
     #[arg(default_value = DEMO)]
     input: String,
-    /// How often the input is played, after one time to warm up.
+    /// How often the input is played, after one round to warm up.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     /// One object on one line.
@@ -59,7 +59,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
     }
     let figures = Figures::new(&args.input, &samples, cpu_time().saturating_sub(begun));
-    // First the figures: they are there even if the drawing cannot be written.
+    // The figures come first, so that they are printed even if the drawing cannot be written.
     print(&if args.json { figures.json() } else { figures.table() })?;
     args.svg.as_ref().map_or(Ok(()), |path| chart::draw(path, &samples.whole))
 }
@@ -73,18 +73,14 @@ fn play(pipeline: &mut Pipeline, input: &str, samples: &mut Samples) -> Result<(
     pipeline.forget_face();
     loop {
         let begun = Instant::now();
-        let Some(frame) = next(source.as_mut())? else { return Ok(()) };
+        let Some(frame) = source.next()? else { return Ok(()) };
         samples.decode.push(begun.elapsed());
         samples.frames += 1;
         time_frame(pipeline, &frame, samples)?;
     }
 }
 
-fn next(source: &mut dyn Source) -> Result<Option<Frame<'_>>, Failure> {
-    Ok(source.next()?)
-}
-
-/// Runs one frame and takes down how long its stages took. A frame without a face is not counted.
+/// Processes one frame and records the durations of its stages, unless it has no solution.
 fn time_frame(pipeline: &mut Pipeline, frame: &Frame, samples: &mut Samples) -> Result<(), Failure> {
     let begun = Instant::now();
     match pipeline.process(frame) {
@@ -95,7 +91,7 @@ fn time_frame(pipeline: &mut Pipeline, frame: &Frame, samples: &mut Samples) -> 
     Ok(())
 }
 
-/// Processor time of this process so far.
+/// Processor time that this process has used.
 fn cpu_time() -> Duration {
     let time = clock_gettime(ClockId::ProcessCPUTime);
     let part = |value: i64| u64::try_from(value).unwrap_or(0);

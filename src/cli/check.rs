@@ -1,4 +1,4 @@
-//! `facewire check`: says of every part whether it works, before anything relies on it.
+//! `facewire check`: tries every part that the service needs, and reports which of them work.
 
 use clap::Args;
 
@@ -28,7 +28,7 @@ pub(super) struct CheckArgs {
     settings: SettingsArgs,
 }
 
-/// Checks everything, and fails with the first trouble found. Settings come first: bad ones touch no device.
+/// Checks all parts, and fails with the first error. Settings come first, so that bad settings touch no device.
 pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     print("settings  ok\n")?;
@@ -52,10 +52,10 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     first.map_or(Ok(()), Err)
 }
 
-/// Landmarks, and the size of the picture they lie in.
+/// Landmarks, and the size of the picture in which they were found.
 type Face = (Landmarks, [f32; 2]);
 
-/// Loads the networks and runs them on a frame of the built-in clip, whose face they must find.
+/// Loads the networks, and finds the face in the first frame of the built-in clip.
 fn clip_face(settings: &NetworkSettings) -> Result<Face, Failure> {
     let mut tracker = load_tracker(settings)?;
     let mut clip = Clip::once()?;
@@ -68,7 +68,7 @@ fn clip_face(settings: &NetworkSettings) -> Result<Face, Failure> {
     Ok((landmarks.clone(), [picture.width, picture.height].map(|side| side as f32)))
 }
 
-/// Loads the blendshape model, and solves the face of the built-in clip with it, if the networks found that.
+/// Loads the blendshape model, and solves the face of the built-in clip if the networks have found it.
 fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failure> {
     let mut solver = load_solver(&settings.solver)?;
     if let Some((landmarks, size_px)) = face {
@@ -79,7 +79,7 @@ fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failu
     Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })
 }
 
-/// Opens the camera and waits for a good frame.
+/// Opens the camera and waits for an intact frame.
 fn check_camera(settings: &CameraSettings) -> Result<String, Failure> {
     let mut camera = open_camera(settings)?;
     let described = camera.describe().to_string();

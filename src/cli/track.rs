@@ -1,4 +1,4 @@
-//! `facewire track`: the pipeline over a file, every frame, without a clock.
+//! `facewire track`: runs every frame of a file through the pipeline, in the file's own time.
 
 mod faces;
 mod rows;
@@ -29,7 +29,7 @@ Examples:
   facewire track talk.avi --landmarks talk.npy --out talk.csv
   facewire track talk.npy --fps 30 --stage raw";
 
-/// A line about the progress is written after so many frames.
+/// Number of frames after which the progress is reported.
 const PROGRESS_FRAMES: u64 = 1000;
 
 /// Arguments of `facewire track`.
@@ -64,11 +64,11 @@ pub(super) struct TrackArgs {
 /// A stage of the solver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Stage {
-    /// As the regression gives them.
+    /// Output of the regression.
     Raw,
     /// After the corrective terms.
     Corrected,
-    /// After smoothing: what is sent.
+    /// After smoothing, as the service sends them.
     Smoothed,
 }
 
@@ -88,7 +88,7 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
     };
     let begun = Instant::now();
     let outcome = track.all(args.neutral.as_ref());
-    // What was solved before the input failed is kept.
+    // The rows before an error of the input are kept.
     let tally = track.finish()?;
     if outcome.is_ok() || tally.frames > 0 {
         say(format_args!("{tally} in {:.1} s", begun.elapsed().as_secs_f64()));
@@ -122,11 +122,11 @@ impl Track {
         Face::next(&mut *self.source, &mut self.pipeline)
     }
 
-    /// Reads up to the end of the range, takes the mean of the faces in it as neutral, then solves what was read.
+    /// Reads up to the end of the range, takes the mean of the faces in the range as neutral, then solves all frames read.
     fn learn_neutral(&mut self, range: &Range<u64>) -> Result<(), Failure> {
         let mut mean = NeutralMean::default();
-        let mut waiting = Vec::new();
-        while waiting.last().is_none_or(|face: &Face| face.number + 1 < range.end) {
+        let mut read = Vec::new();
+        while read.last().is_none_or(|face: &Face| face.number + 1 < range.end) {
             let Some(face) = self.next()? else { break };
             let landmarks = face.landmarks.as_deref().filter(|_| range.contains(&face.number));
             match landmarks.map(normalise) {
@@ -134,18 +134,18 @@ impl Track {
                 Some(Err(_)) => self.pipeline.forget_face(),
                 None => {}
             }
-            waiting.push(face);
+            read.push(face);
         }
-        let read = waiting.last().map_or(0, |face| face.number + 1);
-        if read <= range.start {
+        let frames = read.last().map_or(0, |face| face.number + 1);
+        if frames <= range.start {
             return Err(Failure::data(format!(
-                "--neutral {}..{}: the input has {read} frames; give a range within them",
+                "--neutral {}..{}: the input has {frames} frames; give a range within them",
                 range.start, range.end
             )));
         }
         let refuse = |error| Failure::data(format!("--neutral {}..{}: {error}", range.start, range.end));
         self.pipeline.solver.profile.neutral = Some(mean.finish().map_err(refuse)?);
-        waiting.iter().try_for_each(|face| self.frame(face))
+        read.iter().try_for_each(|face| self.frame(face))
     }
 
     fn frame(&mut self, face: &Face) -> Result<(), Failure> {
@@ -159,7 +159,7 @@ impl Track {
         self.csv.write(&row)
     }
 
-    /// A frame with a solution is live; one without shows what the service would send.
+    /// The row of a frame. Without a solution it holds what the service would send.
     fn row(&mut self, face: &Face, solution: Option<&Solution>) -> Row {
         let pose = solution.map(Pose::from);
         let news = match &pose {
@@ -207,7 +207,7 @@ impl Stage {
     }
 }
 
-/// How many frames gave what.
+/// Numbers of frames.
 #[derive(Debug, Default)]
 struct Tally {
     frames: u64,

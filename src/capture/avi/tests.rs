@@ -15,7 +15,7 @@ fn open(bytes: &[u8]) -> Result<AviSource<&[u8]>, CaptureError> {
     AviSource::open(bytes, "film")
 }
 
-/// Numbers of the good frames, and the errors.
+/// Returns the numbers of the intact frames, and the errors.
 fn play(bytes: &[u8]) -> (Vec<u64>, Vec<CaptureError>) {
     let (mut numbers, mut errors) = (Vec::new(), Vec::new());
     let mut source = open(bytes).unwrap();
@@ -29,7 +29,7 @@ fn play(bytes: &[u8]) -> (Vec<u64>, Vec<CaptureError>) {
 }
 
 #[test]
-fn frames_of_the_video_stream_come_with_their_time() {
+fn frames_of_the_video_stream_carry_their_time() {
     let film = avi(16, 8, &[frame(), frame()]);
     let mut source = open(&film).unwrap();
     assert_eq!(source.describe().to_string(), "film: MJPEG 16x8 at 30 fps");
@@ -40,7 +40,7 @@ fn frames_of_the_video_stream_come_with_their_time() {
 }
 
 #[test]
-fn every_truncation_gives_the_frames_before_it_and_one_error_with_its_place() {
+fn every_truncation_gives_the_frames_before_it_and_one_error_with_its_offset() {
     let film = avi(16, 8, &[frame(), frame(), frame()]);
     let starts: Vec<_> = film.windows(4).enumerate().filter(|(_, id)| id == b"01dc").map(|(at, _)| at).collect();
     let movi = starts[0];
@@ -70,7 +70,7 @@ fn a_bad_frame_is_counted_and_the_next_one_follows() {
 }
 
 #[test]
-fn a_frame_too_large_for_its_picture_is_passed_over() {
+fn a_frame_that_is_too_large_is_skipped() {
     let huge = vec![0; 200_000];
     let (numbers, errors) = play(&avi(16, 8, &[huge.clone(), frame()]));
     assert_eq!(numbers, [1]);
@@ -87,7 +87,7 @@ fn a_dropped_frame_keeps_its_number_and_time() {
 }
 
 #[test]
-fn a_recording_whose_writer_was_stopped_is_read_to_its_end() {
+fn a_recording_without_sizes_is_read_to_its_end() {
     let mut film = avi(16, 8, &[frame(), frame()]);
     film[4..8].copy_from_slice(&[0; 4]);
     let movi = film.windows(4).position(|id| id == b"movi").unwrap();
@@ -98,7 +98,7 @@ fn a_recording_whose_writer_was_stopped_is_read_to_its_end() {
 }
 
 #[test]
-fn all_parts_of_an_opendml_film_are_read_and_what_follows_is_not() {
+fn all_parts_of_an_opendml_film_are_read_and_data_behind_them_is_not() {
     let mut film = avi(16, 8, &[frame()]);
     let groups = list(b"LIST", b"rec ", &[chunk(b"01dc", &frame()), chunk(b"01dc", &frame())]);
     film.extend(list(b"RIFF", b"AVIX", &[list(b"LIST", b"movi", &[groups])]));
@@ -120,7 +120,7 @@ fn other_files_are_refused_with_their_reason() {
 }
 
 #[test]
-fn no_damaged_byte_makes_a_panic_or_an_endless_film() {
+fn a_damaged_byte_causes_neither_a_panic_nor_an_endless_film() {
     let film = avi(16, 8, &[frame(), frame()]);
     for at in 0..film.len() {
         let mut damaged = film.clone();

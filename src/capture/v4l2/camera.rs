@@ -1,4 +1,4 @@
-//! A camera as a source: sets the mode, checks every buffer, keeps the pixels of the newest.
+//! A camera as a source: sets the mode, checks every buffer and keeps the pixels of the newest one.
 
 use std::path::Path;
 use std::time::Duration;
@@ -14,7 +14,7 @@ use super::mode::{Choice, Wish, choose};
 use super::select::{self, Selected};
 use super::stream::{Limits, Stream};
 
-/// Frame periods after which a frame that lay waiting is too old: the next one is nearer than it.
+/// Age, in frame periods, from which a frame that waited in a buffer is skipped. The next frame comes in less time.
 const STALE_PERIODS: u64 = 2;
 
 /// An open camera.
@@ -27,9 +27,9 @@ pub struct CameraSource {
 }
 
 impl CameraSource {
-    /// Opens the camera that `wanted` means: `auto` (the first with a usable mode), a path (`/dev/video0` or a link to
-    /// it), or a part of its name or of its links. Sets the mode nearest to `wish` and waits for the first frame, up
-    /// to 5 seconds; later frames must come within `timeout`.
+    /// Opens the camera that `wanted` names: `auto` (the first camera with a usable mode), a path (`/dev/video0` or a link
+    /// to it), or a part of the camera's name or of its links. Sets the mode that is nearest to `wish`. The first frame
+    /// must come within 5 seconds, and each later frame within `timeout`.
     ///
     /// # Errors
     /// [`CaptureError::NoCamera`], [`CaptureError::NotFound`], [`CaptureError::NotACamera`],
@@ -83,7 +83,7 @@ impl Source for CameraSource {
     }
 }
 
-/// Sets format and size, and reads back what the driver made of it.
+/// Sets format and size, and returns what the driver has set.
 fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
     let wanted = Format::new(choice.width, choice.height, FourCC::new(&choice.format.fourcc()));
     let set = device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))?;
@@ -93,7 +93,7 @@ fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, Ca
     })
 }
 
-/// Asks for a rate; the driver's answer, if it has one.
+/// Asks the driver for a rate. Returns the rate that it has set, if it says so.
 fn set_rate(device: &Device, rate: FrameRate) -> Option<FrameRate> {
     let [frames, seconds] = rate.fraction();
     let set = device.set_params(&Parameters::new(Fraction::new(seconds, frames))).ok()?.interval;

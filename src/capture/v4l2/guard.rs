@@ -1,7 +1,7 @@
-//! Keeps panics of the v4l crate within one camera.
+//! Converts panics of the v4l crate into errors of one camera.
 //!
-//! The crate panics on what it does not know: a field order that the kernel does not define, as the feeder of a
-//! v4l2loopback device may set one, a name that is not UTF-8, or buffers that the driver does not take back.
+//! The crate panics on unexpected values: a field order that the kernel does not define (the writer of a v4l2loopback
+//! device can set one), a name that is not UTF-8, or an error when buffers are given back.
 
 use std::any::Any;
 use std::cell::Cell;
@@ -12,16 +12,16 @@ use std::sync::Once;
 use super::super::CaptureError;
 
 thread_local! {
-    /// Whether a panic of this thread is an error that is told elsewhere.
+    /// Whether [`guarded`] reports a panic of this thread as an error.
     static GUARDED: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs `ask` on the device at `path`; a panic becomes an error and is not printed.
+/// Runs `ask` on the device at `path`. A panic becomes an error and is not printed.
 ///
 /// # Errors
-/// [`CaptureError::Driver`] in place of a panic, else those of `ask`.
+/// [`CaptureError::Driver`] for a panic, and the errors of `ask`.
 pub(super) fn guarded<T>(path: &Path, ask: impl FnOnce() -> Result<T, CaptureError>) -> Result<T, CaptureError> {
-    quieten();
+    silence_guarded_panics();
     let before = GUARDED.replace(true);
     let outcome = catch_unwind(AssertUnwindSafe(ask));
     GUARDED.set(before);
@@ -30,14 +30,14 @@ pub(super) fn guarded<T>(path: &Path, ask: impl FnOnce() -> Result<T, CaptureErr
     })
 }
 
-/// Leaves the panics of others to the hook that there is.
-fn quieten() {
+/// Installs a panic hook that ignores guarded panics, and passes all others to the previous hook.
+fn silence_guarded_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        let others = take_hook();
+        let previous = take_hook();
         set_hook(Box::new(move |info| {
             if !GUARDED.get() {
-                others(info);
+                previous(info);
             }
         }));
     });
@@ -45,7 +45,7 @@ fn quieten() {
 
 fn message(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("it does not say what")
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
 }
 
 #[cfg(test)]
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_panic_is_the_error_of_that_device_and_what_comes_after_is_not_guarded() {
+    fn a_panic_becomes_an_error_of_the_device_and_later_panics_are_not_guarded() {
         let outcome = guarded(Path::new("/dev/video7"), || -> Result<(), _> { panic!("Invalid field order: {}", 77) });
         let text = outcome.map_err(|error| error.to_string());
         assert!(text.is_err_and(|text| text.contains("/dev/video7") && text.contains("(Invalid field order: 77)")));
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_panic_passes_through() {
+    fn results_without_a_panic_are_returned_unchanged() {
         assert!(matches!(guarded(Path::new("/dev/video7"), || Ok(3)), Ok(3)));
         assert!(matches!(
             guarded(Path::new("/dev/video7"), || Err::<(), _>(CaptureError::Gone)),

@@ -1,4 +1,4 @@
-//! What a driver has set, and where the pixels of the newest frame are kept.
+//! The layout of frames that a driver has set, and the memory for the newest frame.
 
 use v4l::Format;
 use v4l::format::{Colorspace, Quantization};
@@ -6,7 +6,7 @@ use v4l::format::{Colorspace, Quantization};
 use super::super::{CaptureError, FrameFault, JpegDecoder, MAX_SIDE_PX, Picture, Pixels};
 use super::mode::PixelFormat;
 
-/// What the driver has set.
+/// The layout of a camera's frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
     /// Pixel format.
@@ -17,28 +17,28 @@ pub struct Layout {
     pub height: usize,
     /// Bytes from one row to the next.
     pub stride: usize,
-    /// Whether raw luma runs 0..=255.
+    /// Whether black and white are 0 and 255 in raw frames, rather than 16 and 235.
     pub full_range: bool,
 }
 
-/// Where the pixels of the newest frame are kept.
+/// The pixels of the newest frame.
 pub enum Store {
-    /// As the camera sent them.
+    /// The bytes that the camera sent.
     Raw(Box<[u8]>),
-    /// Decoded.
+    /// A decoded JPEG image.
     Jpeg(JpegDecoder),
 }
 
 impl Layout {
-    /// The layout of a format that is read. Without a word on the range, the kernel's rule: limited
-    /// but for grey and for JPEG colour.
+    /// The layout of the format that a driver has set; `None` if it is not supported. If the driver does not state the
+    /// range of luma, the kernel's rule applies: full for grey and for the JPEG colour space, limited for all others.
     #[must_use]
     pub fn of(set: &Format) -> Option<Self> {
         let format = PixelFormat::of(set.fourcc.repr)?;
         let [width, height, stride] = [set.width, set.height, set.stride].map(|number| number as usize);
         let row_bytes = match format {
             PixelFormat::Yuyv => 4 * width.div_ceil(2),
-            // The chroma rows are as far apart, and hold whole pairs.
+            // Chroma rows have the same stride as luma rows, and hold whole pairs.
             PixelFormat::Nv12 => 2 * width.div_ceil(2),
             _ => width,
         };
@@ -54,7 +54,7 @@ impl Layout {
         fits.then_some(Self { format, width, height, stride, full_range })
     }
 
-    /// Bytes of a raw frame.
+    /// Number of bytes of a raw frame.
     fn bytes(&self) -> usize {
         let chroma_rows = if self.format == PixelFormat::Nv12 { self.height.div_ceil(2) } else { 0 };
         self.stride * (self.height + chroma_rows)
@@ -62,7 +62,7 @@ impl Layout {
 }
 
 impl Store {
-    /// Room for one frame.
+    /// Takes the memory for one frame.
     ///
     /// # Errors
     /// Those of [`JpegDecoder::new`].
@@ -73,10 +73,10 @@ impl Store {
         }
     }
 
-    /// Copies or decodes the buffer, which then goes back to the driver.
+    /// Copies or decodes a frame, so that its buffer can go back to the driver.
     ///
     /// # Errors
-    /// [`FrameFault::Incomplete`] for a raw frame that is too short, else those of [`JpegDecoder::decode`].
+    /// [`FrameFault::Incomplete`] for a raw frame that is too short, and the errors of [`JpegDecoder::decode`].
     pub fn keep(&mut self, bytes: &[u8], layout: &Layout) -> Result<(), FrameFault> {
         match self {
             Self::Jpeg(decoder) => decoder.decode(bytes),
@@ -87,7 +87,7 @@ impl Store {
         }
     }
 
-    /// The frame kept last.
+    /// Returns the frame that was kept last.
     #[must_use]
     pub fn picture(&self, layout: &Layout) -> Option<Picture<'_>> {
         let data = match self {
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_raw_frame_is_kept_whole_or_refused_when_it_is_short() {
+    fn a_raw_frame_that_is_too_short_is_refused() {
         for (fourcc, stride, bytes) in [(*b"YUYV", 12, 48), (*b"YUYV", 16, 64), (*b"NV12", 8, 48), (*b"GREY", 0, 24)] {
             assert_eq!(kept(fourcc, stride, bytes), Ok(()));
             assert_eq!(kept(fourcc, stride, bytes + 100), Ok(()), "padding behind it");
@@ -141,7 +141,7 @@ mod tests {
     fn a_row_of_odd_width_has_room_for_its_last_chroma_pair() {
         let odd = |fourcc: &[u8; 4], stride| Layout::of(&Format { stride, ..Format::new(5, 3, FourCC::new(fourcc)) });
         for (fourcc, row_bytes) in [(b"NV12", 6), (b"YUYV", 12)] {
-            assert_eq!(odd(fourcc, row_bytes - 1), None, "no picture would ever come of it");
+            assert_eq!(odd(fourcc, row_bytes - 1), None, "it cannot hold a picture");
             for stride in [0, row_bytes] {
                 let layout = odd(fourcc, stride).unwrap();
                 let mut store = Store::new(&layout).unwrap();
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_driver_set_instead_is_refused_unless_it_can_be_read() {
+    fn an_unsupported_layout_is_refused() {
         assert_eq!(Layout::of(&format(*b"RGB3", 18)), None);
         assert_eq!(Layout::of(&format(*b"YUYV", 11)), None, "rows overlap");
         assert_eq!(Layout::of(&Format::new(5000, 4, FourCC::new(b"GREY"))), None);

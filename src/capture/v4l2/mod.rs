@@ -1,10 +1,12 @@
 //! Cameras of the kernel's `Video4Linux2` interface.
 //!
-//! Flow: `probe` lists the cameras, `select` finds the one a setting means, `mode` picks from the camera's own
-//! list, `stream` waits for the newest buffer, and [`CameraSource`] checks it and keeps its pixels.
+//! `probe` lists the cameras, `select` finds the camera that a setting means, `mode` chooses among the modes that this
+//! camera offers, and `stream` waits for the newest buffer, whose pixels [`CameraSource`] checks and keeps.
 //!
-//! Contract: any error but a damaged frame ends the source; drop it and open it again. Nothing here panics when a
-//! camera is pulled out or its driver gives nonsense (`guard`). Limits: single-planar capture in YUYV, NV12, GREY and Motion-JPEG.
+//! Contract: every error except a damaged frame ends the source, which must then be closed and opened again. Unplugged
+//! cameras and faulty drivers cause errors, never panics (`guard`).
+//!
+//! Limits: single-planar capture in YUYV, NV12, GREY and Motion-JPEG.
 
 mod camera;
 mod guard;

@@ -1,32 +1,33 @@
-//! Choosing from the modes a camera offers.
+//! Chooses among the modes that a camera offers.
 
 use std::fmt;
 
 use super::super::FrameRate;
 
-/// Share of the wished rate that counts as reaching it: 29.97 passes for 30.
+/// Share of the wanted rate that is fast enough, so that 29.97 counts as 30.
 const RATE_TOLERANCE: f64 = 0.98;
 
-/// The pixel formats that are read.
+/// The pixel formats that are supported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PixelFormat {
     /// Packed 4:2:2.
     Yuyv,
-    /// Luma plane and interleaved chroma plane, 4:2:0.
+    /// A luma plane and a plane of interleaved chroma, 4:2:0.
     Nv12,
     /// Motion-JPEG.
     Mjpeg,
-    /// Separate JPEG images; the same to us.
+    /// Separate JPEG images, which are decoded like Motion-JPEG.
     Jpeg,
     /// Luma only.
     Grey,
 }
 
 impl PixelFormat {
-    /// In order of preference. Raw formats need no decoding; grey comes last, because the networks learnt in colour.
+    /// All formats in order of preference. Raw formats come first because they need no decoding, and grey comes last
+    /// because the networks were trained on colour.
     pub const ALL: [Self; 5] = [Self::Yuyv, Self::Nv12, Self::Mjpeg, Self::Jpeg, Self::Grey];
 
-    /// The kernel's four characters.
+    /// The four characters by which the kernel names the format.
     #[must_use]
     pub const fn fourcc(self) -> [u8; 4] {
         match self {
@@ -38,13 +39,13 @@ impl PixelFormat {
         }
     }
 
-    /// The format of these four characters.
+    /// The format that the kernel names by these four characters.
     #[must_use]
     pub fn of(fourcc: [u8; 4]) -> Option<Self> {
         Self::ALL.into_iter().find(|format| format.fourcc() == fourcc)
     }
 
-    /// The name used in settings.
+    /// The name of the format in settings.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -56,32 +57,32 @@ impl PixelFormat {
         }
     }
 
-    /// The format of this name, in capitals or not.
+    /// The format with this name, in upper or lower case.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|format| format.name().eq_ignore_ascii_case(name))
     }
 }
 
-/// Values from `min` to `max`, `step` apart; a single one has `min == max`.
+/// Values from `min` to `max` in steps of `step`. A single value has `min == max`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Steps {
-    /// Smallest.
+    /// Smallest value.
     pub min: u32,
-    /// Largest.
+    /// Largest value.
     pub max: u32,
-    /// Distance, 0 if there is one value.
+    /// Difference between neighbouring values; 0 for a single value.
     pub step: u32,
 }
 
 impl Steps {
-    /// One value.
+    /// A single value.
     #[must_use]
     pub const fn one(value: u32) -> Self {
         Self { min: value, max: value, step: 0 }
     }
 
-    /// The smallest value that is at least `wish`, else the largest there is.
+    /// The smallest value that is at least `wish`, or else the largest value.
     #[must_use]
     pub fn at_least(self, wish: u32) -> u32 {
         let step = self.step.max(1);
@@ -91,12 +92,12 @@ impl Steps {
     }
 }
 
-/// Frame rates from `slowest` to `fastest`; a single one has both alike.
+/// Frame rates from `slowest` to `fastest`. A single rate has `slowest == fastest`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rates {
-    /// Fewest frames a second.
+    /// Slowest rate.
     pub slowest: FrameRate,
-    /// Most frames a second.
+    /// Fastest rate.
     pub fastest: FrameRate,
 }
 
@@ -113,7 +114,7 @@ impl Rates {
     }
 }
 
-/// A format with its sizes, and the rates it has at its largest size.
+/// A pixel format with its sizes, and the rates at its largest size.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mode {
     /// Pixel format.
@@ -122,24 +123,24 @@ pub struct Mode {
     pub width: Steps,
     /// Rows.
     pub height: Steps,
-    /// Frames a second; empty if the driver does not say.
+    /// Frame rates. Empty if the driver does not list them.
     pub rates: Vec<Rates>,
 }
 
-/// What is wanted of a camera.
+/// The mode that the settings ask for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wish {
     /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Frames a second.
+    /// Frame rate.
     pub rate: FrameRate,
-    /// Only this format, if given.
+    /// The only acceptable format; `None` accepts all.
     pub format: Option<PixelFormat>,
 }
 
-/// One mode to set.
+/// The mode to set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Choice {
     /// Pixel format.
@@ -148,12 +149,13 @@ pub struct Choice {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Frames a second, if the driver says which there are.
+    /// Frame rate, if the driver lists its rates.
     pub rate: Option<FrameRate>,
 }
 
-/// The mode that serves `wish` best: first one that is fast enough, then one at least as large with the fewest pixels
-/// beyond (else the largest), then the cheapest format, then the rate nearest above. `None` if no mode has the format.
+/// Returns the best mode for `wish`, or `None` if no mode has the wanted format. The criteria are, in this order: the mode
+/// is fast enough; it is at least as large as wanted; its number of pixels is nearest to the wanted one; its format comes
+/// first in [`PixelFormat::ALL`]; its rate is nearest to the wanted one.
 #[must_use]
 pub fn choose(modes: &[Mode], wish: &Wish) -> Option<Choice> {
     let candidates = modes.iter().filter(|mode| wish.format.is_none_or(|format| format == mode.format));
@@ -161,7 +163,7 @@ pub fn choose(modes: &[Mode], wish: &Wish) -> Option<Choice> {
 }
 
 impl Mode {
-    /// This mode at the size nearest to the wish, once for each of its rates.
+    /// The mode at its best size for the wish, once for each range of rates.
     fn choices(&self, wish: &Wish) -> impl Iterator<Item = Choice> {
         let (width, height) = (self.width.at_least(wish.width), self.height.at_least(wish.height));
         let at = move |format, rate| Choice { format, width, height, rate };
@@ -172,7 +174,8 @@ impl Mode {
 }
 
 impl Choice {
-    /// Smaller is better, compared from left to right. A rate that the driver does not tell is taken for the wish.
+    /// The criteria of [`choose`] from left to right, of which smaller values are better. A rate that the driver does not
+    /// list counts as the wanted one.
     fn cost(&self, wish: &Wish) -> [u64; 5] {
         let (fps, wanted) = (self.rate.unwrap_or(wish.rate).fps(), wish.rate.fps());
         let short = if fps >= RATE_TOLERANCE * wanted { 0 } else { millihertz(wanted - fps) };
@@ -184,7 +187,7 @@ impl Choice {
     }
 }
 
-/// For comparing only. Rates lie between 0.1 and 1000.
+/// Converts a rate between 0.1 and 1000 Hz into a number that can be ordered.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 fn millihertz(hertz: f64) -> u64 {
     (hertz * 1000.0).round() as u64
@@ -212,7 +215,7 @@ impl fmt::Display for Rates {
     }
 }
 
-/// `YUYV 640x480 at 30 fps, 15 fps`.
+/// Printed as `YUYV 640x480 at 30 fps, 15 fps`.
 impl fmt::Display for Mode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}x{}", self.format, self.width, self.height)?;

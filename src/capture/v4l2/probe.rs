@@ -1,4 +1,4 @@
-//! Which cameras there are, and what they offer.
+//! Lists the cameras of this machine and the modes that they offer.
 
 use std::fs;
 use std::io;
@@ -15,21 +15,21 @@ use super::super::{CaptureError, FrameRate};
 use super::guard::guarded;
 use super::mode::{Mode, PixelFormat, Rates, Steps, Wish};
 
-/// The kernel's number for video devices.
+/// The kernel's major number of video devices.
 const VIDEO_MAJOR: u32 = 81;
-/// Folders of links that stay the same when nodes are renumbered.
+/// Folders of links to the nodes. A link keeps its name when its node gets another number.
 const LINK_FOLDERS: [&str; 2] = ["/dev/v4l/by-id", "/dev/v4l/by-path"];
 
-/// A camera and what it offers in formats that are read.
+/// A camera with its modes in the supported formats.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Camera {
-    /// `/dev/videoN`.
+    /// The device node, `/dev/videoN`.
     pub node: PathBuf,
-    /// The name it gives itself.
+    /// Name that the camera gives itself.
     pub card: String,
-    /// Its kernel driver.
+    /// Name of the kernel driver.
     pub driver: String,
-    /// Stable paths, by-id before by-path.
+    /// Links to the node, by-id before by-path.
     pub links: Vec<PathBuf>,
     /// Formats, sizes and rates.
     pub modes: Vec<Mode>,
@@ -38,26 +38,26 @@ pub struct Camera {
 /// The outcome of a search.
 #[derive(Debug, Default)]
 pub struct Found {
-    /// Cameras by the number of their node.
+    /// Cameras in order of the numbers of their nodes.
     pub cameras: Vec<Camera>,
-    /// Video devices that could not be looked at, for lack of permission or because they fail.
+    /// Errors of the video devices that could not be examined, such as a missing permission.
     pub refused: Vec<CaptureError>,
 }
 
 impl Camera {
-    /// The error of a wish for a format that it does not have.
+    /// The error for a wish that no mode of this camera meets.
     pub(super) fn lacks(&self, wish: &Wish) -> CaptureError {
         let mut offered: Vec<_> = self.modes.iter().map(|mode| mode.format.name()).collect();
         offered.dedup();
         CaptureError::ModeLacking {
             path: self.node.display().to_string(),
             wanted: wish.format.map_or("YUYV, NV12, MJPEG, JPEG or GREY", PixelFormat::name),
-            offered: if offered.is_empty() { "none that is read".to_owned() } else { offered.join(", ") },
+            offered: if offered.is_empty() { "none that is supported".to_owned() } else { offered.join(", ") },
         }
     }
 }
 
-/// Looks at every video device. Those that do not capture (metadata, output, converters) are left out.
+/// Examines every video device. Devices that do not capture pictures (metadata, output, converters) are left out.
 #[must_use]
 pub fn cameras() -> Found {
     let mut found = Found::default();
@@ -71,21 +71,21 @@ pub fn cameras() -> Found {
     found
 }
 
-/// Opens `path` and asks what it is.
+/// Opens the camera at `path` and lists its modes.
 ///
 /// # Errors
 /// [`CaptureError::NotFound`], [`CaptureError::NotACamera`], [`CaptureError::Driver`], and those of
 /// [`CaptureError::device`].
 pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
-    guarded(path, || look_at(path))
+    guarded(path, || examine(path))
 }
 
-fn look_at(path: &Path) -> Result<(Camera, Device), CaptureError> {
+fn examine(path: &Path) -> Result<(Camera, Device), CaptureError> {
     let fail = |during| move |error| CaptureError::device(path, during, error);
     let node = video_node(path)?;
     let device = Device::with_path(&node).map_err(fail("opening it"))?;
     let (card, driver, captures) = identity(&device, &node).map_err(fail("asking what it is"))?;
-    // A camera of other formats is a camera, without a mode that is read.
+    // A camera that offers only unsupported formats is listed without modes.
     if !captures || device.format().is_err() {
         return Err(not_a_camera(path));
     }
@@ -93,8 +93,8 @@ fn look_at(path: &Path) -> Result<(Camera, Device), CaptureError> {
     Ok((camera, device))
 }
 
-/// Where `path` leads, if that is a video device. It is looked at before it is opened: opening a serial port would
-/// reset what hangs on it.
+/// Returns the node to which `path` leads, if it is a video device. This is checked before the node is opened, because
+/// opening a serial port by mistake would reset the board behind it.
 fn video_node(path: &Path) -> Result<PathBuf, CaptureError> {
     let fail = |error| CaptureError::device(path, "looking for it", error);
     let node = fs::canonicalize(path).map_err(fail)?;
@@ -107,7 +107,7 @@ fn not_a_camera(path: &Path) -> CaptureError {
     CaptureError::NotACamera { path: path.display().to_string() }
 }
 
-/// `/dev/videoN` by number.
+/// Returns all `/dev/videoN` in order of their numbers.
 fn nodes() -> Vec<PathBuf> {
     let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("video")?.parse::<u32>().ok();
     let mut nodes: Vec<_> = entries("/dev").filter(|path| number(path).is_some()).collect();
@@ -118,7 +118,7 @@ fn nodes() -> Vec<PathBuf> {
 fn links(node: &Path) -> Vec<PathBuf> {
     let leads_here = |link: &PathBuf| fs::canonicalize(link).is_ok_and(|target| target == node);
     let mut links: Vec<_> = LINK_FOLDERS.into_iter().flat_map(entries).filter(leads_here).collect();
-    // By folder first: `by-id` names the camera itself, `by-path` the socket it is in.
+    // This puts `by-id`, which names the camera, before `by-path`, which names the socket.
     links.sort();
     links
 }
@@ -127,10 +127,10 @@ fn entries(folder: &str) -> impl Iterator<Item = PathBuf> {
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
 }
 
-/// Card, driver, and whether it captures pictures by streaming.
+/// Returns the names of the camera and of its driver, and whether the device captures pictures by streaming.
 ///
-/// The v4l crate panics on a card name that is not UTF-8, as one is that the kernel cut within a character. Such a
-/// device is not asked; its list of formats then tells whether it captures.
+/// The v4l crate panics on a camera's name that is not UTF-8, for example because the kernel has cut it within a
+/// character. The capabilities of such a device are not queried; its formats decide whether it captures.
 fn identity(device: &Device, node: &Path) -> io::Result<(String, String, bool)> {
     let name = Path::new("/sys/class/video4linux").join(node.file_name().unwrap_or_default()).join("name");
     if let Some(card) = fs::read(name).ok().filter(|card| std::str::from_utf8(card).is_err()) {
@@ -148,7 +148,7 @@ fn modes(device: &Device) -> Vec<Mode> {
     formats.into_iter().flat_map(|format| modes_of(device, format)).collect()
 }
 
-/// The sizes of one format. A driver that lists none has the size that is set.
+/// Returns a mode for each size of a format. A driver that lists no sizes offers the size that is set.
 fn modes_of(device: &Device, format: PixelFormat) -> Vec<Mode> {
     let fourcc = FourCC::new(&format.fourcc());
     let sizes = device.enum_framesizes(fourcc).unwrap_or_default();
@@ -185,7 +185,7 @@ fn rates_of(interval: &FrameIntervalEnum) -> Option<Rates> {
         FrameIntervalEnum::Discrete(interval) => rate(interval).map(|rate| Rates { slowest: rate, fastest: rate }),
         FrameIntervalEnum::Stepwise(steps) => {
             let fastest = rate(&steps.min)?;
-            // The longest interval is often beyond all reason; the shortest is what counts.
+            // Many drivers state an absurd longest interval.
             Some(Rates { slowest: rate(&steps.max).unwrap_or(fastest), fastest })
         }
     }
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_missing_mode_is_reported_with_what_there_is() {
+    fn a_missing_format_is_reported_with_the_offered_ones() {
         let camera = Camera {
             node: "/dev/video7".into(),
             card: "Old camera".to_owned(),
@@ -206,6 +206,9 @@ mod tests {
         };
         let wish = Wish { width: 1, height: 1, rate: FrameRate::FPS_30, format: Some(PixelFormat::Nv12) };
         let text = camera.lacks(&wish).to_string();
-        assert!(text.contains("/dev/video7") && text.contains("NV12") && text.contains("none that is read"), "{text}");
+        assert!(
+            text.contains("/dev/video7") && text.contains("NV12") && text.contains("none that is supported"),
+            "{text}"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! Which camera a setting means.
+//! Finds the camera that a setting names.
 
 use std::path::{Path, PathBuf};
 
@@ -8,19 +8,20 @@ use super::super::CaptureError;
 use super::mode::{Wish, choose};
 use super::probe::{Camera, Found, cameras, probe};
 
-/// The setting that leaves the choice to the program.
+/// The setting that selects the first usable camera.
 const AUTO: &str = "auto";
 
-/// A camera that a setting means.
+/// The camera that a setting names.
 pub(super) struct Selected {
     pub(super) camera: Camera,
     pub(super) device: Device,
-    /// Its name and node, for the operator, and what else is called so.
+    /// Name and node for the operator, with the other cameras that the setting fits.
     pub(super) origin: String,
 }
 
-/// Finds and opens the camera that `wanted` means: `auto` (the first with a usable mode), a path (`/dev/video0` or a
-/// link to it), or a part of its name or of its links, in capitals or not (the first with a usable mode that has it).
+/// Finds and opens the camera that `wanted` names: `auto` (the first camera with a usable mode), a path (`/dev/video0` or a
+/// link to it), or a part of the camera's name or of its links, in upper or lower case. If several cameras have such a
+/// name, the first with a usable mode is opened.
 ///
 /// # Errors
 /// [`CaptureError::NoCamera`], [`CaptureError::NotFound`], [`CaptureError::NotACamera`],
@@ -40,19 +41,19 @@ pub(super) fn open(wanted: &str, wish: &Wish) -> Result<Selected, CaptureError> 
     }
 }
 
-/// The camera that is meant, and the nodes of others that are called so too. One without a usable mode is taken only
-/// if there is no other: many webcams have a second device of the same name.
+/// Returns the camera that is named, and the nodes of the other usable cameras with such a name. A camera without a usable
+/// mode is selected only if no other has such a name, because many webcams have a second device of the same name.
 fn pick<'a>(cameras: &'a [Camera], wanted: &str, wish: &Wish) -> Option<(&'a Camera, Vec<PathBuf>)> {
     let mut usable = cameras.iter().filter(|camera| choose(&camera.modes, wish).is_some());
     if wanted == AUTO {
         return usable.next().map(|camera| (camera, Vec::new()));
     }
-    let mut called = usable.filter(|camera| camera.is_called(wanted));
-    let first = called.next().or_else(|| cameras.iter().find(|camera| camera.is_called(wanted)))?;
-    Some((first, called.map(|camera| camera.node.clone()).collect()))
+    let mut named = usable.filter(|camera| camera.is_named(wanted));
+    let first = named.next().or_else(|| cameras.iter().find(|camera| camera.is_named(wanted)))?;
+    Some((first, named.map(|camera| camera.node.clone()).collect()))
 }
 
-/// Why none of `cameras` serves.
+/// The error if none of `cameras` can be selected.
 fn missing(cameras: &[Camera], wanted: &str, wish: &Wish) -> CaptureError {
     let Some(first) = cameras.first() else {
         return CaptureError::NoCamera;
@@ -64,7 +65,7 @@ fn missing(cameras: &[Camera], wanted: &str, wish: &Wish) -> CaptureError {
     CaptureError::NotFound { wanted: wanted.to_owned(), hint: format!("there is {}", names.join(", ")) }
 }
 
-/// Name and node of a camera, and how to tell it from its rivals.
+/// Describes a camera to the operator, and tells how to distinguish it from `rivals`.
 fn origin(camera: &Camera, rivals: &[PathBuf]) -> String {
     let (card, node) = (&camera.card, camera.node.display());
     if rivals.is_empty() {
@@ -72,18 +73,18 @@ fn origin(camera: &Camera, rivals: &[PathBuf]) -> String {
     }
     let rivals: Vec<_> = rivals.iter().map(|rival| rival.display().to_string()).collect();
     let rivals = rivals.join(", ");
-    // The last is by the socket it is in, which tells twins apart.
+    // The last link names the socket, and so distinguishes cameras of the same model.
     let remedy = camera.links.last().map_or("a path".to_owned(), |link| format!("\"{}\"", link.display()));
     format!("{card} ({node}, but the name fits {rivals} too: set camera.device = {remedy} to keep to this one)")
 }
 
 impl Camera {
-    /// Whether `part` stands in its name or in the name of one of its links.
-    fn is_called(&self, part: &str) -> bool {
+    /// Returns whether the name of the camera or of one of its links contains `part`.
+    fn is_named(&self, part: &str) -> bool {
         let part = part.to_lowercase();
         let links = self.links.iter().filter_map(|link| link.file_name()).map(|name| name.to_string_lossy());
-        let named = |name: &str| name.to_lowercase().contains(&part);
-        named(&self.card) || links.into_iter().any(|name| named(&name))
+        let fits = |name: &str| name.to_lowercase().contains(&part);
+        fits(&self.card) || links.into_iter().any(|name| fits(&name))
     }
 }
 
@@ -116,28 +117,28 @@ mod tests {
         ]
     }
 
-    fn picked(wanted: &str, wish: &Wish) -> Option<String> {
+    fn selected(wanted: &str, wish: &Wish) -> Option<String> {
         let cameras = three();
         pick(&cameras, wanted, wish).map(|(camera, _)| camera.node.display().to_string())
     }
 
     #[test]
-    fn auto_takes_the_first_camera_with_a_usable_mode() {
-        assert_eq!(picked("auto", &WISH).as_deref(), Some("/dev/video2"));
+    fn auto_selects_the_first_camera_with_a_usable_mode() {
+        assert_eq!(selected("auto", &WISH).as_deref(), Some("/dev/video2"));
         let grey = Wish { format: Some(PixelFormat::Grey), ..WISH };
-        assert_eq!(picked("auto", &grey).as_deref(), Some("/dev/video4"));
-        assert_eq!(picked("auto", &Wish { format: Some(PixelFormat::Nv12), ..WISH }), None);
+        assert_eq!(selected("auto", &grey).as_deref(), Some("/dev/video4"));
+        assert_eq!(selected("auto", &Wish { format: Some(PixelFormat::Nv12), ..WISH }), None);
     }
 
     #[test]
-    fn a_part_of_the_name_or_of_a_link_is_enough() {
-        assert_eq!(picked("c615", &WISH).as_deref(), Some("/dev/video2"));
-        assert_eq!(picked("usb-Infrared_", &WISH).as_deref(), Some("/dev/video4"));
-        assert_eq!(picked("C920", &WISH), None);
+    fn a_part_of_the_name_or_of_a_link_selects_the_camera() {
+        assert_eq!(selected("c615", &WISH).as_deref(), Some("/dev/video2"));
+        assert_eq!(selected("usb-Infrared_", &WISH).as_deref(), Some("/dev/video4"));
+        assert_eq!(selected("C920", &WISH), None);
     }
 
     #[test]
-    fn of_two_cameras_of_a_name_the_first_that_is_usable_is_taken_and_the_others_are_told() {
+    fn of_several_cameras_of_one_name_the_first_usable_one_is_selected_and_the_others_are_named() {
         let mut cameras = three();
         cameras.insert(0, camera("/dev/video1", "HD Webcam C615", &[]));
         cameras.push(camera("/dev/video6", "HD Webcam C615", &[PixelFormat::Yuyv]));
@@ -147,12 +148,12 @@ mod tests {
             (Path::new("/dev/video2"), &[PathBuf::from("/dev/video6")][..])
         );
         let (unusable, _) = pick(&cameras[..1], "C615", &WISH).unwrap();
-        assert_eq!(unusable.node, Path::new("/dev/video1"), "its format is what is told then");
+        assert_eq!(unusable.node, Path::new("/dev/video1"), "the error is about its formats then");
         assert!(pick(&cameras, "auto", &WISH).unwrap().1.is_empty());
     }
 
     #[test]
-    fn a_name_that_several_cameras_bear_is_told_with_the_remedy() {
+    fn an_ambiguous_name_is_reported_with_its_remedy() {
         let named = |links: &[&str], rivals: &[&str]| {
             let links = links.iter().map(PathBuf::from).collect();
             let camera = Camera { links, ..camera("/dev/video2", "C615", &[]) };
@@ -167,14 +168,14 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_camera_is_reported_with_those_that_are_there() {
+    fn a_missing_camera_is_reported_with_the_existing_ones() {
         let text = missing(&three(), "C920", &WISH).to_string();
         assert!(text.contains("C920") && text.contains("HD Webcam C615 (/dev/video2)"), "{text}");
         assert!(matches!(missing(&[], "auto", &WISH), CaptureError::NoCamera));
     }
 
     #[test]
-    fn what_is_no_camera_is_refused_before_it_is_opened() {
+    fn a_path_to_another_kind_of_file_is_refused_before_it_is_opened() {
         let reason = |path| open(path, &WISH).err().unwrap();
         assert!(matches!(reason("/dev/null"), CaptureError::NotACamera { .. }));
         assert!(matches!(reason("/dev/tty"), CaptureError::NotACamera { .. }));

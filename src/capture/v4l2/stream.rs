@@ -24,52 +24,52 @@ use v4l::io::traits::CaptureStream;
 use super::super::{CaptureError, FrameFault, monotonic_us};
 use super::guard::guarded;
 
-/// Two would do; four ride out a late wake-up without a dropped frame.
+/// Number of buffers. Two are enough for streaming; two more bridge a late wake-up without a dropped frame.
 const BUFFERS: u32 = 4;
-/// `poll` flag: something can be dequeued.
+/// Flag of `poll` for a buffer that can be dequeued.
 const READABLE: i16 = 1;
-/// A camera takes its time to begin: exposure, USB bandwidth, sleeping hubs.
+/// Time limit for the first frame. Exposure, USB bandwidth and sleeping hubs can delay it.
 const START_TIMEOUT: Duration = Duration::from_secs(5);
-/// `STREAMOFF` may be interrupted by signals.
+/// Largest number of attempts to stop, which signals can interrupt.
 const STOP_ATTEMPTS: usize = 10;
 
-/// A camera that delivers.
+/// The running stream of a camera.
 pub struct Stream {
     /// `None` after [`Stream::stop`].
     mapped: Option<MappedStream<'static>>,
     handle: Arc<Handle>,
     path: PathBuf,
     limits: Limits,
-    /// Frames taken from the driver.
+    /// Number of frames that were taken from the driver.
     taken: u64,
-    /// Those of them that were passed over since this was last asked.
+    /// Number of frames that were skipped since the last call of [`Stream::take_skipped`].
     skipped: u32,
 }
 
-/// How long to wait.
+/// Time limits of a stream.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
-    /// For a frame; then the camera has stalled.
+    /// Time after which a camera without a frame has stalled.
     pub timeout: Duration,
-    /// Age from which a frame that lay in a buffer is passed over for a new one.
+    /// Age in microseconds from which a frame that waited in a buffer is skipped.
     pub stale_us: u64,
 }
 
-/// One filled buffer.
+/// A filled buffer.
 #[derive(Clone, Copy)]
 pub struct Shot<'a> {
-    /// What the driver wrote.
+    /// The bytes that the driver has written.
     pub bytes: &'a [u8],
-    /// When the picture was taken, on the monotonic clock.
+    /// Time of capture on the monotonic clock, in microseconds.
     pub captured_us: u64,
 }
 
 impl Stream {
-    /// Maps the buffers and waits for the first frame, which is left out: some drivers hand out an old one.
+    /// Maps the buffers, starts the camera and discards the first frame, because some drivers deliver an old one.
     ///
     /// # Errors
-    /// [`CaptureError::Stalled`] if none comes in 5 seconds, [`CaptureError::NotStopped`], [`CaptureError::Busy`],
-    /// [`CaptureError::Gone`], ...
+    /// [`CaptureError::Stalled`] if no frame comes within 5 seconds, [`CaptureError::NotStopped`] if the camera then cannot
+    /// be stopped either, [`CaptureError::Busy`], [`CaptureError::Gone`], and the others of [`CaptureError::device`].
     pub fn start(device: &Device, path: &Path, limits: Limits) -> Result<Self, CaptureError> {
         let fail = |error| CaptureError::device(path, "starting it", error);
         let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
@@ -85,14 +85,14 @@ impl Stream {
         Err(error)
     }
 
-    /// Waits for a frame, passes over all but the newest, and shows it to `look`.
+    /// Waits for a frame, skips all but the newest, and passes that one to `look`.
     ///
-    /// A reader that was away for long finds every buffer filled and the newest old already, for the driver had
-    /// nowhere to put the later ones. Such a frame is passed over too, and the next one waited for.
+    /// After a long pause of the reader all buffers are filled, and even the newest frame is old, because the driver had
+    /// no buffer for later frames. Such a frame is skipped as well, and the next one awaited.
     ///
     /// # Errors
-    /// [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Device`]. The inner result is that of `look`,
-    /// or the fault of a buffer that is damaged in itself.
+    /// [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Device`]. The inner result is that of `look`, or
+    /// the fault of a buffer that the driver has marked as damaged.
     pub fn newest<T>(
         &mut self,
         look: impl FnOnce(Shot<'_>) -> Result<T, FrameFault>,
@@ -100,28 +100,28 @@ impl Stream {
         self.wait()?;
         let (handle, limits) = (&self.handle, self.limits);
         let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
-        let (mut passed_over, mut patience) = (0, limits.timeout);
+        let (mut skipped, mut patience) = (0, limits.timeout);
         loop {
             let (bytes, meta) = mapped.next().map_err(CaptureError::stream)?;
             self.taken += 1;
             let now_us = monotonic_us();
-            let is_stale = passed_over > 0 && now_us - captured_us(meta, now_us) > limits.stale_us;
+            let is_stale = skipped > 0 && now_us - captured_us(meta, now_us) > limits.stale_us;
             let has_newer =
                 is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, mem::take(&mut patience))?;
-            if !has_newer || passed_over > BUFFERS {
+            if !has_newer || skipped > BUFFERS {
                 return Ok(shot(bytes, meta).and_then(look));
             }
-            passed_over += 1;
+            skipped += 1;
             self.skipped += 1;
         }
     }
 
-    /// Frames taken from the driver, without the first.
+    /// Number of frames that were taken from the driver, without the first one.
     pub fn taken(&self) -> u64 {
         self.taken
     }
 
-    /// How many frames were passed over since this was last asked.
+    /// Returns the number of frames that were skipped since the last call.
     pub fn take_skipped(&mut self) -> u32 {
         mem::take(&mut self.skipped)
     }
@@ -184,9 +184,9 @@ fn stop(mapped: &mut impl v4l::io::traits::Stream) -> io::Result<()> {
     }
 }
 
-/// Whether a buffer is ready or comes within `timeout`. A signal counts as not yet.
+/// Returns whether a buffer is ready, or becomes ready within `timeout`. A signal ends the wait early.
 fn is_ready(handle: &Handle, timeout: Duration) -> Result<bool, CaptureError> {
-    // Rounded up, or the last fraction of a millisecond would be waited for in a tight loop.
+    // Rounded up, so that the last fraction of a millisecond is not spent in a busy loop.
     let timeout_ms = i32::try_from(timeout.as_micros().div_ceil(1000)).unwrap_or(i32::MAX);
     match handle.poll(READABLE, timeout_ms) {
         Ok(ready) => Ok(ready > 0),
@@ -195,7 +195,7 @@ fn is_ready(handle: &Handle, timeout: Duration) -> Result<bool, CaptureError> {
     }
 }
 
-/// The part of the mapping that the driver filled.
+/// Returns the part of a buffer that the driver has filled.
 fn shot<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<Shot<'a>, FrameFault> {
     if meta.flags.contains(Flags::ERROR) {
         return Err(FrameFault::Marked);
@@ -205,7 +205,8 @@ fn shot<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<Shot<'a>, FrameFault> {
     Ok(Shot { bytes, captured_us: captured_us(meta, monotonic_us()) })
 }
 
-/// The driver's time where it is of the monotonic clock, else the present; never later than that.
+/// Returns the driver's timestamp if it uses the monotonic clock, and `now_us` otherwise. A timestamp in the future is
+/// clamped to `now_us`.
 fn captured_us(meta: &Metadata, now_us: u64) -> u64 {
     if meta.flags & Flags::TIMESTAMP_MASK != Flags::TIMESTAMP_MONOTONIC {
         return now_us;

@@ -1,20 +1,20 @@
-//! The first line of a y4m stream.
+//! Parses the first line of a y4m stream.
 
 use super::super::{CaptureError, FrameRate, MAX_SIDE_PX, Pixels};
 
-/// What the first line says.
+/// The format of the frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Header {
     pub width: usize,
     pub height: usize,
     pub rate: Option<FrameRate>,
-    /// `None` is luma alone.
+    /// Powers of two by which chroma is narrower and lower than luma; `None` without chroma.
     pub chroma_shift: Option<[u8; 2]>,
     pub full_range: bool,
 }
 
 impl Header {
-    /// Parses the fields behind the magic word. Aspect, interlacing and comments do not matter here.
+    /// Parses the fields behind the magic word. Ignores aspect ratio, interlacing and comments.
     pub fn parse(fields: &[u8]) -> Result<Self, CaptureError> {
         let mut header = Self { width: 0, height: 0, rate: None, chroma_shift: Some([1, 1]), full_range: false };
         for field in fields.split(|&byte| byte == b' ') {
@@ -55,7 +55,7 @@ impl Header {
     }
 }
 
-/// How much smaller chroma is. The siting names differ by a fraction of a pixel, which does not matter here.
+/// Parses the colour layout. Ignores the siting of chroma samples, which differs by a fraction of a pixel.
 fn chroma_shift(name: &[u8]) -> Result<Option<[u8; 2]>, CaptureError> {
     match name {
         b"420" | b"420jpeg" | b"420mpeg2" | b"420paldv" => Ok(Some([1, 1])),
@@ -74,7 +74,7 @@ fn number(digits: &[u8]) -> Option<u32> {
     std::str::from_utf8(digits).ok()?.parse().ok()
 }
 
-/// `30000:1001`; `0:0` means that it is not known.
+/// Parses a rate such as `30000:1001`. `0:0` stands for an unknown rate.
 fn rate(value: &[u8]) -> Option<FrameRate> {
     let colon = value.iter().position(|&byte| byte == b':')?;
     let (frames, seconds) = value.split_at_checked(colon)?;

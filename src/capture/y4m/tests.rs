@@ -13,7 +13,7 @@ fn open(bytes: &[u8]) -> Result<Y4mSource<&[u8]>, CaptureError> {
 }
 
 #[test]
-fn all_8_bit_layouts_are_read_with_odd_sizes() {
+fn every_8_bit_layout_is_read_at_odd_sizes() {
     let cases = [
         ("C420jpeg", 15 + 2 * 6, Some([1, 1])),
         ("C420mpeg2 Ip XYSCSS=420MPEG2", 15 + 2 * 6, Some([1, 1])),
@@ -95,7 +95,7 @@ fn absurd_sizes_and_other_files_are_refused() {
 }
 
 #[test]
-fn bytes_that_are_no_frame_are_an_error_with_their_place() {
+fn bytes_that_are_no_frame_are_an_error_with_their_offset() {
     let mut whole = stream("W4 H2 F25:1 Cmono", 8, 2);
     let second = whole.len() - 14;
     whole[second] = b'X';

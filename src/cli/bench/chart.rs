@@ -1,4 +1,4 @@
-//! The distribution of latencies as a drawing.
+//! Draws the distribution of latencies.
 
 use std::fmt::Display;
 use std::fs;
@@ -11,10 +11,10 @@ use super::super::Failure;
 use super::figures::quantile;
 
 const SIZE_PX: (u32, u32) = (800, 480);
-/// The slowest frame in a thousand is left out of the drawing's width.
+/// Share of the frames that the drawing is wide enough for.
 const SHOWN: f64 = 0.999;
 
-/// Draws which share of the frames took no longer than so many milliseconds.
+/// Draws the share of frames over the milliseconds that they took at most.
 pub(super) fn draw(path: &Path, samples: &[Duration]) -> Result<(), Failure> {
     let mut sorted = samples.to_vec();
     sorted.sort_unstable();

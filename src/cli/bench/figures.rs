@@ -8,14 +8,14 @@ use serde::Serialize;
 
 use crate::pipeline::StageTimes;
 
-/// The rate at which a camera usually runs, frames a second.
+/// The usual rate of a camera, frames per second.
 const CAMERA_FPS: f64 = 30.0;
 
-/// How long each stage took, frame by frame.
+/// Durations of each stage, frame by frame.
 #[derive(Debug, Default)]
 pub(super) struct Samples {
     pub(super) frames: u64,
-    /// From the file to a frame in memory.
+    /// From the file to a frame in memory. Also measured for frames without a face.
     pub(super) decode: Vec<Duration>,
     pub(super) detect: Vec<Duration>,
     pub(super) mesh: Vec<Duration>,
@@ -25,7 +25,7 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Takes down a frame with a face.
+    /// Adds a frame with a face.
     pub(super) fn push(&mut self, times: &StageTimes, whole: Duration) {
         let stages = [(&mut self.detect, times.detect), (&mut self.mesh, times.mesh), (&mut self.solve, times.solve)];
         for (samples, time) in stages {
@@ -35,7 +35,7 @@ impl Samples {
     }
 }
 
-/// What was measured.
+/// The results.
 #[derive(Debug, Serialize)]
 pub(super) struct Figures {
     input: String,
@@ -46,7 +46,7 @@ pub(super) struct Figures {
     mesh: Latency,
     solve: Latency,
     whole: Latency,
-    /// Processor time per frame, decoding included, as part of one core at 30 frames a second.
+    /// Processor time per frame, with decoding, as a share of one core at 30 frames per second.
     cpu_percent_at_30_fps: f64,
     /// Largest resident memory of the process.
     peak_memory_mb: f64,
@@ -120,7 +120,7 @@ impl Latency {
     }
 }
 
-/// The smallest sample that `part` of all do not exceed; zero of none.
+/// The smallest sample that a share `part` of all samples does not exceed; zero without samples.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index within the samples")]
 pub(super) fn quantile(sorted: &[Duration], part: f64) -> Duration {
     let rank = (part * sorted.len() as f64).ceil() as usize;
@@ -137,7 +137,7 @@ fn peak_memory_kb() -> f64 {
     line.and_then(|line| line.split_whitespace().next()?.parse().ok()).unwrap_or(0.0)
 }
 
-/// The name of the processor or of the board.
+/// Name of the board or of the processor.
 fn processor() -> String {
     let board = fs::read_to_string("/proc/device-tree/model").ok().map(|model| model.trim_end_matches('\0').to_owned());
     let cpus = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_samples() {
+    fn each_quantile_is_one_of_the_samples() {
         let samples: Vec<_> = (1..=100).map(Duration::from_millis).collect();
         assert_eq!([0.5, 0.99, 1.0].map(|part| quantile(&samples, part).as_millis()), [50, 99, 100]);
         assert_eq!(quantile(&[], 0.5), Duration::ZERO);

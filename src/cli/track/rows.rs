@@ -1,4 +1,4 @@
-//! What `track` writes: the CSV of coefficients, and the `.npy` of landmarks.
+//! The output files of `track`: the CSV of coefficients and the `.npy` of landmarks.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -42,19 +42,19 @@ impl Csv {
         let mut csv = Self { path, output: BufWriter::new(output) };
         let columns = ["frame", "time_s", "state"].into_iter().chain(BLENDSHAPES).chain(HEAD_COLUMNS);
         let head = writeln!(csv.output, "{}", columns.collect::<Vec<_>>().join(","));
-        csv.told(head)?;
+        csv.check(head)?;
         Ok(csv)
     }
 
     pub(super) fn write(&mut self, row: &Row) -> Result<(), Failure> {
         let written = self.write_row(row);
-        self.told(written)
+        self.check(written)
     }
 
     fn write_row(&mut self, row: &Row) -> io::Result<()> {
         write!(self.output, "{},{:.6},{}", row.number, row.time_us as f64 / 1e6, row.state.name())?;
         for value in row.coefficients.iter().chain(&row.angles_deg).chain(&row.position_mm) {
-            // Adding 0 makes -0 a 0.
+            // Adding 0 turns -0 into 0.
             write!(self.output, ",{:.6}", value + 0.0)?;
         }
         writeln!(self.output)
@@ -62,30 +62,30 @@ impl Csv {
 
     pub(super) fn finish(mut self) -> Result<(), Failure> {
         let flushed = self.output.flush();
-        self.told(flushed)
+        self.check(flushed)
     }
 
-    fn told(&self, outcome: io::Result<()>) -> Result<(), Failure> {
+    fn check(&self, outcome: io::Result<()>) -> Result<(), Failure> {
         outcome.map_err(|error| Failure::unwritable(&self.path, &error))
     }
 }
 
-/// Landmarks of all frames, kept until the end because the file's head states their number.
+/// Landmarks of all frames. They are kept until the end, because the header of the file states their number.
 pub(super) struct LandmarkFile {
     path: PathBuf,
     values: Vec<f32>,
 }
 
 impl LandmarkFile {
-    /// Tells of a path that cannot be written before a long film is read. What stands there stays until the end: it
-    /// may be the input.
+    /// Checks that the path can be written before a long film is read. An existing file keeps its content until the end,
+    /// because it may be the input.
     pub(super) fn new(path: &Path) -> Result<Self, Failure> {
         let opened = File::options().append(true).create(true).open(path);
         opened.map_err(|error| Failure::unwritable(path, &error))?;
         Ok(Self { path: path.to_owned(), values: Vec::new() })
     }
 
-    /// Adds a frame; one without a face is not-a-number throughout.
+    /// Adds a frame. All numbers of a frame without a face are not-a-number.
     pub(super) fn push(&mut self, landmarks: Option<&Landmarks>) {
         match landmarks {
             Some(landmarks) => self.values.extend_from_slice(landmarks.0.as_flattened()),

@@ -36,7 +36,7 @@ fn webcam() -> Vec<Mode> {
 }
 
 #[test]
-fn a_webcam_gives_raw_pictures_where_they_are_fast_enough_and_jpeg_where_not() {
+fn raw_formats_are_chosen_where_they_are_fast_enough_and_jpeg_elsewhere() {
     let table = [
         (wish(640, 480, 30), "YUYV 640x480 30 fps"),
         (wish(640, 480, 15), "YUYV 640x480 15 fps"),
@@ -73,7 +73,7 @@ fn formats_are_preferred_raw_then_jpeg_then_grey() {
 }
 
 #[test]
-fn the_ntsc_rate_passes_for_30() {
+fn the_ntsc_rate_counts_as_30() {
     let ntsc = FrameRate::new(30_000, 1001).unwrap();
     let rates = vec![Rates { slowest: ntsc, fastest: ntsc }];
     let modes = [Mode { rates, ..mode(Yuyv, [640, 480], &[]) }, mode(Mjpeg, [640, 480], &[30])];
@@ -81,7 +81,7 @@ fn the_ntsc_rate_passes_for_30() {
 }
 
 #[test]
-fn ranges_of_sizes_and_rates_give_what_is_wished() {
+fn ranges_of_sizes_and_rates_give_the_wanted_mode() {
     let stepwise = |width, height| Mode {
         width,
         height,
@@ -110,13 +110,13 @@ fn steps_never_leave_their_range() {
 }
 
 #[test]
-fn a_driver_that_tells_no_rates_is_taken_at_its_word() {
+fn a_driver_that_lists_no_rates_counts_as_fast_enough() {
     let modes = [mode(Yuyv, [640, 480], &[]), mode(Mjpeg, [640, 480], &[30])];
     assert_eq!(chosen(&modes, &wish(640, 480, 30)), "YUYV 640x480 ?");
 }
 
 #[test]
-fn names_and_codes_lead_back_to_their_format() {
+fn names_and_codes_are_converted_back_to_their_format() {
     for format in PixelFormat::ALL {
         assert_eq!(PixelFormat::named(&format.name().to_lowercase()), Some(format));
         assert_eq!(PixelFormat::of(format.fourcc()), Some(format));

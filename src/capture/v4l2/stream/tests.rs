@@ -11,7 +11,7 @@ fn meta(bytesused: u32, flags: Flags) -> Metadata {
 }
 
 #[test]
-fn only_what_the_driver_filled_is_shown() {
+fn only_the_part_that_the_driver_filled_is_returned() {
     let buffer = [7; 100];
     let shown = |bytesused, flags| shot(&buffer, &meta(bytesused, flags)).map(|shot| shot.bytes.len());
     assert_eq!(shown(60, Flags::empty()), Ok(60));
@@ -20,7 +20,7 @@ fn only_what_the_driver_filled_is_shown() {
 }
 
 #[test]
-fn the_drivers_time_is_taken_only_from_the_monotonic_clock_and_never_from_the_future() {
+fn timestamps_of_another_clock_or_of_the_future_are_replaced() {
     let now_us = 3_000_000;
     let time = |flags, now_us| captured_us(&meta(0, flags), now_us);
     assert_eq!(time(Flags::TIMESTAMP_MONOTONIC, now_us), 2_000_500);
@@ -59,7 +59,7 @@ impl Drop for Stoppable<'_> {
     }
 }
 
-/// Releases such a stream; also tells whether it was dropped.
+/// Releases such a stream, and returns whether it was dropped.
 fn released(errors: &[Option<Errno>]) -> (Result<(), CaptureError>, bool) {
     let dropped = Cell::new(false);
     let stream = Stoppable { errors: errors.iter(), dropped: &dropped };

@@ -53,7 +53,8 @@ pub(super) const DISTANCES: [(usize, usize); 35] = [
 /// Names of the features that tell how far the head is turned.
 const TURNS: [&str; 3] = ["yaw", "pitch", "roll"];
 
-const COORDINATES: usize = 3 * LANDMARKS;
+/// Number of coordinates, which come first.
+pub(super) const COORDINATES: usize = 3 * LANDMARKS;
 /// Number of features that are measured on the face: coordinates, then distances.
 pub const MEASURES: usize = COORDINATES + DISTANCES.len();
 /// Number of features of a face.

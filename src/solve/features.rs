@@ -7,7 +7,7 @@
 use super::{
     LANDMARKS,
     affine::Normalised,
-    feature_id::{DISTANCES, FEATURES, FeatureId, MEASURES},
+    feature_id::{COORDINATES, DISTANCES, FEATURES, FeatureId, MEASURES},
     neutral::Neutral,
 };
 
@@ -28,8 +28,8 @@ impl Features {
             measures.iter_mut().zip(neutral.measures.iter()).for_each(|(value, rest)| *value -= rest);
         }
         let mut values = [0.0; FEATURES];
-        let all = measures.into_iter().chain(turns(face));
-        values.iter_mut().zip(all).for_each(|(slot, value)| *slot = value);
+        copy(&mut values, measures);
+        copy(values.iter_mut().skip(MEASURES), turns(face));
         Self { values, neutral_known: neutral.is_some() }
     }
 
@@ -48,9 +48,13 @@ impl Features {
 /// Coordinates and distances of a face, without a reference.
 pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; MEASURES] {
     let mut values = [0.0; MEASURES];
-    let distances = DISTANCES.iter().map(|pair| distance(points, *pair));
-    values.iter_mut().zip(points.iter().flatten().copied().chain(distances)).for_each(|(slot, value)| *slot = value);
+    copy(&mut values, points.as_flattened().iter().copied());
+    copy(values.iter_mut().skip(COORDINATES), DISTANCES.iter().map(|pair| distance(points, *pair)));
     values
+}
+
+fn copy<'a>(slots: impl IntoIterator<Item = &'a mut f32>, values: impl IntoIterator<Item = f32>) {
+    slots.into_iter().zip(values).for_each(|(slot, value)| *slot = value);
 }
 
 /// The direction of the face in the picture (right, up), and how much higher its left side is than its right.

@@ -136,6 +136,8 @@ impl Reloader {
         let changed = changed_tables(&self.live, &settings);
         if changed.is_empty() {
             tracing::info!("settings are unchanged");
+            // The sender's links look up their host names again on every reload.
+            self.sender.send(sender);
             return false;
         }
         tracing::info!("settings changed: {}", changed.join(", "));

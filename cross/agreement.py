@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Compares two CSV files of `facewire track` and prints how far coefficients and head angles differ.
+"""Compares two CSV files of `facewire track` and prints how much coefficients and head angles differ.
 
 agreement.py PC.csv BOARD.csv FIRST MOST LARGEST: three limits, for the coefficients of the first frame with a face, for
-99 of 100 values, and for every value. Status 1 if one is passed, or if frames, their states or all faces are missing.
+99 of 100 values, and for every value. Exit status 1 if a limit is exceeded, if frames or states differ, or if no frame
+has a face.
 """
 
 import csv
@@ -13,13 +14,13 @@ ANGLES = ("head_yaw_deg", "head_pitch_deg", "head_roll_deg")
 
 
 def rows_of(path):
-    """The rows as dictionaries, in order."""
+    """Returns the rows as dictionaries, in order."""
     with open(path, newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
 def differences(pairs, names):
-    """All differences in the columns `names`, smallest first: (difference, column, frame)."""
+    """Returns all differences in the columns `names`, smallest first, as (difference, column, frame)."""
     found = [
         (abs(float(ours[name]) - float(theirs[name])), name, ours["frame"])
         for ours, theirs in pairs
@@ -29,7 +30,7 @@ def differences(pairs, names):
 
 
 def main():
-    """Command line."""
+    """Compares the files that the command line names."""
     pc, board = rows_of(sys.argv[1]), rows_of(sys.argv[2])
     limits = [float(limit) for limit in sys.argv[3:6]]
     if [(row["frame"], row["state"]) for row in pc] != [(row["frame"], row["state"]) for row in board]:
@@ -46,7 +47,7 @@ def main():
     print(f"  {len(names)} coefficients in {len(live)} frames with a face; largest differences:")
     print(f"  first frame {first[0]:.6f}, 99 of 100 values {most[0]:.6f}, "
           f"all {largest[0]:.6f} ({largest[1]}, frame {largest[2]}); angles {angle[0]:.3f} degrees ({angle[1]})")
-    # Written so that not-a-number fails.
+    # A difference that is not a number is not below any limit, and fails.
     return 0 if all(found[0] <= limit for found, limit in zip((first, most, largest), limits)) else 1
 
 

@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# What cross/setup, build and check share: names, folders and how they speak. Sourced, not run.
+# Names, folders and messages that cross/setup, build and check share. They source this file.
 
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 cache=${XDG_CACHE_HOME:-$HOME/.cache}/facewire
@@ -13,7 +13,7 @@ fail() {
     exit 1
 }
 
-# describe ARCHITECTURE: sets Rust's and GNU's names of the target, Debian's of the architecture, and the folders.
+# describe ARCHITECTURE: sets the target's names in Rust and GNU, the architecture's name in Debian, and the folders.
 describe() {
     architecture=$1
     case $architecture in
@@ -21,11 +21,11 @@ describe() {
     armv7) triple=armv7-unknown-linux-gnueabihf gnu=arm-linux-gnueabihf debian=armhf ;;
     *) return 1 ;;
     esac
-    # shellcheck disable=SC2034 # For those who source this.
+    # shellcheck disable=SC2034 # The scripts that source this file use them.
     gnu_linker=$gnu-gcc toolchain=$cache/cross/$debian board_folder=$target_folder/boards/$architecture
 }
 
-# Whether the compiler that cargo would take (of rustup, or the distribution's) already builds for the target.
+# Whether the compiler that cargo would use (rustup's or the distribution's) can already build for the target.
 own_compiler_has_target() {
     local libraries
     libraries=$(cd "$root" && "${RUSTC:-rustc}" --print target-libdir --target "$triple" 2>/dev/null) &&

@@ -1,8 +1,8 @@
-"""Times facewire and MediaPipe's FaceMesh in turns on the same clip, and prints both with their ratios.
+"""Measures facewire and MediaPipe's FaceMesh in turns on the same clip, and prints both with their ratios.
 
-Each side runs in a process of its own, once a round, so that drifts of the machine's speed meet both. What is timed is
-the same: from a decoded picture in memory to the result of that frame (MediaPipe: 478 landmarks; facewire: landmarks,
-52 coefficients and head pose). Figures are medians over the rounds.
+Each program runs once a round in a process of its own, so that drifts of the machine's speed affect both. Both are timed
+from a decoded picture in memory to the result of that frame (MediaPipe: 478 landmarks; facewire: landmarks, 52
+coefficients and head pose). The figures are medians over the rounds.
 """
 
 import argparse
@@ -23,7 +23,7 @@ def quantile(ordered, part):
 
 
 def mediapipe_round():
-    """One pass over the clip after a warm-up pass, printed as JSON; runs in a child process."""
+    """Prints the figures of one pass over the clip, after a warm-up pass, as JSON. Runs in a child process."""
     import cv2
     import mediapipe
 
@@ -62,8 +62,8 @@ def facewire_round(program):
 def main():
     parser = argparse.ArgumentParser(description="facewire beside MediaPipe's FaceMesh, in one run")
     parser.add_argument("--facewire", help="the program")
-    parser.add_argument("--rounds", type=int, default=7, help="how often each side runs (default 7)")
-    parser.add_argument("--json", action="store_true", help="one object on one line")
+    parser.add_argument("--rounds", type=int, default=7, help="how often each program runs (default 7)")
+    parser.add_argument("--json", action="store_true", help="print one object on one line")
     parser.add_argument("--mediapipe-round", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.mediapipe_round:

@@ -1,7 +1,7 @@
-//! Between a frame and its packet nothing is allocated on the Rust heap.
+//! From a frame to its packet, nothing is allocated on the Rust heap.
 //!
-//! Every allocation of the thread that runs the frames is counted, whatever other threads do meanwhile. What ONNX
-//! Runtime allocates for itself is C++ and not seen here.
+//! The tests count every allocation of the thread that runs the frames, whatever other threads do meanwhile. They do not see
+//! the allocations of ONNX Runtime, which is written in C++.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -21,7 +21,7 @@ use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::failsafe::{Failsafe, History, News};
 use facewire_packet::{Reason, State};
 
-/// Frames before anything is counted.
+/// Frames before the count begins.
 const WARM_UP: usize = 20;
 
 /// All that a frame passes on its way to a receiver.
@@ -80,7 +80,7 @@ impl Way {
     }
 }
 
-/// More than the clip has: it begins anew meanwhile.
+/// The clip has fewer frames, so it starts over in between.
 #[test]
 fn frames_of_a_motion_jpeg_allocate_nothing() {
     let mut way = Way::new();
@@ -99,7 +99,7 @@ fn frames_of_a_y4m_stream_allocate_nothing() {
     assert_eq!(way.live, 40);
 }
 
-/// The detector runs on each of them, and the failsafe sends a neutral face.
+/// The detector runs on each of these frames, and the failsafe sends a neutral face.
 #[test]
 fn frames_without_a_face_allocate_nothing() {
     let stream = empty_y4m(WARM_UP + 40);
@@ -110,7 +110,7 @@ fn frames_without_a_face_allocate_nothing() {
     assert!(way.live == 0 && (15..=20).contains(&sent), "10 packets per second in 2 s: {sent}");
 }
 
-/// A face that is lost, and found by the detector, while everything is counted.
+/// The tracker loses the face, and the detector finds it again, while allocations are counted.
 #[test]
 fn finding_a_lost_face_allocates_nothing() {
     let mut way = Way::new();

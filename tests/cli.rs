@@ -1,4 +1,4 @@
-//! What the commands say of settings, networks, cameras and hosts that are wrong, and of themselves.
+//! Errors of the commands about wrong settings, networks, cameras and hosts, and the help.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -19,12 +19,12 @@ fn with_settings(command: &[&str], toml: &str) -> Run {
     Run::of(facewire(command).args(["--config", text(file.path())]))
 }
 
-/// Runs a command with the networks of another folder.
+/// Runs a command with the networks in this folder.
 fn with_networks(command: &[&str], folder: &Path) -> Run {
     Run::of(facewire(command).env("FACEWIRE_NETWORKS", folder))
 }
 
-/// Commands that read settings, with the least arguments they need.
+/// The commands that read settings, with the fewest arguments that they accept.
 const COMMANDS: [&[&str]; 4] = [&["run"], &["check"], &["track", "demo"], &["bench"]];
 
 #[test]

@@ -1,4 +1,4 @@
-//! Outputs that nobody reads any more, and full disks.
+//! Outputs whose reader has gone, and full disks.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -11,7 +11,7 @@ use common::film::demo_y4m;
 use common::program::{Run, facewire, text};
 use tempfile::NamedTempFile;
 
-/// The writing end of a pipe that has no reader.
+/// Returns the writing end of a pipe without a reader.
 fn closed() -> Stdio {
     pipe().unwrap().1.into()
 }
@@ -22,7 +22,7 @@ fn short_film() -> NamedTempFile {
     film
 }
 
-/// As `facewire ... | head -1` does.
+/// `facewire ... | head -1` closes standard output early.
 #[test]
 fn standard_output_that_is_closed_early_is_no_failure() {
     let film = short_film();

@@ -1,7 +1,7 @@
-//! What receivers see of a face, a camera and an inference that fail, in real time.
+//! What receivers see, in real time, if the face is lost, or if the camera or an inference fails.
 //!
-//! The times of the failsafe are tested to the microsecond where time is a number (`src/service/failsafe/`); here they
-//! are lower bounds, and the machine may be busy.
+//! `src/service/failsafe/` tests the times of the failsafe to the microsecond, because time is a number there. Here the
+//! times are lower bounds, since the machine may be busy.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -15,18 +15,18 @@ use common::stuck::Stuck;
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use rustix::process::Signal;
 
-/// Since the last good pose, microseconds: hold from the first on, decay from the second, neutral from the third.
+/// Ages of the last good pose at which hold, decay and neutral begin, microseconds.
 const TIMES_US: [u32; 3] = [150_000, 300_000, 1_000_000];
-/// How much later a busy machine may be, microseconds.
+/// How late a state may begin on a busy machine, microseconds.
 const LATER_US: u32 = 1_000_000;
 
-/// A camera that does this for 3 s after each 4 s of the clip.
+/// Settings for a camera that plays this scene for 3 s after each 4 s of the clip.
 fn rehearsal(scene: &str) -> String {
     format!("[camera]\ndevice = \"rehearsal: live 4, {scene} 3\"\nstall_timeout_ms = 500\n")
 }
 
-/// The first fault that lasts until the face is neutral: what lies between two live packets. A busy machine may hold
-/// before and after.
+/// Returns the packets between two live ones in which the face first becomes neutral. A busy machine may hold the face
+/// briefly before and after.
 fn lasting_fault(packets: &[Packet]) -> Vec<&Packet> {
     let neutral = packets.iter().position(|packet| packet.state == State::Neutral).unwrap();
     let is_live = |packet: &Packet| packet.state == State::Live;
@@ -34,7 +34,7 @@ fn lasting_fault(packets: &[Packet]) -> Vec<&Packet> {
     packets[begin..].iter().take_while(|packet| !is_live(packet)).collect()
 }
 
-/// Checks a fault and what surrounds it: states, times, reason, and no step too great.
+/// Checks the packets of a fault and around it: states, times, reason, and that no step exceeds the slew limit.
 fn assert_failsafe(packets: &[Packet], reason: Reason) {
     packets.windows(2).for_each(|pair| assert_slew(&pair[0], &pair[1]));
     assert!(packets.windows(2).all(|pair| pair[1].sequence == pair[0].sequence.wrapping_add(1)));
@@ -50,7 +50,7 @@ fn assert_failsafe(packets: &[Packet], reason: Reason) {
     assert_eq!((last.reason, last.coefficients), (reason, [0.0; BLENDSHAPES.len()]));
 }
 
-/// Packets from the first live one through a fault to the fifth live one after it.
+/// Returns the packets from the first live one through a fault up to a few live packets after it.
 fn through_a_fault(receiver: &Receiver) -> Vec<Packet> {
     receiver.until(|packet| packet.state == State::Live);
     let mut packets = receiver.until(|packet| packet.state == State::Neutral);
@@ -85,7 +85,7 @@ fn a_camera_with_damaged_frames_only_is_none_and_comes_back_by_a_ramp() {
     assert_rehearsed("damaged", Reason::NoCamera);
 }
 
-/// Opened again and again, it is told once, and every damaged frame counts.
+/// The service opens such a camera again and again, says so once, and counts every damaged frame.
 #[test]
 fn a_camera_that_never_shows_anything_is_told_once_and_its_frames_are_counted() {
     let receiver = Receiver::new();
@@ -101,7 +101,7 @@ fn a_camera_that_never_shows_anything_is_told_once_and_its_frames_are_counted() 
     assert!(!run.err.contains("camera opened"), "{}", run.err);
 }
 
-/// The thread that runs inferences stands still while the sender goes on.
+/// The thread that runs inferences is stopped while the sender runs on.
 #[test]
 fn a_stuck_inference_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
     let receiver = Receiver::new();
@@ -115,8 +115,7 @@ fn a_stuck_inference_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
     assert_failsafe(&packets, Reason::Late);
 }
 
-/// The camera's frame period is 33 ms. A stop in the middle of decoding, which is no work yet, counts for nothing, but
-/// not each of them is there.
+/// The camera's frame period is 33 ms. Decoding does not count as work on a frame, but not all of these stops hit it.
 #[test]
 fn work_that_takes_longer_than_a_frame_period_is_a_missed_deadline() {
     let receiver = Receiver::new();

@@ -1,4 +1,4 @@
-//! Every file of the fuzz corpus keeps its target's promise, whatever was once found with it.
+//! The promises of the fuzz targets hold for every file of the corpus, including inputs that once broke one.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing, clippy::float_cmp, clippy::type_complexity)]
 
 #[path = "../fuzz/src/lib.rs"]
@@ -6,7 +6,7 @@ mod targets;
 
 use std::fs;
 
-/// Runs the target on the files of its folder.
+/// Runs the target on every file in its folder, and on no bytes at all.
 fn keeps_its_promise(target: fn(&[u8]), name: &str) {
     let folder = format!("{}/fuzz/corpus/{name}", env!("CARGO_MANIFEST_DIR"));
     let mut files: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();

@@ -1,4 +1,4 @@
-//! `facewire run` with metrics, read by Prometheus' own parser, and what does not stop it.
+//! The metrics of `facewire run`, read by Prometheus' own parser, and faults that must not stop the service.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -17,38 +17,38 @@ use facewire_packet::State;
 use rustix::process::{Pid, Resource, Rlimit, Signal, getrlimit, prlimit};
 use serde_json::Value;
 
-/// Longer than anything here takes on a busy machine.
+/// Longer than anything in these tests takes on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Frames that are solved, but not sent yet, or come while the page is written.
+/// How far counters may differ: frames that are solved but not sent yet, or that come while the page is written.
 const FRAMES_BETWEEN: f64 = 30.0;
 
-/// A service that plays the built-in clip, with its metrics there.
+/// Starts a service that plays the built-in clip and serves its metrics at `listen`.
 fn start(listen: &str, receiver: &Receiver) -> Service {
     let toml = format!("[camera]\ndevice = \"demo\"\n[metrics]\nlisten = \"{listen}\"\n");
     Service::start(&toml, &[receiver.address()])
 }
 
-/// A loopback address that is free, or was a moment ago.
+/// Returns a loopback address that was free a moment ago.
 fn free_address() -> String {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
 }
 
-/// The Python in which `scripts/setup tests` has put Prometheus' parser.
+/// Returns the Python into which `scripts/setup tests` has installed Prometheus' parser.
 fn python() -> Option<PathBuf> {
     let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
     let cache = cache.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache")))?;
     Some(cache.join("facewire/venv-tests/bin/python")).filter(|python| python.exists())
 }
 
-/// All samples, judged by the parser.
+/// Reads all samples by the parser.
 fn samples(python: &Path, listen: &str) -> Value {
     let reader = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/metrics_reader.py");
     let run = Run::of(Command::new(python).arg(reader).arg(listen)).succeeded();
     serde_json::from_str(&run.out).unwrap()
 }
 
-/// What a client sees that sends these bytes.
+/// Sends these bytes and returns the answer.
 fn answer(address: &str, request: &[u8]) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -133,7 +133,7 @@ fn the_socket_that_a_killed_service_left_behind_is_taken_by_the_next() {
 }
 
 #[test]
-fn readers_that_ask_for_something_else_or_for_nothing_are_answered_and_hold_up_nobody() {
+fn readers_with_wrong_requests_are_answered_and_a_silent_reader_delays_no_other() {
     let (address, receiver) = (free_address(), Receiver::new());
     let service = start(&address, &receiver);
     eventually("metrics", || TcpStream::connect(&address).is_ok());
@@ -147,7 +147,7 @@ fn readers_that_ask_for_something_else_or_for_nothing_are_answered_and_hold_up_n
     service.stop(Signal::TERM).0.succeeded();
 }
 
-/// Ticks of the clock (100 a second) that a thread has had of the processors.
+/// Returns the CPU time of a thread in ticks, of which there are 100 a second.
 fn ticks(thread: i32) -> u64 {
     let stat = std::fs::read_to_string(format!("/proc/{thread}/task/{thread}/stat")).unwrap();
     let fields: Vec<_> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();

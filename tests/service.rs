@@ -130,7 +130,7 @@ fn a_model_file_that_is_not_mounted_yet_is_waited_for_with_a_neutral_face() {
     assert!(log.contains("blendshapes.toml cannot be read (No such file or directory"), "{log}");
 }
 
-/// The service in a network of its own, whose only interface is down; none where that cannot be made.
+/// Starts the service in a network namespace whose only interface is down. Returns `None` if none can be made.
 fn cut_off(settings: &Path) -> Option<Child> {
     let unshare = ["--user", "--map-root-user", "--net"];
     let works = Command::new("unshare").args(unshare).arg("true").output().is_ok_and(|run| run.status.success());
@@ -157,7 +157,7 @@ fn a_network_that_takes_no_packets_is_told_once() {
     assert!(service.wait().unwrap().success());
 }
 
-/// A service whose camera does not come back from the kernel any more, and what came before.
+/// Starts a service whose camera hangs in the kernel, and returns it with the packets so far.
 fn hung(receiver: &Receiver) -> (Service, Vec<Packet>) {
     let service = Service::start("[camera]\ndevice = \"rehearsal: live 2, hung 60\"\n", &[receiver.address()]);
     let mut packets = receiver.until(|packet| packet.state == State::Live);
@@ -197,7 +197,7 @@ fn a_log_whose_reader_has_gone_ends_no_service() {
     assert_stopped(&packets, ended);
 }
 
-/// A pipe that takes nothing any more.
+/// Returns a full pipe.
 fn full() -> (PipeReader, PipeWriter) {
     let (reader, mut writer) = pipe().unwrap();
     let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };

@@ -1,6 +1,6 @@
-//! `facewire run` touches nothing that is not configured: no other address, no file for writing, no other program.
+//! `facewire run` uses nothing that is not configured: no other address, no file for writing, no other program.
 //!
-//! The kernel's own record of its calls is read (strace), libraries of others included.
+//! strace records the calls of the whole process, of libraries too.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod board;
@@ -18,11 +18,11 @@ use facewire_packet::State;
 use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
 
-/// Calls that open, make, remove or rename something, start a program, or concern the network.
+/// Calls that open, make, remove or rename a file, start a program, or use the network.
 const CALLS: &str = "trace=%network,open,openat,openat2,creat,mkdir,mkdirat,unlink,unlinkat,rename,renameat2,execve";
-/// What every program reads: its libraries, and what the system says of itself.
+/// Files that every program reads: its libraries, and facts about the system.
 const SYSTEM: [&str; 7] = ["/lib", "/lib64", "/usr/lib", "/etc/ld.so", "/etc/localtime", "/proc", "/sys"];
-/// Packets that are awaited once the face is live: ten seconds, past the first status line.
+/// How many packets to wait for once the face is live. They take ten seconds, in which the first status line is written.
 const PACKETS: usize = 300;
 
 /// A service under strace.
@@ -33,14 +33,14 @@ struct Traced {
 }
 
 impl Traced {
-    /// Starts it; `None` where strace cannot trace.
+    /// Starts the service. Returns `None` if strace cannot trace it.
     fn start(settings: &Path, manager: Option<&Path>) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let (record, log) = (folder.path().join("calls"), folder.path().join("log"));
         let mut strace = Command::new("strace");
         strace.args(["-f", "-qq", "-s", "256", "-e", CALLS, "-o", text(&record), env!("CARGO_BIN_EXE_facewire")]);
         strace.args(["run", "--config", text(settings)]);
-        // cargo points the loader to its build folders.
+        // cargo sets it, so that the loader searches the build folders, too.
         strace.env_remove("LD_LIBRARY_PATH");
         strace.envs(manager.map(|socket| ("NOTIFY_SOCKET", socket)));
         let strace = strace.stdin(Stdio::null()).stderr(fs::File::create(&log).unwrap());
@@ -59,7 +59,7 @@ impl Traced {
         kill_process(self.service, signal).unwrap();
     }
 
-    /// Stops it; its calls, without those that the record has in two parts: the beginning stands there, too.
+    /// Stops the service and returns its calls. The second halves of interrupted calls are left out.
     fn calls(mut self) -> Vec<Call> {
         self.signal(Signal::TERM);
         let ended = self.strace.wait().unwrap();
@@ -71,7 +71,7 @@ impl Traced {
     }
 }
 
-/// A line of the record.
+/// A line of strace's record.
 struct Call(String);
 
 impl Call {
@@ -79,7 +79,7 @@ impl Call {
         self.0.split('(').next().unwrap()
     }
 
-    /// Its first path.
+    /// Returns the first path among the arguments.
     fn path(&self) -> Option<&Path> {
         self.0.split('"').nth(1).map(Path::new)
     }
@@ -88,7 +88,7 @@ impl Call {
         self.0.contains(part)
     }
 
-    /// Whether it reads a file that every service reads: the system's, the networks, these settings.
+    /// Whether the call reads a file that every service reads: a file of the system, the networks, or the settings.
     fn reads_what_is_known(&self, settings: &Path) -> bool {
         let path = self.path().unwrap();
         let known = SYSTEM.iter().any(|system| path.starts_with(system) || text(path).starts_with(system));
@@ -97,7 +97,7 @@ impl Call {
     }
 }
 
-/// The process that strace started, once it runs; none if strace ends without.
+/// Waits for the process that strace starts. Returns `None` if strace ends without starting one.
 fn child_of(strace: &mut Child, record: &Path) -> Option<Pid> {
     let children = format!("/proc/{0}/task/{0}/children", strace.id());
     loop {
@@ -138,10 +138,10 @@ fn run_speaks_to_its_receiver_only_and_writes_no_file() {
         };
         assert!(allowed, "not configured: {}", call.0);
     }
-    assert!(sent > PACKETS, "the record shows {sent} packets");
+    assert!(sent > PACKETS, "strace recorded {sent} packets");
 }
 
-/// Whatever else can be configured: a serial line, metrics, a manager, settings that change.
+/// Configures everything else: a serial line, metrics, a service manager, and settings that change.
 #[test]
 fn run_with_a_serial_line_metrics_and_a_manager_opens_these_only() {
     let (mut board, folder) = (Board::plugged_in(), tempfile::tempdir().unwrap());
@@ -171,7 +171,7 @@ fn run_with_a_serial_line_metrics_and_a_manager_opens_these_only() {
             "open" | "openat" => call.reads_what_is_known(settings.path()),
             "socket" => call.says("AF_UNIX, SOCK_DGRAM") || call.says("AF_UNIX, SOCK_STREAM"),
             "bind" | "unlink" => is_at(&metrics),
-            // Without an address it goes where the socket was connected: to a reader of the metrics.
+            // Without an address, the data go to the peer of a connected socket, which is a reader of the metrics.
             "sendto" if call.says(", NULL, 0)") => true,
             "connect" | "sendto" | "sendmsg" => is_at(&manager),
             "listen" | "accept4" | "setsockopt" | "recvfrom" | "recv" => true,
@@ -180,5 +180,5 @@ fn run_with_a_serial_line_metrics_and_a_manager_opens_these_only() {
         };
         assert!(allowed, "not configured: {}", call.0);
     }
-    assert!(opened > 0, "the record shows the serial line");
+    assert!(opened > 0, "strace did not record the serial line");
 }

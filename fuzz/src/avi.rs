@@ -4,10 +4,10 @@ use facewire::capture::AviSource;
 
 use super::film::film;
 
-/// The header of a chunk, for a frame that the recorder dropped.
+/// Bytes of a chunk without content, which stands for a frame that the recorder dropped.
 const LEAST_FRAME_BYTES: usize = 8;
 
-/// See [`film`].
+/// Checks the promises of [`film`] for AVI files.
 pub fn avi(data: &[u8]) {
     film(data, LEAST_FRAME_BYTES, |pieces| Ok(Box::new(AviSource::open(pieces, "film")?)));
 }

@@ -1,15 +1,15 @@
-//! The reader of a serial line against a decoder that has the whole line at once.
+//! Compares the reader of a serial line with a decoder that has the whole line at once.
 
 use facewire_packet::{DecodeError, FRAME_BYTES, FrameReader, PACKET_BYTES, Packet};
 
 use super::wire::sealed;
 
-/// What the end of a frame gives.
+/// The result at the end of a frame.
 type Ended = Result<Packet, DecodeError>;
 
-/// Whatever comes over the line, the reader finds the packets that a decoder of the whole line finds, wherever it is
-/// cloned or moved between two bytes; and after any rubbish, the next 0 brings it in step for the good frame behind it.
-/// Memory is bounded by its type, which owns no heap.
+/// Checks that the reader finds the packets that a decoder of the whole line finds, wherever it is cloned or moved between
+/// two bytes, and that after any meaningless bytes a 0 synchronises it for the good frame that follows. The reader's type
+/// bounds its memory, because it owns no heap.
 pub fn cobs_stream(data: &[u8]) {
     let line = line(data);
     let ended = read(&mut FrameReader::default(), &line);
@@ -22,8 +22,8 @@ pub fn cobs_stream(data: &[u8]) {
     finds_the_next_good_frame(reader, rest);
 }
 
-/// Rubbish as it is, and good frames where the fuzzer asks for them: a byte of 224 or more takes as many bytes as
-/// follow for a packet and sends that as a frame; one below sends as many bytes as it says.
+/// Builds a line of meaningless bytes and good frames. A byte of 224 or more sends the bytes that follow as the frame of
+/// one packet; a smaller byte is the count of bytes to send as they are.
 fn line(mut data: &[u8]) -> Vec<u8> {
     let mut line = Vec::new();
     while let Some((first, rest)) = data.split_first() {
@@ -39,7 +39,7 @@ fn line(mut data: &[u8]) -> Vec<u8> {
     line
 }
 
-/// COBS as its inventors describe it: each stretch up to a 0, after its length.
+/// Encodes by COBS as its inventors describe it: each stretch up to a 0 follows its length.
 fn stuffed(bytes: &[u8; PACKET_BYTES]) -> Vec<u8> {
     let mut frame = Vec::new();
     for stretch in bytes.split(|byte| *byte == 0) {
@@ -60,7 +60,7 @@ fn read(reader: &mut FrameReader, bytes: &[u8]) -> Vec<Ended> {
     bytes.iter().filter_map(|byte| reader.push(*byte)).collect()
 }
 
-/// The frames of a line that lies here whole. What stands behind the last 0 is no frame yet.
+/// Decodes the frames of a whole line. The bytes after the last 0 are not a frame yet.
 fn whole(line: &[u8]) -> Vec<Ended> {
     let mut frames: Vec<&[u8]> = line.split(|byte| *byte == 0).collect();
     frames.pop();

@@ -6,15 +6,15 @@ use std::sync::LazyLock;
 
 use facewire::config::{BOARDS, Fault, Faults, Settings, load, parse, written};
 
-/// A fault that no setting depends on.
+/// The name of a table that does not exist. Adding it is a fault that affects no other setting.
 const ONE_MORE: &str = "no_such_table";
 
 static FILE: LazyLock<PathBuf> =
     LazyLock::new(|| std::env::temp_dir().join(format!("facewire-fuzz-{}.toml", std::process::id())));
 
-/// Any file over any board (the first byte: `1` to `4` is one of them) is taken or refused with faults that each fill one
-/// line and name a line there is. What is taken loads back from its written form unchanged. A fault more is told beside
-/// all others.
+/// Checks that any file, over the settings of any board (the first byte, `1` to `4`, chooses one), is accepted or refused
+/// with faults that each fill one line and name an existing line. Accepted settings load back unchanged from their written
+/// form. An additional fault is reported beside all others.
 pub fn configuration(data: &[u8]) {
     fs::write(&*FILE, data).unwrap();
     let board = data.first().and_then(|first| BOARDS.get(usize::from(first.wrapping_sub(b'1'))));

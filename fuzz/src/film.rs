@@ -1,17 +1,17 @@
-//! What every reader of films promises.
+//! The promises of every reader of films.
 
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::io::{self, ErrorKind, Read};
 
 use facewire::capture::{CaptureError, Picture, Pixels, Source};
 
-/// Larger pictures are passed over rather than decoded, for the fuzzer's speed.
+/// Larger pictures are skipped rather than decoded, for the fuzzer's speed.
 const MOST_PIXELS: usize = 1 << 16;
 
 /// Bytes that come in pieces, as from a pipe, with an interruption now and then.
 pub struct Pieces<'a> {
     data: &'a [u8],
-    /// Most bytes at once.
+    /// The most bytes that one read returns.
     most: usize,
     reads: usize,
 }
@@ -36,11 +36,11 @@ impl Read for Pieces<'_> {
 /// Opens a film.
 pub type Open = for<'a> fn(Pieces<'a>) -> Result<Box<dyn Source + 'a>, CaptureError>;
 
-/// One frame of a film, by number, time and a hash of its samples.
+/// The frames of a film: number, time and a hash of the samples.
 type Told = Vec<(u64, u64, u64)>;
 
-/// A film ends after at most one frame for each `bytes_per_frame`; it gives the same frames whatever pieces it comes
-/// in, the same ones up to where it is cut, and the same ones where others are skipped.
+/// Checks that a film ends after at most one frame for each `bytes_per_frame`, and that it gives the same frames whatever
+/// pieces it comes in, up to the cut if it is cut short, and if other frames are skipped.
 pub fn film(data: &[u8], bytes_per_frame: usize, open: Open) {
     let most = data.len() / bytes_per_frame;
     let told = frames(Pieces::new(data, usize::MAX), open, most, &[false]);
@@ -52,7 +52,7 @@ pub fn film(data: &[u8], bytes_per_frame: usize, open: Open) {
     assert!(some.iter().all(|frame| told.contains(frame)), "{some:?} are not of {told:?}");
 }
 
-/// Reads to the end, skipping by a pattern.
+/// Reads to the end and skips frames by a pattern.
 fn frames(data: Pieces<'_>, open: Open, most: usize, skips: &[bool]) -> Told {
     let mut told = Told::new();
     let mut source = match open(data) {
@@ -80,7 +80,7 @@ fn frames(data: Pieces<'_>, open: Open, most: usize, skips: &[bool]) -> Told {
     panic!("more than {most} frames");
 }
 
-/// One frame, unless it is skipped; `None` at the end.
+/// Reads or skips one frame. Returns `None` at the end, and `Some(None)` for a skipped frame.
 fn step(source: &mut dyn Source, skip: bool) -> Result<Option<Option<(u64, u64, u64)>>, CaptureError> {
     if skip {
         return Ok(source.skip()?.then_some(None));
@@ -89,7 +89,7 @@ fn step(source: &mut dyn Source, skip: bool) -> Result<Option<Option<(u64, u64, 
     Ok(frame.map(|frame| Some((frame.number, frame.captured_us, hash(frame.picture().unwrap())))))
 }
 
-/// A hash of a picture's samples, without what lies between its rows.
+/// Returns a hash of a picture's samples, without the padding between its rows.
 pub fn hash(picture: &Picture<'_>) -> u64 {
     let mut hasher = DefaultHasher::new();
     let mut rows = |data: &[u8], stride: usize, [width, rows]: [usize; 2]| {

@@ -1,4 +1,4 @@
-//! From a camera's buffer to a network's input.
+//! The path from a camera's buffer to a network's input.
 
 use facewire::capture::v4l2::{Layout, PixelFormat, Store};
 use facewire::capture::{MAX_SIDE_PX, Picture};
@@ -11,16 +11,16 @@ use super::input::Input;
 
 /// Luma, Cb and Cr of a picture of one colour.
 const COLOUR: [u8; 3] = [90, 100, 180];
-/// What lies between and behind the rows: of another colour than the picture and than grey.
+/// The padding between and behind the rows, of another colour than the picture and than grey.
 const PADDING: u8 = 0;
-/// Larger frames are left out, for the fuzzer's speed.
+/// Larger frames are not tried, for the fuzzer's speed.
 const MOST_BYTES: usize = 1 << 16;
-/// Samples a side: of the largest network, and few, for the fuzzer's speed.
+/// Samples a side: those of the largest network, and fewer for the fuzzer's speed.
 const SIDES: [usize; 4] = [192, 33, 7, 1];
 
-/// What a driver may set is taken if and only if it can be read, and a buffer is taken if and only if it is whole. A
-/// region of the picture, wherever it lies, holds nothing but pixels of the picture and border. A JPEG image decodes the
-/// same whatever was decoded before it.
+/// Checks that a driver's format is accepted if and only if it can be read, and a buffer if and only if it is complete. A
+/// region anywhere contains only pixels of the picture and its border. A JPEG image decodes to the same pixels whatever was
+/// decoded before.
 pub fn frame_intake(data: &[u8]) {
     let mut input = Input(data);
     let format = format(&mut input);
@@ -61,7 +61,7 @@ fn can_be_read(format: &Format) -> bool {
     sides_fit && (stride == 0 || (row_bytes..=16 * MAX_SIDE_PX).contains(&stride))
 }
 
-/// Any numbers, or likely ones: eighths of a pixel and thousandths of a radian.
+/// Returns a region of any numbers, or of likely numbers in eighths of a pixel and thousandths of a radian.
 fn region(input: &mut Input<'_>) -> FaceBox {
     let [x, y, size, angle_rad] = if input.byte().is_multiple_of(2) {
         [(); 4].map(|()| f32::from_bits(input.word()))
@@ -94,7 +94,7 @@ fn raw(layout: &Layout, used: usize, region: &FaceBox, shape: CropShape) {
     }
 }
 
-/// A frame of one colour, as a driver lays it out.
+/// Returns a frame of one colour in the layout of a driver.
 fn painted(layout: &Layout) -> Vec<u8> {
     let [luma, cb, cr] = COLOUR;
     let pairs = layout.width.div_ceil(2);

@@ -1,4 +1,4 @@
-//! A board at a serial line, played by a pseudo-terminal.
+//! A pseudo-terminal that plays a board at a serial line.
 #![allow(dead_code, reason = "each test uses a part")]
 
 use std::ffi::OsStr;
@@ -54,7 +54,7 @@ impl Board {
         port
     }
 
-    /// Sends these bytes, which are fewer than the line holds.
+    /// Sends these bytes, which must be fewer than the line holds.
     pub fn send(&self, bytes: &[u8]) {
         (&self.master).write_all(bytes).unwrap();
     }

@@ -2,7 +2,7 @@
 
 use facewire_packet::{BLENDSHAPE_COUNT, BLENDSHAPES};
 
-/// A row: coefficients, then yaw, pitch, roll in degrees and x, y, z in millimetres.
+/// A row of the CSV. The values are the coefficients, then yaw, pitch and roll in degrees, then x, y and z in millimetres.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     pub frame: u64,
@@ -32,12 +32,12 @@ impl Row {
     }
 }
 
-/// The rows behind the header.
+/// Parses the rows after the header.
 pub fn rows(csv: &str) -> Vec<Row> {
     csv.lines().skip(1).map(Row::parse).collect()
 }
 
-/// Mean and greatest difference of the coefficients of two films.
+/// Returns the mean and the greatest difference of the coefficients of two films.
 pub fn difference(ours: &[Row], theirs: &[Row]) -> [f64; 2] {
     assert_eq!(ours.len(), theirs.len());
     let pairs = ours.iter().zip(theirs).flat_map(|(a, b)| a.coefficients().iter().zip(b.coefficients()));

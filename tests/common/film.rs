@@ -1,21 +1,21 @@
-//! Films made in memory, and films that ffmpeg decodes.
+//! Films that are made in memory, and films that ffmpeg decodes.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use facewire::capture::{Clip, Pixels, Source as _};
 
-/// Like the built-in clip: 640x480, 4:2:2, full range.
+/// The y4m header of a film like the built-in clip: 640x480, 4:2:2, full range.
 pub const HEADER: &str = "YUV4MPEG2 W640 H480 F30:1 C422 XCOLORRANGE=FULL\n";
-/// Samples of a frame.
+/// Bytes of a frame's samples.
 const FRAME_BYTES: usize = 640 * 480 * 2;
 
-/// The built-in clip as a file.
+/// Returns the path of the built-in clip.
 pub fn demo_avi() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src/capture/demo.avi")
 }
 
-/// The first frames of the built-in clip as a y4m stream, sample for sample.
+/// Returns the first frames of the built-in clip as a y4m stream with the same samples.
 pub fn demo_y4m(frames: usize) -> Vec<u8> {
     let mut clip = Clip::once().unwrap();
     let mut stream = HEADER.as_bytes().to_vec();
@@ -32,13 +32,13 @@ pub fn demo_y4m(frames: usize) -> Vec<u8> {
     stream
 }
 
-/// A y4m stream that shows grey and no face.
+/// Returns a grey y4m stream without a face.
 pub fn empty_y4m(frames: usize) -> Vec<u8> {
     let frame = [&b"FRAME\n"[..], &vec![128; FRAME_BYTES]].concat();
     [HEADER.as_bytes(), &frame.repeat(frames)].concat()
 }
 
-/// A film decoded to y4m at 30 frames a second, each frame once; `None` without ffmpeg.
+/// Starts ffmpeg, which decodes a film to y4m at 30 frames a second, each frame once. Returns `None` without ffmpeg.
 pub fn decode(film: &Path, options: &[&str]) -> Option<Child> {
     Command::new("ffmpeg")
         .args(["-v", "error", "-i"])

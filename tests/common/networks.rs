@@ -1,4 +1,4 @@
-//! Folders of networks in which something is wrong.
+//! Folders of networks with missing or damaged files.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -12,7 +12,7 @@ pub struct Networks(TempDir);
 
 impl Networks {
     /// # Panics
-    /// With the sentence of the program, when `scripts/setup` has not put them there.
+    /// Panics with the program's own error if the networks are not installed.
     pub fn copy() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let installed = installed();
@@ -23,13 +23,13 @@ impl Networks {
         Self(folder)
     }
 
-    /// Without this file.
+    /// Removes a file.
     pub fn without(self, name: &str) -> Self {
         fs::remove_file(self.0.path().join(name)).unwrap();
         self
     }
 
-    /// With other content in this file.
+    /// Replaces the content of a file.
     pub fn with(self, name: &str, content: &[u8]) -> Self {
         let copy = self.without(name);
         fs::write(copy.0.path().join(name), content).unwrap();
@@ -41,7 +41,7 @@ impl Networks {
     }
 }
 
-/// The content of an installed file.
+/// Returns the content of an installed file.
 pub fn content(name: &str) -> Vec<u8> {
     fs::read(installed().join(name)).unwrap()
 }

@@ -8,19 +8,19 @@ use facewire::face::{LANDMARKS, Landmarks};
 use npyz::{AutoSerialize, NpyFile, WriteOptions, WriterBuilder as _};
 use zip::ZipArchive;
 
-/// Landmarks that `facewire track` or MediaPipe wrote, frame by frame; not a number where there is no face.
+/// Reads the landmarks that `facewire track` or MediaPipe wrote for each frame. They are NaN where there is no face.
 pub fn read_npy(path: &Path) -> Vec<Landmarks> {
     let npy = NpyFile::new(BufReader::new(File::open(path).unwrap())).unwrap();
     frames(npy, |value: f32| value)
 }
 
-/// Landmarks in steps of 1/32 pixel.
+/// Reads landmarks in steps of 1/32 pixel.
 pub fn read_steps(path: &Path) -> Vec<Landmarks> {
     let npy = NpyFile::new(BufReader::new(File::open(path).unwrap())).unwrap();
     frames(npy, |steps: i16| f32::from(steps) / 32.0)
 }
 
-/// The array `landmarks` of a `.npz` file.
+/// Reads the array `landmarks` of a `.npz` file.
 pub fn read_npz(path: &Path) -> Vec<Landmarks> {
     let mut archive = ZipArchive::new(File::open(path).unwrap()).unwrap();
     let member = archive.by_name("landmarks.npy").unwrap();
@@ -34,7 +34,7 @@ fn frames<R: Read, T: npyz::Deserialize>(npy: NpyFile<R>, pixels: impl Fn(T) -> 
     values.as_chunks().0.chunks_exact(LANDMARKS).map(frame).collect()
 }
 
-/// A `.npy` file of any numbers in any shape.
+/// Returns a `.npy` file of any numbers in any shape.
 pub fn write_npy<T: AutoSerialize + Copy>(shape: &[u64], values: &[T]) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut writer = WriteOptions::new().default_dtype().shape(shape).writer(&mut bytes).begin_nd().unwrap();
@@ -43,15 +43,15 @@ pub fn write_npy<T: AutoSerialize + Copy>(shape: &[u64], values: &[T]) -> Vec<u8
     bytes
 }
 
-/// How far landmarks lie from those of another program, over the frames in which both see a face.
+/// Distances between the landmarks of two programs, over the frames in which both see a face.
 #[derive(Debug, Default)]
 pub struct Distance {
     pub frames: usize,
-    /// In the picture, over all points.
+    /// Mean over all points, in the picture.
     pub mean_px: f64,
-    /// In the picture, of the worst point.
+    /// Distance of the worst point, in the picture.
     pub worst_px: f64,
-    /// Along the line of sight, of the worst point.
+    /// Distance of the worst point, along the line of sight.
     pub worst_depth_px: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The program, run as a user runs it.
+//! Runs the program as a user runs it.
 
 use std::ffi::OsStr;
 use std::io::Write as _;
@@ -8,19 +8,19 @@ use std::thread;
 
 use tempfile::NamedTempFile;
 
-/// The program with these arguments.
+/// Returns a command that runs the program with these arguments.
 pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
     command.args(arguments);
     command
 }
 
-/// A path as an argument.
+/// Returns a path as an argument.
 pub fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// A file of settings.
+/// Writes a file of settings.
 pub fn settings(toml: &str) -> NamedTempFile {
     let mut file = NamedTempFile::with_suffix(".toml").unwrap();
     file.write_all(toml.as_bytes()).unwrap();
@@ -59,7 +59,7 @@ impl Run {
         Self::ended(&output)
     }
 
-    /// What is left of a process; a panic fails the test whatever was expected.
+    /// Takes the result of a process that has ended. A panic of the process fails the test.
     pub fn ended(output: &Output) -> Self {
         let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
         let run = Self { status: output.status.code(), out: text(&output.stdout), err: text(&output.stderr) };
@@ -67,20 +67,20 @@ impl Run {
         run
     }
 
-    /// The run, if it succeeded.
+    /// Returns the run if it succeeded, and fails the test otherwise.
     pub fn succeeded(self) -> Self {
         assert_eq!(self.status, Some(0), "{}", self.err);
         self
     }
 
-    /// The sentences of a run that failed with `status`: all that stands on standard error but the count of frames.
+    /// Returns the sentences on standard error of a run that failed with `status`, without the count of frames.
     pub fn sentences(&self, status: i32) -> Vec<&str> {
         assert_eq!(self.status, Some(status), "{}", self.err);
         let named = |line| str::strip_prefix(line, "facewire: ").unwrap_or_else(|| panic!("not a sentence: {line}"));
         self.err.lines().map(named).filter(|line| !line.contains(" frames, ")).collect()
     }
 
-    /// The only sentence of a run that failed with `status`.
+    /// Returns the only sentence of a run that failed with `status`.
     pub fn sentence(&self, status: i32) -> &str {
         let sentences = self.sentences(status);
         assert_eq!(sentences.len(), 1, "{}", self.err);

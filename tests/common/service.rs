@@ -12,22 +12,22 @@ use tempfile::NamedTempFile;
 use super::program::{Run, facewire, settings, text};
 use super::stuck::thread_called;
 
-/// Longer than anything here takes on a busy machine.
+/// Longer than anything in these tests takes on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// `facewire run` in the background. It is killed when the test ends, however that ends.
+/// `facewire run` in the background. It is killed when the test ends, even if the test fails.
 pub struct Service {
     child: Option<Child>,
     _settings: NamedTempFile,
 }
 
 impl Service {
-    /// Starts it with these settings and one link to each receiver.
+    /// Starts a service with these settings and one link to each receiver.
     pub fn start(toml: &str, addresses: &[String]) -> Self {
         Self::start_logging_to(toml, addresses, Stdio::piped())
     }
 
-    /// The same, with standard error going elsewhere.
+    /// Starts a service that writes its log to `log`.
     pub fn start_logging_to(toml: &str, addresses: &[String], log: Stdio) -> Self {
         let links: Vec<String> =
             addresses.iter().map(|address| format!("[[link]]\naddress = \"{address}\"\n")).collect();
@@ -36,7 +36,7 @@ impl Service {
         Self { child: Some(started(command.stderr(log))), _settings: settings }
     }
 
-    /// The number of its thread of this name.
+    /// Returns the number of the thread with this name.
     pub fn thread(&mut self, name: &str) -> i32 {
         thread_called(self.child.as_mut().unwrap(), name)
     }
@@ -45,7 +45,7 @@ impl Service {
         kill_process(Pid::from_child(self.child.as_ref().unwrap()), signal).unwrap();
     }
 
-    /// Sends the signal; gives how the process ended and how long that took.
+    /// Sends the signal and waits for the end. Returns the run, and how long the end took.
     pub fn stop(mut self, signal: Signal) -> (Run, Duration) {
         self.signal(signal);
         let mut child = self.child.take().unwrap();
@@ -78,7 +78,7 @@ fn started(command: &mut Command) -> Child {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap()
 }
 
-/// This count of the last status line in a log.
+/// Returns this counter of the last status line in a log.
 pub fn counted(log: &str, key: &str) -> u64 {
     let line =
         log.lines().rfind(|line| line.contains(" cameras_opened=")).unwrap_or_else(|| panic!("no status: {log}"));
@@ -86,7 +86,7 @@ pub fn counted(log: &str, key: &str) -> u64 {
     value.unwrap_or_else(|| panic!("no {key}: {line}")).parse().unwrap()
 }
 
-/// Listens at a port of its own.
+/// A receiver of packets at a UDP port of its own.
 pub struct Receiver(UdpSocket);
 
 impl Receiver {
@@ -104,14 +104,14 @@ impl Receiver {
         self.0.local_addr().unwrap().to_string()
     }
 
-    /// The next packet, which must be valid and come within 5 seconds.
+    /// Returns the next packet, which must be valid and come within 5 seconds.
     pub fn packet(&self) -> Packet {
         let mut bytes = [0; PACKET_BYTES + 1];
         let length = self.0.recv(&mut bytes).unwrap_or_else(|error| panic!("no packet came: {error}"));
         Packet::decode(&bytes[..length]).unwrap()
     }
 
-    /// Packets up to the first that is wanted.
+    /// Returns the packets up to and including the first that is wanted.
     pub fn until(&self, wanted: impl Fn(&Packet) -> bool) -> Vec<Packet> {
         let begun = Instant::now();
         let mut packets = vec![self.packet()];
@@ -122,7 +122,7 @@ impl Receiver {
         packets
     }
 
-    /// Packets that have come and were not taken yet.
+    /// Returns the packets that have come and were not taken yet.
     pub fn rest(&self) -> Vec<Packet> {
         self.0.set_nonblocking(true).unwrap();
         let waits = || self.0.peek(&mut [0; PACKET_BYTES]).is_ok();

@@ -6,13 +6,13 @@ use facewire_packet::{Packet, State};
 
 /// The default of `failsafe.slew_per_s`.
 const SLEW_PER_S: f32 = 4.0;
-/// Age and coefficients are rounded on the wire.
+/// The packet rounds ages and coefficients: these are the steps.
 const WIRE_S: f32 = 0.0002;
 const WIRE_STEP: f32 = 2.0 / 65535.0;
-/// The age of a packet counts no further, microseconds.
+/// The greatest age that a packet can express, microseconds.
 const OLDEST_US: u32 = 6_553_500;
 
-/// Checks that only a live face moves faster than the limit, and not with its first packet.
+/// Checks that the face does not move faster than the limit, except from one live packet to the next.
 pub fn assert_slew(last: &Packet, next: &Packet) {
     let is_followed = last.state == State::Live && next.state == State::Live;
     if is_followed || [last, next].iter().any(|packet| packet.age_us >= OLDEST_US) {

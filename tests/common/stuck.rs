@@ -1,4 +1,4 @@
-//! Threads of another process, and one that stands still wherever it is: an inference that hangs.
+//! Stops a thread of another process wherever it is, like an inference that hangs.
 
 use std::fs;
 use std::process::Child;
@@ -9,11 +9,11 @@ use nix::sys::ptrace;
 use nix::sys::wait::{WaitPidFlag, waitpid};
 use nix::unistd::Pid;
 
-/// A thread that is stopped until this is dropped. The kernel wants both in the same thread.
+/// A thread that is stopped until this is dropped. The kernel allows only the thread that stopped it to resume it.
 pub struct Stuck(Pid);
 
 impl Stuck {
-    /// Stops it in the middle of whatever it is at.
+    /// Stops a thread in the middle of its work, or while it waits.
     pub fn stop(thread: i32) -> Self {
         let thread = Pid::from_raw(thread);
         ptrace::seize(thread, ptrace::Options::empty()).unwrap();
@@ -22,11 +22,11 @@ impl Stuck {
         Self(thread)
     }
 
-    /// Stops it while it computes: in no call of the kernel, where it waits.
+    /// Stops a thread while it computes. It waits only inside calls of the kernel.
     pub fn computing(thread: i32) -> Self {
         loop {
             let stuck = Self::stop(thread);
-            // The kernel's word for no call is -1.
+            // The kernel writes -1 for a thread outside of all calls.
             if fs::read_to_string(format!("/proc/{thread}/syscall")).unwrap().starts_with("-1 ") {
                 return stuck;
             }
@@ -38,12 +38,12 @@ impl Stuck {
 
 impl Drop for Stuck {
     fn drop(&mut self) {
-        // It may have been killed meanwhile.
+        // The thread may have been killed meanwhile.
         let _ = ptrace::detach(self.0, None);
     }
 }
 
-/// The number of the process's thread of this name, once it is there.
+/// Waits until the process has a thread of this name, and returns its number.
 pub fn thread_called(child: &mut Child, name: &str) -> i32 {
     let tasks = format!("/proc/{}/task", child.id());
     let is_called =

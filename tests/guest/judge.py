@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Judges packets that tests/packet_decoder.py has recorded.
 
-Exit status 1: they are not as they should be; 3: too few poses to judge the clip by.
+Exit status 1: the packets are wrong; 3: there are too few poses to judge the clip by.
 
-  judge.py clip PACKETS.csv TRUTH.csv FPS   the face of the clip, played at FPS frames a second
-  judge.py passes PACKETS.csv STEP...       the packets pass through these steps, in this order
-  judge.py line BYTES STEP...               the same of the frames that left a serial port, each of them whole
+  judge.py clip PACKETS.csv TRUTH.csv FPS   the packets show the face of the clip, played at FPS frames a second
+  judge.py passes PACKETS.csv STEP...       the packets pass through these steps in this order, and none is missing
+  judge.py line BYTES DROPPED STEP...       the same for the bytes that left a serial port: all frames are whole, and as
+                                            many are missing as the service says it has DROPPED
 
 A step is a state (live) or a state with its reason (neutral/no_face). Only the standard library is used.
 """
@@ -14,7 +15,7 @@ import csv
 import sys
 
 LEAST_CORRELATION = 0.7
-# Part of the clip's frames that must have given a pose, so that no coefficient is judged by a glimpse.
+# Share of the clip's frames that must have given a pose, so that no coefficient is judged by a few frames.
 LEAST_SEEN = 0.7
 TOO_FEW = 3
 # The clip's frames that a search step moves the truth by.
@@ -27,26 +28,26 @@ def read(path):
         return list(csv.DictReader(file))
 
 
-def complaint_about_order(rows):
-    """A sentence about lost packets, or None. All went over the loopback interface, which loses none. A service that was
-    started again begins with 0."""
+def complaint_about_order(rows, dropped=0):
+    """Returns a sentence about missing packets, or None. The service says how many it has dropped, and the loopback
+    interface and the serial line lose none. A service that was started again begins with 0."""
     sequences = [int(row["sequence"]) for row in rows]
-    lost = sum((later - earlier - 1) % 65536 for earlier, later in zip(sequences, sequences[1:]) if later)
-    return f"{lost} packets are missing in the sequence" if lost else None
+    missing = sum((later - earlier - 1) % 65536 for earlier, later in zip(sequences, sequences[1:]) if later)
+    return f"{missing} packets are missing in the sequence, {dropped} were dropped" if missing != dropped else None
 
 
 def poses(rows):
-    """The first packet of each captured frame while live, with its time of capture in seconds."""
-    found, last, wraps = [], None, 0
+    """Returns the last live packet of each captured frame with its time of capture in seconds. By then the output has
+    caught up with the pose, even if the face was held before."""
+    found, last, wraps = {}, 0, 0
     for row in rows:
-        capture_us = int(row["capture_us"])
-        if row["state"] != "live" or capture_us == last:
+        if row["state"] != "live":
             continue
-        if last is not None and capture_us < last:
-            wraps += 1
+        capture_us = int(row["capture_us"])
+        wraps += capture_us < last
         last = capture_us
-        found.append(((capture_us + (wraps << 32)) / 1e6, row))
-    return found
+        found[capture_us + (wraps << 32)] = row
+    return [(capture_us / 1e6, row) for capture_us, row in found.items()]
 
 
 def pearson(xs, ys):
@@ -90,7 +91,12 @@ def judge_clip(packets, truth_path, fps):
     return complaint_about_order(packets)
 
 
-def judge_passes(packets, *steps):
+def judge_line(packets, dropped, *steps):
+    """Whether the packets pass through all steps, without those that the service says it has dropped."""
+    return judge_passes(packets, *steps, dropped=int(dropped))
+
+
+def judge_passes(packets, *steps, dropped=0):
     """Whether the packets pass through all steps."""
     left = list(steps)
     for row in packets:
@@ -99,7 +105,7 @@ def judge_passes(packets, *steps):
             left.pop(0)
     if left:
         return f"of {' '.join(steps)}, no packet showed {left[0]} in its turn"
-    return complaint_about_order(packets)
+    return complaint_about_order(packets, dropped)
 
 
 def read_line(path):
@@ -119,7 +125,7 @@ def read_line(path):
 
 
 def main():
-    judges = {"clip": judge_clip, "passes": judge_passes, "line": judge_passes}
+    judges = {"clip": judge_clip, "passes": judge_passes, "line": judge_line}
     if len(sys.argv) < 4 or sys.argv[1] not in judges:
         sys.exit(__doc__)
     packets = read_line(sys.argv[2]) if sys.argv[1] == "line" else read(sys.argv[2])

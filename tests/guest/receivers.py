@@ -1,6 +1,6 @@
-"""What arrives at the other ends of the service's links, and when; and the service itself, with its log.
+"""The receivers at the other ends of the service's links, and the service itself with its log.
 
-All times are of time.monotonic(), the clock of the packets' time of capture. Each end is read by a thread of its own.
+All times are those of time.monotonic(), the clock of the packets' time of capture. A thread of its own reads each end.
 """
 
 import contextlib
@@ -20,30 +20,59 @@ PORT = 5252
 SO_TIMESTAMPNS = 35
 
 
-def await_that(what, seconds, condition):
-    """Waits until the condition holds and returns what it gave; ends the program if it does not in time."""
-    end = time.monotonic() + seconds
+# Longest wait for a state, in seconds. On a busy machine emulation is slow.
+PATIENCE_S = 180
+
+
+def await_that(what, condition):
+    """Waits until the condition holds and returns its value; ends the program if that takes too long."""
+    end = time.monotonic() + PATIENCE_S
     while not (found := condition()):
         if time.monotonic() > end:
-            sys.exit(f"waited {seconds} s in vain: {what}")
+            sys.exit(f"waited {PATIENCE_S} s in vain: {what}")
         time.sleep(0.01)
     return found
 
 
+class Lag:
+    """Measures by how much this guest is late: how long past its time a program wakes up that does nothing but sleep.
+
+    A promise in seconds is judged with this added for each of the few times that a program has to wake up in it.
+    """
+
+    period_s = 0.02
+    wakes = 3
+
+    def __init__(self):
+        self.worst_s = 0.0
+        threading.Thread(target=self.measure, daemon=True).start()
+
+    def measure(self):
+        """Sleeps again and again."""
+        while True:
+            begun = time.monotonic()
+            time.sleep(self.period_s)
+            self.worst_s = max(self.worst_s, time.monotonic() - begun - self.period_s)
+
+    def slack_s(self):
+        """What a promise in seconds may take longer in this guest."""
+        return self.wakes * self.worst_s
+
+
 def monotonic(real_s):
-    """A moment of the system's clock on the monotonic one."""
+    """Converts a moment of the system's clock to the monotonic clock."""
     return real_s - time.time() + time.monotonic()
 
 
 class End:
-    """Packets as they came: pairs of time and packet, and what was refused."""
+    """The packets as they came, in pairs of time and packet, and the data that were refused."""
 
     def __init__(self):
         self.packets, self.refused = [], []
         threading.Thread(target=self.read, daemon=True).start()
 
     def take(self, time_s, data):
-        """Keeps a packet or the reason why it is none."""
+        """Keeps a packet, or the reason why the data are not a packet."""
         try:
             self.packets.append((time_s, decode(self.unframed(data))))
         except ValueError as error:
@@ -51,11 +80,11 @@ class End:
 
     @staticmethod
     def unframed(data):
-        """The packet in what came, which is a datagram."""
+        """Returns the packet in the data. A datagram is one packet."""
         return data
 
     def first_since(self, time_s, wanted=lambda packet: True):
-        """The time of the first such packet that came after `time_s`, or None."""
+        """Returns the time of the first wanted packet that came after `time_s`, or None."""
         later = (at for at, packet in self.packets if at >= time_s and wanted(packet))
         return next(later, None)
 
@@ -74,7 +103,7 @@ class Datagrams(End):
 
 
 class SerialEnd(End):
-    """The board at the other end of a serial line; it is opened again after it was pulled out."""
+    """The board at the other end of a serial line. The line is opened again after it was unplugged."""
 
     def __init__(self, path):
         self.path, self.reading = path, threading.Event()
@@ -90,7 +119,7 @@ class SerialEnd(End):
             time.sleep(0.02)
 
     def session(self, port):
-        """Reads until the line is hung up. What comes before the first zero is the rest of a frame."""
+        """Reads until the line is hung up. The bytes before the first zero are the rest of a frame."""
         try:
             subprocess.run(["stty", "-F", self.path, "raw", "-echo"], check=False)
             rest, started = b"", False
@@ -105,7 +134,7 @@ class SerialEnd(End):
             os.close(port)
 
     def some_bytes(self, port):
-        """Waits for bytes; empty when the line is hung up."""
+        """Waits for bytes and returns them; returns none when the line is hung up."""
         while True:
             self.reading.wait()
             if select.select([port], [], [], 0.1)[0]:
@@ -115,8 +144,8 @@ class SerialEnd(End):
 class Service:
     """`facewire run` with the settings of the case.
 
-    What it frees goes back to the system at once, so that its memory shows what it holds and nothing of how the C library
-    keeps what ONNX Runtime frees and takes again.
+    Memory that it frees goes back to the system at once. So its size does not depend on how much freed memory the C
+    library keeps for the next allocation of ONNX Runtime.
     """
 
     def __init__(self, work):
@@ -133,31 +162,31 @@ class Service:
             print(line, end="", file=self.log, flush=True)
 
     def logged_last(self, text):
-        """The time of the last line with this text."""
+        """Returns the time of the last line with this text."""
         return next(at for at, line in reversed(self.lines) if text in line)
 
     def logged_since(self, time_s, text):
-        """The time of the first line with this text that was written after `time_s`, or None."""
+        """Returns the time of the first line with this text that was written after `time_s`, or None."""
         return next((at for at, line in self.lines if at >= time_s and text in line), None)
 
     def count(self, text):
-        """How many lines have this text."""
+        """Returns how many lines have this text."""
         return sum(text in line for _, line in self.lines)
 
     def last_line(self):
-        """The last line of the log."""
+        """Returns the last line of the log."""
         return self.lines[-1][1]
 
     def descriptors(self):
-        """How many descriptors it has open."""
+        """Returns how many descriptors the process has open."""
         return len(os.listdir(f"/proc/{self.process.pid}/fd"))
 
     def resident_kb(self):
-        """How much memory it has."""
+        """Returns the resident memory of the process."""
         with open(f"/proc/{self.process.pid}/status") as status:
             return next(int(line.split()[1]) for line in status if line.startswith("VmRSS"))
 
     def stop(self):
-        """Ends it as systemd does; its exit status."""
+        """Ends the service as systemd does; returns its exit status."""
         self.process.terminate()
-        return self.process.wait(10)
+        return self.process.wait(PATIENCE_S)

@@ -1,8 +1,8 @@
-//! An allocator that counts, thread by thread, for a process that looks on.
+//! An allocator that counts the allocations of each thread and tells them to another process.
 //!
-//! [`allocation_counter`] measures what the calling thread does in a closure; here another process asks about threads
-//! that it did not start.
-#![allow(unsafe_code, reason = "an allocator is unsafe; this one hands everything on")]
+//! [`allocation_counter`] measures a closure in the calling thread. Here another process asks about threads that it did not
+//! start.
+#![allow(unsafe_code, reason = "an allocator is unsafe; this allocator passes every call on")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::io::{Write as _, stdin, stdout};
@@ -19,7 +19,7 @@ static COUNTED: Counted = Counted;
 
 static COUNTS: [Slot; SLOTS] = [const { Slot { thread: AtomicI32::new(0), count: AtomicU64::new(0) } }; SLOTS];
 
-/// What a thread has allocated.
+/// How often a thread has allocated memory.
 struct Slot {
     thread: AtomicI32,
     count: AtomicU64,
@@ -53,7 +53,7 @@ unsafe impl GlobalAlloc for Counted {
     }
 }
 
-/// Counts for the calling thread. Where all slots are taken, short-lived threads came and went: they share the last.
+/// Counts an allocation of the calling thread. If short-lived threads have taken all slots, the others share the last slot.
 fn count() {
     let thread = gettid().as_raw_nonzero().get();
     let is_own = |slot: &&Slot| {

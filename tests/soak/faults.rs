@@ -1,7 +1,7 @@
-//! Random faults of the links, and of an inference: a thread that stands still wherever it is.
+//! Random faults of the links, and of inferences: the thread that runs them is stopped wherever it is.
 //!
-//! Those of the camera and the face are the service's own rehearsal. Changes of settings are no faults, but come as
-//! suddenly.
+//! The service's own rehearsal plays the faults of the camera and the face. Changes of settings are not faults, but come
+//! as unexpectedly.
 
 use std::net::{SocketAddr, UdpSocket};
 
@@ -9,16 +9,16 @@ use super::board::{Board, StablePath};
 use super::common::stuck::Stuck;
 use super::process::Service;
 
-/// In so many steps, a fault begins once on average; it lasts at most so many.
+/// On average, a fault begins once in `rarity` steps. It lasts at most `longest` steps.
 const SERIAL: Chance = Chance { rarity: 80, longest: 40 };
 const RECEIVER: Chance = Chance { rarity: 80, longest: 40 };
 const INFERENCE: Chance = Chance { rarity: 150, longest: 20 };
-/// In so many seconds, other settings come once on average.
+/// On average, the settings change once in `rarity` seconds.
 const SETTINGS: Chance = Chance { rarity: 20, longest: 1 };
-/// Seconds in which they come in any case, before anything is judged: threads that take changes run once, and the system
-/// keeps the memory of their stacks.
+/// Seconds in which the settings change in any case, before anything is judged: the threads that prepare a reload run
+/// once, and the system keeps the memory of their stacks.
 const FIRST_SETTINGS_S: [u32; 3] = [4, 8, 12];
-/// Every so many changes, a link changes too: the serial port is opened at another baud rate.
+/// After this many changes, a link changes too: the serial port gets another baud rate.
 const LINK_CHANGE: u32 = 3;
 
 struct Chance {
@@ -26,7 +26,7 @@ struct Chance {
     longest: u32,
 }
 
-/// What is broken, and for how many more steps.
+/// The current faults, and for how many more steps they last.
 pub struct Faults {
     seed: u64,
     random: fastrand::Rng,
@@ -39,7 +39,7 @@ pub struct Faults {
     stopped: Option<Stuck>,
     resumed_in: u32,
     seconds: u32,
-    /// Times each happened: boards pulled, receivers ended, threads stopped, settings changed.
+    /// How often each fault has happened: boards unplugged, receivers ended, threads stopped, settings changed.
     pub counts: [u32; 4],
 }
 
@@ -66,7 +66,7 @@ impl Faults {
         }
     }
 
-    /// A camera with random faults, and the links that will have theirs; else what the changes so far have made of them.
+    /// Settings with a camera that has random faults, and with the links, after the changes so far.
     pub fn settings(&self) -> String {
         let changes = self.counts[3];
         let (hold_ms, neutral_ms) = if changes.is_multiple_of(2) { (300, 1000) } else { (400, 900) };
@@ -81,7 +81,7 @@ impl Faults {
         )
     }
 
-    /// Now and then, asked every second, gives the service other settings; whether it has.
+    /// Called every second; changes the service's settings now and then. Returns whether they were changed.
     pub fn change_settings(&mut self, service: &Service) -> bool {
         self.seconds += 1;
         let is_time = self.begins(&SETTINGS).is_some() || FIRST_SETTINGS_S.contains(&self.seconds);
@@ -92,14 +92,14 @@ impl Faults {
         is_time
     }
 
-    /// Lets a step pass, in which faults may begin and end.
+    /// Begins and ends faults at random. Called in every step.
     pub fn step(&mut self, service: &Service) {
         self.serial();
         self.receiver();
         self.inference(service);
     }
 
-    /// Mends everything.
+    /// Ends the fault of the inference.
     pub fn end(&mut self) {
         self.stopped = None;
     }

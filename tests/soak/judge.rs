@@ -1,4 +1,4 @@
-//! What must hold, second by second and in the end.
+//! Judges the service second by second, and as a whole at the end.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -9,19 +9,19 @@ use facewire_packet::{Packet, Reason, State};
 use super::common::slew::assert_slew;
 use super::process::{Arrival, Sample};
 
-/// Longest time between two packets. A neutral face comes 10 times a second; the rest is for a busy machine.
+/// Longest time between two packets. A neutral face is sent 10 times a second; a busy machine may be later.
 const LONGEST_PAUSE: Duration = Duration::from_secs(1);
-/// Serial port, a receiver with faults, and one without.
+/// A serial port, a receiver with faults, and a receiver without.
 const LINKS: u64 = 3;
-/// What is not judged at the beginning, seconds: networks load, caches fill.
+/// Seconds at the beginning that are not judged, because networks load and caches fill.
 const WARM_UP_S: usize = 20;
-/// Seconds of flowing frames of which one is judged.
+/// Frames must flow for this many seconds before one of these seconds is judged.
 const SURROUNDINGS_S: usize = 3;
-/// Growth of the resident memory that a short run may show. Over hours 1 MiB/h is the limit.
+/// Growth of the resident memory that a short run may show. Over hours the limit is 1 MiB an hour.
 const RESIDENT_NOISE_KIB: f64 = 512.0;
 const RESIDENT_KIB_PER_H: f64 = 1024.0;
 
-/// All that was seen.
+/// The observations so far.
 #[derive(Default)]
 pub struct Judge {
     last: Option<Arrival>,
@@ -29,14 +29,14 @@ pub struct Judge {
     longest_pause: Duration,
     seen: BTreeSet<String>,
     samples: Vec<Sample>,
-    /// Seconds for which frames have flowed under the same settings.
+    /// For how many seconds frames have flowed under the same settings.
     flowing_s: usize,
     judged_s: usize,
     growth_kib: f64,
 }
 
 impl Judge {
-    /// Judges the packets of a second and what the process is at its end. At its beginning settings may have changed.
+    /// Judges the packets of a second and the state of the process at its end. The settings may have changed at its beginning.
     pub fn interval(&mut self, packets: Vec<Arrival>, sample: Sample, is_changed: bool) {
         let flows = !packets.is_empty() && packets.iter().all(|(_, packet)| flows(packet));
         for arrival in packets {

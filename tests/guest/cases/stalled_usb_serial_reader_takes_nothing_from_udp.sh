@@ -1,6 +1,6 @@
 #!/bin/sh
-# The board at a USB serial port stops reading: the receiver by UDP gets every packet, and the board gets fresh ones when it
-# reads again.
+# When the board at a USB serial port stops reading, the receiver by UDP still gets every packet, and the board gets fresh
+# packets as soon as it reads again.
 . cases/lib.sh
 cp receivers.py endurance.py stalled.py $work
 configure /dev/video9
@@ -9,4 +9,4 @@ cat >>$work/facewire.toml <<CONFIG
 kind = "serial"
 device = "/dev/serial/by-id/usb-Arduino_0043_1234-if00"
 CONFIG
-python3 $work/stalled.py $work || fail 'a board that does not read is not taken as it should be'
+python3 $work/stalled.py $work || fail 'the service does not cope with a board that does not read'

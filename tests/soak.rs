@@ -1,10 +1,10 @@
-//! A service that is given random faults for a long time: of its camera, face, links and inference; and other settings.
+//! Runs a service for a long time with random faults of its camera, face, links and inferences, and changes its settings.
 //!
-//! Two minutes by default; `FACEWIRE_SOAK_MINUTES=120 cargo test --release --test soak` for a night's. The service is
-//! this test itself, started again as `facewire run` with an allocator that counts ([`counted`]). Each second is judged
-//! ([`judge`]): packets without a gap, the right states and reasons, no step above the slew limit; and wherever frames
-//! flowed and settings stayed, no allocation and no page fault of the threads that they pass. At the end memory and descriptors must be what
-//! they were, and the counters must add up.
+//! The test takes two minutes; `FACEWIRE_SOAK_MINUTES=120 cargo test --release --test soak` takes two hours. The service is
+//! this program itself, started again as `facewire run` with an allocator that counts ([`counted`]). Each second is judged
+//! ([`judge`]): no packet may be missing, states and reasons must be right, and no step may exceed the slew limit. While
+//! frames flow and the settings stay the same, the threads that handle them must not allocate memory or fault pages. At
+//! the end, memory and descriptors must be what they were, and the counters must add up.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod board;
@@ -29,13 +29,13 @@ use self::faults::Faults;
 use self::judge::Judge;
 use self::process::Service;
 
-/// Set for the process that is the service.
+/// The environment variable that makes this program the service.
 const SERVICE: &str = "FACEWIRE_SOAK_SERVICE";
 /// How often faults may begin and end.
 const STEP: Duration = Duration::from_millis(100);
-/// Steps that are judged together.
+/// How many steps are judged together.
 const STEPS: u32 = 10;
-/// Random, but the same each time.
+/// The seed of the faults, which are the same in every run.
 const SEED: u64 = 7;
 
 fn main() -> ExitCode {
@@ -69,7 +69,7 @@ fn soak(minutes: u32) {
         judge.interval(service.packets(), service.sample(), is_changed);
     }
     faults.end();
-    // The last change is taken, and what it ended is counted.
+    // Meanwhile the last change takes effect, and the links that it ended are counted.
     std::thread::sleep(Duration::from_secs(1));
     let (rest, log) = service.stop();
     judge.end(rest, &log);

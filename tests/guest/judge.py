@@ -19,7 +19,7 @@ LEAST_CORRELATION = 0.7
 LEAST_SEEN = 0.7
 TOO_FEW = 3
 # The clip's frames that a search step moves the truth by.
-STEP_FRAMES = 0.5
+STEP_FRAMES = 0.25
 
 
 def read(path):
@@ -59,9 +59,8 @@ def pearson(xs, ys):
 
 
 def at(curve, position):
-    """The looped curve between two of its frames."""
-    frame, part = int(position // 1), position % 1
-    return curve[frame % len(curve)] * (1 - part) + curve[(frame + 1) % len(curve)] * part
+    """Returns the value of the looped curve at the nearest frame, since a camera shows whole frames."""
+    return curve[round(position) % len(curve)]
 
 
 def align(positions, shown, truth):

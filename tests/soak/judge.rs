@@ -49,9 +49,9 @@ impl Judge {
         }
     }
 
-    /// Frames allocate nothing and fault no page. Of seconds in which frames flowed, that before the last is judged: a
-    /// camera may have been opened in the first, and lost at the end of the last, which packets show only later. New
-    /// settings may cost something when they are taken, which is in the second of their change or in that after it.
+    /// Checks that frames allocate nothing and fault no page, in the second before the last. In the first second of flowing
+    /// frames a camera may have been opened, and at the end of the last second the camera may have been lost, which packets
+    /// show only later. New settings may cost something when they take effect, in the second of the change or in the next.
     fn assert_still(&mut self) {
         let second = self.samples.len() - 1;
         let [.., before, after, _] = &self.samples[..] else { return };
@@ -73,7 +73,7 @@ impl Judge {
         }
     }
 
-    /// Judges the whole: the last packets, and the log with the service's own counts.
+    /// Judges the last packets, the log with the service's own counts, and the memory over the whole run.
     pub fn end(&mut self, packets: Vec<Arrival>, log: &str) {
         for arrival in packets {
             self.packet(arrival);
@@ -92,7 +92,7 @@ impl Judge {
         assert!(self.judged_s > 0, "frames never flowed for long enough to be judged");
     }
 
-    /// The counters of the last line add up.
+    /// Checks that the counters of the last line add up.
     fn assert_counts(&self, line: &str) {
         let count = |name: &str| -> u64 {
             let value = line.split_whitespace().find_map(|pair| pair.strip_prefix(name)?.strip_prefix('='));
@@ -103,7 +103,7 @@ impl Judge {
         assert_eq!(count("sent") + count("dropped"), count("packets"), "{line}");
     }
 
-    /// Memory and descriptors in the end are what they were in the beginning.
+    /// Checks that memory and descriptors have not grown.
     fn assert_memory(&mut self) {
         let judged = &self.samples[WARM_UP_S..];
         let third = judged.len() / 3;
@@ -136,7 +136,7 @@ impl fmt::Display for Judge {
     }
 }
 
-/// Whether a frame was behind the packet, with or without a face.
+/// Whether the packet stems from a frame, with or without a face.
 fn flows(packet: &Packet) -> bool {
     matches!(packet.reason, Reason::None | Reason::NoFace)
 }

@@ -1,4 +1,4 @@
-//! The service as a process, and what can be seen of it from outside.
+//! The service as a process, observed from outside.
 
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, Write as _};
@@ -16,7 +16,7 @@ use super::SERVICE;
 use super::common::program::{settings, text};
 use super::common::stuck::thread_called;
 
-/// The threads that a frame passes.
+/// The threads that handle a frame.
 const HOT_THREADS: [&str; 2] = ["fw-hot", "fw-sender"];
 /// Fields of a thread's `stat`, counted after its name: minor and major page faults.
 const FAULT_FIELDS: [usize; 2] = [7, 9];
@@ -24,7 +24,7 @@ const FAULT_FIELDS: [usize; 2] = [7, 9];
 /// A packet and when it came.
 pub type Arrival = (Instant, Packet);
 
-/// The service, its log in a file, and a receiver that is always there.
+/// The service, with its log in a file and a receiver that never goes away.
 pub struct Service {
     child: Child,
     requests: ChildStdin,
@@ -33,15 +33,15 @@ pub struct Service {
     threads: [i32; 2],
     folder: TempDir,
     settings: NamedTempFile,
-    /// The link to the receiver, in the settings.
+    /// The link to the receiver, as written in the settings.
     link: String,
 }
 
-/// What the process is at one moment.
+/// Measurements of the process at one moment.
 #[derive(Debug, Clone)]
 pub struct Sample {
     pub at: Instant,
-    /// Of hot loop and sender since they began.
+    /// Counts of the hot loop and the sender since they started.
     pub allocations: [u64; 2],
     pub page_faults: [u64; 2],
     pub resident_kib: u64,
@@ -49,7 +49,7 @@ pub struct Sample {
 }
 
 impl Service {
-    /// Starts it with these settings and one more link, to the receiver.
+    /// Starts the service with these settings and another link, to the receiver.
     pub fn start(toml: &str) -> Self {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let link = format!("[[link]]\naddress = \"{}\"\n", socket.local_addr().unwrap());
@@ -65,18 +65,18 @@ impl Service {
         Self { child, requests, answers, arrivals, threads, folder, settings, link }
     }
 
-    /// Gives it these settings and the link to the receiver.
+    /// Writes these settings with the link to the receiver, and tells the service to read them.
     pub fn change(&self, toml: &str) {
         fs::write(self.settings.path(), toml.to_owned() + &self.link).unwrap();
         kill_process(Pid::from_child(&self.child), Signal::HUP).unwrap();
     }
 
-    /// The thread that runs frames.
+    /// Returns the number of the thread that runs the frames.
     pub fn hot_thread(&self) -> i32 {
         self.threads[0]
     }
 
-    /// What came since the last call.
+    /// Returns the packets that came since the last call.
     pub fn packets(&mut self) -> Vec<Arrival> {
         std::mem::take(&mut self.arrivals.lock().unwrap())
     }
@@ -94,7 +94,7 @@ impl Service {
         }
     }
 
-    /// Stops it; gives what came meanwhile, and the log.
+    /// Stops the service. Returns the packets that came meanwhile, and the log.
     pub fn stop(mut self) -> (Vec<Arrival>, String) {
         kill_process(Pid::from_child(&self.child), Signal::TERM).unwrap();
         let status = self.child.wait().unwrap();
@@ -133,7 +133,7 @@ impl Drop for Service {
     }
 }
 
-/// Collects valid packets for as long as the process that asks lives.
+/// Collects valid packets until the test ends.
 fn collect(socket: UdpSocket, arrivals: &Arc<Mutex<Vec<Arrival>>>) {
     let arrivals = Arc::clone(arrivals);
     thread::spawn(move || {
@@ -145,7 +145,7 @@ fn collect(socket: UdpSocket, arrivals: &Arc<Mutex<Vec<Arrival>>>) {
     });
 }
 
-/// What the thread has allocated, of an answer.
+/// Returns how often the thread has allocated memory, from an answer of the service.
 fn allocations(answer: &str, thread: i32) -> u64 {
     let wanted = thread.to_string();
     let mut pairs = answer.split_whitespace().filter_map(|pair| pair.split_once(':'));

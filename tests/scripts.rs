@@ -7,12 +7,20 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use common::program::Run;
 use tempfile::TempDir;
 
 fn script(name: &str) -> Command {
     Command::new(Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts").join(name))
+}
+
+/// Lets one test of this file run at a time. A process that one test starts would hold the scripts open that another test
+/// is writing, and the system refuses to run a program that is open for writing.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Writes a shell script that anybody may run.
@@ -29,6 +37,7 @@ fn search_path(first: &Path) -> String {
 
 #[test]
 fn setup_refuses_a_machine_without_onnx_runtime_before_it_installs_anything() {
+    let _alone = alone();
     for (machine, bits) in [("armv7l", "32"), ("aarch64", "32"), ("riscv64", "64")] {
         let stand_ins = tempfile::tempdir().unwrap();
         write_script(&stand_ins.path().join("uname"), &format!("echo {machine}"));
@@ -47,7 +56,7 @@ fn setup_refuses_a_machine_without_onnx_runtime_before_it_installs_anything() {
 
 #[test]
 fn help_sets_nothing_up() {
-    let folder = tempfile::tempdir().unwrap();
+    let (_alone, folder) = (alone(), tempfile::tempdir().unwrap());
     let cache: PathBuf = folder.path().join("cache");
     for name in ["compare", "setup"] {
         let run = Run::of(script(name).arg("--help").env("XDG_CACHE_HOME", &cache)).succeeded();
@@ -57,11 +66,11 @@ fn help_sets_nothing_up() {
 }
 
 /// A copy of `scripts/test` in a project whose programs and scripts are stand-ins that do nothing.
-struct Rehearsal(TempDir);
+struct Rehearsal(TempDir, MutexGuard<'static, ()>);
 
 impl Rehearsal {
     fn new() -> Self {
-        let rehearsal = Self(tempfile::tempdir().unwrap());
+        let rehearsal = Self(tempfile::tempdir().unwrap(), alone());
         for program in ["cargo", "rustfmt", "shellcheck"] {
             rehearsal.replace(&format!("programs/{program}"), "");
         }
@@ -135,7 +144,7 @@ fn a_test_that_skips_itself_is_listed_by_its_name() {
     if std::env::var_os(SKIPS).is_some() {
         return common::skip("this machine lacks\nsomething\n");
     }
-    let list = tempfile::NamedTempFile::new().unwrap();
+    let (_alone, list) = (alone(), tempfile::NamedTempFile::new().unwrap());
     let mut this = Command::new(std::env::current_exe().unwrap());
     this.args(["--exact", "a_test_that_skips_itself_is_listed_by_its_name", "--test-threads", "2"]);
     Run::of(this.env(SKIPS, "1").env("FACEWIRE_SKIPPED", list.path())).succeeded();

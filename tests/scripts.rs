@@ -66,28 +66,31 @@ fn help_sets_nothing_up() {
 }
 
 /// A copy of `scripts/test` in a project whose programs and scripts are stand-ins that do nothing.
-struct Rehearsal(TempDir, MutexGuard<'static, ()>);
+struct Rehearsal {
+    folder: TempDir,
+    _alone: MutexGuard<'static, ()>,
+}
 
 impl Rehearsal {
     fn new() -> Self {
-        let rehearsal = Self(tempfile::tempdir().unwrap(), alone());
+        let rehearsal = Self { folder: tempfile::tempdir().unwrap(), _alone: alone() };
         for program in ["cargo", "rustfmt", "shellcheck"] {
             rehearsal.replace(&format!("programs/{program}"), "");
         }
         for file in ["scripts/setup", "tests/guest/setup", "tests/guest/cameras", "tests/guest/run"] {
             rehearsal.replace(file, "");
         }
-        fs::copy(script("test").get_program(), rehearsal.0.path().join("scripts/test")).unwrap();
+        fs::copy(script("test").get_program(), rehearsal.folder.path().join("scripts/test")).unwrap();
         rehearsal
     }
 
     fn replace(&self, file: &str, commands: &str) {
-        write_script(&self.0.path().join(file), commands);
+        write_script(&self.folder.path().join(file), commands);
     }
 
     fn run(&self, steps: &[&str]) -> Run {
-        let mut test = Command::new(self.0.path().join("scripts/test"));
-        test.env("PATH", search_path(&self.0.path().join("programs"))).env_remove("CARGO_TARGET_DIR");
+        let mut test = Command::new(self.folder.path().join("scripts/test"));
+        test.env("PATH", search_path(&self.folder.path().join("programs"))).env_remove("CARGO_TARGET_DIR");
         Run::of(test.args(steps))
     }
 }

@@ -73,12 +73,15 @@ fn every_receiver_sees_the_face_go_live_and_stop_neutral() {
 fn live_packets_follow_the_face() {
     let receiver = Receiver::new();
     let _service = Service::start(DEMO, &[receiver.address()]);
-    receiver.until(|packet| packet.state == State::Live);
-    let packets: Vec<Packet> =
-        (0..60).map(|_| receiver.packet()).filter(|packet| packet.state == State::Live).collect();
-    let captures = packets.windows(2).filter(|pair| pair[0].capture_us != pair[1].capture_us).count();
-    let moves = packets.windows(2).filter(|pair| pair[0].coefficients != pair[1].coefficients).count();
-    assert!(captures > 10 && moves > 10, "{captures} {moves} of {}", packets.len());
+    let mut packets: Vec<Packet> = Vec::new();
+    let changes = |packets: &[Packet], differ: fn(&Packet, &Packet) -> bool| {
+        packets.windows(2).filter(|pair| differ(&pair[0], &pair[1])).count()
+    };
+    while changes(&packets, |a, b| a.capture_us != b.capture_us) < 20 {
+        packets.extend(receiver.until(|packet| packet.state == State::Live).pop());
+    }
+    let moves = changes(&packets, |a, b| a.coefficients != b.coefficients);
+    assert!(moves > 10, "{moves} moves in {} packets", packets.len());
     for packet in &packets {
         assert_eq!(packet.reason, Reason::None);
         assert!(packet.age_us < 1_000_000, "{packet:?}");
@@ -157,11 +160,14 @@ fn a_network_that_takes_no_packets_is_told_once() {
     assert!(service.wait().unwrap().success());
 }
 
+/// The age of the last pose that tells that the camera hangs, even on a busy machine, microseconds.
+const HUNG_US: u32 = 3_000_000;
+
 /// Starts a service whose camera hangs in the kernel, and returns it with the packets so far.
 fn hung(receiver: &Receiver) -> (Service, Vec<Packet>) {
     let service = Service::start("[camera]\ndevice = \"rehearsal: live 2, hung 60\"\n", &[receiver.address()]);
     let mut packets = receiver.until(|packet| packet.state == State::Live);
-    packets.extend(receiver.until(|packet| packet.state == State::Decay));
+    packets.extend(receiver.until(|packet| packet.age_us > HUNG_US));
     (service, packets)
 }
 

@@ -172,7 +172,7 @@ fn run_with_a_serial_line_metrics_and_a_manager_opens_these_only() {
             "socket" => call.says("AF_UNIX, SOCK_DGRAM") || call.says("AF_UNIX, SOCK_STREAM"),
             "bind" | "unlink" => is_at(&metrics),
             // Without an address, the data go to the peer of a connected socket, which is a reader of the metrics.
-            "sendto" if call.says(", NULL, 0)") => true,
+            "sendto" if call.says(", NULL, 0") => true,
             "connect" | "sendto" | "sendmsg" => is_at(&manager),
             "listen" | "accept4" | "setsockopt" | "recvfrom" | "recv" => true,
             "execve" => call.says(env!("CARGO_BIN_EXE_facewire")),

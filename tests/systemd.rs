@@ -276,11 +276,16 @@ fn good_settings_are_taken_by_the_running_service() {
 fn links_change_while_the_service_runs() {
     let unit = Unit::start(NO_CAMERA);
     let other = Receiver::new();
-    unit.receiver.packet();
+    let mut packets = vec![unit.receiver.packet()];
     unit.reload(&format!("{NO_CAMERA}[[link]]\naddress = \"{}\"\n", other.address()));
-    let sequence = other.packet().sequence;
-    assert!(sequence > 0, "numbering goes on");
-    unit.receiver.until(|packet| packet.sequence > sequence);
+    assert_eq!(other.packet().sequence, 0, "each link numbers its own packets");
+    packets.extend(unit.receiver.rest());
+    packets.push(unit.receiver.packet());
+    let sequences: Vec<u16> = packets.iter().map(|packet| packet.sequence).collect();
+    assert!(
+        sequences.iter().zip(0..).all(|(sequence, number)| *sequence == number),
+        "the other link goes on: {sequences:?}"
+    );
 }
 
 #[test]

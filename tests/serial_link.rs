@@ -15,6 +15,7 @@ use board::{Board, StablePath, eventually};
 use facewire::config::{LinkKind, LinkSettings, SerialSettings};
 use facewire::link::{Carrier as _, Link, SerialCarrier, Traffic};
 use facewire_packet::{Packet, State};
+use rustix::fs::{FlockOperation, flock};
 use rustix::termios::{ControlModes, InputModes, LocalModes, OptionalActions, OutputModes, tcgetattr, tcsetattr};
 
 /// Returns a packet with control characters of all kinds, which a terminal would change if its port were not raw.
@@ -293,8 +294,8 @@ fn a_port_that_does_not_open_is_reported_in_one_sentence_with_what_to_do() {
         assert!(text.ends_with("not a serial port; give one that `facewire devices` lists"), "{text}");
     }
     let board = Board::plugged_in();
-    let link = Serial::open(&board);
+    let other_program = board.port();
+    flock(&other_program, FlockOperation::NonBlockingLockExclusive).unwrap();
     let busy = "another program has it open; end that program, or give another port";
     assert_eq!(trouble(&board.device), format!("link {}: {busy}", board.device.display()));
-    drop(link);
 }

@@ -105,7 +105,7 @@ impl Pipeline {
         let camera = Camera::new(frame.size_px(), self.horizontal_fov_deg);
         let (solver, times) = (&mut self.solver, &mut self.times);
         let outcome = timed(&mut times.solve, || solver.solve(landmarks, &camera, frame.captured_us));
-        if outcome.is_err() {
+        if outcome.is_err() && frame.picture().is_some() {
             self.forget_face();
         }
         Ok(outcome?)

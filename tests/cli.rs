@@ -264,7 +264,7 @@ fn a_neutral_range_beyond_the_clip_is_refused_with_the_number_of_its_frames() {
 fn bench_offers_only_what_it_takes() {
     let run = Run::of(&mut facewire(["bench", "/nowhere/film.avi"]));
     let sentence = run.sentence(66);
-    assert!(sentence.ends_with("give the path of a .y4m or Motion-JPEG .avi file, or `demo`"), "{sentence}");
+    assert!(sentence.ends_with("give the path of a .y4m, Motion-JPEG .avi or .npy file, or `demo`"), "{sentence}");
 }
 
 #[test]

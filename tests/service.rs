@@ -125,12 +125,18 @@ fn a_model_file_that_is_not_mounted_yet_is_waited_for_with_a_neutral_face() {
     }
     fs::create_dir(model.parent().unwrap()).unwrap();
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/blendshapes.toml");
-    fs::copy(shipped, model.with_extension("part")).unwrap();
+    let whole = fs::read(shipped).unwrap();
+    // A copy in progress. Within 2 s, which are 20 packets, the service tries to read it.
+    fs::write(&model, &whole[..whole.len() / 2]).unwrap();
+    for _ in 0..20 {
+        assert_eq!(receiver.packet().state, State::Neutral);
+    }
+    fs::write(model.with_extension("part"), &whole).unwrap();
     fs::rename(model.with_extension("part"), &model).unwrap();
     receiver.until(|packet| packet.state == State::Live);
     let log = service.stop(Signal::TERM).0.succeeded().err;
-    assert_eq!(log.matches("no model: ").count(), 1, "{log}");
-    assert!(log.contains("blendshapes.toml cannot be read (No such file or directory"), "{log}");
+    assert_eq!(log.matches("blendshapes.toml cannot be read (No such file or directory").count(), 1, "{log}");
+    assert_eq!(log.matches("no model: ").count(), 2, "once for each reason: {log}");
 }
 
 /// Starts the service in a network namespace whose only interface is down. Returns `None` if none can be made.

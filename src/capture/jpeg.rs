@@ -7,7 +7,8 @@
 //! An image that libjpeg-turbo warns of is cleaned first ([`Cleaner`]) and then must decode without a warning.
 //!
 //! Decoding allocates on the Rust heap only where libjpeg-turbo gives a message: for images that are refused, and for
-//! the first one that had to be cleaned. As long as images need it, the later ones are cleaned without trying them.
+//! the first image of a camera that had to be cleaned. The next [`CLEANED_AT_ONCE`] images are cleaned at once, without
+//! first trying to decode them as they came.
 
 mod cleaner;
 mod header;
@@ -24,6 +25,8 @@ use super::{CaptureError, FrameFault, MAX_SIDE_PX, Picture, Pixels};
 const MAX_SCANS: u32 = 20;
 /// Largest number of columns or rows that share one chroma sample (4:1:1, 4:4:1).
 const MAX_SUBSAMPLING: usize = 4;
+/// Images that are cleaned at once after one that needed it. Cameras that send stray bytes do so in most of their images.
+const CLEANED_AT_ONCE: u32 = 300;
 const START_OF_IMAGE: &[u8] = &[0xff, 0xd8];
 const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
 
@@ -32,8 +35,8 @@ const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
 pub struct JpegDecoder {
     strict: StrictDecoder,
     cleaner: Box<Cleaner>,
-    /// Whether the last image had to be cleaned.
-    cleans_first: bool,
+    /// How many of the next images to clean at once.
+    clean_at_once: u32,
 }
 
 impl JpegDecoder {
@@ -47,7 +50,7 @@ impl JpegDecoder {
         }
         let strict = StrictDecoder::new(width, height).map_err(|_| CaptureError::Decoder)?;
         let cleaner = Box::new(Cleaner::new(strict.max_jpeg_bytes()));
-        Ok(Self { strict, cleaner, cleans_first: false })
+        Ok(Self { strict, cleaner, clean_at_once: 0 })
     }
 
     /// Largest number of bytes that an image of this size can sensibly have. Sources bound their buffers by it.
@@ -65,19 +68,21 @@ impl JpegDecoder {
         if !jpeg.starts_with(START_OF_IMAGE) {
             return Err(FrameFault::NotJpeg);
         }
-        let tried = if self.cleans_first { Err(FrameFault::Corrupt) } else { self.strict.decode(jpeg) };
+        let is_cleaned_at_once = self.clean_at_once > 0;
+        let tried = if is_cleaned_at_once { Err(FrameFault::Corrupt) } else { self.strict.decode(jpeg) };
         if tried != Err(FrameFault::Corrupt) {
             return tried;
         }
         let fault = match self.cleaner.clean(jpeg) {
             Ok(clean) => {
-                self.cleans_first = !jpeg.starts_with(clean);
+                let had_need = !jpeg.starts_with(clean);
+                self.clean_at_once = if had_need { CLEANED_AT_ONCE } else { self.clean_at_once.saturating_sub(1) };
                 return self.strict.decode(clean);
             }
             Err(fault) => fault,
         };
-        let tried = if self.cleans_first { self.strict.decode(jpeg) } else { Err(FrameFault::Corrupt) };
-        self.cleans_first = false;
+        let tried = if is_cleaned_at_once { self.strict.decode(jpeg) } else { Err(FrameFault::Corrupt) };
+        self.clean_at_once = 0;
         if tried == Err(FrameFault::Corrupt) { Err(fault) } else { tried }
     }
 
@@ -88,7 +93,7 @@ impl JpegDecoder {
     }
 }
 
-/// Decodes images that libjpeg-turbo has nothing to say against.
+/// Decodes images, and refuses every image that libjpeg-turbo warns about.
 #[derive(Debug)]
 struct StrictDecoder {
     decompressor: Decompressor,

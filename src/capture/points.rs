@@ -77,7 +77,15 @@ impl Source for PointsSource {
         let Some(left) = self.left.checked_sub(1) else { return Ok(None) };
         let number = self.number;
         for slot in self.landmarks.0.as_flattened_mut() {
-            *slot = self.values.next().ok_or(CaptureError::PointsCutShort { frame: number })?;
+            *slot = match self.values.next() {
+                Ok(value) => value,
+                Err(error) => {
+                    // The file has ended.
+                    self.left = 0;
+                    let is_cut = error.kind() == io::ErrorKind::UnexpectedEof;
+                    return Err(if is_cut { CaptureError::PointsCutShort { frame: number } } else { error.into() });
+                }
+            };
         }
         (self.left, self.number) = (left, number + 1);
         if self.landmarks.0.iter().skip(MESH).all(|[_, _, depth]| *depth == 0.0) {
@@ -105,11 +113,12 @@ impl Source for PointsSource {
 
 impl Values {
     #[expect(clippy::cast_possible_truncation, reason = "landmarks are kept as f32")]
-    fn next(&mut self) -> Option<f32> {
-        match self {
-            Self::Single(values) => values.next()?.ok(),
-            Self::Double(values) => values.next()?.ok().map(|value| value as f32),
-        }
+    fn next(&mut self) -> io::Result<f32> {
+        let value = match self {
+            Self::Single(values) => values.next(),
+            Self::Double(values) => values.next().map(|value| value.map(|value| value as f32)),
+        };
+        value.unwrap_or_else(|| Err(io::ErrorKind::UnexpectedEof.into()))
     }
 }
 

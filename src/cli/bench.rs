@@ -27,7 +27,7 @@ The whole is the time from a frame in memory, decoded, to its coefficients. scri
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct BenchArgs {
-    /// A .y4m or Motion-JPEG .avi file, or `demo`, the built-in clip.
+    /// A .y4m or Motion-JPEG .avi file, a .npy file of landmarks, or `demo`, the built-in clip.
     #[arg(default_value = DEMO)]
     input: String,
     /// How often the input is played, after one round to warm up.

@@ -58,7 +58,7 @@ impl Failure {
     pub(super) fn no_film(error: CaptureError) -> Self {
         let CaptureError::Open { path, source } = error else { return error.into() };
         let message =
-            format!("cannot open {path}: {source}; give the path of a .y4m or Motion-JPEG .avi file, or `demo`");
+            format!("cannot open {path}: {source}; give the path of a .y4m, Motion-JPEG .avi or .npy file, or `demo`");
         Self { status: EX_NOINPUT, message }
     }
 

@@ -113,7 +113,10 @@ impl Track {
             self.learn_neutral(range)?;
         }
         while let Some(face) = self.next()? {
-            self.frame(&face)?;
+            let is_solved = self.frame(&face)?;
+            if face.landmarks.is_some() && !is_solved {
+                self.pipeline.forget_face();
+            }
         }
         Ok(())
     }
@@ -128,11 +131,10 @@ impl Track {
         let mut read = Vec::new();
         while read.last().is_none_or(|face: &Face| face.number + 1 < range.end) {
             let Some(face) = self.next()? else { break };
-            let landmarks = face.landmarks.as_deref().filter(|_| range.contains(&face.number));
-            match landmarks.map(normalise) {
-                Some(Ok(normalised)) => mean.add(&normalised),
+            match face.landmarks.as_deref().map(normalise) {
+                Some(Ok(normalised)) if range.contains(&face.number) => mean.add(&normalised),
                 Some(Err(_)) => self.pipeline.forget_face(),
-                None => {}
+                _ => {}
             }
             read.push(face);
         }
@@ -145,10 +147,11 @@ impl Track {
         }
         let refuse = |error| Failure::data(format!("--neutral {}..{}: {error}", range.start, range.end));
         self.pipeline.solver.profile.neutral = Some(mean.finish().map_err(refuse)?);
-        read.iter().try_for_each(|face| self.frame(face))
+        read.iter().try_for_each(|face| self.frame(face).map(drop))
     }
 
-    fn frame(&mut self, face: &Face) -> Result<(), Failure> {
+    /// Solves a frame and writes its row. Returns whether it has a solution.
+    fn frame(&mut self, face: &Face) -> Result<bool, Failure> {
         let landmarks = face.landmarks.as_deref();
         if let Some(file) = &mut self.landmarks {
             file.push(landmarks);
@@ -156,7 +159,8 @@ impl Track {
         let solution = self.pipeline.process(&face.frame()).ok();
         self.tally.count(face, solution.is_some());
         let row = self.row(face, solution.as_ref());
-        self.csv.write(&row)
+        self.csv.write(&row)?;
+        Ok(solution.is_some())
     }
 
     /// The row of a frame. Without a solution it holds what the service would send.

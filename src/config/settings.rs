@@ -96,7 +96,7 @@ section! {
         /// with / starts at the folder in which facewire is started.
         model: String = String::new(), (), "";
         /// Time over which smoothing averages small changes of a coefficient, for the eyes at most 80 ms. 0 turns smoothing
-        /// off, and so does a time in which fewer than 2 earlier frames come.
+        /// off. A time shorter than two frame periods has the same effect.
         smoothing_ms: u32 = 180, 0..=350, " (ms)";
     }
 }

@@ -22,7 +22,7 @@ pub(crate) const FEATURE_SCALE: f32 = 0.25;
 /// Input of a head: rows and columns.
 pub(crate) const CROP_SIZE: usize = 16;
 
-/// Sides of a crop in sides of the box around the head's points.
+/// Side of a crop divided by the side of the box around the points of its refinement network.
 pub(crate) const CROP_SCALE: f32 = 1.5;
 
 /// Angle of the line through a head's rotation points in its crop, in radians.

@@ -1,4 +1,4 @@
-//! Runs the landmark networks, on whichever [`Engine`] suits this build and this machine.
+//! Runs the landmark networks, on the first [`Engine`] that this build contains.
 //!
 //! A network has fixed shapes: one input and a few outputs, all `f32`. The caller writes the input in place, runs the
 //! network and reads the outputs in place. Nothing is allocated between [`Engine::load`] and the end of the network's
@@ -70,7 +70,7 @@ pub trait Network: Send {
 /// Returns the engine that runs the networks with these settings.
 ///
 /// # Errors
-/// Those of [`engines`], and [`InferError::NoEngine`] if this build contains none.
+/// Those of [`engines`].
 pub fn engine(settings: &NetworkSettings) -> Result<Box<dyn Engine>, InferError> {
     engines(settings)?.into_iter().next().ok_or(InferError::NoEngine)
 }
@@ -78,8 +78,11 @@ pub fn engine(settings: &NetworkSettings) -> Result<Box<dyn Engine>, InferError>
 /// Returns every engine of this build; the preferred one comes first.
 ///
 /// # Errors
-/// Those of [`NetworkFolder::find`].
+/// [`InferError::NoEngine`] if this build contains none, and those of [`NetworkFolder::find`].
 pub fn engines(settings: &NetworkSettings) -> Result<Vec<Box<dyn Engine>>, InferError> {
+    if ENGINES.is_empty() {
+        return Err(InferError::NoEngine);
+    }
     let folder = NetworkFolder::find(&settings.folder)?;
     Ok(ENGINES.iter().map(|new| new(folder.clone(), settings.threads as usize)).collect())
 }

@@ -20,9 +20,6 @@ use super::{LinkError, udp::Destination};
 use crate::config::Address;
 use crate::retry::{LastReason, Retry};
 
-/// Time from one successful look-up to the next.
-const PERIOD: Duration = Duration::from_secs(5);
-
 /// The look-ups for one link. They end when this is dropped.
 #[derive(Debug)]
 pub struct Lookup {
@@ -31,16 +28,21 @@ pub struct Lookup {
 }
 
 impl Lookup {
-    /// Starts to look up `address` with `resolve`, and writes the results to `destination`.
+    /// Starts to look up `address` with `resolve`, and again after each `period`. Writes the results to `destination`.
     ///
     /// # Errors
     /// Returns an error if the system refuses a thread.
-    pub fn start<R>(address: Address, resolve: R, destination: Input<Option<Destination>>) -> Result<Self, LinkError>
+    pub fn start<R>(
+        address: Address,
+        resolve: R,
+        period: Duration,
+        destination: Input<Option<Destination>>,
+    ) -> Result<Self, LinkError>
     where
         R: Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
     {
         let (is_over, link) = (Arc::new(AtomicBool::new(false)), address.to_string());
-        let lookups = Lookups { address, resolve, destination, current: None, is_over: Arc::clone(&is_over) };
+        let lookups = Lookups { address, resolve, period, destination, current: None, is_over: Arc::clone(&is_over) };
         let thread = thread::Builder::new().name("fw-lookup".to_owned()).spawn(|| lookups.run());
         let thread = thread.map_err(|error| LinkError::Thread { link, error })?.thread().clone();
         Ok(Self { is_over, thread })
@@ -62,6 +64,7 @@ impl Drop for Lookup {
 struct Lookups<R> {
     address: Address,
     resolve: R,
+    period: Duration,
     destination: Input<Option<Destination>>,
     current: Option<SocketAddr>,
     is_over: Arc<AtomicBool>,
@@ -74,13 +77,13 @@ impl<R: Fn(&Address) -> io::Result<Vec<SocketAddr>>> Lookups<R> {
             let wait = match (self.look_up(), self.current) {
                 (Ok(()), _) => {
                     last_reason.clear();
-                    PERIOD
+                    self.period
                 }
                 (Err(error), Some(current)) => {
                     if last_reason.is_new(&error.to_string()) {
                         tracing::warn!("{error}; packets still go to {current}");
                     }
-                    PERIOD
+                    self.period
                 }
                 (Err(error), None) => {
                     retry.warn(&error);

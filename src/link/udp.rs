@@ -7,6 +7,7 @@ use std::{
     io,
     net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket},
     sync::Arc,
+    time::Duration,
 };
 
 use triple_buffer::{Output as Newest, TripleBuffer};
@@ -16,6 +17,9 @@ use super::{
     lookup::{Lookup, choose},
 };
 use crate::config::Address;
+
+/// Time from one successful look-up of a host name to the next.
+const LOOKUP_PERIOD: Duration = Duration::from_secs(5);
 
 /// A receiver, and a socket for it.
 #[derive(Debug)]
@@ -40,10 +44,10 @@ impl UdpCarrier {
     /// # Errors
     /// Returns an error if the system refuses a socket for an address in numbers, or a thread to look up a host name.
     pub fn open(address: &Address, traffic: Arc<Traffic>) -> Result<Self, LinkError> {
-        Self::open_with(address, traffic, system_resolver)
+        Self::open_with(address, traffic, system_resolver, LOOKUP_PERIOD)
     }
 
-    fn open_with<R>(address: &Address, traffic: Arc<Traffic>, resolve: R) -> Result<Self, LinkError>
+    fn open_with<R>(address: &Address, traffic: Arc<Traffic>, resolve: R, period: Duration) -> Result<Self, LinkError>
     where
         R: Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
     {
@@ -52,7 +56,7 @@ impl UdpCarrier {
             input.write(Some(Destination::new(address, receiver)?));
             None
         } else {
-            Some(Lookup::start(address.clone(), resolve, input)?)
+            Some(Lookup::start(address.clone(), resolve, period, input)?)
         };
         Ok(Self { destination, lookup, traffic, refusal: None })
     }
@@ -64,7 +68,9 @@ impl Carrier for UdpCarrier {
         let sent = destination.map(|to| to.socket.send_to(message, to.receiver));
         let is_sent = matches!(sent, Some(Ok(_)));
         Traffic::count(if is_sent { &self.traffic.sent } else { &self.traffic.dropped });
-        self.refusal = sent.and_then(|sent| sent.err()?.raw_os_error());
+        // A full buffer drops this message and says nothing about the network.
+        let error = sent.and_then(Result::err).filter(|error| error.kind() != io::ErrorKind::WouldBlock);
+        self.refusal = error.and_then(|error| error.raw_os_error());
     }
 
     /// Whether the address is known and the network took the last message.

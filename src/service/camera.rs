@@ -72,8 +72,8 @@ impl DamagedInARow {
 }
 
 /// Returns how long to wait before the next attempt to open the camera, which delivered frames for the time `lasted`.
-/// The waits begin again after a camera that lasted for long enough; a camera that shows a few frames and fails, again
-/// and again, does not keep the machine busy.
+/// The back-off starts again at 100 ms if that was at least [`LONGEST_WAIT`]: a camera that shows a few frames and fails,
+/// again and again, does not keep the machine busy.
 pub(super) fn wait_after(lasted: Duration, back_off: &mut BackOff) -> Duration {
     if lasted >= LONGEST_WAIT {
         *back_off = BackOff::default();

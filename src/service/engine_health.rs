@@ -2,12 +2,15 @@
 
 /// A single failure can be a moment without memory. After this many in a row, the networks are loaded again.
 const FAILURES_BEFORE_REMEDY: u32 = 8;
+/// After so many good inferences, loading the networks again counts as having helped: 10 s at 30 frames a second.
+const GOOD_RUNS_BEFORE_TRUST: u32 = 300;
 
-/// The failures since the last good inference.
+/// The failures since the last good inference, and whether the networks were loaded again because of earlier ones.
 #[derive(Debug, Default)]
 pub(super) struct EngineHealth {
     failures: u32,
     is_reloaded: bool,
+    good_runs: u32,
 }
 
 /// What to do about a failed inference.
@@ -24,7 +27,9 @@ pub(super) enum Remedy {
 impl EngineHealth {
     /// Counts a good inference.
     pub(super) fn ran(&mut self) {
-        *self = Self::default();
+        self.failures = 0;
+        self.good_runs = self.good_runs.saturating_add(1);
+        self.is_reloaded &= self.good_runs < GOOD_RUNS_BEFORE_TRUST;
     }
 
     /// Counts a failed inference and returns what to do about it.
@@ -36,7 +41,7 @@ impl EngineHealth {
         if self.is_reloaded {
             return Remedy::GiveUp;
         }
-        *self = Self { failures: 0, is_reloaded: true };
+        *self = Self { failures: 0, is_reloaded: true, good_runs: 0 };
         Remedy::Reload
     }
 }
@@ -55,11 +60,22 @@ mod tests {
     }
 
     #[test]
-    fn a_good_inference_forgives_all_failures_before_it() {
+    fn a_good_inference_ends_a_row_of_failures() {
         let mut health = EngineHealth::default();
-        for _ in 0..5 {
-            assert_ne!((0..15).map(|_| health.failed()).last(), Some(Remedy::GiveUp));
+        for _ in 0..100 {
+            assert!((0..7).all(|_| health.failed() == Remedy::Wait));
             health.ran();
         }
+    }
+
+    #[test]
+    fn an_engine_that_fails_again_soon_after_it_was_loaded_again_is_given_up_and_one_that_ran_for_long_is_not() {
+        let remedy_after = |good_runs| {
+            let mut health = EngineHealth::default();
+            (0..8).for_each(|_| _ = health.failed());
+            (0..good_runs).for_each(|_| health.ran());
+            (0..8).map(|_| health.failed()).last()
+        };
+        assert_eq!([1, 299, 300].map(remedy_after), [Remedy::GiveUp, Remedy::GiveUp, Remedy::Reload].map(Some));
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! The loop is its own recovery: load what is missing, open the camera, run frames, and on any trouble begin again.
 //! From a frame in memory to the hand-over to the sender it allocates nothing, takes no lock and writes no log. It
-//! sends events to the supervisor, and takes changed settings, only while no frame is waiting.
+//! sends events to the supervisor, and takes changed settings, only between frames.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, mpsc};
@@ -114,7 +114,7 @@ impl HotLoop {
                     self.pause(camera::wait_after(lasted, &mut back_off));
                 }
                 Err(Trouble::Fatal(error)) => {
-                    self.report(Report::Fault(Reason::BadResult));
+                    self.report(Report::Fault(error.reason()));
                     return Err(error);
                 }
             }
@@ -133,6 +133,7 @@ impl HotLoop {
     /// another camera.
     fn attempt(&mut self) -> Result<(), Trouble> {
         self.load_pipeline()?;
+        self.enter(Phase::Open);
         let mut source = camera::open(&self.settings.camera).map_err(Event::Closed)?;
         let outcome = self.show(&mut *source);
         // Closing the camera may block in the kernel, too.
@@ -147,7 +148,11 @@ impl HotLoop {
             return Ok(());
         }
         let pipeline = Pipeline::load(&self.settings).map_err(|error| {
-            if error.is_temporary() { Event::NotLoaded(error).into() } else { Trouble::Fatal(error.into()) }
+            match error {
+                // A file that was missing may be copied at this moment, and so be incomplete.
+                SetupError::Model { .. } => Event::NotLoaded(error).into(),
+                SetupError::Networks(_) => Trouble::Fatal(error.into()),
+            }
         })?;
         self.pipeline = Some(pipeline);
         Ok(())
@@ -251,6 +256,10 @@ impl HotLoop {
     fn reload_engine(&mut self, error: InferError) -> Result<(), SetupError> {
         self.enter(Phase::Open);
         self.tell(Event::EngineFailed(error));
+        // A small board may not have the memory for two sets of networks.
+        if let Some(pipeline) = &mut self.pipeline {
+            pipeline.tracker = None;
+        }
         let tracker = (self.load_tracker)(&self.settings.networks)?;
         if let Some(pipeline) = &mut self.pipeline {
             pipeline.tracker = Some(tracker);
@@ -310,7 +319,7 @@ fn add(counter: &AtomicU64, count: u64) {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
+#[allow(clippy::panic, clippy::unwrap_used)]
 mod tests {
     use std::io;
     use std::sync::atomic::AtomicU32;
@@ -336,7 +345,8 @@ mod tests {
         let not_stopped =
             || CaptureError::NotStopped { path: "/dev/video0".to_owned(), source: io::Error::other("stuck") };
         for event in [Event::Lost(not_stopped()), Event::Closed(not_stopped())] {
-            assert!(matches!(Trouble::from(event), Trouble::Fatal(ServiceError::Camera(_))));
+            let Trouble::Fatal(error) = Trouble::from(event) else { panic!("the service goes on") };
+            assert_eq!(error.reason(), Reason::NoCamera);
         }
         assert!(matches!(Trouble::from(Event::Lost(CaptureError::Gone)), Trouble::Retry(_)));
     }

@@ -3,7 +3,7 @@
 //! Three threads share the work. The hot loop ([`hot`]) runs frames. The sender ([`sender`]) owns the failsafe and the
 //! links, so that a stuck inference cannot freeze a face. The supervisor ([`supervisor`]), which is the thread that calls
 //! [`run`], handles signals, reloads, the watchdog and the log. The hot loop hands its newest report to the sender in a
-//! triple buffer. Both threads share counters with the supervisor, and send it events while no frame is waiting. The
+//! triple buffer. Both threads share counters with the supervisor, and send it events between frames. The
 //! supervisor sends changed settings to both ([`reload`]). A fourth thread serves the counters by HTTP if the settings ask
 //! for it ([`metrics`]).
 
@@ -30,6 +30,8 @@ use std::io;
 use std::sync::{Arc, mpsc};
 use std::thread::{Builder, JoinHandle, sleep};
 use std::time::{Duration, Instant};
+
+use facewire_packet::Reason;
 
 pub use camera::{await_picture, open as open_camera};
 pub use counters::{Counters, Status};
@@ -77,6 +79,13 @@ pub enum ServiceError {
     Panicked(&'static str),
 }
 
+impl ServiceError {
+    /// The reason that receivers get when the hot loop ends with this error.
+    fn reason(&self) -> Reason {
+        if matches!(self, Self::Camera(_)) { Reason::NoCamera } else { Reason::BadResult }
+    }
+}
+
 /// Runs until SIGTERM or SIGINT. A second of these signals ends the process at once. SIGHUP lets `program` read the
 /// settings again, and SIGUSR1 writes the status line. Returns the last counts.
 ///
@@ -113,7 +122,9 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let reloader = Reloader::new(settings, program, hot_mailbox, sender_mailbox, Arc::clone(&counters.traffic));
     let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
-    stop(&counters, sender, hot)
+    let ended = stop(&counters, sender, hot);
+    supervisor.log_events();
+    ended
 }
 
 /// Starts a thread, which first makes its real-time requests and reports the system's answers.

@@ -2,7 +2,7 @@
 //!
 //! A thread of its own reads the settings and builds what they change, because loading networks may take seconds. If
 //! anything fails, the current settings stay. Otherwise the hot loop and the sender each find their part of the change
-//! in a channel, take it between frames, and drop what it replaces.
+//! in a channel, take it between frames, and free what it replaces; that may delay one frame.
 
 use std::io;
 use std::sync::{Arc, mpsc};

@@ -48,7 +48,7 @@ impl From<&Solution> for Pose {
     }
 }
 
-/// An event for the log. Threads send events only while no frame is waiting.
+/// An event for the log. Threads send events only between frames.
 #[derive(Debug)]
 pub(super) enum Event {
     /// A thread started and got these answers to its real-time requests.

@@ -1,7 +1,7 @@
 //! The sender: the failsafe and the links, on a thread of their own that no inference can hold up.
 //!
-//! The thread sleeps until the hot loop wakes it, or until the failsafe or a link is due. While it runs, it allocates
-//! nothing and cannot fail.
+//! The thread sleeps until the hot loop wakes it, or until the failsafe or a link is due. It cannot fail, and allocates
+//! nothing; it frees memory only when a reload replaces links.
 
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, mpsc};
@@ -75,8 +75,8 @@ impl Sender {
         let mut history = History::default();
         while !self.counters.sending_stops() {
             self.counters.heartbeats.sender(monotonic_us());
-            let wait_us = self.step(&mut history);
             self.adopt();
+            let wait_us = self.step(&mut history);
             thread::park_timeout(Duration::from_micros(wait_us.min(MAX_SLEEP_US)));
         }
         self.stop(&mut history);

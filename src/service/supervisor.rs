@@ -95,6 +95,11 @@ impl Supervisor {
         }
     }
 
+    /// Logs the events that are left after the threads have ended.
+    pub(super) fn log_events(&mut self) {
+        self.events.try_iter().for_each(|event| self.log.event(event));
+    }
+
     /// Begins a reload if one is asked for, and goes on with the one in progress.
     fn reload(&mut self) {
         if self.reloader.is_idle() && self.signals.reload.swap(false, Relaxed) {
@@ -124,8 +129,8 @@ impl Supervisor {
 
     /// Returns a sentence about the first link whose packets the network does not take.
     fn refusal(&self) -> Option<String> {
-        let (place, reason) = self.counters.refusal()?;
-        let link = self.reloader.live().links.get(place)?;
+        let (index, reason) = self.counters.refusal()?;
+        let link = self.reloader.live().links.get(index)?;
         let remedy = "check this machine's cable or Wi-Fi, the address, and IPAddressAllow in the unit";
         Some(format!("link {link}: the network takes no packets ({reason}); {remedy}"))
     }

@@ -60,7 +60,7 @@ struct Similarity {
 /// # Errors
 /// [`DegenerateFace`] if the points are not finite, too close together, or not arranged like a face.
 pub fn normalise(landmarks: &Landmarks) -> Result<Normalised, DegenerateFace> {
-    if !landmarks.0.iter().flatten().all(|value| value.is_finite()) {
+    if !landmarks.is_finite() {
         return Err(DegenerateFace::NotFinite);
     }
     let fit = fit_rigid(landmarks)?;

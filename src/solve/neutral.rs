@@ -56,12 +56,6 @@ impl NeutralMean {
         self.frames = self.frames.saturating_add(1);
     }
 
-    /// The number of frames that were added.
-    #[must_use]
-    pub fn frames(&self) -> u32 {
-        self.frames
-    }
-
     /// Returns the mean of the frames.
     ///
     /// # Errors

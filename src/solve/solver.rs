@@ -66,9 +66,10 @@ impl Solver {
     /// # Errors
     /// [`SolveError`]: the caller treats the frame as one without a face.
     pub fn solve(&mut self, landmarks: &Landmarks, camera: &Camera, time_us: u64) -> Result<Solution, SolveError> {
-        let step_s = self.history.step_s(time_us);
         let face = normalise(landmarks)?;
         let raw = self.model.process(&Features::new(&face, self.profile.neutral.as_ref()))?;
+        // Only now, because a rejected frame does not reach the filters: their time goes on until the next good frame.
+        let step_s = self.history.step_s(time_us);
         let corrected = correct(&raw, &self.profile.rest);
         let smoothed = self.filters.step(&mut self.history.filters, &corrected, step_s);
         Ok(Solution { raw, corrected, smoothed, head: HeadPose::new(&face, camera) })
@@ -76,7 +77,7 @@ impl Solver {
 }
 
 impl History {
-    /// Returns the seconds since the last frame, 0 for the first. A clock that ran backwards clears the history.
+    /// Returns the seconds since the last frame that was filtered, 0 for the first. A clock that ran backwards clears the history.
     fn step_s(&mut self, time_us: u64) -> f32 {
         let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
         if step_us.is_none() {
@@ -91,6 +92,7 @@ impl History {
 #[allow(clippy::expect_used, clippy::indexing_slicing, clippy::float_cmp)]
 mod tests {
     use super::*;
+    use crate::face::LANDMARKS;
     use crate::solve::{COEFFS, MAX_REST, NeutralMean, test_face::face};
 
     const CAMERA: Camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
@@ -149,5 +151,20 @@ mod tests {
         };
         assert!(is_fresh(600_000) && is_fresh(99_998));
         assert!(!is_fresh(133_332));
+    }
+
+    #[test]
+    fn time_goes_on_while_frames_are_rejected() {
+        let mut solver = solver();
+        let mut solve = |landmarks: &Landmarks, time_us| solver.solve(landmarks, &CAMERA, time_us);
+        for frame in 1..=3_u8 {
+            let turned = face([f32::from(frame), 0.0, 0.0], 80.0, [320.0, 240.0]);
+            solve(&turned, 33_333 * u64::from(frame)).expect("a face");
+        }
+        for frame in 4..=33_u64 {
+            assert!(solve(&Landmarks([[f32::NAN; 3]; LANDMARKS]), 33_333 * frame).is_err());
+        }
+        let solution = solve(&face([5.0, 0.0, 0.0], 80.0, [320.0, 240.0]), 33_333 * 34).expect("a face");
+        assert_eq!(solution.smoothed.0, solution.corrected.0, "the last good frame is a second old");
     }
 }

@@ -80,7 +80,7 @@ impl Judge {
         }
         let (_, last) = self.last.unwrap();
         assert_eq!((last.state, last.reason), (State::Neutral, Reason::Stopping));
-        for unwanted in ["panicked", "settings refused", "another program", "not closed yet"] {
+        for unwanted in ["panicked", "settings refused", "another program", "not closed it yet"] {
             assert!(!log.contains(unwanted), "{unwanted}: {log}");
         }
         assert!(log.contains("settings changed"), "{log}");

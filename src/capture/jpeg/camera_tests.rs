@@ -102,11 +102,8 @@ fn whole_frames(image: &[u8]) -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// A name, a frame, and OpenCV's sums of luma in the 4:2:2 and the 4:2:0 image if it does not refuse the frame.
-type Damaged = (&'static str, Vec<u8>, Option<[u64; 2]>);
-
 /// Frames that lost data. In most of them a stray byte makes libjpeg-turbo's first warning a harmless one.
-fn damaged_frames(image: &[u8]) -> Vec<Damaged> {
+fn damaged_frames(image: &[u8]) -> Vec<(&'static str, Vec<u8>)> {
     let stray = strewn(image, 1..2, &[0]);
     let markers = markers(&stray);
     let part = |number: usize| markers[number]..markers[number + 1];
@@ -114,15 +111,15 @@ fn damaged_frames(image: &[u8]) -> Vec<Damaged> {
     let (before_first, two, eight) = (markers[0] - 10..markers[0], markers[6]..markers[8], markers[3]..markers[11]);
     let swapped = [&stray[part(7)], &stray[part(6)]].concat();
     vec![
-        ("cut, with an end marker", [&image[..image.len() / 2], END_OF_IMAGE].concat(), Some([10_628_874, 10_636_849])),
-        ("cut, without an end marker", stray[..stray.len() - 30].to_vec(), None),
-        ("data lost after a stray byte", replaced(&stray, after(6, 20..40), &[]), Some([10_814_747, 10_688_252])),
-        ("data lost before a stray byte", replaced(&stray, before_first, &[]), Some([10_850_539, 10_855_771])),
-        ("an interval lost", replaced(&stray, part(6), &[]), Some([10_820_594, 10_703_311])),
-        ("eight intervals lost", replaced(&stray, eight, &[]), Some([10_708_077, 10_244_597])),
-        ("two intervals swapped", replaced(&stray, two, &swapped), Some([10_820_594, 10_703_311])),
-        ("a restart marker lost", replaced(&stray, after(6, 0..2), &[]), Some([10_820_594, 10_703_311])),
-        ("data overwritten", replaced(&stray, after(6, 20..60), &[0xfe; 40]), Some([10_835_338, 11_217_768])),
+        ("cut, with an end marker", [&image[..image.len() / 2], END_OF_IMAGE].concat()),
+        ("cut, without an end marker", stray[..stray.len() - 30].to_vec()),
+        ("data lost after a stray byte", replaced(&stray, after(6, 20..40), &[])),
+        ("data lost before a stray byte", replaced(&stray, before_first, &[])),
+        ("an interval lost", replaced(&stray, part(6), &[])),
+        ("eight intervals lost", replaced(&stray, eight, &[])),
+        ("two intervals swapped", replaced(&stray, two, &swapped)),
+        ("a restart marker lost", replaced(&stray, after(6, 0..2), &[])),
+        ("data overwritten", replaced(&stray, after(6, 20..60), &[0xfe; 40])),
     ]
 }
 
@@ -138,20 +135,16 @@ fn frames_as_webcams_send_them_are_decoded_to_the_same_luma_as_by_opencv() {
 
 #[test]
 fn frames_that_lost_data_are_refused_even_if_the_first_warning_is_harmless() {
-    for (image, subsampling) in [(IMAGE_422, 0), (IMAGE_420, 1)] {
-        for (what, frame, opencv_sums) in damaged_frames(image) {
+    for image in [IMAGE_422, IMAGE_420] {
+        for (what, frame) in damaged_frames(image) {
             assert!(luma(&[], &frame).is_err(), "{what}");
-            assert_ne!(opencv_sums.map(|sums| sums[subsampling]), Some(OPENCV_SUM), "{what}: OpenCV shows the damage");
         }
     }
 }
 
 #[test]
 fn a_frame_is_judged_the_same_whatever_came_before_it() {
-    let frames = |image| {
-        let damaged = damaged_frames(image).into_iter().map(|(what, frame, _)| (what, frame));
-        whole_frames(image).into_iter().chain(damaged).collect::<Vec<_>>()
-    };
+    let frames = |image| whole_frames(image).into_iter().chain(damaged_frames(image)).collect::<Vec<_>>();
     let (frames, before) = (frames(IMAGE_422), frames(IMAGE_420));
     for (what, frame) in &frames {
         let alone = luma(&[], frame);
@@ -180,7 +173,7 @@ fn a_camera_that_sends_stray_bytes_causes_no_allocation_after_its_first_frame() 
     let stray = strewn(IMAGE_422, 4..5, &[0]);
     let mut allocations = |frame| measure(|| decoder.decode(frame).unwrap()).count_total;
     assert!(allocations(&stray) > 0, "libjpeg-turbo warns");
-    for frame in [&stray, &stray, IMAGE_422, IMAGE_422] {
+    for frame in [&stray, &stray, IMAGE_422, IMAGE_422, &stray, IMAGE_422, &stray] {
         assert_eq!(allocations(frame), 0);
     }
 }

@@ -83,6 +83,7 @@ impl Header {
 
     fn read_frame(&mut self, segment: &[u8]) -> Option<()> {
         let (&[8, h1, h0, w1, w0, count], components) = segment.split_first_chunk()? else { return None };
+        (count > 0).then_some(())?;
         self.size = [[w1, w0], [h1, h0]].map(|side| u16::from_be_bytes(side).into());
         self.components.clear();
         for component in components.chunks_exact(3).take(count.into()) {

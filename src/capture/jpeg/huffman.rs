@@ -10,9 +10,10 @@ const BLOCK_COEFFICIENTS: u8 = 64;
 /// One Huffman table, in the form of ITU-T T.81, F.2.2.3.
 #[derive(Debug, Clone)]
 pub(super) struct HuffmanTable {
-    /// For each code length: the first 16-bit value that begins with none of its codes or of the shorter ones.
+    /// For each code length: the smallest 16-bit value, with the code in its high bits, that lies above all codes of this
+    /// length and of shorter lengths.
     ends: [u32; MAX_CODE_BITS],
-    /// For each code length: index of its first value, less its first code.
+    /// For each code length: what to add to a code of this length to get the index of its value.
     offsets: [i32; MAX_CODE_BITS],
     values: [u8; 256],
 }

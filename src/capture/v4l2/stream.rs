@@ -5,8 +5,9 @@
 //!
 //! Its `Drop` stops the stream, and panics if that fails with any error but `ENODEV`. [`Stream::stop`] therefore stops the
 //! stream first and drops it only afterwards. A camera that cannot be stopped stays open, because its descriptor cannot
-//! be closed without that `Drop`: only the end of the process frees it ([`CaptureError::NotStopped`]). A driver that stops
-//! once, then fails to stop and to free its buffers, makes two panics, and so aborts the process; that also frees it.
+//! be closed without that `Drop`: only the end of the process frees it ([`CaptureError::NotStopped`]). `Drop` stops the
+//! stream a second time. If that fails and freeing the buffers fails too, the crate panics while it is already panicking, so
+//! that the process aborts. That also frees the camera.
 
 use std::io;
 use std::mem;

@@ -23,7 +23,7 @@ pub(super) struct Face {
 impl Face {
     /// Reads the next frame and finds its landmarks; `None` at the end.
     pub(super) fn next(source: &mut dyn Source, pipeline: &mut Pipeline) -> Result<Option<Self>, Failure> {
-        let period_us = source.frame_period_us().unwrap_or_default();
+        let rate = source.describe().rate;
         match source.next() {
             Ok(None) => Ok(None),
             Ok(Some(frame)) => Ok(Some(Self {
@@ -34,7 +34,7 @@ impl Face {
                 damaged: false,
             })),
             Err(CaptureError::Frame { number, .. }) => {
-                let time_us = number * period_us;
+                let time_us = rate.map_or(0, |rate| rate.stamp_us(number));
                 Ok(Some(Self { number, time_us, size_px: [0.0; 2], landmarks: None, damaged: true }))
             }
             Err(error) => Err(error.into()),

@@ -30,6 +30,11 @@ impl PortClaim {
         claims.extend(number.map(|number| (number, device.to_owned())));
         Ok(Self(number))
     }
+
+    /// Whether there was no device to claim.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_none()
+    }
 }
 
 impl Drop for PortClaim {

@@ -107,8 +107,12 @@ impl Line {
 
     /// Runs from opening the port to the first error, or to the end.
     fn session(&mut self, handover_end: Instant) -> Result<(), PortError> {
-        let Some(_claim) = self.claim(handover_end)? else { return Ok(()) };
+        let Some(claim) = self.claim(handover_end)? else { return Ok(()) };
         let mut port = Port::open(port::open(&self.device, self.baud, PATIENCE)?, self.preamble);
+        if claim.is_empty() {
+            // The device appeared after the claim: the next attempt claims it.
+            return Ok(());
+        }
         self.shared.open.store(true, Relaxed);
         tracing::info!("link opened: {} at {} baud", self.device.display(), self.baud);
         loop {

@@ -40,7 +40,7 @@ pub enum PortTrouble {
     Busy,
     /// A link that new settings have replaced has not closed the port yet.
     #[error(
-        "it is not closed yet since the settings changed; check that its receiver reads, or unplug it and plug it in again"
+        "the link that the reload replaced has not closed it yet; check that its receiver reads, or unplug it and plug it in again"
     )]
     Closing,
     /// Another link uses the same device under another name.

@@ -10,7 +10,7 @@ refuses 66 /host auto '/host is not a camera'
 uvc-camera plug $work/demo.avi 10
 refuses 66 /dev/video1 auto '/dev/video1 is not a camera'
 refuses 66 webcam auto 'no camera is called webcam; there is UVC Camera'
-refuses 66 /dev/video0 yuyv '/dev/video0 does not offer YUYV; set camera.format to one it has \(MJPEG\)'
+refuses 66 /dev/video0 yuyv '/dev/video0 does not offer YUYV; set camera.format to a format it offers \(MJPEG\)'
 refuses 78 /dev/video0 rgb 'camera.format = "rgb": give one of'
 v4l2-ctl -d /dev/video0 --stream-mmap --stream-count=100000 >/dev/null 2>$work/streaming &
 other=$!
@@ -34,6 +34,6 @@ time.sleep(600)
 FEEDER
 feeder=$!
 await test -e /run/fed
-refuses 66 /dev/video7 auto 'the driver of /dev/video7 answered with what the kernel does not define .Invalid field order'
-refuses 66 auto auto 'the driver of /dev/video7 answered'
+refuses 66 /dev/video7 auto 'the driver of /dev/video7 returned a value that the kernel does not define .Invalid field order'
+refuses 66 auto auto 'the driver of /dev/video7 returned a value'
 kill $feeder

@@ -11,14 +11,14 @@ udevadm control --reload
 plug() {
     usb-acm plug
     usb-acm unplug
-    await 10 test ! -e /dev/ttyACM0
+    await test ! -e /dev/ttyACM0
     echo "$1" >/sys/kernel/config/usb_gadget/acm/idVendor
     echo "$2" >/sys/kernel/config/usb_gadget/acm/strings/0x409/serialnumber
     usb-acm plug
     udevadm settle
 }
 marked() { udevadm info --query=property --name=/dev/ttyACM0 | grep -qx 'ID_MM_DEVICE_IGNORE=1'; }
-# What facewire named in /dev, but for its own directories.
+# The names in /dev that begin with facewire.
 names() { find /dev -name 'facewire*' | paste -sd ' '; }
 
 plug 0x2341 1234

@@ -29,23 +29,30 @@ impl BackOff {
     }
 }
 
-/// The reason that was logged last, so that the log does not repeat itself with every attempt.
+/// The reasons that were logged since the last success, so that the log does not repeat itself with every attempt, even
+/// if two reasons alternate.
 #[derive(Debug, Default)]
-pub struct LastReason(Option<String>);
+pub struct LoggedReasons(Vec<String>);
 
-impl LastReason {
-    /// Takes the reason of another failure. Returns whether it differs from the last one.
+/// Reasons that are remembered. A further one takes the place of the oldest.
+const MAX_REASONS: usize = 8;
+
+impl LoggedReasons {
+    /// Takes the reason of another failure. Returns whether it has not been logged yet.
     pub fn is_new(&mut self, reason: &str) -> bool {
-        let is_new = self.0.as_deref() != Some(reason);
-        if is_new {
-            self.0 = Some(reason.to_owned());
+        if self.0.iter().any(|logged| logged == reason) {
+            return false;
         }
-        is_new
+        if self.0.len() == MAX_REASONS {
+            self.0.remove(0);
+        }
+        self.0.push(reason.to_owned());
+        true
     }
 
-    /// Forgets the reason after a success.
+    /// Forgets all reasons after a success.
     pub fn clear(&mut self) {
-        self.0 = None;
+        self.0.clear();
     }
 }
 
@@ -53,14 +60,14 @@ impl LastReason {
 #[derive(Debug, Default)]
 pub struct Retry {
     back_off: BackOff,
-    last_reason: LastReason,
+    logged: LoggedReasons,
 }
 
 impl Retry {
     /// Logs what is missing and why, once for each reason.
     pub fn warn(&mut self, missing: &impl Display) {
         let reason = missing.to_string();
-        if self.last_reason.is_new(&reason) {
+        if self.logged.is_new(&reason) {
             tracing::warn!("no {reason}; trying again");
         }
     }
@@ -83,10 +90,17 @@ mod tests {
     }
 
     #[test]
-    fn a_reason_is_new_once_until_another_comes_or_the_attempt_succeeds() {
-        let mut last = LastReason::default();
-        assert_eq!(["a", "a", "b", "b", "a"].map(|reason| last.is_new(reason)), [true, false, true, false, true]);
-        last.clear();
-        assert!(last.is_new("a"));
+    fn each_reason_is_logged_once_until_an_attempt_succeeds_even_if_reasons_alternate() {
+        let mut logged = LoggedReasons::default();
+        assert_eq!(["a", "a", "b", "a", "b"].map(|reason| logged.is_new(reason)), [true, false, true, false, false]);
+        logged.clear();
+        assert!(logged.is_new("a"));
+    }
+
+    #[test]
+    fn reasons_without_end_take_no_memory_without_end() {
+        let mut logged = LoggedReasons::default();
+        assert!((0..100).all(|number| logged.is_new(&number.to_string())));
+        assert_eq!(logged.0.len(), MAX_REASONS);
     }
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use super::counters::{Counters, Status};
 use super::realtime::Grant;
 use super::report::Event;
-use crate::retry::LastReason;
+use crate::retry::LoggedReasons;
 
 /// Time between two status lines.
 const STATUS_PERIOD: Duration = Duration::from_secs(10);
@@ -16,9 +16,9 @@ pub(super) struct Log {
     /// Description of the open camera, or why there are no pictures.
     camera: Result<String, String>,
     /// Why there are no pictures, as it was logged last.
-    blind_because: LastReason,
+    blind_because: LoggedReasons,
     /// Why the network takes no packets, as it was logged last.
-    refusal: LastReason,
+    refusal: LoggedReasons,
     /// Real-time requests and the system's answers.
     grants: Vec<Grant>,
     /// When the next status line is due.
@@ -32,8 +32,8 @@ impl Default for Log {
         let now = Instant::now();
         Self {
             camera: Err("no camera has been opened yet".to_owned()),
-            blind_because: LastReason::default(),
-            refusal: LastReason::default(),
+            blind_because: LoggedReasons::default(),
+            refusal: LoggedReasons::default(),
             grants: Vec::new(),
             status_due: now + STATUS_PERIOD,
             last_status: (now, 0),

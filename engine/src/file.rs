@@ -1,0 +1,168 @@
+//! The file form of a network, written by `models/networks/to_native.py`.
+//!
+//! All numbers are little-endian. `port` is a tensor (u16), the length of its name (u8) and the name (ASCII).
+//!
+//! | field | type |
+//! |---|---|
+//! | `fwnet` and three zero bytes | 8 bytes |
+//! | version, 1 | u32 |
+//! | number of tensors, of operators, of outputs | 3 x u16 |
+//! | for each tensor: rows, columns, channels | 3 x u16 |
+//! | the input | port |
+//! | for each output | port |
+//! | for each operator: kind, window size, stride, rows above, columns left, number of inputs | 6 x u8 |
+//! | ... its inputs and its output | u16 each |
+//! | ... its arrays: a format (1: float16, 2: float32), then as many values as the shapes imply | u8, values |
+//!
+//! Kinds: 0 convolution (weights, bias), 1 depthwise convolution (weights, bias), 2 PReLU (slopes), 3 ReLU, 4 sum,
+//! 5 maximum, 6 channel padding, 7 concatenation. Nothing follows the last operator.
+//!
+//! The reader takes no more memory than a small multiple of the file's size: all counts are checked against what is
+//! left of the file before memory is taken.
+
+#![deny(clippy::indexing_slicing)]
+
+use crate::error::Error;
+use crate::graph::{Graph, Kind, Operator, Port, Shape, Window};
+
+const MAGIC: &[u8; 8] = b"fwnet\0\0\0";
+const VERSION: u32 = 1;
+
+/// Reads a network.
+///
+/// # Errors
+/// [`Error::Damaged`] if the content is not a network, or [`Error::Unsupported`] if its version is another.
+pub fn read(content: &[u8]) -> Result<Graph, Error> {
+    let mut rest = Reader(content);
+    if rest.bytes(MAGIC.len())? != MAGIC {
+        return Err(Error::Damaged("the file does not begin as a network does"));
+    }
+    if u32::from_le_bytes(rest.array()?) != VERSION {
+        return Err(Error::Unsupported("the file has a version that this program does not read"));
+    }
+    let [tensors, operators, outputs] = [rest.number()?, rest.number()?, rest.number()?];
+    let tensors = (0..tensors).map(|_| rest.shape()).collect::<Result<Vec<_>, _>>()?;
+    let input = rest.port()?;
+    let outputs = (0..outputs).map(|_| rest.port()).collect::<Result<Vec<_>, _>>()?;
+    let operators = (0..operators).map(|_| rest.operator(&tensors)).collect::<Result<Vec<_>, _>>()?;
+    if !rest.0.is_empty() {
+        return Err(Error::Damaged("the file goes on after the network"));
+    }
+    Graph::new(tensors, operators, input, outputs)
+}
+
+/// What is left of the file.
+struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    fn bytes(&mut self, count: usize) -> Result<&'a [u8], Error> {
+        let (taken, rest) = self.0.split_at_checked(count).ok_or(Error::Damaged("the file is cut short"))?;
+        self.0 = rest;
+        Ok(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], Error> {
+        let (taken, rest) = self.0.split_first_chunk().ok_or(Error::Damaged("the file is cut short"))?;
+        self.0 = rest;
+        Ok(*taken)
+    }
+
+    /// A u16.
+    fn number(&mut self) -> Result<usize, Error> {
+        Ok(usize::from(u16::from_le_bytes(self.array()?)))
+    }
+
+    fn shape(&mut self) -> Result<Shape, Error> {
+        Ok(Shape { rows: self.number()?, columns: self.number()?, channels: self.number()? })
+    }
+
+    fn port(&mut self) -> Result<Port, Error> {
+        let tensor = self.number()?;
+        let [length] = self.array()?;
+        let name = self.bytes(usize::from(length))?;
+        let name = str::from_utf8(name).map_err(|_| Error::Damaged("the name of an input or output is not text"))?;
+        Ok(Port { name: name.to_owned(), tensor })
+    }
+
+    fn operator(&mut self, tensors: &[Shape]) -> Result<Operator, Error> {
+        let [kind, size, stride, top, left, inputs] = self.array()?;
+        let [size, stride, top, left] = [size, stride, top, left].map(usize::from);
+        let inputs = (0..inputs).map(|_| self.number()).collect::<Result<Vec<_>, _>>()?;
+        let output = self.number()?;
+        let channels = |tensor: Option<&usize>| {
+            let shape = tensor.and_then(|&tensor| tensors.get(tensor));
+            shape.map(|shape| shape.channels).ok_or(Error::Damaged("an operator names a tensor that does not exist"))
+        };
+        let (from, to) = (channels(inputs.first())?, channels(Some(&output))?);
+        let window = Window { size, stride, top, left };
+        let kind = match kind {
+            0 => Kind::Convolution { window, weights: self.values(size * size * from * to)?, bias: self.values(to)? },
+            1 => Kind::Depthwise { window, weights: self.values(size * size * to)?, bias: self.values(to)? },
+            2 => Kind::Prelu { slopes: self.values(to)? },
+            3 => Kind::Relu,
+            4 => Kind::Add,
+            5 => Kind::MaxPool { window },
+            6 => Kind::PadChannels,
+            7 => Kind::Concatenation,
+            _ => return Err(Error::Damaged("the kind of an operator is unknown")),
+        };
+        Ok(Operator { kind, inputs, output })
+    }
+
+    /// An array of finite numbers.
+    fn values(&mut self, count: usize) -> Result<Vec<f32>, Error> {
+        let too_long = Error::Damaged("the file is cut short");
+        let values: Vec<f32> = match self.array()? {
+            [1] => {
+                let bytes = self.bytes(count.checked_mul(2).ok_or(too_long)?)?;
+                bytes.as_chunks().0.iter().map(|half| from_half(u16::from_le_bytes(*half))).collect()
+            }
+            [2] => {
+                let bytes = self.bytes(count.checked_mul(4).ok_or(too_long)?)?;
+                bytes.as_chunks().0.iter().map(|single| f32::from_le_bytes(*single)).collect()
+            }
+            _ => return Err(Error::Damaged("the format of an array is unknown")),
+        };
+        if values.iter().all(|value| value.is_finite()) {
+            Ok(values)
+        } else {
+            Err(Error::Damaged("a weight is not a finite number"))
+        }
+    }
+}
+
+/// The value of an IEEE 754 binary16 number.
+fn from_half(bits: u16) -> f32 {
+    let sign = u32::from(bits & 0x8000) << 16;
+    let (exponent, fraction) = (u32::from(bits >> 10) & 0x1f, u32::from(bits & 0x3ff));
+    let magnitude = match exponent {
+        // Zero and subnormal numbers: multiples of 2^-24, which an f32 holds exactly.
+        0 => (fraction as f32 * 2.0_f32.powi(-24)).to_bits(),
+        31 => 0x7f80_0000 | fraction << 13,
+        _ => (exponent + 127 - 15) << 23 | fraction << 13,
+    };
+    f32::from_bits(sign | magnitude)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_precision_numbers_keep_their_value() {
+        let numbers: [(u16, f32); 8] = [
+            (0x0000, 0.0),
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x7bff, 65504.0),
+            (0x0400, 6.103_515_6e-5),
+            (0x0001, 5.960_464_5e-8),
+            (0x83ff, -6.097_555e-5),
+            (0x3555, 0.333_251_95),
+        ];
+        for (bits, value) in numbers {
+            assert_eq!(from_half(bits).to_bits(), value.to_bits(), "{bits:#x}");
+        }
+        assert!(from_half(0x7c00).is_infinite() && from_half(0x7e00).is_nan());
+    }
+}

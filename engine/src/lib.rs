@@ -1,9 +1,18 @@
 //! Runs facewire's landmark networks.
 
+mod arena;
 pub mod error;
 pub mod file;
+mod fusion;
 pub mod graph;
+#[allow(unsafe_code, reason = "the intrinsics of processors, and loops without checks")]
+pub mod kernels;
+mod network;
+mod pack;
 pub mod reference;
+mod schedule;
 
 pub use error::Error;
 pub use graph::Graph;
+pub use kernels::Kernels;
+pub use network::Network;

@@ -1,0 +1,47 @@
+//! The memory of a network: one block, cut into areas that begin at cache lines.
+
+use std::ops::Range;
+
+/// Values of a cache line, and of the widest vector.
+const LINE: usize = 16;
+
+/// Lays out areas one after the other.
+#[derive(Debug, Default)]
+pub(crate) struct Layout {
+    end: usize,
+}
+
+impl Layout {
+    /// Takes an area of `length` values.
+    pub(crate) fn area(&mut self, length: usize) -> Range<usize> {
+        let start = self.end;
+        self.end = (start + length).next_multiple_of(LINE);
+        start..start + length
+    }
+
+    /// Makes the memory of all areas, filled with zeros.
+    pub(crate) fn memory(&self) -> Memory {
+        let values = vec![0.0; self.end + LINE - 1];
+        let start = values.as_ptr().align_offset(LINE * size_of::<f32>()).min(LINE - 1);
+        Memory { start, values }
+    }
+}
+
+/// The values of all areas.
+#[derive(Debug)]
+pub(crate) struct Memory {
+    start: usize,
+    values: Vec<f32>,
+}
+
+impl Memory {
+    /// All areas.
+    pub(crate) fn all(&self) -> &[f32] {
+        &self.values[self.start..]
+    }
+
+    /// All areas.
+    pub(crate) fn all_mut(&mut self) -> &mut [f32] {
+        &mut self.values[self.start..]
+    }
+}

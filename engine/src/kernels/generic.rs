@@ -1,0 +1,375 @@
+//! The kernels, written once over [`InstructionSet`].
+
+use super::vector::InstructionSet;
+use super::{Activation, Dense, Pointwise, Stem};
+
+/// Makes `KERNELS` of an instruction set: the functions of this module, compiled for its features.
+macro_rules! kernels {
+    ($set:ty, $name:literal, vectors: $vectors:literal, dense_vectors: $dense:literal $(, features: $features:literal)?) => {
+        pub(super) static KERNELS: super::Kernels = super::Kernels {
+            name: $name,
+            lanes: {
+                let pair = if <$set as InstructionSet>::LANES < 8 { 2 } else { 1 };
+                pair * <$set as InstructionSet>::LANES
+            },
+            vector: <$set as InstructionSet>::LANES,
+            tile: <$set as InstructionSet>::TILE,
+            group: <$set as InstructionSet>::LANES,
+            panel: $vectors * <$set as InstructionSet>::LANES,
+            dense_panel: $dense * <$set as InstructionSet>::LANES,
+            stem: |task, output| {
+                $(#[target_feature(enable = $features)])?
+                unsafe fn compiled(task: &super::Stem, output: &mut [f32]) {
+                    // SAFETY: the function is compiled for the features of the set.
+                    unsafe { super::generic::stem::<$set, $vectors>(task, output) }
+                }
+                // SAFETY: these kernels are handed out only on processors that have the features.
+                unsafe { compiled(task, output) }
+            },
+            depthwise: |task, output, largest| {
+                $(#[target_feature(enable = $features)])?
+                unsafe fn compiled(task: &super::Depthwise, output: &mut [f32], largest: &mut [f32]) {
+                    // SAFETY: the function is compiled for the features of the set.
+                    unsafe { super::depthwise::depthwise::<$set>(task, output, largest) }
+                }
+                // SAFETY: these kernels are handed out only on processors that have the features.
+                unsafe { compiled(task, output, largest) }
+            },
+            pointwise: |task, output| {
+                $(#[target_feature(enable = $features)])?
+                unsafe fn compiled(task: &super::Pointwise, output: &mut [f32]) {
+                    // SAFETY: the function is compiled for the features of the set.
+                    unsafe { super::generic::pointwise::<$set, $vectors>(task, output) }
+                }
+                // SAFETY: these kernels are handed out only on processors that have the features.
+                unsafe { compiled(task, output) }
+            },
+            dense: |task, output| {
+                $(#[target_feature(enable = $features)])?
+                unsafe fn compiled(task: &super::Dense, output: &mut [f32]) {
+                    // SAFETY: the function is compiled for the features of the set.
+                    unsafe { super::generic::dense::<$set, $dense>(task, output) }
+                }
+                // SAFETY: these kernels are handed out only on processors that have the features.
+                unsafe { compiled(task, output) }
+            },
+        };
+    };
+}
+pub(super) use kernels;
+
+/// What happens to a vector of sums.
+#[derive(Clone, Copy)]
+enum Finish<V, const N: usize> {
+    None,
+    Relu,
+    /// All slopes are at most 1, so that the larger of a value and its product is the result.
+    GentlePrelu([V; N]),
+    Prelu([V; N]),
+}
+
+impl<V: Copy, const N: usize> Finish<V, N> {
+    /// The activation of `N` vectors of channels from `channel` on.
+    ///
+    /// # Safety
+    /// The processor must have the instruction set, and the slopes, if any, must reach that far.
+    #[inline(always)]
+    unsafe fn new<I: InstructionSet<Vector = V>>(activation: Activation, channel: usize) -> Self {
+        match activation {
+            Activation::None => Self::None,
+            Activation::Relu => Self::Relu,
+            Activation::Prelu(slopes) => {
+                // SAFETY: the caller vouches for the length.
+                let (slopes, all) = unsafe {
+                    (slopes.get_unchecked(channel..channel + N * I::LANES), vectors::<I, N>(slopes, channel))
+                };
+                if slopes.iter().all(|slope| *slope <= 1.0) { Self::GentlePrelu(all) } else { Self::Prelu(all) }
+            }
+        }
+    }
+
+    /// Applies the activation to the sums of `P` pixels.
+    ///
+    /// # Safety
+    /// The processor must have the instruction set.
+    #[inline(always)]
+    unsafe fn apply<I: InstructionSet<Vector = V>, const P: usize>(self, sums: &mut [[V; N]; P]) {
+        let change = |sum: V, n: usize| {
+            // SAFETY: the caller vouches for the instruction set.
+            unsafe {
+                match self {
+                    Self::None => sum,
+                    Self::Relu => I::max(sum, I::zero()),
+                    Self::GentlePrelu(slopes) => I::max(sum, I::mul(sum, slopes[n])),
+                    Self::Prelu(slopes) => {
+                        I::mul_add(slopes[n], I::min(sum, I::zero()), I::max(sum, I::zero()))
+                    }
+                }
+            }
+        };
+        for sums in sums {
+            for (n, sum) in sums.iter_mut().enumerate() {
+                *sum = change(*sum, n);
+            }
+        }
+    }
+}
+
+/// `N` vectors from `at` on.
+///
+/// # Safety
+/// The processor must have the instruction set, and the values must reach that far.
+#[inline(always)]
+unsafe fn vectors<I: InstructionSet, const N: usize>(values: &[f32], at: usize) -> [I::Vector; N] {
+    // SAFETY: the caller vouches for both.
+    std::array::from_fn(|n| unsafe { I::load(values.as_ptr().add(at + n * I::LANES)) })
+}
+
+fn assert_slopes(activation: Activation, channels: usize) {
+    if let Activation::Prelu(slopes) = activation {
+        assert!(slopes.len() >= channels, "one slope for each channel");
+    }
+}
+
+/// See [`super::Kernels::pointwise`].
+///
+/// # Safety
+/// The processor must have the instruction set.
+#[inline(always)]
+pub(super) unsafe fn pointwise<I: InstructionSet, const N: usize>(task: &Pointwise, output: &mut [f32]) {
+    let &Pointwise { pixels, depth, channels, residual, residual_channels, .. } = task;
+    assert!(depth.is_multiple_of(I::LANES) && channels.is_multiple_of(I::LANES));
+    assert!(residual_channels.is_multiple_of(I::LANES) && residual_channels <= channels);
+    assert!(task.operand.len() >= pixels.next_multiple_of(I::TILE) * depth);
+    assert!(task.weights.len() >= depth * channels && task.bias.len() >= channels);
+    assert!(output.len() >= pixels * channels);
+    assert!(residual.is_empty() || residual.len() >= pixels * residual_channels);
+    assert_slopes(task.activation, channels);
+    let mut channel = 0;
+    // SAFETY: all sizes were checked above, and each panel lies below `channels`.
+    unsafe {
+        while channel + N * I::LANES <= channels {
+            panel::<I, N>(task, channel, output);
+            channel += N * I::LANES;
+        }
+        while channel < channels {
+            panel::<I, 1>(task, channel, output);
+            channel += I::LANES;
+        }
+    }
+}
+
+/// Computes `N` vectors of output channels, from `channel` on, of all pixels.
+///
+/// # Safety
+/// The processor must have the instruction set; the sizes must be those that [`pointwise`] checks.
+#[inline(always)]
+unsafe fn panel<I: InstructionSet, const N: usize>(task: &Pointwise, channel: usize, output: &mut [f32]) {
+    let residual_vectors = if task.residual.is_empty() { 0 } else { task.residual_channels };
+    // SAFETY: the caller vouches for all sizes.
+    unsafe {
+        let finish = Finish::<I::Vector, N>::new::<I>(task.activation, channel);
+        let work = Panel {
+            weights: task.weights.as_ptr().add(channel * task.depth),
+            depth: task.depth,
+            bias: vectors::<I, N>(task.bias, channel),
+            residual_step: task.residual_channels,
+            residual_vectors: (residual_vectors.saturating_sub(channel) / I::LANES).min(N),
+            finish,
+            step: task.channels,
+        };
+        let mut operand = task.operand.as_ptr();
+        let mut residual = task.residual.as_ptr().wrapping_add(channel);
+        let mut output = output.as_mut_ptr().add(channel);
+        let mut pixels = task.pixels;
+        while pixels >= I::TILE {
+            match I::TILE {
+                12 => work.run::<I, 12>(operand, residual, output),
+                8 => work.run::<I, 8>(operand, residual, output),
+                _ => work.run::<I, 4>(operand, residual, output),
+            }
+            operand = operand.wrapping_add(I::TILE * task.depth);
+            residual = residual.wrapping_add(I::TILE * work.residual_step);
+            output = output.wrapping_add(I::TILE * work.step);
+            pixels -= I::TILE;
+        }
+        while pixels > 0 {
+            let done = if pixels >= 8 {
+                work.run::<I, 8>(operand, residual, output);
+                8
+            } else if pixels >= 4 {
+                work.run::<I, 4>(operand, residual, output);
+                4
+            } else {
+                work.run::<I, 1>(operand, residual, output);
+                1
+            };
+            operand = operand.wrapping_add(done * I::LANES);
+            residual = residual.wrapping_add(done * work.residual_step);
+            output = output.wrapping_add(done * work.step);
+            pixels -= done;
+        }
+    }
+}
+
+/// A panel of weights, and what its sums begin with and end with.
+struct Panel<V, const N: usize> {
+    weights: *const f32,
+    depth: usize,
+    bias: [V; N],
+    residual_step: usize,
+    /// Vectors of the panel that have a residual: the first ones.
+    residual_vectors: usize,
+    finish: Finish<V, N>,
+    step: usize,
+}
+
+impl<V: Copy, const N: usize> Panel<V, N> {
+    /// Computes `P` pixels of a tile.
+    ///
+    /// # Safety
+    /// The processor must have the instruction set; the pointers must be those of `P` pixels.
+    #[inline(always)]
+    unsafe fn run<I: InstructionSet<Vector = V>, const P: usize>(
+        &self,
+        operand: *const f32,
+        residual: *const f32,
+        output: *mut f32,
+    ) {
+        // SAFETY: the caller vouches for the pointers.
+        unsafe {
+            let mut sums = [self.bias; P];
+            if self.residual_vectors == N {
+                for (pixel, sums) in sums.iter_mut().enumerate() {
+                    for (n, sum) in sums.iter_mut().enumerate() {
+                        *sum = I::add(*sum, I::load(residual.add(pixel * self.residual_step + n * I::LANES)));
+                    }
+                }
+            } else if self.residual_vectors > 0 {
+                for (pixel, sums) in sums.iter_mut().enumerate() {
+                    for (n, sum) in sums.iter_mut().enumerate().take(self.residual_vectors) {
+                        *sum = I::add(*sum, I::load(residual.add(pixel * self.residual_step + n * I::LANES)));
+                    }
+                }
+            }
+            let mut sums = I::product::<P, N>(sums, operand, self.weights, self.depth);
+            self.finish.apply::<I, P>(&mut sums);
+            for (pixel, sums) in sums.into_iter().enumerate() {
+                for (n, sum) in sums.into_iter().enumerate() {
+                    I::store(output.add(pixel * self.step + n * I::LANES), sum);
+                }
+            }
+        }
+    }
+}
+
+/// See [`super::Kernels::stem`].
+///
+/// # Safety
+/// The processor must have the instruction set.
+#[inline(always)]
+pub(super) unsafe fn stem<I: InstructionSet, const N: usize>(task: &Stem, output: &mut [f32]) {
+    let (channels, values) = (task.bias.len(), task.rows.len() * task.span);
+    assert!(channels.is_multiple_of(I::LANES) && task.weights.len() >= channels * values);
+    assert!(output.len() >= task.pixels * channels && task.pixels > 0);
+    assert!(task.rows.iter().all(|row| row.len() >= (task.pixels - 1) * task.step + task.span));
+    assert_slopes(task.activation, channels);
+    let mut channel = 0;
+    // SAFETY: all sizes were checked above.
+    unsafe {
+        while channel + N * I::LANES <= channels {
+            stem_panel::<I, N>(task, channel, output);
+            channel += N * I::LANES;
+        }
+        while channel < channels {
+            stem_panel::<I, 1>(task, channel, output);
+            channel += I::LANES;
+        }
+    }
+}
+
+/// # Safety
+/// The processor must have the instruction set; the sizes must be those that [`stem`] checks.
+#[inline(always)]
+unsafe fn stem_panel<I: InstructionSet, const N: usize>(task: &Stem, channel: usize, output: &mut [f32]) {
+    let mut pixel = 0;
+    // SAFETY: the caller vouches for all sizes.
+    unsafe {
+        let finish = Finish::<I::Vector, N>::new::<I>(task.activation, channel);
+        while pixel < task.pixels {
+            let output = output.as_mut_ptr().add(pixel * task.bias.len() + channel);
+            let done = if pixel + 4 <= task.pixels {
+                stem_pixels::<I, 4, N>(task, channel, pixel, finish, output);
+                4
+            } else {
+                stem_pixels::<I, 1, N>(task, channel, pixel, finish, output);
+                1
+            };
+            pixel += done;
+        }
+    }
+}
+
+/// # Safety
+/// As [`stem_panel`].
+#[inline(always)]
+unsafe fn stem_pixels<I: InstructionSet, const P: usize, const N: usize>(
+    task: &Stem,
+    channel: usize,
+    pixel: usize,
+    finish: Finish<I::Vector, N>,
+    output: *mut f32,
+) {
+    // SAFETY: the caller vouches for all sizes.
+    unsafe {
+        let mut sums = [vectors::<I, N>(task.bias, channel); P];
+        let mut weights = task.weights.as_ptr().add(channel * task.rows.len() * task.span);
+        for row in task.rows {
+            let from = row.as_ptr().add(pixel * task.step);
+            for value in 0..task.span {
+                let weight: [_; N] = std::array::from_fn(|n| I::load(weights.add(n * I::LANES)));
+                weights = weights.add(N * I::LANES);
+                for (pixel, sums) in sums.iter_mut().enumerate() {
+                    let value = I::splat(from.add(pixel * task.step + value));
+                    for (sum, weight) in sums.iter_mut().zip(weight) {
+                        *sum = I::mul_add(value, weight, *sum);
+                    }
+                }
+            }
+        }
+        finish.apply::<I, P>(&mut sums);
+        for (pixel, sums) in sums.into_iter().enumerate() {
+            for (n, sum) in sums.into_iter().enumerate() {
+                I::store(output.add(pixel * task.bias.len() + n * I::LANES), sum);
+            }
+        }
+    }
+}
+
+/// See [`super::Kernels::dense`].
+///
+/// # Safety
+/// The processor must have the instruction set.
+#[inline(always)]
+pub(super) unsafe fn dense<I: InstructionSet, const N: usize>(task: &Dense, output: &mut [f32]) {
+    let (outputs, depth) = (task.bias.len(), task.input.len());
+    assert!(outputs.is_multiple_of(N * I::LANES) && output.len() >= outputs);
+    assert!(task.weights.len() >= outputs * depth);
+    for first in (0..outputs).step_by(N * I::LANES) {
+        // SAFETY: all sizes were checked above.
+        unsafe {
+            let mut sums = vectors::<I, N>(task.bias, first);
+            let mut weights = task.weights.as_ptr().add(first * depth);
+            for value in task.input {
+                let value = I::splat(value);
+                for (n, sum) in sums.iter_mut().enumerate() {
+                    *sum = I::mul_add(value, I::load(weights.add(n * I::LANES)), *sum);
+                }
+                weights = weights.add(N * I::LANES);
+            }
+            for (n, sum) in sums.into_iter().enumerate() {
+                I::store(output.as_mut_ptr().add(first + n * I::LANES), sum);
+            }
+        }
+    }
+}

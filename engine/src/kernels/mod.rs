@@ -1,0 +1,170 @@
+//! The arithmetic of the networks, once for each instruction set.
+//!
+//! Maps are stored pixel by pixel, with the channels of a pixel beside each other; their number is padded with zeros to
+//! a multiple of [`Kernels::lanes`]. A pointwise convolution is a product of matrices, and its operands are stored so
+//! that the inner loop reads both of them in order:
+//!
+//! - Pixels come in *tiles* of [`Kernels::tile`]: first all pixels of the tile with their first [`Kernels::group`]
+//!   channels, then with the next ones ([`Kernels::operand_at`]). The depthwise convolution before it writes this form.
+//! - Weights come in *panels* of [`Kernels::panel`] output channels: all output channels of the panel for the first
+//!   input channel, then for the next one.
+//!
+//! All functions check the sizes of what they are given once for each call, and panic on a mistake of the planner.
+
+mod depthwise;
+mod generic;
+mod plain;
+mod vector;
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+#[cfg(target_arch = "aarch64")]
+mod neon;
+
+/// The functions of one instruction set and the storage orders they need.
+pub struct Kernels {
+    /// Name of the instruction set, in lower case.
+    pub name: &'static str,
+    /// Numbers of channels are padded to a multiple of this.
+    pub lanes: usize,
+    /// Values of a vector.
+    pub vector: usize,
+    /// Pixels of a tile.
+    pub tile: usize,
+    /// Channels of a pixel that lie beside each other in a tile.
+    pub group: usize,
+    /// Output channels of a panel of weights.
+    pub panel: usize,
+    /// Outputs of a panel of a dense layer.
+    pub dense_panel: usize,
+    /// Computes one row of the first convolution.
+    pub stem: fn(&Stem, &mut [f32]),
+    /// Computes one or two rows of a depthwise 3 x 3 convolution into tiles. The last argument receives the largest
+    /// value of every 2 x 2 pixels if the stride is 2; otherwise it is empty.
+    pub depthwise: fn(&Depthwise, &mut [f32], &mut [f32]),
+    /// Computes a pointwise convolution of tiles.
+    pub pointwise: fn(&Pointwise, &mut [f32]),
+    /// Computes weighted sums of a whole map.
+    pub dense: fn(&Dense, &mut [f32]),
+}
+
+impl Kernels {
+    /// Where a value of a pixel stands in tiles of pixels with `depth` channels each.
+    #[must_use]
+    pub fn operand_at(&self, depth: usize, pixel: usize, channel: usize) -> usize {
+        let (tile, slot) = (pixel / self.tile, pixel % self.tile);
+        (tile * depth + channel / self.group * self.group) * self.tile + slot * self.group + channel % self.group
+    }
+
+    /// Memory for tiles of `pixels` pixels with `depth` channels each.
+    #[must_use]
+    pub fn operand_size(&self, depth: usize, pixels: usize) -> usize {
+        pixels.next_multiple_of(self.tile) * depth
+    }
+}
+
+/// What follows a sum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Activation<'a> {
+    /// Nothing.
+    None,
+    /// Negative values become zero.
+    Relu,
+    /// Negative values are multiplied by the slope of their channel; there is one slope per padded channel.
+    Prelu(&'a [f32]),
+}
+
+/// One row of the convolution that reads the picture.
+#[derive(Debug, Clone, Copy)]
+pub struct Stem<'a> {
+    /// The rows of the picture that the window covers, from the first value that the window covers.
+    pub rows: &'a [&'a [f32]],
+    /// Values from one position of the window to the next.
+    pub step: usize,
+    /// Values of one row of the window.
+    pub span: usize,
+    /// Panels: output channels for each value of the window.
+    pub weights: &'a [f32],
+    /// One addend per padded output channel.
+    pub bias: &'a [f32],
+    /// What follows the sum.
+    pub activation: Activation<'a>,
+    /// Pixels of the row.
+    pub pixels: usize,
+}
+
+/// One or two rows of a depthwise 3 x 3 convolution.
+#[derive(Debug, Clone, Copy)]
+pub struct Depthwise<'a> {
+    /// The input rows that the windows cover; three for one output row, four for two.
+    pub rows: [&'a [f32]; 4],
+    /// How many output rows: 1, or 2 if the stride is 1.
+    pub output_rows: usize,
+    /// 1 or 2.
+    pub stride: usize,
+    /// Nine weights for each padded channel: vector of channels, row, column, channel.
+    pub weights: &'a [f32],
+    /// Padded channels.
+    pub channels: usize,
+    /// Pixels of an output row. With stride 2 an input row has twice as many.
+    pub columns: usize,
+    /// Number of the first output pixel in the tiles.
+    pub first_pixel: usize,
+}
+
+/// A pointwise convolution of some pixels.
+#[derive(Debug, Clone, Copy)]
+pub struct Pointwise<'a> {
+    /// Tiles of pixels.
+    pub operand: &'a [f32],
+    /// Number of pixels.
+    pub pixels: usize,
+    /// Padded input channels.
+    pub depth: usize,
+    /// Padded output channels.
+    pub channels: usize,
+    /// Panels of weights.
+    pub weights: &'a [f32],
+    /// One addend per padded output channel.
+    pub bias: &'a [f32],
+    /// What is added to the first channels of each pixel before the activation, pixel by pixel; may be empty.
+    pub residual: &'a [f32],
+    /// Padded channels of a pixel of the residual.
+    pub residual_channels: usize,
+    /// What follows the sum.
+    pub activation: Activation<'a>,
+}
+
+/// Weighted sums of all values of a map.
+#[derive(Debug, Clone, Copy)]
+pub struct Dense<'a> {
+    /// The values.
+    pub input: &'a [f32],
+    /// Panels of [`Kernels::dense_panel`] outputs.
+    pub weights: &'a [f32],
+    /// One addend per padded output.
+    pub bias: &'a [f32],
+}
+
+/// The kernels of this machine; the fastest come first, and the plain ones last.
+#[must_use]
+pub fn available() -> Vec<&'static Kernels> {
+    let mut all = Vec::new();
+    #[cfg(target_arch = "x86_64")]
+    {
+        if is_x86_feature_detected!("avx512f") {
+            all.push(&avx512::KERNELS);
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            all.push(&avx2::KERNELS);
+        }
+    }
+    #[cfg(target_arch = "aarch64")]
+    if std::arch::is_aarch64_feature_detected!("neon") {
+        all.push(&neon::KERNELS);
+    }
+    all.push(&plain::KERNELS);
+    all
+}

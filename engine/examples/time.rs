@@ -1,0 +1,91 @@
+//! Times the networks of a folder on one thread. Usage: time FOLDER [KERNELS [ROUNDS]] [--layers]
+//!
+//! All networks take their turn in each round, so that each finds the caches as another has left them. With `--layers`
+//! a table per network shows the median time of each layer and its rate of multiply-adds.
+
+use std::error::Error;
+use std::path::Path;
+use std::time::{Duration, Instant};
+use std::{env, fs};
+
+use facewire_engine::{Kernels, Network, file, kernels};
+
+const NETWORKS: [&str; 5] = ["mesh", "lips", "left_eye", "right_eye", "detector"];
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let (options, arguments): (Vec<String>, Vec<String>) = env::args().skip(1).partition(|word| word.starts_with("--"));
+    let [folder, rest @ ..] = arguments.as_slice() else {
+        return Err("usage: time FOLDER [KERNELS [ROUNDS]] [--layers]".into());
+    };
+    let rounds = rest.get(1).map_or(Ok(300), |rounds| rounds.parse())?;
+    for kernels in kernels::available() {
+        if rest.first().is_none_or(|name| name == kernels.name) {
+            time(Path::new(folder), kernels, rounds, options.iter().any(|option| option == "--layers"))?;
+        }
+    }
+    Ok(())
+}
+
+fn time(folder: &Path, kernels: &'static Kernels, rounds: usize, layers: bool) -> Result<(), Box<dyn Error>> {
+    let mut networks = Vec::new();
+    for name in NETWORKS {
+        let start = Instant::now();
+        let graph = file::read(&fs::read(folder.join(format!("{name}.fwnet")))?)?;
+        let mut network = Network::new(&graph, kernels)?;
+        for row in 0..network.input_rows() {
+            let values = network.input_row(row).iter_mut().enumerate();
+            values.for_each(|(at, value)| *value = ((row * 31 + at * 17) % 97) as f32 / 97.0);
+        }
+        networks.push((name, network, start.elapsed()));
+    }
+    let mut times = vec![Vec::with_capacity(rounds); networks.len()];
+    for _ in 0..rounds {
+        for ((_, network, _), times) in networks.iter_mut().zip(&mut times) {
+            let start = Instant::now();
+            network.run();
+            times.push(start.elapsed());
+        }
+    }
+    println!("{}: ms p50, G multiply-adds/s, loading ms, MB of weights, of activations", kernels.name);
+    let mut frame = Duration::ZERO;
+    for ((name, network, loading), times) in networks.iter().zip(&mut times) {
+        let products: usize = network.layers().iter().map(|(_, products)| products).sum();
+        let median = median(times);
+        frame += if *name == "detector" { Duration::ZERO } else { median };
+        let [weights, activations] = network.memory().map(|bytes| bytes as f64 / 1e6);
+        let rate = products as f64 / median.as_secs_f64() / 1e9;
+        let [median, loading] = [median, *loading].map(|time| time.as_secs_f64() * 1e3);
+        println!("  {name:10}{median:8.4}{rate:8.1}{loading:8.1}{weights:8.2}{activations:8.2}");
+    }
+    println!("  frame     {:8.4}", frame.as_secs_f64() * 1e3);
+    if layers {
+        networks.iter_mut().for_each(|(name, network, _)| time_layers(name, network, rounds));
+    }
+    Ok(())
+}
+
+fn time_layers(name: &str, network: &mut Network, rounds: usize) {
+    let layers = network.layers();
+    let mut times = vec![Vec::with_capacity(rounds); layers.len()];
+    for _ in 0..rounds {
+        let mut spent = vec![Duration::ZERO; layers.len()];
+        let mut last = Instant::now();
+        network.run_watched(|layer| {
+            let now = Instant::now();
+            spent[layer] += now - last;
+            last = now;
+        });
+        times.iter_mut().zip(spent).for_each(|(times, spent)| times.push(spent));
+    }
+    println!("{name}: layer, microseconds, million multiply-adds, G/s");
+    for ((layer, products), times) in layers.iter().zip(&mut times) {
+        let median = median(times).as_secs_f64();
+        let (millions, rate) = (*products as f64 / 1e6, *products as f64 / median / 1e9);
+        println!("  {layer:32}{:8.1}{millions:8.3}{rate:8.1}", median * 1e6);
+    }
+}
+
+fn median(times: &mut [Duration]) -> Duration {
+    times.sort_unstable();
+    times[times.len() / 2]
+}

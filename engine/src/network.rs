@@ -214,7 +214,7 @@ impl Network {
                     let strip = Depthwise { kernels, stride: *stride, taps: &weights[taps.clone()], from, to };
                     strip.run(rows.clone(), [input, zeros], operand, largest, *residual == Residual::Largest);
                 } else {
-                    into_tiles(kernels, &input[from.rows(rows.clone())], from.channels, operand);
+                    kernels.operand_of(&input[from.rows(rows.clone())], from.channels, operand);
                 }
                 let pixels = rows.len() * to.columns;
                 let task = kernels::Pointwise {
@@ -280,22 +280,13 @@ impl Depthwise<'_> {
                 channels: from.channels,
                 columns,
                 first_pixel,
+                pixels: rows.len() * columns,
             };
             let (here, rest) = if pool { largest.split_at_mut(columns * from.channels) } else { (&mut [][..], largest) };
             (self.kernels.depthwise)(&task, operand, here);
             largest = rest;
             row += output_rows;
             first_pixel += output_rows * columns;
-        }
-    }
-}
-
-/// Copies pixels into the tiles of a pointwise convolution.
-fn into_tiles(kernels: &Kernels, pixels: &[f32], channels: usize, operand: &mut [f32]) {
-    for (number, pixel) in pixels.chunks_exact(channels).enumerate() {
-        for (group, values) in pixel.chunks_exact(kernels.group).enumerate() {
-            let at = kernels.operand_at(channels, number, group * kernels.group);
-            operand[at..at + kernels.group].copy_from_slice(values);
         }
     }
 }
@@ -419,7 +410,7 @@ impl<'a> Builder<'a> {
             if let Work::Block { .. } = layer.work {
                 let (from, to) = (&self.maps[layer.input], &self.maps[layer.output]);
                 let pixels = rows.strip * to.columns;
-                operand = operand.max(self.kernels.operand_size(from.channels, pixels));
+                operand = operand.max(pixels * from.channels);
                 largest = largest.max(pixels * from.channels);
                 zeros = zeros.max(from.row);
             }
@@ -444,7 +435,8 @@ impl<'a> Builder<'a> {
             }
             let to = self.graph.tensors()[output];
             let padded = |count: usize, before: usize, outputs: usize| (count + before).max((outputs - 1) * stride + size);
-            map.row = padded(map.columns, left, to.columns) * map.true_channels;
+            // The kernels read rows of the window in vectors of four.
+            map.row = (padded(map.columns, left, to.columns) * map.true_channels + 3).next_multiple_of(4);
             map.area = self.layout.area(padded(rows, top, to.rows) * map.row);
             let start = map.area.start + top * map.row + left * map.true_channels;
             return Ok(Input { rows, values, start, step: map.row });

@@ -27,7 +27,7 @@ pub(crate) fn panels(
 /// The weights of a pointwise convolution between padded channels.
 pub(crate) fn pointwise(kernels: &Kernels, weights: &[f32], from: usize, to: usize) -> Vec<f32> {
     let [depth, channels] = [from, to].map(|count| count.next_multiple_of(kernels.lanes));
-    panels(channels, depth, [kernels.panel, kernels.vector], |output, input| {
+    panels(channels, depth, [kernels.panel, kernels.lanes], |output, input| {
         if output < to && input < from { weights[output * from + input] } else { 0.0 }
     })
 }
@@ -59,7 +59,7 @@ pub(crate) fn depthwise(kernels: &Kernels, weights: &[f32], channels: usize) -> 
 /// The weights of the first convolution: outputs for each value of the window.
 pub(crate) fn stem(kernels: &Kernels, weights: &[f32], channels: usize) -> Vec<f32> {
     let values = weights.len() / channels;
-    panels(channels.next_multiple_of(kernels.lanes), values, [kernels.panel, kernels.vector], |channel, value| {
+    panels(channels.next_multiple_of(kernels.lanes), values, [kernels.stem_panel, kernels.lanes], |channel, value| {
         if channel < channels { weights[channel * values + value] } else { 0.0 }
     })
 }

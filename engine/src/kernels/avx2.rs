@@ -22,4 +22,4 @@ unsafe impl InstructionSet for Avx2 {
     }
 }
 
-kernels!(Avx2, "avx2", vectors: 2, dense_vectors: 4, features: "avx2,fma");
+kernels!(Avx2, "avx2", vectors: 2, tail: 1, stem_vectors: 2, dense_vectors: 4, features: "avx2,fma");

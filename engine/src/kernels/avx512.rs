@@ -23,4 +23,4 @@ unsafe impl InstructionSet for Avx512 {
     }
 }
 
-kernels!(Avx512, "avx512", vectors: 2, dense_vectors: 4, features: "avx512f");
+kernels!(Avx512, "avx512", vectors: 2, tail: 1, stem_vectors: 2, dense_vectors: 4, features: "avx512f");

@@ -1,7 +1,7 @@
 //! The depthwise 3 x 3 convolutions, written once over [`InstructionSet`].
 //!
 //! A kernel takes one vector of channels along a whole row, so that the nine weights stay in registers and each input
-//! pixel is loaded once for all windows of the row that cover it. The sums go into the tiles of the pointwise
+//! pixel is loaded once for all windows of the row that cover it. The sums go into the operand of the pointwise
 //! convolution that follows. There is no bias: it is part of that convolution's.
 
 use super::Depthwise;
@@ -16,8 +16,7 @@ pub(super) unsafe fn depthwise<I: InstructionSet>(task: &Depthwise, output: &mut
     let &Depthwise { channels, columns, stride, output_rows, first_pixel, .. } = task;
     assert!((stride == 1 && (1..=2).contains(&output_rows)) || (stride == 2 && output_rows == 1));
     assert!(channels.is_multiple_of(I::LANES) && columns > 0 && task.weights.len() >= 9 * channels);
-    let pixels = first_pixel + output_rows * columns;
-    assert!(output.len() >= pixels.next_multiple_of(I::TILE) * channels);
+    assert!(first_pixel + output_rows * columns <= task.pixels && output.len() >= task.pixels * channels);
     assert!(task.rows.iter().take(output_rows + 2).all(|row| row.len() >= columns * stride * channels));
     assert!(largest.is_empty() || (stride == 2 && largest.len() >= columns * channels));
     for channel in (0..channels).step_by(I::LANES) {
@@ -25,8 +24,8 @@ pub(super) unsafe fn depthwise<I: InstructionSet>(task: &Depthwise, output: &mut
         unsafe {
             let rows = task.rows.map(|row| row.as_ptr().wrapping_add(channel));
             let taps = std::array::from_fn(|tap| I::load(task.weights.as_ptr().add(9 * channel + tap * I::LANES)));
-            let strip = Strip::<I::Vector> { rows, taps, channels, columns, first_pixel };
-            let output = output.as_mut_ptr().add(channel * I::TILE);
+            let strip = Strip::<I::Vector> { rows, taps, channels, columns };
+            let output = output.as_mut_ptr().add(channel * task.pixels + first_pixel * I::LANES);
             match (stride, output_rows, largest.is_empty()) {
                 (1, 1, _) => strip.every_pixel::<I, 1>(output),
                 (1, _, _) => strip.every_pixel::<I, 2>(output),
@@ -47,7 +46,6 @@ struct Strip<V> {
     channels: usize,
     /// Output pixels of a row.
     columns: usize,
-    first_pixel: usize,
 }
 
 impl<V: Copy> Strip<V> {
@@ -59,37 +57,24 @@ impl<V: Copy> Strip<V> {
     unsafe fn every_pixel<I: InstructionSet<Vector = V>, const R: usize>(&self, output: *mut f32) {
         // SAFETY: the caller vouches for all sizes.
         unsafe {
-            // Four pixels lie side by side in a tile if the first one's number is a multiple of four.
-            if self.columns.is_multiple_of(4) && self.first_pixel.is_multiple_of(4) {
-                self.every_pixel_from::<I, R>(output, true);
-            } else {
-                self.every_pixel_from::<I, R>(output, false);
-            }
-        }
-    }
-
-    #[inline(always)]
-    unsafe fn every_pixel_from<I: InstructionSet<Vector = V>, const R: usize>(&self, output: *mut f32, by_four: bool) {
-        // SAFETY: the caller vouches for all sizes.
-        unsafe {
-            let (mut left, mut middle) = ([I::zero(); 4], self.column::<I>(R + 2, 0));
+            let zero = [I::zero(); 4];
+            let (mut left, mut middle) = (zero, self.column::<I>(R + 2, 0));
             let mut x = 0;
-            while by_four && x + 4 < self.columns {
-                let to: [*mut f32; R] = std::array::from_fn(|row| output.add(self.place::<I>(row * self.columns + x)));
+            // Four pixels use four columns of registers in turn, so that none is copied.
+            while x + 4 <= self.columns {
                 let third = self.column::<I>(R + 2, x + 1);
-                self.put::<I, R>(to, 0, [left, middle, third]);
+                self.put::<I, R>(output, x, [left, middle, third]);
                 let fourth = self.column::<I>(R + 2, x + 2);
-                self.put::<I, R>(to, 1, [middle, third, fourth]);
+                self.put::<I, R>(output, x + 1, [middle, third, fourth]);
                 left = self.column::<I>(R + 2, x + 3);
-                self.put::<I, R>(to, 2, [third, fourth, left]);
-                middle = self.column::<I>(R + 2, x + 4);
-                self.put::<I, R>(to, 3, [fourth, left, middle]);
+                self.put::<I, R>(output, x + 2, [third, fourth, left]);
+                middle = if x + 4 < self.columns { self.column::<I>(R + 2, x + 4) } else { zero };
+                self.put::<I, R>(output, x + 3, [fourth, left, middle]);
                 x += 4;
             }
             while x < self.columns {
-                let to: [*mut f32; R] = std::array::from_fn(|row| output.add(self.place::<I>(row * self.columns + x)));
-                let right = if x + 1 < self.columns { self.column::<I>(R + 2, x + 1) } else { [I::zero(); 4] };
-                self.put::<I, R>(to, 0, [left, middle, right]);
+                let right = if x + 1 < self.columns { self.column::<I>(R + 2, x + 1) } else { zero };
+                self.put::<I, R>(output, x, [left, middle, right]);
                 (left, middle) = (middle, right);
                 x += 1;
             }
@@ -112,8 +97,7 @@ impl<V: Copy> Strip<V> {
             for x in 0..self.columns {
                 let middle = self.column::<I>(3, 2 * x + 1);
                 let right = if x + 1 < self.columns { self.column::<I>(3, 2 * x + 2) } else { [I::zero(); 4] };
-                let to = output.add(self.place::<I>(x));
-                self.put::<I, 1>([to], 0, [left, middle, right]);
+                self.put::<I, 1>(output, x, [left, middle, right]);
                 if POOL {
                     let pairs = I::max(I::max(left[0], left[1]), I::max(middle[0], middle[1]));
                     I::store(largest.add(x * self.channels), pairs);
@@ -121,13 +105,6 @@ impl<V: Copy> Strip<V> {
                 left = right;
             }
         }
-    }
-
-    /// Where a pixel's sum belongs, counted from this strip's channels of the first tile.
-    #[inline(always)]
-    fn place<I: InstructionSet>(&self, pixel: usize) -> usize {
-        let pixel = self.first_pixel + pixel;
-        pixel / I::TILE * I::TILE * self.channels + pixel % I::TILE * I::LANES
     }
 
     /// The pixels of `count` rows in column `x`.
@@ -139,22 +116,22 @@ impl<V: Copy> Strip<V> {
         })
     }
 
-    /// Stores the sums of the windows over three columns, `slot` pixels after `to`.
+    /// Stores the sums of the windows over three columns, for `R` rows of output column `x`.
     #[inline(always)]
     unsafe fn put<I: InstructionSet<Vector = V>, const R: usize>(
         &self,
-        to: [*mut f32; R],
-        slot: usize,
+        output: *mut f32,
+        x: usize,
         columns: [[V; 4]; 3],
     ) {
-        for (row, to) in to.into_iter().enumerate() {
+        for row in 0..R {
             // SAFETY: the caller vouches for the place.
             unsafe {
                 let mut sum = I::mul(columns[0][row], self.taps[0]);
                 for tap in 1..9 {
                     sum = I::mul_add(columns[tap % 3][row + tap / 3], self.taps[tap], sum);
                 }
-                I::store(to.add(slot * I::LANES), sum);
+                I::store(output.add((row * self.columns + x) * I::LANES), sum);
             }
         }
     }

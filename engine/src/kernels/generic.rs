@@ -5,55 +5,54 @@ use super::{Activation, Dense, Pointwise, Stem};
 
 /// Makes `KERNELS` of an instruction set: the functions of this module, compiled for its features.
 macro_rules! kernels {
-    ($set:ty, $name:literal, vectors: $vectors:literal, dense_vectors: $dense:literal $(, features: $features:literal)?) => {
+    (
+        $set:ty, $name:literal, vectors: $vectors:literal, tail: $tail:literal, stem_vectors: $stem:literal,
+        dense_vectors: $dense:literal $(, features: $features:literal)?
+    ) => {
         pub(super) static KERNELS: super::Kernels = super::Kernels {
             name: $name,
-            lanes: {
-                let pair = if <$set as InstructionSet>::LANES < 8 { 2 } else { 1 };
-                pair * <$set as InstructionSet>::LANES
-            },
+            lanes: $tail * <$set as InstructionSet>::LANES,
             vector: <$set as InstructionSet>::LANES,
-            tile: <$set as InstructionSet>::TILE,
-            group: <$set as InstructionSet>::LANES,
+            stem_panel: $stem * <$set as InstructionSet>::LANES,
             panel: $vectors * <$set as InstructionSet>::LANES,
             dense_panel: $dense * <$set as InstructionSet>::LANES,
-            stem: |task, output| {
-                $(#[target_feature(enable = $features)])?
-                unsafe fn compiled(task: &super::Stem, output: &mut [f32]) {
-                    // SAFETY: the function is compiled for the features of the set.
-                    unsafe { super::generic::stem::<$set, $vectors>(task, output) }
-                }
-                // SAFETY: these kernels are handed out only on processors that have the features.
-                unsafe { compiled(task, output) }
-            },
-            depthwise: |task, output, largest| {
-                $(#[target_feature(enable = $features)])?
-                unsafe fn compiled(task: &super::Depthwise, output: &mut [f32], largest: &mut [f32]) {
-                    // SAFETY: the function is compiled for the features of the set.
-                    unsafe { super::depthwise::depthwise::<$set>(task, output, largest) }
-                }
-                // SAFETY: these kernels are handed out only on processors that have the features.
-                unsafe { compiled(task, output, largest) }
-            },
-            pointwise: |task, output| {
-                $(#[target_feature(enable = $features)])?
-                unsafe fn compiled(task: &super::Pointwise, output: &mut [f32]) {
-                    // SAFETY: the function is compiled for the features of the set.
-                    unsafe { super::generic::pointwise::<$set, $vectors>(task, output) }
-                }
-                // SAFETY: these kernels are handed out only on processors that have the features.
-                unsafe { compiled(task, output) }
-            },
-            dense: |task, output| {
-                $(#[target_feature(enable = $features)])?
-                unsafe fn compiled(task: &super::Dense, output: &mut [f32]) {
-                    // SAFETY: the function is compiled for the features of the set.
-                    unsafe { super::generic::dense::<$set, $dense>(task, output) }
-                }
-                // SAFETY: these kernels are handed out only on processors that have the features.
-                unsafe { compiled(task, output) }
-            },
+            // SAFETY, here and below: these kernels are handed out only on processors that have the features.
+            stem: |task, output| unsafe { stem(task, output) },
+            // SAFETY: as above.
+            depthwise: |task, output, largest| unsafe { depthwise(task, output, largest) },
+            // SAFETY: as above.
+            pointwise: |task, output| unsafe { pointwise(task, output) },
+            // SAFETY: as above.
+            dense: |task, output| unsafe { dense(task, output) },
         };
+
+        $(#[target_feature(enable = $features)])?
+        #[inline(never)]
+        unsafe fn stem(task: &super::Stem, output: &mut [f32]) {
+            // SAFETY: the function is compiled for the features of the set.
+            unsafe { super::generic::stem::<$set, $stem, $tail>(task, output) }
+        }
+
+        $(#[target_feature(enable = $features)])?
+        #[inline(never)]
+        unsafe fn depthwise(task: &super::Depthwise, output: &mut [f32], largest: &mut [f32]) {
+            // SAFETY: the function is compiled for the features of the set.
+            unsafe { super::depthwise::depthwise::<$set>(task, output, largest) }
+        }
+
+        $(#[target_feature(enable = $features)])?
+        #[inline(never)]
+        unsafe fn pointwise(task: &super::Pointwise, output: &mut [f32]) {
+            // SAFETY: the function is compiled for the features of the set.
+            unsafe { super::generic::pointwise::<$set, $vectors, $tail>(task, output) }
+        }
+
+        $(#[target_feature(enable = $features)])?
+        #[inline(never)]
+        unsafe fn dense(task: &super::Dense, output: &mut [f32]) {
+            // SAFETY: the function is compiled for the features of the set.
+            unsafe { super::generic::dense::<$set, $dense>(task, output) }
+        }
     };
 }
 pub(super) use kernels;
@@ -136,11 +135,11 @@ fn assert_slopes(activation: Activation, channels: usize) {
 /// # Safety
 /// The processor must have the instruction set.
 #[inline(always)]
-pub(super) unsafe fn pointwise<I: InstructionSet, const N: usize>(task: &Pointwise, output: &mut [f32]) {
+pub(super) unsafe fn pointwise<I: InstructionSet, const N: usize, const TAIL: usize>(task: &Pointwise, output: &mut [f32]) {
     let &Pointwise { pixels, depth, channels, residual, residual_channels, .. } = task;
-    assert!(depth.is_multiple_of(I::LANES) && channels.is_multiple_of(I::LANES));
-    assert!(residual_channels.is_multiple_of(I::LANES) && residual_channels <= channels);
-    assert!(task.operand.len() >= pixels.next_multiple_of(I::TILE) * depth);
+    assert!([depth, channels, residual_channels].iter().all(|count| count.is_multiple_of(TAIL * I::LANES)));
+    assert!(residual_channels <= channels);
+    assert!(task.operand.len() >= pixels * depth);
     assert!(task.weights.len() >= depth * channels && task.bias.len() >= channels);
     assert!(output.len() >= pixels * channels);
     assert!(residual.is_empty() || residual.len() >= pixels * residual_channels);
@@ -153,8 +152,8 @@ pub(super) unsafe fn pointwise<I: InstructionSet, const N: usize>(task: &Pointwi
             channel += N * I::LANES;
         }
         while channel < channels {
-            panel::<I, 1>(task, channel, output);
-            channel += I::LANES;
+            panel::<I, TAIL>(task, channel, output);
+            channel += TAIL * I::LANES;
         }
     }
 }
@@ -172,6 +171,7 @@ unsafe fn panel<I: InstructionSet, const N: usize>(task: &Pointwise, channel: us
         let work = Panel {
             weights: task.weights.as_ptr().add(channel * task.depth),
             depth: task.depth,
+            plane: task.pixels * I::LANES,
             bias: vectors::<I, N>(task.bias, channel),
             residual_step: task.residual_channels,
             residual_vectors: (residual_vectors.saturating_sub(channel) / I::LANES).min(N),
@@ -181,33 +181,18 @@ unsafe fn panel<I: InstructionSet, const N: usize>(task: &Pointwise, channel: us
         let mut operand = task.operand.as_ptr();
         let mut residual = task.residual.as_ptr().wrapping_add(channel);
         let mut output = output.as_mut_ptr().add(channel);
-        let mut pixels = task.pixels;
-        while pixels >= I::TILE {
-            match I::TILE {
-                12 => work.run::<I, 12>(operand, residual, output),
-                8 => work.run::<I, 8>(operand, residual, output),
-                _ => work.run::<I, 4>(operand, residual, output),
-            }
-            operand = operand.wrapping_add(I::TILE * task.depth);
-            residual = residual.wrapping_add(I::TILE * work.residual_step);
-            output = output.wrapping_add(I::TILE * work.step);
-            pixels -= I::TILE;
-        }
-        while pixels > 0 {
-            let done = if pixels >= 8 {
-                work.run::<I, 8>(operand, residual, output);
-                8
-            } else if pixels >= 4 {
-                work.run::<I, 4>(operand, residual, output);
-                4
-            } else {
-                work.run::<I, 1>(operand, residual, output);
-                1
+        let mut left = task.pixels;
+        while left > 0 {
+            let done = match left {
+                12.. if I::TILE == 12 => work.run::<I, 12>(operand, residual, output),
+                8.. if I::TILE >= 8 => work.run::<I, 8>(operand, residual, output),
+                4.. => work.run::<I, 4>(operand, residual, output),
+                _ => work.run::<I, 1>(operand, residual, output),
             };
             operand = operand.wrapping_add(done * I::LANES);
             residual = residual.wrapping_add(done * work.residual_step);
             output = output.wrapping_add(done * work.step);
-            pixels -= done;
+            left -= done;
         }
     }
 }
@@ -216,6 +201,8 @@ unsafe fn panel<I: InstructionSet, const N: usize>(task: &Pointwise, channel: us
 struct Panel<V, const N: usize> {
     weights: *const f32,
     depth: usize,
+    /// From a vector of channels of the operand to the next.
+    plane: usize,
     bias: [V; N],
     residual_step: usize,
     /// Vectors of the panel that have a residual: the first ones.
@@ -225,7 +212,7 @@ struct Panel<V, const N: usize> {
 }
 
 impl<V: Copy, const N: usize> Panel<V, N> {
-    /// Computes `P` pixels of a tile.
+    /// Computes `P` pixels and returns their number.
     ///
     /// # Safety
     /// The processor must have the instruction set; the pointers must be those of `P` pixels.
@@ -235,30 +222,30 @@ impl<V: Copy, const N: usize> Panel<V, N> {
         operand: *const f32,
         residual: *const f32,
         output: *mut f32,
-    ) {
+    ) -> usize {
         // SAFETY: the caller vouches for the pointers.
         unsafe {
-            let mut sums = [self.bias; P];
-            if self.residual_vectors == N {
-                for (pixel, sums) in sums.iter_mut().enumerate() {
-                    for (n, sum) in sums.iter_mut().enumerate() {
-                        *sum = I::add(*sum, I::load(residual.add(pixel * self.residual_step + n * I::LANES)));
-                    }
-                }
-            } else if self.residual_vectors > 0 {
-                for (pixel, sums) in sums.iter_mut().enumerate() {
-                    for (n, sum) in sums.iter_mut().enumerate().take(self.residual_vectors) {
-                        *sum = I::add(*sum, I::load(residual.add(pixel * self.residual_step + n * I::LANES)));
-                    }
-                }
-            }
-            let mut sums = I::product::<P, N>(sums, operand, self.weights, self.depth);
+            let sums = if self.residual_vectors == 0 {
+                [self.bias; P]
+            } else {
+                std::array::from_fn(|pixel| {
+                    let residual = residual.add(pixel * self.residual_step);
+                    std::array::from_fn(|n| {
+                        // A panel of two vectors may have a residual in its first one only.
+                        let bias = self.bias[n];
+                        let add = n == 0 || n < self.residual_vectors;
+                        if add { I::add(bias, I::load(residual.add(n * I::LANES))) } else { bias }
+                    })
+                })
+            };
+            let mut sums = I::product::<P, N>(sums, operand, self.weights, self.depth, self.plane);
             self.finish.apply::<I, P>(&mut sums);
             for (pixel, sums) in sums.into_iter().enumerate() {
                 for (n, sum) in sums.into_iter().enumerate() {
                     I::store(output.add(pixel * self.step + n * I::LANES), sum);
                 }
             }
+            P
         }
     }
 }
@@ -268,11 +255,11 @@ impl<V: Copy, const N: usize> Panel<V, N> {
 /// # Safety
 /// The processor must have the instruction set.
 #[inline(always)]
-pub(super) unsafe fn stem<I: InstructionSet, const N: usize>(task: &Stem, output: &mut [f32]) {
+pub(super) unsafe fn stem<I: InstructionSet, const N: usize, const TAIL: usize>(task: &Stem, output: &mut [f32]) {
     let (channels, values) = (task.bias.len(), task.rows.len() * task.span);
-    assert!(channels.is_multiple_of(I::LANES) && task.weights.len() >= channels * values);
+    assert!(channels.is_multiple_of(TAIL * I::LANES) && task.weights.len() >= channels * values);
     assert!(output.len() >= task.pixels * channels && task.pixels > 0);
-    assert!(task.rows.iter().all(|row| row.len() >= (task.pixels - 1) * task.step + task.span));
+    assert!(task.rows.iter().all(|row| row.len() >= ((task.pixels - 1) * task.step + task.span).next_multiple_of(4)));
     assert_slopes(task.activation, channels);
     let mut channel = 0;
     // SAFETY: all sizes were checked above.
@@ -282,8 +269,8 @@ pub(super) unsafe fn stem<I: InstructionSet, const N: usize>(task: &Stem, output
             channel += N * I::LANES;
         }
         while channel < channels {
-            stem_panel::<I, 1>(task, channel, output);
-            channel += I::LANES;
+            stem_panel::<I, TAIL>(task, channel, output);
+            channel += TAIL * I::LANES;
         }
     }
 }
@@ -325,17 +312,8 @@ unsafe fn stem_pixels<I: InstructionSet, const P: usize, const N: usize>(
         let mut sums = [vectors::<I, N>(task.bias, channel); P];
         let mut weights = task.weights.as_ptr().add(channel * task.rows.len() * task.span);
         for row in task.rows {
-            let from = row.as_ptr().add(pixel * task.step);
-            for value in 0..task.span {
-                let weight: [_; N] = std::array::from_fn(|n| I::load(weights.add(n * I::LANES)));
-                weights = weights.add(N * I::LANES);
-                for (pixel, sums) in sums.iter_mut().enumerate() {
-                    let value = I::splat(from.add(pixel * task.step + value));
-                    for (sum, weight) in sums.iter_mut().zip(weight) {
-                        *sum = I::mul_add(value, weight, *sum);
-                    }
-                }
-            }
+            sums = I::window_row::<P, N>(sums, row.as_ptr().add(pixel * task.step), weights, task.step, task.span);
+            weights = weights.add(task.span * N * I::LANES);
         }
         finish.apply::<I, P>(&mut sums);
         for (pixel, sums) in sums.into_iter().enumerate() {

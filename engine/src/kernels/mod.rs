@@ -4,10 +4,10 @@
 //! a multiple of [`Kernels::lanes`]. A pointwise convolution is a product of matrices, and its operands are stored so
 //! that the inner loop reads both of them in order:
 //!
-//! - Pixels come in *tiles* of [`Kernels::tile`]: first all pixels of the tile with their first [`Kernels::group`]
-//!   channels, then with the next ones ([`Kernels::operand_at`]). The depthwise convolution before it writes this form.
+//! - Pixels are its *operand*: first all pixels with their first [`Kernels::vector`] channels, then all pixels with the
+//!   next ones. The depthwise convolution before it writes this form.
 //! - Weights come in *panels* of [`Kernels::panel`] output channels: all output channels of the panel for the first
-//!   input channel, then for the next one.
+//!   input channel, then for the next one. What is left of the output channels comes in panels of [`Kernels::lanes`].
 //!
 //! All functions check the sizes of what they are given once for each call, and panic on a mistake of the planner.
 
@@ -31,37 +31,33 @@ pub struct Kernels {
     pub lanes: usize,
     /// Values of a vector.
     pub vector: usize,
-    /// Pixels of a tile.
-    pub tile: usize,
-    /// Channels of a pixel that lie beside each other in a tile.
-    pub group: usize,
     /// Output channels of a panel of weights.
     pub panel: usize,
+    /// Output channels of a panel of the first convolution.
+    pub stem_panel: usize,
     /// Outputs of a panel of a dense layer.
     pub dense_panel: usize,
     /// Computes one row of the first convolution.
     pub stem: fn(&Stem, &mut [f32]),
-    /// Computes one or two rows of a depthwise 3 x 3 convolution into tiles. The last argument receives the largest
+    /// Computes one or two rows of a depthwise 3 x 3 convolution into an operand. The last argument receives the largest
     /// value of every 2 x 2 pixels if the stride is 2; otherwise it is empty.
     pub depthwise: fn(&Depthwise, &mut [f32], &mut [f32]),
-    /// Computes a pointwise convolution of tiles.
+    /// Computes a pointwise convolution.
     pub pointwise: fn(&Pointwise, &mut [f32]),
     /// Computes weighted sums of a whole map.
     pub dense: fn(&Dense, &mut [f32]),
 }
 
 impl Kernels {
-    /// Where a value of a pixel stands in tiles of pixels with `depth` channels each.
-    #[must_use]
-    pub fn operand_at(&self, depth: usize, pixel: usize, channel: usize) -> usize {
-        let (tile, slot) = (pixel / self.tile, pixel % self.tile);
-        (tile * depth + channel / self.group * self.group) * self.tile + slot * self.group + channel % self.group
-    }
-
-    /// Memory for tiles of `pixels` pixels with `depth` channels each.
-    #[must_use]
-    pub fn operand_size(&self, depth: usize, pixels: usize) -> usize {
-        pixels.next_multiple_of(self.tile) * depth
+    /// Copies pixels of `channels` values into an operand.
+    pub fn operand_of(&self, pixels: &[f32], channels: usize, operand: &mut [f32]) {
+        let plane = pixels.len() / channels * self.vector;
+        for (number, pixel) in pixels.chunks_exact(channels).enumerate() {
+            for (group, values) in pixel.chunks_exact(self.vector).enumerate() {
+                let at = group * plane + number * self.vector;
+                operand[at..at + self.vector].copy_from_slice(values);
+            }
+        }
     }
 }
 
@@ -110,14 +106,16 @@ pub struct Depthwise<'a> {
     pub channels: usize,
     /// Pixels of an output row. With stride 2 an input row has twice as many.
     pub columns: usize,
-    /// Number of the first output pixel in the tiles.
+    /// Number of the first output pixel in the operand.
     pub first_pixel: usize,
+    /// Pixels of the operand.
+    pub pixels: usize,
 }
 
 /// A pointwise convolution of some pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct Pointwise<'a> {
-    /// Tiles of pixels.
+    /// The pixels as an operand.
     pub operand: &'a [f32],
     /// Number of pixels.
     pub pixels: usize,

@@ -6,9 +6,31 @@ use std::arch::aarch64::{
 };
 
 use super::generic::kernels;
-use super::vector::InstructionSet;
+use super::vector::{InstructionSet, broadcast_row};
 
 struct Neon;
+
+/// Multiplies the values of the windows of four pixels, six values apart, by lanes.
+macro_rules! lanes_row {
+    ($sums:ident, $from:ident, $panel:ident, [$($value:literal)*]) => {{
+        let mut sums = $sums;
+        let values: [_; 9] = std::array::from_fn(|at| {
+            // The largest value's number decides how much is read.
+            const LAST: usize = [$($value),*].len() + 17;
+            if at * 4 <= LAST { vld1q_f32($from.add(at * 4)) } else { vdupq_n_f32(0.0) }
+        });
+        $(
+            let weights: [_; N] = std::array::from_fn(|n| vld1q_f32($panel.add(($value * N + n) * Self::LANES)));
+            for n in 0..N {
+                sums[0][n] = vfmaq_laneq_f32::<{ $value % 4 }>(sums[0][n], weights[n], values[$value / 4]);
+                sums[1][n] = vfmaq_laneq_f32::<{ (6 + $value) % 4 }>(sums[1][n], weights[n], values[(6 + $value) / 4]);
+                sums[2][n] = vfmaq_laneq_f32::<{ $value % 4 }>(sums[2][n], weights[n], values[(12 + $value) / 4]);
+                sums[3][n] = vfmaq_laneq_f32::<{ (6 + $value) % 4 }>(sums[3][n], weights[n], values[(18 + $value) / 4]);
+            }
+        )*
+        sums
+    }};
+}
 
 // SAFETY: `kernels::available` hands these kernels out only where NEON was detected.
 unsafe impl InstructionSet for Neon {
@@ -78,11 +100,11 @@ unsafe impl InstructionSet for Neon {
         mut operand: *const f32,
         mut panel: *const f32,
         depth: usize,
+        plane: usize,
     ) -> [[Self::Vector; N]; P] {
         macro_rules! channel {
             ($values:ident, $lane:literal) => {
-                let weights: [_; N] =
-                    std::array::from_fn(|n| unsafe { vld1q_f32(panel.add(($lane * N + n) * Self::LANES)) });
+                let weights: [_; N] = std::array::from_fn(|n| vld1q_f32(panel.add(($lane * N + n) * Self::LANES)));
                 for (sums, value) in sums.iter_mut().zip($values) {
                     for (sum, weight) in sums.iter_mut().zip(weights) {
                         *sum = vfmaq_laneq_f32::<$lane>(*sum, weight, value);
@@ -90,21 +112,44 @@ unsafe impl InstructionSet for Neon {
                 }
             };
         }
-        for _ in 0..depth / Self::LANES {
-            // SAFETY: the tile and the panel go on for `depth` channels.
-            unsafe {
-                let values: [_; P] = std::array::from_fn(|pixel| vld1q_f32(operand.add(pixel * Self::LANES)));
-                channel!(values, 0);
-                channel!(values, 1);
-                channel!(values, 2);
-                channel!(values, 3);
-                panel = panel.add(4 * N * Self::LANES);
+        // Two vectors of channels per round halve what the loop itself costs; channels come in multiples of eight.
+        for _ in 0..depth / (2 * Self::LANES) {
+            for _ in 0..2 {
+                // SAFETY: the operand and the panel go on for `depth` channels.
+                unsafe {
+                    let values: [_; P] = std::array::from_fn(|pixel| vld1q_f32(operand.add(pixel * Self::LANES)));
+                    channel!(values, 0);
+                    channel!(values, 1);
+                    channel!(values, 2);
+                    channel!(values, 3);
+                    panel = panel.add(4 * N * Self::LANES);
+                }
+                // After the last round the pointer is not read.
+                operand = operand.wrapping_add(plane);
             }
-            // After the last round the pointer is not read.
-            operand = operand.wrapping_add(Self::TILE * Self::LANES);
         }
         sums
     }
+
+    /// Windows of a picture of three channels with stride 2 begin six values apart. Four of them overlap so much that a
+    /// few loads cover all; each value is then a lane.
+    #[inline(always)]
+    unsafe fn window_row<const P: usize, const N: usize>(
+        sums: [[Self::Vector; N]; P],
+        from: *const f32,
+        panel: *const f32,
+        step: usize,
+        span: usize,
+    ) -> [[Self::Vector; N]; P] {
+        // SAFETY: the caller vouches for the pointers.
+        unsafe {
+            match (P, step, span) {
+                (4, 6, 9) => lanes_row!(sums, from, panel, [0 1 2 3 4 5 6 7 8]),
+                (4, 6, 15) => lanes_row!(sums, from, panel, [0 1 2 3 4 5 6 7 8 9 10 11 12 13 14]),
+                _ => broadcast_row::<Self, P, N>(sums, from, panel, step, span),
+            }
+        }
+    }
 }
 
-kernels!(Neon, "neon", vectors: 2, dense_vectors: 8, features: "neon");
+kernels!(Neon, "neon", vectors: 2, tail: 2, stem_vectors: 4, dense_vectors: 8, features: "neon");

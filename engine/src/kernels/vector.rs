@@ -12,7 +12,7 @@ pub(super) unsafe trait InstructionSet {
     type Vector: Copy;
     /// Values of a vector.
     const LANES: usize;
-    /// Pixels of a tile.
+    /// Pixels that are multiplied at a time.
     const TILE: usize;
 
     unsafe fn zero() -> Self::Vector;
@@ -28,20 +28,21 @@ pub(super) unsafe trait InstructionSet {
     unsafe fn min(a: Self::Vector, b: Self::Vector) -> Self::Vector;
 
     /// Adds the products of `P` pixels and a panel of `N` vectors of output channels to `sums`. `operand` points at the
-    /// first of the pixels in its tile.
+    /// first of the pixels; its next channels lie `plane` values further.
     ///
     /// # Safety
-    /// The tile and the panel must have `depth` channels, a multiple of the lanes.
+    /// The operand and the panel must have `depth` channels, a multiple of twice the lanes or of 16.
     #[inline(always)]
     unsafe fn product<const P: usize, const N: usize>(
         mut sums: [[Self::Vector; N]; P],
         mut operand: *const f32,
         mut panel: *const f32,
         depth: usize,
+        plane: usize,
     ) -> [[Self::Vector; N]; P] {
         for _ in 0..depth / Self::LANES {
             for channel in 0..Self::LANES {
-                // SAFETY: the tile and the panel go on for `depth` channels.
+                // SAFETY: the operand and the panel go on for `depth` channels.
                 unsafe {
                     let weights: [_; N] = std::array::from_fn(|n| Self::load(panel.add(n * Self::LANES)));
                     for (pixel, sums) in sums.iter_mut().enumerate() {
@@ -54,10 +55,53 @@ pub(super) unsafe trait InstructionSet {
                 }
             }
             // SAFETY: as above; after the last round the pointer is not read.
-            operand = operand.wrapping_add(Self::TILE * Self::LANES);
+            operand = operand.wrapping_add(plane);
         }
         sums
     }
+
+    /// Adds the products of one row of the windows of `P` pixels and a panel of `N` vectors to `sums`.
+    ///
+    /// # Safety
+    /// `from` must be valid for `(P - 1) * step + span` values and three more, the panel for `span` times its vectors.
+    #[inline(always)]
+    unsafe fn window_row<const P: usize, const N: usize>(
+        sums: [[Self::Vector; N]; P],
+        from: *const f32,
+        panel: *const f32,
+        step: usize,
+        span: usize,
+    ) -> [[Self::Vector; N]; P] {
+        // SAFETY: the caller vouches for the pointers.
+        unsafe { broadcast_row::<Self, P, N>(sums, from, panel, step, span) }
+    }
+}
+
+/// [`InstructionSet::window_row`], one value of the window at a time.
+///
+/// # Safety
+/// The processor must have the instruction set; the pointers must be valid as there.
+#[inline(always)]
+pub(super) unsafe fn broadcast_row<I: InstructionSet + ?Sized, const P: usize, const N: usize>(
+    mut sums: [[I::Vector; N]; P],
+    from: *const f32,
+    panel: *const f32,
+    step: usize,
+    span: usize,
+) -> [[I::Vector; N]; P] {
+    for value in 0..span {
+        // SAFETY: the caller vouches for the pointers.
+        unsafe {
+            let weights: [_; N] = std::array::from_fn(|n| I::load(panel.add((value * N + n) * I::LANES)));
+            for (pixel, sums) in sums.iter_mut().enumerate() {
+                let value = I::splat(from.add(pixel * step + value));
+                for (sum, weight) in sums.iter_mut().zip(weights) {
+                    *sum = I::mul_add(value, weight, *sum);
+                }
+            }
+        }
+    }
+    sums
 }
 
 /// The functions of [`InstructionSet`], each by one intrinsic.

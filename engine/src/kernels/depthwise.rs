@@ -60,24 +60,44 @@ impl<V: Copy> Strip<V> {
             let zero = [I::zero(); 4];
             let (mut left, mut middle) = (zero, self.column::<I>(R + 2, 0));
             let mut x = 0;
-            // Four pixels use four columns of registers in turn, so that none is copied.
-            while x + 4 <= self.columns {
-                let third = self.column::<I>(R + 2, x + 1);
-                self.put::<I, R>(output, x, [left, middle, third]);
-                let fourth = self.column::<I>(R + 2, x + 2);
-                self.put::<I, R>(output, x + 1, [middle, third, fourth]);
-                left = self.column::<I>(R + 2, x + 3);
-                self.put::<I, R>(output, x + 2, [third, fourth, left]);
-                middle = if x + 4 < self.columns { self.column::<I>(R + 2, x + 4) } else { zero };
-                self.put::<I, R>(output, x + 3, [fourth, left, middle]);
+            while x + 4 < self.columns {
+                [left, middle] = self.four_pixels::<I, R, false>(output, x, [left, middle]);
                 x += 4;
+            }
+            if x + 4 == self.columns {
+                self.four_pixels::<I, R, true>(output, x, [left, middle]);
+                return;
             }
             while x < self.columns {
                 let right = if x + 1 < self.columns { self.column::<I>(R + 2, x + 1) } else { zero };
-                self.put::<I, R>(output, x, [left, middle, right]);
+                self.put::<I, R, 1>(output, x, [self.sums::<I, R>([left, middle, right])]);
                 (left, middle) = (middle, right);
                 x += 1;
             }
+        }
+    }
+
+    /// Computes four pixels of `R` rows. They use four columns of registers in turn, so that none is copied. Takes and
+    /// returns the two columns that the next pixels share with these.
+    #[inline(always)]
+    unsafe fn four_pixels<I: InstructionSet<Vector = V>, const R: usize, const LAST: bool>(
+        &self,
+        output: *mut f32,
+        x: usize,
+        [left, middle]: [[V; 4]; 2],
+    ) -> [[V; 4]; 2] {
+        // SAFETY: the caller vouches for all sizes.
+        unsafe {
+            let third = self.column::<I>(R + 2, x + 1);
+            let first_sums = self.sums::<I, R>([left, middle, third]);
+            let fourth = self.column::<I>(R + 2, x + 2);
+            let second_sums = self.sums::<I, R>([middle, third, fourth]);
+            let left = self.column::<I>(R + 2, x + 3);
+            let third_sums = self.sums::<I, R>([third, fourth, left]);
+            let middle = if LAST { [I::zero(); 4] } else { self.column::<I>(R + 2, x + 4) };
+            let fourth_sums = self.sums::<I, R>([fourth, left, middle]);
+            self.put::<I, R, 4>(output, x, [first_sums, second_sums, third_sums, fourth_sums]);
+            [left, middle]
         }
     }
 
@@ -93,18 +113,55 @@ impl<V: Copy> Strip<V> {
     ) {
         // SAFETY: the caller vouches for all sizes.
         unsafe {
+            let zero = [I::zero(); 4];
             let mut left = self.column::<I>(3, 0);
-            for x in 0..self.columns {
+            let mut x = 0;
+            while x + 2 < self.columns {
+                left = self.two_windows::<I, POOL, false>(output, largest, x, left);
+                x += 2;
+            }
+            if x + 2 == self.columns {
+                self.two_windows::<I, POOL, true>(output, largest, x, left);
+            } else {
                 let middle = self.column::<I>(3, 2 * x + 1);
-                let right = if x + 1 < self.columns { self.column::<I>(3, 2 * x + 2) } else { [I::zero(); 4] };
-                self.put::<I, 1>(output, x, [left, middle, right]);
+                self.put::<I, 1, 1>(output, x, [self.sums::<I, 1>([left, middle, zero])]);
                 if POOL {
-                    let pairs = I::max(I::max(left[0], left[1]), I::max(middle[0], middle[1]));
-                    I::store(largest.add(x * self.channels), pairs);
+                    I::store(largest.add(x * self.channels), self.largest::<I>(left, middle));
                 }
-                left = right;
             }
         }
+    }
+
+    /// Computes two pixels with stride 2. Takes and returns the column that the next pixel shares with these.
+    #[inline(always)]
+    unsafe fn two_windows<I: InstructionSet<Vector = V>, const POOL: bool, const LAST: bool>(
+        &self,
+        output: *mut f32,
+        largest: *mut f32,
+        x: usize,
+        left: [V; 4],
+    ) -> [V; 4] {
+        // SAFETY: the caller vouches for all sizes.
+        unsafe {
+            let second = self.column::<I>(3, 2 * x + 1);
+            let third = self.column::<I>(3, 2 * x + 2);
+            let fourth = self.column::<I>(3, 2 * x + 3);
+            let right = if LAST { [I::zero(); 4] } else { self.column::<I>(3, 2 * x + 4) };
+            let sums = [self.sums::<I, 1>([left, second, third]), self.sums::<I, 1>([third, fourth, right])];
+            self.put::<I, 1, 2>(output, x, sums);
+            if POOL {
+                I::store(largest.add(x * self.channels), self.largest::<I>(left, second));
+                I::store(largest.add((x + 1) * self.channels), self.largest::<I>(third, fourth));
+            }
+            right
+        }
+    }
+
+    /// The largest of the first two pixels of two columns.
+    #[inline(always)]
+    unsafe fn largest<I: InstructionSet<Vector = V>>(&self, left: [V; 4], right: [V; 4]) -> V {
+        // SAFETY: the caller vouches for the instruction set.
+        unsafe { I::max(I::max(left[0], left[1]), I::max(right[0], right[1])) }
     }
 
     /// The pixels of `count` rows in column `x`.
@@ -116,22 +173,33 @@ impl<V: Copy> Strip<V> {
         })
     }
 
-    /// Stores the sums of the windows over three columns, for `R` rows of output column `x`.
+    /// The sums of the windows over three columns, for `R` rows.
     #[inline(always)]
-    unsafe fn put<I: InstructionSet<Vector = V>, const R: usize>(
-        &self,
-        output: *mut f32,
-        x: usize,
-        columns: [[V; 4]; 3],
-    ) {
-        for row in 0..R {
-            // SAFETY: the caller vouches for the place.
+    unsafe fn sums<I: InstructionSet<Vector = V>, const R: usize>(&self, columns: [[V; 4]; 3]) -> [V; R] {
+        std::array::from_fn(|row| {
+            // SAFETY: the caller vouches for the instruction set.
             unsafe {
                 let mut sum = I::mul(columns[0][row], self.taps[0]);
                 for tap in 1..9 {
                     sum = I::mul_add(columns[tap % 3][row + tap / 3], self.taps[tap], sum);
                 }
-                I::store(output.add((row * self.columns + x) * I::LANES), sum);
+                sum
+            }
+        })
+    }
+
+    /// Stores the sums of `P` pixels from column `x` on.
+    #[inline(always)]
+    unsafe fn put<I: InstructionSet<Vector = V>, const R: usize, const P: usize>(
+        &self,
+        output: *mut f32,
+        x: usize,
+        sums: [[V; R]; P],
+    ) {
+        for row in 0..R {
+            for (pixel, sums) in sums.iter().enumerate() {
+                // SAFETY: the caller vouches for the place.
+                unsafe { I::store(output.add((row * self.columns + x + pixel) * I::LANES), sums[row]) }
             }
         }
     }

@@ -5,6 +5,7 @@
 //! convolution that follows. There is no bias: it is part of that convolution's.
 
 use super::Depthwise;
+use super::generic::vectors;
 use super::vector::InstructionSet;
 
 /// See [`super::Kernels::depthwise`].
@@ -23,7 +24,7 @@ pub(super) unsafe fn depthwise<I: InstructionSet>(task: &Depthwise, output: &mut
         // SAFETY: all sizes were checked above.
         unsafe {
             let rows = task.rows.map(|row| row.as_ptr().wrapping_add(channel));
-            let taps = std::array::from_fn(|tap| I::load(task.weights.as_ptr().add(9 * channel + tap * I::LANES)));
+            let taps = vectors::<I, 9>(task.weights, 9 * channel);
             let strip = Strip::<I::Vector> { rows, taps, channels, columns };
             let output = output.as_mut_ptr().add(channel * task.pixels + first_pixel * I::LANES);
             match (stride, output_rows, largest.is_empty()) {
@@ -167,25 +168,30 @@ impl<V: Copy> Strip<V> {
     /// The pixels of `count` rows in column `x`.
     #[inline(always)]
     unsafe fn column<I: InstructionSet<Vector = V>>(&self, count: usize, x: usize) -> [V; 4] {
-        std::array::from_fn(|row| {
-            // SAFETY: the caller vouches for the rows and the column.
-            unsafe { if row < count { I::load(self.rows[row].wrapping_add(x * self.channels)) } else { I::zero() } }
-        })
+        // SAFETY: the caller vouches for the rows and the column.
+        unsafe {
+            let mut column = [I::zero(); 4];
+            for (pixel, row) in column.iter_mut().zip(self.rows).take(count) {
+                *pixel = I::load(row.add(x * self.channels));
+            }
+            column
+        }
     }
 
     /// The sums of the windows over three columns, for `R` rows.
     #[inline(always)]
     unsafe fn sums<I: InstructionSet<Vector = V>, const R: usize>(&self, columns: [[V; 4]; 3]) -> [V; R] {
-        std::array::from_fn(|row| {
-            // SAFETY: the caller vouches for the instruction set.
-            unsafe {
-                let mut sum = I::mul(columns[0][row], self.taps[0]);
+        // SAFETY: the caller vouches for the instruction set.
+        unsafe {
+            let mut sums = [I::zero(); R];
+            for (row, sum) in sums.iter_mut().enumerate() {
+                *sum = I::mul(columns[0][row], self.taps[0]);
                 for tap in 1..9 {
-                    sum = I::mul_add(columns[tap % 3][row + tap / 3], self.taps[tap], sum);
+                    *sum = I::mul_add(columns[tap % 3][row + tap / 3], self.taps[tap], *sum);
                 }
-                sum
             }
-        })
+            sums
+        }
     }
 
     /// Stores the sums of `P` pixels from column `x` on.

@@ -1,6 +1,6 @@
 //! The kernels, written once over [`InstructionSet`].
 
-use super::vector::InstructionSet;
+use super::vector::{InstructionSet, consecutive};
 use super::{Activation, Dense, Pointwise, Stem};
 
 /// Makes `KERNELS` of an instruction set: the functions of this module, compiled for its features.
@@ -119,9 +119,9 @@ impl<V: Copy, const N: usize> Finish<V, N> {
 /// # Safety
 /// The processor must have the instruction set, and the values must reach that far.
 #[inline(always)]
-unsafe fn vectors<I: InstructionSet, const N: usize>(values: &[f32], at: usize) -> [I::Vector; N] {
+pub(super) unsafe fn vectors<I: InstructionSet, const N: usize>(values: &[f32], at: usize) -> [I::Vector; N] {
     // SAFETY: the caller vouches for both.
-    std::array::from_fn(|n| unsafe { I::load(values.as_ptr().add(at + n * I::LANES)) })
+    unsafe { consecutive::<I, N>(values.as_ptr().add(at)) }
 }
 
 fn assert_slopes(activation: Activation, channels: usize) {
@@ -225,19 +225,22 @@ impl<V: Copy, const N: usize> Panel<V, N> {
     ) -> usize {
         // SAFETY: the caller vouches for the pointers.
         unsafe {
-            let sums = if self.residual_vectors == 0 {
-                [self.bias; P]
-            } else {
-                std::array::from_fn(|pixel| {
+            let mut sums = [self.bias; P];
+            if self.residual_vectors == N {
+                for (pixel, sums) in sums.iter_mut().enumerate() {
                     let residual = residual.add(pixel * self.residual_step);
-                    std::array::from_fn(|n| {
-                        // A panel of two vectors may have a residual in its first one only.
-                        let bias = self.bias[n];
-                        let add = n == 0 || n < self.residual_vectors;
-                        if add { I::add(bias, I::load(residual.add(n * I::LANES))) } else { bias }
-                    })
-                })
-            };
+                    for (n, sum) in sums.iter_mut().enumerate() {
+                        *sum = I::add(self.bias[n], I::load(residual.add(n * I::LANES)));
+                    }
+                }
+            } else if self.residual_vectors > 0 {
+                for (pixel, sums) in sums.iter_mut().enumerate() {
+                    let residual = residual.add(pixel * self.residual_step);
+                    for (n, sum) in sums.iter_mut().enumerate().take(self.residual_vectors) {
+                        *sum = I::add(self.bias[n], I::load(residual.add(n * I::LANES)));
+                    }
+                }
+            }
             let mut sums = I::product::<P, N>(sums, operand, self.weights, self.depth, self.plane);
             self.finish.apply::<I, P>(&mut sums);
             for (pixel, sums) in sums.into_iter().enumerate() {

@@ -6,7 +6,7 @@ use std::arch::aarch64::{
 };
 
 use super::generic::kernels;
-use super::vector::{InstructionSet, broadcast_row};
+use super::vector::{InstructionSet, broadcast_row, consecutive};
 
 struct Neon;
 
@@ -14,13 +14,11 @@ struct Neon;
 macro_rules! lanes_row {
     ($sums:ident, $from:ident, $panel:ident, [$($value:literal)*]) => {{
         let mut sums = $sums;
-        let values: [_; 9] = std::array::from_fn(|at| {
-            // The largest value's number decides how much is read.
-            const LAST: usize = [$($value),*].len() + 17;
-            if at * 4 <= LAST { vld1q_f32($from.add(at * 4)) } else { vdupq_n_f32(0.0) }
-        });
+        // The number of the last value of the last window.
+        const LAST: usize = [$($value),*].len() + 17;
+        let values = consecutive::<Self, { LAST / 4 + 1 }>($from);
         $(
-            let weights: [_; N] = std::array::from_fn(|n| vld1q_f32($panel.add(($value * N + n) * Self::LANES)));
+            let weights = consecutive::<Self, N>($panel.add($value * N * Self::LANES));
             for n in 0..N {
                 sums[0][n] = vfmaq_laneq_f32::<{ $value % 4 }>(sums[0][n], weights[n], values[$value / 4]);
                 sums[1][n] = vfmaq_laneq_f32::<{ (6 + $value) % 4 }>(sums[1][n], weights[n], values[(6 + $value) / 4]);
@@ -104,7 +102,7 @@ unsafe impl InstructionSet for Neon {
     ) -> [[Self::Vector; N]; P] {
         macro_rules! channel {
             ($values:ident, $lane:literal) => {
-                let weights: [_; N] = std::array::from_fn(|n| vld1q_f32(panel.add(($lane * N + n) * Self::LANES)));
+                let weights = consecutive::<Self, N>(panel.add($lane * N * Self::LANES));
                 for (sums, value) in sums.iter_mut().zip($values) {
                     for (sum, weight) in sums.iter_mut().zip(weights) {
                         *sum = vfmaq_laneq_f32::<$lane>(*sum, weight, value);
@@ -117,7 +115,7 @@ unsafe impl InstructionSet for Neon {
             for _ in 0..2 {
                 // SAFETY: the operand and the panel go on for `depth` channels.
                 unsafe {
-                    let values: [_; P] = std::array::from_fn(|pixel| vld1q_f32(operand.add(pixel * Self::LANES)));
+                    let values = consecutive::<Self, P>(operand);
                     channel!(values, 0);
                     channel!(values, 1);
                     channel!(values, 2);

@@ -44,7 +44,7 @@ pub(super) unsafe trait InstructionSet {
             for channel in 0..Self::LANES {
                 // SAFETY: the operand and the panel go on for `depth` channels.
                 unsafe {
-                    let weights: [_; N] = std::array::from_fn(|n| Self::load(panel.add(n * Self::LANES)));
+                    let weights = consecutive::<Self, N>(panel);
                     for (pixel, sums) in sums.iter_mut().enumerate() {
                         let value = Self::splat(operand.add(pixel * Self::LANES + channel));
                         for (sum, weight) in sums.iter_mut().zip(weights) {
@@ -77,6 +77,23 @@ pub(super) unsafe trait InstructionSet {
     }
 }
 
+/// Loads `N` vectors that lie one after the other. Written as a loop, because the compiler does not take a closure into
+/// a function with an instruction set of its own.
+///
+/// # Safety
+/// The processor must have the instruction set; the pointer must be valid for all vectors.
+#[inline(always)]
+pub(super) unsafe fn consecutive<I: InstructionSet + ?Sized, const N: usize>(from: *const f32) -> [I::Vector; N] {
+    // SAFETY: the caller vouches for both.
+    unsafe {
+        let mut vectors = [I::zero(); N];
+        for (n, vector) in vectors.iter_mut().enumerate() {
+            *vector = I::load(from.add(n * I::LANES));
+        }
+        vectors
+    }
+}
+
 /// [`InstructionSet::window_row`], one value of the window at a time.
 ///
 /// # Safety
@@ -92,7 +109,7 @@ pub(super) unsafe fn broadcast_row<I: InstructionSet + ?Sized, const P: usize, c
     for value in 0..span {
         // SAFETY: the caller vouches for the pointers.
         unsafe {
-            let weights: [_; N] = std::array::from_fn(|n| I::load(panel.add((value * N + n) * I::LANES)));
+            let weights = consecutive::<I, N>(panel.add(value * N * I::LANES));
             for (pixel, sums) in sums.iter_mut().enumerate() {
                 let value = I::splat(from.add(pixel * step + value));
                 for (sum, weight) in sums.iter_mut().zip(weights) {

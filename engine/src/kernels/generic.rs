@@ -93,22 +93,31 @@ impl<V: Copy, const N: usize> Finish<V, N> {
     /// The processor must have the instruction set.
     #[inline(always)]
     unsafe fn apply<I: InstructionSet<Vector = V>, const P: usize>(self, sums: &mut [[V; N]; P]) {
-        let change = |sum: V, n: usize| {
-            // SAFETY: the caller vouches for the instruction set.
-            unsafe {
-                match self {
-                    Self::None => sum,
-                    Self::Relu => I::max(sum, I::zero()),
-                    Self::GentlePrelu(slopes) => I::max(sum, I::mul(sum, slopes[n])),
-                    Self::Prelu(slopes) => {
-                        I::mul_add(slopes[n], I::min(sum, I::zero()), I::max(sum, I::zero()))
+        // One loop for each activation, so that the compiler unrolls all of them and keeps the sums in registers.
+        // SAFETY: the caller vouches for the instruction set.
+        unsafe {
+            let zero = I::zero();
+            match self {
+                Self::None => {}
+                Self::Relu => {
+                    for sum in sums.as_flattened_mut() {
+                        *sum = I::max(*sum, zero);
                     }
                 }
-            }
-        };
-        for sums in sums {
-            for (n, sum) in sums.iter_mut().enumerate() {
-                *sum = change(*sum, n);
+                Self::GentlePrelu(slopes) => {
+                    for sums in sums {
+                        for n in 0..N {
+                            sums[n] = I::max(sums[n], I::mul(sums[n], slopes[n]));
+                        }
+                    }
+                }
+                Self::Prelu(slopes) => {
+                    for sums in sums {
+                        for n in 0..N {
+                            sums[n] = I::mul_add(slopes[n], I::min(sums[n], zero), I::max(sums[n], zero));
+                        }
+                    }
+                }
             }
         }
     }
@@ -288,18 +297,18 @@ unsafe fn stem_panel<I: InstructionSet, const N: usize>(task: &Stem, channel: us
         let finish = Finish::<I::Vector, N>::new::<I>(task.activation, channel);
         while pixel < task.pixels {
             let output = output.as_mut_ptr().add(pixel * task.bias.len() + channel);
-            let done = if pixel + 4 <= task.pixels {
-                stem_pixels::<I, 4, N>(task, channel, pixel, finish, output);
-                4
-            } else {
-                stem_pixels::<I, 1, N>(task, channel, pixel, finish, output);
-                1
+            let done = match task.pixels - pixel {
+                12.. if I::TILE == 12 => stem_pixels::<I, 12, N>(task, channel, pixel, finish, output),
+                4.. => stem_pixels::<I, 4, N>(task, channel, pixel, finish, output),
+                _ => stem_pixels::<I, 1, N>(task, channel, pixel, finish, output),
             };
             pixel += done;
         }
     }
 }
 
+/// Computes `P` pixels and returns their number.
+///
 /// # Safety
 /// As [`stem_panel`].
 #[inline(always)]
@@ -309,7 +318,7 @@ unsafe fn stem_pixels<I: InstructionSet, const P: usize, const N: usize>(
     pixel: usize,
     finish: Finish<I::Vector, N>,
     output: *mut f32,
-) {
+) -> usize {
     // SAFETY: the caller vouches for all sizes.
     unsafe {
         let mut sums = [vectors::<I, N>(task.bias, channel); P];
@@ -324,6 +333,7 @@ unsafe fn stem_pixels<I: InstructionSet, const P: usize, const N: usize>(
                 I::store(output.add(pixel * task.bias.len() + n * I::LANES), sum);
             }
         }
+        P
     }
 }
 

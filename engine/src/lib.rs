@@ -8,9 +8,13 @@ pub mod graph;
 #[allow(unsafe_code, reason = "the intrinsics of processors, and loops without checks")]
 pub mod kernels;
 mod network;
+#[cfg(test)]
+mod network_tests;
 mod pack;
 pub mod reference;
 mod schedule;
+#[cfg(test)]
+mod testing;
 
 pub use error::Error;
 pub use graph::Graph;

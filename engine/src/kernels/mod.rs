@@ -14,6 +14,8 @@
 mod depthwise;
 mod generic;
 mod plain;
+#[cfg(test)]
+mod tests;
 mod vector;
 
 #[cfg(target_arch = "x86_64")]

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use crate::error::Error;
+
 /// Values of a cache line, and of the widest vector.
 const LINE: usize = 16;
 
@@ -12,6 +14,9 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
+    /// Values of the largest block. The networks of facewire need less than a fifth of them.
+    pub(crate) const LARGEST: usize = 1 << 23;
+
     /// Takes an area of `length` values.
     pub(crate) fn area(&mut self, length: usize) -> Range<usize> {
         let start = self.end;
@@ -20,10 +25,16 @@ impl Layout {
     }
 
     /// Makes the memory of all areas, filled with zeros.
-    pub(crate) fn memory(&self) -> Memory {
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] if that would be too much memory.
+    pub(crate) fn memory(&self) -> Result<Memory, Error> {
+        if self.end > Self::LARGEST {
+            return Err(Error::Unsupported("the network needs too much memory"));
+        }
         let values = vec![0.0; self.end + LINE - 1];
         let start = values.as_ptr().align_offset(LINE * size_of::<f32>()).min(LINE - 1);
-        Memory { start, values }
+        Ok(Memory { start, values })
     }
 }
 

@@ -105,12 +105,16 @@ pub struct Port {
     pub tensor: usize,
 }
 
-/// Bounds on what a file may ask for. The largest network of facewire needs a fifth of them.
+/// Bounds on what a file may ask for. The networks of facewire need less than a third of each.
 struct Limits;
 
 impl Limits {
     /// Values in all tensors together.
-    const ELEMENTS: usize = 1 << 24;
+    const ELEMENTS: usize = 1 << 23;
+    /// Rows, columns or channels of a tensor.
+    const SIDE: usize = (1 << 16) - 1;
+    /// Operators.
+    const OPERATORS: usize = 1 << 10;
     /// Multiplications of all convolutions together.
     const PRODUCTS: usize = 1 << 29;
     /// Rows of a window, and its stride.
@@ -137,11 +141,13 @@ impl Graph {
         input: Port,
         outputs: Vec<Port>,
     ) -> Result<Self, Error> {
+        ensure(operators.len() <= Limits::OPERATORS, "the network has too many operators")?;
         let mut elements = 0_usize;
         for shape in &tensors {
-            let size = shape.rows.checked_mul(shape.columns).and_then(|size| size.checked_mul(shape.channels));
-            let size = size.filter(|size| (1..=Limits::ELEMENTS).contains(size));
-            elements += size.ok_or(Error::Damaged("the shape of a tensor is out of range"))?;
+            let sides = [shape.rows, shape.columns, shape.channels];
+            let in_range = sides.iter().all(|side| (1..=Limits::SIDE).contains(side));
+            ensure(in_range, "the shape of a tensor is out of range")?;
+            elements = elements.saturating_add(shape.elements());
             ensure(elements <= Limits::ELEMENTS, "the tensors are too large")?;
         }
         let mut written = vec![false; tensors.len()];
@@ -158,6 +164,7 @@ impl Graph {
         ensure(!outputs.is_empty(), "the network has no output")?;
         for port in &outputs {
             ensure(written.get(port.tensor) == Some(&true), "nothing writes an output")?;
+            ensure(port.tensor != input.tensor, "an output is the input")?;
         }
         Ok(Self { tensors, operators, input, outputs })
     }

@@ -3,6 +3,8 @@
 mod arena;
 pub mod error;
 pub mod file;
+#[cfg(test)]
+mod file_tests;
 mod fusion;
 pub mod graph;
 #[allow(unsafe_code, reason = "the intrinsics of processors, and loops without checks")]

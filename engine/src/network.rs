@@ -327,6 +327,12 @@ impl<'a> Builder<'a> {
                 _ => {}
             }
         }
+        let written_by = |layer: &Layer| matches!(layer.work, Work::Dense { .. } | Work::Gather { .. });
+        let flat: Vec<usize> = layers.iter().filter(|layer| written_by(layer)).map(|layer| layer.output).collect();
+        let reads_flat = |layer: &Layer| !matches!(layer.work, Work::Gather { .. }) && flat.contains(&layer.input);
+        if layers.iter().any(reads_flat) {
+            return Err(Error::Unsupported("a convolution reads a dense layer or a concatenation"));
+        }
         // Outputs whose channels are padded are copied without the padding.
         for port in graph.outputs() {
             let map = &maps[port.tensor];
@@ -360,11 +366,11 @@ impl<'a> Builder<'a> {
         }
         let layers = std::mem::take(&mut self.layers);
         let layers = layers.iter().map(|layer| self.ready(layer)).collect::<Result<Vec<_>, _>>()?;
-        let mut weights = self.weight_layout.memory();
+        let mut weights = self.weight_layout.memory()?;
         for (range, values) in self.packed {
             weights.all_mut()[range].copy_from_slice(&values);
         }
-        let arena = self.layout.memory();
+        let arena = self.layout.memory()?;
         let outputs = outputs.into_iter().map(|output| {
             let map = &self.maps[output];
             map.area.start..map.area.start + map.rows * map.columns * map.true_channels
@@ -456,6 +462,7 @@ impl<'a> Builder<'a> {
         let (work, products) = match &layer.work {
             Work::Stem { window, weights, bias } => {
                 let channels = bias.len();
+                affordable([to.channels, weights.len() / channels])?;
                 let work = ReadyWork::Stem {
                     size: window.size,
                     stride: window.stride,
@@ -469,6 +476,7 @@ impl<'a> Builder<'a> {
                 if *residual != Residual::None && to.channels < from.channels {
                     return Err(Error::Unsupported("a sum has fewer channels than an operand"));
                 }
+                affordable([to.channels, from.channels])?;
                 let work = ReadyWork::Block {
                     depthwise: depthwise.map(|depthwise| {
                         let taps = pack::depthwise(kernels, depthwise.weights, from.true_channels);
@@ -482,6 +490,7 @@ impl<'a> Builder<'a> {
             }
             Work::Dense { weights, bias } => {
                 let shape = self.graph.tensors()[layer.input];
+                affordable([to.channels, from.rows * from.row])?;
                 let work = ReadyWork::Dense {
                     weights: self.keep(pack::dense(kernels, weights, shape, bias.len())),
                     bias: self.keep(pack::padded(bias.iter().copied(), to.channels)),
@@ -505,6 +514,12 @@ impl<'a> Builder<'a> {
         self.packed.push((range.clone(), values));
         range
     }
+}
+
+/// Refuses a matrix of weights that is larger than the memory of a network may be.
+fn affordable([outputs, inputs]: [usize; 2]) -> Result<(), Error> {
+    let values = outputs.saturating_mul(inputs);
+    if values <= Layout::LARGEST { Ok(()) } else { Err(Error::Unsupported("a matrix of weights is too large")) }
 }
 
 /// Kept rows are a multiple of the rows of every strip, so that the rows of a strip lie beside each other.

@@ -83,7 +83,7 @@ impl Draft {
 const POINT: Window = Window { size: 1, stride: 1, top: 0, left: 0 };
 
 /// A network of random blocks behind a first convolution.
-fn random_network(seed: u64) -> Graph {
+pub(crate) fn random_network(seed: u64) -> Graph {
     let mut random = Random::new(seed);
     let mut pick = |from: &[usize]| from[random.below(from.len())];
     let (size, stride) = (pick(&[3, 5]), pick(&[1, 2]));
@@ -110,14 +110,14 @@ fn random_network(seed: u64) -> Graph {
         draft.outputs.push(dense);
     }
     let both = [pointwise, tensor];
-    let rows = both.map(|tensor| draft.tensors[tensor].elements()).iter().sum();
-    let joined = draft.add(Kind::Concatenation, both.to_vec(), Shape { rows, columns: 1, channels: 1 });
+    let channels = both.map(|tensor| draft.tensors[tensor].channels).iter().sum();
+    let joined = draft.add(Kind::Concatenation, both.to_vec(), Shape { rows: rows * columns, columns: 1, channels });
     draft.outputs.push(joined);
     draft.graph()
 }
 
 #[test]
-fn random_networks_agree_with_the_plain_operators_and_repeat_their_outputs() {
+pub(crate) fn random_networks_agree_with_the_plain_operators_and_repeat_their_outputs() {
     for seed in 0..60 {
         let graph = random_network(seed);
         let shape = graph.tensors()[0];

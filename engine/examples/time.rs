@@ -59,7 +59,9 @@ fn time(folder: &Path, kernels: &'static Kernels, rounds: usize, layers: bool) -
     }
     println!("  frame     {:8.4}", frame.as_secs_f64() * 1e3);
     if layers {
-        networks.iter_mut().for_each(|(name, network, _)| time_layers(name, network, rounds));
+        for (name, network, _) in &mut networks {
+            time_layers(name, network, rounds);
+        }
     }
     Ok(())
 }

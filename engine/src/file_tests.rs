@@ -9,12 +9,14 @@ use crate::{Error, Network, file, kernels};
 fn write(graph: &Graph) -> Vec<u8> {
     let mut bytes = b"fwnet\0\0\0".to_vec();
     bytes.extend(1_u32.to_le_bytes());
-    let mut number = |bytes: &mut Vec<u8>, number: usize| bytes.extend(u16::try_from(number).unwrap().to_le_bytes());
+    let number = |bytes: &mut Vec<u8>, number: usize| bytes.extend(u16::try_from(number).unwrap().to_le_bytes());
     for count in [graph.tensors().len(), graph.operators().len(), graph.outputs().len()] {
         number(&mut bytes, count);
     }
     for shape in graph.tensors() {
-        [shape.rows, shape.columns, shape.channels].map(|side| number(&mut bytes, side));
+        for side in [shape.rows, shape.columns, shape.channels] {
+            number(&mut bytes, side);
+        }
     }
     for Port { name, tensor } in [graph.input()].into_iter().chain(graph.outputs()) {
         number(&mut bytes, *tensor);

@@ -144,12 +144,7 @@ impl<'a> Fusion<'a> {
     }
 
     /// The block that goes on from a depthwise convolution, and the tensor of its sums.
-    fn block(
-        &mut self,
-        input: usize,
-        depthwise: Depthwise<'a>,
-        middle: usize,
-    ) -> Result<(Work<'a>, usize), Error> {
+    fn block(&mut self, input: usize, depthwise: Depthwise<'a>, middle: usize) -> Result<(Work<'a>, usize), Error> {
         let graph = self.graph;
         let Some((index, Operator { kind: Kind::Convolution { window, weights, bias }, output, .. })) =
             self.only_user(middle)

@@ -135,12 +135,7 @@ impl Graph {
     ///
     /// # Errors
     /// [`Error::Damaged`] with the first rule that the network breaks.
-    pub fn new(
-        tensors: Vec<Shape>,
-        operators: Vec<Operator>,
-        input: Port,
-        outputs: Vec<Port>,
-    ) -> Result<Self, Error> {
+    pub fn new(tensors: Vec<Shape>, operators: Vec<Operator>, input: Port, outputs: Vec<Port>) -> Result<Self, Error> {
         ensure(operators.len() <= Limits::OPERATORS, "the network has too many operators")?;
         let mut elements = 0_usize;
         for shape in &tensors {

@@ -13,7 +13,7 @@ pub(crate) struct Rows {
     /// The map that the layer writes.
     pub output: usize,
     /// Rows of the output.
-    pub rows: usize,
+    pub height: usize,
     /// Rows of a strip.
     pub strip: usize,
     /// The input rows that a strip needs.
@@ -89,7 +89,7 @@ impl Order<'_> {
         let layer = &self.layers[index];
         while self.done[index] < end {
             let start = self.done[index];
-            let strip = start..(start + layer.strip).min(layer.rows);
+            let strip = start..(start + layer.strip).min(layer.height);
             for &input in &layer.inputs {
                 self.require(input, layer.needs.of(&strip, self.maps[input]).end);
             }
@@ -122,7 +122,7 @@ mod tests {
 
     fn three_by_three(input: usize, rows: usize, strip: usize, stride: usize) -> Rows {
         let needs = Needs::Window { size: 3, stride, above: 2 - stride };
-        Rows { inputs: vec![input], output: input + 1, rows, strip, needs }
+        Rows { inputs: vec![input], output: input + 1, height: rows, strip, needs }
     }
 
     #[test]

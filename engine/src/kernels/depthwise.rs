@@ -127,7 +127,7 @@ impl<V: Copy> Strip<V> {
                 let middle = self.column::<I>(3, 2 * x + 1);
                 self.put::<I, 1, 1>(output, x, [self.sums::<I, 1>([left, middle, zero])]);
                 if POOL {
-                    I::store(largest.add(x * self.channels), self.largest::<I>(left, middle));
+                    I::store(largest.add(x * self.channels), Self::largest::<I>(left, middle));
                 }
             }
         }
@@ -151,8 +151,8 @@ impl<V: Copy> Strip<V> {
             let sums = [self.sums::<I, 1>([left, second, third]), self.sums::<I, 1>([third, fourth, right])];
             self.put::<I, 1, 2>(output, x, sums);
             if POOL {
-                I::store(largest.add(x * self.channels), self.largest::<I>(left, second));
-                I::store(largest.add((x + 1) * self.channels), self.largest::<I>(third, fourth));
+                I::store(largest.add(x * self.channels), Self::largest::<I>(left, second));
+                I::store(largest.add((x + 1) * self.channels), Self::largest::<I>(third, fourth));
             }
             right
         }
@@ -160,7 +160,7 @@ impl<V: Copy> Strip<V> {
 
     /// The largest of the first two pixels of two columns.
     #[inline(always)]
-    unsafe fn largest<I: InstructionSet<Vector = V>>(&self, left: [V; 4], right: [V; 4]) -> V {
+    unsafe fn largest<I: InstructionSet<Vector = V>>(left: [V; 4], right: [V; 4]) -> V {
         // SAFETY: the caller vouches for the instruction set.
         unsafe { I::max(I::max(left[0], left[1]), I::max(right[0], right[1])) }
     }

@@ -16,7 +16,7 @@ macro_rules! kernels {
             stem_panel: $stem * <$set as InstructionSet>::LANES,
             panel: $vectors * <$set as InstructionSet>::LANES,
             dense_panel: $dense * <$set as InstructionSet>::LANES,
-            // SAFETY, here and below: these kernels are handed out only on processors that have the features.
+            // SAFETY: these kernels are handed out only on processors that have the features.
             stem: |task, output| unsafe { stem(task, output) },
             // SAFETY: as above.
             depthwise: |task, output, largest| unsafe { depthwise(task, output, largest) },
@@ -144,7 +144,10 @@ fn assert_slopes(activation: Activation, channels: usize) {
 /// # Safety
 /// The processor must have the instruction set.
 #[inline(always)]
-pub(super) unsafe fn pointwise<I: InstructionSet, const N: usize, const TAIL: usize>(task: &Pointwise, output: &mut [f32]) {
+pub(super) unsafe fn pointwise<I: InstructionSet, const N: usize, const TAIL: usize>(
+    task: &Pointwise,
+    output: &mut [f32],
+) {
     let &Pointwise { pixels, depth, channels, residual, residual_channels, .. } = task;
     assert!([depth, channels, residual_channels].iter().all(|count| count.is_multiple_of(TAIL * I::LANES)));
     assert!(residual_channels <= channels);

@@ -7,10 +7,9 @@ use crate::testing::{Random, assert_close};
 
 fn activate(value: f32, activation: &Activation, channel: usize) -> f32 {
     match activation {
-        Activation::None => value,
         Activation::Relu => value.max(0.0),
         Activation::Prelu(slopes) if value < 0.0 => value * slopes[channel],
-        Activation::Prelu(_) => value,
+        Activation::None | Activation::Prelu(_) => value,
     }
 }
 
@@ -118,7 +117,8 @@ fn depthwise_convolutions_agree_with_plain_sums() {
             assert_close(&output, &operand(kernels, &expected, channels), kernels.name);
             let expected = (0..largest.len()).map(|at| {
                 let (column, channel) = (at / channels, at % channels);
-                let four = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(y, x)| rows[y][(2 * column + x) * channels + channel]);
+                let four =
+                    [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(y, x)| rows[y][(2 * column + x) * channels + channel]);
                 four.into_iter().fold(f32::NEG_INFINITY, f32::max)
             });
             assert_close(&largest, &expected.collect::<Vec<_>>(), kernels.name);
@@ -172,7 +172,8 @@ fn dense_layers_agree_with_plain_sums() {
             let (depth, outputs) = (random.below(70) + 1, kernels.dense_panel * (random.below(3) + 1));
             let (input, weights) = (random.values(depth), random.values(depth * outputs));
             let bias = random.values(outputs);
-            let packed = pack::panels(outputs, depth, [kernels.dense_panel; 2], |output, at| weights[output * depth + at]);
+            let packed =
+                pack::panels(outputs, depth, [kernels.dense_panel; 2], |output, at| weights[output * depth + at]);
             let mut output = vec![f32::NAN; outputs];
             (kernels.dense)(&Dense { input: &input, weights: &packed, bias: &bias }, &mut output);
             let sum = |row: &[f32]| row.iter().zip(&input).map(|(a, b)| a * b).sum::<f32>();

@@ -38,6 +38,7 @@ pub(super) unsafe fn depthwise<I: InstructionSet>(task: &Depthwise, output: &mut
 }
 
 /// One vector of channels of a task.
+#[derive(Clone, Copy)]
 struct Strip<V> {
     /// The input rows, at the first of the channels.
     rows: [*const f32; 4],
@@ -114,20 +115,23 @@ impl<V: Copy> Strip<V> {
     ) {
         // SAFETY: the caller vouches for all sizes.
         unsafe {
-            let zero = [I::zero(); 4];
             let mut left = self.column::<I>(3, 0);
-            let mut x = 0;
-            while x + 2 < self.columns {
-                left = self.two_windows::<I, POOL, false>(output, largest, x, left);
-                x += 2;
+            // Pointers that advance by themselves: numbers of pixels would be multiplied for each of them.
+            let (mut strip, mut output, mut largest, mut pixels) = (*self, output, largest, self.columns);
+            while pixels > 2 {
+                left = strip.two_windows::<I, POOL, false>(output, largest, left);
+                strip.rows = strip.rows.map(|row| row.wrapping_add(4 * self.channels));
+                output = output.wrapping_add(2 * I::LANES);
+                largest = largest.wrapping_add(2 * self.channels);
+                pixels -= 2;
             }
-            if x + 2 == self.columns {
-                self.two_windows::<I, POOL, true>(output, largest, x, left);
+            if pixels == 2 {
+                strip.two_windows::<I, POOL, true>(output, largest, left);
             } else {
-                let middle = self.column::<I>(3, 2 * x + 1);
-                self.put::<I, 1, 1>(output, x, [self.sums::<I, 1>([left, middle, zero])]);
+                let middle = strip.column::<I>(3, 1);
+                strip.put::<I, 1, 1>(output, 0, [strip.sums::<I, 1>([left, middle, [I::zero(); 4]])]);
                 if POOL {
-                    I::store(largest.add(x * self.channels), Self::largest::<I>(left, middle));
+                    I::store(largest, Self::largest::<I>(left, middle));
                 }
             }
         }
@@ -139,20 +143,19 @@ impl<V: Copy> Strip<V> {
         &self,
         output: *mut f32,
         largest: *mut f32,
-        x: usize,
         left: [V; 4],
     ) -> [V; 4] {
         // SAFETY: the caller vouches for all sizes.
         unsafe {
-            let second = self.column::<I>(3, 2 * x + 1);
-            let third = self.column::<I>(3, 2 * x + 2);
-            let fourth = self.column::<I>(3, 2 * x + 3);
-            let right = if LAST { [I::zero(); 4] } else { self.column::<I>(3, 2 * x + 4) };
+            let second = self.column::<I>(3, 1);
+            let third = self.column::<I>(3, 2);
+            let fourth = self.column::<I>(3, 3);
+            let right = if LAST { [I::zero(); 4] } else { self.column::<I>(3, 4) };
             let sums = [self.sums::<I, 1>([left, second, third]), self.sums::<I, 1>([third, fourth, right])];
-            self.put::<I, 1, 2>(output, x, sums);
+            self.put::<I, 1, 2>(output, 0, sums);
             if POOL {
-                I::store(largest.add(x * self.channels), Self::largest::<I>(left, second));
-                I::store(largest.add((x + 1) * self.channels), Self::largest::<I>(third, fourth));
+                I::store(largest, Self::largest::<I>(left, second));
+                I::store(largest.add(self.channels), Self::largest::<I>(third, fourth));
             }
             right
         }

@@ -280,12 +280,28 @@ pub(super) unsafe fn stem<I: InstructionSet, const N: usize, const TAIL: usize>(
     // SAFETY: all sizes were checked above.
     unsafe {
         while channel + N * I::LANES <= channels {
-            stem_panel::<I, N>(task, channel, output);
+            stem_spans::<I, N>(task, channel, output);
             channel += N * I::LANES;
         }
         while channel < channels {
-            stem_panel::<I, TAIL>(task, channel, output);
+            stem_spans::<I, TAIL>(task, channel, output);
             channel += TAIL * I::LANES;
+        }
+    }
+}
+
+/// Chooses the code for the windows of facewire's networks, or for any.
+///
+/// # Safety
+/// As [`stem_panel`].
+#[inline(always)]
+unsafe fn stem_spans<I: InstructionSet, const N: usize>(task: &Stem, channel: usize, output: &mut [f32]) {
+    // SAFETY: the caller vouches for all sizes.
+    unsafe {
+        match (task.step, task.span) {
+            (6, 9) => stem_panel::<I, N, 9>(task, channel, output),
+            (6, 15) => stem_panel::<I, N, 15>(task, channel, output),
+            _ => stem_panel::<I, N, 0>(task, channel, output),
         }
     }
 }
@@ -293,7 +309,11 @@ pub(super) unsafe fn stem<I: InstructionSet, const N: usize, const TAIL: usize>(
 /// # Safety
 /// The processor must have the instruction set; the sizes must be those that [`stem`] checks.
 #[inline(always)]
-unsafe fn stem_panel<I: InstructionSet, const N: usize>(task: &Stem, channel: usize, output: &mut [f32]) {
+unsafe fn stem_panel<I: InstructionSet, const N: usize, const SPAN: usize>(
+    task: &Stem,
+    channel: usize,
+    output: &mut [f32],
+) {
     let mut pixel = 0;
     // SAFETY: the caller vouches for all sizes.
     unsafe {
@@ -301,9 +321,9 @@ unsafe fn stem_panel<I: InstructionSet, const N: usize>(task: &Stem, channel: us
         while pixel < task.pixels {
             let output = output.as_mut_ptr().add(pixel * task.bias.len() + channel);
             let done = match task.pixels - pixel {
-                12.. if I::TILE == 12 => stem_pixels::<I, 12, N>(task, channel, pixel, finish, output),
-                4.. => stem_pixels::<I, 4, N>(task, channel, pixel, finish, output),
-                _ => stem_pixels::<I, 1, N>(task, channel, pixel, finish, output),
+                12.. if I::TILE == 12 => stem_pixels::<I, 12, N, SPAN>(task, channel, pixel, finish, output),
+                4.. => stem_pixels::<I, 4, N, SPAN>(task, channel, pixel, finish, output),
+                _ => stem_pixels::<I, 1, N, SPAN>(task, channel, pixel, finish, output),
             };
             pixel += done;
         }
@@ -315,7 +335,7 @@ unsafe fn stem_panel<I: InstructionSet, const N: usize>(task: &Stem, channel: us
 /// # Safety
 /// As [`stem_panel`].
 #[inline(always)]
-unsafe fn stem_pixels<I: InstructionSet, const P: usize, const N: usize>(
+unsafe fn stem_pixels<I: InstructionSet, const P: usize, const N: usize, const SPAN: usize>(
     task: &Stem,
     channel: usize,
     pixel: usize,
@@ -327,7 +347,8 @@ unsafe fn stem_pixels<I: InstructionSet, const P: usize, const N: usize>(
         let mut sums = [vectors::<I, N>(task.bias, channel); P];
         let mut weights = task.weights.as_ptr().add(channel * task.rows.len() * task.span);
         for row in task.rows {
-            sums = I::window_row::<P, N>(sums, row.as_ptr().add(pixel * task.step), weights, task.step, task.span);
+            sums =
+                I::window_row::<P, N, SPAN>(sums, row.as_ptr().add(pixel * task.step), weights, task.step, task.span);
             weights = weights.add(task.span * N * I::LANES);
         }
         finish.apply::<I, P>(&mut sums);

@@ -129,10 +129,9 @@ unsafe impl InstructionSet for Neon {
         sums
     }
 
-    /// Windows of a picture of three channels with stride 2 begin six values apart. Four of them overlap so much that a
-    /// few loads cover all; each value is then a lane.
+    /// Four windows six values apart overlap so much that a few loads cover all of them; each value is then a lane.
     #[inline(always)]
-    unsafe fn window_row<const P: usize, const N: usize>(
+    unsafe fn window_row<const P: usize, const N: usize, const SPAN: usize>(
         sums: [[Self::Vector; N]; P],
         from: *const f32,
         panel: *const f32,
@@ -141,9 +140,9 @@ unsafe impl InstructionSet for Neon {
     ) -> [[Self::Vector; N]; P] {
         // SAFETY: the caller vouches for the pointers.
         unsafe {
-            match (P, step, span) {
-                (4, 6, 9) => lanes_row!(sums, from, panel, [0 1 2 3 4 5 6 7 8]),
-                (4, 6, 15) => lanes_row!(sums, from, panel, [0 1 2 3 4 5 6 7 8 9 10 11 12 13 14]),
+            match (P, SPAN) {
+                (4, 9) => lanes_row!(sums, from, panel, [0 1 2 3 4 5 6 7 8]),
+                (4, 15) => lanes_row!(sums, from, panel, [0 1 2 3 4 5 6 7 8 9 10 11 12 13 14]),
                 _ => broadcast_row::<Self, P, N>(sums, from, panel, step, span),
             }
         }

@@ -60,12 +60,13 @@ pub(super) unsafe trait InstructionSet {
         sums
     }
 
-    /// Adds the products of one row of the windows of `P` pixels and a panel of `N` vectors to `sums`.
+    /// Adds the products of one row of the windows of `P` pixels and a panel of `N` vectors to `sums`. If `SPAN` is not
+    /// 0, it equals `span`, and `step` is 6: the windows of a picture of three channels with stride 2.
     ///
     /// # Safety
     /// `from` must be valid for `(P - 1) * step + span` values and three more, the panel for `span` times its vectors.
     #[inline(always)]
-    unsafe fn window_row<const P: usize, const N: usize>(
+    unsafe fn window_row<const P: usize, const N: usize, const SPAN: usize>(
         sums: [[Self::Vector; N]; P],
         from: *const f32,
         panel: *const f32,

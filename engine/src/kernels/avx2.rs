@@ -14,7 +14,8 @@ struct Avx2;
 unsafe impl InstructionSet for Avx2 {
     type Vector = __m256;
     const LANES: usize = 8;
-    const TILE: usize = 4;
+    // Six pixels and two vectors of channels take 12 registers for sums.
+    const TILE: usize = 6;
 
     vector_functions! {
         zero: _mm256_setzero_ps, load: _mm256_loadu_ps, store: _mm256_storeu_ps, splat: _mm256_set1_ps,

@@ -198,6 +198,7 @@ unsafe fn panel<I: InstructionSet, const N: usize>(task: &Pointwise, channel: us
             let done = match left {
                 12.. if I::TILE == 12 => work.run::<I, 12>(operand, residual, output),
                 8.. if I::TILE >= 8 => work.run::<I, 8>(operand, residual, output),
+                6.. if I::TILE == 6 => work.run::<I, 6>(operand, residual, output),
                 4.. => work.run::<I, 4>(operand, residual, output),
                 _ => work.run::<I, 1>(operand, residual, output),
             };
@@ -322,6 +323,7 @@ unsafe fn stem_panel<I: InstructionSet, const N: usize, const SPAN: usize>(
             let output = output.as_mut_ptr().add(pixel * task.bias.len() + channel);
             let done = match task.pixels - pixel {
                 12.. if I::TILE == 12 => stem_pixels::<I, 12, N, SPAN>(task, channel, pixel, finish, output),
+                6.. if I::TILE == 6 => stem_pixels::<I, 6, N, SPAN>(task, channel, pixel, finish, output),
                 4.. => stem_pixels::<I, 4, N, SPAN>(task, channel, pixel, finish, output),
                 _ => stem_pixels::<I, 1, N, SPAN>(task, channel, pixel, finish, output),
             };

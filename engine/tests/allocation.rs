@@ -30,6 +30,7 @@ unsafe impl GlobalAlloc for Counting {
 static COUNTING: Counting = Counting;
 
 /// A first convolution, a block, and both outputs one after the other.
+#[expect(clippy::expect_used, reason = "a fault of the test itself")]
 fn graph() -> Graph {
     let picture = Shape { rows: 32, columns: 32, channels: 3 };
     let map = Shape { rows: 16, columns: 16, channels: 20 };

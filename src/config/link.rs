@@ -118,7 +118,7 @@ section! {
         ///   degree or 2 mm) or its state has changed, at most `rate_hz` times per second; 10 times per second otherwise
         /// - "rate": `rate_hz` times per second, whatever the face does
         pace: PaceKind = PaceKind::Pose, (), "";
-        /// The rate that `pace` refers to, at least 10. 0 means the same as `rate_hz` of [send].
+        /// The rate that `pace` refers to, at least 10. 0 means the same as `send.rate_hz`.
         rate_hz: u32 = 0, 0..=240, " (1/s)";
     }
 }

@@ -30,12 +30,9 @@ pub(super) struct Planes<'a> {
 }
 
 impl Layout {
-    fn row(&self, y: usize) -> usize {
-        (y >> self.shift[1]) * self.stride
-    }
-
-    fn column(&self, x: usize) -> usize {
-        (x >> self.shift[0]) * self.step
+    #[inline]
+    fn index(&self, x: usize, y: usize) -> usize {
+        (y >> self.shift[1]) * self.stride + (x >> self.shift[0]) * self.step
     }
 }
 
@@ -51,18 +48,15 @@ impl Planes<'_> {
 
     /// The pixels of two columns in two rows, all of which must be inside the picture.
     #[inline]
-    pub(super) fn square(&self, columns: [usize; 2], rows: [usize; 2]) -> [[u64; 2]; 2] {
-        let columns = columns.map(|x| (self.luma_layout.column(x), self.chroma_layout.column(x)));
-        rows.map(|y| {
-            let (luma_row, chroma_row) = (self.luma_layout.row(y), self.chroma_layout.row(y));
-            columns.map(|(luma, chroma)| self.pixel(luma_row + luma, chroma_row + chroma))
-        })
+    pub(super) fn square(&self, [left, right]: [usize; 2], [top, bottom]: [usize; 2]) -> [[u64; 2]; 2] {
+        [[self.pixel(left, top), self.pixel(right, top)], [self.pixel(left, bottom), self.pixel(right, bottom)]]
     }
 
-    fn pixel(&self, luma: usize, chroma: usize) -> u64 {
+    #[inline]
+    fn pixel(&self, x: usize, y: usize) -> u64 {
         let get = |data: &[u8], at: usize| data.get(at).copied().unwrap_or(GREY);
-        let [cb, cr] = self.chroma.map(|data| get(data, chroma));
-        self.colour.pixel(get(self.luma, luma), cb, cr)
+        let ([cb, cr], chroma) = (self.chroma, self.chroma_layout.index(x, y));
+        self.colour.pixel(get(self.luma, self.luma_layout.index(x, y)), get(cb, chroma), get(cr, chroma))
     }
 
     /// Whether columns `x` and `x + 1` of rows `y` and `y + 1` are inside the picture.

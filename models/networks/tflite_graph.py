@@ -45,6 +45,24 @@ class Graph:
     inputs: list[int]
     outputs: list[int]
 
+    def window_padding(self, op: Operator, kernel: list[int], strides: list[int]) -> list[int]:
+        """The padding of a convolution or pooling: top, left, bottom, right. TFLite's SAME adds an odd
+        row or column at the end."""
+        if op.options.padding != schema.Padding.SAME:
+            return [0, 0, 0, 0]
+        size = self.shapes[op.inputs[0]][1:3]
+        total = [max((-(-n // s) - 1) * s + k - n, 0) for n, k, s in zip(size, kernel, strides)]
+        before = [n // 2 for n in total]
+        return before + [n - b for n, b in zip(total, before)]
+
+    def pad(self, op: Operator) -> tuple[list[int], int]:
+        """What a PAD adds: the padding of rows and columns (top, left, bottom, right), or a number of
+        channels behind the last one."""
+        batch, rows, columns, channels = self.constants[op.inputs[1]].tolist()
+        if any(batch) or channels[0] or (channels[1] and any(rows + columns)):
+            raise ValueError("padding of anything but the last channels, or rows and columns")
+        return [rows[0], columns[0], rows[1], columns[1]], channels[1]
+
 
 def load(content: bytes) -> Model:
     """Parses a TFLite file."""

@@ -26,7 +26,6 @@ VERSION = 1
 CONVOLUTION, DEPTHWISE, PRELU, RELU, ADD, MAX_POOL, PAD_CHANNELS, CONCATENATION = range(8)
 FLOAT16, FLOAT32 = 1, 2
 
-SAME = schema.Padding.SAME
 ACTIVATION_NONE = schema.ActivationFunctionType.NONE
 
 
@@ -88,7 +87,7 @@ class Writer:
 
     def _convolution(self, op: Operator) -> None:
         """Weights: (out, rows, columns, in), or (1, rows, columns, channels) if depthwise."""
-        source, outer = self.row_and_column_padding.get(op.inputs[0], (op.inputs[0], [0, 0]))
+        source, outer = self.row_and_column_padding.get(op.inputs[0], (op.inputs[0], [0, 0, 0, 0]))
         weights, bias = self.graph.constants[op.inputs[1]], self.graph.constants[op.inputs[2]]
         depthwise = op.kind == "DEPTHWISE_CONV_2D"
         if depthwise and op.options.depthMultiplier != 1:
@@ -98,25 +97,17 @@ class Writer:
         kernel, stride = weights.shape[1], op.options.strideH
         if weights.shape[2] != kernel or op.options.strideW != stride:
             raise ValueError("convolution that is not square")
-        inner = self._padding_before(op, kernel, stride)
+        inner = self.graph.window_padding(op, [kernel] * 2, [stride] * 2)
         before = (outer[0] + inner[0], outer[1] + inner[1])
         kind = DEPTHWISE if depthwise else CONVOLUTION
         self._operator(op, kind, [source], kernel, stride, before, (weights, bias))
-
-    def _padding_before(self, op: Operator, kernel: int, stride: int) -> tuple[int, int]:
-        """TFLite's SAME puts the odd row and column at the end."""
-        if op.options.padding != SAME:
-            return 0, 0
-        rows, columns = (max((-(-size // stride) - 1) * stride + kernel - size, 0) // 2
-                         for size in self.graph.shapes[op.inputs[0]][1:3])
-        return rows, columns
 
     def _max_pool(self, op: Operator) -> None:
         kernel, stride = op.options.filterHeight, op.options.strideH
         if (op.options.filterWidth, op.options.strideW) != (kernel, stride):
             raise ValueError("maximum over a window that is not square")
-        before = self._padding_before(op, kernel, stride)
-        self._operator(op, MAX_POOL, op.inputs, kernel, stride, before)
+        top, left, *_ = self.graph.window_padding(op, [kernel] * 2, [stride] * 2)
+        self._operator(op, MAX_POOL, op.inputs, kernel, stride, (top, left))
 
     def _prelu(self, op: Operator) -> None:
         slope = self.graph.constants[op.inputs[1]].reshape(-1)
@@ -124,13 +115,11 @@ class Writer:
 
     def _pad(self, op: Operator) -> None:
         source, output = op.inputs[0], op.outputs[0]
-        batch, rows, columns, channels = self.graph.constants[op.inputs[1]].tolist()
-        if any(batch) or channels[0] or (channels[1] and any(rows + columns)):
-            raise ValueError("padding of anything but the last channels, or rows and columns")
-        if channels[1]:
+        pads, channels = self.graph.pad(op)
+        if channels:
             self._operator(op, PAD_CHANNELS, [source])
         else:
-            self.row_and_column_padding[output] = (source, [rows[0], columns[0]])
+            self.row_and_column_padding[output] = (source, pads)
 
     def _reshape(self, op: Operator) -> None:
         self.numbers[op.outputs[0]] = self._tensor(op.inputs[0])

@@ -27,7 +27,6 @@ from tflite_graph import Graph, Operator, read, schema
 OPSET = 17
 IR_VERSION = 8
 
-SAME = schema.Padding.SAME
 ACTIVATION_NONE = schema.ActivationFunctionType.NONE
 
 
@@ -123,7 +122,7 @@ class Converter:
             raise ValueError("dilated convolution")
         weights = weights.transpose(3, 0, 1, 2) if depthwise else weights.transpose(0, 3, 1, 2)
         kernel, strides = list(weights.shape[2:]), [op.options.strideH, op.options.strideW]
-        same = self._padding(op, kernel, strides)
+        same = self.graph.window_padding(op, kernel, strides)
         self._conv(
             self._t(source), self._output_name(op), weights, bias,
             strides=strides, group=weights.shape[0] if depthwise else 1,
@@ -147,16 +146,6 @@ class Converter:
         """The tensor before a PAD of rows and columns, and its top, left, bottom, right."""
         return self.rows_and_columns_padding.get(tensor, (tensor, [0, 0, 0, 0]))
 
-    def _padding(self, op: Operator, kernel: list[int], strides: list[int]) -> list[int]:
-        """The padding of an operator: top, left, bottom, right. TFLite's SAME adds an odd row or
-        column at the end."""
-        if op.options.padding != SAME:
-            return [0, 0, 0, 0]
-        size = self.graph.shapes[op.inputs[0]][1:3]
-        total = [max((-(-n // s) - 1) * s + k - n, 0) for n, k, s in zip(size, kernel, strides)]
-        before = [n // 2 for n in total]
-        return before + [n - b for n, b in zip(total, before)]
-
     def _prelu(self, op: Operator) -> None:
         source, output = self._t(op.inputs[0]), self._t(op.outputs[0])
         slope = self.graph.constants[op.inputs[1]].reshape(-1, 1, 1, 1)
@@ -177,18 +166,15 @@ class Converter:
         strides = [op.options.strideH, op.options.strideW]
         self._node(
             "MaxPool", [self._t(op.inputs[0])], self._output_name(op),
-            kernel_shape=kernel, strides=strides, pads=self._padding(op, kernel, strides),
+            kernel_shape=kernel, strides=strides, pads=self.graph.window_padding(op, kernel, strides),
         )
 
     def _pad(self, op: Operator) -> None:
         source, output = op.inputs[0], op.outputs[0]
-        batch, rows, columns, channels = self.graph.constants[op.inputs[1]].tolist()
-        if any(batch) or channels[0] or (channels[1] and any(rows + columns)):
-            raise ValueError("padding of anything but the last channels, or rows and columns")
-        if channels[1]:
-            self._pad_channels(source, output, channels[1])
+        pads, channels = self.graph.pad(op)
+        if channels:
+            self._pad_channels(source, output, channels)
         else:
-            pads = [rows[0], columns[0], rows[1], columns[1]]
             self.rows_and_columns_padding[output] = (source, pads)
 
     def _pad_channels(self, source: int, output: int, added: int) -> None:

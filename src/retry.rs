@@ -56,11 +56,12 @@ impl LoggedReasons {
     }
 }
 
-/// Attempts at something that logs its own failures.
+/// Attempts at something that logs its own failures. Start with a new value after a success.
 #[derive(Debug, Default)]
 pub struct Retry {
     back_off: BackOff,
-    logged: LoggedReasons,
+    /// Reasons that were logged since the last success.
+    pub logged: LoggedReasons,
 }
 
 impl Retry {

@@ -18,7 +18,7 @@ use triple_buffer::Input;
 
 use super::{LinkError, udp::Destination};
 use crate::config::Address;
-use crate::retry::{LoggedReasons, Retry};
+use crate::retry::Retry;
 
 /// The look-ups for one link. They end when this is dropped.
 #[derive(Debug)]
@@ -72,15 +72,15 @@ struct Lookups<R> {
 
 impl<R: Fn(&Address) -> io::Result<Vec<SocketAddr>>> Lookups<R> {
     fn run(mut self) {
-        let (mut retry, mut logged) = (Retry::default(), LoggedReasons::default());
+        let mut retry = Retry::default();
         while !self.is_over.load(Relaxed) {
             let wait = match (self.look_up(), self.current) {
                 (Ok(()), _) => {
-                    logged.clear();
+                    retry = Retry::default();
                     self.period
                 }
                 (Err(error), Some(current)) => {
-                    if logged.is_new(&error.to_string()) {
+                    if retry.logged.is_new(&error.to_string()) {
                         tracing::warn!("{error}; packets still go to {current}");
                     }
                     self.period

@@ -28,7 +28,7 @@ use crate::infer::InferError;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::preflight::{self, SetupError};
 use crate::retry::BackOff;
-use crate::solve::{Filters, Model, Solution};
+use crate::solve::{Model, Solution};
 
 /// Where the results of the hot loop go.
 pub(super) struct Outlets {
@@ -45,7 +45,6 @@ pub(super) struct HotChange {
     pub(super) settings: Settings,
     pub(super) tracker: Option<Tracker>,
     pub(super) model: Option<Model>,
-    pub(super) filters: Option<Filters>,
 }
 
 pub(super) struct HotLoop {
@@ -272,15 +271,17 @@ impl HotLoop {
     /// learned of the wearer stays.
     fn adopt(&mut self) -> bool {
         let mut is_new_camera = false;
-        while let Ok(HotChange { settings, tracker, model, filters }) = self.changes.try_recv() {
+        while let Ok(HotChange { settings, tracker, model }) = self.changes.try_recv() {
             is_new_camera |= settings.camera != self.settings.camera;
             self.settings = settings;
             // A pipeline that is not loaded yet will be loaded by the new settings.
             let Some(pipeline) = &mut self.pipeline else { continue };
             pipeline.horizontal_fov_deg = self.settings.camera.horizontal_fov_deg;
-            replace_if_some(&mut pipeline.tracker, tracker.map(Some));
-            replace_if_some(&mut pipeline.solver.model, model);
-            replace_if_some(&mut pipeline.solver.filters, filters);
+            pipeline.tracker = tracker.or(pipeline.tracker.take());
+            if let Some(model) = model {
+                pipeline.solver.model = model;
+            }
+            pipeline.solver.filters = preflight::filters(&self.settings.solver);
         }
         is_new_camera
     }
@@ -304,12 +305,6 @@ impl HotLoop {
     /// The supervisor outlives this thread; if it did not, nobody would be left to read the event.
     fn tell(&self, event: Event) {
         let _ = self.outlets.events.send(event);
-    }
-}
-
-fn replace_if_some<T>(old: &mut T, new: Option<T>) {
-    if let Some(new) = new {
-        *old = new;
     }
 }
 

@@ -13,7 +13,7 @@ use super::links::Links;
 use super::sender::SenderSettings;
 use crate::config::{Faults, LogLevel, Settings};
 use crate::link::{LinkError, Traffic};
-use crate::preflight::{SetupError, filters, load_model, load_tracker};
+use crate::preflight::{SetupError, load_model, load_tracker};
 
 /// The program around the service, as far as a reload needs it.
 pub trait Program: Send + Sync {
@@ -58,7 +58,6 @@ impl Change {
                 Some(load_tracker(&new.networks).map_err(SetupError::from)?)
             },
             model: if is_new_model { Some(load_model(&new.solver)?) } else { None },
-            filters: (new.solver != live.solver).then(|| filters(&new.solver)),
         };
         let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links, traffic)?) };
         Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })

@@ -5,7 +5,7 @@ use std::arch::x86_64::{
     _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps,
 };
 
-use super::generic::kernels;
+use super::table::kernels;
 use super::vector::{InstructionSet, vector_functions};
 
 struct Avx512;

@@ -5,8 +5,8 @@
 //! convolution that follows. There is no bias: it is part of that convolution's.
 
 use super::Depthwise;
-use super::generic::vectors;
-use super::vector::InstructionSet;
+
+use super::vector::{InstructionSet, vectors};
 
 /// See [`super::Kernels::depthwise`].
 ///

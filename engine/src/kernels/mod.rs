@@ -11,9 +11,13 @@
 //!
 //! All functions check the sizes of what they are given once for each call, and panic on a mistake of the planner.
 
+mod dense;
 mod depthwise;
-mod generic;
+mod finish;
 mod plain;
+mod pointwise;
+mod stem;
+mod table;
 #[cfg(test)]
 mod tests;
 mod vector;

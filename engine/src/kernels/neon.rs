@@ -5,7 +5,7 @@ use std::arch::aarch64::{
     vmulq_f32, vst1q_f32,
 };
 
-use super::generic::kernels;
+use super::table::kernels;
 use super::vector::{InstructionSet, broadcast_row, consecutive};
 
 struct Neon;

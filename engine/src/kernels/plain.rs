@@ -1,7 +1,7 @@
 //! Kernels without instructions of their own, for processors that no other kernels are made for. The compiler turns the
 //! loops over eight lanes into whatever vectors the target has.
 
-use super::generic::kernels;
+use super::table::kernels;
 use super::vector::InstructionSet;
 
 struct Plain;

@@ -95,6 +95,16 @@ pub(super) unsafe fn consecutive<I: InstructionSet + ?Sized, const N: usize>(fro
     }
 }
 
+/// `N` vectors from `at` on.
+///
+/// # Safety
+/// The processor must have the instruction set, and the values must reach that far.
+#[inline(always)]
+pub(super) unsafe fn vectors<I: InstructionSet, const N: usize>(values: &[f32], at: usize) -> [I::Vector; N] {
+    // SAFETY: the caller vouches for both.
+    unsafe { consecutive::<I, N>(values.as_ptr().add(at)) }
+}
+
 /// [`InstructionSet::window_row`], one value of the window at a time.
 ///
 /// # Safety

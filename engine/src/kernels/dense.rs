@@ -1,0 +1,32 @@
+//! Weighted sums of a whole map, written once over [`InstructionSet`].
+
+use super::Dense;
+use super::vector::{InstructionSet, vectors};
+
+/// See [`super::Kernels::dense`].
+///
+/// # Safety
+/// The processor must have the instruction set.
+#[inline(always)]
+pub(super) unsafe fn dense<I: InstructionSet, const N: usize>(task: &Dense, output: &mut [f32]) {
+    let (outputs, depth) = (task.bias.len(), task.input.len());
+    assert!(outputs.is_multiple_of(N * I::LANES) && output.len() >= outputs);
+    assert!(task.weights.len() >= outputs * depth);
+    for first in (0..outputs).step_by(N * I::LANES) {
+        // SAFETY: all sizes were checked above.
+        unsafe {
+            let mut sums = vectors::<I, N>(task.bias, first);
+            let mut weights = task.weights.as_ptr().add(first * depth);
+            for value in task.input {
+                let value = I::splat(value);
+                for (n, sum) in sums.iter_mut().enumerate() {
+                    *sum = I::mul_add(value, I::load(weights.add(n * I::LANES)), *sum);
+                }
+                weights = weights.add(N * I::LANES);
+            }
+            for (n, sum) in sums.into_iter().enumerate() {
+                I::store(output.as_mut_ptr().add(first + n * I::LANES), sum);
+            }
+        }
+    }
+}

@@ -2,7 +2,7 @@
 
 use facewire::capture::v4l2::{Layout, PixelFormat, Store};
 use facewire::capture::{MAX_SIDE_PX, Picture};
-use facewire::face::{Border, CropShape, FaceBox, crop};
+use facewire::face::{Border, Crop, CropShape, FaceBox};
 use v4l::format::{Colorspace, Quantization};
 use v4l::{Format, FourCC};
 
@@ -88,9 +88,10 @@ fn raw(layout: &Layout, used: usize, region: &FaceBox, shape: CropShape) {
     assert_eq!((picture.width, picture.height), (layout.width, layout.height));
     let middle = FaceBox { centre: [0.0; 2], size: 0.0, angle_rad: 0.0 };
     let colour = sampled(&picture, &middle, CropShape { side: 1, border: Border::Replicate, ..shape });
-    for (values, colour) in sampled(&picture, region, shape).chunks_exact(shape.side.pow(2)).zip(colour) {
-        let is_border = |value: f32| shape.border == Border::Black && value == shape.range[0];
-        assert!(values.iter().all(|value| *value == colour || is_border(*value)), "{region:?} {layout:?}");
+    let border = [shape.range[0]; 3];
+    for sample in sampled(&picture, region, shape).chunks_exact(3) {
+        let is_border = shape.border == Border::Black && sample == border;
+        assert!(sample == colour || is_border, "{region:?} {layout:?}");
     }
 }
 
@@ -111,7 +112,10 @@ fn painted(layout: &Layout) -> Vec<u8> {
 
 fn sampled(picture: &Picture<'_>, region: &FaceBox, shape: CropShape) -> Vec<f32> {
     let mut values = vec![f32::NAN; 3 * shape.side.pow(2)];
-    crop(picture, region, shape, &mut values);
+    let mut crop = Crop::new(picture, region, shape);
+    for (number, row) in values.chunks_exact_mut(3 * shape.side).enumerate() {
+        crop.row(number, row);
+    }
     values
 }
 

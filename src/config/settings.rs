@@ -84,6 +84,9 @@ section! {
         /// Folder of the network files. If empty, facewire searches the usual folders. A path that does not begin with /
         /// starts at the folder in which facewire is started.
         folder: String = String::new(), (), "";
+        /// What runs the networks: "native" is facewire's own engine, "onnxruntime" is ONNX Runtime (scripts/setup
+        /// onnxruntime installs it). "auto" is "native".
+        engine: EngineChoice = EngineChoice::Auto, (), "";
         /// Number of threads that run one network.
         threads: u32 = 1, 1..=8, "";
     }
@@ -182,6 +185,22 @@ impl Choice for CameraFormat {
         ("nv12", Self::Nv12),
         ("grey", Self::Grey),
     ];
+}
+
+/// What runs the networks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EngineChoice {
+    /// The engine that is best for this machine.
+    Auto,
+    /// facewire's own engine.
+    Native,
+    /// ONNX Runtime.
+    OnnxRuntime,
+}
+
+impl Choice for EngineChoice {
+    const ALL: &'static [(&'static str, Self)] =
+        &[("auto", Self::Auto), ("native", Self::Native), ("onnxruntime", Self::OnnxRuntime)];
 }
 
 /// Severity of a log message.

@@ -25,7 +25,7 @@ const MAX_SIDE: usize = 192;
 #[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "192 fits")]
 const MAX_STEP: i32 = i32::MAX / MAX_SIDE as i32;
 
-/// The input that a network expects: `side` x `side` samples in three planes, red, green and blue.
+/// The input that a network expects: `side` rows of `side` samples, each of which is red, green and blue.
 #[derive(Debug, Clone, Copy)]
 pub struct CropShape {
     /// Samples per row and column, 1 to 192.
@@ -45,25 +45,30 @@ pub enum Border {
     Black,
 }
 
-/// Fills `input` (3 x side x side values) with the pixels of `picture` inside `region`. A region larger than 32,000 px is
-/// sampled as if its size were 32,000 px.
-pub fn crop(picture: &Picture, region: &FaceBox, shape: CropShape, input: &mut [f32]) {
-    let (planes, mapping) = (Planes::new(picture), region.mapping());
-    let area = shape.side * shape.side;
-    let (red, rest) = input.split_at_mut(area.min(input.len()));
-    let (green, blue) = rest.split_at_mut(area.min(rest.len()));
-    let rows = red.chunks_exact_mut(shape.side).zip(green.chunks_exact_mut(shape.side));
-    let mut levels = Levels::default();
-    for (row, ((red, green), blue)) in rows.zip(blue.chunks_exact_mut(shape.side)).enumerate() {
-        let positions = positions(&mapping, shape.side, row);
-        let positions = positions.get(..shape.side).unwrap_or(&positions);
-        levels.sample(&planes, positions);
-        if shape.border == Border::Black {
-            levels.blacken_outside(&planes, positions);
+/// The samples of a picture inside a region.
+pub struct Crop<'a> {
+    planes: Planes<'a>,
+    mapping: Mapping,
+    shape: CropShape,
+    levels: Levels,
+}
+
+impl<'a> Crop<'a> {
+    /// The pixels of `picture` inside `region`. A region larger than 32,000 px is sampled as if its size were 32,000 px.
+    #[must_use]
+    pub fn new(picture: &'a Picture, region: &FaceBox, shape: CropShape) -> Self {
+        Self { planes: Planes::new(picture), mapping: region.mapping(), shape, levels: Levels::default() }
+    }
+
+    /// Writes one row of samples, of three values each.
+    pub fn row(&mut self, row: usize, output: &mut [f32]) {
+        let positions = positions(&self.mapping, self.shape.side, row);
+        let positions = positions.get(..self.shape.side).unwrap_or(&positions);
+        self.levels.sample(&self.planes, positions);
+        if self.shape.border == Border::Black {
+            self.levels.blacken_outside(&self.planes, positions);
         }
-        for (output, levels) in [red, green, blue].into_iter().zip(&levels.0) {
-            to_range(levels, shape.range, output);
-        }
+        to_range(self.levels.0.as_flattened(), self.shape.range, output);
     }
 }
 
@@ -82,12 +87,12 @@ fn positions(mapping: &Mapping, side: usize, row: usize) -> [[i32; 2]; MAX_SIDE]
     positions
 }
 
-/// Red, green and blue of one row of samples, as [`channels`] returns them.
-struct Levels([[i32; MAX_SIDE]; 3]);
+/// Red, green and blue of each sample of a row, as [`channels`] returns them.
+struct Levels([[i32; 3]; MAX_SIDE]);
 
 impl Default for Levels {
     fn default() -> Self {
-        Self([[0; MAX_SIDE]; 3])
+        Self([[0; 3]; MAX_SIDE])
     }
 }
 
@@ -108,17 +113,16 @@ impl Levels {
 
     #[inline]
     fn fill(&mut self, positions: &[[i32; 2]], square: impl Fn([i32; 2]) -> [[u64; 2]; 2]) {
-        let [red, green, blue] = &mut self.0;
-        for (((red, green), blue), at) in red.iter_mut().zip(green).zip(blue).zip(positions) {
-            [*red, *green, *blue] = channels(mix(square(at.map(|at| at >> 5)), *at));
+        for (sample, at) in self.0.iter_mut().zip(positions) {
+            *sample = channels(mix(square(at.map(|at| at >> 5)), *at));
         }
     }
 
     /// Sets samples outside the picture to black.
     fn blacken_outside(&mut self, planes: &Planes, positions: &[[i32; 2]]) {
-        for channel in &mut self.0 {
-            for (level, [x, y]) in channel.iter_mut().zip(positions) {
-                *level *= i32::from(planes.contain(x >> 5, y >> 5));
+        for (sample, [x, y]) in self.0.iter_mut().zip(positions) {
+            if !planes.contain(x >> 5, y >> 5) {
+                *sample = [0; 3];
             }
         }
     }
@@ -157,11 +161,12 @@ mod tests {
         // between them outside.
         for size in [0.0, 20.0, 4000.0, 65_879.125, 1e9, f32::INFINITY, f32::NAN] {
             let region = FaceBox { centre: [5.0 + size / 2.0; 2], size, angle_rad: 0.0 };
-            let mut input = vec![f32::NAN; 3 * MAX_SIDE * MAX_SIDE];
-            crop(&picture, &region, shape, &mut input);
-            for channel in input.chunks_exact(MAX_SIDE * MAX_SIDE) {
-                assert!(channel.iter().all(|value| *value == channel[0]), "{size} px");
+            let mut crop = Crop::new(&picture, &region, shape);
+            let mut samples = vec![[f32::NAN; 3]; MAX_SIDE * MAX_SIDE];
+            for (number, row) in samples.chunks_exact_mut(MAX_SIDE).enumerate() {
+                crop.row(number, row.as_flattened_mut());
             }
+            assert!(samples.iter().all(|sample| *sample == samples[0]), "{size} px");
         }
     }
 }

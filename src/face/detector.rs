@@ -6,7 +6,7 @@
 use crate::capture::Picture;
 use crate::infer::{Engine, InferError, Network, Signature};
 
-use super::crop::{Border, CropShape, crop};
+use super::crop::{Border, Crop, CropShape};
 use super::region::{FaceBox, Mapping};
 
 /// Samples per side of the network's input.
@@ -23,8 +23,8 @@ const SAME_FACE_IOU: f32 = 0.3;
 
 static SIGNATURE: Signature = Signature {
     name: "detector",
-    input: [1, 3, SIDE, SIDE],
-    outputs: &[("boxes", &[1, ANCHORS, VALUES]), ("scores", &[1, ANCHORS, 1])],
+    input: [SIDE, SIDE, 3],
+    outputs: &[("boxes", &[ANCHORS, VALUES]), ("scores", &[ANCHORS, 1])],
 };
 const SHAPE: CropShape = CropShape { side: SIDE, range: [-1.0, 1.0], border: Border::Black };
 
@@ -48,7 +48,10 @@ impl Detector {
     /// [`InferError::Run`].
     pub fn find(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
         let view = letterbox(picture);
-        crop(picture, &view, SHAPE, self.network.input());
+        let mut crop = Crop::new(picture, &view, SHAPE);
+        for row in 0..SIDE {
+            crop.row(row, self.network.input_row(row));
+        }
         self.network.run()?;
         let face = strongest(candidates(self.network.output(0), self.network.output(1)));
         Ok(face.and_then(|face| face.region(&view.mapping())))

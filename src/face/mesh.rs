@@ -7,7 +7,7 @@
 use crate::capture::Picture;
 use crate::infer::{Engine, InferError, Network, Signature};
 
-use super::crop::{Border, CropShape, crop};
+use super::crop::{Border, Crop, CropShape};
 use super::landmarks::Landmarks;
 use super::refinement::{
     CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
@@ -23,15 +23,11 @@ const MIN_FLAG: f32 = 0.0;
 
 static BACKBONE: Signature = Signature {
     name: "mesh",
-    input: [1, 3, SIDE, SIDE],
-    outputs: &[
-        ("mesh", &[1, 1404]),
-        ("flag", &[1, 1]),
-        ("features", &[1, FEATURE_CHANNELS, FEATURE_SIZE, FEATURE_SIZE]),
-    ],
+    input: [SIDE, SIDE, 3],
+    outputs: &[("mesh", &[1404]), ("flag", &[1]), ("features", &[FEATURE_SIZE, FEATURE_SIZE, FEATURE_CHANNELS])],
 };
 const SHAPE: CropShape = CropShape { side: SIDE, range: [0.0, 1.0], border: Border::Replicate };
-const HEAD_INPUT: [usize; 4] = [1, FEATURE_CHANNELS, CROP_SIZE, CROP_SIZE];
+const HEAD_INPUT: [usize; 3] = [CROP_SIZE, CROP_SIZE, FEATURE_CHANNELS];
 
 /// The network of a head and the points that it computes.
 struct Refinement {
@@ -45,7 +41,7 @@ struct Refinement {
 }
 
 static LIPS_REFINEMENT: Refinement = Refinement {
-    signature: Signature { name: "lips", input: HEAD_INPUT, outputs: &[("points", &[1, 160])] },
+    signature: Signature { name: "lips", input: HEAD_INPUT, outputs: &[("points", &[160])] },
     points: &LIPS,
     iris: None,
     level: LIPS_ROTATION,
@@ -65,7 +61,7 @@ static LEFT_EYE_REFINEMENT: Refinement = Refinement {
 
 /// The network of the person's right eye is called `left_eye`: MediaPipe names it by the side of the picture.
 const fn eye_signature(name: &'static str) -> Signature {
-    Signature { name, input: HEAD_INPUT, outputs: &[("points", &[1, 142]), ("iris", &[1, 10])] }
+    Signature { name, input: HEAD_INPUT, outputs: &[("points", &[142]), ("iris", &[10])] }
 }
 
 /// The backbone, its heads and the landmarks that they found last.
@@ -102,7 +98,10 @@ impl Mesh {
     /// # Errors
     /// [`InferError::Run`].
     pub fn find(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
-        crop(picture, region, SHAPE, self.backbone.input());
+        let mut crop = Crop::new(picture, region, SHAPE);
+        for row in 0..SIDE {
+            crop.row(row, self.backbone.input_row(row));
+        }
         self.backbone.run()?;
         if !self.backbone.output(1).first().is_some_and(|flag| *flag >= MIN_FLAG) {
             return Ok(None);
@@ -124,7 +123,9 @@ impl Head {
     /// the points and the feature map of the backbone.
     fn refine(&mut self, mesh: &[[f32; 3]], map: &[f32], landmarks: &mut Landmarks) -> Result<(), InferError> {
         let transform = Transform::around(mesh, self.refinement.points, self.refinement.level);
-        transform.sample(map, self.network.input());
+        for row in 0..CROP_SIZE {
+            transform.sample(map, row, self.network.input_row(row));
+        }
         self.network.run()?;
         replace(landmarks, self.refinement.points, self.network.output(0), &transform);
         if let Some((iris, contour)) = self.refinement.iris {

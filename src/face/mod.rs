@@ -13,7 +13,7 @@ pub(crate) mod test_face;
 mod tracker;
 mod transform;
 
-pub use crop::{Border, CropShape, crop};
+pub use crop::{Border, Crop, CropShape};
 pub use detector::Detector;
 pub use landmarks::{LANDMARKS, Landmarks, MESH};
 pub use mesh::Mesh;

@@ -4,7 +4,7 @@
 //! `TransformLandmarks`. The line through two rotation points is level in the crop, and the crop is 1.5 times as large as
 //! the box around the head's points.
 
-use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
+use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_CHANNELS, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
 use super::region::bounds;
 
 /// Maps cells of the crop to cells of the feature map: `linear * p + shift`.
@@ -46,16 +46,18 @@ impl Transform {
         [column[0] * x + column[1] * y + shift[0], row[0] * x + row[1] * y + shift[1]]
     }
 
-    /// Samples the feature map (channels x 48 x 48) into a head's input (channels x 16 x 16) by bilinear interpolation. The
-    /// map is 0 outside.
-    pub(super) fn sample(&self, map: &[f32], crop: &mut [f32]) {
-        const CROP_AREA: usize = CROP_SIZE * CROP_SIZE;
-        for cell in 0..CROP_AREA {
-            let centre = [(cell % CROP_SIZE) as f32 + 0.5, (cell / CROP_SIZE) as f32 + 0.5];
-            let taps = taps(self.map(centre, self.shift).map(|position| position - 0.5));
-            let channels = map.chunks_exact(FEATURE_SIZE * FEATURE_SIZE);
-            for (channel, output) in channels.zip(crop.iter_mut().skip(cell).step_by(CROP_AREA)) {
-                *output = taps.iter().map(|&(at, weight)| channel.get(at).map_or(0.0, |value| value * weight)).sum();
+    /// Samples the feature map (48 x 48 cells) into one row of a head's input (16 x 16 cells) by bilinear interpolation.
+    /// The map is 0 outside.
+    pub(super) fn sample(&self, map: &[f32], row: usize, crop_row: &mut [f32]) {
+        let map = map.as_chunks::<FEATURE_CHANNELS>().0;
+        for (column, cell) in crop_row.as_chunks_mut::<FEATURE_CHANNELS>().0.iter_mut().enumerate() {
+            *cell = [0.0; FEATURE_CHANNELS];
+            let centre = [column as f32 + 0.5, row as f32 + 0.5];
+            for (at, weight) in taps(self.map(centre, self.shift).map(|position| position - 0.5)) {
+                let Some(tap) = map.get(at) else { continue };
+                for (value, tap) in cell.iter_mut().zip(tap) {
+                    *value += tap * weight;
+                }
             }
         }
     }
@@ -86,7 +88,6 @@ fn rotate([x, y]: [f32; 2], [cos, sin]: [f32; 2]) -> [f32; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::refinement::FEATURE_CHANNELS;
     use super::*;
 
     /// A mesh of four points: the corners of an upright box of 96 x 48 samples.
@@ -111,11 +112,14 @@ mod tests {
     #[test]
     fn sampling_a_ramp_gives_its_values_at_the_cells_of_the_crop() {
         let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
-        let ramp: Vec<f32> =
-            (0..FEATURE_CHANNELS * FEATURE_SIZE * FEATURE_SIZE).map(|at| (at % FEATURE_SIZE) as f32).collect();
-        let mut crop = vec![0.0; FEATURE_CHANNELS * CROP_SIZE * CROP_SIZE];
-        transform.sample(&ramp, &mut crop);
-        assert!((crop[8] - crop[7] - 2.25).abs() < 1e-4, "one cell of the crop is 2.25 cells of the map");
-        assert!((crop[7] + crop[8] - 2.0 * 23.5).abs() < 1e-3);
+        let cells = (0..FEATURE_SIZE * FEATURE_SIZE).map(|at| [(at % FEATURE_SIZE) as f32; FEATURE_CHANNELS]);
+        let ramp: Vec<f32> = cells.flatten().collect();
+        let mut row = [[0.0; FEATURE_CHANNELS]; CROP_SIZE];
+        transform.sample(&ramp, 0, row.as_flattened_mut());
+        for channel in 0..FEATURE_CHANNELS {
+            let [left, right] = [row[7][channel], row[8][channel]];
+            assert!((right - left - 2.25).abs() < 1e-4, "one cell of the crop is 2.25 cells of the map");
+            assert!((left + right - 2.0 * 23.5).abs() < 1e-3);
+        }
     }
 }

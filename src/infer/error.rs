@@ -39,9 +39,11 @@ pub enum InferError {
         /// The engine's message, on one line.
         reason: String,
     },
-    /// This build contains no engine.
-    #[error("this facewire was built without an engine for the networks: build it with the feature `ort`")]
-    NoEngine,
+    /// This build does not contain the engine that the settings choose.
+    #[error(
+        "this facewire was built without ONNX Runtime: set networks.engine = \"native\", or build it with the feature `ort`"
+    )]
+    NotBuilt,
     /// The engine failed during an inference.
     #[error(
         "network {network} failed to run ({reason}); free some memory, and if that does not help run scripts/setup again"

@@ -1,13 +1,14 @@
-//! Runs the landmark networks, on the first [`Engine`] that this build contains.
+//! Runs the landmark networks, on the [`Engine`] that the settings choose.
 //!
-//! A network has fixed shapes: one input and a few outputs, all `f32`. The caller writes the input in place, runs the
-//! network and reads the outputs in place. Nothing is allocated between [`Engine::load`] and the end of the network's
-//! life, unless a run fails.
+//! A network has fixed shapes: one input and a few outputs, all `f32`. Maps are stored row by row, pixel by pixel within a
+//! row, and channel by channel within a pixel. The caller writes the input in place, runs the network and reads the
+//! outputs in place. Nothing is allocated between [`Engine::load`] and the end of the network's life, unless a run fails.
 //!
-//! To add an engine, write its module and add one line to [`ENGINES`].
+//! To add an engine, write its module, and add it to [`engines`] and to [`EngineChoice`].
 
 mod error;
 mod folder;
+mod native;
 #[cfg(feature = "ort")]
 mod onnx_runtime;
 #[cfg(test)]
@@ -15,17 +16,11 @@ pub(crate) mod scripted;
 
 pub use error::InferError;
 pub use folder::NetworkFolder;
+use native::Native;
 
-use crate::config::NetworkSettings;
+use facewire_engine::kernels;
 
-/// Makes an engine for the networks of a folder and for the number of threads that one inference may use.
-type NewEngine = fn(NetworkFolder, usize) -> Box<dyn Engine>;
-
-/// The engines of this build; the preferred one comes first.
-const ENGINES: &[NewEngine] = &[
-    #[cfg(feature = "ort")]
-    |folder, threads| Box::new(onnx_runtime::OnnxRuntime::new(folder, threads)),
-];
+use crate::config::{EngineChoice, NetworkSettings};
 
 /// The name of a network and the shapes of its input and outputs. An engine refuses a file that differs from them,
 /// so that networks of another version are found at start-up.
@@ -33,16 +28,17 @@ const ENGINES: &[NewEngine] = &[
 pub struct Signature {
     /// File name without its extension, which is the engine's own.
     pub name: &'static str,
-    /// Shape of the only input: pictures in a batch (1), channels, rows, columns.
-    pub input: [usize; 4],
-    /// Names and shapes of the outputs, in the order in which [`Network::output`] numbers them.
+    /// Shape of the only input: rows, columns, channels.
+    pub input: [usize; 3],
+    /// Names and shapes of the outputs, in the order in which [`Network::output`] numbers them. A shape of three numbers is
+    /// that of a map: rows, columns, channels.
     pub outputs: &'static [(&'static str, &'static [usize])],
 }
 
 /// Loads networks.
 pub trait Engine: Send + Sync {
-    /// The name that operators and tests see, in lower case.
-    fn name(&self) -> &'static str;
+    /// The name that operators and tests see.
+    fn name(&self) -> String;
 
     /// Loads the network that `signature` describes and takes all memory that its runs need, so that the first frame
     /// does not wait for any.
@@ -54,8 +50,8 @@ pub trait Engine: Send + Sync {
 
 /// A network that is ready to run.
 pub trait Network: Send {
-    /// The input values: channel by channel, and row by row within a channel.
-    fn input(&mut self) -> &mut [f32];
+    /// One row of the input: pixel by pixel, and channel by channel within a pixel. Empty if there is no such row.
+    fn input_row(&mut self, row: usize) -> &mut [f32];
 
     /// Computes the outputs from the input.
     ///
@@ -67,22 +63,38 @@ pub trait Network: Send {
     fn output(&self, index: usize) -> &[f32];
 }
 
-/// Returns the engine that runs the networks with these settings.
+/// Returns the engine that the settings choose.
 ///
 /// # Errors
-/// Those of [`engines`].
+/// [`InferError::NotBuilt`] if this build does not contain it, and those of [`NetworkFolder::find`].
 pub fn engine(settings: &NetworkSettings) -> Result<Box<dyn Engine>, InferError> {
-    engines(settings)?.into_iter().next().ok_or(InferError::NoEngine)
+    let folder = NetworkFolder::find(&settings.folder)?;
+    match settings.engine {
+        EngineChoice::Auto | EngineChoice::Native => Ok(Box::new(Native::new(folder, kernels::fastest()))),
+        EngineChoice::OnnxRuntime => onnx_runtime(folder, settings.threads as usize).ok_or(InferError::NotBuilt),
+    }
 }
 
-/// Returns every engine of this build; the preferred one comes first.
+/// Returns every engine of this build, and the native one once for each instruction set of this machine. The preferred
+/// engine comes first.
 ///
 /// # Errors
-/// [`InferError::NoEngine`] if this build contains none, and those of [`NetworkFolder::find`].
+/// Those of [`NetworkFolder::find`].
 pub fn engines(settings: &NetworkSettings) -> Result<Vec<Box<dyn Engine>>, InferError> {
-    if ENGINES.is_empty() {
-        return Err(InferError::NoEngine);
-    }
     let folder = NetworkFolder::find(&settings.folder)?;
-    Ok(ENGINES.iter().map(|new| new(folder.clone(), settings.threads as usize)).collect())
+    let native = |kernels| Box::new(Native::new(folder.clone(), kernels)) as Box<dyn Engine>;
+    let all = kernels::available().into_iter().map(native);
+    Ok(all.chain(onnx_runtime(folder.clone(), settings.threads as usize)).collect())
+}
+
+/// ONNX Runtime, if this build contains it.
+#[cfg(feature = "ort")]
+#[expect(clippy::unnecessary_wraps, reason = "not every build contains the engine")]
+fn onnx_runtime(folder: NetworkFolder, threads: usize) -> Option<Box<dyn Engine>> {
+    Some(Box::new(onnx_runtime::OnnxRuntime::new(folder, threads)))
+}
+
+#[cfg(not(feature = "ort"))]
+fn onnx_runtime(_: NetworkFolder, _: usize) -> Option<Box<dyn Engine>> {
+    None
 }

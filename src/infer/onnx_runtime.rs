@@ -40,8 +40,8 @@ impl OnnxRuntime {
 }
 
 impl Engine for OnnxRuntime {
-    fn name(&self) -> &'static str {
-        "onnxruntime"
+    fn name(&self) -> String {
+        "onnxruntime".to_owned()
     }
 
     fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError> {
@@ -59,22 +59,28 @@ struct OnnxNetwork {
     signature: &'static Signature,
     session: Session,
     options: RunOptions<HasSelectedOutputs>,
+    /// The caller's values, in the order of [`Signature::input`].
+    values: Vec<f32>,
     input: Tensor<f32>,
     /// The preallocated outputs of `options`, which every run overwrites.
     outputs: Vec<Tensor<f32>>,
+    /// The outputs that are maps, in the order of the signature's shapes; empty for other outputs.
+    maps: Vec<Vec<f32>>,
 }
 
 impl OnnxNetwork {
     fn new(session: Session, signature: &'static Signature) -> Result<Self, String> {
         check(&session, signature)?;
         let options = preallocate(signature).map_err(one_line)?;
-        let input = Tensor::new(&Allocator::default(), signature.input).map_err(one_line)?;
-        Ok(Self { signature, session, options, input, outputs: Vec::new() })
+        let values = vec![GREY; signature.input.iter().product()];
+        let input = Tensor::new(&Allocator::default(), onnx_shape(&signature.input)).map_err(one_line)?;
+        let maps = signature.outputs.iter().map(|(_, shape)| vec![0.0; map_values(shape)]).collect();
+        Ok(Self { signature, session, options, values, input, outputs: Vec::new(), maps })
     }
 
     /// Runs the network until ONNX Runtime has all memory that it needs, and keeps the outputs.
     fn warm_up(&mut self) -> Result<(), String> {
-        self.input().fill(GREY);
+        self.write_input();
         for _ in 0..WARM_UP_RUNS {
             let inputs = ort::inputs![&self.input];
             let mut values = self.session.run_with_options(inputs, &self.options).map_err(one_line)?;
@@ -85,21 +91,67 @@ impl OnnxNetwork {
         }
         Ok(())
     }
+
+    /// Copies the caller's values into the input, whose channels lie one after the other.
+    fn write_input(&mut self) {
+        let [_, _, channels] = self.signature.input;
+        let (_, input) = self.input.extract_tensor_mut();
+        let planes = input.chunks_exact_mut(self.values.len() / channels);
+        for (channel, plane) in planes.enumerate() {
+            for (to, from) in plane.iter_mut().zip(self.values.iter().skip(channel).step_by(channels)) {
+                *to = *from;
+            }
+        }
+    }
+
+    /// Copies the outputs that are maps, whose channels lie one after the other.
+    fn read_maps(&mut self) {
+        for (output, map) in self.outputs.iter().zip(&mut self.maps) {
+            let Some(&channels) = output.shape().get(1).filter(|_| !map.is_empty()) else { continue };
+            let channels = usize::try_from(channels).unwrap_or(1);
+            let pixels = map.len() / channels;
+            for (channel, plane) in output.extract_tensor().1.chunks_exact(pixels).enumerate() {
+                for (to, from) in map.iter_mut().skip(channel).step_by(channels).zip(plane) {
+                    *to = *from;
+                }
+            }
+        }
+    }
 }
 
 impl Network for OnnxNetwork {
-    fn input(&mut self) -> &mut [f32] {
-        self.input.extract_tensor_mut().1
+    fn input_row(&mut self, row: usize) -> &mut [f32] {
+        let [_, columns, channels] = self.signature.input;
+        self.values.chunks_exact_mut(columns * channels).nth(row).unwrap_or(&mut [])
     }
 
     fn run(&mut self) -> Result<(), InferError> {
-        let outcome = self.session.run_with_options(ort::inputs![&self.input], &self.options);
-        outcome.map(drop).map_err(|error| InferError::Run { network: self.signature.name, reason: one_line(error) })
+        self.write_input();
+        let outcome = self.session.run_with_options(ort::inputs![&self.input], &self.options).map(drop);
+        outcome.map_err(|error| InferError::Run { network: self.signature.name, reason: one_line(error) })?;
+        self.read_maps();
+        Ok(())
     }
 
     fn output(&self, index: usize) -> &[f32] {
-        self.outputs.get(index).map_or(&[], |output| output.extract_tensor().1)
+        let map = self.maps.get(index).filter(|map| !map.is_empty());
+        let list = || self.outputs.get(index).map_or(&[][..], |output| output.extract_tensor().1);
+        map.map_or_else(list, Vec::as_slice)
     }
+}
+
+/// The shape in an ONNX file of a tensor of the signature: the number of pictures comes first, and the channels of a map
+/// before its rows and columns.
+fn onnx_shape(shape: &[usize]) -> Vec<usize> {
+    match *shape {
+        [rows, columns, channels] => vec![1, channels, rows, columns],
+        ref list => [&[1], list].concat(),
+    }
+}
+
+/// Number of values of a map; 0 for a list.
+fn map_values(shape: &[usize]) -> usize {
+    if shape.len() == 3 { shape.iter().product() } else { 0 }
 }
 
 /// Returns the environment, of which a process can have only one. It belongs to the library that was loaded first.
@@ -144,7 +196,7 @@ fn session(environment: &Environment, path: &Path, threads: usize) -> ort::Resul
 fn preallocate(signature: &Signature) -> ort::Result<RunOptions<HasSelectedOutputs>> {
     let mut selector = OutputSelector::default();
     for &(name, shape) in signature.outputs {
-        selector = selector.preallocate(name, Tensor::<f32>::new(&Allocator::default(), shape)?);
+        selector = selector.preallocate(name, Tensor::<f32>::new(&Allocator::default(), onnx_shape(shape))?);
     }
     Ok(RunOptions::new()?.with_outputs(selector))
 }
@@ -167,6 +219,7 @@ fn check_shape(outlet: &Outlet, expected: &[usize]) -> Result<(), String> {
     let Some(shape) = outlet.dtype().tensor_shape() else {
         return Err(format!("{name} is not a tensor"));
     };
+    let expected = onnx_shape(expected);
     if shape.iter().map(|&size| usize::try_from(size).unwrap_or(0)).eq(expected.iter().copied()) {
         Ok(())
     } else {
@@ -178,7 +231,7 @@ fn check_shape(outlet: &Outlet, expected: &[usize]) -> Result<(), String> {
 mod tests {
     use super::*;
 
-    static LIPS: Signature = Signature { name: "lips", input: [1, 32, 16, 16], outputs: &[("points", &[1, 160])] };
+    static LIPS: Signature = Signature { name: "lips", input: [16, 16, 32], outputs: &[("points", &[160])] };
 
     #[test]
     fn a_run_that_fails_is_told_in_the_words_of_onnx_runtime() {
@@ -187,7 +240,7 @@ mod tests {
         let session = session(&environment(&library).expect("the library"), &path, 1).expect("a session");
         let mut network = OnnxNetwork::new(session, &LIPS).expect("the network of the signature");
         network.run().expect("a run");
-        network.input = Tensor::new(&Allocator::default(), [1_usize, 2, 3, 4]).expect("a tensor of another shape");
+        network.input = Tensor::new(&Allocator::default(), [1_usize, 32, 16, 15]).expect("a tensor of another shape");
         let error = network.run().expect_err("a wrong input").to_string();
         assert!(error.starts_with("network lips failed to run ("), "{error}");
         assert!(error.contains("Got invalid dimensions for input"), "{error}");

@@ -25,8 +25,8 @@ impl Scripted {
 }
 
 impl Engine for Scripted {
-    fn name(&self) -> &'static str {
-        "scripted"
+    fn name(&self) -> String {
+        "scripted".to_owned()
     }
 
     fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError> {
@@ -34,7 +34,7 @@ impl Engine for Scripted {
         Ok(Box::new(ScriptedNetwork {
             name: signature.name,
             script: Arc::clone(&self.0),
-            input: zeros(&signature.input),
+            row: zeros(&signature.input[1..]),
             outputs: signature.outputs.iter().map(|(_, shape)| zeros(shape)).collect(),
         }))
     }
@@ -43,13 +43,14 @@ impl Engine for Scripted {
 struct ScriptedNetwork {
     name: &'static str,
     script: Arc<Script>,
-    input: Vec<f32>,
+    /// The same memory for every row of the input, which nothing reads.
+    row: Vec<f32>,
     outputs: Vec<Vec<f32>>,
 }
 
 impl Network for ScriptedNetwork {
-    fn input(&mut self) -> &mut [f32] {
-        &mut self.input
+    fn input_row(&mut self, _: usize) -> &mut [f32] {
+        &mut self.row
     }
 
     fn run(&mut self) -> Result<(), InferError> {

@@ -152,6 +152,12 @@ pub struct Dense<'a> {
     pub bias: &'a [f32],
 }
 
+/// The fastest kernels of this machine.
+#[must_use]
+pub fn fastest() -> &'static Kernels {
+    available().first().copied().unwrap_or(&plain::KERNELS)
+}
+
 /// The kernels of this machine; the fastest come first, and the plain ones last.
 #[must_use]
 pub fn available() -> Vec<&'static Kernels> {

@@ -1,0 +1,85 @@
+//! facewire's own engine, whose arithmetic is in the crate [`facewire_engine`].
+
+use std::fs;
+
+use facewire_engine::kernels::Kernels;
+use facewire_engine::{Graph, file};
+
+use super::{Engine, InferError, Network, NetworkFolder, Signature};
+
+/// The native engine with the networks of one folder.
+pub(super) struct Native {
+    folder: NetworkFolder,
+    kernels: &'static Kernels,
+}
+
+impl Native {
+    /// An engine whose networks run on these kernels.
+    pub(super) fn new(folder: NetworkFolder, kernels: &'static Kernels) -> Self {
+        Self { folder, kernels }
+    }
+}
+
+impl Engine for Native {
+    fn name(&self) -> String {
+        format!("native, {}", self.kernels.name)
+    }
+
+    fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError> {
+        let path = self.folder.file(&format!("{}.fwnet", signature.name))?;
+        let content = fs::read(&path).map_err(|error| InferError::Unreadable { path: path.clone(), error })?;
+        let damaged = |reason: String| InferError::Damaged { path: path.clone(), reason };
+        let graph = file::read(&content).map_err(|error| damaged(error.to_string()))?;
+        check(&graph, signature).map_err(damaged)?;
+        let network = facewire_engine::Network::new(&graph, self.kernels);
+        let mut network = NativeNetwork(network.map_err(|error| damaged(error.to_string()))?);
+        // The first run touches all memory, so that no later one faults a page.
+        network.run()?;
+        Ok(Box::new(network))
+    }
+}
+
+struct NativeNetwork(facewire_engine::Network);
+
+impl Network for NativeNetwork {
+    fn input_row(&mut self, row: usize) -> &mut [f32] {
+        if row < self.0.input_rows() { self.0.input_row(row) } else { &mut [] }
+    }
+
+    fn run(&mut self) -> Result<(), InferError> {
+        self.0.run();
+        Ok(())
+    }
+
+    fn output(&self, index: usize) -> &[f32] {
+        if index < self.0.outputs() { self.0.output(index) } else { &[] }
+    }
+}
+
+/// Checks that the network has the input and the outputs of the signature.
+fn check(graph: &Graph, signature: &Signature) -> Result<(), String> {
+    let shape = |tensor: usize| {
+        let shape = graph.tensors().get(tensor).map_or([0; 3], |shape| [shape.rows, shape.columns, shape.channels]);
+        shape.to_vec()
+    };
+    let found = shape(graph.input().tensor);
+    if found != signature.input {
+        return Err(format!("the input has shape {found:?} in place of {:?}", signature.input));
+    }
+    if graph.outputs().len() != signature.outputs.len() {
+        return Err(format!("{} outputs in place of {}", graph.outputs().len(), signature.outputs.len()));
+    }
+    for (output, &(name, expected)) in graph.outputs().iter().zip(signature.outputs) {
+        let found = shape(output.tensor);
+        let is_map = expected.len() == 3;
+        let is_same = if is_map {
+            found == expected
+        } else {
+            found.iter().product::<usize>() == expected.iter().product::<usize>()
+        };
+        if output.name != name || !is_same {
+            return Err(format!("{} has shape {found:?} in place of {name} with {expected:?}", output.name));
+        }
+    }
+    Ok(())
+}

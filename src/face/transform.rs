@@ -116,8 +116,7 @@ mod tests {
         let ramp: Vec<f32> = cells.flatten().collect();
         let mut row = [[0.0; FEATURE_CHANNELS]; CROP_SIZE];
         transform.sample(&ramp, 0, row.as_flattened_mut());
-        for channel in 0..FEATURE_CHANNELS {
-            let [left, right] = [row[7][channel], row[8][channel]];
+        for (left, right) in row[7].into_iter().zip(row[8]) {
             assert!((right - left - 2.25).abs() < 1e-4, "one cell of the crop is 2.25 cells of the map");
             assert!((left + right - 2.0 * 23.5).abs() < 1e-3);
         }

@@ -12,8 +12,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [folder, name, times, names @ ..] = arguments.as_slice() else {
         return Err("usage: frames FOLDER KERNELS TIMES NETWORK...".into());
     };
-    let kernels = kernels::available().into_iter().find(|kernels| kernels.name == name);
-    let kernels = kernels.ok_or("no such kernels here")?;
+    let kernels = kernels::named(name).ok_or("no such kernels here")?;
     for name in names {
         let graph = file::read(&fs::read(Path::new(folder).join(format!("{name}.fwnet")))?)?;
         let mut network = Network::new(&graph, kernels)?;

@@ -15,7 +15,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let graph = file::read(&fs::read(network)?)?;
     let input: Vec<f32> = fs::read(input)?.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
     let elements = graph.tensors()[graph.input().tensor].elements();
-    let mut network = match kernels::available().into_iter().find(|kernels| kernels.name == name) {
+    let mut network = match kernels::named(name) {
         Some(kernels) => Some(Network::new(&graph, kernels)?),
         None if name == "reference" => None,
         None => return Err(format!("no kernels for {name} here").into()),

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 use std::{env, fs};
 
-use facewire_engine::{Kernels, Network, file, kernels};
+use facewire_engine::{Kernels, Network, file, kernels, peak};
 
 const NETWORKS: [&str; 5] = ["mesh", "lips", "left_eye", "right_eye", "detector"];
 
@@ -46,7 +46,8 @@ fn time(folder: &Path, kernels: &'static Kernels, rounds: usize, layers: bool) -
             times.push(start.elapsed());
         }
     }
-    println!("{}: ms p50, G multiply-adds/s, loading ms, MB of weights, of activations", kernels.name);
+    let peak = peak::multiply_adds_per_second(kernels) / 1e9;
+    println!("{}: ms p50, G multiply-adds/s of {peak:.1}, loading ms, MB of weights, of activations", kernels.name);
     let mut frame = Duration::ZERO;
     for ((name, network, loading), times) in networks.iter().zip(&mut times) {
         let products: usize = network.layers().iter().map(|(_, products)| products).sum();

@@ -2,20 +2,20 @@
 
 use std::fmt;
 
-/// Why a network cannot be used. The text completes a sentence that names the file.
+/// Why a network cannot be used. Displayed without its kind, which the caller's sentence states with the file and the
+/// remedy: "NAME is damaged (its checksum does not match: it was cut short or changed)".
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Error {
-    /// The file does not hold a network.
+    /// The file does not contain an intact network. Writing it again helps.
     Damaged(&'static str),
-    /// The file holds a network, and this engine has no way to run it.
+    /// The file contains a network that this engine cannot run. Another engine may.
     Unsupported(&'static str),
 }
 
 impl fmt::Display for Error {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Damaged(reason) => write!(formatter, "damaged: {reason}"),
-            Self::Unsupported(reason) => write!(formatter, "not supported: {reason}"),
+            Self::Damaged(reason) | Self::Unsupported(reason) => formatter.write_str(reason),
         }
     }
 }

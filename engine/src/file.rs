@@ -5,7 +5,8 @@
 //! | field | type |
 //! |---|---|
 //! | `fwnet` and three zero bytes | 8 bytes |
-//! | version, 1 | u32 |
+//! | version, 2 | u32 |
+//! | CRC-32 of all bytes that follow (IEEE 802.3, as zlib and PNG) | u32 |
 //! | number of tensors, of operators, of outputs | 3 x u16 |
 //! | for each tensor: rows, columns, channels | 3 x u16 |
 //! | the input | port |
@@ -26,19 +27,23 @@ use crate::error::Error;
 use crate::graph::{Graph, Kind, Operator, Port, Shape, Window};
 
 const MAGIC: &[u8; 8] = b"fwnet\0\0\0";
-const VERSION: u32 = 1;
+const CUT_SHORT: Error = Error::Damaged("it ends too early");
+const VERSION: u32 = 2;
 
 /// Reads a network.
 ///
 /// # Errors
-/// [`Error::Damaged`] if the content is not a network, or [`Error::Unsupported`] if its version is another.
+/// [`Error::Damaged`] if the content is not an intact network, or [`Error::Unsupported`] if it has another version.
 pub fn read(content: &[u8]) -> Result<Graph, Error> {
     let mut rest = Reader(content);
     if rest.bytes(MAGIC.len())? != MAGIC {
-        return Err(Error::Damaged("the file does not begin as a network does"));
+        return Err(Error::Damaged("it does not begin as a network does"));
     }
     if u32::from_le_bytes(rest.array()?) != VERSION {
-        return Err(Error::Unsupported("the file has a version that this program does not read"));
+        return Err(Error::Unsupported("the file was written by another version of the converter"));
+    }
+    if u32::from_le_bytes(rest.array()?) != checksum(rest.0) {
+        return Err(Error::Damaged("its checksum does not match: it was cut short or changed"));
     }
     let [tensors, operators, outputs] = [rest.number()?, rest.number()?, rest.number()?];
     let tensors = (0..tensors).map(|_| rest.shape()).collect::<Result<Vec<_>, _>>()?;
@@ -46,9 +51,25 @@ pub fn read(content: &[u8]) -> Result<Graph, Error> {
     let outputs = (0..outputs).map(|_| rest.port()).collect::<Result<Vec<_>, _>>()?;
     let operators = (0..operators).map(|_| rest.operator(&tensors)).collect::<Result<Vec<_>, _>>()?;
     if !rest.0.is_empty() {
-        return Err(Error::Damaged("the file goes on after the network"));
+        return Err(Error::Damaged("bytes follow the last operator"));
     }
     Graph::new(tensors, operators, input, outputs)
+}
+
+/// The CRC-32 of a network file, over all bytes after the checksum itself.
+#[must_use]
+pub fn checksum(content: &[u8]) -> u32 {
+    /// The reversed form of the polynomial 0x04c11db7.
+    const POLYNOMIAL: u32 = 0xedb8_8320;
+    let mut table = [0_u32; 256];
+    for (entry, index) in table.iter_mut().zip(0_u32..) {
+        *entry = (0..8).fold(index, |rest, _| if rest & 1 == 1 { rest >> 1 ^ POLYNOMIAL } else { rest >> 1 });
+    }
+    let step = |crc: u32, byte: &u8| {
+        let [low, ..] = crc.to_le_bytes();
+        table.get(usize::from(low ^ byte)).map_or(crc, |entry| crc >> 8 ^ entry)
+    };
+    !content.iter().fold(!0, step)
 }
 
 /// What is left of the file.
@@ -56,13 +77,13 @@ struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
     fn bytes(&mut self, count: usize) -> Result<&'a [u8], Error> {
-        let (taken, rest) = self.0.split_at_checked(count).ok_or(Error::Damaged("the file is cut short"))?;
+        let (taken, rest) = self.0.split_at_checked(count).ok_or(CUT_SHORT)?;
         self.0 = rest;
         Ok(taken)
     }
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], Error> {
-        let (taken, rest) = self.0.split_first_chunk().ok_or(Error::Damaged("the file is cut short"))?;
+        let (taken, rest) = self.0.split_first_chunk().ok_or(CUT_SHORT)?;
         self.0 = rest;
         Ok(*taken)
     }
@@ -96,9 +117,11 @@ impl<'a> Reader<'a> {
         let (from, to) = (channels(inputs.first())?, channels(Some(&output))?);
         let window = Window { size, stride, top, left };
         let kind = match kind {
-            0 => Kind::Convolution { window, weights: self.values(size * size * from * to)?, bias: self.values(to)? },
-            1 => Kind::Depthwise { window, weights: self.values(size * size * to)?, bias: self.values(to)? },
-            2 => Kind::Prelu { slopes: self.values(to)? },
+            0 => {
+                Kind::Convolution { window, weights: self.values(&[size, size, from, to])?, bias: self.values(&[to])? }
+            }
+            1 => Kind::Depthwise { window, weights: self.values(&[size, size, to])?, bias: self.values(&[to])? },
+            2 => Kind::Prelu { slopes: self.values(&[to])? },
             3 => Kind::Relu,
             4 => Kind::Add,
             5 => Kind::MaxPool { window },
@@ -109,16 +132,17 @@ impl<'a> Reader<'a> {
         Ok(Operator { kind, inputs, output })
     }
 
-    /// An array of finite numbers.
-    fn values(&mut self, count: usize) -> Result<Vec<f32>, Error> {
-        let too_long = Error::Damaged("the file is cut short");
+    /// An array of finite numbers, as many as the product of `sides`.
+    fn values(&mut self, sides: &[usize]) -> Result<Vec<f32>, Error> {
+        // Where `usize` has 32 bits, the product of sides from a hostile file overflows.
+        let bytes_of = |value: usize| sides.iter().try_fold(value, |count, side| count.checked_mul(*side));
         let values: Vec<f32> = match self.array()? {
             [1] => {
-                let bytes = self.bytes(count.checked_mul(2).ok_or(too_long)?)?;
+                let bytes = self.bytes(bytes_of(2).ok_or(CUT_SHORT)?)?;
                 bytes.as_chunks().0.iter().map(|half| from_half(u16::from_le_bytes(*half))).collect()
             }
             [2] => {
-                let bytes = self.bytes(count.checked_mul(4).ok_or(too_long)?)?;
+                let bytes = self.bytes(bytes_of(4).ok_or(CUT_SHORT)?)?;
                 bytes.as_chunks().0.iter().map(|single| f32::from_le_bytes(*single)).collect()
             }
             _ => return Err(Error::Damaged("the format of an array is unknown")),
@@ -147,6 +171,13 @@ fn from_half(bits: u16) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_checksum_is_that_of_zlib() {
+        // The check value of CRC-32/ISO-HDLC in the catalogue of parametrised CRC algorithms.
+        assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
+        assert_eq!(checksum(b""), 0);
+    }
 
     #[test]
     fn half_precision_numbers_keep_their_value() {

@@ -8,7 +8,8 @@ use crate::{Error, Network, file, kernels};
 /// The file of a network, with single precision weights.
 fn write(graph: &Graph) -> Vec<u8> {
     let mut bytes = b"fwnet\0\0\0".to_vec();
-    bytes.extend(1_u32.to_le_bytes());
+    bytes.extend(2_u32.to_le_bytes());
+    bytes.extend([0; 4]);
     let number = |bytes: &mut Vec<u8>, number: usize| bytes.extend(u16::try_from(number).unwrap().to_le_bytes());
     for count in [graph.tensors().len(), graph.operators().len(), graph.outputs().len()] {
         number(&mut bytes, count);
@@ -45,7 +46,14 @@ fn write(graph: &Graph) -> Vec<u8> {
             bytes.extend(array.iter().flat_map(|value| value.to_le_bytes()));
         }
     }
+    seal(&mut bytes);
     bytes
+}
+
+/// Writes the checksum that belongs to the content.
+fn seal(content: &mut [u8]) {
+    let checksum = file::checksum(&content[16..]);
+    content[12..16].copy_from_slice(&checksum.to_le_bytes());
 }
 
 #[test]
@@ -57,18 +65,38 @@ fn a_network_reads_back_as_it_was_written() {
 }
 
 #[test]
-fn a_file_that_is_cut_short_or_goes_on_is_refused() {
+fn a_file_that_is_cut_short_or_goes_on_is_refused_even_with_the_right_checksum() {
     let mut content = write(&random_network(3));
-    let step = 1 + content.len() / 3000;
+    let step = 1 + content.len() / 300;
     for length in (0..content.len()).step_by(step).chain(content.len() - 8..content.len()) {
-        assert!(matches!(file::read(&content[..length]), Err(Error::Damaged(_))), "{length} bytes");
+        let mut cut = content[..length].to_vec();
+        assert!(matches!(file::read(&cut), Err(Error::Damaged(_))), "{length} bytes");
+        if length >= 16 {
+            seal(&mut cut);
+            assert!(matches!(file::read(&cut), Err(Error::Damaged(_))), "{length} bytes with the right checksum");
+        }
     }
     content.push(0);
     assert!(file::read(&content).is_err());
+    seal(&mut content);
+    assert_eq!(file::read(&content), Err(Error::Damaged("bytes follow the last operator")));
 }
 
 #[test]
-fn a_file_with_changed_bytes_is_refused_or_runs() {
+fn a_file_with_a_changed_bit_is_refused() {
+    let content = write(&random_network(3));
+    let step = 1 + content.len() / 300;
+    for at in (0..16).chain((16..content.len()).step_by(step)) {
+        for bit in 0..8 {
+            let mut changed = content.clone();
+            changed[at] ^= 1 << bit;
+            assert!(file::read(&changed).is_err(), "bit {bit} of byte {at}");
+        }
+    }
+}
+
+#[test]
+fn a_file_with_changed_bytes_and_the_right_checksum_is_refused_or_runs() {
     let mut runs = 0;
     for seed in 0..12 {
         let sound = write(&random_network(seed));
@@ -80,6 +108,7 @@ fn a_file_with_changed_bytes_is_refused_or_runs() {
             for _ in 0..=random.below(3) {
                 content[random.below(reach)] = [0, 1, 2, 3, 7, 16, 0x7f, 0xff][random.below(8)];
             }
+            seal(&mut content);
             let Ok(graph) = file::read(&content) else { continue };
             for kernels in [kernels::available()[0], *kernels::available().last().unwrap()] {
                 if let Ok(mut network) = Network::new(&graph, kernels) {

@@ -20,13 +20,13 @@ impl Shape {
     /// Number of pixels.
     #[must_use]
     pub fn pixels(self) -> usize {
-        self.rows * self.columns
+        self.rows.saturating_mul(self.columns)
     }
 
-    /// Number of values.
+    /// Number of values. Saturates where `usize` has 32 bits: a shape from a hostile file may overflow them.
     #[must_use]
     pub fn elements(self) -> usize {
-        self.pixels() * self.channels
+        self.pixels().saturating_mul(self.channels)
     }
 }
 
@@ -203,15 +203,16 @@ impl Operator {
         let same_channels = first.channels == output.channels;
         let shapes_agree = match &self.kind {
             Kind::Convolution { window, weights, bias } => {
-                let values = window.size * window.size * first.channels;
-                let sizes = weights.len() == values * output.channels && bias.len() == output.channels;
-                ensure(sizes && window.fits(first, output), "a convolution does not fit its tensors")?;
+                let fits = window.fits(first, output) && bias.len() == output.channels;
+                let values = if fits { window.size * window.size * first.channels } else { 0 };
+                let fits = fits && Some(weights.len()) == values.checked_mul(output.channels);
+                ensure(fits, "a convolution does not fit its tensors")?;
                 return Ok(values.saturating_mul(output.elements()));
             }
             Kind::Depthwise { window, weights, bias } => {
-                let values = window.size * window.size;
-                let sizes = weights.len() == values * output.channels && bias.len() == output.channels;
-                let fits = sizes && same_channels && window.fits(first, output);
+                let fits = same_channels && window.fits(first, output) && bias.len() == output.channels;
+                let values = if fits { window.size * window.size } else { 0 };
+                let fits = fits && weights.len() == values * output.channels;
                 ensure(fits, "a depthwise convolution does not fit its tensors")?;
                 return Ok(values.saturating_mul(output.elements()));
             }

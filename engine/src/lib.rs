@@ -13,12 +13,13 @@ mod network;
 #[cfg(test)]
 mod network_tests;
 mod pack;
+pub mod peak;
 pub mod reference;
 mod schedule;
 #[cfg(test)]
 mod testing;
 
 pub use error::Error;
-pub use graph::Graph;
+pub use graph::{Graph, Shape};
 pub use kernels::Kernels;
 pub use network::Network;

@@ -8,7 +8,7 @@ use self::builder::Builder;
 use crate::arena::Memory;
 use crate::error::Error;
 use crate::fusion::Residual;
-use crate::graph::Graph;
+use crate::graph::{Graph, Shape};
 use crate::kernels::{self, Activation, Kernels};
 use crate::schedule::Step;
 
@@ -52,9 +52,7 @@ impl Map {
 /// Where the caller's values go.
 #[derive(Debug)]
 struct Input {
-    rows: usize,
-    /// Values of a row that the caller writes.
-    values: usize,
+    shape: Shape,
     /// The first value.
     start: usize,
     /// From one row to the next.
@@ -106,15 +104,16 @@ impl Network {
     /// # Panics
     /// If the input has no such row.
     pub fn input_row(&mut self, row: usize) -> &mut [f32] {
-        assert!(row < self.input.rows, "the input has {} rows", self.input.rows);
+        let Shape { rows, columns, channels } = self.input.shape;
+        assert!(row < rows, "the input has {rows} rows");
         let start = self.input.start + row * self.input.step;
-        &mut self.arena.all_mut()[start..start + self.input.values]
+        &mut self.arena.all_mut()[start..start + columns * channels]
     }
 
     /// Number of rows of the input.
     #[must_use]
     pub fn input_rows(&self) -> usize {
-        self.input.rows
+        self.input.shape.rows
     }
 
     /// The values of an output after a run: row by row, pixel by pixel and channel by channel.
@@ -139,7 +138,9 @@ impl Network {
         }
     }
 
-    /// Computes the outputs and hands `seen` the number of each layer after each of its strips.
+    /// Computes the outputs and calls `seen` after each strip of rows, with the index of its layer in
+    /// [`layers`](Self::layers). A layer has several strips, and the strips of different layers alternate. The time of a
+    /// layer is the sum of the times between the calls for it and the calls, or the start of the run, before them.
     pub fn run_watched(&mut self, mut seen: impl FnMut(usize)) {
         for step in 0..self.steps.len() {
             self.run_step(step);
@@ -147,7 +148,7 @@ impl Network {
         }
     }
 
-    /// A name and the number of multiplications of each layer.
+    /// A description and the number of multiply-adds of each layer.
     #[must_use]
     pub fn layers(&self) -> Vec<(String, usize)> {
         self.layers.iter().map(|layer| (self.describe(layer), layer.products)).collect()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 import sys
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from networks import Network
 from tflite_graph import Graph, Operator, read, schema
 
 MAGIC = b"fwnet\0\0\0"
-VERSION = 1
+VERSION = 2
 CONVOLUTION, DEPTHWISE, PRELU, RELU, ADD, MAX_POOL, PAD_CHANNELS, CONCATENATION = range(8)
 FLOAT16, FLOAT32 = 1, 2
 
@@ -66,8 +67,9 @@ class Writer:
             self.writers[operator.kind](operator)
         for tensor, name in zip(self.graph.outputs, outputs):
             ends.append(_named(name, self._tensor(tensor)))
-        counts = struct.pack("<IHHH", VERSION, len(self.tensors), len(self.operators), len(outputs))
-        return b"".join([MAGIC, counts, *self.tensors, *ends, *self.operators])
+        counts = struct.pack("<HHH", len(self.tensors), len(self.operators), len(outputs))
+        body = b"".join([counts, *self.tensors, *ends, *self.operators])
+        return MAGIC + struct.pack("<II", VERSION, zlib.crc32(body)) + body
 
     def _tensor(self, index: int) -> int:
         """The number of a tensor in the file; adds the tensor if it is new."""

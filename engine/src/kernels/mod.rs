@@ -14,6 +14,7 @@
 mod dense;
 mod depthwise;
 mod finish;
+mod peak;
 mod plain;
 mod pointwise;
 mod stem;
@@ -52,6 +53,11 @@ pub struct Kernels {
     pub pointwise: fn(&Pointwise, &mut [f32]),
     /// Computes weighted sums of a whole map.
     pub dense: fn(&Dense, &mut [f32]),
+    /// Computes a number of rounds of [`peak_round`](Self::peak_round) multiply-adds that read and write no memory, and
+    /// returns one of the results.
+    pub peak: fn(usize) -> f32,
+    /// Multiply-adds of one round.
+    pub peak_round: usize,
 }
 
 impl Kernels {
@@ -156,6 +162,12 @@ pub struct Dense<'a> {
 #[must_use]
 pub fn fastest() -> &'static Kernels {
     available().first().copied().unwrap_or(&plain::KERNELS)
+}
+
+/// The kernels of this machine with a given [`name`](Kernels::name).
+#[must_use]
+pub fn named(name: &str) -> Option<&'static Kernels> {
+    available().into_iter().find(|kernels| kernels.name == name)
 }
 
 /// The kernels of this machine; the fastest come first, and the plain ones last.

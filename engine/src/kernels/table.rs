@@ -21,7 +21,13 @@ macro_rules! kernels {
             pointwise: |task, output| unsafe { pointwise(task, output) },
             // SAFETY: as above.
             dense: |task, output| unsafe { dense(task, output) },
+            // SAFETY: as above.
+            peak: |rounds| unsafe { peak(rounds) },
+            peak_round: PEAK_SUMS * <$set as InstructionSet>::LANES,
         };
+
+        /// The sums that the pointwise convolution keeps in registers.
+        const PEAK_SUMS: usize = $vectors * <$set as InstructionSet>::TILE;
 
         $(#[target_feature(enable = $features)])?
         #[inline(never)]
@@ -49,6 +55,13 @@ macro_rules! kernels {
         unsafe fn dense(task: &super::Dense, output: &mut [f32]) {
             // SAFETY: the function is compiled for the features of the set.
             unsafe { super::dense::dense::<$set, $dense>(task, output) }
+        }
+
+        $(#[target_feature(enable = $features)])?
+        #[inline(never)]
+        unsafe fn peak(rounds: usize) -> f32 {
+            // SAFETY: the function is compiled for the features of the set.
+            unsafe { super::peak::peak::<$set, PEAK_SUMS>(rounds) }
         }
     };
 }

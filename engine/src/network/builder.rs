@@ -77,9 +77,9 @@ impl<'a> Builder<'a> {
             weights.all_mut()[range].copy_from_slice(&values);
         }
         let arena = self.layout.memory()?;
-        let outputs = outputs.into_iter().map(|output| {
-            let map = &self.maps[output];
-            map.area.start..map.area.start + map.rows * map.columns * map.true_channels
+        let outputs = self.graph.outputs().iter().zip(outputs).map(|(port, map)| {
+            let start = self.maps[map].area.start;
+            start..start + self.graph.tensors()[port.tensor].elements()
         });
         let outputs = outputs.collect();
         let (kernels, steps, maps) = (self.kernels, schedule.steps, self.maps);
@@ -94,7 +94,7 @@ impl<'a> Builder<'a> {
     }
 
     fn rows_of(&self, layer: &Layer) -> Rows {
-        let (from, to) = (&self.maps[layer.input], &self.maps[layer.output]);
+        let to = &self.maps[layer.output];
         let strip = match to.columns {
             ..12 => to.rows,
             12..24 => 4,
@@ -113,7 +113,6 @@ impl<'a> Builder<'a> {
             Work::Dense { .. } => rows.strip = to.rows,
             Work::Gather { inputs } => (rows.inputs, rows.strip) = (inputs.clone(), to.rows),
         }
-        debug_assert!(from.rows >= to.rows || matches!(layer.work, Work::Gather { .. }));
         rows
     }
 
@@ -139,8 +138,8 @@ impl<'a> Builder<'a> {
             Work::Stem { window, .. } if layer.input == tensor => Some((window, layer.output)),
             _ => None,
         };
+        let shape = self.graph.tensors()[tensor];
         let map = &mut self.maps[tensor];
-        let (rows, values) = (map.rows, map.columns * map.true_channels);
         let readers = self.layers.iter().filter(|layer| layer.input == tensor).count();
         if let Some((Window { size, stride, top, left }, output)) = self.layers.iter().find_map(stem) {
             if readers != 1 {
@@ -151,16 +150,16 @@ impl<'a> Builder<'a> {
                 |count: usize, before: usize, outputs: usize| (count + before).max((outputs - 1) * stride + size);
             // The kernels read rows of the window in vectors of four.
             map.row = (padded(map.columns, left, to.columns) * map.true_channels + 3).next_multiple_of(4);
-            map.area = self.layout.area(padded(rows, top, to.rows) * map.row);
+            map.area = self.layout.area(padded(map.rows, top, to.rows) * map.row);
             let start = map.area.start + top * map.row + left * map.true_channels;
-            return Ok(Input { rows, values, start, step: map.row });
+            return Ok(Input { shape, start, step: map.row });
         }
         if map.channels != map.true_channels {
             return Err(Error::Unsupported("the channels of the input do not fill a vector"));
         }
         map.kept = map.rows;
         map.area = self.layout.area(map.rows * map.row);
-        Ok(Input { rows, values, start: map.area.start, step: map.row })
+        Ok(Input { shape, start: map.area.start, step: map.row })
     }
 
     fn ready(&mut self, layer: &Layer<'a>) -> Result<Ready, Error> {

@@ -1,0 +1,54 @@
+//! The core's peak rate of multiply-adds, with which the rate of a network is compared.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use crate::kernels::Kernels;
+
+/// Time of one measurement: long enough for the clock, short enough to lie between two interruptions by the system.
+const TRIAL: Duration = Duration::from_millis(1);
+/// The first trials also raise the core's clock rate.
+const TRIALS: usize = 30;
+
+/// Measures how many multiply-adds per second the calling core computes in registers, with the instructions of
+/// `kernels`. Takes about 50 milliseconds. The highest rate of several trials counts, because interruptions only ever
+/// lower it.
+#[must_use]
+pub fn multiply_adds_per_second(kernels: &Kernels) -> f64 {
+    let time = |rounds: usize| {
+        let start = Instant::now();
+        black_box((kernels.peak)(black_box(rounds)));
+        start.elapsed()
+    };
+    let mut rounds = 1 << 10;
+    while time(rounds) < TRIAL && rounds < 1 << 30 {
+        rounds *= 2;
+    }
+    let fastest = (0..TRIALS).map(|_| time(rounds)).fold(Duration::MAX, Duration::min);
+    (rounds * kernels.peak_round) as f64 / fastest.as_secs_f64()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernels;
+
+    #[test]
+    fn the_peak_computes_every_multiply_add_that_it_counts() {
+        for kernels in kernels::available() {
+            // Each sum is 0, 1, 1.5, 1.75 ... after 0, 1, 2, 3 rounds, and all sums are added up.
+            for (rounds, sum) in [(0, 0.0), (1, 1.0), (2, 1.5), (3, 1.75), (100, 2.0)] {
+                let expected = sum * (kernels.peak_round / kernels.vector) as f32;
+                assert_eq!((kernels.peak)(rounds).to_bits(), expected.to_bits(), "{}", kernels.name);
+            }
+        }
+    }
+
+    #[test]
+    fn a_core_computes_between_ten_million_and_a_million_million_multiply_adds_per_second() {
+        for kernels in kernels::available() {
+            let rate = multiply_adds_per_second(kernels);
+            assert!((1e7..1e12).contains(&rate), "{}: {rate}", kernels.name);
+        }
+    }
+}

@@ -116,19 +116,19 @@ fn missing_networks_are_refused_with_what_to_run() {
         let sentence = run.sentence(69);
         assert!(sentence.contains(text(&absent)) && sentence.contains("run scripts/setup"), "{sentence}");
         let run = with_networks(command, empty.path());
-        assert!(run.sentence(69).contains("detector.onnx is missing: run scripts/setup again"), "{}", run.err);
+        assert!(run.sentence(69).contains("detector.fwnet is missing: run scripts/setup"), "{}", run.err);
     }
 }
 
 #[test]
 fn a_damaged_network_is_named() {
-    let mesh = content("mesh.onnx");
+    let mesh = content("mesh.fwnet");
     let garbled: Vec<u8> = mesh.iter().map(|byte| byte ^ 0x55).collect();
-    for damaged in [&mesh[..mesh.len() / 2], &mesh[..mesh.len() - 1], &garbled, &content("detector.onnx"), b""] {
-        let networks = Networks::copy().with("mesh.onnx", damaged);
+    for damaged in [&mesh[..mesh.len() / 2], &mesh[..mesh.len() - 1], &garbled, &content("detector.fwnet"), b""] {
+        let networks = Networks::copy().with("mesh.fwnet", damaged);
         let run = with_networks(&["track", "demo"], networks.path());
         let sentence = run.sentence(69);
-        assert!(sentence.contains("mesh.onnx is damaged or of another version ("), "{sentence}");
+        assert!(sentence.contains("mesh.fwnet is damaged or of another version ("), "{sentence}");
         assert!(run.out.is_empty());
     }
 }
@@ -136,11 +136,13 @@ fn a_damaged_network_is_named() {
 #[test]
 fn a_missing_or_wrong_onnx_runtime_is_named() {
     let library = "libonnxruntime.so";
-    let run = with_networks(&["track", "demo"], Networks::copy().without(library).path());
-    assert!(run.sentence(69).contains("libonnxruntime.so is missing: run scripts/setup again"), "{}", run.err);
+    let onnx_runtime = settings("[networks]\nengine = \"onnxruntime\"\n");
+    let track = ["track", "demo", "--config", text(onnx_runtime.path())];
+    let run = with_networks(&track, Networks::copy().without(library).path());
+    assert!(run.sentence(69).contains("libonnxruntime.so is missing: run scripts/setup onnxruntime"), "{}", run.err);
     let whole = content(library);
     for wrong in [&b"a letter"[..], b"", &whole[..whole.len() / 2], &whole[..whole.len() - 1]] {
-        let run = with_networks(&["track", "demo"], Networks::copy().with(library, wrong).path());
+        let run = with_networks(&track, Networks::copy().with(library, wrong).path());
         assert!(run.sentence(69).starts_with("ONNX Runtime cannot be loaded from "), "{}", run.err);
     }
 }

@@ -43,11 +43,13 @@ fn setup_refuses_a_machine_without_onnx_runtime_before_it_installs_anything() {
         write_script(&stand_ins.path().join("uname"), &format!("echo {machine}"));
         write_script(&stand_ins.path().join("getconf"), &format!("echo {bits}"));
         let cache = stand_ins.path().join("cache");
-        let run = Run::of(script("setup").env("PATH", search_path(stand_ins.path())).env("XDG_CACHE_HOME", &cache));
+        let run = Run::of(
+            script("setup").arg("onnxruntime").env("PATH", search_path(stand_ins.path())).env("XDG_CACHE_HOME", &cache),
+        );
         assert_eq!(run.status, Some(1), "{}", run.err);
         let want = format!(
-            "setup: the landmark networks need a 64-bit system on x86-64 or ARM, this is {machine} with {bits} bits: on a \
-             Raspberry Pi install Raspberry Pi OS (64-bit)\n"
+            "setup: there is no ONNX Runtime for {machine} with {bits} bits: leave networks.engine at \"auto\", which needs \
+             none\n"
         );
         assert_eq!((run.out.as_str(), run.err), ("", want));
         assert!(!cache.exists());

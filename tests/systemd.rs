@@ -374,8 +374,7 @@ fn every_fault_of_the_table_names_tests_and_they_exist() {
 fn installing_puts_everything_in_place_and_keeps_a_configuration_that_is_there() {
     let dest = tempfile::tempdir().unwrap();
     let networks = tempfile::tempdir().unwrap();
-    fs::write(networks.path().join("mesh.onnx"), "").unwrap();
-    fs::write(networks.path().join("libonnxruntime.so"), "").unwrap();
+    fs::write(networks.path().join("mesh.fwnet"), "").unwrap();
     let at = |path: &str| dest.path().join(path);
     let install = |options: &[&str]| {
         let mut command = Command::new(project("systemd/install"));
@@ -386,8 +385,7 @@ fn installing_puts_everything_in_place_and_keeps_a_configuration_that_is_there()
     install(&[]);
     assert_eq!(fs::metadata(at("usr/bin/facewire")).unwrap().permissions().mode() & 0o777, 0o755);
     for file in [
-        "usr/lib/facewire/networks/mesh.onnx",
-        "usr/lib/facewire/networks/libonnxruntime.so",
+        "usr/lib/facewire/networks/mesh.fwnet",
         "usr/lib/systemd/system/facewire.service",
         "usr/lib/udev/rules.d/99-facewire.rules",
         "usr/share/doc/facewire/service.md",

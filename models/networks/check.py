@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import flatbuffers
 import numpy as np
 import onnxruntime
+from ai_edge_litert import schema_py_generated as schema
 from ai_edge_litert.interpreter import Interpreter, OpResolverType
 
 from networks import Network
@@ -28,10 +30,10 @@ CROPS = {"lips": (24, 16), "left_eye": (11, 10), "right_eye": (11, 22)}
 class Reference:
     """The TFLite interpreter, with pictures and feature maps in NCHW order."""
 
-    def __init__(self, content: bytes) -> None:
+    def __init__(self, network: Network) -> None:
         # Without a delegate the interpreter uses TensorFlow's own kernels.
         self.interpreter = Interpreter(
-            model_content=content,
+            model_content=_cut_file(network),
             experimental_op_resolver_type=OpResolverType.BUILTIN_WITHOUT_DEFAULT_DELEGATES,
         )
         self.interpreter.allocate_tensors()
@@ -62,7 +64,7 @@ def _difference(network: Network, folder: Path, tensor: np.ndarray) -> float:
         str(folder / f"{network.name}.onnx"), providers=["CPUExecutionProvider"]
     )
     found = session.run(list(network.outputs), {network.input: tensor})
-    expected = Reference(network.tflite).run(tensor)
+    expected = Reference(network).run(tensor)
     worst = 0.0
     for name, value, reference in zip(network.outputs, found, expected):
         range_ = float(np.abs(reference).max())
@@ -76,7 +78,7 @@ def _difference(network: Network, folder: Path, tensor: np.ndarray) -> float:
 def _inputs_of_a_face(mesh: Network) -> dict[str, np.ndarray]:
     """The inputs of all networks, computed from the picture of a face."""
     pixels = np.load(FACE)["picture"].astype(np.float32).transpose(2, 0, 1)[None] / 255
-    _, flag, features = Reference(mesh.tflite).run(pixels)
+    _, flag, features = Reference(mesh).run(pixels)
     if flag.item() <= 0:
         raise SetupError(f"the landmark network finds no face in {FACE}")
     small = (np.arange(128) * 1.5).astype(int)
@@ -84,3 +86,32 @@ def _inputs_of_a_face(mesh: Network) -> dict[str, np.ndarray]:
     for name, (row, column) in CROPS.items():
         inputs[name] = features[:, :, row:row + 16, column:column + 16]
     return {name: np.ascontiguousarray(tensor) for name, tensor in inputs.items()}
+
+
+def _cut_file(network: Network) -> bytes:
+    """The network's part of its TFLite file, as a TFLite file."""
+    model = schema.ModelT.InitFromObj(schema.Model.GetRootAsModel(network.file, 0))
+    subgraph = model.subgraphs[0]
+    wanted = set(network.graph.outputs)
+    kept = []
+    for operator in reversed(subgraph.operators):
+        if wanted.intersection(operator.outputs):
+            kept.append(operator)
+            wanted.update(set(operator.inputs) - set(network.graph.inputs))
+    subgraph.operators = kept[::-1]
+    subgraph.inputs, subgraph.outputs = network.graph.inputs, network.graph.outputs
+    model.signatureDefs = []
+    _drop_unused_codes(model)
+    builder = flatbuffers.Builder(1 << 20)
+    builder.Finish(model.Pack(builder), b"TFL3")
+    return bytes(builder.Output())
+
+
+def _drop_unused_codes(model: schema.ModelT) -> None:
+    """Removes unused operators from the file's list: the interpreter refuses a file whose list
+    contains a custom operator that it does not know, even if nothing uses it."""
+    operators = model.subgraphs[0].operators
+    used = sorted({operator.opcodeIndex for operator in operators})
+    model.operatorCodes = [model.operatorCodes[index] for index in used]
+    for operator in operators:
+        operator.opcodeIndex = used.index(operator.opcodeIndex)

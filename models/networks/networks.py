@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from refinement import crop_of
-from tflite_graph import cut, load, producer, tensor_named
+from tflite_graph import Graph, read
 
 
 @dataclass
@@ -18,7 +18,8 @@ class Network:
     """A part of a TFLite file, with the names and shapes that it gets as ONNX."""
 
     name: str
-    tflite: bytes
+    file: bytes
+    graph: Graph
     input: str
     outputs: dict[str, list[int]]
 
@@ -37,24 +38,23 @@ def all_networks(detector: bytes, attention: bytes) -> list[Network]:
 
 
 def _detector(content: bytes) -> Network:
-    model = load(content)
-    ends = [tensor_named(model, name) for name in ("regressors", "classificators")]
-    part = cut(content, [tensor_named(model, "input")], ends)
-    return Network("detector", part, "image", {"boxes": [1, 896, 16], "scores": [1, 896, 1]})
+    graph = read(content)
+    ends = [graph.tensor_named(name) for name in ("regressors", "classificators")]
+    part = graph.cut([graph.tensor_named("input")], ends)
+    return Network("detector", content, part, "image", {"boxes": [1, 896, 16], "scores": [1, 896, 1]})
 
 
 def _mesh(content: bytes) -> Network:
-    model = load(content)
-    ends = [tensor_named(model, name) for name in ("output_mesh", "conv_faceflag")]
-    ends.append(int(producer(model, crop_of(model, "conv_lips")).inputs[0]))
-    part = cut(content, [tensor_named(model, "input_1")], ends)
+    graph = read(content)
+    ends = [graph.tensor_named(name) for name in ("output_mesh", "conv_faceflag")]
+    ends.append(graph.producer(crop_of(graph, "conv_lips")).inputs[0])
+    part = graph.cut([graph.tensor_named("input_1")], ends)
     outputs = {"mesh": [1, 1404], "flag": [1, 1], "features": [1, 32, 48, 48]}
-    return Network("mesh", part, "image", outputs)
+    return Network("mesh", content, part, "image", outputs)
 
 
 def _head(content: bytes, name: str, outputs: dict[str, tuple[str, int]]) -> Network:
-    model = load(content)
-    ends = [tensor_named(model, tensor) for tensor, _ in outputs.values()]
-    start = crop_of(model, outputs["points"][0])
-    part = cut(content, [start], ends)
-    return Network(name, part, "crop", {key: [1, size] for key, (_, size) in outputs.items()})
+    graph = read(content)
+    ends = [graph.tensor_named(tensor) for tensor, _ in outputs.values()]
+    part = graph.cut([crop_of(graph, outputs["points"][0])], ends)
+    return Network(name, content, part, "crop", {key: [1, size] for key, (_, size) in outputs.items()})

@@ -12,11 +12,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from flatbuffers import flexbuffers
 
 from sources import SetupError
-from tflite_graph import Model, kind_of, load, producer, read, tensor_named
+from tflite_graph import Graph, read
 
 RUST_TABLES = Path(__file__).parents[2] / "src/face/refinement.rs"
 
@@ -43,11 +42,11 @@ class Refinement:
     z_points: list[int]
 
 
-def crop_of(model: Model, end: str) -> int:
+def crop_of(graph: Graph, end: str) -> int:
     """The crop of the feature map from which the tensor named `end` is computed."""
-    tensor = tensor_named(model, end)
-    while kind_of(model, operator := producer(model, tensor)) != "TransformTensorBilinear":
-        tensor = int(operator.inputs[0])
+    tensor = graph.tensor_named(end)
+    while (operator := graph.producer(tensor)).kind != "TransformTensorBilinear":
+        tensor = operator.inputs[0]
     return tensor
 
 
@@ -69,41 +68,40 @@ def rust_constants(source: str) -> dict[str, list[float]]:
 
 def operator_constants(attention: bytes) -> dict[str, list[float]]:
     """The constants of the crops, from the options of the custom operators."""
-    model, constants = load(attention), read(attention).constants
+    graph = read(attention)
     found: dict[str, list[float]] = {}
     for head, end in HEADS.items():
-        bilinear = producer(model, crop_of(model, end))
-        features, matrix = (int(index) for index in bilinear.inputs)
-        to_matrix = producer(model, matrix)
-        options = flexbuffers.Loads(bytes(to_matrix.customOptions))
-        scaled = producer(model, int(to_matrix.inputs[0]))
-        _, height, width, channels = model.subgraphs[0].tensors[features].shape
+        bilinear = graph.producer(crop_of(graph, end))
+        features, matrix = bilinear.inputs
+        to_matrix = graph.producer(matrix)
+        options = flexbuffers.Loads(to_matrix.custom_options)
+        scaled = graph.producer(to_matrix.inputs[0])
+        _, height, width, channels = graph.shapes[features]
         found[head] = options["subset_idxs"]
         found[f"{head}_ROTATION"] = [options["left_rotation_idx"], options["right_rotation_idx"]]
         shared = {
             "CROP_SIZE": _only({options["output_height"], options["output_width"],
-                                *flexbuffers.Loads(bytes(bilinear.customOptions)).values()}),
+                                *flexbuffers.Loads(bilinear.custom_options).values()}),
             "CROP_SCALE": _only({options["scale_x"], options["scale_y"]}),
             "TARGET_ANGLE": [options["target_rotation_radians"]],
-            "FEATURE_SIZE": _only({int(height), int(width)}),
-            "FEATURE_CHANNELS": [int(channels)],
-            "FEATURE_SCALE": constants[int(scaled.inputs[1])].tolist(),
+            "FEATURE_SIZE": _only({height, width}),
+            "FEATURE_CHANNELS": [channels],
+            "FEATURE_SCALE": graph.constants[scaled.inputs[1]].values(),
         }
         if any(found.setdefault(name, value) != value for name, value in shared.items()):
             raise SetupError("the three heads of the attention mesh differ in their crops")
-        _check_translation(model, constants, matrix, 1 / shared["FEATURE_SCALE"][0])
+        _check_translation(graph, matrix, 1 / shared["FEATURE_SCALE"][0])
     return found
 
 
-def _check_translation(model: Model, constants: dict[int, np.ndarray], matrix: int,
-                       factor: float) -> None:
+def _check_translation(graph: Graph, matrix: int, factor: float) -> None:
     """Checks that points are mapped back by the crop's matrix, its translation (column 3) times
     `factor`."""
-    multiply = next(o for o in model.subgraphs[0].operators
-                    if matrix in o.inputs and kind_of(model, o) == "MUL")
-    factors = constants[int(multiply.inputs[1])].reshape(4, 4)
-    if factors[:2, :2].tolist() != [[1, 1], [1, 1]] or factors[:2, 3].tolist() != [factor] * 2:
-        raise SetupError(f"the map from crop to picture scales by {factors.tolist()}")
+    multiply = next(o for o in graph.operators if matrix in o.inputs and o.kind == "MUL")
+    factors = graph.constants[multiply.inputs[1]].values()
+    rows = [factors[at:at + 4] for at in range(0, 16, 4)]
+    if any(row[:2] != [1, 1] or row[3] != factor for row in rows[:2]):
+        raise SetupError(f"the map from crop to picture scales by {rows}")
 
 
 def _only(values: set[float]) -> list[float]:

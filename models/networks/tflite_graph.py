@@ -1,54 +1,68 @@
-"""Reads TFLite files as a list of operators, and cuts a part out of a network.
-
-`cut` returns a valid TFLite file, so that the interpreter can run each part as the reference
-of its conversion.
-"""
+"""Reads TFLite files as a list of operators, and cuts a part out of a network."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import struct
+from dataclasses import dataclass, replace
 from typing import Any
 
-import flatbuffers
-import numpy as np
-from ai_edge_litert import schema_py_generated as schema
+import tflite
 
-Model = Any  # schema.ModelT, which the generated module does not type
-
-OPERATOR_NAMES = {
-    value: name for name, value in vars(schema.BuiltinOperator).items() if not name.startswith("_")
-}
-DTYPES = {
-    schema.TensorType.FLOAT32: np.float32,
-    schema.TensorType.FLOAT16: np.float16,
-    schema.TensorType.INT32: np.int32,
-}
+# How the module struct calls the types of constants.
+FORMATS = {tflite.TensorType.FLOAT16: "e", tflite.TensorType.FLOAT32: "f", tflite.TensorType.INT32: "i"}
+SAME_PADDING = tflite.Padding.SAME
+ACTIVATION_NONE = tflite.ActivationFunctionType.NONE
 
 
-@dataclass
+@dataclass(frozen=True)
+class Constant:
+    """An array of the file: its shape, the letter of its type in struct, and its bytes."""
+
+    shape: tuple[int, ...]
+    format: str
+    data: bytes
+
+    def values(self) -> list[float]:
+        """The elements in the order of the file."""
+        return list(struct.unpack(f"<{len(self.data) // struct.calcsize(self.format)}{self.format}", self.data))
+
+
+class Options:
+    """The options of an operator, by their names in the schema."""
+
+    def __init__(self, table: Any) -> None:
+        self.table = table
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.table, name[0].upper() + name[1:])()
+
+
+@dataclass(frozen=True)
 class Operator:
-    """An operator, the numbers of its tensors, and its options as the schema has them."""
+    """An operator, the numbers of its tensors, and its options."""
 
     kind: str
     inputs: list[int]
     outputs: list[int]
-    options: Any
+    options: Options | None
+    custom_options: bytes
 
 
-@dataclass
+@dataclass(frozen=True)
 class Graph:
-    """A network whose float16 weights have been converted to float32 constants."""
+    """A network. Constants that DEQUANTIZE makes from float16 stay in float16."""
 
     operators: list[Operator]
+    names: dict[int, str]
     shapes: dict[int, tuple[int, ...]]
-    constants: dict[int, np.ndarray]
+    constants: dict[int, Constant]
     inputs: list[int]
     outputs: list[int]
 
     def window_padding(self, op: Operator, kernel: list[int], strides: list[int]) -> list[int]:
         """The padding of a convolution or pooling: top, left, bottom, right. TFLite's SAME adds an odd
         row or column at the end."""
-        if op.options.padding != schema.Padding.SAME:
+        if op.options.padding != SAME_PADDING:
             return [0, 0, 0, 0]
         size = self.shapes[op.inputs[0]][1:3]
         total = [max((-(-n // s) - 1) * s + k - n, 0) for n, k, s in zip(size, kernel, strides)]
@@ -58,94 +72,79 @@ class Graph:
     def pad(self, op: Operator) -> tuple[list[int], int]:
         """What a PAD adds: the padding of rows and columns (top, left, bottom, right), or a number of
         channels behind the last one."""
-        batch, rows, columns, channels = self.constants[op.inputs[1]].tolist()
-        if any(batch) or channels[0] or (channels[1] and any(rows + columns)):
+        batch_0, batch_1, top, bottom, left, right, first, last = self.constants[op.inputs[1]].values()
+        if batch_0 or batch_1 or first or (last and (top or bottom or left or right)):
             raise ValueError("padding of anything but the last channels, or rows and columns")
-        return [rows[0], columns[0], rows[1], columns[1]], channels[1]
+        return [top, left, bottom, right], last
 
+    def tensor_named(self, name: str) -> int:
+        """The number of the tensor called `name`."""
+        return next(index for index, found in self.names.items() if found == name)
 
-def load(content: bytes) -> Model:
-    """Parses a TFLite file."""
-    return schema.ModelT.InitFromObj(schema.Model.GetRootAsModel(content, 0))
+    def producer(self, tensor: int) -> Operator:
+        """The operator that writes a tensor."""
+        return next(operator for operator in self.operators if tensor in operator.outputs)
 
-
-def save(model: Model) -> bytes:
-    """Serialises a model as a TFLite file."""
-    builder = flatbuffers.Builder(1 << 20)
-    builder.Finish(model.Pack(builder), b"TFL3")
-    return bytes(builder.Output())
-
-
-def kind_of(model: Model, operator: Any) -> str:
-    """The operator's name in the schema, or the name of a custom operator."""
-    code = model.operatorCodes[operator.opcodeIndex]
-    # A file written before 2020 has the number in deprecatedBuiltinCode only.
-    name = OPERATOR_NAMES[max(code.builtinCode, code.deprecatedBuiltinCode)]
-    return code.customCode.decode() if name == "CUSTOM" else name
-
-
-def tensor_named(model: Model, name: str) -> int:
-    """The number of the tensor called `name`."""
-    tensors = model.subgraphs[0].tensors
-    return next(index for index, tensor in enumerate(tensors) if tensor.name.decode() == name)
-
-
-def producer(model: Model, tensor: int) -> Any:
-    """The operator that writes a tensor."""
-    return next(o for o in model.subgraphs[0].operators if tensor in o.outputs)
-
-
-def cut(content: bytes, inputs: list[int], outputs: list[int]) -> bytes:
-    """Returns the part of a network between two sets of tensors as a TFLite file."""
-    model = load(content)
-    subgraph = model.subgraphs[0]
-    wanted, kept = set(outputs), []
-    for operator in reversed(subgraph.operators):
-        if wanted.intersection(operator.outputs):
-            kept.append(operator)
-            wanted.update(set(int(i) for i in operator.inputs) - set(inputs))
-    subgraph.operators = kept[::-1]
-    subgraph.inputs, subgraph.outputs = inputs, outputs
-    model.signatureDefs = []
-    _drop_unused_codes(model)
-    return save(model)
-
-
-def _drop_unused_codes(model: Model) -> None:
-    """Removes unused operators from the file's list: the interpreter refuses a file whose list
-    contains a custom operator that it does not know, even if nothing uses it."""
-    operators = model.subgraphs[0].operators
-    used = sorted({operator.opcodeIndex for operator in operators})
-    model.operatorCodes = [model.operatorCodes[index] for index in used]
-    for operator in operators:
-        operator.opcodeIndex = used.index(operator.opcodeIndex)
+    def cut(self, inputs: list[int], outputs: list[int]) -> Graph:
+        """The part of the network between two sets of tensors."""
+        wanted, kept = set(outputs), []
+        for operator in reversed(self.operators):
+            if wanted.intersection(operator.outputs):
+                kept.append(operator)
+                wanted.update(set(operator.inputs) - set(inputs))
+        return replace(self, operators=kept[::-1], inputs=inputs, outputs=outputs)
 
 
 def read(content: bytes) -> Graph:
-    """Reads the operators of a file and computes the constants that DEQUANTIZE makes."""
-    model = load(content)
-    subgraph = model.subgraphs[0]
-    constants = {index: array for index in range(len(subgraph.tensors))
-                 if (array := _constant(model, index)) is not None}
+    """Reads a TFLite file."""
+    model = tflite.Model.GetRootAs(content)
+    subgraph = model.Subgraphs(0)
+    tensors = [subgraph.Tensors(index) for index in range(subgraph.TensorsLength())]
+    data = {index: _data(content, model.Buffers(tensor.Buffer())) for index, tensor in enumerate(tensors)}
+    shapes = {index: tuple(_list(tensor.Shape, tensor.ShapeLength())) for index, tensor in enumerate(tensors)}
+    constants = {index: Constant(shapes[index], FORMATS[tensors[index].Type()], value)
+                 for index, value in data.items() if value}
     operators = []
-    for operator in subgraph.operators:
-        kind = kind_of(model, operator)
-        inputs = [int(index) for index in operator.inputs]
-        outputs = [int(index) for index in operator.outputs]
-        if kind == "DEQUANTIZE":
-            constants[outputs[0]] = constants[inputs[0]].astype(np.float32)
+    for operator in (_operator(model, subgraph.Operators(n)) for n in range(subgraph.OperatorsLength())):
+        if operator.kind == "DEQUANTIZE":
+            constants[operator.outputs[0]] = constants[operator.inputs[0]]
         else:
-            operators.append(Operator(kind, inputs, outputs, operator.builtinOptions))
-    shapes = {index: tuple(int(n) for n in tensor.shape)
-              for index, tensor in enumerate(subgraph.tensors) if tensor.shape is not None}
-    ends = [int(i) for i in subgraph.inputs], [int(i) for i in subgraph.outputs]
-    return Graph(operators, shapes, constants, *ends)
+            operators.append(operator)
+    names = {index: tensor.Name().decode() for index, tensor in enumerate(tensors)}
+    inputs = _list(subgraph.Inputs, subgraph.InputsLength())
+    outputs = _list(subgraph.Outputs, subgraph.OutputsLength())
+    return Graph(operators, names, shapes, constants, inputs, outputs)
 
 
-def _constant(model: Model, index: int) -> np.ndarray | None:
-    tensor = model.subgraphs[0].tensors[index]
-    data = model.buffers[tensor.buffer].data
-    if data is None or len(data) == 0:
+def _operator(model: tflite.Model, operator: tflite.Operator) -> Operator:
+    code = model.OperatorCodes(operator.OpcodeIndex())
+    # A file written before 2020 has the number in DeprecatedBuiltinCode only.
+    number = max(code.BuiltinCode(), code.DeprecatedBuiltinCode())
+    kind = code.CustomCode().decode() if number == tflite.BuiltinOperator.CUSTOM else tflite.opcode2name(number)
+    custom = bytes(_list(operator.CustomOptions, operator.CustomOptionsLength()))
+    inputs = _list(operator.Inputs, operator.InputsLength())
+    outputs = _list(operator.Outputs, operator.OutputsLength())
+    return Operator(kind, inputs, outputs, _options(operator), custom)
+
+
+def _options(operator: tflite.Operator) -> Options | None:
+    kinds = {number: name for name, number in vars(tflite.BuiltinOptions).items() if not name.startswith("_")}
+    union, name = operator.BuiltinOptions(), kinds[operator.BuiltinOptionsType()]
+    if union is None:
         return None
-    flat = np.frombuffer(bytes(data), DTYPES[tensor.type])
-    return flat.reshape([int(n) for n in tensor.shape])
+    table = getattr(tflite, name)()
+    table.Init(union.Bytes, union.Pos)
+    return Options(table)
+
+
+def _list(element: Any, length: int) -> list[Any]:
+    return [element(index) for index in range(length)]
+
+
+def _data(content: bytes, buffer: tflite.Buffer) -> bytes:
+    """The bytes of a buffer, which its own accessor would return one by one."""
+    vector = buffer._tab.Offset(4)  # pylint: disable=protected-access
+    if vector == 0:
+        return b""
+    start = buffer._tab.Vector(vector)  # pylint: disable=protected-access
+    return content[start:start + buffer.DataLength()]

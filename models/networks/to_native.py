@@ -1,39 +1,32 @@
-#!/usr/bin/env python3
 """Writes the networks in the form that facewire's own engine reads: engine/src/file.rs describes it.
 
 Operators keep TFLite's order of elements (rows, columns, channels). PAD of rows and columns
 becomes the padding of the convolution that follows; RESHAPE vanishes, because it changes no
-order. Weights that float16 holds exactly are written as float16, as the TFLite files have them.
+order. Weights keep the precision that they have in the TFLite files: most are float16.
 """
 
 from __future__ import annotations
 
 import struct
-import sys
 import zlib
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
-import convert
-import networks
-import sources
 from networks import Network
-from tflite_graph import Graph, Operator, read, schema
+from tflite_graph import ACTIVATION_NONE, Constant, Graph, Operator
 
 MAGIC = b"fwnet\0\0\0"
 VERSION = 2
 CONVOLUTION, DEPTHWISE, PRELU, RELU, ADD, MAX_POOL, PAD_CHANNELS, CONCATENATION = range(8)
 FLOAT16, FLOAT32 = 1, 2
-
-ACTIVATION_NONE = schema.ActivationFunctionType.NONE
+# Operators whose options name an activation.
+FUSED = ("ADD", "CONCATENATION", "CONV_2D", "DEPTHWISE_CONV_2D", "MAX_POOL_2D")
 
 
 def write(parts: list[Network], folder: Path) -> None:
     """Writes every network as NAME.fwnet."""
     for part in parts:
-        content = Writer(read(part.tflite)).content(part.input, part.outputs)
+        content = Writer(part.graph).content(part.input, part.outputs)
         (folder / f"{part.name}.fwnet").write_bytes(content)
 
 
@@ -79,8 +72,8 @@ class Writer:
         return self.numbers[index]
 
     def _operator(self, op: Operator, kind: int, inputs: list[int], kernel: int = 1, stride: int = 1,
-                  before: tuple[int, int] = (0, 0), arrays: tuple[np.ndarray, ...] = ()) -> None:
-        if getattr(op.options, "fusedActivationFunction", ACTIVATION_NONE) != ACTIVATION_NONE:
+                  before: tuple[int, int] = (0, 0), arrays: tuple[Constant, ...] = ()) -> None:
+        if op.kind in FUSED and op.options.fusedActivationFunction != ACTIVATION_NONE:
             raise ValueError(f"{op.kind} with a fused activation")
         numbers = [self._tensor(index) for index in inputs]
         head = struct.pack("<6B", kind, kernel, stride, *before, len(numbers))
@@ -112,8 +105,7 @@ class Writer:
         self._operator(op, MAX_POOL, op.inputs, kernel, stride, (top, left))
 
     def _prelu(self, op: Operator) -> None:
-        slope = self.graph.constants[op.inputs[1]].reshape(-1)
-        self._operator(op, PRELU, op.inputs[:1], arrays=(slope,))
+        self._operator(op, PRELU, op.inputs[:1], arrays=(self.graph.constants[op.inputs[1]],))
 
     def _pad(self, op: Operator) -> None:
         source, output = op.inputs[0], op.outputs[0]
@@ -142,21 +134,7 @@ def _named(name: str, tensor: int) -> bytes:
     return struct.pack("<HB", tensor, len(name)) + name.encode("ascii")
 
 
-def _array(values: np.ndarray) -> bytes:
-    half = values.astype(np.float16)
-    if np.array_equal(half.astype(np.float32), values):
-        return struct.pack("<B", FLOAT16) + half.astype("<f2").tobytes()
-    return struct.pack("<B", FLOAT32) + values.astype("<f4").tobytes()
-
-
-def main() -> None:
-    """Writes the networks to the folder given."""
-    if len(sys.argv) != 2:
-        sys.exit("usage: to_native.py FOLDER")
-    mediapipe = sources.fetch(sources.MEDIAPIPE, convert.cache_folder() / "downloads")
-    write(networks.all_networks(sources.extract(mediapipe, sources.DETECTOR),
-                                sources.extract(mediapipe, sources.ATTENTION_MESH)), Path(sys.argv[1]))
-
-
-if __name__ == "__main__":
-    main()
+def _array(constant: Constant) -> bytes:
+    if constant.format == "e":
+        return struct.pack("<B", FLOAT16) + constant.data
+    return struct.pack("<B", FLOAT32) + constant.data

@@ -22,18 +22,16 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from networks import Network
-from tflite_graph import Graph, Operator, read, schema
+from tflite_graph import ACTIVATION_NONE, Constant, Graph, Operator
 
 OPSET = 17
 IR_VERSION = 8
-
-ACTIVATION_NONE = schema.ActivationFunctionType.NONE
 
 
 def write(networks: list[Network], folder: Path, blocked: bool) -> None:
     """Writes every network as an ONNX file into `folder`."""
     for network in networks:
-        converter = Converter(read(network.tflite), blocked)
+        converter = Converter(network.graph, blocked)
         model = converter.model(network.name, network.input, network.outputs)
         (folder / f"{network.name}.onnx").write_bytes(model.SerializeToString())
 
@@ -114,7 +112,7 @@ class Converter:
     def _convolution(self, op: Operator) -> None:
         """TFLite has weights (out, h, w, in), and (1, h, w, channels) if depthwise."""
         source, (top, left, bottom, right) = self._unpadded(op.inputs[0])
-        weights, bias = self.graph.constants[op.inputs[1]], self.graph.constants[op.inputs[2]]
+        weights, bias = (array(self.graph.constants[index]) for index in op.inputs[1:3])
         depthwise = op.kind == "DEPTHWISE_CONV_2D"
         if depthwise and op.options.depthMultiplier != 1:
             raise ValueError("depthwise convolution with a multiplier")
@@ -148,7 +146,7 @@ class Converter:
 
     def _prelu(self, op: Operator) -> None:
         source, output = self._t(op.inputs[0]), self._t(op.outputs[0])
-        slope = self.graph.constants[op.inputs[1]].reshape(-1, 1, 1, 1)
+        slope = array(self.graph.constants[op.inputs[1]]).reshape(-1, 1, 1, 1)
         if not self.blocked:
             self._node("PRelu", [source, self._initializer(f"{output}_slope", slope[:, 0])], output)
             return
@@ -199,6 +197,11 @@ class Converter:
             raise ValueError("concatenation of feature maps")
         inputs = [self._t(index) for index in op.inputs]
         self._node("Concat", inputs, self._output_name(op), axis=op.options.axis)
+
+
+def array(constant: Constant) -> np.ndarray:
+    """A constant of the file in single precision."""
+    return np.frombuffer(constant.data, f"<{constant.format}").reshape(constant.shape).astype(np.float32)
 
 
 def nchw(shape: tuple[int, ...]) -> list[int]:

@@ -1,7 +1,7 @@
 //! Why a network cannot be loaded or run.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why a network cannot be loaded or run.
 #[derive(Debug, thiserror::Error)]
@@ -21,10 +21,10 @@ pub enum InferError {
         error: io::Error,
     },
     /// A file of the folder does not exist.
-    #[error("{} is missing: run scripts/setup again", .0.display())]
+    #[error("{} is missing: run {}", .0.display(), remedy(.0))]
     Missing(PathBuf),
     /// The ONNX Runtime library does not load.
-    #[error("ONNX Runtime cannot be loaded from {}: {reason}; run scripts/setup again", path.display())]
+    #[error("ONNX Runtime cannot be loaded from {}: {reason}; run {}", path.display(), remedy(path))]
     Library {
         /// The library file.
         path: PathBuf,
@@ -32,7 +32,7 @@ pub enum InferError {
         reason: String,
     },
     /// A network file is damaged, or its inputs and outputs differ from the signature.
-    #[error("{} is damaged or of another version ({reason}): run scripts/setup again", path.display())]
+    #[error("{} is damaged or of another version ({reason}): run {}", path.display(), remedy(path))]
     Damaged {
         /// The network file.
         path: PathBuf,
@@ -54,6 +54,12 @@ pub enum InferError {
         /// The engine's message, on one line.
         reason: String,
     },
+}
+
+/// The command that installs a file of the folder.
+fn remedy(path: &Path) -> &'static str {
+    let is_native = path.extension().is_some_and(|extension| extension == super::native::EXTENSION);
+    if is_native { "scripts/setup" } else { "scripts/setup onnxruntime" }
 }
 
 fn list(paths: &[PathBuf]) -> String {

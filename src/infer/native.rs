@@ -7,6 +7,9 @@ use facewire_engine::{Graph, file};
 
 use super::{Engine, InferError, Network, NetworkFolder, Signature};
 
+/// Ending of the names of network files.
+pub(super) const EXTENSION: &str = "fwnet";
+
 /// The native engine with the networks of one folder.
 pub(super) struct Native {
     folder: NetworkFolder,
@@ -26,7 +29,7 @@ impl Engine for Native {
     }
 
     fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError> {
-        let path = self.folder.file(&format!("{}.fwnet", signature.name))?;
+        let path = self.folder.file(&format!("{}.{EXTENSION}", signature.name))?;
         let content = fs::read(&path).map_err(|error| InferError::Unreadable { path: path.clone(), error })?;
         let damaged = |reason: String| InferError::Damaged { path: path.clone(), reason };
         let graph = file::read(&content).map_err(|error| damaged(error.to_string()))?;

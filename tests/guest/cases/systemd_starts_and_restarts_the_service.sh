@@ -76,7 +76,7 @@ kill $decoder
 start_decoder
 await seen live
 pid=$(property MainPID)
-perl freeze-thread "$pid" fw-hot libonnxruntime >$work/frozen &
+perl freeze-thread "$pid" fw-hot /facewire >$work/frozen &
 await is_another "$pid"
 passed live hold decay/late neutral/late || fail "one thread stuck: $(cat $work/judged)"
 [ "$(property NRestarts)" = 1 ] || fail "started again $(property NRestarts) times instead of once"

@@ -2,14 +2,15 @@
 
 mod chart;
 mod figures;
+mod machine;
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use rustix::time::{ClockId, clock_gettime};
 
-use self::figures::{Figures, Samples};
+use self::figures::{Figures, Samples, quantile};
+use self::machine::{Interruptions, constant_work, cpu_time};
 use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{DEMO, FileOptions, Frame, Source, open_file};
@@ -51,17 +52,29 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     let mut pipeline = Pipeline::load_for(&*open(&args.input)?, &settings)?;
     play(&mut pipeline, &args.input, &mut Samples::default())?;
     let mut samples = Samples::default();
-    let begun = cpu_time();
     for _ in 0..args.rounds {
-        play(&mut pipeline, &args.input, &mut samples)?;
+        measure(&mut pipeline, &args.input, &mut samples)?;
     }
     if samples.whole.is_empty() {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
     }
-    let figures = Figures::new(&args.input, &samples, cpu_time().saturating_sub(begun));
+    let figures = Figures::new(&args.input, &samples);
     // The figures come first, so that they are printed even if the drawing cannot be written.
     print(&if args.json { figures.json() } else { figures.table() })?;
     args.svg.as_ref().map_or(Ok(()), |path| chart::draw(path, &samples.whole))
+}
+
+/// Plays the input once, and then measures the machine for as long: with work that lasts as long as a frame.
+fn measure(pipeline: &mut Pipeline, input: &str, samples: &mut Samples) -> Result<(), Failure> {
+    let (cpu, begun, interruptions, faces) = (cpu_time(), Instant::now(), Interruptions::now(), samples.whole.len());
+    play(pipeline, input, samples)?;
+    samples.cpu += cpu_time().saturating_sub(cpu);
+    samples.elapsed += begun.elapsed();
+    samples.interruptions.push(Interruptions::now().since(interruptions));
+    let mut sorted = samples.whole.clone();
+    sorted.sort_unstable();
+    samples.constant.extend(constant_work(quantile(&sorted, 0.5), samples.whole.len() - faces));
+    Ok(())
 }
 
 fn open(input: &str) -> Result<Box<dyn Source + Send>, Failure> {
@@ -74,26 +87,20 @@ fn play(pipeline: &mut Pipeline, input: &str, samples: &mut Samples) -> Result<(
     loop {
         let begun = Instant::now();
         let Some(frame) = source.next()? else { return Ok(()) };
-        samples.decode.push(begun.elapsed());
+        let decode = begun.elapsed();
+        samples.decode.push(decode);
         samples.frames += 1;
-        time_frame(pipeline, &frame, samples)?;
+        time_frame(pipeline, &frame, decode, samples)?;
     }
 }
 
 /// Processes one frame and records the durations of its stages, unless it has no solution.
-fn time_frame(pipeline: &mut Pipeline, frame: &Frame, samples: &mut Samples) -> Result<(), Failure> {
+fn time_frame(pipeline: &mut Pipeline, frame: &Frame, decode: Duration, samples: &mut Samples) -> Result<(), Failure> {
     let begun = Instant::now();
     match pipeline.process(frame) {
-        Ok(_) => samples.push(pipeline.times(), begun.elapsed()),
+        Ok(_) => samples.push(decode, pipeline.times(), begun.elapsed()),
         Err(Rejected::Infer(error)) => return Err(error.into()),
         Err(_) => {}
     }
     Ok(())
-}
-
-/// Processor time that this process has used.
-fn cpu_time() -> Duration {
-    let time = clock_gettime(ClockId::ProcessCPUTime);
-    let part = |value: i64| u64::try_from(value).unwrap_or(0);
-    Duration::from_secs(part(time.tv_sec)) + Duration::from_nanos(part(time.tv_nsec))
 }

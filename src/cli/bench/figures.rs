@@ -1,17 +1,20 @@
 //! The figures of a bench, as a table and as JSON.
 
 use std::fmt::Write as _;
-use std::fs;
 use std::time::Duration;
 
 use serde::Serialize;
 
+use super::machine::{self, Interruptions};
 use crate::pipeline::StageTimes;
 
 /// The usual rate of a camera, frames per second.
 const CAMERA_FPS: f64 = 30.0;
+/// The points of the distribution in JSON, in percent.
+const DISTRIBUTION: [f64; 15] =
+    [0.1, 1.0, 5.0, 10.0, 25.0, 50.0, 75.0, 90.0, 95.0, 98.0, 99.0, 99.5, 99.8, 99.9, 100.0];
 
-/// Durations of each stage, frame by frame.
+/// What was measured. The durations are those of each stage, frame by frame.
 #[derive(Debug, Default)]
 pub(super) struct Samples {
     pub(super) frames: u64,
@@ -22,16 +25,26 @@ pub(super) struct Samples {
     pub(super) solve: Vec<Duration>,
     /// From a frame in memory to its coefficients.
     pub(super) whole: Vec<Duration>,
+    /// From the file to coefficients.
+    pub(super) decode_and_whole: Vec<Duration>,
+    /// A loop of constant work, in turns with the rounds.
+    pub(super) constant: Vec<Duration>,
+    /// Processor time and time of the rounds.
+    pub(super) cpu: Duration,
+    pub(super) elapsed: Duration,
+    /// Of each round.
+    pub(super) interruptions: Vec<Interruptions>,
 }
 
 impl Samples {
     /// Adds a frame with a face.
-    pub(super) fn push(&mut self, times: &StageTimes, whole: Duration) {
+    pub(super) fn push(&mut self, decode: Duration, times: &StageTimes, whole: Duration) {
         let stages = [(&mut self.detect, times.detect), (&mut self.mesh, times.mesh), (&mut self.solve, times.solve)];
         for (samples, time) in stages {
             samples.extend(time);
         }
         self.whole.push(whole);
+        self.decode_and_whole.push(decode + whole);
     }
 }
 
@@ -46,6 +59,14 @@ pub(super) struct Figures {
     mesh: Latency,
     solve: Latency,
     whole: Latency,
+    decode_and_whole: Latency,
+    /// What the machine itself adds: a loop of constant work that takes as long as the median frame.
+    constant_work: Latency,
+    /// Distribution of the whole: pairs of a percentage of the frames and the milliseconds that they took at most.
+    whole_distribution_ms: Vec<[f64; 2]>,
+    interruptions: Interruptions,
+    /// Processor time, with decoding, as a share of the time that the rounds took; 100 is one core.
+    cpu_percent: f64,
     /// Processor time per frame, with decoding, as a share of one core at 30 frames per second.
     cpu_percent_at_30_fps: f64,
     /// Largest resident memory of the process.
@@ -61,12 +82,17 @@ struct Latency {
     p50_ms: f64,
     p95_ms: f64,
     p99_ms: f64,
+    #[serde(rename = "p999_ms")]
+    p99_9_ms: f64,
     max_ms: f64,
 }
 
 impl Figures {
-    pub(super) fn new(input: &str, samples: &Samples, cpu: Duration) -> Self {
-        let cpu_per_frame_s = cpu.as_secs_f64() / samples.frames.max(1) as f64;
+    pub(super) fn new(input: &str, samples: &Samples) -> Self {
+        let cpu_s = samples.cpu.as_secs_f64();
+        let cpu_per_frame_s = cpu_s / samples.frames.max(1) as f64;
+        let mut whole = samples.whole.clone();
+        whole.sort_unstable();
         Self {
             input: input.to_owned(),
             frames: samples.frames,
@@ -76,10 +102,15 @@ impl Figures {
             mesh: Latency::of(&samples.mesh),
             solve: Latency::of(&samples.solve),
             whole: Latency::of(&samples.whole),
+            decode_and_whole: Latency::of(&samples.decode_and_whole),
+            constant_work: Latency::of(&samples.constant),
+            whole_distribution_ms: DISTRIBUTION.map(|percent| [percent, ms(&whole, percent / 100.0)]).to_vec(),
+            interruptions: samples.interruptions.iter().copied().sum(),
+            cpu_percent: rounded(100.0 * cpu_s / samples.elapsed.as_secs_f64().max(f64::MIN_POSITIVE)),
             cpu_percent_at_30_fps: rounded(100.0 * cpu_per_frame_s * CAMERA_FPS),
-            peak_memory_mb: rounded(peak_memory_kb() / 1024.0),
+            peak_memory_mb: rounded(machine::peak_memory_kb() as f64 / 1024.0),
             version: env!("CARGO_PKG_VERSION"),
-            machine: format!("{} ({})", processor(), std::env::consts::ARCH),
+            machine: machine::name(),
         }
     }
 
@@ -91,22 +122,33 @@ impl Figures {
     pub(super) fn table(&self) -> String {
         let mut text =
             format!("{}: {} frames, {} with a face, on {}\n\n", self.input, self.frames, self.faces, self.machine);
-        text += "milliseconds      p50      p95      p99      max\n";
+        text += "milliseconds          p50      p95      p99    p99.9      max\n";
         let rows = [
             ("decode", &self.decode),
             ("detect", &self.detect),
             ("mesh", &self.mesh),
             ("solve", &self.solve),
             ("whole", &self.whole),
+            ("decode and whole", &self.decode_and_whole),
+            ("constant work", &self.constant_work),
         ];
         for (stage, latency) in rows {
-            let Latency { p50_ms, p95_ms, p99_ms, max_ms } = latency;
+            let Latency { p50_ms, p95_ms, p99_ms, p99_9_ms, max_ms } = latency;
             // Writing to a string cannot fail.
-            let _ = writeln!(text, "{stage:<12} {p50_ms:>8.3} {p95_ms:>8.3} {p99_ms:>8.3} {max_ms:>8.3}");
+            let _ =
+                writeln!(text, "{stage:<16} {p50_ms:>8.3} {p95_ms:>8.3} {p99_ms:>8.3} {p99_9_ms:>8.3} {max_ms:>8.3}");
         }
-        text += "\nThe whole is from a frame in memory to its coefficients: detect, mesh and solve.\n";
-        let (cpu, memory) = (self.cpu_percent_at_30_fps, self.peak_memory_mb);
-        let _ = writeln!(text, "{cpu:.1} % of one core at 30 frames a second; peak memory {memory:.1} MB");
+        text += "\nThe whole is from a frame in memory to its coefficients: detect, mesh and solve. The constant work is a loop \
+                 that\nuses no memory and takes as long as the median frame: what it shows beyond p50 is the machine's.\n\n";
+        let (cpu, now, memory) = (self.cpu_percent_at_30_fps, self.cpu_percent, self.peak_memory_mb);
+        let _ =
+            writeln!(text, "{cpu:.1} % of one core at 30 frames a second, {now:.0} % here; peak memory {memory:.1} MB");
+        let Interruptions { involuntary_switches, interrupts, stolen_ms } = self.interruptions;
+        let _ = writeln!(
+            text,
+            "During the frames: {involuntary_switches} switches to other processes, {interrupts} interrupts of all cores, \
+             {stolen_ms} ms stolen by the hypervisor"
+        );
         text
     }
 }
@@ -115,9 +157,14 @@ impl Latency {
     fn of(samples: &[Duration]) -> Self {
         let mut sorted = samples.to_vec();
         sorted.sort_unstable();
-        let ms = |part: f64| rounded(quantile(&sorted, part).as_secs_f64() * 1000.0);
-        Self { p50_ms: ms(0.5), p95_ms: ms(0.95), p99_ms: ms(0.99), max_ms: ms(1.0) }
+        let [p50_ms, p95_ms, p99_ms, p99_9_ms, max_ms] = [0.5, 0.95, 0.99, 0.999, 1.0].map(|part| ms(&sorted, part));
+        Self { p50_ms, p95_ms, p99_ms, p99_9_ms, max_ms }
     }
+}
+
+/// A quantile in milliseconds.
+fn ms(sorted: &[Duration], part: f64) -> f64 {
+    rounded(quantile(sorted, part).as_secs_f64() * 1000.0)
 }
 
 /// The smallest sample that a share `part` of all samples does not exceed; zero without samples.
@@ -131,20 +178,6 @@ fn rounded(value: f64) -> f64 {
     (value * 10_000.0).round() / 10_000.0
 }
 
-fn peak_memory_kb() -> f64 {
-    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    line.and_then(|line| line.split_whitespace().next()?.parse().ok()).unwrap_or(0.0)
-}
-
-/// Name of the board or of the processor.
-fn processor() -> String {
-    let board = fs::read_to_string("/proc/device-tree/model").ok().map(|model| model.trim_end_matches('\0').to_owned());
-    let cpus = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = cpus.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split_once(": "));
-    board.or_else(|| model.map(|(_, name)| name.to_owned())).unwrap_or_else(|| "unknown processor".to_owned())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -152,7 +185,7 @@ mod tests {
     #[test]
     fn each_quantile_is_one_of_the_samples() {
         let samples: Vec<_> = (1..=100).map(Duration::from_millis).collect();
-        assert_eq!([0.5, 0.99, 1.0].map(|part| quantile(&samples, part).as_millis()), [50, 99, 100]);
+        assert_eq!([0.5, 0.99, 0.999, 1.0].map(|part| quantile(&samples, part).as_millis()), [50, 99, 100, 100]);
         assert_eq!(quantile(&[], 0.5), Duration::ZERO);
     }
 }

@@ -31,3 +31,24 @@ own_compiler_has_target() {
     libraries=$(cd "$root" && "${RUSTC:-rustc}" --print target-libdir --target "$triple" 2>/dev/null) &&
         compgen -G "$libraries/libstd-*.rlib" >/dev/null
 }
+
+# make_sysroot FOLDER: makes the files that an emulated program sees in place of the host's: the target's C library, and
+# the cpuinfo of a Cortex-A72, because ONNX Runtime reads that file and fails on the host's.
+make_sysroot() {
+    local core
+    mkdir -p "$1/proc"
+    ln -s "/usr/$gnu/lib" "$1/lib"
+    for core in 0 1 2 3; do
+        cat <<END_OF_CORE
+processor	: $core
+BogoMIPS	: 108.00
+Features	: fp asimd evtstrm crc32 cpuid
+CPU implementer	: 0x41
+CPU architecture: 8
+CPU variant	: 0x0
+CPU part	: 0xd08
+CPU revision	: 3
+
+END_OF_CORE
+    done >"$1/proc/cpuinfo"
+}

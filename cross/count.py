@@ -1,0 +1,144 @@
+#!/usr/bin/env python3
+"""Prints the instructions of a frame that cross/count has counted.
+
+count.py table|json|check FOLDER ALLOWED: the folder holds what cross/instructions.c wrote, in files named
+ARCHITECTURE-ENGINE.FRAMES. The instructions of a frame are those of 14 frames less those of 4, divided by 10.
+"""
+
+import json
+import os
+import re
+import sys
+
+import cycles
+
+COUNTERS = (
+    "all", "multiply_adds", "other_vector", "words_loaded", "loads", "stores", "branches", "other", "l1_misses",
+    "l2_misses",
+)
+FEW, MANY = 4, 14
+ENGINES = (("aarch64", "native"), ("aarch64", "onnxruntime"), ("armv7", "native"))
+# Functions below this share of a frame are added up.
+SHOWN = 0.005
+# How far a count may lie above the allowed one: another compiler arranges instructions a little differently.
+SLACK = 1.02
+
+
+def plain(symbol):
+    """Returns the path of a Rust function without its hash, and other names as they are."""
+    if not symbol.startswith("_ZN"):
+        return symbol
+    parts, rest = [], symbol[3:]
+    while match := re.match(r"\d+", rest):
+        end = match.end() + int(match[0])
+        parts.append(rest[match.end():end])
+        rest = rest[end:]
+    if re.fullmatch(r"h[0-9a-f]{16}", parts[-1]):
+        parts.pop()
+    text = "::".join(parts)
+    for code, mark in {"$LT$": "<", "$GT$": ">", "$u20$": " ", "$RF$": "&", "$C$": ",", "$BP$": "*", "..": "::"}.items():
+        text = text.replace(code, mark)
+    return re.sub(r"\$u[0-9a-f]+\$", "?", text).replace("_<", "<")
+
+
+def counted(path):
+    """Returns the counters of each function of one run. Functions with the same path are added up."""
+    functions = {}
+    with open(path, encoding="utf-8") as file:
+        for line in file:
+            *values, symbol = line.rstrip("\n").split("\t")
+            counts = functions.setdefault(plain(symbol), dict.fromkeys(COUNTERS, 0))
+            for counter, value in zip(COUNTERS, values):
+                counts[counter] += int(value)
+    return functions
+
+
+def frame(folder, architecture, name):
+    """Returns the counters of each function for one frame, or `None` if they were not counted."""
+    path = os.path.join(folder, f"{architecture}-{name}")
+    if not os.path.exists(f"{path}.{MANY}"):
+        return None
+    few, many = (counted(f"{path}.{frames}") for frames in (FEW, MANY))
+    nothing = dict.fromkeys(COUNTERS, 0)
+    return {
+        function: {key: (counts[key] - few.get(function, nothing)[key]) / (MANY - FEW) for key in COUNTERS}
+        for function, counts in many.items()
+    }
+
+
+def total(functions, counter="all"):
+    """Returns the sum of a counter over all functions."""
+    return sum(counts[counter] for counts in functions.values())
+
+
+def print_functions(architecture, engine, functions):
+    """Prints the functions that take most, in millions of instructions."""
+    all_of_frame = total(functions)
+    print(f"\n{architecture}, {engine}: {all_of_frame / 1e6:.2f} M instructions a frame")
+    columns = COUNTERS[:8] if architecture == "aarch64" else COUNTERS[:1]
+    print("".join(f"{name.replace('_', ' '):>14}" for name in columns) + "  function")
+    ordered = sorted(functions.items(), key=lambda item: -item[1]["all"])
+    large = [(name, counts) for name, counts in ordered if counts["all"] >= SHOWN * all_of_frame]
+    rest = [counts for name, counts in ordered if counts["all"] < SHOWN * all_of_frame]
+    large.append((f"{len(rest)} others", {key: sum(counts[key] for counts in rest) for key in COUNTERS}))
+    for name, counts in large:
+        print("".join(f"{counts[key] / 1e6:14.3f}" for key in columns) + f"  {name[:80]}")
+
+
+def print_cycles(folder):
+    """Prints the estimate of cycles for each core."""
+    print("\nestimate for the native engine, never set beside a board (cross/cycles.py says how it is made):")
+    print(f"{'core':<12}{'board':<14}{'GHz':>5}{'L1 misses':>11}{'L2 misses':>11}{'M cycles':>18}{'ms a frame':>18}")
+    for core in cycles.CORES:
+        functions = frame(folder, "aarch64", core.name)
+        bounds = cycles.estimate(core, functions)
+        millions, ms = ([cycles_ / scale for cycles_ in bounds] for scale in (1e6, core.clock_ghz * 1e6))
+        print(f"{core.name:<12}{core.board:<14}{core.clock_ghz:5.1f}{total(functions, 'l1_misses'):11,.0f}"
+              f"{total(functions, 'l2_misses'):11,.0f}"
+              + "".join(f"{f'{low:.1f} to {high:.1f}':>18}" for low, high in (millions, ms)))
+
+
+def print_table(folder, frames):
+    """Prints totals, functions and estimates."""
+    print(f"{'instructions a frame':<24}{'M':>8}")
+    for (architecture, engine), functions in frames.items():
+        print(f"{architecture + ', ' + engine:<24}{total(functions) / 1e6:8.2f}")
+    tflite = frame(folder, "aarch64", "tflite")
+    if tflite:
+        print(f"{'aarch64, TFLite':<24}{total(tflite) / 1e6:8.2f}  (XNNPACK, the plain mesh without lips and eyes)")
+    for (architecture, engine), functions in frames.items():
+        print_functions(architecture, engine, functions)
+    print_cycles(folder)
+
+
+def check(found, path):
+    """Returns 0 unless a frame takes more instructions than the file allows."""
+    with open(path, encoding="utf-8") as file:
+        allowed = int(file.read().split()[0])
+    print(f"cross/count: {found / 1e6:.3f} M instructions a frame on aarch64, {allowed / 1e6:.3f} M allowed")
+    if found > SLACK * allowed:
+        print("cross/count: a frame has become more expensive: run cross/count to see by which function", file=sys.stderr)
+        return 1
+    if found * SLACK < allowed:
+        print(f"cross/count: write {found:.0f} to cross/instructions-allowed, so that the gain is kept")
+    return 0
+
+
+def main():
+    """Prints what the command line asks for."""
+    form, folder, allowed = sys.argv[1:4]
+    if form == "check":
+        return check(total(frame(folder, "aarch64", "native")), allowed)
+    frames = {key: functions for key in ENGINES if (functions := frame(folder, *key))}
+    if form == "table":
+        print_table(folder, frames)
+        return 0
+    table = {}
+    for (architecture, engine), functions in frames.items():
+        table.setdefault(architecture, {})[engine] = round(total(functions))
+    print(json.dumps(table))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -25,6 +25,10 @@ use tempfile::NamedTempFile;
 const MEAN_PX: f64 = 0.3;
 /// Largest distance of any point, in the picture and in depth.
 const WORST_PX: f64 = 1.5;
+/// Largest mean distance between the landmarks of two engines in the same region.
+const ENGINES_MEAN_PX: f64 = 0.02;
+/// Largest distance of any point between the landmarks of two engines in the same region.
+const ENGINES_WORST_PX: f64 = 0.1;
 /// Largest number of frames between the moments at which an engine and MediaPipe lose or find a face.
 const FRAMES_APART: usize = 3;
 /// The landmarks of a frame without a face.
@@ -153,6 +157,33 @@ fn a_person_who_leaves_is_lost_when_mediapipe_loses_it() {
         let distance = measure(engine, "a person who leaves", &ours, &theirs);
         println!("a face comes or goes in frames {ours_changes:?}, by MediaPipe {theirs_changes:?}");
         assert!(distance.frames > 60 && distance.mean_px <= MEAN_PX, "{}: {distance:?}", engine.name());
+    }
+}
+
+/// An engine sees the regions that the last engine of the list finds, so that differences do not add up from frame to
+/// frame.
+#[test]
+fn engines_find_the_same_landmarks_in_the_same_regions() {
+    let (last, others) = DEMO.split_last().unwrap();
+    let mut reference = Tracker::load(&*last.0).unwrap_or_else(|error| panic!("{}: {error}", last.0.name()));
+    let mut trackers: Vec<Tracker> = others.iter().map(|(engine, _)| Tracker::load(&**engine).unwrap()).collect();
+    let mut found = vec![Vec::new(); trackers.len()];
+    let (mut expected, mut clip) = (Vec::new(), Clip::once().unwrap());
+    while let Some(frame) = clip.next().unwrap() {
+        let picture = frame.picture().unwrap();
+        let region = reference.detect(picture).unwrap().unwrap();
+        expected.push(reference.landmarks(picture, &region).unwrap().unwrap().clone());
+        for (tracker, found) in trackers.iter_mut().zip(&mut found) {
+            found.push(tracker.landmarks(picture, &region).unwrap().unwrap().clone());
+        }
+    }
+    for ((engine, _), found) in others.iter().zip(&found) {
+        let distance = Distance::between(found, &expected);
+        println!("{} and {} in the same regions: {distance:?}", engine.name(), last.0.name());
+        let is_same = distance.mean_px <= ENGINES_MEAN_PX
+            && distance.worst_px <= ENGINES_WORST_PX
+            && distance.worst_depth_px <= ENGINES_WORST_PX;
+        assert!(is_same && distance.frames == expected.len(), "{}: {distance:?}", engine.name());
     }
 }
 

@@ -1,10 +1,16 @@
-"""Compares every converted network with the TFLite interpreter, on noise and on a face.
+#!/usr/bin/env python3
+"""Compares every network that was converted to ONNX with the TFLite interpreter, on noise and on
+a face. The interpreter runs the part of the TFLite file from which the network was converted.
 
-The interpreter runs the part of the TFLite file from which the network was converted.
+check.py FOLDER writes the inputs, and the outputs of the interpreter, for a comparison with
+facewire's engines: NAME-input.f32 and NAME-OUTPUT.f32, little-endian, one case after the other,
+rows, columns and channels in this order.
 """
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import flatbuffers
@@ -13,6 +19,7 @@ import onnxruntime
 from ai_edge_litert import schema_py_generated as schema
 from ai_edge_litert.interpreter import Interpreter, OpResolverType
 
+import convert
 from networks import Network
 from sources import SetupError
 
@@ -50,13 +57,28 @@ class Reference:
 
 def check(networks: list[Network], folder: Path) -> None:
     """Raises SetupError if a network in `folder` differs from its reference."""
+    for network, inputs in cases(networks):
+        worst = max(_difference(network, folder, tensor) for tensor in inputs)
+        print(f"networks: {network.name} agrees with TFLite to {worst:.1e} of its range")
+
+
+def write_reference(networks: list[Network], folder: Path) -> None:
+    """Writes inputs of every network and the outputs of the interpreter."""
+    for network, inputs in cases(networks):
+        interpreter = Reference(network)
+        outputs = zip(*(interpreter.run(tensor) for tensor in inputs))
+        for name, values in [("input", inputs), *zip(network.outputs, outputs)]:
+            stored = [v.transpose(0, 2, 3, 1) if v.ndim == 4 else v for v in values]
+            (folder / f"{network.name}-{name}.f32").write_bytes(np.concatenate(stored).astype("<f4").tobytes())
+
+
+def cases(networks: list[Network]) -> Iterator[tuple[Network, list[np.ndarray]]]:
+    """Each network with two inputs: noise, and what it receives for the picture of a face."""
     noise = np.random.default_rng(52)
     realistic = _inputs_of_a_face(next(n for n in networks if n.name == "mesh"))
     for network in networks:
         face = realistic[network.name]
-        random = noise.uniform(face.min(), face.max(), face.shape).astype(np.float32)
-        worst = max(_difference(network, folder, tensor) for tensor in (random, face))
-        print(f"networks: {network.name} agrees with TFLite to {worst:.1e} of its range")
+        yield network, [noise.uniform(face.min(), face.max(), face.shape).astype(np.float32), face]
 
 
 def _difference(network: Network, folder: Path, tensor: np.ndarray) -> float:
@@ -115,3 +137,14 @@ def _drop_unused_codes(model: schema.ModelT) -> None:
     model.operatorCodes = [model.operatorCodes[index] for index in used]
     for operator in operators:
         operator.opcodeIndex = used.index(operator.opcodeIndex)
+
+
+def main() -> None:
+    """Writes the reference to the folder given."""
+    if len(sys.argv) != 2:
+        sys.exit("usage: check.py FOLDER")
+    write_reference(convert.cut_networks(), Path(sys.argv[1]))
+
+
+if __name__ == "__main__":
+    main()

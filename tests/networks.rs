@@ -1,0 +1,90 @@
+//! The networks on every engine against the TFLite interpreter, which runs MediaPipe's own files.
+//!
+//! `scripts/setup onnxruntime` installs the interpreter. Without it the test skips itself.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use common::program::{Run, text};
+use common::skip;
+use facewire::config::NetworkSettings;
+use facewire::infer::{self, Engine, Signature};
+
+/// Largest difference, as a share of the largest value of an output: 0.003 px on the mesh. Libraries that add in
+/// different orders differ by less than a tenth of it.
+const TOLERANCE: f32 = 2e-5;
+
+const HEAD_INPUT: [usize; 3] = [16, 16, 32];
+const EYE_OUTPUTS: &[(&str, &[usize])] = &[("points", &[142]), ("iris", &[10])];
+static NETWORKS: [Signature; 5] = [
+    Signature { name: "detector", input: [128, 128, 3], outputs: &[("boxes", &[896, 16]), ("scores", &[896, 1])] },
+    Signature {
+        name: "mesh",
+        input: [192, 192, 3],
+        outputs: &[("mesh", &[1404]), ("flag", &[1]), ("features", &[48, 48, 32])],
+    },
+    Signature { name: "lips", input: HEAD_INPUT, outputs: &[("points", &[160])] },
+    Signature { name: "left_eye", input: HEAD_INPUT, outputs: EYE_OUTPUTS },
+    Signature { name: "right_eye", input: HEAD_INPUT, outputs: EYE_OUTPUTS },
+];
+
+/// The Python with the interpreter, if it is installed.
+fn python() -> Option<PathBuf> {
+    let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
+    let cache = cache.unwrap_or_else(|| PathBuf::from(std::env::var_os("HOME").unwrap()).join(".cache"));
+    let python = cache.join("facewire/venv-onnx/bin/python");
+    python.exists().then_some(python)
+}
+
+fn values(file: &Path) -> Vec<f32> {
+    fs::read(file).unwrap().as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
+}
+
+/// The largest difference between an engine's outputs and those in the folder, as a share of the largest value of an
+/// output.
+fn difference(engine: &dyn Engine, signature: &'static Signature, folder: &Path) -> f32 {
+    let mut network = engine.load(signature).unwrap_or_else(|error| panic!("{}: {error}", engine.name()));
+    let [rows, columns, channels] = signature.input;
+    let file = |part: &str| folder.join(format!("{}-{part}.f32", signature.name));
+    let mut worst = 0.0_f32;
+    for (case, input) in values(&file("input")).chunks_exact(rows * columns * channels).enumerate() {
+        for (row, values) in input.chunks_exact(columns * channels).enumerate() {
+            network.input_row(row).copy_from_slice(values);
+        }
+        network.run().unwrap();
+        for (index, (name, shape)) in signature.outputs.iter().enumerate() {
+            let count: usize = shape.iter().product();
+            let expected = &values(&file(name))[case * count..][..count];
+            let found = network.output(index);
+            assert_eq!(found.len(), count, "{}: {name} of {}", engine.name(), signature.name);
+            let range = expected.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
+            for (found, expected) in found.iter().zip(expected) {
+                // A number that is not finite must not vanish in the maximum.
+                let difference = (found - expected).abs() / range;
+                worst = if difference <= worst { worst } else { difference };
+            }
+        }
+    }
+    worst
+}
+
+#[test]
+fn every_engine_computes_what_the_tflite_interpreter_computes() {
+    let Some(python) = python() else {
+        return skip("no TFLite interpreter: scripts/setup onnxruntime");
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/models/networks/check.py");
+    Run::of(Command::new(python).env("PYTHONDONTWRITEBYTECODE", "1").args([script, text(folder.path())])).succeeded();
+    for engine in infer::engines(&NetworkSettings::default()).unwrap_or_else(|error| panic!("{error}")) {
+        for signature in &NETWORKS {
+            let difference = difference(&*engine, signature, folder.path());
+            println!("{}: {} agrees to {difference:.1e} of its range", engine.name(), signature.name);
+            assert!(difference <= TOLERANCE, "{}: {} differs by {difference:.1e}", engine.name(), signature.name);
+        }
+    }
+}

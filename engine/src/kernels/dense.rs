@@ -3,15 +3,21 @@
 use super::Dense;
 use super::vector::{InstructionSet, vectors};
 
+/// Panics if an area of a task is too small, or if the number of outputs is no multiple of `panel`.
+pub(super) fn check(task: &Dense, panel: usize, output: &[f32]) {
+    let (outputs, depth) = (task.bias.len(), task.input.len());
+    assert!(outputs.is_multiple_of(panel) && output.len() >= outputs);
+    assert!(task.weights.len() >= outputs * depth);
+}
+
 /// See [`super::Kernels::dense`].
 ///
 /// # Safety
 /// The processor must have the instruction set.
 #[inline(always)]
 pub(super) unsafe fn dense<I: InstructionSet, const N: usize>(task: &Dense, output: &mut [f32]) {
+    check(task, N * I::LANES, output);
     let (outputs, depth) = (task.bias.len(), task.input.len());
-    assert!(outputs.is_multiple_of(N * I::LANES) && output.len() >= outputs);
-    assert!(task.weights.len() >= outputs * depth);
     for first in (0..outputs).step_by(N * I::LANES) {
         // SAFETY: all sizes were checked above.
         unsafe {

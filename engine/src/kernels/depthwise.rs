@@ -5,8 +5,17 @@
 //! convolution that follows. There is no bias: it is part of that convolution's.
 
 use super::Depthwise;
-
 use super::vector::{InstructionSet, vectors};
+
+/// Panics if an area of a task is too small, or if the number of channels is no multiple of `lanes`.
+pub(super) fn check(task: &Depthwise, lanes: usize, output: &[f32], largest: &[f32]) {
+    let &Depthwise { channels, columns, stride, output_rows, first_pixel, .. } = task;
+    assert!((stride == 1 && (1..=2).contains(&output_rows)) || (stride == 2 && output_rows == 1));
+    assert!(channels.is_multiple_of(lanes) && channels > 0 && columns > 0 && task.weights.len() >= 9 * channels);
+    assert!(first_pixel + output_rows * columns <= task.pixels && output.len() >= task.pixels * channels);
+    assert!(task.rows.iter().take(output_rows + 2).all(|row| row.len() >= columns * stride * channels));
+    assert!(largest.is_empty() || (stride == 2 && largest.len() >= columns * channels));
+}
 
 /// See [`super::Kernels::depthwise`].
 ///
@@ -14,12 +23,8 @@ use super::vector::{InstructionSet, vectors};
 /// The processor must have the instruction set.
 #[inline(always)]
 pub(super) unsafe fn depthwise<I: InstructionSet>(task: &Depthwise, output: &mut [f32], largest: &mut [f32]) {
+    check(task, I::LANES, output, largest);
     let &Depthwise { channels, columns, stride, output_rows, first_pixel, .. } = task;
-    assert!((stride == 1 && (1..=2).contains(&output_rows)) || (stride == 2 && output_rows == 1));
-    assert!(channels.is_multiple_of(I::LANES) && columns > 0 && task.weights.len() >= 9 * channels);
-    assert!(first_pixel + output_rows * columns <= task.pixels && output.len() >= task.pixels * channels);
-    assert!(task.rows.iter().take(output_rows + 2).all(|row| row.len() >= columns * stride * channels));
-    assert!(largest.is_empty() || (stride == 2 && largest.len() >= columns * channels));
     for channel in (0..channels).step_by(I::LANES) {
         // SAFETY: all sizes were checked above.
         unsafe {
@@ -54,7 +59,7 @@ impl<V: Copy> Strip<V> {
     /// Computes `R` rows with stride 1.
     ///
     /// # Safety
-    /// The processor must have the instruction set; the sizes must be those that [`depthwise`] checks.
+    /// The processor must have the instruction set; the sizes must be those that [`check`] checks.
     #[inline(always)]
     unsafe fn every_pixel<I: InstructionSet<Vector = V>, const R: usize>(&self, output: *mut f32) {
         // SAFETY: the caller vouches for all sizes.

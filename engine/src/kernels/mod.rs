@@ -11,6 +11,8 @@
 //!
 //! All functions check the sizes of what they are given once for each call, and panic on a mistake of the planner.
 
+#[cfg(all(target_arch = "arm", target_os = "linux", target_endian = "little"))]
+mod armv7;
 mod dense;
 mod depthwise;
 mod finish;
@@ -186,6 +188,10 @@ pub fn available() -> Vec<&'static Kernels> {
     #[cfg(target_arch = "aarch64")]
     if std::arch::is_aarch64_feature_detected!("neon") {
         all.push(&neon::KERNELS);
+    }
+    #[cfg(all(target_arch = "arm", target_os = "linux", target_endian = "little"))]
+    if armv7::detected() {
+        all.push(&armv7::KERNELS);
     }
     all.push(&plain::KERNELS);
     all

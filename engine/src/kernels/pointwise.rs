@@ -5,6 +5,18 @@ use super::Pointwise;
 use super::finish::{Finish, assert_slopes};
 use super::vector::{InstructionSet, vectors};
 
+/// Panics if an area of a task is too small, or if a number of channels is no multiple of `lanes`.
+pub(super) fn check(task: &Pointwise, lanes: usize, output: &[f32]) {
+    let &Pointwise { pixels, depth, channels, residual, residual_channels, .. } = task;
+    assert!([depth, channels, residual_channels].iter().all(|count| count.is_multiple_of(lanes)));
+    assert!(depth > 0 && residual_channels <= channels);
+    assert!(task.operand.len() >= pixels * depth);
+    assert!(task.weights.len() >= depth * channels && task.bias.len() >= channels);
+    assert!(output.len() >= pixels * channels);
+    assert!(residual.is_empty() || residual.len() >= pixels * residual_channels);
+    assert_slopes(task.activation, channels);
+}
+
 /// See [`super::Kernels::pointwise`].
 ///
 /// # Safety
@@ -14,15 +26,8 @@ pub(super) unsafe fn pointwise<I: InstructionSet, const N: usize, const TAIL: us
     task: &Pointwise,
     output: &mut [f32],
 ) {
-    let &Pointwise { pixels, depth, channels, residual, residual_channels, .. } = task;
-    assert!([depth, channels, residual_channels].iter().all(|count| count.is_multiple_of(TAIL * I::LANES)));
-    assert!(residual_channels <= channels);
-    assert!(task.operand.len() >= pixels * depth);
-    assert!(task.weights.len() >= depth * channels && task.bias.len() >= channels);
-    assert!(output.len() >= pixels * channels);
-    assert!(residual.is_empty() || residual.len() >= pixels * residual_channels);
-    assert_slopes(task.activation, channels);
-    let mut channel = 0;
+    check(task, TAIL * I::LANES, output);
+    let (mut channel, channels) = (0, task.channels);
     // SAFETY: all sizes were checked above, and each panel lies below `channels`.
     unsafe {
         while channel + N * I::LANES <= channels {
@@ -39,7 +44,7 @@ pub(super) unsafe fn pointwise<I: InstructionSet, const N: usize, const TAIL: us
 /// Computes `N` vectors of output channels, from `channel` on, of all pixels.
 ///
 /// # Safety
-/// The processor must have the instruction set; the sizes must be those that [`pointwise`] checks.
+/// The processor must have the instruction set; the sizes must be those that [`check`] checks.
 #[inline(always)]
 unsafe fn panel<I: InstructionSet, const N: usize>(task: &Pointwise, channel: usize, output: &mut [f32]) {
     let residual_vectors = if task.residual.is_empty() { 0 } else { task.residual_channels };

@@ -5,18 +5,23 @@ use super::Stem;
 use super::finish::{Finish, assert_slopes};
 use super::vector::{InstructionSet, vectors};
 
+/// Panics if an area of a task is too small, or if the number of output channels is no multiple of `lanes`.
+pub(super) fn check(task: &Stem, lanes: usize, output: &[f32]) {
+    let (channels, values) = (task.bias.len(), task.rows.len() * task.span);
+    assert!(channels.is_multiple_of(lanes) && values > 0 && task.weights.len() >= channels * values);
+    assert!(output.len() >= task.pixels * channels && task.pixels > 0);
+    assert!(task.rows.iter().all(|row| row.len() >= ((task.pixels - 1) * task.step + task.span).next_multiple_of(4)));
+    assert_slopes(task.activation, channels);
+}
+
 /// See [`super::Kernels::stem`].
 ///
 /// # Safety
 /// The processor must have the instruction set.
 #[inline(always)]
 pub(super) unsafe fn stem<I: InstructionSet, const N: usize, const TAIL: usize>(task: &Stem, output: &mut [f32]) {
-    let (channels, values) = (task.bias.len(), task.rows.len() * task.span);
-    assert!(channels.is_multiple_of(TAIL * I::LANES) && task.weights.len() >= channels * values);
-    assert!(output.len() >= task.pixels * channels && task.pixels > 0);
-    assert!(task.rows.iter().all(|row| row.len() >= ((task.pixels - 1) * task.step + task.span).next_multiple_of(4)));
-    assert_slopes(task.activation, channels);
-    let mut channel = 0;
+    check(task, TAIL * I::LANES, output);
+    let (mut channel, channels) = (0, task.bias.len());
     // SAFETY: all sizes were checked above.
     unsafe {
         while channel + N * I::LANES <= channels {
@@ -47,7 +52,7 @@ unsafe fn stem_spans<I: InstructionSet, const N: usize>(task: &Stem, channel: us
 }
 
 /// # Safety
-/// The processor must have the instruction set; the sizes must be those that [`stem`] checks.
+/// The processor must have the instruction set; the sizes must be those that [`check`] checks.
 #[inline(always)]
 unsafe fn stem_panel<I: InstructionSet, const N: usize, const SPAN: usize>(
     task: &Stem,

@@ -8,6 +8,7 @@ use std::arch::global_asm;
 use std::ffi::c_ulong;
 use std::ptr::null;
 
+use super::peak::FACTOR;
 use super::{Activation, Dense, Depthwise, Kernels, Pointwise, Stem};
 use super::{dense, depthwise, pointwise, stem};
 
@@ -17,6 +18,7 @@ global_asm!(
     include_str!("depthwise.s"),
     include_str!("stem.s"),
     include_str!("dense.s"),
+    include_str!("peak.s"),
     include_str!("end.s"),
     options(raw)
 );
@@ -32,6 +34,9 @@ pub(super) static KERNELS: Kernels = Kernels {
     depthwise: compute_depthwise,
     pointwise: compute_pointwise,
     dense: compute_dense,
+    // SAFETY: these kernels are handed out only where NEON was detected.
+    peak: |rounds| f32::from_bits(unsafe { peak_rounds(rounds, FACTOR.to_bits()) }),
+    peak_round: 8 * VECTOR,
 };
 
 /// Values of a register.
@@ -68,6 +73,9 @@ unsafe extern "C" {
     unsafe fn stem_panel(panel: &StemPanel);
     #[link_name = "facewire_engine_neon_dense"]
     unsafe fn dense_panels(panels: &DensePanels);
+    /// Takes and returns the bits of `f32`, because the ABIs of 32-bit ARM use different registers for an `f32`.
+    #[link_name = "facewire_engine_neon_peak"]
+    unsafe fn peak_rounds(rounds: usize, factor: u32) -> u32;
 }
 
 /// The activation of a panel, as the assembly takes it: the slopes, and a number.

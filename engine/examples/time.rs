@@ -1,37 +1,45 @@
-//! Times the networks of a folder on one thread. Usage: time FOLDER [KERNELS [ROUNDS]] [--layers]
+//! Times the networks of a folder. Usage: time FOLDER [KERNELS [ROUNDS [THREADS]]] [--layers]
 //!
 //! All networks take their turn in each round, so that each finds the caches as another has left them. With `--layers`
 //! a table per network shows the median time of each layer and its rate of multiply-adds.
 
 use std::error::Error;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use std::{env, fs};
 
-use facewire_engine::{Kernels, Network, file, kernels, peak};
+use facewire_engine::{Kernels, Network, Team, file, kernels, peak};
 
 const NETWORKS: [&str; 5] = ["mesh", "lips", "left_eye", "right_eye", "detector"];
 
 fn main() -> Result<(), Box<dyn Error>> {
     let (options, arguments): (Vec<String>, Vec<String>) = env::args().skip(1).partition(|word| word.starts_with("--"));
     let [folder, rest @ ..] = arguments.as_slice() else {
-        return Err("usage: time FOLDER [KERNELS [ROUNDS]] [--layers]".into());
+        return Err("usage: time FOLDER [KERNELS [ROUNDS [THREADS]]] [--layers]".into());
     };
     let rounds = rest.get(1).map_or(Ok(300), |rounds| rounds.parse())?;
+    let team = Arc::new(Team::new(rest.get(2).map_or(Ok(1), |threads| threads.parse())?)?);
     for kernels in kernels::available() {
         if rest.first().is_none_or(|name| name == kernels.name) {
-            time(Path::new(folder), kernels, rounds, options.iter().any(|option| option == "--layers"))?;
+            time(Path::new(folder), kernels, &team, rounds, options.iter().any(|option| option == "--layers"))?;
         }
     }
     Ok(())
 }
 
-fn time(folder: &Path, kernels: &'static Kernels, rounds: usize, layers: bool) -> Result<(), Box<dyn Error>> {
+fn time(
+    folder: &Path,
+    kernels: &'static Kernels,
+    team: &Arc<Team>,
+    rounds: usize,
+    layers: bool,
+) -> Result<(), Box<dyn Error>> {
     let mut networks = Vec::new();
     for name in NETWORKS {
         let start = Instant::now();
         let graph = file::read(&fs::read(folder.join(format!("{name}.fwnet")))?)?;
-        let mut network = Network::new(&graph, kernels)?;
+        let mut network = Network::with_team(&graph, kernels, Arc::clone(team))?;
         for row in 0..network.input_rows() {
             let values = network.input_row(row).iter_mut().enumerate();
             values.for_each(|(at, value)| *value = ((row * 31 + at * 17) % 97) as f32 / 97.0);

@@ -20,8 +20,13 @@ impl Layout {
     /// Takes an area of `length` values.
     pub(crate) fn area(&mut self, length: usize) -> Range<usize> {
         let start = self.end;
-        self.end = (start + length).next_multiple_of(LINE);
+        self.end = start + Self::lines(length);
         start..start + length
+    }
+
+    /// Rounds a number of values up to whole cache lines.
+    pub(crate) fn lines(length: usize) -> usize {
+        length.next_multiple_of(LINE)
     }
 
     /// Makes the memory of all areas, filled with zeros.

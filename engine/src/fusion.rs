@@ -18,6 +18,20 @@ pub(crate) struct Layer<'a> {
     pub activation: Activation<'a>,
 }
 
+impl Layer<'_> {
+    /// Number of multiply-adds.
+    pub(crate) fn products(&self, graph: &Graph) -> usize {
+        let pixels = graph.tensors().get(self.output).map_or(0, |shape| shape.pixels());
+        match &self.work {
+            Work::Stem { weights, .. } | Work::Dense { weights, .. } => pixels * weights.len(),
+            Work::Block { depthwise, weights, .. } => {
+                pixels * (weights.len() + depthwise.map_or(0, |depthwise| depthwise.weights.len()))
+            }
+            Work::Gather { .. } => 0,
+        }
+    }
+}
+
 /// What a layer computes before its activation.
 #[derive(Debug)]
 pub(crate) enum Work<'a> {

@@ -16,6 +16,8 @@ mod pack;
 pub mod peak;
 pub mod reference;
 mod schedule;
+#[allow(unsafe_code, reason = "threads that borrow the tasks of a call")]
+mod team;
 #[cfg(test)]
 mod testing;
 
@@ -23,3 +25,4 @@ pub use error::Error;
 pub use graph::{Graph, Shape};
 pub use kernels::Kernels;
 pub use network::Network;
+pub use team::Team;

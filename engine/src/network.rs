@@ -1,102 +1,76 @@
-//! A network that is ready to run: weights in the order of the kernels, a schedule of strips, and one block of memory.
+//! A network that is ready to run: weights in the order of the kernels, a schedule of strips of rows, and its memory.
 
+mod block;
 mod builder;
+mod layer;
+mod map;
+mod packing;
+mod strips;
 
+use std::array;
 use std::ops::Range;
+use std::sync::Arc;
 
 use self::builder::Builder;
+use self::layer::{Layer, Share, Sources, Work, gather};
+use self::map::{Input, Map};
+use self::strips::Sharing;
 use crate::arena::Memory;
 use crate::error::Error;
-use crate::fusion::Residual;
 use crate::graph::{Graph, Shape};
-use crate::kernels::{self, Activation, Kernels};
+use crate::kernels::Kernels;
 use crate::schedule::Step;
+use crate::team::Team;
+
+/// Most threads among which a layer is divided.
+const MAX_SHARES: usize = 8;
 
 /// A network with its memory. Running it allocates nothing, locks nothing and cannot fail.
 pub struct Network {
     kernels: &'static Kernels,
-    layers: Vec<Ready>,
+    layers: Vec<Layer>,
     steps: Vec<Step>,
     maps: Vec<Map>,
     input: Input,
     outputs: Vec<Range<usize>>,
-    scratch: Scratch,
     weights: Memory,
+    /// A row of zeros, then all maps in the order in which the layers write them.
     arena: Memory,
-}
-
-/// A map in memory.
-#[derive(Debug, Clone)]
-struct Map {
-    area: Range<usize>,
-    rows: usize,
-    /// Rows that are kept; row `y` lies where row `y % kept` does.
-    kept: usize,
-    /// Values of a row.
-    row: usize,
-    columns: usize,
-    /// Padded channels.
-    channels: usize,
-    /// Channels without the padding.
-    true_channels: usize,
-}
-
-impl Map {
-    /// Where some rows lie within the map's area. They must lie beside each other.
-    fn rows(&self, rows: Range<usize>) -> Range<usize> {
-        let start = rows.start % self.kept * self.row;
-        start..start + rows.len() * self.row
-    }
-}
-
-/// Where the caller's values go.
-#[derive(Debug)]
-struct Input {
-    shape: Shape,
-    /// The first value.
-    start: usize,
-    /// From one row to the next.
-    step: usize,
-}
-
-/// Memory that every strip uses anew.
-#[derive(Debug)]
-struct Scratch {
-    /// A row outside a map. Nothing writes it.
-    zeros: Range<usize>,
-    operand: Range<usize>,
-    largest: Range<usize>,
-}
-
-/// A layer whose weights are packed. Ranges are those of the weights' memory.
-struct Ready {
-    work: ReadyWork,
-    input: usize,
-    output: usize,
-    activation: ReadyActivation,
-    products: usize,
-}
-
-enum ReadyWork {
-    Stem { size: usize, stride: usize, span: usize, weights: Range<usize>, bias: Range<usize> },
-    Block { depthwise: Option<(usize, Range<usize>)>, weights: Range<usize>, bias: Range<usize>, residual: Residual },
-    Dense { weights: Range<usize>, bias: Range<usize> },
-    Gather { inputs: Vec<usize> },
-}
-
-enum ReadyActivation {
-    None,
-    Relu,
-    Prelu(Range<usize>),
+    /// For each thread, memory that every strip uses anew.
+    scratch: Memory,
+    /// Values of one thread's part of the scratch memory.
+    scratch_length: usize,
+    team: Option<Arc<Team>>,
 }
 
 impl Network {
-    /// Prepares a network for the kernels of an instruction set.
+    /// Prepares a network for the kernels of an instruction set and for one thread.
     ///
     /// # Errors
     /// [`Error::Unsupported`] if the network does not consist of the layers that this engine knows.
     pub fn new(graph: &Graph, kernels: &'static Kernels) -> Result<Self, Error> {
-        Builder::new(graph, kernels)?.network()
+        Builder::new(graph, kernels, Sharing::NONE)?.network(None)
+    }
+
+    /// Prepares a network whose runs a team of threads shares. The outputs are the same bits as those of one thread.
+    /// Rows are computed in larger strips than for one thread, so that the network needs more memory. At most eight
+    /// threads share a run, even if the team has more.
+    ///
+    /// # Errors
+    /// Those of [`new`](Self::new).
+    pub fn with_team(graph: &Graph, kernels: &'static Kernels, team: Arc<Team>) -> Result<Self, Error> {
+        Self::divided(graph, kernels, team, Sharing::WORTH)
+    }
+
+    /// [`with_team`](Self::with_team) with a number of multiply-adds that are worth a thread's while.
+    pub(crate) fn divided(
+        graph: &Graph,
+        kernels: &'static Kernels,
+        team: Arc<Team>,
+        worth: usize,
+    ) -> Result<Self, Error> {
+        let threads = team.size().min(MAX_SHARES);
+        Builder::new(graph, kernels, Sharing { threads, worth })?.network(Some(team))
     }
 
     /// One row of the input, to be written before a run: pixel by pixel, and channel by channel within a pixel.
@@ -133,9 +107,7 @@ impl Network {
 
     /// Computes the outputs from the input.
     pub fn run(&mut self) {
-        for step in 0..self.steps.len() {
-            self.run_step(step);
-        }
+        self.run_watched(|_| {});
     }
 
     /// Computes the outputs and calls `seen` after each strip of rows, with the index of its layer in
@@ -151,160 +123,57 @@ impl Network {
     /// A description and the number of multiply-adds of each layer.
     #[must_use]
     pub fn layers(&self) -> Vec<(String, usize)> {
-        self.layers.iter().map(|layer| (self.describe(layer), layer.products)).collect()
+        let describe = |layer: &Layer| layer.describe(&self.maps[layer.input], &self.maps[layer.output]);
+        self.layers.iter().map(|layer| (describe(layer), layer.products)).collect()
     }
 
     /// Bytes of packed weights, and of activations.
     #[must_use]
     pub fn memory(&self) -> [usize; 2] {
-        [&self.weights, &self.arena].map(|memory| size_of_val(memory.all()))
-    }
-
-    fn describe(&self, layer: &Ready) -> String {
-        let (from, to) = (&self.maps[layer.input], &self.maps[layer.output]);
-        let kind = match &layer.work {
-            ReadyWork::Stem { .. } => "stem",
-            ReadyWork::Block { depthwise: None, .. } => "pointwise",
-            ReadyWork::Block { depthwise: Some((1, _)), .. } => "block",
-            ReadyWork::Block { .. } => "block /2",
-            ReadyWork::Dense { .. } => "dense",
-            ReadyWork::Gather { .. } => "gather",
-        };
-        format!("{kind} {}x{}x{} from {}", to.rows, to.columns, to.true_channels, from.true_channels)
+        let [weights, arena, scratch] =
+            [&self.weights, &self.arena, &self.scratch].map(|memory| size_of_val(memory.all()));
+        [weights, arena + scratch]
     }
 
     fn run_step(&mut self, step: usize) {
-        let Self { kernels, layers, steps, maps, scratch, weights, arena, .. } = self;
-        let (Step { layer, rows }, weights, arena) = (&steps[step], weights.all(), arena.all_mut());
-        let layer = &layers[*layer];
-        let (from, to) = (&maps[layer.input], &maps[layer.output]);
-        let activation = match &layer.activation {
-            ReadyActivation::None => Activation::None,
-            ReadyActivation::Relu => Activation::Relu,
-            ReadyActivation::Prelu(slopes) => Activation::Prelu(&weights[slopes.clone()]),
+        let Step { layer, rows } = &self.steps[step];
+        let layer = &self.layers[*layer];
+        let (from, to) = (&self.maps[layer.input], &self.maps[layer.output]);
+        // All that a layer reads lies before its output.
+        let (before, after) = self.arena.all_mut().split_at_mut(to.area.start);
+        if let Work::Gather { inputs } = &layer.work {
+            return gather(inputs.iter().map(|input| &self.maps[*input]), before, after);
+        }
+        let sources = Sources {
+            kernels: self.kernels,
+            layer,
+            from,
+            to,
+            weights: self.weights.all(),
+            input: &before[from.area.clone()],
+            zeros: before,
         };
-        if let ReadyWork::Gather { inputs } = &layer.work {
-            return gather(arena, maps, inputs, to);
-        }
-        let areas = [&scratch.zeros, &scratch.operand, &scratch.largest, &from.area, &to.area].map(Clone::clone);
-        let Ok([zeros, operand, largest, input, output]) = arena.get_disjoint_mut(areas) else {
-            debug_assert!(false, "the areas of the arena overlap");
-            return;
+        let output = &mut after[to.rows(rows.clone())];
+        let (range, values) = match layer.work {
+            Work::Dense { .. } => (0..to.channels / self.kernels.dense_panel, self.kernels.dense_panel),
+            _ => (rows.clone(), to.row),
         };
-        let (zeros, input) = (&*zeros, &*input);
-        let output = &mut output[to.rows(rows.clone())];
-        match &layer.work {
-            ReadyWork::Stem { size, stride, span, weights: packed, bias } => {
-                for (row, output) in rows.clone().zip(output.chunks_exact_mut(to.row)) {
-                    let mut covered = [&zeros[..0]; MAX_WINDOW];
-                    for (covered, y) in covered.iter_mut().zip(row * stride..row * stride + size) {
-                        *covered = &input[y * from.row..(y + 1) * from.row];
-                    }
-                    let task = kernels::Stem {
-                        rows: &covered[..*size],
-                        step: stride * from.true_channels,
-                        span: *span,
-                        weights: &weights[packed.clone()],
-                        bias: &weights[bias.clone()],
-                        activation,
-                        pixels: to.columns,
-                    };
-                    (kernels.stem)(&task, output);
-                }
+        let scratch = self.scratch.all_mut();
+        match &self.team {
+            Some(team) if layer.division.shares > 1 => {
+                let per_share = layer.division.share_of(range.len());
+                let count = range.len().div_ceil(per_share);
+                let mut starts = range.step_by(per_share);
+                let mut outputs = output.chunks_mut(per_share * values);
+                let mut scratch = scratch.chunks_mut(self.scratch_length);
+                let mut shares: [Share; MAX_SHARES] = array::from_fn(|_| {
+                    let (start, output) = (starts.next().unwrap_or_default(), outputs.next().unwrap_or_default());
+                    let range = start..start + output.len() / values;
+                    Share { range, output, scratch: scratch.next().unwrap_or_default() }
+                });
+                team.for_each(&mut shares[..count], |share| sources.compute(share));
             }
-            ReadyWork::Block { depthwise, weights: packed, bias, residual } => {
-                if let Some((stride, taps)) = depthwise {
-                    let strip = Depthwise { kernels, stride: *stride, taps: &weights[taps.clone()], from, to };
-                    strip.run(rows.clone(), [input, zeros], operand, largest, *residual == Residual::Largest);
-                } else {
-                    kernels.operand_of(&input[from.rows(rows.clone())], from.channels, operand);
-                }
-                let pixels = rows.len() * to.columns;
-                let task = kernels::Pointwise {
-                    operand,
-                    pixels,
-                    depth: from.channels,
-                    channels: to.channels,
-                    weights: &weights[packed.clone()],
-                    bias: &weights[bias.clone()],
-                    residual: match residual {
-                        Residual::None => &[],
-                        Residual::Input => &input[from.rows(rows.clone())],
-                        Residual::Largest => largest,
-                    },
-                    residual_channels: if *residual == Residual::None { 0 } else { from.channels },
-                    activation,
-                };
-                (kernels.pointwise)(&task, output);
-            }
-            ReadyWork::Dense { weights: packed, bias } => {
-                let task = kernels::Dense { input, weights: &weights[packed.clone()], bias: &weights[bias.clone()] };
-                (kernels.dense)(&task, output);
-            }
-            ReadyWork::Gather { .. } => {}
+            _ => sources.compute(&mut Share { range, output, scratch }),
         }
     }
 }
-
-/// The depthwise convolution of a block.
-struct Depthwise<'a> {
-    kernels: &'static Kernels,
-    stride: usize,
-    taps: &'a [f32],
-    from: &'a Map,
-    to: &'a Map,
-}
-
-impl Depthwise<'_> {
-    /// Computes output rows, two at a time where the stride is 1.
-    fn run(
-        &self,
-        rows: Range<usize>,
-        [input, zeros]: [&[f32]; 2],
-        operand: &mut [f32],
-        mut largest: &mut [f32],
-        pool: bool,
-    ) {
-        let (from, columns) = (self.from, self.to.columns);
-        let (mut row, mut first_pixel) = (rows.start, 0);
-        while row < rows.end {
-            let output_rows = if self.stride == 1 { (rows.end - row).min(2) } else { 1 };
-            // The first row that the window covers, plus one: with stride 1 the window begins above the output row.
-            let top = row * self.stride + self.stride - 1;
-            let covered: [&[f32]; 4] = std::array::from_fn(|offset| match (top + offset).checked_sub(1) {
-                Some(y) if y < from.rows => &input[from.rows(y..y + 1)],
-                _ => &zeros[..from.row],
-            });
-            let task = kernels::Depthwise {
-                rows: covered,
-                output_rows,
-                stride: self.stride,
-                weights: self.taps,
-                channels: from.channels,
-                columns,
-                first_pixel,
-                pixels: rows.len() * columns,
-            };
-            let (here, rest) =
-                if pool { largest.split_at_mut(columns * from.channels) } else { (&mut [][..], largest) };
-            (self.kernels.depthwise)(&task, operand, here);
-            largest = rest;
-            row += output_rows;
-            first_pixel += output_rows * columns;
-        }
-    }
-}
-
-/// Copies maps without their padding, one after the other.
-fn gather(arena: &mut [f32], maps: &[Map], inputs: &[usize], to: &Map) {
-    let mut at = to.area.start;
-    for from in inputs.iter().map(|input| &maps[*input]) {
-        for pixel in from.area.clone().step_by(from.channels) {
-            arena.copy_within(pixel..pixel + from.true_channels, at);
-            at += from.true_channels;
-        }
-    }
-}
-
-/// Rows of the largest window of the first layer.
-const MAX_WINDOW: usize = 7;

@@ -1,8 +1,10 @@
 //! Whole networks of odd shapes against the plain operators, on all kernels of this machine.
 
+use std::sync::Arc;
+
 use crate::graph::{Graph, Kind, Operator, Port, Shape, Window};
 use crate::testing::{Random, assert_close};
-use crate::{Error, Network, kernels, reference};
+use crate::{Error, Network, Team, kernels, reference};
 
 /// Builds a network operator by operator.
 struct Draft {
@@ -136,6 +138,39 @@ pub(crate) fn random_networks_agree_with_the_plain_operators_and_repeat_their_ou
                         let scaled = |values: &[f32]| values.iter().map(|value| value / scale).collect::<Vec<_>>();
                         let what = format!("{}, seed {seed}, output {index}", kernels.name);
                         assert_close(&scaled(network.output(index)), &scaled(expected), &what);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn several_threads_compute_the_same_bits_as_one() {
+    let teams: Vec<_> = [2, 3, 5, 9].map(|size| Arc::new(Team::new(size).expect("threads"))).into();
+    for seed in 0..120 {
+        let graph = random_network(seed);
+        let shape = graph.tensors()[0];
+        let inputs = [1, 2].map(|round| Random::new(seed + round).values(shape.elements()));
+        for kernels in kernels::available() {
+            let mut alone = Network::new(&graph, kernels).expect("the network consists of layers");
+            for team in &teams {
+                // A few rows are worth a thread's while, so that small maps are divided too.
+                let worth = [1, 500, 5000][usize::try_from(seed).unwrap() % 3];
+                let network = Network::divided(&graph, kernels, Arc::clone(team), worth);
+                let mut network = network.expect("the network consists of layers");
+                for input in &inputs {
+                    for (row, values) in input.chunks(shape.columns * 3).enumerate() {
+                        alone.input_row(row).copy_from_slice(values);
+                        network.input_row(row).copy_from_slice(values);
+                    }
+                    alone.run();
+                    network.run();
+                    for index in 0..network.outputs() {
+                        let bits =
+                            |network: &Network| network.output(index).iter().map(|value| value.to_bits()).collect();
+                        let [expected, found]: [Vec<u32>; 2] = [bits(&alone), bits(&network)];
+                        assert_eq!(found, expected, "{}, {} threads, seed {seed}", kernels.name, team.size());
                     }
                 }
             }

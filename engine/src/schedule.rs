@@ -57,8 +57,8 @@ pub(crate) struct Schedule {
 
 impl Schedule {
     /// Orders the strips of `layers` so that the maps `wanted` are complete at the end. `maps` holds the number of rows
-    /// of every map; a map that no layer writes is complete from the start. Kept rows are a multiple of `multiple`, or
-    /// all rows.
+    /// of every map; a map that no layer writes is complete from the start. Kept rows are a multiple of `multiple` and of
+    /// the strip that is written, or all rows. Strips are whole maps, divisors of `multiple` or multiples of it.
     pub(crate) fn new(layers: &[Rows], maps: &[usize], wanted: &[usize], multiple: usize) -> Self {
         let mut order = Order { layers, maps, done: vec![0; layers.len()], steps: Vec::new() };
         for &map in wanted {
@@ -66,7 +66,8 @@ impl Schedule {
         }
         let mut kept_rows = order.kept_rows();
         for (map, kept) in kept_rows.iter_mut().enumerate() {
-            let rounded = kept.next_multiple_of(multiple);
+            let strip = layers.iter().find(|layer| layer.output == map).map_or(1, |layer| layer.strip);
+            let rounded = kept.next_multiple_of(multiple.max(strip));
             let whole = wanted.contains(&map) || rounded >= maps[map];
             *kept = if whole { maps[map] } else { rounded };
         }

@@ -3,10 +3,11 @@
 #![allow(unsafe_code, reason = "an allocator that counts")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use facewire_engine::graph::{Graph, Kind, Operator, Port, Shape, Window};
-use facewire_engine::{Network, kernels};
+use facewire_engine::{Network, Team, kernels};
 
 struct Counting;
 
@@ -56,8 +57,10 @@ fn graph() -> Graph {
 
 #[test]
 fn a_run_allocates_nothing() {
-    for kernels in kernels::available() {
-        let mut network = Network::new(&graph(), kernels).expect("the network consists of layers");
+    let team = Arc::new(Team::new(2).expect("a thread"));
+    let both = |kernels| [Network::new(&graph(), kernels), Network::with_team(&graph(), kernels, Arc::clone(&team))];
+    for network in kernels::available().into_iter().flat_map(both) {
+        let mut network = network.expect("the network consists of layers");
         let before = ALLOCATIONS.load(Ordering::Relaxed);
         assert!(before > 0, "allocations are counted");
         for _ in 0..3 {
@@ -65,6 +68,6 @@ fn a_run_allocates_nothing() {
             network.run();
             assert!(network.output(1).iter().all(|value| value.is_finite()));
         }
-        assert_eq!(ALLOCATIONS.load(Ordering::Relaxed), before, "{}", kernels.name);
+        assert_eq!(ALLOCATIONS.load(Ordering::Relaxed), before);
     }
 }

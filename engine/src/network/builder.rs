@@ -1,29 +1,32 @@
-//! Packs the weights of a network, lays out its memory and orders its strips.
+//! Lays out the memory of a network and orders its strips.
 
-use std::ops::Range;
+use std::sync::Arc;
 
-use super::{Input, Map, Network, Ready, ReadyActivation, ReadyWork, Scratch};
+use super::layer::Work as PackedWork;
+use super::map::{Input, Map};
+use super::packing::Packing;
+use super::strips::{Division, KEPT_MULTIPLE, Sharing};
+use super::{Network, layer};
 use crate::arena::Layout;
 use crate::error::Error;
 use crate::fusion::{self, Layer, Residual, Work};
-use crate::graph::{Graph, Shape, Window};
+use crate::graph::{Graph, Window};
 use crate::kernels::Kernels;
-use crate::pack;
 use crate::schedule::{Needs, Rows, Schedule};
+use crate::team::Team;
 
-/// Collects the parts of a network.
+/// The layers and maps of a network.
 pub(super) struct Builder<'a> {
     graph: &'a Graph,
     kernels: &'static Kernels,
+    sharing: Sharing,
     layers: Vec<Layer<'a>>,
     maps: Vec<Map>,
     layout: Layout,
-    weight_layout: Layout,
-    packed: Vec<(Range<usize>, Vec<f32>)>,
 }
 
 impl<'a> Builder<'a> {
-    pub(super) fn new(graph: &'a Graph, kernels: &'static Kernels) -> Result<Self, Error> {
+    pub(super) fn new(graph: &'a Graph, kernels: &'static Kernels, sharing: Sharing) -> Result<Self, Error> {
         let mut layers = fusion::layers(graph)?;
         let mut maps: Vec<Map> = graph.tensors().iter().map(|shape| Map::new(*shape, kernels.lanes)).collect();
         for layer in &layers {
@@ -50,40 +53,35 @@ impl<'a> Builder<'a> {
                 layers.push(Layer { work, input: port.tensor, output, activation: fusion::Activation::None });
             }
         }
-        let (layout, weight_layout) = (Layout::default(), Layout::default());
-        Ok(Self { graph, kernels, layers, maps, layout, weight_layout, packed: Vec::new() })
+        Ok(Self { graph, kernels, sharing, layers, maps, layout: Layout::default() })
     }
 
-    pub(super) fn network(mut self) -> Result<Network, Error> {
+    pub(super) fn network(mut self, team: Option<Arc<Team>>) -> Result<Network, Error> {
         let outputs: Vec<usize> = self.graph.outputs().iter().map(|port| self.final_map(port.tensor)).collect();
-        let rows: Vec<Rows> = self.layers.iter().map(|layer| self.rows_of(layer)).collect();
+        let divisions: Vec<Division> = self.layers.iter().map(|layer| self.division(layer)).collect();
+        let rows: Vec<Rows> = self.layers.iter().zip(&divisions).map(|parts| self.rows_of(parts)).collect();
         let heights: Vec<usize> = self.maps.iter().map(|map| map.rows).collect();
         let schedule = Schedule::new(&rows, &heights, &outputs, KEPT_MULTIPLE);
         for (map, kept) in self.maps.iter_mut().zip(&schedule.kept_rows) {
             map.kept = *kept;
         }
-        let scratch = self.scratch(&rows);
-        let input = self.input()?;
-        for index in 0..self.maps.len() {
-            if index != self.graph.input().tensor {
-                let length = self.maps[index].kept * self.maps[index].row;
-                self.maps[index].area = self.layout.area(length);
-            }
-        }
-        let layers = std::mem::take(&mut self.layers);
-        let layers = layers.iter().map(|layer| self.ready(layer)).collect::<Result<Vec<_>, _>>()?;
-        let mut weights = self.weight_layout.memory()?;
-        for (range, values) in self.packed {
-            weights.all_mut()[range].copy_from_slice(&values);
-        }
-        let arena = self.layout.memory()?;
+        let input = self.lay_out()?;
+        let mut packing = Packing::new(self.graph, self.kernels, &self.maps);
+        let layers = self.layers.iter().zip(divisions).map(|(layer, division)| packing.layer(layer, division));
+        let layers = layers.collect::<Result<Vec<_>, _>>()?;
+        let weights = packing.memory()?;
+        let mut scratch = Layout::default();
+        let largest = layers.iter().map(|layer| self.scratch_of(layer)).max();
+        let scratch_length = Layout::lines(largest.unwrap_or_default().max(1));
+        scratch.area(self.sharing.threads * scratch_length);
+        let (arena, scratch) = (self.layout.memory()?, scratch.memory()?);
         let outputs = self.graph.outputs().iter().zip(outputs).map(|(port, map)| {
             let start = self.maps[map].area.start;
             start..start + self.graph.tensors()[port.tensor].elements()
         });
         let outputs = outputs.collect();
         let (kernels, steps, maps) = (self.kernels, schedule.steps, self.maps);
-        Ok(Network { kernels, layers, steps, maps, input, outputs, scratch, weights, arena })
+        Ok(Network { kernels, layers, steps, maps, input, outputs, weights, arena, scratch, scratch_length, team })
     }
 
     /// The map that the caller reads for an output: the copy without padding, if there is one.
@@ -93,46 +91,46 @@ impl<'a> Builder<'a> {
         copies.next().map_or(tensor, |copy| copy.output)
     }
 
-    fn rows_of(&self, layer: &Layer) -> Rows {
+    fn division(&self, layer: &Layer) -> Division {
         let to = &self.maps[layer.output];
-        let strip = match to.columns {
-            ..12 => to.rows,
-            12..24 => 4,
-            _ => 2,
-        };
-        let mut rows =
-            Rows { inputs: vec![layer.input], output: layer.output, height: to.rows, strip, needs: Needs::All };
+        match &layer.work {
+            Work::Gather { .. } => Division::whole(to),
+            Work::Dense { .. } => Division::of_panels(layer.products(self.graph), self.sharing),
+            Work::Stem { .. } | Work::Block { .. } => Division::of_rows(to, layer.products(self.graph), self.sharing),
+        }
+    }
+
+    fn rows_of(&self, (layer, division): (&Layer, &Division)) -> Rows {
+        let (height, strip) = (self.maps[layer.output].rows, division.strip);
+        let mut rows = Rows { inputs: vec![layer.input], output: layer.output, height, strip, needs: Needs::All };
         match &layer.work {
             // The caller has written the whole input.
-            Work::Stem { .. } => {}
+            Work::Stem { .. } | Work::Dense { .. } => {}
             Work::Block { depthwise: None, .. } => rows.needs = Needs::Window { size: 1, stride: 1, above: 0 },
             Work::Block { depthwise: Some(depthwise), .. } => {
                 let stride = depthwise.stride;
                 rows.needs = Needs::Window { size: 3, stride, above: 2 - stride };
             }
-            Work::Dense { .. } => rows.strip = to.rows,
-            Work::Gather { inputs } => (rows.inputs, rows.strip) = (inputs.clone(), to.rows),
+            Work::Gather { inputs } => rows.inputs.clone_from(inputs),
         }
         rows
     }
 
-    fn scratch(&mut self, rows: &[Rows]) -> Scratch {
-        let (mut operand, mut largest, mut zeros) = (0, 0, 0);
-        for (layer, rows) in self.layers.iter().zip(rows) {
-            if let Work::Block { .. } = layer.work {
-                let (from, to) = (&self.maps[layer.input], &self.maps[layer.output]);
-                let pixels = rows.strip * to.columns;
-                operand = operand.max(pixels * from.channels);
-                largest = largest.max(pixels * from.channels);
-                zeros = zeros.max(from.row);
-            }
+    /// Lays out a row of zeros, the input, and the outputs of all layers in their order.
+    fn lay_out(&mut self) -> Result<Input, Error> {
+        let blocks = self.layers.iter().filter(|layer| matches!(layer.work, Work::Block { .. }));
+        let zeros = blocks.map(|layer| self.maps[layer.input].row).max();
+        self.layout.area(zeros.unwrap_or_default());
+        let input = self.lay_out_input()?;
+        for layer in &self.layers {
+            let map = &mut self.maps[layer.output];
+            map.area = self.layout.area(map.kept * map.row);
         }
-        let [zeros, operand, largest] = [zeros, operand, largest].map(|length| self.layout.area(length));
-        Scratch { zeros, operand, largest }
+        Ok(input)
     }
 
     /// Lays out the input. The first convolution reads it with the zeros around it, so that its windows need no check.
-    fn input(&mut self) -> Result<Input, Error> {
+    fn lay_out_input(&mut self) -> Result<Input, Error> {
         let tensor = self.graph.input().tensor;
         let stem = |layer: &Layer| match layer.work {
             Work::Stem { window, .. } if layer.input == tensor => Some((window, layer.output)),
@@ -162,86 +160,11 @@ impl<'a> Builder<'a> {
         Ok(Input { shape, start: map.area.start, step: map.row })
     }
 
-    fn ready(&mut self, layer: &Layer<'a>) -> Result<Ready, Error> {
-        let kernels = self.kernels;
-        let (from, to) = (self.maps[layer.input].clone(), self.maps[layer.output].clone());
-        let outputs = to.rows * to.columns;
-        let (work, products) = match &layer.work {
-            Work::Stem { window, weights, bias } => {
-                let channels = bias.len();
-                affordable([to.channels, weights.len() / channels])?;
-                let work = ReadyWork::Stem {
-                    size: window.size,
-                    stride: window.stride,
-                    span: window.size * from.true_channels,
-                    weights: self.keep(pack::stem(kernels, weights, channels)),
-                    bias: self.keep(pack::padded(bias.iter().copied(), to.channels)),
-                };
-                (work, outputs * weights.len())
-            }
-            Work::Block { depthwise, weights, bias, residual } => {
-                if *residual != Residual::None && to.channels < from.channels {
-                    return Err(Error::Unsupported("a sum has fewer channels than an operand"));
-                }
-                affordable([to.channels, from.channels])?;
-                let work = ReadyWork::Block {
-                    depthwise: depthwise.map(|depthwise| {
-                        let taps = pack::depthwise(kernels, depthwise.weights, from.true_channels);
-                        (depthwise.stride, self.keep(taps))
-                    }),
-                    weights: self.keep(pack::pointwise(kernels, weights, from.true_channels, to.true_channels)),
-                    bias: self.keep(pack::pointwise_bias(kernels, bias, weights, *depthwise)),
-                    residual: *residual,
-                };
-                (work, outputs * (weights.len() + depthwise.map_or(0, |depthwise| depthwise.weights.len())))
-            }
-            Work::Dense { weights, bias } => {
-                let shape = self.graph.tensors()[layer.input];
-                affordable([to.channels, from.rows * from.row])?;
-                let work = ReadyWork::Dense {
-                    weights: self.keep(pack::dense(kernels, weights, shape, bias.len())),
-                    bias: self.keep(pack::padded(bias.iter().copied(), to.channels)),
-                };
-                (work, weights.len())
-            }
-            Work::Gather { inputs } => (ReadyWork::Gather { inputs: inputs.clone() }, 0),
-        };
-        let activation = match layer.activation {
-            fusion::Activation::None => ReadyActivation::None,
-            fusion::Activation::Relu => ReadyActivation::Relu,
-            fusion::Activation::Prelu(slopes) => {
-                ReadyActivation::Prelu(self.keep(pack::padded(slopes.iter().copied(), to.channels)))
-            }
-        };
-        Ok(Ready { work, input: layer.input, output: layer.output, activation, products })
-    }
-
-    fn keep(&mut self, values: Vec<f32>) -> Range<usize> {
-        let range = self.weight_layout.area(values.len());
-        self.packed.push((range.clone(), values));
-        range
-    }
-}
-
-/// Refuses a matrix of weights that is larger than the memory of a network may be.
-fn affordable([outputs, inputs]: [usize; 2]) -> Result<(), Error> {
-    let values = outputs.saturating_mul(inputs);
-    if values <= Layout::LARGEST { Ok(()) } else { Err(Error::Unsupported("a matrix of weights is too large")) }
-}
-
-/// Kept rows are a multiple of the rows of every strip, so that the rows of a strip lie beside each other.
-const KEPT_MULTIPLE: usize = 4;
-
-impl Map {
-    fn new(shape: Shape, lanes: usize) -> Self {
-        let Shape { rows, columns, channels } = shape;
-        let padded = channels.next_multiple_of(lanes);
-        let row = columns * padded;
-        Self { area: 0..0, rows, kept: rows, row, columns, channels: padded, true_channels: channels }
-    }
-
-    fn pad_channels(&mut self, multiple: usize) {
-        self.channels = self.true_channels.next_multiple_of(multiple);
-        self.row = self.columns * self.channels;
+    /// Values of scratch memory that one thread needs for a layer.
+    fn scratch_of(&self, layer: &layer::Layer) -> usize {
+        let PackedWork::Block { residual, .. } = &layer.work else { return 0 };
+        let (from, to) = (&self.maps[layer.input], &self.maps[layer.output]);
+        let operand = layer.division.rows_at_a_time * to.columns * from.channels;
+        if *residual == Residual::Largest { 2 * operand } else { operand }
     }
 }

@@ -1,0 +1,79 @@
+//! How the rows of a layer are divided: into strips that follow each other, and each strip among threads.
+
+use super::map::Map;
+
+/// How the work of a network is divided.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sharing {
+    pub threads: usize,
+    /// Multiply-adds that are worth a thread's while.
+    pub worth: usize,
+}
+
+impl Sharing {
+    pub(super) const NONE: Self = Self { threads: 1, worth: usize::MAX };
+    /// [`worth`](Self::worth) of a real network: some microseconds on a fast core, where two threads need some tenths of a
+    /// microsecond to begin and end a strip together.
+    pub(super) const WORTH: usize = 1 << 17;
+
+    fn shares(self, products: usize) -> usize {
+        (products / self.worth).clamp(1, self.threads)
+    }
+}
+
+/// The division of a layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Division {
+    /// Rows that are computed before another layer has its turn.
+    pub strip: usize,
+    /// Rows of a strip that a thread computes at a time.
+    pub rows_at_a_time: usize,
+    /// Threads among which a strip is divided.
+    pub shares: usize,
+    /// The rows of a share are a multiple of this, except for the last share.
+    pub grain: usize,
+}
+
+/// Rows that are kept of a map are a multiple of this, so that the rows that a thread computes at a time lie beside each
+/// other.
+pub(super) const KEPT_MULTIPLE: usize = 4;
+
+impl Division {
+    /// The whole layer as one strip of one thread.
+    pub(super) fn whole(to: &Map) -> Self {
+        Self { strip: to.rows, rows_at_a_time: to.rows, shares: 1, grain: 1 }
+    }
+
+    /// The division of a convolution with `products` multiply-adds.
+    ///
+    /// One thread computes strips as small as the kernels are fast with, so that they stay in the cache. Several threads
+    /// compute strips that are large enough for each to be worth its while.
+    pub(super) fn of_rows(to: &Map, products: usize, sharing: Sharing) -> Self {
+        let rows_at_a_time = match to.columns {
+            ..12 => to.rows,
+            12..24 => KEPT_MULTIPLE,
+            _ => 2,
+        };
+        let Sharing { threads, worth } = sharing;
+        if threads == 1 {
+            return Self { strip: rows_at_a_time, rows_at_a_time, shares: 1, grain: 1 };
+        }
+        let products_of = |rows: usize| rows * (products / to.rows);
+        let mut strip = KEPT_MULTIPLE * threads;
+        while strip < to.rows && products_of(strip) < 2 * threads * worth {
+            strip *= 2;
+        }
+        let (strip, grain) = if strip < to.rows { (strip, KEPT_MULTIPLE) } else { (to.rows, 1) };
+        Self { strip, rows_at_a_time, shares: sharing.shares(products_of(strip)), grain }
+    }
+
+    /// The division of a dense layer, whose outputs are one row: threads divide its panels.
+    pub(super) fn of_panels(products: usize, sharing: Sharing) -> Self {
+        Self { strip: 1, rows_at_a_time: 1, shares: sharing.shares(products), grain: 1 }
+    }
+
+    /// Rows, or panels, of every share but the last.
+    pub(super) fn share_of(&self, count: usize) -> usize {
+        count.div_ceil(self.shares).next_multiple_of(self.grain)
+    }
+}

@@ -2,6 +2,7 @@
 
 mod chart;
 mod figures;
+mod layers;
 mod machine;
 
 use std::path::PathBuf;
@@ -21,6 +22,7 @@ Examples:
   facewire bench
   facewire bench talk.avi --rounds 1 --json
   facewire bench --svg latency.svg
+  facewire bench --layers
 
 The whole is the time from a frame in memory, decoded, to its coefficients. scripts/compare sets it beside MediaPipe.";
 
@@ -34,6 +36,10 @@ pub(super) struct BenchArgs {
     /// How often the input is played, after one round to warm up.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
+    /// Also time each layer of the networks on the native engine, and compare its rate of multiply-adds with the peak of
+    /// this core.
+    #[arg(long)]
+    layers: bool,
     /// One object on one line.
     #[arg(long)]
     json: bool,
@@ -58,7 +64,8 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if samples.whole.is_empty() {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
     }
-    let figures = Figures::new(&args.input, &samples);
+    let layers = args.layers.then(|| layers::measure(&settings.networks)).transpose()?;
+    let figures = Figures::new(&args.input, &samples, layers);
     // The figures come first, so that they are printed even if the drawing cannot be written.
     print(&if args.json { figures.json() } else { figures.table() })?;
     args.svg.as_ref().map_or(Ok(()), |path| chart::draw(path, &samples.whole))

@@ -87,6 +87,18 @@ pub fn engines(settings: &NetworkSettings) -> Result<Vec<Box<dyn Engine>>, Infer
     Ok(all.chain(onnx_runtime(folder.clone(), settings.threads as usize)).collect())
 }
 
+/// Loads the network `name` on the native engine with these kernels, so that its layers can be measured.
+///
+/// # Errors
+/// Those of [`NetworkFolder::find`] and of [`Engine::load`].
+pub(crate) fn native_network(
+    settings: &NetworkSettings,
+    kernels: &'static kernels::Kernels,
+    name: &str,
+) -> Result<facewire_engine::Network, InferError> {
+    Native::new(NetworkFolder::find(&settings.folder)?, kernels).network(name, |_| Ok(()))
+}
+
 /// ONNX Runtime, if this build contains it.
 #[cfg(feature = "ort")]
 #[expect(clippy::unnecessary_wraps, reason = "not every build contains the engine")]

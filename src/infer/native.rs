@@ -21,6 +21,20 @@ impl Native {
     pub(super) fn new(folder: NetworkFolder, kernels: &'static Kernels) -> Self {
         Self { folder, kernels }
     }
+
+    /// Reads the file of the network `name` and prepares the network, unless `check` finds fault with its graph.
+    pub(super) fn network(
+        &self,
+        name: &str,
+        check: impl FnOnce(&Graph) -> Result<(), String>,
+    ) -> Result<facewire_engine::Network, InferError> {
+        let path = self.folder.file(&format!("{name}.{EXTENSION}"))?;
+        let content = fs::read(&path).map_err(|error| InferError::Unreadable { path: path.clone(), error })?;
+        let damaged = |reason: String| InferError::Damaged { path: path.clone(), reason };
+        let graph = file::read(&content).map_err(|error| damaged(error.to_string()))?;
+        check(&graph).map_err(damaged)?;
+        facewire_engine::Network::new(&graph, self.kernels).map_err(|error| damaged(error.to_string()))
+    }
 }
 
 impl Engine for Native {
@@ -29,13 +43,7 @@ impl Engine for Native {
     }
 
     fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError> {
-        let path = self.folder.file(&format!("{}.{EXTENSION}", signature.name))?;
-        let content = fs::read(&path).map_err(|error| InferError::Unreadable { path: path.clone(), error })?;
-        let damaged = |reason: String| InferError::Damaged { path: path.clone(), reason };
-        let graph = file::read(&content).map_err(|error| damaged(error.to_string()))?;
-        check(&graph, signature).map_err(damaged)?;
-        let network = facewire_engine::Network::new(&graph, self.kernels);
-        let mut network = NativeNetwork(network.map_err(|error| damaged(error.to_string()))?);
+        let mut network = NativeNetwork(self.network(signature.name, |graph| check(graph, signature))?);
         // The first run touches all memory, so that no later one faults a page.
         network.run()?;
         Ok(Box::new(network))

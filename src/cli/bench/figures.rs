@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+use super::layers::Layers;
 use super::machine::{self, Interruptions};
 use crate::pipeline::StageTimes;
 
@@ -73,6 +74,8 @@ pub(super) struct Figures {
     peak_memory_mb: f64,
     version: &'static str,
     machine: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    layers: Option<Layers>,
 }
 
 /// Milliseconds.
@@ -88,7 +91,7 @@ struct Latency {
 }
 
 impl Figures {
-    pub(super) fn new(input: &str, samples: &Samples) -> Self {
+    pub(super) fn new(input: &str, samples: &Samples, layers: Option<Layers>) -> Self {
         let cpu_s = samples.cpu.as_secs_f64();
         let cpu_per_frame_s = cpu_s / samples.frames.max(1) as f64;
         let mut whole = samples.whole.clone();
@@ -111,6 +114,7 @@ impl Figures {
             peak_memory_mb: rounded(machine::peak_memory_kb() as f64 / 1024.0),
             version: env!("CARGO_PKG_VERSION"),
             machine: machine::name(),
+            layers,
         }
     }
 
@@ -149,6 +153,10 @@ impl Figures {
             "During the frames: {involuntary_switches} switches to other processes, {interrupts} interrupts of all cores, \
              {stolen_ms} ms stolen by the hypervisor"
         );
+        if let Some(layers) = &self.layers {
+            text += "\n";
+            text += &layers.table();
+        }
         text
     }
 }

@@ -1,0 +1,176 @@
+//! Times the layers of the networks on the native engine, beside the peak of this core.
+
+use std::fmt::Write as _;
+use std::time::{Duration, Instant};
+
+use facewire_engine::{Network, kernels, peak};
+use serde::Serialize;
+
+use super::figures::quantile;
+use crate::config::NetworkSettings;
+use crate::infer::{InferError, native_network};
+
+/// The networks of a frame in which a face is followed, in the order in which they run, and the detector.
+const NETWORKS: [&str; 5] = ["mesh", "lips", "left_eye", "right_eye", DETECTOR];
+const DETECTOR: &str = "detector";
+/// How often each network runs, once as a whole and once layer by layer.
+const RUNS: usize = 300;
+
+/// The speed of all networks.
+#[derive(Debug, Serialize)]
+pub(super) struct Layers {
+    /// The instruction set.
+    kernels: &'static str,
+    /// Multiply-adds per second that this core computes in registers, in thousand millions.
+    peak_g_per_s: f64,
+    /// The networks of a followed face together.
+    frame: Speed,
+    networks: Vec<NetworkSpeed>,
+}
+
+#[derive(Debug, Serialize)]
+struct NetworkSpeed {
+    name: &'static str,
+    #[serde(flatten)]
+    speed: Speed,
+    layers: Vec<LayerSpeed>,
+}
+
+#[derive(Debug, Serialize)]
+struct LayerSpeed {
+    layer: String,
+    #[serde(flatten)]
+    speed: Speed,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Speed {
+    /// Median time.
+    p50_us: f64,
+    multiply_adds: usize,
+    g_per_s: f64,
+    percent_of_peak: f64,
+}
+
+impl Speed {
+    fn of(multiply_adds: usize, time: Duration, peak_per_s: f64) -> Self {
+        let per_s = multiply_adds as f64 / time.as_secs_f64().max(f64::MIN_POSITIVE);
+        Self {
+            p50_us: time.as_secs_f64() * 1e6,
+            multiply_adds,
+            g_per_s: per_s / 1e9,
+            percent_of_peak: 100.0 * per_s / peak_per_s,
+        }
+    }
+}
+
+/// Measures all networks. They run in turns, so that each finds the caches as the one before it leaves them.
+pub(super) fn measure(settings: &NetworkSettings) -> Result<Layers, InferError> {
+    let kernels = kernels::fastest();
+    let mut watched = Vec::new();
+    for name in NETWORKS {
+        watched.push(Watched::new(name, native_network(settings, kernels, name)?));
+    }
+    let before = peak::multiply_adds_per_second(kernels);
+    for _ in 0..RUNS {
+        watched.iter_mut().for_each(Watched::time_whole);
+        watched.iter_mut().for_each(Watched::time_layers);
+    }
+    let peak_per_s = before.max(peak::multiply_adds_per_second(kernels));
+
+    let networks: Vec<_> = watched.iter_mut().map(|network| network.speed(peak_per_s)).collect();
+    let of_frame = || networks.iter().filter(|network| network.name != DETECTOR).map(|network| network.speed);
+    let time = Duration::from_secs_f64(of_frame().map(|speed| speed.p50_us / 1e6).sum());
+    let frame = Speed::of(of_frame().map(|speed| speed.multiply_adds).sum(), time, peak_per_s);
+    Ok(Layers { kernels: kernels.name, peak_g_per_s: peak_per_s / 1e9, frame, networks })
+}
+
+/// A network, and the durations of its runs.
+struct Watched {
+    name: &'static str,
+    network: Network,
+    whole: Vec<Duration>,
+    /// For each layer, its share of each run.
+    layers: Vec<Vec<Duration>>,
+}
+
+impl Watched {
+    fn new(name: &'static str, mut network: Network) -> Self {
+        for row in 0..network.input_rows() {
+            network.input_row(row).fill_with(fastrand::f32);
+        }
+        let layers = vec![Vec::with_capacity(RUNS); network.layers().len()];
+        Self { name, network, whole: Vec::with_capacity(RUNS), layers }
+    }
+
+    fn time_whole(&mut self) {
+        let begun = Instant::now();
+        self.network.run();
+        self.whole.push(begun.elapsed());
+    }
+
+    /// Times each layer as the sum of its strips. The clock is read after each strip, which takes a percent or two.
+    fn time_layers(&mut self) {
+        self.layers.iter_mut().for_each(|runs| runs.push(Duration::ZERO));
+        let mut last = Instant::now();
+        self.network.run_watched(|layer| {
+            let now = Instant::now();
+            if let Some(time) = self.layers.get_mut(layer).and_then(|runs| runs.last_mut()) {
+                *time += now - last;
+            }
+            last = now;
+        });
+    }
+
+    fn speed(&mut self, peak_per_s: f64) -> NetworkSpeed {
+        let described = self.network.layers();
+        let multiply_adds = described.iter().map(|(_, multiply_adds)| multiply_adds).sum();
+        let layers = described.into_iter().zip(&mut self.layers).map(|((layer, multiply_adds), runs)| LayerSpeed {
+            layer,
+            speed: Speed::of(multiply_adds, median(runs), peak_per_s),
+        });
+        let layers = layers.collect();
+        NetworkSpeed { name: self.name, speed: Speed::of(multiply_adds, median(&mut self.whole), peak_per_s), layers }
+    }
+}
+
+fn median(times: &mut [Duration]) -> Duration {
+    times.sort_unstable();
+    quantile(times, 0.5)
+}
+
+impl Layers {
+    pub(super) fn table(&self) -> String {
+        let mut text = format!("{:<40}{:>14}{:>8}{:>8}{:>8}\n", "layer", "multiply-adds", "us p50", "G/s", "% peak");
+        for network in &self.networks {
+            for LayerSpeed { layer, speed } in &network.layers {
+                line(&mut text, &format!("{:<10}{layer}", network.name), speed);
+            }
+        }
+        text += "\n";
+        for network in &self.networks {
+            line(&mut text, network.name, &network.speed);
+        }
+        line(&mut text, "a followed face, without the detector", &self.frame);
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "\nThe peak of this core with {}: {:.1} G/s", self.kernels, self.peak_g_per_s);
+        text
+    }
+}
+
+/// Appends a line of the table.
+fn line(text: &mut String, name: &str, speed: &Speed) {
+    let Speed { p50_us, multiply_adds, g_per_s, percent_of_peak } = speed;
+    let _ = writeln!(text, "{name:<40}{multiply_adds:>14}{p50_us:>8.1}{g_per_s:>8.1}{percent_of_peak:>8.0}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speed_is_work_over_time_as_a_share_of_the_peak() {
+        let speed = Speed::of(1_000_000, Duration::from_micros(100), 40e9);
+        assert!((speed.g_per_s - 10.0).abs() < 1e-9 && (speed.percent_of_peak - 25.0).abs() < 1e-9, "{speed:?}");
+    }
+}

@@ -1,4 +1,4 @@
-//! The networks on every engine against the TFLite interpreter, which runs MediaPipe's own files.
+//! The networks on every engine against the `TFLite` interpreter, which runs MediaPipe's own files.
 //!
 //! `scripts/setup onnxruntime` installs the interpreter. Without it the test skips itself.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]

@@ -29,11 +29,16 @@ impl Service {
 
     /// Starts a service that writes its log to `log`.
     pub fn start_logging_to(toml: &str, addresses: &[String], log: Stdio) -> Self {
+        Self::start_with(toml, addresses, |command| command.stderr(log))
+    }
+
+    /// Starts a service after `prepare` has changed its command.
+    pub fn start_with(toml: &str, addresses: &[String], prepare: impl FnOnce(&mut Command) -> &mut Command) -> Self {
         let links: Vec<String> =
             addresses.iter().map(|address| format!("[[link]]\naddress = \"{address}\"\n")).collect();
         let settings = settings(&[toml, &links.concat()].concat());
         let mut command = facewire(["run", "--config", text(settings.path())]);
-        Self { child: Some(started(command.stderr(log))), _settings: settings }
+        Self { child: Some(started(prepare(&mut command))), _settings: settings }
     }
 
     /// Returns the number of the thread with this name.

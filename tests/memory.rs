@@ -1,0 +1,151 @@
+//! What `facewire run` takes from the system: no memory for a frame, and little in all.
+//!
+//! A preloaded library (`tests/hooks/allocations.c`) counts the calls of every thread that take memory or give it back, of
+//! C code too. The C compiler that builds libjpeg-turbo builds it.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use common::service::{Receiver, Service};
+use facewire_packet::{Packet, State};
+use tempfile::TempDir;
+
+const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
+/// Live packets before anything is counted. The camera's memory is allocated with its first frame.
+const WARM_UP: usize = 30;
+/// Frames of one count. The clip has 240, so it starts over in between.
+const FRAMES: usize = 300;
+/// Functions of libjpeg-turbo that take memory for each image and give it back. Which of them call the C library depends on
+/// how the compiler inlines. The library's only function that decodes into planes leaves its caller no way around them.
+const JPEG_FUNCTIONS: [&str; 8] = [
+    "alloc_small",
+    "alloc_large",
+    "free_pool",
+    "jpeg_get_small",
+    "jpeg_get_large",
+    "jpeg_free_small",
+    "jpeg_free_large",
+    "tj3DecompressToYUVPlanes8",
+];
+/// Their calls for an image of three components.
+const JPEG_CALLS: usize = 14;
+/// The most that the service may ever hold in memory.
+const MOST_KB: usize = 30 * 1024;
+
+/// The counting library and the file that it counts in.
+struct Hook(TempDir);
+
+impl Hook {
+    fn build() -> Self {
+        let hook = Self(tempfile::tempdir().unwrap());
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hooks/allocations.c");
+        let built = Command::new("cc").args(["-O2", "-shared", "-fPIC", "-o"]).arg(hook.library()).arg(source).status();
+        assert!(built.unwrap().success());
+        fs::write(hook.counters(), []).unwrap();
+        hook
+    }
+
+    fn library(&self) -> PathBuf {
+        self.0.path().join("allocations.so")
+    }
+
+    fn counters(&self) -> PathBuf {
+        self.0.path().join("counters")
+    }
+
+    fn start(&self, receiver: &Receiver) -> Service {
+        Service::start_with(DEMO, &[receiver.address()], |command| {
+            command.env("LD_PRELOAD", self.library()).env("ALLOCATIONS_FILE", self.counters()).stderr(Stdio::null())
+        })
+    }
+
+    /// Returns the calls so far, by thread and return address.
+    fn read(&self) -> BTreeMap<(u64, u64), u64> {
+        let bytes = fs::read(self.counters()).unwrap();
+        let numbers: Vec<u64> = bytes.as_chunks().0.iter().map(|bytes| u64::from_ne_bytes(*bytes)).collect();
+        let counters = numbers.as_chunks::<3>().0.iter();
+        counters.filter(|[thread, ..]| *thread != 0).map(|&[thread, caller, calls]| ((thread, caller), calls)).collect()
+    }
+}
+
+/// The functions of the program, by their addresses.
+struct Functions {
+    /// Where the program lies in the memory of the service.
+    base: u64,
+    names: BTreeMap<u64, String>,
+}
+
+impl Functions {
+    fn of(service: &Service) -> Self {
+        let program = env!("CARGO_BIN_EXE_facewire");
+        let listed = Command::new("nm").arg(program).output().unwrap();
+        let symbol = |line: &str| {
+            let mut words = line.split_whitespace();
+            let address = u64::from_str_radix(words.next()?, 16).ok()?;
+            Some((address, words.nth(1)?.to_owned()))
+        };
+        let names = String::from_utf8(listed.stdout).unwrap().lines().filter_map(symbol).collect();
+        let maps = mappings(service);
+        let first = maps.lines().find(|line| line.ends_with(program)).unwrap_or_else(|| panic!("{maps}"));
+        let base = u64::from_str_radix(first.split('-').next().unwrap(), 16).unwrap();
+        Self { base, names }
+    }
+
+    /// The name of the function that an address lies in.
+    fn at(&self, address: u64) -> &str {
+        let offset = address.wrapping_sub(self.base);
+        self.names.range(..offset).next_back().map_or("?", |(_, name)| name.as_str())
+    }
+}
+
+fn mappings(service: &Service) -> String {
+    fs::read_to_string(format!("/proc/{}/maps", service.pid())).unwrap()
+}
+
+/// Waits until so many live packets have come.
+fn live_packets(receiver: &Receiver, count: usize) {
+    (0..count).for_each(|_| _ = receiver.until(|packet: &Packet| packet.state == State::Live));
+}
+
+#[test]
+fn frames_take_no_memory_from_rust_or_c_but_what_libjpeg_turbo_takes_to_decode() {
+    let (receiver, hook) = (Receiver::new(), Hook::build());
+    let mut service = hook.start(&receiver);
+    live_packets(&receiver, WARM_UP);
+    let (before, mapped) = (hook.read(), mappings(&service));
+    live_packets(&receiver, FRAMES);
+    let (after, mapped_later) = (hook.read(), mappings(&service));
+
+    let functions = Functions::of(&service);
+    let threads = ["fw-hot", "fw-sender"].map(|name| u64::try_from(service.thread(name)).unwrap());
+    assert!(threads.iter().all(|thread| before.keys().any(|(of, _)| of == thread)), "the start is counted: {before:?}");
+    let of_frames: Vec<(&str, u64)> = after
+        .iter()
+        .filter(|((thread, _), _)| threads.contains(thread))
+        .map(|(key, calls)| (functions.at(key.1), calls - before.get(key).unwrap_or(&0)))
+        .filter(|(_, calls)| *calls > 0)
+        .collect();
+    let (decoding, other): (Vec<_>, Vec<_>) = of_frames.iter().partition(|(name, _)| JPEG_FUNCTIONS.contains(name));
+    assert!(other.is_empty(), "calls that take memory or give it back: {other:?}");
+    // The hook sees C code.
+    let calls = usize::try_from(decoding.iter().map(|(_, calls)| calls).sum::<u64>()).unwrap();
+    let images = calls as f64 / JPEG_CALLS as f64;
+    assert!((images - FRAMES as f64).abs() < 0.1 * FRAMES as f64, "{decoding:?}");
+    assert_eq!(mapped, mapped_later, "the process has taken memory from the system");
+}
+
+#[test]
+fn a_service_that_follows_a_face_takes_at_most_30_mb() {
+    let receiver = Receiver::new();
+    let service = Service::start(DEMO, &[receiver.address()]);
+    live_packets(&receiver, WARM_UP);
+    let status = fs::read_to_string(format!("/proc/{}/status", service.pid())).unwrap();
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    let peak_kb: usize = peak.trim().trim_end_matches(" kB").parse().unwrap();
+    assert!(peak_kb <= MOST_KB, "{peak_kb} kB");
+}

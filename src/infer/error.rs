@@ -44,6 +44,12 @@ pub enum InferError {
         "this facewire was built without ONNX Runtime: set networks.engine = \"native\", or build it with the feature `ort`"
     )]
     NotBuilt,
+    /// The system refuses a thread.
+    #[error(
+        "the system refused a thread for the networks ({0}); raise the limit of threads (systemd: TasksMax), or lower \
+         networks.threads"
+    )]
+    Threads(io::Error),
     /// The engine failed during an inference.
     #[error(
         "network {network} failed to run ({reason}); free some memory, and if that does not help run scripts/setup again"

@@ -18,7 +18,9 @@ pub use error::InferError;
 pub use folder::NetworkFolder;
 use native::Native;
 
-use facewire_engine::kernels;
+use std::sync::Arc;
+
+use facewire_engine::{Team, kernels};
 
 use crate::config::{EngineChoice, NetworkSettings};
 
@@ -66,11 +68,14 @@ pub trait Network: Send {
 /// Returns the engine that the settings choose.
 ///
 /// # Errors
-/// [`InferError::NotBuilt`] if this build does not contain it, and those of [`NetworkFolder::find`].
+/// [`InferError::NotBuilt`] if this build does not contain it, [`InferError::Threads`] if the system refuses the threads
+/// of the settings, and those of [`NetworkFolder::find`].
 pub fn engine(settings: &NetworkSettings) -> Result<Box<dyn Engine>, InferError> {
     let folder = NetworkFolder::find(&settings.folder)?;
     match settings.engine {
-        EngineChoice::Auto | EngineChoice::Native => Ok(Box::new(Native::new(folder, kernels::fastest()))),
+        EngineChoice::Auto | EngineChoice::Native => {
+            Ok(Box::new(Native::new(folder, kernels::fastest(), team(settings.threads)?)))
+        }
         EngineChoice::OnnxRuntime => onnx_runtime(folder, settings.threads as usize).ok_or(InferError::NotBuilt),
     }
 }
@@ -79,15 +84,16 @@ pub fn engine(settings: &NetworkSettings) -> Result<Box<dyn Engine>, InferError>
 /// engine comes first.
 ///
 /// # Errors
-/// Those of [`NetworkFolder::find`].
+/// [`InferError::Threads`] if the system refuses the threads of the settings, and those of [`NetworkFolder::find`].
 pub fn engines(settings: &NetworkSettings) -> Result<Vec<Box<dyn Engine>>, InferError> {
     let folder = NetworkFolder::find(&settings.folder)?;
-    let native = |kernels| Box::new(Native::new(folder.clone(), kernels)) as Box<dyn Engine>;
+    let team = team(settings.threads)?;
+    let native = |kernels| Box::new(Native::new(folder.clone(), kernels, Arc::clone(&team))) as Box<dyn Engine>;
     let all = kernels::available().into_iter().map(native);
     Ok(all.chain(onnx_runtime(folder.clone(), settings.threads as usize)).collect())
 }
 
-/// Loads the network `name` on the native engine with these kernels, so that its layers can be measured.
+/// Loads the network `name` on the native engine with these kernels and one thread, so that its layers can be measured.
 ///
 /// # Errors
 /// Those of [`NetworkFolder::find`] and of [`Engine::load`].
@@ -96,7 +102,12 @@ pub(crate) fn native_network(
     kernels: &'static kernels::Kernels,
     name: &str,
 ) -> Result<facewire_engine::Network, InferError> {
-    Native::new(NetworkFolder::find(&settings.folder)?, kernels).network(name, |_| Ok(()))
+    Native::new(NetworkFolder::find(&settings.folder)?, kernels, team(1)?).network(name, |_| Ok(()))
+}
+
+/// The threads that run the networks of the native engine.
+fn team(threads: u32) -> Result<Arc<Team>, InferError> {
+    Team::new(threads as usize).map(Arc::new).map_err(InferError::Threads)
 }
 
 /// ONNX Runtime, if this build contains it.
@@ -109,4 +120,44 @@ fn onnx_runtime(folder: NetworkFolder, threads: usize) -> Option<Box<dyn Engine>
 #[cfg(not(feature = "ort"))]
 fn onnx_runtime(_: NetworkFolder, _: usize) -> Option<Box<dyn Engine>> {
     None
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::time::{Duration, Instant};
+    use std::{fs, thread};
+
+    use super::*;
+
+    /// The names of the threads of this process that run networks.
+    fn network_threads() -> Vec<String> {
+        let names = fs::read_dir("/proc/self/task").unwrap().filter_map(|task| {
+            let name = fs::read_to_string(task.unwrap().path().join("comm")).ok()?;
+            Some(name.trim().to_owned()).filter(|name| name.starts_with("fw-net"))
+        });
+        let mut names: Vec<_> = names.collect();
+        names.sort();
+        names
+    }
+
+    /// Waits until these threads run: a new thread sets its name itself.
+    fn await_network_threads(expected: &[&str]) {
+        let start = Instant::now();
+        while network_threads() != expected {
+            assert!(start.elapsed() < Duration::from_secs(10), "{:?} in place of {expected:?}", network_threads());
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    #[test]
+    fn the_native_engine_has_the_threads_of_the_settings_as_long_as_it_lives() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path().to_str().unwrap().to_owned();
+        let settings = NetworkSettings { folder, threads: 3, ..NetworkSettings::default() };
+        let engine = engine(&settings).unwrap();
+        await_network_threads(&["fw-net-1", "fw-net-2"]);
+        drop(engine);
+        await_network_threads(&[]);
+    }
 }

@@ -1,9 +1,10 @@
 //! facewire's own engine, whose arithmetic is in the crate [`facewire_engine`].
 
 use std::fs;
+use std::sync::Arc;
 
 use facewire_engine::kernels::Kernels;
-use facewire_engine::{Graph, file};
+use facewire_engine::{Graph, Team, file};
 
 use super::{Engine, InferError, Network, NetworkFolder, Signature};
 
@@ -14,12 +15,13 @@ pub(super) const EXTENSION: &str = "fwnet";
 pub(super) struct Native {
     folder: NetworkFolder,
     kernels: &'static Kernels,
+    team: Arc<Team>,
 }
 
 impl Native {
-    /// An engine whose networks run on these kernels.
-    pub(super) fn new(folder: NetworkFolder, kernels: &'static Kernels) -> Self {
-        Self { folder, kernels }
+    /// An engine whose networks run on these kernels and on the threads of this team.
+    pub(super) fn new(folder: NetworkFolder, kernels: &'static Kernels, team: Arc<Team>) -> Self {
+        Self { folder, kernels, team }
     }
 
     /// Reads the file of the network `name` and prepares the network, unless `check` finds fault with its graph.
@@ -33,7 +35,8 @@ impl Native {
         let damaged = |reason: String| InferError::Damaged { path: path.clone(), reason };
         let graph = file::read(&content).map_err(|error| damaged(error.to_string()))?;
         check(&graph).map_err(damaged)?;
-        facewire_engine::Network::new(&graph, self.kernels).map_err(|error| damaged(error.to_string()))
+        let network = facewire_engine::Network::with_team(&graph, self.kernels, Arc::clone(&self.team));
+        network.map_err(|error| damaged(error.to_string()))
     }
 }
 

@@ -1,8 +1,10 @@
-"""Measures facewire and MediaPipe's FaceMesh in turns on the same clip, and prints both with their ratios.
+"""Measures MediaPipe's FaceMesh and facewire in turns on the same clip and one core, and prints all with their ratios.
 
-Each program runs once a round in a process of its own, so that drifts of the machine's speed affect both. Both are timed
-from a decoded picture in memory to the result of that frame (MediaPipe: 478 landmarks; facewire: landmarks, 52
-coefficients and head pose). The figures are medians over the rounds.
+Each program runs once a round in a process of its own, on the same core, and the order changes from round to round, so that
+drifts of the machine's speed affect all alike. All are timed from a decoded picture in memory to the result of that
+frame (MediaPipe: 478 landmarks; facewire: landmarks, 52 coefficients and head pose), and from the JPEG image of a
+camera to that result. MediaPipe's images are decoded by OpenCV, as OpenCV does for a camera. The figures are medians over
+the rounds; a ratio is the median of the rounds' own ratios, with the lowest and the highest.
 """
 
 import argparse
@@ -10,40 +12,56 @@ import json
 import os
 import resource
 import statistics
+import struct
 import subprocess
 import sys
+import tempfile
 import time
 
 CLIP = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "src", "capture", "demo.avi")
-FIGURES = ("p50_ms", "p95_ms", "p99_ms", "memory_mb")
+QUANTILES = {"p50_ms": 0.5, "p95_ms": 0.95, "p99_ms": 0.99}
+THEIRS, NATIVE, ONNX = "mediapipe", "facewire", "onnxruntime"
+TITLES = {THEIRS: "MediaPipe", NATIVE: "facewire", ONNX: "ONNX Runtime"}
 
 
-def quantile(ordered, part):
-    return ordered[min(len(ordered) - 1, round(part * len(ordered)))]
+def quantiles(milliseconds):
+    """Returns the quantiles of some durations, by the names of the figures."""
+    ordered = sorted(milliseconds)
+    return {name: ordered[min(len(ordered) - 1, round(part * len(ordered)))] for name, part in QUANTILES.items()}
+
+
+def images(path):
+    """Yields the JPEG images of a Motion-JPEG AVI file."""
+    with open(path, "rb") as file:
+        content = file.read()
+    at = content.index(b"movi") + 4
+    while content[at:at + 4] == b"00dc":
+        (length,) = struct.unpack_from("<I", content, at + 4)
+        yield content[at + 8:at + 8 + length]
+        at += 8 + length + length % 2
 
 
 def mediapipe_round():
     """Prints the figures of one pass over the clip, after a warm-up pass, as JSON. Runs in a child process."""
     import cv2
     import mediapipe
+    import numpy
 
     mesh = mediapipe.solutions.face_mesh.FaceMesh(max_num_faces=1, refine_landmarks=True)
-    milliseconds = []
+    decoded, mjpeg = [], []
     for counted in (False, True):
-        film = cv2.VideoCapture(CLIP)
-        while True:
-            there, picture = film.read()
-            if not there:
-                break
-            rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+        for image in images(CLIP):
             begun = time.perf_counter()
-            mesh.process(rgb)
-            if counted:
-                milliseconds.append(1000 * (time.perf_counter() - begun))
-    milliseconds.sort()
-    figures = {f"p{round(100 * part)}_ms": quantile(milliseconds, part) for part in (0.5, 0.95, 0.99)}
-    figures["memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(json.dumps(figures))
+            picture = cv2.imdecode(numpy.frombuffer(image, numpy.uint8), cv2.IMREAD_COLOR)
+            rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+            in_memory = time.perf_counter()
+            found = mesh.process(rgb)
+            ended = time.perf_counter()
+            if counted and found.multi_face_landmarks:
+                decoded.append(1000 * (ended - in_memory))
+                mjpeg.append(1000 * (ended - begun))
+    memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(json.dumps({"decoded": quantiles(decoded), "mjpeg": quantiles(mjpeg), "memory_mb": memory_mb}))
 
 
 def last_json(command):
@@ -53,14 +71,79 @@ def last_json(command):
     return json.loads(run.stdout.splitlines()[-1])
 
 
-def facewire_round(program):
-    bench = last_json([program, "bench", "demo", "--rounds", "1", "--json"])
-    figures = {name: bench["whole"][name] for name in FIGURES if name != "memory_mb"}
-    return figures | {"memory_mb": bench["peak_memory_mb"]}, bench["machine"]
+def facewire_round(program, settings, *options):
+    bench = last_json([program, "bench", "demo", "--rounds", "1", "--json", "--config", settings, *options])
+    return {
+        "decoded": {name: bench["whole"][name] for name in QUANTILES},
+        "mjpeg": {name: bench["decode_and_whole"][name] for name in QUANTILES},
+        "memory_mb": bench["peak_memory_mb"],
+        "machine": bench["machine"],
+        "layers": bench.get("layers"),
+    }
+
+
+def measure(program, rounds):
+    """Returns the figures of each side, round by round."""
+    found = {side: [] for side in TITLES}
+    with tempfile.TemporaryDirectory() as folder:
+        settings = {}
+        for side, engine in ((NATIVE, "native"), (ONNX, "onnxruntime")):
+            settings[side] = os.path.join(folder, f"{engine}.toml")
+            with open(settings[side], "w", encoding="utf-8") as file:
+                file.write(f'[networks]\nengine = "{engine}"\nthreads = 1\n')
+        run = {
+            THEIRS: lambda: last_json([sys.executable, os.path.abspath(__file__), "--mediapipe-round"]),
+            NATIVE: lambda: facewire_round(program, settings[NATIVE], "--layers"),
+            ONNX: lambda: facewire_round(program, settings[ONNX]),
+        }
+        sides = list(run)
+        for number in range(rounds):
+            print(f"round {number + 1} of {rounds}", file=sys.stderr)
+            for side in sides[number % 3:] + sides[:number % 3]:
+                found[side].append(run[side]())
+    return found
+
+
+def row_of(found, figure):
+    """Returns the medians of a figure, and its ratios to MediaPipe's. `figure` takes it from the figures of a round."""
+    values = {side: [figure(of_round) for of_round in rounds] for side, rounds in found.items()}
+    row = {side: round(statistics.median(of_side), 3) for side, of_side in values.items()}
+    for side, prefix in ((NATIVE, ""), (ONNX, f"{ONNX}_")):
+        ratios = [ours / theirs for ours, theirs in zip(values[side], values[THEIRS])]
+        row[f"{prefix}ratio"] = round(statistics.median(ratios), 3)
+        row[f"{prefix}ratio_range"] = [round(min(ratios), 3), round(max(ratios), 3)]
+    return row
+
+
+def table_of(found):
+    """Returns all figures: those of decoded pictures at the top, as `--json` has always had them."""
+    rows = lambda kind: {name: row_of(found, lambda of_round: of_round[kind][name]) for name in QUANTILES}
+    shares = [of_round["layers"]["frame"]["percent_of_peak"] for of_round in found[NATIVE]]
+    return {
+        **rows("decoded"),
+        "memory_mb": row_of(found, lambda of_round: of_round["memory_mb"]),
+        "mjpeg": rows("mjpeg"),
+        "networks_percent_of_peak": {
+            "facewire": round(statistics.median(shares), 1),
+            "range": [round(min(shares), 1), round(max(shares), 1)],
+            "peak_g_per_s": round(max(of_round["layers"]["peak_g_per_s"] for of_round in found[NATIVE]), 1),
+            "kernels": found[NATIVE][0]["layers"]["kernels"],
+        },
+    }
+
+
+def print_rows(title, rows):
+    print(f"{title:<12}" + "".join(f"{TITLES[side]:>14}" for side in TITLES)
+          + f"{'facewire / MediaPipe':>26}{'ONNX Runtime / MediaPipe':>28}")
+    for name, row in rows.items():
+        spread = lambda prefix: "{:.2f} ({:.2f} to {:.2f})".format(row[f"{prefix}ratio"], *row[f"{prefix}ratio_range"])
+        print(f"{name:<12}" + "".join(f"{row[side]:14.2f}" for side in TITLES)
+              + f"{spread(''):>26}{spread(f'{ONNX}_'):>28}")
+    print()
 
 
 def main():
-    parser = argparse.ArgumentParser(description="facewire beside MediaPipe's FaceMesh, in one run")
+    parser = argparse.ArgumentParser(description="facewire beside MediaPipe's FaceMesh, in one run on one core")
     parser.add_argument("--facewire", help="the program")
     parser.add_argument("--rounds", type=int, default=7, help="how often each program runs (default 7)")
     parser.add_argument("--json", action="store_true", help="print one object on one line")
@@ -69,27 +152,20 @@ def main():
     if args.mediapipe_round:
         return mediapipe_round()
 
-    theirs, ours, machine = [], [], ""
-    for number in range(args.rounds):
-        print(f"round {number + 1} of {args.rounds}", file=sys.stderr)
-        theirs.append(last_json([sys.executable, os.path.abspath(__file__), "--mediapipe-round"]))
-        figures, machine = facewire_round(args.facewire)
-        ours.append(figures)
-    median = lambda rounds, name: statistics.median(figures[name] for figures in rounds)
-    table = {
-        name: {"mediapipe": round(median(theirs, name), 3), "facewire": round(median(ours, name), 3)}
-        for name in FIGURES
-    }
-    for name, row in table.items():
-        pairs = [mine[name] / other[name] for mine, other in zip(ours, theirs)]
-        row["ratio"] = round(statistics.median(pairs), 3)
+    core = max(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {core})
+    found = measure(args.facewire, args.rounds)
+    table, machine = table_of(found), found[NATIVE][0]["machine"]
     if args.json:
         print(json.dumps({"machine": machine, "rounds": args.rounds, **table}))
         return
-    print(f"on {machine}, medians of {args.rounds} rounds\n")
-    print(f"{'':<12}{'MediaPipe':>12}{'facewire':>12}{'ratio':>9}")
-    for name, row in table.items():
-        print(f"{name:<12}{row['mediapipe']:>12.2f}{row['facewire']:>12.2f}{row['ratio']:>9.2f}")
+    print(f"on core {core} of {machine}, medians of {args.rounds} rounds, ratios with their lowest and highest\n")
+    print_rows("decoded", {name: table[name] for name in (*QUANTILES, "memory_mb")})
+    print_rows("from MJPEG", table["mjpeg"])
+    share = table["networks_percent_of_peak"]
+    print("facewire's networks run at {:.0f} % ({:.0f} to {:.0f}) of the {} multiply-adds".format(
+        share["facewire"], *share["range"], f"{share['peak_g_per_s']} G")
+        + f" a second that this core reaches with {share['kernels']}")
 
 
 if __name__ == "__main__":

@@ -64,9 +64,10 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if samples.whole.is_empty() {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
     }
-    let layers = args.layers.then(|| layers::measure(&settings.networks)).transpose()?;
-    let figures = Figures::new(&args.input, &samples, layers);
-    // The figures come first, so that they are printed even if the drawing cannot be written.
+    // The figures come first, so that the memory of the layers' measurement is not part of them.
+    let mut figures = Figures::new(&args.input, &samples);
+    figures.layers = args.layers.then(|| layers::measure(&settings.networks)).transpose()?;
+    // They are printed even if the drawing cannot be written.
     print(&if args.json { figures.json() } else { figures.table() })?;
     args.svg.as_ref().map_or(Ok(()), |path| chart::draw(path, &samples.whole))
 }

@@ -75,7 +75,7 @@ pub(super) struct Figures {
     version: &'static str,
     machine: String,
     #[serde(skip_serializing_if = "Option::is_none")]
-    layers: Option<Layers>,
+    pub(super) layers: Option<Layers>,
 }
 
 /// Milliseconds.
@@ -91,7 +91,7 @@ struct Latency {
 }
 
 impl Figures {
-    pub(super) fn new(input: &str, samples: &Samples, layers: Option<Layers>) -> Self {
+    pub(super) fn new(input: &str, samples: &Samples) -> Self {
         let cpu_s = samples.cpu.as_secs_f64();
         let cpu_per_frame_s = cpu_s / samples.frames.max(1) as f64;
         let mut whole = samples.whole.clone();
@@ -114,7 +114,7 @@ impl Figures {
             peak_memory_mb: rounded(machine::peak_memory_kb() as f64 / 1024.0),
             version: env!("CARGO_PKG_VERSION"),
             machine: machine::name(),
-            layers,
+            layers: None,
         }
     }
 

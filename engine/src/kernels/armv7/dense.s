@@ -44,4 +44,4 @@ function dense
 5:  vstmia r5!, {d16-d31}
     subs r6, r6, #1
     bne 1b
-    return
+    end_function dense

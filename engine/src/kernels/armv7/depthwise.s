@@ -121,7 +121,7 @@ function depthwise
 7:  load_column
     last_column q12, q13, q14
 8:  vector_end 1b
-    return
+    end_function depthwise
 
 @ Adds the second column of a window to \sums and loads the third. q14 is the largest of the first column.
 .macro second_column more, pool, sums
@@ -174,7 +174,8 @@ function depthwise
 .endm
 
 @ r7: pairs of windows, without the last one; r8: 1 if a window is left between those and the last one.
-.macro rows_of_stride_2 pool
+.macro rows_of_stride_2 name, pool
+function \name
     depthwise_start
 1:  vector_start
     vmul.f32 q12, q9, q0
@@ -199,11 +200,8 @@ function depthwise
 4:  window_of_stride_2 \pool, q12, q13
     last_window_of_stride_2 \pool, q13
 5:  vector_end 1b
-    return
+    end_function \name
 .endm
 
-function depthwise_stride_2
-    rows_of_stride_2 0
-
-function depthwise_stride_2_largest
-    rows_of_stride_2 1
+rows_of_stride_2 depthwise_stride_2, 0
+rows_of_stride_2 depthwise_stride_2_largest, 1

@@ -3,7 +3,7 @@
 
     .fpu vfpv3-d16
     .purgem function
-    .purgem return
+    .purgem end_function
     .purgem products_of_2
     .purgem products_of_4
     .purgem each_sum

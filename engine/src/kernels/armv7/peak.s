@@ -17,4 +17,4 @@ function peak
     vadd.f32 q8, q8, \sum
     .endr
     vmov.32 r0, d16[0]
-    return
+    end_function peak

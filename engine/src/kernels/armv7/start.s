@@ -19,9 +19,10 @@ facewire_engine_neon_\name:
     vpush {d8-d15}
 .endm
 
-.macro return
+.macro end_function name
     vpop {d8-d15}
     pop {r4-r11, pc}
+    .size facewire_engine_neon_\name, . - facewire_engine_neon_\name
 .endm
 
 @ Adds the products of a value each of two or four pixels and eight weights in \low and \high.

@@ -95,4 +95,4 @@ function stem
     finish 1
     subs r8, r8, #1
     bne 7b
-9:  return
+9:  end_function stem

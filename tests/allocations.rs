@@ -1,7 +1,7 @@
 //! From a frame to its packet, nothing is allocated on the Rust heap.
 //!
 //! The tests count every allocation of the thread that runs the frames, whatever other threads do meanwhile. They do not see
-//! the allocations of ONNX Runtime, which is written in C++.
+//! the allocations of C code: `tests/memory.rs` counts those of the running service.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;

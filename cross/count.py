@@ -71,11 +71,12 @@ def total(functions, counter="all"):
     return sum(counts[counter] for counts in functions.values())
 
 
-def print_functions(architecture, engine, functions):
-    """Prints the functions that take most, in millions of instructions."""
+def print_functions(architecture, engine, functions, has_caches=False):
+    """Prints the functions that take most, in millions of instructions and of cache misses."""
     all_of_frame = total(functions)
-    print(f"\n{architecture}, {engine}: {all_of_frame / 1e6:.2f} M instructions a frame")
-    columns = COUNTERS[:8] if architecture == "aarch64" else COUNTERS[:1]
+    print(f"\n{architecture}, {engine}: {all_of_frame / 1e6:.2f} M instructions a frame"
+          + (", cache misses as on a Cortex-A53" if has_caches else ""))
+    columns = COUNTERS[:10 if has_caches else 8] if architecture == "aarch64" else COUNTERS[:1]
     print("".join(f"{name.replace('_', ' '):>14}" for name in columns) + "  function")
     ordered = sorted(functions.items(), key=lambda item: -item[1]["all"])
     large = [(name, counts) for name, counts in ordered if counts["all"] >= SHOWN * all_of_frame]
@@ -107,7 +108,9 @@ def print_table(folder, frames):
     if tflite:
         print(f"{'aarch64, TFLite':<24}{total(tflite) / 1e6:8.2f}  (XNNPACK, the plain mesh without lips and eyes)")
     for (architecture, engine), functions in frames.items():
-        print_functions(architecture, engine, functions)
+        # The run with simulated caches executes the same instructions.
+        simulated = frame(folder, architecture, cycles.CORES[0].name) if engine == "native" else None
+        print_functions(architecture, engine, simulated or functions, bool(simulated))
     print_cycles(folder)
 
 

@@ -45,6 +45,16 @@ fn model_file_corpus() {
 }
 
 #[test]
+fn network_file_corpus() {
+    keeps_its_promise(targets::network_file, "network_file");
+}
+
+#[test]
+fn network_corpus() {
+    keeps_its_promise(targets::network, "network");
+}
+
+#[test]
 fn y4m_corpus() {
     keeps_its_promise(targets::y4m, "y4m");
 }

@@ -47,6 +47,7 @@ fn time(
         networks.push((name, network, start.elapsed()));
     }
     let mut times = vec![Vec::with_capacity(rounds); networks.len()];
+    let cpu_before = cpu_time()?;
     for _ in 0..rounds {
         for ((_, network, _), times) in networks.iter_mut().zip(&mut times) {
             let start = Instant::now();
@@ -54,6 +55,7 @@ fn time(
             times.push(start.elapsed());
         }
     }
+    let cpu_ms = cpu_time()?.saturating_sub(cpu_before).as_secs_f64() * 1e3 / rounds as f64;
     let peak = peak::multiply_adds_per_second(kernels) / 1e9;
     println!("{}: ms p50, G multiply-adds/s of {peak:.1}, loading ms, MB of weights, of activations", kernels.name);
     let mut frame = Duration::ZERO;
@@ -67,6 +69,7 @@ fn time(
         println!("  {name:10}{median:8.4}{rate:8.1}{loading:8.1}{weights:8.2}{activations:8.2}");
     }
     println!("  frame     {:8.4}", frame.as_secs_f64() * 1e3);
+    println!("  CPU time of all threads for the five networks: {cpu_ms:.4} ms");
     if layers {
         for (name, network, _) in &mut networks {
             time_layers(name, network, rounds);
@@ -94,6 +97,16 @@ fn time_layers(name: &str, network: &mut Network, rounds: usize) {
         let (millions, rate) = (*products as f64 / 1e6, *products as f64 / median / 1e9);
         println!("  {layer:32}{:8.1}{millions:8.3}{rate:8.1}", median * 1e6);
     }
+}
+
+/// Time for which the system has run the threads of this process.
+fn cpu_time() -> Result<Duration, Box<dyn Error>> {
+    let mut nanoseconds = 0;
+    for task in fs::read_dir("/proc/self/task")? {
+        let statistics = fs::read_to_string(task?.path().join("schedstat"))?;
+        nanoseconds += statistics.split(' ').next().unwrap_or_default().parse::<u64>()?;
+    }
+    Ok(Duration::from_nanos(nanoseconds))
 }
 
 fn median(times: &mut [Duration]) -> Duration {

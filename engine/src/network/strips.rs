@@ -63,8 +63,11 @@ impl Division {
         while strip < to.rows && products_of(strip) < 2 * threads * worth {
             strip *= 2;
         }
-        let (strip, grain) = if strip < to.rows { (strip, KEPT_MULTIPLE) } else { (to.rows, 1) };
-        Self { strip, rows_at_a_time, shares: sharing.shares(products_of(strip)), grain }
+        if strip >= to.rows {
+            return Self { strip: to.rows, rows_at_a_time, shares: sharing.shares(products), grain: 1 };
+        }
+        let rows_at_a_time = rows_at_a_time.min(KEPT_MULTIPLE);
+        Self { strip, rows_at_a_time, shares: sharing.shares(products_of(strip)), grain: KEPT_MULTIPLE }
     }
 
     /// The division of a dense layer, whose outputs are one row: threads divide its panels.
@@ -72,8 +75,41 @@ impl Division {
         Self { strip: 1, rows_at_a_time: 1, shares: sharing.shares(products), grain: 1 }
     }
 
-    /// Rows, or panels, of every share but the last.
+    /// Rows, or panels, of every share but the last, for a strip of `count` rows or panels.
     pub(super) fn share_of(&self, count: usize) -> usize {
         count.div_ceil(self.shares).next_multiple_of(self.grain)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::Shape;
+    use crate::testing::Random;
+
+    #[test]
+    fn rows_that_a_thread_computes_at_a_time_lie_beside_each_other_in_any_map() {
+        let mut random = Random::new(1);
+        for _ in 0..3000 {
+            let map = Shape { rows: random.below(100) + 1, columns: random.below(40) + 1, channels: 8 };
+            let sharing = Sharing { threads: random.below(8) + 1, worth: 500 };
+            let division = Division::of_rows(&Map::new(map, 8), map.rows * random.below(2000), sharing);
+            if division.strip == map.rows {
+                continue;
+            }
+            let fits = KEPT_MULTIPLE.is_multiple_of(division.strip) || division.strip.is_multiple_of(KEPT_MULTIPLE);
+            assert!(fits, "{division:?}");
+            for start in (0..map.rows).step_by(division.strip) {
+                let end = (start + division.strip).min(map.rows);
+                let share = division.share_of(end - start);
+                assert!((end - start).div_ceil(share) <= division.shares, "{map:?} {division:?}");
+                for first in
+                    (start..end).step_by(share).flat_map(|at| (at..at + share).step_by(division.rows_at_a_time))
+                {
+                    let last = first + division.rows_at_a_time - 1;
+                    assert_eq!(first / KEPT_MULTIPLE, last / KEPT_MULTIPLE, "{map:?} {division:?}");
+                }
+            }
+        }
     }
 }

@@ -50,6 +50,27 @@ fn workers_that_are_parked_wake_up_and_help() {
 }
 
 #[test]
+fn a_call_returns_only_after_the_tasks_that_workers_have_taken() {
+    within_ten_seconds(|| {
+        let team = Team::new(2).expect("threads");
+        let caller = thread::current().id();
+        let met = [const { AtomicBool::new(false) }; 2];
+        let mut tasks = [(0, false), (1, false)];
+        team.for_each(&mut tasks, |(task, finished)| {
+            met[*task].store(true, Ordering::SeqCst);
+            while !met[1 - *task].load(Ordering::SeqCst) {
+                thread::yield_now();
+            }
+            if thread::current().id() != caller {
+                thread::sleep(20 * POLLING);
+            }
+            *finished = true;
+        });
+        assert_eq!(tasks, [(0, true), (1, true)]);
+    });
+}
+
+#[test]
 fn a_panic_in_a_task_reaches_the_caller_after_all_other_tasks_and_the_team_works_on() {
     within_ten_seconds(|| {
         let team = Team::new(3).expect("threads");

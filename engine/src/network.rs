@@ -7,7 +7,6 @@ mod map;
 mod packing;
 mod strips;
 
-use std::array;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -158,22 +157,13 @@ impl Network {
             Work::Dense { .. } => (0..to.channels / self.kernels.dense_panel, self.kernels.dense_panel),
             _ => (rows.clone(), to.row),
         };
-        let scratch = self.scratch.all_mut();
+        let mut whole = Share { range, output, scratch: self.scratch.all_mut() };
         match &self.team {
             Some(team) if layer.division.shares > 1 => {
-                let per_share = layer.division.share_of(range.len());
-                let count = range.len().div_ceil(per_share);
-                let mut starts = range.step_by(per_share);
-                let mut outputs = output.chunks_mut(per_share * values);
-                let mut scratch = scratch.chunks_mut(self.scratch_length);
-                let mut shares: [Share; MAX_SHARES] = array::from_fn(|_| {
-                    let (start, output) = (starts.next().unwrap_or_default(), outputs.next().unwrap_or_default());
-                    let range = start..start + output.len() / values;
-                    Share { range, output, scratch: scratch.next().unwrap_or_default() }
-                });
+                let (mut shares, count) = whole.divide(&layer.division, values, self.scratch_length);
                 team.for_each(&mut shares[..count], |share| sources.compute(share));
             }
-            _ => sources.compute(&mut Share { range, output, scratch }),
+            _ => sources.compute(&mut whole),
         }
     }
 }

@@ -1,7 +1,9 @@
 //! A layer whose weights are packed, and the work of one thread on it.
 
+use std::array;
 use std::ops::Range;
 
+use super::MAX_SHARES;
 use super::map::Map;
 use super::strips::Division;
 use crate::fusion::Residual;
@@ -60,6 +62,24 @@ pub(super) struct Share<'a> {
     /// The memory of the range.
     pub output: &'a mut [f32],
     pub scratch: &'a mut [f32],
+}
+
+impl<'a> Share<'a> {
+    /// Divides a share among threads. A row or panel has `values` values, and each thread uses `scratch` values of scratch
+    /// memory. Returns the shares, which come first, and their number.
+    pub(super) fn divide(self, division: &Division, values: usize, scratch: usize) -> ([Share<'a>; MAX_SHARES], usize) {
+        let per_share = division.share_of(self.range.len());
+        let count = self.range.len().div_ceil(per_share);
+        let mut starts = self.range.step_by(per_share);
+        let mut outputs = self.output.chunks_mut(per_share * values);
+        let mut scratch = self.scratch.chunks_mut(scratch);
+        let shares = array::from_fn(|_| {
+            let (start, output) = (starts.next().unwrap_or_default(), outputs.next().unwrap_or_default());
+            let range = start..start + output.len() / values;
+            Share { range, output, scratch: scratch.next().unwrap_or_default() }
+        });
+        (shares, count)
+    }
 }
 
 /// What all threads read while they compute a layer.

@@ -156,7 +156,7 @@ impl<'a> Reader<'a> {
 }
 
 /// The value of an IEEE 754 binary16 number.
-fn from_half(bits: u16) -> f32 {
+pub(crate) fn from_half(bits: u16) -> f32 {
     let sign = u32::from(bits & 0x8000) << 16;
     let (exponent, fraction) = (u32::from(bits >> 10) & 0x1f, u32::from(bits & 0x3ff));
     let magnitude = match exponent {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::graph::{Graph, Kind, Operator, Port, Shape, Window};
-use crate::testing::{Random, assert_close};
+use crate::testing::{Random, assert_within, tolerance};
 use crate::{Error, Network, Team, kernels, reference};
 
 /// Builds a network operator by operator.
@@ -137,7 +137,7 @@ pub(crate) fn random_networks_agree_with_the_plain_operators_and_repeat_their_ou
                         let scale = expected.iter().fold(1.0_f32, |scale, value| scale.max(value.abs()));
                         let scaled = |values: &[f32]| values.iter().map(|value| value / scale).collect::<Vec<_>>();
                         let what = format!("{}, seed {seed}, output {index}", kernels.name);
-                        assert_close(&scaled(network.output(index)), &scaled(expected), &what);
+                        assert_within(tolerance(kernels), &scaled(network.output(index)), &scaled(expected), &what);
                     }
                 }
             }

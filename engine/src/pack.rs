@@ -2,7 +2,7 @@
 
 use crate::fusion::Depthwise;
 use crate::graph::Shape;
-use crate::kernels::Kernels;
+use crate::kernels::{Kernels, half_precision};
 
 /// Panels of outputs: within a panel all outputs for the first input, then for the next one. The last outputs, which do
 /// not fill a panel, form panels of `narrow` outputs. `weight` gives the weight of an output and an input.
@@ -29,9 +29,10 @@ pub(crate) fn panels(
 /// The weights of a pointwise convolution between padded channels.
 pub(crate) fn pointwise(kernels: &Kernels, weights: &[f32], from: usize, to: usize) -> Vec<f32> {
     let [depth, channels] = [from, to].map(|count| count.next_multiple_of(kernels.lanes));
-    panels(channels, depth, [kernels.panel, kernels.lanes], |output, input| {
+    let packed = panels(channels, depth, [kernels.panel, kernels.lanes], |output, input| {
         if output < to && input < from { weights[output * from + input] } else { 0.0 }
-    })
+    });
+    if kernels.half { half_precision::pairs(&packed).collect() } else { packed }
 }
 
 /// The addends of a pointwise convolution, among them what the addends of the depthwise convolution before it come to.

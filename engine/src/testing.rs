@@ -1,5 +1,7 @@
 //! What several tests need.
 
+use crate::kernels::Kernels;
+
 /// A small generator of pseudo-random numbers (xorshift).
 pub(crate) struct Random(u64);
 
@@ -22,11 +24,24 @@ impl Random {
     }
 }
 
+/// How far results may lie from plain sums, in parts of a value or of 1: several roundings, in the precision of the
+/// kernels. Numbers of half precision have 11 bits.
+pub(crate) fn tolerance(kernels: &Kernels) -> f32 {
+    if kernels.half { 3e-2 } else { SINGLE_TOLERANCE }
+}
+
+const SINGLE_TOLERANCE: f32 = 2e-5;
+
 /// Asserts that two results differ by rounding only.
 pub(crate) fn assert_close(found: &[f32], expected: &[f32], what: &str) {
+    assert_within(SINGLE_TOLERANCE, found, expected, what);
+}
+
+/// Asserts that two results differ by no more than a [`tolerance`].
+pub(crate) fn assert_within(tolerance: f32, found: &[f32], expected: &[f32], what: &str) {
     assert_eq!(found.len(), expected.len(), "{what}");
     for (at, (found, expected)) in found.iter().zip(expected).enumerate() {
-        let tolerance = 2e-5 * expected.abs().max(1.0);
+        let tolerance = tolerance * expected.abs().max(1.0);
         assert!((found - expected).abs() <= tolerance, "{what}: value {at} is {found}, expected {expected}");
     }
 }

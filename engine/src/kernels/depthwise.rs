@@ -31,7 +31,7 @@ pub(super) unsafe fn depthwise<I: InstructionSet>(task: &Depthwise, output: &mut
             let rows = task.rows.map(|row| row.as_ptr().wrapping_add(channel));
             let taps = vectors::<I, 9>(task.weights, 9 * channel);
             let strip = Strip::<I::Vector> { rows, taps, channels, columns };
-            let output = output.as_mut_ptr().add(channel * task.pixels + first_pixel * I::LANES);
+            let output = Output { operand: output.as_mut_ptr(), at: channel * task.pixels + first_pixel * I::LANES };
             match (stride, output_rows, largest.is_empty()) {
                 (1, 1, _) => strip.every_pixel::<I, 1>(output),
                 (1, _, _) => strip.every_pixel::<I, 2>(output),
@@ -40,6 +40,14 @@ pub(super) unsafe fn depthwise<I: InstructionSet>(task: &Depthwise, output: &mut
             }
         }
     }
+}
+
+/// A place in the operand.
+#[derive(Clone, Copy)]
+struct Output {
+    operand: *mut f32,
+    /// Number of the value, in the precision of the operand.
+    at: usize,
 }
 
 /// One vector of channels of a task.
@@ -61,7 +69,7 @@ impl<V: Copy> Strip<V> {
     /// # Safety
     /// The processor must have the instruction set; the sizes must be those that [`check`] checks.
     #[inline(always)]
-    unsafe fn every_pixel<I: InstructionSet<Vector = V>, const R: usize>(&self, output: *mut f32) {
+    unsafe fn every_pixel<I: InstructionSet<Vector = V>, const R: usize>(&self, output: Output) {
         // SAFETY: the caller vouches for all sizes.
         unsafe {
             let zero = [I::zero(); 4];
@@ -89,7 +97,7 @@ impl<V: Copy> Strip<V> {
     #[inline(always)]
     unsafe fn four_pixels<I: InstructionSet<Vector = V>, const R: usize, const LAST: bool>(
         &self,
-        output: *mut f32,
+        output: Output,
         x: usize,
         [left, middle]: [[V; 4]; 2],
     ) -> [[V; 4]; 2] {
@@ -115,7 +123,7 @@ impl<V: Copy> Strip<V> {
     #[inline(always)]
     unsafe fn every_second_pixel<I: InstructionSet<Vector = V>, const POOL: bool>(
         &self,
-        output: *mut f32,
+        output: Output,
         largest: *mut f32,
     ) {
         // SAFETY: the caller vouches for all sizes.
@@ -126,7 +134,7 @@ impl<V: Copy> Strip<V> {
             while pixels > 2 {
                 left = strip.two_windows::<I, POOL, false>(output, largest, left);
                 strip.rows = strip.rows.map(|row| row.wrapping_add(4 * self.channels));
-                output = output.wrapping_add(2 * I::LANES);
+                output.at += 2 * I::LANES;
                 largest = largest.wrapping_add(2 * self.channels);
                 pixels -= 2;
             }
@@ -146,7 +154,7 @@ impl<V: Copy> Strip<V> {
     #[inline(always)]
     unsafe fn two_windows<I: InstructionSet<Vector = V>, const POOL: bool, const LAST: bool>(
         &self,
-        output: *mut f32,
+        output: Output,
         largest: *mut f32,
         left: [V; 4],
     ) -> [V; 4] {
@@ -206,14 +214,17 @@ impl<V: Copy> Strip<V> {
     #[inline(always)]
     unsafe fn put<I: InstructionSet<Vector = V>, const R: usize, const P: usize>(
         &self,
-        output: *mut f32,
+        output: Output,
         x: usize,
         sums: [[V; R]; P],
     ) {
         for row in 0..R {
             for (pixel, sums) in sums.iter().enumerate() {
                 // SAFETY: the caller vouches for the place.
-                unsafe { I::store(output.add((row * self.columns + x + pixel) * I::LANES), sums[row]) }
+                unsafe {
+                    let at = output.at + (row * self.columns + x + pixel) * I::LANES;
+                    I::store_operand(output.operand, at, sums[row]);
+                }
             }
         }
     }

@@ -16,6 +16,9 @@ mod armv7;
 mod dense;
 mod depthwise;
 mod finish;
+#[cfg(target_arch = "aarch64")]
+mod half;
+pub(crate) mod half_precision;
 mod peak;
 mod plain;
 mod pointwise;
@@ -40,6 +43,9 @@ pub struct Kernels {
     pub lanes: usize,
     /// Values of a vector.
     pub vector: usize,
+    /// Whether the operand and the weights of a pointwise convolution are in half precision: two values take the place of
+    /// one `f32`, the first of them in the lower bits.
+    pub half: bool,
     /// Output channels of a panel of weights.
     pub panel: usize,
     /// Output channels of a panel of the first convolution.
@@ -69,7 +75,12 @@ impl Kernels {
         for (number, pixel) in pixels.chunks_exact(channels).enumerate() {
             for (group, values) in pixel.chunks_exact(self.vector).enumerate() {
                 let at = group * plane + number * self.vector;
-                operand[at..at + self.vector].copy_from_slice(values);
+                if self.half {
+                    let halves = &mut operand[at / 2..][..self.vector / 2];
+                    halves.iter_mut().zip(half_precision::pairs(values)).for_each(|(to, pair)| *to = pair);
+                } else {
+                    operand[at..at + self.vector].copy_from_slice(values);
+                }
             }
         }
     }
@@ -187,6 +198,9 @@ pub fn available() -> Vec<&'static Kernels> {
     }
     #[cfg(target_arch = "aarch64")]
     if std::arch::is_aarch64_feature_detected!("neon") {
+        if std::arch::is_aarch64_feature_detected!("fp16") {
+            all.push(&half::HALF);
+        }
         all.push(&neon::KERNELS);
     }
     #[cfg(all(target_arch = "arm", target_os = "linux", target_endian = "little"))]

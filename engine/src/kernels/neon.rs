@@ -1,14 +1,16 @@
 //! Kernels for aarch64: 32 registers of 4 values.
 
 use std::arch::aarch64::{
-    float32x4_t, vaddq_f32, vdupq_n_f32, vfmaq_f32, vfmaq_laneq_f32, vld1q_dup_f32, vld1q_f32, vmaxq_f32, vminq_f32,
-    vmulq_f32, vst1q_f32,
+    float32x4_t, uint16x4_t, vaddq_f32, vdupq_n_f32, vfmaq_f32, vfmaq_laneq_f32, vld1q_dup_f32, vld1q_f32, vmaxq_f32,
+    vminq_f32, vmulq_f32, vst1_u16, vst1q_f32,
 };
+use std::arch::asm;
 
 use super::table::kernels;
 use super::vector::{InstructionSet, broadcast_row, consecutive};
 
-struct Neon;
+/// With `HALF`, the values of the operand of a pointwise convolution are stored in half precision.
+pub(super) struct Neon<const HALF: bool>;
 
 /// Multiplies the values of the windows of four pixels, six values apart, by lanes.
 macro_rules! lanes_row {
@@ -31,7 +33,7 @@ macro_rules! lanes_row {
 }
 
 // SAFETY: `kernels::available` hands these kernels out only where NEON was detected.
-unsafe impl InstructionSet for Neon {
+unsafe impl<const HALF: bool> InstructionSet for Neon<HALF> {
     type Vector = float32x4_t;
     const LANES: usize = 4;
     // Eight pixels and two vectors of channels take 16 registers for sums, and as many are left for operands.
@@ -53,6 +55,21 @@ unsafe impl InstructionSet for Neon {
     unsafe fn store(to: *mut f32, value: Self::Vector) {
         // SAFETY: the caller vouches for the instruction set and the pointer.
         unsafe { vst1q_f32(to, value) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_operand(operand: *mut f32, at: usize, value: Self::Vector) {
+        // SAFETY: the caller vouches for the instruction set and the pointer.
+        unsafe {
+            if HALF {
+                let halves: uint16x4_t;
+                // The intrinsic of this instruction, which every processor with NEON has, is not stable in Rust 1.92.
+                asm!("fcvtn {0:v}.4h, {1:v}.4s", out(vreg) halves, in(vreg) value, options(pure, nomem, nostack, preserves_flags));
+                vst1_u16(operand.cast::<u16>().add(at), halves);
+            } else {
+                Self::store(operand.add(at), value);
+            }
+        }
     }
 
     #[inline(always)]
@@ -149,4 +166,4 @@ unsafe impl InstructionSet for Neon {
     }
 }
 
-kernels!(Neon, "neon", vectors: 2, tail: 2, stem_vectors: 4, dense_vectors: 8, features: "neon");
+kernels!(Neon<false>, "neon", vectors: 2, tail: 2, stem_vectors: 4, dense_vectors: 8, features: "neon");

@@ -10,6 +10,7 @@ macro_rules! kernels {
             name: $name,
             lanes: $tail * <$set as InstructionSet>::LANES,
             vector: <$set as InstructionSet>::LANES,
+            half: false,
             stem_panel: $stem * <$set as InstructionSet>::LANES,
             panel: $vectors * <$set as InstructionSet>::LANES,
             dense_panel: $dense * <$set as InstructionSet>::LANES,

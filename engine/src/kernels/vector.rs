@@ -18,6 +18,13 @@ pub(super) unsafe trait InstructionSet {
     unsafe fn zero() -> Self::Vector;
     unsafe fn load(from: *const f32) -> Self::Vector;
     unsafe fn store(to: *mut f32, value: Self::Vector);
+    /// Stores a vector as the values from number `at` on of the operand of a pointwise convolution. The pointer to the
+    /// operand must be valid for them.
+    #[inline(always)]
+    unsafe fn store_operand(operand: *mut f32, at: usize, value: Self::Vector) {
+        // SAFETY: the caller vouches for the pointer.
+        unsafe { Self::store(operand.add(at), value) }
+    }
     /// One value in all lanes.
     unsafe fn splat(from: *const f32) -> Self::Vector;
     unsafe fn add(a: Self::Vector, b: Self::Vector) -> Self::Vector;

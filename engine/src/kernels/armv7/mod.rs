@@ -27,6 +27,7 @@ pub(super) static KERNELS: Kernels = Kernels {
     name: "neon",
     lanes: PANEL,
     vector: VECTOR,
+    half: false,
     stem_panel: PANEL,
     panel: PANEL,
     dense_panel: DENSE_PANEL,

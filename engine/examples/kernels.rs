@@ -1,5 +1,5 @@
-//! Times single kernels, with all operands in the cache: the rate of multiply-adds for each number of channels.
-//! Usage: kernels [NAME]
+//! Measures the multiply-adds per second of single kernels for several numbers of channels, with all operands in the cache.
+//! Usage: kernels [KERNELS]. Without a name it measures all kernels that this machine can run.
 
 use std::env;
 use std::hint::black_box;
@@ -11,7 +11,7 @@ fn main() {
     let wanted = env::args().nth(1);
     for kernels in kernels::available() {
         if wanted.as_ref().is_none_or(|name| name == kernels.name) {
-            println!("{}: channels, pixels; G multiply-adds/s depthwise, pointwise", kernels.name);
+            println!("{}: channels, pixels, G multiply-adds/s of depthwise, of pointwise", kernels.name);
             for (channels, columns) in [(16, 96), (32, 48), (64, 24), (128, 12)] {
                 time(kernels, channels, columns);
             }
@@ -54,7 +54,7 @@ fn time(kernels: &kernels::Kernels, channels: usize, columns: usize) {
     println!("  {channels:4} {pixels:4} {depthwise_rate:8.1} {pointwise_rate:8.1}");
 }
 
-/// G multiply-adds per second of the fastest of some rounds.
+/// Thousand millions of multiply-adds per second, from the fastest of 200 measurements.
 fn rate(products: usize, mut run: impl FnMut()) -> f64 {
     let times = (0..200).map(|_| {
         let start = Instant::now();

@@ -1,7 +1,7 @@
 //! Times the networks of a folder. Usage: time FOLDER [KERNELS [ROUNDS [THREADS]]] [--layers]
 //!
-//! All networks take their turn in each round, so that each finds the caches as another has left them. With `--layers`
-//! a table per network shows the median time of each layer and its rate of multiply-adds.
+//! Each round runs every network once, so that each network finds the caches as the one before it left them. With
+//! `--layers` a table for each network shows the median time of each layer and its rate of multiply-adds.
 
 use std::error::Error;
 use std::path::Path;
@@ -57,7 +57,10 @@ fn time(
     }
     let cpu_ms = cpu_time()?.saturating_sub(cpu_before).as_secs_f64() * 1e3 / rounds as f64;
     let peak = peak::multiply_adds_per_second(kernels) / 1e9;
-    println!("{}: ms p50, G multiply-adds/s of {peak:.1}, loading ms, MB of weights, of activations", kernels.name);
+    println!(
+        "{}: median ms, G multiply-adds/s (peak {peak:.1}), ms to load, MB of weights, MB of activations",
+        kernels.name
+    );
     let mut frame = Duration::ZERO;
     for ((name, network, loading), times) in networks.iter().zip(&mut times) {
         let products: usize = network.layers().iter().map(|(_, products)| products).sum();
@@ -99,7 +102,7 @@ fn time_layers(name: &str, network: &mut Network, rounds: usize) {
     }
 }
 
-/// Time for which the system has run the threads of this process.
+/// Processor time that the running threads of this process have used.
 fn cpu_time() -> Result<Duration, Box<dyn Error>> {
     let mut nanoseconds = 0;
     for task in fs::read_dir("/proc/self/task")? {

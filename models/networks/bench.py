@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""Measures how long each network takes on one thread, in both forms that to_onnx.py writes.
+"""Measures how long ONNX Runtime takes for each network in both forms that to_onnx.py writes.
 
-Each round runs every network once in both forms, so that each finds the caches as another
-network has left them. The figures are medians of 300 rounds.
+It uses one thread. Each round runs every network once in both forms, so that each network finds
+the caches as the one before it left them. The figures are medians of 300 rounds.
 """
 
 from __future__ import annotations
 
+import argparse
 import statistics
 import tempfile
 import time
@@ -16,15 +17,13 @@ import numpy as np
 import onnxruntime
 
 import convert
-import networks
-import sources
 import to_onnx
 
 ROUNDS = 300
 
 
 class Timed:
-    """A session with bound input and outputs and the options of facewire, and its times."""
+    """A session with bound input and outputs, the options that facewire sets, and the times of its runs."""
 
     def __init__(self, path: Path) -> None:
         options = onnxruntime.SessionOptions()
@@ -40,23 +39,20 @@ class Timed:
         self.seconds: list[float] = []
 
     def run(self) -> None:
-        """One inference."""
+        """Runs the network once and records the time."""
         start = time.perf_counter()
         self.session.run_with_iobinding(self.binding)
         self.seconds.append(time.perf_counter() - start)
 
     def median_ms(self) -> float:
-        """Median time of a run, in milliseconds."""
+        """Returns the median time of a run, in milliseconds."""
         return statistics.median(self.seconds) * 1e3
 
 
 def main() -> None:
     """Prints one line for each network."""
-    mediapipe = sources.fetch(sources.MEDIAPIPE, convert.cache_folder() / "downloads")
-    parts = networks.all_networks(
-        sources.extract(mediapipe, sources.DETECTOR),
-        sources.extract(mediapipe, sources.ATTENTION_MESH),
-    )
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
+    parts = convert.cut_networks()
     with tempfile.TemporaryDirectory() as folder:
         timed = {}
         for form in ("blocked", "plain"):

@@ -2,14 +2,15 @@
 """Compares every network that was converted to ONNX with the TFLite interpreter, on noise and on
 a face. The interpreter runs the part of the TFLite file from which the network was converted.
 
-check.py FOLDER writes the inputs, and the outputs of the interpreter, for a comparison with
-facewire's engines: NAME-input.f32 and NAME-OUTPUT.f32, little-endian, one case after the other,
-rows, columns and channels in this order.
+Run as a program with a folder as its argument, it writes the inputs and the outputs of the
+interpreter into that folder, so that tests/networks.rs can compare facewire's engines with them.
+The files NAME-input.f32 and NAME-OUTPUT.f32 hold little-endian float32 values of one case after
+the other, each in the order rows, columns, channels.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -30,7 +31,7 @@ TOLERANCE = 2e-5
 # The face in a frame of the built-in clip: array "picture", 192 x 192 RGB.
 FACE = Path(__file__).parent / "face.npz"
 
-# Row and column of a 16 x 16 crop of that picture's feature map around the lips and the eyes.
+# First row and column of the 16 x 16 crops around the lips and the eyes in the feature map of that picture.
 CROPS = {"lips": (24, 16), "left_eye": (11, 10), "right_eye": (11, 22)}
 
 
@@ -73,7 +74,7 @@ def write_reference(networks: list[Network], folder: Path) -> None:
 
 
 def cases(networks: list[Network]) -> Iterator[tuple[Network, list[np.ndarray]]]:
-    """Each network with two inputs: noise, and what it receives for the picture of a face."""
+    """Yields each network with two inputs: noise, and the input that results from the picture of a face."""
     noise = np.random.default_rng(52)
     realistic = _inputs_of_a_face(next(n for n in networks if n.name == "mesh"))
     for network in networks:
@@ -92,7 +93,10 @@ def _difference(network: Network, folder: Path, tensor: np.ndarray) -> float:
         range_ = float(np.abs(reference).max())
         difference = float(np.abs(value - reference.reshape(value.shape)).max()) / range_
         if not difference <= TOLERANCE:
-            raise SetupError(f"{network.name}: {name} is off by {difference:.1e} of its range")
+            raise SetupError(
+                f"{network.name}: {name} differs from the TFLite interpreter by {difference:.1e} of its range, "
+                f"allowed are {TOLERANCE:.0e}: the conversion is wrong, please report it"
+            )
         worst = max(worst, difference)
     return worst
 
@@ -111,7 +115,7 @@ def _inputs_of_a_face(mesh: Network) -> dict[str, np.ndarray]:
 
 
 def _cut_file(network: Network) -> bytes:
-    """The network's part of its TFLite file, as a TFLite file."""
+    """Returns a TFLite file that contains only this network."""
     model = schema.ModelT.InitFromObj(schema.Model.GetRootAsModel(network.file, 0))
     subgraph = model.subgraphs[0]
     wanted = set(network.graph.outputs)
@@ -140,10 +144,12 @@ def _drop_unused_codes(model: schema.ModelT) -> None:
 
 
 def main() -> None:
-    """Writes the reference to the folder given."""
-    if len(sys.argv) != 2:
-        sys.exit("usage: check.py FOLDER")
-    write_reference(convert.cut_networks(), Path(sys.argv[1]))
+    """Writes the reference into the folder that the command line names."""
+    parser = argparse.ArgumentParser(
+        description="Writes inputs of each network and the outputs of the TFLite interpreter for them."
+    )
+    parser.add_argument("folder", type=Path, help="an existing folder for the files NAME-input.f32 and NAME-OUTPUT.f32")
+    write_reference(convert.cut_networks(), parser.parse_args().folder)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 """Installs the landmark networks in the folder where facewire looks for them.
 
 By default, writes them in the form of facewire's own engine. With --onnx, writes them as ONNX,
-with the library of ONNX Runtime beside them. Downloads and converts the files, and moves them
-into the folder only then. The last one, SOURCES.txt or SOURCES-onnx.txt, lists every input and
-output with its sha256. If the folder agrees with it and the inputs have not changed, nothing is
+with the library of ONNX Runtime beside them. All files are complete before the first one is moved
+into the folder. The last one, SOURCES.txt or SOURCES-onnx.txt, lists every input and output with
+its sha256. If the files in the folder have these sums and the inputs have not changed, nothing is
 done.
 """
 
@@ -63,7 +63,7 @@ def networks_folder() -> Path:
 
 
 def sources_text(folder: Path, form: Form) -> str:
-    """The list of inputs and outputs for the files in `folder` and the inputs as they are now."""
+    """Returns the list of sums for the current inputs and the files in `folder`."""
     converter = hashlib.sha256()
     files = [*HERE.glob("*.py"), *HERE.glob("requirements*.txt"), HERE / "face.npz",
              HERE.parents[1] / "src/face/refinement.rs"]
@@ -76,7 +76,7 @@ def sources_text(folder: Path, form: Form) -> str:
 
 
 def is_current(folder: Path, form: Form) -> bool:
-    """Whether the files in `folder` are complete and made from the present inputs."""
+    """Returns whether the files in `folder` are complete and were made from the current inputs."""
     try:
         return (folder / form.stamp).read_text(encoding="utf-8") == sources_text(folder, form)
     except FileNotFoundError:
@@ -84,7 +84,7 @@ def is_current(folder: Path, form: Form) -> bool:
 
 
 def cut_networks() -> list:
-    """The networks as parts of MediaPipe's files, whose tables facewire must share."""
+    """Cuts the networks out of MediaPipe's files, and checks that facewire has the same tables as these files."""
     # Imported here because a run that has nothing to do needs none of the packages.
     import networks
     import refinement
@@ -129,14 +129,15 @@ def install(form: Form) -> None:
 def main() -> int:
     """Runs the command line and returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--onnx", action="store_true", help="as ONNX, with ONNX Runtime")
+    parser.add_argument("--onnx", action="store_true", help="write ONNX files and add the library of ONNX Runtime")
     parser.add_argument(
         "--architecture", default=platform.machine(), metavar="NAME",
         help="machine of ONNX Runtime: x86_64 or aarch64 (default: this one)",
     )
     arguments = parser.parse_args()
     if arguments.onnx and arguments.architecture not in sources.ONNX_RUNTIME:
-        print(f"networks: there is no ONNX Runtime for {arguments.architecture}", file=sys.stderr)
+        names = " and ".join(sources.ONNX_RUNTIME)
+        print(f"networks: there is no ONNX Runtime for {arguments.architecture}, only for {names}", file=sys.stderr)
         return 1
     form = onnx(arguments.architecture) if arguments.onnx else native()
     try:

@@ -15,7 +15,7 @@ from tflite_graph import Graph, read
 
 @dataclass
 class Network:
-    """A part of a TFLite file, with the names and shapes that it gets as ONNX."""
+    """A part of a TFLite file, the name of its input, and the names of its outputs with their shapes in ONNX."""
 
     name: str
     file: bytes

@@ -8,7 +8,7 @@ from typing import Any
 
 import tflite
 
-# How the module struct calls the types of constants.
+# The format characters of the module `struct` for the types of constants.
 FORMATS = {tflite.TensorType.FLOAT16: "e", tflite.TensorType.FLOAT32: "f", tflite.TensorType.INT32: "i"}
 SAME_PADDING = tflite.Padding.SAME
 ACTIVATION_NONE = tflite.ActivationFunctionType.NONE
@@ -16,7 +16,7 @@ ACTIVATION_NONE = tflite.ActivationFunctionType.NONE
 
 @dataclass(frozen=True)
 class Constant:
-    """An array of the file: its shape, the letter of its type in struct, and its bytes."""
+    """An array of the file: its shape, the format character of its elements, and its bytes."""
 
     shape: tuple[int, ...]
     format: str
@@ -28,7 +28,7 @@ class Constant:
 
 
 class Options:
-    """The options of an operator, by their names in the schema."""
+    """The options of an operator as attributes, with the names that the schema of TFLite gives them."""
 
     def __init__(self, table: Any) -> None:
         self.table = table

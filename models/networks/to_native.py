@@ -1,8 +1,9 @@
 """Writes the networks in the form that facewire's own engine reads: engine/src/file.rs describes it.
 
 Operators keep TFLite's order of elements (rows, columns, channels). PAD of rows and columns
-becomes the padding of the convolution that follows; RESHAPE vanishes, because it changes no
-order. Weights keep the precision that they have in the TFLite files: most are float16.
+becomes the padding of the convolution that follows. RESHAPE is left out, because it does not
+change the order of the elements. Weights keep the precision that they have in the TFLite files:
+most are float16.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ MAGIC = b"fwnet\0\0\0"
 VERSION = 2
 CONVOLUTION, DEPTHWISE, PRELU, RELU, ADD, MAX_POOL, PAD_CHANNELS, CONCATENATION = range(8)
 FLOAT16, FLOAT32 = 1, 2
-# Operators whose options name an activation.
+# Operators whose options can name an activation function.
 FUSED = ("ADD", "CONCATENATION", "CONV_2D", "DEPTHWISE_CONV_2D", "MAX_POOL_2D")
 
 
@@ -52,7 +53,7 @@ class Writer:
         }
 
     def content(self, source: str, outputs: dict[str, list[int]]) -> bytes:
-        """The whole file."""
+        """Converts all operators and returns the content of the file."""
         ends = [_named(source, self._tensor(self.graph.inputs[0]))]
         for operator in self.graph.operators:
             if operator.kind not in self.writers:
@@ -65,7 +66,7 @@ class Writer:
         return MAGIC + struct.pack("<II", VERSION, zlib.crc32(body)) + body
 
     def _tensor(self, index: int) -> int:
-        """The number of a tensor in the file; adds the tensor if it is new."""
+        """Returns the number of a tensor in the file. Adds the tensor if the file does not have it yet."""
         if index not in self.numbers:
             self.numbers[index] = len(self.tensors)
             self.tensors.append(struct.pack("<3H", *_rows_columns_channels(self.graph.shapes[index])))

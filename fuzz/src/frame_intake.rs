@@ -2,7 +2,7 @@
 
 use facewire::capture::v4l2::{Layout, PixelFormat, Store};
 use facewire::capture::{MAX_SIDE_PX, Picture};
-use facewire::face::{Border, Crop, CropShape, FaceBox};
+use facewire::face::{Block, Border, CropShape, FaceBox, crop};
 use v4l::format::{Colorspace, Quantization};
 use v4l::{Format, FourCC};
 
@@ -111,12 +111,9 @@ fn painted(layout: &Layout) -> Vec<u8> {
 }
 
 fn sampled(picture: &Picture<'_>, region: &FaceBox, shape: CropShape) -> Vec<f32> {
-    let mut values = vec![f32::NAN; 3 * shape.side.pow(2)];
-    let mut crop = Crop::new(picture, region, shape);
-    for (number, row) in values.chunks_exact_mut(3 * shape.side).enumerate() {
-        crop.row(number, row);
-    }
-    values
+    let mut rows = vec![[f32::NAN; 3 * 192]; shape.side];
+    crop(picture, region, shape, &mut Block::default(), &mut rows);
+    rows.iter().flat_map(|row| row.iter().take(3 * shape.side)).copied().collect()
 }
 
 fn jpeg(layout: &Layout, input: &mut Input<'_>, region: &FaceBox, shape: CropShape) {

@@ -6,7 +6,8 @@
 use crate::capture::Picture;
 use crate::infer::{Engine, InferError, Network, Signature};
 
-use super::crop::{Border, Crop, CropShape};
+use super::block::Block;
+use super::crop::{Border, CropShape, crop};
 use super::region::{FaceBox, Mapping};
 
 /// Samples per side of the network's input.
@@ -31,6 +32,7 @@ const SHAPE: CropShape = CropShape { side: SIDE, range: [-1.0, 1.0], border: Bor
 /// The detector network.
 pub struct Detector {
     network: Box<dyn Network>,
+    block: Block,
 }
 
 impl Detector {
@@ -39,7 +41,7 @@ impl Detector {
     /// # Errors
     /// Those of [`Engine::load`].
     pub fn load(engine: &dyn Engine) -> Result<Self, InferError> {
-        Ok(Self { network: engine.load(&SIGNATURE)? })
+        Ok(Self { network: engine.load(&SIGNATURE)?, block: Block::default() })
     }
 
     /// Returns the region of interest around the face with the highest score. Returns `None` if there is no face.
@@ -48,10 +50,7 @@ impl Detector {
     /// [`InferError::Run`].
     pub fn find(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
         let view = letterbox(picture);
-        let mut crop = Crop::new(picture, &view, SHAPE);
-        for row in 0..SIDE {
-            crop.row(row, self.network.input_row(row));
-        }
+        crop(picture, &view, SHAPE, &mut self.block, &mut *self.network);
         self.network.run()?;
         let face = strongest(candidates(self.network.output(0), self.network.output(1)));
         Ok(face.and_then(|face| face.region(&view.mapping())))

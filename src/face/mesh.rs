@@ -7,7 +7,8 @@
 use crate::capture::Picture;
 use crate::infer::{Engine, InferError, Network, Signature};
 
-use super::crop::{Border, Crop, CropShape};
+use super::block::Block;
+use super::crop::{Border, CropShape, crop};
 use super::landmarks::Landmarks;
 use super::refinement::{
     CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
@@ -68,6 +69,7 @@ const fn eye_signature(name: &'static str) -> Signature {
 pub struct Mesh {
     backbone: Box<dyn Network>,
     heads: [Head; 3],
+    block: Block,
     landmarks: Landmarks,
 }
 
@@ -88,6 +90,7 @@ impl Mesh {
         Ok(Self {
             backbone: engine.load(&BACKBONE)?,
             heads: [head(&LIPS_REFINEMENT)?, head(&RIGHT_EYE_REFINEMENT)?, head(&LEFT_EYE_REFINEMENT)?],
+            block: Block::default(),
             landmarks: Landmarks::zero(),
         })
     }
@@ -98,10 +101,7 @@ impl Mesh {
     /// # Errors
     /// [`InferError::Run`].
     pub fn find(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
-        let mut crop = Crop::new(picture, region, SHAPE);
-        for row in 0..SIDE {
-            crop.row(row, self.backbone.input_row(row));
-        }
+        crop(picture, region, SHAPE, &mut self.block, &mut *self.backbone);
         self.backbone.run()?;
         if !self.backbone.output(1).first().is_some_and(|flag| *flag >= MIN_FLAG) {
             return Ok(None);

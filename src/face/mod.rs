@@ -1,5 +1,6 @@
 //! Finds a face in a picture, follows it from frame to frame and returns its landmarks.
 
+mod block;
 mod colour;
 mod crop;
 mod detector;
@@ -13,7 +14,8 @@ pub(crate) mod test_face;
 mod tracker;
 mod transform;
 
-pub use crop::{Border, Crop, CropShape};
+pub use block::Block;
+pub use crop::{Border, CropShape, Rows, crop};
 pub use detector::Detector;
 pub use landmarks::{LANDMARKS, Landmarks, MESH};
 pub use mesh::Mesh;

@@ -1,94 +1,103 @@
-//! Shows a picture of any pixel format as one luma plane and two chroma planes.
+//! Reads pixels of a picture of any format as red, green and blue.
 
+use facewire_engine::kernels::convert::{Factors, GROUP, Samples, convert};
+use facewire_engine::kernels::sample::Pixel;
+
+use super::block::signed;
+use super::colour::factors;
 use crate::capture::{Picture, Pixels};
-
-use super::colour::Colour;
 
 /// Chroma of a picture without chroma planes.
 const GREY: u8 = 128;
 
-/// Where the samples of a plane are in memory.
-struct Layout {
-    /// Bytes from one row of samples to the next.
-    stride: usize,
-    /// Bytes from one sample of a row to the next.
-    step: usize,
-    /// Binary logarithm of the columns and rows of pixels that share a sample.
-    shift: [u8; 2],
-}
-
-/// A picture as planes of samples.
+/// The pixels of a picture.
 pub(super) struct Planes<'a> {
-    luma: &'a [u8],
-    luma_layout: Layout,
-    /// Cb and Cr, which have the same layout. Empty for a grey picture.
-    chroma: [&'a [u8]; 2],
-    chroma_layout: Layout,
-    colour: &'static Colour,
+    pixels: Pixels<'a>,
+    factors: &'static Factors,
     /// The last column and the last row of the picture.
     last: [i32; 2],
 }
 
-impl Layout {
-    #[inline]
-    fn index(&self, x: usize, y: usize) -> usize {
-        (y >> self.shift[1]) * self.stride + (x >> self.shift[0]) * self.step
-    }
-}
-
-impl Planes<'_> {
-    /// The pixels at columns `x` and `x + 1` of rows `y` and `y + 1`. The nearest pixel replaces each one outside the
-    /// picture.
-    pub(super) fn nearest_square(&self, x: i32, y: i32) -> [[u64; 2]; 2] {
-        let nearest = |at: i32, last: i32| at.clamp(0, last).unsigned_abs() as usize;
-        let columns = [x, x.saturating_add(1)].map(|x| nearest(x, self.last[0]));
-        let rows = [y, y.saturating_add(1)].map(|y| nearest(y, self.last[1]));
-        self.square(columns, rows)
-    }
-
-    /// The pixels of two columns in two rows, all of which must be inside the picture.
-    #[inline]
-    pub(super) fn square(&self, [left, right]: [usize; 2], [top, bottom]: [usize; 2]) -> [[u64; 2]; 2] {
-        [[self.pixel(left, top), self.pixel(right, top)], [self.pixel(left, bottom), self.pixel(right, bottom)]]
-    }
-
-    #[inline]
-    fn pixel(&self, x: usize, y: usize) -> u64 {
-        let get = |data: &[u8], at: usize| data.get(at).copied().unwrap_or(GREY);
-        let ([cb, cr], chroma) = (self.chroma, self.chroma_layout.index(x, y));
-        self.colour.pixel(get(self.luma, self.luma_layout.index(x, y)), get(cb, chroma), get(cr, chroma))
-    }
-
-    /// Whether columns `x` and `x + 1` of rows `y` and `y + 1` are inside the picture.
-    pub(super) fn contain_square(&self, x: i32, y: i32) -> bool {
-        (0..self.last[0]).contains(&x) && (0..self.last[1]).contains(&y)
+impl<'a> Planes<'a> {
+    /// The pixels of `picture`.
+    pub(super) fn new(picture: &Picture<'a>) -> Self {
+        let last = [picture.width, picture.height].map(|size| i32::try_from(size).unwrap_or(0).max(1) - 1);
+        Self { pixels: picture.pixels, factors: factors(picture.full_range), last }
     }
 
     /// Whether a column and a row are inside the picture.
-    pub(super) fn contain(&self, x: i32, y: i32) -> bool {
+    pub(super) fn contain(&self, [x, y]: [i32; 2]) -> bool {
         (0..=self.last[0]).contains(&x) && (0..=self.last[1]).contains(&y)
     }
-}
 
-impl<'a> Planes<'a> {
-    /// The planes of a picture.
-    pub(super) fn new(picture: &Picture<'a>) -> Self {
-        let layout = |stride, step, shift| Layout { stride, step, shift };
-        let from = |data: &'a [u8], first: usize| data.get(first..).unwrap_or(&[]);
-        let (luma, luma_layout, chroma, chroma_layout) = match picture.pixels {
-            Pixels::Grey { data, stride } => (data, layout(stride, 1, [0, 0]), [&[] as &[u8]; 2], layout(0, 0, [0, 0])),
-            Pixels::Yuyv { data, stride } => {
-                (data, layout(stride, 2, [0, 0]), [from(data, 1), from(data, 3)], layout(stride, 4, [1, 0]))
-            }
+    /// Converts the pixel at a column and a row, or the nearest one if that is outside the picture.
+    #[inline]
+    pub(super) fn nearest(&self, [x, y]: [i32; 2]) -> Pixel {
+        let [x, y] = [(x, self.last[0]), (y, self.last[1])].map(|(at, last)| at.clamp(0, last).unsigned_abs() as usize);
+        let get = |plane: &[u8], at: usize| plane.get(at).copied().unwrap_or(GREY);
+        let samples = match self.pixels {
+            Pixels::Yuyv { data, stride } => [2 * x, x / 2 * 4 + 1, x / 2 * 4 + 3].map(|at| get(data, y * stride + at)),
             Pixels::Nv12 { luma, chroma, stride } => {
-                (luma, layout(stride, 1, [0, 0]), [chroma, from(chroma, 1)], layout(stride, 2, [1, 1]))
+                let at = y / 2 * stride + x / 2 * 2;
+                [get(luma, y * stride + x), get(chroma, at), get(chroma, at + 1)]
             }
             Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift } => {
-                (luma, layout(strides[0], 1, [0, 0]), [cb, cr], layout(strides[1], 1, chroma_shift))
+                let at = (y >> chroma_shift[1]) * strides[1] + (x >> chroma_shift[0]);
+                [get(luma, y * strides[0] + x), get(cb, at), get(cr, at)]
             }
+            Pixels::Grey { data, stride } => [get(data, y * stride + x), GREY, GREY],
         };
-        let last =
-            [picture.width, picture.height].map(|size| i32::try_from(size).unwrap_or(0).saturating_sub(1).max(0));
-        Self { luma, luma_layout, chroma, chroma_layout, colour: Colour::for_range(picture.full_range), last }
+        self.factors.pixel(samples)
+    }
+
+    /// Converts rows of `width` groups of pixels, the first of which is at an even column. The nearest pixel replaces each
+    /// one outside the picture.
+    pub(super) fn convert(&self, [x, top]: [i32; 2], width: usize, groups: &mut [[Pixel; GROUP]]) {
+        let left = (x.min(0).unsigned_abs() as usize).div_ceil(GROUP).min(width);
+        let inside_x = x.saturating_add(signed(left * GROUP));
+        let inside =
+            (usize::try_from((self.last[0] + 1).saturating_sub(inside_x)).unwrap_or(0) / GROUP).min(width - left);
+        for (y, row) in (top..).zip(groups.chunks_exact_mut(width)) {
+            let y = y.clamp(0, self.last[1]);
+            let (before, rest) = row.split_at_mut(left);
+            let (within, after) = rest.split_at_mut(inside);
+            match self.row([inside_x, y]) {
+                Some(samples) => convert(self.factors, &samples, within),
+                None => self.convert_each([inside_x, y], within),
+            }
+            self.convert_each([x, y], before);
+            self.convert_each([inside_x.saturating_add(signed(inside * GROUP)), y], after);
+        }
+    }
+
+    /// [`Planes::convert`] for any columns and any format.
+    fn convert_each(&self, [x, y]: [i32; 2], groups: &mut [[Pixel; GROUP]]) {
+        if groups.is_empty() {
+            return;
+        }
+        let mut nearest = self.nearest([x, y]);
+        for (x, pixel) in (x..).zip(groups.as_flattened_mut()) {
+            if (1..=self.last[0]).contains(&x) {
+                nearest = self.nearest([x, y]);
+            }
+            *pixel = nearest;
+        }
+    }
+
+    /// The samples of a row from an even column on, if the format is one of those that are converted in groups.
+    fn row(&self, [x, y]: [i32; 2]) -> Option<Samples<'a>> {
+        let (x, y) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
+        match self.pixels {
+            Pixels::Yuyv { data, stride } => data.get(y * stride + 2 * x..).map(Samples::Yuyv),
+            Pixels::Nv12 { luma, chroma, stride } => {
+                Some(Samples::SemiPlanar(luma.get(y * stride + x..)?, chroma.get(y / 2 * stride + x..)?))
+            }
+            Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: [1, down] } => {
+                let at = (y >> down) * strides[1] + x / 2;
+                Some(Samples::Planar([luma.get(y * strides[0] + x..)?, cb.get(at..)?, cr.get(at..)?]))
+            }
+            Pixels::Planar { .. } => None,
+            Pixels::Grey { data, stride } => data.get(y * stride + x..).map(Samples::Grey),
+        }
     }
 }

@@ -13,6 +13,7 @@
 
 #[cfg(all(target_arch = "arm", target_os = "linux", target_endian = "little"))]
 mod armv7;
+pub mod convert;
 mod dense;
 mod depthwise;
 mod finish;
@@ -22,6 +23,7 @@ pub(crate) mod half_precision;
 mod peak;
 mod plain;
 mod pointwise;
+pub mod sample;
 mod stem;
 mod table;
 #[cfg(test)]

@@ -1,0 +1,115 @@
+//! Converts luma and chroma to red, green and blue, for [`sample`](super::sample).
+//!
+//! Products are those of factors in units of 1/8192, each rounded down by itself.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "aarch64")]
+mod neon;
+#[cfg(test)]
+mod tests;
+
+use super::sample::Pixel;
+
+/// Pixels that are converted at a time.
+pub const GROUP: usize = 16;
+
+/// The factors of a conversion, in units of 1/8192.
+#[derive(Debug, Clone, Copy)]
+pub struct Factors {
+    /// Of luma, in all channels.
+    pub luma: i16,
+    /// The luma of black.
+    pub black: i16,
+    /// Of Cr in red.
+    pub red: i16,
+    /// Of Cb and Cr in green.
+    pub green: [i16; 2],
+    /// Of Cb in blue.
+    pub blue: i16,
+}
+
+/// Samples of consecutive pixels of a row. The first pixel shares its chroma with the second one.
+#[derive(Debug, Clone, Copy)]
+pub enum Samples<'a> {
+    /// `Y0 Cb Y1 Cr`.
+    Yuyv(&'a [u8]),
+    /// Luma, and `Cb Cr` of every two pixels.
+    SemiPlanar(&'a [u8], &'a [u8]),
+    /// Luma, and Cb and Cr of every two pixels.
+    Planar([&'a [u8]; 3]),
+    /// Luma.
+    Grey(&'a [u8]),
+}
+
+impl Samples<'_> {
+    /// How many pixels have all their samples.
+    fn pixels(&self) -> usize {
+        match self {
+            Self::Yuyv(samples) => samples.len() / 4 * 2,
+            Self::SemiPlanar(luma, chroma) => luma.len().min(chroma.len() / 2 * 2),
+            Self::Planar([luma, cb, cr]) => luma.len().min(2 * cb.len()).min(2 * cr.len()),
+            Self::Grey(luma) => luma.len(),
+        }
+    }
+
+    /// Luma, Cb and Cr of one pixel.
+    fn pixel(&self, number: usize) -> [u8; 3] {
+        let (pair, first) = (number / 2, number / 2 * 2);
+        match self {
+            Self::Yuyv(samples) => [samples[2 * number], samples[4 * pair + 1], samples[4 * pair + 3]],
+            Self::SemiPlanar(luma, chroma) => [luma[number], chroma[first], chroma[first + 1]],
+            Self::Planar([luma, cb, cr]) => [luma[number], cb[pair], cr[pair]],
+            Self::Grey(luma) => [luma[number], NO_COLOUR, NO_COLOUR],
+        }
+    }
+}
+
+/// Chroma of a grey pixel.
+const NO_COLOUR: u8 = 128;
+
+/// Converts whole groups of pixels. There must be samples for all of them.
+type Converter = unsafe fn(&Factors, &Samples, &mut [[Pixel; GROUP]]);
+
+/// Converts as many pixels as `output` has.
+///
+/// # Panics
+/// If there are fewer samples.
+pub fn convert(factors: &Factors, samples: &Samples, output: &mut [[Pixel; GROUP]]) {
+    assert!(samples.pixels() >= output.as_flattened().len(), "there are fewer samples than pixels");
+    // SAFETY: there are enough samples.
+    unsafe { fastest()(factors, samples, output) }
+}
+
+/// The converter for the instruction set of this processor.
+fn fastest() -> Converter {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") {
+        return avx2::convert;
+    }
+    #[cfg(target_arch = "aarch64")]
+    if std::arch::is_aarch64_feature_detected!("neon") {
+        return neon::convert;
+    }
+    plain
+}
+
+fn plain(factors: &Factors, samples: &Samples, output: &mut [[Pixel; GROUP]]) {
+    for (number, pixel) in output.as_flattened_mut().iter_mut().enumerate() {
+        *pixel = factors.pixel(samples.pixel(number));
+    }
+}
+
+impl Factors {
+    /// Converts one pixel.
+    #[must_use]
+    #[inline]
+    pub fn pixel(&self, [luma, cb, cr]: [u8; 3]) -> Pixel {
+        #[expect(clippy::cast_possible_truncation, reason = "a sample has 9 bits, and a factor counts 1/8192")]
+        let product = |sample: i16, factor: i16| ((i32::from(sample) * i32::from(factor)) >> 13) as i16;
+        let luma = product(i16::from(luma) - self.black, self.luma);
+        let [cb, cr] = [cb, cr].map(|chroma| i16::from(chroma) - i16::from(NO_COLOUR));
+        let green = product(cb, self.green[0]) + product(cr, self.green[1]);
+        [luma + product(cr, self.red), luma + green, luma + product(cb, self.blue), 0]
+    }
+}

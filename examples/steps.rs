@@ -1,0 +1,87 @@
+//! Runs one step of a frame a number of times and prints its shortest time. Under callgrind or an emulator that counts
+//! instructions, the difference of two numbers of runs is what one run takes.
+//!
+//! - `steps crop FORMAT SIZE ANGLE TIMES`: a region of SIZE px, turned by ANGLE degrees, in a picture of 640 x 480 whose
+//!   FORMAT is yuyv, nv12, grey or planar
+//! - `steps detector FORMAT TIMES`: the crop of the whole picture
+//! - `steps solve POINTS.npy TIMES`: the first landmarks of a file; with `COLD=1` after other data filled the caches
+
+use std::error::Error;
+use std::time::Instant;
+
+use facewire::capture::{Content, FileOptions, Picture, Pixels, open_file};
+use facewire::config::SolverSettings;
+use facewire::face::{Block, Border, CropShape, FaceBox, crop};
+use facewire::preflight::load_solver;
+use facewire::solve::Camera;
+
+const SIZE: [usize; 2] = [640, 480];
+
+fn picture<'a>(format: &str, data: &'a [u8]) -> Option<Picture<'a>> {
+    let [width, height] = SIZE;
+    let (luma, rest) = data.split_at(width * height);
+    let (cb, cr) = rest.split_at(width * height / 4);
+    let pixels = match format {
+        "yuyv" => Pixels::Yuyv { data, stride: 2 * width },
+        "nv12" => Pixels::Nv12 { luma, chroma: rest, stride: width },
+        "grey" => Pixels::Grey { data, stride: width },
+        "planar" => Pixels::Planar { planes: [luma, cb, cr], strides: [width, width / 2], chroma_shift: [1, 1] },
+        _ => return None,
+    };
+    Picture::new(width, height, pixels, format == "planar")
+}
+
+/// Runs a step and prints its shortest time.
+fn repeat(times: &str, mut step: impl FnMut()) -> Result<(), Box<dyn Error>> {
+    let mut shortest_us = f64::INFINITY;
+    for _ in 0..times.parse()? {
+        let begun = Instant::now();
+        step();
+        shortest_us = shortest_us.min(begun.elapsed().as_secs_f64() * 1e6);
+    }
+    println!("{shortest_us:.1} us");
+    Ok(())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let mut random = fastrand::Rng::with_seed(1);
+    let data: Vec<u8> = (0..SIZE[0] * SIZE[1] * 2).map(|_| random.u8(..)).collect();
+    match arguments[..] {
+        ["crop", format, size, angle, times] => {
+            let picture = picture(format, &data).ok_or("no such format")?;
+            let shape = CropShape { side: 192, range: [0.0, 1.0], border: Border::Replicate };
+            let region =
+                FaceBox { centre: [310.3, 241.7], size: size.parse()?, angle_rad: angle.parse::<f32>()?.to_radians() };
+            let (mut block, mut input) = (Block::default(), vec![[0.0; 3 * 192]; 192]);
+            repeat(times, || crop(&picture, &region, shape, &mut block, &mut input))
+        }
+        ["detector", format, times] => {
+            let picture = picture(format, &data).ok_or("no such format")?;
+            let shape = CropShape { side: 128, range: [-1.0, 1.0], border: Border::Black };
+            let region = FaceBox { centre: [320.0, 240.0], size: 640.0, angle_rad: 0.0 };
+            let (mut block, mut input) = (Block::default(), vec![[0.0; 3 * 128]; 128]);
+            repeat(times, || crop(&picture, &region, shape, &mut block, &mut input))
+        }
+        ["solve", path, times] => {
+            let mut solver = load_solver(&SolverSettings::default())?;
+            let mut source = open_file(path, &FileOptions::default())?;
+            let frame = source.next()?.ok_or("no frame")?;
+            let Content::Landmarks { landmarks: Some(landmarks), .. } = frame.content else {
+                return Err("no face".into());
+            };
+            let camera = Camera::new([640.0, 480.0], 60.0);
+            let mut time_us = 0;
+            let mut thrash = vec![0_u8; 32 << 20];
+            repeat(times, || {
+                time_us += 33_333;
+                let _ = std::hint::black_box(solver.solve(landmarks, &camera, time_us));
+                if std::env::var_os("COLD").is_some() {
+                    thrash.iter_mut().step_by(64).for_each(|byte| *byte += 1);
+                }
+            })
+        }
+        _ => Err("see the first lines of the source".into()),
+    }
+}

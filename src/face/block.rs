@@ -1,0 +1,99 @@
+//! Converts the pixels around a block of samples at once, so that each sample reads pixels that are red, green and blue
+//! already.
+//!
+//! That is several times faster than converting the four pixels around each sample. Blocks are so small that their pixels
+//! stay in the first-level cache, and square if the region is rotated, so that few pixels lie beside the samples.
+
+use std::ops::Range;
+
+use facewire_engine::kernels::convert::GROUP;
+use facewire_engine::kernels::sample::{Line, Pixel, sample};
+
+use super::planes::Planes;
+
+/// Groups of pixels in the memory: 64 KiB.
+const CAPACITY: usize = 512;
+
+/// A row of samples in 16.16 fixed point: the position of the first one, and the way to the next.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Row {
+    pub(super) start: [i32; 2],
+    pub(super) step: [i32; 2],
+}
+
+impl Row {
+    /// The position of a sample. One that does not fit 16.16 fixed point wraps around.
+    pub(super) fn position(&self, number: usize) -> [i32; 2] {
+        let (Self { start: [x, y], step: [right, down] }, number) = (self, signed(number));
+        [x.wrapping_add(right.wrapping_mul(number)), y.wrapping_add(down.wrapping_mul(number))]
+    }
+
+    /// Whether the positions of all samples up to this one fit.
+    fn fits(&self, last: usize) -> bool {
+        let fits = |(start, step): (i32, i32)| step.checked_mul(signed(last)).and_then(|way| start.checked_add(way));
+        self.start.into_iter().zip(self.step).all(|axis| fits(axis).is_some())
+    }
+}
+
+/// A number of samples or pixels, which is far below 2^31.
+pub(super) fn signed(number: usize) -> i32 {
+    i32::try_from(number).unwrap_or(i32::MAX)
+}
+
+/// Memory for the pixels around a block of samples.
+pub struct Block {
+    groups: Box<[[Pixel; GROUP]]>,
+    /// Groups in a row of pixels.
+    width: usize,
+    /// Rows of pixels.
+    height: usize,
+    /// Column and row of the first pixel in the picture.
+    origin: [i32; 2],
+}
+
+impl Default for Block {
+    fn default() -> Self {
+        // The system provides memory of zeros only when it is first written, which would be in the first frame.
+        Self { groups: vec![[[1; 4]; GROUP]; CAPACITY].into(), width: 0, height: 0, origin: [0; 2] }
+    }
+}
+
+impl Block {
+    /// Whether the pixels around blocks of `columns` x `rows` samples fit the memory, if `step` leads from a sample to the
+    /// next one of its row, and the rows are as far apart.
+    pub(super) fn holds([columns, rows]: [usize; 2], step: [i32; 2]) -> bool {
+        let [along, across] = step.map(|step| step.unsigned_abs() as usize);
+        let pixels = |along: usize, across: usize| ((columns - 1) * along + (rows - 1) * across) / 65536 + 3;
+        (pixels(along, across) + 1).div_ceil(GROUP) * pixels(across, along) <= CAPACITY
+    }
+
+    /// Converts the pixels around a block of samples. Returns `None` if they do not fit the memory, or the positions do not
+    /// fit 16.16 fixed point.
+    pub(super) fn fill(&mut self, planes: &Planes, rows: &[Row], columns: Range<usize>) -> Option<()> {
+        let mut bounds = [[i32::MAX; 2], [i32::MIN; 2]];
+        for row in rows {
+            if !row.fits(columns.end - 1) {
+                return None;
+            }
+            for [x, y] in [columns.start, columns.end - 1].map(|column| row.position(column)) {
+                let [min, max] = bounds;
+                bounds = [[min[0].min(x), min[1].min(y)], [max[0].max(x), max[1].max(y)]];
+            }
+        }
+        let [[left, top], [right, bottom]] = bounds.map(|corner| corner.map(|at| at >> 16));
+        // A group begins with a pixel that shares its chroma with the next one.
+        self.origin = [left & !1, top];
+        let pixels = |first: i32, last: i32| (last - first).unsigned_abs() as usize + 2;
+        (self.width, self.height) = (pixels(left & !1, right).div_ceil(GROUP), pixels(top, bottom));
+        planes.convert(self.origin, self.width, self.groups.get_mut(..self.width * self.height)?);
+        Some(())
+    }
+
+    /// Computes the samples of a row from number `first` on, whose pixels were converted.
+    pub(super) fn sample(&self, row: &Row, first: usize, scale: f32, output: &mut [f32]) {
+        let pixels = self.groups.get(..self.width * self.height).unwrap_or(&[]).as_flattened();
+        let ([x, y], [left, top]) = (row.position(first), self.origin);
+        let start = [x.wrapping_sub(left << 16), y.wrapping_sub(top << 16)];
+        sample(&Line { pixels, stride: self.width * GROUP, start, step: row.step, scale }, output);
+    }
+}

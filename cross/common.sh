@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# Names, folders and messages that cross/setup, build and check share. They source this file.
+# Names, folders and functions that the scripts in cross/ share. They source this file.
 
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 cache=${XDG_CACHE_HOME:-$HOME/.cache}/facewire
@@ -13,7 +13,8 @@ fail() {
     exit 1
 }
 
-# describe ARCHITECTURE: sets the target's names in Rust and GNU, the architecture's name in Debian, and the folders.
+# describe ARCHITECTURE: sets the names that Rust, GNU and Debian use for an architecture, and the folders of its files.
+# Fails if facewire is not built for it.
 describe() {
     architecture=$1
     case $architecture in
@@ -25,15 +26,15 @@ describe() {
     gnu_linker=$gnu-gcc toolchain=$cache/cross/$debian board_folder=$target_folder/boards/$architecture
 }
 
-# Whether the compiler that cargo would use (rustup's or the distribution's) can already build for the target.
+# Succeeds if the compiler that cargo would use (from rustup or the distribution) has the target's standard library.
 own_compiler_has_target() {
     local libraries
     libraries=$(cd "$root" && "${RUSTC:-rustc}" --print target-libdir --target "$triple" 2>/dev/null) &&
         compgen -G "$libraries/libstd-*.rlib" >/dev/null
 }
 
-# make_sysroot FOLDER: makes the files that an emulated program sees in place of the host's: the target's C library, and
-# the cpuinfo of a Cortex-A72, because ONNX Runtime reads that file and fails on the host's.
+# make_sysroot FOLDER: writes the files that an emulated program sees in place of those of this PC: the C library of the
+# target, and a /proc/cpuinfo of a Cortex-A72, because ONNX Runtime for aarch64 fails when it reads that of an x86-64 PC.
 make_sysroot() {
     local core
     mkdir -p "$1/proc"

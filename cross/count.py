@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Prints the instructions of a frame that cross/count has counted.
 
-count.py table|json|check FOLDER ALLOWED: the folder holds what cross/instructions.c wrote, in files named
-ARCHITECTURE-ENGINE.FRAMES. The instructions of a frame are those of 14 frames less those of 4, divided by 10.
+Usage: count.py table|json|check FOLDER ALLOWED. FOLDER contains the files ARCHITECTURE-ENGINE.FRAMES that
+cross/instructions.c has written. ALLOWED is the file that says how many instructions a frame may take. The instructions
+of a frame are those of 14 frames minus those of 4, divided by 10.
 """
 
 import json
@@ -18,14 +19,14 @@ COUNTERS = (
 )
 FEW, MANY = 4, 14
 ENGINES = (("aarch64", "native"), ("aarch64", "onnxruntime"), ("armv7", "native"))
-# Functions below this share of a frame are added up.
+# Functions with a smaller share of a frame are printed as one sum.
 SHOWN = 0.005
-# How far a count may lie above the allowed one: another compiler arranges instructions a little differently.
+# Factor by which a count may exceed the allowed one, because another version of the compiler gives slightly other code.
 SLACK = 1.02
 
 
 def plain(symbol):
-    """Returns the path of a Rust function without its hash, and other names as they are."""
+    """Returns the readable path of a mangled Rust symbol, without its hash. Returns other symbols unchanged."""
     if not symbol.startswith("_ZN"):
         return symbol
     parts, rest = [], symbol[3:]
@@ -72,7 +73,7 @@ def total(functions, counter="all"):
 
 
 def print_functions(architecture, engine, functions, has_caches=False):
-    """Prints the functions that take most, in millions of instructions and of cache misses."""
+    """Prints the functions that take the most instructions. All columns are in millions."""
     all_of_frame = total(functions)
     print(f"\n{architecture}, {engine}: {all_of_frame / 1e6:.2f} M instructions a frame"
           + (", cache misses as on a Cortex-A53" if has_caches else ""))
@@ -88,7 +89,7 @@ def print_functions(architecture, engine, functions, has_caches=False):
 
 def print_cycles(folder):
     """Prints the estimate of cycles for each core."""
-    print("\nestimate for the native engine, never set beside a board (cross/cycles.py says how it is made):")
+    print("\nestimate for the native engine, not confirmed on any board (cross/cycles.py says how it is made):")
     print(f"{'core':<12}{'board':<14}{'GHz':>5}{'L1 misses':>11}{'L2 misses':>11}{'M cycles':>18}{'ms a frame':>18}")
     for core in cycles.CORES:
         functions = frame(folder, "aarch64", core.name)
@@ -120,10 +121,10 @@ def check(found, path):
         allowed = int(file.read().split()[0])
     print(f"cross/count: {found / 1e6:.3f} M instructions a frame on aarch64, {allowed / 1e6:.3f} M allowed")
     if found > SLACK * allowed:
-        print("cross/count: a frame has become more expensive: run cross/count to see by which function", file=sys.stderr)
+        print("cross/count: that is too many: run cross/count to see which functions take them", file=sys.stderr)
         return 1
     if found * SLACK < allowed:
-        print(f"cross/count: write {found:.0f} to cross/instructions-allowed, so that the gain is kept")
+        print(f"cross/count: write {found:.0f} to cross/instructions-allowed, so that this gain cannot be lost unnoticed")
     return 0
 
 

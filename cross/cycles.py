@@ -1,13 +1,13 @@
 """Estimates the cycles that a frame takes on three cores from the instructions counted and from simulated caches.
 
-This is an estimate: it has never been set beside a board. For each function, a core needs at least the cycles of its
+This is an estimate that no measurement on a board has confirmed. For each function, a core needs at least the cycles of its
 busiest part: instructions by issue width, vector arithmetic, loads, and stores. An in-order core cannot load while it
-multiplies, so both add up there. The lower figure of an estimate is the sum of these bounds, as if a prefetcher hid every
-cache miss. The upper figure adds the latency of every miss in the simulated caches, as if nothing hid any.
+multiplies, so the cycles of both are added. The lower figure of an estimate is the sum of these bounds, as if a
+prefetcher hid every cache miss. The upper figure adds the latency of every miss in the simulated caches, as if nothing hid any.
 
 Widths and rates of Cortex-A72 and A76 come from Arm's software optimization guides (UAN 0016A; PJDOC-466751330-7215).
-Arm publishes none for Cortex-A53; its rates are those that authors of kernels have measured: one 128-bit multiply-add a
-cycle, a data path of 64 bits for loads and of 128 bits for stores. Cache sizes are those of the boards. The latencies
+Arm publishes none for Cortex-A53. Its rates here are those that authors of kernels have measured: one 128-bit multiply-add
+per cycle, 64 bits loaded per cycle, and 128 bits stored per cycle. Cache sizes are those of the boards. The latencies
 are typical of these boards, rounded.
 """
 
@@ -17,13 +17,13 @@ import sys
 
 @dataclasses.dataclass(frozen=True)
 class Core:
-    """A core on a board. Rates are per cycle."""
+    """A core on a board. All rates are per cycle."""
 
     name: str
     board: str
     clock_ghz: float
     in_order: bool
-    # Instructions, 128-bit vector instructions, loads, 64-bit words loaded, and stores.
+    # Rates of all instructions, 128-bit vector instructions, loads, 64-bit words loaded, and stores.
     issues: float
     vectors: float
     loads: float
@@ -31,7 +31,7 @@ class Core:
     stores: float
     # KiB and ways of the first and second cache, for the simulation.
     caches: str
-    # Cycles to the second cache, and nanoseconds to memory.
+    # Latency of the second cache in cycles, and of memory in nanoseconds.
     l2_cycles: float
     memory_ns: float
 

@@ -2,7 +2,7 @@
 # Downloads packages of Debian for another architecture and unpacks them without installing them. cross/setup and
 # cross/count-tflite source this file after cross/common.sh.
 
-# Prints the mirror that this PC's own packages come from. It is used unless DEBIAN_MIRROR names another.
+# Prints the mirror from which this PC gets its own packages.
 own_mirror() {
     # shellcheck disable=SC2016
     apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 2>/dev/null | sed -n 's|/debian/$||p' | head -n 1 || true
@@ -12,8 +12,9 @@ mirror=${DEBIAN_MIRROR:-$(own_mirror)}
 # shellcheck disable=SC2034 # The scripts that source this file use it.
 offline_hint='is this machine online? Behind a proxy, set http_proxy; with a mirror, DEBIAN_MIRROR.'
 
-# apt_for ARCHITECTURE FOLDER SUITE...: writes FOLDER/apt.conf, with which apt uses package lists of its own. The hooks
-# that run after an update are cleared, because they work on the host's lists.
+# apt_for ARCHITECTURE FOLDER SUITE...: downloads the package lists of an architecture into FOLDER, and writes
+# FOLDER/apt.conf, with which apt uses these lists. It clears the hooks that run after an update, because they would work
+# on the lists of this PC.
 apt_for() {
     local of=$1 folder=$2 suite part
     shift 2
@@ -44,10 +45,10 @@ END_OF_CONFIGURATION
         fail "could not get Debian's list of packages for $of: $offline_hint"
 }
 
-# Prints the newest version of a package in the list of `apt_for`.
+# newest FOLDER PACKAGE: prints the newest version of a package in the lists that apt_for has downloaded into FOLDER.
 newest() { apt-cache --config-file="$1/apt.conf" --no-all-versions show "$2" 2>/dev/null | sed -n 's/^Version: //p' || true; }
 
-# unpack FOLDER TO PACKAGE...: downloads packages by FOLDER/apt.conf and unpacks them into TO.
+# unpack FOLDER TO PACKAGE...: downloads packages with FOLDER/apt.conf and unpacks them into TO.
 unpack() {
     local folder=$1 to=$2 package
     shift 2

@@ -1,15 +1,17 @@
 /* A plugin for qemu's user emulation that counts the instructions a program executes, by function.
  *
- * Writes one line for each function to the file of the argument out=: the number of instructions; on aarch64 also those
- * that multiply and add, other vector instructions, 64-bit words loaded, loads, stores, branches and other instructions;
- * the misses of both caches; and the name. Code without symbols counts under the name of its file.
- * The argument caches=L1_KIB:L1_WAYS:L2_KIB:L2_WAYS simulates two levels of cache with lines of 64 bytes, each of which
- * replaces the line that was used least recently. It is slow, and has no prefetcher.
+ * It writes one line for each function to the file that the argument out= names. The columns are: all instructions;
+ * multiply-adds; other vector instructions; 64-bit words loaded; loads; stores; branches; other instructions; misses of
+ * the first cache; misses of the second cache; name of the function. The columns from multiply-adds to other instructions
+ * are 0 on other architectures than aarch64. Code without symbols is counted under the name of its file.
+ *
+ * The argument caches=L1_KIB:L1_WAYS:L2_KIB:L2_WAYS simulates two levels of cache with lines of 64 bytes. Each level
+ * replaces the least recently used line. The simulation is slow and has no prefetcher.
  *
  * Build: gcc -O2 -shared -fPIC -o instructions.so instructions.c
  * Run:   qemu-aarch64 -plugin ./instructions.so,out=FILE PROGRAM
  *
- * qemu's header is in no package of Debian 12. The declarations below are the parts of version 1 of its plugin
+ * No package of Debian 12 contains qemu's header. The declarations below are the parts of version 1 of its plugin
  * interface that this file uses. */
 #define _GNU_SOURCE
 #include <stddef.h>
@@ -59,7 +61,7 @@ static struct function *function_called(const char *name)
     return &functions[known_functions++];
 }
 
-/* The name of the file that is mapped at an address of qemu's own process. */
+/* Returns the name of the file that is mapped at an address of qemu's own process. */
 static const char *file_at(uintptr_t address)
 {
     static char line[4096], name[256];
@@ -89,7 +91,7 @@ static const char *file_at(uintptr_t address)
 #define LINE_BYTES 64
 struct cache {
     size_t sets, ways;
-    /* For each set its lines, the one used last first. */
+    /* The lines of each set, most recently used first. */
     uint64_t *lines;
 };
 static struct cache l1, l2;
@@ -101,7 +103,7 @@ static void make_cache(struct cache *cache, size_t kib, size_t ways)
     cache->lines = calloc(cache->sets * ways, sizeof *cache->lines);
 }
 
-/* Looks a line up, puts it first, and returns whether it was there. */
+/* Returns whether a line is in the cache, and makes it the most recently used line. */
 static int is_cached(struct cache *cache, uint64_t line)
 {
     uint64_t *set = cache->lines + line % cache->sets * cache->ways;
@@ -128,7 +130,7 @@ static void accessed(unsigned cpu, uint32_t access, uint64_t address, void *data
 
 /* --- instructions of aarch64, by the groups of their encoding --- */
 
-/* 64-bit words that a load or store moves; less counts as one. */
+/* Returns how many 64-bit words a load or store moves. A smaller amount counts as one word. */
 static unsigned words_of(uint32_t word)
 {
     unsigned is_vector = word >> 26 & 1, size = word >> 30;
@@ -178,7 +180,8 @@ static void classify(uint32_t word, uint64_t *counts)
 
 /* --- the plugin --- */
 
-/* Adds a block of instructions to the function of its first one, each time that it runs. */
+/* Is called when qemu translates a block of instructions. Each time the block runs, its counts are added to the function
+ * that contains its first instruction. */
 static void translated(plugin_id id, struct qemu_plugin_tb *block)
 {
     uint64_t counts[COUNTERS] = {0};
@@ -220,7 +223,7 @@ static void finished(plugin_id id, void *data)
         fclose(out);
 }
 
-/* `info` begins with the name of the emulated architecture. */
+/* The first member of `info` is the name of the emulated architecture. */
 EXPORT int qemu_plugin_install(plugin_id id, const void *info, int argc, char **argv)
 {
     is_aarch64 = !strcmp(*(const char *const *)info, "aarch64");

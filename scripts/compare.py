@@ -1,10 +1,10 @@
-"""Measures MediaPipe's FaceMesh and facewire in turns on the same clip and one core, and prints all with their ratios.
+"""Measures MediaPipe's FaceMesh and facewire alternately on the same clip and one core, and prints times and ratios.
 
-Each program runs once a round in a process of its own, on the same core, and the order changes from round to round, so that
-drifts of the machine's speed affect all alike. All are timed from a decoded picture in memory to the result of that
-frame (MediaPipe: 478 landmarks; facewire: landmarks, 52 coefficients and head pose), and from the JPEG image of a
-camera to that result. MediaPipe's images are decoded by OpenCV, as OpenCV does for a camera. The figures are medians over
-the rounds; a ratio is the median of the rounds' own ratios, with the lowest and the highest.
+In each round every program runs once, in a process of its own. The order changes from round to round, so that changes of
+the machine's speed affect all programs alike. Times count from a decoded picture in memory to the result of that frame
+(MediaPipe: 478 landmarks; facewire: landmarks, 52 coefficients and head pose), and from the JPEG image of a camera to
+the same result. For MediaPipe, OpenCV decodes the JPEG images. The figures are medians over the rounds. A ratio is the
+median of the ratios of the rounds, given with the lowest and the highest of them.
 """
 
 import argparse
@@ -25,7 +25,7 @@ TITLES = {THEIRS: "MediaPipe", NATIVE: "facewire", ONNX: "ONNX Runtime"}
 
 
 def quantiles(milliseconds):
-    """Returns the quantiles of some durations, by the names of the figures."""
+    """Returns the quantiles of durations as a dictionary with the keys of QUANTILES."""
     ordered = sorted(milliseconds)
     return {name: ordered[min(len(ordered) - 1, round(part * len(ordered)))] for name, part in QUANTILES.items()}
 
@@ -42,7 +42,10 @@ def images(path):
 
 
 def mediapipe_round():
-    """Prints the figures of one pass over the clip, after a warm-up pass, as JSON. Runs in a child process."""
+    """Plays the clip twice, the first time to warm up, and prints the figures of the second pass as JSON.
+
+    This runs in a child process, so that its peak memory is that of MediaPipe alone.
+    """
     import cv2
     import mediapipe
     import numpy
@@ -65,6 +68,7 @@ def mediapipe_round():
 
 
 def last_json(command):
+    """Runs a command and returns the JSON value on the last line of its output."""
     run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     if run.returncode != 0:
         sys.exit(f"{command[0]} failed:\n{run.stderr}")
@@ -72,6 +76,7 @@ def last_json(command):
 
 
 def facewire_round(program, settings, *options):
+    """Plays the clip once with facewire, after one pass to warm up, and returns the figures."""
     bench = last_json([program, "bench", "demo", "--rounds", "1", "--json", "--config", settings, *options])
     return {
         "decoded": {name: bench["whole"][name] for name in QUANTILES},
@@ -83,7 +88,7 @@ def facewire_round(program, settings, *options):
 
 
 def measure(program, rounds):
-    """Returns the figures of each side, round by round."""
+    """Runs all rounds and returns a list of the figures of each round for each program."""
     found = {side: [] for side in TITLES}
     with tempfile.TemporaryDirectory() as folder:
         settings = {}
@@ -105,7 +110,7 @@ def measure(program, rounds):
 
 
 def row_of(found, figure):
-    """Returns the medians of a figure, and its ratios to MediaPipe's. `figure` takes it from the figures of a round."""
+    """Returns the medians of one figure and its ratios to MediaPipe's. `figure` selects it from the figures of a round."""
     values = {side: [figure(of_round) for of_round in rounds] for side, rounds in found.items()}
     row = {side: round(statistics.median(of_side), 3) for side, of_side in values.items()}
     for side, prefix in ((NATIVE, ""), (ONNX, f"{ONNX}_")):
@@ -116,8 +121,11 @@ def row_of(found, figure):
 
 
 def table_of(found):
-    """Returns all figures: those of decoded pictures at the top, as `--json` has always had them."""
-    rows = lambda kind: {name: row_of(found, lambda of_round: of_round[kind][name]) for name in QUANTILES}
+    """Returns all figures. Those of decoded pictures stay at the top level, where readers of `--json` expect them."""
+
+    def rows(kind):
+        return {name: row_of(found, lambda of_round: of_round[kind][name]) for name in QUANTILES}
+
     shares = [of_round["layers"]["frame"]["percent_of_peak"] for of_round in found[NATIVE]]
     return {
         **rows("decoded"),
@@ -133,18 +141,23 @@ def table_of(found):
 
 
 def print_rows(title, rows):
+    """Prints a table with a line for each figure."""
+
+    def spread(row, prefix):
+        return "{:.2f} ({:.2f} to {:.2f})".format(row[f"{prefix}ratio"], *row[f"{prefix}ratio_range"])
+
     print(f"{title:<12}" + "".join(f"{TITLES[side]:>14}" for side in TITLES)
           + f"{'facewire / MediaPipe':>26}{'ONNX Runtime / MediaPipe':>28}")
     for name, row in rows.items():
-        spread = lambda prefix: "{:.2f} ({:.2f} to {:.2f})".format(row[f"{prefix}ratio"], *row[f"{prefix}ratio_range"])
         print(f"{name:<12}" + "".join(f"{row[side]:14.2f}" for side in TITLES)
-              + f"{spread(''):>26}{spread(f'{ONNX}_'):>28}")
+              + f"{spread(row, ''):>26}{spread(row, f'{ONNX}_'):>28}")
     print()
 
 
 def main():
-    parser = argparse.ArgumentParser(description="facewire beside MediaPipe's FaceMesh, in one run on one core")
-    parser.add_argument("--facewire", help="the program")
+    """Measures, and prints a table or JSON."""
+    parser = argparse.ArgumentParser(description="Compares facewire with MediaPipe's FaceMesh on one core.")
+    parser.add_argument("--facewire", help="path of the program facewire, built in release mode")
     parser.add_argument("--rounds", type=int, default=7, help="how often each program runs (default 7)")
     parser.add_argument("--json", action="store_true", help="print one object on one line")
     parser.add_argument("--mediapipe-round", action="store_true", help=argparse.SUPPRESS)

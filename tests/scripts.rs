@@ -1,4 +1,4 @@
-//! What the scripts say before they set anything up, and what `scripts/test` says at its end.
+//! What the scripts print before they set anything up, and the verdict that `scripts/test` prints at its end.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -60,7 +60,7 @@ fn setup_refuses_a_machine_without_onnx_runtime_before_it_installs_anything() {
 fn help_sets_nothing_up() {
     let (_alone, folder) = (alone(), tempfile::tempdir().unwrap());
     let cache: PathBuf = folder.path().join("cache");
-    for name in ["compare", "setup"] {
+    for name in ["compare", "demo", "setup"] {
         let run = Run::of(script(name).arg("--help").env("XDG_CACHE_HOME", &cache)).succeeded();
         assert!(run.out.contains("Usage: scripts/") && run.err.is_empty(), "{name}: {}{}", run.out, run.err);
         assert!(!cache.exists());
@@ -80,7 +80,14 @@ impl Rehearsal {
             rehearsal.replace(&format!("programs/{program}"), "");
         }
         rehearsal.replace("programs/uname", "echo x86_64");
-        for file in ["scripts/setup", "cross/count", "tests/guest/setup", "tests/guest/cameras", "tests/guest/run"] {
+        for file in [
+            "scripts/setup",
+            "cross/setup",
+            "cross/count",
+            "tests/guest/setup",
+            "tests/guest/cameras",
+            "tests/guest/run",
+        ] {
             rehearsal.replace(file, "");
         }
         fs::copy(script("test").get_program(), rehearsal.folder.path().join("scripts/test")).unwrap();
@@ -116,9 +123,11 @@ fn skipped_tests_are_listed_at_the_end_with_their_reasons() {
     rehearsal
         .replace("programs/cargo", "[ $1 != test ] || echo 'golden smile: there is no ffmpeg' >>$FACEWIRE_SKIPPED");
     rehearsal.replace("tests/guest/setup", "echo 'device tests: they need Debian' >>$FACEWIRE_SKIPPED; exit 77");
+    rehearsal.replace("cross/setup", "exit 77");
     let run = rehearsal.run(&[]).succeeded();
-    let list = "\ndevice tests: they need Debian\ngolden smile: there is no ffmpeg\n";
-    assert_eq!(verdict(&run.out), "passed, but 2 skipped");
+    let list = "\ndevice tests: they need Debian\ngolden smile: there is no ffmpeg\n\
+                instructions of a frame: cross/setup does not work on this system\n";
+    assert_eq!(verdict(&run.out), "passed, but 3 skipped");
     assert!(run.out.ends_with(list), "{}", run.out);
     assert!(!run.out.contains("all passed"), "{}", run.out);
 }
@@ -135,7 +144,7 @@ fn steps_that_were_not_asked_for_are_listed_as_skipped() {
 fn a_step_that_fails_ends_the_run_without_a_verdict() {
     let rehearsal = Rehearsal::new();
     let programs = ["programs/cargo", "programs/shellcheck", "scripts/setup"];
-    for file in programs.iter().chain(&["cross/count", "tests/guest/setup", "tests/guest/run"]) {
+    for file in programs.iter().chain(&["cross/setup", "cross/count", "tests/guest/setup", "tests/guest/run"]) {
         rehearsal.replace(file, "exit 3");
         let run = rehearsal.run(&[]);
         assert_eq!(run.status, Some(3), "{file}: {}", run.out);

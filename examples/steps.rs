@@ -1,10 +1,10 @@
-//! Runs one step of a frame a number of times and prints its shortest time. Under callgrind or an emulator that counts
+//! Runs one step of a frame a number of times and prints its time; with `COLD=1` after other data filled the caches. Under callgrind or an emulator that counts
 //! instructions, the difference of two numbers of runs is what one run takes.
 //!
 //! - `steps crop FORMAT SIZE ANGLE TIMES`: a region of SIZE px, turned by ANGLE degrees, in a picture of 640 x 480 whose
 //!   FORMAT is yuyv, nv12, grey or planar
 //! - `steps detector FORMAT TIMES`: the crop of the whole picture
-//! - `steps solve POINTS.npy TIMES`: the first landmarks of a file; with `COLD=1` after other data filled the caches
+//! - `steps solve POINTS.npy TIMES`: the first landmarks of a file
 
 use std::error::Error;
 use std::time::Instant;
@@ -31,15 +31,21 @@ fn picture<'a>(format: &str, data: &'a [u8]) -> Option<Picture<'a>> {
     Picture::new(width, height, pixels, format == "planar")
 }
 
-/// Runs a step and prints its shortest time.
+/// Runs a step a number of times and prints the median and the longest of the times that it took. `COLD=1` fills the
+/// caches with other data before each run.
 fn repeat(times: &str, mut step: impl FnMut()) -> Result<(), Box<dyn Error>> {
-    let mut shortest_us = f64::INFINITY;
+    let mut other = vec![0_u8; if std::env::var_os("COLD").is_some() { 3 << 20 } else { 0 }];
+    let mut took_us = Vec::new();
     for _ in 0..times.parse()? {
+        other.iter_mut().step_by(64).for_each(|byte| *byte = byte.wrapping_add(1));
         let begun = Instant::now();
         step();
-        shortest_us = shortest_us.min(begun.elapsed().as_secs_f64() * 1e6);
+        took_us.push(begun.elapsed().as_secs_f64() * 1e6);
     }
-    println!("{shortest_us:.1} us");
+    took_us.sort_by(f64::total_cmp);
+    let share =
+        |share: usize| took_us.get((took_us.len() * share / 100).min(took_us.len() - 1)).copied().unwrap_or(0.0);
+    println!("p50 {:.1} us, p99 {:.1} us", share(50), share(99));
     Ok(())
 }
 
@@ -73,13 +79,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             };
             let camera = Camera::new([640.0, 480.0], 60.0);
             let mut time_us = 0;
-            let mut thrash = vec![0_u8; 32 << 20];
             repeat(times, || {
                 time_us += 33_333;
                 let _ = std::hint::black_box(solver.solve(landmarks, &camera, time_us));
-                if std::env::var_os("COLD").is_some() {
-                    thrash.iter_mut().step_by(64).for_each(|byte| *byte += 1);
-                }
             })
         }
         _ => Err("see the first lines of the source".into()),

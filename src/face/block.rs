@@ -2,7 +2,7 @@
 //! already.
 //!
 //! That is several times faster than converting the four pixels around each sample. Blocks are so small that their pixels
-//! stay in the first-level cache, and square if the region is rotated, so that few pixels lie beside the samples.
+//! stay in the nearest caches, and square if the region is rotated, so that few pixels lie beside the samples.
 
 use std::ops::Range;
 
@@ -11,8 +11,8 @@ use facewire_engine::kernels::sample::{Line, Pixel, sample};
 
 use super::planes::Planes;
 
-/// Groups of pixels in the memory: 64 KiB.
-const CAPACITY: usize = 512;
+/// Groups of pixels in the memory: 128 KiB.
+const CAPACITY: usize = 1024;
 
 /// A row of samples in 16.16 fixed point: the position of the first one, and the way to the next.
 #[derive(Debug, Clone, Copy, Default)]

@@ -6,6 +6,8 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 #[cfg(test)]
@@ -45,20 +47,29 @@ type Sampler = unsafe fn(&Line, &mut [f32]);
 pub fn sample(line: &Line, output: &mut [f32]) {
     assert!(output.len().is_multiple_of(3) && line.is_inside(output.len() / 3), "the line leaves the pixels");
     // SAFETY: the line is inside its pixels.
-    unsafe { fastest()(line, output) }
+    unsafe { available().next().unwrap_or(plain_from_start)(line, output) }
 }
 
-/// The sampler for the instruction set of this processor.
-fn fastest() -> Sampler {
+/// The samplers for the instruction sets of this processor; the fastest comes first.
+fn available() -> impl Iterator<Item = Sampler> {
+    let mut all: [Option<Sampler>; 3] = [None, None, Some(plain_from_start)];
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw") {
+        all[0] = Some(avx512::sample);
+    }
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
-        return avx2::sample;
+        all[1] = Some(avx2::sample);
     }
     #[cfg(target_arch = "aarch64")]
     if std::arch::is_aarch64_feature_detected!("neon") {
-        return neon::sample;
+        all[1] = Some(neon::sample);
     }
-    |line, output| plain(line, 0, output)
+    all.into_iter().flatten()
+}
+
+fn plain_from_start(line: &Line, output: &mut [f32]) {
+    plain(line, 0, output);
 }
 
 impl Line<'_> {

@@ -1,6 +1,6 @@
 //! Every sampler of this machine against the plain one.
 
-use super::{Line, Pixel, fastest, plain, sample};
+use super::{Line, Pixel, available, plain, sample};
 use crate::testing::Random;
 
 /// Pixels of the largest and smallest values that conversions give.
@@ -26,12 +26,16 @@ fn samples_are_those_of_the_plain_sampler_bit_for_bit() {
         let rows = random.below(40) + 2;
         let pixels = pixels(&mut random, stride * rows);
         let line = line(&mut random, &pixels, stride, samples);
-        let [mut wanted, mut output] = [vec![0.0; 3 * samples], vec![f32::NAN; 3 * samples]];
-        plain(&line, 0, &mut wanted);
-        // SAFETY: the line is inside its pixels.
-        unsafe { fastest()(&line, &mut output) };
         let bits = |values: Vec<f32>| values.into_iter().map(f32::to_bits).collect::<Vec<_>>();
-        assert_eq!(bits(output), bits(wanted), "{samples} samples");
+        let mut wanted = vec![0.0; 3 * samples];
+        plain(&line, 0, &mut wanted);
+        let wanted = bits(wanted);
+        for sampler in available() {
+            let mut output = vec![f32::NAN; 3 * samples];
+            // SAFETY: the line is inside its pixels.
+            unsafe { sampler(&line, &mut output) };
+            assert_eq!(bits(output), wanted, "{samples} samples");
+        }
     }
 }
 

@@ -1,7 +1,7 @@
-//! From a frame to its packet, nothing is allocated on the Rust heap.
+//! Between a frame and its packet, nothing is allocated on the Rust heap.
 //!
-//! The tests count every allocation of the thread that runs the frames, whatever other threads do meanwhile. They do not see
-//! the allocations of C code: `tests/memory.rs` counts those of the running service.
+//! The tests count every allocation of the thread that processes the frames, and none of other threads. They do not see the
+//! allocations of C code: `tests/memory.rs` counts those of the running service.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -24,7 +24,7 @@ use facewire_packet::{Reason, State};
 /// Frames before the count begins.
 const WARM_UP: usize = 20;
 
-/// All that a frame passes on its way to a receiver.
+/// All stages from a frame to the receiver of its packet.
 struct Way {
     pipeline: Pipeline,
     failsafe: Failsafe,
@@ -33,7 +33,7 @@ struct Way {
     pace: Pace,
     traffic: Arc<Traffic>,
     live: usize,
-    /// Takes what is sent.
+    /// Keeps the receiver's port open.
     _receiver: UdpSocket,
 }
 
@@ -57,7 +57,7 @@ impl Way {
         }
     }
 
-    /// One frame from its source to its packet, by the calls of the service.
+    /// Takes one frame from its source to its packet, with the calls that the service makes.
     fn frame(&mut self, source: &mut dyn Source) {
         let frame = source.next().unwrap().unwrap();
         let (result, now_us) = (self.pipeline.process(&frame), frame.captured_us + 10_000);
@@ -72,7 +72,7 @@ impl Way {
         self.live += usize::from(output.state == State::Live);
     }
 
-    /// What so many frames allocate after the first few.
+    /// Returns what `frames` frames allocate after [`WARM_UP`] others.
     fn allocated(&mut self, source: &mut dyn Source, frames: usize) -> AllocationInfo {
         (0..WARM_UP).for_each(|_| self.frame(source));
         self.live = 0;
@@ -80,13 +80,13 @@ impl Way {
     }
 }
 
-/// The clip has fewer frames, so it starts over in between.
+/// The clip has fewer frames than the test plays, so it starts over in between.
 #[test]
 fn frames_of_a_motion_jpeg_allocate_nothing() {
     let mut way = Way::new();
     let allocated = way.allocated(&mut Clip::looped().unwrap(), 230);
     assert_eq!(allocated, AllocationInfo::default());
-    // The first pose is answered by a neutral packet, the next two by nothing, and with the fourth the face is live.
+    // The link sends a neutral packet for the first pose and nothing for the next two. The face is live from the fourth on.
     assert_eq!((way.live, way.traffic.sent.load(Relaxed)), (230, 248));
 }
 
@@ -110,7 +110,7 @@ fn frames_without_a_face_allocate_nothing() {
     assert!(way.live == 0 && (15..=20).contains(&sent), "10 packets per second in 2 s: {sent}");
 }
 
-/// The tracker loses the face, and the detector finds it again, while allocations are counted.
+/// While allocations are counted, the tracker loses the face and the detector finds it again.
 #[test]
 fn finding_a_lost_face_allocates_nothing() {
     let mut way = Way::new();

@@ -1,4 +1,4 @@
-//! The figures of `facewire bench` are complete and agree with each other.
+//! The figures of `facewire bench` are complete and consistent.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -6,7 +6,7 @@ mod common;
 use common::program::{Run, facewire};
 use serde_json::Value;
 
-/// Multiply-adds of the networks of a followed face: MediaPipe's own networks have as many.
+/// Multiply-adds of all networks without the detector. MediaPipe's own networks have the same number.
 const MULTIPLY_ADDS: u64 = 43_476_672;
 
 fn number(value: &Value, path: &str) -> f64 {
@@ -37,7 +37,7 @@ fn json_has_every_quantile_the_distribution_and_the_speed_of_each_layer() {
         let of_layers: u64 = layers.iter().map(|layer| layer["multiply_adds"].as_u64().unwrap()).sum();
         assert!(layers.len() > 10 && network["multiply_adds"] == of_layers, "{network}");
     }
-    // No network can be faster than the core. The margin is for a peak that other programs have disturbed.
+    // No network can be faster than the core. The margin allows for other programs that run while the peak is measured.
     let share = number(&found, "/layers/frame/percent_of_peak");
     assert!((0.1..120.0).contains(&share), "{share} % of the peak");
 }

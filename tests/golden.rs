@@ -1,4 +1,4 @@
-//! The landmarks of every engine against those of MediaPipe, frame by frame.
+//! Compares the landmarks of every engine with those of MediaPipe, frame by frame.
 //!
 //! `golden/` holds MediaPipe's landmarks for the built-in clip. Where the folder of reference clips exists
 //! (`FACEWIRE_SHARED`, or `shared` beside this checkout), films of people are compared as well. To see the distances,
@@ -79,8 +79,8 @@ fn track_decoded(
     Some(landmarks)
 }
 
-/// The landmarks of a reference film by an engine and by MediaPipe. Returns `None`, and says why, if the film or ffmpeg
-/// is missing.
+/// Returns the landmarks of a reference film by an engine and by MediaPipe. If the film or ffmpeg is missing, reports that
+/// the test is skipped and returns `None`.
 fn reference(engine: &dyn Engine, film: &str) -> Option<[Vec<Landmarks>; 2]> {
     let Some(shared) = shared() else {
         skip("no folder of reference clips; set FACEWIRE_SHARED");
@@ -110,7 +110,7 @@ fn measure(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[Landma
     distance
 }
 
-/// Checks the distances, and that both see a face in as many as `frames` frames.
+/// Checks the distances, and that both see a face in exactly `frames` frames.
 fn assert_near(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[Landmarks], frames: usize) {
     let distance = measure(engine, film, ours, theirs);
     let is_near = distance.mean_px <= MEAN_PX && distance.worst_px <= WORST_PX && distance.worst_depth_px <= WORST_PX;
@@ -145,7 +145,7 @@ fn a_person_who_speaks_is_as_mediapipe_sees_it() {
 }
 
 #[test]
-fn a_person_who_leaves_is_lost_when_mediapipe_loses_it() {
+fn a_person_who_leaves_is_lost_when_mediapipe_loses_them() {
     for engine in engines() {
         let Some([ours, theirs]) = reference(engine, "face_noface.mov") else { return };
         let changes = [&ours, &theirs].map(|faces| changes(faces));
@@ -155,12 +155,12 @@ fn a_person_who_leaves_is_lost_when_mediapipe_loses_it() {
         let mut pairs = ours_changes.iter().zip(theirs_changes);
         assert!(pairs.all(|(a, b)| a.abs_diff(*b) <= FRAMES_APART), "{}: {changes:?}", engine.name());
         let distance = measure(engine, "a person who leaves", &ours, &theirs);
-        println!("a face comes or goes in frames {ours_changes:?}, by MediaPipe {theirs_changes:?}");
+        println!("the face appears or disappears in frames {ours_changes:?}, with MediaPipe in {theirs_changes:?}");
         assert!(distance.frames > 60 && distance.mean_px <= MEAN_PX, "{}: {distance:?}", engine.name());
     }
 }
 
-/// An engine sees the regions that the last engine of the list finds, so that differences do not add up from frame to
+/// All engines get the regions that the last engine of the list finds, so that differences do not add up from frame to
 /// frame.
 #[test]
 fn engines_find_the_same_landmarks_in_the_same_regions() {
@@ -187,13 +187,13 @@ fn engines_find_the_same_landmarks_in_the_same_regions() {
     }
 }
 
-/// The frames at which a face comes or goes.
+/// Returns the frames at which a face appears or disappears.
 fn changes(faces: &[Landmarks]) -> Vec<usize> {
     (1..faces.len()).filter(|&frame| faces[frame].is_finite() != faces[frame - 1].is_finite()).collect()
 }
 
-/// A y4m stream states whether black and white are 16 and 235 or 0 and 255. Either way the face is the same; a picture
-/// that is taken for one of the other range gives other landmarks.
+/// A y4m stream states whether black and white are 16 and 235 or 0 and 255. Both ranges give the same landmarks. A picture
+/// that is read with the wrong range gives other landmarks.
 #[test]
 fn a_film_of_either_luma_range_gives_the_same_landmarks() {
     for (engine, demo) in &*DEMO {

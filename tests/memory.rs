@@ -1,7 +1,7 @@
-//! What `facewire run` takes from the system: no memory for a frame, and little in all.
+//! `facewire run` allocates no memory for a frame, and holds little memory in all.
 //!
-//! A preloaded library (`tests/hooks/allocations.c`) counts the calls of every thread that take memory or give it back, of
-//! C code too. The C compiler that builds libjpeg-turbo builds it.
+//! A preloaded library (`tests/hooks/allocations.c`) counts the calls that allocate or free memory in every thread, those of
+//! C code included. The tests build it with the C compiler that also builds libjpeg-turbo.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -16,12 +16,12 @@ use facewire_packet::{Packet, State};
 use tempfile::TempDir;
 
 const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
-/// Live packets before anything is counted. The camera's memory is allocated with its first frame.
+/// Live packets before the count begins. The memory of the camera is allocated with its first frame.
 const WARM_UP: usize = 30;
-/// Frames of one count. The clip has 240, so it starts over in between.
+/// Frames that are counted. The clip has 240, so it starts over in between.
 const FRAMES: usize = 300;
-/// Functions of libjpeg-turbo that take memory for each image and give it back. Which of them call the C library depends on
-/// how the compiler inlines. The library's only function that decodes into planes leaves its caller no way around them.
+/// Functions of libjpeg-turbo that allocate and free memory for each image. Which of them call the C library depends on what
+/// the compiler inlines. A program that decodes into planes with libjpeg-turbo cannot avoid these calls.
 const JPEG_FUNCTIONS: [&str; 8] = [
     "alloc_small",
     "alloc_large",
@@ -32,10 +32,10 @@ const JPEG_FUNCTIONS: [&str; 8] = [
     "jpeg_free_large",
     "tj3DecompressToYUVPlanes8",
 ];
-/// Their calls for an image of three components.
+/// The number of calls that these functions make for an image of three components.
 const JPEG_CALLS: usize = 14;
-/// The most that the service may ever hold in memory.
-const MOST_KB: usize = 30 * 1024;
+/// The highest resident memory that the service may reach.
+const MOST_KB: usize = 30_000_000 / 1024;
 
 /// The counting library and the file that it counts in.
 struct Hook(TempDir);
@@ -75,7 +75,7 @@ impl Hook {
 
 /// The functions of the program, by their addresses.
 struct Functions {
-    /// Where the program lies in the memory of the service.
+    /// The address at which the program begins in the memory of the service.
     base: u64,
     names: BTreeMap<u64, String>,
 }
@@ -96,7 +96,7 @@ impl Functions {
         Self { base, names }
     }
 
-    /// The name of the function that an address lies in.
+    /// Returns the name of the function that contains an address.
     fn at(&self, address: u64) -> &str {
         let offset = address.wrapping_sub(self.base);
         self.names.range(..offset).next_back().map_or("?", |(_, name)| name.as_str())
@@ -107,13 +107,13 @@ fn mappings(service: &Service) -> String {
     fs::read_to_string(format!("/proc/{}/maps", service.pid())).unwrap()
 }
 
-/// Waits until so many live packets have come.
+/// Waits until `count` live packets have arrived.
 fn live_packets(receiver: &Receiver, count: usize) {
     (0..count).for_each(|_| _ = receiver.until(|packet: &Packet| packet.state == State::Live));
 }
 
 #[test]
-fn frames_take_no_memory_from_rust_or_c_but_what_libjpeg_turbo_takes_to_decode() {
+fn frames_allocate_nothing_in_rust_or_c_except_what_libjpeg_turbo_needs_to_decode() {
     let (receiver, hook) = (Receiver::new(), Hook::build());
     let mut service = hook.start(&receiver);
     live_packets(&receiver, WARM_UP);
@@ -123,7 +123,10 @@ fn frames_take_no_memory_from_rust_or_c_but_what_libjpeg_turbo_takes_to_decode()
 
     let functions = Functions::of(&service);
     let threads = ["fw-hot", "fw-sender"].map(|name| u64::try_from(service.thread(name)).unwrap());
-    assert!(threads.iter().all(|thread| before.keys().any(|(of, _)| of == thread)), "the start is counted: {before:?}");
+    assert!(
+        threads.iter().all(|thread| before.keys().any(|(of, _)| of == thread)),
+        "no calls were counted while the service started: {before:?}"
+    );
     let of_frames: Vec<(&str, u64)> = after
         .iter()
         .filter(|((thread, _), _)| threads.contains(thread))
@@ -131,21 +134,21 @@ fn frames_take_no_memory_from_rust_or_c_but_what_libjpeg_turbo_takes_to_decode()
         .filter(|(_, calls)| *calls > 0)
         .collect();
     let (decoding, other): (Vec<_>, Vec<_>) = of_frames.iter().partition(|(name, _)| JPEG_FUNCTIONS.contains(name));
-    assert!(other.is_empty(), "calls that take memory or give it back: {other:?}");
-    // The hook sees C code.
+    assert!(other.is_empty(), "calls that allocate or free memory: {other:?}");
+    // The calls of libjpeg-turbo are all counted, which shows that the library sees C code.
     let calls = usize::try_from(decoding.iter().map(|(_, calls)| calls).sum::<u64>()).unwrap();
     let images = calls as f64 / JPEG_CALLS as f64;
     assert!((images - FRAMES as f64).abs() < 0.1 * FRAMES as f64, "{decoding:?}");
-    assert_eq!(mapped, mapped_later, "the process has taken memory from the system");
+    assert_eq!(mapped, mapped_later, "the process has mapped or unmapped memory");
 }
 
 #[test]
-fn a_service_that_follows_a_face_takes_at_most_30_mb() {
+fn a_service_that_follows_a_face_holds_at_most_30_mb() {
     let receiver = Receiver::new();
     let service = Service::start(DEMO, &[receiver.address()]);
     live_packets(&receiver, WARM_UP);
     let status = fs::read_to_string(format!("/proc/{}/status", service.pid())).unwrap();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     let peak_kb: usize = peak.trim().trim_end_matches(" kB").parse().unwrap();
-    assert!(peak_kb <= MOST_KB, "{peak_kb} kB");
+    assert!(peak_kb <= MOST_KB, "{peak_kb} KiB, allowed are {MOST_KB}");
 }

@@ -1,6 +1,6 @@
-//! The networks on every engine against the `TFLite` interpreter, which runs MediaPipe's own files.
+//! Compares the networks on every engine with the `TFLite` interpreter, which runs MediaPipe's own files.
 //!
-//! `scripts/setup onnxruntime` installs the interpreter. Without it the test skips itself.
+//! `scripts/setup onnxruntime` installs the interpreter. The test is skipped without it.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
@@ -32,7 +32,7 @@ static NETWORKS: [Signature; 5] = [
     Signature { name: "right_eye", input: HEAD_INPUT, outputs: EYE_OUTPUTS },
 ];
 
-/// The Python with the interpreter, if it is installed.
+/// Returns the Python in whose environment the interpreter is installed, if there is one.
 fn python() -> Option<PathBuf> {
     let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
     let cache = cache.unwrap_or_else(|| PathBuf::from(std::env::var_os("HOME").unwrap()).join(".cache"));
@@ -44,8 +44,8 @@ fn values(file: &Path) -> Vec<f32> {
     fs::read(file).unwrap().as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
 }
 
-/// The largest difference between an engine's outputs and those in the folder, as a share of the largest value of an
-/// output.
+/// Returns the largest difference between the outputs of an engine and those of the interpreter in `folder`, as a share of
+/// the largest value of an output.
 fn difference(engine: &dyn Engine, signature: &'static Signature, folder: &Path) -> f32 {
     let mut network = engine.load(signature).unwrap_or_else(|error| panic!("{}: {error}", engine.name()));
     let [rows, columns, channels] = signature.input;
@@ -63,7 +63,7 @@ fn difference(engine: &dyn Engine, signature: &'static Signature, folder: &Path)
             assert_eq!(found.len(), count, "{}: {name} of {}", engine.name(), signature.name);
             let range = expected.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
             for (found, expected) in found.iter().zip(expected) {
-                // A number that is not finite must not vanish in the maximum.
+                // Unlike `f32::max`, this keeps a difference that is not a number, so that the test fails.
                 let difference = (found - expected).abs() / range;
                 worst = if difference <= worst { worst } else { difference };
             }
@@ -75,7 +75,7 @@ fn difference(engine: &dyn Engine, signature: &'static Signature, folder: &Path)
 #[test]
 fn every_engine_computes_what_the_tflite_interpreter_computes() {
     let Some(python) = python() else {
-        return skip("no TFLite interpreter: scripts/setup onnxruntime");
+        return skip("no TFLite interpreter; run scripts/setup onnxruntime");
     };
     let folder = tempfile::tempdir().unwrap();
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/models/networks/check.py");

@@ -24,7 +24,7 @@ Examples:
   facewire bench --svg latency.svg
   facewire bench --layers
 
-The whole is the time from a frame in memory, decoded, to its coefficients. scripts/compare sets it beside MediaPipe.";
+`whole` is the time from a decoded frame in memory to its coefficients. scripts/compare compares it with MediaPipe.";
 
 /// Arguments of `facewire bench`.
 #[derive(Debug, Args)]
@@ -33,17 +33,17 @@ pub(super) struct BenchArgs {
     /// A .y4m or Motion-JPEG .avi file, a .npy file of landmarks, or `demo`, the built-in clip.
     #[arg(default_value = DEMO)]
     input: String,
-    /// How often the input is played, after one round to warm up.
+    /// Play the input N times, after one round to warm up.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
-    /// Also time each layer of the networks on the native engine, and compare its rate of multiply-adds with the peak of
-    /// this core.
+    /// Also time each layer of the networks on the native engine, and compare its multiply-adds per second with the peak
+    /// of this core.
     #[arg(long)]
     layers: bool,
-    /// One object on one line.
+    /// Print one JSON object on one line.
     #[arg(long)]
     json: bool,
-    /// Draw the distribution of the whole's latency.
+    /// Draw the distribution of the latency of whole frames into an SVG file.
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
     #[command(flatten)]
@@ -64,15 +64,16 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if samples.whole.is_empty() {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
     }
-    // The figures come first, so that the memory of the layers' measurement is not part of them.
+    // Peak memory is read before the layers are measured, which takes memory for further networks.
     let mut figures = Figures::new(&args.input, &samples);
     figures.layers = args.layers.then(|| layers::measure(&settings.networks)).transpose()?;
-    // They are printed even if the drawing cannot be written.
+    // The figures are printed before the drawing, so that they are not lost if the drawing cannot be written.
     print(&if args.json { figures.json() } else { figures.table() })?;
     args.svg.as_ref().map_or(Ok(()), |path| chart::draw(path, &samples.whole))
 }
 
-/// Plays the input once, and then measures the machine for as long: with work that lasts as long as a frame.
+/// Plays the input once. Then runs a loop of constant work, which takes as long as the median frame, once for each frame
+/// with a face.
 fn measure(pipeline: &mut Pipeline, input: &str, samples: &mut Samples) -> Result<(), Failure> {
     let (cpu, begun, interruptions, faces) = (cpu_time(), Instant::now(), Interruptions::now(), samples.whole.len());
     play(pipeline, input, samples)?;

@@ -31,7 +31,7 @@ pub enum InferError {
         /// The loader's message, on one line.
         reason: String,
     },
-    /// A network file is damaged, or its inputs and outputs differ from the signature.
+    /// A network file is damaged, or its input and outputs differ from the signature.
     #[error("{} is damaged or of another version ({reason}): run {}", path.display(), remedy(path))]
     Damaged {
         /// The network file.
@@ -52,7 +52,7 @@ pub enum InferError {
     Threads(io::Error),
     /// The engine failed during an inference.
     #[error(
-        "network {network} failed to run ({reason}); free some memory, and if that does not help run scripts/setup again"
+        "network {network} failed to run ({reason}); free some memory, and if that does not help, run scripts/setup onnxruntime"
     )]
     Run {
         /// Name of the network.
@@ -62,7 +62,7 @@ pub enum InferError {
     },
 }
 
-/// The command that installs a file of the folder.
+/// Returns the command that installs a file of the folder.
 fn remedy(path: &Path) -> &'static str {
     let is_native = path.extension().is_some_and(|extension| extension == super::native::EXTENSION);
     if is_native { "scripts/setup" } else { "scripts/setup onnxruntime" }
@@ -73,8 +73,8 @@ fn list(paths: &[PathBuf]) -> String {
     shown.join(", ")
 }
 
-/// Returns what an engine said, on one line and without control characters. A message that is too long is cut and ends
-/// in an ellipsis.
+/// Returns the message of an engine on one line and without control characters. A message that is too long is cut and
+/// ends in an ellipsis.
 #[cfg(any(feature = "ort", test))]
 pub(super) fn one_line(message: impl std::fmt::Display) -> String {
     /// Two to three lines of a terminal.

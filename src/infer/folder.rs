@@ -45,7 +45,7 @@ impl NetworkFolder {
         &self.0
     }
 
-    /// Returns the path of the file `name` in this folder, having opened it once to see that it can be read.
+    /// Returns the path of the file `name` in this folder, after a check that the file can be opened.
     ///
     /// # Errors
     /// [`InferError::Missing`] or [`InferError::Unreadable`].

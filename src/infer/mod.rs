@@ -1,10 +1,11 @@
 //! Runs the landmark networks, on the [`Engine`] that the settings choose.
 //!
-//! A network has fixed shapes: one input and a few outputs, all `f32`. Maps are stored row by row, pixel by pixel within a
-//! row, and channel by channel within a pixel. The caller writes the input in place, runs the network and reads the
-//! outputs in place. Nothing is allocated between [`Engine::load`] and the end of the network's life, unless a run fails.
+//! A network has one input and a few outputs of fixed shapes, all `f32`. The input and those outputs that are maps are
+//! stored row by row, pixel by pixel within a row, and channel by channel within a pixel. The caller writes the input in
+//! place, runs the network and reads the outputs in place. After [`Engine::load`] a network allocates nothing, unless a run
+//! fails.
 //!
-//! To add an engine, write its module, and add it to [`engines`] and to [`EngineChoice`].
+//! To add an engine, write its module, and add it to [`engine`], to [`engines`] and to [`EngineChoice`].
 
 mod error;
 mod folder;
@@ -52,7 +53,8 @@ pub trait Engine: Send + Sync {
 
 /// A network that is ready to run.
 pub trait Network: Send {
-    /// One row of the input: pixel by pixel, and channel by channel within a pixel. Empty if there is no such row.
+    /// Returns one row of the input, pixel by pixel, and channel by channel within a pixel. The slice is empty if there is no
+    /// such row.
     fn input_row(&mut self, row: usize) -> &mut [f32];
 
     /// Computes the outputs from the input.
@@ -61,7 +63,8 @@ pub trait Network: Send {
     /// [`InferError::Run`] if the engine fails. The outputs are then unspecified.
     fn run(&mut self) -> Result<(), InferError>;
 
-    /// The values of output `index` of the signature, in the engine's memory. Empty if there is no such output.
+    /// Returns the values of output `index` of the signature, in the engine's memory. The slice is empty if there is no such
+    /// output.
     fn output(&self, index: usize) -> &[f32];
 }
 
@@ -105,12 +108,12 @@ pub(crate) fn native_network(
     Native::new(NetworkFolder::find(&settings.folder)?, kernels, team(1)?).network(name, |_| Ok(()))
 }
 
-/// The threads that run the networks of the native engine.
+/// Starts the threads that run the networks of the native engine. The calling thread is one of them.
 fn team(threads: u32) -> Result<Arc<Team>, InferError> {
     Team::new(threads as usize).map(Arc::new).map_err(InferError::Threads)
 }
 
-/// ONNX Runtime, if this build contains it.
+/// Returns ONNX Runtime, if this build contains it.
 #[cfg(feature = "ort")]
 #[expect(clippy::unnecessary_wraps, reason = "not every build contains the engine")]
 fn onnx_runtime(folder: NetworkFolder, threads: usize) -> Option<Box<dyn Engine>> {
@@ -130,7 +133,7 @@ mod tests {
 
     use super::*;
 
-    /// The names of the threads of this process that run networks.
+    /// Returns the names of the threads that run networks in this process.
     fn network_threads() -> Vec<String> {
         let names = fs::read_dir("/proc/self/task").unwrap().filter_map(|task| {
             let name = fs::read_to_string(task.unwrap().path().join("comm")).ok()?;
@@ -141,7 +144,7 @@ mod tests {
         names
     }
 
-    /// Waits until these threads run: a new thread sets its name itself.
+    /// Waits until the threads with these names run. A new thread does not have its name until it has set it itself.
     fn await_network_threads(expected: &[&str]) {
         let start = Instant::now();
         while network_threads() != expected {
@@ -151,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_native_engine_has_the_threads_of_the_settings_as_long_as_it_lives() {
+    fn the_native_engine_runs_the_number_of_threads_in_the_settings_until_it_is_dropped() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path().to_str().unwrap().to_owned();
         let settings = NetworkSettings { folder, threads: 3, ..NetworkSettings::default() };

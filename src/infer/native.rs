@@ -8,7 +8,7 @@ use facewire_engine::{Graph, Team, file};
 
 use super::{Engine, InferError, Network, NetworkFolder, Signature};
 
-/// Ending of the names of network files.
+/// Extension of the names of network files.
 pub(super) const EXTENSION: &str = "fwnet";
 
 /// The native engine with the networks of one folder.
@@ -19,12 +19,13 @@ pub(super) struct Native {
 }
 
 impl Native {
-    /// An engine whose networks run on these kernels and on the threads of this team.
+    /// Makes an engine whose networks run on these kernels and on the threads of this team.
     pub(super) fn new(folder: NetworkFolder, kernels: &'static Kernels, team: Arc<Team>) -> Self {
         Self { folder, kernels, team }
     }
 
-    /// Reads the file of the network `name` and prepares the network, unless `check` finds fault with its graph.
+    /// Reads the file of the network `name` and prepares the network. If `check` returns an error for its graph, the file
+    /// counts as damaged.
     pub(super) fn network(
         &self,
         name: &str,
@@ -47,7 +48,7 @@ impl Engine for Native {
 
     fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError> {
         let mut network = NativeNetwork(self.network(signature.name, |graph| check(graph, signature))?);
-        // The first run touches all memory, so that no later one faults a page.
+        // The first run touches all memory, so that no later run causes a page fault.
         network.run()?;
         Ok(Box::new(network))
     }
@@ -70,7 +71,8 @@ impl Network for NativeNetwork {
     }
 }
 
-/// Checks that the network has the input and the outputs of the signature.
+/// Checks that the network has the input and the outputs of the signature. The file describes an output that is a list as
+/// a map, so only the number of its values is compared.
 fn check(graph: &Graph, signature: &Signature) -> Result<(), String> {
     let shape = |tensor: usize| {
         let shape = graph.tensors().get(tensor).map_or([0; 3], |shape| [shape.rows, shape.columns, shape.channels]);

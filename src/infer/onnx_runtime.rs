@@ -64,7 +64,7 @@ struct OnnxNetwork {
     input: Tensor<f32>,
     /// The preallocated outputs of `options`, which every run overwrites.
     outputs: Vec<Tensor<f32>>,
-    /// The outputs that are maps, in the order of the signature's shapes; empty for other outputs.
+    /// For each output that is a map, its values in the order of rows, columns and channels. Empty for other outputs.
     maps: Vec<Vec<f32>>,
 }
 
@@ -92,7 +92,7 @@ impl OnnxNetwork {
         Ok(())
     }
 
-    /// Copies the caller's values into the input, whose channels lie one after the other.
+    /// Copies the caller's values into the input of the network, which stores one channel after the other.
     fn write_input(&mut self) {
         let [_, _, channels] = self.signature.input;
         let (_, input) = self.input.extract_tensor_mut();
@@ -104,7 +104,7 @@ impl OnnxNetwork {
         }
     }
 
-    /// Copies the outputs that are maps, whose channels lie one after the other.
+    /// Copies the outputs that are maps into `maps`. The network stores their channels one after the other.
     fn read_maps(&mut self) {
         for (output, map) in self.outputs.iter().zip(&mut self.maps) {
             let Some(&channels) = output.shape().get(1).filter(|_| !map.is_empty()) else { continue };
@@ -140,8 +140,8 @@ impl Network for OnnxNetwork {
     }
 }
 
-/// The shape in an ONNX file of a tensor of the signature: the number of pictures comes first, and the channels of a map
-/// before its rows and columns.
+/// Returns the shape that a tensor of the signature has in an ONNX file: the number of pictures comes first, and the
+/// channels of a map come before its rows and columns.
 fn onnx_shape(shape: &[usize]) -> Vec<usize> {
     match *shape {
         [rows, columns, channels] => vec![1, channels, rows, columns],
@@ -149,7 +149,7 @@ fn onnx_shape(shape: &[usize]) -> Vec<usize> {
     }
 }
 
-/// Number of values of a map; 0 for a list.
+/// Returns the number of values of a map, and 0 for a shape that is not a map's.
 fn map_values(shape: &[usize]) -> usize {
     if shape.len() == 3 { shape.iter().product() } else { 0 }
 }
@@ -170,8 +170,8 @@ fn environment(library: &Path) -> Result<Environment, InferError> {
     Ok(ENVIRONMENT.get_or_init(|| environment).clone())
 }
 
-/// Whether the file is as long as its ELF header (64 bits, little-endian) says: the section table ends the file of a
-/// library. The system's loader does not check this, and the process would end with a bus error.
+/// Returns whether the file is as long as its ELF header (64 bits, little-endian) says. The section table is at the end
+/// of a library's file. The system's loader does not check the length, and a bus error would end the process.
 fn is_whole(library: &Path) -> bool {
     let mut header = [0; 64];
     let Ok(mut file) = File::open(library) else { return false };
@@ -234,7 +234,7 @@ mod tests {
     static LIPS: Signature = Signature { name: "lips", input: [16, 16, 32], outputs: &[("points", &[160])] };
 
     #[test]
-    fn a_run_that_fails_is_told_in_the_words_of_onnx_runtime() {
+    fn the_error_of_a_run_that_fails_contains_the_message_of_onnx_runtime() {
         let folder = NetworkFolder::find("").expect("installed networks");
         let [library, path] = [LIBRARY, "lips.onnx"].map(|name| folder.file(name).expect("an installed file"));
         let session = session(&environment(&library).expect("the library"), &path, 1).expect("a session");
@@ -244,6 +244,9 @@ mod tests {
         let error = network.run().expect_err("a wrong input").to_string();
         assert!(error.starts_with("network lips failed to run ("), "{error}");
         assert!(error.contains("Got invalid dimensions for input"), "{error}");
-        assert!(error.ends_with("); free some memory, and if that does not help run scripts/setup again"), "{error}");
+        assert!(
+            error.ends_with("); free some memory, and if that does not help, run scripts/setup onnxruntime"),
+            "{error}"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! An engine for tests, whose networks do as a test tells them.
+//! An engine for tests. Its networks run a closure of the test.
 
 use std::sync::Arc;
 
@@ -8,7 +8,8 @@ use super::{Engine, InferError, Network, Signature};
 pub(crate) struct Run<'a> {
     /// Name of the network.
     pub(crate) network: &'static str,
-    /// The outputs in the order of the signature, to be filled in. At first 0, later as the last run left them.
+    /// The outputs in the order of the signature, for the closure to fill in. They contain the values of the run before,
+    /// and 0 in the first run.
     pub(crate) outputs: &'a mut [Vec<f32>],
 }
 
@@ -43,7 +44,7 @@ impl Engine for Scripted {
 struct ScriptedNetwork {
     name: &'static str,
     script: Arc<Script>,
-    /// The same memory for every row of the input, which nothing reads.
+    /// The memory of every row of the input. All rows share it, because nothing reads the input.
     row: Vec<f32>,
     outputs: Vec<Vec<f32>>,
 }

@@ -1,5 +1,5 @@
-/* Counts the calls that take memory or give it back, from Rust as from C, by thread and by caller. A test preloads it,
- * names a file in ALLOCATIONS_FILE, and reads the counters there while the program runs.
+/* Counts the calls of Rust and C code that allocate or free memory, by thread and by caller. A test preloads this library
+ * into a program, names an empty file in ALLOCATIONS_FILE, and reads the counters from this file while the program runs.
  * Build: cc -O2 -shared -fPIC -o allocations.so allocations.c */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -13,8 +13,9 @@
 
 #define MOST_COUNTERS 4096
 struct counter {
-    /* 0 as long as the counter is free. */
+    /* Number of the thread; 0 while the counter is free. */
     uint64_t thread;
+    /* The return address of the call. */
     uint64_t caller;
     uint64_t calls;
 };
@@ -36,7 +37,7 @@ __attribute__((constructor)) static void map_counters(void)
     close(file);
 }
 
-/* Each pair of thread and caller takes the first free counter. The last counter is for all pairs that find none. */
+/* Each pair of thread and caller takes the first free counter. Pairs that find no free counter share the last one. */
 static void count(void *return_address)
 {
     uint64_t thread = (uint64_t)syscall(SYS_gettid), caller = (uint64_t)(uintptr_t)return_address;

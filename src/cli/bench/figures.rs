@@ -15,11 +15,11 @@ const CAMERA_FPS: f64 = 30.0;
 const DISTRIBUTION: [f64; 15] =
     [0.1, 1.0, 5.0, 10.0, 25.0, 50.0, 75.0, 90.0, 95.0, 98.0, 99.0, 99.5, 99.8, 99.9, 100.0];
 
-/// What was measured. The durations are those of each stage, frame by frame.
+/// What was measured: the durations of each stage, frame by frame, and figures of the rounds.
 #[derive(Debug, Default)]
 pub(super) struct Samples {
     pub(super) frames: u64,
-    /// From the file to a frame in memory. Also measured for frames without a face.
+    /// From the file to a frame in memory. This includes frames without a face.
     pub(super) decode: Vec<Duration>,
     pub(super) detect: Vec<Duration>,
     pub(super) mesh: Vec<Duration>,
@@ -28,12 +28,13 @@ pub(super) struct Samples {
     pub(super) whole: Vec<Duration>,
     /// From the file to coefficients.
     pub(super) decode_and_whole: Vec<Duration>,
-    /// A loop of constant work, in turns with the rounds.
+    /// A loop of constant work, which runs after each round.
     pub(super) constant: Vec<Duration>,
-    /// Processor time and time of the rounds.
+    /// Processor time of all rounds.
     pub(super) cpu: Duration,
+    /// Elapsed time of all rounds.
     pub(super) elapsed: Duration,
-    /// Of each round.
+    /// Interruptions of each round.
     pub(super) interruptions: Vec<Interruptions>,
 }
 
@@ -61,9 +62,9 @@ pub(super) struct Figures {
     solve: Latency,
     whole: Latency,
     decode_and_whole: Latency,
-    /// What the machine itself adds: a loop of constant work that takes as long as the median frame.
+    /// A loop of constant work that takes as long as the median frame. Its spread shows what the machine itself adds.
     constant_work: Latency,
-    /// Distribution of the whole: pairs of a percentage of the frames and the milliseconds that they took at most.
+    /// Distribution of `whole`: pairs of a percentage of the frames and the milliseconds that they took at most.
     whole_distribution_ms: Vec<[f64; 2]>,
     interruptions: Interruptions,
     /// Processor time, with decoding, as a share of the time that the rounds took; 100 is one core.
@@ -78,7 +79,7 @@ pub(super) struct Figures {
     pub(super) layers: Option<Layers>,
 }
 
-/// Milliseconds.
+/// Quantiles of durations in milliseconds.
 #[derive(Debug, Serialize)]
 #[expect(clippy::struct_field_names, reason = "the unit belongs to the name in JSON")]
 struct Latency {
@@ -142,11 +143,14 @@ impl Figures {
             let _ =
                 writeln!(text, "{stage:<16} {p50_ms:>8.3} {p95_ms:>8.3} {p99_ms:>8.3} {p99_9_ms:>8.3} {max_ms:>8.3}");
         }
-        text += "\nThe whole is from a frame in memory to its coefficients: detect, mesh and solve. The constant work is a loop \
-                 that\nuses no memory and takes as long as the median frame: what it shows beyond p50 is the machine's.\n\n";
+        text += "\n`whole` is the time from a decoded frame in memory to its coefficients: detect, mesh and solve. `constant \
+                 work` is\na loop that uses no memory and takes as long as the median frame: its times above p50 come from the \
+                 machine, not\nfrom facewire.\n\n";
         let (cpu, now, memory) = (self.cpu_percent_at_30_fps, self.cpu_percent, self.peak_memory_mb);
-        let _ =
-            writeln!(text, "{cpu:.1} % of one core at 30 frames a second, {now:.0} % here; peak memory {memory:.1} MB");
+        let _ = writeln!(
+            text,
+            "{cpu:.1} % of one core at 30 frames a second, {now:.0} % in this run; peak memory {memory:.1} MB"
+        );
         let Interruptions { involuntary_switches, interrupts, stolen_ms } = self.interruptions;
         let _ = writeln!(
             text,
@@ -170,12 +174,12 @@ impl Latency {
     }
 }
 
-/// A quantile in milliseconds.
+/// Returns a quantile in milliseconds.
 fn ms(sorted: &[Duration], part: f64) -> f64 {
     rounded(quantile(sorted, part).as_secs_f64() * 1000.0)
 }
 
-/// The smallest sample that a share `part` of all samples does not exceed; zero without samples.
+/// Returns the smallest sample that a share `part` of all samples does not exceed, or zero if there are no samples.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index within the samples")]
 pub(super) fn quantile(sorted: &[Duration], part: f64) -> Duration {
     let rank = (part * sorted.len() as f64).ceil() as usize;

@@ -1,4 +1,4 @@
-//! Times the layers of the networks on the native engine, beside the peak of this core.
+//! Times the layers of the networks on the native engine, and compares them with the peak of this core.
 
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -13,15 +13,15 @@ use crate::infer::{InferError, native_network};
 /// The networks of a frame in which a face is followed, in the order in which they run, and the detector.
 const NETWORKS: [&str; 5] = ["mesh", "lips", "left_eye", "right_eye", DETECTOR];
 const DETECTOR: &str = "detector";
-/// How often each network runs, once as a whole and once layer by layer.
+/// How often each network runs as a whole, and then again layer by layer.
 const RUNS: usize = 300;
 
 /// The speed of all networks.
 #[derive(Debug, Serialize)]
 pub(super) struct Layers {
-    /// The instruction set.
+    /// The instruction set that the kernels use.
     kernels: &'static str,
-    /// Multiply-adds per second that this core computes in registers, in thousand millions.
+    /// The most multiply-adds per second that this core can compute, with operands in registers, in thousand millions.
     peak_g_per_s: f64,
     /// The networks of a followed face together.
     frame: Speed,
@@ -64,37 +64,37 @@ impl Speed {
     }
 }
 
-/// Measures all networks. They run in turns, so that each finds the caches as the one before it leaves them.
+/// Measures all networks. They run alternately, so that each finds the caches as the one before it left them.
 pub(super) fn measure(settings: &NetworkSettings) -> Result<Layers, InferError> {
     let kernels = kernels::fastest();
-    let mut watched = Vec::new();
+    let mut timed = Vec::new();
     for name in NETWORKS {
-        watched.push(Watched::new(name, native_network(settings, kernels, name)?));
+        timed.push(TimedNetwork::new(name, native_network(settings, kernels, name)?));
     }
     let before = peak::multiply_adds_per_second(kernels);
     for _ in 0..RUNS {
-        watched.iter_mut().for_each(Watched::time_whole);
-        watched.iter_mut().for_each(Watched::time_layers);
+        timed.iter_mut().for_each(TimedNetwork::time_whole);
+        timed.iter_mut().for_each(TimedNetwork::time_layers);
     }
     let peak_per_s = before.max(peak::multiply_adds_per_second(kernels));
 
-    let networks: Vec<_> = watched.iter_mut().map(|network| network.speed(peak_per_s)).collect();
+    let networks: Vec<_> = timed.iter_mut().map(|network| network.speed(peak_per_s)).collect();
     let of_frame = || networks.iter().filter(|network| network.name != DETECTOR).map(|network| network.speed);
     let time = Duration::from_secs_f64(of_frame().map(|speed| speed.p50_us / 1e6).sum());
     let frame = Speed::of(of_frame().map(|speed| speed.multiply_adds).sum(), time, peak_per_s);
     Ok(Layers { kernels: kernels.name, peak_g_per_s: peak_per_s / 1e9, frame, networks })
 }
 
-/// A network, and the durations of its runs.
-struct Watched {
+/// A network and the durations of its runs.
+struct TimedNetwork {
     name: &'static str,
     network: Network,
     whole: Vec<Duration>,
-    /// For each layer, its share of each run.
+    /// For each layer, its duration in each run.
     layers: Vec<Vec<Duration>>,
 }
 
-impl Watched {
+impl TimedNetwork {
     fn new(name: &'static str, mut network: Network) -> Self {
         for row in 0..network.input_rows() {
             network.input_row(row).fill_with(fastrand::f32);
@@ -109,7 +109,7 @@ impl Watched {
         self.whole.push(begun.elapsed());
     }
 
-    /// Times each layer as the sum of its strips. The clock is read after each strip, which takes a percent or two.
+    /// Times each layer as the sum of its strips of rows. Reading the clock after each strip makes the run 1 to 2 % longer.
     fn time_layers(&mut self) {
         self.layers.iter_mut().for_each(|runs| runs.push(Duration::ZERO));
         let mut last = Instant::now();
@@ -151,9 +151,13 @@ impl Layers {
         for network in &self.networks {
             line(&mut text, network.name, &network.speed);
         }
-        line(&mut text, "a followed face, without the detector", &self.frame);
+        line(&mut text, "all networks without the detector", &self.frame);
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "\nThe peak of this core with {}: {:.1} G/s", self.kernels, self.peak_g_per_s);
+        let _ = writeln!(
+            text,
+            "\nThis core computes at most {1:.1} G multiply-adds/s with {0}.",
+            self.kernels, self.peak_g_per_s
+        );
         text
     }
 }
@@ -169,7 +173,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn speed_is_work_over_time_as_a_share_of_the_peak() {
+    fn speed_is_given_per_second_and_as_a_share_of_the_peak() {
         let speed = Speed::of(1_000_000, Duration::from_micros(100), 40e9);
         assert!((speed.g_per_s - 10.0).abs() < 1e-9 && (speed.percent_of_peak - 25.0).abs() < 1e-9, "{speed:?}");
     }

@@ -1,4 +1,4 @@
-//! What the machine itself adds to latencies, and what it is.
+//! Measures what the machine itself adds to latencies, and reads its name, processor time and memory.
 
 use std::fs;
 use std::hint::black_box;
@@ -21,7 +21,8 @@ pub(super) fn constant_work(length: Duration, passes: usize) -> Vec<Duration> {
     (0..passes).map(|_| timed(steps)).collect()
 }
 
-/// Duration of so many steps of a linear congruential generator. Each step waits for the one before it.
+/// Returns the duration of `steps` steps of a linear congruential generator. Each step depends on the one before it, so the
+/// processor cannot overlap them.
 fn timed(steps: u64) -> Duration {
     let begun = Instant::now();
     let last =
@@ -74,25 +75,25 @@ impl Sum for Interruptions {
     }
 }
 
-/// A number of the line that begins with `key`, counted from 0; 0 if it is missing.
+/// Returns the number at `index`, counted from 0, on the line that begins with `key`. Returns 0 if it is missing.
 fn field(text: &str, key: &str, index: usize) -> u64 {
     let line = text.lines().find_map(|line| line.strip_prefix(key));
     line.and_then(|line| line.split_whitespace().nth(index)?.parse().ok()).unwrap_or(0)
 }
 
-/// Processor time that this process has used.
+/// Returns the processor time that this process has used.
 pub(super) fn cpu_time() -> Duration {
     let time = clock_gettime(ClockId::ProcessCPUTime);
     let part = |value: i64| u64::try_from(value).unwrap_or(0);
     Duration::from_secs(part(time.tv_sec)) + Duration::from_nanos(part(time.tv_nsec))
 }
 
-/// Largest resident memory that this process has had.
+/// Returns the largest resident memory that this process has had.
 pub(super) fn peak_memory_kb() -> u64 {
     field(&fs::read_to_string("/proc/self/status").unwrap_or_default(), "VmHWM:", 0)
 }
 
-/// Name of the board or of the processor, and its architecture.
+/// Returns the name of the board or of the processor, and its architecture.
 pub(super) fn name() -> String {
     let board = fs::read_to_string("/proc/device-tree/model").ok().map(|model| model.trim_end_matches('\0').to_owned());
     let cpus = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
@@ -106,16 +107,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fields_are_found_by_their_key() {
+    fn a_number_is_found_by_the_start_of_its_line_and_its_index() {
         let text = "cpu  10 0 5 900 0 0 2 70 0 0\ncpu0 1 2\nintr 12345 9 8\n";
         assert_eq!((field(text, "cpu ", 7), field(text, "intr ", 0), field(text, "none", 0)), (70, 12345, 0));
     }
 
     #[test]
-    fn constant_work_takes_about_as_long_as_asked() {
+    fn constant_work_takes_about_as_long_as_requested() {
         let mut times = constant_work(Duration::from_micros(500), 21);
         times.sort_unstable();
-        // Even a busy machine lets the fastest of many passes run to its end without a break.
+        // Even on a busy machine the fastest of many passes runs without interruption.
         assert!(times[0] > Duration::from_micros(100) && times[0] < Duration::from_millis(50), "{times:?}");
     }
 }

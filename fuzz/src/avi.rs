@@ -1,10 +1,10 @@
-//! The reader of Motion-JPEG AVI files, with the decoding of their frames.
+//! Checks the reader of Motion-JPEG AVI files, including the decoding of their frames.
 
 use facewire::capture::AviSource;
 
 use super::film::film;
 
-/// Bytes of a chunk without content, which stands for a frame that the recorder dropped.
+/// Size of the smallest frame: a chunk without content, which stands for a frame that the recorder dropped.
 const LEAST_FRAME_BYTES: usize = 8;
 
 /// Checks the promises of [`film`] for AVI files.

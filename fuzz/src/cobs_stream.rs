@@ -39,7 +39,7 @@ fn line(mut data: &[u8]) -> Vec<u8> {
     line
 }
 
-/// Encodes by COBS as its inventors describe it: each stretch up to a 0 follows its length.
+/// Encodes by COBS as its inventors describe it: each stretch of bytes up to a 0 is preceded by its length plus 1.
 fn stuffed(bytes: &[u8; PACKET_BYTES]) -> Vec<u8> {
     let mut frame = Vec::new();
     for stretch in bytes.split(|byte| *byte == 0) {

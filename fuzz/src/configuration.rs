@@ -1,4 +1,4 @@
-//! The reader of settings.
+//! Checks the reader of settings.
 
 use std::fs;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! The promises of every reader of films.
+//! Checks the promises of every reader of films.
 
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::io::{self, ErrorKind, Read};
@@ -8,7 +8,7 @@ use facewire::capture::{CaptureError, Picture, Pixels, Source};
 /// Larger pictures are skipped rather than decoded, for the fuzzer's speed.
 const MOST_PIXELS: usize = 1 << 16;
 
-/// Bytes that come in pieces, as from a pipe, with an interruption now and then.
+/// A reader that returns bytes in pieces, as a pipe does, and that every seventh read interrupts.
 pub struct Pieces<'a> {
     data: &'a [u8],
     /// The most bytes that one read returns.
@@ -39,17 +39,17 @@ pub type Open = for<'a> fn(Pieces<'a>) -> Result<Box<dyn Source + 'a>, CaptureEr
 /// The frames of a film: number, time and a hash of the samples.
 type Told = Vec<(u64, u64, u64)>;
 
-/// Checks that a film ends after at most one frame for each `bytes_per_frame`, and that it gives the same frames whatever
-/// pieces it comes in, up to the cut if it is cut short, and if other frames are skipped.
+/// Checks that a film ends after at most one frame for each `bytes_per_frame` bytes. It gives the same frames if it is read
+/// in pieces, if other frames are skipped, and, up to the cut, if it is cut short.
 pub fn film(data: &[u8], bytes_per_frame: usize, open: Open) {
     let most = data.len() / bytes_per_frame;
     let told = frames(Pieces::new(data, usize::MAX), open, most, &[false]);
     let salt = usize::from(data.last().copied().unwrap_or_default());
     assert_eq!(frames(Pieces::new(data, 1 + salt % 61), open, most, &[false]), told);
     let cut = frames(Pieces::new(&data[..data.len() * salt / 256], usize::MAX), open, most, &[false]);
-    assert!(told.starts_with(&cut), "{cut:?} is no start of {told:?}");
+    assert!(told.starts_with(&cut), "{told:?} does not start with {cut:?}");
     let some = frames(Pieces::new(data, usize::MAX), open, most, &[true, salt % 2 == 0, false]);
-    assert!(some.iter().all(|frame| told.contains(frame)), "{some:?} are not of {told:?}");
+    assert!(some.iter().all(|frame| told.contains(frame)), "{told:?} does not contain all of {some:?}");
 }
 
 /// Reads to the end and skips frames by a pattern.

@@ -1,4 +1,4 @@
-//! The path from a camera's buffer to a network's input.
+//! Checks the path from a camera's buffer to a network's input.
 
 use facewire::capture::v4l2::{Layout, PixelFormat, Store};
 use facewire::capture::{MAX_SIDE_PX, Picture};
@@ -13,7 +13,7 @@ use super::input::Input;
 const COLOUR: [u8; 3] = [90, 100, 180];
 /// The padding between and behind the rows, of another colour than the picture and than grey.
 const PADDING: u8 = 0;
-/// Larger frames are not tried, for the fuzzer's speed.
+/// Larger frames are skipped, because they would slow the fuzzer down.
 const MOST_BYTES: usize = 1 << 16;
 /// Samples a side: those of the largest network, and fewer for the fuzzer's speed.
 const SIDES: [usize; 4] = [192, 33, 7, 1];

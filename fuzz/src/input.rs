@@ -1,10 +1,10 @@
-//! Numbers from the front of the fuzzer's bytes.
+//! Reads numbers from the bytes of the fuzzer.
 
-/// Bytes not yet used.
+/// The bytes that have not been read yet.
 pub struct Input<'a>(pub &'a [u8]);
 
 impl Input<'_> {
-    /// The next bytes; 0 where there are no more.
+    /// Takes the next `N` bytes. Bytes past the end are 0.
     pub fn bytes<const N: usize>(&mut self) -> [u8; N] {
         let mut taken = [0; N];
         let (front, rest) = self.0.split_at(N.min(self.0.len()));
@@ -13,18 +13,18 @@ impl Input<'_> {
         taken
     }
 
-    /// The next byte.
+    /// Takes the next byte.
     pub fn byte(&mut self) -> u8 {
         let [byte] = self.bytes();
         byte
     }
 
-    /// The next 16 bits.
+    /// Takes the next 16 bits.
     pub fn short(&mut self) -> u16 {
         u16::from_le_bytes(self.bytes())
     }
 
-    /// The next 32 bits.
+    /// Takes the next 32 bits.
     pub fn word(&mut self) -> u32 {
         u32::from_le_bytes(self.bytes())
     }

@@ -1,6 +1,8 @@
-//! What each fuzz target promises of any bytes: one function a target, which panics where the promise is broken.
+//! The promises that the fuzz targets check. Each target is one function, which takes any bytes and panics if the code that
+//! reads them breaks its promise.
 //!
-//! cargo-fuzz runs them on bytes it makes up; `tests/fuzz_corpus.rs` runs them on the kept ones.
+//! cargo-fuzz calls the functions with bytes that it generates. `tests/fuzz_corpus.rs` calls them with the files of the
+//! corpus.
 
 mod avi;
 mod cobs_stream;

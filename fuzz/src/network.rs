@@ -1,17 +1,17 @@
-//! The planner of networks.
+//! Compares the engine with plain operators on networks of random operators.
 
 use facewire_engine::graph::{Kind, Operator, Port, Shape, Window};
 use facewire_engine::{Graph, Network, kernels, reference};
 
 use super::input::Input;
 
-/// Most steps in which a network grows, by one operator or a few.
+/// Largest number of steps that build a network. Each adds one operator or a few.
 const STEPS: usize = 12;
-/// Most values in all tensors, so that a run takes less than a millisecond.
+/// Largest number of values in all tensors, so that a run takes less than a millisecond.
 const MOST_VALUES: usize = 1 << 14;
 
-/// A network of any operators whose shapes agree is refused as unsupported, or computes what the plain operators do, on
-/// all kernels.
+/// Checks that a network of any operators whose shapes agree is refused as unsupported, or gives the outputs of the plain
+/// operators on all kernels of this machine.
 pub fn network(data: &[u8]) {
     let mut draft = Draft::new(data);
     for _ in 0..STEPS {
@@ -38,7 +38,8 @@ pub fn network(data: &[u8]) {
     }
 }
 
-/// Rounding errors grow with the largest value, which later layers subtract from others.
+/// Compares an output with the expected one. The tolerance is relative to the largest value, because rounding errors are
+/// relative to the values that were added, and a sum can be much smaller than these.
 fn compare(found: &[f32], expected: &[f32], kernels: &str) {
     assert_eq!(found.len(), expected.len());
     let scale = expected.iter().fold(1.0_f32, |scale, value| scale.max(value.abs()));
@@ -47,7 +48,7 @@ fn compare(found: &[f32], expected: &[f32], kernels: &str) {
     }
 }
 
-/// A network that grows operator by operator.
+/// A network to which operators are added one by one.
 struct Draft<'a> {
     input: Input<'a>,
     tensors: Vec<Shape>,
@@ -63,12 +64,12 @@ impl<'a> Draft<'a> {
         Self { input, tensors, operators: Vec::new(), outputs: Vec::new() }
     }
 
-    /// A number from 0 to `most`.
+    /// Takes a number from 0 to `most` from the fuzzer's bytes.
     fn upto(&mut self, most: usize) -> usize {
         usize::from(self.input.byte()) % (most + 1)
     }
 
-    /// Adds an operator that reads one of the last tensors.
+    /// Adds an operator that reads one of the last four tensors.
     fn operator(&mut self) {
         let (kind, from) = (self.upto(9), self.tensors.len() - 1 - self.upto(self.tensors.len().min(4) - 1));
         let shape = self.tensors[from];
@@ -111,7 +112,7 @@ impl<'a> Draft<'a> {
         self.add(Kind::Convolution { window, weights: weights(count), bias: weights(to.channels) }, inputs, to);
     }
 
-    /// Returns the output of a depthwise convolution.
+    /// Adds a depthwise convolution, and returns the index of its output.
     fn depthwise(&mut self, from: usize) -> usize {
         let shape = self.tensors[from];
         let stride = if shape.rows % 2 + shape.columns % 2 == 0 { 1 + self.upto(1) } else { 1 };
@@ -122,7 +123,8 @@ impl<'a> Draft<'a> {
         self.tensors.len() - 1
     }
 
-    /// Adds the operators that the engine computes as one layer: two convolutions, and the sum with what they read.
+    /// Adds operators that the engine computes as one layer: a depthwise and a pointwise convolution, and the sum of their
+    /// output and their input.
     fn block(&mut self, from: usize) {
         let depthwise = self.depthwise(from);
         let (shape, middle) = (self.tensors[from], self.tensors[depthwise]);
@@ -146,7 +148,7 @@ impl<'a> Draft<'a> {
         self.add(Kind::Add, vec![other, sum], to);
     }
 
-    /// What a block adds to its sums: largest values, more channels or both.
+    /// Adds operators that can precede the sum of a block: a maximum over pixels, more channels, or both.
     fn residual(&mut self, from: usize) {
         let shape = self.tensors[from];
         let (added, is_even) = (self.upto(9), shape.rows % 2 + shape.columns % 2 == 0);

@@ -1,12 +1,14 @@
-//! The reader of network files.
+//! Checks the reader of network files.
 
 use facewire_engine::{Error, Graph, Network, file, kernels};
 
-/// Most values in the tensors of a network that is run: enough for every kind of layer, and runs within a millisecond.
+/// Networks with more values in their tensors are not run. Smaller ones can have every kind of layer, and run within a
+/// millisecond.
 const MOST_VALUES: usize = 1 << 14;
 
-/// Any file is refused or describes a network. A small network is refused for a reason, or runs and computes the same
-/// bits in every run. The bytes are what follows the checksum, because the fuzzer would hardly ever guess that.
+/// Checks that any file is refused or describes a network. A small network is refused with an error of one line, or gives
+/// the same bits in every run. `data` is the part of a file that follows the checksum, because the fuzzer would hardly ever
+/// guess a correct checksum.
 pub fn network_file(data: &[u8]) {
     assert!(file::read(data).is_err(), "a file without the first bytes of a network");
     let content = [&b"fwnet\0\0\0\x02\0\0\0"[..], &file::checksum(data).to_le_bytes(), data].concat();
@@ -38,6 +40,7 @@ fn run_twice(graph: &Graph) {
     }
 }
 
+/// Checks that an error fills one line.
 fn judge(error: Error) {
     let text = error.to_string();
     assert!(!text.is_empty() && !text.contains(char::is_control), "{text:?}");

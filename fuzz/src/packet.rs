@@ -1,25 +1,25 @@
-//! The packet decoder against a second reading of the wire format.
+//! Compares the packet decoder with a second implementation of the wire format.
 
 use facewire_packet::{DecodeError, PACKET_BYTES, Packet, State};
 
 use super::wire::{Wire, checksum, seal, sealed, stated_checksum};
 
-/// The flags that version 1 does not use.
+/// The bits of the flags that version 1 does not use.
 const UNUSED_FLAGS: u8 = 0b1100;
-/// Highest reason that version 1 defines.
+/// The highest number of a reason that version 1 defines.
 const LAST_REASON: u8 = 5;
 
-/// What is refused is refused for the right reason; what is decoded encodes to the same bytes, but for what the format
-/// leaves open; a packet with one wrong bit is refused; any values encode to a packet that is taken.
+/// Checks that a refused packet is refused for the right reason, that a decoded packet encodes to the same bytes (see
+/// [`canonical`]), that a packet with one wrong bit is refused, and that any values encode to a packet that decodes.
 pub fn packet(data: &[u8]) {
     judge(data);
     let wire = sealed(data);
     judge(&wire);
     refuses_a_wrong_bit(&wire, data);
-    takes_any_values(data);
+    any_values_decode(data);
 }
 
-/// Decodes and compares with what the bytes themselves say.
+/// Decodes the bytes and compares the result with that of the second implementation.
 fn judge(data: &[u8]) {
     let decoded = Packet::decode(data);
     let Ok(wire) = <&Wire>::try_from(data) else {
@@ -42,7 +42,8 @@ fn judge(data: &[u8]) {
     }
 }
 
-/// The one way in which facewire itself writes this packet: unused flags are 0, and -32768 in the rotation is -32767.
+/// Returns the bytes that facewire itself writes for a packet: unused flags are 0, and -32768 in the rotation becomes
+/// -32767.
 fn canonical(mut wire: Wire) -> Wire {
     wire[3] &= !UNUSED_FLAGS;
     for component in wire[12..20].chunks_exact_mut(2).filter(|bytes| **bytes == i16::MIN.to_le_bytes()) {
@@ -58,7 +59,7 @@ fn refuses_a_wrong_bit(wire: &Wire, data: &[u8]) {
     assert!(Packet::decode(&wrong).is_err(), "bit {bit}");
 }
 
-fn takes_any_values(data: &[u8]) {
+fn any_values_decode(data: &[u8]) {
     let mut packet = Packet { state: State::Decay, ..Packet::NEUTRAL };
     let mut words = data.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word));
     let Packet { rotation, position_mm, coefficients, age_us, .. } = &mut packet;

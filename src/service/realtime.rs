@@ -2,7 +2,7 @@
 //!
 //! The service requests each of these only if the settings ask for it. If the system refuses a request, the service runs
 //! without it, and the status line says so. Priorities are set per thread, after the networks are loaded: a scheduling
-//! policy of the whole process would also apply to the threads of ONNX Runtime.
+//! policy of the whole process would also apply to the helper threads of the networks.
 
 use std::hint::black_box;
 use std::{fmt, io};

@@ -64,16 +64,22 @@ impl GatedAverage {
     }
 
     /// Eq. 11, given the previous values and their ages. Fewer than two have no deviation, so that `x` passes.
-    fn gated(self, x: f32, previous: impl Iterator<Item = (f32, f32)> + Clone) -> f32 {
-        let sums = |(count, sum, _): (f32, f32, f32), (value, age_s)| (count + 1.0, sum + value, age_s);
-        let (count, sum, oldest_s) = previous.clone().fold((0.0, 0.0, 0.0), sums);
+    fn gated(self, x: f32, previous: impl Iterator<Item = (f32, f32)>) -> f32 {
+        let (mut count, mut sum, mut squares, mut oldest_s) = (0.0, 0.0, 0.0, 0.0);
+        for (value, age_s) in previous {
+            // Squares of differences from `x` lose fewer digits in the variance than squares of the values would.
+            let difference = value - x;
+            (count, sum, squares, oldest_s) = (count + 1.0, sum + difference, squares + difference * difference, age_s);
+        }
         if count < 2.0 {
             return x;
         }
-        let average = sum / count;
-        let variance = previous.map(|(f, _)| (f - average) * (f - average)).sum::<f32>() / (count - 1.0);
-        let gate = variance.sqrt().max(self.min_gate).max(f32::EPSILON);
-        average + share(((x - average) / gate).abs(), (oldest_s * FPS).round()) * (x - average)
+        // The average, seen from `x`.
+        let offset: f32 = sum / count;
+        let variance = (squares - sum * offset) / (count - 1.0);
+        // Rounding can make the variance of equal values negative.
+        let gate = variance.max(0.0).sqrt().max(self.min_gate).max(f32::EPSILON);
+        x + (1.0 - share(offset.abs() / gate, (oldest_s * FPS).round())) * offset
     }
 }
 
@@ -85,7 +91,7 @@ impl Past {
     }
 
     /// The outputs and their ages, `dt_s` after the newest, from the newest to the last that is at most `window_s` old.
-    fn values(&self, window_s: f32, dt_s: f32) -> impl Iterator<Item = (f32, f32)> + Clone {
+    fn values(&self, window_s: f32, dt_s: f32) -> impl Iterator<Item = (f32, f32)> {
         let with_age = self.0.oldest_ordered().rev().scan(dt_s, |next_age_s, output| {
             let age_s = *next_age_s;
             *next_age_s += output.dt_s;

@@ -15,40 +15,59 @@ pub(super) type Hidden = [f32; MAX_HIDDEN];
 /// A fitted regression, `h = max(0, W x + a)` and `R = V h + b`. It takes at most 256 KiB.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
-    /// The selected features, `W`.
+    /// The selected features.
     pub(super) inputs: Box<[Input]>,
+    /// `W`: its column of each input.
+    pub(super) hidden_weights: Box<[Hidden]>,
     /// `a` where the wearer's neutral face is known, and where it is not.
     pub(super) offsets: [Hidden; 2],
-    /// The blendshapes, `V` and `b`.
-    pub(super) outputs: Box<[Output]>,
+    /// `V`: its column of each hidden unit.
+    pub(super) output_weights: Box<[[f32; COEFFS]]>,
+    /// `b`.
+    pub(super) output_offsets: [f32; COEFFS],
 }
 
-/// A selected feature and its column of `W`.
+/// A selected feature.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Input {
     pub(super) feature: FeatureId,
     /// Mean of the feature over neutral faces.
     pub(super) neutral: f32,
-    pub(super) weights: Hidden,
 }
 
-/// A blendshape: its row of `V` and its number of `b`.
+/// A blendshape as files hold it: its row of `V` and its number of `b`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Output {
     pub(super) offset: f32,
     pub(super) weights: Hidden,
 }
 
-impl Output {
-    /// An output that is always 0.
-    pub(super) const ZERO: Self = Self { offset: 0.0, weights: [0.0; MAX_HIDDEN] };
-}
-
 impl Model {
+    /// Lays out the numbers of the features and of the blendshapes for the solver.
+    pub(super) fn new(inputs: Vec<(Input, Hidden)>, offsets: &[Hidden; 2], outputs: &[Output]) -> Self {
+        let (inputs, hidden_weights): (Vec<_>, Vec<_>) = inputs.into_iter().unzip();
+        let mut output_weights = vec![[0.0; COEFFS]; MAX_HIDDEN];
+        let mut output_offsets = [0.0; COEFFS];
+        for (index, output) in outputs.iter().enumerate() {
+            let columns = output_weights.iter_mut().zip(&output.weights);
+            let slots = columns.filter_map(|(column, weight)| Some((column.get_mut(index)?, *weight)));
+            slots.for_each(|(slot, weight)| *slot = weight);
+        }
+        output_offsets.iter_mut().zip(outputs).for_each(|(offset, output)| *offset = output.offset);
+        Self {
+            inputs: inputs.into(),
+            hidden_weights: hidden_weights.into(),
+            offsets: *offsets,
+            output_weights: output_weights.into(),
+            output_offsets,
+        }
+    }
+
     /// Size of the model in memory, bytes.
     #[must_use]
     pub fn size_bytes(&self) -> usize {
-        size_of_val(&*self.inputs) + size_of_val(&*self.outputs) + size_of::<Self>()
+        let weights = size_of_val(&*self.hidden_weights) + size_of_val(&*self.output_weights);
+        size_of_val(&*self.inputs) + weights + size_of::<Self>()
     }
 
     /// The model as little-endian words of 4 bytes: both offsets, then offset and weights of each blendshape, then
@@ -58,11 +77,11 @@ impl Model {
         let mut bytes = Vec::new();
         let mut write = |numbers: &[f32]| bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
         self.offsets.iter().for_each(|row| write(row));
-        for Output { offset, weights } in &self.outputs {
+        for (index, offset) in self.output_offsets.iter().enumerate() {
             write(&[*offset]);
-            write(weights);
+            self.output_weights.iter().filter_map(|column| column.get(index)).for_each(|weight| write(&[*weight]));
         }
-        for Input { feature, neutral, weights } in &self.inputs {
+        for (Input { feature, neutral }, weights) in self.inputs.iter().zip(&self.hidden_weights) {
             // An f32 holds every index exactly.
             write(&[feature.index() as f32, *neutral]);
             write(weights);
@@ -84,9 +103,10 @@ impl Model {
         let mut inputs = Vec::with_capacity(words.0.len() / (2 + MAX_HIDDEN));
         while !words.0.is_empty() {
             let [feature, neutral] = words.take()?;
-            inputs.push(Input { feature: FeatureId::from_index(feature as usize)?, neutral, weights: words.take()? });
+            let input = Input { feature: FeatureId::from_index(feature as usize)?, neutral };
+            inputs.push((input, words.take()?));
         }
-        Some(Self { inputs: inputs.into(), offsets, outputs: outputs.into() })
+        Some(Self::new(inputs, &offsets, &outputs))
     }
 }
 

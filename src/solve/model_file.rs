@@ -142,24 +142,20 @@ impl ModelFile {
             return Err(ModelError::TooMany { table: "inputs".to_owned() });
         }
         let OffsetTable { neutral_known, neutral_unknown } = &self.offsets;
-        Ok(Model {
-            inputs: self.inputs.iter().map(|(name, table)| input(name, table)).collect::<Result<_, _>>()?,
-            offsets: [
-                hidden("offsets.neutral_known", neutral_known)?,
-                hidden("offsets.neutral_unknown", neutral_unknown)?,
-            ],
-            outputs: self.outputs()?,
-        })
+        let inputs = self.inputs.iter().map(|(name, table)| input(name, table)).collect::<Result<_, _>>()?;
+        let offsets =
+            [hidden("offsets.neutral_known", neutral_known)?, hidden("offsets.neutral_unknown", neutral_unknown)?];
+        Ok(Model::new(inputs, &offsets, &self.outputs()?))
     }
 
-    fn outputs(&self) -> Result<Box<[Output]>, ModelError> {
+    fn outputs(&self) -> Result<Vec<Output>, ModelError> {
         let is_known = |name: &str| BLENDSHAPES.contains(&name) && name != WITHOUT_MODEL;
         if let Some(name) = self.blendshapes.keys().find(|name| !is_known(name)) {
             return Err(ModelError::Unknown { table: "blendshapes".to_owned(), name: name.clone() });
         }
         let find = |name: &&'static str| match self.blendshapes.get(*name) {
             Some(table) => output(name, table),
-            None if *name == WITHOUT_MODEL => Ok(Output::ZERO),
+            None if *name == WITHOUT_MODEL => Ok(Output { offset: 0.0, weights: [0.0; MAX_HIDDEN] }),
             None => Err(ModelError::Missing { table: "blendshapes", blendshape: name }),
         };
         BLENDSHAPES.iter().map(find).collect()
@@ -191,14 +187,12 @@ fn damaged(text: &[u8], offset: usize, reason: &str) -> ModelError {
     ModelError::Damaged { line, reason: reason.to_owned() }
 }
 
-fn input(name: &str, entry: &InputTable) -> Result<Input, ModelError> {
+fn input(name: &str, entry: &InputTable) -> Result<(Input, Hidden), ModelError> {
     let unknown = || ModelError::Unknown { table: "inputs".to_owned(), name: name.to_owned() };
     let table = format!("inputs.{name}");
-    Ok(Input {
-        feature: FeatureId::from_name(name).ok_or_else(unknown)?,
-        neutral: finite(&table, "neutral", entry.neutral)?,
-        weights: hidden(&table, &entry.weights)?,
-    })
+    let feature = FeatureId::from_name(name).ok_or_else(unknown)?;
+    let input = Input { feature, neutral: finite(&table, "neutral", entry.neutral)? };
+    Ok((input, hidden(&table, &entry.weights)?))
 }
 
 fn output(name: &str, entry: &BlendshapeTable) -> Result<Output, ModelError> {

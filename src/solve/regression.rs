@@ -7,18 +7,21 @@
 //!
 //! Limits: `tongueOut` is always 0, because no landmark lies on the tongue.
 
+use facewire_engine::kernels::rows::add_rows;
 use thiserror::Error;
 
 use super::{
     COEFFS,
     features::Features,
-    model::{Hidden, Model, Output},
+    model::{Hidden, Model},
 };
 
 /// The shipped model, as the build script wrote it.
 const EMBEDDED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blendshapes.bin"));
 /// Largest result of a face. On rendered and real faces, results stay between -0.5 and 1.5.
 const MAX_RESULT: f32 = 5.0;
+/// Features that are gathered before their weights are added.
+const BATCH: usize = 64;
 
 /// A result that cannot be a coefficient. The frame is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -46,8 +49,8 @@ impl Model {
     /// [`AbsurdResult`] if a result is not a number or far outside a coefficient's range.
     pub fn process(&self, features: &Features) -> Result<RawCoeffs, AbsurdResult> {
         let hidden = self.hidden(features);
-        let mut raw = [0.0; COEFFS];
-        raw.iter_mut().zip(&self.outputs).for_each(|(out, output)| *out = output.apply(&hidden));
+        let mut raw = self.output_offsets;
+        add_rows(&mut raw, &self.output_weights, &hidden);
         // No range contains a NaN.
         let is_sane = raw.iter().all(|value| (-MAX_RESULT..=MAX_RESULT).contains(value));
         if is_sane { Ok(RawCoeffs(raw)) } else { Err(AbsurdResult) }
@@ -56,25 +59,16 @@ impl Model {
     fn hidden(&self, features: &Features) -> Hidden {
         let [known, unknown] = &self.offsets;
         let mut hidden = if features.neutral_known { *known } else { *unknown };
-        for input in &self.inputs {
-            let reference = if features.neutral_known { 0.0 } else { input.neutral };
-            let value = features.get(input.feature) - reference;
-            hidden.iter_mut().zip(&input.weights).for_each(|(sum, weight)| *sum += weight * value);
+        for (inputs, weights) in self.inputs.chunks(BATCH).zip(self.hidden_weights.chunks(BATCH)) {
+            let mut values = [0.0; BATCH];
+            for (value, input) in values.iter_mut().zip(inputs) {
+                let reference = if features.neutral_known { 0.0 } else { input.neutral };
+                *value = features.get(input.feature) - reference;
+            }
+            add_rows(&mut hidden, weights, &values);
         }
         // `f32::max` would turn a NaN into 0.
         hidden.map(|sum| if sum < 0.0 { 0.0 } else { sum })
-    }
-}
-
-impl Output {
-    /// `V h + b` of one blendshape. Eight separate sums let the compiler use vector instructions.
-    fn apply(&self, hidden: &Hidden) -> f32 {
-        let (hidden, weights) = (hidden.as_chunks::<8>().0, self.weights.as_chunks::<8>().0);
-        let mut sums = [0.0; 8];
-        for (hidden, weights) in hidden.iter().zip(weights) {
-            sums.iter_mut().zip(hidden.iter().zip(weights)).for_each(|(sum, (value, weight))| *sum += value * weight);
-        }
-        self.offset + sums.iter().sum::<f32>()
     }
 }
 
@@ -83,7 +77,11 @@ impl Output {
 mod tests {
     use super::*;
     use crate::solve::{
-        FeatureId, MAX_HIDDEN, MAX_INPUTS, model::Input, model_file::ModelFile, normalise, test_face::face,
+        FeatureId, MAX_HIDDEN, MAX_INPUTS,
+        model::{Input, Output},
+        model_file::ModelFile,
+        normalise,
+        test_face::face,
     };
 
     const JAW_OPEN: usize = 17;
@@ -98,13 +96,10 @@ mod tests {
             row
         };
         let feature = FeatureId::from_name("x263").expect("known");
-        let mut outputs = vec![Output::ZERO; COEFFS];
+        let mut outputs = vec![Output { offset: 0.0, weights: [0.0; MAX_HIDDEN] }; COEFFS];
         outputs[JAW_OPEN] = Output { offset: 0.1, weights: row(2.0, 3.0) };
-        Model {
-            inputs: Box::new([Input { feature, neutral: 0.2, weights: row(1.0, -1.0) }]),
-            offsets: [[0.0; MAX_HIDDEN], row(-0.5, 0.5)],
-            outputs: outputs.into(),
-        }
+        let inputs = vec![(Input { feature, neutral: 0.2 }, row(1.0, -1.0))];
+        Model::new(inputs, &[[0.0; MAX_HIDDEN], row(-0.5, 0.5)], &outputs)
     }
 
     fn features() -> Features {
@@ -123,7 +118,7 @@ mod tests {
     fn absurd_results_and_nans_reject_the_frame() {
         for wrong in [f32::NAN, f32::INFINITY, -7.0] {
             let mut model = model();
-            model.outputs[JAW_OPEN].offset = wrong;
+            model.output_offsets[JAW_OPEN] = wrong;
             assert_eq!(model.process(&features()), Err(AbsurdResult));
         }
         let mut model = model();
@@ -151,13 +146,15 @@ mod tests {
     fn shipped_model_is_small_and_never_puts_the_tongue_out() {
         let model = Model::embedded();
         assert!(model.size_bytes() <= 256 * 1024, "{}", model.size_bytes());
-        assert_eq!(model.outputs.len(), COEFFS);
-        assert_eq!(model.outputs[TONGUE_OUT], Output::ZERO);
+        let tongue = model.output_weights.iter().map(|weights| weights[TONGUE_OUT]);
+        assert!(tongue.chain([model.output_offsets[TONGUE_OUT]]).all(|number| number == 0.0));
     }
 
     #[test]
     fn the_largest_model_takes_256_kib() {
-        let largest = MAX_INPUTS * size_of::<Input>() + COEFFS * size_of::<Output>() + size_of::<Model>();
+        let feature = FeatureId::from_index(0).expect("known");
+        let inputs = vec![(Input { feature, neutral: 0.0 }, [0.0; MAX_HIDDEN]); MAX_INPUTS];
+        let largest = Model::new(inputs, &[[0.0; MAX_HIDDEN]; 2], &[]).size_bytes();
         assert!(largest <= 256 * 1024, "{largest}");
     }
 }

@@ -23,6 +23,7 @@ pub(crate) mod half_precision;
 mod peak;
 mod plain;
 mod pointwise;
+pub mod rows;
 pub mod sample;
 mod stem;
 mod table;

@@ -1,0 +1,96 @@
+//! Sums of weighted rows: a dense layer whose weights are stored input by input.
+//!
+//! The loop is written once, without intrinsics. It is compiled for the instructions that every processor of the target
+//! has, and on x86-64 once more for AVX2 and FMA.
+
+use std::array;
+
+/// Rows that are added at a time, so that each sum is loaded and stored once for all of them.
+const BLOCK: usize = 8;
+
+/// Adds each row, multiplied by its factor, to the sums. Rows without a factor and factors without a row are ignored.
+///
+/// The order of the additions is that of the rows. Where the processor has fused multiply-adds, products are not rounded.
+pub fn add_rows<const N: usize>(sums: &mut [f32; N], rows: &[[f32; N]], factors: &[f32]) {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        // SAFETY: the processor has AVX2 and FMA.
+        return unsafe { add_rows_avx2(sums, rows, factors) };
+    }
+    add::<N, { cfg!(target_arch = "aarch64") }>(sums, rows, factors);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn add_rows_avx2<const N: usize>(sums: &mut [f32; N], rows: &[[f32; N]], factors: &[f32]) {
+    add::<N, true>(sums, rows, factors);
+}
+
+#[inline(always)]
+fn add<const N: usize, const FUSED: bool>(sums: &mut [f32; N], rows: &[[f32; N]], factors: &[f32]) {
+    let count = rows.len().min(factors.len());
+    let ((blocks, rows), (factor_blocks, factors)) =
+        (rows[..count].as_chunks::<BLOCK>(), factors[..count].as_chunks::<BLOCK>());
+    for (rows, factors) in blocks.iter().zip(factor_blocks) {
+        add_block::<N, BLOCK, FUSED>(sums, rows, factors);
+    }
+    for (row, factor) in rows.iter().zip(factors) {
+        add_block::<N, 1, FUSED>(sums, array::from_ref(row), array::from_ref(factor));
+    }
+}
+
+#[inline(always)]
+fn add_block<const N: usize, const ROWS: usize, const FUSED: bool>(
+    sums: &mut [f32; N],
+    rows: &[[f32; N]; ROWS],
+    factors: &[f32; ROWS],
+) {
+    for (column, sum) in sums.iter_mut().enumerate() {
+        for (row, factor) in rows.iter().zip(factors) {
+            // Without the instruction, `f32::mul_add` is a slow function.
+            *sum = if FUSED { row[column].mul_add(*factor, *sum) } else { *sum + row[column] * factor };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{add, add_rows};
+    use crate::testing::{Random, assert_close};
+
+    /// Compares the sums of `count` rows with those of double precision.
+    #[expect(clippy::cast_possible_truncation, reason = "a sum is rounded once")]
+    fn assert_sums<const N: usize>(count: usize) {
+        let mut random = Random::new(11);
+        let rows: Vec<[f32; N]> = (0..count).map(|_| random.values(N).try_into().unwrap()).collect();
+        let (factors, start) = (random.values(count), random.values(N));
+        let wanted: Vec<f32> = (start.iter().enumerate())
+            .map(|(column, start)| {
+                let product = |(row, factor): (&[f32; N], &f32)| f64::from(row[column]) * f64::from(*factor);
+                (f64::from(*start) + rows.iter().zip(&factors).map(product).sum::<f64>()) as f32
+            })
+            .collect();
+        for kernel in [add_rows::<N>, add::<N, false>] {
+            let mut sums: [f32; N] = start.clone().try_into().unwrap();
+            kernel(&mut sums, &rows, &factors);
+            assert_close(&sums, &wanted, &format!("{count} rows"));
+        }
+    }
+
+    #[test]
+    fn sums_of_rows_agree_with_sums_in_double_precision() {
+        for count in [0, 1, 7, 8, 9, 64, 458] {
+            assert_sums::<1>(count);
+            assert_sums::<52>(count);
+            assert_sums::<120>(count);
+        }
+    }
+
+    #[test]
+    fn rows_without_a_factor_and_factors_without_a_row_are_ignored() {
+        let mut sums = [1.0];
+        add_rows(&mut sums, &[[2.0], [3.0]], &[10.0]);
+        add_rows(&mut sums, &[[0.5]], &[10.0, f32::NAN]);
+        assert_close(&sums, &[26.0], "a row and a factor too many");
+    }
+}

@@ -2,7 +2,7 @@
 //! already.
 //!
 //! That is several times faster than converting the four pixels around each sample. Blocks are so small that their pixels
-//! stay in the nearest caches, and square if the region is rotated, so that few pixels lie beside the samples.
+//! stay in the nearest caches. If the region is rotated, only the columns of each row that lie around samples are converted.
 
 use std::ops::Range;
 
@@ -13,6 +13,12 @@ use super::planes::Planes;
 
 /// Groups of pixels in the memory: 128 KiB.
 const CAPACITY: usize = 1024;
+
+/// Rows of pixels whose columns around the samples are computed together.
+const BAND: usize = 8;
+
+/// More than the distance in pixels between a sample and the place where it would be without rounding.
+const ROUNDING: f32 = 0.5;
 
 /// A row of samples in 16.16 fixed point: the position of the first one, and the way to the next.
 #[derive(Debug, Clone, Copy, Default)]
@@ -70,12 +76,13 @@ impl Block {
     /// Converts the pixels around a block of samples. Returns `None` if they do not fit the memory, or the positions do not
     /// fit 16.16 fixed point.
     pub(super) fn fill(&mut self, planes: &Planes, rows: &[Row], columns: Range<usize>) -> Option<()> {
+        let ends = |row: &Row| [columns.start, columns.end - 1].map(|column| row.position(column));
         let mut bounds = [[i32::MAX; 2], [i32::MIN; 2]];
         for row in rows {
             if !row.fits(columns.end - 1) {
                 return None;
             }
-            for [x, y] in [columns.start, columns.end - 1].map(|column| row.position(column)) {
+            for [x, y] in ends(row) {
                 let [min, max] = bounds;
                 bounds = [[min[0].min(x), min[1].min(y)], [max[0].max(x), max[1].max(y)]];
             }
@@ -85,7 +92,16 @@ impl Block {
         self.origin = [left & !1, top];
         let pixels = |first: i32, last: i32| (last - first).unsigned_abs() as usize + 2;
         (self.width, self.height) = (pixels(left & !1, right).div_ceil(GROUP), pixels(top, bottom));
-        planes.convert(self.origin, self.width, self.groups.get_mut(..self.width * self.height)?);
+        let groups = self.groups.get_mut(..self.width * self.height)?;
+        let outline = Outline::new(ends(rows.first()?), ends(rows.last()?), self.origin);
+        for (number, band) in groups.chunks_mut(BAND * self.width).enumerate() {
+            let columns = outline.groups(number * BAND);
+            let x = self.origin[0].saturating_add(signed(columns.start * GROUP));
+            for (number, row) in (number * BAND..).zip(band.chunks_exact_mut(self.width)) {
+                let groups = row.get_mut(columns.start..columns.end.min(self.width))?;
+                planes.convert([x, self.origin[1].saturating_add(signed(number))], groups);
+            }
+        }
         Some(())
     }
 
@@ -95,5 +111,40 @@ impl Block {
         let ([x, y], [left, top]) = (row.position(first), self.origin);
         let start = [x.wrapping_sub(left << 16), y.wrapping_sub(top << 16)];
         sample(&Line { pixels, stride: self.width * GROUP, start, step: row.step, scale }, output);
+    }
+}
+
+/// The outline of a block of samples.
+struct Outline {
+    /// Columns and rows of its corners in the memory, one after the other along the outline.
+    corners: [[f32; 2]; 4],
+}
+
+impl Outline {
+    /// The outline of a block, given the positions of the ends of its first row and its last row.
+    fn new([first, second]: [[i32; 2]; 2], [fourth, third]: [[i32; 2]; 2], [left, top]: [i32; 2]) -> Self {
+        let relative = |at: i32, origin: i32| at.wrapping_sub(origin << 16) as f32 / 65536.0;
+        Self { corners: [first, second, third, fourth].map(|[x, y]| [relative(x, left), relative(y, top)]) }
+    }
+
+    /// The groups around the samples in each row of a band.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+    fn groups(&self, top: usize) -> Range<usize> {
+        // A sample also takes pixels from the next row and the next column.
+        let ends = [top as f32 - 1.0 - ROUNDING, (top + BAND) as f32 + ROUNDING];
+        let (mut left, mut right) = (f32::MAX, f32::MIN);
+        let [first, second, third, fourth] = self.corners;
+        for [from, to] in [[first, second], [second, third], [third, fourth], [fourth, first]] {
+            let (highest, lowest) = (from[1].min(to[1]), from[1].max(to[1]));
+            if highest > ends[1] || lowest < ends[0] {
+                continue;
+            }
+            let slope = if highest < lowest { (to[0] - from[0]) / (to[1] - from[1]) } else { 0.0 };
+            for end in ends {
+                let x = from[0] + (end.max(highest).min(lowest) - from[1]) * slope;
+                (left, right) = (left.min(x), right.max(x));
+            }
+        }
+        (left - ROUNDING) as usize / GROUP..(right + 1.0 + ROUNDING) as usize / GROUP + 1
     }
 }

@@ -48,9 +48,11 @@ pub enum Border {
     Black,
 }
 
-/// Columns and rows of blocks of samples, from which the first that fits the memory is taken. A region with a black border
-/// is not rotated, so that few pixels lie around a single row of samples.
-const ROTATED_BLOCKS: [[usize; 2]; 6] = [[96, 96], [64, 64], [48, 48], [32, 32], [16, 16], [8, 8]];
+/// Columns and rows of blocks of samples, from which the first that fits the memory is taken. Long rows take the least
+/// time, as each row of pixels has a cost of its own. A region with a black border is not rotated, so that few pixels lie
+/// around a single row of samples.
+const ROTATED_BLOCKS: [[usize; 2]; 10] =
+    [[96, 96], [96, 48], [96, 24], [48, 48], [48, 24], [48, 12], [32, 16], [32, 8], [16, 16], [8, 8]];
 const UPRIGHT_BLOCKS: [[usize; 2]; 3] = [[MAX_SIDE, 1], [48, 1], [8, 1]];
 
 /// Rows of samples to be written, each of which has three values per sample.

@@ -50,23 +50,20 @@ impl<'a> Planes<'a> {
         self.factors.pixel(samples)
     }
 
-    /// Converts rows of `width` groups of pixels, the first of which is at an even column. The nearest pixel replaces each
-    /// one outside the picture.
-    pub(super) fn convert(&self, [x, top]: [i32; 2], width: usize, groups: &mut [[Pixel; GROUP]]) {
-        let left = (x.min(0).unsigned_abs() as usize).div_ceil(GROUP).min(width);
+    /// Converts groups of pixels of a row, the first of which is at an even column. The nearest pixel replaces each one
+    /// outside the picture.
+    pub(super) fn convert(&self, [x, y]: [i32; 2], groups: &mut [[Pixel; GROUP]]) {
+        let y = y.clamp(0, self.last[1]);
+        let left = (x.min(0).unsigned_abs() as usize).div_ceil(GROUP).min(groups.len());
+        let (before, rest) = groups.split_at_mut(left);
         let inside_x = x.saturating_add(signed(left * GROUP));
-        let inside =
-            (usize::try_from((self.last[0] + 1).saturating_sub(inside_x)).unwrap_or(0) / GROUP).min(width - left);
-        for (y, row) in (top..).zip(groups.chunks_exact_mut(width)) {
-            let y = y.clamp(0, self.last[1]);
-            let (before, rest) = row.split_at_mut(left);
-            let (within, after) = rest.split_at_mut(inside);
-            match self.row([inside_x, y]) {
-                Some(samples) => convert(self.factors, &samples, within),
-                None => self.convert_each([inside_x, y], within),
-            }
-            self.convert_each([x, y], before);
-            self.convert_each([inside_x.saturating_add(signed(inside * GROUP)), y], after);
+        let inside = usize::try_from((self.last[0] + 1).saturating_sub(inside_x)).unwrap_or(0) / GROUP;
+        let (within, after) = rest.split_at_mut(inside.min(rest.len()));
+        self.convert_each([x, y], before);
+        self.convert_each([inside_x.saturating_add(signed(within.len() * GROUP)), y], after);
+        match self.row([inside_x, y]) {
+            Some(samples) => convert(self.factors, &samples, within),
+            None => self.convert_each([inside_x, y], within),
         }
     }
 
@@ -75,13 +72,16 @@ impl<'a> Planes<'a> {
         if groups.is_empty() {
             return;
         }
-        let mut nearest = self.nearest([x, y]);
-        for (x, pixel) in (x..).zip(groups.as_flattened_mut()) {
-            if (1..=self.last[0]).contains(&x) {
-                nearest = self.nearest([x, y]);
-            }
-            *pixel = nearest;
+        let pixels = groups.as_flattened_mut();
+        let until = |column: i32| usize::try_from(column.saturating_sub(x)).unwrap_or(0);
+        let (before, rest) = pixels.split_at_mut(until(0).min(pixels.len()));
+        let first_inside = x.max(0);
+        let (inside, after) = rest.split_at_mut(until(self.last[0] + 1).saturating_sub(before.len()).min(rest.len()));
+        before.fill(self.nearest([0, y]));
+        for (x, pixel) in (first_inside..).zip(inside) {
+            *pixel = self.nearest([x, y]);
         }
+        after.fill(self.nearest([self.last[0], y]));
     }
 
     /// The samples of a row from an even column on, if the format is one of those that are converted in groups.

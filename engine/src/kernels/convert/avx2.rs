@@ -1,31 +1,34 @@
 //! Sixteen pixels at a time with AVX2.
 
 use std::arch::x86_64::{
-    __m128i, __m256i, _mm_loadl_epi64, _mm_loadu_si128, _mm_setr_epi8, _mm_storeu_si128, _mm_unpacklo_epi8,
-    _mm256_add_epi16, _mm256_and_si256, _mm256_broadcastsi128_si256, _mm256_castsi256_si128, _mm256_cvtepu8_epi16,
-    _mm256_extracti128_si256, _mm256_loadu_si256, _mm256_mulhi_epi16, _mm256_set1_epi16, _mm256_set1_epi32,
-    _mm256_setzero_si256, _mm256_shuffle_epi8, _mm256_slli_epi16, _mm256_srli_epi16, _mm256_sub_epi16,
-    _mm256_unpackhi_epi16, _mm256_unpackhi_epi32, _mm256_unpacklo_epi16, _mm256_unpacklo_epi32,
+    __m128i, __m256i, _mm_loadl_epi64, _mm_loadu_si128, _mm_setr_epi8, _mm_unpacklo_epi8, _mm256_add_epi16,
+    _mm256_and_si256, _mm256_broadcastsi128_si256, _mm256_cvtepu8_epi16, _mm256_loadu_si256, _mm256_mulhi_epi16,
+    _mm256_permutevar8x32_epi32, _mm256_set1_epi16, _mm256_set1_epi32, _mm256_setzero_si256, _mm256_shuffle_epi8,
+    _mm256_slli_epi16, _mm256_srli_epi16, _mm256_storeu_si256, _mm256_sub_epi16, _mm256_unpackhi_epi16,
+    _mm256_unpackhi_epi32, _mm256_unpacklo_epi16, _mm256_unpacklo_epi32,
 };
 
 use super::{Factors, GROUP, NO_COLOUR, Pixel, Samples};
+
+/// The order of pairs of pixels in which [`interleaved`] returns consecutive pixels.
+const PAIRS: [i32; 8] = [0, 2, 4, 6, 1, 3, 5, 7];
 
 /// # Safety
 /// The processor must have AVX2, and there must be samples for all pixels.
 #[target_feature(enable = "avx2")]
 pub(super) unsafe fn convert(factors: &Factors, samples: &Samples, output: &mut [[Pixel; GROUP]]) {
     let constants = Constants::new(factors);
+    // SAFETY: the array has eight numbers.
+    let order = unsafe { _mm256_loadu_si256(PAIRS.as_ptr().cast()) };
     for (group, pixels) in output.iter_mut().enumerate() {
         // SAFETY: there are samples for this group.
         let (luma, chroma) = unsafe { load(samples, group * GROUP) };
-        let vectors = constants.convert(luma, chroma);
+        let [luma, chroma] = [luma, chroma].map(|pairs| _mm256_permutevar8x32_epi32(pairs, order));
+        let vectors = interleaved(constants.channels(luma, chroma));
         let to = pixels.as_mut_ptr();
         for (number, vector) in vectors.into_iter().enumerate() {
-            // SAFETY: a group has room for eight halves of a vector.
-            unsafe {
-                _mm_storeu_si128(to.add(2 * number).cast(), _mm256_castsi256_si128(vector));
-                _mm_storeu_si128(to.add(8 + 2 * number).cast(), _mm256_extracti128_si256::<1>(vector));
-            }
+            // SAFETY: a group has room for four vectors.
+            unsafe { _mm256_storeu_si256(to.add(4 * number).cast(), vector) };
         }
     }
 }
@@ -36,7 +39,7 @@ pub(super) unsafe fn convert(factors: &Factors, samples: &Samples, output: &mut 
 /// The processor must have AVX2, and there must be samples for sixteen pixels from number `first` on, which is even.
 #[inline]
 #[target_feature(enable = "avx2")]
-unsafe fn load(samples: &Samples, first: usize) -> (__m256i, __m256i) {
+pub(super) unsafe fn load(samples: &Samples, first: usize) -> (__m256i, __m256i) {
     // SAFETY: the caller vouches for 16 pixels: 32 bytes, or 16 of each plane, or 8 if a sample is that of two pixels.
     unsafe {
         let sixteen = |plane: &[u8]| _mm256_cvtepu8_epi16(_mm_loadu_si128(plane.as_ptr().add(first).cast()));
@@ -63,7 +66,7 @@ fn both_halves(half: __m128i) -> __m256i {
 }
 
 /// What does not change from group to group. Factors of Cb and Cr take turns.
-struct Constants {
+pub(super) struct Constants {
     luma: __m256i,
     black: __m256i,
     blue_red: __m256i,
@@ -76,7 +79,7 @@ struct Constants {
 impl Constants {
     #[inline]
     #[target_feature(enable = "avx2")]
-    fn new(factors: &Factors) -> Self {
+    pub(super) fn new(factors: &Factors) -> Self {
         let pair = |[cb, cr]: [i16; 2]| _mm256_set1_epi32(i32::from(cr) << 16 | i32::from(cb) & 0xffff);
         Self {
             luma: _mm256_set1_epi16(factors.luma),
@@ -89,10 +92,10 @@ impl Constants {
         }
     }
 
-    /// Four pixels in each vector: two of the first eight in its lower half, and two of the last eight in its upper half.
+    /// Red, green and blue of sixteen pixels.
     #[inline]
     #[target_feature(enable = "avx2")]
-    fn convert(&self, luma: __m256i, chroma: __m256i) -> [__m256i; 4] {
+    pub(super) fn channels(&self, luma: __m256i, chroma: __m256i) -> [__m256i; 3] {
         // The upper 16 bits of a product are the product divided by 8 * 8192.
         let luma = _mm256_mulhi_epi16(_mm256_slli_epi16::<3>(_mm256_sub_epi16(luma, self.black)), self.luma);
         let chroma = _mm256_slli_epi16::<3>(_mm256_sub_epi16(chroma, _mm256_set1_epi16(i16::from(NO_COLOUR))));
@@ -101,16 +104,22 @@ impl Constants {
         let green = _mm256_add_epi16(green, _mm256_shuffle_epi8(green, self.swapped_pairs));
         let red = _mm256_add_epi16(luma, _mm256_shuffle_epi8(blue_red, self.second_of_pairs));
         let blue = _mm256_add_epi16(luma, _mm256_shuffle_epi8(blue_red, self.first_of_pairs));
-        let green = _mm256_add_epi16(luma, green);
-        let unused = _mm256_setzero_si256();
-        let [red_green, more_red_green] = [_mm256_unpacklo_epi16(red, green), _mm256_unpackhi_epi16(red, green)];
-        let [blue_unused, more_blue_unused] =
-            [_mm256_unpacklo_epi16(blue, unused), _mm256_unpackhi_epi16(blue, unused)];
-        [
-            _mm256_unpacklo_epi32(red_green, blue_unused),
-            _mm256_unpackhi_epi32(red_green, blue_unused),
-            _mm256_unpacklo_epi32(more_red_green, more_blue_unused),
-            _mm256_unpackhi_epi32(more_red_green, more_blue_unused),
-        ]
+        [red, _mm256_add_epi16(luma, green), blue]
     }
+}
+
+/// Red, green, blue and zero of four pixels in each vector: two from the lower halves of the channels, and two from the
+/// upper halves.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn interleaved([red, green, blue]: [__m256i; 3]) -> [__m256i; 4] {
+    let unused = _mm256_setzero_si256();
+    let [red_green, more_red_green] = [_mm256_unpacklo_epi16(red, green), _mm256_unpackhi_epi16(red, green)];
+    let [blue_unused, more_blue_unused] = [_mm256_unpacklo_epi16(blue, unused), _mm256_unpackhi_epi16(blue, unused)];
+    [
+        _mm256_unpacklo_epi32(red_green, blue_unused),
+        _mm256_unpackhi_epi32(red_green, blue_unused),
+        _mm256_unpacklo_epi32(more_red_green, more_blue_unused),
+        _mm256_unpackhi_epi32(more_red_green, more_blue_unused),
+    ]
 }

@@ -4,6 +4,8 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 #[cfg(test)]
@@ -78,20 +80,24 @@ type Converter = unsafe fn(&Factors, &Samples, &mut [[Pixel; GROUP]]);
 pub fn convert(factors: &Factors, samples: &Samples, output: &mut [[Pixel; GROUP]]) {
     assert!(samples.pixels() >= output.as_flattened().len(), "there are fewer samples than pixels");
     // SAFETY: there are enough samples.
-    unsafe { fastest()(factors, samples, output) }
+    unsafe { available().next().unwrap_or(plain)(factors, samples, output) }
 }
 
-/// The converter for the instruction set of this processor.
-fn fastest() -> Converter {
+/// The converters for the instruction sets of this processor; the fastest comes first.
+fn available() -> impl Iterator<Item = Converter> {
+    let mut all: [Option<Converter>; 3] = [None, None, Some(plain)];
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
-        return avx2::convert;
+        all[1] = Some(avx2::convert);
+        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw") {
+            all[0] = Some(avx512::convert);
+        }
     }
     #[cfg(target_arch = "aarch64")]
     if std::arch::is_aarch64_feature_detected!("neon") {
-        return neon::convert;
+        all[1] = Some(neon::convert);
     }
-    plain
+    all.into_iter().flatten()
 }
 
 fn plain(factors: &Factors, samples: &Samples, output: &mut [[Pixel; GROUP]]) {

@@ -1,16 +1,19 @@
 //! Every converter of this machine against the plain one.
 
-use super::{Factors, GROUP, Samples, fastest, plain};
+use super::{Factors, GROUP, Samples, available, plain};
 use crate::testing::Random;
 
 const FACTORS: Factors = Factors { luma: 9539, black: 16, red: 13075, green: [-3209, -6660], blue: 16525 };
 
 fn assert_like_plain(samples: &Samples, groups: usize) {
-    let [mut wanted, mut output] = [vec![[[0; 4]; GROUP]; groups], vec![[[1; 4]; GROUP]; groups]];
+    let mut wanted = vec![[[0; 4]; GROUP]; groups];
     plain(&FACTORS, samples, &mut wanted);
-    // SAFETY: there are samples for all pixels.
-    unsafe { fastest()(&FACTORS, samples, &mut output) };
-    assert_eq!(output, wanted, "{samples:?}");
+    for converter in available() {
+        let mut output = vec![[[1; 4]; GROUP]; groups];
+        // SAFETY: there are samples for all pixels.
+        unsafe { converter(&FACTORS, samples, &mut output) };
+        assert_eq!(output, wanted, "{samples:?}");
+    }
 }
 
 #[test]

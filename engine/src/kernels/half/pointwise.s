@@ -1,12 +1,13 @@
 // A pointwise convolution in half precision to 16 output channels. The structure that x0 points at is `Panel` in mod.rs.
 //
-// Sums of up to eight pixels: v16 to v31, two registers of eight sums for each pixel; values of four channels: v0 to v3,
-// two pixels in each register; weights: v4 to v7. Sums begin with zero and are widened to single precision before bias and
-// residual are added: a sum that began with these would lose its small products to rounding.
+// Sums of up to eight pixels over a group of input channels: v16 to v31, two registers of eight sums for each pixel; values
+// of four channels: v0 to v3, two pixels in each register; weights: v4 to v7. The sums over all channels are in single
+// precision on the stack, 16 for each pixel, and begin with bias and residual. After each group its sums are widened and
+// added to these. Longer sums in half precision would lose small products to rounding.
 //
-// x1 operand, x2 weights, x3 operand of a channel, x4 counter, x6 residual, x7 output, x8 pixels left, x9 and x10 bytes
-// between pixels of residual and output, x11 bytes between vectors of channels of the operand, x12 x11 - 32, x13 bias, x14
-// slopes, x15 first weights, x16 whether a slope is above 1.
+// x1 operand, x2 weights, x3 operand of a channel, x4 counter, x5 groups left besides the last, x6 residual, x7 output, x8
+// pixels left, x9 and x10 bytes between pixels of residual and output, x11 bytes between vectors of channels of the operand,
+// x12 x11 - 32, x13 bias, x14 slopes, x15 first weights, x16 whether a slope is above 1, x17 sums of a pixel on the stack.
 
     .text
     .arch_extension fp16
@@ -80,91 +81,126 @@
     .endif
 .endm
 
-// Widens the sums of one pixel, adds bias (v4 to v7) and residual, multiplies what is negative by its slope (v12 to v15),
-// and stores the result. The slopes are at most 1 if \gentle.
-.macro finish_pixel gentle, low, high
+// Does \operation for each of \pixels pixels; its last two arguments are the registers with the sums of the pixel.
+.macro each_pixel pixels, operation:vararg
+    \operation v16, v17
+    .if \pixels > 1
+    \operation v18, v19
+    \operation v20, v21
+    \operation v22, v23
+    .endif
+    .if \pixels == 8
+    \operation v24, v25
+    \operation v26, v27
+    \operation v28, v29
+    \operation v30, v31
+    .endif
+.endm
+
+// Begins the sums of one pixel with bias (v12 to v15) and residual.
+.macro begin_pixel low, high
     ld1 {v8.4s-v11.4s}, [x6], x9
-    fcvtl v0.4s, \low\().4h
-    fcvtl2 v1.4s, \low\().8h
-    fcvtl v2.4s, \high\().4h
-    fcvtl2 v3.4s, \high\().8h
-    fadd v8.4s, v8.4s, v4.4s
-    fadd v9.4s, v9.4s, v5.4s
-    fadd v10.4s, v10.4s, v6.4s
-    fadd v11.4s, v11.4s, v7.4s
-    fadd v0.4s, v0.4s, v8.4s
-    fadd v1.4s, v1.4s, v9.4s
-    fadd v2.4s, v2.4s, v10.4s
-    fadd v3.4s, v3.4s, v11.4s
+    fadd v8.4s, v8.4s, v12.4s
+    fadd v9.4s, v9.4s, v13.4s
+    fadd v10.4s, v10.4s, v14.4s
+    fadd v11.4s, v11.4s, v15.4s
+    st1 {v8.4s-v11.4s}, [x17], #64
+.endm
+
+// Adds the sums over a group of channels to those of one pixel, into v8 to v11.
+.macro widen low, high
+    ld1 {v8.4s-v11.4s}, [x17]
+    fcvtl v12.4s, \low\().4h
+    fcvtl2 v13.4s, \low\().8h
+    fcvtl v14.4s, \high\().4h
+    fcvtl2 v15.4s, \high\().8h
+    fadd v8.4s, v8.4s, v12.4s
+    fadd v9.4s, v9.4s, v13.4s
+    fadd v10.4s, v10.4s, v14.4s
+    fadd v11.4s, v11.4s, v15.4s
+.endm
+
+.macro add_pixel low, high
+    widen \low, \high
+    st1 {v8.4s-v11.4s}, [x17], #64
+.endm
+
+// Multiplies the sums of one pixel that are negative by their slopes (v4 to v7) and stores the results. The slopes are at
+// most 1 if \gentle.
+.macro finish_pixel gentle, low, high
+    widen \low, \high
+    add x17, x17, #64
     .if \gentle
-    fmul v8.4s, v0.4s, v12.4s
-    fmul v9.4s, v1.4s, v13.4s
-    fmul v10.4s, v2.4s, v14.4s
-    fmul v11.4s, v3.4s, v15.4s
+    fmul v0.4s, v8.4s, v4.4s
+    fmul v1.4s, v9.4s, v5.4s
+    fmul v2.4s, v10.4s, v6.4s
+    fmul v3.4s, v11.4s, v7.4s
     fmax v0.4s, v0.4s, v8.4s
     fmax v1.4s, v1.4s, v9.4s
     fmax v2.4s, v2.4s, v10.4s
     fmax v3.4s, v3.4s, v11.4s
     .else
-    movi v11.4s, #0
-    fmin v8.4s, v0.4s, v11.4s
-    fmin v9.4s, v1.4s, v11.4s
-    fmin v10.4s, v2.4s, v11.4s
-    fmax v0.4s, v0.4s, v11.4s
-    fmax v1.4s, v1.4s, v11.4s
-    fmax v2.4s, v2.4s, v11.4s
-    fmla v0.4s, v8.4s, v12.4s
-    fmin v8.4s, v3.4s, v11.4s
-    fmax v3.4s, v3.4s, v11.4s
-    fmla v1.4s, v9.4s, v13.4s
-    fmla v2.4s, v10.4s, v14.4s
-    fmla v3.4s, v8.4s, v15.4s
+    movi v15.4s, #0
+    fmax v0.4s, v8.4s, v15.4s
+    fmax v1.4s, v9.4s, v15.4s
+    fmax v2.4s, v10.4s, v15.4s
+    fmax v3.4s, v11.4s, v15.4s
+    fmin v8.4s, v8.4s, v15.4s
+    fmin v9.4s, v9.4s, v15.4s
+    fmin v10.4s, v10.4s, v15.4s
+    fmin v11.4s, v11.4s, v15.4s
+    fmla v0.4s, v8.4s, v4.4s
+    fmla v1.4s, v9.4s, v5.4s
+    fmla v2.4s, v10.4s, v6.4s
+    fmla v3.4s, v11.4s, v7.4s
     .endif
     st1 {v0.4s-v3.4s}, [x7], x10
-.endm
-
-.macro finish_pixels pixels, gentle
-    finish_pixel \gentle, v16, v17
-    .if \pixels > 1
-    finish_pixel \gentle, v18, v19
-    finish_pixel \gentle, v20, v21
-    finish_pixel \gentle, v22, v23
-    .endif
-    .if \pixels == 8
-    finish_pixel \gentle, v24, v25
-    finish_pixel \gentle, v26, v27
-    finish_pixel \gentle, v28, v29
-    finish_pixel \gentle, v30, v31
-    .endif
 .endm
 
 // Computes \pixels pixels as long as as many are left.
 .macro tiles pixels
     cmp x8, #\pixels
-    b.lo 5f
+    b.lo 8f
 1:  mov x3, x1
     mov x2, x15
-    ldr x4, [x0, #64]
+    mov x17, sp
+    ldr x5, [x0, #64]
     add x1, x1, #8 * \pixels
+    ld1 {v12.4s-v15.4s}, [x13]
+    each_pixel \pixels, begin_pixel
     load_values \pixels
     load_more_values \pixels
     ldp q4, q5, [x2], #32
     ldp q6, q7, [x2], #32
+    cbz x5, 4f
+2:  ldr x4, [x0, #72]
+    mov x17, sp
     four_channels \pixels, fmul, 1
-2:  four_channels \pixels, fmla, 1
+3:  four_channels \pixels, fmla, 1
     four_channels \pixels, fmla, 1
     subs x4, x4, #1
+    b.ne 3b
+    four_channels \pixels, fmla, 1
+    each_pixel \pixels, add_pixel
+    subs x5, x5, #1
     b.ne 2b
+4:  ldr x4, [x0, #80]
+    mov x17, sp
+    four_channels \pixels, fmul, 1
+5:  four_channels \pixels, fmla, 1
+    four_channels \pixels, fmla, 1
+    subs x4, x4, #1
+    b.ne 5b
     four_channels \pixels, fmla, 0
-    ld1 {v4.4s-v7.4s}, [x13]
-    cbnz x16, 3f
-    finish_pixels \pixels, 1
-    b 4f
-3:  finish_pixels \pixels, 0
-4:  sub x8, x8, #\pixels
+    ld1 {v4.4s-v7.4s}, [x14]
+    cbnz x16, 6f
+    each_pixel \pixels, finish_pixel 1,
+    b 7f
+6:  each_pixel \pixels, finish_pixel 0,
+7:  sub x8, x8, #\pixels
     cmp x8, #\pixels
     b.hs 1b
-5:
+8:
 .endm
 
     .globl facewire_engine_half_pointwise
@@ -176,17 +212,18 @@ facewire_engine_half_pointwise:
     stp d10, d11, [sp, #16]
     stp d12, d13, [sp, #32]
     stp d14, d15, [sp, #48]
+    sub sp, sp, #512
     ldp x1, x15, [x0]
     ldp x13, x14, [x0, #16]
     ldp x16, x6, [x0, #32]
     ldp x7, x8, [x0, #48]
-    ldp x11, x9, [x0, #72]
-    ldr x10, [x0, #88]
+    ldp x11, x9, [x0, #88]
+    ldr x10, [x0, #104]
     sub x12, x11, #32
-    ld1 {v12.4s-v15.4s}, [x14]
     tiles 8
     tiles 4
     tiles 1
+    add sp, sp, #512
     ldp d10, d11, [sp, #16]
     ldp d12, d13, [sp, #32]
     ldp d14, d15, [sp, #48]
@@ -201,6 +238,9 @@ facewire_engine_half_pointwise:
     .purgem load_values
     .purgem load_more_values
     .purgem four_channels
+    .purgem each_pixel
+    .purgem begin_pixel
+    .purgem widen
+    .purgem add_pixel
     .purgem finish_pixel
-    .purgem finish_pixels
     .purgem tiles

@@ -27,3 +27,9 @@
     .purgem rows_of_stride_2
     .purgem four_values
     .purgem products_of_value
+    .purgem convert_half
+    .purgem conversion
+    .purgem load_yuyv
+    .purgem load_semi_planar
+    .purgem load_planar
+    .purgem load_grey

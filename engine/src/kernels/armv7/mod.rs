@@ -4,6 +4,8 @@
 //!
 //! NEON of this architecture takes subnormal values for zero and rounds a product before it adds it.
 
+mod convert;
+
 use std::arch::global_asm;
 use std::ffi::c_ulong;
 use std::ptr::null;
@@ -18,10 +20,13 @@ global_asm!(
     include_str!("depthwise.s"),
     include_str!("stem.s"),
     include_str!("dense.s"),
+    include_str!("convert.s"),
     include_str!("peak.s"),
     include_str!("end.s"),
     options(raw)
 );
+
+pub(super) use convert::convert;
 
 pub(super) static KERNELS: Kernels = Kernels {
     name: "neon",

@@ -97,6 +97,10 @@ fn available() -> impl Iterator<Item = Converter> {
     if std::arch::is_aarch64_feature_detected!("neon") {
         all[1] = Some(neon::convert);
     }
+    #[cfg(all(target_arch = "arm", target_os = "linux", target_endian = "little"))]
+    if super::armv7::detected() {
+        all[1] = Some(super::armv7::convert);
+    }
     all.into_iter().flatten()
 }
 

@@ -52,6 +52,7 @@ pub fn sample(line: &Line, output: &mut [f32]) {
 
 /// The samplers for the instruction sets of this processor; the fastest comes first.
 fn available() -> impl Iterator<Item = Sampler> {
+    #[cfg_attr(not(any(target_arch = "x86_64", target_arch = "aarch64")), expect(unused_mut, reason = "only plain"))]
     let mut all: [Option<Sampler>; 3] = [None, None, Some(plain_from_start)];
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw") {

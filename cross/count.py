@@ -105,6 +105,9 @@ def print_table(folder, frames):
     print(f"{'instructions a frame':<24}{'M':>8}")
     for (architecture, engine), functions in frames.items():
         print(f"{architecture + ', ' + engine:<24}{total(functions) / 1e6:8.2f}")
+    half = frame(folder, "aarch64", "half")
+    if half:
+        print(f"{'aarch64, native':<24}{total(half) / 1e6:8.2f}  (with half precision, as on a Cortex-A76)")
     tflite = frame(folder, "aarch64", "tflite")
     if tflite:
         print(f"{'aarch64, TFLite':<24}{total(tflite) / 1e6:8.2f}  (XNNPACK, the plain mesh without lips and eyes)")

@@ -1,13 +1,13 @@
 // A pointwise convolution in half precision to 16 output channels. The structure that x0 points at is `Panel` in mod.rs.
 //
-// Sums of up to eight pixels over a group of input channels: v16 to v31, two registers of eight sums for each pixel; values
+// Sums of up to eight pixels over a group of 16 input channels: v16 to v31, two registers of eight sums for each pixel; values
 // of four channels: v0 to v3, two pixels in each register; weights: v4 to v7. The sums over all channels are in single
 // precision on the stack, 16 for each pixel, and begin with bias and residual. After each group its sums are widened and
 // added to these. Longer sums in half precision would lose small products to rounding.
 //
-// x1 operand, x2 weights, x3 operand of a channel, x4 counter, x5 groups left besides the last, x6 residual, x7 output, x8
-// pixels left, x9 and x10 bytes between pixels of residual and output, x11 bytes between vectors of channels of the operand,
-// x12 x11 - 32, x13 bias, x14 slopes, x15 first weights, x16 whether a slope is above 1, x17 sums of a pixel on the stack.
+// x1 operand, x2 weights, x3 operand of a channel, x5 groups left besides the last, x6 residual, x7 output, x8 pixels left,
+// x9 and x10 bytes between pixels of residual and output, x11 bytes between vectors of channels of the operand, x12 x11 - 32,
+// x13 bias, x14 slopes, x15 first weights, x16 whether a slope is above 1, x17 sums of a pixel on the stack.
 
     .text
     .arch_extension fp16
@@ -79,6 +79,14 @@
     load_more_values \pixels
     ldp q6, q7, [x2], #32
     .endif
+.endm
+
+// A group of channels; then loads the first four of the next one if \more.
+.macro sixteen_channels pixels, more
+    four_channels \pixels, fmul, 1
+    four_channels \pixels, fmla, 1
+    four_channels \pixels, fmla, 1
+    four_channels \pixels, fmla, \more
 .endm
 
 // Does \operation for each of \pixels pixels; its last two arguments are the registers with the sums of the pixel.
@@ -160,7 +168,7 @@
 // Computes \pixels pixels as long as as many are left.
 .macro tiles pixels
     cmp x8, #\pixels
-    b.lo 8f
+    b.lo 6f
 1:  mov x3, x1
     mov x2, x15
     mov x17, sp
@@ -172,35 +180,23 @@
     load_more_values \pixels
     ldp q4, q5, [x2], #32
     ldp q6, q7, [x2], #32
-    cbz x5, 4f
-2:  ldr x4, [x0, #72]
-    mov x17, sp
-    four_channels \pixels, fmul, 1
-3:  four_channels \pixels, fmla, 1
-    four_channels \pixels, fmla, 1
-    subs x4, x4, #1
-    b.ne 3b
-    four_channels \pixels, fmla, 1
+    cbz x5, 3f
+2:  mov x17, sp
+    sixteen_channels \pixels, 1
     each_pixel \pixels, add_pixel
     subs x5, x5, #1
     b.ne 2b
-4:  ldr x4, [x0, #80]
-    mov x17, sp
-    four_channels \pixels, fmul, 1
-5:  four_channels \pixels, fmla, 1
-    four_channels \pixels, fmla, 1
-    subs x4, x4, #1
-    b.ne 5b
-    four_channels \pixels, fmla, 0
+3:  mov x17, sp
+    sixteen_channels \pixels, 0
     ld1 {v4.4s-v7.4s}, [x14]
-    cbnz x16, 6f
+    cbnz x16, 4f
     each_pixel \pixels, finish_pixel 1,
-    b 7f
-6:  each_pixel \pixels, finish_pixel 0,
-7:  sub x8, x8, #\pixels
+    b 5f
+4:  each_pixel \pixels, finish_pixel 0,
+5:  sub x8, x8, #\pixels
     cmp x8, #\pixels
     b.hs 1b
-8:
+6:
 .endm
 
     .globl facewire_engine_half_pointwise
@@ -217,8 +213,8 @@ facewire_engine_half_pointwise:
     ldp x13, x14, [x0, #16]
     ldp x16, x6, [x0, #32]
     ldp x7, x8, [x0, #48]
-    ldp x11, x9, [x0, #88]
-    ldr x10, [x0, #104]
+    ldp x11, x9, [x0, #72]
+    ldr x10, [x0, #88]
     sub x12, x11, #32
     tiles 8
     tiles 4
@@ -238,6 +234,7 @@ facewire_engine_half_pointwise:
     .purgem load_values
     .purgem load_more_values
     .purgem four_channels
+    .purgem sixteen_channels
     .purgem each_pixel
     .purgem begin_pixel
     .purgem widen

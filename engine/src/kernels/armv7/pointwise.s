@@ -82,7 +82,8 @@ function pointwise
     bhs 1b
 6:  adds r8, r8, #4
     beq 9f
-    @ The pixels that are left, one at a time. Sums of every second channel: q10 and q11.
+    @ The pixels that are left, one at a time. Products are added in the same order, because a pixel must have the same bits
+    @ however rows are divided among threads.
     add r5, r5, #32
 7:  mov r3, r1
     mov r2, lr
@@ -90,28 +91,26 @@ function pointwise
     add r1, r1, #16
     lsl r4, r4, #1
     vld1.32 {d16-d19}, [r11]
-    vmov.i32 q10, #0
-    vmov.i32 q11, #0
     cmp r6, #0
     beq 8f
     vld1.32 {d20-d23}, [r6], r9
+    vadd.f32 q8, q8, q10
+    vadd.f32 q9, q9, q11
 8:  vld1.32 {d0-d1}, [r3], r5
     vld1.32 {d8-d11}, [r2]!
     vld1.32 {d12-d15}, [r2]!
     vmla.f32 q8, q4, d0[0]
     vmla.f32 q9, q5, d0[0]
     vld1.32 {d8-d11}, [r2]!
-    vmla.f32 q10, q6, d0[1]
-    vmla.f32 q11, q7, d0[1]
+    vmla.f32 q8, q6, d0[1]
+    vmla.f32 q9, q7, d0[1]
     vld1.32 {d12-d15}, [r2]!
     vmla.f32 q8, q4, d1[0]
     vmla.f32 q9, q5, d1[0]
-    vmla.f32 q10, q6, d1[1]
-    vmla.f32 q11, q7, d1[1]
+    vmla.f32 q8, q6, d1[1]
+    vmla.f32 q9, q7, d1[1]
     subs r4, r4, #1
     bne 8b
-    vadd.f32 q8, q8, q10
-    vadd.f32 q9, q9, q11
     finish 1
     subs r8, r8, #1
     bne 7b

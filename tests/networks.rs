@@ -17,6 +17,9 @@ use facewire::infer::{self, Engine, Signature};
 /// Largest difference, as a share of the largest value of an output: 0.003 px on the mesh. Libraries that add in
 /// different orders differ by less than a tenth of it.
 const TOLERANCE: f32 = 2e-5;
+/// The same for kernels that compute in half precision, on ARM cores that have it. The landmarks of a face are nearer:
+/// 0.013 px on average (`tests/golden.rs`).
+const HALF_PRECISION_TOLERANCE: f32 = 3e-3;
 
 const HEAD_INPUT: [usize; 3] = [16, 16, 32];
 const EYE_OUTPUTS: &[(&str, &[usize])] = &[("points", &[142]), ("iris", &[10])];
@@ -84,7 +87,8 @@ fn every_engine_computes_what_the_tflite_interpreter_computes() {
         for signature in &NETWORKS {
             let difference = difference(&*engine, signature, folder.path());
             println!("{}: {} agrees to {difference:.1e} of its range", engine.name(), signature.name);
-            assert!(difference <= TOLERANCE, "{}: {} differs by {difference:.1e}", engine.name(), signature.name);
+            let tolerance = if engine.name().contains("half") { HALF_PRECISION_TOLERANCE } else { TOLERANCE };
+            assert!(difference <= tolerance, "{}: {} differs by {difference:.1e}", engine.name(), signature.name);
         }
     }
 }

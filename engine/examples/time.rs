@@ -1,7 +1,7 @@
-//! Times the networks of a folder. Usage: time FOLDER [KERNELS [ROUNDS [THREADS]]] [--layers]
+//! Times the networks of a folder on chosen kernels and threads. Usage: time FOLDER [KERNELS [ROUNDS [THREADS]]]
 //!
-//! Each round runs every network once, so that each network finds the caches as the one before it left them. With
-//! `--layers` a table for each network shows the median time of each layer and its rate of multiply-adds.
+//! Each round runs every network once, so that each network finds the caches as the one before it left them.
+//! `facewire bench --layers` times the layers.
 
 use std::error::Error;
 use std::path::Path;
@@ -14,27 +14,21 @@ use facewire_engine::{Kernels, Network, Team, file, kernels, peak};
 const NETWORKS: [&str; 5] = ["mesh", "lips", "left_eye", "right_eye", "detector"];
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let (options, arguments): (Vec<String>, Vec<String>) = env::args().skip(1).partition(|word| word.starts_with("--"));
+    let arguments: Vec<String> = env::args().skip(1).collect();
     let [folder, rest @ ..] = arguments.as_slice() else {
-        return Err("usage: time FOLDER [KERNELS [ROUNDS [THREADS]]] [--layers]".into());
+        return Err("usage: time FOLDER [KERNELS [ROUNDS [THREADS]]]".into());
     };
     let rounds = rest.get(1).map_or(Ok(300), |rounds| rounds.parse())?;
     let team = Arc::new(Team::new(rest.get(2).map_or(Ok(1), |threads| threads.parse())?)?);
     for kernels in kernels::available() {
         if rest.first().is_none_or(|name| name == kernels.name) {
-            time(Path::new(folder), kernels, &team, rounds, options.iter().any(|option| option == "--layers"))?;
+            time(Path::new(folder), kernels, &team, rounds)?;
         }
     }
     Ok(())
 }
 
-fn time(
-    folder: &Path,
-    kernels: &'static Kernels,
-    team: &Arc<Team>,
-    rounds: usize,
-    layers: bool,
-) -> Result<(), Box<dyn Error>> {
+fn time(folder: &Path, kernels: &'static Kernels, team: &Arc<Team>, rounds: usize) -> Result<(), Box<dyn Error>> {
     let mut networks = Vec::new();
     for name in NETWORKS {
         let start = Instant::now();
@@ -73,33 +67,7 @@ fn time(
     }
     println!("  frame     {:8.4}", frame.as_secs_f64() * 1e3);
     println!("  CPU time of all threads for the five networks: {cpu_ms:.4} ms");
-    if layers {
-        for (name, network, _) in &mut networks {
-            time_layers(name, network, rounds);
-        }
-    }
     Ok(())
-}
-
-fn time_layers(name: &str, network: &mut Network, rounds: usize) {
-    let layers = network.layers();
-    let mut times = vec![Vec::with_capacity(rounds); layers.len()];
-    for _ in 0..rounds {
-        let mut spent = vec![Duration::ZERO; layers.len()];
-        let mut last = Instant::now();
-        network.run_watched(|layer| {
-            let now = Instant::now();
-            spent[layer] += now - last;
-            last = now;
-        });
-        times.iter_mut().zip(spent).for_each(|(times, spent)| times.push(spent));
-    }
-    println!("{name}: layer, microseconds, million multiply-adds, G/s");
-    for ((layer, products), times) in layers.iter().zip(&mut times) {
-        let median = median(times).as_secs_f64();
-        let (millions, rate) = (*products as f64 / 1e6, *products as f64 / median / 1e9);
-        println!("  {layer:32}{:8.1}{millions:8.3}{rate:8.1}", median * 1e6);
-    }
 }
 
 /// Processor time that the running threads of this process have used.

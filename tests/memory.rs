@@ -16,7 +16,7 @@ use facewire_packet::{Packet, State};
 use tempfile::TempDir;
 
 const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
-/// Live packets before the count begins. The memory of the camera is allocated with its first frame.
+/// Live packets before the count begins. The first frame of the camera allocates the camera's memory.
 const WARM_UP: usize = 30;
 /// Frames that are counted. The clip has 240, so it starts over in between.
 const FRAMES: usize = 300;
@@ -35,9 +35,9 @@ const JPEG_FUNCTIONS: [&str; 8] = [
 /// The number of calls that these functions make for an image of three components.
 const JPEG_CALLS: usize = 14;
 /// The highest resident memory that the service may reach.
-const MOST_KB: usize = 30_000_000 / 1024;
+const MAX_KIB: usize = 30_000_000 / 1024;
 
-/// The counting library and the file that it counts in.
+/// The preloaded library and the file in which it counts the calls.
 struct Hook(TempDir);
 
 impl Hook {
@@ -149,6 +149,6 @@ fn a_service_that_follows_a_face_holds_at_most_30_mb() {
     live_packets(&receiver, WARM_UP);
     let status = fs::read_to_string(format!("/proc/{}/status", service.pid())).unwrap();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
-    let peak_kb: usize = peak.trim().trim_end_matches(" kB").parse().unwrap();
-    assert!(peak_kb <= MOST_KB, "{peak_kb} KiB, allowed are {MOST_KB}");
+    let peak_kib: usize = peak.trim().trim_end_matches(" kB").parse().unwrap();
+    assert!(peak_kib <= MAX_KIB, "{peak_kib} KiB, at most {MAX_KIB} KiB are allowed");
 }

@@ -37,7 +37,7 @@ const VERSION: u32 = 2;
 pub fn read(content: &[u8]) -> Result<Graph, Error> {
     let mut rest = Reader(content);
     if rest.bytes(MAGIC.len())? != MAGIC {
-        return Err(Error::Damaged("it does not begin as a network does"));
+        return Err(Error::Damaged("it does not begin with the signature of a network file"));
     }
     if u32::from_le_bytes(rest.array()?) != VERSION {
         return Err(Error::Unsupported("the file was written by another version of the converter"));
@@ -132,9 +132,9 @@ impl<'a> Reader<'a> {
         Ok(Operator { kind, inputs, output })
     }
 
-    /// An array of finite numbers, as many as the product of `sides`.
+    /// Reads an array of finite numbers. Their count is the product of `sides`.
     fn values(&mut self, sides: &[usize]) -> Result<Vec<f32>, Error> {
-        // Where `usize` has 32 bits, the product of sides from a hostile file overflows.
+        // Where `usize` has 32 bits, the product of the sides in a hostile file can overflow.
         let bytes_of = |value: usize| sides.iter().try_fold(value, |count, side| count.checked_mul(*side));
         let values: Vec<f32> = match self.array()? {
             [1] => {

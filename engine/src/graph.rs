@@ -23,7 +23,7 @@ impl Shape {
         self.rows.saturating_mul(self.columns)
     }
 
-    /// Number of values. Saturates where `usize` has 32 bits: a shape from a hostile file may overflow them.
+    /// Number of values. The product saturates, because a shape from a hostile file can overflow a `usize` of 32 bits.
     #[must_use]
     pub fn elements(self) -> usize {
         self.pixels().saturating_mul(self.channels)

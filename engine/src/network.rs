@@ -21,7 +21,7 @@ use crate::kernels::Kernels;
 use crate::schedule::Step;
 use crate::team::Team;
 
-/// Most threads among which a layer is divided.
+/// The largest number of threads among which a layer is divided.
 const MAX_SHARES: usize = 8;
 
 /// A network with its memory. Running it allocates nothing, locks nothing and cannot fail.
@@ -35,15 +35,15 @@ pub struct Network {
     weights: Memory,
     /// A row of zeros, then all maps in the order in which the layers write them.
     arena: Memory,
-    /// For each thread, memory that every strip uses anew.
+    /// Intermediate results of each thread, which are valid within one strip only.
     scratch: Memory,
-    /// Values of one thread's part of the scratch memory.
+    /// Number of values in one thread's part of the scratch memory.
     scratch_length: usize,
     team: Option<Arc<Team>>,
 }
 
 impl Network {
-    /// Prepares a network for the kernels of an instruction set and for one thread.
+    /// Prepares a network that runs on one thread, with the kernels of an instruction set.
     ///
     /// # Errors
     /// [`Error::Unsupported`] if the network does not consist of the layers that this engine knows.
@@ -51,25 +51,25 @@ impl Network {
         Builder::new(graph, kernels, Sharing::NONE)?.network(None)
     }
 
-    /// Prepares a network whose runs a team of threads shares. The outputs are the same bits as those of one thread.
-    /// Rows are computed in larger strips than for one thread, so that the network needs more memory. At most eight
+    /// Prepares a network whose runs are shared by a team of threads. The outputs have the same bits as those of one
+    /// thread. The network needs more memory than on one thread, because its strips of rows are larger. At most eight
     /// threads share a run, even if the team has more.
     ///
     /// # Errors
     /// Those of [`new`](Self::new).
     pub fn with_team(graph: &Graph, kernels: &'static Kernels, team: Arc<Team>) -> Result<Self, Error> {
-        Self::divided(graph, kernels, team, Sharing::WORTH)
+        Self::divided(graph, kernels, team, Sharing::MIN_PRODUCTS)
     }
 
-    /// [`with_team`](Self::with_team) with a number of multiply-adds that are worth a thread's while.
+    /// [`with_team`](Self::with_team) with a choice of [`Sharing::min_products`].
     pub(crate) fn divided(
         graph: &Graph,
         kernels: &'static Kernels,
         team: Arc<Team>,
-        worth: usize,
+        min_products: usize,
     ) -> Result<Self, Error> {
         let threads = team.size().min(MAX_SHARES);
-        Builder::new(graph, kernels, Sharing { threads, worth })?.network(Some(team))
+        Builder::new(graph, kernels, Sharing { threads, min_products })?.network(Some(team))
     }
 
     /// One row of the input, to be written before a run: pixel by pixel, and channel by channel within a pixel.
@@ -110,8 +110,9 @@ impl Network {
     }
 
     /// Computes the outputs and calls `seen` after each strip of rows, with the index of its layer in
-    /// [`layers`](Self::layers). A layer has several strips, and the strips of different layers alternate. The time of a
-    /// layer is the sum of the times between the calls for it and the calls, or the start of the run, before them.
+    /// [`layers`](Self::layers). A layer has several strips, and the strips of different layers alternate. A strip takes
+    /// the time from the previous call, or from the start of the run, to its own call. The time of a layer is the sum over
+    /// its strips.
     pub fn run_watched(&mut self, mut seen: impl FnMut(usize)) {
         for step in 0..self.steps.len() {
             self.run_step(step);
@@ -138,7 +139,7 @@ impl Network {
         let Step { layer, rows } = &self.steps[step];
         let layer = &self.layers[*layer];
         let (from, to) = (&self.maps[layer.input], &self.maps[layer.output]);
-        // All that a layer reads lies before its output.
+        // Every map that a layer reads lies before the map that it writes.
         let (before, after) = self.arena.all_mut().split_at_mut(to.area.start);
         if let Work::Gather { inputs } = &layer.work {
             return gather(inputs.iter().map(|input| &self.maps[*input]), before, after);

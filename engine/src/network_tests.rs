@@ -155,9 +155,9 @@ fn several_threads_compute_the_same_bits_as_one() {
         for kernels in kernels::available() {
             let mut alone = Network::new(&graph, kernels).expect("the network consists of layers");
             for team in &teams {
-                // A few rows are worth a thread's while, so that small maps are divided too.
-                let worth = [1, 500, 5000][usize::try_from(seed).unwrap() % 3];
-                let network = Network::divided(&graph, kernels, Arc::clone(team), worth);
+                // These numbers of multiply-adds are so small that small maps are divided too.
+                let min_products = [1, 500, 5000][usize::try_from(seed).unwrap() % 3];
+                let network = Network::divided(&graph, kernels, Arc::clone(team), min_products);
                 let mut network = network.expect("the network consists of layers");
                 for input in &inputs {
                     for (row, values) in input.chunks(shape.columns * 3).enumerate() {

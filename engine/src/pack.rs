@@ -4,8 +4,9 @@ use crate::fusion::Depthwise;
 use crate::graph::Shape;
 use crate::kernels::{Kernels, half_precision};
 
-/// Panels of outputs: within a panel all outputs for the first input, then for the next one. The last outputs, which do
-/// not fill a panel, form panels of `narrow` outputs. `weight` gives the weight of an output and an input.
+/// Orders weights in panels of `wide` outputs. Within a panel, the weights of all its outputs for the first input come
+/// first, then those for the next input. The last outputs, which do not fill a panel, form panels of `narrow` outputs.
+/// `weight` gives the weight of an output and an input.
 pub(crate) fn panels(
     outputs: usize,
     inputs: usize,
@@ -21,7 +22,7 @@ pub(crate) fn panels(
         }
         first += width;
     }
-    // Without room at the end, a sanitizer sees a kernel that reads too far.
+    // Without spare capacity, a sanitizer detects a kernel that reads past the end.
     packed.shrink_to_fit();
     packed
 }
@@ -35,7 +36,7 @@ pub(crate) fn pointwise(kernels: &Kernels, weights: &[f32], from: usize, to: usi
     if kernels.half { half_precision::pairs(&packed).collect() } else { packed }
 }
 
-/// The addends of a pointwise convolution, among them what the addends of the depthwise convolution before it come to.
+/// The biases of a pointwise convolution. They include the effect of the biases of the depthwise convolution before it.
 #[expect(clippy::cast_possible_truncation, reason = "a sum is rounded once")]
 pub(crate) fn pointwise_bias(
     kernels: &Kernels,

@@ -7,12 +7,12 @@ use crate::kernels::Kernels;
 
 /// Time of one measurement: long enough for the clock, short enough to lie between two interruptions by the system.
 const TRIAL: Duration = Duration::from_millis(1);
-/// The first trials also raise the core's clock rate.
+/// Number of measurements. During the first ones the core raises its clock rate.
 const TRIALS: usize = 30;
 
 /// Measures how many multiply-adds per second the calling core computes in registers, with the instructions of
-/// `kernels`. Takes about 50 milliseconds. The highest rate of several trials counts, because interruptions only ever
-/// lower it.
+/// `kernels`. Takes about 50 milliseconds. Returns the highest rate of several trials, because interruptions only ever
+/// lower a rate.
 #[must_use]
 pub fn multiply_adds_per_second(kernels: &Kernels) -> f64 {
     let time = |rounds: usize| {
@@ -36,7 +36,8 @@ mod tests {
     #[test]
     fn the_peak_computes_every_multiply_add_that_it_counts() {
         for kernels in kernels::available() {
-            // Each round adds 1/65536 of a sum to it, rounded to a multiple of 2^-23, and all sums are added up.
+            // Each round adds 1/65536 of each sum to the sum itself, rounded to a multiple of 2^-23. At the end the sums
+            // are added up.
             for rounds in [0, 1, 2, 3, 100] {
                 let expected = (1.0 + rounds as f32 / 65536.0) * (kernels.peak_round / kernels.vector) as f32;
                 assert_eq!((kernels.peak)(rounds).to_bits(), expected.to_bits(), "{}", kernels.name);
@@ -45,7 +46,7 @@ mod tests {
     }
 
     #[test]
-    fn a_core_computes_between_ten_million_and_a_million_million_multiply_adds_per_second() {
+    fn the_rate_lies_between_1e7_and_1e12_multiply_adds_per_second() {
         for kernels in kernels::available() {
             let rate = multiply_adds_per_second(kernels);
             assert!((1e7..1e12).contains(&rate), "{}: {rate}", kernels.name);

@@ -57,8 +57,9 @@ pub(crate) struct Schedule {
 
 impl Schedule {
     /// Orders the strips of `layers` so that the maps `wanted` are complete at the end. `maps` holds the number of rows
-    /// of every map; a map that no layer writes is complete from the start. Kept rows are a multiple of `multiple` and of
-    /// the strip that is written, or all rows. Strips are whole maps, divisors of `multiple` or multiples of it.
+    /// of every map; a map that no layer writes is complete from the start. A map keeps all its rows, or a number of rows
+    /// that is a multiple of `multiple` and of the strips in which the map is written. A strip must be a whole map, or its
+    /// number of rows must be a divisor or a multiple of `multiple`.
     pub(crate) fn new(layers: &[Rows], maps: &[usize], wanted: &[usize], multiple: usize) -> Self {
         let mut order = Order { layers, maps, done: vec![0; layers.len()], steps: Vec::new() };
         for &map in wanted {

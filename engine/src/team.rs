@@ -1,8 +1,9 @@
 //! A team of threads that share the work of one run of a network.
 //!
 //! The caller of [`Team::for_each`] publishes a list of tasks. The caller and the workers each take the next task until
-//! none is left. A worker that is late, because it slept or the system runs something else, therefore costs only its
-//! help: the caller computes its tasks. Once the list is empty, the caller waits for the tasks that workers have taken.
+//! none is left. If a worker is late, because it slept or because the system runs another thread, the call therefore loses
+//! only the help of that worker: the other threads compute the tasks. Once the list is empty, the caller waits for the
+//! tasks that workers have taken.
 //!
 //! A worker without a task polls for [`POLLING`] and then parks. Between frames all workers are parked. Taking and
 //! finishing a task are single atomic operations: there is no lock and no allocation.
@@ -51,10 +52,10 @@ struct Shared {
     job: UnsafeCell<Job>,
 }
 
-/// What the tasks are. The pointer is valid from when tasks are published until all of them are finished.
+/// How to run the tasks of a call. `data` is valid from the publication of the tasks until all of them are finished.
 #[derive(Clone, Copy)]
 struct Job {
-    /// Runs the task with a number.
+    /// Runs the task with the given number.
     run: unsafe fn(*const (), usize),
     data: *const (),
 }
@@ -63,13 +64,14 @@ struct Job {
 // is taken, and read only by threads that have taken a task. The compare-and-exchange that takes a task synchronises with
 // the store that publishes the tasks after the write.
 unsafe impl Sync for Shared {}
-// SAFETY: as above; nothing belongs to a particular thread. `for_each` asks for tasks and functions that other threads may
-// use.
+// SAFETY: as above; no part belongs to a particular thread. `for_each` requires tasks that are `Send` and a function
+// that is `Sync`.
 unsafe impl Send for Shared {}
 
 impl Team {
-    /// Starts the threads of a team of `size`, the caller of [`for_each`](Self::for_each) included. They are called
-    /// `fw-net-1`, `fw-net-2` and so on, and inherit the scheduling policy and the CPU affinity of the calling thread.
+    /// Makes a team of `size` threads, one of which is the caller of [`for_each`](Self::for_each). The threads that this
+    /// function starts are called `fw-net-1`, `fw-net-2` and so on. They inherit the scheduling policy and the CPU affinity
+    /// of the calling thread.
     ///
     /// # Errors
     /// The system's error if it refuses a thread.
@@ -105,8 +107,8 @@ impl Team {
         &self.workers
     }
 
-    /// Calls `run` once for each task, on the threads of the team. If the team is in use, by another thread or because
-    /// this is called within a task, the calling thread runs all tasks itself.
+    /// Calls `run` once for each task, on the threads of the team. If the team is already in use, by another thread or by
+    /// a task that makes this call, the calling thread runs all tasks itself.
     ///
     /// # Panics
     /// If a task panics, after all other tasks have finished.
@@ -148,7 +150,7 @@ impl Drop for Team {
         self.shared.ending.store(true, Ordering::SeqCst);
         for worker in self.workers.drain(..) {
             worker.thread().unpark();
-            // A worker catches the panics of its tasks: it ends without an error.
+            // A worker catches the panics of its tasks, so it ends without an error.
             let _ = worker.join();
         }
     }
@@ -205,8 +207,8 @@ impl Shared {
         self.finished.fetch_add(1, Ordering::Release);
     }
 
-    /// Waits until workers have finished their tasks. If that takes long, because the system does not run a worker, sleeps
-    /// between polls: the calling thread may have a higher priority and occupy the worker's CPU.
+    /// Waits until the workers have finished their tasks. If a worker takes long, because the system does not run it, the
+    /// calling thread sleeps between polls: it may have a higher priority than the worker and occupy the worker's CPU.
     fn await_finished(&self, count: u32) {
         let is_finished = || self.finished.load(Ordering::Acquire) == count;
         while !poll(is_finished) {
@@ -214,7 +216,7 @@ impl Shared {
         }
     }
 
-    /// The life of a worker.
+    /// Runs tasks on a worker until the team is dropped.
     fn work(&self, number: usize) {
         let Some(parked) = self.parked.get(number) else { return };
         let is_ending = || self.ending.load(Ordering::SeqCst);
@@ -236,7 +238,7 @@ impl Shared {
     }
 }
 
-/// Polls for some time. Returns whether the condition holds.
+/// Polls a condition for at most about [`POLLING`]. Returns whether the condition holds.
 fn poll(holds: impl Fn() -> bool) -> bool {
     let mut start = None;
     loop {

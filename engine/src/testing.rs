@@ -1,4 +1,4 @@
-//! What several tests need.
+//! Helpers that several tests use.
 
 use crate::kernels::Kernels;
 
@@ -24,8 +24,8 @@ impl Random {
     }
 }
 
-/// How far results may lie from plain sums, in parts of a value or of 1: several roundings, in the precision of the
-/// kernels. Numbers of half precision have 11 bits.
+/// The largest accepted difference between a result of the kernels and a plain sum, as a share of the sum, or of 1 if the
+/// sum is smaller. It allows several roundings in the precision of the kernels; numbers of half precision have 11 bits.
 pub(crate) fn tolerance(kernels: &Kernels) -> f32 {
     if kernels.half { 3e-2 } else { SINGLE_TOLERANCE }
 }

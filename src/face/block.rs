@@ -1,8 +1,9 @@
 //! Converts the pixels around a block of samples at once, so that each sample reads pixels that are red, green and blue
 //! already.
 //!
-//! That is several times faster than converting the four pixels around each sample. Blocks are so small that their pixels
-//! stay in the nearest caches. If the region is rotated, only the columns of each row that lie around samples are converted.
+//! This is several times faster than converting the four pixels around each sample. Blocks are so small that their pixels
+//! stay in the nearest caches. If the region is rotated, only those columns of each row are converted that lie around
+//! samples.
 
 use std::ops::Range;
 
@@ -11,16 +12,16 @@ use facewire_engine::kernels::sample::{Line, Pixel, sample};
 
 use super::planes::Planes;
 
-/// Groups of pixels in the memory: 128 KiB.
+/// Groups of pixels that fit the memory, which takes 128 KiB.
 const CAPACITY: usize = 1024;
 
-/// Rows of pixels whose columns around the samples are computed together.
+/// Rows of pixels for which one range of columns around the samples is computed.
 const BAND: usize = 8;
 
-/// More than the distance in pixels between a sample and the place where it would be without rounding.
+/// An upper bound of the distance, in pixels, between a sample and its position without rounding.
 const ROUNDING: f32 = 0.5;
 
-/// A row of samples in 16.16 fixed point: the position of the first one, and the way to the next.
+/// A row of samples in 16.16 fixed point: the position of the first sample, and the step to the next one.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Row {
     pub(super) start: [i32; 2],
@@ -28,13 +29,13 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// The position of a sample. One that does not fit 16.16 fixed point wraps around.
+    /// The position of a sample. A position that does not fit 16.16 fixed point wraps around.
     pub(super) fn position(&self, number: usize) -> [i32; 2] {
         let (Self { start: [x, y], step: [right, down] }, number) = (self, signed(number));
         [x.wrapping_add(right.wrapping_mul(number)), y.wrapping_add(down.wrapping_mul(number))]
     }
 
-    /// Whether the positions of all samples up to this one fit.
+    /// Whether the positions of all samples up to number `last` fit 16.16 fixed point.
     fn fits(&self, last: usize) -> bool {
         let fits = |(start, step): (i32, i32)| step.checked_mul(signed(last)).and_then(|way| start.checked_add(way));
         self.start.into_iter().zip(self.step).all(|axis| fits(axis).is_some())
@@ -59,22 +60,22 @@ pub struct Block {
 
 impl Default for Block {
     fn default() -> Self {
-        // The system provides memory of zeros only when it is first written, which would be in the first frame.
+        // Not zero: the system provides zeroed memory only when it is first written, which would be during the first frame.
         Self { groups: vec![[[1; 4]; GROUP]; CAPACITY].into(), width: 0, height: 0, origin: [0; 2] }
     }
 }
 
 impl Block {
-    /// Whether the pixels around blocks of `columns` x `rows` samples fit the memory, if `step` leads from a sample to the
-    /// next one of its row, and the rows are as far apart.
+    /// Whether the pixels around blocks of `columns` x `rows` samples fit the memory. `step` leads from a sample to the
+    /// next one of its row, and the distance between rows is that between samples.
     pub(super) fn holds([columns, rows]: [usize; 2], step: [i32; 2]) -> bool {
         let [along, across] = step.map(|step| step.unsigned_abs() as usize);
         let pixels = |along: usize, across: usize| ((columns - 1) * along + (rows - 1) * across) / 65536 + 3;
         (pixels(along, across) + 1).div_ceil(GROUP) * pixels(across, along) <= CAPACITY
     }
 
-    /// Converts the pixels around a block of samples. Returns `None` if they do not fit the memory, or the positions do not
-    /// fit 16.16 fixed point.
+    /// Converts the pixels around a block of samples. Returns `None` if the pixels do not fit the memory or the positions
+    /// do not fit 16.16 fixed point.
     pub(super) fn fill(&mut self, planes: &Planes, rows: &[Row], columns: Range<usize>) -> Option<()> {
         let ends = |row: &Row| [columns.start, columns.end - 1].map(|column| row.position(column));
         let mut bounds = [[i32::MAX; 2], [i32::MIN; 2]];
@@ -94,10 +95,10 @@ impl Block {
         (self.width, self.height) = (pixels(left & !1, right).div_ceil(GROUP), pixels(top, bottom));
         let groups = self.groups.get_mut(..self.width * self.height)?;
         let outline = Outline::new(ends(rows.first()?), ends(rows.last()?), self.origin);
-        for (number, band) in groups.chunks_mut(BAND * self.width).enumerate() {
-            let columns = outline.groups(number * BAND);
+        for (band_number, band) in groups.chunks_mut(BAND * self.width).enumerate() {
+            let columns = outline.groups(band_number * BAND);
             let x = self.origin[0].saturating_add(signed(columns.start * GROUP));
-            for (number, row) in (number * BAND..).zip(band.chunks_exact_mut(self.width)) {
+            for (number, row) in (band_number * BAND..).zip(band.chunks_exact_mut(self.width)) {
                 let groups = row.get_mut(columns.start..columns.end.min(self.width))?;
                 planes.convert([x, self.origin[1].saturating_add(signed(number))], groups);
             }
@@ -105,7 +106,7 @@ impl Block {
         Some(())
     }
 
-    /// Computes the samples of a row from number `first` on, whose pixels were converted.
+    /// Computes the samples of a row from number `first` on. [`fill`](Self::fill) has converted their pixels.
     pub(super) fn sample(&self, row: &Row, first: usize, scale: f32, output: &mut [f32]) {
         let pixels = self.groups.get(..self.width * self.height).unwrap_or(&[]).as_flattened();
         let ([x, y], [left, top]) = (row.position(first), self.origin);
@@ -116,7 +117,7 @@ impl Block {
 
 /// The outline of a block of samples.
 struct Outline {
-    /// Columns and rows of its corners in the memory, one after the other along the outline.
+    /// Columns and rows of the corners in the memory, in the order in which the outline connects them.
     corners: [[f32; 2]; 4],
 }
 
@@ -127,7 +128,7 @@ impl Outline {
         Self { corners: [first, second, third, fourth].map(|[x, y]| [relative(x, left), relative(y, top)]) }
     }
 
-    /// The groups around the samples in each row of a band.
+    /// The groups around the samples in the rows of the band that begins with row `top`.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
     fn groups(&self, top: usize) -> Range<usize> {
         // A sample also takes pixels from the next row and the next column.

@@ -48,14 +48,14 @@ pub enum Border {
     Black,
 }
 
-/// Columns and rows of blocks of samples, from which the first that fits the memory is taken. Long rows take the least
-/// time, as each row of pixels has a cost of its own. A region with a black border is not rotated, so that few pixels lie
-/// around a single row of samples.
+/// Sizes of blocks, in columns and rows of samples. [`crop`] takes the first size whose pixels fit the memory. Long rows
+/// take the least time, as each row of pixels has a fixed cost. A region with a black border is not rotated, so that few
+/// pixels lie around a single row of samples.
 const ROTATED_BLOCKS: [[usize; 2]; 10] =
     [[96, 96], [96, 48], [96, 24], [48, 48], [48, 24], [48, 12], [32, 16], [32, 8], [16, 16], [8, 8]];
 const UPRIGHT_BLOCKS: [[usize; 2]; 3] = [[MAX_SIDE, 1], [48, 1], [8, 1]];
 
-/// Rows of samples to be written, each of which has three values per sample.
+/// The rows of samples that [`crop`] writes, with three values for each sample.
 pub trait Rows {
     /// The values of a row.
     fn row(&mut self, row: usize) -> &mut [f32];
@@ -130,7 +130,7 @@ impl Crop<'_> {
         }
     }
 
-    /// Converts the four pixels around each sample by themselves.
+    /// Computes samples for which [`Block::fill`] fails: converts the four pixels around each sample.
     fn sample_each(&self, row: &Row, first: usize, scale: f32, output: &mut [f32]) {
         for (number, output) in (first..).zip(output.chunks_exact_mut(3)) {
             let [x, y] = row.position(number);
@@ -152,15 +152,15 @@ impl Crop<'_> {
     }
 }
 
-/// The position of the first sample of a row. The centre of the first pixel is at 1/64 px, so that positions that are
-/// rounded down are rounded to the nearest 1/32 px.
-#[expect(clippy::cast_possible_truncation, reason = "saturates: a position that far outside is border either way")]
+/// The position of the first sample of a row, plus 1/64 px. Rounding the sum down rounds the position to the nearest
+/// 1/32 px.
+#[expect(clippy::cast_possible_truncation, reason = "saturates: a position so far outside is border in any case")]
 fn start(mapping: &Mapping, side: usize, row: usize) -> [i32; 2] {
     let pitch = 1.0 / side as f32;
     mapping.to_picture(0.0, row as f32 * pitch).map(|at| ((at * ONE) as i32).saturating_add(HALF_32ND))
 }
 
-/// The way from a sample to the next one of its row.
+/// The step from a sample to the next one of its row.
 #[expect(clippy::cast_possible_truncation, reason = "saturates")]
 fn step(mapping: &Mapping, side: usize) -> [i32; 2] {
     mapping.step(side).map(|along| ((along * ONE) as i32).clamp(-MAX_STEP, MAX_STEP))

@@ -21,7 +21,7 @@ impl Landmarks {
     /// Whether every number is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        // Looks at every number, so that the compiler uses vector instructions.
+        // The loop does not stop early, so that the compiler uses vector instructions.
         self.0.as_flattened().iter().fold(true, |finite, value| finite & value.is_finite())
     }
 

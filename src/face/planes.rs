@@ -30,7 +30,7 @@ impl<'a> Planes<'a> {
         (0..=self.last[0]).contains(&x) && (0..=self.last[1]).contains(&y)
     }
 
-    /// Converts the pixel at a column and a row, or the nearest one if that is outside the picture.
+    /// Converts the pixel at a column and a row. Outside the picture, converts the nearest pixel of the picture.
     #[inline]
     pub(super) fn nearest(&self, [x, y]: [i32; 2]) -> Pixel {
         let [x, y] = [(x, self.last[0]), (y, self.last[1])].map(|(at, last)| at.clamp(0, last).unsigned_abs() as usize);
@@ -50,8 +50,8 @@ impl<'a> Planes<'a> {
         self.factors.pixel(samples)
     }
 
-    /// Converts groups of pixels of a row, the first of which is at an even column. The nearest pixel replaces each one
-    /// outside the picture.
+    /// Converts groups of pixels of a row, the first of which is at an even column. A pixel outside the picture
+    /// becomes the nearest pixel of the picture.
     pub(super) fn convert(&self, [x, y]: [i32; 2], groups: &mut [[Pixel; GROUP]]) {
         let y = y.clamp(0, self.last[1]);
         let left = (x.min(0).unsigned_abs() as usize).div_ceil(GROUP).min(groups.len());
@@ -67,7 +67,7 @@ impl<'a> Planes<'a> {
         }
     }
 
-    /// [`Planes::convert`] for any columns and any format.
+    /// Does the same as [`Planes::convert`], pixel by pixel, for any columns and any format.
     fn convert_each(&self, [x, y]: [i32; 2], groups: &mut [[Pixel; GROUP]]) {
         if groups.is_empty() {
             return;
@@ -84,7 +84,7 @@ impl<'a> Planes<'a> {
         after.fill(self.nearest([self.last[0], y]));
     }
 
-    /// The samples of a row from an even column on, if the format is one of those that are converted in groups.
+    /// The samples of a row from an even column on. Returns `None` for a format that is not converted in groups.
     fn row(&self, [x, y]: [i32; 2]) -> Option<Samples<'a>> {
         let (x, y) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
         match self.pixels {

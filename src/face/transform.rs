@@ -47,7 +47,7 @@ impl Transform {
     }
 
     /// Samples the feature map (48 x 48 cells) into one row of a head's input (16 x 16 cells) by bilinear interpolation.
-    /// The map is 0 outside.
+    /// Outside its cells the map counts as 0.
     pub(super) fn sample(&self, map: &[f32], row: usize, crop_row: &mut [f32]) {
         let map = map.as_chunks::<FEATURE_CHANNELS>().0;
         for (column, cell) in crop_row.as_chunks_mut::<FEATURE_CHANNELS>().0.iter_mut().enumerate() {

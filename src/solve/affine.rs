@@ -70,7 +70,7 @@ pub fn normalise(landmarks: &Landmarks) -> Result<Normalised, DegenerateFace> {
     for point in &mut points {
         *point = (inverse * (upright(*point) - origin)).into();
     }
-    // Looks at every number, so that the compiler uses vector instructions. No NaN is below the limit.
+    // The loop does not stop early, so that the compiler uses vector instructions. A NaN is not below the limit.
     if !points.as_flattened().iter().fold(true, |near, value| near & (value.abs() < MAX_COORDINATE)) {
         return Err(DegenerateFace::NotAFace);
     }

@@ -63,7 +63,7 @@ impl GatedAverage {
         value
     }
 
-    /// Eq. 11, given the previous values and their ages. Fewer than two have no deviation, so that `x` passes.
+    /// Eq. 11, given the previous values and their ages. Fewer than two values have no deviation, so that `x` passes.
     fn gated(self, x: f32, previous: impl Iterator<Item = (f32, f32)>) -> f32 {
         let (mut count, mut sum, mut squares, mut oldest_s) = (0.0, 0.0, 0.0, 0.0);
         for (value, age_s) in previous {
@@ -74,7 +74,7 @@ impl GatedAverage {
         if count < 2.0 {
             return x;
         }
-        // The average, seen from `x`.
+        // The average minus `x`.
         let offset: f32 = sum / count;
         let variance = (squares - sum * offset) / (count - 1.0);
         // Rounding can make the variance of equal values negative.

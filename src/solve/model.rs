@@ -17,11 +17,11 @@ pub(super) type Hidden = [f32; MAX_HIDDEN];
 pub struct Model {
     /// The selected features.
     pub(super) inputs: Box<[Input]>,
-    /// `W`: its column of each input.
+    /// The columns of `W`, one for each input.
     pub(super) hidden_weights: Box<[Hidden]>,
     /// `a` where the wearer's neutral face is known, and where it is not.
     pub(super) offsets: [Hidden; 2],
-    /// `V`: its column of each hidden unit.
+    /// The columns of `V`, one for each hidden unit.
     pub(super) output_weights: Box<[[f32; COEFFS]]>,
     /// `b`.
     pub(super) output_offsets: [f32; COEFFS],
@@ -35,7 +35,7 @@ pub(super) struct Input {
     pub(super) neutral: f32,
 }
 
-/// A blendshape as files hold it: its row of `V` and its number of `b`.
+/// A blendshape as model files contain it: its row of `V` and its element of `b`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Output {
     pub(super) offset: f32,
@@ -43,7 +43,7 @@ pub(super) struct Output {
 }
 
 impl Model {
-    /// Lays out the numbers of the features and of the blendshapes for the solver.
+    /// Puts the numbers of the inputs and of the blendshapes into the order in which the solver reads them.
     pub(super) fn new(inputs: Vec<(Input, Hidden)>, offsets: &[Hidden; 2], outputs: &[Output]) -> Self {
         let (inputs, hidden_weights): (Vec<_>, Vec<_>) = inputs.into_iter().unzip();
         let mut output_weights = vec![[0.0; COEFFS]; MAX_HIDDEN];

@@ -20,7 +20,7 @@ use super::{
 const EMBEDDED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blendshapes.bin"));
 /// Largest result of a face. On rendered and real faces, results stay between -0.5 and 1.5.
 const MAX_RESULT: f32 = 5.0;
-/// Features that are gathered before their weights are added.
+/// Number of inputs whose values are gathered before their weighted columns are added.
 const BATCH: usize = 64;
 
 /// A result that cannot be a coefficient. The frame is rejected.

@@ -2,7 +2,7 @@
 //!
 //! A kernel takes one vector of channels along a whole row, so that the nine weights stay in registers and each input
 //! pixel is loaded once for all windows of the row that cover it. The sums go into the operand of the pointwise
-//! convolution that follows. There is no bias: it is part of that convolution's.
+//! convolution that follows. The kernel adds no bias: the bias of the pointwise convolution includes it.
 
 use super::Depthwise;
 use super::vector::{InstructionSet, vectors};
@@ -46,7 +46,7 @@ pub(super) unsafe fn depthwise<I: InstructionSet>(task: &Depthwise, output: &mut
 #[derive(Clone, Copy)]
 struct Output {
     operand: *mut f32,
-    /// Number of the value, in the precision of the operand.
+    /// Number of the value, counted in the precision of the operand.
     at: usize,
 }
 
@@ -129,7 +129,7 @@ impl<V: Copy> Strip<V> {
         // SAFETY: the caller vouches for all sizes.
         unsafe {
             let mut left = self.column::<I>(3, 0);
-            // Pointers that advance by themselves: numbers of pixels would be multiplied for each of them.
+            // Advancing each pointer is cheaper than multiplying the number of a pixel for each of them.
             let (mut strip, mut output, mut largest, mut pixels) = (*self, output, largest, self.columns);
             while pixels > 2 {
                 left = strip.two_windows::<I, POOL, false>(output, largest, left);

@@ -8,7 +8,7 @@ use super::vector::{InstructionSet, vectors};
 pub(super) enum Finish<V, const N: usize> {
     None,
     Relu,
-    /// All slopes are at most 1, so that the larger of a value and its product is the result.
+    /// All slopes are at most 1, so that the result is the larger of a value and its product with the slope.
     GentlePrelu([V; N]),
     Prelu([V; N]),
 }

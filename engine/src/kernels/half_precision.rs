@@ -1,15 +1,15 @@
-//! Numbers of half precision (IEEE 754 binary16) in the place of `f32`.
+//! Numbers of half precision (IEEE 754 binary16), two in the place of one `f32`.
 
-/// Rounds values to half precision and puts two into the bits of each `f32`, the first into the lower ones. Their number
-/// must be even.
+/// Rounds values to half precision and puts two of them into the bits of each `f32`, the first into the lower bits. The
+/// number of values must be even.
 pub(crate) fn pairs(values: &[f32]) -> impl Iterator<Item = f32> {
     let pairs = values.as_chunks().0.iter();
     pairs.map(|[low, high]| f32::from_bits(u32::from(rounded(*low)) | u32::from(rounded(*high)) << 16))
 }
 
-/// The bits of the number of half precision that is nearest to a value; of two, that with an even mantissa. What is too
-/// large becomes infinite.
-#[expect(clippy::cast_possible_truncation, reason = "the bits of a half-precision number are few")]
+/// Rounds a value to the nearest number of half precision and returns its bits. A value in the middle between two numbers
+/// becomes the one with the even mantissa. A value that is too large becomes infinite.
+#[expect(clippy::cast_possible_truncation, reason = "a half-precision number has 16 bits")]
 fn rounded(value: f32) -> u16 {
     const INFINITY: u32 = 0x7c00;
     /// The smallest normal number, 2^-14.
@@ -20,8 +20,8 @@ fn rounded(value: f32) -> u16 {
         return (sign | INFINITY | 1) as u16;
     }
     let nearest = if magnitude < NORMAL {
-        // Near 0.5, numbers of single precision are as far apart as subnormal ones of half precision: the sum is rounded
-        // to these.
+        // From 0.5 to 1, numbers of single precision are as far apart as subnormal numbers of half precision, so that the
+        // addition rounds to the latter.
         (magnitude + 0.5).to_bits() - 0.5_f32.to_bits()
     } else {
         // The exponents of both precisions differ by 112, and the mantissas by 13 bits.

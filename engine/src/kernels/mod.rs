@@ -1,15 +1,17 @@
 //! The arithmetic of the networks, once for each instruction set.
 //!
 //! Maps are stored pixel by pixel, with the channels of a pixel beside each other; their number is padded with zeros to
-//! a multiple of [`Kernels::lanes`]. A pointwise convolution is a product of matrices, and its operands are stored so
-//! that the inner loop reads both of them in order:
+//! a multiple of [`Kernels::lanes`]. A pointwise convolution is a product of two matrices, pixels and weights, which are
+//! stored so that the inner loop reads both of them in order:
 //!
-//! - Pixels are its *operand*: first all pixels with their first [`Kernels::vector`] channels, then all pixels with the
-//!   next ones. The depthwise convolution before it writes this form.
+//! - Pixels form the *operand*: the first [`Kernels::vector`] channels of all pixels, then the next channels of all
+//!   pixels, and so on. The depthwise convolution before it writes this form.
 //! - Weights come in *panels* of [`Kernels::panel`] output channels: all output channels of the panel for the first
-//!   input channel, then for the next one. What is left of the output channels comes in panels of [`Kernels::lanes`].
+//!   input channel, then for the next one. The last output channels, which do not fill a panel, come in panels of
+//!   [`Kernels::lanes`].
 //!
-//! All functions check the sizes of what they are given once for each call, and panic on a mistake of the planner.
+//! Each function checks the sizes of its task once for each call. It panics if they do not fit together, which is a
+//! mistake of the caller.
 
 #[cfg(all(target_arch = "arm", target_os = "linux", target_endian = "little"))]
 mod armv7;
@@ -103,13 +105,13 @@ pub enum Activation<'a> {
 /// One row of the convolution that reads the picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Stem<'a> {
-    /// The rows of the picture that the window covers, from the first value that the window covers.
+    /// The rows of the picture that the windows cover. Each begins with the first value of the first window.
     pub rows: &'a [&'a [f32]],
     /// Values from one position of the window to the next.
     pub step: usize,
     /// Values of one row of the window.
     pub span: usize,
-    /// Panels: output channels for each value of the window.
+    /// Panels of weights: all output channels of the panel for the first value of the window, then for the next one.
     pub weights: &'a [f32],
     /// One addend per padded output channel.
     pub bias: &'a [f32],
@@ -128,7 +130,7 @@ pub struct Depthwise<'a> {
     pub output_rows: usize,
     /// 1 or 2.
     pub stride: usize,
-    /// Nine weights for each padded channel: vector of channels, row, column, channel.
+    /// Nine weights for each padded channel, ordered by vector of channels, then by row, column and channel.
     pub weights: &'a [f32],
     /// Padded channels.
     pub channels: usize,
@@ -155,7 +157,7 @@ pub struct Pointwise<'a> {
     pub weights: &'a [f32],
     /// One addend per padded output channel.
     pub bias: &'a [f32],
-    /// What is added to the first channels of each pixel before the activation, pixel by pixel; may be empty.
+    /// Values that are added to the first channels of each pixel before the activation, pixel by pixel. May be empty.
     pub residual: &'a [f32],
     /// Padded channels of a pixel of the residual.
     pub residual_channels: usize,

@@ -12,7 +12,7 @@ use super::vector::{InstructionSet, broadcast_row, consecutive};
 /// With `HALF`, the values of the operand of a pointwise convolution are stored in half precision.
 pub(super) struct Neon<const HALF: bool>;
 
-/// Multiplies the values of the windows of four pixels, six values apart, by lanes.
+/// Adds the products of the windows of four pixels, which begin six values apart. Each value is a lane of a loaded vector.
 macro_rules! lanes_row {
     ($sums:ident, $from:ident, $panel:ident, [$($value:literal)*]) => {{
         let mut sums = $sums;
@@ -108,7 +108,7 @@ unsafe impl<const HALF: bool> InstructionSet for Neon<HALF> {
         unsafe { vminq_f32(a, b) }
     }
 
-    /// Four channels of a pixel come in one load; each then multiplies its weights as a lane.
+    /// One load reads four channels of a pixel. Each channel is a lane, by which its weights are multiplied.
     #[inline(always)]
     unsafe fn product<const P: usize, const N: usize>(
         mut sums: [[Self::Vector; N]; P],
@@ -127,7 +127,7 @@ unsafe impl<const HALF: bool> InstructionSet for Neon<HALF> {
                 }
             };
         }
-        // Two vectors of channels per round halve what the loop itself costs; channels come in multiples of eight.
+        // Two vectors of channels per round halve the cost of the loop itself; channels come in multiples of eight.
         for _ in 0..depth / (2 * Self::LANES) {
             for _ in 0..2 {
                 // SAFETY: the operand and the panel go on for `depth` channels.

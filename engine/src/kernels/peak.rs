@@ -1,8 +1,9 @@
-//! Multiply-adds that touch no memory: what the core computes at most.
+//! Multiply-adds that use no memory, to measure the highest rate of the core.
 
 use super::vector::InstructionSet;
 
-/// Each round adds this share to each sum, which begins with 1. It is so small that millions of rounds do not overflow.
+/// Each sum begins with 1, and each round adds this share of the sum to it. The share is so small that millions of
+/// rounds do not overflow.
 pub(super) const FACTOR: f32 = 1.0 / 65536.0;
 
 /// See [`super::Kernels::peak`]. `N` sums grow independently of each other, so that the processor computes several at

@@ -1,4 +1,4 @@
-//! Kernels without instructions of their own, for processors that no other kernels are made for. The compiler turns the
+//! Kernels that require no instruction set, for processors without kernels of their own. The compiler turns the
 //! loops over eight lanes into whatever vectors the target has.
 
 use super::table::kernels;
@@ -49,7 +49,7 @@ unsafe impl InstructionSet for Plain {
 
     #[inline(always)]
     unsafe fn mul_add(a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector {
-        // Not `f32::mul_add`: without the instruction that is a slow function.
+        // On a processor without the instruction, `f32::mul_add` is a slow function.
         std::array::from_fn(|lane| a[lane] * b[lane] + c[lane])
     }
 

@@ -81,11 +81,11 @@ unsafe fn panel<I: InstructionSet, const N: usize>(task: &Pointwise, channel: us
     }
 }
 
-/// A panel of weights, and what its sums begin with and end with.
+/// A panel of weights, the bias that its sums begin with, and the activation that they end with.
 struct Panel<V, const N: usize> {
     weights: *const f32,
     depth: usize,
-    /// From a vector of channels of the operand to the next.
+    /// Values from a vector of channels of the operand to the next.
     plane: usize,
     bias: [V; N],
     residual_step: usize,

@@ -47,7 +47,7 @@ fn add_block<const N: usize, const ROWS: usize, const FUSED: bool>(
 ) {
     for (column, sum) in sums.iter_mut().enumerate() {
         for (row, factor) in rows.iter().zip(factors) {
-            // Without the instruction, `f32::mul_add` is a slow function.
+            // On a processor without the instruction, `f32::mul_add` is a slow function.
             *sum = if FUSED { row[column].mul_add(*factor, *sum) } else { *sum + row[column] * factor };
         }
     }

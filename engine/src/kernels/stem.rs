@@ -35,7 +35,7 @@ pub(super) unsafe fn stem<I: InstructionSet, const N: usize, const TAIL: usize>(
     }
 }
 
-/// Chooses the code for the windows of facewire's networks, or for any.
+/// Runs the code that is compiled for the windows of facewire's networks, or the code for any window.
 ///
 /// # Safety
 /// As [`stem_panel`].
@@ -51,6 +51,8 @@ unsafe fn stem_spans<I: InstructionSet, const N: usize>(task: &Stem, channel: us
     }
 }
 
+/// Computes `N` vectors of output channels, from `channel` on, of all pixels of the row.
+///
 /// # Safety
 /// The processor must have the instruction set; the sizes must be those that [`check`] checks.
 #[inline(always)]

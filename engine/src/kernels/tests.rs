@@ -1,5 +1,5 @@
 //! Every kernel of this machine against plain sums, on shapes that fill no tile, panel or vector. All slices are exactly
-//! as long as they must be, so that a sanitizer sees a read or write past their ends.
+//! as long as they must be, so that a sanitizer detects a read or write past their ends.
 
 use super::half_precision::tests::values;
 use super::{Activation, Dense, Depthwise, Kernels, Pointwise, Stem, available};
@@ -33,7 +33,7 @@ fn operand(kernels: &Kernels, pixels: &[f32], channels: usize) -> Vec<f32> {
     operand
 }
 
-/// The values of an operand, in the order of the operand.
+/// The values of an operand in single precision, in the order of the operand.
 fn values_of(kernels: &Kernels, operand: &[f32]) -> Vec<f32> {
     if kernels.half { values(&operand[..operand.len() / 2]) } else { operand.to_vec() }
 }

@@ -1,4 +1,4 @@
-//! What the kernels need of an instruction set.
+//! The operations that the kernels need from an instruction set.
 
 /// A vector of `f32` and the shapes of the inner loops that suit its registers.
 ///
@@ -35,7 +35,7 @@ pub(super) unsafe trait InstructionSet {
     unsafe fn min(a: Self::Vector, b: Self::Vector) -> Self::Vector;
 
     /// Adds the products of `P` pixels and a panel of `N` vectors of output channels to `sums`. `operand` points at the
-    /// first of the pixels; its next channels lie `plane` values further.
+    /// first vector of channels of these pixels; the next vector lies `plane` values further.
     ///
     /// # Safety
     /// The operand and the panel must have `depth` channels, a multiple of twice the lanes or of 16.
@@ -71,7 +71,7 @@ pub(super) unsafe trait InstructionSet {
     /// 0, it equals `span`, and `step` is 6: the windows of a picture of three channels with stride 2.
     ///
     /// # Safety
-    /// `from` must be valid for `(P - 1) * step + span` values and three more, the panel for `span` times its vectors.
+    /// `from` must be valid for `(P - 1) * step + span` values and three more, and `panel` for `span * N` vectors.
     #[inline(always)]
     unsafe fn window_row<const P: usize, const N: usize, const SPAN: usize>(
         sums: [[Self::Vector; N]; P],
@@ -85,8 +85,8 @@ pub(super) unsafe trait InstructionSet {
     }
 }
 
-/// Loads `N` vectors that lie one after the other. Written as a loop, because the compiler does not take a closure into
-/// a function with an instruction set of its own.
+/// Loads `N` vectors that lie one after the other. This is a loop, because the compiler does not inline a closure into a
+/// function that is compiled for another instruction set.
 ///
 /// # Safety
 /// The processor must have the instruction set; the pointer must be valid for all vectors.
@@ -102,10 +102,10 @@ pub(super) unsafe fn consecutive<I: InstructionSet + ?Sized, const N: usize>(fro
     }
 }
 
-/// `N` vectors from `at` on.
+/// Loads `N` vectors of `values`, from number `at` on.
 ///
 /// # Safety
-/// The processor must have the instruction set, and the values must reach that far.
+/// The processor must have the instruction set, and `values` must contain all of them.
 #[inline(always)]
 pub(super) unsafe fn vectors<I: InstructionSet, const N: usize>(values: &[f32], at: usize) -> [I::Vector; N] {
     // SAFETY: the caller vouches for both.
@@ -115,7 +115,7 @@ pub(super) unsafe fn vectors<I: InstructionSet, const N: usize>(values: &[f32], 
 /// [`InstructionSet::window_row`], one value of the window at a time.
 ///
 /// # Safety
-/// The processor must have the instruction set; the pointers must be valid as there.
+/// The processor must have the instruction set; the pointers must be valid as for `window_row`.
 #[inline(always)]
 pub(super) unsafe fn broadcast_row<I: InstructionSet + ?Sized, const P: usize, const N: usize>(
     mut sums: [[I::Vector; N]; P],
@@ -139,7 +139,7 @@ pub(super) unsafe fn broadcast_row<I: InstructionSet + ?Sized, const P: usize, c
     sums
 }
 
-/// The functions of [`InstructionSet`], each by one intrinsic.
+/// Implements the functions of [`InstructionSet`] by one intrinsic each.
 #[cfg(target_arch = "x86_64")]
 macro_rules! vector_functions {
     (zero: $zero:ident, load: $load:ident, store: $store:ident, splat: $splat:ident, add: $add:ident, mul: $mul:ident,

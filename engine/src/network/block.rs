@@ -8,7 +8,8 @@ use crate::fusion::Residual;
 use crate::kernels;
 
 impl Sources<'_> {
-    /// Computes a share, a few rows at a time, so that what lies between the two convolutions stays in the cache.
+    /// Computes a share, a few rows at a time, so that the values between the two convolutions stay
+    /// in the cache.
     pub(super) fn block(&self, share: &mut Share) {
         let rows_at_a_time = self.layer.division.rows_at_a_time;
         let mut rows = share.range.start..share.range.start;
@@ -66,21 +67,21 @@ impl Sources<'_> {
                 first_pixel,
                 pixels: rows.len() * columns,
             };
-            let (here, rest) = largest.split_at_mut((columns * from.channels).min(largest.len()));
-            (self.kernels.depthwise)(&task, operand, here);
+            let (largest_of_row, rest) = largest.split_at_mut((columns * from.channels).min(largest.len()));
+            (self.kernels.depthwise)(&task, operand, largest_of_row);
             largest = rest;
             row += output_rows;
             first_pixel += output_rows * columns;
         }
     }
 
-    /// The input rows that windows cover, for an output row whose window is centred on `row` if the stride is 1, or
-    /// begins at `row` if it is 2. Rows outside the map are zeros.
+    /// Returns the input rows that windows cover. The window of the first output row is centred on the input row `row` if
+    /// the stride is 1, and begins at `row` if the stride is 2. Rows outside the map are zeros.
     fn covered_rows(&self, row: usize, stride: usize) -> [&[f32]; 4] {
         let from = self.from;
-        // One more than the first row, which is -1 for the first window with stride 1.
-        let first = row + stride - 1;
-        std::array::from_fn(|offset| match (first + offset).checked_sub(1) {
+        // The first row is -1 for the first window with stride 1.
+        let first_plus_1 = row + stride - 1;
+        std::array::from_fn(|offset| match (first_plus_1 + offset).checked_sub(1) {
             Some(y) if y < from.rows => &self.input[from.rows(y..y + 1)],
             _ => &self.zeros[..from.row],
         })

@@ -9,7 +9,7 @@ use super::strips::Division;
 use crate::fusion::Residual;
 use crate::kernels::{self, Kernels};
 
-/// A layer whose weights are packed. Ranges of values are places in the memory of the weights.
+/// A layer whose weights are packed. Its ranges lie in the memory of the packed weights.
 pub(super) struct Layer {
     pub work: Work,
     /// The map that the layer reads.
@@ -55,20 +55,20 @@ impl Layer {
     }
 }
 
-/// What a thread computes of a layer, and the memory that no other thread uses meanwhile.
+/// The part of a layer that one thread computes, and the memory that this thread alone uses meanwhile.
 pub(super) struct Share<'a> {
     /// Output rows, or panels of outputs of a dense layer.
     pub range: Range<usize>,
-    /// The memory of the range.
+    /// The memory that the range is written to.
     pub output: &'a mut [f32],
     pub scratch: &'a mut [f32],
 }
 
 impl<'a> Share<'a> {
     /// Divides a share among threads. A row or panel has `values` values, and each thread uses `scratch` values of scratch
-    /// memory. Returns the shares, which come first, and their number.
+    /// memory. Returns the shares at the beginning of an array, and their number.
     pub(super) fn divide(self, division: &Division, values: usize, scratch: usize) -> ([Share<'a>; MAX_SHARES], usize) {
-        let per_share = division.share_of(self.range.len());
+        let per_share = division.share_size(self.range.len());
         let count = self.range.len().div_ceil(per_share);
         let mut starts = self.range.step_by(per_share);
         let mut outputs = self.output.chunks_mut(per_share * values);
@@ -82,7 +82,7 @@ impl<'a> Share<'a> {
     }
 }
 
-/// What all threads read while they compute a layer.
+/// The data that all threads read while they compute a layer.
 pub(super) struct Sources<'a> {
     pub kernels: &'static Kernels,
     pub layer: &'a Layer,
@@ -92,7 +92,7 @@ pub(super) struct Sources<'a> {
     pub weights: &'a [f32],
     /// The area of the map `from`.
     pub input: &'a [f32],
-    /// Zeros, at least a row of `from`.
+    /// Zeros, at least as many as a row of `from` has values.
     pub zeros: &'a [f32],
 }
 
@@ -116,7 +116,7 @@ impl Sources<'_> {
             Work::Dense { weights, bias } => {
                 self.dense(&self.weights[weights.clone()], &self.weights[bias.clone()], share);
             }
-            // The caller copies maps.
+            // `Network::run_step` copies maps by itself.
             Work::Gather { .. } => {}
         }
     }

@@ -9,7 +9,7 @@ use crate::graph::Shape;
 pub(super) struct Map {
     pub area: Range<usize>,
     pub rows: usize,
-    /// Number of rows that the area has room for: row `y` lies where row `y % kept` does.
+    /// Number of rows that the area has room for. Row `y` takes the place of row `y % kept`.
     pub kept: usize,
     /// Values of a row.
     pub row: usize,

@@ -12,7 +12,7 @@ use crate::graph::Graph;
 use crate::kernels::Kernels;
 use crate::pack;
 
-/// The weights of the layers so far.
+/// The weights of the layers that have been packed so far.
 pub(super) struct Packing<'a> {
     graph: &'a Graph,
     kernels: &'static Kernels,
@@ -42,7 +42,7 @@ impl<'a> Packing<'a> {
             fusion::Activation::Relu => Activation::Relu,
             fusion::Activation::Prelu(slopes) => {
                 let channels = self.maps[layer.output].channels;
-                Activation::Prelu(self.keep(pack::padded(slopes.iter().copied(), channels)))
+                Activation::Prelu(self.append(pack::padded(slopes.iter().copied(), channels)))
             }
         };
         let products = layer.products(self.graph);
@@ -55,43 +55,44 @@ impl<'a> Packing<'a> {
         Ok(match &layer.work {
             fusion::Work::Stem { window, weights, bias } => {
                 let channels = bias.len();
-                affordable([to.channels, weights.len() / channels])?;
+                check_matrix_size([to.channels, weights.len() / channels])?;
                 Work::Stem {
                     size: window.size,
                     stride: window.stride,
                     span: window.size * from.true_channels,
-                    weights: self.keep(pack::stem(kernels, weights, channels)),
-                    bias: self.keep(pack::padded(bias.iter().copied(), to.channels)),
+                    weights: self.append(pack::stem(kernels, weights, channels)),
+                    bias: self.append(pack::padded(bias.iter().copied(), to.channels)),
                 }
             }
             fusion::Work::Block { depthwise, weights, bias, residual } => {
                 if *residual != Residual::None && to.channels < from.channels {
                     return Err(Error::Unsupported("a sum has fewer channels than an operand"));
                 }
-                affordable([to.channels, from.channels])?;
+                check_matrix_size([to.channels, from.channels])?;
                 Work::Block {
                     depthwise: depthwise.map(|depthwise| {
                         let weights = pack::depthwise(kernels, depthwise.weights, from.true_channels);
-                        Depthwise { stride: depthwise.stride, weights: self.keep(weights) }
+                        Depthwise { stride: depthwise.stride, weights: self.append(weights) }
                     }),
-                    weights: self.keep(pack::pointwise(kernels, weights, from.true_channels, to.true_channels)),
-                    bias: self.keep(pack::pointwise_bias(kernels, bias, weights, *depthwise)),
+                    weights: self.append(pack::pointwise(kernels, weights, from.true_channels, to.true_channels)),
+                    bias: self.append(pack::pointwise_bias(kernels, bias, weights, *depthwise)),
                     residual: *residual,
                 }
             }
             fusion::Work::Dense { weights, bias } => {
                 let shape = self.graph.tensors()[layer.input];
-                affordable([to.channels, from.rows * from.row])?;
+                check_matrix_size([to.channels, from.rows * from.row])?;
                 Work::Dense {
-                    weights: self.keep(pack::dense(kernels, weights, shape, bias.len())),
-                    bias: self.keep(pack::padded(bias.iter().copied(), to.channels)),
+                    weights: self.append(pack::dense(kernels, weights, shape, bias.len())),
+                    bias: self.append(pack::padded(bias.iter().copied(), to.channels)),
                 }
             }
             fusion::Work::Gather { inputs } => Work::Gather { inputs: inputs.clone() },
         })
     }
 
-    fn keep(&mut self, values: Vec<f32>) -> Range<usize> {
+    /// Appends values to the packed weights and returns their place.
+    fn append(&mut self, values: Vec<f32>) -> Range<usize> {
         let range = self.layout.area(values.len());
         self.packed.push((range.clone(), values));
         range
@@ -99,7 +100,7 @@ impl<'a> Packing<'a> {
 }
 
 /// Refuses a matrix of weights that is larger than the memory of a network may be.
-fn affordable([outputs, inputs]: [usize; 2]) -> Result<(), Error> {
+fn check_matrix_size([outputs, inputs]: [usize; 2]) -> Result<(), Error> {
     let values = outputs.saturating_mul(inputs);
     if values <= Layout::LARGEST { Ok(()) } else { Err(Error::Unsupported("a matrix of weights is too large")) }
 }

@@ -6,18 +6,18 @@ use super::map::Map;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sharing {
     pub threads: usize,
-    /// Multiply-adds that are worth a thread's while.
-    pub worth: usize,
+    /// A strip is divided among so few threads that each computes at least this number of multiply-adds.
+    pub min_products: usize,
 }
 
 impl Sharing {
-    pub(super) const NONE: Self = Self { threads: 1, worth: usize::MAX };
-    /// [`worth`](Self::worth) of a real network: some microseconds on a fast core, where two threads need some tenths of a
-    /// microsecond to begin and end a strip together.
-    pub(super) const WORTH: usize = 1 << 17;
+    pub(super) const NONE: Self = Self { threads: 1, min_products: usize::MAX };
+    /// [`min_products`](Self::min_products) of a real network. A fast core computes them in some microseconds, and two
+    /// threads need some tenths of a microsecond to begin and end a strip together.
+    pub(super) const MIN_PRODUCTS: usize = 1 << 17;
 
     fn shares(self, products: usize) -> usize {
-        (products / self.worth).clamp(1, self.threads)
+        (products / self.min_products).clamp(1, self.threads)
     }
 }
 
@@ -30,12 +30,12 @@ pub(super) struct Division {
     pub rows_at_a_time: usize,
     /// Threads among which a strip is divided.
     pub shares: usize,
-    /// The rows of a share are a multiple of this, except for the last share.
+    /// The number of rows in each share but the last is a multiple of this.
     pub grain: usize,
 }
 
-/// Rows that are kept of a map are a multiple of this, so that the rows that a thread computes at a time lie beside each
-/// other.
+/// The number of rows that a map keeps is a multiple of this, so that the rows that a thread computes at a time are
+/// contiguous in memory.
 pub(super) const KEPT_MULTIPLE: usize = 4;
 
 impl Division {
@@ -46,21 +46,21 @@ impl Division {
 
     /// The division of a convolution with `products` multiply-adds.
     ///
-    /// One thread computes strips as small as the kernels are fast with, so that they stay in the cache. Several threads
-    /// compute strips that are large enough for each to be worth its while.
+    /// For one thread, strips are the smallest with which the kernels are fast, so that they stay in the cache. For several
+    /// threads, strips are so large that each thread has enough work in each of them.
     pub(super) fn of_rows(to: &Map, products: usize, sharing: Sharing) -> Self {
         let rows_at_a_time = match to.columns {
             ..12 => to.rows,
             12..24 => KEPT_MULTIPLE,
             _ => 2,
         };
-        let Sharing { threads, worth } = sharing;
+        let Sharing { threads, min_products } = sharing;
         if threads == 1 {
             return Self { strip: rows_at_a_time, rows_at_a_time, shares: 1, grain: 1 };
         }
         let products_of = |rows: usize| rows * (products / to.rows);
         let mut strip = KEPT_MULTIPLE * threads;
-        while strip < to.rows && products_of(strip) < 2 * threads * worth {
+        while strip < to.rows && products_of(strip) < 2 * threads * min_products {
             strip *= 2;
         }
         if strip >= to.rows {
@@ -75,8 +75,8 @@ impl Division {
         Self { strip: 1, rows_at_a_time: 1, shares: sharing.shares(products), grain: 1 }
     }
 
-    /// Rows, or panels, of every share but the last, for a strip of `count` rows or panels.
-    pub(super) fn share_of(&self, count: usize) -> usize {
+    /// Returns the number of rows or panels in every share but the last, for a strip of `count` rows or panels.
+    pub(super) fn share_size(&self, count: usize) -> usize {
         count.div_ceil(self.shares).next_multiple_of(self.grain)
     }
 }
@@ -88,11 +88,11 @@ mod tests {
     use crate::testing::Random;
 
     #[test]
-    fn rows_that_a_thread_computes_at_a_time_lie_beside_each_other_in_any_map() {
+    fn rows_that_a_thread_computes_at_a_time_are_contiguous_in_any_map() {
         let mut random = Random::new(1);
         for _ in 0..3000 {
             let map = Shape { rows: random.below(100) + 1, columns: random.below(40) + 1, channels: 8 };
-            let sharing = Sharing { threads: random.below(8) + 1, worth: 500 };
+            let sharing = Sharing { threads: random.below(8) + 1, min_products: 500 };
             let division = Division::of_rows(&Map::new(map, 8), map.rows * random.below(2000), sharing);
             if division.strip == map.rows {
                 continue;
@@ -101,7 +101,7 @@ mod tests {
             assert!(fits, "{division:?}");
             for start in (0..map.rows).step_by(division.strip) {
                 let end = (start + division.strip).min(map.rows);
-                let share = division.share_of(end - start);
+                let share = division.share_size(end - start);
                 assert!((end - start).div_ceil(share) <= division.shares, "{map:?} {division:?}");
                 for first in
                     (start..end).step_by(share).flat_map(|at| (at..at + share).step_by(division.rows_at_a_time))

@@ -37,11 +37,11 @@ fn workers_that_are_parked_wake_up_and_help() {
         let team = Team::new(2).expect("threads");
         for _ in 0..5 {
             thread::sleep(4 * POLLING);
-            let threads = [const { AtomicBool::new(false) }; 2];
+            let started = [const { AtomicBool::new(false) }; 2];
             // Each task waits for the other: one thread alone would never finish the first.
             team.for_each(&mut [0, 1], |task| {
-                threads[*task].store(true, Ordering::SeqCst);
-                while !threads[1 - *task].load(Ordering::SeqCst) {
+                started[*task].store(true, Ordering::SeqCst);
+                while !started[1 - *task].load(Ordering::SeqCst) {
                     thread::yield_now();
                 }
             });
@@ -54,11 +54,11 @@ fn a_call_returns_only_after_the_tasks_that_workers_have_taken() {
     within_ten_seconds(|| {
         let team = Team::new(2).expect("threads");
         let caller = thread::current().id();
-        let met = [const { AtomicBool::new(false) }; 2];
+        let started = [const { AtomicBool::new(false) }; 2];
         let mut tasks = [(0, false), (1, false)];
         team.for_each(&mut tasks, |(task, finished)| {
-            met[*task].store(true, Ordering::SeqCst);
-            while !met[1 - *task].load(Ordering::SeqCst) {
+            started[*task].store(true, Ordering::SeqCst);
+            while !started[1 - *task].load(Ordering::SeqCst) {
                 thread::yield_now();
             }
             if thread::current().id() != caller {

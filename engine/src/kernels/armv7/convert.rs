@@ -16,11 +16,12 @@ unsafe extern "C" {
     unsafe fn convert_grey(conversion: &Conversion);
 }
 
-/// Groups of pixels, as the assembly takes them.
+/// The conversion of groups of pixels, as the assembly reads it.
 #[repr(C)]
 struct Conversion {
     luma: *const u8,
-    /// Null where luma and chroma share one plane, or where there is no chroma; so is an unused second plane.
+    /// Planes of chroma. Both are null if luma and chroma share one plane or there is no chroma. The second is null if Cb
+    /// and Cr share one plane.
     chroma: [*const u8; 2],
     output: *mut [Pixel; GROUP],
     groups: usize,

@@ -45,7 +45,7 @@
 .endm
 
 @ Adds a column to the three windows that cover it: \done, whose last column this is, \middle, and \next, whose first it is.
-@ Then loads the next column if \more. \previous, if given, are sums to be stored.
+@ Then loads the next column if \more. Stores the sums in \previous, if it is given.
 .macro column_of_3 more, done, middle, next, previous
     vmla.f32 \done, q9, q2
     vmla.f32 \middle, q9, q1

@@ -1,5 +1,5 @@
 
-@ Macros and directives reach into the assembly of other crates that is compiled together with this.
+@ Without these lines, the macros and directives would apply to the assembly of other crates that is compiled with this.
 
     .fpu vfpv3-d16
     .purgem function

@@ -2,7 +2,7 @@
 //! for `f32` by itself. Each assembly function computes one panel or one row; the functions here check the sizes of a
 //! task and fill in the structure that the assembly reads, whose fields it finds by their offsets.
 //!
-//! NEON of this architecture takes subnormal values for zero and rounds a product before it adds it.
+//! NEON of this architecture treats subnormal values as zero and rounds a product before it adds it.
 
 mod convert;
 
@@ -47,16 +47,16 @@ pub(super) static KERNELS: Kernels = Kernels {
 
 /// Values of a register.
 const VECTOR: usize = 4;
-/// Output channels of the convolutions: with four pixels their sums fill half of the registers.
+/// Output channels of a panel of the convolutions. With four pixels, their sums fill half of the registers.
 const PANEL: usize = 8;
-/// Outputs of a dense layer whose sums fill half of the registers.
+/// Outputs of a panel of a dense layer. Their sums fill half of the registers.
 const DENSE_PANEL: usize = 32;
 /// Rows of the largest window of the first convolution.
 const MAX_WINDOW: usize = 8;
 /// Bytes of a value.
 const VALUE: usize = size_of::<f32>();
 
-/// Whether the processor has NEON, by what the kernel says of it.
+/// Whether the processor has NEON, according to the kernel of the operating system.
 pub(super) fn detected() -> bool {
     unsafe extern "C" {
         safe fn getauxval(entry: c_ulong) -> c_ulong;
@@ -84,7 +84,7 @@ unsafe extern "C" {
     unsafe fn peak_rounds(rounds: usize, factor: u32) -> u32;
 }
 
-/// The activation of a panel, as the assembly takes it: the slopes, and a number.
+/// The activation of a panel, as the assembly reads it: its slopes, and the number that `start.s` lists at `finish`.
 fn finish(activation: Activation, channel: usize) -> (*const f32, usize) {
     match activation {
         Activation::None => (null(), 0),
@@ -148,7 +148,7 @@ struct DepthwiseRow {
     step: usize,
     weights: *const f32,
     output: *mut f32,
-    /// How many times the assembly's loop runs, and what it leaves.
+    /// How many times the assembly's loop runs, and how many columns or windows follow it.
     rounds: isize,
     rest: isize,
     /// Vectors of channels.
@@ -201,7 +201,7 @@ struct StemPanel {
     output: *mut f32,
     pixels: usize,
     row_count: usize,
-    /// Values of a row of the window: in units of four, and what is left.
+    /// Values of a row of the window: how many groups of four, and how many values follow them.
     fours: usize,
     rest: usize,
     /// Bytes from one window to the next.

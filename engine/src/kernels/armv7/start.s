@@ -25,7 +25,7 @@ facewire_engine_neon_\name:
     .size facewire_engine_neon_\name, . - facewire_engine_neon_\name
 .endm
 
-@ Adds the products of a value each of two or four pixels and eight weights in \low and \high.
+@ Multiplies one value of each of two or four pixels by the eight weights in \low and \high, and adds the products.
 .macro products_of_2 first, low, high, value_0, value_1
     .if \first == 0
     vmla.f32 q8, \low, \value_0
@@ -45,7 +45,7 @@ facewire_engine_neon_\name:
     products_of_2 2, \low, \high, \value_2, \value_3
 .endm
 
-@ Applies an activation to the sums of one pixel, or of four. It consists of two macros, each of which takes a sum, its
+@ Applies an activation to the sums of one pixel, or of four. An activation is two macros, each of which takes a sum, its
 @ slopes (q4, q5) and a register for an intermediate result.
 .macro each_sum pixels, begin, end
     \begin q8, q4, q0

@@ -1,12 +1,12 @@
 
-@ One row of the first convolution, to eight output channels: products as those of a pointwise convolution, where the
-@ values of a row of the window stand in for channels.
+@ One row of the first convolution, to eight output channels. The products are computed as in a pointwise convolution whose
+@ channels are the values of a row of the window.
 @
 @ r0 structure, r1 to r4 values of four pixels, r5 weights, r6 counter, r7 output, r8 pixels left, r9 pointers to rows, r10
 @ bytes between pixels of the output, r11 bytes from the beginning of a row to the first pixel, r12 activation, lr rows
 @ left.
 
-@ Adds the products of four values of each pixel. The weights of the first two were loaded.
+@ Adds the products of four values of each pixel.
 .macro four_values
     vld1.32 {d0-d1}, [r1]!
     vld1.32 {d8-d11}, [r5]!

@@ -13,6 +13,8 @@ use super::{Factors, GROUP, NO_COLOUR, Pixel, Samples};
 /// The order of pairs of pixels in which [`interleaved`] returns consecutive pixels.
 const PAIRS: [i32; 8] = [0, 2, 4, 6, 1, 3, 5, 7];
 
+/// See [`super::Converter`].
+///
 /// # Safety
 /// The processor must have AVX2, and there must be samples for all pixels.
 #[target_feature(enable = "avx2")]
@@ -33,14 +35,14 @@ pub(super) unsafe fn convert(factors: &Factors, samples: &Samples, output: &mut 
     }
 }
 
-/// Luma of sixteen pixels, and Cb and Cr of every two of them.
+/// Loads luma of sixteen pixels, and Cb and Cr of every two of them.
 ///
 /// # Safety
 /// The processor must have AVX2, and there must be samples for sixteen pixels from number `first` on, which is even.
 #[inline]
 #[target_feature(enable = "avx2")]
 pub(super) unsafe fn load(samples: &Samples, first: usize) -> (__m256i, __m256i) {
-    // SAFETY: the caller vouches for 16 pixels: 32 bytes, or 16 of each plane, or 8 if a sample is that of two pixels.
+    // SAFETY: the caller vouches for 16 pixels: 32 bytes, or 16 of each plane, or 8 where two pixels share a sample.
     unsafe {
         let sixteen = |plane: &[u8]| _mm256_cvtepu8_epi16(_mm_loadu_si128(plane.as_ptr().add(first).cast()));
         match samples {
@@ -65,7 +67,7 @@ fn both_halves(half: __m128i) -> __m256i {
     _mm256_broadcastsi128_si256(half)
 }
 
-/// What does not change from group to group. Factors of Cb and Cr take turns.
+/// The vectors that are the same for all groups. Factors of Cb and Cr alternate.
 pub(super) struct Constants {
     luma: __m256i,
     black: __m256i,

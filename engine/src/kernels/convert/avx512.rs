@@ -8,7 +8,8 @@ use std::arch::x86_64::{
 use super::avx2::{Constants, load};
 use super::{Factors, GROUP, Pixel, Samples};
 
-/// Where the values of each half of a group are, if red, green, blue and zeros of all its pixels follow each other.
+/// For each value of both halves of a group, its place in the list of first all red, then all green, all blue and all
+/// unused values of the group.
 const PLACES: [[u16; 32]; 2] = places();
 
 #[expect(clippy::cast_possible_truncation, reason = "64 values")]
@@ -23,6 +24,8 @@ const fn places() -> [[u16; 32]; 2] {
     places
 }
 
+/// See [`super::Converter`].
+///
 /// # Safety
 /// The processor must have AVX2 and AVX-512 F and BW, and there must be samples for all pixels.
 #[target_feature(enable = "avx2,avx512f,avx512bw")]

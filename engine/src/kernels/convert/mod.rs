@@ -1,6 +1,6 @@
 //! Converts luma and chroma to red, green and blue, for [`sample`](super::sample).
 //!
-//! Products are those of factors in units of 1/8192, each rounded down by itself.
+//! Factors are in units of 1/8192, and each product is rounded down by itself.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -19,15 +19,15 @@ pub const GROUP: usize = 16;
 /// The factors of a conversion, in units of 1/8192.
 #[derive(Debug, Clone, Copy)]
 pub struct Factors {
-    /// Of luma, in all channels.
+    /// The factor of luma in all channels.
     pub luma: i16,
     /// The luma of black.
     pub black: i16,
-    /// Of Cr in red.
+    /// The factor of Cr in red.
     pub red: i16,
-    /// Of Cb and Cr in green.
+    /// The factors of Cb and Cr in green.
     pub green: [i16; 2],
-    /// Of Cb in blue.
+    /// The factor of Cb in blue.
     pub blue: i16,
 }
 
@@ -36,11 +36,11 @@ pub struct Factors {
 pub enum Samples<'a> {
     /// `Y0 Cb Y1 Cr`.
     Yuyv(&'a [u8]),
-    /// Luma, and `Cb Cr` of every two pixels.
+    /// A plane of luma, and a plane with `Cb Cr` for every two pixels.
     SemiPlanar(&'a [u8], &'a [u8]),
-    /// Luma, and Cb and Cr of every two pixels.
+    /// Planes of luma, Cb and Cr. Two pixels share a sample of Cb and Cr.
     Planar([&'a [u8]; 3]),
-    /// Luma.
+    /// Luma only.
     Grey(&'a [u8]),
 }
 

@@ -8,13 +8,15 @@ use std::arch::aarch64::{
 
 use super::{Factors, GROUP, NO_COLOUR, Pixel, Samples};
 
+/// See [`super::Converter`].
+///
 /// # Safety
 /// The processor must have NEON, and there must be samples for all pixels.
 #[target_feature(enable = "neon")]
 pub(super) unsafe fn convert(factors: &Factors, samples: &Samples, output: &mut [[Pixel; GROUP]]) {
     let constants = Constants::new(factors);
-    // SAFETY: there are samples for all pixels: for 16 of them 32 bytes, or 16 of each plane, or 8 if a sample is that of
-    // two pixels.
+    // SAFETY: there are samples for all pixels: for 16 of them 32 bytes, or 16 of each plane, or 8 where two pixels
+    // share a sample.
     unsafe {
         let sixteen = |plane: &[u8], group: usize| vld1q_u8(plane.as_ptr().add(group * GROUP));
         match samples {
@@ -36,7 +38,7 @@ pub(super) unsafe fn convert(factors: &Factors, samples: &Samples, output: &mut 
     }
 }
 
-/// What does not change from group to group. Factors of Cb and Cr take turns.
+/// The vectors that are the same for all groups. Factors of Cb and Cr alternate.
 struct Constants {
     luma: int16x8_t,
     black: int16x8_t,
@@ -64,8 +66,8 @@ impl Constants {
     fn convert(&self, output: &mut [[Pixel; GROUP]], load: impl Fn(usize) -> (uint8x16_t, uint8x16_t)) {
         for (group, pixels) in output.iter_mut().enumerate() {
             let (luma, chroma) = load(group);
-            let first = self.half(vget_low_u8(luma), vget_low_u8(chroma));
-            let last = self.half(vget_high_u8(luma), vget_high_u8(chroma));
+            let first = self.eight_pixels(vget_low_u8(luma), vget_low_u8(chroma));
+            let last = self.eight_pixels(vget_high_u8(luma), vget_high_u8(chroma));
             let to = pixels.as_mut_ptr();
             // SAFETY: each half of a group takes four vectors.
             unsafe {
@@ -78,7 +80,7 @@ impl Constants {
     /// Red, green, blue, and zeros of eight pixels.
     #[inline]
     #[target_feature(enable = "neon")]
-    fn half(&self, luma: uint8x8_t, chroma: uint8x8_t) -> int16x8x4_t {
+    fn eight_pixels(&self, luma: uint8x8_t, chroma: uint8x8_t) -> int16x8x4_t {
         // The upper 16 bits of a doubled product are the product divided by 4 * 8192.
         let luma = vsubq_s16(vreinterpretq_s16_u16(vshll_n_u8::<2>(luma)), self.black);
         let luma = vqdmulhq_s16(luma, self.luma);

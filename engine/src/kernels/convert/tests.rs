@@ -5,7 +5,7 @@ use crate::testing::Random;
 
 const FACTORS: Factors = Factors { luma: 9539, black: 16, red: 13075, green: [-3209, -6660], blue: 16525 };
 
-fn assert_like_plain(samples: &Samples, groups: usize) {
+fn assert_same_as_plain(samples: &Samples, groups: usize) {
     let mut wanted = vec![[[0; 4]; GROUP]; groups];
     plain(&FACTORS, samples, &mut wanted);
     for converter in available() {
@@ -20,20 +20,20 @@ fn assert_like_plain(samples: &Samples, groups: usize) {
 fn pixels_of_every_order_of_samples_are_those_of_the_plain_converter() {
     let mut random = Random::new(8);
     for groups in 0..40 {
-        // Exactly as many samples as there must be, so that a sanitizer sees a read past their end.
+        // Exactly as many samples as there must be, so that a sanitizer detects a read past their end.
         let mut bytes = |count: usize| (0..count).map(|_| u8::try_from(random.below(256)).unwrap()).collect::<Vec<_>>();
         let pixels = groups * GROUP;
-        assert_like_plain(&Samples::Yuyv(&bytes(2 * pixels)), groups);
-        assert_like_plain(&Samples::SemiPlanar(&bytes(pixels), &bytes(pixels)), groups);
-        assert_like_plain(&Samples::Planar([&bytes(pixels), &bytes(pixels / 2), &bytes(pixels / 2)]), groups);
-        assert_like_plain(&Samples::Grey(&bytes(pixels)), groups);
+        assert_same_as_plain(&Samples::Yuyv(&bytes(2 * pixels)), groups);
+        assert_same_as_plain(&Samples::SemiPlanar(&bytes(pixels), &bytes(pixels)), groups);
+        assert_same_as_plain(&Samples::Planar([&bytes(pixels), &bytes(pixels / 2), &bytes(pixels / 2)]), groups);
+        assert_same_as_plain(&Samples::Grey(&bytes(pixels)), groups);
     }
 }
 
 #[test]
-fn every_pair_of_luma_and_chroma_is_converted_like_by_the_plain_converter() {
+fn every_pair_of_luma_and_chroma_is_converted_as_by_the_plain_converter() {
     for luma in 0..=255 {
         let samples: Vec<u8> = (0..=255).flat_map(|chroma| [luma, chroma, 255 - luma, 255 - chroma]).collect();
-        assert_like_plain(&Samples::Yuyv(&samples), samples.len() / 2 / GROUP);
+        assert_same_as_plain(&Samples::Yuyv(&samples), samples.len() / 2 / GROUP);
     }
 }

@@ -1,5 +1,5 @@
 //! Kernels for aarch64 whose pointwise convolutions compute in half precision, eight values to a register, for cores that
-//! have it: Cortex-A55, Cortex-A76 and later ones. Everything else is that of [`super::neon`].
+//! have it: Cortex-A55, Cortex-A76 and later ones. All other kernels are those of [`super::neon`].
 //!
 //! Maps, bias and residual stay in single precision, and so do sums over more than [`GROUP`] channels. On faces, landmarks
 //! then lie 0.006 px from those of single precision on average, and at most 0.04 px, in a region of 192 px. With groups of 32
@@ -23,7 +23,7 @@ const GROUP: usize = 16;
 /// Values of a vector of channels.
 const VECTOR: usize = 4;
 
-// Of this table, the pointwise convolution is replaced.
+// `HALF` replaces the pointwise convolution of this table.
 kernels!(Neon<true>, "neon-half", vectors: 2, tail: 4, stem_vectors: 4, dense_vectors: 8, features: "neon");
 
 pub(super) static HALF: Kernels = Kernels { half: true, panel: PANEL, pointwise: half_pointwise, ..KERNELS };
@@ -40,7 +40,7 @@ struct Panel {
     weights: *const f32,
     bias: *const f32,
     slopes: *const f32,
-    /// Whether a slope is above 1: then the larger of a value and its product is not always the result.
+    /// Whether a slope is above 1. If none is, the result is the larger of a value and its product with the slope.
     is_steep: usize,
     residual: *const f32,
     output: *mut f32,

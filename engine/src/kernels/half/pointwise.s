@@ -6,8 +6,8 @@
 // added to these. Longer sums in half precision would lose small products to rounding.
 //
 // x1 operand, x2 weights, x3 operand of a channel, x5 groups left besides the last, x6 residual, x7 output, x8 pixels left,
-// x9 and x10 bytes between pixels of residual and output, x11 bytes between vectors of channels of the operand, x12 x11 - 32,
-// x13 bias, x14 slopes, x15 first weights, x16 whether a slope is above 1, x17 sums of a pixel on the stack.
+// x9 and x10 bytes between pixels of residual and output, x11 bytes between vectors of channels of the operand,
+// x12 is x11 - 32, x13 bias, x14 slopes, x15 first weights, x16 whether a slope is above 1, x17 sums of a pixel on the stack.
 
     .text
     .arch_extension fp16
@@ -57,7 +57,7 @@
     .endif
 .endm
 
-// Four channels, the first of them by \operation; then loads the next four if \more.
+// Multiplies four channels, the first of them with \operation, and loads the next four if \more.
 .macro four_channels pixels, operation, more
     products \operation, \pixels, v4, v5, 0
     more_products \operation, \pixels, v4, v5, 0
@@ -81,7 +81,7 @@
     .endif
 .endm
 
-// A group of channels; then loads the first four of the next one if \more.
+// Multiplies a group of channels, and loads the first four channels of the next group if \more.
 .macro sixteen_channels pixels, more
     four_channels \pixels, fmul, 1
     four_channels \pixels, fmla, 1
@@ -89,7 +89,7 @@
     four_channels \pixels, fmla, \more
 .endm
 
-// Does \operation for each of \pixels pixels; its last two arguments are the registers with the sums of the pixel.
+// Runs \operation for each of \pixels pixels; its last two arguments are the registers with the sums of the pixel.
 .macro each_pixel pixels, operation:vararg
     \operation v16, v17
     .if \pixels > 1
@@ -165,7 +165,7 @@
     st1 {v0.4s-v3.4s}, [x7], x10
 .endm
 
-// Computes \pixels pixels as long as as many are left.
+// Computes \pixels pixels at a time while at least that many are left.
 .macro tiles pixels
     cmp x8, #\pixels
     b.lo 6f
@@ -227,7 +227,7 @@ facewire_engine_half_pointwise:
     ret
     .size facewire_engine_half_pointwise, . - facewire_engine_half_pointwise
 
-// Macros and directives reach into the assembly of other crates that is compiled together with this.
+// Without these lines, the macros and directives would apply to the assembly of other crates that is compiled with this.
     .arch_extension nofp16
     .purgem products
     .purgem more_products

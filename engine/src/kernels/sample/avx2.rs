@@ -15,6 +15,8 @@ use super::{Line, Pixel, WHITE, plain};
 /// Samples of a group.
 const GROUP: usize = 8;
 
+/// See [`super::Sampler`].
+///
 /// # Safety
 /// The processor must have AVX2, and the line must be inside its pixels.
 #[target_feature(enable = "avx2")]
@@ -26,8 +28,8 @@ pub(super) unsafe fn sample(line: &Line, output: &mut [f32]) {
     let group_step = |step: i32| step.wrapping_mul(GROUP as i32);
     let (step_x, step_y) = (_mm256_set1_epi32(group_step(line.step[0])), _mm256_set1_epi32(group_step(line.step[1])));
     for group in 0..groups {
-        // SAFETY: the samples are inside the pixels. A store writes one value after its sample, which belongs to the
-        // next sample and is stored after it. The last sample has no such value, which is why it is stored in parts.
+        // SAFETY: the samples are inside the pixels. A store also writes one value after its sample, which the store of the
+        // next sample overwrites. No value follows the last sample, which is why it is stored in parts.
         unsafe {
             let values = group_of(line, x, y);
             let to = to.add(group * 3 * GROUP);
@@ -61,7 +63,7 @@ fn positions(start: i32, step: i32) -> __m256i {
     _mm256_add_epi32(_mm256_mullo_epi32(numbers, _mm256_set1_epi32(step)), _mm256_set1_epi32(start))
 }
 
-/// The part of positions behind the point, in 1/32.
+/// The fractional part of each position, in 1/32.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn fractions(positions: __m256i) -> __m256i {
@@ -76,7 +78,7 @@ fn fractions(positions: __m256i) -> __m256i {
 #[target_feature(enable = "avx2")]
 unsafe fn group_of(line: &Line, x: __m256i, y: __m256i) -> [__m256; 4] {
     let (right, down) = (fractions(x), fractions(y));
-    // The weights of left and right as a pair of 16-bit numbers, and twice the weight of the lower row.
+    // Pairs of 16-bit numbers: the weights of the left and the right pixel, and the weight of the lower row in both places.
     let left = _mm256_sub_epi32(_mm256_set1_epi32(32), right);
     let across = _mm256_or_si256(left, _mm256_slli_epi32::<16>(right));
     let down = _mm256_or_si256(down, _mm256_slli_epi32::<16>(down));

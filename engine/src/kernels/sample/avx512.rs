@@ -14,9 +14,10 @@ use super::{Line, Pixel, WHITE, plain};
 /// Samples of a group.
 const GROUP: usize = 16;
 
-/// Where the values of each third of a group are: see [`group_of`]. Values of vectors 1 and 3 count from 16.
+/// For each value of the thirds of a group, its place in the vector that [`group_of`] returns it in. Places in vectors 1
+/// and 3 are counted from 16.
 const PLACES: [[i32; 16]; 3] = places().0;
-/// Which values of each third of a group are those of vectors 2 and 3.
+/// For each third of a group, a mask of the values that are in vectors 2 and 3.
 const IN_UPPER_VECTORS: [u16; 3] = places().1;
 
 const fn places() -> ([[i32; 16]; 3], [u16; 3]) {
@@ -32,6 +33,8 @@ const fn places() -> ([[i32; 16]; 3], [u16; 3]) {
     (places, masks)
 }
 
+/// See [`super::Sampler`].
+///
 /// # Safety
 /// The processor must have AVX-512 F and BW, and the line must be inside its pixels.
 #[target_feature(enable = "avx512f,avx512bw")]
@@ -71,7 +74,7 @@ fn positions(start: i32, step: i32) -> __m512i {
     _mm512_add_epi32(_mm512_mullo_epi32(numbers, _mm512_set1_epi32(step)), _mm512_set1_epi32(start))
 }
 
-/// The part of positions behind the point, in 1/32.
+/// The fractional part of each position, in 1/32.
 #[inline]
 #[target_feature(enable = "avx512f,avx512bw")]
 fn fractions(positions: __m512i) -> __m512i {
@@ -86,7 +89,7 @@ fn fractions(positions: __m512i) -> __m512i {
 #[target_feature(enable = "avx512f,avx512bw")]
 unsafe fn group_of(line: &Line, x: __m512i, y: __m512i) -> [__m512; 4] {
     let (right, down) = (fractions(x), fractions(y));
-    // The weights of left and right as a pair of 16-bit numbers, and twice the weight of the lower row.
+    // Pairs of 16-bit numbers: the weights of the left and the right pixel, and the weight of the lower row in both places.
     let left = _mm512_sub_epi32(_mm512_set1_epi32(32), right);
     let across = _mm512_or_si512(left, _mm512_slli_epi32::<16>(right));
     let down = _mm512_or_si512(down, _mm512_slli_epi32::<16>(down));

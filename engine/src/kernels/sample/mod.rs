@@ -19,7 +19,7 @@ pub type Pixel = [i16; 4];
 /// Full brightness of a weighted sum of four pixels, whose weights add up to 1024.
 pub const WHITE: i32 = 255 << 10;
 
-/// Largest number of pixels: their bytes are counted in 32 bits.
+/// Largest number of pixels, so that the number of their bytes fits 32 bits.
 const MAX_PIXELS: usize = 1 << 28;
 
 /// Samples at equal distances on a straight line.
@@ -33,7 +33,7 @@ pub struct Line<'a> {
     pub start: [i32; 2],
     /// Columns and rows from one sample to the next.
     pub step: [i32; 2],
-    /// The factor from levels, of which 0 is black and [`WHITE`] is full brightness, to values.
+    /// The value of one level. Level 0 is black, and level [`WHITE`] is full brightness.
     pub scale: f32,
 }
 

@@ -12,6 +12,8 @@ use super::{Line, Pixel, WHITE, plain};
 /// Samples of a group.
 const GROUP: usize = 4;
 
+/// See [`super::Sampler`].
+///
 /// # Safety
 /// The processor must have NEON, and the line must be inside its pixels.
 #[target_feature(enable = "neon")]
@@ -25,8 +27,8 @@ pub(super) unsafe fn sample(line: &Line, output: &mut [f32]) {
     let [step_x, step_y] = line.step.map(|step| vdupq_n_s32(step.wrapping_mul(GROUP as i32)));
     for group in 0..groups {
         let is_last = group + 1 == groups;
-        // SAFETY: the samples are inside the pixels. A store writes one value after its sample, which belongs to the
-        // next sample and is stored after it. The last sample has no such value, which is why it is stored in parts.
+        // SAFETY: the samples are inside the pixels. A store also writes one value after its sample, which the store of the
+        // next sample overwrites. No value follows the last sample, which is why it is stored in parts.
         unsafe {
             let [first, second, third, fourth] = group_of(line, x, y);
             vst1q_f32(to, first);

@@ -22,7 +22,7 @@ fn samples_are_those_of_the_plain_sampler_bit_for_bit() {
     let mut random = Random::new(5);
     for samples in (0..60).chain([192; 20]) {
         let stride = random.below(60) + 2;
-        // Exactly as many pixels as the line may touch, so that a sanitizer sees a read past their end.
+        // Exactly as many pixels as the line may touch, so that a sanitizer detects a read past their end.
         let rows = random.below(40) + 2;
         let pixels = pixels(&mut random, stride * rows);
         let line = line(&mut random, &pixels, stride, samples);

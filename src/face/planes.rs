@@ -1,14 +1,11 @@
 //! Reads pixels of a picture of any format as red, green and blue.
 
-use facewire_engine::kernels::convert::{Factors, GROUP, Samples, convert};
+use facewire_engine::kernels::convert::{Factors, GROUP, NO_COLOUR, Samples, convert};
 use facewire_engine::kernels::sample::Pixel;
 
 use super::block::signed;
 use super::colour::factors;
 use crate::capture::{Picture, Pixels};
-
-/// Chroma of a picture without chroma planes.
-const GREY: u8 = 128;
 
 /// The pixels of a picture.
 pub(super) struct Planes<'a> {
@@ -34,7 +31,7 @@ impl<'a> Planes<'a> {
     #[inline]
     pub(super) fn nearest(&self, [x, y]: [i32; 2]) -> Pixel {
         let [x, y] = [(x, self.last[0]), (y, self.last[1])].map(|(at, last)| at.clamp(0, last).unsigned_abs() as usize);
-        let get = |plane: &[u8], at: usize| plane.get(at).copied().unwrap_or(GREY);
+        let get = |plane: &[u8], at: usize| plane.get(at).copied().unwrap_or(NO_COLOUR);
         let samples = match self.pixels {
             Pixels::Yuyv { data, stride } => [2 * x, x / 2 * 4 + 1, x / 2 * 4 + 3].map(|at| get(data, y * stride + at)),
             Pixels::Nv12 { luma, chroma, stride } => {
@@ -45,7 +42,7 @@ impl<'a> Planes<'a> {
                 let at = (y >> chroma_shift[1]) * strides[1] + (x >> chroma_shift[0]);
                 [get(luma, y * strides[0] + x), get(cb, at), get(cr, at)]
             }
-            Pixels::Grey { data, stride } => [get(data, y * stride + x), GREY, GREY],
+            Pixels::Grey { data, stride } => [get(data, y * stride + x), NO_COLOUR, NO_COLOUR],
         };
         self.factors.pixel(samples)
     }

@@ -13,6 +13,12 @@ pub(super) enum Finish<V, const N: usize> {
     Prelu([V; N]),
 }
 
+/// Returns whether no slope is above 1, so that PReLU is the larger of a value and its product with the slope.
+#[inline(always)]
+pub(super) fn are_gentle(slopes: &[f32]) -> bool {
+    slopes.iter().all(|slope| *slope <= 1.0)
+}
+
 impl<V: Copy, const N: usize> Finish<V, N> {
     /// The activation of `N` vectors of channels from `channel` on.
     ///
@@ -28,7 +34,7 @@ impl<V: Copy, const N: usize> Finish<V, N> {
                 let (slopes, all) = unsafe {
                     (slopes.get_unchecked(channel..channel + N * I::LANES), vectors::<I, N>(slopes, channel))
                 };
-                if slopes.iter().all(|slope| *slope <= 1.0) { Self::GentlePrelu(all) } else { Self::Prelu(all) }
+                if are_gentle(slopes) { Self::GentlePrelu(all) } else { Self::Prelu(all) }
             }
         }
     }

@@ -5,13 +5,14 @@ use super::Pointwise;
 use super::finish::{Finish, assert_slopes};
 use super::vector::{InstructionSet, vectors};
 
-/// Panics if an area of a task is too small, or if a number of channels is no multiple of `lanes`.
-pub(super) fn check(task: &Pointwise, lanes: usize, output: &[f32]) {
+/// Panics if an area of a task is too small, or if a number of channels is no multiple of `lanes`. Each `f32` of operand and
+/// weights holds `packed` numbers: 2 in half precision.
+pub(super) fn check(task: &Pointwise, lanes: usize, packed: usize, output: &[f32]) {
     let &Pointwise { pixels, depth, channels, residual, residual_channels, .. } = task;
     assert!([depth, channels, residual_channels].iter().all(|count| count.is_multiple_of(lanes)));
     assert!(depth > 0 && residual_channels <= channels);
-    assert!(task.operand.len() >= pixels * depth);
-    assert!(task.weights.len() >= depth * channels && task.bias.len() >= channels);
+    assert!(task.operand.len() >= pixels * depth / packed);
+    assert!(task.weights.len() >= depth * channels / packed && task.bias.len() >= channels);
     assert!(output.len() >= pixels * channels);
     assert!(residual.is_empty() || residual.len() >= pixels * residual_channels);
     assert_slopes(task.activation, channels);
@@ -26,7 +27,7 @@ pub(super) unsafe fn pointwise<I: InstructionSet, const N: usize, const TAIL: us
     task: &Pointwise,
     output: &mut [f32],
 ) {
-    check(task, TAIL * I::LANES, output);
+    check(task, TAIL * I::LANES, 1, output);
     let (mut channel, channels) = (0, task.channels);
     // SAFETY: all sizes were checked above, and each panel lies below `channels`.
     unsafe {

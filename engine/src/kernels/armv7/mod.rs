@@ -10,6 +10,7 @@ use std::arch::global_asm;
 use std::ffi::c_ulong;
 use std::ptr::null;
 
+use super::finish::are_gentle;
 use super::peak::FACTOR;
 use super::{Activation, Dense, Depthwise, Kernels, Pointwise, Stem};
 use super::{dense, depthwise, pointwise, stem};
@@ -91,7 +92,7 @@ fn finish(activation: Activation, channel: usize) -> (*const f32, usize) {
         Activation::Relu => (null(), 1),
         Activation::Prelu(slopes) => {
             let slopes = &slopes[channel..channel + PANEL];
-            (slopes.as_ptr(), if slopes.iter().all(|slope| *slope <= 1.0) { 2 } else { 3 })
+            (slopes.as_ptr(), if are_gentle(slopes) { 2 } else { 3 })
         }
     }
 }
@@ -117,7 +118,7 @@ struct PointwisePanel {
 }
 
 fn compute_pointwise(task: &Pointwise, output: &mut [f32]) {
-    pointwise::check(task, PANEL, output);
+    pointwise::check(task, PANEL, 1, output);
     let residual_channels = if task.residual.is_empty() { 0 } else { task.residual_channels };
     for channel in (0..task.channels).step_by(PANEL) {
         let (slopes, activation) = finish(task.activation, channel);

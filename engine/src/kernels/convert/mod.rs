@@ -68,7 +68,7 @@ impl Samples<'_> {
 }
 
 /// Chroma of a grey pixel.
-const NO_COLOUR: u8 = 128;
+pub const NO_COLOUR: u8 = 128;
 
 /// Converts whole groups of pixels. There must be samples for all of them.
 type Converter = unsafe fn(&Factors, &Samples, &mut [[Pixel; GROUP]]);

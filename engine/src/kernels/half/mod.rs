@@ -8,8 +8,9 @@
 
 use std::arch::global_asm;
 
-use super::finish::assert_slopes;
+use super::finish::are_gentle;
 use super::neon::Neon;
+use super::pointwise::check;
 use super::table::kernels;
 use super::vector::InstructionSet;
 use super::{Activation, Kernels, Pointwise};
@@ -56,7 +57,7 @@ struct Panel {
 
 /// See [`Kernels::pointwise`].
 fn half_pointwise(task: &Pointwise, output: &mut [f32]) {
-    check(task, output);
+    check(task, PANEL, 2, output);
     let residual_channels = if task.residual.is_empty() { 0 } else { task.residual_channels };
     for channel in (0..task.channels).step_by(PANEL) {
         let (slopes, is_steep) = match task.activation {
@@ -64,7 +65,7 @@ fn half_pointwise(task: &Pointwise, output: &mut [f32]) {
             Activation::Relu => (&[0.0; PANEL][..], false),
             Activation::Prelu(slopes) => {
                 let slopes = &slopes[channel..channel + PANEL];
-                (slopes, slopes.iter().any(|slope| *slope > 1.0))
+                (slopes, !are_gentle(slopes))
             }
         };
         let (residual, residual_step) = if channel < residual_channels {
@@ -89,16 +90,4 @@ fn half_pointwise(task: &Pointwise, output: &mut [f32]) {
         // SAFETY: the sizes were checked; these kernels are handed out only where half precision was detected.
         unsafe { pointwise_panel(&panel) }
     }
-}
-
-/// Panics if an area of a task is too small, or if a number of channels is no multiple of a panel's.
-fn check(task: &Pointwise, output: &[f32]) {
-    let &Pointwise { pixels, depth, channels, residual, residual_channels, .. } = task;
-    assert!([depth, channels, residual_channels].iter().all(|count| count.is_multiple_of(PANEL)));
-    assert!(depth > 0 && residual_channels <= channels);
-    assert!(task.operand.len() >= pixels * depth / 2);
-    assert!(task.weights.len() >= depth * channels / 2 && task.bias.len() >= channels);
-    assert!(output.len() >= pixels * channels);
-    assert!(residual.is_empty() || residual.len() >= pixels * residual_channels);
-    assert_slopes(task.activation, channels);
 }

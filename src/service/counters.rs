@@ -10,6 +10,7 @@ use facewire_packet::State;
 
 use super::heartbeat::Heartbeats;
 use super::times::{Quantiles, Times};
+use crate::impairment::{COUNT, ImpairmentSet, Impairments};
 use crate::link::Traffic;
 
 /// The states of the failsafe; [`Counters::state`] holds an index into this array.
@@ -52,6 +53,8 @@ pub struct Counters {
     refusal: AtomicU64,
     /// Mean time between processed frames at present, microseconds. The failsafe is more patient with slow cameras.
     pub(super) frame_period_us: AtomicU64,
+    /// What makes tracking poor at present.
+    pub(super) impairments: Impairments,
     /// The state of the failsafe at present, as an index into [`STATES`].
     state: AtomicU64,
     /// Distributions of times.
@@ -126,6 +129,8 @@ impl Counters {
             dropped: self.traffic.dropped.load(Relaxed),
             links_open: self.links_open.load(Relaxed),
             state: state.copied().unwrap_or_default(),
+            impaired_by: self.impairments.present(),
+            impairments: self.impairments.begun(),
             times_ms: self.times.quantiles(),
         }
     }
@@ -171,6 +176,10 @@ pub struct Status {
     pub links_open: u64,
     /// The failsafe's state.
     pub state: State,
+    /// What makes tracking poor.
+    pub impaired_by: ImpairmentSet,
+    /// The name of each impairment, and how often it has begun.
+    pub impairments: [(&'static str, u64); COUNT],
     /// Names and distributions of times: wait, detect, mesh, solve, work, age.
     pub times_ms: [(&'static str, Quantiles); 6],
 }
@@ -185,7 +194,7 @@ impl fmt::Display for Status {
             self.engine_failures
         )?;
         write!(f, " packets={} sent={} dropped={}", self.packets, self.sent, self.dropped)?;
-        write!(f, " links_open={} state={}", self.links_open, self.state.name())?;
+        write!(f, " links_open={} state={} impaired_by={}", self.links_open, self.state.name(), self.impaired_by)?;
         self.times_ms.iter().try_for_each(|(name, quantiles)| write!(f, " {name}_ms={quantiles}"))
     }
 }
@@ -193,6 +202,7 @@ impl fmt::Display for Status {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::impairment::Impairment;
 
     #[test]
     fn the_status_line_has_every_count_under_its_name() {
@@ -202,8 +212,16 @@ mod tests {
         counters.deadline_misses.store(2, Relaxed);
         counters.traffic.sent.store(3, Relaxed);
         counters.times.age.record(Duration::from_millis(8));
+        counters.impairments.set(Impairment::Dark, true);
         let line = counters.status().to_string();
-        let parts = ["frames=10 ", " no_face=1 ", " deadline_misses=2 ", " sent=3 ", " wait_ms=0.000/0.000/0.000 "];
+        let parts = [
+            "frames=10 ",
+            " impaired_by=dark ",
+            " no_face=1 ",
+            " deadline_misses=2 ",
+            " sent=3 ",
+            " wait_ms=0.000/0.000/0.000 ",
+        ];
         assert!(parts.iter().all(|part| line.contains(part)), "{line}");
         assert!(line.ends_with(" age_ms=8.13/8.13/8.13"), "{line}");
         assert!(line.split(' ').all(|part| part.matches('=').count() == 1), "{line}");

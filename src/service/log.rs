@@ -6,10 +6,14 @@ use std::time::{Duration, Instant};
 use super::counters::{Counters, Status};
 use super::realtime::Grant;
 use super::report::Event;
+use crate::impairment::{Impairment, ImpairmentSet};
 use crate::retry::LoggedReasons;
 
 /// Time between two status lines.
 const STATUS_PERIOD: Duration = Duration::from_secs(10);
+
+/// An impairment that begins again within this time is not logged again.
+const IMPAIRMENT_PERIOD: Duration = Duration::from_mins(10);
 
 /// What the log has said so far, as far as the next lines depend on it.
 pub(super) struct Log {
@@ -19,6 +23,10 @@ pub(super) struct Log {
     blind_because: LoggedReasons,
     /// Why the network takes no packets, as it was logged last.
     refusal: LoggedReasons,
+    /// The impairments at the last look.
+    impaired_by: ImpairmentSet,
+    /// When each impairment was logged last.
+    impaired_at: [Option<Instant>; Impairment::ALL.len()],
     /// Real-time requests and the system's answers.
     grants: Vec<Grant>,
     /// When the next status line is due.
@@ -34,6 +42,8 @@ impl Default for Log {
             camera: Err("no camera has been opened yet".to_owned()),
             blind_because: LoggedReasons::default(),
             refusal: LoggedReasons::default(),
+            impaired_by: ImpairmentSet::default(),
+            impaired_at: Default::default(),
             grants: Vec::new(),
             status_due: now + STATUS_PERIOD,
             last_status: (now, 0),
@@ -98,6 +108,18 @@ impl Log {
             None => self.refusal.clear(),
             Some(reason) if self.refusal.is_new(&reason) => tracing::warn!("{reason}"),
             Some(_) => {}
+        }
+    }
+
+    /// Logs each impairment that has begun since the last call. The status line says when it has passed.
+    pub(super) fn impairments(&mut self, present: ImpairmentSet) {
+        let before = std::mem::replace(&mut self.impaired_by, present);
+        for (impairment, logged_at) in Impairment::ALL.into_iter().zip(&mut self.impaired_at) {
+            let has_begun = present.contains(impairment) && !before.contains(impairment);
+            if has_begun && logged_at.is_none_or(|logged_at| logged_at.elapsed() >= IMPAIRMENT_PERIOD) {
+                *logged_at = Some(Instant::now());
+                tracing::warn!("tracking is impaired: {}", impairment.sentence());
+            }
         }
     }
 

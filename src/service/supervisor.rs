@@ -74,6 +74,7 @@ impl Supervisor {
             self.receive();
             self.reload();
             self.ping();
+            self.log.impairments(self.counters.impairments.present());
             self.tell_status();
         }
         tracing::info!("stopping");

@@ -13,6 +13,7 @@ use prometheus_client::metrics::{MetricType, TypedMetric};
 use prometheus_client::registry::{Registry, Unit};
 use rustix::param::page_size;
 
+use crate::impairment::Impairment;
 use crate::service::counters::{Counters, STATES, Status};
 use crate::service::histogram::Histogram;
 
@@ -58,6 +59,7 @@ impl Collector for CountersCollector {
         let mut writer = Writer(encoder);
         writer.frames(&self.0.status())?;
         writer.packets(&self.0.status())?;
+        writer.impairments(&self.0.status())?;
         writer.times(&self.0)?;
         let help = "Resident memory of the process.";
         let mut metric = writer.0.encode_descriptor("resident_memory", help, Some(&Unit::Bytes), MetricType::Gauge)?;
@@ -88,6 +90,13 @@ impl Writer<'_> {
         self.metric("links_open", "Links that are open.", &ConstGauge::new(status.links_open))?;
         let gauges = STATES.map(|state| (state.name(), ConstGauge::new(u64::from(state == status.state))));
         self.family("failsafe_state", "1 for the present state of the failsafe, 0 for the others.", "state", &gauges)
+    }
+
+    fn impairments(&mut self, status: &Status) -> fmt::Result {
+        let present =
+            Impairment::ALL.map(|by| (by.name(), ConstGauge::new(u64::from(status.impaired_by.contains(by)))));
+        self.family("impaired", "1 for each present impairment of tracking, else 0.", "by", &present)?;
+        self.counters("impairments", "How often each impairment has begun.", "by", status.impairments)
     }
 
     fn times(&mut self, counters: &Counters) -> fmt::Result {
@@ -163,6 +172,7 @@ mod tests {
         let counters = Arc::new(Counters::default());
         counters.solved.store(7, Relaxed);
         counters.traffic.dropped.store(2, Relaxed);
+        counters.impairments.set(Impairment::Hot, true);
         counters.times.mesh.record(Duration::from_micros(20));
         let page = Page::new(counters).text();
         for line in [
@@ -171,6 +181,9 @@ mod tests {
             "facewire_link_packets_total{result=\"dropped\"} 2",
             "facewire_failsafe_state{state=\"neutral\"} 1",
             "facewire_failsafe_state{state=\"live\"} 0",
+            "facewire_impaired{by=\"hot\"} 1",
+            "facewire_impaired{by=\"dark\"} 0",
+            "facewire_impairments_total{by=\"hot\"} 1",
             "# UNIT facewire_stage_seconds seconds",
             "facewire_stage_seconds_bucket{le=\"0.000016384\",stage=\"mesh\"} 0",
             "facewire_stage_seconds_bucket{le=\"0.000024576\",stage=\"mesh\"} 1",

@@ -12,6 +12,7 @@ pub mod capture;
 pub mod cli;
 pub mod config;
 pub mod face;
+pub mod hardware;
 pub mod impairment;
 pub mod infer;
 pub mod link;

@@ -5,8 +5,10 @@ use clap::Args;
 use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{Clip, Frame, Source as _};
-use crate::config::{CameraSettings, NetworkSettings, Settings};
+use crate::config::{CameraSettings, HardwareSettings, NetworkSettings, Settings};
 use crate::face::Landmarks;
+use crate::hardware::{self, Sensors};
+use crate::impairment::ImpairmentSet;
 use crate::link::Link;
 use crate::preflight::{load_solver, load_tracker};
 use crate::service::{await_picture, open_camera};
@@ -38,6 +40,8 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
         ("networks", face.map(|_| "they find the face of the built-in clip".to_owned())),
         ("camera", check_camera(&settings.camera)),
     ];
+    // The board is looked at while it is still at work.
+    check_board(&settings.hardware)?;
     let links = Link::check_all(&settings.links).into_iter().map(|outcome| ("link", outcome.map_err(Failure::from)));
     let mut first = None;
     for (part, outcome) in parts.into_iter().chain(links) {
@@ -50,6 +54,18 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
         }
     }
     first.map_or(Ok(()), Err)
+}
+
+/// Reads the sensors of the board. What impairs tracking is no failure: the service works all the same.
+fn check_board(settings: &HardwareSettings) -> Result<(), Failure> {
+    let readings = Sensors::find(&hardware::root(), settings).read();
+    print(&format!("board     ok: {readings}\n"))?;
+    print_impairments("board", readings.impairments())
+}
+
+/// Prints a line for each impairment that was found at a part.
+fn print_impairments(part: &str, found: ImpairmentSet) -> Result<(), Failure> {
+    found.iter().try_for_each(|impairment| print(&format!("{part:<9} POOR: {}\n", impairment.sentence())))
 }
 
 /// Landmarks, and the size of the picture in which they were found.

@@ -40,6 +40,7 @@ pub fn written(settings: &Settings) -> String {
     write(&mut text, "[failsafe]", &settings.failsafe);
     write(&mut text, "[send]", &settings.send);
     write(&mut text, "[realtime]", &settings.realtime);
+    write(&mut text, "[hardware]", &settings.hardware);
     write(&mut text, "[metrics]", &settings.metrics);
     write(&mut text, "[log]", &settings.log);
     for link in &settings.links {

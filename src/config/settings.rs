@@ -28,6 +28,8 @@ pub struct Settings {
     pub links: Vec<LinkSettings>,
     /// `[realtime]`
     pub realtime: RealtimeSettings,
+    /// `[hardware]`
+    pub hardware: HardwareSettings,
     /// `[metrics]`
     pub metrics: MetricsSettings,
     /// `[log]`
@@ -44,6 +46,7 @@ impl Default for Settings {
             send: SendSettings::default(),
             links: vec![LinkSettings::default()],
             realtime: RealtimeSettings::default(),
+            hardware: HardwareSettings::default(),
             metrics: MetricsSettings::default(),
             log: LogSettings::default(),
         }
@@ -142,6 +145,18 @@ section! {
         hot_cpu: i32 = -1, -1..=1023, "";
         /// The CPU on which the thread that sends packets runs; -1 lets the system choose.
         sender_cpu: i32 = -1, -1..=1023, "";
+    }
+}
+
+section! {
+    /// The sensors of the board. The service and `facewire check` tell when the board slows down.
+    HardwareSettings {
+        /// The thermal zone of the processor: the text in a file `/sys/class/thermal/thermal_zone*/type`. If empty,
+        /// facewire finds it.
+        thermal_zone: String = String::new(), (), "";
+        /// From this temperature on the processor is hot. 0 stands for the temperature at which the kernel slows the
+        /// processor down, or 10 degrees below the one at which it switches the board off.
+        temperature_limit_c: u32 = 0, 0..=120, " (°C)";
     }
 }
 

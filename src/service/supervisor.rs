@@ -18,6 +18,7 @@ use super::reload::Reloader;
 use super::report::Event;
 use crate::capture::monotonic_us;
 use crate::config::Listen;
+use crate::hardware::{self, Hardware};
 
 /// Time between two looks at the signals.
 const TICK: Duration = Duration::from_millis(50);
@@ -57,12 +58,15 @@ pub(super) struct Supervisor {
     log: Log,
     /// Where the metrics are served, and the thread that serves them.
     metrics: (Listen, Option<Metrics>),
+    hardware: Hardware,
 }
 
 impl Supervisor {
     pub(super) fn new(counters: Arc<Counters>, signals: Signals, events: Receiver<Event>, reloader: Reloader) -> Self {
         let watchdog = Watchdog::from_env(monotonic_us());
-        Self { counters, signals, events, reloader, watchdog, log: Log::default(), metrics: (Listen::Off, None) }
+        let hardware = Hardware::new(hardware::root(), reloader.live().hardware.clone());
+        let metrics = (Listen::Off, None);
+        Self { counters, signals, events, reloader, watchdog, log: Log::default(), metrics, hardware }
     }
 
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
@@ -74,6 +78,7 @@ impl Supervisor {
             self.receive();
             self.reload();
             self.ping();
+            self.sense();
             self.log.impairments(self.counters.impairments.present());
             self.tell_status();
         }
@@ -116,6 +121,16 @@ impl Supervisor {
         if let Some(watchdog) = &mut self.watchdog {
             let now_us = monotonic_us();
             watchdog.update(self.counters.heartbeats.are_alive(now_us), now_us);
+        }
+    }
+
+    /// Looks for impairments that the hardware causes. Sets only those that have changed, so that a rehearsal may set
+    /// others.
+    fn sense(&mut self) {
+        self.hardware.set(&self.reloader.live().hardware);
+        let Some(found) = self.hardware.poll(monotonic_us()) else { return };
+        for impairment in Hardware::FINDS {
+            self.counters.impairments.set(impairment, found.contains(impairment));
         }
     }
 

@@ -13,7 +13,9 @@ pub(super) struct Tree(pub(super) TempDir);
 impl Tree {
     pub(super) fn new(files: &[(&str, &str)]) -> Self {
         let tree = Self(tempfile::tempdir().unwrap());
-        files.iter().for_each(|(path, text)| tree.write(path, text));
+        for (path, text) in files {
+            tree.write(path, text);
+        }
         tree
     }
 

@@ -78,3 +78,28 @@ fn check_shows_the_figures_of_the_board_and_the_remedy_for_what_slows_it_down_an
     }
     assert!(!check().contains("POOR"), "{}", check());
 }
+
+#[test]
+fn the_board_is_recognised_and_told_by_run_and_check_unless_the_settings_name_another_one() {
+    let root = board(&IMPAIRED_PI4);
+    fs::create_dir_all(root.path().join("proc/device-tree")).unwrap();
+    fs::write(root.path().join("proc/device-tree/compatible"), "raspberrypi,4-model-b\0brcm,bcm2711\0").unwrap();
+    fs::write(root.path().join("proc/device-tree/model"), "Raspberry Pi 4 Model B Rev 1.4\0").unwrap();
+    let told = "pi4, recognised by \"brcm,bcm2711\" in the device tree (Raspberry Pi 4 Model B Rev 1.4)";
+    let check = |arguments: &[&str], toml: &str| {
+        let file = settings(&["[camera]\ndevice = \"demo\"\n", toml].concat());
+        let mut command = facewire([&["check", "--config", text(file.path())], arguments].concat());
+        Run::of(command.env("FACEWIRE_SYSROOT", root.path())).succeeded().out
+    };
+    assert!(check(&[], "").contains(&format!("board     ok: {told}; processor")), "{}", check(&[], ""));
+    let other = check(&["--board", "pi-zero-2w"], "");
+    assert!(other.contains("ok: pi-zero-2w, because the settings say so; this is pi4 (Raspberry Pi 4"), "{other}");
+
+    let receiver = Receiver::new();
+    let service = Service::start_with("[camera]\ndevice = \"demo\"\n", &[receiver.address()], |command| {
+        command.env("FACEWIRE_SYSROOT", root.path()).stderr(std::process::Stdio::piped())
+    });
+    receiver.packet();
+    let log = service.stop(Signal::TERM).0.succeeded().err;
+    assert!(log.contains(&format!(" board {told}\n")), "{log}");
+}

@@ -12,13 +12,13 @@ const ONE_MORE: &str = "no_such_table";
 static FILE: LazyLock<PathBuf> =
     LazyLock::new(|| std::env::temp_dir().join(format!("facewire-fuzz-{}.toml", std::process::id())));
 
-/// Checks that any file, over the settings of any board (the first byte, `1` to `4`, chooses one), is accepted or refused
+/// Checks that any file, over the settings of any board (the first byte, `1` to `8`, chooses one), is accepted or refused
 /// with faults that each fill one line and name an existing line. Accepted settings load back unchanged from their written
 /// form. An additional fault is reported beside all others.
 pub fn configuration(data: &[u8]) {
     fs::write(&*FILE, data).unwrap();
     let board = data.first().and_then(|first| BOARDS.get(usize::from(first.wrapping_sub(b'1'))));
-    let settled = load(board.map(|(name, _)| *name), Some(&FILE));
+    let settled = load(board.map(|(name, _)| *name), "pi4", Some(&FILE));
     fs::remove_file(&*FILE).unwrap();
     let Ok(text) = str::from_utf8(data) else {
         let faults = settled.unwrap_err();

@@ -5,9 +5,9 @@ use clap::Args;
 use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{Clip, Frame, Source as _};
-use crate::config::{CameraSettings, HardwareSettings, NetworkSettings, Settings};
+use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::face::Landmarks;
-use crate::hardware::{self, Sensors};
+use crate::hardware::{self, Board, Sensors};
 use crate::impairment::ImpairmentSet;
 use crate::link::Link;
 use crate::preflight::{load_solver, load_tracker};
@@ -41,7 +41,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
         ("camera", check_camera(&settings.camera)),
     ];
     // The board is looked at while it is still at work.
-    check_board(&settings.hardware)?;
+    check_board(&settings)?;
     let links = Link::check_all(&settings.links).into_iter().map(|outcome| ("link", outcome.map_err(Failure::from)));
     let mut first = None;
     for (part, outcome) in parts.into_iter().chain(links) {
@@ -57,9 +57,10 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
 }
 
 /// Reads the sensors of the board. What impairs tracking is no failure: the service works all the same.
-fn check_board(settings: &HardwareSettings) -> Result<(), Failure> {
-    let readings = Sensors::find(&hardware::root(), settings).read();
-    print(&format!("board     ok: {readings}\n"))?;
+fn check_board(settings: &Settings) -> Result<(), Failure> {
+    let root = hardware::root();
+    let (board, readings) = (Board::detect(&root), Sensors::find(&root, &settings.hardware).read());
+    print(&format!("board     ok: {}; {readings}\n", board.tell(settings.board)))?;
     print_impairments("board", readings.impairments())
 }
 

@@ -16,6 +16,7 @@ use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 use self::failure::Failure;
 use crate::config::{self, Faults, Settings};
+use crate::hardware::{self, Board};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -85,7 +86,8 @@ struct SettingsArgs {
 
 impl SettingsArgs {
     fn load(&self) -> Result<Settings, Faults> {
-        config::load(self.board.as_deref(), self.config.as_deref())
+        let detected = Board::detect(&hardware::root()).name;
+        config::load(self.board.as_deref(), detected, self.config.as_deref())
     }
 }
 

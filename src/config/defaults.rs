@@ -6,7 +6,8 @@ const HEAD: &str = "\
 # facewire: every setting with its default. To change a setting, remove the \"# \" at the start of its line; leave all
 # other lines as they are. `facewire check --config FILE` names every fault of the file at once.
 
-# The board that facewire runs on. Its settings replace the defaults below.
+# The board that facewire runs on. Its settings replace the defaults below. \"auto\" is the one that facewire recognises by
+# the device tree or the processor; `facewire check` names it.
 # Takes ";
 
 /// Introduces the example of a serial link.
@@ -19,9 +20,9 @@ const SERIAL: &str = "
 /// stay in force. The text loads to [`Settings::default`], whether the settings are commented out or not.
 #[must_use]
 pub fn defaults() -> String {
-    let board = format!("{}.\n# board = \"generic\"\n", board::expected());
+    let board = format!("{}.\n# board = \"{}\"\n", board::expected(), board::AUTO);
     let mut text = HEAD.to_owned() + &board;
-    for line in written(&Settings::default()).lines() {
+    for line in tables(&Settings::default()).lines() {
         let is_setting = !line.is_empty() && !line.starts_with(['#', '[']);
         text.extend([if is_setting { "# " } else { "" }, line, "\n"]);
     }
@@ -33,6 +34,11 @@ pub fn defaults() -> String {
 /// Writes settings in TOML, each after its comment. The text loads back to the same settings.
 #[must_use]
 pub fn written(settings: &Settings) -> String {
+    format!("board = \"{}\"\n", settings.board) + &tables(settings)
+}
+
+/// Writes the tables of the settings.
+fn tables(settings: &Settings) -> String {
     let mut text = String::new();
     write(&mut text, "[camera]", &settings.camera);
     write(&mut text, "[networks]", &settings.networks);

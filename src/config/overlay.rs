@@ -6,7 +6,8 @@ use toml::{
 };
 
 use super::{
-    Fault, Faults, board,
+    Fault, Faults,
+    board::{self, Board},
     link::{LinkKind, LinkSettings, expected_kind},
     section::Section,
     settings::Settings,
@@ -18,48 +19,66 @@ const NAMES: [&str; 11] =
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
+/// The boards that a file may be laid over.
+#[derive(Debug, Clone, Copy)]
+pub struct Boards<'a> {
+    /// The board to take whatever the file says.
+    pub fixed: Option<Board>,
+    /// The board that "auto" stands for, which is also the default.
+    pub detected: &'a str,
+}
+
 /// A file that is being laid over settings.
-struct Overlay<'a> {
+pub struct Overlay<'a> {
     source: &'a str,
     text: &'a str,
-    /// Whether the board that the file names is applied.
-    takes_board: bool,
     /// The faults found so far, each with its byte in the text.
     found: Vec<(usize, Fault)>,
 }
 
-/// Lays the settings of a board over `settings`.
-pub fn apply_board(settings: &mut Settings, (name, text): (&str, &str), faults: &mut Faults) {
-    apply(settings, Overlay { source: &format!("board {name}"), text, takes_board: false, found: Vec::new() }, faults);
-}
-
-/// Lays a file over `settings`. If `takes_board` is set, the board that the file names comes first.
-pub fn apply_file(settings: &mut Settings, source: &str, text: &str, takes_board: bool, faults: &mut Faults) {
-    apply(settings, Overlay { source, text, takes_board, found: Vec::new() }, faults);
-}
-
-/// Lays the text over the settings and adds its faults. After a fault, the settings must not be used. A text that is not
-/// TOML has syntax errors only: the parser's guess at its content would give misleading faults.
-fn apply(settings: &mut Settings, mut overlay: Overlay<'_>, faults: &mut Faults) {
-    let (document, errors) = DeTable::parse_recoverable(overlay.text);
-    if errors.is_empty() {
-        overlay.document(settings, document.get_ref(), faults);
+impl<'a> Overlay<'a> {
+    pub fn new(source: &'a str, text: &'a str) -> Self {
+        Self { source, text, found: Vec::new() }
     }
-    for error in errors {
-        overlay.syntax(&error);
-    }
-    overlay.found.sort_by_key(|(offset, _)| *offset);
-    for (_, fault) in overlay.found {
-        faults.push(fault);
+
+    /// Lays the file over the settings, after the board that `boards` and the file choose, and adds its faults. The file of
+    /// a board has no `boards`. After a fault, the settings must not be used. A text that is not TOML has syntax errors
+    /// only: the parser's guess at its content would give misleading faults.
+    pub fn apply(mut self, settings: &mut Settings, boards: Option<Boards<'_>>, faults: &mut Faults) {
+        let (document, errors) = DeTable::parse_recoverable(self.text);
+        if errors.is_empty() {
+            let document = document.get_ref();
+            if let Some((name, text)) = boards.and_then(|boards| self.board(document, boards)) {
+                settings.board = name;
+                Overlay::new(&format!("board {name}"), text).apply(settings, None, faults);
+            }
+            self.document(settings, document);
+        }
+        for error in errors {
+            self.syntax(&error);
+        }
+        self.found.sort_by_key(|(offset, _)| *offset);
+        for (_, fault) in self.found {
+            faults.push(fault);
+        }
     }
 }
 
 impl Overlay<'_> {
-    /// Applies the board that the document names, then the document.
-    fn document(&mut self, settings: &mut Settings, document: &DeTable<'_>, faults: &mut Faults) {
-        if let Some(value) = document.get("board") {
-            self.board(settings, value, faults);
+    /// Returns the board to lay the document over. A board that the document names must be known, even if another one is
+    /// fixed.
+    fn board(&mut self, document: &DeTable<'_>, boards: Boards<'_>) -> Option<Board> {
+        let value = document.get("board");
+        let name = value.map_or(Some(board::AUTO), |value| value.get_ref().as_str());
+        let found = name.and_then(|name| board::find(name, boards.detected));
+        if let (Some(value), None) = (value, found) {
+            self.value("board", value, board::expected());
         }
+        boards.fixed.or(found)
+    }
+
+    /// Lays the tables of the document over the settings.
+    fn document(&mut self, settings: &mut Settings, document: &DeTable<'_>) {
         for (name, value) in document {
             match name.get_ref().as_ref() {
                 "board" => {}
@@ -75,14 +94,6 @@ impl Overlay<'_> {
                 "log" => self.section(&mut settings.log, "log", value),
                 unknown => self.unknown(unknown, unknown, &NAMES, name.span().start),
             }
-        }
-    }
-
-    fn board(&mut self, settings: &mut Settings, value: &Spanned<DeValue<'_>>, faults: &mut Faults) {
-        match value.get_ref().as_str().and_then(board::find) {
-            Some(board) if self.takes_board => apply_board(settings, board, faults),
-            Some(_) => {}
-            None => self.value("board", value, board::expected()),
         }
     }
 

@@ -14,6 +14,8 @@ use super::{
 /// All settings, one field per table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
+    /// The name of the board whose settings replace the defaults.
+    pub board: &'static str,
     /// `[camera]`
     pub camera: CameraSettings,
     /// `[networks]`
@@ -39,6 +41,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
+            board: "generic",
             camera: CameraSettings::default(),
             networks: NetworkSettings::default(),
             solver: SolverSettings::default(),

@@ -31,8 +31,8 @@ fn defaults_load_back_unchanged_whether_the_settings_are_commented_out_or_not() 
 #[test]
 fn commented_out_defaults_leave_the_settings_of_a_board_in_force() {
     for (name, _) in BOARDS {
-        let text = defaults().replace("# board = \"generic\"", &format!("board = \"{name}\""));
-        assert_eq!(parse("defaults", &text).unwrap(), load(Some(name), None).unwrap(), "{name}");
+        let text = defaults().replace("# board = \"auto\"", &format!("board = \"{name}\""));
+        assert_eq!(parse("defaults", &text).unwrap(), load(Some(name), "generic", None).unwrap(), "{name}");
     }
 }
 
@@ -70,7 +70,7 @@ fn the_example_of_a_serial_link_in_the_defaults_loads() {
 #[test]
 fn every_board_is_valid_and_names_its_machine_in_a_comment() {
     for (name, text) in BOARDS {
-        assert!(load(Some(name), None).is_ok(), "{name}: {:?}", load(Some(name), None));
+        assert!(load(Some(name), "generic", None).is_ok(), "{name}: {:?}", load(Some(name), "generic", None));
         assert!(text.starts_with("# "), "{name}");
     }
 }
@@ -83,8 +83,9 @@ fn every_file_in_boards_is_built_in() {
 
 #[test]
 fn an_unknown_board_is_refused_with_the_known_names() {
-    let fault = load(Some("pi6"), None).unwrap_err().to_string();
-    let want = "board \"pi6\": not known; give --board one of generic, pi4, pi5, pi-zero-2w";
+    let fault = load(Some("pi6"), "generic", None).unwrap_err().to_string();
+    let want = "board \"pi6\": not known; give --board one of auto, generic, pi3, pi4, pi5, pi-zero-2w, orange-pi-5, \
+                radxa-zero-3, intel-n100";
     assert_eq!(fault, want);
 }
 
@@ -92,7 +93,7 @@ fn an_unknown_board_is_refused_with_the_known_names() {
 fn camera(board: Option<&str>, text: &str) -> CameraSettings {
     let file = tempfile::NamedTempFile::new().unwrap();
     fs::write(file.path(), text).unwrap();
-    load(board, Some(file.path())).unwrap().camera
+    load(board, "pi5", Some(file.path())).unwrap().camera
 }
 
 #[test]
@@ -108,15 +109,32 @@ fn a_board_given_as_an_argument_replaces_the_board_in_the_file() {
 }
 
 #[test]
+fn the_board_that_is_recognised_counts_unless_the_file_or_the_argument_names_another_one() {
+    let board = |argument, text: &str| {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        fs::write(file.path(), text).unwrap();
+        load(argument, "pi-zero-2w", Some(file.path())).unwrap()
+    };
+    let recognised = board(None, "");
+    assert_eq!((recognised.board, recognised.camera.width), ("pi-zero-2w", 320));
+    assert_eq!(load(None, "pi-zero-2w", None).unwrap(), recognised);
+    assert_eq!(board(None, "board = \"auto\"\n"), recognised);
+    assert_eq!(board(Some("auto"), "board = \"pi4\"\n"), recognised);
+    assert_eq!(board(None, "board = \"pi4\"\n").board, "pi4");
+    assert_eq!(board(Some("pi5"), "board = \"pi4\"\n").board, "pi5");
+}
+
+#[test]
 fn an_unknown_board_in_a_file_is_refused_with_its_line_and_the_known_names() {
-    let want = "facewire.toml:1: board = \"pi6\": give one of \"generic\", \"pi4\", \"pi5\", \"pi-zero-2w\"";
+    let want = "facewire.toml:1: board = \"pi6\": give one of \"auto\", \"generic\", \"pi3\", \"pi4\", \"pi5\", \"pi-zero-2w\", \
+                \"orange-pi-5\", \"radxa-zero-3\", \"intel-n100\"";
     assert_eq!(faults("board = \"pi6\"\n"), want);
     assert!(faults("[camera]\nboard = \"pi4\"\n").starts_with("facewire.toml:2: camera.board is not a setting"));
 }
 
 #[test]
 fn an_unreadable_file_is_refused_by_its_name() {
-    let fault = load(None, Some(Path::new("/nowhere/facewire.toml"))).unwrap_err().to_string();
+    let fault = load(None, "generic", Some(Path::new("/nowhere/facewire.toml"))).unwrap_err().to_string();
     assert!(fault.starts_with("/nowhere/facewire.toml: cannot be read (No such file"), "{fault}");
 }
 

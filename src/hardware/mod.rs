@@ -7,6 +7,7 @@
 //! voltage is in `rpi_volt`, which the kernel asks the firmware for every 2 s, and a Pi that slows down because of heat
 //! shows it in its temperature.
 
+mod board;
 mod files;
 mod governor;
 mod thermal;
@@ -14,6 +15,7 @@ mod thermal;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+pub use self::board::Board;
 pub use self::files::root;
 use self::files::{number, numbered, text};
 use self::governor::{Clock, Policy};

@@ -18,7 +18,7 @@ use super::reload::Reloader;
 use super::report::Event;
 use crate::capture::monotonic_us;
 use crate::config::Listen;
-use crate::hardware::{self, Hardware};
+use crate::hardware::{self, Board, Hardware};
 
 /// Time between two looks at the signals.
 const TICK: Duration = Duration::from_millis(50);
@@ -71,6 +71,7 @@ impl Supervisor {
 
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
     pub(super) fn run(&mut self, all_run: impl Fn() -> bool) {
+        tracing::info!("board {}", Board::detect(&hardware::root()).tell(self.reloader.live().board));
         self.serve_metrics();
         self.lock_memory();
         manager::ready();

@@ -36,6 +36,9 @@ done
 ! grep -q video4linux /proc/devices || fail 'the driver of cameras is loaded already'
 systemctl start facewire || fail "not started: $(systemctl status facewire)"
 await told 1 'no camera: no camera is called /dev/facewire-eye'
+# In its sandbox, too, the service can read the files by which it recognises boards.
+await told 1 'board generic, because'
+told 1 "$(cat /sys/class/dmi/id/product_name)" || fail 'the board is not named'
 pid=$(property MainPID)
 # systemd takes dynamic users from 61184 to 65519.
 user=$(property UID)

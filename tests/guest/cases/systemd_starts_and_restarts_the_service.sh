@@ -73,11 +73,14 @@ echo "stuck, back by the watchdog: $(journalctl --unit facewire --output cat | g
 settle() { systemctl stop facewire 2>$work/said && systemctl start facewire; }
 sed 's/live_ms = .*/live_ms = 4000/; s/hold_ms = .*/hold_ms = 6000/; s/neutral_ms = .*/neutral_ms = 7000/' \
     $work/facewire.toml >$configuration
+printf '[realtime]\nhot_cpu = 1\n' >>$configuration
 settle || fail "not started: $(systemctl status facewire)"
 # The decoder begins a new file.
 kill $decoder
 start_decoder
 await seen live
+# The unit alone lets the service choose a CPU, as boards with two kinds of cores do.
+await told 1 'hot on CPU 1$'
 pid=$(property MainPID)
 perl freeze-thread "$pid" fw-hot /facewire >$work/frozen &
 await is_another "$pid"

@@ -115,6 +115,12 @@ impl ImpairmentSet {
         self.0 = if is_present { self.0 | impairment.bit() } else { self.0 & !impairment.bit() };
     }
 
+    /// Returns the impairments of both sets.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
     /// Iterates over the impairments of the set.
     pub fn iter(self) -> impl Iterator<Item = Impairment> {
         Impairment::ALL.into_iter().filter(move |impairment| self.contains(*impairment))

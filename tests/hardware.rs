@@ -3,8 +3,13 @@
 
 mod common;
 
-use std::fs;
+use std::env;
+use std::ffi::OsString;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
 
+use common::networks::installed;
 use common::program::{Run, facewire, settings, text};
 use common::service::{Receiver, Service};
 use facewire_packet::State;
@@ -102,4 +107,79 @@ fn the_board_is_recognised_and_told_by_run_and_check_unless_the_settings_name_an
     receiver.packet();
     let log = service.stop(Signal::TERM).0.succeeded().err;
     assert!(log.contains(&format!(" board {told}\n")), "{log}");
+}
+
+/// Returns the search path of programs with a `vcgencmd` in front that prints this text.
+fn with_vcgencmd(folder: &Path, prints: &str) -> OsString {
+    let program = folder.join("vcgencmd");
+    fs::write(&program, format!("#!/bin/sh\n[ \"$*\" = get_throttled ] && echo '{prints}'\n")).unwrap();
+    fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
+    let others = env::var_os("PATH").unwrap();
+    env::join_paths([folder.to_owned()].into_iter().chain(env::split_paths(&others))).unwrap()
+}
+
+#[test]
+fn check_tells_what_the_firmware_of_a_raspberry_pi_has_seen_since_its_start() {
+    let (root, programs) = (board(&[]), tempfile::tempdir().unwrap());
+    let path = with_vcgencmd(programs.path(), "throttled=0x50000");
+    let file = settings("[camera]\ndevice = \"demo\"\n");
+    let mut command = facewire(["check", "--config", text(file.path())]);
+    let out = Run::of(command.env("FACEWIRE_SYSROOT", root.path()).env("PATH", path)).succeeded().out;
+    assert!(out.contains("; firmware flags 0x50000: nothing now, low voltage, throttled since the start\n"), "{out}");
+    assert!(out.contains("board     POOR: the supply voltage is too low") && !out.contains("heat sink"), "{out}");
+}
+
+#[test]
+fn the_report_has_the_board_and_its_speed_and_nothing_that_identifies_its_owner() {
+    let (root, programs) = (board(&IMPAIRED_PI4), tempfile::tempdir().unwrap());
+    let secrets = ["10000000d5c3b2a1", "e4:5f:01:aa:bb:cc", "pi-of-erika", "Erika"];
+    let of_board = [
+        ("proc/device-tree/compatible", "raspberrypi,4-model-b\0brcm,bcm2711\0"),
+        ("proc/device-tree/model", "Raspberry Pi 4 Model B Rev 1.4\0"),
+        ("proc/device-tree/serial-number", "10000000d5c3b2a1\0"),
+        ("proc/meminfo", "MemTotal:        3884376 kB\n"),
+        ("proc/sys/kernel/hostname", "pi-of-erika\n"),
+        ("sys/class/net/eth0/address", "e4:5f:01:aa:bb:cc\n"),
+        ("sys/class/dmi/id/product_serial", "10000000d5c3b2a1\n"),
+    ];
+    let processors = "processor\t: 0\nCPU part\t: 0xd08\n\n".repeat(4) + "Serial\t\t: 10000000d5c3b2a1\n";
+    for (path, text) in of_board.into_iter().chain([("proc/cpuinfo", processors.as_str())]) {
+        let path = root.path().join(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, text).unwrap();
+    }
+    let recording = programs.path().join("Erika.avi");
+    fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/src/capture/demo.avi"), &recording).unwrap();
+    let link = "[[link]]\naddress = \"pi-of-erika:5252\"\n[camera]\ndevice = \"Camera of Erika\"\n";
+    let file = settings(link);
+    let mut command = facewire(["bench", text(&recording), "--rounds", "1", "--report", "--config", text(file.path())]);
+    command.env("FACEWIRE_SYSROOT", root.path()).env("PATH", with_vcgencmd(programs.path(), "throttled=0x0"));
+    let run = Run::of(command.env("USER", "Erika").env("HOME", "/home/Erika").env("FACEWIRE_NETWORKS", installed()));
+    let report = run.succeeded().out;
+
+    let wants = [
+        "board      pi4, recognised by \"brcm,bcm2711\" in the device tree (Raspberry Pi 4 Model B Rev 1.4)\n",
+        "processors 4 x Cortex-A72\n",
+        "memory     3793 MB\n",
+        "before     processor 82.3 °C (cpu-thermal), limit 80 °C; powersave at 600 of 1800 MHz; supply voltage too low\n",
+        "after      processor 82.3 °C",
+        "flags      firmware flags 0x0: ",
+        "networks.threads 2, camera 640 x 480 at 30/s in format auto,",
+        " frames a second at p95, with decoding\n",
+        "% of one core at 30 frames a second",
+        "peak memory",
+        "G multiply-adds/s, on one thread\n",
+    ];
+    for want in wants {
+        assert!(report.contains(want), "{want}: {report}");
+    }
+    for stage in ["decode ", "mesh ", "solve ", "whole "] {
+        assert!(report.lines().any(|line| line.starts_with(stage)), "{stage}: {report}");
+    }
+    let this_host = rustix::system::uname();
+    for secret in secrets.into_iter().chain([this_host.nodename().to_str().unwrap(), "/home", text(programs.path())]) {
+        // A host called "vm" would be found in other words.
+        let is_telling = secret.len() > 4;
+        assert!(!is_telling || !report.contains(secret), "{secret}: {report}");
+    }
 }

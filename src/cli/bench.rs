@@ -4,6 +4,7 @@ mod chart;
 mod figures;
 mod layers;
 mod machine;
+mod report;
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -12,6 +13,7 @@ use clap::Args;
 
 use self::figures::{Figures, Samples, quantile};
 use self::machine::{Interruptions, constant_work, cpu_time};
+use self::report::Report;
 use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{DEMO, FileOptions, Frame, Source, open_file};
@@ -23,6 +25,7 @@ Examples:
   facewire bench talk.avi --rounds 1 --json
   facewire bench --svg latency.svg
   facewire bench --layers
+  facewire bench --report > report.txt
 
 `whole` is the time from a decoded frame in memory to its coefficients. scripts/compare compares it with MediaPipe.";
 
@@ -43,6 +46,9 @@ pub(super) struct BenchArgs {
     /// Print one JSON object on one line.
     #[arg(long)]
     json: bool,
+    /// Print one block about the board and its speed that you can send in. It names no person, machine or address.
+    #[arg(long, conflicts_with_all = ["json", "layers"])]
+    report: bool,
     /// Draw the distribution of the latency of whole frames into an SVG file.
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
@@ -55,6 +61,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         return Err(Failure::data("standard input cannot be played more than once; give bench a file".to_owned()));
     }
     let settings = args.settings.load()?;
+    let report = args.report.then(|| Report::begin(&settings));
     let mut pipeline = Pipeline::load_for(&*open(&args.input)?, &settings)?;
     play(&mut pipeline, &args.input, &mut Samples::default())?;
     let mut samples = Samples::default();
@@ -64,11 +71,19 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if samples.whole.is_empty() {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
     }
+    // A report does not contain the path of a file.
+    let input = if args.report && args.input != DEMO { "another film" } else { &args.input };
     // Peak memory is read before the layers are measured, which takes memory for further networks.
-    let mut figures = Figures::new(&args.input, &samples);
-    figures.layers = args.layers.then(|| layers::measure(&settings.networks)).transpose()?;
+    let mut figures = Figures::new(input, &samples);
+    let layers = (args.layers || args.report).then(|| layers::measure(&settings.networks)).transpose()?;
     // The figures are printed before the drawing, so that they are not lost if the drawing cannot be written.
-    print(&if args.json { figures.json() } else { figures.table() })?;
+    print(&match (report, layers) {
+        (Some(report), Some(layers)) => report.text(&settings, &figures, &layers),
+        (_, layers) => {
+            figures.layers = layers;
+            if args.json { figures.json() } else { figures.table() }
+        }
+    })?;
     args.svg.as_ref().map_or(Ok(()), |path| chart::draw(path, &samples.whole))
 }
 

@@ -7,7 +7,7 @@ use super::failure::{Failure, print};
 use crate::capture::{Clip, Frame, Source as _};
 use crate::config::{CameraSettings, NetworkSettings, Settings};
 use crate::face::Landmarks;
-use crate::hardware::{self, Board, Sensors};
+use crate::hardware::{self, Board, Flags, Sensors};
 use crate::impairment::ImpairmentSet;
 use crate::link::Link;
 use crate::preflight::{load_solver, load_tracker};
@@ -60,8 +60,11 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
 fn check_board(settings: &Settings) -> Result<(), Failure> {
     let root = hardware::root();
     let (board, readings) = (Board::detect(&root), Sensors::find(&root, &settings.hardware).read());
-    print(&format!("board     ok: {}; {readings}\n", board.tell(settings.board)))?;
-    print_impairments("board", readings.impairments())
+    let flags = Flags::ask();
+    let shown = flags.map_or_else(String::new, |flags| format!("; {flags}"));
+    print(&format!("board     ok: {}; {readings}{shown}\n", board.tell(settings.board)))?;
+    let found = flags.map_or_else(ImpairmentSet::default, Flags::impairments);
+    print_impairments("board", readings.impairments().and(found))
 }
 
 /// Prints a line for each impairment that was found at a part.

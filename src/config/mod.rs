@@ -36,6 +36,7 @@ pub use settings::{
     MetricsSettings, NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,
 };
 pub use value::Address;
+pub(crate) use value::Choice;
 
 /// Exit status for bad settings, as in `sysexits.h`. systemd does not restart a service that exits with it.
 pub const EX_CONFIG: u8 = 78;

@@ -9,7 +9,9 @@
 
 mod board;
 mod files;
+mod flags;
 mod governor;
+pub mod machine;
 mod thermal;
 
 use std::fmt;
@@ -18,6 +20,7 @@ use std::path::{Path, PathBuf};
 pub use self::board::Board;
 pub use self::files::root;
 use self::files::{number, numbered, text};
+pub use self::flags::Flags;
 use self::governor::{Clock, Policy};
 use self::thermal::{Thermometer, Throttling};
 use crate::config::HardwareSettings;

@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::layers::Layers;
 use super::machine::{self, Interruptions};
+use crate::hardware::{self, Board};
 use crate::pipeline::StageTimes;
 
 /// The usual rate of a camera, frames per second.
@@ -114,9 +115,14 @@ impl Figures {
             cpu_percent_at_30_fps: rounded(100.0 * cpu_per_frame_s * CAMERA_FPS),
             peak_memory_mb: rounded(machine::peak_memory_kb() as f64 / 1024.0),
             version: env!("CARGO_PKG_VERSION"),
-            machine: machine::name(),
+            machine: format!("{} ({})", Board::detect(&hardware::root()).model, std::env::consts::ARCH),
             layers: None,
         }
+    }
+
+    /// The frames per second that this machine can process: 95 % of the frames, with decoding, take no longer.
+    pub(super) fn frames_per_second(&self) -> f64 {
+        1000.0 / self.decode_and_whole.p95_ms.max(f64::MIN_POSITIVE)
     }
 
     pub(super) fn json(&self) -> String {

@@ -140,6 +140,14 @@ fn median(times: &mut [Duration]) -> Duration {
 }
 
 impl Layers {
+    /// Returns the instruction set, and the speed of the networks of a followed face.
+    pub(super) fn summary(&self) -> String {
+        let Speed { p50_us, percent_of_peak, .. } = self.frame;
+        let (kernels, peak) = (self.kernels, self.peak_g_per_s);
+        let p50_ms = p50_us / 1000.0;
+        format!("{kernels}; {p50_ms:.2} ms, {percent_of_peak:.0} % of {peak:.1} G multiply-adds/s, on one thread")
+    }
+
     pub(super) fn table(&self) -> String {
         let mut text = format!("{:<40}{:>14}{:>8}{:>8}{:>8}\n", "layer", "multiply-adds", "us p50", "G/s", "% peak");
         for network in &self.networks {

@@ -1,4 +1,4 @@
-//! Measures what the machine itself adds to latencies, and reads its name, processor time and memory.
+//! Measures what the machine itself adds to latencies, and reads processor time and memory.
 
 use std::fs;
 use std::hint::black_box;
@@ -91,15 +91,6 @@ pub(super) fn cpu_time() -> Duration {
 /// Returns the largest resident memory that this process has had.
 pub(super) fn peak_memory_kb() -> u64 {
     field(&fs::read_to_string("/proc/self/status").unwrap_or_default(), "VmHWM:", 0)
-}
-
-/// Returns the name of the board or of the processor, and its architecture.
-pub(super) fn name() -> String {
-    let board = fs::read_to_string("/proc/device-tree/model").ok().map(|model| model.trim_end_matches('\0').to_owned());
-    let cpus = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = cpus.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split_once(": "));
-    let name = board.or_else(|| model.map(|(_, name)| name.to_owned()));
-    format!("{} ({})", name.as_deref().unwrap_or("unknown processor"), std::env::consts::ARCH)
 }
 
 #[cfg(test)]

@@ -4,6 +4,8 @@
 //! `TransformLandmarks`. The line through two rotation points is level in the crop, and the crop is 1.5 times as large as
 //! the box around the head's points.
 
+use facewire_engine::kernels::rows::add_rows;
+
 use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_CHANNELS, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
 use super::region::bounds;
 
@@ -53,32 +55,26 @@ impl Transform {
         for (column, cell) in crop_row.as_chunks_mut::<FEATURE_CHANNELS>().0.iter_mut().enumerate() {
             *cell = [0.0; FEATURE_CHANNELS];
             let centre = [column as f32 + 0.5, row as f32 + 0.5];
-            for (at, weight) in taps(self.map(centre, self.shift).map(|position| position - 0.5)) {
-                let Some(tap) = map.get(at) else { continue };
-                for (value, tap) in cell.iter_mut().zip(tap) {
-                    *value += tap * weight;
-                }
+            for (at, weights) in taps(self.map(centre, self.shift).map(|position| position - 0.5)) {
+                add_rows(cell, map.get(at..).unwrap_or_default(), &weights);
             }
         }
     }
 }
 
-/// The four cells around a position, with their weights. The weights of a position outside the map are 0.
+/// The upper and the lower pair of the cells around a position: the left cell of each pair, and the weights of both. The
+/// weights of a position outside the map are 0.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be inside the map")]
-fn taps([column, row]: [f32; 2]) -> [(usize, f32); 4] {
+fn taps([column, row]: [f32; 2]) -> [(usize, [f32; 2]); 2] {
     const LAST: f32 = (FEATURE_SIZE - 1) as f32;
     if !((0.0..=LAST).contains(&column) && (0.0..=LAST).contains(&row)) {
-        return [(0, 0.0); 4];
+        return [(0, [0.0; 2]); 2];
     }
     let (left, top) = (column.floor(), row.floor());
     let (right_weight, bottom_weight) = (column - left, row - top);
     let at = top as usize * FEATURE_SIZE + left as usize;
-    [
-        (at, (1.0 - right_weight) * (1.0 - bottom_weight)),
-        (at + 1, right_weight * (1.0 - bottom_weight)),
-        (at + FEATURE_SIZE, (1.0 - right_weight) * bottom_weight),
-        (at + FEATURE_SIZE + 1, right_weight * bottom_weight),
-    ]
+    let pair = |row_weight: f32| [(1.0 - right_weight) * row_weight, right_weight * row_weight];
+    [(at, pair(1.0 - bottom_weight)), (at + FEATURE_SIZE, pair(bottom_weight))]
 }
 
 /// Rotates a point by an angle, given by its cosine and sine.

@@ -202,8 +202,10 @@ impl<V: Copy> Strip<V> {
             let mut sums = [I::zero(); R];
             for (row, sum) in sums.iter_mut().enumerate() {
                 *sum = I::mul(columns[0][row], self.taps[0]);
+                // Column by column, as in the assembly for 32-bit ARM, which has too few registers for three columns.
                 for tap in 1..9 {
-                    *sum = I::mul_add(columns[tap % 3][row + tap / 3], self.taps[tap], *sum);
+                    let (column, below) = (tap / 3, tap % 3);
+                    *sum = I::mul_add(columns[column][row + below], self.taps[3 * below + column], *sum);
                 }
             }
             sums

@@ -1,7 +1,7 @@
 //! Sums of weighted rows: a dense layer whose weights are stored input by input.
 //!
 //! The loop is written once, without intrinsics. It is compiled for the instructions that every processor of the target
-//! has, and on x86-64 once more for AVX2 and FMA.
+//! has, and on x86-64 once more for AVX2 and FMA. For 32-bit ARM, whose compiler may not use NEON, it is in assembly.
 
 use std::array;
 
@@ -16,6 +16,11 @@ pub fn add_rows<const N: usize>(sums: &mut [f32; N], rows: &[[f32; N]], factors:
     if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
         // SAFETY: the processor has AVX2 and FMA.
         return unsafe { add_rows_avx2(sums, rows, factors) };
+    }
+    #[cfg(all(target_arch = "arm", target_os = "linux", target_endian = "little"))]
+    if N.is_multiple_of(4) && super::armv7::detected() {
+        // SAFETY: the processor has VFPv4, and the number of columns is a multiple of four.
+        return unsafe { super::armv7::add_rows(sums, rows, factors) };
     }
     add::<N, { cfg!(target_arch = "aarch64") }>(sums, rows, factors);
 }

@@ -47,24 +47,24 @@
 @ Adds a column to the three windows that cover it: \done, whose last column this is, \middle, and \next, whose first it is.
 @ Then loads the next column if \more. Stores the sums in \previous, if it is given.
 .macro column_of_3 more, done, middle, next, previous
-    vmla.f32 \done, q9, q2
-    vmla.f32 \middle, q9, q1
+    vfma.f32 \done, q9, q2
+    vfma.f32 \middle, q9, q1
     vmul.f32 \next, q9, q0
     .if \more
     vld1.32 {d18-d19}, [r1], r4
     .endif
-    vmla.f32 \done, q10, q5
-    vmla.f32 \middle, q10, q4
-    vmla.f32 \next, q10, q3
+    vfma.f32 \done, q10, q5
+    vfma.f32 \middle, q10, q4
+    vfma.f32 \next, q10, q3
     .if \more
     vld1.32 {d20-d21}, [r2], r4
     .endif
     .ifnb \previous
     vst1.32 {\previous}, [r6]!
     .endif
-    vmla.f32 \done, q11, q8
-    vmla.f32 \middle, q11, q7
-    vmla.f32 \next, q11, q6
+    vfma.f32 \done, q11, q8
+    vfma.f32 \middle, q11, q7
+    vfma.f32 \next, q11, q6
     .if \more
     vld1.32 {d22-d23}, [r3], r4
     .endif
@@ -85,10 +85,10 @@ function depthwise
 1:  vector_start
     vmul.f32 q12, q9, q1
     vmul.f32 q13, q9, q0
-    vmla.f32 q12, q10, q4
-    vmla.f32 q13, q10, q3
-    vmla.f32 q12, q11, q7
-    vmla.f32 q13, q11, q6
+    vfma.f32 q12, q10, q4
+    vfma.f32 q13, q10, q3
+    vfma.f32 q12, q11, q7
+    vfma.f32 q13, q11, q6
     cmp r7, #0
     blt 6f
     load_column
@@ -125,21 +125,21 @@ function depthwise
 
 @ Adds the second column of a window to \sums and loads the third. q14 is the largest of the first column.
 .macro second_column more, pool, sums
-    vmla.f32 \sums, q9, q1
+    vfma.f32 \sums, q9, q1
     .if \pool
     vmax.f32 q14, q14, q9
     .endif
     .if \more
     vld1.32 {d18-d19}, [r1], r4
     .endif
-    vmla.f32 \sums, q10, q4
+    vfma.f32 \sums, q10, q4
     .if \pool
     vmax.f32 q14, q14, q10
     .endif
     .if \more
     vld1.32 {d20-d21}, [r2], r4
     .endif
-    vmla.f32 \sums, q11, q7
+    vfma.f32 \sums, q11, q7
     .if \more
     vld1.32 {d22-d23}, [r3], r4
     .endif
@@ -148,18 +148,18 @@ function depthwise
 @ Computes the window of \sums except for its first column, and the first column of \next.
 .macro window_of_stride_2 pool, sums, next
     second_column 1, \pool, \sums
-    vmla.f32 \sums, q9, q2
+    vfma.f32 \sums, q9, q2
     vmul.f32 \next, q9, q0
     .if \pool
     vst1.32 {q14}, [r12], r4
     vmax.f32 q14, q9, q10
     .endif
     vld1.32 {d18-d19}, [r1], r4
-    vmla.f32 \sums, q10, q5
-    vmla.f32 \next, q10, q3
+    vfma.f32 \sums, q10, q5
+    vfma.f32 \next, q10, q3
     vld1.32 {d20-d21}, [r2], r4
-    vmla.f32 \sums, q11, q8
-    vmla.f32 \next, q11, q6
+    vfma.f32 \sums, q11, q8
+    vfma.f32 \next, q11, q6
     vld1.32 {d22-d23}, [r3], r4
     vst1.32 {\sums}, [r6]!
 .endm
@@ -184,8 +184,8 @@ function \name
     add r12, r12, r10
     vmax.f32 q14, q9, q10
     .endif
-    vmla.f32 q12, q10, q3
-    vmla.f32 q12, q11, q6
+    vfma.f32 q12, q10, q3
+    vfma.f32 q12, q11, q6
     load_column
     cmp r7, #0
     beq 3f

@@ -4,8 +4,10 @@
     .fpu vfpv3-d16
     .purgem function
     .purgem end_function
-    .purgem products_of_2
-    .purgem products_of_4
+    .purgem products
+    .purgem products_of
+    .purgem first_products
+    .purgem start_sums
     .purgem each_sum
     .purgem relu
     .purgem nothing
@@ -15,6 +17,8 @@
     .purgem any_prelu_end
     .purgem finish
     .purgem four_channels
+    .purgem sixteen_channels
+    .purgem pointwise_pixels
     .purgem load_column
     .purgem depthwise_start
     .purgem vector_start
@@ -25,11 +29,11 @@
     .purgem window_of_stride_2
     .purgem last_window_of_stride_2
     .purgem rows_of_stride_2
-    .purgem four_values
-    .purgem products_of_value
+    .purgem windows
     .purgem convert_half
     .purgem conversion
     .purgem load_yuyv
     .purgem load_semi_planar
     .purgem load_planar
     .purgem load_grey
+    .purgem two_samples

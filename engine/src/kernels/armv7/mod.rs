@@ -2,9 +2,11 @@
 //! for `f32` by itself. Each assembly function computes one panel or one row; the functions here check the sizes of a
 //! task and fill in the structure that the assembly reads, whose fields it finds by their offsets.
 //!
-//! NEON of this architecture treats subnormal values as zero and rounds a product before it adds it.
+//! NEON of this architecture treats subnormal values as zero. Multiply-adds are fused, as in the other kernels, which takes
+//! VFPv4: Cortex-A5, A7, A15 and all later cores have it. Cortex-A8 and A9 use the plain kernels.
 
 mod convert;
+mod sample;
 
 use std::arch::global_asm;
 use std::ffi::c_ulong;
@@ -22,12 +24,15 @@ global_asm!(
     include_str!("stem.s"),
     include_str!("dense.s"),
     include_str!("convert.s"),
+    include_str!("sample.s"),
+    include_str!("rows.s"),
     include_str!("peak.s"),
     include_str!("end.s"),
     options(raw)
 );
 
 pub(super) use convert::convert;
+pub(super) use sample::sample;
 
 pub(super) static KERNELS: Kernels = Kernels {
     name: "neon",
@@ -41,15 +46,15 @@ pub(super) static KERNELS: Kernels = Kernels {
     depthwise: compute_depthwise,
     pointwise: compute_pointwise,
     dense: compute_dense,
-    // SAFETY: these kernels are handed out only where NEON was detected.
+    // SAFETY: these kernels are handed out only where VFPv4 was detected.
     peak: |rounds| f32::from_bits(unsafe { peak_rounds(rounds, FACTOR.to_bits()) }),
     peak_round: 8 * VECTOR,
 };
 
 /// Values of a register.
 const VECTOR: usize = 4;
-/// Output channels of a panel of the convolutions. With four pixels, their sums fill half of the registers.
-const PANEL: usize = 8;
+/// Output channels of a panel of the convolutions. With two pixels, their sums fill half of the registers.
+const PANEL: usize = 16;
 /// Outputs of a panel of a dense layer. Their sums fill half of the registers.
 const DENSE_PANEL: usize = 32;
 /// Rows of the largest window of the first convolution.
@@ -57,14 +62,16 @@ const MAX_WINDOW: usize = 8;
 /// Bytes of a value.
 const VALUE: usize = size_of::<f32>();
 
-/// Whether the processor has NEON, according to the kernel of the operating system.
+/// Whether the processor has NEON and VFPv4, according to the kernel of the operating system.
 pub(super) fn detected() -> bool {
     unsafe extern "C" {
         safe fn getauxval(entry: c_ulong) -> c_ulong;
     }
     const AT_HWCAP: c_ulong = 16;
     const HWCAP_NEON: c_ulong = 1 << 12;
-    getauxval(AT_HWCAP) & HWCAP_NEON != 0
+    const HWCAP_VFPV4: c_ulong = 1 << 16;
+    let needed = HWCAP_NEON | HWCAP_VFPV4;
+    getauxval(AT_HWCAP) & needed == needed
 }
 
 unsafe extern "C" {
@@ -80,6 +87,8 @@ unsafe extern "C" {
     unsafe fn stem_panel(panel: &StemPanel);
     #[link_name = "facewire_engine_neon_dense"]
     unsafe fn dense_panels(panels: &DensePanels);
+    #[link_name = "facewire_engine_neon_rows"]
+    unsafe fn weighted_rows(rows: &Rows);
     /// Takes and returns the bits of `f32`, because the ABIs of 32-bit ARM use different registers for an `f32`.
     #[link_name = "facewire_engine_neon_peak"]
     unsafe fn peak_rounds(rounds: usize, factor: u32) -> u32;
@@ -109,8 +118,8 @@ struct PointwisePanel {
     residual: *const f32,
     output: *mut f32,
     pixels: usize,
-    /// Input channels, in units of eight.
-    eights: usize,
+    /// Input channels, in units of sixteen.
+    sixteens: usize,
     /// Bytes from a vector of channels of the operand to the next.
     plane: usize,
     residual_step: usize,
@@ -131,12 +140,12 @@ fn compute_pointwise(task: &Pointwise, output: &mut [f32]) {
             residual: if channel < residual_channels { task.residual[channel..].as_ptr() } else { null() },
             output: output[channel..].as_mut_ptr(),
             pixels: task.pixels,
-            eights: task.depth / 8,
+            sixteens: task.depth / 16,
             plane: task.pixels * VECTOR * VALUE,
             residual_step: residual_channels * VALUE,
             output_step: task.channels * VALUE,
         };
-        // SAFETY: the sizes were checked; these kernels are handed out only where NEON was detected.
+        // SAFETY: the sizes were checked; these kernels are handed out only where VFPv4 was detected.
         unsafe { pointwise_panel(&panel) }
     }
 }
@@ -180,7 +189,7 @@ fn compute_depthwise(task: &Depthwise, output: &mut [f32], largest: &mut [f32]) 
             plane: task.pixels * VECTOR * VALUE,
             largest: largest.as_mut_ptr(),
         };
-        // SAFETY: the sizes were checked; these kernels are handed out only where NEON was detected.
+        // SAFETY: the sizes were checked; these kernels are handed out only where VFPv4 was detected.
         unsafe {
             match (task.stride, largest.is_empty()) {
                 (1, _) => depthwise_row(&row),
@@ -202,8 +211,8 @@ struct StemPanel {
     output: *mut f32,
     pixels: usize,
     row_count: usize,
-    /// Values of a row of the window: how many groups of four, and how many values follow them.
-    fours: usize,
+    /// Values of a row of the window, without the last one: how many pairs, and whether one value follows them.
+    pairs: usize,
     rest: usize,
     /// Bytes from one window to the next.
     step: usize,
@@ -228,12 +237,12 @@ fn compute_stem(task: &Stem, output: &mut [f32]) {
             output: output[channel..].as_mut_ptr(),
             pixels: task.pixels,
             row_count: task.rows.len(),
-            fours: task.span / 4,
-            rest: task.span % 4,
+            pairs: (task.span - 1) / 2,
+            rest: (task.span - 1) % 2,
             step: task.step * VALUE,
             output_step: task.bias.len() * VALUE,
         };
-        // SAFETY: the sizes were checked; these kernels are handed out only where NEON was detected.
+        // SAFETY: the sizes were checked; these kernels are handed out only where VFPv4 was detected.
         unsafe { stem_panel(&panel) }
     }
 }
@@ -260,7 +269,36 @@ fn compute_dense(task: &Dense, output: &mut [f32]) {
         panels: task.bias.len() / DENSE_PANEL,
     };
     if panels.panels > 0 {
-        // SAFETY: the sizes were checked; these kernels are handed out only where NEON was detected.
+        // SAFETY: the sizes were checked; these kernels are handed out only where VFPv4 was detected.
         unsafe { dense_panels(&panels) }
     }
+}
+
+/// Weighted rows that are added to sums.
+#[repr(C)]
+struct Rows {
+    sums: *mut f32,
+    rows: *const f32,
+    factors: *const f32,
+    count: usize,
+    /// A multiple of four.
+    columns: usize,
+    row_bytes: usize,
+}
+
+/// See [`super::rows::add_rows`].
+///
+/// # Safety
+/// The processor must have VFPv4, and `N` must be a multiple of four.
+pub(super) unsafe fn add_rows<const N: usize>(sums: &mut [f32; N], rows: &[[f32; N]], factors: &[f32]) {
+    let rows = Rows {
+        sums: sums.as_mut_ptr(),
+        rows: rows.as_ptr().cast(),
+        factors: factors.as_ptr(),
+        count: rows.len().min(factors.len()),
+        columns: N,
+        row_bytes: N * VALUE,
+    };
+    // SAFETY: the caller vouches for VFPv4 and the number of columns.
+    unsafe { weighted_rows(&rows) }
 }

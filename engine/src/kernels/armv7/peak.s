@@ -9,7 +9,7 @@ function peak
     cmp r0, #0
     beq 2f
 1:  .irp sum, q8, q9, q10, q11, q12, q13, q14, q15
-    vmla.f32 \sum, \sum, q0
+    vfma.f32 \sum, \sum, q0
     .endr
     subs r0, r0, #1
     bne 1b

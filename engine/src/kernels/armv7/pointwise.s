@@ -1,36 +1,69 @@
 
-@ A pointwise convolution to eight output channels. Sums of four pixels: q8 to q15; values: q0 to q3, one register for
-@ each pixel; weights: q4 to q7.
+@ A pointwise convolution to sixteen output channels, two pixels at a time.
 @
-@ r0 structure, r1 operand, r2 weights, r3 operand of a channel, r4 channels left / 8, r5 bytes from the third pixel of a
-@ channel to the first of the next, r6 residual or 0, r7 output, r8 pixels left, r9 and r10 bytes between pixels of
-@ residual and output, r11 bias, r12 activation, lr first weights.
+@ r0 structure, r1 operand, r2 weights, r3 and r4 values of two pixels, r5 bytes from the fourth channel of a vector to the
+@ next vector, r6 residual or 0, r7 output, r8 pixels left, r9 and r10 bytes from the second half of a pixel of residual and
+@ output to the next pixel, r11 bytes of a value, r12 activation, lr channels left / 16.
 
-@ Adds the products of four channels and loads the next four if \more.
-.macro four_channels more
-    products_of_4 q4, q5, d0[0], d2[0], d4[0], d6[0]
+.macro four_channels pixels, more
+    products \pixels, 0, r11, 1
+    products \pixels, 1, r11, 1
+    products \pixels, 0, r5, 1
+    products \pixels, 1, r11, \more
+.endm
+
+.macro sixteen_channels pixels, more
+    four_channels \pixels, 1
+    four_channels \pixels, 1
+    four_channels \pixels, 1
+    four_channels \pixels, \more
+.endm
+
+@ Pixels are added up in the same order whether they are alone or in pairs, because a pixel must have the same bits however
+@ rows are divided among threads.
+.macro pointwise_pixels pixels
+    ldr r2, [r0, #8]
+    cmp r6, #0
+    bne .Lresidual\@
+    start_sums \pixels
+    b .Lproducts\@
+.Lresidual\@:
     vld1.32 {d8-d11}, [r2]!
-    products_of_4 q6, q7, d0[1], d2[1], d4[1], d6[1]
-    vld1.32 {d12-d15}, [r2]!
-    products_of_4 q4, q5, d1[0], d3[0], d5[0], d7[0]
-    .if \more
-    vld1.32 {d8-d11}, [r2]!
+    vld1.32 {d12-d15}, [r2]
+    vld1.32 {d16-d19}, [r6]!
+    vld1.32 {d20-d23}, [r6], r9
+    vadd.f32 q8, q8, q4
+    vadd.f32 q9, q9, q5
+    vadd.f32 q10, q10, q6
+    vadd.f32 q11, q11, q7
+    .if \pixels == 2
+    vld1.32 {d24-d27}, [r6]!
+    vld1.32 {d28-d31}, [r6], r9
+    vadd.f32 q12, q12, q4
+    vadd.f32 q13, q13, q5
+    vadd.f32 q14, q14, q6
+    vadd.f32 q15, q15, q7
     .endif
-    products_of_2 0, q6, q7, d1[1], d3[1]
-    .if \more
-    vld1.32 {d0-d3}, [r3]!
-    .endif
-    products_of_2 2, q6, q7, d5[1], d7[1]
-    .if \more
-    vld1.32 {d4-d7}, [r3], r5
-    vld1.32 {d12-d15}, [r2]!
-    .endif
+.Lproducts\@:
+    ldr r2, [r0, #4]
+    ldr lr, [r0, #32]
+    mov r3, r1
+    add r4, r1, #16
+    first_products \pixels
+    add r1, r1, #16 * \pixels
+    subs lr, lr, #1
+    beq .Llast\@
+.Lmore\@:
+    sixteen_channels \pixels, 1
+    subs lr, lr, #1
+    bne .Lmore\@
+.Llast\@:
+    sixteen_channels \pixels, 0
+    finish \pixels
 .endm
 
 function pointwise
     ldr r1, [r0]
-    ldr lr, [r0, #4]
-    ldr r11, [r0, #8]
     ldr r12, [r0, #16]
     ldr r6, [r0, #20]
     ldr r7, [r0, #24]
@@ -38,80 +71,16 @@ function pointwise
     ldr r5, [r0, #36]
     ldr r9, [r0, #40]
     ldr r10, [r0, #44]
-    sub r5, r5, #32
-    subs r8, r8, #4
-    blo 6f
-1:  mov r3, r1
-    mov r2, lr
-    ldr r4, [r0, #32]
-    add r1, r1, #64
-    vld1.32 {d0-d3}, [r3]!
-    cmp r6, #0
-    bne 2f
-    vld1.32 {d16-d19}, [r11]
-    vld1.32 {d20-d23}, [r11]
-    vld1.32 {d24-d27}, [r11]
-    vld1.32 {d28-d31}, [r11]
-    b 3f
-2:  vld1.32 {d8-d11}, [r11]
-    vld1.32 {d16-d19}, [r6], r9
-    vld1.32 {d20-d23}, [r6], r9
-    vld1.32 {d24-d27}, [r6], r9
-    vld1.32 {d28-d31}, [r6], r9
-    vadd.f32 q8, q8, q4
-    vadd.f32 q9, q9, q5
-    vadd.f32 q10, q10, q4
-    vadd.f32 q11, q11, q5
-    vadd.f32 q12, q12, q4
-    vadd.f32 q13, q13, q5
-    vadd.f32 q14, q14, q4
-    vadd.f32 q15, q15, q5
-3:  vld1.32 {d8-d11}, [r2]!
-    vld1.32 {d4-d7}, [r3], r5
-    vld1.32 {d12-d15}, [r2]!
-    subs r4, r4, #1
-    beq 5f
-4:  four_channels 1
-    four_channels 1
-    subs r4, r4, #1
-    bne 4b
-5:  four_channels 1
-    four_channels 0
-    finish 4
-    subs r8, r8, #4
+    sub r5, r5, #12
+    sub r9, r9, #32
+    sub r10, r10, #32
+    mov r11, #4
+    subs r8, r8, #2
+    blo 2f
+1:  pointwise_pixels 2
+    subs r8, r8, #2
     bhs 1b
-6:  adds r8, r8, #4
-    beq 9f
-    @ The pixels that are left, one at a time. Products are added in the same order, because a pixel must have the same bits
-    @ however rows are divided among threads.
-    add r5, r5, #32
-7:  mov r3, r1
-    mov r2, lr
-    ldr r4, [r0, #32]
-    add r1, r1, #16
-    lsl r4, r4, #1
-    vld1.32 {d16-d19}, [r11]
-    cmp r6, #0
-    beq 8f
-    vld1.32 {d20-d23}, [r6], r9
-    vadd.f32 q8, q8, q10
-    vadd.f32 q9, q9, q11
-8:  vld1.32 {d0-d1}, [r3], r5
-    vld1.32 {d8-d11}, [r2]!
-    vld1.32 {d12-d15}, [r2]!
-    vmla.f32 q8, q4, d0[0]
-    vmla.f32 q9, q5, d0[0]
-    vld1.32 {d8-d11}, [r2]!
-    vmla.f32 q8, q6, d0[1]
-    vmla.f32 q9, q7, d0[1]
-    vld1.32 {d12-d15}, [r2]!
-    vmla.f32 q8, q4, d1[0]
-    vmla.f32 q9, q5, d1[0]
-    vmla.f32 q8, q6, d1[1]
-    vmla.f32 q9, q7, d1[1]
-    subs r4, r4, #1
-    bne 8b
-    finish 1
-    subs r8, r8, #1
-    bne 7b
-9:  end_function pointwise
+2:  adds r8, r8, #2
+    beq 3f
+    pointwise_pixels 1
+3:  end_function pointwise

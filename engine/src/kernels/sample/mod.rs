@@ -52,7 +52,6 @@ pub fn sample(line: &Line, output: &mut [f32]) {
 
 /// The samplers for the instruction sets of this processor; the fastest comes first.
 fn available() -> impl Iterator<Item = Sampler> {
-    #[cfg_attr(not(any(target_arch = "x86_64", target_arch = "aarch64")), expect(unused_mut, reason = "only plain"))]
     let mut all: [Option<Sampler>; 3] = [None, None, Some(plain_from_start)];
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw") {
@@ -65,6 +64,10 @@ fn available() -> impl Iterator<Item = Sampler> {
     #[cfg(target_arch = "aarch64")]
     if std::arch::is_aarch64_feature_detected!("neon") {
         all[1] = Some(neon::sample);
+    }
+    #[cfg(all(target_arch = "arm", target_os = "linux", target_endian = "little"))]
+    if super::armv7::detected() {
+        all[1] = Some(super::armv7::sample);
     }
     all.into_iter().flatten()
 }
@@ -93,13 +96,13 @@ impl Line<'_> {
     }
 
     /// The column and the row of a sample.
-    fn position(&self, number: usize) -> [i32; 2] {
+    pub(super) fn position(&self, number: usize) -> [i32; 2] {
         [0, 1].map(|axis| self.start[axis].wrapping_add(self.step[axis].wrapping_mul(number as i32)))
     }
 }
 
 /// Computes the samples from number `first` on.
-fn plain(line: &Line, first: usize, output: &mut [f32]) {
+pub(super) fn plain(line: &Line, first: usize, output: &mut [f32]) {
     for (number, sample) in output.chunks_exact_mut(3).enumerate() {
         let position = line.position(first + number);
         let [column, row] = position.map(|at| (at >> 16) as usize);

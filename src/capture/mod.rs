@@ -8,6 +8,7 @@
 
 mod avi;
 mod clip;
+mod delivery;
 mod error;
 mod jpeg;
 mod open;
@@ -25,6 +26,7 @@ mod y4m;
 
 pub use avi::AviSource;
 pub use clip::Clip;
+pub use delivery::Delivery;
 pub use error::{CaptureError, FrameFault};
 pub use jpeg::JpegDecoder;
 pub use open::{DEMO, FileOptions, open_camera, open_file};
@@ -104,6 +106,12 @@ pub trait Source {
     /// also where it returned an error.
     fn take_skipped(&mut self) -> u32 {
         0
+    }
+
+    /// Returns what a camera has delivered whenever a window of about 1.5 s is complete. A source that loses no frames and
+    /// keeps its rate returns `None`.
+    fn take_delivery(&mut self) -> Option<Delivery> {
+        None
     }
 
     /// Time from one frame to the next in microseconds, if the source states a rate.

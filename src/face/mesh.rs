@@ -116,6 +116,11 @@ impl Mesh {
         to_picture(region, &mut self.landmarks);
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
     }
+
+    /// The landmarks that were found last.
+    pub(super) fn landmarks(&self) -> &Landmarks {
+        &self.landmarks
+    }
 }
 
 impl Head {

@@ -49,6 +49,12 @@ impl Tracker {
         Ok(found)
     }
 
+    /// The landmarks of the face in the last picture, if there was one.
+    #[must_use]
+    pub fn face(&self) -> Option<&Landmarks> {
+        self.region.and(Some(self.mesh.landmarks()))
+    }
+
     /// Forgets the region, so that the detector searches the next picture.
     pub fn forget(&mut self) {
         self.region = None;

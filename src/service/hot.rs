@@ -21,6 +21,7 @@ use super::heartbeat::Phase;
 use super::realtime;
 use super::report::{Event, Report};
 use super::times::between;
+use super::watcher::Watcher;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};
 use crate::face::Tracker;
@@ -60,6 +61,7 @@ pub(super) struct HotLoop {
     /// When the open camera delivered its first picture.
     opened_us: Option<u64>,
     timing: FrameTiming,
+    watcher: Watcher,
 }
 
 /// Why the loop has to begin again, or to end.
@@ -91,7 +93,8 @@ impl HotLoop {
     ) -> Self {
         let load_tracker = preflight::load_tracker;
         let (engine, timing) = (EngineHealth::default(), FrameTiming::new(Arc::clone(&counters)));
-        Self { settings, pipeline, load_tracker, engine, outlets, changes, counters, opened_us: None, timing }
+        let watcher = Watcher::new(Arc::clone(&counters));
+        Self { settings, pipeline, load_tracker, engine, outlets, changes, counters, opened_us: None, timing, watcher }
     }
 
     /// Runs until the service stops.
@@ -138,6 +141,7 @@ impl HotLoop {
         // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
+        self.watcher.camera_closed();
         source.close().map_err(Event::Lost)?;
         outcome
     }
@@ -179,6 +183,7 @@ impl HotLoop {
         self.counters.camera_open.store(true, Relaxed);
         self.opened_us = Some(monotonic_us());
         self.timing.camera_opened(source, self.settings.camera.fps);
+        self.watcher.camera_opened(source);
         if let Some(pipeline) = &mut self.pipeline {
             pipeline.forget_face();
         }
@@ -204,6 +209,7 @@ impl HotLoop {
                 Err(error) => Err(Event::Lost(error).into()),
             };
             self.count_skipped(source);
+            self.watcher.count(source);
             outcome?;
         }
         Ok(())
@@ -223,6 +229,8 @@ impl HotLoop {
         self.report(report);
         // The result is on its way: measuring delays nobody.
         self.timing.worked(frame.captured_us, begun_us, monotonic_us(), &stages);
+        let tracker = self.pipeline.as_ref().and_then(|pipeline| pipeline.tracker.as_ref());
+        self.watcher.look(frame, tracker.and_then(Tracker::face));
         if let Err(Rejected::Infer(error)) = outcome {
             return self.engine_failed(error);
         }

@@ -25,6 +25,7 @@ mod report;
 mod sender;
 mod supervisor;
 mod times;
+mod watcher;
 
 use std::io;
 use std::sync::{Arc, mpsc};

@@ -7,15 +7,12 @@ use v4l::video::Capture;
 use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
-use super::super::{CaptureError, Content, Description, Frame, FrameFault, FrameRate, Source};
+use super::super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, Source};
 use super::guard::guarded;
 use super::layout::{Layout, Store};
 use super::mode::{Choice, Wish, choose};
 use super::select::{self, Selected};
 use super::stream::{Limits, Stream};
-
-/// Age, in frame periods, from which a frame that waited in a buffer is skipped. The next frame comes in less time.
-const STALE_PERIODS: u64 = 2;
 
 /// An open camera.
 pub struct CameraSource {
@@ -48,7 +45,7 @@ impl CameraSource {
         let rate = choice.rate.and_then(|rate| set_rate(device, rate)).or(choice.rate);
         let pixels = Store::new(&layout)?;
         let period_us = rate.unwrap_or(FrameRate::FPS_30).period_us();
-        let limits = Limits { timeout, stale_us: STALE_PERIODS * period_us };
+        let limits = Limits { timeout, period_us };
         let stream = Stream::start(device, &camera.node, limits)?;
         Ok(Self { stream, pixels, layout, origin: origin.clone(), rate })
     }
@@ -67,6 +64,10 @@ impl Source for CameraSource {
 
     fn take_skipped(&mut self) -> u32 {
         self.stream.take_skipped()
+    }
+
+    fn take_delivery(&mut self) -> Option<Delivery> {
+        self.stream.take_delivery()
     }
 
     fn frame_period_us(&self) -> Option<u64> {

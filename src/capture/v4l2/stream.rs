@@ -22,6 +22,7 @@ use v4l::device::Handle;
 use v4l::io::mmap::Stream as MappedStream;
 use v4l::io::traits::CaptureStream;
 
+use super::super::delivery::{Arrival, Delivery, DeliveryCounter};
 use super::super::{CaptureError, FrameFault, monotonic_us};
 use super::guard::guarded;
 
@@ -31,6 +32,8 @@ const BUFFERS: u32 = 4;
 const READABLE: i16 = 1;
 /// Time limit for the first frame. Exposure, USB bandwidth and sleeping hubs can delay it.
 const START_TIMEOUT: Duration = Duration::from_secs(5);
+/// Age, in frame periods, from which a frame that waited in a buffer is skipped. The next frame comes in less time.
+const STALE_PERIODS: u64 = 2;
 /// Largest number of attempts to stop, which signals can interrupt.
 const STOP_ATTEMPTS: usize = 10;
 
@@ -45,6 +48,7 @@ pub struct Stream {
     taken: u64,
     /// Number of frames that were skipped since the last call of [`Stream::take_skipped`].
     skipped: u32,
+    delivery: DeliveryCounter,
 }
 
 /// Time limits of a stream.
@@ -52,8 +56,8 @@ pub struct Stream {
 pub struct Limits {
     /// Time after which a camera without a frame has stalled.
     pub timeout: Duration,
-    /// Age in microseconds from which a frame that waited in a buffer is skipped.
-    pub stale_us: u64,
+    /// Time from one frame to the next, microseconds.
+    pub period_us: u64,
 }
 
 /// A filled buffer.
@@ -75,8 +79,9 @@ impl Stream {
         let fail = |error| CaptureError::device(path, "starting it", error);
         let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
         mapped.set_timeout(START_TIMEOUT);
-        let mut stream =
-            Self { mapped: Some(mapped), handle: device.handle(), path: path.to_owned(), limits, taken: 0, skipped: 0 };
+        let delivery = DeliveryCounter::new(limits.period_us);
+        let (handle, path) = (device.handle(), path.to_owned());
+        let mut stream = Self { mapped: Some(mapped), handle, path, limits, taken: 0, skipped: 0, delivery };
         let error = match stream.mapped.as_mut().ok_or(CaptureError::Gone)?.next() {
             Ok(_) => return Ok(stream),
             Err(error) if error.kind() == io::ErrorKind::TimedOut => stalled(START_TIMEOUT),
@@ -106,11 +111,19 @@ impl Stream {
             let (bytes, meta) = mapped.next().map_err(CaptureError::stream)?;
             self.taken += 1;
             let now_us = monotonic_us();
-            let is_stale = skipped > 0 && now_us - captured_us(meta, now_us) > limits.stale_us;
+            let captured_us = captured_us(meta, now_us);
+            if is_monotonic(meta) {
+                self.delivery.arrived(Arrival { sequence: meta.sequence, captured_us, taken_us: now_us });
+            }
+            let is_stale = skipped > 0 && now_us - captured_us > STALE_PERIODS * limits.period_us;
             let has_newer =
                 is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, mem::take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
-                return Ok(shot(bytes, meta).and_then(look));
+                let outcome = shot(bytes, meta).and_then(look);
+                if outcome.is_err() {
+                    self.delivery.damaged();
+                }
+                return Ok(outcome);
             }
             skipped += 1;
             self.skipped += 1;
@@ -125,6 +138,11 @@ impl Stream {
     /// Returns the number of frames that were skipped since the last call.
     pub fn take_skipped(&mut self) -> u32 {
         mem::take(&mut self.skipped)
+    }
+
+    /// Returns what the camera has delivered whenever a window is complete.
+    pub fn take_delivery(&mut self) -> Option<Delivery> {
+        self.delivery.take()
     }
 
     /// Stops the camera and gives its buffers back. There are no frames afterwards.
@@ -209,11 +227,15 @@ fn shot<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<Shot<'a>, FrameFault> {
 /// Returns the driver's timestamp if it uses the monotonic clock, and `now_us` otherwise. A timestamp in the future is
 /// clamped to `now_us`.
 fn captured_us(meta: &Metadata, now_us: u64) -> u64 {
-    if meta.flags & Flags::TIMESTAMP_MASK != Flags::TIMESTAMP_MONOTONIC {
+    if !is_monotonic(meta) {
         return now_us;
     }
     let [seconds, micros] = [meta.timestamp.sec, meta.timestamp.usec].map(|part| u64::try_from(part).unwrap_or(0));
     seconds.saturating_mul(1_000_000).saturating_add(micros).min(now_us)
+}
+
+fn is_monotonic(meta: &Metadata) -> bool {
+    meta.flags & Flags::TIMESTAMP_MASK == Flags::TIMESTAMP_MONOTONIC
 }
 
 fn stalled(timeout: Duration) -> CaptureError {

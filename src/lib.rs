@@ -21,7 +21,6 @@ pub mod preflight;
 mod retry;
 pub mod service;
 pub mod solve;
-pub mod watch;
 
 #[cfg(test)]
 #[path = "../tests/common/skip.rs"]

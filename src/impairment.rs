@@ -13,7 +13,9 @@ pub(crate) const COUNT: usize = Impairment::ALL.len();
 /// A condition under which tracking is poor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Impairment {
-    /// The picture is dark.
+    /// The picture is black, as with a closed shutter.
+    Black,
+    /// The picture is dark, or noisy because the camera amplifies little light.
     Dark,
     /// The face is much darker than what is behind it.
     Backlight,
@@ -35,7 +37,8 @@ pub enum Impairment {
 
 impl Impairment {
     /// Every impairment.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
+        Self::Black,
         Self::Dark,
         Self::Backlight,
         Self::SmallFace,
@@ -51,6 +54,7 @@ impl Impairment {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
+            Self::Black => "black",
             Self::Dark => "dark",
             Self::Backlight => "backlight",
             Self::SmallFace => "small-face",
@@ -67,7 +71,10 @@ impl Impairment {
     #[must_use]
     pub fn sentence(self) -> &'static str {
         match self {
-            Self::Dark => "the picture is dark: light the face from the front",
+            Self::Black => {
+                "the picture is black: open the shutter of the camera, take the cap off its lens, or switch on a light"
+            }
+            Self::Dark => "the picture is dark or noisy: light the face from the front",
             Self::Backlight => {
                 "the face is much darker than what is behind it: turn away from the window, or light the face from the front"
             }
@@ -76,12 +83,13 @@ impl Impairment {
             }
             Self::CutOffFace => "a part of the face is outside the picture: turn the camera, or move back",
             Self::HalvedRate => {
-                "the camera delivers half its frame rate or less: add light, or forbid the longer exposure with \
-                 `v4l2-ctl --set-ctrl=exposure_dynamic_framerate=0`"
+                "the camera delivers about half its frame rate or less, as many do to expose longer: add light, or keep the \
+                 rate with `v4l2-ctl -d /dev/videoN --set-ctrl=exposure_dynamic_framerate=0` (older kernels \
+                 call it exposure_auto_priority)"
             }
             Self::MissingFrames => {
-                "frames get lost between camera and board: give the camera a USB port or hub of its own, set \
-                 camera.format = \"mjpeg\", or choose a smaller picture"
+                "frames get lost or damaged between camera and board: give the camera a USB port of its own instead of a \
+                 hub, use a short cable, set camera.format = \"mjpeg\", or choose a smaller picture"
             }
             Self::Undervoltage => {
                 "the supply voltage is too low, so that the board slows down: use a stronger power supply and a short cable"

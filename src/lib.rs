@@ -21,6 +21,7 @@ pub mod preflight;
 mod retry;
 pub mod service;
 pub mod solve;
+pub mod watch;
 
 #[cfg(test)]
 #[path = "../tests/common/skip.rs"]

@@ -19,6 +19,7 @@ use facewire::config::{Address, LinkKind, LinkSettings, Settings, UdpSettings};
 use facewire::link::{Link, Pace, Pose, Traffic};
 use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::failsafe::{Failsafe, History, News};
+use facewire::watch::{Look, Watch};
 use facewire_packet::{Reason, State};
 
 /// Frames before the count begins.
@@ -32,6 +33,7 @@ struct Way {
     link: Link,
     pace: Pace,
     traffic: Arc<Traffic>,
+    watch: Watch,
     live: usize,
     /// Keeps the receiver's port open.
     _receiver: UdpSocket,
@@ -52,6 +54,7 @@ impl Way {
             link: Link::open(&settings.links[0], &traffic).unwrap(),
             pace: Pace::new(&settings.links[0], settings.send.rate_hz),
             traffic,
+            watch: Watch::new(3_000_000),
             live: 0,
             _receiver: receiver,
         }
@@ -69,6 +72,8 @@ impl Way {
         };
         let output = self.failsafe.update(&mut self.history, now_us, news);
         self.link.offer(self.pace, now_us, &output);
+        let look = Look::at(frame.picture().unwrap(), self.pipeline.tracker.as_ref().unwrap().face());
+        self.watch.look(&look, frame.captured_us);
         self.live += usize::from(output.state == State::Live);
     }
 

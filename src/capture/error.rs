@@ -117,6 +117,15 @@ pub enum CaptureError {
         /// The setting.
         path: String,
     },
+    /// The USB bus cannot carry the pictures of this camera beside what it carries already.
+    #[error(
+        "{path} cannot start, because its USB bus has no bandwidth left; give it a port of its own instead of a hub shared \
+         with other cameras or sound, set camera.format = \"mjpeg\", or choose a smaller picture"
+    )]
+    Bandwidth {
+        /// Path of the device node.
+        path: String,
+    },
     /// The camera does not offer the wanted format.
     #[error(
         "{path} does not offer {wanted}; set camera.format to a format it offers ({offered}), or use another camera"
@@ -195,6 +204,8 @@ impl CaptureError {
             }
             io::ErrorKind::PermissionDenied => Self::PermissionDenied { path },
             io::ErrorKind::ResourceBusy => Self::Busy { path },
+            // The kernel's USB drivers refuse to reserve time on the bus with ENOSPC.
+            io::ErrorKind::StorageFull => Self::Bandwidth { path },
             _ if Self::is_not_v4l2(&source) => Self::NotACamera { path },
             _ if Self::is_gone(&source) => Self::Gone,
             _ => Self::Device { during, source },

@@ -1,17 +1,18 @@
 //! `facewire check`: tries every part that the service needs, and reports which of them work.
 
+mod camera;
+
 use clap::Args;
 
 use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{Clip, Frame, Source as _};
-use crate::config::{CameraSettings, NetworkSettings, Settings};
-use crate::face::Landmarks;
+use crate::config::{NetworkSettings, Settings};
+use crate::face::{Landmarks, Tracker};
 use crate::hardware::{self, Board, Flags, Sensors};
 use crate::impairment::ImpairmentSet;
 use crate::link::Link;
 use crate::preflight::{load_solver, load_tracker};
-use crate::service::{await_picture, open_camera};
 use crate::solve::Camera;
 
 const EXAMPLES: &str = "\
@@ -20,7 +21,8 @@ Examples:
   facewire check --config facewire.toml
 
 Bad settings are all named, and no device is touched (exit status 78). Otherwise every part is tried, and the \
-exit status is that of the first that failed.";
+exit status is that of the first that failed. The camera is watched for 3 seconds, in which somebody should look \
+into it. POOR says what makes tracking poor although everything works, and what to do; it is no failure.";
 
 /// Arguments of `facewire check`.
 #[derive(Debug, Args)]
@@ -34,49 +36,59 @@ pub(super) struct CheckArgs {
 pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     print("settings  ok\n")?;
-    let face = clip_face(&settings.networks);
-    let parts = [
-        ("model", check_model(&settings, face.as_ref().ok())),
-        ("networks", face.map(|_| "they find the face of the built-in clip".to_owned())),
-        ("camera", check_camera(&settings.camera)),
-    ];
+    let mut found = find_face(&settings.networks);
+    let model = check_model(&settings, found.as_ref().ok().map(|(_, face)| face));
+    let seen = camera::watch(&settings.camera, found.as_mut().ok().map(|(tracker, _)| tracker));
     // The board is looked at while it is still at work.
-    check_board(&settings)?;
-    let links = Link::check_all(&settings.links).into_iter().map(|outcome| ("link", outcome.map_err(Failure::from)));
+    let board = check_board(&settings);
+    let parts: [(_, Outcome); 4] = [
+        ("model", model.map(intact)),
+        ("networks", found.map(|_| intact("they find the face of the built-in clip".to_owned()))),
+        ("camera", seen.map(|seen| (seen.to_string(), seen.impairments))),
+        ("board", Ok(board)),
+    ];
+    let links = Link::check_all(&settings.links).into_iter();
+    let links = links.map(|outcome| ("link", outcome.map(intact).map_err(Failure::from)));
     let mut first = None;
     for (part, outcome) in parts.into_iter().chain(links) {
-        match outcome {
-            Ok(found) => print(&format!("{part:<9} ok: {found}\n"))?,
-            Err(failure) => {
-                print(&format!("{part:<9} FAILED: {}\n", failure.message()))?;
-                first.get_or_insert(failure);
-            }
-        }
+        print(&lines(part, &outcome))?;
+        first = first.or(outcome.err());
     }
     first.map_or(Ok(()), Err)
 }
 
-/// Reads the sensors of the board. What impairs tracking is no failure: the service works all the same.
-fn check_board(settings: &Settings) -> Result<(), Failure> {
+/// What was found at a part, and what impairs tracking there. That is no failure: the service works all the same.
+type Outcome = Result<(String, ImpairmentSet), Failure>;
+
+fn intact(found: String) -> (String, ImpairmentSet) {
+    (found, ImpairmentSet::default())
+}
+
+/// Recognises the board and reads its sensors.
+fn check_board(settings: &Settings) -> (String, ImpairmentSet) {
     let root = hardware::root();
     let (board, readings) = (Board::detect(&root), Sensors::find(&root, &settings.hardware).read());
     let flags = Flags::ask();
     let shown = flags.map_or_else(String::new, |flags| format!("; {flags}"));
-    print(&format!("board     ok: {}; {readings}{shown}\n", board.tell(settings.board)))?;
     let found = flags.map_or_else(ImpairmentSet::default, Flags::impairments);
-    print_impairments("board", readings.impairments().and(found))
+    (format!("{}; {readings}{shown}", board.tell(settings.board)), readings.impairments().and(found))
 }
 
-/// Prints a line for each impairment that was found at a part.
-fn print_impairments(part: &str, found: ImpairmentSet) -> Result<(), Failure> {
-    found.iter().try_for_each(|impairment| print(&format!("{part:<9} POOR: {}\n", impairment.sentence())))
+fn lines(part: &str, outcome: &Outcome) -> String {
+    match outcome {
+        Ok((found, impairments)) => {
+            let poor = impairments.iter().map(|impairment| format!("{part:<9} POOR: {}\n", impairment.sentence()));
+            format!("{part:<9} ok: {found}\n") + &poor.collect::<String>()
+        }
+        Err(failure) => format!("{part:<9} FAILED: {}\n", failure.message()),
+    }
 }
 
 /// Landmarks, and the size of the picture in which they were found.
 type Face = (Landmarks, [f32; 2]);
 
 /// Loads the networks, and finds the face in the first frame of the built-in clip.
-fn clip_face(settings: &NetworkSettings) -> Result<Face, Failure> {
+fn find_face(settings: &NetworkSettings) -> Result<(Tracker, Face), Failure> {
     let mut tracker = load_tracker(settings)?;
     let mut clip = Clip::once()?;
     let frame = clip.next()?;
@@ -84,8 +96,9 @@ fn clip_face(settings: &NetworkSettings) -> Result<Face, Failure> {
     let picture = picture.ok_or_else(|| Failure::data("the built-in clip is empty".to_owned()))?;
     let none = || Failure::failed("they find no face in the built-in clip; run scripts/setup again".to_owned());
     let region = tracker.detect(picture)?.ok_or_else(none)?;
-    let landmarks = tracker.landmarks(picture, &region)?.ok_or_else(none)?;
-    Ok((landmarks.clone(), [picture.width, picture.height].map(|side| side as f32)))
+    let landmarks = tracker.landmarks(picture, &region)?.ok_or_else(none)?.clone();
+    tracker.forget();
+    Ok((tracker, (landmarks, [picture.width, picture.height].map(|side| side as f32))))
 }
 
 /// Loads the blendshape model, and solves the face of the built-in clip if the networks have found it.
@@ -97,13 +110,4 @@ fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failu
     }
     let path = &settings.solver.model;
     Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })
-}
-
-/// Opens the camera and waits for an intact frame.
-fn check_camera(settings: &CameraSettings) -> Result<String, Failure> {
-    let mut camera = open_camera(settings)?;
-    let described = camera.describe().to_string();
-    await_picture(&mut *camera, || {})?;
-    camera.close()?;
-    Ok(described)
 }

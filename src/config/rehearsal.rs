@@ -25,32 +25,32 @@ pub enum Scene {
     Hung,
     /// Is unplugged.
     Gone,
-    /// Plays the clip on a board that takes this many frame periods to decode a frame.
-    Slow(u32),
-    /// Plays the clip on a board that is hot.
-    Hot,
-    /// Plays the clip on a board whose supply voltage is too low.
-    Undervoltage,
+    /// Shows the clip in very little light.
+    Dark,
+    /// Shows the clip with a part of the face outside the picture.
+    CutOff,
+    /// Delivers every other frame, like a camera that exposes longer.
+    HalfRate,
+    /// Loses every eighth frame, like a camera on a busy bus.
+    Lossy,
 }
 
 impl Scene {
     /// Every scene with its name in a script.
-    pub const ALL: [(&'static str, Self); 11] = [
+    pub const ALL: [(&'static str, Self); 10] = [
         ("live", Self::Live),
         ("no-face", Self::NoFace),
         ("damaged", Self::Damaged),
         ("silent", Self::Silent),
         ("hung", Self::Hung),
         ("gone", Self::Gone),
-        ("slow-2", Self::Slow(2)),
-        ("slow-4", Self::Slow(4)),
-        ("slow-8", Self::Slow(8)),
-        ("hot", Self::Hot),
-        ("undervoltage", Self::Undervoltage),
+        ("dark", Self::Dark),
+        ("cut-off", Self::CutOff),
+        ("half-rate", Self::HalfRate),
+        ("lossy", Self::Lossy),
     ];
 
-    /// The scenes that [`Script::Random`] plays: all but those to which the service adapts, because it continues at a
-    /// lower rate for a minute after them.
+    /// The scenes of a random rehearsal: each tells by itself what receivers then see.
     pub const RANDOM: [Self; 6] = [Self::Live, Self::NoFace, Self::Damaged, Self::Silent, Self::Hung, Self::Gone];
 }
 
@@ -70,8 +70,7 @@ pub struct BadScript;
 impl Script {
     /// Describes a valid script; the text follows "give".
     pub const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
-         damaged, silent, hung, gone, slow-2, slow-4, slow-8, hot and undervoltage with their seconds, or \
-         \"rehearsal: random 7\"";
+         damaged, silent, hung, gone, dark, cut-off, half-rate and lossy with their seconds, or \"rehearsal: random 7\"";
 
     /// Reads the script in the camera setting `device`. Returns `None` if the setting names no rehearsal, and an error
     /// if the script cannot be read.

@@ -20,4 +20,5 @@ pub use detector::Detector;
 pub use landmarks::{LANDMARKS, Landmarks, MESH};
 pub use mesh::Mesh;
 pub use region::FaceBox;
+pub(crate) use region::bounds;
 pub use tracker::Tracker;

@@ -54,7 +54,7 @@ impl FaceBox {
 }
 
 /// Least and greatest coordinates of points.
-pub(super) fn bounds(points: impl Iterator<Item = [f32; 2]>) -> [[f32; 2]; 2] {
+pub(crate) fn bounds(points: impl Iterator<Item = [f32; 2]>) -> [[f32; 2]; 2] {
     points.fold([[f32::INFINITY; 2], [f32::NEG_INFINITY; 2]], |[min, max], [x, y]| {
         [[min[0].min(x), min[1].min(y)], [max[0].max(x), max[1].max(y)]]
     })

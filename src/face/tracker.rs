@@ -34,7 +34,6 @@ impl Tracker {
     pub fn detect(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
         if self.region.is_none() {
             self.region = self.detector.find(picture)?;
-            self.mesh.begin();
         }
         Ok(self.region)
     }
@@ -50,9 +49,10 @@ impl Tracker {
         Ok(found)
     }
 
-    /// Sets whether the heads of the mesh take turns ([`Mesh`]).
-    pub fn set_turns(&mut self, by_turns: bool) {
-        self.mesh.set_turns(by_turns);
+    /// The landmarks of the face in the last picture, if there was one.
+    #[must_use]
+    pub fn face(&self) -> Option<&Landmarks> {
+        self.region.and(Some(self.mesh.landmarks()))
     }
 
     /// Forgets the region, so that the detector searches the next picture.

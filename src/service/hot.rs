@@ -21,10 +21,10 @@ use super::heartbeat::Phase;
 use super::realtime;
 use super::report::{Event, Report};
 use super::times::between;
+use super::watcher::Watcher;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};
 use crate::face::Tracker;
-use crate::impairment::ImpairmentSet;
 use crate::infer::InferError;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::preflight::{self, SetupError};
@@ -61,8 +61,7 @@ pub(super) struct HotLoop {
     /// When the open camera delivered its first picture.
     opened_us: Option<u64>,
     timing: FrameTiming,
-    /// The impairments that a rehearsal has set.
-    rehearsed: ImpairmentSet,
+    watcher: Watcher,
 }
 
 /// Why the loop has to begin again, or to end.
@@ -94,8 +93,8 @@ impl HotLoop {
     ) -> Self {
         let load_tracker = preflight::load_tracker;
         let (engine, timing) = (EngineHealth::default(), FrameTiming::new(Arc::clone(&counters)));
-        let (opened_us, rehearsed) = (None, ImpairmentSet::default());
-        Self { settings, pipeline, load_tracker, engine, outlets, changes, counters, opened_us, timing, rehearsed }
+        let watcher = Watcher::new(Arc::clone(&counters));
+        Self { settings, pipeline, load_tracker, engine, outlets, changes, counters, opened_us: None, timing, watcher }
     }
 
     /// Runs until the service stops.
@@ -142,6 +141,7 @@ impl HotLoop {
         // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
+        self.watcher.camera_closed();
         source.close().map_err(Event::Lost)?;
         outcome
     }
@@ -168,13 +168,13 @@ impl HotLoop {
     }
 
     /// Waits for the first intact frame: a camera that sends only damaged frames does not count as open.
-    fn await_picture(&mut self, source: &mut dyn Source) -> Result<(), CaptureError> {
+    fn await_picture(&self, source: &mut dyn Source) -> Result<(), CaptureError> {
         self.enter(self.wait());
         let outcome = camera::await_picture(source, || {
             self.enter(self.wait());
             add(&self.counters.damaged, 1);
         });
-        self.account(source);
+        self.count_skipped(source);
         outcome
     }
 
@@ -183,6 +183,7 @@ impl HotLoop {
         self.counters.camera_open.store(true, Relaxed);
         self.opened_us = Some(monotonic_us());
         self.timing.camera_opened(source, self.settings.camera.fps);
+        self.watcher.camera_opened(source);
         if let Some(pipeline) = &mut self.pipeline {
             pipeline.forget_face();
         }
@@ -195,7 +196,6 @@ impl HotLoop {
         let mut in_a_row = DamagedInARow::default();
         while !self.counters.stopping() && !self.adopt() {
             self.enter(self.wait());
-            self.take_step(source);
             let outcome = match source.next() {
                 Ok(Some(frame)) => {
                     in_a_row.reset();
@@ -208,32 +208,15 @@ impl HotLoop {
                 }
                 Err(error) => Err(Event::Lost(error).into()),
             };
-            self.account(source);
+            self.count_skipped(source);
+            self.watcher.count(source);
             outcome?;
         }
         Ok(())
     }
 
-    /// Runs on the step that the supervisor has chosen.
-    fn take_step(&mut self, source: &mut dyn Source) {
-        let step = self.counters.step();
-        self.timing.take(step);
-        source.leave_out_until(self.timing.wanted_us());
-        if let Some(tracker) = self.pipeline.as_mut().and_then(|pipeline| pipeline.tracker.as_mut()) {
-            tracker.set_turns(step.has_turns());
-        }
-    }
-
-    /// Takes in what the source has counted and measured.
-    fn account(&mut self, source: &mut dyn Source) {
-        let skipped = source.take_skipped();
-        add(&self.counters.skipped, skipped.for_newer.into());
-        add(&self.counters.left_out, skipped.left_out.into());
-        self.timing.decoded(source.take_decoding());
-        let before = std::mem::replace(&mut self.rehearsed, source.rehearsed());
-        for impairment in self.rehearsed.iter().chain(before.iter()) {
-            self.counters.impairments.set(impairment, self.rehearsed.contains(impairment));
-        }
+    fn count_skipped(&self, source: &mut dyn Source) {
+        add(&self.counters.skipped, source.take_skipped().into());
     }
 
     fn frame(&mut self, frame: &Frame) -> Result<(), Trouble> {
@@ -246,6 +229,8 @@ impl HotLoop {
         self.report(report);
         // The result is on its way: measuring delays nobody.
         self.timing.worked(frame.captured_us, begun_us, monotonic_us(), &stages);
+        let tracker = self.pipeline.as_ref().and_then(|pipeline| pipeline.tracker.as_ref());
+        self.watcher.look(frame, tracker.and_then(Tracker::face));
         if let Err(Rejected::Infer(error)) = outcome {
             return self.engine_failed(error);
         }

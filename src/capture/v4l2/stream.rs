@@ -22,7 +22,8 @@ use v4l::device::Handle;
 use v4l::io::mmap::Stream as MappedStream;
 use v4l::io::traits::CaptureStream;
 
-use super::super::{CaptureError, FrameFault, Skipped, monotonic_us};
+use super::super::delivery::{Arrival, Delivery, DeliveryCounter};
+use super::super::{CaptureError, FrameFault, monotonic_us};
 use super::guard::guarded;
 
 /// Number of buffers. Two are enough for streaming; two more bridge a late wake-up without a dropped frame.
@@ -31,8 +32,8 @@ const BUFFERS: u32 = 4;
 const READABLE: i16 = 1;
 /// Time limit for the first frame. Exposure, USB bandwidth and sleeping hubs can delay it.
 const START_TIMEOUT: Duration = Duration::from_secs(5);
-/// Largest number of frames that are left out at once, so that a camera whose clock stands still is read nevertheless.
-const MAX_LEFT_OUT: u32 = 16;
+/// Age, in frame periods, from which a frame that waited in a buffer is skipped. The next frame comes in less time.
+const STALE_PERIODS: u64 = 2;
 /// Largest number of attempts to stop, which signals can interrupt.
 const STOP_ATTEMPTS: usize = 10;
 
@@ -45,10 +46,9 @@ pub struct Stream {
     limits: Limits,
     /// Number of frames that were taken from the driver.
     taken: u64,
-    /// Frames that were captured earlier are left out.
-    wanted_us: u64,
-    /// Numbers of frames that were skipped since the last call of [`Stream::take_skipped`].
-    skipped: Skipped,
+    /// Number of frames that were skipped since the last call of [`Stream::take_skipped`].
+    skipped: u32,
+    delivery: DeliveryCounter,
 }
 
 /// Time limits of a stream.
@@ -56,8 +56,8 @@ pub struct Stream {
 pub struct Limits {
     /// Time after which a camera without a frame has stalled.
     pub timeout: Duration,
-    /// Age in microseconds from which a frame that waited in a buffer is skipped.
-    pub stale_us: u64,
+    /// Time from one frame to the next, microseconds.
+    pub period_us: u64,
 }
 
 /// A filled buffer.
@@ -79,8 +79,9 @@ impl Stream {
         let fail = |error| CaptureError::device(path, "starting it", error);
         let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
         mapped.set_timeout(START_TIMEOUT);
-        let (handle, path, skipped) = (device.handle(), path.to_owned(), Skipped::default());
-        let mut stream = Self { mapped: Some(mapped), handle, path, limits, taken: 0, wanted_us: 0, skipped };
+        let delivery = DeliveryCounter::new(limits.period_us);
+        let (handle, path) = (device.handle(), path.to_owned());
+        let mut stream = Self { mapped: Some(mapped), handle, path, limits, taken: 0, skipped: 0, delivery };
         let error = match stream.mapped.as_mut().ok_or(CaptureError::Gone)?.next() {
             Ok(_) => return Ok(stream),
             Err(error) if error.kind() == io::ErrorKind::TimedOut => stalled(START_TIMEOUT),
@@ -90,12 +91,7 @@ impl Stream {
         Err(error)
     }
 
-    /// Lets [`Stream::newest`] leave out frames that were captured before this time.
-    pub fn leave_out_until(&mut self, captured_us: u64) {
-        self.wanted_us = captured_us;
-    }
-
-    /// Waits for a frame that is not to be left out, skips all but the newest, and passes that one to `look`.
+    /// Waits for a frame, skips all but the newest, and passes that one to `look`.
     ///
     /// After a long pause of the reader all buffers are filled, and even the newest frame is old, because the driver had
     /// no buffer for later frames. Such a frame is skipped as well, and the next one awaited.
@@ -107,29 +103,30 @@ impl Stream {
         &mut self,
         look: impl FnOnce(Shot<'_>) -> Result<T, FrameFault>,
     ) -> Result<Result<T, FrameFault>, CaptureError> {
+        self.wait()?;
         let (handle, limits) = (&self.handle, self.limits);
-        wait(handle, limits.timeout)?;
         let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
-        let (mut skipped, mut left_out, mut patience) = (0, 0, limits.timeout);
+        let (mut skipped, mut patience) = (0, limits.timeout);
         loop {
             let (bytes, meta) = mapped.next().map_err(CaptureError::stream)?;
             self.taken += 1;
             let now_us = monotonic_us();
             let captured_us = captured_us(meta, now_us);
-            if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
-                left_out += 1;
-                self.skipped.left_out += 1;
-                wait(handle, limits.timeout)?;
-                continue;
+            if is_monotonic(meta) {
+                self.delivery.arrived(Arrival { sequence: meta.sequence, captured_us, taken_us: now_us });
             }
-            let is_stale = skipped > 0 && now_us - captured_us > limits.stale_us;
+            let is_stale = skipped > 0 && now_us - captured_us > STALE_PERIODS * limits.period_us;
             let has_newer =
                 is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, mem::take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
-                return Ok(shot(bytes, meta).and_then(look));
+                let outcome = shot(bytes, meta).and_then(look);
+                if outcome.is_err() {
+                    self.delivery.damaged();
+                }
+                return Ok(outcome);
             }
             skipped += 1;
-            self.skipped.for_newer += 1;
+            self.skipped += 1;
         }
     }
 
@@ -138,9 +135,14 @@ impl Stream {
         self.taken
     }
 
-    /// Returns the numbers of frames that were skipped since the last call.
-    pub fn take_skipped(&mut self) -> Skipped {
+    /// Returns the number of frames that were skipped since the last call.
+    pub fn take_skipped(&mut self) -> u32 {
         mem::take(&mut self.skipped)
+    }
+
+    /// Returns what the camera has delivered whenever a window is complete.
+    pub fn take_delivery(&mut self) -> Option<Delivery> {
+        self.delivery.take()
     }
 
     /// Stops the camera and gives its buffers back. There are no frames afterwards.
@@ -149,6 +151,19 @@ impl Stream {
     /// [`CaptureError::NotStopped`] if the camera stays open for the rest of the process.
     pub fn stop(&mut self) -> Result<(), CaptureError> {
         self.mapped.take().map_or(Ok(()), |mapped| release(mapped, &self.path))
+    }
+
+    fn wait(&self) -> Result<(), CaptureError> {
+        let deadline_us = monotonic_us() + u64::try_from(self.limits.timeout.as_micros()).unwrap_or(u64::MAX / 2);
+        loop {
+            let left = Duration::from_micros(deadline_us.saturating_sub(monotonic_us()));
+            if is_ready(&self.handle, left)? {
+                return Ok(());
+            }
+            if left.is_zero() {
+                return Err(stalled(self.limits.timeout));
+            }
+        }
     }
 }
 
@@ -188,20 +203,6 @@ fn stop(mapped: &mut impl v4l::io::traits::Stream) -> io::Result<()> {
     }
 }
 
-/// Waits until a buffer is ready.
-fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureError> {
-    let deadline_us = monotonic_us() + u64::try_from(timeout.as_micros()).unwrap_or(u64::MAX / 2);
-    loop {
-        let left = Duration::from_micros(deadline_us.saturating_sub(monotonic_us()));
-        if is_ready(handle, left)? {
-            return Ok(());
-        }
-        if left.is_zero() {
-            return Err(stalled(timeout));
-        }
-    }
-}
-
 /// Returns whether a buffer is ready, or becomes ready within `timeout`. A signal ends the wait early.
 fn is_ready(handle: &Handle, timeout: Duration) -> Result<bool, CaptureError> {
     // Rounded up, so that the last fraction of a millisecond is not spent in a busy loop.
@@ -226,11 +227,15 @@ fn shot<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<Shot<'a>, FrameFault> {
 /// Returns the driver's timestamp if it uses the monotonic clock, and `now_us` otherwise. A timestamp in the future is
 /// clamped to `now_us`.
 fn captured_us(meta: &Metadata, now_us: u64) -> u64 {
-    if meta.flags & Flags::TIMESTAMP_MASK != Flags::TIMESTAMP_MONOTONIC {
+    if !is_monotonic(meta) {
         return now_us;
     }
     let [seconds, micros] = [meta.timestamp.sec, meta.timestamp.usec].map(|part| u64::try_from(part).unwrap_or(0));
     seconds.saturating_mul(1_000_000).saturating_add(micros).min(now_us)
+}
+
+fn is_monotonic(meta: &Metadata) -> bool {
+    meta.flags & Flags::TIMESTAMP_MASK == Flags::TIMESTAMP_MONOTONIC
 }
 
 fn stalled(timeout: Duration) -> CaptureError {

@@ -90,3 +90,13 @@ fn a_camera_that_cannot_be_stopped_is_an_error_with_its_remedy() {
 fn a_stream_that_stops_once_but_not_again_does_no_harm() {
     assert!(matches!(released(&[None, Some(Errno::IO)]), (Ok(()), true)));
 }
+
+#[test]
+fn a_bus_without_bandwidth_is_told_with_its_remedy() {
+    let sentence = CaptureError::device(Path::new("/dev/video7"), "starting it", Errno::NOSPC.into()).to_string();
+    assert!(
+        sentence.starts_with("/dev/video7 cannot start, because its USB bus has no bandwidth left; "),
+        "{sentence}"
+    );
+    assert!(sentence.contains("camera.format = \"mjpeg\""), "{sentence}");
+}

@@ -1,0 +1,67 @@
+//! Watches the open camera, and tells the counters what impairs tracking.
+
+use std::sync::Arc;
+
+use super::counters::Counters;
+use crate::capture::{Frame, Source, monotonic_us};
+use crate::face::Landmarks;
+use crate::watch::{Look, Watch};
+
+/// Time from one look at the picture to the next, microseconds.
+const LOOK_US: u64 = 250_000;
+/// Time for which an impairment must last, and be gone, before it is told, microseconds.
+const HOLD_US: u64 = 3_000_000;
+
+/// Watches for the hot loop: between a frame and the next it neither allocates nor waits.
+#[derive(Debug)]
+pub(super) struct Watcher {
+    counters: Arc<Counters>,
+    watch: Watch,
+    /// Frame period that the camera states.
+    stated_us: Option<u64>,
+    next_look_us: u64,
+}
+
+impl Watcher {
+    pub(super) fn new(counters: Arc<Counters>) -> Self {
+        Self { counters, watch: Watch::new(HOLD_US), stated_us: None, next_look_us: 0 }
+    }
+
+    /// Begins with another camera.
+    pub(super) fn camera_opened(&mut self, camera: &dyn Source) {
+        self.watch = Watch::new(HOLD_US);
+        self.stated_us = camera.frame_period_us();
+        self.tell();
+    }
+
+    /// A camera that is closed impairs nothing.
+    pub(super) fn camera_closed(&mut self) {
+        self.watch = Watch::new(HOLD_US);
+        self.tell();
+    }
+
+    /// Looks at a picture, if the last look was long enough ago, and at the face that was found in it.
+    pub(super) fn look(&mut self, frame: &Frame, face: Option<&Landmarks>) {
+        let Some(picture) = frame.picture() else { return };
+        if frame.captured_us >= self.next_look_us {
+            self.next_look_us = frame.captured_us + LOOK_US;
+            self.watch.look(&Look::at(picture, face), frame.captured_us);
+            self.tell();
+        }
+    }
+
+    /// Judges what the camera has delivered, if a window is complete.
+    pub(super) fn count(&mut self, camera: &mut dyn Source) {
+        if let Some(delivery) = camera.take_delivery() {
+            self.watch.delivery(&delivery, self.stated_us, monotonic_us());
+            self.tell();
+        }
+    }
+
+    fn tell(&self) {
+        let present = self.watch.present();
+        for impairment in Watch::FINDS {
+            self.counters.impairments.set(impairment, present.contains(impairment));
+        }
+    }
+}

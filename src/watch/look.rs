@@ -1,0 +1,267 @@
+//! Measures the light on a face and its place in the picture, from about a thousand samples of luma.
+//!
+//! Contract: [`Look::at`] does not allocate, and takes the same time for every size of picture.
+
+use crate::capture::{Picture, Pixels};
+use crate::face::{Landmarks, MESH, bounds};
+
+/// Columns and rows of the samples of the whole picture, and of those of the box around the face.
+const PICTURE_GRID: [usize; 2] = [24, 18];
+const FACE_GRID: [usize; 2] = [12, 12];
+/// One landmark in this many is a sample of the face.
+const LANDMARK_STEP: usize = 4;
+/// A landmark is cut off if it lies nearer to the border of the picture than this part of the face's size. The network
+/// moves points that would be far outside to the border.
+const BORDER: f32 = 0.02;
+/// Black of video range, and its steps from black to white.
+const VIDEO_BLACK: f32 = 16.0;
+const VIDEO_STEPS: f32 = 219.0;
+/// White of full range.
+const WHITE: f32 = 255.0;
+/// Number of classes of roughness. The last one holds all greater values.
+const ROUGHNESSES: usize = 64;
+/// Median of the roughness `|a - 2b + c|` of three neighbours whose noise has a deviation of 1: that of a normal variable
+/// of variance `1 + 4 + 1`.
+const MEDIAN_ROUGHNESS: f32 = 0.6745 * 2.449_49;
+/// Noise of a picture that was rounded to whole numbers, or smoothed by compression.
+const LEAST_NOISE: f32 = 0.5;
+
+/// What a picture shows of light and face.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// The whole picture.
+    pub picture: Light,
+    /// The face, if there is one.
+    pub face: Option<FaceLook>,
+}
+
+/// What a picture shows of a face.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FaceLook {
+    /// The part of the face that is in the picture.
+    pub light: Light,
+    /// Mean brightness of the picture outside the box around the face.
+    pub surroundings: f32,
+    /// Longer side of the box around the face, in pixels.
+    pub size_px: f32,
+    /// The same as a part of the longer side of the picture.
+    pub size: f32,
+    /// Share of the face that is outside the picture or at its border, from 0 to 1.
+    pub cut_off: f32,
+}
+
+/// Light in a part of a picture, on a scale from 0 (black) to 255 (white) whatever the range of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Light {
+    /// Mean.
+    pub brightness: f32,
+    /// Standard deviation of what is shown, without the noise.
+    pub contrast: f32,
+    /// Standard deviation of the noise between neighbouring pixels, at least 0.5.
+    pub noise: f32,
+}
+
+impl Look {
+    /// Looks at a picture and at the face that was found in it.
+    #[must_use]
+    pub fn at(picture: &Picture, landmarks: Option<&Landmarks>) -> Self {
+        let size = [picture.width, picture.height].map(|side| side as f32);
+        let face = landmarks.map(|landmarks| (landmarks, face_box(landmarks)));
+        let (mut all, mut around) = (Samples::default(), Samples::default());
+        for [x, y] in grid([[0.0; 2], size], PICTURE_GRID) {
+            let Some([luma, roughness]) = sample(picture, x, y) else { continue };
+            all.add(luma);
+            all.add_roughness(roughness);
+            if !face.is_some_and(|(_, face_box)| contains(face_box, [x, y])) {
+                around.add(luma);
+            }
+        }
+        let all = all.light(picture);
+        // Without a sample, the face fills the picture.
+        let surroundings = if around.count == 0 { all.brightness } else { around.light(picture).brightness };
+        let face = face.map(|(landmarks, face_box)| FaceLook::at(picture, landmarks, face_box, surroundings));
+        Self { picture: all, face }
+    }
+}
+
+impl FaceLook {
+    fn at(picture: &Picture, landmarks: &Landmarks, [min, max]: Box2, surroundings: f32) -> Self {
+        let size = [picture.width, picture.height].map(|side| side as f32);
+        let size_px = (max[0] - min[0]).max(max[1] - min[1]);
+        let border = BORDER * size_px;
+        let (mut samples, mut cut_off, mut points) = (Samples::default(), 0, 0);
+        for [x, y, _] in landmarks.0.iter().take(MESH).step_by(LANDMARK_STEP) {
+            points += 1;
+            cut_off += u32::from(!contains([[border; 2], size.map(|side| side - border)], [*x, *y]));
+            if let Some([luma, _]) = sample(picture, *x, *y) {
+                samples.add(luma);
+            }
+        }
+        for [x, y] in grid([min, max], FACE_GRID) {
+            if let Some([_, roughness]) = sample(picture, x, y) {
+                samples.add_roughness(roughness);
+            }
+        }
+        Self {
+            light: samples.light(picture),
+            surroundings,
+            size_px,
+            size: size_px / size[0].max(size[1]),
+            cut_off: cut_off as f32 / points.max(1) as f32,
+        }
+    }
+}
+
+/// Least and greatest coordinates.
+type Box2 = [[f32; 2]; 2];
+
+fn face_box(landmarks: &Landmarks) -> Box2 {
+    bounds(landmarks.0.iter().take(MESH).map(|[x, y, _]| [*x, *y]))
+}
+
+fn contains([min, max]: Box2, [x, y]: [f32; 2]) -> bool {
+    (min[0]..max[0]).contains(&x) && (min[1]..max[1]).contains(&y)
+}
+
+/// The centres of the cells into which a grid divides a box.
+fn grid([min, max]: Box2, [columns, rows]: [usize; 2]) -> impl Iterator<Item = [f32; 2]> {
+    let at = |index: usize, count: usize, min: f32, max: f32| min + (max - min) * (index as f32 + 0.5) / count as f32;
+    (0..rows).flat_map(move |row| {
+        (0..columns).map(move |column| [at(column, columns, min[0], max[0]), at(row, rows, min[1], max[1])])
+    })
+}
+
+/// Returns the luma of a pixel, and how much it deviates from the line through its neighbours in the row. Returns `None`
+/// outside the picture.
+fn sample(picture: &Picture, x: f32, y: f32) -> Option<[u8; 2]> {
+    let (plane, stride, step) = match picture.pixels {
+        Pixels::Yuyv { data, stride } => (data, stride, 2),
+        Pixels::Nv12 { luma: plane, stride, .. }
+        | Pixels::Planar { planes: [plane, ..], strides: [stride, _], .. }
+        | Pixels::Grey { data: plane, stride } => (plane, stride, 1),
+    };
+    if !contains([[0.0; 2], [picture.width as f32, picture.height as f32]], [x, y]) {
+        return None;
+    }
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the picture")]
+    let [x, y] = [x as usize, y as usize];
+    let luma = |x: usize| plane.get(y * stride + x.min(picture.width - 1) * step).copied();
+    let [before, here, after] = [luma(x.saturating_sub(1))?, luma(x)?, luma(x + 1)?];
+    let roughness = (u16::from(before) + u16::from(after)).abs_diff(2 * u16::from(here));
+    Some([here, u8::try_from(roughness).unwrap_or(u8::MAX)])
+}
+
+/// Sums over samples of luma and of roughness.
+struct Samples {
+    sum: u32,
+    squares: u32,
+    count: u32,
+    roughnesses: [u16; ROUGHNESSES],
+}
+
+impl Default for Samples {
+    fn default() -> Self {
+        Self { sum: 0, squares: 0, count: 0, roughnesses: [0; ROUGHNESSES] }
+    }
+}
+
+impl Samples {
+    fn add(&mut self, luma: u8) {
+        let luma = u32::from(luma);
+        self.sum += luma;
+        self.squares += luma * luma;
+        self.count += 1;
+    }
+
+    fn add_roughness(&mut self, roughness: u8) {
+        if let Some(count) = self.roughnesses.get_mut(usize::from(roughness).min(ROUGHNESSES - 1)) {
+            *count += 1;
+        }
+    }
+
+    fn light(&self, picture: &Picture) -> Light {
+        let (black, gain) = if picture.full_range { (0.0, 1.0) } else { (VIDEO_BLACK, WHITE / VIDEO_STEPS) };
+        let count = self.count.max(1) as f32;
+        let mean = self.sum as f32 / count;
+        let noise = self.median_roughness() / MEDIAN_ROUGHNESS;
+        let variance = self.squares as f32 / count - mean * mean - noise * noise;
+        Light {
+            brightness: ((mean - black) * gain).clamp(0.0, WHITE),
+            contrast: variance.max(0.0).sqrt() * gain,
+            noise: (noise * gain).max(LEAST_NOISE),
+        }
+    }
+
+    /// The median, as if the samples of each class were spread evenly over it.
+    fn median_roughness(&self) -> f32 {
+        let half = self.roughnesses.iter().map(|count| f32::from(*count)).sum::<f32>() / 2.0;
+        let mut below = 0.0;
+        for (roughness, count) in self.roughnesses.iter().enumerate() {
+            let count = f32::from(*count);
+            if below + count >= half {
+                return (roughness as f32 - 0.5 + (half - below) / count.max(1.0)).max(0.0);
+            }
+            below += count;
+        }
+        0.0
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::solve::test_face::face;
+
+    const SIDE: usize = 192;
+
+    fn grey(data: &[u8], full_range: bool) -> Picture<'_> {
+        Picture::new(SIDE, SIDE, Pixels::Grey { data, stride: SIDE }, full_range).unwrap()
+    }
+
+    #[test]
+    fn every_format_and_range_gives_the_same_brightness() {
+        let luma = vec![126; SIDE * SIDE];
+        let yuyv: Vec<u8> = luma.iter().flat_map(|luma| [*luma, 30]).collect();
+        let formats = [
+            Pixels::Grey { data: &luma, stride: SIDE },
+            Pixels::Yuyv { data: &yuyv, stride: 2 * SIDE },
+            Pixels::Nv12 { luma: &luma, chroma: &yuyv, stride: SIDE },
+            Pixels::Planar { planes: [&luma, &yuyv, &yuyv], strides: [SIDE; 2], chroma_shift: [1, 1] },
+        ];
+        for pixels in formats {
+            let brightness = |full_range| {
+                let picture = Picture::new(SIDE, SIDE, pixels, full_range).unwrap();
+                Look::at(&picture, None).picture.brightness
+            };
+            let [full, video] = [true, false].map(brightness);
+            assert!((full - 126.0).abs() < 0.1 && (video - 128.1).abs() < 0.1, "{pixels:?}");
+        }
+    }
+
+    #[test]
+    fn noise_and_contrast_are_told_apart() {
+        let mut random = fastrand::Rng::with_seed(7);
+        let mut normal = || (0..12).map(|_| random.f32()).sum::<f32>() - 6.0;
+        // Steps of 64 pixels between 90 and 150 have a deviation of 30.
+        let step = |x: usize| if (x / 64).is_multiple_of(2) { 90.0 } else { 150.0 };
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "luma")]
+        let pixels: Vec<u8> =
+            (0..SIDE * SIDE).map(|at| (step((at % SIDE) + at / SIDE) + 8.0 * normal()).round() as u8).collect();
+        let light = Look::at(&grey(&pixels, true), None).picture;
+        assert!((light.noise - 8.0).abs() < 1.0 && (light.contrast - 30.0).abs() < 2.0, "{light:?}");
+        let plain = vec![7; SIDE * SIDE];
+        let light = Look::at(&grey(&plain, true), None).picture;
+        assert_eq!(light, Light { brightness: 7.0, contrast: 0.0, noise: LEAST_NOISE });
+    }
+
+    #[test]
+    fn a_face_has_its_size_and_what_is_outside_the_picture_is_cut_off() {
+        let data = vec![100; SIDE * SIDE];
+        let look = |centre| Look::at(&grey(&data, true), Some(&face([0.0; 3], 60.0, centre))).face.unwrap();
+        let whole = look([96.0, 80.0]);
+        assert!(whole.size_px > 60.0 && (whole.size - whole.size_px / 192.0).abs() < 1e-6, "{whole:?}");
+        let far = look([-500.0, 80.0]);
+        assert!((far.cut_off - 1.0).abs() < 1e-6 && far.light.brightness < 1e-6, "{far:?}");
+    }
+}

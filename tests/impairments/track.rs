@@ -1,0 +1,151 @@
+//! What tracking a film gives, and how far it is from what the undisturbed film gives.
+
+use facewire::capture::{Content, Frame};
+use facewire::config::Settings;
+use facewire::face::{Landmarks, MESH};
+use facewire::impairment::ImpairmentSet;
+use facewire::pipeline::Pipeline;
+use facewire::solve::{COEFFS, Camera};
+use facewire::watch::{FaceLook, Look, Watch};
+
+use super::photo::Photo;
+
+/// A coefficient that deviates less than this does not move, and has no correlation.
+const MOVES: f32 = 0.03;
+/// Time between two frames of a film.
+const PERIOD_US: usize = 33_333;
+
+pub struct Track {
+    /// Number of frames of the film from one frame of the track to the next.
+    pub step: usize,
+    /// The coefficients of each frame; `None` without a face.
+    pub coefficients: Vec<Option<[f32; COEFFS]>>,
+    pub looks: Vec<Look>,
+    /// The box around the face, or where it was last.
+    pub boxes: Vec<[f32; 4]>,
+    /// The last face.
+    pub landmarks: Landmarks,
+}
+
+impl Track {
+    pub fn of(photos: &[Photo], step: usize, alter: impl Fn(&Photo, usize) -> Photo) -> Self {
+        let settings = Settings::default();
+        let mut pipeline = Pipeline::load(&settings).unwrap_or_else(|error| panic!("{error}"));
+        let (coefficients, looks, boxes) = (Vec::new(), Vec::new(), Vec::new());
+        let mut track = Self { step, coefficients, looks, boxes, landmarks: Landmarks::zero() };
+        for (number, photo) in photos.iter().enumerate() {
+            let altered = alter(photo, number);
+            let content = Content::Picture(altered.picture());
+            let frame = Frame { content, captured_us: (number * step * PERIOD_US) as u64, number: number as u64 };
+            let landmarks = pipeline.find(&frame).unwrap().cloned();
+            let camera = Camera::new(frame.size_px(), settings.camera.horizontal_fov_deg);
+            let solve = |face: &Landmarks| pipeline.solver.solve(face, &camera, frame.captured_us).ok();
+            let solution = landmarks.as_ref().and_then(solve);
+            track.coefficients.push(solution.map(|solution| solution.smoothed.0));
+            track.looks.push(Look::at(frame.picture().unwrap(), landmarks.as_ref()));
+            track.landmarks = landmarks.unwrap_or(track.landmarks);
+            track.boxes.push(bounds(&track.landmarks));
+        }
+        track
+    }
+
+    /// What is told at the end of the film.
+    pub fn told(&self) -> ImpairmentSet {
+        let mut watch = Watch::new(3_000_000);
+        for (number, look) in self.looks.iter().enumerate() {
+            watch.look(look, (number * self.step * PERIOD_US) as u64);
+        }
+        watch.present()
+    }
+
+    /// The track without a part of its frames.
+    pub fn losing(&self, share: f32) -> Self {
+        let mut random = fastrand::Rng::with_seed(7);
+        self.keeping(|_| random.f32() >= share)
+    }
+
+    pub fn halved(&self) -> Self {
+        self.keeping(|number| number % 2 == 0)
+    }
+
+    fn keeping(&self, mut keeps: impl FnMut(usize) -> bool) -> Self {
+        let kept = self.coefficients.iter().enumerate().map(|(number, row)| row.filter(|_| keeps(number)));
+        let (looks, boxes, landmarks) = (self.looks.clone(), self.boxes.clone(), self.landmarks.clone());
+        Self { step: self.step, coefficients: kept.collect(), looks, boxes, landmarks }
+    }
+
+    /// The coefficients of each frame. A frame without a face repeats the last one.
+    fn held(&self) -> Vec<[f32; COEFFS]> {
+        let hold = |last: &mut [f32; COEFFS], row: &Option<[f32; COEFFS]>| {
+            *last = row.unwrap_or(*last);
+            Some(*last)
+        };
+        self.coefficients.iter().scan([0.0; COEFFS], hold).collect()
+    }
+
+    /// The figures of a track beside the undisturbed one.
+    pub fn row(&self, whole: &Self) -> String {
+        let Agreement { r, difference, faces } = Agreement::of(whole, self);
+        let brightness = mean(self.looks.iter().map(|look| look.picture.brightness));
+        let face =
+            |value: fn(&FaceLook) -> f32| mean(self.looks.iter().filter_map(|look| look.face.as_ref()).map(value));
+        format!(
+            "r {r:.3} difference {difference:.3} faces {:3.0} % | brightness {brightness:3.0} | face {:3.0}, around {:3.0}, \
+             contrast {:4.1}, noise {:4.1}, {:3.0} px, {:.3}, cut off {:.2} | {}",
+            faces * 100.0,
+            face(|face| face.light.brightness),
+            face(|face| face.surroundings),
+            face(|face| face.light.contrast),
+            face(|face| face.light.noise),
+            face(|face| face.size_px),
+            face(|face| face.size),
+            face(|face| face.cut_off),
+            self.told(),
+        )
+    }
+}
+
+fn bounds(landmarks: &Landmarks) -> [f32; 4] {
+    landmarks.0.iter().take(MESH).fold([f32::MAX, f32::MAX, f32::MIN, f32::MIN], |[left, top, right, bottom], point| {
+        [left.min(point[0]), top.min(point[1]), right.max(point[0]), bottom.max(point[1])]
+    })
+}
+
+fn mean(values: impl Iterator<Item = f32>) -> f32 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    sum / count
+}
+
+/// How far the coefficients of a disturbed film agree with those of the undisturbed one.
+pub struct Agreement {
+    /// Mean Pearson correlation of the coefficients that move in the undisturbed film.
+    pub r: f32,
+    /// Mean absolute difference.
+    pub difference: f32,
+    /// Share of the frames with a face.
+    pub faces: f32,
+}
+
+impl Agreement {
+    pub fn of(whole: &Track, poor: &Track) -> Self {
+        let [ours, theirs] = [whole, poor].map(Track::held);
+        let pair = |index: usize| ours.iter().zip(&theirs).map(move |(a, b)| [a[index], b[index]]);
+        let moving: Vec<f32> = (0..COEFFS).filter_map(|index| correlation(&pair(index).collect::<Vec<_>>())).collect();
+        let faces = poor.coefficients.iter().map(|row| if row.is_some() { 1.0 } else { 0.0 });
+        Self {
+            r: mean(moving.into_iter()),
+            difference: mean((0..COEFFS).flat_map(pair).map(|[a, b]| (a - b).abs())),
+            faces: mean(faces),
+        }
+    }
+}
+
+/// Pearson's correlation, or `None` if the first of the two does not move. It is 0 if only the second does not.
+fn correlation(pairs: &[[f32; 2]]) -> Option<f32> {
+    let means = [0, 1].map(|side: usize| mean(pairs.iter().map(|pair| pair[side])));
+    let product = |one: usize, other: usize| {
+        mean(pairs.iter().map(|pair| (pair[one] - means[one]) * (pair[other] - means[other])))
+    };
+    let [first, second] = [product(0, 0), product(1, 1)];
+    (first.sqrt() > MOVES).then(|| product(0, 1) / (first * second).sqrt().max(f32::MIN_POSITIVE))
+}

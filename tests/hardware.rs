@@ -150,7 +150,8 @@ fn the_report_has_the_board_and_its_speed_and_nothing_that_identifies_its_owner(
     }
     let recording = programs.path().join("Erika.avi");
     fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/src/capture/demo.avi"), &recording).unwrap();
-    let link = "[[link]]\naddress = \"pi-of-erika:5252\"\n[camera]\ndevice = \"Camera of Erika\"\n";
+    let link =
+        "[[link]]\naddress = \"pi-of-erika:5252\"\n[camera]\ndevice = \"Camera of Erika\"\n[realtime]\nhot_cpu = 0\n";
     let file = settings(link);
     let mut command = facewire(["bench", text(&recording), "--rounds", "1", "--report", "--config", text(file.path())]);
     command.env("FACEWIRE_SYSROOT", root.path()).env("PATH", with_vcgencmd(programs.path(), "throttled=0x0"));
@@ -164,7 +165,8 @@ fn the_report_has_the_board_and_its_speed_and_nothing_that_identifies_its_owner(
         "before     processor 82.3 °C (cpu-thermal), limit 80 °C; powersave at 600 of 1800 MHz; supply voltage too low\n",
         "after      processor 82.3 °C",
         "flags      firmware flags 0x0: ",
-        "networks.threads 2, camera 640 x 480 at 30/s in format auto,",
+        "networks.threads 2, camera 640 x 480 at 30/s in format auto\n",
+        "bound      hot on CPU 0",
         " frames a second at p95, with decoding\n",
         "% of one core at 30 frames a second",
         "peak memory",

@@ -18,6 +18,7 @@ use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{DEMO, FileOptions, Frame, Source, open_file};
 use crate::pipeline::{Pipeline, Rejected};
+use crate::service::bind_to_hot_cpu;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -63,6 +64,8 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     let report = args.report.then(|| Report::begin(&settings));
     let mut pipeline = Pipeline::load_for(&*open(&args.input)?, &settings)?;
+    // The helper threads of the networks have started, and may run on every CPU, as in the service.
+    let bound = bind_to_hot_cpu(&settings.realtime);
     play(&mut pipeline, &args.input, &mut Samples::default())?;
     let mut samples = Samples::default();
     for _ in 0..args.rounds {
@@ -78,7 +81,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     let layers = (args.layers || args.report).then(|| layers::measure(&settings.networks)).transpose()?;
     // The figures are printed before the drawing, so that they are not lost if the drawing cannot be written.
     print(&match (report, layers) {
-        (Some(report), Some(layers)) => report.text(&settings, &figures, &layers),
+        (Some(report), Some(layers)) => report.text(&settings, bound, &figures, &layers),
         (_, layers) => {
             figures.layers = layers;
             if args.json { figures.json() } else { figures.table() }

@@ -36,6 +36,7 @@ use facewire_packet::Reason;
 
 pub use camera::{await_picture, open as open_camera};
 pub use counters::{Counters, Status};
+pub use realtime::bind_to_hot_cpu;
 pub use reload::Program;
 pub use times::Quantiles;
 

@@ -97,6 +97,14 @@ impl Scheduling {
     }
 }
 
+/// Binds the calling thread to the CPU of the hot loop, for a measurement outside the service. Returns the system's answer
+/// if the settings name a CPU.
+#[must_use]
+pub fn bind_to_hot_cpu(settings: &RealtimeSettings) -> Option<String> {
+    let hot = Scheduling { priority: None, ..Scheduling::hot(settings) };
+    hot.apply().first().map(Grant::to_string)
+}
+
 fn set_priority(priority: u32) -> Result<(), String> {
     let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
     let params = ScheduleParams { sched_priority: i32::try_from(priority).unwrap_or(i32::MAX) };

@@ -29,10 +29,17 @@ impl Report {
         Self { before: sensors.read(), sensors, root }
     }
 
-    /// Returns the block.
-    pub(super) fn text(&self, settings: &Settings, figures: &Figures, layers: &Layers) -> String {
+    /// Returns the block. `bound` says whether the measurement ran on the CPU that the settings name.
+    pub(super) fn text(
+        &self,
+        settings: &Settings,
+        bound: Option<String>,
+        figures: &Figures,
+        layers: &Layers,
+    ) -> String {
         let lines = [
             ("facewire", format!("{}; {}", env!("CARGO_PKG_VERSION"), in_force(settings))),
+            ("bound", bound.unwrap_or_else(|| "to no CPU".to_owned())),
             ("board", Board::detect(&self.root).tell(settings.board)),
             ("system", machine::system()),
             ("processors", machine::processors(&self.root)),
@@ -54,16 +61,14 @@ fn memory(root: &Path) -> String {
 
 /// Returns the settings that matter for speed.
 fn in_force(settings: &Settings) -> String {
-    let (networks, camera, realtime) = (&settings.networks, &settings.camera, &settings.realtime);
+    let (networks, camera) = (&settings.networks, &settings.camera);
     format!(
-        "networks.engine {}, networks.threads {}, camera {} x {} at {}/s in format {}, realtime priority {}, CPU {}",
+        "networks.engine {}, networks.threads {}, camera {} x {} at {}/s in format {}",
         networks.engine.name(),
         networks.threads,
         camera.width,
         camera.height,
         camera.fps,
         camera.format.name(),
-        realtime.priority,
-        realtime.hot_cpu,
     )
 }

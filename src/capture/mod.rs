@@ -37,8 +37,10 @@ pub use rate::FrameRate;
 pub use y4m::Y4mSource;
 
 use std::fmt;
+use std::time::Duration;
 
 use crate::face::Landmarks;
+use crate::impairment::ImpairmentSet;
 
 /// One frame and the time of its capture, lent by its source until the next call.
 #[derive(Debug, Clone, Copy)]
@@ -102,10 +104,24 @@ pub trait Source {
         Ok(self.next()?.is_some())
     }
 
-    /// Returns how many frames [`Source::next`] has skipped in favour of newer ones since the last call of this method,
-    /// also where it returned an error.
-    fn take_skipped(&mut self) -> u32 {
-        0
+    /// Lets the next call of [`Source::next`] leave out the frames that a camera captured before this time, without
+    /// decoding them. It then waits for the first frame that was captured later.
+    fn leave_out_until(&mut self, _captured_us: u64) {}
+
+    /// Returns how many frames [`Source::next`] has skipped since the last call of this method, also where it returned an
+    /// error.
+    fn take_skipped(&mut self) -> Skipped {
+        Skipped::default()
+    }
+
+    /// Returns how long a camera's frames took to decode since the last call of this method.
+    fn take_decoding(&mut self) -> Duration {
+        Duration::ZERO
+    }
+
+    /// What the service is to take for impaired although it is not, because a rehearsal asks for it.
+    fn rehearsed(&self) -> ImpairmentSet {
+        ImpairmentSet::default()
     }
 
     /// Returns what a camera has delivered whenever a window of about 1.5 s is complete. A source that loses no frames and
@@ -132,6 +148,15 @@ pub trait Source {
     fn close(self: Box<Self>) -> Result<(), CaptureError> {
         Ok(())
     }
+}
+
+/// Numbers of frames that were not decoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Skipped {
+    /// Frames skipped because a newer one had arrived.
+    pub for_newer: u32,
+    /// Frames left out because the reader wanted a later one ([`Source::leave_out_until`]).
+    pub left_out: u32,
 }
 
 /// What a source delivers. Printed as `demo: MJPEG 640x480 at 30 fps`.

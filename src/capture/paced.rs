@@ -3,11 +3,11 @@
 
 use std::mem::take;
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rustix::time::{ClockId, clock_gettime};
 
-use super::{CaptureError, Description, Frame, FrameRate, Source};
+use super::{CaptureError, Description, Frame, FrameRate, Skipped, Source};
 
 /// Largest number of frames that are skipped at once, so that a process that was stopped for hours continues soon.
 const MAX_SKIPPED: u32 = 300;
@@ -19,14 +19,17 @@ pub struct Paced<S> {
     period_us: u64,
     /// Time at which the next frame is due. The first call sets it.
     due_us: Option<u64>,
-    skipped: u32,
+    /// Frames that are due earlier are left out.
+    wanted_us: u64,
+    skipped: Skipped,
+    decoding: Duration,
 }
 
 impl<S: Source> Paced<S> {
     /// Starts to play with the first call of [`Source::next`]. A source without a rate is played at 30 frames per second.
     pub fn new(source: S) -> Self {
         let period_us = source.frame_period_us().unwrap_or(FrameRate::FPS_30.period_us()).max(1);
-        Self { source, period_us, due_us: None, skipped: 0 }
+        Self { source, period_us, due_us: None, wanted_us: 0, skipped: Skipped::default(), decoding: Duration::ZERO }
     }
 
     /// Skips `count` frames, but no more than [`MAX_SKIPPED`] and not beyond the end.
@@ -46,18 +49,30 @@ impl<S: Source> Source for Paced<S> {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
         let now_us = monotonic_us();
         let due_us = self.due_us.unwrap_or(now_us);
-        let skipped = frames_missed(now_us, due_us, self.period_us);
-        let captured_us = due_us + u64::from(skipped) * self.period_us;
+        let skipped = frames_skipped(now_us, due_us, self.wanted_us, self.period_us);
+        let count = skipped.for_newer.saturating_add(skipped.left_out);
+        let captured_us = due_us + u64::from(count) * self.period_us;
         self.due_us = Some(captured_us + self.period_us);
-        self.skipped = self.skipped.saturating_add(skipped);
-        self.skip_frames(skipped)?;
+        self.skipped.for_newer = self.skipped.for_newer.saturating_add(skipped.for_newer);
+        self.skipped.left_out = self.skipped.left_out.saturating_add(skipped.left_out);
+        self.skip_frames(count)?;
         sleep(Duration::from_micros(captured_us.saturating_sub(now_us)));
+        let begun = Instant::now();
         let frame = self.source.next()?;
+        self.decoding += begun.elapsed();
         Ok(frame.map(|frame| Frame { captured_us, ..frame }))
     }
 
-    fn take_skipped(&mut self) -> u32 {
+    fn leave_out_until(&mut self, captured_us: u64) {
+        self.wanted_us = captured_us;
+    }
+
+    fn take_skipped(&mut self) -> Skipped {
         take(&mut self.skipped)
+    }
+
+    fn take_decoding(&mut self) -> Duration {
+        take(&mut self.decoding)
     }
 
     fn frame_period_us(&self) -> Option<u64> {
@@ -69,10 +84,13 @@ impl<S: Source> Source for Paced<S> {
     }
 }
 
-/// Returns how many frames are due that are older than the newest one.
-fn frames_missed(now_us: u64, due_us: u64, period_us: u64) -> u32 {
-    let periods = now_us.saturating_sub(due_us) / period_us;
-    u32::try_from(periods).unwrap_or(u32::MAX)
+/// Returns how many frames from `due_us` on are due before `wanted_us`, and how many of the others are older than the
+/// newest one.
+fn frames_skipped(now_us: u64, due_us: u64, wanted_us: u64, period_us: u64) -> Skipped {
+    let count = |periods: u64| u32::try_from(periods).unwrap_or(u32::MAX);
+    let left_out = count(wanted_us.saturating_sub(due_us).div_ceil(period_us));
+    let older = count(now_us.saturating_sub(due_us) / period_us);
+    Skipped { for_newer: older.saturating_sub(left_out), left_out }
 }
 
 /// Returns the time of `CLOCK_MONOTONIC` in microseconds. Most drivers take their timestamps from this clock.
@@ -91,11 +109,30 @@ mod tests {
 
     #[test]
     fn a_late_reader_gets_the_newest_frame_that_is_due() {
-        assert_eq!(frames_missed(99, 100, 10), 0, "early");
-        assert_eq!(frames_missed(109, 100, 10), 0, "still the newest");
-        assert_eq!(frames_missed(110, 100, 10), 1);
-        assert_eq!(frames_missed(135, 100, 10), 3);
-        assert_eq!(frames_missed(u64::MAX, 0, 1), u32::MAX);
+        let skipped = |now_us, wanted_us| {
+            let Skipped { for_newer, left_out } = frames_skipped(now_us, 100, wanted_us, 10);
+            (for_newer, left_out)
+        };
+        assert_eq!(skipped(99, 0), (0, 0), "early");
+        assert_eq!(skipped(109, 0), (0, 0), "still the newest");
+        assert_eq!(skipped(110, 0), (1, 0));
+        assert_eq!(skipped(135, 0), (3, 0));
+        assert_eq!(skipped(99, 125), (0, 3), "the frame that is due at 130 is the first wanted one");
+        assert_eq!(skipped(155, 125), (2, 3), "of the wanted ones the newest");
+        assert_eq!(frames_skipped(u64::MAX, 0, 0, 1).for_newer, u32::MAX);
+    }
+
+    #[test]
+    fn frames_before_the_wanted_time_are_left_out_and_counted_apart() {
+        let mut camera = Paced::new(Clip::looped().unwrap());
+        let first = camera.next().unwrap().unwrap();
+        let (captured_us, number) = (first.captured_us, first.number);
+        camera.leave_out_until(captured_us + 2 * 33_333);
+        let wanted = camera.next().unwrap().unwrap();
+        let (wanted_us, wanted_number) = (wanted.captured_us, wanted.number);
+        let Skipped { for_newer, left_out } = camera.take_skipped();
+        let frames = u64::from(for_newer) + 2;
+        assert_eq!((left_out, wanted_us, wanted_number), (1, captured_us + frames * 33_333, number + frames));
     }
 
     #[test]
@@ -104,7 +141,7 @@ mod tests {
         let mut camera = Paced::new(Clip::looped().unwrap());
         let first = camera.next().unwrap().unwrap().captured_us;
         let second = camera.next().unwrap().unwrap().captured_us;
-        let periods = u64::from(camera.take_skipped()) + 1;
+        let periods = u64::from(camera.take_skipped().for_newer) + 1;
         assert_eq!(second, first + periods * 33_333);
         assert!(before_us <= first && second <= monotonic_us());
     }
@@ -116,7 +153,7 @@ mod tests {
         camera.due_us = Some(monotonic_us() - 5 * 33_333);
         let late = camera.next().unwrap().unwrap().number;
         let skipped = camera.take_skipped();
-        assert!(skipped >= 5);
-        assert_eq!((late, camera.take_skipped()), (1 + u64::from(skipped), 0));
+        assert!(skipped.for_newer >= 5);
+        assert_eq!((late, camera.take_skipped()), (1 + u64::from(skipped.for_newer), Skipped::default()));
     }
 }

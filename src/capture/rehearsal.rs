@@ -4,15 +4,17 @@
 //! happens depends on the script and on this clock alone. `live 5, gone 2` plays for 5 s, is unplugged for 2 s, and
 //! repeats this. `random 7` has a fault of random kind and length in every other 2 s; the number seeds the generator.
 
+use std::mem::take;
 use std::sync::OnceLock;
 use std::thread::sleep;
 use std::time::Duration;
 
 use super::delivery::{Arrival, Delivery, DeliveryCounter};
 use super::{
-    CaptureError, Clip, Content, Description, Frame, FrameFault, Paced, Picture, Pixels, Source, monotonic_us,
+    CaptureError, Clip, Content, Description, Frame, FrameFault, Paced, Picture, Pixels, Skipped, Source, monotonic_us,
 };
 use crate::config::{Scene, Script};
+use crate::impairment::{Impairment, ImpairmentSet};
 
 /// Length of a random scene, and of the live scene after it.
 const RANDOM_SCENE_US: u64 = 2_000_000;
@@ -71,6 +73,8 @@ pub struct Rehearsal {
     tally: Tally,
     timeout: Duration,
     begun_us: u64,
+    /// Time that slow scenes have added to the decoding.
+    slowness: Duration,
 }
 
 impl Rehearsal {
@@ -85,7 +89,7 @@ impl Rehearsal {
         let pixels = film.describe().width * film.describe().height;
         let tally = Tally::new(film.frame_period_us().unwrap_or(0));
         let stage = Stage { film: Paced::new(film), canvas: vec![GREY; pixels] };
-        let rehearsal = Self { script, stage, tally, timeout, begun_us };
+        let rehearsal = Self { script, stage, tally, timeout, begun_us, slowness: Duration::ZERO };
         match rehearsal.now() {
             (Scene::Gone, _) => Err(gone()),
             _ => Ok(rehearsal),
@@ -127,15 +131,36 @@ impl Source for Rehearsal {
         if let Some(frame) = &frame {
             self.tally.count(scene, frame.number, frame.captured_us);
         }
+        if let Scene::Slow(periods) = scene {
+            let added = Duration::from_micros(self.tally.period_us) * periods;
+            self.slowness += added;
+            sleep(added);
+        }
         Ok(frame)
     }
 
-    fn take_skipped(&mut self) -> u32 {
+    fn leave_out_until(&mut self, captured_us: u64) {
+        self.stage.film.leave_out_until(captured_us);
+    }
+
+    fn take_skipped(&mut self) -> Skipped {
         self.stage.film.take_skipped()
     }
 
     fn take_delivery(&mut self) -> Option<Delivery> {
         self.tally.delivery.take()
+    }
+
+    fn take_decoding(&mut self) -> Duration {
+        self.stage.film.take_decoding() + take(&mut self.slowness)
+    }
+
+    fn rehearsed(&self) -> ImpairmentSet {
+        let mut rehearsed = ImpairmentSet::default();
+        let (scene, _) = self.now();
+        rehearsed.set(Impairment::Hot, scene == Scene::Hot);
+        rehearsed.set(Impairment::Undervoltage, scene == Scene::Undervoltage);
+        rehearsed
     }
 
     fn frame_period_us(&self) -> Option<u64> {
@@ -296,6 +321,21 @@ mod tests {
         assert_eq!(seen(Scene::Live), (30.0, 0.0));
         assert_eq!(seen(Scene::HalfRate), (15.0, 0.0));
         assert_eq!(seen(Scene::Lossy), (30.0, 11.0));
+    }
+
+    #[test]
+    fn a_slow_board_takes_its_time_to_decode_and_a_hot_one_says_so() {
+        let play = |scene: &str| {
+            let script = script(&format!("rehearsal: {scene} 60"));
+            Rehearsal::open(script, Duration::from_millis(1)).unwrap()
+        };
+        let mut slow = play("slow-4");
+        let captured_us = slow.next().unwrap().unwrap().captured_us;
+        assert!(monotonic_us() - captured_us >= 4 * 33_333);
+        assert!(slow.take_decoding() >= Duration::from_micros(4 * 33_333));
+        assert!(slow.take_decoding().is_zero());
+        let rehearsed = ["slow-4", "live", "hot", "undervoltage"].map(|scene| play(scene).rehearsed().to_string());
+        assert_eq!(rehearsed, ["none", "none", "hot", "undervoltage"]);
     }
 
     #[test]

@@ -47,6 +47,7 @@ fn tables(settings: &Settings) -> String {
     write(&mut text, "[send]", &settings.send);
     write(&mut text, "[realtime]", &settings.realtime);
     write(&mut text, "[hardware]", &settings.hardware);
+    write(&mut text, "[adaptation]", &settings.adaptation);
     write(&mut text, "[metrics]", &settings.metrics);
     write(&mut text, "[log]", &settings.log);
     for link in &settings.links {

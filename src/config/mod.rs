@@ -32,8 +32,8 @@ pub use link::{CarrierSettings, LinkKind, LinkSettings, PaceKind, PaceSettings, 
 pub use listen::Listen;
 pub use rehearsal::{BadScript, Scene, Script};
 pub use settings::{
-    CameraFormat, CameraSettings, EngineChoice, FailsafeSettings, HardwareSettings, LogLevel, LogSettings,
-    MetricsSettings, NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,
+    AdaptationSettings, CameraFormat, CameraSettings, EngineChoice, FailsafeSettings, HardwareSettings, LogLevel,
+    LogSettings, MetricsSettings, NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,
 };
 pub use value::Address;
 pub(crate) use value::Choice;

@@ -14,8 +14,20 @@ use super::{
 };
 
 /// Keys and tables that a file may have.
-const NAMES: [&str; 11] =
-    ["board", "camera", "networks", "solver", "failsafe", "send", "link", "realtime", "hardware", "metrics", "log"];
+const NAMES: [&str; 12] = [
+    "board",
+    "camera",
+    "networks",
+    "solver",
+    "failsafe",
+    "send",
+    "link",
+    "realtime",
+    "hardware",
+    "adaptation",
+    "metrics",
+    "log",
+];
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -90,6 +102,7 @@ impl Overlay<'_> {
                 "link" => settings.links = self.links(value),
                 "realtime" => self.section(&mut settings.realtime, "realtime", value),
                 "hardware" => self.section(&mut settings.hardware, "hardware", value),
+                "adaptation" => self.section(&mut settings.adaptation, "adaptation", value),
                 "metrics" => self.section(&mut settings.metrics, "metrics", value),
                 "log" => self.section(&mut settings.log, "log", value),
                 unknown => self.unknown(unknown, unknown, &NAMES, name.span().start),

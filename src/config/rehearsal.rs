@@ -33,11 +33,17 @@ pub enum Scene {
     HalfRate,
     /// Loses every eighth frame, like a camera on a busy bus.
     Lossy,
+    /// Plays the clip on a board that takes this many frame periods to decode a frame.
+    Slow(u32),
+    /// Plays the clip on a board that is hot.
+    Hot,
+    /// Plays the clip on a board whose supply voltage is too low.
+    Undervoltage,
 }
 
 impl Scene {
     /// Every scene with its name in a script.
-    pub const ALL: [(&'static str, Self); 10] = [
+    pub const ALL: [(&'static str, Self); 15] = [
         ("live", Self::Live),
         ("no-face", Self::NoFace),
         ("damaged", Self::Damaged),
@@ -48,6 +54,11 @@ impl Scene {
         ("cut-off", Self::CutOff),
         ("half-rate", Self::HalfRate),
         ("lossy", Self::Lossy),
+        ("slow-2", Self::Slow(2)),
+        ("slow-4", Self::Slow(4)),
+        ("slow-8", Self::Slow(8)),
+        ("hot", Self::Hot),
+        ("undervoltage", Self::Undervoltage),
     ];
 
     /// The scenes of a random rehearsal: each tells by itself what receivers then see.
@@ -70,7 +81,8 @@ pub struct BadScript;
 impl Script {
     /// Describes a valid script; the text follows "give".
     pub const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
-         damaged, silent, hung, gone, dark, cut-off, half-rate and lossy with their seconds, or \"rehearsal: random 7\"";
+         damaged, silent, hung, gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, hot and undervoltage with \
+         their seconds, or \"rehearsal: random 7\"";
 
     /// Reads the script in the camera setting `device`. Returns `None` if the setting names no rehearsal, and an error
     /// if the script cannot be read.

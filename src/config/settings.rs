@@ -32,6 +32,8 @@ pub struct Settings {
     pub realtime: RealtimeSettings,
     /// `[hardware]`
     pub hardware: HardwareSettings,
+    /// `[adaptation]`
+    pub adaptation: AdaptationSettings,
     /// `[metrics]`
     pub metrics: MetricsSettings,
     /// `[log]`
@@ -50,6 +52,7 @@ impl Default for Settings {
             links: vec![LinkSettings::default()],
             realtime: RealtimeSettings::default(),
             hardware: HardwareSettings::default(),
+            adaptation: AdaptationSettings::default(),
             metrics: MetricsSettings::default(),
             log: LogSettings::default(),
         }
@@ -64,8 +67,9 @@ section! {
         /// - "/dev/video0", or a link to such a device: `facewire devices` lists the paths that always mean the same camera
         /// - a part of a camera's name, such as "C920": the first camera of this name that works
         /// - "demo": the built-in clip, played in real time
-        /// - "rehearsal: live 5, gone 2": the built-in clip with faults; the scenes live, no-face, damaged, silent, hung
-        ///   and gone take turns, each for its number of seconds
+        /// - "rehearsal: live 5, gone 2": the built-in clip with faults; the scenes live, no-face, damaged, silent, hung,
+        ///   gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, hot and undervoltage take turns, each for its
+        ///   number of seconds
         /// - "rehearsal: random 7": the built-in clip with random faults, the same ones for each number
         device: String = "auto".to_owned(), (), "";
         /// Width of the picture. Among the camera's modes that reach `fps`, facewire takes the one nearest to `width` and
@@ -160,6 +164,15 @@ section! {
         /// From this temperature on the processor is hot. 0 stands for the temperature at which the kernel slows the
         /// processor down, or 10 degrees below the one at which it switches the board off.
         temperature_limit_c: u32 = 0, 0..=120, " (°C)";
+    }
+}
+
+section! {
+    /// What the service does while the board is too slow, hot, or badly supplied with power.
+    AdaptationSettings {
+        /// Processes fewer frames, evenly spaced, and goes back to all of them when the board can. If false, the service
+        /// skips the frames for which it has no time, so that motion is uneven, and does not spare a hot board.
+        enabled: bool = true, (), "";
     }
 }
 

@@ -3,6 +3,9 @@
 //! The backbone computes 468 points and a feature map. Each head receives a rotated crop of that map around the lips or
 //! an eye, and computes better `x` and `y` for the points there; `z` remains the backbone's. The heads of the eyes also
 //! compute five points of the iris.
+//!
+//! On a board that is too slow the heads take turns: one runs on each picture. The others repeat their last corrections of
+//! the backbone's points, and the place of the iris, in the coordinates of their crops, which follow the face.
 
 use crate::capture::Picture;
 use crate::infer::{Engine, InferError, Network, Signature};
@@ -71,11 +74,16 @@ pub struct Mesh {
     heads: [Head; 3],
     block: Block,
     landmarks: Landmarks,
+    by_turns: bool,
+    /// The head whose turn it is; `None` if all heads run on the next picture.
+    turn: Option<usize>,
 }
 
 struct Head {
     network: Box<dyn Network>,
     refinement: &'static Refinement,
+    /// How the last run moved each point, in the coordinates of the crop.
+    corrections: Vec<[f32; 2]>,
 }
 
 impl Mesh {
@@ -85,14 +93,27 @@ impl Mesh {
     /// Those of [`Engine::load`].
     pub fn load(engine: &dyn Engine) -> Result<Self, InferError> {
         let head = |refinement: &'static Refinement| -> Result<Head, InferError> {
-            Ok(Head { network: engine.load(&refinement.signature)?, refinement })
+            let corrections = vec![[0.0; 2]; refinement.points.len()];
+            Ok(Head { network: engine.load(&refinement.signature)?, refinement, corrections })
         };
         Ok(Self {
             backbone: engine.load(&BACKBONE)?,
             heads: [head(&LIPS_REFINEMENT)?, head(&RIGHT_EYE_REFINEMENT)?, head(&LEFT_EYE_REFINEMENT)?],
             block: Block::default(),
             landmarks: Landmarks::zero(),
+            by_turns: false,
+            turn: None,
         })
+    }
+
+    /// Sets whether the heads take turns.
+    pub fn set_turns(&mut self, by_turns: bool) {
+        self.by_turns = by_turns;
+    }
+
+    /// Begins with another face: all heads run on the next picture.
+    pub fn begin(&mut self) {
+        self.turn = None;
     }
 
     /// Returns the landmarks of the face inside `region`, in pixels of the picture. Returns `None` if the network sees no
@@ -110,9 +131,15 @@ impl Mesh {
         for (point, found) in self.landmarks.0.iter_mut().zip(mesh) {
             *point = *found;
         }
-        for head in &mut self.heads {
-            head.refine(mesh, self.backbone.output(2), &mut self.landmarks)?;
+        let turn = self.turn.filter(|_| self.by_turns);
+        for (index, head) in self.heads.iter_mut().enumerate() {
+            if turn.is_none_or(|turn| turn == index) {
+                head.refine(mesh, self.backbone.output(2), &mut self.landmarks)?;
+            } else {
+                head.repeat(mesh, &mut self.landmarks);
+            }
         }
+        self.turn = Some(self.turn.map_or(0, |turn| (turn + 1) % self.heads.len()));
         to_picture(region, &mut self.landmarks);
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
     }
@@ -127,17 +154,43 @@ impl Head {
     /// Replaces the points of this head in `landmarks`, which are in samples of the backbone's input. `mesh` and `map` are
     /// the points and the feature map of the backbone.
     fn refine(&mut self, mesh: &[[f32; 3]], map: &[f32], landmarks: &mut Landmarks) -> Result<(), InferError> {
-        let transform = Transform::around(mesh, self.refinement.points, self.refinement.level);
+        let transform = self.transform(mesh);
         for row in 0..CROP_SIZE {
             transform.sample(map, row, self.network.input_row(row));
         }
         self.network.run()?;
         replace(landmarks, self.refinement.points, self.network.output(0), &transform);
+        for (correction, &index) in self.corrections.iter_mut().zip(self.refinement.points) {
+            let points = landmarks.0.get(usize::from(index)).zip(mesh.get(usize::from(index)));
+            let moved = points.map_or([0.0; 2], |(to, from)| [to[0] - from[0], to[1] - from[1]]);
+            *correction = transform.turn_back(moved);
+        }
+        self.place_iris(&transform, landmarks);
+        Ok(())
+    }
+
+    /// Corrects the points of this head in `landmarks`, which are those of the backbone, as the last run did.
+    fn repeat(&self, mesh: &[[f32; 3]], landmarks: &mut Landmarks) {
+        let transform = self.transform(mesh);
+        for (&correction, &index) in self.corrections.iter().zip(self.refinement.points) {
+            if let Some([x, y, _]) = landmarks.0.get_mut(usize::from(index)) {
+                let [right, down] = transform.turn(correction);
+                [*x, *y] = [*x + right, *y + down];
+            }
+        }
+        self.place_iris(&transform, landmarks);
+    }
+
+    fn transform(&self, mesh: &[[f32; 3]]) -> Transform {
+        Transform::around(mesh, self.refinement.points, self.refinement.level)
+    }
+
+    /// Places the iris where the network saw it last.
+    fn place_iris(&self, transform: &Transform, landmarks: &mut Landmarks) {
         if let Some((iris, contour)) = self.refinement.iris {
-            replace(landmarks, iris, self.network.output(1), &transform);
+            replace(landmarks, iris, self.network.output(1), transform);
             landmarks.level_iris(iris, contour);
         }
-        Ok(())
     }
 }
 
@@ -161,11 +214,45 @@ fn to_picture(region: &FaceBox, landmarks: &mut Landmarks) {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
     use super::super::test_face::show;
     use super::*;
     use crate::capture::Pixels;
     use crate::infer::scripted::{Run, Scripted};
     use crate::solve::test_face::face;
+
+    /// Runs of each network on a number of pictures, with heads that take turns.
+    fn runs_by_turns(pictures: usize, begins_anew_after: usize) -> [usize; 4] {
+        let runs: [_; 4] = std::array::from_fn(|_| std::sync::Arc::new(AtomicUsize::new(0)));
+        let counted = runs.clone();
+        let engine = Scripted::new(move |mut run| {
+            show(&mut run, &face([0.0; 3], 60.0, [96.0, 80.0]));
+            let index = ["mesh", "lips", "left_eye", "right_eye"].iter().position(|name| *name == run.network);
+            counted[index.expect("a network of the mesh")].fetch_add(1, Relaxed);
+            Ok(())
+        });
+        let mut mesh = Mesh::load(&engine).expect("scripted networks");
+        mesh.set_turns(true);
+        let first = look(&mut mesh).expect("a run").expect("a face").clone();
+        for _ in 1..pictures {
+            let next = look(&mut mesh).expect("a run").expect("a face").clone();
+            for (next, first) in next.0.iter().flatten().zip(first.0.iter().flatten()) {
+                assert!((next - first).abs() < 1e-3, "a face that rests: {next} instead of {first}");
+            }
+            if runs[0].load(Relaxed) == begins_anew_after {
+                mesh.begin();
+            }
+        }
+        runs.map(|runs| runs.load(Relaxed))
+    }
+
+    #[test]
+    fn heads_by_turns_run_one_at_a_time_and_all_at_once_on_another_face() {
+        assert_eq!(runs_by_turns(1, 0), [1, 1, 1, 1], "all heads on the first picture");
+        assert_eq!(runs_by_turns(7, 0), [7, 3, 3, 3]);
+        assert_eq!(runs_by_turns(7, 6), [7, 4, 4, 3], "all heads on the last picture, which shows another face");
+    }
 
     /// Whether the mesh finds a face, if all networks show one after which `alter` changes their outputs.
     fn found(alter: fn(&mut Run)) -> bool {
@@ -178,11 +265,14 @@ mod tests {
     }
 
     fn find(engine: &Scripted) -> Result<bool, InferError> {
-        let mut mesh = Mesh::load(engine)?;
+        look(&mut Mesh::load(engine)?).map(|found| found.is_some())
+    }
+
+    fn look(mesh: &mut Mesh) -> Result<Option<&Landmarks>, InferError> {
         let pixels = Pixels::Grey { data: &[0; 16], stride: 4 };
         let picture = Picture::new(4, 4, pixels, true).expect("a whole picture");
         let region = FaceBox { centre: [2.0; 2], size: 4.0, angle_rad: 0.0 };
-        mesh.find(&picture, &region).map(|found| found.is_some())
+        mesh.find(&picture, &region)
     }
 
     /// Sets the last value of an output of one network.

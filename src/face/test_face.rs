@@ -36,16 +36,9 @@ pub(crate) fn show(run: &mut Run, landmarks: &Landmarks) {
 fn refine(landmarks: &Landmarks, points: &[u16], level: [u16; 2], output: &mut [f32]) {
     let transform = Transform::around(&landmarks.0, points, level);
     let origin = transform.apply([0.0, 0.0]);
-    let [right, down] = [[1.0, 0.0], [0.0, 1.0]].map(|unit| {
-        let end = transform.apply(unit);
-        [end[0] - origin[0], end[1] - origin[1]]
-    });
-    let area = right[0] * down[1] - right[1] * down[0];
     for (&index, output) in points.iter().zip(output.as_chunks_mut::<2>().0) {
         let [x, y, _] = landmarks.0[usize::from(index)];
-        let [x, y] = [x - origin[0], y - origin[1]];
         // A head without extent shows all its points at the same place, whatever its output.
-        let inverse = if area == 0.0 { 0.0 } else { 1.0 / area };
-        *output = [(x * down[1] - y * down[0]) * inverse, (y * right[0] - x * right[1]) * inverse];
+        *output = transform.turn_back([x - origin[0], y - origin[1]]);
     }
 }

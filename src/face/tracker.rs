@@ -34,6 +34,7 @@ impl Tracker {
     pub fn detect(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
         if self.region.is_none() {
             self.region = self.detector.find(picture)?;
+            self.mesh.begin();
         }
         Ok(self.region)
     }
@@ -53,6 +54,11 @@ impl Tracker {
     #[must_use]
     pub fn face(&self) -> Option<&Landmarks> {
         self.region.and(Some(self.mesh.landmarks()))
+    }
+
+    /// Sets whether the heads of the mesh take turns ([`Mesh`]).
+    pub fn set_turns(&mut self, by_turns: bool) {
+        self.mesh.set_turns(by_turns);
     }
 
     /// Forgets the region, so that the detector searches the next picture.

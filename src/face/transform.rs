@@ -43,9 +43,23 @@ impl Transform {
         self.map(point, self.shift.map(|shift| shift / FEATURE_SCALE))
     }
 
-    fn map(&self, [x, y]: [f32; 2], shift: [f32; 2]) -> [f32; 2] {
+    /// Rotates and scales a difference of two points like [`Transform::apply`].
+    pub(super) fn turn(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let [column, row] = self.linear;
-        [column[0] * x + column[1] * y + shift[0], row[0] * x + row[1] * y + shift[1]]
+        [column[0] * x + column[1] * y, row[0] * x + row[1] * y]
+    }
+
+    /// The inverse of [`Transform::turn`]; 0 if the crop has no area.
+    pub(super) fn turn_back(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let [column, row] = self.linear;
+        let area = column[0] * row[1] - column[1] * row[0];
+        let inverse = if area == 0.0 { 0.0 } else { 1.0 / area };
+        [(row[1] * x - column[1] * y) * inverse, (column[0] * y - row[0] * x) * inverse]
+    }
+
+    fn map(&self, point: [f32; 2], shift: [f32; 2]) -> [f32; 2] {
+        let [x, y] = self.turn(point);
+        [x + shift[0], y + shift[1]]
     }
 
     /// Samples the feature map (48 x 48 cells) into one row of a head's input (16 x 16 cells) by bilinear interpolation.
@@ -103,6 +117,15 @@ mod tests {
         let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
         let ([left, top], [right, bottom]) = (transform.apply([0.0, 0.0]), transform.apply([64.0, 64.0]));
         assert!((right - left - 144.0).abs() < 1e-3 && (bottom - top - 72.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn turning_back_undoes_turning() {
+        let mut mesh = mesh();
+        mesh[1][1] = 80.0;
+        let transform = Transform::around(&mesh, &[0, 1, 2, 3], [0, 1]);
+        let [x, y] = transform.turn_back(transform.turn([3.0, -2.0]));
+        assert!((x - 3.0).abs() < 1e-4 && (y + 2.0).abs() < 1e-4, "{x} {y}");
     }
 
     #[test]

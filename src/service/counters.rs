@@ -3,12 +3,15 @@
 use std::fmt;
 use std::io;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::time::Duration;
 
 use facewire_packet::State;
 
+use super::adaptation::Cause;
 use super::heartbeat::Heartbeats;
+use super::load::RecentLoad;
+use super::step::Step;
 use super::times::{Quantiles, Times};
 use crate::impairment::{COUNT, ImpairmentSet, Impairments};
 use crate::link::Traffic;
@@ -36,7 +39,9 @@ pub struct Counters {
     pub(super) engine_failures: AtomicU64,
     /// Frames that were skipped because a newer one had arrived.
     pub(super) skipped: AtomicU64,
-    /// Frames whose work took longer than the camera's frame period.
+    /// Frames that the present step left out.
+    pub(super) left_out: AtomicU64,
+    /// Frames that took longer than the time to the next frame that the step takes.
     pub(super) deadline_misses: AtomicU64,
     /// Damaged frames.
     pub(super) damaged: AtomicU64,
@@ -57,6 +62,14 @@ pub struct Counters {
     pub(super) impairments: Impairments,
     /// The state of the failsafe at present, as an index into [`STATES`].
     state: AtomicU64,
+    /// How long the last frames took.
+    pub(super) recent: RecentLoad,
+    /// The step of the pipeline, as an index into [`Step::ALL`].
+    step: AtomicUsize,
+    /// Why it is not the first one, as an index into [`Cause::ALL`] plus 1; 0 on the first step.
+    step_cause: AtomicUsize,
+    /// How often the step has changed.
+    step_changes: AtomicU64,
     /// Distributions of times.
     pub(super) times: Times,
 }
@@ -103,10 +116,21 @@ impl Counters {
         self.state.store(number.map_or(0, |(_, number)| number), Relaxed);
     }
 
-    /// Counts the time that the work on a frame took. Beyond `deadline`, the next frame of the camera had to wait.
-    pub(super) fn count_work(&self, work: Duration, deadline: Duration) {
-        self.times.work.record(work);
-        self.deadline_misses.fetch_add(u64::from(work > deadline), Relaxed);
+    /// Counts the time that the decoding of a frame and the work on it took. Beyond `deadline`, the next frame had to wait.
+    pub(super) fn count_busy(&self, busy: Duration, deadline: Duration) {
+        self.deadline_misses.fetch_add(u64::from(busy > deadline), Relaxed);
+    }
+
+    /// The step on which the hot loop is to run.
+    pub(super) fn step(&self) -> Step {
+        Step::ALL.get(self.step.load(Relaxed)).copied().unwrap_or_default()
+    }
+
+    /// Sets the step, and why it is not the first one. Counts the change.
+    pub(super) fn set_step(&self, step: Step, cause: Option<Cause>) {
+        self.step.store(step as usize, Relaxed);
+        self.step_cause.store(cause.map_or(0, |cause| cause as usize + 1), Relaxed);
+        self.step_changes.fetch_add(1, Relaxed);
     }
 
     /// Returns the present counts.
@@ -120,6 +144,7 @@ impl Counters {
             rejected: self.rejected.load(Relaxed),
             engine_failures: self.engine_failures.load(Relaxed),
             skipped: self.skipped.load(Relaxed),
+            left_out: self.left_out.load(Relaxed),
             deadline_misses: self.deadline_misses.load(Relaxed),
             damaged: self.damaged.load(Relaxed),
             opened: self.opened.load(Relaxed),
@@ -129,6 +154,9 @@ impl Counters {
             dropped: self.traffic.dropped.load(Relaxed),
             links_open: self.links_open.load(Relaxed),
             state: state.copied().unwrap_or_default(),
+            step: self.step(),
+            step_cause: self.step_cause.load(Relaxed).checked_sub(1).and_then(|index| Cause::ALL.get(index)).copied(),
+            step_changes: self.step_changes.load(Relaxed),
             impaired_by: self.impairments.present(),
             impairments: self.impairments.begun(),
             times_ms: self.times.quantiles(),
@@ -142,8 +170,8 @@ impl Counters {
 /// - `frames = solved + no_face + rejected`;
 /// - `packets = sent + dropped`, each over all links, including those that a reload has replaced.
 ///
-/// `frames` includes those that missed their deadline, and excludes `skipped` and `damaged` frames, which never reached the
-/// pipeline.
+/// `frames` includes those that missed their deadline, and excludes `skipped`, `left_out` and `damaged` frames, which never
+/// reached the pipeline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Status {
     /// Frames that the pipeline processed.
@@ -158,7 +186,9 @@ pub struct Status {
     pub engine_failures: u64,
     /// Frames that were skipped because a newer one had arrived.
     pub skipped: u64,
-    /// Frames whose work took longer than the camera's frame period.
+    /// Frames that the steps of the adaptation left out.
+    pub left_out: u64,
+    /// Frames that took longer than the time to the next frame that the step takes.
     pub deadline_misses: u64,
     /// Damaged frames.
     pub damaged: u64,
@@ -176,25 +206,30 @@ pub struct Status {
     pub links_open: u64,
     /// The failsafe's state.
     pub state: State,
+    /// The step on which the pipeline runs.
+    pub step: Step,
+    /// Why it is not the first one.
+    pub step_cause: Option<Cause>,
+    /// How often the step has changed.
+    pub step_changes: u64,
     /// What makes tracking poor.
     pub impaired_by: ImpairmentSet,
     /// The name of each impairment, and how often it has begun.
     pub impairments: [(&'static str, u64); COUNT],
-    /// Names and distributions of times: wait, detect, mesh, solve, work, age.
-    pub times_ms: [(&'static str, Quantiles); 6],
+    /// Names and distributions of times: wait, decode, detect, mesh, solve, work, age.
+    pub times_ms: [(&'static str, Quantiles); 7],
 }
 
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "frames={} faces={} no_face={} rejected={}", self.frames, self.solved, self.no_face, self.rejected)?;
-        let Self { skipped, deadline_misses, damaged, opened, .. } = self;
-        write!(
-            f,
-            " engine_failures={} skipped={skipped} deadline_misses={deadline_misses} damaged={damaged} cameras_opened={opened}",
-            self.engine_failures
-        )?;
+        let Self { skipped, left_out, deadline_misses, damaged, opened, .. } = self;
+        write!(f, " engine_failures={} skipped={skipped} left_out={left_out}", self.engine_failures)?;
+        write!(f, " deadline_misses={deadline_misses} damaged={damaged} cameras_opened={opened}")?;
         write!(f, " packets={} sent={} dropped={}", self.packets, self.sent, self.dropped)?;
         write!(f, " links_open={} state={} impaired_by={}", self.links_open, self.state.name(), self.impaired_by)?;
+        let cause = self.step_cause.map_or("none", Cause::name);
+        write!(f, " step={} step_by={cause} step_changes={}", self.step, self.step_changes)?;
         self.times_ms.iter().try_for_each(|(name, quantiles)| write!(f, " {name}_ms={quantiles}"))
     }
 }
@@ -213,10 +248,11 @@ mod tests {
         counters.traffic.sent.store(3, Relaxed);
         counters.times.age.record(Duration::from_millis(8));
         counters.impairments.set(Impairment::Dark, true);
+        counters.set_step(Step::Third, Some(Cause::Slow));
         let line = counters.status().to_string();
         let parts = [
             "frames=10 ",
-            " impaired_by=dark ",
+            " impaired_by=dark step=third step_by=slow step_changes=1 ",
             " no_face=1 ",
             " deadline_misses=2 ",
             " sent=3 ",
@@ -231,7 +267,7 @@ mod tests {
     fn work_as_long_as_the_frame_period_is_in_time_and_a_microsecond_longer_is_a_miss() {
         let counters = Counters::default();
         let misses = |work_us| {
-            counters.count_work(Duration::from_micros(work_us), Duration::from_micros(33_333));
+            counters.count_busy(Duration::from_micros(work_us), Duration::from_micros(33_333));
             counters.status().deadline_misses
         };
         assert_eq!([0, 33_333, 33_334, 33_333, 500_000].map(misses), [0, 0, 1, 1, 2]);

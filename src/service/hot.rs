@@ -25,6 +25,7 @@ use super::watcher::Watcher;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};
 use crate::face::Tracker;
+use crate::impairment::ImpairmentSet;
 use crate::infer::InferError;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::preflight::{self, SetupError};
@@ -62,6 +63,8 @@ pub(super) struct HotLoop {
     opened_us: Option<u64>,
     timing: FrameTiming,
     watcher: Watcher,
+    /// The impairments that a rehearsal has set.
+    rehearsed: ImpairmentSet,
 }
 
 /// Why the loop has to begin again, or to end.
@@ -93,8 +96,21 @@ impl HotLoop {
     ) -> Self {
         let load_tracker = preflight::load_tracker;
         let (engine, timing) = (EngineHealth::default(), FrameTiming::new(Arc::clone(&counters)));
-        let watcher = Watcher::new(Arc::clone(&counters));
-        Self { settings, pipeline, load_tracker, engine, outlets, changes, counters, opened_us: None, timing, watcher }
+        let (opened_us, watcher) = (None, Watcher::new(Arc::clone(&counters)));
+        let rehearsed = ImpairmentSet::default();
+        Self {
+            settings,
+            pipeline,
+            load_tracker,
+            engine,
+            outlets,
+            changes,
+            counters,
+            opened_us,
+            timing,
+            watcher,
+            rehearsed,
+        }
     }
 
     /// Runs until the service stops.
@@ -168,13 +184,13 @@ impl HotLoop {
     }
 
     /// Waits for the first intact frame: a camera that sends only damaged frames does not count as open.
-    fn await_picture(&self, source: &mut dyn Source) -> Result<(), CaptureError> {
+    fn await_picture(&mut self, source: &mut dyn Source) -> Result<(), CaptureError> {
         self.enter(self.wait());
         let outcome = camera::await_picture(source, || {
             self.enter(self.wait());
             add(&self.counters.damaged, 1);
         });
-        self.count_skipped(source);
+        self.account(source);
         outcome
     }
 
@@ -196,6 +212,7 @@ impl HotLoop {
         let mut in_a_row = DamagedInARow::default();
         while !self.counters.stopping() && !self.adopt() {
             self.enter(self.wait());
+            self.take_step(source);
             let outcome = match source.next() {
                 Ok(Some(frame)) => {
                     in_a_row.reset();
@@ -208,15 +225,33 @@ impl HotLoop {
                 }
                 Err(error) => Err(Event::Lost(error).into()),
             };
-            self.count_skipped(source);
+            self.account(source);
             self.watcher.count(source);
             outcome?;
         }
         Ok(())
     }
 
-    fn count_skipped(&self, source: &mut dyn Source) {
-        add(&self.counters.skipped, source.take_skipped().into());
+    /// Runs on the step that the supervisor has chosen.
+    fn take_step(&mut self, source: &mut dyn Source) {
+        let step = self.counters.step();
+        self.timing.take(step);
+        source.leave_out_until(self.timing.wanted_us());
+        if let Some(tracker) = self.pipeline.as_mut().and_then(|pipeline| pipeline.tracker.as_mut()) {
+            tracker.set_turns(step.has_turns());
+        }
+    }
+
+    /// Takes in what the source has counted and measured.
+    fn account(&mut self, source: &mut dyn Source) {
+        let skipped = source.take_skipped();
+        add(&self.counters.skipped, skipped.for_newer.into());
+        add(&self.counters.left_out, skipped.left_out.into());
+        self.timing.decoded(source.take_decoding());
+        let before = std::mem::replace(&mut self.rehearsed, source.rehearsed());
+        for impairment in self.rehearsed.iter().chain(before.iter()) {
+            self.counters.impairments.set(impairment, self.rehearsed.contains(impairment));
+        }
     }
 
     fn frame(&mut self, frame: &Frame) -> Result<(), Trouble> {

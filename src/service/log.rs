@@ -3,9 +3,12 @@
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
+use super::adaptation::Cause;
 use super::counters::{Counters, Status};
+use super::load::Load;
 use super::realtime::Grant;
 use super::report::Event;
+use super::step::Step;
 use crate::impairment::{Impairment, ImpairmentSet};
 use crate::retry::LoggedReasons;
 
@@ -121,6 +124,28 @@ impl Log {
                 tracing::warn!("tracking is impaired: {}", impairment.sentence());
             }
         }
+    }
+
+    /// Logs that the pipeline has changed to a lower step, why, and what the operator can do about it.
+    pub(super) fn step_down(step: Step, cause: Cause, load: &Load) {
+        let what = step.sentence();
+        let reason = match cause {
+            Cause::Hot => Impairment::Hot.sentence().to_owned(),
+            Cause::Undervoltage => Impairment::Undervoltage.sentence().to_owned(),
+            Cause::Slow => {
+                let [busy_ms, period_ms] = [load.busy, load.camera_period].map(|time| time.as_secs_f64() * 1000.0);
+                format!(
+                    "a frame takes {busy_ms:.1} ms, and the camera has one every {period_ms:.1} ms: end other programs, or set \
+                     a lower camera.fps or a smaller camera.width and camera.height"
+                )
+            }
+        };
+        tracing::warn!("step {step}: {what}, because {reason}");
+    }
+
+    /// Logs that the pipeline has gone up to a step.
+    pub(super) fn step_up(step: Step) {
+        tracing::info!("step {step}: {} again", step.sentence());
     }
 
     /// Whether a status line is due.

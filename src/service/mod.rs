@@ -7,6 +7,7 @@
 //! supervisor sends changed settings to both ([`reload`]). A fourth thread serves the counters by HTTP if the settings ask
 //! for it ([`metrics`]).
 
+mod adaptation;
 mod camera;
 mod counters;
 mod engine_health;
@@ -16,6 +17,7 @@ mod heartbeat;
 pub(crate) mod histogram;
 mod hot;
 mod links;
+mod load;
 mod log;
 mod manager;
 mod metrics;
@@ -23,6 +25,7 @@ mod realtime;
 mod reload;
 mod report;
 mod sender;
+mod step;
 mod supervisor;
 mod times;
 mod watcher;
@@ -34,10 +37,12 @@ use std::time::{Duration, Instant};
 
 use facewire_packet::Reason;
 
+pub use adaptation::Cause;
 pub use camera::{await_picture, open as open_camera};
 pub use counters::{Counters, Status};
 pub use realtime::bind_to_hot_cpu;
 pub use reload::Program;
+pub use step::Step;
 pub use times::Quantiles;
 
 use self::heartbeat::Phase;

@@ -9,6 +9,7 @@ use std::time::Duration;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
 
+use super::adaptation::{Adaptation, Conditions};
 use super::counters::Counters;
 use super::log::Log;
 use super::manager::{self, Watchdog};
@@ -55,6 +56,7 @@ pub(super) struct Supervisor {
     events: Receiver<Event>,
     reloader: Reloader,
     watchdog: Option<Watchdog>,
+    adaptation: Adaptation,
     log: Log,
     /// Where the metrics are served, and the thread that serves them.
     metrics: (Listen, Option<Metrics>),
@@ -65,8 +67,8 @@ impl Supervisor {
     pub(super) fn new(counters: Arc<Counters>, signals: Signals, events: Receiver<Event>, reloader: Reloader) -> Self {
         let watchdog = Watchdog::from_env(monotonic_us());
         let hardware = Hardware::new(hardware::root(), reloader.live().hardware.clone());
-        let metrics = (Listen::Off, None);
-        Self { counters, signals, events, reloader, watchdog, log: Log::default(), metrics, hardware }
+        let (adaptation, log, metrics) = (Adaptation::default(), Log::default(), (Listen::Off, None));
+        Self { counters, signals, events, reloader, watchdog, adaptation, log, metrics, hardware }
     }
 
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
@@ -80,6 +82,7 @@ impl Supervisor {
             self.reload();
             self.ping();
             self.sense();
+            self.adapt();
             self.log.impairments(self.counters.impairments.present());
             self.tell_status();
         }
@@ -132,6 +135,24 @@ impl Supervisor {
         let Some(found) = self.hardware.poll(monotonic_us()) else { return };
         for impairment in Hardware::FINDS {
             self.counters.impairments.set(impairment, found.contains(impairment));
+        }
+    }
+
+    /// Chooses the step of the pipeline.
+    fn adapt(&mut self) {
+        let is_open = self.counters.camera_open.load(Relaxed);
+        let load = self.counters.recent.load().filter(|_| is_open);
+        let is_allowed = self.reloader.live().adaptation.enabled;
+        let conditions = Conditions { is_allowed, load, impaired_by: self.counters.impairments.present() };
+        let before = self.adaptation.step();
+        if !self.adaptation.update(monotonic_us(), &conditions) {
+            return;
+        }
+        let (step, cause) = (self.adaptation.step(), self.adaptation.cause());
+        self.counters.set_step(step, cause);
+        match (cause, load) {
+            (Some(cause), Some(load)) if step > before => Log::step_down(step, cause, &load),
+            _ => Log::step_up(step),
         }
     }
 

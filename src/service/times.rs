@@ -11,6 +11,8 @@ use crate::pipeline::StageTimes;
 pub(super) struct Times {
     /// From capture to the start of processing: exposure, transfer, decoding and waiting.
     pub(super) wait: Histogram,
+    /// The decoding of a frame.
+    pub(super) decode: Histogram,
     /// The search for the face: the detector, or almost nothing while a face is followed.
     pub(super) detect: Histogram,
     /// The landmark networks, for the frames on which they ran.
@@ -35,10 +37,18 @@ impl Times {
     }
 
     /// Returns the name and the quantiles of each histogram.
-    pub(super) fn quantiles(&self) -> [(&'static str, Quantiles); 6] {
-        let Self { wait, detect, mesh, solve, work, age } = self;
-        [("wait", wait), ("detect", detect), ("mesh", mesh), ("solve", solve), ("work", work), ("age", age)]
-            .map(|(name, histogram)| (name, Quantiles::of(histogram)))
+    pub(super) fn quantiles(&self) -> [(&'static str, Quantiles); 7] {
+        let Self { wait, decode, detect, mesh, solve, work, age } = self;
+        let named = [
+            ("wait", wait),
+            ("decode", decode),
+            ("detect", detect),
+            ("mesh", mesh),
+            ("solve", solve),
+            ("work", work),
+            ("age", age),
+        ];
+        named.map(|(name, histogram)| (name, Quantiles::of(histogram)))
     }
 }
 
@@ -78,10 +88,9 @@ mod tests {
     fn a_stage_that_did_not_run_is_not_recorded() {
         let times = Times::default();
         times.record_stages(&StageTimes { detect: Some(Duration::from_millis(2)), ..StageTimes::default() });
-        let is_recorded = times.quantiles().map(|(name, Quantiles([p50, ..]))| (name, p50 > 0.0));
-        let expected =
-            [("wait", false), ("detect", true), ("mesh", false), ("solve", false), ("work", false), ("age", false)];
-        assert_eq!(is_recorded, expected);
+        let recorded = times.quantiles().into_iter().filter(|(_, Quantiles([p50, ..]))| *p50 > 0.0);
+        let recorded: Vec<_> = recorded.map(|(name, _)| name).collect();
+        assert_eq!(recorded, ["detect"]);
     }
 
     #[test]

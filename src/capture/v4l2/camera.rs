@@ -1,13 +1,14 @@
 //! A camera as a source: sets the mode, checks every buffer and keeps the pixels of the newest one.
 
+use std::mem::take;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use v4l::video::Capture;
 use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
-use super::super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, Source};
+use super::super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, Skipped, Source};
 use super::guard::guarded;
 use super::layout::{Layout, Store};
 use super::mode::{Choice, Wish, choose};
@@ -21,6 +22,7 @@ pub struct CameraSource {
     layout: Layout,
     origin: String,
     rate: Option<FrameRate>,
+    decoding: Duration,
 }
 
 impl CameraSource {
@@ -47,14 +49,19 @@ impl CameraSource {
         let period_us = rate.unwrap_or(FrameRate::FPS_30).period_us();
         let limits = Limits { timeout, period_us };
         let stream = Stream::start(device, &camera.node, limits)?;
-        Ok(Self { stream, pixels, layout, origin: origin.clone(), rate })
+        Ok(Self { stream, pixels, layout, origin: origin.clone(), rate, decoding: Duration::ZERO })
     }
 }
 
 impl Source for CameraSource {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        let (pixels, layout) = (&mut self.pixels, &self.layout);
-        let kept = self.stream.newest(|shot| pixels.keep(shot.bytes, layout).map(|()| shot.captured_us))?;
+        let (pixels, layout, decoding) = (&mut self.pixels, &self.layout, &mut self.decoding);
+        let kept = self.stream.newest(|shot| {
+            let begun = Instant::now();
+            let kept = pixels.keep(shot.bytes, layout);
+            *decoding += begun.elapsed();
+            kept.map(|()| shot.captured_us)
+        })?;
         let number = self.stream.taken() - 1;
         let damaged = |fault| CaptureError::Frame { number, fault };
         let captured_us = kept.map_err(damaged)?;
@@ -62,12 +69,20 @@ impl Source for CameraSource {
         Ok(Some(Frame { content: Content::Picture(picture), captured_us, number }))
     }
 
-    fn take_skipped(&mut self) -> u32 {
+    fn leave_out_until(&mut self, captured_us: u64) {
+        self.stream.leave_out_until(captured_us);
+    }
+
+    fn take_skipped(&mut self) -> Skipped {
         self.stream.take_skipped()
     }
 
     fn take_delivery(&mut self) -> Option<Delivery> {
         self.stream.take_delivery()
+    }
+
+    fn take_decoding(&mut self) -> Duration {
+        take(&mut self.decoding)
     }
 
     fn frame_period_us(&self) -> Option<u64> {

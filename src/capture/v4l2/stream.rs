@@ -23,7 +23,7 @@ use v4l::io::mmap::Stream as MappedStream;
 use v4l::io::traits::CaptureStream;
 
 use super::super::delivery::{Arrival, Delivery, DeliveryCounter};
-use super::super::{CaptureError, FrameFault, monotonic_us};
+use super::super::{CaptureError, FrameFault, Skipped, monotonic_us};
 use super::guard::guarded;
 
 /// Number of buffers. Two are enough for streaming; two more bridge a late wake-up without a dropped frame.
@@ -34,6 +34,8 @@ const READABLE: i16 = 1;
 const START_TIMEOUT: Duration = Duration::from_secs(5);
 /// Age, in frame periods, from which a frame that waited in a buffer is skipped. The next frame comes in less time.
 const STALE_PERIODS: u64 = 2;
+/// Largest number of frames that are left out at once, so that a camera whose clock stands still is read nevertheless.
+const MAX_LEFT_OUT: u32 = 16;
 /// Largest number of attempts to stop, which signals can interrupt.
 const STOP_ATTEMPTS: usize = 10;
 
@@ -46,8 +48,10 @@ pub struct Stream {
     limits: Limits,
     /// Number of frames that were taken from the driver.
     taken: u64,
-    /// Number of frames that were skipped since the last call of [`Stream::take_skipped`].
-    skipped: u32,
+    /// Frames that were captured earlier are left out.
+    wanted_us: u64,
+    /// Numbers of frames that were skipped since the last call of [`Stream::take_skipped`].
+    skipped: Skipped,
     delivery: DeliveryCounter,
 }
 
@@ -79,9 +83,9 @@ impl Stream {
         let fail = |error| CaptureError::device(path, "starting it", error);
         let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
         mapped.set_timeout(START_TIMEOUT);
-        let delivery = DeliveryCounter::new(limits.period_us);
+        let (delivery, skipped) = (DeliveryCounter::new(limits.period_us), Skipped::default());
         let (handle, path) = (device.handle(), path.to_owned());
-        let mut stream = Self { mapped: Some(mapped), handle, path, limits, taken: 0, skipped: 0, delivery };
+        let mut stream = Self { mapped: Some(mapped), handle, path, limits, taken: 0, wanted_us: 0, skipped, delivery };
         let error = match stream.mapped.as_mut().ok_or(CaptureError::Gone)?.next() {
             Ok(_) => return Ok(stream),
             Err(error) if error.kind() == io::ErrorKind::TimedOut => stalled(START_TIMEOUT),
@@ -91,7 +95,12 @@ impl Stream {
         Err(error)
     }
 
-    /// Waits for a frame, skips all but the newest, and passes that one to `look`.
+    /// Lets [`Stream::newest`] leave out frames that were captured before this time.
+    pub fn leave_out_until(&mut self, captured_us: u64) {
+        self.wanted_us = captured_us;
+    }
+
+    /// Waits for a frame that is not to be left out, skips all but the newest, and passes that one to `look`.
     ///
     /// After a long pause of the reader all buffers are filled, and even the newest frame is old, because the driver had
     /// no buffer for later frames. Such a frame is skipped as well, and the next one awaited.
@@ -103,10 +112,10 @@ impl Stream {
         &mut self,
         look: impl FnOnce(Shot<'_>) -> Result<T, FrameFault>,
     ) -> Result<Result<T, FrameFault>, CaptureError> {
-        self.wait()?;
         let (handle, limits) = (&self.handle, self.limits);
+        wait(handle, limits.timeout)?;
         let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
-        let (mut skipped, mut patience) = (0, limits.timeout);
+        let (mut skipped, mut left_out, mut patience) = (0, 0, limits.timeout);
         loop {
             let (bytes, meta) = mapped.next().map_err(CaptureError::stream)?;
             self.taken += 1;
@@ -114,6 +123,12 @@ impl Stream {
             let captured_us = captured_us(meta, now_us);
             if is_monotonic(meta) {
                 self.delivery.arrived(Arrival { sequence: meta.sequence, captured_us, taken_us: now_us });
+            }
+            if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
+                left_out += 1;
+                self.skipped.left_out += 1;
+                wait(handle, limits.timeout)?;
+                continue;
             }
             let is_stale = skipped > 0 && now_us - captured_us > STALE_PERIODS * limits.period_us;
             let has_newer =
@@ -126,7 +141,7 @@ impl Stream {
                 return Ok(outcome);
             }
             skipped += 1;
-            self.skipped += 1;
+            self.skipped.for_newer += 1;
         }
     }
 
@@ -135,8 +150,8 @@ impl Stream {
         self.taken
     }
 
-    /// Returns the number of frames that were skipped since the last call.
-    pub fn take_skipped(&mut self) -> u32 {
+    /// Returns the numbers of frames that were skipped since the last call.
+    pub fn take_skipped(&mut self) -> Skipped {
         mem::take(&mut self.skipped)
     }
 
@@ -151,19 +166,6 @@ impl Stream {
     /// [`CaptureError::NotStopped`] if the camera stays open for the rest of the process.
     pub fn stop(&mut self) -> Result<(), CaptureError> {
         self.mapped.take().map_or(Ok(()), |mapped| release(mapped, &self.path))
-    }
-
-    fn wait(&self) -> Result<(), CaptureError> {
-        let deadline_us = monotonic_us() + u64::try_from(self.limits.timeout.as_micros()).unwrap_or(u64::MAX / 2);
-        loop {
-            let left = Duration::from_micros(deadline_us.saturating_sub(monotonic_us()));
-            if is_ready(&self.handle, left)? {
-                return Ok(());
-            }
-            if left.is_zero() {
-                return Err(stalled(self.limits.timeout));
-            }
-        }
     }
 }
 
@@ -200,6 +202,20 @@ fn stop(mapped: &mut impl v4l::io::traits::Stream) -> io::Result<()> {
     match outcome {
         Err(error) if error.raw_os_error() == Some(Errno::NODEV.raw_os_error()) => Ok(()),
         outcome => outcome,
+    }
+}
+
+/// Waits until a buffer is ready.
+fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureError> {
+    let deadline_us = monotonic_us() + u64::try_from(timeout.as_micros()).unwrap_or(u64::MAX / 2);
+    loop {
+        let left = Duration::from_micros(deadline_us.saturating_sub(monotonic_us()));
+        if is_ready(handle, left)? {
+            return Ok(());
+        }
+        if left.is_zero() {
+            return Err(stalled(timeout));
+        }
     }
 }
 

@@ -16,6 +16,7 @@ use rustix::param::page_size;
 use crate::impairment::Impairment;
 use crate::service::counters::{Counters, STATES, Status};
 use crate::service::histogram::Histogram;
+use crate::service::{Cause, Step};
 
 /// The media type of the `OpenMetrics` text format.
 pub(super) const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -60,6 +61,7 @@ impl Collector for CountersCollector {
         writer.frames(&self.0.status())?;
         writer.packets(&self.0.status())?;
         writer.impairments(&self.0.status())?;
+        writer.step(&self.0.status())?;
         writer.times(&self.0)?;
         let help = "Resident memory of the process.";
         let mut metric = writer.0.encode_descriptor("resident_memory", help, Some(&Unit::Bytes), MetricType::Gauge)?;
@@ -76,8 +78,10 @@ impl Writer<'_> {
         let help = "Failed inferences; their frames are among the rejected ones.";
         self.metric("engine_failures", help, &ConstCounter::new(status.engine_failures))?;
         self.metric("frames_skipped", "Frames skipped for a newer frame.", &ConstCounter::new(status.skipped))?;
+        let help = "Frames left out by the present step of the pipeline.";
+        self.metric("frames_left_out", help, &ConstCounter::new(status.left_out))?;
         self.metric("frames_damaged", "Frames damaged by camera or cable.", &ConstCounter::new(status.damaged))?;
-        let help = "Frames whose processing took longer than the frame period of the camera.";
+        let help = "Frames that took longer than the time to the next frame that the step takes.";
         self.metric("deadline_misses", help, &ConstCounter::new(status.deadline_misses))?;
         self.metric("cameras_opened", "Number of times that a camera was opened.", &ConstCounter::new(status.opened))?;
         self.metric("camera_open", "1 if a camera is open, else 0.", &ConstGauge::new(u64::from(status.camera_open)))
@@ -99,9 +103,24 @@ impl Writer<'_> {
         self.counters("impairments", "How often each impairment has begun.", "by", status.impairments)
     }
 
+    fn step(&mut self, status: &Status) -> fmt::Result {
+        let steps = Step::ALL.map(|step| (step.name(), ConstGauge::new(u64::from(step == status.step))));
+        self.family("step", "1 for the present step of the pipeline, 0 for the others.", "step", &steps)?;
+        let is_cause = |cause| ConstGauge::new(u64::from(status.step_cause == Some(cause)));
+        let causes = Cause::ALL.map(|cause| (cause.name(), is_cause(cause)));
+        self.family("step_by", "1 for the reason of a step other than full, else 0.", "by", &causes)?;
+        self.metric("step_changes", "How often the step has changed.", &ConstCounter::new(status.step_changes))
+    }
+
     fn times(&mut self, counters: &Counters) -> fmt::Result {
         let times = &counters.times;
-        let stages = [("wait", &times.wait), ("detect", &times.detect), ("mesh", &times.mesh), ("solve", &times.solve)];
+        let stages = [
+            ("wait", &times.wait),
+            ("decode", &times.decode),
+            ("detect", &times.detect),
+            ("mesh", &times.mesh),
+            ("solve", &times.solve),
+        ];
         let help = "Time of each stage of a frame; wait lasts from capture to the start of processing.";
         self.histograms("stage", help, &stages.map(|(name, times)| (Some(("stage", name)), times)))?;
         self.histograms("work", "Time from a frame in memory to its result.", &[(None, &times.work)])?;
@@ -173,6 +192,7 @@ mod tests {
         counters.solved.store(7, Relaxed);
         counters.traffic.dropped.store(2, Relaxed);
         counters.impairments.set(Impairment::Hot, true);
+        counters.set_step(Step::Half, Some(Cause::Hot));
         counters.times.mesh.record(Duration::from_micros(20));
         let page = Page::new(counters).text();
         for line in [
@@ -184,6 +204,10 @@ mod tests {
             "facewire_impaired{by=\"hot\"} 1",
             "facewire_impaired{by=\"dark\"} 0",
             "facewire_impairments_total{by=\"hot\"} 1",
+            "facewire_step{step=\"half\"} 1",
+            "facewire_step{step=\"full\"} 0",
+            "facewire_step_by{by=\"hot\"} 1",
+            "facewire_step_changes_total 1",
             "# UNIT facewire_stage_seconds seconds",
             "facewire_stage_seconds_bucket{le=\"0.000016384\",stage=\"mesh\"} 0",
             "facewire_stage_seconds_bucket{le=\"0.000024576\",stage=\"mesh\"} 1",

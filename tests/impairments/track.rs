@@ -12,6 +12,8 @@ use super::photo::Photo;
 
 /// A coefficient that deviates less than this does not move, and has no correlation.
 const MOVES: f32 = 0.03;
+/// Time for which an impairment must last. The shortest film has 2.4 s.
+const HOLD_US: u64 = 2_000_000;
 /// Time between two frames of a film.
 const PERIOD_US: usize = 33_333;
 
@@ -51,7 +53,7 @@ impl Track {
 
     /// What is told at the end of the film.
     pub fn told(&self) -> ImpairmentSet {
-        let mut watch = Watch::new(3_000_000);
+        let mut watch = Watch::new(HOLD_US);
         for (number, look) in self.looks.iter().enumerate() {
             watch.look(look, (number * self.step * PERIOD_US) as u64);
         }

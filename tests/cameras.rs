@@ -83,6 +83,24 @@ fn a_slow_reader_gets_a_fresh_frame_and_the_number_of_skipped_ones() {
 
 #[test]
 #[ignore = "needs the test camera vivid"]
+fn a_reader_of_every_third_frame_gets_no_other_and_the_others_are_left_out() {
+    plug_vivid();
+    let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
+    let period_us = source.frame_period_us().unwrap();
+    let mut captured_us = source.next().unwrap().unwrap().captured_us;
+    source.take_skipped();
+    for _ in 0..5 {
+        let wanted_us = captured_us + 5 * period_us / 2;
+        source.leave_out_until(wanted_us);
+        captured_us = source.next().unwrap().unwrap().captured_us;
+        assert!(captured_us >= wanted_us, "{} us early", wanted_us - captured_us);
+    }
+    let left_out = source.take_skipped().left_out;
+    assert!((1..=10).contains(&left_out), "{left_out}");
+}
+
+#[test]
+#[ignore = "needs the test camera vivid"]
 fn a_damaged_frame_is_an_error_and_the_next_one_is_intact() {
     plug_vivid();
     let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();

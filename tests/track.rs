@@ -86,6 +86,34 @@ fn coefficients_and_pose_follow_the_movements_of_the_clip() {
     assert!(yaw_deg.iter().any(|yaw| *yaw > 10.0) && yaw_deg.iter().any(|yaw| *yaw < -10.0), "{yaw_deg:?}");
 }
 
+/// Tracks the clip on a lower step.
+fn on_step(step: &str) -> Vec<Row> {
+    rows(&Run::of(&mut facewire(["track", "demo", "--step", step])).succeeded().out)
+}
+
+#[test]
+fn on_a_lower_step_a_frame_that_is_left_out_repeats_the_row_before() {
+    let rows = on_step("third");
+    assert!(rows.iter().map(|row| row.frame).eq(0..240));
+    for three in rows.chunks(3) {
+        assert!(three.iter().all(|row| row.values == three[0].values));
+        assert!(three.iter().all(|row| (row.time_s - row.frame as f64 / 30.0).abs() < 2e-6));
+    }
+    assert!(rows.windows(2).filter(|pair| pair[0].values != pair[1].values).count() >= 70);
+}
+
+/// A blink of the clip lasts for a few frames, so that each eye is seen once or twice in it.
+#[test]
+fn while_lips_and_eyes_take_turns_a_blink_still_closes() {
+    let (full, turns) = (rows(&DEMO.csv), on_step("turns"));
+    for name in ["eyeBlinkLeft", "eyeBlinkRight", "jawOpen"] {
+        let most = |rows: &[Row]| rows.iter().map(|row| row.coefficient(name)).fold(0.0, f64::max);
+        assert!(most(&turns) > 0.85 * most(&full), "{name}: {} instead of {}", most(&turns), most(&full));
+    }
+    let [mean, _] = difference(&full, &turns);
+    assert!((0.001..0.05).contains(&mean), "{mean}");
+}
+
 #[test]
 fn landmarks_give_the_same_coefficients_as_their_film() {
     let (film, points) = (rows(&DEMO.csv), DEMO.solved(&[]));

@@ -18,7 +18,7 @@ use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::capture::{DEMO, FileOptions, Frame, Source, open_file};
 use crate::pipeline::{Pipeline, Rejected};
-use crate::service::bind_to_hot_cpu;
+use crate::service::{Step, bind_to_hot_cpu};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -44,6 +44,10 @@ pub(super) struct BenchArgs {
     /// of this core.
     #[arg(long)]
     layers: bool,
+    /// Run on a lower step, as the service does on a board that is too slow: full, turns, half, third, quarter, sixth,
+    /// eighth or twelfth. Times are those of the frames that the step takes.
+    #[arg(long, value_parser = Step::parse, default_value_t = Step::Full)]
+    step: Step,
     /// Print one JSON object on one line.
     #[arg(long)]
     json: bool,
@@ -66,10 +70,13 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     let mut pipeline = Pipeline::load_for(&*open(&args.input)?, &settings)?;
     // The helper threads of the networks have started, and may run on every CPU, as in the service.
     let bound = bind_to_hot_cpu(&settings.realtime);
-    play(&mut pipeline, &args.input, &mut Samples::default())?;
+    if let Some(tracker) = &mut pipeline.tracker {
+        tracker.set_turns(args.step.has_turns());
+    }
+    play(&mut pipeline, args, &mut Samples::default())?;
     let mut samples = Samples::default();
     for _ in 0..args.rounds {
-        measure(&mut pipeline, &args.input, &mut samples)?;
+        measure(&mut pipeline, args, &mut samples)?;
     }
     if samples.whole.is_empty() {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
@@ -92,9 +99,9 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
 
 /// Plays the input once. Then runs a loop of constant work, which takes as long as the median frame, once for each frame
 /// with a face.
-fn measure(pipeline: &mut Pipeline, input: &str, samples: &mut Samples) -> Result<(), Failure> {
+fn measure(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {
     let (cpu, begun, interruptions, faces) = (cpu_time(), Instant::now(), Interruptions::now(), samples.whole.len());
-    play(pipeline, input, samples)?;
+    play(pipeline, args, samples)?;
     samples.cpu += cpu_time().saturating_sub(cpu);
     samples.elapsed += begun.elapsed();
     samples.interruptions.push(Interruptions::now().since(interruptions));
@@ -108,8 +115,8 @@ fn open(input: &str) -> Result<Box<dyn Source + Send>, Failure> {
     open_file(input, &FileOptions::default()).map_err(Failure::no_film)
 }
 
-fn play(pipeline: &mut Pipeline, input: &str, samples: &mut Samples) -> Result<(), Failure> {
-    let mut source = open(input)?;
+fn play(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {
+    let mut source = open(&args.input)?;
     pipeline.forget_face();
     loop {
         let begun = Instant::now();
@@ -118,6 +125,9 @@ fn play(pipeline: &mut Pipeline, input: &str, samples: &mut Samples) -> Result<(
         samples.decode.push(decode);
         samples.frames += 1;
         time_frame(pipeline, &frame, decode, samples)?;
+        for _ in 1..args.step.every() {
+            source.skip()?;
+        }
     }
 }
 

@@ -19,6 +19,7 @@ use super::{Failure, SettingsArgs};
 use crate::capture::{FileOptions, FrameRate, Source, open_file};
 use crate::link::Pose;
 use crate::pipeline::Pipeline;
+use crate::service::Step;
 use crate::service::failsafe::{Failsafe, History, News};
 use crate::solve::{NeutralMean, Solution, normalise};
 
@@ -51,6 +52,10 @@ pub(super) struct TrackArgs {
     /// Which coefficients to write.
     #[arg(long, value_enum, default_value_t = Stage::Smoothed)]
     stage: Stage,
+    /// Run on a lower step, as the service does on a board that is too slow: full, turns, half, third, quarter, sixth,
+    /// eighth or twelfth. A frame that the step leaves out repeats the row before, as receivers see it.
+    #[arg(long, value_parser = Step::parse, default_value_t = Step::Full, conflicts_with_all = ["neutral", "landmarks"])]
+    step: Step,
     /// Frames a second, where the input states none [default: 30].
     #[arg(long, value_parser = parse_fps)]
     fps: Option<FrameRate>,
@@ -82,10 +87,15 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
         failsafe: Failsafe::new(&settings.failsafe, 0),
         history: History::default(),
         stage: args.stage,
+        step: args.step,
         csv: Csv::create(args.out.as_deref())?,
+        row: None,
         landmarks: args.landmarks.as_deref().map(LandmarkFile::new).transpose()?,
         tally: Tally::default(),
     };
+    if let Some(tracker) = &mut track.pipeline.tracker {
+        tracker.set_turns(args.step.has_turns());
+    }
     let begun = Instant::now();
     let outcome = track.all(args.neutral.as_ref());
     // The rows before an error of the input are kept.
@@ -102,7 +112,10 @@ struct Track {
     failsafe: Failsafe,
     history: History,
     stage: Stage,
+    step: Step,
     csv: Csv,
+    /// The last row, for frames that the step leaves out.
+    row: Option<Row>,
     landmarks: Option<LandmarkFile>,
     tally: Tally,
 }
@@ -114,6 +127,7 @@ impl Track {
         }
         while let Some(face) = self.next()? {
             let is_solved = self.frame(&face)?;
+            self.leave_out(&face)?;
             if face.landmarks.is_some() && !is_solved {
                 self.pipeline.forget_face();
             }
@@ -150,6 +164,21 @@ impl Track {
         read.iter().try_for_each(|face| self.frame(face).map(drop))
     }
 
+    /// Skips the frames that the step leaves out after this one, and repeats its row for each.
+    fn leave_out(&mut self, face: &Face) -> Result<(), Failure> {
+        let rate = self.source.describe().rate.unwrap_or(FrameRate::FPS_30);
+        for number in (face.number + 1..).take(self.step.every() as usize - 1) {
+            if !self.source.skip()? {
+                break;
+            }
+            self.tally.frames += 1;
+            if let Some(row) = self.row {
+                self.csv.write(&Row { number, time_us: rate.stamp_us(number), ..row })?;
+            }
+        }
+        Ok(())
+    }
+
     /// Solves a frame and writes its row. Returns whether it has a solution.
     fn frame(&mut self, face: &Face) -> Result<bool, Failure> {
         let landmarks = face.landmarks.as_deref();
@@ -158,13 +187,14 @@ impl Track {
         }
         let solution = self.pipeline.process(&face.frame()).ok();
         self.tally.count(face, solution.is_some());
-        let row = self.row(face, solution.as_ref());
+        let row = self.make_row(face, solution.as_ref());
         self.csv.write(&row)?;
+        self.row = Some(row);
         Ok(solution.is_some())
     }
 
     /// The row of a frame. Without a solution it holds what the service would send.
-    fn row(&mut self, face: &Face, solution: Option<&Solution>) -> Row {
+    fn make_row(&mut self, face: &Face, solution: Option<&Solution>) -> Row {
         let pose = solution.map(Pose::from);
         let news = match &pose {
             Some(pose) => News::Pose(pose, face.time_us),

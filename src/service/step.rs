@@ -39,6 +39,12 @@ impl Step {
     pub const ALL: [Self; 8] =
         [Self::Full, Self::Turns, Self::Half, Self::Third, Self::Quarter, Self::Sixth, Self::Eighth, Self::Twelfth];
 
+    /// The step with this name, for arguments.
+    pub(crate) fn parse(name: &str) -> Result<Self, String> {
+        let names = || Self::ALL.map(Self::name).join(", ");
+        Self::ALL.into_iter().find(|step| step.name() == name).ok_or_else(|| format!("give one of {}", names()))
+    }
+
     /// The name in the status line, in the metrics and in arguments.
     #[must_use]
     pub fn name(self) -> &'static str {

@@ -24,13 +24,16 @@ unpack() {
     export FACEWIRE_NETWORKS=$work/networks
 }
 
-# configure DEVICE [FORMAT]: writes settings that allow for frames that take seconds, as they do under emulation.
+# configure DEVICE [FORMAT]: writes settings that allow for frames that take seconds, as they do under emulation. The
+# service processes every frame it can: the cases choose the rate that it can follow.
 configure() {
     cat >$work/facewire.toml <<CONFIG
 [camera]
 device = "$1"
 format = "${2:-auto}"
 stall_timeout_ms = 30000
+[adaptation]
+enabled = false
 [failsafe]
 live_ms = 5000
 hold_ms = 10000

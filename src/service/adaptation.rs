@@ -28,7 +28,7 @@ const THROTTLED_US: u64 = 60_000_000;
 /// little more.
 const LOWEST_THROTTLED: Step = Step::Quarter;
 /// Time after which the step above is tried even though a frame seems to take too long for it.
-const PROBE_US: u64 = 600_000_000;
+const PROBE_US: u64 = 900_000_000;
 /// A step up has failed if the pipeline goes down again within this multiple of the patience.
 const PROOF: u64 = 6;
 /// Factor by which a step up that has failed multiplies the patience.

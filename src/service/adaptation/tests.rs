@@ -170,7 +170,7 @@ fn heat_that_follows_the_load_does_not_make_the_steps_oscillate() {
 
 /// A governor lets each frame take most of the time that the step gives it.
 #[test]
-fn a_processor_that_slows_down_when_it_has_time_is_tried_on_higher_steps_all_10_minutes() {
+fn a_processor_that_slows_down_when_it_has_time_is_tried_on_higher_steps_every_15_minutes() {
     let mut rehearsal = Rehearsal::default();
     rehearsal.pass(MINUTE, |_| 2.5, &[]);
     while rehearsal.now_us < 90 * MINUTE {

@@ -33,6 +33,17 @@ own_compiler_has_target() {
         compgen -G "$libraries/libstd-*.rlib" >/dev/null
 }
 
+# leave_folders_out: makes cargo leave the names of this PC's folders out of the programs that it builds, so that builds in
+# different folders give the same bytes.
+leave_folders_out() {
+    local folder flags=()
+    for folder in "${CARGO_HOME:-$HOME/.cargo}=/cargo" "$root=/facewire" "$target_folder=/target"; do
+        flags+=("--remap-path-prefix=$folder")
+    done
+    CARGO_ENCODED_RUSTFLAGS=$(IFS=$'\x1f' && echo "${flags[*]}")
+    export CARGO_ENCODED_RUSTFLAGS
+}
+
 # make_sysroot FOLDER: writes the files that an emulated program sees in place of those of this PC: the C library of the
 # target, and a /proc/cpuinfo of a Cortex-A72, because ONNX Runtime for aarch64 fails when it reads that of an x86-64 PC.
 make_sysroot() {

@@ -84,7 +84,7 @@ fn the_printed_defaults_load_back_unchanged() {
     let defaults = Run::of(&mut facewire(["defaults"])).succeeded().out;
     let file = settings(&defaults);
     assert_eq!(config::load(None, "generic", Some(file.path())).unwrap(), Settings::default());
-    let demo = defaults.replace("# device = \"auto\"", "device = \"demo\"");
+    let demo = defaults.replacen("# device = \"auto\"", "device = \"demo\"", 1);
     assert!(with_settings(&["check"], &demo).succeeded().out.starts_with("settings  ok\n"));
 }
 

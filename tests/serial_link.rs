@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use allocation_counter::{AllocationInfo, measure};
 use board::{Board, StablePath, eventually};
-use facewire::config::{LinkKind, LinkSettings, SerialSettings};
+use facewire::config::{LinkKind, LinkSettings, SerialDevice, SerialSettings};
 use facewire::link::{Carrier as _, Link, SerialCarrier, Traffic};
 use facewire_packet::{Packet, State};
 use rustix::fs::{FlockOperation, flock};
@@ -35,8 +35,8 @@ struct Serial {
 
 impl Serial {
     fn at(device: &Path, baud: u32) -> Self {
-        let traffic = Arc::<Traffic>::default();
-        Self { carrier: SerialCarrier::open(device, baud, &[0], Arc::clone(&traffic)).unwrap(), traffic }
+        let (device, traffic) = (SerialDevice::Path(device.to_owned()), Arc::<Traffic>::default());
+        Self { carrier: SerialCarrier::open(&device, baud, &[0], Arc::clone(&traffic)).unwrap(), traffic }
     }
 
     /// Opens the board's port and waits until it is open.
@@ -278,7 +278,7 @@ fn output_of_the_board_is_discarded_so_that_the_board_never_waits() {
 
 /// Returns the sentence about a port that does not open.
 fn trouble(device: &Path) -> String {
-    let serial = SerialSettings { device: device.to_owned(), ..SerialSettings::default() };
+    let serial = SerialSettings { device: SerialDevice::Path(device.to_owned()), ..SerialSettings::default() };
     let settings = LinkSettings { kind: LinkKind::Serial(serial), ..LinkSettings::default() };
     Link::check_all(&[settings]).remove(0).unwrap_err().to_string()
 }

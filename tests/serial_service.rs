@@ -2,6 +2,8 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod board;
+#[path = "common/skip.rs"]
+mod skip;
 
 use std::fs::{self, File};
 use std::net::UdpSocket;
@@ -14,6 +16,7 @@ use board::{Board, StablePath, eventually};
 use facewire_packet::{PACKET_BYTES, Packet, Reason, State};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
+use skip::skip;
 
 fn facewire<'a>(arguments: impl IntoIterator<Item = &'a str>) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
@@ -196,6 +199,21 @@ fn a_port_that_is_missing_at_the_start_does_not_delay_other_links() {
     board.next();
     let log = service.stop();
     assert!(log.contains("there is no such serial port; plug it in"), "{log}");
+}
+
+#[test]
+fn without_a_board_the_service_says_so_once_and_counts_nothing_as_dropped() {
+    if Path::new("/dev/serial").exists() {
+        return skip("this machine has a USB serial port");
+    }
+    let socket = udp_socket();
+    let service = Service::with(&(udp(&socket) + "[[link]]\nkind = \"serial\"\n"));
+    eventually("the reason", || service.logged("link auto: waits for a microcontroller board; none of a known") > 0);
+    // Three attempts, at least.
+    (0..60).for_each(|_| assert_eq!(socket.recv(&mut [0; PACKET_BYTES]).unwrap(), PACKET_BYTES));
+    let log = service.stop();
+    assert_eq!(log.matches("link auto").count(), 1, "{log}");
+    assert_eq!((counted(&log, " dropped="), counted(&log, " packets=")), (0, counted(&log, " sent=")), "{log}");
 }
 
 #[test]

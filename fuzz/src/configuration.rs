@@ -47,8 +47,7 @@ fn judge_fault(fault: &Fault, text: &str) {
     if let Fault::Syntax { place, .. }
     | Fault::Unknown { place, .. }
     | Fault::Value { place, .. }
-    | Fault::OtherKind { place, .. }
-    | Fault::NoDevice { place } = fault
+    | Fault::OtherKind { place, .. } = fault
     {
         let line = place.rsplit(':').next().and_then(|line| line.parse::<usize>().ok());
         assert!(line.is_some_and(|line| (1..=text.split('\n').count()).contains(&line)), "{shown}");

@@ -95,8 +95,7 @@ impl Cli {
     /// Parses the arguments of this program. Ends the process if they are invalid or ask for help.
     #[must_use]
     pub fn of_arguments() -> Self {
-        let command = with_exit_status(Self::command()).mut_subcommands(with_exit_status);
-        Self::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit())
+        Self::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit())
     }
 
     /// Runs the subcommand, prints its failure on standard error, and returns the exit status.
@@ -116,6 +115,12 @@ impl Cli {
             Err(failure) => failure.report(),
         }
     }
+}
+
+/// The definitions of all arguments, from which `examples/manual.rs` makes the manual pages and the shell completions.
+#[must_use]
+pub fn command() -> clap::Command {
+    with_exit_status(Cli::command()).mut_subcommands(with_exit_status)
 }
 
 /// Appends the exit statuses to the help of a command.

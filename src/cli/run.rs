@@ -11,7 +11,7 @@ use crate::service::{self, Program};
 
 const EXAMPLES: &str = "\
 Examples:
-  facewire run                              the first camera, packets to 127.0.0.1:5252
+  facewire run                              the first camera; packets to 127.0.0.1:5252 and to a microcontroller
   facewire run --config facewire.toml
   facewire run --board pi4 --config facewire.toml
 

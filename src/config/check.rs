@@ -1,6 +1,6 @@
 //! Faults of settings that are valid one by one but do not fit together.
 
-use super::{Fault, Faults, link::most_packets_hz, rehearsal::Script, settings::Settings};
+use super::{Fault, Faults, SerialDevice, link::most_packets_hz, rehearsal::Script, settings::Settings};
 
 /// Slowest rate of a link, packets per second: receivers go neutral after 500 ms without one.
 const SLOWEST_LINK_HZ: u32 = 10;
@@ -46,15 +46,21 @@ fn check_tables(settings: &Settings, faults: &mut Faults) {
     }
 }
 
-/// Adds a fault for every serial port that two links share. Only the text counts: two names may mean one device for a
-/// while, and links wait for each other then.
+/// Adds a fault for every serial port that two links share, and for "auto" beside another port. Only the text counts: two
+/// names may mean one device for a while, and links wait for each other then.
 fn check_ports(settings: &Settings, faults: &mut Faults) {
-    let lines = settings.links.iter().filter_map(|link| link.line());
-    let ports: Vec<_> = lines.map(|(device, _)| device).filter(|device| device.is_absolute()).collect();
+    if faults.concern("link") {
+        return;
+    }
+    let ports: Vec<_> = settings.links.iter().filter_map(|link| link.line()).map(|(device, _)| device).collect();
     for (index, device) in ports.iter().enumerate() {
         if ports.iter().take(index).any(|earlier| earlier == device) {
-            faults.push(Fault::SamePort { device: device.to_path_buf() });
+            faults.push(Fault::SamePort { device: (*device).clone() });
         }
+    }
+    let other = ports.iter().find(|device| ***device != SerialDevice::Auto);
+    if let Some(other) = other.filter(|_| ports.contains(&&SerialDevice::Auto)) {
+        faults.push(Fault::AutoBeside { other: (*other).clone() });
     }
 }
 
@@ -68,7 +74,7 @@ fn check_lines(settings: &Settings, faults: &mut Faults) {
         let rate_hz = link.most_hz(settings.camera.fps, settings.send.rate_hz);
         if most_packets_hz(baud) < rate_hz {
             faults.push(Fault::SlowLine {
-                device: device.to_owned(),
+                device: device.clone(),
                 baud,
                 rate_hz,
                 most_hz: most_packets_hz(baud),

@@ -1,6 +1,6 @@
 //! The complete configuration as a commented file.
 
-use super::{SerialSettings, board, section::Section, settings::Settings};
+use super::{LinkSettings, SerialSettings, board, section::Section, settings::Settings};
 
 const HEAD: &str = "\
 # facewire: every setting with its default. To change a setting, remove the \"# \" at the start of its line; leave all
@@ -10,25 +10,36 @@ const HEAD: &str = "\
 # the device tree or the processor; `facewire check` names it.
 # Takes ";
 
-/// Introduces the example of a serial link.
-const SERIAL: &str = "
-# Example of a link to a serial port, beside or instead of the link above. To use it, remove the first \"# \" of each of
-# these lines. It also takes pace and rate_hz.
+/// Introduces the link to the microcontroller board.
+const BOARD_LINK: &str = "
+# A second link, to the microcontroller board that is plugged into USB. While there is none, the link waits for one.
+# It takes the settings of the pace, too. Remove these lines if no board is to receive the face.
 ";
 
 /// Writes the default settings in TOML, each after its comment. The settings are commented out, so that those of a board
-/// stay in force. The text loads to [`Settings::default`], whether the settings are commented out or not.
+/// stay in force, except those that make the second link another one than the first. The text loads to
+/// [`Settings::default`], whether the settings are commented out or not.
 #[must_use]
 pub fn defaults() -> String {
     let board = format!("{}.\n# board = \"{}\"\n", board::expected(), board::AUTO);
-    let mut text = HEAD.to_owned() + &board;
-    for line in tables(&Settings::default()).lines() {
-        let is_setting = !line.is_empty() && !line.starts_with(['#', '[']);
-        text.extend([if is_setting { "# " } else { "" }, line, "\n"]);
-    }
-    text += SERIAL;
-    serial_example().lines().for_each(|line| text.extend([format!("# {line}").trim_end(), "\n"]));
-    text
+    let first = Settings { links: vec![LinkSettings::default()], ..Settings::default() };
+    [HEAD, &board, &commented_out(&tables(&first)), BOARD_LINK, &board_link()].concat()
+}
+
+/// Puts a "# " before each setting.
+fn commented_out(text: &str) -> String {
+    let is_setting = |line: &str| !line.is_empty() && !line.starts_with(['#', '[']);
+    text.lines().flat_map(|line| [if is_setting(line) { "# " } else { "" }, line, "\n"]).collect()
+}
+
+/// Writes the link to the microcontroller board. Its pace was explained with the first link.
+fn board_link() -> String {
+    let link = LinkSettings::to_the_board();
+    let pace = link.pace.write();
+    let pace: String =
+        pace.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).flat_map(|line| [line, "\n"]).collect();
+    let serial = commented_out(&SerialSettings::default().write());
+    format!("[[link]]\nkind = \"{}\"\n{pace}\n{serial}", link.kind.name())
 }
 
 /// Writes settings in TOML, each after its comment. The text loads back to the same settings.
@@ -58,10 +69,4 @@ fn tables(settings: &Settings) -> String {
 
 fn write(text: &mut String, heading: &str, section: &dyn Section) {
     text.extend(["\n", heading, "\n", &section.write()]);
-}
-
-/// Writes a link to the serial port that most boards get when they are plugged into USB.
-fn serial_example() -> String {
-    let serial = SerialSettings { device: "/dev/ttyACM0".into(), ..SerialSettings::default() };
-    format!("[[link]]\nkind = \"serial\"\n{}", serial.write())
 }

@@ -2,6 +2,8 @@
 
 use std::{fmt, io, path::PathBuf};
 
+use super::value::SerialDevice;
+
 /// A fault of the settings. `place` is its position as `file:line`.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
@@ -63,29 +65,29 @@ pub enum Fault {
         /// The keys of this kind.
         known: String,
     },
-    /// A serial link without its port.
-    #[error("{place}: link.device is missing: give the path of a serial port; `facewire devices` lists them")]
-    NoDevice {
-        /// The start of the link.
-        place: String,
-    },
     /// Two links with the same serial port.
-    #[error(
-        "link.device = \"{}\": an earlier link has the same port; give this link another one, or remove it",
-        device.display()
-    )]
+    #[error("link.device = \"{device}\": an earlier link has the same port; give this link another one, or remove it")]
     SamePort {
         /// The serial port.
-        device: PathBuf,
+        device: SerialDevice,
+    },
+    /// A link to any board beside a link to a certain one.
+    #[error(
+        "link.device = \"auto\": another link has the port {other}, which \"auto\" may find, too; give the path of a \
+         port, or remove this link"
+    )]
+    AutoBeside {
+        /// The other link's port.
+        other: SerialDevice,
     },
     /// A serial line that is too slow for the packets of its link.
     #[error(
         "link.baud = {baud}: give {enough} or more, or pace = \"rate\" and rate_hz = {most_hz}: {rate_hz} packets a \
-         second need more than 80 % of the line at {}", device.display()
+         second need more than 80 % of the line at {device}"
     )]
     SlowLine {
         /// The serial port.
-        device: PathBuf,
+        device: SerialDevice,
         /// Its baud rate.
         baud: u32,
         /// The most packets per second that the link sends.

@@ -1,22 +1,22 @@
 //! Settings of a link: one kind of link has one table of keys, and all kinds share the keys of the pace.
 
-use std::{
-    fmt,
-    path::{Path, PathBuf},
-};
+use std::fmt;
 
 use facewire_packet::FRAME_BYTES;
 use toml::de::DeValue;
 
 use super::{
     section::{Section, section, write_setting},
-    value::{Address, Choice, Value, quoted},
+    value::{Address, Choice, SerialDevice, Value, quoted},
 };
 
 /// Share of a serial line that packets may use, percent. The rest makes up for clocks that differ.
 const LINE_SHARE: u64 = 80;
 /// Bits of a byte on a serial line: a start bit, 8 data bits and a stop bit.
 const BITS_PER_BYTE: u64 = 10;
+/// Most packets per second to the microcontroller board: fewer than a line of 115200 baud carries, and more than hobby
+/// servos, which read a position 50 times a second, can show.
+const BOARD_HZ: u32 = 60;
 
 /// One `[[link]]`: a receiver, what is sent to it, and when.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -100,9 +100,13 @@ section! {
 section! {
     /// Packets on a serial line.
     SerialSettings {
-        /// The serial port. Prefer a path that does not change when other devices are plugged in: `facewire devices`
-        /// lists the ports with such paths.
-        device: PathBuf = PathBuf::new(), (), "";
+        /// The serial port:
+        /// - "auto": the microcontroller board that is plugged into USB. It must be of a maker whose devices are such
+        ///   boards (Arduino, Teensy, Adafruit, Raspberry Pi Pico, Espressif, SparkFun, Seeed, Pololu), because anything
+        ///   may be connected to an adapter of general use (FTDI, CH340, CP210x): give its path
+        /// - a path, preferably one that does not change when other devices are plugged in: `facewire devices` lists
+        ///   the ports with such paths
+        device: SerialDevice = SerialDevice::Auto, (), "";
         /// Baud rate. Packets may use at most 80 % of the line: 115200 baud carries 68 packets per second.
         baud: u32 = 115_200, 19_200..=4_000_000, " (1/s)";
     }
@@ -147,7 +151,7 @@ pub enum CarrierSettings<'a> {
     /// Bytes on a serial line.
     Serial {
         /// The serial port.
-        device: &'a Path,
+        device: &'a SerialDevice,
         /// Its baud rate.
         baud: u32,
     },
@@ -165,8 +169,15 @@ impl LinkKind {
 }
 
 impl LinkSettings {
+    /// The link to the microcontroller board that is plugged in. Its own rate suits its baud rate, whatever the camera's
+    /// rate and that of `[send]` are.
+    pub(super) fn to_the_board() -> Self {
+        let pace = PaceSettings { pace: PaceKind::Change, rate_hz: BOARD_HZ };
+        Self { kind: LinkKind::Serial(SerialSettings::default()), pace }
+    }
+
     /// The serial port and the baud rate, if the link uses a serial line.
-    pub(super) fn line(&self) -> Option<(&Path, u32)> {
+    pub(super) fn line(&self) -> Option<(&SerialDevice, u32)> {
         match self.kind.carrier() {
             CarrierSettings::Serial { device, baud } => Some((device, baud)),
             CarrierSettings::Udp(_) => None,
@@ -205,12 +216,12 @@ pub(super) fn expected_kind() -> String {
     format!("one of {}", names.join(", "))
 }
 
-/// Shows where the link leads: an address, or the path of a serial port.
+/// Shows where the link leads: an address, or a serial port.
 impl fmt::Display for LinkSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.kind.carrier() {
             CarrierSettings::Udp(address) => address.fmt(f),
-            CarrierSettings::Serial { device, .. } => device.display().fmt(f),
+            CarrierSettings::Serial { device, .. } => device.fmt(f),
         }
     }
 }

@@ -35,8 +35,8 @@ pub use settings::{
     AdaptationSettings, CameraFormat, CameraSettings, EngineChoice, FailsafeSettings, HardwareSettings, LogLevel,
     LogSettings, MetricsSettings, NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,
 };
-pub use value::Address;
 pub(crate) use value::Choice;
+pub use value::{Address, SerialDevice};
 
 /// Exit status for bad settings, as in `sysexits.h`. systemd does not restart a service that exits with it.
 pub const EX_CONFIG: u8 = 78;

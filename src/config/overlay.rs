@@ -149,10 +149,6 @@ impl Overlay<'_> {
         for (key, value) in table.iter().filter(|(key, _)| key.get_ref() != "kind") {
             self.link_key(&mut link, key, value);
         }
-        if link.line().is_some() && !table.contains_key("device") {
-            let offset = value.span().start;
-            self.found.push((offset, Fault::NoDevice { place: self.place(offset) }));
-        }
         link
     }
 

@@ -49,7 +49,7 @@ impl Default for Settings {
             solver: SolverSettings::default(),
             failsafe: FailsafeSettings::default(),
             send: SendSettings::default(),
-            links: vec![LinkSettings::default()],
+            links: vec![LinkSettings::default(), LinkSettings::to_the_board()],
             realtime: RealtimeSettings::default(),
             hardware: HardwareSettings::default(),
             adaptation: AdaptationSettings::default(),

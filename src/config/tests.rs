@@ -10,16 +10,14 @@ fn faults(text: &str) -> String {
     parse("facewire.toml", text).unwrap_err().to_string()
 }
 
-/// Returns the defaults with every setting uncommented, without the example at the end.
+/// Returns the defaults with every setting uncommented.
 fn uncommented_defaults() -> String {
-    let text = defaults();
-    let (settings, _) = text.split_once("# [[link]]").unwrap();
     let is_setting = |line: &str| line.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '));
     let line = |line| match str::strip_prefix(line, "# ") {
         Some(setting) if is_setting(setting) => setting.to_owned() + "\n",
         _ => format!("{line}\n"),
     };
-    settings.lines().map(line).collect()
+    defaults().lines().map(line).collect()
 }
 
 #[test]
@@ -48,7 +46,7 @@ fn settings_of_every_type_load_back_from_their_written_form() {
 fn defaults_explain_every_setting_with_its_type_and_bounds() {
     let text = uncommented_defaults();
     let settings = text.lines().filter(|line| !line.starts_with('#') && line.contains(" = "));
-    assert_eq!(settings.count(), 31, "the board, and the settings of all tables");
+    assert_eq!(settings.count(), 36, "the board, and the settings of all tables");
     assert!(
         text.contains("# Height of the picture.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n")
     );
@@ -56,15 +54,19 @@ fn defaults_explain_every_setting_with_its_type_and_bounds() {
 }
 
 #[test]
-fn the_example_of_a_serial_link_in_the_defaults_loads() {
-    let text = defaults();
-    let (start, example) = text.split_at(text.find("# [[link]]").unwrap());
-    let uncommented: String = example.lines().flat_map(|line| [line.strip_prefix("#").unwrap().trim(), "\n"]).collect();
-    let links = parse("defaults", &(start.to_owned() + &uncommented)).unwrap().links;
-    let [udp, serial] = &links[..] else { panic!("{} links", links.len()) };
-    assert_eq!(*udp, LinkSettings::default());
-    let LinkKind::Serial(serial) = &serial.kind else { panic!("{serial:?}") };
-    assert_eq!((serial.device.to_str(), serial.baud), (Some("/dev/ttyACM0"), 115_200));
+fn any_rate_of_camera_and_packets_suits_the_link_to_the_board_that_is_plugged_in() {
+    let settings = parse("file", "[camera]\nfps = 240\n[send]\nrate_hz = 240\n").unwrap();
+    assert_eq!(settings.links, Settings::default().links);
+    let [_, board] = &settings.links[..] else { panic!("{} links", settings.links.len()) };
+    assert_eq!((board.kind.name(), board.to_string().as_str()), ("serial", "auto"));
+}
+
+#[test]
+fn a_link_to_any_board_beside_a_link_to_a_certain_one_is_refused() {
+    let named = "[[link]]\nkind = \"serial\"\ndevice = \"/dev/ttyACM0\"\n";
+    let want = "link.device = \"auto\": another link has the port /dev/ttyACM0, which \"auto\" may find, too; give the path \
+                of a port, or remove this link";
+    assert_eq!(faults(&(named.to_owned() + "[[link]]\nkind = \"serial\"\n")), want);
 }
 
 #[test]
@@ -225,7 +227,7 @@ fn the_links_of_a_file_replace_the_default_link() {
 }
 
 #[test]
-fn keys_of_another_kind_of_link_are_refused_and_a_serial_link_needs_its_device() {
+fn keys_and_values_of_another_kind_of_link_are_refused() {
     let text = "\
 [[link]]
 device = \"/dev/ttyUSB0\"
@@ -243,9 +245,8 @@ baud = 300
 ";
     let want = "\
 facewire.toml:2: link.device is not a setting of a link with kind = \"udp\"; that has kind, address, pace, rate_hz
-facewire.toml:3: link.device is missing: give the path of a serial port; `facewire devices` lists them
 facewire.toml:5: link.address is not a setting of a link with kind = \"serial\"; that has kind, device, baud, pace, rate_hz
-facewire.toml:8: link.device = \"ttyUSB0\": give a path in quotes that begins with /
+facewire.toml:8: link.device = \"ttyUSB0\": give \"auto\", or a path in quotes that begins with /
 facewire.toml:9: link.baud = 300: give a whole number from 19200 to 4000000 (1/s)
 facewire.toml:10: link.pase is not a setting; did you mean pace?
 facewire.toml:12: link.kind = \"seriell\": give one of \"udp\", \"serial\"";

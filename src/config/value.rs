@@ -1,10 +1,6 @@
 //! The types of settings: how a value of each type is read, checked, described and written.
 
-use std::{
-    fmt,
-    ops::RangeInclusive,
-    path::{Path, PathBuf},
-};
+use std::{fmt, ops::RangeInclusive, path::PathBuf};
 
 use toml::de::DeValue;
 
@@ -135,20 +131,40 @@ impl Value for String {
     }
 }
 
-/// A path from the root: a service has no folder that a relative path could start at.
-impl Value for PathBuf {
+/// The serial port of a link.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum SerialDevice {
+    /// The microcontroller board that is plugged into USB.
+    Auto,
+    /// A path from the root: a service has no folder that a relative path could start at.
+    Path(PathBuf),
+}
+
+impl fmt::Display for SerialDevice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Path(path) => path.display().fmt(f),
+        }
+    }
+}
+
+impl Value for SerialDevice {
     type Bounds = ();
 
     fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
-        value.as_str().map(Path::new).filter(|path| path.is_absolute()).map(Path::to_owned)
+        match value.as_str()? {
+            "auto" => Some(Self::Auto),
+            path => Some(Self::Path(path.into())).filter(|_| path.starts_with('/')),
+        }
     }
 
     fn expected((): &()) -> String {
-        "a path in quotes that begins with /".to_owned()
+        "\"auto\", or a path in quotes that begins with /".to_owned()
     }
 
     fn write(&self) -> String {
-        quoted(&self.to_string_lossy())
+        quoted(&self.to_string())
     }
 }
 

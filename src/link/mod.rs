@@ -18,18 +18,19 @@ mod serial;
 mod udp;
 
 use std::fmt::Debug;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
 pub use output::{Output, Pose};
 pub use pace::{Pace, Sent};
-use serial::PortClaim;
+use serial::{BoardSearch, PortClaim};
 pub use serial::{PortError, PortTrouble, SerialCarrier, open_port};
 pub use udp::UdpCarrier;
 
 use self::packet::{Datagrams, Frames};
-use crate::config::{CarrierSettings, LinkKind, LinkSettings};
+use crate::config::{CarrierSettings, LinkKind, LinkSettings, SerialDevice};
 
 /// Turns outputs into bytes.
 pub trait Format: Debug + Send {
@@ -54,6 +55,11 @@ pub trait Carrier: Debug + Send {
     /// The error number of the system if the network refused the last message. Serial ports log their errors themselves.
     fn refusal(&self) -> Option<i32> {
         None
+    }
+
+    /// Whether the receiver is known. Until then nothing is sent or counted.
+    fn has_receiver(&self) -> bool {
+        true
     }
 
     /// Asks to look up the receiver's address now.
@@ -165,10 +171,13 @@ impl Link {
     fn check(settings: &LinkSettings, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
         match settings.kind.carrier() {
             CarrierSettings::Udp(address) => udp::check(address).map(|()| address.to_string()),
-            CarrierSettings::Serial { device, baud } => {
-                claims.push(PortClaim::acquire(device).map_err(|holder| PortError::claimed(device, holder))?);
-                open_port(device, baud, Duration::ZERO)?;
-                Ok(format!("{} at {baud} baud", device.display()))
+            CarrierSettings::Serial { device: SerialDevice::Path(port), baud } => check_port(port, baud, claims),
+            CarrierSettings::Serial { device: SerialDevice::Auto, baud } => {
+                match BoardSearch::default().find().map_err(PortError::of_the_board) {
+                    Ok(port) => check_port(&port, baud, claims),
+                    Err(error) if error.waits_for_a_board() => Ok(error.to_string()),
+                    Err(error) => Err(error.into()),
+                }
             }
         }
     }
@@ -196,6 +205,9 @@ impl Link {
 
     /// Sends the output at once.
     pub fn send(&mut self, output: &Output) {
+        if !self.carrier.has_receiver() {
+            return;
+        }
         let Self { format, carrier, traffic, .. } = self;
         format.encode(output, self.sequence, &mut |message| {
             Traffic::count(&traffic.packets);
@@ -209,6 +221,12 @@ impl Link {
     pub fn carrier(&self) -> &dyn Carrier {
         &*self.carrier
     }
+}
+
+fn check_port(port: &Path, baud: u32, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
+    claims.push(PortClaim::acquire(port).map_err(|holder| PortError::claimed(port, holder))?);
+    open_port(port, baud, Duration::ZERO)?;
+    Ok(format!("{} at {baud} baud", port.display()))
 }
 
 /// Returns the format of a kind of link.

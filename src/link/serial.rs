@@ -7,22 +7,24 @@
 //! message that would wait behind more than one other is dropped. Every message is counted as sent or dropped.
 //! Limits: input is discarded. A receiver that stops reading loses messages, which only the log shows.
 
+mod board;
 mod claim;
 mod line;
 mod port;
 
 use std::{
-    path::Path,
     sync::Arc,
     thread::{Builder, JoinHandle},
 };
 
 use triple_buffer::{Input, triple_buffer};
 
+pub use self::board::BoardSearch;
 pub use self::claim::PortClaim;
-use self::line::{Line, Message, Shared};
+use self::line::{Line, Message, Place, Shared};
 pub use self::port::{PortError, PortTrouble, open as open_port};
 use super::{Carrier, LinkError, Traffic};
+use crate::config::SerialDevice;
 use crate::retry::Retry;
 
 /// A serial line with its thread. When it is dropped, the thread writes the last message and ends by itself.
@@ -38,14 +40,21 @@ impl SerialCarrier {
     ///
     /// # Errors
     /// Returns an error if the system refuses a thread.
-    pub fn open(device: &Path, baud: u32, preamble: &'static [u8], traffic: Arc<Traffic>) -> Result<Self, LinkError> {
+    pub fn open(
+        device: &SerialDevice,
+        baud: u32,
+        preamble: &'static [u8],
+        traffic: Arc<Traffic>,
+    ) -> Result<Self, LinkError> {
         let (newest, output) = triple_buffer(&Message::new());
-        let shared = Arc::new(Shared::new(traffic));
-        // Claimed here, so that the first of two links to one device gets it.
-        let claim = PortClaim::acquire(device).ok();
-        let (device, line_shared) = (device.to_owned(), Arc::clone(&shared));
-        let name = device.display().to_string();
-        let line = Line { device, baud, preamble, newest: output, shared: line_shared, claim, retry: Retry::default() };
+        let (place, claim) = match device {
+            SerialDevice::Auto => (Place::Board(BoardSearch::default()), None),
+            // Claimed here, so that the first of two links to one device gets it.
+            SerialDevice::Path(path) => (Place::Path(path.clone()), PortClaim::acquire(path).ok()),
+        };
+        let shared = Arc::new(Shared::new(traffic, matches!(place, Place::Path(_))));
+        let (name, line_shared) = (device.to_string(), Arc::clone(&shared));
+        let line = Line { place, baud, preamble, newest: output, shared: line_shared, claim, retry: Retry::default() };
         let thread = Builder::new().name("fw-serial".to_owned()).spawn(move || line.run());
         let thread = thread.map_err(|error| LinkError::Thread { link: name, error })?;
         Ok(Self { newest, shared, thread })
@@ -65,6 +74,10 @@ impl Carrier for SerialCarrier {
 
     fn is_open(&self) -> bool {
         self.shared.is_open()
+    }
+
+    fn has_receiver(&self) -> bool {
+        self.shared.is_found()
     }
 
     fn stop(&self) {

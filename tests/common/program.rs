@@ -73,11 +73,12 @@ impl Run {
         self
     }
 
-    /// Returns the sentences on standard error of a run that failed with `status`, without the count of frames.
+    /// Returns the sentences on standard error of a run that failed with `status`, without the count of frames and what a
+    /// service logs before it fails.
     pub fn sentences(&self, status: i32) -> Vec<&str> {
         assert_eq!(self.status, Some(status), "{}", self.err);
         let named = |line| str::strip_prefix(line, "facewire: ").unwrap_or_else(|| panic!("not a sentence: {line}"));
-        self.err.lines().map(named).filter(|line| !line.contains(" frames, ")).collect()
+        self.err.lines().filter(|line| !line.contains(" INFO ")).map(named).filter(|line| !line.contains(" frames, ")).collect()
     }
 
     /// Returns the only sentence of a run that failed with `status`.

@@ -2,7 +2,7 @@
 
 use std::{
     io::{self, ErrorKind, Write as _},
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::{
         Arc,
         atomic::{
@@ -17,6 +17,7 @@ use std::{
 use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 use triple_buffer::Output as Newest;
 
+use super::board::BoardSearch;
 use super::claim::PortClaim;
 use super::port::{self, PortError};
 use crate::link::{LinkError, Traffic};
@@ -43,12 +44,14 @@ pub type Message = heapless::Vec<u8, MESSAGE_BYTES>;
 pub struct Shared {
     stop: AtomicBool,
     open: AtomicBool,
+    /// Whether the port is known. A board that was found once is known even while it is unplugged.
+    found: AtomicBool,
     traffic: Arc<Traffic>,
 }
 
 impl Shared {
-    pub fn new(traffic: Arc<Traffic>) -> Self {
-        Self { traffic, ..Self::default() }
+    pub fn new(traffic: Arc<Traffic>, is_found: bool) -> Self {
+        Self { traffic, found: is_found.into(), ..Self::default() }
     }
 
     /// Asks the thread to write the message that it was given last, and to end.
@@ -65,15 +68,36 @@ impl Shared {
         self.open.load(Relaxed)
     }
 
+    /// Whether the port is known.
+    pub fn is_found(&self) -> bool {
+        self.found.load(Relaxed)
+    }
+
     /// Counts a message that is not written.
     pub fn drop_one(&self) {
         Traffic::count(&self.traffic.dropped);
     }
 }
 
+/// Where the port is.
+pub enum Place {
+    Path(PathBuf),
+    Board(BoardSearch),
+}
+
+impl Place {
+    /// Returns the path of the port.
+    fn find(&mut self) -> Result<PathBuf, PortError> {
+        match self {
+            Self::Path(path) => Ok(path.clone()),
+            Self::Board(search) => search.find().map_err(PortError::of_the_board),
+        }
+    }
+}
+
 /// A serial line and its messages.
 pub struct Line {
-    pub device: PathBuf,
+    pub place: Place,
     pub baud: u32,
     /// Written each time the port is opened.
     pub preamble: &'static [u8],
@@ -93,7 +117,7 @@ impl Line {
         while !self.shared.stopping() {
             if let Err(error) = self.session(handover_end) {
                 self.shared.open.store(false, Relaxed);
-                self.retry.warn(&LinkError::from(error));
+                self.tell(error);
             }
             let wait = self.retry.wait();
             self.pause(wait);
@@ -105,21 +129,34 @@ impl Line {
         }
     }
 
+    /// Logs why the port is not open, once for each reason. That no board is plugged in is no fault.
+    fn tell(&mut self, error: PortError) {
+        let waits = error.waits_for_a_board();
+        let error = LinkError::from(error);
+        if !waits {
+            self.retry.warn(&error);
+        } else if self.retry.logged.is_new(&error.to_string()) {
+            tracing::info!("{error}");
+        }
+    }
+
     /// Runs from opening the port to the first error, or to the end.
     fn session(&mut self, handover_end: Instant) -> Result<(), PortError> {
-        let Some(claim) = self.claim(handover_end)? else { return Ok(()) };
-        let mut port = Port::open(port::open(&self.device, self.baud, PATIENCE)?, self.preamble);
+        let device = self.place.find()?;
+        self.shared.found.store(true, Relaxed);
+        let Some(claim) = self.claim(&device, handover_end)? else { return Ok(()) };
+        let mut port = Port::open(port::open(&device, self.baud, PATIENCE)?, self.preamble);
         if claim.is_empty() {
             // The device appeared after the claim: the next attempt claims it.
             return Ok(());
         }
         self.shared.open.store(true, Relaxed);
-        tracing::info!("link opened: {} at {} baud", self.device.display(), self.baud);
+        tracing::info!("link opened: {} at {} baud", device.display(), self.baud);
         loop {
             // Read before the message, so that a message given before the end is still written.
             let stopping = self.shared.stopping();
             if self.newest.update() {
-                self.write(&mut port).map_err(|error| PortError::lost(&self.device, error))?;
+                self.write(&mut port, &device).map_err(|error| PortError::lost(&device, error))?;
             } else if stopping {
                 return Ok(());
             } else {
@@ -129,21 +166,21 @@ impl Line {
     }
 
     /// Claims the port. Up to `handover_end`, waits for another link to release it. Returns `None` when told to stop.
-    fn claim(&mut self, handover_end: Instant) -> Result<Option<PortClaim>, PortError> {
+    fn claim(&mut self, device: &Path, handover_end: Instant) -> Result<Option<PortClaim>, PortError> {
         if let Some(claim) = self.claim.take() {
             return Ok(Some(claim));
         }
         while !self.shared.stopping() {
-            match PortClaim::acquire(&self.device) {
+            match PortClaim::acquire(device) {
                 Ok(claim) => return Ok(Some(claim)),
-                Err(holder) if Instant::now() >= handover_end => return Err(PortError::claimed(&self.device, holder)),
+                Err(holder) if Instant::now() >= handover_end => return Err(PortError::claimed(device, holder)),
                 Err(_) => thread::park_timeout(HANDOVER_LOOK),
             }
         }
         Ok(None)
     }
 
-    fn write(&mut self, port: &mut Port) -> io::Result<()> {
+    fn write(&mut self, port: &mut Port, device: &Path) -> io::Result<()> {
         let took_before = port.takes;
         let took = port.write(self.newest.peek_output_buffer());
         match took {
@@ -155,7 +192,7 @@ impl Line {
         }
         took?;
         if took_before && !port.takes {
-            tracing::warn!("link {}: it takes no packets; check that the receiver reads", self.device.display());
+            tracing::warn!("link {}: it takes no packets; check that the receiver reads", device.display());
         }
         Ok(())
     }

@@ -29,6 +29,15 @@ pub struct PortError {
 /// What is wrong with a serial port.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PortTrouble {
+    /// No microcontroller board is plugged in, only these other serial ports.
+    #[error("waits for a microcontroller board; none of a known maker is plugged in{}", hint(.0))]
+    NoBoard(Vec<PathBuf>),
+    /// More than one microcontroller board is plugged in.
+    #[error("more than one microcontroller board is plugged in; give the path of one as link.device: {}", list(.0))]
+    SeveralBoards(Vec<PathBuf>),
+    /// The board that was used is away, and another one is plugged in.
+    #[error("waits for {}; another board takes its place after half a minute", .0.display())]
+    Away(PathBuf),
     /// There is no device at this path.
     #[error("there is no such serial port; plug it in, or give one that `facewire devices` lists")]
     NotFound,
@@ -71,10 +80,34 @@ impl PortError {
         Self::new(device, if holder == device { PortTrouble::Closing } else { PortTrouble::Shared(holder) })
     }
 
+    /// The error of a link to the board that is plugged in.
+    #[must_use]
+    pub fn of_the_board(trouble: PortTrouble) -> Self {
+        Self::new(Path::new("auto"), trouble)
+    }
+
+    /// Whether no microcontroller board is plugged in, as with a service whose board comes later.
+    #[must_use]
+    pub fn waits_for_a_board(&self) -> bool {
+        matches!(self.trouble, PortTrouble::NoBoard(_))
+    }
+
     /// The error of a port that failed while it was open.
     pub fn lost(device: &Path, error: impl fmt::Display) -> Self {
         Self::new(device, PortTrouble::Lost(error.to_string()))
     }
+}
+
+/// Names serial ports that anything may be connected to.
+fn hint(others: &[PathBuf]) -> String {
+    if others.is_empty() {
+        return String::new();
+    }
+    format!("; if your board is one of these, give its path as link.device: {}", list(others))
+}
+
+fn list(ports: &[PathBuf]) -> String {
+    ports.iter().map(|port| port.display().to_string()).collect::<Vec<_>>().join(", ")
 }
 
 impl From<Errno> for PortTrouble {

@@ -4,7 +4,7 @@
 //! `TransformLandmarks`. The line through two rotation points is level in the crop, and the crop is 1.5 times as large as
 //! the box around the head's points.
 
-use facewire_engine::kernels::rows::add_rows;
+use facewire_engine::kernels::rows::add_pair;
 
 use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_CHANNELS, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
 use super::region::bounds;
@@ -69,22 +69,32 @@ impl Transform {
         for (column, cell) in crop_row.as_chunks_mut::<FEATURE_CHANNELS>().0.iter_mut().enumerate() {
             *cell = [0.0; FEATURE_CHANNELS];
             let centre = [column as f32 + 0.5, row as f32 + 0.5];
-            for (at, weights) in taps(self.map(centre, self.shift).map(|position| position - 0.5)) {
-                add_rows(cell, map.get(at..).unwrap_or_default(), &weights);
-            }
+            let [upper, lower] = taps(self.map(centre, self.shift).map(|position| position - 0.5));
+            add_taps(cell, map, upper);
+            add_taps(cell, map, lower);
         }
     }
 }
 
-/// The upper and the lower pair of the cells around a position: the left cell of each pair, and the weights of both. The
-/// weights of a position outside the map are 0.
+/// Two neighbouring cells of a map: the left one, and the weights of both.
+type Taps = (usize, [f32; 2]);
+
+/// Adds two weighted cells of the map to a cell of the crop.
+fn add_taps(cell: &mut [f32; FEATURE_CHANNELS], map: &[[f32; FEATURE_CHANNELS]], (at, weights): Taps) {
+    if let Some(pair) = map.get(at..).and_then(<[_]>::first_chunk) {
+        add_pair(cell, pair, weights);
+    }
+}
+
+/// The upper and the lower pair of the cells around a position. The weights of a position outside the map are 0.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be inside the map")]
-fn taps([column, row]: [f32; 2]) -> [(usize, [f32; 2]); 2] {
+fn taps([column, row]: [f32; 2]) -> [Taps; 2] {
     const LAST: f32 = (FEATURE_SIZE - 1) as f32;
     if !((0.0..=LAST).contains(&column) && (0.0..=LAST).contains(&row)) {
         return [(0, [0.0; 2]); 2];
     }
-    let (left, top) = (column.floor(), row.floor());
+    // The last cell of a row is the right one of a pair.
+    let [left, top] = [column, row].map(|position| position.floor().min(LAST - 1.0));
     let (right_weight, bottom_weight) = (column - left, row - top);
     let at = top as usize * FEATURE_SIZE + left as usize;
     let pair = |row_weight: f32| [(1.0 - right_weight) * row_weight, right_weight * row_weight];

@@ -25,6 +25,25 @@ pub fn add_rows<const N: usize>(sums: &mut [f32; N], rows: &[[f32; N]], factors:
     add::<N, { cfg!(target_arch = "aarch64") }>(sums, rows, factors);
 }
 
+/// Does the same for two rows. The compiler knows their number, so that it keeps the sums in registers.
+pub fn add_pair<const N: usize>(sums: &mut [f32; N], rows: &[[f32; N]; 2], factors: [f32; 2]) {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        // SAFETY: the processor has AVX2 and FMA.
+        return unsafe { add_pair_avx2(sums, rows, factors) };
+    }
+    if cfg!(target_arch = "arm") {
+        return add_rows(sums, rows, &factors);
+    }
+    add_block::<N, 2, { cfg!(target_arch = "aarch64") }>(sums, rows, &factors);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn add_pair_avx2<const N: usize>(sums: &mut [f32; N], rows: &[[f32; N]; 2], factors: [f32; 2]) {
+    add_block::<N, 2, true>(sums, rows, &factors);
+}
+
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 fn add_rows_avx2<const N: usize>(sums: &mut [f32; N], rows: &[[f32; N]], factors: &[f32]) {
@@ -60,7 +79,7 @@ fn add_block<const N: usize, const ROWS: usize, const FUSED: bool>(
 
 #[cfg(test)]
 mod tests {
-    use super::{add, add_rows};
+    use super::{add, add_pair, add_rows};
     use crate::testing::{Random, assert_close};
 
     /// Compares the sums of `count` rows with those of double precision.
@@ -89,6 +108,16 @@ mod tests {
             assert_sums::<52>(count);
             assert_sums::<120>(count);
         }
+    }
+
+    #[test]
+    fn a_pair_of_rows_adds_what_two_rows_add() {
+        let mut random = Random::new(12);
+        let rows: [[f32; 32]; 2] = [(); 2].map(|()| random.values(32).try_into().unwrap());
+        let (mut pair, mut two) = ([0.5; 32], [0.5; 32]);
+        add_pair(&mut pair, &rows, [0.3, -0.7]);
+        add_rows(&mut two, &rows, &[0.3, -0.7]);
+        assert_eq!(pair.map(f32::to_bits), two.map(f32::to_bits));
     }
 
     #[test]

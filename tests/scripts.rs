@@ -60,7 +60,7 @@ fn setup_refuses_a_machine_without_onnx_runtime_before_it_installs_anything() {
 fn help_sets_nothing_up() {
     let (_alone, folder) = (alone(), tempfile::tempdir().unwrap());
     let cache: PathBuf = folder.path().join("cache");
-    for name in ["compare", "demo", "setup"] {
+    for name in ["compare", "demo", "package", "setup"] {
         let run = Run::of(script(name).arg("--help").env("XDG_CACHE_HOME", &cache)).succeeded();
         assert!(run.out.contains("Usage: scripts/") && run.err.is_empty(), "{name}: {}{}", run.out, run.err);
         assert!(!cache.exists());
@@ -84,6 +84,9 @@ impl Rehearsal {
             "scripts/setup",
             "cross/setup",
             "cross/count",
+            "scripts/package",
+            "packaging/check",
+            "packaging/try",
             "tests/guest/setup",
             "tests/guest/cameras",
             "tests/guest/run",
@@ -124,10 +127,12 @@ fn skipped_tests_are_listed_at_the_end_with_their_reasons() {
         .replace("programs/cargo", "[ $1 != test ] || echo 'golden smile: there is no ffmpeg' >>$FACEWIRE_SKIPPED");
     rehearsal.replace("tests/guest/setup", "echo 'device tests: they need Debian' >>$FACEWIRE_SKIPPED; exit 77");
     rehearsal.replace("cross/setup", "exit 77");
+    rehearsal.replace("packaging/check", "exit 77");
     let run = rehearsal.run(&[]).succeeded();
     let list = "\ndevice tests: they need Debian\ngolden smile: there is no ffmpeg\n\
-                instructions of a frame: cross/setup does not work on this system\n";
-    assert_eq!(verdict(&run.out), "passed, but 3 skipped");
+                instructions of a frame: cross/setup does not work on this system\n\
+                packages: they are made on x86-64 Debian, as root\n";
+    assert_eq!(verdict(&run.out), "passed, but 4 skipped");
     assert!(run.out.ends_with(list), "{}", run.out);
     assert!(!run.out.contains("all passed"), "{}", run.out);
 }
@@ -135,8 +140,9 @@ fn skipped_tests_are_listed_at_the_end_with_their_reasons() {
 #[test]
 fn steps_that_were_not_asked_for_are_listed_as_skipped() {
     let run = Rehearsal::new().run(&["lint"]).succeeded();
-    let list = "\nstep count: not asked for\nstep device: not asked for\nstep unit: not asked for\n";
-    assert_eq!(verdict(&run.out), "passed, but 3 skipped");
+    let list = "\nstep count: not asked for\nstep device: not asked for\nstep package: not asked for\n\
+                step unit: not asked for\n";
+    assert_eq!(verdict(&run.out), "passed, but 4 skipped");
     assert!(run.out.ends_with(list), "{}", run.out);
 }
 
@@ -144,7 +150,9 @@ fn steps_that_were_not_asked_for_are_listed_as_skipped() {
 fn a_step_that_fails_ends_the_run_without_a_verdict() {
     let rehearsal = Rehearsal::new();
     let programs = ["programs/cargo", "programs/shellcheck", "scripts/setup"];
-    for file in programs.iter().chain(&["cross/setup", "cross/count", "tests/guest/setup", "tests/guest/run"]) {
+    let scripts =
+        ["cross/setup", "cross/count", "scripts/package", "packaging/check", "packaging/try", "tests/guest/setup"];
+    for file in programs.iter().chain(&scripts).chain(&["tests/guest/run"]) {
         rehearsal.replace(file, "exit 3");
         let run = rehearsal.run(&[]);
         assert_eq!(run.status, Some(3), "{file}: {}", run.out);

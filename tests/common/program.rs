@@ -78,7 +78,8 @@ impl Run {
     pub fn sentences(&self, status: i32) -> Vec<&str> {
         assert_eq!(self.status, Some(status), "{}", self.err);
         let named = |line| str::strip_prefix(line, "facewire: ").unwrap_or_else(|| panic!("not a sentence: {line}"));
-        self.err.lines().filter(|line| !line.contains(" INFO ")).map(named).filter(|line| !line.contains(" frames, ")).collect()
+        let sentences = self.err.lines().filter(|line| !line.contains(" INFO ")).map(named);
+        sentences.filter(|line| !line.contains(" frames, ")).collect()
     }
 
     /// Returns the only sentence of a run that failed with `status`.

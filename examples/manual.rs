@@ -1,0 +1,33 @@
+//! Writes the manual pages and the shell completions of `facewire` into a folder. They come from the definitions with which
+//! the program reads its arguments, so they cannot differ from it. `scripts/package` runs this program.
+
+use std::path::{Path, PathBuf};
+use std::{env, fs, io};
+
+use clap::Command;
+use clap_complete::{Shell, generate_to};
+use clap_mangen::Man;
+
+fn main() -> io::Result<()> {
+    let usage = || io::Error::new(io::ErrorKind::InvalidInput, "usage: manual FOLDER");
+    let folder = PathBuf::from(env::args_os().nth(1).ok_or_else(usage)?);
+    fs::create_dir_all(&folder)?;
+    for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
+        generate_to(shell, &mut facewire::cli::command(), "facewire", &folder)?;
+    }
+    let mut command = facewire::cli::command().disable_help_subcommand(true);
+    command.build();
+    command.get_subcommands().try_for_each(|subcommand| write_page(subcommand, &folder))?;
+    write_page(&command, &folder)
+}
+
+/// Writes the page of a command.
+fn write_page(command: &Command, folder: &Path) -> io::Result<()> {
+    let name = command.get_display_name().unwrap_or("facewire");
+    let page = Man::new(command.clone()).manual("facewire").source(concat!("facewire ", env!("CARGO_PKG_VERSION")));
+    let mut text = Vec::new();
+    page.render(&mut text)?;
+    // The lines of examples and exit statuses are not to be filled.
+    let text = String::from_utf8_lossy(&text).replace(".SH EXTRA\n", ".SH EXAMPLES AND EXIT STATUS\n.nf\n");
+    fs::write(folder.join(format!("{name}.1")), text)
+}

@@ -5,8 +5,8 @@
 //! - Some drivers number every frame 0, and uvcvideo has numbered the frames of some cameras 0, 2, 4. The smallest
 //!   difference since the camera was opened is therefore taken for one frame.
 //! - A gap in the numbers counts only if the timestamps show it, too.
-//! - A driver also drops frames while the reader leaves it no buffer. Frames that waited long say so, and the gap after
-//!   them is not counted.
+//! - A driver also drops frames while the reader leaves it no buffer, and not every driver numbers these. A frame that
+//!   waited long in its buffer says so, and the time after it does not count.
 
 /// Time over which frames are counted together, microseconds.
 const WINDOW_US: u64 = 1_500_000;
@@ -18,7 +18,7 @@ const LATE_PERIODS: u64 = 2;
 /// What a camera delivered within a window of about 1.5 s.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Delivery {
-    /// Length of the window in microseconds, from the capture of its first frame to that of its last.
+    /// Time that was counted, microseconds.
     pub time_us: u64,
     /// Frames that the camera sent in this time.
     pub sent: u64,
@@ -36,7 +36,7 @@ impl Delivery {
     /// Share of the frames that were lost, from 0 to 1.
     #[must_use]
     pub fn lost_share(&self) -> f32 {
-        self.lost as f32 / self.sent.max(1) as f32
+        (self.lost as f32 / self.sent.max(1) as f32).min(1.0)
     }
 }
 
@@ -64,32 +64,22 @@ pub struct DeliveryCounter {
 /// The counts of the present window. A pair is two frames that were taken one after the other.
 #[derive(Debug, Default)]
 struct Window {
+    /// Time from the first frame of the window to its last.
     time_us: u64,
-    all: Pairs,
     /// The pairs between which the driver did not run out of buffers.
     punctual: Pairs,
-    /// Frames that are missing between punctual pairs by the timestamps.
-    gaps: u64,
     damaged: u64,
 }
 
 #[derive(Debug, Default)]
 struct Pairs {
     count: u64,
-    /// Sum of the differences of sequence numbers.
+    /// Sum of the times between the frames of a pair.
+    time_us: u64,
+    /// Sum of the differences of their sequence numbers.
     numbers: u64,
-}
-
-impl Pairs {
-    fn add(&mut self, numbers: u64) {
-        self.count += 1;
-        self.numbers += numbers;
-    }
-
-    /// Frames from the first to the last, with the missing ones. Without numbers, no frame is missing.
-    fn frames(&self, step: Option<u64>) -> u64 {
-        step.and_then(|step| self.numbers.checked_div(step)).map_or(self.count, |frames| frames.max(self.count))
-    }
+    /// Frames that are missing by the timestamps.
+    gaps: u64,
 }
 
 impl DeliveryCounter {
@@ -113,10 +103,12 @@ impl DeliveryCounter {
         }
         let window = &mut self.window;
         window.time_us += time_us;
-        window.all.add(numbers);
         if last.taken_us.saturating_sub(last.captured_us) <= LATE_PERIODS * self.period_us {
-            window.punctual.add(numbers);
-            window.gaps += ((time_us + self.period_us / 2) / self.period_us).saturating_sub(1);
+            let pairs = &mut window.punctual;
+            pairs.count += 1;
+            pairs.time_us += time_us;
+            pairs.numbers += numbers;
+            pairs.gaps += ((time_us + self.period_us / 2) / self.period_us).saturating_sub(1);
         }
     }
 
@@ -125,17 +117,17 @@ impl DeliveryCounter {
         self.window.damaged += 1;
     }
 
-    /// Returns the counts of a window when it is complete, and begins the next one.
+    /// Returns the counts of a window when it is complete, and begins the next one. Returns `None` if every frame of the
+    /// window waited long.
     pub fn take(&mut self) -> Option<Delivery> {
-        (self.window.time_us >= WINDOW_US).then(|| std::mem::take(&mut self.window).counts(self.step))
-    }
-}
-
-impl Window {
-    fn counts(self, step: Option<u64>) -> Delivery {
-        let missing = self.punctual.frames(step) - self.punctual.count;
-        let lost = missing.min(self.gaps) + self.damaged;
-        Delivery { time_us: self.time_us, sent: self.all.frames(step), lost }
+        if self.window.time_us < WINDOW_US {
+            return None;
+        }
+        let Window { punctual, damaged, .. } = std::mem::take(&mut self.window);
+        let Pairs { count, time_us, numbers, gaps } = punctual;
+        // Without numbers, no frame is missing.
+        let sent = self.step.and_then(|step| numbers.checked_div(step)).map_or(count, |frames| frames.max(count));
+        (count > 0).then(|| Delivery { time_us, sent, lost: (sent - count).min(gaps) + damaged })
     }
 }
 
@@ -207,12 +199,19 @@ mod tests {
         assert_eq!(seen((0..61).map(|number| (number + number / 8, u64::from(number), 1))).1, 0);
     }
 
-    /// After every 8th frame the reader is away for 7 periods. The driver fills its three buffers and drops the rest.
+    /// After every 8th frame the reader is away for 8 periods. The driver fills its three buffers and drops the rest. Some
+    /// drivers number the frames that they drop, and some do not.
     #[test]
     fn frames_that_a_late_reader_made_the_driver_drop_are_not_lost_on_the_way() {
         let arrived = |number: &u32| number % 8 < 4;
-        let age = |number: u32| 8_u64.saturating_sub(u64::from(number % 8)).min(7);
-        assert_eq!(seen((0..64).filter(arrived).map(|number| (number, u64::from(number), age(number)))), (30, 0));
+        let age = |number: u32| if number.is_multiple_of(8) { 0 } else { u64::from(8 - number % 8) };
+        let frames = |sequence: fn(u32) -> u32| {
+            (0..64).filter(arrived).map(move |number| (sequence(number), u64::from(number), age(number)))
+        };
+        assert_eq!(seen(frames(|number| number)), (30, 0));
+        assert_eq!(seen(frames(|number| number / 8 * 4 + number % 8)), (30, 0));
+        let late = (0..64).map(|number| (number, u64::from(number), 8));
+        assert_eq!(counted(late), Delivery::default(), "nothing is known");
     }
 
     #[test]

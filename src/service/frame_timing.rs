@@ -36,8 +36,8 @@ impl FrameTiming {
     pub(super) fn camera_opened(&mut self, camera: &dyn Source, fps: u32) {
         let asked = FrameRate::new(fps, 1).unwrap_or(FrameRate::FPS_30);
         let stated_us = camera.frame_period_us();
-        self.counters.frame_period_us.store(stated_us.unwrap_or(0) * u64::from(self.step.every()), Relaxed);
         self.camera_period = Duration::from_micros(stated_us.unwrap_or(asked.period_us()));
+        self.counters.frame_period_us.store(micros(self.step.period(self.camera_period)), Relaxed);
         self.counters.recent.begin(self.camera_period);
         self.last_captured_us = None;
     }

@@ -1,6 +1,6 @@
 //! The steps of the pipeline, from all that it can do down to what a very slow board can do.
 //!
-//! docs/service.md tells what each step costs in milliseconds and in accuracy; `scripts/steps` measures both.
+//! docs/service.md tells what each step costs in milliseconds and in accuracy; `scripts/measure-steps` measures both.
 
 use std::fmt;
 use std::time::Duration;
@@ -89,14 +89,15 @@ impl Step {
         }
     }
 
-    /// Time between two processed frames of a camera with this frame period.
+    /// Time between two processed frames of a camera with this frame period. A step that was chosen for a faster camera
+    /// takes more frames of this one.
     pub(super) fn period(self, camera: Duration) -> Duration {
-        camera * self.every()
+        (camera * self.every()).min(LONGEST_PERIOD.max(camera))
     }
 
-    /// Whether the step is slow, but not too slow, for a camera with this frame period.
+    /// Whether the step is not too slow for a camera with this frame period.
     pub(super) fn suits(self, camera: Duration) -> bool {
-        self.every() == 1 || self.period(camera) <= LONGEST_PERIOD
+        self.every() == 1 || camera * self.every() <= LONGEST_PERIOD
     }
 
     /// How long a frame takes on this step, if it takes this long with all networks.
@@ -137,5 +138,7 @@ mod tests {
             [60, 30, 15, 5, 1].map(last),
             [Some(Step::Twelfth), Some(Step::Twelfth), Some(Step::Sixth), Some(Step::Half), Some(Step::Turns)]
         );
+        let after_a_fast_camera = |fps: u32| Step::Twelfth.period(Duration::from_secs(1) / fps);
+        assert_eq!([5, 1].map(after_a_fast_camera), [LONGEST_PERIOD, Duration::from_secs(1)]);
     }
 }

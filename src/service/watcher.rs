@@ -19,12 +19,13 @@ pub(super) struct Watcher {
     watch: Watch,
     /// Frame period that the camera states.
     stated_us: Option<u64>,
-    next_look_us: u64,
+    /// Capture of the picture that was looked at last.
+    last_look_us: u64,
 }
 
 impl Watcher {
     pub(super) fn new(counters: Arc<Counters>) -> Self {
-        Self { counters, watch: Watch::new(HOLD_US), stated_us: None, next_look_us: 0 }
+        Self { counters, watch: Watch::new(HOLD_US), stated_us: None, last_look_us: 0 }
     }
 
     /// Begins with another camera.
@@ -43,8 +44,9 @@ impl Watcher {
     /// Looks at a picture, if the last look was long enough ago, and at the face that was found in it.
     pub(super) fn look(&mut self, frame: &Frame, face: Option<&Landmarks>) {
         let Some(picture) = frame.picture() else { return };
-        if frame.captured_us >= self.next_look_us {
-            self.next_look_us = frame.captured_us + LOOK_US;
+        // The timestamps of some drivers step back.
+        if frame.captured_us.abs_diff(self.last_look_us) >= LOOK_US {
+            self.last_look_us = frame.captured_us;
             self.watch.look(&Look::at(picture, face), frame.captured_us);
             self.tell();
         }

@@ -32,8 +32,8 @@ const SIZE_PX: Thresholds = [38.0, 48.0];
 const SIZE: Thresholds = [0.12, 0.135];
 /// Share of the face that is cut off. r was 0.90 from 0.04 (forehead) and 0.07 (chin) to 0.18 (a cheek).
 const CUT_OFF: Thresholds = [0.08, 0.05];
-/// Frame rate divided by the rate that the camera states. r was 0.82 at half the rate. Cameras that expose longer go from 30 to 15 frames a second or
-/// less, and 25 a second is what light of 50 Hz asks for.
+/// Frame rate divided by the rate that the camera states. r was 0.82 at half the rate. Cameras that expose longer go from
+/// 30 to 15 frames a second or less, and 25 a second is what light of 50 Hz asks for.
 const RATE: Thresholds = [0.6, 0.75];
 /// Share of the frames that are lost. r was 0.99 with 5 % and 0.97 with 10 %, so this is stricter than the others: each lost
 /// frame makes the face stand still for a moment.

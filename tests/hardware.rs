@@ -53,7 +53,9 @@ fn the_service_says_once_with_the_remedy_that_the_board_is_hot_undervolted_and_s
     for sentence in
         ["use a stronger power supply", "add a heat sink or a fan", "write \"performance\" or \"schedutil\""]
     {
-        assert_eq!(log.matches(sentence).count(), 1, "{sentence}: {log}");
+        // A lower step may have been logged as well, with the same remedy.
+        let told = log.lines().filter(|line| line.contains("tracking is impaired") && line.contains(sentence));
+        assert_eq!(told.count(), 1, "{sentence}: {log}");
     }
     assert!(log.lines().last().unwrap().contains(" impaired_by=undervoltage,hot,slow-governor "), "{log}");
 }

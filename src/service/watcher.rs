@@ -67,3 +67,22 @@ impl Watcher {
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::capture::{Content, Picture, Pixels};
+
+    #[test]
+    fn a_camera_whose_timestamps_step_back_is_watched_all_the_same() {
+        let counters = Arc::new(Counters::default());
+        let mut watcher = Watcher::new(Arc::clone(&counters));
+        let pixels = Pixels::Grey { data: &[0; 64 * 64], stride: 64 };
+        let content = Content::Picture(Picture::new(64, 64, pixels, true).unwrap());
+        let mut look = |captured_us| watcher.look(&Frame { content, captured_us, number: 0 }, None);
+        look(3_600_000_000);
+        (0..16).for_each(|number| look(5_000_000 + number * LOOK_US));
+        assert_eq!(counters.impairments.present().to_string(), "black");
+    }
+}

@@ -133,6 +133,11 @@ pub trait Source {
     /// Time from one frame to the next in microseconds, if the source states a rate.
     fn frame_period_us(&self) -> Option<u64>;
 
+    /// Whether a camera offers pictures with half the pixels or fewer at the same rate.
+    fn has_smaller_mode(&self) -> bool {
+        false
+    }
+
     /// Whether the frames are pictures, so that the landmark networks are needed.
     fn shows_pictures(&self) -> bool {
         true

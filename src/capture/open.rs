@@ -25,7 +25,7 @@ const BUFFER_BYTES: usize = 64 * 1024;
 pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
     match (device, Script::of(device)) {
         (DEMO, _) => Ok(Box::new(Paced::new(Clip::looped()?))),
-        (_, Some(Ok(script))) => Ok(Box::new(Rehearsal::open(script, timeout)?)),
+        (_, Some(Ok(script))) => Ok(Box::new(Rehearsal::open(script, wish.width, timeout)?)),
         (_, Some(Err(BadScript))) => Err(CaptureError::Script { wanted: device.to_owned() }),
         (_, None) => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
     }

@@ -24,22 +24,26 @@ pub struct Rehearsal {
     stage: Stage,
     tally: Tally,
     timeout: Duration,
+    /// Whether half the width and height were asked for. The pictures keep their size: only their decoding is faster.
+    is_small: bool,
     begun_us: u64,
     /// Time that slow scenes have added to the decoding.
     slowness: Duration,
 }
 
 impl Rehearsal {
-    /// Opens the camera of a rehearsal. A silent camera has stalled after `timeout`.
+    /// Opens the camera of a rehearsal, for pictures of `width`. A silent camera has stalled after `timeout`.
     ///
     /// # Errors
     /// [`CaptureError::NotFound`] while the camera is unplugged, [`CaptureError::Decoder`] without memory.
-    pub fn open(script: Script, timeout: Duration) -> Result<Self, CaptureError> {
+    pub fn open(script: Script, width: u32, timeout: Duration) -> Result<Self, CaptureError> {
         static BEGUN_US: OnceLock<u64> = OnceLock::new();
         let begun_us = *BEGUN_US.get_or_init(monotonic_us);
         let film = Clip::looped()?;
         let tally = Tally::new(film.frame_period_us().unwrap_or(0));
-        let rehearsal = Self { script, stage: Stage::new(film), tally, timeout, begun_us, slowness: Duration::ZERO };
+        let is_small = usize::try_from(width).is_ok_and(|width| 2 * width <= film.describe().width);
+        let (stage, slowness) = (Stage::new(film), Duration::ZERO);
+        let rehearsal = Self { script, stage, tally, timeout, is_small, begun_us, slowness };
         match rehearsal.now() {
             (Scene::Gone, _) => Err(gone()),
             _ => Ok(rehearsal),
@@ -49,6 +53,16 @@ impl Rehearsal {
     fn now(&self) -> (Scene, Duration) {
         let (scene, left_us) = self.script.at(monotonic_us().saturating_sub(self.begun_us));
         (scene, Duration::from_micros(left_us))
+    }
+
+    /// Returns how many frame periods a scene adds to the decoding of a frame.
+    fn added_periods(&self, scene: Scene) -> f64 {
+        match scene {
+            Scene::Slow(periods) => periods.into(),
+            Scene::SlowJpeg if self.is_small => 0.5,
+            Scene::SlowJpeg => 2.0,
+            _ => 0.0,
+        }
     }
 
     fn damaged(&mut self) -> CaptureError {
@@ -77,15 +91,13 @@ impl Source for Rehearsal {
         if self.tally.withholds_next(scene) {
             self.stage.film.next()?;
         }
+        let added = Duration::from_micros(self.tally.period_us).mul_f64(self.added_periods(scene));
         let frame = self.stage.play(scene)?;
         if let Some(frame) = &frame {
             self.tally.count(scene, frame.number, frame.captured_us);
         }
-        if let Scene::Slow(periods) = scene {
-            let added = Duration::from_micros(self.tally.period_us) * periods;
-            self.slowness += added;
-            sleep(added);
-        }
+        self.slowness += added;
+        sleep(added);
         Ok(frame)
     }
 
@@ -111,6 +123,10 @@ impl Source for Rehearsal {
         rehearsed.set(Impairment::Hot, scene == Scene::Hot);
         rehearsed.set(Impairment::Undervoltage, scene == Scene::Undervoltage);
         rehearsed
+    }
+
+    fn has_smaller_mode(&self) -> bool {
+        self.now().0 == Scene::SlowJpeg && !self.is_small
     }
 
     fn frame_period_us(&self) -> Option<u64> {
@@ -140,7 +156,7 @@ mod tests {
     fn a_slow_board_takes_its_time_to_decode_and_a_hot_one_says_so() {
         let play = |scene: &str| {
             let script = script(&format!("rehearsal: {scene} 60"));
-            Rehearsal::open(script, Duration::from_millis(1)).unwrap()
+            Rehearsal::open(script, 640, Duration::from_millis(1)).unwrap()
         };
         let mut slow = play("slow-4");
         let captured_us = slow.next().unwrap().unwrap().captured_us;
@@ -152,10 +168,23 @@ mod tests {
     }
 
     #[test]
+    fn small_pictures_take_a_fourth_of_the_time_to_decode_where_decoding_is_slow() {
+        let play = |scene: &str, width| {
+            let script = script(&format!("rehearsal: {scene} 60"));
+            let mut camera = Rehearsal::open(script, width, Duration::from_millis(1)).unwrap();
+            camera.next().unwrap();
+            (camera.has_smaller_mode(), camera.take_decoding().as_micros() / 16_666)
+        };
+        assert_eq!(play("slow-jpeg", 640), (true, 4));
+        assert_eq!(play("slow-jpeg", 320), (false, 1));
+        assert!(!play("slow-4", 640).0);
+    }
+
+    #[test]
     fn each_fault_looks_like_that_of_a_camera() {
         let play = |scene: &str| {
             let script = script(&format!("rehearsal: {scene} 60"));
-            Rehearsal::open(script, Duration::from_millis(1))
+            Rehearsal::open(script, 640, Duration::from_millis(1))
         };
         assert!(matches!(play("gone"), Err(CaptureError::NotFound { .. })));
         assert!(matches!(play("silent").unwrap().next(), Err(CaptureError::Stalled { waited_ms: 1 })));

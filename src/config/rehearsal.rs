@@ -35,6 +35,9 @@ pub enum Scene {
     Lossy,
     /// Plays the clip on a board that takes this many frame periods to decode a frame.
     Slow(u32),
+    /// Plays the clip on a board that takes two frame periods to decode a frame, and half of one for half the width and
+    /// height.
+    SlowJpeg,
     /// Plays the clip on a board that is hot.
     Hot,
     /// Plays the clip on a board whose supply voltage is too low.
@@ -43,7 +46,7 @@ pub enum Scene {
 
 impl Scene {
     /// Every scene with its name in a script.
-    pub const ALL: [(&'static str, Self); 15] = [
+    pub const ALL: [(&'static str, Self); 16] = [
         ("live", Self::Live),
         ("no-face", Self::NoFace),
         ("damaged", Self::Damaged),
@@ -57,6 +60,7 @@ impl Scene {
         ("slow-2", Self::Slow(2)),
         ("slow-4", Self::Slow(4)),
         ("slow-8", Self::Slow(8)),
+        ("slow-jpeg", Self::SlowJpeg),
         ("hot", Self::Hot),
         ("undervoltage", Self::Undervoltage),
     ];
@@ -81,7 +85,7 @@ pub struct BadScript;
 impl Script {
     /// Describes a valid script; the text follows "give".
     pub const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
-         damaged, silent, hung, gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, hot and undervoltage with \
+         damaged, silent, hung, gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, slow-jpeg, hot and undervoltage with \
          their seconds, or \"rehearsal: random 7\"";
 
     /// Reads the script in the camera setting `device`. Returns `None` if the setting names no rehearsal, and an error

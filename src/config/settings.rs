@@ -68,8 +68,8 @@ section! {
         /// - a part of a camera's name, such as "C920": the first camera of this name that works
         /// - "demo": the built-in clip, played in real time
         /// - "rehearsal: live 5, gone 2": the built-in clip with faults; the scenes live, no-face, damaged, silent, hung,
-        ///   gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, hot and undervoltage take turns, each for its
-        ///   number of seconds
+        ///   gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, slow-jpeg, hot and undervoltage take turns,
+        ///   each for its number of seconds
         /// - "rehearsal: random 7": the built-in clip with random faults, the same ones for each number
         device: String = "auto".to_owned(), (), "";
         /// Width of the picture. Among the camera's modes that reach `fps`, facewire takes the one nearest to `width` and

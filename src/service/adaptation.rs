@@ -159,7 +159,7 @@ impl Adaptation {
         let load = conditions.load.filter(|_| conditions.throttled_by().is_none());
         let best = load.and_then(|load| match self.cause {
             Some(Cause::Slow) => load.best_above(self.step),
-            _ => Some(above).filter(|step| load.share_on(*step) <= FITS_WELL),
+            _ => Some(above).filter(|step| load.fits_well(*step)),
         });
         self.calm =
             best.map(|best| self.calm.map_or((now_us, best), |(since_us, lowest)| (since_us, lowest.max(best))));
@@ -218,7 +218,12 @@ impl Load {
     }
 
     /// The highest step above `step` that a frame fits well.
-    fn best_above(&self, step: Step) -> Option<Step> {
-        Step::ALL.into_iter().find(|above| *above < step && self.share_on(*above) <= FITS_WELL)
+    pub(super) fn best_above(&self, step: Step) -> Option<Step> {
+        Step::ALL.into_iter().find(|above| *above < step && self.fits_well(*above))
+    }
+
+    /// Whether a frame leaves enough time on a step for the pipeline to go up to it.
+    pub(super) fn fits_well(&self, step: Step) -> bool {
+        self.share_on(step) <= FITS_WELL
     }
 }

@@ -15,8 +15,20 @@ const MAX_DAMAGED: u32 = 8;
 /// # Errors
 /// Those of [`capture::open_camera`].
 pub fn open(settings: &CameraSettings) -> Result<Box<dyn Source + Send>, CaptureError> {
+    open_wish(settings, &wish(settings))
+}
+
+/// Opens the camera with half the width and height of the settings.
+///
+/// # Errors
+/// Those of [`capture::open_camera`].
+pub(super) fn open_small(settings: &CameraSettings) -> Result<Box<dyn Source + Send>, CaptureError> {
+    open_wish(settings, &wish(settings).halved())
+}
+
+fn open_wish(settings: &CameraSettings, wish: &Wish) -> Result<Box<dyn Source + Send>, CaptureError> {
     let timeout = Duration::from_millis(settings.stall_timeout_ms.into());
-    capture::open_camera(&settings.device, &wish(settings), timeout)
+    capture::open_camera(&settings.device, wish, timeout)
 }
 
 fn wish(settings: &CameraSettings) -> Wish {

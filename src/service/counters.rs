@@ -70,6 +70,10 @@ pub struct Counters {
     step_cause: AtomicUsize,
     /// How often the step has changed.
     step_changes: AtomicU64,
+    /// Whether the camera is to be opened with half the width and height.
+    pub(super) small_picture: AtomicBool,
+    /// Whether the open camera offers a smaller picture.
+    pub(super) has_smaller_mode: AtomicBool,
     /// Distributions of times.
     pub(super) times: Times,
 }
@@ -157,6 +161,7 @@ impl Counters {
             step: self.step(),
             step_cause: self.step_cause.load(Relaxed).checked_sub(1).and_then(|index| Cause::ALL.get(index)).copied(),
             step_changes: self.step_changes.load(Relaxed),
+            has_small_picture: self.small_picture.load(Relaxed),
             impaired_by: self.impairments.present(),
             impairments: self.impairments.begun(),
             times_ms: self.times.quantiles(),
@@ -212,6 +217,8 @@ pub struct Status {
     pub step_cause: Option<Cause>,
     /// How often the step has changed.
     pub step_changes: u64,
+    /// Whether the camera is opened with half the width and height.
+    pub has_small_picture: bool,
     /// What makes tracking poor.
     pub impaired_by: ImpairmentSet,
     /// The name of each impairment, and how often it has begun.
@@ -229,7 +236,8 @@ impl fmt::Display for Status {
         write!(f, " packets={} sent={} dropped={}", self.packets, self.sent, self.dropped)?;
         write!(f, " links_open={} state={} impaired_by={}", self.links_open, self.state.name(), self.impaired_by)?;
         let cause = self.step_cause.map_or("none", Cause::name);
-        write!(f, " step={} step_by={cause} step_changes={}", self.step, self.step_changes)?;
+        let picture = if self.has_small_picture { "small" } else { "full" };
+        write!(f, " step={} step_by={cause} step_changes={} picture={picture}", self.step, self.step_changes)?;
         self.times_ms.iter().try_for_each(|(name, quantiles)| write!(f, " {name}_ms={quantiles}"))
     }
 }
@@ -252,7 +260,7 @@ mod tests {
         let line = counters.status().to_string();
         let parts = [
             "frames=10 ",
-            " impaired_by=dark step=third step_by=slow step_changes=1 ",
+            " impaired_by=dark step=third step_by=slow step_changes=1 picture=full ",
             " no_face=1 ",
             " deadline_misses=2 ",
             " sent=3 ",

@@ -80,7 +80,7 @@ impl FrameTiming {
         let Some(work) = self.work.take() else { return };
         let busy = decoding + work;
         self.counters.times.decode.record(decoding);
-        self.counters.recent.record(self.step.full_busy(busy));
+        self.counters.recent.record(self.step.full_busy(busy), decoding);
         self.counters.count_busy(busy, self.step.period(self.camera_period));
     }
 }

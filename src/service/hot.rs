@@ -63,6 +63,8 @@ pub(super) struct HotLoop {
     opened_us: Option<u64>,
     timing: FrameTiming,
     watcher: Watcher,
+    /// Whether the camera was opened with half the width and height.
+    has_small_picture: bool,
     /// The impairments that a rehearsal has set.
     rehearsed: ImpairmentSet,
 }
@@ -109,6 +111,7 @@ impl HotLoop {
             opened_us,
             timing,
             watcher,
+            has_small_picture: false,
             rehearsed,
         }
     }
@@ -152,12 +155,17 @@ impl HotLoop {
     fn attempt(&mut self) -> Result<(), Trouble> {
         self.load_pipeline()?;
         self.enter(Phase::Open);
-        let mut source = camera::open(&self.settings.camera).map_err(Event::Closed)?;
+        self.has_small_picture = self.counters.small_picture.load(Relaxed);
+        let open = if self.has_small_picture { camera::open_small } else { camera::open };
+        let mut source = open(&self.settings.camera).map_err(Event::Closed)?;
         let outcome = self.show(&mut *source);
         // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
         self.watcher.camera_closed();
+        for impairment in std::mem::take(&mut self.rehearsed).iter() {
+            self.counters.impairments.set(impairment, false);
+        }
         source.close().map_err(Event::Lost)?;
         outcome
     }
@@ -196,6 +204,7 @@ impl HotLoop {
 
     fn opened(&mut self, source: &dyn Source) {
         add(&self.counters.opened, 1);
+        self.counters.has_smaller_mode.store(source.has_smaller_mode(), Relaxed);
         self.counters.camera_open.store(true, Relaxed);
         self.opened_us = Some(monotonic_us());
         self.timing.camera_opened(source, self.settings.camera.fps);
@@ -207,10 +216,11 @@ impl HotLoop {
         self.tell(Event::Opened(source.describe().to_string()));
     }
 
-    /// Runs frames until the service stops, the camera fails, or new settings want it opened again.
+    /// Runs frames until the service stops, the camera fails, or new settings or another size of picture want it opened
+    /// again.
     fn stream(&mut self, source: &mut dyn Source) -> Result<(), Trouble> {
         let mut in_a_row = DamagedInARow::default();
-        while !self.counters.stopping() && !self.adopt() {
+        while !self.counters.stopping() && !self.adopt() && !self.wants_other_picture() {
             self.enter(self.wait());
             self.take_step(source);
             let outcome = match source.next() {
@@ -329,6 +339,11 @@ impl HotLoop {
         is_new_camera
     }
 
+    /// Whether the supervisor has chosen another size of picture since the camera was opened.
+    fn wants_other_picture(&self) -> bool {
+        self.counters.small_picture.load(Relaxed) != self.has_small_picture
+    }
+
     /// Begins a phase and returns the time.
     fn enter(&self, phase: Phase) -> u64 {
         let now_us = monotonic_us();
@@ -376,6 +391,27 @@ mod tests {
         Tracker::load(&Scripted::new(move |_| {
             GOOD_RUNS.fetch_update(Relaxed, Relaxed, count_down).map(drop).map_err(|_| "the device has hung up")
         }))
+    }
+
+    #[test]
+    fn the_camera_is_opened_again_with_a_small_picture_when_the_supervisor_has_chosen_it() {
+        let mut settings = Settings::default();
+        settings.camera.device = "rehearsal: slow-jpeg 600".to_owned();
+        let tracker = Tracker::load(&Scripted::new(|_| Ok(()))).unwrap();
+        let pipeline = Pipeline::new(tracker, load_solver(&settings.solver).unwrap(), 60.0);
+        let (reports, _) = triple_buffer::triple_buffer(&Report::Nothing);
+        let ((events, told), (_changes, for_hot)) = (mpsc::channel(), mpsc::channel());
+        let outlets = Outlets { reports, wake: thread::current(), events };
+        let counters = Arc::<Counters>::default();
+        let hot = HotLoop::new(settings, Some(pipeline), outlets, for_hot, Arc::clone(&counters));
+        let hot = thread::spawn(|| hot.run());
+        for is_small in [false, true, false] {
+            counters.small_picture.store(is_small, Relaxed);
+            assert!(matches!(told.recv(), Ok(Event::Opened(_))));
+            assert_eq!(counters.has_smaller_mode.load(Relaxed), !is_small);
+        }
+        counters.stop();
+        hot.join().unwrap().unwrap();
     }
 
     #[test]

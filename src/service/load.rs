@@ -17,6 +17,8 @@ const SLOWER: usize = FRAMES / 5;
 pub(super) struct RecentLoad {
     busy_us: [AtomicU32; FRAMES],
     count: AtomicU64,
+    /// Mean time of decoding.
+    decoding_us: AtomicU64,
     camera_period_us: AtomicU64,
 }
 
@@ -25,6 +27,8 @@ pub(super) struct RecentLoad {
 pub(super) struct Load {
     /// Decoding and processing of a frame with all networks. Four in five frames take no longer.
     pub(super) busy: Duration,
+    /// The part of it that decoding takes, on average.
+    pub(super) decoding: Duration,
     /// Time between two frames of the camera.
     pub(super) camera_period: Duration,
 }
@@ -36,9 +40,13 @@ impl RecentLoad {
         self.camera_period_us.store(u64::try_from(camera_period.as_micros()).unwrap_or(u64::MAX), Relaxed);
     }
 
-    /// Adds the time of a frame, as if all networks had run. Only the hot loop calls this.
-    pub(super) fn record(&self, busy: Duration) {
+    /// Adds the time of a frame, as if all networks had run, and the part of it that decoding took. Only the hot loop calls
+    /// this.
+    pub(super) fn record(&self, busy: Duration, decoding: Duration) {
         let count = self.count.load(Relaxed);
+        let (mean_us, weight) = (self.decoding_us.load(Relaxed), count.min(FRAMES as u64));
+        let decoding_us = u64::try_from(decoding.as_micros()).unwrap_or(u64::from(u32::MAX));
+        self.decoding_us.store((mean_us * weight + decoding_us) / (weight + 1), Relaxed);
         if let Some(slot) = usize::try_from(count).ok().and_then(|count| self.busy_us.get(count % FRAMES)) {
             slot.store(u32::try_from(busy.as_micros()).unwrap_or(u32::MAX), Relaxed);
         }
@@ -56,7 +64,8 @@ impl RecentLoad {
         seen.sort_unstable();
         let busy_us = seen.iter().rev().nth(SLOWER * count / FRAMES)?;
         let camera_period = Duration::from_micros(self.camera_period_us.load(Relaxed));
-        Some(Load { busy: Duration::from_micros(u64::from(*busy_us)), camera_period })
+        let decoding = Duration::from_micros(self.decoding_us.load(Relaxed));
+        Some(Load { busy: Duration::from_micros(u64::from(*busy_us)), decoding, camera_period })
     }
 }
 
@@ -69,7 +78,7 @@ mod tests {
         let recent = RecentLoad::default();
         recent.begin(Duration::from_millis(33));
         for ms in frames_ms {
-            recent.record(Duration::from_millis(*ms));
+            recent.record(Duration::from_millis(*ms), Duration::ZERO);
         }
         recent.load().map(|load| load.busy.as_millis())
     }
@@ -86,11 +95,11 @@ mod tests {
         assert_eq!(busy_ms(&[10; 3]), None);
         assert_eq!(busy_ms(&[10; 4]), Some(10));
         let recent = RecentLoad::default();
-        (0..16).for_each(|_| recent.record(Duration::from_millis(500)));
+        (0..16).for_each(|_| recent.record(Duration::from_millis(500), Duration::from_millis(400)));
         recent.begin(Duration::from_millis(20));
         assert_eq!(recent.load(), None);
-        (0..4).for_each(|_| recent.record(Duration::from_millis(10)));
-        let (busy, camera_period) = (Duration::from_millis(10), Duration::from_millis(20));
-        assert_eq!(recent.load(), Some(Load { busy, camera_period }));
+        (0..4).for_each(|_| recent.record(Duration::from_millis(10), Duration::from_millis(3)));
+        let [busy, decoding, camera_period] = [10, 3, 20].map(Duration::from_millis);
+        assert_eq!(recent.load(), Some(Load { busy, decoding, camera_period }));
     }
 }

@@ -148,6 +148,19 @@ impl Log {
         tracing::info!("step {step}: {} again", step.sentence());
     }
 
+    /// Logs that the camera is opened again with pictures of another size, and why.
+    pub(super) fn picture_size(is_small: bool, load: Option<Load>) {
+        match load {
+            Some(load) if is_small => tracing::warn!(
+                "small picture: the camera is opened with half the width and height, because decoding takes {:.1} ms of the \
+                 {:.1} ms of a frame: set a smaller camera.width and camera.height to begin with such a picture",
+                load.decoding.as_secs_f64() * 1000.0,
+                load.busy.as_secs_f64() * 1000.0
+            ),
+            _ => tracing::info!("full picture: the camera is opened with the width and height of the settings again"),
+        }
+    }
+
     /// Whether a status line is due.
     pub(super) fn is_status_due(&self) -> bool {
         Instant::now() >= self.status_due

@@ -21,6 +21,7 @@ mod load;
 mod log;
 mod manager;
 mod metrics;
+mod picture_size;
 mod realtime;
 mod reload;
 mod report;

@@ -14,6 +14,7 @@ use super::counters::Counters;
 use super::log::Log;
 use super::manager::{self, Watchdog};
 use super::metrics::Metrics;
+use super::picture_size::{Need, PictureSize};
 use super::realtime;
 use super::reload::Reloader;
 use super::report::Event;
@@ -57,6 +58,7 @@ pub(super) struct Supervisor {
     reloader: Reloader,
     watchdog: Option<Watchdog>,
     adaptation: Adaptation,
+    picture_size: PictureSize,
     log: Log,
     /// Where the metrics are served, and the thread that serves them.
     metrics: (Listen, Option<Metrics>),
@@ -67,8 +69,9 @@ impl Supervisor {
     pub(super) fn new(counters: Arc<Counters>, signals: Signals, events: Receiver<Event>, reloader: Reloader) -> Self {
         let watchdog = Watchdog::from_env(monotonic_us());
         let hardware = Hardware::new(hardware::root(), reloader.live().hardware.clone());
-        let (adaptation, log, metrics) = (Adaptation::default(), Log::default(), (Listen::Off, None));
-        Self { counters, signals, events, reloader, watchdog, adaptation, log, metrics, hardware }
+        let (adaptation, picture_size) = (Adaptation::default(), PictureSize::default());
+        let (log, metrics) = (Log::default(), (Listen::Off, None));
+        Self { counters, signals, events, reloader, watchdog, adaptation, picture_size, log, metrics, hardware }
     }
 
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
@@ -138,21 +141,35 @@ impl Supervisor {
         }
     }
 
-    /// Chooses the step of the pipeline.
+    /// Chooses the step of the pipeline and the size of the camera's picture.
     fn adapt(&mut self) {
         let is_open = self.counters.camera_open.load(Relaxed);
         let load = self.counters.recent.load().filter(|_| is_open);
         let is_allowed = self.reloader.live().adaptation.enabled;
         let conditions = Conditions { is_allowed, load, impaired_by: self.counters.impairments.present() };
+        self.choose_step(&conditions);
+        self.choose_picture(&conditions);
+    }
+
+    fn choose_step(&mut self, conditions: &Conditions) {
         let before = self.adaptation.step();
-        if !self.adaptation.update(monotonic_us(), &conditions) {
+        if !self.adaptation.update(monotonic_us(), conditions) {
             return;
         }
         let (step, cause) = (self.adaptation.step(), self.adaptation.cause());
         self.counters.set_step(step, cause);
-        match (cause, load) {
+        match (cause, conditions.load) {
             (Some(cause), Some(load)) if step > before => Log::step_down(step, cause, &load),
             _ => Log::step_up(step),
+        }
+    }
+
+    fn choose_picture(&mut self, &Conditions { is_allowed, load, .. }: &Conditions) {
+        let step = (self.adaptation.step(), self.adaptation.cause());
+        let has_smaller_mode = self.counters.has_smaller_mode.load(Relaxed);
+        if self.picture_size.update(monotonic_us(), &Need { is_allowed, load, step, has_smaller_mode }) {
+            self.counters.small_picture.store(self.picture_size.is_small(), Relaxed);
+            Log::picture_size(self.picture_size.is_small(), load);
         }
     }
 

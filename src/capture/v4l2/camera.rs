@@ -11,7 +11,7 @@ use v4l::{Device, Format, FourCC, Fraction};
 use super::super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, Skipped, Source};
 use super::guard::guarded;
 use super::layout::{Layout, Store};
-use super::mode::{Choice, Wish, choose};
+use super::mode::{Choice, Wish, choose, has_smaller};
 use super::select::{self, Selected};
 use super::stream::{Limits, Stream};
 
@@ -23,6 +23,7 @@ pub struct CameraSource {
     origin: String,
     rate: Option<FrameRate>,
     decoding: Duration,
+    has_smaller_mode: bool,
 }
 
 impl CameraSource {
@@ -43,13 +44,14 @@ impl CameraSource {
     fn start(selected: &Selected, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
         let Selected { camera, device, origin } = selected;
         let choice = choose(&camera.modes, wish).ok_or_else(|| camera.lacks(wish))?;
+        let has_smaller_mode = has_smaller(&camera.modes, wish, &choice);
         let layout = set_format(device, &camera.node, choice)?;
         let rate = choice.rate.and_then(|rate| set_rate(device, rate)).or(choice.rate);
         let pixels = Store::new(&layout)?;
         let period_us = rate.unwrap_or(FrameRate::FPS_30).period_us();
         let limits = Limits { timeout, period_us };
         let stream = Stream::start(device, &camera.node, limits)?;
-        Ok(Self { stream, pixels, layout, origin: origin.clone(), rate, decoding: Duration::ZERO })
+        Ok(Self { stream, pixels, layout, origin: origin.clone(), rate, decoding: Duration::ZERO, has_smaller_mode })
     }
 }
 
@@ -87,6 +89,10 @@ impl Source for CameraSource {
 
     fn frame_period_us(&self) -> Option<u64> {
         self.rate.map(FrameRate::period_us)
+    }
+
+    fn has_smaller_mode(&self) -> bool {
+        self.has_smaller_mode
     }
 
     fn close(mut self: Box<Self>) -> Result<(), CaptureError> {

@@ -140,6 +140,14 @@ pub struct Wish {
     pub format: Option<PixelFormat>,
 }
 
+impl Wish {
+    /// The same wish with half the width and height.
+    #[must_use]
+    pub fn halved(&self) -> Self {
+        Self { width: self.width / 2, height: self.height / 2, ..*self }
+    }
+}
+
 /// The mode to set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Choice {
@@ -162,6 +170,15 @@ pub fn choose(modes: &[Mode], wish: &Wish) -> Option<Choice> {
     candidates.flat_map(|mode| mode.choices(wish)).min_by_key(|choice| choice.cost(wish))
 }
 
+/// Whether the best mode for half the width and height of `wish` has at most half the pixels of `chosen`, and is as fast.
+#[must_use]
+pub fn has_smaller(modes: &[Mode], wish: &Wish, chosen: &Choice) -> bool {
+    choose(modes, &wish.halved()).is_some_and(|small| {
+        let is_as_fast = chosen.rate.zip(small.rate).is_none_or(|(now, then)| then.fps() >= RATE_TOLERANCE * now.fps());
+        is_as_fast && 2 * small.pixels() <= chosen.pixels()
+    })
+}
+
 impl Mode {
     /// The mode at its best size for the wish, once for each range of rates.
     fn choices(&self, wish: &Wish) -> impl Iterator<Item = Choice> {
@@ -180,10 +197,15 @@ impl Choice {
         let (fps, wanted) = (self.rate.unwrap_or(wish.rate).fps(), wish.rate.fps());
         let short = if fps >= RATE_TOLERANCE * wanted { 0 } else { millihertz(wanted - fps) };
         let smaller = self.width < wish.width || self.height < wish.height;
-        let pixels = u64::from(self.width) * u64::from(self.height);
-        let distance = pixels.abs_diff(u64::from(wish.width) * u64::from(wish.height));
+        let distance = self.pixels().abs_diff(u64::from(wish.width) * u64::from(wish.height));
         let preference = PixelFormat::ALL.iter().position(|&format| format == self.format);
         [short, smaller.into(), distance, preference.map_or(u64::MAX, |at| at as u64), millihertz((fps - wanted).abs())]
+    }
+}
+
+impl Choice {
+    fn pixels(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
     }
 }
 

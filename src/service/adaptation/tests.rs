@@ -27,7 +27,8 @@ impl Rehearsal {
             impaired_by.set(*impairment, true);
         }
         while self.now_us < end_us {
-            let load = Some(Load { busy: PERIOD.mul_f64(load(self.now_us)), camera_period: PERIOD });
+            let load =
+                Some(Load { busy: PERIOD.mul_f64(load(self.now_us)), decoding: Duration::ZERO, camera_period: PERIOD });
             self.update(&Conditions { is_allowed: true, load, impaired_by });
         }
         self
@@ -202,7 +203,7 @@ fn while_there_are_no_frames_the_step_stays_and_time_without_frames_is_no_time_w
 fn settings_that_allow_no_step_end_the_present_one() {
     let mut rehearsal = Rehearsal::default();
     rehearsal.pass(5 * S, |_| 2.5, &[]);
-    let load = Some(Load { busy: PERIOD * 3, camera_period: PERIOD });
+    let load = Some(Load { busy: PERIOD * 3, decoding: Duration::ZERO, camera_period: PERIOD });
     let refused = Conditions { is_allowed: false, load, impaired_by: ImpairmentSet::default() };
     (0..100).for_each(|_| rehearsal.update(&refused));
     assert_eq!(rehearsal.steps(), [Step::Third, Step::Full]);

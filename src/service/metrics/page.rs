@@ -109,7 +109,9 @@ impl Writer<'_> {
         let is_cause = |cause| ConstGauge::new(u64::from(status.step_cause == Some(cause)));
         let causes = Cause::ALL.map(|cause| (cause.name(), is_cause(cause)));
         self.family("step_by", "1 for the reason of a step other than full, else 0.", "by", &causes)?;
-        self.metric("step_changes", "How often the step has changed.", &ConstCounter::new(status.step_changes))
+        self.metric("step_changes", "How often the step has changed.", &ConstCounter::new(status.step_changes))?;
+        let help = "1 if the camera is opened with half the width and height, else 0.";
+        self.metric("small_picture", help, &ConstGauge::new(u64::from(status.has_small_picture)))
     }
 
     fn times(&mut self, counters: &Counters) -> fmt::Result {
@@ -208,6 +210,7 @@ mod tests {
             "facewire_step{step=\"full\"} 0",
             "facewire_step_by{by=\"hot\"} 1",
             "facewire_step_changes_total 1",
+            "facewire_small_picture 0",
             "# UNIT facewire_stage_seconds seconds",
             "facewire_stage_seconds_bucket{le=\"0.000016384\",stage=\"mesh\"} 0",
             "facewire_stage_seconds_bucket{le=\"0.000024576\",stage=\"mesh\"} 1",

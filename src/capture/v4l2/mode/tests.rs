@@ -123,3 +123,13 @@ fn names_and_codes_are_converted_back_to_their_format() {
     }
     assert_eq!(PixelFormat::of(*b"H264"), None);
 }
+
+#[test]
+fn a_smaller_mode_has_half_the_pixels_and_is_as_fast() {
+    let is_smaller = |modes: &[Mode], wish: Wish| has_smaller(modes, &wish, &choose(modes, &wish).unwrap());
+    assert!(is_smaller(&webcam(), wish(1280, 720, 30)));
+    assert!(is_smaller(&webcam(), wish(640, 480, 30)));
+    assert!(!is_smaller(&webcam(), wish(640, 480, 60)), "320x240 has no 60 fps");
+    assert!(!is_smaller(&webcam(), wish(320, 240, 30)), "the smallest already");
+    assert!(!is_smaller(&[mode(Mjpeg, [640, 480], &[30]), mode(Mjpeg, [352, 288], &[15])], wish(640, 480, 30)));
+}

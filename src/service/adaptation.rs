@@ -27,6 +27,9 @@ const THROTTLED_US: u64 = 60_000_000;
 /// The lowest step because of heat or low voltage. It saves three quarters of what facewire takes; lower ones would save
 /// little more.
 const LOWEST_THROTTLED: Step = Step::Quarter;
+/// Below `half`, heat and low voltage take the pipeline down only while the frames keep the hot loop busy for more than this
+/// share of the time. Below it something else heats the board, and a slower face would not help.
+const WORTH_SAVING: f64 = 0.2;
 /// Time after which the step above is tried even though a frame seems to take too long for it.
 const PROBE_US: u64 = 900_000_000;
 /// A step up has failed if the pipeline goes down again within this multiple of the patience.
@@ -148,9 +151,10 @@ impl Adaptation {
     /// The next lower step that a hot board takes.
     fn cooler(&self, now_us: u64, conditions: &Conditions) -> Option<Step> {
         let is_due = self.changed_us.is_none_or(|at_us| now_us.saturating_sub(at_us) >= THROTTLED_US);
-        let camera_period = conditions.load?.camera_period;
-        let is_lower = |step: &Step| *step > self.step && step.every() > 1 && step.suits(camera_period);
-        Step::ALL.into_iter().find(is_lower).filter(|step| is_due && *step <= LOWEST_THROTTLED)
+        let load = conditions.load?;
+        let is_lower = |step: &Step| *step > self.step && step.every() > 1 && step.suits(load.camera_period);
+        let lowest = if load.share_on(self.step) > WORTH_SAVING { LOWEST_THROTTLED } else { Step::Half };
+        Step::ALL.into_iter().find(is_lower).filter(|step| is_due && *step <= lowest)
     }
 
     /// The higher step that is due now.

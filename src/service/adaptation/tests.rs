@@ -120,7 +120,7 @@ fn a_load_that_returns_soon_after_each_step_up_is_met_with_growing_patience() {
 #[test]
 fn heat_takes_the_rate_down_to_a_quarter_one_step_a_minute_and_up_again_one_step_every_2() {
     let mut rehearsal = Rehearsal::default();
-    rehearsal.pass(4 * MINUTE, |_| 0.1, &[Impairment::Hot]).pass(10 * MINUTE, |_| 0.1, &[]);
+    rehearsal.pass(4 * MINUTE, |_| 0.8, &[Impairment::Hot]).pass(10 * MINUTE, |_| 0.8, &[]);
     assert_eq!(
         rehearsal.steps(),
         [Step::Half, Step::Third, Step::Quarter, Step::Third, Step::Half, Step::Turns, Step::Full]
@@ -128,6 +128,13 @@ fn heat_takes_the_rate_down_to_a_quarter_one_step_a_minute_and_up_again_one_step
     let times_s: Vec<u64> = rehearsal.changes.iter().map(|(at_us, _)| at_us / S).collect();
     assert_eq!(times_s[..3], [0, 60, 120]);
     assert!(times_s[3..].windows(2).all(|pair| (120..122).contains(&(pair[1] - pair[0]))), "{times_s:?}");
+}
+
+#[test]
+fn heat_that_facewire_does_not_cause_costs_every_second_frame_and_no_more() {
+    let mut rehearsal = Rehearsal::default();
+    rehearsal.pass(60 * MINUTE, |_| 0.1, &[Impairment::Hot]);
+    assert_eq!(rehearsal.steps(), [Step::Half]);
 }
 
 #[test]

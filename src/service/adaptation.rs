@@ -4,7 +4,7 @@
 //! between frames.
 //! Contract: too slow means that four in sixteen frames take longer than their step allows, for half a second. The step
 //! then follows from what a frame takes, so that a constant load changes it once. It goes up when a frame has taken little
-//! enough for the step above, without a break, for [`Cause::patience`]. Heat and low voltage take it down by one step at a
+//! enough for the step above, without a break, for [`Cause::patience_us`]. Heat and low voltage take it down by one step at a
 //! time. A step up that fails multiplies the patience, so that no load makes the steps oscillate.
 //! Limits: a governor that saves power slows the processor down when there is less to do, so that a frame seems to take
 //! long. Therefore the step above is tried from time to time whatever a frame takes.

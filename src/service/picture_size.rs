@@ -4,7 +4,7 @@
 //! it; the hot loop opens the camera again when its answer changes, which interrupts the face for up to a second.
 //! Contract: a small picture is chosen only if the pipeline has been too slow for [`SMALL_AFTER_US`], the camera has a
 //! smaller mode, and the time saved lets the pipeline go up a step. The full size comes back only after a full-sized picture
-//! would have left time on the first step for [`Self::patience_us`]. A return that fails multiplies this patience.
+//! would have left time on the first step for a patience of ten minutes. A return that fails multiplies this patience.
 
 use std::time::Duration;
 

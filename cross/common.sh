@@ -23,7 +23,7 @@ describe() {
     *) return 1 ;;
     esac
     # shellcheck disable=SC2034 # The scripts that source this file use them.
-    gnu_linker=$gnu-gcc toolchain=$cache/cross/$debian board_folder=$target_folder/boards/$architecture
+    triple_in_variables=$(tr 'a-z-' 'A-Z_' <<<"$triple") gnu_linker=$gnu-gcc toolchain=$cache/cross/$debian board_folder=$target_folder/boards/$architecture
 }
 
 # Succeeds if the compiler that cargo would use (from rustup or the distribution) has the target's standard library.
@@ -42,6 +42,13 @@ leave_folders_out() {
     done
     CARGO_ENCODED_RUSTFLAGS=$(IFS=$'\x1f' && echo "${flags[*]}")
     export CARGO_ENCODED_RUSTFLAGS
+}
+
+# Makes cargo build for the architecture, always with the same flags, so that each dependency is compiled once.
+use_target_compiler() {
+    leave_folders_out
+    export "CARGO_TARGET_${triple_in_variables}_LINKER=$gnu_linker"
+    own_compiler_has_target || export RUSTC=$toolchain/rustc
 }
 
 # make_sysroot FOLDER: writes the files that an emulated program sees in place of those of this PC: the C library of the

@@ -84,9 +84,11 @@ impl Rehearsal {
             "scripts/setup",
             "cross/setup",
             "cross/count",
+            "cross/test",
             "scripts/package",
             "packaging/check",
             "packaging/try",
+            "tests/guest/arm64",
             "tests/guest/setup",
             "tests/guest/cameras",
             "tests/guest/run",
@@ -129,9 +131,8 @@ fn skipped_tests_are_listed_at_the_end_with_their_reasons() {
     rehearsal.replace("cross/setup", "exit 77");
     rehearsal.replace("packaging/check", "exit 77");
     let run = rehearsal.run(&[]).succeeded();
-    let list = "\ndevice tests: they need Debian\ngolden smile: there is no ffmpeg\n\
-                instructions of a frame: cross/setup does not work on this system\n\
-                packages: they are made on x86-64 Debian, as root\n";
+    let list = "\nARM by emulation: cross/setup does not work on this system\ndevice tests: they need Debian\n\
+                golden smile: there is no ffmpeg\npackages: they are made on x86-64 Debian, as root\n";
     assert_eq!(verdict(&run.out), "passed, but 4 skipped");
     assert!(run.out.ends_with(list), "{}", run.out);
     assert!(!run.out.contains("all passed"), "{}", run.out);
@@ -140,7 +141,7 @@ fn skipped_tests_are_listed_at_the_end_with_their_reasons() {
 #[test]
 fn steps_that_were_not_asked_for_are_listed_as_skipped() {
     let run = Rehearsal::new().run(&["lint"]).succeeded();
-    let list = "\nstep count: not asked for\nstep device: not asked for\nstep package: not asked for\n\
+    let list = "\nstep cross: not asked for\nstep device: not asked for\nstep package: not asked for\n\
                 step unit: not asked for\n";
     assert_eq!(verdict(&run.out), "passed, but 4 skipped");
     assert!(run.out.ends_with(list), "{}", run.out);

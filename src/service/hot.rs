@@ -163,9 +163,6 @@ impl HotLoop {
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
         self.watcher.camera_closed();
-        for impairment in std::mem::take(&mut self.rehearsed).iter() {
-            self.counters.impairments.set(impairment, false);
-        }
         source.close().map_err(Event::Lost)?;
         outcome
     }

@@ -1,7 +1,8 @@
 //! Compares the engine with plain operators on networks of random operators.
 
 use facewire_engine::graph::{Kind, Operator, Port, Shape, Window};
-use facewire_engine::{Graph, Network, kernels, reference};
+use facewire_engine::kernels::{self, Kernels};
+use facewire_engine::{Graph, Network, reference};
 
 use super::input::Input;
 
@@ -32,19 +33,20 @@ pub fn network(data: &[u8]) {
         for _ in 0..2 {
             network.run();
             for (index, expected) in expected.iter().enumerate() {
-                compare(network.output(index), expected, kernels.name);
+                compare(network.output(index), expected, kernels);
             }
         }
     }
 }
 
 /// Compares an output with the expected one. The tolerance is relative to the largest value, because rounding errors are
-/// relative to the values that were added, and a sum can be much smaller than these.
-fn compare(found: &[f32], expected: &[f32], kernels: &str) {
+/// relative to the values that were added, and a sum can be much smaller than these. Numbers of half precision have 11 bits.
+fn compare(found: &[f32], expected: &[f32], kernels: &Kernels) {
     assert_eq!(found.len(), expected.len());
     let scale = expected.iter().fold(1.0_f32, |scale, value| scale.max(value.abs()));
+    let (name, tolerance) = (kernels.name, if kernels.half { 3e-2 } else { 1e-3 });
     for (at, (found, expected)) in found.iter().zip(expected).enumerate() {
-        assert!((found - expected).abs() <= 1e-3 * scale, "{kernels}: value {at} is {found}, expected {expected}");
+        assert!((found - expected).abs() <= tolerance * scale, "{name}: value {at} is {found}, expected {expected}");
     }
 }
 

@@ -13,6 +13,7 @@
 mod tests;
 
 use super::load::Load;
+use super::patience::Patience;
 use super::step::Step;
 use crate::impairment::{Impairment, ImpairmentSet};
 
@@ -32,10 +33,6 @@ const LOWEST_THROTTLED: Step = Step::Quarter;
 const WORTH_SAVING: f64 = 0.2;
 /// Time after which the step above is tried even though a frame seems to take too long for it.
 const PROBE_US: u64 = 900_000_000;
-/// A step up has failed if the pipeline goes down again within this multiple of the patience.
-const PROOF: u64 = 6;
-/// Factor by which a step up that has failed multiplies the patience.
-const GROWTH: u64 = 4;
 /// Longest patience.
 const LONGEST_PATIENCE_US: u64 = 3_600_000_000;
 
@@ -104,9 +101,7 @@ pub(super) struct Adaptation {
     /// Since when a higher step has been possible, and the lowest that was possible at any time since.
     calm: Option<(u64, Step)>,
     /// How long it must be possible.
-    patience_us: u64,
-    /// When the pipeline went up last, until it goes down again.
-    climbed_us: Option<u64>,
+    patience: Patience,
 }
 
 impl Adaptation {
@@ -168,7 +163,7 @@ impl Adaptation {
         self.calm =
             best.map(|best| self.calm.map_or((now_us, best), |(since_us, lowest)| (since_us, lowest.max(best))));
         if let Some((since_us, best)) = self.calm {
-            return (now_us.saturating_sub(since_us) >= self.patience_us).then_some(best);
+            return (now_us.saturating_sub(since_us) >= self.patience.wait_us()).then_some(best);
         }
         let wait_us = self.probe_us();
         let is_time = self.changed_us.is_some_and(|at_us| now_us.saturating_sub(at_us) >= wait_us);
@@ -178,22 +173,17 @@ impl Adaptation {
     /// Time after which a higher step is tried against all appearances.
     fn probe_us(&self) -> u64 {
         let base_us = self.cause.map_or(u64::MAX, Cause::patience_us);
-        PROBE_US.saturating_mul(self.patience_us / base_us).min(LONGEST_PATIENCE_US)
+        PROBE_US.saturating_mul(self.patience.wait_us() / base_us).min(LONGEST_PATIENCE_US)
     }
 
     fn descend(&mut self, now_us: u64, step: Step, cause: Cause) {
-        let growth = match self.climbed_us.take().map(|at_us| now_us.saturating_sub(at_us)) {
-            Some(lasted_us) if lasted_us < PROOF * self.patience_us => GROWTH,
-            Some(_) => 0,
-            None => 1,
-        };
-        self.patience_us = (growth * self.patience_us).max(cause.patience_us()).min(LONGEST_PATIENCE_US);
+        self.patience.take_back(now_us, [cause.patience_us(), LONGEST_PATIENCE_US]);
         self.cause = Some(cause);
         self.change(now_us, step);
     }
 
     fn climb(&mut self, now_us: u64, step: Step) {
-        self.climbed_us = Some(now_us);
+        self.patience.attempt(now_us);
         if step == Step::Full {
             self.cause = None;
         }

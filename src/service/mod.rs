@@ -21,6 +21,7 @@ mod load;
 mod log;
 mod manager;
 mod metrics;
+mod patience;
 mod picture_size;
 mod realtime;
 mod reload;

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use super::adaptation::Cause;
 use super::load::Load;
+use super::patience::Patience;
 use super::step::Step;
 
 /// The pipeline must have been on a lower step for this time, because an interruption is worse than a short slowness.
@@ -18,10 +19,6 @@ const SMALL_AFTER_US: u64 = 30_000_000;
 const PATIENCE_US: u64 = 600_000_000;
 /// Longest patience: a day.
 const LONGEST_PATIENCE_US: u64 = 86_400_000_000;
-/// A return to the full size has failed if a small picture is needed again within this multiple of the patience.
-const PROOF: u64 = 6;
-/// Factor by which a return that has failed multiplies the patience.
-const GROWTH: u64 = 4;
 /// A picture of half the width and height has this share of the pixels.
 const SMALL_SHARE: u32 = 4;
 
@@ -45,9 +42,7 @@ pub(super) struct PictureSize {
     /// Since when the other size has been the better one.
     better_since_us: Option<u64>,
     /// How long a full-sized picture must be possible.
-    patience_us: u64,
-    /// When the full size came back last, until the picture is small again.
-    restored_us: Option<u64>,
+    patience: Patience,
 }
 
 impl PictureSize {
@@ -64,7 +59,7 @@ impl PictureSize {
             return was_small;
         }
         let (is_better, wait_us) = if self.is_small {
-            (need.allows_full(), self.patience_us)
+            (need.allows_full(), self.patience.wait_us())
         } else {
             (need.gains_by_small(), SMALL_AFTER_US)
         };
@@ -72,19 +67,14 @@ impl PictureSize {
         if self.better_since_us.is_none_or(|since_us| now_us.saturating_sub(since_us) < wait_us) {
             return false;
         }
-        *self = if self.is_small { self.restored(now_us) } else { self.shrunk(now_us) };
+        self.is_small = !self.is_small;
+        self.better_since_us = None;
+        if self.is_small {
+            self.patience.take_back(now_us, [PATIENCE_US, LONGEST_PATIENCE_US]);
+        } else {
+            self.patience.attempt(now_us);
+        }
         true
-    }
-
-    fn shrunk(&self, now_us: u64) -> Self {
-        let lasted_us = self.restored_us.map(|at_us| now_us.saturating_sub(at_us));
-        let has_failed = lasted_us.is_some_and(|lasted_us| lasted_us < PROOF * self.patience_us);
-        let patience_us = if has_failed { GROWTH * self.patience_us } else { PATIENCE_US };
-        Self { is_small: true, patience_us: patience_us.min(LONGEST_PATIENCE_US), ..Self::default() }
-    }
-
-    fn restored(&self, now_us: u64) -> Self {
-        Self { restored_us: Some(now_us), patience_us: self.patience_us, ..Self::default() }
     }
 }
 

@@ -30,9 +30,7 @@ impl Watcher {
 
     /// Begins with another camera.
     pub(super) fn camera_opened(&mut self, camera: &dyn Source) {
-        self.watch = Watch::new(HOLD_US);
         self.stated_us = camera.frame_period_us();
-        self.tell();
     }
 
     /// A camera that is closed impairs nothing.

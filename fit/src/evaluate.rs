@@ -10,12 +10,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 
-use self::{
-    align::Aligned,
-    annotations::Annotations,
-    score::{EventLimits, Score},
-};
-use crate::{output, recording::Recording};
+use self::{align::Aligned, annotations::Annotations, score::Score};
+use crate::{output, recording::Recording, statistics::EventLimits};
 
 const AFTER_HELP: &str = "\
 Accepts the CSV of `facewire track`, recordings of Live Link Face, and any table with blendshape names in its header and
@@ -23,11 +19,14 @@ a column time_s or frame. Columns are matched by name. The truth is interpolated
 Correlations are given where the truth moves (standard deviation above 0.02), jitter where it rests.
 An event is a rise of the truth to f-min after a fall below half of it, or a line of EVENTS (blendshape,time_s or
 blendshape,frame, counted from the truth's first row). It is found if TRACK rises to f-min within the tolerance. Each
-rise finds one event.
+rise finds one event. EVENTS may also tell when an event ends (end_s or end_frame).
+J is recall minus the share of false time: of the frames further than the tolerance from every event, that part in which
+TRACK is at least f-min.
 
 Examples:
   facewire track demo --out track.csv && facewire-fit evaluate track.csv truth.csv
-  facewire-fit evaluate track.csv MySlate_5_iPhone.csv --shift auto --overlap --json scores.json";
+  facewire-fit evaluate track.csv MySlate_5_iPhone.csv --shift auto --overlap --json scores.json
+  facewire-fit evaluate track.csv track.csv --events seen-by-eye.csv";
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]

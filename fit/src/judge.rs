@@ -1,4 +1,11 @@
-//! Judges a model on single pictures, by facewire's own solver.
+//! Judges a model by facewire's own solver.
+
+pub mod command;
+mod files;
+mod people;
+mod set;
+mod sheet;
+mod text;
 
 use std::{collections::BTreeMap, hint::black_box, time::Instant};
 
@@ -135,28 +142,6 @@ pub fn regression_ns(model: &Model, faces: &Faces, rows: &[usize]) -> Result<f64
     (0..TIMED_PASSES).try_fold(f64::INFINITY, |best, _| Ok(best.min(pass()?)))
 }
 
-/// Averages over the 51 blendshapes that landmarks show.
-pub fn mean_of(scores: &[Score]) -> Score {
-    let shown = &scores[..scores.len() - 1];
-    Score { r: mean(shown.iter().map(|score| score.r)), mse: mean(shown.iter().map(|score| score.mse)) }
-}
-
-/// Returns those of the pictures `rows` that show a turned face at rest, without the subjects' neutral pictures.
-pub fn resting(samples: &[Sample], rows: &[usize]) -> Vec<usize> {
-    let rests = |row: &usize| !samples[*row].neutral && samples[*row].truth.iter().all(|value| *value == 0.0);
-    rows.iter().copied().filter(rests).collect()
-}
-
-/// Describes the coefficients of resting faces in one line: how little a turn of the head changes them.
-pub fn rest_line(model: &Model, faces: &Faces, rows: &[usize]) -> Result<String> {
-    let mean_of_curve = |curve: Vec<f64>| mean(curve.into_iter().map(f64::abs));
-    let means: Vec<f64> = estimates(model, faces, rows)?.into_iter().map(mean_of_curve).collect();
-    let named = means.iter().zip(BLENDSHAPES).max_by(|(a, _), (b, _)| a.total_cmp(b));
-    let (most, name) = named.context("there are blendshapes")?;
-    let all = mean(means[..means.len() - 1].iter().copied());
-    Ok(format!("mean coefficient of {} turned faces at rest: {all:.3}, highest {most:.3} ({name})", rows.len()))
-}
-
 /// Returns the mean absolute error of yaw, pitch and roll in degrees over all pictures, held out or not, because the
 /// head pose is not fitted.
 pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
@@ -168,17 +153,6 @@ pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
     };
     let errors = samples.par_iter().map(errors).collect::<Result<Vec<_>>>()?;
     Ok(core::array::from_fn(|axis| mean(errors.iter().map(|error| error[axis]))))
-}
-
-/// Returns the table that `judge` prints.
-pub fn table(known: &[Score], unknown: &[Score]) -> String {
-    let line = |name: &str, known: Score, unknown: Score| {
-        format!("| {name:<20} | {:>6.3} | {:>7.4} | {:>6.3} | {:>7.4} |\n", known.r, known.mse, unknown.r, unknown.mse)
-    };
-    let head = "| blendshape           | r      | MSE     | r      | MSE     |\n|---|---|---|---|---|\n";
-    let rows = BLENDSHAPES.iter().zip(known.iter().zip(unknown)).map(|(name, (a, b))| line(name, *a, *b));
-    let mean_line = line("mean of 51", mean_of(known), mean_of(unknown));
-    format!("neutral face known, then not known\n{head}{}{mean_line}", rows.collect::<String>())
 }
 
 #[cfg(test)]
@@ -195,8 +169,10 @@ mod tests {
         let model = Model::embedded();
         for (neutral_known, least_r, most_mse) in [(true, 0.72, 0.011), (false, 0.66, 0.013)] {
             let faces = Faces::new(&samples, neutral_known).expect("faces");
-            let mean = mean_of(&scores_of(&model, &faces, &faces.rows(true).expect("all")).expect("scores"));
-            assert!(mean.r >= least_r && mean.mse <= most_mse, "neutral known: {neutral_known}, {mean:?}");
+            let scores = scores_of(&model, &faces, &faces.rows(true).expect("all")).expect("scores");
+            let shown = || scores[..scores.len() - 1].iter();
+            let [r, mse] = [mean(shown().map(|score| score.r)), mean(shown().map(|score| score.mse))];
+            assert!(r >= least_r && mse <= most_mse, "neutral known: {neutral_known}, r {r}, MSE {mse}");
         }
     }
 }

@@ -39,7 +39,6 @@ use std::{
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
-use facewire::solve::Model;
 
 #[derive(Parser)]
 #[command(version, about)]
@@ -65,17 +64,8 @@ enum Command {
     Fit(compare::FitArgs),
     /// Compare the curves in a CSV file of `facewire track` with true curves, or with those of another tracker
     Evaluate(evaluate::EvaluateArgs),
-    /// Print correlation and error of a model on a dataset, computed by facewire's own solver
-    Judge {
-        /// Landmarks with true coefficients (npz archive with names.json beside it)
-        dataset: PathBuf,
-        /// A model to judge instead of the built-in one
-        #[arg(long)]
-        model: Option<PathBuf>,
-        /// Judge on all subjects: only for data that the model was not fitted on
-        #[arg(long)]
-        all_subjects: bool,
-    },
+    /// Print how good a model is on people with true coefficients, by facewire's own solver, and how sure that is
+    Judge(judge::command::JudgeArgs),
     /// Write the statistics of every blendshape and kind of model as one HTML page with charts
     Report(report::ReportArgs),
     /// Rank the features of every blendshape by correlation, partial F and support vectors, as one HTML page
@@ -115,7 +105,7 @@ fn run(command: Command) -> Result<()> {
         Command::Train { dataset, out, epochs } => train(&dataset, &out, epochs),
         Command::Fit(args) => compare::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
-        Command::Judge { dataset, model, all_subjects } => judge(&dataset, model.as_deref(), all_subjects),
+        Command::Judge(args) => judge::command::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Select(args) => segments::run(&args),
         Command::Clip { landmarks, truth, neutral_frames, model } => {
@@ -134,36 +124,11 @@ fn train(dataset: &Path, out: &Path, epochs: u32) -> Result<()> {
     let made_by = format!("facewire-fit train {} --epochs {epochs}{pictures}", dataset.display());
     let file = train::train(&mirror::with_mirrored(&samples)?, &samples, epochs as usize, made_by)?;
     output::write(out, toml::to_string(&file)?)?;
-    judge_on(&file.to_model()?, &samples, false)
-}
-
-fn judge(dataset: &Path, model: Option<&Path>, all_subjects: bool) -> Result<()> {
-    judge_on(&load_model(model)?, &dataset::load(dataset)?, all_subjects)
-}
-
-fn judge_on(model: &Model, samples: &[dataset::Sample], all_subjects: bool) -> Result<()> {
-    let [known, unknown] = [judge::Faces::new(samples, true)?, judge::Faces::new(samples, false)?];
-    let rows = known.rows(all_subjects)?;
-    let scores = |faces| judge::scores_of(model, faces, &rows);
-    print!("{}", judge::table(&scores(&known)?, &scores(&unknown)?));
-    let resting = judge::resting(samples, &rows);
-    for (name, faces) in [("known", &known), ("not known", &unknown)] {
-        if !resting.is_empty() {
-            println!("neutral {name}: {}", judge::rest_line(model, faces, &resting)?);
-        }
-    }
-    let [yaw, pitch, roll] = judge::pose_error_deg(samples)?;
-    println!("head pose, mean error over all pictures: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
-    println!("model in memory: {} bytes", model.size_bytes());
-    Ok(())
-}
-
-fn load_model(path: Option<&Path>) -> Result<Model> {
-    Ok(path.map_or_else(|| Ok(Model::embedded()), Model::load)?)
+    judge::command::judge_fitted(dataset.display().to_string(), samples, &file.to_model()?)
 }
 
 fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {
-    let (model, frames) = (load_model(model)?, clip::load(landmarks)?);
+    let (model, frames) = (judge::command::load_model(model)?, clip::load(landmarks)?);
     let known = clip::solve(&model, &frames, Some(0..neutral_frames))?;
     let unknown = clip::solve(&model, &frames, None)?;
     for (name, solved) in [("known", &known), ("not known", &unknown)] {

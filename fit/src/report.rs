@@ -15,8 +15,8 @@ use crate::{
     dataset,
     fitted::{self, Fitted},
     html,
-    judge::Faces,
-    load_model, output,
+    judge::{Faces, command::load_model},
+    output,
 };
 
 /// Arguments of `report`.

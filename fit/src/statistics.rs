@@ -4,7 +4,9 @@
 //! or scikit-learn (`fit/tests/reference.py` makes the values, `reference_values.rs` compares).
 
 mod agreement;
+mod bootstrap;
 mod events;
+mod moments;
 mod motion;
 mod normality;
 mod partial;
@@ -17,7 +19,9 @@ mod residuals;
 use serde::Serialize;
 
 pub use agreement::{accuracy, deviation_of_differences, mean, mse, pearson, r_squared, standard_deviation};
-pub use events::{EventCounts, count_events, rising_edges};
+pub use bootstrap::{Interval, draw};
+pub use events::{Event, EventCounts, EventLimits, count_events, events_of};
+pub use moments::{ErrorParts, Moments};
 pub use motion::jitter_at_rest;
 pub use normality::{SHAPIRO_WILK_MAX, shapiro_wilk};
 pub use partial::Regressors;

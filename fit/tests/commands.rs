@@ -197,7 +197,40 @@ fn fewer_than_eight_subjects_are_refused_if_some_must_be_held_out() {
         let said = refusal(folder.path(), &[&[command, &dataset], options].concat());
         assert!(said.contains("7 subjects are too few") && said.contains("--all-subjects"), "{command}: {said}");
     }
-    assert!(printed(folder.path(), &["judge", &dataset, "--all-subjects"]).contains("mean of 51"));
+    let said = printed(folder.path(), &["judge", &dataset, "--all-subjects", "--resamples", "40"]);
+    assert!(said.contains("7 people, 84 pictures; 2 blendshapes move"), "{said}");
+}
+
+#[test]
+fn a_model_that_is_compared_with_itself_differs_by_nothing_in_text_and_files() {
+    let folder = TempDir::new().unwrap();
+    let dataset = write_dataset(folder.path(), 8);
+    let model = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/blendshapes.toml");
+    let options = ["--all-subjects", "--resamples", "40", "--against", model, "--json", "a.json", "--csv", "a.csv"];
+    let said = printed(folder.path(), &[&["judge", &dataset, "--model", model], &options[..]].concat());
+    assert!(said.contains("+0.000 .. +0.000") && !said.contains("| * |"), "{said}");
+
+    let json: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(folder.path().join("a.json")).unwrap()).unwrap();
+    let state = &json["sets"][0]["neutral"]["neutral_face_known"];
+    let jaw = |side: &str| state[side]["figures"]["jawOpen"]["all"]["mse"]["value"].as_f64().unwrap();
+    assert!(jaw("model") > 0.0 && (jaw("model") - jaw("against")).abs() < 1e-12);
+    let parts = ["mse_of_bias", "mse_of_gain", "mse_of_rest"];
+    let parts = parts.map(|part| state["model"]["figures"]["jawOpen"]["all"][part]["value"].as_f64().unwrap());
+    assert!((parts.iter().sum::<f64>() - jaw("model")).abs() < 1e-9, "the parts of the error add up");
+    assert_eq!(state["difference"]["mean_of_blendshapes"]["all"]["r"]["certain"], false);
+
+    let csv = fs::read_to_string(folder.path().join("a.csv")).unwrap();
+    let rows = rows(&csv);
+    assert_eq!(rows.len(), 2 * 2 * 8 * BLENDSHAPES.len() * 3);
+    let own = |row: &&BTreeMap<&str, &str>| {
+        row["model"] == "model"
+            && row["neutral"] == "known"
+            && row["blendshape"] == "jawOpen"
+            && row["pictures"] == "all"
+    };
+    let mse: Vec<f64> = rows.iter().filter(own).map(|row| row["mse"].parse().unwrap()).collect();
+    assert!((mse.iter().sum::<f64>() / 8.0 - jaw("model")).abs() < 1e-5, "people with equally many pictures");
 }
 
 #[test]
@@ -206,6 +239,8 @@ fn an_output_path_that_cannot_be_written_is_refused_before_the_dataset_is_read()
     for arguments in [
         ["train", "absent.npz", "--out", "no/model.toml"],
         ["fit", "absent.npz", "--json", "no/figures.json"],
+        ["judge", "absent.npz", "--json", "no/figures.json"],
+        ["judge", "absent.npz", "--csv", "no/people.csv"],
         ["report", "absent.npz", "--out", "no/report.html"],
         ["select", "absent.npz", "--out", "no/page.html"],
         ["select", "absent.npz", "--csv", "no/ranks.csv"],

@@ -7,28 +7,19 @@ use super::{
 use crate::{
     paper::AgainstArkit,
     statistics::{
-        EventCounts, accuracy, count_events, deviation_of_differences, jitter_at_rest, mean, mse, pearson,
-        rising_edges, spearman, xi,
+        Event, EventCounts, EventLimits, accuracy, count_events, deviation_of_differences, events_of, jitter_at_rest,
+        mean, mse, pearson, spearman, xi,
     },
 };
 
 /// The number of metrics.
-pub const METRICS: usize = 10;
+pub const METRICS: usize = 11;
 /// The names of the metrics, in the order of [`Score::metrics`].
 pub const NAMES: [&str; METRICS] =
-    ["pearson", "spearman", "xi", "accuracy", "msd", "deviation", "jitter_at_rest", "precision", "recall", "f1"];
+    ["pearson", "spearman", "xi", "accuracy", "msd", "deviation", "jitter_at_rest", "precision", "recall", "f1", "j"];
 
 /// Metrics in the order of [`NAMES`]. A metric that is not defined for a curve is `None`.
 pub type Metrics = [Option<f64>; METRICS];
-
-/// What counts as an event, and as finding it.
-#[derive(Debug, Clone, Copy)]
-pub struct EventLimits {
-    /// Coefficient that an expression has to reach.
-    pub f_min: f64,
-    /// Largest time between an event and the rise that finds it.
-    pub tolerance_s: f64,
-}
 
 /// The scores of one blendshape.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,10 +42,10 @@ pub fn all(aligned: &Aligned, annotations: Option<&Annotations>, limits: EventLi
 fn one(pair: &Pair, times_s: &[f64], annotations: Option<&Annotations>, limits: EventLimits) -> Score {
     let (estimate, truth, moves) = (&pair.estimate, &pair.truth, pair.moves());
     let reference = match annotations {
-        Some(annotations) => annotations.of(pair.blendshape).map(<[f64]>::to_vec),
-        None => Some(rising_edges(times_s, truth, limits.f_min)),
+        Some(annotations) => annotations.of(pair.blendshape).map(<[Event]>::to_vec),
+        None => Some(events_of(times_s, truth, limits.f_min)),
     };
-    let events = reference.map(|events| count_events(times_s, estimate, &events, limits.f_min, limits.tolerance_s));
+    let events = reference.map(|events| count_events(times_s, estimate, &events, limits));
     let found = events.filter(|events| events.reference > 0);
     let metrics = [
         moves.then(|| pearson(estimate, truth)),
@@ -67,11 +58,12 @@ fn one(pair: &Pair, times_s: &[f64], annotations: Option<&Annotations>, limits: 
         found.and_then(|events| events.precision()),
         found.and_then(|events| events.recall()),
         found.and_then(|events| events.f1()),
+        found.and_then(|events| events.j()),
     ];
     Score { blendshape: pair.blendshape, moves, metrics, events }
 }
 
-/// Returns the paper's metrics of a blendshape. The paper reports no jitter.
+/// Returns the paper's metrics of a blendshape. The paper reports neither jitter nor J.
 pub fn paper_metrics(row: &AgainstArkit) -> Metrics {
     let (events, agreement) = (row.events, row.agreement);
     [
@@ -85,6 +77,7 @@ pub fn paper_metrics(row: &AgainstArkit) -> Metrics {
         Some(events.precision),
         Some(events.recall),
         Some(events.f1),
+        None,
     ]
 }
 

@@ -26,6 +26,7 @@ const COLUMNS: [(&str, usize, usize); METRICS] = [
     ("P", 4, 2),
     ("R", 4, 2),
     ("F1", 4, 2),
+    ("J", 5, 2),
 ];
 
 /// Returns the scores in ARKit's order.
@@ -102,7 +103,7 @@ fn false_events(scores: &[Score]) -> usize {
 fn notes(scores: &[Score]) -> String {
     format!(
         "events: found/in the reference; {} more in blendshapes without any. jitter: RMS of frame-to-frame steps at \
-         rest.\npaper: its table {AGAINST_ARKIT_TITLE}: other faces, annotated events,\ncurves of ARKit 6 as the \
+         rest.\nJ: recall minus the share of the time outside of events in which the track is up.\npaper: its table {AGAINST_ARKIT_TITLE}: other faces, annotated events,\ncurves of ARKit 6 as the \
          truth.\n",
         false_events(scores)
     )
@@ -146,11 +147,11 @@ mod tests {
     }
 
     #[test]
-    fn every_line_is_as_wide_as_the_header_and_fits_115_columns() {
+    fn every_line_is_as_wide_as_the_header_and_fits_122_columns() {
         let scores = [score("mouthUpperUpRight"), score("jawOpen")];
         let table = head() + &rows(&scores) + &mean_rows(&scores);
         let widths: Vec<usize> = table.lines().map(str::len).collect();
-        assert!(widths.iter().all(|width| *width == widths[0] && *width <= 115), "{table}");
+        assert!(widths.iter().all(|width| *width == widths[0] && *width <= 122), "{table}");
     }
 
     #[test]

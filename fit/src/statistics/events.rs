@@ -4,6 +4,8 @@
 //! finds one event. The paper's condition "contained within sensitivity and time thresholds" alone would let a curve
 //! that is stuck high find all events. The paper defines `n_FN` twice; the first definition is read as
 //! `n_FP = n_algo - n_TP`, the second as `n_FN = n_ref - n_TP`.
+//!
+//! F1 does not tell for how long a curve is up without an event. [`EventCounts::j`] does.
 
 use serde::Serialize;
 
@@ -11,6 +13,37 @@ use serde::Serialize;
 const RELEASE: f64 = 0.5;
 /// Rounding allowance at the limits of the tolerance, because times are sums of frame durations.
 const SLACK_S: f64 = 1e-6;
+
+/// An expression that comes and goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Event {
+    /// The time at which it reaches `f_min`, or which a person noted.
+    pub start_s: f64,
+    /// The time at which it ends; the start if nobody noted an end.
+    pub end_s: f64,
+}
+
+impl Event {
+    /// Returns an event without duration.
+    #[cfg(test)]
+    pub fn at(time_s: f64) -> Self {
+        Self { start_s: time_s, end_s: time_s }
+    }
+
+    fn is_near(&self, time_s: f64, tolerance_s: f64) -> bool {
+        let reach = tolerance_s + SLACK_S;
+        (self.start_s - reach..=self.end_s + reach).contains(&time_s)
+    }
+}
+
+/// Which rises and which times belong to an event.
+#[derive(Debug, Clone, Copy)]
+pub struct EventLimits {
+    /// Coefficient that an expression has to reach.
+    pub f_min: f64,
+    /// Largest time between an event and the rise that finds it.
+    pub tolerance_s: f64,
+}
 
 /// Event counts of one blendshape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -21,6 +54,10 @@ pub struct EventCounts {
     pub estimate: usize,
     /// Events of the reference that were found in the judged curve.
     pub found: usize,
+    /// Frames outside of the reference's events.
+    pub frames_outside: usize,
+    /// Those of them in which the judged curve is at least `f_min`.
+    pub frames_false: usize,
 }
 
 impl EventCounts {
@@ -40,76 +77,104 @@ impl EventCounts {
         let precision = self.precision().unwrap_or(0.0);
         Some(if self.found > 0 { 2.0 * precision * recall / (precision + recall) } else { 0.0 })
     }
+
+    /// Returns the share of the time outside of events in which the judged curve is up: 0 if there is no such time.
+    pub fn false_time(&self) -> f64 {
+        ratio(self.frames_false, self.frames_outside).unwrap_or(0.0)
+    }
+
+    /// Returns J, which is recall minus the share of false time, or `None` if the reference has no event. A curve that is
+    /// always up has at most 0, a perfect one 1.
+    pub fn j(&self) -> Option<f64> {
+        Some(self.recall()? - self.false_time())
+    }
 }
 
 fn ratio(part: usize, whole: usize) -> Option<f64> {
     (whole > 0).then(|| part as f64 / whole as f64)
 }
 
-/// Returns the times at which a curve rises to `f_min` after it was below half of it.
-pub fn rising_edges(times_s: &[f64], curve: &[f64], f_min: f64) -> Vec<f64> {
-    let mut armed = false;
-    let mut edges = Vec::new();
+/// Returns the events of a curve: it rises to `f_min` after it was below half of it, and falls below half of it again.
+pub fn events_of(times_s: &[f64], curve: &[f64], f_min: f64) -> Vec<Event> {
+    let (mut armed, mut is_up) = (false, false);
+    let mut events: Vec<Event> = Vec::new();
     for (time, value) in times_s.iter().zip(curve) {
+        let is_low = *value < RELEASE * f_min;
         if armed && *value >= f_min {
-            edges.push(*time);
+            events.push(Event { start_s: *time, end_s: *time });
+            is_up = true;
         }
-        armed = *value < RELEASE * f_min || (armed && *value < f_min);
+        is_up &= !is_low;
+        if let Some(last) = events.last_mut().filter(|_| is_up) {
+            last.end_s = *time;
+        }
+        armed = is_low || (armed && *value < f_min);
     }
-    edges
+    events
 }
 
-/// Counts the events at the times `reference` that a curve finds within `tolerance_s`. In order of time, each event is
+/// Counts the events of `reference` at whose start a curve rises within the tolerance. In order of time, each event is
 /// matched with the first free rise near it; no other matching finds more.
-pub fn count_events(times_s: &[f64], curve: &[f64], reference: &[f64], f_min: f64, tolerance_s: f64) -> EventCounts {
-    let edges = rising_edges(times_s, curve, f_min);
+pub fn count_events(times_s: &[f64], curve: &[f64], reference: &[Event], limits: EventLimits) -> EventCounts {
+    let rises = events_of(times_s, curve, limits.f_min);
     let mut events = reference.to_vec();
-    events.sort_by(f64::total_cmp);
+    events.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     let (mut found, mut next) = (0, 0);
-    for event in events {
-        let reach = tolerance_s + SLACK_S;
-        next += edges[next..].iter().take_while(|edge| **edge < event - reach).count();
-        if edges.get(next).is_some_and(|edge| *edge <= event + reach) {
+    for event in &events {
+        let reach = limits.tolerance_s + SLACK_S;
+        next += rises[next..].iter().take_while(|rise| rise.start_s < event.start_s - reach).count();
+        if rises.get(next).is_some_and(|rise| rise.start_s <= event.start_s + reach) {
             found += 1;
             next += 1;
         }
     }
-    EventCounts { reference: reference.len(), estimate: edges.len(), found }
+    let is_outside = |time: &f64| !events.iter().any(|event| event.is_near(*time, limits.tolerance_s));
+    let outside: Vec<f64> =
+        times_s.iter().zip(curve).filter(|(time, _)| is_outside(time)).map(|(_, value)| *value).collect();
+    let frames_false = outside.iter().filter(|value| **value >= limits.f_min).count();
+    EventCounts { reference: events.len(), estimate: rises.len(), found, frames_outside: outside.len(), frames_false }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const LIMITS: EventLimits = EventLimits { f_min: 0.3, tolerance_s: 0.5 };
+
     fn times(count: usize) -> Vec<f64> {
         (0..count).map(|frame| frame as f64 / 30.0).collect()
+    }
+
+    /// Counts events that are given by frame number, at 30 frames a second.
+    fn counts(curve: &[f64], frames: &[f64]) -> EventCounts {
+        let events: Vec<Event> = frames.iter().map(|frame| Event::at(frame / 30.0)).collect();
+        count_events(&times(curve.len()), curve, &events, LIMITS)
     }
 
     #[test]
     fn oscillating_around_the_threshold_is_one_event() {
         let curve = [0.0, 0.31, 0.29, 0.31, 0.16, 0.31, 0.1, 0.31];
-        assert_eq!(rising_edges(&times(8), &curve, 0.3).len(), 2);
+        assert_eq!(events_of(&times(8), &curve, 0.3).len(), 2);
     }
 
     #[test]
-    fn a_slow_rise_is_one_event_at_the_time_it_passes_the_threshold() {
-        let curve = [0.1, 0.2, 0.25, 0.3, 0.4];
-        assert_eq!(rising_edges(&times(5), &curve, 0.3), [0.1]);
+    fn an_event_lasts_from_its_rise_to_the_last_frame_above_half_of_the_threshold() {
+        let curve = [0.1, 0.2, 0.25, 0.3, 0.4, 0.2, 0.1, 0.0];
+        assert_eq!(events_of(&times(8), &curve, 0.3), [Event { start_s: 0.1, end_s: 5.0 / 30.0 }]);
     }
 
     #[test]
     fn an_event_is_found_up_to_the_tolerance_and_not_beyond() {
         let mut curve = vec![0.0; 60];
         curve[30] = 0.5;
-        let found = |event_frame: f64| count_events(&times(60), &curve, &[event_frame / 30.0], 0.3, 0.5).found;
-        assert_eq!([found(15.0), found(14.0), found(45.0), found(46.0)], [1, 0, 1, 0]);
+        assert_eq!([15.0, 14.0, 45.0, 46.0].map(|frame| counts(&curve, &[frame]).found), [1, 0, 1, 0]);
     }
 
     #[test]
-    fn a_curve_that_is_stuck_high_finds_no_event() {
-        let counts = count_events(&times(90), &[1.0; 90], &[0.1, 1.0, 2.0], 0.3, 0.5);
-        assert_eq!(counts, EventCounts { reference: 3, estimate: 0, found: 0 });
-        assert_eq!([counts.precision(), counts.f1()], [None, Some(0.0)]);
+    fn a_curve_that_is_stuck_high_finds_no_event_and_all_time_outside_is_false() {
+        let counts = counts(&[1.0; 90], &[3.0, 30.0, 60.0]);
+        assert_eq!([counts.reference, counts.estimate, counts.found], [3, 0, 0]);
+        assert_eq!([counts.precision(), counts.f1(), counts.j()], [None, Some(0.0), Some(-1.0)]);
     }
 
     #[test]
@@ -117,8 +182,7 @@ mod tests {
         let mut curve = vec![0.0; 90];
         curve[30..40].fill(0.9);
         let counts = |curve: &[f64], frames: &[f64]| {
-            let events: Vec<f64> = frames.iter().map(|frame| frame / 30.0).collect();
-            let EventCounts { estimate, found, .. } = count_events(&times(90), curve, &events, 0.3, 0.5);
+            let EventCounts { estimate, found, .. } = counts(curve, frames);
             [estimate, found]
         };
         assert_eq!(counts(&curve, &[35.0, 28.0]), [1, 1]);
@@ -129,16 +193,31 @@ mod tests {
     }
 
     #[test]
-    fn precision_recall_and_f1_follow_from_the_counts() {
-        let counts = EventCounts { reference: 4, estimate: 3, found: 2 };
-        assert!((counts.precision().unwrap() - 2.0 / 3.0).abs() < 1e-12);
-        assert!((counts.recall().unwrap() - 0.5).abs() < 1e-12);
-        assert!((counts.f1().unwrap() - 4.0 / 7.0).abs() < 1e-12);
+    fn false_time_is_that_in_which_the_curve_is_up_beyond_the_tolerance_of_every_event() {
+        let mut curve = vec![0.0; 120];
+        curve[20..60].fill(0.9);
+        // Frames 5 to 35 belong to the event. The curve is up in frames 36 to 59, too.
+        let counted = counts(&curve, &[20.0]);
+        assert_eq!([counted.frames_outside, counted.frames_false], [120 - 31, 24]);
+        assert!((counted.j().unwrap() - (1.0 - 24.0 / 89.0)).abs() < 1e-12);
+        let lasting = [Event { start_s: 20.0 / 30.0, end_s: 60.0 / 30.0 }];
+        let counted = count_events(&times(120), &curve, &lasting, LIMITS);
+        assert_eq!((counted.frames_false, counted.j()), (0, Some(1.0)));
     }
 
     #[test]
-    fn f1_is_undefined_without_reference_events_and_0_if_none_is_found() {
-        assert_eq!(EventCounts { reference: 0, estimate: 2, found: 0 }.f1(), None);
-        assert_eq!(EventCounts { reference: 2, estimate: 0, found: 0 }.f1(), Some(0.0));
+    fn precision_recall_f1_and_j_follow_from_the_counts() {
+        let counts = EventCounts { reference: 4, estimate: 3, found: 2, frames_outside: 10, frames_false: 1 };
+        assert!((counts.precision().unwrap() - 2.0 / 3.0).abs() < 1e-12);
+        assert!((counts.recall().unwrap() - 0.5).abs() < 1e-12);
+        assert!((counts.f1().unwrap() - 4.0 / 7.0).abs() < 1e-12);
+        assert!((counts.j().unwrap() - 0.4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn f1_and_j_are_undefined_without_reference_events_and_0_if_none_is_found() {
+        let counts = |reference, estimate| EventCounts { reference, estimate, ..EventCounts::default() };
+        assert_eq!([counts(0, 2).f1(), counts(0, 2).j()], [None, None]);
+        assert_eq!([counts(2, 0).f1(), counts(2, 0).j()], [Some(0.0), Some(0.0)]);
     }
 }

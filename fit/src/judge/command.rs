@@ -1,0 +1,117 @@
+//! `facewire-fit judge`: how good a model is, and how sure that is.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::Args;
+use facewire::solve::Model;
+
+use super::{files, set::Set, sheet::Judgement, text};
+use crate::{dataset::Sample, output};
+
+const AFTER_HELP: &str = "\
+Figures, of all pictures of all people together:
+  r      Pearson's correlation of estimate and truth
+  MSE    mean squared error
+  bias   mean error, estimate minus truth
+  gain   standard deviation of the estimates divided by that of the truth
+  slope  slope of the straight line through the estimates over the truth: gain times r
+The MSE is the sum of three parts. Bias: what subtracting each person's mean error would remove. Gain: what scaling each
+person's estimates by the best factor would remove after that. Rest: the remainder.
+A blendshape is at rest in the pictures in which its true coefficient is at most 0.02, and moves in the others.
+`+-` and `a .. b` are 95 % confidence intervals by the bootstrap over people: whole people are drawn, with replacement.
+Two models are compared on the same draws. A difference whose interval excludes 0 is marked `*`.
+
+Examples:
+  facewire-fit judge faces/judge/faces.npz --all-subjects
+  facewire-fit judge faces/judge/faces.npz --all-subjects --model new.toml --against models/blendshapes.toml
+  facewire-fit judge faces.npz --json figures.json --csv people.csv";
+
+/// Arguments of `judge`.
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct JudgeArgs {
+    /// Landmarks with true coefficients (npz archives with names.json beside them)
+    #[arg(required = true, value_name = "SET")]
+    sets: Vec<PathBuf>,
+    /// A model to judge instead of the built-in one
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Another model to compare it with, on the same faces
+    #[arg(long, value_name = "FILE")]
+    against: Option<PathBuf>,
+    /// Judge on all subjects of datasets: only for data that the model was not fitted on
+    #[arg(long)]
+    all_subjects: bool,
+    /// Draws of people for the confidence intervals
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(40..=100_000))]
+    resamples: u64,
+    /// JSON file for all figures with their intervals
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// CSV file for the figures of every person and blendshape
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+}
+
+/// What is known of a model and its rival on one set.
+pub struct Judged {
+    /// The name of the set.
+    pub set: String,
+    /// What else there is to know of the set.
+    pub notes: String,
+    /// With the neutral face known, and not known.
+    pub neutral: [Rivals; 2],
+}
+
+/// A model, and the one that it is compared with.
+pub struct Rivals {
+    /// The model.
+    pub model: Judgement,
+    /// The other model.
+    pub against: Option<Judgement>,
+}
+
+/// How the two states of [`Judged::neutral`] are called.
+pub const NEUTRAL: [&str; 2] = ["neutral face known", "neutral face not known"];
+
+/// Runs the command.
+pub fn run(args: &JudgeArgs) -> Result<()> {
+    [&args.json, &args.csv].into_iter().flatten().try_for_each(|path| output::check(path))?;
+    let model = load_model(args.model.as_deref())?;
+    let against = args.against.as_deref().map(Model::load).transpose()?;
+    let models: Vec<&Model> = [&model].into_iter().chain(&against).collect();
+    let mut judged = Vec::new();
+    for path in &args.sets {
+        let one = judge(&Set::load(path, args.all_subjects)?, &models, args.resamples)?;
+        print!("{}", text::of(&one)?);
+        judged.push(one);
+    }
+    println!("model in memory: {} bytes", model.size_bytes());
+    if let Some(path) = &args.json {
+        output::write(path, serde_json::to_string_pretty(&files::json(&judged))?)?;
+    }
+    args.csv.as_deref().map_or(Ok(()), |path| output::write(path, files::csv(&judged)))
+}
+
+/// Judges a model on the held-out subjects of the data that it was fitted to, and prints the result.
+pub fn judge_fitted(name: String, samples: Vec<Sample>, model: &Model) -> Result<()> {
+    let judged = judge(&Set::of(name, samples, false)?, &[model], 1000)?;
+    print!("{}", text::of(&judged)?);
+    Ok(())
+}
+
+/// Loads a model file, or else the built-in model.
+pub fn load_model(path: Option<&Path>) -> Result<Model> {
+    Ok(path.map_or_else(|| Ok(Model::embedded()), Model::load)?)
+}
+
+fn judge(set: &Set, models: &[&Model], resamples: u64) -> Result<Judged> {
+    let rivals = |neutral_known| -> Result<Rivals> {
+        let people = set.people(models, neutral_known)?;
+        let mut judgements = people.into_iter().map(|people| Judgement::new(people, resamples));
+        let model = judgements.next().context("there is a model")?;
+        Ok(Rivals { model, against: judgements.next() })
+    };
+    Ok(Judged { set: set.name.clone(), notes: set.notes()?, neutral: [rivals(true)?, rivals(false)?] })
+}

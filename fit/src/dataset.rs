@@ -16,6 +16,8 @@ pub const HOLD_OUT_EVERY: usize = 8;
 pub const LANDMARK_SHAPE: [usize; 2] = [LANDMARKS, 3];
 /// The number of values of one face.
 pub const LANDMARK_VALUES: usize = 3 * LANDMARKS;
+/// The array of the feature map's values, which an archive may lack.
+pub const FEATURES: &str = "features";
 /// The number of columns of `meta`. The last column is 1 for a neutral face.
 const META: usize = 5;
 

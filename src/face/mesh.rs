@@ -6,12 +6,16 @@
 //!
 //! On a board that is too slow the heads take turns: one runs on each picture. The others repeat their last corrections of
 //! the backbone's points, and the place of the iris, in the coordinates of their crops, which follow the face.
+//!
+//! The feature map is also sampled at the landmarks of every picture, because it shows how the face looks there.
 
 use crate::capture::Picture;
 use crate::infer::{Engine, InferError, Network, Signature};
 
+use super::appearance::Appearance;
 use super::block::Block;
 use super::crop::{Border, CropShape, crop};
+use super::feature_map::FeatureMap;
 use super::landmarks::Landmarks;
 use super::refinement::{
     CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
@@ -68,12 +72,13 @@ const fn eye_signature(name: &'static str) -> Signature {
     Signature { name, input: HEAD_INPUT, outputs: &[("points", &[142]), ("iris", &[10])] }
 }
 
-/// The backbone, its heads and the landmarks that they found last.
+/// The backbone, its heads, and what they found last.
 pub struct Mesh {
     backbone: Box<dyn Network>,
     heads: [Head; 3],
     block: Block,
     landmarks: Landmarks,
+    appearance: Appearance,
     by_turns: bool,
     /// The head whose turn it is; `None` if all heads run on the next picture.
     turn: Option<usize>,
@@ -101,6 +106,7 @@ impl Mesh {
             heads: [head(&LIPS_REFINEMENT)?, head(&RIGHT_EYE_REFINEMENT)?, head(&LEFT_EYE_REFINEMENT)?],
             block: Block::default(),
             landmarks: Landmarks::zero(),
+            appearance: Appearance::zero(),
             by_turns: false,
             turn: None,
         })
@@ -127,19 +133,20 @@ impl Mesh {
         if !self.backbone.output(1).first().is_some_and(|flag| *flag >= MIN_FLAG) {
             return Ok(None);
         }
-        let mesh = self.backbone.output(0).as_chunks::<3>().0;
+        let (mesh, map) = (self.backbone.output(0).as_chunks::<3>().0, FeatureMap::new(self.backbone.output(2)));
         for (point, found) in self.landmarks.0.iter_mut().zip(mesh) {
             *point = *found;
         }
         let turn = self.turn.filter(|_| self.by_turns);
         for (index, head) in self.heads.iter_mut().enumerate() {
             if turn.is_none_or(|turn| turn == index) {
-                head.refine(mesh, self.backbone.output(2), &mut self.landmarks)?;
+                head.refine(mesh, map, &mut self.landmarks)?;
             } else {
                 head.repeat(mesh, &mut self.landmarks);
             }
         }
         self.turn = Some(self.turn.map_or(0, |turn| (turn + 1) % self.heads.len()));
+        self.appearance.sample(map, &self.landmarks);
         to_picture(region, &mut self.landmarks);
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
     }
@@ -148,12 +155,18 @@ impl Mesh {
     pub(super) fn landmarks(&self) -> &Landmarks {
         &self.landmarks
     }
+
+    /// How the face looks at the landmarks that were found last.
+    #[must_use]
+    pub fn appearance(&self) -> &Appearance {
+        &self.appearance
+    }
 }
 
 impl Head {
     /// Replaces the points of this head in `landmarks`, which are in samples of the backbone's input. `mesh` and `map` are
     /// the points and the feature map of the backbone.
-    fn refine(&mut self, mesh: &[[f32; 3]], map: &[f32], landmarks: &mut Landmarks) -> Result<(), InferError> {
+    fn refine(&mut self, mesh: &[[f32; 3]], map: FeatureMap, landmarks: &mut Landmarks) -> Result<(), InferError> {
         let transform = self.transform(mesh);
         for row in 0..CROP_SIZE {
             transform.sample(map, row, self.network.input_row(row));

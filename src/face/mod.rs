@@ -1,9 +1,11 @@
 //! Finds a face in a picture, follows it from frame to frame and returns its landmarks.
 
+mod appearance;
 mod block;
 mod colour;
 mod crop;
 mod detector;
+mod feature_map;
 mod landmarks;
 mod mesh;
 mod planes;
@@ -14,6 +16,7 @@ pub(crate) mod test_face;
 mod tracker;
 mod transform;
 
+pub use appearance::{APPEARANCE_CHANNELS, APPEARANCE_POINTS, Appearance};
 pub use block::Block;
 pub use crop::{Border, CropShape, Rows, crop};
 pub use detector::Detector;

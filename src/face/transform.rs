@@ -4,9 +4,8 @@
 //! `TransformLandmarks`. The line through two rotation points is level in the crop, and the crop is 1.5 times as large as
 //! the box around the head's points.
 
-use facewire_engine::kernels::rows::add_pair;
-
-use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_CHANNELS, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
+use super::feature_map::FeatureMap;
+use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_CHANNELS, FEATURE_SCALE, TARGET_ANGLE};
 use super::region::bounds;
 
 /// Maps cells of the crop to cells of the feature map: `linear * p + shift`.
@@ -62,43 +61,13 @@ impl Transform {
         [x + shift[0], y + shift[1]]
     }
 
-    /// Samples the feature map (48 x 48 cells) into one row of a head's input (16 x 16 cells) by bilinear interpolation.
-    /// Outside its cells the map counts as 0.
-    pub(super) fn sample(&self, map: &[f32], row: usize, crop_row: &mut [f32]) {
-        let map = map.as_chunks::<FEATURE_CHANNELS>().0;
+    /// Samples the feature map into one row of a head's input (16 x 16 cells).
+    pub(super) fn sample(&self, map: FeatureMap, row: usize, crop_row: &mut [f32]) {
         for (column, cell) in crop_row.as_chunks_mut::<FEATURE_CHANNELS>().0.iter_mut().enumerate() {
-            *cell = [0.0; FEATURE_CHANNELS];
             let centre = [column as f32 + 0.5, row as f32 + 0.5];
-            let [upper, lower] = taps(self.map(centre, self.shift).map(|position| position - 0.5));
-            add_taps(cell, map, upper);
-            add_taps(cell, map, lower);
+            map.sample(self.map(centre, self.shift).map(|position| position - 0.5), cell);
         }
     }
-}
-
-/// Two neighbouring cells of a map: the left one, and the weights of both.
-type Taps = (usize, [f32; 2]);
-
-/// Adds two weighted cells of the map to a cell of the crop.
-fn add_taps(cell: &mut [f32; FEATURE_CHANNELS], map: &[[f32; FEATURE_CHANNELS]], (at, weights): Taps) {
-    if let Some(pair) = map.get(at..).and_then(<[_]>::first_chunk) {
-        add_pair(cell, pair, weights);
-    }
-}
-
-/// The upper and the lower pair of the cells around a position. The weights of a position outside the map are 0.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be inside the map")]
-fn taps([column, row]: [f32; 2]) -> [Taps; 2] {
-    const LAST: f32 = (FEATURE_SIZE - 1) as f32;
-    if !((0.0..=LAST).contains(&column) && (0.0..=LAST).contains(&row)) {
-        return [(0, [0.0; 2]); 2];
-    }
-    // The last cell of a row is the right one of a pair.
-    let [left, top] = [column, row].map(|position| position.floor().min(LAST - 1.0));
-    let (right_weight, bottom_weight) = (column - left, row - top);
-    let at = top as usize * FEATURE_SIZE + left as usize;
-    let pair = |row_weight: f32| [(1.0 - right_weight) * row_weight, right_weight * row_weight];
-    [(at, pair(1.0 - bottom_weight)), (at + FEATURE_SIZE, pair(bottom_weight))]
 }
 
 /// Rotates a point by an angle, given by its cosine and sine.
@@ -108,6 +77,7 @@ fn rotate([x, y]: [f32; 2], [cos, sin]: [f32; 2]) -> [f32; 2] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::refinement::FEATURE_SIZE;
     use super::*;
 
     /// A mesh of four points: the corners of an upright box of 96 x 48 samples.
@@ -144,7 +114,7 @@ mod tests {
         let cells = (0..FEATURE_SIZE * FEATURE_SIZE).map(|at| [(at % FEATURE_SIZE) as f32; FEATURE_CHANNELS]);
         let ramp: Vec<f32> = cells.flatten().collect();
         let mut row = [[0.0; FEATURE_CHANNELS]; CROP_SIZE];
-        transform.sample(&ramp, 0, row.as_flattened_mut());
+        transform.sample(FeatureMap::new(&ramp), 0, row.as_flattened_mut());
         for (left, right) in row[7].into_iter().zip(row[8]) {
             assert!((right - left - 2.25).abs() < 1e-4, "one cell of the crop is 2.25 cells of the map");
             assert!((left + right - 2.0 * 23.5).abs() < 1e-3);

@@ -8,9 +8,10 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 use facewire::{
-    face::LANDMARKS,
+    face::{APPEARANCE_CHANNELS, APPEARANCE_POINTS, LANDMARKS},
     solve::{BLENDSHAPES, COEFFS},
 };
+use half::f16;
 use npyz::{
     WriterBuilder,
     npz::NpzWriter,
@@ -18,6 +19,7 @@ use npyz::{
 };
 
 use super::worker::{META, ROW};
+use crate::dataset;
 
 /// An array of the archive: its position in a row, and its shape for one picture.
 struct Column {
@@ -51,8 +53,9 @@ pub fn check(out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Writes the archive. `subjects` holds the rows of each subject, by number.
-pub fn write(out: &Path, subjects: &[Vec<f32>]) -> Result<()> {
+/// Writes the archive. `subjects` holds the numbers of each subject. `appearance` returns the values of the feature map in
+/// the pictures of a subject, which are not all in memory at the same time.
+pub fn write(out: &Path, subjects: &[Vec<f32>], appearance: impl Fn(usize) -> Result<Vec<f16>>) -> Result<()> {
     let failed = || format!("cannot write {}", out.display());
     let unfinished = out.with_extension("unfinished");
     let mut npz = NpzWriter::new(BufWriter::new(File::create(&unfinished).with_context(failed)?));
@@ -60,6 +63,7 @@ pub fn write(out: &Path, subjects: &[Vec<f32>]) -> Result<()> {
         write_column(&mut npz, column, subjects).with_context(failed)?;
     }
     write_subjects(&mut npz, subjects).with_context(failed)?;
+    write_appearance(&mut npz, subjects, appearance).with_context(failed)?;
     npz.zip_writer().finish().with_context(failed)?;
     let names = serde_json::to_string(&BLENDSHAPES.as_slice())?;
     fs::write(out.with_file_name(NAMES), names).context("cannot write names.json")?;
@@ -98,11 +102,26 @@ fn write_subjects(npz: &mut NpzWriter<BufWriter<File>>, subjects: &[Vec<f32>]) -
     Ok(array.finish()?)
 }
 
+fn write_appearance(
+    npz: &mut NpzWriter<BufWriter<File>>,
+    subjects: &[Vec<f32>],
+    appearance: impl Fn(usize) -> Result<Vec<f16>>,
+) -> Result<()> {
+    let shape = [pictures(subjects), APPEARANCE_POINTS as u64, APPEARANCE_CHANNELS as u64];
+    let mut array = npz.array::<f16>(dataset::FEATURES, options())?.default_dtype().shape(&shape).begin_nd()?;
+    for number in 0..subjects.len() {
+        array.extend(appearance(number)?)?;
+    }
+    Ok(array.finish()?)
+}
+
 #[cfg(test)]
 #[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
+    use npyz::npz::NpzArchive;
+
     use super::*;
-    use crate::dataset;
+    use crate::synth::worker::APPEARANCE;
 
     #[test]
     fn another_datasets_names_and_outputs_other_than_npz_are_refused() {
@@ -128,12 +147,19 @@ mod tests {
         let out = folder.join("faces.npz");
         let row = |start: u16| (0..ROW).map(move |index| f32::from(start) + index as f32 / 4096.0);
         let subjects = vec![row(0).chain(row(1)).collect(), vec![], row(2).collect::<Vec<f32>>()];
-        write(&out, &subjects).expect("written");
+        let appearance =
+            |number: usize| Ok(vec![f16::from_f32(number as f32); subjects[number].len() / ROW * APPEARANCE]);
+        write(&out, &subjects, appearance).expect("written");
         let samples = dataset::load(&out).expect("read");
         assert_eq!(samples.iter().map(|sample| sample.subject).collect::<Vec<_>>(), [0, 0, 1]);
         assert_eq!(samples[1].landmarks.0[1][0], 1.0 + 3.0 / 4096.0);
         assert_eq!(samples[2].truth[2], f64::from(2.0 + 1436.0_f32 / 4096.0));
         assert_eq!(samples[0].pose_deg[1], -f64::from(1487.0_f32 / 4096.0), "pitch nods down in the file");
+        let mut archive = NpzArchive::open(&out).expect("an archive");
+        let features = archive.by_name(dataset::FEATURES).expect("read").expect("features");
+        assert_eq!(features.shape(), [3, APPEARANCE_POINTS as u64, APPEARANCE_CHANNELS as u64]);
+        let features = features.into_vec::<f16>().expect("float16");
+        assert_eq!([0, 1, 2].map(|row| features[(row + 1) * APPEARANCE - 1].to_f32()), [0.0, 0.0, 2.0]);
         fs::remove_dir_all(folder).expect("removed");
     }
 }

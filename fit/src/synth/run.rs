@@ -103,7 +103,7 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
         next: AtomicU64::new(0),
         progress: Mutex::new(Progress::new(options.pictures.next_multiple_of(options.per_subject))),
     };
-    job.warn_unsaved()?;
+    job.warn_unsaved();
     job.report(job.run_threads()?);
     if whole {
         finish(options, &shards, job.subjects())?;
@@ -121,9 +121,8 @@ pub fn provenance(archive: &Path) -> PathBuf {
 
 /// Joins the shards to the archive and prints a summary.
 fn finish(options: &Options, shards: &Shards, subjects: u64) -> Result<()> {
-    let rows = (0..subjects).map(|number| shards.read(number)?.context("the shard of a subject has disappeared"));
-    let rows = rows.collect::<Result<Vec<_>>>()?;
-    archive::write(&options.out, &rows)?;
+    let rows = (0..subjects).map(|number| shards.numbers(number)).collect::<Result<Vec<_>>>()?;
+    archive::write(&options.out, &rows, |subject| shards.appearance(subject as u64))?;
     let pictures: usize = rows.iter().map(|rows| rows.len() / ROW).sum();
     let tries: f32 = rows.iter().flat_map(|rows| rows.chunks_exact(ROW)).filter_map(|row| row.last()).sum();
     let people = rows.iter().filter(|rows| !rows.is_empty()).count();
@@ -161,8 +160,8 @@ impl Job<'_> {
             if number >= self.subjects() {
                 return Ok(worker.map_or(Times::default(), |worker: Worker| worker.times()));
             }
-            if let Some(rows) = self.shards.read(number)? {
-                self.count(rows.len() / ROW, true);
+            if self.shards.has(number) {
+                self.count(self.shards.numbers(number)?.len() / ROW, true);
                 continue;
             }
             let ready = match worker.take() {
@@ -172,7 +171,7 @@ impl Job<'_> {
             let worker = worker.insert(ready);
             let rows = worker.subject(number, self.options.per_subject, self.saved_of(number))?;
             self.shards.write(number, &rows)?;
-            self.count(rows.len() / ROW, false);
+            self.count(rows.numbers.len() / ROW, false);
         }
     }
 
@@ -184,16 +183,13 @@ impl Job<'_> {
     }
 
     /// Prints a warning if subjects whose pictures should be saved were rendered by an earlier run.
-    fn warn_unsaved(&self) -> Result<()> {
-        let mut done = 0;
-        for number in (0..self.subjects()).take_while(|number| self.saved_of(*number).is_some()) {
-            done += usize::from(self.shards.read(number)?.is_some());
-        }
+    fn warn_unsaved(&self) {
+        let is_saved = |number: &u64| self.saved_of(*number).is_some();
+        let done = (0..self.subjects()).take_while(is_saved).filter(|number| self.shards.has(*number)).count();
         if done > 0 {
             let hint = "to save them too, remove the .parts folder and start again";
             eprintln!("the pictures of {done} subjects were rendered by an earlier run and are not saved: {hint}");
         }
-        Ok(())
     }
 
     fn count(&self, pictures: usize, resumed: bool) {

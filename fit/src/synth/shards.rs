@@ -1,18 +1,26 @@
-//! Shards: one file of rows per subject, in a folder beside the archive, from which an interrupted run is resumed.
+//! Shards: one archive of rows per subject, in a folder beside the archive, from which an interrupted run is resumed.
 //!
 //! A shard is written atomically. The folder stores the settings that it was made with, and refuses other settings.
 
 use std::{
     fs::{self, File},
-    io::{BufReader, BufWriter},
+    io::BufWriter,
     path::{Path, PathBuf},
 };
 
 use anyhow::{Context, Result, ensure};
-use npyz::{NpyFile, WriteOptions, WriterBuilder};
+use half::f16;
+use npyz::{
+    AutoSerialize, Deserialize, WriterBuilder,
+    npz::{NpzArchive, NpzWriter},
+    zip::write::FileOptions,
+};
 
-use super::worker::ROW;
+use super::worker::{APPEARANCE, ROW, Rows};
 
+/// The arrays of a shard: the rows, and the values of the feature map.
+const NUMBERS: &str = "numbers";
+const FEATURES: &str = "features";
 /// The file that stores the settings.
 const SETTINGS: &str = "settings.txt";
 
@@ -41,32 +49,44 @@ impl Shards {
     }
 
     fn path(&self, subject: u64) -> PathBuf {
-        self.folder.join(format!("subject-{subject:06}.npy"))
+        self.folder.join(format!("subject-{subject:06}.npz"))
     }
 
-    /// Returns the rows of a subject, or `None` if it has not been rendered.
-    pub fn read(&self, subject: u64) -> Result<Option<Vec<f32>>> {
+    /// Returns whether a subject has been rendered.
+    pub fn has(&self, subject: u64) -> bool {
+        self.path(subject).exists()
+    }
+
+    /// Returns [`Rows::numbers`] of a subject that has been rendered.
+    pub fn numbers(&self, subject: u64) -> Result<Vec<f32>> {
+        self.read(subject, NUMBERS, ROW)
+    }
+
+    /// Returns [`Rows::appearance`] of a subject that has been rendered.
+    pub fn appearance(&self, subject: u64) -> Result<Vec<f16>> {
+        self.read(subject, FEATURES, APPEARANCE)
+    }
+
+    fn read<T: Deserialize>(&self, subject: u64, name: &str, width: usize) -> Result<Vec<T>> {
         let path = self.path(subject);
-        if !path.exists() {
-            return Ok(None);
-        }
-        let damaged = || format!("{} is damaged: remove it", path.display());
-        let npy = NpyFile::new(BufReader::new(File::open(&path)?)).with_context(damaged)?;
-        let rows = npy.into_vec::<f32>().with_context(damaged)?;
-        ensure!(rows.len().is_multiple_of(ROW), damaged());
-        Ok(Some(rows))
+        let damaged = || format!("{} is damaged or missing: remove it and start again", path.display());
+        let mut archive = NpzArchive::open(&path).with_context(damaged)?;
+        let array = archive.by_name(name).with_context(damaged)?.with_context(damaged)?;
+        let values = array.into_vec::<T>().with_context(damaged)?;
+        ensure!(values.len().is_multiple_of(width), damaged());
+        Ok(values)
     }
 
     /// Stores the rows of a subject.
-    pub fn write(&self, subject: u64, rows: &[f32]) -> Result<()> {
+    pub fn write(&self, subject: u64, rows: &Rows) -> Result<()> {
         let path = self.path(subject);
         let unfinished = path.with_extension("unfinished");
         let failed = || format!("cannot write {}", path.display());
-        let file = BufWriter::new(File::create(&unfinished).with_context(failed)?);
-        let shape = [(rows.len() / ROW) as u64, ROW as u64];
-        let mut npy = WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
-        npy.extend(rows.iter().copied()).with_context(failed)?;
-        npy.finish().with_context(failed)?;
+        let mut npz = NpzWriter::new(BufWriter::new(File::create(&unfinished).with_context(failed)?));
+        write_array(&mut npz, NUMBERS, &rows.numbers, ROW).with_context(failed)?;
+        write_array(&mut npz, FEATURES, &rows.appearance, APPEARANCE).with_context(failed)?;
+        npz.zip_writer().finish().with_context(failed)?;
+        drop(npz);
         fs::rename(&unfinished, &path).with_context(failed)
     }
 
@@ -74,6 +94,18 @@ impl Shards {
     pub fn remove(self) -> Result<()> {
         fs::remove_dir_all(&self.folder).with_context(|| format!("cannot remove {}", self.folder.display()))
     }
+}
+
+fn write_array<T: AutoSerialize + Copy>(
+    npz: &mut NpzWriter<BufWriter<File>>,
+    name: &str,
+    values: &[T],
+    width: usize,
+) -> Result<()> {
+    let shape = [(values.len() / width) as u64, width as u64];
+    let mut array = npz.array::<T>(name, FileOptions::default())?.default_dtype().shape(&shape).begin_nd()?;
+    array.extend(values.iter().copied())?;
+    Ok(array.finish()?)
 }
 
 #[cfg(test)]
@@ -90,12 +122,16 @@ mod tests {
     fn rows_are_read_back_unchanged_and_missing_subjects_are_none() {
         let out = folder("rows").join("out.npz");
         let shards = Shards::open(&out, "seed 1\n").expect("a folder");
-        let rows: Vec<f32> = (0..2 * ROW).map(|index| index as f32 / 7.0).collect();
+        let numbers: Vec<f32> = (0..2 * ROW).map(|index| index as f32 / 7.0).collect();
+        let appearance: Vec<f16> = (0..2 * APPEARANCE).map(|index| f16::from_f32(index as f32 / 7.0)).collect();
+        let rows = Rows { numbers, appearance };
         shards.write(3, &rows).expect("written");
-        shards.write(4, &[]).expect("written");
-        assert_eq!(shards.read(3).expect("read"), Some(rows));
-        assert_eq!(shards.read(4).expect("read"), Some(vec![]));
-        assert_eq!(shards.read(5).expect("read"), None);
+        shards.write(4, &Rows::default()).expect("written");
+        assert_eq!([3, 4, 5].map(|subject| shards.has(subject)), [true, true, false]);
+        let read = |subject| Ok(Rows { numbers: shards.numbers(subject)?, appearance: shards.appearance(subject)? });
+        assert_eq!(read(3).expect("read"), rows);
+        assert_eq!(read(4).expect("read"), Rows::default());
+        assert!(read(5).is_err_and(|error: anyhow::Error| format!("{error:#}").contains("subject-000005.npz")));
         shards.remove().expect("removed");
     }
 

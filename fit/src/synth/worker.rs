@@ -3,7 +3,11 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use facewire::{face::LANDMARKS, solve::COEFFS};
+use facewire::{
+    face::{APPEARANCE_CHANNELS, APPEARANCE_POINTS, Appearance, LANDMARKS},
+    solve::COEFFS,
+};
+use half::{f16, slice::HalfFloatSliceExt};
 
 use super::{
     assets::Assets,
@@ -14,10 +18,21 @@ use super::{
 
 /// Numbers per row: landmarks, weights, pose, meta, and the number of attempts until the face was found.
 pub const ROW: usize = LANDMARKS * 3 + COEFFS + 3 + META + 1;
+/// Values of the feature map per row.
+pub const APPEARANCE: usize = APPEARANCE_POINTS * APPEARANCE_CHANNELS;
 /// Numbers that describe a picture: skin, brow, eye, distance, and whether it is neutral.
 pub const META: usize = 5;
 /// Largest number of attempts to draw a picture in which the face is found.
 const TRIES: u8 = 8;
+
+/// What is known of some pictures.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Rows {
+    /// [`ROW`] numbers for each picture.
+    pub numbers: Vec<f32>,
+    /// [`APPEARANCE`] values for each picture.
+    pub appearance: Vec<f16>,
+}
 
 /// The settings of all workers.
 pub struct Setup<'a> {
@@ -53,18 +68,17 @@ impl<'a> Worker<'a> {
 
     /// Renders a subject and returns the rows of its pictures, the neutral picture first. If no face is found in the
     /// neutral picture, there are no rows. `saved` is a folder and how many of the first pictures to save there.
-    pub fn subject(&mut self, number: u64, pictures: usize, saved: Option<(&Path, usize)>) -> Result<Vec<f32>> {
+    pub fn subject(&mut self, number: u64, pictures: usize, saved: Option<(&Path, usize)>) -> Result<Rows> {
         let Setup { assets, distribution, size, seed } = *self.setup;
         let mut subject = Subject::random(assets, &distribution.textures, size, [seed, number]);
-        let mut rows = Vec::with_capacity(pictures * ROW);
+        let mut rows = Rows::default();
         for picture in 0..pictures {
-            let Some((jpeg, row)) = self.picture(&mut subject, picture == 0)? else {
+            let Some(jpeg) = self.picture(&mut subject, picture == 0, &mut rows)? else {
                 if picture == 0 {
                     break;
                 }
                 continue;
             };
-            rows.extend(row);
             if let Some((folder, _)) = saved.filter(|(_, count)| picture < *count) {
                 let path = folder.join(format!("{number:05}-{picture:02}.jpg"));
                 std::fs::write(&path, jpeg).with_context(|| format!("cannot write {}", path.display()))?;
@@ -73,19 +87,31 @@ impl<'a> Worker<'a> {
         Ok(rows)
     }
 
-    fn picture(&mut self, subject: &mut Subject, neutral: bool) -> Result<Option<(Vec<u8>, Vec<f32>)>> {
+    /// Takes a picture in which the face is found, and adds its row.
+    fn picture(&mut self, subject: &mut Subject, neutral: bool, rows: &mut Rows) -> Result<Option<Vec<u8>>> {
         for tries in 1..=TRIES {
             let spec = subject.random_spec(self.setup.distribution, neutral);
             let jpeg = self.imager.take_picture(self.setup.assets, subject, &spec)?;
             let start = thread_time_s();
             let eyes = self.imager.eye_corners(self.setup.assets);
-            let found = self.finder.find(&jpeg, eyes)?.cloned();
+            let found = self.finder.find(&jpeg, eyes)?;
             self.tracking_s += thread_time_s() - start;
-            if let Some(landmarks) = found {
-                return Ok(Some((jpeg, row(landmarks.0.as_flattened(), subject, &spec, tries))));
+            if let Some((landmarks, appearance)) = found {
+                rows.numbers.extend(row(landmarks.0.as_flattened(), subject, &spec, tries));
+                rows.add_appearance(appearance);
+                return Ok(Some(jpeg));
             }
         }
         Ok(None)
+    }
+}
+
+impl Rows {
+    /// Rounds the values of a picture to half precision and adds them.
+    fn add_appearance(&mut self, appearance: &Appearance) {
+        let first = self.appearance.len();
+        self.appearance.resize(first + APPEARANCE, f16::ZERO);
+        self.appearance[first..].convert_from_f32_slice(appearance.0.as_flattened());
     }
 }
 

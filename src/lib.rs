@@ -17,6 +17,7 @@ pub mod impairment;
 pub mod infer;
 pub mod link;
 pub mod pipeline;
+pub mod playback;
 pub mod preflight;
 mod retry;
 pub mod service;

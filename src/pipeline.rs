@@ -75,9 +75,13 @@ impl Pipeline {
         if source.shows_pictures() {
             return Self::load(settings);
         }
-        let solver = load_solver(&settings.solver)?;
-        let horizontal_fov_deg = settings.camera.horizontal_fov_deg;
-        Ok(Self { tracker: None, solver, horizontal_fov_deg, times: StageTimes::default() })
+        Ok(Self::for_landmarks(load_solver(&settings.solver)?, settings.camera.horizontal_fov_deg))
+    }
+
+    /// A pipeline for frames of landmarks, which were found before.
+    #[must_use]
+    pub fn for_landmarks(solver: Solver, horizontal_fov_deg: f32) -> Self {
+        Self { tracker: None, solver, horizontal_fov_deg, times: StageTimes::default() }
     }
 
     /// A pipeline of these parts, for a camera with this angle of view.

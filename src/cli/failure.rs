@@ -10,6 +10,7 @@ use crate::capture::CaptureError;
 use crate::config::{EX_CONFIG, Faults};
 use crate::infer::InferError;
 use crate::link::LinkError;
+use crate::playback::PlaybackError;
 use crate::preflight::SetupError;
 use crate::service::ServiceError;
 use crate::solve::ModelError;
@@ -118,6 +119,15 @@ impl From<CaptureError> for Failure {
 impl From<InferError> for Failure {
     fn from(error: InferError) -> Self {
         Self { status: EX_UNAVAILABLE, message: error.to_string() }
+    }
+}
+
+impl From<PlaybackError> for Failure {
+    fn from(error: PlaybackError) -> Self {
+        match error {
+            PlaybackError::Capture(error) => error.into(),
+            PlaybackError::Infer(error) => error.into(),
+        }
     }
 }
 

@@ -1,6 +1,5 @@
 //! `facewire track`: runs every frame of a file through the pipeline, in the file's own time.
 
-mod faces;
 mod rows;
 
 use std::fmt;
@@ -9,19 +8,17 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use facewire_packet::{BLENDSHAPE_COUNT, Reason, State};
+use facewire_packet::BLENDSHAPE_COUNT;
 
-use self::faces::Face;
 use self::rows::{Csv, LandmarkFile, Row};
 use super::failure::say;
 use super::monitor::yaw_pitch_roll_deg;
 use super::{Failure, SettingsArgs};
 use crate::capture::{FileOptions, FrameRate, Source, open_file};
-use crate::link::Pose;
 use crate::pipeline::Pipeline;
+use crate::playback::{Face, Playback, Shown, neutral_of};
 use crate::service::Step;
-use crate::service::failsafe::{Failsafe, History, News};
-use crate::solve::{NeutralMean, Solution, normalise};
+use crate::solve::Solution;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -82,10 +79,8 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
     let options = FileOptions { rate: args.fps.unwrap_or(FrameRate::FPS_30), points_size_px: args.size };
     let source = open_file(&args.input, &options)?;
     let mut track = Track {
-        pipeline: Pipeline::load_for(&*source, &settings)?,
+        playback: Playback::new(Pipeline::load_for(&*source, &settings)?, &settings.failsafe),
         source,
-        failsafe: Failsafe::new(&settings.failsafe, 0),
-        history: History::default(),
         stage: args.stage,
         step: args.step,
         csv: Csv::create(args.out.as_deref())?,
@@ -93,7 +88,7 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
         landmarks: args.landmarks.as_deref().map(LandmarkFile::new).transpose()?,
         tally: Tally::default(),
     };
-    if let Some(tracker) = &mut track.pipeline.tracker {
+    if let Some(tracker) = &mut track.playback.pipeline.tracker {
         tracker.set_turns(args.step.has_turns());
     }
     let begun = Instant::now();
@@ -108,9 +103,7 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
 
 struct Track {
     source: Box<dyn Source + Send>,
-    pipeline: Pipeline,
-    failsafe: Failsafe,
-    history: History,
+    playback: Playback,
     stage: Stage,
     step: Step,
     csv: Csv,
@@ -126,30 +119,21 @@ impl Track {
             self.learn_neutral(range)?;
         }
         while let Some(face) = self.next()? {
-            let is_solved = self.frame(&face)?;
+            self.frame(&face)?;
             self.leave_out(&face)?;
-            if face.landmarks.is_some() && !is_solved {
-                self.pipeline.forget_face();
-            }
         }
         Ok(())
     }
 
     fn next(&mut self) -> Result<Option<Face>, Failure> {
-        Face::next(&mut *self.source, &mut self.pipeline)
+        Ok(self.playback.find(&mut *self.source)?)
     }
 
     /// Reads up to the end of the range, takes the mean of the faces in the range as neutral, then solves all frames read.
     fn learn_neutral(&mut self, range: &Range<u64>) -> Result<(), Failure> {
-        let mut mean = NeutralMean::default();
         let mut read = Vec::new();
         while read.last().is_none_or(|face: &Face| face.number + 1 < range.end) {
             let Some(face) = self.next()? else { break };
-            match face.landmarks.as_deref().map(normalise) {
-                Some(Ok(normalised)) if range.contains(&face.number) => mean.add(&normalised),
-                Some(Err(_)) => self.pipeline.forget_face(),
-                _ => {}
-            }
             read.push(face);
         }
         let frames = read.last().map_or(0, |face| face.number + 1);
@@ -160,8 +144,8 @@ impl Track {
             )));
         }
         let refuse = |error| Failure::data(format!("--neutral {}..{}: {error}", range.start, range.end));
-        self.pipeline.solver.profile.neutral = Some(mean.finish().map_err(refuse)?);
-        read.iter().try_for_each(|face| self.frame(face).map(drop))
+        self.playback.pipeline.solver.profile.neutral = Some(neutral_of(&read, range).map_err(refuse)?);
+        read.iter().try_for_each(|face| self.frame(face))
     }
 
     /// Skips the frames that the step leaves out after this one, and repeats its row for each.
@@ -179,46 +163,32 @@ impl Track {
         Ok(())
     }
 
-    /// Solves a frame and writes its row. Returns whether it has a solution.
-    fn frame(&mut self, face: &Face) -> Result<bool, Failure> {
-        let landmarks = face.landmarks.as_deref();
+    /// Solves a frame and writes its row.
+    fn frame(&mut self, face: &Face) -> Result<(), Failure> {
         if let Some(file) = &mut self.landmarks {
-            file.push(landmarks);
+            file.push(face.landmarks.as_deref());
         }
-        let solution = self.pipeline.process(&face.frame()).ok();
-        self.tally.count(face, solution.is_some());
-        let row = self.make_row(face, solution.as_ref());
+        let shown = self.playback.show(face);
+        self.tally.count(face, shown.solution.is_some());
+        let row = self.make_row(face, &shown);
         self.csv.write(&row)?;
         self.row = Some(row);
-        Ok(solution.is_some())
+        Ok(())
     }
 
-    /// The row of a frame. Without a solution it holds what the service would send.
-    fn make_row(&mut self, face: &Face, solution: Option<&Solution>) -> Row {
-        let pose = solution.map(Pose::from);
-        let news = match &pose {
-            Some(pose) => News::Pose(pose, face.time_us),
-            None => News::Fault(Reason::NoFace),
+    fn make_row(&self, face: &Face, shown: &Shown) -> Row {
+        let solved = shown.solution.as_ref();
+        let angles = |solution: &Solution| {
+            let head = &solution.head;
+            [head.yaw_deg, head.pitch_deg, head.roll_deg]
         };
-        let shown = self.failsafe.update(&mut self.history, face.time_us, news);
-        let (number, time_us) = (face.number, face.time_us);
-        match solution {
-            Some(solution) => Row {
-                number,
-                time_us,
-                state: State::Live,
-                coefficients: self.stage.of(solution),
-                angles_deg: [solution.head.yaw_deg, solution.head.pitch_deg, solution.head.roll_deg],
-                position_mm: solution.head.position_mm,
-            },
-            None => Row {
-                number,
-                time_us,
-                state: shown.state,
-                coefficients: shown.pose.coefficients,
-                angles_deg: yaw_pitch_roll_deg(shown.pose.rotation),
-                position_mm: shown.pose.position_mm,
-            },
+        Row {
+            number: face.number,
+            time_us: face.time_us,
+            state: shown.state,
+            coefficients: solved.map_or(shown.pose.coefficients, |solution| self.stage.of(solution)),
+            angles_deg: solved.map_or_else(|| yaw_pitch_roll_deg(shown.pose.rotation), angles),
+            position_mm: shown.pose.position_mm,
         }
     }
 

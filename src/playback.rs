@@ -1,0 +1,138 @@
+//! Plays a file through the pipeline in the file's own time, as the service runs a camera.
+//!
+//! [`Playback::find`] finds the faces of a file, and [`Playback::show`] solves them and returns what the service would send.
+//! Faces can be kept in between, so that the neutral face may come from a later frame, or to solve them several times.
+
+use std::ops::Range;
+
+use facewire_packet::{Reason, State};
+use thiserror::Error;
+
+use crate::capture::{CaptureError, Content, Frame, Source};
+use crate::config::FailsafeSettings;
+use crate::face::Landmarks;
+use crate::infer::InferError;
+use crate::link::Pose;
+use crate::pipeline::Pipeline;
+use crate::service::failsafe::{Failsafe, History, News};
+use crate::solve::{Neutral, NeutralError, NeutralMean, Solution, normalise};
+
+/// Why a file cannot be played further.
+#[derive(Debug, Error)]
+pub enum PlaybackError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
+    /// A network failed to run.
+    #[error(transparent)]
+    Infer(#[from] InferError),
+}
+
+/// What was found in one frame of the file.
+#[derive(Debug, Clone)]
+pub struct Face {
+    /// Position in the file, from 0.
+    pub number: u64,
+    /// Time of the frame, by the file.
+    pub time_us: u64,
+    /// Width and height of the picture.
+    size_px: [f32; 2],
+    /// The landmarks in pixels, if the frame shows a face.
+    pub landmarks: Option<Box<Landmarks>>,
+    /// Whether the frame could not be read. It counts as one without a face.
+    pub damaged: bool,
+}
+
+/// What the service would send for one frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Shown {
+    /// The solution of the frame, if it has one.
+    pub solution: Option<Solution>,
+    /// Live with a solution, else the state of the failsafe.
+    pub state: State,
+    /// The pose to show: that of the solution, else the one that the failsafe holds or lets decay.
+    pub pose: Pose,
+}
+
+/// A pipeline with the failsafe behind it.
+pub struct Playback {
+    /// Finds and solves the faces.
+    pub pipeline: Pipeline,
+    failsafe: Failsafe,
+    history: History,
+}
+
+impl Playback {
+    /// Begins a file.
+    #[must_use]
+    pub fn new(pipeline: Pipeline, settings: &FailsafeSettings) -> Self {
+        Self { pipeline, failsafe: Failsafe::new(settings, 0), history: History::default() }
+    }
+
+    /// Reads the next frame and finds its face; `None` at the end. Landmarks that form no face are kept, but the next
+    /// frame is searched anew.
+    ///
+    /// # Errors
+    /// [`PlaybackError`]. A frame that cannot be read is no error.
+    pub fn find(&mut self, source: &mut dyn Source) -> Result<Option<Face>, PlaybackError> {
+        let rate = source.describe().rate;
+        let face = match source.next() {
+            Ok(None) => return Ok(None),
+            Ok(Some(frame)) => Face {
+                number: frame.number,
+                time_us: frame.captured_us,
+                size_px: frame.size_px(),
+                landmarks: self.pipeline.find(&frame)?.map(|landmarks| Box::new(landmarks.clone())),
+                damaged: false,
+            },
+            Err(CaptureError::Frame { number, .. }) => {
+                let time_us = rate.map_or(0, |rate| rate.stamp_us(number));
+                Face { number, time_us, size_px: [0.0; 2], landmarks: None, damaged: true }
+            }
+            Err(error) => return Err(error.into()),
+        };
+        if face.landmarks.as_deref().is_some_and(|landmarks| normalise(landmarks).is_err()) {
+            self.pipeline.forget_face();
+        }
+        Ok(Some(face))
+    }
+
+    /// Solves a face. A frame without a solution shows what the service would send.
+    pub fn show(&mut self, face: &Face) -> Shown {
+        let solution = self.pipeline.process(&face.frame()).ok();
+        if face.landmarks.is_some() && solution.is_none() {
+            self.pipeline.forget_face();
+        }
+        let pose = solution.as_ref().map(Pose::from);
+        let news = match &pose {
+            Some(pose) => News::Pose(pose, face.time_us),
+            None => News::Fault(Reason::NoFace),
+        };
+        let sent = self.failsafe.update(&mut self.history, face.time_us, news);
+        match pose {
+            Some(pose) => Shown { solution, state: State::Live, pose },
+            None => Shown { solution, state: sent.state, pose: sent.pose },
+        }
+    }
+}
+
+impl Face {
+    /// The frame for the rest of the pipeline.
+    fn frame(&self) -> Frame<'_> {
+        let content = Content::Landmarks { landmarks: self.landmarks.as_deref(), size_px: self.size_px };
+        Frame { content, captured_us: self.time_us, number: self.number }
+    }
+}
+
+/// Returns the mean of the faces of these frames, to be taken as the wearer's neutral face.
+///
+/// # Errors
+/// [`NeutralError`] if the frames show no face.
+pub fn neutral_of(faces: &[Face], frames: &Range<u64>) -> Result<Neutral, NeutralError> {
+    let mut mean = NeutralMean::default();
+    let chosen = faces.iter().filter(|face| frames.contains(&face.number));
+    for normalised in chosen.filter_map(|face| normalise(face.landmarks.as_deref()?).ok()) {
+        mean.add(&normalised);
+    }
+    mean.finish()
+}

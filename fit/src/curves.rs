@@ -33,7 +33,7 @@ impl Truth {
         let rows = self.coefficients.len();
         ensure!(
             rows == frames,
-            "{} has {rows} rows, but the landmarks have {frames} frames: cut both to the same frames",
+            "{} has {rows} rows, but the clip has {frames} frames: cut both to the same frames",
             path.display()
         );
         Ok(())

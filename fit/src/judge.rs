@@ -1,7 +1,9 @@
 //! Judges a model by facewire's own solver.
 
+mod clips;
 pub mod command;
 mod files;
+mod page;
 mod people;
 mod set;
 mod sheet;

@@ -6,8 +6,13 @@ use anyhow::{Context, Result};
 use clap::Args;
 use facewire::solve::Model;
 
-use super::{files, set::Set, sheet::Judgement, text};
-use crate::{dataset::Sample, output};
+use super::{
+    files, page,
+    set::{Set, SetOptions},
+    sheet::Judgement,
+    text,
+};
+use crate::{dataset::Sample, html, output};
 
 const AFTER_HELP: &str = "\
 Figures, of all pictures of all people together:
@@ -16,6 +21,9 @@ Figures, of all pictures of all people together:
   bias   mean error, estimate minus truth
   gain   standard deviation of the estimates divided by that of the truth
   slope  slope of the straight line through the estimates over the truth: gain times r
+A SET that is a folder holds clips: NAME.avi with its truth in NAME.csv, each of another person, as `film` makes them. They
+are tracked by every stage of `facewire track`, with and without --neutral. Clips also have the jitter: the root mean square
+of the steps from frame to frame, over the frames at which the truth has stayed within 0.01 for 6 frames.
 The MSE is the sum of three parts. Bias: what subtracting each person's mean error would remove. Gain: what scaling each
 person's estimates by the best factor would remove after that. Rest: the remainder.
 A blendshape is at rest in the pictures in which its true coefficient is at most 0.02, and moves in the others.
@@ -25,13 +33,14 @@ Two models are compared on the same draws. A difference whose interval excludes 
 Examples:
   facewire-fit judge faces/judge/faces.npz --all-subjects
   facewire-fit judge faces/judge/faces.npz --all-subjects --model new.toml --against models/blendshapes.toml
-  facewire-fit judge faces.npz --json figures.json --csv people.csv";
+  facewire-fit judge faces.npz clips/ --model new.toml --against old.toml --page new-against-old.html
+  facewire-fit judge faces.npz clips/ --json figures.json --csv people.csv";
 
 /// Arguments of `judge`.
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct JudgeArgs {
-    /// Landmarks with true coefficients (npz archives with names.json beside them)
+    /// Landmarks with true coefficients (npz archives with names.json beside them), or folders of clips
     #[arg(required = true, value_name = "SET")]
     sets: Vec<PathBuf>,
     /// A model to judge instead of the built-in one
@@ -40,9 +49,15 @@ pub struct JudgeArgs {
     /// Another model to compare it with, on the same faces
     #[arg(long, value_name = "FILE")]
     against: Option<PathBuf>,
+    /// HTML page that compares both models
+    #[arg(long, value_name = "FILE", requires = "against")]
+    page: Option<PathBuf>,
     /// Judge on all subjects of datasets: only for data that the model was not fitted on
     #[arg(long)]
     all_subjects: bool,
+    /// Number of frames at the start of each clip in which the face is at rest
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
+    neutral_frames: u32,
     /// Draws of people for the confidence intervals
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(40..=100_000))]
     resamples: u64,
@@ -77,17 +92,22 @@ pub const NEUTRAL: [&str; 2] = ["neutral face known", "neutral face not known"];
 
 /// Runs the command.
 pub fn run(args: &JudgeArgs) -> Result<()> {
-    [&args.json, &args.csv].into_iter().flatten().try_for_each(|path| output::check(path))?;
+    [&args.json, &args.csv, &args.page].into_iter().flatten().try_for_each(|path| output::check(path))?;
     let model = load_model(args.model.as_deref())?;
     let against = args.against.as_deref().map(Model::load).transpose()?;
     let models: Vec<&Model> = [&model].into_iter().chain(&against).collect();
+    let options = SetOptions { all_subjects: args.all_subjects, neutral_frames: args.neutral_frames };
     let mut judged = Vec::new();
     for path in &args.sets {
-        let one = judge(&Set::load(path, args.all_subjects)?, &models, args.resamples)?;
+        let one = judge(&Set::load(path, options)?, &models, args.resamples)?;
         print!("{}", text::of(&one)?);
         judged.push(one);
     }
     println!("model in memory: {} bytes", model.size_bytes());
+    if let Some(path) = &args.page {
+        let names = [&args.model, &args.against].map(|path| model_name(path.as_deref()));
+        html::write(path, &page::html(&judged, &names)?)?;
+    }
     if let Some(path) = &args.json {
         output::write(path, serde_json::to_string_pretty(&files::json(&judged))?)?;
     }
@@ -104,6 +124,10 @@ pub fn judge_fitted(name: String, samples: Vec<Sample>, model: &Model) -> Result
 /// Loads a model file, or else the built-in model.
 pub fn load_model(path: Option<&Path>) -> Result<Model> {
     Ok(path.map_or_else(|| Ok(Model::embedded()), Model::load)?)
+}
+
+fn model_name(path: Option<&Path>) -> String {
+    path.map_or_else(|| "built in".to_owned(), |path| path.display().to_string())
 }
 
 fn judge(set: &Set, models: &[&Model], resamples: u64) -> Result<Judged> {

@@ -36,6 +36,11 @@ impl Phase {
     pub fn name(self) -> &'static str {
         ["all", "at_rest", "moving"][self as usize]
     }
+
+    /// The name in tables.
+    pub fn title(self) -> &'static str {
+        ["all", "at rest", "moving"][self as usize]
+    }
 }
 
 /// The pictures or frames of one person, in order: for each the estimates and the truth of all blendshapes.
@@ -125,9 +130,7 @@ fn phases(faces: &Faces, blendshape: usize, resting: &[bool], is_film: bool) -> 
     if is_film {
         let (estimates, truths): (Vec<f64>, Vec<f64>) = pairs.unzip();
         let jitter = jitter_at_rest(&estimates, &truths).map_or([0.0; 2], |jitter| [jitter, 1.0]);
-        for tally in &mut phases {
-            tally.jitter = jitter;
-        }
+        phases[Phase::All as usize].jitter = jitter;
     }
     for tally in &mut phases {
         let (parts, count) = (tally.moments.error_parts(), tally.moments.count());

@@ -4,25 +4,48 @@ use std::{collections::BTreeMap, path::Path};
 
 use anyhow::Result;
 use facewire::solve::Model;
+use rayon::prelude::*;
 
 use super::{
-    Faces, estimates,
+    Faces,
+    clips::{self, Clip},
+    estimates,
     people::{self, Person},
     pose_error_deg,
 };
 use crate::dataset::{self, Sample};
 
-/// A set of people with truth: single pictures of each person.
+/// A set of people with truth.
 pub struct Set {
-    /// The name of the file.
+    /// The name of the file or folder.
     pub name: String,
-    samples: Vec<Sample>,
+    content: Content,
+}
+
+enum Content {
+    /// Single pictures of each person.
+    Pictures(Vec<Sample>),
+    /// A clip of each person.
+    Clips(Vec<Clip>),
+}
+
+/// Which part of a set counts, and where its neutral faces are.
+#[derive(Debug, Clone, Copy)]
+pub struct SetOptions {
+    /// Judge on all subjects of a dataset, not only the held-out ones.
+    pub all_subjects: bool,
+    /// Number of frames at the start of each clip in which the face is at rest.
+    pub neutral_frames: u32,
 }
 
 impl Set {
-    /// Loads a dataset. Only the held-out subjects count, or all of them if `all_subjects`.
-    pub fn load(path: &Path, all_subjects: bool) -> Result<Self> {
-        Self::of(path.display().to_string(), dataset::load(path)?, all_subjects)
+    /// Loads a dataset, or a folder of clips.
+    pub fn load(path: &Path, options: SetOptions) -> Result<Self> {
+        let name = path.display().to_string();
+        if path.is_dir() {
+            return Ok(Self { name, content: Content::Clips(clips::load(path, options.neutral_frames)?) });
+        }
+        Self::of(name, dataset::load(path)?, options.all_subjects)
     }
 
     /// Returns a set of the samples of a dataset.
@@ -31,20 +54,36 @@ impl Set {
             dataset::held_out(&samples)?;
             samples.retain(Sample::held_out);
         }
-        Ok(Self { name, samples })
+        Ok(Self { name, content: Content::Pictures(samples) })
     }
 
     /// Runs each model on every face, relative to the person's neutral face if `neutral_known`. Returns the people by
     /// model.
     pub fn people(&self, models: &[&Model], neutral_known: bool) -> Result<Vec<Vec<Person>>> {
-        let faces = Faces::new(&self.samples, neutral_known)?;
-        models.iter().map(|model| people_of(model, &self.samples, &faces)).collect()
+        match &self.content {
+            Content::Pictures(samples) => {
+                let faces = Faces::new(samples, neutral_known)?;
+                models.iter().map(|model| people_of(model, samples, &faces)).collect()
+            }
+            Content::Clips(clips) => {
+                let solve = |model: &&Model| clips.par_iter().map(|clip| clip.person(model, neutral_known)).collect();
+                Ok(models.iter().map(solve).collect())
+            }
+        }
     }
 
     /// Returns what else there is to know of the set, in one line.
     pub fn notes(&self) -> Result<String> {
-        let [yaw, pitch, roll] = pose_error_deg(&self.samples)?;
-        Ok(format!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees"))
+        match &self.content {
+            Content::Pictures(samples) => {
+                let [yaw, pitch, roll] = pose_error_deg(samples)?;
+                Ok(format!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees"))
+            }
+            Content::Clips(clips) => {
+                let [all, faceless] = clips.iter().map(Clip::frames).fold([0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+                Ok(format!("no face was found in {faceless} of {all} frames"))
+            }
+        }
     }
 }
 

@@ -12,7 +12,7 @@ use super::{
 };
 
 /// People are listed one by one if they are no more than this.
-const LISTED_PEOPLE: usize = 50;
+pub const LISTED_PEOPLE: usize = 50;
 /// The figures that tables show of every phase.
 const MAIN: [Figure; 5] = [Figure::R, Figure::Mse, Figure::Bias, Figure::Gain, Figure::Slope];
 /// The two means.
@@ -205,7 +205,7 @@ fn summary(judged: &Judged) -> String {
             let interval = model.interval(row, phase, figure);
             format!("{} .. {}", number(figure, interval.low), number(figure, interval.high))
         };
-        let mut cells = vec![format!("{state}, {}, {}", name(row, model), phase.name().replace('_', " "))];
+        let mut cells = vec![format!("{state}, {}, {}", name(row, model), phase.title())];
         cells.extend([value(Figure::R), ends(Figure::R), value(Figure::Mse), ends(Figure::Mse)]);
         cells.extend([Figure::MseOfBias, Figure::MseOfGain, Figure::MseOfRest].map(value));
         cells.extend([Figure::Bias, Figure::Gain, Figure::Slope, Figure::Jitter].map(value));

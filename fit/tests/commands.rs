@@ -207,8 +207,15 @@ fn a_model_that_is_compared_with_itself_differs_by_nothing_in_text_and_files() {
     let dataset = write_dataset(folder.path(), 8);
     let model = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/blendshapes.toml");
     let options = ["--all-subjects", "--resamples", "40", "--against", model, "--json", "a.json", "--csv", "a.csv"];
+    let options = [&options[..], &["--page", "a.html"]].concat();
     let said = printed(folder.path(), &[&["judge", &dataset, "--model", model], &options[..]].concat());
     assert!(said.contains("+0.000 .. +0.000") && !said.contains("| * |"), "{said}");
+
+    let page = fs::read_to_string(folder.path().join("a.html")).unwrap();
+    assert!(
+        page.contains("faces.npz, neutral face known") && page.contains("jawOpen") && !page.contains("eyeBlinkLeft")
+    );
+    assert!(!page.contains(">better<") && !page.contains("src=") && !page.contains("<script"));
 
     let json: serde_json::Value =
         serde_json::from_str(&fs::read_to_string(folder.path().join("a.json")).unwrap()).unwrap();

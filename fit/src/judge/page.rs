@@ -1,8 +1,11 @@
 //! The page that compares two models.
 
+mod comparison;
+
 use anyhow::{Context, Result};
 use maud::{Markup, html};
 
+use self::comparison::{Column, Place, comparison, signed};
 use super::{
     command::{Judged, NEUTRAL, Rivals},
     people::Phase,
@@ -12,7 +15,6 @@ use super::{
 use crate::{
     drawing::{Axes, Axis, BLUE_INK, scatter},
     html::{RowHeader, figure, page, table},
-    statistics::Interval,
 };
 
 /// The figures that are compared for every row.
@@ -22,9 +24,6 @@ const MEANS: [Row; 2] = [Row::Blendshapes, Row::People];
 /// The figures of each person that are charted, with the names of the axes.
 const CHARTED: [(Figure, [&str; 2]); 2] =
     [(Figure::R, ["r, other model", "r, model"]), (Figure::Mse, ["MSE, other model", "MSE, model"])];
-/// Width of a drawn interval, and distance of its ends from the edges.
-const BAR_PX: f64 = 160.0;
-const MARGIN_PX: f64 = 6.0;
 
 /// The same people judged with two models.
 struct Pair<'a> {
@@ -63,10 +62,15 @@ fn pairs(judged: &[Judged]) -> Result<Vec<Pair<'_>>> {
     for one in judged {
         for (Rivals { model, against }, neutral) in one.neutral.iter().zip(NEUTRAL) {
             let other = against.as_ref().context("there is no other model")?;
-            pairs.push(Pair { set: &one.set, neutral, model, other });
+            pairs.push(Pair { set: short(&one.set), neutral, model, other });
         }
     }
     Ok(pairs)
+}
+
+/// Returns the last two parts of a path, which tell sets apart.
+fn short(path: &str) -> &str {
+    path.trim_end_matches('/').rmatch_indices('/').nth(1).map_or(path, |(index, _)| &path[index + 1..])
 }
 
 fn guide() -> Markup {
@@ -213,117 +217,5 @@ impl Pair<'_> {
         let row = |person: usize| (RowHeader { name: &self.model.people[person].name, link: false }, cells(person));
         let rows: Vec<_> = (0..self.model.people.len()).map(row).collect();
         table("person", &["r", "other", "difference", "MSE", "other", "difference"], &rows)
-    }
-}
-
-/// A figure that both models have.
-struct Place<'a> {
-    pair: &'a Pair<'a>,
-    row: Row,
-    phase: Phase,
-    figure: Figure,
-}
-
-impl Place<'_> {
-    fn compare(&self) -> Comparison {
-        let Pair { model, other, .. } = self.pair;
-        let (difference, interval) = model.difference(other, self.row, self.phase, self.figure);
-        let is_better = (difference > 0.0) == (self.figure == Figure::R);
-        let verdict = match (interval.excludes_zero(), is_better) {
-            (false, _) => "",
-            (true, true) => "better",
-            (true, false) => "worse",
-        };
-        let values = [model, other].map(|judgement| judgement.sheet.get(self.row, self.phase, self.figure));
-        Comparison { values, difference, interval, verdict }
-    }
-}
-
-/// The values of both models, and how much they differ.
-struct Comparison {
-    values: [f64; 2],
-    difference: f64,
-    interval: Interval,
-    /// Whether the model is certainly better or worse.
-    verdict: &'static str,
-}
-
-/// A figure of both models in every row of a table.
-struct Column {
-    figure: Figure,
-    comparisons: Vec<Comparison>,
-}
-
-/// Returns a table of values and differences, with a drawing of each interval.
-fn comparison(first: &str, names: impl Iterator<Item = String>, columns: &[Column]) -> Markup {
-    html! {
-        div.scroll tabindex="0" role="region" aria-label={ "Table by " (first) } {
-            table {
-                thead { tr {
-                    th scope="col" { (first) }
-                    @for column in columns {
-                        th scope="col" { (column.title()) }
-                        @for head in ["other", "difference", "interval", "", ""] { th scope="col" { (head) } }
-                    }
-                } }
-                tbody {
-                    @for (index, name) in names.enumerate() {
-                        tr {
-                            th scope="row" { (name) }
-                            @for column in columns { (column.cells(index)) }
-                        }
-                    }
-                }
-            }
-        }
-    }
-}
-
-impl Column {
-    fn new<'a>(figure: Figure, places: impl Iterator<Item = Place<'a>>) -> Self {
-        Self { figure, comparisons: places.map(|place| place.compare()).collect() }
-    }
-
-    fn title(&self) -> &'static str {
-        match self.figure {
-            Figure::R => "r",
-            Figure::Bias => "bias",
-            _ => "MSE",
-        }
-    }
-
-    /// Returns the end of the scale of the drawn intervals.
-    fn reach(&self) -> f64 {
-        let ends = self.comparisons.iter().flat_map(|comparison| [comparison.interval.low, comparison.interval.high]);
-        ends.filter(|end| end.is_finite()).map(f64::abs).fold(f64::MIN_POSITIVE, f64::max)
-    }
-
-    fn cells(&self, index: usize) -> Markup {
-        let Comparison { values, difference, interval, verdict } = &self.comparisons[index];
-        let signed = |value| signed(self.figure, value);
-        html! {
-            @for value in values { td { (number(self.figure, *value)) } }
-            td { (signed(*difference)) }
-            td { (signed(interval.low)) " to " (signed(interval.high)) }
-            td { @if difference.is_finite() { (bar(*difference, *interval, self.reach(), verdict)) } }
-            td class=(verdict) { (verdict) }
-        }
-    }
-}
-
-fn signed(figure: Figure, value: f64) -> String {
-    let decimals = if matches!(figure, Figure::R | Figure::Bias) { 3 } else { 4 };
-    if value.is_finite() { format!("{value:+.decimals$}") } else { "-".to_owned() }
-}
-
-/// Draws an interval around its middle line, which is 0.
-fn bar(value: f64, interval: Interval, reach: f64, verdict: &str) -> Markup {
-    let x = |value: f64| format!("{:.1}", BAR_PX / 2.0 + value / reach * (BAR_PX / 2.0 - MARGIN_PX));
-    html! {
-        svg.bar class=(verdict) width=(BAR_PX) height="14" viewBox={ "0 0 " (BAR_PX) " 14" } aria-hidden="true" {
-            line.zero x1=(x(0.0)) x2=(x(0.0)) y1="0" y2="14" {}
-            line x1=(x(interval.low)) x2=(x(interval.high)) y1="7" y2="7" {}
-            circle cx=(x(value)) cy="7" r="3.5" {}
-        }
     }
 }

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Width of a drawn interval, and distance of its ends from the edges.
-const BAR_PX: f64 = 100.0;
+const BAR_PX: f64 = 80.0;
 const MARGIN_PX: f64 = 6.0;
 
 /// A figure that both models have.
@@ -58,7 +58,7 @@ pub struct Column {
 pub fn comparison(first: &str, names: impl Iterator<Item = String>, columns: &[Column]) -> Markup {
     html! {
         div.scroll tabindex="0" role="region" aria-label={ "Table by " (first) } {
-            table {
+            table.compact {
                 thead { tr {
                     th scope="col" { (first) }
                     @for column in columns {

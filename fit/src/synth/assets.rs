@@ -10,7 +10,7 @@ use super::{
     brows::Brow,
     expression::{Coefficients, Deformer},
     eyes::{EyeTexture, ball_offsets},
-    geometry::{normals, vertices_of},
+    geometry::{SimpleMesh, normals, vertices_of},
     rig::{Rig, Triangle},
     scene::shoulder,
     shadow::ambient_occlusion,
@@ -21,6 +21,8 @@ use facewire::solve::{BLENDSHAPES, COEFFS};
 
 /// Least visibility of the sky, because indirect light reaches every vertex.
 const LEAST_VISIBILITY: f32 = 0.03;
+/// Details smaller than this cast no shadow of their own, in centimetres.
+const CASTER_CELL: f32 = 0.6;
 /// Bounding sphere of the head for lighting: centre and radius.
 pub const BOUNDS: (Vec3, f32) = (Vec3::new(0.0, -1.0, 2.0), 21.0);
 
@@ -50,8 +52,10 @@ pub struct Assets {
     pub ball_offsets: Vec<Vec3>,
     /// Whether a vertex is skin.
     pub is_skin: Vec<bool>,
-    /// All visible triangles, for normals and shadows.
+    /// All visible triangles, for normals.
     pub surface: Vec<Triangle>,
+    /// Simplified skin, for shadows.
+    pub caster: SimpleMesh,
     /// Vertices of gums and teeth.
     pub mouth: Vec<u32>,
 }
@@ -83,6 +87,7 @@ impl Assets {
             ball_offsets: ball_offsets(&rig),
             is_skin: is_skin(&rig),
             mouth: vertices_of(&[parts.gums.as_slice(), &parts.teeth].concat()),
+            caster: SimpleMesh::new(&rig.neutral, &rig.parts.skin, CASTER_CELL),
             surface,
             names: [skin_names, brow_names, eye_names],
             skins: skins.collect(),

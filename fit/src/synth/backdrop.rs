@@ -47,7 +47,7 @@ impl Backdrop {
     }
 
     /// Fills a picture of the given width, interpolating between cells.
-    pub fn fill(&self, width: usize, pixels: &mut [Vec3]) {
+    pub fn fill(&self, width: usize, pixels: &mut [[f32; 3]]) {
         for (row, line) in pixels.chunks_exact_mut(width).enumerate() {
             let (upper, down) = (row / CELL, (row % CELL) as f32 / CELL as f32);
             for (cell, run) in line.chunks_mut(CELL).enumerate() {
@@ -56,7 +56,7 @@ impl Backdrop {
                 let step = (right - left) / CELL as f32;
                 let mut colour = left;
                 for pixel in run {
-                    *pixel = colour;
+                    *pixel = colour.to_array();
                     colour += step;
                 }
             }

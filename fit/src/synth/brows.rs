@@ -3,7 +3,7 @@
 //! A texture contains two brows, one above the other. The upper one is used for both sides.
 
 use anyhow::{Context, Result};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 
 use super::{
     rig::{Rig, Triangle},
@@ -24,6 +24,8 @@ const REACH: f32 = 2.6;
 /// One style of brows.
 pub struct Brow {
     texture: Texture,
+    /// Opacity for each alpha of the texture.
+    opacity: Vec<f32>,
     /// Inner and outer end on the head at rest, and in the texture.
     on_face: [Vec2; 2],
     in_texture: [Vec2; 2],
@@ -50,7 +52,8 @@ impl Brow {
         };
         let face = &rig.parts.skin[..rig.parts.face];
         let triangles = face.iter().filter(|triangle| triangle.iter().all(near)).copied().collect();
-        Ok(Self { on_face, in_texture, floor: 1.0 - floor_row as f32 / height as f32, texture, triangles })
+        let opacity = (0..=u8::MAX).map(|alpha| (f32::from(alpha) / 255.0).powf(DENSER)).collect();
+        Ok(Self { opacity, on_face, in_texture, floor: 1.0 - floor_row as f32 / height as f32, texture, triangles })
     }
 
     /// Returns the position of a vertex along the brow: 0 at the inner end, 1 at the outer end.
@@ -70,8 +73,20 @@ impl Brow {
     /// Returns the opacity of the brow at a texture coordinate, from 0 to 1.
     pub fn cover(&self, uv: Vec2) -> f32 {
         let inside = uv.x > 0.0 && uv.x < 1.0 && uv.y > self.floor && uv.y < 1.0;
-        if inside { (self.texture.sample(uv).w / 255.0).powf(DENSER) } else { 0.0 }
+        if inside { self.opacity[alpha_of(self.texture.sample(uv))] } else { 0.0 }
     }
+
+    /// Returns whether a triangle with these texture coordinates may show a part of the brow.
+    pub fn touches(&self, corners: [Vec2; 3]) -> bool {
+        let [a, b, c] = corners;
+        let (least, most) = (a.min(b).min(c), a.max(b).max(c));
+        least.x < 1.0 && least.y < 1.0 && most.x > 0.0 && most.y > self.floor
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 255")]
+fn alpha_of(sample: Vec4) -> usize {
+    (sample.w + 0.5) as usize
 }
 
 /// Returns a row between the upper and the lower brow.

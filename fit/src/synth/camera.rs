@@ -9,8 +9,10 @@ use turbojpeg::{Compressor, Image, PixelFormat, Subsamp};
 
 /// Number of entries in the table of the tone curve.
 const TONES: usize = 4096;
-/// Number of precomputed normal deviates: few enough to stay in the cache.
-const NORMALS: usize = 1 << 12;
+/// Largest index of this table.
+const TONE_SCALE: f32 = (TONES - 1) as f32;
+/// Number of precomputed normal deviates beyond those of one row.
+const NORMALS: usize = 1 << 15;
 /// Narrower blur is left out, in pixels.
 const LEAST_BLUR: f32 = 0.3;
 
@@ -40,9 +42,13 @@ pub struct Effects {
 /// A camera with buffers for pictures of one size.
 pub struct Camera {
     width: usize,
-    scratch: Vec<Vec3>,
+    scratch: Vec<[f32; 3]>,
     bytes: Vec<u8>,
+    unsharp: Vec<u8>,
     normals: Vec<f32>,
+    /// Tone curve of the last picture, and its contrast.
+    curve: Vec<u8>,
+    contrast: f32,
     compressor: Compressor,
 }
 
@@ -50,13 +56,22 @@ impl Camera {
     /// Creates a camera for pictures of this size.
     pub fn new([width, height]: [usize; 2]) -> Result<Self> {
         let rng = ChaCha8Rng::seed_from_u64(0);
-        let normals = rng.sample_iter(StandardNormal).take(NORMALS).collect();
-        let (scratch, bytes) = (vec![Vec3::ZERO; width * height], vec![0; 3 * width * height]);
-        Ok(Self { width, scratch, bytes, normals, compressor: Compressor::new()? })
+        let normals = rng.sample_iter(StandardNormal).take(NORMALS + 3 * width).collect();
+        let (scratch, bytes) = (vec![[0.0; 3]; width * height], vec![0; 3 * width * height]);
+        Ok(Self {
+            width,
+            scratch,
+            bytes,
+            unsharp: Vec::new(),
+            normals,
+            curve: Vec::new(),
+            contrast: 0.0,
+            compressor: Compressor::new()?,
+        })
     }
 
     /// Converts linear light to a JPEG image. Overwrites `light`.
-    pub fn capture(&mut self, light: &mut [Vec3], effects: &Effects, rng: &mut ChaCha8Rng) -> Result<Vec<u8>> {
+    pub fn capture(&mut self, light: &mut [[f32; 3]], effects: &Effects, rng: &mut ChaCha8Rng) -> Result<Vec<u8>> {
         if effects.defocus_px > LEAST_BLUR {
             self.defocus(light, effects.defocus_px);
         }
@@ -75,69 +90,93 @@ impl Camera {
     }
 
     /// Applies a Gaussian blur to rows and then to columns.
-    fn defocus(&mut self, light: &mut [Vec3], sigma: f32) {
+    fn defocus(&mut self, light: &mut [[f32; 3]], sigma: f32) {
         let kernel = gaussian(sigma);
-        blur(light, &mut self.scratch, self.width, &kernel, [1, 0]);
-        blur(&self.scratch, light, self.width, &kernel, [0, 1]);
+        blur_rows(light, &mut self.scratch, self.width, &kernel);
+        blur_columns(&self.scratch, light, self.width, &kernel);
     }
 
     /// Applies motion blur: averages along the path.
-    fn smear(&mut self, light: &mut [Vec3], path: Vec2) {
+    fn smear(&mut self, light: &mut [[f32; 3]], path: Vec2) {
         self.scratch.copy_from_slice(light);
         let (width, height) = (self.width, light.len() / self.width);
         let taps = whole(path.length().ceil()).max(2);
         let offset = |tap: usize| (path * (tap as f32 / (taps - 1) as f32 - 0.5)).round();
         let offsets: Vec<[isize; 2]> = (0..taps).map(|tap| [offset(tap).x, offset(tap).y].map(signed)).collect();
-        for (index, pixel) in light.iter_mut().enumerate() {
-            let (column, row) = (index % width, index / width);
-            let at = |[dx, dy]: &[isize; 2]| {
-                let x = column.saturating_add_signed(*dx).min(width - 1);
-                let y = row.saturating_add_signed(*dy).min(height - 1);
-                self.scratch[y * width + x]
-            };
-            *pixel = offsets.iter().map(at).sum::<Vec3>() / taps as f32;
+        light.as_flattened_mut().fill(0.0);
+        for (row, line) in light.chunks_exact_mut(width).enumerate() {
+            for [dx, dy] in &offsets {
+                let from = row.saturating_add_signed(*dy).min(height - 1) * width;
+                add_shifted(line, &self.scratch[from..from + width], *dx);
+            }
+            line.as_flattened_mut().iter_mut().for_each(|value| *value /= taps as f32);
         }
     }
 
     /// Converts light to bytes: exposure, vignette, noise, and tone curve.
-    fn expose(&mut self, light: &[Vec3], effects: &Effects, rng: &mut ChaCha8Rng) {
-        let curve = tone_curve(effects.contrast);
+    fn expose(&mut self, light: &mut [[f32; 3]], effects: &Effects, rng: &mut ChaCha8Rng) {
+        if self.contrast.to_bits() != effects.contrast.to_bits() {
+            (self.contrast, self.curve) = (effects.contrast, tone_curve(effects.contrast));
+        }
+        let curve = &self.curve;
         let mut state: u32 = rng.random::<u32>() | 1;
         let height = light.len() / self.width;
         let middle = Vec2::new(self.width as f32, height as f32) / 2.0;
-        let [photons, sensor] = effects.noise;
-        for (row, (line, bytes)) in
-            light.chunks_exact(self.width).zip(self.bytes.chunks_exact_mut(3 * self.width)).enumerate()
-        {
-            for (column, (pixel, bytes)) in line.iter().zip(bytes.as_chunks_mut::<3>().0).enumerate() {
-                let far = (Vec2::new(column as f32, row as f32) - middle).length_squared() / middle.length_squared();
-                let seen = *pixel * effects.exposure * (1.0 - effects.vignette * far);
-                let spread = (seen * (photons * photons) + sensor * sensor).max(Vec3::ZERO);
-                let noise = draw(&self.normals, &mut state);
-                let value = seen + noise * Vec3::new(spread.x.sqrt(), spread.y.sqrt(), spread.z.sqrt());
-                *bytes = value.to_array().map(|value| curve[whole(value.clamp(0.0, 1.0) * (TONES - 1) as f32)]);
+        let [photons, sensor] = effects.noise.map(|noise| noise * noise);
+        let exposure = effects.exposure.to_array();
+        let vignette = effects.vignette / middle.length_squared();
+        let rows = light.chunks_exact_mut(self.width).zip(self.bytes.chunks_exact_mut(3 * self.width));
+        for (row, (line, bytes)) in rows.enumerate() {
+            for (column, pixel) in line.iter_mut().enumerate() {
+                let kept = 1.0 - vignette * (Vec2::new(column as f32, row as f32) - middle).length_squared();
+                for (value, exposure) in pixel.iter_mut().zip(exposure) {
+                    *value *= exposure * kept;
+                }
+            }
+            let noise = noise(&self.normals, &mut state, 3 * self.width);
+            for (value, noise) in line.as_flattened_mut().iter_mut().zip(noise) {
+                *value = TONE_SCALE * (*value + noise * (*value * photons + sensor).max(0.0).sqrt()).clamp(0.0, 1.0);
+            }
+            for (byte, value) in bytes.iter_mut().zip(line.as_flattened()) {
+                *byte = curve[whole(*value)];
             }
         }
     }
 
     /// Sharpens by adding the difference of each pixel from the mean of its four neighbours.
     fn sharpen(&mut self, strength: f32) {
-        let original = self.bytes.clone();
         let stride = 3 * self.width;
-        for index in stride + 3..original.len() - stride - 3 {
-            let at = |index: usize| f32::from(original[index]);
-            let around = at(index - 3) + at(index + 3) + at(index - stride) + at(index + stride);
-            self.bytes[index] = byte(at(index) + strength * (at(index) - around / 4.0));
+        let original = &mut self.unsharp;
+        original.clone_from(&self.bytes);
+        let inner = stride + 3..original.len() - stride - 3;
+        let from = |offset: usize| original[offset..offset + inner.len()].iter().map(|value| f32::from(*value));
+        let around = from(stride).zip(from(stride + 6)).zip(from(3).zip(from(2 * stride + 3)));
+        for ((out, centre), ((left, right), (above, below))) in
+            self.bytes[inner.clone()].iter_mut().zip(from(stride + 3)).zip(around)
+        {
+            *out = byte(centre + strength * (centre - (left + right + above + below) / 4.0));
         }
     }
 }
 
-/// Returns the next three normal deviates.
-fn draw(normals: &[f32], state: &mut u32) -> Vec3 {
+/// Returns normal deviates for a row of `count` values: a run of the table from a random place on.
+fn noise<'a>(normals: &'a [f32], state: &mut u32, count: usize) -> &'a [f32] {
     *state ^= *state << 13;
     *state ^= *state >> 17;
     *state ^= *state << 5;
-    Vec3::from_array([0, 10, 20].map(|shift| normals[(*state >> shift) as usize % NORMALS]))
+    let first = *state as usize % (normals.len() - count);
+    &normals[first..first + count]
+}
+
+/// Adds a row of pixels, moved to the left by `by`. The pixels at the border are repeated.
+fn add_shifted(to: &mut [[f32; 3]], from: &[[f32; 3]], by: isize) {
+    let (width, shift) = (to.len(), by.unsigned_abs().min(to.len() - 1));
+    let (mut at, border, inside) =
+        if by < 0 { (0..shift, 0, shift..width) } else { (width - shift..width, width - 1, 0..width - shift) };
+    let add = |to: &mut [f32; 3], from: &[f32; 3]| to.iter_mut().zip(from).for_each(|(to, from)| *to += from);
+    at.by_ref().for_each(|column| add(&mut to[column], &from[border]));
+    let source = if by < 0 { &from[..width - shift] } else { &from[shift..] };
+    to[inside].as_flattened_mut().iter_mut().zip(source.as_flattened()).for_each(|(to, from)| *to += from);
 }
 
 /// Returns the right half of a normalised Gaussian kernel, beginning with its centre.
@@ -148,25 +187,43 @@ fn gaussian(sigma: f32) -> Vec<f32> {
     (0..taps).map(|tap| weight(tap) / sum).collect()
 }
 
-fn blur(from: &[Vec3], to: &mut [Vec3], width: usize, kernel: &[f32], [across, down]: [usize; 2]) {
+/// Blurs along rows. The pixels at the border are repeated.
+fn blur_rows(from: &[[f32; 3]], to: &mut [[f32; 3]], width: usize, kernel: &[f32]) {
+    let reach = kernel.len() - 1;
+    let mut padded = vec![[0.0; 3]; width + 2 * reach];
+    for (line, out) in from.chunks_exact(width).zip(to.chunks_exact_mut(width)) {
+        padded[..reach].fill(line[0]);
+        padded[reach..reach + width].copy_from_slice(line);
+        padded[reach + width..].fill(line[width - 1]);
+        let moved = |first: usize| padded[first..first + width].as_flattened();
+        weigh(out.as_flattened_mut(), kernel, |tap| [moved(reach - tap), moved(reach + tap)]);
+    }
+}
+
+/// Blurs along columns. The pixels at the border are repeated.
+fn blur_columns(from: &[[f32; 3]], to: &mut [[f32; 3]], width: usize, kernel: &[f32]) {
     let height = from.len() / width;
-    for (index, pixel) in to.iter_mut().enumerate() {
-        let (column, row) = (index % width, index / width);
-        let at = |tap: usize, forward: bool| {
-            let moved = |index: usize, by: usize, side: usize| {
-                if forward { (index + by).min(side - 1) } else { index.saturating_sub(by) }
-            };
-            from[moved(row, tap * down, height) * width + moved(column, tap * across, width)]
-        };
-        let pairs = kernel.iter().enumerate().skip(1).map(|(tap, weight)| *weight * (at(tap, true) + at(tap, false)));
-        *pixel = kernel[0] * from[index] + pairs.sum::<Vec3>();
+    for (row, out) in to.chunks_exact_mut(width).enumerate() {
+        let line = |row: usize| from[row * width..(row + 1) * width].as_flattened();
+        weigh(out.as_flattened_mut(), kernel, |tap| [line(row.saturating_sub(tap)), line((row + tap).min(height - 1))]);
+    }
+}
+
+/// Sets `out` to the weighted sum of the values that are `tap` pixels before and behind, for each tap of a kernel.
+fn weigh<'a>(out: &mut [f32], kernel: &[f32], around: impl Fn(usize) -> [&'a [f32]; 2]) {
+    out.iter_mut().zip(around(0)[0]).for_each(|(out, value)| *out = kernel[0] * value);
+    for (tap, weight) in kernel.iter().enumerate().skip(1) {
+        let [before, behind] = around(tap);
+        for ((out, before), behind) in out.iter_mut().zip(before).zip(behind) {
+            *out += weight * (before + behind);
+        }
     }
 }
 
 /// Returns the table from linear light to bytes: a shoulder that compresses highlights, then the tone curve.
 fn tone_curve(contrast: f32) -> Vec<u8> {
     let tone = |step: usize| {
-        let light = 1.0 - (-1.9 * step as f32 / (TONES - 1) as f32).exp();
+        let light = 1.0 - (-1.9 * step as f32 / TONE_SCALE).exp();
         byte(255.0 * (light / 0.85).min(1.0).powf(contrast / 2.2))
     };
     (0..TONES).map(tone).collect()
@@ -185,4 +242,74 @@ fn whole(value: f32) -> usize {
 #[expect(clippy::cast_possible_truncation, reason = "offsets of some pixels")]
 fn signed(value: f32) -> isize {
     value as isize
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp, reason = "these numbers are exact")]
+mod tests {
+    use super::*;
+
+    const WIDTH: usize = 24;
+
+    /// Returns a picture that is black but for one pixel.
+    fn point(column: usize, row: usize) -> Vec<[f32; 3]> {
+        let mut light = vec![[0.0; 3]; WIDTH * 16];
+        light[row * WIDTH + column] = [1.0; 3];
+        light
+    }
+
+    /// Returns the mean position of the light and its sum.
+    fn centre(light: &[[f32; 3]]) -> [f32; 3] {
+        let weighed = |weight: fn(usize) -> f32| -> f32 {
+            light.iter().enumerate().map(|(index, pixel)| weight(index) * pixel[1]).sum()
+        };
+        let sum = weighed(|_| 1.0);
+        [weighed(|index| (index % WIDTH) as f32) / sum, weighed(|index| (index / WIDTH) as f32) / sum, sum]
+    }
+
+    #[test]
+    fn blur_neither_moves_nor_loses_light() {
+        let mut camera = Camera::new([WIDTH, 16]).expect("a camera");
+        for (column, row) in [(10, 7), (12, 8)] {
+            let (mut defocused, mut smeared) = (point(column, row), point(column, row));
+            camera.defocus(&mut defocused, 1.3);
+            camera.smear(&mut smeared, Vec2::new(4.0, -2.0));
+            for light in [defocused, smeared] {
+                let [x, y, sum] = centre(&light);
+                assert!((x - column as f32).abs() < 0.01 && (y - row as f32).abs() < 0.01, "{x} {y}");
+                assert!((sum - 1.0).abs() < 1e-4 && light[row * WIDTH + column][0] < 0.5);
+            }
+        }
+    }
+
+    #[test]
+    fn an_even_picture_stays_even_up_to_its_border() {
+        let mut camera = Camera::new([WIDTH, 16]).expect("a camera");
+        let mut light = vec![[0.5; 3]; WIDTH * 16];
+        camera.defocus(&mut light, 1.3);
+        camera.smear(&mut light, Vec2::new(-3.0, 5.0));
+        assert!(light.as_flattened().iter().all(|value| (value - 0.5).abs() < 1e-5));
+    }
+
+    #[test]
+    fn noise_has_the_deviation_of_photons_and_sensor() {
+        let mut camera = Camera::new([WIDTH, 16]).expect("a camera");
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let effects = Effects {
+            defocus_px: 0.0,
+            motion_px: Vec2::ZERO,
+            exposure: Vec3::ONE,
+            vignette: 0.0,
+            noise: [0.04, 0.03],
+            contrast: 1.0,
+            sharpening: 0.0,
+            jpeg_quality: 90,
+            chroma: Subsamp::Sub2x2,
+        };
+        let mut light = vec![[0.25; 3]; WIDTH * 16];
+        camera.expose(&mut light, &effects, &mut rng);
+        let seen = light.as_flattened().iter().map(|value| value / TONE_SCALE);
+        let deviation = (seen.map(|value| (value - 0.25).powi(2)).sum::<f32>() / (3 * WIDTH * 16) as f32).sqrt();
+        assert!((deviation / 0.000_4_f32.sqrt().hypot(0.03) - 1.0).abs() < 0.1, "{deviation}");
+    }
 }

@@ -25,7 +25,7 @@ impl EyeTexture {
     /// Returns the colour at an offset from the centre of the ball. The offset and the radius `iris` are relative to
     /// the radius of the ball.
     pub fn colour(&self, offset: Vec2, iris: f32) -> Vec3 {
-        self.texture.light(CENTRE + offset * (IRIS / iris))
+        self.texture.light(CENTRE + offset * (IRIS / iris)).into()
     }
 }
 

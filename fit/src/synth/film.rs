@@ -13,6 +13,7 @@ use super::{
     acting::enforce_limits,
     assets::Assets,
     avi,
+    canvas::MOST_SAMPLES,
     expression::Coefficients,
     geometry::smoothstep,
     imager::Imager,
@@ -73,7 +74,7 @@ pub fn run(options: &Options) -> Result<()> {
     let seed = options.set.seed(options.seed);
     let mut subject = Subject::random(&assets, &textures, [width, height], [seed, FILM_PEOPLE]);
     let specs = specs(&mut subject, &recordings, count)?;
-    let mut imager = Imager::new([width, height])?;
+    let mut imager = Imager::new([width, height], MOST_SAMPLES)?;
     let frames =
         specs.iter().map(|spec| imager.take_picture(&assets, &mut subject, spec)).collect::<Result<Vec<_>>>()?;
     let size = [u32::try_from(width)?, u32::try_from(height)?];

@@ -11,7 +11,7 @@ use facewire::{
 use glam::Vec2;
 
 /// Number of times the region is derived from the landmarks.
-const REFINEMENTS: usize = 2;
+const REFINEMENTS: usize = 1;
 /// Landmarks at the outer eye corners: the person's right, then left.
 const EYE_CORNERS: [usize; 2] = [33, 263];
 /// Largest error of an eye corner, relative to the distance of both, before the landmarks count as another object's.

@@ -1,5 +1,7 @@
 //! Geometry and interpolation for several stages.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use glam::Vec3;
 
 use super::rig::Triangle;
@@ -34,6 +36,31 @@ pub fn vertices_of(triangles: &[Triangle]) -> Vec<u32> {
     vertices
 }
 
+/// A mesh with fewer triangles, whose vertices are some of another mesh's.
+pub struct SimpleMesh {
+    /// Indices of the vertices in the other mesh.
+    pub vertices: Vec<u32>,
+    /// Triangles of these vertices.
+    pub triangles: Vec<Triangle>,
+}
+
+impl SimpleMesh {
+    /// Merges the vertices that share a cube with sides of `cell`, in the length of the points.
+    pub fn new(points: &[Vec3], triangles: &[Triangle], cell: f32) -> Self {
+        let (mut vertices, mut numbers) = (Vec::new(), BTreeMap::new());
+        let mut number = |vertex: u32| {
+            let cube = (points[vertex as usize] / cell).floor().as_ivec3().to_array();
+            *numbers.entry(cube).or_insert_with(|| {
+                vertices.push(vertex);
+                u32::try_from(vertices.len() - 1).unwrap_or(u32::MAX)
+            })
+        };
+        let merged: BTreeSet<Triangle> = triangles.iter().map(|triangle| triangle.map(&mut number)).collect();
+        let triangles = merged.into_iter().filter(|[a, b, c]| a != b && b != c && c != a).collect();
+        Self { vertices, triangles }
+    }
+}
+
 /// Interpolates smoothly from 0 at `from` to 1 at `to`.
 pub fn smoothstep(from: f32, to: f32, value: f32) -> f32 {
     let share = ((value - from) / (to - from)).clamp(0.0, 1.0);
@@ -62,6 +89,22 @@ mod tests {
     fn normals_point_to_the_side_from_which_corners_run_counter_clockwise() {
         let points = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
         assert_eq!(normals(&points, &[[0, 1, 2]]), [Vec3::Z, Vec3::Z, Vec3::Z, Vec3::ZERO]);
+    }
+
+    #[test]
+    fn a_simplified_plane_is_the_same_plane_with_fewer_triangles() {
+        let side = 11_u32;
+        let point = |index: u32| Vec3::new((index % side) as f32, (index / side) as f32, 0.0);
+        let points: Vec<Vec3> = (0..side * side).map(point).collect();
+        let corners = (0..side * (side - 1)).filter(|index| index % side != side - 1);
+        let triangles: Vec<Triangle> =
+            corners.flat_map(|at| [[at, at + 1, at + side], [at + 1, at + side + 1, at + side]]).collect();
+        let simple = SimpleMesh::new(&points, &triangles, 2.5);
+        let twice_area = |[a, b, c]: [Vec3; 3]| (b - a).cross(c - a).z;
+        let corner = |vertex: u32| points[simple.vertices[vertex as usize] as usize];
+        let area: f32 = simple.triangles.iter().map(|triangle| twice_area(triangle.map(corner))).sum();
+        assert!(simple.triangles.len() < triangles.len() / 4);
+        assert!(area > 2.0 * 64.0, "{area}");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::ops::AddAssign;
 
 use anyhow::Result;
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 use rustix::time::{ClockId, clock_gettime};
 
 use super::{
@@ -37,16 +37,16 @@ pub struct Imager {
     width: usize,
     renderer: Renderer,
     camera: Camera,
-    pixels: Vec<Vec3>,
+    pixels: Vec<[f32; 3]>,
     /// CPU times so far.
     pub times: Times,
 }
 
 impl Imager {
-    /// Allocates all buffers.
-    pub fn new(size: [usize; 2]) -> Result<Self> {
-        let pixels = vec![Vec3::ZERO; size[0] * size[1]];
-        let (renderer, camera) = (Renderer::new(size), Camera::new(size)?);
+    /// Allocates all buffers. Pictures have at least `least_density` samples per side of a pixel.
+    pub fn new(size: [usize; 2], least_density: f32) -> Result<Self> {
+        let pixels = vec![[0.0; 3]; size[0] * size[1]];
+        let (renderer, camera) = (Renderer::new(size, least_density), Camera::new(size)?);
         Ok(Self { width: size[0], renderer, camera, pixels, times: Times::default() })
     }
 

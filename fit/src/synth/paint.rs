@@ -1,14 +1,19 @@
 //! Computes the colour of one sample: skin with hair, beard and clothes; mouth, eyes, and brows.
 
+use std::sync::LazyLock;
+
 use glam::{Vec2, Vec3, Vec3A, Vec4Swizzles};
+use rand::RngExt;
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 use super::{
     assets::Assets,
     geometry::smoothstep,
-    person::Person,
-    render::{Barycentric, Head},
+    person::{Cover, Person},
+    render::{Barycentric, Corners, Head},
     scene::Lighting,
     skin::Skin,
+    texture::Texture,
 };
 
 /// Colours in linear light.
@@ -17,13 +22,17 @@ const TEETH: Vec3A = Vec3A::new(0.68, 0.61, 0.50);
 /// Share of the light that a full beard absorbs.
 const BEARD: Vec3A = Vec3A::new(0.75, 0.76, 0.74);
 /// Distances inside the hairline at which hair begins and is full, in centimetres.
-const HAIR_EDGE: [f32; 2] = [-0.9, 0.9];
+pub const HAIR_EDGE: [f32; 2] = [-0.9, 0.9];
+/// Distance inside the hairline from which no skin is visible, in centimetres.
+pub const FULL_HAIR: f32 = HAIR_EDGE[1] + 0.45;
+/// Factor on the specular highlight of hair, compared to skin's.
+const HAIR_GLOSS: f32 = 0.2;
 /// Factor on the colour of eye textures.
 const EYE: f32 = 0.75;
 /// Colour of the lashes.
 pub const LASHES: Vec3A = Vec3A::splat(0.004);
 /// Exponent and strength of the specular highlight on eyes.
-const GLINT: (f32, f32) = (400.0, 2.5);
+const GLINT: (i32, f32) = (400, 2.5);
 /// Share of the light that the lids keep from the upper edge of the eyeball.
 const LID_SHADE: f32 = 0.6;
 
@@ -34,16 +43,78 @@ pub struct Painter<'a> {
     head: &'a Head,
     lighting: &'a Lighting,
     skin: &'a Skin,
+    tint: Vec3A,
+}
+
+/// The paint of a triangle of the skin.
+pub enum SkinPaint<'a> {
+    /// The same material everywhere, so that the colours of the corners are interpolated.
+    Plain(Corners<Vec3A>),
+    /// Bare skin with the texture.
+    Textured { texture: &'a Texture, uv: Corners<Vec2>, diffuse: Corners<Vec3A>, gloss: Corners<Vec3A> },
+    /// Hair through which no skin is visible.
+    Hair { colour: Vec3A, rest: Corners<Vec3>, diffuse: Corners<Vec3A>, gloss: Corners<Vec3A> },
+    /// Several materials.
+    Mixed { painter: &'a Painter<'a>, vertices: [usize; 3] },
+}
+
+impl SkinPaint<'_> {
+    /// Returns the colour at these barycentric coordinates.
+    #[inline]
+    pub fn colour(&self, weights: Vec3) -> Vec3A {
+        match self {
+            Self::Plain(colours) => colours.at(weights),
+            Self::Textured { texture, uv, diffuse, gloss } => {
+                texture.light(uv.at(weights)) * diffuse.at(weights) + gloss.at(weights)
+            }
+            Self::Hair { colour, rest, diffuse, gloss } => {
+                *colour * strand_light(strand(rest.at(weights))) * diffuse.at(weights) + gloss.at(weights)
+            }
+            Self::Mixed { painter, vertices } => painter.mixed_skin(Barycentric { vertices: *vertices, weights }),
+        }
+    }
 }
 
 impl<'a> Painter<'a> {
     /// Creates a painter for one picture.
     pub fn new(assets: &'a Assets, person: &'a Person, head: &'a Head, lighting: &'a Lighting) -> Self {
-        Self { assets, person, head, lighting, skin: &assets.skins[person.looks.skin] }
+        let looks = &person.looks;
+        Self { assets, person, head, lighting, skin: &assets.skins[looks.skin], tint: looks.tint.into() }
     }
 
-    /// Returns the colour of skin, hair or clothes.
-    pub fn skin(&self, at: Barycentric) -> Vec3A {
+    /// Returns the paint of a triangle of skin, hair or clothes.
+    #[inline]
+    pub fn skin(&self, cover: Cover, vertices: [usize; 3]) -> SkinPaint<'_> {
+        match cover {
+            Cover::Cloth => {
+                let cloth = Vec3A::from(self.person.looks.cloth.0);
+                SkinPaint::Plain(Corners(vertices.map(|vertex| cloth * self.head.lit[vertex].diffuse)))
+            }
+            Cover::Tone => SkinPaint::Plain(Corners(vertices.map(|vertex| {
+                let tone = Vec3A::from_vec4(self.person.attributes[vertex].tone);
+                let lit = &self.head.lit[vertex];
+                tone * lit.diffuse + self.person.looks.gloss * lit.gloss
+            }))),
+            Cover::Texture => SkinPaint::Textured {
+                texture: &self.skin.texture,
+                uv: Corners(vertices.map(|vertex| self.person.attributes[vertex].cover.xy())),
+                diffuse: Corners(vertices.map(|vertex| self.tint * self.head.lit[vertex].diffuse)),
+                gloss: Corners(vertices.map(|vertex| self.person.looks.gloss * self.head.lit[vertex].gloss)),
+            },
+            Cover::Hair => SkinPaint::Hair {
+                colour: Vec3A::from(self.person.looks.hair.map_or(Vec3::ZERO, |(colour, _)| colour)),
+                rest: Corners(vertices.map(|vertex| self.person.attributes[vertex].rest.truncate())),
+                diffuse: Corners(vertices.map(|vertex| self.head.lit[vertex].diffuse)),
+                gloss: Corners(
+                    vertices.map(|vertex| HAIR_GLOSS * self.person.looks.gloss * self.head.lit[vertex].gloss),
+                ),
+            },
+            Cover::Mixed => SkinPaint::Mixed { painter: self, vertices },
+        }
+    }
+
+    /// Returns the colour of a sample of skin, hair or clothes.
+    fn mixed_skin(&self, at: Barycentric) -> Vec3A {
         let looks = &self.person.looks;
         let diffuse = at.interpolate(|vertex| self.head.lit[vertex].diffuse);
         let cover = at.interpolate(|vertex| self.person.attributes[vertex].cover);
@@ -55,32 +126,31 @@ impl<'a> Painter<'a> {
         let tone = at.interpolate(|vertex| self.person.attributes[vertex].tone);
         let mut colour = Vec3A::from_vec4(tone);
         if tone.w > 0.0 {
-            colour = colour.lerp(Vec3A::from(self.skin.texture.light(cover.xy()) * looks.tint), tone.w);
+            colour = colour.lerp(self.skin.texture.light(cover.xy()) * self.tint, tone.w);
         }
-        if looks.beard > 0.0 {
-            colour *= Vec3A::ONE - BEARD * at.interpolate(|vertex| self.person.attributes[vertex].rest).w;
-        }
+        let rest = at.interpolate(|vertex| self.person.attributes[vertex].rest);
+        colour *= Vec3A::ONE - BEARD * rest.w;
         match looks.hair {
             Some((hair_colour, _)) if hair > HAIR_EDGE[0] => {
-                let rest = at.interpolate(|vertex| self.person.attributes[vertex].rest).truncate();
-                let (opacity, strand) = strands(rest, hair);
-                let colour = colour.lerp(Vec3A::from(hair_colour) * (0.65 + 0.7 * strand), opacity);
-                colour * diffuse + gloss * (1.0 - 0.8 * opacity)
+                let strand = strand(rest.truncate());
+                let opacity = smoothstep(HAIR_EDGE[0] + 0.4, HAIR_EDGE[1], hair + 0.9 * (strand - 0.5));
+                let colour = colour.lerp(Vec3A::from(hair_colour) * strand_light(strand), opacity);
+                colour * diffuse + gloss * (1.0 - (1.0 - HAIR_GLOSS) * opacity)
             }
             _ => colour * diffuse + gloss,
         }
     }
 
-    /// Returns the colour of gums, tongue and the inside of the mouth.
-    pub fn gums(&self, at: Barycentric) -> Vec3A {
-        GUMS * at.interpolate(|vertex| self.head.lit[vertex].diffuse)
-            + at.interpolate(|vertex| self.head.lit[vertex].gloss)
+    /// Returns the colours of gums, tongue and the inside of the mouth.
+    pub fn gums(&self, vertices: [usize; 3]) -> Corners<Vec3A> {
+        let lit = |vertex: usize| &self.head.lit[vertex];
+        Corners(vertices.map(|vertex| GUMS * lit(vertex).diffuse + lit(vertex).gloss))
     }
 
-    /// Returns the colour of teeth.
-    pub fn teeth(&self, at: Barycentric) -> Vec3A {
-        TEETH * at.interpolate(|vertex| self.head.lit[vertex].diffuse)
-            + 1.5 * at.interpolate(|vertex| self.head.lit[vertex].gloss)
+    /// Returns the colours of teeth.
+    pub fn teeth(&self, vertices: [usize; 3]) -> Corners<Vec3A> {
+        let lit = |vertex: usize| &self.head.lit[vertex];
+        Corners(vertices.map(|vertex| TEETH * lit(vertex).diffuse + 1.5 * lit(vertex).gloss))
     }
 
     /// Returns the colour of a wet eyeball in the shade of its lids.
@@ -92,7 +162,7 @@ impl<'a> Painter<'a> {
         let view = -point.normalize_or_zero();
         let glint = self.lighting.lights.iter().map(|lamp| {
             let half = (lamp.toward + view).normalize_or_zero();
-            lamp.colour * GLINT.1 * normal.dot(half).max(0.0).powf(GLINT.0)
+            lamp.colour * GLINT.1 * normal.dot(half).max(0.0).powi(GLINT.0)
         });
         let shade = 1.0 - LID_SHADE * smoothstep(-0.1, 0.6, normal.y);
         let diffuse = Vec3::from(at.interpolate(|vertex| self.head.lit[vertex].diffuse));
@@ -108,31 +178,45 @@ impl<'a> Painter<'a> {
     }
 }
 
-/// Returns the opacity of hair `depth` centimetres inside the hairline, and the brightness of the strand (0 to 1).
-fn strands(rest: Vec3, depth: f32) -> (f32, f32) {
-    let strand = noise(Vec3::new(rest.x * 9.0, rest.y * 1.4, rest.z * 1.4));
-    (smoothstep(HAIR_EDGE[0] + 0.4, HAIR_EDGE[1], depth + 0.9 * (strand - 0.5)), strand)
+/// Returns a number from 0 to 1 that differs from strand to strand.
+fn strand(rest: Vec3) -> f32 {
+    noise(Vec3::new(rest.x * 9.0, rest.y * 1.4, rest.z * 1.4))
 }
+
+/// Returns the factor on the colour of a strand.
+fn strand_light(strand: f32) -> f32 {
+    0.65 + 0.7 * strand
+}
+
+/// Cells of the noise along x, y and z, after which it repeats: 7 centimetres of hair.
+const CELLS: [usize; 3] = [64, 8, 8];
+const ORIGIN: f32 = 1024.0;
+static NOISE: LazyLock<Vec<f32>> = LazyLock::new(|| {
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    (0..CELLS.iter().product()).map(|_| rng.random()).collect()
+});
 
 /// Returns smooth noise over space, from 0 to 1, with one random value per unit cell.
 fn noise(at_point: Vec3) -> f32 {
-    let cell = at_point.floor();
-    let offset = at_point - cell;
+    // Whole numbers are rounded down, because no point lies below -ORIGIN.
+    let at_point = at_point + ORIGIN;
+    let cell = at_point.as_uvec3();
+    let offset = at_point - cell.as_vec3();
     let share = offset * offset * (3.0 - 2.0 * offset);
-    let at = |dx: f32, dy: f32, dz: f32| hash(cell + Vec3::new(dx, dy, dz));
-    let row = |dy: f32, dz: f32| lerp(at(0.0, dy, dz), at(1.0, dy, dz), share.x);
-    let plane = |dz: f32| lerp(row(0.0, dz), row(1.0, dz), share.y);
-    lerp(plane(0.0), plane(1.0), share.z)
+    let [x, y, z] = [(cell.x, CELLS[0]), (cell.y, CELLS[1]), (cell.z, CELLS[2])].map(|(at, cells)| wrapped(at, cells));
+    let row = |y: usize, z: usize| {
+        let row = &NOISE[(z * CELLS[1] + y) * CELLS[0]..][..CELLS[0]];
+        lerp(row[x[0]], row[x[1]], share.x)
+    };
+    let plane = |z: usize| lerp(row(y[0], z), row(y[1], z), share.y);
+    lerp(plane(z[0]), plane(z[1]), share.z)
+}
+
+/// Returns the numbers of a cell and of the next one, modulo `cells`.
+fn wrapped(cell: u32, cells: usize) -> [usize; 2] {
+    [cell as usize % cells, (cell as usize + 1) % cells]
 }
 
 fn lerp(from: f32, to: f32, share: f32) -> f32 {
     from + (to - from) * share
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "cells are small whole numbers; wraps")]
-fn hash(cell: Vec3) -> f32 {
-    let [x, y, z] = [cell.x, cell.y, cell.z].map(|value| value as i32 as u32);
-    let mixed = x.wrapping_mul(0x9E37_79B1) ^ y.wrapping_mul(0x85EB_CA77) ^ z.wrapping_mul(0xC2B2_AE3D);
-    let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0x2C1B_3C6D);
-    (mixed >> 8) as f32 / 16_777_216.0
 }

@@ -5,6 +5,8 @@ use glam::{Vec2, Vec3, Vec4};
 use super::{
     assets::Assets,
     geometry::{piecewise, smoothstep},
+    paint::{FULL_HAIR, HAIR_EDGE},
+    rig::Triangle,
 };
 
 /// Height of the hairline at depths z, in centimetres: nape, behind the ear, above the ear, temple, forehead.
@@ -56,8 +58,27 @@ pub struct Person {
     pub looks: Looks,
     /// Attributes of each vertex of the skin.
     pub attributes: Vec<VertexAttributes>,
+    /// What covers each triangle of the skin.
+    pub covers: Vec<Cover>,
     /// Coordinates of each vertex in the brows' texture.
     pub brow_uv: Vec<Vec2>,
+    /// The triangles that the brows touch.
+    pub brow_triangles: Vec<Triangle>,
+}
+
+/// What covers a triangle of the skin. Triangles of one material are painted faster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cover {
+    /// Clothes.
+    Cloth,
+    /// Bare skin without the texture.
+    Tone,
+    /// Bare skin with the texture.
+    Texture,
+    /// Hair through which no skin is visible.
+    Hair,
+    /// Several materials, or a beard.
+    Mixed,
 }
 
 /// Attributes of a vertex of the skin, packed for interpolation.
@@ -105,11 +126,37 @@ impl Person {
                 rest: point.extend(looks.beard * beard_at(point, mouth)),
             }
         };
+        let attributes: Vec<VertexAttributes> = (0..rest.len()).map(attributes).collect();
+        let brow_uv: Vec<Vec2> = rest.iter().map(brow_at).collect();
+        let cover = |triangle: &Triangle| Cover::of(triangle.map(|vertex| &attributes[vertex as usize]), &looks);
+        let touched = |triangle: &&Triangle| brow.touches(triangle.map(|vertex| brow_uv[vertex as usize]));
         Self {
-            attributes: (0..rest.len()).map(attributes).collect(),
-            brow_uv: rest.iter().map(brow_at).collect(),
+            covers: assets.rig.parts.skin.iter().map(cover).collect(),
+            brow_triangles: brow.triangles.iter().filter(touched).copied().collect(),
+            attributes,
+            brow_uv,
             base,
             looks,
+        }
+    }
+}
+
+impl Cover {
+    fn of(corners: [&VertexAttributes; 3], looks: &Looks) -> Self {
+        let all = |is: fn(&VertexAttributes) -> bool| corners.iter().all(|corner| is(corner));
+        let bald = looks.hair.is_none() || all(|corner| corner.cover.z <= HAIR_EDGE[0]);
+        if all(|corner| corner.cover.w > 0.0) {
+            Self::Cloth
+        } else if looks.hair.is_some() && all(|corner| corner.cover.z >= FULL_HAIR && corner.cover.w <= 0.0) {
+            Self::Hair
+        } else if !bald || !all(|corner| corner.cover.w <= 0.0 && corner.rest.w <= 0.0) {
+            Self::Mixed
+        } else if all(|corner| corner.tone.w >= 1.0) {
+            Self::Texture
+        } else if all(|corner| corner.tone.w <= 0.0) {
+            Self::Tone
+        } else {
+            Self::Mixed
         }
     }
 }

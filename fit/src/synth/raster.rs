@@ -5,6 +5,8 @@
 //! sample outside the grid is visited. Limits: triangles with corners more than 16,000 samples from the origin are
 //! skipped.
 
+use core::ops::Range;
+
 use glam::{Vec2, Vec3};
 
 /// Number of subpixel positions per sample.
@@ -24,38 +26,114 @@ pub struct Grid {
     pub height: usize,
 }
 
-impl Grid {
-    /// Calls `sample(index, barycentric coordinates)` for every sample that the triangle covers. Triangles whose
-    /// corners run clockwise in the picture face away and are skipped.
-    pub fn fill(self, corners: [Vec2; 3], mut sample: impl FnMut(usize, Vec3)) {
-        let farthest = corners[0].abs().max(corners[1].abs()).max(corners[2].abs());
-        if !(farthest.max_element() < FARTHEST) || (corners[0] + corners[1] + corners[2]).is_nan() {
-            return;
+/// A position among the samples, in 1/256 of a sample.
+#[derive(Debug, Clone, Copy)]
+pub struct Position([i32; 2]);
+
+impl Position {
+    /// A position that belongs to no triangle that is drawn.
+    pub const NOWHERE: Self = Self([i32::MAX; 2]);
+
+    /// Snaps a position. Positions far outside of any grid, and those that are not numbers, become
+    /// [`Position::NOWHERE`].
+    #[expect(clippy::cast_possible_truncation, reason = "positions are bounded by FARTHEST")]
+    pub fn new(position: Vec2) -> Self {
+        if !(position.x.abs() < FARTHEST && position.y.abs() < FARTHEST) {
+            return Self::NOWHERE;
         }
-        let [a, b, c] = [snap(corners[0]), snap(corners[1]), snap(corners[2])];
-        let area = cross(a, b, c);
-        if area >= 0 {
-            return;
-        }
-        let inverse = 1.0 / -area as f32;
-        self.fill_clockwise([a, c, b], |index, [one, three, two]| sample(index, Vec3::new(one, two, three) * inverse));
+        let rounded = position * STEPS + ROUNDER - ROUNDER;
+        Self([rounded.x as i32, rounded.y as i32])
     }
 
-    fn fill_clockwise(self, [a, b, c]: [[i64; 2]; 3], mut sample: impl FnMut(usize, [f32; 3])) {
-        let columns = span([a[0], b[0], c[0]], self.width);
-        let rows = span([a[1], b[1], c[1]], self.height);
+    /// Returns the position in samples.
+    pub fn samples(self) -> Vec2 {
+        Vec2::new(self.0[0] as f32, self.0[1] as f32) / STEPS
+    }
+
+    fn coordinates(self) -> [i64; 2] {
+        self.0.map(i64::from)
+    }
+}
+
+/// The samples that a triangle covers.
+pub struct Coverage {
+    columns: Range<usize>,
+    rows: Range<usize>,
+    width: usize,
+    edges: [Edge; 3],
+    inverse_area: f32,
+}
+
+impl Grid {
+    /// Returns a window of all samples.
+    pub fn whole(self) -> Window {
+        Window { columns: 0..self.width, rows: 0..self.height, width: self.width }
+    }
+
+    /// Returns the window around some positions, with a margin in samples.
+    pub fn around(self, positions: impl IntoIterator<Item = Position>, margin: u8) -> Window {
+        let margin = i64::from(margin) * STEP;
+        let (mut least, mut most) = ([i64::MAX; 2], [i64::MIN; 2]);
+        for position in positions {
+            let at = position.coordinates();
+            least = [least[0].min(at[0] - margin), least[1].min(at[1] - margin)];
+            most = [most[0].max(at[0] + margin), most[1].max(at[1] + margin)];
+        }
+        let range = |axis: usize, side: usize| span([least[axis], most[axis], most[axis]], 0..side);
+        Window { columns: range(0, self.width), rows: range(1, self.height), width: self.width }
+    }
+}
+
+/// A rectangle of a grid.
+#[derive(Debug, Clone)]
+pub struct Window {
+    columns: Range<usize>,
+    rows: Range<usize>,
+    /// Columns of the whole grid.
+    width: usize,
+}
+
+impl Window {
+    /// Returns the samples that a triangle may cover, or `None` if it covers none. Triangles whose corners run clockwise
+    /// in the picture face away and cover none.
+    #[inline]
+    pub fn cover(&self, corners: [Position; 3]) -> Option<Coverage> {
+        if corners.iter().any(|corner| corner.0[0] == i32::MAX) {
+            return None;
+        }
+        // The corners run clockwise from here on.
+        let [a, c, b] = corners.map(Position::coordinates);
+        let area = cross(a, b, c);
+        if area <= 0 {
+            return None;
+        }
+        let columns = span([a[0], b[0], c[0]], self.columns.clone());
+        let rows = span([a[1], b[1], c[1]], self.rows.clone());
+        if columns.is_empty() || rows.is_empty() {
+            return None;
+        }
         let start = [centre(columns.start), centre(rows.start)];
         // Each edge is opposite to the corner whose weight it gives.
-        let mut edges = [Edge::new(b, c, start), Edge::new(c, a, start), Edge::new(a, b, start)];
+        let edges = [Edge::new(b, c, start), Edge::new(a, b, start), Edge::new(c, a, start)];
+        Some(Coverage { columns, rows, width: self.width, edges, inverse_area: 1.0 / area as f32 })
+    }
+}
+
+impl Coverage {
+    /// Calls `sample(index, barycentric coordinates)` for every sample that the triangle covers.
+    #[inline]
+    pub fn each(self, mut sample: impl FnMut(usize, Vec3)) {
+        let Self { columns, rows, width, mut edges, inverse_area } = self;
         for row in rows {
-            let mut at = [edges[0].value, edges[1].value, edges[2].value];
+            let mut at = edges.each_ref().map(|edge| edge.value);
             for column in columns.clone() {
                 if at[0] >= edges[0].least && at[1] >= edges[1].least && at[2] >= edges[2].least {
-                    sample(row * self.width + column, [at[0] as f32, at[1] as f32, at[2] as f32]);
+                    let weights = Vec3::new(at[0] as f32, at[1] as f32, at[2] as f32);
+                    sample(row * width + column, weights * inverse_area);
                 }
-                at[0] += edges[0].right;
-                at[1] += edges[1].right;
-                at[2] += edges[2].right;
+                for (at, edge) in at.iter_mut().zip(&edges) {
+                    *at += edge.right;
+                }
             }
             for edge in &mut edges {
                 edge.value += edge.down;
@@ -81,12 +159,6 @@ impl Edge {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "positions are bounded by FARTHEST")]
-fn snap(position: Vec2) -> [i64; 2] {
-    let rounded = position * STEPS + ROUNDER - ROUNDER;
-    [rounded.x as i64, rounded.y as i64]
-}
-
 fn cross(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
@@ -95,13 +167,13 @@ fn centre(index: usize) -> i64 {
     i64::try_from(index).unwrap_or(0) * STEP + STEP / 2
 }
 
-/// Returns the range of samples whose centres lie between the smallest and the largest position.
-fn span(positions: [i64; 3], side: usize) -> core::ops::Range<usize> {
+/// Returns the range of samples inside `limits` whose centres lie between the smallest and the largest position.
+fn span(positions: [i64; 3], limits: Range<usize>) -> Range<usize> {
     let [a, b, c] = positions;
     let first = (a.min(b).min(c) + STEP / 2 - 1).div_euclid(STEP).max(0);
-    let end = (a.max(b).max(c) + STEP / 2).div_euclid(STEP).max(first);
-    let clamp = |value: i64| usize::try_from(value).unwrap_or(0).min(side);
-    clamp(first)..clamp(end)
+    let end = (a.max(b).max(c) + STEP / 2).div_euclid(STEP).max(0);
+    let whole = |value: i64| usize::try_from(value).unwrap_or(0);
+    whole(first).max(limits.start)..whole(end).min(limits.end)
 }
 
 #[cfg(test)]
@@ -110,10 +182,16 @@ mod tests {
 
     const GRID: Grid = Grid { width: 40, height: 30 };
 
+    fn fill(corners: [Vec2; 3], sample: impl FnMut(usize, Vec3)) {
+        if let Some(covered) = GRID.whole().cover(corners.map(Position::new)) {
+            covered.each(sample);
+        }
+    }
+
     fn coverage(triangles: &[[Vec2; 3]]) -> Vec<u32> {
         let mut counts = vec![0; GRID.width * GRID.height];
         for corners in triangles {
-            GRID.fill(*corners, |index, _| counts[index] += 1);
+            fill(*corners, |index, _| counts[index] += 1);
         }
         counts
     }
@@ -152,9 +230,19 @@ mod tests {
     }
 
     #[test]
+    fn a_window_shows_the_samples_around_its_positions_and_no_others() {
+        let whole = [Vec2::new(-300.0, -300.0), Vec2::new(20.0, 900.0), Vec2::new(900.0, -300.0)].map(Position::new);
+        let window = GRID.around([Vec2::new(10.0, 4.0), Vec2::new(20.0, 9.0)].map(Position::new), 2);
+        let mut seen = Vec::new();
+        window.cover(whole).expect("covered").each(|index, _| seen.push([index % GRID.width, index / GRID.width]));
+        assert_eq!(seen.len(), 14 * 9);
+        assert_eq!((seen.first(), seen.last()), (Some(&[8, 2]), Some(&[21, 10])));
+    }
+
+    #[test]
     fn weights_interpolate_the_position_and_sum_to_one() {
         let corners = [Vec2::new(2.0, 2.0), Vec2::new(5.0, 25.0), Vec2::new(35.0, 7.0)];
-        GRID.fill(corners, |index, weights| {
+        fill(corners, |index, weights| {
             let position = corners[0] * weights.x + corners[1] * weights.y + corners[2] * weights.z;
             let expected = Vec2::new((index % GRID.width) as f32 + 0.5, (index / GRID.width) as f32 + 0.5);
             assert!((weights.element_sum() - 1.0).abs() < 1e-4 && (position - expected).length() < 0.01);
@@ -165,8 +253,8 @@ mod tests {
     fn only_triangles_that_face_the_camera_are_drawn() {
         let seen = [Vec2::new(2.0, 2.0), Vec2::new(5.0, 25.0), Vec2::new(35.0, 7.0)];
         let mut counts = [0; 2];
-        GRID.fill(seen, |_, _| counts[0] += 1);
-        GRID.fill([seen[0], seen[2], seen[1]], |_, _| counts[1] += 1);
+        fill(seen, |_, _| counts[0] += 1);
+        fill([seen[0], seen[2], seen[1]], |_, _| counts[1] += 1);
         assert!(counts[0] > 100 && counts[1] == 0);
     }
 }

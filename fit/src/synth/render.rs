@@ -5,10 +5,11 @@ use glam::{Vec2, Vec3};
 
 use super::{
     assets::{Assets, BOUNDS},
-    canvas::{Canvas, SAMPLES},
+    canvas::Canvas,
     geometry::normals_into,
     paint::{LASHES, Painter},
     person::Person,
+    raster::{Position, Window},
     rig::Triangle,
     scene::{PIVOT, Scene},
     shade::{Surface, VertexLight, shade},
@@ -22,8 +23,17 @@ const MOUTH_SKY: f32 = 0.6;
 /// Factor on the inverse depth of brows, so that the skin below does not hide them.
 const LIFT: f32 = 1.0005;
 
+/// Width of a face seen from the front in centimetres.
+pub const FACE_CM: f32 = 14.5;
+/// Landmarks of the outer edge of the lips, between which the mouth is visible; and a margin in samples.
+const LIPS: core::ops::Range<usize> = 48..60;
+const LIPS_MARGIN: u8 = 6;
+/// Samples across the width of a face.
+const SAMPLES_PER_FACE: f32 = 150.0;
+
 /// A renderer with buffers for pictures of one size.
 pub struct Renderer {
+    least_density: f32,
     canvas: Canvas,
     shadow: DepthMap,
     head: Head,
@@ -41,61 +51,81 @@ pub struct Head {
     /// Light on the vertex.
     pub lit: Vec<VertexLight>,
     /// Position among the samples, and inverse depth.
-    screen: Vec<(Vec2, f32)>,
+    screen: Vec<(Position, f32)>,
     /// Visibility of the sky.
     sky: Vec<f32>,
 }
 
 impl Renderer {
-    /// Creates a renderer for pictures of this size.
-    pub fn new(size: [usize; 2]) -> Self {
-        Self { canvas: Canvas::new(size), shadow: DepthMap::new(SHADOW_SIDE), head: Head::default() }
+    /// Creates a renderer for pictures of this size, which have at least `least_density` samples per side of a pixel.
+    pub fn new(size: [usize; 2], least_density: f32) -> Self {
+        Self { least_density, canvas: Canvas::new(size), shadow: DepthMap::new(SHADOW_SIDE), head: Head::default() }
     }
 
     /// Draws a person in linear light over the backdrop in `pixels`.
-    pub fn draw(&mut self, assets: &Assets, person: &Person, scene: &Scene, pixels: &mut [Vec3]) {
-        self.head.pose(assets, person, scene);
+    pub fn draw(&mut self, assets: &Assets, person: &Person, scene: &Scene, pixels: &mut [[f32; 3]]) {
+        self.canvas.clear(self.density(scene));
+        self.head.pose(assets, person, scene, self.canvas.density);
         self.light(assets, scene);
         self.head.darken_mouth(assets);
-        self.canvas.clear();
         let painter = Painter::new(assets, person, &self.head, &scene.lighting);
         let parts = &assets.rig.parts;
         let canvas = &mut self.canvas;
         let head = &self.head;
-        draw(canvas, head, &parts.skin, 1.0, |canvas, index, inverse_depth, corners| {
-            canvas.set(index, inverse_depth, painter.skin(corners));
+        let whole = canvas.grid.whole();
+        let lips = assets.rig.landmarks[LIPS].iter().map(|vertex| head.screen[*vertex].0);
+        let mouth = canvas.grid.around(lips, LIPS_MARGIN);
+        draw(canvas, head, (&parts.skin, &whole), 1.0, |number, vertices| {
+            let paint = painter.skin(person.covers[number], vertices);
+            move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, paint.colour(weights))
         });
-        draw(canvas, head, &parts.gums, 1.0, |canvas, index, inverse_depth, corners| {
-            canvas.set(index, inverse_depth, painter.gums(corners));
+        draw(canvas, head, (&parts.gums, &mouth), 1.0, |_, vertices| {
+            let corners = painter.gums(vertices);
+            move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, corners.at(weights))
         });
-        draw(canvas, head, &parts.teeth, 1.0, |canvas, index, inverse_depth, corners| {
-            canvas.set(index, inverse_depth, painter.teeth(corners));
+        draw(canvas, head, (&parts.teeth, &mouth), 1.0, |_, vertices| {
+            let corners = painter.teeth(vertices);
+            move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, corners.at(weights))
         });
         for eye in &parts.eyes {
-            draw(canvas, head, eye, 1.0, |canvas, index, inverse_depth, corners| {
-                canvas.set(index, inverse_depth, painter.eye(corners));
+            draw(canvas, head, (eye, &whole), 1.0, |_, vertices| {
+                let painter = &painter;
+                move |canvas, index, inverse_depth, weights| {
+                    canvas.set(index, inverse_depth, painter.eye(Barycentric { vertices, weights }));
+                }
             });
         }
-        draw(canvas, head, &assets.brows[person.looks.brow].triangles, LIFT, |canvas, index, _, corners| {
-            let (alpha, colour) = painter.brow(corners);
-            canvas.blend(index, alpha, colour);
+        draw(canvas, head, (&person.brow_triangles, &whole), LIFT, |_, vertices| {
+            let painter = &painter;
+            move |canvas, index, _, weights| {
+                let (alpha, colour) = painter.brow(Barycentric { vertices, weights });
+                canvas.blend(index, alpha, colour);
+            }
         });
-        draw(canvas, head, &parts.lashes, 1.0, |canvas, index, _, _| {
-            canvas.blend(index, person.looks.lashes, LASHES);
+        draw(canvas, head, (&parts.lashes, &whole), 1.0, |_, _| {
+            |canvas: &mut Canvas, index, _, _| canvas.blend(index, person.looks.lashes, LASHES)
         });
         self.canvas.resolve(pixels);
     }
 
     /// Returns the pixel positions of the outer eye corners in the last picture: the person's right, then left.
     pub fn eye_corners(&self, assets: &Assets) -> [Vec2; 2] {
-        [36, 45].map(|index| self.head.screen[assets.rig.landmarks[index]].0 / SAMPLES as f32)
+        [36, 45].map(|index| self.head.screen[assets.rig.landmarks[index]].0.samples() / self.canvas.density)
+    }
+
+    /// Returns the samples per side of a pixel. More than [`SAMPLES_PER_FACE`] across a face are not visible to the mesh
+    /// network, which reduces the face to 192 pixels.
+    fn density(&self, scene: &Scene) -> f32 {
+        let face_px = FACE_CM * scene.lens.focal_px / -scene.placement.position.z;
+        (SAMPLES_PER_FACE / face_px).max(self.least_density)
     }
 
     fn light(&mut self, assets: &Assets, scene: &Scene) {
         let head = &mut self.head;
         let key = scene.lighting.lights.first().map_or(Vec3::Y, |lamp| lamp.toward);
         let bounds = (scene.placement.position + BOUNDS.0 - PIVOT, BOUNDS.1);
-        self.shadow.draw(key, bounds, &head.points, &assets.rig.parts.skin);
+        let caster = assets.caster.vertices.iter().map(|vertex| head.points[*vertex as usize]);
+        self.shadow.draw(key, bounds, caster, &assets.caster.triangles);
         assets.occlusion.visibility(&scene.weights, &mut head.sky);
         // The ambient occlusion of the mouth is that of shut lips; `darken_mouth` models the open mouth instead.
         assets.mouth.iter().for_each(|vertex| head.sky[*vertex as usize] = MOUTH_SKY);
@@ -110,15 +140,15 @@ impl Renderer {
 
 impl Head {
     /// Deforms, places and projects the head.
-    fn pose(&mut self, assets: &Assets, person: &Person, scene: &Scene) {
+    fn pose(&mut self, assets: &Assets, person: &Person, scene: &Scene, density: Vec2) {
         assets.deformer.deform(&assets.rig, &person.base, &scene.weights, &mut self.shape);
         self.points.clone_from(&self.shape);
         scene.placement.place(&mut self.points, &assets.shoulder);
         self.normals.resize(self.points.len(), Vec3::ZERO);
         normals_into(&self.points, &assets.surface, &mut self.normals);
-        let scale = SAMPLES as f32;
         let seen = |point: &Vec3| {
-            scene.lens.project(*point).map_or((Vec2::NAN, 0.0), |(pixel, inverse_depth)| (scale * pixel, inverse_depth))
+            let seen = scene.lens.project(*point);
+            seen.map_or((Position::NOWHERE, 0.0), |(pixel, depth)| (Position::new(density * pixel), depth))
         };
         self.screen.clear();
         self.screen.extend(self.points.iter().map(seen));
@@ -161,23 +191,37 @@ impl Barycentric {
     }
 }
 
-/// Calls `paint` for every visible sample of the triangles.
-fn draw(
+/// An attribute at the corners of a triangle.
+pub struct Corners<T>(pub [T; 3]);
+
+impl<T: Copy + core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>> Corners<T> {
+    /// Interpolates the attribute at barycentric coordinates.
+    #[inline]
+    pub fn at(&self, weights: Vec3) -> T {
+        let [a, b, c] = self.0;
+        a * weights.x + b * weights.y + c * weights.z
+    }
+}
+
+/// Calls `paint(number, vertices)` for every triangle that covers samples of the window, and the function that it returns for every
+/// visible sample, with its index, inverse depth and barycentric coordinates.
+fn draw<Paint: FnMut(&mut Canvas, usize, f32, Vec3)>(
     canvas: &mut Canvas,
     head: &Head,
-    triangles: &[Triangle],
+    (triangles, window): (&[Triangle], &Window),
     lift: f32,
-    mut paint: impl FnMut(&mut Canvas, usize, f32, Barycentric),
+    paint: impl Fn(usize, [usize; 3]) -> Paint,
 ) {
-    let grid = canvas.grid;
-    for [a, b, c] in triangles {
-        let vertices = [*a as usize, *b as usize, *c as usize];
-        let [one, two, three] = [head.screen[vertices[0]], head.screen[vertices[1]], head.screen[vertices[2]]];
+    for (number, triangle) in triangles.iter().enumerate() {
+        let vertices = triangle.map(|vertex| vertex as usize);
+        let [one, two, three] = vertices.map(|vertex| head.screen[vertex]);
+        let Some(covered) = window.cover([one.0, two.0, three.0]) else { continue };
         let inverse_depths = Vec3::new(one.1, two.1, three.1) * lift;
-        grid.fill([one.0, two.0, three.0], |index, weights| {
+        let mut sample = paint(number, vertices);
+        covered.each(|index, weights| {
             let inverse_depth = weights.dot(inverse_depths);
             if canvas.is_visible(index, inverse_depth) {
-                paint(canvas, index, inverse_depth, Barycentric { vertices, weights });
+                sample(canvas, index, inverse_depth, weights);
             }
         });
     }

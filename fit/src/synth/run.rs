@@ -23,7 +23,7 @@ use super::{
 };
 
 /// Increases when the same settings give other pictures.
-const EDITION: u32 = 4;
+const EDITION: u32 = 5;
 
 /// Arguments of `synth`.
 #[derive(Debug, Args)]
@@ -43,7 +43,7 @@ pub struct Options {
     #[arg(long, value_enum, default_value = "train")]
     set: Set,
     /// Width and height of the pictures
-    #[arg(long, num_args = 2, default_values_t = [400, 400], value_names = ["WIDTH", "HEIGHT"])]
+    #[arg(long, num_args = 2, default_values_t = [320, 320], value_names = ["WIDTH", "HEIGHT"])]
     size: Vec<usize>,
     /// Number of threads [default: one per core]
     #[arg(long)]

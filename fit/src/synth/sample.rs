@@ -15,11 +15,10 @@ use super::{
     camera::Effects,
     expression::Coefficients,
     person::{Looks, Person},
+    render::FACE_CM,
     scene::{Lens, Light, Lighting, Placement, Scene},
 };
 
-/// Width of a face seen from the front in centimetres, to compute the focal length from its size in the picture.
-const FACE_CM: f32 = 14.5;
 /// Limit on the weights of identity modes in standard deviations, beyond which heads look unnatural.
 const IDENTITY_LIMIT: f32 = 2.5;
 /// Standard deviation and limit of yaw, pitch and roll in degrees.

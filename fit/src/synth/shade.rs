@@ -17,8 +17,6 @@ const HARD_WRAP: Vec3 = Vec3::splat(0.08);
 const FRESNEL: f32 = 0.03;
 /// Reflectance for ambient light.
 const SKY_GLOSS: f32 = 0.02;
-/// Specular lobes: exponent and share.
-const LOBES: [(i32, f32); 2] = [(12, 0.7), (42, 0.3)];
 /// Vertices that face away further than this (cosine) are invisible and not lit.
 const HIDDEN: f32 = -0.35;
 
@@ -52,7 +50,11 @@ pub fn shade(lighting: &Lighting, shadow: &DepthMap, surface: &Surface) -> Verte
     }
     let sky = lighting.ambient(surface.normal) * surface.sky;
     let mut lit = VertexLight { diffuse: sky.into(), gloss: Vec3A::ZERO };
+    let dark = if surface.skin { -SKIN_WRAP.x } else { -HARD_WRAP.x };
     for (index, lamp) in lighting.lights.iter().enumerate() {
+        if surface.normal.dot(lamp.toward) <= dark {
+            continue;
+        }
         let open = if index == 0 { shadowed(lighting, shadow, surface) } else { surface.sky.sqrt() };
         add_lamp(&mut lit, lamp, surface, view, open);
     }
@@ -71,15 +73,22 @@ fn add_lamp(lit: &mut VertexLight, lamp: &Light, surface: &Surface, view: Vec3, 
     lit.diffuse += Vec3A::from(lamp.colour * open * ((wrap + cosine) / (1.0 + wrap)).max(Vec3::ZERO));
     if cosine > 0.0 {
         let half = (lamp.toward + view).normalize_or_zero();
-        let grazing = FRESNEL + (1.0 - FRESNEL) * (1.0 - half.dot(view).max(0.0)).powi(5);
+        let grazing = 1.0 - half.dot(view).max(0.0);
+        let square = grazing * grazing;
+        let grazing = FRESNEL + (1.0 - FRESNEL) * square * square * grazing;
         let share = open * grazing * cosine * highlight(surface.normal.dot(half).max(0.0));
         lit.gloss += Vec3A::from(lamp.colour * share);
     }
 }
 
-/// Returns the sum of the normalised Blinn-Phong lobes.
+/// Returns the sum of two normalised Blinn-Phong lobes: 0.7 with exponent 12, and 0.3 with exponent 42.
 fn highlight(cosine: f32) -> f32 {
-    LOBES.iter().map(|(exponent, share)| share * (*exponent as f32 + 8.0) / 8.0 * cosine.powi(*exponent)).sum()
+    let square = cosine * cosine;
+    let fourth = square * square;
+    let eighth = fourth * fourth;
+    let wide = eighth * fourth;
+    let narrow = eighth * eighth * eighth * eighth * eighth * square;
+    0.7 * 20.0 / 8.0 * wide + 0.3 * 50.0 / 8.0 * narrow
 }
 
 #[cfg(test)]
@@ -91,7 +100,7 @@ mod tests {
         let lighting = Lighting { ambient: [Vec3::ZERO; 4], lights, softness: 0.5 };
         let surface = Surface { point: Vec3::new(0.0, 0.0, -50.0), normal: Vec3::Z, sky: 1.0, skin };
         let mut shadow = DepthMap::new(8);
-        shadow.draw(toward, (Vec3::ZERO, 1.0), &[], &[]);
+        shadow.draw(toward, (Vec3::ZERO, 1.0), [], &[]);
         shade(&lighting, &shadow, &surface)
     }
 

@@ -3,7 +3,10 @@
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::{raster::Grid, rig::Triangle};
+use super::{
+    raster::{Grid, Position},
+    rig::Triangle,
+};
 
 /// Surfaces cast a shadow on points that are further behind than this, in centimetres, so not on themselves.
 const BIAS_CM: f32 = 0.12;
@@ -20,7 +23,7 @@ pub struct DepthMap {
     corner: Vec2,
     cells_per_cm: f32,
     /// Cell and depth of every vertex.
-    seen: Vec<(Vec2, f32)>,
+    seen: Vec<(Position, f32)>,
 }
 
 impl DepthMap {
@@ -32,7 +35,13 @@ impl DepthMap {
     }
 
     /// Draws the triangles as seen from the direction `toward`. The map covers `bounds` (centre, radius).
-    pub fn draw(&mut self, toward: Vec3, bounds: (Vec3, f32), points: &[Vec3], triangles: &[Triangle]) {
+    pub fn draw(
+        &mut self,
+        toward: Vec3,
+        bounds: (Vec3, f32),
+        points: impl IntoIterator<Item = Vec3>,
+        triangles: &[Triangle],
+    ) {
         let toward = toward.normalize_or(Vec3::Z);
         let right = toward.any_orthonormal_vector();
         self.axes = Mat3::from_cols(right, right.cross(toward), toward).transpose();
@@ -42,13 +51,15 @@ impl DepthMap {
         self.depths.fill(f32::NEG_INFINITY);
         let mut seen = core::mem::take(&mut self.seen);
         seen.clear();
-        seen.extend(points.iter().map(|point| self.project(*point)));
+        seen.extend(
+            points.into_iter().map(|point| self.project(point)).map(|(cell, depth)| (Position::new(cell), depth)),
+        );
+        let window = self.grid.whole();
         for [a, b, c] in triangles {
             let [(one, near), (two, middle), (three, far)] = [seen[*a as usize], seen[*b as usize], seen[*c as usize]];
             let depths = Vec3::new(near, middle, far);
-            self.grid.fill([one, two, three], |index, weights| {
-                self.depths[index] = self.depths[index].max(weights.dot(depths));
-            });
+            let Some(covered) = window.cover([one, two, three]) else { continue };
+            covered.each(|index, weights| self.depths[index] = self.depths[index].max(weights.dot(depths)));
         }
         self.seen = seen;
     }
@@ -86,7 +97,7 @@ pub fn ambient_occlusion(points: &[Vec3], normals: &[Vec3], triangles: &[Triangl
         .map(|index| {
             let toward = direction(index);
             let mut map = DepthMap::new(AMBIENT_SIDE);
-            map.draw(toward, bounds, points, triangles);
+            map.draw(toward, bounds, points.iter().copied(), triangles);
             let one = |(point, normal): (&Vec3, &Vec3)| {
                 let cosine = normal.dot(toward).max(0.0);
                 if cosine > 0.0 { [cosine, cosine * map.light_at(*point + 0.1 * *normal, 0.7)] } else { [0.0; 2] }
@@ -117,7 +128,7 @@ mod tests {
     fn points_behind_a_triangle_are_in_shadow_and_points_beside_it_are_not() {
         let points = [Vec3::new(-1.0, -1.0, 2.0), Vec3::new(1.0, -1.0, 2.0), Vec3::new(0.0, 1.0, 2.0)];
         let mut map = DepthMap::new(64);
-        map.draw(Vec3::Z, (Vec3::ZERO, 4.0), &points, &[[0, 1, 2]]);
+        map.draw(Vec3::Z, (Vec3::ZERO, 4.0), points, &[[0, 1, 2]]);
         let light = |x: f32, y: f32, z: f32| map.light_at(Vec3::new(x, y, z), 1.0);
         assert_eq!([light(0.0, 0.0, 0.0), light(0.0, 0.0, 3.0), light(2.5, 0.0, 0.0)], [0.0, 1.0, 1.0]);
         assert_eq!(light(0.0, 0.0, 2.0), 1.0, "a surface does not shade itself");

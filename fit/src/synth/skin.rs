@@ -93,7 +93,7 @@ fn spread_rings(rings: &mut [u8], neighbours: &[Vec<u32>]) {
 impl Skin {
     /// Diffuses the tone of the face over the rest of the head.
     pub fn new(texture: Texture, rig: &Rig, layout: &Layout) -> Self {
-        let seen: Vec<Vec3> = rig.skin_uv.iter().map(|uv| texture.light(*uv)).collect();
+        let seen: Vec<Vec3> = rig.skin_uv.iter().map(|uv| texture.light(*uv).into()).collect();
         let sure = |vertex: &usize| layout.share[*vertex] >= 1.0 && !layout.neighbours[*vertex].is_empty();
         let known: Vec<usize> = (0..seen.len()).filter(sure).collect();
         let mean = known.iter().map(|vertex| seen[*vertex]).sum::<Vec3>() / known.len().max(1) as f32;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec3A, Vec4};
 
 /// An image with 8 bits per channel. As in the rig, u runs right and v up, both from 0 to 1.
 pub struct Texture {
@@ -34,6 +34,12 @@ impl Texture {
     /// integer 256ths, so that one multiplication blends two channels.
     #[inline]
     pub fn sample(&self, uv: Vec2) -> Vec4 {
+        self.weighted(uv) * (1.0 / 256.0)
+    }
+
+    /// Samples the texture as [`Texture::sample`] does. Channels are 0 to 255 * 256.
+    #[inline]
+    fn weighted(&self, uv: Vec2) -> Vec4 {
         let limit = Vec2::new(self.width as f32 - 1.0, self.height as f32 - 1.0);
         let position = Vec2::new(uv.x * self.width as f32, (1.0 - uv.y) * self.height as f32) - 0.5;
         let position = 256.0 * position.clamp(Vec2::ZERO, limit);
@@ -48,14 +54,13 @@ impl Texture {
             green_alpha += (pixel >> 8 & 0x00FF_00FF) * weight;
         }
         let channel = |value: usize| (value & 0xFFFF) as f32;
-        let both = [channel(red_blue), channel(green_alpha), channel(red_blue >> 16), channel(green_alpha >> 16)];
-        Vec4::from_array(both) / 256.0
+        Vec4::new(channel(red_blue), channel(green_alpha), channel(red_blue >> 16), channel(green_alpha >> 16))
     }
 
     /// Samples the texture in linear light, from 0 to 1.
     #[inline]
-    pub fn light(&self, uv: Vec2) -> Vec3 {
-        linear(self.sample(uv).truncate() / 255.0)
+    pub fn light(&self, uv: Vec2) -> Vec3A {
+        linear(Vec3A::from_vec4(self.weighted(uv)) * (1.0 / (255.0 * 256.0)))
     }
 }
 
@@ -66,13 +71,15 @@ fn index(value: f32) -> usize {
 
 /// Converts sRGB to linear light, both from 0 to 1. Approximates the power of 2.2 without `powf`, to within 0.01.
 #[inline]
-pub fn linear(colour: Vec3) -> Vec3 {
-    colour * colour * (0.8 + 0.2 * colour)
+pub fn linear(colour: Vec3A) -> Vec3A {
+    colour * colour * (Vec3A::splat(0.8) + 0.2 * colour)
 }
 
 #[cfg(test)]
 #[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
 
     fn two_by_one() -> Texture {
@@ -89,8 +96,8 @@ mod tests {
 
     #[test]
     fn black_and_white_are_unchanged_in_linear_light() {
-        assert_eq!(linear(Vec3::ONE), Vec3::ONE);
-        assert_eq!(linear(Vec3::ZERO), Vec3::ZERO);
-        assert!((linear(Vec3::splat(0.5)).x - 0.5_f32.powf(2.2)).abs() < 0.01);
+        assert_eq!(linear(Vec3A::ONE), Vec3A::ONE);
+        assert_eq!(linear(Vec3A::ZERO), Vec3A::ZERO);
+        assert!((linear(Vec3A::splat(0.5)).x - 0.5_f32.powf(2.2)).abs() < 0.01);
     }
 }

@@ -58,7 +58,7 @@ impl<'a> Worker<'a> {
     /// Allocates all buffers and loads the networks.
     pub fn new(setup: &'a Setup<'a>) -> Result<Self> {
         let size = setup.size;
-        Ok(Self { setup, imager: Imager::new(size)?, finder: Finder::load(size)?, tracking_s: 0.0 })
+        Ok(Self { setup, imager: Imager::new(size, 1.0)?, finder: Finder::load(size)?, tracking_s: 0.0 })
     }
 
     /// Returns the CPU times so far.

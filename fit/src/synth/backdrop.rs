@@ -46,6 +46,12 @@ impl Backdrop {
         Self { cells: (0..size[0] * size[1]).map(cell).collect(), size }
     }
 
+    /// Makes the backdrop even, with the mean of its colours.
+    pub fn flatten(&mut self) {
+        let mean = self.cells.iter().sum::<Vec3>() / self.cells.len().max(1) as f32;
+        self.cells.fill(mean);
+    }
+
     /// Fills a picture of the given width, interpolating between cells.
     pub fn fill(&self, width: usize, pixels: &mut [[f32; 3]]) {
         for (row, line) in pixels.chunks_exact_mut(width).enumerate() {

@@ -15,10 +15,11 @@ use super::{
     avi,
     canvas::MOST_SAMPLES,
     expression::Coefficients,
+    factors::Without,
     geometry::smoothstep,
     imager::Imager,
     options::{Sources, picture_size},
-    sample::{PictureSpec, Subject},
+    sample::{PictureSpec, Subject, Variety},
     set::Set,
 };
 use crate::output;
@@ -71,8 +72,9 @@ pub fn run(options: &Options) -> Result<()> {
     let recordings = options.sources.frames(options.set)?;
     let assets = Assets::load(&options.sources.rig)?;
     let textures = options.sources.textures(options.set, &assets.names)?;
+    let variety = Variety { textures, without: Without::default() };
     let seed = options.set.seed(options.seed);
-    let mut subject = Subject::random(&assets, &textures, [width, height], [seed, FILM_PEOPLE]);
+    let mut subject = Subject::random(&assets, &variety, [width, height], [seed, FILM_PEOPLE]);
     let specs = specs(&mut subject, &recordings, count)?;
     let mut imager = Imager::new([width, height], MOST_SAMPLES)?;
     let frames =

@@ -9,8 +9,9 @@ use facewire::solve::BLENDSHAPES;
 use super::{
     acting::Mix,
     expression::Coefficients,
+    factors::{Factor, Without},
     recording::Recording,
-    sample::{Distribution, TextureChoice},
+    sample::{Distribution, TextureChoice, Variety},
     set::{JUDGE_EVERY, Set},
 };
 use crate::design::MODELLED;
@@ -53,6 +54,12 @@ pub struct SceneOptions {
     /// Turn every head by exactly these angles, to either side and up or down, instead of random angles
     #[arg(long, num_args = 2, value_names = ["YAW", "PITCH"])]
     pub turn_deg: Vec<f32>,
+    /// Factors of variety to take away, separated by commas. Everything else stays as it was drawn
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "FACTORS")]
+    pub without: Vec<Factor>,
+    /// Take away the factors of light, camera and looks that the reference renderer of the rig does not have
+    #[arg(long)]
+    pub like_reference: bool,
 }
 
 impl Sources {
@@ -84,7 +91,7 @@ impl SceneOptions {
         let valid = self.mix.iter().all(|share| *share >= 0.0) && self.mix.iter().sum::<f32>() > 0.0;
         ensure!(valid, "--mix takes numbers that are at least 0, and not all 0");
         Ok(Distribution {
-            textures,
+            variety: Variety { textures, without: Without::new(&self.without, self.like_reference) },
             frames,
             mix: Mix { single, recorded, combined, rest },
             shapes: named(
@@ -97,11 +104,12 @@ impl SceneOptions {
 
     /// Returns the settings that determine the pictures as text, for the provenance file.
     pub fn describe(&self, sources: &Sources, distribution: &Distribution) -> Result<String> {
-        let (mut text, TextureChoice { skins, brows, eyes }) = (String::new(), &distribution.textures);
+        let (mut text, TextureChoice { skins, brows, eyes }) = (String::new(), &distribution.variety.textures);
         writeln!(text, "rig {}", sources.rig.display())?;
         writeln!(text, "skins {skins:?}, brows {brows:?}, eyes {eyes:?}")?;
         writeln!(text, "curves {:?}, {} frames, mix {:?}", sources.curves, distribution.frames.len(), self.mix)?;
         writeln!(text, "turn {:?}, shapes {:?}", distribution.turn_deg, self.shapes)?;
+        writeln!(text, "without {:?}", distribution.variety.without.names())?;
         Ok(text)
     }
 }

@@ -122,10 +122,12 @@ impl Renderer {
 
     fn light(&mut self, assets: &Assets, scene: &Scene) {
         let head = &mut self.head;
-        let key = scene.lighting.lights.first().map_or(Vec3::Y, |lamp| lamp.toward);
-        let bounds = (scene.placement.position + BOUNDS.0 - PIVOT, BOUNDS.1);
-        let caster = assets.caster.vertices.iter().map(|vertex| head.points[*vertex as usize]);
-        self.shadow.draw(key, bounds, caster, &assets.caster.triangles);
+        if scene.lighting.shadows {
+            let key = scene.lighting.lights.first().map_or(Vec3::Y, |lamp| lamp.toward);
+            let bounds = (scene.placement.position + BOUNDS.0 - PIVOT, BOUNDS.1);
+            let caster = assets.caster.vertices.iter().map(|vertex| head.points[*vertex as usize]);
+            self.shadow.draw(key, bounds, caster, &assets.caster.triangles);
+        }
         assets.occlusion.visibility(&scene.weights, &mut head.sky);
         // The ambient occlusion of the mouth is that of shut lips; `darken_mouth` models the open mouth instead.
         assets.mouth.iter().for_each(|vertex| head.sky[*vertex as usize] = MOUTH_SKY);

@@ -3,10 +3,9 @@
 
 use facewire::solve::COEFFS;
 use glam::{Vec2, Vec3};
-use rand::{RngExt, seq::IteratorRandom};
+use rand::RngExt;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::StandardNormal;
-use turbojpeg::Subsamp;
 
 use super::{
     acting::{Mix, random_expression},
@@ -14,9 +13,12 @@ use super::{
     backdrop::Backdrop,
     camera::Effects,
     expression::Coefficients,
-    person::{Looks, Person},
+    factors::Without,
+    looks::random_looks,
+    person::Person,
     render::FACE_CM,
-    scene::{Lens, Light, Lighting, Placement, Scene},
+    room::{random_effects, random_lighting},
+    scene::{Lens, Lighting, Placement, Scene},
 };
 
 /// Limit on the weights of identity modes in standard deviations, beyond which heads look unnatural.
@@ -25,18 +27,6 @@ const IDENTITY_LIMIT: f32 = 2.5;
 const TURN_DEG: [(f32, f32); 3] = [(16.0, 40.0), (10.0, 25.0), (7.0, 20.0)];
 /// The same for the subject's neutral picture.
 const NEARLY_FRONTAL_DEG: [(f32, f32); 3] = [(2.0, 5.0); 3];
-
-/// Hair colours in linear light: black, dark and light brown, blond, red, grey.
-const HAIR: [[f32; 3]; 6] = [
-    [0.012, 0.010, 0.009],
-    [0.045, 0.026, 0.016],
-    [0.11, 0.065, 0.035],
-    [0.35, 0.25, 0.13],
-    [0.2, 0.07, 0.025],
-    [0.3, 0.3, 0.31],
-];
-/// Skin of lower lightness counts as dark.
-const DARK_SKIN: f32 = 0.16;
 
 /// Indices of the textures to draw from, at least one of each kind.
 pub struct TextureChoice {
@@ -48,10 +38,18 @@ pub struct TextureChoice {
     pub eyes: Vec<usize>,
 }
 
-/// The distribution that pictures are drawn from.
-pub struct Distribution<'a> {
+/// The distribution that people, rooms and cameras are drawn from.
+pub struct Variety {
     /// Textures of people.
     pub textures: TextureChoice,
+    /// Factors that are taken away.
+    pub without: Without,
+}
+
+/// The distribution that pictures are drawn from.
+pub struct Distribution<'a> {
+    /// People, rooms and cameras.
+    pub variety: Variety,
     /// Frames of recordings.
     pub frames: &'a [Coefficients],
     /// Frequencies of the kinds of expressions.
@@ -85,34 +83,38 @@ pub struct PictureSpec {
     pub neutral: bool,
 }
 
-fn normal(rng: &mut ChaCha8Rng, deviation: f32, limit: f32) -> f32 {
+/// Draws a normal deviate, clamped to a limit.
+pub fn normal(rng: &mut ChaCha8Rng, deviation: f32, limit: f32) -> f32 {
     (rng.sample::<f32, _>(StandardNormal) * deviation).clamp(-limit, limit)
-}
-
-fn pick(rng: &mut ChaCha8Rng, list: &[usize]) -> usize {
-    list.iter().choose(rng).copied().unwrap_or(0)
 }
 
 impl Subject {
     /// Draws subject `number` of a seed for pictures of `size`.
-    pub fn random(assets: &Assets, textures: &TextureChoice, size: [usize; 2], [seed, number]: [u64; 2]) -> Self {
+    pub fn random(assets: &Assets, variety: &Variety, size: [usize; 2], [seed, number]: [u64; 2]) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(number + 1);
-        let rng_ref = &mut rng;
+        let (rng_ref, without) = (&mut rng, &variety.without);
         let spread = rng_ref.random_range(0.5..1.0);
-        let identity: Vec<f32> =
+        let mut identity: Vec<f32> =
             (0..assets.rig.identities.len()).map(|_| spread * normal(rng_ref, 1.0, IDENTITY_LIMIT)).collect();
-        let looks = looks(rng_ref, assets, textures);
-        let person = Person::new(assets, &identity, looks);
-        let distance = rng_ref.random_range(38.0_f32.ln()..95.0_f32.ln()).exp();
-        let face_px = rng_ref.random_range(0.28..0.55) * size[0].min(size[1]) as f32;
-        let lighting = lighting(rng_ref);
+        let mut looks = random_looks(rng_ref, assets, &variety.textures);
+        let mut distance = rng_ref.random_range(38.0_f32.ln()..95.0_f32.ln()).exp();
+        let mut share = rng_ref.random_range(0.28..0.55);
+        let mut lighting = random_lighting(rng_ref);
         let room = lighting.ambient[0] * rng_ref.random_range(0.6..2.0);
+        let mut backdrop = Backdrop::random(rng_ref, size, room);
+        let effects = random_effects(rng_ref);
+        without.simplify_identity(&mut identity);
+        without.simplify_looks(&mut looks);
+        without.simplify_size(&mut share, &mut distance);
+        without.simplify_lighting(&mut lighting);
+        without.simplify_backdrop(&mut backdrop);
+        let face_px = share * size[0].min(size[1]) as f32;
         Self {
-            backdrop: Backdrop::random(rng_ref, size, room),
-            effects: effects(rng_ref),
             lens: Lens { size, focal_px: face_px * distance / FACE_CM },
-            person,
+            person: Person::new(assets, &identity, looks),
+            backdrop,
+            effects,
             distance,
             lighting,
             rng,
@@ -135,10 +137,14 @@ impl Subject {
             }
             _ => angles_deg,
         };
-        let position = position(rng, self.distance, &self.lens);
+        let mut angles_deg = angles_deg;
+        let mut position = position(rng, self.distance, &self.lens);
         let mut effects = self.effects.clone();
         effects.exposure *= rng.random_range(0.9..1.1);
         effects.motion_px = motion(rng);
+        let without = &distribution.variety.without;
+        without.simplify_pose(&mut angles_deg, &mut position, self.distance);
+        without.simplify_effects(&mut effects);
         let placement = Placement { angles_deg, position };
         let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens };
         PictureSpec { scene, effects, neutral }
@@ -177,95 +183,5 @@ fn motion(rng: &mut ChaCha8Rng) -> Vec2 {
         Vec2::from_angle(rng.random_range(0.0..core::f32::consts::TAU)) * rng.random_range(1.0..5.0)
     } else {
         Vec2::ZERO
-    }
-}
-
-fn looks(rng: &mut ChaCha8Rng, assets: &Assets, textures: &TextureChoice) -> Looks {
-    let skin = pick(rng, &textures.skins);
-    let hair = hair_colour(rng, assets.skins[skin].lightness);
-    let brow = hair.min(Vec3::splat(0.12)) * rng.random_range(0.12..0.55);
-    let bearded = rng.random_bool(0.3);
-    Looks {
-        skin,
-        brow: pick(rng, &textures.brows),
-        eye: pick(rng, &textures.eyes),
-        tint: Vec3::new(rng.random_range(0.9..1.12), 1.0, rng.random_range(0.88..1.1)) * rng.random_range(0.75..1.2),
-        gloss: rng.random_range(0.4..2.2),
-        hair: rng.random_bool(0.85).then(|| (hair, rng.random_range(0.1..1.6))),
-        hairline: normal(rng, 0.6, 1.5),
-        beard: if bearded { rng.random_range(0.15..0.95) } else { 0.0 },
-        brow_colour: (brow, rng.random_range(0.6..1.0)),
-        brow_lift: brow_lift(rng),
-        brow_thickness: rng.random_range(1.0..1.9),
-        iris: rng.random_range(0.355..0.42),
-        lashes: rng.random_range(0.05..0.5),
-        cloth: (cloth_colour(rng), normal(rng, 1.0, 2.0) - 13.0),
-    }
-}
-
-/// Draws the offset of the brows' inner and outer end in centimetres: high or low, level or arched.
-fn brow_lift(rng: &mut ChaCha8Rng) -> [f32; 2] {
-    let (inner, tilt) = (normal(rng, 0.22, 0.6), normal(rng, 0.22, 0.5));
-    [inner, inner + tilt]
-}
-
-/// Draws a colour for clothes. Most colours are unsaturated.
-fn cloth_colour(rng: &mut ChaCha8Rng) -> Vec3 {
-    let hue = Vec3::new(rng.random(), rng.random(), rng.random());
-    let grey = Vec3::splat(rng.random_range(0.01..0.7));
-    grey.lerp(hue * hue * 0.6, rng.random_range(0.0_f32..0.9).powi(2))
-}
-
-/// Draws a hair colour. People with dark skin mostly have black hair.
-fn hair_colour(rng: &mut ChaCha8Rng, skin_lightness: f32) -> Vec3 {
-    let black = skin_lightness < DARK_SKIN && rng.random_bool(0.8);
-    let kind = if black { HAIR[0] } else { HAIR.iter().choose(rng).copied().unwrap_or_default() };
-    Vec3::from_array(kind) * rng.random_range(0.7..1.4)
-}
-
-fn direction(rng: &mut ChaCha8Rng, toward: Vec3, spread: f32) -> Vec3 {
-    let away = Vec3::from_array(core::array::from_fn(|_| normal(rng, spread, 3.0)));
-    (toward + away).normalize_or(Vec3::Y)
-}
-
-fn warmth(rng: &mut ChaCha8Rng) -> Vec3 {
-    let warm: f32 = rng.random_range(-0.12..0.3);
-    Vec3::new(1.0 + 0.5 * warm, 1.0, 1.0 - warm)
-}
-
-/// Draws a lighting, from flat and bright to a single hard lamp at the side.
-fn lighting(rng: &mut ChaCha8Rng) -> Lighting {
-    let flat: f32 = rng.random_range(0.15..0.95);
-    let mean = warmth(rng) * (0.12 + 0.5 * flat);
-    let tilt = |rng: &mut ChaCha8Rng, bias: f32| mean * (bias + normal(rng, 0.25, 0.5));
-    let ambient = [mean, tilt(rng, 0.0), tilt(rng, 0.3), tilt(rng, 0.15)];
-    let key = Light {
-        toward: direction(rng, Vec3::new(0.0, 0.5, 1.0), 0.7),
-        colour: warmth(rng) * (1.1 - 0.75 * flat) * rng.random_range(0.7..1.2),
-    };
-    let fill = Light {
-        toward: direction(rng, Vec3::new(0.0, 0.2, 0.7), 1.0),
-        colour: warmth(rng) * rng.random_range(0.0..0.35),
-    };
-    let rim = Light {
-        toward: direction(rng, Vec3::new(0.0, 0.5, -0.8), 0.8),
-        colour: warmth(rng) * rng.random_range(0.0..0.6),
-    };
-    Lighting { ambient, lights: vec![key, fill, rim], softness: rng.random_range(0.15..0.9) }
-}
-
-fn effects(rng: &mut ChaCha8Rng) -> Effects {
-    let dark = rng.random_bool(0.15);
-    let noise: f32 = if dark { rng.random_range(0.02..0.06) } else { rng.random_range(0.002..0.03) };
-    Effects {
-        defocus_px: if rng.random_bool(0.5) { rng.random_range(0.35..1.5) } else { 0.0 },
-        motion_px: Vec2::ZERO,
-        exposure: warmth(rng) * rng.random_range(0.5..1.15),
-        vignette: rng.random_range(0.0..0.45),
-        noise: [noise, noise * rng.random_range(0.05..0.3)],
-        contrast: rng.random_range(0.85..1.2),
-        sharpening: if rng.random_bool(0.4) { rng.random_range(0.2..1.0) } else { 0.0 },
-        jpeg_quality: rng.random_range(45..=95),
-        chroma: if rng.random() { Subsamp::Sub2x1 } else { Subsamp::Sub2x2 },
     }
 }

@@ -28,13 +28,15 @@ pub struct Light {
     pub colour: Vec3,
 }
 
-/// The lighting of a scene. Only the first of `lights` casts shadows.
+/// The lighting of a scene.
 #[derive(Debug, Clone)]
 pub struct Lighting {
     /// Ambient light as spherical harmonics of degree 0 and 1: its mean, and its gradient along x, y and z.
     pub ambient: [Vec3; 4],
     /// Lamps and windows.
     pub lights: Vec<Light>,
+    /// Whether the first of `lights` casts shadows.
+    pub shadows: bool,
     /// Width of the penumbra in centimetres.
     pub softness: f32,
 }

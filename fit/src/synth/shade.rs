@@ -55,7 +55,8 @@ pub fn shade(lighting: &Lighting, shadow: &DepthMap, surface: &Surface) -> Verte
         if surface.normal.dot(lamp.toward) <= dark {
             continue;
         }
-        let open = if index == 0 { shadowed(lighting, shadow, surface) } else { surface.sky.sqrt() };
+        let open =
+            if index == 0 && lighting.shadows { shadowed(lighting, shadow, surface) } else { surface.sky.sqrt() };
         add_lamp(&mut lit, lamp, surface, view, open);
     }
     lit.gloss += Vec3A::from(lighting.ambient(-view.reflect(surface.normal)) * surface.sky * SKY_GLOSS);
@@ -97,7 +98,7 @@ mod tests {
 
     fn lit(toward: Vec3, skin: bool) -> VertexLight {
         let lights = vec![Light { toward, colour: Vec3::ONE }];
-        let lighting = Lighting { ambient: [Vec3::ZERO; 4], lights, softness: 0.5 };
+        let lighting = Lighting { ambient: [Vec3::ZERO; 4], lights, shadows: true, softness: 0.5 };
         let surface = Surface { point: Vec3::new(0.0, 0.0, -50.0), normal: Vec3::Z, sky: 1.0, skin };
         let mut shadow = DepthMap::new(8);
         shadow.draw(toward, (Vec3::ZERO, 1.0), [], &[]);

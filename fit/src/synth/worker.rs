@@ -70,7 +70,7 @@ impl<'a> Worker<'a> {
     /// neutral picture, there are no rows. `saved` is a folder and how many of the first pictures to save there.
     pub fn subject(&mut self, number: u64, pictures: usize, saved: Option<(&Path, usize)>) -> Result<Rows> {
         let Setup { assets, distribution, size, seed } = *self.setup;
-        let mut subject = Subject::random(assets, &distribution.textures, size, [seed, number]);
+        let mut subject = Subject::random(assets, &distribution.variety, size, [seed, number]);
         let mut rows = Rows::default();
         for picture in 0..pictures {
             let Some(jpeg) = self.picture(&mut subject, picture == 0, &mut rows)? else {

@@ -1,5 +1,5 @@
-//! The sampler: draws subjects, and a scene for each of their pictures. All random numbers come from the subject's own
-//! stream, so that a subject's pictures do not depend on other subjects.
+//! The sampler: draws subjects, and a scene for each of their pictures. Every subject and every picture has a
+//! stream of random numbers of its own, so that pictures depend neither on other subjects nor on pictures drawn before.
 
 use facewire::solve::COEFFS;
 use glam::{Vec2, Vec3};
@@ -70,6 +70,7 @@ pub struct Subject {
     lens: Lens,
     backdrop: Backdrop,
     effects: Effects,
+    number: u64,
     rng: ChaCha8Rng,
 }
 
@@ -92,7 +93,7 @@ impl Subject {
     /// Draws subject `number` of a seed for pictures of `size`.
     pub fn random(assets: &Assets, variety: &Variety, size: [usize; 2], [seed, number]: [u64; 2]) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        rng.set_stream(number + 1);
+        rng.set_stream(stream(number, 0));
         let (rng_ref, without) = (&mut rng, &variety.without);
         let spread = rng_ref.random_range(0.5..1.0);
         let mut identity: Vec<f32> =
@@ -117,8 +118,15 @@ impl Subject {
             effects,
             distance,
             lighting,
+            number,
             rng,
         }
+    }
+
+    /// Begins a picture, whose random numbers do not depend on those of other pictures. The first one has the number 0.
+    pub fn begin(&mut self, picture: u64) {
+        self.rng.set_stream(stream(self.number, picture + 1));
+        self.rng.set_word_pos(0);
     }
 
     /// Draws the next picture of the subject: random, or neutral and nearly frontal.
@@ -166,6 +174,11 @@ impl Subject {
     pub fn rng(&mut self) -> &mut ChaCha8Rng {
         &mut self.rng
     }
+}
+
+/// Returns the stream of random numbers of a subject (part 0) or of one of its pictures (parts from 1 on).
+fn stream(number: u64, part: u64) -> u64 {
+    ((number + 1) << 16) + part
 }
 
 /// Draws a position at which the whole face is inside the picture.

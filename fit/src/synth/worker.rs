@@ -73,6 +73,7 @@ impl<'a> Worker<'a> {
         let mut subject = Subject::random(assets, &distribution.variety, size, [seed, number]);
         let mut rows = Rows::default();
         for picture in 0..pictures {
+            subject.begin(picture as u64);
             let Some(jpeg) = self.picture(&mut subject, picture == 0, &mut rows)? else {
                 if picture == 0 {
                     break;

@@ -1,4 +1,5 @@
-//! `facewire-fit evaluate` on the output of `facewire track` for the built-in clip, and on invalid files.
+//! `facewire-fit evaluate` on the output of `facewire track` for the built-in clip, and on invalid files; `judge` on that
+//! clip.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::indexing_slicing)]
 
@@ -105,6 +106,33 @@ fn all_curves_of_the_built_in_clip_correlate_above_0_7_on_average() {
     let found = figures(track, truth.to_str().unwrap(), &["--shift", "auto"]);
     assert!(found["mean_of_moving"]["pearson"].as_f64().unwrap() > 0.7, "{}", found["mean_of_moving"]);
     assert!(found["shift_frames"].as_i64().unwrap().abs() <= 3);
+}
+
+#[test]
+fn judge_gives_a_clip_the_figures_that_track_and_evaluate_give_it() {
+    let truth = reference::folder().join("footage/demo.csv");
+    if !truth.is_file() {
+        return reference::say_skipped("footage/demo.csv");
+    }
+    let Some(track) = demo() else { return };
+    let wanted = figures(track, truth.to_str().unwrap(), &[]);
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/../src/capture/demo.avi"), path("demo.avi")).unwrap();
+    fs::copy(truth, path("demo.csv")).unwrap();
+    let json = path("figures.json");
+    let judge = ["judge", folder.path().to_str().unwrap(), "--resamples", "40", "--json", &json];
+    let output = Command::new(env!("CARGO_BIN_EXE_facewire-fit")).args(judge).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Value = serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap();
+    let state = |name: &str| &found["sets"][0]["neutral"][name]["model"]["figures"]["mean_of_people"]["all"];
+    let value = |state: &Value, figure: &str| state[figure]["value"].as_f64().unwrap();
+    for (figure, name) in [("r", "pearson"), ("mse", "msd")] {
+        let own = value(state("neutral_face_not_known"), figure);
+        let wanted = wanted["mean_of_moving"][name].as_f64().unwrap();
+        assert!((own - wanted).abs() < 2e-4, "{figure}: {own} instead of {wanted}");
+    }
+    assert!(value(state("neutral_face_known"), "r") > value(state("neutral_face_not_known"), "r"));
 }
 
 #[test]

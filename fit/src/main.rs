@@ -86,6 +86,8 @@ enum Command {
     },
     /// Render faces with known coefficients, find their landmarks, and write them as a dataset
     Synth(synth::run::Options),
+    /// Compare the expressions that `synth` draws with recorded ones, as one HTML page
+    Expressions(synth::describe::Options),
     /// Render a clip of one person with the truth of every frame
     Film(synth::film::Options),
 }
@@ -112,6 +114,7 @@ fn run(command: Command) -> Result<()> {
             clip(&landmarks, truth.as_deref(), neutral_frames, model.as_deref())
         }
         Command::Synth(options) => synth::run::run(&options),
+        Command::Expressions(options) => synth::describe::run(&options),
         Command::Film(options) => synth::film::run(&options),
     }
 }

@@ -65,7 +65,8 @@ fn pair_up(points: &[[f32; 3]; LANDMARKS]) -> [usize; LANDMARKS] {
     core::array::from_fn(|index| partner[index].unwrap_or(index))
 }
 
-fn mirrored_blendshape(name: &str) -> usize {
+/// Returns the index of the same blendshape on the other side of the face.
+pub fn mirrored_blendshape(name: &str) -> usize {
     let other = match (name.strip_suffix("Left"), name.strip_suffix("Right")) {
         (Some(stem), _) => format!("{stem}Right"),
         (_, Some(stem)) => format!("{stem}Left"),

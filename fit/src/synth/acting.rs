@@ -1,206 +1,219 @@
-//! Random expressions: single shapes, frames of real recordings, combinations, and the face at rest.
+//! Random expressions: faces of recordings and faces composed of them, speech, grimaces, few shapes, and rest.
 
-use std::sync::LazyLock;
-
-use facewire::solve::{BLENDSHAPES, COEFFS};
+use clap::ValueEnum;
+use facewire::solve::COEFFS;
 use rand::{RngExt, seq::IteratorRandom};
 use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, weighted::WeightedIndex};
 
-use super::expression::Coefficients;
+use super::{
+    anatomy::{Partner, constrain, open_for_closed_lips},
+    composing::Moments,
+    expression::Coefficients,
+};
 
-/// Coefficient above which a shape counts as active.
-const ACTIVE: f32 = 0.3;
 /// Largest factor on the recorded frame that is added to a single shape.
 const TRACE: f32 = 0.15;
-/// Range of the factor on each coefficient of a recorded frame.
-const SCALE: core::ops::Range<f32> = 0.6..1.8;
-/// Pairs of shapes that are not active together on a real face.
-const EXCLUSIVE: [(&str, &str); 14] = [
-    ("eyeBlinkLeft", "eyeWideLeft"),
-    ("eyeBlinkRight", "eyeWideRight"),
-    ("jawLeft", "jawRight"),
-    ("mouthLeft", "mouthRight"),
-    ("browDownLeft", "browOuterUpLeft"),
-    ("browDownRight", "browOuterUpRight"),
-    ("mouthSmileLeft", "mouthFrownLeft"),
-    ("mouthSmileRight", "mouthFrownRight"),
-    ("eyeLookUpLeft", "eyeLookDownLeft"),
-    ("eyeLookUpRight", "eyeLookDownRight"),
-    ("eyeLookInLeft", "eyeLookOutLeft"),
-    ("eyeLookInRight", "eyeLookOutRight"),
-    ("mouthFunnel", "mouthStretchLeft"),
-    ("mouthPucker", "mouthSmileLeft"),
-];
-/// The shape that moves together with each shape: the same on the other side, or the same direction of the other eye.
-static PARTNERS: LazyLock<Vec<Option<Partner>>> =
-    LazyLock::new(|| BLENDSHAPES.iter().map(|name| Partner::of(name)).collect());
+/// Probability that the partner of a random shape moves, too, and the factor on its strength.
+const PAIRED: f64 = 0.6;
+const PARTNER_SCALE: core::ops::Range<f32> = 0.7..1.3;
+/// Number of shapes that are added to a composed face, and that a grimace consists of.
+const ADDED: core::ops::RangeInclusive<usize> = 1..=4;
+const GRIMACE: core::ops::RangeInclusive<usize> = 6..=16;
 
-struct Partner {
-    index: usize,
-    /// Whether both shapes always have the same strength.
-    fixed: bool,
+/// A kind of expression.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Kind {
+    /// A frame of a recording, with each coefficient scaled
+    Recorded,
+    /// Eyes, brows, cheeks and mouth of different recorded frames, with one to four shapes added
+    Composed,
+    /// A mouth between two sounds, and a calm upper face
+    Speech,
+    /// 6 to 16 random shapes, mostly on both sides
+    Grimace,
+    /// One shape, alone or with its partner on the other side
+    Single,
+    /// Three to six random shapes
+    Combined,
+    /// Upper and lower half of two recorded frames far apart in time, for judging
+    Halves,
+    /// No expression, to teach what turning the head alone looks like
+    Rest,
 }
 
-/// Relative frequencies of the kinds of expressions.
-#[derive(Debug, Clone, Copy)]
-pub struct Mix {
-    /// One shape, alone or with its partner.
-    pub single: f32,
-    /// A frame of a recording.
-    pub recorded: f32,
-    /// Three to six shapes.
-    pub combined: f32,
-    /// No expression, to teach what turning the head alone looks like.
-    pub rest: f32,
+impl Kind {
+    /// Returns the name on the command line.
+    pub fn name(self) -> String {
+        self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+    }
 }
 
-/// Returns a random expression. `frames` are recorded frames, `shapes` the candidates for a single shape (all if
-/// empty).
-pub fn random_expression(rng: &mut ChaCha8Rng, mix: Mix, frames: &[Coefficients], shapes: &[usize]) -> Coefficients {
-    let choice = rng.random_range(0.0..mix.single + mix.recorded + mix.combined + mix.rest);
-    let mut weights = if choice < mix.single {
-        single(rng, frames, shapes)
-    } else if choice < mix.single + mix.recorded {
-        recorded(rng, frames)
-    } else if choice < mix.single + mix.recorded + mix.combined {
-        combined(rng)
-    } else {
-        [0.0; COEFFS]
-    };
-    constrain(rng, &mut weights);
-    weights
+/// A kind of expression with its relative frequency.
+pub type Share = (Kind, f32);
+
+/// Draws random expressions.
+pub struct Expressions {
+    moments: Moments,
+    kinds: Vec<Kind>,
+    frequencies: WeightedIndex<f32>,
+    /// Shapes that may be shown alone, or all if empty.
+    shapes: Vec<usize>,
 }
 
-fn frame(rng: &mut ChaCha8Rng, frames: &[Coefficients]) -> Coefficients {
-    frames.iter().choose(rng).copied().unwrap_or([0.0; COEFFS])
+impl Expressions {
+    /// Returns a sampler of a mixture of kinds, of which at least one needs a positive frequency.
+    pub fn new(moments: Moments, mix: &[Share], shapes: Vec<usize>) -> anyhow::Result<Self> {
+        let frequencies = WeightedIndex::new(mix.iter().map(|(_, share)| *share))?;
+        Ok(Self { moments, kinds: mix.iter().map(|(kind, _)| *kind).collect(), frequencies, shapes })
+    }
+
+    /// Returns the recorded frames.
+    pub fn frames(&self) -> &[Coefficients] {
+        self.moments.frames()
+    }
+
+    /// Returns a random expression.
+    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let mut face = match self.kinds[self.frequencies.sample(rng)] {
+            Kind::Recorded => self.moments.recorded(rng),
+            Kind::Composed => self.composed(rng),
+            Kind::Speech => self.moments.speech(rng),
+            Kind::Grimace => paired(rng),
+            Kind::Single => self.single(rng),
+            Kind::Combined => combined(rng),
+            Kind::Halves => self.moments.halves(rng),
+            Kind::Rest => [0.0; COEFFS],
+        };
+        constrain(rng, &mut face);
+        face
+    }
+
+    fn composed(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let mut face = self.moments.composed(rng);
+        for _ in 0..rng.random_range(ADDED) {
+            let strength = rng.random();
+            let index = any_shape(rng);
+            raise(rng, &mut face, index, strength);
+        }
+        face
+    }
+
+    fn single(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let trace = rng.random_range(0.0..TRACE);
+        let mut face = self.moments.any(rng).map(|value| trace * value);
+        let index = self.shapes.iter().choose(rng).copied().unwrap_or_else(|| any_shape(rng));
+        let strength = rng.random();
+        raise(rng, &mut face, index, strength);
+        open_for_closed_lips(rng, &mut face);
+        face
+    }
 }
 
-fn single(rng: &mut ChaCha8Rng, frames: &[Coefficients], shapes: &[usize]) -> Coefficients {
-    let trace = rng.random_range(0.0..TRACE);
-    let mut weights = frame(rng, frames).map(|value| trace * value);
-    let any = rng.random_range(0..COEFFS - 1);
-    let (index, strength) = (shapes.get(any % shapes.len().max(1)).copied().unwrap_or(any), rng.random());
-    weights[index] = strength;
-    match &PARTNERS[index] {
-        Some(partner) if partner.fixed => weights[partner.index] = strength,
-        Some(partner) if rng.random_bool(0.6) => weights[partner.index] = strength * rng.random_range(0.7..1.3),
+/// Returns any shape but the tongue, which is the last.
+fn any_shape(rng: &mut ChaCha8Rng) -> usize {
+    rng.random_range(0..COEFFS - 1)
+}
+
+/// Raises a shape to a strength, and mostly its partner, too.
+fn raise(rng: &mut ChaCha8Rng, face: &mut Coefficients, index: usize, strength: f32) {
+    let mut raise_to = |index: usize, strength: f32| face[index] = face[index].max(strength);
+    raise_to(index, strength);
+    match Partner::of(index) {
+        Some(partner) if partner.fixed => raise_to(partner.index, strength),
+        Some(partner) if rng.random_bool(PAIRED) => raise_to(partner.index, strength * rng.random_range(PARTNER_SCALE)),
         _ => {}
     }
-    open_for_closed_lips(rng, &mut weights);
-    weights
 }
 
-/// Opens the jaw if the lips would close further than the jaw is open.
-fn open_for_closed_lips(rng: &mut ChaCha8Rng, weights: &mut Coefficients) {
-    let (close, open) = (index_of("mouthClose"), index_of("jawOpen"));
-    if weights[close] > weights[open] {
-        weights[open] = weights[close] + rng.random_range(0.0..0.4);
+fn paired(rng: &mut ChaCha8Rng) -> Coefficients {
+    let mut face = [0.0; COEFFS];
+    for _ in 0..rng.random_range(GRIMACE) {
+        let (index, strength) = (any_shape(rng), rng.random::<f32>().powi(2));
+        raise(rng, &mut face, index, strength);
     }
-}
-
-fn recorded(rng: &mut ChaCha8Rng, frames: &[Coefficients]) -> Coefficients {
-    frame(rng, frames).map(|value| value * rng.random_range(SCALE))
+    open_for_closed_lips(rng, &mut face);
+    face
 }
 
 fn combined(rng: &mut ChaCha8Rng) -> Coefficients {
-    let mut weights = [0.0; COEFFS];
+    let mut face = [0.0; COEFFS];
     let count = rng.random_range(3..=6);
     for index in (0..COEFFS - 1).sample(rng, count) {
-        weights[index] = rng.random();
+        face[index] = rng.random();
     }
-    open_for_closed_lips(rng, &mut weights);
-    weights
-}
-
-/// Clamps the coefficients and removes combinations that no real face shows.
-fn constrain(rng: &mut ChaCha8Rng, weights: &mut Coefficients) {
-    *weights = weights.map(|value| value.clamp(0.0, 1.0));
-    for (one, other) in EXCLUSIVE {
-        let (one, other) = (index_of(one), index_of(other));
-        if weights[one] > ACTIVE && weights[other] > ACTIVE {
-            weights[if rng.random() { one } else { other }] = 0.0;
-        }
-    }
-    enforce_limits(weights);
-}
-
-/// Enforces the limits of every expression: lips close no further than the jaw is open, and the tongue is not shown.
-pub fn enforce_limits(weights: &mut Coefficients) {
-    let (close, open) = (index_of("mouthClose"), index_of("jawOpen"));
-    weights[close] = weights[close].min(weights[open]);
-    weights[index_of("tongueOut")] = 0.0;
-}
-
-/// Returns the index of a blendshape.
-pub fn index_of(name: &str) -> usize {
-    BLENDSHAPES.iter().position(|known| *known == name).unwrap_or(0)
-}
-
-impl Partner {
-    fn of(name: &str) -> Option<Self> {
-        let (stem, other) = match (name.strip_suffix("Left"), name.strip_suffix("Right")) {
-            (Some(stem), _) => (stem, "Right"),
-            (_, Some(stem)) => (stem, "Left"),
-            _ => return None,
-        };
-        let (fixed, stem) = match stem {
-            "jaw" | "mouth" => return None,
-            "eyeLookIn" => (true, "eyeLookOut"),
-            "eyeLookOut" => (true, "eyeLookIn"),
-            _ => (false, stem),
-        };
-        Some(Self { index: index_of(&format!("{stem}{other}")), fixed })
-    }
+    open_for_closed_lips(rng, &mut face);
+    face
 }
 
 #[cfg(test)]
 mod tests {
+    use facewire::solve::BLENDSHAPES;
     use rand_chacha::rand_core::SeedableRng;
 
     use super::*;
+    use crate::synth::anatomy::index_of;
 
-    const MIX: Mix = Mix { single: 1.0, recorded: 1.0, combined: 1.0, rest: 0.1 };
+    fn expressions(kinds: &[Kind], shapes: &[&str]) -> Expressions {
+        let mix: Vec<Share> = kinds.iter().map(|kind| (*kind, 1.0)).collect();
+        let recording = (0..200_u16).map(|frame| [f32::from(frame) / 200.0; COEFFS]).collect();
+        let shapes = shapes.iter().map(|name| index_of(name)).collect();
+        Expressions::new(Moments::new(&[recording]), &mix, shapes).expect("a mixture")
+    }
+
+    fn drawn(kinds: &[Kind], count: usize) -> Vec<Coefficients> {
+        let (mut rng, expressions) = (ChaCha8Rng::seed_from_u64(5), expressions(kinds, &[]));
+        (0..count).map(|_| expressions.draw(&mut rng)).collect()
+    }
 
     #[test]
     fn coefficients_are_bounded_and_lips_close_no_further_than_the_jaw_is_open() {
-        let mut rng = ChaCha8Rng::seed_from_u64(5);
-        let frames = [[0.9; COEFFS], [0.1; COEFFS]];
         let (close, open, tongue) = (index_of("mouthClose"), index_of("jawOpen"), index_of("tongueOut"));
-        for _ in 0..2000 {
-            let weights = random_expression(&mut rng, MIX, &frames, &[]);
-            assert!(weights.iter().all(|value| (0.0..=1.0).contains(value)));
-            assert!(weights[close] <= weights[open] && weights[tongue] == 0.0);
+        for kind in Kind::value_variants() {
+            for face in drawn(&[*kind], 300) {
+                assert!(face.iter().all(|value| (0.0..=1.0).contains(value)), "{kind:?}");
+                assert!(face[close] <= face[open] && face[tongue] == 0.0, "{kind:?}");
+            }
         }
     }
 
     #[test]
     fn every_shape_but_the_tongue_is_drawn_strong_and_weak() {
-        let mut rng = ChaCha8Rng::seed_from_u64(6);
-        let mix = Mix { recorded: 0.0, rest: 0.0, ..MIX };
-        let drawn: Vec<Coefficients> = (0..4000).map(|_| random_expression(&mut rng, mix, &[], &[])).collect();
-        for index in 0..COEFFS - 1 {
-            let strong = drawn.iter().filter(|weights| weights[index] > 0.7).count();
-            assert!(strong > 20, "{} {strong}", BLENDSHAPES[index]);
+        for kinds in [&[Kind::Single, Kind::Combined][..], &[Kind::Grimace]] {
+            let faces = drawn(kinds, 4000);
+            for index in 0..COEFFS - 1 {
+                let [strong, weak] = [0.6..1.1, 0.01..0.4].map(|range: core::ops::Range<f32>| {
+                    faces.iter().filter(|face| range.contains(&face[index])).count()
+                });
+                assert!(strong > 20 && weak > 20, "{} {strong} {weak}", BLENDSHAPES[index]);
+            }
         }
     }
 
     #[test]
     fn only_chosen_shapes_are_shown_alone() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
-        let mix = Mix { recorded: 0.0, combined: 0.0, rest: 0.0, ..MIX };
         let (puff, open) = (index_of("cheekPuff"), index_of("jawOpen"));
+        let rest = vec![[0.0; COEFFS]];
+        let expressions =
+            Expressions::new(Moments::new(&[rest]), &[(Kind::Single, 1.0)], vec![puff, open]).expect("a mixture");
         for _ in 0..200 {
-            let weights = random_expression(&mut rng, mix, &[], &[puff, open]);
-            assert!(weights.iter().enumerate().all(|(index, weight)| *weight == 0.0 || [puff, open].contains(&index)));
+            let face = expressions.draw(&mut rng);
+            assert!(face.iter().enumerate().all(|(index, value)| *value == 0.0 || [puff, open].contains(&index)));
         }
     }
 
     #[test]
-    fn both_eyes_look_in_the_same_direction() {
-        let partner = |name: &str| PARTNERS[index_of(name)].as_ref().map(|partner| BLENDSHAPES[partner.index]);
-        assert_eq!(partner("eyeLookInLeft"), Some("eyeLookOutRight"));
-        assert_eq!(partner("eyeLookOutLeft"), Some("eyeLookInRight"));
-        assert_eq!(partner("eyeBlinkRight"), Some("eyeBlinkLeft"));
-        assert_eq!(partner("mouthLeft"), None);
+    fn rest_moves_nothing() {
+        assert!(drawn(&[Kind::Rest], 3).iter().flatten().all(|value| *value == 0.0));
+    }
+
+    #[test]
+    fn kinds_are_drawn_as_often_as_the_mixture_says() {
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        let mix = [(Kind::Rest, 3.0), (Kind::Recorded, 1.0), (Kind::Grimace, 0.0)];
+        let expressions = Expressions::new(Moments::new(&[vec![[0.5; COEFFS]]]), &mix, Vec::new()).expect("a mixture");
+        let rests = (0..2000).filter(|_| expressions.draw(&mut rng).iter().all(|value| *value == 0.0)).count();
+        assert!((1400..1600).contains(&rests), "{rests}");
     }
 }

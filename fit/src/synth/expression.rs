@@ -130,7 +130,7 @@ pub fn head_rotation(yaw_deg: f32, pitch_deg: f32, roll_deg: f32) -> Mat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{reference, synth::acting::index_of};
+    use crate::{reference, synth::anatomy::index_of};
 
     #[test]
     fn positive_angles_turn_left_nod_down_and_tip_right() {

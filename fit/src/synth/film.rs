@@ -10,7 +10,7 @@ use rand::{RngExt, seq::IteratorRandom};
 use rand_chacha::ChaCha8Rng;
 
 use super::{
-    acting::enforce_limits,
+    anatomy::enforce_limits,
     assets::Assets,
     avi,
     canvas::MOST_SAMPLES,
@@ -53,7 +53,7 @@ pub struct Options {
     /// Length of the clip in seconds
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=MOST_SECONDS))]
     seconds: u32,
-    /// Set of textures and recorded frames to use
+    /// Set of textures and recordings to use
     #[arg(long, value_enum, default_value = "judge")]
     set: Set,
     /// Width and height of the pictures
@@ -69,7 +69,7 @@ pub fn run(options: &Options) -> Result<()> {
     output::check(&options.out)?;
     output::check(&options.truth)?;
     let count = (options.seconds * RATE) as usize;
-    let recordings = options.sources.frames(options.set)?;
+    let recordings = options.sources.curves.recordings(options.set)?;
     let assets = Assets::load(&options.sources.rig)?;
     let textures = options.sources.textures(options.set, &assets.names)?;
     let variety = Variety { textures, without: Without::default() };
@@ -175,7 +175,7 @@ mod tests {
     #[test]
     fn film_does_not_accept_options_that_have_no_effect_on_it() {
         assert_eq!(refusal(&["--seconds", "10", "--skins", "one"]), "");
-        for option in ["--mix=1,0,0,0", "--shapes=jawOpen", "--turn-deg=1"] {
+        for option in ["--mix=rest=1", "--shapes=jawOpen", "--turn-deg=1"] {
             assert!(refusal(&[option]).contains("unexpected argument"), "{option}");
         }
     }

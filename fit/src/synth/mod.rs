@@ -5,13 +5,16 @@
 //! Subject -> PictureSpec -> Head -> samples -> light -> JPEG -> Landmarks -> archive
 //! sample     sample         render  raster     canvas   camera  finder       archive
 //!            acting         expression, scene, shade, paint
+//!            composing, anatomy, visemes
 //! ```
 //!
 //! Contract: a subject's pictures depend on nothing but the seed and the subject's number. Limits: the renderer shows
 //! no tear film, pores or single hairs, and eyes, teeth and lips are where the rig has them.
 
 mod acting;
+mod acting_options;
 mod amplitude;
+mod anatomy;
 mod archive;
 mod assets;
 mod avi;
@@ -20,6 +23,8 @@ mod brows;
 mod bust;
 mod camera;
 mod canvas;
+mod composing;
+pub mod describe;
 mod expression;
 mod eyes;
 mod factors;
@@ -46,4 +51,5 @@ mod shadow;
 mod shards;
 mod skin;
 mod texture;
+mod visemes;
 mod worker;

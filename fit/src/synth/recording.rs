@@ -1,6 +1,6 @@
 //! Reads recordings of real ARKit coefficients (Live Link Face, CSV). Columns are matched by name.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use facewire::solve::{BLENDSHAPES, COEFFS};
@@ -11,6 +11,17 @@ use super::expression::Coefficients;
 pub struct Recording {
     /// The frames, with coefficients from 0 to 1.
     pub frames: Vec<Coefficients>,
+}
+
+/// Returns the recordings of a folder in the order of their names.
+pub fn in_folder(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read the folder {}", folder.display()))?;
+    let paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    let is_table = |path: &PathBuf| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
+    let mut recordings: Vec<PathBuf> = paths.into_iter().filter(is_table).collect();
+    ensure!(!recordings.is_empty(), "{} has no recordings (CSV)", folder.display());
+    recordings.sort();
+    Ok(recordings)
 }
 
 impl Recording {

@@ -23,7 +23,7 @@ use super::{
 };
 
 /// Increases when the same settings give other pictures.
-const EDITION: u32 = 5;
+const EDITION: u32 = 6;
 
 /// Arguments of `synth`.
 #[derive(Debug, Args)]
@@ -39,7 +39,7 @@ pub struct Options {
     /// Seed of the random numbers; another seed gives other people
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Set of textures and recorded frames to use
+    /// Set of textures and recordings to use
     #[arg(long, value_enum, default_value = "train")]
     set: Set,
     /// Width and height of the pictures
@@ -77,14 +77,15 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
     let [width, height] = picture_size(&options.size)?;
     ensure!(options.per_subject > 0 && options.pictures >= options.per_subject, "too few pictures for one subject");
     archive::check(&options.out)?;
-    let frames = options.sources.frames(options.set)?.concat();
+    let moments = options.sources.curves.moments(options.set)?;
     let assets = Assets::load(&options.sources.rig)?;
-    let distribution = options.scenes.distribution(options.sources.textures(options.set, &assets.names)?, &frames)?;
+    let textures = options.sources.textures(options.set, &assets.names)?;
+    let distribution = options.scenes.distribution(options.set, textures, moments)?;
     let Options { seed, per_subject, .. } = options;
     let settings = format!(
         "synth edition {EDITION}, seed {seed}, set {:?}, {per_subject} pictures a subject of {width} x {height}\n{}",
         options.set,
-        options.scenes.describe(&options.sources, &distribution)?
+        options.scenes.describe(options.set, &options.sources, &distribution)?
     );
     let shards = Shards::open(&options.out, &settings)?;
     let setup =
@@ -226,7 +227,7 @@ mod tests {
     /// Returns options for a small archive in a folder called `name`, or `None` if rig or networks are missing.
     fn options(name: &str, threads: &str) -> Option<Options> {
         let shared = reference::folder();
-        let (rig, curves) = (shared.join("rig"), shared.join("curves/alex_rom_3.csv"));
+        let (rig, curves) = (shared.join("rig"), shared.join("curves"));
         if !rig.exists() || NetworkFolder::find("").is_err() {
             reference::say_skipped("rig/, or no networks");
             return None;

@@ -8,7 +8,7 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::StandardNormal;
 
 use super::{
-    acting::{Mix, random_expression},
+    acting::Expressions,
     assets::Assets,
     backdrop::Backdrop,
     camera::Effects,
@@ -47,15 +47,11 @@ pub struct Variety {
 }
 
 /// The distribution that pictures are drawn from.
-pub struct Distribution<'a> {
+pub struct Distribution {
     /// People, rooms and cameras.
     pub variety: Variety,
-    /// Frames of recordings.
-    pub frames: &'a [Coefficients],
-    /// Frequencies of the kinds of expressions.
-    pub mix: Mix,
-    /// Shapes that may be shown alone, or all if empty.
-    pub shapes: Vec<usize>,
+    /// Expressions.
+    pub expressions: Expressions,
     /// Yaw and pitch of every head except in neutral pictures, to either side, instead of random angles.
     pub turn_deg: Option<[f32; 2]>,
 }
@@ -132,11 +128,7 @@ impl Subject {
     /// Draws the next picture of the subject: random, or neutral and nearly frontal.
     pub fn random_spec(&mut self, distribution: &Distribution, neutral: bool) -> PictureSpec {
         let rng = &mut self.rng;
-        let weights = if neutral {
-            [0.0; COEFFS]
-        } else {
-            random_expression(rng, distribution.mix, distribution.frames, &distribution.shapes)
-        };
+        let weights = if neutral { [0.0; COEFFS] } else { distribution.expressions.draw(rng) };
         let angles_deg =
             if neutral { NEARLY_FRONTAL_DEG } else { TURN_DEG }.map(|(deviation, limit)| normal(rng, deviation, limit));
         let angles_deg = match distribution.turn_deg {

@@ -1,31 +1,36 @@
-//! Disjoint sets of textures, recorded frames and people, so that a model is not judged on what it was fitted on.
+//! Disjoint sets of textures, recordings and people, so that a model is not judged on what it was fitted on.
 
 use clap::ValueEnum;
 
-use super::expression::Coefficients;
-
 /// One in this many skin, brow and eye textures belongs to the judging set.
 pub const JUDGE_EVERY: usize = 4;
-/// Shares of each recording: the training set ends at the first, and the judging set begins at the second.
-const TRAIN_UNTIL: f32 = 0.72;
-const JUDGE_FROM: f32 = 0.75;
+/// One in this many recordings, beginning with the second, belongs to the judging set.
+pub const JUDGE_RECORDING_EVERY: usize = 3;
 
-/// A set of textures, recorded frames and people. The training set and the judging set are disjoint.
+/// A set of textures, recordings and people. The training set and the judging set are disjoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Set {
     /// For fitting
     Train,
     /// For judging: shares nothing with the training set
     Judge,
-    /// All textures and frames, but with people of its own
+    /// All textures and recordings, but with people of its own
     All,
 }
 
 impl Set {
     /// Returns whether texture `index` of its kind belongs to the set.
     pub fn has(self, index: usize) -> bool {
-        let judge = index % JUDGE_EVERY == JUDGE_EVERY - 1;
-        self == Self::All || judge == (self == Self::Judge)
+        self.is_chosen(index % JUDGE_EVERY == JUDGE_EVERY - 1)
+    }
+
+    /// Returns whether recording `index` belongs to the set.
+    pub fn has_recording(self, index: usize) -> bool {
+        self.is_chosen(index % JUDGE_RECORDING_EVERY == 1)
+    }
+
+    fn is_chosen(self, for_judging: bool) -> bool {
+        self == Self::All || for_judging == (self == Self::Judge)
     }
 
     /// Returns the name on the command line.
@@ -37,17 +42,6 @@ impl Set {
         }
     }
 
-    /// Returns the set's part of a recording.
-    pub fn part(self, frames: &[Coefficients]) -> &[Coefficients] {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length")]
-        let at = |share: f32| (share * frames.len() as f32) as usize;
-        match self {
-            Self::Train => &frames[..at(TRAIN_UNTIL)],
-            Self::Judge => &frames[at(JUDGE_FROM)..],
-            Self::All => frames,
-        }
-    }
-
     /// Derives a seed so that different sets contain different people.
     pub fn seed(self, seed: u64) -> u64 {
         seed.wrapping_mul(3).wrapping_add(self as u64)
@@ -55,20 +49,16 @@ impl Set {
 }
 
 #[cfg(test)]
-#[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
-    use facewire::solve::COEFFS;
-
     use super::*;
 
     #[test]
-    fn training_and_judging_share_no_texture_and_no_frame() {
+    fn training_and_judging_share_no_texture_and_no_recording() {
         assert!((0..13).all(|index| Set::Train.has(index) != Set::Judge.has(index)));
         assert_eq!((0..13).filter(|index| Set::Judge.has(*index)).count(), 3);
-        let frames: Vec<Coefficients> = (0_u8..100).map(|index| [f32::from(index); COEFFS]).collect();
-        let last = Set::Train.part(&frames).last().map_or(0.0, |frame| frame[0]);
-        let first = Set::Judge.part(&frames).first().map_or(0.0, |frame| frame[0]);
-        assert_eq!([last, first], [71.0, 75.0]);
+        assert!((0..9).all(|index| Set::Train.has_recording(index) != Set::Judge.has_recording(index)));
+        assert_eq!((0..5).filter(|index| Set::Judge.has_recording(*index)).collect::<Vec<_>>(), [1, 4]);
+        assert!((0..9).all(|index| Set::All.has(index) && Set::All.has_recording(index)));
     }
 
     #[test]

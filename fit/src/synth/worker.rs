@@ -39,7 +39,7 @@ pub struct Setup<'a> {
     /// Rig and textures.
     pub assets: &'a Assets,
     /// Distribution of the pictures.
-    pub distribution: &'a Distribution<'a>,
+    pub distribution: &'a Distribution,
     /// Width and height of the pictures.
     pub size: [usize; 2],
     /// Seed of all subjects.

@@ -1,0 +1,253 @@
+//! What the sampler knows about faces: which blendshapes lie on either side, which belong together, and which
+//! combinations no face shows.
+
+use std::{array, sync::LazyLock};
+
+use facewire::solve::{BLENDSHAPES, COEFFS};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::expression::Coefficients;
+use crate::mirror::mirrored_blendshape;
+
+/// Coefficient above which a shape counts as active.
+const ACTIVE: f32 = 0.3;
+/// Largest convergence of the eyes, as a share of `eyeLookIn`. Recorded eyes converge by 0.05.
+const CONVERGENCE: f32 = 0.12;
+/// Pairs of shapes that are not active together on a real face.
+const EXCLUSIVE: [(&str, &str); 10] = [
+    ("eyeBlinkLeft", "eyeWideLeft"),
+    ("eyeBlinkRight", "eyeWideRight"),
+    ("jawLeft", "jawRight"),
+    ("mouthLeft", "mouthRight"),
+    ("browDownLeft", "browOuterUpLeft"),
+    ("browDownRight", "browOuterUpRight"),
+    ("mouthSmileLeft", "mouthFrownLeft"),
+    ("mouthSmileRight", "mouthFrownRight"),
+    ("mouthPucker", "mouthSmileLeft"),
+    ("mouthPucker", "mouthSmileRight"),
+];
+/// `eyeLookIn`, `eyeLookOut`, `eyeLookUp` and `eyeLookDown` of the left and the right eye.
+static LOOK: LazyLock<[[usize; 4]; 2]> = LazyLock::new(|| {
+    ["Left", "Right"].map(|side| ["In", "Out", "Up", "Down"].map(|to| index_of(&format!("eyeLook{to}{side}"))))
+});
+static EXCLUSIVE_INDICES: LazyLock<[[usize; 2]; EXCLUSIVE.len()]> =
+    LazyLock::new(|| EXCLUSIVE.map(|(one, other)| [one, other].map(index_of)));
+static OPPOSITE: LazyLock<[usize; COEFFS]> = LazyLock::new(|| BLENDSHAPES.map(mirrored_blendshape));
+static REGIONS: LazyLock<[Region; COEFFS]> = LazyLock::new(|| BLENDSHAPES.map(Region::of));
+static JAW_OPEN: LazyLock<usize> = LazyLock::new(|| index_of("jawOpen"));
+static MOUTH_CLOSE: LazyLock<usize> = LazyLock::new(|| index_of("mouthClose"));
+static TONGUE_OUT: LazyLock<usize> = LazyLock::new(|| index_of("tongueOut"));
+
+/// A part of the face that moves mostly on its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Region {
+    /// The direction of the eyes.
+    Gaze,
+    /// Blinking, squinting and widening.
+    Lids,
+    /// The brows.
+    Brows,
+    /// Cheeks and nose.
+    Cheeks,
+    /// Jaw and lips, and the puffed cheeks.
+    Mouth,
+}
+
+impl Region {
+    /// All regions.
+    pub const ALL: [Self; 5] = [Self::Gaze, Self::Lids, Self::Brows, Self::Cheeks, Self::Mouth];
+
+    fn of(name: &str) -> Self {
+        let starts = [
+            ("eyeLook", Self::Gaze),
+            ("eye", Self::Lids),
+            ("brow", Self::Brows),
+            ("cheekSquint", Self::Cheeks),
+            ("nose", Self::Cheeks),
+        ];
+        starts.into_iter().find(|(start, _)| name.starts_with(start)).map_or(Self::Mouth, |(_, region)| region)
+    }
+
+    /// Copies the region's coefficients from one face to another.
+    pub fn copy(self, from: &Coefficients, to: &mut Coefficients) {
+        for (index, value) in from.iter().enumerate().filter(|(index, _)| REGIONS[*index] == self) {
+            to[index] = *value;
+        }
+    }
+
+    /// Returns whether the region belongs to the upper half of the face.
+    pub fn is_upper(self) -> bool {
+        matches!(self, Self::Gaze | Self::Lids | Self::Brows)
+    }
+}
+
+/// The shape that moves together with another.
+pub struct Partner {
+    /// Its index.
+    pub index: usize,
+    /// Whether both shapes always have the same strength.
+    pub fixed: bool,
+}
+
+impl Partner {
+    /// Returns the partner of a shape: the same on the other side, or the same direction of the other eye.
+    pub fn of(index: usize) -> Option<Self> {
+        let name = BLENDSHAPES[index];
+        let opposite = OPPOSITE[index];
+        if opposite == index || ["jawLeft", "jawRight", "mouthLeft", "mouthRight"].contains(&name) {
+            return None;
+        }
+        let across = LOOK.iter().zip(LOOK.iter().rev()).find_map(|(eye, other)| {
+            let to = eye.iter().position(|look| *look == index)?;
+            Some(other[[1, 0, 2, 3][to]])
+        });
+        Some(Self { index: across.unwrap_or(opposite), fixed: across.is_some() })
+    }
+}
+
+/// Returns the mirror image of a face.
+pub fn mirrored(face: &Coefficients) -> Coefficients {
+    array::from_fn(|index| face[OPPOSITE[index]])
+}
+
+/// Returns a face with the left side of one face and the right side of another. Shapes in the middle are averaged.
+pub fn joined(left: &Coefficients, right: &Coefficients) -> Coefficients {
+    array::from_fn(|index| match BLENDSHAPES[index] {
+        _ if OPPOSITE[index] == index => f32::midpoint(left[index], right[index]),
+        name if name.ends_with("Left") => left[index],
+        _ => right[index],
+    })
+}
+
+/// Multiplies the coefficients of one side of the face.
+pub fn weaken_side(face: &mut Coefficients, side: &str, factor: f32) {
+    let own = BLENDSHAPES.iter().zip(face).filter(|(name, _)| name.ends_with(side));
+    own.for_each(|(_, value)| *value *= factor);
+}
+
+/// The direction in which both eyes look, as the sum of their `eyeLook` coefficients.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gaze {
+    /// To the person's left if positive.
+    pub left: f32,
+    /// Up if positive.
+    pub up: f32,
+    /// How far each eye turns toward the nose.
+    pub convergence: f32,
+}
+
+impl Gaze {
+    /// Returns the mean direction of the eyes of a face.
+    pub fn of(face: &Coefficients) -> Self {
+        let [left, right] = LOOK.map(|look| look.map(|index| face[index]));
+        let [left_out, right_in] = [left[1] - left[0], right[0] - right[1]];
+        Self {
+            left: f32::midpoint(left_out, right_in),
+            up: f32::midpoint(left[2] - left[3], right[2] - right[3]),
+            convergence: ((right_in - left_out) / 2.0).clamp(0.0, CONVERGENCE),
+        }
+    }
+
+    /// Makes both eyes of a face look in this direction.
+    pub fn set(self, face: &mut Coefficients) {
+        let [left_out, right_out] = [self.left, -self.left].map(|out| out - self.convergence);
+        for (look, out) in LOOK.iter().zip([left_out, right_out]) {
+            for (index, value) in look.iter().zip([-out, out, self.up, -self.up]) {
+                face[*index] = value.clamp(0.0, 1.0);
+            }
+        }
+    }
+}
+
+/// Opens the jaw if the lips would close further than the jaw is open.
+pub fn open_for_closed_lips(rng: &mut ChaCha8Rng, face: &mut Coefficients) {
+    if face[*MOUTH_CLOSE] > face[*JAW_OPEN] {
+        face[*JAW_OPEN] = face[*MOUTH_CLOSE] + rng.random_range(0.0..0.4);
+    }
+}
+
+/// Clamps the coefficients and removes combinations that no real face shows.
+pub fn constrain(rng: &mut ChaCha8Rng, face: &mut Coefficients) {
+    *face = face.map(|value| value.clamp(0.0, 1.0));
+    for pair in *EXCLUSIVE_INDICES {
+        if pair.iter().all(|index| face[*index] > ACTIVE) {
+            face[pair[usize::from(rng.random::<bool>())]] = 0.0;
+        }
+    }
+    enforce_limits(face);
+}
+
+/// Enforces the limits of every expression: both eyes look in the same direction, lips close no further than the jaw
+/// is open, and the tongue is not shown.
+pub fn enforce_limits(face: &mut Coefficients) {
+    Gaze::of(face).set(face);
+    face[*MOUTH_CLOSE] = face[*MOUTH_CLOSE].min(face[*JAW_OPEN]);
+    face[*TONGUE_OUT] = 0.0;
+}
+
+/// Returns the index of a blendshape, if there is one of this name.
+pub fn find(name: &str) -> Option<usize> {
+    BLENDSHAPES.iter().position(|known| *known == name)
+}
+
+/// Returns the index of a blendshape that is known to exist.
+pub fn index_of(name: &str) -> usize {
+    find(name).unwrap_or_default()
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp, reason = "these numbers are exact")]
+mod tests {
+    use super::*;
+
+    fn face(shapes: &[(&str, f32)]) -> Coefficients {
+        let mut face = [0.0; COEFFS];
+        for (name, value) in shapes {
+            face[find(name).expect("a blendshape")] = *value;
+        }
+        face
+    }
+
+    #[test]
+    fn all_names_are_of_blendshapes() {
+        assert!(EXCLUSIVE.iter().all(|(one, other)| find(one).is_some() && find(other).is_some()));
+        assert!(Region::ALL.iter().all(|region| REGIONS.contains(region)));
+        assert_eq!(REGIONS[index_of("cheekPuff")], Region::Mouth);
+        assert_eq!(LOOK.concat().into_iter().collect::<std::collections::BTreeSet<_>>().len(), 8);
+    }
+
+    #[test]
+    fn both_eyes_look_in_the_same_direction() {
+        let partner = |name: &str| Partner::of(index_of(name)).map(|partner| BLENDSHAPES[partner.index]);
+        assert_eq!(partner("eyeLookInLeft"), Some("eyeLookOutRight"));
+        assert_eq!(partner("eyeLookOutLeft"), Some("eyeLookInRight"));
+        assert_eq!(partner("eyeLookUpLeft"), Some("eyeLookUpRight"));
+        assert_eq!(partner("eyeBlinkRight"), Some("eyeBlinkLeft"));
+        assert_eq!(partner("mouthLeft"), None);
+        let mut squinting = face(&[("eyeLookOutLeft", 0.8), ("eyeLookUpLeft", 0.5)]);
+        enforce_limits(&mut squinting);
+        let coupled =
+            [("eyeLookOutLeft", 0.4), ("eyeLookInRight", 0.4), ("eyeLookUpLeft", 0.25), ("eyeLookUpRight", 0.25)];
+        assert_eq!(squinting, face(&coupled));
+    }
+
+    #[test]
+    fn a_direction_of_both_eyes_survives_and_they_may_converge_a_little() {
+        let mut seen = face(&[("eyeLookOutLeft", 0.5), ("eyeLookInRight", 0.6), ("eyeLookDownLeft", 0.3)]);
+        seen[index_of("eyeLookDownRight")] = 0.3;
+        let gaze = Gaze::of(&seen);
+        assert!((gaze.left - 0.55).abs() < 1e-6 && (gaze.convergence - 0.05).abs() < 1e-6 && gaze.up == -0.3);
+        let mut shown = [0.0; COEFFS];
+        gaze.set(&mut shown);
+        assert!(shown.iter().zip(&seen).all(|(shown, seen)| (shown - seen).abs() < 1e-6));
+    }
+
+    #[test]
+    fn mirrored_and_joined_faces_take_each_side_from_its_face() {
+        let one = face(&[("mouthSmileLeft", 0.7), ("jawOpen", 0.4), ("jawLeft", 0.2)]);
+        assert_eq!(mirrored(&one), face(&[("mouthSmileRight", 0.7), ("jawOpen", 0.4), ("jawRight", 0.2)]));
+        assert_eq!(joined(&one, &[0.0; COEFFS]), face(&[("mouthSmileLeft", 0.7), ("jawOpen", 0.2), ("jawLeft", 0.2)]));
+        assert_eq!(joined(&[0.0; COEFFS], &one), face(&[("jawOpen", 0.2)]));
+    }
+}

@@ -1,16 +1,14 @@
 //! `facewire-fit film`: renders a clip of one person, driven by a recording, with the truth of every frame.
 
-use std::{f32::consts::TAU, fmt::Write, path::PathBuf};
+use std::{fmt::Write, path::PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
 use facewire::solve::BLENDSHAPES;
 use glam::{Vec2, Vec3};
-use rand::{RngExt, seq::IteratorRandom};
-use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 use super::{
-    anatomy::enforce_limits,
     assets::Assets,
     avi,
     canvas::MOST_SAMPLES,
@@ -18,22 +16,17 @@ use super::{
     factors::Without,
     geometry::smoothstep,
     imager::Imager,
+    motion::{RATE, random_curves, random_sway},
     options::{Sources, picture_size},
     sample::{PictureSpec, Subject, Variety},
     set::Set,
 };
 use crate::output;
 
-/// Frame rate of recordings and clips.
-const RATE: u32 = 30;
 /// Limit on the length of a clip, longer than any recording.
 const MOST_SECONDS: i64 = 3600;
 /// A clip starts with a neutral face. Motion fades in between these times in seconds.
-const START_S: [f32; 2] = [0.3, 1.3];
-/// Amplitude of the head's motion: yaw, pitch, roll (degrees), x, y, z (centimetres); and number of waves it consists
-/// of.
-const SWAY: [f32; 6] = [13.0, 7.0, 5.0, 1.6, 1.0, 2.0];
-const WAVES: usize = 4;
+const START_S: [f32; 2] = [0.5, 1.5];
 /// Numbers of people from here on are used in films only.
 const FILM_PEOPLE: u64 = 1 << 40;
 /// Exposure time as a share of the frame period.
@@ -41,16 +34,23 @@ const SHUTTER: f32 = 0.4;
 
 /// Arguments of `film`.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  facewire-fit film clip.avi --truth clip.csv --seconds 10
+  facewire-fit film clips --count 20 --seconds 10      clips/01.avi, clips/01.csv, ...
+  facewire track clip.avi --neutral 0..15 --out track.csv")]
 pub struct Options {
-    /// The Motion-JPEG file to write (AVI)
+    /// The Motion-JPEG file to write (AVI); with --count, the folder for the clips
     out: PathBuf,
     /// The file for true head pose and coefficients of every frame (CSV)
-    #[arg(long)]
-    truth: PathBuf,
-    /// Seed of the random numbers, which choose the person and the part of the recording
+    #[arg(long, required_unless_present = "count", conflicts_with = "count")]
+    truth: Option<PathBuf>,
+    /// Make this many clips, each of another person, on all cores: 01.avi with the truth in 01.csv, and so on
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    count: Option<u16>,
+    /// Seed of the random numbers, which choose people and parts of recordings
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Length of the clip in seconds
+    /// Length of a clip in seconds. It starts with half a second of the neutral face
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=MOST_SECONDS))]
     seconds: u32,
     /// Set of textures and recordings to use
@@ -63,72 +63,91 @@ pub struct Options {
     sources: Sources,
 }
 
+/// Everything that the clips of a run share.
+struct Studio {
+    assets: Assets,
+    variety: Variety,
+    recordings: Vec<Vec<Coefficients>>,
+    size: [usize; 2],
+    frames: usize,
+    seed: u64,
+}
+
+/// The files of a clip.
+struct Files {
+    film: PathBuf,
+    truth: PathBuf,
+}
+
 /// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
-    let [width, height] = picture_size(&options.size)?;
-    output::check(&options.out)?;
-    output::check(&options.truth)?;
-    let count = (options.seconds * RATE) as usize;
-    let recordings = options.sources.curves.recordings(options.set)?;
-    let assets = Assets::load(&options.sources.rig)?;
-    let textures = options.sources.textures(options.set, &assets.names)?;
-    let variety = Variety { textures, without: Without::default() };
-    let seed = options.set.seed(options.seed);
-    let mut subject = Subject::random(&assets, &variety, [width, height], [seed, FILM_PEOPLE]);
-    let specs = specs(&mut subject, &recordings, count)?;
-    let mut imager = Imager::new([width, height], MOST_SAMPLES)?;
-    let frames =
-        specs.iter().map(|spec| imager.take_picture(&assets, &mut subject, spec)).collect::<Result<Vec<_>>>()?;
-    let size = [u32::try_from(width)?, u32::try_from(height)?];
-    output::write(&options.out, avi::film(&frames, size, RATE))?;
-    output::write(&options.truth, table(&specs)?)?;
-    eprintln!("{}: {count} frames", options.out.display());
-    Ok(())
-}
-
-/// Returns the frames of a clip: part of a recording, on a head that sways.
-fn specs(subject: &mut Subject, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<PictureSpec>> {
-    let long = recordings.iter().filter(|frames| frames.len() >= count);
-    let frames = long.choose(subject.rng()).context("no recording of this set is so long: choose fewer --seconds")?;
-    let first = subject.rng().random_range(0..=frames.len() - count);
-    let gains: Coefficients = core::array::from_fn(|_| subject.rng().random_range(1.0..1.5));
-    let sway = SWAY.map(|size| Wave::random(subject.rng(), size));
-    let mut specs: Vec<PictureSpec> = Vec::with_capacity(count);
-    for (number, frame) in frames[first..first + count].iter().enumerate() {
-        let time_s = number as f32 / RATE as f32;
-        let start = smoothstep(START_S[0], START_S[1], time_s);
-        let mut weights = core::array::from_fn(|index| (start * gains[index] * frame[index]).min(1.0));
-        enforce_limits(&mut weights);
-        let [yaw, pitch, roll, x, y, z] = sway.each_ref().map(|waves| start * Wave::sum(waves, time_s));
-        specs.push(subject.pose(weights, [yaw, pitch, roll], Vec3::new(x, y, z)));
+    let files = files(options)?;
+    for Files { film, truth } in &files {
+        output::check(film)?;
+        output::check(truth)?;
     }
-    blur_motion(&mut specs);
-    Ok(specs)
+    let studio = Studio::open(options)?;
+    files.par_iter().enumerate().try_for_each(|(number, files)| {
+        studio.shoot(number, files)?;
+        eprintln!("{}: {} frames", files.film.display(), studio.frames);
+        Ok(())
+    })
 }
 
-/// A sinusoidal component of a motion.
-struct Wave {
-    size: f32,
-    hertz: f32,
-    phase: f32,
+/// Returns the files to write. With `--count`, makes the folder for them.
+fn files(options: &Options) -> Result<Vec<Files>> {
+    let Options { out, truth, count, .. } = options;
+    if let Some(truth) = truth {
+        return Ok(vec![Files { film: out.clone(), truth: truth.clone() }]);
+    }
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    let name = |number: u16, ending: &str| out.join(format!("{number:02}.{ending}"));
+    let files = |number| Files { film: name(number, "avi"), truth: name(number, "csv") };
+    Ok((1..=count.unwrap_or(1)).map(files).collect())
 }
 
-impl Wave {
-    /// Returns waves with an overall amplitude of about `size`. Faster waves are smaller.
-    fn random(rng: &mut ChaCha8Rng, size: f32) -> [Self; WAVES] {
-        core::array::from_fn(|_| {
-            let hertz: f32 = rng.random_range(0.08..0.7);
-            Self {
-                size: size * rng.random_range(0.2..0.7) * (0.2 / hertz).min(1.0),
-                hertz,
-                phase: rng.random_range(0.0..TAU),
-            }
+impl Studio {
+    fn open(options: &Options) -> Result<Self> {
+        let recordings = options.sources.curves.recordings(options.set)?;
+        let assets = Assets::load(&options.sources.rig)?;
+        let textures = options.sources.textures(options.set, &assets.names)?;
+        Ok(Self {
+            assets,
+            variety: Variety { textures, without: Without::default() },
+            recordings,
+            size: picture_size(&options.size)?,
+            frames: (options.seconds * RATE) as usize,
+            seed: options.set.seed(options.seed),
         })
     }
 
-    fn sum(waves: &[Self], time_s: f32) -> f32 {
-        waves.iter().map(|wave| wave.size * (TAU * wave.hertz * time_s + wave.phase).sin()).sum()
+    /// Makes the clip of one person.
+    fn shoot(&self, number: usize, files: &Files) -> Result<()> {
+        let person = [self.seed, FILM_PEOPLE + number as u64];
+        let mut subject = Subject::random(&self.assets, &self.variety, self.size, person);
+        let specs = specs(&mut subject, &self.recordings, self.frames)?;
+        let mut imager = Imager::new(self.size, MOST_SAMPLES)?;
+        let pictures = specs.iter().map(|spec| imager.take_picture(&self.assets, &mut subject, spec));
+        let pictures = pictures.collect::<Result<Vec<_>>>()?;
+        let [width, height] = self.size;
+        let size = [u32::try_from(width)?, u32::try_from(height)?];
+        output::write(&files.film, avi::film(&pictures, size, RATE))?;
+        output::write(&files.truth, table(&specs)?)
     }
+}
+
+/// Returns the frames of a clip, which starts with a neutral face in front of the camera.
+fn specs(subject: &mut Subject, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<PictureSpec>> {
+    let curves = random_curves(subject.rng(), recordings, count)?;
+    let sway = random_sway(subject.rng(), count);
+    let mut specs: Vec<PictureSpec> = Vec::with_capacity(count);
+    for (number, (face, motion)) in curves.iter().zip(sway).enumerate() {
+        let start = smoothstep(START_S[0], START_S[1], number as f32 / RATE as f32);
+        let [yaw, pitch, roll, x, y, z] = motion.map(|value| start * value);
+        specs.push(subject.pose(face.map(|value| start * value), [yaw, pitch, roll], Vec3::new(x, y, z)));
+    }
+    blur_motion(&mut specs);
+    Ok(specs)
 }
 
 /// Sets each picture's motion blur from the motion of the nose since the previous picture.
@@ -173,10 +192,22 @@ mod tests {
     }
 
     #[test]
+    fn with_a_count_the_clips_have_numbers_and_their_truth_beside_them() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("clips").display().to_string();
+        let options = Cli::try_parse_from(["film", &out, "--count", "11"]).expect("no --truth needed").options;
+        let files = files(&options).expect("a folder");
+        assert_eq!(files.len(), 11);
+        assert!(files[0].film.ends_with("clips/01.avi") && files[10].truth.ends_with("clips/11.csv"));
+        assert!(Cli::try_parse_from(["film", "a.avi"]).is_err_and(|error| error.to_string().contains("--truth")));
+    }
+
+    #[test]
     fn film_does_not_accept_options_that_have_no_effect_on_it() {
         assert_eq!(refusal(&["--seconds", "10", "--skins", "one"]), "");
-        for option in ["--mix=rest=1", "--shapes=jawOpen", "--turn-deg=1"] {
-            assert!(refusal(&[option]).contains("unexpected argument"), "{option}");
+        for option in ["--count=3", "--mix=rest=1", "--shapes=jawOpen", "--turn-deg=1"] {
+            let error = refusal(&[option]);
+            assert!(error.contains("unexpected argument") || error.contains("cannot be used with"), "{error}");
         }
     }
 

@@ -33,6 +33,7 @@ mod finder;
 mod geometry;
 mod imager;
 mod looks;
+mod motion;
 mod options;
 mod paint;
 mod person;

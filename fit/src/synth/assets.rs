@@ -16,6 +16,7 @@ use super::{
     shadow::ambient_occlusion,
     skin::{Layout, Skin},
     texture::Texture,
+    wrinkles::Wrinkles,
 };
 use facewire::solve::{BLENDSHAPES, COEFFS};
 
@@ -54,6 +55,8 @@ pub struct Assets {
     pub is_skin: Vec<bool>,
     /// All visible triangles, for normals.
     pub surface: Vec<Triangle>,
+    /// Wrinkles that come with an expression.
+    pub wrinkles: Wrinkles,
     /// Simplified skin, for shadows.
     pub caster: SimpleMesh,
     /// Vertices of gums and teeth.
@@ -87,6 +90,7 @@ impl Assets {
             ball_offsets: ball_offsets(&rig),
             is_skin: is_skin(&rig),
             mouth: vertices_of(&[parts.gums.as_slice(), &parts.teeth].concat()),
+            wrinkles: Wrinkles::new(&rig),
             caster: SimpleMesh::new(&rig.neutral, &rig.parts.skin, CASTER_CELL),
             surface,
             names: [skin_names, brow_names, eye_names],

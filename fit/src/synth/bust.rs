@@ -9,8 +9,8 @@ use super::rig::{Rig, Triangle};
 
 /// The rim of the shoulders lies below this height in centimetres. Higher rims are inside mouth and eyes.
 const RIM: f32 = -11.0;
-/// Rings of vertices below the rim: distance below it in centimetres, and scale.
-const RINGS: [(f32, f32); 3] = [(2.5, 1.12), (7.0, 1.22), (45.0, 1.3)];
+/// Rings of vertices below the rim: distance below it in centimetres, and scale of width and depth.
+const RINGS: [(f32, [f32; 2]); 4] = [(2.5, [1.2, 1.12]), (5.5, [1.75, 1.25]), (11.0, [2.15, 1.4]), (120.0, [2.2, 1.5])];
 
 /// Adds the body to a rig.
 pub fn extend(rig: &mut Rig) {
@@ -19,9 +19,9 @@ pub fn extend(rig: &mut Rig) {
     order.sort_unstable();
     order.dedup();
     let mut above: HashMap<u32, u32> = order.iter().map(|vertex| (*vertex, *vertex)).collect();
-    for (down, wider) in RINGS {
+    for (down, scale) in RINGS {
         let below: HashMap<u32, u32> =
-            order.iter().map(|vertex| (*vertex, rig.add_below(*vertex as usize, down, wider))).collect();
+            order.iter().map(|vertex| (*vertex, rig.add_below(*vertex as usize, down, scale))).collect();
         for [a, b] in &edges {
             let [upper_a, upper_b, lower_a, lower_b] = [above[a], above[b], below[a], below[b]];
             rig.parts.skin.extend([[upper_b, upper_a, lower_a], [upper_b, lower_a, lower_b]]);
@@ -40,9 +40,9 @@ fn rim(triangles: &[Triangle], points: &[Vec3]) -> Vec<[u32; 2]> {
 
 impl Rig {
     /// Adds a vertex below another one. No expression moves it.
-    fn add_below(&mut self, vertex: usize, down: f32, wider: f32) -> u32 {
+    fn add_below(&mut self, vertex: usize, down: f32, [wider, deeper]: [f32; 2]) -> u32 {
         let point = self.neutral[vertex];
-        self.neutral.push(Vec3::new(point.x * wider, RIM.min(point.y) - down, point.z * wider));
+        self.neutral.push(Vec3::new(point.x * wider, RIM.min(point.y) - down, point.z * deeper));
         self.skin_uv.push(self.skin_uv[vertex]);
         self.identities.iter_mut().for_each(|mode| mode.push(mode[vertex]));
         u32::try_from(self.neutral.len() - 1).unwrap_or(u32::MAX)

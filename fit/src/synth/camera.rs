@@ -7,6 +7,8 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::StandardNormal;
 use turbojpeg::{Compressor, Image, PixelFormat, Subsamp};
 
+use super::blur::{defocus, smear};
+
 /// Number of entries in the table of the tone curve.
 const TONES: usize = 4096;
 /// Largest index of this table.
@@ -73,10 +75,10 @@ impl Camera {
     /// Converts linear light to a JPEG image. Overwrites `light`.
     pub fn capture(&mut self, light: &mut [[f32; 3]], effects: &Effects, rng: &mut ChaCha8Rng) -> Result<Vec<u8>> {
         if effects.defocus_px > LEAST_BLUR {
-            self.defocus(light, effects.defocus_px);
+            defocus(light, &mut self.scratch, self.width, effects.defocus_px);
         }
         if effects.motion_px.length() > 1.0 {
-            self.smear(light, effects.motion_px);
+            smear(light, &mut self.scratch, self.width, effects.motion_px);
         }
         self.expose(light, effects, rng);
         if effects.sharpening > 0.0 {
@@ -87,30 +89,6 @@ impl Camera {
         let (width, height) = (self.width, light.len() / self.width);
         let image = Image { pixels: self.bytes.as_slice(), width, pitch: 3 * width, height, format: PixelFormat::RGB };
         Ok(self.compressor.compress_to_vec(image)?)
-    }
-
-    /// Applies a Gaussian blur to rows and then to columns.
-    fn defocus(&mut self, light: &mut [[f32; 3]], sigma: f32) {
-        let kernel = gaussian(sigma);
-        blur_rows(light, &mut self.scratch, self.width, &kernel);
-        blur_columns(&self.scratch, light, self.width, &kernel);
-    }
-
-    /// Applies motion blur: averages along the path.
-    fn smear(&mut self, light: &mut [[f32; 3]], path: Vec2) {
-        self.scratch.copy_from_slice(light);
-        let (width, height) = (self.width, light.len() / self.width);
-        let taps = whole(path.length().ceil()).max(2);
-        let offset = |tap: usize| (path * (tap as f32 / (taps - 1) as f32 - 0.5)).round();
-        let offsets: Vec<[isize; 2]> = (0..taps).map(|tap| [offset(tap).x, offset(tap).y].map(signed)).collect();
-        light.as_flattened_mut().fill(0.0);
-        for (row, line) in light.chunks_exact_mut(width).enumerate() {
-            for [dx, dy] in &offsets {
-                let from = row.saturating_add_signed(*dy).min(height - 1) * width;
-                add_shifted(line, &self.scratch[from..from + width], *dx);
-            }
-            line.as_flattened_mut().iter_mut().for_each(|value| *value /= taps as f32);
-        }
     }
 
     /// Converts light to bytes: exposure, vignette, noise, and tone curve.
@@ -168,58 +146,6 @@ fn noise<'a>(normals: &'a [f32], state: &mut u32, count: usize) -> &'a [f32] {
     &normals[first..first + count]
 }
 
-/// Adds a row of pixels, moved to the left by `by`. The pixels at the border are repeated.
-fn add_shifted(to: &mut [[f32; 3]], from: &[[f32; 3]], by: isize) {
-    let (width, shift) = (to.len(), by.unsigned_abs().min(to.len() - 1));
-    let (mut at, border, inside) =
-        if by < 0 { (0..shift, 0, shift..width) } else { (width - shift..width, width - 1, 0..width - shift) };
-    let add = |to: &mut [f32; 3], from: &[f32; 3]| to.iter_mut().zip(from).for_each(|(to, from)| *to += from);
-    at.by_ref().for_each(|column| add(&mut to[column], &from[border]));
-    let source = if by < 0 { &from[..width - shift] } else { &from[shift..] };
-    to[inside].as_flattened_mut().iter_mut().zip(source.as_flattened()).for_each(|(to, from)| *to += from);
-}
-
-/// Returns the right half of a normalised Gaussian kernel, beginning with its centre.
-fn gaussian(sigma: f32) -> Vec<f32> {
-    let taps = whole((2.5 * sigma).ceil()) + 1;
-    let weight = |tap: usize| (-0.5 * (tap as f32 / sigma).powi(2)).exp();
-    let sum = weight(0) + 2.0 * (1..taps).map(weight).sum::<f32>();
-    (0..taps).map(|tap| weight(tap) / sum).collect()
-}
-
-/// Blurs along rows. The pixels at the border are repeated.
-fn blur_rows(from: &[[f32; 3]], to: &mut [[f32; 3]], width: usize, kernel: &[f32]) {
-    let reach = kernel.len() - 1;
-    let mut padded = vec![[0.0; 3]; width + 2 * reach];
-    for (line, out) in from.chunks_exact(width).zip(to.chunks_exact_mut(width)) {
-        padded[..reach].fill(line[0]);
-        padded[reach..reach + width].copy_from_slice(line);
-        padded[reach + width..].fill(line[width - 1]);
-        let moved = |first: usize| padded[first..first + width].as_flattened();
-        weigh(out.as_flattened_mut(), kernel, |tap| [moved(reach - tap), moved(reach + tap)]);
-    }
-}
-
-/// Blurs along columns. The pixels at the border are repeated.
-fn blur_columns(from: &[[f32; 3]], to: &mut [[f32; 3]], width: usize, kernel: &[f32]) {
-    let height = from.len() / width;
-    for (row, out) in to.chunks_exact_mut(width).enumerate() {
-        let line = |row: usize| from[row * width..(row + 1) * width].as_flattened();
-        weigh(out.as_flattened_mut(), kernel, |tap| [line(row.saturating_sub(tap)), line((row + tap).min(height - 1))]);
-    }
-}
-
-/// Sets `out` to the weighted sum of the values that are `tap` pixels before and behind, for each tap of a kernel.
-fn weigh<'a>(out: &mut [f32], kernel: &[f32], around: impl Fn(usize) -> [&'a [f32]; 2]) {
-    out.iter_mut().zip(around(0)[0]).for_each(|(out, value)| *out = kernel[0] * value);
-    for (tap, weight) in kernel.iter().enumerate().skip(1) {
-        let [before, behind] = around(tap);
-        for ((out, before), behind) in out.iter_mut().zip(before).zip(behind) {
-            *out += weight * (before + behind);
-        }
-    }
-}
-
 /// Returns the table from linear light to bytes: a shoulder that compresses highlights, then the tone curve.
 fn tone_curve(contrast: f32) -> Vec<u8> {
     let tone = |step: usize| {
@@ -234,62 +160,17 @@ fn byte(value: f32) -> u8 {
     (value + 0.5) as u8
 }
 
+/// Rounds a small number down, which is not negative.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small numbers, not negative")]
-fn whole(value: f32) -> usize {
+pub fn whole(value: f32) -> usize {
     value as usize
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "offsets of some pixels")]
-fn signed(value: f32) -> isize {
-    value as isize
-}
-
 #[cfg(test)]
-#[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
     use super::*;
 
     const WIDTH: usize = 24;
-
-    /// Returns a picture that is black but for one pixel.
-    fn point(column: usize, row: usize) -> Vec<[f32; 3]> {
-        let mut light = vec![[0.0; 3]; WIDTH * 16];
-        light[row * WIDTH + column] = [1.0; 3];
-        light
-    }
-
-    /// Returns the mean position of the light and its sum.
-    fn centre(light: &[[f32; 3]]) -> [f32; 3] {
-        let weighed = |weight: fn(usize) -> f32| -> f32 {
-            light.iter().enumerate().map(|(index, pixel)| weight(index) * pixel[1]).sum()
-        };
-        let sum = weighed(|_| 1.0);
-        [weighed(|index| (index % WIDTH) as f32) / sum, weighed(|index| (index / WIDTH) as f32) / sum, sum]
-    }
-
-    #[test]
-    fn blur_neither_moves_nor_loses_light() {
-        let mut camera = Camera::new([WIDTH, 16]).expect("a camera");
-        for (column, row) in [(10, 7), (12, 8)] {
-            let (mut defocused, mut smeared) = (point(column, row), point(column, row));
-            camera.defocus(&mut defocused, 1.3);
-            camera.smear(&mut smeared, Vec2::new(4.0, -2.0));
-            for light in [defocused, smeared] {
-                let [x, y, sum] = centre(&light);
-                assert!((x - column as f32).abs() < 0.01 && (y - row as f32).abs() < 0.01, "{x} {y}");
-                assert!((sum - 1.0).abs() < 1e-4 && light[row * WIDTH + column][0] < 0.5);
-            }
-        }
-    }
-
-    #[test]
-    fn an_even_picture_stays_even_up_to_its_border() {
-        let mut camera = Camera::new([WIDTH, 16]).expect("a camera");
-        let mut light = vec![[0.5; 3]; WIDTH * 16];
-        camera.defocus(&mut light, 1.3);
-        camera.smear(&mut light, Vec2::new(-3.0, 5.0));
-        assert!(light.as_flattened().iter().all(|value| (value - 0.5).abs() < 1e-5));
-    }
 
     #[test]
     fn noise_has_the_deviation_of_photons_and_sensor() {

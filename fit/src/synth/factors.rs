@@ -68,12 +68,24 @@ pub enum Factor {
     Place,
     /// Turned heads; without it, angles are 0.3 times as large
     Turns,
+    /// Glasses
+    Glasses,
+    /// Things that hide a part of the face
+    Occlusion,
+    /// A single hard lamp at the side
+    SideLight,
+    /// Dark rooms
+    Dark,
+    /// Small faces
+    Small,
+    /// Wrinkles that come with an expression
+    Wrinkles,
 }
 
 use Factor as F;
 
 /// The factors that the reference renderer of the rig does not have.
-const NOT_IN_REFERENCE: [Factor; 17] = [
+const NOT_IN_REFERENCE: [Factor; 23] = [
     F::Noise,
     F::Motion,
     F::Defocus,
@@ -91,10 +103,19 @@ const NOT_IN_REFERENCE: [Factor; 17] = [
     F::Tint,
     F::Gloss,
     F::Eyes,
+    F::Glasses,
+    F::Occlusion,
+    F::SideLight,
+    F::Dark,
+    F::Small,
+    F::Wrinkles,
 ];
 
+/// The conditions that occur rarely.
+const CONDITIONS: [Factor; 5] = [F::Glasses, F::Occlusion, F::SideLight, F::Dark, F::Small];
+
 /// The factors that are taken away.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Without(Vec<Factor>);
 
 impl Without {
@@ -107,7 +128,13 @@ impl Without {
         Self(all)
     }
 
-    fn takes(&self, factor: Factor) -> bool {
+    /// Takes the conditions away that occur rarely.
+    pub fn conditions() -> Self {
+        Self::new(&CONDITIONS, false)
+    }
+
+    /// Returns whether a factor is taken away.
+    pub fn takes(&self, factor: Factor) -> bool {
         self.0.contains(&factor)
     }
 

@@ -12,6 +12,7 @@ use super::{
     assets::Assets,
     avi,
     canvas::MOST_SAMPLES,
+    conditions::Condition,
     expression::Coefficients,
     factors::Without,
     geometry::smoothstep,
@@ -59,6 +60,9 @@ pub struct Options {
     /// Width and height of the pictures
     #[arg(long, num_args = 2, default_values_t = [640, 480], value_names = ["WIDTH", "HEIGHT"])]
     size: Vec<usize>,
+    /// Condition of all frames [default: none]
+    #[arg(long, value_enum, value_name = "NAME")]
+    condition: Option<Condition>,
     #[command(flatten)]
     sources: Sources,
 }
@@ -113,7 +117,7 @@ impl Studio {
         let textures = options.sources.textures(options.set, &assets.names)?;
         Ok(Self {
             assets,
-            variety: Variety { textures, without: Without::default() },
+            variety: Variety { textures, without: Without::conditions(), condition: options.condition },
             recordings,
             size: picture_size(&options.size)?,
             frames: (options.seconds * RATE) as usize,

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{
     assets::Assets,
-    person::Looks,
+    person::{BeardStyle, Looks},
     sample::{TextureChoice, normal},
 };
 
@@ -41,6 +41,8 @@ pub fn random_looks(rng: &mut ChaCha8Rng, assets: &Assets, textures: &TextureCho
         hair: rng.random_bool(0.85).then(|| (hair, rng.random_range(0.1..1.6))),
         hairline: normal(rng, 0.6, 1.5),
         beard: if bearded { rng.random_range(0.15..0.95) } else { 0.0 },
+        beard_style: BeardStyle::Full,
+        wrinkles: 0.0,
         brow_colour: (brow, rng.random_range(0.6..1.0)),
         brow_lift: brow_lift(rng),
         brow_thickness: rng.random_range(1.0..1.9),

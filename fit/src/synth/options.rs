@@ -8,6 +8,7 @@ use clap::Args;
 use super::{
     acting_options::{Curves, MixOptions, mix_text},
     composing::Moments,
+    conditions::Condition,
     factors::{Factor, Without},
     sample::{Distribution, TextureChoice, Variety},
     set::{JUDGE_EVERY, Set},
@@ -46,6 +47,9 @@ pub struct SceneOptions {
     /// Take away the factors of light, camera and looks that the reference renderer of the rig does not have
     #[arg(long)]
     pub like_reference: bool,
+    /// Take all pictures under one condition, and under no other. Without this option, some conditions occur rarely
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub condition: Option<Condition>,
 }
 
 impl Sources {
@@ -64,7 +68,11 @@ impl SceneOptions {
     /// Returns the distribution of pictures that the options define.
     pub fn distribution(&self, set: Set, textures: TextureChoice, moments: Moments) -> Result<Distribution> {
         Ok(Distribution {
-            variety: Variety { textures, without: Without::new(&self.without, self.like_reference) },
+            variety: Variety {
+                textures,
+                without: Without::new(&self.without, self.like_reference),
+                condition: self.condition,
+            },
             expressions: self.mix.expressions(set, moments)?,
             turn_deg: <[f32; 2]>::try_from(self.turn_deg.as_slice()).ok(),
         })
@@ -79,6 +87,7 @@ impl SceneOptions {
         writeln!(text, "curves {:?}, {frames} frames, mix {mix}", sources.curves.curves)?;
         writeln!(text, "turn {:?}, shapes {:?}", distribution.turn_deg, self.mix.shapes)?;
         writeln!(text, "without {:?}", distribution.variety.without.names())?;
+        writeln!(text, "condition {:?}", self.condition)?;
         Ok(text)
     }
 }

@@ -129,7 +129,9 @@ impl<'a> Painter<'a> {
             colour = colour.lerp(self.skin.texture.light(cover.xy()) * self.tint, tone.w);
         }
         let rest = at.interpolate(|vertex| self.person.attributes[vertex].rest);
-        colour *= Vec3A::ONE - BEARD * rest.w;
+        if rest.w > 0.0 {
+            colour *= Vec3A::ONE - BEARD * (rest.w * strand_light(strand(rest.truncate()))).min(1.0);
+        }
         match looks.hair {
             Some((hair_colour, _)) if hair > HAIR_EDGE[0] => {
                 let strand = strand(rest.truncate());

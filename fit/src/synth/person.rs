@@ -1,6 +1,8 @@
 //! A person: the shape and the looks of the head, which are the same in all of the person's pictures.
 
 use glam::{Vec2, Vec3, Vec4};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 
 use super::{
     assets::Assets,
@@ -36,6 +38,10 @@ pub struct Looks {
     pub hairline: f32,
     /// Darkness of the beard, from 0 to 1.
     pub beard: f32,
+    /// Where the beard grows.
+    pub beard_style: BeardStyle,
+    /// Depth of the wrinkles that come with an expression, from 0 to 1.
+    pub wrinkles: f32,
     /// Colour and opacity of the brows.
     pub brow_colour: (Vec3, f32),
     /// Offset of the brows' inner and outer end in centimetres, positive upwards.
@@ -48,6 +54,43 @@ pub struct Looks {
     pub lashes: f32,
     /// Colour of the clothes and height of their collar in centimetres.
     pub cloth: (Vec3, f32),
+}
+
+/// Where a beard grows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BeardStyle {
+    /// Around the mouth, and on cheeks and jaw.
+    Full,
+    /// Above the upper lip.
+    Moustache,
+    /// Around the mouth and on the chin.
+    Goatee,
+    /// As a full beard, but of short hairs.
+    Stubble,
+}
+
+impl BeardStyle {
+    /// Draws a style. Half of all beards are full ones.
+    pub fn random(rng: &mut ChaCha8Rng) -> Self {
+        match rng.random_range(0..10) {
+            0..5 => Self::Full,
+            5..7 => Self::Moustache,
+            7 => Self::Goatee,
+            _ => Self::Stubble,
+        }
+    }
+
+    /// Returns the density at a point of the head at rest, relative to a full beard.
+    fn share(self, point: Vec3, mouth: Vec3) -> f32 {
+        let offset = (point - mouth).truncate();
+        let beside = smoothstep(3.4, 2.6, offset.x.abs());
+        match self {
+            Self::Full => 1.0,
+            Self::Moustache => beside * smoothstep(-0.3, 0.3, offset.y),
+            Self::Goatee => beside,
+            Self::Stubble => 0.4,
+        }
+    }
 }
 
 /// A head that can be deformed by expressions.
@@ -123,7 +166,7 @@ impl Person {
             VertexAttributes {
                 tone: (skin.tone[vertex] * looks.tint).extend(assets.layout.share[vertex]),
                 cover: Vec4::new(uv.x, uv.y, hair[vertex], collar_at(point, looks.cloth.1)),
-                rest: point.extend(looks.beard * beard_at(point, mouth)),
+                rest: point.extend(looks.beard * looks.beard_style.share(point, mouth) * beard_at(point, mouth)),
             }
         };
         let attributes: Vec<VertexAttributes> = (0..rest.len()).map(attributes).collect();

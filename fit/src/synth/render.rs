@@ -4,11 +4,13 @@
 use glam::{Vec2, Vec3};
 
 use super::{
+    acting::index_of,
     assets::{Assets, BOUNDS},
     canvas::Canvas,
-    geometry::normals_into,
+    geometry::{normals_into, smoothstep},
     paint::{LASHES, Painter},
     person::Person,
+    prop_layer::PropLayer,
     raster::{Position, Window},
     rig::Triangle,
     scene::{PIVOT, Scene},
@@ -28,6 +30,9 @@ pub const FACE_CM: f32 = 14.5;
 /// Landmarks of the outer edge of the lips, between which the mouth is visible; and a margin in samples.
 const LIPS: core::ops::Range<usize> = 48..60;
 const LIPS_MARGIN: u8 = 6;
+/// Distance by which the eyeball lies further back behind a shut lid, because the lids of some heads are too flat for
+/// their eyes, in centimetres.
+const SHUT_EYE_CM: f32 = 0.4;
 /// Samples across the width of a face.
 const SAMPLES_PER_FACE: f32 = 150.0;
 
@@ -37,6 +42,7 @@ pub struct Renderer {
     canvas: Canvas,
     shadow: DepthMap,
     head: Head,
+    props: PropLayer,
 }
 
 /// The head in one picture, with one entry per vertex.
@@ -59,14 +65,20 @@ pub struct Head {
 impl Renderer {
     /// Creates a renderer for pictures of this size, which have at least `least_density` samples per side of a pixel.
     pub fn new(size: [usize; 2], least_density: f32) -> Self {
-        Self { least_density, canvas: Canvas::new(size), shadow: DepthMap::new(SHADOW_SIDE), head: Head::default() }
+        Self {
+            least_density,
+            canvas: Canvas::new(size),
+            shadow: DepthMap::new(SHADOW_SIDE),
+            head: Head::default(),
+            props: PropLayer::default(),
+        }
     }
 
     /// Draws a person in linear light over the backdrop in `pixels`.
     pub fn draw(&mut self, assets: &Assets, person: &Person, scene: &Scene, pixels: &mut [[f32; 3]]) {
         self.canvas.clear(self.density(scene));
         self.head.pose(assets, person, scene, self.canvas.density);
-        self.light(assets, scene);
+        self.light(assets, person.looks.wrinkles, scene);
         self.head.darken_mouth(assets);
         let painter = Painter::new(assets, person, &self.head, &scene.lighting);
         let parts = &assets.rig.parts;
@@ -75,36 +87,39 @@ impl Renderer {
         let whole = canvas.grid.whole();
         let lips = assets.rig.landmarks[LIPS].iter().map(|vertex| head.screen[*vertex].0);
         let mouth = canvas.grid.around(lips, LIPS_MARGIN);
-        draw(canvas, head, (&parts.skin, &whole), 1.0, |number, vertices| {
+        draw(canvas, &head.screen, (&parts.skin, &whole), 1.0, |number, vertices| {
             let paint = painter.skin(person.covers[number], vertices);
             move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, paint.colour(weights))
         });
-        draw(canvas, head, (&parts.gums, &mouth), 1.0, |_, vertices| {
+        draw(canvas, &head.screen, (&parts.gums, &mouth), 1.0, |_, vertices| {
             let corners = painter.gums(vertices);
             move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, corners.at(weights))
         });
-        draw(canvas, head, (&parts.teeth, &mouth), 1.0, |_, vertices| {
+        draw(canvas, &head.screen, (&parts.teeth, &mouth), 1.0, |_, vertices| {
             let corners = painter.teeth(vertices);
             move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, corners.at(weights))
         });
-        for eye in &parts.eyes {
-            draw(canvas, head, (eye, &whole), 1.0, |_, vertices| {
+        for (eye, lift) in parts.eyes.iter().zip(eye_lifts(scene)) {
+            draw(canvas, &head.screen, (eye, &whole), lift, |_, vertices| {
                 let painter = &painter;
                 move |canvas, index, inverse_depth, weights| {
                     canvas.set(index, inverse_depth, painter.eye(Barycentric { vertices, weights }));
                 }
             });
         }
-        draw(canvas, head, (&person.brow_triangles, &whole), LIFT, |_, vertices| {
+        draw(canvas, &head.screen, (&person.brow_triangles, &whole), LIFT, |_, vertices| {
             let painter = &painter;
             move |canvas, index, _, weights| {
                 let (alpha, colour) = painter.brow(Barycentric { vertices, weights });
                 canvas.blend(index, alpha, colour);
             }
         });
-        draw(canvas, head, (&parts.lashes, &whole), 1.0, |_, _| {
+        draw(canvas, &head.screen, (&parts.lashes, &whole), 1.0, |_, _| {
             |canvas: &mut Canvas, index, _, _| canvas.blend(index, person.looks.lashes, LASHES)
         });
+        for prop in &scene.props {
+            self.props.draw(canvas, prop, scene, &self.shadow);
+        }
         self.canvas.resolve(pixels);
     }
 
@@ -120,7 +135,7 @@ impl Renderer {
         (SAMPLES_PER_FACE / face_px).max(self.least_density)
     }
 
-    fn light(&mut self, assets: &Assets, scene: &Scene) {
+    fn light(&mut self, assets: &Assets, wrinkles: f32, scene: &Scene) {
         let head = &mut self.head;
         if scene.lighting.shadows {
             let key = scene.lighting.lights.first().map_or(Vec3::Y, |lamp| lamp.toward);
@@ -137,6 +152,9 @@ impl Renderer {
             shade(&scene.lighting, &self.shadow, &Surface { point: *point, normal: *normal, sky: *sky, skin: *skin })
         });
         head.lit.extend(lit);
+        assets.wrinkles.each(&scene.weights, |vertex, depth| {
+            head.lit[vertex].diffuse *= 1.0 - wrinkles * depth;
+        });
     }
 }
 
@@ -148,12 +166,8 @@ impl Head {
         scene.placement.place(&mut self.points, &assets.shoulder);
         self.normals.resize(self.points.len(), Vec3::ZERO);
         normals_into(&self.points, &assets.surface, &mut self.normals);
-        let seen = |point: &Vec3| {
-            let seen = scene.lens.project(*point);
-            seen.map_or((Position::NOWHERE, 0.0), |(pixel, depth)| (Position::new(density * pixel), depth))
-        };
         self.screen.clear();
-        self.screen.extend(self.points.iter().map(seen));
+        self.screen.extend(self.points.iter().map(|point| on_screen(scene, density, *point)));
     }
 
     /// Darkens the mouth behind the lips. The less the lips are open, the faster the light falls off.
@@ -205,18 +219,32 @@ impl<T: Copy + core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>> Cor
     }
 }
 
+/// Returns the position of a point among the samples, and its inverse depth.
+pub fn on_screen(scene: &Scene, density: Vec2, point: Vec3) -> (Position, f32) {
+    let seen = scene.lens.project(point);
+    seen.map_or((Position::NOWHERE, 0.0), |(pixel, depth)| (Position::new(density * pixel), depth))
+}
+
+/// Returns factors on the inverse depths of the left and the right eyeball, so that no shut lid lets the eye through.
+fn eye_lifts(scene: &Scene) -> [f32; 2] {
+    ["eyeBlinkLeft", "eyeBlinkRight"].map(|name| {
+        let shut = smoothstep(0.4, 0.8, scene.weights[index_of(name)]);
+        1.0 + SHUT_EYE_CM * shut / scene.placement.position.z
+    })
+}
+
 /// Calls `paint(number, vertices)` for every triangle that covers samples of the window, and the function that it returns for every
 /// visible sample, with its index, inverse depth and barycentric coordinates.
-fn draw<Paint: FnMut(&mut Canvas, usize, f32, Vec3)>(
+pub fn draw<Paint: FnMut(&mut Canvas, usize, f32, Vec3)>(
     canvas: &mut Canvas,
-    head: &Head,
+    screen: &[(Position, f32)],
     (triangles, window): (&[Triangle], &Window),
     lift: f32,
     paint: impl Fn(usize, [usize; 3]) -> Paint,
 ) {
     for (number, triangle) in triangles.iter().enumerate() {
         let vertices = triangle.map(|vertex| vertex as usize);
-        let [one, two, three] = vertices.map(|vertex| head.screen[vertex]);
+        let [one, two, three] = vertices.map(|vertex| screen[vertex]);
         let Some(covered) = window.cover([one.0, two.0, three.0]) else { continue };
         let inverse_depths = Vec3::new(one.1, two.1, three.1) * lift;
         let mut sample = paint(number, vertices);

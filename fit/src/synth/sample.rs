@@ -1,6 +1,8 @@
 //! The sampler: draws subjects, and a scene for each of their pictures. Every subject and every picture has a
 //! stream of random numbers of its own, so that pictures depend neither on other subjects nor on pictures drawn before.
 
+use std::sync::Arc;
+
 use facewire::solve::COEFFS;
 use glam::{Vec2, Vec3};
 use rand::RngExt;
@@ -12,10 +14,13 @@ use super::{
     assets::Assets,
     backdrop::Backdrop,
     camera::Effects,
+    conditions::{Condition, Conditions},
     expression::Coefficients,
     factors::Without,
     looks::random_looks,
+    occluders::random_occluder,
     person::Person,
+    props::Prop,
     render::FACE_CM,
     room::{random_effects, random_lighting},
     scene::{Lens, Lighting, Placement, Scene},
@@ -27,6 +32,10 @@ const IDENTITY_LIMIT: f32 = 2.5;
 const TURN_DEG: [(f32, f32); 3] = [(16.0, 40.0), (10.0, 25.0), (7.0, 20.0)];
 /// The same for the subject's neutral picture.
 const NEARLY_FRONTAL_DEG: [(f32, f32); 3] = [(2.0, 5.0); 3];
+
+/// The part of a subject's random numbers from which its conditions are drawn, and the bit of the streams for occluders.
+const CONDITIONS: u64 = u16::MAX as u64;
+const OCCLUDERS: u64 = 1 << 63;
 
 /// Indices of the textures to draw from, at least one of each kind.
 pub struct TextureChoice {
@@ -44,6 +53,8 @@ pub struct Variety {
     pub textures: TextureChoice,
     /// Factors that are taken away.
     pub without: Without,
+    /// The condition of all pictures.
+    pub condition: Option<Condition>,
 }
 
 /// The distribution that pictures are drawn from.
@@ -66,6 +77,11 @@ pub struct Subject {
     lens: Lens,
     backdrop: Backdrop,
     effects: Effects,
+    conditions: Conditions,
+    /// Glasses.
+    worn: Vec<Arc<Prop>>,
+    /// Mean colour of the skin.
+    skin: Vec3,
     number: u64,
     rng: ChaCha8Rng,
 }
@@ -101,15 +117,28 @@ impl Subject {
         let room = lighting.ambient[0] * rng_ref.random_range(0.6..2.0);
         let mut backdrop = Backdrop::random(rng_ref, size, room);
         let effects = random_effects(rng_ref);
+        let mut conditions_rng = rng.clone();
+        conditions_rng.set_stream(stream(number, CONDITIONS));
+        let conditions = Conditions::random(&mut conditions_rng, variety.condition, without);
         without.simplify_identity(&mut identity);
         without.simplify_looks(&mut looks);
         without.simplify_size(&mut share, &mut distance);
         without.simplify_lighting(&mut lighting);
         without.simplify_backdrop(&mut backdrop);
+        conditions.apply_to_looks(&mut looks);
+        conditions.apply_to_lighting(&mut lighting);
         let face_px = share * size[0].min(size[1]) as f32;
+        let mut lens = Lens { size, focal_px: face_px * distance / FACE_CM };
+        lens.focal_px = conditions.focal_px(&lens, distance);
+        let person = Person::new(assets, &identity, looks);
+        let glasses = conditions.glasses.as_ref().map(|style| style.build(&assets.rig, &person.base).map(Arc::new));
+        let skin = assets.skins[person.looks.skin].lightness;
         Self {
-            lens: Lens { size, focal_px: face_px * distance / FACE_CM },
-            person: Person::new(assets, &identity, looks),
+            worn: glasses.into_iter().flatten().collect(),
+            skin: skin_colour(skin, person.looks.tint),
+            conditions,
+            lens,
+            person,
             backdrop,
             effects,
             distance,
@@ -145,16 +174,34 @@ impl Subject {
         let without = &distribution.variety.without;
         without.simplify_pose(&mut angles_deg, &mut position, self.distance);
         without.simplify_effects(&mut effects);
+        self.conditions.apply_to_effects(&mut effects);
+        let props = if neutral { self.worn.clone() } else { self.props(self.rng.clone()) };
         let placement = Placement { angles_deg, position };
-        let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens };
+        let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens, props };
         PictureSpec { scene, effects, neutral }
+    }
+
+    /// Returns what is on and before the face, drawn from a stream beside that of `rng`.
+    fn props(&self, mut rng: ChaCha8Rng) -> Vec<Arc<Prop>> {
+        rng.set_stream(rng.get_stream() | OCCLUDERS);
+        let mut props = self.worn.clone();
+        if rng.random_bool(self.conditions.occluded) {
+            let hair = self.person.looks.hair.map_or(Vec3::splat(0.03), |(colour, _)| colour);
+            props.insert(0, Arc::new(random_occluder(&mut rng, self.skin, hair)));
+        }
+        props
     }
 
     /// Returns a picture with a given expression and pose. `offset` is from the middle of the picture in centimetres.
     pub fn pose(&self, weights: Coefficients, angles_deg: [f32; 3], offset: Vec3) -> PictureSpec {
         let placement = Placement { angles_deg, position: offset - Vec3::new(0.0, 0.5, self.distance) };
-        let scene = Scene { weights, placement, lighting: self.lighting.clone(), lens: self.lens };
-        PictureSpec { scene, effects: self.effects.clone(), neutral: false }
+        let mut rng = self.rng.clone();
+        rng.set_word_pos(0);
+        let (lighting, props) = (self.lighting.clone(), self.props(rng));
+        let scene = Scene { weights, placement, lighting, lens: self.lens, props };
+        let mut effects = self.effects.clone();
+        self.conditions.apply_to_effects(&mut effects);
+        PictureSpec { scene, effects, neutral: false }
     }
 
     /// Returns the backdrop.
@@ -171,6 +218,11 @@ impl Subject {
 /// Returns the stream of random numbers of a subject (part 0) or of one of its pictures (parts from 1 on).
 fn stream(number: u64, part: u64) -> u64 {
     ((number + 1) << 16) + part
+}
+
+/// Returns the colour of skin whose lightness is that of its green in linear light.
+fn skin_colour(lightness: f32, tint: Vec3) -> Vec3 {
+    Vec3::new(lightness.powf(0.6), lightness, 0.75 * lightness) * tint
 }
 
 /// Draws a position at which the whole face is inside the picture.

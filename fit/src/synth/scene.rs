@@ -3,11 +3,14 @@
 //! In world coordinates, the camera is at the origin, with x to the right in the picture (the left of a person who
 //! faces the camera), y up, and z towards the camera. Units are centimetres.
 
+use std::sync::Arc;
+
 use glam::{Mat3, Quat, Vec2, Vec3};
 
 use super::{
     expression::{Coefficients, head_rotation},
     geometry::smoothstep,
+    props::Prop,
 };
 
 /// The point of the rig that the head rotates about.
@@ -70,6 +73,8 @@ pub struct Scene {
     pub lighting: Lighting,
     /// Lens of the camera.
     pub lens: Lens,
+    /// Things on or before the face.
+    pub props: Vec<Arc<Prop>>,
 }
 
 impl Scene {

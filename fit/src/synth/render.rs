@@ -4,7 +4,7 @@
 use glam::{Vec2, Vec3};
 
 use super::{
-    acting::index_of,
+    anatomy::index_of,
     assets::{Assets, BOUNDS},
     canvas::Canvas,
     geometry::{normals_into, smoothstep},

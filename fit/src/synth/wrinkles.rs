@@ -6,7 +6,7 @@ use core::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
-use super::{acting::index_of, expression::Coefficients, geometry::smoothstep, rig::Rig};
+use super::{anatomy::index_of, expression::Coefficients, geometry::smoothstep, rig::Rig};
 
 /// All wrinkles of a rig.
 pub struct Wrinkles(Vec<Wrinkle>);

@@ -21,6 +21,9 @@ fn warmth(rng: &mut ChaCha8Rng) -> Vec3 {
     Vec3::new(1.0 + 0.5 * warm, 1.0, 1.0 - warm)
 }
 
+/// Share of the rooms whose key light casts shadows on the face. In the others it is soft.
+const SHADOWED: f64 = 0.6;
+
 /// Draws a lighting, from flat and bright to a single hard lamp at the side.
 pub fn random_lighting(rng: &mut ChaCha8Rng) -> Lighting {
     let flat: f32 = rng.random_range(0.15..0.95);
@@ -39,22 +42,26 @@ pub fn random_lighting(rng: &mut ChaCha8Rng) -> Lighting {
         toward: direction(rng, Vec3::new(0.0, 0.5, -0.8), 0.8),
         colour: warmth(rng) * rng.random_range(0.0..0.6),
     };
-    Lighting { ambient, lights: vec![key, fill, rim], shadows: true, softness: rng.random_range(0.15..0.9) }
+    Lighting {
+        ambient,
+        lights: vec![key, fill, rim],
+        shadows: rng.random_bool(SHADOWED),
+        softness: rng.random_range(0.15..0.9),
+    }
 }
 
 /// Draws the effects of a camera.
 pub fn random_effects(rng: &mut ChaCha8Rng) -> Effects {
-    let dark = rng.random_bool(0.15);
-    let noise: f32 = if dark { rng.random_range(0.02..0.06) } else { rng.random_range(0.002..0.03) };
+    let noise: f32 = rng.random_range(0.002..0.025);
     Effects {
-        defocus_px: if rng.random_bool(0.5) { rng.random_range(0.35..1.5) } else { 0.0 },
+        defocus_px: if rng.random_bool(0.4) { rng.random_range(0.35..1.3) } else { 0.0 },
         motion_px: Vec2::ZERO,
-        exposure: warmth(rng) * rng.random_range(0.5..1.15),
-        vignette: rng.random_range(0.0..0.45),
+        exposure: warmth(rng) * rng.random_range(0.65..1.15),
+        vignette: rng.random_range(0.0..0.3),
         noise: [noise, noise * rng.random_range(0.05..0.3)],
         contrast: rng.random_range(0.85..1.2),
         sharpening: if rng.random_bool(0.4) { rng.random_range(0.2..1.0) } else { 0.0 },
-        jpeg_quality: rng.random_range(45..=95),
+        jpeg_quality: rng.random_range(60..=95),
         chroma: if rng.random() { Subsamp::Sub2x1 } else { Subsamp::Sub2x2 },
     }
 }

@@ -23,7 +23,7 @@ use super::{
 };
 
 /// Increases when the same settings give other pictures.
-const EDITION: u32 = 7;
+const EDITION: u32 = 8;
 
 /// Arguments of `synth`.
 #[derive(Debug, Args)]

@@ -112,7 +112,7 @@ impl Subject {
             (0..assets.rig.identities.len()).map(|_| spread * normal(rng_ref, 1.0, IDENTITY_LIMIT)).collect();
         let mut looks = random_looks(rng_ref, assets, &variety.textures);
         let mut distance = rng_ref.random_range(38.0_f32.ln()..95.0_f32.ln()).exp();
-        let mut share = rng_ref.random_range(0.28..0.55);
+        let mut share = rng_ref.random_range(0.3..0.7);
         let mut lighting = random_lighting(rng_ref);
         let room = lighting.ambient[0] * rng_ref.random_range(0.6..2.0);
         let mut backdrop = Backdrop::random(rng_ref, size, room);
@@ -236,8 +236,8 @@ fn position(rng: &mut ChaCha8Rng, distance: f32, lens: &Lens) -> Vec3 {
 }
 
 fn motion(rng: &mut ChaCha8Rng) -> Vec2 {
-    if rng.random_bool(0.25) {
-        Vec2::from_angle(rng.random_range(0.0..core::f32::consts::TAU)) * rng.random_range(1.0..5.0)
+    if rng.random_bool(0.15) {
+        Vec2::from_angle(rng.random_range(0.0..core::f32::consts::TAU)) * rng.random_range(1.0..4.0)
     } else {
         Vec2::ZERO
     }

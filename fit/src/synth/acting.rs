@@ -24,6 +24,8 @@ const GRIMACE: core::ops::RangeInclusive<usize> = 6..=16;
 /// A kind of expression.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Kind {
+    /// Upper and lower half of two recorded frames far apart in time
+    Halves,
     /// A frame of a recording, with each coefficient scaled
     Recorded,
     /// Eyes, brows, cheeks and mouth of different recorded frames, with one to four shapes added
@@ -36,8 +38,6 @@ pub enum Kind {
     Single,
     /// Three to six random shapes
     Combined,
-    /// Upper and lower half of two recorded frames far apart in time, for judging
-    Halves,
     /// No expression, to teach what turning the head alone looks like
     Rest,
 }

@@ -16,14 +16,15 @@ use super::{
 use crate::design::MODELLED;
 
 /// The kinds of expressions for fitting and for judging, unless `--mix` is given.
-const TRAIN_MIX: [Share; 7] = [
-    (Kind::Recorded, 28.0),
-    (Kind::Composed, 28.0),
-    (Kind::Speech, 8.0),
-    (Kind::Grimace, 14.0),
-    (Kind::Single, 8.0),
+const TRAIN_MIX: [Share; 8] = [
+    (Kind::Halves, 40.0),
+    (Kind::Recorded, 6.0),
+    (Kind::Composed, 12.0),
+    (Kind::Speech, 4.0),
+    (Kind::Grimace, 10.0),
+    (Kind::Single, 9.0),
     (Kind::Combined, 4.0),
-    (Kind::Rest, 10.0),
+    (Kind::Rest, 15.0),
 ];
 const JUDGE_MIX: [Share; 2] = [(Kind::Halves, 92.0), (Kind::Rest, 8.0)];
 
@@ -39,7 +40,7 @@ pub struct Curves {
 #[derive(Debug, Clone, Args)]
 pub struct MixOptions {
     /// Relative frequencies of the kinds of expressions, like recorded=3,rest=1; kinds that are not named do not
-    /// occur. Kinds: recorded, composed, speech, grimace, single, combined, halves, rest [default: depends on --set]
+    /// occur. Kinds: halves, recorded, composed, speech, grimace, single, combined, rest [default: depends on --set]
     #[arg(long, value_delimiter = ',', num_args = 1, value_name = "KIND=SHARE,...", value_parser = share)]
     mix: Vec<Share>,
     /// Shapes to show alone, by ARKit name, separated by commas [default: all]

@@ -15,8 +15,8 @@ use super::{
 
 /// Range of the factor on each coefficient of a recorded moment.
 const SCALE: Range<f32> = 0.6..1.8;
-/// The same for the judging set, for each coefficient of a picture or a clip.
-pub const JUDGED_SCALE: Range<f32> = 1.0..1.5;
+/// The same for faces with two halves, and for a whole clip.
+pub const HALVES_SCALE: Range<f32> = 1.0..1.5;
 /// The same for the face of a person who speaks.
 const CALM: Range<f32> = 0.2..1.0;
 /// The jaw moves if it opens or shuts by this within [`SPAN`] frames.
@@ -86,10 +86,10 @@ impl Moments {
         face
     }
 
-    /// Returns a face whose upper and lower half are from moments far apart.
+    /// Returns a face whose upper and lower half are from moments far apart, each mirrored or not.
     pub fn halves(&self, rng: &mut ChaCha8Rng) -> Coefficients {
-        let [upper, lower] = self.apart(rng).map(|index| self.frames[index]);
-        scaled(rng, with_upper(&upper, &lower), JUDGED_SCALE)
+        let [upper, lower] = self.apart(rng).map(|index| either_way(rng, &self.frames[index]));
+        scaled(rng, with_upper(&upper, &lower), HALVES_SCALE)
     }
 
     /// Returns the indices of two frames that are at least [`APART`] frames apart, if there are so many.
@@ -101,7 +101,7 @@ impl Moments {
 
     fn either_side(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let face = self.any(rng);
-        if rng.random() { mirrored(&face) } else { face }
+        either_way(rng, &face)
     }
 
     /// Returns a moment, a blend of two, or the sides of two.
@@ -134,6 +134,11 @@ pub fn with_upper(upper: &Coefficients, lower: &Coefficients) -> Coefficients {
     let mut face = *lower;
     Region::ALL.into_iter().filter(|region| region.is_upper()).for_each(|region| region.copy(upper, &mut face));
     face
+}
+
+/// Returns a face or its mirror image.
+fn either_way(rng: &mut ChaCha8Rng, face: &Coefficients) -> Coefficients {
+    if rng.random() { mirrored(face) } else { *face }
 }
 
 fn scaled(rng: &mut ChaCha8Rng, face: Coefficients, range: Range<f32>) -> Coefficients {

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{
     anatomy::{enforce_limits, mirrored},
-    composing::{APART, JUDGED_SCALE, with_upper},
+    composing::{APART, HALVES_SCALE, with_upper},
     expression::Coefficients,
 };
 
@@ -57,7 +57,7 @@ pub fn random_curves(
         let frames = &recordings[stretch.recording][stretch.first..][..count];
         if rng.random() { frames.iter().map(mirrored).collect() } else { frames.to_vec() }
     });
-    let gains: Coefficients = core::array::from_fn(|_| rng.random_range(JUDGED_SCALE));
+    let gains: Coefficients = core::array::from_fn(|_| rng.random_range(HALVES_SCALE));
     let faces = upper.iter().zip(&lower).map(|(upper, lower)| {
         let face = with_upper(upper, lower);
         let mut face = core::array::from_fn(|index| (gains[index] * face[index]).min(1.0));

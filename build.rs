@@ -5,15 +5,19 @@ use std::{env, fs, path::Path};
 
 const MODEL: &str = "models/blendshapes.toml";
 
+#[path = "src/face/appearance_landmarks.rs"]
+mod appearance_landmarks;
+
 /// The program's own reader of model files.
 #[path = "src/solve"]
-#[allow(dead_code, reason = "the program uses the rest")]
+#[allow(dead_code, unused_imports, reason = "the program uses the rest")]
 mod solve {
     mod feature_id;
     mod model;
     mod model_error;
     mod model_file;
 
+    use crate::appearance_landmarks::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
     use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
     pub use model::Model;
 

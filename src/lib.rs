@@ -2,7 +2,9 @@
 //!
 //! ```text
 //! Frame -> FaceBox -> Landmarks -> Normalised -> Features -> RawCoeffs -> Corrected -> Smoothed -> Packet
-//! capture  detect      mesh         affine T_a    S, T_d      R            eq. 7, 8     F           link
+//! capture  detect      mesh         affine T_a    S, T_d      R    ^       eq. 7, 8     F           link
+//!                       |                                          |
+//!                       +-> Appearance -> Residual ----------------+
 //! ```
 //!
 //! One stage, one module, one type out: a stage cannot be skipped, because the next does not accept its input.

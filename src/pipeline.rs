@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::capture::{Content, Frame, Source};
 use crate::config::Settings;
-use crate::face::{Landmarks, Tracker};
+use crate::face::{Face, Tracker};
 use crate::infer::InferError;
 use crate::preflight::{SetupError, load_solver, load_tracker};
 use crate::solve::{Camera, Solution, SolveError, Solver};
@@ -90,12 +90,12 @@ impl Pipeline {
         Self { tracker: Some(tracker), solver, horizontal_fov_deg, times: StageTimes::default() }
     }
 
-    /// Returns the landmarks that the frame brings, or else those that the tracker finds in its picture. `None` if there
-    /// is no face, or a picture but no tracker.
+    /// Returns the face that the frame brings, or else the one that the tracker finds in its picture. `None` if there is no
+    /// face, or a picture but no tracker.
     ///
     /// # Errors
     /// [`InferError::Run`].
-    pub fn find<'a>(&'a mut self, frame: &Frame<'a>) -> Result<Option<&'a Landmarks>, InferError> {
+    pub fn find<'a>(&'a mut self, frame: &Frame<'a>) -> Result<Option<Face<'a>>, InferError> {
         find(self.tracker.as_mut(), &mut self.times, frame)
     }
 
@@ -105,10 +105,10 @@ impl Pipeline {
     /// # Errors
     /// [`Rejected`]. The next frame is not affected.
     pub fn process(&mut self, frame: &Frame) -> Result<Solution, Rejected> {
-        let landmarks = find(self.tracker.as_mut(), &mut self.times, frame)?.ok_or(Rejected::NoFace)?;
+        let face = find(self.tracker.as_mut(), &mut self.times, frame)?.ok_or(Rejected::NoFace)?;
         let camera = Camera::new(frame.size_px(), self.horizontal_fov_deg);
         let (solver, times) = (&mut self.solver, &mut self.times);
-        let outcome = timed(&mut times.solve, || solver.solve(landmarks, &camera, frame.captured_us));
+        let outcome = timed(&mut times.solve, || solver.solve(face, &camera, frame.captured_us));
         if outcome.is_err() && frame.picture().is_some() {
             self.forget_face();
         }
@@ -133,15 +133,16 @@ fn find<'a>(
     tracker: Option<&'a mut Tracker>,
     times: &mut StageTimes,
     frame: &Frame<'a>,
-) -> Result<Option<&'a Landmarks>, InferError> {
+) -> Result<Option<Face<'a>>, InferError> {
     *times = StageTimes::default();
     let picture = match &frame.content {
         Content::Picture(picture) => picture,
-        Content::Landmarks { landmarks, .. } => return Ok(*landmarks),
+        Content::Face { face, .. } => return Ok(*face),
     };
     let Some(tracker) = tracker else { return Ok(None) };
     let Some(region) = timed(&mut times.detect, || tracker.detect(picture))? else { return Ok(None) };
-    timed(&mut times.mesh, || tracker.landmarks(picture, &region))
+    timed(&mut times.mesh, || tracker.landmarks(picture, &region).map(drop))?;
+    Ok(tracker.face())
 }
 
 #[cfg(test)]
@@ -196,7 +197,7 @@ mod tests {
     /// The scripted face as the neutral one. It has few points, so only displacements from itself are sensible.
     fn neutral(frame: &Frame) -> Neutral {
         let mut mean = NeutralMean::default();
-        mean.add(&normalise(pipeline(0).0.find(frame).unwrap().unwrap()).unwrap());
+        mean.add(&normalise(pipeline(0).0.find(frame).unwrap().unwrap().landmarks).unwrap());
         mean.finish().unwrap()
     }
 }

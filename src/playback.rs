@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use crate::capture::{CaptureError, Content, Frame, Source};
 use crate::config::FailsafeSettings;
-use crate::face::Landmarks;
+use crate::face::{self, Appearance, Landmarks};
 use crate::infer::InferError;
 use crate::link::Pose;
 use crate::pipeline::Pipeline;
@@ -39,6 +39,8 @@ pub struct Face {
     size_px: [f32; 2],
     /// The landmarks in pixels, if the frame shows a face.
     pub landmarks: Option<Box<Landmarks>>,
+    /// How the face looks at the landmarks, if the frame shows one in a picture.
+    appearance: Option<Appearance>,
     /// Whether the frame could not be read. It counts as one without a face.
     pub damaged: bool,
 }
@@ -78,16 +80,20 @@ impl Playback {
         let rate = source.describe().rate;
         let face = match source.next() {
             Ok(None) => return Ok(None),
-            Ok(Some(frame)) => Face {
-                number: frame.number,
-                time_us: frame.captured_us,
-                size_px: frame.size_px(),
-                landmarks: self.pipeline.find(&frame)?.map(|landmarks| Box::new(landmarks.clone())),
-                damaged: false,
-            },
+            Ok(Some(frame)) => {
+                let face = self.pipeline.find(&frame)?;
+                Face {
+                    number: frame.number,
+                    time_us: frame.captured_us,
+                    size_px: frame.size_px(),
+                    landmarks: face.map(|face| Box::new(face.landmarks.clone())),
+                    appearance: face.and_then(|face| face.appearance.cloned()),
+                    damaged: false,
+                }
+            }
             Err(CaptureError::Frame { number, .. }) => {
                 let time_us = rate.map_or(0, |rate| rate.stamp_us(number));
-                Face { number, time_us, size_px: [0.0; 2], landmarks: None, damaged: true }
+                Face { number, time_us, size_px: [0.0; 2], landmarks: None, appearance: None, damaged: true }
             }
             Err(error) => return Err(error.into()),
         };
@@ -119,7 +125,9 @@ impl Playback {
 impl Face {
     /// The frame for the rest of the pipeline.
     fn frame(&self) -> Frame<'_> {
-        let content = Content::Landmarks { landmarks: self.landmarks.as_deref(), size_px: self.size_px };
+        let appearance = self.appearance.as_ref();
+        let face = self.landmarks.as_deref().map(|landmarks| face::Face { landmarks, appearance });
+        let content = Content::Face { face, size_px: self.size_px };
         Frame { content, captured_us: self.time_us, number: self.number }
     }
 }

@@ -72,7 +72,8 @@ impl Way {
         };
         let output = self.failsafe.update(&mut self.history, now_us, news);
         self.link.offer(self.pace, now_us, &output);
-        let look = Look::at(frame.picture().unwrap(), self.pipeline.tracker.as_ref().unwrap().face());
+        let face = self.pipeline.tracker.as_ref().unwrap().face();
+        let look = Look::at(frame.picture().unwrap(), face.map(|face| face.landmarks));
         self.watch.look(&look, frame.captured_us);
         self.live += usize::from(output.state == State::Live);
     }

@@ -1,4 +1,4 @@
-//! Reads arrays of `float32` and `int32` from `NumPy` files, with one row per picture or frame.
+//! Reads arrays of `float32`, `float16` and `int32` from `NumPy` files, with one row per picture or frame.
 //!
 //! An array is refused if its type or shape is wrong, if it is in Fortran order (which would exchange rows and
 //! columns), if it has no rows, or if it holds numbers that are not finite. The error names the file, the array and,
@@ -11,6 +11,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
+use half::f16;
 use npyz::{Deserialize, NpyFile, Order, npz::NpzArchive};
 
 /// An npz archive of arrays.
@@ -31,6 +32,17 @@ impl Arrays {
     pub fn floats(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
         let label = self.label(name);
         finite(values(self.array(name)?, shape, "float32", &label)?, shape, &label)
+    }
+
+    /// Reads a float16 array like [`Self::floats`].
+    pub fn halves(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f16>> {
+        let label = self.label(name);
+        finite(values(self.array(name)?, shape, "float16", &label)?, shape, &label)
+    }
+
+    /// Returns whether the archive has an array of this name.
+    pub fn has(&self, name: &str) -> bool {
+        self.archive.array_names().any(|other| other == name)
     }
 
     /// Reads an int32 array like [`Self::floats`].
@@ -72,12 +84,12 @@ fn values<T: Deserialize>(array: NpyFile<impl Read>, row: &[usize], kind: &str, 
     numbers.collect::<Result<_, _>>().with_context(|| format!("{label} is cut short"))
 }
 
-fn finite(values: Vec<f32>, row: &[usize], label: &str) -> Result<Vec<f32>> {
-    match values.iter().position(|value| !value.is_finite()) {
+fn finite<T: Copy + Into<f32>>(values: Vec<T>, row: &[usize], label: &str) -> Result<Vec<T>> {
+    match values.iter().position(|value| !(*value).into().is_finite()) {
         None => Ok(values),
         Some(index) => {
             let row = index / row.iter().product::<usize>();
-            bail!("{label}: row {row} (counted from 0) holds {}: leave out rows without a face", values[index])
+            bail!("{label}: row {row} (counted from 0) holds {}: leave out rows without a face", values[index].into())
         }
     }
 }

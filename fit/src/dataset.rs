@@ -4,9 +4,11 @@ use std::{collections::BTreeSet, path::Path};
 
 use anyhow::{Context, Result, ensure};
 use facewire::{
-    face::{LANDMARKS, Landmarks},
+    face::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, Appearance, LANDMARKS, Landmarks},
     solve::{BLENDSHAPES, COEFFS},
 };
+
+use half::{f16, slice::HalfFloatSliceExt};
 
 use crate::arrays::Arrays;
 
@@ -30,6 +32,8 @@ pub struct Sample {
     pub truth: [f64; COEFFS],
     /// The true yaw, pitch (positive when the head nods up) and roll in degrees.
     pub pose_deg: [f64; 3],
+    /// Index of the picture in the file.
+    pub picture: usize,
     /// Index of the subject among the subjects of the file.
     pub subject: usize,
     /// Whether the face is at rest.
@@ -69,15 +73,49 @@ pub fn load(path: &Path) -> Result<Vec<Sample>> {
     }
     let points = landmarks.chunks_exact(LANDMARK_VALUES).zip(weights.chunks_exact(COEFFS));
     let labels = pose.chunks_exact(3).zip(meta.chunks_exact(META)).zip(subjects);
-    let samples = points.zip(labels).map(|((points, weights), ((pose, meta), subject))| Sample {
-        landmarks: landmarks_of(points),
-        truth: columns.map(|column| f64::from(weights[column])),
-        pose_deg: pose_of(pose),
-        subject,
-        neutral: meta[META - 1] > 0.5,
-        mirrored: false,
-    });
+    let samples =
+        points.zip(labels).enumerate().map(|(picture, ((points, weights), ((pose, meta), subject)))| Sample {
+            landmarks: landmarks_of(points),
+            truth: columns.map(|column| f64::from(weights[column])),
+            pose_deg: pose_of(pose),
+            picture,
+            subject,
+            neutral: meta[META - 1] > 0.5,
+            mirrored: false,
+        });
     Ok(samples.collect())
+}
+
+/// How the faces of a dataset look at their landmarks, in half precision.
+pub struct Appearances(Vec<f16>);
+
+impl Appearances {
+    /// Number of values of one picture.
+    pub const VALUES: usize = APPEARANCE_LANDMARKS.len() * APPEARANCE_CHANNELS;
+
+    /// Writes the values of a picture to `out`, which has [`Self::VALUES`] places.
+    pub fn copy(&self, picture: usize, out: &mut [f32]) {
+        self.0[picture * Self::VALUES..][..Self::VALUES].convert_to_f32_slice(out);
+    }
+
+    /// Returns the look of the face in a picture.
+    pub fn of(&self, picture: usize) -> Appearance {
+        let mut appearance = Appearance::zero();
+        self.copy(picture, appearance.0.as_flattened_mut());
+        appearance
+    }
+}
+
+/// Loads how the faces of a dataset with this number of pictures look. Returns `None` if the archive does not tell.
+pub fn load_appearances(path: &Path, pictures: usize) -> Result<Option<Appearances>> {
+    let mut arrays = Arrays::open(path)?;
+    if !arrays.has(FEATURES) {
+        return Ok(None);
+    }
+    let values = arrays.halves(FEATURES, &[APPEARANCE_LANDMARKS.len(), APPEARANCE_CHANNELS])?;
+    let rows = values.len() / Appearances::VALUES;
+    ensure!(rows == pictures, "{}: {FEATURES} has {rows} rows, but landmarks has {pictures}", path.display());
+    Ok(Some(Appearances(values)))
 }
 
 /// Returns the indices of the held-out subjects' samples, or an error if there are none to judge by.

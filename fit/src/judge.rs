@@ -13,14 +13,14 @@ use std::{collections::BTreeMap, hint::black_box, time::Instant};
 
 use anyhow::{Context, Result, ensure};
 use facewire::solve::{
-    BLENDSHAPES, COEFFS, Camera, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised, correct,
-    normalise,
+    AbsurdResult, BLENDSHAPES, COEFFS, Camera, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised,
+    RawCoeffs, correct, normalise,
 };
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::{
-    dataset::{Person, Sample, held_out},
+    dataset::{Appearances, Person, Sample, held_out},
     statistics::{mean, mse, pearson, standard_deviation},
 };
 
@@ -42,6 +42,8 @@ pub struct Score {
 pub struct Faces<'a> {
     samples: &'a [Sample],
     features: Vec<Features>,
+    neutral_known: bool,
+    appearances: Option<&'a Appearances>,
 }
 
 impl<'a> Faces<'a> {
@@ -50,7 +52,26 @@ impl<'a> Faces<'a> {
         let faces = samples.par_iter().map(|sample| normalise(&sample.landmarks)).collect::<Result<Vec<_>, _>>()?;
         let neutrals = if neutral_known { neutrals(samples, &faces)? } else { BTreeMap::new() };
         let one = |(sample, face): (&Sample, &Normalised)| Features::new(face, neutrals.get(&sample.person()));
-        Ok(Self { samples, features: samples.par_iter().zip(&faces).map(one).collect() })
+        let features = samples.par_iter().zip(&faces).map(one).collect();
+        Ok(Self { samples, features, neutral_known, appearances: None })
+    }
+
+    /// Adds how the faces of the dataset look. No sample may be a mirrored copy.
+    pub fn with_appearances(self, appearances: Option<&'a Appearances>) -> Self {
+        Self { appearances, ..self }
+    }
+
+    /// Returns what a model makes of the face in picture `row`.
+    fn raw(&self, model: &Model, row: usize) -> Result<RawCoeffs, AbsurdResult> {
+        let appearance = self.appearances.map(|appearances| appearances.of(self.samples[row].picture));
+        let raw = self.of_landmarks(model, row)?;
+        let residual = appearance.map(|appearance| model.residual(&appearance, self.neutral_known)).transpose()?;
+        Ok(residual.flatten().map_or(raw, |residual| raw.plus(&residual)))
+    }
+
+    /// Returns what a model makes of the landmarks of picture `row`, without the look of the face.
+    pub fn of_landmarks(&self, model: &Model, row: usize) -> Result<RawCoeffs, AbsurdResult> {
+        model.process(&self.features[row])
     }
 
     /// Returns the number of samples.
@@ -125,7 +146,7 @@ pub fn scores_of(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Sco
 pub fn estimates(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Vec<f64>>> {
     let mut curves = vec![Vec::new(); COEFFS];
     for row in rows {
-        let raw = model.process(&faces.features[*row])?;
+        let raw = faces.raw(model, *row)?;
         let corrected = correct(&raw, &[0.0; COEFFS]);
         curves.iter_mut().zip(corrected.0).for_each(|(curve, value)| curve.push(f64::from(value)));
     }

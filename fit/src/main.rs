@@ -3,6 +3,7 @@
 #![allow(clippy::indexing_slicing, reason = "an index out of range is a bug, and a panic shows where")]
 #![allow(clippy::cast_possible_truncation, reason = "sums are accumulated in f64 and stored as f32")]
 
+mod appearance;
 mod arrays;
 mod basis;
 mod clip;
@@ -49,7 +50,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Fit the model, score it on held-out subjects, and write it
+    /// Fit the model, score it on held-out subjects, and write it. If the dataset has `features`, the model also reads them
     Train {
         /// Landmarks with true coefficients (npz archive with names.json beside it)
         dataset: PathBuf,
@@ -59,6 +60,9 @@ enum Command {
         /// Passes over the training data
         #[arg(long, default_value_t = train::EPOCHS, value_parser = clap::value_parser!(u32).range(1..))]
         epochs: u32,
+        /// Keep the landmark part of this model file, and fit only the part that reads `features`, in a few minutes
+        #[arg(long, value_name = "FILE")]
+        keep: Option<PathBuf>,
     },
     /// Compare kinds of regression model on every blendshape, and choose one of them within a budget
     Fit(compare::FitArgs),
@@ -104,7 +108,7 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<()> {
     match command {
-        Command::Train { dataset, out, epochs } => train(&dataset, &out, epochs),
+        Command::Train { dataset, out, epochs, keep } => train(&dataset, &out, epochs, keep.as_deref()),
         Command::Fit(args) => compare::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Judge(args) => judge::command::run(&args),
@@ -119,15 +123,22 @@ fn run(command: Command) -> Result<()> {
     }
 }
 
-fn train(dataset: &Path, out: &Path, epochs: u32) -> Result<()> {
+fn train(dataset: &Path, out: &Path, epochs: u32, keep: Option<&Path>) -> Result<()> {
     output::check(out)?;
     let samples = dataset::load(dataset)?;
     let pictures = std::fs::read_to_string(synth::run::provenance(dataset)).unwrap_or_default();
     let pictures = pictures.lines().next().map(|line| format!("; pictures: {line}")).unwrap_or_default();
-    let made_by = format!("facewire-fit train {} --epochs {epochs}{pictures}", dataset.display());
-    let file = train::train(&mirror::with_mirrored(&samples)?, &samples, epochs as usize, made_by)?;
+    let how = keep.map_or_else(|| format!("--epochs {epochs}"), |path| format!("--keep {}", path.display()));
+    let made_by = format!("facewire-fit train {} {how}{pictures}", dataset.display());
+    let appearances = dataset::load_appearances(dataset, samples.len())?;
+    let faces = train::Faces { samples: &samples, appearances: appearances.as_ref() };
+    let file = match keep {
+        Some(path) => train::extend(path, faces, &made_by)?,
+        None => train::train(faces, epochs as usize, made_by)?,
+    };
     output::write(out, toml::to_string(&file)?)?;
-    judge::command::judge_fitted(dataset.display().to_string(), samples, &file.to_model()?)
+    let model = file.to_model()?;
+    judge::command::judge_fitted(dataset.display().to_string(), samples, appearances, &model)
 }
 
 fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {

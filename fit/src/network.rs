@@ -1,12 +1,12 @@
-//! The hidden layer and its training: `AdamW` (Loshchilov and Hutter, 2019) on the squared error, with noise on the
+//! Layers and their training: `AdamW` (Loshchilov and Hutter, 2019) on the squared error, with noise on the
 //! inputs and cosine decay of the learning rate. The same data and seed give the same weights.
 
 use nalgebra::{DMatrix, DVector, DVectorView};
+use rayon::prelude::*;
 
-/// Faces per step.
+/// Faces per step, and the number of parts of them that threads share. Another number of parts would give other weights.
 const BATCH: usize = 256;
-/// Initial learning rate.
-const RATE: f32 = 2e-3;
+const PARTS: usize = 4;
 /// Weight decay, multiplied by the learning rate in each step.
 const DECAY: f32 = 0.1;
 /// Decay rates of the moments, and the term that keeps their quotient finite.
@@ -18,8 +18,18 @@ const CLAMPED: f32 = 0.09;
 /// show it.
 const REST: f32 = 3.0;
 
-/// A network with one hidden layer, `o = V max(0, W x + a) + b`.
+/// What follows the sums of the hidden units.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Units {
+    /// Negative sums become zero.
+    Rectified,
+    /// Nothing.
+    Linear,
+}
+
+/// A network with one hidden layer, `o = V max(0, W x + a) + b`, or `o = V (W x + a) + b`.
 pub struct Network {
+    units: Units,
     /// Hidden units x inputs.
     pub w: DMatrix<f32>,
     pub a: DVector<f32>,
@@ -28,7 +38,45 @@ pub struct Network {
     pub b: DVector<f32>,
 }
 
-/// Inputs and expected outputs, one column per face.
+/// How a network is trained.
+#[derive(Debug, Clone, Copy)]
+pub struct Training {
+    /// Number of hidden units.
+    pub hidden: usize,
+    pub units: Units,
+    /// Size of the initial outputs.
+    pub start: f32,
+    /// Initial learning rate.
+    pub rate: f32,
+    /// Passes over the faces.
+    pub epochs: usize,
+    pub seed: u64,
+}
+
+/// What a network is trained on.
+pub trait Faces: Sync {
+    /// Returns the number of faces.
+    fn len(&self) -> usize;
+
+    /// Returns the number of inputs.
+    fn inputs(&self) -> usize;
+
+    /// Returns the weight of the error of each output.
+    fn importance(&self) -> &[f32];
+
+    /// Returns some of the faces, with noise added to their inputs.
+    fn batch(&self, faces: &[usize], random: &mut fastrand::Rng) -> Batch;
+}
+
+/// Some faces, one column per face.
+pub struct Batch {
+    pub inputs: DMatrix<f32>,
+    /// What the network's outputs are added to, if it is to learn what others leave.
+    pub start: Option<DMatrix<f32>>,
+    pub truth: DMatrix<f32>,
+}
+
+/// Faces that are in memory, one column per face.
 pub struct TrainingData {
     pub inputs: DMatrix<f32>,
     pub truth: DMatrix<f32>,
@@ -39,27 +87,29 @@ pub struct TrainingData {
 }
 
 impl Network {
-    fn new(inputs: usize, hidden: usize, outputs: usize, random: &mut fastrand::Rng) -> Self {
+    fn new(inputs: usize, outputs: usize, training: &Training, random: &mut fastrand::Rng) -> Self {
+        let Training { hidden, units, start, .. } = *training;
         let mut matrix = |rows: usize, columns: usize| {
             let size = (1.5 / columns as f32).sqrt();
             DMatrix::from_fn(rows, columns, |_, _| size * noise(random))
         };
-        let (w, v) = (matrix(hidden, inputs), matrix(outputs, hidden));
-        Self { w, a: DVector::zeros(hidden), v, b: DVector::zeros(outputs) }
+        let (w, v) = (matrix(hidden, inputs), start * matrix(outputs, hidden));
+        Self { units, w, a: DVector::zeros(hidden), v, b: DVector::zeros(outputs) }
     }
 
-    /// Trains a network for a number of epochs and calls `on_epoch` after each of them.
-    pub fn train(data: &TrainingData, hidden: usize, epochs: usize, seed: u64, on_epoch: impl Fn(usize)) -> Self {
+    /// Trains a network and calls `on_epoch` after each epoch.
+    pub fn train(data: &impl Faces, training: &Training, on_epoch: impl Fn(usize)) -> Self {
+        let Training { rate, epochs, seed, .. } = *training;
         let mut random = fastrand::Rng::with_seed(seed);
-        let mut network = Self::new(data.inputs.nrows(), hidden, data.truth.nrows(), &mut random);
+        let mut network = Self::new(data.inputs(), data.importance().len(), training, &mut random);
         let mut adam = Adam::new(&network);
-        let mut order: Vec<usize> = (0..data.inputs.ncols()).collect();
+        let mut order: Vec<usize> = (0..data.len()).collect();
         let steps = (epochs * (order.len() / BATCH).max(1)) as f32;
         for epoch in 0..epochs {
             random.shuffle(&mut order);
             for faces in order.chunks(BATCH).filter(|faces| faces.len() == BATCH.min(order.len())) {
-                let gradient = network.gradient(&data.batch(faces, &mut random));
-                let rate = RATE * 0.5 * (1.0 + (std::f32::consts::PI * adam.steps as f32 / steps).cos());
+                let gradient = network.gradient_of(data, faces, &mut random);
+                let rate = rate * 0.5 * (1.0 + (std::f32::consts::PI * adam.steps as f32 / steps).cos());
                 adam.step(&mut network, gradient, rate);
             }
             on_epoch(epoch + 1);
@@ -67,23 +117,47 @@ impl Network {
         network
     }
 
-    /// Returns the gradient of the squared error, in the order of [`Network::parameters`].
-    fn gradient(&self, data: &TrainingData) -> [DMatrix<f32>; 4] {
-        let mut hidden = &self.w * &data.inputs;
+    /// Returns the gradient of the mean squared error of some faces, in the order of [`Network::parameters`].
+    fn gradient_of(&self, data: &impl Faces, faces: &[usize], random: &mut fastrand::Rng) -> [DMatrix<f32>; 4] {
+        let values = faces.len() * data.importance().len();
+        let importance: Vec<f32> = data.importance().iter().map(|weight| 2.0 * weight / values as f32).collect();
+        let parts: Vec<_> = faces.chunks(faces.len().div_ceil(PARTS)).map(|part| (part, random.fork())).collect();
+        let gradient =
+            |(part, mut random): (&[usize], fastrand::Rng)| self.gradient(data.batch(part, &mut random), &importance);
+        // The sum is taken in the order of the parts, whichever thread is first.
+        let gradients: Vec<_> = parts.into_par_iter().map(gradient).collect();
+        let sum = |mut sum: [DMatrix<f32>; 4], other: [DMatrix<f32>; 4]| {
+            sum.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+            sum
+        };
+        gradients.into_iter().reduce(sum).unwrap_or_else(|| [(); 4].map(|()| DMatrix::zeros(0, 0)))
+    }
+
+    /// Returns the gradient of the squared error, in the order of [`Network::parameters`]. `importance` is the weight of
+    /// the error of each output.
+    fn gradient(&self, batch: Batch, importance: &[f32]) -> [DMatrix<f32>; 4] {
+        let Batch { inputs, start, truth } = batch;
+        let mut hidden = &self.w * &inputs;
         hidden.column_iter_mut().for_each(|mut column| column += &self.a);
-        hidden.apply(|value| *value = value.max(0.0));
+        if self.units == Units::Rectified {
+            hidden.apply(|value| *value = value.max(0.0));
+        }
         let mut error = &self.v * &hidden;
         error.column_iter_mut().for_each(|mut column| column += &self.b);
-        error.zip_apply(&data.truth, |output, truth| *output = weighted_error(*output, truth));
+        if let Some(start) = start {
+            error += start;
+        }
+        error.zip_apply(&truth, |output, truth| *output = weighted_error(*output, truth));
         let at_rest = |truth: &DVectorView<'_, f32>| truth.iter().all(|value| *value == 0.0);
-        let faces = error.column_iter_mut().zip(data.truth.column_iter());
+        let faces = error.column_iter_mut().zip(truth.column_iter());
         faces.filter(|(_, truth)| at_rest(truth)).for_each(|(mut error, _)| error *= REST);
-        let importance = data.importance.iter().map(|importance| 2.0 * importance / data.truth.len() as f32);
-        error.row_iter_mut().zip(importance).for_each(|(mut row, importance)| row *= importance);
+        error.row_iter_mut().zip(importance).for_each(|(mut row, importance)| row *= *importance);
         let mut back = self.v.tr_mul(&error);
-        back.zip_apply(&hidden, |slope, value| *slope = if value > 0.0 { *slope } else { 0.0 });
+        if self.units == Units::Rectified {
+            back.zip_apply(&hidden, |slope, value| *slope = if value > 0.0 { *slope } else { 0.0 });
+        }
         let sum = |matrix: &DMatrix<f32>| DMatrix::from_column_slice(matrix.nrows(), 1, matrix.column_sum().as_slice());
-        [&back * data.inputs.transpose(), sum(&back), &error * hidden.transpose(), sum(&error)]
+        [&back * inputs.transpose(), sum(&back), &error * hidden.transpose(), sum(&error)]
     }
 
     fn parameters(&mut self) -> [&mut [f32]; 4] {
@@ -97,19 +171,29 @@ fn weighted_error(output: f32, truth: f32) -> f32 {
 }
 
 /// Returns uniform noise with mean 0 and standard deviation 1.
-fn noise(random: &mut fastrand::Rng) -> f32 {
+pub fn noise(random: &mut fastrand::Rng) -> f32 {
     (random.f32() - 0.5) * 12.0_f32.sqrt()
 }
 
-impl TrainingData {
-    /// Returns some of the faces, with noise added to their inputs.
-    fn batch(&self, faces: &[usize], random: &mut fastrand::Rng) -> Self {
+impl Faces for TrainingData {
+    fn len(&self) -> usize {
+        self.inputs.ncols()
+    }
+
+    fn inputs(&self) -> usize {
+        self.inputs.nrows()
+    }
+
+    fn importance(&self) -> &[f32] {
+        &self.importance
+    }
+
+    fn batch(&self, faces: &[usize], random: &mut fastrand::Rng) -> Batch {
         let mut inputs = self.inputs.select_columns(faces);
         for mut column in inputs.column_iter_mut() {
             column.iter_mut().zip(&self.noise).for_each(|(value, deviation)| *value += deviation * noise(random));
         }
-        let truth = self.truth.select_columns(faces);
-        Self { inputs, truth, noise: self.noise.clone(), importance: self.importance.clone() }
+        Batch { inputs, start: None, truth: self.truth.select_columns(faces) }
     }
 }
 
@@ -146,6 +230,10 @@ impl Adam {
 mod tests {
     use super::*;
 
+    fn training(hidden: usize, epochs: usize, seed: u64) -> Training {
+        Training { hidden, units: Units::Rectified, start: 1.0, rate: 2e-3, epochs, seed }
+    }
+
     /// Returns faces of two inputs whose output is their product, which no affine map can represent.
     fn products() -> TrainingData {
         let at = |index: usize| [(index % 16) as f32 / 8.0 - 1.0, (index / 16) as f32 / 8.0 - 1.0];
@@ -166,7 +254,7 @@ mod tests {
     #[test]
     fn a_function_that_no_affine_map_can_represent_is_learned() {
         let data = products();
-        let network = Network::train(&data, 12, 2000, 1, |_| ());
+        let network = Network::train(&data, &training(12, 2000, 1), |_| ());
         let variance = data.truth.variance();
         assert!(error(&network, &data) < 0.2 * variance, "{} of {variance}", error(&network, &data));
     }
@@ -174,8 +262,9 @@ mod tests {
     #[test]
     fn gradient_is_the_slope_of_the_error() {
         let data = products();
-        let mut network = Network::new(2, 5, 1, &mut fastrand::Rng::with_seed(3));
-        let gradient = network.gradient(&data);
+        let mut network = Network::new(2, 1, &training(5, 0, 3), &mut fastrand::Rng::with_seed(3));
+        let faces: Vec<usize> = (0..256).collect();
+        let gradient = network.gradient_of(&data, &faces, &mut fastrand::Rng::with_seed(1));
         for (group, expected) in gradient.iter().enumerate() {
             let step = 1e-2;
             let mut errors = [step, -step].map(|step| {
@@ -192,7 +281,7 @@ mod tests {
     #[test]
     fn the_same_seed_gives_the_same_weights() {
         let data = products();
-        let train = |seed| Network::train(&data, 4, 2, seed, |_| ()).w;
+        let train = |seed| Network::train(&data, &training(4, 2, seed), |_| ()).w;
         assert_eq!(train(1), train(1));
         assert_ne!(train(1), train(2));
     }

@@ -1,8 +1,8 @@
 //! Fits the model: selects landmarks, trains the hidden layer, and fills in the model file.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, fs, path::Path};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use facewire::solve::{
     BLENDSHAPES, FeatureId, MAX_HIDDEN,
     model_file::{BlendshapeTable, InputTable, ModelFile, OffsetTable, ScoreTable},
@@ -10,11 +10,13 @@ use facewire::solve::{
 use nalgebra::{DMatrix, DVector};
 
 use crate::{
+    appearance,
     basis::Basis,
-    dataset::{Sample, held_out},
+    dataset::{Appearances, Sample, held_out},
     design::{Design, MODELLED, Scale},
-    judge::{self, Faces},
-    network::{Network, TrainingData},
+    judge,
+    mirror::with_mirrored,
+    network::{Network, Training, TrainingData, Units},
     select::select,
 };
 
@@ -32,25 +34,59 @@ const LEAST_FEATURE: f32 = 0.005;
 const LEAST_TRUTH: f32 = 0.01;
 /// Default number of passes over the training data.
 pub const EPOCHS: u32 = 60;
+/// Initial learning rate.
+const RATE: f32 = 2e-3;
 const SEED: u64 = 1;
 
-/// Fits a model on `seen` and scores it on the held-out subjects of `samples`.
-pub fn train(seen: &[Sample], samples: &[Sample], epochs: usize, made_by: String) -> Result<ModelFile> {
-    let held_out = held_out(samples)?.len();
+/// The pictures of a dataset. The held-out subjects among them only serve to score the model.
+#[derive(Clone, Copy)]
+pub struct Faces<'a> {
+    pub samples: &'a [Sample],
+    /// How the faces look, if that is known. The model then reads it.
+    pub appearances: Option<&'a Appearances>,
+}
+
+/// Fits a model and scores it.
+pub fn train(faces: Faces, epochs: usize, made_by: String) -> Result<ModelFile> {
+    let (samples, held_out) = (faces.samples, held_out(faces.samples)?.len());
     let fitted_on = format!(
         "{} pictures and their mirror images; r and mse are those of {held_out} pictures of other subjects",
         samples.len() - held_out
     );
-    let mut file = fit(&Design::new(seen)?, epochs, ModelFile::new(made_by, fitted_on))?;
+    let mut file = {
+        let seen = with_mirrored(samples)?;
+        fit(&Design::new(&seen)?, epochs, ModelFile::new(made_by, fitted_on))?
+    };
+    if let Some(appearances) = faces.appearances {
+        file.appearance = Some(appearance::fit(samples, appearances, &file.to_model()?)?);
+    }
+    score(&mut file, faces)?;
+    Ok(file)
+}
+
+/// Fits the part that reads how a face looks to what the landmark model of another file leaves, and scores both together.
+pub fn extend(path: &Path, faces: Faces, made_by: &str) -> Result<ModelFile> {
+    let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let mut file = ModelFile { appearance: None, ..ModelFile::parse(&text)? };
+    let appearances = faces.appearances.context("the dataset has no features: render it with this version of synth")?;
+    file.made_by = format!("{made_by}; landmark model: {}", file.made_by);
+    file.appearance = Some(appearance::fit(faces.samples, appearances, &file.to_model()?)?);
+    score(&mut file, faces)?;
+    Ok(file)
+}
+
+/// Stores the scores of the model on the held-out subjects.
+fn score(file: &mut ModelFile, Faces { samples, appearances }: Faces) -> Result<()> {
     let model = file.to_model()?;
-    let [known, unknown] = [true, false].map(|known| judge::scores(&model, &Faces::new(samples, known)?));
+    let scores = |known| judge::scores(&model, &judge::Faces::new(samples, known)?.with_appearances(appearances));
+    let [known, unknown] = [scores(true)?, scores(false)?];
     let score = |score: &judge::Score| ScoreTable { r: rounded(score.r, 4), mse: rounded(score.mse, 5) };
-    for (name, (known, unknown)) in BLENDSHAPES.iter().zip(known?.iter().zip(&unknown?)) {
+    for (name, (known, unknown)) in BLENDSHAPES.iter().zip(known.iter().zip(&unknown)) {
         if let Some(table) = file.blendshapes.get_mut(*name) {
             (table.neutral_known, table.neutral_unknown) = (score(known), score(unknown));
         }
     }
-    Ok(file)
+    Ok(())
 }
 
 /// Fits the model to a design and stores it in `file`.
@@ -60,7 +96,8 @@ pub fn fit(design: &Design, epochs: usize, mut file: ModelFile) -> Result<ModelF
     eprintln!("{} features of {SELECTED} landmarks selected", features.len());
     let basis = Basis::of(design, &scale, features, COMPONENTS)?;
     let data = training_data(design, &scale, &basis);
-    let network = Network::train(&data, MAX_HIDDEN, epochs, SEED, |epoch| eprint!("\repoch {epoch} of {epochs}"));
+    let training = Training { hidden: MAX_HIDDEN, units: Units::Rectified, start: 1.0, rate: RATE, epochs, seed: SEED };
+    let network = Network::train(&data, &training, |epoch| eprint!("\repoch {epoch} of {epochs}"));
     eprintln!();
     fill_in(&mut file, design, &scale, &basis, &network);
     Ok(file)
@@ -84,7 +121,7 @@ fn training_data(design: &Design, scale: &Scale, basis: &Basis) -> TrainingData 
 /// Returns the weight of each blendshape's error: the inverse of its standard deviation, scaled to a mean of 1. Without
 /// weights, blendshapes that hardly move would not be learned. Dividing by the variance, as a correlation does, would
 /// weigh them as much as all others.
-fn importance(truth: &DMatrix<f32>) -> Vec<f32> {
+pub fn importance(truth: &DMatrix<f32>) -> Vec<f32> {
     let inverse: Vec<f32> = truth.row_iter().map(|row| 1.0 / row.variance().sqrt().max(LEAST_TRUTH)).collect();
     let mean = inverse.iter().sum::<f32>() / inverse.len() as f32;
     inverse.iter().map(|inverse| inverse / mean).collect()
@@ -117,12 +154,12 @@ fn blendshapes(network: &Network) -> BTreeMap<String, BlendshapeTable> {
     (0..MODELLED).map(|index| (BLENDSHAPES[index].to_owned(), table(index))).collect()
 }
 
-fn numbers<'a>(values: impl Iterator<Item = &'a f32>) -> Vec<f64> {
+pub fn numbers<'a>(values: impl Iterator<Item = &'a f32>) -> Vec<f64> {
     values.map(|value| number(*value)).collect()
 }
 
 /// Rounds to four decimals, far below the accuracy of the weights, to keep the file short.
-fn number(value: f32) -> f64 {
+pub fn number(value: f32) -> f64 {
     rounded(f64::from(value), 4)
 }
 

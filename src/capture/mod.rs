@@ -39,7 +39,7 @@ pub use y4m::Y4mSource;
 use std::fmt;
 use std::time::Duration;
 
-use crate::face::Landmarks;
+use crate::face::Face;
 use crate::impairment::ImpairmentSet;
 
 /// One frame and the time of its capture, lent by its source until the next call.
@@ -59,9 +59,9 @@ pub enum Content<'a> {
     /// A picture in which the face is still to be found.
     Picture(Picture<'a>),
     /// The result of an earlier search.
-    Landmarks {
-        /// The landmarks in pixels; `None` where no face was found.
-        landmarks: Option<&'a Landmarks>,
+    Face {
+        /// The face, with landmarks in pixels; `None` where no face was found.
+        face: Option<Face<'a>>,
         /// Width and height of the picture that was searched.
         size_px: [f32; 2],
     },
@@ -73,7 +73,7 @@ impl<'a> Frame<'a> {
     pub fn picture(&self) -> Option<&Picture<'a>> {
         match &self.content {
             Content::Picture(picture) => Some(picture),
-            Content::Landmarks { .. } => None,
+            Content::Face { .. } => None,
         }
     }
 
@@ -82,7 +82,7 @@ impl<'a> Frame<'a> {
     pub fn size_px(&self) -> [f32; 2] {
         match &self.content {
             Content::Picture(picture) => [picture.width as f32, picture.height as f32],
-            Content::Landmarks { size_px, .. } => *size_px,
+            Content::Face { size_px, .. } => *size_px,
         }
     }
 }

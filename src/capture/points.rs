@@ -11,7 +11,7 @@ use std::io::{self, BufReader, Cursor, Read};
 use npyz::{DType, NpyFile, NpyReader, TypeChar};
 
 use super::{CaptureError, Content, Description, FileOptions, Frame, Source};
-use crate::face::{Landmarks, MESH};
+use crate::face::{Face, Landmarks, MESH};
 
 /// Largest number of bytes before the numbers; usual files have 128.
 const MAX_START_BYTES: u64 = 1024;
@@ -91,9 +91,9 @@ impl Source for PointsSource {
         if self.landmarks.0.iter().skip(MESH).all(|[_, _, depth]| *depth == 0.0) {
             self.landmarks.level_irises();
         }
-        let landmarks = self.landmarks.is_finite().then_some(&*self.landmarks);
+        let face = self.landmarks.is_finite().then(|| Face::from(&*self.landmarks));
         let size_px = self.options.points_size_px.map(f32::from);
-        let content = Content::Landmarks { landmarks, size_px };
+        let content = Content::Face { face, size_px };
         Ok(Some(Frame { content, captured_us: self.options.rate.stamp_us(number), number }))
     }
 
@@ -153,8 +153,8 @@ mod tests {
         writer.finish().unwrap();
         let mut source = PointsSource::open(file.path().to_str().unwrap(), &FileOptions::default()).unwrap();
         let frame = source.next().unwrap().unwrap();
-        let Content::Landmarks { landmarks, size_px: [640.0, 480.0] } = frame.content else { unreachable!() };
-        landmarks.unwrap().0.iter().skip(MESH).map(|point| point[2]).collect()
+        let Content::Face { face, size_px: [640.0, 480.0] } = frame.content else { unreachable!() };
+        face.unwrap().landmarks.0.iter().skip(MESH).map(|point| point[2]).collect()
     }
 
     #[test]

@@ -12,7 +12,7 @@
 use crate::capture::Picture;
 use crate::infer::{Engine, InferError, Network, Signature};
 
-use super::appearance::Appearance;
+use super::appearance::{Appearance, Face};
 use super::block::Block;
 use super::crop::{Border, CropShape, crop};
 use super::feature_map::FeatureMap;
@@ -151,15 +151,10 @@ impl Mesh {
         Ok(self.landmarks.is_finite().then_some(&self.landmarks))
     }
 
-    /// The landmarks that were found last.
-    pub(super) fn landmarks(&self) -> &Landmarks {
-        &self.landmarks
-    }
-
-    /// How the face looks at the landmarks that were found last.
+    /// The face that was found last.
     #[must_use]
-    pub fn appearance(&self) -> &Appearance {
-        &self.appearance
+    pub fn face(&self) -> Face<'_> {
+        Face { landmarks: &self.landmarks, appearance: Some(&self.appearance) }
     }
 }
 

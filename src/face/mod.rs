@@ -1,6 +1,7 @@
 //! Finds a face in a picture, follows it from frame to frame and returns its landmarks.
 
 mod appearance;
+mod appearance_landmarks;
 mod block;
 mod colour;
 mod crop;
@@ -16,7 +17,8 @@ pub(crate) mod test_face;
 mod tracker;
 mod transform;
 
-pub use appearance::{APPEARANCE_CHANNELS, APPEARANCE_POINTS, Appearance};
+pub use appearance::{Appearance, Face};
+pub use appearance_landmarks::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
 pub use block::Block;
 pub use crop::{Border, CropShape, Rows, crop};
 pub use detector::Detector;

@@ -5,6 +5,7 @@
 use crate::capture::Picture;
 use crate::infer::{Engine, InferError};
 
+use super::appearance::Face;
 use super::detector::Detector;
 use super::landmarks::Landmarks;
 use super::mesh::Mesh;
@@ -50,10 +51,10 @@ impl Tracker {
         Ok(found)
     }
 
-    /// The landmarks of the face in the last picture, if there was one.
+    /// The face in the last picture, if there was one.
     #[must_use]
-    pub fn face(&self) -> Option<&Landmarks> {
-        self.region.and(Some(self.mesh.landmarks()))
+    pub fn face(&self) -> Option<Face<'_>> {
+        self.region.and(Some(self.mesh.face()))
     }
 
     /// Sets whether the heads of the mesh take turns ([`Mesh`]).

@@ -272,7 +272,7 @@ impl HotLoop {
         // The result is on its way: measuring delays nobody.
         self.timing.worked(frame.captured_us, begun_us, monotonic_us(), &stages);
         let tracker = self.pipeline.as_ref().and_then(|pipeline| pipeline.tracker.as_ref());
-        self.watcher.look(frame, tracker.and_then(Tracker::face));
+        self.watcher.look(frame, tracker.and_then(Tracker::face).map(|face| face.landmarks));
         if let Err(Rejected::Infer(error)) = outcome {
             return self.engine_failed(error);
         }

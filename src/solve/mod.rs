@@ -1,13 +1,15 @@
 //! From landmarks to blendshape coefficients: pure arithmetic without a clock, a log or, but for loading a model, I/O.
 //!
 //! ```text
-//! normalise -> Features::new -> Model::process -> correct -> Filters::step
+//! normalise -> Features::new -> Model::process -> RawCoeffs::plus -> correct -> Filters::step
+//!                             AppearanceLayer::process --^
 //! ```
 //!
 //! [`Solver`] runs these stages. A stage that gets values it cannot use, such as landmarks that are not finite or do
 //! not form a face, returns an error, and the whole frame is rejected.
 
 mod affine;
+mod appearance;
 mod canonical;
 mod correction;
 mod feature_id;
@@ -26,16 +28,20 @@ mod solver;
 #[allow(clippy::indexing_slicing)]
 pub(crate) mod test_face;
 
-use crate::face::LANDMARKS;
+use crate::face::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, LANDMARKS};
 
 pub use affine::{DegenerateFace, Normalised, normalise};
+pub use appearance::{Residual, ResidualState};
 pub use correction::{Corrected, MAX_REST, correct};
 pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use feature_id::{FEATURES, FeatureId, MEASURES};
 pub use features::Features;
 pub use filter::{Filter, FilterState, Filters, FiltersState, Smoothed};
 pub use gated_average::GatedAverage;
-pub use model::{MAX_HIDDEN, MAX_INPUTS, Model};
+pub use model::{
+    MAX_HIDDEN, MAX_INPUTS, Model,
+    appearance::{APPEARANCE_UNITS, AppearanceLayer},
+};
 pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
 pub use pose::{Camera, HeadPose};

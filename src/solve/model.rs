@@ -2,6 +2,9 @@
 //!
 //! The build script compiles this file, too: it reads `models/blendshapes.toml` and writes the bytes.
 
+pub(super) mod appearance;
+
+use self::appearance::AppearanceLayer;
 use super::{COEFFS, feature_id::FeatureId};
 
 /// Most units of the hidden layer.
@@ -12,7 +15,7 @@ pub const MAX_INPUTS: usize = 470;
 /// One number for each hidden unit. Units that a model does not use have 0.
 pub(super) type Hidden = [f32; MAX_HIDDEN];
 
-/// A fitted regression, `h = max(0, W x + a)` and `R = V h + b`. It takes at most 256 KiB.
+/// A fitted regression, `h = max(0, W x + a)` and `R = V h + b`, which takes at most 256 KiB, and the layer that adds to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
     /// The selected features.
@@ -25,6 +28,8 @@ pub struct Model {
     pub(super) output_weights: Box<[[f32; COEFFS]]>,
     /// `b`.
     pub(super) output_offsets: [f32; COEFFS],
+    /// What reads how the face looks.
+    pub(super) appearance: Option<AppearanceLayer>,
 }
 
 /// A selected feature.
@@ -60,6 +65,7 @@ impl Model {
             offsets: *offsets,
             output_weights: output_weights.into(),
             output_offsets,
+            appearance: None,
         }
     }
 
@@ -67,13 +73,22 @@ impl Model {
     #[must_use]
     pub fn size_bytes(&self) -> usize {
         let weights = size_of_val(&*self.hidden_weights) + size_of_val(&*self.output_weights);
-        size_of_val(&*self.inputs) + weights + size_of::<Self>()
+        let appearance = self.appearance.as_ref().map_or(0, AppearanceLayer::heap_bytes);
+        size_of_val(&*self.inputs) + weights + appearance + size_of::<Self>()
     }
 
-    /// The model as little-endian words of 4 bytes: both offsets, then offset and weights of each blendshape, then
-    /// index, neutral value and weights of each feature.
+    /// The model as bytes: the length of the regression (u32, little-endian), the regression, and the layer if there is one.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
+        let regression = self.regression_bytes();
+        let length = u32::try_from(regression.len()).unwrap_or(u32::MAX);
+        let appearance = self.appearance.iter().flat_map(AppearanceLayer::to_bytes);
+        length.to_le_bytes().into_iter().chain(regression).chain(appearance).collect()
+    }
+
+    /// The regression as little-endian words of 4 bytes: both offsets, then offset and weights of each blendshape, then
+    /// index, neutral value and weights of each feature.
+    fn regression_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut write = |numbers: &[f32]| bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
         self.offsets.iter().for_each(|row| write(row));
@@ -91,8 +106,18 @@ impl Model {
 
     /// Reads what [`Model::to_bytes`] wrote, or returns `None` if the bytes are not a model.
     #[must_use]
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let (length, rest) = bytes.split_first_chunk()?;
+        let (regression, appearance) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+        let appearance = match appearance {
+            [] => None,
+            bytes => Some(AppearanceLayer::from_bytes(bytes)?),
+        };
+        Some(Self { appearance, ..Self::regression(regression)? })
+    }
+
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
+    fn regression(bytes: &[u8]) -> Option<Self> {
         let mut words = Words(bytes.as_chunks().0);
         let offsets = [words.take()?, words.take()?];
         let mut outputs = Vec::with_capacity(COEFFS);

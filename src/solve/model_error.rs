@@ -42,6 +42,18 @@ pub enum ModelError {
         /// The name of the blendshape.
         blendshape: &'static str,
     },
+    /// An entry is missing.
+    #[error("the model file has no {entry}; restore it or fit it again")]
+    Absent {
+        /// Table and name of the entry.
+        entry: String,
+    },
+    /// An entry is not a list of as many weights as there must be.
+    #[error("{entry} of the model file is not the list of weights that it must be; restore the file")]
+    NotWeights {
+        /// Table and name of the entry.
+        entry: String,
+    },
     /// A name that this program does not know.
     #[error("the model file names an unknown {name:?} in {table}; fit it again with facewire-fit")]
     Unknown {

@@ -20,12 +20,30 @@
 //! weights = [0.8, 0.1]
 //! ```
 //!
+//! The table `appearance`, which may be missing, is that of the layer that reads the mesh network's feature map:
+//!
+//! ```toml
+//! [appearance]
+//! scales = [0.001, 0.002]     # of the weights of each of the 32 units
+//! offsets = [0.1, -0.3]
+//!
+//! [appearance.landmarks]      # weights: signed bytes in base 64, for each of 32 channels one for each of 32 units
+//! 13 = "AP8BAv4D..."
+//!
+//! [appearance.blendshapes.cheekPuff]    # what is added to the blendshape
+//! neutral_known = { offset = 0.01, weights = [0.1, -0.2] }
+//! neutral_unknown = { offset = 0.02, weights = [0.1, -0.1] }
+//! ```
+//!
 //! The build script compiles this file, too.
+
+mod appearance;
 
 use std::{collections::BTreeMap, fs, path::Path};
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
+pub use self::appearance::{AppearanceTable, ResidualRow, ResidualTable};
 use super::{
     BLENDSHAPES,
     feature_id::FeatureId,
@@ -52,6 +70,9 @@ pub struct ModelFile {
     pub inputs: BTreeMap<String, InputTable>,
     /// Blendshapes by name.
     pub blendshapes: BTreeMap<String, BlendshapeTable>,
+    /// What reads how the face looks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub appearance: Option<AppearanceTable>,
 }
 
 /// Offsets of the hidden units, one for each unit.
@@ -109,6 +130,7 @@ impl ModelFile {
             offsets: OffsetTable::default(),
             inputs: BTreeMap::new(),
             blendshapes: BTreeMap::new(),
+            appearance: None,
         }
     }
 
@@ -145,7 +167,8 @@ impl ModelFile {
         let inputs = self.inputs.iter().map(|(name, table)| input(name, table)).collect::<Result<_, _>>()?;
         let offsets =
             [hidden("offsets.neutral_known", neutral_known)?, hidden("offsets.neutral_unknown", neutral_unknown)?];
-        Ok(Model::new(inputs, &offsets, &self.outputs()?))
+        let appearance = self.appearance.as_ref().map(AppearanceTable::to_layer).transpose()?;
+        Ok(Model { appearance, ..Model::new(inputs, &offsets, &self.outputs()?) })
     }
 
     fn outputs(&self) -> Result<Vec<Output>, ModelError> {

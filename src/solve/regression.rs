@@ -12,6 +12,7 @@ use thiserror::Error;
 
 use super::{
     COEFFS,
+    appearance::Residual,
     features::Features,
     model::{Hidden, Model},
 };
@@ -32,6 +33,20 @@ pub struct AbsurdResult;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RawCoeffs(pub [f32; COEFFS]);
 
+impl RawCoeffs {
+    /// Adds what the look of the face tells.
+    #[must_use]
+    pub fn plus(mut self, residual: &Residual) -> Self {
+        self.0.iter_mut().zip(&residual.0).for_each(|(value, residual)| *value += residual);
+        self
+    }
+}
+
+/// Whether all results can be those of a face. No range contains a NaN.
+pub(super) fn are_sane(results: &[f32; COEFFS]) -> bool {
+    results.iter().all(|value| (-MAX_RESULT..=MAX_RESULT).contains(value))
+}
+
 impl Model {
     /// The model that is built into the program.
     ///
@@ -43,7 +58,7 @@ impl Model {
         Self::from_bytes(EMBEDDED).expect("the embedded model is whole")
     }
 
-    /// Computes the coefficients of a face.
+    /// Computes the coefficients of a face from its features alone.
     ///
     /// # Errors
     /// [`AbsurdResult`] if a result is not a number or far outside a coefficient's range.
@@ -51,9 +66,7 @@ impl Model {
         let hidden = self.hidden(features);
         let mut raw = self.output_offsets;
         add_rows(&mut raw, &self.output_weights, &hidden);
-        // No range contains a NaN.
-        let is_sane = raw.iter().all(|value| (-MAX_RESULT..=MAX_RESULT).contains(value));
-        if is_sane { Ok(RawCoeffs(raw)) } else { Err(AbsurdResult) }
+        if are_sane(&raw) { Ok(RawCoeffs(raw)) } else { Err(AbsurdResult) }
     }
 
     fn hidden(&self, features: &Features) -> Hidden {

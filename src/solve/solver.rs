@@ -8,9 +8,9 @@ use thiserror::Error;
 
 use super::{
     AbsurdResult, Camera, Corrected, DegenerateFace, Features, Filters, FiltersState, HeadPose, Model, Profile,
-    RawCoeffs, Smoothed, correct, normalise,
+    RawCoeffs, ResidualState, Smoothed, correct, normalise,
 };
-use crate::face::Landmarks;
+use crate::face::Face;
 
 /// The results of one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +50,7 @@ pub struct Solver {
 
 #[derive(Debug, Default)]
 struct History {
+    residual: ResidualState,
     filters: FiltersState,
     last_us: Option<u64>,
 }
@@ -61,15 +62,27 @@ impl Solver {
         Self { model, profile, filters, history: History::default() }
     }
 
-    /// Solves the landmarks of a frame that `camera` captured at `time_us`. Does not allocate.
+    /// Solves the face of a frame that `camera` captured at `time_us`. Does not allocate.
     ///
     /// # Errors
     /// [`SolveError`]: the caller treats the frame as one without a face.
-    pub fn solve(&mut self, landmarks: &Landmarks, camera: &Camera, time_us: u64) -> Result<Solution, SolveError> {
+    pub fn solve<'a>(
+        &mut self,
+        face: impl Into<Face<'a>>,
+        camera: &Camera,
+        time_us: u64,
+    ) -> Result<Solution, SolveError> {
+        let Face { landmarks, appearance } = face.into();
         let face = normalise(landmarks)?;
-        let raw = self.model.process(&Features::new(&face, self.profile.neutral.as_ref()))?;
+        let features = Features::new(&face, self.profile.neutral.as_ref());
+        let mut raw = self.model.process(&features)?;
+        let residual = appearance.map(|appearance| self.model.residual(appearance, features.neutral_known));
+        let residual = residual.transpose()?.flatten();
         // Only now, because a rejected frame does not reach the filters: their time goes on until the next good frame.
         let step_s = self.history.step_s(time_us);
+        if let Some(residual) = residual {
+            raw = raw.plus(&residual.smoothed(&mut self.history.residual, step_s));
+        }
         let corrected = correct(&raw, &self.profile.rest);
         let smoothed = self.filters.step(&mut self.history.filters, &corrected, step_s);
         Ok(Solution { raw, corrected, smoothed, head: HeadPose::new(&face, camera) })
@@ -92,7 +105,7 @@ impl History {
 #[allow(clippy::expect_used, clippy::indexing_slicing, clippy::float_cmp)]
 mod tests {
     use super::*;
-    use crate::face::LANDMARKS;
+    use crate::face::{LANDMARKS, Landmarks};
     use crate::solve::{COEFFS, MAX_REST, NeutralMean, test_face::face};
 
     const CAMERA: Camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };

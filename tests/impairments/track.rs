@@ -2,7 +2,7 @@
 
 use facewire::capture::{Content, Frame};
 use facewire::config::Settings;
-use facewire::face::{Landmarks, MESH};
+use facewire::face::{Face, Landmarks, MESH};
 use facewire::impairment::ImpairmentSet;
 use facewire::pipeline::Pipeline;
 use facewire::solve::{COEFFS, Camera};
@@ -39,9 +39,14 @@ impl Track {
             let altered = alter(photo, number);
             let content = Content::Picture(altered.picture());
             let frame = Frame { content, captured_us: (number * step * PERIOD_US) as u64, number: number as u64 };
-            let landmarks = pipeline.find(&frame).unwrap().cloned();
+            let found = pipeline.find(&frame).unwrap();
+            let (landmarks, appearance) = found.map(|face| (face.landmarks.clone(), face.appearance.cloned())).unzip();
             let camera = Camera::new(frame.size_px(), settings.camera.horizontal_fov_deg);
-            let solve = |face: &Landmarks| pipeline.solver.solve(face, &camera, frame.captured_us).ok();
+            let appearance = appearance.flatten();
+            let solve = |landmarks| {
+                let face = Face { landmarks, appearance: appearance.as_ref() };
+                pipeline.solver.solve(face, &camera, frame.captured_us).ok()
+            };
             let solution = landmarks.as_ref().and_then(solve);
             track.coefficients.push(solution.map(|solution| solution.smoothed.0));
             track.looks.push(Look::at(frame.picture().unwrap(), landmarks.as_ref()));

@@ -93,6 +93,7 @@ mod tests {
             landmarks: Landmarks([[0.0; 3]; LANDMARKS]),
             truth: [0.0; COEFFS],
             pose_deg: [0.0; 3],
+            picture: row,
             subject: row / each,
             neutral: false,
             mirrored: false,

@@ -12,7 +12,10 @@ use super::{
     sheet::Judgement,
     text,
 };
-use crate::{dataset::Sample, html, output};
+use crate::{
+    dataset::{Appearances, Sample},
+    html, output,
+};
 
 const AFTER_HELP: &str = "\
 Figures, of all pictures of all people together:
@@ -115,8 +118,8 @@ pub fn run(args: &JudgeArgs) -> Result<()> {
 }
 
 /// Judges a model on the held-out subjects of the data that it was fitted to, and prints the result.
-pub fn judge_fitted(name: String, samples: Vec<Sample>, model: &Model) -> Result<()> {
-    let judged = judge(&Set::of(name, samples, false)?, &[model], 1000)?;
+pub fn judge_fitted(name: String, samples: Vec<Sample>, appearances: Option<Appearances>, model: &Model) -> Result<()> {
+    let judged = judge(&Set::of(name, samples, appearances, false)?, &[model], 1000)?;
     print!("{}", text::of(&judged)?);
     Ok(())
 }

@@ -13,7 +13,7 @@ use super::{
     people::{self, Person},
     pose_error_deg,
 };
-use crate::dataset::{self, Sample};
+use crate::dataset::{self, Appearances, Sample};
 
 /// A set of people with truth.
 pub struct Set {
@@ -23,8 +23,8 @@ pub struct Set {
 }
 
 enum Content {
-    /// Single pictures of each person.
-    Pictures(Vec<Sample>),
+    /// Single pictures of each person, and the look of the faces if that is known.
+    Pictures(Vec<Sample>, Option<Appearances>),
     /// A clip of each person.
     Clips(Vec<Clip>),
 }
@@ -45,24 +45,31 @@ impl Set {
         if path.is_dir() {
             return Ok(Self { name, content: Content::Clips(clips::load(path, options.neutral_frames)?) });
         }
-        Self::of(name, dataset::load(path)?, options.all_subjects)
+        let samples = dataset::load(path)?;
+        let appearances = dataset::load_appearances(path, samples.len())?;
+        Self::of(name, samples, appearances, options.all_subjects)
     }
 
-    /// Returns a set of the samples of a dataset.
-    pub fn of(name: String, mut samples: Vec<Sample>, all_subjects: bool) -> Result<Self> {
+    /// Returns a set of the samples of a dataset, with the look of the faces if that is known.
+    pub fn of(
+        name: String,
+        mut samples: Vec<Sample>,
+        appearances: Option<Appearances>,
+        all_subjects: bool,
+    ) -> Result<Self> {
         if !all_subjects {
             dataset::held_out(&samples)?;
             samples.retain(Sample::held_out);
         }
-        Ok(Self { name, content: Content::Pictures(samples) })
+        Ok(Self { name, content: Content::Pictures(samples, appearances) })
     }
 
     /// Runs each model on every face, relative to the person's neutral face if `neutral_known`. Returns the people by
     /// model.
     pub fn people(&self, models: &[&Model], neutral_known: bool) -> Result<Vec<Vec<Person>>> {
         match &self.content {
-            Content::Pictures(samples) => {
-                let faces = Faces::new(samples, neutral_known)?;
+            Content::Pictures(samples, appearances) => {
+                let faces = Faces::new(samples, neutral_known)?.with_appearances(appearances.as_ref());
                 models.iter().map(|model| people_of(model, samples, &faces)).collect()
             }
             Content::Clips(clips) => {
@@ -75,7 +82,7 @@ impl Set {
     /// Returns what else there is to know of the set, in one line.
     pub fn notes(&self) -> Result<String> {
         match &self.content {
-            Content::Pictures(samples) => {
+            Content::Pictures(samples, _) => {
                 let [yaw, pitch, roll] = pose_error_deg(samples)?;
                 Ok(format!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees"))
             }

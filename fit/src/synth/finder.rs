@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use facewire::{
     capture::JpegDecoder,
     config::NetworkSettings,
-    face::{Appearance, Detector, FaceBox, Landmarks, Mesh},
+    face::{Detector, Face, FaceBox, Landmarks, Mesh},
 };
 use glam::Vec2;
 
@@ -35,9 +35,8 @@ impl Finder {
         })
     }
 
-    /// Finds the landmarks of the face whose outer eye corners are at `eyes`, and how it looks there. Returns `None` if
-    /// this face is not found.
-    pub fn find(&mut self, jpeg: &[u8], eyes: [Vec2; 2]) -> Result<Option<(Landmarks, &Appearance)>> {
+    /// Finds the face whose outer eye corners are at `eyes`. Returns `None` if it is not found.
+    pub fn find(&mut self, jpeg: &[u8], eyes: [Vec2; 2]) -> Result<Option<Face<'_>>> {
         self.decoder.decode(jpeg)?;
         let picture = self.decoder.picture().context("the image was not decoded")?;
         let mut region = self.detector.find(&picture)?;
@@ -46,9 +45,9 @@ impl Finder {
             region = self.mesh.find(&picture, &around)?.and_then(FaceBox::following);
         }
         let Some(around) = region else { return Ok(None) };
-        let found = self.mesh.find(&picture, &around)?.cloned();
-        let found = found.filter(|landmarks| FaceBox::following(landmarks).is_some() && agrees(landmarks, eyes));
-        Ok(found.map(|landmarks| (landmarks, self.mesh.appearance())))
+        let is_this = |landmarks: &Landmarks| FaceBox::following(landmarks).is_some() && agrees(landmarks, eyes);
+        let is_found = self.mesh.find(&picture, &around)?.is_some_and(is_this);
+        Ok(is_found.then(|| self.mesh.face()))
     }
 }
 

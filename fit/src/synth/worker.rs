@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use facewire::{
-    face::{APPEARANCE_CHANNELS, APPEARANCE_POINTS, Appearance, LANDMARKS},
+    face::{Appearance, LANDMARKS},
     solve::COEFFS,
 };
 use half::{f16, slice::HalfFloatSliceExt};
@@ -15,11 +15,12 @@ use super::{
     imager::{Imager, Times, thread_time_s},
     sample::{Distribution, PictureSpec, Subject},
 };
+use crate::dataset::Appearances;
 
 /// Numbers per row: landmarks, weights, pose, meta, and the number of attempts until the face was found.
 pub const ROW: usize = LANDMARKS * 3 + COEFFS + 3 + META + 1;
 /// Values of the feature map per row.
-pub const APPEARANCE: usize = APPEARANCE_POINTS * APPEARANCE_CHANNELS;
+pub const APPEARANCE: usize = Appearances::VALUES;
 /// Numbers that describe a picture: skin, brow, eye, distance, and whether it is neutral.
 pub const META: usize = 5;
 /// Largest number of attempts to draw a picture in which the face is found.
@@ -97,9 +98,9 @@ impl<'a> Worker<'a> {
             let eyes = self.imager.eye_corners(self.setup.assets);
             let found = self.finder.find(&jpeg, eyes)?;
             self.tracking_s += thread_time_s() - start;
-            if let Some((landmarks, appearance)) = found {
-                rows.numbers.extend(row(landmarks.0.as_flattened(), subject, &spec, tries));
-                rows.add_appearance(appearance);
+            if let Some(face) = found {
+                rows.numbers.extend(row(face.landmarks.0.as_flattened(), subject, &spec, tries));
+                face.appearance.into_iter().for_each(|appearance| rows.add_appearance(appearance));
                 return Ok(Some(jpeg));
             }
         }

@@ -26,6 +26,7 @@ global_asm!(
     include_str!("convert.s"),
     include_str!("sample.s"),
     include_str!("rows.s"),
+    include_str!("byte_rows.s"),
     include_str!("peak.s"),
     include_str!("end.s"),
     options(raw)
@@ -89,6 +90,8 @@ unsafe extern "C" {
     unsafe fn dense_panels(panels: &DensePanels);
     #[link_name = "facewire_engine_neon_rows"]
     unsafe fn weighted_rows(rows: &Rows);
+    #[link_name = "facewire_engine_neon_byte_rows"]
+    unsafe fn weighted_byte_rows(rows: &ByteRows);
     /// Takes and returns the bits of `f32`, because the ABIs of 32-bit ARM use different registers for an `f32`.
     #[link_name = "facewire_engine_neon_peak"]
     unsafe fn peak_rounds(rounds: usize, factor: u32) -> u32;
@@ -301,4 +304,31 @@ pub(super) unsafe fn add_rows<const N: usize>(sums: &mut [f32; N], rows: &[[f32;
     };
     // SAFETY: the caller vouches for VFPv4 and the number of columns.
     unsafe { weighted_rows(&rows) }
+}
+
+/// Weighted rows of 8-bit numbers that are added to sums.
+#[repr(C)]
+struct ByteRows {
+    sums: *mut f32,
+    rows: *const i8,
+    factors: *const f32,
+    count: usize,
+    /// Units of eight columns.
+    eights: usize,
+}
+
+/// See [`super::rows::add_byte_rows`].
+///
+/// # Safety
+/// The processor must have VFPv4, and `N` must be a multiple of eight.
+pub(super) unsafe fn add_byte_rows<const N: usize>(sums: &mut [f32; N], rows: &[[i8; N]], factors: &[f32]) {
+    let rows = ByteRows {
+        sums: sums.as_mut_ptr(),
+        rows: rows.as_ptr().cast(),
+        factors: factors.as_ptr(),
+        count: rows.len().min(factors.len()),
+        eights: N / 8,
+    };
+    // SAFETY: the caller vouches for VFPv4 and the number of columns.
+    unsafe { weighted_byte_rows(&rows) }
 }

@@ -1,0 +1,172 @@
+//! What the look of a face adds to the regression: expressions that move no landmark, such as a puffed cheek or a lip that
+//! is rolled in.
+//!
+//! A linear layer, `h = s W x + a`, and a residual `V h + b`, where `x` are the values of the mesh network's feature map
+//! at some landmarks. The regression is fitted first, and the layer to what it leaves. Landmarks from a file come without
+//! these values; the stage is then left out.
+//!
+//! The map carries more of the camera's noise than the landmarks do. Therefore small changes of the residual are smoothed
+//! before it is added; large ones pass.
+
+use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
+
+use super::{
+    AbsurdResult, COEFFS, Model,
+    model::appearance::{APPEARANCE_UNITS, AppearanceLayer},
+    regression::are_sane,
+};
+use crate::face::Appearance;
+
+/// Change of a residual that passes at once.
+const LARGE: f32 = 0.1;
+/// Time after which a small change has passed by 63 %.
+const TIME_CONSTANT_S: f32 = 0.2;
+
+/// What is added to the results of the regression, in the order of [`super::BLENDSHAPES`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Residual(pub [f32; COEFFS]);
+
+/// The residual of the last frame, smoothed.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ResidualState(Option<Residual>);
+
+impl Residual {
+    /// Smooths the residual of a frame that was captured `dt_s` seconds after the last one.
+    ///
+    /// The share of a change that passes grows with its square, to all of it at [`LARGE`].
+    #[must_use]
+    pub fn smoothed(mut self, state: &mut ResidualState, dt_s: f32) -> Self {
+        if let Some(last) = state.0 {
+            let least = 1.0 - (-dt_s / TIME_CONSTANT_S).exp();
+            for (value, last) in self.0.iter_mut().zip(last.0) {
+                let change = *value - last;
+                let largeness = (change / LARGE).abs().min(1.0);
+                *value = last + (least + (1.0 - least) * largeness * largeness) * change;
+            }
+        }
+        state.0 = Some(self);
+        self
+    }
+}
+
+impl Model {
+    /// Computes the residual of a face. Returns `None` if the model does not read how a face looks. Does not allocate.
+    ///
+    /// # Errors
+    /// [`AbsurdResult`] if a residual is not a number or larger than any coefficient.
+    pub fn residual(&self, appearance: &Appearance, neutral_known: bool) -> Result<Option<Residual>, AbsurdResult> {
+        let Some(layer) = &self.appearance else { return Ok(None) };
+        let residual = layer.process(appearance, neutral_known);
+        if are_sane(&residual.0) { Ok(Some(residual)) } else { Err(AbsurdResult) }
+    }
+}
+
+impl AppearanceLayer {
+    /// Computes the residual of a face.
+    fn process(&self, appearance: &Appearance, neutral_known: bool) -> Residual {
+        let mut hidden = [0.0; APPEARANCE_UNITS];
+        add_byte_rows(&mut hidden, &self.weights, appearance.0.as_flattened());
+        for ((unit, scale), offset) in hidden.iter_mut().zip(&self.scales).zip(&self.offsets) {
+            *unit = *unit * scale + offset;
+        }
+        let [known, unknown] = &self.outputs;
+        let output = if neutral_known { known } else { unknown };
+        let mut residual = output.offsets;
+        add_rows(&mut residual, &output.weights, &hidden);
+        Residual(residual)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used, clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+    use crate::face::{APPEARANCE_CHANNELS, Face, Landmarks};
+    use crate::solve::{
+        Camera, Filters, NeutralMean, Profile, Solver, model::appearance::test_layer, normalise, test_face::face,
+    };
+
+    const CHEEK_PUFF: usize = 21;
+
+    /// The appearance whose second value at the first landmark is `value`, and whose other values are 0.
+    fn appearance(value: f32) -> Appearance {
+        let mut appearance = Appearance::zero();
+        assert_eq!(appearance.0[0].len(), APPEARANCE_CHANNELS);
+        appearance.0[0][1] = value;
+        appearance
+    }
+
+    fn solver() -> Solver {
+        let model = Model { appearance: Some(test_layer()), ..Model::embedded() };
+        // The face has few points, so only displacements from itself are sensible.
+        let mut mean = NeutralMean::default();
+        mean.add(&normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"));
+        let neutral = Some(mean.finish().expect("a neutral face"));
+        Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::gated_average(0.18))
+    }
+
+    #[test]
+    fn residual_is_the_weighted_sum_of_the_units() {
+        let layer = test_layer();
+        let at = |value, known| layer.process(&appearance(value), known).0[CHEEK_PUFF];
+        // The unit is 0.01 * 50 x - 1; its weight is 0.4 or 0.3, with an offset of 0.1 or 0.
+        for x in [6.0, 1.0] {
+            let unit = 0.5 * x - 1.0;
+            assert!((at(x, true) - (0.1 + 0.4 * unit)).abs() < 1e-5, "{x}");
+            assert!((at(x, false) - 0.3 * unit).abs() < 1e-5, "{x}");
+        }
+    }
+
+    /// What smoothing makes of residuals that are the same for all coefficients, at 30 frames a second.
+    fn smoothed(values: impl IntoIterator<Item = f32>) -> Vec<f32> {
+        let mut state = ResidualState::default();
+        let step = |value| Residual([value; COEFFS]).smoothed(&mut state, 1.0 / 30.0).0[0];
+        values.into_iter().map(step).collect()
+    }
+
+    #[test]
+    fn noise_is_smoothed_to_a_fifth_and_a_large_change_passes_at_once() {
+        let mut random = fastrand::Rng::with_seed(3);
+        let noise: Vec<f32> = (0..300).map(|_| 0.02 * (random.f32() - 0.5)).collect();
+        let step = |values: &[f32]| values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f32>();
+        assert!(step(&smoothed(noise.clone())) < 0.2 * step(&noise));
+        let large = smoothed([0.0, 0.15, -0.1]);
+        assert!((large[1] - 0.15).abs() < 1e-6 && (large[2] + 0.1).abs() < 1e-6, "{large:?}");
+        let held = smoothed([0.0; 5].into_iter().chain([0.03; 30]));
+        assert!(held[34] > 0.029, "a small change arrives, too: {}", held[34]);
+    }
+
+    #[test]
+    fn solver_adds_the_residual_and_leaves_the_stage_out_for_landmarks_alone() {
+        let mut solver = solver();
+        let landmarks: Landmarks = face([0.0; 3], 80.0, [320.0, 240.0]);
+        let camera = Camera::new([640.0, 480.0], 60.0);
+        let alone = solver.solve(&landmarks, &camera, 0).expect("a face").raw.0;
+        let seen = appearance(6.0);
+        let face = Face { landmarks: &landmarks, appearance: Some(&seen) };
+        let raw = solver.solve(face, &camera, 0).expect("a face").raw.0;
+        assert!((raw[CHEEK_PUFF] - alone[CHEEK_PUFF] - 0.9).abs() < 1e-5);
+        let others = |raw: [f32; COEFFS]| [&raw[..CHEEK_PUFF], &raw[CHEEK_PUFF + 1..]].concat();
+        assert_eq!(others(raw), others(alone));
+    }
+
+    #[test]
+    fn values_that_are_not_finite_reject_the_frame_and_leave_no_trace() {
+        let landmarks = face([0.0; 3], 80.0, [320.0, 240.0]);
+        let camera = Camera::new([640.0, 480.0], 60.0);
+        let solve = |values: &[f32]| {
+            let mut solver = solver();
+            let step = |(frame, value): (u64, &f32)| {
+                let seen = appearance(*value);
+                let face = Face { landmarks: &landmarks, appearance: Some(&seen) };
+                solver.solve(face, &camera, frame * 33_333).map(|solution| solution.raw)
+            };
+            (0..).zip(values).map(step).collect::<Vec<_>>()
+        };
+        for wrong in [f32::NAN, f32::INFINITY, 1e9] {
+            let found = solve(&[6.0, wrong, 6.1]);
+            assert_eq!(found[1], Err(AbsurdResult.into()), "{wrong}");
+            assert!(found[2].is_ok_and(|raw| raw.0.iter().all(|value| value.is_finite())));
+        }
+    }
+}

@@ -40,7 +40,8 @@ pub struct Curves {
 #[derive(Debug, Clone, Args)]
 pub struct MixOptions {
     /// Relative frequencies of the kinds of expressions, like recorded=3,rest=1; kinds that are not named do not
-    /// occur. Kinds: halves, recorded, composed, speech, grimace, single, combined, rest [default: depends on --set]
+    /// occur [default: halves=40,recorded=6,composed=12,speech=4,grimace=10,single=9,combined=4,rest=15 for fitting,
+    /// halves=92,rest=8 for judging]
     #[arg(long, value_delimiter = ',', num_args = 1, value_name = "KIND=SHARE,...", value_parser = share)]
     mix: Vec<Share>,
     /// Shapes to show alone, by ARKit name, separated by commas [default: all]
@@ -116,7 +117,7 @@ fn share(text: &str) -> Result<Share, String> {
 mod tests {
     use std::path::Path;
 
-    use clap::Parser;
+    use clap::{CommandFactory, Parser};
     use facewire::solve::COEFFS;
 
     use super::*;
@@ -183,6 +184,12 @@ mod tests {
         }
         let none = parsed(&["--mix", "rest=0"]).mix.expressions(Set::Train, Moments::new(&[]));
         assert!(none.err().is_some_and(|error| error.to_string().contains("above 0")));
+    }
+
+    #[test]
+    fn the_help_shows_the_default_mixtures() {
+        let help = Cli::command().render_help().to_string().replace(['\n', ' '], "");
+        assert!(help.contains(&mix_text(&TRAIN_MIX)) && help.contains(&mix_text(&JUDGE_MIX)), "{help}");
     }
 
     #[test]

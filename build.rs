@@ -34,7 +34,7 @@ fn main() {
 
 fn write_bytes() -> Result<(), Box<dyn std::error::Error>> {
     let model = solve::Model::load(Path::new(MODEL))?;
-    let bytes = model.to_bytes();
+    let bytes = model.to_bytes().ok_or("the program can contain a hidden layer only, not formulas")?;
     if solve::Model::from_bytes(&bytes).as_ref() != Some(&model) {
         return Err("the bytes of the model do not give the same model; please report it".into());
     }

@@ -7,7 +7,7 @@ use facewire::{
     config::SolverSettings,
     face::{Appearance, Face, Landmarks},
     preflight::filters,
-    solve::{COEFFS, Camera, Model, Neutral, NeutralMean, Profile, Solution, Solver, normalise},
+    solve::{COEFFS, Camera, Features, Model, Neutral, NeutralMean, Profile, Solution, Solver, normalise},
 };
 
 use crate::{
@@ -72,13 +72,33 @@ pub fn cost_us(model: &Model, clip: &[Landmarks]) -> Result<[f64; 2]> {
     let mut solver = solver(model, Some(mean_face(clip, 0..1)?));
     // The clip does not tell how the face looks. The values make no difference to the time.
     let appearance = Appearance::zero();
-    let mut times = Vec::new();
-    for (time_us, landmarks) in (0..).step_by(FRAME_US as usize).zip(clip.iter().cycle().take(TIMED_FACES)) {
-        let start = Instant::now();
+    let frames = (0..).step_by(FRAME_US as usize).zip(clip.iter().cycle());
+    times_us(frames, |(time_us, landmarks)| {
         let face = Face { landmarks, appearance: Some(&appearance) };
         black_box(solver.solve(black_box(face), &CAMERA, time_us)?);
-        times.push(start.elapsed().as_secs_f64() * 1e6);
-    }
+        Ok(())
+    })
+}
+
+/// Times the regression alone. Returns median and 99th percentile in microseconds.
+pub fn regression_us(model: &Model, clip: &[Landmarks]) -> Result<[f64; 2]> {
+    let neutral = mean_face(clip, 0..1)?;
+    let features = |landmarks| Ok(Features::new(&normalise(landmarks)?, Some(&neutral)));
+    let faces: Vec<Features> = clip.iter().map(features).collect::<Result<_>>()?;
+    times_us(faces.iter().cycle(), |face| {
+        black_box(model.process(black_box(face))?);
+        Ok(())
+    })
+}
+
+/// Returns median and 99th percentile of the times that [`TIMED_FACES`] calls of `solve` take.
+fn times_us<T>(faces: impl Iterator<Item = T>, mut solve: impl FnMut(T) -> Result<()>) -> Result<[f64; 2]> {
+    let one = |face| {
+        let start = Instant::now();
+        solve(face)?;
+        Ok(start.elapsed().as_secs_f64() * 1e6)
+    };
+    let mut times = faces.take(TIMED_FACES).map(one).collect::<Result<Vec<f64>>>()?;
     times.sort_by(f64::total_cmp);
     Ok([times[TIMED_FACES / 2], times[TIMED_FACES * 99 / 100]])
 }

@@ -5,6 +5,7 @@
 //! anew for every fold. The same data give the same results, except for times.
 
 mod choice;
+mod export;
 mod hidden_layer;
 mod one_subject;
 mod ranking;
@@ -21,6 +22,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use facewire::solve::{BLENDSHAPES, COEFFS};
 use rayon::prelude::*;
+use serde_json::json;
 
 use self::{
     choice::{Budget, Choice},
@@ -61,6 +63,10 @@ pub struct FitArgs {
     /// JSON file for all results
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Model file for the chosen formulas, which `facewire track --model FILE` runs. They are fitted with the neutral face
+    /// known and not known, and only kinds that model files can hold are chosen
+    #[arg(long, value_name = "FILE")]
+    export: Option<PathBuf>,
 }
 
 /// Which blendshapes and kinds to fit, and how.
@@ -82,28 +88,74 @@ pub struct FitOptions {
 
 /// Runs the command.
 pub fn run(args: &FitArgs) -> Result<()> {
-    args.json.iter().try_for_each(|path| output::check(path))?;
+    args.json.iter().chain(&args.export).try_for_each(|path| output::check(path))?;
     let samples = dataset::load(&args.dataset)?;
-    let faces = Faces::new(&samples, true)?;
     let split = Split::new(&samples, args.options.folds, args.one_subject)?;
-    let budget = Budget { bytes: args.bytes, nanoseconds: args.nanoseconds as f64 };
-    let tried = args.options.run_trials(&samples, &faces, &split)?;
-    let choose = |(blendshape, trials): (usize, Vec<Trial>)| Choice::new(BLENDSHAPES[blendshape], trials, &budget);
-    let choices: Vec<Choice> = tried.into_iter().map(choose).collect();
-    print!("{}", table::text(&choices, &split, &budget));
-    if split.one_subject {
-        print!("{}", one_subject::text(&choices, &faces, &split));
+    let known = args.choose(&samples, &split, true)?;
+    let Some(path) = &args.export else {
+        return args.write_json(&table::json(&known, &split, &args.budget()));
+    };
+    let unknown = args.choose(&samples, &split, false)?;
+    let file = export::model_file(&known, &unknown, args.made_by(), split.described())?;
+    output::write(path, toml::to_string(&file)?)?;
+    println!("model in memory: {} bytes", file.to_model()?.size_bytes());
+    let [known, unknown] = [known, unknown].map(|choices| table::json(&choices, &split, &args.budget()));
+    args.write_json(&json!({ "neutral_known": known, "neutral_unknown": unknown }))
+}
+
+impl FitArgs {
+    fn budget(&self) -> Budget {
+        let (bytes, nanoseconds) = (self.bytes, self.nanoseconds as f64);
+        Budget { bytes, nanoseconds, formulas_only: self.export.is_some() }
     }
-    let Some(path) = &args.json else { return Ok(()) };
-    let all = table::json(&choices, &split, &budget);
-    output::write(path, serde_json::to_string_pretty(&all)?)
+
+    /// Returns the kinds to fit. An export without a list of kinds fits only those that model files can hold.
+    fn kinds(&self) -> Result<Kinds> {
+        let mut kinds = self.options.kinds()?;
+        if self.export.is_some() && self.options.kinds.is_empty() {
+            kinds.each.retain(|kind| kind.form().is_formula());
+            kinds.hidden_layer = false;
+        }
+        Ok(kinds)
+    }
+
+    /// Fits all kinds, chooses among them and prints the results.
+    fn choose(&self, samples: &[Sample], split: &Split, neutral_known: bool) -> Result<Vec<Choice>> {
+        let faces = Faces::new(samples, neutral_known)?;
+        let budget = self.budget();
+        let tried = self.options.run_trials(samples, &faces, split, &self.kinds()?)?;
+        let choose = |(blendshape, trials): (usize, Vec<Trial>)| Choice::new(BLENDSHAPES[blendshape], trials, &budget);
+        let choices: Vec<Choice> = tried.into_iter().map(choose).collect();
+        println!("neutral face {}", if neutral_known { "known" } else { "not known" });
+        print!("{}", table::text(&choices, split, &budget));
+        if split.one_subject {
+            print!("{}", one_subject::text(&choices, &faces, split));
+        }
+        Ok(choices)
+    }
+
+    fn write_json(&self, results: &serde_json::Value) -> Result<()> {
+        let Some(path) = &self.json else { return Ok(()) };
+        output::write(path, serde_json::to_string_pretty(results)?)
+    }
+
+    /// The command, without the names of the files that it writes.
+    fn made_by(&self) -> String {
+        let FitOptions { blendshapes, kinds, folds, .. } = &self.options;
+        let mut parts = vec![format!("facewire-fit fit {} --export", self.dataset.display())];
+        let lists = [("blendshapes", blendshapes), ("kinds", kinds)].into_iter().filter(|(_, list)| !list.is_empty());
+        parts.extend(lists.map(|(name, list)| format!("--{name} {}", list.join(","))));
+        parts.push(format!("--folds {folds} --bytes {} --nanoseconds {}", self.bytes, self.nanoseconds));
+        parts.extend(self.one_subject.then(|| "--one-subject".to_owned()));
+        parts.join(" ")
+    }
 }
 
 /// Fits the kinds in `options` for a report and applies them to the held-out subjects.
 pub fn fitted(samples: &[Sample], faces: &Faces, options: &FitOptions) -> Result<Vec<Fitted>> {
     let split = Split::new(samples, options.folds, false)?;
     ensure!(!split.one_subject, "a report of kinds needs several subjects");
-    let tried = options.run_trials(samples, faces, &split)?;
+    let tried = options.run_trials(samples, faces, &split, &options.kinds()?)?;
     let each = |(blendshape, trials): (usize, Vec<Trial>)| {
         trials.into_iter().map(move |trial| as_fitted(blendshape, trial)).collect::<Vec<_>>()
     };
@@ -121,24 +173,36 @@ fn as_fitted(blendshape: usize, trial: Trial) -> Fitted {
     }
 }
 
+/// Kinds of model to fit.
+struct Kinds {
+    /// Those that are fitted to one blendshape at a time.
+    each: Vec<Box<dyn Kind>>,
+    hidden_layer: bool,
+}
+
 impl FitOptions {
     /// Selects some kinds on all blendshapes, with the default folds and epochs.
     pub fn to_kinds(kinds: Vec<String>) -> Self {
         Self { blendshapes: Vec::new(), kinds, folds: FOLDS, epochs: train::EPOCHS }
     }
 
-    /// Fits all kinds to all blendshapes. Returns the trials with the index of their blendshape.
-    fn run_trials(&self, samples: &[Sample], faces: &Faces, split: &Split) -> Result<Vec<(usize, Vec<Trial>)>> {
-        let kinds = self.kinds()?;
+    /// Fits `kinds` to the blendshapes. Returns the trials with the index of their blendshape.
+    fn run_trials(
+        &self,
+        samples: &[Sample],
+        faces: &Faces,
+        split: &Split,
+        kinds: &Kinds,
+    ) -> Result<Vec<(usize, Vec<Trial>)>> {
         let trainings: Vec<Vec<usize>> = (0..split.folds).map(|fold| split.training(fold)).collect();
         let parts: Vec<&[usize]> = trainings.iter().chain([&split.held_out]).map(Vec::as_slice).collect();
         let blendshapes = faces.moving(&self.blendshapes()?, &parts)?;
         let runner = Trials::new(faces, split);
-        let widest = kinds.iter().map(|kind| kind.limits().features).max().unwrap_or(0);
+        let widest = kinds.each.iter().map(|kind| kind.limits().features).max().unwrap_or(0);
         let done = AtomicUsize::new(0);
         let one = |blendshape: &usize| -> Result<(usize, Vec<UntimedTrial>)> {
             let ranks = runner.rank(*blendshape, widest);
-            let trials = kinds.iter().map(|kind| runner.run_kind(&**kind, *blendshape, &ranks));
+            let trials = kinds.each.iter().map(|kind| runner.run_kind(&**kind, *blendshape, &ranks));
             let trials = trials.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
             let done = 1 + done.fetch_add(1, Ordering::Relaxed);
             eprint!("\r{done} of {} blendshapes", blendshapes.len());
@@ -150,7 +214,7 @@ impl FitOptions {
         let timed = |tried: Vec<UntimedTrial>| tried.into_iter().map(|tried| runner.timed(tried)).collect();
         let mut tried: Vec<(usize, Vec<Trial>)> =
             tried.into_iter().map(|(blendshape, tried)| (blendshape, timed(tried))).collect();
-        if self.has_hidden_layer() && !split.one_subject {
+        if kinds.hidden_layer && !split.one_subject {
             let layer = hidden_layer::trials(samples, faces, split, self.epochs as usize)?;
             for (blendshape, trials) in &mut tried {
                 trials.push(layer[*blendshape].clone());
@@ -171,18 +235,15 @@ impl FitOptions {
         }
     }
 
-    fn has_hidden_layer(&self) -> bool {
-        self.kinds.is_empty() || self.kinds.iter().any(|name| name == hidden_layer::NAME)
-    }
-
-    fn kinds(&self) -> Result<Vec<Box<dyn Kind>>> {
-        let mut all = kinds::all();
-        let known: Vec<&str> = all.iter().map(|kind| kind.name()).chain([hidden_layer::NAME]).collect();
+    fn kinds(&self) -> Result<Kinds> {
+        let mut each = kinds::all();
+        let known: Vec<&str> = each.iter().map(|kind| kind.name()).chain([hidden_layer::NAME]).collect();
         for name in &self.kinds {
             ensure!(known.contains(&name.as_str()), "no kind of model {name}: the kinds are {}", known.join(", "));
         }
-        all.retain(|kind| self.kinds.is_empty() || self.kinds.iter().any(|name| name == kind.name()));
-        Ok(all)
+        let is_wanted = |name: &str| self.kinds.is_empty() || self.kinds.iter().any(|wanted| wanted == name);
+        each.retain(|kind| is_wanted(kind.name()));
+        Ok(Kinds { each, hidden_layer: is_wanted(hidden_layer::NAME) })
     }
 }
 
@@ -210,7 +271,8 @@ mod tests {
         };
         let faces = Faces::new(&samples, true).unwrap();
         let split = Split::new(&samples, 3, false).unwrap();
-        let tried = options(&["jawOpen"], &["ols", "poly"]).run_trials(&samples, &faces, &split).unwrap();
+        let options = options(&["jawOpen"], &["ols", "poly"]);
+        let tried = options.run_trials(&samples, &faces, &split, &options.kinds().unwrap()).unwrap();
         let of = |kind: &str| tried[0].1.iter().find(|trial| trial.name() == kind).unwrap();
         assert!(of("ols").r > 0.93 && of("poly").mse < of("ols").mse, "{:?}", [of("ols").mse, of("poly").mse]);
         let [validation, error] = of("ols").validation;

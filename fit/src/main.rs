@@ -151,6 +151,8 @@ fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Op
     }
     let [p50, p99] = clip::cost_us(&model, &frames)?;
     println!("solver, landmarks to smoothed coefficients and head pose: p50 {p50:.1}, p99 {p99:.1} microseconds");
+    let [p50, p99] = clip::regression_us(&model, &frames)?;
+    println!("regression alone: p50 {p50:.1}, p99 {p99:.1} microseconds");
     let Some(path) = truth else { return Ok(()) };
     let truth = curves::Truth::load(path)?;
     truth.fits(path, frames.len())?;

@@ -173,7 +173,7 @@ fn blendshapes_that_do_not_move_are_left_out_of_fit_and_report_and_named() {
 }
 
 #[test]
-fn models_of_logarithms_store_the_scale_of_their_features() {
+fn every_kind_of_formula_stores_the_same_numbers_for_a_feature() {
     let folder = TempDir::new().unwrap();
     let dataset = write_dataset(folder.path(), SUBJECTS);
     let options = ["--kinds", "exp,log-exp", "--blendshapes", "jawOpen", "--json", "figures.json"];
@@ -181,11 +181,45 @@ fn models_of_logarithms_store_the_scale_of_their_features() {
     let figures = fs::read_to_string(folder.path().join("figures.json")).unwrap();
     let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
     let trials = figures["blendshapes"][0]["trials"].as_array().unwrap();
-    // A weight and an index for every feature, and the offset. Logarithms add mean and deviation of every feature.
-    let bytes = |scale: u64| trials.iter().map(move |trial| trial["features"].as_u64().unwrap() * (6 + scale) + 4);
-    assert_eq!(trials[0]["bytes"].as_u64(), bytes(0).next());
-    assert_eq!(trials[1]["bytes"].as_u64(), bytes(8).nth(1));
-    assert!(trials.iter().all(|trial| trial["nanoseconds"].as_f64().unwrap() > 0.0));
+    assert_eq!(trials.len(), 2);
+    for trial in trials {
+        // A weight and an index for every feature, and the offset.
+        assert_eq!(trial["bytes"].as_u64().unwrap(), trial["features"].as_u64().unwrap() * 6 + 4);
+        assert!(trial["nanoseconds"].as_f64().unwrap() > 0.0);
+    }
+}
+
+/// Returns two numbers of the first table in `text` that has a line for `name`, by their columns.
+fn numbers_of(text: &str, name: &str, columns: [usize; 2]) -> [f64; 2] {
+    let line = text.lines().find(|line| line.starts_with(&format!("| {name} "))).unwrap();
+    let cells: Vec<&str> = line.split('|').collect();
+    columns.map(|column| cells[column].trim().parse().unwrap())
+}
+
+#[test]
+fn judge_finds_in_an_exported_model_what_fit_stated() {
+    let folder = TempDir::new().unwrap();
+    let dataset = write_dataset(folder.path(), SUBJECTS);
+    let cases = |text: &str| {
+        let (known, unknown) = text.split_once("neutral face not known").unwrap();
+        [known, unknown].map(str::to_owned)
+    };
+    for kinds in [&[][..], &["--kinds", "exp,log-exp"], &["--kinds", "poly"]] {
+        // No limit of time, because a loaded machine may exceed any.
+        let fit = ["fit", &dataset, "--nanoseconds", "1000000000", "--export", "model.toml"];
+        let fitted = cases(&printed(folder.path(), &[&fit, kinds].concat()));
+        let judged = cases(&printed(folder.path(), &["judge", &dataset, "--model", "model.toml"]));
+        for (name, _, _) in MOVES {
+            for (fitted, judged) in fitted.iter().zip(&judged) {
+                let stated = numbers_of(fitted, name, [3, 4]);
+                let found = numbers_of(judged, name, [2, 4]);
+                let near = stated.iter().zip(found).all(|(one, other)| (one - other).abs() < 0.0015);
+                assert!(near && found[0] > 0.8, "{kinds:?} {name}: {stated:?} {found:?}");
+            }
+        }
+    }
+    let refused = refusal(folder.path(), &["fit", &dataset, "--export", "model.toml", "--kinds", "knn"]);
+    assert!(refused.contains("no formula was chosen"), "{refused}");
 }
 
 #[test]
@@ -248,6 +282,7 @@ fn an_output_path_that_cannot_be_written_is_refused_before_the_dataset_is_read()
         ["fit", "absent.npz", "--json", "no/figures.json"],
         ["judge", "absent.npz", "--json", "no/figures.json"],
         ["judge", "absent.npz", "--csv", "no/people.csv"],
+        ["fit", "absent.npz", "--export", "no/model.toml"],
         ["report", "absent.npz", "--out", "no/report.html"],
         ["select", "absent.npz", "--out", "no/page.html"],
         ["select", "absent.npz", "--csv", "no/ranks.csv"],

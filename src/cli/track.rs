@@ -25,7 +25,8 @@ Examples:
   facewire track demo --out demo.csv
   ffmpeg -i talk.mp4 -f yuv4mpegpipe -pix_fmt yuv420p - | facewire track - --neutral 0..30
   facewire track talk.avi --landmarks talk.npy --out talk.csv
-  facewire track talk.npy --fps 30 --stage raw";
+  facewire track talk.npy --fps 30 --stage raw
+  facewire track talk.avi --model formulas.toml --out talk.csv";
 
 /// Number of frames after which the progress is reported.
 const PROGRESS_FRAMES: u64 = 1000;
@@ -59,6 +60,9 @@ pub(super) struct TrackArgs {
     /// Size of the picture that the points of a .npy file lie in, for the head's position.
     #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "640x480")]
     size: [u16; 2],
+    /// The blendshape model, instead of `solver.model` of the settings.
+    #[arg(long, value_name = "FILE.toml")]
+    model: Option<String>,
     #[command(flatten)]
     settings: SettingsArgs,
 }
@@ -75,7 +79,10 @@ enum Stage {
 }
 
 pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
-    let settings = args.settings.load()?;
+    let mut settings = args.settings.load()?;
+    if let Some(model) = &args.model {
+        settings.solver.model.clone_from(model);
+    }
     let options = FileOptions { rate: args.fps.unwrap_or(FrameRate::FPS_30), points_size_px: args.size };
     let source = open_file(&args.input, &options)?;
     let mut track = Track {

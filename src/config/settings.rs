@@ -105,8 +105,8 @@ section! {
 section! {
     /// From landmarks to coefficients.
     SolverSettings {
-        /// File of the fitted blendshape model. If empty, facewire uses the built-in model. A path that does not begin
-        /// with / starts at the folder in which facewire is started.
+        /// File of a fitted blendshape model: a hidden layer, or one formula for each blendshape. If empty, facewire uses
+        /// the built-in model. A path that does not begin with / starts at the folder in which facewire is started.
         model: String = String::new(), (), "";
         /// Time over which smoothing averages small changes of a coefficient, for the eyes at most 80 ms. 0 turns smoothing
         /// off. A time shorter than two frame periods has the same effect.

@@ -31,10 +31,16 @@ pub struct Corrected(pub [f32; COEFFS]);
 pub fn correct(raw: &RawCoeffs, rest: &[f32; COEFFS]) -> Corrected {
     let mut out = raw.0;
     for (index, (value, rest)) in out.iter_mut().zip(rest).enumerate() {
-        let gain = if EYE_BLINKS.contains(&index) { EYE_BLINK_GAIN } else { 0.0 };
-        *value = corrected(*value, bounded_rest(*rest), gain);
+        *value = correct_one(index, *value, *rest);
     }
     Corrected(out)
+}
+
+/// Corrects the coefficient of one blendshape, given by its index in [`super::BLENDSHAPES`].
+#[must_use]
+pub fn correct_one(blendshape: usize, raw: f32, rest: f32) -> f32 {
+    let gain = if EYE_BLINKS.contains(&blendshape) { EYE_BLINK_GAIN } else { 0.0 };
+    corrected(raw, bounded_rest(rest), gain)
 }
 
 /// Eq. 7 for one blendshape, clamped.

@@ -32,15 +32,19 @@ use crate::face::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, LANDMARKS};
 
 pub use affine::{DegenerateFace, Normalised, normalise};
 pub use appearance::{Residual, ResidualState};
-pub use correction::{Corrected, MAX_REST, correct};
+pub use correction::{Corrected, MAX_REST, correct, correct_one};
 pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use feature_id::{FEATURES, FeatureId, MEASURES};
 pub use features::Features;
 pub use filter::{Filter, FilterState, Filters, FiltersState, Smoothed};
 pub use gated_average::GatedAverage;
 pub use model::{
-    MAX_HIDDEN, MAX_INPUTS, Model,
+    Model,
     appearance::{APPEARANCE_UNITS, AppearanceLayer},
+    formulas::{
+        FormulaKind, LIFT, MAX_EXPONENT, MAX_FORMULA_INPUTS, MAX_MULTIPLIED, Response, product_index, signed_logarithm,
+    },
+    hidden_layer::{MAX_HIDDEN, MAX_INPUTS},
 };
 pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};

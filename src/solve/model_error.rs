@@ -7,7 +7,7 @@ use std::{io, path::PathBuf};
 use thiserror::Error;
 
 /// The format of model files that this program reads.
-pub(super) const FORMAT: u32 = 2;
+pub(super) const FORMAT: u32 = 3;
 
 /// A model that cannot be used.
 #[derive(Debug, Error)]
@@ -34,19 +34,30 @@ pub enum ModelError {
         /// The format of the file.
         found: u32,
     },
-    /// A blendshape is missing.
-    #[error("the model file has no {table}.{blendshape}; restore it or fit it again")]
-    Missing {
-        /// The table of the file.
-        table: &'static str,
-        /// The name of the blendshape.
-        blendshape: &'static str,
-    },
-    /// An entry is missing.
+    /// The file has no regression, or two.
+    #[error(
+        "the model file must have either offsets with inputs and blendshapes, or formulas; restore it or fit it again"
+    )]
+    NotOneRegression,
+    /// A blendshape, or a feature that a formula uses, is missing.
     #[error("the model file has no {entry}; restore it or fit it again")]
-    Absent {
-        /// Table and name of the entry.
+    Missing {
+        /// The entry of the file.
         entry: String,
+    },
+    /// A feature does not vary, so that it cannot be scaled.
+    #[error("the deviation of {name:?} in {table} of the model file is not above 0; restore it or fit it again")]
+    NoDeviation {
+        /// The table of the file.
+        table: String,
+        /// The name of the feature.
+        name: String,
+    },
+    /// A formula that is not quadratic has products.
+    #[error("{table} of the model file has products, but its kind is not quadratic; restore it or fit it again")]
+    UnexpectedProducts {
+        /// The table of the file.
+        table: String,
     },
     /// An entry is not a list of as many weights as there must be.
     #[error("{entry} of the model file is not the list of weights that it must be; restore the file")]
@@ -63,7 +74,7 @@ pub enum ModelError {
         name: String,
     },
     /// A number that is not finite, or too large for single precision.
-    #[error("the weight {name:?} in {table} of the model file is not a finite number; restore the file")]
+    #[error("the number {name:?} in {table} of the model file is not finite; restore the file")]
     NotFinite {
         /// The table of the file.
         table: String,

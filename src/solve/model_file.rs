@@ -1,7 +1,7 @@
 //! The model as a file that people can read and compare (TOML).
 //!
 //! ```toml
-//! format = 2
+//! format = 3
 //! made_by = "facewire-fit train ..."
 //! fitted_on = "..."
 //!
@@ -35,26 +35,49 @@
 //! neutral_unknown = { offset = 0.02, weights = [0.1, -0.1] }
 //! ```
 //!
+//! Instead of offsets, inputs and blendshapes of a hidden layer, the file can hold one formula for each blendshape:
+//!
+//! ```toml
+//! [formulas.neutral_known.inputs]       # mean and deviation of each selected feature over the faces of the fit
+//! d13-14 = [0.06, 0.09]
+//! y17 = [-0.03, 0.05]
+//!
+//! [formulas.neutral_known.blendshapes.jawOpen]
+//! kind = "quadratic"                    # or affine, exponential, log-exponential
+//! response = "plain"                    # or square-root, logit
+//! score = { r = 0.95, mse = 0.004 }
+//! offset = 0.21
+//! weights = { d13-14 = 0.12, y17 = -0.08 }
+//! products = { "d13-14*d13-14" = 0.01, "d13-14*y17" = -0.02 }
+//!
+//! [formulas.neutral_unknown.inputs]     # and so on, for wearers whose neutral face is not known
+//! ```
+//!
 //! The build script compiles this file, too.
 
 mod appearance;
+mod formulas;
+mod hidden_layer;
 
 use std::{collections::BTreeMap, fs, path::Path};
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-pub use self::appearance::{AppearanceTable, ResidualRow, ResidualTable};
+pub use self::{
+    appearance::{AppearanceTable, ResidualRow, ResidualTable},
+    formulas::{FormulaSetTable, FormulaTable, FormulasTable},
+    hidden_layer::{BlendshapeTable, InputTable, OffsetTable},
+};
 use super::{
     BLENDSHAPES,
-    feature_id::FeatureId,
-    model::{Hidden, Input, MAX_HIDDEN, MAX_INPUTS, Model, Output},
+    model::Model,
     model_error::{FORMAT, ModelError},
 };
 
-/// The blendshape that has no model, because no landmark lies on the tongue. It stays 0.
+/// The last blendshape. It has no model, because no landmark lies on the tongue, and stays 0.
 const WITHOUT_MODEL: &str = "tongueOut";
 
-/// The content of a file.
+/// The content of a file: a hidden layer (offsets, inputs and blendshapes) or formulas.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelFile {
@@ -65,48 +88,20 @@ pub struct ModelFile {
     /// The data that the model was fitted on, in words.
     pub fitted_on: String,
     /// Offsets of the hidden units.
-    pub offsets: OffsetTable,
-    /// Selected features by name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offsets: Option<OffsetTable>,
+    /// The features that the hidden layer selects, by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub inputs: BTreeMap<String, InputTable>,
-    /// Blendshapes by name.
+    /// The blendshapes of the hidden layer by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub blendshapes: BTreeMap<String, BlendshapeTable>,
+    /// One formula for each blendshape.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub formulas: Option<FormulasTable>,
     /// What reads how the face looks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub appearance: Option<AppearanceTable>,
-}
-
-/// Offsets of the hidden units, one for each unit.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct OffsetTable {
-    /// For displacements from the wearer's neutral face.
-    pub neutral_known: Vec<f64>,
-    /// For wearers whose neutral face is not known.
-    pub neutral_unknown: Vec<f64>,
-}
-
-/// A selected feature.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct InputTable {
-    /// Mean of the feature over neutral faces.
-    pub neutral: f64,
-    /// Weight of the feature for each hidden unit.
-    pub weights: Vec<f64>,
-}
-
-/// A blendshape.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct BlendshapeTable {
-    /// Score where the wearer's neutral face is known.
-    pub neutral_known: ScoreTable,
-    /// Score where it is not known.
-    pub neutral_unknown: ScoreTable,
-    /// The coefficient where all hidden units are 0.
-    pub offset: f64,
-    /// Weight of each hidden unit.
-    pub weights: Vec<f64>,
 }
 
 /// How well a blendshape is estimated for subjects that the fit has not seen.
@@ -120,16 +115,17 @@ pub struct ScoreTable {
 }
 
 impl ModelFile {
-    /// An empty file of the current format.
+    /// A file of the current format without a regression.
     #[must_use]
     pub fn new(made_by: String, fitted_on: String) -> Self {
         Self {
             format: FORMAT,
             made_by,
             fitted_on,
-            offsets: OffsetTable::default(),
+            offsets: None,
             inputs: BTreeMap::new(),
             blendshapes: BTreeMap::new(),
+            formulas: None,
             appearance: None,
         }
     }
@@ -160,28 +156,17 @@ impl ModelFile {
     /// # Errors
     /// [`ModelError`], which names the table and the entry.
     pub fn to_model(&self) -> Result<Model, ModelError> {
-        if self.inputs.len() > MAX_INPUTS {
-            return Err(ModelError::TooMany { table: "inputs".to_owned() });
-        }
-        let OffsetTable { neutral_known, neutral_unknown } = &self.offsets;
-        let inputs = self.inputs.iter().map(|(name, table)| input(name, table)).collect::<Result<_, _>>()?;
-        let offsets =
-            [hidden("offsets.neutral_known", neutral_known)?, hidden("offsets.neutral_unknown", neutral_unknown)?];
         let appearance = self.appearance.as_ref().map(AppearanceTable::to_layer).transpose()?;
-        Ok(Model { appearance, ..Model::new(inputs, &offsets, &self.outputs()?) })
+        Ok(Model { appearance, ..self.regression()? })
     }
 
-    fn outputs(&self) -> Result<Vec<Output>, ModelError> {
-        let is_known = |name: &str| BLENDSHAPES.contains(&name) && name != WITHOUT_MODEL;
-        if let Some(name) = self.blendshapes.keys().find(|name| !is_known(name)) {
-            return Err(ModelError::Unknown { table: "blendshapes".to_owned(), name: name.clone() });
+    fn regression(&self) -> Result<Model, ModelError> {
+        let has_formulas_alone = self.offsets.is_none() && self.inputs.is_empty() && self.blendshapes.is_empty();
+        match (&self.offsets, &self.formulas) {
+            (Some(offsets), None) => Ok(hidden_layer::read(offsets, &self.inputs, &self.blendshapes)?.into()),
+            (None, Some(formulas)) if has_formulas_alone => Ok(formulas.to_formulas()?.into()),
+            _ => Err(ModelError::NotOneRegression),
         }
-        let find = |name: &&'static str| match self.blendshapes.get(*name) {
-            Some(table) => output(name, table),
-            None if *name == WITHOUT_MODEL => Ok(Output { offset: 0.0, weights: [0.0; MAX_HIDDEN] }),
-            None => Err(ModelError::Missing { table: "blendshapes", blendshape: name }),
-        };
-        BLENDSHAPES.iter().map(find).collect()
     }
 }
 
@@ -210,29 +195,28 @@ fn damaged(text: &[u8], offset: usize, reason: &str) -> ModelError {
     ModelError::Damaged { line, reason: reason.to_owned() }
 }
 
-fn input(name: &str, entry: &InputTable) -> Result<(Input, Hidden), ModelError> {
-    let unknown = || ModelError::Unknown { table: "inputs".to_owned(), name: name.to_owned() };
-    let table = format!("inputs.{name}");
-    let feature = FeatureId::from_name(name).ok_or_else(unknown)?;
-    let input = Input { feature, neutral: finite(&table, "neutral", entry.neutral)? };
-    Ok((input, hidden(&table, &entry.weights)?))
-}
-
-fn output(name: &str, entry: &BlendshapeTable) -> Result<Output, ModelError> {
-    let table = format!("blendshapes.{name}");
-    Ok(Output { offset: finite(&table, "offset", entry.offset)?, weights: hidden(&table, &entry.weights)? })
-}
-
-/// One number for each hidden unit. Units that the file does not have get 0.
-fn hidden(table: &str, numbers: &[f64]) -> Result<Hidden, ModelError> {
-    if numbers.len() > MAX_HIDDEN {
-        return Err(ModelError::TooMany { table: table.to_owned() });
+/// Reads the entry of each blendshape, in the order of [`BLENDSHAPES`]. The blendshape that needs no entry gets
+/// `without`.
+fn for_each_blendshape<T, U>(
+    table: &str,
+    entries: &BTreeMap<String, T>,
+    without: U,
+    read: impl Fn(&str, &T) -> Result<U, ModelError>,
+) -> Result<Vec<U>, ModelError> {
+    let is_known = |name: &str| BLENDSHAPES.contains(&name) && name != WITHOUT_MODEL;
+    if let Some(name) = entries.keys().find(|name| !is_known(name)) {
+        return Err(ModelError::Unknown { table: table.to_owned(), name: name.clone() });
     }
-    let mut out = [0.0; MAX_HIDDEN];
-    for (slot, number) in out.iter_mut().zip(numbers) {
-        *slot = finite(table, "weights", *number)?;
+    let mut all = Vec::with_capacity(BLENDSHAPES.len());
+    for name in BLENDSHAPES.iter().filter(|name| **name != WITHOUT_MODEL) {
+        let entry = format!("{table}.{name}");
+        match entries.get(*name) {
+            Some(found) => all.push(read(&entry, found)?),
+            None => return Err(ModelError::Missing { entry }),
+        }
     }
-    Ok(out)
+    all.push(without);
+    Ok(all)
 }
 
 fn finite(table: &str, name: &str, number: f64) -> Result<f32, ModelError> {

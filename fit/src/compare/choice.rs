@@ -1,9 +1,10 @@
 //! The choice of the kind of model for a blendshape.
 
+use facewire::solve::Response;
 use serde::Serialize;
 
 use super::trial::Trial;
-use crate::kinds::{Form, Response};
+use crate::kinds::Form;
 
 /// Limits on the cost of the model of one blendshape.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -12,12 +13,16 @@ pub struct Budget {
     pub bytes: usize,
     /// Time for one face on this machine.
     pub nanoseconds: f64,
+    /// Whether only formulas are allowed.
+    #[serde(skip)]
+    pub formulas_only: bool,
 }
 
 impl Budget {
     /// Returns whether the model can run on a board within the budget.
     pub fn allows(&self, trial: &Trial) -> bool {
-        trial.form.runs_on_board() && trial.bytes <= self.bytes && trial.nanoseconds <= self.nanoseconds
+        let runs = trial.form.runs_on_board() && (trial.formula.is_some() || !self.formulas_only);
+        runs && trial.bytes <= self.bytes && trial.nanoseconds <= self.nanoseconds
     }
 }
 
@@ -86,11 +91,12 @@ mod tests {
             faces: 1,
             features: 1,
             predictions: Vec::new(),
+            formula: None,
         }
     }
 
     fn chosen(trials: Vec<Trial>) -> [Option<&'static str>; 4] {
-        let choice = Choice::new("jawOpen", trials, &Budget { bytes: 100, nanoseconds: 10.0 });
+        let choice = Choice::new("jawOpen", trials, &Budget { bytes: 100, nanoseconds: 10.0, formulas_only: false });
         [choice.chosen, choice.best_within_budget, choice.best, choice.linear]
             .map(|index| choice.at(index).map(|trial| trial.kind))
     }

@@ -1,14 +1,14 @@
 //! The hidden layer that facewire runs as one of the kinds to compare. It is trained anew for every fold.
 
 use anyhow::Result;
-use facewire::solve::{COEFFS, MAX_HIDDEN, model_file::ModelFile};
+use facewire::solve::{COEFFS, MAX_HIDDEN, Response, model_file::ModelFile};
 
 use super::{split::Split, trial::Trial};
 use crate::{
     dataset::Sample,
     design::{Design, MODELLED},
     judge::{Faces, estimates, regression_ns},
-    kinds::{Form, Response},
+    kinds::Form,
     mirror::with_mirrored,
     statistics::{mse, pearson},
     train,
@@ -72,5 +72,6 @@ fn trial(faces: &Faces, split: &Split, cost: &Cost, fitted: (usize, &Vec<f64>, V
         faces: split.seen.len(),
         features: cost.features,
         predictions,
+        formula: None,
     }
 }

@@ -63,6 +63,13 @@ impl Split {
         self.seen.iter().copied().filter(|row| self.fold[*row] != without).collect()
     }
 
+    /// Describes the pictures of the fit and of the scores.
+    pub fn described(&self) -> String {
+        let of = if self.one_subject { "of the same subject" } else { "of other subjects" };
+        let (seen, held_out) = (self.seen.len(), self.held_out.len());
+        format!("{seen} pictures; r and mse are those of {held_out} pictures {of}")
+    }
+
     /// Returns the pictures of a fold.
     pub fn validation(&self, fold: usize) -> Vec<usize> {
         self.seen.iter().copied().filter(|row| self.fold[*row] == fold).collect()

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use facewire::solve::Response;
 use serde_json::{Value, json};
 
 use super::{
@@ -9,10 +10,7 @@ use super::{
     split::Split,
     trial::Trial,
 };
-use crate::{
-    kinds::{Form, Response},
-    statistics::mean,
-};
+use crate::{kinds::Form, statistics::mean};
 
 /// Returns everything that the command prints.
 pub fn text(choices: &[Choice], split: &Split, budget: &Budget) -> String {

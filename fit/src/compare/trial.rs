@@ -3,7 +3,7 @@
 use std::{hint::black_box, time::Instant};
 
 use anyhow::{Context, Result};
-use facewire::solve::BLENDSHAPES;
+use facewire::solve::{BLENDSHAPES, Response, correct_one};
 use nalgebra::DMatrix;
 use serde::Serialize;
 
@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     judge::Faces,
-    kinds::{Form, Kind, Limits, Predictor, Response, with_response},
+    kinds::{Form, Formula, Kind, Limits, Predictor, suffix, suited_to, with_response},
     statistics::{mse, pearson},
 };
 
@@ -54,12 +54,15 @@ pub struct Trial {
     /// Predicted coefficient of every held-out picture.
     #[serde(skip)]
     pub predictions: Vec<f64>,
+    /// The formula that the board can run, with its features.
+    #[serde(skip)]
+    pub formula: Option<(Formula, Scale)>,
 }
 
 impl Trial {
     /// Returns the name of kind and response.
     pub fn name(&self) -> String {
-        format!("{}{}", self.kind, self.response.suffix())
+        format!("{}{}", self.kind, suffix(self.response))
     }
 }
 
@@ -92,14 +95,14 @@ impl<'a> Trials<'a> {
 
     /// Tries a kind with every response that suits it.
     pub fn run_kind(&self, kind: &dyn Kind, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Vec<UntimedTrial>> {
-        let responses = Response::suited_to(kind.form());
-        responses.iter().map(|response| self.run(kind, *response, blendshape, ranks)).collect()
+        suited_to(kind.form()).iter().map(|response| self.run(kind, *response, blendshape, ranks)).collect()
     }
 
     /// Times the model of a trial.
     pub fn timed(&self, tried: UntimedTrial) -> Trial {
         let nanoseconds = tried.model.nanoseconds(self.faces, &self.split.held_out);
-        Trial { nanoseconds, ..tried.trial }
+        let formula = tried.model.model.formula().map(|formula| (formula, tried.model.scale));
+        Trial { nanoseconds, formula, ..tried.trial }
     }
 
     fn run(
@@ -133,12 +136,13 @@ impl<'a> Trials<'a> {
             validation: self.split.mean_error(&errors),
             r: pearson(&predictions, &truth),
             mse: mse(&predictions, &truth),
-            bytes: NUMBER_BYTES * fitted.numbers() + INDEX_BYTES * features,
+            bytes: NUMBER_BYTES * fitted.model.numbers() + INDEX_BYTES * features,
             nanoseconds: f64::INFINITY,
             weights: fitted.model.weights(),
             faces: fitted.faces,
             features,
             predictions,
+            formula: None,
         };
         Ok(UntimedTrial { trial, model: fitted })
     }
@@ -168,7 +172,7 @@ impl Job<'_> {
         let truth = self.trials.faces.truth(self.blendshape, &rows);
         let model = with_response(kind, response, &matrix, &truth)
             .with_context(|| format!("{} cannot be fitted to {}", kind.name(), BLENDSHAPES[self.blendshape]))?;
-        Ok(Fitted { model, scale, faces: rows.len() })
+        Ok(Fitted { model, scale, blendshape: self.blendshape, faces: rows.len() })
     }
 }
 
@@ -182,11 +186,13 @@ fn sample(rows: &[usize], most: usize) -> Vec<usize> {
     rows
 }
 
-/// The features of a model, with the mean and standard deviation of each.
-struct Scale {
-    features: Vec<usize>,
-    mean: Vec<f64>,
-    deviation: Vec<f64>,
+/// The features of a model, with the mean and standard deviation of each. They are the same for all models that are fitted
+/// to all faces.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scale {
+    pub features: Vec<usize>,
+    pub mean: Vec<f64>,
+    pub deviation: Vec<f64>,
 }
 
 impl Scale {
@@ -219,35 +225,26 @@ impl Scale {
 struct Fitted {
     model: Box<dyn Predictor>,
     scale: Scale,
+    blendshape: usize,
     faces: usize,
 }
 
 impl Fitted {
-    /// Predicts the coefficients of some pictures.
+    /// Predicts the coefficients of some pictures, after the corrective terms.
     fn estimates(&self, faces: &Faces, rows: &[usize]) -> Vec<f64> {
         let one = |row: &usize| {
             let face: Vec<f64> = self.scale.standardised(faces, *row).collect();
-            self.model.predict(&face).clamp(0.0, 1.0)
+            f64::from(correct_one(self.blendshape, self.model.predict(&face).clamp(0.0, 1.0) as f32, 0.0))
         };
         rows.iter().map(one).collect()
     }
 
-    /// Returns how many numbers a board has to store: those of the model, and the scale of its features unless the
-    /// weights can absorb it.
-    fn numbers(&self) -> usize {
-        let scale = if self.model.needs_scale() { 2 * self.scale.features.len() } else { 0 };
-        self.model.numbers() + scale
-    }
-
     fn nanoseconds(&self, faces: &Faces, rows: &[usize]) -> f64 {
         let rows = &rows[..rows.len().min(TIMED)];
-        let mut timed: Vec<Vec<f64>> = rows.iter().map(|row| self.scale.standardised(faces, *row).collect()).collect();
-        let mut pass = || {
+        let timed: Vec<Vec<f64>> = rows.iter().map(|row| self.scale.standardised(faces, *row).collect()).collect();
+        let pass = || {
             let start = Instant::now();
-            for (face, row) in timed.iter_mut().zip(rows) {
-                if self.model.needs_scale() {
-                    face.iter_mut().zip(self.scale.standardised(faces, *row)).for_each(|(slot, value)| *slot = value);
-                }
+            for face in &timed {
                 black_box(self.model.predict(black_box(face)));
             }
             start.elapsed().as_secs_f64() * 1e9 / timed.len() as f64

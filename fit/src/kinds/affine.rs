@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector};
 
-use super::{Form, Kind, Limits, Predictor, WIDE};
+use super::{Form, Kind, Limits, Predictor, WIDE, formula::Formula};
 
 /// Ridge penalty on a standardised feature, relative to its variance.
 const RIDGE: f64 = 0.001;
@@ -15,13 +15,6 @@ pub struct LeastSquares;
 
 /// Ridge regression: least squares with a penalty on the squared weights.
 pub struct Ridge;
-
-/// `w f + b`.
-pub struct Affine {
-    weights: DVector<f64>,
-    offset: f64,
-    degrees_of_freedom: usize,
-}
 
 impl Kind for LeastSquares {
     fn name(&self) -> &'static str {
@@ -37,7 +30,7 @@ impl Kind for LeastSquares {
     }
 
     fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
-        Ok(Box::new(Affine::least_squares(faces, truth, TINY)?))
+        Ok(Box::new(least_squares(faces, truth, TINY)?))
     }
 }
 
@@ -55,30 +48,15 @@ impl Kind for Ridge {
     }
 
     fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
-        Ok(Box::new(Affine::least_squares(faces, truth, RIDGE)?))
+        Ok(Box::new(least_squares(faces, truth, RIDGE)?))
     }
 }
 
-impl Affine {
-    /// Returns a map with the given weights, fitted to centred data.
-    pub fn new(weights: DVector<f64>, centre: &Centre, degrees_of_freedom: usize) -> Self {
-        let offset = centre.truth - weights.dot(&centre.face);
-        Self { weights, offset, degrees_of_freedom }
-    }
-
-    /// Fits by least squares, with a penalty of `ridge` times the mean variance on the squared weights.
-    pub fn least_squares(faces: &DMatrix<f64>, truth: &[f64], ridge: f64) -> Result<Self> {
-        let (faces, truth, centre) = centred(faces, truth);
-        let transposed = faces.transpose();
-        let weights = solve(&transposed * faces, &(transposed * truth), ridge)?;
-        let degrees_of_freedom = weights.len();
-        Ok(Self::new(weights, &centre, degrees_of_freedom))
-    }
-
-    /// Returns weights and offset.
-    pub fn parts(self) -> (DVector<f64>, f64) {
-        (self.weights, self.offset)
-    }
+/// Fits an affine map by least squares, with a penalty of `ridge` times the mean variance on the squared weights.
+pub fn least_squares(faces: &DMatrix<f64>, truth: &[f64], ridge: f64) -> Result<Formula> {
+    let (faces, truth, centre) = centred(faces, truth);
+    let transposed = faces.transpose();
+    Ok(centre.affine(&solve(&transposed * faces, &(transposed * truth), ridge)?))
 }
 
 /// Solves `(A + ridge mean(diag A)) w = c`.
@@ -96,6 +74,13 @@ pub struct Centre {
     pub truth: f64,
 }
 
+impl Centre {
+    /// Returns the affine map of features whose weights were fitted to centred data.
+    pub fn affine(&self, weights: &DVector<f64>) -> Formula {
+        Formula::affine(weights.as_slice().to_vec(), self.truth - weights.dot(&self.face))
+    }
+}
+
 /// Subtracts the means of faces and truth.
 pub fn centred(faces: &DMatrix<f64>, truth: &[f64]) -> (DMatrix<f64>, DVector<f64>, Centre) {
     let mut truth = DVector::from_column_slice(truth);
@@ -104,25 +89,6 @@ pub fn centred(faces: &DMatrix<f64>, truth: &[f64]) -> (DMatrix<f64>, DVector<f6
     faces.column_iter_mut().zip(&centre.face).for_each(|(mut column, mean)| column.add_scalar_mut(-mean));
     truth.add_scalar_mut(-centre.truth);
     (faces, truth, centre)
-}
-
-/// Returns the dot product.
-pub fn dot<'a>(weights: impl IntoIterator<Item = &'a f64>, values: &[f64]) -> f64 {
-    weights.into_iter().zip(values).map(|(weight, value)| weight * value).sum()
-}
-
-impl Predictor for Affine {
-    fn predict(&self, face: &[f64]) -> f64 {
-        self.offset + dot(self.weights.as_slice(), face)
-    }
-
-    fn weights(&self) -> usize {
-        self.degrees_of_freedom
-    }
-
-    fn numbers(&self) -> usize {
-        self.weights.len() + 1
-    }
 }
 
 #[cfg(test)]

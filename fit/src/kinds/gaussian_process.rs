@@ -127,10 +127,6 @@ impl Predictor for Fitted {
     fn numbers(&self) -> usize {
         self.faces.len() + self.weights.len() + 2
     }
-
-    fn needs_scale(&self) -> bool {
-        true
-    }
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 mod ada_boost;
 mod affine;
 mod exponential;
+mod formula;
 mod gaussian_process;
 mod gradient_boosting;
 mod histogram_boosting;
@@ -23,10 +24,12 @@ mod support_vectors;
 mod test_faces;
 
 use anyhow::Result;
+use facewire::solve::MAX_FORMULA_INPUTS;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-pub use response::{Response, with_response};
+pub use formula::Formula;
+pub use response::{suffix, suited_to, with_response};
 pub use support_vectors::SupportVectors;
 
 /// A method to fit a model of one blendshape.
@@ -55,10 +58,9 @@ pub trait Predictor: Send + Sync {
     /// Returns the number of values that a board has to store. Each takes 4 bytes.
     fn numbers(&self) -> usize;
 
-    /// Returns whether a board has to standardise the features of every face. Affine and quadratic models absorb the
-    /// scale into their weights, and trees into their thresholds.
-    fn needs_scale(&self) -> bool {
-        false
+    /// Returns the formula of the board that computes the same, or `None` if there is none.
+    fn formula(&self) -> Option<Formula> {
+        None
     }
 }
 
@@ -81,6 +83,11 @@ pub enum Form {
 }
 
 impl Form {
+    /// Returns whether model files can hold the model as a formula.
+    pub fn is_formula(self) -> bool {
+        !matches!(self, Self::HiddenLayer | Self::Large)
+    }
+
     /// Returns whether a board can compute the model in every frame.
     pub fn runs_on_board(self) -> bool {
         self != Self::Large
@@ -97,7 +104,7 @@ pub struct Limits {
 }
 
 /// Limits of kinds whose cost is linear in the number of faces.
-const WIDE: Limits = Limits { features: 64, faces: usize::MAX };
+const WIDE: Limits = Limits { features: MAX_FORMULA_INPUTS, faces: usize::MAX };
 /// Limits of kinds that pass over the features many times.
 const MIDDLE: Limits = Limits { features: 24, faces: usize::MAX };
 /// Limits of kinds that compare all faces with each other, or sort them.

@@ -59,10 +59,6 @@ impl Predictor for Fitted {
     fn numbers(&self) -> usize {
         self.faces.len() + self.truth.len()
     }
-
-    fn needs_scale(&self) -> bool {
-        true
-    }
 }
 
 #[cfg(test)]

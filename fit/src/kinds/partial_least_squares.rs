@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     Form, Kind, Limits, Predictor, WIDE,
-    affine::{Affine, centred, solve},
+    affine::{centred, solve},
+    formula::Formula,
 };
 
 /// Number of components.
@@ -37,7 +38,7 @@ impl Kind for PartialLeastSquares {
         ensure!(directions.ncols() > 0, "no feature varies with the truth");
         let reduced = directions.transpose() * &gram * &directions;
         let scores = solve(reduced, &directions.tr_mul(&cross), 0.0)?;
-        Ok(Box::new(Affine::new(&directions * scores, &centre, directions.ncols())))
+        Ok(Box::new(Formula { degrees_of_freedom: directions.ncols(), ..centre.affine(&(&directions * scores)) }))
     }
 }
 

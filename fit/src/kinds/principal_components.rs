@@ -3,10 +3,7 @@
 use anyhow::{Context, Result};
 use nalgebra::DMatrix;
 
-use super::{
-    Form, Kind, Limits, Predictor, WIDE,
-    affine::{Affine, centred},
-};
+use super::{Form, Kind, Limits, Predictor, WIDE, affine::centred, formula::Formula};
 
 /// Share of the variance that the kept components carry.
 const KEPT: f64 = 0.999;
@@ -37,7 +34,7 @@ impl Kind for PrincipalComponents {
         let directions = directions.columns(0, kept).into_owned();
         let mut scores = directions.tr_mul(&cross);
         scores.component_div_assign(&decomposed.singular_values.rows(0, kept));
-        Ok(Box::new(Affine::new(directions * scores, &centre, kept)))
+        Ok(Box::new(Formula { degrees_of_freedom: kept, ..centre.affine(&(directions * scores)) }))
     }
 }
 

@@ -1,27 +1,20 @@
 //! Polynomial regression of degree 2.
 
 use anyhow::Result;
+use facewire::solve::FormulaKind;
 use nalgebra::DMatrix;
 
 use super::{
     Form, Kind, Limits, Predictor, WIDE,
-    affine::{Affine, dot},
+    affine::least_squares,
+    formula::{Formula, multiplied},
 };
 
-/// Number of features that are multiplied with each other. All 64 would give 2,080 products.
-const MULTIPLIED: usize = 24;
 /// Ridge penalty on a feature or product, relative to their mean variance.
 const RIDGE: f64 = 0.001;
 
 /// Ridge regression on the features, and on the squares and products of the first of them.
 pub struct Quadratic;
-
-struct Fitted {
-    offset: f64,
-    linear: Vec<f64>,
-    /// Weights of the products of each multiplied feature with itself and the later ones, one feature after another.
-    products: Vec<f64>,
-}
 
 impl Kind for Quadratic {
     fn name(&self) -> &'static str {
@@ -37,43 +30,21 @@ impl Kind for Quadratic {
     }
 
     fn fit(&self, faces: &DMatrix<f64>, truth: &[f64]) -> Result<Box<dyn Predictor>> {
-        let (mut weights, offset) = Affine::least_squares(&with_products(faces), truth, RIDGE)?.parts();
-        let products = weights.as_mut_slice()[faces.ncols()..].to_vec();
-        Ok(Box::new(Fitted { offset, linear: weights.as_slice()[..faces.ncols()].to_vec(), products }))
+        let mut fitted = least_squares(&with_products(faces), truth, RIDGE)?;
+        let products = fitted.weights.split_off(faces.ncols());
+        Ok(Box::new(Formula { kind: FormulaKind::Quadratic, products, ..fitted }))
     }
 }
 
 /// Appends the products to the features: first with first to last, second with second to last, and so on.
 fn with_products(faces: &DMatrix<f64>) -> DMatrix<f64> {
-    let (features, multiplied) = (faces.ncols(), faces.ncols().min(MULTIPLIED));
+    let (features, multiplied) = (faces.ncols(), multiplied(faces.ncols()));
     let pairs: Vec<_> = (0..multiplied).flat_map(|one| (one..multiplied).map(move |other| (one, other))).collect();
     let mut all = faces.clone().resize_horizontally(features + pairs.len(), 0.0);
     for (index, (one, other)) in pairs.into_iter().enumerate() {
         all.set_column(features + index, &faces.column(one).component_mul(&faces.column(other)));
     }
     all
-}
-
-impl Predictor for Fitted {
-    fn predict(&self, face: &[f64]) -> f64 {
-        let multiplied = &face[..face.len().min(MULTIPLIED)];
-        let mut products = self.products.as_slice();
-        let mut sum = self.offset + dot(&self.linear, face);
-        for (index, value) in multiplied.iter().enumerate() {
-            let (own, rest) = products.split_at(multiplied.len() - index);
-            products = rest;
-            sum += value * dot(own, &multiplied[index..]);
-        }
-        sum
-    }
-
-    fn weights(&self) -> usize {
-        self.linear.len() + self.products.len()
-    }
-
-    fn numbers(&self) -> usize {
-        self.weights() + 1
-    }
 }
 
 #[cfg(test)]
@@ -100,7 +71,7 @@ mod tests {
     fn the_prediction_is_the_affine_map_of_features_and_products() {
         let (faces, truth) = faces(100, 4, |face| face[0] * face[3] + face[1]);
         let model = Quadratic.fit(&faces, &truth).unwrap();
-        let map = Affine::least_squares(&with_products(&faces), &truth, RIDGE).unwrap();
+        let map = least_squares(&with_products(&faces), &truth, RIDGE).unwrap();
         let row: Vec<f64> = with_products(&faces).row(5).iter().copied().collect();
         assert!((model.predict(&row[..4]) - map.predict(&row)).abs() < 1e-12);
         assert_eq!(model.weights(), 14);

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     Form, Kind, Limits, NARROW, Predictor,
-    affine::dot,
+    formula::dot,
     gaussian_process::{squared_distance, squared_distances},
 };
 
@@ -131,10 +131,6 @@ impl Predictor for Fitted {
 
     fn numbers(&self) -> usize {
         self.faces.len() + self.multipliers.len() + 1
-    }
-
-    fn needs_scale(&self) -> bool {
-        true
     }
 }
 

@@ -77,7 +77,7 @@ impl AppearanceTable {
 
     fn weights(&self, landmark: &str) -> Result<Vec<UnitWeights>, ModelError> {
         let name = || format!("appearance.landmarks.{landmark}");
-        let text = self.landmarks.get(landmark).ok_or_else(|| ModelError::Absent { entry: name() })?;
+        let text = self.landmarks.get(landmark).ok_or_else(|| ModelError::Missing { entry: name() })?;
         let bytes = BASE64_STANDARD.decode(text).unwrap_or_default();
         if bytes.len() != APPEARANCE_CHANNELS * APPEARANCE_UNITS {
             return Err(ModelError::NotWeights { entry: name() });
@@ -90,7 +90,7 @@ impl AppearanceTable {
             ResidualOutput { weights: vec![[0.0; COEFFS]; APPEARANCE_UNITS].into(), offsets: [0.0; COEFFS] };
         for (index, name) in BLENDSHAPES.iter().enumerate().filter(|(_, name)| **name != WITHOUT_MODEL) {
             let entry = format!("appearance.blendshapes.{name}");
-            let table = self.blendshapes.get(*name).ok_or_else(|| ModelError::Absent { entry: entry.clone() })?;
+            let table = self.blendshapes.get(*name).ok_or_else(|| ModelError::Missing { entry: entry.clone() })?;
             let row = row(table);
             for (column, weight) in output.weights.iter_mut().zip(units(&entry, &row.weights)?) {
                 column.get_mut(index).into_iter().for_each(|slot| *slot = weight);
@@ -176,12 +176,12 @@ mod tests {
         assert!((layer.weights[100][5] - (100 * APPEARANCE_UNITS + 5) as i8).abs() < 1);
         assert_eq!(layer.outputs[1].weights[7][..51], [1.0; 51]);
         assert_eq!(layer.outputs[0].offsets, core::array::from_fn(|shape| if shape < 51 { 0.25 } else { 0.0 }));
-        assert_eq!(Model::from_bytes(&model.to_bytes()), Some(model));
+        assert_eq!(Model::from_bytes(&model.to_bytes().expect("a hidden layer")), Some(model));
     }
 
     #[test]
     fn bytes_that_are_cut_short_are_no_model() {
-        let bytes = shipped_with(table()).to_model().expect("a model").to_bytes();
+        let bytes = shipped_with(table()).to_model().expect("a model").to_bytes().expect("a hidden layer");
         assert_eq!(Model::from_bytes(&bytes[..bytes.len() - 4]), None);
         assert_eq!(Model::from_bytes(&[&bytes[..], &[0; 4]].concat()), None);
     }

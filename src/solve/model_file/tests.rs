@@ -1,6 +1,7 @@
 #![allow(clippy::expect_used)]
 
 use super::*;
+use crate::solve::{FeatureId, MAX_HIDDEN, MAX_INPUTS};
 
 const SHIPPED: &str = include_str!("../../../models/blendshapes.toml");
 
@@ -21,7 +22,7 @@ fn file_that_cannot_be_read_is_told_from_one_that_is_damaged() {
     let error = Model::load(&path).expect_err("there is no file");
     assert!(matches!(error, ModelError::Unreadable { .. }));
     assert!(error.to_string().contains("model.toml cannot be read (No such file"), "{error}");
-    std::fs::write(&path, b"format = 2\nmade_by = \"\xff\"\n").expect("a file");
+    std::fs::write(&path, b"format = 3\nmade_by = \"\xff\"\n").expect("a file");
     let error = Model::load(&path).expect_err("the file is not text");
     assert!(matches!(error, ModelError::Damaged { line: 2, .. }), "{error}");
     std::fs::write(&path, SHIPPED).expect("a file");
@@ -33,7 +34,7 @@ fn damaged_file_is_refused() {
     let cut = SHIPPED.get(..SHIPPED.len() / 2).expect("plain text");
     assert!(ModelFile::parse(cut).and_then(|file| file.to_model()).is_err());
     assert!(matches!(ModelFile::parse("\nformat = [1"), Err(ModelError::Damaged { line: 2, .. })));
-    assert!(matches!(ModelFile::parse("format = 2"), Err(ModelError::Damaged { .. })));
+    assert!(matches!(ModelFile::parse("format = 3"), Err(ModelError::Damaged { .. })));
 }
 
 #[test]
@@ -48,6 +49,19 @@ fn missing_and_unknown_blendshapes_are_named() {
     assert!(file.to_model().expect_err("no jaw").to_string().contains("blendshapes.jawOpen"));
     file.blendshapes.insert("jawOpened".to_owned(), entry);
     assert!(file.to_model().expect_err("no such jaw").to_string().contains("jawOpened"));
+}
+
+#[test]
+fn a_file_without_a_regression_or_with_two_is_refused() {
+    let formulas = Some(FormulasTable::default());
+    for file in [
+        ModelFile { formulas: formulas.clone(), ..shipped() },
+        ModelFile { formulas, offsets: None, ..shipped() },
+        ModelFile { offsets: None, ..shipped() },
+        ModelFile::new(String::new(), String::new()),
+    ] {
+        assert!(matches!(file.to_model(), Err(ModelError::NotOneRegression)));
+    }
 }
 
 #[test]
@@ -77,7 +91,7 @@ fn errors_fill_one_line_whatever_stands_in_names() {
 
 #[test]
 fn more_weights_than_fit_are_refused() {
-    let wide = |file: &mut ModelFile| file.offsets.neutral_known = vec![0.0; MAX_HIDDEN + 1];
+    let wide = |file: &mut ModelFile| file.offsets.get_or_insert_default().neutral_known = vec![0.0; MAX_HIDDEN + 1];
     assert!(error_of(wide).contains("offsets.neutral_known of the model file has more weights"));
     let many = |file: &mut ModelFile| {
         let names = (0..=MAX_INPUTS).filter_map(|index| FeatureId::from_index(index).map(|id| id.to_string()));

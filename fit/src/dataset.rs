@@ -32,9 +32,9 @@ pub struct Sample {
     pub truth: [f64; COEFFS],
     /// The true yaw, pitch (positive when the head nods up) and roll in degrees.
     pub pose_deg: [f64; 3],
-    /// Index of the picture in the file.
+    /// Index of the picture among those of all files.
     pub picture: usize,
-    /// Index of the subject among the subjects of the file.
+    /// Index of the subject among those of all files.
     pub subject: usize,
     /// Whether the face is at rest.
     pub neutral: bool,
@@ -59,31 +59,49 @@ impl Sample {
 
 /// Loads a dataset. All arrays must have one row per picture.
 pub fn load(path: &Path) -> Result<Vec<Sample>> {
+    load_all(&[path])
+}
+
+/// Loads the pictures of several datasets, one after another. Subjects of the same number are the same person: `synth` draws
+/// the same people for sets of the same seed.
+pub fn load_all(paths: &[impl AsRef<Path>]) -> Result<Vec<Sample>> {
+    let (mut samples, mut numbers) = (Vec::new(), Vec::new());
+    for path in paths {
+        numbers.extend(append(path.as_ref(), &mut samples)?);
+    }
+    for (sample, subject) in samples.iter_mut().zip(ranks(&numbers)) {
+        sample.subject = subject;
+    }
+    Ok(samples)
+}
+
+/// Appends the pictures of a dataset and returns the number of each one's subject.
+fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<i32>> {
     let columns = columns(&path.with_file_name("names.json"))?;
     let mut arrays = Arrays::open(path)?;
     let landmarks = arrays.floats("landmarks", &LANDMARK_SHAPE)?;
     let weights = arrays.floats("weights", &[COEFFS])?;
     let pose = arrays.floats("pose", &[3])?;
     let meta = arrays.floats("meta", &[META])?;
-    let subjects = ranks(&arrays.integers("subject", &[])?);
+    let subjects = arrays.integers("subject", &[])?;
     let pictures = landmarks.len() / LANDMARK_VALUES;
     let rows = [weights.len() / COEFFS, pose.len() / 3, meta.len() / META, subjects.len()];
     for (name, rows) in ["weights", "pose", "meta", "subject"].into_iter().zip(rows) {
         ensure!(rows == pictures, "{}: {name} has {rows} rows, but landmarks has {pictures}", path.display());
     }
     let points = landmarks.chunks_exact(LANDMARK_VALUES).zip(weights.chunks_exact(COEFFS));
-    let labels = pose.chunks_exact(3).zip(meta.chunks_exact(META)).zip(subjects);
-    let samples =
-        points.zip(labels).enumerate().map(|(picture, ((points, weights), ((pose, meta), subject)))| Sample {
-            landmarks: landmarks_of(points),
-            truth: columns.map(|column| f64::from(weights[column])),
-            pose_deg: pose_of(pose),
-            picture,
-            subject,
-            neutral: meta[META - 1] > 0.5,
-            mirrored: false,
-        });
-    Ok(samples.collect())
+    let labels = pose.chunks_exact(3).zip(meta.chunks_exact(META));
+    let first = samples.len();
+    samples.extend(points.zip(labels).enumerate().map(|(picture, ((points, weights), (pose, meta)))| Sample {
+        landmarks: landmarks_of(points),
+        truth: columns.map(|column| f64::from(weights[column])),
+        pose_deg: pose_of(pose),
+        picture: first + picture,
+        subject: 0,
+        neutral: meta[META - 1] > 0.5,
+        mirrored: false,
+    }));
+    Ok(subjects)
 }
 
 /// How the faces of a dataset look at their landmarks, in half precision.
@@ -106,15 +124,18 @@ impl Appearances {
     }
 }
 
-/// Loads how the faces of a dataset with this number of pictures look. Returns `None` if the archive does not tell.
-pub fn load_appearances(path: &Path, pictures: usize) -> Result<Option<Appearances>> {
-    let mut arrays = Arrays::open(path)?;
-    if !arrays.has(FEATURES) {
-        return Ok(None);
+/// Loads how the faces of datasets look that have this number of pictures together. Returns `None` if an archive does not tell.
+pub fn load_appearances(paths: &[impl AsRef<Path>], pictures: usize) -> Result<Option<Appearances>> {
+    let mut values = Vec::new();
+    for path in paths.iter().map(AsRef::as_ref) {
+        let mut arrays = Arrays::open(path)?;
+        if !arrays.has(FEATURES) {
+            return Ok(None);
+        }
+        values.extend(arrays.halves(FEATURES, &[APPEARANCE_LANDMARKS.len(), APPEARANCE_CHANNELS])?);
     }
-    let values = arrays.halves(FEATURES, &[APPEARANCE_LANDMARKS.len(), APPEARANCE_CHANNELS])?;
     let rows = values.len() / Appearances::VALUES;
-    ensure!(rows == pictures, "{}: {FEATURES} has {rows} rows, but landmarks has {pictures}", path.display());
+    ensure!(rows == pictures, "{FEATURES} has {rows} rows, but landmarks has {pictures}");
     Ok(Some(Appearances(values)))
 }
 
@@ -167,6 +188,8 @@ fn pose_of(row: &[f32]) -> [f64; 3] {
 #[cfg(test)]
 #[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
+    use std::path::PathBuf;
+
     use npyz::Order;
 
     use super::*;
@@ -175,19 +198,36 @@ mod tests {
     /// Loads an archive with the given numbers of rows in landmarks, weights, pose and meta.
     fn loaded(rows: [u64; 4], subjects: &[i32], names: &[&str]) -> Result<Vec<Sample>> {
         let folder = tempfile::tempdir()?;
-        let path = folder.path().join("faces.npz");
+        load(&written(folder.path(), rows, subjects, names)?)
+    }
+
+    /// Writes such an archive to a folder.
+    fn written(folder: &Path, rows: [u64; 4], subjects: &[i32], names: &[&str]) -> Result<PathBuf> {
+        let path = folder.join("faces.npz");
         let shapes = [vec![rows[0], 478, 3], vec![rows[1], 52], vec![rows[2], 3], vec![rows[3], 5]];
         let arrays = ["landmarks", "weights", "pose", "meta"].into_iter().zip(&shapes);
         let value = |index: usize| index as f32;
         let arrays: Vec<TestArray> =
             arrays.map(|(name, shape)| TestArray { name, shape, order: Order::C, value: &value }).collect();
         write(&path, &arrays, subjects);
-        std::fs::write(folder.path().join("names.json"), serde_json::to_string(names)?)?;
-        load(&path)
+        std::fs::write(folder.join("names.json"), serde_json::to_string(names)?)?;
+        Ok(path)
     }
 
     fn refusal(rows: [u64; 4], subjects: &[i32], names: &[&str]) -> String {
         loaded(rows, subjects, names).err().map_or_else(String::new, |error| format!("{error:#}"))
+    }
+
+    #[test]
+    fn pictures_of_several_datasets_follow_one_another_and_subjects_of_the_same_number_are_one() {
+        let folders = [tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder")];
+        let write = |index: usize, subjects: &[i32]| {
+            written(folders[index].path(), [subjects.len() as u64; 4], subjects, &BLENDSHAPES).expect("written")
+        };
+        let samples = load_all(&[write(0, &[7, 5]), write(1, &[9, 7, 6])]).expect("datasets");
+        assert_eq!(samples.iter().map(|sample| sample.subject).collect::<Vec<_>>(), [2, 0, 3, 2, 1]);
+        assert_eq!(samples.iter().map(|sample| sample.picture).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
+        assert_eq!(samples[0].truth, samples[2].truth);
     }
 
     #[test]

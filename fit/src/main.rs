@@ -52,8 +52,10 @@ struct Cli {
 enum Command {
     /// Fit the model, score it on held-out subjects, and write it. If the dataset has `features`, the model also reads them
     Train {
-        /// Landmarks with true coefficients (npz archive with names.json beside it)
-        dataset: PathBuf,
+        /// Landmarks with true coefficients (npz archives with names.json beside them). In several datasets, subjects of the
+        /// same number are the same person, as in sets of the same seed
+        #[arg(required = true)]
+        datasets: Vec<PathBuf>,
         /// The model file to write
         #[arg(long, default_value = "models/blendshapes.toml")]
         out: PathBuf,
@@ -108,7 +110,7 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<()> {
     match command {
-        Command::Train { dataset, out, epochs, keep } => train(&dataset, &out, epochs, keep.as_deref()),
+        Command::Train { datasets, out, epochs, keep } => train(&datasets, &out, epochs, keep.as_deref()),
         Command::Fit(args) => compare::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Judge(args) => judge::command::run(&args),
@@ -123,14 +125,14 @@ fn run(command: Command) -> Result<()> {
     }
 }
 
-fn train(dataset: &Path, out: &Path, epochs: u32, keep: Option<&Path>) -> Result<()> {
+fn train(datasets: &[PathBuf], out: &Path, epochs: u32, keep: Option<&Path>) -> Result<()> {
     output::check(out)?;
-    let samples = dataset::load(dataset)?;
-    let pictures = std::fs::read_to_string(synth::run::provenance(dataset)).unwrap_or_default();
-    let pictures = pictures.lines().next().map(|line| format!("; pictures: {line}")).unwrap_or_default();
+    let samples = dataset::load_all(datasets)?;
     let how = keep.map_or_else(|| format!("--epochs {epochs}"), |path| format!("--keep {}", path.display()));
-    let made_by = format!("facewire-fit train {} {how}{pictures}", dataset.display());
-    let appearances = dataset::load_appearances(dataset, samples.len())?;
+    let names = datasets.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(" ");
+    let pictures: String = datasets.iter().map(|path| pictures_of(path)).collect();
+    let made_by = format!("facewire-fit train {names} {how}{pictures}");
+    let appearances = dataset::load_appearances(datasets, samples.len())?;
     let faces = train::Faces { samples: &samples, appearances: appearances.as_ref() };
     let file = match keep {
         Some(path) => train::extend(path, faces, &made_by)?,
@@ -138,7 +140,13 @@ fn train(dataset: &Path, out: &Path, epochs: u32, keep: Option<&Path>) -> Result
     };
     output::write(out, toml::to_string(&file)?)?;
     let model = file.to_model()?;
-    judge::command::judge_fitted(dataset.display().to_string(), samples, appearances, &model)
+    judge::command::judge_fitted(names, samples, appearances, &model)
+}
+
+/// Tells how the pictures of a dataset were made, if that is known.
+fn pictures_of(dataset: &Path) -> String {
+    let text = std::fs::read_to_string(synth::run::provenance(dataset)).unwrap_or_default();
+    text.lines().next().map(|line| format!("; pictures: {line}")).unwrap_or_default()
 }
 
 fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {

@@ -46,7 +46,7 @@ impl Set {
             return Ok(Self { name, content: Content::Clips(clips::load(path, options.neutral_frames)?) });
         }
         let samples = dataset::load(path)?;
-        let appearances = dataset::load_appearances(path, samples.len())?;
+        let appearances = dataset::load_appearances(&[path], samples.len())?;
         Self::of(name, samples, appearances, options.all_subjects)
     }
 

@@ -153,7 +153,7 @@ mod tests {
         assert_eq!(samples[1].landmarks.0[1][0], 1.0 + 3.0 / 4096.0);
         assert_eq!(samples[2].truth[2], f64::from(2.0 + 1436.0_f32 / 4096.0));
         assert_eq!(samples[0].pose_deg[1], -f64::from(1487.0_f32 / 4096.0), "pitch nods down in the file");
-        let appearances = dataset::load_appearances(&out, samples.len()).expect("read").expect("features");
+        let appearances = dataset::load_appearances(&[&out], samples.len()).expect("read").expect("features");
         assert_eq!([0, 1, 2].map(|row| appearances.of(row).0[179][31]), [0.0, 0.0, 2.0]);
         fs::remove_dir_all(folder).expect("removed");
     }

@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn shipped_model_is_small() {
-        assert!(Model::embedded().size_bytes() <= 256 * 1024, "{}", Model::embedded().size_bytes());
+    fn shipped_model_takes_at_most_1_mib() {
+        assert!(Model::embedded().size_bytes() <= 1 << 20, "{}", Model::embedded().size_bytes());
     }
 }

@@ -200,6 +200,6 @@ mod tests {
         }
         assert!(refusal(|table| table.scales.truncate(31)).contains("appearance.scales of the model file is not"));
         let infinite = refusal(|table| table.offsets[0] = f64::INFINITY);
-        assert!(infinite.contains("appearance.offsets of the model file is not a finite number"), "{infinite}");
+        assert!(infinite.contains("in appearance.offsets of the model file is not finite"), "{infinite}");
     }
 }

@@ -29,6 +29,10 @@ const WORST_PX: f64 = 1.5;
 const ENGINES_MEAN_PX: f64 = 0.02;
 /// Largest distance of any point between the landmarks of two engines in the same region.
 const ENGINES_WORST_PX: f64 = 0.1;
+/// Largest mean difference between the values of the feature map that two engines find, which deviate by 1.4 from their mean.
+const APPEARANCE_MEAN: f64 = 0.01;
+/// Largest difference of any of these values.
+const APPEARANCE_WORST: f32 = 0.3;
 /// Largest number of frames between the moments at which an engine and MediaPipe lose or find a face.
 const FRAMES_APART: usize = 3;
 /// The landmarks of a frame without a face.
@@ -195,6 +199,34 @@ fn engines_find_the_same_landmarks_in_the_same_regions() {
             && distance.worst_px <= ENGINES_WORST_PX
             && distance.worst_depth_px <= ENGINES_WORST_PX;
         assert!(is_same && distance.frames == expected.len(), "{}: {distance:?}", engine.name());
+    }
+}
+
+/// All engines get the same regions, as above.
+#[test]
+fn engines_see_the_same_appearance_in_the_same_regions() {
+    let (last, others) = DEMO.split_last().unwrap();
+    let mut reference = Tracker::load(&*last.0).unwrap();
+    let values = |tracker: &Tracker| tracker.face().unwrap().appearance.unwrap().0.clone();
+    for (engine, _) in others {
+        let (mut tracker, mut clip) = (Tracker::load(&**engine).unwrap(), Clip::once().unwrap());
+        let (mut sum, mut worst, mut count) = (0.0_f64, 0.0_f32, 0.0);
+        for _ in 0..20 {
+            let frame = clip.next().unwrap().unwrap();
+            let picture = frame.picture().unwrap();
+            reference.forget();
+            let region = reference.detect(picture).unwrap().unwrap();
+            assert!(reference.landmarks(picture, &region).unwrap().is_some());
+            assert!(tracker.landmarks(picture, &region).unwrap().is_some());
+            let (found, expected) = (values(&tracker), values(&reference));
+            for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
+                let difference = (found - expected).abs();
+                (sum, worst, count) = (sum + f64::from(difference), worst.max(difference), count + 1.0);
+            }
+        }
+        let mean = sum / count;
+        println!("{} and {}: mean difference of the map {mean:.1e}, largest {worst:.1e}", engine.name(), last.0.name());
+        assert!(mean <= APPEARANCE_MEAN && worst <= APPEARANCE_WORST, "{}: {mean} {worst}", engine.name());
     }
 }
 

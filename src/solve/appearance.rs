@@ -169,4 +169,12 @@ mod tests {
             assert!(found[2].is_ok_and(|raw| raw.0.iter().all(|value| value.is_finite())));
         }
     }
+
+    #[test]
+    fn shipped_layer_never_puts_the_tongue_out() {
+        for output in Model::embedded().appearance.iter().flat_map(|layer| &layer.outputs) {
+            let tongue = output.weights.iter().map(|weights| weights[COEFFS - 1]);
+            assert!(tongue.chain([output.offsets[COEFFS - 1]]).all(|number| number == 0.0));
+        }
+    }
 }

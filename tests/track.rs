@@ -115,9 +115,16 @@ fn while_lips_and_eyes_take_turns_a_blink_still_closes() {
 }
 
 #[test]
-fn landmarks_give_the_same_coefficients_as_their_film() {
-    let (film, points) = (rows(&DEMO.csv), DEMO.solved(&[]));
+fn landmarks_give_the_same_coefficients_as_their_film_where_the_model_reads_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("landmarks.toml");
+    let shipped = include_str!("../models/blendshapes.toml");
+    fs::write(&path, shipped.split_once("[appearance]").unwrap().0).unwrap();
+    let model = ["--model", text(&path)];
+    let film = rows(&Run::of(facewire(["track", "demo"]).args(model)).succeeded().out);
+    let points = DEMO.solved(&model);
     assert!(difference(&film, &points)[1] <= 1e-4);
+    assert!(difference(&rows(&DEMO.csv), &points)[1] > 0.01, "the shipped model also reads how the face looks");
     let same = |a: &Row, b: &Row| (a.frame, &a.state) == (b.frame, &b.state) && (a.time_s - b.time_s).abs() < 2e-6;
     assert!(film.iter().zip(&points).all(|(a, b)| same(a, b)));
 }
@@ -154,7 +161,7 @@ fn the_clip_decoded_by_ffmpeg_gives_nearly_the_same_rows() {
     let run = Run::ended(&facewire(["track", "-"]).stdin(stream).output().unwrap()).succeeded();
     decoder.wait().unwrap();
     let [mean, worst] = difference(&rows(&run.out), &rows(&DEMO.csv)[..60]);
-    assert!(mean < 0.01 && worst < 0.2, "{mean} {worst}");
+    assert!(mean < 0.01 && worst < 0.3, "{mean} {worst}");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //!
 //! A [`Kind`] is fitted to one blendshape. Faces are rows of standardised features: displacements from the wearer's
 //! neutral face, with mean 0 and standard deviation 1. The truth is a coefficient from 0 to 1, or its transformation by
-//! a [`Response`]. Predictions are not clamped here. Random numbers have fixed seeds, so that the same faces give the
+//! a [`Response`](facewire::solve::Response). Predictions are not clamped here. Random numbers have fixed seeds, so that the same faces give the
 //! same model.
 
 mod ada_boost;

@@ -65,8 +65,8 @@ impl<'a> Faces<'a> {
     fn raw(&self, model: &Model, row: usize) -> Result<RawCoeffs, AbsurdResult> {
         let appearance = self.appearances.map(|appearances| appearances.of(self.samples[row].picture));
         let raw = self.of_landmarks(model, row)?;
-        let residual = appearance.map(|appearance| model.residual(&appearance, self.neutral_known)).transpose()?;
-        Ok(residual.flatten().map_or(raw, |residual| raw.plus(&residual)))
+        let residual = model.residual(appearance.as_ref(), self.neutral_known)?;
+        Ok(residual.map_or(raw, |residual| raw.plus(&residual)))
     }
 
     /// Returns what a model makes of the landmarks of picture `row`, without the look of the face.

@@ -2,8 +2,8 @@
 //! is rolled in.
 //!
 //! A linear layer, `h = s W x + a`, and a residual `V h + b`, where `x` are the values of the mesh network's feature map
-//! at some landmarks. The regression is fitted first, and the layer to what it leaves. Landmarks from a file come without
-//! these values; the stage is then left out.
+//! at some landmarks. The regression is fitted first, and the layer to what the regression leaves unexplained.
+//! Landmarks from a file come without these values; the stage is then left out.
 //!
 //! The map carries more of the camera's noise than the landmarks do. Therefore small changes of the residual are smoothed
 //! before it is added; large ones pass.
@@ -33,7 +33,8 @@ pub struct ResidualState(Option<Residual>);
 impl Residual {
     /// Smooths the residual of a frame that was captured `dt_s` seconds after the last one.
     ///
-    /// The share of a change that passes grows with its square, to all of it at [`LARGE`].
+    /// The larger a change, the larger the share of it that passes. The share grows with the square of the change, and a
+    /// change of [`LARGE`] passes whole.
     #[must_use]
     pub fn smoothed(mut self, state: &mut ResidualState, dt_s: f32) -> Self {
         if let Some(last) = state.0 {
@@ -50,12 +51,17 @@ impl Residual {
 }
 
 impl Model {
-    /// Computes the residual of a face. Returns `None` if the model does not read how a face looks. Does not allocate.
+    /// Computes the residual of a face. Returns `None` if it is not known how the face looks, or if the model does not read
+    /// it. Does not allocate.
     ///
     /// # Errors
     /// [`AbsurdResult`] if a residual is not a number or larger than any coefficient.
-    pub fn residual(&self, appearance: &Appearance, neutral_known: bool) -> Result<Option<Residual>, AbsurdResult> {
-        let Some(layer) = &self.appearance else { return Ok(None) };
+    pub fn residual(
+        &self,
+        appearance: Option<&Appearance>,
+        neutral_known: bool,
+    ) -> Result<Option<Residual>, AbsurdResult> {
+        let (Some(layer), Some(appearance)) = (&self.appearance, appearance) else { return Ok(None) };
         let residual = layer.process(appearance, neutral_known);
         if are_sane(&residual.0) { Ok(Some(residual)) } else { Err(AbsurdResult) }
     }

@@ -76,8 +76,7 @@ impl Solver {
         let face = normalise(landmarks)?;
         let features = Features::new(&face, self.profile.neutral.as_ref());
         let mut raw = self.model.process(&features)?;
-        let residual = appearance.map(|appearance| self.model.residual(appearance, features.neutral_known));
-        let residual = residual.transpose()?.flatten();
+        let residual = self.model.residual(appearance, features.neutral_known)?;
         // Only now, because a rejected frame does not reach the filters: their time goes on until the next good frame.
         let step_s = self.history.step_s(time_us);
         if let Some(residual) = residual {

@@ -29,7 +29,8 @@ const WORST_PX: f64 = 1.5;
 const ENGINES_MEAN_PX: f64 = 0.02;
 /// Largest distance of any point between the landmarks of two engines in the same region.
 const ENGINES_WORST_PX: f64 = 0.1;
-/// Largest mean difference between the values of the feature map that two engines find, which deviate by 1.4 from their mean.
+/// Largest mean difference between the values of the feature map that two engines find. The standard deviation of the
+/// values is 1.4.
 const APPEARANCE_MEAN: f64 = 0.01;
 /// Largest difference of any of these values.
 const APPEARANCE_WORST: f32 = 0.3;

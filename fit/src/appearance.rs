@@ -1,4 +1,4 @@
-//! Fits the layer that reads how a face looks to what the landmark model leaves.
+//! Fits the layer that reads how a face looks to what the landmark model leaves unexplained.
 //!
 //! The landmark model stays as it is: if both are trained together, they learn how this renderer shades a face, and fail
 //! on real ones. For the same reason each input gets noise as large as its own deviation. The units are linear: with this
@@ -29,8 +29,8 @@ use crate::{
 const NOISE: f32 = 1.0;
 /// Smallest deviation of a value, by which its differences from the mean are divided.
 const LEAST_DEVIATION: f32 = 0.01;
-/// Passes over the training pictures, and the faces in all passes together of which there are at least so many: a small
-/// dataset is passed more often.
+/// Passes over the training pictures. A small dataset is passed more often, until at least [`LEAST_FACES`] faces have been
+/// read.
 const EPOCHS: usize = 30;
 const LEAST_FACES: usize = 600_000;
 /// Initial learning rate.
@@ -52,7 +52,7 @@ pub fn fit(samples: &[Sample], appearances: &Appearances, model: &Model) -> Resu
     Ok(table(&network, &faces))
 }
 
-/// The look of the training pictures, and what the landmark model leaves of their coefficients.
+/// The look of the training pictures, and what the landmark model leaves unexplained of their coefficients.
 struct Residuals<'a> {
     appearances: &'a Appearances,
     /// The picture of each face.

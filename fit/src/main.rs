@@ -52,8 +52,8 @@ struct Cli {
 enum Command {
     /// Fit the model, score it on held-out subjects, and write it. If the dataset has `features`, the model also reads them
     Train {
-        /// Landmarks with true coefficients (npz archives with names.json beside them). In several datasets, subjects of the
-        /// same number are the same person, as in sets of the same seed
+        /// Landmarks with true coefficients (npz archives with names.json beside them). Subjects with the same
+        /// number in several datasets count as one person, because sets of the same seed show the same people
         #[arg(required = true)]
         datasets: Vec<PathBuf>,
         /// The model file to write

@@ -18,12 +18,12 @@ const CLAMPED: f32 = 0.09;
 /// show it.
 const REST: f32 = 3.0;
 
-/// What follows the sums of the hidden units.
+/// What hidden units return for their weighted sum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Units {
-    /// Negative sums become zero.
+    /// The sum, or 0 if it is negative.
     Rectified,
-    /// Nothing.
+    /// The sum itself.
     Linear,
 }
 
@@ -71,7 +71,7 @@ pub trait Faces: Sync {
 /// Some faces, one column per face.
 pub struct Batch {
     pub inputs: DMatrix<f32>,
-    /// What the network's outputs are added to, if it is to learn what others leave.
+    /// What the network's outputs are added to, if it learns what another model leaves unexplained.
     pub start: Option<DMatrix<f32>>,
     pub truth: DMatrix<f32>,
 }

@@ -64,7 +64,8 @@ pub fn train(faces: Faces, epochs: usize, made_by: String) -> Result<ModelFile> 
     Ok(file)
 }
 
-/// Fits the part that reads how a face looks to what the landmark model of another file leaves, and scores both together.
+/// Fits the part that reads how a face looks to what the landmark model of another file leaves unexplained, and
+/// scores both together.
 pub fn extend(path: &Path, faces: Faces, made_by: &str) -> Result<ModelFile> {
     let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut file = ModelFile { appearance: None, ..ModelFile::parse(&text)? };

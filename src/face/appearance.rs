@@ -12,7 +12,7 @@ use super::refinement::FEATURE_SCALE;
 pub struct Face<'a> {
     /// Where the skin is.
     pub landmarks: &'a Landmarks,
-    /// How it looks; `None` for landmarks from a file, which do not tell.
+    /// How it looks; `None` for landmarks from a file, which come without it.
     pub appearance: Option<&'a Appearance>,
 }
 
@@ -33,7 +33,7 @@ impl Appearance {
         Self(vec![[0.0; APPEARANCE_CHANNELS]; APPEARANCE_LANDMARKS.len()].into())
     }
 
-    /// Samples the map of a network at landmarks that are in samples of its input.
+    /// Samples the map of a network at landmarks whose coordinates count samples of the network's input.
     pub(super) fn sample(&mut self, map: FeatureMap, landmarks: &Landmarks) {
         for (values, &index) in self.0.iter_mut().zip(&APPEARANCE_LANDMARKS) {
             let [x, y, _] = landmarks.0.get(usize::from(index)).copied().unwrap_or_default();

@@ -1,4 +1,5 @@
-//! How long to wait before the next attempt at something better, such as a higher step: longer each time that it fails.
+//! How long to wait before the next attempt at something better, such as a higher step. Each attempt that fails makes the
+//! wait longer.
 
 /// An attempt has failed if it is taken back within this multiple of the wait before it.
 const PROOF: u64 = 6;
@@ -24,8 +25,8 @@ impl Patience {
         self.attempted_us = Some(now_us);
     }
 
-    /// Takes the last attempt back, if there was one. The wait grows if the attempt has failed, and is the least one again
-    /// if it lasted. It is never outside of `least_us` and `longest_us`.
+    /// Takes the last attempt back, if there was one. The wait grows if the attempt has failed, and becomes `least_us`
+    /// again if it lasted. It is always from `least_us` to `longest_us`.
     pub(super) fn take_back(&mut self, now_us: u64, [least_us, longest_us]: [u64; 2]) {
         let growth = match self.attempted_us.take().map(|at_us| now_us.saturating_sub(at_us)) {
             Some(lasted_us) if lasted_us < PROOF * self.wait_us => GROWTH,

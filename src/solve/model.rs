@@ -13,7 +13,7 @@ use super::{COEFFS, feature_id::FeatureId};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
     pub(super) regression: Regression,
-    /// What reads how the face looks.
+    /// The layer that reads how the face looks.
     pub(super) appearance: Option<AppearanceLayer>,
 }
 

@@ -27,7 +27,7 @@
 //! scales = [0.001, 0.002]     # of the weights of each of the 32 units
 //! offsets = [0.1, -0.3]
 //!
-//! [appearance.landmarks]      # weights: signed bytes in base 64, for each of 32 channels one for each of 32 units
+//! [appearance.landmarks]      # signed bytes in base 64: for each of 32 channels, a weight for each of 32 units
 //! 13 = "AP8BAv4D..."
 //!
 //! [appearance.blendshapes.cheekPuff]    # what is added to the blendshape
@@ -99,7 +99,7 @@ pub struct ModelFile {
     /// One formula for each blendshape.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub formulas: Option<FormulasTable>,
-    /// What reads how the face looks.
+    /// The layer that reads how the face looks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub appearance: Option<AppearanceTable>,
 }

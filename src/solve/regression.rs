@@ -32,7 +32,7 @@ pub struct AbsurdResult;
 pub struct RawCoeffs(pub [f32; COEFFS]);
 
 impl RawCoeffs {
-    /// Adds what the look of the face tells.
+    /// Adds what the look of the face contributes.
     #[must_use]
     pub fn plus(mut self, residual: &Residual) -> Self {
         self.0.iter_mut().zip(&residual.0).for_each(|(value, residual)| *value += residual);

@@ -1,4 +1,4 @@
-//! Clips with truth, tracked as `facewire track` does it.
+//! Clips with truth, tracked as `facewire track` tracks them.
 
 use std::{
     path::{Path, PathBuf},

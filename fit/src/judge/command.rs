@@ -72,11 +72,11 @@ pub struct JudgeArgs {
     csv: Option<PathBuf>,
 }
 
-/// What is known of a model and its rival on one set.
+/// How a model, and the one that it is compared with, did on one set.
 pub struct Judged {
     /// The name of the set.
     pub set: String,
-    /// What else there is to know of the set.
+    /// Facts about the set itself, such as the number of frames without a face.
     pub notes: String,
     /// With the neutral face known, and not known.
     pub neutral: [Rivals; 2],
@@ -90,7 +90,7 @@ pub struct Rivals {
     pub against: Option<Judgement>,
 }
 
-/// How the two states of [`Judged::neutral`] are called.
+/// The names of the two states of [`Judged::neutral`].
 pub const NEUTRAL: [&str; 2] = ["neutral face known", "neutral face not known"];
 
 /// Runs the command.

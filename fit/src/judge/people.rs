@@ -1,5 +1,4 @@
-//! What is known of one person's estimates: sums for each blendshape, from which the figures of any group of people
-//! follow.
+//! The errors of one person's estimates: sums for each blendshape, from which the figures of any group of people follow.
 
 use std::ops::AddAssign;
 

@@ -79,7 +79,7 @@ impl Set {
         }
     }
 
-    /// Returns what else there is to know of the set, in one line.
+    /// Returns facts about the set itself in one line: the error of the head pose, or the number of frames without a face.
     pub fn notes(&self) -> Result<String> {
         match &self.content {
             Content::Pictures(samples, _) => {

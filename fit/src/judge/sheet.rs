@@ -124,8 +124,8 @@ fn defined_mean(values: impl Iterator<Item = f64>) -> f64 {
     if values.is_empty() { f64::NAN } else { mean(values.into_iter()) }
 }
 
-/// Returns a person's mean figures over the blendshapes that this person moves. The jitter and what a resting face reads
-/// are means over all blendshapes.
+/// Returns a person's mean figures over the blendshapes that this person moves. The jitter and the mean coefficient at
+/// rest are means over all blendshapes.
 pub fn average(person: &Person) -> [Figures; Phase::ALL.len()] {
     Phase::ALL.map(|phase| {
         let all = || (0..SHOWN).map(|shape| (shape, person.figures(shape, phase)));

@@ -18,7 +18,7 @@ const MAIN: [Figure; 5] = [Figure::R, Figure::Mse, Figure::Bias, Figure::Gain, F
 /// The two means.
 const MEANS: [Row; 2] = [Row::Blendshapes, Row::People];
 
-/// Returns everything that is known of one set.
+/// Returns all tables of one set.
 pub fn of(judged: &Judged) -> Result<String> {
     let mut text = String::new();
     for (rivals, neutral) in judged.neutral.iter().zip(NEUTRAL) {
@@ -220,7 +220,7 @@ fn summary(judged: &Judged) -> String {
     table(&heads, &lines)
 }
 
-/// Describes in one line what faces that are at rest as a whole read, if the set has any.
+/// Describes in one line the coefficients of faces that are at rest as a whole, if the set has any.
 fn resting(judgement: &Judgement, neutral: &str) -> Result<String> {
     let value = |row| judgement.sheet.get(row, Phase::All, Figure::Resting);
     let all = value(Row::Blendshapes);

@@ -17,11 +17,11 @@ use super::{
 const SCALE: Range<f32> = 0.6..1.8;
 /// The same for faces with two halves, and for a whole clip.
 pub const HALVES_SCALE: Range<f32> = 1.0..1.5;
-/// The same for the face of a person who speaks.
+/// The same for the upper face of a person who speaks.
 const CALM: Range<f32> = 0.2..1.0;
 /// The jaw moves if it opens or shuts by this within [`SPAN`] frames.
 const JAW_MOVES: f32 = 0.04;
-/// A tenth of a second.
+/// A tenth of a second, in frames.
 const SPAN: usize = 3;
 /// Two moments with fewer frames between them can be parts of the same motion.
 pub const APART: usize = 60;

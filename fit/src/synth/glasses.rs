@@ -13,7 +13,7 @@ use super::{
 
 /// Points of the outline of a lens.
 const OUTLINE: u16 = 28;
-/// Distance of the lenses before the bridge of the nose in centimetres, and their curvature towards the sides.
+/// Distance of the lenses from the bridge of the nose in centimetres, and their curvature towards the sides.
 const BEFORE: f32 = 0.45;
 const CURVE: f32 = 0.022;
 

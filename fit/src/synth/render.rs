@@ -27,7 +27,7 @@ const LIFT: f32 = 1.0005;
 
 /// Width of a face seen from the front in centimetres.
 pub const FACE_CM: f32 = 14.5;
-/// Landmarks of the outer edge of the lips, between which the mouth is visible; and a margin in samples.
+/// Landmarks of the outer edge of the lips, which enclose all that is visible of the mouth; and a margin in samples.
 const LIPS: core::ops::Range<usize> = 48..60;
 const LIPS_MARGIN: u8 = 6;
 /// Distance by which the eyeball lies further back behind a shut lid, because the lids of some heads are too flat for
@@ -233,8 +233,8 @@ fn eye_lifts(scene: &Scene) -> [f32; 2] {
     })
 }
 
-/// Calls `paint(number, vertices)` for every triangle that covers samples of the window, and the function that it returns for every
-/// visible sample, with its index, inverse depth and barycentric coordinates.
+/// Calls `paint(number, vertices)` for every triangle that covers samples of the window. Calls the function that `paint`
+/// returns for every visible sample, with the sample's index, inverse depth and barycentric coordinates.
 pub fn draw<Paint: FnMut(&mut Canvas, usize, f32, Vec3)>(
     canvas: &mut Canvas,
     screen: &[(Position, f32)],

@@ -20,7 +20,7 @@ pub struct AppearanceTable {
     pub scales: Vec<f64>,
     /// Offset of each unit.
     pub offsets: Vec<f64>,
-    /// For each landmark its weights, signed bytes in base 64: for each channel of the map one for each unit.
+    /// The weights of each landmark, as signed bytes in base 64: for each channel of the map, one weight for each unit.
     pub landmarks: BTreeMap<String, String>,
     /// Residuals by the name of the blendshape.
     pub blendshapes: BTreeMap<String, ResidualTable>,

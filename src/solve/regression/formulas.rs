@@ -1,7 +1,7 @@
 //! One formula for each blendshape, `R_i = T_i(c_i(w_i x_i + b_i))`, of features `x_i` that are its own (eq. 4 to 6).
 //!
-//! Results are clamped to `0..=1`, as the fit does. Squares and exponentials of faces that the fit has not seen would
-//! otherwise leave any range.
+//! Results are clamped to `0..=1`, as the fit does. Otherwise, squares and exponentials could become
+//! arbitrarily large for faces that the fit has not seen.
 
 use crate::solve::{
     COEFFS,

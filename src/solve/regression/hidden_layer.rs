@@ -1,8 +1,8 @@
 //! A network with one hidden layer, `h = max(0, W x + a)` and `R = V h + b`, where `x` are the selected features.
 //!
 //! All blendshapes share the hidden layer. Where the wearer's neutral face is not known, displacements are measured from
-//! the mean of many neutral faces, and `a` differs. Against an affine map, the hidden layer tells apart expressions that
-//! move the same points.
+//! the mean of many neutral faces, and `a` differs. Unlike an affine map, the hidden layer tells apart expressions
+//! that move the same points.
 
 use facewire_engine::kernels::rows::add_rows;
 

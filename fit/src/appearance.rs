@@ -29,8 +29,8 @@ use crate::{
 const NOISE: f32 = 1.0;
 /// Smallest deviation of a value, by which its differences from the mean are divided.
 const LEAST_DEVIATION: f32 = 0.01;
-/// Passes over the training pictures. A small dataset is passed more often, until at least [`LEAST_FACES`] faces have been
-/// read.
+/// Passes over the training pictures. A small dataset is passed more often, until about
+/// [`LEAST_FACES`] faces have been read.
 const EPOCHS: usize = 30;
 const LEAST_FACES: usize = 600_000;
 /// Initial learning rate.

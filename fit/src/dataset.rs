@@ -62,8 +62,8 @@ pub fn load(path: &Path) -> Result<Vec<Sample>> {
     load_all(&[path])
 }
 
-/// Loads the pictures of several datasets, one after another. Subjects with the same number count as one person, because
-/// `synth` draws the same people for sets of the same seed.
+/// Loads the pictures of several datasets, one after another. Subjects with the same number count as one person,
+/// because `synth` draws the same people for sets of the same seed.
 pub fn load_all(paths: &[impl AsRef<Path>]) -> Result<Vec<Sample>> {
     let (mut samples, mut numbers) = (Vec::new(), Vec::new());
     for path in paths {
@@ -124,8 +124,8 @@ impl Appearances {
     }
 }
 
-/// Loads how the faces of some datasets look. Together, the datasets must have this number of pictures. Returns `None` if
-/// an archive lacks the feature map.
+/// Loads how the faces of some datasets look. Together, the datasets must have this number of pictures. Returns `None`
+/// if an archive lacks the feature map.
 pub fn load_appearances(paths: &[impl AsRef<Path>], pictures: usize) -> Result<Option<Appearances>> {
     let mut values = Vec::new();
     for path in paths.iter().map(AsRef::as_ref) {

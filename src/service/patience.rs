@@ -1,5 +1,5 @@
-//! How long to wait before the next attempt at something better, such as a higher step. Each attempt that fails makes the
-//! wait longer.
+//! How long to wait before the next attempt at something better, such as a higher step. Each attempt that fails makes
+//! the wait longer.
 
 /// An attempt has failed if it is taken back within this multiple of the wait before it.
 const PROOF: u64 = 6;

@@ -87,8 +87,8 @@ fn guide() -> Markup {
             }
             dt { "better, worse" }
             dd {
-                "The interval excludes 0, so that the difference is certain. Without a mark, these people are too few to \
-                 tell. Of 51 blendshapes that do not differ, two or three are marked by chance."
+                "The interval excludes 0, so that the difference is certain. Without a mark, these people are too few \
+                 to tell. Of 51 blendshapes that do not differ, two or three are marked by chance."
             }
             dt { "mean of 51" }
             dd { "Mean over the blendshapes of figures of all pictures together." }

@@ -1,4 +1,5 @@
-//! The errors of one person's estimates: sums for each blendshape, from which the figures of any group of people follow.
+//! The errors of one person's estimates: sums for each blendshape, from which the figures of any group of people
+//! follow.
 
 use std::ops::AddAssign;
 

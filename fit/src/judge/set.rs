@@ -79,7 +79,8 @@ impl Set {
         }
     }
 
-    /// Returns facts about the set itself in one line: the error of the head pose, or the number of frames without a face.
+    /// Returns facts about the set itself in one line: the error of the head pose, or the number of frames without a
+    /// face.
     pub fn notes(&self) -> Result<String> {
         match &self.content {
             Content::Pictures(samples, _) => {

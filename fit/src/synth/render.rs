@@ -233,8 +233,8 @@ fn eye_lifts(scene: &Scene) -> [f32; 2] {
     })
 }
 
-/// Calls `paint(number, vertices)` for every triangle that covers samples of the window. Calls the function that `paint`
-/// returns for every visible sample, with the sample's index, inverse depth and barycentric coordinates.
+/// Calls `paint(number, vertices)` for every triangle that covers samples of the window. Calls the function that
+/// `paint` returns for every visible sample, with the sample's index, inverse depth and barycentric coordinates.
 pub fn draw<Paint: FnMut(&mut Canvas, usize, f32, Vec3)>(
     canvas: &mut Canvas,
     screen: &[(Position, f32)],

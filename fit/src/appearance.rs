@@ -21,7 +21,7 @@ use crate::{
     dataset::{Appearances, Sample},
     design::MODELLED,
     judge,
-    network::{Batch, Faces, Network, Training, Units, noise},
+    network::{Batch, Examples, Network, Training, Units, noise},
     train::{importance, number, numbers},
 };
 
@@ -112,7 +112,7 @@ fn moments(appearances: &Appearances, pictures: &[usize]) -> (Vec<f32>, Vec<f32>
     (0..Appearances::VALUES).map(moments).unzip()
 }
 
-impl Faces for Residuals<'_> {
+impl Examples for Residuals<'_> {
     fn len(&self) -> usize {
         self.pictures.len()
     }

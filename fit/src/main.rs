@@ -133,10 +133,10 @@ fn train(datasets: &[PathBuf], out: &Path, epochs: u32, keep: Option<&Path>) -> 
     let pictures: String = datasets.iter().map(|path| pictures_of(path)).collect();
     let made_by = format!("facewire-fit train {names} {how}{pictures}");
     let appearances = dataset::load_appearances(datasets, samples.len())?;
-    let faces = train::Faces { samples: &samples, appearances: appearances.as_ref() };
+    let pictures = train::Pictures { samples: &samples, appearances: appearances.as_ref() };
     let file = match keep {
-        Some(path) => train::extend(path, faces, &made_by)?,
-        None => train::train(faces, epochs as usize, made_by)?,
+        Some(path) => train::extend(path, pictures, &made_by)?,
+        None => train::train(pictures, epochs as usize, made_by)?,
     };
     output::write(out, toml::to_string(&file)?)?;
     let model = file.to_model()?;

@@ -54,7 +54,7 @@ pub struct Training {
 }
 
 /// What a network is trained on.
-pub trait Faces: Sync {
+pub trait Examples: Sync {
     /// Returns the number of faces.
     fn len(&self) -> usize;
 
@@ -98,7 +98,7 @@ impl Network {
     }
 
     /// Trains a network and calls `on_epoch` after each epoch.
-    pub fn train(data: &impl Faces, training: &Training, on_epoch: impl Fn(usize)) -> Self {
+    pub fn train(data: &impl Examples, training: &Training, on_epoch: impl Fn(usize)) -> Self {
         let Training { rate, epochs, seed, .. } = *training;
         let mut random = fastrand::Rng::with_seed(seed);
         let mut network = Self::new(data.inputs(), data.importance().len(), training, &mut random);
@@ -118,7 +118,7 @@ impl Network {
     }
 
     /// Returns the gradient of the mean squared error of some faces, in the order of [`Network::parameters`].
-    fn gradient_of(&self, data: &impl Faces, faces: &[usize], random: &mut fastrand::Rng) -> [DMatrix<f32>; 4] {
+    fn gradient_of(&self, data: &impl Examples, faces: &[usize], random: &mut fastrand::Rng) -> [DMatrix<f32>; 4] {
         let values = faces.len() * data.importance().len();
         let importance: Vec<f32> = data.importance().iter().map(|weight| 2.0 * weight / values as f32).collect();
         let parts: Vec<_> = faces.chunks(faces.len().div_ceil(PARTS)).map(|part| (part, random.fork())).collect();
@@ -175,7 +175,7 @@ pub fn noise(random: &mut fastrand::Rng) -> f32 {
     (random.f32() - 0.5) * 12.0_f32.sqrt()
 }
 
-impl Faces for TrainingData {
+impl Examples for TrainingData {
     fn len(&self) -> usize {
         self.inputs.ncols()
     }

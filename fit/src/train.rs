@@ -40,15 +40,15 @@ const SEED: u64 = 1;
 
 /// The pictures of a dataset. The held-out subjects among them only serve to score the model.
 #[derive(Clone, Copy)]
-pub struct Faces<'a> {
+pub struct Pictures<'a> {
     pub samples: &'a [Sample],
     /// How the faces look, if that is known. The model then reads it.
     pub appearances: Option<&'a Appearances>,
 }
 
 /// Fits a model and scores it.
-pub fn train(faces: Faces, epochs: usize, made_by: String) -> Result<ModelFile> {
-    let (samples, held_out) = (faces.samples, held_out(faces.samples)?.len());
+pub fn train(pictures: Pictures, epochs: usize, made_by: String) -> Result<ModelFile> {
+    let (samples, held_out) = (pictures.samples, held_out(pictures.samples)?.len());
     let fitted_on = format!(
         "{} pictures and their mirror images; r and mse are those of {held_out} pictures of other subjects",
         samples.len() - held_out
@@ -57,27 +57,28 @@ pub fn train(faces: Faces, epochs: usize, made_by: String) -> Result<ModelFile> 
         let seen = with_mirrored(samples)?;
         fit(&Design::new(&seen)?, epochs, ModelFile::new(made_by, fitted_on))?
     };
-    if let Some(appearances) = faces.appearances {
+    if let Some(appearances) = pictures.appearances {
         file.appearance = Some(appearance::fit(samples, appearances, &file.to_model()?)?);
     }
-    score(&mut file, faces)?;
+    score(&mut file, pictures)?;
     Ok(file)
 }
 
 /// Fits the part that reads how a face looks to what the landmark model of another file leaves unexplained, and
 /// scores both together.
-pub fn extend(path: &Path, faces: Faces, made_by: &str) -> Result<ModelFile> {
+pub fn extend(path: &Path, pictures: Pictures, made_by: &str) -> Result<ModelFile> {
     let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut file = ModelFile { appearance: None, ..ModelFile::parse(&text)? };
-    let appearances = faces.appearances.context("the dataset has no features: render it with this version of synth")?;
+    let appearances =
+        pictures.appearances.context("the dataset has no features: render it with this version of synth")?;
     file.made_by = format!("{made_by}; landmark model: {}", file.made_by);
-    file.appearance = Some(appearance::fit(faces.samples, appearances, &file.to_model()?)?);
-    score(&mut file, faces)?;
+    file.appearance = Some(appearance::fit(pictures.samples, appearances, &file.to_model()?)?);
+    score(&mut file, pictures)?;
     Ok(file)
 }
 
 /// Stores the scores of the model on the held-out subjects.
-fn score(file: &mut ModelFile, Faces { samples, appearances }: Faces) -> Result<()> {
+fn score(file: &mut ModelFile, Pictures { samples, appearances }: Pictures) -> Result<()> {
     let model = file.to_model()?;
     let scores = |known| judge::scores(&model, &judge::Faces::new(samples, known)?.with_appearances(appearances));
     let [known, unknown] = [scores(true)?, scores(false)?];

@@ -16,7 +16,7 @@ use facewire::{
 };
 use rayon::prelude::*;
 
-use super::people::{Faces, Person};
+use super::people::{Person, SolvedFaces};
 use crate::curves::Truth;
 
 /// A clip of one person, with the faces that were found in it.
@@ -76,7 +76,7 @@ impl Clip {
         let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
         let mut playback = Playback::new(pipeline, &settings.failsafe);
         let shown = self.faces.iter().map(|face| playback.show(face).pose.coefficients.map(f64::from));
-        let faces = Faces {
+        let faces = SolvedFaces {
             estimates: shown.collect(),
             truths: self.truth.coefficients.clone(),
             is_neutral: self.faces.iter().map(|face| face.number < self.neutral_frames.into()).collect(),

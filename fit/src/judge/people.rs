@@ -45,7 +45,7 @@ impl Phase {
 
 /// The pictures or frames of one person, in order: for each the estimates and the truth of all blendshapes.
 #[derive(Debug, Clone, Default)]
-pub struct Faces {
+pub struct SolvedFaces {
     /// The estimated coefficients.
     pub estimates: Vec<[f64; COEFFS]>,
     /// The true coefficients.
@@ -79,7 +79,7 @@ pub struct Tally {
 
 impl Person {
     /// Sums up the pictures of a person. Frames of a film follow each other in time, so that they have jitter.
-    pub fn new(name: String, faces: &Faces, is_film: bool) -> Self {
+    pub fn new(name: String, faces: &SolvedFaces, is_film: bool) -> Self {
         let resting: Vec<bool> = (0..faces.truths.len()).map(|row| faces.rests(row)).collect();
         let tally = |blendshape| phases(faces, blendshape, &resting, is_film);
         let tallies: Vec<_> = (0..COEFFS).map(tally).collect();
@@ -108,13 +108,13 @@ impl Person {
     }
 }
 
-impl Faces {
+impl SolvedFaces {
     fn rests(&self, row: usize) -> bool {
         !self.is_neutral[row] && self.truths[row].iter().all(|truth| *truth == 0.0)
     }
 }
 
-fn phases(faces: &Faces, blendshape: usize, resting: &[bool], is_film: bool) -> [Tally; Phase::ALL.len()] {
+fn phases(faces: &SolvedFaces, blendshape: usize, resting: &[bool], is_film: bool) -> [Tally; Phase::ALL.len()] {
     let mut phases = [Tally::default(); Phase::ALL.len()];
     let pairs = faces.estimates.iter().zip(&faces.truths).map(|(a, b)| (a[blendshape], b[blendshape]));
     for ((estimate, truth), rests) in pairs.clone().zip(resting) {
@@ -184,7 +184,7 @@ pub mod tests {
 
     /// Returns a person whose blendshapes rest in 20 pictures and move up and down in 40. `estimate` gets the true coefficient.
     pub fn person(name: &str, estimate: impl Fn(f64) -> f64) -> Person {
-        let mut faces = Faces::default();
+        let mut faces = SolvedFaces::default();
         for picture in 0..60 {
             let truth = if picture < 20 { 0.0 } else { 0.55 + 0.45 * f64::from(picture).sin() };
             faces.truths.push([truth; COEFFS]);

@@ -97,7 +97,7 @@ impl Set {
 
 fn people_of(model: &Model, samples: &[Sample], faces: &Faces) -> Result<Vec<Person>> {
     let estimates = estimates(model, faces, &faces.rows(true)?)?;
-    let mut people: BTreeMap<usize, people::Faces> = BTreeMap::new();
+    let mut people: BTreeMap<usize, people::SolvedFaces> = BTreeMap::new();
     for (row, sample) in samples.iter().enumerate() {
         let person = people.entry(sample.subject).or_default();
         person.estimates.push(core::array::from_fn(|blendshape| estimates[blendshape][row]));

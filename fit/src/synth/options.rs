@@ -94,7 +94,7 @@ impl SceneOptions {
 
 /// Parses the two numbers of `--size` to width and height.
 pub fn picture_size(size: &[usize]) -> Result<[usize; 2]> {
-    let &[width, height] = size else { bail!("--size specs two numbers") };
+    let &[width, height] = size else { bail!("--size takes two numbers") };
     ensure!(width.min(height) >= 128 && width.max(height) <= 2048, "--size takes numbers from 128 to 2048");
     Ok([width, height])
 }

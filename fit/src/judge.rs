@@ -14,7 +14,7 @@ use std::{collections::BTreeMap, hint::black_box, time::Instant};
 use anyhow::{Context, Result, ensure};
 use facewire::solve::{
     AbsurdResult, BLENDSHAPES, COEFFS, Camera, FEATURES, Features, HeadPose, Model, Neutral, NeutralMean, Normalised,
-    RawCoeffs, correct, normalise,
+    Profile, RawCoeffs, correct, normalise,
 };
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -147,7 +147,7 @@ pub fn estimates(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Vec
     let mut curves = vec![Vec::new(); COEFFS];
     for row in rows {
         let raw = faces.raw(model, *row)?;
-        let corrected = correct(&raw, &[0.0; COEFFS]);
+        let corrected = correct(&raw, &model.correction, &Profile::default());
         curves.iter_mut().zip(corrected.0).for_each(|(curve, value)| curve.push(f64::from(value)));
     }
     Ok(curves)

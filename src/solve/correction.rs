@@ -1,64 +1,70 @@
 //! Corrective terms (eq. 7, 8): they restore the top of the range and remove a resting offset.
 //!
-//! Per blendshape `R_t = (1 + g(f)/eta - gamma) (f + beta)`, with `f = w.f + b` of the regression, clamped to `0..=1`.
-//! - `g` rises smoothly from 0 to 1 while `f` goes from 0.5 to 0.9. A closed eye reads 0.8, and `1/eta` lifts it to 1.
-//! - `beta = -rest`, where `rest` is the output for the face at rest, and `gamma = -rest / (1 - rest)`, so that an
-//!   output of 1 stays 1.
+//! Per blendshape `R_t = (1 + g(f)/eta - gamma) (f + beta)` with the result `f` of the regression, clamped to `0..=1`.
+//! What holds for everybody is in the model ([`CorrectiveTerms`]); what the wearer adds is in the [`Profile`].
+//! - `g` rises smoothly from 0 to 1 over the model's range of response. A closed eye reads 0.8, and `1/eta` lifts it to 1.
+//! - `beta` is the model's shift less the profile's rest, which is the output for the face at rest. The sum is divided by
+//!   `1 - rest`, so that an output of 1 stays 1.
+//! - `1 - gamma` is the model's slope times the profile's gain.
 //! - Eq. 8 as printed sets `beta = f_t` once `f_t` exceeds the last minimum by a margin that fades with time. That
 //!   doubles every expression that is held longer than `1/k` (test `printed_shift_doubles_...`), the opposite of its
-//!   purpose. Here the rest is a fixed part of the wearer's profile.
+//!   purpose. Here the rest is measured: by a calibration, or while facewire watches.
 //!
-//! The rest never exceeds [`MAX_REST`], so that a neutral face recorded during a blink or a smile cannot switch a
-//! blendshape off.
+//! Rest and gain are bounded, so that a neutral face recorded during a blink or a smile cannot switch a blendshape off.
 
-use super::{COEFFS, regression::RawCoeffs};
+use super::{
+    COEFFS, Profile,
+    model::correction::{Correction, CorrectiveTerms},
+    regression::RawCoeffs,
+};
 
 /// Largest resting offset that is removed.
 pub const MAX_REST: f32 = 0.3;
-/// Where the response function `g` begins and ends to rise.
-const RESPONSE_RANGE: [f32; 2] = [0.5, 0.9];
-/// `eyeBlinkLeft` and `eyeBlinkRight`.
-const EYE_BLINKS: [usize; 2] = [0, 7];
-/// `1/eta` of the eyelids: full closure reads 0.8 and becomes 1. Other blendshapes have 0.
-const EYE_BLINK_GAIN: f32 = 0.25;
+/// Least and greatest factor that a wearer's range gives.
+pub const GAINS: [f32; 2] = [0.5, 2.0];
 
 /// Coefficients after correction, each within `0..=1`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corrected(pub [f32; COEFFS]);
 
-/// Corrects the coefficients of one frame. `rest` holds the raw outputs for the wearer's face at rest, 0 where unknown.
+/// Corrects the coefficients of one frame.
 #[must_use]
-pub fn correct(raw: &RawCoeffs, rest: &[f32; COEFFS]) -> Corrected {
+pub fn correct(raw: &RawCoeffs, terms: &Correction, profile: &Profile) -> Corrected {
     let mut out = raw.0;
-    for (index, (value, rest)) in out.iter_mut().zip(rest).enumerate() {
-        *value = correct_one(index, *value, *rest);
+    let wearer = profile.rest.iter().zip(&profile.gain);
+    for ((value, terms), (rest, gain)) in out.iter_mut().zip(&terms.0).zip(wearer) {
+        *value = terms.correct(*value, *rest, *gain);
     }
     Corrected(out)
 }
 
-/// Corrects the coefficient of one blendshape, given by its index in [`super::BLENDSHAPES`].
-#[must_use]
-pub fn correct_one(blendshape: usize, raw: f32, rest: f32) -> f32 {
-    let gain = if EYE_BLINKS.contains(&blendshape) { EYE_BLINK_GAIN } else { 0.0 };
-    corrected(raw, bounded_rest(rest), gain)
+impl CorrectiveTerms {
+    /// Eq. 7 for one blendshape, clamped. `rest` and `gain` are the wearer's, 0 and 1 where unknown.
+    #[must_use]
+    pub fn correct(&self, raw: f32, rest: f32, gain: f32) -> f32 {
+        let (rest, gain) = (bounded_rest(rest), bounded_gain(gain));
+        // From 0 at rest to 1, whatever the rest.
+        let b = (raw + self.shift - rest) / (1.0 - rest);
+        ((self.slope * gain + self.lift * self.g(b)) * b).clamp(0.0, 1.0)
+    }
+
+    /// `g`: 0 below the range of response, 1 above it, smooth in between.
+    fn g(&self, b: f32) -> f32 {
+        let [from, to] = self.response;
+        let u = ((b - from) / (to - from)).clamp(0.0, 1.0);
+        u * u * (3.0 - 2.0 * u)
+    }
 }
 
-/// Eq. 7 for one blendshape, clamped.
-fn corrected(f: f32, rest: f32, gain: f32) -> f32 {
-    let gamma = -rest / (1.0 - rest);
-    ((1.0 + gain * response(f) - gamma) * (f - rest)).clamp(0.0, 1.0)
-}
-
-/// `g`: 0 below [`RESPONSE_RANGE`], 1 above it, smooth in between.
-fn response(f: f32) -> f32 {
-    let [from, to] = RESPONSE_RANGE;
-    let u = ((f - from) / (to - from)).clamp(0.0, 1.0);
-    u * u * (3.0 - 2.0 * u)
-}
-
-/// Limits a resting offset to `0..=MAX_REST`. An offset that is not a number counts as 0.
+/// Limits a resting offset. An offset that is not a number counts as 0.
 fn bounded_rest(rest: f32) -> f32 {
-    if rest.is_nan() { 0.0 } else { rest.clamp(0.0, MAX_REST) }
+    if rest.is_nan() { 0.0 } else { rest.clamp(-MAX_REST, MAX_REST) }
+}
+
+/// Limits a gain. A gain that is not a number counts as 1.
+fn bounded_gain(gain: f32) -> f32 {
+    let [least, greatest] = GAINS;
+    if gain.is_nan() { 1.0 } else { gain.clamp(least, greatest) }
 }
 
 #[cfg(test)]
@@ -67,11 +73,16 @@ mod tests {
     use super::*;
     use crate::solve::BLENDSHAPES;
 
-    const BLINK: usize = EYE_BLINKS[0];
+    const BLINK: usize = 0;
     const JAW_OPEN: usize = 17;
 
     fn once(rest: f32, raw: f32) -> Corrected {
-        correct(&RawCoeffs([raw; COEFFS]), &[rest; COEFFS])
+        with_gain(1.0, rest, raw)
+    }
+
+    fn with_gain(gain: f32, rest: f32, raw: f32) -> Corrected {
+        let profile = Profile { neutral: None, rest: [rest; COEFFS], gain: [gain; COEFFS] };
+        correct(&RawCoeffs([raw; COEFFS]), &Correction::default(), &profile)
     }
 
     /// `beta` of eq. 8 as printed, `age_s` seconds after the minimum was seen.
@@ -101,14 +112,25 @@ mod tests {
 
     #[test]
     fn correction_keeps_the_order_of_values() {
-        let curve: Vec<f32> = (0_u8..=120).map(|i| once(0.1, f32::from(i) / 100.0).0[BLINK]).collect();
-        assert!(curve.windows(2).all(|pair| pair[1] >= pair[0]));
+        for (rest, gain) in [(0.1, 1.0), (-0.2, 0.6), (0.3, 2.0)] {
+            let curve: Vec<f32> = (0_u8..=120).map(|i| with_gain(gain, rest, f32::from(i) / 100.0).0[BLINK]).collect();
+            assert!(curve.windows(2).all(|pair| pair[1] >= pair[0]));
+        }
+    }
+
+    #[test]
+    fn gain_brings_a_weak_expression_to_the_full_range_and_stays_in_bounds() {
+        assert!((with_gain(1.25, 0.0, 0.8).0[JAW_OPEN] - 1.0).abs() < 1e-6);
+        assert!((with_gain(9.0, 0.0, 0.2).0[JAW_OPEN] - 0.4).abs() < 1e-6);
+        assert!((with_gain(0.0, 0.0, 0.8).0[JAW_OPEN] - 0.4).abs() < 1e-6);
+        assert_eq!(with_gain(f32::NAN, 0.0, 0.4), once(0.0, 0.4));
     }
 
     #[test]
     fn rest_is_removed_and_the_full_range_kept() {
         assert!(once(0.2, 0.2).0[JAW_OPEN].abs() < 1e-6);
         assert!((once(0.2, 1.0).0[JAW_OPEN] - 1.0).abs() < 1e-6);
+        assert!(once(-0.2, -0.2).0[JAW_OPEN].abs() < 1e-6, "an output below 0 at rest hides the beginning of a smile");
     }
 
     #[test]

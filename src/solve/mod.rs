@@ -32,7 +32,7 @@ use crate::face::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, LANDMARKS};
 
 pub use affine::{DegenerateFace, Normalised, normalise};
 pub use appearance::{Residual, ResidualState};
-pub use correction::{Corrected, MAX_REST, correct, correct_one};
+pub use correction::{Corrected, GAINS, MAX_REST, correct};
 pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use feature_id::{FEATURES, FeatureId, MEASURES};
 pub use features::Features;
@@ -41,6 +41,7 @@ pub use gated_average::GatedAverage;
 pub use model::{
     Model,
     appearance::{APPEARANCE_UNITS, AppearanceLayer},
+    correction::{Correction, CorrectiveTerms},
     formulas::{
         FormulaKind, LIFT, MAX_EXPONENT, MAX_FORMULA_INPUTS, MAX_MULTIPLIED, Response, product_index, signed_logarithm,
     },

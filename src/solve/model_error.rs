@@ -53,6 +53,14 @@ pub enum ModelError {
         /// The name of the feature.
         name: String,
     },
+    /// Corrective terms would change the order of values.
+    #[error(
+        "{table} of the model file does not keep the order of values: slope must be above 0, lift at least 0, and response must rise; restore it or fit it again"
+    )]
+    OutOfOrder {
+        /// The table of the file.
+        table: String,
+    },
     /// A formula that is not quadratic has products.
     #[error("{table} of the model file has products, but its kind is not quadratic; restore it or fit it again")]
     UnexpectedProducts {

@@ -35,6 +35,16 @@
 //! neutral_unknown = { offset = 0.02, weights = [0.1, -0.1] }
 //! ```
 //!
+//! The table `correction`, which may be missing, has the corrective terms (eq. 7) of the blendshapes that need some:
+//!
+//! ```toml
+//! [correction.eyeBlinkLeft]
+//! shift = -0.02               # beta
+//! slope = 1.05                # 1 - gamma
+//! lift = 0.2                  # 1 / eta
+//! response = [0.5, 0.9]       # the values at which g begins and ends to rise
+//! ```
+//!
 //! Instead of offsets, inputs and blendshapes of a hidden layer, the file can hold one formula for each blendshape:
 //!
 //! ```toml
@@ -56,6 +66,7 @@
 //! The build script compiles this file, too.
 
 mod appearance;
+mod correction;
 mod formulas;
 mod hidden_layer;
 
@@ -65,6 +76,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 pub use self::{
     appearance::{AppearanceTable, ResidualRow, ResidualTable},
+    correction::CorrectionTable,
     formulas::{FormulaSetTable, FormulaTable, FormulasTable},
     hidden_layer::{BlendshapeTable, InputTable, OffsetTable},
 };
@@ -102,6 +114,9 @@ pub struct ModelFile {
     /// The layer that reads how the face looks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub appearance: Option<AppearanceTable>,
+    /// The corrective terms of blendshapes by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub correction: BTreeMap<String, CorrectionTable>,
 }
 
 /// How well a blendshape is estimated for subjects that the fit has not seen.
@@ -127,6 +142,7 @@ impl ModelFile {
             blendshapes: BTreeMap::new(),
             formulas: None,
             appearance: None,
+            correction: BTreeMap::new(),
         }
     }
 
@@ -157,7 +173,8 @@ impl ModelFile {
     /// [`ModelError`], which names the table and the entry.
     pub fn to_model(&self) -> Result<Model, ModelError> {
         let appearance = self.appearance.as_ref().map(AppearanceTable::to_layer).transpose()?;
-        Ok(Model { appearance, ..self.regression()? })
+        let correction = correction::read(&self.correction)?;
+        Ok(Model { appearance, correction, ..self.regression()? })
     }
 
     fn regression(&self) -> Result<Model, ModelError> {

@@ -9,10 +9,12 @@ pub struct Profile {
     pub neutral: Option<Neutral>,
     /// The raw output for the face at rest, per blendshape in the order of [`super::BLENDSHAPES`]; 0 where unknown.
     pub rest: [f32; COEFFS],
+    /// The factor that brings the wearer's full expression to the full range, in the same order; 1 where unknown.
+    pub gain: [f32; COEFFS],
 }
 
 impl Default for Profile {
     fn default() -> Self {
-        Self { neutral: None, rest: [0.0; COEFFS] }
+        Self { neutral: None, rest: [0.0; COEFFS], gain: [1.0; COEFFS] }
     }
 }

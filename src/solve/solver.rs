@@ -82,7 +82,7 @@ impl Solver {
         if let Some(residual) = residual {
             raw = raw.plus(&residual.smoothed(&mut self.history.residual, step_s));
         }
-        let corrected = correct(&raw, &self.profile.rest);
+        let corrected = correct(&raw, &self.model.correction, &self.profile);
         let smoothed = self.filters.step(&mut self.history.filters, &corrected, step_s);
         Ok(Solution { raw, corrected, smoothed, head: HeadPose::new(&face, camera) })
     }

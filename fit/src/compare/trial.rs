@@ -3,7 +3,7 @@
 use std::{hint::black_box, time::Instant};
 
 use anyhow::{Context, Result};
-use facewire::solve::{BLENDSHAPES, Response, correct_one};
+use facewire::solve::{BLENDSHAPES, Correction, Response};
 use nalgebra::DMatrix;
 use serde::Serialize;
 
@@ -232,9 +232,10 @@ struct Fitted {
 impl Fitted {
     /// Predicts the coefficients of some pictures, after the corrective terms.
     fn estimates(&self, faces: &Faces, rows: &[usize]) -> Vec<f64> {
+        let terms = Correction::default().0[self.blendshape];
         let one = |row: &usize| {
             let face: Vec<f64> = self.scale.standardised(faces, *row).collect();
-            f64::from(correct_one(self.blendshape, self.model.predict(&face).clamp(0.0, 1.0) as f32, 0.0))
+            f64::from(terms.correct(self.model.predict(&face).clamp(0.0, 1.0) as f32, 0.0, 1.0))
         };
         rows.iter().map(one).collect()
     }

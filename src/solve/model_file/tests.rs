@@ -99,3 +99,20 @@ fn more_weights_than_fit_are_refused() {
     };
     assert!(error_of(many).contains("inputs of the model file has more weights"));
 }
+
+#[test]
+fn corrective_terms_must_keep_the_order_of_values() {
+    let with = |lift: f64, response: [f64; 2]| {
+        let table = CorrectionTable { shift: -0.02, slope: 1.1, lift, response };
+        let mut file = shipped();
+        file.correction.insert("jawOpen".to_owned(), table);
+        file.to_model()
+    };
+    let [found, before] = [with(0.2, [0.4, 0.8]), shipped().to_model()].map(|model| model.expect("sound").correction);
+    let changed = found.0.iter().zip(&before.0).position(|(found, before)| found != before);
+    assert_eq!(changed.and_then(|index| BLENDSHAPES.get(index)), Some(&"jawOpen"));
+    for wrong in [with(-0.2, [0.4, 0.8]), with(0.2, [0.8, 0.8])] {
+        let error = wrong.expect_err("out of order").to_string();
+        assert!(error.contains("correction.jawOpen") && error.contains("order"), "{error}");
+    }
+}

@@ -65,7 +65,7 @@ impl<'a> Faces<'a> {
     fn raw(&self, model: &Model, row: usize) -> Result<RawCoeffs, AbsurdResult> {
         let appearance = self.appearances.map(|appearances| appearances.of(self.samples[row].picture));
         let raw = self.of_landmarks(model, row)?;
-        let residual = model.residual(appearance.as_ref(), self.neutral_known)?;
+        let residual = model.residual(appearance.as_ref(), f32::from(u8::from(self.neutral_known)))?;
         Ok(residual.map_or(raw, |residual| raw.plus(&residual)))
     }
 

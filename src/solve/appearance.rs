@@ -12,7 +12,8 @@ use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 
 use super::{
     AbsurdResult, COEFFS, Model,
-    model::appearance::{APPEARANCE_UNITS, AppearanceLayer},
+    features::mix,
+    model::appearance::{APPEARANCE_UNITS, AppearanceLayer, ResidualOutput},
     regression::are_sane,
 };
 use crate::face::Appearance;
@@ -52,34 +53,36 @@ impl Residual {
 
 impl Model {
     /// Computes the residual of a face. Returns `None` if it is not known how the face looks, or if the model does not read
-    /// it. Does not allocate.
+    /// it. `known` is the share of the wearer's neutral face in the reference. Does not allocate.
     ///
     /// # Errors
     /// [`AbsurdResult`] if a residual is not a number or larger than any coefficient.
-    pub fn residual(
-        &self,
-        appearance: Option<&Appearance>,
-        neutral_known: bool,
-    ) -> Result<Option<Residual>, AbsurdResult> {
+    pub fn residual(&self, appearance: Option<&Appearance>, known: f32) -> Result<Option<Residual>, AbsurdResult> {
         let (Some(layer), Some(appearance)) = (&self.appearance, appearance) else { return Ok(None) };
-        let residual = layer.process(appearance, neutral_known);
+        let residual = layer.process(appearance, known);
         if are_sane(&residual.0) { Ok(Some(residual)) } else { Err(AbsurdResult) }
     }
 }
 
 impl AppearanceLayer {
     /// Computes the residual of a face.
-    fn process(&self, appearance: &Appearance, neutral_known: bool) -> Residual {
+    fn process(&self, appearance: &Appearance, share: f32) -> Residual {
         let mut hidden = [0.0; APPEARANCE_UNITS];
         add_byte_rows(&mut hidden, &self.weights, appearance.0.as_flattened());
         for ((unit, scale), offset) in hidden.iter_mut().zip(&self.scales).zip(&self.offsets) {
             *unit = *unit * scale + offset;
         }
         let [known, unknown] = &self.outputs;
-        let output = if neutral_known { known } else { unknown };
-        let mut residual = output.offsets;
-        add_rows(&mut residual, &output.weights, &hidden);
-        Residual(residual)
+        let residual = |output: &ResidualOutput| {
+            let mut residual = output.offsets;
+            add_rows(&mut residual, &output.weights, &hidden);
+            residual
+        };
+        Residual(match share {
+            0.0 => residual(unknown),
+            1.0 => residual(known),
+            share => mix(&residual(unknown), &residual(known), share),
+        })
     }
 }
 
@@ -114,12 +117,13 @@ mod tests {
     #[test]
     fn residual_is_the_weighted_sum_of_the_units() {
         let layer = test_layer();
-        let at = |value, known| layer.process(&appearance(value), known).0[CHEEK_PUFF];
+        let at = |value, known: f32| layer.process(&appearance(value), known).0[CHEEK_PUFF];
         // The unit is 0.01 * 50 x - 1; its weight is 0.4 or 0.3, with an offset of 0.1 or 0.
         for x in [6.0, 1.0] {
             let unit = 0.5 * x - 1.0;
-            assert!((at(x, true) - (0.1 + 0.4 * unit)).abs() < 1e-5, "{x}");
-            assert!((at(x, false) - 0.3 * unit).abs() < 1e-5, "{x}");
+            assert!((at(x, 1.0) - (0.1 + 0.4 * unit)).abs() < 1e-5, "{x}");
+            assert!((at(x, 0.0) - 0.3 * unit).abs() < 1e-5, "{x}");
+            assert!((at(x, 0.25) - (0.025 + 0.325 * unit)).abs() < 1e-5, "{x}");
         }
     }
 

@@ -1,7 +1,8 @@
 //! `S` and `T_d` (eq. 4, 5): the features of a face that the regression reads.
 //!
-//! Where the wearer's neutral face is known, measures count as displacements from it. How far the head is turned does
-//! not depend on the neutral face. The selection (eq. 4) is the model's list of indices into [`Features`]: the matrix D
+//! Where the wearer's neutral face is known, measures count as displacements from it, and from the mean of many people
+//! otherwise. In between, the reference lies between both ([`Reference`]). How far the head is turned does not depend on
+//! the neutral face. The selection (eq. 4) is the model's list of indices into [`Features`]: the matrix D
 //! of the paper would hold almost nothing but zeros.
 
 use super::{
@@ -15,22 +16,69 @@ use super::{
 #[derive(Debug, Clone, PartialEq)]
 pub struct Features {
     pub(super) values: [f32; FEATURES],
-    /// Whether the values are displacements from the wearer's neutral face.
-    pub(super) neutral_known: bool,
+    /// How far the wearer's neutral face is known: [`Reference::known`].
+    pub(super) known: f32,
+}
+
+/// What displacements are measured from: `mean + known * (neutral - mean)`, where `mean` is the mean neutral face of many
+/// people, which the model contains.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reference<'a> {
+    neutral: Option<&'a Neutral>,
+    known: f32,
+}
+
+impl<'a> Reference<'a> {
+    /// The mean of many people.
+    pub const MEAN: Self = Self { neutral: None, known: 0.0 };
+
+    /// A face that is the wearer's neutral face by a share of `known`, from 0 to 1. A share of 0 is [`Self::MEAN`].
+    #[must_use]
+    pub fn between(neutral: &'a Neutral, known: f32) -> Self {
+        if known > 0.0 { Self { neutral: Some(neutral), known: known.min(1.0) } } else { Self::MEAN }
+    }
+
+    /// The share of the wearer's neutral face, from 0 to 1.
+    #[must_use]
+    pub fn known(&self) -> f32 {
+        self.known
+    }
+
+    /// The mean of many people and the wearer's own face, if this reference lies between them.
+    pub(super) fn ends(&self) -> Option<[Self; 2]> {
+        let neutral = self.neutral.filter(|_| self.known < 1.0)?;
+        Some([Self::MEAN, neutral.into()])
+    }
+}
+
+/// The neutral face as the whole reference.
+impl<'a> From<&'a Neutral> for Reference<'a> {
+    fn from(neutral: &'a Neutral) -> Self {
+        Self { neutral: Some(neutral), known: 1.0 }
+    }
+}
+
+/// The neutral face if there is one, else the mean of many people.
+impl<'a> From<Option<&'a Neutral>> for Reference<'a> {
+    fn from(neutral: Option<&'a Neutral>) -> Self {
+        neutral.map_or(Self::MEAN, Self::from)
+    }
 }
 
 impl Features {
-    /// Displacements from `neutral`, or the values themselves if the wearer's neutral face is not known.
+    /// The measures of a face minus those of the wearer's neutral face, as far as it is known. The model subtracts the
+    /// remaining share of the mean of many people.
     #[must_use]
-    pub fn new(face: &Normalised, neutral: Option<&Neutral>) -> Self {
+    pub fn new<'a>(face: &Normalised, reference: impl Into<Reference<'a>>) -> Self {
+        let Reference { neutral, known } = reference.into();
         let mut measures = measure(&face.points);
         if let Some(neutral) = neutral {
-            measures.iter_mut().zip(neutral.measures.iter()).for_each(|(value, rest)| *value -= rest);
+            measures.iter_mut().zip(neutral.measures.iter()).for_each(|(value, rest)| *value -= known * rest);
         }
         let mut values = [0.0; FEATURES];
         copy(&mut values, measures);
         copy(values.iter_mut().skip(MEASURES), turns(face));
-        Self { values, neutral_known: neutral.is_some() }
+        Self { values, known }
     }
 
     /// The value of one feature.
@@ -53,6 +101,19 @@ pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; MEASURES] {
     values
 }
 
+/// `a + share * (b - a)`, and exactly `a` or `b` for a share of 0 or 1.
+pub(super) fn mix<const N: usize>(a: &[f32; N], b: &[f32; N], share: f32) -> [f32; N] {
+    match share {
+        0.0 => *a,
+        1.0 => *b,
+        _ => {
+            let mut mixed = *a;
+            mixed.iter_mut().zip(b).for_each(|(a, b)| *a += share * (b - *a));
+            mixed
+        }
+    }
+}
+
 fn copy<'a>(slots: impl IntoIterator<Item = &'a mut f32>, values: impl IntoIterator<Item = f32>) {
     slots.into_iter().zip(values).for_each(|(slot, value)| *slot = value);
 }
@@ -71,7 +132,7 @@ fn distance(points: &[[f32; 3]; LANDMARKS], (a, b): (usize, usize)) -> f32 {
 }
 
 #[cfg(test)]
-#[allow(clippy::expect_used, clippy::indexing_slicing)]
+#[allow(clippy::expect_used, clippy::float_cmp, clippy::indexing_slicing)]
 mod tests {
     use super::*;
     use crate::solve::{NeutralMean, normalise, test_face::face};
@@ -84,6 +145,22 @@ mod tests {
         let neutral = mean.finish().expect("one frame");
         let features = Features::new(&face, Some(&neutral));
         assert!(features.values[..MEASURES].iter().all(|value| value.abs() < 1e-6));
+    }
+
+    #[test]
+    fn known_share_of_the_neutral_face_is_subtracted() {
+        let face = normalise(&face([5.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
+        let mut mean = NeutralMean::default();
+        mean.add(&face);
+        let neutral = mean.finish().expect("one frame");
+        let at = |known| *Features::new(&face, Reference::between(&neutral, known)).values();
+        assert_eq!(at(0.0), *Features::new(&face, None).values());
+        assert_eq!(at(1.0), *Features::new(&face, &neutral).values());
+        assert_eq!(at(f32::NAN), at(0.0));
+        assert_eq!(at(7.0), at(1.0));
+        let (none, quarter) = (at(0.0), at(0.25));
+        assert!(none[..MEASURES].iter().zip(&quarter).all(|(none, quarter)| (0.75 * none - quarter).abs() < 1e-6));
+        assert_eq!(none[MEASURES..], quarter[MEASURES..], "turns of the head do not depend on the neutral face");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! From landmarks to blendshape coefficients: pure arithmetic without a clock, a log or, but for loading a model, I/O.
 //!
 //! ```text
-//! normalise -> Features::new -> Model::process -> RawCoeffs::plus -> correct -> Filters::step
+//! normalise -> Model::solve -> RawCoeffs::plus -> correct -> Filters::step
 //!                             AppearanceLayer::process --^
 //! ```
 //!
@@ -35,7 +35,7 @@ pub use appearance::{Residual, ResidualState};
 pub use correction::{Corrected, GAINS, MAX_REST, correct};
 pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use feature_id::{FEATURES, FeatureId, MEASURES};
-pub use features::Features;
+pub use features::{Features, Reference};
 pub use filter::{Filter, FilterState, Filters, FiltersState, Smoothed};
 pub use gated_average::GatedAverage;
 pub use model::{

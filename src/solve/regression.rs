@@ -12,8 +12,9 @@ use thiserror::Error;
 
 use super::{
     COEFFS,
+    affine::Normalised,
     appearance::Residual,
-    features::Features,
+    features::{Features, Reference, mix},
     model::{Model, Regression},
 };
 
@@ -56,7 +57,24 @@ impl Model {
         Self::from_bytes(EMBEDDED).expect("the embedded model is whole")
     }
 
+    /// Computes the coefficients of a face, measured from `reference`. Does not allocate.
+    ///
+    /// # Errors
+    /// As [`Self::process`].
+    pub(super) fn solve(&self, face: &Normalised, reference: Reference) -> Result<RawCoeffs, AbsurdResult> {
+        match (&self.regression, reference.ends()) {
+            (Regression::Formulas(_), Some(ends)) => {
+                let [unknown, known] = ends.map(|end| self.process(&Features::new(face, end)));
+                Ok(RawCoeffs(mix(&unknown?.0, &known?.0, reference.known())))
+            }
+            _ => self.process(&Features::new(face, reference)),
+        }
+    }
+
     /// Computes the coefficients of a face from its features alone. Does not allocate.
+    ///
+    /// Formulas are for features of a neutral face that is either known or not: for a share in between, they take the
+    /// nearer case.
     ///
     /// # Errors
     /// [`AbsurdResult`] if a result is not a number or far outside a coefficient's range.
@@ -73,7 +91,7 @@ impl Model {
 #[allow(clippy::expect_used, clippy::indexing_slicing)]
 mod tests {
     use super::*;
-    use crate::solve::model_file::ModelFile;
+    use crate::solve::{NeutralMean, model_file::ModelFile, normalise, test_face::face};
 
     #[test]
     fn embedded_numbers_are_those_of_the_readable_file_bit_for_bit() {
@@ -82,6 +100,23 @@ mod tests {
         assert_eq!(read.to_bytes().as_deref(), Some(EMBEDDED));
         assert_eq!(Model::embedded().to_bytes().as_deref(), Some(EMBEDDED));
         assert_eq!(Model::embedded(), read);
+    }
+
+    #[test]
+    fn embedded_model_moves_smoothly_from_the_mean_of_many_people_to_the_neutral_face() {
+        let model = Model::embedded();
+        let face = normalise(&face([3.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
+        let mut mean = NeutralMean::default();
+        mean.add(&face);
+        let neutral = mean.finish().expect("one frame");
+        let ends = [None, Some(&neutral)].map(|neutral| model.process(&Features::new(&face, neutral)).ok());
+        // This face has few points, so that its values measured from the mean are absurd: only shares near 1 count.
+        let at = |known| model.solve(&face, Reference::between(&neutral, known)).ok();
+        assert_eq!([at(0.0), at(1.0)], ends);
+        let near: Vec<RawCoeffs> = (980_u16..=1000).filter_map(|share| at(f32::from(share) / 1000.0)).collect();
+        assert_eq!(near.len(), 21);
+        let steps = near.windows(2).flat_map(|pair| pair[0].0.iter().zip(&pair[1].0).map(|(a, b)| (a - b).abs()));
+        assert!(steps.clone().any(|step| step > 1e-4) && steps.fold(0.0, f32::max) < 0.05);
     }
 
     #[test]

@@ -7,8 +7,8 @@
 use thiserror::Error;
 
 use super::{
-    AbsurdResult, Camera, Corrected, DegenerateFace, Features, Filters, FiltersState, HeadPose, Model, Profile,
-    RawCoeffs, ResidualState, Smoothed, correct, normalise,
+    AbsurdResult, Camera, Corrected, DegenerateFace, Filters, FiltersState, HeadPose, Model, Profile, RawCoeffs,
+    Reference, ResidualState, Smoothed, correct, normalise,
 };
 use crate::face::Face;
 
@@ -74,9 +74,9 @@ impl Solver {
     ) -> Result<Solution, SolveError> {
         let Face { landmarks, appearance } = face.into();
         let face = normalise(landmarks)?;
-        let features = Features::new(&face, self.profile.neutral.as_ref());
-        let mut raw = self.model.process(&features)?;
-        let residual = self.model.residual(appearance, features.neutral_known)?;
+        let reference = Reference::from(self.profile.neutral.as_ref());
+        let mut raw = self.model.solve(&face, reference)?;
+        let residual = self.model.residual(appearance, reference.known())?;
         // Only now, because a rejected frame does not reach the filters: their time goes on until the next good frame.
         let step_s = self.history.step_s(time_us);
         if let Some(residual) = residual {

@@ -15,7 +15,7 @@ const LANES: usize = 8;
 
 impl Formulas {
     pub(super) fn process(&self, features: &Features) -> [f32; COEFFS] {
-        let set = if features.neutral_known { &self.neutral_known } else { &self.neutral_unknown };
+        let set = if features.known >= 0.5 { &self.neutral_known } else { &self.neutral_unknown };
         let standardised = set.standardised(features);
         set.formulas.each_ref().map(|formula| formula.coefficient(&standardised))
     }
@@ -90,7 +90,7 @@ fn dot(weights: &[f32], values: &[f32]) -> f32 {
 mod tests {
     use super::*;
     use crate::solve::{
-        AbsurdResult, FeatureId, LIFT, MAX_MULTIPLIED, Model, Response,
+        AbsurdResult, FeatureId, LIFT, MAX_MULTIPLIED, Model, NeutralMean, Reference, Response,
         model::{
             Regression,
             formulas::{ScaledInput, product_index},
@@ -116,7 +116,7 @@ mod tests {
     }
 
     fn features() -> Features {
-        Features::new(&normalise(&face([9.0, 5.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"), None)
+        Features::new(&normalise(&face([9.0, 5.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"), Reference::MEAN)
     }
 
     /// The jaw's coefficient, and the values of the inputs in double precision.
@@ -201,8 +201,25 @@ mod tests {
             panic!("formulas")
         };
         all.neutral_known = known.neutral_known;
-        let jaw = |known| both.process(&Features { neutral_known: known, ..features() }).expect("finite").0[JAW_OPEN];
-        assert!((jaw(false) - jaw(true) - 0.4).abs() < 1e-6);
+        let jaw = |known| both.process(&Features { known, ..features() }).expect("finite").0[JAW_OPEN];
+        assert!((jaw(0.0) - jaw(1.0) - 0.4).abs() < 1e-6);
+    }
+
+    #[test]
+    fn face_that_is_known_in_part_mixes_the_results_of_both_cases() {
+        let of = |offset| formula(FormulaKind::Affine, Response::Plain, offset);
+        let (known, mut both) = (model(of(0.3)), model(of(0.5)));
+        let (Regression::Formulas(known), Regression::Formulas(all)) = (known.regression, &mut both.regression) else {
+            panic!("formulas")
+        };
+        all.neutral_known = known.neutral_known;
+        let face = normalise(&face([9.0, 5.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
+        let mut mean = NeutralMean::default();
+        mean.add(&face);
+        let neutral = mean.finish().expect("one frame");
+        let jaw = |known| both.solve(&face, Reference::between(&neutral, known)).expect("finite").0[JAW_OPEN];
+        assert!((jaw(0.0) - jaw(1.0)).abs() > 0.05);
+        assert!((jaw(0.25) - (0.75 * jaw(0.0) + 0.25 * jaw(1.0))).abs() < 1e-6);
     }
 
     #[test]

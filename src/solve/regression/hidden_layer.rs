@@ -1,14 +1,14 @@
 //! A network with one hidden layer, `h = max(0, W x + a)` and `R = V h + b`, where `x` are the selected features.
 //!
 //! All blendshapes share the hidden layer. Where the wearer's neutral face is not known, displacements are measured from
-//! the mean of many neutral faces, and `a` differs. Unlike an affine map, the hidden layer tells apart expressions
+//! the mean of many neutral faces, and `a` differs. In between, the reference and `a` are mixed. Unlike an affine map, the hidden layer tells apart expressions
 //! that move the same points.
 
 use facewire_engine::kernels::rows::add_rows;
 
 use crate::solve::{
     COEFFS,
-    features::Features,
+    features::{Features, mix},
     model::hidden_layer::{Hidden, HiddenLayer},
 };
 
@@ -24,12 +24,12 @@ impl HiddenLayer {
 
     fn hidden(&self, features: &Features) -> Hidden {
         let [known, unknown] = &self.offsets;
-        let mut hidden = if features.neutral_known { *known } else { *unknown };
+        let mut hidden = mix(unknown, known, features.known);
+        let mean_share = 1.0 - features.known;
         for (inputs, weights) in self.inputs.chunks(BATCH).zip(self.hidden_weights.chunks(BATCH)) {
             let mut values = [0.0; BATCH];
             for (value, input) in values.iter_mut().zip(inputs) {
-                let reference = if features.neutral_known { 0.0 } else { input.neutral };
-                *value = features.get(input.feature) - reference;
+                *value = features.get(input.feature) - mean_share * input.neutral;
             }
             add_rows(&mut hidden, weights, &values);
         }
@@ -43,7 +43,7 @@ impl HiddenLayer {
 mod tests {
     use super::*;
     use crate::solve::{
-        AbsurdResult, FeatureId, MAX_HIDDEN, MAX_INPUTS, Model,
+        AbsurdResult, FeatureId, MAX_HIDDEN, MAX_INPUTS, Model, Reference,
         model::{
             Regression,
             hidden_layer::{Input, Output},
@@ -71,7 +71,7 @@ mod tests {
     }
 
     fn features() -> Features {
-        Features::new(&normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"), None)
+        Features::new(&normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"), Reference::MEAN)
     }
 
     #[test]

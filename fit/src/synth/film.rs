@@ -15,19 +15,17 @@ use super::{
     conditions::Condition,
     expression::Coefficients,
     factors::Without,
-    geometry::smoothstep,
     imager::Imager,
-    motion::{RATE, random_curves, random_sway},
+    motion::{RATE, random_sway},
     options::{Sources, picture_size},
     sample::{PictureSpec, Subject, Variety},
+    script::{Moment, Part, Script},
     set::Set,
 };
 use crate::output;
 
 /// Limit on the length of a clip, longer than any recording.
 const MOST_SECONDS: i64 = 3600;
-/// A clip starts with a neutral face. Motion fades in between these times in seconds.
-const START_S: [f32; 2] = [0.5, 1.5];
 /// Numbers of people from here on are used in films only.
 const FILM_PEOPLE: u64 = 1 << 40;
 /// Exposure time as a share of the frame period.
@@ -38,6 +36,7 @@ const SHUTTER: f32 = 0.4;
 #[command(after_help = "Examples:
   facewire-fit film clip.avi --truth clip.csv --seconds 10
   facewire-fit film clips --count 20 --seconds 10      clips/01.avi, clips/01.csv, ...
+  facewire-fit film wearers --count 20 --script wearer  and wearers/01.parts.csv, ...
   facewire track clip.avi --neutral 0..15 --out track.csv")]
 pub struct Options {
     /// The Motion-JPEG file to write (AVI); with --count, the folder for the clips
@@ -51,8 +50,11 @@ pub struct Options {
     /// Seed of the random numbers, which choose people and parts of recordings
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Length of a clip in seconds. It starts with half a second of the neutral face
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=MOST_SECONDS))]
+    /// What the person does
+    #[arg(long, value_enum, default_value = "recordings")]
+    script: Script,
+    /// Length of a clip of recordings in seconds. It starts with half a second of the neutral face
+    #[arg(long, default_value_t = 8, conflicts_with = "script", value_parser = clap::value_parser!(u32).range(1..=MOST_SECONDS))]
     seconds: u32,
     /// Set of textures and recordings to use
     #[arg(long, value_enum, default_value = "judge")]
@@ -72,6 +74,7 @@ struct Studio {
     assets: Assets,
     variety: Variety,
     recordings: Vec<Vec<Coefficients>>,
+    script: Script,
     size: [usize; 2],
     frames: usize,
     seed: u64,
@@ -92,8 +95,8 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let studio = Studio::open(options)?;
     files.par_iter().enumerate().try_for_each(|(number, files)| {
-        studio.shoot(number, files)?;
-        eprintln!("{}: {} frames", files.film.display(), studio.frames);
+        let frames = studio.shoot(number, files)?;
+        eprintln!("{}: {frames} frames", files.film.display());
         Ok(())
     })
 }
@@ -119,39 +122,57 @@ impl Studio {
             assets,
             variety: Variety { textures, without: Without::conditions(), condition: options.condition },
             recordings,
+            script: options.script,
             size: picture_size(&options.size)?,
             frames: (options.seconds * RATE) as usize,
             seed: options.set.seed(options.seed),
         })
     }
 
-    /// Makes the clip of one person.
-    fn shoot(&self, number: usize, files: &Files) -> Result<()> {
+    /// Makes the clip of one person and returns its number of frames.
+    fn shoot(&self, number: usize, files: &Files) -> Result<usize> {
         let person = [self.seed, FILM_PEOPLE + number as u64];
         let mut subject = Subject::random(&self.assets, &self.variety, self.size, person);
-        let specs = specs(&mut subject, &self.recordings, self.frames)?;
+        let parts = self.script.parts(subject.rng(), &self.recordings, self.frames)?;
+        let specs = specs(&mut subject, &parts);
         let mut imager = Imager::new(self.size, MOST_SAMPLES)?;
         let pictures = specs.iter().map(|spec| imager.take_picture(&self.assets, &mut subject, spec));
         let pictures = pictures.collect::<Result<Vec<_>>>()?;
         let [width, height] = self.size;
         let size = [u32::try_from(width)?, u32::try_from(height)?];
         output::write(&files.film, avi::film(&pictures, size, RATE))?;
-        output::write(&files.truth, table(&specs)?)
+        if self.script == Script::Wearer {
+            output::write(&files.truth.with_extension("parts.csv"), places(&parts)?)?;
+        }
+        output::write(&files.truth, table(&specs)?)?;
+        Ok(specs.len())
     }
 }
 
-/// Returns the frames of a clip, which starts with a neutral face in front of the camera.
-fn specs(subject: &mut Subject, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<PictureSpec>> {
-    let curves = random_curves(subject.rng(), recordings, count)?;
-    let sway = random_sway(subject.rng(), count);
-    let mut specs: Vec<PictureSpec> = Vec::with_capacity(count);
-    for (number, (face, motion)) in curves.iter().zip(sway).enumerate() {
-        let start = smoothstep(START_S[0], START_S[1], number as f32 / RATE as f32);
-        let [yaw, pitch, roll, x, y, z] = motion.map(|value| start * value);
-        specs.push(subject.pose(face.map(|value| start * value), [yaw, pitch, roll], Vec3::new(x, y, z)));
-    }
+/// Returns the frames of a clip.
+fn specs(subject: &mut Subject, parts: &[Part]) -> Vec<PictureSpec> {
+    let moments: Vec<&Moment> = parts.iter().flat_map(|part| &part.moments).collect();
+    let sway = random_sway(subject.rng(), moments.len());
+    let spec = |(moment, motion): (&&Moment, [f32; 6])| {
+        let [yaw, pitch, roll, x, y, z] = motion.map(|value| moment.sway * value);
+        let mut spec = subject.pose(moment.face, [yaw + moment.yaw_deg, pitch, roll], Vec3::new(x, y, z));
+        spec.effects.exposure *= moment.light.exposure;
+        spec.effects.noise = spec.effects.noise.map(|noise| moment.light.noise * noise);
+        spec
+    };
+    let mut specs: Vec<PictureSpec> = moments.iter().zip(sway).map(spec).collect();
     blur_motion(&mut specs);
-    Ok(specs)
+    specs
+}
+
+/// Returns the first frame and the number of frames of each part.
+fn places(parts: &[Part]) -> Result<String> {
+    let (mut text, mut first) = ("part,first_frame,frames\n".to_owned(), 0);
+    for part in parts {
+        writeln!(text, "{},{first},{}", part.name, part.moments.len())?;
+        first += part.moments.len();
+    }
+    Ok(text)
 }
 
 /// Sets each picture's motion blur from the motion of the nose since the previous picture.

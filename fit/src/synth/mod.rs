@@ -52,6 +52,7 @@ mod room;
 pub mod run;
 mod sample;
 mod scene;
+mod script;
 mod set;
 mod shade;
 mod shadow;

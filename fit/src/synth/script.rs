@@ -1,0 +1,279 @@
+//! What the person of a clip does: acts one after the other, each a part of the clip with a name.
+
+use anyhow::Result;
+use clap::ValueEnum;
+use facewire::solve::COEFFS;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::{
+    anatomy::index_of,
+    expression::Coefficients,
+    geometry::{piecewise, smoothstep},
+    motion::{RATE, random_curves},
+};
+
+/// What a clip shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Script {
+    /// A face that follows recordings, after half a second at rest
+    Recordings,
+    /// A wearer: at rest under three lights, the takes of a calibration, a minute of recordings to learn from and 20
+    /// seconds to judge, blinks, winks, and a turned head. The length is fixed, and NAME.parts.csv tells where each part is
+    Wearer,
+}
+
+/// One frame of a script.
+#[derive(Debug, Clone, Copy)]
+pub struct Moment {
+    /// The expression.
+    pub face: Coefficients,
+    /// Share of the head's sway.
+    pub sway: f32,
+    /// Yaw of the head in degrees, without the sway.
+    pub yaw_deg: f32,
+    /// The light of the room.
+    pub light: Light,
+}
+
+/// How much light there is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Light {
+    /// Factor on the exposure.
+    pub exposure: f32,
+    /// Factor on the camera's noise, which amplifies a dim picture.
+    pub noise: f32,
+}
+
+/// A part of a clip.
+pub struct Part {
+    /// Its name.
+    pub name: &'static str,
+    /// Its frames.
+    pub moments: Vec<Moment>,
+}
+
+const FULL_LIGHT: Light = Light { exposure: 1.0, noise: 1.0 };
+/// The lights under which the face holds still.
+const STILL: [(&str, Light); 3] = [
+    ("still-bright", FULL_LIGHT),
+    ("still-dim", Light { exposure: 0.45, noise: 1.6 }),
+    ("still-dark", Light { exposure: 0.2, noise: 2.5 }),
+];
+const STILL_S: f32 = 2.5;
+/// A clip of recordings starts with a neutral face. Motion fades in between these times in seconds.
+const START_S: [f32; 2] = [0.5, 1.5];
+
+/// The poses of a calibration, with the blendshapes that they consist of and the strength of each, relative to that of
+/// the pose.
+const POSES: [(&str, &[(&str, f32)]); 10] = [
+    ("eyes-shut", &[("eyeBlink", 1.0), ("eyeSquint", 0.2)]),
+    ("jaw-open", &[("jawOpen", 1.0), ("mouthStretch", 0.1), ("mouthLowerDown", 0.15)]),
+    ("brows-up", &[("browInnerUp", 1.0), ("browOuterUp", 1.0), ("eyeWide", 0.35)]),
+    ("brows-down", &[("browDown", 1.0), ("eyeSquint", 0.2), ("noseSneer", 0.15)]),
+    ("smile", &[("mouthSmile", 1.0), ("cheekSquint", 0.5), ("mouthUpperUp", 0.2), ("mouthDimple", 0.1)]),
+    ("pucker", &[("mouthPucker", 1.0), ("mouthFunnel", 0.3)]),
+    ("look-left", &[("eyeLookOutLeft", 1.0), ("eyeLookInRight", 1.0)]),
+    ("look-right", &[("eyeLookInLeft", 1.0), ("eyeLookOutRight", 1.0)]),
+    ("look-up", &[("eyeLookUp", 1.0), ("browInnerUp", 0.1)]),
+    ("look-down", &[("eyeLookDown", 1.0), ("eyeBlink", 0.25)]),
+];
+/// Length of a take. The pose is there between these times.
+const TAKE_S: f32 = 3.0;
+const HOLD_S: [f32; 2] = [1.0, 2.7];
+/// Time that a face takes into a pose and out of it.
+const MOVE_S: f32 = 0.35;
+/// How far people go when they are asked for their largest expression. Shut eyes are shut.
+const STRENGTH: core::ops::Range<f32> = 0.75..1.0;
+/// How much the sides of a face differ.
+const SIDES: core::ops::Range<f32> = 0.92..1.0;
+/// Share of its sway that a head keeps while it is asked to hold still.
+const CALM: f32 = 0.1;
+
+/// Length of what a wearer does before and while the result is judged, and of the stretches of recordings that it consists
+/// of.
+const TALK_S: usize = 60;
+const JUDGED_S: usize = 20;
+const STRETCH_S: usize = 5;
+/// Time in which one stretch fades into the next.
+const FADE_S: f32 = 0.5;
+
+impl Script {
+    /// Returns the parts of a clip. `count` is the number of frames of a clip of recordings.
+    pub fn parts(self, rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<Part>> {
+        match self {
+            Self::Recordings => {
+                let faces = random_curves(rng, recordings, count)?.into_iter().enumerate();
+                let moment = |(number, face): (usize, Coefficients)| {
+                    let share = smoothstep(START_S[0], START_S[1], number as f32 / RATE as f32);
+                    Moment { sway: share, ..at_rest(face.map(|value| share * value)) }
+                };
+                Ok(vec![Part { name: "recordings", moments: faces.map(moment).collect() }])
+            }
+            Self::Wearer => wearer(rng, recordings),
+        }
+    }
+}
+
+fn wearer(rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>]) -> Result<Vec<Part>> {
+    let mut parts: Vec<Part> = STILL.iter().map(|(name, light)| still(name, *light)).collect();
+    parts.push(acted("neutral", TAKE_S, |_| Moment { sway: CALM, ..at_rest([0.0; COEFFS]) }));
+    for (name, shapes) in POSES {
+        let pose = pose(rng, name, shapes);
+        parts.push(acted(name, TAKE_S, |time_s| {
+            let [from, to] = HOLD_S;
+            let share = smoothstep(from - MOVE_S, from, time_s) - smoothstep(to, to + MOVE_S, time_s);
+            Moment { sway: CALM, ..at_rest(pose.map(|value| share * value)) }
+        }));
+    }
+    parts.push(follow("talk", rng, recordings, TALK_S)?);
+    parts.push(follow("judged", rng, recordings, JUDGED_S)?);
+    parts.extend([blinks(rng), winks(), turned()]);
+    Ok(parts)
+}
+
+fn at_rest(face: Coefficients) -> Moment {
+    Moment { face, sway: 0.0, yaw_deg: 0.0, light: FULL_LIGHT }
+}
+
+/// Returns a part of some seconds, given the moment at each time from its beginning.
+fn acted(name: &'static str, seconds: f32, moment: impl Fn(f32) -> Moment) -> Part {
+    let count = (seconds * RATE as f32).round() as usize;
+    Part { name, moments: (0..count).map(|frame| moment(frame as f32 / RATE as f32)).collect() }
+}
+
+fn still(name: &'static str, light: Light) -> Part {
+    acted(name, STILL_S, |_| Moment { light, ..at_rest([0.0; COEFFS]) })
+}
+
+/// Draws how a person shows a pose. Names without a side stand for both sides.
+fn pose(rng: &mut ChaCha8Rng, name: &str, shapes: &[(&str, f32)]) -> Coefficients {
+    let strength = if name == "eyes-shut" { 1.0 } else { rng.random_range(STRENGTH) };
+    let mut face = [0.0; COEFFS];
+    for (shape, share) in shapes {
+        let sides = [format!("{shape}Left"), format!("{shape}Right"), (*shape).to_owned()];
+        for index in sides.iter().filter_map(|side| super::anatomy::find(side)) {
+            let side = if name == "eyes-shut" { 1.0 } else { rng.random_range(SIDES) };
+            face[index] = strength * share * side;
+        }
+    }
+    face
+}
+
+/// Follows recordings, stretch after stretch, with a swaying head.
+fn follow(name: &'static str, rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>], seconds: usize) -> Result<Part> {
+    let rate = RATE as usize;
+    let fade = (FADE_S * RATE as f32) as usize;
+    let mut faces: Vec<Coefficients> = Vec::with_capacity(seconds * rate);
+    while faces.len() < seconds * rate {
+        let next = random_curves(rng, recordings, STRETCH_S * rate + fade)?;
+        let begin = faces.len().saturating_sub(fade);
+        for (number, face) in next.into_iter().enumerate() {
+            match faces.get_mut(begin + number) {
+                Some(before) => {
+                    let share = smoothstep(0.0, fade as f32, number as f32);
+                    *before = core::array::from_fn(|shape| before[shape] + share * (face[shape] - before[shape]));
+                }
+                None => faces.push(face),
+            }
+        }
+    }
+    faces.truncate(seconds * rate);
+    let ends = |frame: usize| {
+        let [from_start, to_end] = [frame, faces.len() - 1 - frame].map(|frames| frames as f32 / RATE as f32);
+        smoothstep(0.0, 1.0, from_start.min(to_end))
+    };
+    let moment = |(frame, face): (usize, &Coefficients)| {
+        let share = ends(frame);
+        Moment { sway: share, ..at_rest(face.map(|value| share * value)) }
+    };
+    Ok(Part { name, moments: faces.iter().enumerate().map(moment).collect() })
+}
+
+/// How far a lid is shut in a blink, by the time since its beginning in seconds: 130 ms, of which it is shut for 50 ms.
+const BLINK: [(f32, f32); 4] = [(0.0, 0.0), (0.035, 1.0), (0.085, 1.0), (0.13, 0.0)];
+
+fn blinks(rng: &mut ChaCha8Rng) -> Part {
+    let starts: Vec<f32> = (0..6).map(|number| 0.5 + number as f32 + rng.random_range(0.0..0.3)).collect();
+    let [left, right] = ["eyeBlinkLeft", "eyeBlinkRight"].map(index_of);
+    acted("blinks", 6.5, |time_s| {
+        let shut = starts.iter().map(|start| piecewise(&BLINK, time_s - start)).fold(0.0, f32::max);
+        let mut face = [0.0; COEFFS];
+        (face[left], face[right]) = (shut, shut);
+        at_rest(face)
+    })
+}
+
+/// Winks of the left eye, then of the right, twice each. A cheek rises with its lid.
+fn winks() -> Part {
+    acted("winks", 5.0, |time_s| {
+        let (number, since_s) = ((time_s / 1.2) as usize, time_s % 1.2);
+        let shut = smoothstep(0.3, 0.4, since_s) - smoothstep(0.75, 0.9, since_s);
+        let side = if number < 2 { "Left" } else { "Right" };
+        let mut face = [0.0; COEFFS];
+        if number < 4 {
+            face[index_of(&format!("eyeBlink{side}"))] = shut;
+            face[index_of(&format!("cheekSquint{side}"))] = 0.4 * shut;
+        }
+        at_rest(face)
+    })
+}
+
+/// A face at rest that turns 30 degrees to either side.
+fn turned() -> Part {
+    const YAW: [(f32, f32); 6] = [(0.0, 0.0), (1.0, 30.0), (2.0, 30.0), (3.5, -30.0), (4.5, -30.0), (5.5, 0.0)];
+    acted("turned", 6.0, |time_s| Moment { yaw_deg: piecewise(&YAW, time_s), ..at_rest([0.0; COEFFS]) })
+}
+
+#[cfg(test)]
+mod tests {
+    use rand_chacha::rand_core::SeedableRng;
+
+    use super::*;
+
+    fn wearer_parts(seed: u64) -> Vec<Part> {
+        let recording: Vec<Coefficients> =
+            (0..600).map(|frame| [0.5 + 0.4 * (frame as f32 * 0.05).sin(); COEFFS]).collect();
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        Script::Wearer.parts(&mut rng, &[recording.clone(), recording], 0).expect("long enough recordings")
+    }
+
+    fn part<'a>(parts: &'a [Part], name: &str) -> &'a [Moment] {
+        &parts.iter().find(|part| part.name == name).expect("a part").moments
+    }
+
+    #[test]
+    fn faces_move_without_steps_but_for_blinks() {
+        let parts = wearer_parts(1);
+        let moments = parts.iter().filter(|part| part.name != "blinks").flat_map(|part| &part.moments);
+        let moments: Vec<&Moment> = moments.collect();
+        for (number, pair) in moments.windows(2).enumerate() {
+            let step = |shape: usize| (pair[1].face[shape] - pair[0].face[shape]).abs();
+            assert!((0..COEFFS).all(|shape| step(shape) < 0.6), "moment {number}");
+            assert!((pair[1].yaw_deg - pair[0].yaw_deg).abs() < 2.0);
+        }
+    }
+
+    #[test]
+    fn poses_are_held_on_both_sides_and_shut_eyes_are_shut() {
+        let parts = wearer_parts(2);
+        let held = |name: &str, shape: &str| part(&parts, name)[50].face[index_of(shape)];
+        for side in ["eyeBlinkLeft", "eyeBlinkRight"] {
+            assert!((held("eyes-shut", side) - 1.0).abs() < 1e-6);
+        }
+        for (pose, shape) in [("smile", "mouthSmileLeft"), ("jaw-open", "jawOpen"), ("look-up", "eyeLookUpRight")] {
+            assert!((0.69..1.0).contains(&held(pose, shape)), "{pose}");
+            assert!(part(&parts, pose)[0].face.iter().all(|value| value.abs() < 1e-6));
+        }
+    }
+
+    #[test]
+    fn blinks_last_130_ms_and_every_one_is_seen_shut() {
+        for seed in 0..10 {
+            let parts = wearer_parts(seed);
+            let lid: Vec<f32> = part(&parts, "blinks").iter().map(|moment| moment.face[0]).collect();
+            let shut = lid.windows(2).filter(|pair| pair[0] < 0.9 && pair[1] >= 0.9).count();
+            assert_eq!(shut, 6, "seed {seed}");
+        }
+    }
+}

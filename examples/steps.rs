@@ -10,7 +10,7 @@ use std::error::Error;
 use std::time::Instant;
 
 use facewire::capture::{Content, FileOptions, Picture, Pixels, open_file};
-use facewire::config::SolverSettings;
+use facewire::config::Settings;
 use facewire::face::{Appearance, Block, Border, CropShape, Face, FaceBox, crop};
 use facewire::preflight::load_solver;
 use facewire::solve::Camera;
@@ -71,7 +71,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             repeat(times, || crop(&picture, &region, shape, &mut block, &mut input))
         }
         ["solve", path, times] => {
-            let mut solver = load_solver(&SolverSettings::default())?;
+            let mut solver = load_solver(&Settings::default())?;
             let mut source = open_file(path, &FileOptions::default())?;
             let frame = source.next()?.ok_or("no frame")?;
             let Content::Face { face: Some(face), .. } = frame.content else {

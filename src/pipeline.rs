@@ -63,7 +63,7 @@ impl Pipeline {
     /// [`SetupError`].
     pub fn load(settings: &Settings) -> Result<Self, SetupError> {
         // The model comes first, so that the networks take the memory that reading it leaves free.
-        let solver = load_solver(&settings.solver)?;
+        let solver = load_solver(settings)?;
         Ok(Self::new(load_tracker(&settings.networks)?, solver, settings.camera.horizontal_fov_deg))
     }
 
@@ -75,7 +75,7 @@ impl Pipeline {
         if source.shows_pictures() {
             return Self::load(settings);
         }
-        Ok(Self::for_landmarks(load_solver(&settings.solver)?, settings.camera.horizontal_fov_deg))
+        Ok(Self::for_landmarks(load_solver(settings)?, settings.camera.horizontal_fov_deg))
     }
 
     /// A pipeline for frames of landmarks, which were found before.
@@ -153,7 +153,6 @@ mod tests {
 
     use super::*;
     use crate::capture::{Picture, Pixels};
-    use crate::config::SolverSettings;
     use crate::face::test_face::show;
     use crate::infer::scripted::Scripted;
     use crate::solve::{Neutral, NeutralMean, normalise, test_face::face};
@@ -176,7 +175,7 @@ mod tests {
             show(&mut run, &shown);
             Ok(())
         });
-        let solver = load_solver(&SolverSettings::default()).unwrap();
+        let solver = load_solver(&Settings::default()).unwrap();
         (Pipeline::new(Tracker::load(&engine).unwrap(), solver, 60.0), runs)
     }
 

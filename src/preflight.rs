@@ -4,10 +4,10 @@
 //! this moment is found out here, and by [`crate::link`] for links. The service does so when it starts, a reload for the
 //! parts that it changes, and `facewire check` for every part by itself.
 
-use crate::config::{NetworkSettings, SolverSettings};
+use crate::config::{NetworkSettings, Settings, SmoothingSettings, SolverSettings};
 use crate::face::Tracker;
 use crate::infer::{self, InferError};
-use crate::solve::{Filters, Model, ModelError, Profile, Solver};
+use crate::solve::{Filters, HeadFilter, Model, ModelError, Profile, Solver};
 
 /// Why a part that settings name cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -63,14 +63,19 @@ pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
 
 /// The filters that the settings ask for.
 #[must_use]
-pub fn filters(settings: &SolverSettings) -> Filters {
-    Filters::gated_average(settings.smoothing_ms as f32 / 1000.0)
+pub fn filters(settings: &SmoothingSettings) -> Filters {
+    let seconds = |ms: u32| ms as f32 / 1000.0;
+    let of_group = |group| {
+        let (kind, ms) = settings.of(group);
+        group.filter(kind, seconds(ms))
+    };
+    Filters::new(of_group, HeadFilter::new(settings.head, seconds(settings.head_ms)))
 }
 
 /// A solver by the settings, for a wearer of whom nothing is known.
 ///
 /// # Errors
 /// Those of [`load_model`].
-pub fn load_solver(settings: &SolverSettings) -> Result<Solver, SetupError> {
-    Ok(Solver::new(load_model(settings)?, Profile::default(), filters(settings)))
+pub fn load_solver(settings: &Settings) -> Result<Solver, SetupError> {
+    Ok(Solver::new(load_model(&settings.solver)?, Profile::default(), filters(&settings.smoothing)))
 }

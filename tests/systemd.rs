@@ -264,12 +264,12 @@ fn networks_that_are_not_there_are_refused_whole() {
 fn good_settings_are_taken_by_the_running_service() {
     let unit = Unit::start(NO_CAMERA);
     unit.messages_until("STATUS=blind");
-    unit.reload(&[DEMO, "[networks]\nthreads = 2\n[solver]\nsmoothing_ms = 0\n"].concat());
+    unit.reload(&[DEMO, "[networks]\nthreads = 2\n[smoothing]\nmouth_ms = 0\n"].concat());
     unit.receiver.until(|packet| packet.state == State::Live);
     unit.reload(NO_CAMERA);
     unit.receiver.until(|packet| packet.state == State::Neutral);
     let log = unit.stop();
-    assert!(log.contains("settings changed: camera, networks, solver"), "{log}");
+    assert!(log.contains("settings changed: camera, networks, smoothing"), "{log}");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::{hint::black_box, ops::Range, path::Path, time::Instant};
 
 use anyhow::{Context, Result};
 use facewire::{
-    config::SolverSettings,
+    config::SmoothingSettings,
     face::{Appearance, Face, Landmarks},
     preflight::filters,
     solve::{COEFFS, Camera, Features, Model, Neutral, NeutralMean, Profile, Solution, Solver, normalise},
@@ -43,7 +43,7 @@ pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>) -
 }
 
 fn solver(model: &Model, neutral: Option<Neutral>) -> Solver {
-    Solver::new(model.clone(), Profile { neutral, ..Profile::default() }, filters(&SolverSettings::default()))
+    Solver::new(model.clone(), Profile { neutral, ..Profile::default() }, filters(&SmoothingSettings::default()))
 }
 
 fn mean_face(clip: &[Landmarks], frames: Range<usize>) -> Result<Neutral> {

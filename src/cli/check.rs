@@ -103,7 +103,7 @@ fn find_face(settings: &NetworkSettings) -> Result<(Tracker, Face), Failure> {
 
 /// Loads the blendshape model, and solves the face of the built-in clip if the networks have found it.
 fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failure> {
-    let mut solver = load_solver(&settings.solver)?;
+    let mut solver = load_solver(settings)?;
     if let Some((landmarks, size_px)) = face {
         let camera = Camera::new(*size_px, settings.camera.horizontal_fov_deg);
         solver.solve(landmarks, &camera, 0).map_err(|error| Failure::failed(error.to_string()))?;

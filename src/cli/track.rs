@@ -18,7 +18,7 @@ use crate::capture::{FileOptions, FrameRate, Source, open_file};
 use crate::pipeline::Pipeline;
 use crate::playback::{Face, Playback, Shown, neutral_of};
 use crate::service::Step;
-use crate::solve::Solution;
+use crate::solve::{HeadPose, Solution};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -186,17 +186,17 @@ impl Track {
 
     fn make_row(&self, face: &Face, shown: &Shown) -> Row {
         let solved = shown.solution.as_ref();
-        let angles = |solution: &Solution| {
-            let head = &solution.head;
-            [head.yaw_deg, head.pitch_deg, head.roll_deg]
-        };
+        let head = solved.map(|solution| self.stage.head(solution));
         Row {
             number: face.number,
             time_us: face.time_us,
             state: shown.state,
             coefficients: solved.map_or(shown.pose.coefficients, |solution| self.stage.of(solution)),
-            angles_deg: solved.map_or_else(|| yaw_pitch_roll_deg(shown.pose.rotation), angles),
-            position_mm: shown.pose.position_mm,
+            angles_deg: head.map_or_else(
+                || yaw_pitch_roll_deg(shown.pose.rotation),
+                |head| [head.yaw_deg, head.pitch_deg, head.roll_deg],
+            ),
+            position_mm: head.map_or(shown.pose.position_mm, |head| head.position_mm),
         }
     }
 
@@ -215,6 +215,13 @@ impl Stage {
             Self::Raw => solution.raw.0,
             Self::Corrected => solution.corrected.0,
             Self::Smoothed => solution.smoothed.0,
+        }
+    }
+
+    fn head(self, solution: &Solution) -> &HeadPose {
+        match self {
+            Self::Raw | Self::Corrected => &solution.raw_head,
+            Self::Smoothed => &solution.head,
         }
     }
 }

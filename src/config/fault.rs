@@ -41,6 +41,16 @@ pub enum Fault {
         /// The end of the sentence, which names the most similar key.
         hint: String,
     },
+    /// A setting of an earlier version.
+    #[error("{place}: {key} is no longer a setting: {instead}")]
+    Replaced {
+        /// The position.
+        place: String,
+        /// The key.
+        key: String,
+        /// What to give instead.
+        instead: &'static str,
+    },
     /// A value of the wrong type, or out of bounds.
     #[error("{place}: {key} = {value}: give {expected}")]
     Value {

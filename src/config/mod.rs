@@ -17,6 +17,7 @@ mod overlay;
 mod rehearsal;
 mod section;
 mod settings;
+mod smoothing;
 #[cfg(test)]
 mod tests;
 mod value;
@@ -35,6 +36,7 @@ pub use settings::{
     AdaptationSettings, CameraFormat, CameraSettings, EngineChoice, FailsafeSettings, HardwareSettings, LogLevel,
     LogSettings, MetricsSettings, NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,
 };
+pub use smoothing::SmoothingSettings;
 pub(crate) use value::Choice;
 pub use value::{Address, SerialDevice};
 

@@ -14,11 +14,12 @@ use super::{
 };
 
 /// Keys and tables that a file may have.
-const NAMES: [&str; 12] = [
+const NAMES: [&str; 13] = [
     "board",
     "camera",
     "networks",
     "solver",
+    "smoothing",
     "failsafe",
     "send",
     "link",
@@ -28,6 +29,11 @@ const NAMES: [&str; 12] = [
     "metrics",
     "log",
 ];
+/// Settings of earlier versions, and what to give instead.
+const REPLACED: [(&str, &str); 2] =
+    [("solver.smoothing_ms", REPLACED_BY_SMOOTHING), ("solver.smoothing_frames", REPLACED_BY_SMOOTHING)];
+const REPLACED_BY_SMOOTHING: &str =
+    "[smoothing] has a filter and a time for each part of the face, such as mouth_ms = 180";
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -97,6 +103,7 @@ impl Overlay<'_> {
                 "camera" => self.section(&mut settings.camera, "camera", value),
                 "networks" => self.section(&mut settings.networks, "networks", value),
                 "solver" => self.section(&mut settings.solver, "solver", value),
+                "smoothing" => self.section(&mut settings.smoothing, "smoothing", value),
                 "failsafe" => self.section(&mut settings.failsafe, "failsafe", value),
                 "send" => self.section(&mut settings.send, "send", value),
                 "link" => settings.links = self.links(value),
@@ -116,7 +123,10 @@ impl Overlay<'_> {
         };
         for (key, value) in table {
             let path = format!("{name}.{}", key.get_ref());
-            if !section.keys().contains(&key.get_ref().as_ref()) {
+            if let Some((_, instead)) = REPLACED.iter().find(|(old, _)| *old == path) {
+                let fault = Fault::Replaced { place: self.place(key.span().start), key: path, instead };
+                self.found.push((key.span().start, fault));
+            } else if !section.keys().contains(&key.get_ref().as_ref()) {
                 self.unknown(&path, key.get_ref(), section.keys(), key.span().start);
             } else if let Err(expected) = section.set(key.get_ref(), value.get_ref()) {
                 self.value(&path, value, expected);

@@ -8,6 +8,7 @@ use super::{
     link::LinkSettings,
     listen::Listen,
     section::{Section, section, write_setting},
+    smoothing::SmoothingSettings,
     value::{Choice, Value},
 };
 
@@ -22,6 +23,8 @@ pub struct Settings {
     pub networks: NetworkSettings,
     /// `[solver]`
     pub solver: SolverSettings,
+    /// `[smoothing]`
+    pub smoothing: SmoothingSettings,
     /// `[failsafe]`
     pub failsafe: FailsafeSettings,
     /// `[send]`
@@ -47,6 +50,7 @@ impl Default for Settings {
             camera: CameraSettings::default(),
             networks: NetworkSettings::default(),
             solver: SolverSettings::default(),
+            smoothing: SmoothingSettings::default(),
             failsafe: FailsafeSettings::default(),
             send: SendSettings::default(),
             links: vec![LinkSettings::default(), LinkSettings::to_the_board()],
@@ -108,9 +112,6 @@ section! {
         /// File of a fitted blendshape model: a hidden layer, or one formula for each blendshape. If empty, facewire uses
         /// the built-in model. A path that does not begin with / starts at the folder in which facewire is started.
         model: String = String::new(), (), "";
-        /// Time over which smoothing averages small changes of a coefficient, for the eyes at most 80 ms. 0 turns smoothing
-        /// off. A time shorter than two frame periods has the same effect.
-        smoothing_ms: u32 = 180, 0..=350, " (ms)";
     }
 }
 

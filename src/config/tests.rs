@@ -46,7 +46,7 @@ fn settings_of_every_type_load_back_from_their_written_form() {
 fn defaults_explain_every_setting_with_its_type_and_bounds() {
     let text = uncommented_defaults();
     let settings = text.lines().filter(|line| !line.starts_with('#') && line.contains(" = "));
-    assert_eq!(settings.count(), 36, "the board, and the settings of all tables");
+    assert_eq!(settings.count(), 49, "the board, and the settings of all tables");
     assert!(
         text.contains("# Height of the picture.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n")
     );
@@ -166,9 +166,20 @@ facewire.toml:10: link.address = \"127.0.0.1\": give \"host:port\" with a port f
 }
 
 #[test]
-fn smoothing_in_frames_is_refused_with_the_key_in_milliseconds() {
-    let want = "facewire.toml:2: solver.smoothing_frames is not a setting; did you mean smoothing_ms?";
-    assert_eq!(faults("[solver]\nsmoothing_frames = 5\n"), want);
+fn smoothing_of_earlier_versions_is_refused_with_the_table_that_replaces_it() {
+    let want = "facewire.toml:2: solver.smoothing_ms is no longer a setting: [smoothing] has a filter and a time for each \
+                part of the face, such as mouth_ms = 180";
+    assert_eq!(faults("[solver]\nsmoothing_ms = 180\n"), want);
+    assert!(faults("[solver]\nsmoothing_frames = 5\n").ends_with("such as mouth_ms = 180"));
+}
+
+#[test]
+fn each_part_of_the_face_has_a_filter_and_a_time() {
+    let smoothing = parse("file", "[smoothing]\nlids = \"low-pass\"\nhead_ms = 250\n").unwrap().smoothing;
+    assert_eq!((smoothing.lids.name(), smoothing.head_ms), ("low-pass", 250));
+    let want = "facewire.toml:2: smoothing.jaw = \"1euro\": give one of \"off\", \"kalman\", \"moving-average\", \
+                \"time-weighted-average\", \"low-pass\", \"gated-average\", \"one-euro\"";
+    assert_eq!(faults("[smoothing]\njaw = \"1euro\"\n"), want);
 }
 
 #[test]

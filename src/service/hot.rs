@@ -328,10 +328,15 @@ impl HotLoop {
             let Some(pipeline) = &mut self.pipeline else { continue };
             pipeline.horizontal_fov_deg = self.settings.camera.horizontal_fov_deg;
             pipeline.tracker = tracker.or(pipeline.tracker.take());
+            let is_new_model = model.is_some();
             if let Some(model) = model {
                 pipeline.solver.model = model;
             }
-            pipeline.solver.filters = preflight::filters(&self.settings.solver);
+            let filters = preflight::filters(&self.settings.smoothing);
+            if is_new_model || filters != pipeline.solver.filters {
+                pipeline.solver.filters = filters;
+                pipeline.solver.bridge();
+            }
         }
         is_new_camera
     }
@@ -395,7 +400,7 @@ mod tests {
         let mut settings = Settings::default();
         settings.camera.device = "rehearsal: slow-jpeg 600".to_owned();
         let tracker = Tracker::load(&Scripted::new(|_| Ok(()))).unwrap();
-        let pipeline = Pipeline::new(tracker, load_solver(&settings.solver).unwrap(), 60.0);
+        let pipeline = Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0);
         let (reports, _) = triple_buffer::triple_buffer(&Report::Nothing);
         let ((events, told), (_changes, for_hot)) = (mpsc::channel(), mpsc::channel());
         let outlets = Outlets { reports, wake: thread::current(), events };
@@ -427,7 +432,7 @@ mod tests {
         let mut settings = Settings::default();
         settings.camera.device = DEMO.to_owned();
         let tracker = load_failing(&settings.networks).unwrap();
-        let pipeline = Pipeline::new(tracker, load_solver(&settings.solver).unwrap(), 60.0);
+        let pipeline = Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0);
         let (reports, _) = triple_buffer::triple_buffer(&Report::Nothing);
         let ((events, told), (_changes, for_hot)) = (mpsc::channel(), mpsc::channel());
         let outlets = Outlets { reports, wake: thread::current(), events };

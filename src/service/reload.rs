@@ -166,6 +166,7 @@ fn changed_tables(old: &Settings, new: &Settings) -> Vec<&'static str> {
         ("camera", old.camera != new.camera),
         ("networks", old.networks != new.networks),
         ("solver", old.solver != new.solver),
+        ("smoothing", old.smoothing != new.smoothing),
         ("failsafe", old.failsafe != new.failsafe),
         ("send", old.send != new.send),
         ("link", old.links != new.links),

@@ -92,7 +92,8 @@ mod tests {
     use super::*;
     use crate::face::{APPEARANCE_CHANNELS, Face, Landmarks};
     use crate::solve::{
-        Camera, Filters, NeutralMean, Profile, Solver, model::appearance::test_layer, normalise, test_face::face,
+        Camera, FilterKind, Filters, NeutralMean, Profile, Solver, model::appearance::test_layer, normalise,
+        test_face::face,
     };
 
     const CHEEK_PUFF: usize = 21;
@@ -111,7 +112,7 @@ mod tests {
         let mut mean = NeutralMean::default();
         mean.add(&normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"));
         let neutral = Some(mean.finish().expect("a neutral face"));
-        Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::gated_average(0.18))
+        Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::uniform(FilterKind::GatedAverage, 0.18))
     }
 
     #[test]

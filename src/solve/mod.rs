@@ -1,7 +1,7 @@
 //! From landmarks to blendshape coefficients: pure arithmetic without a clock, a log or, but for loading a model, I/O.
 //!
 //! ```text
-//! normalise -> Model::solve -> RawCoeffs::plus -> correct -> Filters::step
+//! normalise -> Model::solve -> RawCoeffs::plus -> correct -> Filters::step -> Bridge::step
 //!                             AppearanceLayer::process --^
 //! ```
 //!
@@ -10,12 +10,13 @@
 
 mod affine;
 mod appearance;
+mod bridge;
 mod canonical;
 mod correction;
 mod feature_id;
 mod features;
 mod filter;
-mod gated_average;
+mod head_filter;
 mod model;
 mod model_error;
 pub mod model_file;
@@ -23,6 +24,7 @@ mod neutral;
 mod pose;
 mod profile;
 mod regression;
+mod smoothing;
 mod solver;
 #[cfg(test)]
 #[allow(clippy::indexing_slicing)]
@@ -36,8 +38,8 @@ pub use correction::{Corrected, GAINS, MAX_REST, correct};
 pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
 pub use feature_id::{FEATURES, FeatureId, MEASURES};
 pub use features::{Features, Reference};
-pub use filter::{Filter, FilterState, Filters, FiltersState, Smoothed};
-pub use gated_average::GatedAverage;
+pub use filter::{Filter, FilterKind, FilterState, LONGEST_STEP_S};
+pub use head_filter::{HeadFilter, HeadState};
 pub use model::{
     Model,
     appearance::{APPEARANCE_UNITS, AppearanceLayer},
@@ -49,7 +51,8 @@ pub use model::{
 };
 pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
-pub use pose::{Camera, HeadPose};
+pub use pose::{Camera, HeadPose, yaw_pitch_roll_deg};
 pub use profile::Profile;
 pub use regression::{AbsurdResult, RawCoeffs};
+pub use smoothing::{Filters, FiltersState, Group, Smoothed};
 pub use solver::{Solution, SolveError, Solver};

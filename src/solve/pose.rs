@@ -6,7 +6,7 @@
 //! to 25 degrees): yaw 1.2, pitch 2.4, roll 0.8 degrees; `facewire-fit judge` prints it. Limits: the eyes are assumed
 //! to be 63 mm apart. For other wearers, the position is scaled in proportion.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::affine::Normalised;
 
@@ -72,13 +72,41 @@ impl HeadPose {
             position_mm: position(face, camera),
         }
     }
+
+    /// The pose with this rotation, a unit quaternion x, y, z, w of any sign, and this position.
+    #[must_use]
+    pub fn from_rotation(xyzw: [f32; 4], position_mm: [f32; 3]) -> Self {
+        let rotation = UnitQuaternion::new_unchecked(Quaternion::from(xyzw));
+        let [yaw_deg, pitch_deg, roll_deg] = yaw_pitch_roll_deg(rotation);
+        Self { rotation_xyzw: with_positive_w(rotation), yaw_deg, pitch_deg, roll_deg, position_mm }
+    }
+
+    /// The rotation.
+    pub(super) fn rotation(&self) -> UnitQuaternion<f32> {
+        UnitQuaternion::new_unchecked(Quaternion::from(self.rotation_xyzw))
+    }
 }
 
-/// `Rz(roll) Rx(-pitch) Ry(yaw)`, angles in radians. Of the two quaternions of a rotation, returns the one whose w is not
-/// negative.
+/// Returns the angles of the rotation `Rz(roll) Rx(-pitch) Ry(yaw)` in degrees.
+#[must_use]
+pub fn yaw_pitch_roll_deg(rotation: UnitQuaternion<f32>) -> [f32; 3] {
+    // The columns are the directions of x (the person's left), y (up) and z (out of the face).
+    let [[_, _, left_z], [up_x, up_y, up_z], [_, _, forward_z]] = rotation.to_rotation_matrix().into_inner().into();
+    let yaw = (-left_z).atan2(forward_z);
+    let pitch = -up_z.clamp(-1.0, 1.0).asin();
+    let roll = (-up_x).atan2(up_y);
+    // Adding 0 turns -0 into 0.
+    [yaw, pitch, roll].map(|radians| radians.to_degrees() + 0.0)
+}
+
+/// `Rz(roll) Rx(-pitch) Ry(yaw)`, angles in radians.
 fn quaternion(yaw: f32, pitch: f32, roll: f32) -> [f32; 4] {
     let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
-    let rotation = about(Vector3::z_axis(), roll) * about(Vector3::x_axis(), -pitch) * about(Vector3::y_axis(), yaw);
+    with_positive_w(about(Vector3::z_axis(), roll) * about(Vector3::x_axis(), -pitch) * about(Vector3::y_axis(), yaw))
+}
+
+/// Of the two quaternions of a rotation, returns the one whose w is not negative.
+fn with_positive_w(rotation: UnitQuaternion<f32>) -> [f32; 4] {
     let sign = if rotation.w < 0.0 { -1.0 } else { 1.0 };
     (sign * rotation.coords).into()
 }
@@ -125,6 +153,15 @@ mod tests {
         let gaze = rotation * Vector3::z();
         let (yaw, pitch) = ((20.0 * YAW_GAIN).to_radians(), 10.0_f32.to_radians());
         assert!(near(gaze.as_slice(), &[yaw.sin(), yaw.cos() * pitch.sin(), yaw.cos() * pitch.cos()], 1e-3));
+    }
+
+    #[test]
+    fn angles_of_a_rotation_are_those_that_it_was_made_of() {
+        let seen = pose([20.0, 10.0, -25.0], 80.0, [320.0, 240.0]);
+        let again = HeadPose::from_rotation(seen.rotation_xyzw.map(|value| -value), seen.position_mm);
+        let angles = |pose: HeadPose| [pose.yaw_deg, pose.pitch_deg, pose.roll_deg];
+        assert!(near(&angles(again), &angles(seen), 1e-3), "{again:?}");
+        assert!(near(&again.rotation_xyzw, &seen.rotation_xyzw, 1e-6));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use thiserror::Error;
 
 use super::{
     AbsurdResult, Camera, Corrected, DegenerateFace, Filters, FiltersState, HeadPose, Model, Profile, RawCoeffs,
-    Reference, ResidualState, Smoothed, correct, normalise,
+    Reference, ResidualState, Smoothed, bridge::Bridge, correct, normalise,
 };
 use crate::face::Face;
 
@@ -21,7 +21,9 @@ pub struct Solution {
     pub corrected: Corrected,
     /// Coefficients after the filters: these are sent.
     pub smoothed: Smoothed,
-    /// Pose of the head.
+    /// Pose of the head before the filter.
+    pub raw_head: HeadPose,
+    /// Pose of the head after the filter: this is sent.
     pub head: HeadPose,
 }
 
@@ -52,6 +54,7 @@ pub struct Solver {
 struct History {
     residual: ResidualState,
     filters: FiltersState,
+    bridge: Bridge,
     last_us: Option<u64>,
 }
 
@@ -83,8 +86,17 @@ impl Solver {
             raw = raw.plus(&residual.smoothed(&mut self.history.residual, step_s));
         }
         let corrected = correct(&raw, &self.model.correction, &self.profile);
-        let smoothed = self.filters.step(&mut self.history.filters, &corrected, step_s);
-        Ok(Solution { raw, corrected, smoothed, head: HeadPose::new(&face, camera) })
+        let raw_head = HeadPose::new(&face, camera);
+        let mut smoothed = self.filters.step(&mut self.history.filters, &corrected, step_s);
+        let mut head = self.filters.step_head(&mut self.history.filters, &raw_head, step_s);
+        self.history.bridge.step(&mut smoothed, &mut head, step_s);
+        Ok(Solution { raw, corrected, smoothed, raw_head, head })
+    }
+
+    /// Makes the next output begin where the last one ended. Call this after any part was replaced, so that the change
+    /// makes no step, and the difference to the new values fades within half a second.
+    pub fn bridge(&mut self) {
+        self.history.bridge.begin();
     }
 }
 
@@ -105,7 +117,7 @@ impl History {
 mod tests {
     use super::*;
     use crate::face::{LANDMARKS, Landmarks};
-    use crate::solve::{COEFFS, MAX_REST, NeutralMean, test_face::face};
+    use crate::solve::{COEFFS, FilterKind, MAX_REST, NeutralMean, test_face::face};
 
     const CAMERA: Camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
 
@@ -114,7 +126,7 @@ mod tests {
         mean.add(&normalise(&face([3.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"));
         let neutral = Some(mean.finish().expect("a neutral face"));
         let model = Model::embedded();
-        Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::gated_average(0.18))
+        Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::uniform(FilterKind::GatedAverage, 0.18))
     }
 
     /// Solutions of a head that turns, 30 a second; `change` is called before the frame in the middle.
@@ -135,7 +147,10 @@ mod tests {
         let want = solutions(|_, _| ());
         let mut got = solutions(|_, camera| *camera = Camera::new([640.0, 480.0], 90.0));
         assert_ne!(got[10].head.position_mm, want[10].head.position_mm);
-        got.iter_mut().zip(&want).for_each(|(got, want)| got.head.position_mm = want.head.position_mm);
+        for (got, want) in got.iter_mut().zip(&want) {
+            got.head.position_mm = want.head.position_mm;
+            got.raw_head.position_mm = want.raw_head.position_mm;
+        }
         assert_eq!(got, want);
     }
 
@@ -143,11 +158,28 @@ mod tests {
     fn replaced_model_and_filters_keep_the_wearer_and_the_history() {
         let got = solutions(|solver, _| {
             solver.model = Model::embedded();
-            solver.filters = Filters::gated_average(0.18);
+            solver.filters = Filters::uniform(FilterKind::GatedAverage, 0.18);
         });
         assert_eq!(got, solutions(|_, _| ()));
         assert_ne!(got, solutions(|solver, _| solver.profile.rest = [MAX_REST; COEFFS]));
         assert_ne!(got, solutions(|solver, _| solver.history = History::default()));
+    }
+
+    #[test]
+    fn replaced_filters_make_no_step_once_they_are_bridged() {
+        let jump = |filters: Filters, is_bridged: bool| {
+            let got = solutions(|solver, _| {
+                solver.filters = filters;
+                if is_bridged {
+                    solver.bridge();
+                }
+            });
+            (got[10].head.yaw_deg - got[9].head.yaw_deg).abs()
+        };
+        for kind in [FilterKind::Off, FilterKind::LowPass, FilterKind::OneEuro, FilterKind::MovingAverage] {
+            let filters = Filters::uniform(kind, 0.3);
+            assert!(jump(filters, false) > 0.4 && jump(filters, true) < 1e-3, "{kind:?}: {}", jump(filters, false));
+        }
     }
 
     #[test]

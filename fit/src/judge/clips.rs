@@ -72,7 +72,7 @@ impl Clip {
     pub fn person(&self, model: &Model, neutral_known: bool) -> Person {
         let settings = Settings::default();
         let profile = Profile { neutral: neutral_known.then(|| self.neutral.clone()), ..Profile::default() };
-        let solver = Solver::new(model.clone(), profile, filters(&settings.solver));
+        let solver = Solver::new(model.clone(), profile, filters(&settings.smoothing));
         let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
         let mut playback = Playback::new(pipeline, &settings.failsafe);
         let shown = self.faces.iter().map(|face| playback.show(face).pose.coefficients.map(f64::from));
@@ -95,7 +95,7 @@ fn track(film: &Path) -> Result<Vec<Face>> {
     let settings = Settings::default();
     let path = film.to_str().context("the path is not UTF-8")?;
     let mut source = open_file(path, &FileOptions::default())?;
-    let solver = Solver::new(Model::embedded(), Profile::default(), filters(&settings.solver));
+    let solver = Solver::new(Model::embedded(), Profile::default(), filters(&settings.smoothing));
     let pipeline = Pipeline::new(load_tracker(&settings.networks)?, solver, settings.camera.horizontal_fov_deg);
     let mut playback = Playback::new(pipeline, &settings.failsafe);
     std::iter::from_fn(|| playback.find(&mut *source).transpose()).map(|face| Ok(face?)).collect()

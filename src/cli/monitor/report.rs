@@ -73,14 +73,7 @@ fn rounded(value: f32, steps: f64) -> f64 {
 /// Returns the angles of the head in degrees: yaw is positive to the person's left, pitch upwards, roll to the person's
 /// right shoulder. The rotation is `Rz(roll) Rx(-pitch) Ry(yaw)`, as the solver composes it.
 pub fn yaw_pitch_roll_deg(rotation: [f32; 4]) -> [f32; 3] {
-    let matrix = UnitQuaternion::new_normalize(Quaternion::from(rotation)).to_rotation_matrix();
-    // The columns are the directions of x (the person's left), y (up) and z (out of the face).
-    let [[_, _, left_z], [up_x, up_y, up_z], [_, _, forward_z]] = matrix.into_inner().into();
-    let yaw = (-left_z).atan2(forward_z);
-    let pitch = -up_z.clamp(-1.0, 1.0).asin();
-    let roll = (-up_x).atan2(up_y);
-    // Adding 0 turns -0 into 0.
-    [yaw, pitch, roll].map(|radians| radians.to_degrees() + 0.0)
+    crate::solve::yaw_pitch_roll_deg(UnitQuaternion::new_normalize(Quaternion::from(rotation)))
 }
 
 /// Names the state and the reason.

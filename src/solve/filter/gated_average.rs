@@ -12,86 +12,45 @@
 
 use heapless::HistoryBuf;
 
+use super::{
+    Filter,
+    point::{add, difference, square, towards},
+};
+
 /// Frame rate that the equations assume.
 const FPS: f32 = 30.0;
 /// Most values that are remembered: the longest window of the settings at 90 frames per second. At higher rates the
 /// window is shorter.
 const MAX_VALUES: usize = 32;
-/// Longest window of the eyes: 2 values at 30 frames per second. A third, at 100 ms, stays out even if a camera's
-/// frames come 20 ms early.
-const MAX_EYE_WINDOW_S: f32 = 0.08;
-/// Smallest half width of the gate, a few times the jitter of the coefficients of a still face.
-const MIN_GATE: f32 = 0.05;
-/// The same for the eyes.
-const EYE_MIN_GATE: f32 = 0.03;
-
-/// Settings of a gated moving average.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GatedAverage {
-    /// Age up to which earlier values are averaged, seconds. A window that holds fewer than two smooths nothing.
-    pub window_s: f32,
-    /// Half width below which the gate never closes.
-    pub min_gate: f32,
-}
 
 /// The last outputs of a gated moving average.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Past(HistoryBuf<Output, MAX_VALUES>);
+pub struct Past<const N: usize>(HistoryBuf<Output<N>, MAX_VALUES>);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Output {
-    value: f32,
+struct Output<const N: usize> {
+    value: [f32; N],
     /// Time since the output before, seconds.
     dt_s: f32,
 }
 
-impl GatedAverage {
-    /// The filter of the coefficients of brows, cheeks, nose, jaw and mouth.
-    pub(super) fn of_the_face(window_s: f32) -> Self {
-        Self { window_s, min_gate: MIN_GATE }
-    }
-
-    /// The filter of the coefficients of the eyes, with a short window.
-    pub(super) fn of_the_eyes(window_s: f32) -> Self {
-        Self { window_s: window_s.min(MAX_EYE_WINDOW_S), min_gate: EYE_MIN_GATE }
-    }
-
-    /// Filters the value `x`, `dt_s` seconds after the last one.
-    pub(super) fn step(self, past: &mut Past, x: f32, dt_s: f32) -> f32 {
-        let value = self.gated(x, past.values(self.window_s, dt_s));
-        past.0.write(Output { value, dt_s });
-        value
-    }
-
-    /// Eq. 11, given the previous values and their ages. Fewer than two values have no deviation, so that `x` passes.
-    fn gated(self, x: f32, previous: impl Iterator<Item = (f32, f32)>) -> f32 {
-        let (mut count, mut sum, mut squares, mut oldest_s) = (0.0, 0.0, 0.0, 0.0);
-        for (value, age_s) in previous {
-            // Squares of differences from `x` lose fewer digits in the variance than squares of the values would.
-            let difference = value - x;
-            (count, sum, squares, oldest_s) = (count + 1.0, sum + difference, squares + difference * difference, age_s);
-        }
-        if count < 2.0 {
-            return x;
-        }
-        // The average minus `x`.
-        let offset: f32 = sum / count;
-        let variance = (squares - sum * offset) / (count - 1.0);
-        // Rounding can make the variance of equal values negative.
-        let gate = variance.max(0.0).sqrt().max(self.min_gate).max(f32::EPSILON);
-        x + (1.0 - share(offset.abs() / gate, (oldest_s * FPS).round())) * offset
-    }
-}
-
-impl Past {
-    pub(super) fn starting_with(value: f32) -> Self {
+impl<const N: usize> Past<N> {
+    pub fn starting_with(value: [f32; N]) -> Self {
         let mut past = HistoryBuf::new();
         past.write(Output { value, dt_s: 0.0 });
         Self(past)
     }
 
+    /// Filters the value `x`, `dt_s` seconds after the last one. A window that holds fewer than two values smooths
+    /// nothing.
+    pub fn step(&mut self, filter: &Filter, x: [f32; N], dt_s: f32) -> [f32; N] {
+        let value = gated(x, filter.small, self.values(filter.time_s, dt_s));
+        self.0.write(Output { value, dt_s });
+        value
+    }
+
     /// The outputs and their ages, `dt_s` after the newest, from the newest to the last that is at most `window_s` old.
-    fn values(&self, window_s: f32, dt_s: f32) -> impl Iterator<Item = (f32, f32)> {
+    fn values(&self, window_s: f32, dt_s: f32) -> impl Iterator<Item = ([f32; N], f32)> {
         let with_age = self.0.oldest_ordered().rev().scan(dt_s, |next_age_s, output| {
             let age_s = *next_age_s;
             *next_age_s += output.dt_s;
@@ -99,6 +58,29 @@ impl Past {
         });
         with_age.take_while(move |(_, age_s)| *age_s <= window_s)
     }
+}
+
+/// Eq. 11, given the previous values and their ages, and the half width below which the gate never closes. Fewer than two
+/// values have no deviation, so that `x` passes.
+fn gated<const N: usize>(x: [f32; N], min_gate: f32, previous: impl Iterator<Item = ([f32; N], f32)>) -> [f32; N] {
+    let (mut count, mut sum, mut squares, mut oldest_s) = (0.0, [0.0; N], 0.0, 0.0);
+    for (value, age_s) in previous {
+        // Squares of differences from `x` lose fewer digits in the variance than squares of the values would.
+        let from_x = difference(value, x);
+        add(&mut sum, 1.0, from_x);
+        (count, squares, oldest_s) = (count + 1.0, squares + square(from_x), age_s);
+    }
+    if count < 2.0 {
+        return x;
+    }
+    // The average minus `x`.
+    let offset = sum.map(|sum| sum / count);
+    let variance = (squares - count * square(offset)) / (count - 1.0);
+    // Rounding can make the variance of equal values negative.
+    let gate = variance.max(0.0).sqrt().max(min_gate).max(f32::EPSILON);
+    let mut average = x;
+    add(&mut average, 1.0, offset);
+    towards(average, x, share(square(offset).sqrt() / gate, (oldest_s * FPS).round()))
 }
 
 /// Share of the new value, `distance` gates away from the average of the values of the last `frames` frames.
@@ -115,12 +97,12 @@ fn share(distance: f32, frames: f32) -> f32 {
 mod tests {
     use super::*;
 
-    const FACE: GatedAverage = GatedAverage { window_s: 0.18, min_gate: MIN_GATE };
+    const FACE: Filter = Filter { kind: super::super::FilterKind::GatedAverage, time_s: 0.18, small: 0.05 };
 
     fn run_at(fps: f32, signal: impl IntoIterator<Item = f32>) -> Vec<f32> {
         let mut signal = signal.into_iter();
-        let mut past = Past::starting_with(signal.next().unwrap_or_default());
-        signal.map(|x| FACE.step(&mut past, x, 1.0 / fps)).collect()
+        let mut past = Past::starting_with([signal.next().unwrap_or_default()]);
+        signal.map(|x| past.step(&FACE, [x], 1.0 / fps)).map(|[y]| y).collect()
     }
 
     /// A resting value with jitter of ±0.01.
@@ -131,37 +113,37 @@ mod tests {
 
     #[test]
     fn value_on_the_average_keeps_it_and_one_outside_the_gate_passes() {
-        let mut past = Past::starting_with(0.1);
+        let mut past = Past::starting_with([0.1]);
         for value in [0.3, 0.1, 0.3, 0.2] {
-            past.0.write(Output { value, dt_s: 1.0 / FPS });
+            past.0.write(Output { value: [value], dt_s: 1.0 / FPS });
         }
         let deviation = 0.1_f32;
-        let near = FACE.step(&mut past.clone(), 0.2 + 0.1 * deviation, 1.0 / FPS);
+        let [near] = past.clone().step(&FACE, [0.2 + 0.1 * deviation], 1.0 / FPS);
         assert!((near - (0.2 + 0.1 * deviation / 6.0)).abs() < 1e-4, "{near}");
-        let outside = FACE.step(&mut past, 0.2 + 1.01 * deviation, 1.0 / FPS);
+        let [outside] = past.step(&FACE, [0.2 + 1.01 * deviation], 1.0 / FPS);
         assert!((outside - (0.2 + 1.01 * deviation)).abs() < 1e-6, "{outside}");
     }
 
     #[test]
     fn window_holds_as_many_values_as_its_time_and_at_most_32() {
         for (fps, want) in [(10.0, 1), (15.0, 2), (30.0, 5), (60.0, 10), (120.0, 21), (240.0, 32)] {
-            let mut past = Past::starting_with(0.5);
-            (0..100).for_each(|_| _ = FACE.step(&mut past, 0.5, 1.0 / fps));
-            assert_eq!(past.values(FACE.window_s, 1.0 / fps).count(), want, "{fps} frames per second");
+            let mut past = Past::starting_with([0.5]);
+            (0..100).for_each(|_| _ = past.step(&FACE, [0.5], 1.0 / fps));
+            assert_eq!(past.values(FACE.time_s, 1.0 / fps).count(), want, "{fps} frames per second");
         }
     }
 
     #[test]
     fn frames_that_come_10_ms_early_or_late_leave_the_window_as_it_is() {
         let mut random = fastrand::Rng::with_seed(3);
-        let (mut past, mut last_us) = (Past::starting_with(0.5), 0);
+        let (mut past, mut last_us) = (Past::starting_with([0.5]), 0);
         for frame in 1..500 {
             let time_us = 33_333 * frame + random.i32(-5000..5000);
             let dt_s = (time_us - last_us) as f32 / 1e6;
             if frame > 5 {
-                assert_eq!(past.values(FACE.window_s, dt_s).count(), 5, "frame {frame}");
+                assert_eq!(past.values(FACE.time_s, dt_s).count(), 5, "frame {frame}");
             }
-            FACE.step(&mut past, 0.5, dt_s);
+            past.step(&FACE, [0.5], dt_s);
             last_us = time_us;
         }
     }

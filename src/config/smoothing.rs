@@ -1,0 +1,74 @@
+//! Settings of the filters.
+
+use toml::de::DeValue;
+
+use super::{
+    section::{Section, section, write_setting},
+    value::{Choice, Value},
+};
+use crate::solve::{FilterKind, Group};
+
+impl Choice for FilterKind {
+    const ALL: &'static [(&'static str, Self)] = &[
+        ("off", Self::Off),
+        ("kalman", Self::Kalman),
+        ("moving-average", Self::MovingAverage),
+        ("time-weighted-average", Self::TimeWeightedAverage),
+        ("low-pass", Self::LowPass),
+        ("gated-average", Self::GatedAverage),
+        ("one-euro", Self::OneEuro),
+    ];
+}
+
+section! {
+    /// How each part of the face is smoothed over time.
+    SmoothingSettings {
+        /// Filter of the lids (eyeBlink, eyeSquint, eyeWide):
+        /// - "off": none
+        /// - "gated-average", "one-euro", "kalman": smooth small changes and follow large ones at once
+        /// - "moving-average", "time-weighted-average", "low-pass": smooth everything, and delay it
+        lids: FilterKind = FilterKind::GatedAverage, (), "";
+        /// Time over which the filter averages small changes. A longer time smooths more and follows later. 0 turns the
+        /// filter off. A time shorter than two frame periods smooths little or nothing.
+        lids_ms: u32 = 80, 0..=350, " (ms)";
+        /// Filter of the direction in which the eyes look (eyeLook). It takes the values of `lids`.
+        gaze: FilterKind = FilterKind::GatedAverage, (), "";
+        /// Time of this filter.
+        gaze_ms: u32 = 80, 0..=350, " (ms)";
+        /// Filter of the brows.
+        brows: FilterKind = FilterKind::GatedAverage, (), "";
+        /// Time of this filter.
+        brows_ms: u32 = 180, 0..=350, " (ms)";
+        /// Filter of the mouth.
+        mouth: FilterKind = FilterKind::GatedAverage, (), "";
+        /// Time of this filter.
+        mouth_ms: u32 = 180, 0..=350, " (ms)";
+        /// Filter of the jaw.
+        jaw: FilterKind = FilterKind::GatedAverage, (), "";
+        /// Time of this filter.
+        jaw_ms: u32 = 180, 0..=350, " (ms)";
+        /// Filter of cheeks and nose.
+        cheeks: FilterKind = FilterKind::GatedAverage, (), "";
+        /// Time of this filter.
+        cheeks_ms: u32 = 180, 0..=350, " (ms)";
+        /// Filter of the rotation and position of the head.
+        head: FilterKind = FilterKind::OneEuro, (), "";
+        /// Time of this filter.
+        head_ms: u32 = 180, 0..=350, " (ms)";
+    }
+}
+
+impl SmoothingSettings {
+    /// The filter of a group of coefficients and its time in milliseconds.
+    #[must_use]
+    pub fn of(&self, group: Group) -> (FilterKind, u32) {
+        match group {
+            Group::Lids => (self.lids, self.lids_ms),
+            Group::Gaze => (self.gaze, self.gaze_ms),
+            Group::Brows => (self.brows, self.brows_ms),
+            Group::Mouth => (self.mouth, self.mouth_ms),
+            Group::Jaw => (self.jaw, self.jaw_ms),
+            Group::Cheeks => (self.cheeks, self.cheeks_ms),
+        }
+    }
+}

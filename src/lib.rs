@@ -10,6 +10,7 @@
 //! One stage, one module, one type out: a stage cannot be skipped, because the next does not accept its input.
 //! Equation numbers are those of the method in `ARCHITECTURE.md`.
 
+pub mod calibration;
 pub mod capture;
 pub mod cli;
 pub mod config;

@@ -4,7 +4,8 @@
 //! this moment is found out here, and by [`crate::link`] for links. The service does so when it starts, a reload for the
 //! parts that it changes, and `facewire check` for every part by itself.
 
-use crate::config::{NetworkSettings, Settings, SmoothingSettings, SolverSettings};
+use crate::calibration::{Store, StoreError, WearerName};
+use crate::config::{NetworkSettings, Settings, SmoothingSettings, SolverSettings, WearerSettings};
 use crate::face::Tracker;
 use crate::infer::{self, InferError};
 use crate::solve::{Filters, HeadFilter, Model, ModelError, Profile, Solver};
@@ -59,6 +60,17 @@ pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
         return Ok(Model::embedded());
     }
     Model::load(path.as_ref()).map_err(|error| SetupError::Model { path: path.clone(), error })
+}
+
+/// Loads the profile of the wearer that the settings name, or nobody's.
+///
+/// # Errors
+/// Those of [`Store::load`].
+pub fn load_profile(settings: &WearerSettings) -> Result<Profile, StoreError> {
+    match WearerName::new(&settings.name) {
+        Some(name) => Ok(Store::new(&settings.folder).load(&name)?.profile),
+        None => Ok(Profile::default()),
+    }
 }
 
 /// The filters that the settings ask for.

@@ -45,6 +45,11 @@ fn model_file_corpus() {
 }
 
 #[test]
+fn profile_file_corpus() {
+    keeps_its_promise(targets::profile_file, "profile_file");
+}
+
+#[test]
 fn network_file_corpus() {
     keeps_its_promise(targets::network_file, "network_file");
 }

@@ -14,6 +14,7 @@ mod model_file;
 mod network;
 mod network_file;
 mod packet;
+mod profile_file;
 mod wire;
 mod y4m;
 
@@ -25,4 +26,5 @@ pub use model_file::model_file;
 pub use network::network;
 pub use network_file::network_file;
 pub use packet::packet;
+pub use profile_file::profile_file;
 pub use y4m::y4m;

@@ -6,8 +6,9 @@ use clap::Args;
 
 use super::SettingsArgs;
 use super::failure::{Failure, print};
+use crate::calibration::{Store, Take, WearerName};
 use crate::capture::{Clip, Frame, Source as _};
-use crate::config::{NetworkSettings, Settings};
+use crate::config::{NetworkSettings, Settings, WearerSettings};
 use crate::face::{Landmarks, Tracker};
 use crate::hardware::{self, Board, Flags, Sensors};
 use crate::impairment::ImpairmentSet;
@@ -41,8 +42,10 @@ pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     let seen = camera::watch(&settings.camera, found.as_mut().ok().map(|(tracker, _)| tracker));
     // The board is looked at while it is still at work.
     let board = check_board(&settings);
-    let parts: [(_, Outcome); 4] = [
+    let wearer = check_wearer(&settings.wearer);
+    let parts: [(_, Outcome); 5] = [
         ("model", model.map(intact)),
+        ("wearer", wearer.map(intact)),
         ("networks", found.map(|_| intact("they find the face of the built-in clip".to_owned()))),
         ("camera", seen.map(|seen| (seen.to_string(), seen.impairments))),
         ("board", Ok(board)),
@@ -99,6 +102,16 @@ fn find_face(settings: &NetworkSettings) -> Result<(Tracker, Face), Failure> {
     let landmarks = tracker.landmarks(picture, &region)?.ok_or_else(none)?.clone();
     tracker.forget();
     Ok((tracker, (landmarks, [picture.width, picture.height].map(|side| side as f32))))
+}
+
+/// Loads the profile of the wearer that the settings name.
+fn check_wearer(settings: &WearerSettings) -> Result<String, Failure> {
+    let store = Store::new(&settings.folder);
+    let Some(name) = WearerName::new(&settings.name) else {
+        return Ok("nobody's profile: `facewire calibrate` makes one, and wearer.name chooses it".to_owned());
+    };
+    let file = store.load(&name)?;
+    Ok(format!("{name}, {} of {} takes; profiles in {}", file.takes.len(), Take::ALL.len(), store.folder().display()))
 }
 
 /// Loads the blendshape model, and solves the face of the built-in clip if the networks have found it.

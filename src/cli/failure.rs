@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use super::monitor::MonitorError;
+use crate::calibration::StoreError;
 use crate::capture::CaptureError;
 use crate::config::{EX_CONFIG, Faults};
 use crate::infer::InferError;
@@ -140,6 +141,17 @@ impl From<SetupError> for Failure {
             }
             SetupError::Model { .. } => Self { status: EX_CONFIG, message: error.to_string() },
         }
+    }
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        let status = match error {
+            StoreError::Missing { .. } | StoreError::Unreadable { .. } => EX_NOINPUT,
+            StoreError::Bad { .. } => EX_DATAERR,
+            StoreError::Unwritable { .. } => EX_IOERR,
+        };
+        Self { status, message: error.to_string() }
     }
 }
 

@@ -14,16 +14,19 @@ use self::rows::{Csv, LandmarkFile, Row};
 use super::failure::say;
 use super::monitor::yaw_pitch_roll_deg;
 use super::{Failure, SettingsArgs};
+use crate::calibration::WearerName;
 use crate::capture::{FileOptions, FrameRate, Source, open_file};
 use crate::pipeline::Pipeline;
 use crate::playback::{Face, Playback, Shown, neutral_of};
+use crate::preflight::load_profile;
 use crate::service::Step;
-use crate::solve::{HeadPose, Solution};
+use crate::solve::{HeadPose, Profile, Solution};
 
 const EXAMPLES: &str = "\
 Examples:
   facewire track demo --out demo.csv
   ffmpeg -i talk.mp4 -f yuv4mpegpipe -pix_fmt yuv420p - | facewire track - --neutral 0..30
+  facewire track talk.avi --wearer anna --out talk.csv
   facewire track talk.avi --landmarks talk.npy --out talk.csv
   facewire track talk.npy --fps 30 --stage raw
   facewire track talk.avi --model formulas.toml --out talk.csv";
@@ -48,6 +51,9 @@ pub(super) struct TrackArgs {
     /// Take frames A up to B, without B, as the wearer's neutral face.
     #[arg(long, value_name = "A..B", value_parser = parse_range)]
     neutral: Option<Range<u64>>,
+    /// Use the profile of this wearer, made by `facewire calibrate`, instead of that of `wearer.name` of the settings.
+    #[arg(long, value_name = "NAME", value_parser = WearerName::parse, conflicts_with = "neutral")]
+    wearer: Option<WearerName>,
     /// Which coefficients to write.
     #[arg(long, value_enum, default_value_t = Stage::Smoothed)]
     stage: Stage,
@@ -84,6 +90,10 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
     if let Some(model) = &args.model {
         settings.solver.model.clone_from(model);
     }
+    if let Some(wearer) = &args.wearer {
+        wearer.as_str().clone_into(&mut settings.wearer.name);
+    }
+    let profile = load_profile(&settings.wearer)?;
     let options = FileOptions { rate: args.fps.unwrap_or(FrameRate::FPS_30), points_size_px: args.size };
     let source = open_file(&args.input, &options)?;
     let mut track = Track {
@@ -96,6 +106,7 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
         landmarks: args.landmarks.as_deref().map(LandmarkFile::new).transpose()?,
         tally: Tally::default(),
     };
+    track.playback.pipeline.solver.profile = profile;
     if let Some(tracker) = &mut track.playback.pipeline.tracker {
         tracker.set_turns(args.step.has_turns());
     }
@@ -152,7 +163,8 @@ impl Track {
             )));
         }
         let refuse = |error| Failure::data(format!("--neutral {}..{}: {error}", range.start, range.end));
-        self.playback.pipeline.solver.profile.neutral = Some(neutral_of(&read, range).map_err(refuse)?);
+        let neutral = Some(neutral_of(&read, range).map_err(refuse)?);
+        self.playback.pipeline.solver.profile = Profile { neutral, ..Profile::default() };
         read.iter().try_for_each(|face| self.frame(face))
     }
 

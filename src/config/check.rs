@@ -1,6 +1,7 @@
 //! Faults of settings that are valid one by one but do not fit together.
 
 use super::{Fault, Faults, SerialDevice, link::most_packets_hz, rehearsal::Script, settings::Settings};
+use crate::calibration::WearerName;
 
 /// Slowest rate of a link, packets per second: receivers go neutral after 500 ms without one.
 const SLOWEST_LINK_HZ: u32 = 10;
@@ -35,10 +36,18 @@ fn check_tables(settings: &Settings, faults: &mut Faults) {
     let cameras = "\"auto\", the path of a camera, part of its name, \"demo\" or a rehearsal";
     need(!device.trim().is_empty(), "camera.device", format!("{device:?}"), cameras.to_owned());
     need(is_readable, "camera.device", format!("{device:?}"), Script::EXPECTED.to_owned());
-    for (key, path) in [("networks.folder", &settings.networks.folder), ("solver.model", &settings.solver.model)] {
+    let paths = [
+        ("networks.folder", &settings.networks.folder),
+        ("solver.model", &settings.solver.model),
+        ("wearer.folder", &settings.wearer.folder),
+    ];
+    for (key, path) in paths {
         let expected = "a path from / on: no shell replaces the ~ of a setting".to_owned();
         need(!path.starts_with('~'), key, format!("{path:?}"), expected);
     }
+    let name = &settings.wearer.name;
+    let is_name = name.is_empty() || WearerName::new(name).is_some();
+    need(is_name, "wearer.name", format!("{name:?}"), format!("{}, or \"\"", WearerName::EXPECTED));
     need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
     for rate_hz in settings.links.iter().map(|link| link.pace.rate_hz).filter(|rate_hz| *rate_hz > 0) {
         let expected = format!("0 or at least {SLOWEST_LINK_HZ}: receivers go neutral when packets come more rarely");

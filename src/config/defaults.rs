@@ -55,6 +55,7 @@ fn tables(settings: &Settings) -> String {
     write(&mut text, "[networks]", &settings.networks);
     write(&mut text, "[solver]", &settings.solver);
     write(&mut text, "[smoothing]", &settings.smoothing);
+    write(&mut text, "[wearer]", &settings.wearer);
     write(&mut text, "[failsafe]", &settings.failsafe);
     write(&mut text, "[send]", &settings.send);
     write(&mut text, "[realtime]", &settings.realtime);

@@ -35,6 +35,7 @@ pub use rehearsal::{BadScript, Scene, Script};
 pub use settings::{
     AdaptationSettings, CameraFormat, CameraSettings, EngineChoice, FailsafeSettings, HardwareSettings, LogLevel,
     LogSettings, MetricsSettings, NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,
+    WearerSettings,
 };
 pub use smoothing::SmoothingSettings;
 pub(crate) use value::Choice;

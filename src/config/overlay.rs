@@ -14,12 +14,13 @@ use super::{
 };
 
 /// Keys and tables that a file may have.
-const NAMES: [&str; 13] = [
+const NAMES: [&str; 14] = [
     "board",
     "camera",
     "networks",
     "solver",
     "smoothing",
+    "wearer",
     "failsafe",
     "send",
     "link",
@@ -104,6 +105,7 @@ impl Overlay<'_> {
                 "networks" => self.section(&mut settings.networks, "networks", value),
                 "solver" => self.section(&mut settings.solver, "solver", value),
                 "smoothing" => self.section(&mut settings.smoothing, "smoothing", value),
+                "wearer" => self.section(&mut settings.wearer, "wearer", value),
                 "failsafe" => self.section(&mut settings.failsafe, "failsafe", value),
                 "send" => self.section(&mut settings.send, "send", value),
                 "link" => settings.links = self.links(value),

@@ -25,6 +25,8 @@ pub struct Settings {
     pub solver: SolverSettings,
     /// `[smoothing]`
     pub smoothing: SmoothingSettings,
+    /// `[wearer]`
+    pub wearer: WearerSettings,
     /// `[failsafe]`
     pub failsafe: FailsafeSettings,
     /// `[send]`
@@ -51,6 +53,7 @@ impl Default for Settings {
             networks: NetworkSettings::default(),
             solver: SolverSettings::default(),
             smoothing: SmoothingSettings::default(),
+            wearer: WearerSettings::default(),
             failsafe: FailsafeSettings::default(),
             send: SendSettings::default(),
             links: vec![LinkSettings::default(), LinkSettings::to_the_board()],
@@ -112,6 +115,17 @@ section! {
         /// File of a fitted blendshape model: a hidden layer, or one formula for each blendshape. If empty, facewire uses
         /// the built-in model. A path that does not begin with / starts at the folder in which facewire is started.
         model: String = String::new(), (), "";
+    }
+}
+
+section! {
+    /// The person whose face is followed.
+    WearerSettings {
+        /// The wearer whose profile is in use: a name that was given to `facewire calibrate --wearer`. If empty, nobody's.
+        name: String = String::new(), (), "";
+        /// Folder of the profiles. If empty, it is /var/lib/facewire, or ~/.local/state/facewire for a user who may not read
+        /// that. A path that does not begin with / starts at the folder in which facewire is started.
+        folder: String = String::new(), (), "";
     }
 }
 

@@ -27,6 +27,9 @@ pub const GAINS: [f32; 2] = [0.5, 2.0];
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corrected(pub [f32; COEFFS]);
 
+/// Least output, above the rest, from which a gain can be found.
+const LEAST_MEASURED: f32 = 0.1;
+
 /// Corrects the coefficients of one frame.
 #[must_use]
 pub fn correct(raw: &RawCoeffs, terms: &Correction, profile: &Profile) -> Corrected {
@@ -46,6 +49,21 @@ impl CorrectiveTerms {
         // From 0 at rest to 1, whatever the rest.
         let b = (raw + self.shift - rest) / (1.0 - rest);
         ((self.slope * gain + self.lift * self.g(b)) * b).clamp(0.0, 1.0)
+    }
+
+    /// The rest that makes this output 0, not bounded.
+    #[must_use]
+    pub fn rest_of(&self, raw: f32) -> f32 {
+        raw + self.shift
+    }
+
+    /// The gain by which this output of a wearer with this rest becomes `target`, not bounded. `None` if the output is too
+    /// near to the rest.
+    #[must_use]
+    pub fn gain_for(&self, raw: f32, rest: f32, target: f32) -> Option<f32> {
+        let rest = bounded_rest(rest);
+        let b = (raw + self.shift - rest) / (1.0 - rest);
+        (b > LEAST_MEASURED).then(|| (target / b - self.lift * self.g(b)) / self.slope)
     }
 
     /// `g`: 0 below the range of response, 1 above it, smooth in between.
@@ -124,6 +142,17 @@ mod tests {
         assert!((with_gain(9.0, 0.0, 0.2).0[JAW_OPEN] - 0.4).abs() < 1e-6);
         assert!((with_gain(0.0, 0.0, 0.8).0[JAW_OPEN] - 0.4).abs() < 1e-6);
         assert_eq!(with_gain(f32::NAN, 0.0, 0.4), once(0.0, 0.4));
+    }
+
+    #[test]
+    fn gain_that_is_found_from_an_output_brings_it_to_the_target() {
+        let terms = CorrectiveTerms { shift: -0.05, slope: 1.1, lift: 0.25, response: [0.5, 0.9] };
+        for (raw, rest, target) in [(0.7, 0.1, 1.0), (0.5, -0.1, 0.8), (0.9, 0.0, 0.9)] {
+            let gain = terms.gain_for(raw, rest, target).unwrap_or(f32::NAN);
+            assert!((terms.correct(raw, rest, gain) - target).abs() < 1e-5, "{gain}");
+        }
+        assert_eq!(terms.gain_for(0.2, 0.1, 0.9), None);
+        assert!(terms.correct(0.13, terms.rest_of(0.13), 1.0).abs() < 1e-6);
     }
 
     #[test]

@@ -2,11 +2,14 @@
 
 use thiserror::Error;
 
-use super::{affine::Normalised, feature_id::MEASURES, features::measure};
+use super::{affine::Normalised, canonical::RIGID, feature_id::MEASURES, features::measure};
 use crate::face::LANDMARKS;
 
 /// Largest coordinate of a face, eye distances. Faces stay below 3.
 const MAX_COORDINATE: f32 = 10.0;
+/// Largest root-mean-square distance of the rigid points from those of the mean face, eye distances. That of a face that
+/// was just normalised stays below 0.15.
+const MAX_MISFIT: f64 = 0.4;
 
 /// A neutral face that cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -27,11 +30,32 @@ pub struct Neutral {
 
 impl Neutral {
     /// Measures a face whose points are in the basis of [`Normalised::points`].
-    fn from_points(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, NeutralError> {
+    ///
+    /// # Errors
+    /// [`NeutralError::NoFace`] if a coordinate is not finite, or larger than that of any face.
+    pub fn from_points(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, NeutralError> {
         if !points.iter().flatten().all(|value| value.abs() < MAX_COORDINATE) {
             return Err(NeutralError::NoFace);
         }
         Ok(Self { measures: Box::new(measure(points)) })
+    }
+
+    /// Like [`Neutral::from_points`], for points whose source is not trusted.
+    ///
+    /// # Errors
+    /// [`NeutralError::NoFace`], also if the rigid points are not where those of a normalised face are.
+    pub fn of_face(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, NeutralError> {
+        let squared = |(index, canonical): &(usize, [f64; 3])| {
+            let point = points.get(*index).copied().unwrap_or_default();
+            point.iter().zip(canonical).map(|(seen, want)| (f64::from(*seen) - want).powi(2)).sum::<f64>()
+        };
+        let misfit = RIGID.iter().map(squared).sum::<f64>() / RIGID.len() as f64;
+        if misfit.sqrt() <= MAX_MISFIT { Self::from_points(points) } else { Err(NeutralError::NoFace) }
+    }
+
+    /// The points of the face, in the basis of [`Normalised::points`].
+    pub fn points(&self) -> impl Iterator<Item = [f32; 3]> {
+        self.measures.as_chunks().0.iter().take(LANDMARKS).copied()
     }
 }
 

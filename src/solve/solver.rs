@@ -93,6 +93,12 @@ impl Solver {
         Ok(Solution { raw, corrected, smoothed, raw_head, head })
     }
 
+    /// Changes to what is known of another wearer, or now known of this one.
+    pub fn wear(&mut self, profile: Profile) {
+        self.profile = profile;
+        self.bridge();
+    }
+
     /// Makes the next output begin where the last one ended. Call this after any part was replaced, so that the change
     /// makes no step, and the difference to the new values fades within half a second.
     pub fn bridge(&mut self) {

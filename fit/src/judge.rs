@@ -1,13 +1,13 @@
 //! Judges a model by facewire's own solver.
 
-mod clips;
+pub mod clips;
 pub mod command;
 mod files;
 mod page;
-mod people;
-mod set;
-mod sheet;
-mod text;
+pub mod people;
+pub mod set;
+pub mod sheet;
+pub mod text;
 
 use std::{collections::BTreeMap, hint::black_box, time::Instant};
 

@@ -32,6 +32,8 @@ mod statistics;
 mod synth;
 mod timecode;
 mod train;
+mod tune;
+mod wearers;
 
 use std::{
     path::{Path, PathBuf},
@@ -94,6 +96,11 @@ enum Command {
     Synth(synth::run::Options),
     /// Compare the expressions that `synth` draws with recorded ones, as one HTML page
     Expressions(synth::describe::Options),
+    /// Find parameters of the model from clips with truth
+    #[command(subcommand)]
+    Tune(tune::Command),
+    /// Print what knowing the wearer is worth, and whether blinks, winks, rest and a turned head look right, on clips of wearers
+    Wearers(wearers::Options),
     /// Render a clip of one person with the truth of every frame
     Film(synth::film::Options),
 }
@@ -121,6 +128,8 @@ fn run(command: Command) -> Result<()> {
         }
         Command::Synth(options) => synth::run::run(&options),
         Command::Expressions(options) => synth::describe::run(&options),
+        Command::Tune(command) => tune::run(&command),
+        Command::Wearers(options) => wearers::run(&options),
         Command::Film(options) => synth::film::run(&options),
     }
 }

@@ -10,13 +10,16 @@ use facewire::{
     capture::{FileOptions, open_file},
     config::Settings,
     pipeline::Pipeline,
-    playback::{Face, Playback, neutral_of},
+    playback::{Face, Playback, Shown, neutral_of},
     preflight::{filters, load_tracker},
     solve::{Model, Neutral, Profile, Solver},
 };
 use rayon::prelude::*;
 
-use super::people::{Person, SolvedFaces};
+use super::{
+    people::{Person, SolvedFaces},
+    set::RawFaces,
+};
 use crate::curves::Truth;
 
 /// A clip of one person, with the faces that were found in it.
@@ -47,7 +50,7 @@ pub fn load(folder: &Path, neutral_frames: u32) -> Result<Vec<Clip>> {
 }
 
 /// Returns the films of a folder in the order of their names.
-fn films(folder: &Path) -> Result<Vec<PathBuf>> {
+pub fn films(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
     let paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
     let mut films: Vec<PathBuf> =
@@ -70,18 +73,28 @@ impl Clip {
 
     /// Solves every frame, relative to the neutral face if `neutral_known`.
     pub fn person(&self, model: &Model, neutral_known: bool) -> Person {
+        let shown = self.shown(model, neutral_known);
+        let faces = SolvedFaces {
+            estimates: shown.map(|shown| shown.pose.coefficients.map(f64::from)).collect(),
+            truths: self.truth.coefficients.clone(),
+            is_neutral: self.faces.iter().map(|face| face.number < self.neutral_frames.into()).collect(),
+        };
+        Person::new(self.name.clone(), &faces, true)
+    }
+
+    /// Returns the results of the regression with the truth, for every frame with a face.
+    pub fn raw(&self, model: &Model, neutral_known: bool) -> RawFaces {
+        let pairs = self.shown(model, neutral_known).zip(&self.truth.coefficients);
+        pairs.filter_map(|(shown, truth)| Some((shown.solution?.raw.0, *truth))).collect()
+    }
+
+    fn shown(&self, model: &Model, neutral_known: bool) -> impl Iterator<Item = Shown> {
         let settings = Settings::default();
         let profile = Profile { neutral: neutral_known.then(|| self.neutral.clone()), ..Profile::default() };
         let solver = Solver::new(model.clone(), profile, filters(&settings.smoothing));
         let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
         let mut playback = Playback::new(pipeline, &settings.failsafe);
-        let shown = self.faces.iter().map(|face| playback.show(face).pose.coefficients.map(f64::from));
-        let faces = SolvedFaces {
-            estimates: shown.collect(),
-            truths: self.truth.coefficients.clone(),
-            is_neutral: self.faces.iter().map(|face| face.number < self.neutral_frames.into()).collect(),
-        };
-        Person::new(self.name.clone(), &faces, true)
+        self.faces.iter().map(move |face| playback.show(face))
     }
 
     /// Returns the number of frames, and how many of them show no face.
@@ -91,7 +104,7 @@ impl Clip {
 }
 
 /// Finds the face in every frame of a film.
-fn track(film: &Path) -> Result<Vec<Face>> {
+pub fn track(film: &Path) -> Result<Vec<Face>> {
     let settings = Settings::default();
     let path = film.to_str().context("the path is not UTF-8")?;
     let mut source = open_file(path, &FileOptions::default())?;

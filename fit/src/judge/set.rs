@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use anyhow::Result;
-use facewire::solve::Model;
+use facewire::solve::{COEFFS, Model};
 use rayon::prelude::*;
 
 use super::{
@@ -28,6 +28,9 @@ enum Content {
     /// A clip of each person.
     Clips(Vec<Clip>),
 }
+
+/// Results of the regression with the truth: for each picture of a person a pair of all blendshapes.
+pub type RawFaces = Vec<([f32; COEFFS], [f64; COEFFS])>;
 
 /// Which part of a set counts, and where its neutral faces are.
 #[derive(Debug, Clone, Copy)]
@@ -76,6 +79,22 @@ impl Set {
                 let solve = |model: &&Model| clips.par_iter().map(|clip| clip.person(model, neutral_known)).collect();
                 Ok(models.iter().map(solve).collect())
             }
+        }
+    }
+
+    /// Returns the results of the regression with the truth, person by person, relative to the neutral face if
+    /// `neutral_known`.
+    pub fn raw(&self, model: &Model, neutral_known: bool) -> Result<Vec<RawFaces>> {
+        match &self.content {
+            Content::Pictures(samples, appearances) => {
+                let faces = Faces::new(samples, neutral_known)?.with_appearances(appearances.as_ref());
+                let mut people: BTreeMap<usize, RawFaces> = BTreeMap::new();
+                for (row, sample) in samples.iter().enumerate() {
+                    people.entry(sample.subject).or_default().push((faces.raw(model, row)?.0, sample.truth));
+                }
+                Ok(people.into_values().collect())
+            }
+            Content::Clips(clips) => Ok(clips.par_iter().map(|clip| clip.raw(model, neutral_known)).collect()),
         }
     }
 

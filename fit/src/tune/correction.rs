@@ -1,0 +1,224 @@
+//! The corrective terms (eq. 7) of every blendshape.
+//!
+//! A regression that minimises the squared error reads strong expressions too weak, because they are rare. Receivers expect
+//! that a full expression arrives in full. Here strong expressions therefore count more than by their number: the error is
+//! averaged over the pictures of each level of the truth, and then over the levels.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use anyhow::{Context, Result};
+use clap::Args;
+use facewire::solve::{
+    BLENDSHAPES, COEFFS, Correction, CorrectiveTerms, Model,
+    model_file::{CorrectionTable, ModelFile},
+};
+
+use rayon::prelude::*;
+
+use super::search::minimum;
+use crate::{
+    judge::set::{RawFaces, Set, SetOptions},
+    output,
+};
+
+/// Upper ends of the levels of the truth. The first one is that of a blendshape at rest.
+const LEVELS: [f64; 6] = [0.02, 0.2, 0.4, 0.6, 0.8, 1.0];
+/// The first steps of the search: shift, slope, lift, and the ends of the response.
+const STEPS: [f64; 5] = [0.04, 0.2, 0.2, 0.1, 0.1];
+/// Narrowest range of response, and bounds of shift, slope and lift. Beyond them a coefficient would be a switch: off for most of
+/// its way, and then suddenly on.
+const LEAST_WIDTH: f64 = 0.4;
+const BOUNDS: [[f64; 2]; 3] = [[-0.05, 0.0], [0.8, 1.8], [0.0, 1.0]];
+/// How much strong expressions count for being rare: 1 is not at all, 0 wholly.
+const LEVELLING: f64 = 0.75;
+/// Terms that lower the error by less than this share are not worth their place.
+const LEAST_GAIN: f64 = 0.02;
+/// Introduces the sets in the model file's `made_by`.
+const TUNED_BY: &str = "; corrective terms: facewire-fit tune correction ";
+
+/// Arguments of `tune correction`.
+#[derive(Debug, Args)]
+#[command(after_help = "Each half of the people judges the terms that were fitted to the other half.
+
+Examples:
+  facewire-fit tune correction faces/varied/faces.npz faces/halves/faces.npz
+  facewire-fit judge clips --against before.toml --page tuned.html")]
+pub struct Options {
+    /// Landmarks with true coefficients (npz archives with names.json beside them), of which the held-out subjects count,
+    /// or folders of clips
+    #[arg(required = true, value_name = "SET")]
+    sets: Vec<PathBuf>,
+    /// The model to correct
+    #[arg(long, value_name = "FILE", default_value = "models/blendshapes.toml")]
+    model: PathBuf,
+    /// The model file to write
+    #[arg(long, value_name = "FILE", default_value = "models/blendshapes.toml")]
+    out: PathBuf,
+    /// Number of frames at the start of each clip in which the face is at rest
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
+    neutral_frames: u32,
+}
+
+/// Results of the regression with the truth for one kind of blendshape of one person.
+type Pairs = Vec<[f64; 2]>;
+
+/// Runs the command.
+pub fn run(options: &Options) -> Result<()> {
+    output::check(&options.out)?;
+    let text =
+        std::fs::read_to_string(&options.model).with_context(|| format!("cannot read {}", options.model.display()))?;
+    let mut file = ModelFile::parse(&text)?;
+    let people = people(options, &file.to_model()?)?;
+    println!("error: squared, mean over the levels of the truth");
+    println!("| blendshapes      | shift | slope | lift | response    | error before | after | after, other people |");
+    println!("|---|---|---|---|---|---|---|---|");
+    let fitted: Vec<_> = stems().into_par_iter().map(|stem| Fitted::new(stem, &people)).collect();
+    file.correction = BTreeMap::new();
+    for fitted in &fitted {
+        println!("{}", fitted.line());
+        if fitted.crossed < (1.0 - LEAST_GAIN) * fitted.before {
+            let table = CorrectionTable::from(&fitted.terms);
+            file.correction.extend(sides(&fitted.stem).map(|name| (name.to_owned(), table)));
+        }
+    }
+    let sets: Vec<String> = options.sets.iter().map(|path| path.display().to_string()).collect();
+    let before = file.made_by.split(TUNED_BY).next().unwrap_or_default();
+    file.made_by = format!("{before}{TUNED_BY}{}", sets.join(" "));
+    output::write(&options.out, toml::to_string(&file)?)
+}
+
+/// Solves all sets, with the neutral face known and not known.
+fn people(options: &Options, model: &Model) -> Result<Vec<RawFaces>> {
+    let mut people = Vec::new();
+    for path in &options.sets {
+        let set = Set::load(path, SetOptions { all_subjects: false, neutral_frames: options.neutral_frames })?;
+        let [known, unknown] = [set.raw(model, true)?, set.raw(model, false)?];
+        people.extend(known.into_iter().zip(unknown).map(|(known, unknown)| [known, unknown].concat()));
+    }
+    Ok(people)
+}
+
+/// The terms of one kind of blendshape.
+struct Fitted {
+    stem: String,
+    terms: CorrectiveTerms,
+    before: f64,
+    after: f64,
+    crossed: f64,
+}
+
+impl Fitted {
+    fn new(stem: String, people: &[RawFaces]) -> Self {
+        let people: Vec<Pairs> = people.iter().map(|faces| pairs(faces, &stem)).collect();
+        let all = people.concat();
+        let terms = fit(&stem, &all);
+        let [before, after] = [usual(&stem), terms].map(|terms| cost(&terms, &all));
+        Self { before, after, crossed: crossed(&stem, &people), stem, terms }
+    }
+
+    fn line(&self) -> String {
+        let CorrectiveTerms { shift, slope, lift, response: [from, to] } = self.terms;
+        let Self { stem, before, after, crossed, .. } = self;
+        let terms = format!("{shift:+.3} | {slope:.2} | {lift:.2} | {from:.2} .. {to:.2}");
+        format!("| {stem:<16} | {terms} | {before:.4} | {after:.4} | {crossed:.4} |")
+    }
+}
+
+/// Returns the names of the blendshapes without their side. Both sides have the same terms.
+fn stems() -> Vec<String> {
+    let mut stems: Vec<String> = Vec::new();
+    for name in BLENDSHAPES.iter().filter(|name| **name != "tongueOut") {
+        let stem = stem(name);
+        if !stems.contains(&stem) {
+            stems.push(stem);
+        }
+    }
+    stems
+}
+
+fn stem(name: &str) -> String {
+    name.trim_end_matches("Left").trim_end_matches("Right").to_owned()
+}
+
+fn sides(stem: &str) -> impl Iterator<Item = &'static str> {
+    BLENDSHAPES.iter().copied().filter(move |name| self::stem(name) == stem)
+}
+
+fn pairs(faces: &RawFaces, stem: &str) -> Pairs {
+    let shapes: Vec<usize> = (0..COEFFS).filter(|shape| self::stem(BLENDSHAPES[*shape]) == stem).collect();
+    let pair = |(raw, truth): &([f32; COEFFS], [f64; COEFFS]), shape: usize| [f64::from(raw[shape]), truth[shape]];
+    faces.iter().flat_map(|face| shapes.iter().map(move |shape| pair(face, *shape))).collect()
+}
+
+/// Returns the terms that a model without a table has.
+fn usual(stem: &str) -> CorrectiveTerms {
+    let shape = BLENDSHAPES.iter().position(|name| self::stem(name) == stem).unwrap_or_default();
+    Correction::default().0[shape]
+}
+
+fn fit(stem: &str, pairs: &Pairs) -> CorrectiveTerms {
+    let CorrectiveTerms { shift, slope, lift, response: [from, to] } = usual(stem);
+    let start = [shift, slope, lift, from, to].map(f64::from);
+    let cost = |numbers: &[f64; 5]| {
+        let terms = terms(numbers);
+        let are_bounded = numbers.iter().zip(BOUNDS).all(|(number, [least, most])| (least..=most).contains(&*number));
+        let is_wide = numbers[4] - numbers[3] >= LEAST_WIDTH;
+        if terms.keep_order() && is_wide && are_bounded { cost(&terms, pairs) } else { f64::INFINITY }
+    };
+    let starts = [start, [0.0, 1.0, 0.3, 0.1, 0.6]];
+    let found = starts.map(|start| minimum(start, STEPS, cost));
+    let best = if found[0].1 <= found[1].1 { found[0].0 } else { found[1].0 };
+    terms(&best)
+}
+
+/// Returns the terms of these numbers, rounded as the file has them.
+fn terms(numbers: &[f64; 5]) -> CorrectiveTerms {
+    let [shift, slope, lift, from, to] = numbers.map(|number| ((number * 1e3).round() / 1e3) as f32);
+    CorrectiveTerms { shift, slope, lift, response: [from, to] }
+}
+
+/// Returns the mean over the levels of the truth, weighted, of the squared error after the terms.
+fn cost(terms: &CorrectiveTerms, pairs: &Pairs) -> f64 {
+    let (mut sums, mut counts) = ([0.0; LEVELS.len()], [0.0; LEVELS.len()]);
+    for [raw, truth] in pairs {
+        let level = LEVELS.iter().position(|end| truth <= end).unwrap_or(LEVELS.len() - 1);
+        sums[level] += (f64::from(terms.correct(*raw as f32, 0.0, 1.0)) - truth).powi(2);
+        counts[level] += 1.0;
+    }
+    // An exponent of 1 counts all pictures alike, and 0 all levels alike.
+    let weight = |level: usize| f64::powf(counts[level], LEVELLING);
+    let levels = || 0..LEVELS.len();
+    let sum: f64 = levels().map(|level| weight(level) * sums[level] / counts[level].max(1.0)).sum();
+    sum / levels().map(weight).sum::<f64>().max(1.0)
+}
+
+/// Returns the error for people whom the fit has not seen: each half judges the terms of the other half.
+fn crossed(stem: &str, people: &[Pairs]) -> f64 {
+    let half = |parity: usize| people.iter().skip(parity).step_by(2).flatten().copied().collect::<Pairs>();
+    let halves = [half(0), half(1)];
+    let errors = [0, 1].map(|own: usize| cost(&fit(stem, &halves[1 - own]), &halves[own]));
+    f64::midpoint(errors[0], errors[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_blendshape_but_the_tongue_has_terms_and_sides_share_them() {
+        let names: Vec<&str> = stems().iter().flat_map(|stem| sides(stem).collect::<Vec<_>>()).collect();
+        assert_eq!(names.len(), BLENDSHAPES.len() - 1);
+        assert_eq!(sides("jaw").collect::<Vec<_>>(), ["jawLeft", "jawRight"]);
+    }
+
+    #[test]
+    fn a_weak_reading_is_brought_to_its_range_and_a_resting_offset_removed() {
+        let truths = (0..200).map(|step| (f64::from(step) / 100.0 - 1.0).max(0.0));
+        let pairs: Pairs = truths.flat_map(|truth| [[0.08 + 0.5 * truth, truth]; 5]).collect();
+        let found = fit("noseSneer", &pairs);
+        for (raw, want) in [(0.08, 0.0), (0.33, 0.5), (0.58, 1.0)] {
+            let corrected = found.correct(raw, 0.0, 1.0);
+            assert!((corrected - want).abs() < 0.03, "{found:?}: {raw} gives {corrected}");
+        }
+    }
+}

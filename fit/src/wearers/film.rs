@@ -1,0 +1,195 @@
+//! A clip of a wearer, and what can be learned of the wearer from its parts.
+
+use std::{collections::BTreeMap, ops::Range, path::Path};
+
+use anyhow::{Context, Result, ensure};
+use facewire::{
+    calibration::{Guide, Observation, Take},
+    config::Settings,
+    pipeline::Pipeline,
+    playback::{Face, Playback, Shown, neutral_of},
+    preflight::filters,
+    solve::{Camera, Model, Profile, Solver},
+};
+use rayon::prelude::*;
+
+use crate::{
+    curves::Truth,
+    judge::{
+        clips::{films, track},
+        people::{Person, SolvedFaces},
+    },
+};
+
+/// Frames at rest that are taken as the neutral face.
+const NEUTRAL_FRAMES: u64 = 15;
+/// The part that is judged, and the one before it.
+const JUDGED: &str = "judged";
+const TALK: &str = "talk";
+/// Frames before a part that filters see, too.
+const LEAD_IN: usize = 30;
+/// Time between frames.
+const FRAME_US: u64 = 33_333;
+/// Longest calibration.
+const MOST_FRAMES: usize = 60 * 30;
+/// Frames of the take `smile` in which the smile is held.
+const SMILE: Range<usize> = 32..78;
+
+/// What is known of the wearer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Knowledge {
+    /// Nothing.
+    Nothing,
+    /// What was found while the wearer talked.
+    Watched,
+    /// The neutral face.
+    Neutral,
+    /// The result of a guided calibration.
+    Calibrated,
+    /// The same, of a wearer who smiles when asked for a neutral face.
+    Smiled,
+}
+
+impl Knowledge {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Nothing, Self::Watched, Self::Neutral, Self::Calibrated, Self::Smiled];
+
+    /// The name in tables.
+    pub fn name(self) -> &'static str {
+        ["nothing", "watched", "neutral face", "calibrated", "smiled"][self as usize]
+    }
+}
+
+/// A solver that knows something of its wearer.
+pub struct Learned {
+    model: Model,
+    profile: Profile,
+    /// Whether the solver learns while it watches.
+    watches: bool,
+}
+
+/// The clip of a wearer.
+pub struct Film {
+    name: String,
+    faces: Vec<Face>,
+    /// The true coefficients and angles of every frame.
+    pub truth: Truth,
+    parts: BTreeMap<String, Range<usize>>,
+}
+
+/// Tracks all clips of a folder, in parallel.
+pub fn load(folder: &Path) -> Result<Vec<Film>> {
+    let paths = films(folder)?;
+    let load = |path: &std::path::PathBuf| {
+        let film = Film::load(path).with_context(|| format!("{}", path.display()))?;
+        eprintln!("{}: tracked", path.display());
+        Ok(film)
+    };
+    paths.par_iter().map(load).collect()
+}
+
+impl Film {
+    fn load(path: &Path) -> Result<Self> {
+        let csv = path.with_extension("csv");
+        let truth = Truth::load(&csv)?;
+        let parts = read_parts(&path.with_extension("parts.csv"))?;
+        let faces = track(path)?;
+        truth.fits(&csv, faces.len())?;
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(Self { name, faces, truth, parts })
+    }
+
+    /// Returns the frames of a part, none if there is no such part.
+    pub fn part(&self, name: &str) -> Range<usize> {
+        self.parts.get(name).cloned().unwrap_or_default()
+    }
+
+    /// Learns what is to be known of the wearer.
+    pub fn learn(&self, model: &Model, knowledge: Knowledge) -> Result<Learned> {
+        let profile = match knowledge {
+            Knowledge::Nothing | Knowledge::Watched => Profile::default(),
+            Knowledge::Neutral => {
+                Profile { neutral: Some(neutral_of(&self.faces, &(0..NEUTRAL_FRAMES))?), ..Profile::default() }
+            }
+            Knowledge::Calibrated => self.calibrate(model, "neutral")?.unwrap_or_default(),
+            Knowledge::Smiled => self.calibrate(model, "smile")?.unwrap_or_default(),
+        };
+        Ok(Learned { model: model.clone(), profile, watches: knowledge == Knowledge::Watched })
+    }
+
+    /// Guides the wearer through a calibration, in which frames of the part `at_rest` are shown for the neutral take. The
+    /// wearer begins a part again when it has ended. `None` if it was refused.
+    fn calibrate(&self, model: &Model, at_rest: &str) -> Result<Option<Profile>> {
+        let camera = |face: &Face| Camera::new(face.size_px(), Settings::default().camera.horizontal_fov_deg);
+        let mut guide = Guide::new(model);
+        let (mut shown, mut since) = (None, 0);
+        for number in 0..MOST_FRAMES {
+            let Some(take) = guide.wanted() else { break };
+            if shown != Some(take) {
+                (shown, since) = (Some(take), 0);
+            }
+            let frames = match take {
+                Take::Neutral if at_rest == "smile" => {
+                    let smile = self.part(at_rest);
+                    smile.start + SMILE.start..smile.start + SMILE.end
+                }
+                take => self.part(take.name()),
+            };
+            ensure!(!frames.is_empty(), "the clip has no part {}: render it again", take.name());
+            let face = &self.faces[frames.start + since % frames.len()];
+            since += 1;
+            guide.update(&Observation::new(model, face.seen(), &camera(face), number as u64 * FRAME_US, false));
+        }
+        Ok(guide.outcome().and_then(Result::ok).map(|calibration| calibration.profile))
+    }
+
+    /// Returns the estimates of the judged part.
+    pub fn judged(&self, learned: &Learned) -> Person {
+        let frames = self.part(JUDGED);
+        let shown = self.show(learned, JUDGED);
+        let faces = SolvedFaces {
+            estimates: shown.iter().map(|shown| shown.pose.coefficients.map(f64::from)).collect(),
+            truths: self.truth.coefficients[frames.clone()].to_vec(),
+            is_neutral: vec![false; frames.len()],
+        };
+        Person::new(self.name.clone(), &faces, true)
+    }
+
+    /// Returns what is shown in a part. What is learned by watching has been learned in the minute before the judged part.
+    pub fn show(&self, learned: &Learned, part: &str) -> Vec<Shown> {
+        let frames = self.part(part);
+        let mut playback = learned.playback();
+        if learned.watches {
+            self.faces[self.part(TALK)].iter().for_each(|face| drop(playback.show(face)));
+        }
+        let lead_in = frames.start.saturating_sub(LEAD_IN)..frames.start;
+        let lead_in = if learned.watches && part == JUDGED { frames.start..frames.start } else { lead_in };
+        self.faces[lead_in].iter().for_each(|face| drop(playback.show(face)));
+        self.faces[frames].iter().map(|face| playback.show(face)).collect()
+    }
+}
+
+impl Learned {
+    /// Whether anything is known in advance.
+    pub fn is_known(&self) -> bool {
+        self.watches || self.profile != Profile::default()
+    }
+
+    fn playback(&self) -> Playback {
+        let settings = Settings::default();
+        let solver = Solver::new(self.model.clone(), self.profile.clone(), filters(&settings.solver));
+        let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
+        Playback::new(pipeline, &settings.failsafe)
+    }
+}
+
+/// Reads the first frame and the number of frames of each part.
+fn read_parts(path: &Path) -> Result<BTreeMap<String, Range<usize>>> {
+    let table = || format!("{} is not a table of parts: make the clip with `film --script wearer`", path.display());
+    let mut rows = csv::Reader::from_path(path).with_context(table)?;
+    let part = |row: Result<(String, usize, usize), csv::Error>| {
+        let (name, first, frames) = row?;
+        Ok((name, first..first + frames))
+    };
+    rows.deserialize().map(part).collect::<Result<_>>().with_context(table)
+}

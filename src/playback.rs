@@ -124,7 +124,8 @@ impl Playback {
 
 impl Face {
     /// The frame for the rest of the pipeline.
-    fn frame(&self) -> Frame<'_> {
+    #[must_use]
+    pub fn frame(&self) -> Frame<'_> {
         let appearance = self.appearance.as_ref();
         let face = self.landmarks.as_deref().map(|landmarks| face::Face { landmarks, appearance });
         let content = Content::Face { face, size_px: self.size_px };

@@ -9,10 +9,7 @@ use anyhow::Result;
 use clap::Args;
 use rayon::prelude::*;
 
-use self::{
-    checks::Checks,
-    film::{Film, Knowledge},
-};
+use self::{checks::Checks, film::Knowledge};
 use crate::judge::{
     command::load_model,
     people::Phase,

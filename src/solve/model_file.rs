@@ -14,7 +14,7 @@
 //! weights = [1.9, -0.4]
 //!
 //! [blendshapes.jawOpen]       # its weight for each hidden unit
-//! neutral_known = { r = 0.95, mse = 0.004 }     # score on held-out subjects, after eq. 7
+//! neutral_known = { r = 0.95, mse = 0.004 }     # score on held-out subjects, without `correction`
 //! neutral_unknown = { r = 0.93, mse = 0.005 }
 //! offset = 0.01
 //! weights = [0.8, 0.1]

@@ -5,6 +5,7 @@ use std::{collections::BTreeMap, ops::Range, path::Path};
 use anyhow::{Context, Result, ensure};
 use facewire::{
     calibration::{Guide, Observation, Take},
+    capture::Content,
     config::Settings,
     pipeline::Pipeline,
     playback::{Face, Playback, Shown, neutral_of},
@@ -120,8 +121,7 @@ impl Film {
     /// Guides the wearer through a calibration, in which frames of the part `at_rest` are shown for the neutral take. The
     /// wearer begins a part again when it has ended. `None` if it was refused.
     fn calibrate(&self, model: &Model, at_rest: &str) -> Result<Option<Profile>> {
-        let camera = |face: &Face| Camera::new(face.size_px(), Settings::default().camera.horizontal_fov_deg);
-        let mut guide = Guide::new(model);
+        let mut guide = Guide::new(model.clone());
         let (mut shown, mut since) = (None, 0);
         for number in 0..MOST_FRAMES {
             let Some(take) = guide.wanted() else { break };
@@ -138,7 +138,7 @@ impl Film {
             ensure!(!frames.is_empty(), "the clip has no part {}: render it again", take.name());
             let face = &self.faces[frames.start + since % frames.len()];
             since += 1;
-            guide.update(&Observation::new(model, face.seen(), &camera(face), number as u64 * FRAME_US, false));
+            guide.update(&observation(model, face, number as u64 * FRAME_US));
         }
         Ok(guide.outcome().and_then(Result::ok).map(|calibration| calibration.profile))
     }
@@ -160,11 +160,11 @@ impl Film {
         let frames = self.part(part);
         let mut playback = learned.playback();
         if learned.watches {
-            self.faces[self.part(TALK)].iter().for_each(|face| drop(playback.show(face)));
+            self.faces[self.part(TALK)].iter().for_each(|face| _ = playback.show(face));
         }
         let lead_in = frames.start.saturating_sub(LEAD_IN)..frames.start;
         let lead_in = if learned.watches && part == JUDGED { frames.start..frames.start } else { lead_in };
-        self.faces[lead_in].iter().for_each(|face| drop(playback.show(face)));
+        self.faces[lead_in].iter().for_each(|face| _ = playback.show(face));
         self.faces[frames].iter().map(|face| playback.show(face)).collect()
     }
 }
@@ -177,10 +177,18 @@ impl Learned {
 
     fn playback(&self) -> Playback {
         let settings = Settings::default();
-        let solver = Solver::new(self.model.clone(), self.profile.clone(), filters(&settings.solver));
+        let solver = Solver::new(self.model.clone(), self.profile.clone(), filters(&settings.smoothing));
         let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
         Playback::new(pipeline, &settings.failsafe)
     }
+}
+
+/// Returns what a guide sees of a face at this time.
+fn observation(model: &Model, face: &Face, time_us: u64) -> Observation {
+    let frame = face.frame();
+    let camera = Camera::new(frame.size_px(), Settings::default().camera.horizontal_fov_deg);
+    let seen = if let Content::Face { face, .. } = frame.content { face } else { None };
+    Observation::new(model, seen, &camera, time_us, false)
 }
 
 /// Reads the first frame and the number of frames of each part.

@@ -50,8 +50,10 @@ fn terms(name: &str, table: &CorrectionTable) -> Result<CorrectiveTerms, ModelEr
 
 impl From<&CorrectiveTerms> for CorrectionTable {
     fn from(terms: &CorrectiveTerms) -> Self {
-        let [shift, slope, lift, from, to] =
-            [terms.shift, terms.slope, terms.lift, terms.response[0], terms.response[1]].map(f64::from);
+        let [from, to] = terms.response;
+        // The nearest short number reads better, and is the same number as an f32.
+        let short = |number: f32| number.to_string().parse().unwrap_or_default();
+        let [shift, slope, lift, from, to] = [terms.shift, terms.slope, terms.lift, from, to].map(short);
         Self { shift, slope, lift, response: [from, to] }
     }
 }

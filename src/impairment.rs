@@ -118,6 +118,12 @@ impl ImpairmentSet {
         self.0 & impairment.bit() != 0
     }
 
+    /// Whether there is too little light on the face, for whatever reason.
+    #[must_use]
+    pub fn is_dark(self) -> bool {
+        [Impairment::Black, Impairment::Dark, Impairment::Backlight].into_iter().any(|poor| self.contains(poor))
+    }
+
     /// Adds or removes an impairment.
     pub fn set(&mut self, impairment: Impairment, is_present: bool) {
         self.0 = if is_present { self.0 | impairment.bit() } else { self.0 & !impairment.bit() };

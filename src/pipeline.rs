@@ -5,6 +5,7 @@
 
 use std::time::{Duration, Instant};
 
+use crate::calibration::Observation;
 use crate::capture::{Content, Frame, Source};
 use crate::config::Settings;
 use crate::face::{Face, Tracker};
@@ -113,6 +114,18 @@ impl Pipeline {
             self.forget_face();
         }
         Ok(outcome?)
+    }
+
+    /// Observes, for a calibration, the face that the last call of [`Pipeline::process`] or [`Pipeline::find`] found in this
+    /// frame. Does not allocate.
+    #[must_use]
+    pub fn observe(&self, frame: &Frame<'_>, is_dark: bool) -> Observation {
+        let face = match &frame.content {
+            Content::Picture(_) => self.tracker.as_ref().and_then(Tracker::face),
+            Content::Face { face, .. } => *face,
+        };
+        let camera = Camera::new(frame.size_px(), self.horizontal_fov_deg);
+        Observation::new(&self.solver.model, face, &camera, frame.captured_us, is_dark)
     }
 
     /// Makes the tracker search the next picture as a whole.

@@ -14,6 +14,7 @@ use std::thread;
 
 use allocation_counter::{AllocationInfo, measure};
 use common::film::{demo_y4m, empty_y4m};
+use facewire::calibration::Observation;
 use facewire::capture::{Clip, Source, Y4mSource};
 use facewire::config::{Address, LinkKind, LinkSettings, Settings, UdpSettings};
 use facewire::link::{Link, Pace, Pose, Traffic};
@@ -34,6 +35,7 @@ struct Way {
     pace: Pace,
     traffic: Arc<Traffic>,
     watch: Watch,
+    observations: triple_buffer::Input<Observation>,
     live: usize,
     /// Keeps the receiver's port open.
     _receiver: UdpSocket,
@@ -55,6 +57,7 @@ impl Way {
             pace: Pace::new(&settings.links[0], settings.send.rate_hz),
             traffic,
             watch: Watch::new(3_000_000),
+            observations: triple_buffer::triple_buffer(&Observation::nothing(0)).0,
             live: 0,
             _receiver: receiver,
         }
@@ -75,6 +78,8 @@ impl Way {
         let face = self.pipeline.tracker.as_ref().unwrap().face();
         let look = Look::at(frame.picture().unwrap(), face.map(|face| face.landmarks));
         self.watch.look(&look, frame.captured_us);
+        // The service observes frames only while a calibration runs.
+        self.observations.write(self.pipeline.observe(&frame, false));
         self.live += usize::from(output.state == State::Live);
     }
 

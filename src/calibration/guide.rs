@@ -28,6 +28,8 @@ const PATIENCE_S: [f32; 2] = [15.0, 5.0];
 /// Time under poor conditions after which a pose is left out, and in all after which the calibration ends.
 const HINDERED_S: f32 = 8.0;
 const ALL_HINDERED_S: f32 = 30.0;
+/// Time constant with which the strength of a pose is smoothed.
+const SMOOTHING_S: f32 = 0.15;
 /// Longest time between two frames of one hold.
 const GAP_S: f32 = 1.0;
 /// Longest blink that is left out.
@@ -78,8 +80,20 @@ struct Stage {
     tried_s: f32,
     hindered_s: f32,
     hold: Option<Hold>,
+    /// How strongly the pose is seen, smoothed.
+    strength: Option<f32>,
     seen: f32,
     waits_for: Option<Refusal>,
+}
+
+impl Stage {
+    /// Smooths how strongly the pose is seen: the coefficients of a single frame are noisy.
+    fn smooth(&mut self, strength: f32, step_s: f32) -> f32 {
+        let last = self.strength.unwrap_or(strength);
+        let smoothed = last + (1.0 - (-step_s / SMOOTHING_S).exp()) * (strength - last);
+        self.strength = Some(smoothed);
+        smoothed
+    }
 }
 
 /// A face under fair conditions: its coefficients, and how strongly it shows the pose.
@@ -122,7 +136,7 @@ impl Guide {
         match self.view(take, observation) {
             Err(hindrance) => self.hinder(take, hindrance, step_s),
             Ok(_) if self.stage.since_s < of(READY_S, take) => {}
-            Ok(view) => self.measure(take, &view, step_s),
+            Ok(view) => self.measure(take, view, step_s),
         }
     }
 
@@ -216,8 +230,9 @@ impl Guide {
     }
 
     /// Measures a face under fair conditions.
-    fn measure(&mut self, take: Take, view: &View<'_>, step_s: f32) {
+    fn measure(&mut self, take: Take, view: View<'_>, step_s: f32) {
         self.stage.tried_s += step_s;
+        let view = &View { strength: self.stage.smooth(view.strength, step_s), ..view };
         self.stage.seen = if take == Take::Neutral { 0.0 } else { (view.strength / take.threshold()).max(0.0) };
         let unfit = if take == Take::Neutral { not_at_rest(&view.coefficients) } else { not_shown(take, view) };
         match unfit {

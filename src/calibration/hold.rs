@@ -14,8 +14,8 @@ const REST_MOVES: f32 = 0.25;
 /// Change of the lids from which on a frame of the neutral take shows a blink.
 const BLINK: f32 = 0.25;
 /// By how much a pose may grow during a hold, and from what share of its peak on it counts as released.
-const GROWS: f32 = 1.12;
-const RELEASED: f32 = 0.75;
+const GROWS: f32 = 1.2;
+const RELEASED: f32 = 0.7;
 
 /// The names of the lids' coefficients.
 pub(super) const LIDS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];

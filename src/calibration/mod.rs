@@ -16,6 +16,7 @@ mod observation;
 mod profile_file;
 mod progress;
 mod refusal;
+mod report;
 mod store;
 mod take;
 #[cfg(test)]
@@ -28,5 +29,6 @@ pub use observation::{Observation, Seen, Sight};
 pub use profile_file::{MAX_PROFILE_BYTES, ProfileError, ProfileFile};
 pub use progress::{Phase, Progress};
 pub use refusal::Refusal;
+pub use report::{Listed, Report};
 pub use store::{Store, StoreError};
 pub use take::Take;

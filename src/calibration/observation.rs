@@ -52,6 +52,14 @@ impl Observation {
     }
 }
 
+impl Observation {
+    /// Whether the frame shows a face that can be read.
+    #[must_use]
+    pub fn shows_face(&self) -> bool {
+        matches!(self.sight, Sight::Face(_))
+    }
+}
+
 impl Seen {
     fn new(model: &Model, Face { landmarks, appearance }: Face<'_>, camera: &Camera) -> Option<Self> {
         let face = normalise(landmarks).ok()?;

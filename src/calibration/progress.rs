@@ -29,6 +29,15 @@ pub struct Progress {
     pub last_refusal: Option<Refusal>,
 }
 
+impl Progress {
+    /// Whether nothing but measures differs.
+    #[must_use]
+    pub fn says_the_same(&self, other: &Self) -> bool {
+        let key = |of: &Self| (of.take, of.phase, of.waits_for, of.refused, of.last_refusal);
+        key(self) == key(other)
+    }
+}
+
 /// What the guide does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -55,6 +55,14 @@ impl Refusal {
     }
 }
 
+impl Refusal {
+    /// What to tell when a calibration ends without a profile for this reason.
+    #[must_use]
+    pub fn end(self) -> String {
+        format!("no profile was made, and the former one stays. {self}, and try again")
+    }
+}
+
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.sentence())

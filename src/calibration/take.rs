@@ -137,18 +137,6 @@ impl Take {
             _ => 0.5,
         }
     }
-
-    /// Whether the wearer cannot see the display meanwhile.
-    #[must_use]
-    pub fn is_blind(self) -> bool {
-        self == Self::EyesShut
-    }
-
-    /// The take after this one.
-    #[must_use]
-    pub fn next(self) -> Option<Self> {
-        Self::ALL.get(self.index() + 1).copied()
-    }
 }
 
 /// Mean of the coefficients with these names.

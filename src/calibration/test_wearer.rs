@@ -18,12 +18,16 @@ pub(crate) struct Wearer {
 
 /// A model that reads nothing in the landmarks, so that the residual is all that a face shows.
 pub(crate) fn blank_model() -> Model {
+    blank_model_file().to_model().unwrap()
+}
+
+/// The file of that model.
+pub(crate) fn blank_model_file() -> ModelFile {
     let named = |name: &&str| ((*name).to_owned(), FormulaTable::default());
     let blendshapes = BLENDSHAPES.iter().filter(|name| **name != "tongueOut").map(named).collect();
     let formulas = FormulaSetTable { blendshapes, ..FormulaSetTable::default() };
     let formulas = FormulasTable { neutral_known: formulas.clone(), neutral_unknown: formulas };
-    let file = ModelFile { formulas: Some(formulas), ..ModelFile::new(String::new(), String::new()) };
-    file.to_model().unwrap()
+    ModelFile { formulas: Some(formulas), ..ModelFile::new(String::new(), String::new()) }
 }
 
 /// Time between two frames.

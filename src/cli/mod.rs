@@ -1,6 +1,7 @@
 //! The subcommands of `facewire`: their arguments, output and exit status.
 
 mod bench;
+mod calibrate;
 mod check;
 mod devices;
 mod failure;
@@ -24,6 +25,7 @@ Examples:
   facewire defaults > facewire.toml         write a configuration to edit
   facewire check --config facewire.toml     report what works and what does not
   facewire run --config facewire.toml       run the service until Ctrl-C
+  facewire calibrate --wearer anna          make a profile of the person in front of the camera
   facewire monitor                          show the packets as they arrive (in another terminal)
   facewire track demo --out demo.csv        write the coefficients of a clip";
 
@@ -59,6 +61,8 @@ enum Command {
     Run(run::RunArgs),
     /// Run the same pipeline on a file, with one CSV row per frame.
     Track(track::TrackArgs),
+    /// Guide the wearer through some poses, and learn the wearer's face from them.
+    Calibrate(calibrate::CalibrateArgs),
     /// Measure latency, CPU and memory of every stage on a clip.
     Bench(bench::BenchArgs),
     /// Validate the settings, then try camera, networks, model and links.
@@ -104,6 +108,7 @@ impl Cli {
         let outcome = match self.command {
             Command::Run(args) => run::run(&args),
             Command::Track(args) => track::run(&args),
+            Command::Calibrate(args) => calibrate::run(&args),
             Command::Bench(args) => bench::run(&args),
             Command::Check(args) => check::run(&args),
             Command::Devices => devices::run(),

@@ -18,6 +18,7 @@ use super::counters::Counters;
 use super::engine_health::{EngineHealth, Remedy};
 use super::frame_timing::FrameTiming;
 use super::heartbeat::Phase;
+use super::observer::Observer;
 use super::realtime;
 use super::report::{Event, Report};
 use super::times::between;
@@ -30,7 +31,7 @@ use crate::infer::InferError;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::preflight::{self, SetupError};
 use crate::retry::BackOff;
-use crate::solve::{Model, Solution};
+use crate::solve::{Model, Profile, Solution};
 
 /// Where the results of the hot loop go.
 pub(super) struct Outlets {
@@ -40,6 +41,8 @@ pub(super) struct Outlets {
     pub(super) wake: Thread,
     /// Events, for the supervisor.
     pub(super) events: mpsc::Sender<Event>,
+    /// What each frame shows, for a calibration.
+    pub(super) observer: Observer,
 }
 
 /// New settings, and the parts that they replace. A part that is `None` keeps its current value.
@@ -47,17 +50,28 @@ pub(super) struct HotChange {
     pub(super) settings: Settings,
     pub(super) tracker: Option<Tracker>,
     pub(super) model: Option<Model>,
+    pub(super) profile: Option<Profile>,
+}
+
+/// What other threads leave for the hot loop.
+pub(super) enum HotNews {
+    /// New settings, after a reload.
+    Settings(Box<HotChange>),
+    /// The profile of another wearer, or a new one.
+    Wearer(Box<Profile>),
 }
 
 pub(super) struct HotLoop {
     settings: Settings,
     /// `None` while a part of it, such as a model file on a disk that is not mounted yet, is missing.
     pipeline: Option<Pipeline>,
+    /// The profile of the wearer, for a pipeline that is loaded later.
+    profile: Profile,
     /// Loads the networks again after the engine has failed.
     load_tracker: fn(&NetworkSettings) -> Result<Tracker, InferError>,
     engine: EngineHealth,
     outlets: Outlets,
-    changes: mpsc::Receiver<HotChange>,
+    changes: mpsc::Receiver<HotNews>,
     counters: Arc<Counters>,
     /// When the open camera delivered its first picture.
     opened_us: Option<u64>,
@@ -91,11 +105,15 @@ impl From<Event> for Trouble {
 impl HotLoop {
     pub(super) fn new(
         settings: Settings,
-        pipeline: Option<Pipeline>,
+        mut pipeline: Option<Pipeline>,
+        profile: Profile,
         outlets: Outlets,
-        changes: mpsc::Receiver<HotChange>,
+        changes: mpsc::Receiver<HotNews>,
         counters: Arc<Counters>,
     ) -> Self {
+        if let Some(pipeline) = &mut pipeline {
+            pipeline.solver.profile = profile.clone();
+        }
         let load_tracker = preflight::load_tracker;
         let (engine, timing) = (EngineHealth::default(), FrameTiming::new(Arc::clone(&counters)));
         let (opened_us, watcher) = (None, Watcher::new(Arc::clone(&counters)));
@@ -103,6 +121,7 @@ impl HotLoop {
         Self {
             settings,
             pipeline,
+            profile,
             load_tracker,
             engine,
             outlets,
@@ -171,13 +190,14 @@ impl HotLoop {
         if self.pipeline.is_some() {
             return Ok(());
         }
-        let pipeline = Pipeline::load(&self.settings).map_err(|error| {
+        let mut pipeline = Pipeline::load(&self.settings).map_err(|error| {
             match error {
                 // A file that was missing may be copied at this moment, and so be incomplete.
                 SetupError::Model { .. } => Event::NotLoaded(error).into(),
                 SetupError::Networks(_) => Trouble::Fatal(error.into()),
             }
         })?;
+        pipeline.solver.profile = self.profile.clone();
         self.pipeline = Some(pipeline);
         Ok(())
     }
@@ -273,6 +293,9 @@ impl HotLoop {
         self.timing.worked(frame.captured_us, begun_us, monotonic_us(), &stages);
         let tracker = self.pipeline.as_ref().and_then(|pipeline| pipeline.tracker.as_ref());
         self.watcher.look(frame, tracker.and_then(Tracker::face).map(|face| face.landmarks));
+        if let Some(pipeline) = &self.pipeline {
+            self.outlets.observer.publish(pipeline, frame, self.watcher.is_dark());
+        }
         if let Err(Rejected::Infer(error)) = outcome {
             return self.engine_failed(error);
         }
@@ -321,24 +344,43 @@ impl HotLoop {
     /// learned of the wearer stays.
     fn adopt(&mut self) -> bool {
         let mut is_new_camera = false;
-        while let Ok(HotChange { settings, tracker, model }) = self.changes.try_recv() {
-            is_new_camera |= settings.camera != self.settings.camera;
-            self.settings = settings;
-            // A pipeline that is not loaded yet will be loaded by the new settings.
-            let Some(pipeline) = &mut self.pipeline else { continue };
-            pipeline.horizontal_fov_deg = self.settings.camera.horizontal_fov_deg;
-            pipeline.tracker = tracker.or(pipeline.tracker.take());
-            let is_new_model = model.is_some();
-            if let Some(model) = model {
-                pipeline.solver.model = model;
-            }
-            let filters = preflight::filters(&self.settings.smoothing);
-            if is_new_model || filters != pipeline.solver.filters {
-                pipeline.solver.filters = filters;
-                pipeline.solver.bridge();
+        while let Ok(news) = self.changes.try_recv() {
+            match news {
+                HotNews::Settings(change) => is_new_camera |= self.adopt_settings(*change),
+                HotNews::Wearer(profile) => self.wear(*profile),
             }
         }
         is_new_camera
+    }
+
+    /// Takes the change of a reload. Returns whether the camera is to be opened again.
+    fn adopt_settings(&mut self, HotChange { settings, tracker, model, profile }: HotChange) -> bool {
+        let is_new_camera = settings.camera != self.settings.camera;
+        self.settings = settings;
+        if let Some(profile) = profile {
+            self.wear(profile);
+        }
+        // A pipeline that is not loaded yet will be loaded by the new settings.
+        let Some(pipeline) = &mut self.pipeline else { return is_new_camera };
+        pipeline.horizontal_fov_deg = self.settings.camera.horizontal_fov_deg;
+        pipeline.tracker = tracker.or(pipeline.tracker.take());
+        let is_new_model = model.is_some();
+        if let Some(model) = model {
+            pipeline.solver.model = model;
+        }
+        let filters = preflight::filters(&self.settings.smoothing);
+        if is_new_model || filters != pipeline.solver.filters {
+            pipeline.solver.filters = filters;
+            pipeline.solver.bridge();
+        }
+        is_new_camera
+    }
+
+    fn wear(&mut self, profile: Profile) {
+        if let Some(pipeline) = &mut self.pipeline {
+            pipeline.solver.wear(profile.clone());
+        }
+        self.profile = profile;
     }
 
     /// Whether the supervisor has chosen another size of picture since the camera was opened.
@@ -383,6 +425,7 @@ mod tests {
     use crate::capture::DEMO;
     use crate::infer::scripted::Scripted;
     use crate::preflight::load_solver;
+    use crate::service::observer;
 
     /// Inferences that the engine of a test may still run.
     static GOOD_RUNS: AtomicU32 = AtomicU32::new(0);
@@ -403,9 +446,9 @@ mod tests {
         let pipeline = Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0);
         let (reports, _) = triple_buffer::triple_buffer(&Report::Nothing);
         let ((events, told), (_changes, for_hot)) = (mpsc::channel(), mpsc::channel());
-        let outlets = Outlets { reports, wake: thread::current(), events };
+        let outlets = Outlets { reports, wake: thread::current(), events, observer: observer::channel().0 };
         let counters = Arc::<Counters>::default();
-        let hot = HotLoop::new(settings, Some(pipeline), outlets, for_hot, Arc::clone(&counters));
+        let hot = HotLoop::new(settings, Some(pipeline), Profile::default(), outlets, for_hot, Arc::clone(&counters));
         let hot = thread::spawn(|| hot.run());
         for is_small in [false, true, false] {
             counters.small_picture.store(is_small, Relaxed);
@@ -435,9 +478,10 @@ mod tests {
         let pipeline = Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0);
         let (reports, _) = triple_buffer::triple_buffer(&Report::Nothing);
         let ((events, told), (_changes, for_hot)) = (mpsc::channel(), mpsc::channel());
-        let outlets = Outlets { reports, wake: thread::current(), events };
+        let outlets = Outlets { reports, wake: thread::current(), events, observer: observer::channel().0 };
         let counters = Arc::<Counters>::default();
-        let mut hot = HotLoop::new(settings, Some(pipeline), outlets, for_hot, Arc::clone(&counters));
+        let mut hot =
+            HotLoop::new(settings, Some(pipeline), Profile::default(), outlets, for_hot, Arc::clone(&counters));
         hot.load_tracker = load_failing;
         GOOD_RUNS.store(3, Relaxed);
         let error = hot.run().unwrap_err().to_string();

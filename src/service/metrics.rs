@@ -6,7 +6,6 @@
 //! If it cannot listen, for example because another program uses the port, it logs this once and retries every second,
 //! while the service runs on. There is no encryption and no password, so only this machine can connect.
 
-mod listener;
 mod page;
 mod request;
 
@@ -18,9 +17,9 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use self::listener::{Connection, Listener};
 use self::page::Page;
 use super::counters::Counters;
+use super::listener::{Connection, Listener};
 use crate::config::Listen;
 
 /// Delay before the next attempt after listening or accepting a connection has failed.

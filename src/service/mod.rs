@@ -5,10 +5,11 @@
 //! [`run`], handles signals, reloads, the watchdog and the log. The hot loop hands its newest report to the sender in a
 //! triple buffer. Both threads share counters with the supervisor, and send it events between frames. The
 //! supervisor sends changed settings to both ([`reload`]). A fourth thread serves the counters by HTTP if the settings ask
-//! for it ([`metrics`]).
+//! for it ([`metrics`]), and a fifth calibrates wearers and changes the one in use when it is asked ([`control`]).
 
 mod adaptation;
 mod camera;
+mod control;
 mod counters;
 mod engine_health;
 pub mod failsafe;
@@ -17,10 +18,12 @@ mod heartbeat;
 pub(crate) mod histogram;
 mod hot;
 mod links;
+mod listener;
 mod load;
 mod log;
 mod manager;
 mod metrics;
+mod observer;
 mod patience;
 mod picture_size;
 mod realtime;
@@ -41,17 +44,20 @@ use facewire_packet::Reason;
 
 pub use adaptation::Cause;
 pub use camera::{await_picture, open as open_camera};
+pub(crate) use control::protocol::{Reply, Request};
+pub(crate) use control::{DEFAULT_WEARER, sockets as control_sockets};
 pub use counters::{Counters, Status};
 pub use realtime::bind_to_hot_cpu;
 pub use reload::Program;
 pub use step::Step;
 pub use times::Quantiles;
 
+use self::control::{Control, Parts};
 use self::heartbeat::Phase;
 use self::hot::{HotLoop, Outlets};
 use self::links::Links;
 use self::realtime::Scheduling;
-use self::reload::{Mailbox, Reloader};
+use self::reload::{Mailbox, Mailboxes, Reloader};
 use self::report::{Event, Report};
 use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
@@ -59,7 +65,8 @@ use crate::capture::{CaptureError, monotonic_us};
 use crate::config::Settings;
 use crate::link::LinkError;
 use crate::pipeline::Pipeline;
-use crate::preflight::SetupError;
+use crate::preflight::{SetupError, load_profile};
+use crate::solve::Profile;
 
 /// How long a stopping service waits for the hot loop, which may be opening a camera in the kernel.
 const HOT_PATIENCE: Duration = Duration::from_secs(2);
@@ -123,17 +130,32 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let sender_mailbox = Mailbox { changes, thread: sender.thread().clone() };
 
     let (changes, for_hot) = mpsc::channel();
-    let outlets = Outlets { reports, wake: sender.thread().clone(), events: events.clone() };
-    let hot = HotLoop::new(settings.clone(), pipeline, outlets, for_hot, Arc::clone(&counters));
+    let (observer, sights) = observer::channel();
+    let outlets = Outlets { reports, wake: sender.thread().clone(), events: events.clone(), observer };
+    let profile = profile_of(&settings);
+    let hot = HotLoop::new(settings.clone(), pipeline, profile, outlets, for_hot, Arc::clone(&counters));
     let hot = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
     let hot_mailbox = Mailbox { changes, thread: hot.thread().clone() };
 
-    let reloader = Reloader::new(settings, program, hot_mailbox, sender_mailbox, Arc::clone(&counters.traffic));
+    let (changes, for_control) = mpsc::channel();
+    let parts = Parts { settings: settings.clone(), changes: for_control, observed: sights, hot: hot_mailbox.clone() };
+    let control = Control::start(parts)?;
+    let mailboxes = Mailboxes { hot: hot_mailbox, sender: sender_mailbox, control: changes };
+    let reloader = Reloader::new(settings, program, mailboxes, Arc::clone(&counters.traffic));
     let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
+    drop(control);
     let ended = stop(&counters, sender, hot);
     supervisor.log_events();
     ended
+}
+
+/// The profile of the wearer that the settings name. The service runs without it if it does not load.
+fn profile_of(settings: &Settings) -> Profile {
+    load_profile(&settings.wearer).unwrap_or_else(|error| {
+        tracing::warn!("wearer {}: {error}; until then the service runs without a profile", settings.wearer.name);
+        Profile::default()
+    })
 }
 
 /// Stack of the hot loop and of the sender. With locked memory the whole stack is in RAM. ONNX Runtime, which prepares its

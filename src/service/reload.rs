@@ -8,12 +8,13 @@ use std::io;
 use std::sync::{Arc, mpsc};
 use std::thread::{Builder, JoinHandle, Thread};
 
-use super::hot::HotChange;
+use super::hot::{HotChange, HotNews};
 use super::links::Links;
 use super::sender::SenderSettings;
+use crate::calibration::StoreError;
 use crate::config::{Faults, LogLevel, Settings};
 use crate::link::{LinkError, Traffic};
-use crate::preflight::{SetupError, load_model, load_tracker};
+use crate::preflight::{SetupError, load_model, load_profile, load_tracker};
 
 /// The program around the service, as far as a reload needs it.
 pub trait Program: Send + Sync {
@@ -34,6 +35,8 @@ enum Refusal {
     Settings(#[from] Faults),
     #[error(transparent)]
     Setup(#[from] SetupError),
+    #[error(transparent)]
+    Wearer(#[from] StoreError),
     #[error(transparent)]
     Link(#[from] LinkError),
 }
@@ -58,6 +61,7 @@ impl Change {
                 Some(load_tracker(&new.networks).map_err(SetupError::from)?)
             },
             model: if is_new_model { Some(load_model(&new.solver)?) } else { None },
+            profile: if new.wearer == live.wearer { None } else { Some(load_profile(&new.wearer)?) },
         };
         let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links, traffic)?) };
         Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })
@@ -70,33 +74,40 @@ pub(super) struct Mailbox<T> {
     pub(super) thread: Thread,
 }
 
+impl<T> Clone for Mailbox<T> {
+    fn clone(&self) -> Self {
+        Self { changes: self.changes.clone(), thread: self.thread.clone() }
+    }
+}
+
 impl<T> Mailbox<T> {
     /// Leaves a change for the thread and wakes it. A thread that has ended needs no change.
-    fn send(&self, change: T) {
+    pub(super) fn send(&self, change: T) {
         let _ = self.changes.send(change);
         self.thread.unpark();
     }
+}
+
+/// Where the changes for all threads go.
+pub(super) struct Mailboxes {
+    pub(super) hot: Mailbox<HotNews>,
+    pub(super) sender: Mailbox<SenderSettings>,
+    /// The control thread looks here when it has something to do.
+    pub(super) control: mpsc::Sender<Settings>,
 }
 
 /// The current settings, and the reload in progress.
 pub(super) struct Reloader {
     live: Settings,
     program: Arc<dyn Program>,
-    hot: Mailbox<HotChange>,
-    sender: Mailbox<SenderSettings>,
+    mailboxes: Mailboxes,
     traffic: Arc<Traffic>,
     preparing: Option<JoinHandle<Result<Change, Refusal>>>,
 }
 
 impl Reloader {
-    pub(super) fn new(
-        live: Settings,
-        program: Arc<dyn Program>,
-        hot: Mailbox<HotChange>,
-        sender: Mailbox<SenderSettings>,
-        traffic: Arc<Traffic>,
-    ) -> Self {
-        Self { live, program, hot, sender, traffic, preparing: None }
+    pub(super) fn new(live: Settings, program: Arc<dyn Program>, mailboxes: Mailboxes, traffic: Arc<Traffic>) -> Self {
+        Self { live, program, mailboxes, traffic, preparing: None }
     }
 
     /// The current settings.
@@ -136,7 +147,7 @@ impl Reloader {
         if changed.is_empty() {
             tracing::info!("settings are unchanged");
             // The sender's links look up their host names again on every reload.
-            self.sender.send(sender);
+            self.mailboxes.sender.send(sender);
             return false;
         }
         tracing::info!("settings changed: {}", changed.join(", "));
@@ -146,8 +157,10 @@ impl Reloader {
         }
         self.program.set_log_level(settings.log.level);
         self.live = settings;
-        self.hot.send(hot);
-        self.sender.send(sender);
+        self.mailboxes.hot.send(HotNews::Settings(Box::new(hot)));
+        self.mailboxes.sender.send(sender);
+        // Without a control socket nobody reads it.
+        let _ = self.mailboxes.control.send(self.live.clone());
         true
     }
 }
@@ -167,6 +180,7 @@ fn changed_tables(old: &Settings, new: &Settings) -> Vec<&'static str> {
         ("networks", old.networks != new.networks),
         ("solver", old.solver != new.solver),
         ("smoothing", old.smoothing != new.smoothing),
+        ("wearer", old.wearer != new.wearer),
         ("failsafe", old.failsafe != new.failsafe),
         ("send", old.send != new.send),
         ("link", old.links != new.links),

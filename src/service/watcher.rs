@@ -58,6 +58,11 @@ impl Watcher {
         }
     }
 
+    /// Whether the light is too poor to calibrate.
+    pub(super) fn is_dark(&self) -> bool {
+        self.watch.present().is_dark()
+    }
+
     fn tell(&self) {
         let present = self.watch.present();
         for impairment in Watch::FINDS {

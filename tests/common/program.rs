@@ -16,6 +16,10 @@ pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Comm
     let words: Vec<_> = std::env::var_os("FACEWIRE_STARTER").into_iter().chain([program]).collect();
     let mut command = Command::new(&words[0]);
     command.args(&words[1..]).args(arguments).env("FACEWIRE_SYSROOT", "/nonexistent");
+    // Services that tests run side by side must not meet at one control socket, nor find the profiles of this machine.
+    for variable in ["RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR", "STATE_DIRECTORY"] {
+        command.env_remove(variable);
+    }
     command
 }
 

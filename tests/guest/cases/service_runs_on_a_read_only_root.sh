@@ -14,6 +14,10 @@ install -m 644 $work/facewire.toml /etc/facewire/facewire.toml
 : >$work/refused
 start_decoder
 
+# Its folder of profiles is made when it is started for the first time.
+systemctl start facewire || fail "not started: $(systemctl status facewire)"
+systemctl stop facewire
+
 # The journal moves to /run, as with Storage=volatile.
 journalctl --relinquish-var
 mount -o remount,ro / || fail 'the root cannot be made read-only'

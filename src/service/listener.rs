@@ -1,4 +1,4 @@
-//! The listening socket of the metrics, TCP or Unix, and the connections accepted on it.
+//! A listening socket, TCP or Unix, and the connections accepted on it.
 
 use std::fs;
 use std::io::{self, ErrorKind, Read, Write};
@@ -51,6 +51,16 @@ impl Listener {
             Self::Unix(listener, _) => Box::new(listener.accept()?.0),
         };
         Ok(Connection { stream, deadline: Instant::now() + timeout })
+    }
+}
+
+impl Listener {
+    /// Accepts the waiting connection of a Unix socket. It does not block.
+    pub(super) fn accept_unix(&self) -> io::Result<UnixStream> {
+        let Self::Unix(listener, _) = self else { return Err(ErrorKind::Unsupported.into()) };
+        let stream = listener.accept()?.0;
+        stream.set_nonblocking(true)?;
+        Ok(stream)
     }
 }
 

@@ -1,0 +1,145 @@
+//! `facewire calibrate`: guides the wearer through some poses, and keeps what they tell.
+//!
+//! The service holds the camera while it runs, so that it is asked first. Without a service the command opens the camera
+//! itself. The profile is written at the end alone: Ctrl-C leaves the former one.
+
+mod camera;
+mod client;
+mod display;
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use clap::Args;
+
+use self::client::Connection;
+use self::display::Display;
+use super::SettingsArgs;
+use super::failure::{Failure, print};
+use crate::calibration::{Listed, Report, Store, Take, WearerName};
+use crate::service::{DEFAULT_WEARER, Reply, Request};
+
+const EXAMPLES: &str = "\
+Examples:
+  facewire calibrate                        calibrate the wearer in use, or \"default\"
+  facewire calibrate --wearer anna          make or replace the profile of anna
+  facewire calibrate --list                 who has a profile, and which one is in use
+  facewire calibrate --use anna             let the running service use it from now on
+  sudo facewire calibrate --wearer anna     if the service runs as another user
+
+It takes less than half a minute: look into the camera, and do what the display asks for. A service that runs is asked, \
+because it holds the camera; otherwise the camera of the settings is opened. Ctrl-C ends it, and the former profile \
+stays. After the next start, the service uses the wearer that wearer.name of its settings names.";
+
+/// Arguments of `facewire calibrate`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct CalibrateArgs {
+    /// The wearer whose profile is made: 1 to 32 letters, digits, - or _ [default: that of the settings, or "default"]
+    #[arg(long, value_name = "NAME", value_parser = WearerName::parse, conflicts_with_all = ["list", "use", "use_none", "delete"])]
+    wearer: Option<WearerName>,
+    /// List the wearers who have a profile, and calibrate nobody
+    #[arg(long, conflicts_with_all = ["use", "use_none", "delete"])]
+    list: bool,
+    /// Let the running service use the profile of this wearer until its next start, and calibrate nobody
+    #[arg(long, value_name = "NAME", value_parser = WearerName::parse, conflicts_with_all = ["use_none", "delete"])]
+    r#use: Option<WearerName>,
+    /// Let the running service use nobody's profile until its next start, and calibrate nobody
+    #[arg(long, conflicts_with = "delete")]
+    use_none: bool,
+    /// Delete the profile of this wearer, and calibrate nobody
+    #[arg(long, value_name = "NAME", value_parser = WearerName::parse)]
+    delete: Option<WearerName>,
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+impl CalibrateArgs {
+    /// What the service would be asked.
+    fn request(&self) -> Request {
+        let text = |name: &WearerName| name.to_string();
+        match (&self.delete, &self.r#use) {
+            (Some(name), _) => Request::Delete { wearer: text(name) },
+            (None, Some(name)) => Request::Use { wearer: Some(text(name)) },
+            (None, None) if self.use_none => Request::Use { wearer: None },
+            (None, None) if self.list => Request::List {},
+            (None, None) => Request::Calibrate { wearer: self.wearer.as_ref().map(text) },
+        }
+    }
+}
+
+pub(super) fn run(args: &CalibrateArgs) -> Result<(), Failure> {
+    let request = args.request();
+    match Connection::open()? {
+        Some(connection) => by_service(connection, &request),
+        None => without_service(args, request),
+    }
+}
+
+/// Asks the service, and shows what it answers.
+fn by_service(mut connection: Connection, request: &Request) -> Result<(), Failure> {
+    connection.ask(request)?;
+    let mut display = Display::new();
+    loop {
+        match connection.reply()? {
+            Reply::Progress(progress) => display.show(&progress)?,
+            Reply::Calibrated(report) => return print(&told(&report, "The service uses it from now on.")),
+            Reply::Wearers { wearers, in_use, folder } => return print(&listed(&wearers, in_use.as_deref(), &folder)),
+            Reply::Done(sentence) => return print(&format!("{sentence}\n")),
+            Reply::Refused(sentence) => return Err(Failure::failed(sentence)),
+        }
+    }
+}
+
+fn without_service(args: &CalibrateArgs, request: Request) -> Result<(), Failure> {
+    let settings = args.settings.load()?;
+    let store = Store::new(&settings.wearer.folder);
+    match request {
+        Request::Calibrate { .. } => {
+            let of_settings = || WearerName::new(&settings.wearer.name).or_else(|| WearerName::new(DEFAULT_WEARER));
+            let Some(name) = args.wearer.clone().or_else(of_settings) else { return Ok(()) };
+            let calibration = camera::calibrate(&settings)?;
+            print(&told(&store.keep(&name, calibration)?, ""))
+        }
+        Request::Use { .. } => Err(Failure::failed(
+            "no service runs here that could be told; set wearer.name in its settings, or start it".to_owned(),
+        )),
+        Request::List {} => {
+            let in_use = Some(settings.wearer.name.as_str()).filter(|name| !name.is_empty());
+            print(&listed(&store.list()?, in_use, &store.folder().display().to_string()))
+        }
+        Request::Delete { wearer } => {
+            let Some(name) = WearerName::new(&wearer) else { return Ok(()) };
+            store.delete(&name)?;
+            print(&format!("the profile of {name} is deleted\n"))
+        }
+    }
+}
+
+/// Tells what was learned.
+fn told(report: &Report, use_it: &str) -> String {
+    let Report { wearer, path, taken, left_out, refused } = report;
+    let first = format!("{path}: {} of {} takes, {refused} refused. {use_it}", taken.len(), Take::ALL.len());
+    let left_out = left_out.iter().map(|(take, why)| {
+        let name = take.name();
+        format!("\n  {name} was left out, and its blendshapes keep general values. {why}.")
+    });
+    let last = format!("\nTo use it after every start, set in the settings: [wearer] name = \"{wearer}\"\n");
+    [first, left_out.collect(), last].concat()
+}
+
+/// Lists wearers, and marks the one in use.
+fn listed(wearers: &[Listed], in_use: Option<&str>, folder: &str) -> String {
+    let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+    let line = |Listed { wearer, profile }: &Listed| {
+        let mark = if in_use == Some(wearer) { '*' } else { ' ' };
+        match profile {
+            Ok((made_s, takes)) => {
+                let days = now_s.saturating_sub(*made_s) / 86_400;
+                format!("{mark} {wearer:<32} {takes:2} of {} takes, {days} days old\n", Take::ALL.len())
+            }
+            Err(error) => format!("{mark} {wearer:<32} cannot be used: {error}\n"),
+        }
+    };
+    let none = if wearers.is_empty() { "  none: `facewire calibrate --wearer NAME` makes one\n" } else { "" };
+    format!("profiles in {folder}, * in use:\n{}{none}", wearers.iter().map(line).collect::<String>())
+}

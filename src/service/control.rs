@@ -1,0 +1,332 @@
+//! The control socket: programs on this machine calibrate wearers and choose the one in use while the service runs.
+//!
+//! The thread `fw-control` listens at a Unix socket in the runtime directory, which only the service's user and root may
+//! open. It runs the guide on what the hot loop observes, keeps the profile, and hands it to the hot loop through the
+//! mailbox of reloads. One calibration runs at a time, and a client that closes its connection cancels its own. No client
+//! can hold up the thread: connections do not block, and their number, the length of a line and the time until the
+//! request are limited.
+
+mod client;
+pub(crate) mod protocol;
+mod session;
+
+use std::fs::{DirBuilder, Permissions, set_permissions};
+use std::io::{self, PipeReader, PipeWriter, pipe};
+use std::os::fd::AsFd as _;
+use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::thread::{Builder, JoinHandle};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use self::client::Client;
+use self::protocol::{Reply, Request};
+use self::session::Session;
+use super::hot::HotNews;
+use super::listener::Listener;
+use super::observer::Observed;
+use super::reload::Mailbox;
+use crate::calibration::{Store, WearerName};
+use crate::capture::monotonic_us;
+use crate::config::{Listen, Settings};
+use crate::preflight::{load_model, load_profile};
+use crate::solve::Profile;
+
+/// Name of the socket.
+const SOCKET: &str = "control";
+/// Where the service manager puts the runtime directory of the service.
+const SYSTEM_FOLDER: &str = "/run/facewire";
+/// Number of clients at a time. The others wait in the queue of the socket.
+const MAX_CLIENTS: usize = 4;
+/// Time between two looks at the newest observation, and at clients that have not asked yet.
+const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
+const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 500_000_000 };
+/// Delay before the next attempt after listening has failed.
+const RETRY_DELAY: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
+/// Stack of the thread: reading a profile and a model takes most of it.
+const STACK_BYTES: usize = 512 << 10;
+/// The wearer who is calibrated if neither the client nor the settings name one.
+pub(crate) const DEFAULT_WEARER: &str = "default";
+
+/// A handle to the control thread. Dropping it ends the thread, and cancels the calibration.
+#[derive(Debug)]
+pub(super) struct Control {
+    stop: Option<PipeWriter>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// What the control thread works with.
+pub(super) struct Parts {
+    pub(super) settings: Settings,
+    /// New settings, after a reload.
+    pub(super) changes: mpsc::Receiver<Settings>,
+    pub(super) observed: Observed,
+    pub(super) hot: Mailbox<HotNews>,
+}
+
+/// Where a client looks for the service.
+#[must_use]
+pub(crate) fn sockets() -> Vec<PathBuf> {
+    match std::env::var("RUNTIME_DIRECTORY") {
+        Ok(_) => socket().into_iter().collect(),
+        Err(_) => socket().into_iter().chain([Path::new(SYSTEM_FOLDER).join(SOCKET)]).collect(),
+    }
+}
+
+/// Where the service listens: in the runtime directory of the service manager, or else of the user.
+fn socket() -> Option<PathBuf> {
+    let of_service = || std::env::var("RUNTIME_DIRECTORY").ok()?.split(':').next().map(PathBuf::from);
+    let of_user = || std::env::var("XDG_RUNTIME_DIR").ok().map(|folder| Path::new(&folder).join("facewire"));
+    let folder = of_service().or_else(of_user).filter(|folder| folder.is_absolute())?;
+    Some(folder.join(SOCKET))
+}
+
+impl Control {
+    /// Starts the thread. Without a runtime directory there is no socket, and no thread.
+    ///
+    /// # Errors
+    /// The system could not create a pipe or a thread.
+    pub(super) fn start(parts: Parts) -> io::Result<Self> {
+        let Some(path) = socket() else {
+            tracing::debug!("no control socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
+            return Ok(Self { stop: None, thread: None });
+        };
+        Self::listen_at(path, parts)
+    }
+
+    fn listen_at(path: PathBuf, parts: Parts) -> io::Result<Self> {
+        let (stop_signal, stop) = pipe()?;
+        let in_use = WearerName::new(&parts.settings.wearer.name);
+        let server = Server { path, parts, stop_signal, in_use, clients: Vec::new(), session: None };
+        let builder = Builder::new().name("fw-control".to_owned()).stack_size(STACK_BYTES);
+        Ok(Self { stop: Some(stop), thread: Some(builder.spawn(move || server.run())?) })
+    }
+}
+
+impl Drop for Control {
+    /// Does not wait for any client.
+    fn drop(&mut self) {
+        self.stop = None;
+        // A panic of the thread is ignored: the service does not depend on it.
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+struct Server {
+    path: PathBuf,
+    parts: Parts,
+    /// [`Control`] closes the other end of this pipe to stop the thread.
+    stop_signal: PipeReader,
+    /// The wearer whose profile is in use.
+    in_use: Option<WearerName>,
+    clients: Vec<Client>,
+    session: Option<Session>,
+}
+
+impl Server {
+    fn run(mut self) {
+        let Some(listener) = self.bind() else { return };
+        tracing::info!("control socket {}", self.path.display());
+        while let Ok(is_waiting) = self.wait(&listener) {
+            if is_waiting && let Ok(stream) = listener.accept_unix() {
+                self.clients.push(Client::new(stream));
+            }
+            self.adopt();
+            self.serve();
+            self.calibrate();
+        }
+        self.parts.observed.ask(false);
+    }
+
+    /// Retries until the socket is open. `None` if the thread is to stop.
+    fn bind(&self) -> Option<Listener> {
+        let mut has_warned = false;
+        loop {
+            match self.try_bind() {
+                Ok(listener) => return Some(listener),
+                Err(error) if !has_warned => {
+                    let path = self.path.display();
+                    tracing::warn!(
+                        "no control socket at {path} ({error}): end the other service that uses it; trying again every second"
+                    );
+                    has_warned = true;
+                }
+                Err(_) => {}
+            }
+            if poll(&mut [PollFd::new(&self.stop_signal, PollFlags::IN)], Some(&RETRY_DELAY)) != Ok(0) {
+                return None;
+            }
+        }
+    }
+
+    fn try_bind(&self) -> io::Result<Listener> {
+        if let Some(folder) = self.path.parent() {
+            DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
+        }
+        let listener = Listener::bind(&Listen::Unix(self.path.clone()))?;
+        set_permissions(&self.path, Permissions::from_mode(0o600))?;
+        Ok(listener)
+    }
+
+    /// Waits until there is something to do. Returns whether a connection waits.
+    ///
+    /// # Errors
+    /// The thread is to stop.
+    fn wait(&self, listener: &Listener) -> io::Result<bool> {
+        let listener = listener.as_fd();
+        let mut polled = vec![PollFd::new(&self.stop_signal, PollFlags::IN)];
+        polled.extend(self.clients.iter().map(|client| PollFd::new(client, PollFlags::IN)));
+        if self.clients.len() < MAX_CLIENTS {
+            polled.push(PollFd::new(&listener, PollFlags::IN));
+        }
+        let timeout = match (&self.session, self.clients.is_empty()) {
+            (Some(_), _) => Some(&LOOK),
+            (None, false) => Some(&WAIT),
+            (None, true) => None,
+        };
+        if let Err(error) = poll(&mut polled, timeout) {
+            return if error == rustix::io::Errno::INTR { Ok(false) } else { Err(error.into()) };
+        }
+        let is_ready = |polled: Option<&PollFd>| polled.is_some_and(|polled| !polled.revents().is_empty());
+        if is_ready(polled.first()) {
+            return Err(io::ErrorKind::Interrupted.into());
+        }
+        Ok(polled.len() > 1 + self.clients.len() && is_ready(polled.last()))
+    }
+
+    /// Takes in the settings of a reload.
+    fn adopt(&mut self) {
+        while let Ok(settings) = self.parts.changes.try_recv() {
+            if settings.wearer != self.parts.settings.wearer {
+                self.in_use = WearerName::new(&settings.wearer.name);
+            }
+            self.parts.settings = settings;
+        }
+    }
+
+    /// Answers the clients that have asked, and leaves those that have gone.
+    fn serve(&mut self) {
+        for mut client in std::mem::take(&mut self.clients) {
+            match client.request() {
+                Ok(None) => self.clients.push(client),
+                Ok(Some(Ok(Request::Calibrate { wearer }))) => self.begin(client, wearer.as_deref()),
+                Ok(Some(Ok(request))) => client.answer(&self.answer(&request)),
+                Ok(Some(Err(refusal))) => client.answer(&Reply::Refused(refusal)),
+                Err(_) => {}
+            }
+        }
+    }
+
+    fn answer(&mut self, request: &Request) -> Reply {
+        let store = Store::new(&self.parts.settings.wearer.folder);
+        let outcome = match request {
+            Request::Use { wearer: Some(name) } => named(name).and_then(|name| self.wear(&name)),
+            Request::Use { wearer: None } => {
+                self.hand_over(Profile::default(), None);
+                Ok(Reply::Done("nobody's profile is in use, until the next start of the service".to_owned()))
+            }
+            Request::Delete { wearer } => named(wearer).and_then(|name| {
+                store.delete(&name).map_err(|error| error.to_string())?;
+                Ok(Reply::Done(format!("the profile of {name} is deleted")))
+            }),
+            Request::List {} | Request::Calibrate { .. } => {
+                store.list().map_err(|error| error.to_string()).map(|wearers| {
+                    let in_use = self.in_use.as_ref().map(ToString::to_string);
+                    Reply::Wearers { wearers, in_use, folder: store.folder().display().to_string() }
+                })
+            }
+        };
+        outcome.unwrap_or_else(Reply::Refused)
+    }
+
+    /// Uses the profile of this wearer.
+    fn wear(&mut self, name: &WearerName) -> Result<Reply, String> {
+        let mut wearer = self.parts.settings.wearer.clone();
+        name.as_str().clone_into(&mut wearer.name);
+        let profile = load_profile(&wearer).map_err(|error| error.to_string())?;
+        self.hand_over(profile, Some(name.clone()));
+        Ok(Reply::Done(format!(
+            "the profile of {name} is in use; to use it after every start, set wearer.name = \"{name}\" in the settings"
+        )))
+    }
+
+    /// Hands a profile to the hot loop.
+    fn hand_over(&mut self, profile: Profile, name: Option<WearerName>) {
+        tracing::info!("wearer {}", name.as_ref().map_or("nobody", WearerName::as_str));
+        self.parts.hot.send(HotNews::Wearer(Box::new(profile)));
+        self.in_use = name;
+    }
+
+    /// Begins a calibration for a client.
+    fn begin(&mut self, mut client: Client, wearer: Option<&str>) {
+        let of_settings = || self.in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str);
+        let begun = named(wearer.unwrap_or_else(of_settings)).and_then(|name| {
+            if self.session.is_some() {
+                return Err("another calibration is in progress: try again when it has ended".to_owned());
+            }
+            let model = load_model(&self.parts.settings.solver).map_err(|error| error.to_string())?;
+            Ok((name, model))
+        });
+        match begun {
+            Ok((name, model)) => {
+                tracing::info!("calibration of wearer {name} begins");
+                self.parts.observed.ask(true);
+                self.session = Some(Session::new(client, name, model, monotonic_us()));
+            }
+            Err(refusal) => client.answer(&Reply::Refused(refusal)),
+        }
+    }
+
+    /// Goes on with the calibration in progress.
+    fn calibrate(&mut self) {
+        let Some(session) = &mut self.session else { return };
+        if session.client_has_gone() {
+            tracing::info!("calibration of wearer {} cancelled", session.name);
+            self.end();
+            return;
+        }
+        session.step(self.parts.observed.take(), monotonic_us());
+        if session.outcome().is_some() {
+            self.finish();
+        }
+    }
+
+    /// Ends the calibration, and returns it.
+    fn end(&mut self) -> Option<Session> {
+        self.parts.observed.ask(false);
+        self.session.take()
+    }
+
+    /// Keeps what the calibration has found, uses it, and tells the client.
+    fn finish(&mut self) {
+        let Some(mut session) = self.end() else { return };
+        let name = session.name.clone();
+        let reply = match session.outcome() {
+            Some(Ok(calibration)) => {
+                let profile = calibration.profile.clone();
+                match Store::new(&self.parts.settings.wearer.folder).keep(&name, calibration) {
+                    Ok(report) => {
+                        self.hand_over(profile, Some(name.clone()));
+                        Reply::Calibrated(report)
+                    }
+                    Err(error) => Reply::Refused(error.to_string()),
+                }
+            }
+            Some(Err(refusal)) => Reply::Refused(refusal.end()),
+            None => return,
+        };
+        if let Reply::Refused(reason) = &reply {
+            tracing::warn!("calibration of wearer {name}: {reason}");
+        }
+        session.client.answer(&reply);
+    }
+}
+
+fn named(text: &str) -> Result<WearerName, String> {
+    WearerName::new(text).ok_or_else(|| format!("no name of a wearer: give {}", WearerName::EXPECTED))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::panic)]
+mod tests;

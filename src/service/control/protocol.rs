@@ -1,0 +1,58 @@
+//! What a client asks the service, and what the service answers: one JSON value a line, in both directions.
+
+use serde::{Deserialize, Serialize};
+
+use crate::calibration::{Listed, Progress, Report};
+
+/// Longest line of a client, bytes.
+pub(crate) const MAX_LINE: usize = 256;
+
+/// What a client asks. A client asks once for each connection.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "do", rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) enum Request {
+    /// Calibrate this wearer, or the one in use. The answer is any number of [`Reply::Progress`] and one other reply. A
+    /// client that closes the connection cancels the calibration.
+    Calibrate { wearer: Option<String> },
+    /// Use the profile of this wearer, or nobody's.
+    Use { wearer: Option<String> },
+    /// List the wearers who have a profile.
+    List {},
+    /// Delete the profile of this wearer.
+    Delete { wearer: String },
+}
+
+/// What the service answers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Reply {
+    /// How far the calibration is.
+    Progress(Progress),
+    /// The calibration has ended, and its profile is in use.
+    Calibrated(Report),
+    /// The wearers, and the one in use.
+    Wearers { wearers: Vec<Listed>, in_use: Option<String>, folder: String },
+    /// It is done.
+    Done(String),
+    /// It cannot be done: one sentence that says why, and what to do.
+    Refused(String),
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn requests_are_lines_that_people_can_type() {
+        let read = |line: &str| serde_json::from_str::<Request>(line).ok();
+        assert_eq!(read(r#"{"do":"list"}"#), Some(Request::List {}));
+        assert_eq!(read(r#"{"do":"use","wearer":null}"#), Some(Request::Use { wearer: None }));
+        let calibrate = Request::Calibrate { wearer: Some("anna".to_owned()) };
+        assert_eq!(read(r#"{"do":"calibrate","wearer":"anna"}"#), Some(calibrate));
+        assert_eq!(read(r#"{"do":"dance"}"#), None);
+        assert_eq!(read(r#"{"do":"list","all":true}"#), None);
+        let longest = Request::Delete { wearer: "a".repeat(32) };
+        assert!(serde_json::to_string(&longest).unwrap().len() < MAX_LINE);
+    }
+}

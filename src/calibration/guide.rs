@@ -136,7 +136,10 @@ impl Guide {
         match self.view(take, observation) {
             Err(hindrance) => self.hinder(take, hindrance, step_s),
             Ok(_) if self.stage.since_s < of(READY_S, take) => {}
-            Ok(view) => self.measure(take, view, step_s),
+            Ok(mut view) => {
+                view.strength = self.stage.smooth(view.strength, step_s);
+                self.measure(take, &view, step_s);
+            }
         }
     }
 
@@ -230,9 +233,8 @@ impl Guide {
     }
 
     /// Measures a face under fair conditions.
-    fn measure(&mut self, take: Take, view: View<'_>, step_s: f32) {
+    fn measure(&mut self, take: Take, view: &View<'_>, step_s: f32) {
         self.stage.tried_s += step_s;
-        let view = &View { strength: self.stage.smooth(view.strength, step_s), ..view };
         self.stage.seen = if take == Take::Neutral { 0.0 } else { (view.strength / take.threshold()).max(0.0) };
         let unfit = if take == Take::Neutral { not_at_rest(&view.coefficients) } else { not_shown(take, view) };
         match unfit {

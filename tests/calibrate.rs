@@ -42,7 +42,7 @@ impl Place {
     /// Settings with this camera and wearer.
     fn settings(&self, camera: &str, wearer: &str) -> String {
         let folder = self.profiles();
-        format!("[camera]\ndevice = {camera:?}\n[wearer]\nname = {wearer:?}\nfolder = {folder:?}\n")
+        format!("[camera]\ndevice = '{camera}'\n[wearer]\nname = '{wearer}'\nfolder = '{}'\n", text(&folder))
     }
 
     /// A service that shows the built-in clip, once it is live.
@@ -184,12 +184,12 @@ fn damaged_profile_is_told_once_and_a_reload_that_names_one_is_refused() {
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let mut log = BufReader::new(child.stderr.take().unwrap());
     let mut until = |wanted: &str| {
-        let mut line = String::new();
-        while !line.contains(wanted) {
-            line.clear();
-            assert!(log.read_line(&mut line).unwrap() > 0, "the log ends before {wanted:?}");
+        let mut said = String::new();
+        while !said.contains(wanted) {
+            said.clear();
+            assert!(log.read_line(&mut said).unwrap() > 0, "the log ends before {wanted:?}");
         }
-        line
+        said
     };
     let warning = until("bert.toml");
     assert!(warning.contains("WARN") && warning.contains("facewire calibrate --wearer bert"), "{warning}");

@@ -100,6 +100,8 @@ impl Stage {
 struct View<'a> {
     seen: &'a Seen,
     coefficients: [f32; COEFFS],
+    /// In this frame, and smoothed.
+    strength_now: f32,
     strength: f32,
 }
 
@@ -137,7 +139,7 @@ impl Guide {
             Err(hindrance) => self.hinder(take, hindrance, step_s),
             Ok(_) if self.stage.since_s < of(READY_S, take) => {}
             Ok(mut view) => {
-                view.strength = self.stage.smooth(view.strength, step_s);
+                view.strength = self.stage.smooth(view.strength_now, step_s);
                 self.measure(take, &view, step_s);
             }
         }
@@ -215,7 +217,7 @@ impl Guide {
         let neutral = known.filter(|_| take != Take::Neutral);
         let coefficients = seen.raw(&self.model, neutral.map(|known| &known.neutral)).ok_or(Refusal::NoFace)?;
         let strength = neutral.map_or(0.0, |known| take.strength(&coefficients) - take.strength(&known.raw));
-        Ok(View { seen, coefficients, strength })
+        Ok(View { seen, coefficients, strength_now: strength, strength })
     }
 
     /// The conditions of the take do not hold.
@@ -254,10 +256,12 @@ impl Guide {
 
     /// Goes on with the hold, or begins one.
     fn hold(&mut self, take: Take, view: &View<'_>, step_s: f32) {
-        let View { seen, coefficients, strength } = view;
+        let View { seen, coefficients, strength_now, strength } = view;
+        // While a pose fades, the smoothed strength is still high.
+        let is_fading = *strength_now < take.threshold();
         let is_blink = take != Take::Neutral && mean_of(&LIDS, coefficients) > take.lids();
         let Some(hold) = &mut self.stage.hold else {
-            self.stage.hold = (!is_blink).then(|| Hold::begin(seen, coefficients, *strength));
+            self.stage.hold = (!is_blink && !is_fading).then(|| Hold::begin(seen, coefficients, *strength));
             return;
         };
         let fit = match take {

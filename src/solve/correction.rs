@@ -5,7 +5,8 @@
 //! - `g` rises smoothly from 0 to 1 over the model's range of response. A closed eye reads 0.8, and `1/eta` lifts it to 1.
 //! - `beta` is the model's shift less the profile's rest, which is the output for the face at rest. The sum is divided by
 //!   `1 - rest`, so that an output of 1 stays 1.
-//! - `1 - gamma` is the model's slope times the profile's gain.
+//! - `1 - gamma` is the model's slope. The profile's gain comes before it, as a factor on `f + beta`, so that lids that
+//!   close less far are lifted all the same.
 //! - Eq. 8 as printed sets `beta = f_t` once `f_t` exceeds the last minimum by a margin that fades with time. That
 //!   doubles every expression that is held longer than `1/k` (test `printed_shift_doubles_...`), the opposite of its
 //!   purpose. Here the rest is measured: by a calibration, or while facewire watches.
@@ -27,9 +28,6 @@ pub const GAINS: [f32; 2] = [0.5, 2.0];
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corrected(pub [f32; COEFFS]);
 
-/// Least output, above the rest, from which a gain can be found.
-const LEAST_MEASURED: f32 = 0.1;
-
 /// Corrects the coefficients of one frame.
 #[must_use]
 pub fn correct(raw: &RawCoeffs, terms: &Correction, profile: &Profile) -> Corrected {
@@ -46,24 +44,15 @@ impl CorrectiveTerms {
     #[must_use]
     pub fn correct(&self, raw: f32, rest: f32, gain: f32) -> f32 {
         let (rest, gain) = (bounded_rest(rest), bounded_gain(gain));
-        // From 0 at rest to 1, whatever the rest.
-        let b = (raw + self.shift - rest) / (1.0 - rest);
-        ((self.slope * gain + self.lift * self.g(b)) * b).clamp(0.0, 1.0)
+        // From 0 at rest to 1, whatever the rest; then as if the wearer's range were that of most people.
+        let b = gain * (raw + self.shift - rest) / (1.0 - rest);
+        ((self.slope + self.lift * self.g(b)) * b).clamp(0.0, 1.0)
     }
 
     /// The rest that makes this output 0, not bounded.
     #[must_use]
     pub fn rest_of(&self, raw: f32) -> f32 {
         raw + self.shift
-    }
-
-    /// The gain by which this output of a wearer with this rest becomes `target`, not bounded. `None` if the output is too
-    /// near to the rest.
-    #[must_use]
-    pub fn gain_for(&self, raw: f32, rest: f32, target: f32) -> Option<f32> {
-        let rest = bounded_rest(rest);
-        let b = (raw + self.shift - rest) / (1.0 - rest);
-        (b > LEAST_MEASURED).then(|| (target / b - self.lift * self.g(b)) / self.slope)
     }
 
     /// `g`: 0 below the range of response, 1 above it, smooth in between.
@@ -145,13 +134,8 @@ mod tests {
     }
 
     #[test]
-    fn gain_that_is_found_from_an_output_brings_it_to_the_target() {
-        let terms = CorrectiveTerms { shift: -0.05, slope: 1.1, lift: 0.25, response: [0.5, 0.9] };
-        for (raw, rest, target) in [(0.7, 0.1, 1.0), (0.5, -0.1, 0.8), (0.9, 0.0, 0.9)] {
-            let gain = terms.gain_for(raw, rest, target).unwrap_or(f32::NAN);
-            assert!((terms.correct(raw, rest, gain) - target).abs() < 1e-5, "{gain}");
-        }
-        assert_eq!(terms.gain_for(0.2, 0.1, 0.9), None);
+    fn rest_of_an_output_makes_it_0() {
+        let terms = CorrectiveTerms { shift: -0.05, ..CorrectiveTerms::NONE };
         assert!(terms.correct(0.13, terms.rest_of(0.13), 1.0).abs() < 1e-6);
     }
 

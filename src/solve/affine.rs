@@ -49,6 +49,13 @@ pub struct Normalised {
     pub(super) origin_px: [f32; 2],
 }
 
+impl Normalised {
+    /// How far the face is turned to its left and up: the sines of about these angles.
+    pub(super) fn turns(&self) -> [f32; 2] {
+        [self.rotation.m13, self.rotation.m23]
+    }
+}
+
 struct Similarity {
     rotation: Matrix3<f64>,
     scale: f64,

@@ -120,8 +120,8 @@ fn copy<'a>(slots: impl IntoIterator<Item = &'a mut f32>, values: impl IntoItera
 
 /// The direction of the face in the picture (right, up), and how much higher its left side is than its right.
 fn turns(face: &Normalised) -> [f32; 3] {
-    let m = &face.rotation;
-    [m.m13, m.m23, m.m21]
+    let [yaw, pitch] = face.turns();
+    [yaw, pitch, face.rotation.m21]
 }
 
 fn distance(points: &[[f32; 3]; LANDMARKS], (a, b): (usize, usize)) -> f32 {

@@ -22,6 +22,7 @@ mod model;
 mod model_error;
 pub mod model_file;
 mod neutral;
+mod neutral_estimate;
 mod pose;
 mod profile;
 mod regression;
@@ -53,6 +54,7 @@ pub use model::{
 };
 pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
+pub use neutral_estimate::NeutralMode;
 pub use pose::{Camera, HeadPose, yaw_pitch_roll_deg};
 pub use profile::Profile;
 pub use regression::{AbsurdResult, RawCoeffs};

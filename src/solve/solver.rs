@@ -7,8 +7,9 @@
 use thiserror::Error;
 
 use super::{
-    AbsurdResult, Camera, Corrected, DegenerateFace, Filters, FiltersState, HeadPose, Model, Profile, RawCoeffs,
-    Reference, ResidualState, Smoothed, bridge::Bridge, correct, normalise,
+    AbsurdResult, Camera, Corrected, DegenerateFace, Filters, FiltersState, HeadPose, Model, NeutralMode, Profile,
+    RawCoeffs, Reference, ResidualState, Smoothed, bridge::Bridge, correct, neutral_estimate::NeutralEstimate,
+    normalise,
 };
 use crate::face::Face;
 
@@ -47,11 +48,14 @@ pub struct Solver {
     pub profile: Profile,
     /// How coefficients are smoothed over time.
     pub filters: Filters,
+    /// What is done about the neutral face while the profile has none.
+    pub neutral_mode: NeutralMode,
     history: History,
 }
 
 #[derive(Debug, Default)]
 struct History {
+    estimate: NeutralEstimate,
     residual: ResidualState,
     filters: FiltersState,
     bridge: Bridge,
@@ -62,7 +66,7 @@ impl Solver {
     /// A solver that has not seen any frame.
     #[must_use]
     pub fn new(model: Model, profile: Profile, filters: Filters) -> Self {
-        Self { model, profile, filters, history: History::default() }
+        Self { model, profile, filters, neutral_mode: NeutralMode::Off, history: History::default() }
     }
 
     /// Solves the face of a frame that `camera` captured at `time_us`. Does not allocate.
@@ -77,13 +81,17 @@ impl Solver {
     ) -> Result<Solution, SolveError> {
         let Face { landmarks, appearance } = face.into();
         let face = normalise(landmarks)?;
-        let reference = Reference::from(self.profile.neutral.as_ref());
+        let calibrated = self.profile.neutral.as_ref().map(Reference::from);
+        let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
         let mut raw = self.model.solve(&face, reference)?;
         let residual = self.model.residual(appearance, reference.known())?;
         // Only now, because a rejected frame does not reach the filters: their time goes on until the next good frame.
         let step_s = self.history.step_s(time_us);
         if let Some(residual) = residual {
             raw = raw.plus(&residual.smoothed(&mut self.history.residual, step_s));
+        }
+        if calibrated.is_none() {
+            self.history.estimate.update(self.neutral_mode, &face, &raw, step_s);
         }
         let corrected = correct(&raw, &self.model.correction, &self.profile);
         let raw_head = HeadPose::new(&face, camera);
@@ -104,6 +112,18 @@ impl Solver {
     pub fn bridge(&mut self) {
         self.history.bridge.begin();
     }
+
+    /// Share of the estimated neutral face in the reference, from 0 to 1.
+    #[must_use]
+    pub fn neutral_share(&self) -> f32 {
+        self.history.estimate.share()
+    }
+
+    /// How often the estimate was forgotten, because another person sat down.
+    #[must_use]
+    pub fn neutral_forgotten(&self) -> u64 {
+        self.history.estimate.forgotten()
+    }
 }
 
 impl History {
@@ -111,7 +131,9 @@ impl History {
     fn step_s(&mut self, time_us: u64) -> f32 {
         let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
         if step_us.is_none() {
-            *self = Self::default();
+            // What was learned of the wearer stays.
+            (self.residual, self.filters) = (ResidualState::default(), FiltersState::default());
+            self.bridge = Bridge::default();
         }
         self.last_us = Some(time_us);
         step_us.map_or(0.0, |step_us| step_us as f32 / 1e6)

@@ -1,0 +1,64 @@
+//! How sure it is that a face is at rest.
+//!
+//! At rest, the model reads about 0 even of a face that it does not know: in films of 20 people, the root sum square of
+//! the outputs is at most 0.15 at rest, and rarely below 0.4 otherwise. On real faces at rest it is about 0.1.
+
+use crate::solve::{COEFFS, affine::Normalised};
+
+/// Sines of yaw and pitch at which a face no longer counts as frontal. A camera is often above or below the face.
+const MOST_TURN: [f32; 2] = [0.3, 0.4];
+/// Root sum square of the outputs at which a face no longer counts as at rest.
+const MOST_OUTPUT: f32 = 0.4;
+/// Output of `eyeBlink` at which an eye no longer counts as open.
+const MOST_SHUT: f32 = 0.3;
+/// `eyeBlinkLeft` and `eyeBlinkRight`.
+const LIDS: [usize; 2] = [0, 7];
+/// Distance of the outputs from their recent average at which a face no longer counts as still.
+const MOST_MOTION: f32 = 0.2;
+/// Time constant of that average, seconds.
+const RECENT_S: f32 = 0.3;
+
+/// The recent outputs.
+#[derive(Debug, Clone, Default)]
+pub(super) struct RestWatch {
+    recent: Option<[f32; COEFFS]>,
+}
+
+impl RestWatch {
+    /// Returns from 0 to 1 how sure it is that this face is at rest, `dt_s` seconds after the last one.
+    pub(super) fn weight(&mut self, face: &Normalised, outputs: &[f32; COEFFS], dt_s: f32) -> f32 {
+        let motion = self.motion(outputs, dt_s);
+        let [yaw, pitch] = face.turns();
+        let output = outputs.iter().map(|value| value.max(0.0).powi(2)).sum::<f32>().sqrt();
+        let shut = LIDS.iter().filter_map(|lid| outputs.get(*lid)).fold(0.0, |most: f32, lid| most.max(*lid));
+        let parts = [
+            (yaw, MOST_TURN[0]),
+            (pitch, MOST_TURN[1]),
+            (output, MOST_OUTPUT),
+            (shut, MOST_SHUT),
+            (motion, MOST_MOTION),
+        ];
+        parts.iter().map(|(value, most)| sureness(value / most)).product()
+    }
+
+    /// Root sum square of the differences from the recent average. The first frame counts as moving.
+    fn motion(&mut self, outputs: &[f32; COEFFS], dt_s: f32) -> f32 {
+        let Some(recent) = &mut self.recent else {
+            self.recent = Some(*outputs);
+            return MOST_MOTION;
+        };
+        let passed = 1.0 - (-dt_s / RECENT_S).exp();
+        let mut squares = 0.0;
+        for (recent, output) in recent.iter_mut().zip(outputs) {
+            let difference = output - *recent;
+            squares += difference * difference;
+            *recent += passed * difference;
+        }
+        squares.sqrt()
+    }
+}
+
+/// From 1 at 0 to 0 at 1 and beyond, smoothly.
+fn sureness(ratio: f32) -> f32 {
+    (1.0 - ratio * ratio).max(0.0).powi(2)
+}

@@ -89,5 +89,7 @@ pub fn filters(settings: &SmoothingSettings) -> Filters {
 /// # Errors
 /// Those of [`load_model`].
 pub fn load_solver(settings: &Settings) -> Result<Solver, SetupError> {
-    Ok(Solver::new(load_model(&settings.solver)?, Profile::default(), filters(&settings.smoothing)))
+    let mut solver = Solver::new(load_model(&settings.solver)?, Profile::default(), filters(&settings.smoothing));
+    solver.neutral_mode = settings.wearer.neutral;
+    Ok(solver)
 }

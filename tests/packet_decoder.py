@@ -16,6 +16,7 @@ import time
 
 PACKET_BYTES = 132
 STATES = ["live", "hold", "decay", "neutral"]
+NEUTRAL_FACES = ["mean", "estimated", "calibrated", "mean"]
 REASONS = ["none", "no face", "no camera", "late", "bad result", "stopping"]
 NAMES = """
 eyeBlinkLeft eyeLookDownLeft eyeLookInLeft eyeLookOutLeft eyeLookUpLeft eyeSquintLeft eyeWideLeft
@@ -57,6 +58,7 @@ def decode(data):
     return {
         "state": STATES[flags & 3],
         "reason": REASONS[flags >> 4],
+        "neutral_face": NEUTRAL_FACES[flags >> 2 & 3],
         "sequence": sequence,
         "age_ms": age / 10,
         "capture_us": capture_us,

@@ -46,6 +46,13 @@ enum facewire_reason {
     FACEWIRE_REASON_STOPPING = 5
 };
 
+/* The neutral face from which the sender measures expressions. */
+enum facewire_neutral_face {
+    FACEWIRE_NEUTRAL_FACE_MEAN = 0,      /* of many people */
+    FACEWIRE_NEUTRAL_FACE_ESTIMATED = 1, /* the wearer's, estimated while watching */
+    FACEWIRE_NEUTRAL_FACE_CALIBRATED = 2 /* the wearer's, from a calibration */
+};
+
 /* The return values of facewire_decode() and facewire_feed(). */
 enum facewire_result {
     FACEWIRE_MORE = 1, /* this byte ends no frame */
@@ -118,6 +125,7 @@ enum facewire_blendshape {
 struct facewire_packet {
     uint8_t state;       /* enum facewire_state */
     uint8_t reason;      /* enum facewire_reason */
+    uint8_t neutral_face; /* enum facewire_neutral_face */
     uint16_t sequence;   /* increases by one with each packet and wraps; a gap means lost packets */
     uint16_t age;        /* time from capture to sending in 0.1 ms; saturates */
     uint32_t capture_us; /* capture time on the sender's monotonic clock; wraps */
@@ -162,6 +170,8 @@ static inline int facewire_decode(const uint8_t *bytes, size_t length, struct fa
     if (result != FACEWIRE_OK) return result;
     packet->state = bytes[3] & 3;
     packet->reason = bytes[3] >> 4;
+    packet->neutral_face = bytes[3] >> 2 & 3;
+    if (packet->neutral_face == 3) packet->neutral_face = FACEWIRE_NEUTRAL_FACE_MEAN; /* reserved */
     packet->sequence = facewire_u16(bytes + 4);
     packet->age = facewire_u16(bytes + 6);
     packet->capture_us = facewire_u16(bytes + 8) | (uint32_t)facewire_u16(bytes + 10) << 16;

@@ -30,4 +30,4 @@ pub use blendshapes::{BLENDSHAPE_COUNT, BLENDSHAPES};
 pub use error::DecodeError;
 pub use frame::{FRAME_BYTES, FrameReader};
 pub use packet::{PACKET_BYTES, Packet, SILENCE_MS, VERSION};
-pub use state::{Reason, State};
+pub use state::{NeutralFace, Reason, State};

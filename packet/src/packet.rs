@@ -2,7 +2,7 @@
 
 use crc::{CRC_16_MCRF4XX, Crc, NoTable};
 
-use crate::{BLENDSHAPE_COUNT, DecodeError, Reason, State, field, quantise};
+use crate::{BLENDSHAPE_COUNT, DecodeError, NeutralFace, Reason, State, field, quantise};
 
 /// The length of a packet in bytes.
 pub const PACKET_BYTES: usize = 132;
@@ -22,6 +22,8 @@ pub struct Packet {
     pub state: State,
     /// Why the state is not live.
     pub reason: Reason,
+    /// The neutral face from which the coefficients are measured.
+    pub neutral_face: NeutralFace,
     /// Increases by one with each packet and wraps. A gap means lost packets.
     pub sequence: u16,
     /// Time from capture to sending in microseconds. Sent in steps of 100 microseconds, at most 6.5535 s.
@@ -42,6 +44,7 @@ impl Packet {
     pub const NEUTRAL: Self = Self {
         state: State::Neutral,
         reason: Reason::None,
+        neutral_face: NeutralFace::Mean,
         sequence: 0,
         age_us: u32::MAX,
         capture_us: 0,
@@ -58,7 +61,7 @@ impl Packet {
         let wire = &mut bytes;
         field::MAGIC.put(wire, MAGIC);
         field::VERSION.put(wire, [VERSION]);
-        field::FLAGS.put(wire, [self.state as u8 | (self.reason as u8) << 4]);
+        field::FLAGS.put(wire, [self.state as u8 | (self.neutral_face as u8) << 2 | (self.reason as u8) << 4]);
         field::SEQUENCE.put(wire, self.sequence.to_le_bytes());
         field::AGE.put(wire, quantise::age(self.age_us).to_le_bytes());
         field::CAPTURE.put(wire, self.capture_us.to_le_bytes());
@@ -72,8 +75,7 @@ impl Packet {
     /// Decodes a packet from exactly [`PACKET_BYTES`] bytes.
     ///
     /// # Errors
-    /// Returns a [`DecodeError`] if the bytes are not a packet of version 1. Bits 2 and 3 of the flags are reserved in
-    /// version 1 and are ignored.
+    /// Returns a [`DecodeError`] if the bytes are not a packet of version 1.
     pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
         let wire = verified(bytes)?;
         let [flags] = field::FLAGS.get(wire);
@@ -81,6 +83,7 @@ impl Packet {
         Ok(Self {
             state: State::from_bits(flags),
             reason: Reason::from_number(reason).ok_or(DecodeError::Reason(reason))?,
+            neutral_face: NeutralFace::from_bits(flags),
             sequence: u16::from_le_bytes(field::SEQUENCE.get(wire)),
             age_us: quantise::age_back(u16::from_le_bytes(field::AGE.get(wire))),
             capture_us: u32::from_le_bytes(field::CAPTURE.get(wire)),

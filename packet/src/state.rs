@@ -1,4 +1,4 @@
-//! The state of the sender and the reason for it.
+//! The state of the sender, the reason for it, and what it knows of the wearer.
 
 /// How much the sender trusts the pose it sends.
 ///
@@ -88,6 +88,39 @@ impl Reason {
             Self::Late => "late",
             Self::BadResult => "bad result",
             Self::Stopping => "stopping",
+        }
+    }
+}
+
+/// The neutral face from which the sender measures expressions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum NeutralFace {
+    /// The mean of many people. Coefficients may have a resting offset that differs from wearer to wearer.
+    #[default]
+    Mean,
+    /// The wearer's, as far as the sender has estimated it while watching.
+    Estimated,
+    /// The wearer's, from a calibration.
+    Calibrated,
+}
+
+impl NeutralFace {
+    /// Reads the neutral face from bits 2 and 3. Version 1 does not define the value 3, which means no more than the mean.
+    pub(crate) const fn from_bits(bits: u8) -> Self {
+        match bits >> 2 & 0b11 {
+            1 => Self::Estimated,
+            2 => Self::Calibrated,
+            _ => Self::Mean,
+        }
+    }
+
+    /// Returns the lower-case name, as used in tables and logs.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Mean => "mean",
+            Self::Estimated => "estimated",
+            Self::Calibrated => "calibrated",
         }
     }
 }

@@ -9,7 +9,7 @@ use std::{
     sync::LazyLock,
 };
 
-use facewire_packet::{BLENDSHAPES, DecodeError, FrameReader, Packet, Reason, State};
+use facewire_packet::{BLENDSHAPES, DecodeError, FrameReader, NeutralFace, Packet, Reason, State};
 
 static DECODER: LazyLock<PathBuf> = LazyLock::new(|| compiled("decode.c", "CC", "cc", "-std=c99"));
 static FEEDER: LazyLock<PathBuf> = LazyLock::new(|| compiled("feed.c", "CC", "cc", "-std=c99"));
@@ -52,6 +52,7 @@ fn packet() -> Packet {
     let mut packet = Packet {
         state: State::Decay,
         reason: Reason::NoCamera,
+        neutral_face: NeutralFace::Calibrated,
         sequence: 65535,
         age_us: 123_400,
         capture_us: 0xFEDC_BA98,
@@ -66,7 +67,7 @@ fn packet() -> Packet {
 
 #[test]
 fn c_reads_every_field_that_rust_wrote() {
-    let mut want = vec![2, 2, 65535, 1234, 0xFEDC_BA98, 0, -32767, 32767, 16384, -1, 2, -30000];
+    let mut want = vec![2, 2, 2, 65535, 1234, 0xFEDC_BA98, 0, -32767, 32767, 16384, -1, 2, -30000];
     want.push(65535);
     want.extend([0; 50]);
     want.push(32768);

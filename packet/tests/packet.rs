@@ -3,19 +3,20 @@
 
 use std::fmt::Write as _;
 
-use facewire_packet::{BLENDSHAPES, DecodeError, PACKET_BYTES, Packet, Reason, State};
+use facewire_packet::{BLENDSHAPES, DecodeError, NeutralFace, PACKET_BYTES, Packet, Reason, State};
 
 /// The encoding of [`golden_packet`] by an independent implementation: Python's `struct` and `crccheck`.
 const GOLDEN: &str = "\
-     4657013134127b00efcdab89cd0c67e66626b376f4ff23006402000005050a0a0f0f141419191e1e23232828\
+     4657013534127b00efcdab89cd0c67e66626b376f4ff23006402000005050a0a0f0f141419191e1e23232828\
      2d2d323237373c3c414146464b4b505055555a5a5f5f646469696e6e737378787d7d828287878c8c91919696\
-     9b9ba0a0a5a5aaaaafafb4b4b9b9bebec3c3c8c8cdcdd2d2d7d7dcdce1e1e6e6ebebf0f0f5f5fafaffffe7a4";
+     9b9ba0a0a5a5aaaaafafb4b4b9b9bebec3c3c8c8cdcdd2d2d7d7dcdce1e1e6e6ebebf0f0f5f5fafafffffac6";
 
 #[expect(clippy::cast_precision_loss, reason = "0 to 51")]
 fn golden_packet() -> Packet {
     Packet {
         state: State::Hold,
         reason: Reason::Late,
+        neutral_face: NeutralFace::Estimated,
         sequence: 0x1234,
         age_us: 12_345,
         capture_us: 0x89AB_CDEF,
@@ -102,13 +103,15 @@ fn any_bytes_that_decode_survive_encoding_and_decoding() {
 }
 
 #[test]
-fn every_state_and_reason_survives_the_wire() {
+fn every_state_reason_and_neutral_face_survives_the_wire() {
     use Reason::{BadResult, Late, NoCamera, NoFace, None, Stopping};
     for state in [State::Live, State::Hold, State::Decay, State::Neutral] {
         for reason in [None, NoFace, NoCamera, Late, BadResult, Stopping] {
-            let sent = Packet { state, reason, ..Packet::NEUTRAL };
-            let received = Packet::decode(&sent.encode()).unwrap();
-            assert_eq!((received.state, received.reason), (state, reason));
+            for neutral_face in [NeutralFace::Mean, NeutralFace::Estimated, NeutralFace::Calibrated] {
+                let sent = Packet { state, reason, neutral_face, ..Packet::NEUTRAL };
+                let received = Packet::decode(&sent.encode()).unwrap();
+                assert_eq!((received.state, received.reason, received.neutral_face), (state, reason, neutral_face));
+            }
         }
     }
 }
@@ -140,9 +143,10 @@ fn foreign_magic_version_and_reason_are_refused_despite_a_valid_checksum() {
 }
 
 #[test]
-fn reserved_flag_bits_are_ignored() {
+fn reserved_neutral_face_means_the_mean_of_many_people() {
     let received = Packet::decode(&with_byte(3, 0b0011_1101)).unwrap();
     assert_eq!((received.state, received.reason), (State::Hold, Reason::Late));
+    assert_eq!(received.neutral_face, NeutralFace::Mean);
 }
 
 #[test]

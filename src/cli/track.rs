@@ -20,12 +20,13 @@ use crate::pipeline::Pipeline;
 use crate::playback::{Face, Playback, Shown, neutral_of};
 use crate::preflight::load_profile;
 use crate::service::Step;
-use crate::solve::{HeadPose, Profile, Solution};
+use crate::solve::{HeadPose, NeutralMode, Profile, Solution};
 
 const EXAMPLES: &str = "\
 Examples:
   facewire track demo --out demo.csv
   ffmpeg -i talk.mp4 -f yuv4mpegpipe -pix_fmt yuv420p - | facewire track - --neutral 0..30
+  facewire track talk.avi --neutral auto --out talk.csv
   facewire track talk.avi --wearer anna --out talk.csv
   facewire track talk.avi --landmarks talk.npy --out talk.csv
   facewire track talk.npy --fps 30 --stage raw
@@ -48,9 +49,10 @@ pub(super) struct TrackArgs {
     /// Also write the landmarks (frames x 478 x 3, pixels; not-a-number where there is no face).
     #[arg(long, value_name = "FILE.npy")]
     landmarks: Option<PathBuf>,
-    /// Take frames A up to B, without B, as the wearer's neutral face.
-    #[arg(long, value_name = "A..B", value_parser = parse_range)]
-    neutral: Option<Range<u64>>,
+    /// The wearer's neutral face: `A..B` takes it from frames A up to B, without B; `auto` estimates it while the film
+    /// goes on, as the service does. Without this option and without a profile it is the mean of many people.
+    #[arg(long, value_name = "A..B|auto", value_parser = NeutralSource::parse)]
+    neutral: Option<NeutralSource>,
     /// Use the profile of this wearer, made by `facewire calibrate`, instead of that of `wearer.name` of the settings.
     #[arg(long, value_name = "NAME", value_parser = WearerName::parse, conflicts_with = "neutral")]
     wearer: Option<WearerName>,
@@ -72,6 +74,13 @@ pub(super) struct TrackArgs {
     model: Option<String>,
     #[command(flatten)]
     settings: SettingsArgs,
+}
+
+/// Where the neutral face comes from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum NeutralSource {
+    Frames(Range<u64>),
+    Estimate,
 }
 
 /// A stage of the solver.
@@ -106,7 +115,10 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
         landmarks: args.landmarks.as_deref().map(LandmarkFile::new).transpose()?,
         tally: Tally::default(),
     };
-    track.playback.pipeline.solver.profile = profile;
+    let is_estimated = args.neutral == Some(NeutralSource::Estimate);
+    let solver = &mut track.playback.pipeline.solver;
+    solver.profile = if is_estimated { Profile::default() } else { profile };
+    solver.neutral_mode = if is_estimated { NeutralMode::Auto } else { NeutralMode::Off };
     if let Some(tracker) = &mut track.playback.pipeline.tracker {
         tracker.set_turns(args.step.has_turns());
     }
@@ -133,8 +145,8 @@ struct Track {
 }
 
 impl Track {
-    fn all(&mut self, neutral: Option<&Range<u64>>) -> Result<(), Failure> {
-        if let Some(range) = neutral {
+    fn all(&mut self, neutral: Option<&NeutralSource>) -> Result<(), Failure> {
+        if let Some(NeutralSource::Frames(range)) = neutral {
             self.learn_neutral(range)?;
         }
         while let Some(face) = self.next()? {
@@ -217,7 +229,10 @@ impl Track {
             file.write()?;
         }
         self.csv.finish()?;
-        Ok(self.tally)
+        let solver = &self.playback.pipeline.solver;
+        let estimate = (solver.neutral_mode == NeutralMode::Auto)
+            .then(|| Estimate { share: solver.neutral_share(), forgotten: solver.neutral_forgotten() });
+        Ok(Tally { estimate, ..self.tally })
     }
 }
 
@@ -244,6 +259,14 @@ struct Tally {
     frames: u64,
     faces: u64,
     damaged: u64,
+    estimate: Option<Estimate>,
+}
+
+/// How far the estimate of the neutral face has come at the end.
+#[derive(Debug)]
+struct Estimate {
+    share: f32,
+    forgotten: u64,
 }
 
 impl Tally {
@@ -263,12 +286,24 @@ impl fmt::Display for Tally {
         if self.damaged > 0 {
             write!(f, ", {} damaged", self.damaged)?;
         }
-        Ok(())
+        let Some(Estimate { share, forgotten }) = &self.estimate else { return Ok(()) };
+        write!(f, ", neutral face estimated to {:.0} %", 100.0 * share)?;
+        match forgotten {
+            0 => Ok(()),
+            1 => write!(f, ", forgotten once for another person"),
+            times => write!(f, ", forgotten {times} times for another person"),
+        }
+    }
+}
+
+impl NeutralSource {
+    fn parse(text: &str) -> Result<Self, String> {
+        if text == "auto" { Ok(Self::Estimate) } else { parse_range(text).map(Self::Frames) }
     }
 }
 
 fn parse_range(text: &str) -> Result<Range<u64>, String> {
-    let wanted = "write A..B with A below B, such as 0..30";
+    let wanted = "write auto, or A..B with A below B, such as 0..30";
     let (start, end) = text.split_once("..").ok_or(wanted)?;
     let range = start.parse().map_err(|_| wanted)?..end.parse().map_err(|_| wanted)?;
     if range.is_empty() { Err(wanted.to_owned()) } else { Ok(range) }
@@ -291,9 +326,10 @@ mod tests {
 
     #[test]
     fn ranges_are_half_open_and_not_empty() {
-        assert_eq!(parse_range("0..30"), Ok(0..30));
+        assert_eq!(NeutralSource::parse("0..30"), Ok(NeutralSource::Frames(0..30)));
+        assert_eq!(NeutralSource::parse("auto"), Ok(NeutralSource::Estimate));
         for wrong in ["30", "5..5", "9..2", "a..b", "..4"] {
-            assert!(parse_range(wrong).is_err(), "{wrong}");
+            assert!(NeutralSource::parse(wrong).is_err(), "{wrong}");
         }
     }
 

@@ -11,6 +11,7 @@ use super::{
     smoothing::SmoothingSettings,
     value::{Choice, Value},
 };
+use crate::solve::NeutralMode;
 
 /// All settings, one field per table.
 #[derive(Debug, Clone, PartialEq)]
@@ -126,7 +127,16 @@ section! {
         /// Folder of the profiles. If empty, it is /var/lib/facewire, or ~/.local/state/facewire for a user who may not read
         /// that. A path that does not begin with / starts at the folder in which facewire is started.
         folder: String = String::new(), (), "";
+        /// The neutral face of a wearer without a profile:
+        /// - "auto": estimated while facewire watches, anew when another person sits down
+        /// - "frozen": as it was estimated until now
+        /// - "off": the mean of many people
+        neutral: NeutralMode = NeutralMode::Auto, (), "";
     }
+}
+
+impl Choice for NeutralMode {
+    const ALL: &'static [(&'static str, Self)] = &[("auto", Self::Auto), ("frozen", Self::Frozen), ("off", Self::Off)];
 }
 
 section! {

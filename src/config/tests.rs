@@ -46,7 +46,7 @@ fn settings_of_every_type_load_back_from_their_written_form() {
 fn defaults_explain_every_setting_with_its_type_and_bounds() {
     let text = uncommented_defaults();
     let settings = text.lines().filter(|line| !line.starts_with('#') && line.contains(" = "));
-    assert_eq!(settings.count(), 51, "the board, and the settings of all tables");
+    assert_eq!(settings.count(), 52, "the board, and the settings of all tables");
     assert!(
         text.contains("# Height of the picture.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n")
     );

@@ -1,6 +1,6 @@
 //! What links send: the face as the failsafe shows it at one moment.
 
-use facewire_packet::{BLENDSHAPE_COUNT, Reason, State};
+use facewire_packet::{BLENDSHAPE_COUNT, NeutralFace, Reason, State};
 
 /// A pose of the face. The fields are those of [`facewire_packet::Packet`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,12 +11,18 @@ pub struct Pose {
     pub position_mm: [f32; 3],
     /// Blendshape coefficients, 0..=1, in the order of [`facewire_packet::BLENDSHAPES`].
     pub coefficients: [f32; BLENDSHAPE_COUNT],
+    /// The neutral face from which the coefficients are measured.
+    pub neutral_face: NeutralFace,
 }
 
 impl Pose {
     /// No expression, facing the camera.
-    pub const NEUTRAL: Self =
-        Self { rotation: [0.0, 0.0, 0.0, 1.0], position_mm: [0.0; 3], coefficients: [0.0; BLENDSHAPE_COUNT] };
+    pub const NEUTRAL: Self = Self {
+        rotation: [0.0, 0.0, 0.0, 1.0],
+        position_mm: [0.0; 3],
+        coefficients: [0.0; BLENDSHAPE_COUNT],
+        neutral_face: NeutralFace::Mean,
+    };
 }
 
 /// The output of the failsafe.

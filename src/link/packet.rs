@@ -34,6 +34,7 @@ fn packet(output: &Output, sequence: u32) -> Packet {
     Packet {
         state: output.state,
         reason: output.reason,
+        neutral_face: output.pose.neutral_face,
         sequence: sequence as u16,
         age_us: u32::try_from(output.age_us).unwrap_or(u32::MAX),
         capture_us: output.capture_us as u32,
@@ -47,7 +48,7 @@ fn packet(output: &Output, sequence: u32) -> Packet {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use facewire_packet::{FrameReader, Reason, State};
+    use facewire_packet::{FrameReader, NeutralFace, Reason, State};
 
     use super::*;
     use crate::link::Pose;
@@ -61,14 +62,16 @@ mod tests {
 
     #[test]
     fn datagrams_and_frames_carry_every_field_of_the_output() {
-        let mut pose = Pose { rotation: [0.0, 0.6, 0.0, 0.8], position_mm: [1.0, -2.0, 600.0], ..Pose::NEUTRAL };
+        let neutral_face = NeutralFace::Estimated;
+        let (rotation, position_mm) = ([0.0, 0.6, 0.0, 0.8], [1.0, -2.0, 600.0]);
+        let mut pose = Pose { rotation, position_mm, neutral_face, ..Pose::NEUTRAL };
         pose.coefficients[17] = 1.0;
         let (state, reason) = (State::Hold, Reason::NoFace);
         let output =
             Output { state, reason, pose, age_us: 200, capture_us: (7 << 32) + 5, followed: true, moving: false };
         let packet = Packet::decode(&encoded(&Datagrams, &output, 65_537)).unwrap();
         assert_eq!((packet.state, packet.reason, packet.sequence), (state, reason, 1));
-        assert_eq!((packet.age_us, packet.capture_us), (200, 5));
+        assert_eq!((packet.age_us, packet.capture_us, packet.neutral_face), (200, 5, neutral_face));
         assert_eq!((packet.position_mm, packet.coefficients), (pose.position_mm, pose.coefficients));
         assert!(packet.rotation.iter().zip(pose.rotation).all(|(got, want)| (got - want).abs() < 1e-4));
 

@@ -3,10 +3,10 @@
 use std::fmt;
 use std::io;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::time::Duration;
 
-use facewire_packet::State;
+use facewire_packet::{NeutralFace, State};
 
 use super::adaptation::Cause;
 use super::heartbeat::Heartbeats;
@@ -18,6 +18,8 @@ use crate::link::Traffic;
 
 /// The states of the failsafe; [`Counters::state`] holds an index into this array.
 pub(super) const STATES: [State; 4] = [State::Neutral, State::Live, State::Hold, State::Decay];
+/// The neutral faces, in the order of their numbers.
+pub(super) const NEUTRAL_FACES: [NeutralFace; 3] = [NeutralFace::Mean, NeutralFace::Estimated, NeutralFace::Calibrated];
 
 /// Counters of a running service. They only grow, except for those that describe the present. [`Status`] says how they
 /// add up.
@@ -74,8 +76,30 @@ pub struct Counters {
     pub(super) small_picture: AtomicBool,
     /// Whether the open camera offers a smaller picture.
     pub(super) has_smaller_mode: AtomicBool,
+    /// The neutral face that is in use.
+    pub(super) neutral: Neutral,
     /// Distributions of times.
     pub(super) times: Times,
+}
+
+/// The neutral face from which coefficients are measured.
+#[derive(Debug, Default)]
+pub(super) struct Neutral {
+    /// Which it is, as an index into [`NEUTRAL_FACES`].
+    face: AtomicU64,
+    /// Bits of the share of the wearer's own face.
+    share: AtomicU32,
+    /// How often the estimate was forgotten.
+    forgotten: AtomicU64,
+}
+
+impl Neutral {
+    /// Sets what the solver uses.
+    pub(super) fn set(&self, face: NeutralFace, share: f32, forgotten: u64) {
+        self.face.store(face as u64, Relaxed);
+        self.share.store(share.to_bits(), Relaxed);
+        self.forgotten.store(forgotten, Relaxed);
+    }
 }
 
 impl Counters {
@@ -141,6 +165,7 @@ impl Counters {
     #[must_use]
     pub fn status(&self) -> Status {
         let state = usize::try_from(self.state.load(Relaxed)).ok().and_then(|number| STATES.get(number));
+        let neutral_face = usize::try_from(self.neutral.face.load(Relaxed)).ok();
         Status {
             frames: self.frames.load(Relaxed),
             solved: self.solved.load(Relaxed),
@@ -164,6 +189,9 @@ impl Counters {
             has_small_picture: self.small_picture.load(Relaxed),
             impaired_by: self.impairments.present(),
             impairments: self.impairments.begun(),
+            neutral_face: neutral_face.and_then(|number| NEUTRAL_FACES.get(number)).copied().unwrap_or_default(),
+            neutral_share: f32::from_bits(self.neutral.share.load(Relaxed)),
+            neutral_forgotten: self.neutral.forgotten.load(Relaxed),
             times_ms: self.times.quantiles(),
         }
     }
@@ -223,6 +251,12 @@ pub struct Status {
     pub impaired_by: ImpairmentSet,
     /// The name of each impairment, and how often it has begun.
     pub impairments: [(&'static str, u64); COUNT],
+    /// The neutral face from which coefficients are measured.
+    pub neutral_face: NeutralFace,
+    /// Share of the wearer's own face in it, from 0 to 1.
+    pub neutral_share: f32,
+    /// How often an estimated neutral face was forgotten, because another person sat down.
+    pub neutral_forgotten: u64,
     /// Names and distributions of times: wait, decode, detect, mesh, solve, work, age.
     pub times_ms: [(&'static str, Quantiles); 7],
 }
@@ -238,6 +272,9 @@ impl fmt::Display for Status {
         let cause = self.step_cause.map_or("none", Cause::name);
         let picture = if self.has_small_picture { "small" } else { "full" };
         write!(f, " step={} step_by={cause} step_changes={} picture={picture}", self.step, self.step_changes)?;
+        let Self { neutral_face, neutral_share, neutral_forgotten, .. } = self;
+        write!(f, " neutral={} neutral_share={neutral_share:.2}", neutral_face.name())?;
+        write!(f, " neutral_forgotten={neutral_forgotten}")?;
         self.times_ms.iter().try_for_each(|(name, quantiles)| write!(f, " {name}_ms={quantiles}"))
     }
 }
@@ -257,10 +294,12 @@ mod tests {
         counters.times.age.record(Duration::from_millis(8));
         counters.impairments.set(Impairment::Dark, true);
         counters.set_step(Step::Third, Some(Cause::Slow));
+        counters.neutral.set(NeutralFace::Estimated, 0.733, 2);
         let line = counters.status().to_string();
         let parts = [
             "frames=10 ",
             " impaired_by=dark step=third step_by=slow step_changes=1 picture=full ",
+            " neutral=estimated neutral_share=0.73 neutral_forgotten=2 ",
             " no_face=1 ",
             " deadline_misses=2 ",
             " sent=3 ",

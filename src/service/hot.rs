@@ -285,7 +285,10 @@ impl HotLoop {
         let begun_us = self.enter(Phase::Work);
         let Some(pipeline) = &mut self.pipeline else { return Ok(()) };
         let outcome = pipeline.process(frame);
-        let stages = *pipeline.times();
+        let (stages, solver) = (*pipeline.times(), &pipeline.solver);
+        if let Ok(solution) = &outcome {
+            self.counters.neutral.set(solution.neutral_face, solver.neutral_share(), solver.neutral_forgotten());
+        }
         self.timing.captured(frame.captured_us);
         let report = self.count(&outcome, frame.captured_us);
         self.report(report);
@@ -368,6 +371,7 @@ impl HotLoop {
         if let Some(model) = model {
             pipeline.solver.model = model;
         }
+        pipeline.solver.neutral_mode = self.settings.wearer.neutral;
         let filters = preflight::filters(&self.settings.smoothing);
         if is_new_model || filters != pipeline.solver.filters {
             pipeline.solver.filters = filters;

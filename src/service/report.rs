@@ -44,6 +44,7 @@ impl From<&Solution> for Pose {
             rotation: solution.head.rotation_xyzw,
             position_mm: solution.head.position_mm,
             coefficients: solution.smoothed.0,
+            neutral_face: solution.neutral_face,
         }
     }
 }

@@ -13,6 +13,9 @@
 
 mod identity;
 mod rest;
+#[cfg(test)]
+#[allow(clippy::expect_used, clippy::float_cmp, clippy::indexing_slicing)]
+mod tests;
 
 use self::{
     identity::{Identity, Verdict},
@@ -26,12 +29,15 @@ use super::{
 const LONGEST_STEP_S: f32 = 0.1;
 /// A longer pause between frames is a gap: somebody else may have sat down.
 const GAP_S: f32 = 0.5;
-/// Movement and change of size from one frame to the next that no head does: eye distances, and a factor.
-const MOST_JUMP: f32 = 1.0;
-const MOST_ZOOM: f32 = 1.3;
+/// Speeds that heads hardly reach, per second: eye distances, change of size as a factor, and sine of the turn.
+const MOST_SPEED: f32 = 12.0;
+const MOST_ZOOM: f32 = 4.0;
+const MOST_TURN: f32 = 6.0;
+/// Time from which on they count.
+const SHORTEST_JUMP_S: f32 = 0.033;
 /// Evidence at which the reference is half the wearer's, seconds at full weight. Landmarks are so steady that a few
 /// frames at rest are a good mean.
-const HALF_EVIDENCE_S: f32 = 0.15;
+const HALF_EVIDENCE_S: f32 = 0.06;
 /// Evidence that is remembered, seconds at full weight. Later frames replace it little by little.
 const MEMORY_S: f32 = 30.0;
 /// Bounds on the speed of the share, per second.
@@ -78,6 +84,7 @@ pub(super) struct NeutralEstimate {
 struct Place {
     origin_px: [f32; 2],
     scale_px: f32,
+    turns: [f32; 2],
 }
 
 impl Default for NeutralEstimate {
@@ -119,7 +126,7 @@ impl NeutralEstimate {
     pub(super) fn update(&mut self, mode: NeutralMode, face: &Normalised, raw: &RawCoeffs, step_s: f32) {
         let dt_s = step_s.min(LONGEST_STEP_S);
         if mode == NeutralMode::Auto {
-            if step_s > GAP_S || self.has_jumped(face) {
+            if self.has_jumped(face, dt_s) || step_s > GAP_S {
                 self.watch = RestWatch::default();
                 self.identity.gap();
             }
@@ -134,10 +141,10 @@ impl NeutralEstimate {
         }
     }
 
-    /// Whether the face is where no head moves to within a frame: the camera or the film shows somebody else.
-    fn has_jumped(&mut self, face: &Normalised) -> bool {
-        let place = Place { origin_px: face.origin_px, scale_px: face.scale_px };
-        self.place.replace(place).is_some_and(|last| place.is_far_from(last))
+    /// Whether the face is where hardly a head moves to in this time: perhaps the picture shows somebody else.
+    fn has_jumped(&mut self, face: &Normalised, dt_s: f32) -> bool {
+        let place = Place { origin_px: face.origin_px, scale_px: face.scale_px, turns: face.turns() };
+        self.place.replace(place).is_some_and(|last| place.is_far_from(last, dt_s))
     }
 
     fn learn(&mut self, face: &Normalised, raw: &RawCoeffs, dt_s: f32) {
@@ -149,7 +156,7 @@ impl NeutralEstimate {
         }
         self.evidence_s = (self.evidence_s + weight_s).min(MEMORY_S);
         let passed = (weight_s / self.evidence_s).min(1.0);
-        approach(&mut *self.mean, &measure(&face.points), passed);
+        approach(&mut self.mean, &measure(&face.points), passed);
         approach(&mut self.outputs, &outputs, passed);
     }
 
@@ -160,28 +167,36 @@ impl NeutralEstimate {
         self.watch = RestWatch::default();
     }
 
+    /// The share that the estimate deserves: the more evidence, and the nearer to rest the model reads its mean.
+    fn wanted_share(&self) -> f32 {
+        self.evidence_s / (self.evidence_s + HALF_EVIDENCE_S) * rest::quality(&self.outputs)
+    }
+
     /// Moves the reference towards the estimate.
     fn follow(&mut self, mode: NeutralMode, dt_s: f32) {
         let is_wanted = mode == NeutralMode::Auto && !self.is_fading;
-        let wanted = if is_wanted { self.evidence_s / (self.evidence_s + HALF_EVIDENCE_S) } else { 0.0 };
+        let wanted = if is_wanted { self.wanted_share() } else { 0.0 };
         let has_begun = self.share > 0.0;
         self.share = wanted.clamp(self.share - FALL_PER_S * dt_s, self.share + RISE_PER_S * dt_s).max(0.0);
         self.is_fading &= self.share > 0.0;
         if is_wanted && self.share > 0.0 {
             let passed = if has_begun { (dt_s / FOLLOW_S).min(1.0) } else { 1.0 };
-            approach(&mut *self.used.measures, &self.mean, passed);
+            approach(&mut self.used.measures, &self.mean, passed);
         }
     }
 }
 
 impl Place {
-    fn is_far_from(self, other: Self) -> bool {
-        let [x, y] = [0, 1].map(|axis: usize| {
-            let [a, b] = [self, other].map(|place| place.origin_px.get(axis).copied().unwrap_or_default());
-            (a - b) / other.scale_px
-        });
-        let zoom = self.scale_px / other.scale_px;
-        x.hypot(y) > MOST_JUMP || !(1.0 / MOST_ZOOM..MOST_ZOOM).contains(&zoom)
+    fn is_far_from(self, last: Self, dt_s: f32) -> bool {
+        let distance = |a: [f32; 2], b: [f32; 2]| {
+            let differences = a.iter().zip(b).map(|(a, b)| a - b);
+            differences.map(|difference| difference * difference).sum::<f32>().sqrt()
+        };
+        // Frames that come at once have jitter, too.
+        let time_s = dt_s.max(SHORTEST_JUMP_S);
+        distance(self.origin_px, last.origin_px) > MOST_SPEED * time_s * last.scale_px
+            || distance(self.turns, last.turns) > MOST_TURN * time_s
+            || (self.scale_px / last.scale_px - 1.0).abs() > MOST_ZOOM * time_s
     }
 }
 

@@ -4,6 +4,7 @@
 //! filters are settings, and the camera can differ from frame to frame. Each part of a running solver can be replaced
 //! while the others, and the history of the filters, keep their values.
 
+use facewire_packet::NeutralFace;
 use thiserror::Error;
 
 use super::{
@@ -12,6 +13,9 @@ use super::{
     normalise,
 };
 use crate::face::Face;
+
+/// Share of the wearer's own face in the reference from which on the neutral face counts as estimated.
+const ESTIMATED: f32 = 0.25;
 
 /// The results of one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +30,8 @@ pub struct Solution {
     pub raw_head: HeadPose,
     /// Pose of the head after the filter: this is sent.
     pub head: HeadPose,
+    /// The neutral face from which the coefficients are measured.
+    pub neutral_face: NeutralFace,
 }
 
 /// Why landmarks give no solution.
@@ -85,6 +91,11 @@ impl Solver {
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
         let mut raw = self.model.solve(&face, reference)?;
         let residual = self.model.residual(appearance, reference.known())?;
+        let neutral_face = match calibrated {
+            Some(_) => NeutralFace::Calibrated,
+            None if reference.known() >= ESTIMATED => NeutralFace::Estimated,
+            None => NeutralFace::Mean,
+        };
         // Only now, because a rejected frame does not reach the filters: their time goes on until the next good frame.
         let step_s = self.history.step_s(time_us);
         if let Some(residual) = residual {
@@ -98,7 +109,7 @@ impl Solver {
         let mut smoothed = self.filters.step(&mut self.history.filters, &corrected, step_s);
         let mut head = self.filters.step_head(&mut self.history.filters, &raw_head, step_s);
         self.history.bridge.step(&mut smoothed, &mut head, step_s);
-        Ok(Solution { raw, corrected, smoothed, raw_head, head })
+        Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face })
     }
 
     /// Changes to what is known of another wearer, or now known of this one.

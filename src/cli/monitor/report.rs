@@ -22,6 +22,7 @@ pub struct Json {
     from: Option<String>,
     state: &'static str,
     reason: &'static str,
+    neutral_face: &'static str,
     sequence: u16,
     lost_before: u16,
     age_ms: f64,
@@ -52,6 +53,7 @@ impl Json {
             from: tally.newest().map(|newest| newest.from.to_string()),
             state: packet.state.name(),
             reason: packet.reason.name(),
+            neutral_face: packet.neutral_face.name(),
             sequence: packet.sequence,
             lost_before: tally.newest().map_or(0, |newest| newest.lost_before),
             age_ms: f64::from(packet.age_us) / 1000.0,
@@ -95,10 +97,11 @@ pub fn line(listen: &Endpoint, tally: &Tally, now: Instant) -> String {
     }
     let [yaw, pitch, roll] = yaw_pitch_roll_deg(packet.rotation);
     format!(
-        "{}  {:.1} packets/s  {counts}  age {:.1} ms  yaw {yaw:.1} pitch {pitch:.1} roll {roll:.1}{}",
+        "{}  {:.1} packets/s  {counts}  age {:.1} ms  neutral {}  yaw {yaw:.1} pitch {pitch:.1} roll {roll:.1}{}",
         state(packet),
         tally.rate_hz(),
         f64::from(packet.age_us) / 1000.0,
+        packet.neutral_face.name(),
         strongest(packet)
     )
 }
@@ -156,7 +159,12 @@ mod tests {
         packet.coefficients = [0.25; 52];
         tally.count(&packet, Endpoint::Udp(SocketAddr::from(([127, 0, 0, 1], 7))), Instant::now());
         let text = serde_json::to_string(&Json::new(&packet, &tally)).unwrap_or_default();
-        assert!(text.starts_with(r#"{"from":"127.0.0.1:7","state":"hold","reason":"late","sequence":0,"#), "{text}");
+        assert!(
+            text.starts_with(
+                r#"{"from":"127.0.0.1:7","state":"hold","reason":"late","neutral_face":"mean","sequence":0,"#
+            ),
+            "{text}"
+        );
         assert!(text.ends_with(r#""noseSneerRight":0.25,"tongueOut":0.25}}"#), "{text}");
         assert_eq!(text.matches(":0.25").count(), 52);
     }
@@ -170,7 +178,7 @@ mod tests {
         let mut packet = Packet { state: State::Live, age_us: 23_400, ..Packet::NEUTRAL };
         packet.coefficients[17] = 0.5;
         tally.count(&packet, listen.clone(), now);
-        let want = "live  0.0 packets/s  lost 0  refused 0  age 23.4 ms  yaw 0.0 pitch 0.0 roll 0.0  jawOpen 0.50";
+        let want = "live  0.0 packets/s  lost 0  refused 0  age 23.4 ms  neutral mean  yaw 0.0 pitch 0.0 roll 0.0  jawOpen 0.50";
         assert_eq!(line(&listen, &tally, now), want);
         let later = now + Duration::from_millis(1500);
         assert_eq!(line(&listen, &tally, later), "silent for 1.5 s  lost 0  refused 0");

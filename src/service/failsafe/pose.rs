@@ -19,7 +19,7 @@ const POSITION_LIMIT_MM: f32 = 32_000.0;
 impl Pose {
     /// The neutral face at the position of this pose: a head has no neutral position.
     pub(in crate::service) fn neutral_here(&self) -> Self {
-        Self { position_mm: self.position_mm, ..Self::NEUTRAL }
+        Self { position_mm: self.position_mm, neutral_face: self.neutral_face, ..Self::NEUTRAL }
     }
 
     /// Removes rounding errors. Returns `None` if any value is not a number or out of range.
@@ -34,6 +34,7 @@ impl Pose {
             rotation: quaternion.normalize().coords.into(),
             position_mm: self.position_mm,
             coefficients: self.coefficients.map(|value| value.clamp(0.0, 1.0)),
+            neutral_face: self.neutral_face,
         })
     }
 
@@ -51,6 +52,7 @@ impl Pose {
             rotation: turned(self.rotation, target.rotation, part, limit * RADIANS_PER_UNIT),
             position_mm: moved(self.position_mm, target.position_mm, part, limit * MM_PER_UNIT),
             coefficients,
+            neutral_face: target.neutral_face,
         }
     }
 }

@@ -14,7 +14,7 @@ use prometheus_client::registry::{Registry, Unit};
 use rustix::param::page_size;
 
 use crate::impairment::Impairment;
-use crate::service::counters::{Counters, STATES, Status};
+use crate::service::counters::{Counters, NEUTRAL_FACES, STATES, Status};
 use crate::service::histogram::Histogram;
 use crate::service::{Cause, Step};
 
@@ -62,6 +62,7 @@ impl Collector for CountersCollector {
         writer.packets(&self.0.status())?;
         writer.impairments(&self.0.status())?;
         writer.step(&self.0.status())?;
+        writer.neutral(&self.0.status())?;
         writer.times(&self.0)?;
         let help = "Resident memory of the process.";
         let mut metric = writer.0.encode_descriptor("resident_memory", help, Some(&Unit::Bytes), MetricType::Gauge)?;
@@ -112,6 +113,16 @@ impl Writer<'_> {
         self.metric("step_changes", "How often the step has changed.", &ConstCounter::new(status.step_changes))?;
         let help = "1 if the camera is opened with half the width and height, else 0.";
         self.metric("small_picture", help, &ConstGauge::new(u64::from(status.has_small_picture)))
+    }
+
+    fn neutral(&mut self, status: &Status) -> fmt::Result {
+        let faces = NEUTRAL_FACES.map(|face| (face.name(), ConstGauge::new(u64::from(face == status.neutral_face))));
+        let help = "1 for the neutral face that coefficients are measured from, 0 for the others.";
+        self.family("neutral_face", help, "from", &faces)?;
+        let help = "Share of the wearer's own face in the neutral face, from 0 to 1.";
+        self.metric("neutral_share", help, &ConstGauge::new(f64::from(status.neutral_share)))?;
+        let help = "How often the estimated neutral face was forgotten because another person sat down.";
+        self.metric("neutral_forgotten", help, &ConstCounter::new(status.neutral_forgotten))
     }
 
     fn times(&mut self, counters: &Counters) -> fmt::Result {
@@ -186,6 +197,8 @@ mod tests {
     use std::sync::atomic::Ordering::Relaxed;
     use std::time::Duration;
 
+    use facewire_packet::NeutralFace;
+
     use super::*;
 
     #[test]
@@ -195,6 +208,7 @@ mod tests {
         counters.traffic.dropped.store(2, Relaxed);
         counters.impairments.set(Impairment::Hot, true);
         counters.set_step(Step::Half, Some(Cause::Hot));
+        counters.neutral.set(NeutralFace::Estimated, 0.5, 3);
         counters.times.mesh.record(Duration::from_micros(20));
         let page = Page::new(counters).text();
         for line in [
@@ -211,6 +225,10 @@ mod tests {
             "facewire_step_by{by=\"hot\"} 1",
             "facewire_step_changes_total 1",
             "facewire_small_picture 0",
+            "facewire_neutral_face{from=\"estimated\"} 1",
+            "facewire_neutral_face{from=\"mean\"} 0",
+            "facewire_neutral_share 0.5",
+            "facewire_neutral_forgotten_total 3",
             "# UNIT facewire_stage_seconds seconds",
             "facewire_stage_seconds_bucket{le=\"0.000016384\",stage=\"mesh\"} 0",
             "facewire_stage_seconds_bucket{le=\"0.000024576\",stage=\"mesh\"} 1",

@@ -1,24 +1,26 @@
 //! Tells people apart by the rigid shape of their faces.
 //!
 //! A few measures that expressions hardly change, such as the width of the temples and the height of the angles of the
-//! jaw, are averaged over 3 s of frames in which the head faces the camera, and compared with their mean over the last
+//! jaw, are averaged over 6 s of frames in which the head faces the camera, and compared with their mean over the last
 //! minute. Widths and mean heights of pairs of landmarks do not depend on the head's yaw at first order. What a change
 //! of the distance to the camera does to the measures (scale and perspective) does not count as a difference.
 //!
-//! In films of 20 people, the distance of two averages of the same person is at most 3.2, and that of different people
-//! is above [`ANOTHER`] in 87 of 100 pairs. Limits: people whose faces have the same proportions count as one person.
+//! In films of 13 people of two minutes each, the distance of the same person is at most 2.8, and that of different people
+//! above [`ANOTHER`] in 5 of 6 pairs. Limits: people whose faces have similar proportions count as one person.
 
 use crate::solve::affine::Normalised;
 
 /// Sines of yaw and pitch up to which a frame is measured.
 const MOST_TURN: [f32; 2] = [0.26, 0.35];
 /// Times over which the measures of the person in the picture and of the wearer are averaged, seconds.
-const RECENT_S: f32 = 3.0;
+const RECENT_S: f32 = 6.0;
 const WEARER_S: f32 = 60.0;
+/// An average counts as one over at least this time, seconds.
+const LEAST_SUM_S: f32 = 0.1;
 /// Time before the average of the person in the picture says something, seconds.
 const LEAST_RECENT_S: f32 = 1.5;
 /// Distance from which on a face is another person's, and time for which it has to last, seconds.
-const ANOTHER: f32 = 4.0;
+const ANOTHER: f32 = 3.3;
 const ANOTHER_S: f32 = 1.5;
 /// Distance from which on a face may be another person's.
 const DOUBTFUL: f32 = 2.5;
@@ -79,6 +81,8 @@ pub(super) struct Identity {
     recent: Average,
     wearer: Average,
     different_s: f32,
+    /// Whether the face may be another person's since a gap. Until that is decided, the wearer's average stays.
+    is_open: bool,
 }
 
 #[derive(Debug, Clone, Default)]
@@ -92,6 +96,7 @@ impl Identity {
     pub(super) fn gap(&mut self) {
         self.recent = Average::default();
         self.different_s = 0.0;
+        self.is_open = self.wearer.seconds > 0.0;
     }
 
     /// Judges the face of a frame, `dt_s` seconds after the last one.
@@ -109,25 +114,32 @@ impl Identity {
     }
 
     fn compare(&mut self, shape: &Shape, dt_s: f32) -> Verdict {
-        let is_new = self.recent.seconds < LEAST_RECENT_S && self.recent.seconds <= self.wearer.seconds;
-        if is_new {
+        if self.is_open && self.recent.seconds < LEAST_RECENT_S {
             return Verdict::Doubtful;
         }
-        // The variance of the difference of both averages, if that of the recent one is 1.
-        let variance = 1.0 + RECENT_S / self.wearer.seconds.max(LEAST_RECENT_S);
-        let distance = distance(&self.recent.shape, &self.wearer.shape) / variance;
-        if self.wearer.seconds <= 0.0 || distance <= DOUBTFUL {
+        let distance = self.distance();
+        if self.wearer.seconds <= 0.0 || distance <= ANOTHER {
             self.different_s = 0.0;
-            self.wearer.add(shape, dt_s, WEARER_S);
-            return Verdict::Same;
+            self.is_open &= self.recent.seconds < RECENT_S;
+            if !self.is_open {
+                self.wearer.add(shape, dt_s, WEARER_S);
+            }
+            return if distance <= DOUBTFUL { Verdict::Same } else { Verdict::Doubtful };
         }
-        self.different_s = if distance > ANOTHER { self.different_s + dt_s } else { 0.0 };
+        self.different_s += dt_s;
         if self.different_s < ANOTHER_S {
             return Verdict::Doubtful;
         }
         self.wearer = self.recent.clone();
-        self.different_s = 0.0;
+        (self.different_s, self.is_open) = (0.0, false);
         Verdict::Another
+    }
+
+    /// Mean square difference of both averages, in units of the variance that it has for the same person: that of an
+    /// average falls with its time.
+    fn distance(&self) -> f32 {
+        let [recent, wearer] = [&self.recent, &self.wearer].map(|average| average.seconds.max(LEAST_SUM_S));
+        distance(&self.recent.shape, &self.wearer.shape) / (RECENT_S / recent + RECENT_S / wearer)
     }
 }
 

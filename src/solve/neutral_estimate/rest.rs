@@ -8,20 +8,23 @@ use crate::solve::{COEFFS, affine::Normalised};
 /// Sines of yaw and pitch at which a face no longer counts as frontal. A camera is often above or below the face.
 const MOST_TURN: [f32; 2] = [0.3, 0.4];
 /// Root sum square of the outputs at which a face no longer counts as at rest.
-const MOST_OUTPUT: f32 = 0.4;
+const MOST_OUTPUT: f32 = 0.45;
 /// Output of `eyeBlink` at which an eye no longer counts as open.
 const MOST_SHUT: f32 = 0.3;
 /// `eyeBlinkLeft` and `eyeBlinkRight`.
 const LIDS: [usize; 2] = [0, 7];
 /// Distance of the outputs from their recent average at which a face no longer counts as still.
-const MOST_MOTION: f32 = 0.2;
+const MOST_MOTION: f32 = 0.15;
 /// Time constant of that average, seconds.
 const RECENT_S: f32 = 0.3;
+/// Time after which 63 % of a motion is forgotten, seconds. A mouth that speaks passes its average again and again.
+const CALM_S: f32 = 0.5;
 
 /// The recent outputs.
 #[derive(Debug, Clone, Default)]
 pub(super) struct RestWatch {
     recent: Option<[f32; COEFFS]>,
+    motion: f32,
 }
 
 impl RestWatch {
@@ -29,7 +32,7 @@ impl RestWatch {
     pub(super) fn weight(&mut self, face: &Normalised, outputs: &[f32; COEFFS], dt_s: f32) -> f32 {
         let motion = self.motion(outputs, dt_s);
         let [yaw, pitch] = face.turns();
-        let output = outputs.iter().map(|value| value.max(0.0).powi(2)).sum::<f32>().sqrt();
+        let output = strength(outputs);
         let shut = LIDS.iter().filter_map(|lid| outputs.get(*lid)).fold(0.0, |most: f32, lid| most.max(*lid));
         let parts = [
             (yaw, MOST_TURN[0]),
@@ -41,7 +44,7 @@ impl RestWatch {
         parts.iter().map(|(value, most)| sureness(value / most)).product()
     }
 
-    /// Root sum square of the differences from the recent average. The first frame counts as moving.
+    /// The largest recent distance of the outputs from their average, which fades. The first frame counts as moving.
     fn motion(&mut self, outputs: &[f32; COEFFS], dt_s: f32) -> f32 {
         let Some(recent) = &mut self.recent else {
             self.recent = Some(*outputs);
@@ -54,11 +57,23 @@ impl RestWatch {
             squares += difference * difference;
             *recent += passed * difference;
         }
-        squares.sqrt()
+        self.motion = squares.sqrt().max(self.motion * (-dt_s / CALM_S).exp());
+        self.motion
     }
+}
+
+/// Returns from 0 to 1 how far a face with these outputs can be taken as neutral.
+pub(super) fn quality(outputs: &[f32; COEFFS]) -> f32 {
+    let ratio = strength(outputs) / MOST_OUTPUT;
+    (1.0 - ratio * ratio).max(0.0)
+}
+
+/// Root sum square of the outputs. Those below 0 are no expression.
+fn strength(outputs: &[f32; COEFFS]) -> f32 {
+    outputs.iter().map(|value| value.max(0.0).powi(2)).sum::<f32>().sqrt()
 }
 
 /// From 1 at 0 to 0 at 1 and beyond, smoothly.
 fn sureness(ratio: f32) -> f32 {
-    (1.0 - ratio * ratio).max(0.0).powi(2)
+    (1.0 - ratio * ratio).max(0.0).powi(3)
 }

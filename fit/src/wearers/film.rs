@@ -10,7 +10,7 @@ use facewire::{
     pipeline::Pipeline,
     playback::{Face, Playback, Shown, neutral_of},
     preflight::filters,
-    solve::{Camera, Model, Profile, Solver},
+    solve::{Camera, Model, NeutralMode, Profile, Solver},
 };
 use rayon::prelude::*;
 
@@ -177,7 +177,8 @@ impl Learned {
 
     fn playback(&self) -> Playback {
         let settings = Settings::default();
-        let solver = Solver::new(self.model.clone(), self.profile.clone(), filters(&settings.smoothing));
+        let mut solver = Solver::new(self.model.clone(), self.profile.clone(), filters(&settings.smoothing));
+        solver.neutral_mode = if self.watches { NeutralMode::Auto } else { NeutralMode::Off };
         let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
         Playback::new(pipeline, &settings.failsafe)
     }

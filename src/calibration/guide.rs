@@ -13,11 +13,12 @@ use std::sync::Arc;
 use super::doubt::doubt;
 use super::hold::{Fit, Hold, LIDS};
 use super::learn::{Takes, learn};
-use super::observation::{Observation, Seen, Sight};
+use super::observation::Observation;
 use super::progress::{Phase, Progress};
 use super::refusal::Refusal;
 use super::take::{Take, mean_of};
-use crate::solve::{COEFFS, Model, Profile};
+use super::view::View;
+use crate::solve::{Model, Profile};
 
 /// Time to read what to do, for the neutral take and the others.
 const READY_S: [f32; 2] = [1.0, 0.7];
@@ -34,13 +35,6 @@ const SMOOTHING_S: f32 = 0.15;
 const GAP_S: f32 = 1.0;
 /// Longest blink that is left out.
 const BLINK_S: f32 = 0.6;
-/// How far the head may be turned from the camera in the neutral take (yaw, pitch, roll), and from there in the others.
-const FACING_DEG: [f32; 3] = [15.0, 20.0, 15.0];
-const TURNED_DEG: f32 = 12.0;
-/// General coefficients from which on a face does not rest. Faces at rest measured from the mean of many people stay below.
-const SHUT: f32 = 0.65;
-const SMILES: f32 = 0.5;
-const OPEN: f32 = 0.4;
 /// How often the neutral take is repeated because the poses contradict it.
 const RETAKES: u32 = 2;
 
@@ -96,15 +90,6 @@ impl Stage {
     }
 }
 
-/// A face under fair conditions: its coefficients, and how strongly it shows the pose.
-struct View<'a> {
-    seen: &'a Seen,
-    coefficients: [f32; COEFFS],
-    /// In this frame, and smoothed.
-    strength_now: f32,
-    strength: f32,
-}
-
 impl Guide {
     /// Begins with the neutral take. `model` is that of the solver.
     #[must_use]
@@ -135,7 +120,7 @@ impl Guide {
         let step_s = self.step_s(observation.time_us);
         let Some(take) = self.wanted() else { return };
         self.stage.since_s += step_s;
-        match self.view(take, observation) {
+        match View::new(&self.model, &self.takes, take, observation) {
             Err(hindrance) => self.hinder(take, hindrance, step_s),
             Ok(_) if self.stage.since_s < of(READY_S, take) => {}
             Ok(mut view) => {
@@ -199,27 +184,6 @@ impl Guide {
         step_s.min(GAP_S)
     }
 
-    /// Checks the conditions of the take.
-    fn view<'a>(&self, take: Take, observation: &'a Observation) -> Result<View<'a>, Refusal> {
-        let seen = match &observation.sight {
-            Sight::NoPicture => return Err(Refusal::NoPicture),
-            _ if observation.is_dark => return Err(Refusal::TooDark),
-            Sight::NoFace => return Err(Refusal::NoFace),
-            Sight::Face(seen) => seen,
-        };
-        let known = self.takes.neutral();
-        let (from, limits) = known.map_or(([0.0; 3], FACING_DEG), |known| (known.seen.head_deg, [TURNED_DEG; 3]));
-        let (from, limits) = if take == Take::Neutral { ([0.0; 3], FACING_DEG) } else { (from, limits) };
-        let turned = seen.head_deg.iter().zip(from).zip(limits);
-        if turned.into_iter().any(|((angle, from), limit)| !((angle - from).abs() <= limit)) {
-            return Err(Refusal::HeadTurned);
-        }
-        let neutral = known.filter(|_| take != Take::Neutral);
-        let coefficients = seen.raw(&self.model, neutral.map(|known| &known.neutral)).ok_or(Refusal::NoFace)?;
-        let strength = neutral.map_or(0.0, |known| take.strength(&coefficients) - take.strength(&known.raw));
-        Ok(View { seen, coefficients, strength_now: strength, strength })
-    }
-
     /// The conditions of the take do not hold.
     fn hinder(&mut self, take: Take, hindrance: Refusal, step_s: f32) {
         self.stop_hold(hindrance);
@@ -238,8 +202,7 @@ impl Guide {
     fn measure(&mut self, take: Take, view: &View<'_>, step_s: f32) {
         self.stage.tried_s += step_s;
         self.stage.seen = if take == Take::Neutral { 0.0 } else { (view.strength / take.threshold()).max(0.0) };
-        let unfit = if take == Take::Neutral { not_at_rest(&view.coefficients) } else { not_shown(take, view) };
-        match unfit {
+        match view.unfit(take) {
             Some(unfit) => {
                 self.stop_hold(if take == Take::Neutral { unfit } else { Refusal::TooShort });
                 self.stage.waits_for = Some(unfit);
@@ -336,22 +299,6 @@ impl Guide {
 /// The value for the neutral take, or that for a pose.
 fn of([neutral, pose]: [f32; 2], take: Take) -> f32 {
     if take == Take::Neutral { neutral } else { pose }
-}
-
-/// Why a face, measured from the mean of many people, is not at rest.
-fn not_at_rest(general: &[f32; COEFFS]) -> Option<Refusal> {
-    let shows = |names: &[&str], limit: f32| mean_of(names, general) > limit;
-    match general {
-        _ if shows(&LIDS, SHUT) => Some(Refusal::EyesShut),
-        _ if shows(Take::Smile.raises(), SMILES) => Some(Refusal::Smiling),
-        _ if shows(Take::JawOpen.raises(), OPEN) => Some(Refusal::MouthOpen),
-        _ => None,
-    }
-}
-
-/// Why a frame does not show the pose.
-fn not_shown(take: Take, view: &View<'_>) -> Option<Refusal> {
-    (view.strength < take.threshold()).then_some(Refusal::NotSeen)
 }
 
 #[cfg(test)]

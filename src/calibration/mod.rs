@@ -22,6 +22,7 @@ mod take;
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::indexing_slicing)]
 pub(crate) mod test_wearer;
+mod view;
 
 pub use guide::{Calibration, Guide};
 pub use name::WearerName;

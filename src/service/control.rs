@@ -9,12 +9,11 @@
 mod client;
 pub(crate) mod protocol;
 mod session;
+pub(crate) mod socket;
 
-use std::fs::{DirBuilder, Permissions, set_permissions};
 use std::io::{self, PipeReader, PipeWriter, pipe};
 use std::os::fd::AsFd as _;
-use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::mpsc;
 use std::thread::{Builder, JoinHandle};
 
@@ -29,14 +28,10 @@ use super::observer::Observed;
 use super::reload::Mailbox;
 use crate::calibration::{Store, WearerName};
 use crate::capture::monotonic_us;
-use crate::config::{Listen, Settings};
+use crate::config::Settings;
 use crate::preflight::{load_model, load_profile};
 use crate::solve::Profile;
 
-/// Name of the socket.
-const SOCKET: &str = "control";
-/// Where the service manager puts the runtime directory of the service.
-const SYSTEM_FOLDER: &str = "/run/facewire";
 /// Number of clients at a time. The others wait in the queue of the socket.
 const MAX_CLIENTS: usize = 4;
 /// Time between two looks at the newest observation, and at clients that have not asked yet.
@@ -65,30 +60,13 @@ pub(super) struct Parts {
     pub(super) hot: Mailbox<HotNews>,
 }
 
-/// Where a client looks for the service.
-#[must_use]
-pub(crate) fn sockets() -> Vec<PathBuf> {
-    match std::env::var("RUNTIME_DIRECTORY") {
-        Ok(_) => socket().into_iter().collect(),
-        Err(_) => socket().into_iter().chain([Path::new(SYSTEM_FOLDER).join(SOCKET)]).collect(),
-    }
-}
-
-/// Where the service listens: in the runtime directory of the service manager, or else of the user.
-fn socket() -> Option<PathBuf> {
-    let of_service = || std::env::var("RUNTIME_DIRECTORY").ok()?.split(':').next().map(PathBuf::from);
-    let of_user = || std::env::var("XDG_RUNTIME_DIR").ok().map(|folder| Path::new(&folder).join("facewire"));
-    let folder = of_service().or_else(of_user).filter(|folder| folder.is_absolute())?;
-    Some(folder.join(SOCKET))
-}
-
 impl Control {
     /// Starts the thread. Without a runtime directory there is no socket, and no thread.
     ///
     /// # Errors
     /// The system could not create a pipe or a thread.
     pub(super) fn start(parts: Parts) -> io::Result<Self> {
-        let Some(path) = socket() else {
+        let Some(path) = socket::path() else {
             tracing::debug!("no control socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
             return Ok(Self { stop: None, thread: None });
         };
@@ -143,7 +121,7 @@ impl Server {
     fn bind(&self) -> Option<Listener> {
         let mut has_warned = false;
         loop {
-            match self.try_bind() {
+            match socket::bind(&self.path) {
                 Ok(listener) => return Some(listener),
                 Err(error) if !has_warned => {
                     let path = self.path.display();
@@ -158,15 +136,6 @@ impl Server {
                 return None;
             }
         }
-    }
-
-    fn try_bind(&self) -> io::Result<Listener> {
-        if let Some(folder) = self.path.parent() {
-            DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
-        }
-        let listener = Listener::bind(&Listen::Unix(self.path.clone()))?;
-        set_permissions(&self.path, Permissions::from_mode(0o600))?;
-        Ok(listener)
     }
 
     /// Waits until there is something to do. Returns whether a connection waits.

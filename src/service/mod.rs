@@ -44,8 +44,9 @@ use facewire_packet::Reason;
 
 pub use adaptation::Cause;
 pub use camera::{await_picture, open as open_camera};
+pub(crate) use control::DEFAULT_WEARER;
 pub(crate) use control::protocol::{Reply, Request};
-pub(crate) use control::{DEFAULT_WEARER, sockets as control_sockets};
+pub(crate) use control::socket::candidates as control_sockets;
 pub use counters::{Counters, Status};
 pub use realtime::bind_to_hot_cpu;
 pub use reload::Program;

@@ -1,3 +1,4 @@
+use super::super::observation::Sight;
 use super::super::test_wearer::{FRAME_US, Wearer};
 use super::*;
 use crate::solve::BLENDSHAPES;

@@ -1,11 +1,13 @@
 use std::fs;
 use std::io::{BufRead as _, BufReader, Write as _};
+use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixStream;
 use std::thread;
 
 use tempfile::TempDir;
 
 use super::super::observer::{self, Observer};
+use super::socket::SOCKET;
 use super::*;
 use crate::calibration::test_wearer::{Wearer, blank_model_file};
 use crate::calibration::{Observation, Phase, Progress, Sight, Take};

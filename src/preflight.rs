@@ -62,6 +62,12 @@ pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
     Model::load(path.as_ref()).map_err(|error| SetupError::Model { path: path.clone(), error })
 }
 
+/// Whether both settings name the same profile.
+#[must_use]
+pub fn is_same_profile(one: &WearerSettings, other: &WearerSettings) -> bool {
+    (&one.name, &one.folder) == (&other.name, &other.folder)
+}
+
 /// Loads the profile of the wearer that the settings name, or nobody's.
 ///
 /// # Errors

@@ -29,7 +29,7 @@ use super::reload::Mailbox;
 use crate::calibration::{Store, WearerName};
 use crate::capture::monotonic_us;
 use crate::config::Settings;
-use crate::preflight::{load_model, load_profile};
+use crate::preflight::{is_same_profile, load_model, load_profile};
 use crate::solve::Profile;
 
 /// Number of clients at a time. The others wait in the queue of the socket.
@@ -167,7 +167,7 @@ impl Server {
     /// Takes in the settings of a reload.
     fn adopt(&mut self) {
         while let Ok(settings) = self.parts.changes.try_recv() {
-            if settings.wearer != self.parts.settings.wearer {
+            if !is_same_profile(&settings.wearer, &self.parts.settings.wearer) {
                 self.in_use = WearerName::new(&settings.wearer.name);
             }
             self.parts.settings = settings;

@@ -14,7 +14,7 @@ use super::sender::SenderSettings;
 use crate::calibration::StoreError;
 use crate::config::{Faults, LogLevel, Settings};
 use crate::link::{LinkError, Traffic};
-use crate::preflight::{SetupError, load_model, load_profile, load_tracker};
+use crate::preflight::{SetupError, is_same_profile, load_model, load_profile, load_tracker};
 
 /// The program around the service, as far as a reload needs it.
 pub trait Program: Send + Sync {
@@ -61,7 +61,7 @@ impl Change {
                 Some(load_tracker(&new.networks).map_err(SetupError::from)?)
             },
             model: if is_new_model { Some(load_model(&new.solver)?) } else { None },
-            profile: if new.wearer == live.wearer { None } else { Some(load_profile(&new.wearer)?) },
+            profile: if is_same_profile(&new.wearer, &live.wearer) { None } else { Some(load_profile(&new.wearer)?) },
         };
         let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links, traffic)?) };
         Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })

@@ -1,8 +1,10 @@
 use std::iter;
 
 use super::*;
-use crate::face::Landmarks;
-use crate::solve::{normalise, test_face};
+use crate::face::{LANDMARKS, Landmarks};
+use crate::solve::{
+    Camera, FilterKind, Filters, Model, Profile, Solver, canonical::RIGID, model::Regression, normalise, test_face,
+};
 
 const FRAME_S: f32 = 1.0 / 30.0;
 const SECOND: usize = 30;
@@ -187,4 +189,43 @@ fn time_that_stands_still_or_jumps_changes_nothing_visible() {
         watch(&mut estimate, NeutralMode::Auto, held(REST, 20 * SECOND));
         assert!(estimate.share() > 0.95 && estimate.used.measures.iter().all(|value| value.is_finite()), "{step_s}");
     }
+}
+
+/// The built-in model without the distances that it reads, and the mean neutral face of many people as far as it knows its
+/// coordinates, with corners of the mouth that hang a little.
+fn model_and_face() -> (Model, Landmarks) {
+    let Regression::HiddenLayer(mut layer) = Model::embedded().regression else { panic!("a hidden layer") };
+    let inputs = layer.inputs.iter().cloned().zip(layer.hidden_weights.iter().copied());
+    let (inputs, weights): (Vec<_>, Vec<_>) = inputs.filter(|(input, _)| input.feature.index() < 3 * LANDMARKS).unzip();
+    (layer.inputs, layer.hidden_weights) = (inputs.into(), weights.into());
+    let mut points = [[0.0; 3]; LANDMARKS];
+    for (landmark, point) in RIGID {
+        points[landmark] = point.map(|value| value as f32);
+    }
+    for input in &layer.inputs {
+        points.as_flattened_mut()[input.feature.index()] = input.neutral;
+    }
+    points[61][1] -= 0.06;
+    points[291][1] -= 0.06;
+    (layer.into(), Landmarks(points.map(|[x, y, z]| [320.0 + 80.0 * x, 240.0 - 80.0 * y, -80.0 * z])))
+}
+
+#[test]
+fn still_face_moves_by_less_than_a_200th_a_frame_while_its_estimate_comes_in_and_goes() {
+    let filters = Filters::uniform(FilterKind::Off, 0.0);
+    let (model, face) = model_and_face();
+    let mut solver = Solver::new(model, Profile::default(), filters);
+    let camera = Camera::new([640.0, 480.0], 60.0);
+    let mut shown: Vec<[f32; COEFFS]> = Vec::new();
+    for frame in 0..40 * SECOND as u64 {
+        solver.neutral_mode = if frame < 30 * SECOND as u64 { NeutralMode::Auto } else { NeutralMode::Off };
+        shown.push(solver.solve(&face, &camera, 33_333 * frame).expect("a face").raw.0);
+        assert!(frame != 29 * SECOND as u64 || solver.neutral_share() > 0.5, "{}", solver.neutral_share());
+    }
+    let change = |a: &[f32; COEFFS], b: &[f32; COEFFS]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    let largest = shown.windows(2).map(|pair| change(&pair[0], &pair[1])).fold(0.0, f32::max);
+    assert!(largest < 0.005, "{largest}");
+    let learned = change(&shown[0], &shown[29 * SECOND]);
+    assert!(learned > 0.02, "the estimate makes a difference: {learned}");
+    assert!(change(&shown[0], &shown[40 * SECOND - 1]) < 1e-4, "without it, all is as before");
 }

@@ -8,7 +8,7 @@ use crate::calibration::{Store, StoreError, WearerName};
 use crate::config::{NetworkSettings, Settings, SmoothingSettings, SolverSettings, WearerSettings};
 use crate::face::Tracker;
 use crate::infer::{self, InferError};
-use crate::solve::{Filters, HeadFilter, Model, ModelError, Profile, Solver};
+use crate::solve::{Filters, HeadFilter, Model, ModelError, Profile, Shaping, Solver};
 
 /// Why a part that settings name cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -79,9 +79,17 @@ pub fn load_profile(settings: &WearerSettings) -> Result<Profile, StoreError> {
     }
 }
 
-/// The filters that the settings ask for.
+/// The rules, filters and adjustments that the settings ask for.
 #[must_use]
-pub fn filters(settings: &SmoothingSettings) -> Filters {
+pub fn shaping(settings: &Settings) -> Shaping {
+    Shaping {
+        rules: settings.plausibility.rules(),
+        filters: filters(&settings.smoothing),
+        adjustments: settings.adjust.0.clone(),
+    }
+}
+
+fn filters(settings: &SmoothingSettings) -> Filters {
     let seconds = |ms: u32| ms as f32 / 1000.0;
     let of_group = |group| {
         let (kind, ms) = settings.of(group);
@@ -95,7 +103,7 @@ pub fn filters(settings: &SmoothingSettings) -> Filters {
 /// # Errors
 /// Those of [`load_model`].
 pub fn load_solver(settings: &Settings) -> Result<Solver, SetupError> {
-    let mut solver = Solver::new(load_model(&settings.solver)?, Profile::default(), filters(&settings.smoothing));
+    let mut solver = Solver::new(load_model(&settings.solver)?, Profile::default(), shaping(settings));
     solver.neutral_mode = settings.wearer.neutral;
     Ok(solver)
 }

@@ -4,9 +4,9 @@ use std::{hint::black_box, ops::Range, path::Path, time::Instant};
 
 use anyhow::{Context, Result};
 use facewire::{
-    config::SmoothingSettings,
+    config::Settings,
     face::{Appearance, Face, Landmarks},
-    preflight::filters,
+    preflight::shaping,
     solve::{COEFFS, Camera, Features, Model, Neutral, NeutralMean, Profile, Solution, Solver, normalise},
 };
 
@@ -43,7 +43,7 @@ pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>) -
 }
 
 fn solver(model: &Model, neutral: Option<Neutral>) -> Solver {
-    Solver::new(model.clone(), Profile { neutral, ..Profile::default() }, filters(&SmoothingSettings::default()))
+    Solver::new(model.clone(), Profile { neutral, ..Profile::default() }, shaping(&Settings::default()))
 }
 
 fn mean_face(clip: &[Landmarks], frames: Range<usize>) -> Result<Neutral> {

@@ -1,7 +1,12 @@
 //! `facewire-fit tune`: finds parameters from clips with truth.
 
 mod correction;
+mod measure;
+mod page;
 mod search;
+mod smoothing;
+mod streams;
+mod summary;
 
 use anyhow::Result;
 use clap::Subcommand;
@@ -11,11 +16,14 @@ use clap::Subcommand;
 pub enum Command {
     /// Find the corrective terms (eq. 7) of every blendshape, and write the model with them
     Correction(correction::Options),
+    /// Try every filter with many times on each part of the face, and plot the delay against the jitter of a face at rest
+    Smoothing(smoothing::Options),
 }
 
 /// Runs the command.
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Correction(options) => correction::run(options),
+        Command::Smoothing(options) => smoothing::run(options),
     }
 }

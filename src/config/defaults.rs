@@ -56,6 +56,8 @@ fn tables(settings: &Settings) -> String {
     write(&mut text, "[solver]", &settings.solver);
     write(&mut text, "[smoothing]", &settings.smoothing);
     write(&mut text, "[wearer]", &settings.wearer);
+    write(&mut text, "[plausibility]", &settings.plausibility);
+    write(&mut text, "[adjust]", &settings.adjust);
     write(&mut text, "[failsafe]", &settings.failsafe);
     write(&mut text, "[send]", &settings.send);
     write(&mut text, "[realtime]", &settings.realtime);

@@ -7,6 +7,7 @@
 //! Settings are judged by their text alone: no device, host or model file is touched.
 //! `settings.rs` and `link.rs` declare the settings: one entry gives a key its type, default, bounds and comment.
 
+mod adjust;
 mod board;
 mod check;
 mod defaults;
@@ -26,6 +27,7 @@ use std::path::Path;
 
 use overlay::{Boards, Overlay};
 
+pub use adjust::AdjustSettings;
 pub use board::BOARDS;
 pub use defaults::{defaults, written};
 pub use fault::{Fault, Faults};
@@ -37,7 +39,7 @@ pub use settings::{
     LogSettings, MetricsSettings, NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,
     WearerSettings,
 };
-pub use smoothing::SmoothingSettings;
+pub use smoothing::{PlausibilitySettings, SmoothingSettings};
 pub(crate) use value::Choice;
 pub use value::{Address, SerialDevice};
 

@@ -14,13 +14,15 @@ use super::{
 };
 
 /// Keys and tables that a file may have.
-const NAMES: [&str; 14] = [
+const NAMES: [&str; 16] = [
     "board",
     "camera",
     "networks",
     "solver",
     "smoothing",
     "wearer",
+    "plausibility",
+    "adjust",
     "failsafe",
     "send",
     "link",
@@ -106,6 +108,8 @@ impl Overlay<'_> {
                 "solver" => self.section(&mut settings.solver, "solver", value),
                 "smoothing" => self.section(&mut settings.smoothing, "smoothing", value),
                 "wearer" => self.section(&mut settings.wearer, "wearer", value),
+                "plausibility" => self.section(&mut settings.plausibility, "plausibility", value),
+                "adjust" => self.section(&mut settings.adjust, "adjust", value),
                 "failsafe" => self.section(&mut settings.failsafe, "failsafe", value),
                 "send" => self.section(&mut settings.send, "send", value),
                 "link" => settings.links = self.links(value),

@@ -5,10 +5,11 @@
 use toml::de::DeValue;
 
 use super::{
+    adjust::AdjustSettings,
     link::LinkSettings,
     listen::Listen,
     section::{Section, section, write_setting},
-    smoothing::SmoothingSettings,
+    smoothing::{PlausibilitySettings, SmoothingSettings},
     value::{Choice, Value},
 };
 use crate::solve::NeutralMode;
@@ -28,6 +29,10 @@ pub struct Settings {
     pub smoothing: SmoothingSettings,
     /// `[wearer]`
     pub wearer: WearerSettings,
+    /// `[plausibility]`
+    pub plausibility: PlausibilitySettings,
+    /// `[adjust]`
+    pub adjust: AdjustSettings,
     /// `[failsafe]`
     pub failsafe: FailsafeSettings,
     /// `[send]`
@@ -55,6 +60,8 @@ impl Default for Settings {
             solver: SolverSettings::default(),
             smoothing: SmoothingSettings::default(),
             wearer: WearerSettings::default(),
+            plausibility: PlausibilitySettings::default(),
+            adjust: AdjustSettings::default(),
             failsafe: FailsafeSettings::default(),
             send: SendSettings::default(),
             links: vec![LinkSettings::default(), LinkSettings::to_the_board()],

@@ -1,4 +1,4 @@
-//! Settings of the filters.
+//! Settings of the filters and of the rules of anatomy.
 
 use toml::de::DeValue;
 
@@ -6,7 +6,7 @@ use super::{
     section::{Section, section, write_setting},
     value::{Choice, Value},
 };
-use crate::solve::{FilterKind, Group};
+use crate::solve::{FilterKind, Group, Rules};
 
 impl Choice for FilterKind {
     const ALL: &'static [(&'static str, Self)] = &[
@@ -70,5 +70,31 @@ impl SmoothingSettings {
             Group::Jaw => (self.jaw, self.jaw_ms),
             Group::Cheeks => (self.cheeks, self.cheeks_ms),
         }
+    }
+}
+
+section! {
+    /// Rules of anatomy that the coefficients obey.
+    PlausibilitySettings {
+        /// A blink closes both lids alike, and a wink leaves the other eye open.
+        lids: bool = true, (), "";
+        /// While a lid is shut, the eye keeps its direction, which the camera cannot see then.
+        gaze: bool = true, (), "";
+        /// Movements in opposite directions, such as jawLeft and jawRight, are not shown together.
+        opposed: bool = true, (), "";
+        /// mouthClose is at most jawOpen.
+        mouth_close: bool = true, (), "";
+        /// Coefficients up to this one are 0, so that a face at rest is. Those above three times as much are unchanged. It
+        /// does not apply to eyeLook.
+        dead_zone: f32 = 0.02, 0.0..=0.2, "";
+    }
+}
+
+impl PlausibilitySettings {
+    /// The rules that these settings turn on.
+    #[must_use]
+    pub fn rules(&self) -> Rules {
+        let Self { lids, gaze, opposed, mouth_close, dead_zone } = *self;
+        Rules { mouth_close, opposed, lids, gaze, dead_zone }
     }
 }

@@ -1,5 +1,5 @@
 //! What the settings promise.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::float_cmp)]
 
 use std::fs;
 
@@ -46,7 +46,7 @@ fn settings_of_every_type_load_back_from_their_written_form() {
 fn defaults_explain_every_setting_with_its_type_and_bounds() {
     let text = uncommented_defaults();
     let settings = text.lines().filter(|line| !line.starts_with('#') && line.contains(" = "));
-    assert_eq!(settings.count(), 52, "the board, and the settings of all tables");
+    assert_eq!(settings.count(), 58, "the board, and the settings of all tables");
     assert!(
         text.contains("# Height of the picture.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n")
     );
@@ -180,6 +180,28 @@ fn each_part_of_the_face_has_a_filter_and_a_time() {
     let want = "facewire.toml:2: smoothing.jaw = \"1euro\": give one of \"off\", \"kalman\", \"moving-average\", \
                 \"time-weighted-average\", \"low-pass\", \"gated-average\", \"one-euro\"";
     assert_eq!(faults("[smoothing]\njaw = \"1euro\"\n"), want);
+}
+
+#[test]
+fn single_coefficients_are_adjusted_by_their_name_and_load_back() {
+    let text = "[adjust]\nmirror = true\njawOpen = { gain = 1.5, max = 0.8 }\nmouthSmileLeft = { offset = -0.1 }\n";
+    let settings = parse("file", text).unwrap();
+    let jaw = settings.adjust.0.coefficients.iter().find(|jaw| jaw.gain > 1.0).unwrap();
+    assert_eq!((jaw.gain, jaw.offset, jaw.min, jaw.max), (1.5, 0.0, 0.0, 0.8));
+    assert_eq!(parse("written", &written(&settings)).unwrap(), settings);
+}
+
+#[test]
+fn adjustments_that_cannot_be_are_refused_with_the_nearest_name_or_the_bounds() {
+    let text = "[adjust]\njawopen = { gain = 2 }\njawLeft = { min = 0.5, max = 0.4 }\ncheekPuff = { gian = 2.0 }\n";
+    let bounds = "give { gain = 0.0 to 10.0, offset = -1.0 to 1.0, min = 0.0 to 1.0, max = 0.0 to 1.0 } with min at most \
+                  max; each may be left out";
+    let want = format!(
+        "facewire.toml:2: adjust.jawopen is not a setting; did you mean jawOpen?\n\
+         facewire.toml:3: adjust.jawLeft = {{ min = 0.5, max = 0.4 }}: {bounds}\n\
+         facewire.toml:4: adjust.cheekPuff = {{ gian = 2.0 }}: {bounds}"
+    );
+    assert_eq!(faults(text), want);
 }
 
 #[test]

@@ -372,9 +372,9 @@ impl HotLoop {
             pipeline.solver.model = model;
         }
         pipeline.solver.neutral_mode = self.settings.wearer.neutral;
-        let filters = preflight::filters(&self.settings.smoothing);
-        if is_new_model || filters != pipeline.solver.filters {
-            pipeline.solver.filters = filters;
+        let shaping = preflight::shaping(&self.settings);
+        if is_new_model || shaping != pipeline.solver.shaping {
+            pipeline.solver.shaping = shaping;
             pipeline.solver.bridge();
         }
         is_new_camera

@@ -181,6 +181,8 @@ fn changed_tables(old: &Settings, new: &Settings) -> Vec<&'static str> {
         ("solver", old.solver != new.solver),
         ("smoothing", old.smoothing != new.smoothing),
         ("wearer", old.wearer != new.wearer),
+        ("plausibility", old.plausibility != new.plausibility),
+        ("adjust", old.adjust != new.adjust),
         ("failsafe", old.failsafe != new.failsafe),
         ("send", old.send != new.send),
         ("link", old.links != new.links),

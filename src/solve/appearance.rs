@@ -5,8 +5,7 @@
 //! at some landmarks. The regression is fitted first, and the layer to what the regression leaves unexplained.
 //! Landmarks from a file come without these values; the stage is then left out.
 //!
-//! The map carries more of the camera's noise than the landmarks do. Therefore small changes of the residual are smoothed
-//! before it is added; large ones pass.
+//! The map carries more of the camera's noise than the landmarks do. The filters smooth the sum.
 
 use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 
@@ -18,38 +17,9 @@ use super::{
 };
 use crate::face::Appearance;
 
-/// Change of a residual that passes at once.
-const LARGE: f32 = 0.1;
-/// Time after which a small change has passed by 63 %.
-const TIME_CONSTANT_S: f32 = 0.2;
-
 /// What is added to the results of the regression, in the order of [`super::BLENDSHAPES`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Residual(pub [f32; COEFFS]);
-
-/// The residual of the last frame, smoothed.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct ResidualState(Option<Residual>);
-
-impl Residual {
-    /// Smooths the residual of a frame that was captured `dt_s` seconds after the last one.
-    ///
-    /// The larger a change, the larger the share of it that passes. The share grows with the square of the change, and a
-    /// change of [`LARGE`] passes whole.
-    #[must_use]
-    pub fn smoothed(mut self, state: &mut ResidualState, dt_s: f32) -> Self {
-        if let Some(last) = state.0 {
-            let least = 1.0 - (-dt_s / TIME_CONSTANT_S).exp();
-            for (value, last) in self.0.iter_mut().zip(last.0) {
-                let change = *value - last;
-                let largeness = (change / LARGE).abs().min(1.0);
-                *value = last + (least + (1.0 - least) * largeness * largeness) * change;
-            }
-        }
-        state.0 = Some(self);
-        self
-    }
-}
 
 impl Model {
     /// Computes the residual of a face. Returns `None` if it is not known how the face looks, or if the model does not read
@@ -92,7 +62,7 @@ mod tests {
     use super::*;
     use crate::face::{APPEARANCE_CHANNELS, Face, Landmarks};
     use crate::solve::{
-        Camera, FilterKind, Filters, NeutralMean, Profile, Solver, model::appearance::test_layer, normalise,
+        Camera, FilterKind, Filters, NeutralMean, Profile, Shaping, Solver, model::appearance::test_layer, normalise,
         test_face::face,
     };
 
@@ -112,7 +82,11 @@ mod tests {
         let mut mean = NeutralMean::default();
         mean.add(&normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"));
         let neutral = Some(mean.finish().expect("a neutral face"));
-        Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::uniform(FilterKind::GatedAverage, 0.18))
+        Solver::new(
+            model,
+            Profile { neutral, ..Profile::default() },
+            Shaping::only(Filters::uniform(FilterKind::GatedAverage, 0.18)),
+        )
     }
 
     #[test]
@@ -126,25 +100,6 @@ mod tests {
             assert!((at(x, 0.0) - 0.3 * unit).abs() < 1e-5, "{x}");
             assert!((at(x, 0.25) - (0.025 + 0.325 * unit)).abs() < 1e-5, "{x}");
         }
-    }
-
-    /// What smoothing makes of residuals that are the same for all coefficients, at 30 frames a second.
-    fn smoothed(values: impl IntoIterator<Item = f32>) -> Vec<f32> {
-        let mut state = ResidualState::default();
-        let step = |value| Residual([value; COEFFS]).smoothed(&mut state, 1.0 / 30.0).0[0];
-        values.into_iter().map(step).collect()
-    }
-
-    #[test]
-    fn noise_is_smoothed_to_a_fifth_and_a_large_change_passes_at_once() {
-        let mut random = fastrand::Rng::with_seed(3);
-        let noise: Vec<f32> = (0..300).map(|_| 0.02 * (random.f32() - 0.5)).collect();
-        let step = |values: &[f32]| values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f32>();
-        assert!(step(&smoothed(noise.clone())) < 0.2 * step(&noise));
-        let large = smoothed([0.0, 0.15, -0.1]);
-        assert!((large[1] - 0.15).abs() < 1e-6 && (large[2] + 0.1).abs() < 1e-6, "{large:?}");
-        let held = smoothed([0.0; 5].into_iter().chain([0.03; 30]));
-        assert!(held[34] > 0.029, "a small change arrives, too: {}", held[34]);
     }
 
     #[test]

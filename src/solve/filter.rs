@@ -83,6 +83,12 @@ impl Filter {
     /// The filter that changes nothing.
     pub const OFF: Self = Self { kind: FilterKind::Off, time_s: 0.0, small: 1.0 };
 
+    /// The filter in a picture that is noisier by a factor of `level`: larger changes are small, too.
+    #[must_use]
+    pub fn in_noise(self, level: f32) -> Self {
+        Self { small: level * self.small, ..self }
+    }
+
     /// Filters the value `x` of a frame that was captured `dt_s` seconds after the last one.
     ///
     /// A value that is not finite is returned as it is and empties the state, so that it affects no later frame. After

@@ -10,15 +10,17 @@ use super::{
 };
 
 /// Size of a turn that is no longer small. The distance of two unit quaternions is half of the angle in radians.
-const SMALL_TURN: f32 = 0.5 * 0.02;
+const SMALL_TURN: f32 = 0.5 * 0.03;
 /// Size of a movement that is no longer small, millimetres. The depth is the noisiest of the three coordinates.
 const SMALL_MOVE_MM: f32 = 5.0;
 
 /// How the head's pose is smoothed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadFilter {
-    rotation: Filter,
-    position: Filter,
+    /// How the rotation is smoothed.
+    pub rotation: Filter,
+    /// How the position is smoothed.
+    pub position: Filter,
 }
 
 /// What a [`HeadFilter`] remembers between frames.
@@ -40,6 +42,12 @@ impl HeadFilter {
             rotation: Filter { kind, time_s, small: SMALL_TURN },
             position: Filter { kind, time_s, small: SMALL_MOVE_MM },
         }
+    }
+
+    /// The filter in a picture that is noisier by a factor of `level`.
+    #[must_use]
+    pub fn in_noise(self, level: f32) -> Self {
+        Self { rotation: self.rotation.in_noise(level), position: self.position.in_noise(level) }
     }
 
     /// Filters the pose of a frame that was captured `dt_s` seconds after the last one.

@@ -1,13 +1,15 @@
 //! From landmarks to blendshape coefficients: pure arithmetic without a clock, a log or, but for loading a model, I/O.
 //!
 //! ```text
-//! normalise -> Model::solve -> RawCoeffs::plus -> correct -> Filters::step -> Bridge::step
+//! normalise -> Model::solve -> RawCoeffs::plus -> correct -> Rules::step -> Filters::step -> ...
+//!     ... -> Adjustments::apply -> Bridge::step
 //!                             AppearanceLayer::process --^
 //! ```
 //!
 //! [`Solver`] runs these stages. A stage that gets values it cannot use, such as landmarks that are not finite or do
 //! not form a face, returns an error, and the whole frame is rejected.
 
+mod adjustments;
 mod affine;
 mod appearance;
 mod bridge;
@@ -23,6 +25,8 @@ mod model_error;
 pub mod model_file;
 mod neutral;
 mod neutral_estimate;
+mod noise_level;
+mod plausible;
 mod pose;
 mod profile;
 mod regression;
@@ -34,8 +38,9 @@ pub(crate) mod test_face;
 
 use crate::face::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, LANDMARKS};
 
+pub use adjustments::{Adjustment, Adjustments};
 pub use affine::{DegenerateFace, Normalised, normalise};
-pub use appearance::{Residual, ResidualState};
+pub use appearance::Residual;
 pub use correction::{Corrected, GAINS, MAX_REST, correct};
 pub use face_mean::FaceMean;
 pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
@@ -55,8 +60,9 @@ pub use model::{
 pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
 pub use neutral_estimate::NeutralMode;
+pub use plausible::{GazeState, Rules};
 pub use pose::{Camera, HeadPose, yaw_pitch_roll_deg};
 pub use profile::Profile;
 pub use regression::{AbsurdResult, RawCoeffs};
 pub use smoothing::{Filters, FiltersState, Group, Smoothed};
-pub use solver::{Solution, SolveError, Solver};
+pub use solver::{Shaping, Solution, SolveError, Solver};

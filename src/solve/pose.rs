@@ -81,6 +81,19 @@ impl HeadPose {
         Self { rotation_xyzw: with_positive_w(rotation), yaw_deg, pitch_deg, roll_deg, position_mm }
     }
 
+    /// The mirror image of the pose: left and right are swapped.
+    #[must_use]
+    pub fn mirrored(&self) -> Self {
+        let ([x, y, z, w], [x_mm, y_mm, z_mm]) = (self.rotation_xyzw, self.position_mm);
+        Self {
+            rotation_xyzw: [x, -y, -z, w],
+            yaw_deg: -self.yaw_deg,
+            pitch_deg: self.pitch_deg,
+            roll_deg: -self.roll_deg,
+            position_mm: [-x_mm, y_mm, z_mm],
+        }
+    }
+
     /// The rotation.
     pub(super) fn rotation(&self) -> UnitQuaternion<f32> {
         UnitQuaternion::new_unchecked(Quaternion::from(self.rotation_xyzw))

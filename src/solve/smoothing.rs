@@ -4,6 +4,7 @@ use super::{
     BLENDSHAPES, COEFFS, Corrected, HeadPose,
     filter::{Filter, FilterKind, FilterState},
     head_filter::{HeadFilter, HeadState},
+    noise_level::NoiseLevel,
 };
 
 /// Coefficients ready to be sent, each within `0..=1`.
@@ -27,40 +28,53 @@ pub enum Group {
     Cheeks,
 }
 
-/// The beginnings of the names of blendshapes, with their groups. The first that fits counts.
-const PREFIXES: [(&str, Group); 9] = [
-    ("eyeLook", Group::Gaze),
-    ("eye", Group::Lids),
-    ("brow", Group::Brows),
-    ("mouth", Group::Mouth),
-    ("tongue", Group::Mouth),
-    ("jaw", Group::Jaw),
-    ("cheek", Group::Cheeks),
-    ("nose", Group::Cheeks),
-    ("", Group::Mouth),
-];
-
 impl Group {
     /// Every group.
     pub const ALL: [Self; 6] = [Self::Lids, Self::Gaze, Self::Brows, Self::Mouth, Self::Jaw, Self::Cheeks];
 
     /// The group of a blendshape.
     #[must_use]
-    pub fn of(blendshape: &str) -> Self {
-        let fitting = PREFIXES.into_iter().find(|(prefix, _)| blendshape.starts_with(prefix));
-        fitting.map_or(Self::Mouth, |(_, group)| group)
+    pub const fn of(blendshape: &str) -> Self {
+        match blendshape.as_bytes() {
+            [b'e', b'y', b'e', b'L', b'o', b'o', b'k', ..] => Self::Gaze,
+            [b'e', b'y', b'e', ..] => Self::Lids,
+            [b'b', b'r', b'o', b'w', ..] => Self::Brows,
+            [b'j', b'a', b'w', ..] => Self::Jaw,
+            [b'c', b'h', b'e', b'e', b'k', ..] | [b'n', b'o', b's', b'e', ..] => Self::Cheeks,
+            // `mouth` and `tongueOut`.
+            _ => Self::Mouth,
+        }
+    }
+
+    /// The size of a change that is no longer small, in good light.
+    const fn small(self) -> f32 {
+        match self {
+            Self::Gaze => 0.085,
+            Self::Brows => 0.06,
+            Self::Lids => 0.05,
+            Self::Mouth => 0.035,
+            Self::Cheeks => 0.03,
+            Self::Jaw => 0.02,
+        }
     }
 
     /// The filter of this group, by the settings.
     #[must_use]
     pub fn filter(self, kind: FilterKind, time_s: f32) -> Filter {
-        let small = match self {
-            Self::Lids | Self::Gaze => 0.03,
-            Self::Brows | Self::Mouth | Self::Jaw | Self::Cheeks => 0.05,
-        };
-        Filter { kind, time_s, small }
+        Filter { kind, time_s, small: self.small() }
     }
 }
+
+/// The size of a change of each coefficient that is no longer small, in good light.
+pub const SMALL: [f32; COEFFS] = {
+    let mut sizes = [0.0; COEFFS];
+    let mut index = 0;
+    while index < COEFFS {
+        sizes[index] = Group::of(BLENDSHAPES[index]).small();
+        index += 1;
+    }
+    sizes
+};
 
 /// The filters of all coefficients, in the order of [`BLENDSHAPES`], and of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,13 +88,18 @@ pub struct Filters {
 /// The states of all filters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FiltersState {
+    noise: NoiseLevel,
     coefficients: [FilterState<1>; COEFFS],
     head: HeadState,
 }
 
 impl Default for FiltersState {
     fn default() -> Self {
-        Self { coefficients: [const { FilterState::Empty }; COEFFS], head: HeadState::default() }
+        Self {
+            noise: NoiseLevel::default(),
+            coefficients: [const { FilterState::Empty }; COEFFS],
+            head: HeadState::default(),
+        }
     }
 }
 
@@ -100,18 +119,20 @@ impl Filters {
         Self::new(|group| group.filter(kind, time_s), HeadFilter::new(kind, time_s))
     }
 
-    /// Filters the coefficients of a frame that was captured `dt_s` seconds after the last one.
-    pub fn step(&self, state: &mut FiltersState, corrected: &Corrected, dt_s: f32) -> Smoothed {
+    /// Filters the coefficients and the pose of the head of a frame that was captured `dt_s` seconds after the last one.
+    pub fn step(
+        &self,
+        state: &mut FiltersState,
+        corrected: &Corrected,
+        head: &HeadPose,
+        dt_s: f32,
+    ) -> (Smoothed, HeadPose) {
+        let level = state.noise.step(&corrected.0, dt_s);
         let mut out = corrected.0;
         for (value, (filter, state)) in out.iter_mut().zip(self.coefficients.iter().zip(&mut state.coefficients)) {
-            [*value] = filter.step(state, [*value], dt_s);
+            [*value] = filter.in_noise(level).step(state, [*value], dt_s);
         }
-        Smoothed(out)
-    }
-
-    /// Filters the pose of the head in the same frame.
-    pub fn step_head(&self, state: &mut FiltersState, head: &HeadPose, dt_s: f32) -> HeadPose {
-        self.head.step(&mut state.head, head, dt_s)
+        (Smoothed(out), self.head.in_noise(level).step(&mut state.head, head, dt_s))
     }
 }
 

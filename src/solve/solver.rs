@@ -1,16 +1,16 @@
 //! From the landmarks of a frame to its coefficients and the head's pose: every stage in order.
 //!
 //! The parts differ in who owns them. The model is the same for everybody, the profile belongs to the wearer, the
-//! filters are settings, and the camera can differ from frame to frame. Each part of a running solver can be replaced
+//! rest are settings, and the camera can differ from frame to frame. Each part of a running solver can be replaced
 //! while the others, and the history of the filters, keep their values.
 
 use facewire_packet::NeutralFace;
 use thiserror::Error;
 
 use super::{
-    AbsurdResult, Camera, Corrected, DegenerateFace, Filters, FiltersState, HeadPose, Model, NeutralMode, Profile,
-    RawCoeffs, Reference, ResidualState, Smoothed, bridge::Bridge, correct, neutral_estimate::NeutralEstimate,
-    normalise,
+    AbsurdResult, Adjustments, Camera, Corrected, DegenerateFace, Filters, FiltersState, GazeState, HeadPose, Model,
+    NeutralMode, Profile, RawCoeffs, Reference, Rules, Smoothed, bridge::Bridge, correct,
+    neutral_estimate::NeutralEstimate, normalise,
 };
 use crate::face::Face;
 
@@ -24,11 +24,11 @@ pub struct Solution {
     pub raw: RawCoeffs,
     /// Coefficients after the corrective terms.
     pub corrected: Corrected,
-    /// Coefficients after the filters: these are sent.
+    /// Coefficients after the rules of anatomy, the filters and the adjustments: these are sent.
     pub smoothed: Smoothed,
-    /// Pose of the head before the filter.
+    /// Pose of the head as it was seen.
     pub raw_head: HeadPose,
-    /// Pose of the head after the filter: this is sent.
+    /// Pose of the head after filter and adjustments: this is sent.
     pub head: HeadPose,
     /// The neutral face from which the coefficients are measured.
     pub neutral_face: NeutralFace,
@@ -52,17 +52,36 @@ pub struct Solver {
     pub model: Model,
     /// What is known of the wearer.
     pub profile: Profile,
-    /// How coefficients are smoothed over time.
-    pub filters: Filters,
+    /// How coefficients are shaped before they are sent.
+    pub shaping: Shaping,
     /// What is done about the neutral face while the profile has none.
     pub neutral_mode: NeutralMode,
     history: History,
 }
 
+/// What settings make of corrected coefficients and of the head's pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shaping {
+    /// Rules of anatomy.
+    pub rules: Rules,
+    /// How values are smoothed over time.
+    pub filters: Filters,
+    /// Changes of the final output.
+    pub adjustments: Adjustments,
+}
+
+impl Shaping {
+    /// Filters alone.
+    #[must_use]
+    pub fn only(filters: Filters) -> Self {
+        Self { rules: Rules::OFF, filters, adjustments: Adjustments::default() }
+    }
+}
+
 #[derive(Debug, Default)]
 struct History {
     estimate: NeutralEstimate,
-    residual: ResidualState,
+    gaze: GazeState,
     filters: FiltersState,
     bridge: Bridge,
     last_us: Option<u64>,
@@ -71,8 +90,8 @@ struct History {
 impl Solver {
     /// A solver that has not seen any frame.
     #[must_use]
-    pub fn new(model: Model, profile: Profile, filters: Filters) -> Self {
-        Self { model, profile, filters, neutral_mode: NeutralMode::Off, history: History::default() }
+    pub fn new(model: Model, profile: Profile, shaping: Shaping) -> Self {
+        Self { model, profile, shaping, neutral_mode: NeutralMode::Off, history: History::default() }
     }
 
     /// Solves the face of a frame that `camera` captured at `time_us`. Does not allocate.
@@ -99,16 +118,19 @@ impl Solver {
         // Only now, because a rejected frame does not reach the filters: their time goes on until the next good frame.
         let step_s = self.history.step_s(time_us);
         if let Some(residual) = residual {
-            raw = raw.plus(&residual.smoothed(&mut self.history.residual, step_s));
+            raw = raw.plus(&residual);
         }
         if calibrated.is_none() {
             self.history.estimate.update(self.neutral_mode, &face, &raw, step_s);
         }
         let corrected = correct(&raw, &self.model.correction, &self.profile);
         let raw_head = HeadPose::new(&face, camera);
-        let mut smoothed = self.filters.step(&mut self.history.filters, &corrected, step_s);
-        let mut head = self.filters.step_head(&mut self.history.filters, &raw_head, step_s);
-        self.history.bridge.step(&mut smoothed, &mut head, step_s);
+        let (Shaping { rules, filters, adjustments }, history) = (&self.shaping, &mut self.history);
+        let plausible = rules.step(&mut history.gaze, &corrected, step_s);
+        let (mut smoothed, mut head) = filters.step(&mut history.filters, &plausible, &raw_head, step_s);
+        adjustments.apply(&mut smoothed.0, &mut head);
+        history.bridge.step(&mut smoothed, &mut head, step_s);
+        adjustments.limit(&mut smoothed.0);
         Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face })
     }
 
@@ -165,7 +187,11 @@ mod tests {
         mean.add(&normalise(&face([3.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"));
         let neutral = Some(mean.finish().expect("a neutral face"));
         let model = Model::embedded();
-        Solver::new(model, Profile { neutral, ..Profile::default() }, Filters::uniform(FilterKind::GatedAverage, 0.18))
+        Solver::new(
+            model,
+            Profile { neutral, ..Profile::default() },
+            Shaping::only(Filters::uniform(FilterKind::GatedAverage, 0.18)),
+        )
     }
 
     /// Solutions of a head that turns, 30 a second; `change` is called before the frame in the middle.
@@ -197,7 +223,7 @@ mod tests {
     fn replaced_model_and_filters_keep_the_wearer_and_the_history() {
         let got = solutions(|solver, _| {
             solver.model = Model::embedded();
-            solver.filters = Filters::uniform(FilterKind::GatedAverage, 0.18);
+            solver.shaping = Shaping::only(Filters::uniform(FilterKind::GatedAverage, 0.18));
         });
         assert_eq!(got, solutions(|_, _| ()));
         assert_ne!(got, solutions(|solver, _| solver.profile.rest = [MAX_REST; COEFFS]));
@@ -208,7 +234,7 @@ mod tests {
     fn replaced_filters_make_no_step_once_they_are_bridged() {
         let jump = |filters: Filters, is_bridged: bool| {
             let got = solutions(|solver, _| {
-                solver.filters = filters;
+                solver.shaping.filters = filters;
                 if is_bridged {
                     solver.bridge();
                 }

@@ -11,7 +11,7 @@ use facewire::{
     config::Settings,
     pipeline::Pipeline,
     playback::{Face, Playback, Shown, neutral_of},
-    preflight::{filters, load_tracker},
+    preflight::{load_tracker, shaping},
     solve::{Model, Neutral, Profile, Solver},
 };
 use rayon::prelude::*;
@@ -91,7 +91,7 @@ impl Clip {
     fn shown(&self, model: &Model, neutral_known: bool) -> impl Iterator<Item = Shown> {
         let settings = Settings::default();
         let profile = Profile { neutral: neutral_known.then(|| self.neutral.clone()), ..Profile::default() };
-        let solver = Solver::new(model.clone(), profile, filters(&settings.smoothing));
+        let solver = Solver::new(model.clone(), profile, shaping(&settings));
         let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
         let mut playback = Playback::new(pipeline, &settings.failsafe);
         self.faces.iter().map(move |face| playback.show(face))
@@ -108,7 +108,7 @@ pub fn track(film: &Path) -> Result<Vec<Face>> {
     let settings = Settings::default();
     let path = film.to_str().context("the path is not UTF-8")?;
     let mut source = open_file(path, &FileOptions::default())?;
-    let solver = Solver::new(Model::embedded(), Profile::default(), filters(&settings.smoothing));
+    let solver = Solver::new(Model::embedded(), Profile::default(), shaping(&settings));
     let pipeline = Pipeline::new(load_tracker(&settings.networks)?, solver, settings.camera.horizontal_fov_deg);
     let mut playback = Playback::new(pipeline, &settings.failsafe);
     std::iter::from_fn(|| playback.find(&mut *source).transpose()).map(|face| Ok(face?)).collect()

@@ -9,7 +9,7 @@ use facewire::{
     config::Settings,
     pipeline::Pipeline,
     playback::{Face, Playback, Shown, neutral_of},
-    preflight::filters,
+    preflight::shaping,
     solve::{Camera, Model, NeutralMode, Profile, Solver},
 };
 use rayon::prelude::*;
@@ -177,7 +177,7 @@ impl Learned {
 
     fn playback(&self) -> Playback {
         let settings = Settings::default();
-        let mut solver = Solver::new(self.model.clone(), self.profile.clone(), filters(&settings.smoothing));
+        let mut solver = Solver::new(self.model.clone(), self.profile.clone(), shaping(&settings));
         solver.neutral_mode = if self.watches { NeutralMode::Auto } else { NeutralMode::Off };
         let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
         Playback::new(pipeline, &settings.failsafe)

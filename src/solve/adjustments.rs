@@ -1,0 +1,178 @@
+//! What a receiver wants changed in the final output: left and right, gains, offsets and limits.
+//!
+//! Comes after everything else, so that a limit holds for what is sent.
+
+use super::{BLENDSHAPES, COEFFS, HeadPose};
+
+/// Changes of the final output. The default changes nothing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Adjustments {
+    /// Swaps left and right: the output is the mirror image of the wearer.
+    pub mirror: bool,
+    /// Changes of each coefficient, in the order of [`BLENDSHAPES`]. They go by the names in the output.
+    pub coefficients: [Adjustment; COEFFS],
+}
+
+/// Changes of one coefficient: `gain * value + offset`, within `min..=max`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Adjustment {
+    /// Factor.
+    pub gain: f32,
+    /// What is added after the factor.
+    pub offset: f32,
+    /// Least value.
+    pub min: f32,
+    /// Greatest value, not below `min`.
+    pub max: f32,
+}
+
+impl Default for Adjustment {
+    fn default() -> Self {
+        Self { gain: 1.0, offset: 0.0, min: 0.0, max: 1.0 }
+    }
+}
+
+impl Default for Adjustments {
+    fn default() -> Self {
+        Self { mirror: false, coefficients: [Adjustment::default(); COEFFS] }
+    }
+}
+
+/// The place of the blendshape that is the mirror image of each.
+const MIRRORED: [usize; COEFFS] = mirrored();
+
+impl Adjustments {
+    /// Changes the coefficients and the pose of the head.
+    pub fn apply(&self, coefficients: &mut [f32; COEFFS], head: &mut HeadPose) {
+        if self.mirror {
+            let before = *coefficients;
+            let mirrored = MIRRORED.iter().filter_map(|place| before.get(*place));
+            coefficients.iter_mut().zip(mirrored).for_each(|(value, mirrored)| *value = *mirrored);
+            *head = head.mirrored();
+        }
+        for (value, adjustment) in coefficients.iter_mut().zip(&self.coefficients) {
+            *value = adjustment.apply(*value);
+        }
+    }
+
+    /// Keeps the coefficients within their limits.
+    pub fn limit(&self, coefficients: &mut [f32; COEFFS]) {
+        for (value, adjustment) in coefficients.iter_mut().zip(&self.coefficients) {
+            *value = adjustment.limit(*value);
+        }
+    }
+}
+
+impl Adjustment {
+    fn apply(&self, value: f32) -> f32 {
+        self.limit(self.gain * value + self.offset)
+    }
+
+    /// Not `clamp`, which panics if `min` exceeds `max`.
+    fn limit(&self, value: f32) -> f32 {
+        if value < self.min {
+            self.min
+        } else if value > self.max {
+            self.max
+        } else {
+            value
+        }
+    }
+}
+
+const fn mirrored() -> [usize; COEFFS] {
+    let mut places = [0; COEFFS];
+    let mut place = 0;
+    while place < COEFFS {
+        let mut other = 0;
+        while other < COEFFS && !is_mirror_image(BLENDSHAPES[place], BLENDSHAPES[other]) {
+            other += 1;
+        }
+        places[place] = if other < COEFFS { other } else { place };
+        place += 1;
+    }
+    places
+}
+
+/// Whether two names differ only in that one ends in `Left` and the other in `Right`.
+const fn is_mirror_image(a: &str, b: &str) -> bool {
+    is_left_of_right(a.as_bytes(), b.as_bytes()) || is_left_of_right(b.as_bytes(), a.as_bytes())
+}
+
+const fn is_left_of_right(left: &[u8], right: &[u8]) -> bool {
+    if left.len() + 1 != right.len() || left.len() < 4 {
+        return false;
+    }
+    let stem = left.len() - 4;
+    let mut index = 0;
+    while index < right.len() {
+        let wanted = if index < stem { left[index] } else { b"Right"[index - stem] };
+        if right[index] != wanted || (index >= stem && index < left.len() && left[index] != b"Left"[index - stem]) {
+            return false;
+        }
+        index += 1;
+    }
+    true
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp, clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+
+    fn head(yaw: f32, roll: f32) -> HeadPose {
+        let half = |degrees: f32| (0.5 * degrees).to_radians().sin_cos();
+        let ((y, cy), (z, cz)) = (half(yaw), half(roll));
+        // Rz(roll) Ry(yaw)
+        HeadPose::from_rotation([-z * y, cz * y, z * cy, cz * cy], [30.0, 20.0, 600.0])
+    }
+
+    /// Coefficients that all differ, and a turned head.
+    fn output() -> ([f32; COEFFS], HeadPose) {
+        (core::array::from_fn(|index| index as f32 / 100.0), head(20.0, 10.0))
+    }
+
+    fn applied(
+        adjustments: &Adjustments,
+        (mut coefficients, mut head): ([f32; COEFFS], HeadPose),
+    ) -> ([f32; COEFFS], HeadPose) {
+        adjustments.apply(&mut coefficients, &mut head);
+        (coefficients, head)
+    }
+
+    #[test]
+    fn mirror_swaps_left_and_right_and_twice_it_changes_nothing() {
+        let mirror = Adjustments { mirror: true, ..Adjustments::default() };
+        let (coefficients, pose) = applied(&mirror, output());
+        let at = |name| BLENDSHAPES.iter().position(|known| *known == name).unwrap_or(COEFFS);
+        for (one, other) in [("jawLeft", "jawRight"), ("eyeLookInLeft", "eyeLookInRight"), ("jawOpen", "jawOpen")] {
+            assert_eq!(coefficients[at(one)], output().0[at(other)]);
+        }
+        let middle = MIRRORED.iter().enumerate().filter(|(place, other)| place == *other).count();
+        assert_eq!(middle, 12, "jawForward, jawOpen, browInnerUp, cheekPuff, tongueOut and seven of the mouth");
+        assert!((pose.yaw_deg + 20.0).abs() < 1e-3 && (pose.roll_deg + 10.0).abs() < 1e-3, "{pose:?}");
+        assert_eq!(pose.position_mm, [-30.0, 20.0, 600.0]);
+        let (again, pose) = applied(&mirror, (coefficients, pose));
+        assert_eq!(again, output().0);
+        assert!((pose.yaw_deg - 20.0).abs() < 1e-3 && pose.rotation_xyzw[3] > 0.0);
+    }
+
+    #[test]
+    fn default_changes_nothing() {
+        assert_eq!(applied(&Adjustments::default(), output()), output());
+    }
+
+    #[test]
+    fn output_never_leaves_its_limits_and_follows_the_input_without_a_step() {
+        let mut random = fastrand::Rng::with_seed(6);
+        for _ in 0..1000 {
+            let (min, width) = (random.f32(), random.f32());
+            let max = min + (1.0 - min) * width;
+            let adjustment = Adjustment { gain: 10.0 * random.f32(), offset: 2.0 * random.f32() - 1.0, min, max };
+            let (x, change) = (random.f32(), 0.001);
+            let [a, b] = [x, x + change].map(|x| adjustment.apply(x));
+            assert!((min..=max).contains(&a) && a <= b && b - a <= 10.1 * change, "{adjustment:?} at {x}");
+        }
+        assert!(Adjustment::default().apply(f32::NAN).is_nan(), "a fault is not hidden");
+    }
+}

@@ -1,0 +1,114 @@
+//! Rules of anatomy that coefficients obey, whatever the regression computed.
+//!
+//! - `mouthClose` says how far the lips close over an open jaw: it is at most `jawOpen`.
+//! - Opposed blendshapes, such as `jawLeft` and `jawRight`, are not shown together ([`opposed`]).
+//! - The lids: a blink closes both alike, and a wink leaves the other eye open ([`lids`]).
+//! - While a lid is shut, the eye keeps its direction, which the camera cannot see then ([`Gaze`]).
+//! - A small value at rest is none ([`dead_zone`]). Gaze has no dead zone, because it hardly ever rests in the middle.
+//!
+//! Every rule is continuous, so that no rule makes a step.
+
+mod gaze;
+mod indices;
+#[cfg(test)]
+#[allow(clippy::float_cmp, clippy::indexing_slicing)]
+mod tests;
+
+use super::{COEFFS, Corrected};
+pub use gaze::GazeState;
+use gaze::hold_gaze;
+use indices::{BLINKS, GAZE, JAW_OPEN, MOUTH_CLOSE, OPPOSED, change, pick, put};
+
+/// The rules that are in force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rules {
+    /// `mouthClose` is at most `jawOpen`.
+    pub mouth_close: bool,
+    /// Opposed blendshapes are not shown together.
+    pub opposed: bool,
+    /// A blink closes both lids alike, a wink one.
+    pub lids: bool,
+    /// An eye whose lid is shut keeps its direction.
+    pub gaze: bool,
+    /// Values up to this one are 0; those above three times as much are unchanged. 0 leaves all unchanged.
+    pub dead_zone: f32,
+}
+
+impl Rules {
+    /// No rules.
+    pub const OFF: Self = Self { mouth_close: false, opposed: false, lids: false, gaze: false, dead_zone: 0.0 };
+
+    /// Makes the coefficients of a frame plausible that was captured `dt_s` seconds after the last one. Values that are not
+    /// finite leave no trace in `state`.
+    pub fn step(&self, state: &mut GazeState, corrected: &Corrected, dt_s: f32) -> Corrected {
+        let mut out = corrected.0;
+        if self.dead_zone > 0.0 {
+            let with_dead_zone = out.iter_mut().enumerate().filter(|(index, _)| !GAZE.as_flattened().contains(index));
+            with_dead_zone.for_each(|(_, value)| *value = dead_zone(*value, self.dead_zone));
+        }
+        if self.lids {
+            change(&mut out, BLINKS, lids);
+        }
+        if self.opposed {
+            for pair in OPPOSED {
+                change(&mut out, pair, opposed);
+            }
+        }
+        if self.mouth_close {
+            let [close, open] = pick(&out, [MOUTH_CLOSE, JAW_OPEN]);
+            put(&mut out, [MOUTH_CLOSE], [if close > open { open } else { close }]);
+        }
+        if self.gaze {
+            hold_gaze(state, &mut out, dt_s);
+        } else {
+            *state = GazeState::default();
+        }
+        Corrected(out)
+    }
+}
+
+/// Turns values up to `zone` into 0. Above, the curve rises without a step or a kink to meet the value itself at three
+/// times the zone.
+fn dead_zone(value: f32, zone: f32) -> f32 {
+    let u = (value - zone) / (2.0 * zone);
+    // The cubic from 0 with slope 0 to 3 zones with slope 1, over a width of 2 zones.
+    let cubic = zone * u * u * (7.0 - 4.0 * u);
+    if u >= 1.0 {
+        value
+    } else if u <= 0.0 {
+        0.0
+    } else {
+        cubic
+    }
+}
+
+/// Only the larger of two opposed values remains, and is reduced the more, the nearer the smaller one is to it.
+///
+/// `(a^2 - b^2) / a` is 0 where both are equal, so that there is no step, and hardly less than `a` where `b` is only noise.
+fn opposed([a, b]: [f32; 2]) -> [f32; 2] {
+    let less = |large: f32, small: f32| if large <= small { 0.0 } else { large - small * (small / large) };
+    [less(a, b), less(b, a)]
+}
+
+/// Half of the difference of the lids up to which a blink is meant.
+const BLINK_DIFFERENCE: f32 = 0.1;
+/// Half of the difference of the lids from which on a wink is meant.
+const WINK_DIFFERENCE: f32 = 0.25;
+
+/// Draws the values of the lids together while they are nearly alike, and leaves them more and more to themselves, the
+/// more they differ. A blink closes both as far as the one that is further shut. The lid that is further open opens wholly
+/// in a wink.
+fn lids([left, right]: [f32; 2]) -> [f32; 2] {
+    let half = 0.5 * (left - right).abs();
+    let u = ((half - BLINK_DIFFERENCE) / (WINK_DIFFERENCE - BLINK_DIFFERENCE)).clamp(0.0, 1.0);
+    let wink = u * u * (3.0 - 2.0 * u);
+    let (open, shut) = (left.min(right), left.max(right));
+    let both = 0.5 * (left + right) + half * ((shut - 0.3) / 0.5).clamp(0.0, 1.0);
+    // A lid that follows the winking one does so by about half.
+    let free = (open - WINK_LEAK * wink * shut).max(0.0);
+    let [shut, open] = [both + wink * (shut - both), (1.0 - wink) * both + wink * free];
+    if left >= right { [shut, open] } else { [open, shut] }
+}
+
+/// The share of a winking lid that shows at the other one.
+const WINK_LEAK: f32 = 0.4;

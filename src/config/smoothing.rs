@@ -30,31 +30,31 @@ section! {
         lids: FilterKind = FilterKind::GatedAverage, (), "";
         /// Time over which the filter averages small changes. A longer time smooths more and follows later. 0 turns the
         /// filter off. A time shorter than two frame periods smooths little or nothing.
-        lids_ms: u32 = 80, 0..=350, " (ms)";
+        lids_ms: u32 = 350, 0..=350, " (ms)";
         /// Filter of the direction in which the eyes look (eyeLook). It takes the values of `lids`.
-        gaze: FilterKind = FilterKind::GatedAverage, (), "";
+        gaze: FilterKind = FilterKind::Kalman, (), "";
         /// Time of this filter.
-        gaze_ms: u32 = 80, 0..=350, " (ms)";
+        gaze_ms: u32 = 260, 0..=350, " (ms)";
         /// Filter of the brows.
         brows: FilterKind = FilterKind::GatedAverage, (), "";
         /// Time of this filter.
-        brows_ms: u32 = 180, 0..=350, " (ms)";
+        brows_ms: u32 = 350, 0..=350, " (ms)";
         /// Filter of the mouth.
         mouth: FilterKind = FilterKind::GatedAverage, (), "";
         /// Time of this filter.
-        mouth_ms: u32 = 180, 0..=350, " (ms)";
+        mouth_ms: u32 = 350, 0..=350, " (ms)";
         /// Filter of the jaw.
         jaw: FilterKind = FilterKind::GatedAverage, (), "";
         /// Time of this filter.
-        jaw_ms: u32 = 180, 0..=350, " (ms)";
+        jaw_ms: u32 = 220, 0..=350, " (ms)";
         /// Filter of cheeks and nose.
         cheeks: FilterKind = FilterKind::GatedAverage, (), "";
         /// Time of this filter.
-        cheeks_ms: u32 = 180, 0..=350, " (ms)";
+        cheeks_ms: u32 = 350, 0..=350, " (ms)";
         /// Filter of the rotation and position of the head.
-        head: FilterKind = FilterKind::OneEuro, (), "";
+        head: FilterKind = FilterKind::GatedAverage, (), "";
         /// Time of this filter.
-        head_ms: u32 = 180, 0..=350, " (ms)";
+        head_ms: u32 = 350, 0..=350, " (ms)";
     }
 }
 

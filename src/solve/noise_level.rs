@@ -10,9 +10,9 @@ use super::{COEFFS, filter::LONGEST_STEP_S, smoothing::SMALL};
 
 /// Share of the coefficients that stay below the level.
 const STILL_SHARE: f32 = 0.3;
-/// Second difference that 30 % stay below if the standard deviation of the noise is a fifth of a small change, relative to
-/// the small change: `0.385 * sqrt(6) / 5`.
-const REFERENCE: f32 = 0.19;
+/// Second difference that 30 % stay below if the standard deviation of the noise is an eighth of a small change, relative
+/// to the small change: `0.385 * sqrt(6) / 8`.
+const REFERENCE: f32 = 0.118;
 /// Speed at which the level follows, per second.
 const RATE: f32 = 10.0;
 /// The least and the greatest level.
@@ -83,8 +83,8 @@ mod tests {
     #[test]
     fn level_follows_the_noise_and_not_the_movement_of_half_of_the_face() {
         assert!((level(0.01, 0) - 1.0).abs() < 0.01 && (level(0.01, 30) - 1.0).abs() < 0.01);
-        assert!((1.7..2.3).contains(&level(0.4, 0)), "{}", level(0.4, 0));
-        assert!((3.0..=4.2).contains(&level(0.7, 0)), "{}", level(0.7, 0));
+        assert!((1.7..2.3).contains(&level(0.25, 0)), "{}", level(0.25, 0));
+        assert!((3.0..=4.0).contains(&level(0.44, 0)), "{}", level(0.44, 0));
     }
 
     #[test]

@@ -46,15 +46,14 @@ impl Group {
         }
     }
 
-    /// The size of a change that is no longer small, in good light.
+    /// The size of a change that is no longer small, in good light; found by `facewire-fit tune smoothing`.
     const fn small(self) -> f32 {
         match self {
-            Self::Gaze => 0.085,
-            Self::Brows => 0.06,
-            Self::Lids => 0.05,
-            Self::Mouth => 0.035,
-            Self::Cheeks => 0.03,
-            Self::Jaw => 0.02,
+            Self::Gaze => 0.136,
+            Self::Brows => 0.096,
+            Self::Mouth => 0.056,
+            Self::Lids | Self::Jaw => 0.05,
+            Self::Cheeks => 0.048,
         }
     }
 

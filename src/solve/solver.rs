@@ -165,7 +165,7 @@ impl History {
         let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
         if step_us.is_none() {
             // What was learned of the wearer stays.
-            (self.residual, self.filters) = (ResidualState::default(), FiltersState::default());
+            (self.gaze, self.filters) = (GazeState::default(), FiltersState::default());
             self.bridge = Bridge::default();
         }
         self.last_us = Some(time_us);

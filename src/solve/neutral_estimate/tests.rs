@@ -3,7 +3,7 @@ use std::iter;
 use super::*;
 use crate::face::{LANDMARKS, Landmarks};
 use crate::solve::{
-    Camera, FilterKind, Filters, Model, Profile, Solver, canonical::RIGID, model::Regression, normalise, test_face,
+    Camera, Filters, Model, Profile, Shaping, Solver, canonical::RIGID, model::Regression, normalise, test_face,
 };
 
 const FRAME_S: f32 = 1.0 / 30.0;
@@ -212,9 +212,8 @@ fn model_and_face() -> (Model, Landmarks) {
 
 #[test]
 fn still_face_moves_by_less_than_a_200th_a_frame_while_its_estimate_comes_in_and_goes() {
-    let filters = Filters::uniform(FilterKind::Off, 0.0);
     let (model, face) = model_and_face();
-    let mut solver = Solver::new(model, Profile::default(), filters);
+    let mut solver = Solver::new(model, Profile::default(), Shaping::only(Filters::OFF));
     let camera = Camera::new([640.0, 480.0], 60.0);
     let mut shown: Vec<[f32; COEFFS]> = Vec::new();
     for frame in 0..40 * SECOND as u64 {

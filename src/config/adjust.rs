@@ -50,7 +50,8 @@ impl Section for AdjustSettings {
         text.push_str(EXAMPLE);
         let changed = BLENDSHAPES.iter().zip(&self.0.coefficients).filter(|(_, it)| **it != Adjustment::default());
         for (name, Adjustment { gain, offset, min, max }) in changed {
-            text += &format!("{name} = {{ gain = {gain:?}, offset = {offset:?}, min = {min:?}, max = {max:?} }}\n");
+            let numbers = format!("{{ gain = {gain:?}, offset = {offset:?}, min = {min:?}, max = {max:?} }}");
+            text.extend([name, " = ", &numbers, "\n"]);
         }
         text
     }

@@ -80,6 +80,7 @@ impl Adjustment {
     }
 }
 
+#[allow(clippy::indexing_slicing, reason = "runs at compile time, where an index out of range is an error")]
 const fn mirrored() -> [usize; COEFFS] {
     let mut places = [0; COEFFS];
     let mut place = 0;
@@ -99,6 +100,7 @@ const fn is_mirror_image(a: &str, b: &str) -> bool {
     is_left_of_right(a.as_bytes(), b.as_bytes()) || is_left_of_right(b.as_bytes(), a.as_bytes())
 }
 
+#[allow(clippy::indexing_slicing, reason = "runs at compile time, where an index out of range is an error")]
 const fn is_left_of_right(left: &[u8], right: &[u8]) -> bool {
     if left.len() + 1 != right.len() || left.len() < 4 {
         return false;

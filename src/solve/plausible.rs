@@ -21,6 +21,7 @@ use indices::{BLINKS, GAZE, JAW_OPEN, MOUTH_CLOSE, OPPOSED, change, pick, put};
 
 /// The rules that are in force.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(clippy::struct_excessive_bools, reason = "each rule is a switch of its own")]
 pub struct Rules {
     /// `mouthClose` is at most `jawOpen`.
     pub mouth_close: bool,

@@ -65,6 +65,7 @@ impl Group {
 }
 
 /// The size of a change of each coefficient that is no longer small, in good light.
+#[allow(clippy::indexing_slicing, reason = "runs at compile time, where an index out of range is an error")]
 pub const SMALL: [f32; COEFFS] = {
     let mut sizes = [0.0; COEFFS];
     let mut index = 0;

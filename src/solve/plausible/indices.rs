@@ -3,6 +3,7 @@
 use crate::solve::{BLENDSHAPES, COEFFS};
 
 /// The place of a blendshape. An unknown name does not compile.
+#[allow(clippy::indexing_slicing, reason = "runs at compile time, where an index out of range is an error")]
 const fn index_of(name: &str) -> usize {
     let mut index = 0;
     while !is_same(BLENDSHAPES[index], name) {
@@ -11,6 +12,7 @@ const fn index_of(name: &str) -> usize {
     index
 }
 
+#[allow(clippy::indexing_slicing, reason = "runs at compile time, where an index out of range is an error")]
 const fn is_same(a: &str, b: &str) -> bool {
     let (a, b) = (a.as_bytes(), b.as_bytes());
     let mut index = 0;

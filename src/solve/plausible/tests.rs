@@ -16,12 +16,12 @@ const EACH: [Rules; 6] = [
     ALL,
 ];
 
-fn step(rules: &Rules, state: &mut GazeState, values: [f32; COEFFS]) -> [f32; COEFFS] {
+fn step(rules: Rules, state: &mut GazeState, values: [f32; COEFFS]) -> [f32; COEFFS] {
     rules.step(state, &Corrected(values), FRAME_S).0
 }
 
 fn once(values: [f32; COEFFS]) -> [f32; COEFFS] {
-    step(&ALL, &mut GazeState::default(), values)
+    step(ALL, &mut GazeState::default(), values)
 }
 
 fn face(named: &[(&str, f32)]) -> [f32; COEFFS] {
@@ -45,12 +45,12 @@ fn no_rule_makes_a_step_or_leaves_the_range() {
             let values = random_face(&mut random);
             let change = 0.001;
             let near = values.map(|value| (value + change * (2.0 * random.f32() - 1.0)).clamp(0.0, 1.0));
-            let [a, b] = [values, near].map(|values| step(&rules, &mut state.clone(), values));
+            let [a, b] = [values, near].map(|values| step(rules, &mut state.clone(), values));
             assert!(a.iter().all(|value| (0.0..=1.0).contains(value)), "{rules:?}: {a:?}");
             // The rules follow each other, and the slope of each is at most about 3.
             let largest = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(largest < 20.0 * change, "{rules:?}: {largest}");
-            step(&rules, &mut state, values);
+            step(rules, &mut state, values);
         }
     }
 }
@@ -58,7 +58,7 @@ fn no_rule_makes_a_step_or_leaves_the_range() {
 #[test]
 fn rules_that_are_off_change_nothing() {
     let values = random_face(&mut fastrand::Rng::with_seed(2));
-    assert_eq!(step(&Rules::OFF, &mut GazeState::default(), values), values);
+    assert_eq!(step(Rules::OFF, &mut GazeState::default(), values), values);
 }
 
 #[test]
@@ -66,11 +66,11 @@ fn value_that_is_not_a_number_affects_no_later_frame() {
     let mut random = fastrand::Rng::with_seed(3);
     for rules in EACH {
         let mut state = GazeState::default();
-        step(&rules, &mut state, random_face(&mut random));
-        step(&rules, &mut state, [f32::NAN; COEFFS]);
+        step(rules, &mut state, random_face(&mut random));
+        step(rules, &mut state, [f32::NAN; COEFFS]);
         let values = random_face(&mut random);
-        let after = step(&rules, &mut state, values);
-        assert_eq!(after, step(&rules, &mut GazeState::default(), values));
+        let after = step(rules, &mut state, values);
+        assert_eq!(after, step(rules, &mut GazeState::default(), values));
         assert!(after.iter().all(|value| value.is_finite()));
     }
 }
@@ -87,7 +87,7 @@ fn of_opposed_movements_only_the_larger_is_shown_and_hardly_reduced_by_noise() {
         let shown = |a: f32, b: f32| {
             let mut values = [0.0; COEFFS];
             put(&mut values, pair, [a, b]);
-            pick(&step(&EACH[1], &mut GazeState::default(), values), pair)
+            pick(&step(EACH[1], &mut GazeState::default(), values), pair)
         };
         let [larger, smaller] = shown(0.8, 0.1);
         assert!(larger > 0.78 && smaller == 0.0);
@@ -115,7 +115,7 @@ fn shut_eye_keeps_its_direction_and_moves_on_from_it_when_it_opens() {
     let mut state = GazeState::default();
     let mut show = |shut: f32, down: f32| {
         let values = face(&[("eyeBlinkLeft", shut), ("eyeBlinkRight", shut), ("eyeLookDownLeft", down)]);
-        pick(&step(&ALL, &mut state, values), [GAZE[0][0]])[0]
+        pick(&step(ALL, &mut state, values), [GAZE[0][0]])[0]
     };
     show(0.0, 0.1);
     let shut: Vec<f32> =
@@ -131,7 +131,7 @@ fn eye_that_looks_down_under_a_lowered_lid_is_followed() {
     let mut down = 0.0;
     for _ in 0..6 {
         let values = face(&[("eyeBlinkLeft", 0.5), ("eyeBlinkRight", 0.5), ("eyeLookDownLeft", 0.9)]);
-        down = pick(&step(&ALL, &mut state, values), [GAZE[0][0]])[0];
+        down = pick(&step(ALL, &mut state, values), [GAZE[0][0]])[0];
     }
     assert!(down > 0.85, "{down}");
 }

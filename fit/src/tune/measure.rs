@@ -164,7 +164,7 @@ mod tests {
         for delay in [0.0, 0.4, 1.0, 2.7] {
             let (raw, filtered) = (wave(1.5), wave(1.5 + delay));
             let curves = Curves { raw: &raw, filtered: &filtered, truth: &wave(0.0) };
-            let sums = Sums::of(&curves, &[], &[0..300]);
+            let sums = Sums::of(&curves, &[], core::slice::from_ref(&(0..300)));
             assert!((sums.lag_ms() - delay * 1000.0 / FPS).abs() < 3.0, "{delay}: {}", sums.lag_ms());
             // At the turning points the curve passes some values at once.
             assert!((sums.same_value_ms() - delay * 1000.0 / FPS).abs() < 6.0, "{delay}: {}", sums.same_value_ms());
@@ -175,7 +175,8 @@ mod tests {
     fn jitter_is_the_ratio_of_the_deviations_of_the_last_two_seconds() {
         let raw: Vec<f64> = (0..75).map(|frame| if frame < 15 { 5.0 } else { f64::from(frame % 2) }).collect();
         let filtered: Vec<f64> = raw.iter().map(|value| 0.3 * value + 7.0).collect();
-        let sums = Sums::of(&Curves { raw: &raw, filtered: &filtered, truth: &raw }, &[0..75], &[]);
+        let sums =
+            Sums::of(&Curves { raw: &raw, filtered: &filtered, truth: &raw }, core::slice::from_ref(&(0..75)), &[]);
         assert!((sums.jitter() - 0.3).abs() < 1e-9 && (sums.deviations()[0] - 0.5).abs() < 1e-9);
     }
 }

@@ -92,7 +92,7 @@ pub fn run(options: &Options) -> Result<()> {
     for (number, (part, name, most_lag_ms)) in PARTS.into_iter().enumerate() {
         let trials: Vec<Trial> = all.iter().map(|(trial, sums)| Trial { sums: sums[number], ..*trial }).collect();
         let best = best(&trials, most_lag_ms);
-        let default = default_of(part, &defaults, default_sums[number]);
+        let default = default_of(part, &defaults, &default_sums[number]);
         print_row(name, "best", &best);
         print_row(name, "default", &default);
         for (kind, _) in KINDS {
@@ -136,7 +136,7 @@ fn trials(streams: &[Stream]) -> Vec<(Trial, [Sums; PARTS.len()])> {
     all.into_par_iter().map(trial).collect()
 }
 
-fn default_of(part: Part, filters: &Filters, sums: Sums) -> Trial {
+fn default_of(part: Part, filters: &Filters, sums: &Sums) -> Trial {
     let filter = match part {
         Part::Group(group) => {
             let filters = BLENDSHAPES.iter().zip(filters.coefficients).find(|(name, _)| Group::of(name) == group);
@@ -144,7 +144,7 @@ fn default_of(part: Part, filters: &Filters, sums: Sums) -> Trial {
         }
         Part::Head => filters.head.rotation,
     };
-    Trial { kind: filter.kind, time_ms: (filter.time_s * 1000.0).round(), size: 1.0, sums }
+    Trial { kind: filter.kind, time_ms: (filter.time_s * 1000.0).round(), size: 1.0, sums: *sums }
 }
 
 /// The most accurate trial among those that smooth enough and whose delay by both measures is at most `most_lag_ms`. If

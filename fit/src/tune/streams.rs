@@ -74,14 +74,14 @@ impl Stream {
         let profile = Profile { neutral: Some(neutral), ..Profile::default() };
         let solver = Solver::new(Model::embedded(), profile, shaping(settings));
         let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
-        let mut solved =
+        let mut run =
             Solved { playback: Playback::new(pipeline, &settings.failsafe), stream: Self::empty(truth, parts) };
-        first.iter().try_for_each(|face| solved.add(face))?;
+        first.iter().try_for_each(|face| run.add(face))?;
         while let Some(face) = next()? {
-            solved.add(&face)?;
+            run.add(&face)?;
         }
-        solved.stream.truth.fits(&csv, solved.stream.raw.len())?;
-        Ok(solved.stream)
+        run.stream.truth.fits(&csv, run.stream.raw.len())?;
+        Ok(run.stream)
     }
 
     fn empty(truth: Truth, parts: Vec<(String, Range<usize>)>) -> Self {

@@ -23,7 +23,7 @@ const LIGHTS: [&str; 3] = ["still-bright", "still-dim", "still-dark"];
 pub struct Summary {
     /// For each part of the face the standard deviation at rest under each light, raw and sent (of the head in degrees),
     /// and the delay by cross-correlation and until the same value appears.
-    parts: Vec<(&'static str, [[f64; 2]; LIGHTS.len()], [f64; 2])>,
+    parts: Vec<PartFigures>,
     /// Raw and sent.
     blinks: [Blinks; 2],
     /// Mean and greatest value of the open eye while the other one winks, raw and sent.
@@ -31,6 +31,9 @@ pub struct Summary {
     /// Mean deviation of the gaze from the frame before a blink, raw and sent.
     gaze: [f64; 2],
 }
+
+/// The name of a part of the face, its deviations at rest, and its delays.
+type PartFigures = (&'static str, [[f64; 2]; LIGHTS.len()], [f64; 2]);
 
 /// Blinks that shut both lids, and after which both opened again.
 #[derive(Default)]

@@ -138,8 +138,12 @@ fn at_rest(face: Coefficients) -> Moment {
 
 /// Returns a part of some seconds, given the moment at each time from its beginning.
 fn acted(name: &'static str, seconds: f32, moment: impl Fn(f32) -> Moment) -> Part {
-    let count = (seconds * RATE as f32).round() as usize;
-    Part { name, moments: (0..count).map(|frame| moment(frame as f32 / RATE as f32)).collect() }
+    Part { name, moments: (0..frames(seconds)).map(|frame| moment(frame as f32 / RATE as f32)).collect() }
+}
+
+#[expect(clippy::cast_sign_loss, reason = "a time from the beginning of a part")]
+fn frames(seconds: f32) -> usize {
+    (seconds * RATE as f32).round() as usize
 }
 
 fn still(name: &'static str, light: Light) -> Part {
@@ -163,7 +167,7 @@ fn pose(rng: &mut ChaCha8Rng, name: &str, shapes: &[(&str, f32)]) -> Coefficient
 /// Follows recordings, stretch after stretch, with a swaying head.
 fn follow(name: &'static str, rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>], seconds: usize) -> Result<Part> {
     let rate = RATE as usize;
-    let fade = (FADE_S * RATE as f32) as usize;
+    let fade = frames(FADE_S);
     let mut faces: Vec<Coefficients> = Vec::with_capacity(seconds * rate);
     while faces.len() < seconds * rate {
         let next = random_curves(rng, recordings, STRETCH_S * rate + fade)?;
@@ -204,14 +208,17 @@ fn blinks(rng: &mut ChaCha8Rng) -> Part {
     })
 }
 
+/// Time from one wink to the next.
+const WINK_S: f32 = 1.2;
+
 /// Winks of the left eye, then of the right, twice each. A cheek rises with its lid.
 fn winks() -> Part {
     acted("winks", 5.0, |time_s| {
-        let (number, since_s) = ((time_s / 1.2) as usize, time_s % 1.2);
+        let since_s = time_s % WINK_S;
         let shut = smoothstep(0.3, 0.4, since_s) - smoothstep(0.75, 0.9, since_s);
-        let side = if number < 2 { "Left" } else { "Right" };
+        let side = if time_s < 2.0 * WINK_S { "Left" } else { "Right" };
         let mut face = [0.0; COEFFS];
-        if number < 4 {
+        if time_s < 4.0 * WINK_S {
             face[index_of(&format!("eyeBlink{side}"))] = shut;
             face[index_of(&format!("cheekSquint{side}"))] = 0.4 * shut;
         }

@@ -164,7 +164,8 @@ fn fit(stem: &str, pairs: &Pairs) -> CorrectiveTerms {
     let start = [shift, slope, lift, from, to].map(f64::from);
     let cost = |numbers: &[f64; 5]| {
         let terms = terms(numbers);
-        let are_bounded = numbers.iter().zip(BOUNDS).all(|(number, [least, most])| (least..=most).contains(&*number));
+        let are_bounded =
+            numbers.iter().copied().zip(BOUNDS).all(|(number, [least, most])| (least..=most).contains(&number));
         let is_wide = numbers[4] - numbers[3] >= LEAST_WIDTH;
         if terms.keep_order() && is_wide && are_bounded { cost(&terms, pairs) } else { f64::INFINITY }
     };

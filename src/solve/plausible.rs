@@ -85,9 +85,9 @@ fn dead_zone(value: f32, zone: f32) -> f32 {
 
 /// Only the larger of two opposed values remains, and is reduced the more, the nearer the smaller one is to it.
 ///
-/// `(a^2 - b^2) / a` is 0 where both are equal, so that there is no step, and hardly less than `a` where `b` is only noise.
+/// `a (1 - (b/a)^4)` is 0 where both are equal, so that there is no step, and hardly less than `a` where `b` is less than half.
 fn opposed([a, b]: [f32; 2]) -> [f32; 2] {
-    let less = |large: f32, small: f32| if large <= small { 0.0 } else { large - small * (small / large) };
+    let less = |large: f32, small: f32| if large <= small { 0.0 } else { large - large * (small / large).powi(4) };
     [less(a, b), less(b, a)]
 }
 

@@ -2,7 +2,8 @@
 //!
 //! The lid hides the iris before it is shut, so the direction follows the regression ever more slowly while the lid
 //! closes, and stops once it has closed. While the lid opens, the direction moves on from where it was. A lowered lid,
-//! as of an eye that looks down, is not shut: the direction then still follows within a few frames.
+//! as of an eye that looks down, is not shut: the direction then still follows within a few frames. Eyes that stay shut for
+//! longer than any blink are followed again, so that they look where the wearer looks when they open.
 
 use super::{
     COEFFS,
@@ -10,35 +11,49 @@ use super::{
 };
 use crate::solve::LONGEST_STEP_S;
 
-/// The directions of the left and of the right eye in the last frame.
+/// The directions of the left and of the right eye in the last frame, and for how long each has been shut.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct GazeState(Option<[[f32; 4]; 2]>);
+pub struct GazeState {
+    directions: Option<[[f32; 4]; 2]>,
+    shut_s: [f32; 2],
+}
 
 /// From this closure on the direction follows more slowly.
 const LOWERED: f32 = 0.35;
 /// From this closure on the direction stays.
 const SHUT: f32 = 0.75;
+/// The direction is held until an eye has been shut for the first of these times, and is free again from the second on.
+const BLINK_S: [f32; 2] = [0.4, 0.8];
 /// The time at which the share that a closure holds is meant, seconds.
 const FRAME_S: f32 = 1.0 / 30.0;
 
 /// Holds the directions of eyes that are shut, `dt_s` seconds after the last frame.
 pub fn hold_gaze(state: &mut GazeState, values: &mut [f32; COEFFS], dt_s: f32) {
-    let last = state.0.filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
+    if !(0.0..=LONGEST_STEP_S).contains(&dt_s) {
+        *state = GazeState::default();
+    }
     let closures = pick(values, BLINKS);
     let mut directions = GAZE.map(|places| pick(values, places));
-    let last = last.unwrap_or(directions);
-    for ((now, last), closure) in directions.iter_mut().zip(last).zip(closures) {
-        let held = held_share(closure, dt_s);
+    let last = state.directions.unwrap_or(directions);
+    let eyes = directions.iter_mut().zip(last).zip(closures.into_iter().zip(&mut state.shut_s));
+    for ((now, last), (closure, shut_s)) in eyes {
+        *shut_s = if closure > LOWERED && dt_s.is_finite() { *shut_s + dt_s } else { 0.0 };
+        let held = held_share(closure, *shut_s, dt_s);
         now.iter_mut().zip(last).for_each(|(now, last)| *now += held * (last - *now));
     }
     GAZE.into_iter().zip(directions).for_each(|(places, now)| put(values, places, now));
     let is_finite = directions.as_flattened().iter().all(|value| value.is_finite());
-    *state = GazeState(is_finite.then_some(directions));
+    state.directions = is_finite.then_some(directions);
 }
 
-/// The share of the last direction that a lid with this closure holds over `dt_s`.
-fn held_share(closure: f32, dt_s: f32) -> f32 {
-    let u = ((closure - LOWERED) / (SHUT - LOWERED)).clamp(0.0, 1.0);
-    let share = u * u * (3.0 - 2.0 * u);
+/// The share of the last direction that a lid with this closure, shut since `shut_s`, holds over `dt_s`.
+fn held_share(closure: f32, shut_s: f32, dt_s: f32) -> f32 {
+    let share = rise(closure, [LOWERED, SHUT]) * (1.0 - rise(shut_s, BLINK_S));
     if share > 0.0 { share.powf(dt_s / FRAME_S) } else { 0.0 }
+}
+
+/// Rises smoothly from 0 to 1 between two values.
+fn rise(value: f32, [from, to]: [f32; 2]) -> f32 {
+    let u = ((value - from) / (to - from)).clamp(0.0, 1.0);
+    u * u * (3.0 - 2.0 * u)
 }

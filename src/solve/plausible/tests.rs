@@ -126,6 +126,20 @@ fn shut_eye_keeps_its_direction_and_moves_on_from_it_when_it_opens() {
 }
 
 #[test]
+fn eye_that_stays_shut_for_longer_than_a_blink_is_followed_without_a_step() {
+    let mut state = GazeState::default();
+    let mut show = |shut: f32, down: f32| {
+        let values = face(&[("eyeBlinkLeft", shut), ("eyeBlinkRight", shut), ("eyeLookDownLeft", down)]);
+        pick(&step(ALL, &mut state, values), [GAZE[0][0]])[0]
+    };
+    show(0.0, 0.1);
+    let shown: Vec<f32> = (0..40).map(|_| show(1.0, 0.8)).collect();
+    assert!(shown[..11].iter().all(|down| (down - 0.1).abs() < 0.02), "{shown:?}");
+    assert!((shown[30] - 0.8).abs() < 0.01, "{shown:?}");
+    assert!(shown.windows(2).all(|pair| (pair[1] - pair[0]).abs() < 0.25), "{shown:?}");
+}
+
+#[test]
 fn eye_that_looks_down_under_a_lowered_lid_is_followed() {
     let mut state = GazeState::default();
     let mut down = 0.0;

@@ -78,7 +78,7 @@ section! {
     PlausibilitySettings {
         /// A blink closes both lids alike, and a wink leaves the other eye open.
         lids: bool = true, (), "";
-        /// While a lid is shut, the eye keeps its direction, which the camera cannot see then.
+        /// In a blink, the eye keeps its direction, which the camera cannot see then.
         gaze: bool = true, (), "";
         /// Movements in opposite directions, such as jawLeft and jawRight, are not shown together.
         opposed: bool = true, (), "";

@@ -3,7 +3,7 @@
 //! - `mouthClose` says how far the lips close over an open jaw: it is at most `jawOpen`.
 //! - Opposed blendshapes, such as `jawLeft` and `jawRight`, are not shown together ([`opposed`]).
 //! - The lids: a blink closes both alike, and a wink leaves the other eye open ([`lids`]).
-//! - While a lid is shut, the eye keeps its direction, which the camera cannot see then ([`Gaze`]).
+//! - In a blink, the eye keeps its direction, which the camera cannot see then.
 //! - A small value at rest is none ([`dead_zone`]). Gaze has no dead zone, because it hardly ever rests in the middle.
 //!
 //! Every rule is continuous, so that no rule makes a step.
@@ -29,7 +29,7 @@ pub struct Rules {
     pub opposed: bool,
     /// A blink closes both lids alike, a wink one.
     pub lids: bool,
-    /// An eye whose lid is shut keeps its direction.
+    /// An eye keeps its direction in a blink.
     pub gaze: bool,
     /// Values up to this one are 0; those above three times as much are unchanged. 0 leaves all unchanged.
     pub dead_zone: f32,

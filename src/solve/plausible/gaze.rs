@@ -1,4 +1,4 @@
-//! An eye keeps its direction while its lid is shut.
+//! An eye keeps its direction in a blink.
 //!
 //! The lid hides the iris before it is shut, so the direction follows the regression ever more slowly while the lid
 //! closes, and stops once it has closed. While the lid opens, the direction moves on from where it was. A lowered lid,

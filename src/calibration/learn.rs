@@ -1,6 +1,6 @@
 //! What the takes tell about the wearer.
 //!
-//! - The neutral face is that of the neutral take, and the rest is what the model reads there in spite of it.
+//! - The neutral face is that of the neutral take, and the rest is what the model still reads of that face, measured from itself.
 //! - The gain of a coefficient compares what the pose that raises it reads with what it reads of most people. Shut lids
 //!   read 1 then. In other poses, how far people go differs from time to time, and a model that reads little of a full
 //!   expression often reads most of a small one: the gain goes only part of the way, and not at all where that made

@@ -26,7 +26,7 @@ pub enum Refusal {
     Smiling,
     /// The mouth was open in the neutral take.
     MouthOpen,
-    /// The brows were raised or drawn down in the neutral take.
+    /// The brows were raised in the neutral take.
     BrowsMoved,
     /// The pose was not seen.
     NotSeen,

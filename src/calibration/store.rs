@@ -131,6 +131,8 @@ impl Store {
     /// [`StoreError::Missing`] or [`StoreError::Unwritable`].
     pub fn delete(&self, name: &WearerName) -> Result<(), StoreError> {
         let path = self.path(name);
+        // A power cut may have left this.
+        let _ = fs::remove_file(self.folder.join(format!(".{name}.new")));
         fs::remove_file(&path).map_err(|source| match source.kind() {
             ErrorKind::NotFound => StoreError::Missing { path, name: name.clone() },
             _ => StoreError::Unwritable { path, source },

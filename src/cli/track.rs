@@ -102,7 +102,7 @@ pub(super) fn run(args: &TrackArgs) -> Result<(), Failure> {
     if let Some(wearer) = &args.wearer {
         wearer.as_str().clone_into(&mut settings.wearer.name);
     }
-    let profile = load_profile(&settings.wearer)?;
+    let profile = if args.neutral.is_some() { Profile::default() } else { load_profile(&settings.wearer)? };
     let options = FileOptions { rate: args.fps.unwrap_or(FrameRate::FPS_30), points_size_px: args.size };
     let source = open_file(&args.input, &options)?;
     let mut track = Track {

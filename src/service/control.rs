@@ -15,7 +15,8 @@ use std::io::{self, PipeReader, PipeWriter, pipe};
 use std::os::fd::AsFd as _;
 use std::path::PathBuf;
 use std::sync::mpsc;
-use std::thread::{Builder, JoinHandle};
+use std::thread::{Builder, JoinHandle, sleep};
+use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
@@ -37,7 +38,9 @@ const MAX_CLIENTS: usize = 4;
 /// Time between two looks at the newest observation, and at clients that have not asked yet.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
 const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 500_000_000 };
-/// Delay before the next attempt after listening has failed.
+/// How long a stopping service waits for a profile that is being written.
+const DISK_PATIENCE: Duration = Duration::from_secs(1);
+/// Delay before the next attempt after listening or accepting a client has failed.
 const RETRY_DELAY: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
 /// Stack of the thread: reading a profile and a model takes most of it.
 const STACK_BYTES: usize = 512 << 10;
@@ -83,11 +86,18 @@ impl Control {
 }
 
 impl Drop for Control {
-    /// Does not wait for any client.
+    /// Waits for no client, and for a disk that does not answer no longer than [`DISK_PATIENCE`].
     fn drop(&mut self) {
         self.stop = None;
-        // A panic of the thread is ignored: the service does not depend on it.
-        let _ = self.thread.take().map(JoinHandle::join);
+        let Some(thread) = self.thread.take() else { return };
+        let end = Instant::now() + DISK_PATIENCE;
+        while !thread.is_finished() && Instant::now() < end {
+            sleep(Duration::from_millis(5));
+        }
+        if thread.is_finished() {
+            // A panic of the thread is ignored: the service does not depend on it.
+            let _ = thread.join();
+        }
     }
 }
 
@@ -107,14 +117,24 @@ impl Server {
         let Some(listener) = self.bind() else { return };
         tracing::info!("control socket {}", self.path.display());
         while let Ok(is_waiting) = self.wait(&listener) {
-            if is_waiting && let Ok(stream) = listener.accept_unix() {
-                self.clients.push(Client::new(stream));
+            if is_waiting {
+                match listener.accept_unix() {
+                    Ok(stream) => self.clients.push(Client::new(stream)),
+                    // Without memory or file descriptors the client stays in the queue.
+                    Err(_) if self.stops_within(&RETRY_DELAY) => break,
+                    Err(_) => {}
+                }
             }
             self.adopt();
             self.serve();
             self.calibrate();
         }
         self.parts.observed.ask(false);
+    }
+
+    /// Waits, and returns early with `true` if the thread is to stop.
+    fn stops_within(&self, time: &Timespec) -> bool {
+        poll(&mut [PollFd::new(&self.stop_signal, PollFlags::IN)], Some(time)) != Ok(0)
     }
 
     /// Retries until the socket is open. `None` if the thread is to stop.
@@ -132,7 +152,7 @@ impl Server {
                 }
                 Err(_) => {}
             }
-            if poll(&mut [PollFd::new(&self.stop_signal, PollFlags::IN)], Some(&RETRY_DELAY)) != Ok(0) {
+            if self.stops_within(&RETRY_DELAY) {
                 return None;
             }
         }
@@ -197,6 +217,9 @@ impl Server {
             }
             Request::Delete { wearer } => named(wearer).and_then(|name| {
                 store.delete(&name).map_err(|error| error.to_string())?;
+                if self.in_use.as_ref() == Some(&name) {
+                    self.hand_over(Profile::default(), None);
+                }
                 Ok(Reply::Done(format!("the profile of {name} is deleted")))
             }),
             Request::List {} | Request::Calibrate { .. } => {

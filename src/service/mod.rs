@@ -140,13 +140,15 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
 
     let (changes, for_control) = mpsc::channel();
     let parts = Parts { settings: settings.clone(), changes: for_control, observed: sights, hot: hot_mailbox.clone() };
-    let control = Control::start(parts)?;
+    // The face goes on without it.
+    let control = Control::start(parts).inspect_err(|error| tracing::warn!("no control socket: {error}")).ok();
     let mailboxes = Mailboxes { hot: hot_mailbox, sender: sender_mailbox, control: changes };
     let reloader = Reloader::new(settings, program, mailboxes, Arc::clone(&counters.traffic));
     let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
-    drop(control);
+    // The receivers get the last packets first: the control thread may be writing to a slow disk.
     let ended = stop(&counters, sender, hot);
+    drop(control);
     supervisor.log_events();
     ended
 }

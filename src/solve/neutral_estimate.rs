@@ -132,8 +132,8 @@ impl NeutralEstimate {
                 self.identity.gap();
             }
             match self.identity.update(face, dt_s) {
-                Verdict::Same => self.learn(face, raw, dt_s),
-                Verdict::Doubtful => {}
+                Verdict::Same if !self.is_fading => self.learn(face, raw, dt_s),
+                Verdict::Same | Verdict::Doubtful => {}
                 Verdict::Another => self.forget(),
             }
         }

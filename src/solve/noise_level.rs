@@ -3,57 +3,62 @@
 //! A camera amplifies its noise with a dark picture: coefficients of a still face then tremble 20 times as much as in good
 //! light. A change counts as small up to a few times the noise, so the size of a small change follows the noise.
 //!
-//! Noise shows in the second differences of a coefficient. So does movement, but only a part of the face moves at a time:
-//! the level is the one that 30 % of the coefficients stay below, on average over about a second.
+//! Noise throws a value back and forth, so that successive steps of a still face have opposite signs: the mean of their
+//! product is the negative variance of the noise. Movement goes on from frame to frame, and its products are positive. The
+//! noise is averaged over the coefficients and over about a second.
 
 use super::{COEFFS, filter::LONGEST_STEP_S, smoothing::SMALL};
 
-/// Share of the coefficients that stay below the level.
-const STILL_SHARE: f32 = 0.3;
-/// Second difference that 30 % stay below if the standard deviation of the noise is an eighth of a small change, relative
-/// to the small change: `0.385 * sqrt(6) / 8`.
-const REFERENCE: f32 = 0.118;
-/// Speed at which the level follows, per second.
-const RATE: f32 = 10.0;
-/// The least and the greatest level.
-const LEVELS: [f32; 2] = [1.0, 5.0];
+/// Standard deviation of the noise for which the sizes of small changes are meant, relative to a small change.
+const REFERENCE: f32 = 0.125;
+/// Bounds of the product of two steps, relative to the square of a small change. A coefficient that moves widely counts no
+/// more than one that hardly moves.
+const PRODUCTS: [f32; 2] = [-4.0, 0.5];
+/// Time constant of the average, seconds.
+const AVERAGE_S: f32 = 1.0;
+/// The least and the greatest level. A higher one leaves less jitter in the dark, and takes more of fast expressions in noisy
+/// pictures.
+const LEVELS: [f32; 2] = [1.0, 2.0];
 
 /// The noise of the last frames, relative to that for which the sizes of small changes are meant.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct NoiseLevel {
-    level: f32,
-    /// The last frame and the one before.
+    /// Mean product of successive steps, relative to the square of a small change.
+    product: f32,
+    /// The last frame, and its steps from the one before.
     last: Option<([f32; COEFFS], Option<[f32; COEFFS]>)>,
-}
-
-impl Default for NoiseLevel {
-    fn default() -> Self {
-        Self { level: LEVELS[0], last: None }
-    }
 }
 
 impl NoiseLevel {
     /// Takes a frame that was captured `dt_s` seconds after the last one, and returns the level.
     pub fn step(&mut self, values: &[f32; COEFFS], dt_s: f32) -> f32 {
         let last = self.last.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
-        if let Some((last, Some(before))) = &last {
-            let (mut above, mut count) = (0.0_f32, 0.0_f32);
-            for (((value, last), before), small) in values.iter().zip(last).zip(before).zip(&SMALL) {
-                let second = (value - 2.0 * last + before).abs();
-                // A coefficient that is 0 all the time tells nothing.
-                if second > 0.0 {
-                    count += 1.0;
-                    above += f32::from(second > self.level * REFERENCE * small);
-                }
+        let steps = last.map(|(last, before)| {
+            let mut steps = *values;
+            steps.iter_mut().zip(last).for_each(|(step, last)| *step -= last);
+            if let Some(product) = before.and_then(|before| mean_product(&steps, &before)) {
+                self.product += (1.0 - (-dt_s / AVERAGE_S).exp()) * (product - self.product);
             }
-            if count > 0.0 {
-                let change = RATE * dt_s * (above / count - (1.0 - STILL_SHARE));
-                self.level = (self.level * change.exp()).clamp(LEVELS[0], LEVELS[1]);
-            }
-        }
-        self.last = Some((*values, last.map(|(last, _)| last)));
-        self.level
+            steps
+        });
+        self.last = Some((*values, steps));
+        let [lowest, highest] = LEVELS;
+        ((-self.product).max(0.0).sqrt() / REFERENCE).clamp(lowest, highest)
     }
+}
+
+/// The mean product of the steps of the coefficients that move at all. `None` if none does.
+fn mean_product(steps: &[f32; COEFFS], before: &[f32; COEFFS]) -> Option<f32> {
+    let [least, greatest] = PRODUCTS;
+    let (mut sum, mut count) = (0.0_f32, 0.0_f32);
+    for ((step, before), small) in steps.iter().zip(before).zip(&SMALL) {
+        let product = step * before / (small * small);
+        // A coefficient that is 0 all the time tells nothing, and neither does a value that is not a number.
+        if product != 0.0 && product.is_finite() {
+            (sum, count) = (sum + product.clamp(least, greatest), count + 1.0);
+        }
+    }
+    (count > 0.0).then(|| sum / count)
 }
 
 #[cfg(test)]
@@ -72,7 +77,7 @@ mod tests {
             for (index, (value, small)) in values.iter_mut().zip(&SMALL).enumerate() {
                 // The sum of 12 has a deviation of 1.
                 let noise: f32 = (0..12).map(|_| random.f32() - 0.5).sum();
-                let swing = if index < moving { 0.3 * (0.9 * f32::from(number)).sin() } else { 0.0 };
+                let swing = if index < moving { 0.3 * (0.4 * f32::from(number)).sin() } else { 0.0 };
                 *value += deviation * small * noise + swing;
             }
             level.step(&values, FRAME_S)
@@ -81,17 +86,17 @@ mod tests {
     }
 
     #[test]
-    fn level_follows_the_noise_and_not_the_movement_of_half_of_the_face() {
-        assert!((level(0.01, 0) - 1.0).abs() < 0.01 && (level(0.01, 30) - 1.0).abs() < 0.01);
-        assert!((1.7..2.3).contains(&level(0.25, 0)), "{}", level(0.25, 0));
-        assert!((3.0..=4.0).contains(&level(0.44, 0)), "{}", level(0.44, 0));
+    fn level_follows_the_noise_and_not_the_movement_even_of_the_whole_face() {
+        assert!([0, 30, COEFFS].iter().all(|moving| (level(0.01, *moving) - 1.0).abs() < 0.01));
+        assert!((level(0.44, 0) - 2.0).abs() < 0.01, "{}", level(0.44, 0));
+        assert!((1.4..1.8).contains(&level(0.2, 0)), "{}", level(0.2, 0));
     }
 
     #[test]
     fn values_and_times_that_are_not_numbers_leave_a_level() {
         let mut level = NoiseLevel::default();
         for (value, dt_s) in [(0.1, FRAME_S), (f32::NAN, FRAME_S), (0.3, f32::NAN), (0.1, FRAME_S), (0.2, -1.0)] {
-            assert!((1.0..=5.0).contains(&level.step(&[value; COEFFS], dt_s)));
+            assert!((1.0..=2.0).contains(&level.step(&[value; COEFFS], dt_s)));
         }
     }
 }

@@ -55,16 +55,21 @@ impl Rules {
                 change(&mut out, pair, opposed);
             }
         }
-        if self.mouth_close {
-            let [close, open] = pick(&out, [MOUTH_CLOSE, JAW_OPEN]);
-            put(&mut out, [MOUTH_CLOSE], [if close > open { open } else { close }]);
-        }
+        self.close_mouth(&mut out);
         if self.gaze {
             hold_gaze(state, &mut out, dt_s);
         } else {
             *state = GazeState::default();
         }
         Corrected(out)
+    }
+
+    /// Limits `mouthClose` to `jawOpen`. Filters can undo this, because the two have filters of their own.
+    pub fn close_mouth(&self, values: &mut [f32; COEFFS]) {
+        let [close, open] = pick(values, [MOUTH_CLOSE, JAW_OPEN]);
+        if self.mouth_close && close > open {
+            put(values, [MOUTH_CLOSE], [open]);
+        }
     }
 }
 

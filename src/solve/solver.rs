@@ -128,6 +128,7 @@ impl Solver {
         let (Shaping { rules, filters, adjustments }, history) = (&self.shaping, &mut self.history);
         let plausible = rules.step(&mut history.gaze, &corrected, step_s);
         let (mut smoothed, mut head) = filters.step(&mut history.filters, &plausible, &raw_head, step_s);
+        rules.close_mouth(&mut smoothed.0);
         adjustments.apply(&mut smoothed.0, &mut head);
         history.bridge.step(&mut smoothed, &mut head, step_s);
         adjustments.limit(&mut smoothed.0);
@@ -146,10 +147,10 @@ impl Solver {
         self.history.bridge.begin();
     }
 
-    /// Share of the estimated neutral face in the reference, from 0 to 1.
+    /// Share of the estimated neutral face in the reference, from 0 to 1. It is 0 with a calibrated one.
     #[must_use]
     pub fn neutral_share(&self) -> f32 {
-        self.history.estimate.share()
+        if self.profile.neutral.is_some() { 0.0 } else { self.history.estimate.share() }
     }
 
     /// How often the estimate was forgotten, because another person sat down.

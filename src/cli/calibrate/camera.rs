@@ -3,7 +3,7 @@
 use super::super::failure::{Failure, say};
 use super::Display;
 use crate::calibration::{Calibration, Guide, Observation};
-use crate::capture::{CaptureError, Frame, Source};
+use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::Settings;
 use crate::pipeline::Pipeline;
 use crate::service::{await_picture, open_camera};
@@ -21,7 +21,10 @@ pub(super) fn calibrate(settings: &Settings) -> Result<Calibration, Failure> {
     let mut camera = open_camera(&settings.camera)?;
     await_picture(&mut *camera, || {})?;
     let outcome = guide(&mut *camera, &mut pipeline);
-    camera.close()?;
+    // A camera that does not close must not cost the result.
+    if let Err(error) = camera.close() {
+        say(error);
+    }
     outcome
 }
 
@@ -35,7 +38,7 @@ fn guide(camera: &mut dyn Source, pipeline: &mut Pipeline) -> Result<Calibration
         match camera.next() {
             Ok(Some(frame)) => guide.update(&observe(&frame, pipeline, &mut light)?),
             Ok(None) => return Err(CaptureError::Gone.into()),
-            Err(CaptureError::Frame { .. }) => {}
+            Err(CaptureError::Frame { .. }) => guide.update(&Observation::nothing(monotonic_us())),
             Err(error) => return Err(error.into()),
         }
         display.show(&guide.progress())?;

@@ -71,9 +71,6 @@ impl<const N: usize> Window<N> {
         let (mut sum, mut total) = ([0.0; N], 0.0);
         for bin in core::iter::once(&self.newest).chain(self.older.oldest_ordered().rev()) {
             let weight = weight_of(bin.span_s);
-            if weight <= 0.0 && total > 0.0 {
-                break;
-            }
             add(&mut sum, weight, bin.value);
             total += weight;
         }

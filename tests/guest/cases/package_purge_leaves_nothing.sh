@@ -11,8 +11,6 @@ install_package facewire.deb
 plug_in
 systemctl enable --now facewire 2>$work/said || fail "$(cat $work/said)"
 await told 1 'camera opened'
-mkdir /var/lib/private/facewire
-ln -s private/facewire /var/lib/facewire
 echo wearer >/var/lib/facewire/profile
 echo '# mine' >>/etc/facewire/facewire.toml
 

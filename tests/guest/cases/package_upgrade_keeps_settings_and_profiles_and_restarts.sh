@@ -14,10 +14,6 @@ device = "/dev/video42"
 address = "127.0.0.1:5252"
 SETTINGS
 cp /etc/facewire/facewire.toml $work/settings
-# systemd makes the folder of a service with a dynamic user behind a link, as it will for profiles.
-mkdir -p /etc/systemd/system/facewire.service.d
-printf '[Service]\nStateDirectory=facewire\n' >/etc/systemd/system/facewire.service.d/state.conf
-systemctl daemon-reload
 systemctl enable --now facewire 2>$work/said || fail "$(cat $work/said)"
 await told 1 'no camera is called /dev/video42'
 echo wearer >$profile

@@ -22,6 +22,7 @@ mod mirror;
 mod network;
 mod output;
 mod paper;
+mod parts;
 mod recording;
 #[cfg(test)]
 mod reference;

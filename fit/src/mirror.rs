@@ -6,7 +6,7 @@
 use anyhow::{Result, ensure};
 use facewire::{
     face::{LANDMARKS, Landmarks},
-    solve::{BLENDSHAPES, COEFFS, normalise},
+    solve::{MIRRORED, normalise},
 };
 
 use crate::dataset::Sample;
@@ -14,13 +14,12 @@ use crate::dataset::Sample;
 /// Returns the samples that the fit may see, and their mirrored copies.
 pub fn with_mirrored(samples: &[Sample]) -> Result<Vec<Sample>> {
     let points = mirrored_points(samples)?;
-    let shapes = BLENDSHAPES.map(mirrored_blendshape);
     let seen = samples.iter().filter(|sample| !sample.held_out());
-    let copies = seen.clone().map(|sample| mirror(sample, &points, &shapes));
+    let copies = seen.clone().map(|sample| mirror(sample, &points));
     Ok(seen.cloned().chain(copies).collect())
 }
 
-fn mirror(sample: &Sample, points: &[usize; LANDMARKS], shapes: &[usize; COEFFS]) -> Sample {
+fn mirror(sample: &Sample, points: &[usize; LANDMARKS]) -> Sample {
     let flipped = |index: usize| {
         let [x, y, z] = sample.landmarks.0[index];
         [-x, y, z]
@@ -28,7 +27,7 @@ fn mirror(sample: &Sample, points: &[usize; LANDMARKS], shapes: &[usize; COEFFS]
     let [yaw, pitch, roll] = sample.pose_deg;
     Sample {
         landmarks: Landmarks(points.map(flipped)),
-        truth: shapes.map(|index| sample.truth[index]),
+        truth: MIRRORED.map(|index| sample.truth[index]),
         pose_deg: [-yaw, pitch, -roll],
         mirrored: !sample.mirrored,
         ..*sample
@@ -65,25 +64,20 @@ fn pair_up(points: &[[f32; 3]; LANDMARKS]) -> [usize; LANDMARKS] {
     core::array::from_fn(|index| partner[index].unwrap_or(index))
 }
 
-/// Returns the index of the same blendshape on the other side of the face.
-pub fn mirrored_blendshape(name: &str) -> usize {
-    let other = match (name.strip_suffix("Left"), name.strip_suffix("Right")) {
-        (Some(stem), _) => format!("{stem}Right"),
-        (_, Some(stem)) => format!("{stem}Left"),
-        _ => name.to_owned(),
-    };
-    BLENDSHAPES.iter().position(|known| *known == other).unwrap_or(0)
-}
-
 #[cfg(test)]
 mod tests {
+    use facewire::solve::{BLENDSHAPES, COEFFS};
+
     use super::*;
 
     #[test]
     fn mirroring_twice_restores_every_blendshape() {
-        let other = |index: usize| mirrored_blendshape(BLENDSHAPES[index]);
-        assert!((0..COEFFS).all(|index| other(other(index)) == index));
-        assert_eq!(BLENDSHAPES[mirrored_blendshape("jawLeft")], "jawRight");
-        assert_eq!(BLENDSHAPES[mirrored_blendshape("browInnerUp")], "browInnerUp");
+        assert!((0..COEFFS).all(|index| MIRRORED[MIRRORED[index]] == index));
+        let mirrored = |name: &str| {
+            let index = BLENDSHAPES.iter().position(|known| *known == name).expect("a blendshape");
+            BLENDSHAPES[MIRRORED[index]]
+        };
+        assert_eq!(mirrored("jawLeft"), "jawRight");
+        assert_eq!(mirrored("browInnerUp"), "browInnerUp");
     }
 }

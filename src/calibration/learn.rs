@@ -10,7 +10,7 @@
 
 use super::observation::Seen;
 use super::take::Take;
-use crate::solve::{BLENDSHAPES, COEFFS, MAX_REST, Model, Neutral, NeutralMean, Profile};
+use crate::solve::{BLENDSHAPES, COEFFS, MAX_REST, Model, Neutral, Profile};
 
 /// Bounds of gains.
 const GAIN: [f32; 2] = [0.6, 1.6];
@@ -54,9 +54,7 @@ impl Takes {
             self.poses.iter_mut().skip(take.index()).take(1).for_each(|slot| *slot = Some(Box::new(seen.clone())));
             return true;
         }
-        let mut mean = NeutralMean::default();
-        mean.add(&seen.face);
-        let Ok(neutral) = mean.finish() else { return false };
+        let Ok(neutral) = Neutral::from_points(&seen.face.points) else { return false };
         let Some(raw) = seen.raw(model, Some(&neutral)) else { return false };
         self.neutral = Some(Known { neutral, seen, raw });
         true

@@ -199,37 +199,45 @@ impl Server {
         for mut client in std::mem::take(&mut self.clients) {
             match client.request() {
                 Ok(None) => self.clients.push(client),
-                Ok(Some(Ok(Request::Calibrate { wearer }))) => self.begin(client, wearer.as_deref()),
-                Ok(Some(Ok(request))) => client.answer(&self.answer(&request)),
+                Ok(Some(Ok(request))) => self.answer(client, request),
                 Ok(Some(Err(refusal))) => client.answer(&Reply::Refused(refusal)),
                 Err(_) => {}
             }
         }
     }
 
-    fn answer(&mut self, request: &Request) -> Reply {
-        let store = Store::new(&self.parts.settings.wearer.folder);
+    fn answer(&mut self, mut client: Client, request: Request) {
         let outcome = match request {
-            Request::Use { wearer: Some(name) } => named(name).and_then(|name| self.wear(&name)),
+            Request::Calibrate { wearer } => return self.begin(client, wearer.as_deref()),
+            Request::Use { wearer: Some(name) } => named(&name).and_then(|name| self.wear(&name)),
             Request::Use { wearer: None } => {
                 self.hand_over(Profile::default(), None);
                 Ok(Reply::Done("nobody's profile is in use, until the next start of the service".to_owned()))
             }
-            Request::Delete { wearer } => named(wearer).and_then(|name| {
-                store.delete(&name).map_err(|error| error.to_string())?;
-                if self.in_use.as_ref() == Some(&name) {
-                    self.hand_over(Profile::default(), None);
-                }
-                Ok(Reply::Done(format!("the profile of {name} is deleted")))
-            }),
-            Request::List {} | Request::Calibrate { .. } => {
-                store.list().map_err(|error| error.to_string()).map(|wearers| {
-                    let in_use = self.in_use.as_ref().map(ToString::to_string);
-                    Reply::Wearers { wearers, in_use, folder: store.folder().display().to_string() }
-                })
-            }
+            Request::Delete { wearer } => named(&wearer).and_then(|name| self.delete(&name)),
+            Request::List {} => self.list(),
         };
-        outcome.unwrap_or_else(Reply::Refused)
+        client.answer(&outcome.unwrap_or_else(Reply::Refused));
+    }
+
+    fn store(&self) -> Store {
+        Store::new(&self.parts.settings.wearer.folder)
+    }
+
+    /// Deletes the profile of this wearer. It is then in use no longer.
+    fn delete(&mut self, name: &WearerName) -> Result<Reply, String> {
+        self.store().delete(name).map_err(|error| error.to_string())?;
+        if self.in_use.as_ref() == Some(name) {
+            self.hand_over(Profile::default(), None);
+        }
+        Ok(Reply::Done(format!("the profile of {name} is deleted")))
+    }
+
+    fn list(&self) -> Result<Reply, String> {
+        let store = self.store();
+        let wearers = store.list().map_err(|error| error.to_string())?;
+        let in_use = self.in_use.as_ref().map(ToString::to_string);
+        Ok(Reply::Wearers { wearers, in_use, folder: store.folder().display().to_string() })
     }
 
     /// Uses the profile of this wearer.
@@ -297,7 +305,7 @@ impl Server {
         let reply = match session.outcome() {
             Some(Ok(calibration)) => {
                 let profile = calibration.profile.clone();
-                match Store::new(&self.parts.settings.wearer.folder).keep(&name, calibration) {
+                match self.store().keep(&name, calibration) {
                     Ok(report) => {
                         self.hand_over(profile, Some(name.clone()));
                         Reply::Calibrated(report)

@@ -38,8 +38,8 @@ impl Default for Adjustments {
     }
 }
 
-/// The place of the blendshape that is the mirror image of each.
-const MIRRORED: [usize; COEFFS] = mirrored();
+/// For each blendshape, the place in [`BLENDSHAPES`] of the same one on the other side of the face, or its own.
+pub const MIRRORED: [usize; COEFFS] = mirrored();
 
 impl Adjustments {
     /// Changes the coefficients and the pose of the head.

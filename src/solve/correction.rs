@@ -17,6 +17,7 @@ use super::{
     COEFFS, Profile,
     model::correction::{Correction, CorrectiveTerms},
     regression::RawCoeffs,
+    smoothstep::smoothstep,
 };
 
 /// Largest resting offset that is removed.
@@ -46,20 +47,14 @@ impl CorrectiveTerms {
         let (rest, gain) = (bounded_rest(rest), bounded_gain(gain));
         // From 0 at rest to 1, whatever the rest; then as if the wearer's range were that of most people.
         let b = gain * (raw + self.shift - rest) / (1.0 - rest);
-        ((self.slope + self.lift * self.g(b)) * b).clamp(0.0, 1.0)
+        let g = smoothstep(b, self.response);
+        ((self.slope + self.lift * g) * b).clamp(0.0, 1.0)
     }
 
     /// The rest that makes this output 0, not bounded.
     #[must_use]
     pub fn rest_of(&self, raw: f32) -> f32 {
         raw + self.shift
-    }
-
-    /// `g`: 0 below the range of response, 1 above it, smooth in between.
-    fn g(&self, b: f32) -> f32 {
-        let [from, to] = self.response;
-        let u = ((b - from) / (to - from)).clamp(0.0, 1.0);
-        u * u * (3.0 - 2.0 * u)
     }
 }
 

@@ -24,7 +24,7 @@ use gated_average::Past;
 use kalman::Estimate;
 use one_euro::Motion;
 use point::towards;
-pub use point::{add, difference};
+pub use point::{add, difference, square};
 use window::Window;
 
 /// Longest time between two frames that belong together, seconds: the longest time of the settings. After a longer one a

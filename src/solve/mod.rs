@@ -31,6 +31,7 @@ mod pose;
 mod profile;
 mod regression;
 mod smoothing;
+mod smoothstep;
 mod solver;
 #[cfg(test)]
 #[allow(clippy::indexing_slicing)]
@@ -38,7 +39,7 @@ pub(crate) mod test_face;
 
 use crate::face::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, LANDMARKS};
 
-pub use adjustments::{Adjustment, Adjustments};
+pub use adjustments::{Adjustment, Adjustments, MIRRORED};
 pub use affine::{DegenerateFace, Normalised, normalise};
 pub use appearance::Residual;
 pub use correction::{Corrected, GAINS, MAX_REST, correct};

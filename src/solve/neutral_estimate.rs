@@ -23,7 +23,12 @@ use self::{
     rest::RestWatch,
 };
 use super::{
-    COEFFS, RawCoeffs, Reference, affine::Normalised, feature_id::MEASURES, features::measure, neutral::Neutral,
+    COEFFS, RawCoeffs, Reference,
+    affine::Normalised,
+    feature_id::MEASURES,
+    features::measure,
+    filter::{difference, square},
+    neutral::Neutral,
 };
 
 /// Longest time that one frame counts for, seconds.
@@ -189,10 +194,7 @@ impl NeutralEstimate {
 
 impl Place {
     fn is_far_from(self, last: Self, dt_s: f32) -> bool {
-        let distance = |a: [f32; 2], b: [f32; 2]| {
-            let differences = a.iter().zip(b).map(|(a, b)| a - b);
-            differences.map(|difference| difference * difference).sum::<f32>().sqrt()
-        };
+        let distance = |a: [f32; 2], b: [f32; 2]| square(difference(a, b)).sqrt();
         // Frames that come at once have jitter, too.
         let time_s = dt_s.max(SHORTEST_JUMP_S);
         distance(self.origin_px, last.origin_px) > MOST_SPEED * time_s * last.scale_px

@@ -7,7 +7,11 @@
 //! product is the negative variance of the noise. Movement goes on from frame to frame, and its products are positive. The
 //! noise is averaged over the coefficients and over about a second.
 
-use super::{COEFFS, filter::LONGEST_STEP_S, smoothing::SMALL};
+use super::{
+    BLENDSHAPES, COEFFS,
+    filter::{LONGEST_STEP_S, difference},
+    smoothing::Group,
+};
 
 /// Standard deviation of the noise for which the sizes of small changes are meant, relative to a small change.
 const REFERENCE: f32 = 0.125;
@@ -21,12 +25,20 @@ const AVERAGE_S: f32 = 1.0;
 const LEVELS: [f32; 2] = [1.0, 2.0];
 
 /// The noise of the last frames, relative to that for which the sizes of small changes are meant.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct NoiseLevel {
+    /// The size of a change of each coefficient that is no longer small, in good light.
+    small: [f32; COEFFS],
     /// Mean product of successive steps, relative to the square of a small change.
     product: f32,
     /// The last frame, and its steps from the one before.
     last: Option<([f32; COEFFS], Option<[f32; COEFFS]>)>,
+}
+
+impl Default for NoiseLevel {
+    fn default() -> Self {
+        Self { small: BLENDSHAPES.map(|name| Group::of(name).small()), product: 0.0, last: None }
+    }
 }
 
 impl NoiseLevel {
@@ -34,9 +46,8 @@ impl NoiseLevel {
     pub fn step(&mut self, values: &[f32; COEFFS], dt_s: f32) -> f32 {
         let last = self.last.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
         let steps = last.map(|(last, before)| {
-            let mut steps = *values;
-            steps.iter_mut().zip(last).for_each(|(step, last)| *step -= last);
-            if let Some(product) = before.and_then(|before| mean_product(&steps, &before)) {
+            let steps = difference(*values, last);
+            if let Some(product) = before.and_then(|before| mean_product(&steps, &before, &self.small)) {
                 self.product += (1.0 - (-dt_s / AVERAGE_S).exp()) * (product - self.product);
             }
             steps
@@ -48,10 +59,10 @@ impl NoiseLevel {
 }
 
 /// The mean product of the steps of the coefficients that move at all. `None` if none does.
-fn mean_product(steps: &[f32; COEFFS], before: &[f32; COEFFS]) -> Option<f32> {
+fn mean_product(steps: &[f32; COEFFS], before: &[f32; COEFFS], small: &[f32; COEFFS]) -> Option<f32> {
     let [least, greatest] = PRODUCTS;
     let (mut sum, mut count) = (0.0_f32, 0.0_f32);
-    for ((step, before), small) in steps.iter().zip(before).zip(&SMALL) {
+    for ((step, before), small) in steps.iter().zip(before).zip(small) {
         let product = step * before / (small * small);
         // A coefficient that is 0 all the time tells nothing, and neither does a value that is not a number.
         if product != 0.0 && product.is_finite() {
@@ -74,7 +85,7 @@ mod tests {
         let mut level = NoiseLevel::default();
         let mut frame = |number: u16| {
             let mut values = [0.5; COEFFS];
-            for (index, (value, small)) in values.iter_mut().zip(&SMALL).enumerate() {
+            for (index, (value, small)) in values.iter_mut().zip(level.small).enumerate() {
                 // The sum of 12 has a deviation of 1.
                 let noise: f32 = (0..12).map(|_| random.f32() - 0.5).sum();
                 let swing = if index < moving { 0.3 * (0.4 * f32::from(number)).sin() } else { 0.0 };

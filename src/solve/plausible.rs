@@ -14,7 +14,7 @@ mod indices;
 #[allow(clippy::float_cmp, clippy::indexing_slicing)]
 mod tests;
 
-use super::{COEFFS, Corrected};
+use super::{COEFFS, Corrected, smoothstep::smoothstep};
 pub use gaze::GazeState;
 use gaze::hold_gaze;
 use indices::{BLINKS, GAZE, JAW_OPEN, MOUTH_CLOSE, OPPOSED, change, pick, put};
@@ -106,8 +106,7 @@ const WINK_DIFFERENCE: f32 = 0.25;
 /// in a wink.
 fn lids([left, right]: [f32; 2]) -> [f32; 2] {
     let half = 0.5 * (left - right).abs();
-    let u = ((half - BLINK_DIFFERENCE) / (WINK_DIFFERENCE - BLINK_DIFFERENCE)).clamp(0.0, 1.0);
-    let wink = u * u * (3.0 - 2.0 * u);
+    let wink = smoothstep(half, [BLINK_DIFFERENCE, WINK_DIFFERENCE]);
     let (open, shut) = (left.min(right), left.max(right));
     let both = 0.5 * (left + right) + half * ((shut - 0.3) / 0.5).clamp(0.0, 1.0);
     // A lid that follows the winking one does so by about half.

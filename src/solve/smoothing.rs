@@ -34,20 +34,21 @@ impl Group {
 
     /// The group of a blendshape.
     #[must_use]
-    pub const fn of(blendshape: &str) -> Self {
-        match blendshape.as_bytes() {
-            [b'e', b'y', b'e', b'L', b'o', b'o', b'k', ..] => Self::Gaze,
-            [b'e', b'y', b'e', ..] => Self::Lids,
-            [b'b', b'r', b'o', b'w', ..] => Self::Brows,
-            [b'j', b'a', b'w', ..] => Self::Jaw,
-            [b'c', b'h', b'e', b'e', b'k', ..] | [b'n', b'o', b's', b'e', ..] => Self::Cheeks,
-            // `mouth` and `tongueOut`.
-            _ => Self::Mouth,
-        }
+    pub fn of(blendshape: &str) -> Self {
+        let starts = [
+            ("eyeLook", Self::Gaze),
+            ("eye", Self::Lids),
+            ("brow", Self::Brows),
+            ("jaw", Self::Jaw),
+            ("cheek", Self::Cheeks),
+            ("nose", Self::Cheeks),
+        ];
+        // `mouth` and `tongueOut` are left.
+        starts.into_iter().find(|(start, _)| blendshape.starts_with(start)).map_or(Self::Mouth, |(_, group)| group)
     }
 
     /// The size of a change that is no longer small, in good light; found by `facewire-fit tune smoothing`.
-    const fn small(self) -> f32 {
+    pub(super) fn small(self) -> f32 {
         match self {
             Self::Gaze => 0.136,
             Self::Brows => 0.096,
@@ -63,18 +64,6 @@ impl Group {
         Filter { kind, time_s, small: self.small() }
     }
 }
-
-/// The size of a change of each coefficient that is no longer small, in good light.
-#[allow(clippy::indexing_slicing, reason = "runs at compile time, where an index out of range is an error")]
-pub const SMALL: [f32; COEFFS] = {
-    let mut sizes = [0.0; COEFFS];
-    let mut index = 0;
-    while index < COEFFS {
-        sizes[index] = Group::of(BLENDSHAPES[index]).small();
-        index += 1;
-    }
-    sizes
-};
 
 /// The filters of all coefficients, in the order of [`BLENDSHAPES`], and of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -109,7 +109,9 @@ impl Solver {
         let calibrated = self.profile.neutral.as_ref().map(Reference::from);
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
         let mut raw = self.model.solve(&face, reference)?;
-        let residual = self.model.residual(appearance, reference.known())?;
+        if let Some(residual) = self.model.residual(appearance, reference.known())? {
+            raw = raw.plus(&residual);
+        }
         let neutral_face = match calibrated {
             Some(_) => NeutralFace::Calibrated,
             None if reference.known() >= ESTIMATED => NeutralFace::Estimated,
@@ -117,9 +119,6 @@ impl Solver {
         };
         // Only now, because a rejected frame does not reach the filters: their time goes on until the next good frame.
         let step_s = self.history.step_s(time_us);
-        if let Some(residual) = residual {
-            raw = raw.plus(&residual);
-        }
         if calibrated.is_none() {
             self.history.estimate.update(self.neutral_mode, &face, &raw, step_s);
         }

@@ -34,10 +34,15 @@ pub struct Clip {
 /// Tracks every film of a folder that has its truth beside it, in parallel. In the first `neutral_frames` of each, the
 /// face is at rest.
 pub fn load(folder: &Path, neutral_frames: u32) -> Result<Vec<Clip>> {
+    load_each(folder, |film| Clip::load(film, neutral_frames))
+}
+
+/// Loads every film of a folder, in parallel, in the order of their names.
+pub fn load_each<T: Send>(folder: &Path, load: impl Fn(&Path) -> Result<T> + Sync) -> Result<Vec<T>> {
     let films = films(folder)?;
     let done = AtomicUsize::new(0);
-    let load = |film: &PathBuf| -> Result<Clip> {
-        let clip = Clip::load(film, neutral_frames).with_context(|| format!("{}", film.display()))?;
+    let load = |film: &PathBuf| -> Result<T> {
+        let clip = load(film).with_context(|| format!("{}", film.display()))?;
         eprintln!(
             "{}: tracked {} of {} clips",
             folder.display(),
@@ -50,7 +55,7 @@ pub fn load(folder: &Path, neutral_frames: u32) -> Result<Vec<Clip>> {
 }
 
 /// Returns the films of a folder in the order of their names.
-pub fn films(folder: &Path) -> Result<Vec<PathBuf>> {
+fn films(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
     let paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
     let mut films: Vec<PathBuf> =

@@ -3,12 +3,11 @@
 
 use std::{array, sync::LazyLock};
 
-use facewire::solve::{BLENDSHAPES, COEFFS};
+use facewire::solve::{BLENDSHAPES, COEFFS, MIRRORED};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::expression::Coefficients;
-use crate::mirror::mirrored_blendshape;
 
 /// Coefficient above which a shape counts as active.
 const ACTIVE: f32 = 0.3;
@@ -33,7 +32,6 @@ static LOOK: LazyLock<[[usize; 4]; 2]> = LazyLock::new(|| {
 });
 static EXCLUSIVE_INDICES: LazyLock<[[usize; 2]; EXCLUSIVE.len()]> =
     LazyLock::new(|| EXCLUSIVE.map(|(one, other)| [one, other].map(index_of)));
-static OPPOSITE: LazyLock<[usize; COEFFS]> = LazyLock::new(|| BLENDSHAPES.map(mirrored_blendshape));
 static REGIONS: LazyLock<[Region; COEFFS]> = LazyLock::new(|| BLENDSHAPES.map(Region::of));
 static JAW_OPEN: LazyLock<usize> = LazyLock::new(|| index_of("jawOpen"));
 static MOUTH_CLOSE: LazyLock<usize> = LazyLock::new(|| index_of("mouthClose"));
@@ -94,7 +92,7 @@ impl Partner {
     /// Returns the partner of a shape: the same on the other side, or the same direction of the other eye.
     pub fn of(index: usize) -> Option<Self> {
         let name = BLENDSHAPES[index];
-        let opposite = OPPOSITE[index];
+        let opposite = MIRRORED[index];
         if opposite == index || ["jawLeft", "jawRight", "mouthLeft", "mouthRight"].contains(&name) {
             return None;
         }
@@ -108,13 +106,13 @@ impl Partner {
 
 /// Returns the mirror image of a face.
 pub fn mirrored(face: &Coefficients) -> Coefficients {
-    array::from_fn(|index| face[OPPOSITE[index]])
+    array::from_fn(|index| face[MIRRORED[index]])
 }
 
 /// Returns a face with the left side of one face and the right side of another. Shapes in the middle are averaged.
 pub fn joined(left: &Coefficients, right: &Coefficients) -> Coefficients {
     array::from_fn(|index| match BLENDSHAPES[index] {
-        _ if OPPOSITE[index] == index => f32::midpoint(left[index], right[index]),
+        _ if MIRRORED[index] == index => f32::midpoint(left[index], right[index]),
         name if name.ends_with("Left") => left[index],
         _ => right[index],
     })

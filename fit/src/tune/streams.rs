@@ -1,12 +1,8 @@
 //! Solved clips of wearers: what the filters are given, and what is sent.
 
-use std::{
-    ops::Range,
-    path::{Path, PathBuf},
-    sync::atomic::{AtomicUsize, Ordering},
-};
+use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use facewire::{
     capture::{FileOptions, open_file},
     config::Settings,
@@ -15,14 +11,13 @@ use facewire::{
     preflight::{load_tracker, shaping},
     solve::{BLENDSHAPES, COEFFS, Filters, Group, HeadPose, Model, Profile, Shaping, Solver},
 };
-use rayon::prelude::*;
 
 use super::{
     measure::{Curves, Sums},
     smoothing::Part,
     summary::angles_deg,
 };
-use crate::{curves::Truth, judge::clips::films};
+use crate::{curves::Truth, judge::clips::load_each, parts::Parts};
 
 /// Frames at the start of a clip in which the face is at rest, and from which its neutral face is taken.
 const NEUTRAL_FRAMES: u64 = 75;
@@ -30,7 +25,7 @@ const NEUTRAL_FRAMES: u64 = 75;
 /// A clip of one wearer.
 pub struct Stream {
     /// Parts of the clip with their frames.
-    pub parts: Vec<(String, Range<usize>)>,
+    pub parts: Parts,
     /// The true curves.
     pub truth: Truth,
     /// Coefficients before the rules and the filters.
@@ -45,21 +40,13 @@ pub struct Stream {
 
 /// Tracks and solves the clips of a folder, in parallel. The solver knows the neutral face.
 pub fn load(folder: &Path, settings: &Settings) -> Result<Vec<Stream>> {
-    let films = films(folder)?;
-    let done = AtomicUsize::new(0);
-    let load = |film: &PathBuf| -> Result<Stream> {
-        let stream = Stream::load(film, settings).with_context(|| format!("{}", film.display()))?;
-        let number = done.fetch_add(1, Ordering::Relaxed) + 1;
-        eprintln!("{}: tracked {number} of {} clips", folder.display(), films.len());
-        Ok(stream)
-    };
-    films.par_iter().map(load).collect()
+    load_each(folder, |film| Stream::load(film, settings))
 }
 
 impl Stream {
     fn load(film: &Path, settings: &Settings) -> Result<Self> {
         let csv = film.with_extension("csv");
-        let (truth, parts) = (Truth::load(&csv)?, parts(&film.with_extension("parts.csv"))?);
+        let (truth, parts) = (Truth::load(&csv)?, Parts::load(&film.with_extension("parts.csv"))?);
         let path = film.to_str().context("the path is not UTF-8")?;
         let mut source = open_file(path, &FileOptions::default())?;
         let solver = Solver::new(Model::embedded(), Profile::default(), Shaping::only(Filters::OFF));
@@ -84,7 +71,7 @@ impl Stream {
         Ok(run.stream)
     }
 
-    fn empty(truth: Truth, parts: Vec<(String, Range<usize>)>) -> Self {
+    fn empty(truth: Truth, parts: Parts) -> Self {
         Self { parts, truth, raw: vec![], raw_heads: vec![], sent: vec![], sent_heads: vec![] }
     }
 
@@ -97,7 +84,7 @@ impl Stream {
         still: &[&str],
         moving: &[&str],
     ) -> Sums {
-        let [still, moving] = [still, moving].map(|names| self.frames(names).collect::<Vec<_>>());
+        let [still, moving] = [still, moving].map(|names| self.parts.starting_with(names).collect::<Vec<_>>());
         let sums =
             |raw: &[f64], filtered: &[f64], truth: &[f64]| Sums::of(&Curves { raw, filtered, truth }, &still, &moving);
         let Part::Group(group) = part else {
@@ -112,12 +99,6 @@ impl Stream {
         let truth = |index: usize| self.truth.coefficients.iter().map(|frame| frame[index]).collect::<Vec<_>>();
         let members = (0..COEFFS).filter(|index| Group::of(BLENDSHAPES[*index]) == group);
         members.map(|index| sums(&curve(&self.raw, index), &curve(coefficients, index), &truth(index))).sum()
-    }
-
-    /// The frames of the parts whose names begin with one of these.
-    pub fn frames(&self, names: &[&str]) -> impl Iterator<Item = Range<usize>> {
-        let is_named = |part: &&(String, Range<usize>)| names.iter().any(|name| part.0.starts_with(name));
-        self.parts.iter().filter(is_named).map(|(_, frames)| frames.clone()).collect::<Vec<_>>().into_iter()
     }
 }
 
@@ -142,37 +123,5 @@ impl Solved {
             stream.sent_heads.push(*stream.sent_heads.last().context("no face in the first frame")?);
         }
         Ok(())
-    }
-}
-
-/// Reads the table of parts that `facewire-fit film --script wearer` writes: name, first frame, number of frames.
-fn parts(path: &Path) -> Result<Vec<(String, Range<usize>)>> {
-    let refusal = || format!("{} is no table of parts: make the clip with `facewire-fit film`", path.display());
-    let text = std::fs::read_to_string(path).with_context(refusal)?;
-    let part = |line: &str| {
-        let [name, first, frames] = line.split(',').collect::<Vec<_>>()[..] else { return None };
-        let (first, frames): (usize, usize) = (first.parse().ok()?, frames.parse().ok()?);
-        Some((name.to_owned(), first..first + frames))
-    };
-    let parts: Vec<_> = text.lines().skip(1).map(part).collect::<Option<_>>().with_context(refusal)?;
-    ensure!(!parts.is_empty(), refusal());
-    Ok(parts)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn table_of_parts_is_read_and_another_file_is_refused() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("01.parts.csv");
-        std::fs::write(&path, "part,first_frame,frames\nstill-bright,0,75\nblinks,75,195\n").expect("written");
-        assert_eq!(
-            parts(&path).expect("a table"),
-            [("still-bright".to_owned(), 0..75), ("blinks".to_owned(), 75..270)]
-        );
-        std::fs::write(&path, "frame,yaw_deg\n1,2\n").expect("written");
-        assert!(parts(&path).expect_err("refused").to_string().contains("no table of parts"));
     }
 }

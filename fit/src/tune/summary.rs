@@ -9,6 +9,7 @@ use super::{
     smoothing::{PARTS, Part},
     streams::Stream,
 };
+use crate::parts::runs;
 
 /// A lid is shut and open beyond these values.
 const SHUT: f32 = 0.9;
@@ -67,14 +68,7 @@ pub fn of(streams: &[Stream]) -> Summary {
 /// Runs of frames in which the truth of a lid is beyond [`SHUT`].
 fn shut(stream: &Stream, part: &str, lid: usize) -> Vec<Range<usize>> {
     let is_shut = |frame: usize| stream.truth.coefficients[frame][lid] > SHUT.into();
-    let mut runs: Vec<Range<usize>> = Vec::new();
-    for frame in stream.frames(&[part]).flatten().filter(|frame| is_shut(*frame)) {
-        match runs.last_mut() {
-            Some(run) if run.end == frame => run.end += 1,
-            _ => runs.push(frame..frame + 1),
-        }
-    }
-    runs
+    runs(stream.parts.of(part).filter(|frame| is_shut(*frame)))
 }
 
 fn blinks(streams: &[Stream], curves: impl Fn(&Stream) -> &Vec<[f32; COEFFS]>) -> Blinks {

@@ -1,5 +1,7 @@
 //! Whether a face looks right: jitter at rest, blinks, winks, and a turned face at rest.
 
+use std::ops::Range;
+
 use facewire::{
     playback::Shown,
     solve::{BLENDSHAPES, COEFFS},
@@ -8,6 +10,7 @@ use facewire::{
 use super::film::{Film, Knowledge, Learned};
 use crate::{
     judge::text::table,
+    parts::runs,
     statistics::{mean, standard_deviation},
 };
 
@@ -70,24 +73,17 @@ fn still(shown: &[Shown]) -> [f64; 3] {
 }
 
 /// Returns the frames in which a lid is truly shut, as ranges.
-fn shut(truth: &[[f64; COEFFS]], lid: usize) -> Vec<core::ops::Range<usize>> {
-    let mut ranges: Vec<core::ops::Range<usize>> = Vec::new();
-    for frame in (0..truth.len()).filter(|frame| truth[*frame][lid] > SHUT) {
-        match ranges.last_mut() {
-            Some(range) if range.end == frame => range.end += 1,
-            _ => ranges.push(frame..frame + 1),
-        }
-    }
-    ranges
+fn shut(truth: &[[f64; COEFFS]], lid: usize) -> Vec<Range<usize>> {
+    runs((0..truth.len()).filter(|frame| truth[*frame][lid] > SHUT))
 }
 
-fn values(shown: &[Shown], shape: usize, frames: core::ops::Range<usize>) -> impl Iterator<Item = f64> {
+fn values(shown: &[Shown], shape: usize, frames: Range<usize>) -> impl Iterator<Item = f64> {
     let frames = frames.start.min(shown.len())..frames.end.min(shown.len());
     shown[frames].iter().map(move |shown| f64::from(shown.pose.coefficients[shape]))
 }
 
 fn blinks(film: &Film, shown: &[Shown]) -> [usize; 3] {
-    let truth = &film.truth.coefficients[film.part("blinks")];
+    let truth = &film.truth.coefficients[film.parts.of("blinks")];
     let mut counts = [0; 3];
     for (lid, blink) in LIDS.iter().flat_map(|lid| shut(truth, *lid).into_iter().map(move |blink| (*lid, blink))) {
         let highest = values(shown, lid, blink.start..blink.end + BLINK_FRAMES).fold(0.0, f64::max);
@@ -98,14 +94,14 @@ fn blinks(film: &Film, shown: &[Shown]) -> [usize; 3] {
 }
 
 fn leaks(film: &Film, shown: &[Shown]) -> Vec<f64> {
-    let truth = &film.truth.coefficients[film.part("winks")];
+    let truth = &film.truth.coefficients[film.parts.of("winks")];
     let other = |lid: usize| LIDS[usize::from(lid == LIDS[0])];
     let winks = LIDS.iter().flat_map(|lid| shut(truth, *lid).into_iter().map(move |wink| (*lid, wink)));
     winks.map(|(lid, wink)| values(shown, other(lid), wink).fold(0.0, f64::max)).collect()
 }
 
 fn turned_at_rest(film: &Film, shown: &[Shown]) -> [f64; COEFFS] {
-    let poses = &film.truth.pose_deg[film.part("turned")];
+    let poses = &film.truth.pose_deg[film.parts.of("turned")];
     let turned: Vec<&Shown> =
         shown.iter().zip(poses).filter(|(_, pose)| pose[0].abs() > TURNED_DEG).map(|(shown, _)| shown).collect();
     core::array::from_fn(|shape| mean(turned.iter().map(|shown| f64::from(shown.pose.coefficients[shape]))))

@@ -1,8 +1,8 @@
 //! A clip of a wearer, and what can be learned of the wearer from its parts.
 
-use std::{collections::BTreeMap, ops::Range, path::Path};
+use std::{ops::Range, path::Path};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use facewire::{
     calibration::{Guide, Observation, Take},
     capture::Content,
@@ -12,14 +12,14 @@ use facewire::{
     preflight::shaping,
     solve::{Camera, Model, NeutralMode, Profile, Solver},
 };
-use rayon::prelude::*;
 
 use crate::{
     curves::Truth,
     judge::{
-        clips::{films, track},
+        clips::{load_each, track},
         people::{Person, SolvedFaces},
     },
+    parts::Parts,
 };
 
 /// Frames at rest that are taken as the neutral face.
@@ -75,34 +75,24 @@ pub struct Film {
     faces: Vec<Face>,
     /// The true coefficients and angles of every frame.
     pub truth: Truth,
-    parts: BTreeMap<String, Range<usize>>,
+    /// Where each part of the clip is.
+    pub parts: Parts,
 }
 
 /// Tracks all clips of a folder, in parallel.
 pub fn load(folder: &Path) -> Result<Vec<Film>> {
-    let paths = films(folder)?;
-    let load = |path: &std::path::PathBuf| {
-        let film = Film::load(path).with_context(|| format!("{}", path.display()))?;
-        eprintln!("{}: tracked", path.display());
-        Ok(film)
-    };
-    paths.par_iter().map(load).collect()
+    load_each(folder, Film::load)
 }
 
 impl Film {
     fn load(path: &Path) -> Result<Self> {
         let csv = path.with_extension("csv");
         let truth = Truth::load(&csv)?;
-        let parts = read_parts(&path.with_extension("parts.csv"))?;
+        let parts = Parts::load(&path.with_extension("parts.csv"))?;
         let faces = track(path)?;
         truth.fits(&csv, faces.len())?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self { name, faces, truth, parts })
-    }
-
-    /// Returns the frames of a part, none if there is no such part.
-    pub fn part(&self, name: &str) -> Range<usize> {
-        self.parts.get(name).cloned().unwrap_or_default()
     }
 
     /// Learns what is to be known of the wearer.
@@ -130,10 +120,10 @@ impl Film {
             }
             let frames = match take {
                 Take::Neutral if at_rest == "smile" => {
-                    let smile = self.part(at_rest);
+                    let smile = self.parts.of(at_rest);
                     smile.start + SMILE.start..smile.start + SMILE.end
                 }
-                take => self.part(take.name()),
+                take => self.parts.of(take.name()),
             };
             ensure!(!frames.is_empty(), "the clip has no part {}: render it again", take.name());
             let face = &self.faces[frames.start + since % frames.len()];
@@ -145,7 +135,7 @@ impl Film {
 
     /// Returns the estimates of the judged part.
     pub fn judged(&self, learned: &Learned) -> Person {
-        let frames = self.part(JUDGED);
+        let frames = self.parts.of(JUDGED);
         let shown = self.show(learned, JUDGED);
         let faces = SolvedFaces {
             estimates: shown.iter().map(|shown| shown.pose.coefficients.map(f64::from)).collect(),
@@ -157,10 +147,10 @@ impl Film {
 
     /// Returns what is shown in a part. What is learned by watching has been learned in the minute before the judged part.
     pub fn show(&self, learned: &Learned, part: &str) -> Vec<Shown> {
-        let frames = self.part(part);
+        let frames = self.parts.of(part);
         let mut playback = learned.playback();
         if learned.watches {
-            self.faces[self.part(TALK)].iter().for_each(|face| _ = playback.show(face));
+            self.faces[self.parts.of(TALK)].iter().for_each(|face| _ = playback.show(face));
         }
         let lead_in = frames.start.saturating_sub(LEAD_IN)..frames.start;
         let lead_in = if learned.watches && part == JUDGED { frames.start..frames.start } else { lead_in };
@@ -190,15 +180,4 @@ fn observation(model: &Model, face: &Face, time_us: u64) -> Observation {
     let camera = Camera::new(frame.size_px(), Settings::default().camera.horizontal_fov_deg);
     let seen = if let Content::Face { face, .. } = frame.content { face } else { None };
     Observation::new(model, seen, &camera, time_us, false)
-}
-
-/// Reads the first frame and the number of frames of each part.
-fn read_parts(path: &Path) -> Result<BTreeMap<String, Range<usize>>> {
-    let table = || format!("{} is not a table of parts: make the clip with `film --script wearer`", path.display());
-    let mut rows = csv::Reader::from_path(path).with_context(table)?;
-    let part = |row: Result<(String, usize, usize), csv::Error>| {
-        let (name, first, frames) = row?;
-        Ok((name, first..first + frames))
-    };
-    rows.deserialize().map(part).collect::<Result<_>>().with_context(table)
 }

@@ -9,7 +9,7 @@ use super::{
     COEFFS,
     indices::{BLINKS, GAZE, pick, put},
 };
-use crate::solve::LONGEST_STEP_S;
+use crate::solve::{LONGEST_STEP_S, smoothstep::smoothstep};
 
 /// The directions of the left and of the right eye in the last frame, and for how long each has been shut.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -48,12 +48,6 @@ pub fn hold_gaze(state: &mut GazeState, values: &mut [f32; COEFFS], dt_s: f32) {
 
 /// The share of the last direction that a lid with this closure, shut since `shut_s`, holds over `dt_s`.
 fn held_share(closure: f32, shut_s: f32, dt_s: f32) -> f32 {
-    let share = rise(closure, [LOWERED, SHUT]) * (1.0 - rise(shut_s, BLINK_S));
+    let share = smoothstep(closure, [LOWERED, SHUT]) * (1.0 - smoothstep(shut_s, BLINK_S));
     if share > 0.0 { share.powf(dt_s / FRAME_S) } else { 0.0 }
-}
-
-/// Rises smoothly from 0 to 1 between two values.
-fn rise(value: f32, [from, to]: [f32; 2]) -> f32 {
-    let u = ((value - from) / (to - from)).clamp(0.0, 1.0);
-    u * u * (3.0 - 2.0 * u)
 }

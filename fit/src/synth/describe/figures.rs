@@ -1,10 +1,9 @@
 //! Statistics of expressions.
 
-use facewire::solve::{BLENDSHAPES, COEFFS};
+use facewire::solve::{BLENDSHAPES, COEFFS, MIRRORED};
 
 use crate::{
     design::MODELLED,
-    mirror::mirrored_blendshape,
     statistics::{mean, pearson},
     synth::expression::Coefficients,
 };
@@ -88,7 +87,7 @@ impl Marginal {
         sorted.sort_by(f64::total_cmp);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length")]
         let quantile = |share: f64| sorted[(share * (sorted.len() - 1) as f64).round() as usize];
-        let other = &columns[mirrored_blendshape(BLENDSHAPES[index])];
+        let other = &columns[MIRRORED[index]];
         let gap = || mean(own.iter().zip(other).map(|(left, right)| (left - right).abs()));
         Self {
             index,

@@ -97,10 +97,11 @@ enum Command {
     Synth(synth::run::Options),
     /// Compare the expressions that `synth` draws with recorded ones, as one HTML page
     Expressions(synth::describe::Options),
-    /// Find parameters of the model from clips with truth
+    /// Find the corrective terms of the model, or the best filters, from faces with true coefficients
     #[command(subcommand)]
     Tune(tune::Command),
-    /// Print what knowing the wearer is worth, and whether blinks, winks, rest and a turned head look right, on clips of wearers
+    /// Print what knowing the wearer is worth, and whether blinks, winks, rest and a turned head look right, on clips of
+    /// wearers
     Wearers(wearers::Options),
     /// Render a clip of one person with the truth of every frame
     Film(synth::film::Options),

@@ -51,7 +51,7 @@ pub fn run(options: &Options) -> Result<()> {
         let people: Vec<_> = films.par_iter().zip(&learned).map(|(film, solver)| film.judged(solver)).collect();
         rows.push(row(knowledge, &Judgement::new(people, options.resamples)));
         let known = learned.iter().filter(|learned| learned.is_known()).count();
-        eprintln!("{}: known of {known} of {} people", knowledge.name(), films.len());
+        eprintln!("{}: something is known of {known} of {} people", knowledge.name(), films.len());
         let found: Vec<Checks> =
             films.par_iter().zip(&learned).map(|(film, learned)| Checks::new(film, learned)).collect();
         checks.push((knowledge, found));

@@ -7,7 +7,8 @@ use super::refusal::Refusal;
 use super::take::{Take, mean_of};
 use crate::solve::Model;
 
-/// How far below the neutral take a part of the face must be in the poses that leave it at rest.
+/// The neutral take is in doubt if the median reading of a part of the face, in the poses that leave that part at rest,
+/// lies this far or farther from the neutral take.
 const BELOW: f32 = -0.2;
 /// Least number of such poses.
 const LEAST_POSES: usize = 3;

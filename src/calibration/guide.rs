@@ -4,8 +4,8 @@
 //! phases: get ready, wait until the conditions hold (a face that faces the camera, enough light, and for a pose that the
 //! pose is seen, relative to the neutral take), and measure while the wearer holds still. A pose that is not seen for
 //! some seconds is left out. At the end the neutral take is compared with the poses, in which the parts of the face that
-//! they do not move are at rest, too: where these differ, the wearer smiled or squinted in the neutral take, and it is
-//! taken again.
+//! they do not move are at rest, too: where these read less than in the neutral take, the wearer smiled, opened
+//! the mouth, lowered the lids or raised the brows in it, and it is taken again.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -157,7 +157,8 @@ impl Guide {
     /// What the calibration has found, or `None` while it goes on.
     ///
     /// # Errors
-    /// There is no neutral take, and so no profile: why the last attempt was refused.
+    /// The calibration ended without a profile: no neutral take was accepted, the poses contradicted each of them, or
+    /// the conditions were poor for too long. The error is the last reason.
     #[must_use]
     pub fn outcome(&self) -> Option<Result<Calibration, Refusal>> {
         let found = |profile: &Profile| Calibration {

@@ -2,9 +2,9 @@
 //!
 //! - The neutral face is that of the neutral take, and the rest is what the model still reads of that face, measured from itself.
 //! - The gain of a coefficient compares what the pose that raises it reads with what it reads of most people. Shut lids
-//!   read 1 then. In other poses, how far people go differs from time to time, and a model that reads little of a full
-//!   expression often reads most of a small one: the gain goes only part of the way, and not at all where that made
-//!   expressions between rest and pose worse.
+//!   then read 1. In other poses, how far people go differs from time to time, and a model that reads little of a full
+//!   expression often reads most of a small one. The gain therefore makes up only a part of the difference, and is 1
+//!   for poses where a gain would make expressions between rest and pose worse.
 //!
 //! Limits: the readings of most people are those of the shipped model.
 
@@ -17,9 +17,10 @@ const GAIN: [f32; 2] = [0.6, 1.6];
 /// Least reading of a pose, above the rest, from which a gain can be found.
 const LEAST_MEASURED: f32 = 0.1;
 
-/// What a pose reads of most people (the mean over 20 rendered people who go three quarters to all of the way), and the
-/// power of their quotient that becomes the gain. The powers are those with the least mean squared error of 20 s of
-/// talk; both halves of the people agree on them within a quarter.
+/// Returns the typical reading of a pose, and the power `p` with which the gain `(typical / reading)^p` is computed.
+///
+/// A typical reading is the mean over 20 rendered people who show 75 to 100 % of the expression. The powers have the
+/// least mean squared error over 20 s of recorded expressions; each half of the people gives them within 0.25.
 fn typical(pose: Take) -> (f32, f32) {
     match pose {
         Take::EyesShut => (0.79, 1.0),

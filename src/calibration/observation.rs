@@ -31,7 +31,8 @@ pub enum Sight {
 pub struct Seen {
     /// The face in its own basis.
     pub face: Normalised,
-    /// What the look of the face adds to the coefficients of a wearer whose neutral face is unknown, and is known.
+    /// What the look of the face adds to the coefficients: first while the neutral face is unknown, then once it is
+    /// known.
     pub residuals: [Residual; 2],
     /// Yaw, pitch and roll of the head.
     pub head_deg: [f32; 3],

@@ -4,14 +4,14 @@
 //! format = 1
 //! made_by = "facewire 0.1.0"
 //! made_at_unix_s = 1790000000
-//! takes = ["neutral", "eyes-shut"]      # the poses that were accepted
+//! takes = ["neutral", "eyes-shut"]      # the takes that were accepted
 //!
 //! neutral = [                           # x, y, z of the 478 landmarks, in ten-thousandths of the distance of the eyes
 //! [0, -5059, 6753],
 //! ]
 //!
 //! [blendshapes]
-//! jawOpen = { rest = 0.0213, gain = 1.1042 }
+//! eyeBlinkLeft = { rest = 0.0213, gain = 1.1042 }
 //! ```
 
 use std::collections::BTreeMap;
@@ -49,7 +49,7 @@ pub enum ProfileError {
     #[error("it is damaged: {0}")]
     Damaged(String),
     /// A number is one that no face has.
-    #[error("it is damaged: {0} is not that of a face")]
+    #[error("it is damaged: {0} has a value that no face has")]
     Absurd(String),
 }
 

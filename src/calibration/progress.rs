@@ -23,7 +23,7 @@ pub struct Progress {
     pub seen: f32,
     /// What the guide waits for.
     pub waits_for: Option<Refusal>,
-    /// Number of refused takes, and the reason of the last one.
+    /// Number of refused takes.
     pub refused: u32,
     /// Why the last refused take was refused.
     pub last_refusal: Option<Refusal>,

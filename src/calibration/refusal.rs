@@ -18,9 +18,9 @@ pub enum Refusal {
     HeadTurned,
     /// The head moved.
     HeadMoves,
-    /// The face moved where it should have rested, or the pose was not held.
+    /// The face moved during the neutral take.
     FaceMoves,
-    /// The eyes were shut in the neutral take.
+    /// The eyes were shut in the neutral take, or for longer than a blink in another pose.
     EyesShut,
     /// The wearer smiled in the neutral take.
     Smiling,

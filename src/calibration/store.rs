@@ -109,7 +109,7 @@ impl Store {
     /// Keeps the profile of a wearer, in place of the former one. Returns the path of the file.
     ///
     /// # Errors
-    /// [`StoreError::Unwritable`]; the former profile is unchanged.
+    /// [`StoreError::Unwritable`]; the former profile is unchanged, unless only the folder could not be synchronised.
     pub fn save(&self, name: &WearerName, file: &ProfileFile) -> Result<PathBuf, StoreError> {
         let refuse = |path: &Path, source| StoreError::Unwritable { path: path.to_owned(), source };
         DirBuilder::new().recursive(true).mode(0o700).create(&self.folder).map_err(|e| refuse(&self.folder, e))?;

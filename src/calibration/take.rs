@@ -108,7 +108,8 @@ impl Take {
         }
     }
 
-    /// How strongly the pose is seen in these coefficients: their mean, but for the eyes the one that is less shut.
+    /// How strongly the pose is seen in these coefficients: their mean, or, for shut eyes, the value of
+    /// the lid that is less shut.
     pub(super) fn strength(self, coefficients: &[f32; COEFFS]) -> f32 {
         match self {
             Self::EyesShut => self.raises().iter().map(|name| mean_of(&[name], coefficients)).fold(f32::MAX, f32::min),

@@ -26,15 +26,16 @@ Examples:
   facewire calibrate --use anna             let the running service use it from now on
   sudo facewire calibrate --wearer anna     if the service runs as another user
 
-It takes less than half a minute: look into the camera, and do what the display asks for. A service that runs is asked, \
-because it holds the camera; otherwise the camera of the settings is opened. Ctrl-C ends it, and the former profile \
+It takes about 20 seconds: look into the camera, and do what the display asks for. A service that runs is asked, \
+because it holds the camera; its settings count then, and not those of --config. Otherwise the camera of the settings is \
+opened. Ctrl-C ends it, and the former profile \
 stays. After the next start, the service uses the wearer that wearer.name of its settings names.";
 
 /// Arguments of `facewire calibrate`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct CalibrateArgs {
-    /// The wearer whose profile is made: 1 to 32 letters, digits, - or _ [default: that of the settings, or "default"]
+    /// The wearer whose profile is made: 1 to 32 letters, digits, - or _ [default: the wearer in use, or "default"]
     #[arg(long, value_name = "NAME", value_parser = WearerName::parse, conflicts_with_all = ["list", "use", "use_none", "delete"])]
     wearer: Option<WearerName>,
     /// List the wearers who have a profile, and calibrate nobody

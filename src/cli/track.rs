@@ -90,7 +90,7 @@ enum Stage {
     Raw,
     /// After the corrective terms.
     Corrected,
-    /// After smoothing, as the service sends them.
+    /// After the rules of anatomy, the filters and the adjustments, as the service sends them.
     Smoothed,
 }
 

@@ -136,7 +136,7 @@ section! {
         folder: String = String::new(), (), "";
         /// The neutral face of a wearer without a profile:
         /// - "auto": estimated while facewire watches, anew when another person sits down
-        /// - "frozen": as it was estimated until now
+        /// - "frozen": as it was estimated until now; after a start, the mean of many people
         /// - "off": the mean of many people
         neutral: NeutralMode = NeutralMode::Auto, (), "";
     }

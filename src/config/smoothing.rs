@@ -84,8 +84,8 @@ section! {
         opposed: bool = true, (), "";
         /// mouthClose is at most jawOpen.
         mouth_close: bool = true, (), "";
-        /// Coefficients up to this one are 0, so that a face at rest is. Those above three times as much are unchanged. It
-        /// does not apply to eyeLook.
+        /// Coefficients up to this value are sent as 0, so that a face at rest does not tremble. Those above three times
+        /// this value are unchanged. The dead zone does not apply to eyeLook.
         dead_zone: f32 = 0.02, 0.0..=0.2, "";
     }
 }

@@ -44,7 +44,7 @@ const DISK_PATIENCE: Duration = Duration::from_secs(1);
 const RETRY_DELAY: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
 /// Stack of the thread: reading a profile and a model takes most of it.
 const STACK_BYTES: usize = 512 << 10;
-/// The wearer who is calibrated if neither the client nor the settings name one.
+/// The wearer who is calibrated if the client names none and none is in use.
 pub(crate) const DEFAULT_WEARER: &str = "default";
 
 /// A handle to the control thread. Dropping it ends the thread, and cancels the calibration.
@@ -59,6 +59,8 @@ pub(super) struct Parts {
     pub(super) settings: Settings,
     /// New settings, after a reload.
     pub(super) changes: mpsc::Receiver<Settings>,
+    /// The wearer whose profile is in use.
+    pub(super) in_use: Option<WearerName>,
     pub(super) observed: Observed,
     pub(super) hot: Mailbox<HotNews>,
 }
@@ -78,8 +80,7 @@ impl Control {
 
     fn listen_at(path: PathBuf, parts: Parts) -> io::Result<Self> {
         let (stop_signal, stop) = pipe()?;
-        let in_use = WearerName::new(&parts.settings.wearer.name);
-        let server = Server { path, parts, stop_signal, in_use, clients: Vec::new(), session: None };
+        let server = Server { path, parts, stop_signal, clients: Vec::new(), session: None };
         let builder = Builder::new().name("fw-control".to_owned()).stack_size(STACK_BYTES);
         Ok(Self { stop: Some(stop), thread: Some(builder.spawn(move || server.run())?) })
     }
@@ -106,8 +107,6 @@ struct Server {
     parts: Parts,
     /// [`Control`] closes the other end of this pipe to stop the thread.
     stop_signal: PipeReader,
-    /// The wearer whose profile is in use.
-    in_use: Option<WearerName>,
     clients: Vec<Client>,
     session: Option<Session>,
 }
@@ -146,7 +145,7 @@ impl Server {
                 Err(error) if !has_warned => {
                     let path = self.path.display();
                     tracing::warn!(
-                        "no control socket at {path} ({error}): end the other service that uses it; trying again every second"
+                        "no control socket at {path} ({error}): end the service that uses it, or make its folder writable; trying again every second"
                     );
                     has_warned = true;
                 }
@@ -188,7 +187,7 @@ impl Server {
     fn adopt(&mut self) {
         while let Ok(settings) = self.parts.changes.try_recv() {
             if !is_same_profile(&settings.wearer, &self.parts.settings.wearer) {
-                self.in_use = WearerName::new(&settings.wearer.name);
+                self.parts.in_use = WearerName::new(&settings.wearer.name);
             }
             self.parts.settings = settings;
         }
@@ -227,7 +226,7 @@ impl Server {
     /// Deletes the profile of this wearer. It is then in use no longer.
     fn delete(&mut self, name: &WearerName) -> Result<Reply, String> {
         self.store().delete(name).map_err(|error| error.to_string())?;
-        if self.in_use.as_ref() == Some(name) {
+        if self.parts.in_use.as_ref() == Some(name) {
             self.hand_over(Profile::default(), None);
         }
         Ok(Reply::Done(format!("the profile of {name} is deleted")))
@@ -236,7 +235,7 @@ impl Server {
     fn list(&self) -> Result<Reply, String> {
         let store = self.store();
         let wearers = store.list().map_err(|error| error.to_string())?;
-        let in_use = self.in_use.as_ref().map(ToString::to_string);
+        let in_use = self.parts.in_use.as_ref().map(ToString::to_string);
         Ok(Reply::Wearers { wearers, in_use, folder: store.folder().display().to_string() })
     }
 
@@ -255,12 +254,12 @@ impl Server {
     fn hand_over(&mut self, profile: Profile, name: Option<WearerName>) {
         tracing::info!("wearer {}", name.as_ref().map_or("nobody", WearerName::as_str));
         self.parts.hot.send(HotNews::Wearer(Box::new(profile)));
-        self.in_use = name;
+        self.parts.in_use = name;
     }
 
     /// Begins a calibration for a client.
     fn begin(&mut self, mut client: Client, wearer: Option<&str>) {
-        let of_settings = || self.in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str);
+        let of_settings = || self.parts.in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str);
         let begun = named(wearer.unwrap_or_else(of_settings)).and_then(|name| {
             if self.session.is_some() {
                 return Err("another calibration is in progress: try again when it has ended".to_owned());

@@ -87,7 +87,7 @@ pub struct Counters {
 pub(super) struct Neutral {
     /// Which it is, as an index into [`NEUTRAL_FACES`].
     face: AtomicU64,
-    /// Bits of the share of the wearer's own face.
+    /// Bits of the share of the estimated face, which is 0 with a calibrated one.
     share: AtomicU32,
     /// How often the estimate was forgotten.
     forgotten: AtomicU64,
@@ -253,7 +253,7 @@ pub struct Status {
     pub impairments: [(&'static str, u64); COUNT],
     /// The neutral face from which coefficients are measured.
     pub neutral_face: NeutralFace,
-    /// Share of the wearer's own face in it, from 0 to 1.
+    /// Share of the estimated face in it, from 0 to 1. It is 0 with a calibrated one.
     pub neutral_share: f32,
     /// How often an estimated neutral face was forgotten, because another person sat down.
     pub neutral_forgotten: u64,

@@ -62,6 +62,7 @@ use self::reload::{Mailbox, Mailboxes, Reloader};
 use self::report::{Event, Report};
 use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
+use crate::calibration::WearerName;
 use crate::capture::{CaptureError, monotonic_us};
 use crate::config::Settings;
 use crate::link::LinkError;
@@ -133,13 +134,14 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let (changes, for_hot) = mpsc::channel();
     let (observer, sights) = observer::channel();
     let outlets = Outlets { reports, wake: sender.thread().clone(), events: events.clone(), observer };
-    let profile = profile_of(&settings);
+    let (profile, in_use) = profile_of(&settings);
     let hot = HotLoop::new(settings.clone(), pipeline, profile, outlets, for_hot, Arc::clone(&counters));
     let hot = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
     let hot_mailbox = Mailbox { changes, thread: hot.thread().clone() };
 
     let (changes, for_control) = mpsc::channel();
-    let parts = Parts { settings: settings.clone(), changes: for_control, observed: sights, hot: hot_mailbox.clone() };
+    let parts =
+        Parts { settings: settings.clone(), changes: for_control, in_use, observed: sights, hot: hot_mailbox.clone() };
     // The face goes on without it.
     let control = Control::start(parts).inspect_err(|error| tracing::warn!("no control socket: {error}")).ok();
     let mailboxes = Mailboxes { hot: hot_mailbox, sender: sender_mailbox, control: changes };
@@ -153,12 +155,18 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     ended
 }
 
-/// The profile of the wearer that the settings name. The service runs without it if it does not load.
-fn profile_of(settings: &Settings) -> Profile {
-    load_profile(&settings.wearer).unwrap_or_else(|error| {
-        tracing::warn!("wearer {}: {error}; until then the service runs without a profile", settings.wearer.name);
-        Profile::default()
-    })
+/// The profile of the wearer that the settings name, and the wearer. The service runs without it if it does not load.
+fn profile_of(settings: &Settings) -> (Profile, Option<WearerName>) {
+    let name = &settings.wearer.name;
+    match load_profile(&settings.wearer) {
+        Ok(profile) => (profile, WearerName::new(name)),
+        Err(error) => {
+            tracing::warn!(
+                "wearer {name}: {error}; the service runs without a profile until `facewire calibrate --use {name}`"
+            );
+            (Profile::default(), None)
+        }
+    }
 }
 
 /// Stack of the hot loop and of the sender. With locked memory the whole stack is in RAM. ONNX Runtime, which prepares its

@@ -50,7 +50,7 @@ impl Observer {
 }
 
 impl Observed {
-    /// Begins or ends to ask for observations. What was published before is forgotten.
+    /// Starts or stops asking for observations. What was published before is discarded.
     pub(super) fn ask(&mut self, is_wanted: bool) {
         self.is_wanted.store(is_wanted, Relaxed);
         self.newest.update();

@@ -1,6 +1,6 @@
 //! What a receiver wants changed in the final output: left and right, gains, offsets and limits.
 //!
-//! Comes after everything else, so that a limit holds for what is sent.
+//! Comes after the filters. The limits are applied once more at the very end, so that they hold for what is sent.
 
 use super::{BLENDSHAPES, COEFFS, HeadPose};
 

@@ -9,7 +9,7 @@
 //!   close less far are lifted all the same.
 //! - Eq. 8 as printed sets `beta = f_t` once `f_t` exceeds the last minimum by a margin that fades with time. That
 //!   doubles every expression that is held longer than `1/k` (test `printed_shift_doubles_...`), the opposite of its
-//!   purpose. Here the rest is measured: by a calibration, or while facewire watches.
+//!   purpose. Here a calibration measures the rest.
 //!
 //! Rest and gain are bounded, so that a neutral face recorded during a blink or a smile cannot switch a blendshape off.
 

@@ -61,7 +61,8 @@ pub enum FilterKind {
     OneEuro,
 }
 
-/// What a [`Filter`] remembers between frames. A state that another kind of filter left counts as empty.
+/// What a [`Filter`] remembers between frames. A state that another kind of filter left counts as empty,
+/// except that both averages over a window share theirs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum FilterState<const N: usize> {
     /// Nothing: the next value is the first.

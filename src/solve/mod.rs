@@ -1,9 +1,9 @@
 //! From landmarks to blendshape coefficients: pure arithmetic without a clock, a log or, but for loading a model, I/O.
 //!
 //! ```text
-//! normalise -> Model::solve -> RawCoeffs::plus -> correct -> Rules::step -> Filters::step -> ...
-//!     ... -> Adjustments::apply -> Bridge::step
-//!                             AppearanceLayer::process --^
+//! normalise -> Model::solve ----> RawCoeffs::plus -> correct -> Rules::step -> Filters::step -> ...
+//!              Model::residual ---^
+//!     ... -> Rules::close_mouth -> Adjustments::apply -> Bridge::step -> Adjustments::limit
 //! ```
 //!
 //! [`Solver`] runs these stages. A stage that gets values it cannot use, such as landmarks that are not finite or do

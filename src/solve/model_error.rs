@@ -55,7 +55,7 @@ pub enum ModelError {
     },
     /// Corrective terms would change the order of values.
     #[error(
-        "{table} of the model file does not keep the order of values: slope must be above 0, lift at least 0, and response must rise; restore it or fit it again"
+        "{table} of the model file does not keep the order of values: slope must be above 0, lift at least 0, and response two rising numbers from 0 on; restore it or fit it again"
     )]
     OutOfOrder {
         /// The table of the file.

@@ -13,7 +13,7 @@ use super::{
     smoothing::Group,
 };
 
-/// Standard deviation of the noise for which the sizes of small changes are meant, relative to a small change.
+/// Standard deviation of the noise at level 1, that of good light, relative to a small change.
 const REFERENCE: f32 = 0.125;
 /// Bounds of the product of two steps, relative to the square of a small change. A coefficient that moves widely counts no
 /// more than one that hardly moves.

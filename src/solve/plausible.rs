@@ -102,14 +102,14 @@ const BLINK_DIFFERENCE: f32 = 0.1;
 const WINK_DIFFERENCE: f32 = 0.25;
 
 /// Draws the values of the lids together while they are nearly alike, and leaves them more and more to themselves, the
-/// more they differ. A blink closes both as far as the one that is further shut. The lid that is further open opens wholly
-/// in a wink.
+/// more they differ. A blink closes both as far as the one that is further shut. In a wink, the
+/// lid that is further open loses the share of the winking lid's closure that shows at it ([`WINK_LEAK`]).
 fn lids([left, right]: [f32; 2]) -> [f32; 2] {
     let half = 0.5 * (left - right).abs();
     let wink = smoothstep(half, [BLINK_DIFFERENCE, WINK_DIFFERENCE]);
     let (open, shut) = (left.min(right), left.max(right));
     let both = 0.5 * (left + right) + half * ((shut - 0.3) / 0.5).clamp(0.0, 1.0);
-    // A lid that follows the winking one does so by about half.
+    // In a wink, a part of the other lid's reading comes from the winking lid.
     let free = (open - WINK_LEAK * wink * shut).max(0.0);
     let [shut, open] = [both + wink * (shut - both), (1.0 - wink) * both + wink * free];
     if left >= right { [shut, open] } else { [open, shut] }

@@ -7,7 +7,8 @@ use super::{COEFFS, neutral::Neutral};
 pub struct Profile {
     /// The neutral face, from which displacements are measured; `None` measures from the mean of many people.
     pub neutral: Option<Neutral>,
-    /// The raw output for the face at rest, per blendshape in the order of [`super::BLENDSHAPES`]; 0 where unknown.
+    /// The output of the regression, plus the model's shift, for the face at rest, per blendshape in the order of
+    /// [`super::BLENDSHAPES`]; 0 where unknown.
     pub rest: [f32; COEFFS],
     /// The factor that brings the wearer's full expression to the full range, in the same order; 1 where unknown.
     pub gain: [f32; COEFFS],

@@ -134,7 +134,7 @@ impl Solver {
         Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face })
     }
 
-    /// Changes to what is known of another wearer, or now known of this one.
+    /// Replaces the profile, by that of another wearer or by a new one of the same wearer. The output makes no step.
     pub fn wear(&mut self, profile: Profile) {
         self.profile = profile;
         self.bridge();

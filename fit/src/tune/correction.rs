@@ -1,8 +1,9 @@
 //! The corrective terms (eq. 7) of every blendshape.
 //!
-//! A regression that minimises the squared error reads strong expressions too weak, because they are rare. Receivers expect
-//! that a full expression arrives in full. Here strong expressions therefore count more than by their number: the error is
-//! averaged over the pictures of each level of the truth, and then over the levels.
+//! A regression that minimises the squared error reads strong expressions too weak, because they are rare. Receivers
+//! expect that a full expression arrives in full. Here strong expressions therefore count more than by their number:
+//! the error is averaged over the pictures of each level of the truth, and then over the levels, weighted by a power of
+//! their number of pictures ([`LEVELLING`]).
 
 use std::{collections::BTreeMap, path::PathBuf};
 
@@ -25,13 +26,14 @@ use crate::{
 const LEVELS: [f64; 6] = [0.02, 0.2, 0.4, 0.6, 0.8, 1.0];
 /// The first steps of the search: shift, slope, lift, and the ends of the response.
 const STEPS: [f64; 5] = [0.04, 0.2, 0.2, 0.1, 0.1];
-/// Narrowest range of response, and bounds of shift, slope and lift. Beyond them a coefficient would be a switch: off for most of
-/// its way, and then suddenly on.
+/// Narrowest range of response, and bounds of shift, slope and lift. Beyond them a coefficient would be a switch: off for
+/// most of its way, and then suddenly on.
 const LEAST_WIDTH: f64 = 0.4;
 const BOUNDS: [[f64; 2]; 3] = [[-0.05, 0.0], [0.8, 1.8], [0.0, 1.0]];
-/// The lids keep their usual terms. The least error is that of a blink that does not quite close, which everybody sees.
+/// The lids keep their usual terms. With the terms of the least error, blinks do not quite close, which everybody would
+/// see.
 const KEPT: &str = "eyeBlink";
-/// How much strong expressions count for being rare: 1 is not at all, 0 wholly.
+/// Power of a level's number of pictures that is its weight: with 1 all pictures count alike, with 0 all levels.
 const LEVELLING: f64 = 0.75;
 /// Terms that lower the error by less than this share are not worth their place.
 const LEAST_GAIN: f64 = 0.02;

@@ -149,7 +149,8 @@ fn default_of(part: Part, filters: &Filters, sums: &Sums) -> Trial {
 
 /// The most accurate trial among those that smooth enough and whose delay by both measures is at most `most_lag_ms`. If
 /// there is none, the one with the least delay among those that smooth enough and whose delay by cross-correlation is at
-/// most that; if there is none either, the one that smooths best.
+/// most that; if there is none either, the one that smooths best among those with at most that delay by
+/// cross-correlation.
 pub fn best(trials: &[Trial], most_lag_ms: f64) -> Trial {
     let delay = |trial: &Trial| trial.sums.lag_ms().max(0.0) + trial.sums.same_value_ms();
     let fast = trials.iter().filter(|trial| trial.sums.lag_ms() <= most_lag_ms);

@@ -30,7 +30,8 @@ impl Rig {
         settings.solver.model = model.to_str().unwrap().to_owned();
         let ((observer, sights), (changes, told)) = (observer::channel(), mpsc::channel());
         let hot = Mailbox { changes, thread: thread::current() };
-        let parts = Parts { settings, changes: mpsc::channel().1, observed: sights, hot };
+        let in_use = WearerName::new(&settings.wearer.name);
+        let parts = Parts { settings, changes: mpsc::channel().1, in_use, observed: sights, hot };
         let control = Control::listen_at(folder.path().join("run").join(SOCKET), parts).unwrap();
         Self { folder, control, observer, told }
     }

@@ -119,7 +119,7 @@ impl Writer<'_> {
         let faces = NEUTRAL_FACES.map(|face| (face.name(), ConstGauge::new(u64::from(face == status.neutral_face))));
         let help = "1 for the neutral face that coefficients are measured from, 0 for the others.";
         self.family("neutral_face", help, "from", &faces)?;
-        let help = "Share of the wearer's own face in the neutral face, from 0 to 1.";
+        let help = "Share of the estimated face in the neutral face, from 0 to 1; 0 with a calibrated one.";
         self.metric("neutral_share", help, &ConstGauge::new(f64::from(status.neutral_share)))?;
         let help = "How often the estimated neutral face was forgotten because another person sat down.";
         self.metric("neutral_forgotten", help, &ConstCounter::new(status.neutral_forgotten))

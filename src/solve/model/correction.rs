@@ -2,8 +2,8 @@
 
 use super::{BLENDSHAPES, COEFFS, Words};
 
-/// The terms of the eyelids where the model states none: full closure reads 0.7 and becomes 0.97. The least squared error has
-/// a lift of 0.25 from 0.5 on, with which only every third blink of unseen people reaches 0.9.
+/// The terms of the eyelids where the model states none: full closure reads 0.7 and becomes 0.97. A lift of 0.25
+/// from 0.5 on has a smaller squared error, but then only every third blink of unseen people reaches 0.9.
 const EYE_BLINK: CorrectiveTerms = CorrectiveTerms { lift: 0.4, response: [0.35, 0.75], ..CorrectiveTerms::NONE };
 
 /// The corrective terms of one blendshape.

@@ -11,7 +11,8 @@ use super::{
 };
 use crate::solve::{LONGEST_STEP_S, smoothstep::smoothstep};
 
-/// The directions of the left and of the right eye in the last frame, and for how long each has been shut.
+/// The directions of the left and of the right eye in the last frame, and for how long each lid has been further shut
+/// than [`LOWERED`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GazeState {
     directions: Option<[[f32; 4]; 2]>,

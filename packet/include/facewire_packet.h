@@ -12,8 +12,12 @@
  *     static struct facewire_line line;
  *     if (facewire_feed(&line, byte, &packet) == FACEWIRE_OK) { ... }
  *
- * If no valid packet arrives for FACEWIRE_SILENCE_MS, the receiver must move to neutral on its own: all coefficients 0,
- * rotation identity, at a speed that its mechanics can bear.
+ * If no valid packet arrives for FACEWIRE_SILENCE_MS, a receiver must move to neutral on its own. This does it:
+ *
+ *     static struct facewire_receiver receiver;
+ *     if (... == FACEWIRE_OK) facewire_receive(&receiver, &packet, millis());
+ *     facewire_update(&receiver, millis());
+ *     jaw_us = 1000 + facewire_shown(&receiver, FACEWIRE_JAW_OPEN) * 1000L / FACEWIRE_COEFFICIENT_ONE;
  */
 #ifndef FACEWIRE_PACKET_H
 #define FACEWIRE_PACKET_H
@@ -24,6 +28,10 @@
 #define FACEWIRE_PACKET_BYTES 132
 #define FACEWIRE_VERSION 1
 #define FACEWIRE_SILENCE_MS 500
+/* A receiver ignores a packet that is not newer than the one it shows, unless that one came this long ago. */
+#define FACEWIRE_LATE_MS 250
+/* The time in which a receiver moves to neutral, unless it names its own. */
+#define FACEWIRE_TRAVEL_MS 500
 /* The integers that represent 1.0 in a coefficient and in a component of the quaternion. */
 #define FACEWIRE_COEFFICIENT_ONE 65535
 #define FACEWIRE_ROTATION_ONE 32767
@@ -210,6 +218,122 @@ static inline int facewire_feed(struct facewire_line *line, uint8_t byte, struct
     if (left == 0) return FACEWIRE_MORE; /* an empty frame */
     if (left > 1) return FACEWIRE_CUT;
     return facewire_decode(line->bytes, length, packet);
+}
+
+/* Turns the packets of one sender into the face to show. Initialise it with zeros, which are the neutral face.
+ *
+ * The face is that of the newest packet. After FACEWIRE_SILENCE_MS without a packet it moves to neutral within `travel_ms`.
+ * When packets come again, and when the first one comes, it moves from where it is to that of the packets within the same
+ * time, so that it never jumps.
+ *
+ * A UDP datagram may arrive twice or after a later one. So a packet whose sequence number is not ahead of the newest one's
+ * is ignored for FACEWIRE_LATE_MS. After this time any packet is taken, because a sender that has restarted counts from 0.
+ * If two senders use one port, the face is that of the sender whose sequence is ahead, until it is silent for
+ * FACEWIRE_LATE_MS or the other one overtakes it: give each sender a port of its own. */
+struct facewire_receiver {
+    uint16_t travel_ms;            /* may be set before the first packet; 0 means FACEWIRE_TRAVEL_MS */
+    uint8_t receiving;             /* 0 after FACEWIRE_SILENCE_MS without a packet, and before the first one */
+    struct facewire_packet packet; /* the newest one that was taken */
+    /* The others are for the functions below. */
+    uint32_t taken_ms;
+    uint32_t updated_ms;
+    uint32_t moved_ms; /* how long the current move has taken, at most travel_ms */
+    uint16_t share;    /* how much of the current move is done, of FACEWIRE_ARRIVED */
+    int16_t start_vector[3]; /* the face where the move began: x, y and z of a quaternion whose w is 0 or more */
+    uint16_t start_coefficients[FACEWIRE_BLENDSHAPES];
+};
+
+/* The share of a finished move. */
+#define FACEWIRE_ARRIVED ((int32_t)32768)
+/* The longest time that one call moves the face by, so that a receiver that was held up makes no step. */
+#define FACEWIRE_STEP_MS 100
+
+/* The time from one moment to another, or 0 if the other one lies before it. Both may have wrapped. */
+static inline uint32_t facewire_elapsed_ms(uint32_t from_ms, uint32_t to_ms) {
+    uint32_t elapsed_ms = to_ms - from_ms;
+    return elapsed_ms < 0x80000000UL ? elapsed_ms : 0;
+}
+
+/* The value between two others at the share of the current move that is done. */
+static inline int32_t facewire_between(const struct facewire_receiver *receiver, int32_t start, int32_t end) {
+    return start + (end - start) * (int32_t)receiver->share / FACEWIRE_ARRIVED;
+}
+
+/* Returns the coefficient to show, from 0 to 65535, as of the last facewire_update(). */
+static inline uint16_t facewire_shown(const struct facewire_receiver *receiver, int blendshape) {
+    uint16_t end = receiver->receiving ? receiver->packet.coefficients[blendshape] : 0;
+    return (uint16_t)facewire_between(receiver, receiver->start_coefficients[blendshape], end);
+}
+
+/* A component of the newest rotation, with the sign that makes w at least 0. Both signs are the same rotation. */
+static inline int16_t facewire_upright(const struct facewire_receiver *receiver, int component) {
+    int32_t value = receiver->packet.rotation[component];
+    if (value < -FACEWIRE_ROTATION_ONE) value = -FACEWIRE_ROTATION_ONE;
+    return (int16_t)(receiver->packet.rotation[3] < 0 ? -value : value);
+}
+
+/* The square root, rounded down. */
+static inline uint16_t facewire_root(uint32_t square) {
+    uint16_t root = 0;
+    for (uint16_t bit = 0x8000; bit > 0; bit = (uint16_t)(bit >> 1)) {
+        uint16_t tried = (uint16_t)(root | bit);
+        if ((uint32_t)tried * tried <= square) root = tried;
+    }
+    return root;
+}
+
+static inline int16_t facewire_shown_component(const struct facewire_receiver *receiver, int component) {
+    int16_t end = receiver->receiving ? facewire_upright(receiver, component) : 0;
+    return (int16_t)facewire_between(receiver, receiver->start_vector[component], end);
+}
+
+/* Writes the rotation to show, as in struct facewire_packet but with w of 0 or more, as of the last facewire_update(). */
+static inline void facewire_shown_rotation(const struct facewire_receiver *receiver, int16_t rotation[4]) {
+    uint32_t length = 0, one = (uint32_t)FACEWIRE_ROTATION_ONE * FACEWIRE_ROTATION_ONE;
+    for (int i = 0; i < 3; i++) {
+        rotation[i] = facewire_shown_component(receiver, i);
+        length += (uint32_t)((int32_t)rotation[i] * rotation[i]);
+    }
+    if (receiver->receiving && receiver->share == FACEWIRE_ARRIVED) {
+        rotation[3] = facewire_upright(receiver, 3);
+    } else {
+        rotation[3] = (int16_t)(length < one ? facewire_root(one - length) : 0);
+    }
+}
+
+/* Begins to move from what is shown, to neutral or to the packets. */
+static inline void facewire_begin_move(struct facewire_receiver *receiver, uint8_t receiving) {
+    for (int i = 0; i < FACEWIRE_BLENDSHAPES; i++) receiver->start_coefficients[i] = facewire_shown(receiver, i);
+    for (int i = 0; i < 3; i++) receiver->start_vector[i] = facewire_shown_component(receiver, i);
+    receiver->receiving = receiving;
+    receiver->moved_ms = 0;
+    receiver->share = 0;
+}
+
+/* Continues the current move, and begins the one to neutral if packets have stopped. Call it before you read what to show,
+ * at least once in 24 days. `now_ms` is in milliseconds from any moment and may wrap, as millis() does. */
+static inline void facewire_update(struct facewire_receiver *receiver, uint32_t now_ms) {
+    uint32_t step_ms = facewire_elapsed_ms(receiver->updated_ms, now_ms);
+    uint16_t travel_ms = receiver->travel_ms > 0 ? receiver->travel_ms : FACEWIRE_TRAVEL_MS;
+    receiver->updated_ms = now_ms;
+    receiver->moved_ms += step_ms < FACEWIRE_STEP_MS ? step_ms : FACEWIRE_STEP_MS;
+    if (receiver->moved_ms > travel_ms) receiver->moved_ms = travel_ms;
+    receiver->share = (uint16_t)(receiver->moved_ms * (uint32_t)FACEWIRE_ARRIVED / travel_ms);
+    if (receiver->receiving && facewire_elapsed_ms(receiver->taken_ms, now_ms) >= FACEWIRE_SILENCE_MS) {
+        facewire_begin_move(receiver, 0);
+    }
+}
+
+/* Takes a packet. Returns 0 if it is a duplicate or comes too late, and therefore is ignored. */
+static inline int facewire_receive(struct facewire_receiver *receiver, const struct facewire_packet *packet, uint32_t now_ms) {
+    facewire_update(receiver, now_ms);
+    uint16_t ahead = (uint16_t)(packet->sequence - receiver->packet.sequence);
+    int newer = ahead > 0 && ahead < 0x8000;
+    if (receiver->receiving && !newer && facewire_elapsed_ms(receiver->taken_ms, now_ms) < FACEWIRE_LATE_MS) return 0;
+    if (!receiver->receiving) facewire_begin_move(receiver, 1);
+    receiver->packet = *packet;
+    receiver->taken_ms = now_ms;
+    return 1;
 }
 
 #endif

@@ -4,7 +4,7 @@
 //! Contract: [`Packet::encode`] and [`Packet::decode`] neither panic nor allocate. A decoded packet had the right
 //! length, magic number, version and checksum.
 //! A UDP datagram holds exactly one packet. On a serial line, [`Packet::encode_frame`] and [`FrameReader`] mark where
-//! packets begin and end.
+//! packets begin and end. [`Receiver`] decides what to show.
 //! Limits: packets are not resent; the next packet replaces a lost one.
 //!
 //! ```
@@ -24,10 +24,12 @@ mod field;
 mod frame;
 mod packet;
 mod quantise;
+mod receiver;
 mod state;
 
 pub use blendshapes::{BLENDSHAPE_COUNT, BLENDSHAPES};
 pub use error::DecodeError;
 pub use frame::{FRAME_BYTES, FrameReader};
 pub use packet::{PACKET_BYTES, Packet, SILENCE_MS, VERSION};
+pub use receiver::{Face, LATE_MS, Receiver, TRAVEL_MS};
 pub use state::{NeutralFace, Reason, State};

@@ -1,48 +1,16 @@
 //! The C header decodes what the crate encodes, and the Arduino sketch follows it.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
-use std::{
-    env, fs,
-    io::Write as _,
-    path::{Path, PathBuf},
-    process::{Command, Stdio},
-    sync::LazyLock,
-};
+mod compiler;
 
+use std::{fs, path::PathBuf, sync::LazyLock};
+
+use compiler::{compiled_c, compiled_cpp, package, printed};
 use facewire_packet::{BLENDSHAPES, DecodeError, FrameReader, NeutralFace, Packet, Reason, State};
 
-static DECODER: LazyLock<PathBuf> = LazyLock::new(|| compiled("decode.c", "CC", "cc", "-std=c99"));
-static FEEDER: LazyLock<PathBuf> = LazyLock::new(|| compiled("feed.c", "CC", "cc", "-std=c99"));
-static SKETCH: LazyLock<PathBuf> = LazyLock::new(|| compiled("arduino/main.cpp", "CXX", "c++", "-std=c++11"));
-
-/// Compiles a program of this folder, with every warning an error, and returns its path.
-fn compiled(source: &str, variable: &str, compiler: &str, standard: &str) -> PathBuf {
-    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(source.replace(['/', '.'], "_"));
-    let compiler = env::var_os(variable).unwrap_or_else(|| compiler.into());
-    let status = Command::new(compiler)
-        .args([standard, "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"])
-        .arg("-I")
-        .arg(package.join("include"))
-        .arg("-I")
-        .arg(package.join("tests/arduino"))
-        .arg(package.join("tests").join(source))
-        .arg("-o")
-        .arg(&program)
-        .status()
-        .unwrap();
-    assert!(status.success(), "the compiler refuses {source}");
-    program
-}
-
-/// Runs a program with these bytes as its standard input and returns the numbers it prints.
-fn printed(program: &Path, bytes: &[u8]) -> Vec<i64> {
-    let mut child = Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    child.stdin.take().unwrap().write_all(bytes).unwrap();
-    let output = child.wait_with_output().unwrap();
-    let text = String::from_utf8(output.stdout).unwrap();
-    text.split_whitespace().map(|number| number.parse().unwrap()).collect()
-}
+static DECODER: LazyLock<PathBuf> = LazyLock::new(|| compiled_c("decode.c"));
+static FEEDER: LazyLock<PathBuf> = LazyLock::new(|| compiled_c("feed.c"));
+static SKETCH: LazyLock<PathBuf> = LazyLock::new(|| compiled_cpp("arduino/main.cpp"));
 
 fn decoded_by_c(bytes: &[u8]) -> Vec<i64> {
     printed(&DECODER, bytes)
@@ -136,8 +104,7 @@ fn the_arduino_sketch_follows_the_face_and_goes_neutral_when_packets_stop() {
 
 #[test]
 fn c_names_the_blendshapes_in_the_order_of_the_crate() {
-    let header = Path::new(env!("CARGO_MANIFEST_DIR")).join("include/facewire_packet.h");
-    let text = fs::read_to_string(header).unwrap();
+    let text = fs::read_to_string(package().join("include/facewire_packet.h")).unwrap();
     let list = text.split("enum facewire_blendshape {").nth(1).unwrap();
     let names = list.lines().skip(1).map(str::trim).take(BLENDSHAPES.len());
     for (c_name, name) in names.zip(BLENDSHAPES) {

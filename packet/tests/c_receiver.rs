@@ -1,0 +1,108 @@
+//! The C header shows the same face as the Rust receiver, to the last bit.
+#![allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_possible_truncation)]
+
+mod compiler;
+
+use compiler::{compiled_c, printed};
+use facewire_packet::{LATE_MS, Packet, Receiver, SILENCE_MS, State};
+
+/// Pseudo-random numbers (Marsaglia's xorshift).
+struct Random(u32);
+
+impl Random {
+    fn next(&mut self) -> u32 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 17;
+        self.0 ^= self.0 << 5;
+        self.0
+    }
+
+    fn below(&mut self, limit: u32) -> u32 {
+        (self.next() >> 8) % limit
+    }
+
+    /// A time or a distance of sequence numbers: mostly small, sometimes at a limit of the rule, rarely anything.
+    fn step(&mut self, usual: u32) -> u32 {
+        match self.below(40) {
+            0 => [LATE_MS - 1, LATE_MS, SILENCE_MS - 1, SILENCE_MS][self.below(4) as usize],
+            1 => self.below(2000),
+            2 => 0u32.wrapping_sub(self.below(20)),
+            3 if self.below(20) == 0 => self.next(),
+            _ => self.below(usual),
+        }
+    }
+
+    /// The bytes of a packet with random values, now and then damaged. Its rotation can be any four numbers.
+    fn packet(&mut self, sequence: u16) -> Vec<u8> {
+        let mut packet = Packet { state: State::Live, sequence, ..Packet::NEUTRAL };
+        packet.rotation = [(); 4].map(|()| self.below(65535) as f32 / 32767.0 - 1.0);
+        packet.coefficients = [(); 52].map(|()| self.below(65536) as f32 / 65535.0);
+        let mut bytes = packet.encode();
+        if self.below(50) == 0 {
+            bytes[self.below(132) as usize] ^= 1 << self.below(8);
+        }
+        bytes.to_vec()
+    }
+}
+
+/// What the Rust receiver does on an event, in the numbers that the C program prints.
+fn by_rust(receiver: &mut Receiver, now_ms: u32, datagram: Option<&[u8]>) -> Option<Vec<i64>> {
+    if let Some(datagram) = datagram {
+        let packet = Packet::decode(datagram).ok()?;
+        return Some(vec![receiver.receive(&packet, now_ms).into()]);
+    }
+    let face = receiver.show(now_ms);
+    let whole = |value: f32, one: f32| (value * one).round() as i64;
+    let mut numbers = vec![i64::from(!face.is_silent)];
+    numbers.extend(face.rotation.map(|component| whole(component, 32767.0)));
+    numbers.extend(face.coefficients.map(|value| whole(value, 65535.0)));
+    Some(numbers)
+}
+
+/// Random events in the input format of `receive.c`, and what the Rust receiver says to each. `None` is a damaged packet.
+fn events(random: &mut Random, travel_ms: u16) -> (Vec<u8>, Vec<Option<Vec<i64>>>) {
+    let mut receiver = Receiver::new(travel_ms);
+    let mut bytes = vec![b'T'];
+    bytes.extend(u32::from(travel_ms).to_le_bytes());
+    let mut answers = Vec::new();
+    let (mut now_ms, mut sequence) = (0u32.wrapping_sub(20_000), 65_000u16);
+    for _ in 0..4000 {
+        now_ms = now_ms.wrapping_add(random.step(30));
+        sequence = sequence.wrapping_add(random.step(3) as u16);
+        let datagram = (random.below(2) == 0).then(|| random.packet(sequence));
+        bytes.push(if datagram.is_some() { b'R' } else { b'S' });
+        bytes.extend(now_ms.to_le_bytes());
+        bytes.extend(datagram.iter().flatten());
+        answers.push(by_rust(&mut receiver, now_ms, datagram.as_deref()));
+    }
+    (bytes, answers)
+}
+
+#[test]
+fn c_and_rust_show_the_same_face_in_random_sequences() {
+    let program = compiled_c("receive.c");
+    let mut random = Random(0x2545_F491);
+    for travel_ms in [0, 1, 77, 500, 3000, 65535] {
+        let (bytes, answers) = events(&mut random, travel_ms);
+        let mut printed = printed(&program, &bytes).into_iter();
+        let mut next = |count| printed.by_ref().take(count).collect::<Vec<_>>();
+        for (index, answer) in answers.iter().enumerate() {
+            match answer {
+                Some(numbers) => assert_eq!(next(numbers.len()), *numbers, "event {index}, travel {travel_ms}"),
+                None => assert!(next(1)[0] < 0, "event {index}, travel {travel_ms}"),
+            }
+        }
+        assert_eq!(next(1), []);
+        let count =
+            |wanted: &dyn Fn(&[i64]) -> bool| answers.iter().flatten().filter(|numbers| wanted(numbers)).count();
+        let taken_and_ignored = (count(&|numbers| numbers == [1]), count(&|numbers| numbers == [0]));
+        let live_and_silent = (
+            count(&|numbers| numbers.len() > 1 && numbers[0] == 1),
+            count(&|numbers| numbers.len() > 1 && numbers[0] == 0),
+        );
+        for (one, other) in [taken_and_ignored, live_and_silent] {
+            assert!(one > 100 && other > 100, "{taken_and_ignored:?} {live_and_silent:?}");
+        }
+        assert!(answers.contains(&None));
+    }
+}

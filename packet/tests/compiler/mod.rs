@@ -1,0 +1,56 @@
+//! Compiles the C and C++ programs of the tests, and runs them.
+#![allow(dead_code, clippy::unwrap_used, reason = "each test uses some of it")]
+
+use std::{
+    env,
+    ffi::OsStr,
+    io::Write as _,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+/// The folder of the package.
+pub fn package() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Compiles a C program of the folder `tests`, with every warning an error, and returns its path.
+pub fn compiled_c(source: &str) -> PathBuf {
+    compiled(source, "CC", "cc", &["-std=c99"])
+}
+
+/// Compiles a C++ program of the folder `tests`, with every warning an error, and returns its path.
+pub fn compiled_cpp(source: &str) -> PathBuf {
+    compiled(source, "CXX", "c++", &["-std=c++11"])
+}
+
+fn compiled(source: &str, variable: &str, compiler: &str, arguments: &[&str]) -> PathBuf {
+    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(source.replace(['/', '.'], "_"));
+    let compiler = env::var_os(variable).unwrap_or_else(|| compiler.into());
+    let status = Command::new(compiler)
+        .args(arguments)
+        .args(["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"])
+        .args([OsStr::new("-I"), package().join("include").as_ref()])
+        .args([OsStr::new("-I"), package().join("tests/arduino").as_ref()])
+        .arg(package().join("tests").join(source))
+        .arg("-o")
+        .arg(&program)
+        .status()
+        .unwrap();
+    assert!(status.success(), "the compiler refuses {source}");
+    program
+}
+
+/// Runs a program with these bytes as its standard input and returns the numbers it prints.
+pub fn printed(program: &Path, bytes: &[u8]) -> Vec<i64> {
+    let mut child = Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let bytes = bytes.to_vec();
+    // From a thread of its own, because the program may fill its output before it has read its whole input.
+    let writer = std::thread::spawn(move || stdin.write_all(&bytes));
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{} ends with {}", program.display(), output.status);
+    writer.join().unwrap().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.split_whitespace().map(|number| number.parse().unwrap()).collect()
+}

@@ -17,7 +17,7 @@ use common::film::{demo_y4m, empty_y4m};
 use facewire::calibration::Observation;
 use facewire::capture::{Clip, Source, Y4mSource};
 use facewire::config::{Address, LinkKind, LinkSettings, Settings, UdpSettings};
-use facewire::link::{Link, Pace, Pose, Traffic};
+use facewire::link::{Link, Pose, Traffic};
 use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::failsafe::{Failsafe, History, News};
 use facewire::watch::{Look, Watch};
@@ -32,7 +32,7 @@ struct Way {
     failsafe: Failsafe,
     history: History,
     link: Link,
-    pace: Pace,
+    settings: LinkSettings,
     traffic: Arc<Traffic>,
     watch: Watch,
     observations: triple_buffer::Input<Observation>,
@@ -54,7 +54,7 @@ impl Way {
             failsafe: Failsafe::new(&settings.failsafe, 33_333),
             history: History::default(),
             link: Link::open(&settings.links[0], &traffic).unwrap(),
-            pace: Pace::new(&settings.links[0], settings.send.rate_hz),
+            settings: settings.links[0].clone(),
             traffic,
             watch: Watch::new(3_000_000),
             observations: triple_buffer::triple_buffer(&Observation::nothing(0)).0,
@@ -74,7 +74,7 @@ impl Way {
             Err(_) => News::Fault(Reason::BadResult),
         };
         let output = self.failsafe.update(&mut self.history, now_us, news);
-        self.link.offer(self.pace, now_us, &output);
+        self.link.offer(&self.settings, 60, now_us, &output);
         let face = self.pipeline.tracker.as_ref().unwrap().face();
         let look = Look::at(frame.picture().unwrap(), face.map(|face| face.landmarks));
         self.watch.look(&look, frame.captured_us);

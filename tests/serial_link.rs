@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use allocation_counter::{AllocationInfo, measure};
 use board::{Board, StablePath, eventually};
 use facewire::config::{LinkKind, LinkSettings, SerialDevice, SerialSettings};
-use facewire::link::{Carrier as _, Link, SerialCarrier, Traffic};
+use facewire::link::{Background, Carrier as _, Link, Traffic, serial_carrier};
 use facewire_packet::{Packet, State};
 use rustix::fs::{FlockOperation, flock};
 use rustix::termios::{ControlModes, InputModes, LocalModes, OptionalActions, OutputModes, tcgetattr, tcsetattr};
@@ -29,14 +29,14 @@ fn packet(sequence: u16) -> Packet {
 
 /// A serial link and its counters.
 struct Serial {
-    carrier: SerialCarrier,
+    carrier: Background,
     traffic: Arc<Traffic>,
 }
 
 impl Serial {
     fn at(device: &Path, baud: u32) -> Self {
         let (device, traffic) = (SerialDevice::Path(device.to_owned()), Arc::<Traffic>::default());
-        Self { carrier: SerialCarrier::open(&device, baud, &[0], Arc::clone(&traffic)).unwrap(), traffic }
+        Self { carrier: serial_carrier(&device, baud, vec![0], Arc::clone(&traffic)).unwrap(), traffic }
     }
 
     /// Opens the board's port and waits until it is open.

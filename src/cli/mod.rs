@@ -13,6 +13,7 @@ mod track;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 use self::failure::Failure;
@@ -44,8 +45,9 @@ Example:
   facewire devices                          use a stable path in the settings";
 
 const DEFAULTS_EXAMPLE: &str = "\
-Example:
-  facewire defaults > facewire.toml         remove the \"# \" from the lines you change";
+Examples:
+  facewire defaults > facewire.toml         remove the \"# \" from the lines you change
+  facewire defaults --link serial           the settings of one kind of link";
 
 /// Turns a webcam into 52 ARKit blendshape coefficients and a head pose, sent as packets.
 #[derive(Debug, Parser)]
@@ -72,7 +74,11 @@ enum Command {
     Devices,
     /// Print every setting with its default, commented out.
     #[command(after_help = DEFAULTS_EXAMPLE)]
-    Defaults,
+    Defaults {
+        /// Print only a link of this kind, with all its settings
+        #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(config::LinkKind::NAMES))]
+        link: Option<String>,
+    },
     /// Receive packets and show them live.
     Monitor(monitor::MonitorArgs),
 }
@@ -112,7 +118,10 @@ impl Cli {
             Command::Bench(args) => bench::run(&args),
             Command::Check(args) => check::run(&args),
             Command::Devices => devices::run(),
-            Command::Defaults => failure::print(&config::defaults()),
+            Command::Defaults { link } => {
+                failure::print(&link.and_then(|kind| config::default_link(&kind)).unwrap_or_else(config::defaults))
+            }
+
             Command::Monitor(args) => monitor::run(&args).map_err(Failure::from),
         };
         match outcome {

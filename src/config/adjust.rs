@@ -48,12 +48,25 @@ impl Section for AdjustSettings {
         let assignment = format!("mirror = {}", self.0.mirror);
         write_setting(&mut text, &MIRROR, &bool::expected(&()), &assignment);
         text.push_str(EXAMPLE);
-        let changed = BLENDSHAPES.iter().zip(&self.0.coefficients).filter(|(_, it)| **it != Adjustment::default());
-        for (name, Adjustment { gain, offset, min, max }) in changed {
-            let numbers = format!("{{ gain = {gain:?}, offset = {offset:?}, min = {min:?}, max = {max:?} }}");
-            text.extend([name, " = ", &numbers, "\n"]);
-        }
+        text.extend(self.coefficients().map(|assignment| assignment + "\n"));
         text
+    }
+}
+
+impl AdjustSettings {
+    /// Writes the settings that are not the default on one line, as an inline table.
+    pub(super) fn write_inline(&self) -> String {
+        let mirror = self.0.mirror.then(|| "mirror = true".to_owned());
+        let settings: Vec<String> = mirror.into_iter().chain(self.coefficients()).collect();
+        if settings.is_empty() { "{}".to_owned() } else { format!("{{ {} }}", settings.join(", ")) }
+    }
+
+    /// Writes the assignment of each coefficient that is changed.
+    fn coefficients(&self) -> impl Iterator<Item = String> {
+        let changed = BLENDSHAPES.iter().zip(&self.0.coefficients).filter(|(_, it)| **it != Adjustment::default());
+        changed.map(|(name, Adjustment { gain, offset, min, max })| {
+            format!("{name} = {{ gain = {gain:?}, offset = {offset:?}, min = {min:?}, max = {max:?} }}")
+        })
     }
 }
 

@@ -1,6 +1,6 @@
 //! The complete configuration as a commented file.
 
-use super::{LinkSettings, SerialSettings, board, section::Section, settings::Settings};
+use super::{LinkKind, LinkSettings, SerialSettings, board, section::Section, settings::Settings};
 
 const HEAD: &str = "\
 # facewire: every setting with its default. To change a setting, remove the \"# \" at the start of its line; leave all
@@ -13,7 +13,7 @@ const HEAD: &str = "\
 /// Introduces the link to the microcontroller board.
 const BOARD_LINK: &str = "
 # A second link, to the microcontroller board that is plugged into USB. While there is none, the link waits for one.
-# It takes the settings of the pace, too. Remove these lines if no board is to receive the face.
+# It takes the settings of every link, too. Remove these lines if no board is to receive the face.
 ";
 
 /// Writes the default settings in TOML, each after its comment. The settings are commented out, so that those of a board
@@ -24,6 +24,14 @@ pub fn defaults() -> String {
     let board = format!("{}.\n# board = \"{}\"\n", board::expected(), board::AUTO);
     let first = Settings { links: vec![LinkSettings::default()], ..Settings::default() };
     [HEAD, &board, &commented_out(&tables(&first)), BOARD_LINK, &board_link()].concat()
+}
+
+/// Writes a `[[link]]` of the kind of this name with all its settings, each after its comment. Returns `None` if there is no
+/// such kind.
+#[must_use]
+pub fn default_link(kind: &str) -> Option<String> {
+    let kind = LinkKind::all().into_iter().find(|known| known.name() == kind)?;
+    Some(format!("[[link]]\n{}", LinkSettings::of(kind).write()))
 }
 
 /// Puts a "# " before each setting.

@@ -6,6 +6,7 @@ use facewire_packet::FRAME_BYTES;
 use toml::de::DeValue;
 
 use super::{
+    adjust::AdjustSettings,
     section::{Section, section, write_setting},
     value::{Address, Choice, SerialDevice, Value, quoted},
 };
@@ -14,6 +15,8 @@ use super::{
 const LINE_SHARE: u64 = 80;
 /// Bits of a byte on a serial line: a start bit, 8 data bits and a stop bit.
 const BITS_PER_BYTE: u64 = 10;
+/// The key of the link's own adjustments.
+pub(super) const ADJUST: &str = "adjust";
 /// Most packets per second to the microcontroller board: fewer than a line of 115200 baud carries, and more than hobby
 /// servos, which read a position 50 times a second, can show.
 const BOARD_HZ: u32 = 60;
@@ -25,6 +28,8 @@ pub struct LinkSettings {
     pub kind: LinkKind,
     /// When it is sent.
     pub pace: PaceSettings,
+    /// How it is changed for this receiver.
+    pub adjust: AdjustSettings,
 }
 
 /// Declares the kinds of links: `/// comment`, `Variant(Settings) = "name"` for each. The first is the default.
@@ -38,7 +43,7 @@ macro_rules! link_kinds {
 
         impl $name {
             /// The name of every kind.
-            const NAMES: &[&str] = &[ $( $key, )* ];
+            pub const NAMES: &[&str] = &[ $( $key, )* ];
             /// A line about every kind.
             const LINES: &[&str] = &[ $( concat!(" - \"", $key, "\":", $text), )* ];
 
@@ -124,7 +129,29 @@ section! {
         pace: PaceKind = PaceKind::Pose, (), "";
         /// The rate that `pace` refers to, at least 10. 0 means the same as `send.rate_hz`.
         rate_hz: u32 = 0, 0..=240, " (1/s)";
+        /// What the receiver gets once a lost face has been held for the time that `[failsafe]` gives:
+        /// - "neutral": the face on its way to neutral, and then the neutral face
+        /// - "hold": the last pose, until the face is back or the service stops
+        /// - "silent": the face on its way to neutral, and then nothing, so that the receiver does what it does without a
+        ///   sender
+        loss: Loss = Loss::Neutral, (), "";
     }
+}
+
+/// What a receiver gets while no face is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Loss {
+    /// The neutral face.
+    Neutral,
+    /// The last pose.
+    Hold,
+    /// Nothing.
+    Silent,
+}
+
+impl Choice for Loss {
+    const ALL: &'static [(&'static str, Self)] =
+        &[("neutral", Self::Neutral), ("hold", Self::Hold), ("silent", Self::Silent)];
 }
 
 /// What makes a link send.
@@ -169,11 +196,16 @@ impl LinkKind {
 }
 
 impl LinkSettings {
+    /// A link of this kind with the settings that suit it.
+    pub(super) fn of(kind: LinkKind) -> Self {
+        Self { kind, ..Self::default() }
+    }
+
     /// The link to the microcontroller board that is plugged in. Its own rate suits its baud rate, whatever the camera's
     /// rate and that of `[send]` are.
     pub(super) fn to_the_board() -> Self {
-        let pace = PaceSettings { pace: PaceKind::Change, rate_hz: BOARD_HZ };
-        Self { kind: LinkKind::Serial(SerialSettings::default()), pace }
+        let pace = PaceSettings { pace: PaceKind::Change, rate_hz: BOARD_HZ, ..PaceSettings::default() };
+        Self { kind: LinkKind::Serial(SerialSettings::default()), pace, ..Self::default() }
     }
 
     /// The serial port and the baud rate, if the link uses a serial line.
@@ -198,7 +230,7 @@ impl LinkSettings {
 
     /// Returns every key of a link of this kind.
     pub(super) fn keys(&self) -> Vec<&'static str> {
-        [&["kind"], self.kind.section().keys(), self.pace.keys()].concat()
+        [&["kind"], self.kind.section().keys(), self.pace.keys(), &[ADJUST]].concat()
     }
 
     /// Writes the lines of the table in TOML, each setting after its comment.
@@ -206,9 +238,17 @@ impl LinkSettings {
         let mut text = String::new();
         let lines = [&[" What the link sends, and how it travels:"], LinkKind::LINES].concat();
         write_setting(&mut text, &lines, &expected_kind(), &format!("kind = {}", quoted(self.kind.name())));
-        [text, self.kind.section().write(), self.pace.write()].join("\n")
+        let mut adjust = String::new();
+        write_setting(&mut adjust, &ADJUST_LINES, "a table", &format!("{ADJUST} = {}", self.adjust.write_inline()));
+        [text, self.kind.section().write(), self.pace.write(), adjust].join("\n")
     }
 }
+
+const ADJUST_LINES: [&str; 3] = [
+    " Changes for this receiver alone, after those of [adjust] and with the same keys: mirror, and a table for each",
+    " coefficient. They hold for the neutral face, too. For example:",
+    "   adjust = { mirror = true, jawOpen = { gain = 1.2, max = 0.8 } }",
+];
 
 /// Describes the values of the key `kind`.
 pub(super) fn expected_kind() -> String {

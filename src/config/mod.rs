@@ -29,9 +29,9 @@ use overlay::{Boards, Overlay};
 
 pub use adjust::AdjustSettings;
 pub use board::BOARDS;
-pub use defaults::{defaults, written};
+pub use defaults::{default_link, defaults, written};
 pub use fault::{Fault, Faults};
-pub use link::{CarrierSettings, LinkKind, LinkSettings, PaceKind, PaceSettings, SerialSettings, UdpSettings};
+pub use link::{CarrierSettings, LinkKind, LinkSettings, Loss, PaceKind, PaceSettings, SerialSettings, UdpSettings};
 pub use listen::Listen;
 pub use rehearsal::{BadScript, Scene, Script};
 pub use settings::{

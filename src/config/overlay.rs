@@ -8,7 +8,7 @@ use toml::{
 use super::{
     Fault, Faults,
     board::{self, Board},
-    link::{LinkKind, LinkSettings, expected_kind},
+    link::{ADJUST, LinkKind, LinkSettings, expected_kind},
     section::Section,
     settings::Settings,
 };
@@ -160,7 +160,7 @@ impl Overlay<'_> {
                 self.value("link.kind", name, expected_kind());
                 return link;
             };
-            link.kind = kind;
+            link = LinkSettings::of(kind);
         }
         for (key, value) in table.iter().filter(|(key, _)| key.get_ref() != "kind") {
             self.link_key(&mut link, key, value);
@@ -172,6 +172,9 @@ impl Overlay<'_> {
     fn link_key(&mut self, link: &mut LinkSettings, key: &Spanned<DeString<'_>>, value: &Spanned<DeValue<'_>>) {
         let (name, offset) = (key.get_ref().as_ref(), key.span().start);
         let path = format!("link.{name}");
+        if name == ADJUST {
+            return self.section(&mut link.adjust, &path, value);
+        }
         let section: &mut dyn Section =
             if link.pace.keys().contains(&name) { &mut link.pace } else { link.kind.section_mut() };
         if section.keys().contains(&name) {

@@ -37,7 +37,8 @@ fn commented_out_defaults_leave_the_settings_of_a_board_in_force() {
 #[test]
 fn settings_of_every_type_load_back_from_their_written_form() {
     let text = "[camera]\ndevice = 'a \"b\"\\c é'\nhorizontal_fov_deg = 71.3\nformat = \"nv12\"\n[realtime]\nhot_cpu = 3\n\
-                [[link]]\nkind = \"serial\"\ndevice = \"/dev/tty\\nS0\"\n[[link]]\naddress = \"[::1]:1\"\n";
+                [[link]]\nkind = \"serial\"\ndevice = \"/dev/tty\\nS0\"\n[[link]]\naddress = \"[::1]:1\"\nloss = \"hold\"\n\
+                adjust = { mirror = true, jawOpen = { gain = 1.25, max = 0.9 } }\n";
     let settings = parse("file", text).unwrap();
     assert_eq!(parse("written", &written(&settings)).unwrap(), settings);
 }
@@ -46,7 +47,7 @@ fn settings_of_every_type_load_back_from_their_written_form() {
 fn defaults_explain_every_setting_with_its_type_and_bounds() {
     let text = uncommented_defaults();
     let settings = text.lines().filter(|line| !line.starts_with('#') && line.contains(" = "));
-    assert_eq!(settings.count(), 58, "the board, and the settings of all tables");
+    assert_eq!(settings.count(), 61, "the board, and the settings of all tables");
     assert!(
         text.contains("# Height of the picture.\n# Takes a whole number from 120 to 2160 (pixels).\nheight = 480\n")
     );
@@ -277,13 +278,34 @@ kind = \"seriell\"
 baud = 300
 ";
     let want = "\
-facewire.toml:2: link.device is not a setting of a link with kind = \"udp\"; that has kind, address, pace, rate_hz
-facewire.toml:5: link.address is not a setting of a link with kind = \"serial\"; that has kind, device, baud, pace, rate_hz
+facewire.toml:2: link.device is not a setting of a link with kind = \"udp\"; that has kind, address, pace, rate_hz, loss, adjust
+facewire.toml:5: link.address is not a setting of a link with kind = \"serial\"; that has kind, device, baud, pace, rate_hz, loss, adjust
 facewire.toml:8: link.device = \"ttyUSB0\": give \"auto\", or a path in quotes that begins with /
 facewire.toml:9: link.baud = 300: give a whole number from 19200 to 4000000 (1/s)
 facewire.toml:10: link.pase is not a setting; did you mean pace?
 facewire.toml:12: link.kind = \"seriell\": give one of \"udp\", \"serial\"";
     assert_eq!(faults(text), want);
+}
+
+#[test]
+fn every_kind_of_link_explains_its_settings_and_loads_back() {
+    for kind in LinkKind::all() {
+        let text = default_link(kind.name()).unwrap();
+        assert_eq!(parse("link", &text).unwrap().links, [LinkSettings::of(kind)], "{text}");
+    }
+    assert_eq!(default_link("seriell"), None);
+}
+
+#[test]
+fn adjustments_of_a_link_have_a_table_of_their_own_and_the_bounds_of_adjust() {
+    let text = "[[link]]\n[link.adjust]\nmirror = true\njawOpen = { gain = 2.0 }\n[[link]]\naddress = \"[::1]:1\"\n";
+    let links = parse("file", text).unwrap().links;
+    let seen: Vec<_> = links.iter().map(|link| (link.adjust.0.mirror, link.adjust.0.coefficients[17].gain)).collect();
+    assert_eq!(seen, [(true, 2.0), (false, 1.0)]);
+    let want = "\
+facewire.toml:2: link.adjust.jawOpn is not a setting; did you mean jawOpen?
+facewire.toml:2: link.adjust.mirror = 3: give true or false";
+    assert_eq!(faults("[[link]]\nadjust = { jawOpn = { gain = 2.0 }, mirror = 3 }\n"), want);
 }
 
 #[test]

@@ -10,11 +10,13 @@
 //! `config/link.rs`. A protocol whose receivers subscribe needs a carrier that also receives: like
 //! [`Lookup`](lookup::Lookup), it does so on a thread of its own and hands over destinations through a triple buffer.
 
+mod background;
 mod lookup;
 mod output;
 mod pace;
 mod packet;
 mod serial;
+mod shown;
 mod udp;
 
 use std::fmt::Debug;
@@ -23,24 +25,27 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
+pub use background::{Background, Device, Shared};
 pub use output::{Output, Pose};
 pub use pace::{Pace, Sent};
 use serial::{BoardSearch, PortClaim};
-pub use serial::{PortError, PortTrouble, SerialCarrier, open_port};
+pub use serial::{PortError, PortTrouble, open_port, serial_carrier};
 pub use udp::UdpCarrier;
 
 use self::packet::{Datagrams, Frames};
+use self::shown::Shown;
 use crate::config::{CarrierSettings, LinkKind, LinkSettings, SerialDevice};
 
 /// Turns outputs into bytes.
 pub trait Format: Debug + Send {
-    /// Encodes the output as the link's packet number `sequence`, in a buffer of fixed capacity, and calls `send` once
-    /// for each message.
-    fn encode(&self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8]));
+    /// Encodes the output as the link's packet number `sequence`, in memory that was taken when the link was opened, and
+    /// calls `send` once for each message. The output is as the settings of the link want it: adjusted, and held or
+    /// neutral while no face is followed.
+    fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8]));
 
     /// The bytes to write to a serial port that has just been opened.
-    fn preamble(&self) -> &'static [u8] {
-        &[]
+    fn preamble(&self) -> Vec<u8> {
+        Vec::new()
     }
 }
 
@@ -99,6 +104,7 @@ pub struct Link {
     traffic: Arc<Traffic>,
     /// Number of the next packet.
     sequence: u32,
+    shown: Shown,
     last: Option<Sent>,
 }
 
@@ -144,6 +150,14 @@ pub enum LinkError {
     },
 }
 
+impl LinkError {
+    /// Whether the link waits for what may come at any time, which is no fault.
+    #[must_use]
+    pub fn is_patient(&self) -> bool {
+        matches!(self, Self::Port(error) if error.waits_for_a_board())
+    }
+}
+
 impl Link {
     /// Opens a link that counts into `traffic`. Threads of its own look up its host or open its serial port, again and
     /// again until they succeed.
@@ -155,10 +169,14 @@ impl Link {
         let carrier: Box<dyn Carrier> = match settings.kind.carrier() {
             CarrierSettings::Udp(address) => Box::new(UdpCarrier::open(address, counters)?),
             CarrierSettings::Serial { device, baud } => {
-                Box::new(SerialCarrier::open(device, baud, format.preamble(), counters)?)
+                Box::new(serial_carrier(device, baud, format.preamble(), counters)?)
             }
         };
-        Ok(Self { format, carrier, traffic: Arc::clone(traffic), sequence: 0, last: None })
+        Ok(Self::new(format, carrier, traffic))
+    }
+
+    fn new(format: Box<dyn Format>, carrier: Box<dyn Carrier>, traffic: &Arc<Traffic>) -> Self {
+        Self { format, carrier, traffic: Arc::clone(traffic), sequence: 0, shown: Shown::default(), last: None }
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
@@ -193,18 +211,24 @@ impl Link {
         }
     }
 
-    /// Sends the output if `pace` says that it is due. Returns how long the link can wait for the next output, in
-    /// microseconds.
-    pub fn offer(&mut self, pace: Pace, now_us: u64, output: &Output) -> u64 {
+    /// Sends the output if it is due. The settings may differ from those of the last call in everything but the kind;
+    /// `send_hz` is the rate of `[send]`. Returns how long the link can wait for the next output, in microseconds.
+    pub fn offer(&mut self, settings: &LinkSettings, send_hz: u32, now_us: u64, output: &Output) -> u64 {
+        let (pace, output) = (Pace::new(settings, send_hz), &self.shown.next(settings, output));
         if pace.is_due(self.last.as_ref(), now_us, output) {
-            self.send(output);
+            self.encode(output);
             self.last = Some(pace.sent(self.last.as_ref(), now_us, output));
         }
         pace.wait_us(self.last.as_ref(), now_us, output)
     }
 
     /// Sends the output at once.
-    pub fn send(&mut self, output: &Output) {
+    pub fn send(&mut self, settings: &LinkSettings, output: &Output) {
+        let output = self.shown.next(settings, output);
+        self.encode(&output);
+    }
+
+    fn encode(&mut self, output: &Output) {
         if !self.carrier.has_receiver() {
             return;
         }
@@ -266,15 +290,15 @@ mod tests {
         let open = || {
             let (sender, kept) = mpsc::channel();
             let (format, carrier) = (Box::new(Datagrams), Box::new(Kept(sender)));
-            (Link { format, carrier, traffic: Arc::clone(&traffic), sequence: 0, last: None }, kept)
+            (Link::new(format, carrier, &traffic), kept)
         };
         let (state, reason, pose) = (State::Neutral, Reason::NoFace, Pose::NEUTRAL);
         let output = Output { state, reason, pose, age_us: 0, capture_us: 0, followed: false, moving: false };
         let ((mut first, kept_first), (mut second, kept_second)) = (open(), open());
-        (0..3).for_each(|_| first.send(&output));
         let settings = LinkSettings::default();
+        (0..3).for_each(|_| first.send(&settings, &output));
         for now_us in [0, 1] {
-            second.offer(Pace::new(&settings, 60), now_us, &output);
+            second.offer(&settings, 60, now_us, &output);
         }
         let sequences =
             |kept: mpsc::Receiver<Packet>| kept.try_iter().map(|packet| packet.sequence).collect::<Vec<_>>();

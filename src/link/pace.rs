@@ -1,12 +1,13 @@
 //! When a link sends.
 //!
-//! Every pace sends at least every 100 ms, because receivers go neutral by themselves after 500 ms without a packet.
+//! Every pace sends at least every 100 ms, because receivers go neutral by themselves after 500 ms without a packet. The
+//! only exception is a link whose `loss` is "silent", while the face is neutral because no face is followed.
 //! Time is an argument: a clock that stands still or steps back delays packets and does no other harm.
 
 use facewire_packet::{Reason, State};
 
 use super::output::{Output, Pose};
-use crate::config::{LinkSettings, PaceKind};
+use crate::config::{LinkSettings, Loss, PaceKind};
 
 /// Longest time between two packets, microseconds.
 const KEEP_ALIVE_US: u64 = 100_000;
@@ -22,6 +23,7 @@ const POSITION_STEP_MM: f32 = 2.0;
 pub struct Pace {
     kind: PaceKind,
     period_us: u64,
+    loss: Loss,
 }
 
 /// What a link sent last, and when.
@@ -37,7 +39,11 @@ impl Pace {
     /// Returns the pace of a link; `send_hz` is the rate of `[send]`.
     #[must_use]
     pub fn new(settings: &LinkSettings, send_hz: u32) -> Self {
-        Self { kind: settings.pace.pace, period_us: 1_000_000 / u64::from(settings.rate_hz(send_hz).max(1)) }
+        Self {
+            kind: settings.pace.pace,
+            period_us: 1_000_000 / u64::from(settings.rate_hz(send_hz).max(1)),
+            loss: settings.pace.loss,
+        }
     }
 
     /// Whether the output is due.
@@ -70,6 +76,9 @@ impl Pace {
     /// Time from the last packet to one that carries this output.
     fn interval_us(self, last: &Sent, output: &Output) -> u64 {
         let is_new_state = (last.state, last.reason) != (output.state, output.reason);
+        if self.loss == Loss::Silent && output.state == State::Neutral && last.state == State::Neutral {
+            return u64::MAX;
+        }
         match self.kind {
             PaceKind::Pose if is_new_state => 0,
             PaceKind::Pose if output.moving || output.state == State::Hold => self.period_us,
@@ -193,6 +202,22 @@ mod tests {
             Link::new(PaceKind::Change, 20).run(0, |now_us| output(State::Decay, 1.0 - now_us as f32 * 1e-6)),
             20
         );
+    }
+
+    #[test]
+    fn a_silent_link_sends_one_neutral_packet_and_nothing_more_until_the_face_is_back() {
+        for kind in [PaceKind::Pose, PaceKind::Change, PaceKind::Rate] {
+            let mut link = Link::new(kind, 50);
+            link.pace.loss = Loss::Silent;
+            let states = [State::Live, State::Decay, State::Neutral, State::Neutral, State::Live];
+            for (now_us, state) in (0..).step_by(20_000).zip(states) {
+                link.offer(now_us, &Output { followed: state == State::Live, ..output(state, 0.5) });
+            }
+            assert_eq!(link.sent_us, [0, 20 * MS, 40 * MS, 80 * MS], "{kind:?}");
+            link.offer(100 * MS, &output(State::Neutral, 0.0));
+            let day_us = 24 * 3600 * 1000 * MS;
+            assert!(link.offer(day_us, &output(State::Neutral, 0.0)) > day_us && link.sent_us.len() == 5, "{kind:?}");
+        }
     }
 
     #[test]

@@ -13,19 +13,19 @@ pub struct Datagrams;
 pub struct Frames;
 
 impl Format for Datagrams {
-    fn encode(&self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
+    fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
         send(&packet(output, sequence).encode());
     }
 }
 
 impl Format for Frames {
-    fn encode(&self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
+    fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
         send(&packet(output, sequence).encode_frame());
     }
 
     /// The end of a frame separates the first frame from leftovers on the line.
-    fn preamble(&self) -> &'static [u8] {
-        &[0]
+    fn preamble(&self) -> Vec<u8> {
+        vec![0]
     }
 }
 
@@ -54,7 +54,7 @@ mod tests {
     use crate::link::Pose;
 
     /// Returns the bytes of the output in this format.
-    fn encoded(format: &dyn Format, output: &Output, sequence: u32) -> Vec<u8> {
+    fn encoded(format: &mut dyn Format, output: &Output, sequence: u32) -> Vec<u8> {
         let mut bytes = Vec::new();
         format.encode(output, sequence, &mut |message| bytes.extend_from_slice(message));
         bytes
@@ -69,14 +69,14 @@ mod tests {
         let (state, reason) = (State::Hold, Reason::NoFace);
         let output =
             Output { state, reason, pose, age_us: 200, capture_us: (7 << 32) + 5, followed: true, moving: false };
-        let packet = Packet::decode(&encoded(&Datagrams, &output, 65_537)).unwrap();
+        let packet = Packet::decode(&encoded(&mut Datagrams, &output, 65_537)).unwrap();
         assert_eq!((packet.state, packet.reason, packet.sequence), (state, reason, 1));
         assert_eq!((packet.age_us, packet.capture_us, packet.neutral_face), (200, 5, neutral_face));
         assert_eq!((packet.position_mm, packet.coefficients), (pose.position_mm, pose.coefficients));
         assert!(packet.rotation.iter().zip(pose.rotation).all(|(got, want)| (got - want).abs() < 1e-4));
 
         let mut reader = FrameReader::default();
-        let line = [Frames.preamble(), &encoded(&Frames, &output, 65_537)].concat();
+        let line = [Frames.preamble(), encoded(&mut Frames, &output, 65_537)].concat();
         let framed: Vec<Packet> = line.iter().filter_map(|byte| reader.push(*byte)?.ok()).collect();
         assert_eq!(framed, [packet]);
     }

@@ -2,7 +2,7 @@
 //!
 //! Comes after the filters. The limits are applied once more at the very end, so that they hold for what is sent.
 
-use super::{BLENDSHAPES, COEFFS, HeadPose};
+use super::{BLENDSHAPES, COEFFS};
 
 /// Changes of the final output. The default changes nothing.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,13 +42,12 @@ impl Default for Adjustments {
 pub const MIRRORED: [usize; COEFFS] = mirrored();
 
 impl Adjustments {
-    /// Changes the coefficients and the pose of the head.
-    pub fn apply(&self, coefficients: &mut [f32; COEFFS], head: &mut HeadPose) {
+    /// Changes the coefficients. Whoever has the pose of the head mirrors it, too.
+    pub fn apply(&self, coefficients: &mut [f32; COEFFS]) {
         if self.mirror {
             let before = *coefficients;
             let mirrored = MIRRORED.iter().filter_map(|place| before.get(*place));
             coefficients.iter_mut().zip(mirrored).for_each(|(value, mirrored)| *value = *mirrored);
-            *head = head.mirrored();
         }
         for (value, adjustment) in coefficients.iter_mut().zip(&self.coefficients) {
             *value = adjustment.apply(*value);
@@ -122,41 +121,27 @@ const fn is_left_of_right(left: &[u8], right: &[u8]) -> bool {
 mod tests {
     use super::*;
 
-    fn head(yaw: f32, roll: f32) -> HeadPose {
-        let half = |degrees: f32| (0.5 * degrees).to_radians().sin_cos();
-        let ((y, cy), (z, cz)) = (half(yaw), half(roll));
-        // Rz(roll) Ry(yaw)
-        HeadPose::from_rotation([-z * y, cz * y, z * cy, cz * cy], [30.0, 20.0, 600.0])
+    /// Coefficients that all differ.
+    fn output() -> [f32; COEFFS] {
+        core::array::from_fn(|index| index as f32 / 100.0)
     }
 
-    /// Coefficients that all differ, and a turned head.
-    fn output() -> ([f32; COEFFS], HeadPose) {
-        (core::array::from_fn(|index| index as f32 / 100.0), head(20.0, 10.0))
-    }
-
-    fn applied(
-        adjustments: &Adjustments,
-        (mut coefficients, mut head): ([f32; COEFFS], HeadPose),
-    ) -> ([f32; COEFFS], HeadPose) {
-        adjustments.apply(&mut coefficients, &mut head);
-        (coefficients, head)
+    fn applied(adjustments: &Adjustments, mut coefficients: [f32; COEFFS]) -> [f32; COEFFS] {
+        adjustments.apply(&mut coefficients);
+        coefficients
     }
 
     #[test]
     fn mirror_swaps_left_and_right_and_twice_it_changes_nothing() {
         let mirror = Adjustments { mirror: true, ..Adjustments::default() };
-        let (coefficients, pose) = applied(&mirror, output());
+        let coefficients = applied(&mirror, output());
         let at = |name| BLENDSHAPES.iter().position(|known| *known == name).unwrap_or(COEFFS);
         for (one, other) in [("jawLeft", "jawRight"), ("eyeLookInLeft", "eyeLookInRight"), ("jawOpen", "jawOpen")] {
-            assert_eq!(coefficients[at(one)], output().0[at(other)]);
+            assert_eq!(coefficients[at(one)], output()[at(other)]);
         }
         let middle = MIRRORED.iter().enumerate().filter(|(place, other)| place == *other).count();
         assert_eq!(middle, 12, "jawForward, jawOpen, browInnerUp, cheekPuff, tongueOut and seven of the mouth");
-        assert!((pose.yaw_deg + 20.0).abs() < 1e-3 && (pose.roll_deg + 10.0).abs() < 1e-3, "{pose:?}");
-        assert_eq!(pose.position_mm, [-30.0, 20.0, 600.0]);
-        let (again, pose) = applied(&mirror, (coefficients, pose));
-        assert_eq!(again, output().0);
-        assert!((pose.yaw_deg - 20.0).abs() < 1e-3 && pose.rotation_xyzw[3] > 0.0);
+        assert_eq!(applied(&mirror, coefficients), output());
     }
 
     #[test]

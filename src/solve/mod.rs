@@ -62,7 +62,7 @@ pub use model_error::ModelError;
 pub use neutral::{Neutral, NeutralError, NeutralMean};
 pub use neutral_estimate::NeutralMode;
 pub use plausible::{GazeState, Rules};
-pub use pose::{Camera, HeadPose, yaw_pitch_roll_deg};
+pub use pose::{Camera, HeadPose, mirror_image, yaw_pitch_roll_deg};
 pub use profile::Profile;
 pub use regression::{AbsurdResult, RawCoeffs};
 pub use smoothing::{Filters, FiltersState, Group, Smoothed};

@@ -84,14 +84,9 @@ impl HeadPose {
     /// The mirror image of the pose: left and right are swapped.
     #[must_use]
     pub fn mirrored(&self) -> Self {
-        let ([x, y, z, w], [x_mm, y_mm, z_mm]) = (self.rotation_xyzw, self.position_mm);
-        Self {
-            rotation_xyzw: [x, -y, -z, w],
-            yaw_deg: -self.yaw_deg,
-            pitch_deg: self.pitch_deg,
-            roll_deg: -self.roll_deg,
-            position_mm: [-x_mm, y_mm, z_mm],
-        }
+        let (rotation_xyzw, position_mm) = mirror_image(self.rotation_xyzw, self.position_mm);
+        let (yaw_deg, pitch_deg, roll_deg) = (-self.yaw_deg, self.pitch_deg, -self.roll_deg);
+        Self { rotation_xyzw, yaw_deg, pitch_deg, roll_deg, position_mm }
     }
 
     /// The rotation.
@@ -132,6 +127,12 @@ fn position(face: &Normalised, camera: &Camera) -> [f32; 3] {
     [(x_px - 0.5 * camera.width_px) * mm_per_px, (y_px - 0.5 * camera.height_px) * mm_per_px, z_mm]
 }
 
+/// The mirror image of a rotation (quaternion x y z w) and of a position in the camera's frame.
+#[must_use]
+pub const fn mirror_image([x, y, z, w]: [f32; 4], [x_mm, y_mm, z_mm]: [f32; 3]) -> ([f32; 4], [f32; 3]) {
+    ([x, -y, -z, w], [-x_mm, y_mm, z_mm])
+}
+
 #[cfg(test)]
 #[allow(clippy::expect_used)]
 mod tests {
@@ -166,6 +167,17 @@ mod tests {
         let gaze = rotation * Vector3::z();
         let (yaw, pitch) = ((20.0 * YAW_GAIN).to_radians(), 10.0_f32.to_radians());
         assert!(near(gaze.as_slice(), &[yaw.sin(), yaw.cos() * pitch.sin(), yaw.cos() * pitch.cos()], 1e-3));
+    }
+
+    #[test]
+    fn mirror_image_turns_and_tilts_the_other_way_and_nods_the_same_way() {
+        let seen = pose([20.0, 10.0, -25.0], 80.0, [320.0, 240.0]);
+        let (rotation_xyzw, position_mm) = mirror_image(seen.rotation_xyzw, [30.0, 20.0, 600.0]);
+        let mirrored = HeadPose::from_rotation(rotation_xyzw, position_mm);
+        let angles = |pose: HeadPose| [pose.yaw_deg, pose.pitch_deg, pose.roll_deg];
+        assert!(near(&angles(mirrored), &[-seen.yaw_deg, seen.pitch_deg, -seen.roll_deg], 1e-3), "{mirrored:?}");
+        assert!(near(&angles(mirrored), &angles(seen.mirrored()), 1e-3) && mirrored.rotation_xyzw[3] > 0.0);
+        assert!(near(&mirrored.position_mm, &[-30.0, 20.0, 600.0], 1e-6));
     }
 
     #[test]

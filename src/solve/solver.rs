@@ -128,7 +128,10 @@ impl Solver {
         let plausible = rules.step(&mut history.gaze, &corrected, step_s);
         let (mut smoothed, mut head) = filters.step(&mut history.filters, &plausible, &raw_head, step_s);
         rules.close_mouth(&mut smoothed.0);
-        adjustments.apply(&mut smoothed.0, &mut head);
+        adjustments.apply(&mut smoothed.0);
+        if adjustments.mirror {
+            head = head.mirrored();
+        }
         history.bridge.step(&mut smoothed, &mut head, step_s);
         adjustments.limit(&mut smoothed.0);
         Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face })

@@ -1,85 +1,31 @@
-//! The thread of a serial line: opens the port, writes the newest message, and opens the port again after any error.
+//! A serial port as a device: finds it, claims it, opens it and writes messages.
 
 use std::{
     io::{self, ErrorKind, Write as _},
     path::{Path, PathBuf},
-    sync::{
-        Arc,
-        atomic::{
-            AtomicBool,
-            Ordering::{Acquire, Relaxed, Release},
-        },
-    },
     thread,
     time::{Duration, Instant},
 };
 
 use serialport::{ClearBuffer, SerialPort as _, TTYPort};
-use triple_buffer::Output as Newest;
 
 use super::board::BoardSearch;
 use super::claim::PortClaim;
 use super::port::{self, PortError};
-use crate::link::{LinkError, Traffic};
-use crate::retry::Retry;
+use crate::link::LinkError;
+use crate::link::background::{Device, Shared};
 
-/// Longest message, bytes. A line of JSON with all coefficients takes about 1500.
-const MESSAGE_BYTES: usize = 2048;
 /// A port that takes no bytes for this long has lost the message: the next one is newer.
 const PATIENCE: Duration = Duration::from_millis(50);
 /// A line that is behind for this long is stuck, not slow. The slowest line sends two packets in 0.14 s.
 const STUCK: Duration = Duration::from_millis(500);
-/// Longest sleep. Every message ends it.
-const IDLE: Duration = Duration::from_millis(100);
 /// How long a new link waits in silence for the link that it replaces to close the port.
 const HANDOVER: Duration = Duration::from_secs(2);
 /// Time between two looks at the port during a handover.
 const HANDOVER_LOOK: Duration = Duration::from_millis(2);
 
-/// The encoded bytes of one message.
-pub type Message = heapless::Vec<u8, MESSAGE_BYTES>;
-
-/// State that the carrier and its thread share.
-#[derive(Debug, Default)]
-pub struct Shared {
-    stop: AtomicBool,
-    open: AtomicBool,
-    /// Whether the port is known. A board that was found once is known even while it is unplugged.
-    found: AtomicBool,
-    traffic: Arc<Traffic>,
-}
-
-impl Shared {
-    pub fn new(traffic: Arc<Traffic>, is_found: bool) -> Self {
-        Self { traffic, found: is_found.into(), ..Self::default() }
-    }
-
-    /// Asks the thread to write the message that it was given last, and to end.
-    pub fn stop(&self) {
-        self.stop.store(true, Release);
-    }
-
-    fn stopping(&self) -> bool {
-        self.stop.load(Acquire)
-    }
-
-    /// Whether the port is open.
-    pub fn is_open(&self) -> bool {
-        self.open.load(Relaxed)
-    }
-
-    /// Whether the port is known.
-    pub fn is_found(&self) -> bool {
-        self.found.load(Relaxed)
-    }
-
-    /// Counts a message that is not written.
-    pub fn drop_one(&self) {
-        Traffic::count(&self.traffic.dropped);
-    }
-}
-
 /// Where the port is.
+#[derive(Debug)]
 pub enum Place {
     Path(PathBuf),
     Board(BoardSearch),
@@ -95,133 +41,93 @@ impl Place {
     }
 }
 
-/// A serial line and its messages.
+/// A serial line.
+#[derive(Debug)]
 pub struct Line {
-    pub place: Place,
-    pub baud: u32,
+    place: Place,
+    baud: u32,
     /// Written each time the port is opened.
-    pub preamble: &'static [u8],
-    pub newest: Newest<Message>,
-    pub shared: Arc<Shared>,
+    preamble: Vec<u8>,
     /// The claim for the first attempt to open the port.
-    pub claim: Option<PortClaim>,
-    /// The attempts to open the port since the last message was written.
-    pub retry: Retry,
+    first_claim: Option<PortClaim>,
+    /// Until then, a port that another link holds is waited for in silence.
+    handover_end: Instant,
+    open: Option<Port>,
 }
 
 impl Line {
-    /// Writes messages until it is told to stop. This thread also logs what happens to the port, because no message
-    /// waits for it.
-    pub fn run(mut self) {
-        let handover_end = Instant::now() + HANDOVER;
-        while !self.shared.stopping() {
-            if let Err(error) = self.session(handover_end) {
-                self.shared.open.store(false, Relaxed);
-                self.tell(error);
-            }
-            let wait = self.retry.wait();
-            self.pause(wait);
-        }
-        self.shared.open.store(false, Relaxed);
-        // A message that came while there was no port.
-        if self.newest.update() {
-            self.shared.drop_one();
-        }
+    pub fn new(place: Place, baud: u32, preamble: Vec<u8>) -> Self {
+        // Claimed here, so that the first of two links to one device gets it.
+        let first_claim = match &place {
+            Place::Path(path) => PortClaim::acquire(path).ok(),
+            Place::Board(_) => None,
+        };
+        Self { place, baud, preamble, first_claim, handover_end: Instant::now() + HANDOVER, open: None }
     }
 
-    /// Logs why the port is not open, once for each reason. That no board is plugged in is no fault.
-    fn tell(&mut self, error: PortError) {
-        let waits = error.waits_for_a_board();
-        let error = LinkError::from(error);
-        if !waits {
-            self.retry.warn(&error);
-        } else if self.retry.logged.is_new(&error.to_string()) {
-            tracing::info!("{error}");
-        }
-    }
-
-    /// Runs from opening the port to the first error, or to the end.
-    fn session(&mut self, handover_end: Instant) -> Result<(), PortError> {
-        let device = self.place.find()?;
-        self.shared.found.store(true, Relaxed);
-        let Some(claim) = self.claim(&device, handover_end)? else { return Ok(()) };
-        let mut port = Port::open(port::open(&device, self.baud, PATIENCE)?, self.preamble);
-        if claim.is_empty() {
-            // The device appeared after the claim: the next attempt claims it.
-            return Ok(());
-        }
-        self.shared.open.store(true, Relaxed);
-        tracing::info!("link opened: {} at {} baud", device.display(), self.baud);
-        loop {
-            // Read before the message, so that a message given before the end is still written.
-            let stopping = self.shared.stopping();
-            if self.newest.update() {
-                self.write(&mut port, &device).map_err(|error| PortError::lost(&device, error))?;
-            } else if stopping {
-                return Ok(());
-            } else {
-                thread::park_timeout(IDLE);
-            }
-        }
-    }
-
-    /// Claims the port. Up to `handover_end`, waits for another link to release it. Returns `None` when told to stop.
-    fn claim(&mut self, device: &Path, handover_end: Instant) -> Result<Option<PortClaim>, PortError> {
-        if let Some(claim) = self.claim.take() {
+    /// Claims the port. Up to the end of the handover, waits for another link to release it. Returns `None` when told to
+    /// stop.
+    fn claim(&mut self, device: &Path, shared: &Shared) -> Result<Option<PortClaim>, PortError> {
+        if let Some(claim) = self.first_claim.take() {
             return Ok(Some(claim));
         }
-        while !self.shared.stopping() {
+        while !shared.stopping() {
             match PortClaim::acquire(device) {
                 Ok(claim) => return Ok(Some(claim)),
-                Err(holder) if Instant::now() >= handover_end => return Err(PortError::claimed(device, holder)),
+                Err(holder) if Instant::now() >= self.handover_end => return Err(PortError::claimed(device, holder)),
                 Err(_) => thread::park_timeout(HANDOVER_LOOK),
             }
         }
         Ok(None)
     }
+}
 
-    fn write(&mut self, port: &mut Port, device: &Path) -> io::Result<()> {
-        let took_before = port.takes;
-        let took = port.write(self.newest.peek_output_buffer());
-        match took {
-            Ok(true) => {
-                self.retry = Retry::default();
-                Traffic::count(&self.shared.traffic.sent);
-            }
-            Ok(false) | Err(_) => self.shared.drop_one(),
+impl Device for Line {
+    fn open(&mut self, shared: &Shared) -> Result<bool, LinkError> {
+        let device = self.place.find()?;
+        shared.find();
+        let Some(claim) = self.claim(&device, shared)? else { return Ok(false) };
+        let mut tty = port::open(&device, self.baud, PATIENCE)?;
+        if claim.is_empty() {
+            // The device appeared after the claim: the next attempt claims it.
+            return Ok(false);
         }
-        took?;
-        if took_before && !port.takes {
-            tracing::warn!("link {}: it takes no packets; check that the receiver reads", device.display());
-        }
-        Ok(())
+        // A port that takes no bytes yet does not need the preamble.
+        let _ = tty.write(&self.preamble);
+        tracing::info!("link opened: {} at {} baud", device.display(), self.baud);
+        self.open = Some(Port { device, tty, takes: true, took_at: Instant::now(), _claim: claim });
+        Ok(true)
     }
 
-    /// Waits, however many messages come meanwhile.
-    fn pause(&self, wait: Duration) {
-        let end = Instant::now() + wait;
-        while !self.shared.stopping() && Instant::now() < end {
-            thread::park_timeout(end.saturating_duration_since(Instant::now()));
+    fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
+        let Some(port) = &mut self.open else { return Ok(false) };
+        let took_before = port.takes;
+        let took = port.write(message).map_err(|error| PortError::lost(&port.device, error))?;
+        if took_before && !port.takes {
+            tracing::warn!("link {}: it takes no packets; check that the receiver reads", port.device.display());
         }
+        Ok(took)
+    }
+
+    fn close(&mut self) {
+        self.open = None;
     }
 }
 
 /// An open port.
+#[derive(Debug)]
 struct Port {
+    device: PathBuf,
     tty: TTYPort,
     /// Whether the port takes messages. A message that a slow line leaves out does not count.
     takes: bool,
     /// When the port took the last message.
     took_at: Instant,
+    /// Released after the port is closed.
+    _claim: PortClaim,
 }
 
 impl Port {
-    /// Writes the preamble. A port that takes no bytes yet does not need it.
-    fn open(mut tty: TTYPort, preamble: &[u8]) -> Self {
-        let _ = tty.write(preamble);
-        Self { tty, takes: true, took_at: Instant::now() }
-    }
-
     /// Writes the message. Returns whether the port took all of it in time.
     fn write(&mut self, message: &[u8]) -> io::Result<bool> {
         // Input is discarded, because a board whose output nobody takes may stop.

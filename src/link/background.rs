@@ -1,0 +1,227 @@
+//! A carrier that may wait: one thread, one device, and the newest message.
+//!
+//! Role: takes messages to a device that may block, be missing or disappear, such as a serial port.
+//! Contract: [`Background::send`](Carrier::send) hands the message to the device's own thread through a triple buffer,
+//! where the newest message wins, so it never waits. A device that is missing or disappears is opened again, after
+//! 100 ms at first and at most 1 s later. Every message is counted as sent or dropped.
+
+use std::{
+    fmt::Debug,
+    sync::{
+        Arc,
+        atomic::{
+            AtomicBool,
+            Ordering::{Acquire, Relaxed, Release},
+        },
+    },
+    thread::{self, Builder, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use triple_buffer::{Input, Output as Newest, triple_buffer};
+
+use super::{Carrier, LinkError, Traffic};
+use crate::retry::Retry;
+
+/// Longest message, bytes. A line of JSON with all coefficients takes about 1500.
+const MESSAGE_BYTES: usize = 2048;
+/// Longest sleep. Every message ends it.
+const IDLE: Duration = Duration::from_millis(100);
+
+/// The encoded bytes of one message.
+type Message = heapless::Vec<u8, MESSAGE_BYTES>;
+
+/// What takes messages on a thread of its own, on which it may block, allocate and log.
+pub trait Device: Debug + Send + 'static {
+    /// Opens the device. Returns whether it is open; if not, the thread tries again later without a word in the log.
+    ///
+    /// # Errors
+    /// Says what is missing. The log gets each reason once.
+    fn open(&mut self, shared: &Shared) -> Result<bool, LinkError>;
+
+    /// Writes the message. Returns whether the device took it.
+    ///
+    /// # Errors
+    /// Says why the device must be opened again.
+    fn write(&mut self, message: &[u8]) -> Result<bool, LinkError>;
+
+    /// Looks after the open device. Called after each message, and at least every 100 ms.
+    ///
+    /// # Errors
+    /// Says why the device must be opened again.
+    fn attend(&mut self) -> Result<(), LinkError> {
+        Ok(())
+    }
+
+    /// Closes the device if it is open: after an error, and at the end.
+    fn close(&mut self);
+}
+
+/// State that the carrier and its thread share.
+#[derive(Debug, Default)]
+pub struct Shared {
+    stop: AtomicBool,
+    open: AtomicBool,
+    /// Whether the receiver is known. One that was found once is known even while it is away.
+    found: AtomicBool,
+    traffic: Arc<Traffic>,
+}
+
+impl Shared {
+    /// Whether the thread is to end.
+    pub fn stopping(&self) -> bool {
+        self.stop.load(Acquire)
+    }
+
+    /// Notes that the receiver is known.
+    pub fn find(&self) {
+        self.found.store(true, Relaxed);
+    }
+
+    fn drop_one(&self) {
+        Traffic::count(&self.traffic.dropped);
+    }
+}
+
+/// A device with its thread. When it is dropped, the thread writes the last message and ends by itself.
+#[derive(Debug)]
+pub struct Background {
+    newest: Input<Message>,
+    shared: Arc<Shared>,
+    thread: JoinHandle<()>,
+}
+
+impl Background {
+    /// Starts the thread. The device may appear later. Until the receiver is found, nothing is sent or counted.
+    ///
+    /// # Errors
+    /// Returns an error if the system refuses a thread. `link` names the link in it.
+    pub fn start(
+        link: String,
+        name: &str,
+        device: impl Device,
+        is_found: bool,
+        traffic: Arc<Traffic>,
+    ) -> Result<Self, LinkError> {
+        let (newest, output) = triple_buffer(&Message::new());
+        let shared = Arc::new(Shared { traffic, found: is_found.into(), ..Shared::default() });
+        let work = Work { device, newest: output, shared: Arc::clone(&shared), retry: Retry::default() };
+        let thread = Builder::new().name(name.to_owned()).spawn(move || work.run());
+        let thread = thread.map_err(|error| LinkError::Thread { link, error })?;
+        Ok(Self { newest, shared, thread })
+    }
+}
+
+impl Carrier for Background {
+    /// Hands the message to the thread. It replaces a message that was not written yet.
+    fn send(&mut self, message: &[u8]) {
+        let buffer = self.newest.input_buffer_mut();
+        buffer.clear();
+        if buffer.extend_from_slice(message).is_err() || self.newest.publish() {
+            self.shared.drop_one();
+        }
+        self.thread.thread().unpark();
+    }
+
+    fn is_open(&self) -> bool {
+        self.shared.open.load(Relaxed)
+    }
+
+    fn has_receiver(&self) -> bool {
+        self.shared.found.load(Relaxed)
+    }
+
+    /// Asks the thread to write the message that it was given last, and to end.
+    fn stop(&self) {
+        self.shared.stop.store(true, Release);
+        self.thread.thread().unpark();
+    }
+
+    fn has_ended(&self) -> bool {
+        self.thread.is_finished()
+    }
+}
+
+impl Drop for Background {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+/// The thread of a device.
+struct Work<D> {
+    device: D,
+    newest: Newest<Message>,
+    shared: Arc<Shared>,
+    /// The attempts to open the device since the last message was written.
+    retry: Retry,
+}
+
+impl<D: Device> Work<D> {
+    /// Writes messages until it is told to stop. This thread also logs what happens to the device, because no message
+    /// waits for it.
+    fn run(mut self) {
+        while !self.shared.stopping() {
+            let ended = self.session();
+            self.shared.open.store(false, Relaxed);
+            self.device.close();
+            if let Err(error) = ended {
+                self.tell(&error);
+            }
+            let wait = self.retry.wait();
+            self.pause(wait);
+        }
+        // A message that came while there was no device.
+        if self.newest.update() {
+            self.shared.drop_one();
+        }
+    }
+
+    /// Logs why the device is not open, once for each reason. That a receiver is not there yet is no fault.
+    fn tell(&mut self, error: &LinkError) {
+        if !error.is_patient() {
+            self.retry.warn(error);
+        } else if self.retry.logged.is_new(&error.to_string()) {
+            tracing::info!("{error}");
+        }
+    }
+
+    /// Runs from opening the device to the first error, or to the end.
+    fn session(&mut self) -> Result<(), LinkError> {
+        if !self.device.open(&self.shared)? {
+            return Ok(());
+        }
+        self.shared.open.store(true, Relaxed);
+        loop {
+            // Read before the message, so that a message given before the end is still written.
+            let stopping = self.shared.stopping();
+            if self.newest.update() {
+                self.write()?;
+            } else if stopping {
+                return Ok(());
+            } else {
+                self.device.attend()?;
+                thread::park_timeout(IDLE);
+            }
+        }
+    }
+
+    fn write(&mut self) -> Result<(), LinkError> {
+        let took = self.device.write(self.newest.peek_output_buffer());
+        if matches!(took, Ok(true)) {
+            self.retry = Retry::default();
+            Traffic::count(&self.shared.traffic.sent);
+        } else {
+            self.shared.drop_one();
+        }
+        took.map(drop)
+    }
+
+    /// Waits, however many messages come meanwhile.
+    fn pause(&self, wait: Duration) {
+        let end = Instant::now() + wait;
+        while !self.shared.stopping() && Instant::now() < end {
+            thread::park_timeout(end.saturating_duration_since(Instant::now()));
+        }
+    }
+}

@@ -6,7 +6,7 @@ mod common;
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -32,13 +32,6 @@ fn start(listen: &str, receiver: &Receiver) -> Service {
 /// Returns a loopback address that was free a moment ago.
 fn free_address() -> String {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
-}
-
-/// Returns the Python into which `scripts/setup tests` has installed Prometheus' parser.
-fn python() -> Option<PathBuf> {
-    let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
-    let cache = cache.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache")))?;
-    Some(cache.join("facewire/venv-tests/bin/python")).filter(|python| python.exists())
 }
 
 /// Reads all samples by the parser.
@@ -68,7 +61,7 @@ fn eventually(what: &str, mut is_so: impl FnMut() -> bool) {
 
 #[test]
 fn prometheus_parser_reads_the_metrics_by_tcp_and_by_unix_socket() {
-    let Some(python) = python() else {
+    let Some(python) = common::python_with("prometheus_client") else {
         return common::skip("Prometheus' parser is not there; run scripts/setup tests");
     };
     let folder = tempfile::tempdir().unwrap();

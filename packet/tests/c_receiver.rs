@@ -2,48 +2,11 @@
 #![allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_possible_truncation)]
 
 mod compiler;
+mod random;
 
 use compiler::{compiled_c, printed};
-use facewire_packet::{LATE_MS, Packet, Receiver, SILENCE_MS, State};
-
-/// Pseudo-random numbers (Marsaglia's xorshift).
-struct Random(u32);
-
-impl Random {
-    fn next(&mut self) -> u32 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 17;
-        self.0 ^= self.0 << 5;
-        self.0
-    }
-
-    fn below(&mut self, limit: u32) -> u32 {
-        (self.next() >> 8) % limit
-    }
-
-    /// A time or a distance of sequence numbers: mostly small, sometimes at a limit of the rule, rarely anything.
-    fn step(&mut self, usual: u32) -> u32 {
-        match self.below(40) {
-            0 => [LATE_MS - 1, LATE_MS, SILENCE_MS - 1, SILENCE_MS][self.below(4) as usize],
-            1 => self.below(2000),
-            2 => 0u32.wrapping_sub(self.below(20)),
-            3 if self.below(20) == 0 => self.next(),
-            _ => self.below(usual),
-        }
-    }
-
-    /// The bytes of a packet with random values, now and then damaged. Its rotation can be any four numbers.
-    fn packet(&mut self, sequence: u16) -> Vec<u8> {
-        let mut packet = Packet { state: State::Live, sequence, ..Packet::NEUTRAL };
-        packet.rotation = [(); 4].map(|()| self.below(65535) as f32 / 32767.0 - 1.0);
-        packet.coefficients = [(); 52].map(|()| self.below(65536) as f32 / 65535.0);
-        let mut bytes = packet.encode();
-        if self.below(50) == 0 {
-            bytes[self.below(132) as usize] ^= 1 << self.below(8);
-        }
-        bytes.to_vec()
-    }
-}
+use facewire_packet::{PACKET_BYTES, Packet, Receiver};
+use random::Random;
 
 /// What the Rust receiver does on an event, in the numbers that the C program prints.
 fn by_rust(receiver: &mut Receiver, now_ms: u32, datagram: Option<&[u8]>) -> Option<Vec<i64>> {
@@ -59,6 +22,15 @@ fn by_rust(receiver: &mut Receiver, now_ms: u32, datagram: Option<&[u8]>) -> Opt
     Some(numbers)
 }
 
+/// The bytes of a random packet. One in 50 has a flipped bit.
+fn damaged_now_and_then(random: &mut Random, sequence: u16) -> [u8; PACKET_BYTES] {
+    let mut bytes = random.packet(sequence).encode();
+    if random.below(50) == 0 {
+        bytes[random.below(132) as usize] ^= 1 << random.below(8);
+    }
+    bytes
+}
+
 /// Random events in the input format of `receive.c`, and what the Rust receiver says to each. `None` is a damaged packet.
 fn events(random: &mut Random, travel_ms: u16) -> (Vec<u8>, Vec<Option<Vec<i64>>>) {
     let mut receiver = Receiver::new(travel_ms);
@@ -69,11 +41,11 @@ fn events(random: &mut Random, travel_ms: u16) -> (Vec<u8>, Vec<Option<Vec<i64>>
     for _ in 0..4000 {
         now_ms = now_ms.wrapping_add(random.step(30));
         sequence = sequence.wrapping_add(random.step(3) as u16);
-        let datagram = (random.below(2) == 0).then(|| random.packet(sequence));
+        let datagram = (random.below(2) == 0).then(|| damaged_now_and_then(random, sequence));
         bytes.push(if datagram.is_some() { b'R' } else { b'S' });
         bytes.extend(now_ms.to_le_bytes());
         bytes.extend(datagram.iter().flatten());
-        answers.push(by_rust(&mut receiver, now_ms, datagram.as_deref()));
+        answers.push(by_rust(&mut receiver, now_ms, datagram.as_ref().map(|bytes| &bytes[..])));
     }
     (bytes, answers)
 }

@@ -9,7 +9,7 @@ import os
 import select
 import sys
 
-from packet_decoder import cobs_decode, decode
+from facewire_packet import cobs_decode, decode
 from receivers import await_that
 
 

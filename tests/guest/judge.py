@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Judges packets that tests/packet_decoder.py has recorded.
+"""Judges packets that tests/packet_recorder.py has recorded.
 
 Exit status 1: the packets are wrong; 3: there are too few poses to judge the clip by.
 
@@ -110,7 +110,7 @@ def judge_passes(packets, *steps, dropped=0):
 def read_line(path):
     """The packets in the bytes of a serial line; ends the program at the first frame that is damaged."""
     # Here, for the other judges are asked again and again by cases that wait.
-    from packet_decoder import cobs_decode, decode
+    from facewire_packet import cobs_decode, decode
 
     with open(path, "rb") as file:
         *frames, rest = file.read().split(b"\0")

@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 
-from packet_decoder import cobs_decode, decode
+from facewire_packet import cobs_decode, decode
 
 PORT = 5252
 # Timestamps by the kernel, in nanoseconds: no delay of this program is in them.

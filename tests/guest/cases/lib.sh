@@ -20,7 +20,7 @@ fail() {
 # Copies into memory what is used more than once, because reading the shared folder is slow.
 unpack() {
     mkdir $work
-    cp -r facewire networks packet_decoder.py judge.py demo.avi clip.avi clip-truth.csv $work
+    cp -r facewire networks facewire_packet.py packet_recorder.py judge.py demo.avi clip.avi clip-truth.csv $work
     export FACEWIRE_NETWORKS=$work/networks
 }
 
@@ -65,7 +65,7 @@ listening() { ss -lun | grep -q :5252; }
 
 start_decoder() {
     : >$work/packets.csv
-    python3 $work/packet_decoder.py --seconds 3600 --csv $work/packets.csv 2>>$work/refused &
+    python3 $work/packet_recorder.py --seconds 3600 --csv $work/packets.csv 2>>$work/refused &
     decoder=$!
     await listening
 }

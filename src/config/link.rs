@@ -7,6 +7,7 @@ use toml::de::DeValue;
 
 use super::{
     adjust::AdjustSettings,
+    avatar::{LiveLinkSettings, VmcSettings, VrchatSettings},
     section::{Section, section, write_setting},
     value::{Address, Choice, SerialDevice, Value, quoted},
 };
@@ -84,6 +85,12 @@ link_kinds! {
         Udp(UdpSettings) = "udp",
         /// facewire packets on a serial line, each as one COBS frame of 134 bytes
         Serial(SerialSettings) = "serial",
+        /// Live Link Face for Unreal, by UDP
+        LiveLink(LiveLinkSettings) = "live-link",
+        /// VMC for VTuber applications, by UDP
+        Vmc(VmcSettings) = "vmc",
+        /// VRChat with avatars for VRCFaceTracking, by UDP
+        Vrchat(VrchatSettings) = "vrchat",
     }
 }
 
@@ -190,6 +197,9 @@ impl LinkKind {
     pub fn carrier(&self) -> CarrierSettings<'_> {
         match self {
             Self::Udp(udp) => CarrierSettings::Udp(&udp.address),
+            Self::LiveLink(live_link) => CarrierSettings::Udp(&live_link.address),
+            Self::Vmc(vmc) => CarrierSettings::Udp(&vmc.address),
+            Self::Vrchat(vrchat) => CarrierSettings::Udp(&vrchat.address),
             Self::Serial(serial) => CarrierSettings::Serial { device: &serial.device, baud: serial.baud },
         }
     }

@@ -8,6 +8,7 @@
 //! `settings.rs` and `link.rs` declare the settings: one entry gives a key its type, default, bounds and comment.
 
 mod adjust;
+mod avatar;
 mod board;
 mod check;
 mod defaults;
@@ -28,6 +29,7 @@ use std::path::Path;
 use overlay::{Boards, Overlay};
 
 pub use adjust::AdjustSettings;
+pub use avatar::{LiveLinkSettings, OscPrefix, ParameterChoice, Parameters, Text, VmcSettings, VrchatSettings};
 pub use board::BOARDS;
 pub use defaults::{default_link, defaults, written};
 pub use fault::{Fault, Faults};

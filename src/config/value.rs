@@ -183,6 +183,11 @@ impl Address {
         (host_good && port_good).then(|| Self(text.to_owned()))
     }
 
+    /// A port of this machine.
+    pub(super) fn local(port: u16) -> Self {
+        Self(format!("127.0.0.1:{port}"))
+    }
+
     /// The address as `host:port`.
     #[must_use]
     pub fn as_str(&self) -> &str {
@@ -193,7 +198,7 @@ impl Address {
 impl Default for Address {
     /// The port of this machine that `facewire monitor` listens to.
     fn default() -> Self {
-        Self("127.0.0.1:5252".to_owned())
+        Self::local(5252)
     }
 }
 

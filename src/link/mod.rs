@@ -11,13 +11,19 @@
 //! [`Lookup`](lookup::Lookup), it does so on a thread of its own and hands over destinations through a triple buffer.
 
 mod background;
+mod gaze;
+mod head;
+mod live_link;
 mod lookup;
+mod osc;
 mod output;
 mod pace;
 mod packet;
 mod serial;
 mod shown;
 mod udp;
+mod vmc;
+mod vrchat;
 
 use std::fmt::Debug;
 use std::path::Path;
@@ -31,9 +37,13 @@ pub use pace::{Pace, Sent};
 use serial::{BoardSearch, PortClaim};
 pub use serial::{PortError, PortTrouble, open_port, serial_carrier};
 pub use udp::UdpCarrier;
+pub(crate) use vrchat::parameter_names as vrchat_parameters;
 
+use self::live_link::LiveLink;
 use self::packet::{Datagrams, Frames};
 use self::shown::Shown;
+use self::vmc::Vmc;
+use self::vrchat::Vrchat;
 use crate::config::{CarrierSettings, LinkKind, LinkSettings, SerialDevice};
 
 /// Turns outputs into bytes.
@@ -258,6 +268,9 @@ fn format_of(kind: &LinkKind) -> Box<dyn Format> {
     match kind {
         LinkKind::Udp(_) => Box::new(Datagrams),
         LinkKind::Serial(_) => Box::new(Frames),
+        LinkKind::LiveLink(settings) => Box::new(LiveLink::new(settings)),
+        LinkKind::Vmc(settings) => Box::new(Vmc::new(settings)),
+        LinkKind::Vrchat(settings) => Box::new(Vrchat::new(settings)),
     }
 }
 

@@ -43,3 +43,10 @@ pub struct Output {
     /// Whether the output moves on without a new pose, as it does during a decay or a ramp.
     pub moving: bool,
 }
+
+/// Returns a neutral output in this state, for tests.
+#[cfg(test)]
+pub fn test_output(state: State) -> Output {
+    let reason = if state == State::Live { Reason::None } else { Reason::NoFace };
+    Output { state, reason, pose: Pose::NEUTRAL, age_us: 0, capture_us: 0, followed: true, moving: false }
+}

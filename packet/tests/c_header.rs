@@ -1,16 +1,15 @@
-//! The C header decodes what the crate encodes, and the Arduino sketch follows it.
+//! The C header decodes what the crate encodes.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
 mod compiler;
 
 use std::{fs, path::PathBuf, sync::LazyLock};
 
-use compiler::{compiled_c, compiled_cpp, package, printed};
+use compiler::{compiled_c, package, printed};
 use facewire_packet::{BLENDSHAPES, DecodeError, FrameReader, NeutralFace, Packet, Reason, State};
 
 static DECODER: LazyLock<PathBuf> = LazyLock::new(|| compiled_c("decode.c"));
 static FEEDER: LazyLock<PathBuf> = LazyLock::new(|| compiled_c("feed.c"));
-static SKETCH: LazyLock<PathBuf> = LazyLock::new(|| compiled_cpp("arduino/main.cpp"));
 
 fn decoded_by_c(bytes: &[u8]) -> Vec<i64> {
     printed(&DECODER, bytes)
@@ -87,19 +86,6 @@ fn c_and_rust_find_the_same_packets_and_errors_on_a_line() {
     let found = read_by_rust(&line);
     assert!([-1, -6, 65535].iter().all(|number| found.contains(number)));
     assert_eq!(printed(&FEEDER, &line), found);
-}
-
-#[test]
-fn the_arduino_sketch_follows_the_face_and_goes_neutral_when_packets_stop() {
-    let mut packet = packet();
-    for (index, value) in [(17, 0.5), (0, 1.0), (7, 0.0)] {
-        packet.coefficients[index] = value;
-    }
-    // The servos travel at their bounded speed during three packets.
-    let line = packet.encode_frame().repeat(3);
-    assert_eq!(printed(&SKETCH, &line), [1300, 1200, 1200, 1000, 1800, 1200]);
-    let cut = &packet.encode_frame()[..100];
-    assert_eq!(printed(&SKETCH, cut), [1000, 1800, 1200, 1000, 1800, 1200]);
 }
 
 #[test]

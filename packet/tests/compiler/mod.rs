@@ -16,16 +16,19 @@ pub fn package() -> &'static Path {
 
 /// Compiles a C program of the folder `tests`, with every warning an error, and returns its path.
 pub fn compiled_c(source: &str) -> PathBuf {
-    compiled(source, "CC", "cc", &["-std=c99"])
+    compiled(source, source, "CC", "cc", &["-std=c99"])
 }
 
-/// Compiles a C++ program of the folder `tests`, with every warning an error, and returns its path.
-pub fn compiled_cpp(source: &str) -> PathBuf {
-    compiled(source, "CXX", "c++", &["-std=c++11"])
+/// Compiles an Arduino sketch with the stand-ins of `tests/arduino`, every warning an error, and returns the program's path.
+pub fn compiled_sketch(sketch: &str, options: &[&str]) -> PathBuf {
+    let source = format!("-DSKETCH=\"../../arduino/{sketch}/{sketch}.ino\"");
+    let mut arguments = vec!["-std=c++11", "-Wno-unused-function", "-include", "Arduino.h", &source];
+    arguments.extend(options);
+    compiled("arduino/main.cpp", &format!("{sketch}{}", options.concat()), "CXX", "c++", &arguments)
 }
 
-fn compiled(source: &str, variable: &str, compiler: &str, arguments: &[&str]) -> PathBuf {
-    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(source.replace(['/', '.'], "_"));
+fn compiled(source: &str, name: &str, variable: &str, compiler: &str, arguments: &[&str]) -> PathBuf {
+    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name.replace(['/', '.'], "_"));
     let compiler = env::var_os(variable).unwrap_or_else(|| compiler.into());
     let status = Command::new(compiler)
         .args(arguments)

@@ -1,5 +1,5 @@
 //! Random packets and times for the tests that compare two receivers.
-#![allow(clippy::unwrap_used, clippy::indexing_slicing)]
+#![allow(dead_code, clippy::unwrap_used, clippy::indexing_slicing, reason = "each test uses some of it")]
 
 use facewire_packet::{LATE_MS, Packet, SILENCE_MS, State};
 

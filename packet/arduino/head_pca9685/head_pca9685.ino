@@ -95,8 +95,8 @@ void setup() {
     LINE.begin(BAUD);
     Wire.begin();
     Wire.setClock(400000); // 9 channels take 1 ms of every 20, at 100 kHz 4 ms
-#ifdef WIRE_HAS_TIMEOUT
-    Wire.setWireTimeout(3000, true); // without it, a bus that hangs stops this program
+#if defined(ARDUINO_ARCH_AVR) || defined(WIRE_HAS_TIMEOUT)
+    Wire.setWireTimeout(3000, true); // without it, a bus that hangs stops this program; Arduino AVR Boards 1.8.3 or later
 #endif
     board_is_ready = set_up_board();
 }

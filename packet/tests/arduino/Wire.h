@@ -3,7 +3,9 @@
 #include "Arduino.h"
 
 #define OUTPUTS 9
-#define WIRE_HAS_TIMEOUT
+#define HAS_WIRE
+// As the one for AVR, it has a timeout, but not the macro WIRE_HAS_TIMEOUT.
+#define ARDUINO_ARCH_AVR
 
 struct TwoWire {
     static const size_t ROOM = 32;

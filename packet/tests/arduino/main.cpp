@@ -38,7 +38,7 @@ static void obey(int letter, uint32_t number) {
     case 'L':
         for (uint8_t byte : bytes_of_input(number)) Serial.on_the_line.push_back(byte);
         break;
-#ifdef WIRE_HAS_TIMEOUT
+#ifdef HAS_WIRE
     case 'H': Wire.hangs = number; break;
     case 'R': Wire.power_on(); break;
 #endif

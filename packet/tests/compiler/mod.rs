@@ -46,13 +46,18 @@ fn compiled(source: &str, name: &str, variable: &str, compiler: &str, arguments:
 
 /// Runs a program with these bytes as its standard input and returns the numbers it prints.
 pub fn printed(program: &Path, bytes: &[u8]) -> Vec<i64> {
-    let mut child = Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    printed_by(&mut Command::new(program), bytes)
+}
+
+/// Runs a command with these bytes as its standard input and returns the numbers it prints.
+pub fn printed_by(command: &mut Command, bytes: &[u8]) -> Vec<i64> {
+    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     let mut stdin = child.stdin.take().unwrap();
     let bytes = bytes.to_vec();
     // From a thread of its own, because the program may fill its output before it has read its whole input.
     let writer = std::thread::spawn(move || stdin.write_all(&bytes));
     let output = child.wait_with_output().unwrap();
-    assert!(output.status.success(), "{} ends with {}", program.display(), output.status);
+    assert!(output.status.success(), "{command:?} ends with {}", output.status);
     writer.join().unwrap().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     text.split_whitespace().map(|number| number.parse().unwrap()).collect()

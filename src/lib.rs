@@ -22,6 +22,7 @@ pub mod link;
 pub mod pipeline;
 pub mod playback;
 pub mod preflight;
+pub mod recording;
 mod retry;
 pub mod service;
 pub mod solve;

@@ -5,12 +5,16 @@
 
 use std::time::{Duration, Instant};
 
+use facewire_packet::Reason;
+
 use crate::calibration::Observation;
 use crate::capture::{Content, Frame, Source};
 use crate::config::Settings;
 use crate::face::{Face, Tracker};
 use crate::infer::InferError;
+use crate::link::Pose;
 use crate::preflight::{SetupError, load_solver, load_tracker};
+use crate::recording::Recorded;
 use crate::solve::{Camera, Solution, SolveError, Solver};
 
 /// Why a frame has no solution.
@@ -25,6 +29,14 @@ pub enum Rejected {
     /// The landmarks cannot be solved.
     #[error(transparent)]
     Unsolved(#[from] SolveError),
+}
+
+impl Rejected {
+    /// The reason that receivers get for the missing pose.
+    #[must_use]
+    pub fn reason(&self) -> Reason {
+        if matches!(self, Self::NoFace) { Reason::NoFace } else { Reason::BadResult }
+    }
 }
 
 /// Duration of each stage of a frame; `None` for a stage that did not run.
@@ -120,12 +132,28 @@ impl Pipeline {
     /// frame. Does not allocate.
     #[must_use]
     pub fn observe(&self, frame: &Frame<'_>, is_dark: bool) -> Observation {
-        let face = match &frame.content {
-            Content::Picture(_) => self.tracker.as_ref().and_then(Tracker::face),
-            Content::Face { face, .. } => *face,
-        };
+        let face = self.face_in(frame);
         let camera = Camera::new(frame.size_px(), self.horizontal_fov_deg);
         Observation::new(&self.solver.model, face, &camera, frame.captured_us, is_dark)
+    }
+
+    /// What a recording keeps of this frame: the landmarks that the last call of [`Pipeline::process`] or
+    /// [`Pipeline::find`] found in it, and what it made of them. Does not allocate.
+    #[must_use]
+    pub fn record(&self, frame: &Frame<'_>, solved: Result<&Pose, Reason>) -> Recorded {
+        let landmarks = self.face_in(frame).map(|face| face.landmarks);
+        match solved {
+            Ok(pose) => Recorded::new(frame.captured_us, pose, frame.size_px(), landmarks),
+            Err(reason) => Recorded::nothing(frame.captured_us, reason),
+        }
+    }
+
+    /// The face that was found in this frame.
+    fn face_in<'a>(&'a self, frame: &Frame<'a>) -> Option<Face<'a>> {
+        match &frame.content {
+            Content::Picture(_) => self.tracker.as_ref().and_then(Tracker::face),
+            Content::Face { face, .. } => *face,
+        }
     }
 
     /// Makes the tracker search the next picture as a whole.

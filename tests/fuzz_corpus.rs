@@ -50,6 +50,11 @@ fn profile_file_corpus() {
 }
 
 #[test]
+fn recording_corpus() {
+    keeps_its_promise(targets::recording, "recording");
+}
+
+#[test]
 fn network_file_corpus() {
     keeps_its_promise(targets::network_file, "network_file");
 }

@@ -15,6 +15,7 @@ mod network;
 mod network_file;
 mod packet;
 mod profile_file;
+mod recording;
 mod wire;
 mod y4m;
 
@@ -27,4 +28,5 @@ pub use network::network;
 pub use network_file::network_file;
 pub use packet::packet;
 pub use profile_file::profile_file;
+pub use recording::recording;
 pub use y4m::y4m;

@@ -7,6 +7,7 @@ use rustix::io::Errno;
 use thiserror::Error;
 
 use crate::config::Script;
+use crate::recording::RecordingError;
 
 /// Why a source cannot be opened, or delivers no frame.
 #[derive(Debug, Error)]
@@ -52,6 +53,14 @@ pub enum CaptureError {
     PointsCutShort {
         /// Number of the incomplete frame, from 0.
         frame: u64,
+    },
+    /// A recording cannot be read, or not to its end.
+    #[error("{path}: {error}")]
+    Recording {
+        /// The path as given.
+        path: String,
+        /// What is wrong with it.
+        error: RecordingError,
     },
     /// The picture is larger or smaller than supported.
     #[error("the picture is {width}x{height}, but each side must be 1 to 4096 pixels; scale it first")]

@@ -17,6 +17,7 @@ mod picture;
 mod points;
 mod rate;
 mod read;
+mod recording;
 mod rehearsal;
 mod riff;
 #[cfg(test)]
@@ -34,6 +35,7 @@ pub use paced::{Paced, monotonic_us};
 pub use picture::{MAX_SIDE_PX, Picture, Pixels};
 pub use points::PointsSource;
 pub use rate::FrameRate;
+pub use recording::RecordingSource;
 pub use y4m::Y4mSource;
 
 use std::fmt;

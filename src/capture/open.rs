@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::rehearsal::Rehearsal;
 use super::v4l2::{CameraSource, Wish};
-use super::{AviSource, CaptureError, Clip, FrameRate, Paced, PointsSource, Source, Y4mSource};
+use super::{AviSource, CaptureError, Clip, FrameRate, Paced, PointsSource, RecordingSource, Source, Y4mSource};
 use crate::config::{BadScript, Script};
 
 /// The name of the built-in clip, in place of a file or a camera.
@@ -46,7 +46,8 @@ impl Default for FileOptions {
     }
 }
 
-/// Opens `-` (y4m on standard input), `demo` (the built-in clip, once through), a `.npy` file of landmarks, or a film by its content.
+/// Opens `-` (y4m on standard input), `demo` (the built-in clip, once through), a `.npy` file of landmarks, or a film or a
+/// recording by its content.
 ///
 /// # Errors
 /// [`CaptureError::Open`], [`CaptureError::UnknownContainer`], and those of the readers.
@@ -72,6 +73,7 @@ fn open_film(path: &str, rate: FrameRate) -> Result<Box<dyn Source + Send>, Capt
     let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);
     match reader.fill_buf().map_err(cannot)? {
         [b'R', b'I', b'F', b'F', ..] => Ok(Box::new(AviSource::open(reader, path)?.with_rate(rate))),
+        [b'F', b'W', b'R', b'E', b'C', ..] => Ok(Box::new(RecordingSource::open(path)?)),
         [b'Y', b'U', b'V', b'4', ..] => Ok(Box::new(Y4mSource::open(reader, path)?.with_rate(rate))),
         _ => Err(CaptureError::UnknownContainer { path: path.to_owned() }),
     }

@@ -11,7 +11,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 
-use self::client::Connection;
+pub(super) use self::client::Connection;
 use self::display::Display;
 use super::SettingsArgs;
 use super::failure::{Failure, print};
@@ -85,6 +85,7 @@ fn by_service(mut connection: Connection, request: &Request) -> Result<(), Failu
             Reply::Progress(progress) => display.show(&progress)?,
             Reply::Calibrated(report) => return print(&told(&report, "The service uses it from now on.")),
             Reply::Wearers { wearers, in_use, folder } => return print(&listed(&wearers, in_use.as_deref(), &folder)),
+            Reply::Frame(_) => {}
             Reply::Done(sentence) => return print(&format!("{sentence}\n")),
             Reply::Refused(sentence) => return Err(Failure::failed(sentence)),
         }
@@ -104,6 +105,8 @@ fn without_service(args: &CalibrateArgs, request: Request) -> Result<(), Failure
         Request::Use { .. } => Err(Failure::failed(
             "no service runs here that could be told; set wearer.name in its settings, or start it".to_owned(),
         )),
+        // `facewire record` asks for it.
+        Request::Record {} => Ok(()),
         Request::List {} => {
             let in_use = Some(settings.wearer.name.as_str()).filter(|name| !name.is_empty());
             print(&listed(&store.list()?, in_use, &store.folder().display().to_string()))

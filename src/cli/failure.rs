@@ -13,6 +13,7 @@ use crate::infer::InferError;
 use crate::link::LinkError;
 use crate::playback::PlaybackError;
 use crate::preflight::SetupError;
+use crate::recording::RecordingError;
 use crate::service::ServiceError;
 use crate::solve::ModelError;
 
@@ -50,6 +51,7 @@ impl Failure {
         }
         let remedy = match error.kind() {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "free some space, or write to another disk",
+            ErrorKind::AlreadyExists => "give another name, or remove that file first",
             _ if path == Path::new(STANDARD_OUTPUT) => "check where it goes",
             _ => "check the folder, its permissions and the disk",
         };
@@ -59,9 +61,16 @@ impl Failure {
     /// A clip could not be opened.
     pub(super) fn no_film(error: CaptureError) -> Self {
         let CaptureError::Open { path, source } = error else { return error.into() };
-        let message =
-            format!("cannot open {path}: {source}; give the path of a .y4m, Motion-JPEG .avi or .npy file, or `demo`");
+        let message = format!(
+            "cannot open {path}: {source}; give the path of a .y4m, Motion-JPEG .avi or .npy file, of a recording, or `demo`"
+        );
         Self { status: EX_NOINPUT, message }
+    }
+
+    /// A recording could not be read.
+    pub(super) fn recording(path: &Path, error: &RecordingError) -> Self {
+        let status = if matches!(error, RecordingError::Read(_)) { EX_NOINPUT } else { EX_DATAERR };
+        Self { status, message: format!("{}: {error}", path.display()) }
     }
 
     pub(super) fn message(&self) -> &str {
@@ -97,7 +106,8 @@ impl From<Faults> for Failure {
 impl From<CaptureError> for Failure {
     fn from(error: CaptureError) -> Self {
         use CaptureError::{
-            Avi, CutShort, Damaged, Frame, NotStopped, PictureSize, Points, PointsCutShort, Read, UnknownContainer, Y4m,
+            Avi, CutShort, Damaged, Frame, NotStopped, PictureSize, Points, PointsCutShort, Read, Recording,
+            UnknownContainer, Y4m,
         };
         let status = match error {
             Avi(_)
@@ -107,6 +117,7 @@ impl From<CaptureError> for Failure {
             | PictureSize { .. }
             | Points { .. }
             | PointsCutShort { .. }
+            | Recording { .. }
             | UnknownContainer { .. }
             | Y4m(_) => EX_DATAERR,
             NotStopped { .. } => EX_UNAVAILABLE,

@@ -7,6 +7,8 @@ mod devices;
 mod failure;
 mod log;
 mod monitor;
+mod record;
+mod replay;
 mod run;
 mod track;
 
@@ -65,6 +67,10 @@ enum Command {
     Track(track::TrackArgs),
     /// Guide the wearer through some poses, and learn the wearer's face from them.
     Calibrate(calibrate::CalibrateArgs),
+    /// Record the landmarks and the outputs of every frame.
+    Record(record::RecordArgs),
+    /// Send a recording again, in its own time.
+    Replay(replay::ReplayArgs),
     /// Measure latency, CPU and memory of every stage on a clip.
     Bench(bench::BenchArgs),
     /// Validate the settings, then try camera, networks, model and links.
@@ -115,13 +121,14 @@ impl Cli {
             Command::Run(args) => run::run(&args),
             Command::Track(args) => track::run(&args),
             Command::Calibrate(args) => calibrate::run(&args),
+            Command::Record(args) => record::run(&args),
+            Command::Replay(args) => replay::run(&args),
             Command::Bench(args) => bench::run(&args),
             Command::Check(args) => check::run(&args),
             Command::Devices => devices::run(),
             Command::Defaults { link } => {
                 failure::print(&link.and_then(|kind| config::default_link(&kind)).unwrap_or_else(config::defaults))
             }
-
             Command::Monitor(args) => monitor::run(&args).map_err(Failure::from),
         };
         match outcome {

@@ -1,8 +1,9 @@
-//! The control socket: programs on this machine calibrate wearers and choose the one in use while the service runs.
+//! The control socket: programs on this machine calibrate wearers, choose the one in use and record while the
+//! service runs.
 //!
 //! The thread `fw-control` listens at a Unix socket in the runtime directory, which only the service's user and root may
 //! open. It runs the guide on what the hot loop observes, keeps the profile, and hands it to the hot loop through the
-//! mailbox of reloads. One calibration runs at a time, and a client that closes its connection cancels its own. No client
+//! mailbox of reloads. One calibration and one recording run at a time, and a client that closes its connection ends its own. No client
 //! can hold up the thread: connections do not block, and their number, the length of a line and the time until the
 //! request are limited.
 
@@ -18,6 +19,8 @@ use std::sync::mpsc;
 use std::thread::{Builder, JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use self::client::Client;
@@ -27,10 +30,11 @@ use super::hot::HotNews;
 use super::listener::Listener;
 use super::observer::Observed;
 use super::reload::Mailbox;
-use crate::calibration::{Store, WearerName};
+use crate::calibration::{Observation, Store, WearerName};
 use crate::capture::monotonic_us;
 use crate::config::Settings;
 use crate::preflight::{is_same_profile, load_model, load_profile};
+use crate::recording::Recorded;
 use crate::solve::Profile;
 
 /// Number of clients at a time. The others wait in the queue of the socket.
@@ -61,7 +65,8 @@ pub(super) struct Parts {
     pub(super) changes: mpsc::Receiver<Settings>,
     /// The wearer whose profile is in use.
     pub(super) in_use: Option<WearerName>,
-    pub(super) observed: Observed,
+    pub(super) observed: Observed<Observation>,
+    pub(super) recorded: Observed<Recorded>,
     pub(super) hot: Mailbox<HotNews>,
 }
 
@@ -80,7 +85,7 @@ impl Control {
 
     fn listen_at(path: PathBuf, parts: Parts) -> io::Result<Self> {
         let (stop_signal, stop) = pipe()?;
-        let server = Server { path, parts, stop_signal, clients: Vec::new(), session: None };
+        let server = Server { path, parts, stop_signal, clients: Vec::new(), session: None, recording: None };
         let builder = Builder::new().name("fw-control".to_owned()).stack_size(STACK_BYTES);
         Ok(Self { stop: Some(stop), thread: Some(builder.spawn(move || server.run())?) })
     }
@@ -109,6 +114,8 @@ struct Server {
     stop_signal: PipeReader,
     clients: Vec<Client>,
     session: Option<Session>,
+    /// The client that records.
+    recording: Option<Client>,
 }
 
 impl Server {
@@ -127,8 +134,10 @@ impl Server {
             self.adopt();
             self.serve();
             self.calibrate();
+            self.record();
         }
         self.parts.observed.ask(false);
+        self.parts.recorded.ask(false);
     }
 
     /// Waits, and returns early with `true` if the thread is to stop.
@@ -168,10 +177,11 @@ impl Server {
         if self.clients.len() < MAX_CLIENTS {
             polled.push(PollFd::new(&listener, PollFlags::IN));
         }
-        let timeout = match (&self.session, self.clients.is_empty()) {
-            (Some(_), _) => Some(&LOOK),
-            (None, false) => Some(&WAIT),
-            (None, true) => None,
+        let is_busy = self.session.is_some() || self.recording.is_some();
+        let timeout = match (is_busy, self.clients.is_empty()) {
+            (true, _) => Some(&LOOK),
+            (false, false) => Some(&WAIT),
+            (false, true) => None,
         };
         if let Err(error) = poll(&mut polled, timeout) {
             return if error == rustix::io::Errno::INTR { Ok(false) } else { Err(error.into()) };
@@ -215,6 +225,13 @@ impl Server {
             }
             Request::Delete { wearer } => named(&wearer).and_then(|name| self.delete(&name)),
             Request::List {} => self.list(),
+            Request::Record {} if self.recording.is_none() => {
+                tracing::info!("recording begins");
+                self.parts.recorded.ask(true);
+                self.recording = Some(client);
+                return;
+            }
+            Request::Record {} => Err("another recording is in progress: try again when it has ended".to_owned()),
         };
         client.answer(&outcome.unwrap_or_else(Reply::Refused));
     }
@@ -288,6 +305,17 @@ impl Server {
         session.step(self.parts.observed.take(), monotonic_us());
         if session.outcome().is_some() {
             self.finish();
+        }
+    }
+
+    /// Tells the client that records what the newest frame shows. One that does not read is left.
+    fn record(&mut self) {
+        let Some(client) = &mut self.recording else { return };
+        let frame = self.parts.recorded.take().map(|frame| Reply::Frame(BASE64_STANDARD.encode(frame.to_bytes())));
+        if client.has_gone() || frame.is_some_and(|frame| client.send(&frame).is_err()) {
+            tracing::info!("recording ended");
+            self.parts.recorded.ask(false);
+            self.recording = None;
         }
     }
 

@@ -23,6 +23,7 @@ use super::realtime;
 use super::report::{Event, Report};
 use super::times::between;
 use super::watcher::Watcher;
+use crate::calibration::Observation;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};
 use crate::face::Tracker;
@@ -30,6 +31,7 @@ use crate::impairment::ImpairmentSet;
 use crate::infer::InferError;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::preflight::{self, SetupError};
+use crate::recording::Recorded;
 use crate::retry::BackOff;
 use crate::solve::{Model, Profile, Solution};
 
@@ -42,7 +44,9 @@ pub(super) struct Outlets {
     /// Events, for the supervisor.
     pub(super) events: mpsc::Sender<Event>,
     /// What each frame shows, for a calibration.
-    pub(super) observer: Observer,
+    pub(super) observer: Observer<Observation>,
+    /// What each frame shows and sends, for a recording.
+    pub(super) recorder: Observer<Recorded>,
 }
 
 /// New settings, and the parts that they replace. A part that is `None` keeps its current value.
@@ -297,7 +301,9 @@ impl HotLoop {
         let tracker = self.pipeline.as_ref().and_then(|pipeline| pipeline.tracker.as_ref());
         self.watcher.look(frame, tracker.and_then(Tracker::face).map(|face| face.landmarks));
         if let Some(pipeline) = &self.pipeline {
-            self.outlets.observer.publish(pipeline, frame, self.watcher.is_dark());
+            let is_dark = self.watcher.is_dark();
+            self.outlets.observer.publish(|| pipeline.observe(frame, is_dark));
+            self.outlets.recorder.publish(|| pipeline.record(frame, report.pose()));
         }
         if let Err(Rejected::Infer(error)) = outcome {
             return self.engine_failed(error);
@@ -311,8 +317,8 @@ impl HotLoop {
         add(&counters.frames, 1);
         let (counter, report) = match outcome {
             Ok(solution) => (&counters.solved, Report::solved(solution, captured_us)),
-            Err(Rejected::NoFace) => (&counters.no_face, Report::Fault(Reason::NoFace)),
-            Err(_) => (&counters.rejected, Report::Fault(Reason::BadResult)),
+            Err(error @ Rejected::NoFace) => (&counters.no_face, Report::Fault(error.reason())),
+            Err(error) => (&counters.rejected, Report::Fault(error.reason())),
         };
         add(counter, 1);
         report
@@ -450,7 +456,13 @@ mod tests {
         let pipeline = Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0);
         let (reports, _) = triple_buffer::triple_buffer(&Report::Nothing);
         let ((events, told), (_changes, for_hot)) = (mpsc::channel(), mpsc::channel());
-        let outlets = Outlets { reports, wake: thread::current(), events, observer: observer::channel().0 };
+        let outlets = Outlets {
+            reports,
+            wake: thread::current(),
+            events,
+            observer: observer::channel(&Observation::nothing(0)).0,
+            recorder: observer::channel(&Recorded::nothing(0, Reason::None)).0,
+        };
         let counters = Arc::<Counters>::default();
         let hot = HotLoop::new(settings, Some(pipeline), Profile::default(), outlets, for_hot, Arc::clone(&counters));
         let hot = thread::spawn(|| hot.run());
@@ -482,7 +494,13 @@ mod tests {
         let pipeline = Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0);
         let (reports, _) = triple_buffer::triple_buffer(&Report::Nothing);
         let ((events, told), (_changes, for_hot)) = (mpsc::channel(), mpsc::channel());
-        let outlets = Outlets { reports, wake: thread::current(), events, observer: observer::channel().0 };
+        let outlets = Outlets {
+            reports,
+            wake: thread::current(),
+            events,
+            observer: observer::channel(&Observation::nothing(0)).0,
+            recorder: observer::channel(&Recorded::nothing(0, Reason::None)).0,
+        };
         let counters = Arc::<Counters>::default();
         let mut hot =
             HotLoop::new(settings, Some(pipeline), Profile::default(), outlets, for_hot, Arc::clone(&counters));

@@ -5,7 +5,7 @@
 //! [`run`], handles signals, reloads, the watchdog and the log. The hot loop hands its newest report to the sender in a
 //! triple buffer. Both threads share counters with the supervisor, and send it events between frames. The
 //! supervisor sends changed settings to both ([`reload`]). A fourth thread serves the counters by HTTP if the settings ask
-//! for it ([`metrics`]), and a fifth calibrates wearers and changes the one in use when it is asked ([`control`]).
+//! for it ([`metrics`]), and a fifth calibrates wearers, changes the one in use and records when it is asked ([`control`]).
 
 mod adaptation;
 mod camera;
@@ -28,6 +28,7 @@ mod patience;
 mod picture_size;
 mod realtime;
 mod reload;
+mod replay;
 mod report;
 mod sender;
 mod step;
@@ -50,6 +51,7 @@ pub(crate) use control::socket::candidates as control_sockets;
 pub use counters::{Counters, Status};
 pub use realtime::bind_to_hot_cpu;
 pub use reload::Program;
+pub use replay::replay;
 pub use step::Step;
 pub use times::Quantiles;
 
@@ -62,12 +64,13 @@ use self::reload::{Mailbox, Mailboxes, Reloader};
 use self::report::{Event, Report};
 use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
-use crate::calibration::WearerName;
+use crate::calibration::{Observation, WearerName};
 use crate::capture::{CaptureError, monotonic_us};
 use crate::config::Settings;
 use crate::link::LinkError;
 use crate::pipeline::Pipeline;
 use crate::preflight::{SetupError, load_profile};
+use crate::recording::Recorded;
 use crate::solve::Profile;
 
 /// How long a stopping service waits for the hot loop, which may be opening a camera in the kernel.
@@ -132,16 +135,24 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let sender_mailbox = Mailbox { changes, thread: sender.thread().clone() };
 
     let (changes, for_hot) = mpsc::channel();
-    let (observer, sights) = observer::channel();
-    let outlets = Outlets { reports, wake: sender.thread().clone(), events: events.clone(), observer };
+    let (observer, sights) = observer::channel(&Observation::nothing(0));
+    let (recorder, frames) = observer::channel(&Recorded::nothing(0, Reason::None));
+    let wake = sender.thread().clone();
+    let outlets = Outlets { reports, wake, events: events.clone(), observer, recorder };
     let (profile, in_use) = profile_of(&settings);
     let hot = HotLoop::new(settings.clone(), pipeline, profile, outlets, for_hot, Arc::clone(&counters));
     let hot = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
     let hot_mailbox = Mailbox { changes, thread: hot.thread().clone() };
 
     let (changes, for_control) = mpsc::channel();
-    let parts =
-        Parts { settings: settings.clone(), changes: for_control, in_use, observed: sights, hot: hot_mailbox.clone() };
+    let parts = Parts {
+        settings: settings.clone(),
+        changes: for_control,
+        in_use,
+        observed: sights,
+        recorded: frames,
+        hot: hot_mailbox.clone(),
+    };
     // The face goes on without it.
     let control = Control::start(parts).inspect_err(|error| tracing::warn!("no control socket: {error}")).ok();
     let mailboxes = Mailboxes { hot: hot_mailbox, sender: sender_mailbox, control: changes };

@@ -1,47 +1,44 @@
-//! What the hot loop shows a calibration: the newest observation, in a triple buffer, only while a calibration runs.
+//! What the hot loop shows other threads, a calibration or a recording: the newest value, in a triple buffer, only while
+//! somebody wants it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use triple_buffer::{Input, Output, triple_buffer};
 
-use crate::calibration::Observation;
-use crate::capture::Frame;
-use crate::pipeline::Pipeline;
-
 /// The end of the hot loop.
-pub(super) struct Observer {
+pub(super) struct Observer<T: Send> {
     is_wanted: Arc<AtomicBool>,
-    newest: Input<Observation>,
+    newest: Input<T>,
 }
 
-/// The end of the calibration.
-pub(super) struct Observed {
+/// The other end.
+pub(super) struct Observed<T: Send> {
     is_wanted: Arc<AtomicBool>,
-    newest: Output<Observation>,
+    newest: Output<T>,
 }
 
 /// Returns both ends. Nothing is wanted yet.
-pub(super) fn channel() -> (Observer, Observed) {
-    let (input, output) = triple_buffer(&Observation::nothing(0));
+pub(super) fn channel<T: Send + Clone>(nothing: &T) -> (Observer<T>, Observed<T>) {
+    let (input, output) = triple_buffer(nothing);
     let is_wanted = Arc::<AtomicBool>::default();
     (Observer { is_wanted: Arc::clone(&is_wanted), newest: input }, Observed { is_wanted, newest: output })
 }
 
-impl Observer {
-    /// Publishes what a processed frame shows, if a calibration runs. Neither allocates nor waits.
-    pub(super) fn publish(&mut self, pipeline: &Pipeline, frame: &Frame, is_dark: bool) {
+impl<T: Send> Observer<T> {
+    /// Publishes what `observe` returns, if somebody wants it. Neither allocates nor waits.
+    pub(super) fn publish(&mut self, observe: impl FnOnce() -> T) {
         if self.is_wanted.load(Relaxed) {
-            self.newest.write(pipeline.observe(frame, is_dark));
+            self.newest.write(observe());
         }
     }
 }
 
 #[cfg(test)]
-impl Observer {
-    /// Publishes an observation and waits until it is taken. Returns `false` if nobody wants it.
-    pub(super) fn hand(&mut self, observation: Observation) -> bool {
-        self.newest.write(observation);
+impl<T: Send> Observer<T> {
+    /// Publishes a value and waits until it is taken. Returns `false` if nobody wants it.
+    pub(super) fn hand(&mut self, value: T) -> bool {
+        self.newest.write(value);
         while !self.newest.consumed() && self.is_wanted.load(Relaxed) {
             std::thread::yield_now();
         }
@@ -49,15 +46,15 @@ impl Observer {
     }
 }
 
-impl Observed {
-    /// Starts or stops asking for observations. What was published before is discarded.
+impl<T: Send> Observed<T> {
+    /// Starts or stops asking for values. What was published before is discarded.
     pub(super) fn ask(&mut self, is_wanted: bool) {
         self.is_wanted.store(is_wanted, Relaxed);
         self.newest.update();
     }
 
-    /// Returns an observation that came since the last call.
-    pub(super) fn take(&mut self) -> Option<&Observation> {
+    /// Returns a value that came since the last call.
+    pub(super) fn take(&mut self) -> Option<&T> {
         self.newest.update().then(|| self.newest.peek_output_buffer())
     }
 }

@@ -28,6 +28,15 @@ impl Report {
         Self::Solved { pose: solution.into(), captured_us }
     }
 
+    /// The pose, or why there is none.
+    pub(super) fn pose(&self) -> Result<&Pose, Reason> {
+        match self {
+            Self::Nothing => Err(Reason::None),
+            Self::Solved { pose, .. } => Ok(pose),
+            Self::Fault(reason) => Err(*reason),
+        }
+    }
+
     /// The report as the failsafe takes it.
     pub(super) fn news(&self) -> News<'_> {
         match self {

@@ -12,14 +12,14 @@ use crate::service::{Reply, Request, control_sockets};
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A connection to the service.
-pub(super) struct Connection {
+pub(in crate::cli) struct Connection {
     path: PathBuf,
     stream: BufReader<UnixStream>,
 }
 
 impl Connection {
     /// Connects to the service that runs on this machine. `None` if there is none.
-    pub(super) fn open() -> Result<Option<Self>, Failure> {
+    pub(in crate::cli) fn open() -> Result<Option<Self>, Failure> {
         for path in control_sockets() {
             match UnixStream::connect(&path) {
                 Ok(stream) => {
@@ -41,14 +41,14 @@ impl Connection {
     }
 
     /// Asks the service.
-    pub(super) fn ask(&mut self, request: &Request) -> Result<(), Failure> {
+    pub(in crate::cli) fn ask(&mut self, request: &Request) -> Result<(), Failure> {
         let line = serde_json::to_string(request).map_err(|error| Failure::failed(error.to_string()))?;
         let stream = self.stream.get_mut();
         writeln!(stream, "{line}").map_err(|error| lost(&self.path, &error))
     }
 
     /// Returns the next line of the answer.
-    pub(super) fn reply(&mut self) -> Result<Reply, Failure> {
+    pub(in crate::cli) fn reply(&mut self) -> Result<Reply, Failure> {
         let mut line = String::new();
         match self.stream.read_line(&mut line) {
             Ok(0) => Err(lost(&self.path, &ErrorKind::ConnectionReset.into())),

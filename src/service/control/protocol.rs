@@ -20,6 +20,8 @@ pub(crate) enum Request {
     List {},
     /// Delete the profile of this wearer.
     Delete { wearer: String },
+    /// Tell what every frame shows, as [`Reply::Frame`], until the client closes the connection.
+    Record {},
 }
 
 /// What the service answers.
@@ -32,6 +34,8 @@ pub(crate) enum Reply {
     Calibrated(Report),
     /// The wearers, and the one in use.
     Wearers { wearers: Vec<Listed>, in_use: Option<String>, folder: String },
+    /// The bytes of a [`Recorded`](crate::recording::Recorded) in Base64.
+    Frame(String),
     /// It is done.
     Done(String),
     /// It cannot be done: one sentence that says why, and what to do.

@@ -4,6 +4,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixStream;
 use std::thread;
 
+use facewire_packet::Reason;
 use tempfile::TempDir;
 
 use super::super::observer::{self, Observer};
@@ -16,7 +17,8 @@ use crate::calibration::{Observation, Phase, Progress, Sight, Take};
 struct Rig {
     folder: TempDir,
     control: Control,
-    observer: Observer,
+    observer: Observer<Observation>,
+    recorder: Observer<Recorded>,
     told: mpsc::Receiver<HotNews>,
 }
 
@@ -28,12 +30,14 @@ impl Rig {
         let mut settings = Settings::default();
         settings.wearer.folder = folder.path().join("profiles").to_str().unwrap().to_owned();
         settings.solver.model = model.to_str().unwrap().to_owned();
-        let ((observer, sights), (changes, told)) = (observer::channel(), mpsc::channel());
+        let (observer, sights) = observer::channel(&Observation::nothing(0));
+        let (recorder, frames) = observer::channel(&Recorded::nothing(0, Reason::None));
+        let (changes, told) = mpsc::channel();
         let hot = Mailbox { changes, thread: thread::current() };
         let in_use = WearerName::new(&settings.wearer.name);
-        let parts = Parts { settings, changes: mpsc::channel().1, in_use, observed: sights, hot };
+        let parts = Parts { settings, changes: mpsc::channel().1, in_use, observed: sights, recorded: frames, hot };
         let control = Control::listen_at(folder.path().join("run").join(SOCKET), parts).unwrap();
-        Self { folder, control, observer, told }
+        Self { folder, control, observer, recorder, told }
     }
 
     fn ask(&self, request: &Request) -> Answers {
@@ -147,6 +151,37 @@ fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
     assert!(!rig.observer.hand(Observation::nothing(3)), "nobody wants observations any more");
     assert!(!rig.folder.path().join("run").join(SOCKET).exists());
     assert!(!rig.folder.path().join("profiles").exists(), "nothing was kept");
+}
+
+#[test]
+fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is_refused() {
+    let mut rig = Rig::new();
+    let mut recording = rig.ask(&Request::Record {});
+    let mut calibration = rig.ask(&calibrate("anna"));
+    rig_first(&mut rig, &mut calibration);
+    // The thread asks for frames once it has read the request.
+    while !rig.recorder.hand(Recorded::nothing(0, Reason::NoFace)) {
+        thread::yield_now();
+    }
+    for time_us in 1..=3 {
+        assert!(rig.recorder.hand(Recorded::nothing(time_us, Reason::NoCamera)));
+    }
+    let mut frame = || match recording.next() {
+        Reply::Frame(text) => Recorded::from_bytes(&BASE64_STANDARD.decode(text).unwrap()).unwrap(),
+        reply => panic!("{reply:?}"),
+    };
+    let mut last = frame();
+    while last.time_us == 0 {
+        last = frame();
+    }
+    assert_eq!((last.time_us, last.pose()), (1, Err(Reason::NoCamera)));
+    assert_eq!([frame().time_us, frame().time_us], [2, 3]);
+    assert!(matches!(rig.ask(&Request::Record {}).last(), Reply::Refused(why) if why.contains("in progress")));
+    drop(recording);
+    while rig.recorder.hand(Recorded::nothing(4, Reason::NoFace)) {
+        thread::yield_now();
+    }
+    assert!(rig.observer.hand(Observation::nothing(5)), "the calibration goes on");
 }
 
 #[test]

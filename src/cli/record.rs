@@ -1,0 +1,191 @@
+//! `facewire record`: keeps the landmarks and the outputs of every frame in a file.
+//!
+//! The service holds the camera while it runs, so that it is asked first, and goes on sending. Without a service the
+//! command opens the camera itself, and sends nothing.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use clap::Args;
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use super::SettingsArgs;
+use super::calibrate::Connection;
+use super::failure::{Failure, say};
+use crate::capture::{CaptureError, Source};
+use crate::link::Pose;
+use crate::pipeline::Pipeline;
+use crate::preflight::load_profile;
+use crate::recording::{Recorded, Writer};
+use crate::service::{Reply, Request, await_picture, open_camera};
+
+const EXAMPLES: &str = "\
+Examples:
+  facewire record talk.fwrec                until Ctrl-C
+  facewire record talk.fwrec --seconds 60
+  facewire record day.fwrec --max-mb 4000
+  facewire replay talk.fwrec                send it again, as if the face were in front of the camera
+  facewire track talk.fwrec --out talk.csv  solve its landmarks again, with one CSV row per frame
+
+A recording has the landmarks and the outputs of each frame, and no picture: about 1.8 kB a frame, or 190 MB an hour. What \
+was recorded up to a crash or a power failure can be read, except for the last second. A service that runs is asked, \
+because it holds the camera; its settings count then, and it goes on sending.";
+
+/// Time after which the progress is reported again.
+const PROGRESS: Duration = Duration::from_secs(10);
+const BYTES_PER_MB: u64 = 1_000_000;
+
+/// Arguments of `facewire record`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct RecordArgs {
+    /// The file, which must not exist.
+    file: PathBuf,
+    /// Stop after this many seconds.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    seconds: Option<u64>,
+    /// Stop before the file becomes larger than this many megabytes.
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    max_mb: u64,
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+pub(super) fn run(args: &RecordArgs) -> Result<(), Failure> {
+    let stop = Arc::<AtomicBool>::default();
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop))
+            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
+            .map_err(|error| Failure::failed(format!("the system refused a signal handler: {error}")))?;
+    }
+    // Before a camera is opened for nothing.
+    if args.file.exists() {
+        return Err(Failure::unwritable(&args.file, &ErrorKind::AlreadyExists.into()));
+    }
+    match Connection::open()? {
+        Some(connection) => by_service(connection, Recorder::begin(args, stop)?),
+        None => without_service(args, stop),
+    }
+}
+
+/// Keeps what the service tells.
+fn by_service(mut connection: Connection, mut recorder: Recorder) -> Result<(), Failure> {
+    connection.ask(&Request::Record {})?;
+    say("the service records; Ctrl-C ends it");
+    let outcome = loop {
+        if recorder.is_over() {
+            break Ok(());
+        }
+        let frame = match connection.reply() {
+            Ok(Reply::Frame(text)) => BASE64_STANDARD.decode(text).ok().and_then(|bytes| Recorded::from_bytes(&bytes)),
+            Ok(Reply::Refused(sentence)) => break Err(Failure::failed(sentence)),
+            Ok(_) => None,
+            Err(error) => break Err(error),
+        };
+        let other = || Failure::failed("the service is of another version: restart it".to_owned());
+        match frame.ok_or_else(other).and_then(|frame| recorder.keep(&frame)) {
+            Ok(true) => {}
+            Ok(false) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+    };
+    // What came before an error is kept.
+    recorder.finish()?;
+    outcome
+}
+
+fn without_service(args: &RecordArgs, stop: Arc<AtomicBool>) -> Result<(), Failure> {
+    let settings = args.settings.load()?;
+    let mut pipeline = Pipeline::load(&settings)?;
+    pipeline.solver.profile = load_profile(&settings.wearer)?;
+    say("no service answers: opening the camera");
+    let mut camera = open_camera(&settings.camera)?;
+    await_picture(&mut *camera, || {})?;
+    let mut recorder = Recorder::begin(args, stop)?;
+    say(format_args!("recording from {}; Ctrl-C ends it", camera.describe()));
+    let outcome = record(&mut *camera, &mut pipeline, &mut recorder);
+    recorder.finish()?;
+    if let Err(error) = camera.close() {
+        say(error);
+    }
+    outcome
+}
+
+fn record(camera: &mut dyn Source, pipeline: &mut Pipeline, recorder: &mut Recorder) -> Result<(), Failure> {
+    while !recorder.is_over() {
+        match camera.next() {
+            Ok(Some(frame)) => {
+                let solved = pipeline.process(&frame);
+                let pose = solved.as_ref().map(Pose::from);
+                let kept = pipeline.record(&frame, pose.as_ref().map_err(|rejected| rejected.reason()));
+                if !recorder.keep(&kept)? {
+                    break;
+                }
+            }
+            Err(CaptureError::Frame { .. }) => {}
+            Ok(None) => return Err(CaptureError::Gone.into()),
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Ok(())
+}
+
+/// The file, and how far it is.
+struct Recorder {
+    writer: Writer,
+    path: PathBuf,
+    stop: Arc<AtomicBool>,
+    begun: Instant,
+    told: Instant,
+    longest: Option<Duration>,
+    max_mb: u64,
+    frames: u64,
+    faces: u64,
+}
+
+impl Recorder {
+    fn begin(args: &RecordArgs, stop: Arc<AtomicBool>) -> Result<Self, Failure> {
+        let path = args.file.clone();
+        let writer = Writer::create(&path, args.max_mb * BYTES_PER_MB);
+        let writer = writer.map_err(|error| Failure::unwritable(&path, &error))?;
+        let (begun, longest) = (Instant::now(), args.seconds.map(Duration::from_secs));
+        Ok(Self { writer, path, stop, begun, told: begun, longest, max_mb: args.max_mb, frames: 0, faces: 0 })
+    }
+
+    fn is_over(&self) -> bool {
+        self.stop.load(Relaxed) || self.longest.is_some_and(|longest| self.begun.elapsed() >= longest)
+    }
+
+    /// Keeps a frame. Returns `false` if the file is as large as it may become.
+    fn keep(&mut self, frame: &Recorded) -> Result<bool, Failure> {
+        if !self.writer.push(frame).map_err(|error| Failure::unwritable(&self.path, &error))? {
+            say(format_args!("the file is full: --max-mb allows {} MB", self.max_mb));
+            return Ok(false);
+        }
+        self.frames += 1;
+        self.faces += u64::from(frame.landmarks.is_some());
+        if self.told.elapsed() >= PROGRESS {
+            self.told = Instant::now();
+            say(format_args!("{} frames, {} with a face", self.frames, self.faces));
+        }
+        Ok(true)
+    }
+
+    /// Writes what is left. An empty file is removed, because it would be in the way of the next attempt.
+    fn finish(self) -> Result<(), Failure> {
+        let bytes = self.writer.finish().map_err(|error| Failure::unwritable(&self.path, &error))?;
+        if self.frames == 0 {
+            let _ = fs::remove_file(&self.path);
+        }
+        let (frames, faces, path) = (self.frames, self.faces, self.path.display());
+        let seconds = self.begun.elapsed().as_secs_f64();
+        say(format_args!("{frames} frames, {faces} with a face, in {seconds:.1} s: {path}, {} kB", bytes / 1000));
+        Ok(())
+    }
+}

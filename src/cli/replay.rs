@@ -1,0 +1,51 @@
+//! `facewire replay`: sends a recording through the links of the settings, in its own time.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::failure::{Failure, say};
+use super::{SettingsArgs, log};
+use crate::recording::{Reader, RecordingError};
+use crate::service;
+
+const EXAMPLES: &str = "\
+Examples:
+  facewire replay talk.fwrec
+  facewire replay talk.fwrec --repeat --config facewire.toml
+
+The links of the settings get what they got during the recording, at the same distances in time; [failsafe] and the settings of the \
+links are those of now. Stop the service first if both would use the same serial port.";
+
+/// Arguments of `facewire replay`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct ReplayArgs {
+    /// A recording made by `facewire record`.
+    file: PathBuf,
+    /// Begin anew at the end, until Ctrl-C.
+    #[arg(long)]
+    repeat: bool,
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
+    let settings = args.settings.load()?;
+    let refuse = |error: RecordingError| Failure::recording(&args.file, &error);
+    let open = || Reader::open(&args.file).map_err(refuse);
+    let mut reader = open()?;
+    let mut frames: u64 = 0;
+    log::start(settings.log.level);
+    let status = service::replay(&settings, || {
+        let mut frame = reader.next_frame().map_err(refuse)?;
+        if frame.is_none() && args.repeat && frames > 0 {
+            reader = open()?;
+            frame = reader.next_frame().map_err(refuse)?;
+        }
+        frames += u64::from(frame.is_some());
+        Ok::<_, Failure>(frame)
+    })?;
+    say(format_args!("{frames} frames, {} packets sent, {} dropped", status.sent, status.dropped));
+    Ok(())
+}

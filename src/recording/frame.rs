@@ -1,0 +1,211 @@
+//! One frame of a recording, and its bytes.
+
+use facewire_packet::{PACKET_BYTES, Packet, Reason, State};
+
+use crate::face::{LANDMARKS, Landmarks};
+use crate::link::Pose;
+
+/// Steps of a landmark's coordinate per pixel.
+const STEPS_PER_PX: f32 = 32.0;
+/// Largest coordinate, steps: 32,768 pixels.
+const MOST_STEPS: i32 = 1 << 20;
+/// Number of coordinates of a face.
+const COORDINATES: usize = 3 * LANDMARKS;
+/// Most bytes of a 32-bit number in LEB128.
+const MAX_NUMBER_BYTES: usize = 5;
+
+/// The coordinates of a face, in steps.
+pub(super) type Steps = [i32; COORDINATES];
+
+/// What is kept of one frame. Has a fixed size, so that it can be handed from thread to thread without allocation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recorded {
+    /// Time of the frame in microseconds: of its capture, or in a file since the first frame.
+    pub time_us: u64,
+    /// What receivers were to show: a live pose, or the neutral face with the reason why there is none.
+    pub packet: Packet,
+    /// Width and height of the picture in which the landmarks were found, pixels.
+    pub size_px: [u16; 2],
+    /// The landmarks, if the frame shows a face.
+    pub landmarks: Option<Landmarks>,
+}
+
+impl Recorded {
+    /// A frame without a pose.
+    #[must_use]
+    pub fn nothing(time_us: u64, reason: Reason) -> Self {
+        let pose = Pose::NEUTRAL;
+        Self { time_us, packet: packet(State::Neutral, reason, &pose), size_px: [0; 2], landmarks: None }
+    }
+
+    /// A frame with a pose. Does not allocate.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sizes of pictures are below 4096")]
+    pub fn new(time_us: u64, pose: &Pose, size_px: [f32; 2], landmarks: Option<&Landmarks>) -> Self {
+        let packet = packet(State::Live, Reason::None, pose);
+        Self { time_us, packet, size_px: size_px.map(|side| side as u16), landmarks: landmarks.cloned() }
+    }
+
+    /// The pose, or the reason why there is none.
+    ///
+    /// # Errors
+    /// The reason.
+    pub fn pose(&self) -> Result<Pose, Reason> {
+        if self.packet.state != State::Live {
+            return Err(self.packet.reason);
+        }
+        let Packet { rotation, position_mm, coefficients, neutral_face, .. } = self.packet;
+        Ok(Pose { rotation, position_mm, coefficients, neutral_face })
+    }
+
+    /// Appends the bytes of the frame to `bytes`. The landmarks are written as the difference to those of `before`, which
+    /// then become these.
+    pub(super) fn write(&self, bytes: &mut Vec<u8>, before: &mut Steps) {
+        bytes.extend_from_slice(&self.time_us.to_le_bytes());
+        bytes.extend_from_slice(&self.packet.encode());
+        let size_px = if self.landmarks.is_some() { self.size_px } else { [0; 2] };
+        bytes.extend_from_slice(size_px.map(u16::to_le_bytes).as_flattened());
+        let Some(landmarks) = &self.landmarks else { return };
+        for (value, before) in landmarks.0.as_flattened().iter().zip(before) {
+            let steps = steps(*value);
+            write_number(bytes, zigzag(steps - *before));
+            *before = steps;
+        }
+    }
+
+    /// Takes a frame from the beginning of `bytes`. Returns `None` if they do not begin with a frame.
+    pub(super) fn read(bytes: &mut &[u8], before: &mut Steps) -> Option<Self> {
+        let time_us = u64::from_le_bytes(take(bytes)?);
+        let packet = Packet::decode(&take::<PACKET_BYTES>(bytes)?).ok()?;
+        let size_px = [u16::from_le_bytes(take(bytes)?), u16::from_le_bytes(take(bytes)?)];
+        let has_face = size_px.iter().all(|side| *side > 0);
+        let landmarks = if has_face { Some(read_landmarks(bytes, before)?) } else { None };
+        Some(Self { time_us, packet, size_px, landmarks })
+    }
+
+    /// The bytes of this frame alone.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(2 * COORDINATES);
+        self.write(&mut bytes, &mut [0; COORDINATES]);
+        bytes
+    }
+
+    /// Reads the bytes of [`Recorded::to_bytes`]. Returns `None` for others.
+    #[must_use]
+    pub fn from_bytes(mut bytes: &[u8]) -> Option<Self> {
+        Self::read(&mut bytes, &mut [0; COORDINATES]).filter(|_| bytes.is_empty())
+    }
+}
+
+fn packet(state: State, reason: Reason, pose: &Pose) -> Packet {
+    let Pose { rotation, position_mm, coefficients, neutral_face } = *pose;
+    let (sequence, age_us, capture_us) = (0, 0, 0);
+    Packet { state, reason, neutral_face, sequence, age_us, capture_us, rotation, position_mm, coefficients }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "a cast to i32 saturates, and the steps are limited")]
+fn steps(value_px: f32) -> i32 {
+    ((value_px * STEPS_PER_PX).round() as i32).clamp(-MOST_STEPS, MOST_STEPS)
+}
+
+fn read_landmarks(bytes: &mut &[u8], before: &mut Steps) -> Option<Landmarks> {
+    let mut landmarks = Landmarks::zero();
+    for (value, before) in landmarks.0.as_flattened_mut().iter_mut().zip(before) {
+        let steps = before.checked_add(unzigzag(read_number(bytes)?))?;
+        if steps.abs() > MOST_STEPS {
+            return None;
+        }
+        (*before, *value) = (steps, steps as f32 / STEPS_PER_PX);
+    }
+    Some(landmarks)
+}
+
+fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
+    let (taken, rest) = bytes.split_first_chunk()?;
+    *bytes = rest;
+    Some(*taken)
+}
+
+/// Folds negative numbers between the others, so that small differences have few bytes.
+const fn zigzag(value: i32) -> u32 {
+    ((value << 1) ^ (value >> 31)).cast_unsigned()
+}
+
+const fn unzigzag(value: u32) -> i32 {
+    (value >> 1).cast_signed() ^ -(value & 1).cast_signed()
+}
+
+/// Appends a number in LEB128: seven bits in each byte, the least first.
+fn write_number(bytes: &mut Vec<u8>, mut value: u32) {
+    while value >= 0x80 {
+        let [low, ..] = value.to_le_bytes();
+        bytes.push(low | 0x80);
+        value >>= 7;
+    }
+    let [last, ..] = value.to_le_bytes();
+    bytes.push(last);
+}
+
+fn read_number(bytes: &mut &[u8]) -> Option<u32> {
+    let mut value = 0;
+    for place in 0..MAX_NUMBER_BYTES {
+        let [byte] = take(bytes)?;
+        value |= u32::from(byte & 0x7F) << (7 * place);
+        if byte & 0x80 == 0 {
+            return Some(value);
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_every_size_are_read_back() {
+        let values = [0, 1, -1, 63, -64, 64, 8191, i32::MAX, i32::MIN];
+        let mut bytes = Vec::new();
+        for value in values {
+            write_number(&mut bytes, zigzag(value));
+        }
+        let mut rest = bytes.as_slice();
+        let read: Vec<i32> = values.iter().map(|_| unzigzag(read_number(&mut rest).unwrap())).collect();
+        assert_eq!((read.as_slice(), rest), (values.as_slice(), [].as_slice()));
+        assert_eq!(read_number(&mut [0xFF; 9].as_slice()), None, "a number without an end");
+    }
+
+    #[test]
+    fn landmarks_are_kept_to_a_64th_of_a_pixel_and_the_pose_as_in_a_packet() {
+        let mut random = fastrand::Rng::with_seed(3);
+        let landmarks = Landmarks(core::array::from_fn(|_| core::array::from_fn(|_| 5000.0 * (random.f32() - 0.2))));
+        let pose = Pose { position_mm: [1.0, 2.0, 600.0], coefficients: [0.25; 52], ..Pose::NEUTRAL };
+        let frame = Recorded::new(7, &pose, [640.0, 480.0], Some(&landmarks));
+        let read = Recorded::from_bytes(&frame.to_bytes()).unwrap();
+        let kept = read.landmarks.as_ref().unwrap();
+        let differences = kept.0.as_flattened().iter().zip(landmarks.0.as_flattened()).map(|(a, b)| (a - b).abs());
+        assert!(differences.fold(0.0, f32::max) <= 1.0 / 64.0);
+        let read_pose = read.pose().unwrap();
+        assert_eq!((read.time_us, read.size_px, read_pose.position_mm), (7, [640, 480], pose.position_mm));
+        assert!(read_pose.coefficients.iter().all(|value| (value - 0.25).abs() < 1e-5));
+    }
+
+    #[test]
+    fn frame_without_a_face_keeps_its_reason_and_nothing_that_is_not_finite_is_read_back() {
+        let nothing = Recorded::nothing(9, Reason::NoCamera);
+        assert_eq!(Recorded::from_bytes(&nothing.to_bytes()).unwrap().pose(), Err(Reason::NoCamera));
+        let absurd = Landmarks([[f32::NAN, f32::INFINITY, f32::MIN]; LANDMARKS]);
+        let frame = Recorded::new(0, &Pose::NEUTRAL, [640.0, 480.0], Some(&absurd));
+        assert!(Recorded::from_bytes(&frame.to_bytes()).unwrap().landmarks.unwrap().is_finite());
+    }
+
+    #[test]
+    fn cut_bytes_are_no_frame() {
+        let bytes = Recorded::new(1, &Pose::NEUTRAL, [640.0, 480.0], Some(&Landmarks::zero())).to_bytes();
+        for length in 0..bytes.len() {
+            assert_eq!(Recorded::from_bytes(bytes.get(..length).unwrap()), None, "{length}");
+        }
+    }
+}

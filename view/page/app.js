@@ -1,0 +1,148 @@
+// The page: takes snapshots from the stream, and shows them at the rate of the screen.
+
+import { Bars } from "./bars.js";
+import { Face } from "./face/face.js";
+import { Plot } from "./plot.js";
+import { MOST_ROWS, Recorder } from "./recorder.js";
+import { factsOf, noticeOf, showFacts, showHelp, showState, stateOf } from "./status.js";
+import { connect } from "./stream.js";
+
+const FIRST_CHOSEN = ["jawOpen", "mouthSmileLeft", "eyeBlinkLeft"];
+// Numbers are read, not watched: they change 5 times a second.
+const TEXT_PERIOD_MS = 200;
+// How fast the face returns to neutral in silence: the share that is left after a second.
+const LEFT_AFTER_A_SECOND = 0.001;
+
+const element = (id) => document.getElementById(id);
+const now = () => performance.now();
+
+const page = { hello: undefined, snapshot: undefined, arrived: 0, isConnected: true, isPaused: false, isMirrored: false, recorder: undefined };
+const parts = { face: undefined, bars: undefined, plot: undefined };
+const shown = { pose: undefined, text: 0, drawn: 0, fade: 1 };
+
+function hello(message) {
+  page.isConnected = true;
+  showHelp(element("help"), message.hint);
+  if (page.hello) return;
+  page.hello = message;
+  parts.plot = new Plot(element("plot"), element("legend"), message.names);
+  parts.bars = new Bars(element("coefficients"), message.names, choose);
+  FIRST_CHOSEN.forEach((name) => choose(message.names.indexOf(name)));
+  page.index = new Map(message.names.map((name, index) => [name, index]));
+}
+
+function choose(index) {
+  parts.plot.toggle(index);
+  parts.bars.mark(parts.plot.colours);
+}
+
+function snapshot(message) {
+  const isNew = message.packet && message.packet.number !== page.snapshot?.packet?.number;
+  page.isConnected = true;
+  page.snapshot = message;
+  if (message.packet) page.arrived = now() - message.packet.since_ms;
+  if (!isNew) return;
+  record(message.packet);
+  if (!page.isPaused) {
+    parts.plot.add(now() / 1000, message.packet.coefficients);
+    shown.pose = message.packet;
+  }
+}
+
+function record(packet) {
+  page.recorder?.add(packet);
+  if (page.recorder?.isFull) toggleRecording();
+}
+
+// Time since the newest packet, if receivers go neutral after it.
+function silence() {
+  const since = now() - page.arrived;
+  return page.snapshot?.packet && since > page.hello.silence_ms ? since : undefined;
+}
+
+// The coefficients to show: those of the newest packet, which fade to neutral in silence.
+function faded(coefficients, elapsed) {
+  const isSilent = silence() !== undefined && !page.isPaused;
+  shown.fade = isSilent ? shown.fade * Math.pow(LEFT_AFTER_A_SECOND, elapsed) : 1;
+  return shown.fade === 1 ? coefficients : coefficients.map((value) => value * shown.fade);
+}
+
+function drawFace(pose, coefficients) {
+  const quaternion = pose.rotation.map((value, k) => (k === 3 ? 1 + (value - 1) * shown.fade : value * shown.fade));
+  const length = Math.hypot(...quaternion);
+  parts.face?.draw({
+    weight: (name) => coefficients[page.index.get(name)] ?? 0,
+    rotation: quaternion.map((value) => value / length),
+    position: pose.position_mm.map((value) => value * shown.fade),
+    isLive: pose.state === "live" && shown.fade === 1,
+    isMirrored: page.isMirrored,
+  });
+}
+
+const AT_REST = { rotation: [0, 0, 0, 1], position_mm: [0, 0, 0], state: "neutral" };
+
+function frame() {
+  requestAnimationFrame(frame);
+  if (!page.hello) return;
+  const time = now();
+  const elapsed = (time - shown.drawn) / 1000;
+  shown.drawn = time;
+  const pose = shown.pose ?? AT_REST;
+  const coefficients = faded(pose.coefficients ?? page.hello.names.map(() => 0), elapsed);
+  // A face that does not move costs nothing.
+  const { canvas } = parts.face ?? {};
+  const drawn = [pose, shown.fade > 0.001 ? shown.fade : 0, page.isMirrored, canvas?.clientWidth, canvas?.clientHeight];
+  if (drawn.some((value, k) => value !== shown.last?.[k])) {
+    shown.last = drawn;
+    drawFace(pose, coefficients);
+    parts.bars.show(coefficients, pose.state === "live" && shown.fade === 1);
+  }
+  if (!page.isPaused) parts.plot.draw(time / 1000);
+  if (time - shown.text > TEXT_PERIOD_MS) showText(time);
+}
+
+function showText(time) {
+  shown.text = time;
+  const message = page.snapshot;
+  element("help").hidden = Boolean(message?.packet) || !page.isConnected;
+  const state = stateOf(message, silence(), page.isConnected);
+  showState(element("state"), page.isPaused ? ["waiting", "paused"] : state);
+  if (!message || page.isPaused) return;
+  const notice = noticeOf(message);
+  element("notice").hidden = notice === "";
+  element("notice").textContent = notice;
+  if (message.packet) showFacts(element("facts"), factsOf(message, time - page.arrived));
+  if (page.recorder) element("recorded").textContent = `${page.recorder.count} rows`;
+}
+
+function toggle(id, isOn) {
+  element(id).setAttribute("aria-pressed", String(isOn));
+  return isOn;
+}
+
+function toggleRecording() {
+  const recorder = page.recorder;
+  page.recorder = recorder ? undefined : new Recorder(page.hello.names);
+  toggle("record", !recorder);
+  element("record").textContent = recorder ? "Record" : "Stop and save";
+  if (!recorder) return;
+  recorder.save();
+  element("recorded").textContent = recorder.isFull ? `saved ${MOST_ROWS} rows, the most there can be` : `saved ${recorder.count} rows`;
+}
+
+element("pause").addEventListener("click", () => {
+  page.isPaused = toggle("pause", !page.isPaused);
+});
+element("mirror").addEventListener("click", () => {
+  page.isMirrored = toggle("mirror", !page.isMirrored);
+});
+element("record").addEventListener("click", () => page.hello && toggleRecording());
+
+try {
+  parts.face = new Face(element("face"));
+} catch (error) {
+  element("no-face").hidden = false;
+  console.warn(`The face cannot be drawn: ${error.message}`);
+}
+connect({ hello, snapshot, lost: () => (page.isConnected = false) }, () => page.recorder !== undefined);
+requestAnimationFrame(frame);

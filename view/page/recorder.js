@@ -1,0 +1,49 @@
+// A recording: what arrives, as CSV with the columns of `facewire track`.
+
+// Half an hour at 60 rows a second.
+export const MOST_ROWS = 108_000;
+// Rows are packed into blobs, which a browser may move to the disk.
+const ROWS_OF_A_BLOB = 1000;
+const HEAD = ["head_yaw_deg", "head_pitch_deg", "head_roll_deg", "head_x_mm", "head_y_mm", "head_z_mm"];
+
+export class Recorder {
+  constructor(names) {
+    this.blobs = [];
+    this.rows = [["frame", "time_s", "state", ...names, ...HEAD].join(",")];
+    this.count = 0;
+    this.first = undefined;
+    this.last = undefined;
+  }
+
+  get isFull() {
+    return this.count >= MOST_ROWS;
+  }
+
+  // Adds a packet. The same packet is added once.
+  add(packet) {
+    if (packet.number === this.last || this.isFull) return;
+    this.first ??= packet;
+    this.last = packet.number;
+    this.count += 1;
+    const values = [...packet.coefficients, ...packet.angles_deg, ...packet.position_mm].map((value) => value.toFixed(6));
+    const time = (packet.time_s - this.first.time_s).toFixed(6);
+    this.rows.push([packet.number - this.first.number, time, packet.state, ...values].join(","));
+    if (this.rows.length >= ROWS_OF_A_BLOB) this.pack();
+  }
+
+  pack() {
+    this.blobs.push(new Blob([`${this.rows.join("\n")}\n`]));
+    this.rows = [];
+  }
+
+  // Hands the file to the browser.
+  save() {
+    if (this.rows.length > 0) this.pack();
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob(this.blobs, { type: "text/csv" }));
+    link.download = `facewire-${new Date().toISOString().slice(0, 19).replaceAll(":", "")}.csv`;
+    link.click();
+    // The browser has taken the file by then.
+    setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+  }
+}

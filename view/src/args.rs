@@ -1,0 +1,37 @@
+//! The arguments of the program.
+
+use std::{net::SocketAddr, path::PathBuf};
+
+const HELP: &str = "\
+Examples:
+  facewire-view                                  facewire runs on this machine, or sends to its UDP port 5252
+  facewire-view --listen 0.0.0.0:8080            open the page on a phone; prints its address, which holds a token
+  facewire-view --udp 239.255.52.52:5252         receive from a multicast group
+  facewire-view --serial /dev/ttyUSB0            read a serial line
+
+Exit status:
+   0  success                       2  invalid arguments
+   1  failure                      74  writing failed";
+
+/// Shows the packets of facewire live in a browser: a face that moves, bars, plots and a recording.
+#[derive(Debug, Clone, clap::Parser)]
+#[command(name = "facewire-view", version, after_help = HELP)]
+pub struct Args {
+    /// Address and port of the page. Other machines need an address of this machine, or 0.0.0.0 or [::] for all of
+    /// them; the page then has a random token in its address
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:5252")]
+    pub listen: SocketAddr,
+    /// Address and port to which packets come. [::] stands for all addresses of this machine, IPv4 and IPv6
+    #[arg(long, value_name = "ADDRESS", default_value = "[::]:5252")]
+    pub udp: SocketAddr,
+    /// Network interface on which to join the multicast group of `--udp`, such as eth0 [default: the system chooses]
+    #[arg(long, value_name = "NAME", conflicts_with = "serial")]
+    pub interface: Option<String>,
+    /// Serial port to read instead. It may be plugged in later
+    #[arg(long, value_name = "DEVICE", conflicts_with = "udp")]
+    pub serial: Option<PathBuf>,
+    /// Baud rate of the serial port
+    #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial",
+        value_parser = clap::value_parser!(u32).range(9600..=4_000_000))]
+    pub baud: u32,
+}

@@ -1,0 +1,217 @@
+//! The page in a real browser: Chromium without a screen.
+
+mod common;
+
+use std::{fs, thread};
+
+use common::{Sending, Viewer, browser::Browser, packet, skip};
+use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
+
+/// A page of this size in CSS pixels that is open in a browser and receives these packets, or `None` with a note if there
+/// is no browser.
+fn open(width: u32, height: u32, first: Packet) -> Option<(Viewer, Sending, Browser)> {
+    if !Browser::is_installed() {
+        skip("there is no chromium; scripts/setup tests installs it");
+        return None;
+    }
+    let viewer = Viewer::start();
+    let sending = Sending::to(viewer.packets_to(), first);
+    let mut browser = Browser::start(width, height);
+    browser.open(&viewer.url);
+    browser.wait_until("document.querySelector('.bar')");
+    Some((viewer, sending, browser))
+}
+
+/// Waits until the page shows a coefficient.
+fn wait_for(browser: &mut Browser, name: &str, value: &str) {
+    browser.wait_until(&format!("document.querySelector('[data-name={name}] b').textContent === '{value}'"));
+}
+
+/// The rectangle of an element: left, top, width, height.
+fn rectangle(browser: &mut Browser, selector: &str) -> [usize; 4] {
+    let rectangle = browser.value(&format!(
+        "(({{x, y, width, height}}) => [x, y, width, height].map(Math.round))(document.querySelector('{selector}').getBoundingClientRect())"
+    ));
+    serde_json::from_value(rectangle).unwrap()
+}
+
+fn about(axis: usize, degrees: f32) -> [f32; 4] {
+    let half = degrees.to_radians() / 2.0;
+    let mut rotation = [0.0, 0.0, 0.0, half.cos()];
+    rotation[axis] = half.sin();
+    rotation
+}
+
+#[test]
+fn the_page_shows_what_was_sent_without_errors_or_requests_elsewhere() {
+    let coefficients: Vec<f32> = (0..52_u8).map(|index| f32::from(index) / 52.0).collect();
+    let first = Packet { coefficients: coefficients.clone().try_into().unwrap(), ..packet(&[]) };
+    let Some((viewer, sending, mut browser)) = open(1280, 900, first) else { return };
+    wait_for(&mut browser, "tongueOut", "0.98");
+    for (name, value) in BLENDSHAPES.iter().zip(coefficients) {
+        let shown = browser.value(&format!("document.querySelector('[data-name={name}] b').textContent"));
+        assert_eq!(shown, format!("{value:.2}"), "{name}");
+    }
+    browser.wait_until("document.getElementById('state').textContent === 'live'");
+    sending.show(Packet { state: State::Hold, reason: Reason::NoFace, ..first });
+    browser.wait_until("document.getElementById('state').textContent === 'hold: no face'");
+    let facts = browser.value("document.getElementById('facts').innerText");
+    for fact in ["age of the pose", "rate", "lost", "neutral face\nmean", "refused\n0", "127.0.0.1:"] {
+        assert!(facts.as_str().unwrap().contains(fact), "{fact}: {facts}");
+    }
+    assert_eq!(browser.errors(), Vec::<serde_json::Value>::new());
+    let requests = browser.requests();
+    assert!(requests.len() > 10 && requests.iter().all(|url| url.starts_with(&viewer.url)), "{requests:?}");
+}
+
+#[test]
+fn the_face_moves_its_jaw_its_lids_and_its_head_and_nothing_else() {
+    let Some((_viewer, sending, mut browser)) = open(1280, 900, packet(&[])) else { return };
+    browser.wait_until("document.getElementById('state').textContent === 'live'");
+    let [left, top, width, height] = rectangle(&mut browser, "#face");
+    let forehead = [left + width * 2 / 5, top + height / 5, width / 5, height / 10];
+    let face = [left + width / 4, top + height / 8, width / 2, height * 3 / 4];
+    let neutral = browser.screenshot("neutral");
+    assert!(neutral.difference(&browser.screenshot("neutral again"), face) < 1e-6, "a face at rest moves");
+    for (name, pose, least) in [
+        ("jaw open", packet(&[("jawOpen", 1.0)]), 0.02),
+        ("blink", packet(&[("eyeBlinkLeft", 1.0), ("eyeBlinkRight", 1.0)]), 0.004),
+        ("smile", packet(&[("mouthSmileLeft", 1.0), ("mouthSmileRight", 1.0)]), 0.01),
+        ("brows up", packet(&[("browInnerUp", 1.0), ("browOuterUpLeft", 1.0), ("browOuterUpRight", 1.0)]), 0.004),
+        ("head turned", Packet { rotation: about(1, 30.0), ..packet(&[]) }, 0.1),
+    ] {
+        // One coefficient that is seen in a bar alone tells when the pose has arrived.
+        let mut marked = pose;
+        marked.coefficients[46] = 0.01;
+        sending.show(marked);
+        wait_for(&mut browser, "cheekPuff", "0.01");
+        let picture = browser.screenshot(name);
+        let changed = picture.difference(&neutral, face);
+        assert!(changed > least && changed < 0.9, "{name}: {changed}");
+        if name == "jaw open" {
+            assert!(picture.difference(&neutral, forehead) < 0.01, "the jaw moves the forehead");
+        }
+        sending.show(packet(&[]));
+        wait_for(&mut browser, "cheekPuff", "0.00");
+    }
+    assert_eq!(browser.errors(), Vec::<serde_json::Value>::new());
+}
+
+#[test]
+fn every_coefficient_moves_the_face() {
+    let Some((_viewer, _sending, mut browser)) = open(900, 900, packet(&[])) else { return };
+    // Draws a small face in each of the 52 poses, and counts the pixels that differ from neutral.
+    let counts = browser.value(
+        "(async () => {
+            const { Face } = await import('./face/face.js');
+            const canvas = document.createElement('canvas');
+            canvas.style.cssText = 'position: fixed; width: 300px; height: 330px';
+            document.body.append(canvas);
+            const face = new Face(canvas);
+            const pixels = (name) => {
+                face.draw({ weight: (known) => (known === name ? 1 : 0), rotation: [0, 0, 0, 1], position: [0, 0, 0], isLive: true });
+                const bytes = new Uint8Array(4 * canvas.width * canvas.height);
+                face.gl.readPixels(0, 0, canvas.width, canvas.height, face.gl.RGBA, face.gl.UNSIGNED_BYTE, bytes);
+                return bytes;
+            };
+            const neutral = pixels('');
+            const names = [...document.querySelectorAll('.bar')].map((bar) => bar.dataset.name);
+            return names.map((name) => [name, pixels(name).filter((byte, k) => Math.abs(byte - neutral[k]) > 8).length]);
+        })()",
+    );
+    let counts: Vec<(String, usize)> = serde_json::from_value(counts).unwrap();
+    assert_eq!(counts.len(), 52);
+    for (name, changed) in counts {
+        assert!(changed > 60, "{name} changes {changed} values of pixels");
+    }
+}
+
+#[test]
+fn a_phone_shows_the_page_without_scrolling_sideways() {
+    let Some((_viewer, _sending, mut browser)) = open(360, 740, packet(&[("jawOpen", 0.6)])) else { return };
+    wait_for(&mut browser, "jawOpen", "0.60");
+    browser.wait_until("document.getElementById('facts').children.length > 0");
+    browser.screenshot("phone");
+    assert_eq!(browser.value("document.documentElement.scrollWidth"), 360);
+    let cut = "[...document.querySelectorAll('.bar span')].filter((label) => label.scrollWidth > label.clientWidth).map((label) => label.textContent)";
+    assert_eq!(browser.value(cut), serde_json::json!([]), "names of bars are cut off");
+}
+
+#[test]
+fn a_recording_has_the_columns_of_track_and_a_row_for_each_packet() {
+    let Some((_viewer, sending, mut browser)) = open(1280, 900, packet(&[])) else { return };
+    browser.wait_until("document.getElementById('state').textContent === 'live'");
+    browser.value("document.getElementById('record').click()");
+    sending.show(Packet { rotation: about(1, 30.0), position_mm: [10.0, -20.0, 500.0], ..packet(&[("jawOpen", 0.5)]) });
+    wait_for(&mut browser, "jawOpen", "0.50");
+    browser.wait_until("parseInt(document.getElementById('recorded').textContent) > 60");
+    browser.value("document.getElementById('record').click()");
+    browser.await_event("Browser.downloadProgress", |progress| progress["state"] == "completed");
+
+    let files: Vec<_> = fs::read_dir(browser.downloads()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let file = files.iter().find(|path| path.extension().is_some_and(|extension| extension == "csv")).unwrap();
+    let text = fs::read_to_string(file).unwrap();
+    let head = ["frame", "time_s", "state"].into_iter().chain(BLENDSHAPES).chain([
+        "head_yaw_deg",
+        "head_pitch_deg",
+        "head_roll_deg",
+        "head_x_mm",
+        "head_y_mm",
+        "head_z_mm",
+    ]);
+    let head: Vec<&str> = head.collect();
+    assert_eq!(text.lines().next().unwrap(), head.join(","));
+    let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    assert!(rows.len() > 60 && rows.iter().all(|row| row.len() == head.len()), "{text}");
+    assert_eq!(rows[0][..3], ["0", "0.000000", "live"]);
+    let last = rows.last().unwrap();
+    let column = |name: &str| last[head.iter().position(|column| *column == name).unwrap()].parse::<f64>().unwrap();
+    for (name, want) in [("jawOpen", 0.5), ("head_yaw_deg", 30.0), ("head_y_mm", -20.0), ("head_z_mm", 500.0)] {
+        assert!((column(name) - want).abs() < 0.01, "{name} {last:?}");
+    }
+    assert!(rows.is_sorted_by(|a, b| a[0].parse::<u32>().unwrap() < b[0].parse::<u32>().unwrap()));
+}
+
+#[test]
+fn pause_freezes_the_picture_and_keys_work() {
+    let Some((_viewer, sending, mut browser)) = open(1280, 900, packet(&[("jawOpen", 0.3)])) else { return };
+    wait_for(&mut browser, "jawOpen", "0.30");
+    browser.value("document.getElementById('pause').focus()");
+    for kind in ["keyDown", "keyUp"] {
+        let key = serde_json::json!({"type": kind, "key": " ", "code": "Space", "text": " "});
+        browser.call("Input.dispatchKeyEvent", &key);
+    }
+    browser.wait_until("document.getElementById('state').textContent === 'paused'");
+    sending.show(packet(&[("jawOpen", 0.9)]));
+    // The stream goes on: two events later, the new pose would have been shown.
+    browser.value("new Promise((done) => { const s = new EventSource('events'); let n = 0; s.onmessage = (e) => { if (JSON.parse(e.data).packet.coefficients[17] > 0.8 && (n += 1) > 5) { s.close(); done(1); } }; })");
+    browser.wait_for_picture();
+    assert_eq!(browser.value("document.querySelector('[data-name=jawOpen] b').textContent"), "0.30");
+    browser.value("document.getElementById('pause').click()");
+    wait_for(&mut browser, "jawOpen", "0.90");
+}
+
+#[test]
+fn without_packets_the_page_says_what_to_do_and_in_silence_the_face_goes_neutral() {
+    if !Browser::is_installed() {
+        return skip("there is no chromium; scripts/setup tests installs it");
+    }
+    let viewer = Viewer::start();
+    let mut browser = Browser::start(1280, 900);
+    browser.open(&viewer.url);
+    browser.wait_until("!document.getElementById('help').hidden");
+    let help = browser.value("document.getElementById('help').innerText");
+    let lines = format!("[[link]]\nkind = \"udp\"\naddress = \"{}\"", viewer.packets_to());
+    assert!(help.as_str().unwrap().contains(&lines), "{help}");
+    browser.screenshot("help");
+
+    let sending = Sending::to(viewer.packets_to(), packet(&[("jawOpen", 0.8)]));
+    wait_for(&mut browser, "jawOpen", "0.80");
+    browser.wait_until("document.getElementById('help').hidden");
+    drop(sending);
+    wait_for(&mut browser, "jawOpen", "0.00");
+    browser.wait_until("document.getElementById('state').textContent.startsWith('silent for')");
+    let ended = thread::spawn(move || drop(viewer));
+    browser.wait_until("document.getElementById('state').textContent === 'no connection to facewire-view'");
+    ended.join().unwrap();
+}

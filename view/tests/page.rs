@@ -1,4 +1,5 @@
 //! The page in a real browser: Chromium without a screen.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
 

@@ -1,4 +1,4 @@
-//! Chromium without a screen, driven by its DevTools protocol through a pipe.
+//! Chromium without a screen, driven by its `DevTools` protocol through a pipe.
 //! Source: <https://chromedevtools.github.io/devtools-protocol/>
 
 use std::{

@@ -19,7 +19,7 @@ use facewire_packet::{BLENDSHAPES, Packet, State};
 pub use skip::skip;
 
 /// How long a test waits for what must come.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+pub const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Returns a command that runs the program.
 pub fn command(arguments: &[&str]) -> Command {

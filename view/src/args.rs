@@ -17,11 +17,11 @@ Exit status:
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "facewire-view", version, after_help = HELP)]
 pub struct Args {
-    /// Address and port of the page. Other machines need an address of this machine, or 0.0.0.0 or [::] for all of
+    /// Address and port of the page. Other machines need an address of this machine, or `0.0.0.0` or `[::]` for all of
     /// them; the page then has a random token in its address
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:5252")]
     pub listen: SocketAddr,
-    /// Address and port to which packets come. [::] stands for all addresses of this machine, IPv4 and IPv6
+    /// Address and port to which packets come. `[::]` stands for all addresses of this machine, IPv4 and IPv6
     #[arg(long, value_name = "ADDRESS", default_value = "[::]:5252")]
     pub udp: SocketAddr,
     /// Network interface on which to join the multicast group of `--udp`, such as eth0 [default: the system chooses]

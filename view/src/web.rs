@@ -149,3 +149,47 @@ async fn attend(stream: TcpStream, site: &Site, patience: Duration) {
     // Ends with an error if the client goes away, which is its right.
     let _ = server.serve_connection(TokioIo::new(stream), service).await;
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use socket2::{Domain, Socket, Type};
+
+    use super::*;
+
+    /// Serves one connection over which these bytes came, and returns when it has ended. The client reads nothing.
+    fn serve_once(bytes: &[u8]) {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let listener = listen(([127, 0, 0, 1], 0).into()).unwrap();
+            let mut client = Socket::new(Domain::IPV4, Type::STREAM, None).unwrap();
+            client.set_recv_buffer_size(4096).unwrap();
+            client.connect(&listener.local_addr().unwrap().into()).unwrap();
+            client.write_all(bytes).unwrap();
+            let (stream, _) = listener.accept().await.unwrap();
+            let hint = Hint { place: String::new(), links: Vec::new() };
+            let site = Site::new(None, &hint, watch::channel(Snapshot::default()).1);
+            let patience = Duration::from_millis(200);
+            let ended = tokio::time::timeout(Duration::from_mins(1), attend(stream, &site, patience)).await;
+            assert!(ended.is_ok(), "the connection goes on");
+            drop(client);
+        });
+    }
+
+    #[test]
+    fn a_client_that_asks_for_much_and_reads_nothing_is_disconnected() {
+        serve_once(&b"GET /face/head.js HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(100));
+    }
+
+    #[test]
+    fn a_client_that_does_not_finish_its_request_is_disconnected() {
+        serve_once(b"");
+        serve_once(b"GET / HTTP/1.1\r\nHost: local");
+    }
+
+    #[test]
+    fn a_client_that_asks_for_nothing_more_is_disconnected() {
+        serve_once(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    }
+}

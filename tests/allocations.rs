@@ -16,8 +16,8 @@ use allocation_counter::{AllocationInfo, measure};
 use common::film::{demo_y4m, empty_y4m};
 use facewire::calibration::Observation;
 use facewire::capture::{Clip, Source, Y4mSource};
-use facewire::config::{Address, LinkKind, LinkSettings, Settings, UdpSettings};
-use facewire::link::{Link, Pose, Traffic};
+use facewire::config::{self, Address, LinkKind, LinkSettings, Settings, UdpSettings};
+use facewire::link::{Link, Output, Pose, Traffic};
 use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::failsafe::{Failsafe, History, News};
 use facewire::watch::{Look, Watch};
@@ -134,6 +134,50 @@ fn finding_a_lost_face_allocates_nothing() {
         }
     });
     assert_eq!(allocated, AllocationInfo::default());
+}
+
+/// The settings of a link of this kind whose receiver is away. What is sent to it is encoded all the same.
+fn link_to_nobody(kind: &str) -> LinkSettings {
+    let has_device = config::default_link(kind).unwrap().contains("\ndevice = ");
+    let device = if has_device { "device = \"/dev/away\"\n" } else { "" };
+    let link = format!("[[link]]\nkind = \"{kind}\"\npace = \"rate\"\nrate_hz = 60\n{device}");
+    config::parse(kind, &link).unwrap_or_else(|faults| panic!("{faults}")).links.remove(0)
+}
+
+/// A face that moves, is lost, and comes back.
+fn moving_face(number: u16) -> Output {
+    let mut pose = Pose::NEUTRAL;
+    let phase = f32::from(number) * 0.1;
+    for (index, value) in (0_u8..).zip(&mut pose.coefficients) {
+        *value = 0.5 + 0.5 * (phase + f32::from(index)).sin();
+    }
+    let (sin, cos) = (0.3 * phase.sin()).sin_cos();
+    pose.rotation = [0.0, sin, 0.0, cos];
+    let (state, reason) = match number % 40 {
+        0..20 => (State::Live, Reason::None),
+        20..25 => (State::Hold, Reason::NoFace),
+        25..30 => (State::Decay, Reason::NoFace),
+        _ => (State::Neutral, Reason::NoFace),
+    };
+    let (age_us, capture_us) = (20_000, u64::from(number) * 16_667);
+    Output { state, reason, pose, age_us, capture_us, followed: state == State::Live, moving: state == State::Decay }
+}
+
+#[test]
+fn links_of_every_kind_allocate_nothing_on_the_senders_thread() {
+    for kind in LinkKind::NAMES {
+        let (settings, traffic) = (link_to_nobody(kind), Arc::<Traffic>::default());
+        let mut link = Link::open(&settings, &traffic).unwrap();
+        let mut send = |numbers: std::ops::Range<u16>| {
+            for number in numbers {
+                link.offer(&settings, 60, u64::from(number) * 16_667, &moving_face(number));
+            }
+        };
+        send(0..40);
+        let allocated = measure(|| send(40..240));
+        assert_eq!(allocated, AllocationInfo::default(), "{kind}");
+        assert!(traffic.packets.load(Relaxed) >= 200, "{kind}: {traffic:?}");
+    }
 }
 
 #[test]

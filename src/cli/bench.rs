@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 use clap::Args;
 
 use self::figures::{Figures, Samples, quantile};
-use self::machine::{Interruptions, constant_work, cpu_time};
+pub(super) use self::machine::cpu_time;
+use self::machine::{Interruptions, constant_work};
 use self::report::Report;
 use super::SettingsArgs;
 use super::failure::{Failure, print};

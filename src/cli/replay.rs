@@ -1,13 +1,15 @@
 //! `facewire replay`: sends a recording through the links of the settings, in its own time.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use clap::Args;
 
+use super::bench::cpu_time;
 use super::failure::{Failure, say};
 use super::{SettingsArgs, log};
 use crate::recording::{Reader, RecordingError};
-use crate::service;
+use crate::service::{self, Status};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -35,7 +37,7 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let refuse = |error: RecordingError| Failure::recording(&args.file, &error);
     let open = || Reader::open(&args.file).map_err(refuse);
     let mut reader = open()?;
-    let mut frames: u64 = 0;
+    let (mut frames, begun, cpu_before): (u64, _, _) = (0, Instant::now(), cpu_time());
     log::start(settings.log.level);
     let status = service::replay(&settings, || {
         let mut frame = reader.next_frame().map_err(refuse)?;
@@ -46,6 +48,10 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
         frames += u64::from(frame.is_some());
         Ok::<_, Failure>(frame)
     })?;
-    say(format_args!("{frames} frames, {} packets sent, {} dropped", status.sent, status.dropped));
+    let cpu_percent = 100.0 * (cpu_time() - cpu_before).div_duration_f64(begun.elapsed());
+    let Status { sent, dropped, .. } = status;
+    say(format_args!(
+        "{frames} frames, {sent} packets sent, {dropped} dropped, {cpu_percent:.2} % of a processor core"
+    ));
     Ok(())
 }

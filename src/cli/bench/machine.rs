@@ -82,7 +82,7 @@ fn field(text: &str, key: &str, index: usize) -> u64 {
 }
 
 /// Returns the processor time that this process has used.
-pub(super) fn cpu_time() -> Duration {
+pub(in crate::cli) fn cpu_time() -> Duration {
     let time = clock_gettime(ClockId::ProcessCPUTime);
     let part = |value: i64| u64::try_from(value).unwrap_or(0);
     Duration::from_secs(part(time.tv_sec)) + Duration::from_nanos(part(time.tv_nsec))

@@ -48,7 +48,7 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
         frames += u64::from(frame.is_some());
         Ok::<_, Failure>(frame)
     })?;
-    let cpu_percent = 100.0 * (cpu_time() - cpu_before).div_duration_f64(begun.elapsed());
+    let cpu_percent = 100.0 * cpu_time().saturating_sub(cpu_before).div_duration_f64(begun.elapsed());
     let Status { sent, dropped, .. } = status;
     say(format_args!(
         "{frames} frames, {sent} packets sent, {dropped} dropped, {cpu_percent:.2} % of a processor core"

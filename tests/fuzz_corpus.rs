@@ -55,6 +55,11 @@ fn recording_corpus() {
 }
 
 #[test]
+fn receiver_corpus() {
+    keeps_its_promise(targets::receiver, "receiver");
+}
+
+#[test]
 fn network_file_corpus() {
     keeps_its_promise(targets::network_file, "network_file");
 }

@@ -16,12 +16,13 @@ const LEFT_AFTER_A_SECOND = 0.001;
 const element = (id) => document.getElementById(id);
 const now = () => performance.now();
 
-const page = { hello: undefined, snapshot: undefined, arrived: 0, isConnected: true, isPaused: false, isMirrored: false, recorder: undefined };
+const page = { hello: undefined, snapshot: undefined, arrived: 0, clock: undefined, isConnected: true, isPaused: false, isMirrored: false, recorder: undefined };
 const parts = { face: undefined, bars: undefined, plot: undefined };
 const shown = { pose: undefined, text: 0, drawn: 0, fade: 1 };
 
 function hello(message) {
   page.isConnected = true;
+  page.clock = undefined;
   showHelp(element("help"), message.hint);
   if (page.hello) return;
   page.hello = message;
@@ -40,13 +41,19 @@ function snapshot(message) {
   const isNew = message.packet && message.packet.number !== page.snapshot?.packet?.number;
   page.isConnected = true;
   page.snapshot = message;
-  if (message.packet) page.arrived = now() - message.packet.since_ms;
+  if (message.packet) setClock(message.packet);
   if (!isNew) return;
   record(message.packet);
   if (!page.isPaused) {
-    parts.plot.add(now() / 1000, message.packet.coefficients);
+    parts.plot.add(message.packet.time_s, message.packet.coefficients);
     shown.pose = message.packet;
   }
+}
+
+// Times come from the clock of facewire-view. The message that took the shortest way tells best how far it is ahead.
+function setClock({ time_s: time, since_ms: since }) {
+  page.clock = Math.max(page.clock ?? -Infinity, time * 1000 + since - now());
+  page.arrived = time * 1000 - page.clock;
 }
 
 function record(packet) {
@@ -97,7 +104,7 @@ function frame() {
     drawFace(pose, coefficients);
     parts.bars.show(coefficients, pose.state === "live" && shown.fade === 1);
   }
-  if (!page.isPaused) parts.plot.draw(time / 1000);
+  if (!page.isPaused) parts.plot.draw((time + (page.clock ?? 0)) / 1000);
   if (time - shown.text > TEXT_PERIOD_MS) showText(time);
 }
 

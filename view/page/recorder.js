@@ -11,7 +11,8 @@ export class Recorder {
     this.blobs = [];
     this.rows = [["frame", "time_s", "state", ...names, ...HEAD].join(",")];
     this.count = 0;
-    this.first = undefined;
+    // The packet at frame 0 and time 0, and the last row.
+    this.origin = undefined;
     this.last = undefined;
   }
 
@@ -21,14 +22,23 @@ export class Recorder {
 
   // Adds a packet. The same packet is added once.
   add(packet) {
-    if (packet.number === this.last || this.isFull) return;
-    this.first ??= packet;
-    this.last = packet.number;
+    if (packet.number === this.last?.number || this.isFull) return;
+    if (packet.number < this.last?.number) this.goOn(packet);
+    this.origin ??= { number: packet.number, time: packet.time_s };
+    this.last = { number: packet.number, time: packet.time_s };
     this.count += 1;
     const values = [...packet.coefficients, ...packet.angles_deg, ...packet.position_mm].map((value) => value.toFixed(6));
-    const time = (packet.time_s - this.first.time_s).toFixed(6);
-    this.rows.push([packet.number - this.first.number, time, packet.state, ...values].join(","));
+    const time = (packet.time_s - this.origin.time).toFixed(6);
+    this.rows.push([packet.number - this.origin.number, time, packet.state, ...values].join(","));
     if (this.rows.length >= ROWS_OF_A_BLOB) this.pack();
+  }
+
+  // After facewire-view was started again, it counts from 1.
+  goOn({ number, time_s: time }) {
+    this.origin = {
+      number: number - 1 - (this.last.number - this.origin.number),
+      time: time - (this.last.time - this.origin.time),
+    };
   }
 
   pack() {

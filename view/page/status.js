@@ -62,8 +62,9 @@ export function showHelp(element, { place, links }) {
   const make = (tag, text) => Object.assign(document.createElement(tag), { textContent: text });
   element.replaceChildren(
     make("h2", "No packet has arrived yet"),
-    make("p", `This program waits for packets at ${place}. Start facewire with \`facewire run\`, or add these lines to its settings:`),
+    make("p", `This program waits for packets at ${place}. Start “facewire run” with settings that have these lines:`),
     ...links.flatMap(({ sender, lines }) => [make("p", `${sender}:`), make("pre", lines)]),
-    make("p", "If packets still do not arrive, check the firewall of this machine, and `facewire check` on the other one."),
+    make("p", "Settings that have a link replace the default links. After a change, start facewire again or reload it."),
+    make("p", "If packets still do not arrive, check the firewall of this machine, and run “facewire check” where facewire runs."),
   );
 }

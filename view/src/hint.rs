@@ -6,6 +6,9 @@ use serde::Serialize;
 
 use crate::{addresses, source::Source};
 
+/// The port to which the default link of facewire sends.
+const DEFAULT_PORT: u16 = 5252;
+
 /// Where packets are expected, and the settings that send them there.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Hint {
@@ -49,7 +52,12 @@ impl Hint {
             vec![link("On any machine of this network", ip)]
         } else if ip.is_unspecified() {
             let others = machine.iter().map(|ip| link("If facewire runs on another machine", *ip));
-            [link("If facewire runs on this machine", Ipv4Addr::LOCALHOST.into())].into_iter().chain(others).collect()
+            let here = if address.port() == DEFAULT_PORT {
+                "If facewire runs on this machine, it sends here without any settings, which is the same as"
+            } else {
+                "If facewire runs on this machine"
+            };
+            [link(here, Ipv4Addr::LOCALHOST.into())].into_iter().chain(others).collect()
         } else if ip.is_loopback() {
             vec![link("On this machine", ip)]
         } else {

@@ -4,7 +4,7 @@ import { EYE } from "./form.js";
 import { buildHead } from "./head.js";
 import { about, clamp, perspective, product, rotation, translation, turn } from "./maths.js";
 import { MovingHead } from "./morph.js";
-import { ear, eyeball, neck, teeth, tongue } from "./parts.js";
+import { cavity, ear, eyeball, neck, teeth, tongue } from "./parts.js";
 import { FRAGMENT, KIND, VERTEX } from "./shaders.js";
 import { JAW } from "./shapes-lower.js";
 import { EYE_TURN, upperLidHeight } from "./shapes-upper.js";
@@ -16,6 +16,7 @@ const SPINE = { y: -72, z: -22 };
 // Head movements are shown at this scale and within this distance, so that the face stays in the picture.
 const MOVEMENT = { scale: 0.25, limit: 40 };
 const STILL = translation(0, 0, 0);
+const still = () => STILL;
 
 export class Face {
   // Throws an error if the browser has no WebGL 2.
@@ -26,15 +27,19 @@ export class Face {
     const head = buildHead();
     this.head = new MovingHead(head);
     this.program = link(this.gl);
-    const skin = { ...head, normals: this.head.normals };
+    // The side of its triangles that is not drawn, if any.
+    const { BACK, FRONT } = this.gl;
+    const part = (kind, mesh, matrix, hidden, side) => ({ kind, matrix, hidden, side, buffers: upload(this.gl, this.program, mesh) });
     this.parts = [
-      { kind: KIND.skin, buffers: upload(this.gl, this.program, skin), matrix: () => STILL },
-      ...[1, -1].map((side) => ({ kind: KIND.eye, side, buffers: upload(this.gl, this.program, eyeball()), matrix: (pose) => gaze(pose, side) })),
-      { kind: KIND.teeth, buffers: upload(this.gl, this.program, teeth(1)), matrix: () => STILL },
-      { kind: KIND.teeth, buffers: upload(this.gl, this.program, teeth(-1)), matrix: jaw },
-      { kind: KIND.tongue, buffers: upload(this.gl, this.program, tongue()), matrix: tongueMatrix },
-      ...[1, -1].map((side) => ({ kind: KIND.ear, buffers: upload(this.gl, this.program, ear(side)), matrix: () => STILL })),
-      { kind: KIND.neck, buffers: upload(this.gl, this.program, neck()), matrix: () => STILL },
+      part(KIND.skin, { ...head, normals: this.head.normals }, still, BACK),
+      ...[1, -1].map((side) => part(KIND.eye, eyeball(), (pose) => gaze(pose, side), BACK, side)),
+      part(KIND.teeth, teeth(1), still),
+      part(KIND.teeth, teeth(-1), jaw),
+      part(KIND.tongue, tongue(), tongueMatrix, BACK),
+      part(KIND.cavity, cavity(), still, FRONT),
+      part(KIND.cavity, cavity(), jaw, FRONT),
+      ...[1, -1].map((side) => part(KIND.ear, ear(side), still)),
+      part(KIND.neck, neck(), still, BACK),
     ];
     this.locations = Object.fromEntries(
       ["uHead", "uPart", "uCamera", "uKind", "uEye", "uLid", "uGreyness"].map((name) => [name, this.gl.getUniformLocation(this.program, name)]),
@@ -67,6 +72,8 @@ export class Face {
       gl.uniform1f(locations.uLid, part.side ? upperLidHeight(pose.weight, part.side > 0 ? "Left" : "Right") : 0);
       gl.uniformMatrix4fv(locations.uPart, false, part.matrix(pose));
       gl.bindVertexArray(part.buffers.array);
+      if (part.hidden) gl.cullFace(part.hidden);
+      (part.hidden ? gl.enable : gl.disable).call(gl, gl.CULL_FACE);
       gl.drawElements(gl.TRIANGLES, part.buffers.count, gl.UNSIGNED_SHORT, 0);
     }
   }
@@ -110,8 +117,8 @@ function tongueMatrix(pose) {
 // Turns an eyeball. In and out are seen from the nose.
 function gaze({ weight }, side) {
   const of = (name) => weight(`eyeLook${name}${side > 0 ? "Left" : "Right"}`);
-  const yaw = side * EYE_TURN.side * (of("Out") - of("In"));
-  const pitch = EYE_TURN.down * of("Down") - EYE_TURN.up * of("Up");
+  const yaw = side * EYE_TURN * (of("Out") - of("In"));
+  const pitch = EYE_TURN * (of("Down") - of("Up"));
   return product(translation(side * EYE.x, EYE.y, EYE.z), turn(1, yaw), turn(0, pitch));
 }
 

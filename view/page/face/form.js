@@ -8,12 +8,20 @@ export const MOUTH = { y: -68, halfWidth: 25 };
 export const CROWN_Y = 116;
 export const CHIN_Y = -110;
 
-// Height, half width, depth of the front and of the back.
+// Height, half width, depth of the front and of the back; above the eyes before the dome narrows them.
 const outline = curve([
   [CHIN_Y, 29, 62, 14], [-104, 38, 72, 28], [-92, 48, 79, 46], [-72, 57, 80, 62], [-45, 66, 80, 78], [-15, 71, 80, 90],
-  [10, 74, 83, 97], [35, 75, 86, 99], [60, 71, 82, 95], [82, 60, 68, 80], [100, 42, 46, 56], [111, 21, 22, 27],
-  [CROWN_Y, 0, 0, 0],
+  [10, 74, 83, 97], [35, 77, 88, 102], [60, 80, 92, 108], [82, 81, 92, 109], [100, 80, 88, 106], [CROWN_Y, 79, 84, 102],
 ]);
+const DOME_Y = 10;
+
+// The share of the width at this height that is left: an ellipse towards the crown.
+const dome = (y) => (y > DOME_Y ? Math.sqrt(Math.max(0, 1 - ((y - DOME_Y) / (CROWN_Y - DOME_Y)) ** 2)) : 1);
+
+function outlineAt(y) {
+  const share = dome(y);
+  return outline(y).map((value) => value * share);
+}
 
 // Below the chin the surface runs back to the throat: part of the way, height, half width, front, back.
 const throat = curve([
@@ -22,7 +30,7 @@ const throat = curve([
 
 // Height of the nose above the face, and its width, from its root to the lip.
 const nose = curve([
-  [-56, 0, 11], [-52.5, 2, 11.5], [-49, 12, 12], [-45, 18.5, 12], [-40, 21, 11.5], [-32, 16.5, 10], [-20, 10.5, 8.5],
+  [-56, 0, 10], [-52.5, 2, 10.5], [-49, 12, 10.8], [-45, 18.5, 10.8], [-40, 21, 10.4], [-32, 16.5, 9.4], [-20, 10.5, 8.5],
   [-6, 6, 8], [8, 3, 9], [22, 0, 12],
 ]);
 
@@ -53,12 +61,12 @@ export function onEyeball(x, y, gap) {
 
 // Returns a point of the skin at this angle around the vertical axis (0 is the front) and height.
 export function skin(angle, y) {
-  const [width, front, back] = outline(y);
+  const [width, front, back] = outlineAt(y);
   return finish(ring(angle, width, front, back), y);
 }
 
 // Returns half the width of the head at this height.
-export const halfWidth = (y) => outline(y)[0];
+export const halfWidth = (y) => outlineAt(y)[0];
 
 // Returns a point below the chin; `part` runs from 0 at the chin to 1 at the throat.
 export function underChin(angle, part) {
@@ -89,7 +97,7 @@ function features(x, y) {
   const side = Math.abs(x);
   const [height, width] = nose(y);
   const ridge = y > -56 && y < 22 ? height / (1 + Math.pow(side / width, 3.2)) : 0;
-  const wings = 6.5 * hill(side, y, 12, -45, 5.5, 5) - 2.5 * hill(side, y, 19.5, -45, 4, 8);
+  const wings = 6.2 * hill(side, y, 11.5, -45, 5.2, 5) - 2.5 * hill(side, y, 19.5, -45, 4, 8);
   const sockets = -9 * hill(side, y, EYE.x, 1, 18, 14) - 3 * hill(side, y, 14, 4, 7, 9);
   const brows = 3.5 * hill(side, y, 28, 20, 24, 8);
   const cheeks = 5 * hill(side, y, 38, -34, 19, 18) - 2.5 * hill(side, y, 46, -72, 14, 16);
@@ -106,15 +114,4 @@ function lips(x, y) {
   const upper = 5.2 * gauss((above - 4.2) / 4) - 1.2 * gauss(x / 2.6) * gauss((above - 9) / 4);
   const lower = 6 * gauss((above + 5) / 4.4);
   return full * (above > 0 ? upper : lower) - 1.2 * gauss(above / 1.6) * full - 1.6 * (1 - full) * gauss(above / 5);
-}
-
-// How much of a point is lip, 0 to 1.
-export function lipColour(x, y) {
-  const along = Math.abs(x) / (MOUTH.halfWidth + 1.5);
-  if (along >= 1) return 0;
-  const full = Math.pow(1 - along * along, 0.62);
-  const above = y - lipLine(x);
-  const bow = 1 - 0.28 * gauss(x / 3.2) + 0.1 * gauss((Math.abs(x) - 7) / 5);
-  const edge = above > 0 ? 7.6 * full * bow : 9.4 * full;
-  return 1 - smoothstep(edge - 1, edge + 1, Math.abs(above));
 }

@@ -3,13 +3,13 @@
 // Rows follow the edges of the lips and of the lids, so that mouth and eyes are openings in the mesh: beyond their
 // corners, the rows above and below share their points. Each edge has an inside, which gives it thickness.
 
-import { CHIN_Y, CROWN_Y, EYE, MOUTH, eyeDistance, halfWidth, lipColour, lipLine, lowerLid, skin, underChin, upperLid } from "./form.js";
+import { CHIN_Y, CROWN_Y, EYE, MOUTH, eyeDistance, halfWidth, lipLine, lowerLid, skin, underChin, upperLid } from "./form.js";
 import { gauss, hill, mix, smoothstep } from "./maths.js";
 
-// The rows of each band: between the edges they lie denser than at its far end.
+// The rows of each band. They lie densest at the edges of lips and lids, and at the crown.
 const UNDER_CHIN_ROWS = 7;
 const JAW_ROWS = 20;
-const MIDDLE_ROWS = 34;
+const MIDDLE_ROWS = 40;
 const TOP_ROWS = 38;
 // Columns across the face, and around its back.
 const FACE_COLUMNS = 92;
@@ -20,7 +20,7 @@ const FACE_ANGLE = 1.16;
 export const PART = { skin: 0, upperLip: 1, lowerLip: 2, upperLid: 3, lowerLid: 4 };
 
 // Returns { positions, tints, parts, edges, indices }. `edges` holds the heights of the edge of lips or lids at each
-// point, from which shapes count distances. A tint is lip, lash, hair and shade.
+// point, from which shapes count distances. A tint is 0, lash, 0 and shade.
 export function buildHead() {
   const mesh = { positions: [], tints: [], parts: [], edges: [], indices: [] };
   const angles = columnAngles();
@@ -82,14 +82,16 @@ function bands() {
     rows.push((angle) => on(angle, mix(lip(angle), CHIN_Y, part), PART.lowerLip, lip(angle)));
   }
   for (let k = 0; k <= MIDDLE_ROWS; k += 1) {
-    const part = k / MIDDLE_ROWS;
+    const even = k / MIDDLE_ROWS;
+    const part = even - 0.11 * Math.sin(2 * Math.PI * even);
     const isLip = part < 0.5;
     rows.push((angle) =>
       on(angle, mix(lip(angle), lids.below(angle), part), isLip ? PART.upperLip : PART.lowerLid,
         isLip ? lip(angle) : lids.below(angle)));
   }
   for (let k = 0; k <= TOP_ROWS; k += 1) {
-    const part = Math.pow(k / TOP_ROWS, 1.7);
+    const even = k / TOP_ROWS;
+    const part = mix(Math.pow(even, 1.45), 1 - (1 - even) ** 2, even * even);
     rows.push((angle) => on(angle, mix(lids.above(angle), CROWN_Y, part), PART.upperLid, lids.above(angle)));
   }
   return rows;
@@ -102,7 +104,7 @@ function addPoint(mesh, row, angle) {
   const lift = 3.5 * isHair;
   const length = Math.hypot(x, y - 20, z) || 1;
   mesh.positions.push(x + (lift * x) / length, y + (lift * (y - 20)) / length, z + (lift * z) / length);
-  mesh.tints.push(z > 0 ? lipColour(x, y) : 0, lash(x, y, z, part), isHair, shade(x, y, z));
+  mesh.tints.push(0, lash(x, y, z, part), 0, shade(x, y, z));
   mesh.parts.push(part);
   mesh.edges.push(edge);
   return mesh.parts.length - 1;
@@ -167,9 +169,8 @@ function addInsides(mesh, rows) {
 
 function addInside(mesh, point, dy, dz, dark) {
   const [x, y, z] = mesh.positions.slice(3 * point, 3 * point + 3);
-  const [lip] = mesh.tints.slice(4 * point, 4 * point + 4);
   mesh.positions.push(x, y + dy, z + dz);
-  mesh.tints.push(lip, 0, 0, dark);
+  mesh.tints.push(0, 0, 0, dark);
   mesh.parts.push(mesh.parts[point]);
   mesh.edges.push(mesh.edges[point]);
   return mesh.parts.length - 1;

@@ -1,4 +1,4 @@
-// What the head has besides its skin: eyeballs, teeth, tongue, ears, neck. Each is { positions, normals, tints, indices }.
+// What the head has besides its skin: eyeballs, teeth, tongue, mouth, ears, neck. Each is { positions, normals, tints, indices }.
 
 import { EYE } from "./form.js";
 import { curve, gauss, mix, smoothstep } from "./maths.js";
@@ -49,7 +49,7 @@ export function eyeball() {
 // The arch of the teeth. `up` is 1 for the upper row, whose edge is below.
 export function teeth(up) {
   const height = 9;
-  const edgeY = up > 0 ? -70.2 : -71.5;
+  const edgeY = up > 0 ? -71.4 : -72;
   return grid(56, 4, (u, v) => {
     const along = (u - 0.5) * 2 * 1.35;
     const tooth = Math.abs(Math.sin(along * 8.2));
@@ -68,6 +68,11 @@ export function tongue() {
     const groove = -1.6 * gauss(x / 0.25) * smoothstep(-0.2, 0.5, y);
     return [16 * x, -80 + 5.5 * y + groove - 2 * smoothstep(0.4, 1, z), 48 + 22 * z];
   }));
+}
+
+// The wall of the mouth, of which the inside is drawn: once for the upper and once for the lower jaw.
+export function cavity() {
+  return grid(24, 16, ball(24, 16, (x, y, z) => [31 * x, -75 + 21 * y, 40 + 25 * z]));
 }
 
 // An ear: a flat bowl beside the head.
@@ -95,7 +100,6 @@ export function neck() {
     return [width * Math.sin(around), y, mix(-14, -26, smoothstep(-100, -180, y)) + depth * Math.cos(around)];
   }, (u, v) => {
     const [y] = form(v);
-    const isInside = gauss((u - 0.5) / 0.1) > 0.5 ? smoothstep(-104, -98, y) : 0;
-    return [0, 0, isInside, 0.45 * smoothstep(-140, -95, y)];
+    return [0, 0, 0, 0.45 * smoothstep(-140, -95, y)];
   });
 }

@@ -1,7 +1,7 @@
 // The programs of the graphics card. Colours are computed from where a point lies on the head at rest, so that brows,
 // lips and irises have sharp edges at any size.
 
-export const KIND = { skin: 0, eye: 1, teeth: 2, tongue: 3, ear: 4, neck: 5 };
+export const KIND = { skin: 0, eye: 1, teeth: 2, tongue: 3, ear: 4, neck: 5, cavity: 6 };
 
 export const VERTEX = `#version 300 es
 in vec3 aPosition;
@@ -60,8 +60,21 @@ float browShape(vec2 at) {
   float nearest = clamp(side, 15.5, 52.0);
   float part = (nearest - 15.5) / 36.5;
   float line = 22.0 + 4.0 * sin(part * 2.7) - 2.0 * part;
-  float half_ = mix(3.0, 1.0, part * part);
+  float half_ = mix(2.7, 1.0, part * part);
   return 1.0 - smoothstep(half_ - 0.8, half_ + 0.8, length(vec2(side - nearest, at.y - line)));
+}
+
+// Around the line between the lips, as form.js draws it; the upper lip has a bow.
+float lipShape(vec2 at) {
+  float side = abs(at.x);
+  float along = side / 26.5;
+  if (along >= 1.0) return 0.0;
+  float line = -68.0 + 2.8 * min(1.6, side * side / 625.0) - 0.6 * exp(-at.x * at.x / 36.0);
+  float full = pow(1.0 - along * along, 0.62);
+  float bow = 1.0 - 0.28 * exp(-at.x * at.x / 10.0) + 0.1 * exp(-(side - 7.0) * (side - 7.0) / 25.0);
+  float above = at.y - line;
+  float edge = above > 0.0 ? 7.6 * full * bow : 9.4 * full;
+  return 1.0 - smoothstep(edge - 0.6, edge + 0.6, abs(above));
 }
 
 // As in head.js, which lifts the surface there.
@@ -83,7 +96,7 @@ vec3 skinColour() {
   base = mix(base, vec3(0.80, 0.33, 0.25), 0.42 * blush * front);
   vec2 nostril = (vec2(abs(at.x), at.y) - vec2(6.2, -51.2)) / vec2(3.6, 1.9);
   base *= 1.0 - 0.75 * front * exp(-dot(nostril, nostril));
-  base = mix(base, LIP, vTint.x);
+  base = mix(base, LIP, lipShape(at) * front);
   base = mix(base, HAIR, 0.93 * browShape(at) * front);
   base = mix(base, HAIR, hairShape(vRest));
   base = mix(base, HAIR, clamp(vTint.y, 0.0, 1.0));
@@ -126,13 +139,13 @@ void main() {
   vec3 toEye = normalize(uEye - vAt);
   bool isFront = gl_FrontFacing;
   vec3 sum;
+  if (uKind == ${KIND.cavity}) {
+    colour = vec4(pow(INSIDE, vec3(1.0 / 2.2)), 1.0);
+    return;
+  }
   if (uKind == ${KIND.skin}) {
-    if (!isFront) {
-      colour = vec4(pow(INSIDE, vec3(1.0 / 2.2)), 1.0);
-      return;
-    }
     float hair = hairShape(vRest);
-    float lip = vTint.x;
+    float lip = lipShape(vRest.xy) * step(0.0, vRest.z);
     sum = light(skinColour(), n, toEye, mix(0.09, 0.28, lip) * (1.0 - vTint.w), mix(16.0, 42.0, lip), mix(0.42, 0.15, hair));
   } else if (uKind == ${KIND.eye}) {
     float wet;
@@ -151,12 +164,12 @@ void main() {
   } else if (uKind == ${KIND.ear}) {
     sum = light(SKIN * (1.0 - 0.8 * vTint.w), isFront ? n : -n, toEye, 0.05, 14.0, 0.5);
   } else {
+    // Its upper end is inside the head, and must not be seen through the mouth.
+    if (vRest.y > -98.0 && vRest.z > -12.0 && abs(vRest.x) < 36.0) discard;
     vec3 shirt = vec3(0.05, 0.22, 0.30);
     float collar = smoothstep(-148.0, -150.0, vRest.y + 0.0016 * vRest.x * vRest.x - 8.0 * exp(-vRest.x * vRest.x / 900.0) + 10.0);
     vec3 base = mix(SKIN * (1.0 - vTint.w), shirt, collar);
     sum = light(base, n, toEye, 0.03, 10.0, 0.4);
-    // Above the chin it is the inside of the mouth.
-    sum = mix(sum, INSIDE, vTint.z);
   }
   float alpha = uKind == ${KIND.neck} ? smoothstep(-226.0, -170.0, vRest.y) : 1.0;
   sum = mix(sum, vec3(dot(sum, vec3(0.3, 0.55, 0.15))) * vec3(0.95, 1.0, 1.06), uGreyness);

@@ -25,8 +25,8 @@ function jawFollow(point) {
   const front = smoothstep(-20, 26, point.z);
   const round = oval(point);
   if (isLower(point)) {
-    const edge = mix(CORNER, 1, round);
-    return front * mix(mix(edge, 1, smoothstep(0, 24, -point.above)), 0.9, 1 - lateral);
+    const edge = mix(CORNER * mix(0.7, 1, lateral), 1, round);
+    return front * mix(edge, mix(0.9, 1, lateral), smoothstep(0, 24, -point.above));
   }
   return front * CORNER * (1 - round) * (1 - smoothstep(0, 34, point.above)) * mix(0.7, 1, lateral);
 }
@@ -100,10 +100,11 @@ const corner = (point, width, height) => (isMouth(point) ? hill(point.x, point.y
 
 function mouthSmile(point) {
   const end = MOUTH.halfWidth + 1;
-  const along = point.x < end ? Math.max(0, point.x / end) ** 1.8 : gauss((point.x - end) / 13);
+  const along = point.x < end ? Math.max(0, point.x / end) ** 2.3 : gauss((point.x - end) / 13);
   const pull = isMouth(point) ? along * gauss((point.y - MOUTH.y) / 17) : 0;
   const cheek = hill(point.x, point.y, 40, -36, 18, 17) * half(point);
-  return [7.5 * pull + 1.5 * cheek, 8.5 * pull + 4 * cheek, -4 * pull + 5 * cheek];
+  const thinner = isMouth(point) ? -0.16 * point.above * near(point) * half(point) : 0;
+  return [8 * pull + 1.5 * cheek, 8.5 * pull + 4 * cheek + thinner, -4 * pull + 5 * cheek];
 }
 
 function mouthFrown(point) {

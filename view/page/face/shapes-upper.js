@@ -10,8 +10,8 @@ import { PART } from "./head.js";
 // Where the lids meet, as part of the way from the lower to the upper one.
 const MEETING = 0.16;
 
-// How far the eyes turn, radians.
-export const EYE_TURN = { up: 0.42, down: 0.5, side: 0.6 };
+// How far the eyes turn: 35 degrees, as those of ARKit.
+export const EYE_TURN = 0.61;
 
 const opening = (x) => upperLid(x) - lowerLid(x);
 

@@ -25,6 +25,7 @@ pub mod preflight;
 pub mod recording;
 mod retry;
 pub mod service;
+pub mod servo;
 pub mod solve;
 pub mod watch;
 

@@ -138,9 +138,12 @@ fn finding_a_lost_face_allocates_nothing() {
 
 /// The settings of a link of this kind whose receiver is away. What is sent to it is encoded all the same.
 fn link_to_nobody(kind: &str) -> LinkSettings {
-    let has_device = config::default_link(kind).unwrap().contains("\ndevice = ");
+    let default = config::default_link(kind).unwrap();
+    let has_device = default.contains("\ndevice = ");
+    let channel =
+        if default.contains("\n[[link.channel]]") { "[[link.channel]]\nsources = { jawOpen = 1.0 }\n" } else { "" };
     let device = if has_device { "device = \"/dev/away\"\n" } else { "" };
-    let link = format!("[[link]]\nkind = \"{kind}\"\npace = \"rate\"\nrate_hz = 60\n{device}");
+    let link = format!("[[link]]\nkind = \"{kind}\"\npace = \"rate\"\nrate_hz = 60\n{device}{channel}");
     config::parse(kind, &link).unwrap_or_else(|faults| panic!("{faults}")).links.remove(0)
 }
 

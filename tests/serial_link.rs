@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use allocation_counter::{AllocationInfo, measure};
 use board::{Board, StablePath, eventually};
-use facewire::config::{LinkKind, LinkSettings, SerialDevice, SerialSettings};
+use facewire::config::{AutoDevice, LinkKind, LinkSettings, SerialDevice, SerialSettings};
 use facewire::link::{Background, Carrier as _, Link, Traffic, serial_carrier};
 use facewire_packet::{Packet, State};
 use rustix::fs::{FlockOperation, flock};
@@ -36,7 +36,11 @@ struct Serial {
 impl Serial {
     fn at(device: &Path, baud: u32) -> Self {
         let (device, traffic) = (SerialDevice::Path(device.to_owned()), Arc::<Traffic>::default());
-        Self { carrier: serial_carrier(&device, baud, vec![0], Arc::clone(&traffic)).unwrap(), traffic }
+        Self {
+            carrier: serial_carrier(&device, baud, AutoDevice::Microcontroller, (vec![0], None), Arc::clone(&traffic))
+                .unwrap(),
+            traffic,
+        }
     }
 
     /// Opens the board's port and waits until it is open.

@@ -8,9 +8,13 @@ use serialport::{SerialPortInfo, SerialPortType};
 
 use super::failure::{Failure, print};
 use crate::capture::v4l2::{Camera, cameras};
+use crate::link::is_maestro;
 
 /// Folders of stable links to serial ports: `by-id` names the device, `by-path` the socket it is plugged into.
 const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
+
+/// End of the stable path of a device's first port.
+const FIRST_PORT: &str = "-if00";
 
 pub(super) fn run() -> Result<(), Failure> {
     let mut text = String::new();
@@ -53,8 +57,18 @@ fn port_lines(port: &SerialPortInfo, link_folders: &[impl AsRef<Path>]) -> Strin
         SerialPortType::PciPort | SerialPortType::BluetoothPort | SerialPortType::Unknown => "UART".to_owned(),
     };
     let mut text = format!("serial port {} ({kind})\n", port.port_name);
-    for link in link_folders.iter().flat_map(|folder| links_to(Path::new(&port.port_name), folder.as_ref())) {
+    let links: Vec<_> =
+        link_folders.iter().flat_map(|folder| links_to(Path::new(&port.port_name), folder.as_ref())).collect();
+    for link in &links {
         let _ = writeln!(text, "  stable path {}", link.display());
+    }
+    if matches!(&port.port_type, SerialPortType::UsbPort(usb) if is_maestro(usb.vid, usb.pid)) {
+        let is_first = links.iter().any(|link| link.to_string_lossy().ends_with(FIRST_PORT));
+        text += if is_first {
+            "  takes commands: kind = \"maestro\"\n"
+        } else {
+            "  takes no commands: its first port does\n"
+        };
     }
     text
 }
@@ -74,6 +88,27 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     use super::*;
+
+    #[test]
+    fn the_port_of_a_maestro_that_takes_commands_is_told_from_the_other_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let links = folder.path().join("by-id");
+        fs::create_dir(&links).unwrap();
+        let listed = |node: &str, link: &str| {
+            let node = folder.path().join(node);
+            fs::write(&node, "").unwrap();
+            symlink(&node, links.join(link)).unwrap();
+            let (serial_number, manufacturer, product) = (None, None, None);
+            let usb = serialport::UsbPortInfo { vid: 0x1ffb, pid: 0x0089, serial_number, manufacturer, product };
+            let port_name = node.display().to_string();
+            let info = SerialPortInfo { port_name, port_type: SerialPortType::UsbPort(usb) };
+            port_lines(&info, std::slice::from_ref(&links))
+        };
+        let first = listed("ttyACM0", "usb-Pololu_Micro_Maestro_6-if00");
+        assert!(first.ends_with("  takes commands: kind = \"maestro\"\n"), "{first}");
+        let second = listed("ttyACM1", "usb-Pololu_Micro_Maestro_6-if02");
+        assert!(second.ends_with("  takes no commands: its first port does\n"), "{second}");
+    }
 
     #[test]
     fn a_serial_port_is_listed_with_its_stable_paths() {

@@ -73,6 +73,11 @@ impl Failure {
         Self { status, message: format!("{}: {error}", path.display()) }
     }
 
+    /// A device does not answer.
+    pub(super) fn unavailable(message: String) -> Self {
+        Self { status: EX_UNAVAILABLE, message }
+    }
+
     pub(super) fn message(&self) -> &str {
         &self.message
     }
@@ -170,7 +175,9 @@ impl From<LinkError> for Failure {
     fn from(error: LinkError) -> Self {
         let status = match error {
             LinkError::Resolve { .. } | LinkError::Route { .. } => EX_NOHOST,
-            LinkError::Socket { .. } | LinkError::Port(_) | LinkError::Thread { .. } => EX_UNAVAILABLE,
+            LinkError::Socket { .. } | LinkError::Port(_) | LinkError::I2c(_) | LinkError::Thread { .. } => {
+                EX_UNAVAILABLE
+            }
         };
         Self { status, message: error.to_string() }
     }

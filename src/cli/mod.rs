@@ -10,6 +10,7 @@ mod monitor;
 mod record;
 mod replay;
 mod run;
+mod servo;
 mod track;
 
 use std::path::PathBuf;
@@ -75,6 +76,8 @@ enum Command {
     Bench(bench::BenchArgs),
     /// Validate the settings, then try camera, networks, model and links.
     Check(check::CheckArgs),
+    /// Move one channel of a servo board by keys, to find its ends.
+    Servo(servo::ServoArgs),
     /// List cameras with their formats and stable paths, and serial ports.
     #[command(after_help = DEVICES_EXAMPLE)]
     Devices,
@@ -125,6 +128,7 @@ impl Cli {
             Command::Replay(args) => replay::run(&args),
             Command::Bench(args) => bench::run(&args),
             Command::Check(args) => check::run(&args),
+            Command::Servo(args) => servo::run(&args),
             Command::Devices => devices::run(),
             Command::Defaults { link } => {
                 failure::print(&link.and_then(|kind| config::default_link(&kind)).unwrap_or_else(config::defaults))

@@ -1,6 +1,9 @@
 //! Faults of settings that are valid one by one but do not fit together.
 
-use super::{Fault, Faults, SerialDevice, link::most_packets_hz, rehearsal::Script, settings::Settings};
+use super::{
+    AutoDevice, CarrierSettings, Fault, Faults, SerialDevice, link::most_messages_hz, rehearsal::Script, servo_check,
+    settings::Settings,
+};
 use crate::calibration::WearerName;
 
 /// Slowest rate of a link, packets per second: receivers go neutral after 500 ms without one.
@@ -13,6 +16,9 @@ pub fn check(settings: &Settings, faults: &mut Faults) {
     check_tables(settings, faults);
     check_ports(settings, faults);
     check_lines(settings, faults);
+    if !faults.concern("link") {
+        settings.links.iter().for_each(|link| servo_check::check(link, faults));
+    }
 }
 
 fn check_tables(settings: &Settings, faults: &mut Faults) {
@@ -55,21 +61,38 @@ fn check_tables(settings: &Settings, faults: &mut Faults) {
     }
 }
 
-/// Adds a fault for every serial port that two links share, and for "auto" beside another port. Only the text counts: two
-/// names may mean one device for a while, and links wait for each other then.
+/// Adds a fault for every serial port or chip that two links share, and for "auto" beside another port. Only the text
+/// counts: two names may mean one device for a while, and links wait for each other then.
 fn check_ports(settings: &Settings, faults: &mut Faults) {
     if faults.concern("link") {
         return;
     }
-    let ports: Vec<_> = settings.links.iter().filter_map(|link| link.line()).map(|(device, _)| device).collect();
-    for (index, device) in ports.iter().enumerate() {
-        if ports.iter().take(index).any(|earlier| earlier == device) {
+    let ports: Vec<_> =
+        settings.links.iter().filter_map(|link| link.line()).map(|(port, _, auto)| (port, auto)).collect();
+    for (index, (device, auto)) in ports.iter().enumerate() {
+        let is_same = |(earlier, other): &(&SerialDevice, AutoDevice)| {
+            earlier == device && (auto == other || **device != SerialDevice::Auto)
+        };
+        if ports.iter().take(index).any(is_same) {
             faults.push(Fault::SamePort { device: (*device).clone() });
         }
+        let is_beside = |(other, kind): &&(&SerialDevice, AutoDevice)| kind == auto && **other != SerialDevice::Auto;
+        if let (SerialDevice::Auto, Some((other, _))) = (device, ports.iter().find(is_beside)) {
+            faults.push(Fault::AutoBeside { other: (*other).clone() });
+        }
     }
-    let other = ports.iter().find(|device| ***device != SerialDevice::Auto);
-    if let Some(other) = other.filter(|_| ports.contains(&&SerialDevice::Auto)) {
-        faults.push(Fault::AutoBeside { other: (*other).clone() });
+    check_chips(settings, faults);
+}
+
+fn check_chips(settings: &Settings, faults: &mut Faults) {
+    let mut chips = Vec::new();
+    for link in &settings.links {
+        let CarrierSettings::I2c(board) = link.kind.carrier() else { continue };
+        if chips.contains(&board.place()) {
+            let expected = "another bus or address: an earlier link has the same chip".to_owned();
+            faults.push(Fault::Together { key: "link.address", value: format!("{:#04x}", board.address), expected });
+        }
+        chips.push(board.place());
     }
 }
 
@@ -79,15 +102,16 @@ fn check_lines(settings: &Settings, faults: &mut Faults) {
         return;
     }
     for link in &settings.links {
-        let Some((device, baud)) = link.line() else { continue };
+        let Some((device, baud, _)) = link.line() else { continue };
         let rate_hz = link.most_hz(settings.camera.fps, settings.send.rate_hz);
-        if most_packets_hz(baud) < rate_hz {
+        let most_hz = |baud| most_messages_hz(baud, link.message_bytes());
+        if most_hz(baud) < rate_hz {
             faults.push(Fault::SlowLine {
                 device: device.clone(),
                 baud,
                 rate_hz,
-                most_hz: most_packets_hz(baud),
-                enough: USUAL_BAUDS.into_iter().find(|baud| most_packets_hz(*baud) >= rate_hz).unwrap_or(u32::MAX),
+                most_hz: most_hz(baud),
+                enough: USUAL_BAUDS.into_iter().find(|baud| most_hz(*baud) >= rate_hz).unwrap_or(u32::MAX),
             });
         }
     }

@@ -9,6 +9,7 @@ use super::{
     adjust::AdjustSettings,
     avatar::{LiveLinkSettings, VmcSettings, VrchatSettings},
     section::{Section, section, write_setting},
+    servo::{ChannelSettings, MaestroSettings, Pca9685Board, Pca9685Settings, WithChannels},
     value::{Address, Choice, SerialDevice, Value, quoted},
 };
 
@@ -21,6 +22,8 @@ pub(super) const ADJUST: &str = "adjust";
 /// Most packets per second to the microcontroller board: fewer than a line of 115200 baud carries, and more than hobby
 /// servos, which read a position 50 times a second, can show.
 const BOARD_HZ: u32 = 60;
+/// Positions per second to a servo board: hobby servos read a position 50 times a second.
+const SERVO_HZ: u32 = 50;
 
 /// One `[[link]]`: a receiver, what is sent to it, and when.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -91,6 +94,10 @@ link_kinds! {
         Vmc(VmcSettings) = "vmc",
         /// VRChat with avatars for VRCFaceTracking, by UDP
         Vrchat(VrchatSettings) = "vrchat",
+        /// positions of servos, to a Pololu Maestro by USB or a serial line; `[[link.channel]]` says which servo does what
+        Maestro(MaestroSettings) = "maestro",
+        /// positions of servos, to a PCA9685 by I2C; `[[link.channel]]` says which servo does what
+        Pca9685(Pca9685Settings) = "pca9685",
     }
 }
 
@@ -188,10 +195,32 @@ pub enum CarrierSettings<'a> {
         device: &'a SerialDevice,
         /// Its baud rate.
         baud: u32,
+        /// What `SerialDevice::Auto` stands for.
+        auto: AutoDevice,
     },
+    /// A servo controller on an I2C bus.
+    I2c(&'a Pca9685Board),
+}
+
+/// What "auto" stands for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum AutoDevice {
+    /// A microcontroller board.
+    #[default]
+    Microcontroller,
+    /// A Pololu Maestro.
+    Maestro,
 }
 
 impl LinkKind {
+    /// The kind with an example of what it cannot do without.
+    pub(super) fn with_example(mut self) -> Self {
+        if let Self::Maestro(WithChannels { channels, .. }) | Self::Pca9685(WithChannels { channels, .. }) = &mut self {
+            channels.push(ChannelSettings::example());
+        }
+        self
+    }
+
     /// The carrier of this kind.
     #[must_use]
     pub fn carrier(&self) -> CarrierSettings<'_> {
@@ -200,7 +229,13 @@ impl LinkKind {
             Self::LiveLink(live_link) => CarrierSettings::Udp(&live_link.address),
             Self::Vmc(vmc) => CarrierSettings::Udp(&vmc.address),
             Self::Vrchat(vrchat) => CarrierSettings::Udp(&vrchat.address),
-            Self::Serial(serial) => CarrierSettings::Serial { device: &serial.device, baud: serial.baud },
+            Self::Serial(serial) => {
+                CarrierSettings::Serial { device: &serial.device, baud: serial.baud, auto: AutoDevice::Microcontroller }
+            }
+            Self::Maestro(MaestroSettings { board, .. }) => {
+                CarrierSettings::Serial { device: &board.device, baud: board.baud, auto: AutoDevice::Maestro }
+            }
+            Self::Pca9685(pca9685) => CarrierSettings::I2c(&pca9685.board),
         }
     }
 }
@@ -208,7 +243,13 @@ impl LinkKind {
 impl LinkSettings {
     /// A link of this kind with the settings that suit it.
     pub(super) fn of(kind: LinkKind) -> Self {
-        Self { kind, ..Self::default() }
+        let pace = match kind {
+            LinkKind::Maestro(_) | LinkKind::Pca9685(_) => {
+                PaceSettings { pace: PaceKind::Rate, rate_hz: SERVO_HZ, ..PaceSettings::default() }
+            }
+            _ => PaceSettings::default(),
+        };
+        Self { kind, pace, ..Self::default() }
     }
 
     /// The link to the microcontroller board that is plugged in. Its own rate suits its baud rate, whatever the camera's
@@ -218,11 +259,11 @@ impl LinkSettings {
         Self { kind: LinkKind::Serial(SerialSettings::default()), pace, ..Self::default() }
     }
 
-    /// The serial port and the baud rate, if the link uses a serial line.
-    pub(super) fn line(&self) -> Option<(&SerialDevice, u32)> {
+    /// The serial port, the baud rate and what "auto" stands for, if the link uses a serial line.
+    pub(super) fn line(&self) -> Option<(&SerialDevice, u32, AutoDevice)> {
         match self.kind.carrier() {
-            CarrierSettings::Serial { device, baud } => Some((device, baud)),
-            CarrierSettings::Udp(_) => None,
+            CarrierSettings::Serial { device, baud, auto } => Some((device, baud, auto)),
+            _ => None,
         }
     }
 
@@ -238,9 +279,18 @@ impl LinkSettings {
         if self.pace.pace == PaceKind::Pose { rate_hz.max(fps) } else { rate_hz }
     }
 
+    /// Length of a message on a serial line, bytes.
+    pub(super) fn message_bytes(&self) -> usize {
+        match &self.kind {
+            LinkKind::Maestro(maestro) => maestro.message_bytes(),
+            _ => FRAME_BYTES,
+        }
+    }
+
     /// Returns every key of a link of this kind.
     pub(super) fn keys(&self) -> Vec<&'static str> {
-        [&["kind"], self.kind.section().keys(), self.pace.keys(), &[ADJUST]].concat()
+        let section = self.kind.section();
+        [&["kind"], section.keys(), self.pace.keys(), &[ADJUST], section.tables()].concat()
     }
 
     /// Writes the lines of the table in TOML, each setting after its comment.
@@ -251,6 +301,7 @@ impl LinkSettings {
         let mut adjust = String::new();
         write_setting(&mut adjust, &ADJUST_LINES, "a table", &format!("{ADJUST} = {}", self.adjust.write_inline()));
         [text, self.kind.section().write(), self.pace.write(), adjust].join("\n")
+            + &self.kind.section().write_tables("link")
     }
 }
 
@@ -272,12 +323,13 @@ impl fmt::Display for LinkSettings {
         match self.kind.carrier() {
             CarrierSettings::Udp(address) => address.fmt(f),
             CarrierSettings::Serial { device, .. } => device.fmt(f),
+            CarrierSettings::I2c(board) => board.place().fmt(f),
         }
     }
 }
 
-/// Returns how many packets per second a serial line of this baud rate may carry.
-pub(super) fn most_packets_hz(baud: u32) -> u32 {
-    let packets = u64::from(baud) * LINE_SHARE / 100 / (FRAME_BYTES as u64 * BITS_PER_BYTE);
+/// Returns how many messages of this length a serial line of this baud rate may carry per second.
+pub(super) fn most_messages_hz(baud: u32, bytes: usize) -> u32 {
+    let packets = u64::from(baud) * LINE_SHARE / 100 / (bytes as u64 * BITS_PER_BYTE);
     u32::try_from(packets).unwrap_or(u32::MAX)
 }

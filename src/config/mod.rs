@@ -18,6 +18,8 @@ mod listen;
 mod overlay;
 mod rehearsal;
 mod section;
+mod servo;
+mod servo_check;
 mod settings;
 mod smoothing;
 #[cfg(test)]
@@ -33,9 +35,15 @@ pub use avatar::{LiveLinkSettings, OscPrefix, ParameterChoice, Parameters, Text,
 pub use board::BOARDS;
 pub use defaults::{default_link, defaults, written};
 pub use fault::{Fault, Faults};
-pub use link::{CarrierSettings, LinkKind, LinkSettings, Loss, PaceKind, PaceSettings, SerialSettings, UdpSettings};
+pub use link::{
+    AutoDevice, CarrierSettings, LinkKind, LinkSettings, Loss, PaceKind, PaceSettings, SerialSettings, UdpSettings,
+};
 pub use listen::Listen;
 pub use rehearsal::{BadScript, Scene, Script};
+pub use servo::{
+    ChannelSettings, MaestroBoard, MaestroProtocol, MaestroSettings, Pca9685Board, Pca9685Settings, ServoSettings,
+    Sources,
+};
 pub use settings::{
     AdaptationSettings, CameraFormat, CameraSettings, EngineChoice, FailsafeSettings, HardwareSettings, LogLevel,
     LogSettings, MetricsSettings, NetworkSettings, RealtimeSettings, SendSettings, Settings, SolverSettings,

@@ -132,10 +132,23 @@ impl Overlay<'_> {
             if let Some((_, instead)) = REPLACED.iter().find(|(old, _)| *old == path) {
                 let fault = Fault::Replaced { place: self.place(key.span().start), key: path, instead };
                 self.found.push((key.span().start, fault));
+            } else if section.tables().contains(&key.get_ref().as_ref()) {
+                self.tables(section, key.get_ref(), &path, value);
             } else if !section.keys().contains(&key.get_ref().as_ref()) {
-                self.unknown(&path, key.get_ref(), section.keys(), key.span().start);
+                let known = [section.keys(), section.tables()].concat();
+                self.unknown(&path, key.get_ref(), &known, key.span().start);
             } else if let Err(expected) = section.set(key.get_ref(), value.get_ref()) {
                 self.value(&path, value, expected);
+            }
+        }
+    }
+
+    /// Lays the table, or each table of an array, over that of the section.
+    fn tables(&mut self, section: &mut dyn Section, key: &str, path: &str, value: &Spanned<DeValue<'_>>) {
+        let one = std::slice::from_ref(value);
+        for value in value.get_ref().as_array().map_or(one, |array| array) {
+            if let Some(table) = section.table(key) {
+                self.section(table, path, value);
             }
         }
     }
@@ -175,13 +188,19 @@ impl Overlay<'_> {
         if name == ADJUST {
             return self.section(&mut link.adjust, &path, value);
         }
+        if link.kind.section().tables().contains(&name) {
+            return self.tables(link.kind.section_mut(), name, &path, value);
+        }
         let section: &mut dyn Section =
             if link.pace.keys().contains(&name) { &mut link.pace } else { link.kind.section_mut() };
         if section.keys().contains(&name) {
             if let Err(expected) = section.set(name, value.get_ref()) {
                 self.value(&path, value, expected);
             }
-        } else if LinkKind::all().iter().any(|kind| kind.section().keys().contains(&name)) {
+        } else if LinkKind::all()
+            .iter()
+            .any(|kind| kind.section().keys().contains(&name) || kind.section().tables().contains(&name))
+        {
             let (kind, known) = (link.kind.name(), link.keys().join(", "));
             let fault = Fault::OtherKind { place: self.place(offset), key: path, kind, known };
             self.found.push((offset, fault));

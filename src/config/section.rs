@@ -15,6 +15,22 @@ pub trait Section {
 
     /// Writes the lines of the table in TOML, each setting after its comment.
     fn write(&self) -> String;
+
+    /// The keys of the tables within this table.
+    fn tables(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// Returns the table that stands under `key`, if it is one of [`Section::tables`]. If it may stand there more than once, this
+    /// adds another one.
+    fn table(&mut self, _key: &str) -> Option<&mut dyn Section> {
+        None
+    }
+
+    /// Writes the tables of this table, which follow all other settings. `path` is the name of this table.
+    fn write_tables(&self, _path: &str) -> String {
+        String::new()
+    }
 }
 
 /// Appends a setting in TOML after its comment: the lines of its documentation, and the values it takes. An empty line

@@ -291,7 +291,7 @@ facewire.toml:12: link.kind = \"seriell\": give one of \"udp\", \"serial\", ";
 fn every_kind_of_link_explains_its_settings_and_loads_back() {
     for kind in LinkKind::all() {
         let text = default_link(kind.name()).unwrap();
-        assert_eq!(parse("link", &text).unwrap().links, [LinkSettings::of(kind)], "{text}");
+        assert_eq!(parse("link", &text).unwrap().links, [LinkSettings::of(kind.with_example())], "{text}");
     }
     assert_eq!(default_link("seriell"), None);
 }

@@ -225,3 +225,52 @@ impl<D: Device> Work<D> {
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::mpsc;
+
+    use super::*;
+
+    /// A device that tells of each message, and takes it only when it is told to, like a bus that hangs.
+    #[derive(Debug)]
+    struct Hanging {
+        given: mpsc::Sender<Vec<u8>>,
+        go_on: mpsc::Receiver<()>,
+    }
+
+    impl Device for Hanging {
+        fn open(&mut self, _shared: &Shared) -> Result<bool, LinkError> {
+            Ok(true)
+        }
+
+        fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
+            let _ = self.given.send(message.to_vec());
+            Ok(self.go_on.recv().is_ok())
+        }
+
+        fn close(&mut self) {}
+    }
+
+    #[test]
+    fn a_device_that_hangs_delays_no_sender_and_then_gets_the_newest_message() {
+        let ((given, written), (release, go_on)) = (mpsc::channel(), mpsc::channel());
+        let traffic = Arc::<Traffic>::default();
+        let device = Hanging { given, go_on };
+        let mut carrier = Background::start("test".to_owned(), "fw-test", device, true, Arc::clone(&traffic)).unwrap();
+        carrier.send(&[0]);
+        assert_eq!(written.recv().unwrap(), [0]);
+        // The thread hangs. If a sender waited for it, this would not end.
+        (1..=100).for_each(|number| carrier.send(&[number]));
+        assert_eq!(traffic.dropped.load(Relaxed), 99);
+        carrier.stop();
+        assert!(!carrier.has_ended());
+        (0..2).for_each(|_| release.send(()).unwrap());
+        assert_eq!(written.recv().unwrap(), [100]);
+        while !carrier.has_ended() {
+            thread::yield_now();
+        }
+        assert_eq!(traffic.sent.load(Relaxed), 2);
+    }
+}

@@ -11,14 +11,17 @@
 //! [`Lookup`](lookup::Lookup), it does so on a thread of its own and hands over destinations through a triple buffer.
 
 mod background;
+mod clock;
 mod gaze;
 mod head;
 mod live_link;
 mod lookup;
+pub mod maestro;
 mod osc;
 mod output;
 mod pace;
 mod packet;
+pub mod pca9685;
 mod serial;
 mod shown;
 mod udp;
@@ -35,12 +38,14 @@ pub use background::{Background, Device, Shared};
 pub use output::{Output, Pose};
 pub use pace::{Pace, Sent};
 use serial::{BoardSearch, PortClaim};
-pub use serial::{PortError, PortTrouble, open_port, serial_carrier};
+pub use serial::{PortError, PortTrouble, is_maestro, maestro_port, open_port, serial_carrier};
 pub use udp::UdpCarrier;
 pub(crate) use vrchat::parameter_names as vrchat_parameters;
 
 use self::live_link::LiveLink;
+use self::maestro::Maestro;
 use self::packet::{Datagrams, Frames};
+use self::pca9685::{I2cError, Pca9685};
 use self::shown::Shown;
 use self::vmc::Vmc;
 use self::vrchat::Vrchat;
@@ -57,6 +62,24 @@ pub trait Format: Debug + Send {
     fn preamble(&self) -> Vec<u8> {
         Vec::new()
     }
+
+    /// What to ask the receiver on a serial port about once a second.
+    fn inquiry(&self) -> Option<Inquiry> {
+        None
+    }
+}
+
+/// A question to a receiver on a serial port, and what its answer means.
+#[derive(Debug, Clone)]
+pub struct Inquiry {
+    /// The bytes to write.
+    pub question: Vec<u8>,
+    /// Length of the answer; 0 if there is none.
+    pub answer_bytes: usize,
+    /// Returns a sentence for each trouble in an answer. The log gets each once until the port is opened again.
+    pub troubles: fn(&[u8]) -> Vec<&'static str>,
+    /// The sentence if no answer comes.
+    pub silence: &'static str,
 }
 
 /// Takes bytes to a receiver.
@@ -150,6 +173,9 @@ pub enum LinkError {
     /// The serial port does not open.
     #[error("link {0}")]
     Port(#[from] PortError),
+    /// The chip on the I2C bus cannot be reached.
+    #[error("link {0}")]
+    I2c(#[from] I2cError),
     /// The system refused a thread.
     #[error("link {link}: no thread ({error}); raise the limit of threads")]
     Thread {
@@ -178,9 +204,10 @@ impl Link {
         let (format, counters) = (format_of(&settings.kind), Arc::clone(traffic));
         let carrier: Box<dyn Carrier> = match settings.kind.carrier() {
             CarrierSettings::Udp(address) => Box::new(UdpCarrier::open(address, counters)?),
-            CarrierSettings::Serial { device, baud } => {
-                Box::new(serial_carrier(device, baud, format.preamble(), counters)?)
+            CarrierSettings::Serial { device, baud, auto } => {
+                Box::new(serial_carrier(device, baud, auto, (format.preamble(), format.inquiry()), counters)?)
             }
+            CarrierSettings::I2c(board) => Box::new(pca9685::carrier(board, counters)?),
         };
         Ok(Self::new(format, carrier, traffic))
     }
@@ -199,9 +226,10 @@ impl Link {
     fn check(settings: &LinkSettings, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
         match settings.kind.carrier() {
             CarrierSettings::Udp(address) => udp::check(address).map(|()| address.to_string()),
-            CarrierSettings::Serial { device: SerialDevice::Path(port), baud } => check_port(port, baud, claims),
-            CarrierSettings::Serial { device: SerialDevice::Auto, baud } => {
-                match BoardSearch::default().find().map_err(PortError::of_the_board) {
+            CarrierSettings::Serial { device: SerialDevice::Path(port), baud, .. } => check_port(port, baud, claims),
+            CarrierSettings::I2c(board) => Ok(pca9685::Bus::check(board.place()).map(|()| settings.to_string())?),
+            CarrierSettings::Serial { device: SerialDevice::Auto, baud, auto } => {
+                match BoardSearch::new(auto).find().map_err(PortError::of_the_board) {
                     Ok(port) => check_port(&port, baud, claims),
                     Err(error) if error.waits_for_a_board() => Ok(error.to_string()),
                     Err(error) => Err(error.into()),
@@ -217,7 +245,7 @@ impl Link {
     pub fn resolve(settings: &LinkSettings) -> Result<(), LinkError> {
         match settings.kind.carrier() {
             CarrierSettings::Udp(address) => udp::resolve(address).map(drop),
-            CarrierSettings::Serial { .. } => Ok(()),
+            CarrierSettings::Serial { .. } | CarrierSettings::I2c(_) => Ok(()),
         }
     }
 
@@ -271,6 +299,8 @@ fn format_of(kind: &LinkKind) -> Box<dyn Format> {
         LinkKind::LiveLink(settings) => Box::new(LiveLink::new(settings)),
         LinkKind::Vmc(settings) => Box::new(Vmc::new(settings)),
         LinkKind::Vrchat(settings) => Box::new(Vrchat::new(settings)),
+        LinkKind::Maestro(settings) => Box::new(Maestro::new(settings)),
+        LinkKind::Pca9685(settings) => Box::new(Pca9685::new(settings)),
     }
 }
 

@@ -7,33 +7,46 @@
 
 mod board;
 mod claim;
+mod dialogue;
 mod line;
 mod port;
 
-use std::sync::Arc;
+use std::{path::PathBuf, sync::Arc};
 
-pub use self::board::BoardSearch;
+pub use self::board::{BoardSearch, is_maestro};
 pub use self::claim::PortClaim;
 use self::line::{Line, Place};
 pub use self::port::{PortError, PortTrouble, open as open_port};
 use super::background::Background;
-use super::{LinkError, Traffic};
-use crate::config::SerialDevice;
+use super::{Inquiry, LinkError, Traffic};
+use crate::config::{AutoDevice, SerialDevice};
 
-/// Starts the thread of a serial line. The port may appear later. Each time the port opens, the thread writes `preamble`
-/// first.
+/// Returns the command port of a Maestro.
+///
+/// # Errors
+/// Says why there is none.
+pub fn maestro_port(device: &SerialDevice) -> Result<PathBuf, PortError> {
+    match device {
+        SerialDevice::Path(path) => Ok(path.clone()),
+        SerialDevice::Auto => BoardSearch::new(AutoDevice::Maestro).find().map_err(PortError::of_the_board),
+    }
+}
+
+/// Starts the thread of a serial line. The port may appear later. Each time the port opens, the thread writes the first
+/// bytes given, the preamble; later it asks the inquiry again and again.
 ///
 /// # Errors
 /// Returns an error if the system refuses a thread.
 pub fn serial_carrier(
     device: &SerialDevice,
     baud: u32,
-    preamble: Vec<u8>,
+    auto: AutoDevice,
+    (preamble, inquiry): (Vec<u8>, Option<Inquiry>),
     traffic: Arc<Traffic>,
 ) -> Result<Background, LinkError> {
     let (place, is_found) = match device {
-        SerialDevice::Auto => (Place::Board(BoardSearch::default()), false),
+        SerialDevice::Auto => (Place::Board(BoardSearch::new(auto)), false),
         SerialDevice::Path(path) => (Place::Path(path.clone()), true),
     };
-    Background::start(device.to_string(), "fw-serial", Line::new(place, baud, preamble), is_found, traffic)
+    Background::start(device.to_string(), "fw-serial", Line::new(place, baud, preamble, inquiry), is_found, traffic)
 }

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::port::PortTrouble;
+use crate::config::AutoDevice;
 
 /// Links to the serial ports of USB devices, with names that stay with the device.
 const LINKS: &str = "/dev/serial/by-id";
@@ -28,9 +29,21 @@ const PROBES: [(&str, &str); 2] = [("2e8a", "0004"), ("2e8a", "000c")];
 /// for some seconds.
 const LOYALTY: Duration = Duration::from_secs(30);
 
+/// Pololu's Maestros: the Micro Maestro 6 and the Mini Maestros 12, 18 and 24. They would take packets for commands, so a
+/// link for packets never chooses them. Their first port is the one for commands.
+/// Source: the udev rules and the source of Pololu's Maestro software for Linux.
+const MAESTROS: [(&str, &str); 4] = [("1ffb", "0089"), ("1ffb", "008a"), ("1ffb", "008b"), ("1ffb", "008c")];
+
+/// Whether a USB device with these numbers is a Maestro.
+#[must_use]
+pub fn is_maestro(vendor: u16, product: u16) -> bool {
+    MAESTROS.contains(&(format!("{vendor:04x}").as_str(), format!("{product:04x}").as_str()))
+}
+
 /// The search for the board of one link.
 #[derive(Debug, Default)]
 pub struct BoardSearch {
+    wanted: AutoDevice,
     /// The board that was chosen last.
     chosen: Option<PathBuf>,
     /// When the search first missed it.
@@ -38,12 +51,18 @@ pub struct BoardSearch {
 }
 
 impl BoardSearch {
+    /// The search for a device of this kind.
+    #[must_use]
+    pub fn new(wanted: AutoDevice) -> Self {
+        Self { wanted, ..Self::default() }
+    }
+
     /// Returns the port of the board.
     ///
     /// # Errors
     /// Says why there is none.
     pub fn find(&mut self) -> Result<PathBuf, PortTrouble> {
-        self.choose(Ports::look(Path::new(LINKS), Path::new(CLASS)), Instant::now())
+        self.choose(Ports::look(self.wanted, Path::new(LINKS), Path::new(CLASS)), Instant::now())
     }
 
     fn choose(&mut self, mut ports: Ports, now: Instant) -> Result<PathBuf, PortTrouble> {
@@ -56,9 +75,10 @@ impl BoardSearch {
         }
         match ports.boards.as_slice() {
             [board] => {
-                *self = Self { chosen: Some(board.clone()), missed_at: None };
+                (self.chosen, self.missed_at) = (Some(board.clone()), None);
                 Ok(board.clone())
             }
+            [] if self.wanted == AutoDevice::Maestro => Err(PortTrouble::NoMaestro),
             [] => Err(PortTrouble::NoBoard(ports.others)),
             _ => Err(PortTrouble::SeveralBoards(ports.boards)),
         }
@@ -74,7 +94,7 @@ struct Ports {
 
 impl Ports {
     /// Lists the ports that have a link in `links`, with what `class` tells of them.
-    fn look(links: &Path, class: &Path) -> Self {
+    fn look(wanted: AutoDevice, links: &Path, class: &Path) -> Self {
         let mut paths: Vec<PathBuf> =
             fs::read_dir(links).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
         paths.sort();
@@ -83,7 +103,12 @@ impl Ports {
         devices.dedup_by(|later, earlier| later.0 == earlier.0);
         let mut ports = Self::default();
         for (device, path) in devices {
-            if is_board(&device) { ports.boards.push(path) } else { ports.others.push(path) }
+            match (kind(&device), wanted) {
+                (Some(kind), wanted) if kind == wanted => ports.boards.push(path),
+                // A path that the message would recommend.
+                (Some(AutoDevice::Maestro), AutoDevice::Microcontroller) => {}
+                _ => ports.others.push(path),
+            }
         }
         ports
     }
@@ -97,11 +122,17 @@ fn usb_device(port: &Path, class: &Path) -> Option<PathBuf> {
     Some(device.to_owned())
 }
 
-fn is_board(device: &Path) -> bool {
+/// What kind of device this is, if its numbers tell.
+fn kind(device: &Path) -> Option<AutoDevice> {
     let read = |name| fs::read_to_string(device.join(name)).unwrap_or_default().trim().to_owned();
     let (vendor, product) = (read("idVendor"), read("idProduct"));
+    let numbers = (vendor.as_str(), product.as_str());
+    if MAESTROS.contains(&numbers) {
+        return Some(AutoDevice::Maestro);
+    }
     let is_teensy = vendor == TEENSY.0 && product.starts_with(TEENSY.1);
-    is_teensy || (VENDORS.contains(&vendor.as_str()) && !PROBES.contains(&(vendor.as_str(), product.as_str())))
+    let is_board = is_teensy || (VENDORS.contains(&vendor.as_str()) && !PROBES.contains(&numbers));
+    is_board.then_some(AutoDevice::Microcontroller)
 }
 
 #[cfg(test)]
@@ -150,7 +181,7 @@ mod tests {
         }
 
         fn find(&self, search: &mut BoardSearch, now: Instant) -> Result<PathBuf, PortTrouble> {
-            search.choose(Ports::look(&self.0.path().join("by-id"), &self.0.path().join("tty")), now)
+            search.choose(Ports::look(search.wanted, &self.0.path().join("by-id"), &self.0.path().join("tty")), now)
         }
 
         fn find_first(&self) -> Result<PathBuf, PortTrouble> {
@@ -170,6 +201,21 @@ mod tests {
         assert_eq!(machine.find_first(), Err(PortTrouble::NoBoard(others.to_vec())));
         machine.plug("Teensyduino", "16c0:0483", &["ttyACM2"]);
         assert_eq!(machine.find_first(), Ok(machine.link("Teensyduino", 0)));
+    }
+
+    #[test]
+    fn a_maestro_is_found_by_a_link_for_maestros_at_its_first_port_and_gets_no_packets() {
+        let machine = Machine::new();
+        let find = || machine.find(&mut BoardSearch::new(AutoDevice::Maestro), Instant::now());
+        machine.plug("Arduino", "2341:0043", &["ttyACM0"]);
+        assert_eq!(find(), Err(PortTrouble::NoMaestro));
+        machine.plug("Pololu_Mini_Maestro_12", "1ffb:008a", &["ttyACM2", "ttyACM1"]);
+        assert_eq!(find(), Ok(machine.link("Pololu_Mini_Maestro_12", 0)));
+        assert_eq!(machine.find_first(), Ok(machine.link("Arduino", 0)));
+        machine.unplug("Arduino");
+        assert_eq!(machine.find_first(), Err(PortTrouble::NoBoard(vec![])));
+        machine.plug("Pololu_Micro_Maestro_6", "1ffb:0089", &["ttyACM3", "ttyACM4"]);
+        assert!(matches!(find(), Err(PortTrouble::SeveralBoards(boards)) if boards.len() == 2));
     }
 
     #[test]

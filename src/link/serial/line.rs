@@ -1,7 +1,7 @@
 //! A serial port as a device: finds it, claims it, opens it and writes messages.
 
 use std::{
-    io::{self, ErrorKind, Write as _},
+    io::{self, ErrorKind, Read as _, Write as _},
     path::{Path, PathBuf},
     thread,
     time::{Duration, Instant},
@@ -11,9 +11,10 @@ use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 
 use super::board::BoardSearch;
 use super::claim::PortClaim;
+use super::dialogue::{Dialogue, Turn};
 use super::port::{self, PortError};
-use crate::link::LinkError;
 use crate::link::background::{Device, Shared};
+use crate::link::{Inquiry, LinkError};
 
 /// A port that takes no bytes for this long has lost the message: the next one is newer.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -48,6 +49,7 @@ pub struct Line {
     baud: u32,
     /// Written each time the port is opened.
     preamble: Vec<u8>,
+    inquiry: Option<Inquiry>,
     /// The claim for the first attempt to open the port.
     first_claim: Option<PortClaim>,
     /// Until then, a port that another link holds is waited for in silence.
@@ -56,13 +58,13 @@ pub struct Line {
 }
 
 impl Line {
-    pub fn new(place: Place, baud: u32, preamble: Vec<u8>) -> Self {
+    pub fn new(place: Place, baud: u32, preamble: Vec<u8>, inquiry: Option<Inquiry>) -> Self {
         // Claimed here, so that the first of two links to one device gets it.
         let first_claim = match &place {
             Place::Path(path) => PortClaim::acquire(path).ok(),
             Place::Board(_) => None,
         };
-        Self { place, baud, preamble, first_claim, handover_end: Instant::now() + HANDOVER, open: None }
+        Self { place, baud, preamble, inquiry, first_claim, handover_end: Instant::now() + HANDOVER, open: None }
     }
 
     /// Claims the port. Up to the end of the handover, waits for another link to release it. Returns `None` when told to
@@ -95,7 +97,8 @@ impl Device for Line {
         // A port that takes no bytes yet does not need the preamble.
         let _ = tty.write(&self.preamble);
         tracing::info!("link opened: {} at {} baud", device.display(), self.baud);
-        self.open = Some(Port { device, tty, takes: true, took_at: Instant::now(), _claim: claim });
+        let (took_at, dialogue) = (Instant::now(), Dialogue::default());
+        self.open = Some(Port { device, tty, takes: true, took_at, dialogue, _claim: claim });
         Ok(true)
     }
 
@@ -107,6 +110,13 @@ impl Device for Line {
             tracing::warn!("link {}: it takes no packets; check that the receiver reads", port.device.display());
         }
         Ok(took)
+    }
+
+    fn attend(&mut self) -> Result<(), LinkError> {
+        if let (Some(port), Some(inquiry)) = (&mut self.open, &self.inquiry) {
+            port.ask(inquiry).map_err(|error| PortError::lost(&port.device, error))?;
+        }
+        Ok(())
     }
 
     fn close(&mut self) {
@@ -123,15 +133,50 @@ struct Port {
     takes: bool,
     /// When the port took the last message.
     took_at: Instant,
+    dialogue: Dialogue,
     /// Released after the port is closed.
     _claim: PortClaim,
 }
 
 impl Port {
+    /// Asks the receiver if it is time, or takes its answer.
+    fn ask(&mut self, inquiry: &Inquiry) -> io::Result<()> {
+        let there = self.tty.bytes_to_read().map_or(0, |bytes| bytes as usize);
+        match self.dialogue.next(there, inquiry, Instant::now()) {
+            Turn::Ask => {
+                let _ = self.tty.clear(ClearBuffer::Input);
+                // A question that the port does not take now is asked again a second later.
+                return self
+                    .tty
+                    .write(&inquiry.question)
+                    .map(drop)
+                    .or_else(|error| if is_timeout(&error) { Ok(()) } else { Err(error) });
+            }
+            Turn::Hear => {
+                let mut answer = vec![0; inquiry.answer_bytes];
+                self.tty.read_exact(&mut answer)?;
+                for trouble in (inquiry.troubles)(&answer) {
+                    self.tell(trouble);
+                }
+            }
+            Turn::GiveUp => self.tell(inquiry.silence),
+            Turn::Wait => {}
+        }
+        Ok(())
+    }
+
+    fn tell(&mut self, trouble: &str) {
+        if self.dialogue.told.is_new(trouble) {
+            tracing::warn!("link {}: {trouble}", self.device.display());
+        }
+    }
+
     /// Writes the message. Returns whether the port took all of it in time.
     fn write(&mut self, message: &[u8]) -> io::Result<bool> {
-        // Input is discarded, because a board whose output nobody takes may stop.
-        let _ = self.tty.clear(ClearBuffer::Input);
+        // Input that is no answer is discarded, because a board whose output nobody takes may stop.
+        if !self.dialogue.is_waiting() {
+            let _ = self.tty.clear(ClearBuffer::Input);
+        }
         // A port that does not know its unsent bytes is written to.
         if self.tty.bytes_to_write().is_ok_and(|unsent| is_behind(unsent, message.len())) {
             self.takes &= self.took_at.elapsed() < STUCK;

@@ -32,8 +32,11 @@ pub enum PortTrouble {
     /// No microcontroller board is plugged in, only these other serial ports.
     #[error("waits for a microcontroller board; none of a known maker is plugged in{}", hint(.0))]
     NoBoard(Vec<PathBuf>),
-    /// More than one microcontroller board is plugged in.
-    #[error("more than one microcontroller board is plugged in; give the path of one as link.device: {}", list(.0))]
+    /// No Maestro is plugged in.
+    #[error("waits for a Pololu Maestro; none is plugged into USB")]
+    NoMaestro,
+    /// More than one board of the kind that is looked for is plugged in.
+    #[error("more than one such board is plugged in; give the path of one as link.device: {}", list(.0))]
     SeveralBoards(Vec<PathBuf>),
     /// The board that was used is away, and another one is plugged in.
     #[error("waits for {}; another board takes its place after half a minute", .0.display())]
@@ -86,10 +89,16 @@ impl PortError {
         Self::new(Path::new("auto"), trouble)
     }
 
-    /// Whether no microcontroller board is plugged in, as with a service whose board comes later.
+    /// Whether another program has the port open.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        self.trouble == PortTrouble::Busy
+    }
+
+    /// Whether no board of the kind that is looked for is plugged in, as with a service whose board comes later.
     #[must_use]
     pub fn waits_for_a_board(&self) -> bool {
-        matches!(self.trouble, PortTrouble::NoBoard(_))
+        matches!(self.trouble, PortTrouble::NoBoard(_) | PortTrouble::NoMaestro)
     }
 
     /// The error of a port that failed while it was open.

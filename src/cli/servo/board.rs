@@ -1,0 +1,101 @@
+//! A servo board of which one channel is moved.
+
+use std::io::{Read as _, Write as _};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serialport::{ClearBuffer, SerialPort as _, TTYPort};
+
+use super::super::failure::Failure;
+use crate::config::{LinkKind, MaestroBoard};
+use crate::link::maestro::{ANSWER_BYTES, Code, Protocol, SILENCE, data, speed, target};
+use crate::link::pca9685::{Bus, CHANNELS, Period, register};
+use crate::link::{LinkError, PortError, maestro_port, open_port};
+
+/// How long a Maestro has for its answer.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// Speed of the servo, microseconds of the pulse per second: a large step takes a few hundredths of a second.
+const SPEED_US_PER_S: f32 = 2000.0;
+
+/// A channel of a board.
+pub enum Board {
+    Maestro { tty: TTYPort, device: PathBuf, protocol: Protocol, channel: u8 },
+    Pca9685 { bus: Bus, period: Period, channel: u8 },
+}
+
+impl Board {
+    /// Opens the board. Another program that uses it, such as the service, is told as the reason.
+    pub fn open(kind: &LinkKind, channel: u8) -> Result<Self, Failure> {
+        match kind {
+            LinkKind::Pca9685(settings) => {
+                if channel >= CHANNELS {
+                    return Err(Failure::failed(format!("a PCA9685 has the channels 0 to {}", CHANNELS - 1)));
+                }
+                let board = &settings.board;
+                let period = Period::new(board.pulses_hz, board.oscillator_hz);
+                let bus = Bus::open(board.place(), period).map_err(LinkError::from)?;
+                Ok(Self::Pca9685 { bus, period, channel })
+            }
+            LinkKind::Maestro(settings) => Self::maestro(&settings.board, channel),
+            _ => Err(Failure::failed("this link leads to no servo board".to_owned())),
+        }
+    }
+
+    fn maestro(board: &MaestroBoard, channel: u8) -> Result<Self, Failure> {
+        let device = maestro_port(&board.device).map_err(LinkError::from)?;
+        let tty = open_port(&device, board.baud, PATIENCE).map_err(refused)?;
+        let mut maestro = Self::Maestro { tty, device, protocol: Protocol::new(board), channel };
+        if board.read_errors {
+            maestro.ask(board.device_number)?;
+        }
+        let [low, high] = data(speed(SPEED_US_PER_S));
+        maestro.command(Code::SetSpeed, [channel, low, high])?;
+        Ok(maestro)
+    }
+
+    /// Asks a Maestro for its errors, to know that it listens. What the errors are does not matter: they come from before.
+    fn ask(&mut self, device_number: u32) -> Result<(), Failure> {
+        let Self::Maestro { tty, device, protocol, .. } = self else { return Ok(()) };
+        let mut question = Vec::new();
+        // A Maestro that detects its baud rate needs a command of this protocol first.
+        let pololu = Protocol { device_number: u8::try_from(device_number).ok(), ..*protocol };
+        for protocol in [pololu, *protocol] {
+            protocol.write(&mut question, Code::GetErrors, []);
+        }
+        let _ = tty.clear(ClearBuffer::Input);
+        let answered = tty.write_all(&question).and_then(|()| tty.read_exact(&mut [0; ANSWER_BYTES]));
+        answered.map_err(|_| Failure::unavailable(format!("{}: {SILENCE}", device.display())))
+    }
+
+    /// Gives the channel this pulse, or none.
+    pub fn set(&mut self, pulse_us: Option<f32>) -> Result<(), Failure> {
+        match self {
+            Self::Maestro { channel, .. } => {
+                let [low, high] = data(target(pulse_us));
+                let channel = *channel;
+                self.command(Code::SetTarget, [channel, low, high])
+            }
+            Self::Pca9685 { bus, period, channel } => {
+                let [a, b, c, d] = period.channel(pulse_us);
+                bus.write(&[register(*channel), a, b, c, d]).map_err(|error| LinkError::from(error).into())
+            }
+        }
+    }
+
+    fn command(&mut self, code: Code, data: [u8; 3]) -> Result<(), Failure> {
+        let Self::Maestro { tty, device, protocol, .. } = self else { return Ok(()) };
+        let mut command = Vec::new();
+        protocol.write(&mut command, code, data);
+        // Nobody reads the answers of before.
+        let _ = tty.clear(ClearBuffer::Input);
+        tty.write_all(&command).map_err(|error| LinkError::from(PortError::lost(device, error)).into())
+    }
+}
+
+/// Says how to free a port. Only one program at a time may move servos.
+fn refused(error: PortError) -> Failure {
+    let is_busy = error.is_busy();
+    let message = LinkError::from(error).to_string();
+    let hint = if is_busy { "; if it is the service, stop it first: sudo systemctl stop facewire" } else { "" };
+    Failure::unavailable(message + hint)
+}

@@ -1,0 +1,77 @@
+#!/bin/sh
+# A PCA9685 on an I2C bus of the kernel's i2c-stub: the service sets it up, gives its channels their pulses, sets it up again
+# after its power failed, and tells once that another chip does not answer.
+. cases/lib.sh
+modprobe i2c-dev
+modprobe i2c-stub chip_addr=0x40
+bus=$(grep -l 'SMBus stub' /sys/class/i2c-dev/i2c-*/name | head -n 1 | sed 's/.*i2c-\([0-9]*\).*/\1/')
+await test -e "/dev/i2c-$bus"
+
+# register NUMBER: prints what is in this register
+register() { i2cget -y "$bus" 0x40 "$1"; }
+
+# has NUMBER VALUE: this register has this value
+has() { [ "$(register "$1")" = "$2" ]; }
+
+# The registers after power-on: the chip sleeps, and its prescaler is that of 200 Hz.
+power_on() {
+    i2cset -y "$bus" 0x40 0x00 0x11
+    i2cset -y "$bus" 0x40 0xfe 0x1e
+}
+
+power_on
+i2cset -y "$bus" 0x40 0x05 0x5a
+i2cset -y "$bus" 0x40 0x16 0xa5
+configure /dev/video9
+cat >>$work/facewire.toml <<CONFIG
+[[link]]
+kind = "pca9685"
+bus = $bus
+[[link.channel]]
+channel = 1
+sources = { jawOpen = 1.0 }
+neutral = 0.5
+[[link.channel]]
+channel = 3
+sources = { eyeBlinkLeft = 1.0 }
+loss = "release"
+[[link]]
+kind = "pca9685"
+bus = $bus
+address = 0x41
+[[link.channel]]
+channel = 0
+sources = { jawOpen = 1.0 }
+CONFIG
+: >$work/log
+$work/facewire run --config $work/facewire.toml 2>$work/log &
+service=$!
+await logged 1 "link opened: I2C bus $bus, address 0x40"
+
+# 25 MHz / 4096 / 50 Hz is 122; 1500 microseconds are 307 of 4.88.
+await has 0x0c 0x33
+has 0x0d 0x01 || fail "1500 us: $(register 0x0d)"
+has 0xfe 0x79 || fail "prescaler $(register 0xfe)"
+await has 0x15 0x10
+# Channel 2 lies between both, and gets no pulses. What lies around them keeps its value.
+has 0x11 0x10 || fail "channel 2: $(register 0x11)"
+has 0x05 0x5a || fail "register 5: $(register 0x05)"
+has 0x16 0xa5 || fail "channel 4: $(register 0x16)"
+
+power_on
+await logged 1 'the chip lost its power'
+await has 0xfe 0x79
+[ $(($(register 0x00) & 0x10)) = 0 ] || fail 'the chip sleeps'
+await has 0x0c 0x33
+
+await logged 1 'address 0x41: no chip answers'
+kill -TERM $service
+status=0
+wait $service || status=$?
+[ $status = 0 ] || fail "facewire run ended with exit status $status"
+[ "$(grep -c '0x41: no chip answers' $work/log)" = 1 ] || fail 'the missing chip was told more than once'
+[ "$(grep -c 'lost its power' $work/log)" = 1 ] || fail 'the power was told more than once'
+! grep -q panic $work/log || fail 'facewire run panicked'
+has 0x0c 0x33 || fail 'after the end, channel 1 is not neutral'
+has 0x15 0x10 || fail 'after the end, channel 3 is not released'
+echo "registers of 4 channels, power-on and a missing chip by i2c-stub on bus $bus"

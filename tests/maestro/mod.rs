@@ -1,0 +1,233 @@
+//! A Maestro that holds to its user's guide (<https://www.pololu.com/docs/0J40>), at the end of a pseudo-terminal.
+#![allow(dead_code, clippy::indexing_slicing, reason = "each test uses a part; a panic fails it")]
+
+use std::io::{Read as _, Write as _};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use super::board::Board;
+
+/// Bits of the error register.
+pub const CRC_ERROR: u16 = 1 << 3;
+pub const PROTOCOL_ERROR: u16 = 1 << 4;
+
+/// What a Maestro is and how it is set.
+#[derive(Debug, Clone, Copy)]
+pub struct Model {
+    pub channels: usize,
+    pub crc: bool,
+    pub device_number: u8,
+    /// Whether bytes on its port are commands: "USB Dual Port", and not the mode it has when it is new.
+    pub takes_commands: bool,
+    /// Whether it learns its baud rate from the first 0xAA, and ignores everything before.
+    pub detects_baud: bool,
+}
+
+impl Model {
+    pub const MINI_24: Self =
+        Self { channels: 24, crc: false, device_number: 12, takes_commands: true, detects_baud: false };
+    pub const MICRO_6: Self = Self { channels: 6, ..Self::MINI_24 };
+}
+
+/// What a Maestro has been told.
+#[derive(Debug, Default)]
+pub struct State {
+    /// Targets in quarters of a microsecond; 0 means no pulses.
+    pub targets: [u16; 24],
+    pub speeds: [u16; 24],
+    pub accelerations: [u16; 24],
+    pub errors: u16,
+    /// All errors that ever occurred.
+    pub ever: u16,
+    /// The codes of the commands that it obeyed.
+    pub commands: Vec<u8>,
+    answers: Vec<u8>,
+    knows_baud: bool,
+    /// The bytes of the unfinished command.
+    command: Vec<u8>,
+}
+
+impl State {
+    /// Takes a byte from the line.
+    pub fn take(&mut self, byte: u8, model: &Model) {
+        self.knows_baud |= byte == 0xAA;
+        if !model.takes_commands || (model.detects_baud && !self.knows_baud) {
+            return;
+        }
+        if byte >= 0x80 {
+            let unfinished = std::mem::take(&mut self.command);
+            // What another device on the line is told may have any length.
+            if !unfinished.is_empty() && !is_for_another(&unfinished, model) {
+                self.fail(PROTOCOL_ERROR);
+            }
+        }
+        if byte < 0x80 && self.command.is_empty() {
+            return self.fail(PROTOCOL_ERROR);
+        }
+        self.command.push(byte);
+        self.finish(model);
+    }
+
+    /// Obeys the command if it is whole.
+    fn finish(&mut self, model: &Model) {
+        let (code, data) = match self.command.as_slice() {
+            [] | [0xAA] | [0xAA, _] => return,
+            [0xAA, ..] if is_for_another(&self.command, model) => return,
+            [0xAA, _, code, data @ ..] => (code | 0x80, data),
+            [code, data @ ..] => (*code, data),
+        };
+        let needed = match (code, data) {
+            (0x84 | 0x87 | 0x89, _) => 3,
+            (0xA1, _) => 0,
+            (0x9F, []) if model.channels > 6 => 1,
+            (0x9F, [count, ..]) if model.channels > 6 => 2 + 2 * usize::from(*count),
+            _ => {
+                self.command.clear();
+                return self.fail(PROTOCOL_ERROR);
+            }
+        };
+        if data.len() < needed + usize::from(model.crc) || (code == 0x9F && data.len() < 2) {
+            return;
+        }
+        let command = std::mem::take(&mut self.command);
+        let (told, crc) = command.split_at(command.len() - usize::from(model.crc));
+        if model.crc && crc != [remainder(told)] {
+            return self.fail(CRC_ERROR);
+        }
+        let data = &told[told.len() - needed..];
+        self.obey(code, data, model);
+    }
+
+    fn obey(&mut self, code: u8, data: &[u8], model: &Model) {
+        self.commands.push(code);
+        match (code, data) {
+            (0xA1, _) => {
+                self.answers.extend(self.errors.to_le_bytes());
+                self.errors = 0;
+            }
+            (0x9F, [_, first, targets @ ..]) => {
+                for (channel, target) in (usize::from(*first)..).zip(targets.chunks(2)) {
+                    self.targets[channel] = number(target);
+                }
+            }
+            (_, [channel, value @ ..]) if usize::from(*channel) < model.channels => {
+                let channel = usize::from(*channel);
+                match code {
+                    0x84 => self.targets[channel] = number(value),
+                    0x87 => self.speeds[channel] = number(value),
+                    _ => self.accelerations[channel] = number(value),
+                }
+            }
+            _ => self.fail(PROTOCOL_ERROR),
+        }
+    }
+
+    pub fn fail(&mut self, error: u16) {
+        self.errors |= error;
+        self.ever |= error;
+    }
+
+    /// Where a servo at `from` is after a move of this time, quarters of a microsecond: a speed of 1 is one quarter in
+    /// 10 ms.
+    pub fn reached(&self, channel: usize, from: u16, ms: u16) -> u16 {
+        let (target, most) = (self.targets[channel], self.speeds[channel] * (ms / 10));
+        if self.speeds[channel] == 0 { target } else { target.clamp(from.saturating_sub(most), from + most) }
+    }
+}
+
+fn is_for_another(command: &[u8], model: &Model) -> bool {
+    matches!(command, [0xAA, number, ..] if *number != model.device_number)
+}
+
+/// A number of 14 bits, the low 7 first.
+fn number(bytes: &[u8]) -> u16 {
+    u16::from(bytes[0]) | u16::from(bytes[1]) << 7
+}
+
+/// The CRC of a command by long division, as the guide shows it: the bits of the message, the least significant of each byte
+/// first, and seven zeros, divided by 10001001.
+fn remainder(message: &[u8]) -> u8 {
+    let mut bits: Vec<bool> = message.iter().flat_map(|byte| (0..8).map(move |bit| byte >> bit & 1 == 1)).collect();
+    bits.extend([false; 7]);
+    let divisor = [true, false, false, false, true, false, false, true];
+    for place in 0..bits.len() - 7 {
+        if bits[place] {
+            bits[place..place + 8].iter_mut().zip(divisor).for_each(|(bit, divisor)| *bit ^= divisor);
+        }
+    }
+    let remainder = &bits[bits.len() - 7..];
+    (0..7).map(|bit| u8::from(remainder[bit]) << bit).sum()
+}
+
+/// A Maestro that runs on a thread of its own until it is unplugged.
+pub struct Maestro {
+    pub device: PathBuf,
+    state: Arc<Mutex<State>>,
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Maestro {
+    pub fn plugged_in(model: Model) -> Self {
+        let mut board = Board::plugged_in();
+        let (device, state, is_over) = (board.device.clone(), Arc::<Mutex<State>>::default(), Arc::default());
+        let (shared, over) = (Arc::clone(&state), Arc::<AtomicBool>::clone(&is_over));
+        let thread = thread::spawn(move || {
+            while !over.load(Relaxed) {
+                let mut bytes = [0; 1024];
+                let length = board.master.read(&mut bytes).unwrap_or(0);
+                let mut state = shared.lock().unwrap();
+                bytes[..length].iter().for_each(|byte| state.take(*byte, &model));
+                let answers = std::mem::take(&mut state.answers);
+                drop(state);
+                let _ = board.master.write_all(&answers);
+                if length == 0 {
+                    thread::sleep(Duration::from_millis(1));
+                }
+            }
+        });
+        Self { device, state, is_over, thread: Some(thread) }
+    }
+
+    pub fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap()
+    }
+
+    /// The pulse of a channel, microseconds; `None` if there is none.
+    pub fn pulse_us(&self, channel: usize) -> Option<f32> {
+        let target = self.state().targets[channel];
+        (target > 0).then(|| f32::from(target) / 4.0)
+    }
+}
+
+impl Drop for Maestro {
+    /// Unplugs it.
+    fn drop(&mut self) {
+        self.is_over.store(true, Relaxed);
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+#[test]
+fn the_simulator_agrees_with_the_examples_of_the_guide() {
+    assert_eq!(remainder(&[0x83, 0x01]), 0x17);
+    let mut state = State::default();
+    let commands = [&[0x84, 0x00, 0x70, 0x2E][..], &[0x87, 0x05, 0x0C, 0x01], &[0x9F, 2, 3, 0, 0, 0x70, 0x2E]];
+    for byte in commands.concat() {
+        state.take(byte, &Model::MINI_24);
+    }
+    assert_eq!((state.targets[0], state.speeds[5], state.targets[4], state.ever), (6000, 140, 6000, 0));
+    // 1000 to 1350 µs at 3.5 µs/ms take 100 ms.
+    state.targets[5] = 5400;
+    assert_eq!([50, 100].map(|ms| state.reached(5, 4000, ms)), [4700, 5400]);
+    for broken in [&[0x84, 0x00, 0x84][..], &[0x05], &[0xB5]] {
+        let mut state = State::default();
+        for byte in broken {
+            state.take(*byte, &Model::MINI_24);
+        }
+        assert_eq!(state.errors, PROTOCOL_ERROR, "{broken:?}");
+    }
+}

@@ -136,14 +136,21 @@ fn finding_a_lost_face_allocates_nothing() {
     assert_eq!(allocated, AllocationInfo::default());
 }
 
-/// The settings of a link of this kind whose receiver is away. What is sent to it is encoded all the same.
+/// The settings of a link of this kind that sends all that it can, and whose receiver is away. What is sent to it is
+/// encoded all the same.
 fn link_to_nobody(kind: &str) -> LinkSettings {
     let default = config::default_link(kind).unwrap();
-    let has_device = default.contains("\ndevice = ");
+    let keys = match kind {
+        "live-link" => "swap_mouth = true\n",
+        "vrchat" => "bits = 8\nnative_eyes = true\n",
+        "ifacialmocap" => "listen = \"\"\naddress = \"127.0.0.1:9\"\n",
+        "json" => "to = \"udp:127.0.0.1:9\"\n",
+        _ if default.contains("\ndevice = ") => "device = \"/dev/away\"\n",
+        _ => "",
+    };
     let channel =
         if default.contains("\n[[link.channel]]") { "[[link.channel]]\nsources = { jawOpen = 1.0 }\n" } else { "" };
-    let device = if has_device { "device = \"/dev/away\"\n" } else { "" };
-    let link = format!("[[link]]\nkind = \"{kind}\"\npace = \"rate\"\nrate_hz = 60\n{device}{channel}");
+    let link = format!("[[link]]\nkind = \"{kind}\"\npace = \"rate\"\nrate_hz = 60\n{keys}{channel}");
     config::parse(kind, &link).unwrap_or_else(|faults| panic!("{faults}")).links.remove(0)
 }
 

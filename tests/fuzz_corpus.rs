@@ -78,3 +78,8 @@ fn y4m_corpus() {
 fn avi_corpus() {
     keeps_its_promise(targets::avi, "avi");
 }
+
+#[test]
+fn subscription_corpus() {
+    keeps_its_promise(targets::subscription, "subscription");
+}

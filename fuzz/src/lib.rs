@@ -17,6 +17,7 @@ mod packet;
 mod profile_file;
 mod receiver;
 mod recording;
+mod subscription;
 mod wire;
 mod y4m;
 
@@ -31,4 +32,5 @@ pub use packet::packet;
 pub use profile_file::profile_file;
 pub use receiver::receiver;
 pub use recording::recording;
+pub use subscription::subscription;
 pub use y4m::y4m;

@@ -175,9 +175,8 @@ impl From<LinkError> for Failure {
     fn from(error: LinkError) -> Self {
         let status = match error {
             LinkError::Resolve { .. } | LinkError::Route { .. } => EX_NOHOST,
-            LinkError::Socket { .. } | LinkError::Port(_) | LinkError::I2c(_) | LinkError::Thread { .. } => {
-                EX_UNAVAILABLE
-            }
+            LinkError::Output(_) => EX_IOERR,
+            _ => EX_UNAVAILABLE,
         };
         Self { status, message: error.to_string() }
     }

@@ -1,6 +1,10 @@
 //! Settings of links to head-mounted displays and avatars.
 
-use std::fmt;
+use std::{
+    fmt,
+    net::{Ipv4Addr, SocketAddr},
+    path::PathBuf,
+};
 
 use toml::de::DeValue;
 
@@ -200,6 +204,145 @@ impl Value for Parameters {
 /// Most bits of a binary parameter.
 const MOST_BITS: u32 = 8;
 
+section! {
+    /// iFacialMocap.
+    IFacialMocapSettings {
+        /// Where receivers ask for the face, as they ask the iPhone: an address of this machine in numbers and a port, or ""
+        /// not to listen.
+        listen: ListenAddress = ListenAddress::any(49_983), (), "";
+        /// The port at which receivers that asked get the face; 0 for the port that they asked from.
+        reply_port: u32 = 49_983, 0..=65_535, "";
+        /// A receiver that gets the face without asking, or "".
+        address: MaybeAddress = MaybeAddress::default(), (), "";
+        /// The version of the text for `address`. Those who ask choose it themselves.
+        version: u32 = 2, 1..=2, "";
+    }
+}
+
+/// Shows where receivers ask, and who gets the face without asking.
+impl fmt::Display for IFacialMocapSettings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (&self.listen.0, &self.address.0) {
+            (Some(listen), Some(address)) => write!(f, "those who ask at {listen}, and {address}"),
+            (Some(listen), None) => write!(f, "those who ask at {listen}"),
+            (None, Some(address)) => address.fmt(f),
+            (None, None) => f.write_str("nobody"),
+        }
+    }
+}
+
+section! {
+    /// JSON lines.
+    JsonSettings {
+        /// Where the lines go:
+        /// - "stdout": standard output. The log goes to standard error
+        /// - "udp:HOST:PORT": one datagram for each line
+        /// - "unix:PATH": a Unix socket at which up to 8 programs read
+        to: JsonTarget = JsonTarget::Stdout, (), "";
+    }
+}
+
+/// An address of this machine at which a link listens, or none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ListenAddress(pub Option<SocketAddr>);
+
+impl ListenAddress {
+    /// All IPv4 addresses of this machine.
+    fn any(port: u16) -> Self {
+        Self(Some((Ipv4Addr::UNSPECIFIED, port).into()))
+    }
+}
+
+impl Value for ListenAddress {
+    type Bounds = ();
+
+    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
+        match value.as_str()? {
+            "" => Some(Self(None)),
+            text => {
+                text.parse().ok().filter(|address: &SocketAddr| address.port() != 0).map(|address| Self(Some(address)))
+            }
+        }
+    }
+
+    fn expected((): &()) -> String {
+        "\"\", or an address of this machine in numbers and a port from 1 to 65535, such as \"0.0.0.0:49983\""
+            .to_owned()
+    }
+
+    fn write(&self) -> String {
+        quoted(&self.0.map_or_else(String::new, |address| address.to_string()))
+    }
+}
+
+/// The address of a receiver, or none.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct MaybeAddress(pub Option<Address>);
+
+impl Value for MaybeAddress {
+    type Bounds = ();
+
+    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
+        match value.as_str()? {
+            "" => Some(Self(None)),
+            text => Address::new(text).map(|address| Self(Some(address))),
+        }
+    }
+
+    fn expected((): &()) -> String {
+        format!("\"\", or {}", Address::expected(&()))
+    }
+
+    fn write(&self) -> String {
+        quoted(self.0.as_ref().map_or("", Address::as_str))
+    }
+}
+
+/// Where JSON lines go.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum JsonTarget {
+    /// Standard output.
+    Stdout,
+    /// An address.
+    Udp(Address),
+    /// A Unix socket, by its path.
+    Unix(PathBuf),
+}
+
+impl fmt::Display for JsonTarget {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Stdout => f.write_str("stdout"),
+            Self::Udp(address) => write!(f, "udp:{address}"),
+            Self::Unix(path) => write!(f, "unix:{}", path.display()),
+        }
+    }
+}
+
+impl Value for JsonTarget {
+    type Bounds = ();
+
+    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
+        let text = value.as_str()?;
+        if text == "stdout" {
+            Some(Self::Stdout)
+        } else if let Some(address) = text.strip_prefix("udp:") {
+            Address::new(address).map(Self::Udp)
+        } else {
+            text.strip_prefix("unix:").filter(|path| path.starts_with('/')).map(|path| Self::Unix(path.into()))
+        }
+    }
+
+    fn expected((): &()) -> String {
+        "\"stdout\", \"udp:host:port\" with a port from 1 to 65535, or \"unix:\" and a path that begins with /"
+            .to_owned()
+    }
+
+    fn write(&self) -> String {
+        quoted(&self.to_string())
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::panic)]
 mod tests {
@@ -214,6 +357,9 @@ mod tests {
         for keys in [
             "kind = \"live-link\"\nsubject = \"my face\"\ndevice_id = \"0123456789abcdef0123456789abcdef0123\"\n",
             "kind = \"vmc\"\nbones = false\n",
+            "kind = \"ifacialmocap\"\nlisten = \"[::1]:49983\"\nreply_port = 0\naddress = \"pc.local:49983\"\nversion = 1\n",
+            "kind = \"json\"\nto = \"udp:pc.local:5000\"\n",
+            "kind = \"json\"\nto = \"unix:/run/facewire/lines\"\n",
             "kind = \"vrchat\"\nprefix = \"FT/\"\nbits = 4\nparameters = \"JawOpen, EyeLidLeft:3\"\n",
         ] {
             let settings = parse("file", &format!("[[link]]\n{keys}")).unwrap();
@@ -232,6 +378,13 @@ mod tests {
             fault("kind = \"live-link\"\ndevice_id = \"short\"")
                 .ends_with("give 36 printable ASCII characters in quotes")
         );
+        for to in ["file", "unix:lines", "udp:5000"] {
+            assert!(fault(&format!("kind = \"json\"\nto = \"{to}\"")).contains("give \"stdout\""), "{to}");
+        }
+        for listen in ["localhost:49983", "0.0.0.0:0", "49983"] {
+            let fault = fault(&format!("kind = \"ifacialmocap\"\nlisten = \"{listen}\""));
+            assert!(fault.contains("an address of this machine in numbers"), "{fault}");
+        }
         for prefix in ["FT", "/FT/", "F T/", "FT*/"] {
             assert!(
                 fault(&format!("kind = \"vrchat\"\nprefix = \"{prefix}\"")).contains("end with a slash"),

@@ -1,8 +1,8 @@
 //! Faults of settings that are valid one by one but do not fit together.
 
 use super::{
-    AutoDevice, CarrierSettings, Fault, Faults, SerialDevice, link::most_messages_hz, rehearsal::Script, servo_check,
-    settings::Settings,
+    AutoDevice, CarrierSettings, Fault, Faults, LinkKind, LinkSettings, SerialDevice, link::most_messages_hz,
+    rehearsal::Script, servo_check, settings::Settings,
 };
 use crate::calibration::WearerName;
 
@@ -55,6 +55,9 @@ fn check_tables(settings: &Settings, faults: &mut Faults) {
     let is_name = name.is_empty() || WearerName::new(name).is_some();
     need(is_name, "wearer.name", format!("{name:?}"), format!("{}, or \"\"", WearerName::EXPECTED));
     need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]".to_owned());
+    let sends_to_nobody = |link: &LinkSettings| matches!(&link.kind, LinkKind::IFacialMocap(it) if it.listen.0.is_none() && it.address.0.is_none());
+    let is_wanted = !settings.links.iter().any(sends_to_nobody);
+    need(is_wanted, "link.listen", "\"\"".to_owned(), "an address to listen at, or link.address".to_owned());
     for rate_hz in settings.links.iter().map(|link| link.pace.rate_hz).filter(|rate_hz| *rate_hz > 0) {
         let expected = format!("0 or at least {SLOWEST_LINK_HZ}: receivers go neutral when packets come more rarely");
         need(rate_hz >= SLOWEST_LINK_HZ, "link.rate_hz", rate_hz.to_string(), expected);

@@ -1,13 +1,13 @@
 //! Settings of a link: one kind of link has one table of keys, and all kinds share the keys of the pace.
 
-use std::fmt;
+use std::{fmt, path::Path};
 
 use facewire_packet::FRAME_BYTES;
 use toml::de::DeValue;
 
 use super::{
     adjust::AdjustSettings,
-    avatar::{LiveLinkSettings, VmcSettings, VrchatSettings},
+    avatar::{IFacialMocapSettings, JsonSettings, JsonTarget, LiveLinkSettings, VmcSettings, VrchatSettings},
     section::{Section, section, write_setting},
     servo::{ChannelSettings, MaestroSettings, Pca9685Board, Pca9685Settings, WithChannels},
     value::{Address, Choice, SerialDevice, Value, quoted},
@@ -98,6 +98,10 @@ link_kinds! {
         Maestro(MaestroSettings) = "maestro",
         /// positions of servos, to a PCA9685 by I2C; `[[link.channel]]` says which servo does what
         Pca9685(Pca9685Settings) = "pca9685",
+        /// iFacialMocap, as the iPhone app of this name sends it to those who ask for it, by UDP
+        IFacialMocap(IFacialMocapSettings) = "ifacialmocap",
+        /// lines of JSON to standard output, to a Unix socket or by UDP
+        Json(JsonSettings) = "json",
     }
 }
 
@@ -200,6 +204,12 @@ pub enum CarrierSettings<'a> {
     },
     /// A servo controller on an I2C bus.
     I2c(&'a Pca9685Board),
+    /// Datagrams to those who ask for them.
+    Subscribers(&'a IFacialMocapSettings),
+    /// Lines on standard output.
+    Stdout,
+    /// Lines to the clients of a Unix socket.
+    UnixSocket(&'a Path),
 }
 
 /// What "auto" stands for.
@@ -236,6 +246,12 @@ impl LinkKind {
                 CarrierSettings::Serial { device: &board.device, baud: board.baud, auto: AutoDevice::Maestro }
             }
             Self::Pca9685(pca9685) => CarrierSettings::I2c(&pca9685.board),
+            Self::IFacialMocap(settings) => CarrierSettings::Subscribers(settings),
+            Self::Json(json) => match &json.to {
+                JsonTarget::Stdout => CarrierSettings::Stdout,
+                JsonTarget::Udp(address) => CarrierSettings::Udp(address),
+                JsonTarget::Unix(path) => CarrierSettings::UnixSocket(path),
+            },
         }
     }
 }
@@ -317,13 +333,16 @@ pub(super) fn expected_kind() -> String {
     format!("one of {}", names.join(", "))
 }
 
-/// Shows where the link leads: an address, or a serial port.
+/// Shows where the link leads: an address, a path, or a serial port.
 impl fmt::Display for LinkSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.kind.carrier() {
             CarrierSettings::Udp(address) => address.fmt(f),
             CarrierSettings::Serial { device, .. } => device.fmt(f),
             CarrierSettings::I2c(board) => board.place().fmt(f),
+            CarrierSettings::Subscribers(settings) => settings.fmt(f),
+            CarrierSettings::Stdout => f.write_str("standard output"),
+            CarrierSettings::UnixSocket(path) => path.display().fmt(f),
         }
     }
 }

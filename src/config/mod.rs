@@ -31,7 +31,10 @@ use std::path::Path;
 use overlay::{Boards, Overlay};
 
 pub use adjust::AdjustSettings;
-pub use avatar::{LiveLinkSettings, OscPrefix, ParameterChoice, Parameters, Text, VmcSettings, VrchatSettings};
+pub use avatar::{
+    IFacialMocapSettings, JsonSettings, JsonTarget, ListenAddress, LiveLinkSettings, MaybeAddress, OscPrefix,
+    ParameterChoice, Parameters, Text, VmcSettings, VrchatSettings,
+};
 pub use board::BOARDS;
 pub use defaults::{default_link, defaults, written};
 pub use fault::{Fault, Faults};

@@ -14,6 +14,9 @@ mod background;
 mod clock;
 mod gaze;
 mod head;
+mod ifacialmocap;
+mod json;
+mod lines;
 mod live_link;
 mod lookup;
 pub mod maestro;
@@ -35,6 +38,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
 pub use background::{Background, Device, Shared};
+pub use ifacialmocap::{Version, request as ifacialmocap_request};
 pub use output::{Output, Pose};
 pub use pace::{Pace, Sent};
 use serial::{BoardSearch, PortClaim};
@@ -42,6 +46,9 @@ pub use serial::{PortError, PortTrouble, is_maestro, maestro_port, open_port, se
 pub use udp::UdpCarrier;
 pub(crate) use vrchat::parameter_names as vrchat_parameters;
 
+use self::ifacialmocap::{IFacialMocap, Subscribers};
+use self::json::JsonLines;
+use self::lines::{socket_carrier, stdout_carrier};
 use self::live_link::LiveLink;
 use self::maestro::Maestro;
 use self::packet::{Datagrams, Frames};
@@ -176,6 +183,19 @@ pub enum LinkError {
     /// The chip on the I2C bus cannot be reached.
     #[error("link {0}")]
     I2c(#[from] I2cError),
+    /// This machine does not let the link listen.
+    #[error(
+        "link {address}: nothing can listen there ({error}); stop what listens there already, or give another place"
+    )]
+    Listen {
+        /// The address or the path in the settings.
+        address: String,
+        /// The error of the system.
+        error: std::io::Error,
+    },
+    /// Nobody reads the standard output.
+    #[error("link standard output: it takes no lines ({0}); start a program that reads them")]
+    Output(std::io::Error),
     /// The system refused a thread.
     #[error("link {link}: no thread ({error}); raise the limit of threads")]
     Thread {
@@ -208,6 +228,9 @@ impl Link {
                 Box::new(serial_carrier(device, baud, auto, (format.preamble(), format.inquiry()), counters)?)
             }
             CarrierSettings::I2c(board) => Box::new(pca9685::carrier(board, counters)?),
+            CarrierSettings::Subscribers(settings) => Box::new(Subscribers::open(settings, counters)?),
+            CarrierSettings::Stdout => Box::new(stdout_carrier(counters)?),
+            CarrierSettings::UnixSocket(path) => Box::new(socket_carrier(path, counters)?),
         };
         Ok(Self::new(format, carrier, traffic))
     }
@@ -226,6 +249,10 @@ impl Link {
     fn check(settings: &LinkSettings, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
         match settings.kind.carrier() {
             CarrierSettings::Udp(address) => udp::check(address).map(|()| address.to_string()),
+            // A service that runs already listens there itself.
+            CarrierSettings::Subscribers(_) | CarrierSettings::Stdout | CarrierSettings::UnixSocket(_) => {
+                Ok(settings.to_string())
+            }
             CarrierSettings::Serial { device: SerialDevice::Path(port), baud, .. } => check_port(port, baud, claims),
             CarrierSettings::I2c(board) => Ok(pca9685::Bus::check(board.place()).map(|()| settings.to_string())?),
             CarrierSettings::Serial { device: SerialDevice::Auto, baud, auto } => {
@@ -245,7 +272,7 @@ impl Link {
     pub fn resolve(settings: &LinkSettings) -> Result<(), LinkError> {
         match settings.kind.carrier() {
             CarrierSettings::Udp(address) => udp::resolve(address).map(drop),
-            CarrierSettings::Serial { .. } | CarrierSettings::I2c(_) => Ok(()),
+            _ => Ok(()),
         }
     }
 
@@ -301,6 +328,8 @@ fn format_of(kind: &LinkKind) -> Box<dyn Format> {
         LinkKind::Vrchat(settings) => Box::new(Vrchat::new(settings)),
         LinkKind::Maestro(settings) => Box::new(Maestro::new(settings)),
         LinkKind::Pca9685(settings) => Box::new(Pca9685::new(settings)),
+        LinkKind::IFacialMocap(_) => Box::new(IFacialMocap::new()),
+        LinkKind::Json(_) => Box::new(JsonLines::new()),
     }
 }
 

@@ -16,7 +16,7 @@ use crate::config::Listen;
 
 /// An open listening socket.
 #[derive(Debug)]
-pub(super) enum Listener {
+pub enum Listener {
     Tcp(TcpListener),
     /// The socket and the path of its file, which is deleted on drop.
     Unix(UnixListener, PathBuf),
@@ -25,7 +25,7 @@ pub(super) enum Listener {
 impl Listener {
     /// Opens the socket. A socket file without a listener, left behind by a service that was killed, is replaced. Any
     /// other file at the path, including a socket in use, is left untouched and makes `bind` fail.
-    pub(super) fn bind(listen: &Listen) -> io::Result<Self> {
+    pub fn bind(listen: &Listen) -> io::Result<Self> {
         match listen {
             Listen::Off => Err(ErrorKind::AddrNotAvailable.into()),
             Listen::Tcp(address) => {
@@ -45,7 +45,7 @@ impl Listener {
     }
 
     /// Accepts the waiting connection. Reading and writing fail once `timeout` has passed since the call.
-    pub(super) fn accept(&self, timeout: Duration) -> io::Result<Connection> {
+    pub fn accept(&self, timeout: Duration) -> io::Result<Connection> {
         let stream: Box<dyn Stream> = match self {
             Self::Tcp(listener) => Box::new(listener.accept()?.0),
             Self::Unix(listener, _) => Box::new(listener.accept()?.0),
@@ -56,7 +56,7 @@ impl Listener {
 
 impl Listener {
     /// Accepts the waiting connection of a Unix socket. It does not block.
-    pub(super) fn accept_unix(&self) -> io::Result<UnixStream> {
+    pub fn accept_unix(&self) -> io::Result<UnixStream> {
         let Self::Unix(listener, _) = self else { return Err(ErrorKind::Unsupported.into()) };
         let stream = listener.accept()?.0;
         stream.set_nonblocking(true)?;
@@ -117,7 +117,7 @@ impl Stream for UnixStream {
 
 /// A connection with a deadline for all its reads and writes together. A client that sends or receives byte by byte
 /// therefore cannot block the thread for longer than any other.
-pub(super) struct Connection {
+pub struct Connection {
     stream: Box<dyn Stream>,
     deadline: Instant,
 }

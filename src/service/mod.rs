@@ -18,7 +18,7 @@ mod heartbeat;
 pub(crate) mod histogram;
 mod hot;
 mod links;
-mod listener;
+pub(crate) mod listener;
 mod load;
 mod log;
 mod manager;

@@ -222,3 +222,43 @@ fn look_ups_end_with_the_link() {
     drop(link);
     eventually("the thread ends", || Arc::strong_count(&server.lookups) == 1);
 }
+
+/// A link-local group reaches its members on the interface whose number the address names, without a route.
+#[test]
+fn a_multicast_group_gets_each_message_on_its_interface() {
+    let (group, loopback) = (Ipv6Addr::new(0xff02, 0, 0, 0, 0, 0, 0xface, 0x1e), 1);
+    let member =
+        UdpSocket::bind("[::]:0").and_then(|member| member.join_multicast_v6(&group, loopback).map(|()| member));
+    let Ok(member) = member else {
+        crate::skip::skip("this machine's loopback interface has no IPv6 multicast");
+        return;
+    };
+    member.set_read_timeout(Some(PATIENCE)).unwrap();
+    let mut link = open(&format!("[{group}%{loopback}]:{}", member.local_addr().unwrap().port()));
+    link.send(MESSAGE);
+    if link.refusal().is_some() {
+        crate::skip::skip("this machine's loopback interface sends no multicast");
+        return;
+    }
+    assert_eq!(member.recv(&mut [0; 1024]).unwrap(), MESSAGE.len());
+    assert_eq!(counts(&link), (1, 0));
+}
+
+/// The system sends to a group by its route, or by the default route.
+#[test]
+fn an_ipv4_multicast_group_gets_each_message_and_no_router_passes_it_on() {
+    let group = Ipv4Addr::new(239, 255, 70, 87);
+    let member = UdpSocket::bind("0.0.0.0:0").unwrap();
+    if member.join_multicast_v4(&group, &Ipv4Addr::UNSPECIFIED).is_err() {
+        crate::skip::skip("this machine has no route for multicast");
+        return;
+    }
+    member.set_read_timeout(Some(PATIENCE)).unwrap();
+    let address = Address::new(&format!("{group}:{}", member.local_addr().unwrap().port())).unwrap();
+    let destination = Destination::new(&address, resolve(&address).unwrap()).unwrap();
+    assert_eq!(destination.socket.multicast_ttl_v4().unwrap(), 1);
+    let mut link = open(address.as_str());
+    link.send(MESSAGE);
+    assert_eq!((link.refusal(), counts(&link)), (None, (1, 0)));
+    assert_eq!(member.recv(&mut [0; 1024]).unwrap(), MESSAGE.len());
+}

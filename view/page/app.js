@@ -16,12 +16,12 @@ const LEFT_AFTER_A_SECOND = 0.001;
 const element = (id) => document.getElementById(id);
 const now = () => performance.now();
 
-const page = { hello: undefined, snapshot: undefined, arrived: 0, clock: undefined, isConnected: true, isPaused: false, isMirrored: false, recorder: undefined };
+const page = { hello: undefined, snapshot: undefined, arrived: 0, clock: undefined, connection: "open", isPaused: false, isMirrored: false, recorder: undefined };
 const parts = { face: undefined, bars: undefined, plot: undefined };
 const shown = { pose: undefined, text: 0, drawn: 0, fade: 1 };
 
 function hello(message) {
-  page.isConnected = true;
+  page.connection = "open";
   page.clock = undefined;
   showHelp(element("help"), message.hint);
   if (page.hello) return;
@@ -39,7 +39,7 @@ function choose(index) {
 
 function snapshot(message) {
   const isNew = message.packet && message.packet.number !== page.snapshot?.packet?.number;
-  page.isConnected = true;
+  page.connection = "open";
   page.snapshot = message;
   if (message.packet) setClock(message.packet);
   if (!isNew) return;
@@ -90,8 +90,9 @@ const AT_REST = { rotation: [0, 0, 0, 1], position_mm: [0, 0, 0], state: "neutra
 
 function frame() {
   requestAnimationFrame(frame);
-  if (!page.hello) return;
   const time = now();
+  if (time - shown.text > TEXT_PERIOD_MS) showText(time);
+  if (!page.hello) return;
   const elapsed = (time - shown.drawn) / 1000;
   shown.drawn = time;
   const pose = shown.pose ?? AT_REST;
@@ -105,14 +106,13 @@ function frame() {
     parts.bars.show(coefficients, pose.state === "live" && shown.fade === 1);
   }
   if (!page.isPaused) parts.plot.draw((time + (page.clock ?? 0)) / 1000);
-  if (time - shown.text > TEXT_PERIOD_MS) showText(time);
 }
 
 function showText(time) {
   shown.text = time;
   const message = page.snapshot;
-  element("help").hidden = Boolean(message?.packet) || !page.isConnected;
-  const state = stateOf(message, silence(), page.isConnected);
+  element("help").hidden = !page.hello || Boolean(message?.packet) || page.connection !== "open";
+  const state = stateOf(message, silence(), page.connection);
   showState(element("state"), page.isPaused ? ["waiting", "paused"] : state);
   if (!message || page.isPaused) return;
   const notice = noticeOf(message);
@@ -151,5 +151,5 @@ try {
   element("no-face").hidden = false;
   console.warn(`The face cannot be drawn: ${error.message}`);
 }
-connect({ hello, snapshot, lost: () => (page.isConnected = false) }, () => page.recorder !== undefined);
+connect({ hello, snapshot, lost: (isRefused) => (page.connection = isRefused ? "refused" : "lost") }, () => page.recorder !== undefined);
 requestAnimationFrame(frame);

@@ -3,10 +3,11 @@
 const ms = (value) => (value >= 10_000 ? `${(value / 1000).toFixed(0)} s` : value >= 1000 ? `${(value / 1000).toFixed(1)} s` : `${value.toFixed(0)} ms`);
 
 // Returns the state to show: a word for the style, and a text.
-export function stateOf(snapshot, silence, isConnected) {
-  if (!isConnected) return ["lost", "no connection to facewire-view"];
+export function stateOf(snapshot, silence, connection) {
+  if (connection === "lost") return ["lost", "no connection to facewire-view"];
+  if (connection === "refused") return ["lost", "too many pages are open: close another"];
   if (!snapshot?.packet) return ["waiting", "waiting for packets"];
-  if (silence !== undefined) return ["silent", `silent for ${ms(silence)}: the face is neutral`];
+  if (silence !== undefined) return ["silent", "silent: the face is neutral"];
   const { state, reason } = snapshot.packet;
   return [state, reason === "none" ? state : `${state}: ${reason}`];
 }

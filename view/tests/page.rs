@@ -211,8 +211,25 @@ fn without_packets_the_page_says_what_to_do_and_in_silence_the_face_goes_neutral
     browser.wait_until("document.getElementById('help').hidden");
     drop(sending);
     wait_for(&mut browser, "jawOpen", "0.00");
-    browser.wait_until("document.getElementById('state').textContent.startsWith('silent for')");
+    browser.wait_until("document.getElementById('state').textContent.startsWith('silent')");
     let ended = thread::spawn(move || drop(viewer));
     browser.wait_until("document.getElementById('state').textContent === 'no connection to facewire-view'");
     ended.join().unwrap();
+}
+
+#[test]
+fn a_page_too_many_says_so_and_goes_on_once_another_is_closed() {
+    if !Browser::is_installed() {
+        return skip("there is no chromium; scripts/setup tests installs it");
+    }
+    let viewer = Viewer::start();
+    let mut others: Vec<_> = (0..16).map(|_| viewer.events()).collect();
+    for events in &mut others {
+        assert!(events.status().starts_with("HTTP/1.1 200"));
+    }
+    let mut browser = Browser::start(1280, 900);
+    browser.open(&viewer.url);
+    browser.wait_until("document.getElementById('state').textContent.startsWith('too many pages')");
+    drop(others);
+    browser.wait_until("document.getElementById('state').textContent === 'waiting for packets'");
 }

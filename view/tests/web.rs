@@ -15,6 +15,7 @@ use common::{Sending, Viewer, command, packet};
 use facewire_packet::{Packet, State};
 use rustix::{
     fs::{Mode, OFlags},
+    process::{Pid, Signal, kill_process},
     pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt},
     termios::{OptionalActions, tcgetattr, tcsetattr},
 };
@@ -237,6 +238,16 @@ fn what_cannot_be_opened_is_named_with_the_remedy() {
     assert!(error.contains("cannot serve the page") && error.contains("give --listen another"), "{error}");
     assert_eq!(ended(&["--listen", "here"]).0, Some(2));
     assert_eq!(ended(&["--serial", "/dev/ttyUSB0", "--udp", "[::]:1"]).0, Some(2));
+}
+
+#[test]
+fn signals_end_the_program_with_success() {
+    for signal in [Signal::INT, Signal::TERM] {
+        let mut viewer = Viewer::start();
+        let _events = viewer.events().next();
+        kill_process(Pid::from_raw(viewer.pid().try_into().unwrap()).unwrap(), signal).unwrap();
+        assert_eq!(viewer.ended(), Some(0), "{signal:?}");
+    }
 }
 
 #[test]

@@ -50,7 +50,6 @@ pub struct Events {
 impl Events {
     pub fn new(hint: &Hint, snapshots: watch::Receiver<Snapshot>, most: usize) -> Self {
         let hello = json!({
-            "version": env!("CARGO_PKG_VERSION"),
             "names": BLENDSHAPES.as_slice(),
             "silence_ms": SILENCE_MS,
             "hint": hint,

@@ -63,6 +63,11 @@ impl Viewer {
         self.child.id()
     }
 
+    /// Waits for the end of the program and returns its exit status.
+    pub fn ended(&mut self) -> Option<i32> {
+        self.child.wait().unwrap().code()
+    }
+
     /// The UDP address that packets go to.
     pub fn packets_to(&self) -> SocketAddr {
         self.place.strip_prefix("UDP ").unwrap().parse().unwrap()

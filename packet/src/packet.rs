@@ -11,6 +11,8 @@ pub const VERSION: u8 = 1;
 /// A receiver must move to neutral on its own if no valid packet arrives for this long.
 pub const SILENCE_MS: u32 = 500;
 
+/// A gap of this size means that the sender has restarted, not that packets were lost.
+const RESTART_GAP: u16 = 1024;
 const MAGIC: [u8; 2] = *b"FW";
 /// Computed bit by bit: this takes 1 microsecond per packet, and a table would take 512 bytes of a microcontroller.
 const CRC: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_MCRF4XX);
@@ -52,6 +54,14 @@ impl Packet {
         position_mm: [0.0; 3],
         coefficients: [0.0; BLENDSHAPE_COUNT],
     };
+
+    /// Returns how many packets were lost between `earlier`, the one that the same sender's receiver got before, and this
+    /// one. Packets that come twice, late, or from a sender that has restarted are no losses.
+    #[must_use]
+    pub const fn lost_since(&self, earlier: &Self) -> u16 {
+        let gap = self.sequence.wrapping_sub(earlier.sequence).wrapping_sub(1);
+        if gap < RESTART_GAP { gap } else { 0 }
+    }
 
     /// Encodes the packet. Values out of range saturate, NaN becomes 0, and a quaternion with a component that is not
     /// finite becomes the identity.

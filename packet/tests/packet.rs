@@ -184,3 +184,23 @@ fn names_are_distinct_and_end_with_the_tongue() {
     assert!(names.windows(2).all(|pair| pair[0] < pair[1]));
     assert_eq!((BLENDSHAPES[17], BLENDSHAPES[51]), ("jawOpen", "tongueOut"));
 }
+
+/// Counts what was lost between packets with these sequence numbers.
+fn lost(sequences: &[u16]) -> u16 {
+    let packets: Vec<Packet> =
+        sequences.iter().map(|sequence| Packet { sequence: *sequence, ..Packet::NEUTRAL }).collect();
+    packets.windows(2).map(|pair| pair[1].lost_since(&pair[0])).sum()
+}
+
+#[test]
+fn gaps_are_losses_also_across_the_wrap() {
+    assert_eq!(lost(&[1, 2, 5, 6]), 2);
+    assert_eq!(lost(&[65534, 65535, 0, 2]), 1);
+}
+
+#[test]
+fn repeated_and_late_packets_and_restarted_senders_are_not_losses() {
+    assert_eq!(lost(&[7, 7]), 0);
+    assert_eq!(lost(&[7, 6]), 0);
+    assert_eq!(lost(&[40_000, 0]), 0);
+}

@@ -4,10 +4,10 @@ use std::{net::SocketAddr, path::PathBuf};
 
 const HELP: &str = "\
 Examples:
-  facewire-view                                  facewire runs on this machine, or sends to its UDP port 5252
-  facewire-view --listen 0.0.0.0:8080            open the page on a phone; prints its address, which holds a token
-  facewire-view --udp 239.255.52.52:5252         receive from a multicast group
-  facewire-view --serial /dev/ttyUSB0            read a serial line
+  facewire-view                              show what comes to UDP port 5252
+  facewire-view --listen 0.0.0.0:8080        open the page on a phone
+  facewire-view --udp 239.255.52.52:5252     receive from a multicast group
+  facewire-view --serial /dev/ttyUSB0        read a serial line
 
 Exit status:
    0  success                       2  invalid arguments

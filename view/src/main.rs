@@ -124,10 +124,12 @@ fn announce(address: SocketAddr, token: Option<&Token>, hint: &Hint) -> Result<(
     }
 }
 
-/// Draws the address for the camera of a phone.
+/// Draws the address for the camera of a phone: black on white, whatever the colours of the terminal are.
 fn qr_code(url: &str) -> String {
-    qrcode::QrCode::with_error_correction_level(url, qrcode::EcLevel::L).map_or_else(
-        |_| String::new(),
-        |code| code.render::<qrcode::render::unicode::Dense1x2>().quiet_zone(true).build(),
-    )
+    let Ok(code) = qrcode::QrCode::with_error_correction_level(url, qrcode::EcLevel::L) else {
+        return String::new();
+    };
+    let picture = code.render::<qrcode::render::unicode::Dense1x2>().quiet_zone(true).build();
+    let lines: Vec<String> = picture.lines().map(|line| format!("\x1b[30;107m{line}\x1b[0m")).collect();
+    lines.join("\n")
 }

@@ -27,15 +27,18 @@ const AGAIN: Duration = Duration::from_millis(200);
 
 const EXAMPLES: &str = "\
 Examples:
-  facewire servo --channel 3                         the first servo board of the settings, or a Maestro on USB
-  facewire servo --channel 3 --config facewire.toml  the first servo board in this file
-  facewire servo --channel 3 --maestro /dev/ttyACM0  this Maestro
-  facewire servo --channel 3 --pca9685 1             the PCA9685 at address 0x40 of /dev/i2c-1
+  facewire servo --channel 3                  the board of the settings, or a Maestro
+  facewire servo --channel 3 --config f.toml  the first servo board in this file
+  facewire servo --channel 3 --maestro auto   the Maestro on USB
+  facewire servo --channel 3 --pca9685 1      the PCA9685 at 0x40 of /dev/i2c-1
 
 Keys:
-  left, right    move by --step microseconds         0, 1   take this pulse as that of position 0 or 1
-  down, up       move by 5 steps                     n      take this pulse as the neutral one
-  space          end or begin the pulses             q      end, and print the lines for the settings
+  left, right   move by --step microseconds
+  down, up      move by 5 steps
+  0, 1          take this pulse as that of position 0 or 1
+  n             take this pulse as the neutral one
+  space         end or begin the pulses
+  q             end, and print the lines for the settings
 
 Move towards an end in small steps and stop before the servo hums or the mechanism binds. A service that uses the board \
 must be stopped first: sudo systemctl stop facewire";

@@ -4,7 +4,9 @@
 //! format keeps the limits of speed and acceleration itself, because the chip has none.
 //! Contract: the chip is initialised if it does not make the wanted pulses: after power-on, and after its power failed for a
 //! moment. A chip that makes them already keeps its pulses, so that servos do not twitch when the service starts again.
-//! Limits: the chip has no time-out. If the machine crashes, it repeats its last pulses until its power is cut.
+//! Limits: a format knows only the positions that it gave itself. After a start, or a reload that changes its channels, it
+//! begins at neutral. A service that stops does not wait for a servo whose limits are too low to be at neutral by then. The
+//! chip has no time-out. If the machine crashes, it repeats its last pulses until its power is cut.
 
 mod bus;
 mod chip;

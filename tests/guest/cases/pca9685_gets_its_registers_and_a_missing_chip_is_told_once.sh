@@ -1,6 +1,7 @@
 #!/bin/sh
 # A PCA9685 on an I2C bus of the kernel's i2c-stub: the service sets it up, gives its channels their pulses, sets it up again
-# after its power failed, and tells once that another chip does not answer.
+# after its power failed, and tells once that another chip does not answer. `facewire servo` moves a channel by keys, but
+# not while the service has the chip.
 . cases/lib.sh
 modprobe i2c-dev
 modprobe i2c-stub chip_addr=0x40
@@ -65,6 +66,15 @@ await has 0xfe 0x79
 await has 0x0c 0x33
 
 await logged 1 'address 0x41: no chip answers'
+
+# servo: runs `facewire servo` in a terminal, whose keys come from the pipe and whose screen goes to a file
+servo() { socat "EXEC:$work/facewire servo --channel 1 --pca9685 $bus,pty,stderr,setsid" - <$work/keys >$work/screen 2>&1; }
+mkfifo $work/keys
+: >$work/screen
+servo &
+exec 9>$work/keys
+await grep -q 'another program moves servos there' $work/screen
+exec 9>&-
 kill -TERM $service
 status=0
 wait $service || status=$?
@@ -74,4 +84,20 @@ wait $service || status=$?
 ! grep -q panic $work/log || fail 'facewire run panicked'
 has 0x0c 0x33 || fail 'after the end, channel 1 is not neutral'
 has 0x15 0x10 || fail 'after the end, channel 3 is not released'
+
+: >$work/screen
+servo &
+moved=$!
+exec 9>$work/keys
+await grep -q 'no pulses' $work/screen
+printf '\033[C' >&9
+await grep -q '1500 us   0' $work/screen
+# Five steps of 10 microseconds: 1550 are 318.
+printf '\033[A' >&9
+await has 0x0c 0x3e
+printf q >&9
+await has 0x0d 0x10
+exec 9>&-
+wait $moved || true
+grep -q '\[\[link.channel\]\]' $work/screen || fail 'no lines for the settings'
 echo "registers of 4 channels, power-on and a missing chip by i2c-stub on bus $bus"

@@ -5,8 +5,9 @@
 
 use rosc::{OscBundle, OscMessage, OscPacket, OscTime, OscType, encoder::encode_into};
 
-/// Longest bundle, bytes. An Ethernet frame carries 1472, and some receivers' buffers hold 1536.
-pub const LONGEST: usize = 1400;
+/// Longest bundle, bytes: less than every network carries undivided, tunnels included. An Ethernet frame carries 1472, and
+/// some receivers' buffers hold 1536.
+pub const LONGEST: usize = 1200;
 /// Size of the length before a message.
 const LENGTH_BYTES: usize = 4;
 /// Room for a message beyond the bundle that it does not fit into.
@@ -17,19 +18,28 @@ const AT_ONCE: OscTime = OscTime { seconds: 0, fractional: 1 };
 /// Puts messages into bundles.
 #[derive(Debug)]
 pub struct Bundles {
-    head: OscPacket,
+    /// A bundle without messages; `None` if messages travel alone.
+    head: Option<OscPacket>,
     bytes: Vec<u8>,
 }
 
 impl Bundles {
     pub fn new() -> Self {
         let head = OscPacket::Bundle(OscBundle { timetag: AT_ONCE, content: Vec::new() });
-        Self { head, bytes: Vec::with_capacity(LONGEST + LONGEST_MESSAGE) }
+        Self { head: Some(head), bytes: Vec::with_capacity(LONGEST + LONGEST_MESSAGE) }
+    }
+
+    /// Each message in a datagram of its own.
+    pub fn apart() -> Self {
+        Self { head: None, ..Self::new() }
     }
 
     /// Adds a message. Sends the bundle so far if the message does not fit into it.
     pub fn add(&mut self, message: &OscPacket, send: &mut dyn FnMut(&[u8])) {
-        if !self.append(message) {
+        if self.head.is_none() {
+            let Ok(_) = encode_into(message, &mut self.bytes);
+            self.flush(send);
+        } else if !self.append(message) {
             self.flush(send);
             self.append(message);
         }
@@ -46,8 +56,8 @@ impl Bundles {
     /// Appends a message. Returns false if a bundle that is not empty would become too long; it is then as before.
     fn append(&mut self, message: &OscPacket) -> bool {
         let before = self.bytes.len();
-        if before == 0 {
-            let Ok(_) = encode_into(&self.head, &mut self.bytes);
+        if let Some(head) = self.head.as_ref().filter(|_| before == 0) {
+            let Ok(_) = encode_into(head, &mut self.bytes);
         }
         let start = self.bytes.len() + LENGTH_BYTES;
         self.bytes.resize(start, 0);

@@ -44,7 +44,7 @@ impl Vmc {
                 .then(|| ["Head", "LeftEye", "RightEye"].map(|bone| value("/VMC/Ext/Bone/Pos", bone, 7))),
             blendshapes: BLENDSHAPES.iter().map(blendshape).collect(),
             apply: message("/VMC/Ext/Blend/Apply", Vec::new()),
-            bundles: Bundles::new(),
+            bundles: if settings.bundles { Bundles::new() } else { Bundles::apart() },
             gaze: Gaze::default(),
             begun: Instant::now(),
         }
@@ -175,6 +175,18 @@ mod tests {
         let ((sin, cos), messages) = (half(35.0), messages(&output));
         assert!(near(&numbers(&messages, "LeftEye")[3..], &[0.0, -sin, 0.0, cos]));
         assert!(near(&numbers(&messages, "RightEye")[3..], &[sin, 0.0, 0.0, cos]));
+    }
+
+    #[test]
+    fn receivers_that_read_no_bundles_get_each_message_in_a_datagram_of_its_own() {
+        let output = test_output(State::Live);
+        let mut apart = Vmc::new(&VmcSettings { bundles: false, ..VmcSettings::default() });
+        let decoded = datagrams(&mut apart, &output).into_iter().map(|bytes| match rosc::decoder::decode_udp(&bytes) {
+            Ok((_, OscPacket::Message(message))) => (message.addr, message.args.len()),
+            other => panic!("no message: {other:?}"),
+        });
+        let bundled = messages(&output).into_iter().map(|message| (message.addr, message.args.len()));
+        assert_eq!(decoded.collect::<Vec<_>>(), bundled.collect::<Vec<_>>());
     }
 
     #[test]

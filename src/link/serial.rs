@@ -10,13 +10,20 @@ mod claim;
 mod dialogue;
 mod line;
 mod port;
+mod restart;
 
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
+
+use serialport::TTYPort;
 
 pub use self::board::{BoardSearch, is_maestro};
 pub use self::claim::PortClaim;
 use self::line::{Line, Place};
-pub use self::port::{PortError, PortTrouble, open as open_port};
+pub use self::port::{PortError, PortTrouble};
 use super::background::Background;
 use super::{Inquiry, LinkError, Traffic};
 use crate::config::{AutoDevice, SerialDevice};
@@ -32,8 +39,17 @@ pub fn maestro_port(device: &SerialDevice) -> Result<PathBuf, PortError> {
     }
 }
 
+/// Opens a serial port. Reading and writing wait for `patience` at most. Where this restarts the board, it is restarted again
+/// by whoever opens the port next.
+///
+/// # Errors
+/// Says what is wrong with the port.
+pub fn open_port(device: &Path, baud: u32, patience: Duration) -> Result<TTYPort, PortError> {
+    port::open(device, baud, patience).map(|(tty, _)| tty)
+}
+
 /// Starts the thread of a serial line. The port may appear later. Each time the port opens, the thread writes the first
-/// bytes given, the preamble; later it asks the inquiry again and again.
+/// bytes given, the preamble, as soon as the board has restarted if it restarts; later it asks the inquiry again and again.
 ///
 /// # Errors
 /// Returns an error if the system refuses a thread.

@@ -84,7 +84,7 @@ class Camera(Device):
 class Serial(Device):
     """The USB serial port."""
 
-    link = "/dev/serial/by-id/usb-Arduino_0043_1234-if00"
+    link = "/dev/serial/by-id/usb-Arduino_8036_1234-if00"
     other_end = "/dev/ttyGS0"
 
     def plug(self):

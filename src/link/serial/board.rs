@@ -16,7 +16,7 @@ use crate::config::AutoDevice;
 /// Links to the serial ports of USB devices, with names that stay with the device.
 const LINKS: &str = "/dev/serial/by-id";
 /// What the kernel knows of serial ports.
-const CLASS: &str = "/sys/class/tty";
+pub const CLASS: &str = "/sys/class/tty";
 /// Vendors of boards: Arduino (two numbers), Adafruit, Raspberry Pi, Espressif, SparkFun, Seeed, Pololu.
 /// `systemd/99-facewire.rules` has the same numbers.
 const VENDORS: [&str; 8] = ["2341", "2a03", "239a", "2e8a", "303a", "1b4f", "2886", "1ffb"];
@@ -122,10 +122,19 @@ fn usb_device(port: &Path, class: &Path) -> Option<PathBuf> {
     Some(device.to_owned())
 }
 
+/// Returns the numbers of the vendor and the product of the USB device that the port belongs to.
+pub fn numbers(port: &Path, class: &Path) -> Option<(String, String)> {
+    usb_device(port, class).map(|device| numbers_of(&device))
+}
+
+fn numbers_of(device: &Path) -> (String, String) {
+    let read = |name| fs::read_to_string(device.join(name)).unwrap_or_default().trim().to_owned();
+    (read("idVendor"), read("idProduct"))
+}
+
 /// What kind of device this is, if its numbers tell.
 fn kind(device: &Path) -> Option<AutoDevice> {
-    let read = |name| fs::read_to_string(device.join(name)).unwrap_or_default().trim().to_owned();
-    let (vendor, product) = (read("idVendor"), read("idProduct"));
+    let (vendor, product) = numbers_of(device);
     let numbers = (vendor.as_str(), product.as_str());
     if MAESTROS.contains(&numbers) {
         return Some(AutoDevice::Maestro);
@@ -142,6 +151,7 @@ mod tests {
 
     use tempfile::TempDir;
 
+    use super::super::restart::restarts_board;
     use super::*;
 
     /// A machine with USB devices, in a folder.
@@ -216,6 +226,17 @@ mod tests {
         assert_eq!(machine.find_first(), Err(PortTrouble::NoBoard(vec![])));
         machine.plug("Pololu_Micro_Maestro_6", "1ffb:0089", &["ttyACM3", "ttyACM4"]);
         assert!(matches!(find(), Err(PortTrouble::SeveralBoards(boards)) if boards.len() == 2));
+    }
+
+    #[test]
+    fn opening_the_port_of_an_uno_restarts_it_whatever_the_name_of_its_port() {
+        let machine = Machine::new();
+        machine.plug("Uno", "2341:0043", &["ttyACM0"]);
+        machine.plug("Leonardo", "2341:8036", &["ttyACM1"]);
+        let restarts = |path: &Path| restarts_board(path, &machine.0.path().join("tty"));
+        let ports = ["dev/ttyACM0", "dev/ttyACM1", "dev/ttyACM2"].map(|port| machine.0.path().join(port));
+        assert_eq!(ports.map(|port| restarts(&port)), [true, false, false]);
+        assert_eq!(["Uno", "Leonardo"].map(|name| restarts(&machine.link(name, 0))), [true, false]);
     }
 
     #[test]

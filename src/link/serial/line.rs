@@ -2,6 +2,7 @@
 
 use std::{
     io::{self, ErrorKind, Read as _, Write as _},
+    mem,
     path::{Path, PathBuf},
     thread,
     time::{Duration, Instant},
@@ -13,6 +14,7 @@ use super::board::BoardSearch;
 use super::claim::PortClaim;
 use super::dialogue::{Dialogue, Turn};
 use super::port::{self, PortError};
+use super::restart::Restart;
 use crate::link::background::{Device, Shared};
 use crate::link::{Inquiry, LinkError};
 
@@ -47,7 +49,7 @@ impl Place {
 pub struct Line {
     place: Place,
     baud: u32,
-    /// Written each time the port is opened.
+    /// Written each time the port is opened, after the restart of the board if there is one.
     preamble: Vec<u8>,
     inquiry: Option<Inquiry>,
     /// The claim for the first attempt to open the port.
@@ -89,21 +91,26 @@ impl Device for Line {
         let device = self.place.find()?;
         shared.find();
         let Some(claim) = self.claim(&device, shared)? else { return Ok(false) };
-        let mut tty = port::open(&device, self.baud, PATIENCE)?;
+        let (tty, restart) = port::open(&device, self.baud, PATIENCE)?;
         if claim.is_empty() {
             // The device appeared after the claim: the next attempt claims it.
             return Ok(false);
         }
-        // A port that takes no bytes yet does not need the preamble.
-        let _ = tty.write(&self.preamble);
         tracing::info!("link opened: {} at {} baud", device.display(), self.baud);
-        let (took_at, dialogue) = (Instant::now(), Dialogue::default());
-        self.open = Some(Port { device, tty, takes: true, took_at, dialogue, _claim: claim });
+        if restart.is_some() {
+            tracing::info!("link {}: the board restarts, and gets packets after that", device.display());
+        }
+        let mut port = Port::new(device, tty, restart, claim);
+        port.is_ready(&self.preamble, Instant::now());
+        self.open = Some(port);
         Ok(true)
     }
 
     fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
         let Some(port) = &mut self.open else { return Ok(false) };
+        if !port.is_ready(&self.preamble, Instant::now()) {
+            return Ok(false);
+        }
         let took_before = port.takes;
         let took = port.write(message).map_err(|error| PortError::lost(&port.device, error))?;
         if took_before && !port.takes {
@@ -113,7 +120,8 @@ impl Device for Line {
     }
 
     fn attend(&mut self) -> Result<(), LinkError> {
-        if let (Some(port), Some(inquiry)) = (&mut self.open, &self.inquiry) {
+        let Some(port) = &mut self.open else { return Ok(()) };
+        if let (true, Some(inquiry)) = (port.is_ready(&self.preamble, Instant::now()), &self.inquiry) {
             port.ask(inquiry).map_err(|error| PortError::lost(&port.device, error))?;
         }
         Ok(())
@@ -129,6 +137,10 @@ impl Device for Line {
 struct Port {
     device: PathBuf,
     tty: TTYPort,
+    /// The restart of the board that the opening has caused, until it is over.
+    restart: Option<Restart>,
+    /// Whether the preamble was written.
+    has_begun: bool,
     /// Whether the port takes messages. A message that a slow line leaves out does not count.
     takes: bool,
     /// When the port took the last message.
@@ -139,6 +151,25 @@ struct Port {
 }
 
 impl Port {
+    fn new(device: PathBuf, tty: TTYPort, restart: Option<Restart>, claim: PortClaim) -> Self {
+        let (took_at, dialogue) = (Instant::now(), Dialogue::default());
+        Self { device, tty, restart, has_begun: false, takes: true, took_at, dialogue, _claim: claim }
+    }
+
+    /// Whether the port may be written to. The first time that it may, writes the preamble.
+    fn is_ready(&mut self, preamble: &[u8], now: Instant) -> bool {
+        if self.restart.as_ref().is_some_and(|restart| !restart.is_over(now)) {
+            return false;
+        }
+        if !mem::replace(&mut self.has_begun, true) {
+            self.restart.take().into_iter().for_each(Restart::end);
+            // A port that takes no bytes yet does not need the preamble.
+            let _ = self.tty.write(preamble);
+            self.took_at = now;
+        }
+        true
+    }
+
     /// Asks the receiver if it is time, or takes its answer.
     fn ask(&mut self, inquiry: &Inquiry) -> io::Result<()> {
         let there = self.tty.bytes_to_read().map_or(0, |bytes| bytes as usize);
@@ -219,36 +250,4 @@ impl Drop for Port {
 }
 
 #[cfg(test)]
-mod tests {
-    use facewire_packet::FRAME_BYTES;
-
-    use super::*;
-
-    /// Returns how many of the packets given in 10 s a line takes, and the longest time that one of them waits.
-    fn given(packets_hz: u32, baud: u32) -> (u32, Duration) {
-        let (bytes_per_s, mut unsent_bytes, mut taken, mut longest) = (f64::from(baud) / 10.0, 0.0, 0, 0.0);
-        for _ in 0..10 * packets_hz {
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some hundreds")]
-            if !is_behind(unsent_bytes as u32, FRAME_BYTES) {
-                longest = f64::max(longest, unsent_bytes / bytes_per_s);
-                unsent_bytes += FRAME_BYTES as f64;
-                taken += 1;
-            }
-            unsent_bytes = f64::max(0.0, unsent_bytes - bytes_per_s / f64::from(packets_hz));
-        }
-        (taken, Duration::from_secs_f64(longest))
-    }
-
-    #[test]
-    fn a_line_that_is_given_too_many_packets_is_always_busy_and_no_packet_waits_for_two_others() {
-        let packet = Duration::from_secs_f64(10.0 * FRAME_BYTES as f64 / 57_600.0);
-        let (taken, waited) = given(60, 57_600);
-        assert!((428..=432).contains(&taken), "{taken}: 57,600 baud carry 42.99 a second");
-        assert!(waited <= packet, "{waited:?}");
-    }
-
-    #[test]
-    fn a_line_that_is_fast_enough_drops_no_packet() {
-        assert_eq!(given(42, 57_600).0, 420);
-    }
-}
+mod tests;

@@ -1,22 +1,25 @@
 //! Opening serial ports: raw bytes, 8N1, no flow control, exclusive to this program.
 //!
 //! Arduino-like boards restart when DTR rises. Linux raises DTR when a port is opened, and lowers it when the port is
-//! closed unless HUPCL is cleared; `serialport` leaves both to the system. HUPCL is therefore cleared before the port is
-//! opened for good: a board restarts when its port is opened for the first time, not whenever the service restarts.
+//! closed unless HUPCL is cleared; `serialport` leaves both to the system. HUPCL is therefore cleared: a board restarts when
+//! its port is opened for the first time, not whenever the service restarts. HUPCL that is set tells that the port is
+//! opened for the first time; for a board that restarts, it is cleared when the restart is over ([`Restart`]).
 
 use std::{
     fmt, io,
-    os::fd::OwnedFd,
     path::{Path, PathBuf},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use rustix::{
     fs::{Mode, OFlags},
     io::Errno,
-    termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr},
+    termios::{ControlModes, tcgetattr},
 };
 use serialport::{ErrorKind, TTYPort};
+
+use super::board::CLASS;
+use super::restart::{Restart, keep_dtr, restarts_board};
 
 /// A serial port, and what is wrong with it.
 #[derive(Debug, thiserror::Error)]
@@ -143,28 +146,26 @@ impl From<serialport::Error> for PortTrouble {
     }
 }
 
-/// Opens the serial port. Reading and writing wait for `patience` at most.
+/// Opens the serial port. Reading and writing wait for `patience` at most. Also returns the restart of the board, if the
+/// opening has caused one.
 ///
 /// # Errors
 /// Says what is wrong with the port.
-pub fn open(device: &Path, baud: u32, patience: Duration) -> Result<TTYPort, PortError> {
+pub fn open(device: &Path, baud: u32, patience: Duration) -> Result<(TTYPort, Option<Restart>), PortError> {
     opened(device, baud, patience).map_err(|trouble| PortError::new(device, trouble))
 }
 
-fn opened(device: &Path, baud: u32, patience: Duration) -> Result<TTYPort, PortTrouble> {
+fn opened(device: &Path, baud: u32, patience: Duration) -> Result<(TTYPort, Option<Restart>), PortTrouble> {
     // Stays open until the port is open for good: otherwise DTR would fall in between.
-    let _prepared = prepared(device)?;
-    Ok(serialport::new(device.to_string_lossy(), baud).timeout(patience).open_native()?)
-}
-
-/// Clears HUPCL, so that closing the port does not lower DTR.
-fn prepared(device: &Path) -> Result<OwnedFd, PortTrouble> {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    let port = rustix::fs::open(device, flags, Mode::empty())?;
-    let mut modes = tcgetattr(&port)?;
-    modes.control_modes.remove(ControlModes::HUPCL);
-    tcsetattr(&port, OptionalActions::Now, &modes)?;
-    Ok(port)
+    let prepared = rustix::fs::open(device, flags, Mode::empty())?;
+    let dtr_rose = tcgetattr(&prepared)?.control_modes.contains(ControlModes::HUPCL);
+    let restarts = dtr_rose && restarts_board(device, Path::new(CLASS));
+    if !restarts {
+        keep_dtr(&prepared)?;
+    }
+    let tty = serialport::new(device.to_string_lossy(), baud).timeout(patience).open_native()?;
+    Ok((tty, restarts.then(|| Restart::new(prepared, Instant::now()))))
 }
 
 #[cfg(test)]

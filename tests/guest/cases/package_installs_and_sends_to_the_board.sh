@@ -17,7 +17,7 @@ facewire defaults | cmp - /usr/share/facewire/defaults.toml || fail 'the default
 plug_in
 systemctl enable --now facewire 2>$work/said || fail "$(cat $work/said)"
 python3 $work/board.py /dev/ttyGS0 'no face' || fail "$(journalctl --unit facewire --output cat | tail -n 20)"
-told 1 'link opened: /dev/serial/by-id/usb-Arduino_0043_1234-if00 at 115200 baud'
+told 1 'link opened: /dev/serial/by-id/usb-Arduino_8036_1234-if00 at 115200 baud'
 grep 'link opened' $work/log
 ! readlink /proc/"$(property MainPID)"/fd/* | grep ttyS || fail 'it has opened a serial port that is no board'
 

@@ -7,6 +7,6 @@ configure /dev/video9
 cat >>$work/facewire.toml <<CONFIG
 [[link]]
 kind = "serial"
-device = "/dev/serial/by-id/usb-Arduino_0043_1234-if00"
+device = "/dev/serial/by-id/usb-Arduino_8036_1234-if00"
 CONFIG
 python3 $work/stalled.py $work || fail 'the service does not cope with a board that does not read'

@@ -11,7 +11,7 @@ stall_timeout_ms = 30000
 address = "127.0.0.1:5252"
 [[link]]
 kind = "serial"
-device = "/dev/serial/by-id/usb-Arduino_0043_1234-if00"
+device = "/dev/serial/by-id/usb-Arduino_8036_1234-if00"
 CONFIG
 film_without_a_face $work/grey.avi
 python3 $work/endurance.py $work $work/grey.avi 20 || fail 'after so many unplugs something is not as it should be'

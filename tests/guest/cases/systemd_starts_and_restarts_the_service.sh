@@ -18,7 +18,7 @@ is_refused() { [ "$(property ActiveState) $(property ExecMainStatus)" = 'failed 
 # The names that an operator gives to a camera and a board.
 cat >/etc/udev/rules.d/99-facewire-names.rules <<RULES
 SUBSYSTEM=="video4linux", ATTR{index}=="0", ATTRS{idVendor}=="1d6b", ATTRS{idProduct}=="0102", SYMLINK+="facewire-eye"
-SUBSYSTEM=="tty", ATTRS{idVendor}=="2341", ATTRS{idProduct}=="0043", ATTRS{serial}=="1234", SYMLINK+="facewire-head"
+SUBSYSTEM=="tty", ATTRS{idVendor}=="2341", ATTRS{idProduct}=="8036", ATTRS{serial}=="1234", SYMLINK+="facewire-head"
 RULES
 systemd/install --binary facewire --networks networks >$work/installed || fail "$(cat $work/installed)"
 configure /dev/facewire-eye

@@ -120,7 +120,10 @@ impl Carrier for Background {
         if buffer.extend_from_slice(message).is_err() || self.newest.publish() {
             self.shared.drop_one();
         }
-        self.thread.thread().unpark();
+        // A thread that waits to try again has no use for the message, which a newer one will replace.
+        if self.is_open() {
+            self.thread.thread().unpark();
+        }
     }
 
     fn is_open(&self) -> bool {

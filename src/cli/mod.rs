@@ -70,7 +70,7 @@ enum Command {
     Calibrate(calibrate::CalibrateArgs),
     /// Record the landmarks and the outputs of every frame.
     Record(record::RecordArgs),
-    /// Send a recording again, in its own time.
+    /// Send a recording again, with its original timing.
     Replay(replay::ReplayArgs),
     /// Measure latency, CPU and memory of every stage on a clip.
     Bench(bench::BenchArgs),

@@ -28,14 +28,15 @@ use crate::service::{Reply, Request, await_picture, open_camera};
 const EXAMPLES: &str = "\
 Examples:
   facewire record talk.fwrec                until Ctrl-C
+  sudo facewire record talk.fwrec           while the service runs as another user
   facewire record talk.fwrec --seconds 60
   facewire record day.fwrec --max-mb 4000
   facewire replay talk.fwrec                send it again, as if the face were in front of the camera
   facewire track talk.fwrec --out talk.csv  solve its landmarks again, with one CSV row per frame
 
 A recording has the landmarks and the outputs of each frame, and no picture: about 1.8 kB a frame, or 190 MB an hour. What \
-was recorded up to a crash or a power failure can be read, except for the last second. A service that runs is asked, \
-because it holds the camera; its settings count then, and it goes on sending.";
+was recorded up to a crash or a power failure can be read, except for the last second. A service that runs has the \
+camera, so it is asked for the frames: its settings apply then, and it goes on sending.";
 
 /// Time after which the progress is reported again.
 const PROGRESS: Duration = Duration::from_secs(10);

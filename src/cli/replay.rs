@@ -1,4 +1,4 @@
-//! `facewire replay`: sends a recording through the links of the settings, in its own time.
+//! `facewire replay`: sends a recording through the links of the settings, with its original timing.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -16,8 +16,8 @@ Examples:
   facewire replay talk.fwrec
   facewire replay talk.fwrec --repeat --config facewire.toml
 
-The links of the settings get what they got during the recording, at the same distances in time; [failsafe] and the settings of the \
-links are those of now. Stop the service first if both would use the same serial port.";
+The links of the settings get the recorded outputs with the original timing. [failsafe] and the settings of the links are \
+those of now, not those of the recording. Stop the service first if both would send to the same receiver.";
 
 /// Arguments of `facewire replay`.
 #[derive(Debug, Args)]
@@ -25,7 +25,7 @@ links are those of now. Stop the service first if both would use the same serial
 pub(super) struct ReplayArgs {
     /// A recording made by `facewire record`.
     file: PathBuf,
-    /// Begin anew at the end, until Ctrl-C.
+    /// Start again at the end, until Ctrl-C.
     #[arg(long)]
     repeat: bool,
     #[command(flatten)]

@@ -27,10 +27,10 @@ const AGAIN: Duration = Duration::from_millis(200);
 
 const EXAMPLES: &str = "\
 Examples:
-  facewire servo --channel 3                  the board of the settings, or a Maestro
+  facewire servo --channel 3                  the Maestro on USB
   facewire servo --channel 3 --config f.toml  the first servo board in this file
-  facewire servo --channel 3 --maestro auto   the Maestro on USB
   facewire servo --channel 3 --pca9685 1      the PCA9685 at 0x40 of /dev/i2c-1
+  facewire servo --channel 3 --maestro /dev/ttyACM0  the Maestro at this port
 
 Keys:
   left, right   move by --step microseconds
@@ -111,7 +111,7 @@ fn address(text: &str) -> Result<u32, String> {
 pub(super) fn run(args: &ServoArgs) -> Result<(), Failure> {
     let kind = args.kind(&args.settings.load()?);
     if !io::stdin().is_terminal() || !io::stdout().is_terminal() {
-        return Err(Failure::failed("the keys that move the servo come from a terminal; run this in one".to_owned()));
+        return Err(Failure::failed("`facewire servo` reads keys from a terminal; run it in one".to_owned()));
     }
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {

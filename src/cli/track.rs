@@ -40,8 +40,8 @@ const PROGRESS_FRAMES: u64 = 1000;
 #[command(after_help = EXAMPLES)]
 pub(super) struct TrackArgs {
     /// A .y4m or Motion-JPEG .avi file, `-` (y4m on standard input), `demo` (the built-in clip), a .npy file of
-    /// landmarks (frames x 478 x 3, pixels), or a recording by `facewire record`. Landmarks do not show the skin between them, so their coefficients are less
-    /// accurate than those of the film.
+    /// landmarks (frames x 478 x 3, pixels), or a recording by `facewire record`. Landmarks do not show the skin between
+    /// them, so their coefficients are less accurate than those of the film.
     input: String,
     /// The CSV file; without it, standard output.
     #[arg(long, value_name = "FILE.csv")]

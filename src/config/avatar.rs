@@ -22,7 +22,8 @@ section! {
         subject: Text = Text::from("facewire"), 1..=64, "";
         /// The name of the device. Some receivers read exactly 36 characters.
         device_id: Text = Text::from("facewire-0000-0000-0000-000000000000"), 36..=36, "";
-        /// Exchanges `mouthLeft` and `mouthRight`, as Apple's app does by mistake: for receivers that exchange them again.
+        /// Exchanges `mouthLeft` and `mouthRight`, as the app Live Link Face does by mistake: for receivers that
+        /// exchange them back.
         swap_mouth: bool = false, (), "";
     }
 }
@@ -30,8 +31,8 @@ section! {
 section! {
     /// VMC.
     VmcSettings {
-        /// The machine that runs the application, and its port: 39540 for most, such as VSeeFace and VMagicMirror; 39539
-        /// for Warudo and others that expect a whole body.
+        /// The machine that runs the application, and its port: 39540 for VSeeFace and others that add a face to a body
+        /// of their own; 39539 for Warudo, EVMC4U and others that can take a whole body.
         address: Address = Address::local(39_540), (), "";
         /// Whether the head and the eyes turn, too. Without it, only blendshapes are sent.
         bones: bool = true, (), "";
@@ -62,7 +63,7 @@ section! {
         /// eyes.
         native_eyes: bool = false, (), "";
         /// The parameters to send, if not all: their names after `v2/`, each with the number of its bits if it is binary,
-        /// such as "JawOpen, SmileFrown:4". `floats`, `bits`, `shapes`, `compounds` and `head` then do not count.
+        /// such as "JawOpen, SmileFrown:4". `floats`, `bits`, `shapes`, `compounds` and `head` then have no effect.
         parameters: Parameters = Parameters::default(), (), "";
     }
 }

@@ -21,8 +21,8 @@ pub trait Section {
         &[]
     }
 
-    /// Returns the table that stands under `key`, if it is one of [`Section::tables`]. If it may stand there more than once, this
-    /// adds another one.
+    /// Returns the table that stands under `key`, if it is one of [`Section::tables`]. If it may stand there more than
+    /// once, this adds another one.
     fn table(&mut self, _key: &str) -> Option<&mut dyn Section> {
         None
     }

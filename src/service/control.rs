@@ -3,9 +3,9 @@
 //!
 //! The thread `fw-control` listens at a Unix socket in the runtime directory, which only the service's user and root may
 //! open. It runs the guide on what the hot loop observes, keeps the profile, and hands it to the hot loop through the
-//! mailbox of reloads. One calibration and one recording run at a time, and a client that closes its connection ends its own. No client
-//! can hold up the thread: connections do not block, and their number, the length of a line and the time until the
-//! request are limited.
+//! mailbox of reloads. One calibration and one recording run at a time, and a client that closes its connection ends its
+//! own. No client can hold up the thread: connections do not block, and their number, the length of a line and the time
+//! until the request are limited.
 
 mod client;
 pub(crate) mod protocol;

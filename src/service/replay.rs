@@ -1,4 +1,4 @@
-//! Replay: sends what was recorded, in the recording's own time, through the links and the failsafe of the service.
+//! Replay: sends what was recorded, with the original timing, through the links and the failsafe of the service.
 
 use std::sync::{Arc, mpsc};
 use std::thread::{Builder, park_timeout};

@@ -27,10 +27,10 @@ const AGAIN: Duration = Duration::from_millis(200);
 
 const EXAMPLES: &str = "\
 Examples:
-  facewire servo --channel 3                  the Maestro on USB
-  facewire servo --channel 3 --config f.toml  the first servo board in this file
-  facewire servo --channel 3 --pca9685 1      the PCA9685 at 0x40 of /dev/i2c-1
-  facewire servo --channel 3 --maestro /dev/ttyACM0  the Maestro at this port
+  facewire servo --channel 3                        the Maestro on USB
+  facewire servo --channel 3 --config f.toml        the first servo board in this file
+  facewire servo --channel 3 --pca9685 1            the PCA9685 at 0x40 of /dev/i2c-1
+  facewire servo --channel 3 --maestro /dev/ttyACM0 the Maestro at this port
 
 Keys:
   left, right   move by --step microseconds

@@ -2,7 +2,7 @@
 //!
 //! Both may block, so each has the thread of a [`Background`]. A reader of standard output that is slow gets the newest
 //! line only. A client of the socket that is slow misses whole lines, and one that takes nothing for
-//! [`LONGEST_WAIT`] is dismissed; it delays no other.
+//! [`LONGEST_WAIT`] is disconnected; it delays no other.
 
 use std::{
     io::{self, ErrorKind, Write as _},
@@ -16,9 +16,9 @@ use super::{Background, Device, LinkError, Shared, Traffic};
 use crate::config::Listen;
 use crate::service::listener::Listener;
 
-/// Most clients of a socket at a time. Further ones are dismissed.
+/// Most clients of a socket at a time. Further ones are disconnected.
 const MOST_CLIENTS: usize = 8;
-/// Time after which a client that takes nothing is dismissed.
+/// Time after which a client that takes nothing is disconnected.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
 /// Starts the thread that writes to standard output.
@@ -69,7 +69,7 @@ impl Server {
         LinkError::Listen { address: self.path.display().to_string(), error }
     }
 
-    /// Welcomes the clients that wait. Those for whom there is no room are dismissed.
+    /// Welcomes the clients that wait. Those for whom there is no room are disconnected.
     fn welcome(&mut self) -> io::Result<()> {
         let Some(listener) = &self.listener else { return Ok(()) };
         loop {
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn clients_beyond_the_limit_are_dismissed_and_leaving_makes_room() {
+    fn clients_beyond_the_limit_are_disconnected_and_leaving_makes_room() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("lines");
         let _sending = Sending::start(&path, 8);

@@ -285,7 +285,7 @@ impl Places {
         self.list.retain(|place| {
             let stays = place.away < PATIENCE;
             if !stays {
-                tracing::info!("iFacialMocap: {} is away, and gets no face any more", place.receiver);
+                tracing::info!("iFacialMocap: {} is away, and no longer gets the face", place.receiver);
             }
             stays
         });

@@ -17,12 +17,13 @@ use common::film::{demo_y4m, empty_y4m};
 use facewire::calibration::Observation;
 use facewire::capture::{Clip, Source, Y4mSource};
 use facewire::config::{self, Address, LinkKind, LinkSettings, Settings, UdpSettings};
-use facewire::link::{Link, Output, Pose, Traffic};
+use facewire::link::{Link, Output, Pose, Rates, Traffic};
 use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::failsafe::{Failsafe, History, News};
 use facewire::watch::{Look, Watch};
 use facewire_packet::{Reason, State};
 
+const RATES: Rates = Rates { send_hz: 60, slew_per_s: 4.0 };
 /// Frames before the count begins.
 const WARM_UP: usize = 20;
 
@@ -74,7 +75,7 @@ impl Way {
             Err(_) => News::Fault(Reason::BadResult),
         };
         let output = self.failsafe.update(&mut self.history, now_us, news);
-        self.link.offer(&self.settings, 60, now_us, &output);
+        self.link.offer(&self.settings, RATES, now_us, &output);
         let face = self.pipeline.tracker.as_ref().unwrap().face();
         let look = Look::at(frame.picture().unwrap(), face.map(|face| face.landmarks));
         self.watch.look(&look, frame.captured_us);
@@ -180,7 +181,7 @@ fn links_of_every_kind_allocate_nothing_on_the_senders_thread() {
         let mut link = Link::open(&settings, &traffic).unwrap();
         let mut send = |numbers: std::ops::Range<u16>| {
             for number in numbers {
-                link.offer(&settings, 60, u64::from(number) * 16_667, &moving_face(number));
+                link.offer(&settings, RATES, u64::from(number) * 16_667, &moving_face(number));
             }
         };
         send(0..40);

@@ -58,7 +58,7 @@ fn datagrams(keys: &str, output: &Output) -> Vec<Vec<u8>> {
     let settings = config::parse("test", &format!("[[link]]\n{}", keys.replace("ADDRESS", &address))).unwrap();
     let traffic = Arc::<Traffic>::default();
     let mut link = Link::open(&settings.links[0], &traffic).unwrap();
-    link.send(&settings.links[0], output);
+    link.send_last(&settings.links[0], output);
     let receive = |_| {
         let mut bytes = vec![0; 2048];
         let length = socket.recv(&mut bytes).unwrap();

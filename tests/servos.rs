@@ -61,7 +61,7 @@ impl Open {
         }
         let reason = if state == State::Live { Reason::None } else { Reason::NoFace };
         let output = Output { state, reason, pose, age_us: 0, capture_us: 0, followed: true, moving: false };
-        self.link.send(&self.settings.links[0], &output);
+        self.link.send_last(&self.settings.links[0], &output);
     }
 }
 

@@ -6,8 +6,9 @@
 use std::fs;
 use std::io::ErrorKind;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, mpsc};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use base64::Engine as _;
@@ -40,6 +41,8 @@ camera, so it is asked for the frames: its settings apply then, and it goes on s
 
 /// Time after which the progress is reported again.
 const PROGRESS: Duration = Duration::from_secs(10);
+/// Time between two looks whether the recording is over.
+const LOOK: Duration = Duration::from_millis(100);
 const BYTES_PER_MB: u64 = 1_000_000;
 
 /// Arguments of `facewire record`.
@@ -70,35 +73,49 @@ pub(super) fn run(args: &RecordArgs) -> Result<(), Failure> {
         return Err(Failure::unwritable(&args.file, &ErrorKind::AlreadyExists.into()));
     }
     match Connection::open()? {
-        Some(connection) => by_service(connection, Recorder::begin(args, stop)?),
+        Some(connection) => by_service(connection, args, stop),
         None => without_service(args, stop),
     }
 }
 
 /// Keeps what the service tells.
-fn by_service(mut connection: Connection, mut recorder: Recorder) -> Result<(), Failure> {
+fn by_service(mut connection: Connection, args: &RecordArgs, stop: Arc<AtomicBool>) -> Result<(), Failure> {
     connection.ask(&Request::Record {})?;
+    let mut recorder = Recorder::begin(args, stop)?;
     say("the service records; Ctrl-C ends it");
-    let outcome = loop {
-        if recorder.is_over() {
-            break Ok(());
+    // A disk may take seconds for a write, and the service waits for nobody: a thread takes what it tells.
+    let (told, heard) = mpsc::channel();
+    thread::spawn(move || {
+        loop {
+            let reply = connection.reply();
+            let is_last = !matches!(reply, Ok(Reply::Frame(_)));
+            if told.send(reply).is_err() || is_last {
+                return;
+            }
         }
-        let frame = match connection.reply() {
-            Ok(Reply::Frame(text)) => BASE64_STANDARD.decode(text).ok().and_then(|bytes| Recorded::from_bytes(&bytes)),
-            Ok(Reply::Refused(sentence)) => break Err(Failure::failed(sentence)),
-            Ok(_) => None,
-            Err(error) => break Err(error),
-        };
-        let other = || Failure::failed("the service is of another version: restart it".to_owned());
-        match frame.ok_or_else(other).and_then(|frame| recorder.keep(&frame)) {
-            Ok(true) => {}
-            Ok(false) => break Ok(()),
-            Err(error) => break Err(error),
-        }
-    };
+    });
+    let outcome = keep_all(&heard, &mut recorder);
     // What came before an error is kept.
     recorder.finish()?;
     outcome
+}
+
+fn keep_all(heard: &mpsc::Receiver<Result<Reply, Failure>>, recorder: &mut Recorder) -> Result<(), Failure> {
+    let other = || Failure::failed("the service is of another version: restart it".to_owned());
+    while !recorder.is_over() {
+        let text = match heard.recv_timeout(LOOK) {
+            Ok(Ok(Reply::Frame(text))) => text,
+            Ok(Ok(Reply::Refused(sentence))) => return Err(Failure::failed(sentence)),
+            Ok(Err(error)) => return Err(error),
+            Err(mpsc::RecvTimeoutError::Timeout) => continue,
+            Ok(Ok(_)) | Err(mpsc::RecvTimeoutError::Disconnected) => return Err(other()),
+        };
+        let bytes = BASE64_STANDARD.decode(text).map_err(|_| other())?;
+        if !recorder.keep(&Recorded::from_bytes(&bytes).ok_or_else(other)?)? {
+            break;
+        }
+    }
+    Ok(())
 }
 
 fn without_service(args: &RecordArgs, stop: Arc<AtomicBool>) -> Result<(), Failure> {
@@ -142,11 +159,11 @@ struct Recorder {
     writer: Writer,
     path: PathBuf,
     stop: Arc<AtomicBool>,
-    begun: Instant,
+    /// When the first frame came.
+    begun: Option<Instant>,
     told: Instant,
     longest: Option<Duration>,
     max_mb: u64,
-    frames: u64,
     faces: u64,
 }
 
@@ -155,38 +172,39 @@ impl Recorder {
         let path = args.file.clone();
         let writer = Writer::create(&path, args.max_mb * BYTES_PER_MB);
         let writer = writer.map_err(|error| Failure::unwritable(&path, &error))?;
-        let (begun, longest) = (Instant::now(), args.seconds.map(Duration::from_secs));
-        Ok(Self { writer, path, stop, begun, told: begun, longest, max_mb: args.max_mb, frames: 0, faces: 0 })
+        let (told, longest) = (Instant::now(), args.seconds.map(Duration::from_secs));
+        Ok(Self { writer, path, stop, begun: None, told, longest, max_mb: args.max_mb, faces: 0 })
     }
 
     fn is_over(&self) -> bool {
-        self.stop.load(Relaxed) || self.longest.is_some_and(|longest| self.begun.elapsed() >= longest)
+        let lasted = self.begun.map(|begun| begun.elapsed());
+        self.stop.load(Relaxed) || self.longest.zip(lasted).is_some_and(|(longest, lasted)| lasted >= longest)
     }
 
     /// Keeps a frame. Returns `false` if the file is as large as it may become.
     fn keep(&mut self, frame: &Recorded) -> Result<bool, Failure> {
+        self.begun.get_or_insert_with(Instant::now);
         if !self.writer.push(frame).map_err(|error| Failure::unwritable(&self.path, &error))? {
             say(format_args!("the file is full: --max-mb allows {} MB", self.max_mb));
             return Ok(false);
         }
-        self.frames += 1;
         self.faces += u64::from(frame.landmarks.is_some());
         if self.told.elapsed() >= PROGRESS {
             self.told = Instant::now();
-            say(format_args!("{} frames, {} with a face", self.frames, self.faces));
+            say(format_args!("{} frames, {} with a face", self.writer.frames(), self.faces));
         }
         Ok(true)
     }
 
     /// Writes what is left. An empty file is removed, because it would be in the way of the next attempt.
-    fn finish(self) -> Result<(), Failure> {
+    fn finish(mut self) -> Result<(), Failure> {
         let bytes = self.writer.finish().map_err(|error| Failure::unwritable(&self.path, &error))?;
-        if self.frames == 0 {
+        let (frames, path) = (self.writer.frames(), self.path.display());
+        if frames == 0 {
             let _ = fs::remove_file(&self.path);
         }
-        let (frames, faces, path) = (self.frames, self.faces, self.path.display());
-        let seconds = self.begun.elapsed().as_secs_f64();
-        say(format_args!("{frames} frames, {faces} with a face, in {seconds:.1} s: {path}, {} kB", bytes / 1000));
+        let seconds = self.begun.map_or(0.0, |begun| begun.elapsed().as_secs_f64());
+        say(format_args!("{frames} frames in {seconds:.1} s: {path}, {} kB", bytes / 1000));
         Ok(())
     }
 }

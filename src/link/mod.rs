@@ -136,6 +136,15 @@ impl Traffic {
     }
 }
 
+/// What the settings of all links say about speed.
+#[derive(Debug, Clone, Copy)]
+pub struct Rates {
+    /// `rate_hz` of `[send]`.
+    pub send_hz: u32,
+    /// `slew_per_s` of `[failsafe]`.
+    pub slew_per_s: f32,
+}
+
 /// A connection to one receiver.
 #[derive(Debug)]
 pub struct Link {
@@ -276,10 +285,11 @@ impl Link {
         }
     }
 
-    /// Sends the output if it is due. The settings may differ from those of the last call in everything but the kind;
-    /// `send_hz` is the rate of `[send]`. Returns how long the link can wait for the next output, in microseconds.
-    pub fn offer(&mut self, settings: &LinkSettings, send_hz: u32, now_us: u64, output: &Output) -> u64 {
-        let (pace, output) = (Pace::new(settings, send_hz), &self.shown.next(settings, output));
+    /// Sends the output if it is due. The settings may differ from those of the last call in everything but the kind.
+    /// Returns how long the link can wait for the next output, in microseconds.
+    pub fn offer(&mut self, settings: &LinkSettings, rates: Rates, now_us: u64, output: &Output) -> u64 {
+        let pace = Pace::new(settings, rates.send_hz);
+        let output = &self.shown.next(settings, rates.slew_per_s, now_us, output);
         if pace.is_due(self.last.as_ref(), now_us, output) {
             self.encode(output);
             self.last = Some(pace.sent(self.last.as_ref(), now_us, output));
@@ -287,10 +297,16 @@ impl Link {
         pace.wait_us(self.last.as_ref(), now_us, output)
     }
 
-    /// Sends the output at once.
-    pub fn send(&mut self, settings: &LinkSettings, output: &Output) {
-        let output = self.shown.next(settings, output);
+    /// Sends the output at once, as the last one.
+    pub fn send_last(&mut self, settings: &LinkSettings, output: &Output) {
+        let output = Shown::last(settings, output);
         self.encode(&output);
+    }
+
+    /// Whether the link still shows a pose that it has held, or is on its way from there.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.shown.is_held()
     }
 
     fn encode(&mut self, output: &Output) {
@@ -368,9 +384,9 @@ mod tests {
         let output = Output { state, reason, pose, age_us: 0, capture_us: 0, followed: false, moving: false };
         let ((mut first, kept_first), (mut second, kept_second)) = (open(), open());
         let settings = LinkSettings::default();
-        (0..3).for_each(|_| first.send(&settings, &output));
+        (0..3).for_each(|_| first.send_last(&settings, &output));
         for now_us in [0, 1] {
-            second.offer(&settings, 60, now_us, &output);
+            second.offer(&settings, Rates { send_hz: 60, slew_per_s: 4.0 }, now_us, &output);
         }
         let sequences =
             |kept: mpsc::Receiver<Packet>| kept.try_iter().map(|packet| packet.sequence).collect::<Vec<_>>();

@@ -1,7 +1,8 @@
 //! Writes a recording.
 
-use std::fs::{File, OpenOptions};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write as _};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 
 use flate2::write::DeflateEncoder;
@@ -28,18 +29,26 @@ pub struct Writer {
     /// When the first frame was captured, and the first one of the chunk.
     begun_us: Option<(u64, u64)>,
     chunks: u32,
+    /// Frames in the file, and those in the chunk.
+    frames: u64,
+    chunk_frames: u64,
 }
 
 impl Writer {
-    /// Creates the file, which must not exist. No chunk is written that would make it larger than `limit_bytes`.
+    /// Creates the file, which must not exist and which only its owner may read. No chunk is written that would make it larger than `limit_bytes`.
     ///
     /// # Errors
     /// The file exists, or cannot be written.
     pub fn create(path: &Path, limit_bytes: u64) -> io::Result<Self> {
-        let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
-        file.write_all(&START)?;
+        let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
+        if let Err(error) = file.write_all(&START) {
+            // An empty file would be in the way of the next attempt.
+            let _ = fs::remove_file(path);
+            return Err(error);
+        }
         let (chunk, before) = (Vec::with_capacity(MAX_CHUNK_BYTES), Box::new(std::array::from_fn(|_| 0)));
-        Ok(Self { file, limit_bytes, written_bytes: START.len() as u64, chunk, before, begun_us: None, chunks: 0 })
+        let (written_bytes, begun_us, chunks, frames, chunk_frames) = (START.len() as u64, None, 0, 0, 0);
+        Ok(Self { file, limit_bytes, written_bytes, chunk, before, begun_us, chunks, frames, chunk_frames })
     }
 
     /// Adds a frame. Returns `false` if there is no room for it.
@@ -57,14 +66,21 @@ impl Writer {
         }
         let time_us = frame.time_us.saturating_sub(begun_us);
         Recorded { time_us, ..frame.clone() }.write(&mut self.chunk, &mut self.before);
+        self.chunk_frames += 1;
         Ok(true)
+    }
+
+    /// Number of the frames that were given and not discarded.
+    #[must_use]
+    pub fn frames(&self) -> u64 {
+        self.frames + self.chunk_frames
     }
 
     /// Writes what is left, and asks the disk to keep all of it. Returns the size of the file in bytes.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn finish(mut self) -> io::Result<u64> {
+    pub fn finish(&mut self) -> io::Result<u64> {
         self.write_chunk()?;
         self.file.sync_data()?;
         Ok(self.written_bytes)
@@ -79,6 +95,7 @@ impl Writer {
         encoder.write_all(&self.chunk)?;
         let mut bytes = encoder.finish()?;
         self.chunk.clear();
+        let frames = std::mem::take(&mut self.chunk_frames);
         self.before.fill(0);
         let mut crc = Crc::new();
         crc.update(bytes.get(8..).unwrap_or_default());
@@ -90,6 +107,7 @@ impl Writer {
         }
         self.file.write_all(&bytes)?;
         self.written_bytes += bytes.len() as u64;
+        self.frames += frames;
         self.chunks += 1;
         if self.chunks.is_multiple_of(SYNC_CHUNKS) {
             self.file.sync_data()?;

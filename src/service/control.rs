@@ -21,6 +21,7 @@ use std::time::{Duration, Instant};
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
+use facewire_packet::Reason;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use self::client::Client;
@@ -42,6 +43,8 @@ const MAX_CLIENTS: usize = 4;
 /// Time between two looks at the newest observation, and at clients that have not asked yet.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
 const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 500_000_000 };
+/// Time without a frame after which a client that records is told so, microseconds.
+const SILENT_US: u64 = 1_000_000;
 /// How long a stopping service waits for a profile that is being written.
 const DISK_PATIENCE: Duration = Duration::from_secs(1);
 /// Delay before the next attempt after listening or accepting a client has failed.
@@ -114,8 +117,8 @@ struct Server {
     stop_signal: PipeReader,
     clients: Vec<Client>,
     session: Option<Session>,
-    /// The client that records.
-    recording: Option<Client>,
+    /// The client that records, and when it was told something last.
+    recording: Option<(Client, u64)>,
 }
 
 impl Server {
@@ -228,7 +231,7 @@ impl Server {
             Request::Record {} if self.recording.is_none() => {
                 tracing::info!("recording begins");
                 self.parts.recorded.ask(true);
-                self.recording = Some(client);
+                self.recording = Some((client, monotonic_us()));
                 return;
             }
             Request::Record {} => Err("another recording is in progress: try again when it has ended".to_owned()),
@@ -308,11 +311,21 @@ impl Server {
         }
     }
 
-    /// Tells the client that records what the newest frame shows. One that does not read is left.
+    /// Tells the client that records what the newest frame shows, or once a second that there is none. A client that does
+    /// not read is left.
     fn record(&mut self) {
-        let Some(client) = &mut self.recording else { return };
-        let frame = self.parts.recorded.take().map(|frame| Reply::Frame(BASE64_STANDARD.encode(frame.to_bytes())));
-        if client.has_gone() || frame.is_some_and(|frame| client.send(&frame).is_err()) {
+        let Some((client, told_us)) = &mut self.recording else { return };
+        let now_us = monotonic_us();
+        let frame = match self.parts.recorded.take() {
+            Some(frame) => Some(frame.to_bytes()),
+            None if now_us.saturating_sub(*told_us) < SILENT_US => None,
+            None => Some(Recorded::nothing(now_us, Reason::NoCamera).to_bytes()),
+        };
+        let has_failed = frame.is_some_and(|frame| {
+            *told_us = now_us;
+            client.send(&Reply::Frame(BASE64_STANDARD.encode(frame))).is_err()
+        });
+        if has_failed || client.has_gone() {
             tracing::info!("recording ended");
             self.parts.recorded.ask(false);
             self.recording = None;

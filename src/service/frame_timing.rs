@@ -62,7 +62,8 @@ impl FrameTiming {
         self.last_captured_us = Some(captured_us);
         let Some(gap_us) = gap_us.filter(|gap_us| *gap_us <= MAX_PERIOD_US) else { return };
         let mean_us = self.counters.frame_period_us.load(Relaxed);
-        let next_us = (mean_us * (PERIOD_SHARE - 1) + gap_us) / PERIOD_SHARE;
+        // A recording does not state its rate.
+        let next_us = if mean_us == 0 { gap_us } else { (mean_us * (PERIOD_SHARE - 1) + gap_us) / PERIOD_SHARE };
         self.counters.frame_period_us.store(next_us, Relaxed);
     }
 

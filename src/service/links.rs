@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use super::counters::Counters;
 use crate::config::{LinkKind, LinkSettings};
-use crate::link::{Link, LinkError, Output, Traffic};
+use crate::link::{Link, LinkError, Output, Rates, Traffic};
 
 /// How long a stopping service waits for its links to send their last packet.
 const LAST_PACKET: Duration = Duration::from_millis(500);
@@ -71,16 +71,21 @@ impl Links {
         self.each().for_each(|(_, link)| link.carrier().refresh());
     }
 
-    /// Offers the output to every link; `send_hz` is the rate of `[send]`. Returns the shortest time that a link can wait
+    /// Offers the output to every link. Returns the shortest time that a link can wait
     /// for the next output, in microseconds.
-    pub(super) fn offer(&mut self, now_us: u64, output: &Output, send_hz: u32) -> u64 {
-        let waits = self.each().map(|(settings, link)| link.offer(settings, send_hz, now_us, output));
+    pub(super) fn offer(&mut self, now_us: u64, output: &Output, rates: Rates) -> u64 {
+        let waits = self.each().map(|(settings, link)| link.offer(settings, rates, now_us, output));
         waits.min().unwrap_or(u64::MAX)
     }
 
-    /// Sends the output by every link at once.
-    pub(super) fn send(&mut self, output: &Output) {
-        self.each().for_each(|(settings, link)| link.send(settings, output));
+    /// Whether a link is still on its way from a pose that it has held.
+    pub(super) fn is_held(&mut self) -> bool {
+        self.each().any(|(_, link)| link.is_held())
+    }
+
+    /// Sends the output by every link at once, as the last one.
+    pub(super) fn send_last(&mut self, output: &Output) {
+        self.each().for_each(|(settings, link)| link.send_last(settings, output));
     }
 
     /// Counts the open links, and notes which link the network refuses.

@@ -5,6 +5,7 @@ use std::thread::{Builder, park_timeout};
 use std::time::Duration;
 
 use super::counters::{Counters, Status};
+use super::frame_timing::FrameTiming;
 use super::links::Links;
 use super::report::Report;
 use super::sender::{Sender, SenderSettings};
@@ -35,10 +36,11 @@ pub fn replay<E: From<ServiceError>>(
     let sender = Sender::new(SenderSettings::new(settings, Some(links)), for_sender, news, Arc::clone(&counters));
     let sender = Builder::new().name("fw-sender".to_owned()).stack_size(STACK_BYTES).spawn(|| sender.run());
     let sender = sender.map_err(ServiceError::from)?;
-    let mut clock = Clock::default();
+    let (mut clock, mut timing) = (Clock::default(), FrameTiming::new(Arc::clone(&counters)));
     let outcome = loop {
         match next() {
             Ok(Some(frame)) if clock.wait_for(frame.time_us, &counters) => {
+                timing.captured(frame.time_us);
                 let pose = frame.pose();
                 let captured_us = monotonic_us();
                 reports.write(pose.map_or_else(Report::Fault, |pose| Report::Solved { pose, captured_us }));

@@ -17,7 +17,7 @@ use super::links::Links;
 use super::report::Report;
 use crate::capture::monotonic_us;
 use crate::config::{FailsafeSettings, Settings};
-use crate::link::Output;
+use crate::link::{Output, Rates};
 
 /// Longest sleep. It bounds how late the sender sees that it is to stop.
 const MAX_SLEEP_US: u64 = 100_000;
@@ -88,7 +88,7 @@ impl Sender {
         let (failsafe, end_us) = (self.failsafe(), monotonic_us() + LONGEST_STOP_US);
         let pause = Duration::from_secs(1) / self.settings.rate_hz.max(1);
         let mut output = failsafe.stop(history, monotonic_us());
-        while output.state != State::Neutral && monotonic_us() < end_us {
+        while (output.state != State::Neutral || self.has_held_links()) && monotonic_us() < end_us {
             self.offer(&output);
             thread::sleep(pause);
             output = failsafe.stop(history, monotonic_us());
@@ -96,9 +96,13 @@ impl Sender {
         let last = Output { state: State::Neutral, pose: output.pose.neutral_here(), ..output };
         self.counters.set_state(last.state);
         for _ in 0..STOPPING_PACKETS {
-            self.settings.links.iter_mut().for_each(|links| links.send(&last));
+            self.settings.links.iter_mut().for_each(|links| links.send_last(&last));
             thread::sleep(STOPPING_PERIOD);
         }
+    }
+
+    fn has_held_links(&mut self) -> bool {
+        self.settings.links.as_mut().is_some_and(Links::is_held)
     }
 
     /// Updates the failsafe and offers its output to the links. Returns how long to wait for the next step, in
@@ -129,7 +133,8 @@ impl Sender {
     fn offer(&mut self, output: &Output) -> u64 {
         self.counters.set_state(output.state);
         let Some(links) = &mut self.settings.links else { return u64::MAX };
-        let wait_us = links.offer(monotonic_us(), output, self.settings.rate_hz);
+        let rates = Rates { send_hz: self.settings.rate_hz, slew_per_s: self.settings.failsafe.slew_per_s };
+        let wait_us = links.offer(monotonic_us(), output, rates);
         links.count(&self.counters);
         wait_us
     }

@@ -35,7 +35,9 @@ fn frames(count: u64) -> Vec<Recorded> {
 fn write(path: &Path, frames: &[Recorded], limit_bytes: u64) -> (u64, usize) {
     let mut writer = Writer::create(path, limit_bytes).unwrap();
     let taken = frames.iter().take_while(|frame| writer.push(frame).unwrap()).count();
-    (writer.finish().unwrap(), taken)
+    let bytes = writer.finish().unwrap();
+    assert_eq!(writer.frames(), read(&fs::read(path).unwrap()).0.len() as u64, "frames without room do not count");
+    (bytes, taken)
 }
 
 /// Reads frames up to the end or to an error.

@@ -176,6 +176,7 @@ fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is
     }
     assert_eq!((last.time_us, last.pose()), (1, Err(Reason::NoCamera)));
     assert_eq!([frame().time_us, frame().time_us], [2, 3]);
+    assert_eq!(frame().pose(), Err(Reason::NoCamera), "after a second without a frame");
     assert!(matches!(rig.ask(&Request::Record {}).last(), Reply::Refused(why) if why.contains("in progress")));
     drop(recording);
     while rig.recorder.hand(Recorded::nothing(4, Reason::NoFace)) {

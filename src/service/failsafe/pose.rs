@@ -40,7 +40,7 @@ impl Pose {
 
     /// Moves the fraction `part` of the way to `target`, but no coefficient by more than `limit`, and the head by no more
     /// than the equivalent of it.
-    pub(super) fn towards(&self, target: &Self, part: f32, limit: f32) -> Self {
+    pub(crate) fn towards(&self, target: &Self, part: f32, limit: f32) -> Self {
         let mut coefficients = target.coefficients;
         for (value, from) in coefficients.iter_mut().zip(self.coefficients) {
             let way = *value - from;

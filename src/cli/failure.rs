@@ -61,9 +61,8 @@ impl Failure {
     /// A clip could not be opened.
     pub(super) fn no_film(error: CaptureError) -> Self {
         let CaptureError::Open { path, source } = error else { return error.into() };
-        let message = format!(
-            "cannot open {path}: {source}; give the path of a .y4m, Motion-JPEG .avi or .npy file, of a recording, or `demo`"
-        );
+        let message =
+            format!("cannot open {path}: {source}; give the path of a .y4m, Motion-JPEG .avi or .npy file, or `demo`");
         Self { status: EX_NOINPUT, message }
     }
 

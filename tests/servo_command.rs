@@ -107,9 +107,15 @@ fn keys_move_one_channel_and_the_lines_for_the_settings_come_at_the_end() {
     session.shows("0: 1440");
     session.press(b"q");
     assert!(session.ended().success(), "{}", session.screen);
-    let lines =
-        "[[link.channel]]\r\nchannel = 3\r\npulse_at_0_us = 1440\r\npulse_at_1_us = 1560\r\nneutral = 0.917\r\n";
-    assert!(session.screen.ends_with(lines), "{}", session.screen);
+    let lines = [
+        "[[link.channel]]",
+        "channel = 3",
+        "sources = { jawOpen = 1.0 }   # what the servo follows",
+        "pulse_at_0_us = 1440",
+        "pulse_at_1_us = 1560",
+        "neutral = 0.917\r\n",
+    ];
+    assert!(session.screen.ends_with(&lines.join("\r\n")), "{}", session.screen);
     pulses(&maestro, None);
     let state = maestro.state();
     assert_eq!(state.ever, 0);

@@ -6,6 +6,8 @@ use std::fmt::Write as _;
 const REACH_US: [u16; 2] = [500, 2500];
 /// Steps of the keys up and down.
 const LARGE: i32 = 5;
+/// A channel must follow something. Nobody has said yet what.
+const SOURCES: &str = "sources = { jawOpen = 1.0 }   # what the servo follows";
 
 /// A key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,7 +93,7 @@ impl Finder {
 
     /// The lines for the settings.
     pub fn lines(&self, channel: u8) -> String {
-        let mut text = format!("[[link.channel]]\nchannel = {channel}\n");
+        let mut text = format!("[[link.channel]]\nchannel = {channel}\n{SOURCES}\n");
         for (name, taken) in [("pulse_at_0_us", self.at_0_us), ("pulse_at_1_us", self.at_1_us)] {
             let _ = taken.map_or(Ok(()), |pulse_us| writeln!(text, "{name} = {pulse_us}"));
         }
@@ -110,6 +112,7 @@ impl Finder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config;
 
     #[test]
     fn the_servo_gets_no_pulses_until_the_first_key_that_moves() {
@@ -137,12 +140,26 @@ mod tests {
     #[test]
     fn the_lines_for_the_settings_have_what_was_taken_even_if_the_servo_runs_backwards() {
         let mut finder = Finder::new(1500, 100);
-        assert_eq!(finder.lines(3), "[[link.channel]]\nchannel = 3\n");
+        assert_eq!(finder.lines(3), format!("[[link.channel]]\nchannel = 3\n{SOURCES}\n"));
         let takes = [Key::Move(0), Key::Neutral, Key::Move(5), Key::At0, Key::Move(-15), Key::At1];
         for key in takes {
             finder.press(key);
         }
-        let want = "[[link.channel]]\nchannel = 3\npulse_at_0_us = 2000\npulse_at_1_us = 500\nneutral = 0.333\n";
+        let want = format!(
+            "[[link.channel]]\nchannel = 3\n{SOURCES}\npulse_at_0_us = 2000\npulse_at_1_us = 500\nneutral = 0.333\n"
+        );
         assert_eq!(finder.lines(3), want);
+    }
+
+    #[test]
+    fn the_lines_are_settings_as_they_are_whatever_was_taken() {
+        let mut finder = Finder::new(1500, 10);
+        for key in [Key::Move(0), Key::Move(1), Key::At0, Key::Move(-2), Key::At1, Key::Neutral] {
+            for kind in ["maestro", "pca9685"] {
+                let text = format!("[[link]]\nkind = \"{kind}\"\n{}", finder.lines(3));
+                assert!(config::parse("test", &text).is_ok(), "{text}");
+            }
+            finder.press(key);
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     AutoDevice, CarrierSettings, Fault, Faults, LinkKind, LinkSettings, SerialDevice, link::most_messages_hz,
-    rehearsal::Script, servo_check, settings::Settings,
+    rehearsal::Script, servo::MOST_MAESTRO_BAUD, servo_check, settings::Settings,
 };
 use crate::calibration::WearerName;
 
@@ -99,23 +99,34 @@ fn check_chips(settings: &Settings, faults: &mut Faults) {
     }
 }
 
-/// Adds a fault for every serial line that is too slow for its link.
+/// Adds a fault for every serial line that is too slow for its link. By USB, which is where "auto" finds a Maestro, a baud
+/// rate means nothing.
 fn check_lines(settings: &Settings, faults: &mut Faults) {
     if ["camera", "send", "link"].iter().any(|table| faults.concern(table)) {
         return;
     }
     for link in &settings.links {
-        let Some((device, baud, _)) = link.line() else { continue };
+        let Some((device, baud, auto)) = link.line() else { continue };
         let rate_hz = link.most_hz(settings.camera.fps, settings.send.rate_hz);
         let most_hz = |baud| most_messages_hz(baud, link.message_bytes());
-        if most_hz(baud) < rate_hz {
-            faults.push(Fault::SlowLine {
-                device: device.clone(),
-                baud,
-                rate_hz,
-                most_hz: most_hz(baud),
-                enough: USUAL_BAUDS.into_iter().find(|baud| most_hz(*baud) >= rate_hz).unwrap_or(u32::MAX),
-            });
+        let is_usb = (device, auto) == (&SerialDevice::Auto, AutoDevice::Maestro);
+        if !is_usb && most_hz(baud) < rate_hz {
+            let most_baud = if auto == AutoDevice::Maestro { MOST_MAESTRO_BAUD } else { u32::MAX };
+            let advice = line_advice(baud, most_baud, rate_hz, most_hz);
+            faults.push(Fault::SlowLine { device: device.clone(), baud, rate_hz, advice });
         }
+    }
+}
+
+/// Says what to give so that a line carries its messages. `most_hz` is how many a line of a baud rate carries.
+fn line_advice(baud: u32, most_baud: u32, rate_hz: u32, most_hz: impl Fn(u32) -> u32) -> String {
+    let usual = || USUAL_BAUDS.into_iter().filter(|usual| *usual <= most_baud);
+    let slower = |baud| format!("pace = \"rate\" and rate_hz = {}", most_hz(baud));
+    let fastest = usual().next_back().unwrap_or(baud);
+    match usual().find(|baud| most_hz(*baud) >= rate_hz) {
+        Some(enough) if most_hz(baud) >= SLOWEST_LINK_HZ => format!("{enough} or more, or {}", slower(baud)),
+        Some(enough) => format!("{enough} or more"),
+        None if fastest > baud => format!("{fastest}, {}", slower(fastest)),
+        None => slower(baud),
     }
 }

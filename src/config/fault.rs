@@ -92,8 +92,7 @@ pub enum Fault {
     },
     /// A serial line that is too slow for the packets of its link.
     #[error(
-        "link.baud = {baud}: give {enough} or more, or pace = \"rate\" and rate_hz = {most_hz}: {rate_hz} packets a \
-         second need more than 80 % of the line at {device}"
+        "link.baud = {baud}: give {advice}: {rate_hz} packets a second need more than 80 % of the line at {device}"
     )]
     SlowLine {
         /// The serial port.
@@ -102,10 +101,8 @@ pub enum Fault {
         baud: u32,
         /// The most packets per second that the link sends.
         rate_hz: u32,
-        /// The most packets per second that the line carries.
-        most_hz: u32,
-        /// A usual baud rate that carries `rate_hz`.
-        enough: u32,
+        /// What to give instead.
+        advice: String,
     },
     /// A value that does not fit another setting.
     #[error("{key} = {value}: give {expected}")]

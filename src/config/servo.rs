@@ -13,6 +13,8 @@ use crate::servo::{AtLoss, Ends, Gains, Limits, Mapping, SOURCE_COUNT, SOURCE_NA
 const GAINS: std::ops::RangeInclusive<f32> = -10.0..=10.0;
 /// Longest command to a Maestro for one channel: 0xAA, device, command, channel, two bytes, CRC.
 const MAESTRO_COMMAND_BYTES: usize = 7;
+/// Highest baud rate of a Maestro.
+pub(super) const MOST_MAESTRO_BAUD: u32 = 200_000;
 /// The key of the channels of a link.
 const CHANNEL: &str = "channel";
 /// The key of the sources of a channel.
@@ -241,7 +243,7 @@ section! {
         ///   whose stable path ends with -if00
         device: SerialDevice = SerialDevice::Auto, (), "";
         /// Baud rate of a Maestro whose serial pins are connected. By USB it means nothing.
-        baud: u32 = 115_200, 9_600..=200_000, " (1/s)";
+        baud: u32 = 115_200, 9_600..=MOST_MAESTRO_BAUD, " (1/s)";
         /// How commands begin:
         /// - "compact": with the command. The Maestro is alone on its line
         /// - "pololu": with the byte 170 and the number of the device. Several devices can share a line, and a Maestro that

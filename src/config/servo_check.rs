@@ -216,6 +216,24 @@ mod tests {
     }
 
     #[test]
+    fn a_baud_rate_counts_on_a_serial_line_only_and_the_advice_is_one_that_a_maestro_can_follow() {
+        let channels = |count: u32| (0..count).map(|number| JAW.replace('3', &number.to_string())).collect::<String>();
+        let given = |lines: &str, count| faults(&[MAESTRO, lines, &channels(count)]);
+        assert_eq!(given("rate_hz = 240\nbaud = 9600\n", 24), "");
+        let line = "device = \"/dev/ttyS1\"\n";
+        let because = "need more than 80 % of the line at /dev/ttyS1";
+        for (more, count, advice) in [
+            ("rate_hz = 60\n", 24, "115200: give pace = \"rate\" and rate_hz = 54: 60"),
+            ("baud = 9600\n", 24, "9600: give 115200 or more: 50"),
+            ("baud = 9600\nrate_hz = 60\n", 24, "9600: give 115200, pace = \"rate\" and rate_hz = 54: 60"),
+            ("baud = 9600\n", 6, "9600: give 38400 or more, or pace = \"rate\" and rate_hz = 18: 50"),
+        ] {
+            let want = format!("link.baud = {advice} packets a second {because}");
+            assert_eq!(given(&[line, more].concat(), count), want);
+        }
+    }
+
+    #[test]
     fn paces_and_losses_that_do_not_suit_servos_are_refused() {
         let change = format!("{PCA9685}pace = \"change\"\n");
         assert!(faults(&[&change, JAW]).contains("\"rate\" for a PCA9685"));

@@ -64,6 +64,8 @@ pub struct Shared {
     open: AtomicBool,
     /// Whether the receiver is known. One that was found once is known even while it is away.
     found: AtomicBool,
+    /// Whether a message was given since the device took one.
+    waits: AtomicBool,
     traffic: Arc<Traffic>,
 }
 
@@ -117,6 +119,7 @@ impl Carrier for Background {
     fn send(&mut self, message: &[u8]) {
         let buffer = self.newest.input_buffer_mut();
         buffer.clear();
+        self.shared.waits.store(true, Relaxed);
         if buffer.extend_from_slice(message).is_err() || self.newest.publish() {
             self.shared.drop_one();
         }
@@ -128,6 +131,10 @@ impl Carrier for Background {
 
     fn is_open(&self) -> bool {
         self.shared.open.load(Relaxed)
+    }
+
+    fn took_last(&self) -> bool {
+        !self.shared.waits.load(Relaxed)
     }
 
     fn has_receiver(&self) -> bool {
@@ -213,6 +220,7 @@ impl<D: Device> Work<D> {
         let took = self.device.write(self.newest.peek_output_buffer());
         if matches!(took, Ok(true)) {
             self.retry = Retry::default();
+            self.shared.waits.store(false, Relaxed);
             Traffic::count(&self.shared.traffic.sent);
         } else {
             self.shared.drop_one();
@@ -262,10 +270,12 @@ mod tests {
         let traffic = Arc::<Traffic>::default();
         let device = Hanging { given, go_on };
         let mut carrier = Background::start("test".to_owned(), "fw-test", device, true, Arc::clone(&traffic)).unwrap();
+        assert!(carrier.took_last());
         carrier.send(&[0]);
         assert_eq!(written.recv().unwrap(), [0]);
         // The thread hangs. If a sender waited for it, this would not end.
         (1..=100).for_each(|number| carrier.send(&[number]));
+        assert!(!carrier.took_last());
         assert_eq!(traffic.dropped.load(Relaxed), 99);
         carrier.stop();
         assert!(!carrier.has_ended());
@@ -275,5 +285,6 @@ mod tests {
             thread::yield_now();
         }
         assert_eq!(traffic.sent.load(Relaxed), 2);
+        assert!(carrier.took_last());
     }
 }

@@ -13,6 +13,7 @@
 mod background;
 mod clock;
 mod gaze;
+mod handover;
 mod head;
 mod ifacialmocap;
 mod json;
@@ -65,6 +66,10 @@ pub trait Format: Debug + Send {
     /// neutral while no face is followed.
     fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8]));
 
+    /// Called before [`Format::encode`] if the last message has not reached the device yet: what moves by itself stays where
+    /// it is.
+    fn hold(&mut self) {}
+
     /// The bytes to write to a serial port that has just been opened.
     fn preamble(&self) -> Vec<u8> {
         Vec::new()
@@ -96,6 +101,11 @@ pub trait Carrier: Debug + Send {
 
     /// Whether messages reach the network or the serial port at present.
     fn is_open(&self) -> bool;
+
+    /// Whether the device took a message since the last one was sent. Only carriers with a thread of their own know it.
+    fn took_last(&self) -> bool {
+        true
+    }
 
     /// The error number of the system if the network refused the last message. Serial ports log their errors themselves.
     fn refusal(&self) -> Option<i32> {
@@ -314,6 +324,9 @@ impl Link {
             return;
         }
         let Self { format, carrier, traffic, .. } = self;
+        if !carrier.took_last() {
+            format.hold();
+        }
         format.encode(output, self.sequence, &mut |message| {
             Traffic::count(&traffic.packets);
             carrier.send(message);

@@ -1,22 +1,25 @@
 //! PCA9685: servos by I2C.
 //!
 //! Role: each output becomes one message, the registers of all channels from the first to the last that is in use. The
-//! format keeps the limits of speed and acceleration itself, because the chip has none.
+//! format keeps the limits of speed and acceleration itself, because the chip has none. While the bus fails, motion waits: it
+//! goes on from the last position that was written.
 //! Contract: the chip is initialised if it does not make the wanted pulses: after power-on, and after its power failed for a
 //! moment. A chip that makes them already keeps its pulses, so that servos do not twitch when the service starts again.
 //! Limits: a format knows only the positions that it gave itself. After a start, or a reload that changes its channels, it
-//! begins at neutral. A service that stops does not wait for a servo whose limits are too low to be at neutral by then. The
+//! begins at neutral. On a bus that takes longer than `rate_hz` allows, limited servos move more slowly than they may. A service that stops does not wait for a servo whose limits are too low to be at neutral by then. The
 //! chip has no time-out. If the machine crashes, it repeats its last pulses until its power is cut.
 
 mod bus;
 mod chip;
 
-pub use bus::{Bus, I2cError, Place};
+pub use bus::{Bus, Claim, I2cError, Place};
 pub use chip::{CHANNELS, Period, register};
 
+use std::mem;
 use std::sync::Arc;
 
 use super::clock::Clock;
+use super::handover::Handover;
 use super::{Background, Device, Format, LinkError, Output, Shared, Traffic};
 use crate::config::{Pca9685Board, Pca9685Settings};
 use crate::servo::{Channel, values};
@@ -27,7 +30,8 @@ use crate::servo::{Channel, values};
 /// Returns an error if the system refuses a thread.
 pub fn carrier(board: &Pca9685Board, traffic: Arc<Traffic>) -> Result<Background, LinkError> {
     let place = board.place();
-    let chip = Chip { place, period: Period::new(board.pulses_hz, board.oscillator_hz), open: None };
+    let period = Period::new(board.pulses_hz, board.oscillator_hz);
+    let chip = Chip { place, period, handover: Handover::begin(), open: None };
     Background::start(place.to_string(), "fw-i2c", chip, true, traffic)
 }
 
@@ -36,12 +40,15 @@ pub fn carrier(board: &Pca9685Board, traffic: Arc<Traffic>) -> Result<Background
 struct Chip {
     place: Place,
     period: Period,
+    handover: Handover,
     open: Option<Bus>,
 }
 
 impl Device for Chip {
-    fn open(&mut self, _shared: &Shared) -> Result<bool, LinkError> {
-        self.open = Some(Bus::open(self.place, self.period)?);
+    fn open(&mut self, shared: &Shared) -> Result<bool, LinkError> {
+        let claimed = self.handover.claim(shared, I2cError::is_held, || self.place.claim())?;
+        let Some(claim) = claimed else { return Ok(false) };
+        self.open = Some(Bus::open(claim, self.period)?);
         tracing::info!("link opened: {}", self.place);
         Ok(true)
     }
@@ -75,6 +82,8 @@ pub struct Pca9685 {
     period: Period,
     channels: Vec<Channel>,
     clock: Clock,
+    /// Whether the last message is still to be written. Motion goes on from a position that the servo has.
+    is_held: bool,
     /// The first register, and the contents of all from there on. Channels between those in use get no pulses.
     message: Vec<u8>,
     /// The lowest channel in use.
@@ -91,13 +100,14 @@ impl Pca9685 {
         let period = Period::new(settings.board.pulses_hz, settings.board.oscillator_hz);
         let off = (first..=last).flat_map(|_| period.channel(None));
         let message = [register(first)].into_iter().chain(off).collect();
-        Self { period, channels, clock: Clock::default(), message, first }
+        Self { period, channels, clock: Clock::default(), is_held: false, message, first }
     }
 }
 
 impl Format for Pca9685 {
     fn encode(&mut self, output: &Output, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
         let (values, step_s) = (values(&output.pose), self.clock.step_s());
+        let step_s = if mem::take(&mut self.is_held) { 0.0 } else { step_s };
         for channel in &mut self.channels {
             let step = channel.step(output, &values, step_s);
             let pulse_us = (!step.is_released).then(|| channel.ends.pulse_us(step.position));
@@ -108,11 +118,15 @@ impl Format for Pca9685 {
         }
         send(&self.message);
     }
+
+    fn hold(&mut self) {
+        self.is_held = true;
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::time::Instant;
+    use std::time::{Duration, Instant};
 
     use facewire_packet::{Reason, State};
 
@@ -168,6 +182,23 @@ mod tests {
             assert!(first - jaw <= most_us, "{jaw} after {:?}", begun.elapsed());
             assert!((1097.0..=1903.0).contains(&jaw) && (997.0..=2003.0).contains(&direct), "{jaw} {direct}");
         }
+    }
+
+    #[test]
+    fn a_servo_whose_bus_has_failed_for_seconds_goes_on_from_where_it_is() {
+        let mut linked = Linked::new();
+        let [before, _] = linked.show(State::Live, 0.0).map(Option::unwrap);
+        let (mut last, failed) = (Instant::now(), Instant::now());
+        // In this time the servo would go by 80 µs.
+        while failed.elapsed() < Duration::from_millis(50) {
+            last = Instant::now();
+            linked.format.hold();
+            let [jaw, direct] = linked.show(State::Live, 1.0).map(Option::unwrap);
+            assert!((jaw - before).abs() < 1e-3, "{jaw}");
+            assert!((direct - 2000.0).abs() < 3.0, "a servo without limits is where the face wants it");
+        }
+        let [jaw, _] = linked.show(State::Live, 1.0).map(Option::unwrap);
+        assert!(before - jaw <= 1600.0 * last.elapsed().as_secs_f32() + 5.0, "{jaw}");
     }
 
     #[test]

@@ -14,6 +14,11 @@ pub struct Limits {
     pub acceleration_per_s2: f32,
 }
 
+impl Limits {
+    /// A motion without limits is always at its target.
+    pub const NONE: Self = Self { speed_per_s: f32::INFINITY, acceleration_per_s2: f32::INFINITY };
+}
+
 /// A position and its speed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
@@ -37,6 +42,9 @@ impl Motion {
     /// Moves towards `target` for `step_s`, and returns the new position.
     pub fn step(&mut self, limits: Limits, target: f32, step_s: f32) -> f32 {
         let target = if target.is_nan() { self.position } else { target.clamp(0.0, 1.0) };
+        if limits == Limits::NONE {
+            *self = Self::at(target);
+        }
         if !(step_s > 0.0) {
             return self.position;
         }
@@ -133,13 +141,22 @@ mod tests {
     }
 
     #[test]
+    fn without_limits_the_target_is_reached_in_no_time() {
+        let mut motion = Motion::at(0.0);
+        assert_eq!(
+            [0.0, f32::NAN, STEP_S].map(|step_s| motion.step(Limits::NONE, 0.7, step_s).to_bits()),
+            [0.7_f32.to_bits(); 3]
+        );
+    }
+
+    #[test]
     fn a_step_arrives_without_overshoot_in_the_time_that_its_limits_allow() {
         for (limits, least_s, most_s) in [
             (limits(2.0, f32::INFINITY), 0.5, 0.52),
             (limits(f32::INFINITY, 4.0), 1.0, 1.1),
             // 0.5 s to speed up, 0.5 s to slow down, and half of the way at full speed.
             (limits(1.0, 2.0), 1.5, 1.6),
-            (limits(f32::INFINITY, f32::INFINITY), 0.02, 0.02),
+            (Limits::NONE, 0.02, 0.02),
         ] {
             let (mut motion, mut time_s) = (Motion::at(0.0), 0.0);
             while motion.position() < 1.0 {

@@ -33,7 +33,8 @@ impl Board {
                 }
                 let board = &settings.board;
                 let period = Period::new(board.pulses_hz, board.oscillator_hz);
-                let bus = Bus::open(board.place(), period).map_err(LinkError::from)?;
+                let claim = board.place().claim().map_err(LinkError::from)?;
+                let bus = Bus::open(claim, period).map_err(LinkError::from)?;
                 Ok(Self::Pca9685 { bus, period, channel })
             }
             LinkKind::Maestro(settings) => Self::maestro(&settings.board, channel),

@@ -2,15 +2,21 @@
 //!
 //! Transfers are those of `SMBus`, of 32 bytes at most, because every adapter knows them: those of PCs know no others, and
 //! neither does the kernel's `i2c-stub`.
+//!
+//! A chip is claimed by a lock on one byte of the bus's device node, the byte at the chip's address. Only who may open the
+//! bus can take the lock, it holds in all namespaces that have the same node, and the kernel frees it when the program ends.
+//! The driver of the bus does not know it, so that programs which do not ask for it, such as `i2cdetect`, do what they want.
 
 use std::fmt;
+use std::fs::File;
 use std::io;
-use std::os::linux::net::SocketAddrExt as _;
-use std::os::unix::net::{SocketAddr, UnixListener};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use i2cdev::core::I2CDevice as _;
 use i2cdev::linux::LinuxI2CDevice;
+use nix::fcntl::{FcntlArg, fcntl};
+use nix::libc::{F_WRLCK, SEEK_SET, c_short, flock};
 use rustix::io::Errno;
 
 use super::chip::{self, Period, Registers};
@@ -40,19 +46,61 @@ impl Place {
         I2cError { place: self, trouble: error.into() }
     }
 
-    /// Claims the chip for this program, and opens the bus.
-    fn claimed(self) -> io::Result<(UnixListener, LinuxI2CDevice)> {
-        let Self { bus, address } = self;
-        let name = SocketAddr::from_abstract_name(format!("facewire-i2c-{bus}-{address}"))?;
-        let claim = UnixListener::bind_addr(&name)?;
-        let chip = LinuxI2CDevice::new(format!("/dev/i2c-{bus}"), u16::try_from(address).unwrap_or_default())?;
-        Ok((claim, chip))
+    /// Claims the chip, for one link of one program.
+    ///
+    /// # Errors
+    /// Says why the bus cannot be opened, or that another link or program has the chip.
+    pub fn claim(self) -> Result<Claim, I2cError> {
+        let node = self.open_node().map_err(|error| self.error(error))?;
+        match lock_byte(&node, u8::try_from(self.address).unwrap_or_default()) {
+            Ok(()) => Ok(Claim { place: self, _node: node }),
+            Err(Errno::AGAIN | Errno::ACCESS) => Err(I2cError { place: self, trouble: I2cTrouble::Busy }),
+            Err(error) => Err(self.error(error.into())),
+        }
     }
+
+    /// Opens the node of the bus. A lock for writing needs a file that is open for writing.
+    fn open_node(self) -> io::Result<File> {
+        File::options().read(true).write(true).open(self.node())
+    }
+
+    fn node(self) -> PathBuf {
+        Path::new("/dev").join(format!("i2c-{}", self.bus))
+    }
+
+    fn chip(self) -> io::Result<LinuxI2CDevice> {
+        Ok(LinuxI2CDevice::new(self.node(), u16::try_from(self.address).unwrap_or_default())?)
+    }
+}
+
+/// Locks one byte of the file for as long as it is open.
+#[expect(clippy::cast_possible_truncation, reason = "the constants are 0 and 1")]
+fn lock_byte(file: &File, byte: u8) -> Result<(), Errno> {
+    let [l_type, l_whence] = [F_WRLCK, SEEK_SET].map(|constant| constant as c_short);
+    let lock = flock { l_type, l_whence, l_start: byte.into(), l_len: 1, l_pid: 0 };
+    let locked = fcntl(file, FcntlArg::F_OFD_SETLK(&lock));
+    locked.map(drop).map_err(|error| Errno::from_raw_os_error(error as i32))
+}
+
+/// The exclusive right to a chip, until it is dropped.
+#[derive(Debug)]
+pub struct Claim {
+    place: Place,
+    /// The lock belongs to this open file.
+    _node: File,
 }
 
 impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "I2C bus {}, address {:#04x}", self.bus, self.address)
+    }
+}
+
+impl I2cError {
+    /// Whether another link or program has the chip.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.trouble == I2cTrouble::Busy
     }
 }
 
@@ -84,7 +132,6 @@ impl From<io::Error> for I2cTrouble {
             Some(Errno::NOENT) => Self::NoBus,
             Some(Errno::ACCESS | Errno::PERM) => Self::NotAllowed,
             Some(Errno::BUSY) => Self::Taken,
-            Some(Errno::ADDRINUSE) => Self::Busy,
             // Adapters report an address that nobody acknowledges in these ways.
             Some(Errno::NXIO | Errno::REMOTEIO | Errno::NODEV | Errno::IO) => Self::NoAnswer,
             Some(Errno::TIMEDOUT | Errno::AGAIN) => Self::Hangs,
@@ -93,30 +140,29 @@ impl From<io::Error> for I2cTrouble {
     }
 }
 
-/// A chip on an I2C bus. It is this program's alone while it is open.
+/// A chip on an I2C bus.
 #[derive(Debug)]
 pub struct Bus {
-    place: Place,
+    claim: Claim,
     chip: LinuxI2CDevice,
     period: Period,
     looked_at: Instant,
-    /// Held for as long as the chip is open. Other programs of this kind find it taken; the kernel frees it in any event.
-    _claim: UnixListener,
 }
 
 impl Bus {
-    /// Opens the bus and makes the chip ready.
+    /// Opens the bus and makes the claimed chip ready.
     ///
     /// # Errors
     /// Says why the chip cannot be reached.
-    pub fn open(place: Place, period: Period) -> Result<Self, I2cError> {
-        Self::opened(place, period).map_err(|error| place.error(error))
+    pub fn open(claim: Claim, period: Period) -> Result<Self, I2cError> {
+        let place = claim.place;
+        Self::opened(claim, period).map_err(|error| place.error(error))
     }
 
-    fn opened(place: Place, period: Period) -> io::Result<Self> {
-        let (claim, mut chip) = place.claimed()?;
+    fn opened(claim: Claim, period: Period) -> io::Result<Self> {
+        let mut chip = claim.place.chip()?;
         chip::prepare(&mut chip, period)?;
-        Ok(Self { place, chip, period, looked_at: Instant::now(), _claim: claim })
+        Ok(Self { claim, chip, period, looked_at: Instant::now() })
     }
 
     /// Looks whether the chip answers, and changes nothing.
@@ -124,8 +170,8 @@ impl Bus {
     /// # Errors
     /// Says why the chip cannot be reached.
     pub fn check(place: Place) -> Result<(), I2cError> {
-        let checked = place.claimed().and_then(|(_claim, mut chip)| chip::is_there(&mut chip));
-        checked.map_err(|error| place.error(error))
+        let _claim = place.claim()?;
+        place.chip().and_then(|mut chip| chip::is_there(&mut chip)).map_err(|error| place.error(error))
     }
 
     /// Writes a message: a register, and the contents of it and those after it.
@@ -134,7 +180,7 @@ impl Bus {
     /// Says why the chip cannot be reached.
     pub fn write(&mut self, message: &[u8]) -> Result<(), I2cError> {
         let Some((first, registers)) = message.split_first() else { return Ok(()) };
-        chip::write_channels(&mut self.chip, *first, registers).map_err(|error| self.place.error(error))
+        chip::write_channels(&mut self.chip, *first, registers).map_err(|error| self.claim.place.error(error))
     }
 
     /// Looks now and then whether the chip still makes pulses, and makes it ready again if its power failed. Returns
@@ -147,7 +193,7 @@ impl Bus {
             return Ok(false);
         }
         self.looked_at = Instant::now();
-        chip::prepare(&mut self.chip, self.period).map_err(|error| self.place.error(error))
+        chip::prepare(&mut self.chip, self.period).map_err(|error| self.claim.place.error(error))
     }
 }
 
@@ -171,7 +217,6 @@ mod tests {
             (Errno::NOENT, "switch I2C on"),
             (Errno::ACCESS, "group i2c"),
             (Errno::BUSY, "a driver of the kernel"),
-            (Errno::ADDRINUSE, "systemctl stop facewire"),
             (Errno::REMOTEIO, "no chip answers"),
             (Errno::NXIO, "no chip answers"),
             (Errno::TIMEDOUT, "the bus hangs"),
@@ -183,13 +228,23 @@ mod tests {
     }
 
     #[test]
-    fn a_chip_belongs_to_one_program_at_a_time() {
-        let claim = |address| Place { bus: 254, address }.claimed().map(drop).unwrap_err().raw_os_error();
-        let name = SocketAddr::from_abstract_name("facewire-i2c-254-64").unwrap();
-        let taken = UnixListener::bind_addr(&name).unwrap();
-        assert_eq!(claim(64), Some(Errno::ADDRINUSE.raw_os_error()));
-        assert_eq!(claim(65), Some(Errno::NOENT.raw_os_error()), "another chip on the same bus");
-        drop(taken);
-        assert_eq!(claim(64), Some(Errno::NOENT.raw_os_error()));
+    fn a_chip_belongs_to_one_open_file_at_a_time_and_other_chips_on_the_bus_are_free() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let open = || File::options().read(true).write(true).open(file.path()).unwrap();
+        let (first, second) = (open(), open());
+        assert_eq!(lock_byte(&first, 0x40), Ok(()));
+        assert_eq!(lock_byte(&second, 0x40), Err(Errno::AGAIN));
+        assert_eq!(lock_byte(&second, 0x41), Ok(()), "another chip");
+        drop(first);
+        assert_eq!(lock_byte(&second, 0x40), Ok(()));
+    }
+
+    #[test]
+    fn a_bus_that_is_missing_is_told_at_once_and_a_chip_that_is_held_is_told_with_who_holds_it() {
+        let place = Place { bus: 254, address: 0x40 };
+        let missing = place.claim().unwrap_err();
+        assert!(!missing.is_held() && missing.to_string().contains("switch I2C on"), "{missing}");
+        let held = I2cError { place, trouble: I2cTrouble::Busy };
+        assert!(held.is_held() && held.to_string().contains("systemctl stop facewire"), "{held}");
     }
 }

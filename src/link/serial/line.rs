@@ -4,7 +4,6 @@ use std::{
     io::{self, ErrorKind, Read as _, Write as _},
     mem,
     path::{Path, PathBuf},
-    thread,
     time::{Duration, Instant},
 };
 
@@ -16,16 +15,13 @@ use super::dialogue::{Dialogue, Turn};
 use super::port::{self, PortError};
 use super::restart::Restart;
 use crate::link::background::{Device, Shared};
+use crate::link::handover::Handover;
 use crate::link::{Inquiry, LinkError};
 
 /// A port that takes no bytes for this long has lost the message: the next one is newer.
 const PATIENCE: Duration = Duration::from_millis(50);
 /// A line that is behind for this long is stuck, not slow. The slowest line sends two packets in 0.14 s.
 const STUCK: Duration = Duration::from_millis(500);
-/// How long a new link waits in silence for the link that it replaces to close the port.
-const HANDOVER: Duration = Duration::from_secs(2);
-/// Time between two looks at the port during a handover.
-const HANDOVER_LOOK: Duration = Duration::from_millis(2);
 
 /// Where the port is.
 #[derive(Debug)]
@@ -54,8 +50,7 @@ pub struct Line {
     inquiry: Option<Inquiry>,
     /// The claim for the first attempt to open the port.
     first_claim: Option<PortClaim>,
-    /// Until then, a port that another link holds is waited for in silence.
-    handover_end: Instant,
+    handover: Handover,
     open: Option<Port>,
 }
 
@@ -66,23 +61,16 @@ impl Line {
             Place::Path(path) => PortClaim::acquire(path).ok(),
             Place::Board(_) => None,
         };
-        Self { place, baud, preamble, inquiry, first_claim, handover_end: Instant::now() + HANDOVER, open: None }
+        Self { place, baud, preamble, inquiry, first_claim, handover: Handover::begin(), open: None }
     }
 
-    /// Claims the port. Up to the end of the handover, waits for another link to release it. Returns `None` when told to
-    /// stop.
+    /// Claims the port. Returns `None` when told to stop.
     fn claim(&mut self, device: &Path, shared: &Shared) -> Result<Option<PortClaim>, PortError> {
         if let Some(claim) = self.first_claim.take() {
             return Ok(Some(claim));
         }
-        while !shared.stopping() {
-            match PortClaim::acquire(device) {
-                Ok(claim) => return Ok(Some(claim)),
-                Err(holder) if Instant::now() >= self.handover_end => return Err(PortError::claimed(device, holder)),
-                Err(_) => thread::park_timeout(HANDOVER_LOOK),
-            }
-        }
-        Ok(None)
+        let claimed = self.handover.claim(shared, |_| true, || PortClaim::acquire(device));
+        claimed.map_err(|holder| PortError::claimed(device, holder))
     }
 }
 
@@ -98,7 +86,7 @@ impl Device for Line {
         }
         tracing::info!("link opened: {} at {} baud", device.display(), self.baud);
         if restart.is_some() {
-            tracing::info!("link {}: the board restarts, and gets packets after that", device.display());
+            tracing::info!("link {}: a board there may restart now, so it gets nothing for 2 s", device.display());
         }
         let mut port = Port::new(device, tty, restart, claim);
         port.is_ready(&self.preamble, Instant::now());

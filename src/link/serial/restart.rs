@@ -5,7 +5,8 @@
 //! Contract: until the boot loader has started the sketch, not a byte is written. The boot loader of an Uno takes bytes for
 //! commands, and 0x64 is the one that erases memory. HUPCL stays set until then: whoever closes the port earlier lowers
 //! DTR, so that the next one to open it restarts the board again and waits again.
-//! Limits: ports must have the names that the kernel gives them. A board at the pins of a UART is not recognised.
+//! Limits: ports must have the names that the kernel gives them. A board at the pins of a UART is not recognised. What is
+//! behind an adapter is not known: it may be a board whose DTR is not connected, or a Maestro, and gets nothing for 2 s, too.
 
 use std::os::fd::OwnedFd;
 use std::path::Path;

@@ -25,6 +25,10 @@ use crate::retry::Retry;
 
 /// Longest message, bytes. A line of JSON with all coefficients takes about 1500.
 const MESSAGE_BYTES: usize = 2048;
+/// How long a device that is busy is given the last message again.
+const LAST_MESSAGE: Duration = Duration::from_millis(100);
+/// Time between two attempts.
+const AGAIN: Duration = Duration::from_millis(2);
 /// Longest sleep. Every message ends it.
 const IDLE: Duration = Duration::from_millis(100);
 
@@ -107,7 +111,8 @@ impl Background {
     ) -> Result<Self, LinkError> {
         let (newest, output) = triple_buffer(&Message::new());
         let shared = Arc::new(Shared { traffic, found: is_found.into(), ..Shared::default() });
-        let work = Work { device, newest: output, shared: Arc::clone(&shared), retry: Retry::default() };
+        let work =
+            Work { device, newest: output, is_refused: false, shared: Arc::clone(&shared), retry: Retry::default() };
         let thread = Builder::new().name(name.to_owned()).spawn(move || work.run());
         let thread = thread.map_err(|error| LinkError::Thread { link, error })?;
         Ok(Self { newest, shared, thread })
@@ -162,6 +167,8 @@ impl Drop for Background {
 struct Work<D> {
     device: D,
     newest: Newest<Message>,
+    /// Whether the device was too busy for the message that it was given last.
+    is_refused: bool,
     shared: Arc<Shared>,
     /// The attempts to open the device since the last message was written.
     retry: Retry,
@@ -208,7 +215,7 @@ impl<D: Device> Work<D> {
             if self.newest.update() {
                 self.write()?;
             } else if stopping {
-                return Ok(());
+                return self.insist();
             } else {
                 self.device.attend()?;
                 thread::park_timeout(IDLE);
@@ -216,8 +223,20 @@ impl<D: Device> Work<D> {
         }
     }
 
+    /// Gives the device the last message again if it was too busy for it, because no newer one will come. The message was
+    /// counted already.
+    fn insist(&mut self) -> Result<(), LinkError> {
+        let end = Instant::now() + LAST_MESSAGE;
+        while self.is_refused && Instant::now() < end {
+            thread::sleep(AGAIN);
+            self.is_refused = !self.device.write(self.newest.peek_output_buffer())?;
+        }
+        Ok(())
+    }
+
     fn write(&mut self) -> Result<(), LinkError> {
         let took = self.device.write(self.newest.peek_output_buffer());
+        self.is_refused = matches!(took, Ok(false));
         if matches!(took, Ok(true)) {
             self.retry = Retry::default();
             self.shared.waits.store(false, Relaxed);
@@ -240,7 +259,7 @@ impl<D: Device> Work<D> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use std::sync::mpsc;
+    use std::{mem, sync::mpsc};
 
     use super::*;
 
@@ -262,6 +281,40 @@ mod tests {
         }
 
         fn close(&mut self) {}
+    }
+
+    /// A device that is busy once, and then tells of each message.
+    #[derive(Debug)]
+    struct Busy {
+        is_busy: bool,
+        given: mpsc::Sender<Vec<u8>>,
+    }
+
+    impl Device for Busy {
+        fn open(&mut self, _shared: &Shared) -> Result<bool, LinkError> {
+            Ok(true)
+        }
+
+        fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
+            Ok(!mem::take(&mut self.is_busy) && self.given.send(message.to_vec()).is_ok())
+        }
+
+        fn close(&mut self) {}
+    }
+
+    #[test]
+    fn a_carrier_that_is_dropped_writes_its_last_message_even_if_the_device_is_busy() {
+        let ((given, written), traffic) = (mpsc::channel(), Arc::<Traffic>::default());
+        let device = Busy { is_busy: true, given };
+        let mut carrier = Background::start("test".to_owned(), "fw-test", device, true, Arc::clone(&traffic)).unwrap();
+        while !carrier.is_open() {
+            thread::yield_now();
+        }
+        carrier.send(&[7]);
+        drop(carrier);
+        assert_eq!(written.iter().collect::<Vec<_>>(), [[7]]);
+        let [sent, dropped] = [&traffic.sent, &traffic.dropped].map(|counter| counter.load(Relaxed));
+        assert_eq!((sent, dropped), (0, 1), "each message is counted once");
     }
 
     #[test]

@@ -40,6 +40,8 @@ use std::time::Duration;
 
 pub use background::{Background, Device, Shared};
 pub use ifacialmocap::{Version, request as ifacialmocap_request};
+#[cfg(test)]
+pub(crate) use output::test_output;
 pub use output::{Output, Pose};
 pub use pace::{Pace, Sent};
 use serial::{BoardSearch, PortClaim};

@@ -6,8 +6,9 @@
 //! Contract: the chip is initialised if it does not make the wanted pulses: after power-on, and after its power failed for a
 //! moment. A chip that makes them already keeps its pulses, so that servos do not twitch when the service starts again.
 //! Limits: a format knows only the positions that it gave itself. After a start, or a reload that changes its channels, it
-//! begins at neutral. On a bus that takes longer than `rate_hz` allows, limited servos move more slowly than they may. A service that stops does not wait for a servo whose limits are too low to be at neutral by then. The
-//! chip has no time-out. If the machine crashes, it repeats its last pulses until its power is cut.
+//! begins at neutral. On a bus that takes longer than `rate_hz` allows, limited servos move more slowly than
+//! they may. Neither a service that stops nor a reload that removes the link waits for a servo whose limits are too low to be
+//! at neutral by then. The chip has no time-out. If the machine crashes, it repeats its last pulses until its power is cut.
 
 mod bus;
 mod chip;

@@ -1,7 +1,8 @@
 //! The sender's links, and how a reload changes them.
 //!
 //! A link whose format and receiver stay the same is carried over with its open port and its packet numbers. A link that
-//! is replaced is dropped: it sends its last packet and closes its port on its own thread.
+//! is removed or replaced sends the neutral face and is dropped: it writes this last packet and closes its port on its own
+//! thread. Servos that only the old link moves are then neutral or released.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -56,13 +57,14 @@ impl Links {
         Ok(Self(change))
     }
 
-    /// Replaces the links. Those that the change leaves out are carried over, all others are dropped. This neither
-    /// allocates nor waits.
-    pub(super) fn adopt(&mut self, mut change: Self) {
+    /// Replaces the links. Those that the change leaves out are carried over, all others send `last` and are dropped. This
+    /// neither allocates nor waits.
+    pub(super) fn adopt(&mut self, mut change: Self, last: &Output) {
         for (settings, link) in change.0.iter_mut().filter(|(_, link)| link.is_none()) {
             let same = self.0.iter_mut().find(|(live, link)| live.kind == settings.kind && link.is_some());
             *link = same.and_then(|(_, link)| link.take());
         }
+        self.send_last(last);
         *self = change;
     }
 
@@ -108,5 +110,57 @@ impl Links {
 
     fn each(&mut self) -> impl Iterator<Item = (&LinkSettings, &mut Link)> {
         self.0.iter_mut().filter_map(|(settings, link)| Some((&*settings, link.as_mut()?)))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing)]
+mod tests {
+    use std::net::UdpSocket;
+
+    use facewire_packet::{Packet, Reason, State};
+
+    use super::*;
+    use crate::config;
+    use crate::link::test_output;
+
+    /// A receiver, and what it was sent until now.
+    struct Receiver(UdpSocket);
+
+    impl Receiver {
+        fn new() -> Self {
+            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+            socket.set_nonblocking(true).unwrap();
+            Self(socket)
+        }
+
+        fn settings(receivers: &[&Self]) -> Vec<LinkSettings> {
+            let link = |it: &&Self| format!("[[link]]\naddress = \"{}\"\n", it.0.local_addr().unwrap());
+            config::parse("test", &receivers.iter().map(link).collect::<String>()).unwrap().links
+        }
+
+        fn seen(&self) -> Vec<(State, Reason)> {
+            let mut datagram = [0; 256];
+            let mut packets = Vec::new();
+            while let Ok(length) = self.0.recv(&mut datagram) {
+                let packet = Packet::decode(&datagram[..length]).unwrap();
+                packets.push((packet.state, packet.reason));
+            }
+            packets
+        }
+    }
+
+    #[test]
+    fn the_receiver_of_a_link_that_a_reload_removes_is_shown_the_neutral_face_last_and_no_other_is() {
+        let [old, kept, new] = [(); 3].map(|()| Receiver::new());
+        let (before, after) = (Receiver::settings(&[&old, &kept]), Receiver::settings(&[&kept, &new]));
+        let mut links = Links::open(&before, &Arc::default()).unwrap();
+        links.send_last(&test_output(State::Live));
+        let change = Links::change(&after, &before, &Arc::default()).unwrap();
+        links.adopt(change, &Output { reason: Reason::Stopping, ..test_output(State::Neutral) });
+        links.send_last(&test_output(State::Hold));
+        let (live, hold) = ((State::Live, Reason::None), (State::Hold, Reason::NoFace));
+        assert_eq!(old.seen(), [live, (State::Neutral, Reason::Stopping)]);
+        assert_eq!((kept.seen(), new.seen()), (vec![live, hold], vec![hold]));
     }
 }

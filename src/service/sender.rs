@@ -42,12 +42,12 @@ impl SenderSettings {
         Self { failsafe: settings.failsafe.clone(), rate_hz: settings.send.rate_hz, links }
     }
 
-    /// Takes the settings of a reload.
-    fn adopt(&mut self, change: Self) {
+    /// Takes the settings of a reload. Links that it removes send `last`.
+    fn adopt(&mut self, change: Self, last: &Output) {
         self.failsafe = change.failsafe;
         self.rate_hz = change.rate_hz;
         let Some(links) = &mut self.links else { return };
-        change.links.into_iter().for_each(|change| links.adopt(change));
+        change.links.into_iter().for_each(|change| links.adopt(change, last));
         links.refresh();
     }
 }
@@ -75,7 +75,7 @@ impl Sender {
         let mut history = History::default();
         while !self.counters.sending_stops() {
             self.counters.heartbeats.sender(monotonic_us());
-            self.adopt();
+            self.adopt(&history);
             let wait_us = self.step(&mut history);
             thread::park_timeout(Duration::from_micros(wait_us.min(MAX_SLEEP_US)));
         }
@@ -93,7 +93,7 @@ impl Sender {
             thread::sleep(pause);
             output = failsafe.stop(history, monotonic_us());
         }
-        let last = Output { state: State::Neutral, pose: output.pose.neutral_here(), ..output };
+        let last = history.last();
         self.counters.set_state(last.state);
         for _ in 0..STOPPING_PACKETS {
             self.settings.links.iter_mut().for_each(|links| links.send_last(&last));
@@ -124,9 +124,9 @@ impl Sender {
     }
 
     /// Takes the settings of all reloads since the last call.
-    fn adopt(&mut self) {
+    fn adopt(&mut self, history: &History) {
         while let Ok(change) = self.changes.try_recv() {
-            self.settings.adopt(change);
+            self.settings.adopt(change, &history.last());
         }
     }
 

@@ -116,6 +116,13 @@ impl History {
         self.age_us = age_us;
     }
 
+    /// The neutral output that a receiver gets last.
+    #[must_use]
+    pub fn last(&self) -> Output {
+        let (state, reason, pose) = (State::Neutral, Reason::Stopping, self.shown.neutral_here());
+        Output { state, reason, pose, ..self.output() }
+    }
+
     /// The output of this moment.
     pub(super) fn output(&self) -> Output {
         Output {

@@ -18,6 +18,8 @@ use crate::service::listener::Listener;
 
 /// Most clients of a socket at a time. Further ones are disconnected.
 const MOST_CLIENTS: usize = 8;
+/// Most clients that are welcomed or disconnected between two lines, so that no crowd delays those who have a place.
+const MOST_AT_ONCE: usize = 16;
 /// Time after which a client that takes nothing is disconnected.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
@@ -34,8 +36,7 @@ pub fn stdout_carrier(traffic: Arc<Traffic>) -> Result<Background, LinkError> {
 /// # Errors
 /// Returns an error if the system refuses a thread.
 pub fn socket_carrier(path: &Path, traffic: Arc<Traffic>) -> Result<Background, LinkError> {
-    let server = Server { path: path.to_owned(), listener: None, clients: Vec::with_capacity(MOST_CLIENTS) };
-    Background::start(path.display().to_string(), "fw-socket", server, true, traffic)
+    Background::start(path.display().to_string(), "fw-socket", Server::at(path), true, traffic)
 }
 
 /// The standard output of this process.
@@ -65,21 +66,18 @@ struct Server {
 }
 
 impl Server {
-    fn fault(&self, error: io::Error) -> LinkError {
-        LinkError::Listen { address: self.path.display().to_string(), error }
+    fn at(path: &Path) -> Self {
+        Self { path: path.to_owned(), listener: None, clients: Vec::with_capacity(MOST_CLIENTS) }
     }
 
-    /// Welcomes the clients that wait. Those for whom there is no room are disconnected.
-    fn welcome(&mut self) -> io::Result<()> {
-        let Some(listener) = &self.listener else { return Ok(()) };
-        loop {
-            match listener.accept_unix() {
-                Ok(stream) if self.clients.len() < MOST_CLIENTS => {
-                    self.clients.push(Client { stream, rest: Vec::new(), took: Instant::now() });
-                }
-                Ok(_) => {}
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
-                Err(error) => return Err(error),
+    /// Welcomes clients that wait. Those for whom there is no room are disconnected. A client that the system cannot accept
+    /// now, for example because this process has too many open files, waits on or has gone.
+    fn welcome(&mut self) {
+        let Some(listener) = &self.listener else { return };
+        for _ in 0..MOST_AT_ONCE {
+            let Ok(stream) = listener.accept_unix() else { return };
+            if self.clients.len() < MOST_CLIENTS {
+                self.clients.push(Client { stream, rest: Vec::new(), took: Instant::now() });
             }
         }
     }
@@ -87,19 +85,21 @@ impl Server {
 
 impl Device for Server {
     fn open(&mut self, _: &Shared) -> Result<bool, LinkError> {
-        let listener = Listener::bind(&Listen::Unix(self.path.clone())).map_err(|error| self.fault(error));
-        self.listener = Some(listener?);
+        let listener = Listener::bind(&Listen::Unix(self.path.clone()));
+        let fault = |error| LinkError::Listen { address: self.path.display().to_string(), error };
+        self.listener = Some(listener.map_err(fault)?);
         Ok(true)
     }
 
     fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
-        self.attend()?;
+        self.welcome();
         self.clients.retain_mut(|client| client.write(message).is_ok());
         Ok(true)
     }
 
     fn attend(&mut self) -> Result<(), LinkError> {
-        self.welcome().map_err(|error| self.fault(error))
+        self.welcome();
+        Ok(())
     }
 
     fn close(&mut self) {
@@ -153,145 +153,4 @@ impl Client {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use std::fs;
-    use std::io::{BufRead as _, BufReader};
-    use std::os::unix::net::UnixListener;
-    use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-    use std::thread;
-
-    use super::*;
-    use crate::link::Carrier as _;
-
-    /// Longer than any step takes on a busy machine.
-    const PATIENCE: Duration = Duration::from_secs(10);
-
-    fn eventually<T>(what: &str, mut happens: impl FnMut() -> Option<T>) -> T {
-        let end = Instant::now() + PATIENCE;
-        loop {
-            if let Some(it) = happens() {
-                return it;
-            }
-            assert!(Instant::now() < end, "{what}");
-            thread::sleep(Duration::from_millis(1));
-        }
-    }
-
-    fn connected(path: &Path) -> BufReader<UnixStream> {
-        let stream = eventually("a connection", || UnixStream::connect(path).ok());
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        BufReader::new(stream)
-    }
-
-    /// Returns the number in the next line that arrives while the carrier sends numbered lines.
-    fn next(reader: &mut BufReader<UnixStream>) -> u64 {
-        let mut line = String::new();
-        reader.read_line(&mut line).unwrap();
-        assert!(line.ends_with('\n'), "{line:?}");
-        line.trim().parse().unwrap()
-    }
-
-    /// A carrier that sends numbered lines from a thread until it is dropped.
-    struct Sending(Arc<AtomicBool>, Option<thread::JoinHandle<()>>);
-
-    impl Sending {
-        fn start(path: &Path, padding: usize) -> Self {
-            let over = Arc::<AtomicBool>::default();
-            let (is_over, mut carrier) = (Arc::clone(&over), socket_carrier(path, Arc::default()).unwrap());
-            let thread = thread::spawn(move || {
-                for number in 0.. {
-                    if is_over.load(Relaxed) {
-                        break;
-                    }
-                    carrier.send(format!("{number:0padding$}\n").as_bytes());
-                    thread::sleep(Duration::from_micros(200));
-                }
-                carrier.stop();
-                eventually("the end of the carrier", || carrier.has_ended().then_some(()));
-            });
-            Self(over, Some(thread))
-        }
-    }
-
-    impl Drop for Sending {
-        fn drop(&mut self) {
-            self.0.store(true, Relaxed);
-            self.1.take().unwrap().join().unwrap();
-        }
-    }
-
-    #[test]
-    fn every_client_gets_whole_lines_in_order_and_the_file_goes_with_the_link() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("lines");
-        let sending = Sending::start(&path, 8);
-        let mut clients = [connected(&path), connected(&path)];
-        for client in &mut clients {
-            let mut last = next(client);
-            for _ in 0..20 {
-                let number = next(client);
-                assert!(number > last);
-                last = number;
-            }
-        }
-        drop(sending);
-        assert!(!path.exists());
-    }
-
-    #[test]
-    fn a_client_that_reads_nothing_delays_no_other_and_later_reads_whole_lines() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("lines");
-        let _sending = Sending::start(&path, 2000);
-        let mut slow = connected(&path);
-        next(&mut slow);
-        let mut quick = connected(&path);
-        // Far more than the buffer of a socket holds.
-        let mut last = next(&mut quick);
-        for _ in 0..1000 {
-            let number = next(&mut quick);
-            assert!(number > last);
-            last = number;
-        }
-        let (mut gaps, mut before) = (0, next(&mut slow));
-        for _ in 0..400 {
-            let number = next(&mut slow);
-            gaps += u64::from(number > before + 100);
-            before = number;
-        }
-        assert!(gaps > 0, "the slow client missed nothing");
-    }
-
-    #[test]
-    fn clients_beyond_the_limit_are_disconnected_and_leaving_makes_room() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("lines");
-        let _sending = Sending::start(&path, 8);
-        let mut clients: Vec<_> = (0..MOST_CLIENTS).map(|_| connected(&path)).collect();
-        for client in &mut clients {
-            next(client);
-        }
-        let mut line = String::new();
-        assert_eq!(connected(&path).read_line(&mut line).unwrap_or(0), 0, "{line}");
-        clients.pop();
-        eventually("a free place", || {
-            let mut line = String::new();
-            connected(&path).read_line(&mut line).ok().filter(|length| *length > 0)
-        });
-    }
-
-    #[test]
-    fn a_stale_socket_is_replaced_and_any_other_file_is_left_alone() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("lines");
-        drop(UnixListener::bind(&path).unwrap());
-        let sending = Sending::start(&path, 8);
-        next(&mut connected(&path));
-        drop(sending);
-        fs::write(&path, "mine").unwrap();
-        let mut carrier = socket_carrier(&path, Arc::default()).unwrap();
-        carrier.send(b"1\n");
-        assert_eq!((carrier.is_open(), fs::read_to_string(&path).unwrap()), (false, "mine".to_owned()));
-    }
-}
+mod tests;

@@ -3,7 +3,10 @@
 //! A thread listens for requests and hands the receivers over through a triple buffer. A receiver asks once, when it
 //! starts, so no time limit applies: each has a connected socket of its own, to which the system reports that nobody
 //! listens or that the host is away, and one that has been away for some seconds is dropped. There are at most
-//! [`MOST`] of them, and a newcomer takes the place only of one that asked more than a minute ago.
+//! 8 of them, and a newcomer takes the place only of one that asked more than a minute ago. The log gets a few lines at a
+//! time, whatever strangers send.
+
+mod places;
 
 use std::{
     io::{self, ErrorKind},
@@ -16,8 +19,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-use triple_buffer::{Input, Output as Newest, triple_buffer};
+use triple_buffer::{Output as Newest, triple_buffer};
 
+use self::places::Places;
 use crate::config::IFacialMocapSettings;
 use crate::link::{Carrier, LinkError, Traffic, UdpCarrier};
 use crate::retry::Retry;
@@ -26,16 +30,14 @@ use crate::retry::Retry;
 const REQUEST: &[u8] = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719";
 /// What follows if it wants version 2.
 const SECOND: &[u8] = b"|sendDataVersion=v2";
-/// Most receivers at a time.
-const MOST: usize = 8;
 /// Room for one datagram of the stream.
 const LONGEST: usize = 2048;
 /// Time between two looks whether receivers are still there.
 const LOOK: Duration = Duration::from_millis(500);
-/// Number of looks in a row at which a receiver was away, after which it is dropped.
-const PATIENCE: u32 = 6;
-/// A receiver that has not asked for this long may lose its place to a newcomer.
-const RECENT: Duration = Duration::from_mins(1);
+/// How long a new link waits in silence for the link that it replaces to close the port.
+const HANDOVER: Duration = Duration::from_secs(2);
+/// Time between two looks at the port during a handover.
+const HANDOVER_LOOK: Duration = Duration::from_millis(20);
 
 /// The version of the text that a receiver wants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,7 +66,8 @@ pub fn request(datagram: &[u8]) -> Option<Version> {
 #[derive(Debug)]
 struct Subscriber {
     socket: UdpSocket,
-    version: Version,
+    /// Whether it wants version 2.
+    is_second: AtomicBool,
     /// How often the system said that it is away since the last look.
     refusals: AtomicU32,
 }
@@ -75,12 +78,18 @@ impl Subscriber {
         let socket = UdpSocket::bind((any, 0))?;
         socket.set_nonblocking(true)?;
         socket.connect(receiver)?;
-        Ok(Self { socket, version, refusals: AtomicU32::new(0) })
+        let subscriber = Self { socket, is_second: AtomicBool::default(), refusals: AtomicU32::default() };
+        subscriber.choose(version);
+        Ok(subscriber)
+    }
+
+    fn choose(&self, version: Version) {
+        self.is_second.store(version == Version::Second, Relaxed);
     }
 
     /// Sends the text of its version. Returns whether the system took it.
     fn send(&self, first: &[u8], second: &[u8]) -> bool {
-        let text = if self.version == Version::First { first } else { second };
+        let text = if self.is_second.load(Relaxed) { second } else { first };
         match self.socket.send(text) {
             Ok(_) => true,
             Err(error) => {
@@ -122,8 +131,9 @@ impl Subscribers {
         let shared = Arc::<Shared>::default();
         if let Some(listen) = settings.listen.0 {
             let reply_port = u16::try_from(settings.reply_port).unwrap_or_default();
-            let places = Places { list: Vec::new(), newest: input };
-            let desk = Desk { listen, reply_port, places, shared: Arc::clone(&shared) };
+            let places = Places::new(input);
+            let handover_end = Instant::now() + HANDOVER;
+            let desk = Desk { listen, reply_port, places, handover_end, shared: Arc::clone(&shared) };
             let thread = thread::Builder::new().name("fw-subscribe".to_owned()).spawn(|| desk.run());
             thread.map_err(|error| LinkError::Thread { link: listen.to_string(), error })?;
         }
@@ -180,6 +190,8 @@ struct Desk {
     /// The port to which the stream goes; 0 for the one that the request came from.
     reply_port: u16,
     places: Places,
+    /// Until when another link may hold the port.
+    handover_end: Instant,
     shared: Arc<Shared>,
 }
 
@@ -192,6 +204,10 @@ impl Desk {
                     retry = Retry::default();
                     self.shared.is_listening.store(true, Relaxed);
                     self.serve(&socket)
+                }
+                Err(error) if self.is_handover(&error, Instant::now()) => {
+                    thread::sleep(HANDOVER_LOOK);
+                    continue;
                 }
                 Err(error) => error,
             };
@@ -209,6 +225,11 @@ impl Desk {
         Ok(socket)
     }
 
+    /// Whether a link that a reload replaces may still hold the port.
+    fn is_handover(&self, error: &io::Error, now: Instant) -> bool {
+        error.kind() == ErrorKind::AddrInUse && now < self.handover_end
+    }
+
     /// Serves until the end. Returns the error that ended it earlier.
     fn serve(&mut self, socket: &UdpSocket) -> io::Error {
         let mut bytes = [0; LONGEST];
@@ -222,7 +243,7 @@ impl Desk {
             }
             if Instant::now() >= look {
                 look = Instant::now() + LOOK;
-                self.places.look();
+                self.places.look(Instant::now());
             }
         }
         ErrorKind::Interrupted.into()
@@ -234,68 +255,6 @@ impl Desk {
             from.set_port(self.reply_port);
         }
         self.places.take(from, version, Instant::now());
-    }
-}
-
-/// A receiver that has a place.
-struct Place {
-    receiver: SocketAddr,
-    subscriber: Arc<Subscriber>,
-    asked: Instant,
-    /// How many looks in a row found it away.
-    away: u32,
-}
-
-/// The places for receivers.
-struct Places {
-    list: Vec<Place>,
-    newest: Input<List>,
-}
-
-impl Places {
-    /// Gives a receiver that asks at `now` a place, if one is free.
-    fn take(&mut self, receiver: SocketAddr, version: Version, now: Instant) {
-        if let Some(place) = self.list.iter_mut().find(|place| place.receiver == receiver) {
-            place.asked = now;
-            if place.subscriber.version == version {
-                return;
-            }
-        }
-        self.list.retain(|place| place.receiver != receiver);
-        if self.list.len() >= MOST {
-            let oldest = self.list.iter().enumerate().min_by_key(|(_, place)| place.asked);
-            let stale = oldest.filter(|(_, place)| now.saturating_duration_since(place.asked) > RECENT);
-            let Some((index, _)) = stale else { return };
-            self.list.remove(index);
-        }
-        // A receiver that this machine cannot reach gets no place.
-        let Ok(subscriber) = Subscriber::open(receiver, version) else { return };
-        tracing::info!("iFacialMocap: {receiver} asks for the face and gets it");
-        self.list.push(Place { receiver, subscriber: Arc::new(subscriber), asked: now, away: 0 });
-        self.publish();
-    }
-
-    /// Drops receivers that have been away for long.
-    fn look(&mut self) {
-        let before = self.list.len();
-        for place in &mut self.list {
-            let is_away = place.subscriber.refusals.swap(0, Relaxed) > 0;
-            place.away = if is_away { place.away + 1 } else { 0 };
-        }
-        self.list.retain(|place| {
-            let stays = place.away < PATIENCE;
-            if !stays {
-                tracing::info!("iFacialMocap: {} is away, and no longer gets the face", place.receiver);
-            }
-            stays
-        });
-        if self.list.len() < before {
-            self.publish();
-        }
-    }
-
-    fn publish(&mut self) {
-        self.newest.write(self.list.iter().map(|place| Arc::clone(&place.subscriber)).collect());
     }
 }
 

@@ -1,6 +1,9 @@
 //! What receivers of the iPhone app get, with sockets of this machine.
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
+use std::{fs, fs::File, net::Ipv4Addr};
+
+use super::places::{MOST, MOST_LINES, PERIOD, RECENT};
 use super::*;
 use crate::config::LinkKind;
 
@@ -116,41 +119,109 @@ fn ten_thousand_hostile_datagrams_change_nothing() {
     let friend = receiver();
     friend.send_to(&ask(""), device.address).unwrap();
     device.face_at(&friend);
-    let (enemy, mut random) = (receiver(), fastrand::Rng::with_seed(7));
+    let (enemy, fickle, mut random) = (receiver(), receiver(), fastrand::Rng::with_seed(7));
     for round in 0..10_000 {
         let mut bytes = ask("|sendDataVersion=v2");
         let at = random.usize(..bytes.len() - SECOND.len());
         bytes[at] ^= 1 << random.u8(..8);
         bytes.truncate(if round % 2 == 0 { bytes.len() } else { random.usize(..REQUEST.len()) });
         enemy.send_to(&bytes, device.address).unwrap();
+        fickle.send_to(&ask(["", "|sendDataVersion=v2"][round % 2]), device.address).unwrap();
     }
-    // This request comes after all of them.
+    // These requests come after all of them.
     let late = receiver();
     let end = Instant::now() + ENOUGH;
-    while device.carrier.list.read().len() < 2 {
+    while device.carrier.list.read().len() < 3 {
         assert!(Instant::now() < end, "a request after the flood is not served");
         late.send_to(&ask(""), device.address).unwrap();
         thread::sleep(Duration::from_millis(5));
     }
-    assert_eq!(device.face_at(&late), FACE_1);
-    assert_eq!(device.face_at(&friend), FACE_1);
-    assert_eq!(device.carrier.list.read().len(), 2);
+    let forged: Vec<_> = (1..=100).map(|host| UdpSocket::bind((Ipv4Addr::new(127, 0, 1, host), 0)).unwrap()).collect();
+    for socket in &forged {
+        socket.send_to(&ask(""), device.address).unwrap();
+    }
+    device.face_at(&forged[0]);
+    assert_eq!([device.face_at(&late), device.face_at(&friend)], [FACE_1, FACE_1]);
+    assert!(device.carrier.list.read().len() <= MOST);
+}
+
+fn places() -> (Places, Newest<List>) {
+    let (newest, list) = triple_buffer(&List::new());
+    (Places::new(newest), list)
+}
+
+fn port(port: u16) -> SocketAddr {
+    (Ipv4Addr::LOCALHOST, port).into()
+}
+
+/// Returns how many lines the log gets.
+fn log_lines(work: impl FnOnce()) -> usize {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let writer = Arc::<File>::new(file.reopen().unwrap());
+    tracing::subscriber::with_default(tracing_subscriber::fmt().with_writer(writer).finish(), work);
+    fs::read_to_string(file.path()).unwrap().lines().count()
+}
+
+#[test]
+fn neither_a_fickle_receiver_nor_forged_addresses_fill_the_log() {
+    let (mut places, mut list) = places();
+    let begun = Instant::now();
+    let ask_in_turn = |places: &mut Places| {
+        for round in 0..10_000 {
+            places.take(port(1), [Version::First, Version::Second][round % 2], begun);
+        }
+    };
+    assert_eq!(log_lines(|| ask_in_turn(&mut places)), 1);
+    let socket = Arc::clone(&list.read()[0]);
+    assert!(socket.is_second.load(Relaxed), "the last request counts");
+    // Each round comes when the places of the round before may be taken. All fall into one period.
+    let forge = |places: &mut Places| {
+        for number in 100..1000 {
+            let now = begun + u32::from(number / 100) * (RECENT + Duration::from_secs(1));
+            places.take(port(number), Version::First, now);
+        }
+    };
+    assert_eq!(log_lines(|| forge(&mut places)), MOST_LINES as usize - 1);
+    assert_eq!(list.read().len(), MOST);
+    let later = begun + 2 * PERIOD;
+    assert_eq!(log_lines(|| places.take(port(9999), Version::First, later)), 1, "a new period");
 }
 
 #[test]
 fn places_are_limited_and_a_newcomer_takes_only_that_of_one_who_asked_long_ago() {
-    let (newest, mut list) = triple_buffer(&List::new());
-    let (mut places, begun) = (Places { list: Vec::new(), newest }, Instant::now());
-    let address = |port: u16| SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-    for port in 1..=20 {
-        places.take(address(port), Version::First, begun);
+    let ((mut places, mut list), begun) = (places(), Instant::now());
+    for number in 1..=20 {
+        places.take(port(number), Version::First, begun);
     }
     let ports = |places: &Places| places.list.iter().map(|place| place.receiver.port()).collect::<Vec<_>>();
     assert_eq!(ports(&places), (1..=8).collect::<Vec<_>>());
-    places.take(address(1), Version::First, begun + RECENT);
-    places.take(address(30), Version::First, begun + RECENT + Duration::from_secs(1));
+    places.take(port(1), Version::First, begun + RECENT);
+    let later = begun + RECENT + Duration::from_secs(1);
+    // Nobody can connect to this address: nobody loses a place to it.
+    places.take("[fe80::1]:9".parse().unwrap(), Version::First, later);
+    assert_eq!(ports(&places), (1..=8).collect::<Vec<_>>());
+    places.take(port(30), Version::First, later);
     assert_eq!(ports(&places), [1, 3, 4, 5, 6, 7, 8, 30]);
     assert_eq!(list.read().len(), MOST);
+}
+
+#[test]
+fn a_new_link_waits_in_silence_for_the_port_of_the_one_that_it_replaces() {
+    let mut old = Device::start("");
+    let socket = receiver();
+    socket.send_to(&ask(""), old.address).unwrap();
+    old.face_at(&socket);
+    let shared = Arc::<Shared>::default();
+    let (listen, begun) = (old.address, Instant::now());
+    let desk = Desk { listen, reply_port: 0, places: places().0, handover_end: begun + HANDOVER, shared };
+    let in_use = desk.bind().unwrap_err();
+    assert!(desk.is_handover(&in_use, begun) && !desk.is_handover(&in_use, begun + HANDOVER));
+    assert!(!desk.is_handover(&ErrorKind::AddrNotAvailable.into(), begun));
+    let settings = IFacialMocapSettings { listen: crate::config::ListenAddress(Some(listen)), ..Default::default() };
+    let new = Subscribers::open(&settings, Arc::default()).unwrap();
+    drop(old);
+    let new = Device { carrier: new, address: listen };
+    new.eventually("the new link has the port", Carrier::is_open);
 }
 
 #[test]

@@ -2,9 +2,10 @@
 
 use super::{
     AutoDevice, CarrierSettings, Fault, Faults, LinkKind, LinkSettings, SerialDevice, link::most_messages_hz,
-    rehearsal::Script, servo::MOST_MAESTRO_BAUD, servo_check, settings::Settings,
+    receiver_check, rehearsal::Script, servo::MOST_MAESTRO_BAUD, servo_check, settings::Settings,
 };
 use crate::calibration::WearerName;
+use crate::service::control_sockets;
 
 /// Slowest rate of a link, packets per second: receivers go neutral after 500 ms without one.
 const SLOWEST_LINK_HZ: u32 = 10;
@@ -17,6 +18,7 @@ pub fn check(settings: &Settings, faults: &mut Faults) {
     check_ports(settings, faults);
     check_lines(settings, faults);
     if !faults.concern("link") {
+        receiver_check::check(settings, &control_sockets(), faults);
         settings.links.iter().for_each(|link| servo_check::check(link, faults));
     }
 }

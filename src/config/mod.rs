@@ -16,6 +16,7 @@ mod fault;
 mod link;
 mod listen;
 mod overlay;
+mod receiver_check;
 mod rehearsal;
 mod section;
 mod servo;

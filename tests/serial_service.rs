@@ -2,6 +2,12 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod board;
+#[path = "common/program.rs"]
+#[allow(dead_code, reason = "each test uses a part")]
+mod program;
+#[path = "board/service.rs"]
+#[allow(dead_code, reason = "each test uses a part")]
+mod service;
 #[path = "common/skip.rs"]
 mod skip;
 
@@ -16,76 +22,23 @@ use board::{Board, StablePath, eventually};
 use facewire_packet::{PACKET_BYTES, Packet, Reason, State};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
+use service::{Service, configuration};
 use skip::skip;
 
+/// `facewire` with these arguments, whose output is kept.
 fn facewire<'a>(arguments: impl IntoIterator<Item = &'a str>) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
-    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut command = program::facewire(arguments);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
 
-/// The service with the built-in clip as its camera. It is killed when the test ends, however that ends.
-struct Service {
-    child: Child,
-    folder: tempfile::TempDir,
-}
-
-impl Service {
-    /// Starts the service with these links.
-    fn with(links: &str) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let config = configuration(folder.path(), &demo_with(links));
-        let log = File::create(folder.path().join("log")).unwrap();
-        let child = facewire(["run", "--config", config.to_str().unwrap()]).stderr(log).spawn().unwrap();
-        Self { child, folder }
-    }
-
-    /// What the service has logged so far.
-    fn log(&self) -> String {
-        fs::read_to_string(self.folder.path().join("log")).unwrap()
-    }
-
-    /// How many times this stands in the log.
-    fn logged(&self, what: &str) -> usize {
-        self.log().matches(what).count()
-    }
-
-    /// Gives the service other links while it runs, and waits until it has them.
-    fn reload(&self, links: &str) {
-        configuration(self.folder.path(), &demo_with(links));
-        let before = self.logged("settings changed");
-        self.signal(Signal::HUP);
-        eventually("the new settings", || self.logged("settings changed") > before);
-    }
-
-    fn signal(&self, signal: Signal) {
-        kill_process(Pid::from_child(&self.child), signal).unwrap();
-    }
-
-    /// Stops the service as systemd does. Returns its log.
-    fn stop(mut self) -> String {
-        self.signal(Signal::TERM);
-        let status = self.child.wait().unwrap();
-        assert_eq!(status.code(), Some(0), "{}", self.log());
-        self.log()
-    }
-}
-
-impl Drop for Service {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+/// The service with the built-in clip as its camera, and these links.
+fn service(links: &str) -> Service {
+    Service::with(&demo_with(links))
 }
 
 fn demo_with(links: &str) -> String {
     format!("[camera]\ndevice = \"demo\"\n{links}")
-}
-
-fn configuration(folder: &Path, text: &str) -> PathBuf {
-    let path = folder.join("facewire.toml");
-    fs::write(&path, text).unwrap();
-    path
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -128,7 +81,7 @@ fn count(socket: &UdpSocket, span: Duration) -> usize {
 #[test]
 fn a_board_reads_the_packets_of_the_built_in_clip_up_to_the_last_neutral_one() {
     let mut board = Board::plugged_in();
-    let service = Service::with(&serial(&board.device));
+    let service = service(&serial(&board.device));
     let mut packets = Vec::new();
     eventually("a face", || {
         packets.extend(board.packets());
@@ -154,7 +107,7 @@ fn a_board_reads_the_packets_of_the_built_in_clip_up_to_the_last_neutral_one() {
 fn a_board_that_stops_reading_does_not_disturb_another_receiver() {
     let (board, socket) = (Board::plugged_in(), udp_socket());
     let _full = board.stall();
-    let service = Service::with(&(serial(&board.device) + &udp(&socket)));
+    let service = service(&(serial(&board.device) + &udp(&socket)));
     let mut received = until_live(&socket, 50);
     let log = service.stop();
     socket.set_nonblocking(true).unwrap();
@@ -174,7 +127,7 @@ fn a_board_pulled_and_plugged_in_again_is_back_within_1_5_s_and_nothing_else_sto
     let (stable, socket) = (StablePath::new(), udp_socket());
     let mut board = Board::plugged_in();
     stable.leads_to(&board);
-    let service = Service::with(&(serial(&stable.path()) + &udp(&socket)));
+    let service = service(&(serial(&stable.path()) + &udp(&socket)));
     board.next();
     for _ in 0..2 {
         stable.pull(std::mem::replace(&mut board, Board::plugged_in()));
@@ -192,7 +145,7 @@ fn a_board_pulled_and_plugged_in_again_is_back_within_1_5_s_and_nothing_else_sto
 #[test]
 fn a_port_that_is_missing_at_the_start_does_not_delay_other_links() {
     let (stable, socket) = (StablePath::new(), udp_socket());
-    let service = Service::with(&(serial(&stable.path()) + &udp(&socket)));
+    let service = service(&(serial(&stable.path()) + &udp(&socket)));
     socket.recv(&mut [0; PACKET_BYTES]).unwrap();
     let mut board = Board::plugged_in();
     stable.leads_to(&board);
@@ -207,7 +160,7 @@ fn without_a_board_the_service_says_so_once_and_counts_nothing_as_dropped() {
         return skip("this machine has a USB serial port");
     }
     let socket = udp_socket();
-    let service = Service::with(&(udp(&socket) + "[[link]]\nkind = \"serial\"\n"));
+    let service = service(&(udp(&socket) + "[[link]]\nkind = \"serial\"\n"));
     eventually("the reason", || service.logged("link auto: waits for a microcontroller board; none of a known") > 0);
     // Three attempts, at least.
     (0..60).for_each(|_| assert_eq!(socket.recv(&mut [0; PACKET_BYTES]).unwrap(), PACKET_BYTES));
@@ -227,7 +180,7 @@ fn a_host_that_does_not_resolve_is_an_error_where_there_is_no_other_link() {
 #[test]
 fn a_host_that_does_not_resolve_does_not_disturb_the_serial_line() {
     let mut board = Board::plugged_in();
-    let service = Service::with(&(serial(&board.device) + "[[link]]\naddress = \"nowhere.invalid:5252\"\n"));
+    let service = service(&(serial(&board.device) + "[[link]]\naddress = \"nowhere.invalid:5252\"\n"));
     board.next();
     let log = service.stop();
     assert!(log.contains("no link nowhere.invalid:5252: the host does not resolve ("), "{log}");
@@ -236,9 +189,9 @@ fn a_host_that_does_not_resolve_does_not_disturb_the_serial_line() {
 #[test]
 fn a_reload_moves_the_stream_to_another_board() {
     let [mut old, mut new] = [Board::plugged_in(), Board::plugged_in()];
-    let service = Service::with(&serial(&old.device));
+    let service = service(&serial(&old.device));
     old.next();
-    service.reload(&serial(&new.device));
+    service.reload(&demo_with(&serial(&new.device)));
     new.next();
     eventually("the end of the old stream", || old.is_closed());
     let log = service.stop();
@@ -251,7 +204,7 @@ fn two_names_of_one_device_at_the_start_stop_nothing_and_the_second_link_gets_it
     let (stable, socket) = (StablePath::new(), udp_socket());
     let (mut shared, mut own) = (Board::plugged_in(), Board::plugged_in());
     stable.leads_to(&shared);
-    let service = Service::with(&(serial(&shared.device) + &serial(&stable.path()) + &udp(&socket)));
+    let service = service(&(serial(&shared.device) + &serial(&stable.path()) + &udp(&socket)));
     socket.recv(&mut [0; PACKET_BYTES]).unwrap();
     shared.next();
     let told =
@@ -269,7 +222,7 @@ fn two_names_of_one_device_at_the_start_stop_nothing_and_the_second_link_gets_it
 fn a_slow_line_with_a_rate_of_its_own_gets_no_more_packets_than_that_beside_a_faster_receiver() {
     let (mut board, socket) = (Board::plugged_in(), udp_socket());
     let slow = serial(&board.device) + "baud = 19200\npace = \"rate\"\nrate_hz = 10\n";
-    let _service = Service::with(&(slow + &udp(&socket)));
+    let _service = service(&(slow + &udp(&socket)));
     until_live(&socket, 1);
     let first = board.next().pop().unwrap().sequence;
     let begun = Instant::now();
@@ -295,11 +248,11 @@ fn counters_add_up_over_reloads_that_leave_links_alone_and_reloads_that_change_t
     let (mut board, socket) = (Board::plugged_in(), udp_socket());
     let port = serial(&board.device);
     let links = |baud: u32| format!("{port}baud = {baud}\n{}", udp(&socket));
-    let service = Service::with(&links(115_200));
+    let service = service(&links(115_200));
     board.next();
     for round in 0..12 {
         let baud = if round % 4 < 2 { 115_200 } else { 230_400 };
-        service.reload(&format!("[failsafe]\nhold_ms = {}\n{}", 301 + round, links(baud)));
+        service.reload(&demo_with(&format!("[failsafe]\nhold_ms = {}\n{}", 301 + round, links(baud))));
         eventually("the port at its baud rate", || {
             board.packets();
             service.logged("link opened") == 1 + round / 2
@@ -315,7 +268,7 @@ fn counters_add_up_over_reloads_that_leave_links_alone_and_reloads_that_change_t
 fn a_reload_leaves_an_unchanged_port_open_and_reopens_a_changed_one_without_a_warning() {
     let (stable, mut board, sockets) = (StablePath::new(), Board::plugged_in(), [udp_socket(), udp_socket()]);
     stable.leads_to(&board);
-    let service = Service::with(&(serial(&board.device) + &udp(&sockets[0])));
+    let service = service(&(serial(&board.device) + &udp(&sockets[0])));
     board.next();
     // Another receiver and another pace; another baud rate; the same port by another name.
     let others = [
@@ -324,7 +277,7 @@ fn a_reload_leaves_an_unchanged_port_open_and_reopens_a_changed_one_without_a_wa
         (udp(&sockets[1]) + &serial(&stable.path()), 3),
     ];
     for (links, opened) in others {
-        service.reload(&links);
+        service.reload(&demo_with(&links));
         eventually("the port", || {
             board.packets();
             service.logged("link opened") == opened

@@ -3,10 +3,14 @@
 
 mod board;
 mod maestro;
+#[path = "common/program.rs"]
+#[allow(dead_code, reason = "each test uses a part")]
+mod program;
+#[path = "board/service.rs"]
+#[allow(dead_code, reason = "each test uses a part")]
+mod service;
 
-use std::fs;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 
 use allocation_counter::measure;
@@ -15,6 +19,7 @@ use facewire::config::{self, Settings};
 use facewire::link::{Link, Output, Pose, Traffic};
 use facewire_packet::{BLENDSHAPES, Reason, State};
 use maestro::{CRC_ERROR, Maestro, Model, PROTOCOL_ERROR};
+use service::Service;
 
 /// Two neighbouring channels, one that runs backwards, and one far away from them.
 const CHANNELS: &str = "
@@ -160,43 +165,15 @@ fn a_maestro_that_was_unplugged_in_mid_move_gets_its_limits_and_the_newest_targe
     assert_eq!(maestro.state().speeds[0], 64);
 }
 
-/// The service with these links. It is killed when the test ends.
-struct Service {
-    child: Child,
-    folder: tempfile::TempDir,
-}
-
-impl Service {
-    fn with(links: &str) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("facewire.toml");
-        // A camera that is missing: the service sends neutral outputs all the time.
-        fs::write(&path, format!("[camera]\ndevice = \"/dev/nowhere\"\n{links}")).unwrap();
-        let log = fs::File::create(folder.path().join("log")).unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
-        for variable in ["RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR", "STATE_DIRECTORY"] {
-            command.env_remove(variable);
-        }
-        let child = command.args(["run", "--config"]).arg(&path).stdin(Stdio::null()).stdout(Stdio::null());
-        Self { child: child.stderr(log).spawn().unwrap(), folder }
-    }
-
-    fn logged(&self, what: &str) -> usize {
-        fs::read_to_string(self.folder.path().join("log")).unwrap().matches(what).count()
-    }
-}
-
-impl Drop for Service {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+/// The service with these links, and with a camera that is missing: it sends neutral outputs all the time.
+fn service(links: &str) -> Service {
+    Service::with(&format!("[camera]\ndevice = \"/dev/nowhere\"\n{links}"))
 }
 
 #[test]
 fn each_error_of_a_maestro_is_told_once_with_what_to_do() {
     let maestro = Maestro::plugged_in(Model { crc: true, ..Model::MICRO_6 });
-    let service = Service::with(&link(&maestro.device, "crc = true"));
+    let service = service(&link(&maestro.device, "crc = true"));
     eventually("a command", || maestro.state().commands.contains(&0x84));
     for error in [CRC_ERROR, CRC_ERROR, PROTOCOL_ERROR] {
         maestro.state().fail(error);
@@ -211,12 +188,12 @@ fn a_maestro_that_does_not_answer_is_told_once_with_the_settings_to_look_at() {
     let deaf = Maestro::plugged_in(Model { takes_commands: false, ..Model::MICRO_6 });
     let wrong_crc = Maestro::plugged_in(Model { crc: true, ..Model::MICRO_6 });
     let links = [link(&deaf.device, ""), link(&wrong_crc.device, "")].concat();
-    let service = Service::with(&links);
+    let service = service(&links);
     eventually("the log", || service.logged("set its serial mode to \"USB Dual Port\"") == 2);
     let asked = wrong_crc.state().ever;
     assert_eq!(asked & PROTOCOL_ERROR, PROTOCOL_ERROR, "a command without its CRC");
     let quiet = Board::plugged_in();
-    let one_way = Service::with(&link(&quiet.device, "read_errors = false"));
+    let one_way = service(&link(&quiet.device, "read_errors = false"));
     eventually("the port", || one_way.logged("link opened") == 1);
     assert_eq!(service.logged("does not answer"), 2, "it was told again");
     assert_eq!(one_way.logged("does not answer"), 0);

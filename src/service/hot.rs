@@ -440,6 +440,14 @@ mod tests {
     /// Inferences that the engine of a test may still run.
     static GOOD_RUNS: AtomicU32 = AtomicU32::new(0);
 
+    /// Outlets whose reports nobody reads, and what is told.
+    fn outlets() -> (Outlets, mpsc::Receiver<Event>) {
+        let ((reports, _), (events, told)) = (triple_buffer::triple_buffer(&Report::Nothing), mpsc::channel());
+        let (observer, _) = observer::channel(&Observation::nothing(0));
+        let (recorder, _) = observer::channel(&Recorded::nothing(0, Reason::None));
+        (Outlets { reports, wake: thread::current(), events, observer, recorder }, told)
+    }
+
     /// Loads networks that see no face, and fail when the good runs are used up.
     fn load_failing(_: &NetworkSettings) -> Result<Tracker, InferError> {
         let count_down = |runs: u32| runs.checked_sub(1);
@@ -454,15 +462,7 @@ mod tests {
         settings.camera.device = "rehearsal: slow-jpeg 600".to_owned();
         let tracker = Tracker::load(&Scripted::new(|_| Ok(()))).unwrap();
         let pipeline = Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0);
-        let (reports, _) = triple_buffer::triple_buffer(&Report::Nothing);
-        let ((events, told), (_changes, for_hot)) = (mpsc::channel(), mpsc::channel());
-        let outlets = Outlets {
-            reports,
-            wake: thread::current(),
-            events,
-            observer: observer::channel(&Observation::nothing(0)).0,
-            recorder: observer::channel(&Recorded::nothing(0, Reason::None)).0,
-        };
+        let ((outlets, told), (_changes, for_hot)) = (outlets(), mpsc::channel());
         let counters = Arc::<Counters>::default();
         let hot = HotLoop::new(settings, Some(pipeline), Profile::default(), outlets, for_hot, Arc::clone(&counters));
         let hot = thread::spawn(|| hot.run());
@@ -492,15 +492,7 @@ mod tests {
         settings.camera.device = DEMO.to_owned();
         let tracker = load_failing(&settings.networks).unwrap();
         let pipeline = Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0);
-        let (reports, _) = triple_buffer::triple_buffer(&Report::Nothing);
-        let ((events, told), (_changes, for_hot)) = (mpsc::channel(), mpsc::channel());
-        let outlets = Outlets {
-            reports,
-            wake: thread::current(),
-            events,
-            observer: observer::channel(&Observation::nothing(0)).0,
-            recorder: observer::channel(&Recorded::nothing(0, Reason::None)).0,
-        };
+        let ((outlets, told), (_changes, for_hot)) = (outlets(), mpsc::channel());
         let counters = Arc::<Counters>::default();
         let mut hot =
             HotLoop::new(settings, Some(pipeline), Profile::default(), outlets, for_hot, Arc::clone(&counters));

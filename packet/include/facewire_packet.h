@@ -245,7 +245,7 @@ struct facewire_receiver {
 
 /* The share of a finished move. */
 #define FACEWIRE_ARRIVED ((int32_t)32768)
-/* The longest time that one call moves the face by, so that a receiver that was held up makes no step. */
+/* The longest time by which one call moves the face on, so that the face does not jump after a delay of the program. */
 #define FACEWIRE_STEP_MS 100
 
 /* The time from one moment to another, or 0 if the other one lies before it. Both may have wrapped. */

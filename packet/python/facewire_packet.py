@@ -29,7 +29,7 @@ noseSneerLeft noseSneerRight tongueOut
 SILENCE_S = 0.5
 # A packet that is not newer is ignored, unless the newest one is this old.
 LATE_S = 0.25
-# The longest time that one call moves the face by, so that a program that was held up makes no step.
+# The longest time by which one call moves the face on, so that the face does not jump after a delay of the program.
 STEP_S = 0.1
 
 

@@ -55,8 +55,9 @@ impl Packet {
         coefficients: [0.0; BLENDSHAPE_COUNT],
     };
 
-    /// Returns how many packets were lost between `earlier`, the one that the same sender's receiver got before, and this
-    /// one. Packets that come twice, late, or from a sender that has restarted are no losses.
+    /// Returns how many packets were lost between `earlier` and this one. `earlier` is the packet that the receiver got
+    /// from the same sender just before this one. Packets that come twice, late, or from a sender that has restarted
+    /// are no losses.
     #[must_use]
     pub const fn lost_since(&self, earlier: &Self) -> u16 {
         let gap = self.sequence.wrapping_sub(earlier.sequence).wrapping_sub(1);

@@ -10,7 +10,7 @@ pub const LATE_MS: u32 = 250;
 /// last packet, as it is 1 s after the last picture with the usual settings of a sender.
 pub const TRAVEL_MS: u16 = 500;
 
-/// The longest time that one call moves the face by, so that a receiver that was held up makes no step.
+/// The longest time by which one call moves the face on, so that the face does not jump after a delay of the program.
 const STEP_MS: u32 = 100;
 /// The share of a finished move.
 const ARRIVED: i32 = 1 << 15;

@@ -5,7 +5,7 @@ use facewire_packet::{Face, LATE_MS, Packet, Receiver, SILENCE_MS, State, TRAVEL
 
 /// jawOpen.
 const JAW: usize = 17;
-/// The time between two packets, and between two looks at the face.
+/// The time between two packets, and between two calls of `show`.
 const PERIOD_MS: u32 = 10;
 
 /// A packet of a face whose jaw is open by this much and whose head is turned by 60 degrees to the left.

@@ -1,7 +1,7 @@
 //! `facewire record`: keeps the landmarks and the outputs of every frame in a file.
 //!
-//! The service holds the camera while it runs, so that it is asked first, and goes on sending. Without a service the
-//! command opens the camera itself, and sends nothing.
+//! The service holds the camera while it runs. The command then records the frames of the service, which goes on
+//! sending. Without a service the command opens the camera itself, and sends nothing.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -36,12 +36,13 @@ Examples:
   facewire track talk.fwrec --out talk.csv  solve its landmarks again, with one CSV row per frame
 
 A recording has the landmarks and the outputs of each frame, and no picture: about 1.8 kB a frame, or 190 MB an hour. What \
-was recorded up to a crash or a power failure can be read, except for the last second. A service that runs has the \
-camera, so it is asked for the frames: its settings apply then, and it goes on sending.";
+was recorded up to a crash or a power failure can be read, except for the last second. While the \
+service runs, it holds the camera: the command then records the frames of the service, with the settings of the \
+service, and the service goes on sending.";
 
 /// Time after which the progress is reported again.
 const PROGRESS: Duration = Duration::from_secs(10);
-/// Time between two looks whether the recording is over.
+/// Time between two checks whether the recording is over.
 const LOOK: Duration = Duration::from_millis(100);
 const BYTES_PER_MB: u64 = 1_000_000;
 
@@ -68,7 +69,7 @@ pub(super) fn run(args: &RecordArgs) -> Result<(), Failure> {
             .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
             .map_err(|error| Failure::failed(format!("the system refused a signal handler: {error}")))?;
     }
-    // Before a camera is opened for nothing.
+    // Checked first, so that no camera is opened in vain.
     if args.file.exists() {
         return Err(Failure::unwritable(&args.file, &ErrorKind::AlreadyExists.into()));
     }
@@ -78,12 +79,12 @@ pub(super) fn run(args: &RecordArgs) -> Result<(), Failure> {
     }
 }
 
-/// Keeps what the service tells.
+/// Writes the frames that a running service sends.
 fn by_service(mut connection: Connection, args: &RecordArgs, stop: Arc<AtomicBool>) -> Result<(), Failure> {
     connection.ask(&Request::Record {})?;
     let mut recorder = Recorder::begin(args, stop)?;
     say("the service records; Ctrl-C ends it");
-    // A disk may take seconds for a write, and the service waits for nobody: a thread takes what it tells.
+    // A disk may take seconds for a write, and the service does not wait: a thread takes what the service sends.
     let (told, heard) = mpsc::channel();
     thread::spawn(move || {
         loop {
@@ -95,7 +96,7 @@ fn by_service(mut connection: Connection, args: &RecordArgs, stop: Arc<AtomicBoo
         }
     });
     let outcome = keep_all(&heard, &mut recorder);
-    // What came before an error is kept.
+    // The frames that came before an error are kept.
     recorder.finish()?;
     outcome
 }
@@ -154,7 +155,7 @@ fn record(camera: &mut dyn Source, pipeline: &mut Pipeline, recorder: &mut Recor
     Ok(())
 }
 
-/// The file, and how far it is.
+/// The file, and the progress of the recording.
 struct Recorder {
     writer: Writer,
     path: PathBuf,

@@ -16,8 +16,9 @@ Examples:
   facewire replay talk.fwrec
   facewire replay talk.fwrec --repeat --config facewire.toml
 
-The links of the settings get the recorded outputs with the original timing. [failsafe] and the settings of the links are \
-those of now, not those of the recording. Stop the service first if both would send to the same receiver.";
+The links of the settings get the recorded outputs with the original timing. [failsafe] and the links \
+have their current settings, not those of the time of the recording. Stop the service first if both would \
+send to the same receiver.";
 
 /// Arguments of `facewire replay`.
 #[derive(Debug, Args)]

@@ -22,8 +22,8 @@ use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::config::{LinkKind, MaestroBoard, MaestroSettings, Pca9685Board, Pca9685Settings, SerialDevice, Settings};
 
-/// Time between two pulses that are sent again, so that a board with a time-out goes on.
-const AGAIN: Duration = Duration::from_millis(200);
+/// Time after which a pulse is sent again, so that a board with a time-out does not switch the servo off.
+const RESEND_PERIOD: Duration = Duration::from_millis(200);
 
 const EXAMPLES: &str = "\
 Examples:
@@ -132,7 +132,7 @@ fn by_keys(board: &mut Board, finder: &mut Finder, stop: &AtomicBool) -> Result<
     terminal.say("left/right, down/up: move   0, 1, n: take as an end or as neutral   space: pulses   q: end")?;
     while !stop.load(Relaxed) {
         terminal.show(&finder.status())?;
-        match terminal::key(AGAIN)? {
+        match terminal::key(RESEND_PERIOD)? {
             Some(Key::End) => break,
             Some(key) => finder.press(key),
             None => {}

@@ -22,8 +22,8 @@ section! {
         subject: Text = Text::from("facewire"), 1..=64, "";
         /// The name of the device. Some receivers read exactly 36 characters.
         device_id: Text = Text::from("facewire-0000-0000-0000-000000000000"), 36..=36, "";
-        /// Exchanges `mouthLeft` and `mouthRight`, as the app Live Link Face does by mistake: for receivers that
-        /// exchange them back.
+        /// Exchanges `mouthLeft` and `mouthRight`, as the app Live Link Face does by mistake. Some receivers expect
+        /// this mistake and exchange them back.
         swap_mouth: bool = false, (), "";
     }
 }
@@ -34,7 +34,7 @@ section! {
         /// The machine that runs the application, and its port: 39540 for VSeeFace and others that add a face to a body
         /// of their own; 39539 for Warudo, EVMC4U and others that can take a whole body.
         address: Address = Address::local(39_540), (), "";
-        /// Whether the head and the eyes turn, too. Without it, only blendshapes are sent.
+        /// Whether the rotations of the head and the eyes are sent, too. If not, only blendshapes are sent.
         bones: bool = true, (), "";
         /// Whether messages travel together in bundles. A few receivers do not read bundles; they get a datagram for each
         /// message.
@@ -59,8 +59,8 @@ section! {
         compounds: bool = true, (), "";
         /// Whether to send the turn of the head as `v2/Head/Yaw`, `v2/Head/Pitch` and `v2/Head/Roll`.
         head: bool = true, (), "";
-        /// Whether to send the eyes to VRChat's own addresses (`/tracking/eye/`), too: for avatars without parameters for
-        /// eyes.
+        /// Whether to send the eyes to VRChat's own addresses (`/tracking/eye/`), too. Avatars without parameters for
+        /// eyes need this.
         native_eyes: bool = false, (), "";
         /// The parameters to send, if not all: their names after `v2/`, each with the number of its bits if it is binary,
         /// such as "JawOpen, SmileFrown:4". `floats`, `bits`, `shapes`, `compounds` and `head` then have no effect.
@@ -78,7 +78,7 @@ section! {
         reply_port: u32 = 49_983, 0..=65_535, "";
         /// A receiver that gets the face without asking, or "".
         address: MaybeAddress = MaybeAddress::default(), (), "";
-        /// The version of the text for `address`. Those who ask choose it themselves.
+        /// The version of the protocol for `address`. Receivers that ask choose the version themselves.
         version: u32 = 2, 1..=2, "";
     }
 }

@@ -67,7 +67,7 @@ fn check_tables(settings: &Settings, faults: &mut Faults) {
 }
 
 /// Adds a fault for every serial port or chip that two links share, and for "auto" beside another port. Only the text
-/// counts: two names may mean one device for a while, and links wait for each other then.
+/// counts: two names may mean the same device for a while, and the links then wait for each other.
 fn check_ports(settings: &Settings, faults: &mut Faults) {
     if faults.concern("link") {
         return;

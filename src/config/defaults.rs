@@ -27,7 +27,7 @@ pub fn defaults() -> String {
 }
 
 /// Writes a `[[link]]` of the kind of this name with all its settings, each after its comment, and with an example of
-/// what it cannot do without. Returns `None` if there is no such kind.
+/// the settings without which it cannot work. Returns `None` if there is no such kind.
 #[must_use]
 pub fn default_link(kind: &str) -> Option<String> {
     let kind = LinkKind::all().into_iter().find(|known| known.name() == kind)?;

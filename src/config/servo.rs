@@ -242,7 +242,7 @@ section! {
         /// - a path: `facewire devices` lists the ports. The command port is the first of a Maestro's two ports, the one
         ///   whose stable path ends with -if00
         device: SerialDevice = SerialDevice::Auto, (), "";
-        /// Baud rate of a Maestro whose serial pins are connected. By USB it means nothing.
+        /// Baud rate of a Maestro whose serial pins are connected. It has no effect by USB.
         baud: u32 = 115_200, 9_600..=MOST_MAESTRO_BAUD, " (1/s)";
         /// How commands begin:
         /// - "compact": with the command. The Maestro is alone on its line
@@ -253,10 +253,10 @@ section! {
         device_number: u32 = 12, 0..=127, "";
         /// Whether each command ends with a checksum. It must be the same as "Enable CRC" in the Maestro's own settings.
         crc: bool = false, (), "";
-        /// Whether the targets of neighbouring channels go in one command. Maestros with 12, 18 or 24 channels know it, the
-        /// Micro Maestro with 6 channels does not.
+        /// Whether one command sets the targets of neighbouring channels. Maestros with 12, 18 or 24 channels have this
+        /// command, the Micro Maestro with 6 channels does not.
         multiple_targets: bool = false, (), "";
-        /// Whether the Maestro is asked for its errors once a second. False suits a wire that leads to the Maestro only.
+        /// Whether the Maestro is asked for its errors once a second. Set this to false if its TX is not connected.
         read_errors: bool = true, (), "";
     }
 }
@@ -270,8 +270,8 @@ section! {
         address: u32 = 0x40, 0x40..=0x7f, "";
         /// Pulses per second, for all channels. Analogue servos want 50; many digital ones take up to 330.
         pulses_hz: u32 = 50, 40..=400, " (1/s)";
-        /// Frequency of the chip's oscillator. It differs by some percent from chip to chip, and pulses are wrong by as
-        /// much.
+        /// Frequency of the chip's oscillator. It differs by a few percent from chip to chip, and pulses are wrong by
+        /// as much.
         oscillator_hz: u32 = 25_000_000, 20_000_000..=30_000_000, " (Hz)";
     }
 }

@@ -25,19 +25,19 @@ use crate::retry::Retry;
 
 /// Longest message, bytes. A line of JSON with all coefficients takes about 1500.
 const MESSAGE_BYTES: usize = 2048;
-/// How long a device that is busy is given the last message again.
-const LAST_MESSAGE: Duration = Duration::from_millis(100);
-/// Time between two attempts.
-const AGAIN: Duration = Duration::from_millis(2);
+/// How long a busy device is offered the last message again.
+const LAST_MESSAGE_PATIENCE: Duration = Duration::from_millis(100);
+/// Time between two attempts to write the last message.
+const RETRY_PERIOD: Duration = Duration::from_millis(2);
 /// Longest sleep. Every message ends it.
 const IDLE: Duration = Duration::from_millis(100);
 
 /// The encoded bytes of one message.
 type Message = heapless::Vec<u8, MESSAGE_BYTES>;
 
-/// What takes messages on a thread of its own, on which it may block, allocate and log.
+/// A device with a thread of its own, on which it may block, allocate and log.
 pub trait Device: Debug + Send + 'static {
-    /// Opens the device. Returns whether it is open; if not, the thread tries again later without a word in the log.
+    /// Opens the device. Returns whether it is open; if not, the thread tries again later and logs nothing.
     ///
     /// # Errors
     /// Says what is missing. The log gets each reason once.
@@ -68,7 +68,7 @@ pub struct Shared {
     open: AtomicBool,
     /// Whether the receiver is known. One that was found once is known even while it is away.
     found: AtomicBool,
-    /// Whether a message was given since the device took one.
+    /// Whether a message was handed over since the device last took one.
     waits: AtomicBool,
     traffic: Arc<Traffic>,
 }
@@ -188,13 +188,14 @@ impl<D: Device> Work<D> {
             let wait = self.retry.wait();
             self.pause(wait);
         }
-        // A message that came while there was no device.
+        // A message that came while there was no device is dropped.
         if self.newest.update() {
             self.shared.drop_one();
         }
     }
 
-    /// Logs why the device is not open, once for each reason. That a receiver is not there yet is no fault.
+    /// Logs why the device is not open, once for each reason. A receiver that is not there yet is no fault, and is
+    /// logged as information.
     fn tell(&mut self, error: &LinkError) {
         if !error.is_patient() {
             self.retry.warn(error);
@@ -215,7 +216,7 @@ impl<D: Device> Work<D> {
             if self.newest.update() {
                 self.write()?;
             } else if stopping {
-                return self.insist();
+                return self.write_last_again();
             } else {
                 self.device.attend()?;
                 thread::park_timeout(IDLE);
@@ -223,12 +224,12 @@ impl<D: Device> Work<D> {
         }
     }
 
-    /// Gives the device the last message again if it was too busy for it, because no newer one will come. The message was
-    /// counted already.
-    fn insist(&mut self) -> Result<(), LinkError> {
-        let end = Instant::now() + LAST_MESSAGE;
+    /// Offers the device the last message again if it was too busy for it, because no newer message will come. The
+    /// message has already been counted.
+    fn write_last_again(&mut self) -> Result<(), LinkError> {
+        let end = Instant::now() + LAST_MESSAGE_PATIENCE;
         while self.is_refused && Instant::now() < end {
-            thread::sleep(AGAIN);
+            thread::sleep(RETRY_PERIOD);
             self.is_refused = !self.device.write(self.newest.peek_output_buffer())?;
         }
         Ok(())
@@ -263,7 +264,7 @@ mod tests {
 
     use super::*;
 
-    /// A device that tells of each message, and takes it only when it is told to, like a bus that hangs.
+    /// A device that reports each message to the test, and blocks until the test lets it go on, like a bus that hangs.
     #[derive(Debug)]
     struct Hanging {
         given: mpsc::Sender<Vec<u8>>,
@@ -283,7 +284,7 @@ mod tests {
         fn close(&mut self) {}
     }
 
-    /// A device that is busy once, and then tells of each message.
+    /// A device that is busy once, and then reports each message to the test.
     #[derive(Debug)]
     struct Busy {
         is_busy: bool,

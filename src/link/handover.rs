@@ -7,10 +7,10 @@ use super::background::Shared;
 
 /// How long a new link waits in silence for the link that it replaces to close the device.
 const HANDOVER: Duration = Duration::from_secs(2);
-/// Time between two looks at the device during a handover.
-const LOOK: Duration = Duration::from_millis(2);
+/// Time between two attempts to claim the device during a handover.
+const RETRY_PERIOD: Duration = Duration::from_millis(2);
 
-/// The first seconds of a link.
+/// The time after the start of a link in which the link that it replaces may still hold the device.
 #[derive(Debug)]
 pub struct Handover {
     end: Instant,
@@ -22,8 +22,8 @@ impl Handover {
         Self { end: Instant::now() + HANDOVER }
     }
 
-    /// Attempts to claim a device, up to the end of the handover again and again for as long as another link holds it.
-    /// Returns `None` when told to stop.
+    /// Claims a device. While another link holds it, tries again until the handover ends. Returns `None` when told to
+    /// stop.
     ///
     /// # Errors
     /// Returns the error of the last attempt.
@@ -36,7 +36,7 @@ impl Handover {
         while !shared.stopping() {
             match attempt() {
                 Ok(claim) => return Ok(Some(claim)),
-                Err(error) if is_held(&error) && Instant::now() < self.end => thread::park_timeout(LOOK),
+                Err(error) if is_held(&error) && Instant::now() < self.end => thread::park_timeout(RETRY_PERIOD),
                 Err(error) => return Err(error),
             }
         }

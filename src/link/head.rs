@@ -19,7 +19,8 @@ impl Angles {
     /// Returns the angles of a unit quaternion x, y, z, w.
     #[must_use]
     pub fn of([x, y, z, w]: [f32; 4]) -> Self {
-        // Components of the rotation matrix: the direction of the face, and what points up of its axes.
+        // The columns of the rotation matrix are the axes of the face. `forward` is the axis out of the face; `left_up`
+        // and `up_up` are the upward components of the other two.
         let forward = [2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)];
         let (left_up, up_up) = (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z));
         let [forward_x, forward_y, forward_z] = forward;

@@ -18,7 +18,8 @@ use crate::service::listener::Listener;
 
 /// Most clients of a socket at a time. Further ones are disconnected.
 const MOST_CLIENTS: usize = 8;
-/// Most clients that are welcomed or disconnected between two lines, so that no crowd delays those who have a place.
+/// Most clients that are accepted or disconnected between two lines, so that a crowd of them delays no connected
+/// client.
 const MOST_AT_ONCE: usize = 16;
 /// Time after which a client that takes nothing is disconnected.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
@@ -70,8 +71,8 @@ impl Server {
         Self { path: path.to_owned(), listener: None, clients: Vec::with_capacity(MOST_CLIENTS) }
     }
 
-    /// Welcomes clients that wait. Those for whom there is no room are disconnected. A client that the system cannot accept
-    /// now, for example because this process has too many open files, waits on or has gone.
+    /// Accepts clients that wait, and disconnects those for whom there is no room. If the system cannot accept a client
+    /// now, for example because this process has too many open files, a later call tries again.
     fn welcome(&mut self) {
         let Some(listener) = &self.listener else { return };
         for _ in 0..MOST_AT_ONCE {
@@ -112,7 +113,7 @@ impl Device for Server {
 #[derive(Debug)]
 struct Client {
     stream: UnixStream,
-    /// The end of a line of which the client took the beginning.
+    /// The rest of a line that the client has taken only in part.
     rest: Vec<u8>,
     /// When the client took bytes last.
     took: Instant,
@@ -128,7 +129,7 @@ impl Client {
         self.rest = self.take(&rest)?.to_vec();
         if self.rest.is_empty() {
             let left = self.take(line)?.to_vec();
-            // A line of which the client took nothing is one that it misses.
+            // The client misses a line of which it took nothing.
             self.rest = if left.len() < line.len() { left } else { Vec::new() };
         }
         if self.took.elapsed() > LONGEST_WAIT { Err(ErrorKind::TimedOut.into()) } else { Ok(()) }

@@ -23,7 +23,7 @@ const COMMAND_BYTES: usize = 7;
 /// Length of the answer to [`Code::GetErrors`].
 pub const ANSWER_BYTES: usize = 2;
 
-/// What is told about a Maestro that does not answer.
+/// The message about a Maestro that does not answer.
 pub const SILENCE: &str = "the Maestro does not answer: set its serial mode to \"USB Dual Port\" in the Maestro Control Center, \
     give its command port, whose stable path ends with -if00, and check that link.crc equals \"Enable CRC\"; set \
     link.read_errors = false if no wire leads back from it";
@@ -124,8 +124,9 @@ impl Format for Maestro {
         send(&self.message);
     }
 
-    /// Begins with the question for errors in the Pololu protocol, whatever the protocol of the link is: it clears old
-    /// errors, and its first byte tells a Maestro that detects its baud rate which one it is. Its answer is discarded.
+    /// Begins with the question for errors in the Pololu protocol, whatever the protocol of the link is. The question
+    /// clears old errors, and from its first byte a Maestro detects the baud rate if it is set to do so. The answer is
+    /// discarded.
     fn preamble(&self) -> Vec<u8> {
         let mut out = Vec::new();
         let pololu = Protocol { device_number: Some(self.device_number), ..self.protocol };

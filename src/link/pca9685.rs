@@ -5,10 +5,11 @@
 //! goes on from the last position that was written.
 //! Contract: the chip is initialised if it does not make the wanted pulses: after power-on, and after its power failed for a
 //! moment. A chip that makes them already keeps its pulses, so that servos do not twitch when the service starts again.
-//! Limits: a format knows only the positions that it gave itself. After a start, or a reload that changes its channels, it
-//! begins at neutral. On a bus that takes longer than `rate_hz` allows, limited servos move more slowly than
-//! they may. Neither a service that stops nor a reload that removes the link waits for a servo whose limits are too low to be
-//! at neutral by then. The chip has no time-out. If the machine crashes, it repeats its last pulses until its power is cut.
+//! Limits: a format knows only the positions that it gave itself. After a start, or a reload that changes its channels,
+//! it begins at neutral. On a bus that is too slow for `rate_hz`, servos with limits move more slowly than their limits
+//! allow. When the service stops, or a reload removes the link, a servo whose limits keep it from reaching neutral in
+//! time stops on its way. The chip has no time-out. If the machine crashes, it repeats its last pulses until its power
+//! is cut.
 
 mod bus;
 mod chip;
@@ -83,7 +84,8 @@ pub struct Pca9685 {
     period: Period,
     channels: Vec<Channel>,
     clock: Clock,
-    /// Whether the last message is still to be written. Motion goes on from a position that the servo has.
+    /// Whether the last message has not been written yet. Motion then pauses, so that it goes on from where the servo
+    /// is.
     is_held: bool,
     /// The first register, and the contents of all from there on. Channels between those in use get no pulses.
     message: Vec<u8>,

@@ -16,8 +16,8 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// Returns what the link shows of this output. A pose that was held moves on to that of the output no faster than by
-    /// `slew_per_s`.
+    /// Returns what the link shows in place of this output. A pose that was held moves to that of the output no faster
+    /// than `slew_per_s`.
     pub fn next(&mut self, settings: &LinkSettings, slew_per_s: f32, now_us: u64, output: &Output) -> Output {
         let mut shown = output.clone();
         if output.state == State::Live {

@@ -88,7 +88,7 @@ impl Format for Vrchat {
     }
 }
 
-/// Where messages go.
+/// Bundles messages and sends the bundles.
 struct Sink<'a, 'b> {
     /// Whether to send what has not changed, too.
     all: bool,
@@ -102,7 +102,7 @@ impl Sink<'_, '_> {
     }
 }
 
-/// A message of some numbers, and those that it had last.
+/// A message with some numbers, and the numbers that were sent last.
 #[derive(Debug)]
 struct Numbers {
     message: OscPacket,
@@ -121,7 +121,7 @@ impl Numbers {
     }
 }
 
-/// A message of a truth value, and the one that it had last.
+/// A message with a truth value, and the value that was sent last.
 #[derive(Debug)]
 struct Flag {
     message: OscPacket,

@@ -312,7 +312,7 @@ impl Server {
     }
 
     /// Tells the client that records what the newest frame shows, or once a second that there is none. A client that does
-    /// not read is left.
+    /// not read is disconnected.
     fn record(&mut self) {
         let Some((client, told_us)) = &mut self.recording else { return };
         let now_us = monotonic_us();

@@ -6,13 +6,13 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use triple_buffer::{Input, Output, triple_buffer};
 
-/// The end of the hot loop.
+/// The end that the hot loop publishes to.
 pub(super) struct Observer<T: Send> {
     is_wanted: Arc<AtomicBool>,
     newest: Input<T>,
 }
 
-/// The other end.
+/// The end that reads the newest value.
 pub(super) struct Observed<T: Send> {
     is_wanted: Arc<AtomicBool>,
     newest: Output<T>,

@@ -59,7 +59,7 @@ pub fn replay<E: From<ServiceError>>(
 /// Turns the times of a recording into times of the monotonic clock.
 #[derive(Debug, Default)]
 struct Clock {
-    /// A time of the recording, and when it is or was, microseconds.
+    /// A time of the recording and the time of the monotonic clock at which it is due, microseconds.
     anchor: Option<(u64, u64)>,
     last_us: u64,
 }

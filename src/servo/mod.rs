@@ -4,8 +4,8 @@
 //! Contract: whatever comes in, a position stays within 0 to 1, and a [`Motion`] keeps its limits of speed and
 //! acceleration. A value that is not a number leaves the servo where it is. Nothing here allocates or reads a clock: the
 //! time since the last step is an argument.
-//! Limits: nobody knows where a servo stands when it gets its first pulse. It moves to its neutral position as fast as it
-//! can then.
+//! Limits: nobody knows where a servo stands when it gets its first pulse. It then moves to its neutral position as
+//! fast as it can.
 
 mod channel;
 mod motion;

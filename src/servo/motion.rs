@@ -88,7 +88,7 @@ mod tests {
         Limits { speed_per_s, acceleration_per_s2 }
     }
 
-    /// Targets as no mapping should give them.
+    /// A target that no mapping should give.
     fn wild(random: &mut fastrand::Rng) -> f32 {
         match random.u32(0..8) {
             0 => f32::NAN,

@@ -39,7 +39,7 @@ const GAP_S: f32 = 0.5;
 const MOST_SPEED: f32 = 12.0;
 const MOST_ZOOM: f32 = 4.0;
 const MOST_TURN: f32 = 6.0;
-/// A shorter time between frames counts as this one, seconds: even frames that come at once show some jitter.
+/// Shorter times between frames count as this one, seconds, because frames in quick succession show some jitter, too.
 const SHORTEST_JUMP_S: f32 = 0.033;
 /// Evidence at which the reference is half the wearer's, seconds at full weight. Landmarks are so steady that a few
 /// frames at rest are a good mean.

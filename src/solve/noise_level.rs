@@ -27,7 +27,7 @@ const LEVELS: [f32; 2] = [1.0, 2.0];
 /// The noise of the last frames, relative to that for which the sizes of small changes are meant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoiseLevel {
-    /// The size of a change of each coefficient that is no longer small, in good light.
+    /// From this size on, a change of each coefficient is no longer small in good light.
     small: [f32; COEFFS],
     /// Mean product of successive steps, relative to the square of a small change.
     product: f32,

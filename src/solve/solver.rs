@@ -137,14 +137,14 @@ impl Solver {
         Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face })
     }
 
-    /// Replaces the profile, by that of another wearer or by a new one of the same wearer. The output makes no step.
+    /// Replaces the profile, by that of another wearer or by a new one of the same wearer. The output does not jump.
     pub fn wear(&mut self, profile: Profile) {
         self.profile = profile;
         self.bridge();
     }
 
-    /// Makes the next output begin where the last one ended. Call this after any part was replaced, so that the change
-    /// makes no step, and the difference to the new values fades within half a second.
+    /// Makes the next output begin where the last one ended. Call this after any part was replaced, so that the output
+    /// does not jump: the difference to the new values fades within half a second.
     pub fn bridge(&mut self) {
         self.history.bridge.begin();
     }

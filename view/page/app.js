@@ -8,9 +8,9 @@ import { factsOf, noticeOf, showFacts, showHelp, showState, stateOf } from "./st
 import { connect } from "./stream.js";
 
 const FIRST_CHOSEN = ["jawOpen", "mouthSmileLeft", "eyeBlinkLeft"];
-// Numbers are read, not watched: they change 5 times a second.
+// Numbers change 5 times a second, so that people can read them.
 const TEXT_PERIOD_MS = 200;
-// How fast the face returns to neutral in silence: the share that is left after a second.
+// How fast the face returns to neutral in silence: the share of the expression that is left after a second.
 const LEFT_AFTER_A_SECOND = 0.001;
 
 const element = (id) => document.getElementById(id);
@@ -50,7 +50,7 @@ function snapshot(message) {
   }
 }
 
-// Times come from the clock of facewire-view. The message that took the shortest way tells best how far it is ahead.
+// Times come from the clock of facewire-view. The message that arrived fastest tells best how far that clock is ahead.
 function setClock({ time_s: time, since_ms: since }) {
   page.clock = Math.max(page.clock ?? -Infinity, time * 1000 + since - now());
   page.arrived = time * 1000 - page.clock;

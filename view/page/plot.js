@@ -2,7 +2,7 @@
 
 const SECONDS = 10;
 const COLOURS = ["#2a9bb0", "#e07b39", "#7a5cc9", "#3f9a4c", "#d0488c", "#9a8a1f"];
-// More samples than 60 a second bring.
+// Room for 60 samples a second, and some more.
 const MOST_SAMPLES = 60 * SECONDS + 60;
 
 export class Plot {
@@ -14,7 +14,7 @@ export class Plot {
     this.colours = new Map();
   }
 
-  // Adds or removes a coefficient. With all colours in use, the one chosen first gives way.
+  // Adds or removes a coefficient. If all colours are in use, this removes the coefficient that was chosen first.
   toggle(index) {
     if (!this.colours.delete(index)) {
       if (this.colours.size === COLOURS.length) this.colours.delete(this.colours.keys().next().value);

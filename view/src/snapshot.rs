@@ -27,7 +27,7 @@ impl Snapshot {
         Self { trouble: trouble.map(Into::into), ..self }
     }
 
-    /// Returns the snapshot as JSON. `start` is the beginning of the times in it.
+    /// Returns the snapshot as JSON. Its times count from `start`.
     pub fn to_json(&self, start: Instant, now: Instant) -> String {
         let counts = &self.counts;
         let json = Json {
@@ -113,7 +113,7 @@ fn rounded(value: f64, steps: f64) -> f64 {
 /// right shoulder. The rotation is `Rz(roll) Rx(-pitch) Ry(yaw)`, as facewire composes it.
 fn angles_deg(packet: &Packet) -> [f64; 3] {
     let [x, y, z, w] = packet.rotation.map(f64::from);
-    // Of the rotation matrix: where x, y and z of the head have their z, x and y.
+    // The columns of the rotation matrix are the axes of the head: left, up and forward, which is out of the face.
     let (left_z, forward_z) = (2.0 * (x * z - w * y), 1.0 - 2.0 * (x * x + y * y));
     let (up_x, up_y, up_z) = (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x));
     let (yaw, pitch, roll) = ((-left_z).atan2(forward_z), -up_z.clamp(-1.0, 1.0).asin(), (-up_x).atan2(up_y));

@@ -34,9 +34,9 @@ use crate::{Failure, hint::Hint, snapshot::Snapshot};
 const MOST_CONNECTIONS: usize = 64;
 /// The most pages that are open at the same time.
 const MOST_STREAMS: usize = 16;
-/// A client must send its request within this time, and its next one. Acknowledgements must come within it, too.
+/// A client must send each request, and acknowledge what it is sent, within this time.
 const PATIENCE: Duration = Duration::from_secs(15);
-/// What waits for a client at most, here and in the system, so that a slow one sees what is new.
+/// Most bytes that wait for a client, in this program and in the system, so that a slow client sees recent snapshots.
 const BUFFER_BYTES: usize = 16 * 1024;
 /// Pause after the system refused a connection, as it does when there are no file descriptors left.
 const REFUSED_PAUSE: Duration = Duration::from_millis(100);
@@ -126,7 +126,7 @@ pub async fn serve(listener: TcpListener, site: Arc<Site>) {
             sleep(REFUSED_PAUSE).await;
             continue;
         };
-        // Without a place the connection is closed at once.
+        // If there is no place, the connection is closed at once.
         if let Ok(place) = Arc::clone(&places).try_acquire_owned() {
             let site = Arc::clone(&site);
             tokio::spawn(async move {
@@ -146,7 +146,7 @@ async fn attend(stream: TcpStream, site: &Site, patience: Duration) {
     let service = service_fn(|request| async move { Ok::<_, Infallible>(site.respond(&request)) });
     let mut server = http1::Builder::new();
     server.timer(TokioTimer::new()).header_read_timeout(patience).max_buf_size(BUFFER_BYTES);
-    // Ends with an error if the client goes away, which is its right.
+    // Ends with an error if the client goes away, which is no fault.
     let _ = server.serve_connection(TokioIo::new(stream), service).await;
 }
 

@@ -14,7 +14,7 @@ const unsigned long BAUD = 115200;
 const uint32_t PULSE_MS = 20; // servos take a new position once per pulse
 // Servos start one after another, because together they pull the supply down.
 const uint32_t START_MS = 200;
-// After so long without packets the servos get no pulses, so that they neither hum nor heat. 0 holds them for ever.
+// After this time without packets the servos get no pulses, so that they neither hum nor heat. 0 keeps the pulses.
 const uint32_t RELEASE_MS = 10000;
 
 struct Joint {
@@ -34,7 +34,7 @@ const uint8_t JOINTS = sizeof joints / sizeof joints[0];
 
 Servo servos[JOINTS];
 int pulses_us[JOINTS];
-uint8_t started = 0; // so many servos get pulses
+uint8_t started = 0; // number of servos that get pulses
 struct facewire_line line;
 struct facewire_packet packet;
 struct facewire_receiver receiver; // all zero at first, which is the neutral face
@@ -56,7 +56,7 @@ void read_line() {
 
 void start_next(uint32_t now_ms) {
     if (started == JOINTS || now_ms - started_ms < START_MS) return;
-    // In this order the first pulse is the right one.
+    // In this order, because attach() begins with the pulse that was written before.
     servos[started].writeMicroseconds(pulses_us[started]);
     servos[started].attach(joints[started].pin);
     started++;

@@ -17,11 +17,12 @@ const uint16_t PORT = 5252;
 const uint32_t PULSE_MS = 20; // servos take a new position once per pulse
 // Servos start one after another, because together they pull the supply down, and the board with it.
 const uint32_t START_MS = 200;
-// After so long without packets the servos get no pulses, so that they neither hum nor heat. 0 holds them for ever.
+// After this time without packets the servos get no pulses, so that they neither hum nor heat. 0 keeps the pulses.
 const uint32_t RELEASE_MS = 10000;
-// The board connects again by itself, but not after each kind of loss. After so long without, the sketch begins anew.
+// The board connects again by itself, but not after each kind of loss. After this time without a connection, the
+// sketch connects anew.
 const uint32_t CONNECT_MS = 15000;
-// After so long without packets the port is opened anew: an empty datagram or a network that came back can block it.
+// After this time without packets the port is opened anew: an empty datagram or a network that came back can block it.
 const uint32_t REOPEN_MS = 5000;
 // All kinds of ESP32 have 14 bits for the width of a pulse: steps of 1.2 us.
 const uint8_t DUTY_BITS = 14;
@@ -43,7 +44,7 @@ const Joint joints[] = {
 const uint8_t JOINTS = sizeof joints / sizeof joints[0];
 
 int pulses_us[JOINTS];
-uint8_t started = 0; // so many servos get pulses
+uint8_t started = 0; // number of servos that get pulses
 WiFiUDP udp;
 struct facewire_packet packet;
 struct facewire_receiver receiver; // all zero at first, which is the neutral face
@@ -73,7 +74,7 @@ void setup() {
     }
     WiFi.setHostname(HOST_NAME);
     WiFi.mode(WIFI_STA);
-    WiFi.setSleep(false); // asleep, the radio takes packets only every 100 ms or more
+    WiFi.setSleep(false); // a radio that sleeps takes packets only every 100 ms or less often
     WiFi.begin(NETWORK, PASSWORD);
     tried_ms = millis();
 }

@@ -14,15 +14,15 @@
 
 const unsigned long BAUD = 115200;
 const uint8_t ADDRESS = 0x40;
-// While this pin is not driven low, there are no pulses. So they end when this board has no power. 255: OE is not wired.
+// There are pulses only while this pin drives OE low, so they end when the Arduino has no power. 255: OE is not wired.
 const uint8_t OUTPUT_ENABLE_PIN = 7;
-// The chip's own clock is some percent off. If a pulse of 1500 us measures 1450 us, enter 25000 * 1500 / 1450.
+// The chip's own clock is a few percent off. If a pulse of 1500 us measures 1450 us, enter 25000 * 1500 / 1450.
 const uint32_t OSCILLATOR_KHZ = 25000;
 const uint8_t PRESCALE = 121; // 50 pulses a second
 const uint32_t PULSE_MS = 20;
 // Servos start one after another, because together they pull the supply down.
 const uint32_t START_MS = 200;
-// After so long without packets the servos get no pulses, so that they neither hum nor heat. 0 holds them for ever.
+// After this time without packets the servos get no pulses, so that they neither hum nor heat. 0 keeps the pulses.
 const uint32_t RELEASE_MS = 10000;
 
 // What moves a joint: a blendshape, or the head to one side. A head that is turned by 45 degrees counts as 1.
@@ -55,7 +55,7 @@ const uint8_t SLEEP = 0x10, AUTO_INCREMENT = 0x20, FULL_OFF = 0x10;
 const uint8_t CHANNELS_AT_ONCE = 7;
 
 int pulses_us[JOINTS];
-uint8_t started = 0;     // so many servos get pulses
+uint8_t started = 0;     // number of servos that get pulses
 bool board_is_ready = false;
 struct facewire_line line;
 struct facewire_packet packet;
@@ -70,7 +70,7 @@ bool write_register(uint8_t address, uint8_t value) {
     return Wire.endTransmission() == 0;
 }
 
-// The board keeps its pulses when this one restarts, and forgets its settings when its own power fails.
+// The servo board keeps its pulses when the Arduino restarts, and forgets its settings when its own power fails.
 bool set_up_board() {
     started = 0;
     for (uint8_t i = 0; i < JOINTS; i++) pulses_us[i] = joints[i].neutral_us;

@@ -54,7 +54,8 @@ impl Board {
         Ok(maestro)
     }
 
-    /// Asks a Maestro for its errors, to know that it listens. What the errors are does not matter: they come from before.
+    /// Asks a Maestro for its errors, to check that it answers. The errors are ignored, because they are older than
+    /// this command.
     fn ask(&mut self, device_number: u32) -> Result<(), Failure> {
         let Self::Maestro { tty, device, protocol, .. } = self else { return Ok(()) };
         let mut question = Vec::new();
@@ -87,7 +88,7 @@ impl Board {
         let Self::Maestro { tty, device, protocol, .. } = self else { return Ok(()) };
         let mut command = Vec::new();
         protocol.write(&mut command, code, data);
-        // Nobody reads the answers of before.
+        // Answers to earlier commands are discarded, because nobody reads them.
         let _ = tty.clear(ClearBuffer::Input);
         tty.write_all(&command).map_err(|error| LinkError::from(PortError::lost(device, error)).into())
     }

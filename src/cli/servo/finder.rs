@@ -1,12 +1,12 @@
-//! What keys do: a pulse that moves, and what was found.
+//! What keys do: they change the pulse, and take it as that of an end or of the neutral position.
 
 use std::fmt::Write as _;
 
 /// The pulses that keys reach, microseconds. Nearly all servos stay within them.
 const REACH_US: [u16; 2] = [500, 2500];
-/// Steps of the keys up and down.
+/// Number of steps by which the keys up and down move.
 const LARGE: i32 = 5;
-/// A channel must follow something. Nobody has said yet what.
+/// An example, because a channel must follow something and the user has not said yet what.
 const SOURCES: &str = "sources = { jawOpen = 1.0 }   # what the servo follows";
 
 /// A key.

@@ -28,16 +28,16 @@ use crate::retry::Retry;
 
 /// What a receiver sends to ask for the stream.
 const REQUEST: &[u8] = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719";
-/// What follows if it wants version 2.
+/// What follows the request if the receiver wants version 2.
 const SECOND: &[u8] = b"|sendDataVersion=v2";
 /// Room for one datagram of the stream.
 const LONGEST: usize = 2048;
-/// Time between two looks whether receivers are still there.
+/// Time between two checks whether receivers are still there.
 const LOOK: Duration = Duration::from_millis(500);
 /// How long a new link waits in silence for the link that it replaces to close the port.
 const HANDOVER: Duration = Duration::from_secs(2);
-/// Time between two looks at the port during a handover.
-const HANDOVER_LOOK: Duration = Duration::from_millis(20);
+/// Time between two attempts to bind the port during a handover.
+const BIND_RETRY_PERIOD: Duration = Duration::from_millis(20);
 
 /// The version of the text that a receiver wants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,7 +48,8 @@ pub enum Version {
     Second,
 }
 
-/// Reads a request. Returns `None` for anything else. An ending that is not known is read as the app reads it: as version 1.
+/// Reads a request. Returns `None` for anything else. An unknown ending after `|` means version 1, as for the
+/// app.
 #[must_use]
 pub fn request(datagram: &[u8]) -> Option<Version> {
     let ending = datagram.strip_prefix(REQUEST)?;
@@ -68,7 +69,7 @@ struct Subscriber {
     socket: UdpSocket,
     /// Whether it wants version 2.
     is_second: AtomicBool,
-    /// How often the system said that it is away since the last look.
+    /// How often the system has reported since the last check that the receiver is away.
     refusals: AtomicU32,
 }
 
@@ -206,7 +207,7 @@ impl Desk {
                     self.serve(&socket)
                 }
                 Err(error) if self.is_handover(&error, Instant::now()) => {
-                    thread::sleep(HANDOVER_LOOK);
+                    thread::sleep(BIND_RETRY_PERIOD);
                     continue;
                 }
                 Err(error) => error,
@@ -230,7 +231,7 @@ impl Desk {
         error.kind() == ErrorKind::AddrInUse && now < self.handover_end
     }
 
-    /// Serves until the end. Returns the error that ended it earlier.
+    /// Takes requests until the link closes. Returns the error that ended this earlier.
     fn serve(&mut self, socket: &UdpSocket) -> io::Error {
         let mut bytes = [0; LONGEST];
         let mut look = Instant::now() + LOOK;

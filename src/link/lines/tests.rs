@@ -176,7 +176,7 @@ fn clients_keep_their_places_while_the_system_accepts_no_others() {
     let mut server = server(&path);
     let mut client = connected(&path);
     server.attend().unwrap();
-    // Of a listener for TCP, no client of a Unix socket is accepted.
+    // A TCP listener accepts no client of a Unix socket, which stands for any error of the system.
     server.listener = Some(Listener::bind(&Listen::Tcp(([127, 0, 0, 1], 0).into())).unwrap());
     let refused = server.listener.as_ref().unwrap().accept_unix().unwrap_err();
     assert_ne!(refused.kind(), ErrorKind::WouldBlock);

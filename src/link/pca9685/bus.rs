@@ -1,11 +1,12 @@
 //! An I2C bus of Linux, `/dev/i2c-N`, and one chip on it.
 //!
-//! Transfers are those of `SMBus`, of 32 bytes at most, because every adapter knows them: those of PCs know no others, and
-//! neither does the kernel's `i2c-stub`.
+//! Transfers are those of `SMBus`, of 32 bytes at most, because every adapter supports them. The adapters of PCs and
+//! the kernel's `i2c-stub` support no others.
 //!
-//! A chip is claimed by a lock on one byte of the bus's device node, the byte at the chip's address. Only who may open the
-//! bus can take the lock, it holds in all namespaces that have the same node, and the kernel frees it when the program ends.
-//! The driver of the bus does not know it, so that programs which do not ask for it, such as `i2cdetect`, do what they want.
+//! A chip is claimed by a lock on one byte of the bus's device node, the byte at the chip's address. Only programs that
+//! may open the bus can take the lock. It holds in all namespaces that have the same node, and the kernel frees it when
+//! the program ends. The driver of the bus ignores the lock, so it does not stop programs that never ask for it, such
+//! as `i2cdetect`.
 
 use std::fmt;
 use std::fs::File;
@@ -21,8 +22,8 @@ use rustix::io::Errno;
 
 use super::chip::{self, Period, Registers};
 
-/// Time from one look whether the chip still makes pulses to the next.
-const LOOK: Duration = Duration::from_secs(1);
+/// Time between two checks whether the chip still makes pulses.
+const CHECK_PERIOD: Duration = Duration::from_secs(1);
 
 /// Why a chip cannot be reached.
 #[derive(Debug, thiserror::Error)]
@@ -165,7 +166,7 @@ impl Bus {
         Ok(Self { claim, chip, period, looked_at: Instant::now() })
     }
 
-    /// Looks whether the chip answers, and changes nothing.
+    /// Checks that the chip answers. Changes nothing.
     ///
     /// # Errors
     /// Says why the chip cannot be reached.
@@ -174,7 +175,7 @@ impl Bus {
         place.chip().and_then(|mut chip| chip::is_there(&mut chip)).map_err(|error| place.error(error))
     }
 
-    /// Writes a message: a register, and the contents of it and those after it.
+    /// Writes a message: the number of a register, then the contents of this register and of those after it.
     ///
     /// # Errors
     /// Says why the chip cannot be reached.
@@ -183,13 +184,13 @@ impl Bus {
         chip::write_channels(&mut self.chip, *first, registers).map_err(|error| self.claim.place.error(error))
     }
 
-    /// Looks now and then whether the chip still makes pulses, and makes it ready again if its power failed. Returns
-    /// whether it did.
+    /// Checks once a second whether the chip still makes pulses, and makes it ready again if its power failed. Returns
+    /// whether its power failed.
     ///
     /// # Errors
     /// Says why the chip cannot be reached.
     pub fn attend(&mut self) -> Result<bool, I2cError> {
-        if self.looked_at.elapsed() < LOOK {
+        if self.looked_at.elapsed() < CHECK_PERIOD {
             return Ok(false);
         }
         self.looked_at = Instant::now();

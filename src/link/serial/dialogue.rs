@@ -16,11 +16,11 @@ pub struct Dialogue {
     /// When the last question was asked, or the port was opened.
     asked_at: Instant,
     is_waiting: bool,
-    /// What was told.
+    /// The troubles that were logged.
     pub told: LoggedReasons,
 }
 
-/// What is to be done now.
+/// What to do now.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Turn {
     /// Nothing.
@@ -29,7 +29,7 @@ pub enum Turn {
     Ask,
     /// Read the answer, which is there.
     Hear,
-    /// Tell that no answer came.
+    /// Log that no answer came.
     GiveUp,
 }
 

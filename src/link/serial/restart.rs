@@ -5,8 +5,9 @@
 //! Contract: until the boot loader has started the sketch, not a byte is written. The boot loader of an Uno takes bytes for
 //! commands, and 0x64 is the one that erases memory. HUPCL stays set until then: whoever closes the port earlier lowers
 //! DTR, so that the next one to open it restarts the board again and waits again.
-//! Limits: ports must have the names that the kernel gives them. A board at the pins of a UART is not recognised. What is
-//! behind an adapter is not known: it may be a board whose DTR is not connected, or a Maestro, and gets nothing for 2 s, too.
+//! Limits: ports must have the names that the kernel gives them. A board at the pins of a UART is not recognised. What
+//! is behind an adapter is not known: even if it is a board whose DTR is not connected, or a Maestro, it gets nothing
+//! for 2 s.
 
 use std::os::fd::OwnedFd;
 use std::path::Path;
@@ -35,7 +36,7 @@ pub fn restarts_board(device: &Path, class: &Path) -> bool {
 }
 
 /// Drivers of serial chips such as the CH340 name their ports `ttyUSB0`, or `ttyCH341USB0` if they come from the maker.
-/// All else restarts only if it is known to.
+/// A board at any other port restarts only if the lists above contain it.
 fn is_restarted_by_dtr(name: &str, vendor: &str, product: &str) -> bool {
     let is_arduino = VENDORS.contains(&vendor) && PRODUCTS.contains(&product);
     is_arduino || name.contains("USB") || CHIPS.contains(&(vendor, product))

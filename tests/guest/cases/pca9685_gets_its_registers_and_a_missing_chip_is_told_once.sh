@@ -49,12 +49,12 @@ $work/facewire run --config $work/facewire.toml 2>$work/log &
 service=$!
 await logged 1 "link opened: I2C bus $bus, address 0x40"
 
-# 25 MHz / 4096 / 50 Hz is 122; 1500 microseconds are 307 of 4.88.
+# 25 MHz / 4096 / 50 Hz is 122, and the prescaler is one less, 0x79. 1500 microseconds are 307 (0x133) steps of 4.88.
 await has 0x0c 0x33
 has 0x0d 0x01 || fail "1500 us: $(register 0x0d)"
 has 0xfe 0x79 || fail "prescaler $(register 0xfe)"
 await has 0x15 0x10
-# Channel 2 lies between both, and gets no pulses. What lies around them keeps its value.
+# Channel 2 lies between them and gets no pulses. Registers that the service does not use keep their values.
 has 0x11 0x10 || fail "channel 2: $(register 0x11)"
 has 0x05 0x5a || fail "register 5: $(register 0x05)"
 has 0x16 0xa5 || fail "channel 4: $(register 0x16)"
@@ -95,7 +95,7 @@ exec 9>$work/keys
 await grep -q 'no pulses' $work/screen
 printf '\033[C' >&9
 await grep -q '1500 us   0' $work/screen
-# Five steps of 10 microseconds: 1550 are 318.
+# The key up moves by five steps of 10 microseconds: 1550 microseconds are 318 (0x13e) steps of the chip.
 printf '\033[A' >&9
 await has 0x0c 0x3e
 printf q >&9

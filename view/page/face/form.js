@@ -8,14 +8,14 @@ export const MOUTH = { y: -68, halfWidth: 25 };
 export const CROWN_Y = 116;
 export const CHIN_Y = -110;
 
-// Height, half width, depth of the front and of the back; above the eyes before the dome narrows them.
+// Height, half width, depth of the front and of the back. Above DOME_Y, `dome` narrows all but the height.
 const outline = curve([
   [CHIN_Y, 29, 62, 14], [-104, 38, 72, 28], [-92, 48, 79, 46], [-72, 57, 80, 62], [-45, 66, 80, 78], [-15, 71, 80, 90],
   [10, 74, 83, 97], [35, 77, 88, 102], [60, 80, 92, 108], [82, 81, 92, 109], [100, 80, 88, 106], [CROWN_Y, 79, 84, 102],
 ]);
 const DOME_Y = 10;
 
-// The share of the width at this height that is left: an ellipse towards the crown.
+// The share of width and depth that is left at this height: an ellipse towards the crown.
 const dome = (y) => (y > DOME_Y ? Math.sqrt(Math.max(0, 1 - ((y - DOME_Y) / (CROWN_Y - DOME_Y)) ** 2)) : 1);
 
 function outlineAt(y) {

@@ -27,9 +27,9 @@ use tokio::{
 use super::{Body, Refusal};
 use crate::{hint::Hint, snapshot::Snapshot};
 
-/// Time between two snapshots at least: browsers draw 60 pictures a second.
+/// Least time between two snapshots: browsers draw 60 pictures a second.
 const PERIOD: Duration = Duration::from_nanos(16_666_667);
-/// Time between two snapshots at most, so that a page tells silence from a lost connection.
+/// Greatest time between two snapshots, so that a page can tell silence from a lost connection.
 const KEEP_ALIVE: Duration = Duration::from_millis(500);
 
 const FULL: Refusal = Refusal(

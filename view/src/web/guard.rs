@@ -63,7 +63,7 @@ impl Guard {
         if !path.is_empty() && site.is_some_and(|site| !is_linked(site)) { Err(OTHER_PAGE) } else { Ok(path) }
     }
 
-    /// Whether the header `Host` names this machine. Its port is free, because it may be forwarded.
+    /// Whether the header `Host` names this machine. Any port is accepted, because it may be forwarded.
     fn is_this_machine(&self, host: &str) -> bool {
         let Ok(authority) = host.parse::<Authority>() else { return false };
         if authority.as_str().contains('@') {

@@ -15,7 +15,7 @@ use super::{List, Subscriber, Version};
 
 /// Most receivers at a time.
 pub(super) const MOST: usize = 8;
-/// Number of looks in a row at which a receiver was away, after which it is dropped.
+/// A receiver that this many checks in a row found away is dropped.
 const PATIENCE: u32 = 6;
 /// A receiver that has not asked for this long may lose its place to a newcomer.
 pub(super) const RECENT: Duration = Duration::from_mins(1);
@@ -29,7 +29,7 @@ pub(super) struct Place {
     pub(super) receiver: SocketAddr,
     subscriber: Arc<Subscriber>,
     asked: Instant,
-    /// How many looks in a row found it away.
+    /// The number of checks in a row that found it away.
     away: u32,
 }
 
@@ -52,7 +52,7 @@ impl Places {
             place.subscriber.choose(version);
             return;
         }
-        let Some(taken) = self.free(now) else { return };
+        let Some(taken) = self.replaceable(now) else { return };
         // A receiver that this machine cannot reach gets no place.
         let Ok(subscriber) = Subscriber::open(receiver, version) else { return };
         self.log.tell(now, format_args!("{receiver} asks for the face and gets it"));
@@ -61,8 +61,9 @@ impl Places {
         self.publish();
     }
 
-    /// Returns whose place a newcomer gets: nobody's if one is free. Returns `None` if there is no place for it.
-    fn free(&self, now: Instant) -> Option<Range<usize>> {
+    /// Returns the part of the list that a newcomer replaces, which is empty if a place is free. Returns `None` if
+    /// there is no place for a newcomer.
+    fn replaceable(&self, now: Instant) -> Option<Range<usize>> {
         if self.list.len() < MOST {
             return Some(0..0);
         }

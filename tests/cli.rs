@@ -255,7 +255,9 @@ fn without_any_camera_check_says_so() {
 fn help_explains_every_subcommand_and_its_arguments() {
     let overview = Run::of(&mut facewire(["--help"])).succeeded().out;
     assert!(overview.contains("Examples:") && overview.contains("Exit status:"), "{overview}");
-    for command in ["run", "track", "bench", "check", "devices", "defaults", "monitor"] {
+    let subcommands =
+        ["run", "track", "calibrate", "record", "replay", "servo", "bench", "check", "devices", "defaults", "monitor"];
+    for command in subcommands {
         assert!(overview.contains(&format!("\n  {command} ")), "{overview}");
         let help = Run::of(&mut facewire([command, "--help"])).succeeded().out;
         assert!(help.contains(&format!("Usage: facewire {command}")), "{help}");

@@ -1,5 +1,5 @@
 //! `facewire run`, `check` and `monitor` with serial lines.
-#![allow(clippy::unwrap_used, clippy::panic)]
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod board;
 #[path = "common/program.rs"]
@@ -11,16 +11,14 @@ mod service;
 #[path = "common/skip.rs"]
 mod skip;
 
-use std::fs::{self, File};
 use std::net::UdpSocket;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use board::{Board, StablePath, eventually};
 use facewire_packet::{PACKET_BYTES, Packet, Reason, State};
-use rustix::process::{Pid, Signal, kill_process};
 use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
 use service::{Service, configuration};
 use skip::skip;
@@ -33,7 +31,7 @@ fn facewire<'a>(arguments: impl IntoIterator<Item = &'a str>) -> Command {
 }
 
 /// The service with the built-in clip as its camera, and these links.
-fn service(links: &str) -> Service {
+fn serve(links: &str) -> Service {
     Service::with(&demo_with(links))
 }
 
@@ -81,7 +79,7 @@ fn count(socket: &UdpSocket, span: Duration) -> usize {
 #[test]
 fn a_board_reads_the_packets_of_the_built_in_clip_up_to_the_last_neutral_one() {
     let mut board = Board::plugged_in();
-    let service = service(&serial(&board.device));
+    let service = serve(&serial(&board.device));
     let mut packets = Vec::new();
     eventually("a face", || {
         packets.extend(board.packets());
@@ -107,7 +105,7 @@ fn a_board_reads_the_packets_of_the_built_in_clip_up_to_the_last_neutral_one() {
 fn a_board_that_stops_reading_does_not_disturb_another_receiver() {
     let (board, socket) = (Board::plugged_in(), udp_socket());
     let _full = board.stall();
-    let service = service(&(serial(&board.device) + &udp(&socket)));
+    let service = serve(&(serial(&board.device) + &udp(&socket)));
     let mut received = until_live(&socket, 50);
     let log = service.stop();
     socket.set_nonblocking(true).unwrap();
@@ -127,7 +125,7 @@ fn a_board_pulled_and_plugged_in_again_is_back_within_1_5_s_and_nothing_else_sto
     let (stable, socket) = (StablePath::new(), udp_socket());
     let mut board = Board::plugged_in();
     stable.leads_to(&board);
-    let service = service(&(serial(&stable.path()) + &udp(&socket)));
+    let service = serve(&(serial(&stable.path()) + &udp(&socket)));
     board.next();
     for _ in 0..2 {
         stable.pull(std::mem::replace(&mut board, Board::plugged_in()));
@@ -145,7 +143,7 @@ fn a_board_pulled_and_plugged_in_again_is_back_within_1_5_s_and_nothing_else_sto
 #[test]
 fn a_port_that_is_missing_at_the_start_does_not_delay_other_links() {
     let (stable, socket) = (StablePath::new(), udp_socket());
-    let service = service(&(serial(&stable.path()) + &udp(&socket)));
+    let service = serve(&(serial(&stable.path()) + &udp(&socket)));
     socket.recv(&mut [0; PACKET_BYTES]).unwrap();
     let mut board = Board::plugged_in();
     stable.leads_to(&board);
@@ -160,7 +158,7 @@ fn without_a_board_the_service_says_so_once_and_counts_nothing_as_dropped() {
         return skip("this machine has a USB serial port");
     }
     let socket = udp_socket();
-    let service = service(&(udp(&socket) + "[[link]]\nkind = \"serial\"\n"));
+    let service = serve(&(udp(&socket) + "[[link]]\nkind = \"serial\"\n"));
     eventually("the reason", || service.logged("link auto: waits for a microcontroller board; none of a known") > 0);
     // Three attempts, at least.
     (0..60).for_each(|_| assert_eq!(socket.recv(&mut [0; PACKET_BYTES]).unwrap(), PACKET_BYTES));
@@ -180,7 +178,7 @@ fn a_host_that_does_not_resolve_is_an_error_where_there_is_no_other_link() {
 #[test]
 fn a_host_that_does_not_resolve_does_not_disturb_the_serial_line() {
     let mut board = Board::plugged_in();
-    let service = service(&(serial(&board.device) + "[[link]]\naddress = \"nowhere.invalid:5252\"\n"));
+    let service = serve(&(serial(&board.device) + "[[link]]\naddress = \"nowhere.invalid:5252\"\n"));
     board.next();
     let log = service.stop();
     assert!(log.contains("no link nowhere.invalid:5252: the host does not resolve ("), "{log}");
@@ -189,7 +187,7 @@ fn a_host_that_does_not_resolve_does_not_disturb_the_serial_line() {
 #[test]
 fn a_reload_moves_the_stream_to_another_board() {
     let [mut old, mut new] = [Board::plugged_in(), Board::plugged_in()];
-    let service = service(&serial(&old.device));
+    let service = serve(&serial(&old.device));
     old.next();
     service.reload(&demo_with(&serial(&new.device)));
     new.next();
@@ -204,7 +202,7 @@ fn two_names_of_one_device_at_the_start_stop_nothing_and_the_second_link_gets_it
     let (stable, socket) = (StablePath::new(), udp_socket());
     let (mut shared, mut own) = (Board::plugged_in(), Board::plugged_in());
     stable.leads_to(&shared);
-    let service = service(&(serial(&shared.device) + &serial(&stable.path()) + &udp(&socket)));
+    let service = serve(&(serial(&shared.device) + &serial(&stable.path()) + &udp(&socket)));
     socket.recv(&mut [0; PACKET_BYTES]).unwrap();
     shared.next();
     let told =
@@ -222,7 +220,7 @@ fn two_names_of_one_device_at_the_start_stop_nothing_and_the_second_link_gets_it
 fn a_slow_line_with_a_rate_of_its_own_gets_no_more_packets_than_that_beside_a_faster_receiver() {
     let (mut board, socket) = (Board::plugged_in(), udp_socket());
     let slow = serial(&board.device) + "baud = 19200\npace = \"rate\"\nrate_hz = 10\n";
-    let _service = service(&(slow + &udp(&socket)));
+    let _service = serve(&(slow + &udp(&socket)));
     until_live(&socket, 1);
     let first = board.next().pop().unwrap().sequence;
     let begun = Instant::now();
@@ -248,7 +246,7 @@ fn counters_add_up_over_reloads_that_leave_links_alone_and_reloads_that_change_t
     let (mut board, socket) = (Board::plugged_in(), udp_socket());
     let port = serial(&board.device);
     let links = |baud: u32| format!("{port}baud = {baud}\n{}", udp(&socket));
-    let service = service(&links(115_200));
+    let service = serve(&links(115_200));
     board.next();
     for round in 0..12 {
         let baud = if round % 4 < 2 { 115_200 } else { 230_400 };
@@ -268,7 +266,7 @@ fn counters_add_up_over_reloads_that_leave_links_alone_and_reloads_that_change_t
 fn a_reload_leaves_an_unchanged_port_open_and_reopens_a_changed_one_without_a_warning() {
     let (stable, mut board, sockets) = (StablePath::new(), Board::plugged_in(), [udp_socket(), udp_socket()]);
     stable.leads_to(&board);
-    let service = service(&(serial(&board.device) + &udp(&sockets[0])));
+    let service = serve(&(serial(&board.device) + &udp(&sockets[0])));
     board.next();
     // Another receiver and another pace; another baud rate; the same port by another name.
     let others = [

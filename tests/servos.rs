@@ -10,6 +10,7 @@ mod program;
 #[allow(dead_code, reason = "each test uses a part")]
 mod service;
 
+use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -166,14 +167,14 @@ fn a_maestro_that_was_unplugged_in_mid_move_gets_its_limits_and_the_newest_targe
 }
 
 /// The service with these links, and with a camera that is missing: it sends neutral outputs all the time.
-fn service(links: &str) -> Service {
+fn serve(links: &str) -> Service {
     Service::with(&format!("[camera]\ndevice = \"/dev/nowhere\"\n{links}"))
 }
 
 #[test]
 fn each_error_of_a_maestro_is_told_once_with_what_to_do() {
     let maestro = Maestro::plugged_in(Model { crc: true, ..Model::MICRO_6 });
-    let service = service(&link(&maestro.device, "crc = true"));
+    let service = serve(&link(&maestro.device, "crc = true"));
     eventually("a command", || maestro.state().commands.contains(&0x84));
     for error in [CRC_ERROR, CRC_ERROR, PROTOCOL_ERROR] {
         maestro.state().fail(error);
@@ -188,12 +189,12 @@ fn a_maestro_that_does_not_answer_is_told_once_with_the_settings_to_look_at() {
     let deaf = Maestro::plugged_in(Model { takes_commands: false, ..Model::MICRO_6 });
     let wrong_crc = Maestro::plugged_in(Model { crc: true, ..Model::MICRO_6 });
     let links = [link(&deaf.device, ""), link(&wrong_crc.device, "")].concat();
-    let service = service(&links);
+    let service = serve(&links);
     eventually("the log", || service.logged("set its serial mode to \"USB Dual Port\"") == 2);
     let asked = wrong_crc.state().ever;
     assert_eq!(asked & PROTOCOL_ERROR, PROTOCOL_ERROR, "a command without its CRC");
     let quiet = Board::plugged_in();
-    let one_way = service(&link(&quiet.device, "read_errors = false"));
+    let one_way = serve(&link(&quiet.device, "read_errors = false"));
     eventually("the port", || one_way.logged("link opened") == 1);
     assert_eq!(service.logged("does not answer"), 2, "it was told again");
     assert_eq!(one_way.logged("does not answer"), 0);

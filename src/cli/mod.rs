@@ -37,8 +37,8 @@ Examples:
 const EXIT_STATUS: &str = "\
 Exit status:
    0  success                      68  a host name does not resolve
-   1  failure                      69  networks or a serial port missing or failing, or
-   2  invalid arguments                a camera that cannot be stopped
+   1  failure                      69  networks, a serial port or a servo board missing or
+   2  invalid arguments                failing, or a camera that cannot be stopped
   65  damaged input                74  reading or writing failed
   66  no such input, or a fault    78  invalid settings
       of the camera               130  run: ended by a second signal";

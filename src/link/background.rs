@@ -67,7 +67,7 @@ pub struct Shared {
     stop: AtomicBool,
     open: AtomicBool,
     /// Whether the receiver is known. One that was found once is known even while it is away.
-    found: AtomicBool,
+    has_receiver: AtomicBool,
     /// Whether a message was handed over since the device last took one.
     waits: AtomicBool,
     traffic: Arc<Traffic>,
@@ -80,8 +80,8 @@ impl Shared {
     }
 
     /// Notes that the receiver is known.
-    pub fn find(&self) {
-        self.found.store(true, Relaxed);
+    pub fn note_receiver(&self) {
+        self.has_receiver.store(true, Relaxed);
     }
 
     fn drop_one(&self) {
@@ -110,7 +110,7 @@ impl Background {
         traffic: Arc<Traffic>,
     ) -> Result<Self, LinkError> {
         let (newest, output) = triple_buffer(&Message::new());
-        let shared = Arc::new(Shared { traffic, found: is_found.into(), ..Shared::default() });
+        let shared = Arc::new(Shared { traffic, has_receiver: is_found.into(), ..Shared::default() });
         let work =
             Work { device, newest: output, is_refused: false, shared: Arc::clone(&shared), retry: Retry::default() };
         let thread = Builder::new().name(name.to_owned()).spawn(move || work.run());
@@ -143,7 +143,7 @@ impl Carrier for Background {
     }
 
     fn has_receiver(&self) -> bool {
-        self.shared.found.load(Relaxed)
+        self.shared.has_receiver.load(Relaxed)
     }
 
     /// Asks the thread to write the message that it was given last, and to end.

@@ -70,7 +70,7 @@ pub trait Format: Debug + Send {
 
     /// Called before [`Format::encode`] if the last message has not reached the device yet: what moves by itself stays where
     /// it is.
-    fn hold(&mut self) {}
+    fn pause_motion(&mut self) {}
 
     /// The bytes to write to a serial port that has just been opened.
     fn preamble(&self) -> Vec<u8> {
@@ -327,7 +327,7 @@ impl Link {
         }
         let Self { format, carrier, traffic, .. } = self;
         if !carrier.took_last() {
-            format.hold();
+            format.pause_motion();
         }
         format.encode(output, self.sequence, &mut |message| {
             Traffic::count(&traffic.packets);

@@ -122,7 +122,7 @@ impl Format for Pca9685 {
         send(&self.message);
     }
 
-    fn hold(&mut self) {
+    fn pause_motion(&mut self) {
         self.is_held = true;
     }
 }
@@ -195,7 +195,7 @@ mod tests {
         // In this time the servo would go by 80 µs.
         while failed.elapsed() < Duration::from_millis(50) {
             last = Instant::now();
-            linked.format.hold();
+            linked.format.pause_motion();
             let [jaw, direct] = linked.show(State::Live, 1.0).map(Option::unwrap);
             assert!((jaw - before).abs() < 1e-3, "{jaw}");
             assert!((direct - 2000.0).abs() < 3.0, "a servo without limits is where the face wants it");

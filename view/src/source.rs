@@ -55,10 +55,10 @@ impl Source {
     /// # Errors
     /// Returns an error if the system refuses a thread.
     pub fn start(self, publish: watch::Sender<Snapshot>) -> io::Result<()> {
-        let desk = Desk { tally: Tally::default(), publish };
+        let counter = PacketCounter { tally: Tally::default(), publish };
         thread::Builder::new().name("source".to_owned()).spawn(|| match self {
-            Self::Udp { socket, .. } => udp::read(&socket, desk),
-            Self::Serial { device, baud } => serial::read(&device, baud, desk),
+            Self::Udp { socket, .. } => udp::read(&socket, counter),
+            Self::Serial { device, baud } => serial::read(&device, baud, counter),
         })?;
         Ok(())
     }
@@ -66,12 +66,12 @@ impl Source {
 
 /// Counts what arrives and publishes it.
 #[derive(Debug)]
-struct Desk {
+struct PacketCounter {
     tally: Tally,
     publish: watch::Sender<Snapshot>,
 }
 
-impl Desk {
+impl PacketCounter {
     /// Takes a packet, or what was wrong with it.
     fn take(&mut self, received: Result<Packet, DecodeError>, from: Sender) {
         let now = Instant::now();

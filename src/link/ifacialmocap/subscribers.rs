@@ -134,8 +134,8 @@ impl Subscribers {
             let reply_port = u16::try_from(settings.reply_port).unwrap_or_default();
             let places = Places::new(input);
             let handover_end = Instant::now() + HANDOVER;
-            let desk = Desk { listen, reply_port, places, handover_end, shared: Arc::clone(&shared) };
-            let thread = thread::Builder::new().name("fw-subscribe".to_owned()).spawn(|| desk.run());
+            let listener = RequestListener { listen, reply_port, places, handover_end, shared: Arc::clone(&shared) };
+            let thread = thread::Builder::new().name("fw-subscribe".to_owned()).spawn(|| listener.run());
             thread.map_err(|error| LinkError::Thread { link: listen.to_string(), error })?;
         }
         let version = if settings.version == 1 { Version::First } else { Version::Second };
@@ -186,7 +186,7 @@ impl Drop for Subscribers {
 }
 
 /// The thread that listens.
-struct Desk {
+struct RequestListener {
     listen: SocketAddr,
     /// The port to which the stream goes; 0 for the one that the request came from.
     reply_port: u16,
@@ -196,7 +196,7 @@ struct Desk {
     shared: Arc<Shared>,
 }
 
-impl Desk {
+impl RequestListener {
     fn run(mut self) {
         let mut retry = Retry::default();
         while !self.shared.is_over.load(Relaxed) {

@@ -172,7 +172,7 @@ impl Bus {
     /// Says why the chip cannot be reached.
     pub fn check(place: Place) -> Result<(), I2cError> {
         let _claim = place.claim()?;
-        place.chip().and_then(|mut chip| chip::is_there(&mut chip)).map_err(|error| place.error(error))
+        place.chip().and_then(|mut chip| chip::probe(&mut chip)).map_err(|error| place.error(error))
     }
 
     /// Writes a message: the number of a register, then the contents of this register and of those after it.

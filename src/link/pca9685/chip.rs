@@ -102,7 +102,7 @@ pub fn register(channel: u8) -> u8 {
 ///
 /// # Errors
 /// Returns the error of the bus.
-pub fn is_there(chip: &mut impl Registers) -> io::Result<()> {
+pub fn probe(chip: &mut impl Registers) -> io::Result<()> {
     chip.read(MODE1).map(drop)
 }
 

@@ -77,7 +77,7 @@ impl Line {
 impl Device for Line {
     fn open(&mut self, shared: &Shared) -> Result<bool, LinkError> {
         let device = self.place.find()?;
-        shared.find();
+        shared.note_receiver();
         let Some(claim) = self.claim(&device, shared)? else { return Ok(false) };
         let (tty, restart) = port::open(&device, self.baud, PATIENCE)?;
         if claim.is_empty() {

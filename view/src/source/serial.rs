@@ -10,7 +10,7 @@ use std::{
 use facewire_packet::FrameReader;
 use serialport::TTYPort;
 
-use super::Desk;
+use super::PacketCounter;
 use crate::tally::Sender;
 
 /// Time between two attempts to open the port.
@@ -19,23 +19,23 @@ const RETRY: Duration = Duration::from_millis(500);
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Opens the port whenever it is plugged in, and reads it until it goes away.
-pub fn read(device: &Path, baud: u32, mut desk: Desk) {
+pub fn read(device: &Path, baud: u32, mut counter: PacketCounter) {
     loop {
         let trouble = match serialport::new(device.to_string_lossy(), baud).timeout(PATIENCE).open_native() {
             Ok(port) => {
-                desk.tell(None);
-                let error = drain(port, &mut desk);
+                counter.tell(None);
+                let error = drain(port, &mut counter);
                 format!("{} went away ({error}); check its cable, and plug it in again", device.display())
             }
             Err(error) => format!("{}: {}", device.display(), remedy(&error)),
         };
-        desk.tell(Some(&trouble));
+        counter.tell(Some(&trouble));
         thread::sleep(RETRY);
     }
 }
 
 /// Reads until the port fails.
-fn drain(mut port: TTYPort, desk: &mut Desk) -> io::Error {
+fn drain(mut port: TTYPort, counter: &mut PacketCounter) -> io::Error {
     let (mut frames, mut bytes) = (FrameReader::default(), [0; 512]);
     // The first frame is usually incomplete, which is not a fault.
     let mut is_synchronised = false;
@@ -48,7 +48,7 @@ fn drain(mut port: TTYPort, desk: &mut Desk) -> io::Error {
         };
         for received in bytes.iter().take(length).filter_map(|byte| frames.push(*byte)) {
             if received.is_ok() || is_synchronised {
-                desk.take(received, Sender::Line);
+                counter.take(received, Sender::Line);
             }
             is_synchronised = true;
         }

@@ -11,7 +11,7 @@ use facewire_packet::{PACKET_BYTES, Packet};
 use nix::net::if_::if_nametoindex;
 use socket2::{Domain, InterfaceIndexOrAddress, Protocol, Socket, Type};
 
-use super::Desk;
+use super::PacketCounter;
 use crate::{Failure, tally::Sender};
 
 /// Time until a socket that failed is read again.
@@ -60,17 +60,17 @@ fn bound(address: SocketAddr, interface: u32) -> io::Result<UdpSocket> {
 }
 
 /// Reads datagrams for as long as the program runs.
-pub fn read(socket: &UdpSocket, mut desk: Desk) {
+pub fn read(socket: &UdpSocket, mut counter: PacketCounter) {
     // One byte more than a packet, so that longer datagrams are refused.
     let mut bytes = [0; PACKET_BYTES + 1];
     loop {
         match socket.recv_from(&mut bytes) {
             Ok((length, from)) => {
-                desk.take(Packet::decode(bytes.get(..length).unwrap_or_default()), Sender::Udp(from));
+                counter.take(Packet::decode(bytes.get(..length).unwrap_or_default()), Sender::Udp(from));
             }
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => {
-                desk.tell(Some(&format!("the network fails ({error}); check that it is up")));
+                counter.tell(Some(&format!("the network fails ({error}); check that it is up")));
                 thread::sleep(PAUSE);
             }
         }

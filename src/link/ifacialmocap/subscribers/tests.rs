@@ -213,10 +213,11 @@ fn a_new_link_waits_in_silence_for_the_port_of_the_one_that_it_replaces() {
     old.face_at(&socket);
     let shared = Arc::<Shared>::default();
     let (listen, begun) = (old.address, Instant::now());
-    let desk = Desk { listen, reply_port: 0, places: places().0, handover_end: begun + HANDOVER, shared };
-    let in_use = desk.bind().unwrap_err();
-    assert!(desk.is_handover(&in_use, begun) && !desk.is_handover(&in_use, begun + HANDOVER));
-    assert!(!desk.is_handover(&ErrorKind::AddrNotAvailable.into(), begun));
+    let listener =
+        RequestListener { listen, reply_port: 0, places: places().0, handover_end: begun + HANDOVER, shared };
+    let in_use = listener.bind().unwrap_err();
+    assert!(listener.is_handover(&in_use, begun) && !listener.is_handover(&in_use, begun + HANDOVER));
+    assert!(!listener.is_handover(&ErrorKind::AddrNotAvailable.into(), begun));
     let settings = IFacialMocapSettings { listen: crate::config::ListenAddress(Some(listen)), ..Default::default() };
     let new = Subscribers::open(&settings, Arc::default()).unwrap();
     drop(old);

@@ -264,7 +264,7 @@ fn help_explains_every_subcommand_and_its_arguments() {
         assert!(help.contains("\nExample") && help.contains("\nExit status:\n"), "{help}");
         let lines: Vec<&str> = help.lines().map(str::trim).collect();
         let arguments =
-            lines.windows(2).filter(|pair| ["<", "[INPUT]", "-"].iter().any(|sign| pair[0].starts_with(sign)));
+            lines.windows(2).filter(|pair| ["<", "[INPUT]", "--", "-h"].iter().any(|sign| pair[0].starts_with(sign)));
         for pair in arguments {
             let described = pair[0].contains("  ") || !pair[1].is_empty();
             assert!(described, "{command}: {}", pair[0]);

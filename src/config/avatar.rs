@@ -11,6 +11,7 @@ use super::{
     value::{Address, Value},
 };
 
+use self::values::MOST_BITS;
 pub use self::values::{JsonTarget, ListenAddress, MaybeAddress, OscPrefix, ParameterChoice, Parameters, Text};
 
 section! {
@@ -52,7 +53,7 @@ section! {
         /// Whether parameters are sent as one number each.
         floats: bool = true, (), "";
         /// Number of bits of binary parameters, which avatars use to save memory: 0 for none.
-        bits: u32 = 0, 0..=8, "";
+        bits: u32 = 0, 0..=MOST_BITS, "";
         /// Whether to send parameters of single movements, such as `v2/JawOpen`.
         shapes: bool = true, (), "";
         /// Whether to send parameters that stand for several movements, such as `v2/SmileFrown`.

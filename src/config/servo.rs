@@ -6,13 +6,12 @@ use super::{
     section::{Section, section, write_setting},
     value::{Choice, SerialDevice, Value},
 };
+use crate::link::maestro::COMMAND_BYTES;
 use crate::link::pca9685::Place;
 use crate::servo::{AtLoss, Ends, Gains, Limits, Mapping, SOURCE_COUNT, SOURCE_NAMES};
 
 /// Bounds of a gain, which the sum of a channel has for each source.
 const GAINS: std::ops::RangeInclusive<f32> = -10.0..=10.0;
-/// Longest command to a Maestro for one channel: 0xAA, device, command, channel, two bytes, CRC.
-const MAESTRO_COMMAND_BYTES: usize = 7;
 /// Highest baud rate of a Maestro.
 pub(super) const MOST_MAESTRO_BAUD: u32 = 200_000;
 /// The key of the channels of a link.
@@ -82,13 +81,20 @@ impl Sources {
     }
 }
 
+impl Sources {
+    /// The gain of the source of this name, if there is one.
+    fn gain(&mut self, source: &str) -> Option<&mut f32> {
+        SOURCE_NAMES.iter().zip(&mut self.0).find(|(name, _)| **name == source).map(|(_, gain)| gain)
+    }
+}
+
 impl Section for Sources {
     fn keys(&self) -> &'static [&'static str] {
         &SOURCE_NAMES
     }
 
     fn set(&mut self, key: &str, value: &DeValue<'_>) -> Result<(), String> {
-        if let Some((_, gain)) = SOURCE_NAMES.iter().zip(&mut self.0).find(|(name, _)| **name == key) {
+        if let Some(gain) = self.gain(key) {
             *gain = f32::read(value, &GAINS).ok_or_else(|| f32::expected(&GAINS))?;
         }
         Ok(())
@@ -103,12 +109,9 @@ impl ChannelSettings {
     /// A jaw.
     pub(super) fn example() -> Self {
         let mut jaw = Self::default();
-        jaw.sources
-            .0
-            .iter_mut()
-            .zip(SOURCE_NAMES)
-            .filter(|(_, name)| *name == "jawOpen")
-            .for_each(|(gain, _)| *gain = 1.0);
+        if let Some(gain) = jaw.sources.gain("jawOpen") {
+            *gain = 1.0;
+        }
         jaw
     }
 
@@ -225,7 +228,7 @@ impl<B: Section> Section for WithChannels<B> {
 impl MaestroSettings {
     /// Length of a message, bytes: a command for each channel, in the longer of both protocols and with a CRC.
     pub(super) fn message_bytes(&self) -> usize {
-        MAESTRO_COMMAND_BYTES * self.channels.len().max(1)
+        COMMAND_BYTES * self.channels.len().max(1)
     }
 }
 

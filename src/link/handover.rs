@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use super::background::Shared;
 
 /// How long a new link waits in silence for the link that it replaces to close the device.
-const HANDOVER: Duration = Duration::from_secs(2);
+pub const HANDOVER: Duration = Duration::from_secs(2);
 /// Time between two attempts to claim the device during a handover.
 const RETRY_PERIOD: Duration = Duration::from_millis(2);
 

@@ -19,7 +19,7 @@ use crate::config::MaestroSettings;
 use crate::servo::{Channel, values};
 
 /// Longest command for one channel: 0xAA, device, command, channel, two bytes, CRC.
-const COMMAND_BYTES: usize = 7;
+pub const COMMAND_BYTES: usize = 7;
 /// Length of the answer to [`Code::GetErrors`].
 pub const ANSWER_BYTES: usize = 2;
 
@@ -32,7 +32,8 @@ pub const SILENCE: &str = "the Maestro does not answer: set its serial mode to \
 #[derive(Debug)]
 pub struct Maestro {
     protocol: Protocol,
-    device_number: u8,
+    /// The Pololu protocol, whatever that of the link is.
+    pololu: Protocol,
     read_errors: bool,
     /// In the order of their numbers.
     channels: Vec<Channel>,
@@ -53,7 +54,7 @@ impl Maestro {
         channels.sort_by_key(|channel| channel.number);
         Self {
             protocol: Protocol::new(board),
-            device_number: number(board.device_number),
+            pololu: Protocol::pololu(board),
             read_errors: board.read_errors,
             targets: vec![0; channels.len()],
             blocks: blocks(&channels, board.multiple_targets),
@@ -129,8 +130,7 @@ impl Format for Maestro {
     /// discarded.
     fn preamble(&self) -> Vec<u8> {
         let mut out = Vec::new();
-        let pololu = Protocol { device_number: Some(self.device_number), ..self.protocol };
-        pololu.write(&mut out, Code::GetErrors, []);
+        self.pololu.write(&mut out, Code::GetErrors, []);
         self.limits(&mut out);
         out
     }

@@ -93,7 +93,14 @@ impl Destination {
     /// # Errors
     /// Returns an error if the system refuses a socket.
     pub fn new(address: &Address, receiver: SocketAddr) -> Result<Self, LinkError> {
-        let socket = socket_for(receiver).map_err(|error| LinkError::Socket { address: address.to_string(), error })?;
+        let may_broadcast = |socket: UdpSocket| {
+            if receiver.is_ipv4() {
+                socket.set_broadcast(true)?;
+            }
+            Ok(socket)
+        };
+        let socket = socket_for(receiver).and_then(may_broadcast);
+        let socket = socket.map_err(|error| LinkError::Socket { address: address.to_string(), error })?;
         Ok(Self { socket, receiver })
     }
 }
@@ -119,15 +126,13 @@ fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
     address.as_str().to_socket_addrs().map(Iterator::collect)
 }
 
-fn socket_for(receiver: SocketAddr) -> io::Result<UdpSocket> {
+/// Opens a socket for datagrams to this receiver that never blocks.
+pub fn socket_for(receiver: SocketAddr) -> io::Result<UdpSocket> {
     let socket = match receiver {
         SocketAddr::V4(_) => UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?,
         SocketAddr::V6(_) => UdpSocket::bind((Ipv6Addr::UNSPECIFIED, 0))?,
     };
     socket.set_nonblocking(true)?;
-    if receiver.is_ipv4() {
-        socket.set_broadcast(true)?;
-    }
     Ok(socket)
 }
 

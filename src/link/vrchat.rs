@@ -46,13 +46,11 @@ pub struct Vrchat {
 impl Vrchat {
     pub fn new(settings: &VrchatSettings) -> Self {
         let wanted = PARAMETERS.iter().filter_map(|parameter| Value::new(parameter, settings));
-        let native = |address| Numbers { message: message(address, vec![OscType::Float(0.0)]), sent: [f32::NAN; 4] };
-        let closed = native("/tracking/eye/EyesClosedAmount");
-        let gaze = message("/tracking/eye/LeftRightPitchYaw", vec![OscType::Float(0.0); 4]);
+        let native = [("/tracking/eye/EyesClosedAmount", 1), ("/tracking/eye/LeftRightPitchYaw", 4)];
         Self {
             values: wanted.collect(),
             status: STATUS.map(|name| Flag::new(format!("/avatar/parameters/{name}"))),
-            native_eyes: settings.native_eyes.then_some([closed, Numbers { message: gaze, sent: [f32::NAN; 4] }]),
+            native_eyes: settings.native_eyes.then(|| native.map(|(address, count)| Numbers::new(address, count))),
             bundles: Bundles::new(),
             gaze: Gaze::default(),
             refreshed: None,
@@ -110,6 +108,11 @@ struct Numbers {
 }
 
 impl Numbers {
+    /// A message of so many numbers, none of which was sent yet.
+    fn new(address: &str, count: usize) -> Self {
+        Self { message: message(address, vec![OscType::Float(0.0); count]), sent: [f32::NAN; 4] }
+    }
+
     /// Sends the numbers if one has changed by a step of `scale`.
     fn follow(&mut self, numbers: &[f32], scale: f32, out: &mut Sink<'_, '_>) {
         let is_same = self.sent.iter().zip(numbers).all(|(sent, now)| (sent - now).abs() < STEP * scale);
@@ -166,8 +169,7 @@ impl Value {
         let flag = |ending: &str| Flag::new(format!("{address}{ending}"));
         let bits = (bits > 0)
             .then(|| (flag("Negative"), (0..bits).map(|bit| flag(&(1_u32 << bit).to_string())).collect::<Vec<_>>()));
-        let number = number
-            .then(|| Numbers { message: message(address.clone(), vec![OscType::Float(0.0)]), sent: [f32::NAN; 4] });
+        let number = number.then(|| Numbers::new(&address, 1));
         (number.is_some() || bits.is_some()).then_some(Self { compute: parameter.value, number, bits })
     }
 

@@ -113,11 +113,7 @@ fn announce(address: SocketAddr, token: Option<&Token>, hint: &Hint) -> Result<(
     }
     lines.extend(urls.iter().map(|url| format!("Open {url} in a browser.")));
     lines.push(format!("Waiting for packets at {}. Ctrl-C ends.", hint.place));
-    let text = lines.join(
-        "
-",
-    ) + "
-";
+    let text = lines.join("\n") + "\n";
     match io::stdout().write_all(text.as_bytes()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Output(error)),
         _ => Ok(()),

@@ -5,7 +5,7 @@ mod common;
 
 use std::fs;
 
-use common::{Sending, Viewer, packet};
+use common::{Sending, Viewer, memory_kb, packet};
 
 /// Ticks of a second in `/proc/PID/stat`.
 const TICKS_HZ: f64 = 100.0;
@@ -15,11 +15,6 @@ fn cpu_s(pid: u32) -> f64 {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
     let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
     fields[11..13].iter().map(|ticks| ticks.parse::<f64>().unwrap()).sum::<f64>() / TICKS_HZ
-}
-
-fn peak_kb(pid: u32) -> u64 {
-    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
-    status.lines().find(|line| line.starts_with("VmHWM")).unwrap().split_whitespace().nth(1).unwrap().parse().unwrap()
 }
 
 #[test]
@@ -36,10 +31,10 @@ fn at_60_packets_a_second_and_one_page_it_takes_little_of_a_core_and_of_memory()
     println!(
         "program {:.1} MB, peak memory {:.1} MB, {:.2} % of a core at {:.0} packets a second",
         program as f64 / 1e6,
-        peak_kb(viewer.pid()) as f64 / 1e3,
+        memory_kb(viewer.pid(), "VmHWM") as f64 / 1e3,
         100.0 * share,
         600.0 / span_s
     );
-    assert!(share < 0.1 && peak_kb(viewer.pid()) < 24_000);
+    assert!(share < 0.1 && memory_kb(viewer.pid(), "VmHWM") < 24_000);
     drop(sending);
 }

@@ -11,7 +11,7 @@ use std::{
     process::Output,
 };
 
-use common::{Sending, Viewer, command, packet};
+use common::{Sending, Viewer, command, memory_kb, packet};
 use facewire_packet::{Packet, State};
 use rustix::{
     fs::{Mode, OFlags},
@@ -132,9 +132,13 @@ fn a_browser_that_never_reads_delays_nobody_and_takes_no_memory() {
         .collect();
     let mut events = viewer.events();
     events.until(|event| event["packets"].as_u64() > Some(60));
-    let before = resident_kb(viewer.pid());
+    let before = memory_kb(viewer.pid(), "VmRSS");
     let counted = events.until(|event| event["packets"].as_u64() > Some(600));
-    assert!(resident_kb(viewer.pid()) < before + 4096, "{before} KB before, {} KB after", resident_kb(viewer.pid()));
+    assert!(
+        memory_kb(viewer.pid(), "VmRSS") < before + 4096,
+        "{before} KB before, {} KB after",
+        memory_kb(viewer.pid(), "VmRSS")
+    );
     sending.show(packet(&[("jawOpen", 0.75)]));
     let shown = events.until(|event| is_shown(event, 17, 0.75));
     let late = shown["packets"].as_u64().unwrap() - counted["packets"].as_u64().unwrap();
@@ -259,13 +263,6 @@ fn the_state_and_the_reason_are_named() {
     let event = events.until(|event| event["packet"].is_object());
     assert_eq!((&event["packet"]["state"], &event["packet"]["reason"]), (&"hold".into(), &"no camera".into()));
     drop(sending);
-}
-
-/// Returns the resident memory of a process.
-fn resident_kb(pid: u32) -> u64 {
-    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
-    let line = status.lines().find(|line| line.starts_with("VmRSS")).unwrap();
-    line.split_whitespace().nth(1).unwrap().parse().unwrap()
 }
 
 /// Returns one end of a pseudo-terminal, and the name of the other, which passes bytes on unchanged.

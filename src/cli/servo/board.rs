@@ -47,7 +47,7 @@ impl Board {
         let tty = open_port(&device, board.baud, PATIENCE).map_err(refused)?;
         let mut maestro = Self::Maestro { tty, device, protocol: Protocol::new(board), channel };
         if board.read_errors {
-            maestro.ask(board.device_number)?;
+            maestro.ask(board)?;
         }
         let [low, high] = data(speed(SPEED_US_PER_S));
         maestro.command(Code::SetSpeed, [channel, low, high])?;
@@ -56,12 +56,11 @@ impl Board {
 
     /// Asks a Maestro for its errors, to check that it answers. The errors are ignored, because they are older than
     /// this command.
-    fn ask(&mut self, device_number: u32) -> Result<(), Failure> {
+    fn ask(&mut self, board: &MaestroBoard) -> Result<(), Failure> {
         let Self::Maestro { tty, device, protocol, .. } = self else { return Ok(()) };
         let mut question = Vec::new();
         // A Maestro that detects its baud rate needs a command of this protocol first.
-        let pololu = Protocol { device_number: u8::try_from(device_number).ok(), ..*protocol };
-        for protocol in [pololu, *protocol] {
+        for protocol in [Protocol::pololu(board), *protocol] {
             protocol.write(&mut question, Code::GetErrors, []);
         }
         let _ = tty.clear(ClearBuffer::Input);

@@ -28,12 +28,6 @@ impl From<&str> for Text {
     }
 }
 
-impl fmt::Display for Text {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
 impl Value for Text {
     /// The least and the greatest number of characters.
     type Bounds = std::ops::RangeInclusive<usize>;
@@ -148,7 +142,7 @@ impl Value for Parameters {
 }
 
 /// Most bits of a binary parameter.
-const MOST_BITS: u32 = 8;
+pub(in crate::config) const MOST_BITS: u32 = 8;
 
 /// An address of this machine at which a link listens, or none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

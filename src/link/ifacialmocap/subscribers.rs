@@ -10,7 +10,7 @@ mod places;
 
 use std::{
     io::{self, ErrorKind},
-    net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket},
+    net::{SocketAddr, UdpSocket},
     sync::{
         Arc,
         atomic::{AtomicBool, AtomicU32, Ordering::Relaxed},
@@ -23,6 +23,8 @@ use triple_buffer::{Output as Newest, triple_buffer};
 
 use self::places::Places;
 use crate::config::IFacialMocapSettings;
+use crate::link::handover::HANDOVER;
+use crate::link::udp::socket_for;
 use crate::link::{Carrier, LinkError, Traffic, UdpCarrier};
 use crate::retry::Retry;
 
@@ -34,8 +36,6 @@ const SECOND: &[u8] = b"|sendDataVersion=v2";
 const LONGEST: usize = 2048;
 /// Time between two checks whether receivers are still there.
 const LOOK: Duration = Duration::from_millis(500);
-/// How long a new link waits in silence for the link that it replaces to close the port.
-const HANDOVER: Duration = Duration::from_secs(2);
 /// Time between two attempts to bind the port during a handover.
 const BIND_RETRY_PERIOD: Duration = Duration::from_millis(20);
 
@@ -75,9 +75,7 @@ struct Subscriber {
 
 impl Subscriber {
     fn open(receiver: SocketAddr, version: Version) -> io::Result<Self> {
-        let any: IpAddr = if receiver.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() };
-        let socket = UdpSocket::bind((any, 0))?;
-        socket.set_nonblocking(true)?;
+        let socket = socket_for(receiver)?;
         socket.connect(receiver)?;
         let subscriber = Self { socket, is_second: AtomicBool::default(), refusals: AtomicU32::default() };
         subscriber.choose(version);

@@ -43,8 +43,14 @@ impl Protocol {
     /// The protocol of a link with these settings.
     #[must_use]
     pub fn new(board: &MaestroBoard) -> Self {
-        let device_number = u8::try_from(board.device_number).ok();
-        Self { device_number: device_number.filter(|_| board.protocol == MaestroProtocol::Pololu), crc: board.crc }
+        let pololu = Self::pololu(board);
+        Self { device_number: pololu.device_number.filter(|_| board.protocol == MaestroProtocol::Pololu), ..pololu }
+    }
+
+    /// The Pololu protocol to this device, whatever the protocol of its link is.
+    #[must_use]
+    pub fn pololu(board: &MaestroBoard) -> Self {
+        Self { device_number: u8::try_from(board.device_number).ok(), crc: board.crc }
     }
 
     /// Appends a command with these data, whose bytes are below 0x80.

@@ -192,3 +192,10 @@ impl Sending {
         self.poses.send(packet).unwrap();
     }
 }
+
+/// Returns a line of `/proc/PID/status`, such as `VmRSS`, in KB.
+pub fn memory_kb(pid: u32, key: &str) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let line = status.lines().find(|line| line.starts_with(key)).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse().unwrap()
+}

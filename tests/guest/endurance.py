@@ -105,6 +105,15 @@ class Serial(Device):
             file.write(controller + "\n")
 
 
+def first_packet_again(service, board, gone):
+    """Waits until the service has opened the line that was `gone`; returns the time of the first packet since then.
+
+    The board may read a packet after the line is gone that was sent before, so packets alone do not show the return.
+    """
+    opened = await_that("the link opens", lambda: service.logged_since(gone, "link opened"))
+    return await_that("a packet by the serial port", lambda: board.first_since(opened))
+
+
 # When the service lost the camera, and when it had the camera again.
 Absence = namedtuple("Absence", "lost opened")
 
@@ -170,8 +179,7 @@ class Bench:
     def await_serial(self, gone):
         """Waits until packets come by the serial port that was `gone`."""
         there = self.serial.appeared()
-        back = await_that("a packet by the serial port", lambda: self.board.first_since(gone))
-        self.serial_back_s.append(back - there)
+        self.serial_back_s.append(first_packet_again(self.service, self.board, gone) - there)
 
     def round(self, number):
         """Unplugs both and plugs them in again."""

@@ -5,6 +5,9 @@ root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 cache=${XDG_CACHE_HOME:-$HOME/.cache}/facewire
 target_folder=$(realpath --canonicalize-missing -- "${CARGO_TARGET_DIR:-$root/target}")
 program=${0##*/}
+# The programs that boards get.
+# shellcheck disable=SC2034 # The scripts that source this file use it.
+shipped=(facewire facewire-view)
 
 say() { printf '%s: %s\n' "$program" "$*"; }
 
@@ -49,6 +52,16 @@ use_target_compiler() {
     leave_folders_out
     export "CARGO_TARGET_${triple_in_variables}_LINKER=$gnu_linker"
     own_compiler_has_target || export RUSTC=$toolchain/rustc
+}
+
+# build_programs FEATURES OPTION...: builds the programs that boards get with these options of cargo, and facewire with this
+# option for its features. Cargo builds each by itself, so that what one needs is not in the other.
+build_programs() {
+    local features=$1
+    shift
+    (cd "$root" && export CARGO_TARGET_DIR=$target_folder &&
+        cargo build --locked --package facewire --bin facewire ${features:+"$features"} "$@" &&
+        cargo build --locked --package facewire-view "$@")
 }
 
 # make_sysroot FOLDER: writes the files that an emulated program sees in place of those of this PC: the C library of the

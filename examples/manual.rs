@@ -1,10 +1,14 @@
-//! Writes the manual pages and the shell completions of `facewire` into a folder. They come from the definitions with which
-//! the program reads its arguments, so they cannot differ from it. `scripts/package` runs this program.
+//! Writes the manual pages and the shell completions of `facewire` and `facewire-view` into a folder. They come from the
+//! definitions with which the programs read their arguments, so they cannot differ from them. `scripts/package` runs this
+//! program.
+
+#[path = "../view/src/args.rs"]
+mod view;
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, io};
 
-use clap::Command;
+use clap::{Command, CommandFactory as _};
 use clap_complete::{Shell, generate_to};
 use clap_mangen::Man;
 
@@ -12,18 +16,21 @@ fn main() -> io::Result<()> {
     let usage = || io::Error::new(io::ErrorKind::InvalidInput, "usage: manual FOLDER");
     let folder = PathBuf::from(env::args_os().nth(1).ok_or_else(usage)?);
     fs::create_dir_all(&folder)?;
-    for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
-        generate_to(shell, &mut facewire::cli::command(), "facewire", &folder)?;
+    for command in [facewire::cli::command(), view::Args::command()] {
+        for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
+            generate_to(shell, &mut command.clone(), command.get_name(), &folder)?;
+        }
+        let mut command = command.disable_help_subcommand(true);
+        command.build();
+        command.get_subcommands().try_for_each(|subcommand| write_page(subcommand, &folder))?;
+        write_page(&command, &folder)?;
     }
-    let mut command = facewire::cli::command().disable_help_subcommand(true);
-    command.build();
-    command.get_subcommands().try_for_each(|subcommand| write_page(subcommand, &folder))?;
-    write_page(&command, &folder)
+    Ok(())
 }
 
 /// Writes the page of a command.
 fn write_page(command: &Command, folder: &Path) -> io::Result<()> {
-    let name = command.get_display_name().unwrap_or("facewire");
+    let name = command.get_display_name().unwrap_or(command.get_name());
     let page = Man::new(command.clone()).manual("facewire").source(concat!("facewire ", env!("CARGO_PKG_VERSION")));
     let mut text = Vec::new();
     page.render(&mut text)?;

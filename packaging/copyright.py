@@ -3,7 +3,7 @@
 
 copyright.py TARGET [CARGO-OPTION]...
 
-packaging/copyright names the works that are no Rust packages. For every Rust package that is linked into the program, this
+packaging/copyright names the works that are no Rust packages. For every Rust package that is linked into a program, this
 adds its licence and its copyright holders. Where a package offers several licences, it is distributed under the first of
 PREFERRED that it offers. A package whose licence is not known here ends the script: add the licence then.
 """
@@ -15,8 +15,10 @@ import subprocess
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
+PROGRAMS = ["facewire", "facewire-view"]
 # Licences by their names in Cargo.toml, with Debian's names for them.
-PREFERRED = {"MIT": "Expat", "Apache-2.0": "Apache-2.0", "MPL-2.0": "MPL-2.0", "ISC": "ISC"}
+PREFERRED = {"MIT": "Expat", "Apache-2.0": "Apache-2.0", "MPL-2.0": "MPL-2.0", "ISC": "ISC",
+             "BSD-3-Clause": "BSD-3-clause-of-holders"}
 COMMON = "On Debian systems the full text is in /usr/share/common-licenses/{}."
 COPYRIGHT = re.compile(r"^\W*copyright\s*(?:\(c\)|©)?\s*((?:[0-9]+[^\w\n]+|the ).*?)[\s.,;]*$", re.IGNORECASE | re.MULTILINE)
 # Holders of the texts of licences themselves.
@@ -34,11 +36,13 @@ def cargo(*arguments):
 
 
 def linked_packages(target, options):
-    """Returns the packages whose code is in the program, sorted by name: those that `facewire` depends on when it runs."""
-    tree = cargo("tree", "--package=facewire", "--edges=normal,no-proc-macro", f"--target={target}", "--prefix=none",
-                 "--format={p}", *options)
-    # A line is a name, a version, and remarks in brackets.
-    linked = {tuple(line.split(" ")[:2]) for line in tree.splitlines() if line}
+    """Returns the packages whose code is in a program, sorted by name: those that the programs depend on when they run."""
+    linked = set()
+    for program in PROGRAMS:
+        tree = cargo("tree", f"--package={program}", "--edges=normal,no-proc-macro", f"--target={target}", "--prefix=none",
+                     "--format={p}", *options)
+        # A line is a name, a version, and remarks in brackets.
+        linked |= {tuple(line.split(" ")[:2]) for line in tree.splitlines() if line}
     found = json.loads(cargo("metadata", "--format-version=1", f"--filter-platform={target}"))["packages"]
     packages = [one for one in found if one["source"] and (one["name"], "v" + one["version"]) in linked]
     return sorted(packages, key=lambda package: (package["name"], package["version"]))
@@ -100,9 +104,10 @@ def texts(packages):
     }
     for name in ("Apache-2.0", "MPL-2.0", "GPL-3"):
         found[name] = COMMON.format(name)
-    isc = [package for package in packages if licence_of(package) == "ISC"]
-    if isc:
-        found["ISC"] = section(files_of(isc[0], "LICENSE*")[0].read_text("utf-8"), "Permission to use", None)
+    for name, first in (("ISC", "Permission to use"), ("BSD-3-clause-of-holders", "Redistribution and use")):
+        for package in packages:
+            if licence_of(package) == name:
+                found[name] = section(files_of(package, "LICENSE*")[0].read_text("utf-8"), first, None)
     return found
 
 
@@ -119,7 +124,7 @@ def main():
             ("License", [licence_of(package)]),
         ]
         if package["repository"]:
-            fields.append(("Comment", [f"Linked into the program. Source: {package['repository']}"]))
+            fields.append(("Comment", [f"Linked into a program. Source: {package['repository']}"]))
         parts.append(paragraph(*fields))
     used = set(re.findall(r"^License: (.*)$", "\n".join(parts), re.MULTILINE))
     used = {name for names in used for name in re.split(r" or | and ", names)}

@@ -34,7 +34,7 @@ section! {
         /// Filter of the direction in which the eyes look (eyeLook). It takes the values of `lids`.
         gaze: FilterKind = FilterKind::Kalman, (), "";
         /// Time of this filter.
-        gaze_ms: u32 = 260, 0..=350, " (ms)";
+        gaze_ms: u32 = 200, 0..=350, " (ms)";
         /// Filter of the brows.
         brows: FilterKind = FilterKind::GatedAverage, (), "";
         /// Time of this filter.

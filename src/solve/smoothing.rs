@@ -7,6 +7,10 @@ use super::{
     noise_level::NoiseLevel,
 };
 
+/// Level of noise beyond which the filters of coefficients do not follow it. A higher one leaves less jitter in the dark, and
+/// takes more of fast expressions in noisy pictures. The head has no such bound: what it does is larger than its noise.
+const MOST_NOISE: f32 = 2.0;
+
 /// Coefficients ready to be sent, each within `0..=1`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Smoothed(pub [f32; COEFFS]);
@@ -117,9 +121,10 @@ impl Filters {
         dt_s: f32,
     ) -> (Smoothed, HeadPose) {
         let level = state.noise.step(&corrected.0, dt_s);
+        let for_coefficients = level.min(MOST_NOISE);
         let mut out = corrected.0;
         for (value, (filter, state)) in out.iter_mut().zip(self.coefficients.iter().zip(&mut state.coefficients)) {
-            [*value] = filter.in_noise(level).step(state, [*value], dt_s);
+            [*value] = filter.in_noise(for_coefficients).step(state, [*value], dt_s);
         }
         (Smoothed(out), self.head.in_noise(level).step(&mut state.head, head, dt_s))
     }

@@ -10,7 +10,7 @@ use facewire::{
     pipeline::Pipeline,
     playback::{Face, Playback, Shown, neutral_of},
     preflight::shaping,
-    solve::{Camera, Model, NeutralMode, Profile, Solver},
+    solve::{BLENDSHAPES, Camera, Group, Model, NeutralMode, Profile, Solver},
 };
 
 use crate::{
@@ -27,6 +27,8 @@ const NEUTRAL_FRAMES: u64 = 15;
 /// The part that is judged, and the one before it.
 const JUDGED: &str = "judged";
 const TALK: &str = "talk";
+/// A frame with a coefficient above this, other than of the gaze, is not at rest.
+const EXPRESSION: f64 = 0.25;
 /// Frames before a part that filters see, too.
 const LEAD_IN: usize = 30;
 /// Time between frames.
@@ -43,6 +45,8 @@ pub enum Knowledge {
     Nothing,
     /// What was found while the wearer talked.
     Watched,
+    /// What was found while a wearer talked who is never at rest.
+    Restless,
     /// The neutral face.
     Neutral,
     /// The result of a guided calibration.
@@ -53,11 +57,12 @@ pub enum Knowledge {
 
 impl Knowledge {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Nothing, Self::Watched, Self::Neutral, Self::Calibrated, Self::Smiled];
+    pub const ALL: [Self; 6] =
+        [Self::Nothing, Self::Watched, Self::Restless, Self::Neutral, Self::Calibrated, Self::Smiled];
 
     /// The name in tables.
     pub fn name(self) -> &'static str {
-        ["nothing", "watched", "neutral face", "calibrated", "smiled"][self as usize]
+        ["nothing", "watched", "never at rest", "neutral face", "calibrated", "smiled"][self as usize]
     }
 }
 
@@ -65,8 +70,8 @@ impl Knowledge {
 pub struct Learned {
     model: Model,
     profile: Profile,
-    /// Whether the solver learns while it watches.
-    watches: bool,
+    /// The frames before the judged part from which the solver learns while it watches.
+    minute: Vec<usize>,
 }
 
 /// The clip of a wearer.
@@ -98,14 +103,25 @@ impl Film {
     /// Learns what is to be known of the wearer.
     pub fn learn(&self, model: &Model, knowledge: Knowledge) -> Result<Learned> {
         let profile = match knowledge {
-            Knowledge::Nothing | Knowledge::Watched => Profile::default(),
+            Knowledge::Nothing | Knowledge::Watched | Knowledge::Restless => Profile::default(),
             Knowledge::Neutral => {
                 Profile { neutral: Some(neutral_of(&self.faces, &(0..NEUTRAL_FRAMES))?), ..Profile::default() }
             }
             Knowledge::Calibrated => self.calibrate(model, "neutral")?.unwrap_or_default(),
             Knowledge::Smiled => self.calibrate(model, "smile")?.unwrap_or_default(),
         };
-        Ok(Learned { model: model.clone(), profile, watches: knowledge == Knowledge::Watched })
+        let minute = match knowledge {
+            Knowledge::Watched => self.parts.of(TALK).collect(),
+            Knowledge::Restless => self.parts.of(TALK).filter(|frame| self.is_expression(*frame)).collect(),
+            _ => Vec::new(),
+        };
+        Ok(Learned { model: model.clone(), profile, minute })
+    }
+
+    /// Whether the wearer of this frame does not only look somewhere.
+    fn is_expression(&self, frame: usize) -> bool {
+        let coefficients = BLENDSHAPES.iter().zip(&self.truth.coefficients[frame]);
+        coefficients.filter(|(name, _)| Group::of(name) != Group::Gaze).any(|(_, value)| *value > EXPRESSION)
     }
 
     /// Guides the wearer through a calibration, in which frames of the part `at_rest` are shown for the neutral take. The
@@ -149,11 +165,9 @@ impl Film {
     pub fn show(&self, learned: &Learned, part: &str) -> Vec<Shown> {
         let frames = self.parts.of(part);
         let mut playback = learned.playback();
-        if learned.watches {
-            self.faces[self.parts.of(TALK)].iter().for_each(|face| _ = playback.show(face));
-        }
+        learned.minute.iter().for_each(|frame| _ = playback.show(&self.faces[*frame]));
         let lead_in = frames.start.saturating_sub(LEAD_IN)..frames.start;
-        let lead_in = if learned.watches && part == JUDGED { frames.start..frames.start } else { lead_in };
+        let lead_in = if learned.watches() && part == JUDGED { frames.start..frames.start } else { lead_in };
         self.faces[lead_in].iter().for_each(|face| _ = playback.show(face));
         self.faces[frames].iter().map(|face| playback.show(face)).collect()
     }
@@ -162,13 +176,18 @@ impl Film {
 impl Learned {
     /// Whether anything is known in advance.
     pub fn is_known(&self) -> bool {
-        self.watches || self.profile != Profile::default()
+        self.watches() || self.profile != Profile::default()
+    }
+
+    /// Whether the solver learns while it watches.
+    fn watches(&self) -> bool {
+        !self.minute.is_empty()
     }
 
     fn playback(&self) -> Playback {
         let settings = Settings::default();
         let mut solver = Solver::new(self.model.clone(), self.profile.clone(), shaping(&settings));
-        solver.neutral_mode = if self.watches { NeutralMode::Auto } else { NeutralMode::Off };
+        solver.neutral_mode = if self.watches() { NeutralMode::Auto } else { NeutralMode::Off };
         let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
         Playback::new(pipeline, &settings.failsafe)
     }

@@ -14,11 +14,11 @@ const MOST_SHUT: f32 = 0.3;
 /// `eyeBlinkLeft` and `eyeBlinkRight`.
 const LIDS: [usize; 2] = [0, 7];
 /// Distance of the outputs from their recent average at which a face no longer counts as still.
-const MOST_MOTION: f32 = 0.15;
+const MOST_MOTION: f32 = 0.2;
 /// Time constant of that average, seconds.
 const RECENT_S: f32 = 0.3;
 /// Time after which 63 % of a motion is forgotten, seconds. A mouth that speaks passes its average again and again.
-const CALM_S: f32 = 0.5;
+const CALM_S: f32 = 0.8;
 
 /// The recent outputs.
 #[derive(Debug, Clone, Default)]

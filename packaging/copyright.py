@@ -105,9 +105,11 @@ def texts(packages):
     for name in ("Apache-2.0", "MPL-2.0", "GPL-3"):
         found[name] = COMMON.format(name)
     for name, first in (("ISC", "Permission to use"), ("BSD-3-clause-of-holders", "Redistribution and use")):
-        for package in packages:
-            if licence_of(package) == name:
-                found[name] = section(files_of(package, "LICENSE*")[0].read_text("utf-8"), first, None)
+        files = [files_of(package, "LICENSE*")[0] for package in packages if licence_of(package) == name]
+        found_texts = {section(file.read_text("utf-8"), first, None) for file in files}
+        if len(found_texts) > 1:
+            fail(f"the texts of {name} differ: give each a name of its own")
+        found.update((name, text) for text in found_texts)
     return found
 
 

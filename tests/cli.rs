@@ -255,9 +255,8 @@ fn without_any_camera_check_says_so() {
 fn help_explains_every_subcommand_and_its_arguments() {
     let overview = Run::of(&mut facewire(["--help"])).succeeded().out;
     assert!(overview.contains("Examples:") && overview.contains("Exit status:"), "{overview}");
-    let subcommands =
-        ["run", "track", "calibrate", "record", "replay", "servo", "bench", "check", "devices", "defaults", "monitor"];
-    for command in subcommands {
+    let definition = facewire::cli::command();
+    for command in definition.get_subcommands().map(clap::Command::get_name) {
         assert!(overview.contains(&format!("\n  {command} ")), "{overview}");
         let help = Run::of(&mut facewire([command, "--help"])).succeeded().out;
         assert!(help.contains(&format!("Usage: facewire {command}")), "{help}");

@@ -19,10 +19,11 @@ use crate::judge::{
 
 /// Arguments of `wearers`.
 #[derive(Debug, Args)]
-#[command(after_help = "The clips are of people whom no fit has seen. All rows are judged on the same 20 seconds.
+#[command(after_help = "The clips are of people whom no fit has seen, but what counts as at rest was chosen on such
+clips. All rows are judged on the same 20 seconds.
   nothing             the mean face of many people
   watched             what facewire has found while it watched the minute before
-  never at rest       the same, without the frames of that minute in which the face is at rest
+  never at rest       the same of a wearer who holds the last expression instead of being at rest
   neutral face        the mean of half a second at rest is taken as the neutral face
   calibrated          the guided calibration
   smiled              the guided calibration of a wearer who smiles when asked for a neutral face. Where it is

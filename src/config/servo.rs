@@ -79,9 +79,7 @@ impl Sources {
     pub(super) fn used(&self) -> impl Iterator<Item = (&'static str, f32)> {
         SOURCE_NAMES.into_iter().zip(self.0).filter(|(_, gain)| *gain != 0.0)
     }
-}
 
-impl Sources {
     /// The gain of the source of this name, if there is one.
     fn gain(&mut self, source: &str) -> Option<&mut f32> {
         SOURCE_NAMES.iter().zip(&mut self.0).find(|(name, _)| **name == source).map(|(_, gain)| gain)

@@ -42,8 +42,8 @@ const MOST_TURN: f32 = 6.0;
 /// Shorter times between frames count as this one, seconds, because frames in quick succession show some jitter, too.
 const SHORTEST_JUMP_S: f32 = 0.033;
 /// Evidence at which the reference is half the wearer's, seconds at full weight. Landmarks are so steady that a few
-/// frames are a good mean, even of faces that are only nearly at rest. `facewire-fit wearers` shows what wearers teach who
-/// are never at rest.
+/// frames are a good mean, even of faces that are only nearly at rest. `facewire-fit wearers` shows what is
+/// learned from wearers who are never at rest.
 const HALF_EVIDENCE_S: f32 = 0.005;
 /// Evidence that is remembered, seconds at full weight. Later frames replace it little by little.
 const MEMORY_S: f32 = 30.0;

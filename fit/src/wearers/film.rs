@@ -70,7 +70,7 @@ impl Knowledge {
 pub struct Learned {
     model: Model,
     profile: Profile,
-    /// The frames before the judged part from which the solver learns while it watches.
+    /// The frames that the solver watches in place of those of the talk, to learn from them; none if it does not learn.
     minute: Vec<usize>,
 }
 
@@ -112,10 +112,20 @@ impl Film {
         };
         let minute = match knowledge {
             Knowledge::Watched => self.parts.of(TALK).collect(),
-            Knowledge::Restless => self.parts.of(TALK).filter(|frame| self.is_expression(*frame)).collect(),
+            Knowledge::Restless => self.without_rest(self.parts.of(TALK)),
             _ => Vec::new(),
         };
         Ok(Learned { model: model.clone(), profile, minute })
+    }
+
+    /// Frames in which the wearer holds the last expression instead of being at rest.
+    fn without_rest(&self, frames: Range<usize>) -> Vec<usize> {
+        let mut last = frames.clone().find(|frame| self.is_expression(*frame)).unwrap_or(frames.start);
+        let mut hold = |frame| {
+            last = if self.is_expression(frame) { frame } else { last };
+            last
+        };
+        frames.map(&mut hold).collect()
     }
 
     /// Whether the wearer of this frame does not only look somewhere.
@@ -165,7 +175,11 @@ impl Film {
     pub fn show(&self, learned: &Learned, part: &str) -> Vec<Shown> {
         let frames = self.parts.of(part);
         let mut playback = learned.playback();
-        learned.minute.iter().for_each(|frame| _ = playback.show(&self.faces[*frame]));
+        for (frame, watched) in self.parts.of(TALK).zip(&learned.minute) {
+            let mut face = self.faces[*watched].clone();
+            face.time_us = self.faces[frame].time_us;
+            playback.show(&face);
+        }
         let lead_in = frames.start.saturating_sub(LEAD_IN)..frames.start;
         let lead_in = if learned.watches() && part == JUDGED { frames.start..frames.start } else { lead_in };
         self.faces[lead_in].iter().for_each(|face| _ = playback.show(face));

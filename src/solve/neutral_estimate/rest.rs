@@ -11,6 +11,9 @@ const MOST_TURN: [f32; 2] = [0.3, 0.4];
 const MOST_OUTPUT: f32 = 0.45;
 /// Output of `eyeBlink` at which an eye no longer counts as open.
 const MOST_SHUT: f32 = 0.3;
+/// A frame that is less sure than this says nothing, however many of them there are: a mouth that speaks is nearly shut
+/// again and again.
+const LEAST_WEIGHT: f32 = 0.05;
 /// `eyeBlinkLeft` and `eyeBlinkRight`.
 const LIDS: [usize; 2] = [0, 7];
 /// Distance of the outputs from their recent average at which a face no longer counts as still.
@@ -41,7 +44,8 @@ impl RestWatch {
             (shut, MOST_SHUT),
             (motion, MOST_MOTION),
         ];
-        parts.iter().map(|(value, most)| sureness(value / most)).product()
+        let weight = parts.iter().map(|(value, most)| sureness(value / most)).product();
+        if weight < LEAST_WEIGHT { 0.0 } else { weight }
     }
 
     /// The largest recent distance of the outputs from their average, which fades. The first frame counts as moving.

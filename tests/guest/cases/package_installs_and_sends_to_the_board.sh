@@ -9,7 +9,8 @@ install_package facewire.deb
 [ "$(systemctl is-enabled facewire)" = disabled ] || fail "after the installation it is $(systemctl is-enabled facewire)"
 [ "$(property ActiveState)" = inactive ] || fail "after the installation it is $(property ActiveState)"
 facewire --version
-for file in man/man1/facewire-run.1.gz man/man1/facewire-view.1.gz bash-completion/completions/facewire doc/facewire/copyright facewire/defaults.toml; do
+for file in man/man1/facewire-run.1.gz man/man1/facewire-view.1.gz bash-completion/completions/facewire \
+    doc/facewire/copyright facewire/defaults.toml; do
     [ -s /usr/share/$file ] || fail "no /usr/share/$file"
 done
 facewire defaults | cmp - /usr/share/facewire/defaults.toml || fail 'the defaults differ from those of the program'

@@ -28,7 +28,7 @@ use serde_json::Value;
 
 /// The frame of the built-in clip that the document shows: its number, the head's rotation, and where the eyes look.
 const FRAME: usize = 33;
-const ROTATION: [f32; 4] = [0.055_930, 0.114_186, 0.033_462, 0.991_319];
+const ROTATION: [f32; 4] = [0.054_423, 0.119_717, 0.035_425, 0.990_682];
 const LOOK: [(&str, f32); 8] = [
     ("eyeLookDownLeft", 0.235),
     ("eyeLookInLeft", 0.041),

@@ -10,7 +10,7 @@ use super::{
 };
 
 /// Size of a turn that is no longer small. The distance of two unit quaternions is half of the angle in radians.
-const SMALL_TURN: f32 = 0.5 * 0.025;
+const SMALL_TURN: f32 = 0.5 * 0.03;
 /// Size of a movement that is no longer small, millimetres. The depth is the noisiest of the three coordinates.
 const SMALL_MOVE_MM: f32 = 5.0;
 

@@ -7,10 +7,6 @@ use super::{
     noise_level::NoiseLevel,
 };
 
-/// Level of noise beyond which the filters of coefficients do not follow it. A higher one leaves less jitter in the dark, and
-/// takes more of fast expressions in noisy pictures. The head follows it further, because its movements are larger than its noise.
-const MOST_NOISE: f32 = 2.0;
-
 /// Coefficients ready to be sent, each within `0..=1`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Smoothed(pub [f32; COEFFS]);
@@ -121,43 +117,17 @@ impl Filters {
         dt_s: f32,
     ) -> (Smoothed, HeadPose) {
         let level = state.noise.step(&corrected.0, dt_s);
-        let for_coefficients = level.min(MOST_NOISE);
         let mut out = corrected.0;
         for (value, (filter, state)) in out.iter_mut().zip(self.coefficients.iter().zip(&mut state.coefficients)) {
-            [*value] = filter.in_noise(for_coefficients).step(state, [*value], dt_s);
+            [*value] = filter.in_noise(level).step(state, [*value], dt_s);
         }
         (Smoothed(out), self.head.in_noise(level).step(&mut state.head, head, dt_s))
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::indexing_slicing)]
 mod tests {
     use super::*;
-
-    /// A coefficient that no other test moves.
-    const JAW_OPEN: usize = 17;
-
-    #[test]
-    fn strong_noise_doubles_what_is_small_for_coefficients_and_more_than_doubles_it_for_the_head() {
-        let filters = Filters::uniform(FilterKind::GatedAverage, 0.3);
-        let mut state = FiltersState::default();
-        let mut step = |frame: u16, jaw_open: f32, roll_deg: f32| {
-            // Everything but the jaw is thrown back and forth.
-            let mut values = [if frame.is_multiple_of(2) { 0.3 } else { 0.7 }; COEFFS];
-            values[JAW_OPEN] = jaw_open;
-            let half = (0.5 * roll_deg).to_radians();
-            let head = HeadPose::from_rotation([0.0, 0.0, half.sin(), half.cos()], [0.0; 3]);
-            filters.step(&mut state, &Corrected(values), &head, 1.0 / 30.0)
-        };
-        (0..90).for_each(|frame| _ = step(frame, 0.5, 0.0));
-        let small = Group::Jaw.small();
-        let (near, _) = step(90, 0.5 + 1.5 * small, 0.0);
-        assert!(near.0[JAW_OPEN] < 0.5 + small, "{}", near.0[JAW_OPEN]);
-        let (far, head) = step(91, 0.5 + 2.5 * small, 4.0);
-        assert!((far.0[JAW_OPEN] - 0.5 - 2.5 * small).abs() < 1e-6, "{}", far.0[JAW_OPEN]);
-        assert!(head.roll_deg < 1.0, "{}", head.roll_deg);
-    }
 
     #[test]
     fn every_blendshape_belongs_to_the_part_of_the_face_that_it_moves() {

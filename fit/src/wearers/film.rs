@@ -45,7 +45,7 @@ pub enum Knowledge {
     Nothing,
     /// What was found while the wearer talked.
     Watched,
-    /// What was found while a wearer talked who is never at rest.
+    /// The same of a wearer who is never at rest.
     Restless,
     /// The neutral face.
     Neutral,
@@ -121,14 +121,17 @@ impl Film {
     /// Frames in which the wearer holds the last expression instead of being at rest.
     fn without_rest(&self, frames: Range<usize>) -> Vec<usize> {
         let mut last = frames.clone().find(|frame| self.is_expression(*frame)).unwrap_or(frames.start);
-        let mut hold = |frame| {
-            last = if self.is_expression(frame) { frame } else { last };
-            last
-        };
-        frames.map(&mut hold).collect()
+        frames
+            .map(|frame| {
+                if self.is_expression(frame) {
+                    last = frame;
+                }
+                last
+            })
+            .collect()
     }
 
-    /// Whether the wearer of this frame does not only look somewhere.
+    /// Whether the face of this frame shows an expression. The gaze is none.
     fn is_expression(&self, frame: usize) -> bool {
         let coefficients = BLENDSHAPES.iter().zip(&self.truth.coefficients[frame]);
         coefficients.filter(|(name, _)| Group::of(name) != Group::Gaze).any(|(_, value)| *value > EXPRESSION)

@@ -54,8 +54,9 @@ use_target_compiler() {
     own_compiler_has_target || export RUSTC=$toolchain/rustc
 }
 
-# build_programs FEATURES OPTION...: builds the programs that boards get with these options of cargo, and facewire with this
-# option for its features. Cargo builds each by itself, so that what one needs is not in the other.
+# build_programs FEATURES OPTION...: builds the programs that boards get, with these options of cargo. FEATURES is an option
+# for facewire alone, such as --no-default-features, or empty. Each program has its own run of cargo, because one run for
+# both would give a shared dependency the features that either of them needs.
 build_programs() {
     local features=$1
     shift

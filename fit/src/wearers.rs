@@ -23,7 +23,7 @@ use crate::judge::{
 clips. All rows are judged on the same 20 seconds.
   nothing             the mean face of many people
   watched             what facewire has found while it watched the minute before
-  never at rest       the same of a wearer who holds the last expression instead of being at rest
+  never at rest       what it has found in a wearer who holds the last expression instead of being at rest
   neutral face        the mean of half a second at rest is taken as the neutral face
   calibrated          the guided calibration
   smiled              the guided calibration of a wearer who smiles when asked for a neutral face. Where it is

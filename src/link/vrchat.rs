@@ -108,7 +108,7 @@ struct Numbers {
 }
 
 impl Numbers {
-    /// A message of so many numbers, none of which was sent yet.
+    /// A message with this number of values, none of which has been sent yet.
     fn new(address: &str, count: usize) -> Self {
         Self { message: message(address, vec![OscType::Float(0.0); count]), sent: [f32::NAN; 4] }
     }

@@ -440,7 +440,7 @@ mod tests {
     /// Inferences that the engine of a test may still run.
     static GOOD_RUNS: AtomicU32 = AtomicU32::new(0);
 
-    /// Outlets whose reports nobody reads, and what is told.
+    /// Outlets whose reports nobody reads, and the receiver of their events.
     fn outlets() -> (Outlets, mpsc::Receiver<Event>) {
         let ((reports, _), (events, told)) = (triple_buffer::triple_buffer(&Report::Nothing), mpsc::channel());
         let (observer, _) = observer::channel(&Observation::nothing(0));

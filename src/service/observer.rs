@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use triple_buffer::{Input, Output, triple_buffer};
 
-/// The end that the hot loop publishes to.
+/// The end through which the hot loop publishes.
 pub(super) struct Observer<T: Send> {
     is_wanted: Arc<AtomicBool>,
     newest: Input<T>,

@@ -32,7 +32,7 @@ impl Service {
         fs::read_to_string(self.folder.path().join("log")).unwrap()
     }
 
-    /// How many times this stands in the log.
+    /// How many times the log contains this text.
     pub fn logged(&self, what: &str) -> usize {
         self.log().matches(what).count()
     }

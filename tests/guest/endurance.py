@@ -106,9 +106,10 @@ class Serial(Device):
 
 
 def first_packet_again(service, board, gone):
-    """Waits until the service has opened the line that was `gone`; returns the time of the first packet since then.
+    """Waits until the service opens the line that went away at the time `gone`.
 
-    The board may read a packet after the line is gone that was sent before, so packets alone do not show the return.
+    Returns the time of the first packet after that. The board may still read a packet that was sent before the line went
+    away, so a packet alone does not show that the line is back.
     """
     opened = await_that("the link opens", lambda: service.logged_since(gone, "link opened"))
     return await_that("a packet by the serial port", lambda: board.first_since(opened))

@@ -36,7 +36,8 @@ const MOST_CONNECTIONS: usize = 64;
 const MOST_STREAMS: usize = 16;
 /// A client must send each request, and acknowledge what it is sent, within this time.
 const PATIENCE: Duration = Duration::from_secs(15);
-/// Most bytes that wait for a client, in this program and in the system, so that a slow client sees recent snapshots.
+/// Size of each of the two buffers for a client, in this program and in the system. They are small, so that a slow client
+/// sees recent snapshots.
 const BUFFER_BYTES: usize = 16 * 1024;
 /// Pause after the system refused a connection, as it does when there are no file descriptors left.
 const REFUSED_PAUSE: Duration = Duration::from_millis(100);

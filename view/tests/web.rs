@@ -161,7 +161,7 @@ fn a_slow_browser_sees_the_newest_and_at_most_60_events_a_second() {
     events.until(|event| {
         count.set(count.get() + 1);
         assert!(event["packet"].is_object() || event["packets"] == 0);
-        // The system drops packets while the buffer is full.
+        // Sent again after each event, because the system drops packets while the buffer of the socket is full.
         socket.send_to(&newest, viewer.packets_to()).unwrap();
         is_shown(event, 17, 1.0)
     });

@@ -27,8 +27,8 @@ const NEUTRAL_FRAMES: u64 = 15;
 /// The part that is judged, and the one before it.
 const JUDGED: &str = "judged";
 const TALK: &str = "talk";
-/// A frame with a coefficient above this, other than of the gaze, is not at rest.
-const EXPRESSION: f64 = 0.25;
+/// Coefficient above which a frame shows an expression. Those of the gaze do not count.
+const LEAST_EXPRESSION: f64 = 0.25;
 /// Frames before a part that filters see, too.
 const LEAD_IN: usize = 30;
 /// Time between frames.
@@ -45,7 +45,7 @@ pub enum Knowledge {
     Nothing,
     /// What was found while the wearer talked.
     Watched,
-    /// The same of a wearer who is never at rest.
+    /// What was found while a wearer who is never at rest talked.
     Restless,
     /// The neutral face.
     Neutral,
@@ -70,8 +70,8 @@ impl Knowledge {
 pub struct Learned {
     model: Model,
     profile: Profile,
-    /// The frames that the solver watches in place of those of the talk, to learn from them; none if it does not learn.
-    minute: Vec<usize>,
+    /// For each frame of the talk, the frame that the solver sees and learns from. Empty if it does not learn.
+    watched_frames: Vec<usize>,
 }
 
 /// The clip of a wearer.
@@ -110,12 +110,12 @@ impl Film {
             Knowledge::Calibrated => self.calibrate(model, "neutral")?.unwrap_or_default(),
             Knowledge::Smiled => self.calibrate(model, "smile")?.unwrap_or_default(),
         };
-        let minute = match knowledge {
+        let watched_frames = match knowledge {
             Knowledge::Watched => self.parts.of(TALK).collect(),
             Knowledge::Restless => self.without_rest(self.parts.of(TALK)),
             _ => Vec::new(),
         };
-        Ok(Learned { model: model.clone(), profile, minute })
+        Ok(Learned { model: model.clone(), profile, watched_frames })
     }
 
     /// Frames in which the wearer holds the last expression instead of being at rest.
@@ -131,10 +131,10 @@ impl Film {
             .collect()
     }
 
-    /// Whether the face of this frame shows an expression. The gaze is none.
+    /// Whether the face of this frame shows an expression. A movement of the eyes alone is not one.
     fn is_expression(&self, frame: usize) -> bool {
         let coefficients = BLENDSHAPES.iter().zip(&self.truth.coefficients[frame]);
-        coefficients.filter(|(name, _)| Group::of(name) != Group::Gaze).any(|(_, value)| *value > EXPRESSION)
+        coefficients.filter(|(name, _)| Group::of(name) != Group::Gaze).any(|(_, value)| *value > LEAST_EXPRESSION)
     }
 
     /// Guides the wearer through a calibration, in which frames of the part `at_rest` are shown for the neutral take. The
@@ -178,7 +178,7 @@ impl Film {
     pub fn show(&self, learned: &Learned, part: &str) -> Vec<Shown> {
         let frames = self.parts.of(part);
         let mut playback = learned.playback();
-        for (frame, watched) in self.parts.of(TALK).zip(&learned.minute) {
+        for (frame, watched) in self.parts.of(TALK).zip(&learned.watched_frames) {
             let mut face = self.faces[*watched].clone();
             face.time_us = self.faces[frame].time_us;
             playback.show(&face);
@@ -198,7 +198,7 @@ impl Learned {
 
     /// Whether the solver learns while it watches.
     fn watches(&self) -> bool {
-        !self.minute.is_empty()
+        !self.watched_frames.is_empty()
     }
 
     fn playback(&self) -> Playback {

@@ -19,7 +19,7 @@ const uint32_t PULSE_MS = 20; // servos take a new position once per pulse
 const uint32_t START_MS = 200;
 // After this time without packets the servos get no pulses, so that they neither hum nor heat. 0 keeps the pulses.
 const uint32_t RELEASE_MS = 10000;
-// The board connects again by itself, but not after each kind of loss. After this time without a connection, the
+// The board connects again by itself, but not after every kind of loss. After this time without a connection, the
 // sketch connects anew.
 const uint32_t CONNECT_MS = 15000;
 // After this time without packets the port is opened anew: an empty datagram or a network that came back can block it.

@@ -14,7 +14,8 @@
 
 const unsigned long BAUD = 115200;
 const uint8_t ADDRESS = 0x40;
-// There are pulses only while this pin drives OE low, so they end when the Arduino has no power. 255: OE is not wired.
+// There are pulses only while this pin drives OE low. With a resistor of 1 kOhm from OE to VCC, they therefore end when
+// the Arduino has no power. 255: OE is not wired.
 const uint8_t OUTPUT_ENABLE_PIN = 7;
 // The chip's own clock is a few percent off. If a pulse of 1500 us measures 1450 us, enter 25000 * 1500 / 1450.
 const uint32_t OSCILLATOR_KHZ = 25000;

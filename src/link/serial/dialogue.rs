@@ -16,7 +16,7 @@ pub struct Dialogue {
     /// When the last question was asked, or the port was opened.
     asked_at: Instant,
     is_waiting: bool,
-    /// The troubles that were logged.
+    /// The problems that have been logged.
     pub told: LoggedReasons,
 }
 

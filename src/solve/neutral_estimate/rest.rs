@@ -11,8 +11,8 @@ const MOST_TURN: [f32; 2] = [0.3, 0.4];
 const MOST_OUTPUT: f32 = 0.45;
 /// Output of `eyeBlink` at which an eye no longer counts as open.
 const MOST_SHUT: f32 = 0.3;
-/// A frame that is less sure than this says nothing, however many of them there are: a mouth that speaks is nearly shut
-/// again and again.
+/// Least weight that counts. Frames with a lower weight are ignored, because many of them would add up: a speaking mouth
+/// comes close to rest again and again.
 const LEAST_WEIGHT: f32 = 0.05;
 /// `eyeBlinkLeft` and `eyeBlinkRight`.
 const LIDS: [usize; 2] = [0, 7];

@@ -59,7 +59,7 @@ has 0x11 0x10 || fail "channel 2: $(register 0x11)"
 has 0x05 0x5a || fail "register 5: $(register 0x05)"
 has 0x16 0xa5 || fail "channel 4: $(register 0x16)"
 
-# Stopped, so that it does not look while only one of the two registers has changed.
+# The service is stopped meanwhile, so that it does not check the chip when only one of the two registers has changed.
 kill -STOP $service
 power_on
 kill -CONT $service

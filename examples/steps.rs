@@ -9,11 +9,13 @@
 use std::error::Error;
 use std::time::Instant;
 
-use facewire::capture::{Content, FileOptions, Picture, Pixels, open_file};
+use facewire::capture::{Content, FileOptions, open_file};
 use facewire::config::Settings;
-use facewire::face::{Appearance, Block, Border, CropShape, Face, FaceBox, crop};
 use facewire::preflight::load_solver;
-use facewire::solve::Camera;
+use facewire_face::Camera;
+use facewire_face::stages::{Block, Border, CropShape, crop};
+use facewire_face::{Appearance, Face, FaceBox};
+use facewire_face::{Picture, Pixels};
 
 const SIZE: [usize; 2] = [640, 480];
 

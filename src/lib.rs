@@ -14,11 +14,10 @@ pub mod calibration;
 pub mod capture;
 pub mod cli;
 pub mod config;
-pub mod face;
 pub mod hardware;
 pub mod impairment;
-pub mod infer;
 pub mod link;
+mod listener;
 pub mod pipeline;
 pub mod playback;
 pub mod preflight;
@@ -26,7 +25,6 @@ pub mod recording;
 mod retry;
 pub mod service;
 pub mod servo;
-pub mod solve;
 pub mod watch;
 
 #[cfg(test)]

@@ -2,8 +2,6 @@
 
 use std::process::ExitCode;
 
-use facewire::cli::Cli;
-
 fn main() -> ExitCode {
-    Cli::of_arguments().run()
+    facewire::cli::run(std::env::args_os())
 }

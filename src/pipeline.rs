@@ -10,12 +10,12 @@ use facewire_packet::Reason;
 use crate::calibration::Observation;
 use crate::capture::{Content, Frame, Source};
 use crate::config::Settings;
-use crate::face::{Face, Tracker};
-use crate::infer::InferError;
 use crate::link::Pose;
 use crate::preflight::{SetupError, load_solver, load_tracker};
 use crate::recording::Recorded;
-use crate::solve::{Camera, Solution, SolveError, Solver};
+use facewire_face::InferError;
+use facewire_face::{Camera, Solution, SolveError, Solver};
+use facewire_face::{Face, Tracker};
 
 /// Why a frame has no solution.
 #[derive(Debug, thiserror::Error)]
@@ -33,7 +33,6 @@ pub enum Rejected {
 
 impl Rejected {
     /// The reason that receivers get for the missing pose.
-    #[must_use]
     pub fn reason(&self) -> Reason {
         if matches!(self, Self::NoFace) { Reason::NoFace } else { Reason::BadResult }
     }
@@ -58,22 +57,65 @@ fn timed<T>(time: &mut Option<Duration>, stage: impl FnOnce() -> T) -> T {
     result
 }
 
+/// All that one frame gave.
+pub struct Processed<'a> {
+    pub solved: Result<Solution, Rejected>,
+    /// The face, unless the frame was rejected: after a failed inference the landmarks may be half written.
+    pub face: Option<Face<'a>>,
+    pub times: StageTimes,
+    frame: Frame<'a>,
+    camera: Camera,
+    solver: &'a Solver,
+}
+
+impl Processed<'_> {
+    /// The pose to show, or why there is none.
+    pub fn pose(&self) -> Result<Pose, Reason> {
+        self.solved.as_ref().map(Pose::from).map_err(Rejected::reason)
+    }
+
+    /// What a calibration learns from the frame. Does not allocate.
+    pub fn observe(&self, is_dark: bool) -> Observation {
+        Observation::new(&self.solver.model, self.face, &self.camera, self.frame.captured_us, is_dark)
+    }
+
+    /// What a recording keeps of the frame. Does not allocate.
+    pub fn record(&self) -> Recorded {
+        let (time_us, landmarks) = (self.frame.captured_us, self.face.map(|face| face.landmarks));
+        match self.pose() {
+            Ok(pose) => Recorded::new(time_us, &pose, self.frame.size_px(), landmarks),
+            Err(reason) => Recorded::nothing(time_us, reason),
+        }
+    }
+
+    /// Share of the estimated neutral face in the reference, and how often the estimate was forgotten.
+    pub fn neutral(&self) -> (f32, u64) {
+        (self.solver.neutral_share(), self.solver.neutral_forgotten())
+    }
+}
+
+impl From<&Solution> for Pose {
+    fn from(solution: &Solution) -> Self {
+        Self {
+            rotation: solution.head.rotation_xyzw,
+            position_mm: solution.head.position_mm,
+            coefficients: solution.smoothed.0,
+            neutral_face: solution.neutral_face,
+        }
+    }
+}
+
 /// Turns frames into coefficients.
 pub struct Pipeline {
     /// Finds the landmarks in pictures. `None` for a source of landmarks.
     pub tracker: Option<Tracker>,
-    /// Turns landmarks into coefficients.
     pub solver: Solver,
     /// Angle of view of the camera, for the position of the head.
     pub horizontal_fov_deg: f32,
-    times: StageTimes,
 }
 
 impl Pipeline {
     /// Loads the networks and the model that the settings name.
-    ///
-    /// # Errors
-    /// [`SetupError`].
     pub fn load(settings: &Settings) -> Result<Self, SetupError> {
         // The model comes first, so that the networks take the memory that reading it leaves free.
         let solver = load_solver(settings)?;
@@ -81,9 +123,6 @@ impl Pipeline {
     }
 
     /// Loads the model, and the networks only if `source` shows pictures.
-    ///
-    /// # Errors
-    /// [`SetupError`].
     pub fn load_for(source: &dyn Source, settings: &Settings) -> Result<Self, SetupError> {
         if source.shows_pictures() {
             return Self::load(settings);
@@ -92,68 +131,43 @@ impl Pipeline {
     }
 
     /// A pipeline for frames of landmarks, which were found before.
-    #[must_use]
     pub fn for_landmarks(solver: Solver, horizontal_fov_deg: f32) -> Self {
-        Self { tracker: None, solver, horizontal_fov_deg, times: StageTimes::default() }
+        Self { tracker: None, solver, horizontal_fov_deg }
     }
 
-    /// A pipeline of these parts, for a camera with this angle of view.
-    #[must_use]
     pub fn new(tracker: Tracker, solver: Solver, horizontal_fov_deg: f32) -> Self {
-        Self { tracker: Some(tracker), solver, horizontal_fov_deg, times: StageTimes::default() }
+        Self { tracker: Some(tracker), solver, horizontal_fov_deg }
     }
 
     /// Returns the face that the frame brings, or else the one that the tracker finds in its picture. `None` if there is no
     /// face, or a picture but no tracker.
-    ///
-    /// # Errors
-    /// [`InferError::Run`].
     pub fn find<'a>(&'a mut self, frame: &Frame<'a>) -> Result<Option<Face<'a>>, InferError> {
-        find(self.tracker.as_mut(), &mut self.times, frame)
+        find(self.tracker.as_mut(), &mut StageTimes::default(), frame)
     }
 
-    /// Solves one frame. Landmarks that cannot be solved are no face: the tracker forgets them, so that it finds another
-    /// face in the next picture.
-    ///
-    /// # Errors
-    /// [`Rejected`]. The next frame is not affected.
-    pub fn process(&mut self, frame: &Frame) -> Result<Solution, Rejected> {
-        let face = find(self.tracker.as_mut(), &mut self.times, frame)?.ok_or(Rejected::NoFace)?;
+    /// Finds and solves the face of one frame. Landmarks that cannot be solved are no face: the tracker forgets them, so
+    /// that it finds another face in the next picture.
+    pub fn process<'a>(&'a mut self, frame: &Frame<'a>) -> Processed<'a> {
+        let mut times = StageTimes::default();
         let camera = Camera::new(frame.size_px(), self.horizontal_fov_deg);
-        let (solver, times) = (&mut self.solver, &mut self.times);
-        let outcome = timed(&mut times.solve, || solver.solve(face, &camera, frame.captured_us));
-        if outcome.is_err() && frame.picture().is_some() {
+        let solver = &mut self.solver;
+        let solved = match find(self.tracker.as_mut(), &mut times, frame) {
+            Ok(Some(face)) => {
+                let outcome = timed(&mut times.solve, || solver.solve(face, &camera, frame.captured_us));
+                outcome.map_err(Rejected::from)
+            }
+            Ok(None) => Err(Rejected::NoFace),
+            Err(error) => Err(error.into()),
+        };
+        if matches!(solved, Err(Rejected::Unsolved(_))) && frame.picture().is_some() {
             self.forget_face();
         }
-        Ok(outcome?)
-    }
-
-    /// Observes, for a calibration, the face that the last call of [`Pipeline::process`] or [`Pipeline::find`] found in this
-    /// frame. Does not allocate.
-    #[must_use]
-    pub fn observe(&self, frame: &Frame<'_>, is_dark: bool) -> Observation {
-        let face = self.face_in(frame);
-        let camera = Camera::new(frame.size_px(), self.horizontal_fov_deg);
-        Observation::new(&self.solver.model, face, &camera, frame.captured_us, is_dark)
-    }
-
-    /// What a recording keeps of this frame: the landmarks that the last call of [`Pipeline::process`] or
-    /// [`Pipeline::find`] found in it, and what it made of them. Does not allocate.
-    #[must_use]
-    pub fn record(&self, frame: &Frame<'_>, solved: Result<&Pose, Reason>) -> Recorded {
-        let landmarks = self.face_in(frame).map(|face| face.landmarks);
-        match solved {
-            Ok(pose) => Recorded::new(frame.captured_us, pose, frame.size_px(), landmarks),
-            Err(reason) => Recorded::nothing(frame.captured_us, reason),
-        }
-    }
-
-    /// The face that was found in this frame.
-    fn face_in<'a>(&'a self, frame: &Frame<'a>) -> Option<Face<'a>> {
-        match &frame.content {
+        let face = match &frame.content {
+            _ if solved.is_err() => None,
             Content::Picture(_) => self.tracker.as_ref().and_then(Tracker::face),
             Content::Face { face, .. } => *face,
-        }
+        };
+        Processed { solved, face, times, frame: *frame, camera, solver: &self.solver }
     }
 
     /// Makes the tracker search the next picture as a whole.
@@ -162,12 +176,6 @@ impl Pipeline {
             tracker.forget();
         }
     }
-
-    /// Durations of the stages of the last frame.
-    #[must_use]
-    pub fn times(&self) -> &StageTimes {
-        &self.times
-    }
 }
 
 fn find<'a>(
@@ -175,7 +183,6 @@ fn find<'a>(
     times: &mut StageTimes,
     frame: &Frame<'a>,
 ) -> Result<Option<Face<'a>>, InferError> {
-    *times = StageTimes::default();
     let picture = match &frame.content {
         Content::Picture(picture) => picture,
         Content::Face { face, .. } => return Ok(*face),
@@ -187,25 +194,29 @@ fn find<'a>(
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
     use super::*;
-    use crate::capture::{Picture, Pixels};
-    use crate::face::test_face::show;
-    use crate::infer::scripted::Scripted;
-    use crate::solve::{Neutral, NeutralMean, normalise, test_face::face};
+    use facewire_face::stages::normalise;
+    use facewire_face::testing::Scripted;
+    use facewire_face::testing::show;
+    use facewire_face::{Neutral, NeutralMean, testing::face};
+    use facewire_face::{Picture, Pixels};
 
     const SIDE: usize = 192;
+    const FAILING: usize = 1000;
 
     /// A pipeline whose detector finds something that is no face in its first `wrong` runs, and a face later; and how
-    /// often it ran.
+    /// often it ran. The networks fail while the number of runs is set to [`FAILING`].
     fn pipeline(wrong: usize) -> (Pipeline, Arc<AtomicUsize>) {
         let runs = Arc::new(AtomicUsize::new(0));
         let counted = Arc::clone(&runs);
         let engine = Scripted::new(move |mut run| {
+            if counted.load(Relaxed) == FAILING && run.network == "lips" {
+                return Err("the device has hung up");
+            }
             if run.network == "detector" {
                 counted.fetch_add(1, Relaxed);
             }
@@ -220,18 +231,35 @@ mod tests {
         (Pipeline::new(Tracker::load(&engine).unwrap(), solver, 60.0), runs)
     }
 
+    fn picture(data: &[u8]) -> Picture<'_> {
+        Picture::new(SIDE, SIDE, Pixels::Grey { data, stride: SIDE }, true).unwrap()
+    }
+
     #[test]
     fn landmarks_that_form_no_face_are_forgotten_so_that_another_face_is_found() {
         let data = vec![128; SIDE * SIDE];
-        let picture = Picture::new(SIDE, SIDE, Pixels::Grey { data: &data, stride: SIDE }, true).unwrap();
-        let frame = |number| Frame { content: Content::Picture(picture), captured_us: 33_333 * number, number };
+        let frame = |number| Frame { content: Content::Picture(picture(&data)), captured_us: 33_333 * number, number };
         let (mut pipeline, detector_runs) = pipeline(1);
         pipeline.solver.profile.neutral = Some(neutral(&frame(0)));
-        assert!(matches!(pipeline.process(&frame(0)), Err(Rejected::Unsolved(_))));
+        assert!(matches!(pipeline.process(&frame(0)).solved, Err(Rejected::Unsolved(_))));
         for number in 1..3 {
-            pipeline.process(&frame(number)).unwrap();
+            pipeline.process(&frame(number)).solved.unwrap();
         }
         assert_eq!(detector_runs.load(Relaxed), 2);
+    }
+
+    /// The backbone has written new landmarks then, and a head that fails has not refined them.
+    #[test]
+    fn after_a_failed_inference_a_calibration_sees_no_face() {
+        let data = vec![128; SIDE * SIDE];
+        let frame = Frame { content: Content::Picture(picture(&data)), captured_us: 0, number: 0 };
+        let (mut pipeline, runs) = pipeline(0);
+        pipeline.solver.profile.neutral = Some(neutral(&frame));
+        assert!(pipeline.process(&frame).observe(false).shows_face());
+        runs.store(FAILING, Relaxed);
+        let failed = pipeline.process(&frame);
+        assert!(matches!(failed.solved, Err(Rejected::Infer(_))));
+        assert!(!failed.observe(false).shows_face() && failed.record().landmarks.is_none());
     }
 
     /// The scripted face as the neutral one. It has few points, so only displacements from itself are sensible.

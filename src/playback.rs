@@ -10,12 +10,13 @@ use thiserror::Error;
 
 use crate::capture::{CaptureError, Content, Frame, Source};
 use crate::config::FailsafeSettings;
-use crate::face::{self, Appearance, Landmarks};
-use crate::infer::InferError;
 use crate::link::Pose;
 use crate::pipeline::Pipeline;
 use crate::service::failsafe::{Failsafe, History, News};
-use crate::solve::{Neutral, NeutralError, NeutralMean, Solution, normalise};
+use facewire_face::InferError;
+use facewire_face::stages::normalise;
+use facewire_face::{Appearance, Landmarks};
+use facewire_face::{Neutral, NeutralMean, Solution, SolveError};
 
 /// Why a file cannot be played further.
 #[derive(Debug, Error)]
@@ -66,16 +67,12 @@ pub struct Playback {
 
 impl Playback {
     /// Begins a file.
-    #[must_use]
     pub fn new(pipeline: Pipeline, settings: &FailsafeSettings) -> Self {
         Self { pipeline, failsafe: Failsafe::new(settings, 0), history: History::default() }
     }
 
     /// Reads the next frame and finds its face; `None` at the end. Landmarks that form no face are kept, but the next
     /// frame is searched anew.
-    ///
-    /// # Errors
-    /// [`PlaybackError`]. A frame that cannot be read is no error.
     pub fn find(&mut self, source: &mut dyn Source) -> Result<Option<Face>, PlaybackError> {
         let rate = source.describe().rate;
         let face = match source.next() {
@@ -105,16 +102,16 @@ impl Playback {
 
     /// Solves a face. A frame without a solution shows what the service would send.
     pub fn show(&mut self, face: &Face) -> Shown {
-        let solution = self.pipeline.process(&face.frame()).ok();
+        let solution = self.pipeline.process(&face.frame()).solved.ok();
         if face.landmarks.is_some() && solution.is_none() {
             self.pipeline.forget_face();
         }
         let pose = solution.as_ref().map(Pose::from);
         let news = match &pose {
-            Some(pose) => News::Pose(pose, face.time_us),
+            Some(pose) => News::Pose(*pose, face.time_us),
             None => News::Fault(Reason::NoFace),
         };
-        let sent = self.failsafe.update(&mut self.history, face.time_us, news);
+        let sent = self.failsafe.update(&mut self.history, face.time_us, &news);
         match pose {
             Some(pose) => Shown { solution, state: State::Live, pose },
             None => Shown { solution, state: sent.state, pose: sent.pose },
@@ -124,20 +121,16 @@ impl Playback {
 
 impl Face {
     /// The frame for the rest of the pipeline.
-    #[must_use]
     pub fn frame(&self) -> Frame<'_> {
         let appearance = self.appearance.as_ref();
-        let face = self.landmarks.as_deref().map(|landmarks| face::Face { landmarks, appearance });
+        let face = self.landmarks.as_deref().map(|landmarks| facewire_face::Face { landmarks, appearance });
         let content = Content::Face { face, size_px: self.size_px };
         Frame { content, captured_us: self.time_us, number: self.number }
     }
 }
 
 /// Returns the mean of the faces of these frames, to be taken as the wearer's neutral face.
-///
-/// # Errors
-/// [`NeutralError`] if the frames show no face.
-pub fn neutral_of(faces: &[Face], frames: &Range<u64>) -> Result<Neutral, NeutralError> {
+pub fn neutral_of(faces: &[Face], frames: &Range<u64>) -> Result<Neutral, SolveError> {
     let mut mean = NeutralMean::default();
     let chosen = faces.iter().filter(|face| frames.contains(&face.number));
     for normalised in chosen.filter_map(|face| normalise(face.landmarks.as_deref()?).ok()) {

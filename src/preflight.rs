@@ -4,11 +4,12 @@
 //! this moment is found out here, and by [`crate::link`] for links. The service does so when it starts, a reload for the
 //! parts that it changes, and `facewire check` for every part by itself.
 
-use crate::calibration::{Store, StoreError, WearerName};
+use crate::calibration::{Store, StoreError, WearerName, model_hash};
 use crate::config::{NetworkSettings, Settings, SmoothingSettings, SolverSettings, WearerSettings};
-use crate::face::Tracker;
-use crate::infer::{self, InferError};
-use crate::solve::{Filters, HeadFilter, Model, ModelError, Profile, Shaping, Solver};
+use facewire_face::InferError;
+use facewire_face::Tracker;
+
+use facewire_face::{Filters, HeadFilter, Model, ModelError, Profile, Shaping, Solver};
 
 /// Why a part that settings name cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -28,7 +29,6 @@ pub enum SetupError {
 
 impl SetupError {
     /// Whether the same attempt can succeed later without anybody changing the settings or a file: a disk may be mounted.
-    #[must_use]
     pub fn is_temporary(&self) -> bool {
         matches!(self, Self::Model { error: ModelError::Unreadable { .. }, .. })
     }
@@ -43,17 +43,11 @@ fn with_path(path: &str, error: &ModelError) -> String {
 }
 
 /// Loads the networks that the settings name.
-///
-/// # Errors
-/// Those of [`infer::engine`] and [`Tracker::load`].
 pub fn load_tracker(settings: &NetworkSettings) -> Result<Tracker, InferError> {
-    Tracker::load(infer::engine(settings)?.as_ref())
+    Tracker::load(facewire_face::engine(settings.engine, &settings.folder, settings.threads)?.as_ref())
 }
 
 /// Loads the model that the settings name.
-///
-/// # Errors
-/// [`SetupError::Model`].
 pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
     let path = &settings.model;
     if path.is_empty() {
@@ -63,15 +57,11 @@ pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
 }
 
 /// Whether both settings name the same profile.
-#[must_use]
 pub fn is_same_profile(one: &WearerSettings, other: &WearerSettings) -> bool {
     (&one.name, &one.folder) == (&other.name, &other.folder)
 }
 
 /// Loads the profile of the wearer that the settings name, or nobody's.
-///
-/// # Errors
-/// Those of [`Store::load`].
 pub fn load_profile(settings: &WearerSettings) -> Result<Profile, StoreError> {
     match WearerName::new(&settings.name) {
         Some(name) => Ok(Store::new(&settings.folder).load(&name)?.profile),
@@ -79,13 +69,26 @@ pub fn load_profile(settings: &WearerSettings) -> Result<Profile, StoreError> {
     }
 }
 
+/// Says that the profile that the settings name was made with another model than they name, if it was: what it says of the
+/// wearer's rest and range may then not fit.
+pub fn model_warning(settings: &Settings) -> Option<String> {
+    let name = WearerName::new(&settings.wearer.name)?;
+    let made_with = Store::new(&settings.wearer.folder).load(&name).ok()?.model?;
+    let model = load_model(&settings.solver).ok()?;
+    (made_with != model_hash(&model)).then(|| {
+        format!(
+            "the profile of {name} was made with another blendshape model, and may not fit this one: run `facewire \
+             calibrate --wearer {name}`"
+        )
+    })
+}
+
 /// The rules, filters and adjustments that the settings ask for.
-#[must_use]
 pub fn shaping(settings: &Settings) -> Shaping {
     Shaping {
-        rules: settings.plausibility.rules(),
+        rules: settings.plausibility,
         filters: filters(&settings.smoothing),
-        adjustments: settings.adjust.0.clone(),
+        adjustments: settings.adjust.clone(),
     }
 }
 
@@ -99,9 +102,6 @@ fn filters(settings: &SmoothingSettings) -> Filters {
 }
 
 /// A solver by the settings, for a wearer of whom nothing is known.
-///
-/// # Errors
-/// Those of [`load_model`].
 pub fn load_solver(settings: &Settings) -> Result<Solver, SetupError> {
     let mut solver = Solver::new(load_model(&settings.solver)?, Profile::default(), shaping(settings));
     solver.neutral_mode = settings.wearer.neutral;

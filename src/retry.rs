@@ -1,5 +1,6 @@
 //! Trying again what failed because something is away: a camera, a serial port, a host, a file.
 
+use std::collections::VecDeque;
 use std::fmt::Display;
 use std::time::Duration;
 
@@ -8,31 +9,22 @@ pub const LONGEST_WAIT: Duration = Duration::from_secs(1);
 const FIRST_WAIT: Duration = Duration::from_millis(100);
 
 /// The growing waits between attempts. Start with a new value after a success.
-#[derive(Debug)]
-pub struct BackOff {
-    next: Duration,
-}
-
-impl Default for BackOff {
-    fn default() -> Self {
-        Self { next: FIRST_WAIT }
-    }
-}
+#[derive(Debug, Default)]
+pub struct BackOff(Duration);
 
 impl BackOff {
     /// Returns how long to wait before the next attempt: 100 ms at first, then twice as long each time, up to
     /// [`LONGEST_WAIT`].
     pub fn wait(&mut self) -> Duration {
-        let wait = self.next;
-        self.next = (2 * wait).min(LONGEST_WAIT);
-        wait
+        self.0 = (2 * self.0).clamp(FIRST_WAIT, LONGEST_WAIT);
+        self.0
     }
 }
 
 /// The reasons that were logged since the last success, so that the log does not repeat itself with every attempt, even
 /// if two reasons alternate.
 #[derive(Debug, Default)]
-pub struct LoggedReasons(Vec<String>);
+pub struct LoggedReasons(VecDeque<String>);
 
 /// Reasons that are remembered. A further one takes the place of the oldest.
 const MAX_REASONS: usize = 8;
@@ -40,14 +32,12 @@ const MAX_REASONS: usize = 8;
 impl LoggedReasons {
     /// Takes the reason of another failure. Returns whether it has not been logged yet.
     pub fn is_new(&mut self, reason: &str) -> bool {
-        if self.0.iter().any(|logged| logged == reason) {
-            return false;
+        let is_new = self.0.iter().all(|logged| logged != reason);
+        if is_new {
+            self.0.truncate(MAX_REASONS - 1);
+            self.0.push_front(reason.to_owned());
         }
-        if self.0.len() == MAX_REASONS {
-            self.0.remove(0);
-        }
-        self.0.push(reason.to_owned());
-        true
+        is_new
     }
 
     /// Forgets all reasons after a success.
@@ -96,12 +86,7 @@ mod tests {
         assert_eq!(["a", "a", "b", "a", "b"].map(|reason| logged.is_new(reason)), [true, false, true, false, false]);
         logged.clear();
         assert!(logged.is_new("a"));
-    }
-
-    #[test]
-    fn reasons_without_end_take_no_memory_without_end() {
-        let mut logged = LoggedReasons::default();
         assert!((0..100).all(|number| logged.is_new(&number.to_string())));
-        assert_eq!(logged.0.len(), MAX_REASONS);
+        assert_eq!(logged.0.len(), MAX_REASONS, "reasons without end take no memory without end");
     }
 }

@@ -18,7 +18,7 @@ use facewire::calibration::Observation;
 use facewire::capture::{Clip, Source, Y4mSource};
 use facewire::config::{self, Address, LinkKind, LinkSettings, Settings, UdpSettings};
 use facewire::link::{Link, Output, Pose, Rates, Traffic};
-use facewire::pipeline::{Pipeline, Rejected};
+use facewire::pipeline::Pipeline;
 use facewire::service::failsafe::{Failsafe, History, News};
 use facewire::watch::{Look, Watch};
 use facewire_packet::{Reason, State};
@@ -67,20 +67,14 @@ impl Way {
     /// Takes one frame from its source to its packet, with the calls that the service makes.
     fn frame(&mut self, source: &mut dyn Source) {
         let frame = source.next().unwrap().unwrap();
-        let (result, now_us) = (self.pipeline.process(&frame), frame.captured_us + 10_000);
-        let pose = result.as_ref().map(Pose::from);
-        let news = match &pose {
-            Ok(pose) => News::Pose(pose, frame.captured_us),
-            Err(Rejected::NoFace) => News::Fault(Reason::NoFace),
-            Err(_) => News::Fault(Reason::BadResult),
-        };
-        let output = self.failsafe.update(&mut self.history, now_us, news);
+        let (processed, now_us) = (self.pipeline.process(&frame), frame.captured_us + 10_000);
+        let news = News::of(processed.pose(), frame.captured_us);
+        let output = self.failsafe.update(&mut self.history, now_us, &news);
         self.link.offer(&self.settings, RATES, now_us, &output);
-        let face = self.pipeline.tracker.as_ref().unwrap().face();
-        let look = Look::at(frame.picture().unwrap(), face.map(|face| face.landmarks));
+        let look = Look::at(frame.picture().unwrap(), processed.face.map(|face| face.landmarks));
         self.watch.look(&look, frame.captured_us);
         // The service observes frames only while a calibration runs.
-        self.observations.write(self.pipeline.observe(&frame, false));
+        self.observations.write(processed.observe(false));
         self.live += usize::from(output.state == State::Live);
     }
 

@@ -19,16 +19,16 @@ use tempfile::TempDir;
 const PROFILE: &str = include_str!("../fuzz/corpus/profile_file/whole.toml");
 
 /// Folders of profiles and of sockets.
-struct Place(TempDir);
+struct Folders(TempDir);
 
-impl Place {
-    /// A place with the profiles of anna and, damaged, of bert.
+impl Folders {
+    /// Folders with the profiles of anna and, damaged, of bert.
     fn new() -> Self {
-        let place = Self(tempfile::tempdir().unwrap());
-        fs::create_dir(place.profiles()).unwrap();
-        fs::write(place.profiles().join("anna.toml"), PROFILE).unwrap();
-        fs::write(place.profiles().join("bert.toml"), &PROFILE[..PROFILE.len() / 2]).unwrap();
-        place
+        let folders = Self(tempfile::tempdir().unwrap());
+        fs::create_dir(folders.profiles()).unwrap();
+        fs::write(folders.profiles().join("anna.toml"), PROFILE).unwrap();
+        fs::write(folders.profiles().join("bert.toml"), &PROFILE[..PROFILE.len() / 2]).unwrap();
+        folders
     }
 
     fn profiles(&self) -> std::path::PathBuf {
@@ -56,7 +56,7 @@ impl Place {
         (service, receiver)
     }
 
-    /// `facewire calibrate` with these arguments, beside the service of this place.
+    /// `facewire calibrate` with these arguments, beside the service of these folders.
     fn calibrate(&self, arguments: &[&str]) -> Command {
         let mut command = facewire(["calibrate"].into_iter().chain(arguments.iter().copied()));
         command.env("XDG_RUNTIME_DIR", self.run());
@@ -66,14 +66,14 @@ impl Place {
 
 #[test]
 fn wearers_are_listed_and_deleted_without_a_service() {
-    let place = Place::new();
-    let file = settings(&place.settings("demo", "anna"));
-    let run = |arguments: &[&str]| Run::of(place.calibrate(arguments).args(["--config", text(file.path())]));
+    let folders = Folders::new();
+    let file = settings(&folders.settings("demo", "anna"));
+    let run = |arguments: &[&str]| Run::of(folders.calibrate(arguments).args(["--config", text(file.path())]));
     let list = run(&["--list"]).succeeded().out;
     assert!(list.contains("* anna") && list.contains(" 2 of 11 takes"), "{list}");
     assert!(list.contains("  bert") && list.contains("cannot be used"), "{list}");
     run(&["--delete", "bert"]).succeeded();
-    assert!(!place.profiles().join("bert.toml").exists());
+    assert!(!folders.profiles().join("bert.toml").exists());
     assert!(run(&["--delete", "bert"]).sentence(66).contains("there is no profile"));
     assert!(run(&["--use", "anna"]).sentence(1).contains("no service runs"));
     assert_eq!(run(&["--wearer", "../../etc/passwd"]).status, Some(2));
@@ -81,9 +81,9 @@ fn wearers_are_listed_and_deleted_without_a_service() {
 
 #[test]
 fn check_says_which_profile_is_in_use_and_whether_it_loads() {
-    let place = Place::new();
+    let folders = Folders::new();
     let check = |wearer| {
-        let file = settings(&place.settings("demo", wearer));
+        let file = settings(&folders.settings("demo", wearer));
         let run = Run::of(&mut facewire(["check", "--config", text(file.path())]));
         run.out.lines().find(|line| line.starts_with("wearer")).unwrap_or_else(|| panic!("{run:?}")).to_owned()
     };
@@ -94,8 +94,8 @@ fn check_says_which_profile_is_in_use_and_whether_it_loads() {
 
 #[test]
 fn track_applies_the_profile_of_a_wearer_and_refuses_one_that_is_not_there() {
-    let place = Place::new();
-    let file = settings(&place.settings("demo", ""));
+    let folders = Folders::new();
+    let file = settings(&folders.settings("demo", ""));
     let track = |arguments: &[&str]| {
         let arguments = ["track", "demo", "--config", text(file.path())].into_iter().chain(arguments.iter().copied());
         Run::of(&mut facewire(arguments))
@@ -109,33 +109,33 @@ fn track_applies_the_profile_of_a_wearer_and_refuses_one_that_is_not_there() {
 
 #[test]
 fn wearer_in_use_is_changed_while_the_service_runs() {
-    let place = Place::new();
-    let (service, receiver) = place.service("demo");
-    let told = Run::of(&mut place.calibrate(&["--use", "anna"])).succeeded().out;
+    let folders = Folders::new();
+    let (service, receiver) = folders.service("demo");
+    let told = Run::of(&mut folders.calibrate(&["--use", "anna"])).succeeded().out;
     assert!(told.contains("the profile of anna is in use"), "{told}");
-    assert!(Run::of(&mut place.calibrate(&["--list"])).succeeded().out.contains("* anna"));
-    assert!(Run::of(&mut place.calibrate(&["--use", "bert"])).sentence(1).contains("bert.toml"));
-    assert!(Run::of(&mut place.calibrate(&["--list"])).succeeded().out.contains("* anna"), "the former one stays");
-    Run::of(&mut place.calibrate(&["--use-none"])).succeeded();
+    assert!(Run::of(&mut folders.calibrate(&["--list"])).succeeded().out.contains("* anna"));
+    assert!(Run::of(&mut folders.calibrate(&["--use", "bert"])).sentence(1).contains("bert.toml"));
+    assert!(Run::of(&mut folders.calibrate(&["--list"])).succeeded().out.contains("* anna"), "the former one stays");
+    Run::of(&mut folders.calibrate(&["--use-none"])).succeeded();
     assert!(receiver.until(|packet| packet.state == State::Live).len() < 100);
     let (run, _) = service.stop(Signal::TERM);
     assert!(run.err.contains("wearer anna") && run.err.contains("wearer nobody"), "{}", run.err);
-    assert!(!place.run().join("facewire/control").exists());
+    assert!(!folders.run().join("facewire/control").exists());
 }
 
 #[test]
 fn calibration_shows_progress_and_ctrl_c_cancels_it() {
-    let place = Place::new();
-    let (service, _receiver) = place.service("demo");
-    let mut client = place.calibrate(&["--wearer", "carl"]).stdout(Stdio::piped()).spawn().unwrap();
+    let folders = Folders::new();
+    let (service, _receiver) = folders.service("demo");
+    let mut client = folders.calibrate(&["--wearer", "carl"]).stdout(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(client.stdout.take().unwrap()).lines();
     assert!(lines.next().unwrap().unwrap().starts_with("[ 1/11] Look into the camera"));
-    assert!(Run::of(&mut place.calibrate(&[])).sentence(1).contains("another calibration is in progress"));
+    assert!(Run::of(&mut folders.calibrate(&[])).sentence(1).contains("another calibration is in progress"));
     client.kill().unwrap();
     client.wait().unwrap();
     // As soon as the service has noticed, another one begins.
     loop {
-        let mut client = place.calibrate(&["--wearer", "carl"]).stdout(Stdio::piped()).spawn().unwrap();
+        let mut client = folders.calibrate(&["--wearer", "carl"]).stdout(Stdio::piped()).spawn().unwrap();
         let first = BufReader::new(client.stdout.take().unwrap()).lines().next();
         client.kill().unwrap();
         client.wait().unwrap();
@@ -145,14 +145,14 @@ fn calibration_shows_progress_and_ctrl_c_cancels_it() {
     }
     let (run, _) = service.stop(Signal::TERM);
     assert!(run.err.contains("calibration of wearer carl cancelled"), "{}", run.err);
-    assert!(!place.profiles().join("carl.toml").exists());
+    assert!(!folders.profiles().join("carl.toml").exists());
 }
 
 #[test]
 fn service_that_is_stopped_ends_at_once_in_spite_of_a_calibration() {
-    let place = Place::new();
-    let (service, _receiver) = place.service("demo");
-    let mut client = place.calibrate(&[]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let folders = Folders::new();
+    let (service, _receiver) = folders.service("demo");
+    let mut client = folders.calibrate(&[]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut out = BufReader::new(client.stdout.take().unwrap());
     out.read_line(&mut String::new()).unwrap();
     let (run, took) = service.stop(Signal::TERM);
@@ -165,21 +165,21 @@ fn service_that_is_stopped_ends_at_once_in_spite_of_a_calibration() {
 
 #[test]
 fn without_a_face_the_command_says_what_it_waits_for_and_makes_no_profile() {
-    let place = Place::new();
-    let file = settings(&place.settings("rehearsal: live 1, no-face 600", "anna"));
-    let run = Run::of(place.calibrate(&[]).args(["--config", text(file.path())]));
+    let folders = Folders::new();
+    let file = settings(&folders.settings("rehearsal: live 1, no-face 600", "anna"));
+    let run = Run::of(folders.calibrate(&[]).args(["--config", text(file.path())]));
     assert!(run.out.contains("waiting. No face is in the picture"), "{run:?}");
     let sentences = run.sentences(1);
     assert!(sentences.last().unwrap().starts_with("no profile was made, and the former one stays. No face"));
-    assert_eq!(fs::read_to_string(place.profiles().join("anna.toml")).unwrap(), PROFILE);
+    assert_eq!(fs::read_to_string(folders.profiles().join("anna.toml")).unwrap(), PROFILE);
 }
 
 #[test]
 fn damaged_profile_is_told_once_and_a_reload_that_names_one_is_refused() {
-    let place = Place::new();
+    let folders = Folders::new();
     let receiver = Receiver::new();
     let link = format!("[[link]]\naddress = \"{}\"\n", receiver.address());
-    let file = settings(&(place.settings("demo", "bert") + &link));
+    let file = settings(&(folders.settings("demo", "bert") + &link));
     let mut command = facewire(["run", "--config", text(file.path())]);
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let mut log = BufReader::new(child.stderr.take().unwrap());
@@ -195,7 +195,7 @@ fn damaged_profile_is_told_once_and_a_reload_that_names_one_is_refused() {
     assert!(warning.contains("WARN") && warning.contains("facewire calibrate --wearer bert"), "{warning}");
     receiver.until(|packet| packet.state == State::Live);
     let reload = |wearer| {
-        fs::write(file.path(), place.settings("demo", wearer) + &link).unwrap();
+        fs::write(file.path(), folders.settings("demo", wearer) + &link).unwrap();
         rustix::process::kill_process(rustix::process::Pid::from_child(&child), Signal::HUP).unwrap();
     };
     reload("carl");

@@ -8,7 +8,8 @@ use std::thread::{sleep, spawn};
 use std::time::Duration;
 
 use facewire::capture::v4l2::{CameraSource, PixelFormat, Wish, cameras};
-use facewire::capture::{CaptureError, FrameFault, FrameRate, Pixels, Source, monotonic_us};
+use facewire::capture::{CaptureError, FrameFault, FrameRate, Source, monotonic_us};
+use facewire_face::Pixels;
 
 const TIMEOUT: Duration = Duration::from_secs(2);
 
@@ -34,6 +35,11 @@ fn plug_vivid() {
 
 fn vivid(control: &str) {
     shell(&format!("v4l2-ctl -d /dev/video0 -c {control}"));
+}
+
+/// Returns whether a source or camera failed with this sentence.
+fn says<T>(outcome: Result<T, CaptureError>, text: &str) -> bool {
+    outcome.is_err_and(|error| error.to_string().contains(text))
 }
 
 /// Reads frames until the source fails, and returns its error.
@@ -118,7 +124,7 @@ fn a_silent_camera_has_stalled() {
     plug_vivid();
     let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
     vivid("percentage_of_dropped_buffers=100");
-    assert!(matches!(failure(&mut source), CaptureError::Stalled { waited_ms: 2000 }));
+    assert!(failure(&mut source).to_string().contains("sent nothing for 2000 ms"));
 }
 
 #[test]
@@ -130,7 +136,7 @@ fn a_camera_that_is_unplugged_is_gone_and_can_be_opened_after_it_is_plugged_in()
     assert!(matches!(failure(&mut source), CaptureError::Gone));
     drop(source);
     remover.join().unwrap();
-    assert!(matches!(open("auto", None), Err(CaptureError::NoCamera)));
+    assert!(says(open("auto", None), "there is no camera"));
     plug_vivid();
     assert!(open("auto", None).unwrap().next().unwrap().is_some());
 }
@@ -142,13 +148,13 @@ fn after_an_error_of_the_driver_the_camera_can_be_opened_again() {
     for error in ["inject_fatal_streaming_error=1", "inject_vidioc_qbuf_error=1"] {
         let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
         vivid(error);
-        assert!(matches!(failure(&mut source), CaptureError::Device { .. }), "{error}");
+        assert!(failure(&mut source).to_string().contains("the camera failed while"), "{error}");
         drop(source);
         assert!(open("vivid", None).unwrap().next().unwrap().is_some(), "{error}");
     }
     for error in ["inject_vidioc_reqbufs_error=1", "inject_vidioc_streamon_error=1"] {
         vivid(error);
-        assert!(matches!(open("vivid", None), Err(CaptureError::Device { .. })), "{error}");
+        assert!(says(open("vivid", None), "the camera failed while"), "{error}");
         assert!(open("vivid", None).unwrap().next().unwrap().is_some(), "{error}");
     }
 }
@@ -158,7 +164,7 @@ fn after_an_error_of_the_driver_the_camera_can_be_opened_again() {
 fn a_camera_in_use_is_busy_and_the_error_of_a_missing_format_lists_the_offered_ones() {
     plug_vivid();
     let mut first = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
-    assert!(matches!(open("vivid", None), Err(CaptureError::Busy { .. })));
+    assert!(says(open("vivid", None), "is in use by another program"));
     assert!(first.next().is_ok());
     drop(first);
     let error = open("auto", Some(PixelFormat::Mjpeg)).err().unwrap();
@@ -173,7 +179,7 @@ fn a_usb_webcam_is_found_by_its_link_and_its_metadata_node_is_refused() {
     assert_eq!((found.cameras.len(), found.refused.len()), (1, 0));
     let link = found.cameras.first().unwrap().links.first().unwrap().display().to_string();
     assert!(link.contains("by-id"), "{link}");
-    assert!(matches!(open("/dev/video1", None), Err(CaptureError::NotACamera { .. })));
+    assert!(says(open("/dev/video1", None), "is not a camera"));
 
     let mut source = open(&link, None).unwrap();
     let picture = *source.next().unwrap().unwrap().picture().unwrap();

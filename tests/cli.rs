@@ -83,7 +83,7 @@ fn settings_that_cannot_be_read_are_named() {
 fn the_printed_defaults_load_back_unchanged() {
     let defaults = Run::of(&mut facewire(["defaults"])).succeeded().out;
     let file = settings(&defaults);
-    assert_eq!(config::load(None, "generic", Some(file.path())).unwrap(), Settings::default());
+    assert_eq!(config::load(None, "generic", Some(file.path()), |_, _| {}).unwrap(), Settings::default());
     let demo = defaults.replacen("# device = \"auto\"", "device = \"demo\"", 1);
     assert!(with_settings(&["check"], &demo).succeeded().out.starts_with("settings  ok\n"));
 }
@@ -324,4 +324,13 @@ fn unknown_subcommands_and_none_at_all_are_wrong_arguments() {
     assert!(run.status == Some(2) && run.err.contains("frobnicate"), "{}", run.err);
     let run = Run::of(&mut facewire::<&str>([]));
     assert!(run.status == Some(2) && run.err.contains("Usage: facewire"), "{}", run.err);
+}
+
+#[test]
+fn a_command_of_the_tools_names_the_program_that_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let alone = folder.path().join("facewire");
+    std::fs::copy(env!("CARGO_BIN_EXE_facewire"), &alone).unwrap();
+    let run = Run::of(std::process::Command::new(&alone).args(["track", "demo"]));
+    assert!(run.sentence(69).contains(folder.path().join("facewire-tools").to_str().unwrap()), "{}", run.err);
 }

@@ -4,7 +4,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use facewire::config;
+use facewire::config::parse_and_check;
+use facewire::link::check_settings;
 
 /// Every document for users: those in the top folder, in `docs`, and the README of each folder.
 fn documents() -> Vec<(PathBuf, String)> {
@@ -61,11 +62,11 @@ const UNIT_TABLES: [&str; 3] = ["[Service]", "[Unit]", "[Journal]"];
 
 #[test]
 fn every_block_of_settings_in_a_document_loads() {
-    let mut count = 0;
+    let (mut count, check) = (0, |settings: &_, faults: &mut _| check_settings(settings, &[], faults));
     for (path, text) in documents() {
         for block in settings(&text) {
             let is_unit = UNIT_TABLES.iter().any(|table| block.starts_with(table));
-            if !is_unit && let Err(faults) = config::parse(&path.display().to_string(), &block) {
+            if !is_unit && let Err(faults) = parse_and_check(&path.display().to_string(), &block, check) {
                 panic!("{faults}\nin\n{block}");
             }
             count += 1;

@@ -15,10 +15,10 @@ use common::film::{decode, demo_avi};
 use common::points::{Distance, read_npy, read_npz, read_steps};
 use common::program::{Run, facewire, text};
 use common::{shared, skip};
-use facewire::capture::{Clip, Picture, Source, Y4mSource};
-use facewire::config::NetworkSettings;
-use facewire::face::{LANDMARKS, Landmarks, Tracker};
-use facewire::infer::{self, Engine};
+use facewire::capture::{Clip, Source, Y4mSource};
+use facewire_face::Engine;
+use facewire_face::Picture;
+use facewire_face::{LANDMARKS, Landmarks, Tracker};
 use tempfile::NamedTempFile;
 
 /// Largest mean distance from MediaPipe's landmarks in the picture.
@@ -44,7 +44,7 @@ type Tracked = (Box<dyn Engine>, Vec<Landmarks>);
 
 /// Every engine of this build.
 static DEMO: LazyLock<Vec<Tracked>> = LazyLock::new(|| {
-    let engines = infer::engines(&NetworkSettings::default()).unwrap_or_else(|error| panic!("{error}"));
+    let engines = facewire_face::stages::engines("", 1).unwrap_or_else(|error| panic!("{error}"));
     assert!(!engines.is_empty(), "this build has no engine");
     let tracked = |engine: Box<dyn Engine>| {
         let landmarks = track(&*engine, &mut Clip::once().unwrap(), |picture| picture);
@@ -57,7 +57,7 @@ static DEMO: LazyLock<Vec<Tracked>> = LazyLock::new(|| {
 /// Returns whether `cross/test` runs this test on an emulated processor. The fastest engine then follows the first 80 frames
 /// of the clip; all engines would take an hour for the whole clip.
 fn is_emulated() -> bool {
-    std::env::var_os("FACEWIRE_STARTER").is_some()
+    std::env::var_os("FACEWIRE_EMULATED").is_some()
 }
 
 fn engines() -> impl Iterator<Item = &'static dyn Engine> {
@@ -132,23 +132,17 @@ fn assert_near(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[La
     assert!(distance.frames == frames && is_near, "{}, {film}: {distance:?}", engine.name());
 }
 
+/// Every 8th frame of the clip, and every frame where the folder of reference clips exists.
 #[test]
-fn every_8th_frame_of_the_clip_is_as_mediapipe_sees_it() {
+fn the_clip_is_as_mediapipe_sees_it() {
     for (engine, demo) in &*DEMO {
         let ours: Vec<Landmarks> = demo.iter().step_by(8).cloned().collect();
         let (theirs, frames) = (read_steps(&golden()), if is_emulated() { 10 } else { 30 });
         assert_near(&**engine, "every 8th frame of the built-in clip", &ours, &theirs[..frames], frames);
-    }
-}
-
-#[test]
-fn every_frame_of_the_clip_is_as_mediapipe_sees_it() {
-    let Some(shared) = shared() else {
-        return skip("no folder of reference clips; set FACEWIRE_SHARED");
-    };
-    let theirs = read_npz(&shared.join("golden/demo-mediapipe.npz"));
-    for (engine, demo) in &*DEMO {
-        assert_near(&**engine, "the built-in clip", demo, &theirs, 240);
+        if let Some(shared) = shared() {
+            let theirs = read_npz(&shared.join("golden/demo-mediapipe.npz"));
+            assert_near(&**engine, "the built-in clip", demo, &theirs, 240);
+        }
     }
 }
 

@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 
 use common::service::{Receiver, Service};
 use facewire_packet::{Packet, State};
-use tempfile::TempDir;
+use tempfile::{NamedTempFile, TempDir};
 
 const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
 /// Live packets before the count begins. The first frame of the camera allocates the camera's memory.
@@ -36,6 +36,8 @@ const JPEG_FUNCTIONS: [&str; 8] = [
 const JPEG_CALLS: usize = 14;
 /// The highest resident memory that the service may reach.
 const MAX_KIB: usize = 30_000_000 / 1024;
+/// How often the settings change in the test of reloads.
+const RELOADS: usize = 200;
 
 /// The preloaded library and the file in which it counts the calls.
 struct Hook(TempDir);
@@ -142,13 +144,48 @@ fn frames_allocate_nothing_in_rust_or_c_except_what_libjpeg_turbo_needs_to_decod
     assert_eq!(mapped, mapped_later, "the process has mapped or unmapped memory");
 }
 
+/// A line of `/proc/PID/status`, in KiB.
+fn kib(service: &Service, line: &str) -> usize {
+    let status = fs::read_to_string(format!("/proc/{}/status", service.pid())).unwrap();
+    let value = status.lines().find_map(|it| it.strip_prefix(line)).unwrap();
+    value.trim().trim_end_matches(" kB").parse().unwrap()
+}
+
 #[test]
 fn a_service_that_follows_a_face_holds_at_most_30_mb() {
     let receiver = Receiver::new();
     let service = Service::start(DEMO, &[receiver.address()]);
     live_packets(&receiver, WARM_UP);
-    let status = fs::read_to_string(format!("/proc/{}/status", service.pid())).unwrap();
-    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
-    let peak_kib: usize = peak.trim().trim_end_matches(" kB").parse().unwrap();
+    let peak_kib = kib(&service, "VmHWM:");
     assert!(peak_kib <= MAX_KIB, "{peak_kib} KiB, at most {MAX_KIB} KiB are allowed");
+}
+
+/// Each reload of the networks loads the new ones before the old ones are freed, on as many threads as the settings want.
+#[test]
+fn after_200_random_reloads_the_service_still_holds_at_most_30_mb() {
+    let (receiver, log) = (Receiver::new(), NamedTempFile::new().unwrap());
+    let service = Service::start_logging_to(DEMO, &[receiver.address()], log.reopen().unwrap().into());
+    live_packets(&receiver, WARM_UP);
+    let (mut random, link) =
+        (fastrand::Rng::with_seed(21), format!("[[link]]\naddress = \"{}\"\n", receiver.address()));
+    let answered = || {
+        let log = fs::read_to_string(log.path()).unwrap();
+        log.matches("settings changed").count() + log.matches("settings are unchanged").count()
+    };
+    for reload in 1..=RELOADS {
+        // The last one is that of the beginning again: more threads need more memory.
+        let threads = if reload == RELOADS { 1 } else { random.u32(1..=8) };
+        let rate_hz = random.u32(10..=240);
+        let filter = random.choice(["kalman", "one-euro", "low-pass"]).unwrap();
+        let settings = format!(
+            "{DEMO}[networks]\nthreads = {threads}\n[smoothing]\nbrows = \"{filter}\"\n[send]\nrate_hz = {rate_hz}\n{link}"
+        );
+        service.reload(&settings);
+        while answered() < reload {
+            receiver.packet();
+        }
+    }
+    live_packets(&receiver, WARM_UP);
+    let held_kib = kib(&service, "VmRSS:");
+    assert!(held_kib <= MAX_KIB, "{held_kib} KiB, at most {MAX_KIB} KiB are allowed");
 }

@@ -131,7 +131,8 @@ fn readers_with_wrong_requests_are_answered_and_a_silent_reader_delays_no_other(
     let service = start(&address, &receiver);
     eventually("metrics", || TcpStream::connect(&address).is_ok());
     let _silent = TcpStream::connect(&address).unwrap();
-    assert!(answer(&address, b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n").starts_with("HTTP/1.1 200 OK\r\n"));
+    assert!(answer(&address, b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n").starts_with("HTTP/1.1 200 OK\r\n"));
+    assert!(answer(&address, b"GET /metrics HTTP/1.1\r\nHost: evil.example\r\n\r\n").starts_with("HTTP/1.1 421 "));
     assert!(answer(&address, b"GET / HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 404 "));
     assert!(answer(&address, b"DELETE /metrics HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 405 "));
     assert!(answer(&address, &[0; 64]).starts_with("HTTP/1.1 400 "));
@@ -153,7 +154,7 @@ fn without_free_descriptors_a_reader_waits_and_costs_nothing() {
     let mut service = start(&address, &receiver);
     eventually("metrics", || TcpStream::connect(&address).is_ok());
     receiver.until(|packet| packet.state == State::Live);
-    let (pid, thread) = (Pid::from_raw(service.pid().try_into().unwrap()), service.thread("fw-metrics"));
+    let (pid, thread) = (Pid::from_raw(service.pid().try_into().unwrap()), service.thread("fw-control"));
     let own = getrlimit(Resource::Nofile);
     prlimit(pid, Resource::Nofile, Rlimit { current: Some(3), ..own }).unwrap();
     let reader = std::thread::spawn({

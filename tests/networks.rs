@@ -11,8 +11,8 @@ use std::process::Command;
 
 use common::program::{Run, text};
 use common::skip;
-use facewire::config::NetworkSettings;
-use facewire::infer::{self, Engine, Signature};
+use facewire_face::Engine;
+use facewire_face::stages::Signature;
 
 /// Largest difference, as a share of the largest value of an output: 0.003 px on the mesh. Libraries that add in
 /// different orders differ by less than a tenth of it.
@@ -83,7 +83,7 @@ fn every_engine_computes_what_the_tflite_interpreter_computes() {
     let folder = tempfile::tempdir().unwrap();
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/models/networks/check.py");
     Run::of(Command::new(python).env("PYTHONDONTWRITEBYTECODE", "1").args([script, text(folder.path())])).succeeded();
-    for engine in infer::engines(&NetworkSettings::default()).unwrap_or_else(|error| panic!("{error}")) {
+    for engine in facewire_face::stages::engines("", 1).unwrap_or_else(|error| panic!("{error}")) {
         for signature in &NETWORKS {
             let difference = difference(&*engine, signature, folder.path());
             println!("{}: {} agrees to {difference:.1e} of its range", engine.name(), signature.name);

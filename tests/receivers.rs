@@ -20,7 +20,7 @@ use facewire::config::{self, Settings};
 use facewire::link::{Link, Output, Pose, Traffic};
 use facewire::pipeline::Pipeline;
 use facewire::playback::Playback;
-use facewire::solve::HeadPose;
+use facewire_face::HeadPose;
 use facewire_packet::{BLENDSHAPES, Reason, State};
 use rosc::{OscPacket, OscType};
 use rustix::process::Signal;
@@ -175,7 +175,7 @@ fn the_recorded_frame_is_the_one_of_the_built_in_clip() {
     let pose = pose.unwrap();
     let angles = |rotation| {
         let head = HeadPose::from_rotation(rotation, [0.0; 3]);
-        [head.yaw_deg, head.pitch_deg, head.roll_deg]
+        head.yaw_pitch_roll_deg()
     };
     for (recorded, now) in angles(ROTATION).into_iter().zip(angles(pose.rotation)) {
         assert!((recorded - now).abs() < 0.5, "{recorded} {now}: {:?}", pose.rotation);

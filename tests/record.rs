@@ -9,9 +9,9 @@ use std::process::Command;
 
 use common::program::{Run, facewire, settings, text};
 use common::service::{Receiver, Service};
-use facewire::face::Landmarks;
 use facewire::link::Pose;
 use facewire::recording::{Reader, Recorded, Writer};
+use facewire_face::Landmarks;
 use facewire_packet::{Reason, State};
 use rustix::process::Signal;
 use tempfile::TempDir;

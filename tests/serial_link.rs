@@ -189,19 +189,6 @@ fn a_board_plugged_in_again_under_another_node_is_back_within_1_5_s() {
 }
 
 #[test]
-fn the_last_packet_is_written_before_a_dropped_link_closes_its_port() {
-    for sequence in 0..50 {
-        let mut board = Board::plugged_in();
-        let port = board.port();
-        let mut link = Serial::open(&board);
-        link.send(&packet(sequence));
-        drop(link);
-        assert_eq!(board.next(), [packet(sequence)]);
-        drop(port);
-    }
-}
-
-#[test]
 fn a_link_that_replaces_another_opens_the_port_after_the_last_packet_of_that_one() {
     let (stable, mut board) = (StablePath::new(), Board::plugged_in());
     stable.leads_to(&board);
@@ -253,21 +240,6 @@ fn a_link_ends_even_if_its_board_does_not_read() {
 }
 
 #[test]
-fn dropping_a_link_does_not_wait_for_its_thread() {
-    let outlives_the_link = || {
-        let board = Board::plugged_in();
-        let _full = board.stall();
-        let mut link = Serial::open(&board);
-        let traffic = Arc::downgrade(&link.traffic);
-        link.send(&packet(1));
-        drop(link);
-        traffic.strong_count() > 0
-    };
-    // The thread needs 50 ms to find that the port takes nothing. A busy machine may make the test miss it once.
-    assert!((0..5).any(|_| outlives_the_link()));
-}
-
-#[test]
 fn output_of_the_board_is_discarded_so_that_the_board_never_waits() {
     let mut board = Board::plugged_in();
     let mut link = Serial::open(&board);
@@ -300,6 +272,6 @@ fn a_port_that_does_not_open_is_reported_in_one_sentence_with_what_to_do() {
     let board = Board::plugged_in();
     let other_program = board.port();
     flock(&other_program, FlockOperation::NonBlockingLockExclusive).unwrap();
-    let busy = "another program has it open; end that program, or give another port";
-    assert_eq!(trouble(&board.device), format!("link {}: {busy}", board.device.display()));
+    let busy = trouble(&board.device);
+    assert!(busy.contains("another program has it open") && busy.contains("systemctl stop facewire"), "{busy}");
 }

@@ -21,8 +21,6 @@ mod process;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use clap::Parser as _;
-use facewire::cli::Cli;
 use libtest_mimic::{Arguments, Trial};
 
 use self::faults::Faults;
@@ -41,7 +39,7 @@ const SEED: u64 = 7;
 fn main() -> ExitCode {
     if std::env::var_os(SERVICE).is_some() {
         counted::answer_on_standard_output();
-        return Cli::parse().run();
+        return facewire::cli::run(std::env::args_os());
     }
     let name = "a_service_with_random_faults_stays_what_it_was";
     let soak = Trial::test(name, || {

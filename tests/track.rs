@@ -13,7 +13,7 @@ use common::film::{decode, demo_avi, demo_y4m, empty_y4m};
 use common::points::read_npy;
 use common::program::{Run, facewire, text, track_stream};
 use common::skip;
-use facewire::face::Landmarks;
+use facewire_face::Landmarks;
 use tempfile::TempDir;
 
 /// The header of the CSV, on which other programs rely.

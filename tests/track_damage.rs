@@ -10,7 +10,7 @@ use common::coefficients::rows;
 use common::film::{demo_avi, demo_y4m, empty_y4m};
 use common::points::write_npy;
 use common::program::{Run, facewire, text, track_stream};
-use facewire::face::LANDMARKS;
+use facewire_face::LANDMARKS;
 use tempfile::NamedTempFile;
 
 /// Output for the first frames of the built-in clip.

@@ -37,27 +37,40 @@ impl Layout {
         if self.end > Self::LARGEST {
             return Err(Error::Unsupported("the network needs too much memory"));
         }
-        let values = vec![0.0; self.end + LINE - 1];
-        let start = values.as_ptr().align_offset(LINE * size_of::<f32>()).min(LINE - 1);
-        Ok(Memory { start, values })
+        block(self.end).map(Memory).map_err(|_| Error::Unsupported("the system gives no memory for the network"))
     }
+}
+
+/// A map of its own, which the system gets back whole when a network is dropped. In the heap it would leave a hole that the
+/// C library keeps, so that memory would grow with every network that is loaded. Its beginning is that of a page.
+#[cfg(not(test))]
+type Block = memmap2::MmapMut;
+#[cfg(not(test))]
+fn block(length: usize) -> std::io::Result<Block> {
+    memmap2::MmapMut::map_anon(length * size_of::<f32>())
+}
+
+/// In tests the heap, so that a sanitizer detects a kernel that reads past the end.
+#[cfg(test)]
+type Block = Vec<f32>;
+#[cfg(test)]
+#[allow(clippy::unnecessary_wraps, reason = "a map can fail")]
+fn block(length: usize) -> std::io::Result<Block> {
+    Ok(vec![0.0; length])
 }
 
 /// The values of all areas.
 #[derive(Debug)]
-pub(crate) struct Memory {
-    start: usize,
-    values: Vec<f32>,
-}
+pub(crate) struct Memory(Block);
 
 impl Memory {
     /// All areas.
     pub(crate) fn all(&self) -> &[f32] {
-        &self.values[self.start..]
+        bytemuck::cast_slice(&self.0)
     }
 
     /// All areas.
     pub(crate) fn all_mut(&mut self) -> &mut [f32] {
-        &mut self.values[self.start..]
+        bytemuck::cast_slice_mut(&mut self.0)
     }
 }

@@ -7,23 +7,16 @@
 //! pictures, because the map of a mirrored picture is not a mirrored map.
 
 use anyhow::{Result, ensure};
-use facewire::{
-    face::APPEARANCE_LANDMARKS,
-    solve::{
-        APPEARANCE_UNITS, BLENDSHAPES, Model,
-        model_file::{AppearanceTable, ResidualRow, ResidualTable},
-    },
-};
+use facewire_face::model::{APPEARANCE_LANDMARKS, APPEARANCE_UNITS, AppearanceTable, ResidualRow, ResidualTable};
+use facewire_face::{BLENDSHAPES, Model};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use crate::{
-    dataset::{Appearances, Sample},
-    design::MODELLED,
-    judge,
-    network::{Batch, Examples, Network, Training, Units, noise},
-    train::{importance, number, numbers},
-};
+use crate::dataset::{Appearances, Sample};
+use crate::design::MODELLED;
+use crate::judge;
+use crate::network::{Batch, Examples, Network, Training, Units, noise};
+use crate::train::{importance, number, numbers};
 
 /// Deviation of the noise on each input, in deviations of the input.
 const NOISE: f32 = 1.0;
@@ -55,14 +48,12 @@ pub fn fit(samples: &[Sample], appearances: &Appearances, model: &Model) -> Resu
 /// The look of the training pictures, and what the landmark model leaves unexplained of their coefficients.
 struct Residuals<'a> {
     appearances: &'a Appearances,
-    /// The picture of each face.
     pictures: Vec<usize>,
     mean: Vec<f32>,
     /// Inverse of the deviation of each value.
     scale: Vec<f32>,
     /// Coefficients of the landmark model with the neutral face known, then without, one column per face.
     start: DMatrix<f32>,
-    /// True coefficients, twice.
     truth: DMatrix<f32>,
     importance: Vec<f32>,
 }

@@ -4,24 +4,20 @@
 //! columns), if it has no rows, or if it holds numbers that are not finite. The error names the file, the array and,
 //! for a number that is not finite, the row.
 
-use std::{
-    fs::File,
-    io::{BufReader, Read},
-    path::{Path, PathBuf},
-};
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use half::f16;
 use npyz::{Deserialize, NpyFile, Order, npz::NpzArchive};
 
-/// An npz archive of arrays.
 pub struct Arrays {
     path: PathBuf,
     archive: NpzArchive<BufReader<File>>,
 }
 
 impl Arrays {
-    /// Opens an npz archive.
     pub fn open(path: &Path) -> Result<Self> {
         let archive = NpzArchive::new(open(path)?);
         let archive = archive.with_context(|| format!("{} is not a NumPy archive (.npz)", path.display()))?;
@@ -40,7 +36,6 @@ impl Arrays {
         finite(values(self.array(name)?, shape, "float16", &label)?, shape, &label)
     }
 
-    /// Returns whether the archive has an array of this name.
     pub fn has(&self, name: &str) -> bool {
         self.archive.array_names().any(|other| other == name)
     }

@@ -3,25 +3,22 @@
 use std::{hint::black_box, ops::Range, path::Path, time::Instant};
 
 use anyhow::{Context, Result};
-use facewire::{
-    config::Settings,
-    face::{Appearance, Face, Landmarks},
-    preflight::shaping,
-    solve::{COEFFS, Camera, Features, Model, Neutral, NeutralMean, Profile, Solution, Solver, normalise},
+use facewire::{config::Settings, preflight::shaping};
+use facewire_face::stages::{Features, normalise};
+use facewire_face::{
+    Appearance, COEFFS, Camera, Face, Landmarks, Model, Neutral, NeutralMean, Profile, Solution, Solver,
 };
 
-use crate::{
-    arrays::{Arrays, npy_floats},
-    dataset::{LANDMARK_SHAPE, LANDMARK_VALUES, landmarks_of},
-    statistics::mean,
-};
+use crate::arrays::{Arrays, npy_floats};
+use crate::dataset::{LANDMARK_SHAPE, LANDMARK_VALUES, landmarks_of};
+use crate::statistics::mean;
 
 /// Time between frames of the clips.
-const FRAME_US: u64 = 33_333;
+pub const FRAME_US: u64 = 33_333;
 /// The camera of the clips.
 const CAMERA: Camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
 /// Number of faces to time.
-const TIMED_FACES: usize = 20_000;
+const TIMED_FACES: usize = 4_000;
 
 /// Reads the frames from a `.npy` file of `facewire track --landmarks`, or from the array `landmarks` of an archive.
 pub fn load(path: &Path) -> Result<Vec<Landmarks>> {
@@ -34,11 +31,10 @@ pub fn load(path: &Path) -> Result<Vec<Landmarks>> {
     Ok(values.chunks_exact(LANDMARK_VALUES).map(landmarks_of).collect())
 }
 
-/// Runs the solver over a clip. `neutral` is the range of frames in which the face is at rest.
-pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>) -> Result<Vec<Solution>> {
+pub fn solve(model: &Model, clip: &[Landmarks], neutral: Option<Range<usize>>, frame_us: u64) -> Result<Vec<Solution>> {
     let neutral = neutral.map(|frames| mean_face(clip, frames)).transpose()?;
     let mut solver = solver(model, neutral);
-    let frames = (0..).step_by(FRAME_US as usize).zip(clip);
+    let frames = (0..).step_by(frame_us as usize).zip(clip);
     frames.map(|(time_us, landmarks)| Ok(solver.solve(landmarks, &CAMERA, time_us)?)).collect()
 }
 
@@ -104,11 +100,19 @@ fn times_us<T>(faces: impl Iterator<Item = T>, mut solve: impl FnMut(T) -> Resul
 }
 
 #[cfg(test)]
-mod tests {
-    use facewire::face::LANDMARKS;
-    use npyz::{WriteOptions, WriterBuilder};
+pub mod tests {
+    use facewire_face::LANDMARKS;
+    use npyz::{NpyFile, WriteOptions, WriterBuilder};
 
     use super::*;
+
+    /// Returns MediaPipe's landmarks of every 8th frame of the built-in clip, which the file stores in 1/32 pixel.
+    pub fn test_clip() -> Vec<Landmarks> {
+        let file = include_bytes!("../../tests/golden/demo-landmarks.npy");
+        let values: Vec<i16> = NpyFile::new(&file[..]).expect("an array").into_vec().expect("16 bits");
+        let values: Vec<f32> = values.into_iter().map(|value| f32::from(value) / 32.0).collect();
+        values.chunks_exact(LANDMARK_VALUES).map(landmarks_of).collect()
+    }
 
     /// Writes frames of landmarks as `facewire track --landmarks` does, and loads them.
     fn loaded(name: &str, shape: [u64; 3], value: impl Fn(usize) -> f32) -> Result<Vec<Landmarks>> {

@@ -6,37 +6,29 @@
 
 mod choice;
 mod export;
-mod hidden_layer;
-mod one_subject;
-mod ranking;
 mod split;
-mod table;
 mod trial;
 
-use std::{
-    path::PathBuf,
-    sync::atomic::{AtomicUsize, Ordering},
-};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use facewire::solve::{BLENDSHAPES, COEFFS};
+use facewire_face::{BLENDSHAPES, COEFFS};
 use rayon::prelude::*;
 use serde_json::json;
 
-use self::{
-    choice::{Budget, Choice},
-    split::Split,
-    trial::{Trial, Trials, UntimedTrial},
-};
-use crate::{
-    dataset::{self, Sample},
-    design::MODELLED,
-    fitted::Fitted,
-    judge::Faces,
-    kinds::{self, Kind},
-    output, train,
-};
+use self::choice::{Budget, Choice};
+use self::split::Split;
+use self::trial::{Trial, Trials, UntimedTrial};
+use crate::dataset::{self, Sample};
+use crate::design::MODELLED;
+use crate::judge::Faces;
+use crate::kinds::{self, Kind};
+use crate::output::{self, Table};
+use crate::paper::{MODELS_TITLE, model_rows};
+use crate::report::{Diagnostics, Fitted, with_papers};
+use crate::train;
 
 /// The budget of the whole solver: memory, and time for one face.
 const ALL_BYTES: usize = 256 * 1024;
@@ -86,20 +78,19 @@ pub struct FitOptions {
     pub epochs: u32,
 }
 
-/// Runs the command.
 pub fn run(args: &FitArgs) -> Result<()> {
     args.json.iter().chain(&args.export).try_for_each(|path| output::check(path))?;
     let samples = dataset::load(&args.dataset)?;
     let split = Split::new(&samples, args.options.folds, args.one_subject)?;
     let known = args.choose(&samples, &split, true)?;
     let Some(path) = &args.export else {
-        return args.write_json(&table::json(&known, &split, &args.budget()));
+        return args.write_json(&choice::json(&known, &split, &args.budget()));
     };
     let unknown = args.choose(&samples, &split, false)?;
     let file = export::model_file(&known, &unknown, args.made_by(), split.described())?;
     output::write(path, toml::to_string(&file)?)?;
     println!("model in memory: {} bytes", file.to_model()?.size_bytes());
-    let [known, unknown] = [known, unknown].map(|choices| table::json(&choices, &split, &args.budget()));
+    let [known, unknown] = [known, unknown].map(|choices| choice::json(&choices, &split, &args.budget()));
     args.write_json(&json!({ "neutral_known": known, "neutral_unknown": unknown }))
 }
 
@@ -113,13 +104,12 @@ impl FitArgs {
     fn kinds(&self) -> Result<Kinds> {
         let mut kinds = self.options.kinds()?;
         if self.export.is_some() && self.options.kinds.is_empty() {
-            kinds.each.retain(|kind| kind.form().is_formula());
+            kinds.each.retain(|kind| kind.form.is_formula());
             kinds.hidden_layer = false;
         }
         Ok(kinds)
     }
 
-    /// Fits all kinds, chooses among them and prints the results.
     fn choose(&self, samples: &[Sample], split: &Split, neutral_known: bool) -> Result<Vec<Choice>> {
         let faces = Faces::new(samples, neutral_known)?;
         let budget = self.budget();
@@ -127,9 +117,14 @@ impl FitArgs {
         let choose = |(blendshape, trials): (usize, Vec<Trial>)| Choice::new(BLENDSHAPES[blendshape], trials, &budget);
         let choices: Vec<Choice> = tried.into_iter().map(choose).collect();
         println!("neutral face {}", if neutral_known { "known" } else { "not known" });
-        print!("{}", table::text(&choices, split, &budget));
+        print!("{}", choice::text(&choices, split, &budget));
         if split.one_subject {
-            print!("{}", one_subject::text(&choices, &faces, split));
+            for blendshape in ["mouthSmileLeft", "cheekPuff"] {
+                if let Some(choice) = choices.iter().find(|choice| choice.blendshape == blendshape) {
+                    println!("\n{blendshape}; indented rows are the paper's ({MODELS_TITLE})");
+                    print!("{}", beside_the_paper(choice, &faces, split).text());
+                }
+            }
         }
         Ok(choices)
     }
@@ -173,10 +168,17 @@ fn as_fitted(blendshape: usize, trial: Trial) -> Fitted {
     }
 }
 
-/// Kinds of model to fit.
+fn beside_the_paper(choice: &Choice, faces: &Faces, split: &Split) -> Table {
+    let blendshape = BLENDSHAPES.iter().position(|name| *name == choice.blendshape).unwrap_or(0);
+    let truth = faces.truth(blendshape, &split.held_out);
+    let fitted: Vec<Fitted> = choice.trials.iter().map(|trial| as_fitted(blendshape, trial.clone())).collect();
+    let found: Vec<Diagnostics> = fitted.iter().map(|fitted| Diagnostics::new(fitted, &truth)).collect();
+    let models: Vec<_> = fitted.iter().map(|fitted| fitted.kind.as_str()).zip(&found).collect();
+    with_papers(&models, model_rows(choice.blendshape))
+}
+
 struct Kinds {
-    /// Those that are fitted to one blendshape at a time.
-    each: Vec<Box<dyn Kind>>,
+    each: Vec<&'static Kind>,
     hidden_layer: bool,
 }
 
@@ -186,7 +188,6 @@ impl FitOptions {
         Self { blendshapes: Vec::new(), kinds, folds: FOLDS, epochs: train::EPOCHS }
     }
 
-    /// Fits `kinds` to the blendshapes. Returns the trials with the index of their blendshape.
     fn run_trials(
         &self,
         samples: &[Sample],
@@ -198,11 +199,11 @@ impl FitOptions {
         let parts: Vec<&[usize]> = trainings.iter().chain([&split.held_out]).map(Vec::as_slice).collect();
         let blendshapes = faces.moving(&self.blendshapes()?, &parts)?;
         let runner = Trials::new(faces, split);
-        let widest = kinds.each.iter().map(|kind| kind.limits().features).max().unwrap_or(0);
+        let widest = kinds.each.iter().map(|kind| kind.limits.features).max().unwrap_or(0);
         let done = AtomicUsize::new(0);
         let one = |blendshape: &usize| -> Result<(usize, Vec<UntimedTrial>)> {
             let ranks = runner.rank(*blendshape, widest);
-            let trials = kinds.each.iter().map(|kind| runner.run_kind(&**kind, *blendshape, &ranks));
+            let trials = kinds.each.iter().map(|kind| runner.run_kind(kind, *blendshape, &ranks));
             let trials = trials.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
             let done = 1 + done.fetch_add(1, Ordering::Relaxed);
             eprint!("\r{done} of {} blendshapes", blendshapes.len());
@@ -215,7 +216,7 @@ impl FitOptions {
         let mut tried: Vec<(usize, Vec<Trial>)> =
             tried.into_iter().map(|(blendshape, tried)| (blendshape, timed(tried))).collect();
         if kinds.hidden_layer && !split.one_subject {
-            let layer = hidden_layer::trials(samples, faces, split, self.epochs as usize)?;
+            let layer = trial::hidden_layer_trials(samples, faces, split, self.epochs as usize)?;
             for (blendshape, trials) in &mut tried {
                 trials.push(layer[*blendshape].clone());
             }
@@ -236,21 +237,22 @@ impl FitOptions {
     }
 
     fn kinds(&self) -> Result<Kinds> {
-        let mut each = kinds::all();
-        let known: Vec<&str> = each.iter().map(|kind| kind.name()).chain([hidden_layer::NAME]).collect();
+        let mut each: Vec<&'static Kind> = kinds::ALL.iter().collect();
+        let known: Vec<&str> = each.iter().map(|kind| kind.name).chain([trial::HIDDEN_LAYER]).collect();
         for name in &self.kinds {
             ensure!(known.contains(&name.as_str()), "no kind of model {name}: the kinds are {}", known.join(", "));
         }
         let is_wanted = |name: &str| self.kinds.is_empty() || self.kinds.iter().any(|wanted| wanted == name);
-        each.retain(|kind| is_wanted(kind.name()));
-        Ok(Kinds { each, hidden_layer: is_wanted(hidden_layer::NAME) })
+        each.retain(|kind| is_wanted(kind.name));
+        Ok(Kinds { each, hidden_layer: is_wanted(trial::HIDDEN_LAYER) })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::reference;
+
+    use super::*;
 
     fn options(blendshapes: &[&str], kinds: &[&str]) -> FitOptions {
         let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
@@ -260,15 +262,14 @@ mod tests {
     #[test]
     fn unknown_kinds_and_blendshapes_are_refused_with_the_known_ones() {
         let error = options(&[], &["ols", "lasso"]).kinds().err().unwrap().to_string();
-        assert!(error.contains("lasso") && error.contains("ridge") && error.contains(hidden_layer::NAME), "{error}");
+        assert!(error.contains("lasso") && error.contains("ridge") && error.contains(trial::HIDDEN_LAYER), "{error}");
         assert!(options(&["tongueOut"], &[]).blendshapes().is_err());
     }
 
     #[test]
     fn the_jaw_of_unseen_subjects_is_found_by_an_affine_model_and_better_by_a_quadratic_one() {
-        let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
-            return reference::say_skipped("dataset/");
-        };
+        let Some(path) = reference::shared("dataset/train.npz") else { return };
+        let samples = dataset::load(&path).unwrap();
         let faces = Faces::new(&samples, true).unwrap();
         let split = Split::new(&samples, 3, false).unwrap();
         let options = options(&["jawOpen"], &["ols", "poly"]);

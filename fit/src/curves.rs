@@ -1,9 +1,11 @@
 //! Compares the curves of a clip with the true curves.
 
-use std::{fmt::Write, path::Path};
+use std::fmt::Write;
+use std::ops::Range;
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use facewire::solve::{BLENDSHAPES, COEFFS, Solution};
+use facewire_face::{BLENDSHAPES, COEFFS, Solution};
 
 use crate::statistics::{mean, pearson, standard_deviation};
 
@@ -12,11 +14,9 @@ const MAX_LAG: usize = 5;
 /// Curves with a smaller standard deviation are left out, because their correlation means nothing.
 pub const MOVING: f64 = 0.02;
 
-/// The true curves of a clip.
 pub struct Truth {
     /// Yaw, pitch (positive when the head nods up) and roll of each frame in degrees.
     pub pose_deg: Vec<[f64; 3]>,
-    /// Coefficients of each frame.
     pub coefficients: Vec<[f64; COEFFS]>,
 }
 
@@ -28,7 +28,6 @@ impl Truth {
         Self::parse(&text).with_context(|| format!("{} is not a table of true curves", path.display()))
     }
 
-    /// Checks that the table has as many rows as the clip has frames.
     pub fn fits(&self, path: &Path, frames: usize) -> Result<()> {
         let rows = self.coefficients.len();
         ensure!(
@@ -65,7 +64,6 @@ fn lagged_r(curve: &[f64], truth: &[f64]) -> (f64, usize) {
     (0..=MAX_LAG).map(at).fold((-1.0, 0), |best, next| if next.0 > best.0 { next } else { best })
 }
 
-/// Returns the index and true curve of the blendshapes that move.
 fn moving(truth: &Truth) -> impl Iterator<Item = (usize, Vec<f64>)> {
     let curve = |index: usize| truth.coefficients.iter().map(|frame| frame[index]).collect::<Vec<_>>();
     let curves = (0..COEFFS).map(move |index| (index, curve(index)));
@@ -93,31 +91,71 @@ fn curve(solved: &[Solution], index: usize) -> Vec<f64> {
 
 /// Returns the mean absolute error of yaw, pitch and roll in degrees.
 pub fn pose_error_deg(truth: &Truth, solved: &[Solution]) -> [f64; 3] {
-    let angles = |frame: &Solution| [frame.head.yaw_deg, frame.head.pitch_deg, frame.head.roll_deg].map(f64::from);
+    let angles = |frame: &Solution| frame.head.yaw_pitch_roll_deg().map(f64::from);
     let pairs = || solved.iter().map(angles).zip(&truth.pose_deg);
     core::array::from_fn(|axis| mean(pairs().map(|(angles, truth)| (angles[axis] - truth[axis]).abs())))
 }
 
+/// Names of the parts with their frames, in order.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Parts(Vec<(String, Range<usize>)>);
+
+impl Parts {
+    /// Reads a table of name, first frame and number of frames.
+    pub fn load(path: &Path) -> Result<Self> {
+        let refusal = || {
+            format!("{} is no table of parts: make the clip with `facewire-fit film --script wearer`", path.display())
+        };
+        let mut rows = csv::Reader::from_path(path).with_context(refusal)?;
+        let part = |row: Result<(String, usize, usize), csv::Error>| {
+            let (name, first, frames) = row?;
+            Ok((name, first..first + frames))
+        };
+        let parts: Vec<_> = rows.deserialize().map(part).collect::<Result<_>>().with_context(refusal)?;
+        ensure!(!parts.is_empty(), refusal());
+        Ok(Self(parts))
+    }
+
+    pub fn of(&self, name: &str) -> Range<usize> {
+        self.0.iter().find(|(known, _)| known == name).map(|(_, frames)| frames.clone()).unwrap_or_default()
+    }
+
+    pub fn starting_with(&self, names: &[&str]) -> impl Iterator<Item = Range<usize>> {
+        self.0
+            .iter()
+            .filter(|(known, _)| names.iter().any(|name| known.starts_with(name)))
+            .map(|(_, frames)| frames.clone())
+    }
+}
+
+pub fn runs(frames: impl Iterator<Item = usize>) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for frame in frames {
+        match runs.last_mut() {
+            Some(run) if run.end == frame => run.end += 1,
+            _ => runs.push(frame..frame + 1),
+        }
+    }
+    runs
+}
+
 #[cfg(test)]
-#[allow(clippy::expect_used)]
 mod tests {
-    use facewire::{face::Landmarks, solve::Model};
+    use facewire_face::Model;
+
+    use crate::clip::tests::test_clip;
+    use crate::clip::{FRAME_US, solve};
+    use crate::reference;
 
     use super::*;
-    use crate::{
-        clip::{load, solve},
-        reference,
-    };
 
-    /// Loads the built-in clip's landmarks and truth from the folder of reference data.
-    fn demo() -> Option<(Vec<Landmarks>, Truth)> {
-        let shared = reference::folder();
-        let landmarks = load(&shared.join("golden/demo-mediapipe.npz")).ok();
-        let truth = Truth::load(&shared.join("footage/demo.csv")).ok();
-        if landmarks.is_none() || truth.is_none() {
-            reference::say_skipped("golden/ and footage/");
-        }
-        landmarks.zip(truth)
+    /// Solves the built-in clip from MediaPipe's landmarks of every 8th frame, and returns the truth of these frames.
+    fn demo(neutral: Option<core::ops::Range<usize>>) -> (Vec<Solution>, Truth) {
+        let truth = Truth::load(Path::new(reference::DEMO_TRUTH)).expect("the truth");
+        let pose_deg = truth.pose_deg.into_iter().step_by(8).collect();
+        let truth = Truth { pose_deg, coefficients: truth.coefficients.into_iter().step_by(8).collect() };
+        let solved = solve(&Model::embedded(), &test_clip(), neutral, 8 * FRAME_US).expect("every frame");
+        (solved, truth)
     }
 
     fn index_of(name: &str) -> usize {
@@ -138,10 +176,7 @@ mod tests {
 
     #[test]
     fn jaw_and_blinks_follow_the_truth_even_if_the_neutral_face_is_not_known() {
-        let Some((landmarks, truth)) = demo() else {
-            return;
-        };
-        let solved = solve(&Model::embedded(), &landmarks, None).expect("every frame");
+        let (solved, truth) = demo(None);
         for (name, least) in [("jawOpen", 0.9), ("eyeBlinkLeft", 0.8), ("eyeBlinkRight", 0.8)] {
             let index = index_of(name);
             let true_curve: Vec<f64> = truth.coefficients.iter().map(|frame| frame[index]).collect();
@@ -152,8 +187,7 @@ mod tests {
 
     #[test]
     fn closed_eyes_read_above_0_8_and_open_ones_below_0_1() {
-        let Some((landmarks, _)) = demo() else { return };
-        let solved = solve(&Model::embedded(), &landmarks, Some(0..1)).expect("every frame");
+        let (solved, _) = demo(Some(0..1));
         for name in ["eyeBlinkLeft", "eyeBlinkRight"] {
             let curve = curve(&solved, index_of(name));
             assert!(curve.iter().any(|value| *value > 0.8), "{name}");
@@ -163,10 +197,20 @@ mod tests {
 
     #[test]
     fn head_pose_error_is_below_1_5_degrees_on_average() {
-        let Some((landmarks, truth)) = demo() else {
-            return;
-        };
-        let solved = solve(&Model::embedded(), &landmarks, None).expect("every frame");
+        let (solved, truth) = demo(None);
         assert!(pose_error_deg(&truth, &solved).iter().all(|error| *error < 1.5));
+    }
+
+    #[test]
+    fn table_of_parts_is_read_and_another_file_is_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("01.parts.csv");
+        std::fs::write(&path, "part,first_frame,frames\nstill-bright,0,75\nblinks,75,195\n").expect("written");
+        let parts = Parts::load(&path).expect("a table");
+        assert_eq!(parts.0, [("still-bright".to_owned(), 0..75), ("blinks".to_owned(), 75..270)]);
+        assert_eq!((parts.of("blinks"), parts.of("winks")), (75..270, 0..0));
+        assert!(parts.starting_with(&["still"]).eq(std::iter::once(0..75)));
+        std::fs::write(&path, "frame,yaw_deg\n1,2\n").expect("written");
+        assert!(Parts::load(&path).expect_err("refused").to_string().contains("no table of parts"));
     }
 }

@@ -3,10 +3,8 @@
 use std::{collections::BTreeSet, path::Path};
 
 use anyhow::{Context, Result, ensure};
-use facewire::{
-    face::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, Appearance, LANDMARKS, Landmarks},
-    solve::{BLENDSHAPES, COEFFS},
-};
+use facewire_face::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
+use facewire_face::{Appearance, BLENDSHAPES, COEFFS, LANDMARKS, Landmarks};
 
 use half::{f16, slice::HalfFloatSliceExt};
 
@@ -26,17 +24,13 @@ const META: usize = 5;
 /// One picture of a face, as landmarks and true values.
 #[derive(Clone)]
 pub struct Sample {
-    /// The landmarks, with levelled irises.
     pub landmarks: Landmarks,
     /// The true coefficients in the order of [`BLENDSHAPES`].
     pub truth: [f64; COEFFS],
     /// The true yaw, pitch (positive when the head nods up) and roll in degrees.
     pub pose_deg: [f64; 3],
-    /// Index of the picture among those of all files.
     pub picture: usize,
-    /// Index of the subject among those of all files.
     pub subject: usize,
-    /// Whether the face is at rest.
     pub neutral: bool,
     /// Whether this sample is a mirrored copy.
     pub mirrored: bool,
@@ -46,7 +40,6 @@ pub struct Sample {
 pub type Person = (usize, bool);
 
 impl Sample {
-    /// Returns the person whose face this is.
     pub fn person(&self) -> Person {
         (self.subject, self.mirrored)
     }
@@ -75,7 +68,6 @@ pub fn load_all(paths: &[impl AsRef<Path>]) -> Result<Vec<Sample>> {
     Ok(samples)
 }
 
-/// Appends the pictures of a dataset and returns the number of each one's subject.
 fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<i32>> {
     let columns = columns(&path.with_file_name("names.json"))?;
     let mut arrays = Arrays::open(path)?;
@@ -116,7 +108,6 @@ impl Appearances {
         self.0[picture * Self::VALUES..][..Self::VALUES].convert_to_f32_slice(out);
     }
 
-    /// Returns the look of the face in a picture.
     pub fn of(&self, picture: usize) -> Appearance {
         let mut appearance = Appearance::zero();
         self.copy(picture, appearance.0.as_flattened_mut());
@@ -166,7 +157,6 @@ fn columns(path: &Path) -> Result<[usize; COEFFS]> {
     Ok(columns)
 }
 
-/// Replaces each number by its rank among the distinct numbers.
 fn ranks(numbers: &[i32]) -> Vec<usize> {
     let distinct: Vec<i32> = numbers.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
     numbers.iter().map(|number| distinct.partition_point(|other| other < number)).collect()
@@ -187,14 +177,34 @@ fn pose_of(row: &[f32]) -> [f64; 3] {
 }
 
 #[cfg(test)]
-#[allow(clippy::float_cmp, reason = "these numbers are exact")]
-mod tests {
+pub mod tests {
     use std::path::PathBuf;
 
-    use npyz::Order;
+    use npyz::{Order, npz::NpzArchive};
 
     use super::*;
     use crate::arrays::tests::{TestArray, write};
+
+    /// Returns 320 rendered faces of 32 people, as `fit/tests/faces.py` packs them.
+    pub fn test_faces() -> Vec<Sample> {
+        let mut archive = NpzArchive::open(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/faces.npz")).expect("faces");
+        let mut read = |name: &str, unit: f32| -> Vec<f32> {
+            let array = archive.by_name(name).expect("read").expect("an array");
+            array.into_vec::<i16>().expect("16 bits").into_iter().map(|value| f32::from(value) / unit).collect()
+        };
+        let (landmarks, weights, pose) = (read("landmarks", 32.0), read("weights", 1000.0), read("pose", 64.0));
+        let (subject, neutral) = (read("subject", 1.0), read("neutral", 1.0));
+        let sample = |(row, points): (usize, &[f32])| Sample {
+            landmarks: landmarks_of(points),
+            truth: core::array::from_fn(|shape| f64::from(weights[row * COEFFS + shape])),
+            pose_deg: pose_of(&pose[3 * row..][..3]),
+            picture: row,
+            subject: subject[row] as usize,
+            neutral: neutral[row] > 0.5,
+            mirrored: false,
+        };
+        landmarks.chunks_exact(LANDMARK_VALUES).enumerate().map(sample).collect()
+    }
 
     /// Loads an archive with the given numbers of rows in landmarks, weights, pose and meta.
     fn loaded(rows: [u64; 4], subjects: &[i32], names: &[&str]) -> Result<Vec<Sample>> {
@@ -202,7 +212,6 @@ mod tests {
         load(&written(folder.path(), rows, subjects, names)?)
     }
 
-    /// Writes such an archive to a folder.
     fn written(folder: &Path, rows: [u64; 4], subjects: &[i32], names: &[&str]) -> Result<PathBuf> {
         let path = folder.join("faces.npz");
         let shapes = [vec![rows[0], 478, 3], vec![rows[1], 52], vec![rows[2], 3], vec![rows[3], 5]];
@@ -258,12 +267,6 @@ mod tests {
         assert!(refusal(&BLENDSHAPES[..51]).contains("names.json has 51 names"));
         assert!(refusal(&[&BLENDSHAPES[..], &["noseUp"]].concat()).contains("names.json has 53 names"));
         assert!(refusal(&twice).contains("names.json lacks tongueOut"));
-    }
-
-    #[test]
-    fn irises_get_the_depth_of_their_eye_rims() {
-        let flat: Vec<f32> = (0..LANDMARK_VALUES).map(|index| if index < 468 * 3 { 6.0 } else { 0.0 }).collect();
-        assert!(landmarks_of(&flat).0.iter().all(|point| (point[2] - 6.0).abs() < 1e-6));
     }
 
     #[test]

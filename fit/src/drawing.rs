@@ -4,10 +4,8 @@
 pub mod face;
 
 use anyhow::{Result, anyhow};
-use plotters::{
-    coord::{Shift, types::RangedCoordf64},
-    prelude::*,
-};
+use plotters::coord::{Shift, types::RangedCoordf64};
+use plotters::prelude::*;
 
 /// Size of a chart with axes.
 pub const SIZE_PX: (u32, u32) = (360, 270);
@@ -21,7 +19,6 @@ pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 pub type DrawError = DrawingAreaErrorKind<std::io::Error>;
 pub type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-/// The name, range and labels of an axis.
 pub struct Axis {
     name: &'static str,
     range: [f64; 2],
@@ -30,7 +27,6 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Returns an axis with a linear scale.
     pub fn linear(name: &'static str, range: [f64; 2]) -> Self {
         Self { name, range, ticks: 6, label: with_few_decimals }
     }
@@ -42,14 +38,12 @@ impl Axis {
     }
 }
 
-/// The axes of a chart.
 pub struct Axes {
     pub x: Axis,
     pub y: Axis,
 }
 
 impl Axes {
-    /// Draws the axes.
     pub fn draw<'a, 'b>(self, area: &'a Area<'b>) -> Result<Chart<'a, 'b>, DrawError> {
         let (Self { x, y }, [x0, x1], [y0, y1]) = (&self, self.x.range, self.y.range);
         let mut chart = ChartBuilder::on(area)
@@ -97,21 +91,4 @@ pub fn subsample<T: Copy>(values: &[T], most: usize) -> Vec<T> {
 /// Formats a number with as many decimals as it needs, at most two.
 fn with_few_decimals(value: f64) -> String {
     format!("{}", (value * 100.0).round() / 100.0 + 0.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_subsample_is_no_larger_than_asked_for() {
-        assert_eq!(subsample(&[1, 2, 3, 4, 5, 6, 7], 3), [1, 4, 7]);
-        assert_eq!(subsample(&[1, 2], 5), [1, 2]);
-    }
-
-    #[test]
-    fn axis_labels_show_ranks_and_no_needless_decimals() {
-        assert_eq!((Axis::ranks("", 1469).label)(2.0), "100");
-        assert_eq!([0.25, -0.001, 2.0].map(with_few_decimals), ["0.25", "0", "2"]);
-    }
 }

@@ -1,17 +1,17 @@
 //! `facewire-fit evaluate`: compares the curves of a tracker with true curves, or with those of another tracker.
 
 mod align;
-mod annotations;
 mod score;
-mod table;
 
 use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
 
-use self::{align::Aligned, annotations::Annotations, score::Score};
-use crate::{output, recording::Recording, statistics::EventLimits};
+use self::align::{Aligned, Annotations};
+use crate::output;
+use crate::recording::Recording;
+use crate::statistics::EventLimits;
 
 const AFTER_HELP: &str = "\
 Accepts the CSV of `facewire track`, recordings of Live Link Face, and any table with blendshape names in its header and
@@ -59,14 +59,12 @@ pub struct EvaluateArgs {
     tolerance_s: f64,
 }
 
-/// By how much TRACK lags the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Shift {
     Frames(i32),
     Auto,
 }
 
-/// Runs the command.
 pub fn run(args: &EvaluateArgs) -> Result<()> {
     args.json.iter().try_for_each(|path| output::check(path))?;
     let [track, truth] = [&args.track, &args.truth].map(|path| Recording::load(path, args.fps));
@@ -81,9 +79,9 @@ pub fn run(args: &EvaluateArgs) -> Result<()> {
     let events = args.events.as_deref().map(|path| Annotations::load(path, args.fps)).transpose()?;
     let limits = EventLimits { f_min: args.f_min, tolerance_s: args.tolerance_s };
     let scores = score::all(&aligned, events.as_ref(), limits);
-    print!("{}", table::text(&aligned, &scores));
+    print!("{}", score::text(&aligned, &scores));
     let Some(path) = &args.json else { return Ok(()) };
-    output::write(path, serde_json::to_string_pretty(&table::json(&aligned, &scores))?)
+    output::write(path, serde_json::to_string_pretty(&score::json(&aligned, &scores))?)
 }
 
 fn parse_shift(text: &str) -> Result<Shift, String> {
@@ -94,16 +92,4 @@ fn parse_shift(text: &str) -> Result<Shift, String> {
 fn positive(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number: &f64| *number > 0.0 && number.is_finite());
     number.ok_or_else(|| "not a number above 0".to_owned())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn shift_is_a_number_of_frames_or_auto() {
-        assert_eq!(parse_shift("-3"), Ok(Shift::Frames(-3)));
-        assert_eq!(parse_shift("auto"), Ok(Shift::Auto));
-        assert!(parse_shift("3.5").is_err() && positive("0").is_err() && positive("inf").is_err());
-    }
 }

@@ -1,22 +1,18 @@
 //! How strongly each landmark moves with a blendshape, as in the paper's figure of the correlation with `JawOpen`.
 
 use anyhow::{Context, Result};
-use facewire::face::LANDMARKS;
+use facewire_face::LANDMARKS;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use crate::{
-    judge::Faces,
-    statistics::{ColumnSpace, mean, pearson},
-};
+use crate::judge::Faces;
+use crate::statistics::{ColumnSpace, mean, pearson};
 
-/// Displacements of the landmarks in some pictures.
 pub struct LandmarkMotion {
     /// Mean position of each landmark in eye distances: x to the person's left, y up.
     pub positions: Vec<[f64; 2]>,
     /// Displacement from the neutral face: a row per picture, three columns per landmark.
     displacements: DMatrix<f64>,
-    /// The space that the three columns of each landmark span.
     column_spaces: Vec<ColumnSpace>,
 }
 

@@ -1,11 +1,10 @@
 //! The workbench: renders faces with known coefficients, and fits and judges the blendshape models. It runs on a
 //! desktop computer, never on the board.
+
 #![allow(clippy::indexing_slicing, reason = "an index out of range is a bug, and a panic shows where")]
-#![allow(clippy::cast_possible_truncation, reason = "sums are accumulated in f64 and stored as f32")]
 
 mod appearance;
 mod arrays;
-mod basis;
 mod clip;
 mod compare;
 mod curves;
@@ -13,33 +12,25 @@ mod dataset;
 mod design;
 mod drawing;
 mod evaluate;
-mod fitted;
 mod heat;
-mod html;
 mod judge;
 mod kinds;
-mod mirror;
 mod network;
 mod output;
 mod paper;
-mod parts;
 mod recording;
 #[cfg(test)]
 mod reference;
 mod report;
 mod segments;
-mod select;
 mod statistics;
 mod synth;
-mod timecode;
 mod train;
 mod tune;
 mod wearers;
 
-use std::{
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
@@ -154,7 +145,6 @@ fn train(datasets: &[PathBuf], out: &Path, epochs: u32, keep: Option<&Path>) -> 
     judge::command::judge_fitted(names, samples, appearances, &model)
 }
 
-/// Tells how the pictures of a dataset were made, if that is known.
 fn pictures_of(dataset: &Path) -> String {
     let text = std::fs::read_to_string(synth::run::provenance(dataset)).unwrap_or_default();
     text.lines().next().map(|line| format!("; pictures: {line}")).unwrap_or_default()
@@ -162,8 +152,8 @@ fn pictures_of(dataset: &Path) -> String {
 
 fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {
     let (model, frames) = (judge::command::load_model(model)?, clip::load(landmarks)?);
-    let known = clip::solve(&model, &frames, Some(0..neutral_frames))?;
-    let unknown = clip::solve(&model, &frames, None)?;
+    let known = clip::solve(&model, &frames, Some(0..neutral_frames), clip::FRAME_US)?;
+    let unknown = clip::solve(&model, &frames, None, clip::FRAME_US)?;
     for (name, solved) in [("known", &known), ("not known", &unknown)] {
         let [raw, smoothed] = clip::jitters(solved);
         println!("neutral {name}: mean second difference raw {raw:.4}, smoothed {smoothed:.4}");

@@ -23,48 +23,35 @@ const REST: f32 = 3.0;
 pub enum Units {
     /// The sum, or 0 if it is negative.
     Rectified,
-    /// The sum itself.
     Linear,
 }
 
 /// A network with one hidden layer, `o = V max(0, W x + a) + b`, or `o = V (W x + a) + b`.
 pub struct Network {
     units: Units,
-    /// Hidden units x inputs.
     pub w: DMatrix<f32>,
     pub a: DVector<f32>,
-    /// Outputs x hidden units.
     pub v: DMatrix<f32>,
     pub b: DVector<f32>,
 }
 
-/// How a network is trained.
 #[derive(Debug, Clone, Copy)]
 pub struct Training {
-    /// Number of hidden units.
     pub hidden: usize,
     pub units: Units,
-    /// Size of the initial outputs.
     pub start: f32,
-    /// Initial learning rate.
     pub rate: f32,
-    /// Passes over the faces.
     pub epochs: usize,
     pub seed: u64,
 }
 
-/// What a network is trained on.
 pub trait Examples: Sync {
-    /// Returns the number of faces.
     fn len(&self) -> usize;
 
-    /// Returns the number of inputs.
     fn inputs(&self) -> usize;
 
-    /// Returns the weight of the error of each output.
     fn importance(&self) -> &[f32];
 
-    /// Returns some of the faces, with noise added to their inputs.
     fn batch(&self, faces: &[usize], random: &mut fastrand::Rng) -> Batch;
 }
 
@@ -80,9 +67,7 @@ pub struct Batch {
 pub struct TrainingData {
     pub inputs: DMatrix<f32>,
     pub truth: DMatrix<f32>,
-    /// Standard deviation of the noise on each input.
     pub noise: Vec<f32>,
-    /// Weight of the error of each output.
     pub importance: Vec<f32>,
 }
 
@@ -97,7 +82,6 @@ impl Network {
         Self { units, w, a: DVector::zeros(hidden), v, b: DVector::zeros(outputs) }
     }
 
-    /// Trains a network and calls `on_epoch` after each epoch.
     pub fn train(data: &impl Examples, training: &Training, on_epoch: impl Fn(usize)) -> Self {
         let Training { rate, epochs, seed, .. } = *training;
         let mut random = fastrand::Rng::with_seed(seed);

@@ -1,11 +1,14 @@
-//! Writing output files.
+//! What the commands give out: files, tables as text and as HTML, and HTML pages. A page is a single file without
+//! external resources, and suits phones and dark screens.
 
-use std::{
-    fs::{self, File},
-    path::Path,
-};
+use std::fs::{self, File};
+use std::path::Path;
 
 use anyhow::{Context, Result};
+use facewire_face::BLENDSHAPES;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+const STYLE: &str = include_str!("output/style.css");
 
 /// Checks that a file can be written before the work for it begins. An existing file is left unchanged.
 pub fn check(path: &Path) -> Result<()> {
@@ -15,9 +18,140 @@ pub fn check(path: &Path) -> Result<()> {
     if is_new { fs::remove_file(path).with_context(failed) } else { Ok(()) }
 }
 
-/// Writes a file.
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     fs::write(path, content).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// A cell of a table, and what stands in its place on a page if that is more than its text.
+pub struct Cell(String, Option<Markup>);
+
+impl Cell {
+    pub fn with_html(text: impl Into<String>, html: Markup) -> Self {
+        Self(text.into(), Some(html))
+    }
+}
+
+impl<T: Into<String>> From<T> for Cell {
+    fn from(text: T) -> Self {
+        Self(text.into(), None)
+    }
+}
+
+pub struct Table {
+    heads: Vec<String>,
+    rows: Vec<Vec<Cell>>,
+    linked: bool,
+}
+
+impl Table {
+    pub fn new<C: Into<Cell>>(
+        heads: impl IntoIterator<Item = impl Into<String>>,
+        rows: impl IntoIterator<Item = Vec<C>>,
+    ) -> Self {
+        let rows = rows.into_iter().map(|row| row.into_iter().map(Into::into).collect()).collect();
+        Self { heads: heads.into_iter().map(Into::into).collect(), rows, linked: false }
+    }
+
+    pub fn linked(self) -> Self {
+        Self { linked: true, ..self }
+    }
+
+    pub fn text(&self) -> String {
+        let width = |column: usize| {
+            let cells = self.rows.iter().map(|row| row[column].0.chars().count());
+            cells.chain([self.heads[column].chars().count()]).max().unwrap_or(0)
+        };
+        let widths: Vec<usize> = (0..self.heads.len()).map(width).collect();
+        let line = |cells: &mut dyn Iterator<Item = &str>| {
+            let padded = cells.zip(&widths).enumerate().map(|(column, (cell, width))| match column {
+                0 => format!("| {cell:<width$} |"),
+                _ => format!(" {cell:>width$} |"),
+            });
+            padded.collect::<String>() + "\n"
+        };
+        let rule: String = widths.iter().map(|width| format!("{}:|", "-".repeat(width + 1))).collect();
+        let rows = self.rows.iter().map(|row| line(&mut row.iter().map(|cell| cell.0.as_str())));
+        let heads = line(&mut self.heads.iter().map(String::as_str));
+        format!("{heads}|{}\n{}", rule.replacen("-:|", "--|", 1), rows.collect::<String>())
+    }
+
+    pub fn html(&self) -> Markup {
+        let (first, heads) = self.heads.split_first().map_or(("", &[][..]), |(first, heads)| (first, heads));
+        let show = |cell: &Cell| cell.1.clone().unwrap_or_else(|| html! { (cell.0) });
+        html! {
+            div.scroll tabindex="0" role="region" aria-label={ "Table by " (first) } {
+                table {
+                    thead { tr { th scope="col" { (first) } @for head in heads { th scope="col" { (head) } } } }
+                    tbody {
+                        @for row in &self.rows { tr {
+                            @for (column, cell) in row.iter().enumerate() {
+                                @if column > 0 { td { (show(cell)) } }
+                                @else if self.linked && BLENDSHAPES.contains(&cell.0.as_str()) {
+                                    th scope="row" { a href={ "#" (cell.0) } { (cell.0) } }
+                                }
+                                @else { th scope="row" { (show(cell)) } }
+                            }
+                        } }
+                    }
+                }
+            }
+        }
+    }
+}
+
+pub fn number(value: Option<f64>, decimals: usize) -> String {
+    value.filter(|value| value.is_finite()).map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
+}
+
+/// Writes a page and prints its size. The navigation leads to `contents`, pairs of section and title, and then to the
+/// sections that are called like their title.
+pub fn write_page(
+    path: &Path,
+    title: &str,
+    contents: &[(&str, &str)],
+    sections: &[String],
+    body: &Markup,
+) -> Result<()> {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { "facewire: " (title) }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                header { h1 { (title) } }
+                nav aria-label="Contents" {
+                    @for (section, title) in contents { a href={ "#" (section) } { (title) } }
+                    @for name in sections { a.small href={ "#" (name) } { (name) } }
+                }
+                main { (body) }
+            }
+        }
+    };
+    let page = page.into_string();
+    write(path, &page)?;
+    println!("{}: {:.1} MB", path.display(), page.len() as f64 / 1e6);
+    Ok(())
+}
+
+pub fn figure(drawing: &str, caption: &str, name: &str) -> Markup {
+    html! {
+        figure role="img" aria-label={ (name) ": " (caption) } {
+            (PreEscaped(drawing))
+            figcaption { (caption) }
+        }
+    }
+}
+
+/// Returns the section that says what each term means.
+pub fn guide(terms: &[(&str, &str)]) -> Markup {
+    html! {
+        h2 id="guide" { "How to read it" }
+        dl { @for (term, meaning) in terms { dt { (term) } dd { (meaning) } } }
+    }
 }
 
 #[cfg(test)]
@@ -35,5 +169,19 @@ mod tests {
         let refusal = check(&folder.path().join("absent/new")).expect_err("no such folder").to_string();
         assert!(refusal.contains("cannot write") && refusal.contains("absent/new"), "{refusal}");
         assert!(check(folder.path()).is_err(), "a folder");
+    }
+
+    #[test]
+    fn a_table_is_aligned_as_text_and_names_of_blendshapes_are_links_on_a_page() {
+        let rows = [["jawOpen", "0.5"], ["mean", "-"]].map(|row| row.map(Cell::from).into());
+        let table = Table::new(["blendshape", "r"], rows).linked();
+        assert_eq!(
+            table.text(),
+            "| blendshape |   r |\n|------------|----:|\n| jawOpen    | 0.5 |\n| mean       |   - |\n"
+        );
+        let page = table.html().into_string();
+        assert!(
+            page.contains("<a href=\"#jawOpen\">jawOpen</a>") && page.contains("<td>-</td>") && !page.contains("#mean")
+        );
     }
 }

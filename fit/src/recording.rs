@@ -6,15 +6,14 @@
 //! `frame` at a given rate. Without any of these columns, rows are assumed to follow each other at that rate. Times
 //! count from the first row. Other columns are ignored.
 
-use std::{collections::BTreeMap, fs::File, path::Path};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use csv::{Reader, StringRecord};
-use facewire::solve::BLENDSHAPES;
+use facewire_face::BLENDSHAPES;
 
-use crate::timecode;
-
-/// The curves of some blendshapes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
     /// Time of each row in seconds since the first row, strictly increasing.
@@ -40,7 +39,6 @@ impl Recording {
         Self::read(file, fps).with_context(named)
     }
 
-    /// Reads CSV.
     pub fn read(input: impl std::io::Read, fps: f64) -> Result<Self> {
         let mut reader = Reader::from_reader(input);
         let header = reader.headers().context("is not a CSV file")?.clone();
@@ -58,7 +56,6 @@ impl Recording {
         Ok(Self { times_s: kept.iter().map(|row| times[*row] - times[0]).collect(), curves })
     }
 
-    /// Returns the seconds from the first to the last row.
     pub fn length_s(&self) -> f64 {
         self.times_s.last().copied().unwrap_or(0.0)
     }
@@ -84,7 +81,6 @@ impl Recording {
     }
 }
 
-/// Returns the blendshapes of a header with the indices of their columns.
 fn blendshape_columns(header: &StringRecord) -> Result<Vec<(&'static str, usize)>> {
     let mut found = Vec::new();
     for name in BLENDSHAPES {
@@ -112,7 +108,7 @@ impl Clock {
     fn times_s(self, rows: &[StringRecord], fps: f64) -> Result<Vec<f64>> {
         let numbers = |column, name| rows.iter().zip(0..).map(move |(record, row)| number(record, row, column, name));
         match self {
-            Self::Timecode(column) => timecode::seconds(rows.iter().map(|row| row.get(column).unwrap_or_default())),
+            Self::Timecode(column) => timecode_seconds(rows.iter().map(|row| row.get(column).unwrap_or_default())),
             Self::Seconds(column) => numbers(column, "time_s").collect(),
             Self::Frame(column) => numbers(column, "frame").map(|frame| Ok(frame? / fps)).collect(),
             Self::Rows => Ok((0..rows.len()).map(|row| row as f64 / fps).collect()),
@@ -139,6 +135,52 @@ fn number(record: &StringRecord, row: usize, column: usize, name: &str) -> Resul
     let cell = record.get(column).unwrap_or_default().trim();
     let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
     value.with_context(|| format!("line {}, column {name}: `{cell}` is not a number", row + 2))
+}
+
+/// Frame rates of timecodes. The rate may be higher than that of the recording, such as 60 for a recording at 30 Hz.
+const RATES: [f64; 5] = [24.0, 25.0, 30.0, 50.0, 60.0];
+/// The application's default, for recordings that are too short to contain every frame number.
+const DEFAULT_RATE: f64 = 60.0;
+/// Length of a recording in seconds that contains every frame number.
+const SHOWS_RATE_S: f64 = 2.0;
+const DAY_S: f64 = 86_400.0;
+
+/// A timecode: whole seconds since midnight, and frames.
+type Timecode = (f64, f64);
+
+/// Converts timecodes to seconds since the midnight before the first of them. The recording may pass midnight. The rate
+/// is assumed to be the lowest usual rate at which the highest frame number occurs.
+fn timecode_seconds<'a>(codes: impl Iterator<Item = &'a str>) -> Result<Vec<f64>> {
+    let one = |(row, code): (usize, &str)| {
+        parse(code).with_context(|| format!("line {}: `{code}` is not a timecode hh:mm:ss:ff.fff", row + 2))
+    };
+    let codes = codes.enumerate().map(one).collect::<Result<Vec<_>>>()?;
+    let rate = rate(&codes)?;
+    let mut days = 0.0;
+    let mut before = 0.0;
+    let unwrap = |(seconds, frames): &Timecode| {
+        let time = seconds + frames / rate;
+        days += if before - time > DAY_S / 2.0 { DAY_S } else { 0.0 };
+        before = time;
+        time + days
+    };
+    Ok(codes.iter().map(unwrap).collect())
+}
+
+fn parse(code: &str) -> Option<Timecode> {
+    let parts: Vec<f64> = code.trim().split(':').map(|part| part.parse().ok()).collect::<Option<_>>()?;
+    let [hours, minutes, seconds, frames] = parts[..] else { return None };
+    let valid = parts.iter().all(|part| *part >= 0.0) && hours < 24.0 && minutes < 60.0 && seconds < 60.0;
+    valid.then_some((hours * 3600.0 + minutes * 60.0 + seconds, frames))
+}
+
+fn rate(codes: &[Timecode]) -> Result<f64> {
+    let highest = codes.iter().map(|(_, frames)| frames.floor()).fold(0.0, f64::max);
+    let lowest = RATES.into_iter().find(|rate| highest < *rate);
+    let lowest = lowest.with_context(|| format!("a timecode has frame {highest}, but rates end at 60 a second"))?;
+    ensure!(!codes.is_empty(), "there is no timecode");
+    let shown = codes.iter().any(|(seconds, _)| (seconds - codes[0].0).abs() > SHOWS_RATE_S);
+    Ok(if shown { lowest } else { DEFAULT_RATE })
 }
 
 #[cfg(test)]
@@ -197,8 +239,29 @@ mod tests {
     }
 
     #[test]
-    fn binary_files_are_refused() {
-        let refusal = Recording::read(&b"\x89PNG\r\n\xff\xfe\n\xff\n"[..], 30.0).unwrap_err();
-        assert!(format!("{refusal:#}").contains("is not a CSV file"));
+    fn the_rate_follows_from_the_highest_frame_number() {
+        let last = |highest| timecode_seconds(["00:00:00:00.0", highest, "00:00:03:15.0"].into_iter()).unwrap()[2];
+        assert!((last("00:00:01:29.0") - 3.5).abs() < 1e-9);
+        assert!((last("00:00:01:58.0") - 3.25).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_short_recording_is_assumed_to_count_60_frames_a_second() {
+        assert_eq!(timecode_seconds(["00:00:01:00.0", "00:00:01:15.0"].into_iter()).unwrap(), [1.0, 1.25]);
+    }
+
+    #[test]
+    fn a_recording_may_pass_midnight() {
+        let times = timecode_seconds(["23:59:59:30.0", "00:00:00:30.0"].into_iter()).unwrap();
+        assert!((times[1] - times[0] - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_invalid_timecode_is_refused_with_its_line() {
+        for wrong in ["12:00", "1.5", "a:b:c:d", "25:00:00:00", "00:00:00:-1"] {
+            let refusal = timecode_seconds(["00:00:00:00.0", wrong].into_iter()).unwrap_err();
+            assert!(format!("{refusal:#}").contains("line 3"), "{wrong}");
+        }
+        assert!(timecode_seconds(["00:00:00:61.0"].into_iter()).is_err());
     }
 }

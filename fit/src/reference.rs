@@ -1,4 +1,4 @@
-//! Locates reference data for tests that the repository does not contain.
+//! Data for tests: a small rig and the built-in clip's truth, which the repository contains, and data that it does not.
 
 #[path = "../../tests/common/skip.rs"]
 mod skip;
@@ -7,13 +7,18 @@ use std::path::{Path, PathBuf};
 
 pub use skip::skip;
 
-/// Returns the folder named by `FACEWIRE_SHARED`, or `shared` beside the checkout.
-pub fn folder() -> PathBuf {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    std::env::var_os("FACEWIRE_SHARED").map_or_else(beside, PathBuf::from)
-}
+/// A rig that is reduced to what tests need.
+pub const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/rig");
+/// The curves and poses that the built-in clip was rendered from.
+pub const DEMO_TRUTH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/demo-truth.csv");
 
-/// Notes that the calling test was skipped because this part of the reference data is missing.
-pub fn say_skipped(what: &str) {
-    skip(&format!("no {what} in {} (set FACEWIRE_SHARED)", folder().display()));
+/// Returns a file in the folder named by `FACEWIRE_SHARED`, or `shared` beside the checkout. If it is missing, notes that
+/// the calling test was skipped.
+pub fn shared(file: &str) -> Option<PathBuf> {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    let path = std::env::var_os("FACEWIRE_SHARED").map_or_else(beside, PathBuf::from).join(file);
+    if !path.exists() {
+        skip(&format!("no {} (set FACEWIRE_SHARED)", path.display()));
+    }
+    path.exists().then_some(path)
 }

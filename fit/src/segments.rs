@@ -7,22 +7,21 @@
 //! features that move with this blendshape from those that move with others that usually accompany it. The model that
 //! facewire runs shares its features among all blendshapes and selects them in another way (`select.rs`).
 
-mod drawings;
-mod page;
-mod pictures;
 mod ranking;
-mod support;
-mod table;
+mod tables;
 
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
-use facewire::solve::{BLENDSHAPES, MEASURES};
+use facewire_face::BLENDSHAPES;
+use facewire_face::model::MEASURES;
 
-use crate::{dataset, design::MODELLED, html, judge::Faces, output, statistics::f_regression};
-use pictures::Pictures;
-use ranking::{Ranking, Segment};
+use self::ranking::{Pictures, Ranking, Segment};
+use crate::design::MODELLED;
+use crate::judge::Faces;
+use crate::statistics::f_regression;
+use crate::{dataset, output};
 
 /// Arguments of `select`.
 #[derive(Debug, Args)]
@@ -56,7 +55,6 @@ fn percentile(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "not a number from 0.1 to 50".to_owned())
 }
 
-/// Runs the command.
 pub fn run(args: &SelectArgs) -> Result<()> {
     args.csv.iter().chain([&args.out]).try_for_each(|path| output::check(path))?;
     let samples = dataset::load(&args.dataset)?;
@@ -65,20 +63,20 @@ pub fn run(args: &SelectArgs) -> Result<()> {
     let wanted = if args.blendshape.is_empty() { (0..MODELLED).collect() } else { args.blendshape.clone() };
     let kept = kept_count(args.percentile);
     let segments = segments(&pictures, &wanted, kept, args.svr_rows as usize)?;
-    print!("{}", table::text(&segments));
+    print!("{}", tables::summary(&segments).text());
     if let Some(path) = &args.csv {
-        table::write_csv(path, &segments).with_context(|| format!("cannot write {}", path.display()))?;
+        tables::write_csv(path, &segments).with_context(|| format!("cannot write {}", path.display()))?;
     }
-    html::write(&args.out, &page::html(&pictures, &unknown, &segments, &args.dataset)?)
+    let names: Vec<String> = segments.iter().map(|own| BLENDSHAPES[own.blendshape].to_owned()).collect();
+    let body = tables::page(&pictures, &unknown, &segments, &args.dataset)?;
+    let contents = [("all", "All blendshapes"), ("guide", "How to read it")];
+    output::write_page(&args.out, "Segmentation", &contents, &names, &body)
 }
 
-/// Returns the number of features to keep.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most the number of features")]
 fn kept_count(percentile: f64) -> usize {
     (MEASURES as f64 * percentile / 100.0).ceil() as usize
 }
 
-/// Ranks the features for those of the `wanted` blendshapes that move in these pictures.
 fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize) -> Result<Vec<Segment>> {
     let moving = pictures.known.moving(wanted, &[&pictures.seen, &pictures.held_out])?;
     let (r, partial_f) = (pictures.correlations(&moving), pictures.partial_f(&moving)?);
@@ -86,7 +84,7 @@ fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize
     for (index, (blendshape, (r, partial_f))) in moving.iter().zip(r.into_iter().zip(partial_f)).enumerate() {
         eprint!("\rsupport vectors: blendshape {} of {} ", index + 1, moving.len());
         let f_alone = r.iter().map(|r| f_regression(*r, pictures.seen.len())).collect();
-        let r2 = support::scores(pictures, *blendshape, most_rows)?;
+        let r2 = ranking::scores(pictures, *blendshape, most_rows)?;
         let rankings = [r.iter().map(|r| r.abs()).collect(), partial_f, r2].map(Ranking::new);
         segments.push(Segment { blendshape: *blendshape, r, f_alone, rankings, count: kept });
     }
@@ -96,8 +94,11 @@ fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use crate::dataset::Sample;
+    use crate::dataset::tests::test_faces;
     use crate::reference;
+
+    use super::*;
 
     /// Landmarks around the left eye and on its lids, without the iris.
     const LEFT_LIDS: [usize; 32] = [
@@ -109,23 +110,20 @@ mod tests {
     const NOSE_BASE: usize = 2;
     const UPPER_LIP: usize = 13;
 
-    /// Ranks the features of one blendshape on the reference pictures, with few support vectors to save time.
-    fn segment(name: &str) -> Option<Segment> {
-        let Ok(samples) = dataset::load(&reference::folder().join("dataset/train.npz")) else {
-            reference::say_skipped("dataset/");
-            return None;
-        };
-        let known = Faces::new(&samples, true).unwrap();
-        let pictures = Pictures::new(&samples, &known).unwrap();
-        segments(&pictures, &[blendshape(name).unwrap()], kept_count(2.0), 20).unwrap().pop()
+    /// Ranks the features of one blendshape on few pictures, with few support vectors.
+    fn segment(samples: &[Sample], name: &str) -> Segment {
+        let known = Faces::new(samples, true).unwrap();
+        let pictures = Pictures::new(samples, &known).unwrap();
+        segments(&pictures, &[blendshape(name).unwrap()], kept_count(2.0), 20).unwrap().pop().unwrap()
     }
 
     #[test]
     fn the_best_features_of_eye_blink_left_are_at_the_left_eyelids() {
-        let Some(segment) = segment("eyeBlinkLeft") else { return };
+        let Some(path) = reference::shared("dataset/train.npz") else { return };
+        let segment = segment(&dataset::load(&path).unwrap(), "eyeBlinkLeft");
         let [r, f, _] = &segment.rankings;
         for ranking in [r, f] {
-            let landmarks = table::landmarks(&ranking.order[..8]);
+            let landmarks = tables::landmarks(&ranking.order[..8]);
             assert!(landmarks.iter().all(|landmark| LEFT_LIDS.contains(landmark)), "{landmarks:?}");
         }
         assert!(segment.r[r.order[0]].abs() > 0.7);
@@ -133,19 +131,12 @@ mod tests {
 
     #[test]
     fn all_features_kept_for_jaw_open_are_at_mouth_and_chin() {
-        let Some(segment) = segment("jawOpen") else { return };
-        let samples = dataset::load(&reference::folder().join("dataset/train.npz")).unwrap();
+        let samples = test_faces();
+        let segment = segment(&samples, "jawOpen");
         let neutral = samples.iter().find(|sample| sample.neutral).unwrap();
         let down = |landmark: usize| neutral.landmarks.0[landmark][1];
-        let landmarks = table::landmarks(segment.kept());
+        let landmarks = tables::landmarks(segment.kept());
         assert!(landmarks.iter().all(|landmark| down(*landmark) > down(NOSE_BASE)), "{landmarks:?}");
         assert!(landmarks.iter().filter(|landmark| down(**landmark) > down(UPPER_LIP)).count() > landmarks.len() / 2);
-    }
-
-    #[test]
-    fn two_percent_are_30_features_and_unknown_names_are_refused() {
-        assert_eq!(kept_count(2.0), 30);
-        assert!(blendshape("tongueOut").is_err() && blendshape("eyeBlink").is_err());
-        assert!(percentile("0").is_err() && percentile("NaN").is_err());
     }
 }

@@ -1,24 +1,18 @@
 //! Fits the model: selects landmarks, trains the hidden layer, and fills in the model file.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
 
 use anyhow::{Context, Result};
-use facewire::solve::{
-    BLENDSHAPES, FeatureId, MAX_HIDDEN,
-    model_file::{BlendshapeTable, InputTable, ModelFile, OffsetTable, ScoreTable},
-};
+use facewire_face::BLENDSHAPES;
+use facewire_face::model::{BlendshapeTable, FeatureId, InputTable, MAX_HIDDEN, ModelFile, OffsetTable, ScoreTable};
 use nalgebra::{DMatrix, DVector};
 
-use crate::{
-    appearance,
-    basis::Basis,
-    dataset::{Appearances, Sample, held_out},
-    design::{Design, MODELLED, Scale},
-    judge,
-    mirror::with_mirrored,
-    network::{Network, Training, TrainingData, Units},
-    select::select,
-};
+use crate::dataset::{Appearances, Sample, held_out};
+use crate::design::{Basis, Design, MODELLED, Scale, select, with_mirrored};
+use crate::network::{Network, Training, TrainingData, Units};
+use crate::{appearance, judge};
 
 /// Number of landmarks that the model uses.
 const SELECTED: usize = 140;
@@ -42,11 +36,9 @@ const SEED: u64 = 1;
 #[derive(Clone, Copy)]
 pub struct Pictures<'a> {
     pub samples: &'a [Sample],
-    /// How the faces look, if that is known. The model then reads it.
     pub appearances: Option<&'a Appearances>,
 }
 
-/// Fits a model and scores it.
 pub fn train(pictures: Pictures, epochs: usize, made_by: String) -> Result<ModelFile> {
     let (samples, held_out) = (pictures.samples, held_out(pictures.samples)?.len());
     let fitted_on = format!(
@@ -77,7 +69,6 @@ pub fn extend(path: &Path, pictures: Pictures, made_by: &str) -> Result<ModelFil
     Ok(file)
 }
 
-/// Stores the scores of the model on the held-out subjects.
 fn score(file: &mut ModelFile, Pictures { samples, appearances }: Pictures) -> Result<()> {
     let model = file.to_model()?;
     let scores = |known| judge::scores(&model, &judge::Faces::new(samples, known)?.with_appearances(appearances));
@@ -91,7 +82,6 @@ fn score(file: &mut ModelFile, Pictures { samples, appearances }: Pictures) -> R
     Ok(())
 }
 
-/// Fits the model to a design and stores it in `file`.
 pub fn fit(design: &Design, epochs: usize, mut file: ModelFile) -> Result<ModelFile> {
     let scale = Scale::of(design, LEAST_FEATURE);
     let features = select(design, &scale, SELECTED)?;

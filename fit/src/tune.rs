@@ -2,11 +2,7 @@
 
 mod correction;
 mod measure;
-mod page;
-mod search;
 mod smoothing;
-mod streams;
-mod summary;
 
 use anyhow::Result;
 use clap::Subcommand;
@@ -20,7 +16,6 @@ pub enum Command {
     Smoothing(smoothing::Options),
 }
 
-/// Runs the command.
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Correction(options) => correction::run(options),

@@ -1,6 +1,5 @@
 //! `facewire-fit wearers`: what knowing the wearer is worth, and whether a face looks right, on clips of wearers.
 
-mod checks;
 mod film;
 
 use std::path::PathBuf;
@@ -9,13 +8,11 @@ use anyhow::Result;
 use clap::Args;
 use rayon::prelude::*;
 
-use self::{checks::Checks, film::Knowledge};
-use crate::judge::{
-    command::load_model,
-    people::Phase,
-    sheet::{Figure, Judgement, Row},
-    text::{number, table},
-};
+use self::film::{Checks, Knowledge};
+use crate::judge::command::load_model;
+use crate::judge::figures::{Judgement, Phase, Row};
+use crate::judge::tables::{WITH_INTERVALS, with_intervals};
+use crate::output::Table;
 
 /// Arguments of `wearers`.
 #[derive(Debug, Args)]
@@ -43,7 +40,6 @@ pub struct Options {
     resamples: u64,
 }
 
-/// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     let model = load_model(options.model.as_deref())?;
     let films = film::load(&options.clips)?;
@@ -51,29 +47,17 @@ pub fn run(options: &Options) -> Result<()> {
     for knowledge in Knowledge::ALL {
         let learned = films.par_iter().map(|film| film.learn(&model, knowledge)).collect::<Result<Vec<_>>>()?;
         let people: Vec<_> = films.par_iter().zip(&learned).map(|(film, solver)| film.judged(solver)).collect();
-        rows.push(row(knowledge, &Judgement::new(people, options.resamples)));
+        let judgement = Judgement::new(people, options.resamples);
+        let cells = with_intervals(&judgement, Row::Blendshapes, Phase::All);
+        rows.push([knowledge.name().to_owned()].into_iter().chain(cells).collect::<Vec<_>>());
         let known = learned.iter().filter(|learned| learned.is_known()).count();
         eprintln!("{}: something is known of {known} of {} people", knowledge.name(), films.len());
         let found: Vec<Checks> =
             films.par_iter().zip(&learned).map(|(film, learned)| Checks::new(film, learned)).collect();
         checks.push((knowledge, found));
     }
-    let heads = ["known of the wearer", "r", "95 %", "MSE", "95 %", "= bias", "+ gain", "+ rest", "bias"];
-    println!("{}", table(&heads, &rows));
-    println!("{}", checks::table_of(&checks));
-    print!("{}", checks::turned(&checks));
+    println!("{}", Table::new(["known of the wearer"].into_iter().chain(WITH_INTERVALS), rows).text());
+    println!("{}", film::table_of(&checks).text());
+    print!("{}", film::turned(&checks));
     Ok(())
-}
-
-/// Returns the figures of all people together: means over the blendshapes.
-fn row(knowledge: Knowledge, judgement: &Judgement) -> Vec<String> {
-    let value = |figure| number(figure, judgement.sheet.get(Row::Blendshapes, Phase::All, figure));
-    let ends = |figure| {
-        let interval = judgement.interval(Row::Blendshapes, Phase::All, figure);
-        format!("{} .. {}", number(figure, interval.low), number(figure, interval.high))
-    };
-    let mut cells = vec![knowledge.name().to_owned(), value(Figure::R), ends(Figure::R)];
-    cells.extend([value(Figure::Mse), ends(Figure::Mse)]);
-    cells.extend([Figure::MseOfBias, Figure::MseOfGain, Figure::MseOfRest, Figure::Bias].map(value));
-    cells
 }

@@ -3,23 +3,21 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::indexing_slicing)]
 
-#[path = "../src/reference.rs"]
-mod reference;
+#[path = "../../tests/common/skip.rs"]
+mod skip;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::{Command, Output},
-    sync::LazyLock,
-};
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::LazyLock;
 
-use clap::Parser as _;
-use facewire::{config::NetworkSettings, face::Mesh, infer};
+use facewire_face::stages::Mesh;
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// True curves of the jaw and the blinks in the built-in clip, which the repository contains.
-const SOME_TRUTH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/guest/demo-truth.csv");
+/// The curves that the built-in clip was rendered from.
+const DEMO_TRUTH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/demo-truth.csv");
 
 fn folder() -> TempDir {
     tempfile::tempdir().unwrap()
@@ -44,7 +42,6 @@ fn refusal(arguments: &[&str]) -> String {
     said
 }
 
-/// Returns the JSON output of a run.
 fn figures(track: &str, truth: &str, options: &[&str]) -> Value {
     let folder = folder();
     let json = folder.path().join("figures.json");
@@ -62,15 +59,17 @@ static DEMO: LazyLock<Demo> = LazyLock::new(|| {
     let folder = folder();
     let csv = folder.path().join("demo.csv");
     let command = ["facewire", "track", "demo", "--out", csv.to_str().unwrap()];
-    let _ = facewire::cli::Cli::parse_from(command).run();
+    let _ = facewire_tools::run(command.map(OsString::from));
     let rows = fs::read_to_string(&csv).map_or(0, |text| text.lines().count());
     Demo { csv: (rows > 1).then_some(csv), _folder: folder }
 });
 
 /// Returns the tracked clip. If the networks cannot be run, notes why and returns `None`.
 fn demo() -> Option<&'static str> {
-    if let Err(error) = infer::engine(&NetworkSettings::default()).and_then(|engine| Mesh::load(engine.as_ref())) {
-        reference::skip(&error.to_string());
+    if let Err(error) =
+        facewire_face::engine(facewire_face::EngineChoice::Auto, "", 1).and_then(|engine| Mesh::load(engine.as_ref()))
+    {
+        skip::skip(&error.to_string());
         return None;
     }
     Some(DEMO.csv.as_deref().and_then(Path::to_str).expect("track writes the clip"))
@@ -79,7 +78,7 @@ fn demo() -> Option<&'static str> {
 #[test]
 fn jaw_and_blinks_of_the_built_in_clip_follow_the_truth() {
     let Some(track) = demo() else { return };
-    let found = figures(track, SOME_TRUTH, &[]);
+    let found = figures(track, DEMO_TRUTH, &[]);
     assert_eq!(found["frames"], 240);
     for name in ["jawOpen", "eyeBlinkLeft", "eyeBlinkRight"] {
         let own = &found["blendshapes"][name]["figures"];
@@ -98,28 +97,20 @@ fn jaw_and_blinks_of_the_built_in_clip_follow_the_truth() {
 
 #[test]
 fn all_curves_of_the_built_in_clip_correlate_above_0_7_on_average() {
-    let truth = reference::folder().join("footage/demo.csv");
-    if !truth.is_file() {
-        return reference::say_skipped("footage/demo.csv");
-    }
     let Some(track) = demo() else { return };
-    let found = figures(track, truth.to_str().unwrap(), &["--shift", "auto"]);
+    let found = figures(track, DEMO_TRUTH, &["--shift", "auto"]);
     assert!(found["mean_of_moving"]["pearson"].as_f64().unwrap() > 0.7, "{}", found["mean_of_moving"]);
     assert!(found["shift_frames"].as_i64().unwrap().abs() <= 3);
 }
 
 #[test]
 fn judge_gives_a_clip_the_figures_that_track_and_evaluate_give_it() {
-    let truth = reference::folder().join("footage/demo.csv");
-    if !truth.is_file() {
-        return reference::say_skipped("footage/demo.csv");
-    }
     let Some(track) = demo() else { return };
-    let wanted = figures(track, truth.to_str().unwrap(), &[]);
+    let wanted = figures(track, DEMO_TRUTH, &[]);
     let folder = folder();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/../src/capture/demo.avi"), path("demo.avi")).unwrap();
-    fs::copy(truth, path("demo.csv")).unwrap();
+    fs::copy(DEMO_TRUTH, path("demo.csv")).unwrap();
     let json = path("figures.json");
     let judge = ["judge", folder.path().to_str().unwrap(), "--resamples", "40", "--json", &json];
     let output = Command::new(env!("CARGO_BIN_EXE_facewire-fit")).args(judge).output().unwrap();
@@ -180,7 +171,7 @@ fn annotated_events_replace_those_derived_from_the_truth() {
     let folder = folder();
     let events = folder.path().join("events.csv");
     fs::write(&events, "blendshape,frame\njawOpen,20\njawOpen,200\n").unwrap();
-    let found = figures(SOME_TRUTH, SOME_TRUTH, &["--events", events.to_str().unwrap()]);
+    let found = figures(DEMO_TRUTH, DEMO_TRUTH, &["--events", events.to_str().unwrap()]);
     assert_eq!(found["blendshapes"]["jawOpen"]["events"]["reference"], 2);
     assert_eq!(found["blendshapes"]["eyeBlinkLeft"]["events"], Value::Null);
 }
@@ -196,9 +187,9 @@ fn invalid_files_are_refused_with_the_reason() {
     let short = write("short.csv", b"frame,jawOpen\n0,0.1\n1,0.2\n2,0.3\n");
     let other = write("other.csv", b"frame,x\n0,0.1\n1,0.2\n");
     let picture = write("picture.png", b"\x89PNG\r\n\x1a\n\xff\xfe\xfd,\xff\n\xff\xff");
-    assert!(refusal(&[&short, SOME_TRUTH]).contains("--overlap"));
-    assert!(refusal(&[&other, SOME_TRUTH]).contains("no column of a blendshape"));
-    assert!(refusal(&[&picture, SOME_TRUTH]).contains("not a CSV file"));
-    assert!(refusal(&["absent.csv", SOME_TRUTH]).contains("cannot read absent.csv"));
-    assert!(refusal(&[SOME_TRUTH, SOME_TRUTH, "--shift", "soon"]).contains("number of frames or `auto`"));
+    assert!(refusal(&[&short, DEMO_TRUTH]).contains("--overlap"));
+    assert!(refusal(&[&other, DEMO_TRUTH]).contains("no column of a blendshape"));
+    assert!(refusal(&[&picture, DEMO_TRUTH]).contains("not a CSV file"));
+    assert!(refusal(&["absent.csv", DEMO_TRUTH]).contains("cannot read absent.csv"));
+    assert!(refusal(&[DEMO_TRUTH, DEMO_TRUTH, "--shift", "soon"]).contains("number of frames or `auto`"));
 }

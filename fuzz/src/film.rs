@@ -3,7 +3,8 @@
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::io::{self, ErrorKind, Read};
 
-use facewire::capture::{CaptureError, Picture, Pixels, Source};
+use facewire::capture::{CaptureError, Source};
+use facewire_face::{Picture, Pixels};
 
 /// Larger pictures are skipped rather than decoded, for the fuzzer's speed.
 const MOST_PIXELS: usize = 1 << 16;

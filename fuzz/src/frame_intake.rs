@@ -1,8 +1,9 @@
 //! Checks the path from a camera's buffer to a network's input.
 
 use facewire::capture::v4l2::{Layout, PixelFormat, Store};
-use facewire::capture::{MAX_SIDE_PX, Picture};
-use facewire::face::{Block, Border, CropShape, FaceBox, crop};
+use facewire_face::FaceBox;
+use facewire_face::stages::{Block, Border, CropShape, crop};
+use facewire_face::{MAX_SIDE_PX, Picture};
 use v4l::format::{Colorspace, Quantization};
 use v4l::{Format, FourCC};
 

@@ -1,6 +1,6 @@
 //! Checks the reader of the blendshape model.
 
-use facewire::solve::model_file::ModelFile;
+use facewire_face::model::ModelFile;
 
 /// Checks that any text is either read or refused with an error of one line. A file that was read is the same after it has
 /// been written and read again, and gives the solver the same model.

@@ -22,7 +22,7 @@ pub fn recording(data: &[u8]) {
 }
 
 fn check(frame: &Recorded) {
-    assert!(frame.landmarks.as_ref().is_none_or(facewire::face::Landmarks::is_finite));
+    assert!(frame.landmarks.as_ref().is_none_or(facewire_face::Landmarks::is_finite));
     let again = Recorded::from_bytes(&frame.to_bytes()).unwrap();
     assert_eq!((again.time_us, &again.landmarks), (frame.time_us, &frame.landmarks));
 }

@@ -66,7 +66,7 @@ def sources_text(folder: Path, form: Form) -> str:
     """Returns the list of sums for the current inputs and the files in `folder`."""
     converter = hashlib.sha256()
     files = [*HERE.glob("*.py"), *HERE.glob("requirements*.txt"), HERE / "face.npz",
-             HERE.parents[1] / "src/face/refinement.rs"]
+             HERE.parents[1] / "face/src/track/refinement.rs"]
     for file in sorted(files):
         converter.update(file.read_bytes())
     lines = [f"{wheel.sha256}  {wheel}" for wheel in form.wheels]

@@ -1,4 +1,4 @@
-"""Compares the tables of src/face/refinement.rs with MediaPipe's own files.
+"""Compares the tables of face/src/track/refinement.rs with MediaPipe's own files.
 
 The options of the custom operators in the attention mesh say where to crop the feature map.
 The LandmarksRefinementCalculator of MediaPipe's face graph says which points a head replaces
@@ -17,7 +17,7 @@ from flatbuffers import flexbuffers
 from sources import SetupError
 from tflite_graph import Graph, read
 
-RUST_TABLES = Path(__file__).parents[2] / "src/face/refinement.rs"
+RUST_TABLES = Path(__file__).parents[2] / "face/src/track/refinement.rs"
 
 # Each head in the Rust tables, with the last tensor of the head in the attention mesh. The
 # tables name an eye by the person's own side, MediaPipe by the side of the picture.

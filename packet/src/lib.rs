@@ -4,7 +4,8 @@
 //! Contract: [`Packet::encode`] and [`Packet::decode`] neither panic nor allocate. A decoded packet had the right
 //! length, magic number, version and checksum.
 //! A UDP datagram holds exactly one packet. On a serial line, [`Packet::encode_frame`] and [`FrameReader`] mark where
-//! packets begin and end. [`Receiver`] decides what to show.
+//! packets begin and end. [`Receiver`] decides what to show. With the feature `std`, `Tally` counts
+//! packets, losses and rates.
 //! Limits: packets are not resent; the next packet replaces a lost one.
 //!
 //! ```
@@ -17,6 +18,8 @@
 //! # Ok::<(), facewire_packet::DecodeError>(())
 //! ```
 #![no_std]
+#![warn(missing_docs, clippy::pedantic)]
+#![allow(clippy::cast_precision_loss, reason = "what is converted is below the 2^24 that an f32 holds exactly")]
 
 mod blendshapes;
 mod error;
@@ -26,6 +29,8 @@ mod packet;
 mod quantise;
 mod receiver;
 mod state;
+#[cfg(feature = "std")]
+mod tally;
 
 pub use blendshapes::{BLENDSHAPE_COUNT, BLENDSHAPES};
 pub use error::DecodeError;
@@ -33,3 +38,5 @@ pub use frame::{FRAME_BYTES, FrameReader};
 pub use packet::{PACKET_BYTES, Packet, SILENCE_MS, VERSION};
 pub use receiver::{Face, LATE_MS, Receiver, TRAVEL_MS};
 pub use state::{NeutralFace, Reason, State};
+#[cfg(feature = "std")]
+pub use tally::{Newest, Tally};

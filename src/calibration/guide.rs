@@ -10,15 +10,14 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use super::doubt::doubt;
+use serde::{Deserialize, Serialize};
+
 use super::hold::{Fit, Hold, LIDS};
-use super::learn::{Takes, learn};
-use super::observation::Observation;
-use super::progress::{Phase, Progress};
-use super::refusal::Refusal;
-use super::take::{Take, mean_of};
-use super::view::View;
-use crate::solve::{Model, Profile};
+use super::learn::{Takes, doubt, learn};
+use super::observation::{Observation, View};
+use super::profile_file::model_hash;
+use super::take::{Refusal, Take, mean_of};
+use facewire_face::{Model, Profile};
 
 /// Time to read what to do, for the neutral take and the others.
 const READY_S: [f32; 2] = [1.0, 0.7];
@@ -31,31 +30,77 @@ const HINDERED_S: f32 = 8.0;
 const ALL_HINDERED_S: f32 = 30.0;
 /// Time constant with which the strength of a pose is smoothed.
 const SMOOTHING_S: f32 = 0.15;
-/// Longest time between two frames of one hold.
+/// Least number of frames under fair conditions before a take is given up, however slow the camera is.
+const PATIENCE_FRAMES: u32 = 15;
+/// Longest time between two frames of one hold: this time, or with a slow camera this many frames.
 const GAP_S: f32 = 1.0;
-/// Longest blink that is left out.
+const GAP_FRAMES: f32 = 3.0;
+/// One part in this many of the mean time between frames comes from the newest one. It is never taken to be longer than
+/// that of the slowest camera.
+const PERIOD_SHARE: f32 = 8.0;
+const MAX_PERIOD_S: f32 = 5.0;
+/// Longest blink that is left out. A blink that a slow camera shows in one frame is never too long.
 const BLINK_S: f32 = 0.6;
 /// How often the neutral take is repeated because the poses contradict it.
 const RETAKES: u32 = 2;
 
-/// What a calibration has found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
-    /// What is known of the wearer now.
     pub profile: Profile,
-    /// The takes that were accepted.
+    /// The hash of the model that has read the takes.
+    pub model: u32,
     pub taken: Vec<Take>,
     /// The poses that were left out, and why. Their coefficients keep general values.
     pub left_out: Vec<(Take, Refusal)>,
-    /// Number of refused takes.
     pub refused: u32,
+}
+
+/// How far a calibration is, for the display.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Progress {
+    pub take: Take,
+    /// Takes that are done or left out, and takes in all.
+    pub done: usize,
+    pub of: usize,
+    pub phase: Phase,
+    /// How much of the take is measured, 0 to 1.
+    pub measured: f32,
+    /// How strongly the pose is seen, 1 being enough; 0 in the neutral take.
+    pub seen: f32,
+    pub waits_for: Option<Refusal>,
+    /// Number of refused takes, and why the last one was refused.
+    pub refused: u32,
+    pub last_refusal: Option<Refusal>,
+}
+
+impl Progress {
+    /// Whether nothing but measures differs.
+    pub fn says_the_same(&self, other: &Self) -> bool {
+        let key = |of: &Self| (of.take, of.phase, of.waits_for, of.refused, of.last_refusal);
+        key(self) == key(other)
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Phase {
+    /// The wearer reads what to do.
+    GetReady,
+    /// The conditions of the take do not hold, or its pose is not seen yet.
+    Wait,
+    /// The wearer holds still and is measured.
+    Measure,
+    Ended,
 }
 
 /// Guides a wearer through a calibration.
 #[derive(Debug)]
 pub struct Guide {
     model: Arc<Model>,
+    model_hash: u32,
     last_us: Option<u64>,
+    period_s: Option<f32>,
     plan: VecDeque<Take>,
     stage: Stage,
     takes: Takes,
@@ -72,9 +117,9 @@ pub struct Guide {
 struct Stage {
     since_s: f32,
     tried_s: f32,
+    tried_frames: u32,
     hindered_s: f32,
     hold: Option<Hold>,
-    /// How strongly the pose is seen, smoothed.
     strength: Option<f32>,
     seen: f32,
     waits_for: Option<Refusal>,
@@ -92,11 +137,13 @@ impl Stage {
 
 impl Guide {
     /// Begins with the neutral take. `model` is that of the solver.
-    #[must_use]
     pub fn new(model: impl Into<Arc<Model>>) -> Self {
+        let model = model.into();
         Self {
-            model: model.into(),
+            model_hash: model_hash(&model),
+            model,
             last_us: None,
+            period_s: None,
             plan: Take::ALL.into(),
             stage: Stage::default(),
             takes: Takes::default(),
@@ -109,13 +156,15 @@ impl Guide {
         }
     }
 
+    pub fn model_hash(&self) -> u32 {
+        self.model_hash
+    }
+
     /// The take that the guide asks for, or `None` at the end.
-    #[must_use]
     pub fn wanted(&self) -> Option<Take> {
         if self.outcome.is_some() { None } else { self.plan.front().copied() }
     }
 
-    /// Takes in one frame.
     pub fn update(&mut self, observation: &Observation) {
         let step_s = self.step_s(observation.time_us);
         let Some(take) = self.wanted() else { return };
@@ -130,8 +179,6 @@ impl Guide {
         }
     }
 
-    /// How far the calibration is.
-    #[must_use]
     pub fn progress(&self) -> Progress {
         let take = self.plan.front().copied().unwrap_or(Take::LookDown);
         let measured = self.stage.hold.as_ref().map_or(0.0, |hold| hold.done(of(MEASURE_S, take)));
@@ -155,14 +202,10 @@ impl Guide {
     }
 
     /// What the calibration has found, or `None` while it goes on.
-    ///
-    /// # Errors
-    /// The calibration ended without a profile: no neutral take was accepted, the poses contradicted each of them, or
-    /// the conditions were poor for too long. The error is the last reason.
-    #[must_use]
     pub fn outcome(&self) -> Option<Result<Calibration, Refusal>> {
         let found = |profile: &Profile| Calibration {
             profile: profile.clone(),
+            model: self.model_hash,
             taken: self.takes.taken().collect(),
             left_out: self.left_out.clone(),
             refused: self.refused,
@@ -170,22 +213,25 @@ impl Guide {
         self.outcome.as_ref().map(|outcome| outcome.as_ref().map(found).map_err(|refusal| *refusal))
     }
 
-    /// Returns the time since the last frame, at most [`GAP_S`]. After a longer time, and after a clock that ran
-    /// backwards, a hold begins anew.
+    /// Returns the time since the last frame, at most the longest within one hold. After a longer time, and after a clock
+    /// that ran backwards, a hold begins anew.
     fn step_s(&mut self, time_us: u64) -> f32 {
-        let last_us = self.last_us.replace(time_us).unwrap_or(time_us);
+        let Some(last_us) = self.last_us.replace(time_us) else { return 0.0 };
         let Some(passed_us) = time_us.checked_sub(last_us) else {
             self.stage.hold = None;
             return 0.0;
         };
         let step_s = passed_us as f32 / 1e6;
-        if step_s > GAP_S {
+        let period_s = *self.period_s.get_or_insert(step_s.min(MAX_PERIOD_S));
+        let gap_s = GAP_S.max(GAP_FRAMES * period_s);
+        if step_s > gap_s {
             self.stage.hold = None;
         }
-        step_s.min(GAP_S)
+        let step_s = step_s.min(gap_s);
+        self.period_s = Some((period_s + (step_s - period_s) / PERIOD_SHARE).min(MAX_PERIOD_S));
+        step_s
     }
 
-    /// The conditions of the take do not hold.
     fn hinder(&mut self, take: Take, hindrance: Refusal, step_s: f32) {
         self.stop_hold(hindrance);
         self.stage.seen = 0.0;
@@ -199,9 +245,9 @@ impl Guide {
         }
     }
 
-    /// Measures a face under fair conditions.
     fn measure(&mut self, take: Take, view: &View<'_>, step_s: f32) {
         self.stage.tried_s += step_s;
+        self.stage.tried_frames += 1;
         self.stage.seen = if take == Take::Neutral { 0.0 } else { (view.strength / take.threshold()).max(0.0) };
         match view.unfit(take) {
             Some(unfit) => {
@@ -212,7 +258,7 @@ impl Guide {
         }
         if self.stage.hold.as_ref().is_some_and(|hold| hold.done(of(MEASURE_S, take)) >= 1.0) {
             self.accept(take);
-        } else if self.stage.tried_s > of(PATIENCE_S, take) {
+        } else if self.stage.tried_s > of(PATIENCE_S, take) && self.stage.tried_frames > PATIENCE_FRAMES {
             let why = self.stage.waits_for.or(self.last_refusal).unwrap_or(Refusal::NotSeen);
             self.leave_out(take, why);
         }
@@ -238,7 +284,7 @@ impl Guide {
                 hold.add(seen, coefficients, *strength, step_s);
                 self.stage.waits_for = None;
             }
-            Fit::Blink if hold.blink(step_s) <= BLINK_S => {}
+            Fit::Blink if hold.blink(step_s) <= BLINK_S.max(step_s) => {}
             Fit::Blink => self.stop_hold(Refusal::EyesShut),
             Fit::Anew => *hold = Hold::begin(seen, coefficients, *strength),
             Fit::Broken(refusal) => self.stop_hold(refusal),
@@ -303,5 +349,4 @@ fn of([neutral, pose]: [f32; 2], take: Take) -> f32 {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::indexing_slicing)]
 mod tests;

@@ -1,9 +1,8 @@
 //! The part of a take that is measured: the wearer holds still, and the frames are averaged.
 
 use super::observation::{Seen, SeenMean};
-use super::refusal::Refusal;
-use super::take::mean_of;
-use crate::solve::{BLENDSHAPES, COEFFS};
+use super::take::{Refusal, mean_of};
+use facewire_face::{BLENDSHAPES, COEFFS};
 
 /// Least number of frames of a hold, however slow the camera is.
 const LEAST_FRAMES: u32 = 3;
@@ -17,27 +16,22 @@ const BLINK: f32 = 0.25;
 const GROWS: f32 = 1.2;
 const RELEASED: f32 = 0.7;
 
-/// The names of the lids' coefficients.
 pub(super) const LIDS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];
 
 /// What a frame does to a hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fit {
-    /// The frame belongs to it.
     Belongs,
     /// The frame shows a blink and is left out.
     Blink,
     /// The hold begins anew with this frame, because the wearer was still moving into the pose.
     Anew,
-    /// The hold is broken.
     Broken(Refusal),
 }
 
-/// A hold in progress.
 #[derive(Debug, Clone)]
 pub(super) struct Hold {
     mean: SeenMean,
-    /// Sums of the coefficients.
     coefficients: [f32; COEFFS],
     /// Head and strength at the beginning, and the greatest strength since.
     head_deg: [f32; 3],
@@ -56,7 +50,6 @@ impl Hold {
         Self { mean, coefficients, head_deg, begun: strength, peak: strength, held_s: 0.0, blink_s: 0.0 }
     }
 
-    /// Judges the next frame of a face at rest.
     pub(super) fn judge_rest(&self, seen: &Seen, coefficients: &[f32; COEFFS]) -> Fit {
         let count = self.mean.frames() as f32;
         let before = self.coefficients.map(|sum| sum / count);
@@ -112,7 +105,6 @@ impl Hold {
         (self.held_s / wanted_s).min(frames).clamp(0.0, 1.0)
     }
 
-    /// The mean of the frames.
     pub(super) fn finish(&self) -> Option<Seen> {
         self.mean.finish()
     }

@@ -8,11 +8,11 @@
 //!
 //! Limits: the readings of most people are those of the shipped model.
 
+use super::hold::LIDS;
 use super::observation::Seen;
-use super::take::Take;
-use crate::solve::{BLENDSHAPES, COEFFS, MAX_REST, Model, Neutral, Profile};
+use super::take::{Refusal, Take, mean_of};
+use facewire_face::{BLENDSHAPES, COEFFS, MAX_REST, Model, Neutral, Profile};
 
-/// Bounds of gains.
 const GAIN: [f32; 2] = [0.6, 1.6];
 /// Least reading of a pose, above the rest, from which a gain can be found.
 const LEAST_MEASURED: f32 = 0.1;
@@ -32,7 +32,6 @@ fn typical(pose: Take) -> (f32, f32) {
     }
 }
 
-/// The neutral take.
 #[derive(Debug, Clone)]
 pub(super) struct Known {
     pub(super) neutral: Neutral,
@@ -70,7 +69,6 @@ impl Takes {
         self.poses.get(pose.index())?.as_ref()?.raw(model, Some(&self.neutral()?.neutral))
     }
 
-    /// The accepted takes, in order.
     pub(super) fn taken(&self) -> impl Iterator<Item = Take> {
         let neutral = self.neutral.iter().map(|_| Take::Neutral);
         let poses = Take::ALL.into_iter().zip(&self.poses).filter(|(_, seen)| seen.is_some()).map(|(take, _)| take);
@@ -98,4 +96,44 @@ pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
         }
     }
     Some(profile)
+}
+
+/// The neutral take is in doubt if the median reading of a part of the face, in the poses that leave that part at rest,
+/// lies this far or farther from the neutral take.
+const BELOW: f32 = -0.2;
+/// Least number of such poses.
+const LEAST_POSES: usize = 3;
+
+/// Parts of the face: the coefficients that tell how far they are moved, the poses that leave them at rest, and what the
+/// wearer did in a neutral take in which they were not at rest.
+const PARTS: [(&[&str], &[Take], Refusal); 4] = [
+    (
+        &["mouthSmileLeft", "mouthSmileRight"],
+        &[Take::EyesShut, Take::BrowsUp, Take::LookLeft, Take::LookRight, Take::LookUp, Take::LookDown],
+        Refusal::Smiling,
+    ),
+    (
+        &["jawOpen"],
+        &[Take::EyesShut, Take::BrowsUp, Take::BrowsDown, Take::LookLeft, Take::LookRight, Take::LookUp],
+        Refusal::MouthOpen,
+    ),
+    (&LIDS, &[Take::JawOpen, Take::BrowsUp, Take::Pucker, Take::LookLeft, Take::LookRight], Refusal::EyesShut),
+    (
+        &["browInnerUp", "browOuterUpLeft", "browOuterUpRight"],
+        &[Take::EyesShut, Take::Smile, Take::Pucker, Take::LookLeft, Take::LookRight, Take::LookDown],
+        Refusal::BrowsMoved,
+    ),
+];
+
+/// Why the poses contradict the neutral take, if they do: a pose moves one part of the face while the others rest, so that
+/// most poses show what the other parts look like at rest.
+pub(super) fn doubt(model: &Model, takes: &Takes) -> Option<Refusal> {
+    let known = takes.neutral()?;
+    PARTS.into_iter().find_map(|(names, poses, refusal)| {
+        let raw = poses.iter().filter_map(|pose| takes.raw(model, *pose));
+        let mut moved: Vec<f32> = raw.map(|raw| mean_of(names, &raw) - mean_of(names, &known.raw)).collect();
+        moved.sort_by(f32::total_cmp);
+        let median = moved.get(moved.len() / 2).filter(|_| moved.len() >= LEAST_POSES)?;
+        (*median < BELOW).then_some(refusal)
+    })
 }

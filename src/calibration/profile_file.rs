@@ -4,6 +4,7 @@
 //! format = 1
 //! made_by = "facewire 0.1.0"
 //! made_at_unix_s = 1790000000
+//! model = "1a2b3c4d"                    # the hash of the model that read them; absent in older files
 //! takes = ["neutral", "eyes-shut"]      # the takes that were accepted
 //!
 //! neutral = [                           # x, y, z of the 478 landmarks, in ten-thousandths of the distance of the eyes
@@ -17,50 +18,26 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use flate2::Crc;
 use serde::Deserialize;
-use thiserror::Error;
 
 use super::take::Take;
-use crate::face::LANDMARKS;
-use crate::solve::{BLENDSHAPES, COEFFS, GAINS, MAX_REST, Neutral, Profile};
+use facewire_face::{BLENDSHAPES, COEFFS, GAINS, LANDMARKS, MAX_REST, Model, Neutral, Profile};
 
-/// Version of the layout.
 const FORMAT: u32 = 1;
-/// Size limit of a file.
 pub const MAX_PROFILE_BYTES: usize = 16 << 10;
 /// Steps of a coordinate for each eye distance.
 const STEPS: f32 = 10_000.0;
 /// Greatest coordinate in a file, steps. Faces stay below 3 eye distances.
 const MAX_STEPS: i32 = 50_000;
 
-/// Why a text is no profile.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
-pub enum ProfileError {
-    /// The text is longer than any profile.
-    #[error("it is larger than {} KiB, and so no profile", MAX_PROFILE_BYTES >> 10)]
-    TooLarge,
-    /// The file is of another version.
-    #[error("it has format {found}, and this facewire reads format {FORMAT}")]
-    WrongFormat {
-        /// The format that it states.
-        found: u32,
-    },
-    /// The text is cut short, or is no TOML of this layout.
-    #[error("it is damaged: {0}")]
-    Damaged(String),
-    /// A number is one that no face has.
-    #[error("it is damaged: {0} has a value that no face has")]
-    Absurd(String),
-}
-
-/// The content of a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProfileFile {
     /// The wearer's profile, with a neutral face.
     pub profile: Profile,
-    /// The takes that were accepted.
+    /// The hash of the model that read the takes, if the file says so.
+    pub model: Option<u32>,
     pub takes: Vec<Take>,
-    /// When the file was made, seconds since 1970.
     pub made_at_unix_s: u64,
 }
 
@@ -71,6 +48,7 @@ struct Table {
     format: u32,
     made_by: String,
     made_at_unix_s: u64,
+    model: Option<String>,
     takes: Vec<Take>,
     neutral: Vec<[i32; 3]>,
     blendshapes: BTreeMap<String, Terms>,
@@ -84,36 +62,36 @@ struct Terms {
 }
 
 impl ProfileFile {
-    /// Reads a text.
-    ///
-    /// # Errors
-    /// [`ProfileError`].
-    pub fn parse(text: &str) -> Result<Self, ProfileError> {
+    /// Reads a text, or says in one sentence why it is no profile.
+    pub fn parse(text: &str) -> Result<Self, String> {
         #[derive(Deserialize)]
         struct Header {
             format: u32,
         }
         if text.len() > MAX_PROFILE_BYTES {
-            return Err(ProfileError::TooLarge);
+            return Err(format!("it is larger than {} KiB, and so no profile", MAX_PROFILE_BYTES >> 10));
         }
         let header: Result<Header, _> = toml::from_str(text);
         if let Ok(Header { format }) = header
             && format != FORMAT
         {
-            return Err(ProfileError::WrongFormat { found: format });
+            return Err(format!("it has format {format}, and this facewire reads format {FORMAT}"));
         }
-        let table: Table = toml::from_str(text).map_err(|error| ProfileError::Damaged(one_line(error.message())))?;
-        table.read()
+        let table: Result<Table, _> = toml::from_str(text);
+        let table = table.map_err(|error| one_line(error.message())).and_then(Table::read);
+        table.map_err(|error| format!("it is damaged: {error}"))
     }
 
-    /// Writes the text.
-    #[must_use]
     pub fn text(&self) -> String {
         let mut text = String::with_capacity(MAX_PROFILE_BYTES);
         let takes: Vec<_> = self.takes.iter().map(|take| format!("{:?}", take.name())).collect();
         // Writing to a string cannot fail.
         let _ = writeln!(text, "format = {FORMAT}\nmade_by = \"facewire {}\"", env!("CARGO_PKG_VERSION"));
-        let _ = writeln!(text, "made_at_unix_s = {}\ntakes = [{}]\n", self.made_at_unix_s, takes.join(", "));
+        let _ = writeln!(text, "made_at_unix_s = {}", self.made_at_unix_s);
+        if let Some(model) = self.model {
+            let _ = writeln!(text, "model = \"{model:08x}\"");
+        }
+        let _ = writeln!(text, "takes = [{}]\n", takes.join(", "));
         text.push_str("# x, y, z of the landmarks, in ten-thousandths of the distance of the eyes\nneutral = [\n");
         for [x, y, z] in self.profile.neutral.iter().flat_map(Neutral::points) {
             let [x, y, z] = [x, y, z].map(steps);
@@ -128,40 +106,48 @@ impl ProfileFile {
 }
 
 impl Table {
-    fn read(self) -> Result<ProfileFile, ProfileError> {
-        let damaged = |what: String| ProfileError::Damaged(what);
+    fn read(self) -> Result<ProfileFile, String> {
+        let absurd = |what: &str| format!("{what} has a value that no face has");
         if !self.takes.is_sorted_by(|a, b| a < b) {
-            return Err(damaged("the takes are not in order".to_owned()));
+            return Err("the takes are not in order".to_owned());
         }
         if self.neutral.len() != LANDMARKS {
-            return Err(damaged(format!("it has {} landmarks instead of {LANDMARKS}", self.neutral.len())));
+            return Err(format!("it has {} landmarks instead of {LANDMARKS}", self.neutral.len()));
         }
         let far =
             self.neutral.iter().position(|point| point.iter().any(|value| value.unsigned_abs() > MAX_STEPS as u32));
         if let Some(index) = far {
-            return Err(ProfileError::Absurd(format!("landmark {index}")));
+            return Err(absurd(&format!("landmark {index}")));
         }
         let mut points = [[0.0; 3]; LANDMARKS];
         points.iter_mut().zip(&self.neutral).for_each(|(point, read)| *point = read.map(|value| value as f32 / STEPS));
-        let neutral = Neutral::of_face(&points).map_err(|_| ProfileError::Absurd("the neutral face".to_owned()))?;
+        let neutral = Neutral::of_face(&points).map_err(|_| absurd("the neutral face"))?;
         let mut profile = Profile { neutral: Some(neutral), ..Profile::default() };
         if self.blendshapes.len() != COEFFS {
-            return Err(damaged(format!("it has {} blendshapes instead of {COEFFS}", self.blendshapes.len())));
+            return Err(format!("it has {} blendshapes instead of {COEFFS}", self.blendshapes.len()));
         }
         for (name, (rest, gain)) in BLENDSHAPES.iter().zip(profile.rest.iter_mut().zip(&mut profile.gain)) {
-            let terms = self.blendshapes.get(*name).ok_or_else(|| damaged(format!("there is no {name}")))?;
+            let terms = self.blendshapes.get(*name).ok_or_else(|| format!("there is no {name}"))?;
             let is_sane = terms.rest.abs() <= MAX_REST && (GAINS[0]..=GAINS[1]).contains(&terms.gain);
             if !is_sane {
-                return Err(ProfileError::Absurd(format!("blendshapes.{name}")));
+                return Err(absurd(&format!("blendshapes.{name}")));
             }
             (*rest, *gain) = (terms.rest, terms.gain);
         }
-        Ok(ProfileFile { profile, takes: self.takes, made_at_unix_s: self.made_at_unix_s })
+        let hash = |text: String| u32::from_str_radix(&text, 16).map_err(|_| "model is no hash".to_owned());
+        let model = self.model.map(hash).transpose()?;
+        Ok(ProfileFile { profile, model, takes: self.takes, made_at_unix_s: self.made_at_unix_s })
     }
 }
 
+/// The hash of all numbers of a model, which tells whether a profile was made with it.
+pub fn model_hash(model: &Model) -> u32 {
+    let mut crc = Crc::new();
+    crc.update(&model.to_bytes());
+    crc.sum()
+}
+
 /// A coordinate in steps. The greatest is far below the range of the type.
-#[expect(clippy::cast_possible_truncation, reason = "clamped")]
 fn steps(value: f32) -> i32 {
     (value * STEPS).round().clamp(-(MAX_STEPS as f32), MAX_STEPS as f32) as i32
 }
@@ -172,10 +158,10 @@ fn one_line(message: &str) -> String {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 pub(super) mod tests {
     use super::*;
-    use crate::solve::{NeutralMean, normalise, test_face::face};
+    use facewire_face::stages::normalise;
+    use facewire_face::{NeutralMean, testing::face};
 
     /// A profile of a face of few points, which was made at this time.
     pub(crate) fn file(made_at_unix_s: u64) -> ProfileFile {
@@ -184,7 +170,8 @@ pub(super) mod tests {
         let mut profile = Profile { neutral: Some(mean.finish().unwrap()), ..Profile::default() };
         profile.rest.iter_mut().for_each(|rest| *rest = -0.2125);
         profile.gain.iter_mut().for_each(|gain| *gain = 1.25);
-        let parsed = ProfileFile { profile, takes: vec![Take::Neutral, Take::EyesShut], made_at_unix_s };
+        let takes = vec![Take::Neutral, Take::EyesShut];
+        let parsed = ProfileFile { profile, model: Some(0xA1), takes, made_at_unix_s };
         // Rounded once, it stays the same.
         ProfileFile::parse(&parsed.text()).unwrap()
     }
@@ -197,6 +184,22 @@ pub(super) mod tests {
     fn profile_that_is_written_is_read_back_the_same() {
         let file = file(1_790_000_000);
         assert_eq!(ProfileFile::parse(&file.text()), Ok(file));
+    }
+
+    #[test]
+    fn profile_of_a_version_that_kept_no_model_is_read() {
+        let file = file(7);
+        let old = file.text().replace("model = \"000000a1\"\n", "");
+        assert_eq!(ProfileFile::parse(&old), Ok(ProfileFile { model: None, ..file }));
+    }
+
+    #[test]
+    fn models_that_differ_in_one_number_have_different_hashes() {
+        let model = Model::embedded();
+        let mut other = model.clone();
+        other.correction.0[51].lift += 1e-6;
+        assert_eq!(model_hash(&model), model_hash(&Model::embedded()));
+        assert_ne!(model_hash(&model), model_hash(&other));
     }
 
     #[test]
@@ -232,7 +235,7 @@ pub(super) mod tests {
         assert!(error(&" ".repeat(MAX_PROFILE_BYTES + 1)).contains("16 KiB"));
         let collapsed = Neutral::from_points(&[[0.5; 3]; LANDMARKS]).unwrap();
         let profile = Profile { neutral: Some(collapsed), ..Profile::default() };
-        let flat = ProfileFile { profile, takes: Vec::new(), made_at_unix_s: 0 };
+        let flat = ProfileFile { profile, model: None, takes: Vec::new(), made_at_unix_s: 0 };
         assert!(error(&flat.text()).contains("the neutral face"));
     }
 }

@@ -3,56 +3,107 @@
 //! A file is replaced whole or not at all: the new one is written beside it, brought to the disk, and renamed. Only the
 //! user of the service may read the folder, because a profile holds the shape of a face.
 
+use std::fmt;
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, fchown};
 use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::name::WearerName;
-use super::profile_file::{MAX_PROFILE_BYTES, ProfileError, ProfileFile};
+use super::guide::Calibration;
+use super::profile_file::{MAX_PROFILE_BYTES, ProfileFile};
+use super::take::{Refusal, Take};
 
 /// Where the service manager puts the state of services.
 const SYSTEM_FOLDER: &str = "/var/lib/facewire";
 
-/// Why a profile cannot be used or kept. Displays as one sentence that names the file and the remedy.
+const MAX_LENGTH: usize = 32;
+
+/// The name of a wearer, which is also that of a file: 1 to 32 letters, digits, `-` and `_` of ASCII.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct WearerName(String);
+
+impl WearerName {
+    /// What a name may be; the text follows "give".
+    pub const EXPECTED: &'static str = "1 to 32 letters, digits, - or _";
+
+    /// Reads a name. `None` if it is too long, or has characters that a name may not have.
+    pub fn new(text: &str) -> Option<Self> {
+        let is_sane = text.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
+        // A name that begins with - would be taken for an option.
+        let is_good = is_sane && (1..=MAX_LENGTH).contains(&text.len()) && !text.starts_with('-');
+        is_good.then(|| Self(text.to_owned()))
+    }
+
+    pub fn parse(text: &str) -> Result<Self, String> {
+        Self::new(text).ok_or_else(|| format!("give {}", Self::EXPECTED))
+    }
+
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Display for WearerName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// A calibration whose profile was kept.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Report {
+    pub wearer: String,
+    pub path: String,
+    pub taken: Vec<Take>,
+    /// The poses that were left out, and why.
+    pub left_out: Vec<(Take, Refusal)>,
+    pub refused: u32,
+    /// What is not as it should be, although the profile is in place.
+    #[serde(default)]
+    pub warning: Option<String>,
+}
+
+/// A wearer who has a profile.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Listed {
+    pub wearer: String,
+    /// When the profile was made, seconds since 1970, and how many takes it holds; or why it cannot be used.
+    pub profile: Result<(u64, usize), String>,
+}
+
+/// Why a profile cannot be used or kept: one sentence that names the file and the remedy.
 #[derive(Debug, Error)]
 pub enum StoreError {
-    /// There is no profile of this wearer.
-    #[error("there is no profile {}: run `facewire calibrate --wearer {name}`", path.display())]
-    Missing {
-        /// The file that was looked for.
-        path: PathBuf,
-        /// The wearer.
-        name: WearerName,
-    },
-    /// The file or the folder cannot be read.
-    #[error("cannot read {}: {source}; {}", path.display(), remedy(source))]
-    Unreadable {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's answer.
-        source: io::Error,
-    },
-    /// The file is no profile.
-    #[error("{}: {error}; run `facewire calibrate --wearer {name}` to replace it", path.display())]
-    Bad {
-        /// The file.
-        path: PathBuf,
-        /// The wearer.
-        name: WearerName,
-        /// What is wrong with it.
-        error: ProfileError,
-    },
-    /// The profile cannot be written. The former one is unchanged.
-    #[error("cannot write {}: {source}; {}; the former profile stays", path.display(), remedy(source))]
-    Unwritable {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's answer.
-        source: io::Error,
-    },
+    #[error("{0}")]
+    Missing(String),
+    #[error("{0}")]
+    Unreadable(String),
+    #[error("{0}")]
+    Bad(String),
+    /// The former profile is unchanged.
+    #[error("{0}")]
+    Unwritable(String),
+}
+
+impl StoreError {
+    fn missing(path: &Path, name: &WearerName) -> Self {
+        Self::Missing(format!("there is no profile {}: run `facewire calibrate --wearer {name}`", path.display()))
+    }
+
+    fn unreadable(path: &Path, error: &io::Error) -> Self {
+        Self::Unreadable(format!("cannot read {}: {error}; {}", path.display(), remedy(error)))
+    }
+
+    fn unwritable(path: &Path, error: &io::Error) -> Self {
+        let (path, remedy) = (path.display(), remedy(error));
+        Self::Unwritable(format!("cannot write {path}: {error}; {remedy}; the former profile stays"))
+    }
 }
 
 fn remedy(error: &io::Error) -> &'static str {
@@ -65,21 +116,20 @@ fn remedy(error: &io::Error) -> &'static str {
 }
 
 /// The folder of the profiles.
-#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Store {
     folder: PathBuf,
+    /// Brings the entries of the folder to the disk. Tests let it fail.
+    sync_folder: fn(&Path) -> io::Result<()>,
 }
 
 impl Store {
     /// The folder of the settings, or if that is empty the usual one.
-    #[must_use]
     pub fn new(setting: &str) -> Self {
         let is_readable = |path: &Path| fs::read_dir(path).is_ok();
-        Self { folder: folder(setting, |name| std::env::var(name).ok(), is_readable) }
+        let folder = folder(setting, |name| std::env::var(name).ok(), is_readable);
+        Self { folder, sync_folder: |folder| File::open(folder)?.sync_all() }
     }
 
-    /// The folder.
-    #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -88,71 +138,76 @@ impl Store {
         self.folder.join(format!("{name}.toml"))
     }
 
-    /// Reads the profile of a wearer.
-    ///
-    /// # Errors
-    /// [`StoreError::Missing`], [`StoreError::Unreadable`] or [`StoreError::Bad`].
     pub fn load(&self, name: &WearerName) -> Result<ProfileFile, StoreError> {
         let path = self.path(name);
-        let bad = |error| StoreError::Bad { path: path.clone(), name: name.clone(), error };
-        let bytes = match read(&path) {
-            Ok(bytes) => bytes,
-            Err(error) if error.kind() == ErrorKind::NotFound => {
-                return Err(StoreError::Missing { path, name: name.clone() });
-            }
-            Err(source) => return Err(StoreError::Unreadable { path, source }),
-        };
-        let text = str::from_utf8(&bytes).map_err(|_| bad(ProfileError::Damaged("it is not UTF-8".to_owned())))?;
-        ProfileFile::parse(text).map_err(bad)
+        let bytes = read(&path).map_err(|error| match error.kind() {
+            ErrorKind::NotFound => StoreError::missing(&path, name),
+            _ => StoreError::unreadable(&path, &error),
+        })?;
+        let text = str::from_utf8(&bytes).map_err(|_| "it is damaged: it is not UTF-8".to_owned());
+        text.and_then(ProfileFile::parse).map_err(|error| {
+            let path = path.display();
+            StoreError::Bad(format!("{path}: {error}; run `facewire calibrate --wearer {name}` to replace it"))
+        })
     }
 
-    /// Keeps the profile of a wearer, in place of the former one. Returns the path of the file.
-    ///
-    /// # Errors
-    /// [`StoreError::Unwritable`]; the former profile is unchanged, unless only the folder could not be synchronised.
-    pub fn save(&self, name: &WearerName, file: &ProfileFile) -> Result<PathBuf, StoreError> {
-        let refuse = |path: &Path, source| StoreError::Unwritable { path: path.to_owned(), source };
-        DirBuilder::new().recursive(true).mode(0o700).create(&self.folder).map_err(|e| refuse(&self.folder, e))?;
+    /// Keeps the profile of a wearer, in place of the former one. Returns the path of the file, and a warning if a power cut
+    /// could bring the former profile back.
+    pub fn save(&self, name: &WearerName, file: &ProfileFile) -> Result<(PathBuf, Option<String>), StoreError> {
+        let refuse = |error| StoreError::unwritable(&self.folder, &error);
+        DirBuilder::new().recursive(true).mode(0o700).create(&self.folder).map_err(refuse)?;
         let (path, new) = (self.path(name), self.folder.join(format!(".{name}.new")));
         let outcome = write(&new, file.text().as_bytes()).and_then(|()| fs::rename(&new, &path));
         if let Err(error) = outcome {
             // What is left of it is of no use; the next attempt writes it anew.
             let _ = fs::remove_file(&new);
-            return Err(refuse(&path, error));
+            return Err(StoreError::unwritable(&path, &error));
         }
-        // Without this, a power cut could bring the former profile back.
-        File::open(&self.folder).and_then(|folder| folder.sync_all()).map_err(|error| refuse(&self.folder, error))?;
-        Ok(path)
+        let warning = |error| {
+            let folder = self.folder.display();
+            format!("the new profile is in use, but the disk did not confirm it ({folder}: {error}): check the disk")
+        };
+        Ok((path, (self.sync_folder)(&self.folder).err().map(warning)))
     }
 
-    /// Deletes the profile of a wearer.
-    ///
-    /// # Errors
-    /// [`StoreError::Missing`] or [`StoreError::Unwritable`].
+    pub fn keep(&self, name: &WearerName, calibration: Calibration) -> Result<Report, StoreError> {
+        let Calibration { profile, model, taken, left_out, refused } = calibration;
+        let made_at_unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+        let file = ProfileFile { profile, model: Some(model), takes: taken.clone(), made_at_unix_s };
+        let (path, warning) = self.save(name, &file)?;
+        Ok(Report { wearer: name.to_string(), path: path.display().to_string(), taken, left_out, refused, warning })
+    }
+
     pub fn delete(&self, name: &WearerName) -> Result<(), StoreError> {
         let path = self.path(name);
         // A power cut may have left this.
         let _ = fs::remove_file(self.folder.join(format!(".{name}.new")));
-        fs::remove_file(&path).map_err(|source| match source.kind() {
-            ErrorKind::NotFound => StoreError::Missing { path, name: name.clone() },
-            _ => StoreError::Unwritable { path, source },
+        fs::remove_file(&path).map_err(|error| match error.kind() {
+            ErrorKind::NotFound => StoreError::missing(&path, name),
+            _ => StoreError::unwritable(&path, &error),
         })
     }
 
     /// The wearers who have a profile, in alphabetical order. A folder that does not exist yet holds none.
-    ///
-    /// # Errors
-    /// [`StoreError::Unreadable`].
     pub fn wearers(&self) -> Result<Vec<WearerName>, StoreError> {
         let entries = match fs::read_dir(&self.folder) {
             Ok(entries) => entries,
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(source) => return Err(StoreError::Unreadable { path: self.folder.clone(), source }),
+            Err(error) => return Err(StoreError::unreadable(&self.folder, &error)),
         };
         let name = |entry: fs::DirEntry| WearerName::new(entry.file_name().to_str()?.strip_suffix(".toml")?);
         let mut names: Vec<_> = entries.filter_map(|entry| name(entry.ok()?)).collect();
         names.sort();
         Ok(names)
+    }
+
+    /// The wearers who have a profile, and what is in it.
+    pub fn list(&self) -> Result<Vec<Listed>, StoreError> {
+        let listed = |name: &WearerName| {
+            let profile = self.load(name).map(|file| (file.made_at_unix_s, file.takes.len()));
+            Listed { wearer: name.to_string(), profile: profile.map_err(|error| error.to_string()) }
+        };
+        Ok(self.wearers()?.iter().map(listed).collect())
     }
 }
 
@@ -166,7 +221,6 @@ fn read(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Writes a new file to the disk.
 fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let _ = fs::remove_file(path);
     let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
@@ -197,5 +251,4 @@ fn folder(setting: &str, variable: impl Fn(&str) -> Option<String>, is_readable:
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests;

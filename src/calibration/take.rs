@@ -1,39 +1,29 @@
-//! The takes of a calibration: what the wearer is asked to do, and by which coefficients it is seen.
+//! The takes of a calibration: what the wearer is asked to do, by which coefficients it is seen, and why a take is refused.
+
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::solve::{BLENDSHAPES, COEFFS};
+use facewire_face::{BLENDSHAPES, COEFFS};
 
-/// One thing that the wearer is asked to do, in the order in which the guide asks.
+/// One thing that the wearer is asked to do, in the order in which the guide asks. Left and right are the wearer's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Take {
-    /// A face at rest that looks into the camera.
     Neutral,
-    /// Both eyes shut.
     EyesShut,
-    /// The mouth wide open.
     JawOpen,
-    /// Both brows raised.
     BrowsUp,
-    /// Both brows drawn down.
     BrowsDown,
-    /// A wide smile.
     Smile,
-    /// The lips pushed forward.
     Pucker,
-    /// The eyes turned to the wearer's left.
     LookLeft,
-    /// The eyes turned to the wearer's right.
     LookRight,
-    /// The eyes turned up.
     LookUp,
-    /// The eyes turned down.
     LookDown,
 }
 
 impl Take {
-    /// Every take, in order.
     pub const ALL: [Self; 11] = [
         Self::Neutral,
         Self::EyesShut,
@@ -48,63 +38,56 @@ impl Take {
         Self::LookDown,
     ];
 
-    /// Place in [`Take::ALL`].
-    #[must_use]
+    /// Position in [`Take::ALL`].
     pub fn index(self) -> usize {
         self as usize
     }
 
-    /// The name in files.
-    #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Neutral => "neutral",
-            Self::EyesShut => "eyes-shut",
-            Self::JawOpen => "jaw-open",
-            Self::BrowsUp => "brows-up",
-            Self::BrowsDown => "brows-down",
-            Self::Smile => "smile",
-            Self::Pucker => "pucker",
-            Self::LookLeft => "look-left",
-            Self::LookRight => "look-right",
-            Self::LookUp => "look-up",
-            Self::LookDown => "look-down",
-        }
+        self.properties().0
     }
 
-    /// What the wearer is asked to do.
-    #[must_use]
     pub fn instruction(self) -> &'static str {
-        match self {
-            Self::Neutral => "Look into the camera with your face at rest and your mouth closed",
-            Self::EyesShut => "Shut both eyes, count to three, and open them again",
-            Self::JawOpen => "Open your mouth wide",
-            Self::BrowsUp => "Raise your eyebrows",
-            Self::BrowsDown => "Draw your eyebrows down, as if in anger",
-            Self::Smile => "Smile as widely as you can",
-            Self::Pucker => "Pucker your lips, as if for a kiss",
-            Self::LookLeft => "Look to your left with your eyes alone",
-            Self::LookRight => "Look to your right with your eyes alone",
-            Self::LookUp => "Look up with your eyes alone",
-            Self::LookDown => "Look down with your eyes alone",
-        }
+        self.properties().1
     }
 
     /// The coefficients that the pose raises to the end of their range. The neutral face raises none.
-    #[must_use]
     pub fn raises(self) -> &'static [&'static str] {
+        self.properties().2
+    }
+
+    /// Strength, less that of the neutral take, from which on it counts as seen. The faintest poses of people who
+    /// were asked for them lie above, and what a face at rest shows lies below.
+    pub(super) fn threshold(self) -> f32 {
+        self.properties().3
+    }
+
+    /// The name in files, the instruction, the coefficients that it raises, and the threshold of their strength.
+    fn properties(self) -> (&'static str, &'static str, &'static [&'static str], f32) {
         match self {
-            Self::Neutral => &[],
-            Self::EyesShut => &["eyeBlinkLeft", "eyeBlinkRight"],
-            Self::JawOpen => &["jawOpen"],
-            Self::BrowsUp => &["browInnerUp", "browOuterUpLeft", "browOuterUpRight"],
-            Self::BrowsDown => &["browDownLeft", "browDownRight"],
-            Self::Smile => &["mouthSmileLeft", "mouthSmileRight"],
-            Self::Pucker => &["mouthPucker"],
-            Self::LookLeft => &["eyeLookOutLeft", "eyeLookInRight"],
-            Self::LookRight => &["eyeLookInLeft", "eyeLookOutRight"],
-            Self::LookUp => &["eyeLookUpLeft", "eyeLookUpRight"],
-            Self::LookDown => &["eyeLookDownLeft", "eyeLookDownRight"],
+            Self::Neutral => ("neutral", "Look into the camera with your face at rest and your mouth closed", &[], 0.0),
+            Self::EyesShut => {
+                ("eyes-shut", "Shut both eyes, count to three, and open them again", &super::hold::LIDS, 0.45)
+            }
+            Self::JawOpen => ("jaw-open", "Open your mouth wide", &["jawOpen"], 0.3),
+            Self::BrowsUp => {
+                ("brows-up", "Raise your eyebrows", &["browInnerUp", "browOuterUpLeft", "browOuterUpRight"], 0.25)
+            }
+            Self::BrowsDown => {
+                ("brows-down", "Draw your eyebrows down, as if in anger", &["browDownLeft", "browDownRight"], 0.25)
+            }
+            Self::Smile => ("smile", "Smile as widely as you can", &["mouthSmileLeft", "mouthSmileRight"], 0.25),
+            Self::Pucker => ("pucker", "Pucker your lips, as if for a kiss", &["mouthPucker"], 0.25),
+            Self::LookLeft => {
+                ("look-left", "Look to your left with your eyes alone", &["eyeLookOutLeft", "eyeLookInRight"], 0.3)
+            }
+            Self::LookRight => {
+                ("look-right", "Look to your right with your eyes alone", &["eyeLookInLeft", "eyeLookOutRight"], 0.3)
+            }
+            Self::LookUp => ("look-up", "Look up with your eyes alone", &["eyeLookUpLeft", "eyeLookUpRight"], 0.2),
+            Self::LookDown => {
+                ("look-down", "Look down with your eyes alone", &["eyeLookDownLeft", "eyeLookDownRight"], 0.2)
+            }
         }
     }
 
@@ -114,18 +97,6 @@ impl Take {
         match self {
             Self::EyesShut => self.raises().iter().map(|name| mean_of(&[name], coefficients)).fold(f32::MAX, f32::min),
             _ => mean_of(self.raises(), coefficients),
-        }
-    }
-
-    /// Strength, less that of the neutral take, from which on it counts as seen. The faintest poses of people who
-    /// were asked for them lie above, and what a face at rest shows lies below.
-    pub(super) fn threshold(self) -> f32 {
-        match self {
-            Self::Neutral => 0.0,
-            Self::EyesShut => 0.45,
-            Self::JawOpen | Self::LookLeft | Self::LookRight => 0.3,
-            Self::BrowsUp | Self::BrowsDown | Self::Smile | Self::Pucker => 0.25,
-            Self::LookUp | Self::LookDown => 0.2,
         }
     }
 
@@ -140,10 +111,55 @@ impl Take {
     }
 }
 
-/// Mean of the coefficients with these names.
 pub(super) fn mean_of(names: &[&str], coefficients: &[f32; COEFFS]) -> f32 {
     let chosen = BLENDSHAPES.iter().zip(coefficients).filter(|(name, _)| names.contains(name));
     chosen.map(|(_, value)| value).sum::<f32>() / names.len().max(1) as f32
+}
+
+/// Why the guide waits, or refuses a take. Displays as one sentence for the wearer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Refusal {
+    NoPicture,
+    NoFace,
+    TooDark,
+    /// The head does not face the camera, or is not as in the neutral take.
+    HeadTurned,
+    HeadMoves,
+    FaceMoves,
+    /// The eyes were shut in the neutral take, or for longer than a blink in another pose.
+    EyesShut,
+    Smiling,
+    MouthOpen,
+    BrowsMoved,
+    NotSeen,
+    TooShort,
+}
+
+impl Refusal {
+    /// What to tell when a calibration ends without a profile for this reason.
+    pub fn end(self) -> String {
+        format!("no profile was made, and the former one stays. {self}, and try again")
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NoPicture => "No picture comes from the camera: check its cable",
+            Self::NoFace => "No face is in the picture: sit in front of the camera",
+            Self::TooDark => "The face is too dark: turn on a light in front of you",
+            Self::HeadTurned => "The head is turned: face the camera",
+            Self::HeadMoves => "The head moves: keep it still",
+            Self::FaceMoves => "The face moves: hold it still",
+            Self::EyesShut => "The eyes are shut or half shut: open them as you usually do",
+            Self::Smiling => "The mouth smiles: let your face rest",
+            Self::MouthOpen => "The mouth is open: close it",
+            Self::BrowsMoved => "The eyebrows are raised or drawn down: let your face rest",
+            Self::NotSeen => "No such movement is seen: make it stronger",
+            Self::TooShort => "The movement ended too early: hold it a little longer",
+        })
+    }
 }
 
 #[cfg(test)]

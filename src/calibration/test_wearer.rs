@@ -3,13 +3,13 @@
 use std::sync::Arc;
 
 use super::{Calibration, Guide, Observation, Refusal, Seen, Sight, Take};
-use crate::solve::model_file::{FormulaSetTable, FormulaTable, FormulasTable, ModelFile};
-use crate::solve::{BLENDSHAPES, COEFFS, Model, Residual, normalise, test_face::face};
+use facewire_face::model::{FormulaSetTable, FormulaTable, FormulasTable, ModelFile};
+use facewire_face::stages::{Residual, normalise};
+use facewire_face::{BLENDSHAPES, COEFFS, Model, testing::face};
 
 /// Coefficients by name; all others are 0.
 pub(crate) type Shown<'a> = &'a [(&'a str, f32)];
 
-/// Makes observations that show wanted coefficients.
 pub(crate) struct Wearer {
     pub(crate) model: Arc<Model>,
     /// The coefficients of the neutral face, measured from the mean of many people.
@@ -21,7 +21,6 @@ pub(crate) fn blank_model() -> Model {
     blank_model_file().to_model().unwrap()
 }
 
-/// The file of that model.
 pub(crate) fn blank_model_file() -> ModelFile {
     let named = |name: &&str| ((*name).to_owned(), FormulaTable::default());
     let blendshapes = BLENDSHAPES.iter().filter(|name| **name != "tongueOut").map(named).collect();
@@ -30,7 +29,6 @@ pub(crate) fn blank_model_file() -> ModelFile {
     ModelFile { formulas: Some(formulas), ..ModelFile::new(String::new(), String::new()) }
 }
 
-/// Time between two frames.
 pub(crate) const FRAME_US: u64 = 33_333;
 
 impl Wearer {

@@ -2,15 +2,20 @@
 //!
 //! The reader does not use the sizes of lists, so it can read a file whose writer was stopped before it filled them in. It
 //! takes the first video stream, and skips sound, indexes and padding. An empty frame chunk stands for a frame that the
-//! recorder dropped; it counts in the numbers and times of the following frames.
+//! recorder dropped; it counts in the numbers and times of the following frames. Crates for AVI seek, which a pipe and a
+//! file without an index do not allow.
 //!
 //! Limits: one chunk header and one frame are in memory, and the size of a frame is bounded by that of the picture.
 
-use std::io::Read;
+use std::io::{self, ErrorKind, Read};
+use std::mem::take;
 
 use super::jpeg::JpegDecoder;
-use super::riff::{Item, Riff, START_BYTES, Stop};
+use super::read::Counted;
 use super::{CaptureError, Content, Description, Frame, FrameFault, FrameRate, Source};
+
+/// Number of bytes of a header chunk that are read.
+const FIELD_BYTES: usize = 64;
 
 /// A Motion-JPEG AVI file.
 #[derive(Debug)]
@@ -21,11 +26,93 @@ pub struct AviSource<R> {
     decoder: JpegDecoder,
     /// Memory for the largest image.
     jpeg: Box<[u8]>,
-    /// Length of the current image.
+    /// Length of the current image, which may be too large for `jpeg`.
     jpeg_bytes: usize,
-    /// Number of frames that were begun, damaged ones among them.
-    begun: u64,
+    /// Number of frames that were read, damaged and dropped ones among them.
+    read: u64,
     ended: bool,
+}
+
+impl<R: Read> AviSource<R> {
+    /// Reads the header. `origin` names the source to the operator.
+    pub fn open(reader: R, origin: &str) -> Result<Self, CaptureError> {
+        let mut riff = Riff::new(reader);
+        let video = Video::read(&mut riff)?;
+        let [width, height] = video.size;
+        let decoder = JpegDecoder::new(width, height)?;
+        let jpeg = vec![0; decoder.max_jpeg_bytes()].into_boxed_slice();
+        Ok(Self { riff, video, origin: origin.to_owned(), decoder, jpeg, jpeg_bytes: 0, read: 0, ended: false })
+    }
+
+    /// Sets the rate of a file that states none.
+    pub fn with_rate(mut self, rate: FrameRate) -> Self {
+        self.video.rate = self.video.rate.or(Some(rate));
+        self
+    }
+
+    /// Continues with the same film from its beginning. Numbers and times continue to grow.
+    pub(super) fn rewind(&mut self, reader: R) -> Result<(), CaptureError> {
+        self.riff = Riff::new(reader);
+        self.video = Video::read(&mut self.riff)?;
+        self.ended = false;
+        Ok(())
+    }
+
+    /// Decodes the frame behind which [`Source::skip`] has put the reader.
+    pub(super) fn decoded(&mut self) -> Result<Frame<'_>, CaptureError> {
+        let number = self.read.saturating_sub(1);
+        let bad = |fault| CaptureError::Frame { number, fault };
+        let jpeg = self.jpeg.get(..self.jpeg_bytes).ok_or(bad(FrameFault::TooLarge))?;
+        self.decoder.decode(jpeg).map_err(bad)?;
+        let picture = self.decoder.picture().ok_or(bad(FrameFault::Layout))?;
+        let captured_us = self.video.rate.unwrap_or(FrameRate::FPS_30).stamp_us(number);
+        Ok(Frame { content: Content::Picture(picture), captured_us, number })
+    }
+
+    /// Reads the next frame that was not dropped into `self.jpeg`. Returns `false` at the end.
+    fn read_frame(&mut self) -> io::Result<bool> {
+        while let Some(item) = self.riff.next_item()? {
+            let Item::Chunk { id, bytes } = item else { continue };
+            if !self.video.is_frame(id) {
+                match self.riff.skip(bytes.into()) {
+                    // A file that is cut off within its index has all of its frames.
+                    Err(error) if error.kind() == ErrorKind::UnexpectedEof && id == *b"idx1" => return Ok(false),
+                    skipped => skipped?,
+                }
+                continue;
+            }
+            self.jpeg_bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
+            match self.jpeg.get_mut(..self.jpeg_bytes) {
+                Some(jpeg) => self.riff.input.read_exact(jpeg)?,
+                None => self.riff.skip(bytes.into())?,
+            }
+            self.read += 1;
+            if bytes > 0 {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+}
+
+impl<R: Read> Source for AviSource<R> {
+    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+        if self.skip()? { self.decoded().map(Some) } else { Ok(None) }
+    }
+
+    fn skip(&mut self) -> Result<bool, CaptureError> {
+        if self.ended {
+            return Ok(false);
+        }
+        let found = self.read_frame();
+        self.ended = !matches!(found, Ok(true));
+        found.map_err(|error| CaptureError::cut_short(error, self.read, self.riff.input.offset))
+    }
+
+    fn describe(&self) -> Description<'_> {
+        let [width, height] = self.video.size;
+        Description { origin: &self.origin, format: "MJPEG", width, height, rate: self.video.rate }
+    }
 }
 
 /// The first video stream by the file's header.
@@ -36,187 +123,310 @@ struct Video {
     rate: Option<FrameRate>,
 }
 
-impl<R: Read> AviSource<R> {
-    /// Reads the header. `origin` names the source to the operator.
-    ///
-    /// # Errors
-    /// [`CaptureError::Avi`] for other content, [`CaptureError::PictureSize`], [`CaptureError::Read`].
-    pub fn open(reader: R, origin: &str) -> Result<Self, CaptureError> {
-        let mut riff = Riff::new(reader);
-        let video = read_header(&mut riff)?;
-        let [width, height] = video.size;
-        let decoder = JpegDecoder::new(width, height)?;
-        let jpeg = vec![0; decoder.max_jpeg_bytes()].into_boxed_slice();
-        let origin = origin.to_owned();
-        Ok(Self { riff, video, origin, decoder, jpeg, jpeg_bytes: 0, begun: 0, ended: false })
-    }
-
-    /// Sets the rate of a file that states none.
-    #[must_use]
-    pub fn with_rate(mut self, rate: FrameRate) -> Self {
-        self.video.rate = self.video.rate.or(Some(rate));
-        self
-    }
-
-    /// Continues with the same film from its beginning. Numbers and times continue to grow.
-    pub(super) fn rewind(&mut self, reader: R) -> Result<(), CaptureError> {
-        self.riff = Riff::new(reader);
-        self.video = read_header(&mut self.riff)?;
-        self.ended = false;
-        Ok(())
-    }
-
-    /// Reads the next JPEG image into `self.jpeg`. Returns `false` at the end.
-    pub(super) fn advance(&mut self) -> Result<bool, CaptureError> {
-        if self.ended {
-            return Ok(false);
-        }
-        let found = self.find_frame();
-        self.ended = !matches!(found, Ok(true) | Err(CaptureError::Frame { .. }));
-        found
-    }
-
-    /// Decodes the image that [`AviSource::advance`] has read.
-    pub(super) fn decoded(&mut self) -> Result<Frame<'_>, CaptureError> {
-        let number = self.begun.saturating_sub(1);
-        let bad = |fault| CaptureError::Frame { number, fault };
-        let jpeg = self.jpeg.get(..self.jpeg_bytes).unwrap_or_default();
-        self.decoder.decode(jpeg).map_err(bad)?;
-        let picture = self.decoder.picture().ok_or(bad(FrameFault::Layout))?;
-        let captured_us = self.video.rate.unwrap_or(FrameRate::FPS_30).stamp_us(number);
-        Ok(Frame { content: Content::Picture(picture), captured_us, number })
-    }
-
-    fn find_frame(&mut self) -> Result<bool, CaptureError> {
-        loop {
-            let number = self.begun;
-            let stop = |stop: Stop| stop.in_frame(number);
-            let Some(item) = self.riff.next_item().map_err(stop)? else {
-                return Ok(false);
-            };
-            let Item::Chunk { id, bytes } = item else {
-                continue;
-            };
-            if self.video.is_frame(id) {
-                self.begun += 1;
-                if bytes > 0 {
-                    return self.read_jpeg(number, bytes).map(|()| true);
-                }
-            } else if !self.riff.skip(bytes.into()).map_err(stop)? {
-                // A file that is cut off within its index has all of its frames.
-                return if id == *b"idx1" { Ok(false) } else { Err(stop(self.riff.cut())) };
-            }
-        }
-    }
-
-    fn read_jpeg(&mut self, number: u64, bytes: u32) -> Result<(), CaptureError> {
-        let stop = |stop: Stop| stop.in_frame(number);
-        self.jpeg_bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
-        if let Some(jpeg) = self.jpeg.get_mut(..self.jpeg_bytes) {
-            return self.riff.read(jpeg).map_err(stop);
-        }
-        let whole = self.riff.skip(bytes.into()).map_err(stop)?;
-        let too_large = CaptureError::Frame { number, fault: FrameFault::TooLarge };
-        Err(if whole { too_large } else { stop(self.riff.cut()) })
-    }
-}
-
-impl<R: Read> Source for AviSource<R> {
-    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        if self.advance()? { self.decoded().map(Some) } else { Ok(None) }
-    }
-
-    fn skip(&mut self) -> Result<bool, CaptureError> {
-        self.advance()
-    }
-
-    fn frame_period_us(&self) -> Option<u64> {
-        self.video.rate.map(FrameRate::period_us)
-    }
-
-    fn describe(&self) -> Description<'_> {
-        let [width, height] = self.video.size;
-        Description { origin: &self.origin, format: "MJPEG", width, height, rate: self.video.rate }
-    }
-}
-
 impl Video {
     /// Returns whether a chunk is a frame of this stream. Its name is then the two-digit number and `dc` or `db`.
     fn is_frame(self, [tens, ones, d, kind]: [u8; 4]) -> bool {
         let number = [b'0' + self.stream / 10, b'0' + self.stream % 10];
         [tens, ones] == number && d == b'd' && matches!(kind, b'c' | b'b')
     }
-}
 
-/// Reads the header, up to the first frame.
-fn read_header<R: Read>(riff: &mut Riff<R>) -> Result<Video, CaptureError> {
-    let early = |stop| match stop {
-        Stop::Cut { .. } => CaptureError::Avi("ends within its header"),
-        Stop::Read(error) => CaptureError::Read(error),
-    };
-    if !matches!(riff.next_item().map_err(early)?, Some(Item::List { kind: [b'A', b'V', b'I', b' '] })) {
-        return Err(CaptureError::Avi("is not an AVI file"));
-    }
-    let mut header = Header::default();
-    loop {
-        match riff.next_item().map_err(early)? {
-            None => return Err(CaptureError::Avi("has no pictures")),
-            Some(Item::List { kind }) if kind == *b"movi" => return header.video(),
-            Some(Item::List { .. }) => {}
-            Some(Item::Chunk { id, bytes }) => {
-                let fields = riff.read_start(bytes).map_err(early)?;
-                header.read(id, &fields);
-            }
+    /// Reads the header, up to the first frame. The offsets are those of `AVISTREAMHEADER` and `BITMAPINFOHEADER`.
+    fn read<R: Read>(riff: &mut Riff<R>) -> Result<Self, CaptureError> {
+        let refuse = |reason| {
+            let remedy = "convert it with `ffmpeg -i FILE -c:v mjpeg -q:v 3 out.avi`";
+            CaptureError::BadFile(format!("the AVI file {reason}; {remedy}"))
+        };
+        let early = |error: io::Error| match error.kind() {
+            ErrorKind::UnexpectedEof => refuse("ends within its header"),
+            _ => error.into(),
+        };
+        if riff.next_item().map_err(early)? != Some(Item::List(*b"AVI ")) {
+            return Err(refuse("is not an AVI file"));
         }
-    }
-}
-
-/// The part of the header that was read so far.
-#[derive(Debug, Default)]
-struct Header {
-    streams: u8,
-    /// Number and rate of the first video stream.
-    video: Option<(u8, Option<FrameRate>)>,
-    /// Size and codec of its pictures.
-    picture: Option<([usize; 2], [u8; 4])>,
-}
-
-impl Header {
-    /// Reads a chunk. The offsets are those of `AVISTREAMHEADER` and `BITMAPINFOHEADER`.
-    fn read(&mut self, id: [u8; 4], fields: &[u8; START_BYTES]) {
-        let word = |at: usize| fields.get(at..at + 4).and_then(|b| b.try_into().ok()).unwrap_or([0; 4]);
-        let number = |at| u32::from_le_bytes(word(at));
-        match &id {
-            b"strh" => {
-                let (scale, rate) = (number(20), number(24));
-                if word(0) == *b"vids" && self.video.is_none() {
-                    self.video = Some((self.streams, FrameRate::new(rate, scale)));
+        let (mut streams, mut video, mut picture) = (0_u8, None, None);
+        loop {
+            let (id, bytes) = match riff.next_item().map_err(early)? {
+                None => return Err(refuse("has no pictures")),
+                Some(Item::List(kind)) if kind == *b"movi" => break,
+                Some(Item::List(_)) => continue,
+                Some(Item::Chunk { id, bytes }) => (id, bytes),
+            };
+            let fields = riff.read_start(bytes).map_err(early)?;
+            let word = |at: usize| fields.get(at..at + 4).and_then(|b| b.try_into().ok()).unwrap_or([0; 4]);
+            let number = |at| u32::from_le_bytes(word(at));
+            if id == *b"strh" {
+                if word(0) == *b"vids" && video.is_none() {
+                    video = Some((streams, FrameRate::new(number(24), number(20))));
                 }
-                self.streams = self.streams.saturating_add(1);
-            }
-            b"strf" if self.video.is_some() && self.picture.is_none() => {
+                streams = streams.saturating_add(1);
+            } else if id == *b"strf" && video.is_some() && picture.is_none() {
                 // A negative height says that the top row comes first.
                 let height = i32::from_le_bytes(word(8)).unsigned_abs();
-                self.picture = Some(([number(4), height].map(|side| side as usize), word(16)));
+                picture =
+                    Some(([number(4), height].map(|side| side as usize), word(16).map(|c| c.to_ascii_uppercase())));
             }
-            _ => {}
+        }
+        match (video, picture) {
+            (Some((stream, rate)), Some((size, codec))) if stream <= 99 => match &codec {
+                b"MJPG" | b"JPEG" => Ok(Self { stream, size, rate }),
+                _ => Err(refuse("is not Motion-JPEG")),
+            },
+            _ => Err(refuse("has no video stream")),
         }
     }
+}
 
-    fn video(&self) -> Result<Video, CaptureError> {
-        let no_video = CaptureError::Avi("has no video stream");
-        let (Some((stream, rate)), Some((size, codec))) = (self.video, self.picture) else {
-            return Err(no_video);
-        };
-        if stream > 99 {
-            return Err(no_video);
+/// Reads the chunks of a RIFF stream one after the other, without seeking.
+///
+/// A `RIFF` or a `LIST` holds chunks in turn. The reader reports it and continues with its content, whatever its size. It
+/// only remembers where a `RIFF` ends, to tell a complete file from one that is cut off between two chunks.
+#[derive(Debug)]
+struct Riff<R> {
+    input: Counted<R>,
+    /// Offset at which the current `RIFF` ends, if it states a size.
+    end: Option<u64>,
+    /// Whether a byte of padding comes next, as after a chunk of odd length.
+    has_padding: bool,
+}
+
+/// The next part of the stream: the kind of a list that begins, or a chunk, whose content is to be read or skipped.
+#[derive(Debug, PartialEq, Eq)]
+enum Item {
+    List([u8; 4]),
+    Chunk { id: [u8; 4], bytes: u32 },
+}
+
+impl<R: Read> Riff<R> {
+    fn new(reader: R) -> Self {
+        Self { input: Counted { reader, offset: 0 }, end: None, has_padding: false }
+    }
+
+    /// Reads the beginning of the next list or chunk. Returns `None` at the proper end of the stream.
+    fn next_item(&mut self) -> io::Result<Option<Item>> {
+        if take(&mut self.has_padding) {
+            self.skip_up_to(1)?;
         }
-        match &codec.map(|c| c.to_ascii_uppercase()) {
-            b"MJPG" | b"JPEG" => Ok(Video { stream, size, rate }),
-            _ => Err(CaptureError::Avi("is not Motion-JPEG")),
+        let start = self.input.offset;
+        let is_complete = self.end.is_none_or(|end| start >= end);
+        let mut header = [0; 8];
+        if let Err(error) = self.input.read_exact(&mut header) {
+            let is_end = is_complete && (self.input.offset == start || self.end.is_some());
+            return if is_end && error.kind() == ErrorKind::UnexpectedEof { Ok(None) } else { Err(error) };
         }
+        let [a, b, c, d, size @ ..] = header;
+        let (id, bytes) = ([a, b, c, d], u32::from_le_bytes(size));
+        match &id {
+            b"RIFF" => {
+                // A RIFF of size 0 or of the largest size was not finished, so its end is not known.
+                let is_known = bytes != 0 && bytes != u32::MAX;
+                self.end = is_known.then_some(self.input.offset + u64::from(bytes));
+            }
+            // Data behind the last RIFF is not part of the film.
+            _ if is_complete && self.end.is_some() => return Ok(None),
+            b"LIST" => {}
+            _ => {
+                self.has_padding = bytes % 2 == 1;
+                return Ok(Some(Item::Chunk { id, bytes }));
+            }
+        }
+        let mut kind = [0; 4];
+        self.input.read_exact(&mut kind)?;
+        Ok(Some(Item::List(kind)))
+    }
+
+    /// Returns the first bytes of a chunk, with zeros behind a shorter one, and skips the rest.
+    fn read_start(&mut self, bytes: u32) -> io::Result<[u8; FIELD_BYTES]> {
+        let mut start = [0; FIELD_BYTES];
+        let length = usize::try_from(bytes).map_or(FIELD_BYTES, |bytes| bytes.min(FIELD_BYTES));
+        self.input.read_exact(start.get_mut(..length).unwrap_or_default())?;
+        self.skip(u64::from(bytes) - length as u64)?;
+        Ok(start)
+    }
+
+    fn skip(&mut self, bytes: u64) -> io::Result<()> {
+        let is_whole = self.skip_up_to(bytes)? == bytes;
+        is_whole.then_some(()).ok_or(ErrorKind::UnexpectedEof.into())
+    }
+
+    fn skip_up_to(&mut self, bytes: u64) -> io::Result<u64> {
+        io::copy(&mut self.input.by_ref().take(bytes), &mut io::sink())
     }
 }
 
 #[cfg(test)]
-mod tests;
+#[allow(clippy::trivially_copy_pass_by_ref)]
+mod tests {
+    use turbojpeg::Subsamp;
+
+    use super::super::jpeg::tests::jpeg;
+    use super::*;
+
+    /// Returns a chunk with its padding.
+    fn chunk(id: &[u8; 4], content: &[u8]) -> Vec<u8> {
+        let mut chunk = [&id[..], &u32::try_from(content.len()).unwrap().to_le_bytes(), content].concat();
+        if content.len() % 2 == 1 {
+            chunk.push(0);
+        }
+        chunk
+    }
+
+    /// Returns a `LIST` or `RIFF`.
+    fn list(id: &[u8; 4], kind: &[u8; 4], chunks: &[Vec<u8>]) -> Vec<u8> {
+        chunk(id, &[&kind[..], &chunks.concat()].concat())
+    }
+
+    /// Returns the header of a film of 30 frames per second, in which stream 0 is sound and stream 1 is video.
+    fn avi_header(width: u32, height: u32, codec: &[u8; 4]) -> Vec<u8> {
+        let sound = chunk(b"strh", &[&b"auds"[..], &[0; 52]].concat());
+        let mut video = [&b"vids"[..], codec, &[0; 48]].concat();
+        video[20..24].copy_from_slice(&1_u32.to_le_bytes());
+        video[24..28].copy_from_slice(&30_u32.to_le_bytes());
+        let mut format = [0; 40];
+        format[4..8].copy_from_slice(&width.to_le_bytes());
+        format[8..12].copy_from_slice(&height.to_le_bytes());
+        format[16..20].copy_from_slice(codec);
+        let streams = [
+            list(b"LIST", b"strl", &[sound, chunk(b"strf", &[0; 18])]),
+            list(b"LIST", b"strl", &[chunk(b"strh", &video), chunk(b"strf", &format)]),
+        ];
+        list(b"LIST", b"hdrl", &[vec![chunk(b"avih", &[0; 56])], streams.to_vec()].concat())
+    }
+
+    /// Returns a complete file with an index, and with sound between the frames.
+    fn avi(width: u32, height: u32, frames: &[Vec<u8>]) -> Vec<u8> {
+        let chunks = frames.iter().flat_map(|frame| [chunk(b"01dc", frame), chunk(b"00wb", &[1, 2, 3])]);
+        let movi = list(b"LIST", b"movi", &chunks.collect::<Vec<_>>());
+        list(b"RIFF", b"AVI ", &[avi_header(width, height, b"MJPG"), movi, chunk(b"idx1", &[0; 32])])
+    }
+
+    fn frame() -> Vec<u8> {
+        let mut frame = jpeg(16, 8, Subsamp::Sub2x2);
+        frame.resize(frame.len() | 1, 0);
+        frame
+    }
+
+    fn open(bytes: &[u8]) -> Result<AviSource<&[u8]>, CaptureError> {
+        AviSource::open(bytes, "film")
+    }
+
+    /// Returns the numbers of the intact frames, and the errors.
+    fn play(bytes: &[u8]) -> (Vec<u64>, Vec<CaptureError>) {
+        let (mut numbers, mut errors) = (Vec::new(), Vec::new());
+        let mut source = open(bytes).unwrap();
+        loop {
+            match source.next() {
+                Ok(Some(frame)) => numbers.push(frame.number),
+                Ok(None) => return (numbers, errors),
+                Err(error) => errors.push(error),
+            }
+        }
+    }
+
+    #[test]
+    fn frames_of_the_video_stream_carry_their_time() {
+        let film = avi(16, 8, &[frame(), frame()]);
+        let mut source = open(&film).unwrap();
+        assert_eq!(source.describe().to_string(), "film: MJPEG 16x8 at 30 fps");
+        assert_eq!(source.frame_period_us(), Some(33_333));
+        let times: Vec<_> = (0..2).map(|_| source.next().unwrap().unwrap().captured_us).collect();
+        assert_eq!(times, [0, 33_333]);
+        assert!(source.next().unwrap().is_none());
+    }
+
+    #[test]
+    fn every_truncation_gives_the_frames_before_it_and_one_error_with_its_offset() {
+        let film = avi(16, 8, &[frame(), frame(), frame()]);
+        let starts: Vec<_> = film.windows(4).enumerate().filter(|(_, id)| id == b"01dc").map(|(at, _)| at).collect();
+        let movi = starts[0];
+        let index = film.windows(4).rposition(|id| id == b"idx1").unwrap();
+        for length in 0..movi {
+            assert!(open(&film[..length]).is_err_and(|error| error.to_string().contains("the AVI file")), "{length}");
+        }
+        for length in movi..index + 8 {
+            let complete = starts.iter().filter(|&start| start + 8 + frame().len() <= length).count();
+            let (numbers, errors) = play(&film[..length]);
+            assert_eq!(numbers.len(), complete, "{length}");
+            let [error] = &errors[..] else { unreachable!("{length}: {errors:?}") };
+            assert!(
+                error.to_string().contains(&format!("cut short at byte {length}, in frame {complete};")),
+                "{error}"
+            );
+        }
+        for length in index + 8..=film.len() {
+            assert_eq!(play(&film[..length]).1.len(), 0, "nothing is lost with the index");
+        }
+    }
+
+    #[test]
+    fn a_bad_frame_is_counted_and_the_next_one_follows() {
+        let mut broken = frame();
+        broken.truncate(100);
+        let (numbers, errors) = play(&avi(16, 8, &[frame(), broken, frame()]));
+        assert_eq!(numbers, [0, 2]);
+        assert!(matches!(errors[..], [CaptureError::Frame { number: 1, fault: FrameFault::Incomplete }]));
+    }
+
+    #[test]
+    fn a_frame_that_is_too_large_is_skipped() {
+        let huge = vec![0; 200_000];
+        let (numbers, errors) = play(&avi(16, 8, &[huge.clone(), frame()]));
+        assert_eq!(numbers, [1]);
+        assert!(matches!(errors[..], [CaptureError::Frame { number: 0, fault: FrameFault::TooLarge }]));
+        let film = avi(16, 8, &[huge]);
+        let (_, errors) = play(&film[..film.len() - 1000]);
+        assert!(errors[0].to_string().contains("cut short") && errors.len() == 1, "{errors:?}");
+    }
+
+    #[test]
+    fn a_dropped_frame_keeps_its_number_and_time() {
+        let (numbers, errors) = play(&avi(16, 8, &[frame(), Vec::new(), frame()]));
+        assert_eq!((numbers, errors.len()), (vec![0, 2], 0));
+    }
+
+    #[test]
+    fn a_recording_without_sizes_is_read_to_its_end() {
+        let mut film = avi(16, 8, &[frame(), frame()]);
+        film[4..8].copy_from_slice(&[0; 4]);
+        let movi = film.windows(4).position(|id| id == b"movi").unwrap();
+        film[movi - 4..movi].copy_from_slice(&[0xff; 4]);
+        let index = film.windows(4).rposition(|id| id == b"idx1").unwrap();
+        let (numbers, errors) = play(&film[..index]);
+        assert_eq!((numbers, errors.len()), (vec![0, 1], 0));
+    }
+
+    #[test]
+    fn all_parts_of_an_opendml_film_are_read_and_data_behind_them_is_not() {
+        let mut film = avi(16, 8, &[frame()]);
+        let groups = list(b"LIST", b"rec ", &[chunk(b"01dc", &frame()), chunk(b"01dc", &frame())]);
+        film.extend(list(b"RIFF", b"AVIX", &[list(b"LIST", b"movi", &[groups])]));
+        film.extend(chunk(b"01dc", &frame()));
+        let (numbers, errors) = play(&film);
+        assert_eq!((numbers, errors.len()), (vec![0, 1, 2], 0));
+    }
+
+    #[test]
+    fn other_files_are_refused_with_their_reason() {
+        let reason = |bytes: &[u8]| open(bytes).unwrap_err().to_string();
+        let movi = list(b"LIST", b"movi", &[]);
+        let film = |header| list(b"RIFF", b"AVI ", &[header, movi.clone()]);
+        assert!(reason(&list(b"RIFF", b"WAVE", &[chunk(b"data", &[0; 9])])).contains("is not an AVI file"));
+        assert!(reason(&film(avi_header(16, 8, b"H264"))).contains("is not Motion-JPEG"));
+        assert!(reason(&film(chunk(b"JUNK", &[]))).contains("has no video stream"));
+        assert!(reason(&film(avi_header(5000, 8, b"MJPG"))).contains("5000x8"));
+        assert!(reason(&list(b"RIFF", b"AVI ", &[avi_header(16, 8, b"MJPG")])).contains("has no pictures"));
+    }
+
+    #[test]
+    fn a_damaged_byte_causes_neither_a_panic_nor_an_endless_film() {
+        let film = avi(16, 8, &[frame(), frame()]);
+        for at in 0..film.len() {
+            let mut damaged = film.clone();
+            damaged[at] ^= 0xff;
+            let Ok(mut source) = open(&damaged) else {
+                continue;
+            };
+            let items = std::iter::from_fn(|| source.next().map(|frame| frame.map(|_| ())).transpose());
+            assert!(items.take(10).count() < 10);
+        }
+    }
+}

@@ -1,56 +1,72 @@
-//! The clip that is built into the program: 240 frames of a rendered face, 640 x 480 pixels, 30 frames per second.
+//! The built-in clip: 240 frames of a rendered face, 640 x 480 pixels, 30 frames per second, in a file of its own.
 
-use super::open::DEMO;
+use std::env;
+use std::fs::File;
+use std::io::{Seek as _, SeekFrom};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
 use super::{AviSource, CaptureError, Description, Frame, Source};
 
-static DEMO_AVI: &[u8] = include_bytes!("demo.avi");
+/// The name of the built-in clip, in place of a file or a camera.
+pub const DEMO: &str = "demo";
+/// The environment variable that names the file and replaces the search.
+const VARIABLE: &str = "FACEWIRE_DEMO";
+/// The file that a package installs.
+const INSTALLED: &str = "/usr/share/facewire/demo.avi";
 
 /// The built-in clip as a source.
 #[derive(Debug)]
 pub struct Clip {
-    film: AviSource<&'static [u8]>,
+    file: Arc<File>,
+    film: AviSource<Arc<File>>,
     looped: bool,
+}
+
+/// Returns the path of the clip: beside the program, in the checkout in which it was built, or where a package puts it.
+fn path() -> PathBuf {
+    if let Some(named) = env::var_os(VARIABLE) {
+        return named.into();
+    }
+    let program = env::current_exe().unwrap_or_default();
+    let folders: Vec<&Path> = program.ancestors().skip(1).collect();
+    let beside = folders.first().map(|folder| folder.join("demo.avi"));
+    let in_checkout = folders.iter().map(|folder| folder.join("src/capture/demo.avi"));
+    // A build for tests may stand in a folder far from its checkout.
+    let of_tests = cfg!(debug_assertions).then(|| concat!(env!("CARGO_MANIFEST_DIR"), "/src/capture/demo.avi").into());
+    let found = beside.into_iter().chain(in_checkout).chain(of_tests).find(|path| path.is_file());
+    found.unwrap_or_else(|| INSTALLED.into())
 }
 
 impl Clip {
     /// Opens the clip, to be played once.
-    ///
-    /// # Errors
-    /// [`CaptureError::Decoder`] without memory.
     pub fn once() -> Result<Self, CaptureError> {
-        Ok(Self { film: AviSource::open(DEMO_AVI, DEMO)?, looped: false })
+        let path = path();
+        let refused = |error| CaptureError::unopened(&path.display().to_string(), &error);
+        let file = Arc::new(File::open(&path).map_err(refused)?);
+        Ok(Self { film: AviSource::open(Arc::clone(&file), DEMO)?, file, looped: false })
     }
 
     /// Opens the clip, to be repeated for ever. Frame numbers and times continue to grow.
-    ///
-    /// # Errors
-    /// [`CaptureError::Decoder`] without memory.
     pub fn looped() -> Result<Self, CaptureError> {
         Ok(Self { looped: true, ..Self::once()? })
-    }
-
-    fn advance(&mut self) -> Result<bool, CaptureError> {
-        if self.film.advance()? {
-            return Ok(true);
-        }
-        if self.looped {
-            self.film.rewind(DEMO_AVI)?;
-        }
-        self.film.advance()
     }
 }
 
 impl Source for Clip {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        if self.advance()? { self.film.decoded().map(Some) } else { Ok(None) }
+        if self.skip()? { self.film.decoded().map(Some) } else { Ok(None) }
     }
 
     fn skip(&mut self) -> Result<bool, CaptureError> {
-        self.advance()
-    }
-
-    fn frame_period_us(&self) -> Option<u64> {
-        self.film.frame_period_us()
+        if self.film.skip()? {
+            return Ok(true);
+        }
+        if self.looped {
+            self.file.seek(SeekFrom::Start(0)).map_err(CaptureError::Read)?;
+            self.film.rewind(Arc::clone(&self.file))?;
+        }
+        self.film.skip()
     }
 
     fn describe(&self) -> Description<'_> {
@@ -59,9 +75,9 @@ impl Source for Clip {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use facewire_face::Pixels;
 
     #[test]
     fn the_clip_has_240_frames_and_30_of_them_per_second() {
@@ -80,20 +96,17 @@ mod tests {
 
     #[test]
     fn the_looped_clip_repeats_its_pictures_while_numbers_and_times_grow() {
+        let luma = |frame: &Frame<'_>| match frame.picture().unwrap().pixels {
+            Pixels::Planar { planes: [luma, ..], .. } => luma.to_vec(),
+            _ => panic!("the clip is Motion-JPEG"),
+        };
         let mut clip = Clip::looped().unwrap();
-        let first = luma_sum(&clip.next().unwrap().unwrap());
+        let first = luma(&clip.next().unwrap().unwrap());
         for _ in 1..240 {
             assert!(clip.skip().unwrap());
         }
         let again = clip.next().unwrap().unwrap();
         assert_eq!((again.number, again.captured_us), (240, 8_000_000));
-        assert_eq!(luma_sum(&again), first);
-    }
-
-    fn luma_sum(frame: &Frame<'_>) -> u64 {
-        let super::super::Pixels::Planar { planes: [luma, ..], .. } = frame.picture().unwrap().pixels else {
-            return 0;
-        };
-        luma.iter().copied().map(u64::from).sum()
+        assert_eq!(luma(&again), first);
     }
 }

@@ -18,7 +18,7 @@ const LATE_PERIODS: u64 = 2;
 /// What a camera delivered within a window of about 1.5 s.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Delivery {
-    /// Time that was counted, microseconds.
+    /// Time that was counted.
     pub time_us: u64,
     /// Frames that the camera sent in this time.
     pub sent: u64,
@@ -27,14 +27,11 @@ pub struct Delivery {
 }
 
 impl Delivery {
-    /// Frames a second that the camera sent.
-    #[must_use]
     pub fn fps(&self) -> f32 {
         self.sent as f32 * 1e6 / self.time_us.max(1) as f32
     }
 
     /// Share of the frames that were lost, from 0 to 1.
-    #[must_use]
     pub fn lost_share(&self) -> f32 {
         (self.lost as f32 / self.sent.max(1) as f32).min(1.0)
     }
@@ -47,7 +44,6 @@ pub struct Arrival {
     pub sequence: u32,
     /// Time of capture on the monotonic clock, in microseconds.
     pub captured_us: u64,
-    /// When the frame was taken from its buffer.
     pub taken_us: u64,
 }
 
@@ -61,30 +57,24 @@ pub struct DeliveryCounter {
     window: Window,
 }
 
-/// The counts of the present window. A pair is two frames that were taken one after the other.
+/// The counts of the present window. A pair is two frames that were taken one after the other, between which the driver
+/// did not run out of buffers.
 #[derive(Debug, Default)]
 struct Window {
     /// Time from the first frame of the window to its last.
     time_us: u64,
-    /// The pairs between which the driver did not run out of buffers.
-    punctual: Pairs,
-    damaged: u64,
-}
-
-#[derive(Debug, Default)]
-struct Pairs {
-    count: u64,
-    /// Sum of the times between the frames of a pair.
-    time_us: u64,
+    pairs: u64,
+    /// Sum of the times between the frames of the pairs.
+    pairs_us: u64,
     /// Sum of the differences of their sequence numbers.
     numbers: u64,
     /// Frames that are missing by the timestamps.
     gaps: u64,
+    damaged: u64,
 }
 
 impl DeliveryCounter {
     /// Begins to count the frames of a camera with this frame period.
-    #[must_use]
     pub fn new(period_us: u64) -> Self {
         Self { period_us: period_us.max(1), last: None, step: None, window: Window::default() }
     }
@@ -104,11 +94,10 @@ impl DeliveryCounter {
         let window = &mut self.window;
         window.time_us += time_us;
         if last.taken_us.saturating_sub(last.captured_us) <= LATE_PERIODS * self.period_us {
-            let pairs = &mut window.punctual;
-            pairs.count += 1;
-            pairs.time_us += time_us;
-            pairs.numbers += numbers;
-            pairs.gaps += ((time_us + self.period_us / 2) / self.period_us).saturating_sub(1);
+            window.pairs += 1;
+            window.pairs_us += time_us;
+            window.numbers += numbers;
+            window.gaps += ((time_us + self.period_us / 2) / self.period_us).saturating_sub(1);
         }
     }
 
@@ -123,11 +112,10 @@ impl DeliveryCounter {
         if self.window.time_us < WINDOW_US {
             return None;
         }
-        let Window { punctual, damaged, .. } = std::mem::take(&mut self.window);
-        let Pairs { count, time_us, numbers, gaps } = punctual;
+        let Window { pairs, pairs_us, numbers, gaps, damaged, .. } = std::mem::take(&mut self.window);
         // Without numbers, no frame is missing.
-        let sent = self.step.and_then(|step| numbers.checked_div(step)).map_or(count, |frames| frames.max(count));
-        (count > 0).then(|| Delivery { time_us, sent, lost: (sent - count).min(gaps) + damaged })
+        let sent = self.step.and_then(|step| numbers.checked_div(step)).map_or(pairs, |frames| frames.max(pairs));
+        (pairs > 0).then(|| Delivery { time_us: pairs_us, sent, lost: (sent - pairs).min(gaps) + damaged })
     }
 }
 
@@ -224,7 +212,7 @@ mod tests {
                 counter.damaged();
             }
         }
-        let delivery = counter.take().unwrap_or_default();
+        let delivery = counter.take().unwrap();
         assert_eq!((delivery.sent, delivery.lost), (60, 7));
         assert!((delivery.fps() - 30.0).abs() < 0.1 && (delivery.lost_share() - 7.0 / 60.0).abs() < 1e-6);
     }

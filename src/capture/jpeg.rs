@@ -11,14 +11,12 @@
 //! first trying to decode them as they came.
 
 mod cleaner;
-mod header;
-mod huffman;
-mod standard_tables;
 
 use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Subsamp, YuvImage};
 
 use self::cleaner::Cleaner;
-use super::{CaptureError, FrameFault, MAX_SIDE_PX, Picture, Pixels};
+use super::{CaptureError, FrameFault};
+use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 
 /// Largest number of scans of a progressive image. The usual script has 10; an image of thousands is built to keep a
 /// decoder busy.
@@ -41,28 +39,22 @@ pub struct JpegDecoder {
 
 impl JpegDecoder {
     /// Creates a decoder for images of `width` x `height` pixels.
-    ///
-    /// # Errors
-    /// [`CaptureError::PictureSize`] beyond [`MAX_SIDE_PX`], [`CaptureError::Decoder`] without memory.
     pub fn new(width: usize, height: usize) -> Result<Self, CaptureError> {
         if !(1..=MAX_SIDE_PX).contains(&width) || !(1..=MAX_SIDE_PX).contains(&height) {
-            return Err(CaptureError::PictureSize { width, height });
+            return Err(CaptureError::picture_size(width, height));
         }
-        let strict = StrictDecoder::new(width, height).map_err(|_| CaptureError::Decoder)?;
+        let no_memory = |_| CaptureError::Unusable("the JPEG decoder could not start; free some memory".to_owned());
+        let strict = StrictDecoder::new(width, height).map_err(no_memory)?;
         let cleaner = Box::new(Cleaner::new(strict.max_jpeg_bytes()));
         Ok(Self { strict, cleaner, clean_at_once: 0 })
     }
 
     /// Largest number of bytes that an image of this size can sensibly have. Sources bound their buffers by it.
-    #[must_use]
     pub fn max_jpeg_bytes(&self) -> usize {
         self.strict.max_jpeg_bytes()
     }
 
     /// Decodes one image, which [`JpegDecoder::picture`] then returns. After an error there is no picture.
-    ///
-    /// # Errors
-    /// Returns what is wrong with the image.
     pub fn decode(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
         self.strict.decoded = None;
         if !jpeg.starts_with(START_OF_IMAGE) {
@@ -87,7 +79,6 @@ impl JpegDecoder {
     }
 
     /// Returns the picture that was decoded last.
-    #[must_use]
     pub fn picture(&self) -> Option<Picture<'_>> {
         self.strict.picture()
     }
@@ -114,20 +105,14 @@ impl StrictDecoder {
     }
 
     fn decode(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
-        let subsamp = self.read_header(jpeg)?;
-        let [width, height] = self.size;
+        let header = self.decompressor.read_header(jpeg).map_err(|_| self.corrupt())?;
+        self.check(&header)?;
+        let (subsamp, [width, height]) = (header.subsamp, self.size);
         let pixels = self.planes.as_mut_slice();
         let image = YuvImage { pixels, width, align: 1, height, subsamp };
         self.decompressor.decompress_to_yuv(jpeg, image).map_err(|_| self.corrupt())?;
         self.decoded = Some(subsamp);
         Ok(())
-    }
-
-    fn read_header(&mut self, jpeg: &[u8]) -> Result<Subsamp, FrameFault> {
-        match self.decompressor.read_header(jpeg) {
-            Ok(header) => self.check(&header).map(|()| header.subsamp),
-            Err(_) => Err(self.corrupt()),
-        }
     }
 
     /// Replaces the instance of libjpeg-turbo: after a bad header the old one would continue within that header, and
@@ -163,10 +148,10 @@ impl StrictDecoder {
             return Some(Pixels::Grey { data: &self.planes, stride: width });
         }
         let (columns, rows) = (subsamp.width(), subsamp.height());
-        let strides = [width.next_multiple_of(columns), width.div_ceil(columns)];
-        let [stride, chroma_stride] = strides;
+        let [stride, chroma_stride] = [width.next_multiple_of(columns), width.div_ceil(columns)];
         let (luma, rest) = self.planes.split_at_checked(stride * height.next_multiple_of(rows))?;
         let (cb, cr) = rest.split_at_checked(chroma_stride * height.div_ceil(rows))?;
+        let strides = [stride, chroma_stride];
         Some(Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: chroma_shift(subsamp)? })
     }
 }
@@ -191,6 +176,4 @@ fn chroma_shift(subsamp: Subsamp) -> Option<[u8; 2]> {
 }
 
 #[cfg(test)]
-mod camera_tests;
-#[cfg(test)]
-mod tests;
+pub(super) mod tests;

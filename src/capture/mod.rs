@@ -4,7 +4,7 @@
 //! the planes directly. Buffers get their size when a source is opened, and never grow. A frame that cannot be read is an
 //! error of its own ([`CaptureError::Frame`]), after which the source continues with the next frame.
 //!
-//! Limits: pictures of up to [`MAX_SIDE_PX`] pixels a side with 8 bits per sample.
+//! Limits: pictures of up to [`facewire_face::MAX_SIDE_PX`] pixels a side with 8 bits per sample.
 
 mod avi;
 mod clip;
@@ -13,41 +13,32 @@ mod error;
 mod jpeg;
 mod open;
 mod paced;
-mod picture;
 mod points;
 mod rate;
 mod read;
-mod recording;
 mod rehearsal;
-mod riff;
-#[cfg(test)]
-mod testing;
 pub mod v4l2;
 mod y4m;
 
 pub use avi::AviSource;
-pub use clip::Clip;
+pub use clip::{Clip, DEMO};
 pub use delivery::Delivery;
 pub use error::{CaptureError, FrameFault};
 pub use jpeg::JpegDecoder;
-pub use open::{DEMO, FileOptions, open_camera, open_file};
+pub use open::{FileOptions, open_camera, open_file};
 pub use paced::{Paced, monotonic_us};
-pub use picture::{MAX_SIDE_PX, Picture, Pixels};
-pub use points::PointsSource;
 pub use rate::FrameRate;
-pub use recording::RecordingSource;
 pub use y4m::Y4mSource;
 
 use std::fmt;
 use std::time::Duration;
 
-use crate::face::Face;
 use crate::impairment::ImpairmentSet;
+use facewire_face::{Face, Picture};
 
 /// One frame and the time of its capture, lent by its source until the next call.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame<'a> {
-    /// What the frame shows.
     pub content: Content<'a>,
     /// Time of capture in microseconds: on `CLOCK_MONOTONIC` for a camera, from the beginning of the file for a file.
     pub captured_us: u64,
@@ -60,18 +51,12 @@ pub struct Frame<'a> {
 pub enum Content<'a> {
     /// A picture in which the face is still to be found.
     Picture(Picture<'a>),
-    /// The result of an earlier search.
-    Face {
-        /// The face, with landmarks in pixels; `None` where no face was found.
-        face: Option<Face<'a>>,
-        /// Width and height of the picture that was searched.
-        size_px: [f32; 2],
-    },
+    /// The result of an earlier search: the face, with landmarks in pixels, and the size of the picture that was searched.
+    Face { face: Option<Face<'a>>, size_px: [f32; 2] },
 }
 
 impl<'a> Frame<'a> {
     /// The picture, if the frame shows one.
-    #[must_use]
     pub fn picture(&self) -> Option<&Picture<'a>> {
         match &self.content {
             Content::Picture(picture) => Some(picture),
@@ -80,7 +65,6 @@ impl<'a> Frame<'a> {
     }
 
     /// Width and height of the picture, in pixels.
-    #[must_use]
     pub fn size_px(&self) -> [f32; 2] {
         match &self.content {
             Content::Picture(picture) => [picture.width as f32, picture.height as f32],
@@ -93,15 +77,11 @@ impl<'a> Frame<'a> {
 pub trait Source {
     /// Returns the next frame of a file, or `None` at its end. Waits for the newest frame of a camera.
     ///
-    /// # Errors
     /// After [`CaptureError::Frame`] the next call continues with the following frame. After any other error a file has
     /// ended, and a camera must be opened again.
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError>;
 
     /// Skips one frame, without decoding it if possible. Returns `false` at the end of a file.
-    ///
-    /// # Errors
-    /// As [`Source::next`].
     fn skip(&mut self) -> Result<bool, CaptureError> {
         Ok(self.next()?.is_some())
     }
@@ -133,7 +113,9 @@ pub trait Source {
     }
 
     /// Time from one frame to the next in microseconds, if the source states a rate.
-    fn frame_period_us(&self) -> Option<u64>;
+    fn frame_period_us(&self) -> Option<u64> {
+        self.describe().rate.map(FrameRate::period_us)
+    }
 
     /// Whether a camera offers pictures with half the pixels or fewer at the same rate.
     fn has_smaller_mode(&self) -> bool {
@@ -145,13 +127,9 @@ pub trait Source {
         true
     }
 
-    /// Describes the source to the operator.
     fn describe(&self) -> Description<'_>;
 
-    /// Closes the source. Dropping it does the same, but hides the error.
-    ///
-    /// # Errors
-    /// [`CaptureError::NotStopped`] if a camera stays open for the rest of the process, so that nobody can open it again.
+    /// Closes the source. Dropping it does the same, but hides [`CaptureError::NotStopped`].
     fn close(self: Box<Self>) -> Result<(), CaptureError> {
         Ok(())
     }
@@ -169,15 +147,12 @@ pub struct Skipped {
 /// What a source delivers. Printed as `demo: MJPEG 640x480 at 30 fps`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Description<'a> {
-    /// The device node or file.
+    /// The camera or file.
     pub origin: &'a str,
     /// Name of the pixel format.
     pub format: &'static str,
-    /// Pixels per row.
     pub width: usize,
-    /// Rows.
     pub height: usize,
-    /// Frames per second, if the source states them.
     pub rate: Option<FrameRate>,
 }
 

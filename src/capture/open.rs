@@ -5,28 +5,24 @@ use std::io::{self, BufRead, BufReader};
 use std::path::Path;
 use std::time::Duration;
 
+use super::points::{PointsSource, RecordingSource};
 use super::rehearsal::Rehearsal;
 use super::v4l2::{CameraSource, Wish};
-use super::{AviSource, CaptureError, Clip, FrameRate, Paced, PointsSource, RecordingSource, Source, Y4mSource};
+use super::{AviSource, CaptureError, Clip, DEMO, FrameRate, Paced, Source, Y4mSource};
 use crate::config::{BadScript, Script};
 
-/// The name of the built-in clip, in place of a file or a camera.
-pub const DEMO: &str = "demo";
-/// Ending of the files that hold landmarks.
-const POINTS: &str = "npy";
 /// Number of bytes that are read at once.
 const BUFFER_BYTES: usize = 64 * 1024;
 
 /// Opens the camera that a setting names (see [`CameraSource::open`]). The name `demo` stands for the built-in clip, which
 /// is repeated in real time, and a [`Script`] for a rehearsal. A camera that delivers nothing for `timeout` has stalled.
-///
-/// # Errors
-/// Those of [`CameraSource::open`] and [`Rehearsal::open`], and [`CaptureError::Script`].
 pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
     match (device, Script::of(device)) {
         (DEMO, _) => Ok(Box::new(Paced::new(Clip::looped()?))),
         (_, Some(Ok(script))) => Ok(Box::new(Rehearsal::open(script, wish.width, timeout)?)),
-        (_, Some(Err(BadScript))) => Err(CaptureError::Script { wanted: device.to_owned() }),
+        (_, Some(Err(BadScript))) => {
+            Err(CaptureError::Absent(format!("{device} is no rehearsal; give {}", Script::EXPECTED)))
+        }
         (_, None) => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
     }
 }
@@ -48,9 +44,6 @@ impl Default for FileOptions {
 
 /// Opens `-` (y4m on standard input), `demo` (the built-in clip, once through), a `.npy` file of landmarks, or a film or a
 /// recording by its content.
-///
-/// # Errors
-/// [`CaptureError::Open`], [`CaptureError::UnknownContainer`], and those of the readers.
 pub fn open_file(input: &str, options: &FileOptions) -> Result<Box<dyn Source + Send>, CaptureError> {
     match input {
         DEMO => Ok(Box::new(Clip::once()?)),
@@ -58,49 +51,51 @@ pub fn open_file(input: &str, options: &FileOptions) -> Result<Box<dyn Source + 
             let input = BufReader::with_capacity(BUFFER_BYTES, io::stdin());
             Ok(Box::new(Y4mSource::open(input, "standard input")?.with_rate(options.rate)))
         }
-        path if has_points(path) => Ok(Box::new(PointsSource::open(path, options)?)),
+        path if Path::new(path).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) => {
+            Ok(Box::new(PointsSource::open(path, options)?))
+        }
         path => open_film(path, options.rate),
     }
 }
 
-fn has_points(path: &str) -> bool {
-    Path::new(path).extension().is_some_and(|ending| ending.eq_ignore_ascii_case(POINTS))
-}
-
 fn open_film(path: &str, rate: FrameRate) -> Result<Box<dyn Source + Send>, CaptureError> {
-    let cannot = |source| CaptureError::Open { path: path.to_owned(), source };
+    let cannot = |error| CaptureError::unopened(path, &error);
     let file = File::open(path).map_err(cannot)?;
     let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);
     match reader.fill_buf().map_err(cannot)? {
         [b'R', b'I', b'F', b'F', ..] => Ok(Box::new(AviSource::open(reader, path)?.with_rate(rate))),
         [b'F', b'W', b'R', b'E', b'C', ..] => Ok(Box::new(RecordingSource::open(path)?)),
         [b'Y', b'U', b'V', b'4', ..] => Ok(Box::new(Y4mSource::open(reader, path)?.with_rate(rate))),
-        _ => Err(CaptureError::UnknownContainer { path: path.to_owned() }),
+        _ => {
+            let remedy = format!("convert it with `ffmpeg -i {path} -c:v mjpeg -q:v 3 out.avi`");
+            Err(CaptureError::BadFile(format!("{path} is neither an AVI nor a y4m file; {remedy}")))
+        }
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
-    fn reason(path: &str) -> String {
-        open_file(path, &FileOptions::default()).err().unwrap().to_string()
-    }
-
     #[test]
-    fn the_built_in_clip_is_opened_by_its_name_and_a_film_by_its_content() {
-        let open = |input| open_file(input, &FileOptions::default()).unwrap();
-        assert_eq!(open(DEMO).describe().origin, "demo");
+    fn the_built_in_clip_is_opened_by_its_name_a_film_by_its_content_and_another_file_is_refused_by_name() {
+        let open = |input| open_file(input, &FileOptions::default());
+        assert_eq!(open(DEMO).unwrap().describe().origin, "demo");
         let clip = concat!(env!("CARGO_MANIFEST_DIR"), "/src/capture/demo.avi");
-        assert_eq!(open(clip).describe().origin, clip);
-    }
-
-    #[test]
-    fn a_file_of_another_kind_is_refused_by_name() {
+        assert_eq!(open(clip).unwrap().describe().origin, clip);
+        let reason = |path| open(path).err().unwrap().to_string();
         assert!(reason("/nowhere/film.avi").contains("cannot open /nowhere/film.avi"));
         assert!(reason("/").contains("cannot open /"));
         assert!(reason(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")).contains("neither an AVI nor a y4m"));
-        assert!(reason("/dev/null").contains("neither an AVI nor a y4m"));
+    }
+
+    #[test]
+    fn a_path_to_another_kind_of_device_is_refused_before_it_is_opened() {
+        let wish = Wish { width: 640, height: 480, rate: FrameRate::FPS_30, format: None };
+        let reason = |path| open_camera(path, &wish, Duration::ZERO).err().unwrap().to_string();
+        for path in ["/dev/null", "/dev/tty", "/etc/passwd"] {
+            assert!(reason(path).starts_with(&format!("{path} is not a camera")));
+        }
+        assert!(reason("/dev/video4000").contains("no camera is called /dev/video4000"));
     }
 }

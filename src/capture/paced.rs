@@ -31,18 +31,6 @@ impl<S: Source> Paced<S> {
         let period_us = source.frame_period_us().unwrap_or(FrameRate::FPS_30.period_us()).max(1);
         Self { source, period_us, due_us: None, wanted_us: 0, skipped: Skipped::default(), decoding: Duration::ZERO }
     }
-
-    /// Skips `count` frames, but no more than [`MAX_SKIPPED`] and not beyond the end.
-    fn skip_frames(&mut self, count: u32) -> Result<(), CaptureError> {
-        for _ in 0..count.min(MAX_SKIPPED) {
-            match self.source.skip() {
-                Ok(true) | Err(CaptureError::Frame { .. }) => {}
-                Ok(false) => break,
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(())
-    }
 }
 
 impl<S: Source> Source for Paced<S> {
@@ -55,7 +43,13 @@ impl<S: Source> Source for Paced<S> {
         self.due_us = Some(captured_us + self.period_us);
         self.skipped.for_newer = self.skipped.for_newer.saturating_add(skipped.for_newer);
         self.skipped.left_out = self.skipped.left_out.saturating_add(skipped.left_out);
-        self.skip_frames(count)?;
+        for _ in 0..count.min(MAX_SKIPPED) {
+            match self.source.skip() {
+                Ok(true) | Err(CaptureError::Frame { .. }) => {}
+                Ok(false) => break,
+                Err(error) => return Err(error),
+            }
+        }
         sleep(Duration::from_micros(captured_us.saturating_sub(now_us)));
         let begun = Instant::now();
         let frame = self.source.next()?;
@@ -75,10 +69,6 @@ impl<S: Source> Source for Paced<S> {
         take(&mut self.decoding)
     }
 
-    fn frame_period_us(&self) -> Option<u64> {
-        Some(self.period_us)
-    }
-
     fn describe(&self) -> Description<'_> {
         self.source.describe()
     }
@@ -94,7 +84,6 @@ fn frames_skipped(now_us: u64, due_us: u64, wanted_us: u64, period_us: u64) -> S
 }
 
 /// Returns the time of `CLOCK_MONOTONIC` in microseconds. Most drivers take their timestamps from this clock.
-#[must_use]
 pub fn monotonic_us() -> u64 {
     let time = clock_gettime(ClockId::Monotonic);
     let [seconds, nanoseconds] = [time.tv_sec, time.tv_nsec].map(|part| u64::try_from(part).unwrap_or(0));
@@ -102,7 +91,6 @@ pub fn monotonic_us() -> u64 {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::super::Clip;
     use super::*;
@@ -122,38 +110,34 @@ mod tests {
         assert_eq!(frames_skipped(u64::MAX, 0, 0, 1).for_newer, u32::MAX);
     }
 
-    #[test]
-    fn frames_before_the_wanted_time_are_left_out_and_counted_apart() {
-        let mut camera = Paced::new(Clip::looped().unwrap());
-        let first = camera.next().unwrap().unwrap();
-        let (captured_us, number) = (first.captured_us, first.number);
-        camera.leave_out_until(captured_us + 2 * 33_333);
-        let wanted = camera.next().unwrap().unwrap();
-        let (wanted_us, wanted_number) = (wanted.captured_us, wanted.number);
-        let Skipped { for_newer, left_out } = camera.take_skipped();
-        let frames = u64::from(for_newer) + 2;
-        assert_eq!((left_out, wanted_us, wanted_number), (1, captured_us + frames * 33_333, number + frames));
-    }
-
-    #[test]
-    fn frames_carry_the_monotonic_time_at_which_they_were_due() {
-        let before_us = monotonic_us();
-        let mut camera = Paced::new(Clip::looped().unwrap());
-        let first = camera.next().unwrap().unwrap().captured_us;
-        let second = camera.next().unwrap().unwrap().captured_us;
-        let periods = u64::from(camera.take_skipped().for_newer) + 1;
-        assert_eq!(second, first + periods * 33_333);
-        assert!(before_us <= first && second <= monotonic_us());
-    }
-
-    #[test]
-    fn skipped_frames_are_counted_and_numbered() {
-        let mut camera = Paced::new(Clip::looped().unwrap());
-        camera.next().unwrap();
-        camera.due_us = Some(monotonic_us() - 5 * 33_333);
-        let late = camera.next().unwrap().unwrap().number;
+    /// Checks that the next frame of a camera is due at its time by the first one's, and returns what was skipped before it.
+    fn skipped_before_the_next(camera: &mut Paced<Clip>, first_us: u64) -> Skipped {
+        let (captured_us, number) = camera.next().unwrap().map(|frame| (frame.captured_us, frame.number)).unwrap();
         let skipped = camera.take_skipped();
-        assert!(skipped.for_newer >= 5);
-        assert_eq!((late, camera.take_skipped()), (1 + u64::from(skipped.for_newer), Skipped::default()));
+        let periods = u64::from(skipped.for_newer) + u64::from(skipped.left_out) + 1;
+        assert_eq!((captured_us, number), (first_us + periods * 33_333, periods));
+        assert!(captured_us <= monotonic_us());
+        assert_eq!(camera.take_skipped(), Skipped::default());
+        skipped
+    }
+
+    #[test]
+    fn frames_carry_the_monotonic_time_at_which_they_were_due_and_skipped_ones_are_counted() {
+        let play = || {
+            let before_us = monotonic_us();
+            let mut camera = Paced::new(Clip::looped().unwrap());
+            let first_us = camera.next().unwrap().unwrap().captured_us;
+            assert!(before_us <= first_us);
+            (camera, first_us)
+        };
+        let (mut camera, first_us) = play();
+        assert_eq!(skipped_before_the_next(&mut camera, first_us).left_out, 0);
+        let (mut camera, first_us) = play();
+        camera.leave_out_until(first_us + 2 * 33_333);
+        assert_eq!(skipped_before_the_next(&mut camera, first_us).left_out, 1);
+        let (mut camera, _) = play();
+        let late_us = monotonic_us() - 5 * 33_333;
+        camera.due_us = Some(late_us);
+        assert!(skipped_before_the_next(&mut camera, late_us - 33_333).for_newer >= 5);
     }
 }

@@ -1,4 +1,4 @@
-//! Landmarks from a `.npy` file: frames x 478 x 3 numbers, in pixels.
+//! Landmarks from a recording of facewire, or from a `.npy` file: frames x 478 x 3 numbers, in pixels.
 //!
 //! Some trackers write irises of depth 0, which the model was not fitted to. They are put at the depth of the eye.
 //!
@@ -7,11 +7,14 @@
 
 use std::fs::File;
 use std::io::{self, BufReader, Cursor, Read};
+use std::path::Path;
 
-use npyz::{DType, NpyFile, NpyReader, TypeChar};
+use npyz::{DType, NpyFile, TypeChar};
 
-use super::{CaptureError, Content, Description, FileOptions, Frame, Source};
-use crate::face::{Face, Landmarks, MESH};
+use super::open::FileOptions;
+use super::{CaptureError, Content, Description, Frame, Source};
+use crate::recording::{Reader, Recorded, RecordingError};
+use facewire_face::{Face, Landmarks, MESH};
 
 /// Largest number of bytes before the numbers; usual files have 128.
 const MAX_START_BYTES: u64 = 1024;
@@ -20,12 +23,10 @@ const MAX_BRACKETS: usize = 2;
 /// Lengths of so few digits have a product of 64 bits.
 const MAX_DIGITS: usize = 19;
 
-/// The file behind the start that was checked.
-type Input = io::Chain<Cursor<Vec<u8>>, BufReader<File>>;
-
 /// A file of landmarks. A frame with a number that is not finite shows no face.
-pub struct PointsSource {
-    values: Values,
+pub(super) struct PointsSource {
+    /// The numbers that were not read yet.
+    values: Box<dyn Iterator<Item = io::Result<f32>> + Send>,
     origin: String,
     options: FileOptions,
     /// Frames that the header announces and that were not read yet.
@@ -34,20 +35,12 @@ pub struct PointsSource {
     landmarks: Box<Landmarks>,
 }
 
-/// The numbers that were not read yet.
-enum Values {
-    Single(NpyReader<f32, Input>),
-    Double(NpyReader<f64, Input>),
-}
-
 impl PointsSource {
     /// Opens the file at `path`.
-    ///
-    /// # Errors
-    /// [`CaptureError::Open`], [`CaptureError::Read`], [`CaptureError::Points`] for other content.
-    pub fn open(path: &str, options: &FileOptions) -> Result<Self, CaptureError> {
-        let file = File::open(path).map_err(|source| CaptureError::Open { path: path.to_owned(), source })?;
-        let refuse = |reason: &str| CaptureError::Points { path: path.to_owned(), reason: reason.to_owned() };
+    pub(super) fn open(path: &str, options: &FileOptions) -> Result<Self, CaptureError> {
+        let file = File::open(path).map_err(|error| CaptureError::unopened(path, &error))?;
+        let needs = "it must hold frames x 478 x 3 floating-point numbers in C order";
+        let refuse = |reason: &str| CaptureError::BadFile(format!("{path} {reason}; {needs}"));
         let mut reader = BufReader::new(file);
         let mut start = Vec::new();
         reader.by_ref().take(MAX_START_BYTES).read_to_end(&mut start)?;
@@ -62,9 +55,11 @@ impl PointsSource {
         }
         let DType::Plain(kind) = npy.dtype() else { return Err(refuse("holds records")) };
         let unreadable = |error: npyz::DTypeError| refuse(&error.to_string());
-        let values = match (kind.type_char(), kind.size_field()) {
-            (TypeChar::Float, 4) => Values::Single(npy.data().map_err(unreadable)?),
-            (TypeChar::Float, 8) => Values::Double(npy.data().map_err(unreadable)?),
+        let values: Box<dyn Iterator<Item = _> + Send> = match (kind.type_char(), kind.size_field()) {
+            (TypeChar::Float, 4) => Box::new(npy.data::<f32>().map_err(unreadable)?),
+            (TypeChar::Float, 8) => {
+                Box::new(npy.data::<f64>().map_err(unreadable)?.map(|value| value.map(|value| value as f32)))
+            }
             _ => return Err(refuse("holds numbers of another kind")),
         };
         let landmarks = Box::new(Landmarks::zero());
@@ -77,13 +72,18 @@ impl Source for PointsSource {
         let Some(left) = self.left.checked_sub(1) else { return Ok(None) };
         let number = self.number;
         for slot in self.landmarks.0.as_flattened_mut() {
-            *slot = match self.values.next() {
+            *slot = match self.values.next().unwrap_or_else(|| Err(io::ErrorKind::UnexpectedEof.into())) {
                 Ok(value) => value,
                 Err(error) => {
                     // The file has ended.
                     self.left = 0;
-                    let is_cut = error.kind() == io::ErrorKind::UnexpectedEof;
-                    return Err(if is_cut { CaptureError::PointsCutShort { frame: number } } else { error.into() });
+                    return Err(match error.kind() {
+                        io::ErrorKind::UnexpectedEof => CaptureError::BadFile(format!(
+                            "the .npy file is cut short in frame {number}; the frames before it were used, write it again \
+                             for the rest"
+                        )),
+                        _ => error.into(),
+                    });
                 }
             };
         }
@@ -97,10 +97,6 @@ impl Source for PointsSource {
         Ok(Some(Frame { content, captured_us: self.options.rate.stamp_us(number), number }))
     }
 
-    fn frame_period_us(&self) -> Option<u64> {
-        Some(self.options.rate.period_us())
-    }
-
     fn shows_pictures(&self) -> bool {
         false
     }
@@ -108,17 +104,6 @@ impl Source for PointsSource {
     fn describe(&self) -> Description<'_> {
         let [width, height] = self.options.points_size_px.map(usize::from);
         Description { origin: &self.origin, format: "landmarks", width, height, rate: Some(self.options.rate) }
-    }
-}
-
-impl Values {
-    #[expect(clippy::cast_possible_truncation, reason = "landmarks are kept as f32")]
-    fn next(&mut self) -> io::Result<f32> {
-        let value = match self {
-            Self::Single(values) => values.next(),
-            Self::Double(values) => values.next().map(|value| value.map(|value| value as f32)),
-        };
-        value.unwrap_or_else(|| Err(io::ErrorKind::UnexpectedEof.into()))
     }
 }
 
@@ -134,14 +119,60 @@ fn is_plain(start: &[u8]) -> bool {
     header.is_some_and(|header| count(header, b"([{") <= MAX_BRACKETS && count(header, b"0123456789") <= MAX_DIGITS)
 }
 
+/// A recording as a source of landmarks.
+pub(super) struct RecordingSource {
+    reader: Reader<BufReader<File>>,
+    /// The first frame, which was read for the size of its picture.
+    first: Option<Recorded>,
+    current: Option<Recorded>,
+    origin: String,
+    size_px: [u16; 2],
+    number: u64,
+}
+
+impl RecordingSource {
+    /// Opens the file at `path`.
+    pub(super) fn open(path: &str) -> Result<Self, CaptureError> {
+        let refuse = |error: RecordingError| CaptureError::BadFile(format!("{path}: {error}"));
+        let mut reader = Reader::open(Path::new(path)).map_err(refuse)?;
+        let first = reader.next_frame().map_err(refuse)?;
+        let size_px = first.as_ref().map_or([0; 2], |frame| frame.size_px);
+        Ok(Self { reader, first, current: None, origin: path.to_owned(), size_px, number: 0 })
+    }
+}
+
+impl Source for RecordingSource {
+    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+        let refuse = |error: RecordingError| CaptureError::BadFile(format!("{}: {error}", self.origin));
+        self.current = match self.first.take() {
+            Some(first) => Some(first),
+            None => self.reader.next_frame().map_err(refuse)?,
+        };
+        let Some(frame) = &self.current else { return Ok(None) };
+        let number = self.number;
+        self.number += 1;
+        let content =
+            Content::Face { face: frame.landmarks.as_ref().map(Face::from), size_px: frame.size_px.map(f32::from) };
+        Ok(Some(Frame { content, captured_us: frame.time_us, number }))
+    }
+
+    fn shows_pictures(&self) -> bool {
+        false
+    }
+
+    fn describe(&self) -> Description<'_> {
+        let [width, height] = self.size_px.map(usize::from);
+        Description { origin: &self.origin, format: "recording", width, height, rate: None }
+    }
+}
+
 #[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::float_cmp)]
 mod tests {
     use npyz::WriterBuilder as _;
     use tempfile::NamedTempFile;
 
     use super::*;
-    use crate::face::LANDMARKS;
+    use facewire_face::LANDMARKS;
 
     /// The depths of the irises that a frame shows after it went through a file. All other points have depth 6.
     fn iris_depths(written: [f32; LANDMARKS - MESH]) -> Vec<f32> {
@@ -158,12 +189,8 @@ mod tests {
     }
 
     #[test]
-    fn irises_without_depth_are_put_at_the_depth_of_their_eye() {
+    fn irises_without_depth_are_put_at_the_depth_of_their_eye_and_others_stay() {
         assert_eq!(iris_depths([0.0; 10]), [6.0; 10]);
-    }
-
-    #[test]
-    fn irises_with_depth_stay_where_they_are() {
         let mut depths = [0.0; 10];
         depths[9] = -1.5;
         assert_eq!(iris_depths(depths), depths);

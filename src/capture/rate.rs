@@ -1,12 +1,10 @@
 //! Frame rates as the exact fractions that files and drivers state.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 
-/// Slowest rate that is believed. Files with a slower one hold arbitrary numbers.
-const MIN_FPS: f64 = 0.1;
-/// Fastest rate that is believed.
-const MAX_FPS: f64 = 1000.0;
-
+/// Frames per second that are believed. Files with a slower or faster rate hold arbitrary numbers.
+const BELIEVED_FPS: RangeInclusive<f64> = 0.1..=1000.0;
 /// Denominator of the rates that [`FrameRate::from_fps`] returns.
 const PRECISION: u32 = 1_000_000;
 
@@ -18,45 +16,35 @@ pub struct FrameRate {
 }
 
 impl FrameRate {
-    /// 30 frames per second.
     pub const FPS_30: Self = Self { frames: 30, seconds: 1 };
 
     /// Returns `None` if the rate is not between 0.1 and 1000 frames per second.
-    #[must_use]
     pub fn new(frames: u32, seconds: u32) -> Option<Self> {
         let rate = Self { frames, seconds };
-        (frames > 0 && seconds > 0 && (MIN_FPS..=MAX_FPS).contains(&rate.fps())).then_some(rate)
+        (frames > 0 && seconds > 0 && BELIEVED_FPS.contains(&rate.fps())).then_some(rate)
     }
 
     /// Returns the rate nearest to `fps`, or `None` as [`FrameRate::new`].
-    #[must_use]
     pub fn from_fps(fps: f64) -> Option<Self> {
-        (MIN_FPS..=MAX_FPS).contains(&fps).then_some(())?;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10^9")]
-        let frames = (fps * f64::from(PRECISION)).round() as u32;
-        Self::new(frames, PRECISION)
+        BELIEVED_FPS.contains(&fps).then_some(())?;
+        Self::new((fps * f64::from(PRECISION)).round() as u32, PRECISION)
     }
 
-    /// Frames per second.
-    #[must_use]
     pub fn fps(self) -> f64 {
         f64::from(self.frames) / f64::from(self.seconds)
     }
 
     /// Number of frames, and the seconds that they take.
-    #[must_use]
     pub fn fraction(self) -> [u32; 2] {
         [self.frames, self.seconds]
     }
 
     /// Time from one frame to the next in microseconds, rounded down.
-    #[must_use]
     pub fn period_us(self) -> u64 {
         self.stamp_us(1)
     }
 
     /// Time of frame `number` in microseconds after frame 0, exact to 1 microsecond for streams of any length.
-    #[must_use]
     pub fn stamp_us(self, number: u64) -> u64 {
         let us = u128::from(number) * 1_000_000 * u128::from(self.seconds) / u128::from(self.frames);
         u64::try_from(us).unwrap_or(u64::MAX)
@@ -65,23 +53,19 @@ impl FrameRate {
 
 impl fmt::Display for FrameRate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let hundredths = (self.fps() * 100.0).round() / 100.0;
-        write!(f, "{hundredths} fps")
+        write!(f, "{} fps", (self.fps() * 100.0).round() / 100.0)
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
     #[test]
     fn stamps_do_not_drift_over_a_day_of_ntsc() {
         let ntsc = FrameRate::new(30_000, 1001).unwrap();
-        let frames_in_1001_s = 30_000;
-        assert_eq!(ntsc.stamp_us(frames_in_1001_s * 86), 1_001_000_000 * 86);
-        assert_eq!(ntsc.period_us(), 33_366);
-        assert_eq!(ntsc.to_string(), "29.97 fps");
+        assert_eq!(ntsc.stamp_us(30_000 * 86), 1_001_000_000 * 86);
+        assert_eq!((ntsc.period_us(), ntsc.to_string().as_str()), (33_366, "29.97 fps"));
     }
 
     #[test]

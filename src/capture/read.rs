@@ -1,17 +1,18 @@
-//! Reading that several file formats share.
+//! Reading that the formats of films share.
 
 use std::io::{self, Read};
 
-/// Fills `buffer`, or its first part if the stream ends before. Returns the number of bytes.
-pub(super) fn fill(reader: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
-    let mut filled = 0;
-    while let Some(rest) = buffer.get_mut(filled..).filter(|rest| !rest.is_empty()) {
-        match reader.read(rest) {
-            Ok(0) => break,
-            Ok(read) => filled += read,
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(error),
-        }
+/// A reader that counts its bytes, so that an error can tell where a file is cut short.
+#[derive(Debug)]
+pub(super) struct Counted<R> {
+    pub(super) reader: R,
+    pub(super) offset: u64,
+}
+
+impl<R: Read> Read for Counted<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let bytes = self.reader.read(buffer)?;
+        self.offset += bytes as u64;
+        Ok(bytes)
     }
-    Ok(filled)
 }

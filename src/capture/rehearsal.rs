@@ -4,25 +4,40 @@
 //! happens depends on the script and on this clock alone. `live 5, gone 2` plays for 5 s, is unplugged for 2 s, and
 //! repeats this. `random 7` has a fault of random kind and length in every other 2 s; the number seeds the generator.
 
-mod script;
-mod stage;
-
 use std::mem::take;
 use std::sync::OnceLock;
 use std::thread::sleep;
 use std::time::Duration;
 
-use self::stage::{Stage, Tally};
-use super::{CaptureError, Clip, Delivery, Description, Frame, FrameFault, Skipped, Source, monotonic_us};
+use super::delivery::{Arrival, DeliveryCounter};
+use super::{
+    CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, Paced, Skipped, Source, monotonic_us,
+};
 use crate::config::{Scene, Script};
 use crate::impairment::{Impairment, ImpairmentSet};
+use facewire_face::{Picture, Pixels};
+
+/// Length of a random scene, and of the live scene after it.
+const RANDOM_SCENE_US: u64 = 2_000_000;
+const SHORTEST_FAULT_US: u64 = 100_000;
+/// Luma of the picture without a face.
+const GREY: u8 = 128;
+/// Part of the clip's brightness in the dark: one 150th of its light.
+const DARKNESS: u8 = 10;
+/// Columns of the clip, of 640, that are outside the picture. They hold a quarter of the face.
+const CUT_OFF: usize = 270;
+/// At half rate every other frame is delivered, and with losses all but every eighth.
+const HALF_RATE: u64 = 2;
+const LOSSY: u64 = 8;
 
 /// The camera of a rehearsal.
 #[derive(Debug)]
-pub struct Rehearsal {
+pub(super) struct Rehearsal {
     script: Script,
-    stage: Stage,
-    tally: Tally,
+    film: Paced<Clip>,
+    /// Memory for pictures that are made of those of the clip.
+    canvas: Vec<u8>,
+    sent: Sent,
     timeout: Duration,
     /// Whether half the width and height were asked for. The pictures keep their size: only their decoding is faster.
     is_small: bool,
@@ -33,25 +48,25 @@ pub struct Rehearsal {
 
 impl Rehearsal {
     /// Opens the camera of a rehearsal, for pictures of `width`. A silent camera has stalled after `timeout`.
-    ///
-    /// # Errors
-    /// [`CaptureError::NotFound`] while the camera is unplugged, [`CaptureError::Decoder`] without memory.
-    pub fn open(script: Script, width: u32, timeout: Duration) -> Result<Self, CaptureError> {
+    pub(super) fn open(script: Script, width: u32, timeout: Duration) -> Result<Self, CaptureError> {
         static BEGUN_US: OnceLock<u64> = OnceLock::new();
         let begun_us = *BEGUN_US.get_or_init(monotonic_us);
-        let film = Clip::looped()?;
-        let tally = Tally::new(film.frame_period_us().unwrap_or(0));
-        let is_small = usize::try_from(width).is_ok_and(|width| 2 * width <= film.describe().width);
-        let (stage, slowness) = (Stage::new(film), Duration::ZERO);
-        let rehearsal = Self { script, stage, tally, timeout, is_small, begun_us, slowness };
+        let film = Paced::new(Clip::looped()?);
+        let sent = Sent::new(film.frame_period_us().unwrap_or(0));
+        let Description { width: full, height, .. } = film.describe();
+        let is_small = usize::try_from(width).is_ok_and(|width| 2 * width <= full);
+        let (canvas, slowness) = (vec![GREY; full * height], Duration::ZERO);
+        let rehearsal = Self { script, film, canvas, sent, timeout, is_small, begun_us, slowness };
         match rehearsal.now() {
-            (Scene::Gone, _) => Err(gone()),
+            (Scene::Gone, _) => Err(CaptureError::Absent(
+                "no camera is called rehearsal; its script has unplugged it for now".to_owned(),
+            )),
             _ => Ok(rehearsal),
         }
     }
 
     fn now(&self) -> (Scene, Duration) {
-        let (scene, left_us) = self.script.at(monotonic_us().saturating_sub(self.begun_us));
+        let (scene, left_us) = scene_at(&self.script, monotonic_us().saturating_sub(self.begun_us));
         (scene, Duration::from_micros(left_us))
     }
 
@@ -64,57 +79,60 @@ impl Rehearsal {
             _ => 0.0,
         }
     }
-
-    fn damaged(&mut self) -> CaptureError {
-        match self.stage.film.next() {
-            Ok(Some(frame)) => CaptureError::Frame { number: frame.number, fault: FrameFault::Corrupt },
-            Ok(None) => CaptureError::Gone,
-            Err(error) => error,
-        }
-    }
 }
 
 impl Source for Rehearsal {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
         let (scene, left) = self.now();
         match scene {
-            Scene::Damaged => return Err(self.damaged()),
+            Scene::Damaged => {
+                let number = self.film.next()?.map_or(0, |frame| frame.number);
+                return Err(CaptureError::Frame { number, fault: FrameFault::Corrupt });
+            }
             Scene::Silent if left >= self.timeout => {
                 sleep(self.timeout);
-                let waited_ms = u64::try_from(self.timeout.as_millis()).unwrap_or(u64::MAX);
-                return Err(CaptureError::Stalled { waited_ms });
+                return Err(CaptureError::stalled(self.timeout));
             }
             Scene::Silent | Scene::Hung => sleep(left),
             Scene::Gone => return Err(CaptureError::Gone),
             _ => {}
         }
-        if self.tally.withholds_next(scene) {
-            self.stage.film.next()?;
+        if self.sent.withholds_next(scene) {
+            self.film.next()?;
         }
-        let added = Duration::from_micros(self.tally.period_us).mul_f64(self.added_periods(scene));
-        let frame = self.stage.play(scene)?;
-        if let Some(frame) = &frame {
-            self.tally.count(scene, frame.number, frame.captured_us);
-        }
+        let added = Duration::from_micros(self.sent.period_us).mul_f64(self.added_periods(scene));
+        let Some(frame) = self.film.next()? else { return Ok(None) };
+        self.sent.count(scene, frame.number, frame.captured_us);
         self.slowness += added;
         sleep(added);
-        Ok(frame)
+        let paint: fn(&[u8], usize, &mut [u8]) = match scene {
+            Scene::NoFace => |_, _, canvas| canvas.fill(GREY),
+            Scene::Dark => darken,
+            Scene::CutOff => shift,
+            _ => return Ok(Some(frame)),
+        };
+        let Some(&Picture { width, height, pixels, .. }) = frame.picture() else { return Ok(None) };
+        if let Pixels::Planar { planes: [luma, ..], .. } = pixels {
+            paint(luma, width, &mut self.canvas);
+        }
+        let picture = Picture::new(width, height, Pixels::Grey { data: &self.canvas, stride: width }, true);
+        Ok(picture.map(|picture| Frame { content: Content::Picture(picture), ..frame }))
     }
 
     fn leave_out_until(&mut self, captured_us: u64) {
-        self.stage.film.leave_out_until(captured_us);
+        self.film.leave_out_until(captured_us);
     }
 
     fn take_skipped(&mut self) -> Skipped {
-        self.stage.film.take_skipped()
+        self.film.take_skipped()
     }
 
     fn take_delivery(&mut self) -> Option<Delivery> {
-        self.tally.delivery.take()
+        self.sent.delivery.take()
     }
 
     fn take_decoding(&mut self) -> Duration {
-        self.stage.film.take_decoding() + take(&mut self.slowness)
+        self.film.take_decoding() + take(&mut self.slowness)
     }
 
     fn rehearsed(&self) -> ImpairmentSet {
@@ -129,68 +147,184 @@ impl Source for Rehearsal {
         self.now().0 == Scene::SlowJpeg && !self.is_small
     }
 
-    fn frame_period_us(&self) -> Option<u64> {
-        self.stage.film.frame_period_us()
-    }
-
     fn describe(&self) -> Description<'_> {
-        Description { origin: "rehearsal", ..self.stage.film.describe() }
+        Description { origin: "rehearsal", ..self.film.describe() }
     }
 }
 
-fn gone() -> CaptureError {
-    CaptureError::NotFound { wanted: "rehearsal".to_owned(), hint: "its script has unplugged it for now".to_owned() }
+/// Makes the luma plane of a dark picture of the clip's.
+fn darken(luma: &[u8], _: usize, canvas: &mut [u8]) {
+    canvas.iter_mut().zip(luma).for_each(|(dark, luma)| *dark = luma / DARKNESS);
+}
+
+/// Moves the clip to the left.
+fn shift(luma: &[u8], width: usize, canvas: &mut [u8]) {
+    for (row, from) in canvas.chunks_exact_mut(width).zip(luma.chunks_exact(width)) {
+        let kept = from.iter().skip(CUT_OFF).chain(std::iter::repeat(&GREY));
+        row.iter_mut().zip(kept).for_each(|(pixel, luma)| *pixel = *luma);
+    }
+}
+
+/// Returns the scene at a time since the start, and how long it lasts from then on, both in microseconds.
+fn scene_at(script: &Script, elapsed_us: u64) -> (Scene, u64) {
+    let scenes = match script {
+        Script::Scenes(scenes) => scenes,
+        Script::Random(seed) => return random_at(*seed, elapsed_us),
+    };
+    let total_us: u64 = scenes.iter().map(|(_, length_us)| length_us).sum();
+    let mut left_us = elapsed_us.checked_rem(total_us).unwrap_or(0);
+    for (scene, length_us) in scenes {
+        if left_us < *length_us {
+            return (*scene, length_us - left_us);
+        }
+        left_us -= length_us;
+    }
+    (Scene::Live, 0)
+}
+
+/// Odd scenes are live. Even scenes begin with a fault, and are live afterwards.
+fn random_at(seed: u64, elapsed_us: u64) -> (Scene, u64) {
+    let (number, begun_us) = (elapsed_us / RANDOM_SCENE_US, elapsed_us % RANDOM_SCENE_US);
+    let mut random = fastrand::Rng::with_seed(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ number);
+    let fault = random.choice(Scene::RANDOM).unwrap_or(Scene::Live);
+    let fault_us = random.u64(SHORTEST_FAULT_US..RANDOM_SCENE_US);
+    if number % 2 == 0 && begun_us < fault_us {
+        (fault, fault_us - begun_us)
+    } else {
+        (Scene::Live, RANDOM_SCENE_US - begun_us)
+    }
+}
+
+/// Which frames of the clip the camera has sent.
+#[derive(Debug)]
+struct Sent {
+    period_us: u64,
+    /// Number of the last frame of the clip that was played.
+    last: Option<u64>,
+    delivery: DeliveryCounter,
+}
+
+impl Sent {
+    fn new(period_us: u64) -> Self {
+        Self { period_us, last: None, delivery: DeliveryCounter::new(period_us) }
+    }
+
+    /// The camera's own number of a frame of the clip, and whether the frame arrives.
+    fn sequence(scene: Scene, number: u64) -> (u64, bool) {
+        match scene {
+            Scene::HalfRate => (number / HALF_RATE, number.is_multiple_of(HALF_RATE)),
+            Scene::Lossy => (number, !number.is_multiple_of(LOSSY)),
+            _ => (number, true),
+        }
+    }
+
+    fn withholds_next(&self, scene: Scene) -> bool {
+        !Self::sequence(scene, self.last.map_or(0, |last| last + 1)).1
+    }
+
+    /// Counts a frame of the clip, and those before it for which the reader was too late: a driver delivers them all.
+    fn count(&mut self, scene: Scene, number: u64, captured_us: u64) {
+        let first = self.last.replace(number).map_or(number, |last| (last + 1).min(number));
+        for earlier in first..=number {
+            let (sequence, arrives) = Self::sequence(scene, earlier);
+            if arrives {
+                let captured_us = captured_us.saturating_sub((number - earlier) * self.period_us);
+                let sequence = u32::try_from(sequence).unwrap_or(0);
+                self.delivery.arrived(Arrival { sequence, captured_us, taken_us: captured_us });
+            }
+        }
+    }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::Pixels;
     use super::*;
+    use facewire_face::Pixels;
+
+    const S: u64 = 1_000_000;
 
     fn script(device: &str) -> Script {
         Script::of(device).unwrap().unwrap()
     }
 
+    fn play(scene: &str, width: u32) -> Result<Rehearsal, CaptureError> {
+        Rehearsal::open(script(&format!("rehearsal: {scene} 60")), width, Duration::from_millis(1))
+    }
+
+    #[test]
+    fn scenes_follow_each_other_and_repeat() {
+        let script = script("rehearsal: live 5, gone 2.5,no-face 1");
+        assert_eq!(scene_at(&script, 0), (Scene::Live, 5 * S));
+        assert_eq!(scene_at(&script, 5 * S - 1), (Scene::Live, 1));
+        assert_eq!(scene_at(&script, 5 * S), (Scene::Gone, 5 * S / 2));
+        assert_eq!(scene_at(&script, 8 * S), (Scene::NoFace, S / 2));
+        assert_eq!(scene_at(&script, 17 * S / 2), (Scene::Live, 5 * S));
+    }
+
+    #[test]
+    fn a_random_rehearsal_has_every_fault_and_depends_on_its_seed() {
+        let scenes = |seed| -> Vec<Scene> {
+            let script = script(&format!("rehearsal: random {seed}"));
+            (0..200).map(|number| scene_at(&script, number * RANDOM_SCENE_US).0).collect()
+        };
+        for scene in Scene::RANDOM {
+            assert!(scenes(7).contains(&scene), "{scene:?}");
+        }
+        assert_eq!(scenes(7), scenes(7));
+        assert_ne!(scenes(7), scenes(8));
+        assert!(scenes(7).into_iter().skip(1).step_by(2).all(|scene| scene == Scene::Live));
+    }
+
     #[test]
     fn a_slow_board_takes_its_time_to_decode_and_a_hot_one_says_so() {
-        let play = |scene: &str| {
-            let script = script(&format!("rehearsal: {scene} 60"));
-            Rehearsal::open(script, 640, Duration::from_millis(1)).unwrap()
-        };
-        let mut slow = play("slow-4");
+        let mut slow = play("slow-4", 640).unwrap();
         let captured_us = slow.next().unwrap().unwrap().captured_us;
         assert!(monotonic_us() - captured_us >= 4 * 33_333);
         assert!(slow.take_decoding() >= Duration::from_micros(4 * 33_333));
         assert!(slow.take_decoding().is_zero());
-        let rehearsed = ["slow-4", "live", "hot", "undervoltage"].map(|scene| play(scene).rehearsed().to_string());
-        assert_eq!(rehearsed, ["none", "none", "hot", "undervoltage"]);
+        let rehearsed = |scene| play(scene, 640).unwrap().rehearsed().to_string();
+        assert_eq!(["slow-4", "live", "hot", "undervoltage"].map(rehearsed), ["none", "none", "hot", "undervoltage"]);
     }
 
     #[test]
     fn small_pictures_take_a_fourth_of_the_time_to_decode_where_decoding_is_slow() {
-        let play = |scene: &str, width| {
-            Rehearsal::open(script(&format!("rehearsal: {scene} 60")), width, Duration::from_millis(1)).unwrap()
-        };
-        let (full, small) = (play("slow-jpeg", 640), play("slow-jpeg", 320));
+        let [full, small] = [640, 320].map(|width| play("slow-jpeg", width).unwrap());
         let [full_periods, small_periods] = [&full, &small].map(|camera| camera.added_periods(Scene::SlowJpeg));
         assert!((full_periods - 4.0 * small_periods).abs() < 1e-9);
-        assert!(full.has_smaller_mode() && !small.has_smaller_mode() && !play("slow-4", 640).has_smaller_mode());
+        assert!(
+            full.has_smaller_mode() && !small.has_smaller_mode() && !play("slow-4", 640).unwrap().has_smaller_mode()
+        );
     }
 
     #[test]
     fn each_fault_looks_like_that_of_a_camera() {
-        let play = |scene: &str| {
-            let script = script(&format!("rehearsal: {scene} 60"));
-            Rehearsal::open(script, 640, Duration::from_millis(1))
+        assert!(matches!(play("gone", 640), Err(CaptureError::Absent(_))));
+        let silent = play("silent", 640).unwrap().next().unwrap_err().to_string();
+        assert!(silent.contains("sent nothing for 1 ms"), "{silent}");
+        assert!(matches!(play("damaged", 640).unwrap().next(), Err(CaptureError::Frame { number: 0, .. })));
+        let mut faceless = play("no-face", 640).unwrap();
+        let Pixels::Grey { data, .. } = faceless.next().unwrap().unwrap().picture().unwrap().pixels else { panic!() };
+        assert!(data.iter().all(|luma| *luma == GREY));
+    }
+
+    #[test]
+    fn a_camera_at_half_rate_loses_nothing_and_a_lossy_one_keeps_its_rate() {
+        let seen = |scene| {
+            let (mut sent, mut clip) = (Sent::new(33_333), 0..);
+            let delivery = loop {
+                if sent.withholds_next(scene) {
+                    clip.next();
+                }
+                let number = clip.next().unwrap();
+                sent.count(scene, number, number * 33_333);
+                if let Some(delivery) = sent.delivery.take() {
+                    break delivery;
+                }
+            };
+            (delivery.fps().round(), (delivery.lost_share() * 100.0).round())
         };
-        assert!(matches!(play("gone"), Err(CaptureError::NotFound { .. })));
-        assert!(matches!(play("silent").unwrap().next(), Err(CaptureError::Stalled { waited_ms: 1 })));
-        assert!(matches!(play("damaged").unwrap().next(), Err(CaptureError::Frame { number: 0, .. })));
-        let mut faceless = play("no-face").unwrap();
-        let frame = faceless.next().unwrap().unwrap();
-        assert!(
-            matches!(frame.picture().unwrap().pixels, Pixels::Grey { data, .. } if data.iter().all(|luma| *luma == 128))
-        );
+        assert_eq!(seen(Scene::Live), (30.0, 0.0));
+        assert_eq!(seen(Scene::HalfRate), (15.0, 0.0));
+        assert_eq!(seen(Scene::Lossy), (30.0, 11.0));
     }
 }

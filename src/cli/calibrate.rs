@@ -3,20 +3,24 @@
 //! The service holds the camera while it runs, so that it is asked first. Without a service the command opens the camera
 //! itself. The profile is written at the end alone: Ctrl-C leaves the former one.
 
-mod camera;
-mod client;
 mod display;
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::io::{self, BufRead as _, BufReader, ErrorKind, Write as _};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 
-pub(super) use self::client::Connection;
 use self::display::Display;
 use super::SettingsArgs;
-use super::failure::{Failure, print};
-use crate::calibration::{Listed, Report, Store, Take, WearerName};
-use crate::service::{DEFAULT_WEARER, Reply, Request};
+use super::failure::{Failure, print, say};
+use crate::calibration::{Calibration, Guide, Listed, Observation, Report, Store, Take, WearerName};
+use crate::capture::{Frame, monotonic_us};
+use crate::config::Settings;
+use crate::pipeline::{Pipeline, Rejected};
+use crate::service::{DEFAULT_WEARER, OpenCamera, Reply, Request, control_sockets};
+use crate::watch::{Look, Watch};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -31,10 +35,17 @@ because it holds the camera; its settings count then, and not those of --config.
 opened. Ctrl-C ends it, and the former profile \
 stays. After the next start, the service uses the wearer that wearer.name of its settings names.";
 
-/// Arguments of `facewire calibrate`.
+/// Longest time between two lines of a service that works.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Time for which poor light must last before the guide waits for better light, microseconds.
+const HOLD_US: u64 = 1_000_000;
+/// Time from one look at the light to the next, microseconds.
+const LOOK_US: u64 = 250_000;
+
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct CalibrateArgs {
+pub struct CalibrateArgs {
     /// The wearer whose profile is made: 1 to 32 letters, digits, - or _ [default: the wearer in use, or "default"]
     #[arg(long, value_name = "NAME", value_parser = WearerName::parse, conflicts_with_all = ["list", "use", "use_none", "delete"])]
     wearer: Option<WearerName>,
@@ -55,7 +66,6 @@ pub(super) struct CalibrateArgs {
 }
 
 impl CalibrateArgs {
-    /// What the service would be asked.
     fn request(&self) -> Request {
         let text = |name: &WearerName| name.to_string();
         match (&self.delete, &self.r#use) {
@@ -68,7 +78,7 @@ impl CalibrateArgs {
     }
 }
 
-pub(super) fn run(args: &CalibrateArgs) -> Result<(), Failure> {
+pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     let request = args.request();
     match Connection::open()? {
         Some(connection) => by_service(connection, &request),
@@ -85,7 +95,7 @@ fn by_service(mut connection: Connection, request: &Request) -> Result<(), Failu
             Reply::Progress(progress) => display.show(&progress)?,
             Reply::Calibrated(report) => return print(&told(&report, "The service uses it from now on.")),
             Reply::Wearers { wearers, in_use, folder } => return print(&listed(&wearers, in_use.as_deref(), &folder)),
-            Reply::Frame(_) => {}
+            Reply::Frame(_) | Reply::Lost(_) => {}
             Reply::Done(sentence) => return print(&format!("{sentence}\n")),
             Reply::Refused(sentence) => return Err(Failure::failed(sentence)),
         }
@@ -99,7 +109,7 @@ fn without_service(args: &CalibrateArgs, request: Request) -> Result<(), Failure
         Request::Calibrate { .. } => {
             let of_settings = || WearerName::new(&settings.wearer.name).or_else(|| WearerName::new(DEFAULT_WEARER));
             let Some(name) = args.wearer.clone().or_else(of_settings) else { return Ok(()) };
-            let calibration = camera::calibrate(&settings)?;
+            let calibration = calibrate_here(&settings)?;
             print(&told(&store.keep(&name, calibration)?, ""))
         }
         Request::Use { .. } => Err(Failure::failed(
@@ -119,16 +129,16 @@ fn without_service(args: &CalibrateArgs, request: Request) -> Result<(), Failure
     }
 }
 
-/// Tells what was learned.
 fn told(report: &Report, use_it: &str) -> String {
-    let Report { wearer, path, taken, left_out, refused } = report;
+    let Report { wearer, path, taken, left_out, refused, warning } = report;
     let first = format!("{path}: {} of {} takes, {refused} refused. {use_it}", taken.len(), Take::ALL.len());
     let left_out = left_out.iter().map(|(take, why)| {
         let name = take.name();
         format!("\n  {name} was left out, and its blendshapes keep general values. {why}.")
     });
     let last = format!("\nTo use it after every start, set in the settings: [wearer] name = \"{wearer}\"\n");
-    [first, left_out.collect(), last].concat()
+    let warning = warning.as_ref().map_or_else(String::new, |warning| format!("\n{warning}"));
+    [first, left_out.collect(), warning, last].concat()
 }
 
 /// Lists wearers, and marks the one in use.
@@ -146,4 +156,104 @@ fn listed(wearers: &[Listed], in_use: Option<&str>, folder: &str) -> String {
     };
     let none = if wearers.is_empty() { "  none: `facewire calibrate --wearer NAME` makes one\n" } else { "" };
     format!("profiles in {folder}, * in use:\n{}{none}", wearers.iter().map(line).collect::<String>())
+}
+
+/// A connection to the control socket of the service.
+pub struct Connection {
+    path: PathBuf,
+    stream: BufReader<UnixStream>,
+}
+
+impl Connection {
+    /// Connects to the service that runs on this machine. `None` if there is none.
+    pub fn open() -> Result<Option<Self>, Failure> {
+        for path in control_sockets() {
+            match UnixStream::connect(&path) {
+                Ok(stream) => {
+                    let timeouts = stream.set_read_timeout(Some(PATIENCE));
+                    timeouts.and_then(|()| stream.set_write_timeout(Some(PATIENCE))).map_err(|e| lost(&path, &e))?;
+                    return Ok(Some(Self { path, stream: BufReader::new(stream) }));
+                }
+                Err(error) if error.kind() == ErrorKind::PermissionDenied => {
+                    let path = path.display();
+                    return Err(Failure::failed(format!(
+                        "the service at {path} belongs to another user: try again with sudo"
+                    )));
+                }
+                // Nobody listens there.
+                Err(_) => {}
+            }
+        }
+        Ok(None)
+    }
+
+    pub fn ask(&mut self, request: &Request) -> Result<(), Failure> {
+        let line = serde_json::to_string(request).map_err(|error| Failure::failed(error.to_string()))?;
+        let stream = self.stream.get_mut();
+        writeln!(stream, "{line}").map_err(|error| lost(&self.path, &error))
+    }
+
+    pub fn reply(&mut self) -> Result<Reply, Failure> {
+        let mut line = String::new();
+        match self.stream.read_line(&mut line) {
+            Ok(0) => Err(lost(&self.path, &ErrorKind::ConnectionReset.into())),
+            Ok(_) => serde_json::from_str(&line).map_err(|_| {
+                let path = self.path.display();
+                Failure::failed(format!("the service at {path} is of another version: restart it"))
+            }),
+            Err(error) => Err(lost(&self.path, &error)),
+        }
+    }
+}
+
+fn lost(path: &Path, error: &io::Error) -> Failure {
+    let path = path.display();
+    Failure::failed(format!("the service at {path} does not answer ({error}): see its log, and try again"))
+}
+
+fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
+    say("no service answers: opening the camera");
+    let mut pipeline = Pipeline::load(settings)?;
+    let mut camera = OpenCamera::open(&settings.camera)?;
+    let outcome = guide(&mut camera, &mut pipeline);
+    // A camera that does not close must not cost the result.
+    if let Err(error) = camera.close() {
+        say(error);
+    }
+    outcome
+}
+
+fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration, Failure> {
+    let (mut guide, mut display) = (Guide::new(pipeline.solver.model.clone()), Display::new());
+    let mut light = Light { watch: Watch::new(HOLD_US), looked_us: 0 };
+    loop {
+        if let Some(outcome) = guide.outcome() {
+            return outcome.map_err(|refusal| Failure::failed(refusal.end()));
+        }
+        match camera.next()? {
+            Some(frame) => guide.update(&observe(&frame, pipeline, &mut light)?),
+            None => guide.update(&Observation::nothing(monotonic_us())),
+        }
+        display.show(&guide.progress())?;
+    }
+}
+
+struct Light {
+    watch: Watch,
+    looked_us: u64,
+}
+
+fn observe(frame: &Frame, pipeline: &mut Pipeline, light: &mut Light) -> Result<Observation, Failure> {
+    let processed = pipeline.process(frame);
+    if let Some(picture) = frame.picture()
+        && frame.captured_us.abs_diff(light.looked_us) >= LOOK_US
+    {
+        light.looked_us = frame.captured_us;
+        light.watch.look(&Look::at(picture, processed.face.map(|face| face.landmarks)), frame.captured_us);
+    }
+    let observation = processed.observe(light.watch.present().is_dark());
+    match processed.solved {
+        Err(Rejected::Infer(error)) => Err(error.into()),
+        _ => Ok(observation),
+    }
 }

@@ -8,13 +8,13 @@ use super::SettingsArgs;
 use super::failure::{Failure, print};
 use crate::calibration::{Store, Take, WearerName};
 use crate::capture::{Clip, Frame, Source as _};
-use crate::config::{NetworkSettings, Settings, WearerSettings};
-use crate::face::{Landmarks, Tracker};
+use crate::config::{NetworkSettings, Settings};
 use crate::hardware::{self, Board, Flags, Sensors};
 use crate::impairment::ImpairmentSet;
-use crate::link::Link;
-use crate::preflight::{load_solver, load_tracker};
-use crate::solve::Camera;
+use crate::link::{Link, notes};
+use crate::preflight::{load_solver, load_tracker, model_warning};
+use facewire_face::Camera;
+use facewire_face::{Landmarks, Tracker};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -23,26 +23,29 @@ Examples:
 
 Bad settings are all named, and no device is touched (exit status 78). Otherwise every part is tried, and the \
 exit status is that of the first that failed. The camera is watched for 3 seconds, in which somebody should look \
-into it. POOR says what makes tracking poor although everything works, and what to do; it is no failure.";
+into it. POOR says what makes tracking poor although everything works, and what to do; it is no failure. Nor is NOTE, which \
+names a sum of a servo channel or an adjustment that can leave its range and is then limited.";
 
-/// Arguments of `facewire check`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct CheckArgs {
+pub struct CheckArgs {
     #[command(flatten)]
     settings: SettingsArgs,
 }
 
 /// Checks all parts, and fails with the first error. Settings come first, so that bad settings touch no device.
-pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
+pub fn run(args: &CheckArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     print("settings  ok\n")?;
+    for note in notes(&settings) {
+        print(&format!("settings  NOTE: {note}\n"))?;
+    }
     let mut found = find_face(&settings.networks);
     let model = check_model(&settings, found.as_ref().ok().map(|(_, face)| face));
     let seen = camera::watch(&settings.camera, found.as_mut().ok().map(|(tracker, _)| tracker));
     // The board is looked at while it is still at work.
     let board = check_board(&settings);
-    let wearer = check_wearer(&settings.wearer);
+    let wearer = check_wearer(&settings);
     let parts: [(_, Outcome); 5] = [
         ("model", model.map(intact)),
         ("wearer", wearer.map(intact)),
@@ -67,7 +70,6 @@ fn intact(found: String) -> (String, ImpairmentSet) {
     (found, ImpairmentSet::default())
 }
 
-/// Recognises the board and reads its sensors.
 fn check_board(settings: &Settings) -> (String, ImpairmentSet) {
     let root = hardware::root();
     let (board, readings) = (Board::detect(&root), Sensors::find(&root, &settings.hardware).read());
@@ -104,14 +106,15 @@ fn find_face(settings: &NetworkSettings) -> Result<(Tracker, Face), Failure> {
     Ok((tracker, (landmarks, [picture.width, picture.height].map(|side| side as f32))))
 }
 
-/// Loads the profile of the wearer that the settings name.
-fn check_wearer(settings: &WearerSettings) -> Result<String, Failure> {
-    let store = Store::new(&settings.folder);
-    let Some(name) = WearerName::new(&settings.name) else {
+fn check_wearer(settings: &Settings) -> Result<String, Failure> {
+    let store = Store::new(&settings.wearer.folder);
+    let Some(name) = WearerName::new(&settings.wearer.name) else {
         return Ok("nobody's profile: `facewire calibrate` makes one, and wearer.name chooses it".to_owned());
     };
     let file = store.load(&name)?;
-    Ok(format!("{name}, {} of {} takes; profiles in {}", file.takes.len(), Take::ALL.len(), store.folder().display()))
+    let warning = model_warning(settings).map_or_else(String::new, |warning| format!("; {warning}"));
+    let (takes, all, folder) = (file.takes.len(), Take::ALL.len(), store.folder().display());
+    Ok(format!("{name}, {takes} of {all} takes; profiles in {folder}{warning}"))
 }
 
 /// Loads the blendshape model, and solves the face of the built-in clip if the networks have found it.

@@ -16,7 +16,7 @@ const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
 /// End of the stable path of a device's first port.
 const FIRST_PORT: &str = "-if00";
 
-pub(super) fn run() -> Result<(), Failure> {
+pub fn run() -> Result<(), Failure> {
     let mut text = String::new();
     let found = cameras();
     // Writing to a string cannot fail.
@@ -73,7 +73,6 @@ fn port_lines(port: &SerialPortInfo, link_folders: &[impl AsRef<Path>]) -> Strin
     text
 }
 
-/// Returns the links in the folder that point to the port.
 fn links_to(port: &Path, folder: &Path) -> Vec<PathBuf> {
     let Ok(port) = fs::canonicalize(port) else { return Vec::new() };
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -83,7 +82,6 @@ fn links_to(port: &Path, folder: &Path) -> Vec<PathBuf> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use std::os::unix::fs::symlink;
 

@@ -5,17 +5,16 @@ use std::io::{self, ErrorKind, Write as _};
 use std::path::Path;
 use std::process::ExitCode;
 
-use super::monitor::MonitorError;
 use crate::calibration::StoreError;
 use crate::capture::CaptureError;
 use crate::config::{EX_CONFIG, Faults};
-use crate::infer::InferError;
-use crate::link::LinkError;
+use crate::link::{LinkError, LinkErrorKind};
 use crate::playback::PlaybackError;
 use crate::preflight::SetupError;
 use crate::recording::RecordingError;
 use crate::service::ServiceError;
-use crate::solve::ModelError;
+use facewire_face::InferError;
+use facewire_face::ModelError;
 
 const EX_FAILED: u8 = 1;
 const EX_DATAERR: u8 = 65;
@@ -25,27 +24,27 @@ const EX_UNAVAILABLE: u8 = 69;
 const EX_IOERR: u8 = 74;
 
 /// The name of standard output in messages.
-pub(super) const STANDARD_OUTPUT: &str = "standard output";
+pub const STANDARD_OUTPUT: &str = "standard output";
 
 /// Why a command failed.
 #[derive(Debug)]
-pub(super) struct Failure {
+pub struct Failure {
     status: u8,
     /// One sentence for the operator. Invalid settings give one line for each fault.
     message: String,
 }
 
 impl Failure {
-    pub(super) fn data(message: String) -> Self {
+    pub fn data(message: String) -> Self {
         Self { status: EX_DATAERR, message }
     }
 
-    pub(super) fn failed(message: String) -> Self {
+    pub fn failed(message: String) -> Self {
         Self { status: EX_FAILED, message }
     }
 
     /// A file could not be written. A closed pipe is not a failure, because its reader has read enough.
-    pub(super) fn unwritable(path: &Path, error: &io::Error) -> Self {
+    pub fn unwritable(path: &Path, error: &io::Error) -> Self {
         if error.kind() == ErrorKind::BrokenPipe {
             return Self { status: 0, message: String::new() };
         }
@@ -58,31 +57,28 @@ impl Failure {
         Self { status: EX_IOERR, message: format!("cannot write {}: {error}; {remedy}", path.display()) }
     }
 
-    /// A clip could not be opened.
-    pub(super) fn no_film(error: CaptureError) -> Self {
-        let CaptureError::Open { path, source } = error else { return error.into() };
-        let message =
-            format!("cannot open {path}: {source}; give the path of a .y4m, Motion-JPEG .avi or .npy file, or `demo`");
-        Self { status: EX_NOINPUT, message }
-    }
-
     /// A recording could not be read.
-    pub(super) fn recording(path: &Path, error: &RecordingError) -> Self {
+    pub fn recording(path: &Path, error: &RecordingError) -> Self {
         let status = if matches!(error, RecordingError::Read(_)) { EX_NOINPUT } else { EX_DATAERR };
         Self { status, message: format!("{}: {error}", path.display()) }
     }
 
+    /// Output could not be written.
+    pub fn unwritten(message: String) -> Self {
+        Self { status: EX_IOERR, message }
+    }
+
     /// A device does not answer.
-    pub(super) fn unavailable(message: String) -> Self {
+    pub fn unavailable(message: String) -> Self {
         Self { status: EX_UNAVAILABLE, message }
     }
 
-    pub(super) fn message(&self) -> &str {
+    pub fn message(&self) -> &str {
         &self.message
     }
 
     /// Prints the message on standard error and returns the exit status, which is success if there is no message.
-    pub(super) fn report(&self) -> ExitCode {
+    pub fn report(&self) -> ExitCode {
         if self.message.is_empty() {
             return ExitCode::SUCCESS;
         }
@@ -92,12 +88,12 @@ impl Failure {
 }
 
 /// Prints a line on standard error. Ignores errors, because standard error may be closed.
-pub(super) fn say(line: impl Display) {
+pub fn say(line: impl Display) {
     let _ = writeln!(io::stderr(), "facewire: {line}");
 }
 
 /// Prints text on standard output.
-pub(super) fn print(text: &str) -> Result<(), Failure> {
+pub fn print(text: &str) -> Result<(), Failure> {
     io::stdout().write_all(text.as_bytes()).map_err(|error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error))
 }
 
@@ -109,23 +105,10 @@ impl From<Faults> for Failure {
 
 impl From<CaptureError> for Failure {
     fn from(error: CaptureError) -> Self {
-        use CaptureError::{
-            Avi, CutShort, Damaged, Frame, NotStopped, PictureSize, Points, PointsCutShort, Read, Recording,
-            UnknownContainer, Y4m,
-        };
         let status = match error {
-            Avi(_)
-            | CutShort { .. }
-            | Damaged { .. }
-            | Frame { .. }
-            | PictureSize { .. }
-            | Points { .. }
-            | PointsCutShort { .. }
-            | Recording { .. }
-            | UnknownContainer { .. }
-            | Y4m(_) => EX_DATAERR,
-            NotStopped { .. } => EX_UNAVAILABLE,
-            Read(_) => EX_IOERR,
+            CaptureError::BadFile(_) | CaptureError::Frame { .. } => EX_DATAERR,
+            CaptureError::NotStopped { .. } => EX_UNAVAILABLE,
+            CaptureError::Read(_) => EX_IOERR,
             _ => EX_NOINPUT,
         };
         Self { status, message: error.to_string() }
@@ -172,10 +155,10 @@ impl From<StoreError> for Failure {
 
 impl From<LinkError> for Failure {
     fn from(error: LinkError) -> Self {
-        let status = match error {
-            LinkError::Resolve { .. } | LinkError::Route { .. } => EX_NOHOST,
-            LinkError::Output(_) => EX_IOERR,
-            _ => EX_UNAVAILABLE,
+        let status = match error.kind {
+            LinkErrorKind::Host => EX_NOHOST,
+            LinkErrorKind::Output => EX_IOERR,
+            LinkErrorKind::Waiting | LinkErrorKind::Claimed | LinkErrorKind::Other => EX_UNAVAILABLE,
         };
         Self { status, message: error.to_string() }
     }
@@ -189,16 +172,5 @@ impl From<ServiceError> for Failure {
             ServiceError::Camera(error) => error.into(),
             ServiceError::System(_) | ServiceError::Panicked(_) => Self::failed(error.to_string()),
         }
-    }
-}
-
-impl From<MonitorError> for Failure {
-    fn from(error: MonitorError) -> Self {
-        let status = match error {
-            MonitorError::Listen { .. } | MonitorError::NoPacket { .. } | MonitorError::NoFrame { .. } => EX_FAILED,
-            MonitorError::Port(_) => EX_UNAVAILABLE,
-            MonitorError::Output(_) => EX_IOERR,
-        };
-        Self { status, message: error.to_string() }
     }
 }

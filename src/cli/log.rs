@@ -17,17 +17,17 @@ use crate::config::LogLevel;
 const LONGEST_LINE: usize = 4096;
 
 /// The level of the log, which can be changed while the service runs.
-pub(super) struct Level(reload::Handle<LevelFilter, Registry>);
+pub struct Level(reload::Handle<LevelFilter, Registry>);
 
 impl Level {
-    pub(super) fn set(&self, level: LogLevel) {
+    pub fn set(&self, level: LogLevel) {
         // This fails only after the log has been dropped.
         let _ = self.0.reload(filter(level));
     }
 }
 
 /// Starts the log on standard error. Lines have no times if they go to the journal, which adds its own.
-pub(super) fn start(level: LogLevel) -> Level {
+pub fn start(level: LogLevel) -> Level {
     let (filter, handle) = reload::Layer::new(filter(level));
     let output = Mutex::new(Lossy { output: stderr(), lost: 0 });
     let lines = tracing_subscriber::fmt::layer().with_target(false).with_writer(output);
@@ -94,7 +94,6 @@ impl<W: Write + AsFd> Write for Lossy<W> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use std::io::{Read as _, pipe};
 

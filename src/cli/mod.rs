@@ -1,27 +1,26 @@
 //! The subcommands of `facewire`: their arguments, output and exit status.
 
-mod bench;
 mod calibrate;
 mod check;
 mod devices;
 mod failure;
-mod log;
-mod monitor;
-mod record;
-mod replay;
+pub mod log;
 mod run;
-mod servo;
-mod track;
 
+use std::ffi::OsString;
+use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
-use std::process::ExitCode;
+use std::process::{self, ExitCode};
 
 use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
-use self::failure::Failure;
+pub use self::calibrate::Connection;
+pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
 use crate::config::{self, Faults, Settings};
 use crate::hardware::{self, Board};
+use crate::link::check_settings;
+use crate::service::control_sockets;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -55,7 +54,7 @@ Examples:
 /// Turns a webcam into 52 ARKit blendshape coefficients and a head pose, sent as packets.
 #[derive(Debug, Parser)]
 #[command(name = "facewire", version, after_help = EXAMPLES)]
-pub struct Cli {
+struct Cli {
     #[command(subcommand)]
     command: Command,
 }
@@ -64,20 +63,10 @@ pub struct Cli {
 enum Command {
     /// Run the service: camera to links, until SIGTERM or Ctrl-C.
     Run(run::RunArgs),
-    /// Run the same pipeline on a file, with one CSV row per frame.
-    Track(track::TrackArgs),
     /// Guide the wearer through some poses, and learn the wearer's face from them.
     Calibrate(calibrate::CalibrateArgs),
-    /// Record the landmarks and the outputs of every frame.
-    Record(record::RecordArgs),
-    /// Send a recording again, with its original timing.
-    Replay(replay::ReplayArgs),
-    /// Measure latency, CPU and memory of every stage on a clip.
-    Bench(bench::BenchArgs),
     /// Validate the settings, then try camera, networks, model and links.
     Check(check::CheckArgs),
-    /// Move one channel of a servo board by keys, to find its ends.
-    Servo(servo::ServoArgs),
     /// List cameras with their formats and stable paths, and serial ports.
     #[command(after_help = DEVICES_EXAMPLE)]
     Devices,
@@ -88,13 +77,21 @@ enum Command {
         #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(config::LinkKind::NAMES))]
         link: Option<String>,
     },
-    /// Receive packets and show them live.
-    Monitor(monitor::MonitorArgs),
 }
+
+/// The commands of the program `facewire-tools`, which stands beside this one, and what they do.
+pub const TOOLS: [(&str, &str); 6] = [
+    ("track", "Run the same pipeline on a file, with one CSV row per frame"),
+    ("record", "Record the landmarks and the outputs of every frame"),
+    ("replay", "Send a recording again, with its original timing"),
+    ("bench", "Measure latency, CPU and memory of every stage on a clip"),
+    ("servo", "Move one channel of a servo board by keys, to find its ends"),
+    ("monitor", "Receive packets and show them live"),
+];
 
 /// The sources of the settings.
 #[derive(Debug, Clone, Args)]
-struct SettingsArgs {
+pub struct SettingsArgs {
     /// Configuration file [default: built-in settings]
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -104,52 +101,65 @@ struct SettingsArgs {
 }
 
 impl SettingsArgs {
-    fn load(&self) -> Result<Settings, Faults> {
+    pub fn load(&self) -> Result<Settings, Faults> {
         let detected = Board::detect(&hardware::root()).name;
-        config::load(self.board.as_deref(), detected, self.config.as_deref())
+        let check = |settings: &Settings, faults: &mut Faults| check_settings(settings, &control_sockets(), faults);
+        config::load(self.board.as_deref(), detected, self.config.as_deref(), check)
     }
 }
 
-impl Cli {
-    /// Parses the arguments of this program. Ends the process if they are invalid or ask for help.
-    #[must_use]
-    pub fn of_arguments() -> Self {
-        Self::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit())
-    }
+/// Runs the command that these arguments name, after the name of the program. Prints its failure on standard error, and
+/// returns the exit status. Ends the process if the arguments are invalid or ask for help.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let asks_for_help = arguments.get(1).is_some_and(|first| first == "help");
+    let name = arguments.get(1 + usize::from(asks_for_help));
+    let tool = TOOLS.iter().find(|(tool, _)| name.is_some_and(|name| name == tool));
+    let outcome = match tool {
+        Some((tool, _)) => Err(start_tools(tool, arguments.get(1..).unwrap_or_default())),
+        None => Cli::from_arg_matches(&command().get_matches_from(arguments))
+            .unwrap_or_else(|error| error.exit())
+            .command
+            .run(),
+    };
+    outcome.map_or_else(|failure| failure.report(), |()| ExitCode::SUCCESS)
+}
 
-    /// Runs the subcommand, prints its failure on standard error, and returns the exit status.
-    #[must_use]
-    pub fn run(self) -> ExitCode {
-        let outcome = match self.command {
-            Command::Run(args) => run::run(&args),
-            Command::Track(args) => track::run(&args),
-            Command::Calibrate(args) => calibrate::run(&args),
-            Command::Record(args) => record::run(&args),
-            Command::Replay(args) => replay::run(&args),
-            Command::Bench(args) => bench::run(&args),
-            Command::Check(args) => check::run(&args),
-            Command::Servo(args) => servo::run(&args),
-            Command::Devices => devices::run(),
-            Command::Defaults { link } => {
-                failure::print(&link.and_then(|kind| config::default_link(&kind)).unwrap_or_else(config::defaults))
+impl Command {
+    fn run(self) -> Result<(), Failure> {
+        match self {
+            Self::Run(args) => run::run(&args),
+            Self::Calibrate(args) => calibrate::run(&args),
+            Self::Check(args) => check::run(&args),
+            Self::Devices => devices::run(),
+            Self::Defaults { link } => {
+                let link = link.and_then(|kind| config::default_link(&kind));
+                print(link.as_deref().unwrap_or(config::DEFAULTS))
             }
-            Command::Monitor(args) => monitor::run(&args).map_err(Failure::from),
-        };
-        match outcome {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(failure) => failure.report(),
         }
     }
 }
 
-/// The definitions of all arguments, from which `examples/manual.rs` makes the manual pages and the shell completions.
-#[must_use]
+/// Replaces this process by `facewire-tools` with these arguments. Returns only if there is no such program.
+fn start_tools(tool: &str, arguments: &[OsString]) -> Failure {
+    // The path is that of the file itself, not of a link to it.
+    let path = std::env::current_exe().unwrap_or_default().with_file_name("facewire-tools");
+    let error = process::Command::new(&path).args(arguments).exec();
+    Failure::unavailable(format!(
+        "`facewire {tool}` needs the program {}, which does not start: {error}; install it beside `facewire`, or build \
+         it: cargo build --release --workspace",
+        path.display()
+    ))
+}
+
+/// The definitions of all arguments. The commands of `facewire-tools` are listed by name.
 pub fn command() -> clap::Command {
-    with_exit_status(Cli::command()).mut_subcommands(with_exit_status)
+    let tools = TOOLS.map(|(name, about)| clap::Command::new(name).about(about));
+    with_exit_status(Cli::command()).mut_subcommands(with_exit_status).subcommands(tools)
 }
 
 /// Appends the exit statuses to the help of a command.
-fn with_exit_status(command: clap::Command) -> clap::Command {
+pub fn with_exit_status(command: clap::Command) -> clap::Command {
     let examples = command.get_after_help().map(ToString::to_string).unwrap_or_default();
     command.after_help(format!("{examples}\n\n{EXIT_STATUS}"))
 }

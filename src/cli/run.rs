@@ -25,12 +25,12 @@ Signals:
 /// Arguments of `facewire run`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct RunArgs {
+pub struct RunArgs {
     #[command(flatten)]
     settings: SettingsArgs,
 }
 
-pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
+pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     let level = log::start(settings.log.level);
     let program = RunCommand { settings: args.settings.clone(), level };

@@ -1,63 +1,59 @@
-//! Settings of a link: one kind of link has one table of keys, and all kinds share the keys of the pace.
+//! Settings of a link: each kind of link has a table of keys of its own, and all kinds share the keys of the pace.
 
-use std::{fmt, path::Path};
-
-use facewire_packet::FRAME_BYTES;
-use toml::de::DeValue;
-
-use super::{
-    adjust::AdjustSettings,
-    avatar::{IFacialMocapSettings, JsonSettings, JsonTarget, LiveLinkSettings, VmcSettings, VrchatSettings},
-    section::{Section, section, write_setting},
-    servo::{ChannelSettings, MaestroSettings, Pca9685Board, Pca9685Settings, WithChannels},
-    value::{Address, Choice, SerialDevice, Value, quoted},
+use std::{
+    fmt,
+    net::{Ipv4Addr, SocketAddr},
+    path::Path,
 };
 
-/// Share of a serial line that packets may use, percent. The rest makes up for clocks that differ.
-const LINE_SHARE: u64 = 80;
-/// Bits of a byte on a serial line: a start bit, 8 data bits and a stop bit.
-const BITS_PER_BYTE: u64 = 10;
-/// The key of the link's own adjustments.
-pub(super) const ADJUST: &str = "adjust";
+use facewire_face::{Adjustments, BLENDSHAPES, COEFFS};
+
+use super::{
+    overlay::Overlay,
+    section::{Entry, Section, Setting, key, section, table},
+    value::{
+        Address, EXACTLY_36_CHARACTERS, JsonTarget, MOST_BITS, OSC_PREFIX, Parameters, SerialDevice,
+        UP_TO_64_CHARACTERS, choices, one_of,
+    },
+};
+
 /// Most packets per second to the microcontroller board: fewer than a line of 115200 baud carries, and more than hobby
 /// servos, which read a position 50 times a second, can show.
 const BOARD_HZ: u32 = 60;
 /// Positions per second to a servo board: hobby servos read a position 50 times a second.
 const SERVO_HZ: u32 = 50;
+/// Highest baud rate of a Maestro.
+pub const MOST_MAESTRO_BAUD: u32 = 200_000;
 
 /// One `[[link]]`: a receiver, what is sent to it, and when.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LinkSettings {
-    /// What is sent, and how it travels.
     pub kind: LinkKind,
-    /// When it is sent.
     pub pace: PaceSettings,
-    /// How it is changed for this receiver.
-    pub adjust: AdjustSettings,
+    /// Changes for this receiver alone.
+    pub adjust: Adjustments,
 }
 
-/// Declares the kinds of links: `/// comment`, `Variant(Settings) = "name"` for each. The first is the default.
+/// Declares the kinds of links. The first is the default.
 macro_rules! link_kinds {
-    ( $(#[doc = $doc:literal])* $name:ident { $( #[doc = $text:literal] $variant:ident($settings:ident) = $key:literal, )* } ) => {
-        $(#[doc = $doc])*
+    ( $( $variant:ident($settings:ident) = $key:literal, )* ) => {
+        /// What a link sends, and how it travels.
         #[derive(Debug, Clone, PartialEq)]
-        pub enum $name {
-            $( #[doc = $text] $variant($settings), )*
+        pub enum LinkKind {
+            $( $variant($settings), )*
         }
 
-        impl $name {
-            /// The name of every kind.
+        impl LinkKind {
             pub const NAMES: &[&str] = &[ $( $key, )* ];
-            /// A line about every kind.
-            const LINES: &[&str] = &[ $( concat!(" - \"", $key, "\":", $text), )* ];
 
-            /// Returns every kind with its default settings.
-            pub(super) fn all() -> [Self; Self::NAMES.len()] {
-                [ $( Self::$variant($settings::default()), )* ]
+            /// Returns the kind of this name with its default settings.
+            pub(super) fn named(name: &str) -> Option<Self> {
+                match name {
+                    $( $key => Some(Self::$variant($settings::default())), )*
+                    _ => None,
+                }
             }
 
-            /// The name of this kind.
-            #[must_use]
             pub fn name(&self) -> &'static str {
                 match self {
                     $( Self::$variant(_) => $key, )*
@@ -65,14 +61,13 @@ macro_rules! link_kinds {
             }
 
             /// The settings that only this kind has.
-            pub(super) fn section(&self) -> &dyn Section {
+            fn section(&self) -> &dyn Section {
                 match self {
                     $( Self::$variant(settings) => settings, )*
                 }
             }
 
-            /// The same settings, to be changed.
-            pub(super) fn section_mut(&mut self) -> &mut dyn Section {
+            fn section_mut(&mut self) -> &mut dyn Section {
                 match self {
                     $( Self::$variant(settings) => settings, )*
                 }
@@ -82,27 +77,15 @@ macro_rules! link_kinds {
 }
 
 link_kinds! {
-    /// What a link sends, and how it travels.
-    LinkKind {
-        /// facewire packets by UDP, each in one datagram of 132 bytes
-        Udp(UdpSettings) = "udp",
-        /// facewire packets on a serial line, each as one COBS frame of 134 bytes
-        Serial(SerialSettings) = "serial",
-        /// Live Link Face for Unreal, by UDP
-        LiveLink(LiveLinkSettings) = "live-link",
-        /// VMC for VTuber applications, by UDP
-        Vmc(VmcSettings) = "vmc",
-        /// VRChat with avatars for VRCFaceTracking, by UDP
-        Vrchat(VrchatSettings) = "vrchat",
-        /// positions of servos, to a Pololu Maestro by USB or a serial line; `[[link.channel]]` says which servo does what
-        Maestro(MaestroSettings) = "maestro",
-        /// positions of servos, to a PCA9685 by I2C; `[[link.channel]]` says which servo does what
-        Pca9685(Pca9685Settings) = "pca9685",
-        /// iFacialMocap, as the iPhone app of this name sends it to those who ask for it, by UDP
-        IFacialMocap(IFacialMocapSettings) = "ifacialmocap",
-        /// lines of JSON to standard output, to a Unix socket or by UDP
-        Json(JsonSettings) = "json",
-    }
+    Udp(UdpSettings) = "udp",
+    Serial(SerialSettings) = "serial",
+    LiveLink(LiveLinkSettings) = "live-link",
+    Vmc(VmcSettings) = "vmc",
+    Vrchat(VrchatSettings) = "vrchat",
+    Maestro(MaestroSettings) = "maestro",
+    Pca9685(Pca9685Settings) = "pca9685",
+    IFacialMocap(IFacialMocapSettings) = "ifacialmocap",
+    Json(JsonSettings) = "json",
 }
 
 impl Default for LinkKind {
@@ -112,146 +95,228 @@ impl Default for LinkKind {
 }
 
 section! {
-    /// Packets by UDP.
     UdpSettings {
-        /// The receiver: a host name or an address, also a broadcast or a multicast address, and a port. The address of
-        /// a host name is looked up again every 5 seconds.
-        address: Address = Address::default(), (), "";
+        address: Address = Address::local(5252);
     }
 }
 
 section! {
-    /// Packets on a serial line.
     SerialSettings {
-        /// The serial port:
-        /// - "auto": the microcontroller board that is plugged into USB. It must be of a maker whose devices are such
-        ///   boards (Arduino, Teensy, Adafruit, Raspberry Pi Pico, Espressif, SparkFun, Seeed, Pololu), because anything
-        ///   may be connected to an adapter of general use (FTDI, CH340, CP210x): give its path
-        /// - a path, preferably one that does not change when other devices are plugged in: `facewire devices` lists
-        ///   the ports with such paths
-        device: SerialDevice = SerialDevice::Auto, (), "";
-        /// Baud rate. Packets may use at most 80 % of the line: 115200 baud carries 68 packets per second.
+        device: SerialDevice = SerialDevice::Auto;
         baud: u32 = 115_200, 19_200..=4_000_000, " (1/s)";
     }
 }
 
 section! {
-    /// When a link sends.
-    PaceSettings {
-        /// When the link sends a packet:
-        /// - "pose": at once for every new pose and every change of state, `rate_hz` times per second while the face
-        ///   holds, decays or returns to live, and 10 times per second otherwise
-        /// - "change": when the face has moved visibly since the last packet (a coefficient by 0.5 %, the head by half a
-        ///   degree or 2 mm) or its state has changed, at most `rate_hz` times per second; 10 times per second otherwise
-        /// - "rate": `rate_hz` times per second, whatever the face does
-        pace: PaceKind = PaceKind::Pose, (), "";
-        /// The rate that `pace` refers to, at least 10. 0 means the same as `send.rate_hz`.
-        rate_hz: u32 = 0, 0..=240, " (1/s)";
-        /// What the receiver gets once a lost face has been held for the time that `[failsafe]` gives:
-        /// - "neutral": the face on its way to neutral, and then the neutral face
-        /// - "hold": the last pose, until the face is back or the service stops
-        /// - "silent": the face on its way to neutral, and then nothing, so that the receiver does what it does without a
-        ///   sender
-        loss: Loss = Loss::Neutral, (), "";
+    LiveLinkSettings {
+        address: Address = Address::local(11_111);
+        subject: String = "webcam".to_owned(), UP_TO_64_CHARACTERS, "";
+        device_id: String = "facewire-0000-0000-0000-000000000000".to_owned(), EXACTLY_36_CHARACTERS, "";
+        swap_mouth: bool = false;
     }
 }
 
-/// What a receiver gets while no face is followed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Loss {
-    /// The neutral face.
-    Neutral,
-    /// The last pose.
-    Hold,
-    /// Nothing.
-    Silent,
+section! {
+    VmcSettings {
+        address: Address = Address::local(39_540);
+        bones: bool = true;
+        bundles: bool = true;
+    }
 }
 
-impl Choice for Loss {
-    const ALL: &'static [(&'static str, Self)] =
-        &[("neutral", Self::Neutral), ("hold", Self::Hold), ("silent", Self::Silent)];
+section! {
+    VrchatSettings {
+        address: Address = Address::local(9000);
+        prefix: String = String::new(), OSC_PREFIX, "";
+        floats: bool = true;
+        bits: u32 = 0, 0..=MOST_BITS, "";
+        shapes: bool = true;
+        compounds: bool = true;
+        head: bool = true;
+        native_eyes: bool = false;
+        parameters: Parameters = Parameters::default();
+    }
 }
 
-/// What makes a link send.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PaceKind {
-    /// Every new pose.
-    Pose,
-    /// A visible change.
-    Change,
-    /// The clock alone.
-    Rate,
+section! {
+    MaestroSettings {
+        device: SerialDevice = SerialDevice::Auto;
+        baud: u32 = 115_200, 9_600..=MOST_MAESTRO_BAUD, " (1/s)";
+        protocol: MaestroProtocol = MaestroProtocol::Compact;
+        device_number: u32 = 12, 0..=127, "";
+        crc: bool = false;
+        multiple_targets: bool = false;
+        read_errors: bool = true;
+        channels "channel": Vec<ChannelSettings> = Vec::new();
+    }
 }
 
-impl Choice for PaceKind {
-    const ALL: &'static [(&'static str, Self)] =
-        &[("pose", Self::Pose), ("change", Self::Change), ("rate", Self::Rate)];
+section! {
+    Pca9685Settings {
+        bus: u32 = 1, 0..=255, "";
+        address: u32 = 0x40, 0x40..=0x7f, "";
+        pulses_hz: u32 = 50, 40..=400, " (1/s)";
+        oscillator_hz: u32 = 25_000_000, 20_000_000..=30_000_000, " (Hz)";
+        channels "channel": Vec<ChannelSettings> = Vec::new();
+    }
 }
+
+section! {
+    IFacialMocapSettings {
+        listen: Option<SocketAddr> = Some((Ipv4Addr::UNSPECIFIED, 49_983).into());
+        reply_port: u32 = 49_983, 0..=65_535, "";
+        address: Option<Address> = None;
+        version: u32 = 2, 1..=2, "";
+    }
+}
+
+section! {
+    JsonSettings {
+        to: JsonTarget = JsonTarget::Stdout;
+    }
+}
+
+section! {
+    PaceSettings {
+        pace: PaceKind = PaceKind::Pose;
+        rate_hz: u32 = 0, 0..=240, " (1/s)";
+        loss: Loss = Loss::Neutral;
+    }
+}
+
+choices! {
+    /// What a receiver gets while no face is followed.
+    pub enum Loss: Neutral = "neutral", Hold = "hold", Silent = "silent"
+}
+choices! {
+    /// What makes a link send.
+    pub enum PaceKind: Pose = "pose", Change = "change", Rate = "rate"
+}
+choices! {
+    /// How commands to a Maestro begin: with the command byte, or with 0xAA and the device number.
+    pub enum MaestroProtocol: Compact = "compact", Pololu = "pololu"
+}
+choices! {
+    /// What a channel does once the face is lost and has moved to neutral. A released servo gets no more pulses.
+    pub enum AtLoss: Neutral = "neutral", Release = "release"
+}
+
+section! {
+    ChannelSettings {
+        channel: u32 = 0, 0..=23, "";
+        sources: Sources = Sources::default();
+        offset: f32 = 0.0, -10.0..=10.0, "";
+        pulse_at_0_us: u32 = 1000, 64..=4080, " (microseconds)";
+        pulse_at_1_us: u32 = 2000, 64..=4080, " (microseconds)";
+        neutral: f32 = -1.0, -1.0..=1.0, "";
+        speed_per_s: f32 = 0.0, 0.0..=100.0, " (1/s)";
+        acceleration_per_s2: f32 = 0.0, 0.0..=1000.0, " (1/s²)";
+        dead_zone: f32 = 0.0, 0.0..=0.2, "";
+        loss: AtLoss = AtLoss::Neutral;
+    }
+}
+
+/// One table for each channel.
+impl Setting for Vec<ChannelSettings> {
+    type Bounds = ();
+
+    fn set(&mut self, entry: &Entry<'_>, (): &(), _: &str, file: &mut Overlay<'_>) {
+        for entry in entry.each() {
+            let mut channel = ChannelSettings::default();
+            file.section(&mut channel, &entry);
+            self.push(channel);
+        }
+    }
+}
+
+/// The angles of the head that a channel can follow, degrees: yaw to the person's left, pitch upwards, roll to the
+/// person's right shoulder.
+const ANGLES: [&str; 3] = ["headYaw", "headPitch", "headRoll"];
+/// Number of sources.
+pub const SOURCE_COUNT: usize = COEFFS + ANGLES.len();
+/// The names of all sources: those of the coefficients, then those of the angles.
+pub const SOURCE_NAMES: [&str; SOURCE_COUNT] = {
+    let mut names = [""; SOURCE_COUNT];
+    let (coefficients, angles) = names.split_at_mut(COEFFS);
+    coefficients.copy_from_slice(&BLENDSHAPES);
+    angles.copy_from_slice(&ANGLES);
+    names
+};
+
+/// How much each source moves a channel: per unit of a coefficient, and per degree of an angle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sources(pub [f32; SOURCE_COUNT]);
+
+impl Default for Sources {
+    fn default() -> Self {
+        Self([0.0; SOURCE_COUNT])
+    }
+}
+
+impl Sources {
+    /// The sources that move the channel.
+    pub fn used(&self) -> impl Iterator<Item = (&'static str, f32)> {
+        SOURCE_NAMES.into_iter().zip(self.0).filter(|(_, gain)| *gain != 0.0)
+    }
+}
+
+impl Section for Sources {
+    fn keys(&self) -> Vec<&'static str> {
+        SOURCE_NAMES.to_vec()
+    }
+
+    fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+        let named = SOURCE_NAMES.iter().zip(&mut self.0).find(|(name, _)| **name == entry.key);
+        if let Some((_, gain)) = named {
+            gain.set(entry, &(-10.0..=10.0), "", file);
+        }
+    }
+}
+
+table!(Sources);
 
 /// How a link reaches its receiver.
 #[derive(Debug, Clone, Copy)]
 pub enum CarrierSettings<'a> {
-    /// Datagrams to an address.
     Udp(&'a Address),
-    /// Bytes on a serial line.
     Serial {
-        /// The serial port.
         device: &'a SerialDevice,
-        /// Its baud rate.
         baud: u32,
-        /// What `SerialDevice::Auto` stands for.
         auto: AutoDevice,
     },
-    /// A servo controller on an I2C bus.
-    I2c(&'a Pca9685Board),
+    I2c(&'a Pca9685Settings),
     /// Datagrams to those who ask for them.
     Subscribers(&'a IFacialMocapSettings),
-    /// Lines on standard output.
     Stdout,
-    /// Lines to the clients of a Unix socket.
     UnixSocket(&'a Path),
 }
 
 /// What "auto" stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AutoDevice {
-    /// A microcontroller board.
     #[default]
     Microcontroller,
-    /// A Pololu Maestro.
     Maestro,
 }
 
 impl LinkKind {
-    /// The kind with an example of what it cannot do without.
-    pub(super) fn with_example(mut self) -> Self {
-        if let Self::Maestro(WithChannels { channels, .. }) | Self::Pca9685(WithChannels { channels, .. }) = &mut self {
-            channels.push(ChannelSettings::example());
-        }
-        self
-    }
-
-    /// The carrier of this kind.
-    #[must_use]
     pub fn carrier(&self) -> CarrierSettings<'_> {
         match self {
-            Self::Udp(udp) => CarrierSettings::Udp(&udp.address),
-            Self::LiveLink(live_link) => CarrierSettings::Udp(&live_link.address),
-            Self::Vmc(vmc) => CarrierSettings::Udp(&vmc.address),
-            Self::Vrchat(vrchat) => CarrierSettings::Udp(&vrchat.address),
-            Self::Serial(serial) => {
-                CarrierSettings::Serial { device: &serial.device, baud: serial.baud, auto: AutoDevice::Microcontroller }
+            Self::Udp(UdpSettings { address })
+            | Self::LiveLink(LiveLinkSettings { address, .. })
+            | Self::Vmc(VmcSettings { address, .. })
+            | Self::Vrchat(VrchatSettings { address, .. })
+            | Self::Json(JsonSettings { to: JsonTarget::Udp(address) }) => CarrierSettings::Udp(address),
+            Self::Serial(SerialSettings { device, baud }) => {
+                CarrierSettings::Serial { device, baud: *baud, auto: AutoDevice::Microcontroller }
             }
-            Self::Maestro(MaestroSettings { board, .. }) => {
-                CarrierSettings::Serial { device: &board.device, baud: board.baud, auto: AutoDevice::Maestro }
+            Self::Maestro(MaestroSettings { device, baud, .. }) => {
+                CarrierSettings::Serial { device, baud: *baud, auto: AutoDevice::Maestro }
             }
-            Self::Pca9685(pca9685) => CarrierSettings::I2c(&pca9685.board),
+            Self::Pca9685(settings) => CarrierSettings::I2c(settings),
             Self::IFacialMocap(settings) => CarrierSettings::Subscribers(settings),
-            Self::Json(json) => match &json.to {
-                JsonTarget::Stdout => CarrierSettings::Stdout,
-                JsonTarget::Udp(address) => CarrierSettings::Udp(address),
-                JsonTarget::Unix(path) => CarrierSettings::UnixSocket(path),
-            },
+            Self::Json(JsonSettings { to: JsonTarget::Stdout }) => CarrierSettings::Stdout,
+            Self::Json(JsonSettings { to: JsonTarget::Unix(path) }) => CarrierSettings::UnixSocket(path),
         }
     }
 }
@@ -259,13 +324,11 @@ impl LinkKind {
 impl LinkSettings {
     /// A link of this kind with the settings that suit it.
     pub(super) fn of(kind: LinkKind) -> Self {
-        let pace = match kind {
-            LinkKind::Maestro(_) | LinkKind::Pca9685(_) => {
-                PaceSettings { pace: PaceKind::Rate, rate_hz: SERVO_HZ, ..PaceSettings::default() }
-            }
-            _ => PaceSettings::default(),
-        };
-        Self { kind, pace, ..Self::default() }
+        let mut link = Self { kind, ..Self::default() };
+        if matches!(link.kind, LinkKind::Maestro(_) | LinkKind::Pca9685(_)) {
+            (link.pace.pace, link.pace.rate_hz) = (PaceKind::Rate, SERVO_HZ);
+        }
+        link
     }
 
     /// The link to the microcontroller board that is plugged in. Its own rate suits its baud rate, whatever the camera's
@@ -275,62 +338,60 @@ impl LinkSettings {
         Self { kind: LinkKind::Serial(SerialSettings::default()), pace, ..Self::default() }
     }
 
-    /// The serial port, the baud rate and what "auto" stands for, if the link uses a serial line.
-    pub(super) fn line(&self) -> Option<(&SerialDevice, u32, AutoDevice)> {
-        match self.kind.carrier() {
-            CarrierSettings::Serial { device, baud, auto } => Some((device, baud, auto)),
-            _ => None,
-        }
-    }
-
     /// The rate of the link in packets per second; `send_hz` is that of `[send]`.
-    #[must_use]
     pub fn rate_hz(&self, send_hz: u32) -> u32 {
         if self.pace.rate_hz == 0 { send_hz } else { self.pace.rate_hz }
     }
+}
 
-    /// The most packets per second that the link sends for a camera of `fps` frames per second.
-    pub(super) fn most_hz(&self, fps: u32, send_hz: u32) -> u32 {
-        let rate_hz = self.rate_hz(send_hz);
-        if self.pace.pace == PaceKind::Pose { rate_hz.max(fps) } else { rate_hz }
+impl Section for LinkSettings {
+    fn keys(&self) -> Vec<&'static str> {
+        [vec!["kind"], self.kind.section().keys(), self.pace.keys(), vec!["adjust"]].concat()
     }
 
-    /// Length of a message on a serial line, bytes.
-    pub(super) fn message_bytes(&self) -> usize {
-        match &self.kind {
-            LinkKind::Maestro(maestro) => maestro.message_bytes(),
-            _ => FRAME_BYTES,
+    fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+        match entry.key {
+            // The kind chose the other keys.
+            "kind" => {}
+            "adjust" => file.section(&mut self.adjust, entry),
+            key if self.pace.keys().contains(&key) => self.pace.set_key(entry, file),
+            _ => self.kind.section_mut().set_key(entry, file),
         }
     }
 
-    /// Returns every key of a link of this kind.
-    pub(super) fn keys(&self) -> Vec<&'static str> {
-        let section = self.kind.section();
-        [&["kind"], section.keys(), self.pace.keys(), &[ADJUST], section.tables()].concat()
-    }
-
-    /// Writes the lines of the table in TOML, each setting after its comment.
-    pub(super) fn write(&self) -> String {
-        let mut text = String::new();
-        let lines = [&[" What the link sends, and how it travels:"], LinkKind::LINES].concat();
-        write_setting(&mut text, &lines, &expected_kind(), &format!("kind = {}", quoted(self.kind.name())));
-        let mut adjust = String::new();
-        write_setting(&mut adjust, &ADJUST_LINES, "a table", &format!("{ADJUST} = {}", self.adjust.write_inline()));
-        [text, self.kind.section().write(), self.pace.write(), adjust].join("\n")
-            + &self.kind.section().write_tables("link")
+    fn objection(&self, key: &str) -> Option<String> {
+        let mut others = LinkKind::NAMES.iter().filter_map(|name| LinkKind::named(name));
+        let is_of_another = others.any(|kind| kind.section().keys().contains(&key));
+        let (kind, keys) = (self.kind.name(), self.keys().join(", "));
+        is_of_another.then(|| format!("not a setting of a link with kind = \"{kind}\"; that has {keys}"))
     }
 }
 
-const ADJUST_LINES: [&str; 3] = [
-    " Changes for this receiver alone, after those of [adjust] and with the same keys: mirror, and a table for each",
-    " coefficient. They hold for the neutral face, too. For example:",
-    "   adjust = { mirror = true, jawOpen = { gain = 1.2, max = 0.8 } }",
-];
+/// The links of a file replace the default ones.
+impl Setting for Vec<LinkSettings> {
+    type Bounds = ();
 
-/// Describes the values of the key `kind`.
-pub(super) fn expected_kind() -> String {
-    let names: Vec<String> = LinkKind::NAMES.iter().map(|name| quoted(name)).collect();
-    format!("one of {}", names.join(", "))
+    fn set(&mut self, entry: &Entry<'_>, (): &(), _: &str, file: &mut Overlay<'_>) {
+        self.clear();
+        if entry.value.get_ref().as_array().is_none() {
+            return file.refuse(entry, "each link under its own [[link]]".to_owned());
+        }
+        self.extend(entry.each().iter().map(|entry| link(entry, file)));
+    }
+}
+
+fn link(entry: &Entry<'_>, file: &mut Overlay<'_>) -> LinkSettings {
+    let mut link = LinkSettings::default();
+    if let Some(name) = entry.value.get_ref().as_table().and_then(|table| table.get("kind")) {
+        let Some(kind) = name.get_ref().as_str().and_then(LinkKind::named) else {
+            // The other keys cannot be judged without the kind.
+            file.refuse_value("link.kind", name, one_of(LinkKind::NAMES.iter().copied()));
+            return link;
+        };
+        link = LinkSettings::of(kind);
+    }
+    file.section(&mut link, entry);
+    link
 }
 
 /// Shows where the link leads: an address, a path, or a serial port.
@@ -339,7 +400,9 @@ impl fmt::Display for LinkSettings {
         match self.kind.carrier() {
             CarrierSettings::Udp(address) => address.fmt(f),
             CarrierSettings::Serial { device, .. } => device.fmt(f),
-            CarrierSettings::I2c(board) => board.place().fmt(f),
+            CarrierSettings::I2c(Pca9685Settings { bus, address, .. }) => {
+                write!(f, "I2C bus {bus}, address {address:#04x}")
+            }
             CarrierSettings::Subscribers(settings) => settings.fmt(f),
             CarrierSettings::Stdout => f.write_str("standard output"),
             CarrierSettings::UnixSocket(path) => path.display().fmt(f),
@@ -347,8 +410,14 @@ impl fmt::Display for LinkSettings {
     }
 }
 
-/// Returns how many messages of this length a serial line of this baud rate may carry per second.
-pub(super) fn most_messages_hz(baud: u32, bytes: usize) -> u32 {
-    let packets = u64::from(baud) * LINE_SHARE / 100 / (bytes as u64 * BITS_PER_BYTE);
-    u32::try_from(packets).unwrap_or(u32::MAX)
+/// Shows where receivers ask, and who gets the face without asking.
+impl fmt::Display for IFacialMocapSettings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (&self.listen, &self.address) {
+            (Some(listen), Some(address)) => write!(f, "those who ask at {listen}, and {address}"),
+            (Some(listen), None) => write!(f, "those who ask at {listen}"),
+            (None, Some(address)) => address.fmt(f),
+            (None, None) => f.write_str("nobody"),
+        }
+    }
 }

@@ -1,37 +1,19 @@
-//! Lays a TOML file over settings.
+//! Lays a TOML file over settings, and collects its faults.
+
+use std::fmt;
 
 use toml::{
     Spanned,
-    de::{DeString, DeTable, DeValue, Error},
+    de::{DeTable, DeValue},
 };
 
 use super::{
-    Fault, Faults,
-    board::{self, Board},
-    link::{ADJUST, LinkKind, LinkSettings, expected_kind},
-    section::Section,
+    builtin::{AUTO, Board, board_names, find_board},
+    section::{Entry, Section},
     settings::Settings,
+    value::one_of,
 };
 
-/// Keys and tables that a file may have.
-const NAMES: [&str; 16] = [
-    "board",
-    "camera",
-    "networks",
-    "solver",
-    "smoothing",
-    "wearer",
-    "plausibility",
-    "adjust",
-    "failsafe",
-    "send",
-    "link",
-    "realtime",
-    "hardware",
-    "adaptation",
-    "metrics",
-    "log",
-];
 /// Settings of earlier versions, and what to give instead.
 const REPLACED: [(&str, &str); 2] =
     [("solver.smoothing_ms", REPLACED_BY_SMOOTHING), ("solver.smoothing_frames", REPLACED_BY_SMOOTHING)];
@@ -39,6 +21,68 @@ const REPLACED_BY_SMOOTHING: &str =
     "[smoothing] has a filter and a time for each part of the face, such as mouth_ms = 180";
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
+
+/// A fault of the settings. Displays as one line.
+#[derive(Debug)]
+pub struct Fault {
+    /// The position as `file:line`, unless the fault is that of a file or of several settings together.
+    pub place: Option<String>,
+    key: String,
+    /// Whether the value is wrong by itself: of another type, or out of bounds.
+    is_invalid_value: bool,
+    sentence: String,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.place {
+            Some(place) => write!(f, "{place}: {}", self.sentence),
+            None => f.write_str(&self.sentence),
+        }
+    }
+}
+
+/// All faults of the settings, displayed one per line.
+#[derive(Debug, Default, thiserror::Error)]
+pub struct Faults(Vec<Fault>);
+
+impl Faults {
+    /// Adds a fault without a position.
+    pub(super) fn push(&mut self, sentence: String) {
+        self.0.push(Fault { place: None, key: String::new(), is_invalid_value: false, sentence });
+    }
+
+    /// Adds the fault that a value is valid by itself, but not together with other settings.
+    pub fn conflict(&mut self, key: &str, value: impl fmt::Display, expected: impl fmt::Display) {
+        self.push(format!("{key} = {value}: give {expected}"));
+    }
+
+    /// Returns `value` if there are no faults.
+    pub fn into_result<T>(self, value: T) -> Result<T, Self> {
+        if self.0.is_empty() { Ok(value) } else { Err(self) }
+    }
+
+    /// Whether a value in this table is wrong by itself.
+    pub fn has_invalid_value(&self, table: &str) -> bool {
+        self.0.iter().any(|fault| fault.is_invalid_value && fault.key.split('.').next() == Some(table))
+    }
+
+    /// Whether a key in this table is unknown, or its value wrong.
+    pub fn has_any_in(&self, table: &str) -> bool {
+        self.0.iter().any(|fault| fault.key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.')))
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = &Fault> {
+        self.0.iter()
+    }
+}
+
+impl fmt::Display for Faults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let lines: Vec<String> = self.0.iter().map(Fault::to_string).collect();
+        f.write_str(&lines.join("\n"))
+    }
+}
 
 /// The boards that a file may be laid over.
 #[derive(Debug, Clone, Copy)]
@@ -57,32 +101,26 @@ pub struct Overlay<'a> {
     found: Vec<(usize, Fault)>,
 }
 
-impl<'a> Overlay<'a> {
-    pub fn new(source: &'a str, text: &'a str) -> Self {
-        Self { source, text, found: Vec::new() }
+/// Lays the text of the file `source` over the settings, after the board that `boards` and the file choose, and adds its
+/// faults. The file of a board has no `boards`. After a fault, the settings must not be used. A text that is not TOML has
+/// syntax errors only: the parser's guess at its content would give misleading faults.
+pub fn lay(source: &str, text: &str, settings: &mut Settings, boards: Option<Boards<'_>>, faults: &mut Faults) {
+    let mut file = Overlay { source, text, found: Vec::new() };
+    let (document, errors) = DeTable::parse_recoverable(text);
+    if errors.is_empty() {
+        let document = document.get_ref();
+        if let Some((name, text)) = boards.and_then(|boards| file.board(document, boards)) {
+            settings.board = name;
+            lay(&format!("board {name}"), text, settings, None, faults);
+        }
+        file.entries(settings, "", document);
     }
-
-    /// Lays the file over the settings, after the board that `boards` and the file choose, and adds its faults. The file of
-    /// a board has no `boards`. After a fault, the settings must not be used. A text that is not TOML has syntax errors
-    /// only: the parser's guess at its content would give misleading faults.
-    pub fn apply(mut self, settings: &mut Settings, boards: Option<Boards<'_>>, faults: &mut Faults) {
-        let (document, errors) = DeTable::parse_recoverable(self.text);
-        if errors.is_empty() {
-            let document = document.get_ref();
-            if let Some((name, text)) = boards.and_then(|boards| self.board(document, boards)) {
-                settings.board = name;
-                Overlay::new(&format!("board {name}"), text).apply(settings, None, faults);
-            }
-            self.document(settings, document);
-        }
-        for error in errors {
-            self.syntax(&error);
-        }
-        self.found.sort_by_key(|(offset, _)| *offset);
-        for (_, fault) in self.found {
-            faults.push(fault);
-        }
+    for error in errors {
+        let start = error.span().map_or(0, |span| span.start);
+        file.fault(start, String::new(), false, format!("not valid TOML: {}", error.message()));
     }
+    file.found.sort_by_key(|(start, _)| *start);
+    faults.0.extend(file.found.into_iter().map(|(_, fault)| fault));
 }
 
 impl Overlay<'_> {
@@ -90,159 +128,58 @@ impl Overlay<'_> {
     /// fixed.
     fn board(&mut self, document: &DeTable<'_>, boards: Boards<'_>) -> Option<Board> {
         let value = document.get("board");
-        let name = value.map_or(Some(board::AUTO), |value| value.get_ref().as_str());
-        let found = name.and_then(|name| board::find(name, boards.detected));
+        let name = value.map_or(Some(AUTO), |value| value.get_ref().as_str());
+        let found = name.and_then(|name| find_board(name, boards.detected));
         if let (Some(value), None) = (value, found) {
-            self.value("board", value, board::expected());
+            self.refuse_value("board", value, one_of(board_names()));
         }
         boards.fixed.or(found)
     }
 
-    /// Lays the tables of the document over the settings.
-    fn document(&mut self, settings: &mut Settings, document: &DeTable<'_>) {
-        for (name, value) in document {
-            match name.get_ref().as_ref() {
-                "board" => {}
-                "camera" => self.section(&mut settings.camera, "camera", value),
-                "networks" => self.section(&mut settings.networks, "networks", value),
-                "solver" => self.section(&mut settings.solver, "solver", value),
-                "smoothing" => self.section(&mut settings.smoothing, "smoothing", value),
-                "wearer" => self.section(&mut settings.wearer, "wearer", value),
-                "plausibility" => self.section(&mut settings.plausibility, "plausibility", value),
-                "adjust" => self.section(&mut settings.adjust, "adjust", value),
-                "failsafe" => self.section(&mut settings.failsafe, "failsafe", value),
-                "send" => self.section(&mut settings.send, "send", value),
-                "link" => settings.links = self.links(value),
-                "realtime" => self.section(&mut settings.realtime, "realtime", value),
-                "hardware" => self.section(&mut settings.hardware, "hardware", value),
-                "adaptation" => self.section(&mut settings.adaptation, "adaptation", value),
-                "metrics" => self.section(&mut settings.metrics, "metrics", value),
-                "log" => self.section(&mut settings.log, "log", value),
-                unknown => self.unknown(unknown, unknown, &NAMES, name.span().start),
-            }
+    /// Lays the table of this entry over a section.
+    pub fn section(&mut self, section: &mut dyn Section, entry: &Entry<'_>) {
+        match entry.value.get_ref().as_table() {
+            Some(table) => self.entries(section, &entry.path, table),
+            None => self.refuse(entry, "a table".to_owned()),
         }
     }
 
-    fn section(&mut self, section: &mut dyn Section, name: &str, value: &Spanned<DeValue<'_>>) {
-        let Some(table) = value.get_ref().as_table() else {
-            return self.value(name, value, "a table".to_owned());
-        };
-        for (key, value) in table {
-            let path = format!("{name}.{}", key.get_ref());
-            if let Some((_, instead)) = REPLACED.iter().find(|(old, _)| *old == path) {
-                let fault = Fault::Replaced { place: self.place(key.span().start), key: path, instead };
-                self.found.push((key.span().start, fault));
-            } else if section.tables().contains(&key.get_ref().as_ref()) {
-                self.tables(section, key.get_ref(), &path, value);
-            } else if !section.keys().contains(&key.get_ref().as_ref()) {
-                let known = [section.keys(), section.tables()].concat();
-                self.unknown(&path, key.get_ref(), &known, key.span().start);
-            } else if let Err(expected) = section.set(key.get_ref(), value.get_ref()) {
-                self.value(&path, value, expected);
+    fn entries(&mut self, section: &mut dyn Section, path: &str, table: &DeTable<'_>) {
+        for (name, value) in table {
+            let (key, start) = (name.get_ref().as_ref(), name.span().start);
+            let path = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+            if section.keys().contains(&key) {
+                section.set_key(&Entry { key, path, start, value }, self);
+                continue;
             }
-        }
-    }
-
-    /// Lays the table, or each table of an array, over that of the section.
-    fn tables(&mut self, section: &mut dyn Section, key: &str, path: &str, value: &Spanned<DeValue<'_>>) {
-        let one = std::slice::from_ref(value);
-        for value in value.get_ref().as_array().map_or(one, |array| array) {
-            if let Some(table) = section.table(key) {
-                self.section(table, path, value);
-            }
-        }
-    }
-
-    fn links(&mut self, value: &Spanned<DeValue<'_>>) -> Vec<LinkSettings> {
-        let Some(tables) = value.get_ref().as_array() else {
-            self.value("link", value, "each link under its own [[link]]".to_owned());
-            return Vec::new();
-        };
-        tables.iter().map(|table| self.link(table)).collect()
-    }
-
-    fn link(&mut self, value: &Spanned<DeValue<'_>>) -> LinkSettings {
-        let mut link = LinkSettings::default();
-        let Some(table) = value.get_ref().as_table() else {
-            self.value("link", value, "a table".to_owned());
-            return link;
-        };
-        if let Some(name) = table.get("kind") {
-            let Some(kind) = named_kind(name.get_ref()) else {
-                // The other keys cannot be judged without the kind.
-                self.value("link.kind", name, expected_kind());
-                return link;
+            let replaced = REPLACED.iter().find(|(old, _)| *old == path);
+            let objection = match replaced {
+                Some((_, instead)) => format!("no longer a setting: {instead}"),
+                None => {
+                    section.objection(key).unwrap_or_else(|| format!("not a setting{}", hint(key, &section.keys())))
+                }
             };
-            link = LinkSettings::of(kind);
-        }
-        for (key, value) in table.iter().filter(|(key, _)| key.get_ref() != "kind") {
-            self.link_key(&mut link, key, value);
-        }
-        link
-    }
-
-    /// Sets a key that is one of the link's kind, or one that all links share.
-    fn link_key(&mut self, link: &mut LinkSettings, key: &Spanned<DeString<'_>>, value: &Spanned<DeValue<'_>>) {
-        let (name, offset) = (key.get_ref().as_ref(), key.span().start);
-        let path = format!("link.{name}");
-        if name == ADJUST {
-            return self.section(&mut link.adjust, &path, value);
-        }
-        if link.kind.section().tables().contains(&name) {
-            return self.tables(link.kind.section_mut(), name, &path, value);
-        }
-        let section: &mut dyn Section =
-            if link.pace.keys().contains(&name) { &mut link.pace } else { link.kind.section_mut() };
-        if section.keys().contains(&name) {
-            if let Err(expected) = section.set(name, value.get_ref()) {
-                self.value(&path, value, expected);
-            }
-        } else if LinkKind::all()
-            .iter()
-            .any(|kind| kind.section().keys().contains(&name) || kind.section().tables().contains(&name))
-        {
-            let (kind, known) = (link.kind.name(), link.keys().join(", "));
-            let fault = Fault::OtherKind { place: self.place(offset), key: path, kind, known };
-            self.found.push((offset, fault));
-        } else {
-            self.unknown(&path, name, &link.keys(), offset);
+            let sentence = format!("{} is {objection}", printable(&path));
+            self.fault(start, path, false, sentence);
         }
     }
 
-    fn syntax(&mut self, error: &Error) {
-        let offset = error.span().map_or(0, |span| span.start);
-        let place = self.place(offset);
-        let message = error.message().to_owned();
-        self.found.push((offset, Fault::Syntax { place, message }));
+    /// Adds the fault that the value of this entry is not what is expected.
+    pub fn refuse(&mut self, entry: &Entry<'_>, expected: String) {
+        self.refuse_value(&entry.path, entry.value, expected);
     }
 
-    fn unknown(&mut self, path: &str, key: &str, known: &[&str], offset: usize) {
-        let fault = Fault::Unknown { place: self.place(offset), key: printable(path), hint: hint(key, known) };
-        self.found.push((offset, fault));
+    pub fn refuse_value(&mut self, path: &str, value: &Spanned<DeValue<'_>>, expected: String) {
+        let written = self.text.get(value.span()).unwrap_or_default().lines().next().unwrap_or_default();
+        let sentence = format!("{path} = {}: give {expected}", printable(written));
+        self.fault(value.span().start, path.to_owned(), true, sentence);
     }
 
-    fn value(&mut self, path: &str, value: &Spanned<DeValue<'_>>, expected: String) {
-        let offset = value.span().start;
-        let written = self.text.get(value.span()).unwrap_or_default();
-        let fault = Fault::Value {
-            place: self.place(offset),
-            key: path.to_owned(),
-            value: printable(written.lines().next().unwrap_or_default()),
-            expected,
-        };
-        self.found.push((offset, fault));
+    fn fault(&mut self, start: usize, key: String, is_invalid_value: bool, sentence: String) {
+        let before = self.text.get(..start).unwrap_or_default();
+        let place = Some(format!("{}:{}", self.source, 1 + before.matches('\n').count()));
+        self.found.push((start, Fault { place, key, is_invalid_value, sentence }));
     }
-
-    /// Returns `file:line` of a byte of the text.
-    fn place(&self, offset: usize) -> String {
-        let before = self.text.get(..offset).unwrap_or_default();
-        let line = 1 + before.matches('\n').count();
-        format!("{}:{line}", self.source)
-    }
-}
-
-fn named_kind(name: &DeValue<'_>) -> Option<LinkKind> {
-    LinkKind::all().into_iter().find(|kind| name.as_str() == Some(kind.name()))
 }
 
 /// Escapes control characters: a quoted key may contain line breaks, or sequences that a terminal obeys.

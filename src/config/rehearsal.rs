@@ -5,29 +5,22 @@
 
 use std::time::Duration;
 
-/// Prefix of a camera setting that names a rehearsal.
-const PREFIX: &str = "rehearsal:";
 /// Longest scene of a script, seconds.
 const LONGEST_SCENE_S: f64 = 86_400.0;
 
 /// What the camera does for a while.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scene {
-    /// Plays the clip.
     Live,
-    /// Shows a grey picture without a face.
+    /// Shows a grey picture.
     NoFace,
-    /// Delivers damaged frames only.
     Damaged,
     /// Delivers no frame, like a camera that has stalled.
     Silent,
     /// Delivers neither a frame nor an error, like a driver or an inference that hangs.
     Hung,
-    /// Is unplugged.
     Gone,
-    /// Shows the clip in very little light.
     Dark,
-    /// Shows the clip with a part of the face outside the picture.
     CutOff,
     /// Delivers every other frame, like a camera that exposes longer.
     HalfRate,
@@ -38,9 +31,7 @@ pub enum Scene {
     /// Plays the clip on a board that takes two frame periods to decode a frame, and half of one for half the width and
     /// height.
     SlowJpeg,
-    /// Plays the clip on a board that is hot.
     Hot,
-    /// Plays the clip on a board whose supply voltage is too low.
     Undervoltage,
 }
 
@@ -90,9 +81,8 @@ impl Script {
 
     /// Reads the script in the camera setting `device`. Returns `None` if the setting names no rehearsal, and an error
     /// if the script cannot be read.
-    #[must_use]
     pub fn of(device: &str) -> Option<Result<Self, BadScript>> {
-        device.strip_prefix(PREFIX).map(|script| Self::parse(script).ok_or(BadScript))
+        device.strip_prefix("rehearsal:").map(|script| Self::parse(script).ok_or(BadScript))
     }
 
     fn parse(script: &str) -> Option<Self> {

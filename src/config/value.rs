@@ -1,12 +1,11 @@
-//! The types of settings: how a value of each type is read, checked, described and written.
+//! The types of values: how each is read, checked and described.
 
-use std::{fmt, ops::RangeInclusive, path::PathBuf};
+use std::{fmt, net::SocketAddr, ops::RangeInclusive, path::PathBuf};
 
 use toml::de::DeValue;
 
-/// A type of setting.
+/// A type of value.
 pub trait Value: Sized {
-    /// The bounds of a value.
     type Bounds;
 
     /// Reads a value. Returns `None` if it has another type or is out of bounds.
@@ -14,22 +13,37 @@ pub trait Value: Sized {
 
     /// Describes the values that [`Value::read`] takes; the text follows "give".
     fn expected(bounds: &Self::Bounds) -> String;
-
-    /// Writes the value in TOML.
-    fn write(&self) -> String;
 }
 
 /// A type with a few named values.
 pub trait Choice: Copy + PartialEq + 'static {
-    /// Every value with its name.
     const ALL: &'static [(&'static str, Self)];
 
-    /// The value's name.
     fn name(self) -> &'static str {
         let named = Self::ALL.iter().find(|(_, value)| *value == self);
         named.map_or("", |(name, _)| name)
     }
 }
+
+/// Names the values of an enum, which it declares if it is not that of another module.
+macro_rules! choices {
+    ($(#[doc = $doc:literal])* pub enum $type:ident: $( $variant:ident = $name:literal ),*) => {
+        $(#[doc = $doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum $type {
+            $( $variant, )*
+        }
+
+        choices! { $type: $( $variant = $name ),* }
+    };
+    ($type:ident: $( $variant:ident = $name:literal ),*) => {
+        impl $crate::config::value::Choice for $type {
+            const ALL: &'static [(&'static str, Self)] = &[ $( ($name, Self::$variant), )* ];
+        }
+    };
+}
+
+pub(super) use choices;
 
 impl<T: Choice> Value for T {
     type Bounds = ();
@@ -41,16 +55,18 @@ impl<T: Choice> Value for T {
     }
 
     fn expected((): &()) -> String {
-        let names: Vec<String> = Self::ALL.iter().map(|(name, _)| quoted(name)).collect();
-        match names.as_slice() {
-            [only] => only.clone(),
-            _ => format!("one of {}", names.join(", ")),
-        }
+        one_of(Self::ALL.iter().map(|(name, _)| *name))
     }
+}
 
-    fn write(&self) -> String {
-        quoted(self.name())
-    }
+/// Describes a choice of these names.
+pub fn one_of(names: impl Iterator<Item = &'static str>) -> String {
+    format!("one of {}", names.map(quoted).collect::<Vec<_>>().join(", "))
+}
+
+/// Writes a text as a TOML string.
+pub fn quoted(text: &str) -> String {
+    toml::Value::from(text).to_string()
 }
 
 /// Implements [`Value`] for types of whole numbers.
@@ -68,31 +84,11 @@ macro_rules! whole_number {
             fn expected(bounds: &Self::Bounds) -> String {
                 format!("a whole number from {} to {}", bounds.start(), bounds.end())
             }
-
-            fn write(&self) -> String {
-                self.to_string()
-            }
         }
     )* };
 }
 
 whole_number!(u32, i32);
-
-impl Value for bool {
-    type Bounds = ();
-
-    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
-        value.as_bool()
-    }
-
-    fn expected((): &()) -> String {
-        "true or false".to_owned()
-    }
-
-    fn write(&self) -> String {
-        self.to_string()
-    }
-}
 
 impl Value for f32 {
     type Bounds = RangeInclusive<f32>;
@@ -109,32 +105,83 @@ impl Value for f32 {
     fn expected(bounds: &Self::Bounds) -> String {
         format!("a number from {:?} to {:?}", bounds.start(), bounds.end())
     }
+}
 
-    fn write(&self) -> String {
-        format!("{self:?}")
-    }
+/// Implements [`Value`] for types without bounds: how a value is read, and what is expected.
+macro_rules! value {
+    ($type:ty, $expected:expr, |$value:ident| $read:expr) => {
+        impl Value for $type {
+            type Bounds = ();
+
+            fn read($value: &DeValue<'_>, (): &()) -> Option<Self> {
+                $read
+            }
+
+            fn expected((): &()) -> String {
+                $expected.to_owned()
+            }
+        }
+    };
+}
+
+value!(bool, "true or false", |value| value.as_bool());
+
+/// Which texts a setting takes: their description, and whether a text is one of them.
+pub struct Texts(&'static str, fn(&str) -> bool);
+
+pub const ANY_TEXT: Texts = Texts("a text in quotes", |_| true);
+pub const UP_TO_64_CHARACTERS: Texts = Texts("1 to 64 printable ASCII characters in quotes", |text| {
+    (1..=64).contains(&text.len()) && text.bytes().all(is_printable)
+});
+pub const EXACTLY_36_CHARACTERS: Texts =
+    Texts("36 printable ASCII characters in quotes", |text| text.len() == 36 && text.bytes().all(is_printable));
+/// The part of an OSC address between `/avatar/parameters/` and `v2/`. OSC gives a meaning to the other characters.
+pub const OSC_PREFIX: Texts =
+    Texts("\"\", or up to 64 letters, digits and _ - . / that end with a slash, such as \"FT/\"", |text| {
+        let is_good = |byte: u8| byte.is_ascii_alphanumeric() || b"/_-.".contains(&byte);
+        let is_prefix = text.is_empty() || text.ends_with('/') && !text.starts_with('/');
+        is_prefix && text.len() <= 64 && text.bytes().all(is_good)
+    });
+
+fn is_printable(byte: u8) -> bool {
+    (b' '..=b'~').contains(&byte)
 }
 
 impl Value for String {
+    type Bounds = Texts;
+
+    fn read(value: &DeValue<'_>, Texts(_, takes): &Texts) -> Option<Self> {
+        value.as_str().filter(|text| takes(text)).map(str::to_owned)
+    }
+
+    fn expected(Texts(expected, _): &Texts) -> String {
+        (*expected).to_owned()
+    }
+}
+
+/// A value that may be left out, as an empty text.
+impl<T: Value<Bounds = ()>> Value for Option<T> {
     type Bounds = ();
 
     fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
-        value.as_str().map(str::to_owned)
+        if value.as_str() == Some("") { Some(None) } else { T::read(value, &()).map(Some) }
     }
 
     fn expected((): &()) -> String {
-        "a text in quotes".to_owned()
-    }
-
-    fn write(&self) -> String {
-        quoted(self)
+        format!("\"\", or {}", T::expected(&()))
     }
 }
+
+value!(
+    SocketAddr,
+    "an address of this machine in numbers and a port from 1 to 65535, such as \"0.0.0.0:49983\"",
+    |value| value.as_str()?.parse().ok().filter(|address: &Self| address.port() != 0)
+);
 
 /// The serial port of a link.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SerialDevice {
-    /// The microcontroller board that is plugged into USB.
+    /// What is plugged into USB.
     Auto,
     /// A path from the root: a service has no folder that a relative path could start at.
     Path(PathBuf),
@@ -149,24 +196,10 @@ impl fmt::Display for SerialDevice {
     }
 }
 
-impl Value for SerialDevice {
-    type Bounds = ();
-
-    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
-        match value.as_str()? {
-            "auto" => Some(Self::Auto),
-            path => Some(Self::Path(path.into())).filter(|_| path.starts_with('/')),
-        }
-    }
-
-    fn expected((): &()) -> String {
-        "\"auto\", or a path in quotes that begins with /".to_owned()
-    }
-
-    fn write(&self) -> String {
-        quoted(&self.to_string())
-    }
-}
+value!(SerialDevice, "\"auto\", or a path in quotes that begins with /", |value| match value.as_str()? {
+    "auto" => Some(Self::Auto),
+    path => path.starts_with('/').then(|| Self::Path(path.into())),
+});
 
 /// A network address as it is written: `host:port`. The host is a name or an address; an IPv6 address has brackets.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -174,7 +207,6 @@ pub struct Address(String);
 
 impl Address {
     /// Reads an address. Returns `None` unless the text is a host, a colon and a port from 1 to 65535.
-    #[must_use]
     pub fn new(text: &str) -> Option<Self> {
         let (host, port) = text.rsplit_once(':')?;
         let bracketed = host.starts_with('[') && host.ends_with(']');
@@ -188,17 +220,8 @@ impl Address {
         Self(format!("127.0.0.1:{port}"))
     }
 
-    /// The address as `host:port`.
-    #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
-    }
-}
-
-impl Default for Address {
-    /// The port of this machine that `facewire monitor` listens to.
-    fn default() -> Self {
-        Self::local(5252)
     }
 }
 
@@ -208,23 +231,116 @@ impl fmt::Display for Address {
     }
 }
 
-impl Value for Address {
-    type Bounds = ();
+value!(Address, "\"host:port\" with a port from 1 to 65535", |value| Self::new(value.as_str()?));
 
-    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
-        value.as_str().and_then(Self::new)
-    }
+/// An address that only programs on this machine can reach.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Listen {
+    Off,
+    /// A loopback address.
+    Tcp(SocketAddr),
+    /// A Unix socket.
+    Unix(PathBuf),
+}
 
-    fn expected((): &()) -> String {
-        "\"host:port\" with a port from 1 to 65535".to_owned()
-    }
-
-    fn write(&self) -> String {
-        quoted(&self.0)
+impl Listen {
+    /// Reads an address. Returns `None` for an address that other machines can reach, for port 0, and for a path that
+    /// is not absolute.
+    pub fn new(text: &str) -> Option<Self> {
+        if text.is_empty() {
+            return Some(Self::Off);
+        }
+        if let Some(path) = text.strip_prefix("unix:") {
+            return path.starts_with('/').then(|| Self::Unix(path.into()));
+        }
+        let address: SocketAddr = text.parse().ok()?;
+        (address.ip().is_loopback() && address.port() != 0).then_some(Self::Tcp(address))
     }
 }
 
-/// Writes a text as a TOML string.
-pub fn quoted(text: &str) -> String {
-    toml::Value::from(text).to_string()
+impl fmt::Display for Listen {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Off => Ok(()),
+            Self::Tcp(address) => address.fmt(f),
+            Self::Unix(path) => write!(f, "unix:{}", path.display()),
+        }
+    }
 }
+
+value!(
+    Listen,
+    "\"\", a loopback address and port such as \"127.0.0.1:9464\" or \"[::1]:9464\", or \"unix:\" and a path that begins \
+     with /",
+    |value| Self::new(value.as_str()?)
+);
+
+/// Where JSON lines go.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum JsonTarget {
+    Stdout,
+    Udp(Address),
+    /// A Unix socket, by its path.
+    Unix(PathBuf),
+}
+
+value!(
+    JsonTarget,
+    "\"stdout\", \"udp:host:port\" with a port from 1 to 65535, or \"unix:\" and a path that begins with /",
+    |value| match value.as_str()? {
+        "stdout" => Some(Self::Stdout),
+        text => match text.split_once(':')? {
+            ("udp", address) => Address::new(address).map(Self::Udp),
+            ("unix", path) => path.starts_with('/').then(|| Self::Unix(path.into())),
+            _ => None,
+        },
+    }
+);
+
+/// How a parameter is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ParameterChoice {
+    /// Whether it is sent as a number.
+    pub number: bool,
+    /// As how many bits it is sent; 0 for none.
+    pub bits: u32,
+}
+
+/// A list of parameters. An empty list stands for all.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Parameters(Vec<(String, u32)>);
+
+/// Most bits of a binary parameter.
+pub const MOST_BITS: u32 = 8;
+
+impl Parameters {
+    pub const EXPECTED: &'static str = "\"\", or names of parameters of VRCFaceTracking v2 with commas between them, each \
+                                        with up to 8 bits, such as \"JawOpen, SmileFrown:4\"";
+
+    pub fn names_any(&self) -> bool {
+        !self.0.is_empty()
+    }
+
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.0.iter().map(|(name, _)| name.as_str())
+    }
+
+    /// Returns how a parameter is sent, and `general` for all if the list is empty.
+    pub fn of(&self, name: &str, general: ParameterChoice) -> Option<ParameterChoice> {
+        if !self.names_any() {
+            return Some(general);
+        }
+        let (_, bits) = self.0.iter().find(|(named, _)| *named == name)?;
+        Some(ParameterChoice { number: *bits == 0, bits: *bits })
+    }
+}
+
+value!(Parameters, Self::EXPECTED, |value| {
+    let entries = value.as_str()?.split(',').map(str::trim).filter(|entry| !entry.is_empty());
+    let entry = |entry: &str| {
+        let (name, bits) = entry.split_once(':').unwrap_or((entry, "0"));
+        let bits = bits.parse().ok().filter(|bits| *bits <= MOST_BITS)?;
+        Some((name.to_owned(), bits))
+    };
+    entries.map(entry).collect::<Option<_>>().map(Self)
+});

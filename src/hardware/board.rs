@@ -1,9 +1,16 @@
-//! Recognises the board by its device tree or its processor.
+//! What the machine says of itself: which board it is, its processors and memory, and the flags of a Raspberry Pi's
+//! firmware. Nothing here identifies the machine or its owner.
 
+use std::fmt;
 use std::fs;
 use std::path::Path;
+use std::process::{Command, Stdio};
 
-use super::files::text;
+use rustix::param::page_size;
+use rustix::system::uname;
+
+use super::sensors::text;
+use crate::impairment::{Impairment, ImpairmentSet};
 
 /// Entries of a device tree's `compatible`, and the boards whose settings fit. A device tree lists the board first and its
 /// system on a chip last, so boards with the same chip and no entry of their own get the settings of the chip's board.
@@ -25,6 +32,20 @@ const INTEL_N: &str = "Intel(R) N";
 /// What makers leave in the firmware's tables.
 const PLACEHOLDERS: [&str; 6] =
     ["", "Default string", "To Be Filled By O.E.M.", "System Product Name", "System manufacturer", "Not Specified"];
+/// ARM's numbers of cores, in `CPU part` of `/proc/cpuinfo` (Main ID registers of Arm's technical reference manuals).
+const ARM_CORES: [(&str, &str); 11] = [
+    ("0xc07", "Cortex-A7"),
+    ("0xc0f", "Cortex-A15"),
+    ("0xd03", "Cortex-A53"),
+    ("0xd04", "Cortex-A35"),
+    ("0xd05", "Cortex-A55"),
+    ("0xd07", "Cortex-A57"),
+    ("0xd08", "Cortex-A72"),
+    ("0xd09", "Cortex-A73"),
+    ("0xd0a", "Cortex-A75"),
+    ("0xd0b", "Cortex-A76"),
+    ("0xd41", "Cortex-A78"),
+];
 
 /// The board that facewire runs on.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,50 +54,38 @@ pub struct Board {
     pub name: &'static str,
     /// What it calls itself. Contains no serial number.
     pub model: String,
-    /// What it was recognised by.
-    by: Option<String>,
+    recognised_by: Option<String>,
 }
 
 impl Board {
     /// Recognises the board whose `/proc` and `/sys` lie below `root`.
-    #[must_use]
     pub fn detect(root: &Path) -> Self {
-        let processor = processor(root);
-        let by_tree = compatible(root).into_iter().find_map(|entry| {
+        let cpus = fs::read_to_string(root.join("proc/cpuinfo")).unwrap_or_default();
+        // Only PCs tell the name of the processor here.
+        let name = cpus.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
+        let processor = name.map(|(_, name)| name.trim());
+        // The entries of `compatible` begin with the most specific one.
+        let compatible = text(&root.join("proc/device-tree/compatible")).unwrap_or_default();
+        let by_tree = compatible.split('\0').find_map(|entry| {
             let (_, name) = DEVICE_TREES.into_iter().find(|(known, _)| *known == entry)?;
             Some((name, format!("\"{entry}\" in the device tree")))
         });
-        let is_intel_n = |name: &&String| {
-            name.strip_prefix(INTEL_N).is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit()))
-        };
-        let by_processor = || Some(("intel-n100", format!("the processor {}", processor.as_ref().filter(is_intel_n)?)));
-        let (name, by) = by_tree.or_else(by_processor).unzip();
-        Self { name: name.unwrap_or("generic"), model: model(root, processor.as_deref()), by }
+        let is_number = |rest: &str| rest.starts_with(|c: char| c.is_ascii_digit());
+        let is_intel_n = |name: &&str| name.strip_prefix(INTEL_N).is_some_and(is_number);
+        let by_processor = || Some(("intel-n100", format!("the processor {}", processor.filter(is_intel_n)?)));
+        let (name, recognised_by) = by_tree.or_else(by_processor).unzip();
+        Self { name: name.unwrap_or("generic"), model: model(root, processor), recognised_by }
     }
 
     /// Tells which settings are in force, and why.
-    #[must_use]
     pub fn tell(&self, in_force: &str) -> String {
-        let Self { name, model, by } = self;
-        match by {
+        let Self { name, model, recognised_by } = self;
+        match recognised_by {
             _ if in_force != *name => format!("{in_force}, because the settings say so; this is {name} ({model})"),
             Some(by) => format!("{name}, recognised by {by} ({model})"),
             None => format!("{name}, because this machine is not one of those with settings of their own ({model})"),
         }
     }
-}
-
-/// Returns the entries of the device tree's `compatible`, the most specific one first.
-fn compatible(root: &Path) -> Vec<String> {
-    let entries = text(&root.join("proc/device-tree/compatible")).unwrap_or_default();
-    entries.split('\0').map(str::to_owned).collect()
-}
-
-/// Returns the name of the processor, which only PCs tell.
-fn processor(root: &Path) -> Option<String> {
-    let cpus = fs::read_to_string(root.join("proc/cpuinfo")).ok()?;
-    let line = cpus.lines().find(|line| line.starts_with("model name"))?;
-    Some(line.split_once(": ")?.1.trim().to_owned())
 }
 
 /// Returns what the device tree, or else the firmware and the processor, call this machine.
@@ -85,14 +94,96 @@ fn model(root: &Path, processor: Option<&str>) -> String {
         return model;
     }
     let of_firmware = |file| text(&root.join("sys/class/dmi/id").join(file));
-    let known = |name: &String| !PLACEHOLDERS.contains(&name.as_str());
-    let named = ["sys_vendor", "product_name"].into_iter().filter_map(of_firmware).filter(known);
-    let named = named.collect::<Vec<_>>().join(" ");
-    match processor {
-        Some(processor) if named.is_empty() => processor.to_owned(),
-        Some(processor) => format!("{named}, {processor}"),
-        None if named.is_empty() => "without a name".to_owned(),
-        None => named,
+    let named = ["sys_vendor", "product_name"].into_iter().filter_map(of_firmware);
+    let named: Vec<_> = named.filter(|name| !PLACEHOLDERS.contains(&name.as_str())).collect();
+    let named = [named.join(" "), processor.unwrap_or_default().to_owned()].into_iter().filter(|name| !name.is_empty());
+    let named = named.collect::<Vec<_>>().join(", ");
+    if named.is_empty() { "without a name".to_owned() } else { named }
+}
+
+/// Returns the kernel's release and architecture, the size of its pages, and the architecture of this program, which
+/// may be 32-bit on a 64-bit kernel.
+pub fn system() -> String {
+    let names = uname();
+    let (release, machine) = (names.release().to_string_lossy(), names.machine().to_string_lossy());
+    let program = std::env::consts::ARCH;
+    format!("Linux {release} for {machine}, pages of {} bytes; program for {program}", page_size())
+}
+
+/// Returns how many processors of each kind there are.
+pub fn processors(root: &Path) -> String {
+    let cpus = fs::read_to_string(root.join("proc/cpuinfo")).unwrap_or_default();
+    let kind = |line: &str| {
+        let (key, value) = line.split_once(':')?;
+        match key.trim() {
+            "model name" if !cpus.contains("CPU part") => Some(value.trim().to_owned()),
+            "CPU part" => {
+                let known = ARM_CORES.into_iter().find(|(number, _)| *number == value.trim());
+                Some(known.map_or_else(|| format!("ARM part {}", value.trim()), |(_, name)| name.to_owned()))
+            }
+            _ => None,
+        }
+    };
+    let mut counts: Vec<(String, usize)> = Vec::new();
+    for kind in cpus.lines().filter_map(kind) {
+        match counts.iter_mut().find(|(known, _)| *known == kind) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((kind, 1)),
+        }
+    }
+    let counts: Vec<_> = counts.into_iter().map(|(kind, count)| format!("{count} x {kind}")).collect();
+    if counts.is_empty() { "unknown".to_owned() } else { counts.join(", ") }
+}
+
+/// Returns the memory that the kernel uses.
+pub fn memory_mb(root: &Path) -> Option<u64> {
+    let memory = fs::read_to_string(root.join("proc/meminfo")).ok()?;
+    let total = memory.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+    total.split_whitespace().next()?.parse::<u64>().ok().map(|kb| kb / 1024)
+}
+
+/// A Raspberry Pi's flags of low voltage and reduced clock rate, as the program `vcgencmd` prints them. Only commands that
+/// a person calls ask for them: the service starts no programs. Unlike sensors, they also tell what has been since the
+/// board was started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Flags(u32);
+
+/// What the bits from 0 and, for all the time since the start, from 16 on mean.
+const MEANINGS: [&str; 4] = ["low voltage", "clock rate capped", "throttled", "soft temperature limit"];
+const LOW_VOLTAGE: u32 = 1 << 16 | 1;
+const SLOWED_DOWN: u32 = 0b110 << 16 | 0b110;
+const SOFT_LIMIT: u32 = 1 << 19 | 1 << 3;
+
+impl Flags {
+    /// Asks the firmware. Returns `None` where there is no `vcgencmd`, or where it may not ask.
+    pub fn ask() -> Option<Self> {
+        let output = Command::new("vcgencmd").arg("get_throttled").stdin(Stdio::null()).output().ok()?;
+        Self::parse(std::str::from_utf8(&output.stdout).ok()?)
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        u32::from_str_radix(text.trim().strip_prefix("throttled=0x")?, 16).ok().map(Self)
+    }
+
+    /// What has impaired the board since its start. Low voltage reduces the clock rate, too, so a reduced clock rate means
+    /// heat only where the voltage was never low.
+    pub fn impairments(self) -> ImpairmentSet {
+        let has = |bits| self.0 & bits != 0;
+        let mut found = ImpairmentSet::default();
+        found.set(Impairment::Undervoltage, has(LOW_VOLTAGE));
+        found.set(Impairment::Hot, has(SOFT_LIMIT) || has(SLOWED_DOWN) && !has(LOW_VOLTAGE));
+        found
+    }
+}
+
+impl fmt::Display for Flags {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let named = |first: usize| {
+            let set = MEANINGS.iter().enumerate().filter(|(bit, _)| self.0 >> (first + bit) & 1 == 1);
+            let names: Vec<_> = set.map(|(_, name)| *name).collect();
+            if names.is_empty() { "nothing".to_owned() } else { names.join(", ") }
+        };
+        write!(f, "firmware flags 0x{:x}: {} now, {} since the start", self.0, named(0), named(16))
     }
 }
 
@@ -109,35 +200,16 @@ mod tests {
         Board::detect(Tree::new(&files).root())
     }
 
-    fn with_processor(name: &str) -> Board {
-        let cpus = format!("processor\t: 0\nvendor_id\t: GenuineIntel\nmodel name\t: {name}\ncpu MHz\t\t: 800.000\n");
-        let files = [("proc/cpuinfo", cpus.as_str()), ("sys/class/dmi/id/product_name", "Default string\n")];
-        Board::detect(Tree::new(&files).root())
-    }
-
     #[test]
     fn boards_are_recognised_by_the_device_trees_of_mainline_and_of_their_makers() {
         let cases = [
-            ("raspberrypi,3-model-b brcm,bcm2837", "pi3"),
             ("raspberrypi,3-model-b-plus brcm,bcm2837", "pi3"),
-            ("raspberrypi,3-model-a-plus brcm,bcm2837", "pi3"),
-            ("raspberrypi,3-compute-module brcm,bcm2837", "pi3"),
             ("raspberrypi,model-zero-2-w brcm,bcm2837", "pi-zero-2w"),
             ("raspberrypi,0-compute-module brcm,bcm2837", "pi-zero-2w"),
             ("raspberrypi,4-model-b brcm,bcm2711", "pi4"),
-            ("raspberrypi,400 brcm,bcm2711", "pi4"),
-            ("raspberrypi,4-compute-module brcm,bcm2711", "pi4"),
-            ("raspberrypi,5-model-b brcm,bcm2712", "pi5"),
             ("raspberrypi,500 brcm,bcm2712", "pi5"),
-            ("raspberrypi,5-compute-module brcm,bcm2712", "pi5"),
             ("xunlong,orangepi-5 rockchip,rk3588s", "orange-pi-5"),
-            ("xunlong,orangepi-5b rockchip,rk3588s", "orange-pi-5"),
-            ("xunlong,orangepi-5-plus rockchip,rk3588", "orange-pi-5"),
             ("rockchip,rk3588s-orangepi-5 rockchip,rk3588", "orange-pi-5"),
-            ("rockchip,rk3588-orangepi-5-plus rockchip,rk3588", "orange-pi-5"),
-            ("radxa,rock-5b rockchip,rk3588", "orange-pi-5"),
-            ("radxa,zero-3w rockchip,rk3566", "radxa-zero-3"),
-            ("radxa,zero-3e rockchip,rk3566", "radxa-zero-3"),
             ("radxa,zero3 rockchip,rk3566", "radxa-zero-3"),
             ("raspberrypi,model-zero-w brcm,bcm2835", "generic"),
             ("linux,dummy-virt", "generic"),
@@ -145,26 +217,28 @@ mod tests {
         for (compatible, name) in cases {
             assert_eq!(with_tree(compatible).name, name, "{compatible}");
         }
-    }
-
-    #[test]
-    fn intels_n_series_is_recognised_by_the_processor_because_its_boards_have_no_names() {
-        let of = |name| with_processor(name).name;
-        assert_eq!(["Intel(R) N100", "Intel(R) N95", "Intel(R) N97", "Intel(R) N150"].map(of), ["intel-n100"; 4]);
-        let others = ["Intel(R) Celeron(R) N5105 @ 2.00GHz", "Intel(R) Core(TM) i3-N305", "AMD EPYC", "Intel(R) NUC"];
-        assert_eq!(others.map(of), ["generic"; 4]);
-        assert_eq!(with_processor("Intel(R) N100").model, "Intel(R) N100");
-    }
-
-    #[test]
-    fn every_board_that_is_recognised_has_settings_and_every_other_one_is_recognised() {
-        let recognised = DEVICE_TREES.map(|(_, name)| name).into_iter().chain(["generic", "intel-n100"]);
-        let mut recognised: Vec<_> = recognised.collect();
+        let mut recognised: Vec<_> =
+            DEVICE_TREES.iter().map(|(_, name)| *name).chain(["generic", "intel-n100"]).collect();
         recognised.sort_unstable();
         recognised.dedup();
         let mut with_settings = BOARDS.map(|(name, _)| name);
         with_settings.sort_unstable();
-        assert_eq!(recognised, with_settings);
+        assert_eq!(recognised, with_settings, "every board that is recognised has settings");
+    }
+
+    #[test]
+    fn intels_n_series_is_recognised_by_the_processor_because_its_boards_have_no_names() {
+        let of = |name: &str| {
+            let cpus =
+                format!("processor\t: 0\nvendor_id\t: GenuineIntel\nmodel name\t: {name}\ncpu MHz\t\t: 800.000\n");
+            let files = [("proc/cpuinfo", cpus.as_str()), ("sys/class/dmi/id/product_name", "Default string\n")];
+            let board = Board::detect(Tree::new(&files).root());
+            assert_eq!(board.model, name);
+            board.name
+        };
+        assert_eq!(["Intel(R) N100", "Intel(R) N95", "Intel(R) N150"].map(of), ["intel-n100"; 3]);
+        let others = ["Intel(R) Celeron(R) N5105 @ 2.00GHz", "Intel(R) Core(TM) i3-N305", "AMD EPYC", "Intel(R) NUC"];
+        assert_eq!(others.map(of), ["generic"; 4]);
     }
 
     #[test]
@@ -175,5 +249,43 @@ mod tests {
         assert_eq!(board.tell("pi5"), "pi5, because the settings say so; this is pi4 (A Board Rev 1.2)");
         let nameless = Board::detect(Tree::new(&[]).root());
         assert!(nameless.tell("generic").ends_with(" (without a name)"));
+    }
+
+    #[test]
+    fn processors_are_counted_by_kind_and_serial_numbers_are_left_out() {
+        let with_cpus = |cpus: &str| processors(Tree::new(&[("proc/cpuinfo", cpus)]).root());
+        let of_64_bits = |part: &str| format!("processor\t: 0\nCPU implementer\t: 0x41\nCPU part\t: {part}\n\n");
+        let rk3588 = of_64_bits("0xd05").repeat(4) + &of_64_bits("0xd0b").repeat(4) + "Serial\t\t: 58f3a7c2b1d0e946\n";
+        assert_eq!(with_cpus(&rk3588), "4 x Cortex-A55, 4 x Cortex-A76");
+        let of_32_bits = "processor\t: 0\nmodel name\t: ARMv7 Processor rev 4 (v7l)\nCPU part\t: 0xd03\n\n";
+        assert_eq!(with_cpus(&of_32_bits.repeat(4)), "4 x Cortex-A53");
+        assert_eq!(with_cpus(&"model name\t: Intel(R) N100\n".repeat(4)), "4 x Intel(R) N100");
+        assert_eq!([with_cpus("CPU part\t: 0xd99\n"), with_cpus("")], ["1 x ARM part 0xd99", "unknown"]);
+        let tree = Tree::new(&[("proc/meminfo", "MemTotal:         426508 kB\nMemFree:          1234 kB\n")]);
+        assert_eq!((memory_mb(tree.root()), memory_mb(Tree::new(&[]).root())), (Some(416), None));
+    }
+
+    #[test]
+    fn the_flags_of_a_raspberry_pi_tell_low_voltage_from_heat_and_now_from_all_the_time() {
+        let cases = [
+            ("throttled=0x0\n", "none"),
+            ("throttled=0x50005\n", "undervoltage"),
+            ("throttled=0x50000\n", "undervoltage"),
+            ("throttled=0x20002", "hot"),
+            ("throttled=0xe0000", "hot"),
+            ("throttled=0x80008", "hot"),
+            ("throttled=0xd0008", "undervoltage,hot"),
+        ];
+        for (text, want) in cases {
+            assert_eq!(Flags::parse(text).unwrap().impairments().to_string(), want, "{text}");
+        }
+        for nonsense in
+            ["", "VCHI initialization failed\n", "error=1 error_msg=\"Command not registered\"", "throttled=x"]
+        {
+            assert_eq!(Flags::parse(nonsense), None);
+        }
+        let want = "firmware flags 0x50001: low voltage now, low voltage, throttled since the start";
+        assert_eq!(Flags(0x50001).to_string(), want);
+        assert_eq!(Flags(0).to_string(), "firmware flags 0x0: nothing now, nothing since the start");
     }
 }

@@ -8,21 +8,14 @@
 //! shows it in its temperature.
 
 mod board;
-mod files;
-mod flags;
-mod governor;
-pub mod machine;
-mod thermal;
+mod sensors;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-pub use self::board::Board;
-pub use self::files::root;
-use self::files::{number, numbered, text};
-pub use self::flags::Flags;
-use self::governor::{Clock, Policy};
-use self::thermal::{Thermometer, Throttling};
+pub use self::board::{Board, Flags, memory_mb, processors, system};
+pub use self::sensors::root;
+use self::sensors::{Clock, Policy, Thermometer, Throttling, number, numbered, text};
 use crate::config::HardwareSettings;
 use crate::impairment::{Impairment, ImpairmentSet};
 
@@ -35,7 +28,6 @@ const HOLD_US: u64 = 10_000_000;
 /// A hot processor counts as hot until it is this much below the limit.
 const HYSTERESIS_C: f32 = 5.0;
 
-/// The sensors of a board.
 #[derive(Debug)]
 pub struct Sensors {
     thermometer: Option<Thermometer>,
@@ -46,8 +38,6 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// Finds the sensors below `root`.
-    #[must_use]
     pub fn find(root: &Path, settings: &HardwareSettings) -> Self {
         let chips = numbered(&root.join("sys/class/hwmon"), "hwmon");
         let is_supply = |chip: &&PathBuf| text(&chip.join("name")).as_deref() == Some("rpi_volt");
@@ -64,8 +54,6 @@ impl Sensors {
         self.voltage_alarm.as_deref().and_then(number).map(|alarm| alarm != 0)
     }
 
-    /// Reads all sensors.
-    #[must_use]
     pub fn read(&self) -> Readings {
         let thermometer = self.thermometer.as_ref();
         Readings {
@@ -90,8 +78,6 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// The impairments that these readings show.
-    #[must_use]
     pub fn impairments(&self) -> ImpairmentSet {
         let mut found = ImpairmentSet::default();
         let is_hot = self.temperature.as_ref().is_some_and(|(_, now_c, limit_c)| now_c >= limit_c);
@@ -123,21 +109,6 @@ impl fmt::Display for Readings {
     }
 }
 
-/// Something that lasts for [`HOLD_US`] after it was seen last.
-#[derive(Debug, Default)]
-struct Lasting {
-    until_us: u64,
-}
-
-impl Lasting {
-    fn update(&mut self, is_seen: bool, now_us: u64) -> bool {
-        if is_seen {
-            self.until_us = now_us + HOLD_US;
-        }
-        now_us < self.until_us
-    }
-}
-
 /// The hardware as the service watches it: polled every [`POLL_US`], with hysteresis.
 #[derive(Debug)]
 pub struct Hardware {
@@ -147,18 +118,14 @@ pub struct Hardware {
     next_poll_us: u64,
     next_search_us: u64,
     throttle_count: i64,
-    hot: Lasting,
-    undervoltage: Lasting,
-    slow_governor: Lasting,
+    /// Until when each of [`Hardware::FINDS`] lasts.
+    until_us: [u64; 3],
     found: ImpairmentSet,
 }
 
 impl Hardware {
-    /// The impairments that it finds.
     pub const FINDS: [Impairment; 3] = [Impairment::Undervoltage, Impairment::Hot, Impairment::SlowGovernor];
 
-    /// Watches the hardware below `root`.
-    #[must_use]
     pub fn new(root: PathBuf, settings: HardwareSettings) -> Self {
         let sensors = Sensors::find(&root, &settings);
         Self {
@@ -168,14 +135,11 @@ impl Hardware {
             sensors,
             next_poll_us: 0,
             next_search_us: 0,
-            hot: Lasting::default(),
-            undervoltage: Lasting::default(),
-            slow_governor: Lasting::default(),
+            until_us: [0; 3],
             found: ImpairmentSet::default(),
         }
     }
 
-    /// Takes other settings.
     pub fn set(&mut self, settings: &HardwareSettings) {
         if self.settings != *settings {
             self.settings = settings.clone();
@@ -194,12 +158,15 @@ impl Hardware {
             self.sensors = Sensors::find(&self.root, &self.settings);
         }
         let before = self.found;
-        let is_hot = self.is_hot();
-        self.found.set(Impairment::Hot, self.hot.update(is_hot, now_us));
         let is_undervolted = self.sensors.is_undervolted() == Some(true);
-        self.found.set(Impairment::Undervoltage, self.undervoltage.update(is_undervolted, now_us));
         let is_slow = self.sensors.policies.iter().any(Policy::is_slow);
-        self.found.set(Impairment::SlowGovernor, self.slow_governor.update(is_slow, now_us));
+        let seen = [is_undervolted, self.is_hot(), is_slow];
+        for ((impairment, until_us), is_seen) in Self::FINDS.into_iter().zip(&mut self.until_us).zip(seen) {
+            if is_seen {
+                *until_us = now_us + HOLD_US;
+            }
+            self.found.set(impairment, now_us < *until_us);
+        }
         (self.found != before).then_some(self.found)
     }
 

@@ -3,7 +3,8 @@
 //! Role: takes messages to a device that may block, be missing or disappear, such as a serial port.
 //! Contract: [`Background::send`](Carrier::send) hands the message to the device's own thread through a triple buffer,
 //! where the newest message wins, so it never waits. A device that is missing or disappears is opened again, after
-//! 100 ms at first and at most 1 s later. Every message is counted as sent or dropped.
+//! 100 ms at first and at most 1 s later. A device that the link of a former configuration still has is waited for in
+//! silence. Every message is counted as sent or dropped.
 
 use std::{
     fmt::Debug,
@@ -20,14 +21,16 @@ use std::{
 
 use triple_buffer::{Input, Output as Newest, triple_buffer};
 
-use super::{Carrier, LinkError, Traffic};
+use super::{Carrier, LinkError, LinkErrorKind, Traffic};
 use crate::retry::Retry;
 
 /// Longest message, bytes. A line of JSON with all coefficients takes about 1500.
 const MESSAGE_BYTES: usize = 2048;
+/// How long a new link waits in silence for the link that it replaces to close the device.
+const HANDOVER: Duration = Duration::from_secs(2);
 /// How long a busy device is offered the last message again.
-const LAST_MESSAGE_PATIENCE: Duration = Duration::from_millis(100);
-/// Time between two attempts to write the last message.
+const LAST_MESSAGE_TIMEOUT: Duration = Duration::from_millis(100);
+/// Time between two attempts to write the last message, or to open the device during a handover.
 const RETRY_PERIOD: Duration = Duration::from_millis(2);
 /// Longest sleep. Every message ends it.
 const IDLE: Duration = Duration::from_millis(100);
@@ -35,24 +38,15 @@ const IDLE: Duration = Duration::from_millis(100);
 /// The encoded bytes of one message.
 type Message = heapless::Vec<u8, MESSAGE_BYTES>;
 
-/// A device with a thread of its own, on which it may block, allocate and log.
+/// A device with a thread of its own, on which it may block, allocate and log. After an error of a method the device is
+/// closed and opened again.
 pub trait Device: Debug + Send + 'static {
-    /// Opens the device. Returns whether it is open; if not, the thread tries again later and logs nothing.
-    ///
-    /// # Errors
-    /// Says what is missing. The log gets each reason once.
-    fn open(&mut self, shared: &Shared) -> Result<bool, LinkError>;
+    fn open(&mut self) -> Result<(), LinkError>;
 
     /// Writes the message. Returns whether the device took it.
-    ///
-    /// # Errors
-    /// Says why the device must be opened again.
     fn write(&mut self, message: &[u8]) -> Result<bool, LinkError>;
 
     /// Looks after the open device. Called after each message, and at least every 100 ms.
-    ///
-    /// # Errors
-    /// Says why the device must be opened again.
     fn attend(&mut self) -> Result<(), LinkError> {
         Ok(())
     }
@@ -63,25 +57,17 @@ pub trait Device: Debug + Send + 'static {
 
 /// State that the carrier and its thread share.
 #[derive(Debug, Default)]
-pub struct Shared {
+struct Shared {
     stop: AtomicBool,
     open: AtomicBool,
     /// Whether the receiver is known. One that was found once is known even while it is away.
     has_receiver: AtomicBool,
-    /// Whether a message was handed over since the device last took one.
-    waits: AtomicBool,
     traffic: Arc<Traffic>,
 }
 
 impl Shared {
-    /// Whether the thread is to end.
-    pub fn stopping(&self) -> bool {
+    fn stopping(&self) -> bool {
         self.stop.load(Acquire)
-    }
-
-    /// Notes that the receiver is known.
-    pub fn note_receiver(&self) {
-        self.has_receiver.store(true, Relaxed);
     }
 
     fn drop_one(&self) {
@@ -99,9 +85,6 @@ pub struct Background {
 
 impl Background {
     /// Starts the thread. The device may appear later. Until the receiver is found, nothing is sent or counted.
-    ///
-    /// # Errors
-    /// Returns an error if the system refuses a thread. `link` names the link in it.
     pub fn start(
         link: String,
         name: &str,
@@ -114,7 +97,7 @@ impl Background {
         let work =
             Work { device, newest: output, is_refused: false, shared: Arc::clone(&shared), retry: Retry::default() };
         let thread = Builder::new().name(name.to_owned()).spawn(move || work.run());
-        let thread = thread.map_err(|error| LinkError::Thread { link, error })?;
+        let thread = thread.map_err(|error| LinkError::no_thread(link, error))?;
         Ok(Self { newest, shared, thread })
     }
 }
@@ -124,7 +107,6 @@ impl Carrier for Background {
     fn send(&mut self, message: &[u8]) {
         let buffer = self.newest.input_buffer_mut();
         buffer.clear();
-        self.shared.waits.store(true, Relaxed);
         if buffer.extend_from_slice(message).is_err() || self.newest.publish() {
             self.shared.drop_one();
         }
@@ -136,10 +118,6 @@ impl Carrier for Background {
 
     fn is_open(&self) -> bool {
         self.shared.open.load(Relaxed)
-    }
-
-    fn took_last(&self) -> bool {
-        !self.shared.waits.load(Relaxed)
     }
 
     fn has_receiver(&self) -> bool {
@@ -178,15 +156,21 @@ impl<D: Device> Work<D> {
     /// Writes messages until it is told to stop. This thread also logs what happens to the device, because no message
     /// waits for it.
     fn run(mut self) {
+        let handover_end = Instant::now() + HANDOVER;
         while !self.shared.stopping() {
             let ended = self.session();
             self.shared.open.store(false, Relaxed);
             self.device.close();
-            if let Err(error) = ended {
-                self.tell(&error);
+            match ended {
+                Err(error) if error.kind == LinkErrorKind::Claimed && Instant::now() < handover_end => {
+                    self.pause(RETRY_PERIOD);
+                }
+                ended => {
+                    ended.err().iter().for_each(|error| self.log(error));
+                    let wait = self.retry.wait();
+                    self.pause(wait);
+                }
             }
-            let wait = self.retry.wait();
-            self.pause(wait);
         }
         // A message that came while there was no device is dropped.
         if self.newest.update() {
@@ -196,8 +180,8 @@ impl<D: Device> Work<D> {
 
     /// Logs why the device is not open, once for each reason. A receiver that is not there yet is no fault, and is
     /// logged as information.
-    fn tell(&mut self, error: &LinkError) {
-        if !error.is_patient() {
+    fn log(&mut self, error: &LinkError) {
+        if error.kind != LinkErrorKind::Waiting {
             self.retry.warn(error);
         } else if self.retry.logged.is_new(&error.to_string()) {
             tracing::info!("{error}");
@@ -206,9 +190,11 @@ impl<D: Device> Work<D> {
 
     /// Runs from opening the device to the first error, or to the end.
     fn session(&mut self) -> Result<(), LinkError> {
-        if !self.device.open(&self.shared)? {
-            return Ok(());
+        let opened = self.device.open();
+        if !opened.as_ref().is_err_and(|error| error.kind == LinkErrorKind::Waiting) {
+            self.shared.has_receiver.store(true, Relaxed);
         }
+        opened?;
         self.shared.open.store(true, Relaxed);
         loop {
             // Read before the message, so that a message given before the end is still written.
@@ -227,7 +213,7 @@ impl<D: Device> Work<D> {
     /// Offers the device the last message again if it was too busy for it, because no newer message will come. The
     /// message has already been counted.
     fn write_last_again(&mut self) -> Result<(), LinkError> {
-        let end = Instant::now() + LAST_MESSAGE_PATIENCE;
+        let end = Instant::now() + LAST_MESSAGE_TIMEOUT;
         while self.is_refused && Instant::now() < end {
             thread::sleep(RETRY_PERIOD);
             self.is_refused = !self.device.write(self.newest.peek_output_buffer())?;
@@ -240,7 +226,6 @@ impl<D: Device> Work<D> {
         self.is_refused = matches!(took, Ok(false));
         if matches!(took, Ok(true)) {
             self.retry = Retry::default();
-            self.shared.waits.store(false, Relaxed);
             Traffic::count(&self.shared.traffic.sent);
         } else {
             self.shared.drop_one();
@@ -258,87 +243,91 @@ impl<D: Device> Work<D> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
-    use std::{mem, sync::mpsc};
+    use std::sync::mpsc;
 
     use super::*;
 
-    /// A device that reports each message to the test, and blocks until the test lets it go on, like a bus that hangs.
+    /// A device that reports each message to the test, and takes it once the test tells whether it does.
     #[derive(Debug)]
-    struct Hanging {
+    struct Scripted {
         given: mpsc::Sender<Vec<u8>>,
-        go_on: mpsc::Receiver<()>,
+        takes: mpsc::Receiver<bool>,
+        /// How many times another link has the device.
+        claimed: u32,
     }
 
-    impl Device for Hanging {
-        fn open(&mut self, _shared: &Shared) -> Result<bool, LinkError> {
-            Ok(true)
+    impl Device for Scripted {
+        fn open(&mut self) -> Result<(), LinkError> {
+            if self.claimed == 0 {
+                return Ok(());
+            }
+            self.claimed -= 1;
+            Err(LinkError::new(LinkErrorKind::Claimed, "test", "claimed"))
         }
 
         fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
             let _ = self.given.send(message.to_vec());
-            Ok(self.go_on.recv().is_ok())
+            Ok(self.takes.recv().unwrap_or(true))
         }
 
         fn close(&mut self) {}
     }
 
-    /// A device that is busy once, and then reports each message to the test.
-    #[derive(Debug)]
-    struct Busy {
-        is_busy: bool,
-        given: mpsc::Sender<Vec<u8>>,
+    struct Test {
+        carrier: Background,
+        given: mpsc::Receiver<Vec<u8>>,
+        takes: mpsc::Sender<bool>,
+        traffic: Arc<Traffic>,
     }
 
-    impl Device for Busy {
-        fn open(&mut self, _shared: &Shared) -> Result<bool, LinkError> {
-            Ok(true)
+    impl Test {
+        /// Starts a carrier and waits until its device is open.
+        fn start(claimed: u32) -> Self {
+            let ((given, written), (takes, answers)) = (mpsc::channel(), mpsc::channel());
+            let (traffic, device) = (Arc::<Traffic>::default(), Scripted { given, takes: answers, claimed });
+            let carrier = Background::start("test".to_owned(), "fw-test", device, true, Arc::clone(&traffic)).unwrap();
+            while !carrier.is_open() {
+                thread::yield_now();
+            }
+            Self { carrier, given: written, takes, traffic }
         }
 
-        fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
-            Ok(!mem::take(&mut self.is_busy) && self.given.send(message.to_vec()).is_ok())
+        fn counts(&self) -> (u64, u64) {
+            (self.traffic.sent.load(Relaxed), self.traffic.dropped.load(Relaxed))
         }
-
-        fn close(&mut self) {}
     }
 
     #[test]
     fn a_carrier_that_is_dropped_writes_its_last_message_even_if_the_device_is_busy() {
-        let ((given, written), traffic) = (mpsc::channel(), Arc::<Traffic>::default());
-        let device = Busy { is_busy: true, given };
-        let mut carrier = Background::start("test".to_owned(), "fw-test", device, true, Arc::clone(&traffic)).unwrap();
-        while !carrier.is_open() {
-            thread::yield_now();
-        }
-        carrier.send(&[7]);
-        drop(carrier);
-        assert_eq!(written.iter().collect::<Vec<_>>(), [[7]]);
-        let [sent, dropped] = [&traffic.sent, &traffic.dropped].map(|counter| counter.load(Relaxed));
-        assert_eq!((sent, dropped), (0, 1), "each message is counted once");
+        let mut test = Test::start(0);
+        test.carrier.send(&[7]);
+        [false, true].into_iter().for_each(|takes| test.takes.send(takes).unwrap());
+        assert_eq!(test.given.recv().unwrap(), [7]);
+        test.carrier.stop();
+        assert_eq!(test.given.iter().collect::<Vec<_>>(), [[7]]);
+        assert_eq!(test.counts(), (0, 1), "each message is counted once");
     }
 
     #[test]
     fn a_device_that_hangs_delays_no_sender_and_then_gets_the_newest_message() {
-        let ((given, written), (release, go_on)) = (mpsc::channel(), mpsc::channel());
-        let traffic = Arc::<Traffic>::default();
-        let device = Hanging { given, go_on };
-        let mut carrier = Background::start("test".to_owned(), "fw-test", device, true, Arc::clone(&traffic)).unwrap();
-        assert!(carrier.took_last());
-        carrier.send(&[0]);
-        assert_eq!(written.recv().unwrap(), [0]);
+        let mut test = Test::start(0);
+        test.carrier.send(&[0]);
+        assert_eq!(test.given.recv().unwrap(), [0]);
         // The thread hangs. If a sender waited for it, this would not end.
-        (1..=100).for_each(|number| carrier.send(&[number]));
-        assert!(!carrier.took_last());
-        assert_eq!(traffic.dropped.load(Relaxed), 99);
-        carrier.stop();
-        assert!(!carrier.has_ended());
-        (0..2).for_each(|_| release.send(()).unwrap());
-        assert_eq!(written.recv().unwrap(), [100]);
-        while !carrier.has_ended() {
-            thread::yield_now();
-        }
-        assert_eq!(traffic.sent.load(Relaxed), 2);
-        assert!(carrier.took_last());
+        (1..=100).for_each(|number| test.carrier.send(&[number]));
+        assert_eq!(test.counts(), (0, 99));
+        test.carrier.stop();
+        assert!(!test.carrier.has_ended());
+        (0..2).for_each(|_| test.takes.send(true).unwrap());
+        assert_eq!(test.given.iter().collect::<Vec<_>>(), [[100]]);
+        assert_eq!(test.counts(), (2, 99));
+    }
+
+    #[test]
+    fn a_device_that_the_replaced_link_still_has_is_opened_as_soon_as_it_is_free() {
+        let begun = Instant::now();
+        Test::start(20);
+        assert!(begun.elapsed() < HANDOVER, "a back-off would take 20 s: {:?}", begun.elapsed());
     }
 }

@@ -12,8 +12,11 @@ use std::io::Write as _;
 
 use facewire_packet::BLENDSHAPES;
 
-pub use self::subscribers::{Subscribers, Version, request};
-use super::{Format, Output, gaze::Gaze, head::Angles};
+pub use self::subscribers::{Subscribers, request};
+use super::{
+    Format, Output,
+    angles::{Angles, Gaze},
+};
 
 /// Room for one datagram.
 const LONGEST: usize = 2048;
@@ -71,67 +74,52 @@ fn short(name: &str) -> String {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::indexing_slicing)]
 mod tests {
-    use facewire_packet::State;
-
     use super::*;
-    use crate::link::gaze::set;
-    use crate::link::head::poses;
-    use crate::link::output::test_output;
+    use crate::link::testing::{DOWN, LEFT, TILTED, encoded, face, near, turned};
 
     fn text(output: &Output) -> String {
-        let mut text = String::new();
-        IFacialMocap::new().encode(output, 0, &mut |bytes| text.push_str(std::str::from_utf8(bytes).unwrap()));
-        text
+        String::from_utf8(encoded(&mut IFacialMocap::new(), output).remove(0)).unwrap()
     }
 
     /// Returns the numbers after `NAME#`.
-    fn numbers(text: &str, name: &str) -> Vec<f32> {
-        let rest = text.split_once(&format!("{name}#")).unwrap().1;
+    fn numbers(output: &Output, name: &str) -> Vec<f32> {
+        let text = text(output);
+        let (_, rest) = text.split_once(&format!("{name}#")).unwrap();
         rest.split_once('|').unwrap().0.split(',').map(|number| number.parse().unwrap()).collect()
     }
 
     #[test]
     fn a_frame_names_every_blendshape_as_the_app_does_and_ends_with_the_eyes() {
-        let mut output = test_output(State::Live);
-        set(&mut output.pose.coefficients, &[("mouthSmileRight", 0.126), ("jawLeft", 1.0), ("browInnerUp", 0.5)]);
-        let text = text(&output);
-        for part in
-            ["mouthSmile_R&13|", "jawLeft&100|", "browInnerUp&50|", "eyeBlink_L&0|", "mouthRight&0|", "tongueOut&0|"]
-        {
+        let text = text(&face(&[("mouthSmileRight", 0.126), ("jawLeft", 1.0), ("browInnerUp", 0.5)]));
+        for part in ["mouthSmile_R&13|", "jawLeft&100|", "browInnerUp&50|", "eyeBlink_L&0|", "mouthRight&0|"] {
             assert!(text.contains(part), "{part} in {text}");
         }
         assert_eq!(text.matches('&').count(), 52);
         let end = "=head#0.000,0.000,0.000,0.0000,0.0000,0.0000|rightEye#0.000,0.000,0.000|leftEye#0.000,0.000,0.000|";
         assert!(text.ends_with(end), "{text}");
-        assert!(text.len() < 1400, "{}", text.len());
     }
 
     #[test]
     fn head_and_eyes_turn_about_the_axes_of_arkit() {
-        let mut output = test_output(State::Live);
-        output.pose.position_mm = [100.0, 50.0, 600.0];
-        let mut head = |rotation| {
-            output.pose.rotation = rotation;
-            numbers(&text(&output), "head").iter().map(|number| (100.0 * number).round() / 100.0).collect::<Vec<_>>()
-        };
-        assert_eq!(head(poses::LEFT), [0.0, 30.0, 0.0, 0.1, -0.05, -0.6]);
-        assert_eq!(head(poses::DOWN)[..3], [20.0, 0.0, 0.0]);
-        assert_eq!(head(poses::TILTED)[..3], [0.0, 0.0, 10.0]);
-        set(&mut output.pose.coefficients, &[("eyeLookInRight", 1.0), ("eyeLookDownLeft", 1.0)]);
-        let text = text(&output);
-        assert_eq!(
-            (numbers(&text, "rightEye"), numbers(&text, "leftEye")),
-            (vec![0.0, 35.0, 0.0], vec![35.0, 0.0, 0.0])
-        );
+        let mut left = turned(LEFT);
+        left.pose.position_mm = [100.0, 50.0, 600.0];
+        let look = face(&[("eyeLookInRight", 1.0), ("eyeLookDownLeft", 1.0)]);
+        for (output, name, want) in [
+            (&left, "head", &[0.0, 30.0, 0.0, 0.1, -0.05, -0.6][..]),
+            (&turned(DOWN), "head", &[20.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            (&turned(TILTED), "head", &[0.0, 0.0, 10.0, 0.0, 0.0, 0.0]),
+            (&look, "rightEye", &[0.0, 35.0, 0.0]),
+            (&look, "leftEye", &[35.0, 0.0, 0.0]),
+        ] {
+            assert!(near(&numbers(output, name), want), "{:?} {want:?}", numbers(output, name));
+        }
     }
 
     #[test]
-    fn nothing_is_longer_than_the_room_for_it() {
-        let mut output = test_output(State::Live);
-        output.pose.coefficients = [1.0; 52];
-        output.pose.position_mm = [-30_000.0; 3];
-        assert!(text(&output).len() < LONGEST);
+    fn the_longest_frame_fits() {
+        let mut output = face(&[]);
+        (output.pose.coefficients, output.pose.position_mm) = ([1.0; 52], [-30_000.0; 3]);
+        assert!(text(&output).len() < 1400, "no network divides it");
     }
 }

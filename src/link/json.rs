@@ -3,8 +3,11 @@
 use facewire_packet::BLENDSHAPES;
 use serde::{Serialize, Serializer};
 
-use super::{Format, Output, gaze::Gaze, head::Angles};
-use crate::solve::HeadPose;
+use super::{
+    Format, Output,
+    angles::{Angles, Gaze},
+};
+use facewire_face::HeadPose;
 
 /// Room for one line.
 const LONGEST: usize = 2048;
@@ -72,9 +75,9 @@ struct Eye {
 impl<'a> Line<'a> {
     fn new(output: &'a Output, gaze: &Gaze, sequence: u32) -> Self {
         let Output { state, reason, pose, age_us, capture_us, .. } = output;
-        let HeadPose { rotation_xyzw, yaw_deg, pitch_deg, roll_deg, position_mm } =
-            HeadPose::from_rotation(pose.rotation, pose.position_mm);
-        let [yaw_deg, pitch_deg, roll_deg] = [yaw_deg, pitch_deg, roll_deg].map(|angle| rounded(angle, 1e2));
+        let head = HeadPose::from_rotation(pose.rotation, pose.position_mm);
+        let [yaw_deg, pitch_deg, roll_deg] = head.yaw_pitch_roll_deg().map(|angle| rounded(angle, 1e2));
+        let HeadPose { rotation_xyzw, position_mm } = head;
         let rotation_xyzw = rotation_xyzw.map(|part| rounded(part, 1e5));
         let position_mm = position_mm.map(|mm| rounded(mm, 1e1));
         Self {
@@ -114,53 +117,46 @@ fn rounded(number: f32, parts: f64) -> f64 {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::indexing_slicing)]
 mod tests {
     use facewire_packet::State;
     use serde_json::{Value, json};
 
     use super::*;
-    use crate::link::gaze::set;
-    use crate::link::head::poses;
     use crate::link::output::test_output;
+    use crate::link::testing::{LEFT, encoded, face};
 
-    fn line(output: &Output) -> String {
-        let mut text = String::new();
-        JsonLines::new().encode(output, 7, &mut |bytes| text.push_str(std::str::from_utf8(bytes).unwrap()));
-        assert!(text.ends_with("}\n") && text.matches('\n').count() == 1, "{text}");
-        text
+    fn line(output: &Output) -> Vec<u8> {
+        let line = encoded(&mut JsonLines::new(), output).remove(0);
+        assert!(line.ends_with(b"}\n") && line.iter().filter(|byte| **byte == b'\n').count() == 1);
+        line
     }
 
     #[test]
     fn a_line_names_everything() {
-        let mut output = test_output(State::Hold);
-        (output.age_us, output.capture_us) = (23_400, 5_000_000);
-        (output.pose.rotation, output.pose.position_mm) = (poses::LEFT, [10.04, -20.0, 600.0]);
-        set(&mut output.pose.coefficients, &[("jawOpen", 0.123_456), ("eyeLookUpLeft", 1.0)]);
-        let value: Value = serde_json::from_str(&line(&output)).unwrap();
-        assert_eq!(
-            (&value["sequence"], &value["state"], &value["reason"]),
-            (&json!(7), &json!("hold"), &json!("no face"))
-        );
-        assert_eq!((&value["age_ms"], &value["capture_us"]), (&json!(23.4), &json!(5_000_000)));
-        assert_eq!(value["neutral_face"], "mean");
+        let look = face(&[("jawOpen", 0.123_456), ("eyeLookUpLeft", 1.0)]);
+        let mut output = Output { pose: look.pose, age_us: 23_400, capture_us: 5_000_000, ..test_output(State::Hold) };
+        (output.pose.rotation, output.pose.position_mm) = (LEFT, [10.04, -20.0, 600.0]);
+        let mut value: Value = serde_json::from_slice(&line(&output)).unwrap();
+        let coefficients = value["coefficients"].take();
+        assert_eq!((coefficients.as_object().unwrap().len(), &coefficients["jawOpen"]), (52, &json!(0.1235)));
         let head = json!({
             "yaw_deg": 30.0, "pitch_deg": 0.0, "roll_deg": 0.0,
             "rotation_xyzw": [0.0, 0.25882, 0.0, 0.96593], "position_mm": [10.0, -20.0, 600.0],
         });
-        assert_eq!(value["head"], head);
         let gaze = json!({
             "left": { "yaw_deg": 0.0, "pitch_deg": 35.0 }, "right": { "yaw_deg": 0.0, "pitch_deg": 0.0 },
         });
-        assert_eq!(value["gaze"], gaze);
-        assert_eq!(value["coefficients"].as_object().unwrap().len(), 52);
-        assert_eq!(value["coefficients"]["jawOpen"], json!(0.1235));
+        let want = json!({
+            "sequence": 7, "state": "hold", "reason": "no face", "neutral_face": "mean", "age_ms": 23.4,
+            "capture_us": 5_000_000, "head": head, "gaze": gaze, "coefficients": null,
+        });
+        assert_eq!(value, want);
     }
 
     #[test]
     fn the_age_is_null_before_the_first_pose() {
-        let output = Output { age_us: u64::MAX, ..test_output(State::Neutral) };
-        assert!(line(&output).contains("\"age_ms\":null,"));
+        let line = line(&Output { age_us: u64::MAX, ..test_output(State::Neutral) });
+        assert_eq!(serde_json::from_slice::<Value>(&line).unwrap()["age_ms"], Value::Null);
     }
 
     #[test]
@@ -169,6 +165,6 @@ mod tests {
         (output.age_us, output.capture_us) = (u64::MAX - 1, u64::MAX);
         output.pose.coefficients = [0.123_456; 52];
         (output.pose.rotation, output.pose.position_mm) = ([-0.5, -0.5, -0.5, 0.5], [-30_000.12; 3]);
-        assert!(line(&output).len() < LONGEST, "{}", line(&output).len());
+        assert!(line(&output).len() < LONGEST);
     }
 }

@@ -6,7 +6,10 @@
 
 use facewire_packet::State;
 
-use super::{Format, Output, gaze::Gaze, head::Angles};
+use super::{
+    Format, Output,
+    angles::{Angles, Gaze},
+};
 use crate::config::LiveLinkSettings;
 
 const VERSION: u8 = 6;
@@ -16,9 +19,23 @@ const FRAMES_PER_S: i32 = 60;
 const VALUES: u8 = 61;
 /// Bytes of a datagram without those of the two names.
 const FIXED_BYTES: usize = 270;
+/// Bytes of a datagram that every receiver reads: some accept no other length.
+const USUAL_BYTES: usize = 312;
+/// The place of `mouthLeft` among the coefficients; `mouthRight` follows it.
+const MOUTH_LEFT: usize = 21;
 /// How many neutral faces a receiver gets before it is told that there is no face. It keeps the last values that it got,
 /// and a datagram may be lost.
 const NEUTRAL_FACES: u8 = 3;
+
+/// Returns what `facewire check` says about names with which some receivers do not read the datagrams.
+pub fn note(settings: &LiveLinkSettings) -> Option<String> {
+    let bytes = FIXED_BYTES + settings.device_id.len() + settings.subject.len();
+    let sentence = format!(
+        "the datagrams have {bytes} bytes; a receiver that reads only {USUAL_BYTES}, as a module of VRCFaceTracking may, \
+         needs a subject of 6 characters"
+    );
+    (bytes != USUAL_BYTES).then_some(sentence)
+}
 
 /// Datagrams of one subject.
 #[derive(Debug)]
@@ -62,7 +79,7 @@ impl LiveLink {
         self.bytes.push(VALUES);
         let mut coefficients = output.pose.coefficients;
         if self.swap_mouth {
-            swap_mouth(&mut coefficients);
+            coefficients.swap(MOUTH_LEFT, MOUTH_LEFT + 1);
         }
         self.gaze.follow(&coefficients);
         let angles = [Angles::of(output.pose.rotation), self.gaze.left, self.gaze.right].map(Angles::reversed);
@@ -91,84 +108,75 @@ fn frame_time(output: &Output) -> (i32, f32) {
     (i32::try_from(whole).unwrap_or(0), (frames % 1_000_000) as f32 / 1e6)
 }
 
-/// Exchanges `mouthLeft` and `mouthRight`.
-fn swap_mouth(coefficients: &mut [f32]) {
-    if let Some([left, right]) = coefficients.get_mut(21..23) {
-        std::mem::swap(left, right);
-    }
-}
-
 #[cfg(test)]
-#[allow(clippy::indexing_slicing, clippy::unwrap_used, clippy::float_cmp)]
 mod tests {
     use super::*;
-    use crate::link::gaze::set;
-    use crate::link::head::poses;
+    use crate::config::{LinkKind, parse};
     use crate::link::output::test_output;
+    use crate::link::testing::{DOWN, LEFT, TILTED, encoded, face, turned};
 
     /// The documented beginning of a datagram: the version, and the names of device and subject after their lengths.
     const NAMES: &[u8] = b"\x06\0\0\0\x24facewire-0000-0000-0000-000000000000\0\0\0\x04face";
     /// Frame 1002 (16.7 s), sub-frame 0, 60/1 frames a second, 61 values.
     const TIME: &[u8] = b"\0\0\x03\xea\0\0\0\0\0\0\0\x3c\0\0\0\x01\x3d";
 
-    fn settings(swap_mouth: bool) -> LiveLinkSettings {
-        let read = |text: &str| crate::config::parse("test", text).unwrap().links[0].kind.clone();
-        let text = format!("[[link]]\nkind = \"live-link\"\nsubject = \"face\"\nswap_mouth = {swap_mouth}\n");
-        let crate::config::LinkKind::LiveLink(settings) = read(&text) else { unreachable!() };
-        settings
+    fn open(keys: &str) -> LiveLink {
+        let settings = parse("test", &format!("[[link]]\nkind = \"live-link\"\nsubject = \"face\"\n{keys}")).unwrap();
+        let LinkKind::LiveLink(settings) = &settings.links[0].kind else { unreachable!() };
+        LiveLink::new(settings)
     }
 
-    fn encoded(format: &mut LiveLink, output: &Output) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        format.encode(output, 0, &mut |message| bytes.extend_from_slice(message));
-        bytes
-    }
-
-    fn values(bytes: &[u8]) -> Vec<f32> {
+    fn values(format: &mut LiveLink, output: &Output) -> Vec<f32> {
+        let bytes = encoded(format, output).concat();
         bytes[bytes.len() - 244..].as_chunks().0.iter().map(|value| f32::from_be_bytes(*value)).collect()
     }
 
     #[test]
     fn a_datagram_has_the_documented_bytes() {
-        let mut output = test_output(State::Live);
+        let mut output = face(&[("eyeBlinkLeft", 0.5), ("tongueOut", 1.0)]);
         (output.capture_us, output.age_us) = (16_600_000, 100_000);
-        set(&mut output.pose.coefficients, &[("eyeBlinkLeft", 0.5), ("tongueOut", 1.0)]);
-        let bytes = encoded(&mut LiveLink::new(&settings(false)), &output);
+        let bytes = encoded(&mut open(""), &output).concat();
         assert_eq!((bytes.len(), &bytes[..66]), (310, &[NAMES, TIME].concat()[..]));
-        let values = values(&bytes);
+        let values = values(&mut open(""), &output);
         assert_eq!((values[0], values[17], values[51], values[52..].to_vec()), (0.5, 0.0, 1.0, vec![0.0; 9]));
     }
 
     #[test]
+    fn the_default_names_make_datagrams_of_312_bytes_and_check_tells_of_others() {
+        let bytes = encoded(&mut LiveLink::new(&LiveLinkSettings::default()), &face(&[])).concat();
+        assert_eq!((bytes.len(), note(&LiveLinkSettings::default())), (312, None));
+        let settings = parse("test", "[[link]]\nkind = \"live-link\"\nsubject = \"facewire\"\n").unwrap();
+        let notes = crate::link::notes(&settings).concat();
+        assert!(notes.contains("the datagrams have 314 bytes") && notes.contains("6 characters"), "{notes}");
+    }
+
+    #[test]
     fn head_and_eyes_turn_positive_to_the_right_down_and_to_the_left_shoulder() {
-        let mut format = LiveLink::new(&settings(false));
-        let mut angles = |rotation, look: &[(&str, f32)]| {
-            let mut output = test_output(State::Live);
-            output.pose.rotation = rotation;
-            set(&mut output.pose.coefficients, look);
-            let values = values(&encoded(&mut format, &output));
+        let angles = |output: &Output| {
+            let values = values(&mut open(""), output);
             values[52..].iter().map(|angle| angle.to_degrees().round()).collect::<Vec<_>>()
         };
-        let left = [("eyeLookOutLeft", 1.0), ("eyeLookInRight", 1.0)];
-        assert_eq!(angles(poses::LEFT, &left), [-30.0, 0.0, 0.0, -35.0, 0.0, 0.0, -35.0, 0.0, 0.0]);
-        let down = [("eyeLookDownLeft", 1.0), ("eyeLookDownRight", 1.0)];
-        assert_eq!(angles(poses::DOWN, &down), [0.0, 20.0, 0.0, 0.0, 35.0, 0.0, 0.0, 35.0, 0.0]);
-        assert_eq!(angles(poses::TILTED, &[])[..3], [0.0, 0.0, -10.0]);
+        assert_eq!(angles(&turned(LEFT)), [-30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(angles(&turned(DOWN))[..3], [0.0, 20.0, 0.0]);
+        assert_eq!(angles(&turned(TILTED))[..3], [0.0, 0.0, -10.0]);
+        let left = face(&[("eyeLookOutLeft", 1.0), ("eyeLookInRight", 1.0)]);
+        assert_eq!(angles(&left)[3..], [-35.0, 0.0, 0.0, -35.0, 0.0, 0.0]);
+        let down = face(&[("eyeLookDownLeft", 1.0), ("eyeLookDownRight", 1.0)]);
+        assert_eq!(angles(&down)[3..], [0.0, 35.0, 0.0, 0.0, 35.0, 0.0]);
     }
 
     #[test]
     fn without_a_face_the_datagram_ends_after_the_name_once_neutral_faces_were_sent() {
-        let mut format = LiveLink::new(&settings(false));
+        let mut format = open("");
         let states = [State::Live, State::Decay].into_iter().chain([State::Neutral; 5]).chain([State::Live]);
-        let lengths: Vec<_> = states.map(|state| encoded(&mut format, &test_output(state)).len()).collect();
-        assert_eq!(lengths, [310, 310, 310, 310, 310, 49, 49, 310]);
+        let lengths = states.map(|state| encoded(&mut format, &test_output(state)).concat().len());
+        assert_eq!(lengths.collect::<Vec<_>>(), [310, 310, 310, 310, 310, NAMES.len(), NAMES.len(), 310]);
     }
 
     #[test]
     fn the_sides_of_the_mouth_can_be_exchanged() {
-        let mut output = test_output(State::Live);
-        set(&mut output.pose.coefficients, &[("mouthLeft", 0.25), ("mouthRight", 0.5)]);
-        let mouth = |swap| values(&encoded(&mut LiveLink::new(&settings(swap)), &output))[21..23].to_vec();
-        assert_eq!((mouth(false), mouth(true)), (vec![0.25, 0.5], vec![0.5, 0.25]));
+        let output = face(&[("mouthLeft", 0.25), ("mouthRight", 0.5)]);
+        let mouth = |keys| values(&mut open(keys), &output)[21..23].to_vec();
+        assert_eq!([mouth(""), mouth("swap_mouth = true\n")], [[0.25, 0.5], [0.5, 0.25]]);
     }
 }

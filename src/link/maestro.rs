@@ -1,4 +1,4 @@
-//! Pololu's Maestro: servos by serial commands.
+//! Pololu's Maestro: servos by serial commands, by its user's guide (<https://www.pololu.com/docs/0J40>, section 5).
 //!
 //! Role: each output becomes one message that sets the targets of all channels. The Maestro itself keeps the limits of speed
 //! and acceleration.
@@ -7,26 +7,130 @@
 //! Limits: a Maestro does not limit the speed of the first pulse after none, because it does not know where the servo is.
 //! Its units of speed hold for its default period of 20 ms.
 
-mod command;
+use std::time::Instant;
 
-pub use command::{ACCELERATION_UNIT_US_PER_S2, Code, Protocol, SPEED_UNIT_US_PER_S, data, errors, speed, target};
-
-use std::ops::Range;
-
-use super::clock::Clock;
 use super::{Format, Inquiry, Output};
-use crate::config::MaestroSettings;
-use crate::servo::{Channel, values};
+use crate::config::{MaestroProtocol, MaestroSettings};
+use crate::servo::{Channel, ChannelInput};
 
 /// Longest command for one channel: 0xAA, device, command, channel, two bytes, CRC.
 pub const COMMAND_BYTES: usize = 7;
 /// Length of the answer to [`Code::GetErrors`].
 pub const ANSWER_BYTES: usize = 2;
+/// Begins a command of the Pololu protocol. A Maestro that detects its baud rate does so by this byte.
+const POLOLU: u8 = 0xAA;
+/// x^7 + x^3 + 1, the least significant bit first.
+const CRC_POLYNOMIAL: u8 = 0b1001_0001;
+/// Highest limits: 14 bits of speed, 8 of acceleration.
+const MOST_SPEED: f32 = 16_383.0;
+const MOST_ACCELERATION: f32 = 255.0;
+/// A speed of 1 in units of the Maestro: 0.25 µs per 10 ms.
+pub const SPEED_UNIT_US_PER_S: f32 = 25.0;
+/// An acceleration of 1 in units of the Maestro: 0.25 µs per 10 ms per 80 ms.
+pub const ACCELERATION_UNIT_US_PER_S2: f32 = 312.5;
 
 /// The message about a Maestro that does not answer.
 pub const SILENCE: &str = "the Maestro does not answer: set its serial mode to \"USB Dual Port\" in the Maestro Control Center, \
     give its command port, whose stable path ends with -if00, and check that link.crc equals \"Enable CRC\"; set \
     link.read_errors = false if no wire leads back from it";
+
+/// What each bit of the error register means, and what to do.
+const ERRORS: [&str; 9] = [
+    "a byte on its serial line had no stop bit: check the baud rate, the wires and the common ground",
+    "its serial line was too fast for it: give a lower baud rate",
+    "its buffer for serial bytes was full: give a lower rate_hz",
+    "a command had a wrong checksum: give link.crc the same value as \"Enable CRC\" in its serial settings",
+    "it received a command that it does not know: check that nothing else writes to it, that link.crc equals \"Enable CRC\" \
+     in its serial settings, and that link.multiple_targets is false if it is a Micro Maestro",
+    "its serial timeout ran out: raise it in its serial settings, or link.rate_hz",
+    "the stack of its script overflowed: correct or remove the script",
+    "the call stack of its script overflowed: correct or remove the script",
+    "its script ran beyond its end: correct or remove the script",
+];
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Code {
+    SetTarget = 0x84,
+    SetSpeed = 0x87,
+    SetAcceleration = 0x89,
+    /// Sets the pulses of neighbouring channels. The Micro Maestro does not know it.
+    SetMultipleTargets = 0x9F,
+    /// Returns the errors since the last time, two bytes, and clears them.
+    GetErrors = 0xA1,
+}
+
+/// How commands are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Protocol {
+    /// The number of the device, for the Pololu protocol; `None` for the compact one.
+    device_number: Option<u8>,
+    /// Whether each command ends with its CRC.
+    crc: bool,
+}
+
+impl Protocol {
+    /// The protocol of a link with these settings.
+    pub fn new(settings: &MaestroSettings) -> Self {
+        match settings.protocol {
+            MaestroProtocol::Pololu => Self::pololu(settings),
+            MaestroProtocol::Compact => Self { device_number: None, crc: settings.crc },
+        }
+    }
+
+    /// The Pololu protocol to this device, whatever the protocol of its link is.
+    pub fn pololu(settings: &MaestroSettings) -> Self {
+        Self { device_number: u8::try_from(settings.device_number).ok(), crc: settings.crc }
+    }
+
+    /// Appends a command with these data, whose bytes are below 0x80.
+    pub fn write(self, out: &mut Vec<u8>, code: Code, data: impl IntoIterator<Item = u8>) {
+        let begin = out.len();
+        match self.device_number {
+            Some(number) => out.extend([POLOLU, number, code as u8 & 0x7F]),
+            None => out.push(code as u8),
+        }
+        out.extend(data);
+        if self.crc {
+            out.push(crc(out.get(begin..).unwrap_or_default()));
+        }
+    }
+}
+
+fn crc(command: &[u8]) -> u8 {
+    command.iter().fold(0, |crc, byte| {
+        (0..8).fold(crc ^ byte, |crc, _| if crc & 1 == 1 { (crc ^ CRC_POLYNOMIAL) >> 1 } else { crc >> 1 })
+    })
+}
+
+/// Returns a number of 14 bits as two data bytes, the low one first.
+pub fn data(number: u16) -> [u8; 2] {
+    [(number & 0x7F) as u8, (number >> 7 & 0x7F) as u8]
+}
+
+/// Returns the target for a pulse, in quarters of a microsecond. `None` ends the pulses.
+pub fn target(pulse_us: Option<f32>) -> u16 {
+    pulse_us.map_or(0, |pulse_us| (4.0 * pulse_us).round().clamp(1.0, 16_383.0) as u16)
+}
+
+/// Returns the greatest limit of the Maestro that is not above this speed; 0 means no limit.
+pub fn speed(us_per_s: f32) -> u16 {
+    units(us_per_s / SPEED_UNIT_US_PER_S, MOST_SPEED)
+}
+
+/// Returns the greatest limit of the Maestro that is not above this acceleration; 0 means no limit.
+fn acceleration(us_per_s2: f32) -> u16 {
+    units(us_per_s2 / ACCELERATION_UNIT_US_PER_S2, MOST_ACCELERATION)
+}
+
+fn units(limit: f32, most: f32) -> u16 {
+    if limit.is_infinite() { 0 } else { limit.floor().clamp(1.0, most) as u16 }
+}
+
+/// Returns a sentence for each error in the answer to [`Code::GetErrors`].
+fn errors(answer: &[u8]) -> Vec<&'static str> {
+    let register = answer.iter().rev().fold(0_u16, |register, byte| register << 8 | u16::from(*byte));
+    ERRORS.into_iter().enumerate().filter(|(bit, _)| register >> bit & 1 == 1).map(|(_, error)| error).collect()
+}
 
 /// The commands to one Maestro.
 #[derive(Debug)]
@@ -35,30 +139,23 @@ pub struct Maestro {
     /// The Pololu protocol, whatever that of the link is.
     pololu: Protocol,
     read_errors: bool,
+    multiple_targets: bool,
     /// In the order of their numbers.
     channels: Vec<Channel>,
-    /// The target of each channel.
-    targets: Vec<u16>,
-    /// The channels that each command sets: neighbours if it may set several, otherwise one.
-    blocks: Vec<Range<usize>>,
-    clock: Clock,
+    stepped_at: Option<Instant>,
     message: Vec<u8>,
 }
 
 impl Maestro {
-    /// The format of a link with these settings.
-    #[must_use]
     pub fn new(settings: &MaestroSettings) -> Self {
-        let board = &settings.board;
         let mut channels: Vec<Channel> = settings.channels.iter().map(Channel::new).collect();
         channels.sort_by_key(|channel| channel.number);
         Self {
-            protocol: Protocol::new(board),
-            pololu: Protocol::pololu(board),
-            read_errors: board.read_errors,
-            targets: vec![0; channels.len()],
-            blocks: blocks(&channels, board.multiple_targets),
-            clock: Clock::default(),
+            protocol: Protocol::new(settings),
+            pololu: Protocol::pololu(settings),
+            read_errors: settings.read_errors,
+            multiple_targets: settings.multiple_targets,
+            stepped_at: None,
             message: Vec::with_capacity(channels.len() * COMMAND_BYTES),
             channels,
         }
@@ -67,62 +164,38 @@ impl Maestro {
     /// Sets the limits of all channels.
     fn limits(&self, out: &mut Vec<u8>) {
         for channel in &self.channels {
-            let (span_us, limits) = (channel.ends.span_us(), channel.limits);
-            let speed = command::speed(limits.speed_per_s * span_us);
-            let acceleration = command::acceleration(limits.acceleration_per_s2 * span_us);
+            let (span_us, limits) = (channel.span_us(), channel.limits);
+            let speed = speed(limits.speed_per_s * span_us);
+            let acceleration = acceleration(limits.acceleration_per_s2 * span_us);
             for (code, limit) in [(Code::SetSpeed, speed), (Code::SetAcceleration, acceleration)] {
                 let [low, high] = data(limit);
                 self.protocol.write(out, code, [channel.number, low, high]);
             }
         }
     }
-
-    /// Writes the targets to the message.
-    fn write(&mut self) {
-        self.message.clear();
-        for block in &self.blocks {
-            let (Some(channels), Some(targets)) = (self.channels.get(block.clone()), self.targets.get(block.clone()))
-            else {
-                continue;
-            };
-            let Some(first) = channels.first() else { continue };
-            let targets = targets.iter().flat_map(|target| data(*target));
-            if let [_] = channels {
-                self.protocol.write(&mut self.message, Code::SetTarget, [first.number].into_iter().chain(targets));
-            } else {
-                let head = [number(channels.len()), first.number];
-                self.protocol.write(&mut self.message, Code::SetMultipleTargets, head.into_iter().chain(targets));
-            }
-        }
-    }
-}
-
-/// Divides channels, which are in the order of their numbers, into those that one command sets.
-fn blocks(channels: &[Channel], multiple_targets: bool) -> Vec<Range<usize>> {
-    let is_next = |a: &Channel, b: &Channel| multiple_targets && a.number.checked_add(1) == Some(b.number);
-    let mut end = 0;
-    let block = |channels: &[Channel]| {
-        let begin = end;
-        end += channels.len();
-        begin..end
-    };
-    channels.chunk_by(is_next).map(block).collect()
-}
-
-/// A number that the bounds of its setting keep below 128.
-fn number(number: impl TryInto<u8>) -> u8 {
-    number.try_into().unwrap_or_default() & 0x7F
 }
 
 impl Format for Maestro {
     fn encode(&mut self, output: &Output, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        let (values, step_s) = (values(&output.pose), self.clock.step_s());
-        for (channel, target) in self.channels.iter_mut().zip(&mut self.targets) {
-            let step = channel.step(output, &values, step_s);
-            *target = command::target((!step.is_released).then(|| channel.ends.pulse_us(step.target)));
+        let Self { protocol, multiple_targets, channels, stepped_at, message, .. } = self;
+        let now = Instant::now();
+        let step_s = stepped_at.replace(now).map_or(0.0, |before| (now - before).as_secs_f32());
+        let input = ChannelInput::new(output.state, output.reason, output.pose.rotation, &output.pose.coefficients);
+        message.clear();
+        // One command sets neighbours if it may set several, otherwise each channel has its own.
+        let is_next = |a: &Channel, b: &Channel| *multiple_targets && a.number.checked_add(1) == Some(b.number);
+        for block in channels.chunk_by_mut(is_next) {
+            let (first, count) = (block.first().map_or(0, |channel| channel.number), block.len());
+            let targets = block
+                .iter_mut()
+                .flat_map(|channel| data(target(channel.step(&input, step_s).map(|pulses| pulses.target_us))));
+            if count == 1 {
+                protocol.write(message, Code::SetTarget, [first].into_iter().chain(targets));
+            } else {
+                protocol.write(message, Code::SetMultipleTargets, [count as u8, first].into_iter().chain(targets));
+            }
         }
-        self.write();
-        send(&self.message);
+        send(message);
     }
 
     /// Begins with the question for errors in the Pololu protocol, whatever the protocol of the link is. The question
@@ -143,5 +216,51 @@ impl Format for Maestro {
         }
         let answer_bytes = if self.read_errors { ANSWER_BYTES } else { 0 };
         Some(Inquiry { question, answer_bytes, troubles: errors, silence: SILENCE })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn command(protocol: Protocol, code: Code, data: &[u8]) -> Vec<u8> {
+        let mut out = Vec::new();
+        protocol.write(&mut out, code, data.iter().copied());
+        out
+    }
+
+    #[test]
+    fn commands_and_their_crc_are_those_of_the_users_guide() {
+        let compact = Protocol { device_number: None, crc: false };
+        let pololu_12 = Protocol { device_number: Some(12), crc: false };
+        let [low, high] = data(target(Some(1500.0)));
+        assert_eq!(command(compact, Code::SetTarget, &[0, low, high]), [0x84, 0x00, 0x70, 0x2E]);
+        assert_eq!(command(pololu_12, Code::SetTarget, &[0, low, high]), [0xAA, 0x0C, 0x04, 0x00, 0x70, 0x2E]);
+        assert_eq!(data(speed(3500.0)), [0x0C, 0x01], "3.5 µs/ms are 140 units");
+        assert_eq!(crc(&[0x83, 0x01]), 0x17);
+        let with_crc = Protocol { crc: true, ..compact };
+        assert_eq!(command(with_crc, Code::GetErrors, &[]), [0xA1, crc(&[0xA1])]);
+    }
+
+    #[test]
+    fn limits_are_rounded_down_but_never_to_0_which_would_mean_no_limit() {
+        assert_eq!([124.9, 125.0, 1.0, 1e9, f32::INFINITY].map(speed), [4, 5, 1, 16_383, 0]);
+        assert_eq!([1250.0, 1249.0, 1.0, 1e9, f32::INFINITY].map(acceleration), [4, 3, 1, 255, 0]);
+    }
+
+    #[test]
+    fn no_pulse_becomes_a_target_that_switches_the_servo_off_or_sets_a_high_bit() {
+        for pulse_us in [f32::NEG_INFINITY, -1.0, 0.0, 0.1, 4080.0, 1e30] {
+            let target = target(Some(pulse_us));
+            assert!((1..=16_383).contains(&target), "{pulse_us} {target}");
+            assert!(data(target).iter().all(|byte| *byte < 0x80));
+        }
+    }
+
+    #[test]
+    fn each_error_bit_has_a_sentence() {
+        assert!(errors(&[0, 0]).is_empty());
+        assert_eq!(errors(&[0xFF, 0x01]).len(), 9);
+        assert!(errors(&[0x08, 0x00])[0].contains("link.crc") && errors(&[0x00, 0x01])[0].contains("beyond its end"));
     }
 }

@@ -7,19 +7,16 @@
 //! Limits: nothing is queued or sent again, because the next packet is newer.
 //!
 //! A new format takes a file with an `impl Format` and an arm in [`format_of`]; its settings are a table and a kind in
-//! `config/link.rs`. A protocol whose receivers subscribe needs a carrier that also receives: like
-//! [`Lookup`](lookup::Lookup), it does so on a thread of its own and hands over destinations through a triple buffer.
+//! `config/link.rs`. A protocol whose receivers subscribe needs a carrier that also receives: see
+//! [`Subscribers`].
 
+mod angles;
 mod background;
-mod clock;
-mod gaze;
-mod handover;
-mod head;
+mod check;
 mod ifacialmocap;
 mod json;
 mod lines;
 mod live_link;
-mod lookup;
 pub mod maestro;
 mod osc;
 mod output;
@@ -27,27 +24,29 @@ mod pace;
 mod packet;
 pub mod pca9685;
 mod serial;
-mod shown;
+#[cfg(test)]
+mod testing;
 mod udp;
 mod vmc;
 mod vrchat;
 
-use std::fmt::Debug;
-use std::path::Path;
+use std::fmt::{Debug, Display};
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-pub use background::{Background, Device, Shared};
-pub use ifacialmocap::{Version, request as ifacialmocap_request};
+pub use background::{Background, Device};
+pub use check::{check_settings, notes};
+pub use ifacialmocap::request as ifacialmocap_request;
+use output::Shown;
 #[cfg(test)]
 pub(crate) use output::test_output;
 pub use output::{Output, Pose};
 pub use pace::{Pace, Sent};
-use serial::{BoardSearch, PortClaim};
-pub use serial::{PortError, PortTrouble, is_maestro, maestro_port, open_port, serial_carrier};
+use serial::PortClaim;
+pub use serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
 pub use udp::UdpCarrier;
-pub(crate) use vrchat::parameter_names as vrchat_parameters;
 
 use self::ifacialmocap::{IFacialMocap, Subscribers};
 use self::json::JsonLines;
@@ -55,11 +54,9 @@ use self::lines::{socket_carrier, stdout_carrier};
 use self::live_link::LiveLink;
 use self::maestro::Maestro;
 use self::packet::{Datagrams, Frames};
-use self::pca9685::{I2cError, Pca9685};
-use self::shown::Shown;
 use self::vmc::Vmc;
 use self::vrchat::Vrchat;
-use crate::config::{CarrierSettings, LinkKind, LinkSettings, SerialDevice};
+use crate::config::{CarrierSettings, LinkKind, LinkSettings};
 
 /// Turns outputs into bytes.
 pub trait Format: Debug + Send {
@@ -67,10 +64,6 @@ pub trait Format: Debug + Send {
     /// calls `send` once for each message. The output is as the settings of the link want it: adjusted, and held or
     /// neutral while no face is followed.
     fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8]));
-
-    /// Called before [`Format::encode`] if the last message has not reached the device yet: what moves by itself stays where
-    /// it is.
-    fn pause_motion(&mut self) {}
 
     /// The bytes to write to a serial port that has just been opened.
     fn preamble(&self) -> Vec<u8> {
@@ -86,7 +79,6 @@ pub trait Format: Debug + Send {
 /// A question to a receiver on a serial port, and what its answer means.
 #[derive(Debug, Clone)]
 pub struct Inquiry {
-    /// The bytes to write.
     pub question: Vec<u8>,
     /// Length of the answer; 0 if there is none.
     pub answer_bytes: usize,
@@ -104,12 +96,7 @@ pub trait Carrier: Debug + Send {
     /// Whether messages reach the network or the serial port at present.
     fn is_open(&self) -> bool;
 
-    /// Whether the device took a message since the last one was sent. Only carriers with a thread of their own know it.
-    fn took_last(&self) -> bool {
-        true
-    }
-
-    /// The error number of the system if the network refused the last message. Serial ports log their errors themselves.
+    /// The system's error number if the network refused the last message. Serial ports log their errors themselves.
     fn refusal(&self) -> Option<i32> {
         None
     }
@@ -134,11 +121,8 @@ pub trait Carrier: Debug + Send {
 /// Counters of the messages of all links. They only grow, and each message is counted as sent or dropped in the end.
 #[derive(Debug, Default)]
 pub struct Traffic {
-    /// Messages that links were given to send.
     pub packets: AtomicU64,
-    /// Messages that the network or a serial port took.
     pub sent: AtomicU64,
-    /// Messages that were not sent, for example because a cable is unplugged.
     pub dropped: AtomicU64,
 }
 
@@ -148,12 +132,10 @@ impl Traffic {
     }
 }
 
-/// What the settings of all links say about speed.
+/// What `[send]` and `[failsafe]` say about the speed of all links.
 #[derive(Debug, Clone, Copy)]
 pub struct Rates {
-    /// `rate_hz` of `[send]`.
     pub send_hz: u32,
-    /// `slew_per_s` of `[failsafe]`.
     pub slew_per_s: f32,
 }
 
@@ -163,84 +145,52 @@ pub struct Link {
     format: Box<dyn Format>,
     carrier: Box<dyn Carrier>,
     traffic: Arc<Traffic>,
-    /// Number of the next packet.
     sequence: u32,
     shown: Shown,
     last: Option<Sent>,
 }
 
-/// Why a link cannot be opened.
-#[derive(Debug, thiserror::Error)]
-pub enum LinkError {
-    /// The host name has no address.
-    #[error(
-        "link {address}: the host does not resolve ({reason}); check the spelling and the network, or give its address in numbers"
-    )]
-    Resolve {
-        /// The address in the settings.
-        address: String,
-        /// The error of the resolver.
-        reason: String,
-    },
-    /// The system refused a socket.
-    #[error("link {address}: no socket ({error}); check that the service may use the network")]
-    Socket {
-        /// The address in the settings.
-        address: String,
-        /// The error of the system.
-        error: std::io::Error,
-    },
-    /// This machine has no route to the address.
-    #[error("link {address}: no network leads there ({error}); check this machine's cable or Wi-Fi and the address")]
-    Route {
-        /// The address in the settings.
-        address: String,
-        /// The error of the system.
-        error: std::io::Error,
-    },
-    /// The serial port does not open.
-    #[error("link {0}")]
-    Port(#[from] PortError),
-    /// The chip on the I2C bus cannot be reached.
-    #[error("link {0}")]
-    I2c(#[from] I2cError),
-    /// This machine does not let the link listen.
-    #[error(
-        "link {address}: nothing can listen there ({error}); stop what listens there already, or give another place"
-    )]
-    Listen {
-        /// The address or the path in the settings.
-        address: String,
-        /// The error of the system.
-        error: std::io::Error,
-    },
-    /// Nobody reads the standard output.
-    #[error("link standard output: it takes no lines ({0}); start a program that reads them")]
-    Output(std::io::Error),
-    /// The system refused a thread.
-    #[error("link {link}: no thread ({error}); raise the limit of threads")]
-    Thread {
-        /// The receiver in the settings.
-        link: String,
-        /// The error of the system.
-        error: std::io::Error,
-    },
+/// Why a link is not open, in one sentence for the operator.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error("link {message}")]
+pub struct LinkError {
+    pub kind: LinkErrorKind,
+    pub message: String,
+}
+
+/// What follows from a [`LinkError`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LinkErrorKind {
+    /// The host does not resolve, or no network leads there.
+    Host,
+    /// Nobody reads standard output.
+    Output,
+    /// The board may be plugged in at any time: no fault.
+    Waiting,
+    /// Another link has the device, which may be the one that this link replaces.
+    Claimed,
+    Other,
 }
 
 impl LinkError {
-    /// Whether the link waits for what may come at any time, which is no fault.
-    #[must_use]
-    pub fn is_patient(&self) -> bool {
-        matches!(self, Self::Port(error) if error.waits_for_a_board())
+    pub fn new(kind: LinkErrorKind, receiver: impl Display, sentence: impl Display) -> Self {
+        Self { kind, message: format!("{receiver}: {sentence}") }
+    }
+
+    fn no_thread(receiver: impl Display, error: io::Error) -> Self {
+        Self::new(LinkErrorKind::Other, receiver, format!("no thread ({error}); raise the limit of threads"))
+    }
+
+    fn no_listener(place: impl Display, error: io::Error) -> Self {
+        let sentence =
+            format!("nothing can listen there ({error}); stop what listens there already, or give another place");
+        Self::new(LinkErrorKind::Other, place, sentence)
     }
 }
 
 impl Link {
     /// Opens a link that counts into `traffic`. Threads of its own look up its host or open its serial port, again and
     /// again until they succeed.
-    ///
-    /// # Errors
-    /// Returns an error if the system refuses a thread, or a socket for an address in numbers.
     pub fn open(settings: &LinkSettings, traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
         let (format, counters) = (format_of(&settings.kind), Arc::clone(traffic));
         let carrier: Box<dyn Carrier> = match settings.kind.carrier() {
@@ -261,7 +211,6 @@ impl Link {
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
-    #[must_use]
     pub fn check_all(settings: &[LinkSettings]) -> Vec<Result<String, LinkError>> {
         let mut claims = Vec::new();
         settings.iter().map(|settings| Self::check(settings, &mut claims)).collect()
@@ -269,27 +218,24 @@ impl Link {
 
     fn check(settings: &LinkSettings, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
         match settings.kind.carrier() {
-            CarrierSettings::Udp(address) => udp::check(address).map(|()| address.to_string()),
+            CarrierSettings::Udp(address) => udp::check(address)?,
             // A service that runs already listens there itself.
-            CarrierSettings::Subscribers(_) | CarrierSettings::Stdout | CarrierSettings::UnixSocket(_) => {
-                Ok(settings.to_string())
-            }
-            CarrierSettings::Serial { device: SerialDevice::Path(port), baud, .. } => check_port(port, baud, claims),
-            CarrierSettings::I2c(board) => Ok(pca9685::Bus::check(board.place()).map(|()| settings.to_string())?),
-            CarrierSettings::Serial { device: SerialDevice::Auto, baud, auto } => {
-                match BoardSearch::new(auto).find().map_err(PortError::of_the_board) {
-                    Ok(port) => check_port(&port, baud, claims),
-                    Err(error) if error.waits_for_a_board() => Ok(error.to_string()),
-                    Err(error) => Err(error.into()),
-                }
+            CarrierSettings::Subscribers(_) | CarrierSettings::Stdout | CarrierSettings::UnixSocket(_) => {}
+            CarrierSettings::I2c(board) => pca9685::Bus::open(board)?.probe()?,
+            CarrierSettings::Serial { device, baud, auto } => {
+                let port = match PortSearch::new(device, auto).find() {
+                    Err(error) if error.kind == LinkErrorKind::Waiting => return Ok(error.message),
+                    port => port?,
+                };
+                claims.push(PortClaim::acquire(&port)?);
+                open_port(&port, baud, Duration::ZERO)?;
+                return Ok(format!("{} at {baud} baud", port.display()));
             }
         }
+        Ok(settings.to_string())
     }
 
     /// Returns an error if the link leads to a host name that does not resolve at this moment.
-    ///
-    /// # Errors
-    /// [`LinkError::Resolve`].
     pub fn resolve(settings: &LinkSettings) -> Result<(), LinkError> {
         match settings.kind.carrier() {
             CarrierSettings::Udp(address) => udp::resolve(address).map(drop),
@@ -316,7 +262,6 @@ impl Link {
     }
 
     /// Whether the link still shows a pose that it has held, or is on its way from there.
-    #[must_use]
     pub fn is_held(&self) -> bool {
         self.shown.is_held()
     }
@@ -326,9 +271,6 @@ impl Link {
             return;
         }
         let Self { format, carrier, traffic, .. } = self;
-        if !carrier.took_last() {
-            format.pause_motion();
-        }
         format.encode(output, self.sequence, &mut |message| {
             Traffic::count(&traffic.packets);
             carrier.send(message);
@@ -337,39 +279,31 @@ impl Link {
     }
 
     /// How the link reaches its receiver.
-    #[must_use]
     pub fn carrier(&self) -> &dyn Carrier {
         &*self.carrier
     }
 }
 
-fn check_port(port: &Path, baud: u32, claims: &mut Vec<PortClaim>) -> Result<String, LinkError> {
-    claims.push(PortClaim::acquire(port).map_err(|holder| PortError::claimed(port, holder))?);
-    open_port(port, baud, Duration::ZERO)?;
-    Ok(format!("{} at {baud} baud", port.display()))
-}
-
 /// Returns the format of a kind of link.
 fn format_of(kind: &LinkKind) -> Box<dyn Format> {
     match kind {
-        LinkKind::Udp(_) => Box::new(Datagrams),
+        // The thread of the chip takes packets.
+        LinkKind::Udp(_) | LinkKind::Pca9685(_) => Box::new(Datagrams),
         LinkKind::Serial(_) => Box::new(Frames),
         LinkKind::LiveLink(settings) => Box::new(LiveLink::new(settings)),
         LinkKind::Vmc(settings) => Box::new(Vmc::new(settings)),
         LinkKind::Vrchat(settings) => Box::new(Vrchat::new(settings)),
         LinkKind::Maestro(settings) => Box::new(Maestro::new(settings)),
-        LinkKind::Pca9685(settings) => Box::new(Pca9685::new(settings)),
         LinkKind::IFacialMocap(_) => Box::new(IFacialMocap::new()),
         LinkKind::Json(_) => Box::new(JsonLines::new()),
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use std::sync::mpsc;
 
-    use facewire_packet::{Packet, Reason, State};
+    use facewire_packet::{Packet, State};
 
     use super::*;
 
@@ -395,8 +329,7 @@ mod tests {
             let (format, carrier) = (Box::new(Datagrams), Box::new(Kept(sender)));
             (Link::new(format, carrier, &traffic), kept)
         };
-        let (state, reason, pose) = (State::Neutral, Reason::NoFace, Pose::NEUTRAL);
-        let output = Output { state, reason, pose, age_us: 0, capture_us: 0, followed: false, moving: false };
+        let output = Output { followed: false, ..test_output(State::Neutral) };
         let ((mut first, kept_first), (mut second, kept_second)) = (open(), open());
         let settings = LinkSettings::default();
         (0..3).for_each(|_| first.send_last(&settings, &output));

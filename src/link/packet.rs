@@ -29,7 +29,6 @@ impl Format for Frames {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "the packet's clock and sequence wrap")]
 fn packet(output: &Output, sequence: u32) -> Packet {
     Packet {
         state: output.state,
@@ -46,19 +45,10 @@ fn packet(output: &Output, sequence: u32) -> Packet {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
-
     use facewire_packet::{FrameReader, NeutralFace, Reason, State};
 
     use super::*;
-    use crate::link::Pose;
-
-    /// Returns the bytes of the output in this format.
-    fn encoded(format: &mut dyn Format, output: &Output, sequence: u32) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        format.encode(output, sequence, &mut |message| bytes.extend_from_slice(message));
-        bytes
-    }
+    use crate::link::{Pose, test_output};
 
     #[test]
     fn datagrams_and_frames_carry_every_field_of_the_output() {
@@ -67,16 +57,16 @@ mod tests {
         let mut pose = Pose { rotation, position_mm, neutral_face, ..Pose::NEUTRAL };
         pose.coefficients[17] = 1.0;
         let (state, reason) = (State::Hold, Reason::NoFace);
-        let output =
-            Output { state, reason, pose, age_us: 200, capture_us: (7 << 32) + 5, followed: true, moving: false };
-        let packet = Packet::decode(&encoded(&mut Datagrams, &output, 65_537)).unwrap();
+        let output = Output { reason, pose, age_us: 200, capture_us: (7 << 32) + 5, ..test_output(state) };
+        let (mut datagram, mut line) = (Vec::new(), Frames.preamble());
+        Datagrams.encode(&output, 65_537, &mut |message| datagram.extend_from_slice(message));
+        Frames.encode(&output, 65_537, &mut |message| line.extend_from_slice(message));
+        let packet = Packet::decode(&datagram).unwrap();
         assert_eq!((packet.state, packet.reason, packet.sequence), (state, reason, 1));
         assert_eq!((packet.age_us, packet.capture_us, packet.neutral_face), (200, 5, neutral_face));
         assert_eq!((packet.position_mm, packet.coefficients), (pose.position_mm, pose.coefficients));
         assert!(packet.rotation.iter().zip(pose.rotation).all(|(got, want)| (got - want).abs() < 1e-4));
-
         let mut reader = FrameReader::default();
-        let line = [Frames.preamble(), encoded(&mut Frames, &output, 65_537)].concat();
         let framed: Vec<Packet> = line.iter().filter_map(|byte| reader.push(*byte)?.ok()).collect();
         assert_eq!(framed, [packet]);
     }

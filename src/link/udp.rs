@@ -2,31 +2,30 @@
 //!
 //! The socket is not connected. An ICMP error from a receiver that is not running yet, a route that appears late, and
 //! a change of this machine's own address therefore do not break the link.
+//!
+//! A host name is looked up again and again, because it may resolve only after the network has come up, and its address
+//! may change at any time. A look-up may take seconds, so it has a thread of its own, which hands over each new destination
+//! by a triple buffer.
 
 use std::{
-    io,
-    net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket},
-    sync::Arc,
+    fs, io,
+    net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
+    thread::{self, Thread},
     time::Duration,
 };
 
-use triple_buffer::{Output as Newest, TripleBuffer};
+use triple_buffer::{Input, Output as Newest, TripleBuffer};
 
-use super::{
-    Carrier, LinkError, Traffic,
-    lookup::{Lookup, choose},
-};
+use super::{Carrier, LinkError, LinkErrorKind, Traffic};
 use crate::config::Address;
+use crate::retry::Retry;
 
 /// Time from one successful look-up of a host name to the next.
 const LOOKUP_PERIOD: Duration = Duration::from_secs(5);
-
-/// A receiver, and a socket for it.
-#[derive(Debug)]
-pub struct Destination {
-    socket: UdpSocket,
-    receiver: SocketAddr,
-}
 
 /// Datagrams to one address.
 #[derive(Debug)]
@@ -40,17 +39,16 @@ pub struct UdpCarrier {
 
 impl UdpCarrier {
     /// Opens a carrier to `address`. Messages are dropped until the host name is found.
-    ///
-    /// # Errors
-    /// Returns an error if the system refuses a socket for an address in numbers, or a thread to look up a host name.
     pub fn open(address: &Address, traffic: Arc<Traffic>) -> Result<Self, LinkError> {
         Self::open_with(address, traffic, system_resolver, LOOKUP_PERIOD)
     }
 
-    fn open_with<R>(address: &Address, traffic: Arc<Traffic>, resolve: R, period: Duration) -> Result<Self, LinkError>
-    where
-        R: Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
-    {
+    fn open_with<R: Resolver>(
+        address: &Address,
+        traffic: Arc<Traffic>,
+        resolve: R,
+        period: Duration,
+    ) -> Result<Self, LinkError> {
         let (mut input, destination) = TripleBuffer::default().split();
         let lookup = if let Ok(receiver) = address.as_str().parse() {
             input.write(Some(Destination::new(address, receiver)?));
@@ -83,47 +81,32 @@ impl Carrier for UdpCarrier {
     }
 
     fn refresh(&self) {
-        self.lookup.iter().for_each(Lookup::refresh);
+        self.lookup.iter().for_each(|lookup| lookup.thread.unpark());
     }
 }
 
+/// A receiver, and a socket for it.
+#[derive(Debug)]
+struct Destination {
+    socket: UdpSocket,
+    receiver: SocketAddr,
+}
+
 impl Destination {
-    /// Opens a socket for the receiver that never blocks and may broadcast.
-    ///
-    /// # Errors
-    /// Returns an error if the system refuses a socket.
-    pub fn new(address: &Address, receiver: SocketAddr) -> Result<Self, LinkError> {
-        let may_broadcast = |socket: UdpSocket| {
+    /// Opens a socket that may broadcast.
+    fn new(address: &Address, receiver: SocketAddr) -> Result<Self, LinkError> {
+        let socket = socket_for(receiver).and_then(|socket| {
             if receiver.is_ipv4() {
                 socket.set_broadcast(true)?;
             }
             Ok(socket)
-        };
-        let socket = socket_for(receiver).and_then(may_broadcast);
-        let socket = socket.map_err(|error| LinkError::Socket { address: address.to_string(), error })?;
+        });
+        let socket = socket.map_err(|error| {
+            let sentence = format!("no socket ({error}); check that the service may use the network");
+            LinkError::new(LinkErrorKind::Other, address, sentence)
+        })?;
         Ok(Self { socket, receiver })
     }
-}
-
-/// Tests whether this machine has a route to the address at this moment. Nothing is sent.
-///
-/// # Errors
-/// Returns an error if the host does not resolve, the system refuses a socket, or there is no route.
-pub fn check(address: &Address) -> Result<(), LinkError> {
-    let Destination { socket, receiver } = Destination::new(address, resolve(address)?)?;
-    socket.connect(receiver).map_err(|error| LinkError::Route { address: address.to_string(), error })
-}
-
-/// Looks up the address.
-///
-/// # Errors
-/// Returns an error if the host does not resolve.
-pub fn resolve(address: &Address) -> Result<SocketAddr, LinkError> {
-    choose(address, system_resolver(address), None)
-}
-
-fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
-    address.as_str().to_socket_addrs().map(Iterator::collect)
 }
 
 /// Opens a socket for datagrams to this receiver that never blocks.
@@ -136,5 +119,356 @@ pub fn socket_for(receiver: SocketAddr) -> io::Result<UdpSocket> {
     Ok(socket)
 }
 
+/// Tests whether this machine has a route to the address at this moment. Nothing is sent.
+pub fn check(address: &Address) -> Result<(), LinkError> {
+    let Destination { socket, receiver } = Destination::new(address, resolve(address)?)?;
+    socket.connect(receiver).map_err(|error| {
+        let sentence = format!("no network leads there ({error}); check this machine's cable or Wi-Fi and the address");
+        LinkError::new(LinkErrorKind::Host, address, sentence)
+    })
+}
+
+pub fn resolve(address: &Address) -> Result<SocketAddr, LinkError> {
+    choose(address, system_resolver(address), None)
+}
+
+trait Resolver: Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static {}
+
+impl<R: Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static> Resolver for R {}
+
+fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
+    address.as_str().to_socket_addrs().map(Iterator::collect)
+}
+
+/// The look-ups for one link. They end when this is dropped.
+#[derive(Debug)]
+struct Lookup {
+    is_over: Arc<AtomicBool>,
+    thread: Thread,
+}
+
+impl Lookup {
+    /// Looks the address up now, after each `period`, and when the thread is woken.
+    fn start<R: Resolver>(
+        address: Address,
+        resolve: R,
+        period: Duration,
+        mut destination: Input<Option<Destination>>,
+    ) -> Result<Self, LinkError> {
+        let (link, is_over) = (address.to_string(), Arc::<AtomicBool>::default());
+        let ends = Arc::clone(&is_over);
+        let run = move || {
+            let (mut retry, mut current) = (Retry::default(), None);
+            while !ends.load(Relaxed) {
+                let found = look_up(&address, &resolve, &mut current, &mut destination);
+                match (found, current) {
+                    (Ok(()), _) => retry = Retry::default(),
+                    (Err(error), Some(current)) if retry.logged.is_new(&error.to_string()) => {
+                        tracing::warn!("{error}; packets still go to {current}");
+                    }
+                    (Err(_), Some(_)) => {}
+                    (Err(error), None) => retry.warn(&error),
+                }
+                thread::park_timeout(if current.is_some() { period } else { retry.wait() });
+            }
+        };
+        let thread = thread::Builder::new().name("fw-lookup".to_owned()).spawn(run);
+        let thread = thread.map_err(|error| LinkError::no_thread(link, error))?.thread().clone();
+        Ok(Self { is_over, thread })
+    }
+}
+
+impl Drop for Lookup {
+    fn drop(&mut self) {
+        self.is_over.store(true, Relaxed);
+        self.thread.unpark();
+    }
+}
+
+/// Looks the address up once. On an error the current destination stays.
+fn look_up(
+    address: &Address,
+    resolve: &impl Resolver,
+    current: &mut Option<SocketAddr>,
+    destination: &mut Input<Option<Destination>>,
+) -> Result<(), LinkError> {
+    let receiver = choose(address, resolve(address), *current)?;
+    if *current != Some(receiver) {
+        destination.write(Some(Destination::new(address, receiver)?));
+        tracing::info!("link {address}: packets go to {receiver}");
+        *current = Some(receiver);
+    }
+    Ok(())
+}
+
+/// Chooses one of the addresses found: the current one if it is among them, so that the order in which a name server
+/// lists addresses does not matter; otherwise the first IPv4 address, because small receivers seldom listen to IPv6.
+fn choose(
+    address: &Address,
+    found: io::Result<Vec<SocketAddr>>,
+    current: Option<SocketAddr>,
+) -> Result<SocketAddr, LinkError> {
+    let unresolved = |reason| {
+        let files = ["/proc/self/cgroup", "/etc/resolv.conf"].map(|path| fs::read_to_string(path).unwrap_or_default());
+        let sentence =
+            format!("the host does not resolve ({reason}); {}", remedy(files.each_ref().map(String::as_str)));
+        LinkError::new(LinkErrorKind::Host, address, sentence)
+    };
+    let found = found.map_err(|error| unresolved(error.to_string()))?;
+    let kept = current.filter(|current| found.contains(current));
+    let chosen = kept.or_else(|| found.into_iter().min_by_key(SocketAddr::is_ipv6));
+    chosen.ok_or_else(|| unresolved("it has no address".to_owned()))
+}
+
+/// Says what may help if a host does not resolve. `cgroup` and `resolver` are `/proc/self/cgroup` and `/etc/resolv.conf`.
+///
+/// The unit allows nearby addresses only. A name server elsewhere then gets no question, and the C library reports a
+/// temporary failure.
+fn remedy([cgroup, resolver]: [&str; 2]) -> String {
+    let is_service = cgroup.lines().any(|line| line.contains(":/system.slice/") && line.ends_with(".service"));
+    let server = |line: &str| {
+        let address = line.trim().strip_prefix("nameserver")?.split_whitespace().next()?;
+        address.split('%').next()?.parse().ok()
+    };
+    let far = resolver.lines().filter_map(server).find(|server| !is_nearby(*server)).filter(|_| is_service);
+    let blocked = far.map(|server| {
+        format!(
+            ". If the unit keeps the service from the name server {server}, add it to the drop-in name-server.conf \
+             (docs/service.md)"
+        )
+    });
+    format!("check the spelling and the network, or give its address in numbers{}", blocked.unwrap_or_default())
+}
+
+/// Whether the unit allows this address of a single host.
+fn is_nearby(address: IpAddr) -> bool {
+    match address {
+        IpAddr::V4(it) => it.is_loopback() || it.is_private() || it.is_link_local() || it.is_unspecified(),
+        IpAddr::V6(it) => it.is_loopback() || it.is_unique_local() || it.is_unicast_link_local() || it.is_unspecified(),
+    }
+}
+
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::sync::Mutex;
+
+    use super::*;
+    use crate::link::testing::{PATIENCE, eventually};
+    use crate::skip::skip;
+
+    const MESSAGE: &[u8] = b"message";
+
+    fn open(address: &str) -> UdpCarrier {
+        UdpCarrier::open(&Address::new(address).unwrap(), Arc::default()).unwrap()
+    }
+
+    fn receiver(address: &str) -> UdpSocket {
+        let socket = UdpSocket::bind(address).unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        socket
+    }
+
+    /// Messages sent, and messages dropped.
+    fn counts(link: &UdpCarrier) -> [u64; 2] {
+        [&link.traffic.sent, &link.traffic.dropped].map(|counter| counter.load(Relaxed))
+    }
+
+    /// Sends a message, and returns what the network says of it once the socket got it.
+    fn sent(link: &mut UdpCarrier, socket: &UdpSocket) -> (Option<i32>, [u64; 2]) {
+        link.send(MESSAGE);
+        let mut bytes = [0; 1024];
+        let length = socket.recv(&mut bytes).unwrap();
+        assert_eq!(&bytes[..length], MESSAGE);
+        (link.refusal(), counts(link))
+    }
+
+    #[test]
+    fn a_message_arrives_as_one_datagram() {
+        for any in ["127.0.0.1:0", "[::1]:0"] {
+            if UdpSocket::bind(any).is_err() {
+                skip(&format!("this machine has no address {any}"));
+                continue;
+            }
+            let socket = receiver(any);
+            let mut link = open(&socket.local_addr().unwrap().to_string());
+            assert_eq!(sent(&mut link, &socket), (None, [1, 0]));
+        }
+    }
+
+    #[test]
+    fn a_receiver_that_starts_late_gets_every_message_from_then_on() {
+        let address = receiver("127.0.0.1:0").local_addr().unwrap().to_string();
+        let mut link = open(&address);
+        (0..10).for_each(|_| link.send(MESSAGE));
+        assert_eq!(sent(&mut link, &receiver(&address)), (None, [11, 0]));
+    }
+
+    #[test]
+    fn a_message_that_the_network_refuses_is_counted_and_the_link_lives_on() {
+        // An IPv4 socket cannot reach an IPv6 address, whatever routes this machine has.
+        let receiver = SocketAddr::from((Ipv6Addr::LOCALHOST, 9));
+        let (mut input, destination) = TripleBuffer::default().split();
+        input.write(Some(Destination { socket: UdpSocket::bind("127.0.0.1:0").unwrap(), receiver }));
+        let mut link = UdpCarrier { destination, lookup: None, traffic: Arc::default(), refusal: None };
+        link.send(MESSAGE);
+        assert_eq!(counts(&link), [0, 1]);
+        assert!(!link.is_open() && link.refusal().is_some());
+    }
+
+    #[test]
+    fn an_address_without_a_route_is_reported_with_what_to_check() {
+        // A link-local address leads nowhere without the name of an interface. Without IPv6 there is no socket.
+        let error = check(&Address::new("[fe80::1]:5252").unwrap()).unwrap_err().to_string();
+        let beginning = ["link [fe80::1]:5252: no network leads there (", "link [fe80::1]:5252: no socket ("];
+        assert!(beginning.iter().any(|beginning| error.starts_with(beginning)), "{error}");
+    }
+
+    #[test]
+    fn an_unknown_host_is_reported_and_its_messages_are_dropped() {
+        let text = resolve(&Address::new("nowhere.invalid:5252").unwrap()).unwrap_err().to_string();
+        assert!(text.starts_with("link nowhere.invalid:5252: the host does not resolve ("), "{text}");
+        assert!(text.contains("check the spelling"), "{text}");
+        let mut link = open("nowhere.invalid:5252");
+        link.send(MESSAGE);
+        assert_eq!((link.is_open(), counts(&link)), (false, [0, 1]));
+    }
+
+    #[test]
+    fn in_the_unit_a_name_server_at_a_public_address_is_named_with_the_drop_in() {
+        let names = |cgroup: &str, resolver: &str| {
+            let remedy = remedy([cgroup, resolver]);
+            assert!(remedy.contains("check the spelling"), "{remedy}");
+            remedy.split_once("the name server ").map(|(_, rest)| rest.split_once(", add it to").unwrap().0.to_owned())
+        };
+        for (server, is_named) in [
+            ("9.9.9.9", true),
+            ("2620:fe::fe", true),
+            // The resolver of a private network that goes by the addresses of providers.
+            ("100.100.100.100", true),
+            ("127.0.0.53", false),
+            ("192.168.1.1", false),
+            ("172.20.0.1", false),
+            ("fe80::1%eth0", false),
+            ("fd00::1", false),
+            ("::1", false),
+        ] {
+            let resolver =
+                format!("# nameserver 8.8.8.8\nsearch lan\nnameserver 10.0.0.1\nnameserver\t{server}\noptions edns0\n");
+            assert_eq!(names("0::/system.slice/facewire.service\n", &resolver), is_named.then(|| server.to_owned()));
+            assert_eq!(names("0::/user.slice/user-1000.slice/session-3.scope\n", &resolver), None);
+        }
+    }
+
+    #[test]
+    fn localhost_is_found_and_reached_by_ipv4() {
+        let socket = receiver("127.0.0.1:0");
+        let mut link = open(&format!("localhost:{}", socket.local_addr().unwrap().port()));
+        eventually("localhost resolves", || arrives(&mut link, &socket));
+    }
+
+    /// A name server whose answer a test can change.
+    #[derive(Clone, Default)]
+    struct NameServer {
+        answer: Arc<Mutex<Vec<SocketAddr>>>,
+        lookups: Arc<Mutex<u32>>,
+    }
+
+    impl NameServer {
+        fn answers(&self, sockets: &[&UdpSocket]) {
+            *self.answer.lock().unwrap() = sockets.iter().map(|socket| socket.local_addr().unwrap()).collect();
+        }
+
+        /// Opens a link to a host name that this server knows.
+        fn link(&self, period: Duration) -> UdpCarrier {
+            let server = self.clone();
+            let resolve = move |_: &Address| {
+                *server.lookups.lock().unwrap() += 1;
+                let found = server.answer.lock().unwrap().clone();
+                if found.is_empty() { Err(io::Error::other("no such host")) } else { Ok(found) }
+            };
+            UdpCarrier::open_with(&Address::new("head.local:5252").unwrap(), Arc::default(), resolve, period).unwrap()
+        }
+
+        /// Lets the link look up its host name, and waits until it has.
+        fn refresh(&self, link: &UdpCarrier) {
+            // A look-up may have begun before the answer changed; the second one has not.
+            for _ in 0..2 {
+                let before = *self.lookups.lock().unwrap();
+                eventually("the name is looked up", || {
+                    link.refresh();
+                    *self.lookups.lock().unwrap() > before
+                });
+            }
+        }
+    }
+
+    /// Whether the link's packets arrive at this socket.
+    fn arrives(link: &mut UdpCarrier, socket: &UdpSocket) -> bool {
+        socket.set_nonblocking(true).unwrap();
+        while socket.recv(&mut [0; 1024]).is_ok() {}
+        link.send(MESSAGE);
+        socket.recv(&mut [0; 1024]).is_ok()
+    }
+
+    #[test]
+    fn packets_follow_a_host_name_to_its_new_address() {
+        let [old, new] = ["127.0.0.1:0", "127.0.0.1:0"].map(receiver);
+        let server = NameServer::default();
+        server.answers(&[&old, &new]);
+        let mut link = server.link(Duration::from_hours(1));
+        eventually("packets arrive at the first address", || arrives(&mut link, &old));
+        server.answers(&[&new, &old]);
+        server.refresh(&link);
+        assert!(arrives(&mut link, &old), "another order of the same addresses changes nothing");
+        server.answers(&[&new]);
+        server.refresh(&link);
+        eventually("packets arrive at the new address", || arrives(&mut link, &new));
+        assert!(!arrives(&mut link, &old));
+        drop(link);
+        eventually("look-ups end with the link", || Arc::strong_count(&server.lookups) == 1);
+    }
+
+    #[test]
+    fn while_look_ups_fail_packets_go_to_the_last_known_address() {
+        let socket = receiver("127.0.0.1:0");
+        let server = NameServer::default();
+        server.answers(&[&socket]);
+        let mut link = server.link(Duration::from_millis(5));
+        eventually("packets arrive", || arrives(&mut link, &socket));
+        server.answers(&[]);
+        let before = *server.lookups.lock().unwrap();
+        eventually("look-ups without being asked", || *server.lookups.lock().unwrap() > before + 1);
+        assert!(arrives(&mut link, &socket) && link.is_open());
+    }
+
+    /// Returns the number of an interface other than the loopback interface that has an IPv6 address.
+    fn interface() -> Option<u32> {
+        let addresses = fs::read_to_string("/proc/net/if_inet6").ok()?;
+        let interface = |line: &str| u32::from_str_radix(line.split_whitespace().nth(1)?, 16).ok();
+        addresses.lines().filter(|line| !line.ends_with(" lo")).find_map(interface)
+    }
+
+    /// A group of the local network reaches its members on the interface whose number the address names, without a route.
+    #[test]
+    fn an_ipv6_multicast_group_gets_each_message_on_the_interface_that_the_address_names() {
+        let Some(interface) = interface() else { return skip("this machine has no network with IPv6") };
+        let group = Ipv6Addr::new(0xff02, 0, 0, 0, 0, 0, 0xface, 0x1e);
+        let member = receiver("[::]:0");
+        member.join_multicast_v6(&group, interface).unwrap();
+        let mut link = open(&format!("[{group}%{interface}]:{}", member.local_addr().unwrap().port()));
+        assert_eq!(sent(&mut link, &member), (None, [1, 0]));
+    }
+
+    /// The system sends to a group by its route, or by the default route.
+    #[test]
+    fn an_ipv4_multicast_group_gets_each_message_and_no_router_passes_it_on() {
+        let (group, member) = (Ipv4Addr::new(239, 255, 70, 87), receiver("0.0.0.0:0"));
+        if member.join_multicast_v4(&group, &Ipv4Addr::UNSPECIFIED).is_err() {
+            return skip("this machine has no route for multicast");
+        }
+        let mut link = open(&format!("{group}:{}", member.local_addr().unwrap().port()));
+        let socket = &link.destination.read().as_ref().unwrap().socket;
+        assert_eq!((socket.multicast_ttl_v4().unwrap(), socket.broadcast().unwrap()), (1, true));
+        assert_eq!(sent(&mut link, &member), (None, [1, 0]));
+    }
+}

@@ -8,13 +8,12 @@ mod parameters;
 use std::time::{Duration, Instant};
 
 use facewire_packet::State;
-use rosc::{OscPacket, OscType};
 
-use self::parameters::{Face, Group, PARAMETERS, Parameter};
+use self::parameters::{Face, Formula, Group, PARAMETERS, Parameter};
 use super::{
     Format, Output,
-    gaze::Gaze,
-    osc::{Bundles, message, set, set_bool},
+    angles::Gaze,
+    osc::{Argument, Bundles, Message},
 };
 use crate::config::{ParameterChoice, VrchatSettings};
 
@@ -22,6 +21,8 @@ use crate::config::{ParameterChoice, VrchatSettings};
 const REFRESH: Duration = Duration::from_secs(1);
 /// Smallest change that is sent: half a step of the 8 bits with which VRChat shows parameters to other players.
 const STEP: f32 = 0.004;
+/// Smallest change of an eye's angle that is sent, degrees.
+const STEP_DEG: f32 = 45.0 * STEP;
 /// The status of the tracking. These names have no prefix.
 const STATUS: [&str; 3] = ["EyeTrackingActive", "ExpressionTrackingActive", "LipTrackingActive"];
 /// From this value on, all bits of a binary parameter are set.
@@ -29,15 +30,13 @@ const FULL: f32 = 0.99999;
 
 /// Returns the names of all parameters.
 pub fn parameter_names() -> impl Iterator<Item = &'static str> {
-    PARAMETERS.iter().map(|parameter| parameter.name)
+    PARAMETERS.iter().map(|parameter| parameter.name.as_str())
 }
 
 /// The messages of an avatar.
 #[derive(Debug)]
 pub struct Vrchat {
-    values: Vec<Value>,
-    status: [Flag; STATUS.len()],
-    native_eyes: Option<[Numbers; 2]>,
+    entries: Vec<Entry>,
     bundles: Bundles,
     gaze: Gaze,
     refreshed: Option<Instant>,
@@ -45,36 +44,30 @@ pub struct Vrchat {
 
 impl Vrchat {
     pub fn new(settings: &VrchatSettings) -> Self {
-        let wanted = PARAMETERS.iter().filter_map(|parameter| Value::new(parameter, settings));
-        let native = [("/tracking/eye/EyesClosedAmount", 1), ("/tracking/eye/LeftRightPitchYaw", 4)];
-        Self {
-            values: wanted.collect(),
-            status: STATUS.map(|name| Flag::new(format!("/avatar/parameters/{name}"))),
-            native_eyes: settings.native_eyes.then(|| native.map(|(address, count)| Numbers::new(address, count))),
-            bundles: Bundles::new(),
-            gaze: Gaze::default(),
-            refreshed: None,
+        let status = |name| Entry::new(&format!("/avatar/parameters/{name}"), Content::IsTracked);
+        let mut entries: Vec<_> = STATUS.into_iter().map(status).collect();
+        PARAMETERS.iter().for_each(|parameter| add(&mut entries, parameter, settings));
+        if settings.native_eyes {
+            entries.push(Entry::new("/tracking/eye/EyesClosedAmount", Content::Number(Formula::EYES_CLOSED)));
+            entries.push(Entry::new("/tracking/eye/LeftRightPitchYaw", Content::EyeAngles));
         }
+        Self { entries, bundles: Bundles::new(true), gaze: Gaze::default(), refreshed: None }
     }
 
     /// Encodes the output at a moment.
     fn encode_at(&mut self, now: Instant, output: &Output, send: &mut dyn FnMut(&[u8])) {
-        let all = self.refreshed.is_none_or(|refreshed| now.duration_since(refreshed) >= REFRESH);
-        if all {
+        let is_refreshed = self.refreshed.is_none_or(|refreshed| now.duration_since(refreshed) >= REFRESH);
+        if is_refreshed {
             self.refreshed = Some(now);
         }
         self.gaze.follow(&output.pose.coefficients);
         let face = Face::new(&output.pose, &self.gaze);
         let is_tracked = matches!(output.state, State::Live | State::Hold);
-        let mut out = Sink { all, bundles: &mut self.bundles, send };
-        self.status.iter_mut().for_each(|flag| flag.follow(is_tracked, &mut out));
-        self.values.iter_mut().for_each(|value| value.follow((value.compute)(&face), &mut out));
-        if let Some([closed, direction]) = &mut self.native_eyes {
-            let [left_blink, _, _, _, _, _, _, right_blink, ..] = output.pose.coefficients;
-            closed.follow(&[0.5 * (left_blink + right_blink)], 1.0, &mut out);
-            let angles = [self.gaze.left, self.gaze.right].map(|eye| [0.0 - eye.pitch, 0.0 - eye.yaw]);
-            let [left, right] = angles.map(|eye| eye.map(f32::to_degrees));
-            direction.follow([left, right].as_flattened(), 45.0, &mut out);
+        for entry in &mut self.entries {
+            let numbers = entry.content.numbers(&face, &self.gaze, is_tracked);
+            if entry.follow(numbers, is_refreshed) {
+                self.bundles.add(&entry.message, send);
+            }
         }
         self.bundles.flush(send);
     }
@@ -86,111 +79,250 @@ impl Format for Vrchat {
     }
 }
 
-/// Bundles messages and sends the bundles.
-struct Sink<'a, 'b> {
-    /// Whether to send what has not changed, too.
-    all: bool,
-    bundles: &'a mut Bundles,
-    send: &'a mut (dyn FnMut(&[u8]) + 'b),
-}
-
-impl Sink<'_, '_> {
-    fn add(&mut self, message: &OscPacket) {
-        self.bundles.add(message, self.send);
+/// Adds the parameter as one number, as bits, or both, if the settings want it.
+fn add(entries: &mut Vec<Entry>, Parameter { name, group, formula }: &Parameter, settings: &VrchatSettings) {
+    let is_wanted = match group {
+        Group::Shape => settings.shapes,
+        Group::Compound => settings.compounds,
+        Group::Head => settings.head,
+    };
+    let general = ParameterChoice { number: settings.floats, bits: settings.bits };
+    let choice = settings.parameters.of(name, general).filter(|_| is_wanted || settings.parameters.names_any());
+    let Some(ParameterChoice { number, bits }) = choice else { return };
+    let address = format!("/avatar/parameters/{}v2/{name}", settings.prefix);
+    if number {
+        entries.push(Entry::new(&address, Content::Number(*formula)));
+    }
+    if bits > 0 {
+        entries.push(Entry::new(&format!("{address}Negative"), Content::IsNegative(*formula)));
+    }
+    for bit in 0..bits {
+        entries.push(Entry::new(&format!("{address}{}", 1_u32 << bit), Content::Bit { formula: *formula, bits, bit }));
     }
 }
 
-/// A message with some numbers, and the numbers that were sent last.
+/// A message, and the numbers that were sent last. A truth value is 0 or 1.
 #[derive(Debug)]
-struct Numbers {
-    message: OscPacket,
+struct Entry {
+    message: Message,
+    content: Content,
     sent: [f32; 4],
 }
 
-impl Numbers {
-    /// A message with this number of values, none of which has been sent yet.
-    fn new(address: &str, count: usize) -> Self {
-        Self { message: message(address, vec![OscType::Float(0.0); count]), sent: [f32::NAN; 4] }
-    }
-
-    /// Sends the numbers if one has changed by a step of `scale`.
-    fn follow(&mut self, numbers: &[f32], scale: f32, out: &mut Sink<'_, '_>) {
-        let is_same = self.sent.iter().zip(numbers).all(|(sent, now)| (sent - now).abs() < STEP * scale);
-        if out.all || !is_same {
-            self.sent.iter_mut().zip(numbers).for_each(|(sent, now)| *sent = *now);
-            set(&mut self.message, numbers);
-            out.add(&self.message);
-        }
-    }
+/// What a message says.
+#[derive(Debug, Clone, Copy)]
+enum Content {
+    IsTracked,
+    Number(Formula),
+    IsNegative(Formula),
+    /// One of the bits that stand for the size of a number.
+    Bit {
+        formula: Formula,
+        bits: u32,
+        bit: u32,
+    },
+    /// Pitch and yaw of the left and of the right eye, degrees.
+    EyeAngles,
 }
 
-/// A message with a truth value, and the value that was sent last.
-#[derive(Debug)]
-struct Flag {
-    message: OscPacket,
-    sent: Option<bool>,
-}
-
-impl Flag {
-    fn new(address: String) -> Self {
-        Self { message: message(address, vec![OscType::Bool(false)]), sent: None }
-    }
-
-    fn follow(&mut self, value: bool, out: &mut Sink<'_, '_>) {
-        if out.all || self.sent != Some(value) {
-            self.sent = Some(value);
-            set_bool(&mut self.message, value);
-            out.add(&self.message);
-        }
-    }
-}
-
-/// A parameter as one number, as bits, or both.
-#[derive(Debug)]
-struct Value {
-    compute: fn(&Face) -> f32,
-    number: Option<Numbers>,
-    /// The sign, and the bits from the lowest on.
-    bits: Option<(Flag, Vec<Flag>)>,
-}
-
-impl Value {
-    /// Returns `None` if the settings do not want the parameter.
-    fn new(parameter: &Parameter, settings: &VrchatSettings) -> Option<Self> {
-        let is_wanted = match parameter.group {
-            Group::Shape => settings.shapes,
-            Group::Compound => settings.compounds,
-            Group::Head => settings.head,
+impl Content {
+    fn numbers(self, face: &Face, gaze: &Gaze, is_tracked: bool) -> [f32; 4] {
+        let number = match self {
+            Self::IsTracked => is_tracked.into(),
+            Self::Number(formula) => formula.value(face),
+            Self::IsNegative(formula) => (formula.value(face) < 0.0).into(),
+            Self::Bit { formula, bits, bit } => {
+                let size = formula.value(face).abs();
+                let whole = if size > FULL { u32::MAX } else { (size * (1_u32 << bits.min(31)) as f32) as u32 };
+                f32::from(whole >> bit & 1 == 1)
+            }
+            Self::EyeAngles => {
+                let Gaze { left, right } = gaze;
+                return [left.pitch, left.yaw, right.pitch, right.yaw].map(|angle| 0.0 - angle.to_degrees());
+            }
         };
-        let general = ParameterChoice { number: settings.floats, bits: settings.bits };
-        let choice = settings.parameters.of(parameter.name, general);
-        let ParameterChoice { number, bits } = choice.filter(|_| is_wanted || settings.parameters.names_any())?;
-        let address = format!("/avatar/parameters/{}v2/{}", settings.prefix.as_str(), parameter.name);
-        let flag = |ending: &str| Flag::new(format!("{address}{ending}"));
-        let bits = (bits > 0)
-            .then(|| (flag("Negative"), (0..bits).map(|bit| flag(&(1_u32 << bit).to_string())).collect::<Vec<_>>()));
-        let number = number.then(|| Numbers::new(&address, 1));
-        (number.is_some() || bits.is_some()).then_some(Self { compute: parameter.value, number, bits })
-    }
-
-    fn follow(&mut self, value: f32, out: &mut Sink<'_, '_>) {
-        if let Some(number) = &mut self.number {
-            number.follow(&[value], 1.0, out);
-        }
-        if let Some((negative, bits)) = &mut self.bits {
-            let whole = binary(value, bits.len());
-            negative.follow(value < 0.0, out);
-            (0..).zip(bits).for_each(|(bit, flag)| flag.follow(whole >> bit & 1 == 1, out));
-        }
+        [number, 0.0, 0.0, 0.0]
     }
 }
 
-/// Returns the size of a value in this many bits.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the value lies from 0 to 1")]
-fn binary(value: f32, bits: usize) -> u32 {
-    let size = value.abs();
-    if size > FULL { u32::MAX } else { (size * (1_u32 << bits.min(31)) as f32) as u32 }
+impl Entry {
+    /// A message that has not been sent yet.
+    fn new(address: &str, content: Content) -> Self {
+        let arguments = match content {
+            Content::Number(_) => &[Argument::Float][..],
+            Content::EyeAngles => &[const { Argument::Float }; 4],
+            Content::IsTracked | Content::IsNegative(_) | Content::Bit { .. } => &[Argument::Bool],
+        };
+        Self { message: Message::new(address, arguments), content, sent: [f32::NAN; 4] }
+    }
+
+    /// Takes the numbers of a face. Returns whether to send them: they are refreshed, or a step away from those before.
+    fn follow(&mut self, numbers: [f32; 4], is_refreshed: bool) -> bool {
+        let step = if matches!(self.content, Content::EyeAngles) { STEP_DEG } else { STEP };
+        if !is_refreshed && self.sent.iter().zip(numbers).all(|(sent, now)| (sent - now).abs() < step) {
+            return false;
+        }
+        self.sent = numbers;
+        match self.content {
+            Content::Number(_) => self.message.set(&numbers[..1]),
+            Content::EyeAngles => self.message.set(&numbers),
+            _ => self.message.set_bool(numbers[0] > 0.5),
+        }
+        true
+    }
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::collections::BTreeMap;
+
+    use rosc::OscType;
+
+    use super::*;
+    use crate::config::LinkKind;
+    use crate::link::osc::received;
+    use crate::link::output::{Pose, test_output};
+    use crate::link::testing::{DOWN, LEFT, TILTED, encoded, face, near, turned};
+
+    type Messages = BTreeMap<String, Vec<OscType>>;
+
+    fn open(keys: &str) -> Vrchat {
+        let settings = crate::config::parse("test", &format!("[[link]]\nkind = \"vrchat\"\n{keys}")).unwrap();
+        let LinkKind::Vrchat(settings) = &settings.links[0].kind else { unreachable!() };
+        Vrchat::new(settings)
+    }
+
+    fn messages(format: &mut Vrchat, now: Instant, output: &Output) -> Messages {
+        let mut datagrams = Vec::new();
+        format.encode_at(now, output, &mut |bytes| datagrams.push(bytes.to_vec()));
+        received(&datagrams).into_iter().map(|message| (message.addr, message.args)).collect()
+    }
+
+    /// Returns what a new link with these settings sends first.
+    fn first(keys: &str, output: &Output) -> Messages {
+        messages(&mut open(keys), Instant::now(), output)
+    }
+
+    fn numbers<const N: usize>(output: &Output, names: [&str; N]) -> [f32; N] {
+        let messages = first("", output);
+        names.map(|name| messages[&format!("/avatar/parameters/v2/{name}")][0].clone().float().unwrap())
+    }
+
+    /// The documented bytes of `v2/JawOpen` = 0.5, and of a status that is true.
+    #[test]
+    fn messages_have_the_documented_bytes() {
+        let bytes = encoded(&mut open(""), &face(&[("jawOpen", 0.5)])).concat();
+        let jaw = b"\0\0\0\x28/avatar/parameters/v2/JawOpen\0\0\0,f\0\0\x3f\0\0\0";
+        let status = b"\0\0\0\x2c/avatar/parameters/EyeTrackingActive\0\0\0\0,T\0\0";
+        for wanted in [&jaw[..], status] {
+            assert_eq!(bytes.windows(wanted.len()).filter(|window| *window == wanted).count(), 1, "{wanted:?}");
+        }
+    }
+
+    #[test]
+    fn parameters_follow_the_formulas_of_vrcfacetracking() {
+        let smile = [("mouthSmileLeft", 0.5), ("mouthFrownLeft", 0.1), ("mouthStretchLeft", 0.3)];
+        let brow = [("browInnerUp", 0.5), ("browOuterUpLeft", 1.0), ("browDownLeft", 0.2)];
+        let lids = [("eyeBlinkLeft", 0.2), ("eyeWideLeft", 0.4), ("eyeSquintRight", 0.3)];
+        let mouth =
+            [("mouthLeft", 0.3), ("jawRight", 0.7), ("mouthClose", 0.5), ("jawOpen", 0.3), ("mouthFunnel", 0.4)];
+        let lips = [("mouthUpperUpLeft", 0.4), ("mouthLowerDownRight", 0.8), ("mouthRollUpper", 0.9)];
+        for (look, names, want) in [
+            (&smile[..], ["MouthCornerPullLeft", "MouthCornerSlantLeft", "SmileFrownLeft"], [0.5, 0.5, 0.4]),
+            (&smile, ["SmileSadLeft", "SmileFrown", "SmileFrownRight"], [0.2, 0.2, 0.0]),
+            (&brow, ["BrowUpLeft", "BrowExpressionLeft", "BrowInnerUpRight"], [0.8, 0.55, 0.5]),
+            (&lids, ["EyeLidLeft", "EyeOpenLeft", "EyeOpenRight"], [0.7, 0.8, 1.0]),
+            (&lids, ["EyeClosed", "EyeWide", "EyesSquint"], [0.1, 0.4, 0.3]),
+            (&mouth, ["MouthX", "JawX", "MouthClosed"], [-0.3, 0.7, 0.3]),
+            (&mouth, ["LipFunnelUpperLeft", "LipFunnelLowerRight", "MouthUpperLeft"], [0.4, 0.4, 0.3]),
+            // 1 - 0.4^(1/6)
+            (&lips, ["MouthOpen", "LipSuckUpperLeft", "LipSuckUpperRight"], [0.3, 0.141_63, 0.9]),
+        ] {
+            let found = numbers(&face(look), names);
+            assert!(near(&found, &want), "{names:?} {found:?}");
+        }
+    }
+
+    #[test]
+    fn eyes_and_head_are_positive_to_the_right_and_up_or_down() {
+        let look = face(&[("eyeLookOutLeft", 0.5), ("eyeLookInRight", 0.5), ("eyeLookUpLeft", 1.0)]);
+        assert!(near(&numbers(&look, ["EyeLeftX", "EyeRightX", "EyeLeftY", "EyeY"]), &[-0.5, -0.5, 1.0, 0.5]));
+        for (rotation, want) in [(LEFT, [-30.0, 0.0, 0.0]), (DOWN, [0.0, 20.0, 0.0]), (TILTED, [0.0, 0.0, -10.0])] {
+            let found = numbers(&turned(rotation), ["Head/Yaw", "Head/Pitch", "Head/Roll"]);
+            assert!(near(&found, &want.map(|degrees| degrees / 90.0)), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn native_eyes_are_angles_in_degrees_down_and_to_the_right() {
+        let look = face(&[("eyeLookDownLeft", 1.0), ("eyeLookOutRight", 1.0), ("eyeBlinkLeft", 0.5)]);
+        let messages = first("native_eyes = true\n", &look);
+        let angles = messages["/tracking/eye/LeftRightPitchYaw"].iter().map(|angle| angle.clone().float().unwrap());
+        assert!(near(&angles.collect::<Vec<_>>(), &[35.0, 0.0, 0.0, 35.0]));
+        assert_eq!(messages["/tracking/eye/EyesClosedAmount"], [OscType::Float(0.25)]);
+        assert!(!first("", &look).keys().any(|address| address.starts_with("/tracking")));
+    }
+
+    #[test]
+    fn binary_parameters_have_a_sign_and_bits() {
+        for (look, name, want) in [
+            (("jawOpen", 0.63), "JawOpen", [false, true, false, true]),
+            (("jawOpen", 1.0), "JawOpen", [false, true, true, true]),
+            (("jawLeft", 0.5), "JawX", [true, false, false, true]),
+        ] {
+            let messages = first("bits = 3\nfloats = false\n", &face(&[look]));
+            let sent = |ending: &str| messages.get(&format!("/avatar/parameters/v2/{name}{ending}"));
+            assert_eq!(
+                ["Negative", "1", "2", "4"].map(sent),
+                want.map(|bit| vec![OscType::Bool(bit)]).each_ref().map(Some)
+            );
+            assert_eq!([sent(""), sent("8")], [None; 2]);
+        }
+    }
+
+    #[test]
+    fn a_list_of_parameters_limits_what_is_sent() {
+        let messages = first("parameters = \"JawOpen, SmileFrown:2\"\nprefix = \"FT/\"\n", &face(&[]));
+        let addresses: Vec<_> = messages.keys().filter_map(|it| it.strip_prefix("/avatar/parameters/")).collect();
+        let mut want = STATUS.to_vec();
+        want.extend(["FT/v2/JawOpen", "FT/v2/SmileFrown1", "FT/v2/SmileFrown2", "FT/v2/SmileFrownNegative"]);
+        want.sort_unstable();
+        assert_eq!(addresses, want);
+    }
+
+    #[test]
+    fn only_changes_are_sent_and_everything_once_a_second() {
+        let (mut format, begun) = (open(""), Instant::now());
+        let mut at = |ms, look: &[(&str, f32)]| messages(&mut format, begun + Duration::from_millis(ms), &face(look));
+        let all = at(0, &[]).len();
+        assert_eq!(all, STATUS.len() + PARAMETERS.len());
+        assert_eq!(at(16, &[]).len(), 0);
+        assert_eq!(at(33, &[("jawOpen", 0.1)]).keys().collect::<Vec<_>>(), ["/avatar/parameters/v2/JawOpen"]);
+        assert_eq!(at(50, &[("jawOpen", 0.103)]).len(), 0, "less than a step");
+        assert_eq!(at(999, &[("jawOpen", 0.103)]).len(), 0);
+        assert_eq!(at(1000, &[("jawOpen", 0.103)]).len(), all);
+    }
+
+    #[test]
+    fn the_status_is_false_without_a_face() {
+        let mut format = open("");
+        for (state, want) in [(State::Live, Some(true)), (State::Hold, None), (State::Decay, Some(false))] {
+            let messages = messages(&mut format, Instant::now(), &test_output(state));
+            let status =
+                messages.get("/avatar/parameters/EyeTrackingActive").map(|value| value[0] == OscType::Bool(true));
+            assert_eq!(status, want, "{state:?}");
+        }
+    }
+
+    #[test]
+    fn every_value_lies_between_minus_1_and_1() {
+        for extreme in [0.0, 1.0] {
+            let pose = Pose { coefficients: [extreme; 52], rotation: [0.0, 1.0, 0.0, 0.0], ..Pose::NEUTRAL };
+            for (address, arguments) in first("", &Output { pose, ..face(&[]) }) {
+                let value = arguments[0].clone().float().unwrap_or_default();
+                let most = if address.contains("Head") { 2.0 } else { 1.0 };
+                assert!(value.abs() <= most, "{address} {value}");
+            }
+        }
+    }
+}

@@ -2,19 +2,17 @@
 
 use facewire_packet::{PACKET_BYTES, Packet, Reason, State};
 
-use crate::face::{LANDMARKS, Landmarks};
 use crate::link::Pose;
+use facewire_face::{LANDMARKS, Landmarks};
 
 /// Steps of a landmark's coordinate per pixel.
 const STEPS_PER_PX: f32 = 32.0;
 /// Largest coordinate, steps: 32,768 pixels.
 const MOST_STEPS: i32 = 1 << 20;
-/// Number of coordinates of a face.
 const COORDINATES: usize = 3 * LANDMARKS;
 /// Most bytes of a 32-bit number in LEB128.
 const MAX_NUMBER_BYTES: usize = 5;
 
-/// The coordinates of a face, in steps.
 pub(super) type Steps = [i32; COORDINATES];
 
 /// What is kept of one frame. Has a fixed size, so that it can be handed from thread to thread without allocation.
@@ -26,30 +24,21 @@ pub struct Recorded {
     pub packet: Packet,
     /// Width and height of the picture in which the landmarks were found, pixels.
     pub size_px: [u16; 2],
-    /// The landmarks, if the frame shows a face.
     pub landmarks: Option<Landmarks>,
 }
 
 impl Recorded {
-    /// A frame without a pose.
-    #[must_use]
     pub fn nothing(time_us: u64, reason: Reason) -> Self {
         let pose = Pose::NEUTRAL;
         Self { time_us, packet: packet(State::Neutral, reason, &pose), size_px: [0; 2], landmarks: None }
     }
 
     /// A frame with a pose. Does not allocate.
-    #[must_use]
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sizes of pictures are below 4096")]
     pub fn new(time_us: u64, pose: &Pose, size_px: [f32; 2], landmarks: Option<&Landmarks>) -> Self {
         let packet = packet(State::Live, Reason::None, pose);
         Self { time_us, packet, size_px: size_px.map(|side| side as u16), landmarks: landmarks.cloned() }
     }
 
-    /// The pose, or the reason why there is none.
-    ///
-    /// # Errors
-    /// The reason.
     pub fn pose(&self) -> Result<Pose, Reason> {
         if self.packet.state != State::Live {
             return Err(self.packet.reason);
@@ -84,7 +73,6 @@ impl Recorded {
     }
 
     /// The bytes of this frame alone.
-    #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(2 * COORDINATES);
         self.write(&mut bytes, &mut [0; COORDINATES]);
@@ -92,7 +80,6 @@ impl Recorded {
     }
 
     /// Reads the bytes of [`Recorded::to_bytes`]. Returns `None` for others.
-    #[must_use]
     pub fn from_bytes(mut bytes: &[u8]) -> Option<Self> {
         Self::read(&mut bytes, &mut [0; COORDINATES]).filter(|_| bytes.is_empty())
     }
@@ -104,7 +91,6 @@ fn packet(state: State, reason: Reason, pose: &Pose) -> Packet {
     Packet { state, reason, neutral_face, sequence, age_us, capture_us, rotation, position_mm, coefficients }
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "a cast to i32 saturates, and the steps are limited")]
 fn steps(value_px: f32) -> i32 {
     ((value_px * STEPS_PER_PX).round() as i32).clamp(-MOST_STEPS, MOST_STEPS)
 }
@@ -113,7 +99,7 @@ fn read_landmarks(bytes: &mut &[u8], before: &mut Steps) -> Option<Landmarks> {
     let mut landmarks = Landmarks::zero();
     for (value, before) in landmarks.0.as_flattened_mut().iter_mut().zip(before) {
         let steps = before.checked_add(unzigzag(read_number(bytes)?))?;
-        if steps.abs() > MOST_STEPS {
+        if !(-MOST_STEPS..=MOST_STEPS).contains(&steps) {
             return None;
         }
         (*before, *value) = (steps, steps as f32 / STEPS_PER_PX);
@@ -160,7 +146,6 @@ fn read_number(bytes: &mut &[u8]) -> Option<u32> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -199,6 +184,18 @@ mod tests {
         let absurd = Landmarks([[f32::NAN, f32::INFINITY, f32::MIN]; LANDMARKS]);
         let frame = Recorded::new(0, &Pose::NEUTRAL, [640.0, 480.0], Some(&absurd));
         assert!(Recorded::from_bytes(&frame.to_bytes()).unwrap().landmarks.unwrap().is_finite());
+    }
+
+    #[test]
+    fn landmark_beyond_every_picture_is_no_frame() {
+        let frame = Recorded::new(1, &Pose::NEUTRAL, [640.0, 480.0], Some(&Landmarks::zero()));
+        let head = frame.to_bytes().len() - COORDINATES;
+        for steps in [i32::MIN, -MOST_STEPS - 1, MOST_STEPS + 1, i32::MAX] {
+            let mut bytes = frame.to_bytes();
+            bytes.truncate(head);
+            (0..COORDINATES).for_each(|_| write_number(&mut bytes, zigzag(steps)));
+            assert_eq!(Recorded::from_bytes(&bytes), None, "{steps}");
+        }
     }
 
     #[test]

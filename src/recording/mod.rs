@@ -27,22 +27,15 @@ pub const START: [u8; 8] = *b"FWREC\0\0\x01";
 /// Most bytes of the frames of a chunk. A frame takes 7314 bytes at most.
 const MAX_CHUNK_BYTES: usize = 1 << 20;
 
-/// Why a recording cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// The file does not begin like a recording.
     #[error("it is no recording of facewire")]
     Other,
-    /// The recording is of a later version.
     #[error("it was made by a later version of facewire; use that version, or a later one")]
     Version,
     /// A chunk does not have its checksum, or holds no frames.
     #[error("it is damaged after frame {frames}; the frames before that were used")]
-    Damaged {
-        /// Number of the frames before the damage.
-        frames: u64,
-    },
-    /// The file cannot be read.
+    Damaged { frames: u64 },
     #[error("it cannot be read: {0}")]
     Read(#[from] io::Error),
 }

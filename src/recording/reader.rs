@@ -10,7 +10,6 @@ use flate2::read::DeflateDecoder;
 use super::frame::{Recorded, Steps};
 use super::{MAX_CHUNK_BYTES, RecordingError, START};
 
-/// A recording that is being read.
 #[derive(Debug)]
 pub struct Reader<R> {
     input: R,
@@ -22,20 +21,12 @@ pub struct Reader<R> {
 }
 
 impl Reader<BufReader<File>> {
-    /// Opens the file.
-    ///
-    /// # Errors
-    /// [`RecordingError`], but not [`RecordingError::Damaged`].
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         Self::new(BufReader::new(File::open(path)?))
     }
 }
 
 impl<R: Read> Reader<R> {
-    /// Reads the start of a recording.
-    ///
-    /// # Errors
-    /// [`RecordingError`], but not [`RecordingError::Damaged`].
     pub fn new(mut input: R) -> Result<Self, RecordingError> {
         let mut start = [0; START.len()];
         if !is_filled(&mut input, &mut start)? {
@@ -52,9 +43,6 @@ impl<R: Read> Reader<R> {
 
     /// Returns the next frame, or `None` at the end. A chunk that was not written to its end is the end, because that is
     /// how a recording ends that was interrupted.
-    ///
-    /// # Errors
-    /// [`RecordingError::Damaged`] and [`RecordingError::Read`]. The recording has then ended.
     pub fn next_frame(&mut self) -> Result<Option<Recorded>, RecordingError> {
         if self.read >= self.chunk.len() && !self.read_chunk()? {
             return Ok(None);
@@ -94,7 +82,6 @@ impl<R: Read> Reader<R> {
         Ok(true)
     }
 
-    /// Ends the recording.
     fn damaged(&mut self) -> RecordingError {
         self.chunk.clear();
         self.read = 0;

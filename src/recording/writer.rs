@@ -13,12 +13,10 @@ use super::{MAX_CHUNK_BYTES, START};
 
 /// Time after which a chunk is written, microseconds.
 const CHUNK_US: u64 = 1_000_000;
-/// Most bytes of a frame.
 const MAX_FRAME_BYTES: usize = 8192;
 /// Number of chunks after which the disk is asked to keep what it was given. More often would wear out memory cards.
 const SYNC_CHUNKS: u32 = 10;
 
-/// A recording that is being written.
 #[derive(Debug)]
 pub struct Writer {
     file: File,
@@ -36,9 +34,6 @@ pub struct Writer {
 
 impl Writer {
     /// Creates the file, which must not exist and which only its owner may read. No chunk is written that would make it larger than `limit_bytes`.
-    ///
-    /// # Errors
-    /// The file exists, or cannot be written.
     pub fn create(path: &Path, limit_bytes: u64) -> io::Result<Self> {
         let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
         if let Err(error) = file.write_all(&START) {
@@ -52,9 +47,6 @@ impl Writer {
     }
 
     /// Adds a frame. Returns `false` if there is no room for it.
-    ///
-    /// # Errors
-    /// The file cannot be written. What was written before can be read.
     pub fn push(&mut self, frame: &Recorded) -> io::Result<bool> {
         let (begun_us, chunk_us) = *self.begun_us.get_or_insert((frame.time_us, frame.time_us));
         let is_due = frame.time_us.saturating_sub(chunk_us) >= CHUNK_US;
@@ -71,15 +63,11 @@ impl Writer {
     }
 
     /// Number of the frames that were given and not discarded.
-    #[must_use]
     pub fn frames(&self) -> u64 {
         self.frames + self.chunk_frames
     }
 
     /// Writes what is left, and asks the disk to keep all of it. Returns the size of the file in bytes.
-    ///
-    /// # Errors
-    /// The file cannot be written.
     pub fn finish(&mut self) -> io::Result<u64> {
         self.write_chunk()?;
         self.file.sync_data()?;

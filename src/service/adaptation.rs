@@ -1,19 +1,25 @@
-//! Decides on which [`Step`] the pipeline runs: down when the board is too slow, hot or badly supplied, up again later.
+//! Decides on which [`Step`] the pipeline runs: down when the board is too slow, hot or badly supplied, up again later; and
+//! whether the camera is opened with half the width and height, because decoding takes too long.
 //!
 //! Role: a pure state machine, stepped by time like the failsafe. The supervisor updates it; the hot loop reads the step
 //! between frames.
 //! Contract: too slow means that four in sixteen frames take longer than their step allows, for half a second. The step
 //! then follows from what a frame takes, so that a constant load changes it once. It goes up when a frame has taken little
-//! enough for the step above, without a break, for [`Cause::patience_us`]. Heat and low voltage take it down by one step at a
-//! time. A step up that fails multiplies the patience, so that no load makes the steps oscillate.
+//! enough for the step above, without a break, for [`Cause::calm_us`]. Heat and low voltage take it down by one step at a
+//! time. A step up that fails multiplies this time, so that no load makes the steps oscillate.
 //! Limits: a governor that saves power slows the processor down when there is less to do, so that a frame seems to take
 //! long. Therefore the step above is tried from time to time whatever a frame takes.
+//! Picture: opening the camera again interrupts the face for up to a second. A small picture is chosen only if the pipeline
+//! has been too slow for [`SMALL_AFTER_US`], the camera has a smaller mode, and the time saved lets the pipeline go up a
+//! step. The full size comes back only after it would have left time on the first step for ten minutes.
 
 #[cfg(test)]
 mod tests;
 
+use std::time::Duration;
+
+use super::failsafe::LIVE_FRAMES;
 use super::load::Load;
-use super::patience::Patience;
 use super::step::Step;
 use crate::impairment::{Impairment, ImpairmentSet};
 
@@ -33,26 +39,32 @@ const LOWEST_THROTTLED: Step = Step::Quarter;
 const WORTH_SAVING: f64 = 0.2;
 /// Time after which the step above is tried even though a frame seems to take too long for it.
 const PROBE_US: u64 = 900_000_000;
-/// Longest patience.
-const LONGEST_PATIENCE_US: u64 = 3_600_000_000;
+/// Longest time before a step up.
+const LONGEST_WAIT_US: u64 = 3_600_000_000;
+/// An attempt at something better has failed if it is taken back within this multiple of the wait before it.
+const PROVEN_AFTER: u64 = 6;
+/// Factor by which a failed attempt multiplies the wait.
+const GROWTH: u64 = 4;
+/// The pipeline must have been on a lower step for this time before a small picture is chosen.
+const SMALL_AFTER_US: u64 = 30_000_000;
+/// A full-sized picture must have been possible for this time: at first, and after failed returns.
+const FULL_AFTER_US: [u64; 2] = [600_000_000, 86_400_000_000];
+/// A picture of half the width and height has this share of the pixels.
+const SMALL_SHARE: u32 = 4;
 
 /// Why the pipeline is not on [`Step::Full`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cause {
     /// Frames take too long.
     Slow,
-    /// The board is hot.
     Hot,
-    /// The supply voltage is too low.
     Undervoltage,
 }
 
 impl Cause {
-    /// Every cause.
     pub const ALL: [Self; 3] = [Self::Slow, Self::Hot, Self::Undervoltage];
 
     /// The name in the status line and in the metrics.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Slow => "slow",
@@ -62,7 +74,7 @@ impl Cause {
     }
 
     /// How long all must be well before the first attempt to go up.
-    fn patience_us(self) -> u64 {
+    fn calm_us(self) -> u64 {
         match self {
             Self::Slow => 10_000_000,
             Self::Hot | Self::Undervoltage => 120_000_000,
@@ -70,15 +82,17 @@ impl Cause {
     }
 }
 
-/// What the step depends on.
+/// What the step and the size of the picture depend on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Conditions {
-    /// Whether the settings allow any step but the first.
+    /// Whether the settings allow any step but the first, and a small picture.
     pub(super) is_allowed: bool,
     /// `None` while there are no frames.
     pub(super) load: Option<Load>,
     /// What makes tracking poor at present.
     pub(super) impaired_by: ImpairmentSet,
+    /// Whether the camera offers a smaller picture than the present one.
+    pub(super) has_smaller_mode: bool,
 }
 
 impl Conditions {
@@ -101,11 +115,11 @@ pub(super) struct Adaptation {
     /// Since when a higher step has been possible, and the lowest that was possible at any time since.
     calm: Option<(u64, Step)>,
     /// How long it must be possible.
-    patience: Patience,
+    wait: ProbeBackoff,
+    picture: PictureSize,
 }
 
 impl Adaptation {
-    /// The present step.
     pub(super) fn step(&self) -> Step {
         self.step
     }
@@ -115,13 +129,23 @@ impl Adaptation {
         self.cause
     }
 
-    /// Takes in the conditions. Returns whether the step has changed.
-    pub(super) fn update(&mut self, now_us: u64, conditions: &Conditions) -> bool {
+    /// Whether the camera is opened with half the width and height.
+    pub(super) fn is_picture_small(&self) -> bool {
+        self.picture.is_small
+    }
+
+    /// Takes in the conditions. Returns whether the step and whether the size of the picture has changed.
+    pub(super) fn update(&mut self, now_us: u64, conditions: &Conditions) -> [bool; 2] {
         if !conditions.is_allowed {
-            let was_lower = self.step != Step::Full;
+            let changes = [self.step != Step::Full, self.picture.is_small];
             *self = Self::default();
-            return was_lower;
+            return changes;
         }
+        let is_new_step = self.update_step(now_us, conditions);
+        [is_new_step, self.picture.update(now_us, conditions, self.step, self.cause)]
+    }
+
+    fn update_step(&mut self, now_us: u64, conditions: &Conditions) -> bool {
         if let Some((step, cause)) = self.lower(now_us, conditions) {
             self.descend(now_us, step, cause);
         } else if let Some(step) = self.higher(now_us, conditions) {
@@ -163,7 +187,7 @@ impl Adaptation {
         self.calm =
             best.map(|best| self.calm.map_or((now_us, best), |(since_us, lowest)| (since_us, lowest.max(best))));
         if let Some((since_us, best)) = self.calm {
-            return (now_us.saturating_sub(since_us) >= self.patience.wait_us()).then_some(best);
+            return (now_us.saturating_sub(since_us) >= self.wait.us).then_some(best);
         }
         let wait_us = self.probe_us();
         let is_time = self.changed_us.is_some_and(|at_us| now_us.saturating_sub(at_us) >= wait_us);
@@ -172,18 +196,18 @@ impl Adaptation {
 
     /// Time after which a higher step is tried against all appearances.
     fn probe_us(&self) -> u64 {
-        let base_us = self.cause.map_or(u64::MAX, Cause::patience_us);
-        PROBE_US.saturating_mul(self.patience.wait_us() / base_us).min(LONGEST_PATIENCE_US)
+        let base_us = self.cause.map_or(u64::MAX, Cause::calm_us);
+        PROBE_US.saturating_mul(self.wait.us / base_us).min(LONGEST_WAIT_US)
     }
 
     fn descend(&mut self, now_us: u64, step: Step, cause: Cause) {
-        self.patience.take_back(now_us, [cause.patience_us(), LONGEST_PATIENCE_US]);
+        self.wait.take_back(now_us, [cause.calm_us(), LONGEST_WAIT_US]);
         self.cause = Some(cause);
         self.change(now_us, step);
     }
 
     fn climb(&mut self, now_us: u64, step: Step) {
-        self.patience.attempt(now_us);
+        self.wait.attempt(now_us);
         if step == Step::Full {
             self.cause = None;
         }
@@ -212,12 +236,85 @@ impl Load {
     }
 
     /// The highest step above `step` that a frame fits well.
-    pub(super) fn best_above(&self, step: Step) -> Option<Step> {
+    fn best_above(&self, step: Step) -> Option<Step> {
         Step::ALL.into_iter().find(|above| *above < step && self.fits_well(*above))
     }
 
     /// Whether a frame leaves enough time on a step for the pipeline to go up to it.
-    pub(super) fn fits_well(&self, step: Step) -> bool {
+    fn fits_well(&self, step: Step) -> bool {
         self.share_on(step) <= FITS_WELL
+    }
+
+    /// The load if decoding took this long.
+    fn with_decoding(self, decoding: Duration) -> Self {
+        Self { busy: self.busy.saturating_sub(self.decoding) + decoding, decoding, ..self }
+    }
+
+    /// Whether a frame takes so long that its pose is too old for the failsafe, even on this step: the face is never live.
+    pub(super) fn is_too_slow_on(&self, step: Step) -> bool {
+        self.share_on(step) > LIVE_FRAMES as f64
+    }
+}
+
+/// The wait before the next attempt at something better, such as a higher step. Each attempt that fails makes it longer.
+#[derive(Debug, Default)]
+struct ProbeBackoff {
+    us: u64,
+    /// When the last attempt was made, until it is taken back.
+    attempted_us: Option<u64>,
+}
+
+impl ProbeBackoff {
+    fn attempt(&mut self, now_us: u64) {
+        self.attempted_us = Some(now_us);
+    }
+
+    /// Takes the last attempt back, if there was one. The wait grows if the attempt has failed, and becomes `least_us`
+    /// again if it lasted. It is always from `least_us` to `longest_us`.
+    fn take_back(&mut self, now_us: u64, [least_us, longest_us]: [u64; 2]) {
+        let growth = match self.attempted_us.take().map(|at_us| now_us.saturating_sub(at_us)) {
+            Some(lasted_us) if lasted_us < PROVEN_AFTER * self.us => GROWTH,
+            Some(_) => 0,
+            None => 1,
+        };
+        self.us = (growth * self.us).max(least_us).min(longest_us);
+    }
+}
+
+/// Which size of picture the camera is opened with.
+#[derive(Debug, Default)]
+struct PictureSize {
+    is_small: bool,
+    /// Since when the other size has been the better one.
+    better_since_us: Option<u64>,
+    /// How long a full-sized picture must be possible.
+    wait: ProbeBackoff,
+}
+
+impl PictureSize {
+    /// Returns whether the size has changed.
+    fn update(&mut self, now_us: u64, conditions: &Conditions, step: Step, cause: Option<Cause>) -> bool {
+        let load_if =
+            |share: fn(Duration) -> Duration| conditions.load.map(|load| load.with_decoding(share(load.decoding)));
+        let (is_better, wait_us) = if self.is_small {
+            let full = load_if(|decoding| decoding * SMALL_SHARE);
+            (step == Step::Full && full.is_some_and(|load| load.fits_well(Step::Full)), self.wait.us)
+        } else {
+            let small = load_if(|decoding| decoding / SMALL_SHARE);
+            let gains = small.is_some_and(|load| load.best_above(step).is_some());
+            (conditions.has_smaller_mode && cause == Some(Cause::Slow) && gains, SMALL_AFTER_US)
+        };
+        self.better_since_us = is_better.then(|| self.better_since_us.unwrap_or(now_us));
+        if self.better_since_us.is_none_or(|since_us| now_us.saturating_sub(since_us) < wait_us) {
+            return false;
+        }
+        self.is_small = !self.is_small;
+        self.better_since_us = None;
+        if self.is_small {
+            self.wait.take_back(now_us, FULL_AFTER_US);
+        } else {
+            self.wait.attempt(now_us);
+        }
+        true
     }
 }

@@ -1,34 +1,75 @@
-//! Opens the camera that the settings name, and decides whether and when to open it again.
+//! The open camera, and whether and when to open it again. The service and the commands read frames through it.
 
 use std::time::Duration;
 
 use crate::capture::v4l2::{PixelFormat, Wish};
-use crate::capture::{self, CaptureError, FrameFault, FrameRate, Source};
+use crate::capture::{self, CaptureError, Frame, FrameFault, FrameRate, Source};
 use crate::config::{CameraFormat, CameraSettings};
 use crate::retry::{BackOff, LONGEST_WAIT};
 
 /// The camera is opened again after this many damaged frames in a row, which cures some cameras.
 const MAX_DAMAGED: u32 = 8;
 
-/// Opens the camera: a device, or the built-in clip played as a camera.
-///
-/// # Errors
-/// Those of [`capture::open_camera`].
-pub fn open(settings: &CameraSettings) -> Result<Box<dyn Source + Send>, CaptureError> {
-    open_wish(settings, &wish(settings))
+/// A camera, or the built-in clip played as one.
+pub struct OpenCamera {
+    pub source: Box<dyn Source + Send>,
+    /// How many damaged frames have come since the last intact one, and what was wrong with the last of them.
+    damaged: Option<(u32, FrameFault)>,
 }
 
-/// Opens the camera with half the width and height of the settings.
-///
-/// # Errors
-/// Those of [`capture::open_camera`].
-pub(super) fn open_small(settings: &CameraSettings) -> Result<Box<dyn Source + Send>, CaptureError> {
-    open_wish(settings, &wish(settings).halved())
-}
+impl OpenCamera {
+    /// Opens the camera of the settings and waits for its first picture.
+    pub fn open(settings: &CameraSettings) -> Result<Self, CaptureError> {
+        let mut camera = Self::begin(settings, false)?;
+        camera.await_picture(|| {})?;
+        Ok(camera)
+    }
 
-fn open_wish(settings: &CameraSettings, wish: &Wish) -> Result<Box<dyn Source + Send>, CaptureError> {
-    let timeout = Duration::from_millis(settings.stall_timeout_ms.into());
-    capture::open_camera(&settings.device, wish, timeout)
+    /// Opens the camera, with half the width and height of the settings if `is_small`.
+    pub(super) fn begin(settings: &CameraSettings, is_small: bool) -> Result<Self, CaptureError> {
+        let wish = wish(settings);
+        let wish = if is_small { wish.halved() } else { wish };
+        let timeout = Duration::from_millis(settings.stall_timeout_ms.into());
+        Ok(Self { source: capture::open_camera(&settings.device, &wish, timeout)?, damaged: None })
+    }
+
+    /// Waits for the newest frame. Returns `None` in place of a damaged one.
+    pub fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+        match self.source.next() {
+            Ok(Some(frame)) => {
+                self.damaged = None;
+                Ok(Some(frame))
+            }
+            Ok(None) => Err(CaptureError::Gone),
+            Err(CaptureError::Frame { fault, .. }) => {
+                self.damaged = Some((self.damaged.map_or(1, |(count, _)| count + 1), fault));
+                Ok(None)
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Fails if so many damaged frames came in a row that the camera is to be opened again.
+    pub(super) fn check(&self) -> Result<(), CaptureError> {
+        match self.damaged {
+            Some((count, fault)) if count >= MAX_DAMAGED => Err(CaptureError::AllDamaged { count, fault }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Waits until the camera delivers a first intact frame and discards that frame. A device that opens but delivers only
+    /// damaged frames does not count as a camera. Calls `damaged` for each damaged frame.
+    pub(super) fn await_picture(&mut self, mut damaged: impl FnMut()) -> Result<(), CaptureError> {
+        while self.next()?.is_none() {
+            damaged();
+            self.check()?;
+        }
+        Ok(())
+    }
+
+    pub fn close(self) -> Result<(), CaptureError> {
+        self.source.close()
+    }
 }
 
 fn wish(settings: &CameraSettings) -> Wish {
@@ -43,46 +84,6 @@ fn wish(settings: &CameraSettings) -> Wish {
     Wish { width: settings.width, height: settings.height, rate, format }
 }
 
-/// Waits until the camera delivers a first intact frame and discards that frame. A device that opens but delivers only
-/// damaged frames does not count as a camera. Calls `damaged` for each damaged frame.
-///
-/// # Errors
-/// [`CaptureError::AllDamaged`], and those of [`Source::next`].
-pub fn await_picture(source: &mut dyn Source, mut damaged: impl FnMut()) -> Result<(), CaptureError> {
-    let mut in_a_row = DamagedInARow::default();
-    loop {
-        match source.next() {
-            Ok(Some(_)) => return Ok(()),
-            Ok(None) => return Err(CaptureError::Gone),
-            Err(CaptureError::Frame { fault, .. }) => {
-                damaged();
-                in_a_row.add(fault)?;
-            }
-            Err(error) => return Err(error),
-        }
-    }
-}
-
-/// Counts the damaged frames since the last intact one.
-#[derive(Debug, Default)]
-pub(super) struct DamagedInARow(u32);
-
-impl DamagedInARow {
-    /// Counts another damaged frame.
-    ///
-    /// # Errors
-    /// [`CaptureError::AllDamaged`] if there were too many in a row.
-    pub(super) fn add(&mut self, fault: FrameFault) -> Result<(), CaptureError> {
-        self.0 += 1;
-        if self.0 < MAX_DAMAGED { Ok(()) } else { Err(CaptureError::AllDamaged { count: self.0, fault }) }
-    }
-
-    /// Begins again after an intact frame.
-    pub(super) fn reset(&mut self) {
-        self.0 = 0;
-    }
-}
-
 /// Returns how long to wait before the next attempt to open the camera, which delivered frames for the time `lasted`.
 /// The back-off starts again at 100 ms if that was at least [`LONGEST_WAIT`]: a camera that shows a few frames and fails,
 /// again and again, does not keep the machine busy.
@@ -94,21 +95,14 @@ pub(super) fn wait_after(lasted: Duration, back_off: &mut BackOff) -> Duration {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::capture::{Clip, Description, Frame};
+    use crate::capture::{Clip, Description};
 
     /// The built-in clip with damaged frames at its beginning.
     struct DamagedClip {
         clip: Clip,
         damaged: u32,
-    }
-
-    impl DamagedClip {
-        fn new(damaged: u32) -> Self {
-            Self { clip: Clip::looped().unwrap(), damaged }
-        }
     }
 
     impl Source for DamagedClip {
@@ -118,37 +112,21 @@ mod tests {
             Err(CaptureError::Frame { number: 0, fault: FrameFault::NotJpeg })
         }
 
-        fn frame_period_us(&self) -> Option<u64> {
-            self.clip.frame_period_us()
-        }
-
         fn describe(&self) -> Description<'_> {
             self.clip.describe()
         }
     }
 
-    /// Returns how waiting for a picture ends, and how many damaged frames were counted.
-    fn awaited(damaged: u32) -> (Result<(), CaptureError>, u32) {
-        let mut counted = 0;
-        let outcome = await_picture(&mut DamagedClip::new(damaged), || counted += 1);
-        (outcome, counted)
-    }
-
     #[test]
-    fn a_camera_is_accepted_at_its_first_intact_frame_and_given_up_after_eight_damaged_ones() {
-        assert!(matches!(awaited(0), (Ok(()), 0)));
-        assert!(matches!(awaited(7), (Ok(()), 7)));
-        let (outcome, counted) = awaited(100);
-        assert!(matches!(outcome, Err(CaptureError::AllDamaged { count: 8, fault: FrameFault::NotJpeg })));
-        assert_eq!(counted, 8);
-    }
-
-    #[test]
-    fn an_intact_frame_resets_the_count_of_damaged_frames() {
-        let mut in_a_row = DamagedInARow::default();
-        for _ in 0..3 {
-            assert!((0..7).all(|_| in_a_row.add(FrameFault::Corrupt).is_ok()));
-            in_a_row.reset();
+    fn a_camera_is_accepted_at_its_first_intact_frame_and_given_up_after_eight_damaged_ones_in_a_row() {
+        for (damaged, expected) in [(0, 0), (7, 7), (100, 8)] {
+            let source = Box::new(DamagedClip { clip: Clip::looped().unwrap(), damaged });
+            let mut camera = OpenCamera { source, damaged: None };
+            let mut counted = 0;
+            let outcome = camera.await_picture(|| counted += 1);
+            let is_given_up = matches!(outcome, Err(CaptureError::AllDamaged { count: 8, fault: FrameFault::NotJpeg }));
+            assert_eq!((counted, is_given_up), (expected, damaged == 100));
+            assert_eq!(camera.damaged.is_none(), !is_given_up, "an intact frame begins the count again");
         }
     }
 

@@ -1,21 +1,22 @@
-//! The control socket: programs on this machine calibrate wearers, choose the one in use and record while the
-//! service runs.
+//! The control thread: programs on this machine calibrate wearers, choose the one in use, record, and read the metrics while
+//! the service runs.
 //!
-//! The thread `fw-control` listens at a Unix socket in the runtime directory, which only the service's user and root may
-//! open. It runs the guide on what the hot loop observes, keeps the profile, and hands it to the hot loop through the
-//! mailbox of reloads. One calibration and one recording run at a time, and a client that closes its connection ends its
-//! own. No client can hold up the thread: connections do not block, and their number, the length of a line and the time
-//! until the request are limited.
+//! The thread `fw-control` has two doors: a Unix socket in the runtime directory, which only the service's user and root may
+//! open, and the address of the metrics if the settings name one. It runs the guide on what the hot loop observes, keeps the
+//! profile, and hands it to the hot loop through the mailbox of reloads. One calibration and one recording run at a time, and
+//! a client that closes its connection ends its own. No client can hold up the thread: connections do not block, and their
+//! number, the length of a request and the time until it has come are limited.
 
 mod client;
-pub(crate) mod protocol;
-mod session;
-pub(crate) mod socket;
+pub(super) mod protocol;
 
+use std::fs::{DirBuilder, Permissions, set_permissions};
 use std::io::{self, PipeReader, PipeWriter, pipe};
 use std::os::fd::AsFd as _;
+use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::PathBuf;
-use std::sync::mpsc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, mpsc};
 use std::thread::{Builder, JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
@@ -23,36 +24,50 @@ use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use facewire_packet::Reason;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 
-use self::client::Client;
-use self::protocol::{Reply, Request};
-use self::session::Session;
+use self::client::{Client, Speaks};
+use self::protocol::{Reply, Request, socket_path};
+use super::counters::Counters;
 use super::hot::HotNews;
-use super::listener::Listener;
+use super::metrics;
 use super::observer::Observed;
-use super::reload::Mailbox;
-use crate::calibration::{Observation, Store, WearerName};
+use super::reload::{InUse, Mailbox};
+use crate::calibration::{Guide, Observation, Progress, Store, WearerName, model_hash};
 use crate::capture::monotonic_us;
-use crate::config::Settings;
-use crate::preflight::{is_same_profile, load_model, load_profile};
+use crate::config::{Listen, Settings};
+use crate::listener::Listener;
+use crate::preflight::{is_same_profile, load_model, load_profile, model_warning};
 use crate::recording::Recorded;
-use crate::solve::Profile;
+use facewire_face::Profile;
 
-/// Number of clients at a time. The others wait in the queue of the socket.
+/// Number of clients at a time at each door. The others wait in the queue of the socket.
 const MAX_CLIENTS: usize = 4;
-/// Time between two looks at the newest observation, and at clients that have not asked yet.
-const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
-const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 500_000_000 };
-/// Time without a frame after which a client that records is told so, microseconds.
-const SILENT_US: u64 = 1_000_000;
+/// Time between two looks at what the hot loop shows, at clients that have not asked yet, and at new settings.
+const LOOK_BUSY: Timespec = Timespec { tv_sec: 0, tv_nsec: 10_000_000 };
+const LOOK_CLIENTS: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+const LOOK_IDLE: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
+/// Time in which a client must ask, and in which it must take the answer.
+const ASK_PATIENCE: Duration = Duration::from_secs(2);
+const HTTP_PATIENCE: Duration = Duration::from_millis(500);
+/// Time in which a client that calibrates or records must take what it was sent.
+const STREAM_PATIENCE: Duration = Duration::from_secs(10);
+/// Delay before the next attempt after listening or accepting a client has failed.
+const RETRY_DELAY: Duration = Duration::from_secs(1);
+/// Time without a frame after which a client that records is sent something else, microseconds.
+const QUIET_US: u64 = 1_000_000;
+/// Least time without a frame after which the guide is told that no picture comes, microseconds, and the number of the
+/// camera's frames that must be missing.
+const SILENT_US: u64 = 500_000;
+const SILENT_FRAMES: u64 = 3;
+/// Least time between two messages in which only measures have changed, microseconds.
+const PROGRESS_US: u64 = 60_000;
 /// How long a stopping service waits for a profile that is being written.
 const DISK_PATIENCE: Duration = Duration::from_secs(1);
-/// Delay before the next attempt after listening or accepting a client has failed.
-const RETRY_DELAY: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
 /// Stack of the thread: reading a profile and a model takes most of it.
 const STACK_BYTES: usize = 512 << 10;
 /// The wearer who is calibrated if the client names none and none is in use.
-pub(crate) const DEFAULT_WEARER: &str = "default";
+pub const DEFAULT_WEARER: &str = "default";
 
 /// A handle to the control thread. Dropping it ends the thread, and cancels the calibration.
 #[derive(Debug)]
@@ -66,29 +81,28 @@ pub(super) struct Parts {
     pub(super) settings: Settings,
     /// New settings, after a reload.
     pub(super) changes: mpsc::Receiver<Settings>,
-    /// The wearer whose profile is in use.
-    pub(super) in_use: Option<WearerName>,
+    pub(super) in_use: InUse,
     pub(super) observed: Observed<Observation>,
     pub(super) recorded: Observed<Recorded>,
     pub(super) hot: Mailbox<HotNews>,
+    pub(super) counters: Arc<Counters>,
 }
 
 impl Control {
-    /// Starts the thread. Without a runtime directory there is no socket, and no thread.
-    ///
-    /// # Errors
-    /// The system could not create a pipe or a thread.
+    /// Starts the thread. Without a runtime directory there is no control socket.
     pub(super) fn start(parts: Parts) -> io::Result<Self> {
-        let Some(path) = socket::path() else {
+        let path = socket_path();
+        if path.is_none() {
             tracing::debug!("no control socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
-            return Ok(Self { stop: None, thread: None });
-        };
+        }
         Self::listen_at(path, parts)
     }
 
-    fn listen_at(path: PathBuf, parts: Parts) -> io::Result<Self> {
+    fn listen_at(path: Option<PathBuf>, parts: Parts) -> io::Result<Self> {
         let (stop_signal, stop) = pipe()?;
-        let server = Server { path, parts, stop_signal, clients: Vec::new(), session: None, recording: None };
+        let doors =
+            [Door::new(path.map_or(Listen::Off, Listen::Unix)), Door::new(parts.settings.metrics.listen.clone())];
+        let server = Server { doors, parts, stop_signal, clients: Vec::new(), session: None, recording: None };
         let builder = Builder::new().name("fw-control".to_owned()).stack_size(STACK_BYTES);
         Ok(Self { stop: Some(stop), thread: Some(builder.spawn(move || server.run())?) })
     }
@@ -110,30 +124,73 @@ impl Drop for Control {
     }
 }
 
+/// A socket at which the thread listens.
+struct Door {
+    listen: Listen,
+    listener: Option<Listener>,
+    /// When to try again after a failure.
+    rests_until: Option<Instant>,
+    is_told: bool,
+}
+
+impl Door {
+    fn new(listen: Listen) -> Self {
+        Self { listen, listener: None, rests_until: None, is_told: false }
+    }
+
+    fn rests(&self) -> bool {
+        self.rests_until.is_some_and(|until| Instant::now() < until)
+    }
+
+    /// Opens the socket if it is not open yet. A failure is told once, and tried again every second.
+    fn open(&mut self, speaks: Speaks) {
+        if self.listen == Listen::Off || self.listener.is_some() || self.rests() {
+            return;
+        }
+        let (what, remedy) = match speaks {
+            Speaks::Requests => ("control socket", "end the service that uses it, or make its folder writable"),
+            Speaks::Http => ("metrics", "free the address or change metrics.listen"),
+        };
+        match bind(&self.listen, speaks) {
+            Ok(listener) => {
+                tracing::info!("{what} at {}", self.listen);
+                self.listener = Some(listener);
+            }
+            Err(error) => {
+                if !std::mem::replace(&mut self.is_told, true) {
+                    tracing::warn!("no {what} at {} ({error}): {remedy}; trying again every second", self.listen);
+                }
+                self.rests_until = Some(Instant::now() + RETRY_DELAY);
+            }
+        }
+    }
+}
+
+/// Opens a socket. That for requests is for its user alone.
+fn bind(listen: &Listen, speaks: Speaks) -> io::Result<Listener> {
+    let (Listen::Unix(path), Speaks::Requests) = (listen, speaks) else { return Listener::bind(listen) };
+    if let Some(folder) = path.parent() {
+        DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
+    }
+    let listener = Listener::bind(listen)?;
+    set_permissions(path, Permissions::from_mode(0o600))?;
+    Ok(listener)
+}
+
 struct Server {
-    path: PathBuf,
+    /// In the order of [`Speaks`].
+    doors: [Door; 2],
     parts: Parts,
     /// [`Control`] closes the other end of this pipe to stop the thread.
     stop_signal: PipeReader,
     clients: Vec<Client>,
     session: Option<Session>,
-    /// The client that records, and when it was told something last.
-    recording: Option<(Client, u64)>,
+    recording: Option<Recording>,
 }
 
 impl Server {
     fn run(mut self) {
-        let Some(listener) = self.bind() else { return };
-        tracing::info!("control socket {}", self.path.display());
-        while let Ok(is_waiting) = self.wait(&listener) {
-            if is_waiting {
-                match listener.accept_unix() {
-                    Ok(stream) => self.clients.push(Client::new(stream)),
-                    // Without memory or file descriptors the client stays in the queue.
-                    Err(_) if self.stops_within(&RETRY_DELAY) => break,
-                    Err(_) => {}
-                }
-            }
+        while self.wait() {
             self.adopt();
             self.serve();
             self.calibrate();
@@ -143,100 +200,138 @@ impl Server {
         self.parts.recorded.ask(false);
     }
 
-    /// Waits, and returns early with `true` if the thread is to stop.
-    fn stops_within(&self, time: &Timespec) -> bool {
-        poll(&mut [PollFd::new(&self.stop_signal, PollFlags::IN)], Some(time)) != Ok(0)
-    }
-
-    /// Retries until the socket is open. `None` if the thread is to stop.
-    fn bind(&self) -> Option<Listener> {
-        let mut has_warned = false;
-        loop {
-            match socket::bind(&self.path) {
-                Ok(listener) => return Some(listener),
-                Err(error) if !has_warned => {
-                    let path = self.path.display();
-                    tracing::warn!(
-                        "no control socket at {path} ({error}): end the service that uses it, or make its folder writable; trying again every second"
-                    );
-                    has_warned = true;
-                }
-                Err(_) => {}
-            }
-            if self.stops_within(&RETRY_DELAY) {
-                return None;
-            }
-        }
-    }
-
-    /// Waits until there is something to do. Returns whether a connection waits.
-    ///
-    /// # Errors
-    /// The thread is to stop.
-    fn wait(&self, listener: &Listener) -> io::Result<bool> {
-        let listener = listener.as_fd();
+    /// Waits until there is something to do, and lets clients in. Returns `false` if the thread is to stop.
+    fn wait(&mut self) -> bool {
         let mut polled = vec![PollFd::new(&self.stop_signal, PollFlags::IN)];
-        polled.extend(self.clients.iter().map(|client| PollFd::new(client, PollFlags::IN)));
-        if self.clients.len() < MAX_CLIENTS {
-            polled.push(PollFd::new(&listener, PollFlags::IN));
+        let mut at_doors = Vec::new();
+        for (door, speaks) in self.doors.iter_mut().zip([Speaks::Requests, Speaks::Http]) {
+            door.open(speaks);
+            let inside = self.clients.iter().filter(|client| client.speaks == speaks).count();
+            if let Some(listener) = &door.listener
+                && inside < MAX_CLIENTS
+                && !door.rests()
+            {
+                at_doors.push((listener, speaks, &mut door.rests_until));
+            }
         }
-        let is_busy = self.session.is_some() || self.recording.is_some();
-        let timeout = match (is_busy, self.clients.is_empty()) {
-            (true, _) => Some(&LOOK),
-            (false, false) => Some(&WAIT),
-            (false, true) => None,
+        let listeners: Vec<_> = at_doors.iter().map(|(listener, ..)| listener.as_fd()).collect();
+        polled.extend(listeners.iter().map(|listener| PollFd::new(listener, PollFlags::IN)));
+        polled.extend(
+            self.clients
+                .iter()
+                .map(|client| PollFd::new(client, if client.is_behind() { PollFlags::OUT } else { PollFlags::IN })),
+        );
+        let timeout = match (self.session.is_some() || self.recording.is_some(), self.clients.is_empty()) {
+            (true, _) => LOOK_BUSY,
+            (false, false) => LOOK_CLIENTS,
+            (false, true) => LOOK_IDLE,
         };
-        if let Err(error) = poll(&mut polled, timeout) {
-            return if error == rustix::io::Errno::INTR { Ok(false) } else { Err(error.into()) };
+        match poll(&mut polled, Some(&timeout)) {
+            Ok(_) => {}
+            Err(error) => return error == Errno::INTR,
         }
-        let is_ready = |polled: Option<&PollFd>| polled.is_some_and(|polled| !polled.revents().is_empty());
-        if is_ready(polled.first()) {
-            return Err(io::ErrorKind::Interrupted.into());
+        let is_ready: Vec<_> = polled.iter().map(|polled| !polled.revents().is_empty()).collect();
+        let [stops, is_ready @ ..] = &*is_ready else { return false };
+        for ((listener, speaks, rests_until), _) in
+            at_doors.into_iter().zip(is_ready).filter(|(_, is_ready)| **is_ready)
+        {
+            match listener.accept() {
+                Ok(stream) => self.clients.push(Client::new(stream, speaks)),
+                // Without memory or file descriptors the client stays in the queue. The delay keeps the loop from spinning.
+                Err(_) => *rests_until = Some(Instant::now() + RETRY_DELAY),
+            }
         }
-        Ok(polled.len() > 1 + self.clients.len() && is_ready(polled.last()))
+        !stops
     }
 
     /// Takes in the settings of a reload.
     fn adopt(&mut self) {
         while let Ok(settings) = self.parts.changes.try_recv() {
             if !is_same_profile(&settings.wearer, &self.parts.settings.wearer) {
-                self.parts.in_use = WearerName::new(&settings.wearer.name);
+                self.parts.in_use.set(WearerName::new(&settings.wearer.name));
+            }
+            let [_, door] = &mut self.doors;
+            if door.listen != settings.metrics.listen {
+                *door = Door::new(settings.metrics.listen.clone());
             }
             self.parts.settings = settings;
+            self.end_if_model_changed();
+        }
+    }
+
+    /// A profile of takes that two models have read would fit neither.
+    fn end_if_model_changed(&mut self) {
+        let Some(session) = &self.session else { return };
+        let model = load_model(&self.parts.settings.solver);
+        if model.is_ok_and(|model| model_hash(&model) != session.guide.model_hash()) {
+            let why = "no profile was made, and the former one stays. The blendshape model has changed: try again";
+            self.end(Reply::Refused(why.to_owned()));
         }
     }
 
     /// Answers the clients that have asked, and leaves those that have gone.
     fn serve(&mut self) {
         for mut client in std::mem::take(&mut self.clients) {
-            match client.request() {
-                Ok(None) => self.clients.push(client),
-                Ok(Some(Ok(request))) => self.answer(client, request),
-                Ok(Some(Err(refusal))) => client.answer(&Reply::Refused(refusal)),
-                Err(_) => {}
+            let patience = if client.speaks == Speaks::Http { HTTP_PATIENCE } else { ASK_PATIENCE };
+            if client.has_waited(patience) {
+                continue;
+            }
+            if client.is_behind() {
+                if client.flush().is_ok() && client.is_behind() {
+                    self.clients.push(client);
+                }
+                continue;
+            }
+            let Ok(has_ended) = client.receive() else { continue };
+            match client.speaks {
+                Speaks::Http => match metrics::answer(&client.input, has_ended, &self.parts.counters) {
+                    Some(page) => self.send(client, |client| client.send_bytes(page.as_bytes())),
+                    None => self.clients.push(client),
+                },
+                Speaks::Requests => match client.request() {
+                    Some(Ok(request)) => self.answer(client, request),
+                    Some(Err(refusal)) => self.send(client, |client| client.send(&Reply::Refused(refusal))),
+                    None if has_ended => {}
+                    None => self.clients.push(client),
+                },
             }
         }
     }
 
-    fn answer(&mut self, mut client: Client, request: Request) {
+    /// Sends the last that a client gets. A client that does not read it harms only itself.
+    fn send(&mut self, mut client: Client, send: impl FnOnce(&mut Client) -> io::Result<()>) {
+        if send(&mut client).is_ok() && client.is_behind() {
+            self.clients.push(client);
+        }
+    }
+
+    fn answer(&mut self, client: Client, request: Request) {
         let outcome = match request {
-            Request::Calibrate { wearer } => return self.begin(client, wearer.as_deref()),
-            Request::Use { wearer: Some(name) } => named(&name).and_then(|name| self.wear(&name)),
+            Request::Calibrate { wearer } => match self.prepare(wearer.as_deref()) {
+                Ok((name, guide)) => {
+                    tracing::info!("calibration of wearer {name} begins");
+                    self.parts.observed.ask(true);
+                    self.session = Some(Session::new(client, name, guide, monotonic_us()));
+                    return;
+                }
+                Err(refusal) => Err(refusal),
+            },
+            Request::Record {} if self.recording.is_none() => {
+                tracing::info!("recording begins");
+                self.parts.recorded.ask(true);
+                self.recording = Some(Recording::new(client, monotonic_us()));
+                return;
+            }
+            Request::Record {} => Err("another recording is in progress: try again when it has ended".to_owned()),
+            Request::Use { wearer: Some(name) } => named(&name).and_then(|name| self.set_wearer(&name)),
             Request::Use { wearer: None } => {
                 self.hand_over(Profile::default(), None);
                 Ok(Reply::Done("nobody's profile is in use, until the next start of the service".to_owned()))
             }
             Request::Delete { wearer } => named(&wearer).and_then(|name| self.delete(&name)),
             Request::List {} => self.list(),
-            Request::Record {} if self.recording.is_none() => {
-                tracing::info!("recording begins");
-                self.parts.recorded.ask(true);
-                self.recording = Some((client, monotonic_us()));
-                return;
-            }
-            Request::Record {} => Err("another recording is in progress: try again when it has ended".to_owned()),
         };
-        client.answer(&outcome.unwrap_or_else(Reply::Refused));
+        self.send(client, |client| client.send(&outcome.unwrap_or_else(Reply::Refused)));
     }
 
     fn store(&self) -> Store {
@@ -246,7 +341,7 @@ impl Server {
     /// Deletes the profile of this wearer. It is then in use no longer.
     fn delete(&mut self, name: &WearerName) -> Result<Reply, String> {
         self.store().delete(name).map_err(|error| error.to_string())?;
-        if self.parts.in_use.as_ref() == Some(name) {
+        if self.parts.in_use.get().as_ref() == Some(name) {
             self.hand_over(Profile::default(), None);
         }
         Ok(Reply::Done(format!("the profile of {name} is deleted")))
@@ -255,18 +350,19 @@ impl Server {
     fn list(&self) -> Result<Reply, String> {
         let store = self.store();
         let wearers = store.list().map_err(|error| error.to_string())?;
-        let in_use = self.parts.in_use.as_ref().map(ToString::to_string);
+        let in_use = self.parts.in_use.get().map(|name| name.to_string());
         Ok(Reply::Wearers { wearers, in_use, folder: store.folder().display().to_string() })
     }
 
     /// Uses the profile of this wearer.
-    fn wear(&mut self, name: &WearerName) -> Result<Reply, String> {
-        let mut wearer = self.parts.settings.wearer.clone();
-        name.as_str().clone_into(&mut wearer.name);
-        let profile = load_profile(&wearer).map_err(|error| error.to_string())?;
+    fn set_wearer(&mut self, name: &WearerName) -> Result<Reply, String> {
+        let mut settings = self.parts.settings.clone();
+        name.as_str().clone_into(&mut settings.wearer.name);
+        let profile = load_profile(&settings.wearer).map_err(|error| error.to_string())?;
         self.hand_over(profile, Some(name.clone()));
+        let warning = model_warning(&settings).map_or_else(String::new, |warning| format!(". {warning}"));
         Ok(Reply::Done(format!(
-            "the profile of {name} is in use; to use it after every start, set wearer.name = \"{name}\" in the settings"
+            "the profile of {name} is in use; to use it after every start, set wearer.name = \"{name}\" in the settings{warning}"
         )))
     }
 
@@ -274,27 +370,19 @@ impl Server {
     fn hand_over(&mut self, profile: Profile, name: Option<WearerName>) {
         tracing::info!("wearer {}", name.as_ref().map_or("nobody", WearerName::as_str));
         self.parts.hot.send(HotNews::Wearer(Box::new(profile)));
-        self.parts.in_use = name;
+        self.parts.in_use.set(name);
     }
 
-    /// Begins a calibration for a client.
-    fn begin(&mut self, mut client: Client, wearer: Option<&str>) {
-        let of_settings = || self.parts.in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str);
-        let begun = named(wearer.unwrap_or_else(of_settings)).and_then(|name| {
-            if self.session.is_some() {
-                return Err("another calibration is in progress: try again when it has ended".to_owned());
-            }
-            let model = load_model(&self.parts.settings.solver).map_err(|error| error.to_string())?;
-            Ok((name, model))
-        });
-        match begun {
-            Ok((name, model)) => {
-                tracing::info!("calibration of wearer {name} begins");
-                self.parts.observed.ask(true);
-                self.session = Some(Session::new(client, name, model, monotonic_us()));
-            }
-            Err(refusal) => client.answer(&Reply::Refused(refusal)),
+    /// Loads what a calibration of this wearer, or else of the one in use, needs.
+    fn prepare(&self, wearer: Option<&str>) -> Result<(WearerName, Guide), String> {
+        let in_use = self.parts.in_use.get();
+        let of_settings = || in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str);
+        let name = named(wearer.unwrap_or_else(of_settings))?;
+        if self.session.is_some() {
+            return Err("another calibration is in progress: try again when it has ended".to_owned());
         }
+        let model = load_model(&self.parts.settings.solver).map_err(|error| error.to_string())?;
+        Ok((name, Guide::new(model)))
     }
 
     /// Goes on with the calibration in progress.
@@ -302,64 +390,56 @@ impl Server {
         let Some(session) = &mut self.session else { return };
         if session.client_has_gone() {
             tracing::info!("calibration of wearer {} cancelled", session.name);
-            self.end();
+            self.parts.observed.ask(false);
+            self.session = None;
             return;
         }
-        session.step(self.parts.observed.take(), monotonic_us());
-        if session.outcome().is_some() {
-            self.finish();
+        let silent_us = SILENT_US.max(SILENT_FRAMES * self.parts.counters.frame_period_us.load(Relaxed));
+        let mut next = self.parts.observed.take();
+        loop {
+            session.step(next.as_ref(), silent_us, monotonic_us());
+            next = self.parts.observed.take();
+            if next.is_none() || session.guide.outcome().is_some() {
+                break;
+            }
         }
-    }
-
-    /// Tells the client that records what the newest frame shows, or once a second that there is none. A client that does
-    /// not read is disconnected.
-    fn record(&mut self) {
-        let Some((client, told_us)) = &mut self.recording else { return };
-        let now_us = monotonic_us();
-        let frame = match self.parts.recorded.take() {
-            Some(frame) => Some(frame.to_bytes()),
-            None if now_us.saturating_sub(*told_us) < SILENT_US => None,
-            None => Some(Recorded::nothing(now_us, Reason::NoCamera).to_bytes()),
-        };
-        let has_failed = frame.is_some_and(|frame| {
-            *told_us = now_us;
-            client.send(&Reply::Frame(BASE64_STANDARD.encode(frame))).is_err()
-        });
-        if has_failed || client.has_gone() {
-            tracing::info!("recording ended");
-            self.parts.recorded.ask(false);
-            self.recording = None;
-        }
-    }
-
-    /// Ends the calibration, and returns it.
-    fn end(&mut self) -> Option<Session> {
-        self.parts.observed.ask(false);
-        self.session.take()
-    }
-
-    /// Keeps what the calibration has found, uses it, and tells the client.
-    fn finish(&mut self) {
-        let Some(mut session) = self.end() else { return };
+        let Some(outcome) = session.guide.outcome() else { return };
         let name = session.name.clone();
-        let reply = match session.outcome() {
-            Some(Ok(calibration)) => {
+        let reply = match outcome {
+            Ok(calibration) => {
                 let profile = calibration.profile.clone();
                 match self.store().keep(&name, calibration) {
                     Ok(report) => {
-                        self.hand_over(profile, Some(name.clone()));
+                        self.hand_over(profile, Some(name));
                         Reply::Calibrated(report)
                     }
                     Err(error) => Reply::Refused(error.to_string()),
                 }
             }
-            Some(Err(refusal)) => Reply::Refused(refusal.end()),
-            None => return,
+            Err(refusal) => Reply::Refused(refusal.end()),
         };
+        self.end(reply);
+    }
+
+    /// Ends the calibration with the last answer to its client.
+    fn end(&mut self, reply: Reply) {
+        self.parts.observed.ask(false);
+        let Some(Session { client, name, .. }) = self.session.take() else { return };
         if let Reply::Refused(reason) = &reply {
             tracing::warn!("calibration of wearer {name}: {reason}");
         }
-        session.client.answer(&reply);
+        self.send(client, |client| client.send(&reply));
+    }
+
+    fn record(&mut self) {
+        let Some(recording) = &mut self.recording else { return };
+        let is_camera_open = self.parts.counters.camera_open.load(Relaxed);
+        let sent = recording.step(&mut self.parts.recorded, is_camera_open, monotonic_us());
+        if sent.is_err() || recording.client.has_gone(STREAM_PATIENCE) {
+            tracing::info!("recording ended, {} frames lost", recording.lost);
+            self.parts.recorded.ask(false);
+            self.recording = None;
+        }
     }
 }
 
@@ -367,6 +447,106 @@ fn named(text: &str) -> Result<WearerName, String> {
     WearerName::new(text).ok_or_else(|| format!("no name of a wearer: give {}", WearerName::EXPECTED))
 }
 
+/// A calibration in progress, and the client that has asked for it.
+struct Session {
+    client: Client,
+    name: WearerName,
+    guide: Guide,
+    /// When the last observation came, or the guide was told that none comes.
+    observed_us: u64,
+    /// What the client was told last, and when.
+    told: Option<(Progress, u64)>,
+    has_failed: bool,
+}
+
+impl Session {
+    fn new(client: Client, name: WearerName, guide: Guide, now_us: u64) -> Self {
+        Self { client, name, guide, observed_us: now_us, told: None, has_failed: false }
+    }
+
+    /// Whether the client has closed the connection, or does not read what it asked for.
+    fn client_has_gone(&mut self) -> bool {
+        self.has_failed || self.client.has_gone(STREAM_PATIENCE)
+    }
+
+    /// Takes in an observation if there is one, or that there was none for the time `silent_us`, and tells the client.
+    fn step(&mut self, observation: Option<&Observation>, silent_us: u64, now_us: u64) {
+        match observation {
+            Some(observation) => self.guide.update(observation),
+            None if now_us.saturating_sub(self.observed_us) > silent_us => {
+                self.guide.update(&Observation::nothing(now_us));
+            }
+            None => return,
+        }
+        self.observed_us = now_us;
+        self.tell(now_us);
+    }
+
+    fn tell(&mut self, now_us: u64) {
+        let progress = self.guide.progress();
+        let is_known = self.told.as_ref().is_some_and(|(told, told_us)| {
+            now_us.saturating_sub(*told_us) < PROGRESS_US && told.says_the_same(&progress)
+        });
+        self.has_failed = self.client.flush().is_err();
+        if !is_known && !self.client.is_behind() {
+            self.has_failed |= self.client.send(&Reply::Progress(progress.clone())).is_err();
+            self.told = Some((progress, now_us));
+        }
+    }
+}
+
+/// A recording in progress, and the client that has asked for it.
+struct Recording {
+    client: Client,
+    /// When the client was sent something last.
+    sent_us: u64,
+    /// The time of the last entry, when it was made, and whether it was a frame.
+    last: Option<(u64, u64, bool)>,
+    /// Frames that the client did not take in time, and all that were lost, as the client was told.
+    refused: u64,
+    lost: u64,
+}
+
+impl Recording {
+    fn new(client: Client, now_us: u64) -> Self {
+        Self { client, sent_us: now_us, last: None, refused: 0, lost: 0 }
+    }
+
+    /// Sends what the new frames show, how many were lost, and once a second that no camera is open.
+    fn step(&mut self, frames: &mut Observed<Recorded>, is_camera_open: bool, now_us: u64) -> io::Result<()> {
+        self.client.flush()?;
+        while let Some(mut frame) = frames.take() {
+            // The entry for a missing camera may be later than the capture of the frame that follows.
+            if let Some((last_us, _, false)) = self.last {
+                frame.time_us = frame.time_us.max(last_us + 1);
+            }
+            self.last = Some((frame.time_us, now_us, true));
+            self.entry(&frame, now_us)?;
+        }
+        let is_quiet = now_us.saturating_sub(self.sent_us) >= QUIET_US;
+        if is_quiet && !is_camera_open {
+            // In the clock of the frames, so that a replay shows it when it happened.
+            let time_us = self.last.map_or(now_us, |(time_us, at_us, _)| time_us + now_us.saturating_sub(at_us));
+            self.last = Some((time_us, now_us, false));
+            self.entry(&Recorded::nothing(time_us, Reason::NoCamera), now_us)?;
+        }
+        let lost = frames.lost() + self.refused;
+        if (lost != self.lost || (is_quiet && is_camera_open)) && !self.client.is_behind() {
+            (self.lost, self.sent_us) = (lost, now_us);
+            self.client.send(&Reply::Lost(lost))?;
+        }
+        Ok(())
+    }
+
+    fn entry(&mut self, frame: &Recorded, now_us: u64) -> io::Result<()> {
+        if self.client.is_behind() {
+            self.refused += 1;
+            return Ok(());
+        }
+        self.sent_us = now_us;
+        self.client.send(&Reply::Frame(BASE64_STANDARD.encode(frame.to_bytes())))
+    }
+}
+
 #[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::panic)]
 mod tests;

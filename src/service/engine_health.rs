@@ -51,31 +51,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn eight_failures_reload_the_networks_and_eight_more_are_given_up() {
-        let mut health = EngineHealth::default();
-        let remedies: Vec<Remedy> = (0..16).map(|_| health.failed()).collect();
-        let mut want = vec![Remedy::Wait; 16];
-        (want[7], want[15]) = (Remedy::Reload, Remedy::GiveUp);
-        assert_eq!(remedies, want);
-    }
-
-    #[test]
-    fn a_good_inference_ends_a_row_of_failures() {
+    fn eight_failures_in_a_row_reload_the_networks_and_eight_more_soon_after_are_given_up() {
         let mut health = EngineHealth::default();
         for _ in 0..100 {
             assert!((0..7).all(|_| health.failed() == Remedy::Wait));
             health.ran();
         }
-    }
-
-    #[test]
-    fn an_engine_that_fails_again_soon_after_it_was_loaded_again_is_given_up_and_one_that_ran_for_long_is_not() {
-        let remedy_after = |good_runs| {
-            let mut health = EngineHealth::default();
-            (0..8).for_each(|_| _ = health.failed());
+        assert_eq!((0..8).map(|_| health.failed()).last(), Some(Remedy::Reload));
+        for (good_runs, remedy) in [(0, Remedy::GiveUp), (299, Remedy::GiveUp), (300, Remedy::Reload)] {
+            let mut health = EngineHealth { is_reloaded: true, ..EngineHealth::default() };
             (0..good_runs).for_each(|_| health.ran());
-            (0..8).map(|_| health.failed()).last()
-        };
-        assert_eq!([1, 299, 300].map(remedy_after), [Remedy::GiveUp, Remedy::GiveUp, Remedy::Reload].map(Some));
+            assert!((0..7).all(|_| health.failed() == Remedy::Wait));
+            assert_eq!(health.failed(), remedy, "{good_runs}");
+        }
     }
 }

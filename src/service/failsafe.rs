@@ -8,24 +8,36 @@
 //! Limits: a clock that stands still or steps back delays transitions by the step and does no other harm. The head's
 //! rotation decays with the coefficients; its position has no neutral value and stays.
 
-mod history;
-mod pose;
 #[cfg(test)]
 mod tests;
 
 use std::time::Duration;
 
 use facewire_packet::{Reason, State};
-
-pub use history::History;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::config::FailsafeSettings;
 use crate::link::{Output, Pose};
 
 /// Frame periods without a pose for which the face stays live: a camera may drop two frames in a row.
-const LIVE_FRAMES: u64 = 3;
+pub(super) const LIVE_FRAMES: u64 = 3;
+/// Good poses in a row that end a decay or a neutral face.
+const RECOVERY_POSES: u32 = 3;
+/// Shortest time from the first to the last of them.
+const RECOVERY_US: u64 = 100_000;
 /// Number of neutral packets that the sender sends last, because some may be lost.
 pub const STOPPING_PACKETS: usize = 3;
+/// How far the head may turn while a coefficient may move by 1. At 4 units/s this is 180 degrees/s: a decay of 700 ms
+/// brings back a head that is turned by 126 degrees.
+const RADIANS_PER_UNIT: f32 = std::f32::consts::FRAC_PI_4;
+/// How far the head may move while a coefficient may move by 1. At 4 units/s this is 1 m/s.
+const MM_PER_UNIT: f32 = 250.0;
+/// Rounding error of the solver that a coefficient of 0 or 1 may have.
+const COEFFICIENT_TOLERANCE: f32 = 1e-3;
+/// Rounding error that the length of the quaternion may have.
+const ROTATION_TOLERANCE: f32 = 1e-2;
+/// Farther than any camera sees a face, and within the 16 bits of the packet.
+const POSITION_LIMIT_MM: f32 = 32_000.0;
 
 /// The limits of the failsafe.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,21 +48,27 @@ pub struct Failsafe {
     slew_per_s: f32,
 }
 
-/// What has happened since the last update.
+/// What has happened since the last update. The hot loop leaves it for the sender, which sees the newest only.
 #[derive(Debug, Clone, Copy)]
-pub enum News<'a> {
+#[expect(clippy::large_enum_variant, reason = "three of them live in a triple buffer, none on the heap")]
+pub enum News {
     /// Nothing, except that time has passed.
     Nothing,
     /// The newest pose and the capture time of its frame. A pose that was given before changes nothing.
-    Pose(&'a Pose, u64),
+    Pose(Pose, u64),
     /// Why there is no pose. The reason stands until a pose or another fault comes.
     Fault(Reason),
+}
+
+impl News {
+    pub fn of(pose: Result<Pose, Reason>, captured_us: u64) -> Self {
+        pose.map_or_else(Self::Fault, |pose| Self::Pose(pose, captured_us))
+    }
 }
 
 impl Failsafe {
     /// Returns the limits in the settings, for a camera of this frame period. If three frame periods take longer than
     /// `live_ms`, all times move by the difference.
-    #[must_use]
     pub fn new(settings: &FailsafeSettings, frame_period_us: u64) -> Self {
         let [live_us, hold_us, neutral_us] =
             [settings.live_ms, settings.hold_ms, settings.neutral_ms].map(|ms| u64::from(ms) * 1000);
@@ -64,7 +82,7 @@ impl Failsafe {
     }
 
     /// Lets time pass, takes in the news, moves the output and returns it.
-    pub fn update(&self, history: &mut History, now_us: u64, news: News<'_>) -> Output {
+    pub fn update(&self, history: &mut History, now_us: u64, news: &News) -> Output {
         let before_us = history.age_us;
         let elapsed_us = history.advance(now_us);
         self.age(history);
@@ -90,7 +108,6 @@ impl Failsafe {
     }
 
     /// Time from the last update to the next change of state, if no pose or fault comes first.
-    #[must_use]
     pub fn wait_us(&self, history: &History) -> u64 {
         let next_state_us = match history.state {
             State::Live => self.live_us,
@@ -116,8 +133,8 @@ impl Failsafe {
     }
 
     /// Takes in the news. Returns whether the output follows a new pose from now on.
-    fn hear(&self, history: &mut History, now_us: u64, news: News<'_>) -> bool {
-        let (pose, capture_us) = match news {
+    fn hear(&self, history: &mut History, now_us: u64, news: &News) -> bool {
+        let (pose, capture_us) = match *news {
             News::Nothing => return false,
             News::Fault(reason) => {
                 history.fault(reason);
@@ -175,4 +192,193 @@ impl Failsafe {
         let passed = Duration::from_micros(age_us.saturating_sub(from_us));
         if passed >= left { 1.0 } else { passed.div_duration_f32(left) }
     }
+}
+
+/// What the failsafe remembers between updates.
+#[derive(Debug, Clone)]
+pub struct History {
+    state: State,
+    reason: Reason,
+    shown: Pose,
+    target: Pose,
+    /// Whether `shown` still has to catch up with `target`.
+    ramping: bool,
+    /// Whether the output has not followed any pose yet.
+    fresh: bool,
+    age_us: u64,
+    capture_us: u64,
+    now_us: Option<u64>,
+    /// Capture time of the last pose in the news, followed or not.
+    heard_us: Option<u64>,
+    recovery: Recovery,
+}
+
+/// Good poses in a row.
+#[derive(Debug, Clone, Default)]
+struct Recovery {
+    poses: u32,
+    since_first_us: u64,
+    since_last_us: u64,
+}
+
+impl Recovery {
+    fn advance(&mut self, elapsed_us: u64) {
+        self.since_first_us = self.since_first_us.saturating_add(elapsed_us);
+        self.since_last_us = self.since_last_us.saturating_add(elapsed_us);
+    }
+
+    /// Counts a good pose. A pose that comes `gap_us` or more after the last one starts a new row.
+    fn count(&mut self, gap_us: u64) {
+        if self.poses == 0 || self.since_last_us >= gap_us {
+            *self = Self::default();
+        }
+        self.poses = self.poses.saturating_add(1);
+        self.since_last_us = 0;
+    }
+
+    /// Whether the row is long enough to follow poses again.
+    fn complete(&self) -> bool {
+        self.poses >= RECOVERY_POSES && self.since_first_us >= RECOVERY_US
+    }
+}
+
+impl Default for History {
+    /// Neutral, as before the first frame.
+    fn default() -> Self {
+        Self {
+            state: State::Neutral,
+            reason: Reason::NoCamera,
+            shown: Pose::NEUTRAL,
+            target: Pose::NEUTRAL,
+            ramping: false,
+            fresh: true,
+            age_us: u64::MAX,
+            capture_us: 0,
+            now_us: None,
+            heard_us: None,
+            recovery: Recovery::default(),
+        }
+    }
+}
+
+impl History {
+    /// Lets time pass, and returns how much. A clock that steps back counts as standing still.
+    fn advance(&mut self, now_us: u64) -> u64 {
+        let elapsed_us = now_us.saturating_sub(self.now_us.unwrap_or(now_us));
+        self.now_us = Some(now_us);
+        self.age_us = self.age_us.saturating_add(elapsed_us);
+        self.recovery.advance(elapsed_us);
+        elapsed_us
+    }
+
+    /// Notes why there is no pose, and starts the recovery over.
+    fn fault(&mut self, reason: Reason) {
+        self.reason = reason;
+        self.recovery = Recovery::default();
+    }
+
+    /// The reason to send with the state. While the face is live this is `None`, even if a fault is known already: it is
+    /// sent once the state leaves `Live`.
+    fn reason_to_send(&self) -> Reason {
+        match self.state {
+            State::Live => Reason::None,
+            State::Hold | State::Decay | State::Neutral => self.reason,
+        }
+    }
+
+    /// Follows a good pose from now on. The output moves to it by a ramp if the face was not live before.
+    fn follow(&mut self, pose: Pose, capture_us: u64, age_us: u64) {
+        self.ramping |= self.state != State::Live;
+        if self.fresh {
+            self.fresh = false;
+            self.shown.position_mm = pose.position_mm;
+        }
+        self.target = pose;
+        self.state = State::Live;
+        self.reason = Reason::None;
+        self.capture_us = capture_us;
+        self.age_us = age_us;
+    }
+
+    /// The neutral output that a receiver gets last.
+    pub fn last(&self) -> Output {
+        let (state, reason, pose) = (State::Neutral, Reason::Stopping, self.shown.neutral_here());
+        Output { state, reason, pose, ..self.output() }
+    }
+
+    /// The output of this moment.
+    fn output(&self) -> Output {
+        Output {
+            state: self.state,
+            reason: self.reason_to_send(),
+            pose: self.shown,
+            age_us: self.age_us,
+            capture_us: self.capture_us,
+            followed: false,
+            moving: false,
+        }
+    }
+}
+
+impl Pose {
+    /// The neutral face at the position of this pose: a head has no neutral position.
+    fn neutral_here(&self) -> Self {
+        Self { position_mm: self.position_mm, neutral_face: self.neutral_face, ..Self::NEUTRAL }
+    }
+
+    /// Removes rounding errors. Returns `None` if any value is not a number or out of range.
+    fn checked(&self) -> Option<Self> {
+        let plausible = -COEFFICIENT_TOLERANCE..=1.0 + COEFFICIENT_TOLERANCE;
+        let coefficients_good = self.coefficients.iter().all(|value| plausible.contains(value));
+        let limit = -POSITION_LIMIT_MM..=POSITION_LIMIT_MM;
+        let position_good = self.position_mm.iter().all(|mm| limit.contains(mm));
+        let quaternion = Quaternion::from(self.rotation);
+        let rotation_good = (quaternion.norm() - 1.0).abs() <= ROTATION_TOLERANCE;
+        (coefficients_good && position_good && rotation_good).then(|| Self {
+            rotation: quaternion.normalize().coords.into(),
+            position_mm: self.position_mm,
+            coefficients: self.coefficients.map(|value| value.clamp(0.0, 1.0)),
+            neutral_face: self.neutral_face,
+        })
+    }
+
+    /// Moves the fraction `part` of the way to `target`, but no coefficient by more than `limit`, and the head by no more
+    /// than the equivalent of it.
+    pub(crate) fn towards(&self, target: &Self, part: f32, limit: f32) -> Self {
+        let mut coefficients = target.coefficients;
+        for (value, from) in coefficients.iter_mut().zip(self.coefficients) {
+            let way = *value - from;
+            if part < 1.0 || way.abs() > limit {
+                *value = from + (way * part).clamp(-limit, limit);
+            }
+        }
+        Self {
+            rotation: turned(self.rotation, target.rotation, part, limit * RADIANS_PER_UNIT),
+            position_mm: moved(self.position_mm, target.position_mm, part, limit * MM_PER_UNIT),
+            coefficients,
+            neutral_face: target.neutral_face,
+        }
+    }
+}
+
+/// Turns `from` towards `to` about one axis, the shorter way.
+fn turned(from: [f32; 4], to: [f32; 4], part: f32, limit_rad: f32) -> [f32; 4] {
+    let unit = |rotation| UnitQuaternion::new_normalize(Quaternion::from(rotation));
+    let Some((axis, angle)) = unit(from).rotation_to(&unit(to)).axis_angle() else {
+        return to;
+    };
+    if part >= 1.0 && angle <= limit_rad {
+        return to;
+    }
+    let step = UnitQuaternion::from_axis_angle(&axis, (angle * part).min(limit_rad));
+    (step * unit(from)).coords.into()
+}
+
+/// Moves `from` towards `to` on a straight line.
+fn moved(from: [f32; 3], to: [f32; 3], part: f32, limit_mm: f32) -> [f32; 3] {
+    let way = Vector3::from(to) - Vector3::from(from);
+    if part >= 1.0 && way.norm() <= limit_mm {
+        return to;
+    }
+    (Vector3::from(from) + (way * part).cap_magnitude(limit_mm)).into()
 }

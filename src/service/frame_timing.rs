@@ -82,7 +82,7 @@ impl FrameTiming {
         let busy = decoding + work;
         self.counters.times.decode.record(decoding);
         self.counters.recent.record(self.step.full_busy(busy), decoding);
-        self.counters.count_busy(busy, self.step.period(self.camera_period));
+        self.counters.count_missed_deadline(busy, self.step.period(self.camera_period));
     }
 }
 
@@ -91,7 +91,6 @@ fn micros(time: Duration) -> u64 {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::capture::Clip;
@@ -121,7 +120,7 @@ mod tests {
             timing.worked(0, 0, 20_000, &StageTimes::default());
             timing.decoded(Duration::from_millis(decoding_ms));
             timing.decoded(Duration::from_secs(1));
-            timing.counters.status().deadline_misses
+            timing.counters.deadline_misses.load(Relaxed)
         };
         assert_eq!([misses(Step::Full, 13), misses(Step::Full, 14), misses(Step::Half, 46)], [0, 1, 1]);
         assert_eq!(misses(Step::Half, 47), 2);

@@ -8,16 +8,14 @@
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-/// Base-2 logarithm of [`PARTS`].
 const PART_BITS: u32 = 5;
 /// Buckets per power of two.
 const PARTS: u64 = 1 << PART_BITS;
 /// Number of buckets: they end at 64 * 2^30 ns = 68.7 s.
 const BUCKETS: usize = 1024;
 
-/// Counts of recorded durations by bucket, and their sum.
 #[derive(Debug)]
-pub(crate) struct Histogram {
+pub struct Histogram {
     counts: [AtomicU64; BUCKETS],
     sum_ns: AtomicU64,
 }
@@ -29,8 +27,7 @@ impl Default for Histogram {
 }
 
 impl Histogram {
-    /// Adds one duration.
-    pub(crate) fn record(&self, time: Duration) {
+    pub fn record(&self, time: Duration) {
         let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX).min(MAX_NS);
         if let Some(count) = self.counts.get(bucket_of(ns)) {
             count.fetch_add(1, Relaxed);
@@ -38,14 +35,13 @@ impl Histogram {
         self.sum_ns.fetch_add(ns, Relaxed);
     }
 
-    /// Returns the sum of all durations in seconds.
-    pub(crate) fn sum_s(&self) -> f64 {
+    pub fn sum_s(&self) -> f64 {
         self.sum_ns.load(Relaxed) as f64 / 1e9
     }
 
     /// Returns the duration in milliseconds at each of the given quantiles, such as 0.5 for the median. All are 0 before
     /// the first duration is recorded.
-    pub(crate) fn quantiles_ms<const N: usize>(&self, quantiles: [f64; N]) -> [f64; N] {
+    pub fn quantiles_ms<const N: usize>(&self, quantiles: [f64; N]) -> [f64; N] {
         let total: u64 = self.counts().map(|(_, count)| count).sum();
         quantiles.map(|quantile| self.quantile_ms(quantile * total as f64))
     }
@@ -63,7 +59,7 @@ impl Histogram {
     /// Counts the durations below each of the ascending limits but not below the previous limit, and those at or above
     /// the last limit. The counts are exact if each limit is the end of a bucket, such as a power of two from 64 on or
     /// 1.5 times that.
-    pub(crate) fn counts_between<const N: usize>(&self, limits_ns: &[u64; N]) -> ([u64; N], u64) {
+    pub fn counts_between<const N: usize>(&self, limits_ns: &[u64; N]) -> ([u64; N], u64) {
         let (mut counts, mut longer) = ([0; N], 0);
         for (end_ns, count) in self.counts() {
             match limits_ns.iter().zip(&mut counts).find(|(limit_ns, _)| end_ns <= **limit_ns) {
@@ -95,7 +91,6 @@ const fn end_ns(bucket: u64) -> u64 {
 }
 
 #[cfg(test)]
-#[allow(clippy::float_cmp, reason = "zero is exact")]
 mod tests {
     use super::*;
 

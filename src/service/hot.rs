@@ -13,33 +13,32 @@ use facewire_packet::Reason;
 use triple_buffer::Input;
 
 use super::ServiceError;
-use super::camera::{self, DamagedInARow};
+use super::camera::{self, OpenCamera};
 use super::counters::Counters;
 use super::engine_health::{EngineHealth, Remedy};
+use super::failsafe::News;
 use super::frame_timing::FrameTiming;
 use super::heartbeat::Phase;
 use super::observer::Observer;
-use super::realtime;
-use super::report::{Event, Report};
+use super::realtime::{self, Grant};
+use super::reload::Loader;
 use super::times::between;
 use super::watcher::Watcher;
 use crate::calibration::Observation;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};
-use crate::face::Tracker;
 use crate::impairment::ImpairmentSet;
-use crate::infer::InferError;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::preflight::{self, SetupError};
 use crate::recording::Recorded;
 use crate::retry::BackOff;
-use crate::solve::{Model, Profile, Solution};
+use facewire_face::{InferError, Model, Profile, Tracker};
 
 /// Where the results of the hot loop go.
 pub(super) struct Outlets {
-    /// The newest report, for the sender.
-    pub(super) reports: Input<Report>,
-    /// The sender's thread, which is woken for each report.
+    /// The newest pose or fault, for the sender.
+    pub(super) news: Input<News>,
+    /// The sender's thread, which is woken for all news.
     pub(super) wake: Thread,
     /// Events, for the supervisor.
     pub(super) events: mpsc::Sender<Event>,
@@ -49,12 +48,22 @@ pub(super) struct Outlets {
     pub(super) recorder: Observer<Recorded>,
 }
 
-/// New settings, and the parts that they replace. A part that is `None` keeps its current value.
-pub(super) struct HotChange {
-    pub(super) settings: Settings,
-    pub(super) tracker: Option<Tracker>,
-    pub(super) model: Option<Model>,
-    pub(super) profile: Option<Profile>,
+/// An event for the log. Threads send events only between frames.
+#[derive(Debug)]
+pub(super) enum Event {
+    /// A thread started and got these answers to its real-time requests.
+    Started(Vec<Grant>),
+    /// A camera delivers pictures; the text describes it.
+    Opened(String),
+    /// The open camera failed.
+    Lost(CaptureError),
+    /// No camera could be opened.
+    Closed(CaptureError),
+    /// The pipeline could not be loaded, because something that it needs is not there yet.
+    NotLoaded(SetupError),
+    /// The engine has failed several times in a row, and its networks are about to be loaded again.
+    EngineFailed(InferError),
+    EngineReloaded,
 }
 
 /// What other threads leave for the hot loop.
@@ -65,6 +74,14 @@ pub(super) enum HotNews {
     Wearer(Box<Profile>),
 }
 
+/// New settings, and the parts that they replace. A part that is `None` keeps its current value.
+pub(super) struct HotChange {
+    pub(super) settings: Settings,
+    pub(super) tracker: Option<Tracker>,
+    pub(super) model: Option<Model>,
+    pub(super) profile: Option<Profile>,
+}
+
 pub(super) struct HotLoop {
     settings: Settings,
     /// `None` while a part of it, such as a model file on a disk that is not mounted yet, is missing.
@@ -73,6 +90,7 @@ pub(super) struct HotLoop {
     profile: Profile,
     /// Loads the networks again after the engine has failed.
     load_tracker: fn(&NetworkSettings) -> Result<Tracker, InferError>,
+    loader: Loader,
     engine: EngineHealth,
     outlets: Outlets,
     changes: mpsc::Receiver<HotNews>,
@@ -114,35 +132,30 @@ impl HotLoop {
         outlets: Outlets,
         changes: mpsc::Receiver<HotNews>,
         counters: Arc<Counters>,
+        loader: Loader,
     ) -> Self {
         if let Some(pipeline) = &mut pipeline {
             pipeline.solver.profile = profile.clone();
         }
-        let load_tracker = preflight::load_tracker;
-        let (engine, timing) = (EngineHealth::default(), FrameTiming::new(Arc::clone(&counters)));
-        let (opened_us, watcher) = (None, Watcher::new(Arc::clone(&counters)));
-        let rehearsed = ImpairmentSet::default();
         Self {
             settings,
             pipeline,
             profile,
-            load_tracker,
-            engine,
+            load_tracker: preflight::load_tracker,
+            loader,
+            engine: EngineHealth::default(),
             outlets,
             changes,
+            opened_us: None,
+            timing: FrameTiming::new(Arc::clone(&counters)),
+            watcher: Watcher::new(Arc::clone(&counters)),
             counters,
-            opened_us,
-            timing,
-            watcher,
             has_small_picture: false,
-            rehearsed,
+            rehearsed: ImpairmentSet::default(),
         }
     }
 
     /// Runs until the service stops.
-    ///
-    /// # Errors
-    /// The engine or the camera's driver has failed in a way that only another process can recover from.
     pub(super) fn run(mut self) -> Result<(), ServiceError> {
         let mut back_off = BackOff::default();
         while !self.counters.stopping() {
@@ -151,26 +164,24 @@ impl HotLoop {
             let outcome = self.attempt();
             let lasted = self.opened_us.take().map_or(Duration::ZERO, |opened_us| between(opened_us, monotonic_us()));
             match outcome {
-                Ok(()) => self.report(Report::Fault(Reason::NoCamera)),
+                Ok(()) => self.outlets.report(News::Fault(Reason::NoCamera)),
                 Err(Trouble::Retry(event)) => {
-                    self.report(Report::Fault(event.reason()));
+                    let is_camera = matches!(event, Event::Lost(_) | Event::Closed(_));
+                    self.outlets.report(News::Fault(if is_camera { Reason::NoCamera } else { Reason::BadResult }));
                     self.tell(event);
-                    self.pause(camera::wait_after(lasted, &mut back_off));
+                    let wait = camera::wait_after(lasted, &mut back_off);
+                    if !self.counters.stopping() {
+                        self.enter(Phase::Open);
+                        thread::park_timeout(wait);
+                    }
                 }
                 Err(Trouble::Fatal(error)) => {
-                    self.report(Report::Fault(error.reason()));
+                    self.outlets.report(News::Fault(error.reason()));
                     return Err(error);
                 }
             }
         }
         Ok(())
-    }
-
-    fn pause(&self, wait: Duration) {
-        if !self.counters.stopping() {
-            self.enter(Phase::Open);
-            thread::park_timeout(wait);
-        }
     }
 
     /// Loads what is missing, opens the camera and runs its frames until it fails, or until the service stops or wants
@@ -179,14 +190,14 @@ impl HotLoop {
         self.load_pipeline()?;
         self.enter(Phase::Open);
         self.has_small_picture = self.counters.small_picture.load(Relaxed);
-        let open = if self.has_small_picture { camera::open_small } else { camera::open };
-        let mut source = open(&self.settings.camera).map_err(Event::Closed)?;
-        let outcome = self.show(&mut *source);
+        let camera = OpenCamera::begin(&self.settings.camera, self.has_small_picture);
+        let mut camera = camera.map_err(Event::Closed)?;
+        let outcome = self.show(&mut camera);
         // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
         self.watcher.camera_closed();
-        source.close().map_err(Event::Lost)?;
+        camera.close().map_err(Event::Lost)?;
         outcome
     }
 
@@ -194,7 +205,8 @@ impl HotLoop {
         if self.pipeline.is_some() {
             return Ok(());
         }
-        let mut pipeline = Pipeline::load(&self.settings).map_err(|error| {
+        let settings = self.settings.clone();
+        let mut pipeline = self.load(move || Pipeline::load(&settings))?.map_err(|error| {
             match error {
                 // A file that was missing may be copied at this moment, and so be incomplete.
                 SetupError::Model { .. } => Event::NotLoaded(error).into(),
@@ -206,21 +218,21 @@ impl HotLoop {
         Ok(())
     }
 
-    fn show(&mut self, source: &mut dyn Source) -> Result<(), Trouble> {
-        self.await_picture(source).map_err(Event::Closed)?;
-        self.opened(source);
-        self.stream(source)
+    /// Waits for a part that the loader's thread loads.
+    fn load<T: Send + 'static>(&self, job: impl FnOnce() -> T + Send + 'static) -> Result<T, Trouble> {
+        self.loader.begin(job).recv().map_err(|_| Trouble::Fatal(ServiceError::Panicked("loader")))
     }
 
-    /// Waits for the first intact frame: a camera that sends only damaged frames does not count as open.
-    fn await_picture(&mut self, source: &mut dyn Source) -> Result<(), CaptureError> {
+    fn show(&mut self, camera: &mut OpenCamera) -> Result<(), Trouble> {
         self.enter(self.wait());
-        let outcome = camera::await_picture(source, || {
+        let outcome = camera.await_picture(|| {
             self.enter(self.wait());
             add(&self.counters.damaged, 1);
         });
-        self.account(source);
-        outcome
+        self.account(&mut *camera.source);
+        outcome.map_err(Event::Closed)?;
+        self.opened(&*camera.source);
+        self.stream(camera)
     }
 
     fn opened(&mut self, source: &dyn Source) {
@@ -239,25 +251,21 @@ impl HotLoop {
 
     /// Runs frames until the service stops, the camera fails, or new settings or another size of picture want it opened
     /// again.
-    fn stream(&mut self, source: &mut dyn Source) -> Result<(), Trouble> {
-        let mut in_a_row = DamagedInARow::default();
-        while !self.counters.stopping() && !self.adopt() && !self.wants_other_picture() {
+    fn stream(&mut self, camera: &mut OpenCamera) -> Result<(), Trouble> {
+        let is_other_size = |this: &Self| this.counters.small_picture.load(Relaxed) != this.has_small_picture;
+        while !self.counters.stopping() && !self.adopt() && !is_other_size(self) {
             self.enter(self.wait());
-            self.take_step(source);
-            let outcome = match source.next() {
-                Ok(Some(frame)) => {
-                    in_a_row.reset();
-                    self.frame(&frame)
-                }
-                Ok(None) => Err(Event::Lost(CaptureError::Gone).into()),
-                Err(CaptureError::Frame { fault, .. }) => {
+            self.take_step(&mut *camera.source);
+            let outcome = match camera.next() {
+                Ok(Some(frame)) => self.frame(&frame),
+                Ok(None) => {
                     add(&self.counters.damaged, 1);
-                    in_a_row.add(fault).map_err(|error| Event::Lost(error).into())
+                    camera.check().map_err(|error| Event::Lost(error).into())
                 }
                 Err(error) => Err(Event::Lost(error).into()),
             };
-            self.account(source);
-            self.watcher.count(source);
+            self.account(&mut *camera.source);
+            self.watcher.count(&mut *camera.source);
             outcome?;
         }
         Ok(())
@@ -287,41 +295,33 @@ impl HotLoop {
 
     fn frame(&mut self, frame: &Frame) -> Result<(), Trouble> {
         let begun_us = self.enter(Phase::Work);
-        let Some(pipeline) = &mut self.pipeline else { return Ok(()) };
-        let outcome = pipeline.process(frame);
-        let (stages, solver) = (*pipeline.times(), &pipeline.solver);
-        if let Ok(solution) = &outcome {
-            self.counters.neutral.set(solution.neutral_face, solver.neutral_share(), solver.neutral_forgotten());
-        }
-        self.timing.captured(frame.captured_us);
-        let report = self.count(&outcome, frame.captured_us);
-        self.report(report);
-        // The result is on its way: measuring delays nobody.
-        self.timing.worked(frame.captured_us, begun_us, monotonic_us(), &stages);
-        let tracker = self.pipeline.as_ref().and_then(|pipeline| pipeline.tracker.as_ref());
-        self.watcher.look(frame, tracker.and_then(Tracker::face).map(|face| face.landmarks));
-        if let Some(pipeline) = &self.pipeline {
-            let is_dark = self.watcher.is_dark();
-            self.outlets.observer.publish(|| pipeline.observe(frame, is_dark));
-            self.outlets.recorder.publish(|| pipeline.record(frame, report.pose()));
-        }
-        if let Err(Rejected::Infer(error)) = outcome {
-            return self.engine_failed(error);
-        }
-        self.engine.ran();
-        Ok(())
-    }
-
-    fn count(&self, outcome: &Result<Solution, Rejected>, captured_us: u64) -> Report {
-        let counters = &self.counters;
+        let Self { pipeline: Some(pipeline), counters, outlets, timing, watcher, .. } = self else { return Ok(()) };
+        let processed = pipeline.process(frame);
+        timing.captured(frame.captured_us);
         add(&counters.frames, 1);
-        let (counter, report) = match outcome {
-            Ok(solution) => (&counters.solved, Report::solved(solution, captured_us)),
-            Err(error @ Rejected::NoFace) => (&counters.no_face, Report::Fault(error.reason())),
-            Err(error) => (&counters.rejected, Report::Fault(error.reason())),
+        let counter = match &processed.solved {
+            Ok(solution) => {
+                let (share, forgotten) = processed.neutral();
+                counters.neutral.set(solution.neutral_face, share, forgotten);
+                &counters.solved
+            }
+            Err(Rejected::NoFace) => &counters.no_face,
+            Err(_) => &counters.rejected,
         };
         add(counter, 1);
-        report
+        outlets.report(News::of(processed.pose(), frame.captured_us));
+        // The result is on its way: measuring delays nobody.
+        timing.worked(frame.captured_us, begun_us, monotonic_us(), &processed.times);
+        watcher.look(frame, processed.face.map(|face| face.landmarks));
+        outlets.observer.publish(|| processed.observe(watcher.is_dark()));
+        outlets.recorder.publish(|| processed.record());
+        match processed.solved {
+            Err(Rejected::Infer(error)) => self.engine_failed(error),
+            _ => {
+                self.engine.ran();
+                Ok(())
+            }
+        }
     }
 
     /// Counts a failed inference. After too many in a row, loads the networks again, or gives up if that was done already.
@@ -329,19 +329,21 @@ impl HotLoop {
         add(&self.counters.engine_failures, 1);
         match self.engine.failed() {
             Remedy::Wait => Ok(()),
-            Remedy::Reload => self.reload_engine(error).map_err(|error| Trouble::Fatal(error.into())),
+            Remedy::Reload => self.reload_engine(error),
             Remedy::GiveUp => Err(Trouble::Fatal(SetupError::from(error).into())),
         }
     }
 
-    fn reload_engine(&mut self, error: InferError) -> Result<(), SetupError> {
+    fn reload_engine(&mut self, error: InferError) -> Result<(), Trouble> {
         self.enter(Phase::Open);
         self.tell(Event::EngineFailed(error));
         // A small board may not have the memory for two sets of networks.
         if let Some(pipeline) = &mut self.pipeline {
             pipeline.tracker = None;
         }
-        let tracker = (self.load_tracker)(&self.settings.networks)?;
+        let (load_tracker, settings) = (self.load_tracker, self.settings.networks.clone());
+        let loaded = self.load(move || load_tracker(&settings))?;
+        let tracker = loaded.map_err(|error| Trouble::Fatal(SetupError::from(error).into()))?;
         if let Some(pipeline) = &mut self.pipeline {
             pipeline.tracker = Some(tracker);
         }
@@ -356,46 +358,42 @@ impl HotLoop {
         while let Ok(news) = self.changes.try_recv() {
             match news {
                 HotNews::Settings(change) => is_new_camera |= self.adopt_settings(*change),
-                HotNews::Wearer(profile) => self.wear(*profile),
+                HotNews::Wearer(profile) => self.set_profile(*profile),
             }
         }
         is_new_camera
     }
 
-    /// Takes the change of a reload. Returns whether the camera is to be opened again.
+    /// Takes the change of a reload. Returns whether the camera is to be opened again. A file that was read again and has
+    /// not changed replaces nothing.
     fn adopt_settings(&mut self, HotChange { settings, tracker, model, profile }: HotChange) -> bool {
         let is_new_camera = settings.camera != self.settings.camera;
         self.settings = settings;
-        if let Some(profile) = profile {
-            self.wear(profile);
+        if let Some(profile) = profile.filter(|profile| *profile != self.profile) {
+            self.set_profile(profile);
         }
         // A pipeline that is not loaded yet will be loaded by the new settings.
         let Some(pipeline) = &mut self.pipeline else { return is_new_camera };
         pipeline.horizontal_fov_deg = self.settings.camera.horizontal_fov_deg;
         pipeline.tracker = tracker.or(pipeline.tracker.take());
-        let is_new_model = model.is_some();
-        if let Some(model) = model {
-            pipeline.solver.model = model;
-        }
-        pipeline.solver.neutral_mode = self.settings.wearer.neutral;
-        let shaping = preflight::shaping(&self.settings);
-        if is_new_model || shaping != pipeline.solver.shaping {
-            pipeline.solver.shaping = shaping;
-            pipeline.solver.bridge();
+        let solver = &mut pipeline.solver;
+        solver.neutral_mode = self.settings.wearer.neutral;
+        let (shaping, model) = (preflight::shaping(&self.settings), model.filter(|model| *model != solver.model));
+        if model.is_some() || shaping != solver.shaping {
+            if let Some(model) = model {
+                solver.model = model;
+            }
+            solver.shaping = shaping;
+            solver.crossfade();
         }
         is_new_camera
     }
 
-    fn wear(&mut self, profile: Profile) {
+    fn set_profile(&mut self, profile: Profile) {
         if let Some(pipeline) = &mut self.pipeline {
-            pipeline.solver.wear(profile.clone());
+            pipeline.solver.set_profile(profile.clone());
         }
         self.profile = profile;
-    }
-
-    /// Whether the supervisor has chosen another size of picture since the camera was opened.
-    fn wants_other_picture(&self) -> bool {
-        self.counters.small_picture.load(Relaxed) != self.has_small_picture
     }
 
     /// Begins a phase and returns the time.
@@ -409,14 +407,16 @@ impl HotLoop {
         Phase::Wait { stall_timeout_ms: self.settings.camera.stall_timeout_ms }
     }
 
-    fn report(&mut self, report: Report) {
-        self.outlets.reports.write(report);
-        self.outlets.wake.unpark();
-    }
-
     /// The supervisor outlives this thread; if it did not, nobody would be left to read the event.
     fn tell(&self, event: Event) {
         let _ = self.outlets.events.send(event);
+    }
+}
+
+impl Outlets {
+    fn report(&mut self, news: News) {
+        self.news.write(news);
+        self.wake.unpark();
     }
 }
 
@@ -426,26 +426,36 @@ fn add(counter: &AtomicU64, count: u64) {
 }
 
 #[cfg(test)]
-#[allow(clippy::panic, clippy::unwrap_used)]
 mod tests {
     use std::io;
     use std::sync::atomic::AtomicU32;
 
     use super::*;
     use crate::capture::DEMO;
-    use crate::infer::scripted::Scripted;
     use crate::preflight::load_solver;
     use crate::service::observer;
+    use facewire_face::testing::Scripted;
 
     /// Inferences that the engine of a test may still run.
     static GOOD_RUNS: AtomicU32 = AtomicU32::new(0);
 
-    /// Outlets whose reports nobody reads, and the receiver of their events.
-    fn outlets() -> (Outlets, mpsc::Receiver<Event>) {
-        let ((reports, _), (events, told)) = (triple_buffer::triple_buffer(&Report::Nothing), mpsc::channel());
-        let (observer, _) = observer::channel(&Observation::nothing(0));
-        let (recorder, _) = observer::channel(&Recorded::nothing(0, Reason::None));
-        (Outlets { reports, wake: thread::current(), events, observer, recorder }, told)
+    /// A hot loop without links, the receiver of its events, and its counters.
+    fn hot(settings: Settings, tracker: Tracker) -> (HotLoop, mpsc::Receiver<Event>, Arc<Counters>) {
+        let ((news, _), (events, told)) = (triple_buffer::triple_buffer(&News::Nothing), mpsc::channel());
+        let (observer, _) = observer::channel();
+        let (recorder, _) = observer::channel();
+        let outlets = Outlets { news, wake: thread::current(), events, observer, recorder };
+        let pipeline = Some(Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0));
+        let (counters, loader) = (Arc::<Counters>::default(), Loader::start().unwrap());
+        let (profile, changes) = (Profile::default(), mpsc::channel().1);
+        let hot = HotLoop::new(settings, pipeline, profile, outlets, changes, Arc::clone(&counters), loader);
+        (hot, told, counters)
+    }
+
+    fn camera(device: &str) -> Settings {
+        let mut settings = Settings::default();
+        device.clone_into(&mut settings.camera.device);
+        settings
     }
 
     /// Loads networks that see no face, and fail when the good runs are used up.
@@ -458,13 +468,8 @@ mod tests {
 
     #[test]
     fn the_camera_is_opened_again_with_a_small_picture_when_the_supervisor_has_chosen_it() {
-        let mut settings = Settings::default();
-        settings.camera.device = "rehearsal: slow-jpeg 600".to_owned();
         let tracker = Tracker::load(&Scripted::new(|_| Ok(()))).unwrap();
-        let pipeline = Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0);
-        let ((outlets, told), (_changes, for_hot)) = (outlets(), mpsc::channel());
-        let counters = Arc::<Counters>::default();
-        let hot = HotLoop::new(settings, Some(pipeline), Profile::default(), outlets, for_hot, Arc::clone(&counters));
+        let (hot, told, counters) = hot(camera("rehearsal: slow-jpeg 600"), tracker);
         let hot = thread::spawn(|| hot.run());
         for is_small in [false, true, false] {
             counters.small_picture.store(is_small, Relaxed);
@@ -488,14 +493,8 @@ mod tests {
 
     #[test]
     fn an_engine_that_fails_for_good_is_told_loaded_again_and_then_ends_the_service() {
-        let mut settings = Settings::default();
-        settings.camera.device = DEMO.to_owned();
-        let tracker = load_failing(&settings.networks).unwrap();
-        let pipeline = Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0);
-        let ((outlets, told), (_changes, for_hot)) = (outlets(), mpsc::channel());
-        let counters = Arc::<Counters>::default();
-        let mut hot =
-            HotLoop::new(settings, Some(pipeline), Profile::default(), outlets, for_hot, Arc::clone(&counters));
+        let tracker = load_failing(&NetworkSettings::default()).unwrap();
+        let (mut hot, told, counters) = hot(camera(DEMO), tracker);
         hot.load_tracker = load_failing;
         GOOD_RUNS.store(3, Relaxed);
         let error = hot.run().unwrap_err().to_string();
@@ -508,7 +507,35 @@ mod tests {
             matches!(&*told, [Event::Opened(_), Event::EngineFailed(_), Event::EngineReloaded]),
             "the log is told once: {told:?}"
         );
-        let status = counters.status();
-        assert_eq!((status.no_face, status.rejected, status.engine_failures), (3, 16, 16));
+        let counts =
+            [&counters.no_face, &counters.rejected, &counters.engine_failures].map(|count| count.load(Relaxed));
+        assert_eq!(counts, [3, 16, 16]);
+    }
+
+    /// Number of CPUs that the thread that loaded the networks last might use.
+    static CPUS_OF_LOADER: AtomicU32 = AtomicU32::new(0);
+
+    fn load_and_look(_: &NetworkSettings) -> Result<Tracker, InferError> {
+        let status = std::fs::read_to_string("/proc/thread-self/status").unwrap();
+        let mask = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed:")).unwrap();
+        CPUS_OF_LOADER.store(mask.chars().filter_map(|digit| digit.to_digit(16)).map(u32::count_ones).sum(), Relaxed);
+        Tracker::load(&Scripted::new(|_| Err("the device has hung up")))
+    }
+
+    /// The helper threads of the networks inherit the CPUs of the thread that starts them.
+    #[test]
+    fn a_hot_loop_that_is_bound_to_a_cpu_binds_no_thread_of_networks_that_are_loaded_again() {
+        let (cpus, mut settings) = (rustix::thread::sched_getaffinity(None).unwrap(), camera(DEMO));
+        settings.realtime.hot_cpu = (0..1024).find(|cpu| cpus.is_set(*cpu)).map_or(-1, |cpu| cpu as i32);
+        let scheduling = realtime::Scheduling::hot(&settings.realtime);
+        let (mut hot, ..) = hot(settings, load_and_look(&NetworkSettings::default()).unwrap());
+        hot.load_tracker = load_and_look;
+        let bound = thread::spawn(move || {
+            scheduling.apply();
+            hot.run().unwrap_err();
+            rustix::thread::sched_getaffinity(None).unwrap().count()
+        });
+        assert_eq!(bound.join().unwrap(), 1);
+        assert_eq!(CPUS_OF_LOADER.load(Relaxed), cpus.count());
     }
 }

@@ -24,9 +24,6 @@ pub(super) struct Links(Vec<(LinkSettings, Option<Link>)>);
 
 impl Links {
     /// Opens the links of a service.
-    ///
-    /// # Errors
-    /// See [`Links::change`].
     pub(super) fn open(settings: &[LinkSettings], traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
         Self::change(settings, &[], traffic)
     }
@@ -114,7 +111,6 @@ impl Links {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::indexing_slicing)]
 mod tests {
     use std::net::UdpSocket;
 

@@ -1,18 +1,18 @@
 //! The service's log: events as they come, and a status line from time to time.
 
 use std::fmt::Write as _;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 
 use super::adaptation::Cause;
-use super::counters::{Counters, Status};
+use super::counters::Counters;
+use super::hot::Event;
 use super::load::Load;
 use super::realtime::Grant;
-use super::report::Event;
 use super::step::Step;
 use crate::impairment::{Impairment, ImpairmentSet};
 use crate::retry::LoggedReasons;
 
-/// Time between two status lines.
 const STATUS_PERIOD: Duration = Duration::from_secs(10);
 
 /// An impairment that begins again within this time is not logged again.
@@ -26,13 +26,10 @@ pub(super) struct Log {
     blind_because: LoggedReasons,
     /// Why the network takes no packets, as it was logged last.
     refusal: LoggedReasons,
-    /// The impairments at the last look.
     impaired_by: ImpairmentSet,
-    /// When each impairment was logged last.
     impaired_at: [Option<Instant>; Impairment::ALL.len()],
     /// Real-time requests and the system's answers.
     grants: Vec<Grant>,
-    /// When the next status line is due.
     status_due: Instant,
     /// Time of the last status line, and the count of frames in it.
     last_status: (Instant, u64),
@@ -84,7 +81,6 @@ impl Log {
         self.camera = Err(reason);
     }
 
-    /// Returns the state of the camera in one line.
     pub(super) fn camera_line(&self) -> String {
         match &self.camera {
             Ok(camera) => format!("camera opened: {camera}"),
@@ -134,6 +130,12 @@ impl Log {
             Cause::Undervoltage => Impairment::Undervoltage.sentence().to_owned(),
             Cause::Slow => {
                 let [busy_ms, period_ms] = [load.busy, load.camera_period].map(|time| time.as_secs_f64() * 1000.0);
+                if load.is_too_slow_on(step) {
+                    tracing::warn!(
+                        "too slow: a frame takes {busy_ms:.0} ms, and no step makes up for that: poses come too late, and the \
+                         face stays neutral; end other programs, or use a faster board"
+                    );
+                }
                 format!(
                     "a frame takes {busy_ms:.1} ms, and the camera has one every {period_ms:.1} ms: end other programs, or set \
                      a lower camera.fps or a smaller camera.width and camera.height"
@@ -143,7 +145,6 @@ impl Log {
         tracing::warn!("step {step}: {what}, because {reason}");
     }
 
-    /// Logs that the pipeline has gone up to a step.
     pub(super) fn step_up(step: Step) {
         tracing::info!("step {step}: {} again", step.sentence());
     }
@@ -161,14 +162,12 @@ impl Log {
         }
     }
 
-    /// Whether a status line is due.
     pub(super) fn is_status_due(&self) -> bool {
         Instant::now() >= self.status_due
     }
 
-    /// Logs the status line and returns it.
     pub(super) fn status(&mut self, counters: &Counters) -> String {
-        let line = self.status_line(&counters.status());
+        let line = self.status_line(counters);
         if self.camera.is_ok() {
             tracing::info!("{line}");
         } else {
@@ -177,11 +176,11 @@ impl Log {
         line
     }
 
-    fn status_line(&mut self, status: &Status) -> String {
-        let now = Instant::now();
-        let (last, frames) = std::mem::replace(&mut self.last_status, (now, status.frames));
+    fn status_line(&mut self, counters: &Counters) -> String {
+        let (now, status, count) = (Instant::now(), counters.status_line(), counters.frames.load(Relaxed));
+        let (last, last_count) = std::mem::replace(&mut self.last_status, (now, count));
         self.status_due = now + STATUS_PERIOD;
-        let fps = (status.frames - frames) as f64 / now.duration_since(last).as_secs_f64().max(f64::EPSILON);
+        let fps = (count - last_count) as f64 / now.duration_since(last).as_secs_f64().max(f64::EPSILON);
         let mut line = match &self.camera {
             Ok(_) => format!("fps={fps:.1} {status}"),
             Err(_) => format!("{}: {status}", self.camera_line()),

@@ -1,133 +1,221 @@
-//! Serves the service's counters and times over HTTP, in the `OpenMetrics` text format that Prometheus reads. Off by
-//! default.
+//! The metrics: one page of `OpenMetrics` text, which Prometheus reads by HTTP, made from the table of the counters.
 //!
-//! The thread `fw-metrics` answers `GET /metrics`. It reads the counters and changes no other part of the service. It
-//! serves one connection at a time, reads at most 4 KB of request, and closes each connection within half a second.
-//! If it cannot listen, for example because another program uses the port, it logs this once and retries every second,
-//! while the service runs on. There is no encryption and no password, so only this machine can connect.
+//! The control thread accepts the connections ([`super::control`]). There is no encryption and no password, so only this
+//! machine can connect. A page in a browser could still ask for the metrics under a name that its owner lets point to this
+//! machine, so requests to other hosts than this one are refused.
 
-mod page;
-mod request;
+use std::fmt::Write as _;
+use std::fs;
+use std::net::IpAddr;
 
-use std::io::{self, PipeReader, PipeWriter, Write as _, pipe};
-use std::os::fd::AsFd as _;
-use std::sync::Arc;
-use std::thread::{Builder, JoinHandle};
-use std::time::Duration;
+use httparse::{EMPTY_HEADER, Request, Status};
+use rustix::param::page_size;
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-
-use self::page::Page;
 use super::counters::Counters;
-use super::listener::{Connection, Listener};
-use crate::config::Listen;
+use super::histogram::Histogram;
 
-/// Delay before the next attempt after listening or accepting a connection has failed.
-const RETRY_DELAY: Timespec = Timespec { tv_sec: 1, tv_nsec: 0 };
-/// How long one connection may last.
-const CONNECTION_TIMEOUT: Duration = Duration::from_millis(500);
-/// Stack size of the thread. It holds little more than one request, and with locked memory the whole stack stays in RAM.
-const STACK_BYTES: usize = 256 << 10;
+/// Size limit of a request. The requests of Prometheus have about 300 bytes.
+pub(super) const MAX_REQUEST_BYTES: usize = 4096;
+const MAX_HEADERS: usize = 32;
+const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-/// A handle to the metrics thread. Dropping the handle stops the thread.
-#[derive(Debug)]
-pub(super) struct Metrics {
-    stop: Option<PipeWriter>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Metrics {
-    /// Starts the thread.
-    ///
-    /// # Errors
-    /// The system could not create a pipe or a thread.
-    pub(super) fn start(listen: Listen, counters: &Arc<Counters>) -> io::Result<Self> {
-        let (stop_signal, stop) = pipe()?;
-        let server = Server { listen, page: Page::new(Arc::clone(counters)), stop_signal };
-        let builder = Builder::new().name("fw-metrics".to_owned()).stack_size(STACK_BYTES);
-        let thread = builder.spawn(move || server.run())?;
-        Ok(Self { stop: Some(stop), thread: Some(thread) })
-    }
-}
-
-impl Drop for Metrics {
-    /// Blocks for at most half a second if a client is connected.
-    fn drop(&mut self) {
-        self.stop = None;
-        // A panic of the thread is ignored: the service does not depend on its metrics.
-        let _ = self.thread.take().map(JoinHandle::join);
-    }
-}
-
-struct Server {
-    listen: Listen,
-    page: Page,
-    /// [`Metrics`] closes the other end of this pipe to stop the thread.
-    stop_signal: PipeReader,
-}
-
-impl Server {
-    fn run(self) {
-        let Some(listener) = self.bind() else { return };
-        tracing::info!("metrics served at {}", self.listen);
-        while self.wait_for_connection(&listener).is_ok_and(|is_waiting| is_waiting) {
-            match listener.accept(CONNECTION_TIMEOUT) {
-                // A client that disconnects or is too slow harms only itself.
-                Ok(connection) => self
-                    .respond(connection)
-                    .unwrap_or_else(|error| tracing::debug!("a request for the metrics failed: {error}")),
-                // A connection that cannot be accepted, for example for lack of a file descriptor, stays in the queue.
-                // The delay keeps the loop from spinning.
-                Err(_) if self.is_stopped_within(RETRY_DELAY) => return,
-                Err(error) => tracing::debug!("a connection to the metrics was not accepted: {error}"),
-            }
-        }
-    }
-
-    /// Sleeps for `time`. Returns early, with `true`, if the thread is to stop.
-    fn is_stopped_within(&self, time: Timespec) -> bool {
-        poll(&mut [PollFd::new(&self.stop_signal, PollFlags::IN)], Some(&time)) != Ok(0)
-    }
-
-    /// Retries until the socket is open. Returns `None` if the thread is to stop.
-    fn bind(&self) -> Option<Listener> {
-        let mut has_warned = false;
-        loop {
-            match Listener::bind(&self.listen) {
-                Ok(listener) => return Some(listener),
-                Err(error) if !has_warned => {
-                    let at = &self.listen;
-                    tracing::warn!(
-                        "no metrics at {at} ({error}): free the address or change metrics.listen; trying again every second"
-                    );
-                    has_warned = true;
+/// Answers the bytes of a request that have come so far. Returns `None` while the request is incomplete.
+pub(super) fn answer(bytes: &[u8], has_ended: bool, counters: &Counters) -> Option<String> {
+    let mut headers = [EMPTY_HEADER; MAX_HEADERS];
+    let mut request = Request::new(&mut headers);
+    let refuse = |status, text| Some(response(status, "text/plain; charset=utf-8", text));
+    let too_long = || refuse("431 Request Header Fields Too Large", "the request is too long\n");
+    match request.parse(bytes) {
+        Ok(Status::Partial) if bytes.len() >= MAX_REQUEST_BYTES => too_long(),
+        Ok(Status::Partial) if !has_ended => None,
+        Ok(Status::Complete(_)) => {
+            let mut hosts = request.headers.iter().filter(|header| header.name.eq_ignore_ascii_case("host"));
+            match (request.method, request.path.and_then(|path| path.split('?').next())) {
+                _ if !hosts.all(|host| is_this_machine(host.value)) => {
+                    refuse("421 Misdirected Request", "ask for localhost or a loopback address\n")
                 }
-                Err(_) => {}
-            }
-            if self.is_stopped_within(RETRY_DELAY) {
-                return None;
-            }
-        }
-    }
-
-    /// Waits for the next connection. Returns `false` if the thread is to stop.
-    fn wait_for_connection(&self, listener: &Listener) -> io::Result<bool> {
-        let listener = listener.as_fd();
-        let mut polled = [PollFd::new(&self.stop_signal, PollFlags::IN), PollFd::new(&listener, PollFlags::IN)];
-        while let Err(error) = poll(&mut polled, None) {
-            if error != rustix::io::Errno::INTR {
-                return Err(error.into());
+                (Some("GET"), Some("/metrics")) => Some(response("200 OK", CONTENT_TYPE, &page(counters))),
+                (Some("GET"), _) => refuse("404 Not Found", "the only page is /metrics\n"),
+                _ => refuse("405 Method Not Allowed\r\nAllow: GET", "use GET\n"),
             }
         }
-        let [stop_signal, _] = polled;
-        Ok(stop_signal.revents().is_empty())
+        Err(httparse::Error::TooManyHeaders) => too_long(),
+        Ok(Status::Partial) | Err(_) => refuse("400 Bad Request", "this is not an HTTP request\n"),
+    }
+}
+
+fn response(status: &str, content_type: &str, body: &str) -> String {
+    let length = body.len();
+    format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {content_type}\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+    )
+}
+
+/// Whether the value of a `Host` header is a loopback address or `localhost`, with or without a port.
+fn is_this_machine(host: &[u8]) -> bool {
+    let Ok(host) = str::from_utf8(host) else { return false };
+    let name = match host.strip_prefix('[') {
+        Some(rest) => rest.split(']').next().unwrap_or_default(),
+        None => host.split(':').next().unwrap_or_default(),
+    };
+    let name = name.strip_suffix('.').unwrap_or(name);
+    name.eq_ignore_ascii_case("localhost") || name.parse().is_ok_and(|address: IpAddr| address.is_loopback())
+}
+
+/// Upper limits of the histograms' buckets: powers of two in nanoseconds and 1.5 times each, from 16 microseconds to 1.6
+/// seconds. [`Histogram::counts_between`] is exact at these limits.
+fn limits_ns() -> [u64; 34] {
+    std::array::from_fn(|index| {
+        let power = 1 << (14 + index / 2);
+        if index % 2 == 0 { power } else { power + power / 2 }
+    })
+}
+
+/// Renders everything with its present values. Writing to a string cannot fail.
+fn page(counters: &Counters) -> String {
+    let mut page = String::with_capacity(32 << 10);
+    let version = env!("CARGO_PKG_VERSION");
+    head(&mut page, "build", "info", "Version of facewire.");
+    let _ = writeln!(page, "facewire_build_info{{version=\"{version}\"}} 1");
+    for row in counters.rows() {
+        head(&mut page, row.metric, row.kind, row.help);
+        let total = if row.kind == "counter" { "_total" } else { "" };
+        for (value, sample) in row.samples {
+            let label = if row.label.is_empty() { String::new() } else { format!("{{{}=\"{value}\"}}", row.label) };
+            let _ = writeln!(page, "facewire_{}{total}{label} {sample}", row.metric);
+        }
+    }
+    let [stages @ .., (_, work), (_, age)] = counters.times.all();
+    let help = "Time of each stage of a frame; wait lasts from capture to the start of processing.";
+    head(&mut page, "stage_seconds", "histogram", help);
+    stages.iter().for_each(|(name, stage)| histogram(&mut page, "stage", &format!("stage=\"{name}\""), stage));
+    head(&mut page, "work_seconds", "histogram", "Time from a frame in memory to its result.");
+    histogram(&mut page, "work", "", work);
+    head(&mut page, "age_seconds", "histogram", "Time from the capture of a pose to its sending.");
+    histogram(&mut page, "age", "", age);
+    head(&mut page, "resident_memory_bytes", "gauge", "Resident memory of the process.");
+    let _ = writeln!(page, "facewire_resident_memory_bytes {}\n# EOF", resident_bytes());
+    page
+}
+
+fn head(page: &mut String, metric: &str, kind: &str, help: &str) {
+    let _ = writeln!(page, "# HELP facewire_{metric} {help}\n# TYPE facewire_{metric} {kind}");
+    if let Some((_, unit @ ("seconds" | "bytes"))) = metric.rsplit_once('_') {
+        let _ = writeln!(page, "# UNIT facewire_{metric} {unit}");
+    }
+}
+
+fn histogram(page: &mut String, name: &str, label: &str, histogram: &Histogram) {
+    let (all, comma) = if label.is_empty() { (String::new(), "") } else { (format!("{{{label}}}"), ",") };
+    let (counts, longer) = histogram.counts_between(&limits_ns());
+    let total = counts.iter().sum::<u64>() + longer;
+    let _ = writeln!(page, "facewire_{name}_seconds_sum{all} {}", histogram.sum_s());
+    let _ = writeln!(page, "facewire_{name}_seconds_count{all} {total}");
+    let mut below = 0;
+    for (limit_ns, count) in limits_ns().into_iter().zip(counts) {
+        below += count;
+        let limit_s = limit_ns as f64 / 1e9;
+        let _ = writeln!(page, "facewire_{name}_seconds_bucket{{le=\"{limit_s}\"{comma}{label}}} {below}");
+    }
+    let _ = writeln!(page, "facewire_{name}_seconds_bucket{{le=\"+Inf\"{comma}{label}}} {total}");
+}
+
+/// Returns the resident memory of the process, or 0 if `/proc/self/statm` cannot be read.
+fn resident_bytes() -> u64 {
+    let pages = fs::read_to_string("/proc/self/statm").unwrap_or_default();
+    let resident = pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok());
+    resident.unwrap_or(0) * page_size() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::Ordering::Relaxed;
+    use std::time::Duration;
+
+    use facewire_packet::NeutralFace;
+
+    use super::*;
+    use crate::impairment::Impairment;
+    use crate::service::{Cause, Step};
+
+    #[test]
+    fn the_page_shows_the_values_of_the_counters() {
+        let counters = Counters::default();
+        counters.solved.store(7, Relaxed);
+        counters.traffic.dropped.store(2, Relaxed);
+        counters.impairments.set(Impairment::Hot, true);
+        counters.set_step(Step::Half, Some(Cause::Hot));
+        counters.neutral.set(NeutralFace::Estimated, 0.5, 3);
+        counters.times.mesh.record(Duration::from_micros(20));
+        let page = page(&counters);
+        for line in [
+            "# TYPE facewire_frames counter",
+            "facewire_frames_total{result=\"solved\"} 7",
+            "facewire_link_packets_total{result=\"dropped\"} 2",
+            "facewire_failsafe_state{state=\"neutral\"} 1",
+            "facewire_failsafe_state{state=\"live\"} 0",
+            "facewire_impaired{by=\"hot\"} 1",
+            "facewire_impaired{by=\"dark\"} 0",
+            "facewire_impairments_total{by=\"hot\"} 1",
+            "facewire_step{step=\"half\"} 1",
+            "facewire_step{step=\"full\"} 0",
+            "facewire_step_by{by=\"hot\"} 1",
+            "facewire_step_changes_total 1",
+            "facewire_small_picture 0",
+            "facewire_neutral_face{from=\"estimated\"} 1",
+            "facewire_neutral_face{from=\"mean\"} 0",
+            "facewire_neutral_share 0.5",
+            "facewire_neutral_forgotten_total 3",
+            "# UNIT facewire_stage_seconds seconds",
+            "facewire_stage_seconds_bucket{le=\"0.000016384\",stage=\"mesh\"} 0",
+            "facewire_stage_seconds_bucket{le=\"0.000024576\",stage=\"mesh\"} 1",
+            "facewire_stage_seconds_sum{stage=\"mesh\"} 0.00002",
+            "facewire_stage_seconds_count{stage=\"mesh\"} 1",
+            "facewire_age_seconds_bucket{le=\"+Inf\"} 0",
+            "# EOF",
+        ] {
+            assert!(page.lines().any(|found| found == line), "no {line} in:\n{page}");
+        }
+        let memory = page.lines().find_map(|line| line.strip_prefix("facewire_resident_memory_bytes ")).unwrap();
+        assert!(memory.parse::<u64>().unwrap() > 1 << 20, "{memory}");
     }
 
-    fn respond(&self, mut connection: Connection) -> io::Result<()> {
-        let response = match request::read(&mut connection)? {
-            Ok(()) => request::ok(page::CONTENT_TYPE, &self.page.text()),
-            Err(refusal) => refusal.response(),
-        };
-        connection.write_all(response.as_bytes())
+    /// The status of the answer to a request that has ended.
+    fn status(request: &str) -> u16 {
+        let answer = answer(request.as_bytes(), true, &Counters::default()).unwrap();
+        answer.split(' ').nth(1).unwrap().parse().unwrap()
+    }
+
+    #[test]
+    fn only_get_requests_for_the_path_of_the_metrics_are_accepted() {
+        let many = format!("GET /metrics HTTP/1.1\r\n{}\r\n", "X: x\r\n".repeat(MAX_HEADERS + 1));
+        for (request, want) in [
+            ("GET /metrics?name=x HTTP/1.0\r\n\r\n", 200),
+            ("GET / HTTP/1.1\r\n\r\n", 404),
+            ("POST /metrics HTTP/1.1\r\n\r\n", 405),
+            ("", 400),
+            ("GET /metrics HTTP/1.1\r\nHost", 400),
+            ("\u{1}\u{2}\r\n\r\n", 400),
+            (&format!("GET /{}", "x".repeat(MAX_REQUEST_BYTES)), 431),
+            (&many, 431),
+        ] {
+            assert_eq!(status(request), want, "{request}");
+        }
+        let whole = b"GET /metrics HTTP/1.1\r\n\r\n";
+        assert!((0..whole.len()).all(|length| answer(&whole[..length], false, &Counters::default()).is_none()));
+    }
+
+    #[test]
+    fn a_name_that_its_owner_lets_point_to_this_machine_is_refused() {
+        let asked = |host: &str| status(&format!("GET /metrics HTTP/1.1\r\nhost: {host}\r\n\r\n"));
+        for good in ["localhost", "LOCALHOST:9464", "localhost.", "127.0.0.1:9464", "127.9.9.9", "[::1]:9464", "[::1]"]
+        {
+            assert_eq!(asked(good), 200, "{good}");
+        }
+        for bad in ["evil.example:9464", "localhost.evil.example", "127.0.0.1.evil.example", "192.168.1.5", "[::2]", ""]
+        {
+            assert_eq!(asked(bad), 421, "{bad}");
+        }
+        assert_eq!(asked("localhost\r\nHost: evil.example"), 421);
     }
 }

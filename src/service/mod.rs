@@ -4,8 +4,8 @@
 //! links, so that a stuck inference cannot freeze a face. The supervisor ([`supervisor`]), which is the thread that calls
 //! [`run`], handles signals, reloads, the watchdog and the log. The hot loop hands its newest report to the sender in a
 //! triple buffer. Both threads share counters with the supervisor, and send it events between frames. The
-//! supervisor sends changed settings to both ([`reload`]). A fourth thread serves the counters by HTTP if the settings ask
-//! for it ([`metrics`]), and a fifth calibrates wearers, changes the one in use and records when it is asked ([`control`]).
+//! supervisor sends changed settings to both ([`reload`]). A fourth thread calibrates wearers,
+//! changes the one in use, records, and serves the counters by HTTP when it is asked ([`control`], [`metrics`]).
 
 mod adaptation;
 mod camera;
@@ -15,21 +15,17 @@ mod engine_health;
 pub mod failsafe;
 mod frame_timing;
 mod heartbeat;
-pub(crate) mod histogram;
+pub mod histogram;
 mod hot;
 mod links;
-pub(crate) mod listener;
 mod load;
 mod log;
 mod manager;
 mod metrics;
 mod observer;
-mod patience;
-mod picture_size;
 mod realtime;
 mod reload;
 mod replay;
-mod report;
 mod sender;
 mod step;
 mod supervisor;
@@ -44,34 +40,31 @@ use std::time::{Duration, Instant};
 use facewire_packet::Reason;
 
 pub use adaptation::Cause;
-pub use camera::{await_picture, open as open_camera};
-pub(crate) use control::DEFAULT_WEARER;
-pub(crate) use control::protocol::{Reply, Request};
-pub(crate) use control::socket::candidates as control_sockets;
-pub use counters::{Counters, Status};
+pub use camera::OpenCamera;
+pub use control::DEFAULT_WEARER;
+pub use control::protocol::{Reply, Request, control_sockets};
+pub use counters::Counters;
 pub use realtime::bind_to_hot_cpu;
 pub use reload::Program;
 pub use replay::replay;
 pub use step::Step;
-pub use times::Quantiles;
 
 use self::control::{Control, Parts};
+use self::failsafe::News;
 use self::heartbeat::Phase;
-use self::hot::{HotLoop, Outlets};
+use self::hot::{Event, HotLoop, Outlets};
 use self::links::Links;
 use self::realtime::Scheduling;
-use self::reload::{Mailbox, Mailboxes, Reloader};
-use self::report::{Event, Report};
+use self::reload::{InUse, Loader, Mailbox, Mailboxes, Reloader};
 use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
-use crate::calibration::{Observation, WearerName};
+use crate::calibration::WearerName;
 use crate::capture::{CaptureError, monotonic_us};
 use crate::config::Settings;
 use crate::link::LinkError;
 use crate::pipeline::Pipeline;
-use crate::preflight::{SetupError, load_profile};
-use crate::recording::Recorded;
-use crate::solve::Profile;
+use crate::preflight::{SetupError, load_profile, model_warning};
+use facewire_face::Profile;
 
 /// How long a stopping service waits for the hot loop, which may be opening a camera in the kernel.
 const HOT_PATIENCE: Duration = Duration::from_secs(2);
@@ -108,22 +101,20 @@ impl ServiceError {
 }
 
 /// Runs until SIGTERM or SIGINT. A second of these signals ends the process at once. SIGHUP lets `program` read the
-/// settings again, and SIGUSR1 writes the status line. Returns the last counts.
-///
-/// # Errors
-/// Before the first camera is opened: a link, the networks or the model cannot be used. Later: the engine or a camera's
-/// driver has failed in a way that only another process can recover from, or a thread has panicked.
-pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, ServiceError> {
+/// settings again, and SIGUSR1 writes the status line. Returns the last status line.
+pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     let signals = Signals::catch(&counters)?;
     let links = Links::open(&settings.links, &counters.traffic)?;
-    let pipeline = match Pipeline::load(&settings) {
-        Ok(pipeline) => Some(pipeline),
+    let (loader, wanted) = (Loader::start()?, settings.clone());
+    let pipeline = match loader.begin(move || Pipeline::load(&wanted)).recv() {
+        Ok(Ok(pipeline)) => Some(pipeline),
         // The hot loop tries again.
-        Err(error) if error.is_temporary() => None,
-        Err(error) => return Err(error.into()),
+        Ok(Err(error)) if error.is_temporary() => None,
+        Ok(Err(error)) => return Err(error.into()),
+        Err(_) => return Err(ServiceError::Panicked("loader")),
     };
-    let (reports, news) = triple_buffer::triple_buffer(&Report::Nothing);
+    let (newest, news) = triple_buffer::triple_buffer(&News::Nothing);
     let (events, heard) = mpsc::channel();
     counters.heartbeats.hot(Phase::Open, monotonic_us());
     counters.heartbeats.sender(monotonic_us());
@@ -135,12 +126,14 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let sender_mailbox = Mailbox { changes, thread: sender.thread().clone() };
 
     let (changes, for_hot) = mpsc::channel();
-    let (observer, sights) = observer::channel(&Observation::nothing(0));
-    let (recorder, frames) = observer::channel(&Recorded::nothing(0, Reason::None));
+    let (observer, sights) = observer::channel();
+    let (recorder, frames) = observer::channel();
     let wake = sender.thread().clone();
-    let outlets = Outlets { reports, wake, events: events.clone(), observer, recorder };
+    let outlets = Outlets { news: newest, wake, events: events.clone(), observer, recorder };
     let (profile, in_use) = profile_of(&settings);
-    let hot = HotLoop::new(settings.clone(), pipeline, profile, outlets, for_hot, Arc::clone(&counters));
+    let in_use = InUse::new(in_use);
+    let hot =
+        HotLoop::new(settings.clone(), pipeline, profile, outlets, for_hot, Arc::clone(&counters), loader.clone());
     let hot = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
     let hot_mailbox = Mailbox { changes, thread: hot.thread().clone() };
 
@@ -148,15 +141,20 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
     let parts = Parts {
         settings: settings.clone(),
         changes: for_control,
-        in_use,
+        in_use: in_use.clone(),
         observed: sights,
         recorded: frames,
         hot: hot_mailbox.clone(),
+        counters: Arc::clone(&counters),
     };
     // The face goes on without it.
-    let control = Control::start(parts).inspect_err(|error| tracing::warn!("no control socket: {error}")).ok();
+    let control = Control::start(parts)
+        .inspect_err(|error| {
+            tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files")
+        })
+        .ok();
     let mailboxes = Mailboxes { hot: hot_mailbox, sender: sender_mailbox, control: changes };
-    let reloader = Reloader::new(settings, program, mailboxes, Arc::clone(&counters.traffic));
+    let reloader = Reloader::new(settings, program, mailboxes, Arc::clone(&counters.traffic), loader, in_use);
     let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
@@ -170,7 +168,10 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<Status, Serv
 fn profile_of(settings: &Settings) -> (Profile, Option<WearerName>) {
     let name = &settings.wearer.name;
     match load_profile(&settings.wearer) {
-        Ok(profile) => (profile, WearerName::new(name)),
+        Ok(profile) => {
+            model_warning(settings).inspect(|warning| tracing::warn!("{warning}"));
+            (profile, WearerName::new(name))
+        }
         Err(error) => {
             tracing::warn!(
                 "wearer {name}: {error}; the service runs without a profile until `facewire calibrate --use {name}`"
@@ -201,14 +202,11 @@ fn spawn<T: Send + 'static>(
 }
 
 /// Ends the threads: the sender first, so that the receivers get the last packets whatever holds up the hot loop.
-///
-/// # Errors
-/// A thread panicked, or the hot loop ended with an error.
 fn stop(
     counters: &Counters,
     sender: JoinHandle<()>,
     hot: JoinHandle<Result<(), ServiceError>>,
-) -> Result<Status, ServiceError> {
+) -> Result<String, ServiceError> {
     let end = Instant::now() + HOT_PATIENCE;
     counters.stop();
     sender.thread().unpark();
@@ -219,14 +217,13 @@ fn stop(
     }
     if !hot.is_finished() {
         tracing::warn!("the camera's driver does not return and is left behind");
-        return Ok(counters.status());
+        return Ok(counters.status_line());
     }
     hot.join().map_err(|_| ServiceError::Panicked("hot loop"))??;
-    Ok(counters.status())
+    Ok(counters.status_line())
 }
 
 #[cfg(test)]
-#[allow(clippy::panic, clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -1,60 +1,101 @@
-//! What the hot loop shows other threads, a calibration or a recording: the newest value, in a triple buffer, only while
-//! somebody wants it.
+//! What the hot loop shows other threads, a calibration or a recording: every value, in a bounded ring, only while somebody
+//! wants it.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-use triple_buffer::{Input, Output, triple_buffer};
+/// Values that wait at most. The reader comes every 10 ms, so that more than one waits only while it is held up, or behind
+/// a camera with more than 100 frames a second. Each takes some 6 kB.
+const RING: usize = 32;
 
-/// The end through which the hot loop publishes.
-pub(super) struct Observer<T: Send> {
-    is_wanted: Arc<AtomicBool>,
-    newest: Input<T>,
+#[derive(Debug, Default)]
+struct Shared {
+    is_wanted: AtomicBool,
+    lost: AtomicU64,
+    #[cfg(test)]
+    taken: AtomicU64,
 }
 
-/// The end that reads the newest value.
-pub(super) struct Observed<T: Send> {
-    is_wanted: Arc<AtomicBool>,
-    newest: Output<T>,
+/// The end through which the hot loop publishes.
+pub(super) struct Observer<T> {
+    shared: Arc<Shared>,
+    ring: SyncSender<T>,
+}
+
+/// The end that reads.
+pub(super) struct Observed<T> {
+    shared: Arc<Shared>,
+    ring: Receiver<T>,
 }
 
 /// Returns both ends. Nothing is wanted yet.
-pub(super) fn channel<T: Send + Clone>(nothing: &T) -> (Observer<T>, Observed<T>) {
-    let (input, output) = triple_buffer(nothing);
-    let is_wanted = Arc::<AtomicBool>::default();
-    (Observer { is_wanted: Arc::clone(&is_wanted), newest: input }, Observed { is_wanted, newest: output })
+pub(super) fn channel<T>() -> (Observer<T>, Observed<T>) {
+    let ((sender, receiver), shared) = (sync_channel(RING), Arc::<Shared>::default());
+    (Observer { shared: Arc::clone(&shared), ring: sender }, Observed { shared, ring: receiver })
 }
 
-impl<T: Send> Observer<T> {
-    /// Publishes what `observe` returns, if somebody wants it. Neither allocates nor waits.
+impl<T> Observer<T> {
+    /// Publishes what `observe` returns, if somebody wants it. Neither allocates nor waits: without room in the ring, the
+    /// value is counted as lost.
     pub(super) fn publish(&mut self, observe: impl FnOnce() -> T) {
-        if self.is_wanted.load(Relaxed) {
-            self.newest.write(observe());
+        if self.shared.is_wanted.load(Relaxed) && self.ring.try_send(observe()).is_err() {
+            self.shared.lost.fetch_add(1, Relaxed);
         }
     }
 }
 
 #[cfg(test)]
-impl<T: Send> Observer<T> {
+impl<T> Observer<T> {
     /// Publishes a value and waits until it is taken. Returns `false` if nobody wants it.
     pub(super) fn hand(&mut self, value: T) -> bool {
-        self.newest.write(value);
-        while !self.newest.consumed() && self.is_wanted.load(Relaxed) {
+        let taken = self.shared.taken.load(Relaxed);
+        self.publish(|| value);
+        let is_wanted = || self.shared.is_wanted.load(Relaxed);
+        while is_wanted() && self.shared.taken.load(Relaxed) == taken {
             std::thread::yield_now();
         }
-        self.is_wanted.load(Relaxed)
+        is_wanted()
     }
 }
 
-impl<T: Send> Observed<T> {
+impl<T> Observed<T> {
     /// Starts or stops asking for values. What was published before is discarded.
     pub(super) fn ask(&mut self, is_wanted: bool) {
-        self.is_wanted.store(is_wanted, Relaxed);
-        self.newest.update();
+        self.shared.is_wanted.store(is_wanted, Relaxed);
+        self.ring.try_iter().for_each(drop);
+        self.shared.lost.store(0, Relaxed);
     }
 
-    /// Returns a value that came since the last call.
-    pub(super) fn take(&mut self) -> Option<&T> {
-        self.newest.update().then(|| self.newest.peek_output_buffer())
+    /// Returns the next value that was published.
+    pub(super) fn take(&mut self) -> Option<T> {
+        let value = self.ring.try_recv().ok()?;
+        #[cfg(test)]
+        self.shared.taken.fetch_add(1, Relaxed);
+        Some(value)
+    }
+
+    /// How many values had no room since they are asked for.
+    pub(super) fn lost(&self) -> u64 {
+        self.shared.lost.load(Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_has_no_room_is_counted_and_publishing_never_allocates() {
+        let (mut observer, mut observed) = channel();
+        observer.publish(|| 0);
+        assert_eq!(observed.take(), None, "nobody wanted it");
+        observed.ask(true);
+        let allocated = allocation_counter::measure(|| (0..RING + 5).for_each(|number| observer.publish(|| number)));
+        assert_eq!(allocated, allocation_counter::AllocationInfo::default());
+        assert!((0..RING).all(|number| observed.take() == Some(number)) && observed.take().is_none());
+        assert_eq!(observed.lost(), 5);
+        observed.ask(true);
+        assert_eq!(observed.lost(), 0);
     }
 }

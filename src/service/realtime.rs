@@ -99,7 +99,6 @@ impl Scheduling {
 
 /// Binds the calling thread to the CPU of the hot loop, for a measurement outside the service. Returns the system's answer
 /// if the settings name a CPU.
-#[must_use]
 pub fn bind_to_hot_cpu(settings: &RealtimeSettings) -> Option<String> {
     let hot = Scheduling { priority: None, ..Scheduling::hot(settings) };
     hot.apply().first().map(Grant::to_string)
@@ -128,7 +127,7 @@ fn set_cpu(cpu: usize) -> Result<(), String> {
 /// whole stacks of all threads.
 ///
 /// Afterwards no frame causes a page fault, because all memory that a frame needs is mapped by then: the networks have
-/// run once ([`crate::infer::Engine::load`]), and the memory that they and the decoder allocate and free for each frame
+/// run once ([`facewire_face::Engine::load`]), and the memory that they and the decoder allocate and free for each frame
 /// stays in the heap (`tests/page_faults.rs`). Future memory is not locked automatically (`MCL_FUTURE`), because allocations beyond
 /// the memory lock limit would then fail. The supervisor therefore calls this function again after a camera was opened
 /// and after settings were changed. Between those moments the memory does not grow.
@@ -147,7 +146,6 @@ pub(super) fn leave_room_in_heap() {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use rustix::thread::sched_getaffinity;
 

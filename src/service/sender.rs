@@ -14,7 +14,6 @@ use triple_buffer::Output as Newest;
 use super::counters::Counters;
 use super::failsafe::{Failsafe, History, News, STOPPING_PACKETS};
 use super::links::Links;
-use super::report::Report;
 use crate::capture::monotonic_us;
 use crate::config::{FailsafeSettings, Settings};
 use crate::link::{Output, Rates};
@@ -56,7 +55,7 @@ impl SenderSettings {
 pub(super) struct Sender {
     settings: SenderSettings,
     changes: mpsc::Receiver<SenderSettings>,
-    reports: Newest<Report>,
+    news: Newest<News>,
     counters: Arc<Counters>,
 }
 
@@ -64,10 +63,10 @@ impl Sender {
     pub(super) fn new(
         settings: SenderSettings,
         changes: mpsc::Receiver<SenderSettings>,
-        reports: Newest<Report>,
+        news: Newest<News>,
         counters: Arc<Counters>,
     ) -> Self {
-        Self { settings, changes, reports, counters }
+        Self { settings, changes, news, counters }
     }
 
     /// Sends until the service stops, then moves the face to neutral and closes the links.
@@ -109,7 +108,7 @@ impl Sender {
     /// microseconds.
     fn step(&mut self, history: &mut History) -> u64 {
         let failsafe = self.failsafe();
-        let news = if self.reports.update() { self.reports.peek_output_buffer().news() } else { News::Nothing };
+        let news = if self.news.update() { self.news.peek_output_buffer() } else { &News::Nothing };
         let output = failsafe.update(history, monotonic_us(), news);
         let wait_us = self.offer(&output).min(failsafe.wait_us(history));
         if output.followed {

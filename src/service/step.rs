@@ -20,62 +20,50 @@ pub enum Step {
     Full,
     /// Every frame; of the three networks for lips and eyes, one runs on each frame.
     Turns,
-    /// Every 2nd frame of the camera, with all networks.
+    /// Every second frame, with all networks; the later ones likewise.
     Half,
-    /// Every 3rd frame.
     Third,
-    /// Every 4th frame.
     Quarter,
-    /// Every 6th frame.
     Sixth,
-    /// Every 8th frame.
     Eighth,
-    /// Every 12th frame.
     Twelfth,
 }
 
 impl Step {
-    /// Every step, in order.
     pub const ALL: [Self; 8] =
         [Self::Full, Self::Turns, Self::Half, Self::Third, Self::Quarter, Self::Sixth, Self::Eighth, Self::Twelfth];
 
     /// The step with this name, for arguments.
-    pub(crate) fn parse(name: &str) -> Result<Self, String> {
+    pub fn parse(name: &str) -> Result<Self, String> {
         let names = || Self::ALL.map(Self::name).join(", ");
         Self::ALL.into_iter().find(|step| step.name() == name).ok_or_else(|| format!("give one of {}", names()))
     }
 
-    /// The name in the status line, in the metrics and in arguments.
-    #[must_use]
-    pub fn name(self) -> &'static str {
+    /// Its name, and of how many frames of the camera one is processed.
+    fn row(self) -> (&'static str, u32) {
         match self {
-            Self::Full => "full",
-            Self::Turns => "turns",
-            Self::Half => "half",
-            Self::Third => "third",
-            Self::Quarter => "quarter",
-            Self::Sixth => "sixth",
-            Self::Eighth => "eighth",
-            Self::Twelfth => "twelfth",
+            Self::Full => ("full", 1),
+            Self::Turns => ("turns", 1),
+            Self::Half => ("half", 2),
+            Self::Third => ("third", 3),
+            Self::Quarter => ("quarter", 4),
+            Self::Sixth => ("sixth", 6),
+            Self::Eighth => ("eighth", 8),
+            Self::Twelfth => ("twelfth", 12),
         }
+    }
+
+    /// The name in the status line, in the metrics and in arguments.
+    pub fn name(self) -> &'static str {
+        self.row().0
     }
 
     /// Of how many frames of the camera one is processed.
-    #[must_use]
     pub fn every(self) -> u32 {
-        match self {
-            Self::Full | Self::Turns => 1,
-            Self::Half => 2,
-            Self::Third => 3,
-            Self::Quarter => 4,
-            Self::Sixth => 6,
-            Self::Eighth => 8,
-            Self::Twelfth => 12,
-        }
+        self.row().1
     }
 
     /// Whether the networks for lips and eyes take turns.
-    #[must_use]
     pub fn has_turns(self) -> bool {
         self == Self::Turns
     }

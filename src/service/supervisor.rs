@@ -11,15 +11,12 @@ use signal_hook::flag;
 
 use super::adaptation::{Adaptation, Conditions};
 use super::counters::Counters;
+use super::hot::Event;
 use super::log::Log;
 use super::manager::{self, Watchdog};
-use super::metrics::Metrics;
-use super::picture_size::{Need, PictureSize};
 use super::realtime;
 use super::reload::Reloader;
-use super::report::Event;
 use crate::capture::monotonic_us;
-use crate::config::Listen;
 use crate::hardware::{self, Board, Hardware};
 
 /// Time between two looks at the signals.
@@ -36,9 +33,6 @@ pub(super) struct Signals {
 
 impl Signals {
     /// Installs the handlers. The first SIGTERM or SIGINT stops the service, the second ends the process at once.
-    ///
-    /// # Errors
-    /// The system refuses a handler.
     pub(super) fn catch(counters: &Counters) -> io::Result<Self> {
         for signal in [SIGTERM, SIGINT] {
             flag::register_conditional_shutdown(signal, EXIT_SECOND_SIGNAL, counters.stop_flag())?;
@@ -58,10 +52,7 @@ pub(super) struct Supervisor {
     reloader: Reloader,
     watchdog: Option<Watchdog>,
     adaptation: Adaptation,
-    picture_size: PictureSize,
     log: Log,
-    /// Where the metrics are served, and the thread that serves them.
-    metrics: (Listen, Option<Metrics>),
     hardware: Hardware,
 }
 
@@ -69,15 +60,13 @@ impl Supervisor {
     pub(super) fn new(counters: Arc<Counters>, signals: Signals, events: Receiver<Event>, reloader: Reloader) -> Self {
         let watchdog = Watchdog::from_env(monotonic_us());
         let hardware = Hardware::new(hardware::root(), reloader.live().hardware.clone());
-        let (adaptation, picture_size) = (Adaptation::default(), PictureSize::default());
-        let (log, metrics) = (Log::default(), (Listen::Off, None));
-        Self { counters, signals, events, reloader, watchdog, adaptation, picture_size, log, metrics, hardware }
+        let (adaptation, log) = (Adaptation::default(), Log::default());
+        Self { counters, signals, events, reloader, watchdog, adaptation, log, hardware }
     }
 
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
     pub(super) fn run(&mut self, all_run: impl Fn() -> bool) {
         tracing::info!("board {}", Board::detect(&hardware::root()).tell(self.reloader.live().board));
-        self.serve_metrics();
         self.lock_memory();
         manager::ready();
         while !self.counters.stopping() && all_run() {
@@ -121,7 +110,6 @@ impl Supervisor {
         if self.reloader.step() {
             self.lock_memory();
         }
-        self.serve_metrics();
     }
 
     fn ping(&mut self) {
@@ -143,33 +131,28 @@ impl Supervisor {
 
     /// Chooses the step of the pipeline and the size of the camera's picture.
     fn adapt(&mut self) {
-        let is_open = self.counters.camera_open.load(Relaxed);
-        let load = self.counters.recent.load().filter(|_| is_open);
-        let is_allowed = self.reloader.live().adaptation.enabled;
-        let conditions = Conditions { is_allowed, load, impaired_by: self.counters.impairments.present() };
-        self.choose_step(&conditions);
-        self.choose_picture(&conditions);
-    }
-
-    fn choose_step(&mut self, conditions: &Conditions) {
+        let counters = &self.counters;
+        let load = counters.recent.load().filter(|_| counters.camera_open.load(Relaxed));
+        let conditions = Conditions {
+            is_allowed: self.reloader.live().adaptation.enabled,
+            load,
+            impaired_by: counters.impairments.present(),
+            has_smaller_mode: counters.has_smaller_mode.load(Relaxed),
+        };
         let before = self.adaptation.step();
-        if !self.adaptation.update(monotonic_us(), conditions) {
-            return;
+        let [is_new_step, is_new_size] = self.adaptation.update(monotonic_us(), &conditions);
+        if is_new_step {
+            let (step, cause) = (self.adaptation.step(), self.adaptation.cause());
+            counters.set_step(step, cause);
+            match (cause, load) {
+                (Some(cause), Some(load)) if step > before => Log::step_down(step, cause, &load),
+                _ => Log::step_up(step),
+            }
         }
-        let (step, cause) = (self.adaptation.step(), self.adaptation.cause());
-        self.counters.set_step(step, cause);
-        match (cause, conditions.load) {
-            (Some(cause), Some(load)) if step > before => Log::step_down(step, cause, &load),
-            _ => Log::step_up(step),
-        }
-    }
-
-    fn choose_picture(&mut self, &Conditions { is_allowed, load, .. }: &Conditions) {
-        let step = (self.adaptation.step(), self.adaptation.cause());
-        let has_smaller_mode = self.counters.has_smaller_mode.load(Relaxed);
-        if self.picture_size.update(monotonic_us(), &Need { is_allowed, load, step, has_smaller_mode }) {
-            self.counters.small_picture.store(self.picture_size.is_small(), Relaxed);
-            Log::picture_size(self.picture_size.is_small(), load);
+        if is_new_size {
+            let is_small = self.adaptation.is_picture_small();
+            counters.small_picture.store(is_small, Relaxed);
+            Log::picture_size(is_small, load);
         }
     }
 
@@ -188,22 +171,6 @@ impl Supervisor {
         let link = self.reloader.live().links.get(index)?;
         let remedy = "check this machine's cable or Wi-Fi, the address, and IPAddressAllow in the unit";
         Some(format!("link {link}: the network takes no packets ({reason}); {remedy}"))
-    }
-
-    /// Serves the metrics at the address in the settings, and no longer at the former one.
-    fn serve_metrics(&mut self) {
-        let wanted = &self.reloader.live().metrics.listen;
-        if *wanted == self.metrics.0 {
-            return;
-        }
-        self.metrics = (wanted.clone(), None);
-        if *wanted == Listen::Off {
-            return;
-        }
-        match Metrics::start(wanted.clone(), &self.counters) {
-            Ok(metrics) => self.metrics.1 = Some(metrics),
-            Err(error) => tracing::warn!("no metrics at {wanted} ({error}): raise the limit of threads and files"),
-        }
     }
 
     fn lock_memory(&mut self) {

@@ -1,6 +1,5 @@
 //! How long frames take, from capture to sending.
 
-use std::fmt;
 use std::time::Duration;
 
 use super::histogram::Histogram;
@@ -11,7 +10,6 @@ use crate::pipeline::StageTimes;
 pub(super) struct Times {
     /// From capture to the start of processing: exposure, transfer, decoding and waiting.
     pub(super) wait: Histogram,
-    /// The decoding of a frame.
     pub(super) decode: Histogram,
     /// The search for the face: the detector, or almost nothing while a face is followed.
     pub(super) detect: Histogram,
@@ -36,10 +34,10 @@ impl Times {
         }
     }
 
-    /// Returns the name and the quantiles of each histogram.
-    pub(super) fn quantiles(&self) -> [(&'static str, Quantiles); 7] {
+    /// Every histogram with its name: the five stages first.
+    pub(super) fn all(&self) -> [(&'static str, &Histogram); 7] {
         let Self { wait, decode, detect, mesh, solve, work, age } = self;
-        let named = [
+        [
             ("wait", wait),
             ("decode", decode),
             ("detect", detect),
@@ -47,32 +45,20 @@ impl Times {
             ("solve", solve),
             ("work", work),
             ("age", age),
-        ];
-        named.map(|(name, histogram)| (name, Quantiles::of(histogram)))
+        ]
     }
 }
 
-/// The 50th, 95th and 99th percentile in milliseconds. Displays as `9.25/10.5/12.0`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Quantiles(pub [f64; 3]);
-
-impl Quantiles {
-    fn of(histogram: &Histogram) -> Self {
-        Self(histogram.quantiles_ms([0.5, 0.95, 0.99]))
-    }
-}
-
-/// Prints three significant digits, which is the precision of the histogram, and no digit below a microsecond.
-impl fmt::Display for Quantiles {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [p50, p95, p99] = self.0.map(|ms| match ms {
-            ..1.0 => format!("{ms:.3}"),
-            ..10.0 => format!("{ms:.2}"),
-            ..100.0 => format!("{ms:.1}"),
-            _ => format!("{ms:.0}"),
-        });
-        write!(f, "{p50}/{p95}/{p99}")
-    }
+/// The 50th, 95th and 99th percentile in milliseconds, such as `9.25/10.5/12.0`: three significant digits, which is the
+/// precision of the histogram, and no digit below a microsecond.
+pub(super) fn quantiles(histogram: &Histogram) -> String {
+    let digits = |ms: f64| match ms {
+        ..1.0 => format!("{ms:.3}"),
+        ..10.0 => format!("{ms:.2}"),
+        ..100.0 => format!("{ms:.1}"),
+        _ => format!("{ms:.0}"),
+    };
+    histogram.quantiles_ms([0.5, 0.95, 0.99]).map(digits).join("/")
 }
 
 /// Returns the time between two readings of the monotonic clock, or zero if the second is earlier.
@@ -88,9 +74,8 @@ mod tests {
     fn a_stage_that_did_not_run_is_not_recorded() {
         let times = Times::default();
         times.record_stages(&StageTimes { detect: Some(Duration::from_millis(2)), ..StageTimes::default() });
-        let recorded = times.quantiles().into_iter().filter(|(_, Quantiles([p50, ..]))| *p50 > 0.0);
-        let recorded: Vec<_> = recorded.map(|(name, _)| name).collect();
-        assert_eq!(recorded, ["detect"]);
+        let recorded = times.all().into_iter().filter(|(_, histogram)| histogram.sum_s() > 0.0);
+        assert_eq!(recorded.map(|(name, _)| name).collect::<Vec<_>>(), ["detect"]);
     }
 
     #[test]
@@ -104,8 +89,14 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_display_with_three_significant_digits() {
-        assert_eq!(Quantiles([0.0094, 9.25, 101.4]).to_string(), "0.009/9.25/101");
-        assert_eq!(Quantiles([0.0, 0.254, 12.04]).to_string(), "0.000/0.254/12.0");
+    fn quantiles_have_three_significant_digits() {
+        let of = |us: &[u64]| {
+            let histogram = Histogram::default();
+            us.iter().for_each(|us| histogram.record(Duration::from_micros(*us)));
+            quantiles(&histogram)
+        };
+        assert_eq!(of(&[9, 9250, 101_400]), "9.44/103/103");
+        assert_eq!(of(&[]), "0.000/0.000/0.000");
+        assert_eq!(of(&[12]), "0.012/0.012/0.012");
     }
 }

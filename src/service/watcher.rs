@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use super::counters::Counters;
 use crate::capture::{Frame, Source, monotonic_us};
-use crate::face::Landmarks;
 use crate::watch::{Look, Watch};
+use facewire_face::Landmarks;
 
 /// Time from one look at the picture to the next, microseconds.
 const LOOK_US: u64 = 250_000;
@@ -72,10 +72,10 @@ impl Watcher {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::capture::{Content, Picture, Pixels};
+    use crate::capture::Content;
+    use facewire_face::{Picture, Pixels};
 
     #[test]
     fn a_camera_whose_timestamps_step_back_is_watched_all_the_same() {

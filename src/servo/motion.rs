@@ -1,16 +1,14 @@
 //! How a position follows its target within limits of speed and acceleration.
 
 /// Longest time that one step accounts for, seconds. After a longer pause the motion goes on as if it had been paused.
-pub const LONGEST_STEP_S: f32 = 0.1;
+const LONGEST_STEP_S: f32 = 0.1;
 /// A position that is this close to its target is at its target: a twentieth of the smallest step of a servo board.
 const ARRIVED: f32 = 1e-4;
 
 /// Limits of a motion, in units of its range from 0 to 1. Infinity means no limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Highest speed, 1/s.
     pub speed_per_s: f32,
-    /// Highest acceleration and deceleration, 1/s².
     pub acceleration_per_s2: f32,
 }
 
@@ -19,7 +17,6 @@ impl Limits {
     pub const NONE: Self = Self { speed_per_s: f32::INFINITY, acceleration_per_s2: f32::INFINITY };
 }
 
-/// A position and its speed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
     position: f32,
@@ -28,13 +25,10 @@ pub struct Motion {
 
 impl Motion {
     /// A motion that rests at this position.
-    #[must_use]
     pub fn at(position: f32) -> Self {
         Self { position, speed_per_s: 0.0 }
     }
 
-    /// The position, from 0 to 1.
-    #[must_use]
     pub fn position(&self) -> f32 {
         self.position
     }
@@ -143,10 +137,8 @@ mod tests {
     #[test]
     fn without_limits_the_target_is_reached_in_no_time() {
         let mut motion = Motion::at(0.0);
-        assert_eq!(
-            [0.0, f32::NAN, STEP_S].map(|step_s| motion.step(Limits::NONE, 0.7, step_s).to_bits()),
-            [0.7_f32.to_bits(); 3]
-        );
+        let reached = [0.0, f32::NAN, STEP_S].map(|step_s| motion.step(Limits::NONE, 0.7, step_s).to_bits());
+        assert_eq!(reached, [0.7_f32.to_bits(); 3]);
     }
 
     #[test]

@@ -63,13 +63,11 @@ impl Watch {
     ];
 
     /// Begins to watch a camera. An impairment begins, and ends, when the looks have said so for `hold_us`.
-    #[must_use]
     pub fn new(hold_us: u64) -> Self {
         Self { hold_us, steady: Default::default(), present: ImpairmentSet::default() }
     }
 
     /// The impairments of this camera that are present.
-    #[must_use]
     pub fn present(&self) -> ImpairmentSet {
         self.present
     }
@@ -203,7 +201,6 @@ mod tests {
     fn delivered(fps: f32, lost: f32, stated_us: Option<u64>) -> String {
         let mut watch = Watch::new(3_000_000);
         let sent = (fps * 1.5).round();
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small")]
         let delivery = Delivery { time_us: 1_500_000, sent: sent as u64, lost: (sent * lost).round() as u64 };
         (0..4).for_each(|window| watch.delivery(&delivery, stated_us, window * 1_500_000));
         watch.present().to_string()

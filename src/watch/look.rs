@@ -2,8 +2,9 @@
 //!
 //! Contract: [`Look::at`] does not allocate, and takes the same time for every size of picture.
 
-use crate::capture::{Picture, Pixels};
-use crate::face::{Landmarks, MESH, bounds};
+use facewire_face::stages::bounds;
+use facewire_face::{Landmarks, MESH};
+use facewire_face::{Picture, Pixels};
 
 /// Columns and rows of the samples of the whole picture, and of those of the box around the face.
 const PICTURE_GRID: [usize; 2] = [24, 18];
@@ -29,9 +30,7 @@ const LEAST_NOISE: f32 = 0.5;
 /// What a picture shows of light and face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
-    /// The whole picture.
     pub picture: Light,
-    /// The face, if there is one.
     pub face: Option<FaceLook>,
 }
 
@@ -53,7 +52,6 @@ pub struct FaceLook {
 /// Light in a part of a picture, on a scale from 0 (black) to 255 (white) whatever the range of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Light {
-    /// Mean.
     pub brightness: f32,
     /// Standard deviation of what is shown, without the noise.
     pub contrast: f32,
@@ -63,7 +61,6 @@ pub struct Light {
 
 impl Look {
     /// Looks at a picture and at the face that was found in it.
-    #[must_use]
     pub fn at(picture: &Picture, landmarks: Option<&Landmarks>) -> Self {
         let size = [picture.width, picture.height].map(|side| side as f32);
         let face = landmarks.map(|landmarks| (landmarks, face_box(landmarks)));
@@ -143,7 +140,6 @@ fn sample(picture: &Picture, x: f32, y: f32) -> Option<[u8; 2]> {
     if !contains([[0.0; 2], [picture.width as f32, picture.height as f32]], [x, y]) {
         return None;
     }
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the picture")]
     let [x, y] = [x as usize, y as usize];
     let luma = |x: usize| plane.get(y * stride + x.min(picture.width - 1) * step).copied();
     let [before, here, after] = [luma(x.saturating_sub(1))?, luma(x)?, luma(x + 1)?];
@@ -208,10 +204,9 @@ impl Samples {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::solve::test_face::face;
+    use facewire_face::testing::face;
 
     const SIDE: usize = 192;
 
@@ -245,7 +240,6 @@ mod tests {
         let mut normal = || (0..12).map(|_| random.f32()).sum::<f32>() - 6.0;
         // Steps of 64 pixels between 90 and 150 have a deviation of 30.
         let step = |x: usize| if (x / 64).is_multiple_of(2) { 90.0 } else { 150.0 };
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "luma")]
         let pixels: Vec<u8> =
             (0..SIDE * SIDE).map(|at| (step((at % SIDE) + at / SIDE) + 8.0 * normal()).round() as u8).collect();
         let light = Look::at(&grey(&pixels, true), None).picture;

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use facewire::capture::{Clip, Pixels, Source as _};
+use facewire::capture::{Clip, Source as _};
+use facewire_face::Pixels;
 
 /// The y4m header of a film like the built-in clip: 640x480, 4:2:2, full range.
 pub const HEADER: &str = "YUV4MPEG2 W640 H480 F30:1 C422 XCOLORRANGE=FULL\n";

@@ -4,7 +4,7 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
-use facewire::infer::NetworkFolder;
+use facewire_face::stages::NetworkFolder;
 use tempfile::TempDir;
 
 /// A copy of the installed networks.

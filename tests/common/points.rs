@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
-use facewire::face::{LANDMARKS, Landmarks};
+use facewire_face::{LANDMARKS, Landmarks};
 use npyz::{AutoSerialize, NpyFile, WriteOptions, WriterBuilder as _};
 use zip::ZipArchive;
 

@@ -1,6 +1,6 @@
 //! Runs the program as a user runs it.
 
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsStr;
 use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -9,13 +9,10 @@ use std::thread;
 use tempfile::NamedTempFile;
 
 /// Returns a command that runs the program with these arguments, on a board that is not recognised and has no sensors:
-/// what is hot or saves power here is not what most tests are about. `cross/test` names an emulator that starts the
-/// program.
+/// what is hot or saves power here is not what most tests are about.
 pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
-    let program = OsString::from(env!("CARGO_BIN_EXE_facewire"));
-    let words: Vec<_> = std::env::var_os("FACEWIRE_STARTER").into_iter().chain([program]).collect();
-    let mut command = Command::new(&words[0]);
-    command.args(&words[1..]).args(arguments).env("FACEWIRE_SYSROOT", "/nonexistent");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_facewire"));
+    command.args(arguments).env("FACEWIRE_SYSROOT", "/nonexistent");
     // Services that tests run side by side must not meet at one control socket, nor find the profiles of this machine.
     for variable in ["RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR", "STATE_DIRECTORY"] {
         command.env_remove(variable);

@@ -18,7 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(30);
 /// `facewire run` in the background. It is killed when the test ends, even if the test fails.
 pub struct Service {
     child: Option<Child>,
-    _settings: NamedTempFile,
+    settings: NamedTempFile,
 }
 
 impl Service {
@@ -38,12 +38,18 @@ impl Service {
             addresses.iter().map(|address| format!("[[link]]\naddress = \"{address}\"\n")).collect();
         let settings = settings(&[toml, &links.concat()].concat());
         let mut command = facewire(["run", "--config", text(settings.path())]);
-        Self { child: Some(started(prepare(&mut command))), _settings: settings }
+        Self { child: Some(started(prepare(&mut command))), settings }
     }
 
     /// Returns the number of the thread with this name.
     pub fn thread(&mut self, name: &str) -> i32 {
         thread_called(self.child.as_mut().unwrap(), name)
+    }
+
+    /// Gives the service other settings.
+    pub fn reload(&self, toml: &str) {
+        std::fs::write(self.settings.path(), toml).unwrap();
+        self.signal(Signal::HUP);
     }
 
     pub fn signal(&self, signal: Signal) {

@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use facewire::capture::{Picture, Pixels};
+use facewire_face::{Picture, Pixels};
 
 /// Exponent from light to the numbers of a picture.
 const GAMMA: f32 = 2.2;

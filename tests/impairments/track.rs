@@ -2,11 +2,11 @@
 
 use facewire::capture::{Content, Frame};
 use facewire::config::Settings;
-use facewire::face::{Face, Landmarks, MESH};
 use facewire::impairment::ImpairmentSet;
 use facewire::pipeline::Pipeline;
-use facewire::solve::{COEFFS, Camera};
 use facewire::watch::{FaceLook, Look, Watch};
+use facewire_face::{COEFFS, Camera};
+use facewire_face::{Face, Landmarks, MESH};
 
 use super::photo::Photo;
 

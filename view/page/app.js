@@ -22,7 +22,10 @@ const shown = { pose: undefined, text: 0, drawn: 0, fade: 1 };
 
 function hello(message) {
   page.connection = "open";
+  // The program may have started again: its times and numbers then begin anew.
   page.clock = undefined;
+  page.snapshot = undefined;
+  parts.plot?.clear();
   showHelp(element("help"), message.hint);
   if (page.hello) return;
   page.hello = message;
@@ -151,5 +154,6 @@ try {
   element("no-face").hidden = false;
   console.warn(`The face cannot be drawn: ${error.message}`);
 }
-connect({ hello, snapshot, lost: (isRefused) => (page.connection = isRefused ? "refused" : "lost") }, () => page.recorder !== undefined);
+const lost = (reason = "no connection to facewire-view") => (page.connection = reason);
+connect({ hello, snapshot, lost }, () => page.recorder !== undefined);
 requestAnimationFrame(frame);

@@ -29,6 +29,10 @@ export class Plot {
     }));
   }
 
+  clear() {
+    this.samples = [];
+  }
+
   add(time, coefficients) {
     this.samples.push({ time, coefficients });
     while (this.samples.length > MOST_SAMPLES || time - this.samples[0].time > SECONDS) this.samples.shift();

@@ -2,10 +2,9 @@
 
 const ms = (value) => (value >= 10_000 ? `${(value / 1000).toFixed(0)} s` : value >= 1000 ? `${(value / 1000).toFixed(1)} s` : `${value.toFixed(0)} ms`);
 
-// Returns the state to show: a word for the style, and a text.
+// Returns the state to show: a word for the style, and a text. `connection` is "open", or says why there is none.
 export function stateOf(snapshot, silence, connection) {
-  if (connection === "lost") return ["lost", "no connection to facewire-view"];
-  if (connection === "refused") return ["lost", "too many pages are open: close another"];
+  if (connection !== "open") return ["lost", connection];
   if (!snapshot?.packet) return ["waiting", "waiting for packets"];
   if (silence !== undefined) return ["silent", "silent: the face is neutral"];
   const { state, reason } = snapshot.packet;

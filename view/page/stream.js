@@ -1,7 +1,7 @@
 // The connection to facewire-view: one stream of events, which the browser opens again after it has broken.
 
-// Calls `on.hello` with what does not change, `on.snapshot` with each snapshot, and `on.lost` when the connection breaks or
-// is refused.
+// Calls `on.hello` with what does not change, `on.snapshot` with each snapshot, and `on.lost` when the connection breaks, with
+// the server's reason if it was refused.
 // A page that nobody sees gives its place up, unless `mustStay` says otherwise.
 export function connect(on, mustStay) {
   let source;
@@ -10,10 +10,11 @@ export function connect(on, mustStay) {
     source.addEventListener("hello", (event) => on.hello(JSON.parse(event.data)));
     source.addEventListener("message", (event) => on.snapshot(JSON.parse(event.data)));
     source.addEventListener("error", () => {
-      // The browser tries again by itself, but not after a refusal, which is that of one page too many.
-      const isRefused = source.readyState === EventSource.CLOSED;
-      on.lost(isRefused);
-      if (isRefused) setTimeout(reopen, 2000);
+      on.lost();
+      // The browser tries again by itself, but not after a refusal.
+      if (source?.readyState !== EventSource.CLOSED) return;
+      setTimeout(reopen, 2000);
+      refusal().then((reason) => reason && source?.readyState === EventSource.CLOSED && on.lost(reason));
     });
   };
   const close = () => {
@@ -29,4 +30,11 @@ export function connect(on, mustStay) {
     else if (document.visibilityState === "hidden" && !mustStay()) close();
   });
   open();
+}
+
+// Asks why the stream is refused, which an EventSource does not tell. Nothing if it is not refused any more.
+async function refusal() {
+  const answer = await fetch("events").catch(() => undefined);
+  if (answer && !answer.ok) return (await answer.text()).trim();
+  await answer?.body?.cancel();
 }

@@ -12,7 +12,6 @@ mod args;
 mod hint;
 mod snapshot;
 mod source;
-mod tally;
 mod web;
 
 use std::{

@@ -2,10 +2,31 @@
 
 use std::{sync::Arc, time::Instant};
 
-use facewire_packet::Packet;
+use facewire_packet::{DecodeError, Packet};
 use serde::Serialize;
 
-use crate::tally::{Counts, Newest, Sender, Tally};
+/// Who sent a packet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sender {
+    /// A UDP address.
+    Udp(std::net::SocketAddr),
+    /// The other end of the serial line.
+    Line,
+}
+
+pub type Tally = facewire_packet::Tally<Sender>;
+type Newest = facewire_packet::Newest<Sender>;
+
+/// The counts, as shown.
+#[derive(Debug, Clone, Copy, Default)]
+struct Counts {
+    packets: u64,
+    lost: u64,
+    refused: u64,
+    rate_hz: f64,
+    fault: Option<DecodeError>,
+    rival: Option<Sender>,
+}
 
 /// The newest packet and the counts at one time.
 #[derive(Debug, Clone, Default)]
@@ -19,7 +40,10 @@ pub struct Snapshot {
 impl Snapshot {
     /// Returns what the tally knows.
     pub fn of(tally: &Tally, now: Instant) -> Self {
-        Self { trouble: None, counts: tally.counts(now), newest: tally.newest() }
+        let Tally { packets, lost, refused, fault, newest, .. } = *tally;
+        let counts =
+            Counts { packets, lost, refused, fault, rate_hz: tally.rate_hz(now), rival: tally.rival(now).copied() };
+        Self { trouble: None, counts, newest }
     }
 
     /// Adds why nothing can arrive.
@@ -79,7 +103,7 @@ struct PacketJson {
 
 impl PacketJson {
     fn new(newest: &Newest, counts: &Counts, start: Instant, now: Instant) -> Self {
-        let Newest { packet, from, at } = newest;
+        let Newest { packet, from, at, .. } = newest;
         Self {
             number: counts.packets + counts.lost,
             time_s: rounded(at.saturating_duration_since(start).as_secs_f64(), 1e6),

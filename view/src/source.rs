@@ -17,8 +17,7 @@ use tokio::sync::watch;
 use crate::{
     Failure,
     args::Args,
-    snapshot::Snapshot,
-    tally::{Sender, Tally},
+    snapshot::{Sender, Snapshot, Tally},
 };
 
 /// A source of packets, before it is read.
@@ -51,9 +50,6 @@ impl Source {
     }
 
     /// Starts to read.
-    ///
-    /// # Errors
-    /// Returns an error if the system refuses a thread.
     pub fn start(self, publish: watch::Sender<Snapshot>) -> io::Result<()> {
         let counter = PacketCounter { tally: Tally::default(), publish };
         thread::Builder::new().name("source".to_owned()).spawn(|| match self {

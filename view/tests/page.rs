@@ -229,7 +229,40 @@ fn a_page_too_many_says_so_and_goes_on_once_another_is_closed() {
     }
     let mut browser = Browser::start(1280, 900);
     browser.open(&viewer.url);
-    browser.wait_until("document.getElementById('state').textContent.startsWith('too many pages')");
+    browser.wait_until("document.getElementById('state').textContent.startsWith('As many pages as')");
     drop(others);
     browser.wait_until("document.getElementById('state').textContent === 'waiting for packets'");
+}
+
+#[test]
+fn a_page_with_the_token_of_an_earlier_start_says_so() {
+    if !Browser::is_installed() {
+        return skip("there is no chromium; scripts/setup tests installs it");
+    }
+    let viewer = Viewer::with(&["--listen", "0.0.0.0:0", "--udp", "127.0.0.1:0"]);
+    let (_, port) = viewer.host().rsplit_once(':').unwrap();
+    let (port, path) = (port.to_owned(), viewer.path(""));
+    let mut browser = Browser::start(1280, 900);
+    browser.open(&format!("http://127.0.0.1:{port}{path}"));
+    browser.wait_until("document.getElementById('state').textContent === 'waiting for packets'");
+    drop(viewer);
+    let _again = Viewer::with(&["--listen", &format!("0.0.0.0:{port}"), "--udp", "127.0.0.1:0"]);
+    browser.wait_until("document.getElementById('state').textContent.includes('lacks the token')");
+}
+
+#[test]
+fn the_plot_begins_anew_when_the_program_starts_again() {
+    // What the plot shows between its lines at 0 and 1 in the colour of jawOpen.
+    const DRAWN: &str = "(() => { const c = document.getElementById('plot'); const { data } = c.getContext('2d') \
+        .getImageData(0, c.height * 0.15, c.width, c.height * 0.7); let n = 0; for (let i = 0; i < data.length; i += 4) \
+        n += data[i] < 90 && data[i + 1] > 120 && data[i + 2] > 140 && data[i + 3] > 100; return n; })()";
+    let Some((viewer, sending, mut browser)) = open(1280, 900, packet(&[("jawOpen", 0.5)])) else { return };
+    browser.wait_until(&format!("{DRAWN} > 100"));
+    let (host, udp) = (viewer.host().to_owned(), viewer.packets_to().to_string());
+    drop(viewer);
+    sending.show(packet(&[]));
+    let _again = Viewer::with(&["--listen", &host, "--udp", &udp]);
+    wait_for(&mut browser, "jawOpen", "0.00");
+    browser.wait_for_picture();
+    assert_eq!(browser.value(DRAWN), 0, "samples of the earlier start are still drawn");
 }

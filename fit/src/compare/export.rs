@@ -3,15 +3,11 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Result, ensure};
-use facewire::solve::{
-    BLENDSHAPES, FeatureId,
-    model_file::{FormulaSetTable, FormulaTable, FormulasTable, ModelFile, ScoreTable},
-};
+use facewire_face::BLENDSHAPES;
+use facewire_face::model::{FeatureId, FormulaSetTable, FormulaTable, FormulasTable, ModelFile, ScoreTable};
 
-use super::{
-    choice::Choice,
-    trial::{Scale, Trial},
-};
+use super::choice::Choice;
+use super::trial::{Scale, Trial};
 use crate::{design::MODELLED, kinds::Formula};
 
 /// Returns the model of the formulas that were chosen with the subjects' neutral faces known and not known. The formula of
@@ -78,20 +74,18 @@ fn rounded(value: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use facewire::{
-        face::{LANDMARKS, Landmarks},
-        solve::{COEFFS, Features, normalise},
-    };
-    use npyz::NpyFile;
+    use facewire_face::stages::{Features, normalise};
+    use facewire_face::{COEFFS, Landmarks};
 
     use super::*;
     use crate::{
+        clip::tests::test_clip,
         compare::{
             choice::Budget,
             split::Split,
             trial::{Trial, Trials},
         },
-        dataset::{LANDMARK_VALUES, Sample},
+        dataset::Sample,
         judge::{Faces, estimates},
         kinds,
     };
@@ -100,14 +94,6 @@ mod tests {
 
     /// The built-in clip as facewire tracks it. The truth of the jaw is the gap of the lips, stretched from 0 to 1.
     fn samples() -> Vec<Sample> {
-        let file = include_bytes!("../../../tests/golden/demo-landmarks.npy");
-        let values: Vec<i16> = NpyFile::new(&file[..]).unwrap().into_vec().unwrap();
-        let landmarks = values.chunks_exact(LANDMARK_VALUES).map(|frame| {
-            let mut landmarks = Landmarks([[0.0; 3]; LANDMARKS]);
-            let points = landmarks.0.as_flattened_mut();
-            points.iter_mut().zip(frame).for_each(|(point, value)| *point = f32::from(*value) / 32.0);
-            landmarks
-        });
         let gap = FeatureId::from_name("d13-14").unwrap().index();
         let sample = |(row, landmarks): (usize, Landmarks)| {
             let gap = Features::new(&normalise(&landmarks).unwrap(), None).values()[gap];
@@ -123,7 +109,7 @@ mod tests {
                 mirrored: false,
             }
         };
-        landmarks.enumerate().map(sample).collect()
+        test_clip().into_iter().enumerate().map(sample).collect()
     }
 
     fn choice(trial: &Trial) -> Choice {
@@ -139,8 +125,8 @@ mod tests {
         let trials = cases.each_ref().map(|faces| {
             let runner = Trials::new(faces, &split);
             let ranks = runner.rank(JAW_OPEN, 30);
-            let kinds = kinds::all().into_iter().filter(|kind| kind.form().is_formula());
-            let tried = kinds.flat_map(|kind| runner.run_kind(&*kind, JAW_OPEN, &ranks).unwrap());
+            let kinds = kinds::ALL.iter().filter(|kind| kind.form.is_formula());
+            let tried = kinds.flat_map(|kind| runner.run_kind(kind, JAW_OPEN, &ranks).unwrap());
             tried.map(|tried| runner.timed(tried)).collect::<Vec<Trial>>()
         });
         assert_eq!(trials[0].len(), 4 * 3 + 2 + 3, "kinds with their responses");

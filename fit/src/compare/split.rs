@@ -16,13 +16,10 @@ pub struct Split {
     pub seen: Vec<usize>,
     /// Pictures for scoring, in ascending order.
     pub held_out: Vec<usize>,
-    /// The number of folds of the seen pictures.
     pub folds: usize,
-    /// Whether pictures were split rather than subjects.
     pub one_subject: bool,
     /// The fold of every picture, without meaning for held-out pictures.
     fold: Vec<usize>,
-    /// The group of every picture. Errors within a group may be correlated.
     group: Vec<usize>,
 }
 
@@ -63,14 +60,12 @@ impl Split {
         self.seen.iter().copied().filter(|row| self.fold[*row] != without).collect()
     }
 
-    /// Describes the pictures of the fit and of the scores.
     pub fn described(&self) -> String {
         let of = if self.one_subject { "of the same subject" } else { "of other subjects" };
         let (seen, held_out) = (self.seen.len(), self.held_out.len());
         format!("{seen} pictures; r and mse are those of {held_out} pictures {of}")
     }
 
-    /// Returns the pictures of a fold.
     pub fn validation(&self, fold: usize) -> Vec<usize> {
         self.seen.iter().copied().filter(|row| self.fold[*row] == fold).collect()
     }
@@ -88,10 +83,7 @@ impl Split {
 
 #[cfg(test)]
 mod tests {
-    use facewire::{
-        face::{LANDMARKS, Landmarks},
-        solve::COEFFS,
-    };
+    use facewire_face::{COEFFS, LANDMARKS, Landmarks};
 
     use super::*;
 

@@ -1,21 +1,22 @@
 //! Trials: one kind of model, fitted to one blendshape on every fold.
 
-use std::{hint::black_box, time::Instant};
+use std::hint::black_box;
+use std::time::Instant;
 
 use anyhow::{Context, Result};
-use facewire::solve::{BLENDSHAPES, Correction, Response};
-use nalgebra::DMatrix;
+use facewire_face::model::{Correction, FEATURES, MAX_HIDDEN, ModelFile, Response};
+use facewire_face::{BLENDSHAPES, COEFFS};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{
-    ranking::{LEAST_DEVIATION, Moments, Ranking},
-    split::Split,
-};
-use crate::{
-    judge::Faces,
-    kinds::{Form, Formula, Kind, Limits, Predictor, suffix, suited_to, with_response},
-    statistics::{mse, pearson},
-};
+use super::split::Split;
+use crate::dataset::Sample;
+use crate::design::{Design, MODELLED, with_mirrored};
+use crate::judge::{Faces, estimates, regression_ns};
+use crate::kinds::{Form, Formula, Kind, Limits, Predictor, suffix, with_response};
+use crate::statistics::{mse, pearson};
+use crate::train;
 
 const SEED: u64 = 1;
 /// Number of faces to time, and number of passes over them. The fastest pass counts, because other load disturbs it
@@ -26,14 +27,10 @@ const TIMED_PASSES: usize = 7;
 const NUMBER_BYTES: usize = 4;
 const INDEX_BYTES: usize = 2;
 
-/// The result of one kind of model on one blendshape.
 #[derive(Debug, Clone, Serialize)]
 pub struct Trial {
-    /// Name of the kind.
     pub kind: &'static str,
-    /// Transformation of the truth before the fit.
     pub response: Response,
-    /// What the model computes.
     pub form: Form,
     /// Cross-validated mean squared error on the seen pictures, and its standard error.
     pub validation: [f64; 2],
@@ -41,26 +38,19 @@ pub struct Trial {
     pub r: f64,
     /// Mean squared error on held-out pictures.
     pub mse: f64,
-    /// Memory on a board.
     pub bytes: usize,
-    /// Time for one face on this machine.
     pub nanoseconds: f64,
     /// Number of fitted weights, without the constant.
     pub weights: usize,
-    /// Number of faces that the model was fitted to.
     pub faces: usize,
-    /// Number of features that the model uses.
     pub features: usize,
-    /// Predicted coefficient of every held-out picture.
     #[serde(skip)]
     pub predictions: Vec<f64>,
-    /// The formula that the board can run, with its features.
     #[serde(skip)]
     pub formula: Option<(Formula, Scale)>,
 }
 
 impl Trial {
-    /// Returns the name of kind and response.
     pub fn name(&self) -> String {
         format!("{}{}", self.kind, suffix(self.response))
     }
@@ -68,16 +58,13 @@ impl Trial {
 
 /// The pictures of each fold with their ranked features, on which kinds are tried.
 pub struct Trials<'a> {
-    /// Features of all pictures.
     pub faces: &'a Faces<'a>,
-    /// The split of the pictures.
     pub split: &'a Split,
     /// Training pictures and ranking for each fold. The last entry is for all seen pictures.
     trainings: Vec<(Vec<usize>, Ranking)>,
 }
 
 impl<'a> Trials<'a> {
-    /// Computes the moments of all features, once for each fold.
     pub fn new(faces: &'a Faces, split: &'a Split) -> Self {
         let moments: Vec<Moments> = (0..split.folds).map(|fold| Moments::of(faces, &split.validation(fold))).collect();
         let sum = |without: Option<usize>| {
@@ -93,25 +80,17 @@ impl<'a> Trials<'a> {
         self.trainings.iter().map(|(_, ranking)| ranking.best(blendshape, count)).collect()
     }
 
-    /// Tries a kind with every response that suits it.
-    pub fn run_kind(&self, kind: &dyn Kind, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Vec<UntimedTrial>> {
-        suited_to(kind.form()).iter().map(|response| self.run(kind, *response, blendshape, ranks)).collect()
+    pub fn run_kind(&self, kind: &Kind, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Vec<UntimedTrial>> {
+        kind.form.responses().iter().map(|response| self.run(kind, *response, blendshape, ranks)).collect()
     }
 
-    /// Times the model of a trial.
     pub fn timed(&self, tried: UntimedTrial) -> Trial {
         let nanoseconds = tried.model.nanoseconds(self.faces, &self.split.held_out);
         let formula = tried.model.model.formula().map(|formula| (formula, tried.model.scale));
         Trial { nanoseconds, formula, ..tried.trial }
     }
 
-    fn run(
-        &self,
-        kind: &dyn Kind,
-        response: Response,
-        blendshape: usize,
-        ranks: &[Vec<usize>],
-    ) -> Result<UntimedTrial> {
+    fn run(&self, kind: &Kind, response: Response, blendshape: usize, ranks: &[Vec<usize>]) -> Result<UntimedTrial> {
         let fit = |training: usize| {
             let job = Job { trials: self, training, blendshape, features: &ranks[training] };
             job.fit(kind, response)
@@ -130,9 +109,9 @@ impl<'a> Trials<'a> {
         let predictions = fitted.estimates(self.faces, &self.split.held_out);
         let features = fitted.scale.features.len();
         let trial = Trial {
-            kind: kind.name(),
+            kind: kind.name,
             response,
-            form: kind.form(),
+            form: kind.form,
             validation: self.split.mean_error(&errors),
             r: pearson(&predictions, &truth),
             mse: mse(&predictions, &truth),
@@ -148,13 +127,11 @@ impl<'a> Trials<'a> {
     }
 }
 
-/// A trial whose model has not been timed yet.
 pub struct UntimedTrial {
     trial: Trial,
     model: Fitted,
 }
 
-/// The fit of one blendshape on one fold.
 struct Job<'a> {
     trials: &'a Trials<'a>,
     training: usize,
@@ -163,15 +140,15 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    fn fit(&self, kind: &dyn Kind, response: Response) -> Result<Fitted> {
-        let Limits { features, faces } = kind.limits();
+    fn fit(&self, kind: &Kind, response: Response) -> Result<Fitted> {
+        let Limits { features, faces } = kind.limits;
         let rows = sample(&self.trials.trainings[self.training].0, faces);
         let features = &self.features[..features.min(self.features.len())];
         let scale = Scale::of(self.trials.faces, &rows, features);
         let matrix = scale.matrix(self.trials.faces, &rows);
         let truth = self.trials.faces.truth(self.blendshape, &rows);
         let model = with_response(kind, response, &matrix, &truth)
-            .with_context(|| format!("{} cannot be fitted to {}", kind.name(), BLENDSHAPES[self.blendshape]))?;
+            .with_context(|| format!("{} cannot be fitted to {}", kind.name, BLENDSHAPES[self.blendshape]))?;
         Ok(Fitted { model, scale, blendshape: self.blendshape, faces: rows.len() })
     }
 }
@@ -221,7 +198,6 @@ impl Scale {
     }
 }
 
-/// A fitted model with the scale of its features.
 struct Fitted {
     model: Box<dyn Predictor>,
     scale: Scale,
@@ -251,5 +227,186 @@ impl Fitted {
             start.elapsed().as_secs_f64() * 1e9 / timed.len() as f64
         };
         (0..TIMED_PASSES).map(|_| pass()).fold(f64::INFINITY, f64::min)
+    }
+}
+
+// Feature selection (`S` in eq. 4 of the paper) for one blendshape, on the pictures of the fit only.
+//
+// Forward selection by partial correlation: each next feature explains most of the variance that the previous ones
+// leave. Plain correlation would select the same few points many times over.
+
+/// The smallest deviation, in eye distances, that a feature is scaled by.
+pub const LEAST_DEVIATION: f64 = 0.001;
+/// Noise assumed in each feature, relative to its variance. Without it, a feature that nearly repeats others could be
+/// selected for its tiny remainder.
+const NOISE: f64 = 0.003;
+/// Number of pictures whose products one thread adds up at a time.
+const BLOCK: usize = 2048;
+
+/// Sums and sums of products of the features and of the truth.
+/// Sums and sums of products of features, and of features with the truth.
+pub struct Moments {
+    count: f64,
+    sum: DVector<f64>,
+    gram: DMatrix<f64>,
+    truth_sum: DVector<f64>,
+    cross: DMatrix<f64>,
+}
+
+impl Moments {
+    pub fn of(faces: &Faces, rows: &[usize]) -> Self {
+        let part = |rows: &[usize]| {
+            let columns = DMatrix::from_fn(FEATURES, rows.len(), |feature, row| faces.values(rows[row])[feature]);
+            let truth = faces.truths(rows).rows(0, MODELLED).into_owned();
+            let transposed = columns.transpose();
+            Self {
+                count: rows.len() as f64,
+                sum: columns.map(f64::from).column_sum(),
+                truth_sum: truth.column_sum(),
+                cross: transposed.map(f64::from).tr_mul(&truth.transpose()),
+                gram: (columns * transposed).map(f64::from),
+            }
+        };
+        // Added up in order, so that the same pictures give the same sums.
+        let parts: Vec<Self> = rows.par_chunks(BLOCK).map(part).collect();
+        parts.iter().fold(Self::none(), Self::with)
+    }
+
+    pub fn none() -> Self {
+        let (sum, truth_sum) = (DVector::zeros(FEATURES), DVector::zeros(MODELLED));
+        let (gram, cross) = (DMatrix::zeros(FEATURES, FEATURES), DMatrix::zeros(FEATURES, MODELLED));
+        Self { count: 0.0, sum, gram, truth_sum, cross }
+    }
+
+    pub fn with(mut self, other: &Self) -> Self {
+        self.count += other.count;
+        self.sum += &other.sum;
+        self.gram += &other.gram;
+        self.truth_sum += &other.truth_sum;
+        self.cross += &other.cross;
+        self
+    }
+
+    pub fn standardised(mut self) -> Ranking {
+        let (mean, truth_mean) = (self.sum / self.count, self.truth_sum / self.count);
+        self.gram /= self.count;
+        self.gram.ger(-1.0, &mean, &mean, 1.0);
+        self.cross /= self.count;
+        self.cross.ger(-1.0, &mean, &truth_mean, 1.0);
+        let deviation = self.gram.diagonal().map(|variance| variance.max(0.0).sqrt().max(LEAST_DEVIATION));
+        for (index, deviation) in deviation.iter().enumerate() {
+            self.gram.row_mut(index).scale_mut(1.0 / deviation);
+            self.gram.column_mut(index).scale_mut(1.0 / deviation);
+            self.cross.row_mut(index).scale_mut(1.0 / deviation);
+        }
+        Ranking { gram: self.gram, cross: self.cross }
+    }
+}
+
+pub struct Ranking {
+    gram: DMatrix<f64>,
+    cross: DMatrix<f64>,
+}
+
+impl Ranking {
+    /// Returns the `count` best features for a blendshape, by pivoted Cholesky decomposition. `rest` is the part of
+    /// each feature's variance that the selected features do not explain, `covariance` the same of its covariance with
+    /// the truth.
+    pub fn best(&self, blendshape: usize, count: usize) -> Vec<usize> {
+        let mut rest = self.gram.diagonal().add_scalar(NOISE);
+        let mut covariance = self.cross.column(blendshape).into_owned();
+        let mut chosen: Vec<usize> = Vec::new();
+        let mut factors: Vec<DVector<f64>> = Vec::new();
+        for _ in 0..count {
+            let gain = |feature: &usize| covariance[*feature].powi(2) / rest[*feature];
+            let open = (0..rest.len()).filter(|feature| rest[*feature] > NOISE / 2.0 && !chosen.contains(feature));
+            let Some(best) = open.max_by(|a, b| gain(a).total_cmp(&gain(b))) else { break };
+            let mut factor = self.gram.column(best).into_owned();
+            for known in &factors {
+                factor.axpy(-known[best], known, 1.0);
+            }
+            factor /= rest[best].sqrt();
+            covariance.axpy(-covariance[best] / rest[best].sqrt(), &factor, 1.0);
+            rest.zip_apply(&factor, |rest, own| *rest -= own * own);
+            factors.push(factor);
+            chosen.push(best);
+        }
+        chosen
+    }
+}
+
+/// The name of this kind.
+pub const HIDDEN_LAYER: &str = "hidden-layer";
+
+/// Trains the network on every fold and returns one trial per blendshape, in their order.
+pub fn hidden_layer_trials(samples: &[Sample], faces: &Faces, split: &Split, epochs: usize) -> Result<Vec<Trial>> {
+    let mut estimated = vec![vec![0.0; samples.len()]; MODELLED];
+    for fold in 0..split.folds {
+        eprintln!("hidden layer without fold {} of {}", fold + 1, split.folds);
+        let model = train_on(samples, &split.training(fold), epochs)?.to_model()?;
+        let rows = split.validation(fold);
+        for (all, own) in estimated.iter_mut().zip(estimates(&model, faces, &rows)?) {
+            rows.iter().zip(own).for_each(|(row, value)| all[*row] = value);
+        }
+    }
+    eprintln!("hidden layer on all seen pictures");
+    let file = train_on(samples, &split.seen, epochs)?;
+    let model = file.to_model()?;
+    let cost = Cost {
+        bytes: model.size_bytes() / COEFFS,
+        nanoseconds: regression_ns(&model, faces, &split.held_out)? / COEFFS as f64,
+        features: file.inputs.len(),
+    };
+    let predictions = estimates(&model, faces, &split.held_out)?;
+    let all = estimated.iter().zip(predictions).enumerate();
+    Ok(all.map(|(blendshape, (seen, held_out))| trial(faces, split, &cost, (blendshape, seen, held_out))).collect())
+}
+
+/// The cost per blendshape: an even share of the whole network's.
+struct Cost {
+    bytes: usize,
+    nanoseconds: f64,
+    features: usize,
+}
+
+fn train_on(samples: &[Sample], rows: &[usize], epochs: usize) -> Result<ModelFile> {
+    let own: Vec<Sample> = rows.iter().map(|row| samples[*row].clone()).collect();
+    let file = ModelFile::new(String::new(), String::new());
+    train::fit(&Design::new(&with_mirrored(&own)?)?, epochs, file)
+}
+
+fn trial(faces: &Faces, split: &Split, cost: &Cost, fitted: (usize, &Vec<f64>, Vec<f64>)) -> Trial {
+    let (blendshape, estimated, predictions) = fitted;
+    let seen = split.seen.iter().zip(faces.truth(blendshape, &split.seen));
+    let errors: Vec<f64> = seen.map(|(row, truth)| (estimated[*row] - truth).powi(2)).collect();
+    let truth = faces.truth(blendshape, &split.held_out);
+    Trial {
+        kind: HIDDEN_LAYER,
+        response: Response::Plain,
+        form: Form::HiddenLayer,
+        validation: split.mean_error(&errors),
+        r: pearson(&predictions, &truth),
+        mse: mse(&predictions, &truth),
+        bytes: cost.bytes,
+        nanoseconds: cost.nanoseconds,
+        weights: MAX_HIDDEN,
+        faces: split.seen.len(),
+        features: cost.features,
+        predictions,
+        formula: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_feature_that_repeats_a_selected_one_comes_after_one_that_adds_information() {
+        // Two copies of a strong feature, and a weak feature independent of them.
+        let gram = DMatrix::from_row_slice(3, 3, &[1.0, 0.99, 0.0, 0.99, 1.0, 0.0, 0.0, 0.0, 1.0]);
+        let ranking = Ranking { gram, cross: DMatrix::from_column_slice(3, 1, &[0.8, 0.79, 0.2]) };
+        assert_eq!(ranking.best(0, 3), [0, 2, 1]);
+        assert_eq!(ranking.best(0, 2), [0, 2]);
     }
 }

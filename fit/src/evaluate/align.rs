@@ -1,12 +1,16 @@
 //! Aligns two recordings in time: the truth is interpolated at the times of the track.
 
-use anyhow::{Result, ensure};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::Path;
 
-use crate::{
-    curves::MOVING,
-    recording::Recording,
-    statistics::{mean, pearson, standard_deviation},
-};
+use anyhow::{Context, Result, ensure};
+use csv::StringRecord;
+use facewire_face::BLENDSHAPES;
+
+use crate::curves::MOVING;
+use crate::recording::Recording;
+use crate::statistics::{Event, mean, pearson, standard_deviation};
 
 /// Tolerance at the ends of a recording, because files round their times.
 const SLACK_S: f64 = 0.001;
@@ -17,33 +21,24 @@ const SEARCH_S: f64 = 2.0;
 /// Fewest common rows that can be judged.
 const LEAST_ROWS: usize = 10;
 
-/// A blendshape that both recordings have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pair {
-    /// ARKit name.
     pub blendshape: &'static str,
-    /// The curve to judge.
     pub estimate: Vec<f64>,
-    /// The true curve at the same times.
     pub truth: Vec<f64>,
 }
 
-/// Two recordings at the same times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Aligned {
     /// Seconds since the truth's first row.
     pub times_s: Vec<f64>,
-    /// The assumed lag of the track in frames.
     pub shift_frames: i32,
     /// Seconds per frame of the track, and of the truth.
     pub steps_s: [f64; 2],
-    /// The blendshapes that both recordings have.
     pub pairs: Vec<Pair>,
-    /// Blendshapes that only the track has, and those that only the truth has.
     pub unmatched: [Vec<&'static str>; 2],
 }
 
-/// Checks that two recordings have the same length. If they do not, they hardly show the same performance.
 pub fn same_length(track: &Recording, truth: &Recording) -> Result<()> {
     let (a, b) = (track.length_s(), truth.length_s());
     ensure!(
@@ -55,7 +50,6 @@ pub fn same_length(track: &Recording, truth: &Recording) -> Result<()> {
 }
 
 impl Aligned {
-    /// Aligns two recordings, assuming that the track lags by `shift_frames` of its own frames.
     pub fn new(track: &Recording, truth: &Recording, shift_frames: i32) -> Result<Self> {
         let unmatched = [(track, truth), (truth, track)].map(|(one, other)| {
             let alone = |name: &&&'static str| !other.curves.contains_key(**name);
@@ -78,7 +72,6 @@ impl Aligned {
         Ok(Self { times_s, shift_frames, steps_s, pairs, unmatched })
     }
 
-    /// Returns the mean correlation of the blendshapes that move in the truth.
     fn mean_correlation(&self) -> f64 {
         let moving = self.pairs.iter().filter(|pair| pair.moves());
         mean(moving.map(|pair| pearson(&pair.estimate, &pair.truth)))
@@ -86,7 +79,6 @@ impl Aligned {
 }
 
 impl Pair {
-    /// Returns whether the truth moves enough for a correlation.
     pub fn moves(&self) -> bool {
         standard_deviation(&self.truth) > MOVING
     }
@@ -95,13 +87,80 @@ impl Pair {
 /// Aligns two recordings with the best-correlating shift within [`SEARCH_S`] that keeps at least half of their overlap.
 pub fn best(track: &Recording, truth: &Recording) -> Result<Aligned> {
     let whole = Aligned::new(track, truth, 0)?;
-    #[expect(clippy::cast_possible_truncation, reason = "some dozens")]
     let reach = (SEARCH_S / track.step_s()).ceil() as i32;
     let least_rows = whole.times_s.len() / 2;
     let shifted = (-reach..=reach).filter_map(|shift| Aligned::new(track, truth, shift).ok());
     let long_enough = shifted.filter(|aligned| aligned.times_s.len() >= least_rows);
     let correlation = Aligned::mean_correlation;
     Ok(long_enough.fold(whole, |best, next| if correlation(&next) > correlation(&best) { next } else { best }))
+}
+
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Annotations(BTreeMap<&'static str, Vec<Event>>);
+
+#[derive(Debug, Clone, Copy)]
+struct Times {
+    column: usize,
+    per_second: f64,
+}
+
+impl Annotations {
+    /// Reads a CSV file with the columns `blendshape` and `time_s` or `frame`, and maybe `end_s` or `end_frame`.
+    pub fn load(path: &Path, fps: f64) -> Result<Self> {
+        let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::read(file, fps).with_context(|| format!("{}", path.display()))
+    }
+
+    fn read(input: impl std::io::Read, fps: f64) -> Result<Self> {
+        let mut reader = csv::Reader::from_reader(input);
+        let header = reader.headers().context("is not a CSV file")?.clone();
+        let names = position(&header, "blendshape").context("has no column blendshape")?;
+        let begin = Times::of(&header, ["time_s", "frame"], fps).context("has no column time_s or frame")?;
+        let finish = Times::of(&header, ["end_s", "end_frame"], fps);
+        let mut events: BTreeMap<_, Vec<Event>> = BTreeMap::new();
+        for (line, record) in (2..).zip(reader.records()) {
+            let record = record.context("is not a CSV file")?;
+            let cell = record.get(names).unwrap_or_default().trim();
+            let known = BLENDSHAPES.into_iter().find(|name| name.eq_ignore_ascii_case(cell));
+            let name = known.with_context(|| format!("line {line}: `{cell}` is not a blendshape"))?;
+            let time = |times: Times| times.seconds(&record).with_context(|| format!("line {line}"));
+            let start_s = time(begin)?;
+            let end_s = finish.filter(|column| !column.is_blank(&record)).map_or(Ok(start_s), time)?;
+            ensure!(end_s >= start_s, "line {line}: the event ends before it begins");
+            events.entry(name).or_default().push(Event { start_s, end_s });
+        }
+        ensure!(!events.is_empty(), "has no events");
+        Ok(Self(events))
+    }
+
+    /// Returns the events of a blendshape, or `None` if the blendshape was not annotated.
+    pub fn of(&self, blendshape: &str) -> Option<&[Event]> {
+        self.0.get(blendshape).map(Vec::as_slice)
+    }
+}
+
+fn position(header: &StringRecord, name: &str) -> Option<usize> {
+    header.iter().position(|cell| cell.trim() == name)
+}
+
+impl Times {
+    fn of(header: &StringRecord, [seconds, frames]: [&str; 2], fps: f64) -> Option<Self> {
+        let column = |name, per_second| position(header, name).map(|column| Self { column, per_second });
+        column(seconds, 1.0).or_else(|| column(frames, fps))
+    }
+
+    fn cell(self, record: &StringRecord) -> &str {
+        record.get(self.column).unwrap_or_default().trim()
+    }
+
+    fn is_blank(self, record: &StringRecord) -> bool {
+        self.cell(record).is_empty()
+    }
+
+    fn seconds(self, record: &StringRecord) -> Result<f64> {
+        let number = self.cell(record).parse().ok().filter(|number: &f64| number.is_finite());
+        Ok(number.with_context(|| format!("`{}` is not a number", self.cell(record)))? / self.per_second)
+    }
 }
 
 #[cfg(test)]
@@ -134,18 +193,40 @@ mod tests {
     }
 
     #[test]
-    fn different_lengths_are_refused_with_both_lengths() {
-        let refusal = same_length(&wave(30.0, 5.0, 0.0), &wave(30.0, 6.0, 0.0)).unwrap_err().to_string();
-        assert!(refusal.contains("5.00 s") && refusal.contains("6.00 s") && refusal.contains("--overlap"));
-        assert!(same_length(&wave(30.0, 5.0, 0.0), &wave(60.0, 5.0, 0.0)).is_ok());
-    }
-
-    #[test]
     fn blendshapes_that_only_one_file_has_are_named() {
         let other = Recording::read("time_s,jawOpen,jawLeft\n0,0,0\n5,1,1\n".as_bytes(), 30.0).unwrap();
         let aligned = Aligned::new(&wave(30.0, 5.0, 0.0), &other, 0).unwrap();
         assert_eq!(aligned.unmatched, [vec![], vec!["jawLeft"]]);
         let strange = Recording::read("time_s,jawLeft\n0,0\n5,1\n".as_bytes(), 30.0).unwrap();
         assert!(Aligned::new(&wave(30.0, 5.0, 0.0), &strange, 0).is_err());
+    }
+
+    fn read(text: &str) -> Result<Annotations> {
+        Annotations::read(text.as_bytes(), 30.0)
+    }
+
+    #[test]
+    fn events_may_be_given_in_seconds_or_frames() {
+        let seconds = read("blendshape,time_s\njawOpen,0.5\nEyeBlinkLeft,2\njawOpen,1.5\n").unwrap();
+        assert_eq!(seconds.of("jawOpen"), Some(&[Event::at(0.5), Event::at(1.5)][..]));
+        assert_eq!(seconds.of("jawLeft"), None);
+        assert_eq!(read("frame,blendshape\n15,jawOpen\n60,eyeBlinkLeft\n45,jawOpen\n").unwrap(), seconds);
+    }
+
+    #[test]
+    fn an_event_may_have_an_end() {
+        let events = read("blendshape,frame,end_frame\njawOpen,15,60\njawOpen,90,\n").unwrap();
+        let wanted = [Event { start_s: 0.5, end_s: 2.0 }, Event::at(3.0)];
+        assert_eq!(events.of("jawOpen"), Some(&wanted[..]));
+    }
+
+    #[test]
+    fn errors_name_the_line() {
+        let refusal = |text| format!("{:#}", read(text).unwrap_err());
+        assert!(refusal("blendshape,time_s\njawOpen,1\njawOpened,2\n").contains("line 3: `jawOpened`"));
+        assert!(refusal("blendshape,time_s\njawOpen,soon\n").contains("line 2: `soon`"));
+        assert!(refusal("blendshape,time_s,end_s\njawOpen,2,1\n").contains("line 2: the event ends before"));
+        assert!(refusal("blendshape,when\njawOpen,1\n").contains("time_s or frame"));
+        assert!(refusal("blendshape,time_s\n").contains("no events"));
     }
 }

@@ -4,18 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use facewire::solve::Model;
+use facewire_face::Model;
 
-use super::{
-    files, page,
-    set::{Set, SetOptions},
-    sheet::Judgement,
-    text,
-};
-use crate::{
-    dataset::{Appearances, Sample},
-    html, output,
-};
+use super::figures::Judgement;
+use super::set::{Set, SetOptions};
+use super::tables;
+use crate::dataset::{Appearances, Sample};
+use crate::output;
 
 const AFTER_HELP: &str = "\
 Figures, of all pictures of all people together:
@@ -72,28 +67,21 @@ pub struct JudgeArgs {
     csv: Option<PathBuf>,
 }
 
-/// How a model, and the one that it is compared with, did on one set.
 pub struct Judged {
-    /// The name of the set.
     pub set: String,
     /// Facts about the set itself, such as the number of frames without a face.
     pub notes: String,
-    /// With the neutral face known, and not known.
     pub neutral: [Rivals; 2],
 }
 
-/// A model, and the one that it is compared with.
 pub struct Rivals {
-    /// The model.
     pub model: Judgement,
-    /// The other model.
     pub against: Option<Judgement>,
 }
 
 /// The names of the two states of [`Judged::neutral`].
 pub const NEUTRAL: [&str; 2] = ["neutral face known", "neutral face not known"];
 
-/// Runs the command.
 pub fn run(args: &JudgeArgs) -> Result<()> {
     [&args.json, &args.csv, &args.page].into_iter().flatten().try_for_each(|path| output::check(path))?;
     let model = load_model(args.model.as_deref())?;
@@ -103,34 +91,32 @@ pub fn run(args: &JudgeArgs) -> Result<()> {
     let mut judged = Vec::new();
     for path in &args.sets {
         let one = judge(&Set::load(path, options)?, &models, args.resamples)?;
-        print!("{}", text::of(&one)?);
+        print!("{}", tables::text(&one)?);
         judged.push(one);
     }
     println!("model in memory: {} bytes", model.size_bytes());
     if let Some(path) = &args.page {
-        let names = [&args.model, &args.against].map(|path| model_name(path.as_deref()));
-        html::write(path, &page::html(&judged, &names)?)?;
+        let name = |path: &PathBuf| path.display().to_string();
+        let names = [&args.model, &args.against].map(|path| path.as_ref().map_or_else(|| "built in".to_owned(), name));
+        let (sections, body) = tables::page(&judged, &names)?;
+        let contents = [("overview", "Overview"), ("guide", "How to read it")];
+        output::write_page(path, "Two models on the same people", &contents, &sections, &body)?;
     }
     if let Some(path) = &args.json {
-        output::write(path, serde_json::to_string_pretty(&files::json(&judged))?)?;
+        output::write(path, serde_json::to_string_pretty(&tables::json(&judged))?)?;
     }
-    args.csv.as_deref().map_or(Ok(()), |path| output::write(path, files::csv(&judged)))
+    args.csv.as_deref().map_or(Ok(()), |path| output::write(path, tables::csv(&judged)))
 }
 
 /// Judges a model on the held-out subjects of the data that it was fitted to, and prints the result.
 pub fn judge_fitted(name: String, samples: Vec<Sample>, appearances: Option<Appearances>, model: &Model) -> Result<()> {
     let judged = judge(&Set::of(name, samples, appearances, false)?, &[model], 1000)?;
-    print!("{}", text::of(&judged)?);
+    print!("{}", tables::text(&judged)?);
     Ok(())
 }
 
-/// Loads a model file, or else the built-in model.
 pub fn load_model(path: Option<&Path>) -> Result<Model> {
     Ok(path.map_or_else(|| Ok(Model::embedded()), Model::load)?)
-}
-
-fn model_name(path: Option<&Path>) -> String {
-    path.map_or_else(|| "built in".to_owned(), |path| path.display().to_string())
 }
 
 fn judge(set: &Set, models: &[&Model], resamples: u64) -> Result<Judged> {

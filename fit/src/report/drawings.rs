@@ -17,7 +17,6 @@ pub fn fit(pairs: &[(f64, f64)]) -> Result<String> {
     scatter(&[(&points, BLUE_INK)], axes, &[[(0.0, 0.0), (1.0, 1.0)]])
 }
 
-/// Plots residuals against estimates.
 pub fn residuals(pairs: &[(f64, f64)]) -> Result<String> {
     let points: Vec<_> = thinned(pairs).into_iter().map(|(estimate, truth)| (estimate, truth - estimate)).collect();
     let axes = Axes { x: Axis::linear("estimate", [0.0, 1.0]), y: Axis::linear("residual", [-1.0, 1.0]) };

@@ -1,9 +1,11 @@
 //! Significance and explanatory power of a regression.
 
-use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use std::collections::BTreeMap;
 
-use super::TestResult;
+use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ContinuousCDF, FisherSnedecor, Normal};
+
+use super::{TestResult, mean};
 
 /// Singular values below this share of the largest one belong to columns that repeat others.
 const SAME: f64 = 1e-10;
@@ -26,7 +28,6 @@ pub fn f_regression(pearson: f64, rows: usize) -> f64 {
     f_statistic(pearson.powi(2), rows, 1).map_or(0.0, |tested| tested.statistic)
 }
 
-/// The column space of the regressors, computed once for any number of regressions on them.
 pub struct ColumnSpace(DMatrix<f64>);
 
 impl ColumnSpace {
@@ -41,7 +42,6 @@ impl ColumnSpace {
         Some(Self(decomposed.u?.select_columns(&kept)))
     }
 
-    /// Returns the rank of the columns: 0 if all of them are constant.
     pub fn rank(&self) -> usize {
         self.0.ncols()
     }
@@ -58,22 +58,272 @@ impl ColumnSpace {
     }
 }
 
+/// Returns the Durbin-Watson statistic of residuals in their order: 2 if neighbours are uncorrelated, near 0 if they
+/// are alike, near 4 if they alternate. Returns 2 if all residuals are 0.
+pub fn durbin_watson(residuals: &[f64]) -> f64 {
+    let steps: f64 = residuals.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
+    let squares: f64 = residuals.iter().map(|residual| residual.powi(2)).sum();
+    if squares > 0.0 { steps / squares } else { 2.0 }
+}
+
+/// The results of the Breusch-Pagan test, which tests whether the spread of the residuals changes with the regressors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BreuschPagan {
+    /// Lagrange multiplier, `n R2`: chi-squared with one degree of freedom per regressor.
+    pub lagrange: TestResult,
+    pub f: TestResult,
+}
+
+/// Performs the Breusch-Pagan test in Koenker's form, which does not assume normal residuals: regresses the squared
+/// residuals on `regressors` (rows x columns, without a constant). Returns `None` if there are too few rows or all
+/// values are constant.
+pub fn breusch_pagan(residuals: &[f64], regressors: &DMatrix<f64>) -> Option<BreuschPagan> {
+    use statrs::distribution::{ChiSquared, ContinuousCDF};
+    let squares: Vec<f64> = residuals.iter().map(|residual| residual.powi(2)).collect();
+    let space = ColumnSpace::of(regressors)?;
+    let (r_squared, rank) = (space.explain(&squares)?, space.rank());
+    let statistic = squares.len() as f64 * r_squared;
+    let p = ChiSquared::new(rank as f64).ok()?.sf(statistic);
+    Some(BreuschPagan { lagrange: TestResult { statistic, p }, f: f_statistic(r_squared, squares.len(), rank)? })
+}
+
+/// Returns the autocorrelation at lags 0 to `lags`, relative to lag 0. Returns zeros if the values are constant.
+pub fn autocorrelation(values: &[f64], lags: usize) -> Vec<f64> {
+    let centre = mean(values.iter().copied());
+    let centred: Vec<f64> = values.iter().map(|value| value - centre).collect();
+    let product = |lag: usize| -> f64 { centred.iter().skip(lag).zip(&centred).map(|(a, b)| a * b).sum() };
+    let variance = product(0);
+    (0..=lags).map(|lag| if variance > 0.0 { product(lag) / variance } else { 0.0 }).collect()
+}
+
+/// Added to the moments of standardised regressors, so that constant regressors do not make them singular.
+const RIDGE: f64 = 1e-12;
+/// Variance inflation factor above which a regressor counts as a linear combination of the others.
+const MAX_INFLATION: f64 = 1e8;
+/// Share of the variance below which a remainder is rounding error.
+const ROUNDING: f64 = 1e-12;
+
+/// Correlated regressors, with rows in groups that each have a mean of their own (fixed effects). They are prepared
+/// once to test any number of values.
+pub struct Regressors {
+    /// The regressors without the group means, scaled to length 1.
+    columns: DMatrix<f64>,
+    /// Inverse of their second moments.
+    inverse: DMatrix<f64>,
+    groups: Groups,
+    /// Residual degrees of freedom.
+    degrees_of_freedom: f64,
+}
+
+impl Regressors {
+    /// Prepares regressors (rows x columns) with the group of each row. Returns `None` if no degree of freedom remains.
+    pub fn new(mut regressors: DMatrix<f64>, groups: &[usize]) -> Option<Self> {
+        let groups = Groups::new(groups);
+        for mut column in regressors.column_iter_mut() {
+            let whole = column.norm();
+            groups.centre(column.as_mut_slice());
+            let length = column.norm();
+            let scale = if length > whole * ROUNDING { length.recip() } else { 0.0 };
+            column *= scale;
+        }
+        let moments = regressors.tr_mul(&regressors);
+        let rank = moments.symmetric_eigenvalues().iter().filter(|value| **value > MAX_INFLATION.recip()).count();
+        let used = groups.sizes.len() + rank;
+        let degrees_of_freedom = regressors.nrows().checked_sub(used).filter(|rest| *rest > 0)? as f64;
+        let ridge = DMatrix::identity(moments.nrows(), moments.ncols()) * RIDGE;
+        let inverse = (moments + ridge).cholesky()?.inverse();
+        Some(Self { columns: regressors, inverse, groups, degrees_of_freedom })
+    }
+
+    /// Returns the partial F of `values` with every regressor, controlling for all other regressors and the groups,
+    /// with 1 and the residual degrees of freedom. It is symmetric: regressing the values on the regressor or the
+    /// regressor on the values gives the same F. It is 0 for a regressor that is constant or a combination of the
+    /// others.
+    pub fn partial_f(&self, values: &[f64]) -> Vec<f64> {
+        let mut values = DVector::from_column_slice(values);
+        self.groups.centre(values.as_mut_slice());
+        let along = self.columns.tr_mul(&values);
+        let weights = &self.inverse * &along;
+        let total = values.norm_squared();
+        let unexplained = (total - along.dot(&weights)).max(total * ROUNDING);
+        let f = |(weight, inflation): (&f64, f64)| {
+            let tested = inflation < MAX_INFLATION && total > 0.0;
+            if tested { weight.powi(2) / inflation / (unexplained / self.degrees_of_freedom) } else { 0.0 }
+        };
+        weights.iter().zip(self.inverse.diagonal().iter().copied()).map(f).collect()
+    }
+}
+
+struct Groups {
+    of_row: Vec<usize>,
+    sizes: Vec<f64>,
+}
+
+impl Groups {
+    fn new(groups: &[usize]) -> Self {
+        let mut sizes: BTreeMap<usize, f64> = BTreeMap::new();
+        for group in groups {
+            *sizes.entry(*group).or_default() += 1.0;
+        }
+        let ranks: BTreeMap<usize, usize> = sizes.keys().enumerate().map(|(rank, group)| (*group, rank)).collect();
+        Self { of_row: groups.iter().map(|group| ranks[group]).collect(), sizes: sizes.into_values().collect() }
+    }
+
+    /// Subtracts the mean of every group.
+    fn centre(&self, values: &mut [f64]) {
+        let mut sums = vec![0.0; self.sizes.len()];
+        self.of_row.iter().zip(values.iter()).for_each(|(group, value)| sums[*group] += value);
+        let means: Vec<f64> = sums.iter().zip(&self.sizes).map(|(sum, size)| sum / size).collect();
+        self.of_row.iter().zip(values).for_each(|(group, value)| *value -= means[*group]);
+    }
+}
+
+// The Shapiro-Wilk test for normal residuals, by Royston's approximation.
+//
+// Coefficients: P. Royston, "Approximating the Shapiro-Wilk W-test for non-normality" (1992) and algorithm AS R94
+// (1995).
+
+/// Largest sample for which Royston's approximation holds.
+pub const SHAPIRO_WILK_MAX: usize = 5000;
+/// Smallest sample that can deviate from normality.
+const FEWEST: usize = 3;
+/// Up to this sample size, only the last weight is corrected, and above it the last two.
+const FEW: usize = 5;
+/// Up to this sample size, `ln(1 - W)` is transformed in another way.
+const SMALL: usize = 11;
+
+/// Corrections of the last weight and of the weight before it: polynomials in `1 / sqrt(n)`.
+const LAST: [f64; 6] = [0.0, 0.221_157, -0.147_981, -2.071_19, 4.434_685, -2.706_056];
+const BEFORE_LAST: [f64; 6] = [0.0, 0.042_981, -0.293_762, -1.752_461, 5.682_633, -3.582_633];
+/// For samples up to [`SMALL`], polynomials in n: a bound, the mean, and the logarithm of the standard deviation.
+const SMALL_BOUND: [f64; 2] = [-2.273, 0.459];
+const SMALL_MEAN: [f64; 4] = [0.544, -0.399_78, 0.025_054, -6.714e-4];
+const SMALL_DEVIATION: [f64; 4] = [1.3822, -0.778_57, 0.062_767, -0.002_032_2];
+/// For larger samples, the same mean and logarithm of the standard deviation as polynomials in ln n.
+const LARGE_MEAN: [f64; 4] = [-1.5861, -0.310_82, -0.083_751, 0.003_891_5];
+const LARGE_DEVIATION: [f64; 3] = [-0.4803, -0.082_676, 0.003_030_2];
+
+/// Returns W, which is 1 for a sample that looks normal, and its p value. Returns `None` for fewer than 3 or more than
+/// [`SHAPIRO_WILK_MAX`] values, and for constant values.
+pub fn shapiro_wilk(values: &[f64]) -> Option<TestResult> {
+    if !(FEWEST..=SHAPIRO_WILK_MAX).contains(&values.len()) {
+        return None;
+    }
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let centre = mean(sorted.iter().copied());
+    let squares: f64 = sorted.iter().map(|value| (value - centre).powi(2)).sum();
+    let span: f64 = weights(sorted.len())?.iter().zip(&sorted).map(|(weight, value)| weight * (value - centre)).sum();
+    if !(squares > 0.0) {
+        return None;
+    }
+    let statistic = (span.powi(2) / squares).min(1.0);
+    Some(TestResult { statistic, p: p_of(statistic, sorted.len())? })
+}
+
+/// Returns the weights of the sorted values: an antisymmetric vector of length 1.
+fn weights(count: usize) -> Option<Vec<f64>> {
+    let normal = Normal::standard();
+    let n = count as f64;
+    let score = |rank: usize| normal.inverse_cdf((rank as f64 - 0.375) / (n + 0.25));
+    let mut weights: Vec<f64> = (1..=count).map(score).collect();
+    let squares: f64 = weights.iter().map(|score| score.powi(2)).sum();
+    let corrected: &[&[f64]] = match count {
+        FEWEST => return Some(vec![-0.5_f64.sqrt(), 0.0, 0.5_f64.sqrt()]),
+        ..=FEW => &[&LAST],
+        _ => &[&LAST, &BEFORE_LAST],
+    };
+    let ends: Vec<(f64, f64)> = corrected
+        .iter()
+        .zip(weights.iter().rev())
+        .map(|(terms, score)| (*score, score / squares.sqrt() + polynomial(terms, n.sqrt().recip())))
+        .collect();
+    let rest_of_scores = squares - 2.0 * ends.iter().map(|(score, _)| score.powi(2)).sum::<f64>();
+    let rest_of_weights = 1.0 - 2.0 * ends.iter().map(|(_, weight)| weight.powi(2)).sum::<f64>();
+    let scale = (rest_of_scores / rest_of_weights).sqrt();
+    for weight in &mut weights {
+        *weight /= scale;
+    }
+    for (index, (_, weight)) in ends.iter().enumerate() {
+        *weights.get_mut(index)? = -weight;
+        *weights.get_mut(count - 1 - index)? = *weight;
+    }
+    Some(weights)
+}
+
+fn p_of(w: f64, count: usize) -> Option<f64> {
+    use core::f64::consts::{FRAC_PI_3, PI};
+    if count == FEWEST {
+        return Some((6.0 / PI * (w.sqrt().asin() - FRAC_PI_3)).max(0.0));
+    }
+    let (n, y) = (count as f64, (1.0 - w).ln());
+    let (y, centre, log_deviation) = if count > SMALL {
+        (y, polynomial(&LARGE_MEAN, n.ln()), polynomial(&LARGE_DEVIATION, n.ln()))
+    } else {
+        let above = polynomial(&SMALL_BOUND, n) - y;
+        if above <= 0.0 {
+            return Some(0.0);
+        }
+        (-above.ln(), polynomial(&SMALL_MEAN, n), polynomial(&SMALL_DEVIATION, n))
+    };
+    Some(Normal::new(centre, log_deviation.exp()).ok()?.sf(y))
+}
+
+fn polynomial(terms: &[f64], x: f64) -> f64 {
+    terms.iter().rev().fold(0.0, |sum, term| sum * x + term)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn repeated_columns_count_once() {
-        let columns = DMatrix::from_fn(6, 2, |row, _| row as f64);
-        let space = ColumnSpace::of(&columns).unwrap();
-        assert!((space.explain(&[1.0, 3.0, 5.0, 7.0, 9.0, 11.0]).unwrap() - 1.0).abs() < 1e-12);
-        assert_eq!(space.rank(), 1);
-        assert_eq!(space.explain(&[1.0; 6]), None);
-    }
-
-    #[test]
     fn a_regression_with_as_many_weights_as_rows_has_no_f() {
         assert_eq!(f_statistic(0.9, 5, 4), None);
         assert_eq!(f_statistic(0.9, 5, 0), None);
+    }
+
+    #[test]
+    fn equal_squares_cannot_be_tested_for_a_changing_spread() {
+        let regressors = DMatrix::from_fn(8, 1, |row, _| row as f64);
+        assert_eq!(breusch_pagan(&[0.5; 8], &regressors), None);
+    }
+
+    /// Tests two strongly correlated regressors and a value that follows only the first.
+    #[test]
+    fn a_value_has_no_partial_f_with_a_regressor_that_merely_accompanies_its_cause() {
+        let first = |row: usize| (row as f64 * 0.7).sin();
+        let regressors = DMatrix::from_fn(200, 2, |row, column| {
+            first(row) + if column == 1 { 0.3 * (row as f64 * 1.9).cos() } else { 0.0 }
+        });
+        let values: Vec<f64> = (0..200).map(|row| first(row) + 0.1 * (row as f64 * 2.3).sin()).collect();
+        let f = Regressors::new(regressors, &[0; 200]).unwrap().partial_f(&values);
+        assert!(f[0] > 1000.0 && f[1] < 5.0, "{f:?}");
+    }
+
+    #[test]
+    fn constant_and_repeated_regressors_have_no_f_and_do_not_change_the_others() {
+        let regressors = DMatrix::from_fn(50, 4, |row, column| match column {
+            0 => (row as f64 * 0.7).sin(),
+            1 => 0.3,
+            _ => (row as f64 * 1.3).cos(),
+        });
+        let values: Vec<f64> = (0..50).map(|row| (f64::from(row) * 0.7).sin() + 0.1 * f64::from(row % 3)).collect();
+        let alone = Regressors::new(regressors.columns(0, 3).into_owned(), &[0; 50]).unwrap().partial_f(&values);
+        let all = Regressors::new(regressors, &[0; 50]).unwrap().partial_f(&values);
+        assert!((all[0] / alone[0] - 1.0).abs() < 1e-4 && alone[2] > 0.0, "{alone:?} {all:?}");
+        assert!(all[1] + all[2] + all[3] < f64::EPSILON);
+    }
+
+    #[test]
+    fn as_many_groups_as_rows_leave_nothing_to_test() {
+        assert!(Regressors::new(DMatrix::identity(3, 1), &[0, 1, 2]).is_none());
+    }
+
+    #[test]
+    fn samples_that_are_too_small_too_large_or_constant_are_not_tested() {
+        assert_eq!(shapiro_wilk(&[1.0, 2.0]), None);
+        assert_eq!(shapiro_wilk(&[1.0; 20]), None);
+        assert_eq!(shapiro_wilk(&vec![0.0; SHAPIRO_WILK_MAX + 1]), None);
     }
 }

@@ -1,16 +1,20 @@
 //! Random expressions: faces of recordings and faces composed of them, speech, grimaces, few shapes, and rest.
 
-use clap::ValueEnum;
-use facewire::solve::COEFFS;
-use rand::{RngExt, seq::IteratorRandom};
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, weighted::WeightedIndex};
+use std::ops::Range;
+use std::sync::LazyLock;
 
-use super::{
-    anatomy::{Partner, constrain, open_for_closed_lips},
-    composing::Moments,
-    expression::Coefficients,
+use clap::ValueEnum;
+use facewire_face::COEFFS;
+use rand::RngExt;
+use rand::seq::{IndexedRandom, IteratorRandom};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::Distribution;
+use rand_distr::weighted::WeightedIndex;
+
+use super::anatomy::{
+    Gaze, Partner, Region, constrain, find, index_of, joined, mirrored, open_for_closed_lips, weaken_side,
 };
+use super::expression::Coefficients;
 
 /// Largest factor on the recorded frame that is added to a single shape.
 const TRACE: f32 = 0.15;
@@ -43,21 +47,17 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Returns the name on the command line.
     pub fn name(self) -> String {
         self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
 }
 
-/// A kind of expression with its relative frequency.
 pub type Share = (Kind, f32);
 
-/// Draws random expressions.
 pub struct Expressions {
     moments: Moments,
     kinds: Vec<Kind>,
     frequencies: WeightedIndex<f32>,
-    /// Shapes that may be shown alone, or all if empty.
     shapes: Vec<usize>,
 }
 
@@ -68,12 +68,10 @@ impl Expressions {
         Ok(Self { moments, kinds: mix.iter().map(|(kind, _)| *kind).collect(), frequencies, shapes })
     }
 
-    /// Returns the recorded frames.
     pub fn frames(&self) -> &[Coefficients] {
         self.moments.frames()
     }
 
-    /// Returns a random expression.
     pub fn draw(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let mut face = match self.kinds[self.frequencies.sample(rng)] {
             Kind::Recorded => self.moments.recorded(rng),
@@ -110,12 +108,10 @@ impl Expressions {
     }
 }
 
-/// Returns any shape but the tongue, which is the last.
 fn any_shape(rng: &mut ChaCha8Rng) -> usize {
     rng.random_range(0..COEFFS - 1)
 }
 
-/// Raises a shape to a strength, and mostly its partner, too.
 fn raise(rng: &mut ChaCha8Rng, face: &mut Coefficients, index: usize, strength: f32) {
     let mut raise_to = |index: usize, strength: f32| face[index] = face[index].max(strength);
     raise_to(index, strength);
@@ -146,13 +142,211 @@ fn combined(rng: &mut ChaCha8Rng) -> Coefficients {
     face
 }
 
+// Faces made of recorded moments. A recording shows one person with few combinations; taking the regions of the face
+// from different moments, mirrored or blended, keeps what belongs together and breaks what coincided.
+
+/// Range of the factor on each coefficient of a recorded moment.
+const SCALE: Range<f32> = 0.6..1.8;
+/// The same for faces with two halves, and for a whole clip.
+pub const HALVES_SCALE: Range<f32> = 1.0..1.5;
+/// The same for the upper face of a person who speaks.
+const CALM: Range<f32> = 0.2..1.0;
+/// The jaw moves if it opens or shuts by this within [`SPAN`] frames.
+const JAW_MOVES: f32 = 0.04;
+/// A tenth of a second, in frames.
+const SPAN: usize = 3;
+/// Two moments with fewer frames between them can be parts of the same motion.
+pub const APART: usize = 60;
+
+pub struct Moments {
+    frames: Vec<Coefficients>,
+    /// Indices of the frames in which the jaw moves.
+    speaking: Vec<usize>,
+}
+
+impl Moments {
+    pub fn new(recordings: &[Vec<Coefficients>]) -> Self {
+        let jaw = index_of("jawOpen");
+        let frames = recordings.concat();
+        let moves = |index: &usize| (frames[index + SPAN][jaw] - frames[*index][jaw]).abs() > JAW_MOVES;
+        let speaking = (0..frames.len().saturating_sub(SPAN)).filter(moves).collect();
+        Self { frames, speaking }
+    }
+
+    pub fn frames(&self) -> &[Coefficients] {
+        &self.frames
+    }
+
+    pub fn any(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        self.frames.choose(rng).copied().unwrap_or([0.0; COEFFS])
+    }
+
+    pub fn recorded(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let face = self.either_side(rng);
+        let mut face = scaled(rng, face, SCALE);
+        shift_gaze(rng, &mut face, 0.25);
+        face
+    }
+
+    pub fn composed(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let mut face = [0.0; COEFFS];
+        for region in Region::ALL {
+            region.copy(&self.source(rng), &mut face);
+        }
+        if rng.random_bool(0.3) {
+            let side = if rng.random() { "Left" } else { "Right" };
+            weaken_side(&mut face, side, rng.random());
+        }
+        let mut face = scaled(rng, face, SCALE);
+        shift_gaze(rng, &mut face, 0.5);
+        face
+    }
+
+    /// Returns the face of a person who speaks: the mouth between two sounds, under a calm upper face.
+    pub fn speech(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let upper = self.source(rng);
+        let mut face = scaled(rng, upper, CALM);
+        let mouth = if rng.random() { self.spoken(rng) } else { self.spoken_over_a_trace(rng) };
+        Region::Mouth.copy(&mouth, &mut face);
+        shift_gaze(rng, &mut face, 0.5);
+        face
+    }
+
+    /// Returns a face whose upper and lower half are from moments far apart, each mirrored or not.
+    pub fn halves(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let [upper, lower] = self.apart(rng).map(|index| either_way(rng, &self.frames[index]));
+        scaled(rng, with_upper(&upper, &lower), HALVES_SCALE)
+    }
+
+    /// Returns the indices of two frames that are at least [`APART`] frames apart, if there are so many.
+    fn apart(&self, rng: &mut ChaCha8Rng) -> [usize; 2] {
+        let count = self.frames.len();
+        let (one, least) = (rng.random_range(0..count), APART.min(count / 2));
+        [one, (one + rng.random_range(least..=count - least)) % count]
+    }
+
+    fn either_side(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let face = self.any(rng);
+        either_way(rng, &face)
+    }
+
+    fn source(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let [one, other] = [self.either_side(rng), self.either_side(rng)];
+        match rng.random_range(0.0..1.0) {
+            0.0..0.55 => one,
+            0.55..0.85 => blended(&one, &other, rng.random()),
+            _ => joined(&one, &other),
+        }
+    }
+
+    fn spoken(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let [one, other] =
+            core::array::from_fn(|_| self.speaking.choose(rng).map_or([0.0; COEFFS], |index| self.frames[*index]));
+        let face = blended(&one, &other, rng.random());
+        scaled(rng, face, SCALE)
+    }
+
+    fn spoken_over_a_trace(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+        let (sound, face, trace) = (spoken(rng), self.either_side(rng), rng.random_range(0.0..0.6));
+        core::array::from_fn(|index| sound[index] + trace * face[index])
+    }
+}
+
+/// Returns a face with the upper half of one face and the lower half of another.
+pub fn with_upper(upper: &Coefficients, lower: &Coefficients) -> Coefficients {
+    let mut face = *lower;
+    Region::ALL.into_iter().filter(|region| region.is_upper()).for_each(|region| region.copy(upper, &mut face));
+    face
+}
+
+fn either_way(rng: &mut ChaCha8Rng, face: &Coefficients) -> Coefficients {
+    if rng.random() { mirrored(face) } else { *face }
+}
+
+fn scaled(rng: &mut ChaCha8Rng, face: Coefficients, range: Range<f32>) -> Coefficients {
+    face.map(|value| value * rng.random_range(range.clone()))
+}
+
+fn blended(one: &Coefficients, other: &Coefficients, share: f32) -> Coefficients {
+    core::array::from_fn(|index| one[index] + share * (other[index] - one[index]))
+}
+
+/// Gives the face another direction of gaze in a share of the cases, because recorded eyes mostly look at one point.
+fn shift_gaze(rng: &mut ChaCha8Rng, face: &mut Coefficients, share: f64) {
+    if rng.random_bool(share) {
+        let (left, up) = (rng.random_range(-0.9..0.9), rng.random_range(-0.8..0.8));
+        Gaze { left, up, ..Gaze::of(face) }.set(face);
+    }
+}
+
+// Mouth shapes of speech sounds. Neighbouring sounds blend into each other (co-articulation), so that a picture of
+// speech shows a mixture of two.
+
+/// Range of the factor on each coefficient: people articulate differently.
+const ARTICULATION: core::ops::Range<f32> = 0.4..1.6;
+
+/// Shapes with their strength. A name without a side stands for both sides.
+type Viseme = &'static [(&'static str, f32)];
+
+/// The visemes of English, after the groups of MPEG-4 (ISO/IEC 14496-2).
+const VISEMES: [Viseme; 13] = [
+    // p, b, m: the lips close over an open jaw.
+    &[("jawOpen", 0.2), ("mouthClose", 0.19), ("mouthPress", 0.3), ("mouthRollUpper", 0.25), ("mouthRollLower", 0.3)],
+    // f, v: the lower lip is below the upper teeth.
+    &[("jawOpen", 0.1), ("mouthRollLower", 0.5), ("mouthUpperUp", 0.2), ("mouthShrugLower", 0.15)],
+    // th
+    &[("jawOpen", 0.2), ("mouthLowerDown", 0.3), ("mouthUpperUp", 0.15), ("mouthFunnel", 0.1)],
+    // t, d
+    &[("jawOpen", 0.12), ("mouthLowerDown", 0.25), ("mouthStretch", 0.2), ("mouthShrugUpper", 0.2)],
+    // k, g
+    &[("jawOpen", 0.25), ("mouthLowerDown", 0.3), ("mouthStretch", 0.2), ("mouthUpperUp", 0.2)],
+    // sh, ch, j
+    &[("jawOpen", 0.08), ("mouthFunnel", 0.5), ("mouthShrugUpper", 0.35), ("mouthPucker", 0.3), ("jawForward", 0.2)],
+    // s, z
+    &[("jawOpen", 0.04), ("mouthStretch", 0.35), ("mouthLowerDown", 0.4), ("mouthUpperUp", 0.2), ("mouthDimple", 0.15)],
+    // n, l
+    &[("jawOpen", 0.18), ("mouthLowerDown", 0.3), ("mouthUpperUp", 0.2), ("mouthShrugUpper", 0.15)],
+    // r
+    &[("jawOpen", 0.12), ("mouthFunnel", 0.35), ("mouthPucker", 0.3), ("mouthShrugUpper", 0.2)],
+    // a
+    &[("jawOpen", 0.55), ("mouthLowerDown", 0.35), ("mouthUpperUp", 0.2), ("mouthStretch", 0.15)],
+    // e, i
+    &[("jawOpen", 0.2), ("mouthSmile", 0.25), ("mouthStretch", 0.35), ("mouthDimple", 0.2), ("mouthLowerDown", 0.35)],
+    // o
+    &[("jawOpen", 0.4), ("mouthFunnel", 0.55), ("mouthPucker", 0.35), ("mouthLowerDown", 0.15)],
+    // u, w
+    &[("jawOpen", 0.12), ("mouthPucker", 0.75), ("mouthFunnel", 0.3), ("mouthShrugLower", 0.15)],
+];
+
+static FACES: LazyLock<[Coefficients; VISEMES.len()]> = LazyLock::new(|| VISEMES.map(face));
+
+fn face(viseme: Viseme) -> Coefficients {
+    let mut face = [0.0; COEFFS];
+    for (stem, strength) in viseme {
+        for ending in ["", "Left", "Right"] {
+            if let Some(index) = find(&format!("{stem}{ending}")) {
+                face[index] = *strength;
+            }
+        }
+    }
+    face
+}
+
+pub fn spoken(rng: &mut ChaCha8Rng) -> Coefficients {
+    let [one, other] = core::array::from_fn(|_| FACES.choose(rng).copied().unwrap_or([0.0; COEFFS]));
+    let share: f32 = rng.random();
+    core::array::from_fn(|index| (share * one[index] + (1.0 - share) * other[index]) * rng.random_range(ARTICULATION))
+}
+
 #[cfg(test)]
 mod tests {
-    use facewire::solve::BLENDSHAPES;
+    use facewire_face::BLENDSHAPES;
     use rand_chacha::rand_core::SeedableRng;
 
-    use super::*;
+    use crate::statistics::pearson;
     use crate::synth::anatomy::index_of;
+
+    use super::*;
 
     fn expressions(kinds: &[Kind], shapes: &[&str]) -> Expressions {
         let mix: Vec<Share> = kinds.iter().map(|kind| (*kind, 1.0)).collect();
@@ -204,16 +398,64 @@ mod tests {
     }
 
     #[test]
-    fn rest_moves_nothing() {
-        assert!(drawn(&[Kind::Rest], 3).iter().flatten().all(|value| *value == 0.0));
-    }
-
-    #[test]
     fn kinds_are_drawn_as_often_as_the_mixture_says() {
         let mut rng = ChaCha8Rng::seed_from_u64(8);
         let mix = [(Kind::Rest, 3.0), (Kind::Recorded, 1.0), (Kind::Grimace, 0.0)];
         let expressions = Expressions::new(Moments::new(&[vec![[0.5; COEFFS]]]), &mix, Vec::new()).expect("a mixture");
         let rests = (0..2000).filter(|_| expressions.draw(&mut rng).iter().all(|value| *value == 0.0)).count();
         assert!((1400..1600).contains(&rests), "{rests}");
+    }
+
+    /// Returns a recording in which every coefficient is the frame's share of the whole.
+    fn moments(count: u16) -> Moments {
+        Moments::new(&[(0..count).map(|frame| [f32::from(frame) / f32::from(count); COEFFS]).collect()])
+    }
+
+    #[test]
+    fn halves_are_from_moments_far_apart() {
+        let (mut rng, moments) = (ChaCha8Rng::seed_from_u64(1), moments(300));
+        let mut seen = [false; 300];
+        for _ in 0..3000 {
+            let [upper, lower] = moments.apart(&mut rng);
+            let gap = upper.abs_diff(lower);
+            assert!((APART..=300 - APART).contains(&gap), "{upper} {lower}");
+            seen[lower] = true;
+        }
+        assert!(seen.iter().all(|seen| *seen), "every frame is used");
+        assert!(super::tests::moments(1).apart(&mut rng).iter().all(|index| *index == 0));
+    }
+
+    #[test]
+    fn regions_of_a_composed_face_come_from_different_moments() {
+        let (mut rng, moments) = (ChaCha8Rng::seed_from_u64(2), moments(1000));
+        let mean = |face: &Coefficients, names: [&str; 2]| {
+            f64::midpoint(face[index_of(names[0])].into(), face[index_of(names[1])].into())
+        };
+        let mut r = |draw: fn(&Moments, &mut ChaCha8Rng) -> Coefficients| {
+            let faces: Vec<Coefficients> = (0..2000).map(|_| draw(&moments, &mut rng)).collect();
+            let [brows, mouth] = [["browInnerUp", "browDownLeft"], ["jawOpen", "mouthFunnel"]]
+                .map(|names| faces.iter().map(|face| mean(face, names)).collect::<Vec<_>>());
+            pearson(&brows, &mouth)
+        };
+        let [composed, recorded] = [r(Moments::composed), r(Moments::recorded)];
+        assert!(composed.abs() < 0.1, "brows and mouth of composed faces: {composed}");
+        assert!(recorded > 0.7, "in recorded faces they go together: {recorded}");
+    }
+
+    #[test]
+    fn speech_moves_the_mouth_by_sounds_even_where_the_recorded_jaw_never_moves() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let still = Moments::new(&[vec![[0.0; COEFFS]; 100]]);
+        let open = (0..200).filter(|_| still.speech(&mut rng)[index_of("jawOpen")] > 0.02).count();
+        assert!((70..130).contains(&open), "half of the mouths are visemes: {open}");
+    }
+
+    #[test]
+    fn every_viseme_moves_all_its_shapes_and_shapes_with_sides_on_both() {
+        for (viseme, face) in VISEMES.iter().zip(FACES.iter()) {
+            let sides = |stem: &str| if find(stem).is_some() { 1 } else { 2 };
+            let expected: usize = viseme.iter().map(|(stem, _)| sides(stem)).sum();
+            assert_eq!(face.iter().filter(|value| **value > 0.0).count(), expected, "{viseme:?}");
+        }
     }
 }

@@ -3,7 +3,8 @@
 
 use std::{array, sync::LazyLock};
 
-use facewire::solve::{BLENDSHAPES, COEFFS, MIRRORED};
+use facewire_face::stages::MIRRORED;
+use facewire_face::{BLENDSHAPES, COEFFS};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -37,18 +38,12 @@ static JAW_OPEN: LazyLock<usize> = LazyLock::new(|| index_of("jawOpen"));
 static MOUTH_CLOSE: LazyLock<usize> = LazyLock::new(|| index_of("mouthClose"));
 static TONGUE_OUT: LazyLock<usize> = LazyLock::new(|| index_of("tongueOut"));
 
-/// A part of the face that moves mostly on its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Region {
-    /// The direction of the eyes.
     Gaze,
-    /// Blinking, squinting and widening.
     Lids,
-    /// The brows.
     Brows,
-    /// Cheeks and nose.
     Cheeks,
-    /// Jaw and lips, and the puffed cheeks.
     Mouth,
 }
 
@@ -67,7 +62,6 @@ impl Region {
         starts.into_iter().find(|(start, _)| name.starts_with(start)).map_or(Self::Mouth, |(_, region)| region)
     }
 
-    /// Copies the region's coefficients from one face to another.
     pub fn copy(self, from: &Coefficients, to: &mut Coefficients) {
         for (index, value) in from.iter().enumerate().filter(|(index, _)| REGIONS[*index] == self) {
             to[index] = *value;
@@ -80,16 +74,13 @@ impl Region {
     }
 }
 
-/// The shape that moves together with another.
 pub struct Partner {
-    /// Its index.
     pub index: usize,
     /// Whether both shapes always have the same strength.
     pub fixed: bool,
 }
 
 impl Partner {
-    /// Returns the partner of a shape: the same on the other side, or the same direction of the other eye.
     pub fn of(index: usize) -> Option<Self> {
         let name = BLENDSHAPES[index];
         let opposite = MIRRORED[index];
@@ -104,7 +95,6 @@ impl Partner {
     }
 }
 
-/// Returns the mirror image of a face.
 pub fn mirrored(face: &Coefficients) -> Coefficients {
     array::from_fn(|index| face[MIRRORED[index]])
 }
@@ -118,7 +108,6 @@ pub fn joined(left: &Coefficients, right: &Coefficients) -> Coefficients {
     })
 }
 
-/// Multiplies the coefficients of one side of the face.
 pub fn weaken_side(face: &mut Coefficients, side: &str, factor: f32) {
     let own = BLENDSHAPES.iter().zip(face).filter(|(name, _)| name.ends_with(side));
     own.for_each(|(_, value)| *value *= factor);
@@ -136,7 +125,6 @@ pub struct Gaze {
 }
 
 impl Gaze {
-    /// Returns the mean direction of the eyes of a face.
     pub fn of(face: &Coefficients) -> Self {
         let [left, right] = LOOK.map(|look| look.map(|index| face[index]));
         let [left_out, right_in] = [left[1] - left[0], right[0] - right[1]];
@@ -147,7 +135,6 @@ impl Gaze {
         }
     }
 
-    /// Makes both eyes of a face look in this direction.
     pub fn set(self, face: &mut Coefficients) {
         let [left_out, right_out] = [self.left, -self.left].map(|out| out - self.convergence);
         for (look, out) in LOOK.iter().zip([left_out, right_out]) {
@@ -158,7 +145,6 @@ impl Gaze {
     }
 }
 
-/// Opens the jaw if the lips would close further than the jaw is open.
 pub fn open_for_closed_lips(rng: &mut ChaCha8Rng, face: &mut Coefficients) {
     if face[*MOUTH_CLOSE] > face[*JAW_OPEN] {
         face[*JAW_OPEN] = face[*MOUTH_CLOSE] + rng.random_range(0.0..0.4);
@@ -184,18 +170,15 @@ pub fn enforce_limits(face: &mut Coefficients) {
     face[*TONGUE_OUT] = 0.0;
 }
 
-/// Returns the index of a blendshape, if there is one of this name.
 pub fn find(name: &str) -> Option<usize> {
     BLENDSHAPES.iter().position(|known| *known == name)
 }
 
-/// Returns the index of a blendshape that is known to exist.
 pub fn index_of(name: &str) -> usize {
     find(name).unwrap_or_default()
 }
 
 #[cfg(test)]
-#[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
     use super::*;
 

@@ -1,22 +1,16 @@
 //! Writes the rows of all subjects as one archive in the layout that `train` and `judge` read.
 
-use std::{
-    fs::{self, File},
-    io::BufWriter,
-    path::Path,
-};
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use facewire::{
-    face::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, LANDMARKS},
-    solve::{BLENDSHAPES, COEFFS},
-};
+use facewire_face::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
+use facewire_face::{BLENDSHAPES, COEFFS, LANDMARKS};
 use half::f16;
-use npyz::{
-    WriterBuilder,
-    npz::NpzWriter,
-    zip::{CompressionMethod, DateTime, write::FileOptions},
-};
+use npyz::WriterBuilder;
+use npyz::npz::NpzWriter;
+use npyz::zip::{CompressionMethod, DateTime, write::FileOptions};
 
 use super::worker::{META, ROW};
 use crate::dataset;
@@ -116,7 +110,6 @@ fn write_appearance(
 }
 
 #[cfg(test)]
-#[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
     use super::*;
     use crate::synth::worker::APPEARANCE;

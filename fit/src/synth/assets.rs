@@ -3,22 +3,17 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use facewire_face::{BLENDSHAPES, COEFFS};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{
-    brows::Brow,
-    expression::{Coefficients, Deformer},
-    eyes::{EyeTexture, ball_offsets},
-    geometry::{SimpleMesh, normals, vertices_of},
-    rig::{Rig, Triangle},
-    scene::shoulder,
-    shadow::ambient_occlusion,
-    skin::{Layout, Skin},
-    texture::Texture,
-    wrinkles::Wrinkles,
-};
-use facewire::solve::{BLENDSHAPES, COEFFS};
+use super::expression::{Coefficients, Deformer};
+use super::geometry::{SimpleMesh, normals, vertices_of};
+use super::rig::{Rig, Triangle};
+use super::scene::shoulder;
+use super::shade::ambient_occlusion;
+use super::textures::{Brow, EyeTexture, Layout, Skin, Texture, ball_offsets};
+use super::wrinkles::Wrinkles;
 
 /// Least visibility of the sky, because indirect light reaches every vertex.
 const LEAST_VISIBILITY: f32 = 0.03;
@@ -27,11 +22,8 @@ const CASTER_CELL: f32 = 0.6;
 /// Bounding sphere of the head for lighting: centre and radius.
 pub const BOUNDS: (Vec3, f32) = (Vec3::new(0.0, -1.0, 2.0), 21.0);
 
-/// Rig, textures, and data precomputed from them.
 pub struct Assets {
-    /// The head.
     pub rig: Rig,
-    /// The shapes of the rig by coefficient.
     pub deformer: Deformer,
     /// The part of the head that skin textures cover.
     pub layout: Layout,
@@ -43,23 +35,16 @@ pub struct Assets {
     pub brows: Vec<Brow>,
     /// Eyes in the order of their names.
     pub eyes: Vec<EyeTexture>,
-    /// Ambient occlusion.
     pub occlusion: AmbientOcclusion,
-    /// Normals of the head at rest.
     pub rest_normals: Vec<Vec3>,
     /// Weight of the shoulders' motion, against the head's, for each vertex.
     pub shoulder: Vec<f32>,
     /// Offset of each eyeball vertex from its ball's centre relative to the ball's radius, and 0 for other vertices.
     pub ball_offsets: Vec<Vec3>,
-    /// Whether a vertex is skin.
     pub is_skin: Vec<bool>,
-    /// All visible triangles, for normals.
     pub surface: Vec<Triangle>,
-    /// Wrinkles that come with an expression.
     pub wrinkles: Wrinkles,
-    /// Simplified skin, for shadows.
     pub caster: SimpleMesh,
-    /// Vertices of gums and teeth.
     pub mouth: Vec<u32>,
 }
 
@@ -142,7 +127,6 @@ impl AmbientOcclusion {
         Ok(Self { changes: moved.iter().map(change).collect::<Result<_>>()?, rest })
     }
 
-    /// Computes the visibility for every vertex of a face with this expression, and stores it in `out`.
     pub fn visibility(&self, weights: &Coefficients, out: &mut Vec<f32>) {
         out.clear();
         out.extend_from_slice(&self.rest);

@@ -11,14 +11,12 @@ const CELL: usize = 6;
 /// Largest number of shapes.
 const SHAPES: u8 = 14;
 
-/// A backdrop at low resolution.
 #[derive(Debug, Clone)]
 pub struct Backdrop {
     size: [usize; 2],
     cells: Vec<Vec3>,
 }
 
-/// A rectangle or an ellipse with a soft edge.
 struct Shape {
     centre: Vec2,
     half: Vec2,
@@ -52,7 +50,6 @@ impl Backdrop {
         self.cells.fill(mean);
     }
 
-    /// Fills a picture of the given width, interpolating between cells.
     pub fn fill(&self, width: usize, pixels: &mut [[f32; 3]]) {
         for (row, line) in pixels.chunks_exact_mut(width).enumerate() {
             let (upper, down) = (row / CELL, (row % CELL) as f32 / CELL as f32);
@@ -91,7 +88,6 @@ impl Shape {
         }
     }
 
-    /// Returns the opacity of the shape at a position.
     fn cover(&self, position: Vec2) -> f32 {
         let offset = self.turn.rotate(position - self.centre).abs() - self.half;
         let beyond = if self.round {

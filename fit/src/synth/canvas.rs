@@ -7,21 +7,16 @@ use core::ops::Range;
 
 use glam::{Vec2, Vec3, Vec3A, Vec4};
 
-use super::raster::Grid;
-
 /// Largest number of samples per side of a pixel.
 pub const MOST_SAMPLES: f32 = 2.0;
 
-/// Colours and depths of all samples.
 pub struct Canvas {
-    /// The grid of samples.
     pub grid: Grid,
     /// Samples per pixel along x and y.
     pub density: Vec2,
     size: [usize; 2],
     /// Inverse of each sample's distance, or 0 if nothing was drawn there.
     inverse_depth: Vec<f32>,
-    /// Colour and coverage (0 or 1) of each sample.
     colour: Vec<Vec4>,
     /// Samples averaged over the height of one row of pixels.
     row: Vec<Vec4>,
@@ -32,7 +27,6 @@ pub struct Canvas {
 #[derive(Debug, Clone)]
 struct Footprint {
     samples: Range<usize>,
-    /// Weight of each sample. The weights sum to 1.
     weights: [f32; 4],
 }
 
@@ -63,13 +57,11 @@ impl Canvas {
         self.columns = (0..self.size[0]).map(|pixel| Footprint::new(pixel, self.density.x, width)).collect();
     }
 
-    /// Returns whether a surface at this depth is in front of the sample.
     #[inline]
     pub fn is_visible(&self, index: usize, inverse_depth: f32) -> bool {
         inverse_depth >= self.inverse_depth[index]
     }
 
-    /// Sets the sample to an opaque colour.
     #[inline]
     pub fn set(&mut self, index: usize, inverse_depth: f32, colour: Vec3A) {
         self.inverse_depth[index] = inverse_depth;
@@ -115,15 +107,177 @@ impl Footprint {
         Self { samples: first..end, weights: weights.map(|weight| weight / sum) }
     }
 
-    /// Returns the range of samples if each is a row of `width`.
     fn range(&self, width: usize) -> Range<usize> {
         self.samples.start * width..self.samples.end * width
     }
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positions in a picture")]
 fn whole(value: f32) -> usize {
     value as usize
+}
+
+// Rasterises triangles: determines which samples of a grid a triangle covers, with their barycentric coordinates.
+//
+// Positions are snapped to 1/256 of a sample and edge functions are integers, with the top-left rule. Of triangles
+// that share an edge, exactly one covers a sample on it, so that there are neither cracks nor overlaps. Contract: no
+// sample outside the grid is visited. Limits: triangles with corners more than 16,000 samples from the origin are
+// skipped.
+
+/// Number of subpixel positions per sample.
+const STEPS: f32 = 256.0;
+const STEP: i64 = 256;
+/// Largest coordinate of a corner for which the edge functions do not overflow.
+const FARTHEST: f32 = 16_000.0;
+/// Adding and subtracting this number rounds an f32 below 2^22 to an integer: 1.5 x 2^23, where the spacing is 1.
+const ROUNDER: f32 = 12_582_912.0;
+
+#[derive(Debug, Clone, Copy)]
+pub struct Grid {
+    pub width: usize,
+    pub height: usize,
+}
+
+/// A position among the samples, in 1/256 of a sample.
+#[derive(Debug, Clone, Copy)]
+pub struct Position([i32; 2]);
+
+impl Position {
+    /// A position that belongs to no triangle that is drawn.
+    pub const NOWHERE: Self = Self([i32::MAX; 2]);
+
+    /// Snaps a position. Positions far outside of any grid, and those that are not numbers, become
+    /// [`Position::NOWHERE`].
+    pub fn new(position: Vec2) -> Self {
+        if !(position.x.abs() < FARTHEST && position.y.abs() < FARTHEST) {
+            return Self::NOWHERE;
+        }
+        let rounded = position * STEPS + ROUNDER - ROUNDER;
+        Self([rounded.x as i32, rounded.y as i32])
+    }
+
+    pub fn samples(self) -> Vec2 {
+        Vec2::new(self.0[0] as f32, self.0[1] as f32) / STEPS
+    }
+
+    fn coordinates(self) -> [i64; 2] {
+        self.0.map(i64::from)
+    }
+}
+
+pub struct Coverage {
+    columns: Range<usize>,
+    rows: Range<usize>,
+    width: usize,
+    edges: [Edge; 3],
+    inverse_area: f32,
+}
+
+impl Grid {
+    pub fn whole(self) -> Window {
+        Window { columns: 0..self.width, rows: 0..self.height, width: self.width }
+    }
+
+    pub fn around(self, positions: impl IntoIterator<Item = Position>, margin: u8) -> Window {
+        let margin = i64::from(margin) * STEP;
+        let (mut least, mut most) = ([i64::MAX; 2], [i64::MIN; 2]);
+        for position in positions {
+            let at = position.coordinates();
+            least = [least[0].min(at[0] - margin), least[1].min(at[1] - margin)];
+            most = [most[0].max(at[0] + margin), most[1].max(at[1] + margin)];
+        }
+        let range = |axis: usize, side: usize| span([least[axis], most[axis], most[axis]], 0..side);
+        Window { columns: range(0, self.width), rows: range(1, self.height), width: self.width }
+    }
+}
+
+#[derive(Debug, Clone)]
+pub struct Window {
+    columns: Range<usize>,
+    rows: Range<usize>,
+    width: usize,
+}
+
+impl Window {
+    /// Returns the samples that a triangle may cover, or `None` if it covers none. Triangles whose corners run clockwise
+    /// in the picture face away and cover none.
+    #[inline]
+    pub fn cover(&self, corners: [Position; 3]) -> Option<Coverage> {
+        if corners.iter().any(|corner| corner.0[0] == i32::MAX) {
+            return None;
+        }
+        // The corners run clockwise from here on.
+        let [a, c, b] = corners.map(Position::coordinates);
+        let area = cross(a, b, c);
+        if area <= 0 {
+            return None;
+        }
+        let columns = span([a[0], b[0], c[0]], self.columns.clone());
+        let rows = span([a[1], b[1], c[1]], self.rows.clone());
+        if columns.is_empty() || rows.is_empty() {
+            return None;
+        }
+        let start = [centre(columns.start), centre(rows.start)];
+        // Each edge is opposite to the corner whose weight it gives.
+        let edges = [Edge::new(b, c, start), Edge::new(a, b, start), Edge::new(c, a, start)];
+        Some(Coverage { columns, rows, width: self.width, edges, inverse_area: 1.0 / area as f32 })
+    }
+}
+
+impl Coverage {
+    /// Calls `sample(index, barycentric coordinates)` for every sample that the triangle covers.
+    #[inline]
+    pub fn each(self, mut sample: impl FnMut(usize, Vec3)) {
+        let Self { columns, rows, width, mut edges, inverse_area } = self;
+        for row in rows {
+            let mut at = edges.each_ref().map(|edge| edge.value);
+            for column in columns.clone() {
+                if at[0] >= edges[0].least && at[1] >= edges[1].least && at[2] >= edges[2].least {
+                    let weights = Vec3::new(at[0] as f32, at[1] as f32, at[2] as f32);
+                    sample(row * width + column, weights * inverse_area);
+                }
+                for (at, edge) in at.iter_mut().zip(&edges) {
+                    *at += edge.right;
+                }
+            }
+            for edge in &mut edges {
+                edge.value += edge.down;
+            }
+        }
+    }
+}
+
+/// An edge function: twice the area between the edge and a sample, with its increments from sample to sample.
+struct Edge {
+    value: i64,
+    right: i64,
+    down: i64,
+    /// Least value of a covered sample: 0 for a top or left edge, which includes its samples, and 1 otherwise.
+    least: i64,
+}
+
+impl Edge {
+    fn new(from: [i64; 2], to: [i64; 2], at: [i64; 2]) -> Self {
+        let [dx, dy] = [to[0] - from[0], to[1] - from[1]];
+        let top_left = dy < 0 || (dy == 0 && dx > 0);
+        Self { value: cross(from, to, at), right: -dy * STEP, down: dx * STEP, least: i64::from(!top_left) }
+    }
+}
+
+fn cross(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+fn centre(index: usize) -> i64 {
+    i64::try_from(index).unwrap_or(0) * STEP + STEP / 2
+}
+
+/// Returns the range of samples inside `limits` whose centres lie between the smallest and the largest position.
+fn span(positions: [i64; 3], limits: Range<usize>) -> Range<usize> {
+    let [a, b, c] = positions;
+    let first = (a.min(b).min(c) + STEP / 2 - 1).div_euclid(STEP).max(0);
+    let end = (a.max(b).max(c) + STEP / 2).div_euclid(STEP).max(0);
+    let whole = |value: i64| usize::try_from(value).unwrap_or(0);
+    whole(first).max(limits.start)..whole(end).min(limits.end)
 }
 
 #[cfg(test)]
@@ -143,16 +297,6 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_blended_where_nothing_was_drawn() {
-        let mut canvas = Canvas::new([1, 1]);
-        canvas.clear(1.0);
-        canvas.blend(0, 0.5, Vec3A::ONE);
-        let mut pixels = [[0.25; 3]];
-        canvas.resolve(&mut pixels);
-        assert_eq!(pixels, [[0.25; 3]]);
-    }
-
-    #[test]
     fn at_any_density_an_even_surface_stays_even_and_an_edge_stays_in_its_place() {
         for density in [1.0, 1.25, 1.37, 1.5, 1.8, 2.0] {
             let mut canvas = Canvas::new([40, 30]);
@@ -167,5 +311,83 @@ mod tests {
             assert!((brightness - 10.0).abs() < 0.51, "{density}: {brightness}");
             assert!((pixels[5][0] - 1.0).abs() < 1e-5 && pixels[15][0] < 1e-5, "{density}");
         }
+    }
+
+    const GRID: Grid = Grid { width: 40, height: 30 };
+
+    fn fill(corners: [Vec2; 3], sample: impl FnMut(usize, Vec3)) {
+        if let Some(covered) = GRID.whole().cover(corners.map(Position::new)) {
+            covered.each(sample);
+        }
+    }
+
+    fn coverage(triangles: &[[Vec2; 3]]) -> Vec<u32> {
+        let mut counts = vec![0; GRID.width * GRID.height];
+        for corners in triangles {
+            fill(*corners, |index, _| counts[index] += 1);
+        }
+        counts
+    }
+
+    /// Returns a fan of triangles around a centre inside the grid, whose rim is outside of it.
+    fn fan(centre: Vec2, blades: u8) -> Vec<[Vec2; 3]> {
+        let rim = |blade: u8| {
+            let angle = f32::from(blade) / f32::from(blades) * core::f32::consts::TAU;
+            centre + 90.0 * Vec2::from_angle(angle)
+        };
+        (0..blades).map(|blade| [centre, rim((blade + 1) % blades), rim(blade)]).collect()
+    }
+
+    #[test]
+    fn triangles_that_share_edges_cover_every_sample_exactly_once() {
+        for (centre, blades) in [(Vec2::new(20.5, 15.5), 8), (Vec2::new(13.37, 11.11), 7), (Vec2::new(20.0, 15.0), 64)]
+        {
+            let counts = coverage(&fan(centre, blades));
+            assert!(counts.iter().all(|count| *count == 1), "{centre}, {blades} blades");
+        }
+    }
+
+    #[test]
+    fn samples_on_a_shared_edge_belong_to_one_triangle() {
+        let square = [Vec2::new(4.5, 4.5), Vec2::new(12.5, 4.5), Vec2::new(12.5, 12.5), Vec2::new(4.5, 12.5)];
+        let counts = coverage(&[[square[0], square[2], square[1]], [square[0], square[3], square[2]]]);
+        assert_eq!(counts.iter().sum::<u32>(), 64);
+        assert!(counts.iter().all(|count| *count <= 1));
+    }
+
+    #[test]
+    fn triangles_outside_the_grid_and_invalid_corners_are_skipped() {
+        let far = [Vec2::new(-500.0, -500.0), Vec2::new(-400.0, 900.0), Vec2::new(-300.0, 10.0)];
+        let invalid = [Vec2::new(f32::NAN, 0.0), Vec2::new(1e9, 3.0), Vec2::new(0.0, 20.0)];
+        assert!(coverage(&[far, invalid]).iter().all(|count| *count == 0));
+    }
+
+    #[test]
+    fn a_window_shows_the_samples_around_its_positions_and_no_others() {
+        let whole = [Vec2::new(-300.0, -300.0), Vec2::new(20.0, 900.0), Vec2::new(900.0, -300.0)].map(Position::new);
+        let window = GRID.around([Vec2::new(10.0, 4.0), Vec2::new(20.0, 9.0)].map(Position::new), 2);
+        let mut seen = Vec::new();
+        window.cover(whole).expect("covered").each(|index, _| seen.push([index % GRID.width, index / GRID.width]));
+        assert_eq!(seen.len(), 14 * 9);
+        assert_eq!((seen.first(), seen.last()), (Some(&[8, 2]), Some(&[21, 10])));
+    }
+
+    #[test]
+    fn weights_interpolate_the_position_and_sum_to_one() {
+        let corners = [Vec2::new(2.0, 2.0), Vec2::new(5.0, 25.0), Vec2::new(35.0, 7.0)];
+        fill(corners, |index, weights| {
+            let position = corners[0] * weights.x + corners[1] * weights.y + corners[2] * weights.z;
+            let expected = Vec2::new((index % GRID.width) as f32 + 0.5, (index / GRID.width) as f32 + 0.5);
+            assert!((weights.element_sum() - 1.0).abs() < 1e-4 && (position - expected).length() < 0.01);
+        });
+    }
+
+    #[test]
+    fn only_triangles_that_face_the_camera_are_drawn() {
+        let seen = [Vec2::new(2.0, 2.0), Vec2::new(5.0, 25.0), Vec2::new(35.0, 7.0)];
+        let mut counts = [0; 2];
+        fill(seen, |_, _| counts[0] += 1);
+        fill([seen[0], seen[2], seen[1]], |_, _| counts[1] += 1);
+        assert!(counts[0] > 100 && counts[1] == 0);
     }
 }

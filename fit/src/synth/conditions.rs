@@ -8,14 +8,12 @@ use glam::Vec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::{
-    camera::Effects,
-    factors::{Factor, Without},
-    glasses,
-    person::{BeardStyle, Looks},
-    render::FACE_CM,
-    scene::{Lens, Light, Lighting},
-};
+use super::camera::Effects;
+use super::factors::{Factor, Without};
+use super::person::{BeardStyle, Looks};
+use super::props::Glasses;
+use super::render::FACE_CM;
+use super::scene::{Lens, Light, Lighting};
 
 /// Share of the people with each condition.
 const GLASSES: f32 = 0.12;
@@ -44,15 +42,12 @@ pub enum Condition {
     Small,
 }
 
-/// The conditions of a subject.
 #[derive(Debug, Clone)]
 pub struct Conditions {
-    /// Glasses.
-    pub glasses: Option<glasses::Style>,
+    pub glasses: Option<Glasses>,
     /// Share of the pictures in which something hides a part of the face.
     pub occluded: f64,
     beard: (BeardStyle, Option<f32>),
-    /// Direction of the only lamp.
     side_light: Option<Light>,
     dark: Option<Dark>,
     /// Width of a small face in pixels.
@@ -61,7 +56,6 @@ pub struct Conditions {
     wrinkles: f32,
 }
 
-/// A camera in a dark room.
 #[derive(Debug, Clone, Copy)]
 struct Dark {
     exposure: f32,
@@ -83,7 +77,7 @@ impl Conditions {
             has(Condition::Small, Factor::Small, SMALL),
             has(Condition::Occluded, Factor::Occlusion, 1.0),
         ];
-        let style = glasses::Style::random(rng);
+        let style = Glasses::random(rng);
         let beard = BeardStyle::random(rng);
         let full = rng.random_range(0.7..1.0);
         let light = side_light_from(rng);
@@ -105,14 +99,12 @@ impl Conditions {
         }
     }
 
-    /// Applies the conditions to a person's looks.
     pub fn apply_to_looks(&self, looks: &mut Looks) {
         looks.beard_style = self.beard.0;
         looks.beard = self.beard.1.unwrap_or(looks.beard);
         looks.wrinkles = self.wrinkles;
     }
 
-    /// Applies the conditions to a lighting.
     pub fn apply_to_lighting(&self, lighting: &mut Lighting) {
         if let Some(lamp) = self.side_light {
             lighting.ambient = lighting.ambient.map(|light| 0.12 * light);
@@ -120,7 +112,6 @@ impl Conditions {
         }
     }
 
-    /// Applies the conditions to the effects of a camera.
     pub fn apply_to_effects(&self, effects: &mut Effects) {
         if let Some(dark) = self.dark {
             effects.exposure *= dark.exposure;
@@ -134,7 +125,6 @@ impl Conditions {
     }
 }
 
-/// Draws a hard lamp at the left or the right.
 fn side_light_from(rng: &mut ChaCha8Rng) -> Light {
     let side = if rng.random() { 1.0 } else { -1.0 };
     let toward = Vec3::new(side, rng.random_range(-0.1..0.6), rng.random_range(-0.25..0.35));

@@ -2,14 +2,11 @@
 //! has no shape.
 
 use anyhow::{Context, Result};
-use facewire::solve::{BLENDSHAPES, COEFFS};
+use facewire_face::{BLENDSHAPES, COEFFS};
 use glam::{Mat3, Vec3};
 
-use super::{
-    amplitude::ratio,
-    geometry::vertices_of,
-    rig::{Rig, Triangle},
-};
+use super::geometry::vertices_of;
+use super::rig::{Rig, Triangle};
 
 /// One value per blendshape, in the order of [`BLENDSHAPES`].
 pub type Coefficients = [f32; COEFFS];
@@ -17,13 +14,11 @@ pub type Coefficients = [f32; COEFFS];
 /// Rotation of an eyeball per unit of `eyeLookIn` or `eyeLookOut`, and of `eyeLookUp` or `eyeLookDown`.
 pub const GAZE_DEG: [f32; 2] = [34.7, 31.9];
 
-/// Deforms a rig by coefficients.
 pub struct Deformer {
     drivers: Vec<Driver>,
     eyes: [Eye; 2],
 }
 
-/// A shape of the rig with the coefficient that drives it.
 struct Driver {
     coefficient: usize,
     shape: usize,
@@ -39,7 +34,6 @@ struct Eye {
 }
 
 impl Deformer {
-    /// Finds the shapes of a rig.
     pub fn new(rig: &Rig) -> Result<Self> {
         let shown = BLENDSHAPES.iter().enumerate().filter(|(_, name)| **name != "tongueOut");
         let drivers = shown.map(|(coefficient, name)| drivers(rig, coefficient, name)).collect::<Result<Vec<_>>>()?;
@@ -127,10 +121,64 @@ pub fn head_rotation(yaw_deg: f32, pitch_deg: f32, roll_deg: f32) -> Mat3 {
     Mat3::from_rotation_z(roll) * Mat3::from_rotation_x(pitch) * Mat3::from_rotation_y(yaw)
 }
 
+// The amplitude of the rig's shapes relative to ARKit's.
+//
+// A shape's amplitude is its largest displacement divided by the distance of the eyes. It differs between rig and
+// ARKit by the factor in `RATIOS`. Weights are divided by this factor, so that a coefficient of 1 means ARKit's
+// motion.
+
+/// Amplitude in the rig divided by the amplitude in ARKit. `eyeLookIn` and `eyeLookOut` refer to the lids. Two shapes
+/// are defined by contact instead: `eyeBlink` shuts the lid at 1, and lips meet where `mouthClose` equals `jawOpen`.
+const RATIOS: [(&str, f32); 30] = [
+    ("browDown", 0.74),
+    ("browInnerUp", 0.56),
+    ("browOuterUp", 0.74),
+    ("cheekPuff", 1.51),
+    ("cheekSquint", 0.82),
+    ("eyeBlink", 1.0),
+    ("eyeLookDown", 1.75),
+    ("eyeLookIn", 0.67),
+    ("eyeLookOut", 0.71),
+    ("eyeLookUp", 1.0),
+    ("eyeSquint", 0.75),
+    ("eyeWide", 1.03),
+    ("jawForward", 1.23),
+    ("jawLeft", 1.02),
+    ("jawRight", 1.02),
+    ("jawOpen", 1.05),
+    ("mouthClose", 1.25),
+    ("mouthDimple", 0.88),
+    ("mouthFrown", 0.88),
+    ("mouthFunnel", 0.87),
+    ("mouthLowerDown", 0.65),
+    ("mouthPress", 0.42),
+    ("mouthPucker", 1.09),
+    ("mouthRollLower", 1.57),
+    ("mouthRollUpper", 1.14),
+    ("mouthShrugLower", 1.55),
+    ("mouthShrugUpper", 1.32),
+    ("mouthSmile", 0.86),
+    ("mouthStretch", 0.75),
+    ("noseSneer", 2.14),
+];
+/// The same for shapes whose name ends with a direction of motion instead of a side of the face.
+const SIDEWAYS: [(&str, f32); 3] = [("mouthLeft", 1.57), ("mouthRight", 1.57), ("mouthUpperUp", 0.94)];
+
+pub fn ratio(name: &str) -> Option<f32> {
+    let stem = name.strip_suffix("Left").or_else(|| name.strip_suffix("Right")).unwrap_or(name);
+    let all = || SIDEWAYS.iter().chain(&RATIOS);
+    let of = |wanted: &str| all().find(|(known, _)| *known == wanted).map(|(_, ratio)| *ratio);
+    of(name).or_else(|| of(stem))
+}
+
 #[cfg(test)]
 mod tests {
+    use facewire_face::BLENDSHAPES;
+
+    use crate::reference;
+    use crate::synth::anatomy::index_of;
+
     use super::*;
-    use crate::{reference, synth::anatomy::index_of};
 
     #[test]
     fn positive_angles_turn_left_nod_down_and_tip_right() {
@@ -152,13 +200,8 @@ mod tests {
         assert!(near(angle([0.0, 0.0, 0.0, 0.5], -1.0), [0.0, -15.95]));
     }
 
-    fn rig() -> Option<Rig> {
-        let folder = reference::folder().join("rig");
-        let rig = folder.exists().then(|| Rig::load(&folder).expect("a rig"));
-        if rig.is_none() {
-            reference::say_skipped("rig/");
-        }
-        rig
+    fn rig() -> Rig {
+        Rig::load(std::path::Path::new(reference::RIG)).expect("a rig")
     }
 
     fn deformed(rig: &Rig, moved: &[(&str, f32)]) -> Vec<Vec3> {
@@ -173,7 +216,7 @@ mod tests {
 
     #[test]
     fn eye_blink_left_shuts_only_the_persons_left_lid() {
-        let Some(rig) = rig() else { return };
+        let rig = rig();
         let points = deformed(&rig, &[("eyeBlinkLeft", 1.0)]);
         let gap = |points: &[Vec3], [upper, lower]: [usize; 2]| {
             (points[rig.landmarks[upper]] - points[rig.landmarks[lower]]).length()
@@ -186,7 +229,7 @@ mod tests {
 
     #[test]
     fn weight_1_moves_vertices_by_arkits_amplitude() {
-        let Some(rig) = rig() else { return };
+        let rig = rig();
         for (name, shape, ratio) in [
             ("browDownLeft", "browDown_L", 0.74),
             ("mouthPressRight", "mouthPress_R", 0.42),
@@ -205,7 +248,7 @@ mod tests {
 
     #[test]
     fn both_halves_of_a_shape_move_and_closed_lips_meet_over_an_open_jaw() {
-        let Some(rig) = rig() else { return };
+        let rig = rig();
         let brows = deformed(&rig, &[("browInnerUp", 1.0)]);
         let lifts = [21, 22].map(|index| brows[rig.landmarks[index]].y - rig.landmark(index).y);
         assert!(lifts.iter().all(|lift| *lift > 0.3) && (lifts[0] - lifts[1]).abs() < 0.05);
@@ -217,7 +260,7 @@ mod tests {
 
     #[test]
     fn the_iris_rotates_with_the_gaze() {
-        let Some(rig) = rig() else { return };
+        let rig = rig();
         let front = rig.parts.eyes[0]
             .concat()
             .into_iter()
@@ -227,5 +270,14 @@ mod tests {
         let down = deformed(&rig, &[("eyeLookDownLeft", 1.0)])[iris];
         assert!(out.x - rig.neutral[iris].x > 0.7, "out is to the person's left for the left eye");
         assert!(rig.neutral[iris].y - down.y > 0.7);
+    }
+
+    #[test]
+    fn every_blendshape_but_the_tongue_has_an_amplitude() {
+        assert!(BLENDSHAPES.iter().filter(|name| **name != "tongueOut").all(|name| ratio(name).is_some()));
+        assert_eq!(
+            [ratio("mouthSmileLeft"), ratio("mouthLeft"), ratio("jawRight")],
+            [Some(0.86), Some(1.57), Some(1.02)]
+        );
     }
 }

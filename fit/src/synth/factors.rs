@@ -2,16 +2,15 @@
 //!
 //! All random numbers are drawn as before, so that everything else in the pictures stays the same.
 
+use Factor as F;
 use clap::ValueEnum;
 use glam::{Vec2, Vec3};
 use turbojpeg::Subsamp;
 
-use super::{
-    backdrop::Backdrop,
-    camera::Effects,
-    person::Looks,
-    scene::{Light, Lighting},
-};
+use super::backdrop::Backdrop;
+use super::camera::Effects;
+use super::person::Looks;
+use super::scene::{Light, Lighting};
 
 /// Size of a face without [`Factor::Size`], relative to the picture, and its distance without [`Factor::Distance`].
 const FACE_SHARE: f32 = 0.5;
@@ -82,8 +81,6 @@ pub enum Factor {
     Wrinkles,
 }
 
-use Factor as F;
-
 /// The factors that the reference renderer of the rig does not have.
 const NOT_IN_REFERENCE: [Factor; 23] = [
     F::Noise,
@@ -114,12 +111,10 @@ const NOT_IN_REFERENCE: [Factor; 23] = [
 /// The conditions that occur rarely.
 const CONDITIONS: [Factor; 5] = [F::Glasses, F::Occlusion, F::SideLight, F::Dark, F::Small];
 
-/// The factors that are taken away.
 #[derive(Debug, Clone)]
 pub struct Without(Vec<Factor>);
 
 impl Without {
-    /// Takes away some factors, and those that the reference renderer does not have if `like_reference`.
     pub fn new(factors: &[Factor], like_reference: bool) -> Self {
         let reference: &[Factor] = if like_reference { &NOT_IN_REFERENCE } else { &[] };
         let mut all = [factors, reference].concat();
@@ -128,12 +123,10 @@ impl Without {
         Self(all)
     }
 
-    /// Takes the conditions away that occur rarely.
     pub fn conditions() -> Self {
         Self::new(&CONDITIONS, false)
     }
 
-    /// Returns whether a factor is taken away.
     pub fn takes(&self, factor: Factor) -> bool {
         self.0.contains(&factor)
     }
@@ -144,7 +137,6 @@ impl Without {
         self.0.iter().filter_map(name).collect()
     }
 
-    /// Makes a person's looks plain.
     pub fn simplify_looks(&self, looks: &mut Looks) {
         let Looks { brow_colour, brow_lift, brow_thickness, .. } = looks;
         if self.takes(F::BrowShape) {
@@ -170,14 +162,12 @@ impl Without {
         }
     }
 
-    /// Makes the weights of the identity modes plain.
     pub fn simplify_identity(&self, identity: &mut [f32]) {
         if self.takes(F::Identity) {
             identity.fill(0.0);
         }
     }
 
-    /// Makes a lighting plain.
     pub fn simplify_lighting(&self, lighting: &mut Lighting) {
         lighting.shadows &= !self.takes(F::Shadows);
         if !self.takes(F::Light) {
@@ -193,7 +183,6 @@ impl Without {
             vec![light(key, 0.6), light(Vec3::new(-0.9, 0.2, 0.6), 0.26), light(Vec3::new(0.1, 1.0, -0.4), 0.2)];
     }
 
-    /// Makes the backdrop of a picture plain.
     pub fn simplify_backdrop(&self, backdrop: &mut Backdrop) {
         if self.takes(F::Backdrop) {
             backdrop.flatten();
@@ -210,7 +199,6 @@ impl Without {
         }
     }
 
-    /// Makes the pose of a head plain. `distance_cm` is the distance of the person from the camera.
     pub fn simplify_pose(&self, angles_deg: &mut [f32; 3], position: &mut Vec3, distance_cm: f32) {
         if self.takes(F::Turns) {
             *angles_deg = angles_deg.map(|angle| FEWER_TURNS * angle);
@@ -223,7 +211,6 @@ impl Without {
         }
     }
 
-    /// Makes the effects of a camera plain.
     pub fn simplify_effects(&self, effects: &mut Effects) {
         if self.takes(F::Noise) {
             effects.noise = [0.0; 2];
@@ -253,12 +240,13 @@ impl Without {
 }
 
 #[cfg(test)]
-#[allow(clippy::float_cmp, reason = "these numbers are exact")]
 mod tests {
-    use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+
+    use crate::synth::scene::{random_effects, random_lighting};
 
     use super::*;
-    use crate::synth::room::{random_effects, random_lighting};
 
     #[test]
     fn a_factor_that_is_taken_away_becomes_plain_and_no_other_changes() {
@@ -277,13 +265,5 @@ mod tests {
             Without::new(&[F::Light, F::Shadows], false).simplify_lighting(&mut lighting);
             assert!(lighting.lights[0].toward.z > 0.5 && !lighting.shadows);
         }
-    }
-
-    #[test]
-    fn names_are_in_the_same_order_however_they_are_given() {
-        let names = |factors: &[Factor]| Without::new(factors, false).names();
-        assert_eq!(names(&[F::BrowShape, F::Noise]), ["noise", "brow-shape"]);
-        assert_eq!(names(&[F::Noise, F::BrowShape, F::Noise]), ["noise", "brow-shape"]);
-        assert!(Without::new(&[F::Turns], true).names().starts_with(&["noise".to_owned(), "motion".to_owned()]));
     }
 }

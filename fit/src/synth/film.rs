@@ -1,27 +1,23 @@
 //! `facewire-fit film`: renders a clip of one person, driven by a recording, with the truth of every frame.
 
-use std::{fmt::Write, path::PathBuf};
+use std::fmt::Write;
+use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
-use facewire::solve::BLENDSHAPES;
+use facewire_face::BLENDSHAPES;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::{
-    assets::Assets,
-    avi,
-    canvas::MOST_SAMPLES,
-    conditions::Condition,
-    expression::Coefficients,
-    factors::Without,
-    imager::Imager,
-    motion::{RATE, random_sway},
-    options::{Sources, picture_size},
-    sample::{PictureSpec, Subject, Variety},
-    script::{Moment, Part, Script},
-    set::Set,
-};
+use super::assets::Assets;
+use super::canvas::MOST_SAMPLES;
+use super::conditions::Condition;
+use super::expression::Coefficients;
+use super::factors::Without;
+use super::options::{Set, Sources, picture_size};
+use super::sample::{PictureSpec, Subject, Variety};
+use super::script::{Moment, Part, RATE, Script, random_sway};
+use super::worker::Imager;
 use crate::output;
 
 /// Limit on the length of a clip, longer than any recording.
@@ -80,13 +76,11 @@ struct Studio {
     seed: u64,
 }
 
-/// The files of a clip.
 struct Files {
     film: PathBuf,
     truth: PathBuf,
 }
 
-/// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     let files = files(options)?;
     for Files { film, truth } in &files {
@@ -129,7 +123,6 @@ impl Studio {
         })
     }
 
-    /// Makes the clip of one person and returns its number of frames.
     fn shoot(&self, number: usize, files: &Files) -> Result<usize> {
         let person = [self.seed, FILM_PEOPLE + number as u64];
         let mut subject = Subject::random(&self.assets, &self.variety, self.size, person);
@@ -140,7 +133,7 @@ impl Studio {
         let pictures = pictures.collect::<Result<Vec<_>>>()?;
         let [width, height] = self.size;
         let size = [u32::try_from(width)?, u32::try_from(height)?];
-        output::write(&files.film, avi::film(&pictures, size, RATE))?;
+        output::write(&files.film, avi(&pictures, size, RATE))?;
         if self.script == Script::Wearer {
             output::write(&files.truth.with_extension("parts.csv"), places(&parts)?)?;
         }
@@ -149,7 +142,6 @@ impl Studio {
     }
 }
 
-/// Returns the frames of a clip.
 fn specs(subject: &mut Subject, parts: &[Part]) -> Vec<PictureSpec> {
     let moments: Vec<&Moment> = parts.iter().flat_map(|part| &part.moments).collect();
     let sway = random_sway(subject.rng(), moments.len());
@@ -165,7 +157,6 @@ fn specs(subject: &mut Subject, parts: &[Part]) -> Vec<PictureSpec> {
     specs
 }
 
-/// Returns the first frame and the number of frames of each part.
 fn places(parts: &[Part]) -> Result<String> {
     let (mut text, mut first) = ("part,first_frame,frames\n".to_owned(), 0);
     for part in parts {
@@ -175,7 +166,6 @@ fn places(parts: &[Part]) -> Result<String> {
     Ok(text)
 }
 
-/// Sets each picture's motion blur from the motion of the nose since the previous picture.
 fn blur_motion(specs: &mut [PictureSpec]) {
     let noses: Vec<Option<Vec2>> = specs.iter().map(|spec| spec.scene.nose()).collect();
     for (spec, pair) in specs.iter_mut().skip(1).zip(noses.windows(2)) {
@@ -199,9 +189,72 @@ fn table(specs: &[PictureSpec]) -> Result<String> {
     Ok(text)
 }
 
+struct Chunks(Vec<u8>);
+
+impl Chunks {
+    fn numbers(&mut self, values: &[u32]) -> &mut Self {
+        for value in values {
+            self.0.extend(value.to_le_bytes());
+        }
+        self
+    }
+
+    fn chunk(&mut self, id: [u8; 4], body: &[u8]) -> &mut Self {
+        self.0.extend(id);
+        self.numbers(&[length(body)]);
+        self.0.extend(body);
+        self.0.resize(self.0.len().next_multiple_of(2), 0);
+        self
+    }
+
+    fn list(&mut self, id: [u8; 4], kind: [u8; 4], body: &[u8]) -> &mut Self {
+        self.chunk(id, &[kind.as_slice(), body].concat())
+    }
+}
+
+fn length(bytes: &[u8]) -> u32 {
+    u32::try_from(bytes.len()).unwrap_or(u32::MAX)
+}
+
+/// Returns an AVI file with `frames` (JPEG images of `size`) at `rate` frames per second. It must be smaller than 4 GB.
+fn avi(frames: &[Vec<u8>], [width, height]: [u32; 2], rate: u32) -> Vec<u8> {
+    let count = u32::try_from(frames.len()).unwrap_or(u32::MAX);
+    let largest = frames.iter().map(|frame| length(frame)).max().unwrap_or(0);
+    let (mut images, mut index) = (Chunks(vec![]), Chunks(vec![]));
+    for frame in frames {
+        let offset = length(&images.0) + 4;
+        images.chunk(*b"00dc", frame);
+        index.0.extend(b"00dc");
+        // AVIIF_KEYFRAME: every image can be decoded on its own.
+        index.numbers(&[0x10, offset, length(frame)]);
+    }
+    let mut body = Chunks(vec![]);
+    body.list(*b"LIST", *b"hdrl", &header(count, largest, [width, height], rate));
+    body.list(*b"LIST", *b"movi", &images.0).chunk(*b"idx1", &index.0);
+    let mut file = Chunks(vec![]);
+    file.list(*b"RIFF", *b"AVI ", &body.0);
+    file.0
+}
+
+fn header(count: u32, largest: u32, [width, height]: [u32; 2], rate: u32) -> Vec<u8> {
+    let mut main = Chunks(vec![]);
+    main.numbers(&[1_000_000 / rate, largest * rate, 0, 0x10, count, 0, 1, largest, width, height, 0, 0, 0, 0]);
+    let mut stream = Chunks(b"vidsMJPG".to_vec());
+    stream.numbers(&[0, 0, 0, 1, rate, 0, count, largest, u32::MAX, 0, 0, height << 16 | width]);
+    let mut format = Chunks(vec![]);
+    format.numbers(&[40, width, height, 24 << 16 | 1]).0.extend(b"MJPG");
+    format.numbers(&[3 * width * height, 0, 0, 0, 0]);
+    let mut streams = Chunks(vec![]);
+    streams.chunk(*b"strh", &stream.0).chunk(*b"strf", &format.0);
+    let mut all = Chunks(vec![]);
+    all.chunk(*b"avih", &main.0).list(*b"LIST", *b"strl", &streams.0);
+    all.0
+}
+
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use facewire::capture::{AviSource, Source};
 
     use super::*;
 
@@ -237,8 +290,23 @@ mod tests {
     }
 
     #[test]
-    fn lengths_beyond_any_recording_are_refused() {
-        assert!(refusal(&["--seconds", "143165577"]).contains("not in 1..=3600"));
-        assert!(refusal(&["--seconds", "0"]).contains("not in 1..=3600"));
+    fn facewire_reads_size_rate_and_every_frame() {
+        let image = turbojpeg::Image {
+            pixels: vec![90_u8; 64 * 48 * 3],
+            width: 64,
+            pitch: 192,
+            height: 48,
+            format: turbojpeg::PixelFormat::RGB,
+        };
+        let jpeg = turbojpeg::compress(image.as_deref(), 80, turbojpeg::Subsamp::Sub2x1).expect("a JPEG").to_vec();
+        let film = avi(&[jpeg.clone(), jpeg.clone(), jpeg], [64, 48], 30);
+        let mut source = AviSource::open(film.as_slice(), "film").expect("an AVI file");
+        assert_eq!(source.frame_period_us(), Some(33_333));
+        let mut count = 0;
+        while let Some(frame) = source.next().expect("a frame") {
+            assert_eq!(frame.picture().map(|picture| [picture.width, picture.height]), Some([64, 48]));
+            count += 1;
+        }
+        assert_eq!(count, 3);
     }
 }

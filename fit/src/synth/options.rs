@@ -1,18 +1,18 @@
 //! Options of `synth` and `film`, and the distributions of pictures that they define.
 
-use std::{fmt::Write, path::PathBuf};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use clap::Args;
+use clap::{Args, ValueEnum};
+use facewire_face::{BLENDSHAPES, COEFFS};
 
-use super::{
-    acting_options::{Curves, MixOptions, mix_text},
-    composing::Moments,
-    conditions::Condition,
-    factors::{Factor, Without},
-    sample::{Distribution, TextureChoice, Variety},
-    set::{JUDGE_EVERY, Set},
-};
+use super::acting::{Expressions, Kind, Moments, Share};
+use super::conditions::Condition;
+use super::expression::Coefficients;
+use super::factors::{Factor, Without};
+use super::sample::{Distribution, TextureChoice, Variety};
+use crate::design::MODELLED;
 
 /// Rig, textures and recordings to draw from.
 #[derive(Debug, Clone, Args)]
@@ -53,7 +53,6 @@ pub struct SceneOptions {
 }
 
 impl Sources {
-    /// Returns the textures to draw from.
     pub fn textures(&self, set: Set, known: &[Vec<String>; 3]) -> Result<TextureChoice> {
         let [skins, brows, eyes] = known;
         Ok(TextureChoice {
@@ -65,7 +64,6 @@ impl Sources {
 }
 
 impl SceneOptions {
-    /// Returns the distribution of pictures that the options define.
     pub fn distribution(&self, set: Set, textures: TextureChoice, moments: Moments) -> Result<Distribution> {
         Ok(Distribution {
             variety: Variety {
@@ -124,6 +122,196 @@ fn named(known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
     wanted.iter().map(find).collect()
 }
 
+/// One in this many skin, brow and eye textures belongs to the judging set.
+pub const JUDGE_EVERY: usize = 4;
+/// One in this many recordings, beginning with the second, belongs to the judging set.
+pub const JUDGE_RECORDING_EVERY: usize = 3;
+
+/// A set of textures, recordings and people. The training set and the judging set are disjoint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Set {
+    /// For fitting
+    Train,
+    /// For judging: shares nothing with the training set
+    Judge,
+    /// All textures and recordings, but with people of its own
+    All,
+}
+
+impl Set {
+    /// Returns whether texture `index` of its kind belongs to the set.
+    pub fn has(self, index: usize) -> bool {
+        self.is_chosen(index % JUDGE_EVERY == JUDGE_EVERY - 1)
+    }
+
+    /// Returns whether recording `index` belongs to the set.
+    pub fn has_recording(self, index: usize) -> bool {
+        self.is_chosen(index % JUDGE_RECORDING_EVERY == 1)
+    }
+
+    fn is_chosen(self, for_judging: bool) -> bool {
+        self == Self::All || for_judging == (self == Self::Judge)
+    }
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Judge => "judge",
+            Self::All => "all",
+        }
+    }
+
+    /// Derives a seed so that different sets contain different people.
+    pub fn seed(self, seed: u64) -> u64 {
+        seed.wrapping_mul(3).wrapping_add(self as u64)
+    }
+}
+
+/// The kinds of expressions for fitting and for judging, unless `--mix` is given.
+const TRAIN_MIX: [Share; 8] = [
+    (Kind::Halves, 40.0),
+    (Kind::Recorded, 6.0),
+    (Kind::Composed, 12.0),
+    (Kind::Speech, 4.0),
+    (Kind::Grimace, 10.0),
+    (Kind::Single, 9.0),
+    (Kind::Combined, 4.0),
+    (Kind::Rest, 15.0),
+];
+const JUDGE_MIX: [Share; 2] = [(Kind::Halves, 92.0), (Kind::Rest, 8.0)];
+
+/// Recordings to draw from.
+#[derive(Debug, Clone, Args)]
+pub struct Curves {
+    /// Folder with recordings of ARKit coefficients (Live Link Face, CSV), of which each set has some; or the files to use
+    #[arg(long, num_args = 1.., value_name = "DIR_OR_FILES", default_value = "../shared/curves")]
+    pub curves: Vec<PathBuf>,
+}
+
+/// Kinds of expressions and their frequencies.
+#[derive(Debug, Clone, Args)]
+pub struct MixOptions {
+    /// Relative frequencies of the kinds of expressions, like recorded=3,rest=1; kinds that are not named do not
+    /// occur [default: halves=40,recorded=6,composed=12,speech=4,grimace=10,single=9,combined=4,rest=15 for fitting,
+    /// halves=92,rest=8 for judging]
+    #[arg(long, value_delimiter = ',', num_args = 1, value_name = "KIND=SHARE,...", value_parser = share)]
+    mix: Vec<Share>,
+    /// Shapes to show alone, by ARKit name, separated by commas [default: all]
+    #[arg(long, value_delimiter = ',')]
+    pub shapes: Vec<String>,
+}
+
+impl Curves {
+    pub fn recordings(&self, set: Set) -> Result<Vec<Vec<Coefficients>>> {
+        let load = |path: &PathBuf| Ok(Recording::load(path)?.frames);
+        let [folder] = self.curves.as_slice() else { return self.curves.iter().map(load).collect() };
+        if !folder.is_dir() {
+            return Ok(vec![load(folder)?]);
+        }
+        let paths = in_folder(folder)?;
+        let own = paths.iter().enumerate().filter(|(index, _)| set.has_recording(*index)).map(|(_, path)| path);
+        let recordings = own.map(load).collect::<Result<Vec<_>>>()?;
+        ensure!(
+            !recordings.is_empty(),
+            "none of the {} recordings in {} belongs to --set {}, which has one in {JUDGE_RECORDING_EVERY}: add some, or name files",
+            paths.len(),
+            folder.display(),
+            set.name()
+        );
+        Ok(recordings)
+    }
+
+    pub fn moments(&self, set: Set) -> Result<Moments> {
+        Ok(Moments::new(&self.recordings(set)?))
+    }
+}
+
+impl MixOptions {
+    pub fn expressions(&self, set: Set, moments: Moments) -> Result<Expressions> {
+        Expressions::new(moments, self.mix(set), self.shapes()?).context("--mix needs a kind with a share above 0")
+    }
+
+    pub fn mix(&self, set: Set) -> &[Share] {
+        match set {
+            _ if !self.mix.is_empty() => &self.mix,
+            Set::Judge => &JUDGE_MIX,
+            Set::Train | Set::All => &TRAIN_MIX,
+        }
+    }
+
+    fn shapes(&self) -> Result<Vec<usize>> {
+        let find = |name: &String| BLENDSHAPES[..MODELLED].iter().position(|known| known == name);
+        let known = || BLENDSHAPES[..MODELLED].join(", ");
+        let named = |name| find(name).with_context(|| format!("no {name}: the names are {}", known()));
+        self.shapes.iter().map(named).collect()
+    }
+}
+
+pub fn mix_text(mix: &[Share]) -> String {
+    mix.iter().map(|(kind, share)| format!("{}={share}", kind.name())).collect::<Vec<_>>().join(",")
+}
+
+fn share(text: &str) -> Result<Share, String> {
+    let (name, number) = text.split_once('=').ok_or("write KIND=SHARE, for example rest=1")?;
+    let kind = Kind::from_str(name, false).map_err(|_| format!("no kind of expression is called {name}"))?;
+    let share = number.parse().ok().filter(|share: &f32| share.is_finite() && *share >= 0.0);
+    share.map(|share| (kind, share)).ok_or_else(|| format!("{number} is not a number that is at least 0"))
+}
+
+/// A recording of coefficients at 30 frames per second.
+pub struct Recording {
+    /// The frames, with coefficients from 0 to 1.
+    pub frames: Vec<Coefficients>,
+}
+
+/// Returns the recordings of a folder in the order of their names.
+pub fn in_folder(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read the folder {}", folder.display()))?;
+    let paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    let is_table = |path: &PathBuf| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
+    let mut recordings: Vec<PathBuf> = paths.into_iter().filter(is_table).collect();
+    ensure!(!recordings.is_empty(), "{} has no recordings (CSV)", folder.display());
+    recordings.sort();
+    Ok(recordings)
+}
+
+impl Recording {
+    /// Reads a CSV file with a header of blendshape names, in any order and case.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::parse(&text).with_context(|| format!("{} is not a recording of blendshapes", path.display()))
+    }
+
+    fn parse(text: &str) -> Result<Self> {
+        let mut lines = text.lines();
+        let header: Vec<&str> = lines.next().context("the table is empty")?.split(',').map(str::trim).collect();
+        let column = |name: &&str| {
+            header
+                .iter()
+                .position(|known| known.eq_ignore_ascii_case(name))
+                .with_context(|| format!("no column {name}"))
+        };
+        let columns = BLENDSHAPES.iter().map(column).collect::<Result<Vec<_>>>()?;
+        let lines = lines.enumerate().filter(|(_, line)| !line.trim().is_empty());
+        let frames =
+            lines.map(|(row, line)| frame(line, &columns).with_context(|| format!("line {} is damaged", row + 2)));
+        let frames = frames.collect::<Result<Vec<_>>>()?;
+        ensure!(!frames.is_empty(), "there are no frames");
+        Ok(Self { frames })
+    }
+}
+
+fn frame(line: &str, columns: &[usize]) -> Result<Coefficients> {
+    let values: Vec<&str> = line.split(',').collect();
+    let mut frame = [0.0; COEFFS];
+    for (slot, column) in frame.iter_mut().zip(columns) {
+        let text = values.get(*column).context("a line is short")?;
+        let value = text.trim().parse::<f32>().ok().filter(|value| value.is_finite());
+        *slot = value.with_context(|| format!("{text} is not a number"))?.clamp(0.0, 1.0);
+    }
+    Ok(frame)
+}
+
 #[cfg(test)]
 mod tests {
     use clap::Parser;
@@ -142,7 +330,6 @@ mod tests {
         Cli::parse_from([&["synth"], arguments].concat())
     }
 
-    /// Returns the names of this many textures of each kind.
     fn rig(counts: [usize; 3]) -> [Vec<String>; 3] {
         counts.map(|count| (0..count).map(|number| format!("texture {number}")).collect())
     }
@@ -182,5 +369,116 @@ mod tests {
         assert_eq!(chosen(Set::Judge, "skins", &known, &["b".to_owned()]).expect("known"), [1]);
         let error = chosen(Set::All, "skins", &known, &["c".to_owned()]).expect_err("unknown");
         assert!(error.to_string().contains("a, b"));
+    }
+
+    #[test]
+    fn sets_contain_different_people_for_the_same_seed() {
+        assert_ne!(Set::Train.seed(1), Set::Judge.seed(1));
+        assert_ne!(Set::Judge.seed(1), Set::All.seed(1));
+    }
+
+    #[test]
+    fn columns_are_matched_by_name() {
+        let mut names: Vec<String> = BLENDSHAPES.iter().map(|name| name[..1].to_uppercase() + &name[1..]).collect();
+        names.reverse();
+        let values: Vec<String> = (0..COEFFS).map(|index| format!("{:.2}", index as f32 / 100.0)).collect();
+        let text = format!("Timecode,{}\n10:00,{}\n", names.join(","), values.join(","));
+        let recording = Recording::parse(&text).expect("a recording");
+        assert_eq!(recording.frames.len(), 1);
+        assert!((recording.frames[0][0] - 0.51).abs() < 1e-6, "the first blendshape is in the last column");
+        assert!(Recording::parse("Timecode,JawOpen\n1,0.5\n").is_err());
+    }
+
+    #[test]
+    fn a_value_that_is_not_a_number_is_refused_with_file_and_line() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for wrong in ["NaN", "inf", "high"] {
+            let path = folder.path().join("spec.csv");
+            let (good, mut bad) = (["0.5"; COEFFS], ["0.5"; COEFFS]);
+            bad[7] = wrong;
+            let text = [BLENDSHAPES, good, bad].map(|row| row.join(",")).join("\n");
+            std::fs::write(&path, text).expect("written");
+            let error = format!("{:#}", Recording::load(&path).err().expect("refused"));
+            assert!(error.contains("spec.csv") && error.contains("line 3") && error.contains(wrong), "{error}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod acting_options_tests {
+    use std::path::Path;
+
+    use clap::{CommandFactory, Parser};
+    use facewire_face::COEFFS;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Cli {
+        #[command(flatten)]
+        curves: Curves,
+        #[command(flatten)]
+        mix: MixOptions,
+    }
+
+    fn parsed(arguments: &[&str]) -> Cli {
+        Cli::parse_from([&["synth"], arguments].concat())
+    }
+
+    fn write_recordings(folder: &Path, count: usize) {
+        for number in 0..count {
+            let values = vec![format!("0.{number}"); COEFFS].join(",");
+            let text = format!("{}\n{values}\n", BLENDSHAPES.join(","));
+            std::fs::write(folder.join(format!("take_{number}.csv")), text).expect("written");
+        }
+    }
+
+    #[test]
+    fn training_and_judging_share_no_recording_of_a_folder_and_named_recordings_are_all_used() {
+        let folder = tempfile::tempdir().expect("a folder");
+        write_recordings(folder.path(), 5);
+        std::fs::write(folder.path().join("README.md"), "no recording").expect("written");
+        let values = |curves: &str, set: Set| -> Vec<f32> {
+            let recordings = parsed(&["--curves", curves]).curves.recordings(set).expect("recordings");
+            recordings.iter().map(|frames| frames[0][0]).collect()
+        };
+        let path = folder.path().to_str().expect("a path");
+        assert_eq!(values(path, Set::Train), [0.0, 0.2, 0.3]);
+        assert_eq!(values(path, Set::Judge), [0.1, 0.4]);
+        assert_eq!(values(path, Set::All).len(), 5);
+        assert_eq!(values(&format!("{path}/take_3.csv"), Set::Judge), [0.3]);
+    }
+
+    #[test]
+    fn a_set_without_a_recording_is_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        write_recordings(folder.path(), 1);
+        let few = parsed(&["--curves", folder.path().to_str().expect("a path")]).curves;
+        let error = few.recordings(Set::Judge).expect_err("refused").to_string();
+        assert!(error.contains("none of the 1 recordings") && error.contains("--set judge"), "{error}");
+    }
+
+    #[test]
+    fn kinds_of_expressions_are_named_with_their_shares() {
+        let given = parsed(&["--mix", "recorded=3,rest=0.5"]).mix;
+        assert_eq!(given.mix(Set::Judge), [(Kind::Recorded, 3.0), (Kind::Rest, 0.5)]);
+        assert_eq!(mix_text(given.mix(Set::Judge)), "recorded=3,rest=0.5");
+        for (wrong, reason) in [
+            ("38,38,19,5", "KIND=SHARE"),
+            ("smile=1", "called smile"),
+            ("rest=-1", "at least 0"),
+            ("rest=NaN", "at least 0"),
+        ] {
+            let error = Cli::try_parse_from(["synth", "--mix", wrong]).expect_err("refused").to_string();
+            assert!(error.contains(reason), "{error}");
+        }
+        let none = parsed(&["--mix", "rest=0"]).mix.expressions(Set::Train, Moments::new(&[]));
+        assert!(none.err().is_some_and(|error| error.to_string().contains("above 0")));
+    }
+
+    #[test]
+    fn the_help_shows_the_default_mixtures() {
+        let help = Cli::command().render_help().to_string().replace(['\n', ' '], "");
+        assert!(help.contains(&mix_text(&TRAIN_MIX)) && help.contains(&mix_text(&JUDGE_MIX)), "{help}");
     }
 }

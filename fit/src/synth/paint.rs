@@ -4,17 +4,15 @@ use std::sync::LazyLock;
 
 use glam::{Vec2, Vec3, Vec3A, Vec4Swizzles};
 use rand::RngExt;
-use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
 
-use super::{
-    assets::Assets,
-    geometry::smoothstep,
-    person::{Cover, Person},
-    render::{Barycentric, Corners, Head},
-    scene::Lighting,
-    skin::Skin,
-    texture::Texture,
-};
+use super::assets::Assets;
+use super::geometry::smoothstep;
+use super::person::{Cover, Person};
+use super::render::{Barycentric, Corners, Head};
+use super::scene::Lighting;
+use super::textures::{Skin, Texture};
 
 /// Colours in linear light.
 const GUMS: Vec3A = Vec3A::new(0.32, 0.075, 0.07);
@@ -36,7 +34,6 @@ const GLINT: (i32, f32) = (400, 2.5);
 /// Share of the light that the lids keep from the upper edge of the eyeball.
 const LID_SHADE: f32 = 0.6;
 
-/// Paints one picture of a person.
 pub struct Painter<'a> {
     assets: &'a Assets,
     person: &'a Person,
@@ -46,20 +43,28 @@ pub struct Painter<'a> {
     tint: Vec3A,
 }
 
-/// The paint of a triangle of the skin.
 pub enum SkinPaint<'a> {
     /// The same material everywhere, so that the colours of the corners are interpolated.
     Plain(Corners<Vec3A>),
-    /// Bare skin with the texture.
-    Textured { texture: &'a Texture, uv: Corners<Vec2>, diffuse: Corners<Vec3A>, gloss: Corners<Vec3A> },
-    /// Hair through which no skin is visible.
-    Hair { colour: Vec3A, rest: Corners<Vec3>, diffuse: Corners<Vec3A>, gloss: Corners<Vec3A> },
-    /// Several materials.
-    Mixed { painter: &'a Painter<'a>, vertices: [usize; 3] },
+    Textured {
+        texture: &'a Texture,
+        uv: Corners<Vec2>,
+        diffuse: Corners<Vec3A>,
+        gloss: Corners<Vec3A>,
+    },
+    Hair {
+        colour: Vec3A,
+        rest: Corners<Vec3>,
+        diffuse: Corners<Vec3A>,
+        gloss: Corners<Vec3A>,
+    },
+    Mixed {
+        painter: &'a Painter<'a>,
+        vertices: [usize; 3],
+    },
 }
 
 impl SkinPaint<'_> {
-    /// Returns the colour at these barycentric coordinates.
     #[inline]
     pub fn colour(&self, weights: Vec3) -> Vec3A {
         match self {
@@ -76,13 +81,11 @@ impl SkinPaint<'_> {
 }
 
 impl<'a> Painter<'a> {
-    /// Creates a painter for one picture.
     pub fn new(assets: &'a Assets, person: &'a Person, head: &'a Head, lighting: &'a Lighting) -> Self {
         let looks = &person.looks;
         Self { assets, person, head, lighting, skin: &assets.skins[looks.skin], tint: looks.tint.into() }
     }
 
-    /// Returns the paint of a triangle of skin, hair or clothes.
     #[inline]
     pub fn skin(&self, cover: Cover, vertices: [usize; 3]) -> SkinPaint<'_> {
         match cover {
@@ -113,7 +116,6 @@ impl<'a> Painter<'a> {
         }
     }
 
-    /// Returns the colour of a sample of skin, hair or clothes.
     fn mixed_skin(&self, at: Barycentric) -> Vec3A {
         let looks = &self.person.looks;
         let diffuse = at.interpolate(|vertex| self.head.lit[vertex].diffuse);
@@ -143,13 +145,11 @@ impl<'a> Painter<'a> {
         }
     }
 
-    /// Returns the colours of gums, tongue and the inside of the mouth.
     pub fn gums(&self, vertices: [usize; 3]) -> Corners<Vec3A> {
         let lit = |vertex: usize| &self.head.lit[vertex];
         Corners(vertices.map(|vertex| GUMS * lit(vertex).diffuse + lit(vertex).gloss))
     }
 
-    /// Returns the colours of teeth.
     pub fn teeth(&self, vertices: [usize; 3]) -> Corners<Vec3A> {
         let lit = |vertex: usize| &self.head.lit[vertex];
         Corners(vertices.map(|vertex| TEETH * lit(vertex).diffuse + 1.5 * lit(vertex).gloss))
@@ -171,7 +171,6 @@ impl<'a> Painter<'a> {
         Vec3A::from((colour * diffuse + glint.sum::<Vec3>()) * shade)
     }
 
-    /// Returns the opacity of a brow and its colour.
     pub fn brow(&self, at: Barycentric) -> (f32, Vec3A) {
         let uv: Vec2 = at.interpolate(|vertex| self.person.brow_uv[vertex]);
         let (colour, opacity) = self.person.looks.brow_colour;
@@ -185,7 +184,6 @@ fn strand(rest: Vec3) -> f32 {
     noise(Vec3::new(rest.x * 9.0, rest.y * 1.4, rest.z * 1.4))
 }
 
-/// Returns the factor on the colour of a strand.
 fn strand_light(strand: f32) -> f32 {
     0.65 + 0.7 * strand
 }
@@ -214,7 +212,6 @@ fn noise(at_point: Vec3) -> f32 {
     lerp(plane(z[0]), plane(z[1]), share.z)
 }
 
-/// Returns the numbers of a cell and of the next one, modulo `cells`.
 fn wrapped(cell: u32, cells: usize) -> [usize; 2] {
     [cell as usize % cells, (cell as usize + 1) % cells]
 }

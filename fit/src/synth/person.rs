@@ -2,14 +2,14 @@
 
 use glam::{Vec2, Vec3, Vec4};
 use rand::RngExt;
+use rand::seq::IteratorRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::{
-    assets::Assets,
-    geometry::{piecewise, smoothstep},
-    paint::{FULL_HAIR, HAIR_EDGE},
-    rig::Triangle,
-};
+use super::assets::Assets;
+use super::geometry::{piecewise, smoothstep};
+use super::paint::{FULL_HAIR, HAIR_EDGE};
+use super::rig::Triangle;
+use super::sample::{TextureChoice, normal};
 
 /// Height of the hairline at depths z, in centimetres: nape, behind the ear, above the ear, temple, forehead.
 const HAIRLINE: [(f32, f32); 7] =
@@ -19,16 +19,11 @@ const EAR: (f32, f32) = (7.65, 5.6);
 /// The beard grows at these distances from the mouth, in centimetres.
 const BEARD_REACH: [f32; 2] = [1.0, 5.0];
 
-/// The random properties of a person other than the identity shape.
 #[derive(Debug, Clone)]
 pub struct Looks {
-    /// Index of the skin.
     pub skin: usize,
-    /// Index of the brows.
     pub brow: usize,
-    /// Index of the eyes.
     pub eye: usize,
-    /// Factor on the skin's colour.
     pub tint: Vec3,
     /// Strength of the skin's specular highlight, about 1.
     pub gloss: f32,
@@ -38,39 +33,30 @@ pub struct Looks {
     pub hairline: f32,
     /// Darkness of the beard, from 0 to 1.
     pub beard: f32,
-    /// Where the beard grows.
     pub beard_style: BeardStyle,
     /// Depth of the wrinkles that come with an expression, from 0 to 1.
     pub wrinkles: f32,
-    /// Colour and opacity of the brows.
     pub brow_colour: (Vec3, f32),
     /// Offset of the brows' inner and outer end in centimetres, positive upwards.
     pub brow_lift: [f32; 2],
-    /// Factor on the thickness of the brows.
     pub brow_thickness: f32,
     /// Radius of the iris relative to the eyeball's.
     pub iris: f32,
-    /// Opacity of the lashes.
     pub lashes: f32,
     /// Colour of the clothes and height of their collar in centimetres.
     pub cloth: (Vec3, f32),
 }
 
-/// Where a beard grows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BeardStyle {
-    /// Around the mouth, and on cheeks and jaw.
     Full,
     /// Above the upper lip.
     Moustache,
-    /// Around the mouth and on the chin.
     Goatee,
-    /// As a full beard, but of short hairs.
     Stubble,
 }
 
 impl BeardStyle {
-    /// Draws a style. Half of all beards are full ones.
     pub fn random(rng: &mut ChaCha8Rng) -> Self {
         match rng.random_range(0..10) {
             0..5 => Self::Full,
@@ -93,50 +79,36 @@ impl BeardStyle {
     }
 }
 
-/// A head that can be deformed by expressions.
 pub struct Person {
-    /// Vertices at rest.
     pub base: Vec<Vec3>,
-    /// Looks of the person.
     pub looks: Looks,
-    /// Attributes of each vertex of the skin.
     pub attributes: Vec<VertexAttributes>,
-    /// What covers each triangle of the skin.
     pub covers: Vec<Cover>,
-    /// Coordinates of each vertex in the brows' texture.
     pub brow_uv: Vec<Vec2>,
-    /// The triangles that the brows touch.
     pub brow_triangles: Vec<Triangle>,
 }
 
 /// What covers a triangle of the skin. Triangles of one material are painted faster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cover {
-    /// Clothes.
     Cloth,
     /// Bare skin without the texture.
     Tone,
-    /// Bare skin with the texture.
     Texture,
-    /// Hair through which no skin is visible.
     Hair,
-    /// Several materials, or a beard.
     Mixed,
 }
 
-/// Attributes of a vertex of the skin, packed for interpolation.
 #[derive(Debug, Clone, Copy)]
 pub struct VertexAttributes {
     /// Tone in linear light, and weight of the texture against the tone.
     pub tone: Vec4,
     /// Texture coordinates, distance inside the hairline (negative on bare skin) and below the collar in centimetres.
     pub cover: Vec4,
-    /// Position on the rig at rest, and density of the beard.
     pub rest: Vec4,
 }
 
 impl Person {
-    /// Creates a head from weights of the identity modes.
     pub fn new(assets: &Assets, identity: &[f32], looks: Looks) -> Self {
         let rest = &assets.rig.neutral;
         let hair: Vec<f32> = rest.iter().map(|point| hair_at(*point, looks.hairline)).collect();
@@ -221,4 +193,63 @@ fn beard_at(point: Vec3, mouth: Vec3) -> f32 {
     let [near, far] = BEARD_REACH;
     let neck = smoothstep(-12.0, -8.5, point.y);
     low * neck * smoothstep(near * 0.8, near * 1.3, from_mouth) * (1.0 - 0.4 * smoothstep(near, far, from_mouth))
+}
+
+/// Hair colours in linear light: black, dark and light brown, blond, red, grey.
+const HAIR: [[f32; 3]; 6] = [
+    [0.012, 0.010, 0.009],
+    [0.045, 0.026, 0.016],
+    [0.11, 0.065, 0.035],
+    [0.35, 0.25, 0.13],
+    [0.2, 0.07, 0.025],
+    [0.3, 0.3, 0.31],
+];
+/// Skin of lower lightness counts as dark.
+const DARK_SKIN: f32 = 0.16;
+
+fn pick(rng: &mut ChaCha8Rng, list: &[usize]) -> usize {
+    list.iter().choose(rng).copied().unwrap_or(0)
+}
+
+pub fn random_looks(rng: &mut ChaCha8Rng, assets: &Assets, textures: &TextureChoice) -> Looks {
+    let skin = pick(rng, &textures.skins);
+    let hair = hair_colour(rng, assets.skins[skin].lightness);
+    let brow = hair.min(Vec3::splat(0.12)) * rng.random_range(0.12..0.55);
+    let bearded = rng.random_bool(0.3);
+    Looks {
+        skin,
+        brow: pick(rng, &textures.brows),
+        eye: pick(rng, &textures.eyes),
+        tint: Vec3::new(rng.random_range(0.9..1.12), 1.0, rng.random_range(0.88..1.1)) * rng.random_range(0.75..1.2),
+        gloss: rng.random_range(0.4..2.2),
+        hair: rng.random_bool(0.85).then(|| (hair, rng.random_range(0.1..1.6))),
+        hairline: normal(rng, 0.6, 1.5),
+        beard: if bearded { rng.random_range(0.15..0.95) } else { 0.0 },
+        beard_style: BeardStyle::Full,
+        wrinkles: 0.0,
+        brow_colour: (brow, rng.random_range(0.6..1.0)),
+        brow_lift: brow_lift(rng),
+        brow_thickness: rng.random_range(1.0..1.9),
+        iris: rng.random_range(0.355..0.42),
+        lashes: rng.random_range(0.05..0.5),
+        cloth: (cloth_colour(rng), normal(rng, 1.0, 2.0) - 13.0),
+    }
+}
+
+/// Draws the offset of the brows' inner and outer end in centimetres: high or low, level or arched.
+fn brow_lift(rng: &mut ChaCha8Rng) -> [f32; 2] {
+    let (inner, tilt) = (normal(rng, 0.22, 0.6), normal(rng, 0.22, 0.5));
+    [inner, inner + tilt]
+}
+
+fn cloth_colour(rng: &mut ChaCha8Rng) -> Vec3 {
+    let hue = Vec3::new(rng.random(), rng.random(), rng.random());
+    let grey = Vec3::splat(rng.random_range(0.01..0.7));
+    grey.lerp(hue * hue * 0.6, rng.random_range(0.0_f32..0.9).powi(2))
+}
+
+fn hair_colour(rng: &mut ChaCha8Rng, skin_lightness: f32) -> Vec3 {
+    let black = skin_lightness < DARK_SKIN && rng.random_bool(0.8);
+    let kind = if black { HAIR[0] } else { HAIR.iter().choose(rng).copied().unwrap_or_default() };
+    Vec3::from_array(kind) * rng.random_range(0.7..1.4)
 }

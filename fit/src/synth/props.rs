@@ -1,21 +1,27 @@
 //! Things on and before a face: meshes with colours, which move with the head.
 
-use glam::{Mat3, Vec2, Vec3};
+use core::f32::consts::TAU;
 
-use super::rig::Triangle;
+use glam::{Mat3, Vec2, Vec3, Vec3A};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::canvas::{Canvas, Position};
+use super::geometry::normals_into;
+use super::render::{Corners, draw, on_screen};
+use super::rig::{Rig, Triangle};
+use super::scene::{Lighting, Scene};
+use super::shade::{DepthMap, Surface, VertexLight, shade};
 
 /// Segments of an ellipsoid around its axis, and from pole to pole.
 const AROUND: u16 = 18;
 const ALONG: u16 = 12;
 
-/// A mesh in the rig's coordinates, with one material.
 #[derive(Debug, Clone)]
 pub struct Prop {
-    /// Vertices.
     pub points: Vec<Vec3>,
     /// Colour of each vertex in linear light.
     pub colours: Vec<Vec3>,
-    /// Triangles.
     pub triangles: Vec<Triangle>,
     /// The lens that the mesh is, or `None` for an opaque mesh.
     pub lens: Option<Lens>,
@@ -40,12 +46,10 @@ impl Lens {
 }
 
 impl Prop {
-    /// Creates an empty mesh.
     pub fn new(lens: Option<Lens>) -> Self {
         Self { points: Vec::new(), colours: Vec::new(), triangles: Vec::new(), lens }
     }
 
-    /// Adds a vertex and returns its number.
     pub fn vertex(&mut self, point: Vec3, colour: Vec3) -> u32 {
         self.points.push(point);
         self.colours.push(colour);
@@ -77,10 +81,255 @@ impl Prop {
     }
 }
 
+/// Exponent of the reflection of lamps on a lens, and its strength.
+const GLINT: (i32, f32) = (900, 3.0);
+/// Largest share of a lens's colour that its reflections replace.
+const MOST_GLARE: f32 = 0.9;
+
+/// Buffers for a thing, with one entry per vertex.
+#[derive(Default)]
+pub struct PropLayer {
+    points: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    lit: Vec<VertexLight>,
+    screen: Vec<(Position, f32)>,
+    shoulder: Vec<f32>,
+}
+
+impl PropLayer {
+    pub fn draw(&mut self, canvas: &mut Canvas, prop: &Prop, scene: &Scene, shadow: &DepthMap) {
+        self.points.clone_from(&prop.points);
+        self.shoulder.clear();
+        self.shoulder.resize(prop.points.len(), 0.0);
+        scene.placement.place(&mut self.points, &self.shoulder);
+        self.normals.resize(self.points.len(), Vec3::ZERO);
+        normals_into(&self.points, &prop.triangles, &mut self.normals);
+        self.screen.clear();
+        self.screen.extend(self.points.iter().map(|point| on_screen(scene, canvas.density, *point)));
+        match prop.lens {
+            Some(lens) => self.draw_lens(canvas, prop, scene, lens),
+            None => self.draw_opaque(canvas, prop, scene, shadow),
+        }
+    }
+
+    fn draw_opaque(&mut self, canvas: &mut Canvas, prop: &Prop, scene: &Scene, shadow: &DepthMap) {
+        let vertices = self.points.iter().zip(&self.normals);
+        // Flat parts are visible from both sides: their normals cancel out, and they are lit as if they faced the camera.
+        let lit = vertices.map(|(point, normal)| {
+            let normal = if *normal == Vec3::ZERO { -point.normalize_or_zero() } else { *normal };
+            shade(&scene.lighting, shadow, &Surface { point: *point, normal, sky: 0.9, skin: false })
+        });
+        self.lit.clear();
+        self.lit.extend(lit);
+        let window = canvas.grid.whole();
+        draw(canvas, &self.screen, (&prop.triangles, &window), 1.0, |_, vertices| {
+            let colour = |vertex: usize| Vec3A::from(prop.colours[vertex]) * self.lit[vertex].diffuse;
+            let corners = Corners(vertices.map(|vertex| colour(vertex) + self.lit[vertex].gloss));
+            move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, corners.at(weights))
+        });
+    }
+
+    fn draw_lens(&self, canvas: &mut Canvas, prop: &Prop, scene: &Scene, lens: Lens) {
+        let window = canvas.grid.whole();
+        draw(canvas, &self.screen, (&prop.triangles, &window), 1.0, |_, vertices| {
+            let normals = Corners(vertices.map(|vertex| self.normals[vertex]));
+            let points = Corners(vertices.map(|vertex| self.points[vertex]));
+            let places = Corners(vertices.map(|vertex| prop.points[vertex].truncate()));
+            move |canvas, index, _, weights| {
+                let (normal, view) = (normals.at(weights).normalize_or_zero(), -points.at(weights).normalize_or_zero());
+                let mirrored = -view.reflect(normal);
+                let seen = scene.lighting.ambient(mirrored);
+                let share = (0.04 + lens.glare_at(places.at(weights))).min(MOST_GLARE);
+                canvas.blend(index, lens.tint, Vec3A::ZERO);
+                canvas.blend(index, share, Vec3A::from(1.5 * seen + lamps(&scene.lighting, mirrored)));
+            }
+        });
+    }
+}
+
+fn lamps(lighting: &Lighting, toward: Vec3) -> Vec3 {
+    let seen = |toward: Vec3, lamp: Vec3| GLINT.1 * toward.dot(lamp).max(0.0).powi(GLINT.0);
+    lighting.lights.iter().map(|lamp| lamp.colour * seen(toward, lamp.toward)).sum()
+}
+
+/// Points of the outline of a lens.
+const OUTLINE: u16 = 28;
+/// Distance of the lenses from the bridge of the nose in centimetres, and their curvature towards the sides.
+const BEFORE: f32 = 0.45;
+const CURVE: f32 = 0.022;
+
+/// The style of a pair of glasses. Lengths are in centimetres.
+#[derive(Debug, Clone)]
+pub struct Glasses {
+    half: Vec2,
+    /// Exponent of the outline: 2 for an ellipse; large for a rectangle.
+    corner: f32,
+    rim: f32,
+    lift: f32,
+    colour: Vec3,
+    lens: Lens,
+}
+
+impl Glasses {
+    /// Draws a style: mostly clear lenses in a dark or coloured frame, sometimes sunglasses.
+    pub fn random(rng: &mut ChaCha8Rng) -> Self {
+        let hue = Vec3::new(rng.random(), rng.random(), rng.random());
+        let dark: bool = rng.random_bool(0.2);
+        let across = Vec2::from_angle(rng.random_range(0.0..TAU));
+        let glare = if rng.random_bool(0.6) { rng.random_range(0.05..0.7) } else { 0.0 };
+        Self {
+            half: Vec2::new(rng.random_range(2.25..2.75), rng.random_range(1.4..2.2)),
+            corner: rng.random_range(2.0..5.0),
+            rim: if rng.random_bool(0.25) { 0.07 } else { rng.random_range(0.1..0.45) },
+            lift: rng.random_range(-0.5..0.05),
+            colour: hue.powf(2.0) * rng.random_range(0.0_f32..0.8).powi(2),
+            lens: Lens {
+                tint: if dark { rng.random_range(0.6..0.95) } else { rng.random_range(0.02..0.15) },
+                glare: (across, rng.random_range(-3.0..3.0), rng.random_range(0.3..1.2), glare),
+            },
+        }
+    }
+
+    /// Returns frame and lenses, fitted to a head with the vertices `base`.
+    pub fn build(&self, rig: &Rig, base: &[Vec3]) -> [Prop; 2] {
+        let at = |landmark: usize| base[rig.landmarks[landmark]];
+        let bridge = at(27);
+        let surface = |x: f32, y: f32| Vec3::new(x, y, bridge.z + BEFORE - CURVE * x * x);
+        let (mut frame, mut lenses) = (Prop::new(None), Prop::new(Some(self.lens)));
+        let mut inner_ends = Vec::new();
+        for (outer_corner, inner_corner, ear, side) in [(36, 39, 0, -1.0_f32), (45, 42, 16, 1.0)] {
+            let eye = (at(outer_corner) + at(inner_corner)) / 2.0;
+            let half = self.half.min(Vec2::new(eye.x.abs() - 0.45 - self.rim, f32::INFINITY));
+            let centre = Vec2::new(eye.x, eye.y + self.lift);
+            let outline = |grow: f32| {
+                (0..OUTLINE)
+                    .map(move |step| centre + self.outline(f32::from(step) / f32::from(OUTLINE) * TAU, half + grow))
+            };
+            let edge: Vec<Vec2> = outline(0.0).collect();
+            let rim: Vec<Vec2> = outline(self.rim).collect();
+            self.add_ring(&mut frame, [&edge, &rim].map(|line| line.iter().map(|at| surface(at.x, at.y)).collect()));
+            let middle = lenses.vertex(surface(centre.x, centre.y), Vec3::ZERO);
+            let edge: Vec<u32> = edge.iter().map(|at| lenses.vertex(surface(at.x, at.y), Vec3::ZERO)).collect();
+            for (one, next) in edge.iter().zip(edge.iter().cycle().skip(1)) {
+                lenses.triangles.push([middle, *one, *next]);
+            }
+            let end = Vec2::new(centre.x + side * (half.x + self.rim), centre.y + 0.4 * half.y);
+            let ear = at(ear) + Vec3::new(side * 0.9, 1.0, -2.5);
+            self.add_bar(&mut frame, surface(end.x, end.y), ear);
+            inner_ends.push(surface(centre.x - side * (half.x + 0.5 * self.rim), centre.y + 0.35 * half.y));
+        }
+        if let [right, left] = inner_ends[..] {
+            self.add_bar(&mut frame, right, left);
+        }
+        [frame, lenses]
+    }
+
+    fn outline(&self, angle: f32, half: Vec2) -> Vec2 {
+        let round = Vec2::from_angle(angle);
+        let stretched = |value: f32| value.signum() * value.abs().powf(2.0 / self.corner);
+        half * Vec2::new(stretched(round.x), stretched(round.y))
+    }
+
+    fn add_ring(&self, frame: &mut Prop, lines: [Vec<Vec3>; 2]) {
+        let [inner, outer] =
+            lines.map(|line| line.into_iter().map(|point| frame.vertex(point, self.colour)).collect::<Vec<u32>>());
+        let count = inner.len();
+        for one in 0..count {
+            let next = (one + 1) % count;
+            frame.quad([inner[one], outer[one], outer[next], inner[next]]);
+        }
+    }
+
+    fn add_bar(&self, frame: &mut Prop, from: Vec3, to: Vec3) {
+        let half = Vec3::Y * self.rim.max(0.12) * 0.6;
+        let corners = [from - half, to - half, to + half, from + half].map(|point| frame.vertex(point, self.colour));
+        frame.quad(corners);
+    }
+}
+
+/// Draws a thing before a face. `skin` and `hair` are colours in linear light.
+pub fn random_occluder(rng: &mut ChaCha8Rng, skin: Vec3, hair: Vec3) -> Prop {
+    let mut prop = Prop::new(None);
+    match rng.random_range(0..20) {
+        0..8 => hand(rng, &mut prop, skin),
+        8..12 => microphone(rng, &mut prop),
+        12..16 => strands(rng, &mut prop, hair),
+        _ => scarf(rng, &mut prop),
+    }
+    prop
+}
+
+fn axes(along: Vec3, half: Vec3) -> Mat3 {
+    let along = along.normalize_or(Vec3::Y);
+    let right = along.cross(Vec3::Z).normalize_or(Vec3::X);
+    Mat3::from_cols(right * half.x, along * half.y, right.cross(along) * half.z)
+}
+
+/// A hand that lies on one side of the face: on the chin, beside the mouth, on the cheek or an eye. Its fingers point
+/// upwards.
+fn hand(rng: &mut ChaCha8Rng, prop: &mut Prop, skin: Vec3) {
+    let side = if rng.random() { 1.0 } else { -1.0 };
+    let (reach, height) = (rng.random_range(3.0..7.0), rng.random_range(-13.0..-3.0));
+    let palm = Vec3::new(side * reach, height, 12.8 - 0.09 * reach * reach - 0.03 * (height + 1.0).powi(2));
+    let up = Vec3::new(-side * rng.random_range(-0.2..0.4), 1.0, 0.05).normalize_or(Vec3::Y);
+    let across = up.cross(Vec3::Z).normalize_or(Vec3::X);
+    let shade = |unit: Vec3| skin * (0.92 + 0.08 * unit.y);
+    prop.ellipsoid(palm, axes(up, Vec3::new(3.6, 4.2, 1.1)), shade);
+    for finger in 0_u8..4 {
+        let offset = f32::from(finger) - 1.5;
+        let length = 3.6 - 0.35 * offset * offset + rng.random_range(-0.3..0.3);
+        let direction = (up + 0.08 * offset * across).normalize_or(up);
+        let centre = palm + offset * 1.75 * across + (3.2 + 0.75 * length) * direction;
+        prop.ellipsoid(centre, axes(direction, Vec3::new(0.85, length, 0.8)), shade);
+    }
+    prop.ellipsoid(palm - 7.0 * up, axes(up, Vec3::new(2.9, 6.0, 2.2)), shade);
+}
+
+/// A dark microphone below or before the mouth, on a handle.
+fn microphone(rng: &mut ChaCha8Rng, prop: &mut Prop) {
+    let head = Vec3::new(rng.random_range(-3.0..3.0), rng.random_range(-9.0..-4.5), rng.random_range(13.0..17.0));
+    let grey = rng.random_range(0.01..0.2);
+    let radius = rng.random_range(1.8..3.2);
+    let grid = move |unit: Vec3| Vec3::splat(grey * (1.0 + 0.5 * (14.0 * unit.x).sin() * (14.0 * unit.y).sin()));
+    prop.ellipsoid(head, Mat3::from_diagonal(Vec3::splat(radius)), grid);
+    let along = Vec3::new(rng.random_range(-0.7..0.7), -1.0, rng.random_range(-0.2..0.6));
+    let handle = head + (radius + 6.0) * along.normalize_or(Vec3::NEG_Y);
+    prop.ellipsoid(handle, axes(along, Vec3::new(1.1, 8.0, 1.1)), |_| Vec3::splat(0.6 * grey));
+}
+
+/// Strands of hair that hang over one half of the forehead, and often over an eye.
+fn strands(rng: &mut ChaCha8Rng, prop: &mut Prop, hair: Vec3) {
+    let side = if rng.random() { 1.0 } else { -1.0 };
+    let (inner, length) = (rng.random_range(0.0..3.5), rng.random_range(2.5..6.0));
+    for strand in 0_u8..7 {
+        let x = inner + 0.75 * f32::from(strand) + rng.random_range(-0.2..0.2);
+        let along = Vec3::new(side * rng.random_range(-0.05..0.3), -1.0, 0.1);
+        let centre = Vec3::new(side * x, 10.2 - 0.8 * length, 11.4 - 0.075 * x * x);
+        let light = rng.random_range(0.7..1.3);
+        prop.ellipsoid(centre, axes(along, Vec3::new(0.55, length, 0.4)), |unit| {
+            hair * light * (1.0 + 0.3 * (20.0 * unit.x).sin())
+        });
+    }
+}
+
+fn scarf(rng: &mut ChaCha8Rng, prop: &mut Prop) {
+    let hue = Vec3::new(rng.random(), rng.random(), rng.random());
+    let (stripes, strength) = (rng.random_range(0.0..25.0), rng.random_range(0.0..0.6));
+    let top = rng.random_range(-6.5..-1.5);
+    let half = rng.random_range(3.5..6.0);
+    let cloth = move |unit: Vec3| hue * hue * (1.0 - strength * (0.5 + 0.5 * (stripes * unit.y).sin()));
+    let centre = Vec3::new(0.0, top - half, 4.0);
+    prop.ellipsoid(centre, Mat3::from_diagonal(Vec3::new(9.0, half, 9.5)), cloth);
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use glam::Vec2;
+    use rand_chacha::rand_core::SeedableRng;
+
     use crate::synth::geometry::normals;
+
+    use super::*;
 
     #[test]
     fn the_normals_of_an_ellipsoid_point_outwards() {
@@ -92,16 +341,21 @@ mod tests {
         }
     }
 
+    /// Both eyes and the mouth of the rig.
+    const PLACES: [Vec2; 3] = [Vec2::new(-3.15, 3.3), Vec2::new(3.15, 3.3), Vec2::new(0.0, -3.4)];
+
     #[test]
-    fn a_quad_is_visible_from_both_sides() {
-        let mut prop = Prop::new(None);
-        let corners = [Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y, Vec3::Y].map(|point| prop.vertex(point, Vec3::ONE));
-        prop.quad(corners);
-        let sides = prop.triangles.iter().map(|[a, b, c]| {
-            let [a, b, c] = [a, b, c].map(|vertex| prop.points[*vertex as usize]);
-            (b - a).cross(c - a).z
-        });
-        let (front, back): (Vec<f32>, Vec<f32>) = sides.partition(|area| *area > 0.0);
-        assert_eq!((front.iter().sum::<f32>(), back.iter().sum::<f32>()), (2.0, -2.0));
+    fn an_occluder_lies_before_the_face_and_nearly_always_leaves_an_eye_or_the_mouth_free() {
+        let mut hidden = 0;
+        for seed in 0..300 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let prop = random_occluder(&mut rng, Vec3::splat(0.4), Vec3::splat(0.1));
+            let skin = |at: Vec2| 11.5 - 0.09 * at.x * at.x - 0.03 * (at.y + 1.0).powi(2);
+            let before = |point: &Vec3| point.x.abs() < 7.0 && point.y > -11.0 && point.z > skin(point.truncate());
+            assert!(prop.points.iter().any(before), "{seed}");
+            let near = |place: &Vec2| prop.points.iter().any(|point| point.truncate().distance(*place) < 1.0);
+            hidden += u32::from(PLACES.iter().all(near));
+        }
+        assert!(hidden <= 9, "{hidden} of 300");
     }
 }

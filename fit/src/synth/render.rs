@@ -3,20 +3,16 @@
 
 use glam::{Vec2, Vec3};
 
-use super::{
-    anatomy::index_of,
-    assets::{Assets, BOUNDS},
-    canvas::Canvas,
-    geometry::{normals_into, smoothstep},
-    paint::{LASHES, Painter},
-    person::Person,
-    prop_layer::PropLayer,
-    raster::{Position, Window},
-    rig::Triangle,
-    scene::{PIVOT, Scene},
-    shade::{Surface, VertexLight, shade},
-    shadow::DepthMap,
-};
+use super::anatomy::index_of;
+use super::assets::{Assets, BOUNDS};
+use super::canvas::{Canvas, Position, Window};
+use super::geometry::{normals_into, smoothstep};
+use super::paint::{LASHES, Painter};
+use super::person::Person;
+use super::props::PropLayer;
+use super::rig::Triangle;
+use super::scene::{PIVOT, Scene};
+use super::shade::{DepthMap, Surface, VertexLight, shade};
 
 /// Cells per side of the key light's depth map.
 const SHADOW_SIDE: usize = 200;
@@ -36,7 +32,6 @@ const SHUT_EYE_CM: f32 = 0.4;
 /// Samples across the width of a face.
 const SAMPLES_PER_FACE: f32 = 150.0;
 
-/// A renderer with buffers for pictures of one size.
 pub struct Renderer {
     least_density: f32,
     canvas: Canvas,
@@ -48,17 +43,12 @@ pub struct Renderer {
 /// The head in one picture, with one entry per vertex.
 #[derive(Default)]
 pub struct Head {
-    /// Deformed positions in the rig's coordinates.
     pub shape: Vec<Vec3>,
-    /// Positions in the world.
     pub points: Vec<Vec3>,
-    /// Unit normals in the world.
     pub normals: Vec<Vec3>,
-    /// Light on the vertex.
     pub lit: Vec<VertexLight>,
     /// Position among the samples, and inverse depth.
     screen: Vec<(Position, f32)>,
-    /// Visibility of the sky.
     sky: Vec<f32>,
 }
 
@@ -159,7 +149,6 @@ impl Renderer {
 }
 
 impl Head {
-    /// Deforms, places and projects the head.
     fn pose(&mut self, assets: &Assets, person: &Person, scene: &Scene, density: Vec2) {
         assets.deformer.deform(&assets.rig, &person.base, &scene.weights, &mut self.shape);
         self.points.clone_from(&self.shape);
@@ -186,17 +175,13 @@ impl Head {
     }
 }
 
-/// Barycentric coordinates of a sample in its triangle.
 #[derive(Debug, Clone, Copy)]
 pub struct Barycentric {
-    /// The triangle's vertices.
     pub vertices: [usize; 3],
-    /// Their weights, which sum to 1.
     pub weights: Vec3,
 }
 
 impl Barycentric {
-    /// Interpolates an attribute of the vertices.
     #[inline]
     pub fn interpolate<T: core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>>(
         &self,
@@ -207,11 +192,9 @@ impl Barycentric {
     }
 }
 
-/// An attribute at the corners of a triangle.
 pub struct Corners<T>(pub [T; 3]);
 
 impl<T: Copy + core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>> Corners<T> {
-    /// Interpolates the attribute at barycentric coordinates.
     #[inline]
     pub fn at(&self, weights: Vec3) -> T {
         let [a, b, c] = self.0;

@@ -5,13 +5,15 @@
 //!
 //! Materials that only suit ray tracing (tear fluid, eye occlusion, the inner iris) are not used.
 
-use std::{fs::File, io::BufReader, path::Path};
+use std::collections::{HashMap, HashSet};
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use glam::{Vec2, Vec3};
 use serde_json::Value;
 
-use super::bust;
 use crate::arrays::Arrays;
 
 /// Shorter offsets of an expression, in centimetres, are treated as 0.
@@ -21,34 +23,24 @@ const EYE_CORNERS: [usize; 4] = [36, 39, 42, 45];
 /// Lashes higher than this above the eye corners belong to the upper lids, in centimetres.
 const UPPER_LASH: f32 = 0.12;
 
-/// Indices of three vertices.
 pub type Triangle = [u32; 3];
 
 /// A head at rest with its expression shapes and identity modes.
 pub struct Rig {
-    /// Vertices of the head at rest.
     pub neutral: Vec<Vec3>,
-    /// Expression shapes.
     pub shapes: Vec<Shape>,
-    /// Offset of every vertex for each identity mode.
     pub identities: Vec<Vec<Vec3>>,
-    /// Coordinates of each vertex in the skin texture.
     pub skin_uv: Vec<Vec2>,
     /// Vertices of the usual 68 landmarks.
     pub landmarks: Vec<usize>,
-    /// Triangles by part of the head.
     pub parts: Parts,
 }
 
-/// The triangles of a head.
 pub struct Parts {
-    /// Face, scalp, neck and shoulders.
     pub skin: Vec<Triangle>,
     /// Number of triangles at the beginning of `skin` that belong to the face in front of the ears.
     pub face: usize,
-    /// Gums, tongue and the inside of the mouth.
     pub gums: Vec<Triangle>,
-    /// Both rows of teeth.
     pub teeth: Vec<Triangle>,
     /// Eyeballs: the person's left, then right.
     pub eyes: [Vec<Triangle>; 2],
@@ -56,16 +48,12 @@ pub struct Parts {
     pub lashes: Vec<Triangle>,
 }
 
-/// An expression shape.
 pub struct Shape {
-    /// Name in the rig.
     pub name: String,
-    /// The vertices that the shape moves, with their offsets at weight 1.
     pub moves: Vec<(u32, Vec3)>,
 }
 
 impl Rig {
-    /// Loads a rig from a folder.
     pub fn load(folder: &Path) -> Result<Self> {
         let arrays = Arrays::open(&folder.join("rig.npz"));
         let mut arrays = arrays.context("cannot load the face rig: name its folder by --rig DIR")?;
@@ -91,7 +79,7 @@ impl Rig {
             parts,
             neutral,
         };
-        bust::extend(&mut rig);
+        add_bust(&mut rig);
         Ok(rig)
     }
 
@@ -100,7 +88,6 @@ impl Rig {
         self.neutral[self.landmarks[index]]
     }
 
-    /// Returns the index of the shape with this name in the rig.
     pub fn shape(&self, name: &str) -> Option<usize> {
         self.shapes.iter().position(|shape| shape.name == name)
     }
@@ -148,4 +135,47 @@ fn parts(arrays: &mut Arrays, materials: &[String], neutral: &[Vec3], landmarks:
         eyes: [of("M_ScleraLeft"), of("M_ScleraRight")],
         lashes: of("M_EyeLashes").into_iter().filter(upper).collect(),
     })
+}
+
+// Extends the rig, whose mesh ends at the shoulders, downwards and outwards, so that the bust does not float in the
+// picture.
+
+/// The rim of the shoulders lies below this height in centimetres. Higher rims are inside mouth and eyes.
+const RIM: f32 = -11.0;
+/// Rings of vertices below the rim: distance below it in centimetres, and scale of width and depth.
+const RINGS: [(f32, [f32; 2]); 4] = [(2.5, [1.2, 1.12]), (5.5, [1.75, 1.25]), (11.0, [2.15, 1.4]), (120.0, [2.2, 1.5])];
+
+fn add_bust(rig: &mut Rig) {
+    let edges = rim(&rig.parts.skin, &rig.neutral);
+    let mut order: Vec<u32> = edges.iter().flatten().copied().collect();
+    order.sort_unstable();
+    order.dedup();
+    let mut above: HashMap<u32, u32> = order.iter().map(|vertex| (*vertex, *vertex)).collect();
+    for (down, scale) in RINGS {
+        let below: HashMap<u32, u32> =
+            order.iter().map(|vertex| (*vertex, rig.add_below(*vertex as usize, down, scale))).collect();
+        for [a, b] in &edges {
+            let [upper_a, upper_b, lower_a, lower_b] = [above[a], above[b], below[a], below[b]];
+            rig.parts.skin.extend([[upper_b, upper_a, lower_a], [upper_b, lower_a, lower_b]]);
+        }
+        above = below;
+    }
+}
+
+/// Returns the boundary edges of the shoulders, directed like the triangles that they belong to.
+fn rim(triangles: &[Triangle], points: &[Vec3]) -> Vec<[u32; 2]> {
+    let directed = || triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
+    let all: HashSet<[u32; 2]> = directed().collect();
+    let low = |[a, b]: &[u32; 2]| points[*a as usize].y < RIM && points[*b as usize].y < RIM;
+    directed().filter(|[a, b]| !all.contains(&[*b, *a])).filter(low).collect()
+}
+
+impl Rig {
+    fn add_below(&mut self, vertex: usize, down: f32, [wider, deeper]: [f32; 2]) -> u32 {
+        let point = self.neutral[vertex];
+        self.neutral.push(Vec3::new(point.x * wider, RIM.min(point.y) - down, point.z * deeper));
+        self.skin_uv.push(self.skin_uv[vertex]);
+        self.identities.iter_mut().for_each(|mode| mode.push(mode[vertex]));
+        u32::try_from(self.neutral.len() - 1).unwrap_or(u32::MAX)
+    }
 }

@@ -1,26 +1,18 @@
 //! `facewire-fit synth`: renders many subjects on all cores to one archive. An interrupted run can be resumed.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::{
-        Mutex,
-        atomic::{AtomicU64, Ordering},
-    },
-};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
-use super::{
-    archive,
-    assets::Assets,
-    imager::Times,
-    options::{SceneOptions, Sources, picture_size},
-    progress::Progress,
-    set::Set,
-    shards::Shards,
-    worker::{ROW, Setup, Worker},
-};
+use super::archive;
+use super::assets::Assets;
+use super::options::{SceneOptions, Set, Sources, picture_size};
+use super::shards::Shards;
+use super::worker::{ROW, Setup, Times, Worker};
 
 /// Increases when the same settings give other pictures.
 const EDITION: u32 = 8;
@@ -67,12 +59,10 @@ struct Job<'a> {
     progress: Mutex<Progress>,
 }
 
-/// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     run_until(options, true)
 }
 
-/// Renders all subjects, and writes the archive if `whole`.
 fn run_until(options: &Options, whole: bool) -> Result<()> {
     let [width, height] = picture_size(&options.size)?;
     ensure!(options.per_subject > 0 && options.pictures >= options.per_subject, "too few pictures for one subject");
@@ -120,7 +110,6 @@ pub fn provenance(archive: &Path) -> PathBuf {
     archive.with_extension("txt")
 }
 
-/// Joins the shards to the archive and prints a summary.
 fn finish(options: &Options, shards: &Shards, subjects: u64) -> Result<()> {
     let rows = (0..subjects).map(|number| shards.numbers(number)).collect::<Result<Vec<_>>>()?;
     archive::write(&options.out, &rows, |subject| shards.appearance(subject as u64))?;
@@ -138,7 +127,6 @@ impl Job<'_> {
         self.options.pictures.div_ceil(self.options.per_subject) as u64
     }
 
-    /// Renders all subjects and returns the total CPU times.
     fn run_threads(&self) -> Result<Times> {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = self.options.threads.unwrap_or(cores).max(1);
@@ -176,7 +164,6 @@ impl Job<'_> {
         }
     }
 
-    /// Returns the folder for a subject's pictures and how many of them to save.
     fn saved_of(&self, number: u64) -> Option<(&Path, usize)> {
         let (folder, count) = self.saved?;
         let before = usize::try_from(number).unwrap_or(usize::MAX).saturating_mul(self.options.per_subject);
@@ -210,13 +197,57 @@ impl Job<'_> {
     }
 }
 
+/// Seconds between lines.
+const PROGRESS_S: f64 = 5.0;
+
+pub struct Progress {
+    started: Instant,
+    said: Instant,
+    wanted: usize,
+    done: usize,
+    /// Pictures among `done` that an earlier run made.
+    resumed: usize,
+}
+
+impl Progress {
+    pub fn new(wanted: usize) -> Self {
+        let now = Instant::now();
+        Self { started: now, said: now, wanted, done: 0, resumed: 0 }
+    }
+
+    pub fn made(&self) -> usize {
+        self.done - self.resumed
+    }
+
+    /// Counts pictures and prints the progress at intervals.
+    pub fn count(&mut self, pictures: usize, resumed: bool) {
+        self.done += pictures;
+        self.resumed += if resumed { pictures } else { 0 };
+        if self.said.elapsed().as_secs_f64() > PROGRESS_S {
+            self.said = Instant::now();
+            eprintln!("{}", self.line());
+        }
+    }
+
+    /// Returns a line with the pictures made, pictures per second, and the remaining time.
+    pub fn line(&self) -> String {
+        let rate = self.made() as f64 / self.started.elapsed().as_secs_f64();
+        let left = self.wanted.saturating_sub(self.done) as f64 / rate.max(1e-9);
+        let left =
+            if rate > 0.0 { format!("{:.0} min left", left / 60.0) } else { "remaining time unknown".to_owned() };
+        format!("{} of {} pictures, {rate:.1} a second, {left}", self.done, self.wanted)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use clap::Parser;
-    use facewire::infer::NetworkFolder;
+    use facewire_face::BLENDSHAPES;
+    use tempfile::TempDir;
+
+    use crate::{dataset, judge, reference};
 
     use super::*;
-    use crate::{dataset, judge, reference};
 
     #[derive(Parser)]
     struct Cli {
@@ -224,20 +255,17 @@ mod tests {
         options: Options,
     }
 
-    /// Returns options for a small archive in a folder called `name`, or `None` if rig or networks are missing.
-    fn options(name: &str, threads: &str) -> Option<Options> {
-        let shared = reference::folder();
-        let (rig, curves) = (shared.join("rig"), shared.join("curves"));
-        if !rig.exists() || NetworkFolder::find("").is_err() {
-            reference::say_skipped("rig/, or no networks");
-            return None;
-        }
-        let folder = std::env::temp_dir().join(format!("facewire-fit-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        let [out, rig, curves] = [folder.join("faces.npz"), rig, curves].map(|path| path.display().to_string());
+    /// Returns options for a small archive in a folder, drawn from the small rig and a recording of waves.
+    fn options(folder: &Path, threads: &str) -> Options {
+        let [out, curves] = ["faces.npz", "curves.csv"].map(|name| folder.join(name));
+        let wave = |frame: usize, shape: usize| (0.07 * (frame * (1 + shape % 5) + 14 * shape) as f64).sin();
+        let row = |frame| (0..BLENDSHAPES.len()).map(move |shape| format!("{:.3}", wave(frame, shape).max(0.0) / 2.0));
+        let rows = (0..200).map(|frame| row(frame).collect::<Vec<_>>().join(",")).collect::<Vec<_>>();
+        std::fs::write(&curves, format!("{}\n{}\n", BLENDSHAPES.join(","), rows.join("\n"))).expect("written");
+        let [out, curves] = [out, curves].map(|path| path.display().to_string());
         let fixed = ["synth", "--pictures", "6", "--per-subject", "2", "--size", "256", "256", "--seed", "7"];
-        let given = [out.as_str(), "--rig", &rig, "--curves", &curves, "--threads", threads];
-        Some(Cli::parse_from(fixed.iter().chain(&given)).options)
+        let given = [out.as_str(), "--rig", reference::RIG, "--curves", &curves, "--threads", threads];
+        Cli::parse_from(fixed.iter().chain(&given)).options
     }
 
     fn made(options: &Options) -> Vec<u8> {
@@ -247,30 +275,21 @@ mod tests {
 
     #[test]
     fn the_same_seed_gives_the_same_file_on_any_number_of_threads_and_after_an_interruption() {
-        let (Some(one), Some(two), Some(cut)) = (options("one", "1"), options("two", "2"), options("cut", "1")) else {
-            return;
-        };
-        let whole = made(&one);
-        assert_eq!(whole, made(&two), "the number of threads has no influence");
-        let fewer = Options { pictures: 2, ..options("cut", "1").expect("as before") };
-        run_until(&fewer, false).expect("the first subject");
-        assert_eq!(whole, made(&cut), "a resumed run gives the same file");
-    }
-
-    #[test]
-    fn as_many_pictures_are_saved_as_requested() {
-        for (wanted, name) in [(1, "one-saved"), (3, "three-saved")] {
-            let Some(options) = options(name, "2") else { return };
-            let folder = options.out.with_file_name("pictures");
-            run(&Options { save_pictures: vec![folder.display().to_string(), wanted.to_string()], ..options })
-                .expect("an archive");
-            assert_eq!(std::fs::read_dir(folder).expect("a folder").count(), wanted);
-        }
+        let folders = [(); 3].map(|()| tempfile::tempdir().expect("a folder"));
+        let [one, two, cut] = folders.each_ref().map(TempDir::path);
+        let whole = made(&options(one, "1"));
+        let saved = two.join("pictures");
+        let save_pictures = vec![saved.display().to_string(), "3".to_owned()];
+        assert_eq!(whole, made(&Options { save_pictures, ..options(two, "2") }), "threads have no influence");
+        assert_eq!(std::fs::read_dir(saved).expect("a folder").count(), 3, "as many are saved as requested");
+        run_until(&Options { pictures: 2, ..options(cut, "1") }, false).expect("the first subject");
+        assert_eq!(whole, made(&options(cut, "1")), "a resumed run gives the same file");
     }
 
     #[test]
     fn the_solver_finds_the_true_pose_in_rendered_faces() {
-        let Some(few) = options("pose", "2") else { return };
+        let folder = tempfile::tempdir().expect("a folder");
+        let few = options(folder.path(), "2");
         let options = Options { pictures: 24, per_subject: 8, size: vec![400, 400], ..few };
         run(&options).expect("an archive");
         let samples = dataset::load(&options.out).expect("a dataset");

@@ -3,28 +3,24 @@
 
 use std::sync::Arc;
 
-use facewire::solve::COEFFS;
+use facewire_face::COEFFS;
 use glam::{Vec2, Vec3};
 use rand::RngExt;
-use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
 
-use super::{
-    acting::Expressions,
-    assets::Assets,
-    backdrop::Backdrop,
-    camera::Effects,
-    conditions::{Condition, Conditions},
-    expression::Coefficients,
-    factors::Without,
-    looks::random_looks,
-    occluders::random_occluder,
-    person::Person,
-    props::Prop,
-    render::FACE_CM,
-    room::{random_effects, random_lighting},
-    scene::{Lens, Lighting, Placement, Scene},
-};
+use super::acting::Expressions;
+use super::assets::Assets;
+use super::backdrop::Backdrop;
+use super::camera::Effects;
+use super::conditions::{Condition, Conditions};
+use super::expression::Coefficients;
+use super::factors::Without;
+use super::person::{Person, random_looks};
+use super::props::{Prop, random_occluder};
+use super::render::FACE_CM;
+use super::scene::{Lens, Lighting, Placement, Scene, random_effects, random_lighting};
 
 /// Limit on the weights of identity modes in standard deviations, beyond which heads look unnatural.
 const IDENTITY_LIMIT: f32 = 2.5;
@@ -39,37 +35,26 @@ const OCCLUDERS: u64 = 1 << 63;
 
 /// Indices of the textures to draw from, at least one of each kind.
 pub struct TextureChoice {
-    /// Skins.
     pub skins: Vec<usize>,
-    /// Brows.
     pub brows: Vec<usize>,
-    /// Eyes.
     pub eyes: Vec<usize>,
 }
 
 /// The distribution that people, rooms and cameras are drawn from.
 pub struct Variety {
-    /// Textures of people.
     pub textures: TextureChoice,
-    /// Factors that are taken away.
     pub without: Without,
-    /// The condition of all pictures.
     pub condition: Option<Condition>,
 }
 
-/// The distribution that pictures are drawn from.
 pub struct Distribution {
-    /// People, rooms and cameras.
     pub variety: Variety,
-    /// Expressions.
     pub expressions: Expressions,
     /// Yaw and pitch of every head except in neutral pictures, to either side, instead of random angles.
     pub turn_deg: Option<[f32; 2]>,
 }
 
-/// A subject: a person with camera and room, which are the same in all of the subject's pictures.
 pub struct Subject {
-    /// The person.
     pub person: Person,
     /// Distance of the head from the camera in centimetres.
     pub distance: f32,
@@ -78,21 +63,15 @@ pub struct Subject {
     backdrop: Backdrop,
     effects: Effects,
     conditions: Conditions,
-    /// Glasses.
     worn: Vec<Arc<Prop>>,
-    /// Mean colour of the skin.
     skin: Vec3,
     number: u64,
     rng: ChaCha8Rng,
 }
 
-/// Everything that defines one picture of a subject.
 pub struct PictureSpec {
-    /// The scene to render.
     pub scene: Scene,
-    /// The effects of the camera.
     pub effects: Effects,
-    /// Whether this is the subject's neutral picture.
     pub neutral: bool,
 }
 
@@ -154,7 +133,6 @@ impl Subject {
         self.rng.set_word_pos(0);
     }
 
-    /// Draws the next picture of the subject: random, or neutral and nearly frontal.
     pub fn random_spec(&mut self, distribution: &Distribution, neutral: bool) -> PictureSpec {
         let rng = &mut self.rng;
         let weights = if neutral { [0.0; COEFFS] } else { distribution.expressions.draw(rng) };
@@ -204,12 +182,10 @@ impl Subject {
         PictureSpec { scene, effects, neutral: false }
     }
 
-    /// Returns the backdrop.
     pub fn backdrop(&self) -> &Backdrop {
         &self.backdrop
     }
 
-    /// Returns the random number generator, for noise.
     pub fn rng(&mut self) -> &mut ChaCha8Rng {
         &mut self.rng
     }
@@ -225,7 +201,6 @@ fn skin_colour(lightness: f32, tint: Vec3) -> Vec3 {
     Vec3::new(lightness.powf(0.6), lightness, 0.75 * lightness) * tint
 }
 
-/// Draws a position at which the whole face is inside the picture.
 fn position(rng: &mut ChaCha8Rng, distance: f32, lens: &Lens) -> Vec3 {
     let depth = distance * rng.random_range(0.88..1.12);
     let half = Vec2::new(lens.size[0] as f32, lens.size[1] as f32) / 2.0 * depth / lens.focal_px;

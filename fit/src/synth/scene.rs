@@ -6,12 +6,15 @@
 use std::sync::Arc;
 
 use glam::{Mat3, Quat, Vec2, Vec3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use turbojpeg::Subsamp;
 
-use super::{
-    expression::{Coefficients, head_rotation},
-    geometry::smoothstep,
-    props::Prop,
-};
+use super::camera::Effects;
+use super::expression::{Coefficients, head_rotation};
+use super::geometry::smoothstep;
+use super::props::Prop;
+use super::sample::normal;
 
 /// The point of the rig that the head rotates about.
 pub const PIVOT: Vec3 = Vec3::new(0.0, -1.0, 3.0);
@@ -22,21 +25,17 @@ const NECK: [f32; 2] = [-8.5, -15.0];
 /// Rotation of the shoulders as a share of the head's.
 const SHOULDERS: f32 = 0.25;
 
-/// A distant light.
 #[derive(Debug, Clone, Copy)]
 pub struct Light {
-    /// Direction towards the light.
     pub toward: Vec3,
     /// Colour in linear light, about 0 to 1.
     pub colour: Vec3,
 }
 
-/// The lighting of a scene.
 #[derive(Debug, Clone)]
 pub struct Lighting {
     /// Ambient light as spherical harmonics of degree 0 and 1: its mean, and its gradient along x, y and z.
     pub ambient: [Vec3; 4],
-    /// Lamps and windows.
     pub lights: Vec<Light>,
     /// Whether the first of `lights` casts shadows.
     pub shadows: bool,
@@ -44,36 +43,27 @@ pub struct Lighting {
     pub softness: f32,
 }
 
-/// A pinhole camera.
 #[derive(Debug, Clone, Copy)]
 pub struct Lens {
-    /// Width and height of the picture.
     pub size: [usize; 2],
     /// Focal length in pixels.
     pub focal_px: f32,
 }
 
-/// The pose of a head.
 #[derive(Debug, Clone, Copy)]
 pub struct Placement {
     /// Yaw to the person's left, pitch nodding down, and roll to the right shoulder. All are 0 when facing the camera.
     pub angles_deg: [f32; 3],
-    /// Position in the world.
     pub position: Vec3,
 }
 
 /// A head with expression, pose and lighting, seen through a lens.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// Coefficients of the expression.
     pub weights: Coefficients,
-    /// Pose of the head.
     pub placement: Placement,
-    /// Lighting of the head.
     pub lighting: Lighting,
-    /// Lens of the camera.
     pub lens: Lens,
-    /// Things on or before the face.
     pub props: Vec<Arc<Prop>>,
 }
 
@@ -127,6 +117,60 @@ impl Placement {
 /// Returns the weight of the shoulders' rotation for a vertex of the head at rest, from 0 to 1.
 pub fn shoulder(point: Vec3) -> f32 {
     smoothstep(-NECK[0], -NECK[1], -point.y)
+}
+
+fn direction(rng: &mut ChaCha8Rng, toward: Vec3, spread: f32) -> Vec3 {
+    let away = Vec3::from_array(core::array::from_fn(|_| normal(rng, spread, 3.0)));
+    (toward + away).normalize_or(Vec3::Y)
+}
+
+fn warmth(rng: &mut ChaCha8Rng) -> Vec3 {
+    let warm: f32 = rng.random_range(-0.12..0.3);
+    Vec3::new(1.0 + 0.5 * warm, 1.0, 1.0 - warm)
+}
+
+/// Share of the rooms whose key light casts shadows on the face. In the others it is soft.
+const SHADOWED: f64 = 0.6;
+
+/// Draws a lighting, from flat and bright to a single hard lamp at the side.
+pub fn random_lighting(rng: &mut ChaCha8Rng) -> Lighting {
+    let flat: f32 = rng.random_range(0.15..0.95);
+    let mean = warmth(rng) * (0.12 + 0.5 * flat);
+    let tilt = |rng: &mut ChaCha8Rng, bias: f32| mean * (bias + normal(rng, 0.25, 0.5));
+    let ambient = [mean, tilt(rng, 0.0), tilt(rng, 0.3), tilt(rng, 0.15)];
+    let key = Light {
+        toward: direction(rng, Vec3::new(0.0, 0.5, 1.0), 0.7),
+        colour: warmth(rng) * (1.1 - 0.75 * flat) * rng.random_range(0.7..1.2),
+    };
+    let fill = Light {
+        toward: direction(rng, Vec3::new(0.0, 0.2, 0.7), 1.0),
+        colour: warmth(rng) * rng.random_range(0.0..0.35),
+    };
+    let rim = Light {
+        toward: direction(rng, Vec3::new(0.0, 0.5, -0.8), 0.8),
+        colour: warmth(rng) * rng.random_range(0.0..0.6),
+    };
+    Lighting {
+        ambient,
+        lights: vec![key, fill, rim],
+        shadows: rng.random_bool(SHADOWED),
+        softness: rng.random_range(0.15..0.9),
+    }
+}
+
+pub fn random_effects(rng: &mut ChaCha8Rng) -> Effects {
+    let noise: f32 = rng.random_range(0.002..0.025);
+    Effects {
+        defocus_px: if rng.random_bool(0.4) { rng.random_range(0.35..1.3) } else { 0.0 },
+        motion_px: Vec2::ZERO,
+        exposure: warmth(rng) * rng.random_range(0.65..1.15),
+        vignette: rng.random_range(0.0..0.3),
+        noise: [noise, noise * rng.random_range(0.05..0.3)],
+        contrast: rng.random_range(0.85..1.2),
+        sharpening: if rng.random_bool(0.4) { rng.random_range(0.2..1.0) } else { 0.0 },
+        jpeg_quality: rng.random_range(60..=95),
+        chroma: if rng.random() { Subsamp::Sub2x1 } else { Subsamp::Sub2x2 },
+    }
 }
 
 #[cfg(test)]

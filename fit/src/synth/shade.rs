@@ -3,12 +3,12 @@
 //! Vertices are about as dense as pixels, so light is computed per vertex and interpolated. Subsurface scattering is
 //! approximated by a wrapped cosine with a wider wrap for red, because skin transmits more red than blue light.
 
-use glam::{Vec3, Vec3A};
+use glam::{Mat3, Vec2, Vec3, Vec3A};
+use rayon::prelude::*;
 
-use super::{
-    scene::{Light, Lighting},
-    shadow::DepthMap,
-};
+use super::canvas::{Grid, Position};
+use super::rig::Triangle;
+use super::scene::{Light, Lighting};
 
 /// Wrap of the cosine on skin, and on other materials.
 const SKIN_WRAP: Vec3 = Vec3::new(0.42, 0.17, 0.11);
@@ -23,26 +23,19 @@ const HIDDEN: f32 = -0.35;
 /// Linear light on one vertex.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct VertexLight {
-    /// Diffuse light, to be multiplied by the surface's colour.
     pub diffuse: Vec3A,
-    /// Specular light, to be added.
     pub gloss: Vec3A,
 }
 
-/// A vertex in the world.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
-    /// Position, with the camera at the origin.
     pub point: Vec3,
-    /// Unit normal.
     pub normal: Vec3,
     /// Share of the sky that is visible.
     pub sky: f32,
-    /// Whether the vertex is skin.
     pub skin: bool,
 }
 
-/// Computes the light on a vertex.
 pub fn shade(lighting: &Lighting, shadow: &DepthMap, surface: &Surface) -> VertexLight {
     let view = -surface.point.normalize_or_zero();
     if surface.normal.dot(view) < HIDDEN {
@@ -92,6 +85,114 @@ fn highlight(cosine: f32) -> f32 {
     0.7 * 20.0 / 8.0 * wide + 0.3 * 50.0 / 8.0 * narrow
 }
 
+/// Surfaces cast a shadow on points that are further behind than this, in centimetres, so not on themselves.
+const BIAS_CM: f32 = 0.12;
+/// Number of directions for ambient occlusion, and cells per side of their maps.
+const DIRECTIONS: u16 = 64;
+const AMBIENT_SIDE: usize = 160;
+
+/// Depths of the head, as seen from an infinite distance in one direction.
+pub struct DepthMap {
+    grid: Grid,
+    depths: Vec<f32>,
+    /// Rows: right, down, and towards the viewer.
+    axes: Mat3,
+    corner: Vec2,
+    cells_per_cm: f32,
+    seen: Vec<(Position, f32)>,
+}
+
+impl DepthMap {
+    /// Creates an empty map with `side` cells per side.
+    pub fn new(side: usize) -> Self {
+        let grid = Grid { width: side, height: side };
+        let depths = vec![0.0; side * side];
+        Self { grid, depths, axes: Mat3::IDENTITY, corner: Vec2::ZERO, cells_per_cm: 1.0, seen: Vec::new() }
+    }
+
+    /// Draws the triangles as seen from the direction `toward`. The map covers `bounds` (centre, radius).
+    pub fn draw(
+        &mut self,
+        toward: Vec3,
+        bounds: (Vec3, f32),
+        points: impl IntoIterator<Item = Vec3>,
+        triangles: &[Triangle],
+    ) {
+        let toward = toward.normalize_or(Vec3::Z);
+        let right = toward.any_orthonormal_vector();
+        self.axes = Mat3::from_cols(right, right.cross(toward), toward).transpose();
+        let (centre, radius) = bounds;
+        self.cells_per_cm = self.grid.width as f32 / (2.0 * radius);
+        self.corner = (self.axes * centre).truncate() - radius;
+        self.depths.fill(f32::NEG_INFINITY);
+        let mut seen = core::mem::take(&mut self.seen);
+        seen.clear();
+        seen.extend(
+            points.into_iter().map(|point| self.project(point)).map(|(cell, depth)| (Position::new(cell), depth)),
+        );
+        let window = self.grid.whole();
+        for [a, b, c] in triangles {
+            let [(one, near), (two, middle), (three, far)] = [seen[*a as usize], seen[*b as usize], seen[*c as usize]];
+            let depths = Vec3::new(near, middle, far);
+            let Some(covered) = window.cover([one, two, three]) else { continue };
+            covered.each(|index, weights| self.depths[index] = self.depths[index].max(weights.dot(depths)));
+        }
+        self.seen = seen;
+    }
+
+    pub fn cells(&self, length_cm: f32) -> f32 {
+        length_cm * self.cells_per_cm
+    }
+
+    fn project(&self, point: Vec3) -> (Vec2, f32) {
+        let seen = self.axes * point;
+        ((seen.truncate() - self.corner) * self.cells_per_cm, seen.z)
+    }
+
+    /// Returns the share of the light that reaches a point, from 0 to 1, sampled over `spread` cells around it.
+    pub fn light_at(&self, point: Vec3, spread: f32) -> f32 {
+        let (cell, depth) = self.project(point);
+        let offsets = [-1.0, 0.0, 1.0].map(|step| step * spread);
+        let taps = offsets.iter().flat_map(|dx| offsets.iter().map(move |dy| Vec2::new(*dx, *dy)));
+        let open = taps.filter(|offset| self.depth_at(cell + *offset) < depth + BIAS_CM).count();
+        open as f32 / 9.0
+    }
+
+    fn depth_at(&self, cell: Vec2) -> f32 {
+        let inside = cell.min_element() >= 0.0 && cell.max_element() < self.grid.width as f32;
+        if inside { self.depths[cell.y as usize * self.grid.width + cell.x as usize] } else { f32::NEG_INFINITY }
+    }
+}
+
+/// Returns the cosine-weighted share of the sky that is visible from each vertex, from 0 to 1.
+pub fn ambient_occlusion(points: &[Vec3], normals: &[Vec3], triangles: &[Triangle], bounds: (Vec3, f32)) -> Vec<f32> {
+    let seen: Vec<Vec<[f32; 2]>> = (0..DIRECTIONS)
+        .into_par_iter()
+        .map(|index| {
+            let toward = direction(index);
+            let mut map = DepthMap::new(AMBIENT_SIDE);
+            map.draw(toward, bounds, points.iter().copied(), triangles);
+            let one = |(point, normal): (&Vec3, &Vec3)| {
+                let cosine = normal.dot(toward).max(0.0);
+                if cosine > 0.0 { [cosine, cosine * map.light_at(*point + 0.1 * *normal, 0.7)] } else { [0.0; 2] }
+            };
+            points.iter().zip(normals).map(one).collect()
+        })
+        .collect();
+    let share = |vertex: usize| {
+        let [all, open] = seen.iter().fold([0.0; 2], |sum, map| [sum[0] + map[vertex][0], sum[1] + map[vertex][1]]);
+        if all > 0.0 { open / all } else { 0.0 }
+    };
+    (0..points.len()).map(share).collect()
+}
+
+/// Returns one of the directions, which are evenly distributed over the sphere (Fibonacci lattice).
+fn direction(index: u16) -> Vec3 {
+    let height = 1.0 - (2.0 * f32::from(index) + 1.0) / f32::from(DIRECTIONS);
+    let around = Vec2::from_angle(f32::from(index) * 2.399_963_3) * (1.0 - height * height).sqrt();
+    Vec3::new(around.x, height, around.y)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,5 +218,16 @@ mod tests {
         let edge = Vec3::new(1.0, 0.0, -0.15).normalize();
         assert!(lit(edge, true).diffuse.x > 0.1 && lit(edge, true).diffuse.z < 0.01);
         assert!(lit(edge, false).diffuse.max_element() < 0.01);
+    }
+
+    #[test]
+    fn points_behind_a_triangle_are_in_shadow_and_points_beside_it_are_not() {
+        let points = [Vec3::new(-1.0, -1.0, 2.0), Vec3::new(1.0, -1.0, 2.0), Vec3::new(0.0, 1.0, 2.0)];
+        let mut map = DepthMap::new(64);
+        map.draw(Vec3::Z, (Vec3::ZERO, 4.0), points, &[[0, 1, 2]]);
+        let light = |x: f32, y: f32, z: f32| map.light_at(Vec3::new(x, y, z), 1.0);
+        assert_eq!([light(0.0, 0.0, 0.0), light(0.0, 0.0, 3.0), light(2.5, 0.0, 0.0)], [0.0, 1.0, 1.0]);
+        assert_eq!(light(0.0, 0.0, 2.0), 1.0, "a surface does not shade itself");
+        assert_eq!(light(50.0, 0.0, 0.0), 1.0, "outside the map there is light");
     }
 }

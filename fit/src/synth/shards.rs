@@ -2,19 +2,15 @@
 //!
 //! A shard is written atomically. The folder stores the settings that it was made with, and refuses other settings.
 
-use std::{
-    fs::{self, File},
-    io::BufWriter,
-    path::{Path, PathBuf},
-};
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use half::f16;
-use npyz::{
-    AutoSerialize, Deserialize, WriterBuilder,
-    npz::{NpzArchive, NpzWriter},
-    zip::write::FileOptions,
-};
+use npyz::npz::{NpzArchive, NpzWriter};
+use npyz::zip::write::FileOptions;
+use npyz::{AutoSerialize, Deserialize, WriterBuilder};
 
 use super::worker::{APPEARANCE, ROW, Rows};
 
@@ -24,7 +20,6 @@ const FEATURES: &str = "features";
 /// The file that stores the settings.
 const SETTINGS: &str = "settings.txt";
 
-/// The folder of an archive's shards.
 pub struct Shards {
     folder: PathBuf,
 }
@@ -52,17 +47,14 @@ impl Shards {
         self.folder.join(format!("subject-{subject:06}.npz"))
     }
 
-    /// Returns whether a subject has been rendered.
     pub fn has(&self, subject: u64) -> bool {
         self.path(subject).exists()
     }
 
-    /// Returns [`Rows::numbers`] of a subject that has been rendered.
     pub fn numbers(&self, subject: u64) -> Result<Vec<f32>> {
         self.read(subject, NUMBERS, ROW)
     }
 
-    /// Returns [`Rows::appearance`] of a subject that has been rendered.
     pub fn appearance(&self, subject: u64) -> Result<Vec<f16>> {
         self.read(subject, FEATURES, APPEARANCE)
     }
@@ -77,7 +69,6 @@ impl Shards {
         Ok(values)
     }
 
-    /// Stores the rows of a subject.
     pub fn write(&self, subject: u64, rows: &Rows) -> Result<()> {
         let path = self.path(subject);
         let unfinished = path.with_extension("unfinished");
@@ -90,7 +81,6 @@ impl Shards {
         fs::rename(&unfinished, &path).with_context(failed)
     }
 
-    /// Removes the folder with all shards.
     pub fn remove(self) -> Result<()> {
         fs::remove_dir_all(&self.folder).with_context(|| format!("cannot remove {}", self.folder.display()))
     }

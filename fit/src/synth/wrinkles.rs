@@ -8,14 +8,10 @@ use glam::{Vec2, Vec3};
 
 use super::{anatomy::index_of, expression::Coefficients, geometry::smoothstep, rig::Rig};
 
-/// All wrinkles of a rig.
 pub struct Wrinkles(Vec<Wrinkle>);
 
-/// A group of lines that appear together.
 struct Wrinkle {
-    /// Coefficients, by number, with the depth at 1.
     drivers: Vec<(usize, f32)>,
-    /// Vertices with the depth of the lines.
     lines: Vec<(u32, f32)>,
 }
 
@@ -31,7 +27,6 @@ const GROUPS: [(Pattern, &[(&str, f32)]); 4] = [
 ];
 
 impl Wrinkles {
-    /// Finds the vertices of all lines.
     pub fn new(rig: &Rig) -> Self {
         let sides = [("Left", 1.0), ("Right", -1.0)];
         let groups = sides.iter().flat_map(|side| GROUPS.iter().map(move |group| (side, group)));
@@ -71,7 +66,6 @@ fn lines(rig: &Rig, sign: f32, pattern: Pattern) -> Vec<(u32, f32)> {
     (0..).zip(&rig.neutral).filter_map(depth).collect()
 }
 
-/// A fold from the wing of the nose past the corner of the mouth.
 fn nose_to_mouth(at: Vec2) -> f32 {
     let (from, to) = (Vec2::new(1.9, -0.6), Vec2::new(3.6, -4.6));
     let along = ((at - from).dot(to - from) / (to - from).length_squared()).clamp(0.0, 1.0);
@@ -79,14 +73,12 @@ fn nose_to_mouth(at: Vec2) -> f32 {
     smoothstep(0.45, 0.1, away) * (1.0 - 0.6 * along)
 }
 
-/// Lines across the forehead.
 fn forehead(at: Vec2) -> f32 {
     let height = at.y + 0.03 * at.x * at.x;
     let inside = smoothstep(7.0, 7.5, height) * smoothstep(10.2, 9.4, height) * smoothstep(5.2, 3.6, at.x);
     inside * line((height - 7.2) / 0.85)
 }
 
-/// Upright lines between the brows.
 fn between_brows(at: Vec2) -> f32 {
     let inside = smoothstep(4.2, 4.8, at.y) * smoothstep(7.2, 6.4, at.y);
     inside * smoothstep(0.4, 0.1, (at.x - 0.55).abs())
@@ -107,19 +99,16 @@ fn line(phase: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use facewire::solve::COEFFS;
+    use std::path::Path;
+
+    use facewire_face::COEFFS;
 
     use super::*;
     use crate::reference;
 
     #[test]
     fn a_smile_on_one_side_folds_that_side_only_and_a_resting_face_is_smooth() {
-        let folder = reference::folder().join("rig");
-        if !folder.exists() {
-            reference::say_skipped("rig/");
-            return;
-        }
-        let rig = Rig::load(&folder).expect("a rig");
+        let rig = Rig::load(Path::new(reference::RIG)).expect("a rig");
         let wrinkles = Wrinkles::new(&rig);
         let shown = |name: Option<&str>| {
             let mut weights = [0.0; COEFFS];

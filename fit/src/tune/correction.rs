@@ -5,22 +5,17 @@
 //! the error is averaged over the pictures of each level of the truth, and then over the levels, weighted by a power of
 //! their number of pictures ([`LEVELLING`]).
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
-use facewire::solve::{
-    BLENDSHAPES, COEFFS, Correction, CorrectiveTerms, Model,
-    model_file::{CorrectionTable, ModelFile},
-};
-
+use facewire_face::model::{Correction, CorrectionTable, CorrectiveTerms, ModelFile};
+use facewire_face::{BLENDSHAPES, COEFFS, Model};
 use rayon::prelude::*;
 
-use super::search::minimum;
-use crate::{
-    judge::set::{RawFaces, Set, SetOptions},
-    output,
-};
+use crate::judge::set::{RawFaces, Set, SetOptions};
+use crate::output;
 
 /// Upper ends of the levels of the truth. The first one is that of a blendshape at rest.
 const LEVELS: [f64; 6] = [0.02, 0.2, 0.4, 0.6, 0.8, 1.0];
@@ -66,7 +61,6 @@ pub struct Options {
 /// Results of the regression with the truth for one kind of blendshape of one person.
 type Pairs = Vec<[f64; 2]>;
 
-/// Runs the command.
 pub fn run(options: &Options) -> Result<()> {
     output::check(&options.out)?;
     let text =
@@ -92,7 +86,6 @@ pub fn run(options: &Options) -> Result<()> {
     output::write(&options.out, toml::to_string(&file)?)
 }
 
-/// Solves all sets, with the neutral face known and not known.
 fn people(options: &Options, model: &Model) -> Result<Vec<RawFaces>> {
     let mut people = Vec::new();
     for path in &options.sets {
@@ -103,7 +96,6 @@ fn people(options: &Options, model: &Model) -> Result<Vec<RawFaces>> {
     Ok(people)
 }
 
-/// The terms of one kind of blendshape.
 struct Fitted {
     stem: String,
     terms: CorrectiveTerms,
@@ -177,7 +169,6 @@ fn fit(stem: &str, pairs: &Pairs) -> CorrectiveTerms {
     terms(&best)
 }
 
-/// Returns the terms of these numbers, rounded as the file has them.
 fn terms(numbers: &[f64; 5]) -> CorrectiveTerms {
     let [shift, slope, lift, from, to] = numbers.map(|number| ((number * 1e3).round() / 1e3) as f32);
     CorrectiveTerms { shift, slope, lift, response: [from, to] }
@@ -206,6 +197,46 @@ fn crossed(stem: &str, people: &[Pairs]) -> f64 {
     f64::midpoint(errors[0], errors[1])
 }
 
+/// How often the steps are halved.
+const HALVINGS: usize = 9;
+/// Limit on the rounds with steps of one size.
+const MOST_ROUNDS: usize = 60;
+
+/// Returns the point at which `cost` is lowest, as a search by coordinates finds it: from `start`, each coordinate goes up or
+/// down by its step as long as that lowers the cost, and then the steps are halved.
+pub fn minimum<const N: usize>(
+    start: [f64; N],
+    mut steps: [f64; N],
+    cost: impl Fn(&[f64; N]) -> f64,
+) -> ([f64; N], f64) {
+    let mut best = (start, cost(&start));
+    for _ in 0..HALVINGS {
+        for _ in 0..MOST_ROUNDS {
+            if !improve(&mut best, &steps, &cost) {
+                break;
+            }
+        }
+        steps = steps.map(|step| step / 2.0);
+    }
+    best
+}
+
+/// Tries a step up and a step down along each coordinate. Returns whether one was taken.
+fn improve<const N: usize>(best: &mut ([f64; N], f64), steps: &[f64; N], cost: &impl Fn(&[f64; N]) -> f64) -> bool {
+    let mut is_better = false;
+    for (coordinate, step) in steps.iter().enumerate() {
+        for signed in [*step, -step] {
+            let mut point = best.0;
+            point[coordinate] += signed;
+            let found = cost(&point);
+            if found < best.1 {
+                (*best, is_better) = ((point, found), true);
+            }
+        }
+    }
+    is_better
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -226,5 +257,14 @@ mod tests {
             let corrected = found.correct(raw, 0.0, 1.0);
             assert!((corrected - want).abs() < 0.03, "{found:?}: {raw} gives {corrected}");
         }
+    }
+
+    #[test]
+    fn the_bottom_of_a_bowl_is_found_and_walls_are_kept() {
+        let bowl = |[x, y]: &[f64; 2]| (x - 0.3).powi(2) + 2.0 * (y + 0.7).powi(2);
+        let ([x, y], cost) = minimum([0.0, 0.0], [0.2, 0.2], bowl);
+        assert!((x - 0.3).abs() < 1e-2 && (y + 0.7).abs() < 1e-2 && cost < 1e-3, "{x} {y}");
+        let walled = |point: &[f64; 2]| if point[1] < 0.0 { f64::INFINITY } else { bowl(point) };
+        assert!(minimum([0.0, 0.5], [0.2, 0.2], walled).0[1] >= 0.0);
     }
 }

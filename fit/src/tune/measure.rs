@@ -1,6 +1,21 @@
 //! Jitter and delay of a filter.
 
-use std::{iter::Sum, ops::Range};
+use std::fmt;
+use std::iter::Sum;
+use std::ops::Range;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use facewire::config::Settings;
+use facewire::pipeline::Pipeline;
+use facewire::playback::{Playback, neutral_of};
+use facewire::preflight::shaping;
+use facewire_face::{BLENDSHAPES, COEFFS, Group, HeadPose, Model, Profile, Solver};
+
+use super::smoothing::{PARTS, Part};
+use crate::curves::{Parts, Truth, runs};
+use crate::judge::set::{load_each, track};
+use crate::output::Table;
 
 /// Frame rate of the clips.
 pub const FPS: f64 = 30.0;
@@ -15,22 +30,17 @@ const MOVING: f64 = 0.03;
 
 /// One curve of a clip before and after a filter, with the truth.
 pub struct Curves<'a> {
-    /// Before the filter.
     pub raw: &'a [f64],
-    /// After the filter.
     pub filtered: &'a [f64],
-    /// The truth.
     pub truth: &'a [f64],
 }
 
-/// Sums over curves, from which the figures of all of them follow.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sums {
     /// Squared deviations at rest, before and after the filter, and their number.
     still: [f64; 3],
     /// Cross-correlations with the truth at each lag, before and after the filter.
     correlations: [[f64; MOST_LEAD + MOST_LAG + 1]; 2],
-    /// Frames until the same value appears, and their number.
     same_value: [f64; 2],
     /// Squared errors after the filter, and their number.
     errors: [f64; 2],
@@ -150,11 +160,208 @@ fn frames_until(value: f64, curve: &[f64]) -> Option<f64> {
     None
 }
 
+/// Frames at the start of a clip in which the face is at rest, and from which its neutral face is taken.
+const NEUTRAL_FRAMES: u64 = 75;
+
+pub struct Stream {
+    pub parts: Parts,
+    pub truth: Truth,
+    pub raw: Vec<[f32; COEFFS]>,
+    pub raw_heads: Vec<HeadPose>,
+    pub sent: Vec<[f32; COEFFS]>,
+    pub sent_heads: Vec<HeadPose>,
+}
+
+/// Tracks and solves the clips of a folder, in parallel. The solver knows the neutral face.
+pub fn load(folder: &Path, settings: &Settings) -> Result<Vec<Stream>> {
+    load_each(folder, |film| Stream::load(film, settings))
+}
+
+impl Stream {
+    fn load(film: &Path, settings: &Settings) -> Result<Self> {
+        let csv = film.with_extension("csv");
+        let (truth, parts) = (Truth::load(&csv)?, Parts::load(&film.with_extension("parts.csv"))?);
+        let faces = track(film)?;
+        truth.fits(&csv, faces.len())?;
+        let neutral = neutral_of(&faces, &(0..NEUTRAL_FRAMES)).context("no neutral face in the first frames")?;
+        let profile = Profile { neutral: Some(neutral), ..Profile::default() };
+        let solver = Solver::new(Model::embedded(), profile, shaping(settings));
+        let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
+        let mut playback = Playback::new(pipeline, &settings.failsafe);
+        let mut stream = Self { parts, truth, raw: vec![], raw_heads: vec![], sent: vec![], sent_heads: vec![] };
+        for face in &faces {
+            // A frame without a solution repeats the frame before.
+            let frame = playback.show(face).solution.map_or_else(
+                || stream.last().context("no face in the first frame"),
+                |solved| Ok((solved.corrected.0, solved.raw_head, solved.smoothed.0, solved.head)),
+            );
+            let (raw, raw_head, sent, sent_head) = frame?;
+            stream.raw.push(raw);
+            stream.raw_heads.push(raw_head);
+            stream.sent.push(sent);
+            stream.sent_heads.push(sent_head);
+        }
+        Ok(stream)
+    }
+
+    fn last(&self) -> Option<([f32; COEFFS], HeadPose, [f32; COEFFS], HeadPose)> {
+        Some((*self.raw.last()?, *self.raw_heads.last()?, *self.sent.last()?, *self.sent_heads.last()?))
+    }
+
+    /// Measures a part of the face, given what a filter makes of the clip, in the parts of the clip at rest and in motion.
+    pub fn sums(
+        &self,
+        part: Part,
+        coefficients: &[[f32; COEFFS]],
+        heads: &[HeadPose],
+        still: &[&str],
+        moving: &[&str],
+    ) -> Sums {
+        let [still, moving] = [still, moving].map(|names| self.parts.starting_with(names).collect::<Vec<_>>());
+        let sums =
+            |raw: &[f64], filtered: &[f64], truth: &[f64]| Sums::of(&Curves { raw, filtered, truth }, &still, &moving);
+        let Part::Group(group) = part else {
+            let angle =
+                |heads: &[HeadPose], axis: usize| heads.iter().map(|head| angles_deg(head)[axis]).collect::<Vec<_>>();
+            let truth = |axis: usize| self.truth.pose_deg.iter().map(|pose| pose[axis]).collect::<Vec<_>>();
+            return (0..3).map(|axis| sums(&angle(&self.raw_heads, axis), &angle(heads, axis), &truth(axis))).sum();
+        };
+        let curve = |frames: &[[f32; COEFFS]], index: usize| {
+            frames.iter().map(|frame| frame[index].into()).collect::<Vec<f64>>()
+        };
+        let truth = |index: usize| self.truth.coefficients.iter().map(|frame| frame[index]).collect::<Vec<_>>();
+        let members = (0..COEFFS).filter(|index| Group::of(BLENDSHAPES[*index]) == group);
+        members.map(|index| sums(&curve(&self.raw, index), &curve(coefficients, index), &truth(index))).sum()
+    }
+}
+
+/// A lid is shut and open beyond these values.
+const SHUT: f32 = 0.9;
+const OPEN: f32 = 0.1;
+/// Frames after the truth within which a lid must have followed.
+const LATE: usize = 4;
+const BLINKS: [usize; 2] = [0, 7];
+/// The parts of a clip at rest.
+const LIGHTS: [&str; 3] = ["still-bright", "still-dim", "still-dark"];
+
+pub struct Summary {
+    /// For each part of the face the standard deviation at rest under each light, raw and sent (of the head in degrees),
+    /// and the delay by cross-correlation and until the same value appears.
+    parts: Vec<PartFigures>,
+    blinks: [Blinks; 2],
+    /// Mean and greatest value of the open eye while the other one winks, raw and sent.
+    leaks: [[f32; 2]; 2],
+    /// Mean deviation of the gaze from the frame before a blink, raw and sent.
+    gaze: [f64; 2],
+}
+
+/// The name of a part of the face, its deviations at rest, and its delays.
+type PartFigures = (&'static str, [[f64; 2]; LIGHTS.len()], [f64; 2]);
+
+/// Blinks that shut both lids, and after which both opened again.
+#[derive(Default)]
+struct Blinks {
+    count: usize,
+    shut: usize,
+    opened: usize,
+}
+
+pub fn angles_deg(head: &HeadPose) -> [f64; 3] {
+    head.yaw_pitch_roll_deg().map(f64::from)
+}
+
+pub fn summary_of(streams: &[Stream]) -> Summary {
+    let sums = |part: Part, still: &[&str], moving: &[&str]| -> Sums {
+        streams.iter().map(|stream| stream.sums(part, &stream.sent, &stream.sent_heads, still, moving)).sum()
+    };
+    let parts = PARTS.map(|(part, name, _)| {
+        let rest = LIGHTS.map(|light| sums(part, &[light], &[]).deviations());
+        let moved = sums(part, &[], &["talk", "judged"]);
+        (name, rest, [moved.lag_ms(), moved.same_value_ms()])
+    });
+    Summary {
+        parts: parts.into(),
+        blinks: [blinks(streams, |stream| &stream.raw), blinks(streams, |stream| &stream.sent)],
+        leaks: [leaks(streams, |stream| &stream.raw), leaks(streams, |stream| &stream.sent)],
+        gaze: [gaze(streams, |stream| &stream.raw), gaze(streams, |stream| &stream.sent)],
+    }
+}
+
+fn shut(stream: &Stream, part: &str, lid: usize) -> Vec<Range<usize>> {
+    let is_shut = |frame: usize| stream.truth.coefficients[frame][lid] > SHUT.into();
+    runs(stream.parts.of(part).filter(|frame| is_shut(*frame)))
+}
+
+fn blinks(streams: &[Stream], curves: impl Fn(&Stream) -> &Vec<[f32; COEFFS]>) -> Blinks {
+    let mut all = Blinks::default();
+    for stream in streams {
+        for run in shut(stream, "blinks", BLINKS[0]) {
+            let after = run.end + LATE..(run.end + 10).min(stream.raw.len());
+            let lids = |frames: Range<usize>| {
+                BLINKS.map(|lid| curves(stream)[frames.clone()].iter().map(move |f| f[lid]).collect::<Vec<_>>())
+            };
+            all.count += 1;
+            all.shut += usize::from(lids(run.start..run.end + LATE).iter().all(|lid| lid.iter().any(|x| *x > SHUT)));
+            all.opened += usize::from(lids(after).iter().all(|lid| lid.iter().any(|x| *x < OPEN)));
+        }
+    }
+    all
+}
+
+fn leaks(streams: &[Stream], curves: impl Fn(&Stream) -> &Vec<[f32; COEFFS]>) -> [f32; 2] {
+    let mut leaks = Vec::new();
+    for stream in streams {
+        for [winking, open] in [[BLINKS[0], BLINKS[1]], [BLINKS[1], BLINKS[0]]] {
+            let frames = shut(stream, "winks", winking).into_iter().flatten();
+            leaks.extend(frames.map(|frame| curves(stream)[frame][open]));
+        }
+    }
+    [leaks.iter().sum::<f32>() / leaks.len().max(1) as f32, leaks.iter().copied().fold(0.0, f32::max)]
+}
+
+fn gaze(streams: &[Stream], curves: impl Fn(&Stream) -> &Vec<[f32; COEFFS]>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    let gaze = || (0..COEFFS).filter(|index| Group::of(BLENDSHAPES[*index]) == Group::Gaze);
+    for stream in streams {
+        for run in shut(stream, "blinks", BLINKS[0]).into_iter().filter(|run| run.start > 5) {
+            let before = &curves(stream)[run.start - 5];
+            for frame in run {
+                sum += gaze().map(|index| f64::from((curves(stream)[frame][index] - before[index]).abs())).sum::<f64>();
+                count += 8.0;
+            }
+        }
+    }
+    sum / f64::max(count, 1.0)
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let row = |(part, lights, [lag, same]): &PartFigures| {
+            let rest = lights.map(|[raw, sent]| format!("{sent:.4} of {raw:.4} ({:.2})", sent / raw.max(1e-9)));
+            [(*part).to_owned()]
+                .into_iter()
+                .chain(rest)
+                .chain([lag, same].map(|ms| format!("{ms:.1}")))
+                .collect::<Vec<_>>()
+        };
+        let heads = ["part", "deviation at rest, bright", "dim", "dark", "lag ms", "same value ms"];
+        f.write_str(&Table::new(heads, self.parts.iter().map(row)).text())?;
+        for (what, Blinks { count, shut, opened }) in ["raw", "sent"].into_iter().zip(&self.blinks) {
+            writeln!(
+                f,
+                "blinks, {what}: {count}; {shut} shut both lids above {SHUT}, {opened} opened both below {OPEN}"
+            )?;
+        }
+        let [[raw, raw_most], [sent, sent_most]] = self.leaks;
+        writeln!(f, "winks: the other lid is at {sent:.2} (at most {sent_most:.2}), raw {raw:.2} ({raw_most:.2})")?;
+        writeln!(f, "blinks move the gaze by {:.3}, raw {:.3}", self.gaze[1], self.gaze[0])
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// A slow wave of 0 to 1, delayed by a number of frames.
     fn wave(delay: f64) -> Vec<f64> {
         (0..300).map(|frame| 0.5 + 0.5 * ((f64::from(frame) - delay) * 0.25).sin()).collect()
     }

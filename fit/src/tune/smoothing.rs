@@ -4,20 +4,17 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
-use facewire::{
-    config::Settings,
-    preflight::shaping,
-    solve::{BLENDSHAPES, COEFFS, Corrected, Filter, FilterKind, Filters, FiltersState, Group, HeadPose},
-};
+use facewire::config::Settings;
+use facewire::preflight::shaping;
+use facewire_face::stages::{Corrected, FiltersState};
+use facewire_face::{BLENDSHAPES, COEFFS, Filter, FilterKind, Filters, Group, HeadPose};
+use maud::{Markup, html};
+use plotters::prelude::*;
 use rayon::prelude::*;
 
-use super::{
-    measure::{FPS, Sums},
-    page,
-    streams::{self, Stream},
-    summary,
-};
-use crate::{html, output};
+use super::measure::{self, FPS, Stream, Summary, Sums};
+use crate::drawing::{Axes, Axis, svg};
+use crate::output::{self, Table, figure, number};
 
 /// Arguments of `facewire-fit tune smoothing`.
 #[derive(Debug, Args)]
@@ -49,12 +46,9 @@ const TIMES_MS: [u16; 10] = [40, 70, 80, 100, 130, 180, 220, 260, 300, 350];
 /// Sizes of small changes to try, relative to that of the settings.
 const SIZES: [f32; 5] = [0.4, 0.6, 1.0, 1.6, 2.5];
 
-/// A part of the face, or the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Part {
-    /// A group of coefficients.
     Group(Group),
-    /// The rotation of the head.
     Head,
 }
 
@@ -69,7 +63,6 @@ pub const PARTS: [(Part, &str, f64); 7] = [
     (Part::Head, "head", 40.0),
 ];
 
-/// One setting of a filter, with its figures.
 #[derive(Clone, Copy)]
 pub struct Trial {
     pub kind: FilterKind,
@@ -82,39 +75,34 @@ pub struct Trial {
 pub fn run(options: &Options) -> Result<()> {
     output::check(&options.out)?;
     let settings = Settings::default();
-    let streams = streams::load(&options.folder, &settings)?;
+    let streams = measure::load(&options.folder, &settings)?;
     let (all, defaults) = (trials(&streams), shaping(&settings).filters);
     let default_sums = measured(&defaults, &streams);
     let mut sections = Vec::new();
-    println!(
-        "| part | setting | time ms | small | jitter | lag ms | same value ms | mse |\n|---|---|---|---|---|---|---|---|"
-    );
-    for (number, (part, name, most_lag_ms)) in PARTS.into_iter().enumerate() {
-        let trials: Vec<Trial> = all.iter().map(|(trial, sums)| Trial { sums: sums[number], ..*trial }).collect();
+    let mut rows = Vec::new();
+    for (index, (part, name, most_lag_ms)) in PARTS.into_iter().enumerate() {
+        let trials: Vec<Trial> = all.iter().map(|(trial, sums)| Trial { sums: sums[index], ..*trial }).collect();
         let best = best(&trials, most_lag_ms);
-        let default = default_of(part, &defaults, &default_sums[number]);
-        print_row(name, "best", &best);
-        print_row(name, "default", &default);
+        let default = default_of(part, &defaults, &default_sums[index]);
+        rows.extend([row(name, "best", &best), row(name, "default", &default)]);
         for (kind, _) in KINDS {
             let of_kind: Vec<Trial> = trials.iter().filter(|trial| trial.kind == kind).copied().collect();
-            print_row(name, "best of kind", &self::best(&of_kind, most_lag_ms));
+            rows.push(row(name, "best of kind", &self::best(&of_kind, most_lag_ms)));
         }
-        sections.push(page::section(name, &trials, &best, &default, most_lag_ms)?);
+        sections.push(section(name, &trials, &best, &default, most_lag_ms)?);
     }
-    let summary = summary::of(&streams);
+    let heads = ["part", "setting", "time ms", "noise size", "jitter", "lag ms", "same value ms", "mse"];
+    print!("{}", Table::new(heads, rows).text());
+    let summary = measure::summary_of(&streams);
     print!("{summary}");
-    html::write(&options.out, &page::html(&sections, &summary, streams.len()))
+    let body = page(&sections, &summary, streams.len());
+    output::write_page(&options.out, "Filters", &[], &PARTS.map(|(_, name, _)| name.to_owned()), &body)
 }
 
-fn print_row(part: &str, what: &str, Trial { kind, time_ms, size, sums }: &Trial) {
-    let name = kind_name(*kind);
-    println!(
-        "| {part} | {what}: {name} | {time_ms} | {size} | {:.3} | {:.1} | {:.1} | {:.5} |",
-        sums.jitter(),
-        sums.lag_ms(),
-        sums.same_value_ms(),
-        sums.mse()
-    );
+fn row(part: &str, what: &str, Trial { kind, time_ms, size, sums }: &Trial) -> Vec<String> {
+    let figures = [(sums.jitter(), 3), (sums.lag_ms(), 1), (sums.same_value_ms(), 1), (sums.mse(), 5)];
+    let own = [part.to_owned(), format!("{what}: {}", kind_name(*kind)), time_ms.to_string(), size.to_string()];
+    own.into_iter().chain(figures.map(|(value, decimals)| number(Some(value), decimals))).collect()
 }
 
 pub fn kind_name(kind: FilterKind) -> &'static str {
@@ -129,8 +117,8 @@ fn trials(streams: &[Stream]) -> Vec<(Trial, [Sums; PARTS.len()])> {
     let all: Vec<_> = all.filter(|(kind, _, size)| is_adaptive(*kind) || (size - 1.0).abs() < 0.01).collect();
     let trial = |(kind, time_ms, size): (FilterKind, f32, f32)| {
         let mut filters = Filters::uniform(kind, time_ms / 1000.0);
-        filters.coefficients.iter_mut().for_each(|filter| filter.small *= size);
-        filters.head.rotation.small *= size;
+        filters.coefficients.iter_mut().for_each(|filter| filter.noise_size *= size);
+        filters.head.rotation.noise_size *= size;
         (Trial { kind, time_ms, size, sums: Sums::default() }, measured(&filters, streams))
     };
     all.into_par_iter().map(trial).collect()
@@ -166,7 +154,6 @@ pub fn best(trials: &[Trial], most_lag_ms: f64) -> Trial {
 const STILL: [&str; 1] = ["still"];
 const MOVING: [&str; 4] = ["talk", "judged", "blinks", "winks"];
 
-/// Measures every part of the face with these filters.
 fn measured(filters: &Filters, streams: &[Stream]) -> [Sums; PARTS.len()] {
     let mut all = [Sums::default(); PARTS.len()];
     for stream in streams {
@@ -181,4 +168,69 @@ fn measured(filters: &Filters, streams: &[Stream]) -> [Sums; PARTS.len()] {
         }
     }
     all
+}
+
+const SIZE_PX: (u32, u32) = (520, 360);
+/// One colour for each of [`KINDS`].
+const INKS: [RGBColor; 6] = [
+    RGBColor(47, 126, 216),
+    RGBColor(230, 126, 34),
+    RGBColor(241, 196, 15),
+    RGBColor(127, 140, 141),
+    RGBColor(39, 174, 96),
+    RGBColor(155, 89, 182),
+];
+/// Longest delay that a plot shows.
+const MOST_MS: f64 = 160.0;
+
+pub fn section(name: &str, trials: &[Trial], best: &Trial, default: &Trial, most_lag_ms: f64) -> Result<Markup> {
+    let by_lag = plot(trials, best, most_lag_ms, |trial| trial.sums.lag_ms())?;
+    let by_value = plot(trials, best, most_lag_ms, |trial| trial.sums.same_value_ms())?;
+    let row = |what: &str, trial: &Trial| {
+        let Trial { kind, time_ms, size, sums } = trial;
+        let figures = [(sums.jitter(), 2), (sums.lag_ms(), 0), (sums.same_value_ms(), 0)];
+        let own = [what.to_owned(), kind_name(*kind).to_owned(), time_ms.to_string(), size.to_string()];
+        own.into_iter().chain(figures.map(|(value, decimals)| number(Some(value), decimals))).collect::<Vec<_>>()
+    };
+    let heads = ["setting", "filter", "time, ms", "noise size, relative", "jitter", "lag, ms", "same value, ms"];
+    Ok(html! {
+        section id=(name) {
+            h2 { (name) }
+            (Table::new(heads, [row("best", best), row("default", default)]).html())
+            div.figures {
+                (figure(&by_lag, "Delay by cross-correlation with the truth. The lines are the limits, the ring is the best setting", name))
+                (figure(&by_value, "Mean time until the same value appears", name))
+            }
+        }
+    })
+}
+
+fn plot(trials: &[Trial], best: &Trial, most_lag_ms: f64, delay_ms: impl Fn(&Trial) -> f64) -> Result<String> {
+    let axes = Axes { x: Axis::linear("delay, ms", [-10.0, MOST_MS]), y: Axis::linear("jitter left", [0.0, 1.0]) };
+    let point = |trial: &Trial| (delay_ms(trial), trial.sums.jitter());
+    svg(SIZE_PX, |area| {
+        let mut chart = axes.draw(area)?;
+        for (kind, ink) in KINDS.iter().map(|(kind, _)| *kind).zip(INKS) {
+            let of_kind = trials.iter().filter(|trial| trial.kind == kind);
+            let shown = of_kind.clone().filter(|trial| delay_ms(trial) < MOST_MS);
+            chart.draw_series(shown.clone().map(|trial| Circle::new(point(trial), 2, ink.mix(0.4).filled())))?;
+            let usual = shown.filter(|trial| (trial.size - 1.0).abs() < 0.01);
+            chart.draw_series(LineSeries::new(usual.map(point), ink.stroke_width(2)))?;
+        }
+        for limit in [[(-10.0, MOST_JITTER), (MOST_MS, MOST_JITTER)], [(most_lag_ms, 0.0), (most_lag_ms, 1.0)]] {
+            chart.draw_series(LineSeries::new(limit, BLACK.mix(0.4).stroke_width(1)))?;
+        }
+        chart.draw_series([Circle::new(point(best), 6, BLACK.stroke_width(2))])?;
+        Ok(())
+    })
+}
+
+pub fn page(sections: &[Markup], summary: &Summary, clips: usize) -> Markup {
+    html! {
+        p { (clips) " rendered wearers at 30 frames a second. Jitter is the standard deviation over 2 seconds of a still face with the camera's noise, as a share of that before the filter. A line leads through the times of one kind of filter from 40 to 350 ms; points are other sizes of a small change." }
+        p { @for ((_, name), ink) in KINDS.iter().zip(INKS) { span style=(format!("color: rgb({},{},{})", ink.0, ink.1, ink.2)) { "■ " (name) " " } } }
+        h2 { "With the default settings, as sent" }
+        pre { (summary) }
+        @for section in sections { (section) }
+    }
 }

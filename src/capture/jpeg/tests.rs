@@ -1,7 +1,40 @@
+//! Frames of every layout, and frames as real webcams send them and frames that lost data, beside what OpenCV makes of them.
+//!
+//! The two images of `testdata` show a part of frame 100 of the built-in clip and were encoded by OpenCV. The sums of luma
+//! samples are those that OpenCV 5.0.0 decodes from the same bytes by `cv2.imdecode(bytes, cv2.IMREAD_GRAYSCALE)`.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
-use super::super::testing::{jpeg, slopes};
+use std::ops::Range;
+
+use allocation_counter::measure;
+use turbojpeg::{Compressor, yuv_pixels_len};
+
 use super::*;
+
+/// Returns a smooth picture. Each plane has another slope, so that tests notice a swapped or shifted plane.
+fn slopes(width: usize, height: usize, subsamp: Subsamp) -> YuvImage<Vec<u8>> {
+    let length = yuv_pixels_len(width, 1, height, subsamp).unwrap();
+    let mut image = YuvImage { pixels: vec![0; length], width, align: 1, height, subsamp };
+    let luma_bytes = image.y_width() * image.y_height();
+    let (luma_width, chroma_width) = (image.y_width(), image.uv_width().max(1));
+    let chroma_bytes = (length - luma_bytes) / 2;
+    for (at, sample) in image.pixels.iter_mut().enumerate() {
+        let value = match at.checked_sub(luma_bytes) {
+            None => 40 + at % luma_width + at / luma_width,
+            Some(at) if at < chroma_bytes => 100 + at % chroma_width,
+            Some(at) => 200 - (at - chroma_bytes) / chroma_width,
+        };
+        *sample = u8::try_from(value).unwrap();
+    }
+    image
+}
+
+/// Returns [`slopes`] as a JPEG image of the best quality.
+pub(in super::super) fn jpeg(width: usize, height: usize, subsamp: Subsamp) -> Vec<u8> {
+    let mut compressor = Compressor::new().unwrap();
+    compressor.set_quality(100).unwrap();
+    compressor.compress_yuv_to_vec(slopes(width, height, subsamp).as_deref()).unwrap()
+}
 
 const WIDTH: usize = 37;
 const HEIGHT: usize = 21;
@@ -14,20 +47,6 @@ fn decoder() -> JpegDecoder {
 
 fn worst(a: &[u8], b: &[u8]) -> u8 {
     a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
-}
-
-/// The segments of `jpeg` whose marker is not `left_out`, up to the scan, which stays.
-fn without(jpeg: &[u8], left_out: u8) -> Vec<u8> {
-    let (mut out, mut at) = (jpeg[..2].to_vec(), 2);
-    while jpeg[at + 1] != 0xda {
-        let next = at + 2 + usize::from(jpeg[at + 2]) * 256 + usize::from(jpeg[at + 3]);
-        if jpeg[at + 1] != left_out {
-            out.extend_from_slice(&jpeg[at..next]);
-        }
-        at = next;
-    }
-    out.extend_from_slice(&jpeg[at..]);
-    out
 }
 
 #[test]
@@ -60,23 +79,12 @@ fn grey_images_have_only_a_luma_plane() {
 }
 
 #[test]
-fn images_without_huffman_tables_are_decoded_with_the_standard_tables() {
-    let whole = jpeg(WIDTH, HEIGHT, Subsamp::Sub2x1);
-    let bare = without(&whole, 0xc4);
-    assert!(bare.len() + 400 < whole.len());
-    let mut decoders = [decoder(), decoder()];
-    decoders[0].decode(&whole).unwrap();
-    decoders[1].decode(&bare).unwrap();
-    assert_eq!(decoders[0].strict.planes, decoders[1].strict.planes);
-}
-
-#[test]
 fn another_size_is_refused_before_it_is_decoded() {
     let mut decoder = decoder();
     let fault = decoder.decode(&jpeg(WIDTH + 1, HEIGHT, Subsamp::Sub2x2));
     assert_eq!(fault, Err(FrameFault::WrongSize { width: WIDTH + 1, height: HEIGHT }));
     assert!(decoder.strict.planes.iter().all(|&sample| sample == 0));
-    assert!(matches!(JpegDecoder::new(4097, 10), Err(CaptureError::PictureSize { .. })));
+    assert!(JpegDecoder::new(4097, 10).is_err_and(|error| error.to_string().contains("the picture is 4097x10")));
 }
 
 #[test]
@@ -110,7 +118,7 @@ fn a_damaged_byte_neither_panics_nor_spoils_the_next_image() {
 
 #[test]
 fn an_image_of_endless_scans_is_refused() {
-    let mut compressor = turbojpeg::Compressor::new().unwrap();
+    let mut compressor = Compressor::new().unwrap();
     compressor.set_progressive(true).unwrap();
     let whole = compressor.compress_yuv_to_vec(slopes(WIDTH, HEIGHT, Subsamp::Sub2x2).as_deref()).unwrap();
     decoder().decode(&whole).unwrap();
@@ -122,7 +130,7 @@ fn an_image_of_endless_scans_is_refused() {
 
 #[test]
 fn rgb_and_lossless_images_are_refused() {
-    let mut compressor = turbojpeg::Compressor::new().unwrap();
+    let mut compressor = Compressor::new().unwrap();
     compressor.set_lossless(true).unwrap();
     let pixels = vec![90_u8; 3 * WIDTH * HEIGHT];
     let format = turbojpeg::PixelFormat::RGB;
@@ -132,4 +140,172 @@ fn rgb_and_lossless_images_are_refused() {
     assert_eq!(decoder().decode(b"GIF89a"), Err(FrameFault::NotJpeg));
     assert_eq!(decoder().decode(&[]), Err(FrameFault::NotJpeg));
     assert_eq!(decoder().decode(START_OF_IMAGE), Err(FrameFault::Incomplete));
+}
+
+/// Sum of the luma of either image as OpenCV decodes it.
+const OPENCV_SUM: u64 = 10_850_651;
+const SIZE: [usize; 2] = [320, 240];
+/// 4:2:2, a restart marker after every 7 units, so that the intervals end anywhere in a row.
+const IMAGE_422: &[u8] = include_bytes!("testdata/clip_422_interval_7.jpg");
+/// 4:2:0, a restart marker after each row of 20 units.
+const IMAGE_420: &[u8] = include_bytes!("testdata/clip_420_interval_20.jpg");
+
+/// The luma of an image, if it is accepted by a decoder that saw `before` first.
+fn luma(before: &[u8], image: &[u8]) -> Result<Vec<u8>, FrameFault> {
+    let [width, height] = SIZE;
+    let mut decoder = JpegDecoder::new(width, height).unwrap();
+    let _ = decoder.decode(before);
+    decoder.decode(image)?;
+    let Pixels::Planar { planes: [luma, ..], .. } = decoder.picture().unwrap().pixels else { panic!("no luma") };
+    Ok(luma.to_vec())
+}
+
+fn sum(luma: &[u8]) -> u64 {
+    luma.iter().map(|sample| u64::from(*sample)).sum()
+}
+
+/// Where the segment with this marker begins.
+fn segment(image: &[u8], wanted: u8) -> Range<usize> {
+    let mut at = 2;
+    loop {
+        let end = at + 2 + usize::from(u16::from_be_bytes([image[at + 2], image[at + 3]]));
+        if image[at + 1] == wanted {
+            return at..end;
+        }
+        at = end;
+    }
+}
+
+/// Positions of all restart markers and of the end marker.
+fn markers(image: &[u8]) -> Vec<usize> {
+    let data = segment(image, 0xda).end;
+    (data..image.len() - 1).filter(|at| image[*at] == 0xff && matches!(image[at + 1], 0xd0..=0xd9)).collect()
+}
+
+/// The image with `bytes` in place of a part of it.
+fn replaced(image: &[u8], part: Range<usize>, bytes: &[u8]) -> Vec<u8> {
+    [&image[..part.start], bytes, &image[part.end..]].concat()
+}
+
+fn inserted(image: &[u8], at: usize, bytes: &[u8]) -> Vec<u8> {
+    replaced(image, at..at, bytes)
+}
+
+/// The image with stray bytes before the markers of these numbers.
+fn strewn(image: &[u8], numbers: impl DoubleEndedIterator<Item = usize>, bytes: &[u8]) -> Vec<u8> {
+    let markers = markers(image);
+    numbers.rev().fold(image.to_vec(), |image, number| inserted(&image, markers[number], bytes))
+}
+
+fn without_tables(image: &[u8]) -> Vec<u8> {
+    (0..4).fold(image.to_vec(), |image, _| replaced(&image, segment(&image, 0xc4), &[]))
+}
+
+fn segment_of(marker: u8, content: &[u8]) -> Vec<u8> {
+    [&[0xff, marker], &u16::try_from(content.len() + 2).unwrap().to_be_bytes()[..], content].concat()
+}
+
+/// Frames that have all their blocks. OpenCV decodes all of them to [`OPENCV_SUM`], except for those with two start
+/// markers or no end marker, which it refuses.
+fn whole_frames(image: &[u8]) -> Vec<(&'static str, Vec<u8>)> {
+    let (last, data) = (markers(image).len() - 1, segment(image, 0xda));
+    let avi1 = segment_of(0xe0, &[&b"AVI1"[..], &[0; 27]].concat());
+    let app4 = segment_of(0xe4, &[0x55; 10_000]);
+    let c910 = strewn(image, (0..last).step_by(3), &[0x5a; 9]);
+    vec![
+        ("unaltered", image.to_vec()),
+        ("a stray byte before one restart marker", strewn(image, 4..5, &[0])),
+        ("stray bytes before many restart markers", c910.clone()),
+        ("stuffed and fill bytes before a marker", strewn(image, 2..5, &[0xff, 0, 0x12, 0xff])),
+        ("stray bytes before the end marker", strewn(image, last..=last, &[0; 8])),
+        ("no Huffman tables", without_tables(image)),
+        ("zeros behind the end marker", [image, &[0; 1000]].concat()),
+        ("the rest of an older frame behind the end marker", [image, &image[image.len() / 2..]].concat()),
+        (
+            "AVI1 and APP4 fields and a comment",
+            inserted(image, 2, &[avi1.clone(), app4, segment_of(0xfe, b"X")].concat()),
+        ),
+        ("a stray byte between segments", inserted(image, segment(image, 0xdb).end, &[0])),
+        ("a JFIF field of version 0", replaced(image, 11..13, &[0, 0])),
+        ("zeros as parameters of the scan", replaced(image, data.end - 3..data.end, &[0; 3])),
+        ("two start markers", inserted(image, 2, START_OF_IMAGE)),
+        ("no end marker", image[..image.len() - 2].to_vec()),
+        ("all of a C910", [&inserted(&without_tables(&c910), 2, &avi1)[..], &[0; 300]].concat()),
+    ]
+}
+
+/// Frames that lost data. In most of them a stray byte makes libjpeg-turbo's first warning a harmless one.
+fn damaged_frames(image: &[u8]) -> Vec<(&'static str, Vec<u8>)> {
+    let stray = strewn(image, 1..2, &[0]);
+    let markers = markers(&stray);
+    let part = |number: usize| markers[number]..markers[number + 1];
+    let after = |number: usize, bytes: Range<usize>| markers[number] + bytes.start..markers[number] + bytes.end;
+    let (before_first, two, eight) = (markers[0] - 10..markers[0], markers[6]..markers[8], markers[3]..markers[11]);
+    let swapped = [&stray[part(7)], &stray[part(6)]].concat();
+    vec![
+        ("cut, with an end marker", [&image[..image.len() / 2], END_OF_IMAGE].concat()),
+        ("cut, without an end marker", stray[..stray.len() - 30].to_vec()),
+        ("data lost after a stray byte", replaced(&stray, after(6, 20..40), &[])),
+        ("data lost before a stray byte", replaced(&stray, before_first, &[])),
+        ("an interval lost", replaced(&stray, part(6), &[])),
+        ("eight intervals lost", replaced(&stray, eight, &[])),
+        ("two intervals swapped", replaced(&stray, two, &swapped)),
+        ("a restart marker lost", replaced(&stray, after(6, 0..2), &[])),
+        ("data overwritten", replaced(&stray, after(6, 20..60), &[0xfe; 40])),
+    ]
+}
+
+#[test]
+fn frames_as_webcams_send_them_are_decoded_to_the_same_luma_as_by_opencv() {
+    for image in [IMAGE_422, IMAGE_420] {
+        for (what, frame) in whole_frames(image) {
+            assert_eq!(luma(&[], &frame).map(|luma| sum(&luma)), Ok(OPENCV_SUM), "{what}");
+            assert_eq!(luma(&[], &frame), luma(&[], image), "{what}");
+        }
+    }
+}
+
+#[test]
+fn frames_that_lost_data_are_refused_even_if_the_first_warning_is_harmless() {
+    for image in [IMAGE_422, IMAGE_420] {
+        for (what, frame) in damaged_frames(image) {
+            assert!(luma(&[], &frame).is_err(), "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_frame_is_judged_the_same_whatever_came_before_it() {
+    let frames = |image| whole_frames(image).into_iter().chain(damaged_frames(image)).collect::<Vec<_>>();
+    let (frames, before) = (frames(IMAGE_422), frames(IMAGE_420));
+    for (what, frame) in &frames {
+        let alone = luma(&[], frame);
+        for (what_before, before) in &before {
+            assert_eq!(luma(before, frame), alone, "{what} after {what_before}");
+        }
+    }
+}
+
+/// OpenCV decodes such a frame, too. But codes that were damaged often end at the wrong place, and then leave many bytes.
+#[test]
+fn more_stray_bytes_than_a_webcam_leaves_are_refused() {
+    let last = markers(IMAGE_422).len() - 1;
+    for number in [4, last] {
+        assert!(luma(&[], &strewn(IMAGE_422, number..=number, &[0x33; 32])).is_ok());
+        assert_eq!(luma(&[], &strewn(IMAGE_422, number..=number, &[0x33; 33])), Err(FrameFault::Corrupt));
+    }
+    let header = inserted(IMAGE_422, segment(IMAGE_422, 0xc0).start, &[0x33; 608]);
+    assert!(luma(&[], &header).is_ok(), "no code lies before the segments of the header");
+}
+
+#[test]
+fn a_camera_that_sends_stray_bytes_causes_no_allocation_after_its_first_frame() {
+    let [width, height] = SIZE;
+    let mut decoder = JpegDecoder::new(width, height).unwrap();
+    let stray = strewn(IMAGE_422, 4..5, &[0]);
+    let mut allocations = |frame| measure(|| decoder.decode(frame).unwrap()).count_total;
+    assert!(allocations(&stray) > 0, "libjpeg-turbo warns");
+    for frame in [&stray, &stray, IMAGE_422, IMAGE_422, &stray, IMAGE_422, &stray] {
+        assert_eq!(allocations(frame), 0);
+    }
 }

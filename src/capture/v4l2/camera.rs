@@ -1,7 +1,7 @@
 //! A camera as a source: sets the mode, checks every buffer and keeps the pixels of the newest one.
 
 use std::mem::take;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use v4l::video::Capture;
@@ -9,65 +9,90 @@ use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
 use super::super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, Skipped, Source};
-use super::guard::guarded;
 use super::layout::{Layout, Store};
 use super::mode::{Choice, Wish, choose, has_smaller};
-use super::select::{self, Selected};
-use super::stream::{Limits, Stream};
+use super::probe::{cameras, guarded, probe};
+use super::select::{failed, start_one};
+use super::stream::Stream;
+
+/// A camera that has shown this many pictures is a good one: if it fails after that, it is tried first again.
+const PROVEN_AFTER: u32 = 30;
 
 /// An open camera.
 pub struct CameraSource {
     stream: Stream,
     pixels: Store,
     layout: Layout,
+    node: PathBuf,
     origin: String,
     rate: Option<FrameRate>,
     decoding: Duration,
     has_smaller_mode: bool,
+    /// Number of pictures so far, up to [`PROVEN_AFTER`].
+    shown: u32,
+    /// Whether the last call of [`Source::next`] has returned an error.
+    has_failed: bool,
 }
 
 impl CameraSource {
-    /// Opens the camera that `wanted` names: `auto` (the first camera with a usable mode), a path (`/dev/video0` or a link
-    /// to it), or a part of the camera's name or of its links. Sets the mode that is nearest to `wish`. The first frame
-    /// must come within 5 seconds, and each later frame within `timeout`.
-    ///
-    /// # Errors
-    /// [`CaptureError::NoCamera`], [`CaptureError::NotFound`], [`CaptureError::NotACamera`],
-    /// [`CaptureError::PermissionDenied`], [`CaptureError::Busy`], [`CaptureError::ModeLacking`],
-    /// [`CaptureError::ModeRefused`], [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Driver`],
-    /// [`CaptureError::Device`].
+    /// Opens the camera that `wanted` names: `auto`, a path (`/dev/video0` or a link to it), or a part of the camera's name
+    /// or of its links. Sets the mode that is nearest to `wish`. The first frame must come within 5 seconds, and each later
+    /// frame within `timeout`. If several cameras fit, the next one is tried if one does not start.
     pub fn open(wanted: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
-        let selected = select::open(wanted, wish)?;
-        guarded(&selected.camera.node, || Self::start(&selected, wish, timeout))
+        let start = |node: &Path, note: &str| guarded(node, || Self::start(node, note, wish, timeout));
+        if wanted.starts_with('/') {
+            return start(Path::new(wanted), "");
+        }
+        start_one(cameras(), wanted, wish, start)
     }
 
-    fn start(selected: &Selected, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
-        let Selected { camera, device, origin } = selected;
+    fn start(path: &Path, note: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
+        let (camera, device) = probe(path)?;
         let choice = choose(&camera.modes, wish).ok_or_else(|| camera.lacks(wish))?;
         let has_smaller_mode = has_smaller(&camera.modes, wish, &choice);
-        let layout = set_format(device, &camera.node, choice)?;
-        let rate = choice.rate.and_then(|rate| set_rate(device, rate)).or(choice.rate);
+        let layout = set_format(&device, &camera.node, choice)?;
+        let rate = choice.rate.and_then(|rate| set_rate(&device, rate)).or(choice.rate);
         let pixels = Store::new(&layout)?;
         let period_us = rate.unwrap_or(FrameRate::FPS_30).period_us();
-        let limits = Limits { timeout, period_us };
-        let stream = Stream::start(device, &camera.node, limits)?;
-        Ok(Self { stream, pixels, layout, origin: origin.clone(), rate, decoding: Duration::ZERO, has_smaller_mode })
+        let stream = Stream::start(&device, &camera.node, timeout, period_us)?;
+        let origin = format!("{} ({}{note})", camera.card, camera.node.display());
+        let (node, decoding) = (camera.node, Duration::ZERO);
+        let (shown, has_failed) = (0, false);
+        Ok(Self { stream, pixels, layout, node, origin, rate, decoding, has_smaller_mode, shown, has_failed })
+    }
+
+    /// Returns the number of the newest frame, whose pixels are kept, and its time of capture.
+    fn keep_newest(&mut self) -> Result<(u64, u64), CaptureError> {
+        let (pixels, layout, decoding) = (&mut self.pixels, &self.layout, &mut self.decoding);
+        let kept = self.stream.newest(|bytes| {
+            let begun = Instant::now();
+            let kept = pixels.keep(bytes, layout);
+            *decoding += begun.elapsed();
+            kept
+        })?;
+        let number = self.stream.taken() - 1;
+        kept.map(|captured_us| (number, captured_us)).map_err(|fault| CaptureError::Frame { number, fault })
+    }
+}
+
+impl Drop for CameraSource {
+    fn drop(&mut self) {
+        if self.shown == PROVEN_AFTER {
+            failed().forget(&self.node);
+        } else if self.has_failed {
+            failed().add(&self.node);
+        }
     }
 }
 
 impl Source for CameraSource {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        let (pixels, layout, decoding) = (&mut self.pixels, &self.layout, &mut self.decoding);
-        let kept = self.stream.newest(|shot| {
-            let begun = Instant::now();
-            let kept = pixels.keep(shot.bytes, layout);
-            *decoding += begun.elapsed();
-            kept.map(|()| shot.captured_us)
-        })?;
-        let number = self.stream.taken() - 1;
-        let damaged = |fault| CaptureError::Frame { number, fault };
-        let captured_us = kept.map_err(damaged)?;
-        let picture = self.pixels.picture(&self.layout).ok_or(damaged(FrameFault::Incomplete))?;
+        let kept = self.keep_newest();
+        self.has_failed = kept.is_err();
+        let (number, captured_us) = kept?;
+        self.shown = PROVEN_AFTER.min(self.shown + 1);
+        let missing = CaptureError::Frame { number, fault: FrameFault::Incomplete };
+        let picture = self.pixels.picture(&self.layout).ok_or(missing)?;
         Ok(Some(Frame { content: Content::Picture(picture), captured_us, number }))
     }
 
@@ -85,10 +110,6 @@ impl Source for CameraSource {
 
     fn take_decoding(&mut self) -> Duration {
         take(&mut self.decoding)
-    }
-
-    fn frame_period_us(&self) -> Option<u64> {
-        self.rate.map(FrameRate::period_us)
     }
 
     fn has_smaller_mode(&self) -> bool {
@@ -109,9 +130,12 @@ impl Source for CameraSource {
 fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
     let wanted = Format::new(choice.width, choice.height, FourCC::new(&choice.format.fourcc()));
     let set = device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))?;
-    Layout::of(&set).ok_or_else(|| CaptureError::ModeRefused {
-        path: path.display().to_string(),
-        got: format!("{} {}x{}", set.fourcc, set.width, set.height),
+    let Format { fourcc, width, height, .. } = set;
+    Layout::of(&set).ok_or_else(|| {
+        let (path, remedy) = (path.display(), "set another camera.format or size");
+        CaptureError::Unusable(format!(
+            "{path} answered with {fourcc} {width}x{height}, which cannot be read; {remedy}"
+        ))
     })
 }
 

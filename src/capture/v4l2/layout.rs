@@ -3,17 +3,15 @@
 use v4l::Format;
 use v4l::format::{Colorspace, Quantization};
 
-use super::super::{CaptureError, FrameFault, JpegDecoder, MAX_SIDE_PX, Picture, Pixels};
+use super::super::{CaptureError, FrameFault, JpegDecoder};
 use super::mode::PixelFormat;
+use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 
 /// The layout of a camera's frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
-    /// Pixel format.
     pub format: PixelFormat,
-    /// Pixels per row.
     pub width: usize,
-    /// Rows.
     pub height: usize,
     /// Bytes from one row to the next.
     pub stride: usize,
@@ -32,7 +30,6 @@ pub enum Store {
 impl Layout {
     /// The layout of the format that a driver has set; `None` if it is not supported. If the driver does not state the
     /// range of luma, the kernel's rule applies: full for grey and for the JPEG colour space, limited for all others.
-    #[must_use]
     pub fn of(set: &Format) -> Option<Self> {
         let format = PixelFormat::of(set.fourcc.repr)?;
         let [width, height, stride] = [set.width, set.height, set.stride].map(|number| number as usize);
@@ -48,10 +45,14 @@ impl Layout {
             Quantization::LimitedRange => false,
             Quantization::Default => format == PixelFormat::Grey || matches!(set.colorspace, Colorspace::JPEG),
         };
-        let sides = 1..=MAX_SIDE_PX;
-        let fits =
-            sides.contains(&width) && sides.contains(&height) && (row_bytes..=16 * MAX_SIDE_PX).contains(&stride);
-        fits.then_some(Self { format, width, height, stride, full_range })
+        let fits = [width, height].iter().all(|side| (1..=MAX_SIDE_PX).contains(side));
+        (fits && (row_bytes..=16 * MAX_SIDE_PX).contains(&stride)).then_some(Self {
+            format,
+            width,
+            height,
+            stride,
+            full_range,
+        })
     }
 
     /// Number of bytes of a raw frame.
@@ -63,9 +64,6 @@ impl Layout {
 
 impl Store {
     /// Takes the memory for one frame.
-    ///
-    /// # Errors
-    /// Those of [`JpegDecoder::new`].
     pub fn new(layout: &Layout) -> Result<Self, CaptureError> {
         match layout.format {
             PixelFormat::Mjpeg | PixelFormat::Jpeg => JpegDecoder::new(layout.width, layout.height).map(Self::Jpeg),
@@ -74,9 +72,6 @@ impl Store {
     }
 
     /// Copies or decodes a frame, so that its buffer can go back to the driver.
-    ///
-    /// # Errors
-    /// [`FrameFault::Incomplete`] for a raw frame that is too short, and the errors of [`JpegDecoder::decode`].
     pub fn keep(&mut self, bytes: &[u8], layout: &Layout) -> Result<(), FrameFault> {
         match self {
             Self::Jpeg(decoder) => decoder.decode(bytes),
@@ -88,7 +83,6 @@ impl Store {
     }
 
     /// Returns the frame that was kept last.
-    #[must_use]
     pub fn picture(&self, layout: &Layout) -> Option<Picture<'_>> {
         let data = match self {
             Self::Jpeg(decoder) => return decoder.picture(),
@@ -108,7 +102,6 @@ impl Store {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use v4l::FourCC;
 

@@ -10,15 +10,11 @@ const RATE_TOLERANCE: f64 = 0.98;
 /// The pixel formats that are supported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PixelFormat {
-    /// Packed 4:2:2.
     Yuyv,
-    /// A luma plane and a plane of interleaved chroma, 4:2:0.
     Nv12,
-    /// Motion-JPEG.
     Mjpeg,
     /// Separate JPEG images, which are decoded like Motion-JPEG.
     Jpeg,
-    /// Luma only.
     Grey,
 }
 
@@ -28,7 +24,6 @@ impl PixelFormat {
     pub const ALL: [Self; 5] = [Self::Yuyv, Self::Nv12, Self::Mjpeg, Self::Jpeg, Self::Grey];
 
     /// The four characters by which the kernel names the format.
-    #[must_use]
     pub const fn fourcc(self) -> [u8; 4] {
         match self {
             Self::Yuyv => *b"YUYV",
@@ -40,13 +35,11 @@ impl PixelFormat {
     }
 
     /// The format that the kernel names by these four characters.
-    #[must_use]
     pub fn of(fourcc: [u8; 4]) -> Option<Self> {
         Self::ALL.into_iter().find(|format| format.fourcc() == fourcc)
     }
 
-    /// The name of the format in settings.
-    #[must_use]
+    /// The name of the format for the operator.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Yuyv => "YUYV",
@@ -56,35 +49,23 @@ impl PixelFormat {
             Self::Grey => "GREY",
         }
     }
-
-    /// The format with this name, in upper or lower case.
-    #[must_use]
-    pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|format| format.name().eq_ignore_ascii_case(name))
-    }
 }
 
-/// Values from `min` to `max` in steps of `step`. A single value has `min == max`.
+/// Values from `min` to `max` in steps of `step`. A single value has `min == max` and `step == 0`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Steps {
-    /// Smallest value.
     pub min: u32,
-    /// Largest value.
     pub max: u32,
-    /// Difference between neighbouring values; 0 for a single value.
     pub step: u32,
 }
 
 impl Steps {
-    /// A single value.
-    #[must_use]
     pub const fn one(value: u32) -> Self {
         Self { min: value, max: value, step: 0 }
     }
 
     /// The smallest value that is at least `wish`, or else the largest value.
-    #[must_use]
-    pub fn at_least(self, wish: u32) -> u32 {
+    fn at_least(self, wish: u32) -> u32 {
         let step = self.step.max(1);
         let steps = wish.saturating_sub(self.min).div_ceil(step);
         let last = self.max.saturating_sub(self.min) / step;
@@ -95,14 +76,11 @@ impl Steps {
 /// Frame rates from `slowest` to `fastest`. A single rate has `slowest == fastest`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rates {
-    /// Slowest rate.
     pub slowest: FrameRate,
-    /// Fastest rate.
     pub fastest: FrameRate,
 }
 
 impl Rates {
-    /// The rate nearest to `wish`.
     fn nearest(self, wish: FrameRate) -> FrameRate {
         if wish.fps() <= self.slowest.fps() {
             self.slowest
@@ -114,64 +92,49 @@ impl Rates {
     }
 }
 
-/// A pixel format with its sizes, and the rates at its largest size.
+/// A pixel format with its sizes, and the rates at its largest size. `rates` is empty if the driver does not list them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mode {
-    /// Pixel format.
     pub format: PixelFormat,
-    /// Pixels per row.
     pub width: Steps,
-    /// Rows.
     pub height: Steps,
-    /// Frame rates. Empty if the driver does not list them.
     pub rates: Vec<Rates>,
 }
 
-/// The mode that the settings ask for.
+/// The mode that the settings ask for. Without a `format` all formats are acceptable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wish {
-    /// Pixels per row.
     pub width: u32,
-    /// Rows.
     pub height: u32,
-    /// Frame rate.
     pub rate: FrameRate,
-    /// The only acceptable format; `None` accepts all.
     pub format: Option<PixelFormat>,
 }
 
 impl Wish {
     /// The same wish with half the width and height.
-    #[must_use]
     pub fn halved(&self) -> Self {
         Self { width: self.width / 2, height: self.height / 2, ..*self }
     }
 }
 
-/// The mode to set.
+/// The mode to set. The rate is known if the driver lists its rates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Choice {
-    /// Pixel format.
     pub format: PixelFormat,
-    /// Pixels per row.
     pub width: u32,
-    /// Rows.
     pub height: u32,
-    /// Frame rate, if the driver lists its rates.
     pub rate: Option<FrameRate>,
 }
 
 /// Returns the best mode for `wish`, or `None` if no mode has the wanted format. The criteria are, in this order: the mode
 /// is fast enough; it is at least as large as wanted; its number of pixels is nearest to the wanted one; its format comes
 /// first in [`PixelFormat::ALL`]; its rate is nearest to the wanted one.
-#[must_use]
 pub fn choose(modes: &[Mode], wish: &Wish) -> Option<Choice> {
     let candidates = modes.iter().filter(|mode| wish.format.is_none_or(|format| format == mode.format));
     candidates.flat_map(|mode| mode.choices(wish)).min_by_key(|choice| choice.cost(wish))
 }
 
 /// Whether the best mode for half the width and height of `wish` has at most half the pixels of `chosen`, and is as fast.
-#[must_use]
 pub fn has_smaller(modes: &[Mode], wish: &Wish, chosen: &Choice) -> bool {
     choose(modes, &wish.halved()).is_some_and(|small| {
         let is_as_fast = chosen.rate.zip(small.rate).is_none_or(|(now, then)| then.fps() >= RATE_TOLERANCE * now.fps());
@@ -195,24 +158,17 @@ impl Choice {
     /// list counts as the wanted one.
     fn cost(&self, wish: &Wish) -> [u64; 5] {
         let (fps, wanted) = (self.rate.unwrap_or(wish.rate).fps(), wish.rate.fps());
+        let millihertz = |hertz: f64| (hertz * 1000.0).round() as u64;
         let short = if fps >= RATE_TOLERANCE * wanted { 0 } else { millihertz(wanted - fps) };
         let smaller = self.width < wish.width || self.height < wish.height;
         let distance = self.pixels().abs_diff(u64::from(wish.width) * u64::from(wish.height));
-        let preference = PixelFormat::ALL.iter().position(|&format| format == self.format);
-        [short, smaller.into(), distance, preference.map_or(u64::MAX, |at| at as u64), millihertz((fps - wanted).abs())]
+        let preference = PixelFormat::ALL.iter().take_while(|&&format| format != self.format).count();
+        [short, smaller.into(), distance, preference as u64, millihertz((fps - wanted).abs())]
     }
-}
 
-impl Choice {
     fn pixels(&self) -> u64 {
         u64::from(self.width) * u64::from(self.height)
     }
-}
-
-/// Converts a rate between 0.1 and 1000 Hz into a number that can be ordered.
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn millihertz(hertz: f64) -> u64 {
-    (hertz * 1000.0).round() as u64
 }
 
 impl fmt::Display for PixelFormat {
@@ -229,11 +185,8 @@ impl fmt::Display for Steps {
 
 impl fmt::Display for Rates {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.slowest == self.fastest {
-            write!(f, "{}", self.fastest)
-        } else {
-            write!(f, "{} to {}", self.slowest, self.fastest)
-        }
+        let Self { slowest, fastest } = self;
+        if slowest == fastest { write!(f, "{fastest}") } else { write!(f, "{slowest} to {fastest}") }
     }
 }
 
@@ -249,4 +202,120 @@ impl fmt::Display for Mode {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use PixelFormat::{Grey, Jpeg, Mjpeg, Nv12, Yuyv};
+
+    fn fps(frames: u32) -> FrameRate {
+        FrameRate::new(frames, 1).unwrap()
+    }
+
+    fn mode(format: PixelFormat, [width, height]: [u32; 2], rates: &[u32]) -> Mode {
+        let rates = rates.iter().map(|&rate| Rates { slowest: fps(rate), fastest: fps(rate) }).collect();
+        Mode { format, width: Steps::one(width), height: Steps::one(height), rates }
+    }
+
+    fn wish(width: u32, height: u32, rate: u32) -> Wish {
+        Wish { width, height, rate: fps(rate), format: None }
+    }
+
+    fn chosen(modes: &[Mode], wish: &Wish) -> String {
+        let choice = choose(modes, wish).unwrap();
+        let rate = choice.rate.map_or("?".to_owned(), |rate| rate.to_string());
+        format!("{} {}x{} {rate}", choice.format, choice.width, choice.height)
+    }
+
+    /// The list of a common USB 2 webcam: raw pictures are slow at large sizes.
+    fn webcam() -> Vec<Mode> {
+        vec![
+            mode(Mjpeg, [1920, 1080], &[30, 15]),
+            mode(Mjpeg, [1280, 720], &[60, 30]),
+            mode(Mjpeg, [640, 480], &[60, 30]),
+            mode(Yuyv, [1920, 1080], &[5]),
+            mode(Yuyv, [1280, 720], &[10, 5]),
+            mode(Yuyv, [640, 480], &[30, 15]),
+            mode(Yuyv, [320, 240], &[30]),
+        ]
+    }
+
+    #[test]
+    fn raw_formats_are_chosen_where_they_are_fast_enough_and_jpeg_elsewhere() {
+        let only = |format| Wish { format: Some(format), ..wish(640, 480, 30) };
+        let table = [
+            (wish(640, 480, 30), "YUYV 640x480 30 fps"),
+            (wish(640, 480, 15), "YUYV 640x480 15 fps"),
+            (wish(640, 480, 60), "MJPEG 640x480 60 fps"),
+            (wish(640, 480, 120), "MJPEG 640x480 60 fps"),
+            (wish(1280, 720, 30), "MJPEG 1280x720 30 fps"),
+            (wish(1280, 720, 10), "YUYV 1280x720 10 fps"),
+            (wish(1920, 1080, 30), "MJPEG 1920x1080 30 fps"),
+            (wish(320, 240, 30), "YUYV 320x240 30 fps"),
+            (wish(160, 120, 30), "YUYV 320x240 30 fps"),
+            (wish(800, 600, 30), "MJPEG 1280x720 30 fps"),
+            (wish(3840, 2160, 30), "MJPEG 1920x1080 30 fps"),
+            (only(Mjpeg), "MJPEG 640x480 30 fps"),
+        ];
+        for (wish, expected) in table {
+            assert_eq!(chosen(&webcam(), &wish), expected, "{wish:?}");
+        }
+        assert_eq!(choose(&webcam(), &only(Nv12)), None);
+        assert_eq!(choose(&[], &wish(640, 480, 30)), None);
+    }
+
+    #[test]
+    fn formats_are_preferred_raw_then_jpeg_then_grey() {
+        let mut modes: Vec<_> = [Grey, Jpeg, Mjpeg, Nv12, Yuyv].map(|format| mode(format, [640, 480], &[30])).into();
+        for expected in ["YUYV", "NV12", "MJPEG", "JPEG", "GREY"] {
+            assert!(chosen(&modes, &wish(640, 480, 30)).starts_with(expected));
+            modes.pop();
+        }
+    }
+
+    #[test]
+    fn the_ntsc_rate_counts_as_30_and_a_driver_that_lists_no_rates_as_fast_enough() {
+        let ntsc = FrameRate::new(30_000, 1001).unwrap();
+        let rates = vec![Rates { slowest: ntsc, fastest: ntsc }];
+        let modes = [Mode { rates, ..mode(Yuyv, [640, 480], &[]) }, mode(Mjpeg, [640, 480], &[30])];
+        assert_eq!(chosen(&modes, &wish(640, 480, 30)), "YUYV 640x480 29.97 fps");
+        let modes = [mode(Yuyv, [640, 480], &[]), mode(Mjpeg, [640, 480], &[30])];
+        assert_eq!(chosen(&modes, &wish(640, 480, 30)), "YUYV 640x480 ?");
+    }
+
+    #[test]
+    fn ranges_of_sizes_and_rates_give_the_wanted_mode() {
+        let camera = [Mode {
+            width: Steps { min: 32, max: 2592, step: 2 },
+            height: Steps { min: 32, max: 1944, step: 2 },
+            rates: vec![Rates { slowest: fps(1), fastest: fps(60) }],
+            ..mode(Yuyv, [0, 0], &[])
+        }];
+        assert_eq!(chosen(&camera, &wish(640, 480, 30)), "YUYV 640x480 30 fps");
+        assert_eq!(chosen(&camera, &wish(641, 481, 90)), "YUYV 642x482 60 fps");
+        assert_eq!(chosen(&camera, &wish(9999, 16, 30)), "YUYV 2592x32 30 fps");
+        assert_eq!(camera[0].to_string(), "YUYV 32..2592x32..1944 at 1 fps to 60 fps");
+    }
+
+    #[test]
+    fn steps_never_leave_their_range() {
+        let table = [
+            (Steps { min: 16, max: 100, step: 16 }, 99, 96),
+            (Steps { min: 16, max: 100, step: 0 }, 50, 50),
+            (Steps { min: 16, max: 10, step: 3 }, 50, 16),
+            (Steps { min: 0, max: u32::MAX, step: u32::MAX }, 1, u32::MAX),
+            (Steps::one(640), 4096, 640),
+        ];
+        for (steps, wish, expected) in table {
+            assert_eq!(steps.at_least(wish), expected, "{steps:?}");
+        }
+    }
+
+    #[test]
+    fn a_smaller_mode_has_half_the_pixels_and_is_as_fast() {
+        let is_smaller = |modes: &[Mode], wish: Wish| has_smaller(modes, &wish, &choose(modes, &wish).unwrap());
+        assert!(is_smaller(&webcam(), wish(1280, 720, 30)));
+        assert!(is_smaller(&webcam(), wish(640, 480, 30)));
+        assert!(!is_smaller(&webcam(), wish(640, 480, 60)), "320x240 has no 60 fps");
+        assert!(!is_smaller(&webcam(), wish(320, 240, 30)), "the smallest already");
+        assert!(!is_smaller(&[mode(Mjpeg, [640, 480], &[30]), mode(Mjpeg, [352, 288], &[15])], wish(640, 480, 30)));
+    }
+}

@@ -1,9 +1,12 @@
 //! Lists the cameras of this machine and the modes that they offer.
 
+use std::cell::Cell;
 use std::fs;
 use std::io;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::{Path, PathBuf};
+use std::sync::Once;
 
 use v4l::capability::Flags;
 use v4l::frameinterval::FrameIntervalEnum;
@@ -12,7 +15,6 @@ use v4l::video::Capture;
 use v4l::{Device, FourCC, Fraction};
 
 use super::super::{CaptureError, FrameRate};
-use super::guard::guarded;
 use super::mode::{Mode, PixelFormat, Rates, Steps, Wish};
 
 /// The kernel's major number of video devices.
@@ -20,18 +22,22 @@ const VIDEO_MAJOR: u32 = 81;
 /// Folders of links to the nodes. A link keeps its name when its node gets another number.
 const LINK_FOLDERS: [&str; 2] = ["/dev/v4l/by-id", "/dev/v4l/by-path"];
 
+/// Drivers of a processor's own units, whose nodes capture by the kernel's words but are no cameras: codecs and image signal
+/// processors, which convert pictures, and bare receivers, which need libcamera or `media-ctl` first. Most are a Raspberry
+/// Pi's, and `isys` is a laptop's. A path selects such a node nevertheless.
+const NO_CAMERAS: [&str; 7] = ["bcm2835-codec", "bcm2835-isp", "isys", "pispbe", "rp1-cfe", "rpi-hevc-dec", "rpivid"];
+
 /// A camera with its modes in the supported formats.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Camera {
-    /// The device node, `/dev/videoN`.
+    /// `/dev/videoN`.
     pub node: PathBuf,
     /// Name that the camera gives itself.
     pub card: String,
-    /// Name of the kernel driver.
     pub driver: String,
+    pub is_usb: bool,
     /// Links to the node, by-id before by-path.
     pub links: Vec<PathBuf>,
-    /// Formats, sizes and rates.
     pub modes: Vec<Mode>,
 }
 
@@ -45,26 +51,29 @@ pub struct Found {
 }
 
 impl Camera {
+    fn is_one(&self) -> bool {
+        !NO_CAMERAS.contains(&self.driver.as_str())
+    }
+
     /// The error for a wish that no mode of this camera meets.
     pub(super) fn lacks(&self, wish: &Wish) -> CaptureError {
         let mut offered: Vec<_> = self.modes.iter().map(|mode| mode.format.name()).collect();
         offered.dedup();
-        CaptureError::ModeLacking {
-            path: self.node.display().to_string(),
-            wanted: wish.format.map_or("YUYV, NV12, MJPEG, JPEG or GREY", PixelFormat::name),
-            offered: if offered.is_empty() { "none that is supported".to_owned() } else { offered.join(", ") },
-        }
+        let offered = if offered.is_empty() { "none that is supported".to_owned() } else { offered.join(", ") };
+        let (node, wanted) =
+            (self.node.display(), wish.format.map_or("YUYV, NV12, MJPEG, JPEG or GREY", PixelFormat::name));
+        let remedy = format!("set camera.format to a format it offers ({offered}), or use another camera");
+        CaptureError::Unusable(format!("{node} does not offer {wanted}; {remedy}"))
     }
 }
 
-/// Examines every video device. Devices that do not capture pictures (metadata, output, converters) are left out.
-#[must_use]
+/// Examines every video device. Devices that are no cameras (metadata, output, converters) are left out.
 pub fn cameras() -> Found {
     let mut found = Found::default();
     for node in nodes() {
         match probe(&node) {
-            Ok((camera, _)) => found.cameras.push(camera),
-            Err(CaptureError::NotACamera { .. } | CaptureError::NotFound { .. } | CaptureError::Gone) => {}
+            Ok((camera, _)) => found.cameras.extend(Some(camera).filter(Camera::is_one)),
+            Err(CaptureError::Absent(_) | CaptureError::Gone) => {}
             Err(error) => found.refused.push(error),
         }
     }
@@ -72,10 +81,6 @@ pub fn cameras() -> Found {
 }
 
 /// Opens the camera at `path` and lists its modes.
-///
-/// # Errors
-/// [`CaptureError::NotFound`], [`CaptureError::NotACamera`], [`CaptureError::Driver`], and those of
-/// [`CaptureError::device`].
 pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
     guarded(path, || examine(path))
 }
@@ -84,12 +89,12 @@ fn examine(path: &Path) -> Result<(Camera, Device), CaptureError> {
     let fail = |during| move |error| CaptureError::device(path, during, error);
     let node = video_node(path)?;
     let device = Device::with_path(&node).map_err(fail("opening it"))?;
-    let (card, driver, captures) = identity(&device, &node).map_err(fail("asking what it is"))?;
-    // A camera that offers only unsupported formats is listed without modes.
-    if !captures || device.format().is_err() {
-        return Err(not_a_camera(path));
-    }
-    let camera = Camera { card, driver, links: links(&node), modes: modes(&device), node };
+    let (card, driver, is_usb) = match identity(&device, &node).map_err(fail("asking what it is"))? {
+        // A camera that offers only unsupported formats is listed without modes.
+        Some(identity) if device.format().is_ok() => identity,
+        _ => return Err(CaptureError::not_a_camera(&path.display())),
+    };
+    let camera = Camera { card, driver, is_usb, links: links(&node), modes: modes(&device), node };
     Ok((camera, device))
 }
 
@@ -100,11 +105,7 @@ fn video_node(path: &Path) -> Result<PathBuf, CaptureError> {
     let node = fs::canonicalize(path).map_err(fail)?;
     let meta = fs::metadata(&node).map_err(fail)?;
     let is_video = meta.file_type().is_char_device() && rustix::fs::major(meta.rdev()) == VIDEO_MAJOR;
-    if is_video { Ok(node) } else { Err(not_a_camera(path)) }
-}
-
-fn not_a_camera(path: &Path) -> CaptureError {
-    CaptureError::NotACamera { path: path.display().to_string() }
+    if is_video { Ok(node) } else { Err(CaptureError::not_a_camera(&path.display())) }
 }
 
 /// Returns all `/dev/videoN` in order of their numbers.
@@ -127,18 +128,20 @@ fn entries(folder: &str) -> impl Iterator<Item = PathBuf> {
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
 }
 
-/// Returns the names of the camera and of its driver, and whether the device captures pictures by streaming.
+/// Returns the names of the camera and of its driver, and whether it is on a USB bus; `None` if the device does not
+/// capture pictures by streaming.
 ///
 /// The v4l crate panics on a camera's name that is not UTF-8, for example because the kernel has cut it within a
-/// character. The capabilities of such a device are not queried; its formats decide whether it captures.
-fn identity(device: &Device, node: &Path) -> io::Result<(String, String, bool)> {
+/// character. The capabilities of such a device are not queried; its formats decide whether it captures. Only USB cameras
+/// name themselves.
+fn identity(device: &Device, node: &Path) -> io::Result<Option<(String, String, bool)>> {
     let name = Path::new("/sys/class/video4linux").join(node.file_name().unwrap_or_default()).join("name");
     if let Some(card) = fs::read(name).ok().filter(|card| std::str::from_utf8(card).is_err()) {
-        return Ok((String::from_utf8_lossy(card.trim_ascii()).into_owned(), "unknown".to_owned(), true));
+        return Ok(Some((String::from_utf8_lossy(card.trim_ascii()).into_owned(), "unknown".to_owned(), true)));
     }
     let caps = device.query_caps()?;
     let captures = caps.capabilities.contains(Flags::VIDEO_CAPTURE | Flags::STREAMING);
-    Ok((caps.card, caps.driver, captures))
+    Ok(captures.then(|| (caps.card, caps.driver, caps.bus.starts_with("usb"))))
 }
 
 fn modes(device: &Device) -> Vec<Mode> {
@@ -191,24 +194,66 @@ fn rates_of(interval: &FrameIntervalEnum) -> Option<Rates> {
     }
 }
 
+thread_local! {
+    /// Whether [`guarded`] reports a panic of this thread as an error.
+    static GUARDED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs `ask` on the device at `path`. A panic becomes an error and is not printed.
+///
+/// The v4l crate panics on unexpected values: a field order that the kernel does not define (the writer of a v4l2loopback
+/// device can set one), a name that is not UTF-8, or an error when buffers are given back.
+pub(super) fn guarded<T>(path: &Path, ask: impl FnOnce() -> Result<T, CaptureError>) -> Result<T, CaptureError> {
+    silence_guarded_panics();
+    let before = GUARDED.replace(true);
+    let outcome = catch_unwind(AssertUnwindSafe(ask));
+    GUARDED.set(before);
+    outcome.unwrap_or_else(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+        let (path, reason) = (path.display(), text.unwrap_or("without a message"));
+        let fault = format!("returned a value that the kernel does not define ({reason})");
+        Err(CaptureError::Unusable(format!("the driver of {path} {fault}; use another camera")))
+    })
+}
+
+/// Installs a panic hook that ignores guarded panics, and passes all others to the previous hook.
+fn silence_guarded_panics() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        let previous = take_hook();
+        set_hook(Box::new(move |info| {
+            if !GUARDED.get() {
+                previous(info);
+            }
+        }));
+    });
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_missing_format_is_reported_with_the_offered_ones() {
-        let camera = Camera {
-            node: "/dev/video7".into(),
-            card: "Old camera".to_owned(),
-            driver: "gspca".to_owned(),
-            links: Vec::new(),
-            modes: Vec::new(),
+    fn units_of_a_processor_are_no_cameras() {
+        let camera = |driver: &str| {
+            let (node, card, driver) = ("/dev/video14".into(), driver.to_owned(), driver.to_owned());
+            Camera { node, card, driver, is_usb: false, links: Vec::new(), modes: Vec::new() }
         };
-        let wish = Wish { width: 1, height: 1, rate: FrameRate::FPS_30, format: Some(PixelFormat::Nv12) };
-        let text = camera.lacks(&wish).to_string();
-        assert!(
-            text.contains("/dev/video7") && text.contains("NV12") && text.contains("none that is supported"),
-            "{text}"
-        );
+        for driver in NO_CAMERAS {
+            assert!(!camera(driver).is_one(), "{driver}");
+        }
+        for driver in ["uvcvideo", "gspca_main", "bm2835 mmal", "unicam", "v4l2 loopback"] {
+            assert!(camera(driver).is_one(), "{driver}");
+        }
+    }
+
+    #[test]
+    fn a_panic_becomes_an_error_of_the_device_and_later_panics_are_not_guarded() {
+        let path = Path::new("/dev/video7");
+        let outcome = guarded(path, || -> Result<(), _> { panic!("Invalid field order: {}", 77) });
+        let text = outcome.map_err(|error| error.to_string());
+        assert!(text.is_err_and(|text| text.contains("/dev/video7") && text.contains("(Invalid field order: 77)")));
+        assert!(!GUARDED.get());
+        assert!(matches!(guarded(path, || Ok(3)), Ok(3)));
     }
 }

@@ -1,95 +1,117 @@
-//! Finds the camera that a setting names.
+//! Decides which cameras to try for a setting, and in which order.
+//!
+//! A camera that cannot be used now, such as one that another program uses, must not keep facewire from the next one. So
+//! the cameras that the setting fits are tried until one starts: first those that did not fail before, of these the USB
+//! cameras, of these the one with the lowest number. Those that failed follow, the last one that failed at the end.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use v4l::Device;
-
-use super::super::CaptureError;
+use super::super::{CaptureError, monotonic_us};
 use super::mode::{Wish, choose};
-use super::probe::{Camera, Found, cameras, probe};
+use super::probe::{Camera, Found};
 
-/// The setting that selects the first usable camera.
+/// The setting that every camera fits.
 const AUTO: &str = "auto";
+/// Time after which no further camera is tried in one call: a silent one takes seconds, and the service's watchdog waits.
+const TRY_FOR_US: u64 = 10_000_000;
 
-/// The camera that a setting names.
-pub(super) struct Selected {
-    pub(super) camera: Camera,
-    pub(super) device: Device,
-    /// Name and node for the operator, with the other cameras that the setting fits.
-    pub(super) origin: String,
+/// Nodes of the cameras that failed, the last one at the end.
+pub(super) struct Failed(Vec<PathBuf>);
+
+/// The failures that this process has seen.
+pub(super) fn failed() -> MutexGuard<'static, Failed> {
+    static FAILED: Mutex<Failed> = Mutex::new(Failed(Vec::new()));
+    FAILED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Finds and opens the camera that `wanted` names: `auto` (the first camera with a usable mode), a path (`/dev/video0` or a
-/// link to it), or a part of the camera's name or of its links, in upper or lower case. If several cameras have such a
-/// name, the first with a usable mode is opened.
-///
-/// # Errors
-/// [`CaptureError::NoCamera`], [`CaptureError::NotFound`], [`CaptureError::NotACamera`],
-/// [`CaptureError::PermissionDenied`], [`CaptureError::ModeLacking`] if `auto` finds no usable mode.
-pub(super) fn open(wanted: &str, wish: &Wish) -> Result<Selected, CaptureError> {
-    let selected = |(camera, device), rivals: &[PathBuf]| {
-        let origin = origin(&camera, rivals);
-        Selected { camera, device, origin }
-    };
-    if wanted.starts_with('/') {
-        return probe(Path::new(wanted)).map(|found| selected(found, &[]));
+impl Failed {
+    pub(super) fn add(&mut self, node: &Path) {
+        self.forget(node);
+        self.0.push(node.to_owned());
     }
-    let Found { cameras, refused } = cameras();
-    match pick(&cameras, wanted, wish) {
-        Some((camera, rivals)) => probe(&camera.node).map(|found| selected(found, &rivals)),
-        None => Err(refused.into_iter().next().unwrap_or_else(|| missing(&cameras, wanted, wish))),
+
+    pub(super) fn forget(&mut self, node: &Path) {
+        self.0.retain(|failed| failed != node);
+    }
+
+    /// Returns the cameras that `wanted` names, in the order in which they are tried. A camera without a usable mode is
+    /// tried only if no other has such a name, because many webcams have a second device of the same name.
+    fn rank<'a>(&self, cameras: &'a [Camera], wanted: &str, wish: &Wish) -> Vec<&'a Camera> {
+        let is_usable = |camera: &&Camera| choose(&camera.modes, wish).is_some();
+        let mut ranked: Vec<_> = cameras.iter().filter(|camera| wanted == AUTO || camera.is_named(wanted)).collect();
+        if wanted == AUTO || ranked.iter().any(is_usable) {
+            ranked.retain(is_usable);
+        }
+        let turn = |camera: &Camera| self.0.iter().position(|node| *node == camera.node).map_or(0, |at| at + 1);
+        ranked.sort_by_key(|camera| (turn(camera), !camera.is_usb));
+        ranked
     }
 }
 
-/// Returns the camera that is named, and the nodes of the other usable cameras with such a name. A camera without a usable
-/// mode is selected only if no other has such a name, because many webcams have a second device of the same name.
-fn pick<'a>(cameras: &'a [Camera], wanted: &str, wish: &Wish) -> Option<(&'a Camera, Vec<PathBuf>)> {
-    let mut usable = cameras.iter().filter(|camera| choose(&camera.modes, wish).is_some());
-    if wanted == AUTO {
-        return usable.next().map(|camera| (camera, Vec::new()));
+/// Calls `start` with the node of one camera after the other, until one starts: every camera if `wanted` is `auto`, else
+/// those whose name or link contains it, in upper or lower case. The text that `start` gets tells the operator about the
+/// other cameras.
+pub(super) fn start_one<T>(
+    Found { cameras, refused }: Found,
+    wanted: &str,
+    wish: &Wish,
+    mut start: impl FnMut(&Path, &str) -> Result<T, CaptureError>,
+) -> Result<T, CaptureError> {
+    let (begun_us, mut errors, mut note) = (monotonic_us(), Vec::new(), String::new());
+    let ranked = failed().rank(&cameras, wanted, wish);
+    if wanted != AUTO && ranked.len() > 1 {
+        note = ambiguity(&ranked);
     }
-    let mut named = usable.filter(|camera| camera.is_named(wanted));
-    let first = named.next().or_else(|| cameras.iter().find(|camera| camera.is_named(wanted)))?;
-    Some((first, named.map(|camera| camera.node.clone()).collect()))
+    for camera in &ranked {
+        let error = match start(&camera.node, &note) {
+            Ok(source) => return Ok(source),
+            Err(error) => error,
+        };
+        failed().add(&camera.node);
+        note += &format!("; passed over {}, because {error}", camera.node.display());
+        errors.push(error);
+        if monotonic_us() - begun_us > TRY_FOR_US {
+            break;
+        }
+    }
+    // Only the end of the process frees a camera that cannot be stopped.
+    errors.sort_by_key(|error| !matches!(error, CaptureError::NotStopped { .. }));
+    Err(errors.into_iter().chain(refused).next().unwrap_or_else(|| missing(&cameras, wanted, wish)))
 }
 
-/// The error if none of `cameras` can be selected.
+/// Tells how to distinguish the first camera from the others.
+fn ambiguity(ranked: &[&Camera]) -> String {
+    let nodes: Vec<_> = ranked.iter().map(|camera| camera.node.display().to_string()).collect();
+    // The last link names the socket, and so distinguishes cameras of the same model.
+    let link = ranked.first().and_then(|camera| camera.links.last());
+    let remedy = link.map_or("a path".to_owned(), |link| format!("\"{}\"", link.display()));
+    format!("; the name fits {}: set camera.device = {remedy} to keep to the first", nodes.join(", "))
+}
+
+/// The error if none of `cameras` can be tried.
 fn missing(cameras: &[Camera], wanted: &str, wish: &Wish) -> CaptureError {
     let Some(first) = cameras.first() else {
-        return CaptureError::NoCamera;
+        let remedy = "plug one in, or set camera.device = \"demo\" to play the built-in clip";
+        return CaptureError::Absent(format!("there is no camera; {remedy}"));
     };
     if wanted == AUTO {
         return first.lacks(wish);
     }
     let names: Vec<_> = cameras.iter().map(|camera| format!("{} ({})", camera.card, camera.node.display())).collect();
-    CaptureError::NotFound { wanted: wanted.to_owned(), hint: format!("there is {}", names.join(", ")) }
-}
-
-/// Describes a camera to the operator, and tells how to distinguish it from `rivals`.
-fn origin(camera: &Camera, rivals: &[PathBuf]) -> String {
-    let (card, node) = (&camera.card, camera.node.display());
-    if rivals.is_empty() {
-        return format!("{card} ({node})");
-    }
-    let rivals: Vec<_> = rivals.iter().map(|rival| rival.display().to_string()).collect();
-    let rivals = rivals.join(", ");
-    // The last link names the socket, and so distinguishes cameras of the same model.
-    let remedy = camera.links.last().map_or("a path".to_owned(), |link| format!("\"{}\"", link.display()));
-    format!("{card} ({node}, but the name fits {rivals} too: set camera.device = {remedy} to keep to this one)")
+    CaptureError::Absent(format!("no camera is called {wanted}; there is {}", names.join(", ")))
 }
 
 impl Camera {
     /// Returns whether the name of the camera or of one of its links contains `part`.
     fn is_named(&self, part: &str) -> bool {
         let part = part.to_lowercase();
-        let links = self.links.iter().filter_map(|link| link.file_name()).map(|name| name.to_string_lossy());
-        let fits = |name: &str| name.to_lowercase().contains(&part);
-        fits(&self.card) || links.into_iter().any(|name| fits(&name))
+        let mut links = self.links.iter().filter_map(|link| link.file_name()).map(|name| name.to_string_lossy());
+        self.card.to_lowercase().contains(&part) || links.any(|name| name.to_lowercase().contains(&part))
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::super::super::FrameRate;
     use super::super::mode::{Mode, PixelFormat, Steps};
@@ -97,89 +119,118 @@ mod tests {
 
     const WISH: Wish = Wish { width: 640, height: 480, rate: FrameRate::FPS_30, format: None };
 
-    fn camera(node: &str, card: &str, formats: &[PixelFormat]) -> Camera {
+    fn camera(number: u32, card: &str, formats: &[PixelFormat]) -> Camera {
         let size = (Steps::one(640), Steps::one(480));
         let mode = |&format| Mode { format, width: size.0, height: size.1, rates: Vec::new() };
         Camera {
-            node: PathBuf::from(node),
+            node: PathBuf::from(format!("/dev/video{number}")),
             card: card.to_owned(),
             driver: "uvcvideo".to_owned(),
+            is_usb: true,
             links: vec![PathBuf::from(format!("/dev/v4l/by-id/usb-{}-video-index0", card.replace(' ', "_")))],
             modes: formats.iter().map(mode).collect(),
         }
     }
 
     fn three() -> Vec<Camera> {
+        let loopback = Camera { is_usb: false, ..camera(0, "Loopback", &[PixelFormat::Yuyv]) };
+        let (webcam, infrared) = (&[PixelFormat::Yuyv], &[PixelFormat::Grey]);
         vec![
-            camera("/dev/video0", "Decoder", &[]),
-            camera("/dev/video2", "HD Webcam C615", &[PixelFormat::Yuyv]),
-            camera("/dev/video4", "Infrared Camera", &[PixelFormat::Grey]),
+            loopback,
+            camera(1, "HD Webcam C615", &[]),
+            camera(2, "HD Webcam C615", webcam),
+            camera(4, "Infrared Camera", infrared),
         ]
     }
 
-    fn selected(wanted: &str, wish: &Wish) -> Option<String> {
+    /// The numbers of the nodes of `three` cameras in the order in which they are tried.
+    fn ranked(failed: &[&str], wanted: &str, format: Option<PixelFormat>) -> Vec<u32> {
+        let failed = Failed(failed.iter().map(PathBuf::from).collect());
         let cameras = three();
-        pick(&cameras, wanted, wish).map(|(camera, _)| camera.node.display().to_string())
+        let number = |camera: &&Camera| camera.node.to_str().unwrap()["/dev/video".len()..].parse().unwrap();
+        failed.rank(&cameras, wanted, &Wish { format, ..WISH }).iter().map(number).collect()
     }
 
     #[test]
-    fn auto_selects_the_first_camera_with_a_usable_mode() {
-        assert_eq!(selected("auto", &WISH).as_deref(), Some("/dev/video2"));
-        let grey = Wish { format: Some(PixelFormat::Grey), ..WISH };
-        assert_eq!(selected("auto", &grey).as_deref(), Some("/dev/video4"));
-        assert_eq!(selected("auto", &Wish { format: Some(PixelFormat::Nv12), ..WISH }), None);
+    fn auto_tries_usb_cameras_first_and_those_that_failed_last() {
+        assert_eq!(ranked(&[], "auto", None), [2, 4, 0], "a node without a usable mode is left out");
+        assert_eq!(ranked(&["/dev/video2"], "auto", None), [4, 0, 2]);
+        assert_eq!(ranked(&["/dev/video4", "/dev/video2", "/dev/video0"], "auto", None), [4, 2, 0]);
+        assert_eq!(ranked(&[], "auto", Some(PixelFormat::Grey)), [4]);
+        assert_eq!(ranked(&[], "auto", Some(PixelFormat::Nv12)), [0; 0]);
     }
 
     #[test]
     fn a_part_of_the_name_or_of_a_link_selects_the_camera() {
-        assert_eq!(selected("c615", &WISH).as_deref(), Some("/dev/video2"));
-        assert_eq!(selected("usb-Infrared_", &WISH).as_deref(), Some("/dev/video4"));
-        assert_eq!(selected("C920", &WISH), None);
+        assert_eq!(ranked(&[], "c615", None), [2], "its second device has no usable mode");
+        assert_eq!(ranked(&[], "c615", Some(PixelFormat::Nv12)), [1, 2], "for the error");
+        assert_eq!(ranked(&[], "usb-Infrared_", None), [4]);
+        assert_eq!(ranked(&[], "C920", None), [0; 0]);
+    }
+
+    fn busy(node: &Path) -> CaptureError {
+        CaptureError::device(node, "starting it", rustix::io::Errno::BUSY.into())
     }
 
     #[test]
-    fn of_several_cameras_of_one_name_the_first_usable_one_is_selected_and_the_others_are_named() {
-        let mut cameras = three();
-        cameras.insert(0, camera("/dev/video1", "HD Webcam C615", &[]));
-        cameras.push(camera("/dev/video6", "HD Webcam C615", &[PixelFormat::Yuyv]));
-        let (first, rivals) = pick(&cameras, "C615", &WISH).unwrap();
-        assert_eq!(
-            (first.node.as_path(), &rivals[..]),
-            (Path::new("/dev/video2"), &[PathBuf::from("/dev/video6")][..])
+    fn a_camera_that_does_not_start_is_passed_over_told_and_tried_last_the_next_time() {
+        let [first, second] = [81, 82].map(|number| camera(number, "Webcam", &[PixelFormat::Yuyv]));
+        let open = |is_busy: fn(&Path) -> bool| {
+            let found = Found { cameras: vec![first.clone(), second.clone()], refused: Vec::new() };
+            let mut tried = Vec::new();
+            let outcome = start_one(found, "auto", &WISH, |node, note| {
+                tried.push(node.to_owned());
+                if is_busy(node) { Err(busy(node)) } else { Ok(note.to_owned()) }
+            });
+            (outcome, tried)
+        };
+        let (opened, tried) = open(|node| node.ends_with("video81"));
+        assert!(
+            opened
+                .unwrap()
+                .starts_with("; passed over /dev/video81, because /dev/video81 is in use by another program")
         );
-        let (unusable, _) = pick(&cameras[..1], "C615", &WISH).unwrap();
-        assert_eq!(unusable.node, Path::new("/dev/video1"), "the error is about its formats then");
-        assert!(pick(&cameras, "auto", &WISH).unwrap().1.is_empty());
+        assert_eq!(tried, [first.node.clone(), second.node.clone()]);
+        let (opened, tried) = open(|node| node.ends_with("video81"));
+        assert_eq!((opened.unwrap().as_str(), tried), ("", vec![second.node.clone()]));
+        failed().forget(&first.node);
+        let (refused, _) = open(|_| true);
+        assert!(refused.unwrap_err().to_string().contains("/dev/video81 is in use"), "the first one's error");
+    }
+
+    #[test]
+    fn a_camera_that_cannot_be_stopped_ends_the_service_only_if_no_other_starts() {
+        let open = |starts: bool| {
+            let cameras = [91, 92, 93].map(|number| camera(number, "Webcam", &[PixelFormat::Yuyv])).into();
+            start_one(Found { cameras, refused: Vec::new() }, "webcam", &WISH, |node, _| match node.to_str() {
+                Some("/dev/video92") => {
+                    Err(CaptureError::NotStopped { path: String::new(), source: std::io::ErrorKind::Other.into() })
+                }
+                Some("/dev/video93") if starts => Ok(()),
+                _ => Err(busy(node)),
+            })
+        };
+        assert!(matches!(open(false), Err(CaptureError::NotStopped { .. })));
+        assert!(open(true).is_ok());
     }
 
     #[test]
     fn an_ambiguous_name_is_reported_with_its_remedy() {
-        let named = |links: &[&str], rivals: &[&str]| {
-            let links = links.iter().map(PathBuf::from).collect();
-            let camera = Camera { links, ..camera("/dev/video2", "C615", &[]) };
-            origin(&camera, &rivals.iter().map(PathBuf::from).collect::<Vec<_>>())
-        };
-        let links = ["/dev/v4l/by-id/usb-C615", "/dev/v4l/by-path/usb-1"];
-        assert_eq!(named(&links, &[]), "C615 (/dev/video2)");
-        let text = "C615 (/dev/video2, but the name fits /dev/video4, /dev/video6 too: \
-                    set camera.device = \"/dev/v4l/by-path/usb-1\" to keep to this one)";
-        assert_eq!(named(&links, &["/dev/video4", "/dev/video6"]), text);
-        assert!(named(&[], &["/dev/video4"]).contains("set camera.device = a path to keep"));
+        let links = ["/dev/v4l/by-id/usb-C615", "/dev/v4l/by-path/usb-1"].map(PathBuf::from);
+        let first = Camera { links: links.into(), ..camera(2, "C615", &[]) };
+        let text = ambiguity(&[&first, &camera(4, "C615", &[])]);
+        assert!(
+            text.contains("fits /dev/video2, /dev/video4: set camera.device = \"/dev/v4l/by-path/usb-1\""),
+            "{text}"
+        );
     }
 
     #[test]
     fn a_missing_camera_is_reported_with_the_existing_ones() {
         let text = missing(&three(), "C920", &WISH).to_string();
         assert!(text.contains("C920") && text.contains("HD Webcam C615 (/dev/video2)"), "{text}");
-        assert!(matches!(missing(&[], "auto", &WISH), CaptureError::NoCamera));
-    }
-
-    #[test]
-    fn a_path_to_another_kind_of_file_is_refused_before_it_is_opened() {
-        let reason = |path| open(path, &WISH).err().unwrap();
-        assert!(matches!(reason("/dev/null"), CaptureError::NotACamera { .. }));
-        assert!(matches!(reason("/dev/tty"), CaptureError::NotACamera { .. }));
-        assert!(matches!(reason("/etc/passwd"), CaptureError::NotACamera { .. }));
-        assert!(matches!(reason("/dev/video4000"), CaptureError::NotFound { .. }));
+        let text = missing(&three()[1..], "auto", &WISH).to_string();
+        assert!(text.contains("/dev/video1 does not offer") && text.contains("none that is supported"), "{text}");
+        assert!(missing(&[], "auto", &WISH).to_string().contains("there is no camera"));
     }
 }

@@ -24,7 +24,7 @@ use v4l::io::traits::CaptureStream;
 
 use super::super::delivery::{Arrival, Delivery, DeliveryCounter};
 use super::super::{CaptureError, FrameFault, Skipped, monotonic_us};
-use super::guard::guarded;
+use super::probe::guarded;
 
 /// Number of buffers. Two are enough for streaming; two more bridge a late wake-up without a dropped frame.
 const BUFFERS: u32 = 4;
@@ -40,84 +40,62 @@ const MAX_LEFT_OUT: u32 = 16;
 const STOP_ATTEMPTS: usize = 10;
 
 /// The running stream of a camera.
-pub struct Stream {
+pub(super) struct Stream {
     /// `None` after [`Stream::stop`].
     mapped: Option<MappedStream<'static>>,
     handle: Arc<Handle>,
     path: PathBuf,
-    limits: Limits,
+    /// Time after which a camera without a frame has stalled.
+    timeout: Duration,
+    period_us: u64,
     /// Number of frames that were taken from the driver.
     taken: u64,
     /// Frames that were captured earlier are left out.
     wanted_us: u64,
-    /// Numbers of frames that were skipped since the last call of [`Stream::take_skipped`].
     skipped: Skipped,
     delivery: DeliveryCounter,
 }
 
-/// Time limits of a stream.
-#[derive(Debug, Clone, Copy)]
-pub struct Limits {
-    /// Time after which a camera without a frame has stalled.
-    pub timeout: Duration,
-    /// Time from one frame to the next, microseconds.
-    pub period_us: u64,
-}
-
-/// A filled buffer.
-#[derive(Clone, Copy)]
-pub struct Shot<'a> {
-    /// The bytes that the driver has written.
-    pub bytes: &'a [u8],
-    /// Time of capture on the monotonic clock, in microseconds.
-    pub captured_us: u64,
-}
-
 impl Stream {
     /// Maps the buffers, starts the camera and discards the first frame, because some drivers deliver an old one.
-    ///
-    /// # Errors
-    /// [`CaptureError::Stalled`] if no frame comes within 5 seconds, [`CaptureError::NotStopped`] if the camera then cannot
-    /// be stopped either, [`CaptureError::Busy`], [`CaptureError::Gone`], and the others of [`CaptureError::device`].
-    pub fn start(device: &Device, path: &Path, limits: Limits) -> Result<Self, CaptureError> {
+    pub(super) fn start(device: &Device, path: &Path, timeout: Duration, period_us: u64) -> Result<Self, CaptureError> {
         let fail = |error| CaptureError::device(path, "starting it", error);
         let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
         mapped.set_timeout(START_TIMEOUT);
-        let (delivery, skipped) = (DeliveryCounter::new(limits.period_us), Skipped::default());
-        let (handle, path) = (device.handle(), path.to_owned());
-        let mut stream = Self { mapped: Some(mapped), handle, path, limits, taken: 0, wanted_us: 0, skipped, delivery };
-        let error = match stream.mapped.as_mut().ok_or(CaptureError::Gone)?.next() {
-            Ok(_) => return Ok(stream),
-            Err(error) if error.kind() == io::ErrorKind::TimedOut => stalled(START_TIMEOUT),
-            Err(error) => fail(error),
+        let error = match mapped.next() {
+            Ok(_) => None,
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => Some(CaptureError::stalled(START_TIMEOUT)),
+            Err(error) => Some(fail(error)),
         };
-        stream.stop()?;
-        Err(error)
+        if let Some(error) = error {
+            release(mapped, path)?;
+            return Err(error);
+        }
+        let (delivery, skipped) = (DeliveryCounter::new(period_us), Skipped::default());
+        let (mapped, handle, path) = (Some(mapped), device.handle(), path.to_owned());
+        Ok(Self { mapped, handle, path, timeout, period_us, taken: 0, wanted_us: 0, skipped, delivery })
     }
 
     /// Lets [`Stream::newest`] leave out frames that were captured before this time.
-    pub fn leave_out_until(&mut self, captured_us: u64) {
+    pub(super) fn leave_out_until(&mut self, captured_us: u64) {
         self.wanted_us = captured_us;
     }
 
-    /// Waits for a frame that is not to be left out, skips all but the newest, and passes that one to `look`.
+    /// Waits for a frame that is not to be left out, skips all but the newest, and passes the bytes of that one to `keep`.
+    /// Returns its time of capture on the monotonic clock, in microseconds, or what is wrong with it.
     ///
     /// After a long pause of the reader all buffers are filled, and even the newest frame is old, because the driver had
     /// no buffer for later frames. Such a frame is skipped as well, and the next one awaited.
-    ///
-    /// # Errors
-    /// [`CaptureError::Stalled`], [`CaptureError::Gone`], [`CaptureError::Device`]. The inner result is that of `look`, or
-    /// the fault of a buffer that the driver has marked as damaged.
-    pub fn newest<T>(
+    pub(super) fn newest(
         &mut self,
-        look: impl FnOnce(Shot<'_>) -> Result<T, FrameFault>,
-    ) -> Result<Result<T, FrameFault>, CaptureError> {
-        let (handle, limits) = (&self.handle, self.limits);
-        wait(handle, limits.timeout)?;
+        keep: impl FnOnce(&[u8]) -> Result<(), FrameFault>,
+    ) -> Result<Result<u64, FrameFault>, CaptureError> {
+        let (handle, timeout) = (&self.handle, self.timeout);
+        wait(handle, timeout)?;
         let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
-        let (mut skipped, mut left_out, mut patience) = (0, 0, limits.timeout);
+        let (mut skipped, mut left_out, mut patience) = (0, 0, timeout);
         loop {
-            let (bytes, meta) = mapped.next().map_err(CaptureError::stream)?;
+            let (bytes, meta) = mapped.next().map_err(|error| failed_stream(&error))?;
             self.taken += 1;
             let now_us = monotonic_us();
             let captured_us = captured_us(meta, now_us);
@@ -127,18 +105,18 @@ impl Stream {
             if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
                 left_out += 1;
                 self.skipped.left_out += 1;
-                wait(handle, limits.timeout)?;
+                wait(handle, timeout)?;
                 continue;
             }
-            let is_stale = skipped > 0 && now_us - captured_us > STALE_PERIODS * limits.period_us;
+            let is_stale = skipped > 0 && now_us - captured_us > STALE_PERIODS * self.period_us;
             let has_newer =
                 is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, mem::take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
-                let outcome = shot(bytes, meta).and_then(look);
-                if outcome.is_err() {
+                let kept = filled(bytes, meta).and_then(keep);
+                if kept.is_err() {
                     self.delivery.damaged();
                 }
-                return Ok(outcome);
+                return Ok(kept.map(|()| captured_us));
             }
             skipped += 1;
             self.skipped.for_newer += 1;
@@ -146,25 +124,22 @@ impl Stream {
     }
 
     /// Number of frames that were taken from the driver, without the first one.
-    pub fn taken(&self) -> u64 {
+    pub(super) fn taken(&self) -> u64 {
         self.taken
     }
 
     /// Returns the numbers of frames that were skipped since the last call.
-    pub fn take_skipped(&mut self) -> Skipped {
+    pub(super) fn take_skipped(&mut self) -> Skipped {
         mem::take(&mut self.skipped)
     }
 
     /// Returns what the camera has delivered whenever a window is complete.
-    pub fn take_delivery(&mut self) -> Option<Delivery> {
+    pub(super) fn take_delivery(&mut self) -> Option<Delivery> {
         self.delivery.take()
     }
 
     /// Stops the camera and gives its buffers back. There are no frames afterwards.
-    ///
-    /// # Errors
-    /// [`CaptureError::NotStopped`] if the camera stays open for the rest of the process.
-    pub fn stop(&mut self) -> Result<(), CaptureError> {
+    pub(super) fn stop(&mut self) -> Result<(), CaptureError> {
         self.mapped.take().map_or(Ok(()), |mapped| release(mapped, &self.path))
     }
 }
@@ -214,7 +189,7 @@ fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureError> {
             return Ok(());
         }
         if left.is_zero() {
-            return Err(stalled(timeout));
+            return Err(CaptureError::stalled(timeout));
         }
     }
 }
@@ -226,18 +201,20 @@ fn is_ready(handle: &Handle, timeout: Duration) -> Result<bool, CaptureError> {
     match handle.poll(READABLE, timeout_ms) {
         Ok(ready) => Ok(ready > 0),
         Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(false),
-        Err(error) => Err(CaptureError::stream(error)),
+        Err(error) => Err(failed_stream(&error)),
     }
 }
 
+fn failed_stream(error: &io::Error) -> CaptureError {
+    CaptureError::driver_failed("sending frames", error)
+}
+
 /// Returns the part of a buffer that the driver has filled.
-fn shot<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<Shot<'a>, FrameFault> {
+fn filled<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<&'a [u8], FrameFault> {
     if meta.flags.contains(Flags::ERROR) {
         return Err(FrameFault::Marked);
     }
-    let used = usize::try_from(meta.bytesused).ok().and_then(|used| bytes.get(..used));
-    let bytes = used.ok_or(FrameFault::Incomplete)?;
-    Ok(Shot { bytes, captured_us: captured_us(meta, monotonic_us()) })
+    usize::try_from(meta.bytesused).ok().and_then(|used| bytes.get(..used)).ok_or(FrameFault::Incomplete)
 }
 
 /// Returns the driver's timestamp if it uses the monotonic clock, and `now_us` otherwise. A timestamp in the future is
@@ -254,9 +231,92 @@ fn is_monotonic(meta: &Metadata) -> bool {
     meta.flags & Flags::TIMESTAMP_MASK == Flags::TIMESTAMP_MONOTONIC
 }
 
-fn stalled(timeout: Duration) -> CaptureError {
-    CaptureError::Stalled { waited_ms: u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX) }
-}
-
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::cell::Cell;
+
+    use v4l::timestamp::Timestamp;
+
+    use super::*;
+
+    fn meta(bytesused: u32, flags: Flags) -> Metadata {
+        Metadata { bytesused, flags, timestamp: Timestamp::new(2, 500), ..Metadata::default() }
+    }
+
+    #[test]
+    fn only_the_part_that_the_driver_filled_is_returned() {
+        let shown = |bytesused, flags| filled(&[7; 100], &meta(bytesused, flags)).map(<[u8]>::len);
+        assert_eq!(shown(60, Flags::empty()), Ok(60));
+        assert_eq!(shown(101, Flags::empty()), Err(FrameFault::Incomplete));
+        assert_eq!(shown(60, Flags::ERROR), Err(FrameFault::Marked));
+    }
+
+    #[test]
+    fn timestamps_of_another_clock_or_of_the_future_are_replaced() {
+        let now_us = 3_000_000;
+        let time = |flags, now_us| captured_us(&meta(0, flags), now_us);
+        assert_eq!(time(Flags::TIMESTAMP_MONOTONIC, now_us), 2_000_500);
+        assert_eq!(time(Flags::TIMESTAMP_COPY, now_us), now_us);
+        assert_eq!(time(Flags::TIMESTAMP_UNKNOWN, now_us), now_us);
+        assert_eq!(time(Flags::TIMESTAMP_MONOTONIC, 1_000_000), 1_000_000);
+    }
+
+    /// A stream whose attempts to stop end as listed, and which panics in `Drop` as that of the v4l crate does.
+    struct Stoppable<'a> {
+        errors: std::slice::Iter<'a, Option<Errno>>,
+        dropped: &'a Cell<bool>,
+    }
+
+    impl v4l::io::traits::Stream for Stoppable<'_> {
+        type Item = [u8];
+
+        fn start(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn stop(&mut self) -> io::Result<()> {
+            self.errors.next().copied().flatten().map_or(Ok(()), |error| Err(error.into()))
+        }
+    }
+
+    impl Drop for Stoppable<'_> {
+        fn drop(&mut self) {
+            self.dropped.set(true);
+            if let Err(error) = v4l::io::traits::Stream::stop(self) {
+                panic!("{error}");
+            }
+        }
+    }
+
+    /// Releases such a stream, and returns whether it was dropped.
+    fn released(errors: &[Option<Errno>]) -> (Result<(), CaptureError>, bool) {
+        let dropped = Cell::new(false);
+        let stream = Stoppable { errors: errors.iter(), dropped: &dropped };
+        (release(stream, Path::new("/dev/video7")), dropped.get())
+    }
+
+    #[test]
+    fn a_stream_that_stops_is_dropped_even_if_a_signal_interrupts_it() {
+        assert!(matches!(released(&[]), (Ok(()), true)));
+        assert!(matches!(released(&[Some(Errno::INTR), Some(Errno::INTR)]), (Ok(()), true)));
+        assert!(matches!(released(&[Some(Errno::NODEV)]), (Ok(()), true)), "unplugged");
+        assert!(matches!(released(&[None, Some(Errno::IO)]), (Ok(()), true)), "the second attempt is that of its drop");
+    }
+
+    #[test]
+    fn a_camera_that_cannot_be_stopped_is_an_error_with_its_remedy() {
+        for errors in [vec![Some(Errno::IO)], vec![Some(Errno::INTR); STOP_ATTEMPTS]] {
+            let (outcome, dropped) = released(&errors);
+            assert!(!dropped, "its drop would panic");
+            let sentence = outcome.unwrap_err().to_string();
+            assert!(sentence.starts_with("/dev/video7 cannot be stopped: ") && sentence.contains("start this program"));
+        }
+    }
+
+    #[test]
+    fn a_bus_without_bandwidth_is_told_with_its_remedy() {
+        let sentence = CaptureError::device(Path::new("/dev/video7"), "starting it", Errno::NOSPC.into()).to_string();
+        assert!(sentence.contains("/dev/video7") && sentence.contains("bandwidth"), "{sentence}");
+        assert!(sentence.contains("camera.format = \"mjpeg\""), "{sentence}");
+    }
+}

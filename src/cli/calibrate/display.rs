@@ -3,30 +3,26 @@
 use std::io::{self, IsTerminal as _, Write as _};
 use std::path::Path;
 
-use crossterm::terminal::{BeginSynchronizedUpdate, Clear, ClearType, EndSynchronizedUpdate};
-use crossterm::{cursor, queue, style::Print};
+use rustix::termios::tcgetwinsize;
 
 use super::super::failure::{Failure, STANDARD_OUTPUT};
 use crate::calibration::{Phase, Progress, Take};
 
-/// Length of the bars, characters.
 const BAR: usize = 24;
-/// Number of lines.
 const LINES: u16 = 3;
 
 /// Shows progress on standard output.
-pub(super) struct Display {
+pub struct Display {
     is_terminal: bool,
     last: Option<Progress>,
 }
 
 impl Display {
-    pub(super) fn new() -> Self {
+    pub fn new() -> Self {
         Self { is_terminal: io::stdout().is_terminal(), last: None }
     }
 
-    /// Shows how far the calibration is.
-    pub(super) fn show(&mut self, progress: &Progress) -> Result<(), Failure> {
+    pub fn show(&mut self, progress: &Progress) -> Result<(), Failure> {
         let shown = if self.is_terminal { self.draw(progress) } else { self.tell(progress) };
         self.last = Some(progress.clone());
         shown.map_err(|error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error))
@@ -34,20 +30,18 @@ impl Display {
 
     /// Draws over the lines of the last time.
     fn draw(&self, progress: &Progress) -> io::Result<()> {
-        let mut out = io::stdout();
-        queue!(out, BeginSynchronizedUpdate)?;
+        let mut out = io::stdout().lock();
         if self.last.is_some() {
-            queue!(out, cursor::MoveToPreviousLine(LINES))?;
+            write!(out, "\x1b[{LINES}F")?; // to the beginning of the line so many lines above
         } else {
-            queue!(out, Print("Sit as usual, face the camera, and keep your head still.\n"))?;
+            writeln!(out, "Sit as usual, face the camera, and keep your head still.")?;
         }
         // A line that does not fit would be wrapped, and the next picture would be drawn a line too low.
-        let width = crossterm::terminal::size().map_or(80, |(width, _)| usize::from(width).max(20) - 1);
+        let width = tcgetwinsize(&out).map_or(80, |size| usize::from(size.ws_col).max(20) - 1);
         for line in lines(progress) {
             let line: String = line.chars().take(width).collect();
-            queue!(out, Clear(ClearType::CurrentLine), Print(line), Print("\n"))?;
+            writeln!(out, "\x1b[2K{line}")?; // clears the line first
         }
-        queue!(out, EndSynchronizedUpdate)?;
         out.flush()
     }
 
@@ -84,7 +78,6 @@ fn lines(progress: &Progress) -> [String; LINES as usize] {
 }
 
 /// A bar for a share from 0 to 1.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
 fn bar(share: f32) -> String {
     let full = (share.clamp(0.0, 1.0) * BAR as f32).round() as usize;
     "█".repeat(full) + &"░".repeat(BAR - full)

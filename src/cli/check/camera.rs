@@ -4,13 +4,13 @@ use std::fmt;
 use std::io::{IsTerminal as _, stderr};
 
 use super::super::failure::say;
-use crate::capture::{CaptureError, Delivery, Frame, Source, monotonic_us};
+use crate::capture::{Delivery, Frame, monotonic_us};
 use crate::config::CameraSettings;
-use crate::face::Tracker;
 use crate::impairment::ImpairmentSet;
-use crate::infer::InferError;
-use crate::service::{await_picture, open_camera};
+use crate::service::OpenCamera;
 use crate::watch::{Look, Watch};
+use facewire_face::InferError;
+use facewire_face::Tracker;
 
 use super::Failure;
 
@@ -21,7 +21,8 @@ const WATCH_US: u64 = 3_300_000;
 const HOLD_US: u64 = 1_000_000;
 
 /// What was seen. Displays as one line.
-pub(super) struct Seen {
+#[derive(Default)]
+pub struct Seen {
     camera: String,
     delivery: Option<Delivery>,
     /// The last look, and the last one with a face.
@@ -29,42 +30,31 @@ pub(super) struct Seen {
     face_px: Option<f32>,
     /// Whether the networks could look for a face.
     has_tracker: bool,
-    /// What makes tracking poor.
-    pub(super) impairments: ImpairmentSet,
+    pub impairments: ImpairmentSet,
 }
 
 /// Opens the camera, waits for an intact frame, and watches the camera from then on.
-pub(super) fn watch(settings: &CameraSettings, tracker: Option<&mut Tracker>) -> Result<Seen, Failure> {
-    let mut camera = open_camera(settings)?;
-    await_picture(&mut *camera, || {})?;
-    let seen = watch_open(&mut *camera, tracker)?;
+pub fn watch(settings: &CameraSettings, tracker: Option<&mut Tracker>) -> Result<Seen, Failure> {
+    let mut camera = OpenCamera::open(settings)?;
+    let seen = watch_open(&mut camera, tracker)?;
     camera.close()?;
     Ok(seen)
 }
 
-fn watch_open(camera: &mut dyn Source, mut tracker: Option<&mut Tracker>) -> Result<Seen, Failure> {
+fn watch_open(camera: &mut OpenCamera, mut tracker: Option<&mut Tracker>) -> Result<Seen, Failure> {
     if stderr().is_terminal() {
         say("watching the camera for 3 seconds: look into it");
     }
-    let mut seen = Seen {
-        camera: camera.describe().to_string(),
-        delivery: None,
-        look: None,
-        face_px: None,
-        has_tracker: tracker.is_some(),
-        impairments: ImpairmentSet::default(),
-    };
-    let stated_us = camera.frame_period_us();
+    let (camera_line, has_tracker) = (camera.source.describe().to_string(), tracker.is_some());
+    let mut seen = Seen { camera: camera_line, has_tracker, ..Seen::default() };
+    let stated_us = camera.source.frame_period_us();
     let mut watch = Watch::new(HOLD_US);
     let end_us = monotonic_us() + WATCH_US;
     while monotonic_us() < end_us {
-        match camera.next() {
-            Ok(Some(frame)) => seen.look(&frame, tracker.as_deref_mut(), &mut watch)?,
-            Ok(None) => return Err(CaptureError::Gone.into()),
-            Err(CaptureError::Frame { .. }) => {}
-            Err(error) => return Err(error.into()),
+        if let Some(frame) = camera.next()? {
+            seen.look(&frame, tracker.as_deref_mut(), &mut watch)?;
         }
-        if let Some(delivery) = camera.take_delivery() {
+        if let Some(delivery) = camera.source.take_delivery() {
             watch.delivery(&delivery, stated_us, monotonic_us());
             seen.delivery = Some(delivery);
         }

@@ -1,17 +1,18 @@
-//! Finds the microcontroller board for `device = "auto"`.
+//! What the numbers of USB devices tell about serial ports: which is the board for `device = "auto"`, and which board
+//! restarts when its port is opened.
 //!
-//! Role: among the serial ports of USB devices, tells boards from everything else by the numbers of their makers.
-//! Contract: only one board that is the only one is chosen. A line to a modem, a printer or a radio must not carry
-//! packets by surprise, so an adapter that anything may be connected to is never chosen, nor one of several boards. A
-//! board that was chosen before is chosen again, and is waited for while its power is off for a moment.
-//! Limits: ports must have their names from udev.
+//! Only one board that is the only one is chosen. A line to a modem, a printer or a radio must not carry packets by
+//! surprise, so an adapter that anything may be connected to is never chosen, nor one of several boards. A board that was
+//! chosen before is chosen again, and is waited for while its power is off for a moment.
+//!
+//! Limits: ports must have their names from the kernel and from udev. A board at the pins of a UART is not recognised.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::port::PortTrouble;
-use crate::config::AutoDevice;
+use crate::config::{AutoDevice, SerialDevice};
+use crate::link::{LinkError, LinkErrorKind};
 
 /// Links to the serial ports of USB devices, with names that stay with the device.
 const LINKS: &str = "/dev/serial/by-id";
@@ -25,24 +26,46 @@ const TEENSY: (&str, &str) = ("16c0", "048");
 /// Raspberry Pi's debug probes. Anything may be connected to their serial line.
 /// Source: <https://github.com/raspberrypi/usb-pid>
 const PROBES: [(&str, &str); 2] = [("2e8a", "0004"), ("2e8a", "000c")];
-/// How long another board does not take the place of the chosen one: a board whose servos draw too much current is away
-/// for some seconds.
-const LOYALTY: Duration = Duration::from_secs(30);
-
 /// Pololu's Maestros: the Micro Maestro 6 and the Mini Maestros 12, 18 and 24. They would take packets for commands, so a
 /// link for packets never chooses them. Their first port is the one for commands.
 /// Source: the udev rules and the source of Pololu's Maestro software for Linux.
 const MAESTROS: [(&str, &str); 4] = [("1ffb", "0089"), ("1ffb", "008a"), ("1ffb", "008b"), ("1ffb", "008c")];
+/// Arduinos whose serial chip is a microcontroller with the driver of modems: vendors, and the products of Uno, Uno Mini,
+/// Mega and Mega ADK.
+/// Source: `boards.txt` of <https://github.com/arduino/ArduinoCore-avr>
+const ARDUINO_VENDORS: [&str; 2] = ["2341", "2a03"];
+const ARDUINOS: [&str; 11] = ["0001", "0043", "0243", "006a", "0062", "0010", "0042", "0210", "0242", "003f", "0044"];
+/// Serial chips of WCH, such as the CH343, that use the driver of modems.
+const MODEM_CHIPS: [(&str, &str); 2] = [("1a86", "55d3"), ("1a86", "55d4")];
+/// How long another board does not take the place of the chosen one: a board whose servos draw too much current is away
+/// for some seconds.
+const REPLACE_AFTER: Duration = Duration::from_secs(30);
 
 /// Whether a USB device with these numbers is a Maestro.
-#[must_use]
 pub fn is_maestro(vendor: u16, product: u16) -> bool {
     MAESTROS.contains(&(format!("{vendor:04x}").as_str(), format!("{product:04x}").as_str()))
 }
 
-/// The search for the board of one link.
-#[derive(Debug, Default)]
-pub struct BoardSearch {
+/// Whether opening this port restarts the board behind it, if DTR was low. `class` is what the kernel knows of ports.
+/// Whether the DTR of an adapter is connected is not known, so that any board behind one counts.
+pub fn restarts_board(device: &Path, class: &Path) -> bool {
+    let node = device.canonicalize().unwrap_or_default();
+    let name = node.file_name().unwrap_or_default().to_string_lossy();
+    let (vendor, product) = usb_device(&node, class).map(|device| numbers(&device)).unwrap_or_default();
+    is_restarted_by_dtr(&name, &vendor, &product)
+}
+
+/// Drivers of serial chips such as the CH340 name their ports `ttyUSB0`, or `ttyCH341USB0` if they come from the maker.
+/// A board at any other port restarts only if the lists above contain it.
+fn is_restarted_by_dtr(name: &str, vendor: &str, product: &str) -> bool {
+    let is_arduino = ARDUINO_VENDORS.contains(&vendor) && ARDUINOS.contains(&product);
+    is_arduino || name.contains("USB") || MODEM_CHIPS.contains(&(vendor, product))
+}
+
+/// The search for the port of one link.
+#[derive(Debug)]
+pub struct PortSearch {
+    device: SerialDevice,
     wanted: AutoDevice,
     /// The board that was chosen last.
     chosen: Option<PathBuf>,
@@ -50,27 +73,32 @@ pub struct BoardSearch {
     missed_at: Option<Instant>,
 }
 
-impl BoardSearch {
-    /// The search for a device of this kind.
-    #[must_use]
-    pub fn new(wanted: AutoDevice) -> Self {
-        Self { wanted, ..Self::default() }
+impl PortSearch {
+    /// `wanted` is what "auto" stands for.
+    pub fn new(device: &SerialDevice, wanted: AutoDevice) -> Self {
+        Self { device: device.clone(), wanted, chosen: None, missed_at: None }
     }
 
-    /// Returns the port of the board.
-    ///
-    /// # Errors
-    /// Says why there is none.
-    pub fn find(&mut self) -> Result<PathBuf, PortTrouble> {
-        self.choose(Ports::look(self.wanted, Path::new(LINKS), Path::new(CLASS)), Instant::now())
+    /// Returns the path of the port. A path in the settings need not lead to a device.
+    pub fn find(&mut self) -> Result<PathBuf, LinkError> {
+        match &self.device {
+            SerialDevice::Path(path) => Ok(path.clone()),
+            SerialDevice::Auto => {
+                self.choose(Ports::list(self.wanted, Path::new(LINKS), Path::new(CLASS)), Instant::now())
+            }
+        }
     }
 
-    fn choose(&mut self, mut ports: Ports, now: Instant) -> Result<PathBuf, PortTrouble> {
+    fn choose(&mut self, mut ports: Ports, now: Instant) -> Result<PathBuf, LinkError> {
+        let error = |kind, sentence: String| Err(LinkError::new(kind, "auto", sentence));
         if let Some(chosen) = &self.chosen {
             if ports.boards.contains(chosen) {
                 ports.boards = vec![chosen.clone()];
-            } else if now.duration_since(*self.missed_at.get_or_insert(now)) < LOYALTY && !ports.boards.is_empty() {
-                return Err(PortTrouble::Away(chosen.clone()));
+            } else if now.duration_since(*self.missed_at.get_or_insert(now)) < REPLACE_AFTER && !ports.boards.is_empty()
+            {
+                let sentence =
+                    format!("waits for {}; another board takes its place after half a minute", chosen.display());
+                return error(LinkErrorKind::Other, sentence);
             }
         }
         match ports.boards.as_slice() {
@@ -78,15 +106,32 @@ impl BoardSearch {
                 (self.chosen, self.missed_at) = (Some(board.clone()), None);
                 Ok(board.clone())
             }
-            [] if self.wanted == AutoDevice::Maestro => Err(PortTrouble::NoMaestro),
-            [] => Err(PortTrouble::NoBoard(ports.others)),
-            _ => Err(PortTrouble::SeveralBoards(ports.boards)),
+            [] if self.wanted == AutoDevice::Maestro => {
+                error(LinkErrorKind::Waiting, "waits for a Pololu Maestro; none is plugged into USB".to_owned())
+            }
+            [] => {
+                let hint = if ports.others.is_empty() {
+                    String::new()
+                } else {
+                    format!("; if your board is one of these, give its path as link.device: {}", joined(&ports.others))
+                };
+                let sentence = "waits for a microcontroller board; none of a known maker is plugged in";
+                error(LinkErrorKind::Waiting, format!("{sentence}{hint}"))
+            }
+            boards => {
+                let sentence = "more than one such board is plugged in; give the path of one as link.device";
+                error(LinkErrorKind::Other, format!("{sentence}: {}", joined(boards)))
+            }
         }
     }
 }
 
+fn joined(ports: &[PathBuf]) -> String {
+    ports.iter().map(|port| port.display().to_string()).collect::<Vec<_>>().join(", ")
+}
+
 /// The serial ports of USB devices, by the stable path of the first port of each device.
-#[derive(Debug, Default, PartialEq, Eq)]
+#[derive(Debug, Default)]
 struct Ports {
     boards: Vec<PathBuf>,
     others: Vec<PathBuf>,
@@ -94,7 +139,7 @@ struct Ports {
 
 impl Ports {
     /// Lists the ports that have a link in `links`, with what `class` tells of them.
-    fn look(wanted: AutoDevice, links: &Path, class: &Path) -> Self {
+    fn list(wanted: AutoDevice, links: &Path, class: &Path) -> Self {
         let mut paths: Vec<PathBuf> =
             fs::read_dir(links).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
         paths.sort();
@@ -103,9 +148,9 @@ impl Ports {
         devices.dedup_by(|later, earlier| later.0 == earlier.0);
         let mut ports = Self::default();
         for (device, path) in devices {
-            match (kind(&device), wanted) {
-                (Some(kind), wanted) if kind == wanted => ports.boards.push(path),
-                // A path that the message would recommend.
+            match (auto_device(&device), wanted) {
+                (Some(found), wanted) if found == wanted => ports.boards.push(path),
+                // The message would recommend the path.
                 (Some(AutoDevice::Maestro), AutoDevice::Microcontroller) => {}
                 _ => ports.others.push(path),
             }
@@ -122,19 +167,14 @@ fn usb_device(port: &Path, class: &Path) -> Option<PathBuf> {
     Some(device.to_owned())
 }
 
-/// Returns the numbers of the vendor and the product of the USB device that the port belongs to.
-pub fn numbers(port: &Path, class: &Path) -> Option<(String, String)> {
-    usb_device(port, class).map(|device| numbers_of(&device))
-}
-
-fn numbers_of(device: &Path) -> (String, String) {
+/// Returns the numbers of the vendor and of the product.
+fn numbers(device: &Path) -> (String, String) {
     let read = |name| fs::read_to_string(device.join(name)).unwrap_or_default().trim().to_owned();
     (read("idVendor"), read("idProduct"))
 }
 
-/// What kind of device this is, if its numbers tell.
-fn kind(device: &Path) -> Option<AutoDevice> {
-    let (vendor, product) = numbers_of(device);
+fn auto_device(device: &Path) -> Option<AutoDevice> {
+    let (vendor, product) = numbers(device);
     let numbers = (vendor.as_str(), product.as_str());
     if MAESTROS.contains(&numbers) {
         return Some(AutoDevice::Maestro);
@@ -145,13 +185,11 @@ fn kind(device: &Path) -> Option<AutoDevice> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use std::os::unix::fs::symlink;
 
     use tempfile::TempDir;
 
-    use super::super::restart::restarts_board;
     use super::*;
 
     /// A machine with USB devices, in a folder.
@@ -190,42 +228,80 @@ mod tests {
             self.0.path().join(format!("by-id/usb-{name}-if0{index}"))
         }
 
-        fn find(&self, search: &mut BoardSearch, now: Instant) -> Result<PathBuf, PortTrouble> {
-            search.choose(Ports::look(search.wanted, &self.0.path().join("by-id"), &self.0.path().join("tty")), now)
+        fn find(&self, search: &mut PortSearch, now: Instant) -> Result<PathBuf, LinkError> {
+            search.choose(Ports::list(search.wanted, &self.0.path().join("by-id"), &self.0.path().join("tty")), now)
         }
 
-        fn find_first(&self) -> Result<PathBuf, PortTrouble> {
-            self.find(&mut BoardSearch::default(), Instant::now())
+        fn find_first(&self, wanted: AutoDevice) -> Result<PathBuf, LinkError> {
+            self.find(&mut PortSearch::new(&SerialDevice::Auto, wanted), Instant::now())
+        }
+
+        /// Asserts that there is no such board, and that the message names these devices.
+        fn has_none(&self, wanted: AutoDevice, named: &[&str]) {
+            let LinkError { kind, message } = self.find_first(wanted).unwrap_err();
+            assert_eq!(kind, LinkErrorKind::Waiting, "{message}");
+            let paths = named.iter().map(|name| self.link(name, 0)).collect::<Vec<_>>();
+            assert!(
+                message.ends_with(&joined(&paths)) && message.contains(".device: ") != named.is_empty(),
+                "{message}"
+            );
         }
     }
+
+    use AutoDevice::{Maestro, Microcontroller};
 
     #[test]
     fn the_only_board_is_found_by_its_maker_among_ports_that_anything_may_be_connected_to() {
         let machine = Machine::new();
-        assert_eq!(machine.find_first(), Err(PortTrouble::NoBoard(vec![])));
+        machine.has_none(Microcontroller, &[]);
         machine.plug("1a86_Serial", "1a86:7523", &["ttyUSB0"]);
         machine.plug("Raspberry_Pi_Debug_Probe", "2e8a:000c", &["ttyACM0"]);
         machine.plug("Van_Ooijen_Keyboard", "16c0:27dd", &["ttyACM1"]);
-        let others =
-            ["1a86_Serial", "Raspberry_Pi_Debug_Probe", "Van_Ooijen_Keyboard"].map(|name| machine.link(name, 0));
-        assert_eq!(machine.find_first(), Err(PortTrouble::NoBoard(others.to_vec())));
+        machine.has_none(Microcontroller, &["1a86_Serial", "Raspberry_Pi_Debug_Probe", "Van_Ooijen_Keyboard"]);
         machine.plug("Teensyduino", "16c0:0483", &["ttyACM2"]);
-        assert_eq!(machine.find_first(), Ok(machine.link("Teensyduino", 0)));
+        assert_eq!(machine.find_first(Microcontroller), Ok(machine.link("Teensyduino", 0)));
     }
 
     #[test]
     fn a_maestro_is_found_by_a_link_for_maestros_at_its_first_port_and_gets_no_packets() {
         let machine = Machine::new();
-        let find = || machine.find(&mut BoardSearch::new(AutoDevice::Maestro), Instant::now());
         machine.plug("Arduino", "2341:0043", &["ttyACM0"]);
-        assert_eq!(find(), Err(PortTrouble::NoMaestro));
+        assert_eq!(machine.find_first(Maestro).unwrap_err().kind, LinkErrorKind::Waiting);
         machine.plug("Pololu_Mini_Maestro_12", "1ffb:008a", &["ttyACM2", "ttyACM1"]);
-        assert_eq!(find(), Ok(machine.link("Pololu_Mini_Maestro_12", 0)));
-        assert_eq!(machine.find_first(), Ok(machine.link("Arduino", 0)));
+        assert_eq!(machine.find_first(Maestro), Ok(machine.link("Pololu_Mini_Maestro_12", 0)));
+        assert_eq!(machine.find_first(Microcontroller), Ok(machine.link("Arduino", 0)));
         machine.unplug("Arduino");
-        assert_eq!(machine.find_first(), Err(PortTrouble::NoBoard(vec![])));
+        machine.has_none(Microcontroller, &[]);
         machine.plug("Pololu_Micro_Maestro_6", "1ffb:0089", &["ttyACM3", "ttyACM4"]);
-        assert!(matches!(find(), Err(PortTrouble::SeveralBoards(boards)) if boards.len() == 2));
+        assert!(machine.find_first(Maestro).unwrap_err().message.contains("more than one"));
+    }
+
+    #[test]
+    fn of_several_boards_none_is_taken_but_the_one_that_is_in_use_is_kept() {
+        let (machine, now) = (Machine::new(), Instant::now());
+        machine.plug("B", "2341:0043", &["ttyACM0"]);
+        let mut search = PortSearch::new(&SerialDevice::Auto, Microcontroller);
+        assert_eq!(machine.find(&mut search, now), Ok(machine.link("B", 0)));
+        machine.plug("A", "239a:80f4", &["ttyACM1"]);
+        assert_eq!(machine.find(&mut search, now), Ok(machine.link("B", 0)));
+        let LinkError { kind, message } = machine.find_first(Microcontroller).unwrap_err();
+        assert_eq!(kind, LinkErrorKind::Other, "somebody must choose");
+        assert!(message.ends_with(&joined(&["A", "B"].map(|name| machine.link(name, 0)))), "{message}");
+    }
+
+    #[test]
+    fn a_board_that_is_away_for_seconds_is_waited_for_and_later_another_takes_its_place() {
+        let (machine, now) = (Machine::new(), Instant::now());
+        machine.plug("Head", "2341:0043", &["ttyACM0"]);
+        let mut search = PortSearch::new(&SerialDevice::Auto, Microcontroller);
+        assert_eq!(machine.find(&mut search, now), Ok(machine.link("Head", 0)));
+        machine.unplug("Head");
+        let days_later = now + 1000 * REPLACE_AFTER;
+        assert!(machine.find(&mut search, days_later).is_err());
+        machine.plug("Other", "2341:0043", &["ttyACM1"]);
+        let away = machine.find(&mut search, days_later + REPLACE_AFTER / 2).unwrap_err().to_string();
+        assert!(away.contains(&format!("waits for {}", machine.link("Head", 0).display())), "{away}");
+        assert_eq!(machine.find(&mut search, days_later + REPLACE_AFTER), Ok(machine.link("Other", 0)));
     }
 
     #[test]
@@ -240,37 +316,22 @@ mod tests {
     }
 
     #[test]
-    fn of_a_board_with_several_ports_the_first_is_taken() {
-        let machine = Machine::new();
-        machine.plug("Pico", "2e8a:000a", &["ttyACM1", "ttyACM0"]);
-        assert_eq!(machine.find_first(), Ok(machine.link("Pico", 0)));
-    }
-
-    #[test]
-    fn of_several_boards_none_is_taken_but_the_one_that_is_in_use_is_kept() {
-        let (machine, now) = (Machine::new(), Instant::now());
-        machine.plug("B", "2341:0043", &["ttyACM0"]);
-        let mut search = BoardSearch::default();
-        assert_eq!(machine.find(&mut search, now), Ok(machine.link("B", 0)));
-        machine.plug("A", "239a:80f4", &["ttyACM1"]);
-        assert_eq!(machine.find(&mut search, now), Ok(machine.link("B", 0)));
-        let both = ["A", "B"].map(|name| machine.link(name, 0));
-        assert_eq!(machine.find_first(), Err(PortTrouble::SeveralBoards(both.to_vec())));
-    }
-
-    #[test]
-    fn a_board_that_is_away_for_seconds_is_waited_for_and_later_another_takes_its_place() {
-        let (machine, now) = (Machine::new(), Instant::now());
-        machine.plug("Head", "2341:0043", &["ttyACM0"]);
-        let mut search = BoardSearch::default();
-        assert_eq!(machine.find(&mut search, now), Ok(machine.link("Head", 0)));
-        machine.unplug("Head");
-        let days_later = now + 1000 * LOYALTY;
-        assert_eq!(machine.find(&mut search, days_later), Err(PortTrouble::NoBoard(vec![])));
-        machine.plug("Other", "2341:0043", &["ttyACM1"]);
-        let away = Err(PortTrouble::Away(machine.link("Head", 0)));
-        assert_eq!(machine.find(&mut search, days_later + LOYALTY / 2), away);
-        assert_eq!(machine.find(&mut search, days_later + LOYALTY), Ok(machine.link("Other", 0)));
+    fn boards_with_a_serial_chip_restart_and_boards_with_their_own_usb_uarts_and_maestros_do_not() {
+        for (name, vendor, product, restarts) in [
+            ("ttyUSB12", "10c4", "ea60", true),
+            ("ttyCH341USB0", "1a86", "7523", true),
+            ("ttyACM1", "2341", "0001", true),
+            ("ttyACM0", "2a03", "0042", true),
+            ("ttyACM0", "1a86", "55d4", true),
+            ("ttyACM0", "2341", "8036", false),
+            ("ttyACM0", "2e8a", "000a", false),
+            ("ttyACM0", "1ffb", "0089", false),
+            ("ttyACM0", "1b4f", "0043", false),
+            ("ttyAMA0", "", "", false),
+            ("3", "", "", false),
+        ] {
+            assert_eq!(is_restarted_by_dtr(name, vendor, product), restarts, "{name} {vendor}:{product}");
+        }
     }
 
     #[test]

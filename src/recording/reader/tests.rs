@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use facewire_packet::Reason;
 
 use super::*;
-use crate::face::Landmarks;
 use crate::link::Pose;
 use crate::recording::Writer;
+use facewire_face::Landmarks;
 
 /// A file name in a folder that is removed at the end.
 fn file() -> (tempfile::TempDir, PathBuf) {

@@ -29,14 +29,14 @@ impl Rehearsal {
         while self.now_us < end_us {
             let load =
                 Some(Load { busy: PERIOD.mul_f64(load(self.now_us)), decoding: Duration::ZERO, camera_period: PERIOD });
-            self.update(&Conditions { is_allowed: true, load, impaired_by });
+            self.update(&Conditions { is_allowed: true, load, impaired_by, has_smaller_mode: false });
         }
         self
     }
 
     fn update(&mut self, conditions: &Conditions) {
         let before = self.adaptation.step();
-        let is_changed = self.adaptation.update(self.now_us, conditions);
+        let [is_changed, _] = self.adaptation.update(self.now_us, conditions);
         assert_eq!(is_changed, self.adaptation.step() != before);
         assert_eq!(self.adaptation.cause().is_none(), self.adaptation.step() == Step::Full);
         if is_changed {
@@ -199,7 +199,8 @@ fn attempts_to_go_up_under_a_constant_overload_become_as_rare_as_once_an_hour() 
 fn while_there_are_no_frames_the_step_stays_and_time_without_frames_is_no_time_without_load() {
     let mut rehearsal = Rehearsal::default();
     rehearsal.pass(5 * S, |_| 2.5, &[]);
-    let away = Conditions { is_allowed: true, load: None, impaired_by: ImpairmentSet::default() };
+    let impaired_by = ImpairmentSet::default();
+    let away = Conditions { is_allowed: true, load: None, impaired_by, has_smaller_mode: false };
     (0..3600 * S / TICK).for_each(|_| rehearsal.update(&away));
     assert_eq!(rehearsal.steps(), [Step::Third]);
     rehearsal.pass(9 * S, |_| 0.5, &[]);
@@ -211,7 +212,97 @@ fn settings_that_allow_no_step_end_the_present_one() {
     let mut rehearsal = Rehearsal::default();
     rehearsal.pass(5 * S, |_| 2.5, &[]);
     let load = Some(Load { busy: PERIOD * 3, decoding: Duration::ZERO, camera_period: PERIOD });
-    let refused = Conditions { is_allowed: false, load, impaired_by: ImpairmentSet::default() };
+    let impaired_by = ImpairmentSet::default();
+    let refused = Conditions { is_allowed: false, load, impaired_by, has_smaller_mode: false };
     (0..100).for_each(|_| rehearsal.update(&refused));
     assert_eq!(rehearsal.steps(), [Step::Third, Step::Full]);
+}
+
+#[test]
+fn the_wait_grows_with_each_attempt_that_fails_and_is_the_least_one_after_an_attempt_that_lasts() {
+    let mut wait = ProbeBackoff::default();
+    let mut now_us = 0;
+    let mut wait_after = |lasted_us: Option<u64>| {
+        if let Some(lasted_us) = lasted_us {
+            wait.attempt(now_us);
+            now_us += lasted_us;
+        }
+        wait.take_back(now_us, [10, 200]);
+        wait.us
+    };
+    assert_eq!([None, None, Some(59), Some(1), Some(1), Some(1)].map(&mut wait_after), [10, 10, 40, 160, 200, 200]);
+    assert_eq!([Some(1199), Some(1200)].map(&mut wait_after), [200, 10]);
+}
+
+#[test]
+fn a_frame_that_takes_longer_than_three_intervals_of_the_lowest_step_is_too_slow() {
+    let is_too_slow = |ms| {
+        let load = Load { busy: Duration::from_millis(ms), decoding: Duration::ZERO, camera_period: PERIOD };
+        load.is_too_slow_on(Step::Twelfth)
+    };
+    assert_eq!([100, 1199, 1201].map(is_too_slow), [false, false, true]);
+}
+
+/// The conditions if decoding a picture of the present size and the rest take these shares of a frame period, and the step.
+fn decoding(decoding: f64, work: f64, step: Step) -> (Conditions, Step) {
+    let [decoding, work] = [decoding, work].map(|share| PERIOD.mul_f64(share));
+    let load = Some(Load { busy: decoding + work, decoding, camera_period: PERIOD });
+    (Conditions { is_allowed: true, load, impaired_by: ImpairmentSet::default(), has_smaller_mode: true }, step)
+}
+
+/// The seconds at which the size changes within this time, by the conditions with a small picture or not.
+fn sizes_s(seconds: u64, conditions: impl Fn(u64, bool) -> (Conditions, Step)) -> Vec<u64> {
+    let mut picture = PictureSize::default();
+    let mut update = |now_s: &u64| {
+        let (conditions, step) = conditions(*now_s, picture.is_small);
+        picture.update(now_s * S, &conditions, step, (step != Step::Full).then_some(Cause::Slow))
+    };
+    (0..seconds).filter(|now_s| update(now_s)).collect()
+}
+
+#[test]
+fn a_slow_board_takes_a_small_picture_after_half_a_minute_and_keeps_it_while_a_full_one_would_be_slow() {
+    let slow = |_, is_small| if is_small { decoding(0.4, 0.3, Step::Full) } else { decoding(1.6, 0.3, Step::Third) };
+    assert_eq!(sizes_s(86_400, slow), [30]);
+}
+
+#[test]
+fn the_picture_stays_as_it_is_where_a_small_one_gains_no_step_or_does_not_exist() {
+    let is_small = |now: (Conditions, Step)| !sizes_s(600, |_, _| now).is_empty();
+    let (slow, step) = decoding(1.6, 0.3, Step::Third);
+    assert!(is_small((slow, step)));
+    assert!(!is_small(decoding(0.1, 1.9, Step::Third)), "decoding is a small part");
+    assert!(!is_small((Conditions { has_smaller_mode: false, ..slow }, step)));
+    assert!(!is_small(decoding(0.6, 0.3, Step::Full)), "not slow");
+    assert!(!is_small((Conditions { load: None, ..slow }, step)), "no camera");
+    let mut picture = PictureSize::default();
+    let hot = |now_s: &u64| picture.update(now_s * S, &decoding(0.2, 0.3, Step::Half).0, Step::Half, Some(Cause::Hot));
+    assert_eq!((0..600).filter(hot).count(), 0);
+}
+
+#[test]
+fn the_full_size_comes_back_when_the_board_is_fast_again_for_ten_minutes() {
+    let slow_until_100_s = |now_s, is_small| match (now_s < 100, is_small) {
+        (true, true) => decoding(0.4, 0.3, Step::Full),
+        (true, false) => decoding(1.6, 0.3, Step::Third),
+        (false, true) => decoding(0.1, 0.1, Step::Full),
+        (false, false) => decoding(0.4, 0.1, Step::Full),
+    };
+    assert_eq!(sizes_s(86_400, slow_until_100_s), [30, 700]);
+}
+
+#[test]
+fn a_prediction_that_is_wrong_each_time_interrupts_the_face_ever_more_rarely() {
+    let wrong = |_, is_small| if is_small { decoding(0.1, 0.1, Step::Full) } else { decoding(1.6, 0.3, Step::Third) };
+    let changes = sizes_s(86_400, wrong);
+    assert!(changes.len() <= 9, "{changes:?}");
+    assert!(changes.windows(2).all(|pair| pair[1] - pair[0] >= 30), "{changes:?}");
+}
+
+#[test]
+fn settings_that_forbid_it_bring_the_full_size_back_at_once() {
+    let mut adaptation = Adaptation::default();
+    let (slow, _) = decoding(1.6, 0.3, Step::Third);
+    assert!((0..40).any(|now_s| adaptation.update(now_s * S, &slow)[1]) && adaptation.is_picture_small());
+    assert!(adaptation.update(41 * S, &Conditions { is_allowed: false, ..slow })[1] && !adaptation.is_picture_small());
 }

@@ -1,72 +1,109 @@
-//! A client of the control socket.
+//! A client of the control thread, by the control socket or by HTTP.
 
+use std::fs::File;
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::fd::{AsFd, BorrowedFd};
-use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use super::protocol::{MAX_LINE, Reply, Request};
+use crate::service::metrics::MAX_REQUEST_BYTES;
 
-/// Time in which a client must ask.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// What a client speaks, which is also an index into the doors of the server.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Speaks {
+    /// Lines of JSON.
+    Requests,
+    /// HTTP, to read the metrics.
+    Http,
+}
 
-/// A connection that never blocks.
+/// A connection that never blocks. What the client does not take at once waits in `output`.
 #[derive(Debug)]
 pub(super) struct Client {
-    stream: UnixStream,
-    line: Vec<u8>,
+    stream: File,
+    pub(super) speaks: Speaks,
+    pub(super) input: Vec<u8>,
+    output: Vec<u8>,
+    /// Since when the service waits for the client: for its request, or until it takes what it was sent.
     since: Instant,
 }
 
 impl Client {
-    pub(super) fn new(stream: UnixStream) -> Self {
-        Self { stream, line: Vec::with_capacity(MAX_LINE), since: Instant::now() }
+    pub(super) fn new(stream: File, speaks: Speaks) -> Self {
+        Self { stream, speaks, input: Vec::new(), output: Vec::new(), since: Instant::now() }
     }
 
-    /// Returns what the client asks, or why it cannot be understood. `None` if the request is not complete yet.
-    ///
-    /// # Errors
-    /// The client has gone, or is too slow.
-    pub(super) fn request(&mut self) -> io::Result<Option<Result<Request, String>>> {
-        let mut bytes = [0; MAX_LINE];
-        match self.stream.read(&mut bytes) {
-            Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
-            Ok(count) => self.line.extend_from_slice(bytes.get(..count).unwrap_or_default()),
-            Err(error) if is_later(&error) => {}
-            Err(error) => return Err(error),
+    /// Reads what has come of a request. Returns whether the client has ended its side, or cannot send more.
+    pub(super) fn receive(&mut self) -> io::Result<bool> {
+        let most = if self.speaks == Speaks::Http { MAX_REQUEST_BYTES } else { MAX_LINE };
+        let mut bytes = [0; MAX_REQUEST_BYTES];
+        let free = bytes.get_mut(..most.saturating_sub(self.input.len())).unwrap_or_default();
+        match self.stream.read(free) {
+            Ok(count) => {
+                self.input.extend_from_slice(free.get(..count).unwrap_or_default());
+                Ok(count == 0 || self.input.len() >= most)
+            }
+            Err(error) if is_later(&error) => Ok(false),
+            Err(error) => Err(error),
         }
-        let end = self.line.iter().position(|byte| *byte == b'\n');
-        if let Some(line) = end.and_then(|end| self.line.get(..end)) {
+    }
+
+    /// What the client asks in the line that has come, or why it cannot be understood. `None` if it is not complete yet.
+    pub(super) fn request(&self) -> Option<Result<Request, String>> {
+        let end = self.input.iter().position(|byte| *byte == b'\n');
+        if let Some(line) = end.and_then(|end| self.input.get(..end)) {
             let read = serde_json::from_slice(line);
-            return Ok(Some(read.map_err(|error| format!("the request is not understood: {error}"))));
+            return Some(read.map_err(|error| format!("the request is not understood: {error}")));
         }
-        if self.line.len() >= MAX_LINE {
-            return Ok(Some(Err(format!("the request has more than {MAX_LINE} bytes"))));
-        }
-        if self.since.elapsed() > PATIENCE { Err(ErrorKind::TimedOut.into()) } else { Ok(None) }
+        (self.input.len() >= MAX_LINE).then(|| Err(format!("the request has more than {MAX_LINE} bytes")))
     }
 
-    /// Whether the client has closed the connection. What it sends is ignored.
-    pub(super) fn has_gone(&mut self) -> bool {
-        match self.stream.read(&mut [0; MAX_LINE]) {
+    /// Whether the client has closed the connection, or has not taken what it was sent for this time. What it sends is
+    /// ignored.
+    pub(super) fn has_gone(&mut self, patience: Duration) -> bool {
+        let is_closed = match self.stream.read(&mut [0; MAX_LINE]) {
             Ok(count) => count == 0,
             Err(error) => !is_later(&error),
-        }
+        };
+        is_closed || (self.is_behind() && self.has_waited(patience))
+    }
+
+    /// Whether the service has waited for the client for this time.
+    pub(super) fn has_waited(&self, time: Duration) -> bool {
+        self.since.elapsed() > time
+    }
+
+    /// Whether the client has not yet taken all that it was sent.
+    pub(super) fn is_behind(&self) -> bool {
+        !self.output.is_empty()
     }
 
     /// Sends a line.
-    ///
-    /// # Errors
-    /// The client has gone, or does not read.
     pub(super) fn send(&mut self, reply: &Reply) -> io::Result<()> {
         let mut line = serde_json::to_vec(reply)?;
         line.push(b'\n');
-        self.stream.write_all(&line)
+        self.send_bytes(&line)
     }
 
-    /// Sends the last line. A client that does not read it harms only itself.
-    pub(super) fn answer(&mut self, reply: &Reply) {
-        let _ = self.send(reply);
+    pub(super) fn send_bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
+        if !self.is_behind() {
+            self.since = Instant::now();
+        }
+        self.output.extend_from_slice(bytes);
+        self.flush()
+    }
+
+    /// Sends on what the client has not taken.
+    pub(super) fn flush(&mut self) -> io::Result<()> {
+        while self.is_behind() {
+            match self.stream.write(&self.output) {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(count) => drop(self.output.drain(..count)),
+                Err(error) if is_later(&error) => break,
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
     }
 }
 
@@ -81,44 +118,55 @@ impl AsFd for Client {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
+    use std::os::fd::OwnedFd;
+    use std::os::unix::net::UnixStream;
+
     use super::*;
 
     fn pair() -> (Client, UnixStream) {
         let (server, client) = UnixStream::pair().unwrap();
         server.set_nonblocking(true).unwrap();
-        (Client::new(server), client)
+        (Client::new(OwnedFd::from(server).into(), Speaks::Requests), client)
     }
 
     #[test]
     fn request_in_pieces_is_read_when_its_line_is_complete() {
         let (mut client, mut far) = pair();
-        assert_eq!(client.request().unwrap(), None);
-        far.write_all(br#"{"do":"#).unwrap();
-        assert_eq!(client.request().unwrap(), None);
-        far.write_all(b"\"list\"}\n").unwrap();
-        assert_eq!(client.request().unwrap(), Some(Ok(Request::List {})));
+        for (piece, want) in [("", None), (r#"{"do":"#, None), ("\"list\"}\n", Some(Ok(Request::List {})))] {
+            far.write_all(piece.as_bytes()).unwrap();
+            assert!(!client.receive().unwrap());
+            assert_eq!(client.request(), want);
+        }
     }
 
     #[test]
     fn nonsense_and_endless_lines_are_refused() {
-        let (mut client, mut far) = pair();
-        far.write_all(b"hello\n").unwrap();
-        assert!(client.request().unwrap().unwrap().unwrap_err().contains("not understood"));
-        let (mut client, mut far) = pair();
-        far.write_all(&[b'x'; 4 * MAX_LINE]).unwrap();
-        assert!(client.request().unwrap().unwrap().unwrap_err().contains("bytes"));
+        for (sent, why) in [(b"hello\n".to_vec(), "not understood"), (vec![b'x'; 4 * MAX_LINE], "bytes")] {
+            let (mut client, mut far) = pair();
+            far.write_all(&sent).unwrap();
+            client.receive().unwrap();
+            assert!(client.request().unwrap().unwrap_err().contains(why));
+        }
     }
 
     #[test]
-    fn client_that_has_gone_and_one_that_does_not_read_are_told_from_one_that_waits() {
-        let (mut client, far) = pair();
-        assert!(!client.has_gone());
-        let flooded = (0..100_000).find_map(|_| client.send(&Reply::Done("x".repeat(200))).err()).unwrap();
-        assert_eq!(flooded.kind(), ErrorKind::WouldBlock);
+    fn client_that_does_not_read_is_behind_until_it_does_and_one_that_has_gone_is_told_from_it() {
+        let (mut client, mut far) = pair();
+        let [patience, none] = [Duration::from_secs(60), Duration::ZERO];
+        assert!(!client.has_gone(none), "there is nothing to read");
+        let text = "x".repeat(1 << 20);
+        client.send(&Reply::Done(text.clone())).unwrap();
+        assert!(client.is_behind() && !client.has_gone(patience) && client.has_gone(none));
+        far.set_nonblocking(true).unwrap();
+        let mut read = Vec::new();
+        while client.is_behind() {
+            let _ = far.read_to_end(&mut read);
+            client.flush().unwrap();
+        }
+        let _ = far.read_to_end(&mut read);
+        assert!(read.ends_with(b"\"}\n") && read.len() > text.len());
         drop(far);
-        assert!(client.has_gone());
-        assert!(client.request().is_err());
+        assert!(client.has_gone(patience) && client.receive().unwrap());
     }
 }

@@ -1,6 +1,6 @@
 use std::fs;
 use std::io::{BufRead as _, BufReader, Write as _};
-use std::os::unix::fs::PermissionsExt as _;
+use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::thread;
 
@@ -8,10 +8,10 @@ use facewire_packet::Reason;
 use tempfile::TempDir;
 
 use super::super::observer::{self, Observer};
-use super::socket::SOCKET;
+use super::protocol::SOCKET;
 use super::*;
 use crate::calibration::test_wearer::{Wearer, blank_model_file};
-use crate::calibration::{Observation, Phase, Progress, Sight, Take};
+use crate::calibration::{Phase, Refusal, Sight, Take};
 
 /// A control thread, and what a hot loop would hold.
 struct Rig {
@@ -20,24 +20,24 @@ struct Rig {
     observer: Observer<Observation>,
     recorder: Observer<Recorded>,
     told: mpsc::Receiver<HotNews>,
+    reload: mpsc::Sender<Settings>,
 }
 
 impl Rig {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let model = folder.path().join("model.toml");
-        fs::write(&model, toml::to_string(&blank_model_file()).unwrap()).unwrap();
-        let mut settings = Settings::default();
-        settings.wearer.folder = folder.path().join("profiles").to_str().unwrap().to_owned();
-        settings.solver.model = model.to_str().unwrap().to_owned();
-        let (observer, sights) = observer::channel(&Observation::nothing(0));
-        let (recorder, frames) = observer::channel(&Recorded::nothing(0, Reason::None));
+        fs::write(folder.path().join("model.toml"), toml::to_string(&blank_model_file()).unwrap()).unwrap();
+        let settings = settings(&folder);
+        let (observer, sights) = observer::channel();
+        let (recorder, frames) = observer::channel();
         let (changes, told) = mpsc::channel();
         let hot = Mailbox { changes, thread: thread::current() };
-        let in_use = WearerName::new(&settings.wearer.name);
-        let parts = Parts { settings, changes: mpsc::channel().1, in_use, observed: sights, recorded: frames, hot };
-        let control = Control::listen_at(folder.path().join("run").join(SOCKET), parts).unwrap();
-        Self { folder, control, observer, recorder, told }
+        let in_use = InUse::new(WearerName::new(&settings.wearer.name));
+        let (reload, changes) = mpsc::channel();
+        let (settings, counters) = (settings.clone(), Arc::default());
+        let parts = Parts { settings, changes, in_use, observed: sights, recorded: frames, hot, counters };
+        let control = Control::listen_at(Some(folder.path().join("run").join(SOCKET)), parts).unwrap();
+        Self { folder, control, observer, recorder, told, reload }
     }
 
     fn ask(&self, request: &Request) -> Answers {
@@ -51,17 +51,47 @@ impl Rig {
         };
         let line = serde_json::to_string(request).unwrap() + "\n";
         (&stream).write_all(line.as_bytes()).unwrap();
-        Answers(BufReader::new(stream))
+        Answers::of(stream)
     }
 }
 
-struct Answers(BufReader<UnixStream>);
+/// Settings whose profiles and whose model, which reads nothing in the landmarks, are in this folder.
+fn settings(folder: &TempDir) -> Settings {
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let mut settings = Settings::default();
+    (settings.wearer.folder, settings.solver.model) = (path("profiles"), path("model.toml"));
+    settings
+}
+
+struct Answers {
+    lines: BufReader<UnixStream>,
+    lost: Option<u64>,
+}
 
 impl Answers {
+    fn of(stream: UnixStream) -> Self {
+        Self { lines: BufReader::new(stream), lost: None }
+    }
+
     fn next(&mut self) -> Reply {
         let mut line = String::new();
-        self.0.read_line(&mut line).unwrap();
+        self.lines.read_line(&mut line).unwrap();
         serde_json::from_str(&line).unwrap()
+    }
+
+    /// Returns the next entry of a recording, and keeps how many frames were lost. `None` if nothing has come.
+    fn entry(&mut self) -> Option<Recorded> {
+        self.lines.get_ref().set_read_timeout(Some(Duration::from_millis(200))).unwrap();
+        let mut line = String::new();
+        loop {
+            self.lines.read_line(&mut line).ok().filter(|length| *length > 0)?;
+            match serde_json::from_str(&line).unwrap() {
+                Reply::Frame(text) => return Recorded::from_bytes(&BASE64_STANDARD.decode(text).unwrap()),
+                Reply::Lost(lost) => self.lost = Some(lost),
+                reply => panic!("{reply:?}"),
+            }
+            line.clear();
+        }
     }
 
     /// Returns the last answer, after any progress.
@@ -91,9 +121,9 @@ fn perform(rig: &mut Rig, answers: &mut Answers) -> Reply {
             return answers.last();
         }
         // A step that changes more than measures is told at once, and each take is one.
-        answers.0.get_ref().set_nonblocking(true).unwrap();
+        answers.lines.get_ref().set_nonblocking(true).unwrap();
         let mut line = String::new();
-        while answers.0.read_line(&mut line).is_ok_and(|length| length > 0) {
+        while answers.lines.read_line(&mut line).is_ok_and(|length| length > 0) {
             match serde_json::from_str(&line).unwrap() {
                 Reply::Progress(Progress { take: wanted, phase, .. }) if phase != Phase::Ended => take = wanted,
                 Reply::Progress(_) => {}
@@ -101,7 +131,7 @@ fn perform(rig: &mut Rig, answers: &mut Answers) -> Reply {
             }
             line.clear();
         }
-        answers.0.get_ref().set_nonblocking(false).unwrap();
+        answers.lines.get_ref().set_nonblocking(false).unwrap();
     }
 }
 
@@ -154,6 +184,38 @@ fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
 }
 
 #[test]
+fn calibration_ends_when_the_model_changes_and_not_at_any_other_reload() {
+    let mut rig = Rig::new();
+    let mut answers = rig.ask(&calibrate("anna"));
+    rig_first(&mut rig, &mut answers);
+    let mut new = settings(&rig.folder);
+    new.camera.fps = 60;
+    rig.reload.send(new.clone()).unwrap();
+    assert!(rig.observer.hand(Observation::nothing(2)) && matches!(answers.next(), Reply::Progress(_)));
+    new.solver.model = String::new();
+    rig.reload.send(new).unwrap();
+    assert!(matches!(answers.last(), Reply::Refused(why) if why.contains("model has changed")));
+    assert!(!rig.folder.path().join("profiles").exists(), "nothing was kept");
+}
+
+#[test]
+fn profile_that_was_made_with_another_model_is_used_with_a_warning() {
+    let mut rig = Rig::new();
+    let mut answers = rig.ask(&calibrate("anna"));
+    rig_first(&mut rig, &mut answers);
+    assert!(matches!(perform(&mut rig, &mut answers), Reply::Calibrated(_)));
+    let warns = |rig: &Rig| match rig.ask(&Request::Use { wearer: Some("anna".to_owned()) }).last() {
+        Reply::Done(text) => text.contains("another blendshape model"),
+        reply => panic!("{reply:?}"),
+    };
+    assert!(!warns(&rig));
+    let mut new = settings(&rig.folder);
+    new.solver.model = String::new();
+    rig.reload.send(new).unwrap();
+    assert!(warns(&rig));
+}
+
+#[test]
 fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is_refused() {
     let mut rig = Rig::new();
     let mut recording = rig.ask(&Request::Record {});
@@ -163,26 +225,86 @@ fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is
     while !rig.recorder.hand(Recorded::nothing(0, Reason::NoFace)) {
         thread::yield_now();
     }
-    for time_us in 1..=3 {
-        assert!(rig.recorder.hand(Recorded::nothing(time_us, Reason::NoCamera)));
-    }
-    let mut frame = || match recording.next() {
-        Reply::Frame(text) => Recorded::from_bytes(&BASE64_STANDARD.decode(text).unwrap()).unwrap(),
-        reply => panic!("{reply:?}"),
-    };
-    let mut last = frame();
-    while last.time_us == 0 {
-        last = frame();
-    }
-    assert_eq!((last.time_us, last.pose()), (1, Err(Reason::NoCamera)));
-    assert_eq!([frame().time_us, frame().time_us], [2, 3]);
-    assert_eq!(frame().pose(), Err(Reason::NoCamera), "after a second without a frame");
+    (1..=3).for_each(|time_us| rig.recorder.publish(|| Recorded::nothing(time_us, Reason::NoFace)));
+    let mut times =
+        std::iter::from_fn(|| recording.entry().map(|entry| entry.time_us)).skip_while(|time_us| *time_us == 0);
+    assert_eq!([times.next(), times.next(), times.next()], [Some(1), Some(2), Some(3)]);
     assert!(matches!(rig.ask(&Request::Record {}).last(), Reply::Refused(why) if why.contains("in progress")));
     drop(recording);
     while rig.recorder.hand(Recorded::nothing(4, Reason::NoFace)) {
         thread::yield_now();
     }
     assert!(rig.observer.hand(Observation::nothing(5)), "the calibration goes on");
+}
+
+/// A recording, the ring of its frames, and the far end of its client.
+fn recording() -> (Recording, Observer<Recorded>, Observed<Recorded>, Answers) {
+    let (near, far) = UnixStream::pair().unwrap();
+    near.set_nonblocking(true).unwrap();
+    let client = Client::new(OwnedFd::from(near).into(), Speaks::Requests);
+    let (observer, mut observed) = observer::channel();
+    observed.ask(true);
+    (Recording::new(client, 0), observer, observed, Answers::of(far))
+}
+
+#[test]
+fn frames_of_a_recording_that_nobody_fetched_in_time_are_counted_and_told() {
+    let (mut recording, mut observer, mut observed, mut answers) = recording();
+    (0..40).for_each(|time_us| observer.publish(|| Recorded::nothing(time_us, Reason::NoFace)));
+    recording.step(&mut observed, true, 1).unwrap();
+    let entries = std::iter::from_fn(|| answers.entry()).count();
+    assert_eq!((answers.lost, entries), (Some(40 - entries as u64), 32));
+}
+
+#[test]
+fn client_that_does_not_read_loses_frames_and_holds_no_memory() {
+    let (mut recording, mut observer, mut observed, mut answers) = recording();
+    for time_us in 0..10_000 {
+        observer.publish(|| Recorded::nothing(time_us, Reason::NoFace));
+        recording.step(&mut observed, true, time_us).unwrap();
+    }
+    assert!(recording.refused > 0);
+    let mut entries = 0;
+    while answers.lost.is_none() {
+        entries += u64::from(answers.entry().is_some());
+        recording.step(&mut observed, true, 10_000).unwrap();
+    }
+    assert_eq!(answers.lost, Some(10_000 - entries));
+}
+
+#[test]
+fn entries_without_a_camera_have_the_clock_of_the_frames_and_none_lies_between_those_of_a_slow_camera() {
+    let (mut recording, mut observer, mut observed, mut answers) = recording();
+    let second = 1_000_000;
+    let mut step = |captured_us: Option<u64>, is_camera_open, now_us| {
+        captured_us.iter().for_each(|us| observer.publish(|| Recorded::nothing(*us, Reason::NoFace)));
+        recording.step(&mut observed, is_camera_open, now_us).unwrap();
+    };
+    // A camera with one frame a second, each of which comes 0.2 s after its capture.
+    step(Some(second), true, 1_200_000);
+    step(None, true, 2_199_000);
+    step(Some(2 * second), true, 2_250_000);
+    step(None, true, 3_300_000);
+    // It is unplugged, and later a frame comes that was captured before the last entry was made.
+    step(None, false, 4_300_000);
+    step(Some(4_040_000), true, 4_310_000);
+    let entries: Vec<_> =
+        std::iter::from_fn(|| answers.entry()).map(|entry| (entry.time_us, entry.packet.reason)).collect();
+    let (face, camera) = (Reason::NoFace, Reason::NoCamera);
+    let want = [(second, face), (2 * second, face), (2 * second + 2_050_000, camera), (2 * second + 2_050_001, face)];
+    assert_eq!((entries.as_slice(), answers.lost), (want.as_slice(), Some(0)), "the client hears from the service");
+}
+
+#[test]
+fn camera_with_two_frames_a_second_is_not_taken_for_a_silent_one() {
+    let (near, _far) = UnixStream::pair().unwrap();
+    let client = Client::new(OwnedFd::from(near).into(), Speaks::Requests);
+    let mut session = Session::new(client, named("anna").unwrap(), Guide::new(Wearer::new().model), 0);
+    let waits_for = |session: &Session| session.guide.progress().waits_for;
+    session.step(None, 1_500_000, 1_400_000);
+    assert_eq!(waits_for(&session), None);
+    session.step(None, 1_500_000, 1_600_000);
+    assert_eq!(waits_for(&session), Some(Refusal::NoPicture));
 }
 
 #[test]

@@ -56,11 +56,11 @@ impl Run {
 
     /// Gives a pose captured at this moment.
     fn pose(&mut self, pose: &Pose) -> Output {
-        self.news(News::Pose(pose, self.now_us))
+        self.news(News::Pose(*pose, self.now_us))
     }
 
-    fn news(&mut self, news: News<'_>) -> Output {
-        self.failsafe.update(&mut self.history, self.now_us, news)
+    fn news(&mut self, news: News) -> Output {
+        self.failsafe.update(&mut self.history, self.now_us, &news)
     }
 
     /// Offers the output to a link with the default pace. Returns whether the link sends it.
@@ -134,7 +134,7 @@ fn silence_leads_through_hold_and_decay_to_neutral_at_150_300_and_1000_ms() {
 fn times_count_from_the_capture_of_the_last_pose_not_from_its_arrival() {
     let mut run = Run::live(&all(1.0));
     run.now_us += FRAME_US;
-    run.news(News::Pose(&all(0.9), run.now_us - 50 * MS));
+    run.news(News::Pose(all(0.9), run.now_us - 50 * MS));
     let want = [(1, State::Live), (100, State::Hold), (250, State::Decay), (950, State::Neutral)];
     assert_eq!(transitions(&run.watch(1500 * MS)), want);
 }
@@ -326,7 +326,7 @@ fn rounding_beyond_0_and_1_is_clamped_not_rejected() {
 fn poses_that_come_too_late_are_not_followed() {
     let mut run = Run::live(&all(1.0));
     run.now_us += 200 * MS;
-    let output = run.news(News::Pose(&all(0.0), run.now_us - 180 * MS));
+    let output = run.news(News::Pose(all(0.0), run.now_us - 180 * MS));
     assert_eq!((output.state, output.reason, output.pose), (State::Hold, Reason::Late, all(1.0)));
 }
 
@@ -336,7 +336,7 @@ fn a_repeated_pose_changes_nothing() {
     let capture_us = run.now_us;
     for ms in 1..=150 {
         run.now_us += MS;
-        assert!(!run.news(News::Pose(&all(1.0), capture_us)).followed, "{ms}");
+        assert!(!run.news(News::Pose(all(1.0), capture_us)).followed, "{ms}");
     }
     assert_eq!(run.history.state, State::Hold);
 }
@@ -368,7 +368,7 @@ fn a_clock_that_stands_still_or_steps_back_only_delays() {
 #[test]
 fn a_pose_from_the_future_is_not_live_for_longer() {
     let mut run = Run::live(&all(1.0));
-    run.news(News::Pose(&all(1.0), run.now_us + 60_000_000));
+    run.news(News::Pose(all(1.0), run.now_us + 60_000_000));
     assert_eq!(run.wait(160 * MS).state, State::Hold);
 }
 

@@ -20,7 +20,7 @@ fail() {
 # Copies into memory what is used more than once, because reading the shared folder is slow.
 unpack() {
     mkdir $work
-    cp -r facewire networks facewire_packet.py packet_recorder.py judge.py demo.avi clip.avi clip-truth.csv $work
+    cp -r facewire facewire-tools networks facewire_packet.py packet_recorder.py judge.py demo.avi clip.avi clip-truth.csv $work
     export FACEWIRE_NETWORKS=$work/networks
 }
 

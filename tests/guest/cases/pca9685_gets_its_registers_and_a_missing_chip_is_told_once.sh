@@ -1,7 +1,7 @@
 #!/bin/sh
 # A PCA9685 on an I2C bus of the kernel's i2c-stub: the service sets it up, gives its channels their pulses, sets it up again
-# after its power failed, and tells once that another chip does not answer. `facewire servo` moves a channel by keys, but
-# not while the service has the chip.
+# after its power failed, goes on from the pulses of a service that has crashed, and tells once that another chip does not
+# answer. `facewire servo` moves a channel by keys, but not while the service has the chip.
 . cases/lib.sh
 modprobe i2c-dev
 modprobe i2c-stub chip_addr=0x40
@@ -103,4 +103,18 @@ await has 0x0d 0x10
 exec 9>&-
 wait $moved || true
 grep -q '\[\[link.channel\]\]' $work/screen || fail 'no lines for the settings'
+
+# A service that crashed has left 2000 microseconds, 410 steps. At 0.05 a second the servo goes by 10 steps a second from there.
+i2cset -y "$bus" 0x40 0x0c 0x9a
+i2cset -y "$bus" 0x40 0x0d 0x01
+sed -i 's/^neutral = 0.5$/&\nspeed_per_s = 0.05/' $work/facewire.toml
+: >$work/log
+$work/facewire run --config $work/facewire.toml 2>$work/log &
+service=$!
+moved() { ! has 0x0c 0x9a; }
+await moved
+steps=$(($(register 0x0d) * 256 + $(register 0x0c)))
+case $steps in 36[1-9] | 3[789][0-9] | 40[0-9]) ;; *) fail "after a crash, channel 1 went from 410 to $steps steps at once" ;; esac
+kill -TERM $service
+wait $service || true
 echo "registers of 4 channels, power-on and a missing chip by i2c-stub on bus $bus"

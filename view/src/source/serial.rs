@@ -11,7 +11,7 @@ use facewire_packet::FrameReader;
 use serialport::TTYPort;
 
 use super::PacketCounter;
-use crate::tally::Sender;
+use crate::snapshot::Sender;
 
 /// Time between two attempts to open the port.
 const RETRY: Duration = Duration::from_millis(500);

@@ -12,7 +12,7 @@ use nix::net::if_::if_nametoindex;
 use socket2::{Domain, InterfaceIndexOrAddress, Protocol, Socket, Type};
 
 use super::PacketCounter;
-use crate::{Failure, tally::Sender};
+use crate::{Failure, snapshot::Sender};
 
 /// Time until a socket that failed is read again.
 const PAUSE: Duration = Duration::from_millis(200);

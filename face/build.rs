@@ -1,0 +1,25 @@
+//! Turns the readable model, `models/blendshapes.toml`, into the bytes that the program is built with, so that it
+//! parses no text at the start.
+
+use std::{env, error::Error, fs, path::Path};
+
+use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
+
+const MODEL: &str = "../models/blendshapes.toml";
+/// As in `src/track/landmarks.rs`. If they differ, the test that compares the bytes with the file fails.
+const LANDMARKS: usize = 478;
+
+/// The library's own reader of model files.
+#[path = "src/model/mod.rs"]
+#[allow(dead_code, unused_imports, reason = "the library uses the rest")]
+mod model;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    println!("cargo::rerun-if-changed={MODEL}");
+    println!("cargo::rerun-if-changed=src/model");
+    match model::Model::load(Path::new(MODEL)) {
+        Ok(model) => fs::write(Path::new(&env::var("OUT_DIR")?).join("blendshapes.bin"), model.to_bytes())?,
+        Err(fault) => println!("cargo::error={MODEL}: {fault}"),
+    }
+    Ok(())
+}

@@ -1,0 +1,274 @@
+//! The engine that runs ONNX networks on ONNX Runtime.
+//!
+//! The library is loaded from a file of the network folder and never downloaded. Its threads sleep rather than spin
+//! while they wait for work, because facewire shares its board with other programs. Output tensors are preallocated in
+//! the run options, so that a run allocates nothing on the Rust heap.
+
+use std::fmt::Display;
+use std::fs::File;
+use std::io::Read as _;
+use std::path::Path;
+use std::sync::OnceLock;
+
+use ort::environment::Environment;
+use ort::logging::LogLevel;
+use ort::memory::Allocator;
+use ort::session::builder::{GraphOptimizationLevel, SessionBuilder};
+use ort::session::{HasSelectedOutputs, OutputSelector, RunOptions, Session};
+use ort::value::{Outlet, Tensor};
+
+use super::{Engine, InferError, Network, NetworkFolder, Signature, remedy};
+
+/// File name of the library in the network folder.
+const LIBRARY: &str = "libonnxruntime.so";
+/// Runs of a network when it is loaded. ONNX Runtime plans its memory in the first run and allocates it in the second.
+const WARM_UP_RUNS: usize = 2;
+/// Value of every input during the warm-up: a grey picture.
+const GREY: f32 = 0.5;
+
+/// ONNX Runtime with the networks of one folder.
+pub(super) struct OnnxRuntime {
+    folder: NetworkFolder,
+    threads: usize,
+}
+
+impl OnnxRuntime {
+    /// An engine whose networks use `threads` threads each.
+    pub(super) fn new(folder: NetworkFolder, threads: usize) -> Self {
+        Self { folder, threads }
+    }
+}
+
+impl Engine for OnnxRuntime {
+    fn name(&self) -> String {
+        "onnxruntime".to_owned()
+    }
+
+    fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError> {
+        let path = self.folder.file(&format!("{}.onnx", signature.name))?;
+        let environment = environment(&self.folder.file(LIBRARY)?)?;
+        let session = session(&environment, &path, self.threads).map_err(one_line);
+        let network = session.and_then(|session| OnnxNetwork::new(session, signature));
+        let mut network = network.map_err(|reason| InferError::damaged(&path, &reason))?;
+        network.warm_up().map_err(|reason| InferError::run(signature.name, &reason))?;
+        Ok(Box::new(network))
+    }
+}
+
+struct OnnxNetwork {
+    signature: &'static Signature,
+    session: Session,
+    options: RunOptions<HasSelectedOutputs>,
+    /// The caller's values, in the order of [`Signature::input`].
+    values: Vec<f32>,
+    input: Tensor<f32>,
+    /// The preallocated outputs of `options`, which every run overwrites.
+    outputs: Vec<Tensor<f32>>,
+    /// For each output that is a map, its values in the order of rows, columns and channels. Empty for other outputs.
+    maps: Vec<Vec<f32>>,
+}
+
+impl OnnxNetwork {
+    fn new(session: Session, signature: &'static Signature) -> Result<Self, String> {
+        check(&session, signature)?;
+        let options = preallocate(signature).map_err(one_line)?;
+        let values = vec![GREY; signature.input.iter().product()];
+        let input = Tensor::new(&Allocator::default(), onnx_shape(&signature.input)).map_err(one_line)?;
+        let maps = signature.outputs.iter().map(|(_, shape)| vec![0.0; map_values(shape)]).collect();
+        Ok(Self { signature, session, options, values, input, outputs: Vec::new(), maps })
+    }
+
+    /// Runs the network until ONNX Runtime has all memory that it needs, and keeps the outputs.
+    fn warm_up(&mut self) -> Result<(), String> {
+        self.write_input();
+        for _ in 0..WARM_UP_RUNS {
+            let inputs = ort::inputs![&self.input];
+            let mut values = self.session.run_with_options(inputs, &self.options).map_err(one_line)?;
+            let mut keep = |name: &str| {
+                values.remove(name).ok_or_else(|| format!("no output {name}"))?.downcast().map_err(one_line)
+            };
+            self.outputs = self.signature.outputs.iter().map(|&(name, _)| keep(name)).collect::<Result<_, _>>()?;
+        }
+        Ok(())
+    }
+
+    /// Copies the caller's values into the input of the network, which stores one channel after the other.
+    fn write_input(&mut self) {
+        let [_, _, channels] = self.signature.input;
+        let (_, input) = self.input.extract_tensor_mut();
+        let planes = input.chunks_exact_mut(self.values.len() / channels);
+        for (channel, plane) in planes.enumerate() {
+            for (to, from) in plane.iter_mut().zip(self.values.iter().skip(channel).step_by(channels)) {
+                *to = *from;
+            }
+        }
+    }
+
+    /// Copies the outputs that are maps into `maps`. The network stores their channels one after the other.
+    fn read_maps(&mut self) {
+        for (output, map) in self.outputs.iter().zip(&mut self.maps) {
+            let Some(&channels) = output.shape().get(1).filter(|_| !map.is_empty()) else { continue };
+            let channels = usize::try_from(channels).unwrap_or(1);
+            let pixels = map.len() / channels;
+            for (channel, plane) in output.extract_tensor().1.chunks_exact(pixels).enumerate() {
+                for (to, from) in map.iter_mut().skip(channel).step_by(channels).zip(plane) {
+                    *to = *from;
+                }
+            }
+        }
+    }
+}
+
+impl Network for OnnxNetwork {
+    fn input_row(&mut self, row: usize) -> &mut [f32] {
+        let [_, columns, channels] = self.signature.input;
+        self.values.chunks_exact_mut(columns * channels).nth(row).unwrap_or(&mut [])
+    }
+
+    fn run(&mut self) -> Result<(), InferError> {
+        self.write_input();
+        let outcome = self.session.run_with_options(ort::inputs![&self.input], &self.options).map(drop);
+        outcome.map_err(|error| InferError::run(self.signature.name, &one_line(error)))?;
+        self.read_maps();
+        Ok(())
+    }
+
+    fn output(&self, index: usize) -> &[f32] {
+        let map = self.maps.get(index).filter(|map| !map.is_empty());
+        let list = || self.outputs.get(index).map_or(&[][..], |output| output.extract_tensor().1);
+        map.map_or_else(list, Vec::as_slice)
+    }
+}
+
+/// Returns the shape that a tensor of the signature has in an ONNX file: the number of pictures comes first, and the
+/// channels of a map come before its rows and columns.
+fn onnx_shape(shape: &[usize]) -> Vec<usize> {
+    match *shape {
+        [rows, columns, channels] => vec![1, channels, rows, columns],
+        ref list => [&[1], list].concat(),
+    }
+}
+
+/// Returns the number of values of a map, and 0 for a shape that is not a map's.
+fn map_values(shape: &[usize]) -> usize {
+    if shape.len() == 3 { shape.iter().product() } else { 0 }
+}
+
+/// Returns the environment, of which a process can have only one. It belongs to the library that was loaded first.
+fn environment(library: &Path) -> Result<Environment, InferError> {
+    static ENVIRONMENT: OnceLock<Environment> = OnceLock::new();
+    if let Some(environment) = ENVIRONMENT.get() {
+        return Ok(environment.clone());
+    }
+    let failed = |reason: String| {
+        let (path, remedy) = (library.display(), remedy(library));
+        InferError(format!("ONNX Runtime cannot be loaded from {path}: {reason}; run {remedy}"))
+    };
+    if !is_whole(library) {
+        return Err(failed("the file is cut short or is not a library".to_owned()));
+    }
+    let builder = ort::init_from(library).map_err(|error| failed(one_line(error)))?;
+    let environment = builder.with_telemetry(false).build().map_err(|error| failed(one_line(error)))?;
+    environment.set_log_level(LogLevel::Error);
+    Ok(ENVIRONMENT.get_or_init(|| environment).clone())
+}
+
+/// Returns whether the file is as long as its ELF header (64 bits, little-endian) says. The section table is at the end
+/// of a library's file. The system's loader does not check the length, and a bus error would end the process.
+fn is_whole(library: &Path) -> bool {
+    let mut header = [0; 64];
+    let Ok(mut file) = File::open(library) else { return false };
+    if file.read_exact(&mut header).is_err() || !header.starts_with(b"\x7fELF\x02\x01") {
+        return false;
+    }
+    let number =
+        |at: usize, bytes: usize| header.iter().skip(at).take(bytes).rfold(0, |sum, byte| sum << 8 | u64::from(*byte));
+    let [start, entry_bytes, entries] = [number(40, 8), number(58, 2), number(60, 2)];
+    file.metadata().is_ok_and(|found| start.saturating_add(entry_bytes * entries) <= found.len())
+}
+
+fn session(environment: &Environment, path: &Path, threads: usize) -> ort::Result<Session> {
+    SessionBuilder::new(environment)?
+        .with_optimization_level(GraphOptimizationLevel::All)?
+        .with_intra_threads(threads)?
+        .with_intra_op_spinning(false)?
+        .with_flush_to_zero()?
+        .commit_from_file(path)
+}
+
+fn preallocate(signature: &Signature) -> ort::Result<RunOptions<HasSelectedOutputs>> {
+    let mut selector = OutputSelector::default();
+    for &(name, shape) in signature.outputs {
+        selector = selector.preallocate(name, Tensor::<f32>::new(&Allocator::default(), onnx_shape(shape))?);
+    }
+    Ok(RunOptions::new()?.with_outputs(selector))
+}
+
+/// Checks that the session has the input and the outputs of the signature.
+fn check(session: &Session, signature: &Signature) -> Result<(), String> {
+    let [input] = session.inputs() else {
+        return Err(format!("{} inputs in place of 1", session.inputs().len()));
+    };
+    check_shape(input, &signature.input)?;
+    for &(name, shape) in signature.outputs {
+        let output = session.outputs().iter().find(|output| output.name() == name);
+        check_shape(output.ok_or_else(|| format!("no output {name}"))?, shape)?;
+    }
+    Ok(())
+}
+
+fn check_shape(outlet: &Outlet, expected: &[usize]) -> Result<(), String> {
+    let name = outlet.name();
+    let Some(shape) = outlet.dtype().tensor_shape() else {
+        return Err(format!("{name} is not a tensor"));
+    };
+    let expected = onnx_shape(expected);
+    if shape.iter().map(|&size| usize::try_from(size).unwrap_or(0)).eq(expected.iter().copied()) {
+        Ok(())
+    } else {
+        Err(format!("{name} has shape {shape:?} in place of {expected:?}"))
+    }
+}
+
+/// Returns the message of an engine on one line and without control characters. A message that is too long is cut and
+/// ends in an ellipsis.
+fn one_line(message: impl Display) -> String {
+    /// Two to three lines of a terminal.
+    const MAX_BYTES: usize = 240;
+    let message = message.to_string();
+    let words = message.split(|character: char| character.is_whitespace() || character.is_control());
+    let mut line = words.filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" ");
+    if line.len() > MAX_BYTES {
+        line.truncate(line.floor_char_boundary(MAX_BYTES - '…'.len_utf8()));
+        line.push('…');
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_becomes_one_line_that_is_cut_at_a_character() {
+        assert_eq!(one_line("\nno memory:\r\n\t 4 GB\x1b[31m\u{85}wanted \n"), "no memory: 4 GB [31m wanted");
+        assert_eq!(one_line("ü".repeat(500)), format!("{}…", "ü".repeat(118)));
+        let whole = "x".repeat(240);
+        assert_eq!(one_line(&whole), whole);
+    }
+
+    static LIPS: Signature = Signature { name: "lips", input: [16, 16, 32], outputs: &[("points", &[160])] };
+
+    #[test]
+    fn the_error_of_a_run_that_fails_contains_the_message_of_onnx_runtime() {
+        let folder = NetworkFolder::find("").expect("installed networks");
+        let [library, path] = [LIBRARY, "lips.onnx"].map(|name| folder.file(name).expect("an installed file"));
+        let session = session(&environment(&library).expect("the library"), &path, 1).expect("a session");
+        let mut network = OnnxNetwork::new(session, &LIPS).expect("the network of the signature");
+        network.run().expect("a run");
+        network.input = Tensor::new(&Allocator::default(), [1_usize, 32, 16, 15]).expect("a tensor of another shape");
+        let error = network.run().expect_err("a wrong input").to_string();
+        assert!(error.starts_with("network lips failed to run ("), "{error}");
+        assert!(error.contains("Got invalid dimensions for input"), "{error}");
+    }
+}

@@ -1,0 +1,41 @@
+//! The method of facewire: a picture of a face goes in, blendshape coefficients and the pose of the head come out.
+//!
+//! ```text
+//! Picture -> FaceBox -> Landmarks -> Normalised -> Features -> RawCoeffs -> Corrected -> Smoothed -> Solution
+//!           detect      mesh         affine T_a    S, T_d      R    ^       eq. 7, 8     F
+//!                        |                                          |
+//!                        +-> Appearance -> Residual ----------------+
+//! ```
+//!
+//! [`Tracker`] follows a face from one [`Picture`] to the next and finds its [`Landmarks`]; [`Solver`] turns them into a
+//! [`Solution`]. Neither allocates after it was made, reads a clock or writes a log. Only loading networks and models reads
+//! files. `examples/one_picture.rs` shows the whole way.
+
+mod infer;
+pub mod model;
+mod picture;
+mod solve;
+#[cfg(any(test, feature = "testing"))]
+#[allow(missing_docs, clippy::indexing_slicing, clippy::panic, clippy::missing_panics_doc)]
+pub mod testing;
+mod track;
+
+pub use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
+pub use infer::{Engine, EngineChoice, InferError, engine};
+pub use model::{Model, ModelError};
+pub use picture::{MAX_SIDE_PX, Picture, Pixels};
+pub use solve::{
+    Adjustment, Adjustments, Camera, Filter, FilterKind, Filters, GAINS, Group, HeadFilter, HeadPose, MAX_REST,
+    Neutral, NeutralMean, NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver, yaw_pitch_roll_deg,
+};
+pub use track::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH, Tracker};
+
+/// The single stages, for engines and for programs that measure, train or calibrate.
+pub mod stages {
+    pub use crate::infer::{Network, NetworkFolder, Signature, engines, native_network};
+    pub use crate::solve::{
+        Corrected, FaceMean, Features, FiltersState, MIRRORED, Normalised, RawCoeffs, Reference, Residual, Smoothed,
+        correct, mirror_image, normalise,
+    };
+    pub use crate::track::{Block, Border, CropShape, Detector, Mesh, Rows, bounds, crop};
+}

@@ -1,0 +1,229 @@
+//! The numbers of a fitted model. The solver's stages compute with them; [`ModelFile`] is the text that they are read from.
+//!
+//! The build script compiles this module, too: it reads `models/blendshapes.toml` and writes the bytes that the program
+//! contains.
+
+mod feature_id;
+mod file;
+mod formulas;
+
+use std::{io, path::PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::{BLENDSHAPES, COEFFS};
+pub(crate) use feature_id::{COORDINATES, DISTANCES};
+pub use feature_id::{FEATURES, FeatureId, MEASURES};
+pub use file::{
+    AppearanceTable, BlendshapeTable, CorrectionTable, FormulaSetTable, FormulaTable, FormulasTable, InputTable,
+    ModelFile, OffsetTable, ResidualRow, ResidualTable, ScoreTable,
+};
+pub(crate) use formulas::{Formula, FormulaSet, Formulas, MAX_PRODUCTS, ScaledInput};
+pub use formulas::{
+    FormulaKind, LIFT, MAX_EXPONENT, MAX_FORMULA_INPUTS, MAX_MULTIPLIED, Response, product_index, signed_logarithm,
+};
+
+/// Most units of the hidden layer.
+pub const MAX_HIDDEN: usize = 120;
+/// Most features that the hidden layer selects (eq. 4): with [`MAX_HIDDEN`] units they make a model of 256 KiB.
+pub const MAX_INPUTS: usize = 470;
+/// Units of the layer that reads how a face looks.
+pub const APPEARANCE_UNITS: usize = 32;
+/// Values of the mesh network's feature map at each landmark.
+pub const APPEARANCE_CHANNELS: usize = 32;
+/// The landmarks: lips, lids and irises, and the rest of the face without its outline, behind which the background lies.
+/// With each landmark, its mirror image is in the list.
+pub const APPEARANCE_LANDMARKS: [u16; 180] = [
+    0, 1, 2, 3, 5, 6, 7, 9, 13, 14, 17, 33, 34, 36, 37, 39, 40, 46, 49, 50, 55, 61, 63, 66, 68, 69, 71, 78, 79, 80, 81,
+    82, 84, 87, 88, 91, 95, 98, 104, 105, 108, 116, 117, 119, 121, 123, 133, 134, 135, 137, 138, 139, 140, 143, 144,
+    145, 146, 147, 151, 153, 154, 155, 156, 157, 158, 159, 160, 161, 163, 170, 173, 175, 177, 178, 181, 185, 187, 188,
+    191, 192, 193, 194, 200, 205, 208, 210, 212, 213, 215, 216, 217, 221, 223, 227, 246, 248, 249, 263, 264, 266, 267,
+    269, 270, 276, 279, 280, 285, 291, 293, 296, 298, 299, 301, 308, 309, 310, 311, 312, 314, 317, 318, 321, 324, 327,
+    333, 334, 337, 345, 346, 348, 350, 352, 362, 363, 364, 366, 367, 368, 369, 372, 373, 374, 375, 376, 380, 381, 382,
+    383, 384, 385, 386, 387, 388, 390, 395, 398, 401, 402, 405, 409, 411, 412, 415, 416, 417, 418, 425, 428, 430, 432,
+    433, 435, 436, 437, 441, 443, 447, 466, 468, 473,
+];
+
+/// A model that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// The file is missing or cannot be read. It may be later: its disk may not be mounted yet.
+    #[error("the model {} cannot be read ({source}); check the path and its permissions", path.display())]
+    Unreadable {
+        /// The path of the file.
+        path: PathBuf,
+        /// The error of the system.
+        source: io::Error,
+    },
+    /// The file is damaged, of another format, or holds what no model has: a sentence that names the entry and the remedy.
+    #[error("{0}")]
+    Invalid(String),
+}
+
+/// A fitted regression, which takes at most 256 KiB, the layer that adds to it, and the terms that correct the sum.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Model {
+    pub(crate) regression: Regression,
+    /// The layer that reads how the face looks.
+    pub(crate) appearance: Option<AppearanceLayer>,
+    /// The corrective terms.
+    pub correction: Correction,
+}
+
+/// From features to coefficients.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::large_enum_variant, reason = "a solver has one model, and the larger variant is the usual one")]
+pub(crate) enum Regression {
+    /// One network for all blendshapes.
+    HiddenLayer(HiddenLayer),
+    /// One formula for each blendshape.
+    Formulas(Formulas),
+}
+
+impl Model {
+    /// A model without the layer that reads how the face looks, and with the usual corrective terms.
+    pub(crate) fn of(regression: Regression) -> Self {
+        Self { regression, appearance: None, correction: Correction::default() }
+    }
+
+    /// The numbers of the model as bytes.
+    ///
+    /// # Panics
+    /// Never: lists of numbers can be written to memory.
+    #[expect(clippy::expect_used, reason = "see Panics")]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        postcard::to_allocvec(self).expect("numbers in memory")
+    }
+
+    /// Reads what [`Model::to_bytes`] wrote, or returns `None` if the bytes are not a model.
+    pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        postcard::take_from_bytes(bytes).ok().filter(|(_, rest)| rest.is_empty()).map(|(model, _)| model)
+    }
+
+    /// Size of the numbers, bytes.
+    pub fn size_bytes(&self) -> usize {
+        self.to_bytes().len()
+    }
+}
+
+/// One number for each hidden unit. Units that a model does not use have 0.
+pub(crate) type Hidden = [f32; MAX_HIDDEN];
+
+/// A network with one hidden layer, `h = max(0, W x + a)` and `R = V h + b`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct HiddenLayer {
+    /// The selected features.
+    pub(crate) inputs: Box<[Input]>,
+    /// The columns of `W`, one for each input.
+    #[serde(with = "rows")]
+    pub(crate) weights: Box<[Hidden]>,
+    /// `a` where the wearer's neutral face is known, and where it is not.
+    #[serde(with = "list")]
+    pub(crate) offsets_known: Hidden,
+    #[serde(with = "list")]
+    pub(crate) offsets_unknown: Hidden,
+    pub(crate) output: Output,
+}
+
+/// A selected feature.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Input {
+    pub(crate) feature: FeatureId,
+    /// Mean of the feature over neutral faces.
+    pub(crate) neutral: f32,
+}
+
+/// A layer `h = s W x + a` with the residual `V h + b`, where `x` are the values of the feature map. It takes 198 KB.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct AppearanceLayer {
+    /// The columns of `W`, one for each value: landmark by landmark, and channel by channel.
+    #[serde(with = "rows")]
+    pub(crate) weights: Box<[[i8; APPEARANCE_UNITS]]>,
+    /// `s`.
+    pub(crate) scales: [f32; APPEARANCE_UNITS],
+    /// `a`.
+    pub(crate) offsets: [f32; APPEARANCE_UNITS],
+    /// `V` and `b` where the wearer's neutral face is known, and where it is not.
+    pub(crate) outputs: [Output; 2],
+}
+
+/// From the units of a layer to blendshapes: `V h + b`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Output {
+    /// The columns of `V`, one for each unit.
+    #[serde(with = "rows")]
+    pub(crate) weights: Box<[[f32; COEFFS]]>,
+    /// `b`.
+    #[serde(with = "list")]
+    pub(crate) offsets: [f32; COEFFS],
+}
+
+/// The corrective terms of one blendshape (eq. 7).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct CorrectiveTerms {
+    /// `beta`: what is added to the result of the regression.
+    pub shift: f32,
+    /// `1 - gamma`: the factor on small values.
+    pub slope: f32,
+    /// `1/eta`: what is added to the factor at the top of the range.
+    pub lift: f32,
+    /// The values at which the response function `g` begins and ends to rise.
+    pub response: [f32; 2],
+}
+
+impl CorrectiveTerms {
+    /// Terms that change nothing.
+    pub const NONE: Self = Self { shift: 0.0, slope: 1.0, lift: 0.0, response: [0.5, 0.9] };
+    /// The terms of the eyelids where the model states none: full closure reads 0.7 and becomes 0.97. A lift of 0.25
+    /// from 0.5 on has a smaller squared error, but then only every third blink of unseen people reaches 0.9.
+    const EYE_BLINK: Self = Self { lift: 0.4, response: [0.35, 0.75], ..Self::NONE };
+
+    /// Whether the terms are finite and keep the order of values.
+    pub fn keep_order(&self) -> bool {
+        let Self { shift, slope, lift, response: [from, to] } = *self;
+        let are_finite = [shift, slope, lift, from, to].iter().all(|number| number.is_finite());
+        are_finite && slope > 0.0 && lift >= 0.0 && 0.0 <= from && from < to
+    }
+}
+
+/// The corrective terms of all blendshapes, in the order of [`BLENDSHAPES`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Correction(#[serde(with = "list")] pub [CorrectiveTerms; COEFFS]);
+
+impl Default for Correction {
+    /// The terms of a model that states none: only the eyelids are lifted.
+    fn default() -> Self {
+        let is_blink = |name: &str| name.starts_with("eyeBlink");
+        Self(BLENDSHAPES.map(|name| if is_blink(name) { CorrectiveTerms::EYE_BLINK } else { CorrectiveTerms::NONE }))
+    }
+}
+
+/// Writes an array as a list, because serde knows no arrays of more than 32.
+mod list {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
+
+    pub fn serialize<S: Serializer, T: Serialize, const N: usize>(array: &[T; N], to: S) -> Result<S::Ok, S::Error> {
+        array.as_slice().serialize(to)
+    }
+
+    pub fn deserialize<'a, D: Deserializer<'a>, T: Deserialize<'a>, const N: usize>(
+        from: D,
+    ) -> Result<[T; N], D::Error> {
+        Vec::deserialize(from)?.try_into().map_err(|_| D::Error::custom("a list of another length"))
+    }
+}
+
+/// Writes rows of numbers as one list.
+mod rows {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer, T: Serialize, const N: usize>(rows: &[[T; N]], to: S) -> Result<S::Ok, S::Error> {
+        rows.as_flattened().serialize(to)
+    }
+
+    pub fn deserialize<'a, D: Deserializer<'a>, T: Deserialize<'a> + Clone, const N: usize>(
+        from: D,
+    ) -> Result<Box<[[T; N]]>, D::Error> {
+        Ok(Vec::deserialize(from)?.as_chunks().0.into())
+    }
+}

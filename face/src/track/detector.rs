@@ -1,0 +1,171 @@
+//! Finds a face in the whole picture, with short-range BlazeFace.
+//!
+//! Anchors, decoding and weighted non-maximum suppression are those of MediaPipe's short-range face detection graph. There
+//! are 896 anchors of size 1: two in each cell of a grid at stride 8, and six in each cell of a grid at stride 16.
+
+use crate::infer::{Engine, InferError, Network, Signature};
+use crate::picture::Picture;
+
+use super::block::Block;
+use super::crop::{Border, CropShape, crop};
+use super::region::{FaceBox, Mapping};
+
+/// Samples per side of the network's input.
+const SIDE: usize = 128;
+const ANCHORS: usize = 896;
+/// Numbers per anchor: centre and size of the box, then six keypoints.
+const VALUES: usize = 16;
+/// Smallest score of a face.
+const MIN_SCORE: f32 = 0.5;
+/// The network's scores are clipped to this absolute value before the logistic function.
+const SCORE_CLIP: f32 = 100.0;
+/// Boxes with a larger intersection over union than this belong to the same face.
+const SAME_FACE_IOU: f32 = 0.3;
+
+static SIGNATURE: Signature = Signature {
+    name: "detector",
+    input: [SIDE, SIDE, 3],
+    outputs: &[("boxes", &[ANCHORS, VALUES]), ("scores", &[ANCHORS, 1])],
+};
+const SHAPE: CropShape = CropShape { side: SIDE, range: [-1.0, 1.0], border: Border::Black };
+
+/// The detector network.
+pub struct Detector {
+    network: Box<dyn Network>,
+    block: Block,
+}
+
+impl Detector {
+    /// Loads the network.
+    pub fn load(engine: &dyn Engine) -> Result<Self, InferError> {
+        Ok(Self { network: engine.load(&SIGNATURE)?, block: Block::default() })
+    }
+
+    /// Returns the region of interest around the face with the highest score. Returns `None` if there is no face.
+    pub fn find(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
+        let view = letterbox(picture);
+        crop(picture, &view, SHAPE, &mut self.block, &mut *self.network);
+        self.network.run()?;
+        let face = strongest(candidates(self.network.output(0), self.network.output(1)));
+        Ok(face.and_then(|face| face.region(&view.mapping())))
+    }
+}
+
+/// The square around the whole picture.
+fn letterbox(picture: &Picture) -> FaceBox {
+    let [width, height] = [picture.width as f32, picture.height as f32];
+    FaceBox { centre: [width / 2.0, height / 2.0], size: width.max(height), angle_rad: 0.0 }
+}
+
+/// A box with two eyes. Coordinates run from 0 to 1 across the network's input.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    /// Probability of a face.
+    score: f32,
+    /// Left, top, right and bottom of the box; x and y of both eyes, the person's right eye first.
+    values: [f32; 8],
+}
+
+impl Candidate {
+    /// Intersection over union of two boxes.
+    fn overlap(&self, other: &Self) -> f32 {
+        let [left, top, right, bottom, ..] = self.values;
+        let [other_left, other_top, other_right, other_bottom, ..] = other.values;
+        let width = (right.min(other_right) - left.max(other_left)).max(0.0);
+        let height = (bottom.min(other_bottom) - top.max(other_top)).max(0.0);
+        let area = (right - left) * (bottom - top);
+        let other_area = (other_right - other_left) * (other_bottom - other_top);
+        let shared = width * height;
+        shared / (area + other_area - shared).max(f32::EPSILON)
+    }
+
+    /// The region of interest in the picture that the network saw through `view`.
+    fn region(&self, view: &Mapping) -> Option<FaceBox> {
+        let [left, top, right, bottom, x0, y0, x1, y1] = self.values;
+        let corners = [view.to_picture(left, top), view.to_picture(right, bottom)];
+        FaceBox::around(corners, [view.to_picture(x0, y0), view.to_picture(x1, y1)])
+    }
+}
+
+/// Decodes the boxes whose scores are those of a face. A score that is not a number is not that of a face.
+fn candidates(boxes: &[f32], scores: &[f32]) -> impl Iterator<Item = Candidate> + Clone {
+    let all = boxes.as_chunks::<VALUES>().0.iter().zip(scores).zip(anchors());
+    all.filter_map(|((values, &score), [anchor_x, anchor_y])| {
+        let score = logistic(score.clamp(-SCORE_CLIP, SCORE_CLIP));
+        let [x, y, width, height, x0, y0, x1, y1, ..] = values.map(|value| value / SIDE as f32);
+        let (x, y) = (x + anchor_x, y + anchor_y);
+        let corners = [x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0];
+        let [left, top, right, bottom] = corners;
+        let values = [left, top, right, bottom, x0 + anchor_x, y0 + anchor_y, x1 + anchor_x, y1 + anchor_y];
+        (score >= MIN_SCORE).then_some(Candidate { score, values })
+    })
+}
+
+/// Weighted non-maximum suppression for the best face alone: the mean of all candidates that overlap the one with the
+/// highest score, weighted by their scores.
+fn strongest(candidates: impl Iterator<Item = Candidate> + Clone) -> Option<Candidate> {
+    let best = candidates.clone().max_by(|a, b| a.score.total_cmp(&b.score))?;
+    let (mut sum, mut weight) = ([0.0; 8], 0.0);
+    for candidate in candidates.filter(|candidate| candidate.overlap(&best) > SAME_FACE_IOU) {
+        weight += candidate.score;
+        for (sum, value) in sum.iter_mut().zip(candidate.values) {
+            *sum += value * candidate.score;
+        }
+    }
+    (weight > 0.0).then(|| Candidate { score: best.score, values: sum.map(|value| value / weight) })
+}
+
+/// Centres of the anchors, from 0 to 1 across the network's input.
+fn anchors() -> impl Iterator<Item = [f32; 2]> + Clone {
+    grid(16, 2).chain(grid(8, 6))
+}
+
+/// The centre of each cell of a grid of `cells` x `cells`, `per_cell` times.
+fn grid(cells: usize, per_cell: usize) -> impl Iterator<Item = [f32; 2]> + Clone {
+    let centre = move |cell: usize| (cell as f32 + 0.5) / cells as f32;
+    (0..cells * cells)
+        .flat_map(move |index| std::iter::repeat_n([centre(index % cells), centre(index / cells)], per_cell))
+}
+
+fn logistic(x: f32) -> f32 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_is_an_anchor_for_each_box_of_the_network() {
+        assert_eq!(anchors().count(), ANCHORS);
+        assert!(anchors().all(|centre| centre.iter().all(|value| (0.0..1.0).contains(value))));
+    }
+
+    #[test]
+    fn boxes_of_one_face_are_merged_and_other_faces_left_out() {
+        let candidate =
+            |score, left: f32| Candidate { score, values: [left, 0.0, left + 0.4, 0.4, 0.0, 0.0, 0.0, 0.0] };
+        let merged = [candidate(0.9, 0.0), candidate(0.6, 0.05), candidate(0.8, 0.5)];
+        let merged = strongest(merged.into_iter()).expect("a face");
+        assert!((merged.values[0] - 0.6 * 0.05 / 1.5).abs() < 1e-6);
+        assert!((merged.score - 0.9).abs() < f32::EPSILON);
+    }
+
+    #[test]
+    fn the_best_face_is_found_among_any_number_of_candidates() {
+        let boxes = [0.0, 0.0, 16.0, 16.0].iter().chain(&[0.0; VALUES - 4]).copied();
+        let boxes: Vec<f32> = std::iter::repeat_n(boxes, ANCHORS).flatten().collect();
+        let mut scores = [1.0; ANCHORS];
+        scores[ANCHORS - 1] = 5.0;
+        let best = strongest(candidates(&boxes, &scores)).expect("a face");
+        assert!((best.score - logistic(5.0)).abs() < f32::EPSILON);
+        assert!(best.values[0] > 0.8 && best.values[1] > 0.8, "the last anchor is at the bottom right: {best:?}");
+    }
+
+    #[test]
+    fn scores_that_are_low_or_not_a_number_are_not_a_face() {
+        let boxes = vec![f32::NAN; ANCHORS * VALUES];
+        assert!(strongest(candidates(&boxes, &[f32::NAN; ANCHORS])).is_none());
+        assert!(strongest(candidates(&boxes, &[-9.0; ANCHORS])).is_none());
+    }
+}

@@ -1,0 +1,185 @@
+//! The feature map of the mesh network, and the rotated crop of it that a head receives.
+//!
+//! Positions count cells, and whole numbers are centres of cells. Outside its cells the map counts as 0.
+//!
+//! The arithmetic of the crop is that of MediaPipe's operators `Landmarks2TransformMatrix`, `TransformTensorBilinear` and
+//! `TransformLandmarks`. The line through two rotation points is level in the crop, and the crop is 1.5 times as large as
+//! the box around the head's points.
+
+use facewire_engine::kernels::rows::add_pair;
+
+use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_CHANNELS, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
+use super::region::bounds;
+
+/// The values of a map at one position.
+pub(super) type Cell = [f32; FEATURE_CHANNELS];
+
+/// A map of 48 x 48 cells, row by row.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FeatureMap<'a>(&'a [Cell]);
+
+impl<'a> FeatureMap<'a> {
+    /// The map with these values, cell by cell.
+    pub(super) fn new(values: &'a [f32]) -> Self {
+        Self(values.as_chunks().0)
+    }
+
+    /// Writes the values at a position.
+    pub(super) fn sample(self, position: [f32; 2], cell: &mut Cell) {
+        *cell = [0.0; FEATURE_CHANNELS];
+        for (at, weights) in taps(position) {
+            if let Some(pair) = self.0.get(at..).and_then(<[_]>::first_chunk) {
+                add_pair(cell, pair, weights);
+            }
+        }
+    }
+}
+
+/// Two neighbouring cells of a map: the left one, and the weights of both.
+type Taps = (usize, [f32; 2]);
+
+/// The upper and the lower pair of the cells around a position. The weights of a position outside the map are 0.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be inside the map")]
+fn taps([column, row]: [f32; 2]) -> [Taps; 2] {
+    const LAST: f32 = (FEATURE_SIZE - 1) as f32;
+    if !((0.0..=LAST).contains(&column) && (0.0..=LAST).contains(&row)) {
+        return [(0, [0.0; 2]); 2];
+    }
+    // The last cell of a row is the right one of a pair.
+    let [left, top] = [column, row].map(|position| position.floor().min(LAST - 1.0));
+    let (right_weight, bottom_weight) = (column - left, row - top);
+    let at = top as usize * FEATURE_SIZE + left as usize;
+    let pair = |row_weight: f32| [(1.0 - right_weight) * row_weight, right_weight * row_weight];
+    [(at, pair(1.0 - bottom_weight)), (at + FEATURE_SIZE, pair(bottom_weight))]
+}
+
+/// Maps cells of the crop to cells of the feature map: `linear * p + shift`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Transform {
+    linear: [[f32; 2]; 2],
+    shift: [f32; 2],
+}
+
+impl Transform {
+    /// The crop around the points of the mesh whose indices are `points`, in which the line through the points `level` is
+    /// level. The mesh is in samples of the backbone's input.
+    pub(crate) fn around(mesh: &[[f32; 3]], points: &[u16], level: [u16; 2]) -> Self {
+        let point = |index: u16| {
+            mesh.get(usize::from(index))
+                .map_or([0.0; 2], |point| [point[0], point[1]].map(|value| value * FEATURE_SCALE))
+        };
+        let [from, to] = level.map(point);
+        let angle = TARGET_ANGLE - (to[1] - from[1]).atan2(to[0] - from[0]);
+        let (sin, cos) = angle.sin_cos();
+        let [min, max] = bounds(points.iter().map(|&index| rotate(point(index), [cos, sin])));
+        let centre = rotate([f32::midpoint(min[0], max[0]), f32::midpoint(min[1], max[1])], [cos, -sin]);
+        let [width, height] = [max[0] - min[0], max[1] - min[1]].map(|size| size * CROP_SCALE / CROP_SIZE as f32);
+        let linear = [[cos * width, sin * height], [-sin * width, cos * height]];
+        let half = CROP_SIZE as f32 / 2.0;
+        let shift =
+            [centre[0] - (linear[0][0] + linear[0][1]) * half, centre[1] - (linear[1][0] + linear[1][1]) * half];
+        Self { linear, shift }
+    }
+
+    /// Maps a point of a head's output to samples of the backbone's input. A head counts four steps to a cell of its crop,
+    /// as many as there are samples of the backbone's input to a cell of the feature map.
+    pub(crate) fn apply(&self, point: [f32; 2]) -> [f32; 2] {
+        self.map(point, self.shift.map(|shift| shift / FEATURE_SCALE))
+    }
+
+    /// Rotates and scales a difference of two points like [`Transform::apply`].
+    pub(super) fn turn(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let [column, row] = self.linear;
+        [column[0] * x + column[1] * y, row[0] * x + row[1] * y]
+    }
+
+    /// The inverse of [`Transform::turn`]; 0 if the crop has no area.
+    pub(crate) fn turn_back(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let [column, row] = self.linear;
+        let area = column[0] * row[1] - column[1] * row[0];
+        let inverse = if area == 0.0 { 0.0 } else { 1.0 / area };
+        [(row[1] * x - column[1] * y) * inverse, (column[0] * y - row[0] * x) * inverse]
+    }
+
+    fn map(&self, point: [f32; 2], shift: [f32; 2]) -> [f32; 2] {
+        let [x, y] = self.turn(point);
+        [x + shift[0], y + shift[1]]
+    }
+
+    /// Samples the feature map into one row of a head's input (16 x 16 cells).
+    pub(super) fn sample(&self, map: FeatureMap, row: usize, crop_row: &mut [f32]) {
+        for (column, cell) in crop_row.as_chunks_mut::<FEATURE_CHANNELS>().0.iter_mut().enumerate() {
+            let centre = [column as f32 + 0.5, row as f32 + 0.5];
+            map.sample(self.map(centre, self.shift).map(|position| position - 0.5), cell);
+        }
+    }
+}
+
+/// Rotates a point by an angle, given by its cosine and sine.
+fn rotate([x, y]: [f32; 2], [cos, sin]: [f32; 2]) -> [f32; 2] {
+    [cos * x - sin * y, sin * x + cos * y]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The value at a position of a map whose values are `column + 100 row`.
+    fn value(position: [f32; 2]) -> f32 {
+        let value = |at: usize| (at % FEATURE_SIZE + 100 * (at / FEATURE_SIZE)) as f32;
+        let cells: Vec<f32> = (0..FEATURE_SIZE * FEATURE_SIZE).flat_map(|at| [value(at); FEATURE_CHANNELS]).collect();
+        let mut cell = [7.0; FEATURE_CHANNELS];
+        FeatureMap::new(&cells).sample(position, &mut cell);
+        assert!(cell.iter().all(|other| (other - cell[0]).abs() < 1e-6));
+        cell[0]
+    }
+
+    #[test]
+    fn values_between_cells_are_interpolated_and_those_of_the_edges_are_exact() {
+        for [x, y] in [[0.0, 0.0], [10.25, 3.5], [47.0, 47.0], [47.0, 0.5], [46.75, 20.0]] {
+            assert!((value([x, y]) - (x + 100.0 * y)).abs() < 1e-2, "{x} {y}");
+        }
+    }
+
+    #[test]
+    fn positions_outside_the_map_and_numbers_that_are_not_finite_give_0() {
+        for outside in [[-0.1, 5.0], [47.1, 5.0], [5.0, -0.1], [5.0, 47.1], [f32::NAN, 5.0], [5.0, f32::INFINITY]] {
+            assert!(value(outside).abs() < f32::EPSILON, "{outside:?}");
+        }
+    }
+
+    /// A mesh of four points: the corners of an upright box of 96 x 48 samples.
+    fn mesh() -> Vec<[f32; 3]> {
+        vec![[48.0, 48.0, 0.0], [144.0, 48.0, 0.0], [48.0, 96.0, 0.0], [144.0, 96.0, 0.0]]
+    }
+
+    #[test]
+    fn crop_is_centred_on_the_points_and_1_5_times_as_large_as_their_box() {
+        let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
+        let ([left, top], [right, bottom]) = (transform.apply([0.0, 0.0]), transform.apply([64.0, 64.0]));
+        assert!((right + left - 2.0 * 96.0).abs() < 1e-3 && (bottom + top - 2.0 * 72.0).abs() < 1e-3);
+        assert!((right - left - 144.0).abs() < 1e-3 && (bottom - top - 72.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn turning_back_undoes_turning() {
+        let mut mesh = mesh();
+        mesh[1][1] = 80.0;
+        let transform = Transform::around(&mesh, &[0, 1, 2, 3], [0, 1]);
+        let [x, y] = transform.turn_back(transform.turn([3.0, -2.0]));
+        assert!((x - 3.0).abs() < 1e-4 && (y + 2.0).abs() < 1e-4, "{x} {y}");
+    }
+
+    #[test]
+    fn sampling_a_ramp_gives_its_values_at_the_cells_of_the_crop() {
+        let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
+        let cells = (0..FEATURE_SIZE * FEATURE_SIZE).map(|at| [(at % FEATURE_SIZE) as f32; FEATURE_CHANNELS]);
+        let ramp: Vec<f32> = cells.flatten().collect();
+        let mut row = [[0.0; FEATURE_CHANNELS]; CROP_SIZE];
+        transform.sample(FeatureMap::new(&ramp), 0, row.as_flattened_mut());
+        for (left, right) in row[7].into_iter().zip(row[8]) {
+            assert!((right - left - 2.25).abs() < 1e-4, "one cell of the crop is 2.25 cells of the map");
+            assert!((left + right - 2.0 * 23.5).abs() < 1e-3);
+        }
+    }
+}

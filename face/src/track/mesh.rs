@@ -1,0 +1,288 @@
+//! Finds the landmarks of a face in its region of interest, with the attention mesh network and its three heads.
+//!
+//! The backbone computes 468 points and a feature map. Each head receives a rotated crop of that map around the lips or
+//! an eye, and computes better `x` and `y` for the points there; `z` remains the backbone's. The heads of the eyes also
+//! compute five points of the iris.
+//!
+//! On a board that is too slow the heads take turns: one runs on each picture. The others repeat their last corrections of
+//! the backbone's points, and the place of the iris, in the coordinates of their crops, which follow the face.
+//!
+//! The feature map is also sampled at the landmarks of every picture, because it shows how the face looks there.
+
+use crate::infer::{Engine, InferError, Network, Signature};
+use crate::picture::Picture;
+
+use super::block::Block;
+use super::crop::{Border, CropShape, crop};
+use super::feature_map::{FeatureMap, Transform};
+use super::landmarks::{Appearance, Face, Landmarks};
+use super::refinement::{
+    CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
+    LIPS_ROTATION, RIGHT_EYE, RIGHT_EYE_ROTATION, RIGHT_IRIS, RIGHT_IRIS_DEPTH,
+};
+use super::region::FaceBox;
+
+/// Samples per side of the backbone's input.
+const SIDE: usize = 192;
+/// Smallest face flag of a face. The network's flag is the logit of a probability, so that 0 means one half.
+const MIN_FLAG: f32 = 0.0;
+
+static BACKBONE: Signature = Signature {
+    name: "mesh",
+    input: [SIDE, SIDE, 3],
+    outputs: &[("mesh", &[1404]), ("flag", &[1]), ("features", &[FEATURE_SIZE, FEATURE_SIZE, FEATURE_CHANNELS])],
+};
+const SHAPE: CropShape = CropShape { side: SIDE, range: [0.0, 1.0], border: Border::Replicate };
+const HEAD_INPUT: [usize; 3] = [CROP_SIZE, CROP_SIZE, FEATURE_CHANNELS];
+
+/// The network of a head and the points that it computes.
+struct Refinement {
+    signature: Signature,
+    /// The points of the first output.
+    points: &'static [u16],
+    /// The iris points of the second output, and the contour of the eye, whose mean depth they take.
+    iris: Option<(&'static [u16], &'static [u16])>,
+    /// Two points whose line is level in the head's crop.
+    level: [u16; 2],
+}
+
+static LIPS_REFINEMENT: Refinement = Refinement {
+    signature: Signature { name: "lips", input: HEAD_INPUT, outputs: &[("points", &[160])] },
+    points: &LIPS,
+    iris: None,
+    level: LIPS_ROTATION,
+};
+static RIGHT_EYE_REFINEMENT: Refinement = Refinement {
+    signature: eye_signature("left_eye"),
+    points: &RIGHT_EYE,
+    iris: Some((&RIGHT_IRIS, &RIGHT_IRIS_DEPTH)),
+    level: RIGHT_EYE_ROTATION,
+};
+static LEFT_EYE_REFINEMENT: Refinement = Refinement {
+    signature: eye_signature("right_eye"),
+    points: &LEFT_EYE,
+    iris: Some((&LEFT_IRIS, &LEFT_IRIS_DEPTH)),
+    level: LEFT_EYE_ROTATION,
+};
+
+/// The network of the person's right eye is called `left_eye`: MediaPipe names it by the side of the picture.
+const fn eye_signature(name: &'static str) -> Signature {
+    Signature { name, input: HEAD_INPUT, outputs: &[("points", &[142]), ("iris", &[10])] }
+}
+
+/// The backbone, its heads, and what they found last.
+pub struct Mesh {
+    backbone: Box<dyn Network>,
+    heads: [Head; 3],
+    block: Block,
+    landmarks: Landmarks,
+    appearance: Appearance,
+    by_turns: bool,
+    /// The head whose turn it is; `None` if all heads run on the next picture.
+    turn: Option<usize>,
+}
+
+struct Head {
+    network: Box<dyn Network>,
+    refinement: &'static Refinement,
+    /// How the last run moved each point, in the coordinates of the crop.
+    corrections: Vec<[f32; 2]>,
+}
+
+impl Mesh {
+    /// Loads the four networks.
+    pub fn load(engine: &dyn Engine) -> Result<Self, InferError> {
+        let head = |refinement: &'static Refinement| -> Result<Head, InferError> {
+            let corrections = vec![[0.0; 2]; refinement.points.len()];
+            Ok(Head { network: engine.load(&refinement.signature)?, refinement, corrections })
+        };
+        Ok(Self {
+            backbone: engine.load(&BACKBONE)?,
+            heads: [head(&LIPS_REFINEMENT)?, head(&RIGHT_EYE_REFINEMENT)?, head(&LEFT_EYE_REFINEMENT)?],
+            block: Block::default(),
+            landmarks: Landmarks::zero(),
+            appearance: Appearance::zero(),
+            by_turns: false,
+            turn: None,
+        })
+    }
+
+    /// Sets whether the heads take turns.
+    pub fn set_turns(&mut self, by_turns: bool) {
+        self.by_turns = by_turns;
+    }
+
+    /// Begins with another face: all heads run on the next picture.
+    pub fn begin(&mut self) {
+        self.turn = None;
+    }
+
+    /// Returns the landmarks of the face inside `region`, in pixels of the picture. Returns `None` if the network sees no
+    /// face there or computes a number that is not finite.
+    pub fn find(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
+        crop(picture, region, SHAPE, &mut self.block, &mut *self.backbone);
+        self.backbone.run()?;
+        if !self.backbone.output(1).first().is_some_and(|flag| *flag >= MIN_FLAG) {
+            return Ok(None);
+        }
+        let (mesh, map) = (self.backbone.output(0).as_chunks::<3>().0, FeatureMap::new(self.backbone.output(2)));
+        for (point, found) in self.landmarks.0.iter_mut().zip(mesh) {
+            *point = *found;
+        }
+        let turn = self.turn.filter(|_| self.by_turns);
+        for (index, head) in self.heads.iter_mut().enumerate() {
+            if turn.is_none_or(|turn| turn == index) {
+                head.refine(mesh, map, &mut self.landmarks)?;
+            } else {
+                head.repeat(mesh, &mut self.landmarks);
+            }
+        }
+        self.turn = Some(self.turn.map_or(0, |turn| (turn + 1) % self.heads.len()));
+        self.appearance.sample(map, &self.landmarks);
+        to_picture(region, &mut self.landmarks);
+        Ok(self.landmarks.is_finite().then_some(&self.landmarks))
+    }
+
+    /// The face that was found last.
+    pub fn face(&self) -> Face<'_> {
+        Face { landmarks: &self.landmarks, appearance: Some(&self.appearance) }
+    }
+}
+
+impl Head {
+    /// Replaces the points of this head in `landmarks`, which are in samples of the backbone's input. `mesh` and `map` are
+    /// the points and the feature map of the backbone.
+    fn refine(&mut self, mesh: &[[f32; 3]], map: FeatureMap, landmarks: &mut Landmarks) -> Result<(), InferError> {
+        let transform = self.transform(mesh);
+        for row in 0..CROP_SIZE {
+            transform.sample(map, row, self.network.input_row(row));
+        }
+        self.network.run()?;
+        replace(landmarks, self.refinement.points, self.network.output(0), &transform);
+        for (correction, &index) in self.corrections.iter_mut().zip(self.refinement.points) {
+            let points = landmarks.0.get(usize::from(index)).zip(mesh.get(usize::from(index)));
+            let moved = points.map_or([0.0; 2], |(to, from)| [to[0] - from[0], to[1] - from[1]]);
+            *correction = transform.turn_back(moved);
+        }
+        self.place_iris(&transform, landmarks);
+        Ok(())
+    }
+
+    /// Corrects the points of this head in `landmarks`, which are those of the backbone, as the last run did.
+    fn repeat(&self, mesh: &[[f32; 3]], landmarks: &mut Landmarks) {
+        let transform = self.transform(mesh);
+        for (&correction, &index) in self.corrections.iter().zip(self.refinement.points) {
+            if let Some([x, y, _]) = landmarks.0.get_mut(usize::from(index)) {
+                let [right, down] = transform.turn(correction);
+                [*x, *y] = [*x + right, *y + down];
+            }
+        }
+        self.place_iris(&transform, landmarks);
+    }
+
+    fn transform(&self, mesh: &[[f32; 3]]) -> Transform {
+        Transform::around(mesh, self.refinement.points, self.refinement.level)
+    }
+
+    /// Places the iris where the network saw it last.
+    fn place_iris(&self, transform: &Transform, landmarks: &mut Landmarks) {
+        if let Some((iris, contour)) = self.refinement.iris {
+            replace(landmarks, iris, self.network.output(1), transform);
+            landmarks.level_iris(iris, contour);
+        }
+    }
+}
+
+/// Replaces x and y of some points by a head's output, which is in the coordinates of its crop.
+fn replace(landmarks: &mut Landmarks, indices: &[u16], output: &[f32], transform: &Transform) {
+    for (&index, &point) in indices.iter().zip(output.as_chunks::<2>().0) {
+        if let Some([x, y, _]) = landmarks.0.get_mut(usize::from(index)) {
+            [*x, *y] = transform.apply(point);
+        }
+    }
+}
+
+/// Converts samples of the backbone's input to pixels of the picture. Depth has the scale of the width.
+fn to_picture(region: &FaceBox, landmarks: &mut Landmarks) {
+    let (mapping, scale) = (region.mapping(), region.size / SIDE as f32);
+    for [x, y, z] in &mut landmarks.0 {
+        [*x, *y] = mapping.to_picture(*x / SIDE as f32, *y / SIDE as f32);
+        *z *= scale;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+    use super::*;
+    use crate::picture::Pixels;
+    use crate::testing::{Run, Scripted, face, show};
+
+    /// Runs of each network on a number of pictures, with heads that take turns.
+    fn runs_by_turns(pictures: usize, begins_anew_after: usize) -> [usize; 4] {
+        let runs: [_; 4] = std::array::from_fn(|_| std::sync::Arc::new(AtomicUsize::new(0)));
+        let counted = runs.clone();
+        let engine = Scripted::new(move |mut run| {
+            show(&mut run, &face([0.0; 3], 60.0, [96.0, 80.0]));
+            let index = ["mesh", "lips", "left_eye", "right_eye"].iter().position(|name| *name == run.network);
+            counted[index.expect("a network of the mesh")].fetch_add(1, Relaxed);
+            Ok(())
+        });
+        let mut mesh = Mesh::load(&engine).expect("scripted networks");
+        mesh.set_turns(true);
+        let first = look(&mut mesh).expect("a run").expect("a face").clone();
+        for _ in 1..pictures {
+            let next = look(&mut mesh).expect("a run").expect("a face").clone();
+            for (next, first) in next.0.iter().flatten().zip(first.0.iter().flatten()) {
+                assert!((next - first).abs() < 1e-3, "a face that rests: {next} instead of {first}");
+            }
+            if runs[0].load(Relaxed) == begins_anew_after {
+                mesh.begin();
+            }
+        }
+        runs.map(|runs| runs.load(Relaxed))
+    }
+
+    #[test]
+    fn heads_by_turns_run_one_at_a_time_and_all_at_once_on_another_face() {
+        assert_eq!(runs_by_turns(1, 0), [1, 1, 1, 1], "all heads on the first picture");
+        assert_eq!(runs_by_turns(7, 0), [7, 3, 3, 3]);
+        assert_eq!(runs_by_turns(7, 6), [7, 4, 4, 3], "all heads on the last picture, which shows another face");
+    }
+
+    /// Whether the mesh finds a face, if all networks show one after which `alter` changes their outputs.
+    fn found(alter: fn(&mut Run)) -> bool {
+        let engine = Scripted::new(move |mut run| {
+            show(&mut run, &face([0.0; 3], 60.0, [96.0, 80.0]));
+            alter(&mut run);
+            Ok(())
+        });
+        look(&mut Mesh::load(&engine).expect("scripted networks")).expect("a run").is_some()
+    }
+
+    fn look(mesh: &mut Mesh) -> Result<Option<&Landmarks>, InferError> {
+        let pixels = Pixels::Grey { data: &[0; 16], stride: 4 };
+        let picture = Picture::new(4, 4, pixels, true).expect("a whole picture");
+        let region = FaceBox { centre: [2.0; 2], size: 4.0, angle_rad: 0.0 };
+        mesh.find(&picture, &region)
+    }
+
+    /// Sets the last value of an output of one network.
+    fn set(run: &mut Run, network: &str, output: usize, value: f32) {
+        if run.network == network {
+            *run.outputs[output].last_mut().expect("values") = value;
+        }
+    }
+
+    #[test]
+    fn a_flag_below_one_half_or_a_number_that_is_not_finite_in_any_output_is_not_a_face() {
+        assert!(found(|_| {}));
+        assert!(found(|run| set(run, "mesh", 1, 0.01)));
+        assert!(!found(|run| set(run, "mesh", 1, -0.01)));
+        assert!(!found(|run| set(run, "mesh", 1, f32::NAN)));
+        assert!(!found(|run| set(run, "mesh", 0, f32::NAN)));
+        assert!(!found(|run| set(run, "lips", 0, f32::INFINITY)));
+        assert!(!found(|run| set(run, "left_eye", 1, f32::NAN)));
+    }
+}

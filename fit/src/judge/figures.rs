@@ -1,0 +1,390 @@
+//! The figures of people: sums of the errors of one person's estimates for each blendshape, from which the figures of any
+//! group follow; and what they are for each blendshape, for all together, and for the average person.
+
+use std::ops::AddAssign;
+
+use facewire_face::COEFFS;
+use rayon::prelude::*;
+
+use crate::curves::MOVING;
+use crate::design::MODELLED;
+use crate::statistics::{ErrorParts, Interval, Moments, draw, jitter_at_rest, mean, standard_deviation};
+
+/// A blendshape is at rest in the pictures in which its true coefficient is at most this, and moves in the others.
+const REST: f64 = 0.02;
+/// Fewest pictures for a correlation, gain or slope.
+const LEAST_PICTURES: f64 = 10.0;
+
+/// Which pictures count: all, those in which the blendshape is at rest, or those in which it moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    All,
+    AtRest,
+    Moving,
+}
+
+impl Phase {
+    pub const ALL: [Self; 3] = [Self::All, Self::AtRest, Self::Moving];
+
+    /// The name in files.
+    pub fn name(self) -> &'static str {
+        ["all", "at_rest", "moving"][self as usize]
+    }
+
+    /// The name in tables.
+    pub fn title(self) -> &'static str {
+        ["all", "at rest", "moving"][self as usize]
+    }
+}
+
+/// A figure of merit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Figure {
+    /// Pearson's correlation.
+    R,
+    Mse,
+    /// Mean error, estimate minus truth.
+    Bias,
+    /// Standard deviation of the estimates divided by that of the truth.
+    Gain,
+    /// Slope of the straight line through the estimates over the truth.
+    Slope,
+    /// Part of the error that subtracting each person's mean error would remove.
+    MseOfBias,
+    /// Part of the error that each person's best factor would remove after that.
+    MseOfGain,
+    MseOfRest,
+    /// Root mean square of the steps from frame to frame while the truth rests. Films only.
+    Jitter,
+    /// Mean coefficient of faces that are at rest as a whole, without the neutral pictures.
+    Resting,
+}
+
+impl Figure {
+    pub const ALL: [Self; 10] = [
+        Self::R,
+        Self::Mse,
+        Self::Bias,
+        Self::Gain,
+        Self::Slope,
+        Self::MseOfBias,
+        Self::MseOfGain,
+        Self::MseOfRest,
+        Self::Jitter,
+        Self::Resting,
+    ];
+
+    /// The name in files.
+    pub fn name(self) -> &'static str {
+        let names =
+            ["r", "mse", "bias", "gain", "slope", "mse_of_bias", "mse_of_gain", "mse_of_rest", "jitter", "resting"];
+        names[self as usize]
+    }
+
+    pub fn decimals(self) -> usize {
+        match self {
+            Self::Gain | Self::Slope => 2,
+            Self::R | Self::Bias | Self::Resting => 3,
+            _ => 4,
+        }
+    }
+
+    pub fn format(self, value: f64) -> String {
+        if self == Self::Bias { self.signed(value) } else { crate::output::number(Some(value), self.decimals()) }
+    }
+
+    pub fn signed(self, value: f64) -> String {
+        if value.is_finite() { format!("{value:+.*}", self.decimals()) } else { "-".to_owned() }
+    }
+}
+
+pub type Figures = [f64; Figure::ALL.len()];
+type Phases<T> = [T; Phase::ALL.len()];
+
+/// The pictures or frames of one person, in order: for each the estimates and the truth of all blendshapes.
+#[derive(Debug, Clone, Default)]
+pub struct SolvedFaces {
+    pub estimates: Vec<[f64; COEFFS]>,
+    pub truths: Vec<[f64; COEFFS]>,
+    /// Whether the person's neutral face was taken from this picture. Then it cannot show how well rest is recognised.
+    pub is_neutral: Vec<bool>,
+}
+
+#[derive(Debug, Clone)]
+pub struct Person {
+    pub name: String,
+    sums: Vec<Phases<ErrorSums>>,
+    figures: Vec<Phases<Figures>>,
+    /// Means over the blendshapes that this person moves; of jitter and the mean coefficient at rest, over all.
+    pub averages: Phases<Figures>,
+}
+
+/// Sums over pictures. Sums of several people can be added.
+#[derive(Debug, Clone, Copy, Default)]
+struct ErrorSums {
+    moments: Moments,
+    /// The parts of each person's error, weighted by the number of pictures.
+    parts: ErrorParts,
+    jitter: [f64; 2],
+    /// Coefficients of faces that are at rest as a whole, and the number of these faces.
+    resting: [f64; 2],
+}
+
+impl Person {
+    /// Sums up the pictures of a person. Frames of a film follow each other in time, so that they have jitter.
+    pub fn new(name: String, faces: &SolvedFaces, is_film: bool) -> Self {
+        let rests = |row: usize| !faces.is_neutral[row] && faces.truths[row].iter().all(|truth| *truth == 0.0);
+        let resting: Vec<bool> = (0..faces.truths.len()).map(rests).collect();
+        let sums: Vec<_> = (0..COEFFS).map(|shape| error_sums(faces, shape, &resting, is_film)).collect();
+        let figures: Vec<Phases<Figures>> = sums.iter().map(|phases| phases.map(|sums| sums.figures())).collect();
+        let averages = Phase::ALL.map(|phase| {
+            let all = || figures[..MODELLED].iter().map(|own| own[phase as usize]);
+            let moves = sums.iter().map(|sums| sums[Phase::All as usize].moves());
+            let moving = mean_of(&all().zip(moves).filter(|(_, moves)| *moves).map(|(own, _)| own));
+            let shown = mean_of(&all());
+            Figure::ALL.map(|figure| match figure {
+                Figure::Jitter | Figure::Resting => shown[figure as usize],
+                _ => moving[figure as usize],
+            })
+        });
+        Self { name, sums, figures, averages }
+    }
+
+    pub fn figures(&self, blendshape: usize, phase: Phase) -> &Figures {
+        &self.figures[blendshape][phase as usize]
+    }
+
+    /// Returns whether a blendshape moves enough for a correlation.
+    pub fn moves(&self, blendshape: usize) -> bool {
+        self.sums[blendshape][Phase::All as usize].moves()
+    }
+}
+
+fn error_sums(faces: &SolvedFaces, blendshape: usize, resting: &[bool], is_film: bool) -> Phases<ErrorSums> {
+    let mut phases = Phases::<ErrorSums>::default();
+    let pairs = faces.estimates.iter().zip(&faces.truths).map(|(a, b)| (a[blendshape], b[blendshape]));
+    for ((estimate, truth), rests) in pairs.clone().zip(resting) {
+        let own = if truth > REST { Phase::Moving } else { Phase::AtRest };
+        for phase in [Phase::All, own] {
+            let sums = &mut phases[phase as usize];
+            sums.moments.add(estimate, truth);
+            if *rests {
+                sums.resting = [sums.resting[0] + estimate.abs(), sums.resting[1] + 1.0];
+            }
+        }
+    }
+    if is_film {
+        let (estimates, truths): (Vec<f64>, Vec<f64>) = pairs.unzip();
+        let jitter = jitter_at_rest(&estimates, &truths).map_or([0.0; 2], |jitter| [jitter, 1.0]);
+        phases[Phase::All as usize].jitter = jitter;
+    }
+    for sums in phases.iter_mut().filter(|sums| sums.moments.count() > 0.0) {
+        let (ErrorParts { bias, gain, rest }, count) = (sums.moments.error_parts(), sums.moments.count());
+        sums.parts = ErrorParts { bias: count * bias, gain: count * gain, rest: count * rest };
+    }
+    phases
+}
+
+impl ErrorSums {
+    fn moves(&self) -> bool {
+        self.moments.truth_deviation() > MOVING
+    }
+
+    fn figures(&self) -> Figures {
+        let (moments, count) = (&self.moments, self.moments.count());
+        let shows_motion = self.moves() && count >= LEAST_PICTURES;
+        Figure::ALL.map(|figure| match figure {
+            Figure::R | Figure::Gain | Figure::Slope if !shows_motion => f64::NAN,
+            Figure::R => moments.pearson(),
+            Figure::Mse => moments.mse(),
+            Figure::Bias => moments.bias(),
+            Figure::Gain => moments.gain(),
+            Figure::Slope => moments.slope(),
+            Figure::MseOfBias => self.parts.bias / count,
+            Figure::MseOfGain => self.parts.gain / count,
+            Figure::MseOfRest => self.parts.rest / count,
+            Figure::Jitter => self.jitter[0] / self.jitter[1],
+            Figure::Resting => self.resting[0] / self.resting[1],
+        })
+    }
+}
+
+impl AddAssign<&ErrorSums> for ErrorSums {
+    fn add_assign(&mut self, other: &Self) {
+        self.moments += other.moments;
+        self.parts.bias += other.parts.bias;
+        self.parts.gain += other.parts.gain;
+        self.parts.rest += other.parts.rest;
+        self.jitter = [self.jitter[0] + other.jitter[0], self.jitter[1] + other.jitter[1]];
+        self.resting = [self.resting[0] + other.resting[0], self.resting[1] + other.resting[1]];
+    }
+}
+
+/// Returns the mean of each figure over those that are defined.
+fn mean_of(figures: &(impl Iterator<Item = Figures> + Clone)) -> Figures {
+    core::array::from_fn(|index| {
+        let values: Vec<f64> = figures.clone().map(|own| own[index]).filter(|value| value.is_finite()).collect();
+        if values.is_empty() { f64::NAN } else { mean(values.into_iter()) }
+    })
+}
+
+/// A row of a judgement's tables.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Row {
+    Blendshape(usize),
+    /// The mean of the blendshapes' rows: of all that landmarks show, or for figures that need motion, of those that
+    /// move.
+    Blendshapes,
+    /// The mean of the people, where a person's figures are the mean over the blendshapes that the person moves.
+    People,
+}
+
+impl Row {
+    /// All rows in the order in which they are shown.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (0..COEFFS).map(Self::Blendshape).chain([Self::Blendshapes, Self::People])
+    }
+
+    fn index(self) -> usize {
+        match self {
+            Self::Blendshape(index) => index,
+            Self::Blendshapes => COEFFS,
+            Self::People => COEFFS + 1,
+        }
+    }
+}
+
+pub struct Judgement {
+    pub people: Vec<Person>,
+    figures: Vec<Phases<Figures>>,
+    draws: Vec<Vec<Phases<Figures>>>,
+}
+
+impl Judgement {
+    pub fn new(people: Vec<Person>, resamples: u64) -> Self {
+        let everybody: Vec<usize> = (0..people.len()).collect();
+        let figures = figures_of(&people, &everybody);
+        let resample = |number| figures_of(&people, &draw(number, people.len()));
+        let draws = (0..resamples).into_par_iter().map(resample).collect();
+        Self { people, figures, draws }
+    }
+
+    pub fn get(&self, row: Row, phase: Phase, figure: Figure) -> f64 {
+        self.figures[row.index()][phase as usize][figure as usize]
+    }
+
+    pub fn interval(&self, row: Row, phase: Phase, figure: Figure) -> Interval {
+        Interval::of(self.draws.iter().map(|draw| draw[row.index()][phase as usize][figure as usize]))
+    }
+
+    /// Returns how much higher a figure is than in `other`, which judges the same people, with the confidence interval of
+    /// the difference. Both are compared on the same draws.
+    pub fn difference(&self, other: &Self, row: Row, phase: Phase, figure: Figure) -> (f64, Interval) {
+        let value = |figures: &[Phases<Figures>]| figures[row.index()][phase as usize][figure as usize];
+        let pairs = self.draws.iter().zip(&other.draws);
+        let interval = Interval::of(pairs.map(|(own, other)| value(own) - value(other)));
+        (value(&self.figures) - value(&other.figures), interval)
+    }
+
+    /// Returns mean and standard deviation over the people of a blendshape's figure. Only people who move the blendshape
+    /// count.
+    pub fn spread(&self, shape: usize, phase: Phase, figure: Figure) -> [f64; 2] {
+        let moving = self.people.iter().filter(|person| person.moves(shape));
+        let values = moving.map(|person| person.figures(shape, phase)[figure as usize]);
+        let values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+        if values.is_empty() { [f64::NAN; 2] } else { [mean(values.iter().copied()), standard_deviation(&values)] }
+    }
+
+    pub fn pictures(&self) -> f64 {
+        self.people.iter().map(|person| person.sums[0][Phase::All as usize].moments.count()).sum()
+    }
+
+    /// Returns whether a row's truth moves.
+    pub fn moves(&self, row: Row) -> bool {
+        !self.get(row, Phase::All, Figure::R).is_nan()
+    }
+}
+
+/// Returns the figures of each row for the people with these indices. An index may occur several times.
+fn figures_of(people: &[Person], indices: &[usize]) -> Vec<Phases<Figures>> {
+    let together = |shape: usize, phase: Phase| {
+        let mut sum = ErrorSums::default();
+        indices.iter().for_each(|index| sum += &people[*index].sums[shape][phase as usize]);
+        sum.figures()
+    };
+    let mut rows: Vec<_> = (0..COEFFS).map(|shape| Phase::ALL.map(|phase| together(shape, phase))).collect();
+    let shown = Phase::ALL.map(|phase| mean_of(&rows[..MODELLED].iter().map(|row| row[phase as usize])));
+    let person = Phase::ALL.map(|phase| mean_of(&indices.iter().map(|index| people[*index].averages[phase as usize])));
+    rows.extend([shown, person]);
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns a person whose blendshapes rest in 20 pictures and move up and down in 40. `estimate` gets the true coefficient.
+    fn person(estimate: impl Fn(f64) -> f64) -> Person {
+        let mut faces = SolvedFaces::default();
+        for picture in 0..60 {
+            let truth = if picture < 20 { 0.0 } else { 0.55 + 0.45 * f64::from(picture).sin() };
+            faces.truths.push([truth; COEFFS]);
+            faces.estimates.push([estimate(truth); COEFFS]);
+            faces.is_neutral.push(picture < 5);
+        }
+        Person::new("one".to_owned(), &faces, true)
+    }
+
+    fn judged(errors: &[f64]) -> Judgement {
+        Judgement::new(errors.iter().map(|error| person(|truth| truth + error)).collect(), 400)
+    }
+
+    #[test]
+    fn pictures_at_rest_and_moving_are_judged_apart() {
+        let person = person(|truth| if truth > REST { truth - 0.1 } else { 0.04 });
+        let near = |phase, figure: Figure, value: f64| (person.figures(0, phase)[figure as usize] - value).abs() < 1e-9;
+        assert!(near(Phase::AtRest, Figure::Bias, 0.04) && near(Phase::All, Figure::Resting, 0.04));
+        assert!(near(Phase::Moving, Figure::Bias, -0.1) && near(Phase::Moving, Figure::Gain, 1.0));
+        assert!(near(Phase::All, Figure::Jitter, 0.0) && person.moves(0));
+        assert!(person.figures(0, Phase::AtRest)[Figure::R as usize].is_nan());
+        assert!(person.figures(0, Phase::All)[Figure::Gain as usize] < 1.0);
+    }
+
+    #[test]
+    fn a_bias_that_differs_between_people_is_a_bias_of_each_of_them() {
+        let both = judged(&[-0.1, 0.1]);
+        let near = |figure, value: f64| (both.get(Row::Blendshape(0), Phase::All, figure) - value).abs() < 1e-9;
+        assert!(near(Figure::Bias, 0.0) && near(Figure::MseOfBias, 0.01) && near(Figure::Mse, 0.01));
+    }
+
+    #[test]
+    fn a_better_model_is_certain_although_people_differ_more_than_the_models() {
+        let hard: Vec<f64> = (0..20).map(|person| 0.1 + 0.02 * f64::from(person)).collect();
+        let better: Vec<f64> = hard.iter().map(|error| error - 0.005).collect();
+        let [a, b] = [judged(&hard), judged(&better)];
+        let (difference, interval) = b.difference(&a, Row::Blendshapes, Phase::All, Figure::Mse);
+        assert!(difference < 0.0 && interval.high < 0.0 && interval.excludes_zero(), "{difference} {interval:?}");
+        let [own, other] = [&b, &a].map(|judged| judged.interval(Row::Blendshapes, Phase::All, Figure::Mse));
+        assert!(own.high > other.low, "the intervals of both models overlap");
+    }
+
+    #[test]
+    fn equal_models_differ_by_nothing_and_few_people_have_wide_intervals() {
+        let many: Vec<f64> = (0..40).map(|person| 0.01 * f64::from(person)).collect();
+        let few: Vec<f64> = (0..4).map(|person| 0.1 * f64::from(person)).collect();
+        let [many, few] = [judged(&many), judged(&few)];
+        let (difference, interval) = many.difference(&many, Row::People, Phase::All, Figure::Bias);
+        assert!(difference.abs() < 1e-12 && !interval.excludes_zero());
+        let [many, few] =
+            [&many, &few].map(|judged| judged.interval(Row::People, Phase::All, Figure::Bias).half_width());
+        assert!(few > 2.0 * many, "{few} {many}");
+    }
+
+    #[test]
+    fn spread_is_that_of_the_people() {
+        let judged = judged(&[0.1, 0.3]);
+        let [mean, deviation] = judged.spread(3, Phase::All, Figure::Bias);
+        assert!((mean - 0.2).abs() < 1e-9 && (deviation - 0.02_f64.sqrt()).abs() < 1e-9);
+        assert!((judged.pictures() - 120.0).abs() < 1e-9);
+    }
+}

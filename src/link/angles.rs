@@ -1,0 +1,153 @@
+//! The rotation of the head and of the eyes, as receivers of other programs count them.
+//!
+//! facewire's axes are those of ARKit's face: x to the person's left, y up, z out of the face. The angles here belong to
+//! `Ry(yaw) Rx(-pitch) Rz(roll)`, the order in which Unity and Unreal compose theirs: the head tilts first, nods next
+//! and turns last.
+
+use facewire_packet::BLENDSHAPE_COUNT;
+
+/// The angle of an eye whose coefficient is 1, radians.
+///
+/// This is what ARKit means by it: in a public recording of 180 packets from the iPhone app Live Link Face
+/// (`dao.gesichter` of the project LLV), which has coefficients and rotations of the eyes side by side, the angle is 0.61
+/// radians times the difference of the opposed coefficients, with a correlation of 1.000 in all four directions.
+pub const FULL_GAZE: f32 = 35.0 * std::f32::consts::PI / 180.0;
+/// From this coefficient of the blink on, a lid is shut and hides where the eye looks.
+const SHUT: f32 = 0.75;
+
+/// Angles of a rotation, radians: a turn to the person's left, a nod upwards and a tilt to the right shoulder are positive.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Angles {
+    pub yaw: f32,
+    pub pitch: f32,
+    pub roll: f32,
+}
+
+impl Angles {
+    /// Returns the angles of a unit quaternion x, y, z, w.
+    pub fn of([x, y, z, w]: [f32; 4]) -> Self {
+        // The columns of the rotation matrix are the axes of the face. `forward` is the axis out of the face; `left_up`
+        // and `up_up` are the upward components of the other two.
+        let forward = [2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)];
+        let (left_up, up_up) = (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z));
+        let [forward_x, forward_y, forward_z] = forward;
+        let pitch = forward_y.clamp(-1.0, 1.0).asin();
+        // Adding 0 turns -0 into 0.
+        Self { yaw: forward_x.atan2(forward_z) + 0.0, pitch: pitch + 0.0, roll: left_up.atan2(up_up) + 0.0 }
+    }
+
+    /// The angles of Live Link and VRCFaceTracking: positive to the person's right, downwards and to the left shoulder.
+    pub fn reversed(self) -> [f32; 3] {
+        [0.0 - self.yaw, 0.0 - self.pitch, 0.0 - self.roll]
+    }
+
+    /// The rotation as a unit quaternion x, y, z, w; the roll is left out.
+    pub fn quaternion_without_roll(self) -> [f32; 4] {
+        let ((sin_y, cos_y), (sin_x, cos_x)) = ((0.5 * self.yaw).sin_cos(), (-0.5 * self.pitch).sin_cos());
+        [cos_y * sin_x, sin_y * cos_x, -sin_y * sin_x, cos_y * cos_x]
+    }
+}
+
+/// Returns the rotation in Unity's left-handed axes: x to the person's right, y up, z out of the face.
+pub fn unity([x, y, z, w]: [f32; 4]) -> [f32; 4] {
+    // Adding 0 turns -0 into 0.
+    [x, 0.0 - y, 0.0 - z, w]
+}
+
+/// The rotation of the eyes, without roll. An eye whose lid is shut keeps its direction.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Gaze {
+    pub left: Angles,
+    pub right: Angles,
+}
+
+impl Gaze {
+    /// Follows coefficients in the order of [`facewire_packet::BLENDSHAPES`].
+    pub fn follow(&mut self, coefficients: &[f32; BLENDSHAPE_COUNT]) {
+        let [left_blink, left_down, left_in, left_out, left_up, _, _, right @ ..] = coefficients;
+        let [right_blink, right_down, right_in, right_out, right_up, ..] = right;
+        let turn = |eye: &mut Angles, blink: f32, left: f32, up: f32| {
+            if blink < SHUT {
+                *eye = Angles { yaw: FULL_GAZE * left, pitch: FULL_GAZE * up, roll: 0.0 };
+            }
+        };
+        turn(&mut self.left, *left_blink, left_out - left_in, left_up - left_down);
+        turn(&mut self.right, *right_blink, right_in - right_out, right_up - right_down);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use facewire_face::yaw_pitch_roll_deg;
+    use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+    use super::*;
+    use crate::link::testing::{DOWN, LEFT, TILTED, face, near};
+
+    #[test]
+    fn one_movement_has_the_same_sign_as_in_the_solver() {
+        for (rotation, want) in [(LEFT, [30.0, 0.0, 0.0]), (DOWN, [0.0, -20.0, 0.0]), (TILTED, [0.0, 0.0, 10.0])] {
+            let Angles { yaw, pitch, roll } = Angles::of(rotation);
+            assert!(near(&[yaw, pitch, roll].map(f32::to_degrees), &want), "{yaw} {pitch} {roll}");
+            assert!(near(&yaw_pitch_roll_deg(rotation), &want));
+        }
+    }
+
+    #[test]
+    fn the_angles_compose_to_the_rotation_again() {
+        let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+        for [yaw, pitch, roll] in [[0.5, 0.3, -0.2], [-1.2, -0.7, 0.4], [2.5, 0.1, 1.0]] {
+            let eye = about(Vector3::y_axis(), yaw) * about(Vector3::x_axis(), -pitch);
+            let angles = Angles::of((eye * about(Vector3::z_axis(), roll)).coords.into());
+            assert!(near(&[angles.yaw, angles.pitch, angles.roll], &[yaw, pitch, roll]), "{angles:?}");
+            assert!(near(&angles.quaternion_without_roll(), &<[f32; 4]>::from(eye.coords)));
+        }
+    }
+
+    /// A point that turns in facewire's axes turns the same way in Unity's, in which x has the other sign.
+    #[test]
+    fn unity_sees_the_same_movement() {
+        let turn = |rotation: [f32; 4], point| UnitQuaternion::new_unchecked(Quaternion::from(rotation)) * point;
+        let flipped = |point: Vector3<f32>| Vector3::new(-point.x, point.y, point.z);
+        let nose = Vector3::new(0.1, 0.2, 1.0);
+        for rotation in [LEFT, DOWN, TILTED] {
+            let difference = turn(unity(rotation), flipped(nose)) - flipped(turn(rotation, nose));
+            assert!(difference.norm() < 1e-6, "{difference}");
+        }
+    }
+
+    /// Follows the look, and returns yaw and pitch of the left and of the right eye in degrees.
+    fn degrees(gaze: &mut Gaze, look: &[(&str, f32)]) -> [f32; 4] {
+        gaze.follow(&face(look).pose.coefficients);
+        [gaze.left.yaw, gaze.left.pitch, gaze.right.yaw, gaze.right.pitch].map(f32::to_degrees)
+    }
+
+    #[test]
+    fn eyes_turn_by_35_degrees_for_a_coefficient_of_1() {
+        for (look, want) in [
+            ([("eyeLookOutLeft", 1.0), ("eyeLookInRight", 1.0)], [35.0, 0.0, 35.0, 0.0]),
+            ([("eyeLookInLeft", 1.0), ("eyeLookOutRight", 1.0)], [-35.0, 0.0, -35.0, 0.0]),
+            ([("eyeLookUpLeft", 1.0), ("eyeLookDownRight", 0.6)], [0.0, 35.0, 0.0, -21.0]),
+        ] {
+            assert!(near(&degrees(&mut Gaze::default(), &look), &want), "{look:?}");
+        }
+    }
+
+    /// A frame of the real app, whose coefficients are whole percent.
+    #[test]
+    fn the_angles_agree_with_those_of_an_iphone() {
+        let look =
+            [("eyeLookDownLeft", 0.17), ("eyeLookDownRight", 0.17), ("eyeLookInRight", 0.06), ("eyeLookInLeft", 0.04)];
+        let ours = degrees(&mut Gaze::default(), &look);
+        let theirs = [-1.666, -6.035, 2.440, -6.030];
+        assert!(ours.iter().zip(theirs).all(|(ours, theirs)| (ours - theirs).abs() < 0.5), "{ours:?}");
+    }
+
+    #[test]
+    fn an_eye_whose_lid_is_shut_keeps_its_direction_and_the_other_one_moves_on() {
+        let mut gaze = Gaze::default();
+        degrees(&mut gaze, &[("eyeLookUpLeft", 1.0), ("eyeLookUpRight", 1.0)]);
+        assert!(near(&degrees(&mut gaze, &[("eyeBlinkLeft", 1.0)]), &[0.0, 35.0, 0.0, 0.0]));
+        assert!(near(&degrees(&mut gaze, &[("eyeBlinkLeft", 0.7)]), &[0.0; 4]));
+    }
+}

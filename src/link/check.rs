@@ -1,0 +1,537 @@
+//! Links whose settings are valid one by one but cannot work, and what is worth knowing about those that do.
+
+use std::fmt::Display;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+use facewire_face::{Adjustment, Adjustments, BLENDSHAPES};
+use facewire_packet::FRAME_BYTES;
+
+use super::live_link;
+use super::maestro::{ACCELERATION_UNIT_US_PER_S2, COMMAND_BYTES, SPEED_UNIT_US_PER_S};
+use super::pca9685::{CHANNELS, Period};
+use super::vrchat::parameter_names;
+use crate::config::{
+    AutoDevice, CarrierSettings, ChannelSettings, Faults, IFacialMocapSettings, JsonTarget, LinkKind, LinkSettings,
+    Listen, Loss, MOST_MAESTRO_BAUD, MaestroSettings, PaceKind, Parameters, Pca9685Settings, SLOWEST_LINK_HZ,
+    SerialDevice, Settings, VrchatSettings, quoted,
+};
+
+/// Share of a serial line that packets may use, percent. The rest makes up for clocks that differ.
+const LINE_SHARE: u64 = 80;
+/// Bits of a byte on a serial line: a start bit, 8 data bits and a stop bit.
+const BITS_PER_BYTE: u64 = 10;
+/// Baud rates that every serial port supports. The last one carries the highest rate that a setting allows.
+const USUAL_BAUDS: [u32; 6] = [19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
+
+/// Adds the faults of links. `control` are the paths at which the service's control socket may be. Links with faults of
+/// their own are not judged.
+pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Faults) {
+    if faults.has_invalid_value("link") {
+        return;
+    }
+    for (index, link) in settings.links.iter().enumerate() {
+        let earlier = settings.links.get(..index).unwrap_or_default();
+        if let Some(line) = line(link) {
+            check_port(line, earlier, &settings.links, faults);
+            check_speed(line, link, settings, faults);
+        }
+        match &link.kind {
+            LinkKind::Maestro(it) => check_servos(&Board::maestro(it), &it.channels, link, faults),
+            LinkKind::Pca9685(it) => {
+                check_chip(it, earlier, faults);
+                check_servos(&Board::pca9685(it), &it.channels, link, faults);
+                let expected = "\"rate\" for a PCA9685: its speed limits are kept by even steps";
+                need(link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected, faults);
+            }
+            LinkKind::IFacialMocap(it) => check_listener(it, earlier, faults),
+            LinkKind::Json(it) => check_socket(&it.to, earlier, settings, control, faults),
+            LinkKind::Vrchat(it) => check_parameters(it, faults),
+            LinkKind::Udp(_) | LinkKind::Serial(_) | LinkKind::LiveLink(_) | LinkKind::Vmc(_) => {}
+        }
+    }
+}
+
+fn need(is_good: bool, key: &str, value: impl Display, expected: impl Display, faults: &mut Faults) {
+    if !is_good {
+        faults.conflict(key, value, expected);
+    }
+}
+
+/// The serial port, the baud rate and what "auto" stands for, if the link uses a serial line.
+fn line(link: &LinkSettings) -> Option<(&SerialDevice, u32, AutoDevice)> {
+    match link.kind.carrier() {
+        CarrierSettings::Serial { device, baud, auto } => Some((device, baud, auto)),
+        _ => None,
+    }
+}
+
+/// Adds a fault for a serial port that two links share, and for "auto" beside another port. Only the text counts: two names
+/// may mean the same device for a while, and the links then wait for each other.
+fn check_port(
+    (device, _, auto): (&SerialDevice, u32, AutoDevice),
+    earlier: &[LinkSettings],
+    all: &[LinkSettings],
+    faults: &mut Faults,
+) {
+    let is_auto = *device == SerialDevice::Auto;
+    let is_same = |other: (&SerialDevice, u32, AutoDevice)| other.0 == device && (other.2 == auto || !is_auto);
+    let is_taken = earlier.iter().filter_map(line).any(is_same);
+    let expected = "another port, or remove this link: an earlier link has the same port";
+    need(!is_taken, "link.device", quoted(&device.to_string()), expected, faults);
+    let beside = all.iter().filter_map(line).find(|other| other.2 == auto && *other.0 != SerialDevice::Auto);
+    if let (true, Some((other, ..))) = (is_auto, beside) {
+        let why = format!("another link has the port {other}, which \"auto\" may find, too");
+        faults.conflict("link.device", "\"auto\"", format!("the path of a port, or remove this link: {why}"));
+    }
+}
+
+/// Adds a fault for a serial line that is too slow for its link. By USB, which is where "auto" finds a Maestro, a baud rate
+/// means nothing.
+fn check_speed(
+    (device, baud, auto): (&SerialDevice, u32, AutoDevice),
+    link: &LinkSettings,
+    settings: &Settings,
+    faults: &mut Faults,
+) {
+    let is_usb = *device == SerialDevice::Auto && auto == AutoDevice::Maestro;
+    if is_usb || ["camera", "send"].iter().any(|table| faults.has_invalid_value(table)) {
+        return;
+    }
+    let rate_hz = link.rate_hz(settings.send.rate_hz);
+    let rate_hz = if link.pace.pace == PaceKind::Pose { rate_hz.max(settings.camera.fps) } else { rate_hz };
+    let message_bytes = match &link.kind {
+        // A command for each channel, in the longer of both protocols and with a CRC.
+        LinkKind::Maestro(it) => COMMAND_BYTES * it.channels.len().max(1),
+        _ => FRAME_BYTES,
+    };
+    let most_hz = |baud: u32| {
+        let packets = u64::from(baud) * LINE_SHARE / 100 / (message_bytes as u64 * BITS_PER_BYTE);
+        u32::try_from(packets).unwrap_or(u32::MAX)
+    };
+    if most_hz(baud) >= rate_hz {
+        return;
+    }
+    let most_baud = if auto == AutoDevice::Maestro { MOST_MAESTRO_BAUD } else { u32::MAX };
+    let usual = || USUAL_BAUDS.into_iter().filter(|usual| *usual <= most_baud);
+    let slower = |baud| format!("pace = \"rate\" and rate_hz = {}", most_hz(baud));
+    let fastest = usual().next_back().unwrap_or(baud);
+    let advice = match usual().find(|baud| most_hz(*baud) >= rate_hz) {
+        Some(enough) if most_hz(baud) >= SLOWEST_LINK_HZ => format!("{enough} or more, or {}", slower(baud)),
+        Some(enough) => format!("{enough} or more"),
+        None if fastest > baud => format!("{fastest}, {}", slower(fastest)),
+        None => slower(baud),
+    };
+    let because = format!("{rate_hz} packets a second need more than {LINE_SHARE} % of the line at {device}");
+    faults.conflict("link.baud", baud, format!("{advice}: {because}"));
+}
+
+fn check_chip(chip: &Pca9685Settings, earlier: &[LinkSettings], faults: &mut Faults) {
+    let is_same = |link: &LinkSettings| matches!(&link.kind, LinkKind::Pca9685(it) if (it.bus, it.address) == (chip.bus, chip.address));
+    let expected = "another bus or address: an earlier link has the same chip";
+    need(!earlier.iter().any(is_same), "link.address", format!("{:#04x}", chip.address), expected, faults);
+}
+
+/// What a servo board can do.
+struct Board {
+    name: &'static str,
+    last_channel: u32,
+    longest_pulse_us: u32,
+    /// Least limits of speed and acceleration that the board can keep, µs/s and µs/s².
+    least_limits: [f32; 2],
+}
+
+impl Board {
+    fn maestro(settings: &MaestroSettings) -> Self {
+        Self {
+            name: "Maestro",
+            last_channel: 23,
+            // Those with 12 channels or more, which have the command for several targets, make longer pulses.
+            longest_pulse_us: if settings.multiple_targets { 4080 } else { 3280 },
+            least_limits: [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2],
+        }
+    }
+
+    fn pca9685(settings: &Pca9685Settings) -> Self {
+        let longest_pulse_us = Period::new(settings.pulses_hz, settings.oscillator_hz).longest_pulse_us() as u32;
+        Self { name: "PCA9685", last_channel: u32::from(CHANNELS) - 1, longest_pulse_us, least_limits: [0.0; 2] }
+    }
+}
+
+fn check_servos(board: &Board, channels: &[ChannelSettings], link: &LinkSettings, faults: &mut Faults) {
+    need(!channels.is_empty(), "link.channel", "[]", "at least one [[link.channel]]", faults);
+    let expected =
+        "\"neutral\" or \"hold\" for a servo board, and loss = \"release\" for channels that are to be switched off";
+    need(link.pace.loss != Loss::Silent, "link.loss", "\"silent\"", expected, faults);
+    for (index, channel) in channels.iter().enumerate() {
+        let number = channel.channel;
+        let is_first = channels.iter().take(index).all(|earlier| earlier.channel != number);
+        let expected = "a number that no earlier channel of this board has";
+        need(is_first, "link.channel.channel", number, expected, faults);
+        let expected = format!("0 to {}: these are the channels of a {}", board.last_channel, board.name);
+        need(number <= board.last_channel, "link.channel.channel", number, &expected, faults);
+        // A source with a typing error counts for nothing.
+        if !faults.has_any_in("link.channel.sources") {
+            check_sources(channel, faults);
+        }
+        check_motion(channel, board, faults);
+    }
+}
+
+fn check_sources(channel: &ChannelSettings, faults: &mut Faults) {
+    let number = channel.channel;
+    if channel.sources.used().next().is_none() {
+        let expected = format!("at least one source for channel {number}, such as {{ jawOpen = 1.0 }}");
+        return faults.conflict("link.channel.sources", "{}", expected);
+    }
+    let [least, most] = range(channel);
+    let expected = format!(
+        "another offset for channel {number}: its sum goes from {least} to {most}, so that it always stays at one end"
+    );
+    need(least < 1.0 && most > 0.0, "link.channel.offset", channel.offset, &expected, faults);
+}
+
+/// Returns the least and the greatest position that the sum of a channel can have before it is limited, for coefficients
+/// from 0 to 1 and angles of the head up to 90 degrees.
+fn range(channel: &ChannelSettings) -> [f32; 2] {
+    let at = |end: fn(f32, f32) -> f32| {
+        let term = |(name, gain): (&str, f32)| {
+            if name.starts_with("head") { end(-90.0 * gain, 90.0 * gain) } else { end(0.0, gain) }
+        };
+        channel.offset + channel.sources.used().map(term).sum::<f32>()
+    };
+    [at(f32::min), at(f32::max)]
+}
+
+fn check_motion(channel: &ChannelSettings, board: &Board, faults: &mut Faults) {
+    let ChannelSettings { channel: number, pulse_at_0_us, pulse_at_1_us, .. } = *channel;
+    let Board { name, longest_pulse_us, least_limits: [least_speed, least_acceleration], .. } = *board;
+    for (key, pulse_us) in
+        [("link.channel.pulse_at_0_us", pulse_at_0_us), ("link.channel.pulse_at_1_us", pulse_at_1_us)]
+    {
+        let expected =
+            format!("at most {longest_pulse_us} for channel {number}: the {name} cannot make a longer pulse");
+        need(pulse_us <= longest_pulse_us, key, pulse_us, &expected, faults);
+    }
+    let expected = format!("another pulse than pulse_at_0_us for channel {number}: the servo would not move");
+    need(pulse_at_0_us != pulse_at_1_us, "link.channel.pulse_at_1_us", pulse_at_1_us, &expected, faults);
+    let span_us = pulse_at_0_us.abs_diff(pulse_at_1_us) as f32;
+    let limits = [
+        ("link.channel.speed_per_s", channel.speed_per_s, least_speed),
+        ("link.channel.acceleration_per_s2", channel.acceleration_per_s2, least_acceleration),
+    ];
+    // A board that counts limits in units cannot keep one below a unit.
+    for (key, limit, least) in limits.into_iter().filter(|_| span_us > 0.0) {
+        let rounded_up = (least / span_us * 1000.0).ceil() / 1000.0;
+        let expected = format!("0 or at least {rounded_up:.3} for channel {number}: the {name} cannot keep less");
+        need(limit <= 0.0 || limit * span_us >= least, key, limit, &expected, faults);
+    }
+}
+
+fn check_listener(it: &IFacialMocapSettings, earlier: &[LinkSettings], faults: &mut Faults) {
+    let Some(listen) = it.listen else {
+        let expected = "an address to listen at, or link.address";
+        return need(it.address.is_some(), "link.listen", "\"\"", expected, faults);
+    };
+    let is_shared = |link: &LinkSettings| match &link.kind {
+        LinkKind::IFacialMocap(it) => it.listen.is_some_and(|other| is_same_port(other, listen)),
+        _ => false,
+    };
+    let expected = "another port, because an earlier link listens there, or \"\" with link.address";
+    need(!earlier.iter().any(is_shared), "link.listen", quoted(&listen.to_string()), expected, faults);
+}
+
+/// Whether the system lets only one of two sockets have its address.
+fn is_same_port(one: SocketAddr, other: SocketAddr) -> bool {
+    // A socket for all IPv6 addresses takes those of IPv4, too.
+    let covers = |one: SocketAddr, other: SocketAddr| one.ip().is_unspecified() && (one.is_ipv6() || other.is_ipv4());
+    one.port() == other.port() && (one.ip() == other.ip() || covers(one, other) || covers(other, one))
+}
+
+fn check_socket(
+    to: &JsonTarget,
+    earlier: &[LinkSettings],
+    settings: &Settings,
+    control: &[PathBuf],
+    faults: &mut Faults,
+) {
+    let JsonTarget::Unix(path) = to else { return };
+    let is_path = |other: &Path| other == path;
+    let user = if earlier
+        .iter()
+        .any(|link| matches!(link.kind.carrier(), CarrierSettings::UnixSocket(other) if is_path(other)))
+    {
+        "an earlier link"
+    } else if matches!(&settings.metrics.listen, Listen::Unix(other) if is_path(other)) {
+        "metrics.listen"
+    } else if control.iter().any(|other| is_path(other)) {
+        "the control socket of the service"
+    } else {
+        return;
+    };
+    let value = quoted(&format!("unix:{}", path.display()));
+    faults.conflict("link.to", value, format!("another path: {user} has this one"));
+}
+
+/// Adds the faults of a link to VRChat that names an unknown parameter, or sends none.
+fn check_parameters(it: &VrchatSettings, faults: &mut Faults) {
+    for name in it.parameters.names().filter(|name| parameter_names().all(|known| known != *name)) {
+        faults.conflict("link.parameters", quoted(name), Parameters::EXPECTED);
+    }
+    let has_form = it.floats || it.bits > 0;
+    let has_group = it.shapes || it.compounds || it.head;
+    if it.parameters.names_any() || it.native_eyes || has_form && has_group {
+        return;
+    }
+    let (key, expected) = if has_form {
+        ("link.shapes", "true, or link.compounds or link.head, because no parameter is sent otherwise")
+    } else {
+        ("link.floats", "true, or link.bits or link.parameters, because no parameter is sent otherwise")
+    };
+    faults.conflict(key, false, expected);
+}
+
+/// Says where a sum can leave its range and is limited, and which names not every receiver reads. Both may be meant.
+pub fn notes(settings: &Settings) -> Vec<String> {
+    let mut notes = notes_of_adjustments("adjust", &settings.adjust);
+    for link in &settings.links {
+        notes.extend(notes_of_adjustments("link.adjust", &link.adjust));
+        if let LinkKind::LiveLink(it) = &link.kind {
+            notes.extend(live_link::note(it).map(|note| format!("{link}: {note}")));
+        }
+        let (LinkKind::Maestro(MaestroSettings { channels, .. }) | LinkKind::Pca9685(Pca9685Settings { channels, .. })) =
+            &link.kind
+        else {
+            continue;
+        };
+        for channel in channels {
+            let ([least, most], number) = (range(channel), channel.channel);
+            if least < 0.0 || most > 1.0 {
+                let sum = format!("channel {number} of {link}: the sum of its sources goes from {least} to {most}");
+                notes
+                    .push(format!("{sum} and is limited to 0 to 1; with smaller numbers it would use its whole range"));
+            }
+        }
+    }
+    notes
+}
+
+fn notes_of_adjustments(table: &str, adjust: &Adjustments) -> Vec<String> {
+    let note = |(name, Adjustment { gain, offset, min, max }): (&&str, &Adjustment)| {
+        let (least, most) = (*offset, gain + offset);
+        let sum = format!("{table}.{name}: gain * value + offset goes from {least} to {most}");
+        (least < 0.0 || most > 1.0).then(|| format!("{sum} and is limited to {min} to {max}"))
+    };
+    BLENDSHAPES.iter().zip(&adjust.coefficients).filter_map(note).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{parse, parse_and_check};
+
+    const MAESTRO: &str = "[[link]]\nkind = \"maestro\"\n";
+    const PCA9685: &str = "[[link]]\nkind = \"pca9685\"\n";
+    const JAW: &str = "[[link.channel]]\nchannel = 3\nsources = { jawOpen = 1.0 }\n";
+    const JSON: &str = "[[link]]\nkind = \"json\"\nto = \"unix:/run/x\"\n";
+    const SERIAL: &str = "[[link]]\nkind = \"serial\"\n";
+
+    fn faults(text: &[&str]) -> String {
+        let check =
+            |settings: &Settings, faults: &mut Faults| check_settings(settings, &["/run/control".into()], faults);
+        parse_and_check("file", &text.concat(), check).err().unwrap_or_default().to_string()
+    }
+
+    #[test]
+    fn links_that_cannot_work_are_refused_with_key_value_and_remedy() {
+        let jaw_16 = JAW.replace('3', "16");
+        let vrchat = |keys: &str| format!("[[link]]\nkind = \"vrchat\"\n{keys}\n");
+        let cases: [(&[&str], &str); 22] = [
+            (&[MAESTRO], "link.channel = []: give at least one [[link.channel]]"),
+            (&[MAESTRO, JAW, JAW], "link.channel.channel = 3: give a number that no earlier channel of this board has"),
+            (&[PCA9685, &jaw_16], "link.channel.channel = 16: give 0 to 15: these are the channels of a PCA9685"),
+            (
+                &[MAESTRO, "[[link.channel]]\nchannel = 3\n"],
+                "link.channel.sources = {}: give at least one source for channel 3",
+            ),
+            (
+                &[MAESTRO, JAW, "offset = 1.0\n"],
+                "link.channel.offset = 1: give another offset for channel 3: its sum goes from 1 to 2",
+            ),
+            (
+                &[MAESTRO, JAW, "pulse_at_1_us = 3281\n"],
+                "link.channel.pulse_at_1_us = 3281: give at most 3280 for channel 3",
+            ),
+            (
+                &[PCA9685, "pulses_hz = 400\n", JAW, "pulse_at_0_us = 2600\n"],
+                "link.channel.pulse_at_0_us = 2600: give at most 24",
+            ),
+            (&[PCA9685, JAW, "pulse_at_0_us = 2000\n"], "link.channel.pulse_at_1_us = 2000: give another pulse than"),
+            (
+                &[MAESTRO, JAW, "speed_per_s = 0.02\n"],
+                "link.channel.speed_per_s = 0.02: give 0 or at least 0.025 for channel 3: the Maestro cannot keep less",
+            ),
+            (
+                &[MAESTRO, JAW, "acceleration_per_s2 = 0.3\n"],
+                "link.channel.acceleration_per_s2 = 0.3: give 0 or at least 0.313",
+            ),
+            (&[PCA9685, "pace = \"change\"\n", JAW], "link.pace = another pace: give \"rate\" for a PCA9685"),
+            (
+                &[MAESTRO, "loss = \"silent\"\n", JAW],
+                "link.loss = \"silent\": give \"neutral\" or \"hold\" for a servo board",
+            ),
+            (
+                &[PCA9685, JAW, PCA9685, JAW],
+                "link.address = 0x40: give another bus or address: an earlier link has the same chip",
+            ),
+            (
+                &[MAESTRO, JAW, MAESTRO, JAW],
+                "link.device = \"auto\": give another port, or remove this link: an earlier link has the same port",
+            ),
+            (
+                &[SERIAL, "device = \"/dev/ttyACM0\"\n", SERIAL],
+                "link.device = \"auto\": give the path of a port, or remove this link: another link has the port /dev/ttyACM0, which",
+            ),
+            (&[JSON, JSON], "link.to = \"unix:/run/x\": give another path: an earlier link has this one"),
+            (
+                &["[metrics]\nlisten = \"unix:/run/x\"\n", JSON],
+                "link.to = \"unix:/run/x\": give another path: metrics.listen has this one",
+            ),
+            (
+                &[&JSON.replace("/x", "/control")],
+                "link.to = \"unix:/run/control\": give another path: the control socket of the service has this one",
+            ),
+            (
+                &["[[link]]\nkind = \"ifacialmocap\"\nlisten = \"\"\n"],
+                "link.listen = \"\": give an address to listen at, or link.address",
+            ),
+            (&[&vrchat("floats = false")], "link.floats = false: give true, or link.bits or link.parameters"),
+            (
+                &[&vrchat("shapes = false\ncompounds = false\nhead = false")],
+                "link.shapes = false: give true, or link.compounds or",
+            ),
+            (
+                &[&vrchat("parameters = \"JawOpen, JawOpn\"")],
+                "link.parameters = \"JawOpn\": give \"\", or names of parameters of VRCFaceTracking v2",
+            ),
+        ];
+        for (text, want) in cases {
+            let faults = faults(text);
+            assert!(faults.starts_with(want) && !faults.contains('\n'), "{want}: {faults}");
+        }
+    }
+
+    #[test]
+    fn links_that_can_work_are_accepted() {
+        let mini = format!("{MAESTRO}multiple_targets = true\n");
+        let cases: [&[&str]; 8] = [
+            &[MAESTRO, &JAW.replace('3', "16")],
+            &[&mini, JAW, "pulse_at_1_us = 4080\n"],
+            &[MAESTRO, JAW, "speed_per_s = 0.025\nacceleration_per_s2 = 0.313\n"],
+            &[PCA9685, JAW, "speed_per_s = 0.02\n"],
+            &[MAESTRO, JAW, SERIAL],
+            &[JSON],
+            &["[[link]]\nkind = \"vrchat\"\nfloats = false\nbits = 1\nshapes = false\ncompounds = false\n"],
+            &["[[link]]\nkind = \"vrchat\"\nfloats = false\nparameters = \"JawOpen\"\n"],
+        ];
+        for text in cases {
+            assert_eq!(faults(text), "");
+        }
+        let text = "[camera]\nfps = 240\n[send]\nrate_hz = 240\n";
+        assert_eq!(faults(&[text]), "", "the link to the board that is plugged in suits any rate");
+    }
+
+    #[test]
+    fn a_misspelt_source_is_the_only_fault_of_its_channel() {
+        let faults = faults(&[MAESTRO, "[[link.channel]]\nsources = { jawopen = 1.0 }\n"]);
+        assert_eq!(faults, "file:4: link.channel.sources.jawopen is not a setting; did you mean jawOpen?");
+    }
+
+    #[test]
+    fn two_links_that_listen_at_one_port_are_refused() {
+        let both = |one: &str, other: &str| {
+            let link = |listen: &str| format!("[[link]]\nkind = \"ifacialmocap\"\nlisten = \"{listen}\"\n");
+            faults(&[&link(one), &link(other)])
+        };
+        let want = "link.listen = \"127.0.0.1:5000\": give another port, because an earlier link listens there, or \"\" with \
+                    link.address";
+        for earlier in ["127.0.0.1:5000", "0.0.0.0:5000", "[::]:5000"] {
+            assert_eq!(both(earlier, "127.0.0.1:5000"), want);
+        }
+        for earlier in ["127.0.0.1:5001", "127.0.0.2:5000", "[::1]:5000"] {
+            assert_eq!(both(earlier, "127.0.0.1:5000"), "");
+        }
+    }
+
+    #[test]
+    fn a_rate_above_80_percent_of_a_serial_line_is_refused_with_the_rates_that_fit() {
+        let line = |baud: u32, fps: u32, rate_hz: u32, more: &str| {
+            let rates = format!("[camera]\nfps = {fps}\n[send]\nrate_hz = {rate_hz}\n");
+            faults(&[&rates, SERIAL, &format!("device = \"/dev/ttyS0\"\nbaud = {baud}\n{more}")])
+        };
+        // 134 bytes of 10 bits: 115200 baud carry 85.97 a second, of which 68.8 are 80 %.
+        let want = "link.baud = 115200: give 230400 or more, or pace = \"rate\" and rate_hz = 68: 69 packets a second need \
+                    more than 80 % of the line at /dev/ttyS0";
+        assert_eq!([line(115_200, 30, 69, ""), line(115_200, 69, 30, "")], [want, want]);
+        let exactly = 134 * 10 * 60 * 10 / 8;
+        assert!(line(exactly - 1, 60, 60, "").contains("rate_hz = 59: 60 packets"));
+        assert!(line(19_200, 240, 240, "").starts_with("link.baud = 19200: give 460800 or more"));
+        for (baud, fps, rate_hz) in [(115_200, 30, 68), (exactly, 60, 60), (460_800, 240, 240), (19_200, 10, 10)] {
+            assert_eq!(line(baud, fps, rate_hz, ""), "", "{baud}");
+        }
+        for pace in ["pace = \"rate\"\nrate_hz = ", "pace = \"change\"\nrate_hz = "] {
+            assert_eq!(line(19_200, 60, 60, &format!("{pace}11\n")), "", "a rate of its own");
+            assert!(line(19_200, 60, 60, &format!("{pace}0\n")).contains("rate_hz = 11: 60 packets"));
+        }
+        let invalid = "file:2: camera.fps = 0: give a whole number from 1 to 240 (1/s)";
+        assert_eq!(line(19_200, 0, 60, ""), invalid, "the line is judged when the rates are known");
+    }
+
+    #[test]
+    fn a_baud_rate_counts_on_a_serial_line_only_and_the_advice_is_one_that_a_maestro_can_follow() {
+        let channels = |count: u32| (0..count).map(|number| JAW.replace('3', &number.to_string())).collect::<String>();
+        let given = |lines: &str, count| faults(&[MAESTRO, lines, &channels(count)]);
+        assert_eq!(given("rate_hz = 240\nbaud = 9600\n", 24), "");
+        for (more, count, advice) in [
+            ("rate_hz = 60\n", 24, "115200: give pace = \"rate\" and rate_hz = 54: 60"),
+            ("baud = 9600\n", 24, "9600: give 115200 or more: 50"),
+            ("baud = 9600\nrate_hz = 60\n", 24, "9600: give 115200, pace = \"rate\" and rate_hz = 54: 60"),
+            ("baud = 9600\n", 6, "9600: give 38400 or more, or pace = \"rate\" and rate_hz = 18: 50"),
+        ] {
+            let want = format!("link.baud = {advice} packets a second need more than 80 % of the line at /dev/ttyS1");
+            assert_eq!(given(&["device = \"/dev/ttyS1\"\n", more].concat(), count), want);
+        }
+    }
+
+    #[test]
+    fn two_names_that_may_mean_one_port_are_accepted_although_they_mean_one_at_present() {
+        let folder = tempfile::tempdir().unwrap();
+        let other = folder.path().join("null");
+        std::os::unix::fs::symlink("/dev/null", &other).unwrap();
+        let device = |path: &Path| format!("device = \"{}\"\n", path.display());
+        assert_eq!(faults(&[SERIAL, &device(Path::new("/dev/null")), SERIAL, &device(&other)]), "");
+    }
+
+    #[test]
+    fn sums_that_can_leave_their_range_are_noted_and_others_are_not() {
+        let noted = |text: &[&str]| notes(&parse("file", &text.concat()).unwrap());
+        assert!(noted(&[MAESTRO, JAW, "[link.adjust]\njawOpen = { gain = 0.5, offset = 0.5 }\n"]).is_empty());
+        let channels = noted(&[MAESTRO, JAW, "offset = 0.25\n", PCA9685, &JAW.replace('1', "-1")]);
+        let want = [
+            "channel 3 of auto: the sum of its sources goes from 0.25 to 1.25 and is limited to 0 to 1",
+            "from -1 to 0",
+        ];
+        assert!(
+            channels.len() == 2 && channels.iter().zip(want).all(|(note, want)| note.contains(want)),
+            "{channels:?}"
+        );
+        let adjusted = "adjust = { jawOpen = { gain = 2.0, max = 0.8 } }\n";
+        assert_eq!(
+            noted(&["[adjust]\njawLeft = { offset = -0.5 }\n[[link]]\n", adjusted]),
+            [
+                "adjust.jawLeft: gain * value + offset goes from -0.5 to 0.5 and is limited to 0 to 1",
+                "link.adjust.jawOpen: gain * value + offset goes from 0 to 2 and is limited to 0 to 0.8"
+            ]
+        );
+    }
+}

@@ -1,0 +1,131 @@
+//! A listening socket, TCP or Unix, and the connections accepted on it.
+
+use std::fs::{self, File};
+use std::io::{self, ErrorKind};
+use std::net::TcpListener;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::fs::FileTypeExt as _;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+
+use rustix::io::Errno;
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
+
+use crate::config::Listen;
+
+/// An open listening socket.
+#[derive(Debug)]
+pub enum Listener {
+    Tcp(TcpListener),
+    /// The socket and the path of its file, which is deleted on drop.
+    Unix(UnixListener, PathBuf),
+}
+
+impl Listener {
+    /// Opens the socket. A socket file without a listener, left behind by a service that was killed, is replaced. Any
+    /// other file at the path, including a socket in use, is left untouched and makes `bind` fail.
+    pub fn bind(listen: &Listen) -> io::Result<Self> {
+        match listen {
+            Listen::Off => Err(ErrorKind::AddrNotAvailable.into()),
+            Listen::Tcp(address) => {
+                let listener = TcpListener::bind(address)?;
+                listener.set_nonblocking(true)?;
+                Ok(Self::Tcp(listener))
+            }
+            Listen::Unix(path) => {
+                if is_stale(path) {
+                    fs::remove_file(path)?;
+                }
+                let listener = UnixListener::bind(path)?;
+                listener.set_nonblocking(true)?;
+                Ok(Self::Unix(listener, path.clone()))
+            }
+        }
+    }
+
+    /// Accepts the waiting connection, which does not block.
+    pub fn accept(&self) -> io::Result<File> {
+        let stream: OwnedFd = match self {
+            Self::Tcp(listener) => {
+                let stream = listener.accept()?.0;
+                stream.set_nonblocking(true)?;
+                stream.into()
+            }
+            Self::Unix(..) => self.accept_unix()?.into(),
+        };
+        Ok(stream.into())
+    }
+
+    /// Accepts the waiting connection of a Unix socket, which does not block.
+    pub fn accept_unix(&self) -> io::Result<UnixStream> {
+        let Self::Unix(listener, _) = self else { return Err(ErrorKind::Unsupported.into()) };
+        let stream = listener.accept()?.0;
+        stream.set_nonblocking(true)?;
+        Ok(stream)
+    }
+}
+
+/// Returns whether `path` is a Unix socket on which no process listens any more.
+fn is_stale(path: &Path) -> bool {
+    let is_socket = fs::symlink_metadata(path).is_ok_and(|file| file.file_type().is_socket());
+    is_socket && try_connect(path) == Err(Errno::CONNREFUSED)
+}
+
+/// Connects to a Unix socket. Does not block if the listener is too busy to accept the connection.
+fn try_connect(path: &Path) -> rustix::io::Result<()> {
+    let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
+    let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
+    connect(socket, &SocketAddrUnix::new(path)?)
+}
+
+impl AsFd for Listener {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match self {
+            Self::Tcp(listener) => listener.as_fd(),
+            Self::Unix(listener, _) => listener.as_fd(),
+        }
+    }
+}
+
+impl Drop for Listener {
+    fn drop(&mut self) {
+        if let Self::Unix(_, path) = self {
+            // If this fails, the next service finds the file stale and replaces it.
+            let _ = fs::remove_file(path);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unix(path: &Path) -> Listen {
+        Listen::Unix(path.to_owned())
+    }
+
+    #[test]
+    fn the_socket_file_of_a_killed_service_is_replaced_and_deleted_with_the_new_listener() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.sock");
+        drop(UnixListener::bind(&path).unwrap());
+        assert!(path.exists(), "closing a socket leaves its file in place");
+        let listener = Listener::bind(&unix(&path)).unwrap();
+        UnixStream::connect(&path).unwrap();
+        drop(listener);
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn a_socket_in_use_and_a_regular_file_are_left_untouched() {
+        let folder = tempfile::tempdir().unwrap();
+        let [socket, file] = ["metrics.sock", "notes.txt"].map(|name| folder.path().join(name));
+        let _in_use = UnixListener::bind(&socket).unwrap();
+        fs::write(&file, "mine").unwrap();
+        for path in [&socket, &file] {
+            assert_eq!(Listener::bind(&unix(path)).unwrap_err().kind(), ErrorKind::AddrInUse);
+        }
+        UnixStream::connect(&socket).unwrap();
+        assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
+    }
+}

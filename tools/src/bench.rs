@@ -1,0 +1,145 @@
+//! `facewire bench`: measures the duration of each stage over a clip, processor time and memory.
+
+mod chart;
+mod figures;
+mod layers;
+mod machine;
+mod report;
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+
+use self::figures::{Figures, Samples, quantile};
+pub use self::machine::cpu_time;
+use self::machine::{Interruptions, constant_work};
+use self::report::Report;
+use facewire::capture::{DEMO, FileOptions, Frame, Source, open_file};
+use facewire::cli::SettingsArgs;
+use facewire::cli::{Failure, print};
+use facewire::pipeline::{Pipeline, Rejected};
+use facewire::service::{Step, bind_to_hot_cpu};
+
+const EXAMPLES: &str = "\
+Examples:
+  facewire bench
+  facewire bench talk.avi --rounds 1 --json
+  facewire bench --svg latency.svg
+  facewire bench --layers
+  facewire bench --report > report.txt
+
+`whole` is the time from a decoded frame in memory to its coefficients. scripts/compare compares it with MediaPipe.";
+
+/// Arguments of `facewire bench`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct BenchArgs {
+    /// A .y4m or Motion-JPEG .avi file, a .npy file of landmarks, or `demo`, the built-in clip.
+    #[arg(default_value = DEMO)]
+    input: String,
+    /// Play the input N times, after one round to warm up.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: u32,
+    /// Also time each layer of the networks on the native engine, and compare its multiply-adds per second with the peak
+    /// of this core.
+    #[arg(long)]
+    layers: bool,
+    /// Run on a lower step, as the service does on a board that is too slow: full, turns, half, third, quarter, sixth,
+    /// eighth or twelfth. Times are those of the frames that the step takes.
+    #[arg(long, value_parser = Step::parse, default_value_t = Step::Full)]
+    step: Step,
+    /// Print one JSON object on one line.
+    #[arg(long)]
+    json: bool,
+    /// Print one block about the board and its speed that you can send in. It names no person, machine or address.
+    #[arg(long, conflicts_with_all = ["json", "layers"])]
+    report: bool,
+    /// Draw the distribution of the latency of whole frames into an SVG file.
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+pub fn run(args: &BenchArgs) -> Result<(), Failure> {
+    if args.input == "-" {
+        return Err(Failure::data("standard input cannot be played more than once; give bench a file".to_owned()));
+    }
+    let settings = args.settings.load()?;
+    let report = args.report.then(|| Report::begin(&settings));
+    let mut pipeline = Pipeline::load_for(&*open(&args.input)?, &settings)?;
+    // The helper threads of the networks have started, and may run on every CPU, as in the service.
+    let bound = bind_to_hot_cpu(&settings.realtime);
+    if let Some(tracker) = &mut pipeline.tracker {
+        tracker.set_turns(args.step.has_turns());
+    }
+    play(&mut pipeline, args, &mut Samples::default())?;
+    let mut samples = Samples::default();
+    for _ in 0..args.rounds {
+        measure(&mut pipeline, args, &mut samples)?;
+    }
+    if samples.whole.is_empty() {
+        return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
+    }
+    // A report does not contain the path of a file.
+    let input = if args.report && args.input != DEMO { "another film" } else { &args.input };
+    // Peak memory is read before the layers are measured, which takes memory for further networks.
+    let mut figures = Figures::new(input, &samples);
+    let layers = (args.layers || args.report).then(|| layers::measure(&settings.networks)).transpose()?;
+    // The figures are printed before the drawing, so that they are not lost if the drawing cannot be written.
+    print(&match (report, layers) {
+        (Some(report), Some(layers)) => report.text(&settings, bound, &figures, &layers),
+        (_, layers) => {
+            figures.layers = layers;
+            if args.json { figures.json() } else { figures.table() }
+        }
+    })?;
+    args.svg.as_ref().map_or(Ok(()), |path| chart::draw(path, &samples.whole))
+}
+
+/// Plays the input once. Then runs a loop of constant work, which takes as long as the median frame, once for each frame
+/// with a face.
+fn measure(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {
+    let (cpu, begun, interruptions, faces) = (cpu_time(), Instant::now(), Interruptions::now(), samples.whole.len());
+    play(pipeline, args, samples)?;
+    samples.cpu += cpu_time().saturating_sub(cpu);
+    samples.elapsed += begun.elapsed();
+    samples.interruptions.push(Interruptions::now().since(interruptions));
+    let mut sorted = samples.whole.clone();
+    sorted.sort_unstable();
+    samples.constant.extend(constant_work(quantile(&sorted, 0.5), samples.whole.len() - faces));
+    Ok(())
+}
+
+fn open(input: &str) -> Result<Box<dyn Source + Send>, Failure> {
+    open_file(input, &FileOptions::default()).map_err(Failure::from)
+}
+
+fn play(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {
+    let mut source = open(&args.input)?;
+    pipeline.forget_face();
+    loop {
+        let begun = Instant::now();
+        let Some(frame) = source.next()? else { return Ok(()) };
+        let decode = begun.elapsed();
+        samples.decode.push(decode);
+        samples.frames += 1;
+        time_frame(pipeline, &frame, decode, samples)?;
+        for _ in 1..args.step.every() {
+            source.skip()?;
+        }
+    }
+}
+
+/// Processes one frame and records the durations of its stages, unless it has no solution.
+fn time_frame(pipeline: &mut Pipeline, frame: &Frame, decode: Duration, samples: &mut Samples) -> Result<(), Failure> {
+    let begun = Instant::now();
+    let processed = pipeline.process(frame);
+    match processed.solved {
+        Ok(_) => samples.push(decode, &processed.times, begun.elapsed()),
+        Err(Rejected::Infer(error)) => return Err(error.into()),
+        Err(_) => {}
+    }
+    Ok(())
+}

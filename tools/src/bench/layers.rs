@@ -1,0 +1,189 @@
+//! Times the layers of the networks on the native engine, and compares them with the peak of this core.
+
+use std::fmt::Write as _;
+use std::time::{Duration, Instant};
+
+use facewire_engine::{Network, kernels, peak};
+use serde::Serialize;
+
+use super::figures::quantile;
+use facewire::config::NetworkSettings;
+use facewire_face::InferError;
+use facewire_face::stages::native_network;
+
+/// The networks of a frame in which a face is followed, in the order in which they run, and the detector.
+const NETWORKS: [&str; 5] = ["mesh", "lips", "left_eye", "right_eye", DETECTOR];
+const DETECTOR: &str = "detector";
+/// How often each network runs as a whole, and then again layer by layer.
+const RUNS: usize = 300;
+
+/// The speed of all networks.
+#[derive(Debug, Serialize)]
+pub struct Layers {
+    /// The instruction set that the kernels use.
+    kernels: &'static str,
+    /// The most multiply-adds per second that this core can compute, with operands in registers, in thousand millions.
+    peak_g_per_s: f64,
+    /// The networks of a followed face together.
+    frame: Speed,
+    networks: Vec<NetworkSpeed>,
+}
+
+#[derive(Debug, Serialize)]
+struct NetworkSpeed {
+    name: &'static str,
+    #[serde(flatten)]
+    speed: Speed,
+    layers: Vec<LayerSpeed>,
+}
+
+#[derive(Debug, Serialize)]
+struct LayerSpeed {
+    layer: String,
+    #[serde(flatten)]
+    speed: Speed,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Speed {
+    /// Median time.
+    p50_us: f64,
+    multiply_adds: usize,
+    g_per_s: f64,
+    percent_of_peak: f64,
+}
+
+impl Speed {
+    fn of(multiply_adds: usize, time: Duration, peak_per_s: f64) -> Self {
+        let per_s = multiply_adds as f64 / time.as_secs_f64().max(f64::MIN_POSITIVE);
+        Self {
+            p50_us: time.as_secs_f64() * 1e6,
+            multiply_adds,
+            g_per_s: per_s / 1e9,
+            percent_of_peak: 100.0 * per_s / peak_per_s,
+        }
+    }
+}
+
+/// Measures all networks. They run alternately, so that each finds the caches as the one before it left them.
+pub fn measure(settings: &NetworkSettings) -> Result<Layers, InferError> {
+    let kernels = kernels::fastest();
+    let mut timed = Vec::new();
+    for name in NETWORKS {
+        timed.push(TimedNetwork::new(name, native_network(&settings.folder, kernels, name)?));
+    }
+    let before = peak::multiply_adds_per_second(kernels);
+    for _ in 0..RUNS {
+        timed.iter_mut().for_each(TimedNetwork::time_whole);
+        timed.iter_mut().for_each(TimedNetwork::time_layers);
+    }
+    let peak_per_s = before.max(peak::multiply_adds_per_second(kernels));
+
+    let networks: Vec<_> = timed.iter_mut().map(|network| network.speed(peak_per_s)).collect();
+    let of_frame = || networks.iter().filter(|network| network.name != DETECTOR).map(|network| network.speed);
+    let time = Duration::from_secs_f64(of_frame().map(|speed| speed.p50_us / 1e6).sum());
+    let frame = Speed::of(of_frame().map(|speed| speed.multiply_adds).sum(), time, peak_per_s);
+    Ok(Layers { kernels: kernels.name, peak_g_per_s: peak_per_s / 1e9, frame, networks })
+}
+
+/// A network and the durations of its runs.
+struct TimedNetwork {
+    name: &'static str,
+    network: Network,
+    whole: Vec<Duration>,
+    /// For each layer, its duration in each run.
+    layers: Vec<Vec<Duration>>,
+}
+
+impl TimedNetwork {
+    fn new(name: &'static str, mut network: Network) -> Self {
+        for row in 0..network.input_rows() {
+            network.input_row(row).fill_with(fastrand::f32);
+        }
+        let layers = vec![Vec::with_capacity(RUNS); network.layers().len()];
+        Self { name, network, whole: Vec::with_capacity(RUNS), layers }
+    }
+
+    fn time_whole(&mut self) {
+        let begun = Instant::now();
+        self.network.run();
+        self.whole.push(begun.elapsed());
+    }
+
+    /// Times each layer as the sum of its strips of rows. Reading the clock after each strip makes the run 1 to 2 % longer.
+    fn time_layers(&mut self) {
+        self.layers.iter_mut().for_each(|runs| runs.push(Duration::ZERO));
+        let mut last = Instant::now();
+        self.network.run_watched(|layer| {
+            let now = Instant::now();
+            if let Some(time) = self.layers.get_mut(layer).and_then(|runs| runs.last_mut()) {
+                *time += now - last;
+            }
+            last = now;
+        });
+    }
+
+    fn speed(&mut self, peak_per_s: f64) -> NetworkSpeed {
+        let described = self.network.layers();
+        let multiply_adds = described.iter().map(|(_, multiply_adds)| multiply_adds).sum();
+        let layers = described.into_iter().zip(&mut self.layers).map(|((layer, multiply_adds), runs)| LayerSpeed {
+            layer,
+            speed: Speed::of(multiply_adds, median(runs), peak_per_s),
+        });
+        let layers = layers.collect();
+        NetworkSpeed { name: self.name, speed: Speed::of(multiply_adds, median(&mut self.whole), peak_per_s), layers }
+    }
+}
+
+fn median(times: &mut [Duration]) -> Duration {
+    times.sort_unstable();
+    quantile(times, 0.5)
+}
+
+impl Layers {
+    /// Returns the instruction set, and the speed of the networks of a followed face.
+    pub fn summary(&self) -> String {
+        let Speed { p50_us, percent_of_peak, .. } = self.frame;
+        let (kernels, peak) = (self.kernels, self.peak_g_per_s);
+        let p50_ms = p50_us / 1000.0;
+        format!("{kernels}; {p50_ms:.2} ms, {percent_of_peak:.0} % of {peak:.1} G multiply-adds/s, on one thread")
+    }
+
+    pub fn table(&self) -> String {
+        let mut text = format!("{:<40}{:>14}{:>8}{:>8}{:>8}\n", "layer", "multiply-adds", "us p50", "G/s", "% peak");
+        for network in &self.networks {
+            for LayerSpeed { layer, speed } in &network.layers {
+                line(&mut text, &format!("{:<10}{layer}", network.name), speed);
+            }
+        }
+        text += "\n";
+        for network in &self.networks {
+            line(&mut text, network.name, &network.speed);
+        }
+        line(&mut text, "all networks without the detector", &self.frame);
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "\nThis core computes at most {1:.1} G multiply-adds/s with {0}.",
+            self.kernels, self.peak_g_per_s
+        );
+        text
+    }
+}
+
+/// Appends a line of the table.
+fn line(text: &mut String, name: &str, speed: &Speed) {
+    let Speed { p50_us, multiply_adds, g_per_s, percent_of_peak } = speed;
+    let _ = writeln!(text, "{name:<40}{multiply_adds:>14}{p50_us:>8.1}{g_per_s:>8.1}{percent_of_peak:>8.0}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speed_is_given_per_second_and_as_a_share_of_the_peak() {
+        let speed = Speed::of(1_000_000, Duration::from_micros(100), 40e9);
+        assert!((speed.g_per_s - 10.0).abs() < 1e-9 && (speed.percent_of_peak - 25.0).abs() < 1e-9, "{speed:?}");
+    }
+}

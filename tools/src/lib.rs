@@ -1,0 +1,75 @@
+//! The commands of `facewire` that watch, measure and record, and which the service does not need: `facewire NAME` starts
+//! the program `facewire-tools` beside itself, which takes the same arguments.
+
+mod bench;
+mod monitor;
+mod record;
+mod replay;
+mod servo;
+mod track;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use facewire::cli::{Failure, with_exit_status};
+
+/// Track, record, replay, measure and monitor, and the ends of servos.
+#[derive(Debug, Parser)]
+#[command(name = "facewire", bin_name = "facewire", version)]
+struct Tools {
+    #[command(subcommand)]
+    command: Command,
+}
+
+// The service lists these commands in its help, too: `TOOLS` in src/cli/mod.rs.
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run the same pipeline on a file, with one CSV row per frame.
+    Track(track::TrackArgs),
+    /// Record the landmarks and the outputs of every frame.
+    Record(record::RecordArgs),
+    /// Send a recording again, with its original timing.
+    Replay(replay::ReplayArgs),
+    /// Measure latency, CPU and memory of every stage on a clip.
+    Bench(bench::BenchArgs),
+    /// Move one channel of a servo board by keys, to find its ends.
+    Servo(servo::ServoArgs),
+    /// Receive packets and show them live.
+    Monitor(monitor::MonitorArgs),
+}
+
+/// The definitions of all arguments, from which `examples/manual.rs` makes the manual pages and the shell completions.
+pub fn command() -> clap::Command {
+    with_exit_status(Tools::command()).mut_subcommands(with_exit_status)
+}
+
+/// Runs the command that these arguments name, after the name of the program. Prints its failure on standard error, and
+/// returns the exit status. Ends the process if the arguments are invalid or ask for help.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let matches = command().get_matches_from(arguments);
+    let tools = Tools::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let outcome = match tools.command {
+        Command::Track(args) => track::run(&args),
+        Command::Record(args) => record::run(&args),
+        Command::Replay(args) => replay::run(&args),
+        Command::Bench(args) => bench::run(&args),
+        Command::Servo(args) => servo::run(&args),
+        Command::Monitor(args) => monitor::run(&args).map_err(Failure::from),
+    };
+    outcome.map_or_else(|failure| failure.report(), |()| ExitCode::SUCCESS)
+}
+
+#[cfg(test)]
+mod tests {
+    use facewire::cli::TOOLS;
+
+    #[test]
+    fn the_help_of_the_service_lists_exactly_these_commands() {
+        let command = super::command();
+        let about = |command: &clap::Command| command.get_about().map(ToString::to_string).unwrap_or_default();
+        let ours: Vec<_> = command.get_subcommands().map(|tool| (tool.get_name(), about(tool))).collect();
+        let listed: Vec<_> = TOOLS.iter().map(|(name, about)| (*name, (*about).to_owned())).collect();
+        assert_eq!(ours, listed);
+    }
+}

@@ -1,0 +1,339 @@
+//! `facewire track`: runs every frame of a file through the pipeline, in the file's own time.
+
+mod rows;
+
+use std::fmt;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use facewire_packet::BLENDSHAPE_COUNT;
+
+use self::rows::{Csv, LandmarkFile, Row};
+use crate::monitor::yaw_pitch_roll_deg;
+use facewire::calibration::WearerName;
+use facewire::capture::{FileOptions, FrameRate, Source, open_file};
+use facewire::cli::say;
+use facewire::cli::{Failure, SettingsArgs};
+use facewire::pipeline::Pipeline;
+use facewire::playback::{Face, Playback, Shown, neutral_of};
+use facewire::preflight::load_profile;
+use facewire::service::Step;
+use facewire_face::{HeadPose, NeutralMode, Profile, Solution};
+
+const EXAMPLES: &str = "\
+Examples:
+  facewire track demo --out demo.csv
+  ffmpeg -i talk.mp4 -f yuv4mpegpipe -pix_fmt yuv420p - | facewire track - --neutral 0..30
+  facewire track talk.avi --neutral auto --out talk.csv
+  facewire track talk.avi --wearer anna --out talk.csv
+  facewire track talk.avi --landmarks talk.npy --out talk.csv
+  facewire track talk.npy --fps 30 --stage raw
+  facewire track talk.avi --model formulas.toml --out talk.csv";
+
+/// Number of frames after which the progress is reported.
+const PROGRESS_FRAMES: u64 = 1000;
+
+/// Arguments of `facewire track`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct TrackArgs {
+    /// A .y4m or Motion-JPEG .avi file, `-` (y4m on standard input), `demo` (the built-in clip), a .npy file of
+    /// landmarks (frames x 478 x 3, pixels), or a recording by `facewire record`. Landmarks do not show the skin between
+    /// them, so their coefficients are less accurate than those of the film.
+    input: String,
+    /// The CSV file; without it, standard output.
+    #[arg(long, value_name = "FILE.csv")]
+    out: Option<PathBuf>,
+    /// Also write the landmarks (frames x 478 x 3, pixels; not-a-number where there is no face).
+    #[arg(long, value_name = "FILE.npy")]
+    landmarks: Option<PathBuf>,
+    /// The wearer's neutral face: `A..B` takes it from frames A up to B, without B; `auto` estimates it while the film
+    /// goes on, as the service does. Without this option and without a profile it is the mean of many people.
+    #[arg(long, value_name = "A..B|auto", value_parser = NeutralSource::parse)]
+    neutral: Option<NeutralSource>,
+    /// Use the profile of this wearer, made by `facewire calibrate`, instead of that of `wearer.name` of the settings.
+    #[arg(long, value_name = "NAME", value_parser = WearerName::parse, conflicts_with = "neutral")]
+    wearer: Option<WearerName>,
+    /// Which coefficients to write.
+    #[arg(long, value_enum, default_value_t = Stage::Smoothed)]
+    stage: Stage,
+    /// Run on a lower step, as the service does on a board that is too slow: full, turns, half, third, quarter, sixth,
+    /// eighth or twelfth. A frame that the step leaves out repeats the row before, as receivers see it.
+    #[arg(long, value_parser = Step::parse, default_value_t = Step::Full, conflicts_with_all = ["neutral", "landmarks"])]
+    step: Step,
+    /// Frames a second, where the input states none [default: 30].
+    #[arg(long, value_parser = parse_fps)]
+    fps: Option<FrameRate>,
+    /// Size of the picture that the points of a .npy file lie in, for the head's position.
+    #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "640x480")]
+    size: [u16; 2],
+    /// The blendshape model, instead of `solver.model` of the settings.
+    #[arg(long, value_name = "FILE.toml")]
+    model: Option<String>,
+    #[command(flatten)]
+    settings: SettingsArgs,
+}
+
+/// Where the neutral face comes from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum NeutralSource {
+    Frames(Range<u64>),
+    Estimate,
+}
+
+/// A stage of the solver.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Stage {
+    /// Output of the regression.
+    Raw,
+    /// After the corrective terms.
+    Corrected,
+    /// After the rules of anatomy, the filters and the adjustments, as the service sends them.
+    Smoothed,
+}
+
+pub fn run(args: &TrackArgs) -> Result<(), Failure> {
+    let mut settings = args.settings.load()?;
+    if let Some(model) = &args.model {
+        settings.solver.model.clone_from(model);
+    }
+    if let Some(wearer) = &args.wearer {
+        wearer.as_str().clone_into(&mut settings.wearer.name);
+    }
+    let profile = if args.neutral.is_some() { Profile::default() } else { load_profile(&settings.wearer)? };
+    let options = FileOptions { rate: args.fps.unwrap_or(FrameRate::FPS_30), points_size_px: args.size };
+    let source = open_file(&args.input, &options)?;
+    let mut track = Track {
+        playback: Playback::new(Pipeline::load_for(&*source, &settings)?, &settings.failsafe),
+        source,
+        stage: args.stage,
+        step: args.step,
+        csv: Csv::create(args.out.as_deref())?,
+        row: None,
+        landmarks: args.landmarks.as_deref().map(LandmarkFile::new).transpose()?,
+        tally: Tally::default(),
+    };
+    let is_estimated = args.neutral == Some(NeutralSource::Estimate);
+    let solver = &mut track.playback.pipeline.solver;
+    solver.profile = if is_estimated { Profile::default() } else { profile };
+    solver.neutral_mode = if is_estimated { NeutralMode::Auto } else { NeutralMode::Off };
+    if let Some(tracker) = &mut track.playback.pipeline.tracker {
+        tracker.set_turns(args.step.has_turns());
+    }
+    let begun = Instant::now();
+    let outcome = track.all(args.neutral.as_ref());
+    // The rows before an error of the input are kept.
+    let tally = track.finish()?;
+    if outcome.is_ok() || tally.frames > 0 {
+        say(format_args!("{tally} in {:.1} s", begun.elapsed().as_secs_f64()));
+    }
+    outcome
+}
+
+struct Track {
+    source: Box<dyn Source + Send>,
+    playback: Playback,
+    stage: Stage,
+    step: Step,
+    csv: Csv,
+    /// The last row, for frames that the step leaves out.
+    row: Option<Row>,
+    landmarks: Option<LandmarkFile>,
+    tally: Tally,
+}
+
+impl Track {
+    fn all(&mut self, neutral: Option<&NeutralSource>) -> Result<(), Failure> {
+        if let Some(NeutralSource::Frames(range)) = neutral {
+            self.learn_neutral(range)?;
+        }
+        while let Some(face) = self.next()? {
+            self.frame(&face)?;
+            self.leave_out(&face)?;
+        }
+        Ok(())
+    }
+
+    fn next(&mut self) -> Result<Option<Face>, Failure> {
+        Ok(self.playback.find(&mut *self.source)?)
+    }
+
+    /// Reads up to the end of the range, takes the mean of the faces in the range as neutral, then solves all frames read.
+    fn learn_neutral(&mut self, range: &Range<u64>) -> Result<(), Failure> {
+        let mut read = Vec::new();
+        while read.last().is_none_or(|face: &Face| face.number + 1 < range.end) {
+            let Some(face) = self.next()? else { break };
+            read.push(face);
+        }
+        let frames = read.last().map_or(0, |face| face.number + 1);
+        if frames <= range.start {
+            return Err(Failure::data(format!(
+                "--neutral {}..{}: the input has {frames} frames; give a range within them",
+                range.start, range.end
+            )));
+        }
+        let refuse = |error| Failure::data(format!("--neutral {}..{}: {error}", range.start, range.end));
+        let neutral = Some(neutral_of(&read, range).map_err(refuse)?);
+        self.playback.pipeline.solver.profile = Profile { neutral, ..Profile::default() };
+        read.iter().try_for_each(|face| self.frame(face))
+    }
+
+    /// Skips the frames that the step leaves out after this one, and repeats its row for each.
+    fn leave_out(&mut self, face: &Face) -> Result<(), Failure> {
+        let rate = self.source.describe().rate.unwrap_or(FrameRate::FPS_30);
+        for number in (face.number + 1..).take(self.step.every() as usize - 1) {
+            if !self.source.skip()? {
+                break;
+            }
+            self.tally.frames += 1;
+            if let Some(row) = self.row {
+                self.csv.write(&Row { number, time_us: rate.stamp_us(number), ..row })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Solves a frame and writes its row.
+    fn frame(&mut self, face: &Face) -> Result<(), Failure> {
+        if let Some(file) = &mut self.landmarks {
+            file.push(face.landmarks.as_deref());
+        }
+        let shown = self.playback.show(face);
+        self.tally.count(face, shown.solution.is_some());
+        let row = self.make_row(face, &shown);
+        self.csv.write(&row)?;
+        self.row = Some(row);
+        Ok(())
+    }
+
+    fn make_row(&self, face: &Face, shown: &Shown) -> Row {
+        let solved = shown.solution.as_ref();
+        let head = solved.map(|solution| self.stage.head(solution));
+        Row {
+            number: face.number,
+            time_us: face.time_us,
+            state: shown.state,
+            coefficients: solved.map_or(shown.pose.coefficients, |solution| self.stage.of(solution)),
+            angles_deg: head.map_or_else(|| yaw_pitch_roll_deg(shown.pose.rotation), HeadPose::yaw_pitch_roll_deg),
+            position_mm: head.map_or(shown.pose.position_mm, |head| head.position_mm),
+        }
+    }
+
+    fn finish(self) -> Result<Tally, Failure> {
+        if let Some(file) = &self.landmarks {
+            file.write()?;
+        }
+        self.csv.finish()?;
+        let solver = &self.playback.pipeline.solver;
+        let estimate = (solver.neutral_mode == NeutralMode::Auto)
+            .then(|| Estimate { share: solver.neutral_share(), forgotten: solver.neutral_forgotten() });
+        Ok(Tally { estimate, ..self.tally })
+    }
+}
+
+impl Stage {
+    fn of(self, solution: &Solution) -> [f32; BLENDSHAPE_COUNT] {
+        match self {
+            Self::Raw => solution.raw.0,
+            Self::Corrected => solution.corrected.0,
+            Self::Smoothed => solution.smoothed.0,
+        }
+    }
+
+    fn head(self, solution: &Solution) -> &HeadPose {
+        match self {
+            Self::Raw | Self::Corrected => &solution.raw_head,
+            Self::Smoothed => &solution.head,
+        }
+    }
+}
+
+/// Numbers of frames.
+#[derive(Debug, Default)]
+struct Tally {
+    frames: u64,
+    faces: u64,
+    damaged: u64,
+    estimate: Option<Estimate>,
+}
+
+/// How far the estimate of the neutral face has come at the end.
+#[derive(Debug)]
+struct Estimate {
+    share: f32,
+    forgotten: u64,
+}
+
+impl Tally {
+    fn count(&mut self, face: &Face, solved: bool) {
+        self.frames += 1;
+        self.faces += u64::from(solved);
+        self.damaged += u64::from(face.damaged);
+        if self.frames.is_multiple_of(PROGRESS_FRAMES) {
+            say(self);
+        }
+    }
+}
+
+impl fmt::Display for Tally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} frames, {} with a face", self.frames, self.faces)?;
+        if self.damaged > 0 {
+            write!(f, ", {} damaged", self.damaged)?;
+        }
+        let Some(Estimate { share, forgotten }) = &self.estimate else { return Ok(()) };
+        write!(f, ", neutral face estimated to {:.0} %", 100.0 * share)?;
+        match forgotten {
+            0 => Ok(()),
+            1 => write!(f, ", forgotten once for another person"),
+            times => write!(f, ", forgotten {times} times for another person"),
+        }
+    }
+}
+
+impl NeutralSource {
+    fn parse(text: &str) -> Result<Self, String> {
+        if text == "auto" { Ok(Self::Estimate) } else { parse_range(text).map(Self::Frames) }
+    }
+}
+
+fn parse_range(text: &str) -> Result<Range<u64>, String> {
+    let wanted = "write auto, or A..B with A below B, such as 0..30";
+    let (start, end) = text.split_once("..").ok_or(wanted)?;
+    let range = start.parse().map_err(|_| wanted)?..end.parse().map_err(|_| wanted)?;
+    if range.is_empty() { Err(wanted.to_owned()) } else { Ok(range) }
+}
+
+fn parse_fps(text: &str) -> Result<FrameRate, String> {
+    let rate = text.parse().ok().and_then(FrameRate::from_fps);
+    rate.ok_or_else(|| "write a number from 0.1 to 1000".to_owned())
+}
+
+fn parse_size(text: &str) -> Result<[u16; 2], String> {
+    let side = |text: &str| text.parse().ok().filter(|side| *side > 0);
+    let sides = text.split_once('x').and_then(|(width, height)| Some([side(width)?, side(height)?]));
+    sides.ok_or_else(|| "write WIDTHxHEIGHT in pixels, such as 640x480".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_half_open_and_not_empty() {
+        assert_eq!(NeutralSource::parse("0..30"), Ok(NeutralSource::Frames(0..30)));
+        assert_eq!(NeutralSource::parse("auto"), Ok(NeutralSource::Estimate));
+        for wrong in ["30", "5..5", "9..2", "a..b", "..4"] {
+            assert!(NeutralSource::parse(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn sizes_and_rates_of_nothing_are_refused() {
+        assert_eq!(parse_size("960x540"), Ok([960, 540]));
+        assert!(parse_size("0x540").is_err() && parse_size("960").is_err());
+        assert!(parse_fps("0").is_err() && parse_fps("NaN").is_err() && parse_fps("29.97").is_ok());
+    }
+}

@@ -4,9 +4,11 @@
 use std::{
     env,
     ffi::OsStr,
+    fs,
     io::Write as _,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{self, Command, Stdio},
+    thread,
 };
 
 /// The folder of the package.
@@ -29,6 +31,8 @@ pub fn compiled_sketch(sketch: &str, options: &[&str]) -> PathBuf {
 
 fn compiled(source: &str, name: &str, variable: &str, compiler: &str, arguments: &[&str]) -> PathBuf {
     let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name.replace(['/', '.'], "_"));
+    // Another test may run a program of this name, which must not be written to: the new one takes its place whole.
+    let unfinished = program.with_extension(format!("{}-{:?}", process::id(), thread::current().id()));
     let compiler = env::var_os(variable).unwrap_or_else(|| compiler.into());
     let status = Command::new(compiler)
         .args(arguments)
@@ -37,10 +41,11 @@ fn compiled(source: &str, name: &str, variable: &str, compiler: &str, arguments:
         .args([OsStr::new("-I"), package().join("tests/arduino").as_ref()])
         .arg(package().join("tests").join(source))
         .arg("-o")
-        .arg(&program)
+        .arg(&unfinished)
         .status()
         .unwrap();
     assert!(status.success(), "the compiler refuses {source}");
+    fs::rename(&unfinished, &program).unwrap();
     program
 }
 
@@ -55,7 +60,7 @@ pub fn printed_by(command: &mut Command, bytes: &[u8]) -> Vec<i64> {
     let mut stdin = child.stdin.take().unwrap();
     let bytes = bytes.to_vec();
     // From a thread of its own, because the program may fill its output before it has read its whole input.
-    let writer = std::thread::spawn(move || stdin.write_all(&bytes));
+    let writer = thread::spawn(move || stdin.write_all(&bytes));
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{command:?} ends with {}", output.status);
     writer.join().unwrap().unwrap();

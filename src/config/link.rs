@@ -9,8 +9,7 @@ use std::{
 use facewire_face::{Adjustments, BLENDSHAPES, COEFFS};
 
 use super::{
-    overlay::Overlay,
-    section::{Entry, Section, Setting, key, section, table},
+    overlay::{Entry, Overlay, Section, Setting, key, section, table},
     value::{
         Address, EXACTLY_36_CHARACTERS, JsonTarget, MOST_BITS, OSC_PREFIX, Parameters, SerialDevice,
         UP_TO_64_CHARACTERS, choices, one_of,
@@ -98,89 +97,84 @@ section! {
     UdpSettings {
         address: Address = Address::local(5252);
     }
-}
 
-section! {
     SerialSettings {
         device: SerialDevice = SerialDevice::Auto;
-        baud: u32 = 115_200, 19_200..=4_000_000, " (1/s)";
+        baud: u32 = 115_200, (19_200..=4_000_000, " (1/s)");
     }
-}
 
-section! {
     LiveLinkSettings {
         address: Address = Address::local(11_111);
-        subject: String = "webcam".to_owned(), UP_TO_64_CHARACTERS, "";
-        device_id: String = "facewire-0000-0000-0000-000000000000".to_owned(), EXACTLY_36_CHARACTERS, "";
+        subject: String = "webcam".to_owned(), UP_TO_64_CHARACTERS;
+        device_id: String = "facewire-0000-0000-0000-000000000000".to_owned(), EXACTLY_36_CHARACTERS;
         swap_mouth: bool = false;
     }
-}
 
-section! {
     VmcSettings {
         address: Address = Address::local(39_540);
         bones: bool = true;
         bundles: bool = true;
     }
-}
 
-section! {
     VrchatSettings {
         address: Address = Address::local(9000);
-        prefix: String = String::new(), OSC_PREFIX, "";
+        prefix: String = String::new(), OSC_PREFIX;
         floats: bool = true;
-        bits: u32 = 0, 0..=MOST_BITS, "";
+        bits: u32 = 0, (0..=MOST_BITS, "");
         shapes: bool = true;
         compounds: bool = true;
         head: bool = true;
         native_eyes: bool = false;
         parameters: Parameters = Parameters::default();
     }
-}
 
-section! {
     MaestroSettings {
         device: SerialDevice = SerialDevice::Auto;
-        baud: u32 = 115_200, 9_600..=MOST_MAESTRO_BAUD, " (1/s)";
+        baud: u32 = 115_200, (9_600..=MOST_MAESTRO_BAUD, " (1/s)");
         protocol: MaestroProtocol = MaestroProtocol::Compact;
-        device_number: u32 = 12, 0..=127, "";
+        device_number: u32 = 12, (0..=127, "");
         crc: bool = false;
         multiple_targets: bool = false;
         read_errors: bool = true;
         channels "channel": Vec<ChannelSettings> = Vec::new();
     }
-}
 
-section! {
     Pca9685Settings {
-        bus: u32 = 1, 0..=255, "";
-        address: u32 = 0x40, 0x40..=0x7f, "";
-        pulses_hz: u32 = 50, 40..=400, " (1/s)";
-        oscillator_hz: u32 = 25_000_000, 20_000_000..=30_000_000, " (Hz)";
+        bus: u32 = 1, (0..=255, "");
+        address: u32 = 0x40, (0x40..=0x7f, "");
+        pulses_hz: u32 = 50, (40..=400, " (1/s)");
+        oscillator_hz: u32 = 25_000_000, (20_000_000..=30_000_000, " (Hz)");
         channels "channel": Vec<ChannelSettings> = Vec::new();
     }
-}
 
-section! {
     IFacialMocapSettings {
         listen: Option<SocketAddr> = Some((Ipv4Addr::UNSPECIFIED, 49_983).into());
-        reply_port: u32 = 49_983, 0..=65_535, "";
+        reply_port: u32 = 49_983, (0..=65_535, "");
         address: Option<Address> = None;
-        version: u32 = 2, 1..=2, "";
+        version: u32 = 2, (1..=2, "");
     }
-}
 
-section! {
     JsonSettings {
         to: JsonTarget = JsonTarget::Stdout;
     }
-}
 
-section! {
     PaceSettings {
         pace: PaceKind = PaceKind::Pose;
-        rate_hz: u32 = 0, 0..=240, " (1/s)";
+        rate_hz: u32 = 0, (0..=240, " (1/s)");
         loss: Loss = Loss::Neutral;
+    }
+
+    ChannelSettings {
+        channel: u32 = 0, (0..=23, "");
+        sources: Sources = Sources::default();
+        offset: f32 = 0.0, (-10.0..=10.0, "");
+        pulse_at_0_us: u32 = 1000, (64..=4080, " (microseconds)");
+        pulse_at_1_us: u32 = 2000, (64..=4080, " (microseconds)");
+        neutral: f32 = -1.0, (-1.0..=1.0, "");
+        speed_per_s: f32 = 0.0, (0.0..=100.0, " (1/s)");
+        acceleration_per_s2: f32 = 0.0, (0.0..=1000.0, " (1/s²)");
+        dead_zone: f32 = 0.0, (0.0..=0.2, "");
+        loss: AtLoss = AtLoss::Neutral;
     }
 }
 
@@ -201,26 +195,11 @@ choices! {
     pub enum AtLoss: Neutral = "neutral", Release = "release"
 }
 
-section! {
-    ChannelSettings {
-        channel: u32 = 0, 0..=23, "";
-        sources: Sources = Sources::default();
-        offset: f32 = 0.0, -10.0..=10.0, "";
-        pulse_at_0_us: u32 = 1000, 64..=4080, " (microseconds)";
-        pulse_at_1_us: u32 = 2000, 64..=4080, " (microseconds)";
-        neutral: f32 = -1.0, -1.0..=1.0, "";
-        speed_per_s: f32 = 0.0, 0.0..=100.0, " (1/s)";
-        acceleration_per_s2: f32 = 0.0, 0.0..=1000.0, " (1/s²)";
-        dead_zone: f32 = 0.0, 0.0..=0.2, "";
-        loss: AtLoss = AtLoss::Neutral;
-    }
-}
-
 /// One table for each channel.
 impl Setting for Vec<ChannelSettings> {
     type Bounds = ();
 
-    fn set(&mut self, entry: &Entry<'_>, (): &(), _: &str, file: &mut Overlay<'_>) {
+    fn set(&mut self, entry: &Entry<'_>, (): &(), file: &mut Overlay<'_>) {
         for entry in entry.each() {
             let mut channel = ChannelSettings::default();
             file.section(&mut channel, &entry);
@@ -268,7 +247,7 @@ impl Section for Sources {
     fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>) {
         let named = SOURCE_NAMES.iter().zip(&mut self.0).find(|(name, _)| **name == entry.key);
         if let Some((_, gain)) = named {
-            gain.set(entry, &(-10.0..=10.0), "", file);
+            gain.set(entry, &(-10.0..=10.0, ""), file);
         }
     }
 }
@@ -371,7 +350,7 @@ impl Section for LinkSettings {
 impl Setting for Vec<LinkSettings> {
     type Bounds = ();
 
-    fn set(&mut self, entry: &Entry<'_>, (): &(), _: &str, file: &mut Overlay<'_>) {
+    fn set(&mut self, entry: &Entry<'_>, (): &(), file: &mut Overlay<'_>) {
         self.clear();
         if entry.value.get_ref().as_array().is_none() {
             return file.refuse(entry, "each link under its own [[link]]".to_owned());

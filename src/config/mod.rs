@@ -9,11 +9,9 @@
 //! `settings.rs` and `link.rs` declare each key with its type, default and bounds; `systemd/facewire.toml` and
 //! `links.toml` explain them.
 
-mod builtin;
 mod link;
 mod overlay;
 mod rehearsal;
-mod section;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -21,7 +19,6 @@ mod value;
 
 use std::path::Path;
 
-pub use builtin::{BOARDS, DEFAULTS, default_link};
 pub use link::{
     AtLoss, AutoDevice, CarrierSettings, ChannelSettings, IFacialMocapSettings, LinkKind, LinkSettings,
     LiveLinkSettings, Loss, MOST_MAESTRO_BAUD, MaestroProtocol, MaestroSettings, PaceKind, PaceSettings,
@@ -37,13 +34,58 @@ pub use settings::{
 pub(crate) use value::quoted;
 pub use value::{Address, Choice, JsonTarget, Listen, ParameterChoice, Parameters, SerialDevice};
 
-use self::overlay::Boards;
+use self::overlay::{Overlay, Section as _};
 use crate::calibration::WearerName;
 
 /// Exit status for bad settings, as in `sysexits.h`. systemd does not restart a service that exits with it.
 pub const EX_CONFIG: u8 = 78;
 /// Slowest rate of a link, packets per second: receivers go neutral after 500 ms without one.
 pub const SLOWEST_LINK_HZ: u32 = 10;
+/// The name that stands for the board that was recognised.
+const AUTO: &str = "auto";
+
+/// The names of the boards and their settings, from the folder `boards`.
+pub const BOARDS: [(&str, &str); 8] = [
+    ("generic", include_str!("../../boards/generic.toml")),
+    ("pi3", include_str!("../../boards/pi3.toml")),
+    ("pi4", include_str!("../../boards/pi4.toml")),
+    ("pi5", include_str!("../../boards/pi5.toml")),
+    ("pi-zero-2w", include_str!("../../boards/pi-zero-2w.toml")),
+    ("orange-pi-5", include_str!("../../boards/orange-pi-5.toml")),
+    ("radxa-zero-3", include_str!("../../boards/radxa-zero-3.toml")),
+    ("intel-n100", include_str!("../../boards/intel-n100.toml")),
+];
+
+/// The default settings in TOML, each after its comment. The settings are commented out, so that those of a board stay in
+/// force, except those that make the second link another one than the first.
+pub const DEFAULTS: &str = include_str!("../../systemd/facewire.toml");
+/// The settings that only links of one kind have.
+const LINKS: &str = include_str!("links.toml");
+
+/// Returns a `[[link]]` of the kind of this name with all its settings, each after its comment, and with an example of
+/// the settings without which it cannot work. Returns `None` if there is no such kind.
+pub fn default_link(name: &str) -> Option<String> {
+    let link = LinkSettings::of(LinkKind::named(name)?);
+    let (own, channel) = LINKS.split_once("\n[[link.channel]]\n")?;
+    let own = own.split("\n[[link]]\n").find_map(|own| own.strip_prefix(&format!("kind = \"{name}\"\n\n")))?;
+    let (_, first) = DEFAULTS.split_once("\n[[link]]\n")?;
+    // The paragraph of the first link that explains a key, with this value.
+    let shared = |key: &str, value: &str| {
+        let assignment = format!("\n# {key} = ");
+        let (explanation, _) = first.split("\n\n").find_map(|paragraph| paragraph.split_once(&assignment))?;
+        Some(format!("{explanation}\n{key} = {value}\n"))
+    };
+    let paragraphs = [
+        shared("kind", &quoted(name))?,
+        format!("{}\n", own.trim_end()),
+        shared("pace", &quoted(link.pace.pace.name()))?,
+        shared("rate_hz", &link.pace.rate_hz.to_string())?,
+        shared("loss", &quoted(link.pace.loss.name()))?,
+        shared("adjust", "{}")?,
+    ];
+    let channel = link.keys().contains(&"channel").then(|| format!("\n[[link.channel]]\n{channel}"));
+    Some(format!("[[link]]\n{}{}", paragraphs.join("\n"), channel.unwrap_or_default()))
+}
 
 /// Loads the settings of a run: the defaults, overridden by the board, overridden by the file. `argument` takes precedence
 /// over the board that the file names. `detected` is the board that was recognised, for "auto". `check` adds the faults
@@ -55,23 +97,17 @@ pub fn load(
     check: impl FnOnce(&Settings, &mut Faults),
 ) -> Result<Settings, Faults> {
     let mut faults = Faults::default();
-    let fixed = argument.and_then(|name| {
-        let board = builtin::find_board(name, detected);
-        if board.is_none() {
-            let known = builtin::board_names().collect::<Vec<_>>().join(", ");
-            faults.push(format!("board \"{name}\": not known; give --board one of {known}"));
-        }
-        board
-    });
-    let text = file.map_or_else(String::new, |path| {
-        std::fs::read_to_string(path).unwrap_or_else(|error| {
-            let path = path.display();
-            faults.push(format!("{path}: cannot be read ({error}); give --config a readable file"));
-            String::new()
-        })
-    });
     let source = file.map_or_else(String::new, |path| path.display().to_string());
-    judged(&source, &text, Boards { fixed, detected }, faults, check)
+    let fixed = argument.and_then(|name| find_board(name, detected));
+    if let (Some(name), None) = (argument, fixed) {
+        let known = board_names().collect::<Vec<_>>().join(", ");
+        faults.push(format!("board \"{name}\": not known; give --board one of {known}"));
+    }
+    let text = file.map_or_else(|| Ok(String::new()), std::fs::read_to_string).unwrap_or_else(|error| {
+        faults.push(format!("{source}: cannot be read ({error}); give --config a readable file"));
+        String::new()
+    });
+    lay(&source, &text, fixed, detected, faults, check)
 }
 
 /// Parses the settings in `text`, over the defaults and the board that the text names, with "generic" for "auto". Faults
@@ -86,21 +122,46 @@ pub fn parse_and_check(
     text: &str,
     check: impl FnOnce(&Settings, &mut Faults),
 ) -> Result<Settings, Faults> {
-    judged(source, text, Boards { fixed: None, detected: "generic" }, Faults::default(), check)
+    lay(source, text, None, "generic", Faults::default(), check)
 }
 
-fn judged(
+fn lay(
     source: &str,
     text: &str,
-    boards: Boards<'_>,
+    fixed: Option<(&'static str, &'static str)>,
+    detected: &str,
     mut faults: Faults,
     check_more: impl FnOnce(&Settings, &mut Faults),
 ) -> Result<Settings, Faults> {
     let mut settings = Settings::default();
-    overlay::lay(source, text, &mut settings, Some(boards), &mut faults);
+    let (mut file, document) = Overlay::parse(source, text);
+    let value = document.get("board");
+    let named = value.map_or(Some(AUTO), |value| value.get_ref().as_str()).and_then(|name| find_board(name, detected));
+    // A board that the file names must be known, even if another one is fixed.
+    if let (Some(value), None) = (value, named) {
+        file.refuse_value("board", value, value::one_of(board_names()));
+    }
+    if let Some((name, text)) = fixed.or(named) {
+        settings.board = name;
+        let source = format!("board {name}");
+        let (board, document) = Overlay::parse(&source, text);
+        board.lay(&document, &mut settings, &mut faults);
+    }
+    file.lay(&document, &mut settings, &mut faults);
     check(&settings, &mut faults);
     check_more(&settings, &mut faults);
     faults.into_result(settings)
+}
+
+/// Returns the board called `name`. [`AUTO`] stands for the board called `detected`.
+fn find_board(name: &str, detected: &str) -> Option<(&'static str, &'static str)> {
+    let name = if name == AUTO { detected } else { name };
+    BOARDS.into_iter().find(|(known, _)| *known == name)
+}
+
+/// The names that the key `board` takes.
+fn board_names() -> impl Iterator<Item = &'static str> {
+    [AUTO].into_iter().chain(BOARDS.map(|(name, _)| name))
 }
 
 /// Adds the faults of settings that are valid one by one but do not fit together. Tables with faults of their own are not

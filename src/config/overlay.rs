@@ -1,4 +1,5 @@
-//! Lays a TOML file over settings, and collects its faults.
+//! Lays a TOML file over settings, and collects its faults. One `section!` makes the struct of a table, its defaults, the
+//! reader of its keys, and the comparison of two.
 
 use std::fmt;
 
@@ -7,23 +8,14 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use super::{
-    builtin::{AUTO, Board, board_names, find_board},
-    section::{Entry, Section},
-    settings::Settings,
-    value::one_of,
-};
+use super::value::Value;
 
-/// Settings of earlier versions, and what to give instead.
-const REPLACED: [(&str, &str); 2] =
-    [("solver.smoothing_ms", REPLACED_BY_SMOOTHING), ("solver.smoothing_frames", REPLACED_BY_SMOOTHING)];
-const REPLACED_BY_SMOOTHING: &str =
-    "[smoothing] has a filter and a time for each part of the face, such as mouth_ms = 180";
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
 /// A fault of the settings. Displays as one line.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("{}{sentence}", place.as_ref().map_or_else(String::new, |place| format!("{place}: ")))]
 pub struct Fault {
     /// The position as `file:line`, unless the fault is that of a file or of several settings together.
     pub place: Option<String>,
@@ -33,17 +25,9 @@ pub struct Fault {
     sentence: String,
 }
 
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.place {
-            Some(place) => write!(f, "{place}: {}", self.sentence),
-            None => f.write_str(&self.sentence),
-        }
-    }
-}
-
 /// All faults of the settings, displayed one per line.
 #[derive(Debug, Default, thiserror::Error)]
+#[error("{}", .0.iter().map(Fault::to_string).collect::<Vec<_>>().join("\n"))]
 pub struct Faults(Vec<Fault>);
 
 impl Faults {
@@ -77,21 +61,129 @@ impl Faults {
     }
 }
 
-impl fmt::Display for Faults {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let lines: Vec<String> = self.0.iter().map(Fault::to_string).collect();
-        f.write_str(&lines.join("\n"))
+/// A key of a file and its value.
+pub struct Entry<'a> {
+    pub key: &'a str,
+    /// The key after those of the tables around it, such as `camera.width`.
+    pub path: String,
+    pub value: &'a Spanned<DeValue<'a>>,
+}
+
+impl Entry<'_> {
+    /// Returns each table of an array of tables, or the only one.
+    pub fn each(&self) -> Vec<Self> {
+        let tables = self.value.get_ref().as_array().map_or(std::slice::from_ref(self.value), |array| array);
+        tables.iter().map(|value| Self { key: self.key, path: self.path.clone(), value }).collect()
     }
 }
 
-/// The boards that a file may be laid over.
-#[derive(Debug, Clone, Copy)]
-pub struct Boards<'a> {
-    /// The board to take whatever the file says.
-    pub fixed: Option<Board>,
-    /// The board that "auto" stands for, which is also the default.
-    pub detected: &'a str,
+/// What can stand under a key: a value, a table, or an array of tables.
+pub trait Setting {
+    type Bounds;
+
+    /// Takes the value of the entry, or adds a fault to those of the file.
+    fn set(&mut self, entry: &Entry<'_>, bounds: &Self::Bounds, file: &mut Overlay<'_>);
 }
+
+impl<T: Value> Setting for T {
+    type Bounds = T::Bounds;
+
+    fn set(&mut self, entry: &Entry<'_>, bounds: &Self::Bounds, file: &mut Overlay<'_>) {
+        match T::read(entry.value.get_ref(), bounds) {
+            Ok(value) => *self = value,
+            Err(expected) => file.refuse(entry, expected),
+        }
+    }
+}
+
+/// A table of settings.
+pub trait Section {
+    fn keys(&self) -> Vec<&'static str>;
+
+    /// Sets one of the keys.
+    fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>);
+
+    /// Says why a key that the section does not have is none, if there is more to say than which key is similar.
+    fn objection(&self, _key: &str) -> Option<String> {
+        None
+    }
+}
+
+/// Lets a section stand under a key.
+macro_rules! table {
+    ($type:ty) => {
+        impl $crate::config::overlay::Setting for $type {
+            type Bounds = ();
+
+            fn set(&mut self, entry: &Entry<'_>, (): &(), file: &mut Overlay<'_>) {
+                file.section(self, entry);
+            }
+        }
+    };
+}
+
+/// The key of a field: its name, unless another one is given.
+macro_rules! key {
+    ($field:ident) => {
+        stringify!($field)
+    };
+    ($field:ident $key:literal) => {
+        $key
+    };
+}
+
+/// Declares tables of settings: `field: Type = default, bounds;` for each key. `field "key": ...` gives a field another key
+/// than its name. With `impl Type`, the struct and its defaults are those of another crate.
+macro_rules! section {
+    ($(
+        $(#[doc = $doc:literal])*
+        $name:ident { $( $field:ident $($key:literal)?: $type:ty = $default:expr $(, $bounds:expr)?; )* }
+    )*) => { $(
+        $(#[doc = $doc])*
+        #[derive(Debug, Clone, PartialEq)]
+        pub struct $name {
+            $( pub $field: $type, )*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $( $field: $default, )* }
+            }
+        }
+
+        impl $name {
+            /// The keys whose values differ from those of `other`.
+            pub fn changed_keys(&self, other: &Self) -> Vec<&'static str> {
+                let keys = [ $( (key!($field $($key)?), self.$field != other.$field), )* ];
+                keys.into_iter().filter(|(_, is_changed)| *is_changed).map(|(key, _)| key).collect()
+            }
+        }
+
+        section! { impl $name { $( $field $($key)?: $type $(, $bounds)?; )* } }
+    )* };
+    (impl $name:ty { $( $field:ident $($key:literal)?: $type:ty $(, $bounds:expr)?; )* }) => {
+        impl Section for $name {
+            fn keys(&self) -> Vec<&'static str> {
+                vec![ $( key!($field $($key)?), )* ]
+            }
+
+            fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+                match entry.key {
+                    $( key!($field $($key)?) => {
+                        let _bounds = ();
+                        $( let _bounds = $bounds; )?
+                        <$type as $crate::config::overlay::Setting>::set(&mut self.$field, entry, &_bounds, file);
+                    } )*
+                    _ => {}
+                }
+            }
+        }
+
+        table!($name);
+    };
+}
+
+pub(super) use {key, section, table};
 
 /// A file that is being laid over settings.
 pub struct Overlay<'a> {
@@ -101,39 +193,24 @@ pub struct Overlay<'a> {
     found: Vec<(usize, Fault)>,
 }
 
-/// Lays the text of the file `source` over the settings, after the board that `boards` and the file choose, and adds its
-/// faults. The file of a board has no `boards`. After a fault, the settings must not be used. A text that is not TOML has
-/// syntax errors only: the parser's guess at its content would give misleading faults.
-pub fn lay(source: &str, text: &str, settings: &mut Settings, boards: Option<Boards<'_>>, faults: &mut Faults) {
-    let mut file = Overlay { source, text, found: Vec::new() };
-    let (document, errors) = DeTable::parse_recoverable(text);
-    if errors.is_empty() {
-        let document = document.get_ref();
-        if let Some((name, text)) = boards.and_then(|boards| file.board(document, boards)) {
-            settings.board = name;
-            lay(&format!("board {name}"), text, settings, None, faults);
+impl<'a> Overlay<'a> {
+    /// Parses the text of the file `source`. A text that is not TOML has syntax errors only: the parser's guess at its
+    /// content would give misleading faults.
+    pub fn parse(source: &'a str, text: &'a str) -> (Self, DeTable<'a>) {
+        let mut file = Self { source, text, found: Vec::new() };
+        let (document, errors) = DeTable::parse_recoverable(text);
+        for error in &errors {
+            let start = error.span().map_or(0, |span| span.start);
+            file.fault(start, String::new(), false, format!("not valid TOML: {}", error.message()));
         }
-        file.entries(settings, "", document);
+        (file, if errors.is_empty() { document.into_inner() } else { DeTable::new() })
     }
-    for error in errors {
-        let start = error.span().map_or(0, |span| span.start);
-        file.fault(start, String::new(), false, format!("not valid TOML: {}", error.message()));
-    }
-    file.found.sort_by_key(|(start, _)| *start);
-    faults.0.extend(file.found.into_iter().map(|(_, fault)| fault));
-}
 
-impl Overlay<'_> {
-    /// Returns the board to lay the document over. A board that the document names must be known, even if another one is
-    /// fixed.
-    fn board(&mut self, document: &DeTable<'_>, boards: Boards<'_>) -> Option<Board> {
-        let value = document.get("board");
-        let name = value.map_or(Some(AUTO), |value| value.get_ref().as_str());
-        let found = name.and_then(|name| find_board(name, boards.detected));
-        if let (Some(value), None) = (value, found) {
-            self.refuse_value("board", value, one_of(board_names()));
-        }
-        boards.fixed.or(found)
+    /// Lays the document over a section, which must not be used if there are faults. Adds them in the order of the lines.
+    pub fn lay(mut self, document: &DeTable<'_>, section: &mut dyn Section, faults: &mut Faults) {
+        self.entries(section, "", document);
+        self.found.sort_by_key(|(start, _)| *start);
+        faults.0.extend(self.found.into_iter().map(|(_, fault)| fault));
     }
 
     /// Lays the table of this entry over a section.
@@ -146,21 +223,24 @@ impl Overlay<'_> {
 
     fn entries(&mut self, section: &mut dyn Section, path: &str, table: &DeTable<'_>) {
         for (name, value) in table {
-            let (key, start) = (name.get_ref().as_ref(), name.span().start);
+            let key = name.get_ref().as_ref();
             let path = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
-            if section.keys().contains(&key) {
-                section.set_key(&Entry { key, path, start, value }, self);
+            let keys = section.keys();
+            if keys.contains(&key) {
+                section.set_key(&Entry { key, path, value }, self);
                 continue;
             }
-            let replaced = REPLACED.iter().find(|(old, _)| *old == path);
-            let objection = match replaced {
-                Some((_, instead)) => format!("no longer a setting: {instead}"),
-                None => {
-                    section.objection(key).unwrap_or_else(|| format!("not a setting{}", hint(key, &section.keys())))
+            let objection = match path.as_str() {
+                // Settings of earlier versions.
+                "solver.smoothing_ms" | "solver.smoothing_frames" => {
+                    "no longer a setting: [smoothing] has a filter and \
+                    a time for each part of the face, such as mouth_ms = 180"
+                        .to_owned()
                 }
+                _ => section.objection(key).unwrap_or_else(|| format!("not a setting{}", hint(key, &keys))),
             };
             let sentence = format!("{} is {objection}", printable(&path));
-            self.fault(start, path, false, sentence);
+            self.fault(name.span().start, path, false, sentence);
         }
     }
 
@@ -190,10 +270,10 @@ fn printable(text: &str) -> String {
 
 /// Returns the end of a sentence that names the known name most similar to `key`, or all known names if none is similar.
 fn hint(key: &str, known: &[&str]) -> String {
-    let similarity = |name: &str| strsim::jaro_winkler(key, name);
+    let similarity = |name: &&str| strsim::jaro_winkler(key, name);
     let nearest = known.iter().max_by(|a, b| similarity(a).total_cmp(&similarity(b)));
-    match nearest {
-        Some(name) if similarity(name) >= LEAST_SIMILARITY => format!("; did you mean {name}?"),
-        _ => format!("; there are {}", known.join(", ")),
+    match nearest.filter(|name| similarity(name) >= LEAST_SIMILARITY) {
+        Some(name) => format!("; did you mean {name}?"),
+        None => format!("; there are {}", known.join(", ")),
     }
 }

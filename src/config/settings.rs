@@ -4,8 +4,7 @@
 
 use super::{
     link::LinkSettings,
-    overlay::Overlay,
-    section::{Entry, Section, Setting, key, section, table},
+    overlay::{Entry, Overlay, Section, Setting, key, section, table},
     value::{ANY_TEXT, Listen, choices},
 };
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rules};
@@ -29,58 +28,110 @@ section! {
         metrics: MetricsSettings = MetricsSettings::default();
         log: LogSettings = LogSettings::default();
     }
+
+    CameraSettings {
+        device: String = "auto".to_owned(), ANY_TEXT;
+        width: u32 = 640, (160..=3840, " (pixels)");
+        height: u32 = 480, (120..=2160, " (pixels)");
+        fps: u32 = 30, (1..=240, " (1/s)");
+        format: CameraFormat = CameraFormat::Auto;
+        stall_timeout_ms: u32 = 1000, (100..=60_000, " (ms)");
+        horizontal_fov_deg: f32 = 60.0, (10.0..=170.0, " (degrees)");
+    }
+
+    NetworkSettings {
+        folder: String = String::new(), ANY_TEXT;
+        engine: EngineChoice = EngineChoice::Auto;
+        threads: u32 = 1, (1..=8, "");
+    }
+
+    SolverSettings {
+        model: String = String::new(), ANY_TEXT;
+    }
+
+    SmoothingSettings {
+        lids: FilterKind = FilterKind::GatedAverage;
+        lids_ms: u32 = 350, (0..=350, " (ms)");
+        gaze: FilterKind = FilterKind::Kalman;
+        gaze_ms: u32 = 200, (0..=350, " (ms)");
+        brows: FilterKind = FilterKind::GatedAverage;
+        brows_ms: u32 = 350, (0..=350, " (ms)");
+        mouth: FilterKind = FilterKind::GatedAverage;
+        mouth_ms: u32 = 350, (0..=350, " (ms)");
+        jaw: FilterKind = FilterKind::GatedAverage;
+        jaw_ms: u32 = 220, (0..=350, " (ms)");
+        cheeks: FilterKind = FilterKind::GatedAverage;
+        cheeks_ms: u32 = 350, (0..=350, " (ms)");
+        head: FilterKind = FilterKind::GatedAverage;
+        head_ms: u32 = 350, (0..=350, " (ms)");
+    }
+
+    WearerSettings {
+        name: String = String::new(), ANY_TEXT;
+        folder: String = String::new(), ANY_TEXT;
+        neutral: NeutralMode = NeutralMode::Auto;
+    }
+
+    FailsafeSettings {
+        live_ms: u32 = 150, (20..=5000, " (ms)");
+        hold_ms: u32 = 300, (40..=10_000, " (ms)");
+        neutral_ms: u32 = 1000, (60..=60_000, " (ms)");
+        slew_per_s: f32 = 4.0, (0.1..=100.0, " (1/s)");
+    }
+
+    SendSettings {
+        rate_hz: u32 = 60, (10..=240, " (1/s)");
+    }
+
+    RealtimeSettings {
+        lock_memory: bool = false;
+        priority: u32 = 0, (0..=98, "");
+        hot_cpu: i32 = -1, (-1..=1023, "");
+        sender_cpu: i32 = -1, (-1..=1023, "");
+    }
+
+    HardwareSettings {
+        thermal_zone: String = String::new(), ANY_TEXT;
+        temperature_limit_c: u32 = 0, (0..=120, " (°C)");
+    }
+
+    AdaptationSettings {
+        enabled: bool = true;
+    }
+
+    MetricsSettings {
+        listen: Listen = Listen::Off;
+    }
+
+    LogSettings {
+        level: LogLevel = LogLevel::Info;
+    }
+}
+
+section! {
+    impl Rules {
+        lids: bool;
+        gaze: bool;
+        opposed: bool;
+        mouth_close: bool;
+        dead_zone: f32, (0.0..=0.2, "");
+    }
+}
+
+section! {
+    impl Adjustment {
+        gain: f32, (0.0..=10.0, "");
+        offset: f32, (-1.0..=1.0, "");
+        min: f32, (0.0..=1.0, "");
+        max: f32, (0.0..=1.0, "");
+    }
 }
 
 /// The board is chosen before the tables are read.
 impl Setting for &'static str {
     type Bounds = ();
 
-    fn set(&mut self, _: &Entry<'_>, (): &(), _: &str, _: &mut Overlay<'_>) {}
-}
-
-section! {
-    CameraSettings {
-        device: String = "auto".to_owned(), ANY_TEXT, "";
-        width: u32 = 640, 160..=3840, " (pixels)";
-        height: u32 = 480, 120..=2160, " (pixels)";
-        fps: u32 = 30, 1..=240, " (1/s)";
-        format: CameraFormat = CameraFormat::Auto;
-        stall_timeout_ms: u32 = 1000, 100..=60_000, " (ms)";
-        horizontal_fov_deg: f32 = 60.0, 10.0..=170.0, " (degrees)";
-    }
-}
-
-section! {
-    NetworkSettings {
-        folder: String = String::new(), ANY_TEXT, "";
-        engine: EngineChoice = EngineChoice::Auto;
-        threads: u32 = 1, 1..=8, "";
-    }
-}
-
-section! {
-    SolverSettings {
-        model: String = String::new(), ANY_TEXT, "";
-    }
-}
-
-section! {
-    SmoothingSettings {
-        lids: FilterKind = FilterKind::GatedAverage;
-        lids_ms: u32 = 350, 0..=350, " (ms)";
-        gaze: FilterKind = FilterKind::Kalman;
-        gaze_ms: u32 = 200, 0..=350, " (ms)";
-        brows: FilterKind = FilterKind::GatedAverage;
-        brows_ms: u32 = 350, 0..=350, " (ms)";
-        mouth: FilterKind = FilterKind::GatedAverage;
-        mouth_ms: u32 = 350, 0..=350, " (ms)";
-        jaw: FilterKind = FilterKind::GatedAverage;
-        jaw_ms: u32 = 220, 0..=350, " (ms)";
-        cheeks: FilterKind = FilterKind::GatedAverage;
-        cheeks_ms: u32 = 350, 0..=350, " (ms)";
-        head: FilterKind = FilterKind::GatedAverage;
-        head_ms: u32 = 350, 0..=350, " (ms)";
-    }
+    fn set(&mut self, _: &Entry<'_>, (): &(), _: &mut Overlay<'_>) {}
 }
 
 impl SmoothingSettings {
@@ -97,73 +148,6 @@ impl SmoothingSettings {
     }
 }
 
-section! {
-    WearerSettings {
-        name: String = String::new(), ANY_TEXT, "";
-        folder: String = String::new(), ANY_TEXT, "";
-        neutral: NeutralMode = NeutralMode::Auto;
-    }
-}
-
-section! {
-    impl Rules {
-        lids: bool;
-        gaze: bool;
-        opposed: bool;
-        mouth_close: bool;
-        dead_zone: f32, 0.0..=0.2, "";
-    }
-}
-
-section! {
-    FailsafeSettings {
-        live_ms: u32 = 150, 20..=5000, " (ms)";
-        hold_ms: u32 = 300, 40..=10_000, " (ms)";
-        neutral_ms: u32 = 1000, 60..=60_000, " (ms)";
-        slew_per_s: f32 = 4.0, 0.1..=100.0, " (1/s)";
-    }
-}
-
-section! {
-    SendSettings {
-        rate_hz: u32 = 60, 10..=240, " (1/s)";
-    }
-}
-
-section! {
-    RealtimeSettings {
-        lock_memory: bool = false;
-        priority: u32 = 0, 0..=98, "";
-        hot_cpu: i32 = -1, -1..=1023, "";
-        sender_cpu: i32 = -1, -1..=1023, "";
-    }
-}
-
-section! {
-    HardwareSettings {
-        thermal_zone: String = String::new(), ANY_TEXT, "";
-        temperature_limit_c: u32 = 0, 0..=120, " (°C)";
-    }
-}
-
-section! {
-    AdaptationSettings {
-        enabled: bool = true;
-    }
-}
-
-section! {
-    MetricsSettings {
-        listen: Listen = Listen::Off;
-    }
-}
-
-section! {
-    LogSettings {
-        level: LogLevel = LogLevel::Info;
-    }
-}
-
 choices! { pub enum CameraFormat: Auto = "auto", Yuyv = "yuyv", Mjpeg = "mjpeg", Nv12 = "nv12", Grey = "grey" }
 choices! {
     /// Severity of a log message.
@@ -177,15 +161,6 @@ choices! {
 }
 choices! { NeutralMode: Auto = "auto", Frozen = "frozen", Off = "off" }
 
-section! {
-    impl Adjustment {
-        gain: f32, 0.0..=10.0, "";
-        offset: f32, -1.0..=1.0, "";
-        min: f32, 0.0..=1.0, "";
-        max: f32, 0.0..=1.0, "";
-    }
-}
-
 /// `mirror`, and a key for each blendshape.
 impl Section for Adjustments {
     fn keys(&self) -> Vec<&'static str> {
@@ -194,7 +169,7 @@ impl Section for Adjustments {
 
     fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>) {
         let named = BLENDSHAPES.iter().zip(&mut self.coefficients).find(|(name, _)| **name == entry.key);
-        let Some((_, adjustment)) = named else { return self.mirror.set(entry, &(), "", file) };
+        let Some((_, adjustment)) = named else { return self.mirror.set(entry, &(), file) };
         file.section(adjustment, entry);
         if adjustment.min > adjustment.max {
             file.refuse(entry, "a min that is at most max".to_owned());

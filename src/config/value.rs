@@ -8,11 +8,8 @@ use toml::de::DeValue;
 pub trait Value: Sized {
     type Bounds;
 
-    /// Reads a value. Returns `None` if it has another type or is out of bounds.
-    fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Option<Self>;
-
-    /// Describes the values that [`Value::read`] takes; the text follows "give".
-    fn expected(bounds: &Self::Bounds) -> String;
+    /// Reads a value. If it has another type or is out of bounds, returns what to give instead; the text follows "give".
+    fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Result<Self, String>;
 }
 
 /// A type with a few named values.
@@ -20,12 +17,11 @@ pub trait Choice: Copy + PartialEq + 'static {
     const ALL: &'static [(&'static str, Self)];
 
     fn name(self) -> &'static str {
-        let named = Self::ALL.iter().find(|(_, value)| *value == self);
-        named.map_or("", |(name, _)| name)
+        Self::ALL.iter().find(|(_, value)| *value == self).map_or("", |(name, _)| name)
     }
 }
 
-/// Names the values of an enum, which it declares if it is not that of another module.
+/// Names the values of an enum, which it declares if it is not that of another crate.
 macro_rules! choices {
     ($(#[doc = $doc:literal])* pub enum $type:ident: $( $variant:ident = $name:literal ),*) => {
         $(#[doc = $doc])*
@@ -48,14 +44,9 @@ pub(super) use choices;
 impl<T: Choice> Value for T {
     type Bounds = ();
 
-    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
-        let text = value.as_str()?;
-        let named = Self::ALL.iter().find(|(name, _)| *name == text);
-        named.map(|(_, value)| *value)
-    }
-
-    fn expected((): &()) -> String {
-        one_of(Self::ALL.iter().map(|(name, _)| *name))
+    fn read(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let named = value.as_str().and_then(|text| Self::ALL.iter().find(|(name, _)| *name == text));
+        named.map(|(_, value)| *value).ok_or_else(|| one_of(Self::ALL.iter().map(|(name, _)| *name)))
     }
 }
 
@@ -69,20 +60,20 @@ pub fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }
 
+/// The range of a number, and its unit as it follows the range in a message.
+pub type Range<T> = (RangeInclusive<T>, &'static str);
+
 /// Implements [`Value`] for types of whole numbers.
 macro_rules! whole_number {
     ($($type:ty),*) => { $(
         impl Value for $type {
-            type Bounds = RangeInclusive<$type>;
+            type Bounds = Range<$type>;
 
-            fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Option<Self> {
-                let integer = value.as_integer()?;
-                let number = Self::from_str_radix(integer.as_str(), integer.radix()).ok()?;
-                bounds.contains(&number).then_some(number)
-            }
-
-            fn expected(bounds: &Self::Bounds) -> String {
-                format!("a whole number from {} to {}", bounds.start(), bounds.end())
+            fn read(value: &DeValue<'_>, (range, unit): &Self::Bounds) -> Result<Self, String> {
+                let number = |text: &str, radix| Self::from_str_radix(text, radix).ok();
+                let number = value.as_integer().and_then(|integer| number(integer.as_str(), integer.radix()));
+                let expected = || format!("a whole number from {} to {}{unit}", range.start(), range.end());
+                number.filter(|number| range.contains(number)).ok_or_else(expected)
             }
         }
     )* };
@@ -91,71 +82,52 @@ macro_rules! whole_number {
 whole_number!(u32, i32);
 
 impl Value for f32 {
-    type Bounds = RangeInclusive<f32>;
+    type Bounds = Range<f32>;
 
-    fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Option<Self> {
-        let number: Self = match value {
-            DeValue::Float(float) => float.as_str().parse().ok()?,
-            DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok()?,
-            _ => return None,
+    fn read(value: &DeValue<'_>, (range, unit): &Self::Bounds) -> Result<Self, String> {
+        let number = match value {
+            DeValue::Float(float) => float.as_str().parse().ok(),
+            DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),
+            _ => None,
         };
-        bounds.contains(&number).then_some(number)
-    }
-
-    fn expected(bounds: &Self::Bounds) -> String {
-        format!("a number from {:?} to {:?}", bounds.start(), bounds.end())
+        let expected = || format!("a number from {:?} to {:?}{unit}", range.start(), range.end());
+        number.filter(|number| range.contains(number)).ok_or_else(expected)
     }
 }
 
-/// Implements [`Value`] for types without bounds: how a value is read, and what is expected.
-macro_rules! value {
-    ($type:ty, $expected:expr, |$value:ident| $read:expr) => {
-        impl Value for $type {
-            type Bounds = ();
+impl Value for bool {
+    type Bounds = ();
 
-            fn read($value: &DeValue<'_>, (): &()) -> Option<Self> {
-                $read
-            }
-
-            fn expected((): &()) -> String {
-                $expected.to_owned()
-            }
-        }
-    };
+    fn read(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        value.as_bool().ok_or_else(|| "true or false".to_owned())
+    }
 }
-
-value!(bool, "true or false", |value| value.as_bool());
 
 /// Which texts a setting takes: their description, and whether a text is one of them.
-pub struct Texts(&'static str, fn(&str) -> bool);
+pub type Texts = (&'static str, fn(&str) -> bool);
 
-pub const ANY_TEXT: Texts = Texts("a text in quotes", |_| true);
-pub const UP_TO_64_CHARACTERS: Texts = Texts("1 to 64 printable ASCII characters in quotes", |text| {
-    (1..=64).contains(&text.len()) && text.bytes().all(is_printable)
-});
+pub const ANY_TEXT: Texts = ("a text in quotes", |_| true);
+pub const UP_TO_64_CHARACTERS: Texts =
+    ("1 to 64 printable ASCII characters in quotes", |text| (1..=64).contains(&text.len()) && is_printable(text));
 pub const EXACTLY_36_CHARACTERS: Texts =
-    Texts("36 printable ASCII characters in quotes", |text| text.len() == 36 && text.bytes().all(is_printable));
+    ("36 printable ASCII characters in quotes", |text| text.len() == 36 && is_printable(text));
 /// The part of an OSC address between `/avatar/parameters/` and `v2/`. OSC gives a meaning to the other characters.
 pub const OSC_PREFIX: Texts =
-    Texts("\"\", or up to 64 letters, digits and _ - . / that end with a slash, such as \"FT/\"", |text| {
+    ("\"\", or up to 64 letters, digits and _ - . / that end with a slash, such as \"FT/\"", |text| {
         let is_good = |byte: u8| byte.is_ascii_alphanumeric() || b"/_-.".contains(&byte);
         let is_prefix = text.is_empty() || text.ends_with('/') && !text.starts_with('/');
         is_prefix && text.len() <= 64 && text.bytes().all(is_good)
     });
 
-fn is_printable(byte: u8) -> bool {
-    (b' '..=b'~').contains(&byte)
+fn is_printable(text: &str) -> bool {
+    text.bytes().all(|byte| (b' '..=b'~').contains(&byte))
 }
 
 impl Value for String {
     type Bounds = Texts;
 
-    fn read(value: &DeValue<'_>, Texts(_, takes): &Texts) -> Option<Self> {
-        value.as_str().filter(|text| takes(text)).map(str::to_owned)
-    }
-
-    fn expected(Texts(expected, _): &Texts) -> String {
-        (*expected).to_owned()
+    fn read(value: &DeValue<'_>, (expected, takes): &Texts) -> Result<Self, String> {
+        value.as_str().filter(|text| takes(text)).map(str::to_owned).ok_or_else(|| (*expected).to_owned())
     }
 }
 
@@ -163,27 +135,43 @@ impl Value for String {
 impl<T: Value<Bounds = ()>> Value for Option<T> {
     type Bounds = ();
 
-    fn read(value: &DeValue<'_>, (): &()) -> Option<Self> {
-        if value.as_str() == Some("") { Some(None) } else { T::read(value, &()).map(Some) }
-    }
-
-    fn expected((): &()) -> String {
-        format!("\"\", or {}", T::expected(&()))
+    fn read(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        match value.as_str() {
+            Some("") => Ok(None),
+            _ => T::read(value, &()).map(Some).map_err(|expected| format!("\"\", or {expected}")),
+        }
     }
 }
 
-value!(
+/// Implements [`Value`] for types that are read from a text: what is expected, and how the text is read.
+macro_rules! read_from_text {
+    ($type:ty, $expected:expr, $read:expr) => {
+        impl Value for $type {
+            type Bounds = ();
+
+            fn read(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+                value.as_str().and_then($read).ok_or_else(|| $expected.to_owned())
+            }
+        }
+    };
+}
+
+read_from_text!(
     SocketAddr,
     "an address of this machine in numbers and a port from 1 to 65535, such as \"0.0.0.0:49983\"",
-    |value| value.as_str()?.parse().ok().filter(|address: &Self| address.port() != 0)
+    |text| text.parse().ok().filter(|address: &Self| address.port() != 0)
 );
+
+/// A path from the root: a service has no folder that a relative path could start at.
+fn absolute(path: &str) -> Option<PathBuf> {
+    path.starts_with('/').then(|| path.into())
+}
 
 /// The serial port of a link.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SerialDevice {
     /// What is plugged into USB.
     Auto,
-    /// A path from the root: a service has no folder that a relative path could start at.
     Path(PathBuf),
 }
 
@@ -196,9 +184,9 @@ impl fmt::Display for SerialDevice {
     }
 }
 
-value!(SerialDevice, "\"auto\", or a path in quotes that begins with /", |value| match value.as_str()? {
+read_from_text!(SerialDevice, "\"auto\", or a path in quotes that begins with /", |text| match text {
     "auto" => Some(Self::Auto),
-    path => path.starts_with('/').then(|| Self::Path(path.into())),
+    path => absolute(path).map(Self::Path),
 });
 
 /// A network address as it is written: `host:port`. The host is a name or an address; an IPv6 address has brackets.
@@ -209,10 +197,10 @@ impl Address {
     /// Reads an address. Returns `None` unless the text is a host, a colon and a port from 1 to 65535.
     pub fn new(text: &str) -> Option<Self> {
         let (host, port) = text.rsplit_once(':')?;
-        let bracketed = host.starts_with('[') && host.ends_with(']');
-        let host_good = !host.is_empty() && (bracketed || !host.contains(':'));
-        let port_good = port.parse::<u16>().is_ok_and(|port| port != 0);
-        (host_good && port_good).then(|| Self(text.to_owned()))
+        let is_bracketed = host.starts_with('[') && host.ends_with(']');
+        let is_host = !host.is_empty() && (is_bracketed || !host.contains(':'));
+        let is_port = port.parse::<u16>().is_ok_and(|port| port != 0);
+        (is_host && is_port).then(|| Self(text.to_owned()))
     }
 
     /// A port of this machine.
@@ -231,7 +219,7 @@ impl fmt::Display for Address {
     }
 }
 
-value!(Address, "\"host:port\" with a port from 1 to 65535", |value| Self::new(value.as_str()?));
+read_from_text!(Address, "\"host:port\" with a port from 1 to 65535", Self::new);
 
 /// An address that only programs on this machine can reach.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -239,23 +227,7 @@ pub enum Listen {
     Off,
     /// A loopback address.
     Tcp(SocketAddr),
-    /// A Unix socket.
     Unix(PathBuf),
-}
-
-impl Listen {
-    /// Reads an address. Returns `None` for an address that other machines can reach, for port 0, and for a path that
-    /// is not absolute.
-    pub fn new(text: &str) -> Option<Self> {
-        if text.is_empty() {
-            return Some(Self::Off);
-        }
-        if let Some(path) = text.strip_prefix("unix:") {
-            return path.starts_with('/').then(|| Self::Unix(path.into()));
-        }
-        let address: SocketAddr = text.parse().ok()?;
-        (address.ip().is_loopback() && address.port() != 0).then_some(Self::Tcp(address))
-    }
 }
 
 impl fmt::Display for Listen {
@@ -268,11 +240,18 @@ impl fmt::Display for Listen {
     }
 }
 
-value!(
+read_from_text!(
     Listen,
     "\"\", a loopback address and port such as \"127.0.0.1:9464\" or \"[::1]:9464\", or \"unix:\" and a path that begins \
      with /",
-    |value| Self::new(value.as_str()?)
+    |text| match text.strip_prefix("unix:") {
+        Some(path) => absolute(path).map(Self::Unix),
+        None if text.is_empty() => Some(Self::Off),
+        None => {
+            let address = text.parse().ok().filter(|at: &SocketAddr| at.ip().is_loopback() && at.port() != 0);
+            address.map(Self::Tcp)
+        }
+    }
 );
 
 /// Where JSON lines go.
@@ -280,20 +259,18 @@ value!(
 pub enum JsonTarget {
     Stdout,
     Udp(Address),
-    /// A Unix socket, by its path.
+    /// A Unix socket.
     Unix(PathBuf),
 }
 
-value!(
+read_from_text!(
     JsonTarget,
     "\"stdout\", \"udp:host:port\" with a port from 1 to 65535, or \"unix:\" and a path that begins with /",
-    |value| match value.as_str()? {
-        "stdout" => Some(Self::Stdout),
-        text => match text.split_once(':')? {
-            ("udp", address) => Address::new(address).map(Self::Udp),
-            ("unix", path) => path.starts_with('/').then(|| Self::Unix(path.into())),
-            _ => None,
-        },
+    |text| match text.split_once(':') {
+        None => (text == "stdout").then_some(Self::Stdout),
+        Some(("udp", address)) => Address::new(address).map(Self::Udp),
+        Some(("unix", path)) => absolute(path).map(Self::Unix),
+        Some(_) => None,
     }
 );
 
@@ -306,7 +283,7 @@ pub struct ParameterChoice {
     pub bits: u32,
 }
 
-/// A list of parameters. An empty list stands for all.
+/// A list of parameters and the number of their bits. An empty list stands for all.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Parameters(Vec<(String, u32)>);
 
@@ -335,12 +312,11 @@ impl Parameters {
     }
 }
 
-value!(Parameters, Self::EXPECTED, |value| {
-    let entries = value.as_str()?.split(',').map(str::trim).filter(|entry| !entry.is_empty());
+read_from_text!(Parameters, Self::EXPECTED, |text| {
     let entry = |entry: &str| {
         let (name, bits) = entry.split_once(':').unwrap_or((entry, "0"));
-        let bits = bits.parse().ok().filter(|bits| *bits <= MOST_BITS)?;
-        Some((name.to_owned(), bits))
+        Some((name.to_owned(), bits.parse().ok().filter(|bits| *bits <= MOST_BITS)?))
     };
+    let entries = text.split(',').map(str::trim).filter(|entry| !entry.is_empty());
     entries.map(entry).collect::<Option<_>>().map(Self)
 });

@@ -7,15 +7,17 @@
 //! - `steps solve POINTS.npy TIMES`: the first landmarks of a file
 
 use std::error::Error;
+use std::fs::File;
+use std::io::BufReader;
 use std::time::Instant;
 
-use facewire::capture::{Content, FileOptions, open_file};
 use facewire::config::Settings;
 use facewire::preflight::load_solver;
 use facewire_face::Camera;
 use facewire_face::stages::{Block, Border, CropShape, crop};
 use facewire_face::{Appearance, Face, FaceBox};
-use facewire_face::{Picture, Pixels};
+use facewire_face::{Landmarks, Picture, Pixels};
+use npyz::NpyFile;
 
 const SIZE: [usize; 2] = [640, 480];
 
@@ -74,14 +76,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         ["solve", path, times] => {
             let mut solver = load_solver(&Settings::default())?;
-            let mut source = open_file(path, &FileOptions::default())?;
-            let frame = source.next()?.ok_or("no frame")?;
-            let Content::Face { face: Some(face), .. } = frame.content else {
-                return Err("no face".into());
-            };
+            let values: Vec<f32> = NpyFile::new(BufReader::new(File::open(path)?))?.into_vec()?;
+            let frame = values.as_chunks().0.first_chunk().ok_or("no frame")?;
+            let face = &Landmarks(*frame);
             // A file does not tell how the face looks. The values make no difference to the time.
             let appearance = Appearance::zero();
-            let face = Face { appearance: Some(&appearance), ..face };
+            let face = Face { appearance: Some(&appearance), ..Face::from(face) };
             let camera = Camera::new([640.0, 480.0], 60.0);
             let mut time_us = 0;
             repeat(times, || {

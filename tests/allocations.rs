@@ -13,9 +13,9 @@ use std::sync::{Arc, Barrier};
 use std::thread;
 
 use allocation_counter::{AllocationInfo, measure};
-use common::film::{demo_y4m, empty_y4m};
+use common::film::{demo_y4m, empty_y4m, read_y4m};
 use facewire::calibration::Observation;
-use facewire::capture::{Clip, Source, Y4mSource};
+use facewire::capture::{Clip, Source};
 use facewire::config::{self, Address, LinkKind, LinkSettings, Settings, UdpSettings};
 use facewire::link::{Link, Output, Pose, Rates, Traffic};
 use facewire::pipeline::Pipeline;
@@ -100,7 +100,7 @@ fn frames_of_a_motion_jpeg_allocate_nothing() {
 fn frames_of_a_y4m_stream_allocate_nothing() {
     let stream = demo_y4m(WARM_UP + 40);
     let mut way = Way::new();
-    let allocated = way.allocated(&mut Y4mSource::open(&stream[..], "memory").unwrap(), 40);
+    let allocated = way.allocated(&mut read_y4m(&stream[..]), 40);
     assert_eq!(allocated, AllocationInfo::default());
     assert_eq!(way.live, 40);
 }
@@ -110,7 +110,7 @@ fn frames_of_a_y4m_stream_allocate_nothing() {
 fn frames_without_a_face_allocate_nothing() {
     let stream = empty_y4m(WARM_UP + 40);
     let mut way = Way::new();
-    let allocated = way.allocated(&mut Y4mSource::open(&stream[..], "memory").unwrap(), 40);
+    let allocated = way.allocated(&mut read_y4m(&stream[..]), 40);
     assert_eq!(allocated, AllocationInfo::default());
     let sent = way.traffic.sent.load(Relaxed);
     assert!(way.live == 0 && (15..=20).contains(&sent), "10 packets per second in 2 s: {sent}");

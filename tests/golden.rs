@@ -11,11 +11,11 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use common::film::{decode, demo_avi};
+use common::film::{decode, demo_avi, read_y4m};
 use common::points::{Distance, read_npy, read_npz, read_steps};
 use common::program::{Run, facewire, text};
 use common::{shared, skip};
-use facewire::capture::{Clip, Source, Y4mSource};
+use facewire::capture::{Clip, Source};
 use facewire_face::Engine;
 use facewire_face::Picture;
 use facewire_face::{LANDMARKS, Landmarks, Tracker};
@@ -89,7 +89,7 @@ fn track_decoded(
 ) -> Option<Vec<Landmarks>> {
     let mut decoder = decode(film, options)?;
     let stream = BufReader::new(decoder.stdout.take().unwrap());
-    let landmarks = track(engine, &mut Y4mSource::open(stream, "ffmpeg").unwrap(), alter);
+    let landmarks = track(engine, &mut read_y4m(stream), alter);
     assert!(decoder.wait().unwrap().success());
     Some(landmarks)
 }

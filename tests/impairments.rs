@@ -21,10 +21,10 @@ use std::sync::LazyLock;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use common::film::decode;
+use common::film::{decode, read_y4m};
 use common::service::{Receiver, Service};
 use common::shared;
-use facewire::capture::{Clip, Source, Y4mSource};
+use facewire::capture::{Clip, Source};
 use facewire::impairment::Impairment;
 use facewire::watch::Look;
 use photo::Photo;
@@ -226,7 +226,7 @@ fn figures_of_the_picture() {
         let options = ["-pix_fmt", "yuv420p", "-frames:v", frames];
         let mut decoder = decode(&shared.join("footage").join(name), &options).unwrap();
         let stream = BufReader::new(decoder.stdout.take().unwrap());
-        films.push(Film::new(name, &mut Y4mSource::open(stream, "ffmpeg").unwrap(), 2));
+        films.push(Film::new(name, &mut read_y4m(stream), 2));
         decoder.wait().unwrap();
     }
     for film in &films {

@@ -1,6 +1,6 @@
 //! Checks the reader of Motion-JPEG AVI files, including the decoding of their frames.
 
-use facewire::capture::AviSource;
+use facewire::capture::{AviSource, FrameRate};
 
 use super::film::film;
 
@@ -9,5 +9,5 @@ const LEAST_FRAME_BYTES: usize = 8;
 
 /// Checks the promises of [`film`] for AVI files.
 pub fn avi(data: &[u8]) {
-    film(data, LEAST_FRAME_BYTES, |pieces| Ok(Box::new(AviSource::open(pieces, "film")?)));
+    film(data, LEAST_FRAME_BYTES, |pieces| Ok(Box::new(AviSource::open(pieces, "film", FrameRate::FPS_30)?)));
 }

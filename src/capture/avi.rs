@@ -11,7 +11,6 @@ use std::io::{self, ErrorKind, Read};
 use std::mem::take;
 
 use super::jpeg::JpegDecoder;
-use super::read::Counted;
 use super::{CaptureError, Content, Description, Frame, FrameFault, FrameRate, Source};
 
 /// Number of bytes of a header chunk that are read.
@@ -23,6 +22,7 @@ pub struct AviSource<R> {
     riff: Riff<R>,
     video: Video,
     origin: String,
+    rate: FrameRate,
     decoder: JpegDecoder,
     /// Memory for the largest image.
     jpeg: Box<[u8]>,
@@ -34,20 +34,15 @@ pub struct AviSource<R> {
 }
 
 impl<R: Read> AviSource<R> {
-    /// Reads the header. `origin` names the source to the operator.
-    pub fn open(reader: R, origin: &str) -> Result<Self, CaptureError> {
+    /// Reads the header. `origin` names the source to the operator. A film that states no rate has the given one.
+    pub fn open(reader: R, origin: &str, rate: FrameRate) -> Result<Self, CaptureError> {
         let mut riff = Riff::new(reader);
         let video = Video::read(&mut riff)?;
-        let [width, height] = video.size;
+        let ([width, height], origin) = (video.size, origin.to_owned());
         let decoder = JpegDecoder::new(width, height)?;
         let jpeg = vec![0; decoder.max_jpeg_bytes()].into_boxed_slice();
-        Ok(Self { riff, video, origin: origin.to_owned(), decoder, jpeg, jpeg_bytes: 0, read: 0, ended: false })
-    }
-
-    /// Sets the rate of a file that states none.
-    pub fn with_rate(mut self, rate: FrameRate) -> Self {
-        self.video.rate = self.video.rate.or(Some(rate));
-        self
+        let rate = video.rate.unwrap_or(rate);
+        Ok(Self { riff, video, origin, rate, decoder, jpeg, jpeg_bytes: 0, read: 0, ended: false })
     }
 
     /// Continues with the same film from its beginning. Numbers and times continue to grow.
@@ -65,8 +60,7 @@ impl<R: Read> AviSource<R> {
         let jpeg = self.jpeg.get(..self.jpeg_bytes).ok_or(bad(FrameFault::TooLarge))?;
         self.decoder.decode(jpeg).map_err(bad)?;
         let picture = self.decoder.picture().ok_or(bad(FrameFault::Layout))?;
-        let captured_us = self.video.rate.unwrap_or(FrameRate::FPS_30).stamp_us(number);
-        Ok(Frame { content: Content::Picture(picture), captured_us, number })
+        Ok(Frame { content: Content::Picture(picture), captured_us: self.rate.stamp_us(number), number })
     }
 
     /// Reads the next frame that was not dropped into `self.jpeg`. Returns `false` at the end.
@@ -83,7 +77,7 @@ impl<R: Read> AviSource<R> {
             }
             self.jpeg_bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
             match self.jpeg.get_mut(..self.jpeg_bytes) {
-                Some(jpeg) => self.riff.input.read_exact(jpeg)?,
+                Some(jpeg) => self.riff.read_exact(jpeg)?,
                 None => self.riff.skip(bytes.into())?,
             }
             self.read += 1;
@@ -106,17 +100,17 @@ impl<R: Read> Source for AviSource<R> {
         }
         let found = self.read_frame();
         self.ended = !matches!(found, Ok(true));
-        found.map_err(|error| CaptureError::cut_short(error, self.read, self.riff.input.offset))
+        found.map_err(|error| CaptureError::cut_short(error, self.read, self.riff.offset))
     }
 
     fn describe(&self) -> Description<'_> {
         let [width, height] = self.video.size;
-        Description { origin: &self.origin, format: "MJPEG", width, height, rate: self.video.rate }
+        Description { origin: &self.origin, format: "MJPEG", width, height, rate: Some(self.rate) }
     }
 }
 
 /// The first video stream by the file's header.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy)]
 struct Video {
     stream: u8,
     size: [usize; 2],
@@ -161,9 +155,8 @@ impl Video {
                 streams = streams.saturating_add(1);
             } else if id == *b"strf" && video.is_some() && picture.is_none() {
                 // A negative height says that the top row comes first.
-                let height = i32::from_le_bytes(word(8)).unsigned_abs();
-                picture =
-                    Some(([number(4), height].map(|side| side as usize), word(16).map(|c| c.to_ascii_uppercase())));
+                let sides = [number(4), number(8).cast_signed().unsigned_abs()];
+                picture = Some((sides.map(|side| side as usize), word(16).map(|c| c.to_ascii_uppercase())));
             }
         }
         match (video, picture) {
@@ -182,7 +175,9 @@ impl Video {
 /// only remembers where a `RIFF` ends, to tell a complete file from one that is cut off between two chunks.
 #[derive(Debug)]
 struct Riff<R> {
-    input: Counted<R>,
+    reader: R,
+    /// Number of bytes that were read.
+    offset: u64,
     /// Offset at which the current `RIFF` ends, if it states a size.
     end: Option<u64>,
     /// Whether a byte of padding comes next, as after a chunk of odd length.
@@ -196,9 +191,17 @@ enum Item {
     Chunk { id: [u8; 4], bytes: u32 },
 }
 
+impl<R: Read> Read for Riff<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let bytes = self.reader.read(buffer)?;
+        self.offset += bytes as u64;
+        Ok(bytes)
+    }
+}
+
 impl<R: Read> Riff<R> {
     fn new(reader: R) -> Self {
-        Self { input: Counted { reader, offset: 0 }, end: None, has_padding: false }
+        Self { reader, offset: 0, end: None, has_padding: false }
     }
 
     /// Reads the beginning of the next list or chunk. Returns `None` at the proper end of the stream.
@@ -206,20 +209,20 @@ impl<R: Read> Riff<R> {
         if take(&mut self.has_padding) {
             self.skip_up_to(1)?;
         }
-        let start = self.input.offset;
+        let start = self.offset;
         let is_complete = self.end.is_none_or(|end| start >= end);
-        let mut header = [0; 8];
-        if let Err(error) = self.input.read_exact(&mut header) {
-            let is_end = is_complete && (self.input.offset == start || self.end.is_some());
+        let mut header = [[0; 4]; 2];
+        if let Err(error) = self.read_exact(header.as_flattened_mut()) {
+            let is_end = is_complete && (self.offset == start || self.end.is_some());
             return if is_end && error.kind() == ErrorKind::UnexpectedEof { Ok(None) } else { Err(error) };
         }
-        let [a, b, c, d, size @ ..] = header;
-        let (id, bytes) = ([a, b, c, d], u32::from_le_bytes(size));
+        let [id, size] = header;
+        let bytes = u32::from_le_bytes(size);
         match &id {
             b"RIFF" => {
                 // A RIFF of size 0 or of the largest size was not finished, so its end is not known.
                 let is_known = bytes != 0 && bytes != u32::MAX;
-                self.end = is_known.then_some(self.input.offset + u64::from(bytes));
+                self.end = is_known.then_some(self.offset + u64::from(bytes));
             }
             // Data behind the last RIFF is not part of the film.
             _ if is_complete && self.end.is_some() => return Ok(None),
@@ -230,7 +233,7 @@ impl<R: Read> Riff<R> {
             }
         }
         let mut kind = [0; 4];
-        self.input.read_exact(&mut kind)?;
+        self.read_exact(&mut kind)?;
         Ok(Some(Item::List(kind)))
     }
 
@@ -238,7 +241,7 @@ impl<R: Read> Riff<R> {
     fn read_start(&mut self, bytes: u32) -> io::Result<[u8; FIELD_BYTES]> {
         let mut start = [0; FIELD_BYTES];
         let length = usize::try_from(bytes).map_or(FIELD_BYTES, |bytes| bytes.min(FIELD_BYTES));
-        self.input.read_exact(start.get_mut(..length).unwrap_or_default())?;
+        self.read_exact(start.get_mut(..length).unwrap_or_default())?;
         self.skip(u64::from(bytes) - length as u64)?;
         Ok(start)
     }
@@ -249,7 +252,7 @@ impl<R: Read> Riff<R> {
     }
 
     fn skip_up_to(&mut self, bytes: u64) -> io::Result<u64> {
-        io::copy(&mut self.input.by_ref().take(bytes), &mut io::sink())
+        io::copy(&mut self.take(bytes), &mut io::sink())
     }
 }
 
@@ -263,11 +266,8 @@ mod tests {
 
     /// Returns a chunk with its padding.
     fn chunk(id: &[u8; 4], content: &[u8]) -> Vec<u8> {
-        let mut chunk = [&id[..], &u32::try_from(content.len()).unwrap().to_le_bytes(), content].concat();
-        if content.len() % 2 == 1 {
-            chunk.push(0);
-        }
-        chunk
+        let padding = &[0][..content.len() % 2];
+        [&id[..], &u32::try_from(content.len()).unwrap().to_le_bytes(), content, padding].concat()
     }
 
     /// Returns a `LIST` or `RIFF`.
@@ -276,14 +276,13 @@ mod tests {
     }
 
     /// Returns the header of a film of 30 frames per second, in which stream 0 is sound and stream 1 is video.
-    fn avi_header(width: u32, height: u32, codec: &[u8; 4]) -> Vec<u8> {
+    fn avi_header(width: u32, codec: &[u8; 4]) -> Vec<u8> {
         let sound = chunk(b"strh", &[&b"auds"[..], &[0; 52]].concat());
         let mut video = [&b"vids"[..], codec, &[0; 48]].concat();
-        video[20..24].copy_from_slice(&1_u32.to_le_bytes());
-        video[24..28].copy_from_slice(&30_u32.to_le_bytes());
+        (video[20], video[24]) = (1, 30);
         let mut format = [0; 40];
         format[4..8].copy_from_slice(&width.to_le_bytes());
-        format[8..12].copy_from_slice(&height.to_le_bytes());
+        format[8] = 8;
         format[16..20].copy_from_slice(codec);
         let streams = [
             list(b"LIST", b"strl", &[sound, chunk(b"strf", &[0; 18])]),
@@ -292,11 +291,11 @@ mod tests {
         list(b"LIST", b"hdrl", &[vec![chunk(b"avih", &[0; 56])], streams.to_vec()].concat())
     }
 
-    /// Returns a complete file with an index, and with sound between the frames.
-    fn avi(width: u32, height: u32, frames: &[Vec<u8>]) -> Vec<u8> {
+    /// Returns a complete film of 16 x 8 pixels with an index, and with sound between the frames.
+    fn avi(frames: &[Vec<u8>]) -> Vec<u8> {
         let chunks = frames.iter().flat_map(|frame| [chunk(b"01dc", frame), chunk(b"00wb", &[1, 2, 3])]);
         let movi = list(b"LIST", b"movi", &chunks.collect::<Vec<_>>());
-        list(b"RIFF", b"AVI ", &[avi_header(width, height, b"MJPG"), movi, chunk(b"idx1", &[0; 32])])
+        list(b"RIFF", b"AVI ", &[avi_header(16, b"MJPG"), movi, chunk(b"idx1", &[0; 32])])
     }
 
     fn frame() -> Vec<u8> {
@@ -306,7 +305,7 @@ mod tests {
     }
 
     fn open(bytes: &[u8]) -> Result<AviSource<&[u8]>, CaptureError> {
-        AviSource::open(bytes, "film")
+        AviSource::open(bytes, "film", FrameRate::FPS_30)
     }
 
     /// Returns the numbers of the intact frames, and the errors.
@@ -315,42 +314,35 @@ mod tests {
         let mut source = open(bytes).unwrap();
         loop {
             match source.next() {
-                Ok(Some(frame)) => numbers.push(frame.number),
+                Ok(Some(frame)) => {
+                    assert_eq!(frame.captured_us, FrameRate::FPS_30.stamp_us(frame.number));
+                    numbers.push(frame.number);
+                }
                 Ok(None) => return (numbers, errors),
                 Err(error) => errors.push(error),
             }
         }
     }
 
-    #[test]
-    fn frames_of_the_video_stream_carry_their_time() {
-        let film = avi(16, 8, &[frame(), frame()]);
-        let mut source = open(&film).unwrap();
-        assert_eq!(source.describe().to_string(), "film: MJPEG 16x8 at 30 fps");
-        assert_eq!(source.frame_period_us(), Some(33_333));
-        let times: Vec<_> = (0..2).map(|_| source.next().unwrap().unwrap().captured_us).collect();
-        assert_eq!(times, [0, 33_333]);
-        assert!(source.next().unwrap().is_none());
+    fn position(film: &[u8], id: &[u8; 4]) -> usize {
+        film.windows(4).rposition(|found| found == id).unwrap()
     }
 
     #[test]
     fn every_truncation_gives_the_frames_before_it_and_one_error_with_its_offset() {
-        let film = avi(16, 8, &[frame(), frame(), frame()]);
+        let film = avi(&[frame(), frame(), frame()]);
+        assert_eq!(open(&film).unwrap().describe().to_string(), "film: MJPEG 16x8 at 30 fps");
         let starts: Vec<_> = film.windows(4).enumerate().filter(|(_, id)| id == b"01dc").map(|(at, _)| at).collect();
-        let movi = starts[0];
-        let index = film.windows(4).rposition(|id| id == b"idx1").unwrap();
+        let (movi, index) = (starts[0], position(&film, b"idx1"));
         for length in 0..movi {
             assert!(open(&film[..length]).is_err_and(|error| error.to_string().contains("the AVI file")), "{length}");
         }
         for length in movi..index + 8 {
             let complete = starts.iter().filter(|&start| start + 8 + frame().len() <= length).count();
             let (numbers, errors) = play(&film[..length]);
-            assert_eq!(numbers.len(), complete, "{length}");
-            let [error] = &errors[..] else { unreachable!("{length}: {errors:?}") };
-            assert!(
-                error.to_string().contains(&format!("cut short at byte {length}, in frame {complete};")),
-                "{error}"
-            );
+            let place = format!("cut short at byte {length}, in frame {complete};");
+            assert!(numbers.len() == complete && errors.len() == 1, "{length}: {errors:?}");
+            assert!(errors[0].to_string().contains(&place), "{errors:?}");
         }
         for length in index + 8..=film.len() {
             assert_eq!(play(&film[..length]).1.len(), 0, "nothing is lost with the index");
@@ -358,73 +350,60 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_frame_is_counted_and_the_next_one_follows() {
-        let mut broken = frame();
-        broken.truncate(100);
-        let (numbers, errors) = play(&avi(16, 8, &[frame(), broken, frame()]));
-        assert_eq!(numbers, [0, 2]);
-        assert!(matches!(errors[..], [CaptureError::Frame { number: 1, fault: FrameFault::Incomplete }]));
-    }
-
-    #[test]
-    fn a_frame_that_is_too_large_is_skipped() {
-        let huge = vec![0; 200_000];
-        let (numbers, errors) = play(&avi(16, 8, &[huge.clone(), frame()]));
-        assert_eq!(numbers, [1]);
-        assert!(matches!(errors[..], [CaptureError::Frame { number: 0, fault: FrameFault::TooLarge }]));
-        let film = avi(16, 8, &[huge]);
+    fn a_frame_that_is_bad_or_too_large_is_an_error_and_one_that_was_dropped_is_none() {
+        let (broken, huge, dropped) = (frame()[..100].to_vec(), vec![0; 200_000], Vec::new());
+        let (numbers, errors) = play(&avi(&[frame(), broken, huge.clone(), dropped, frame()]));
+        assert_eq!(numbers, [0, 4]);
+        let [first, second] = &errors[..] else { unreachable!("{errors:?}") };
+        assert!(matches!(first, CaptureError::Frame { number: 1, fault: FrameFault::Incomplete }));
+        assert!(matches!(second, CaptureError::Frame { number: 2, fault: FrameFault::TooLarge }));
+        let film = avi(&[huge]);
         let (_, errors) = play(&film[..film.len() - 1000]);
         assert!(errors[0].to_string().contains("cut short") && errors.len() == 1, "{errors:?}");
     }
 
     #[test]
-    fn a_dropped_frame_keeps_its_number_and_time() {
-        let (numbers, errors) = play(&avi(16, 8, &[frame(), Vec::new(), frame()]));
-        assert_eq!((numbers, errors.len()), (vec![0, 2], 0));
-    }
-
-    #[test]
     fn a_recording_without_sizes_is_read_to_its_end() {
-        let mut film = avi(16, 8, &[frame(), frame()]);
-        film[4..8].copy_from_slice(&[0; 4]);
-        let movi = film.windows(4).position(|id| id == b"movi").unwrap();
-        film[movi - 4..movi].copy_from_slice(&[0xff; 4]);
-        let index = film.windows(4).rposition(|id| id == b"idx1").unwrap();
+        let mut film = avi(&[frame(), frame()]);
+        film[4..8].fill(0);
+        let (movi, index) = (position(&film, b"movi"), position(&film, b"idx1"));
+        film[movi - 4..movi].fill(0xff);
         let (numbers, errors) = play(&film[..index]);
         assert_eq!((numbers, errors.len()), (vec![0, 1], 0));
     }
 
     #[test]
     fn all_parts_of_an_opendml_film_are_read_and_data_behind_them_is_not() {
-        let mut film = avi(16, 8, &[frame()]);
         let groups = list(b"LIST", b"rec ", &[chunk(b"01dc", &frame()), chunk(b"01dc", &frame())]);
-        film.extend(list(b"RIFF", b"AVIX", &[list(b"LIST", b"movi", &[groups])]));
-        film.extend(chunk(b"01dc", &frame()));
-        let (numbers, errors) = play(&film);
+        let second = list(b"RIFF", b"AVIX", &[list(b"LIST", b"movi", &[groups])]);
+        let (numbers, errors) = play(&[avi(&[frame()]), second, chunk(b"01dc", &frame())].concat());
         assert_eq!((numbers, errors.len()), (vec![0, 1, 2], 0));
     }
 
     #[test]
     fn other_files_are_refused_with_their_reason() {
-        let reason = |bytes: &[u8]| open(bytes).unwrap_err().to_string();
         let movi = list(b"LIST", b"movi", &[]);
         let film = |header| list(b"RIFF", b"AVI ", &[header, movi.clone()]);
-        assert!(reason(&list(b"RIFF", b"WAVE", &[chunk(b"data", &[0; 9])])).contains("is not an AVI file"));
-        assert!(reason(&film(avi_header(16, 8, b"H264"))).contains("is not Motion-JPEG"));
-        assert!(reason(&film(chunk(b"JUNK", &[]))).contains("has no video stream"));
-        assert!(reason(&film(avi_header(5000, 8, b"MJPG"))).contains("5000x8"));
-        assert!(reason(&list(b"RIFF", b"AVI ", &[avi_header(16, 8, b"MJPG")])).contains("has no pictures"));
+        let table = [
+            (list(b"RIFF", b"WAVE", &[chunk(b"data", &[0; 9])]), "is not an AVI file"),
+            (film(avi_header(16, b"H264")), "is not Motion-JPEG"),
+            (film(chunk(b"JUNK", &[])), "has no video stream"),
+            (film(avi_header(5000, b"MJPG")), "5000x8"),
+            (list(b"RIFF", b"AVI ", &[avi_header(16, b"MJPG")]), "has no pictures"),
+        ];
+        for (bytes, reason) in table {
+            let error = open(&bytes).unwrap_err().to_string();
+            assert!(error.contains(reason), "{error}");
+        }
     }
 
     #[test]
     fn a_damaged_byte_causes_neither_a_panic_nor_an_endless_film() {
-        let film = avi(16, 8, &[frame(), frame()]);
+        let film = avi(&[frame(), frame()]);
         for at in 0..film.len() {
             let mut damaged = film.clone();
             damaged[at] ^= 0xff;
-            let Ok(mut source) = open(&damaged) else {
-                continue;
-            };
+            let Ok(mut source) = open(&damaged) else { continue };
             let items = std::iter::from_fn(|| source.next().map(|frame| frame.map(|_| ())).transpose());
             assert!(items.take(10).count() < 10);
         }

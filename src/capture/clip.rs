@@ -1,12 +1,16 @@
-//! The built-in clip: 240 frames of a rendered face, 640 x 480 pixels, 30 frames per second, in a file of its own.
+//! The built-in clip: 240 frames of a rendered face, 640 x 480 pixels, 30 frames per second, in a file of its own; and a film
+//! played as if it were a camera.
 
 use std::env;
 use std::fs::File;
 use std::io::{Seek as _, SeekFrom};
+use std::mem::take;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
-use super::{AviSource, CaptureError, Description, Frame, Source};
+use super::{AviSource, CaptureError, Description, Frame, FrameRate, Skipped, Source, monotonic_us};
 
 /// The name of the built-in clip, in place of a file or a camera.
 pub const DEMO: &str = "demo";
@@ -14,6 +18,8 @@ pub const DEMO: &str = "demo";
 const VARIABLE: &str = "FACEWIRE_DEMO";
 /// The file that a package installs.
 const INSTALLED: &str = "/usr/share/facewire/demo.avi";
+/// Largest number of frames that are skipped at once, so that a process that was stopped for hours continues soon.
+const MAX_SKIPPED: u32 = 300;
 
 /// The built-in clip as a source.
 #[derive(Debug)]
@@ -44,7 +50,7 @@ impl Clip {
         let path = path();
         let refused = |error| CaptureError::unopened(&path.display().to_string(), &error);
         let file = Arc::new(File::open(&path).map_err(refused)?);
-        Ok(Self { film: AviSource::open(Arc::clone(&file), DEMO)?, file, looped: false })
+        Ok(Self { film: AviSource::open(Arc::clone(&file), DEMO, FrameRate::FPS_30)?, file, looped: false })
     }
 
     /// Opens the clip, to be repeated for ever. Frame numbers and times continue to grow.
@@ -74,39 +80,131 @@ impl Source for Clip {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use facewire_face::Pixels;
+/// The clip, repeated in real time as a camera delivers it: with timestamps of the monotonic clock, and skipping frames for a
+/// reader that is late.
+#[derive(Debug)]
+pub(super) struct Paced {
+    clip: Clip,
+    period_us: u64,
+    /// Time at which the next frame is due. The first call sets it.
+    due_us: Option<u64>,
+    /// Frames that are due earlier are left out.
+    wanted_us: u64,
+    skipped: Skipped,
+    decoding: Duration,
+}
 
-    #[test]
-    fn the_clip_has_240_frames_and_30_of_them_per_second() {
-        let mut clip = Clip::once().unwrap();
-        assert_eq!(clip.describe().to_string(), "demo: MJPEG 640x480 at 30 fps");
-        let mut last = 0;
-        for number in 0..240 {
-            let frame = clip.next().unwrap().unwrap();
-            assert_eq!((frame.number, frame.size_px()), (number, [640.0, 480.0]));
-            last = frame.captured_us;
+impl Paced {
+    /// Starts to play with the first call of [`Source::next`].
+    pub(super) fn new(clip: Clip) -> Self {
+        let period_us = clip.frame_period_us().unwrap_or(FrameRate::FPS_30.period_us());
+        Self { clip, period_us, due_us: None, wanted_us: 0, skipped: Skipped::default(), decoding: Duration::ZERO }
+    }
+}
+
+impl Source for Paced {
+    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+        let now_us = monotonic_us();
+        let due_us = self.due_us.unwrap_or(now_us);
+        let Skipped { for_newer, left_out } = frames_skipped(now_us, due_us, self.wanted_us, self.period_us);
+        let count = for_newer.saturating_add(left_out);
+        let captured_us = due_us + u64::from(count) * self.period_us;
+        self.due_us = Some(captured_us + self.period_us);
+        self.skipped.for_newer = self.skipped.for_newer.saturating_add(for_newer);
+        self.skipped.left_out = self.skipped.left_out.saturating_add(left_out);
+        for _ in 0..count.min(MAX_SKIPPED) {
+            self.clip.skip()?;
         }
-        assert_eq!(last, 7_966_666);
-        assert!(clip.next().unwrap().is_none());
-        assert!(clip.next().unwrap().is_none());
+        sleep(Duration::from_micros(captured_us.saturating_sub(now_us)));
+        let begun = Instant::now();
+        let frame = self.clip.next()?;
+        self.decoding += begun.elapsed();
+        Ok(frame.map(|frame| Frame { captured_us, ..frame }))
     }
 
+    fn leave_out_until(&mut self, captured_us: u64) {
+        self.wanted_us = captured_us;
+    }
+
+    fn take_skipped(&mut self) -> Skipped {
+        take(&mut self.skipped)
+    }
+
+    fn take_decoding(&mut self) -> Duration {
+        take(&mut self.decoding)
+    }
+
+    fn describe(&self) -> Description<'_> {
+        self.clip.describe()
+    }
+}
+
+/// Returns how many frames from `due_us` on are due before `wanted_us`, and how many of the others are older than the
+/// newest one.
+fn frames_skipped(now_us: u64, due_us: u64, wanted_us: u64, period_us: u64) -> Skipped {
+    let count = |periods: u64| u32::try_from(periods).unwrap_or(u32::MAX);
+    let left_out = count(wanted_us.saturating_sub(due_us).div_ceil(period_us));
+    let older = count(now_us.saturating_sub(due_us) / period_us);
+    Skipped { for_newer: older.saturating_sub(left_out), left_out }
+}
+
+#[cfg(test)]
+mod tests {
+    use facewire_face::Pixels;
+
+    use super::*;
+
     #[test]
-    fn the_looped_clip_repeats_its_pictures_while_numbers_and_times_grow() {
+    fn the_looped_clip_repeats_its_240_pictures_while_numbers_and_times_grow() {
         let luma = |frame: &Frame<'_>| match frame.picture().unwrap().pixels {
             Pixels::Planar { planes: [luma, ..], .. } => luma.to_vec(),
             _ => panic!("the clip is Motion-JPEG"),
         };
-        let mut clip = Clip::looped().unwrap();
-        let first = luma(&clip.next().unwrap().unwrap());
-        for _ in 1..240 {
-            assert!(clip.skip().unwrap());
-        }
-        let again = clip.next().unwrap().unwrap();
+        let [mut once, mut looped] = [Clip::once().unwrap(), Clip::looped().unwrap()];
+        let first = luma(&looped.next().unwrap().unwrap());
+        assert!((0..240).all(|_| once.skip().unwrap()) && (1..240).all(|_| looped.skip().unwrap()));
+        assert!(!once.skip().unwrap() && once.next().unwrap().is_none());
+        let again = looped.next().unwrap().unwrap();
         assert_eq!((again.number, again.captured_us), (240, 8_000_000));
         assert_eq!(luma(&again), first);
+    }
+
+    #[test]
+    fn a_late_reader_gets_the_newest_frame_that_is_due() {
+        let table = [
+            (99, 0, [0, 0], "early"),
+            (109, 0, [0, 0], "still the newest"),
+            (110, 0, [1, 0], "late"),
+            (135, 0, [3, 0], "later"),
+            (99, 125, [0, 3], "the frame that is due at 130 is the first wanted one"),
+            (155, 125, [2, 3], "of the wanted ones the newest"),
+            (u64::MAX, 0, [u32::MAX, 0], "no overflow"),
+        ];
+        for (now_us, wanted_us, [for_newer, left_out], what) in table {
+            assert_eq!(frames_skipped(now_us, 100, wanted_us, 10), Skipped { for_newer, left_out }, "{what}");
+        }
+    }
+
+    #[test]
+    fn frames_carry_the_monotonic_time_at_which_they_were_due_and_skipped_ones_are_counted() {
+        const PERIOD_US: u64 = 33_333;
+        for (wanted_periods, late_periods) in [(0, 0), (2, 0), (0, 5)] {
+            let before_us = monotonic_us();
+            let mut camera = Paced::new(Clip::looped().unwrap());
+            let mut first_us = camera.next().unwrap().unwrap().captured_us;
+            assert!(before_us <= first_us);
+            if late_periods > 0 {
+                first_us = monotonic_us() - (late_periods + 1) * PERIOD_US;
+                camera.due_us = Some(first_us + PERIOD_US);
+            }
+            camera.leave_out_until(first_us + wanted_periods * PERIOD_US);
+            let (captured_us, number) = camera.next().unwrap().map(|frame| (frame.captured_us, frame.number)).unwrap();
+            let Skipped { for_newer, left_out } = camera.take_skipped();
+            let periods = u64::from(for_newer + left_out) + 1;
+            assert_eq!((captured_us, number), (first_us + periods * PERIOD_US, periods));
+            assert!(captured_us <= monotonic_us() && u64::from(for_newer) >= late_periods);
+            assert_eq!(u64::from(left_out), wanted_periods.saturating_sub(1));
+            assert_eq!(camera.take_skipped(), Skipped::default());
+        }
     }
 }

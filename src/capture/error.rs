@@ -1,7 +1,9 @@
 //! Errors of sources. Each is one sentence for the operator: what is wrong, then what to do.
 
-use std::io;
+use std::fmt::Display;
+use std::io::{self, ErrorKind};
 use std::path::Path;
+use std::time::Duration;
 
 use rustix::io::Errno;
 use thiserror::Error;
@@ -42,17 +44,17 @@ impl CaptureError {
     pub(super) fn device(path: &Path, during: &'static str, source: io::Error) -> Self {
         let path = path.display();
         match source.kind() {
-            io::ErrorKind::NotFound => {
+            ErrorKind::NotFound => {
                 Self::Absent(format!("no camera is called {path}; `facewire devices` lists those there are"))
             }
-            io::ErrorKind::PermissionDenied => {
+            ErrorKind::PermissionDenied => {
                 Self::Unusable(format!("no permission to open {path}; add the user to the group `video`"))
             }
-            io::ErrorKind::ResourceBusy => Self::Unusable(format!(
+            ErrorKind::ResourceBusy => Self::Unusable(format!(
                 "{path} is in use by another program; stop that program (`fuser -v {path}` names it)"
             )),
             // The kernel's USB drivers refuse to reserve time on the bus with ENOSPC.
-            io::ErrorKind::StorageFull => Self::Unusable(format!(
+            ErrorKind::StorageFull => Self::Unusable(format!(
                 "{path} cannot start, because its USB bus has no bandwidth left; give it a port of its own instead of a \
                  hub shared with other cameras or sound, set camera.format = \"mjpeg\", or choose a smaller picture"
             )),
@@ -70,36 +72,32 @@ impl CaptureError {
         Self::Unusable(format!("the camera failed while {during}: {source}; {remedy}"))
     }
 
-    pub(super) fn not_a_camera(path: &impl std::fmt::Display) -> Self {
+    pub(super) fn not_a_camera(path: &impl Display) -> Self {
         Self::Absent(format!("{path} is not a camera that captures pictures; `facewire devices` lists those that do"))
     }
 
-    pub(super) fn stalled(waited: std::time::Duration) -> Self {
+    pub(super) fn stalled(waited: Duration) -> Self {
         let waited_ms = waited.as_millis();
         Self::Unusable(format!("the camera sent nothing for {waited_ms} ms; check its cable and USB bandwidth"))
     }
 
-    pub(super) fn unopened(path: &str, source: &io::Error) -> Self {
+    pub fn unopened(path: &str, source: &io::Error) -> Self {
         let remedy = "give the path of a .y4m, Motion-JPEG .avi or .npy file, or `demo`";
         Self::Unusable(format!("cannot open {path}: {source}; {remedy}"))
     }
 
-    pub(super) fn picture_size(width: usize, height: usize) -> Self {
-        Self::BadFile(format!(
-            "the picture is {width}x{height}, but each side must be 1 to 4096 pixels; scale it first"
-        ))
+    pub fn picture_size(width: usize, height: usize) -> Self {
+        let remedy = "each side must be 1 to 4096 pixels; scale it first";
+        Self::BadFile(format!("the picture is {width}x{height}, but {remedy}"))
     }
 
-    /// The error of reading a film whose first `offset` bytes were read: it is cut short in frame `frame`, or the disk
-    /// failed.
-    pub(super) fn cut_short(error: io::Error, frame: u64, offset: u64) -> Self {
-        match error.kind() {
-            io::ErrorKind::UnexpectedEof => Self::BadFile(format!(
-                "the file is cut short at byte {offset}, in frame {frame}; the frames before it were used, copy or record \
-                 it again for the rest"
-            )),
-            _ => Self::Read(error),
+    /// The error of reading a film whose first `offset` bytes were read: it is cut short in this frame, or the disk failed.
+    pub fn cut_short(error: io::Error, frame: u64, offset: u64) -> Self {
+        if error.kind() != ErrorKind::UnexpectedEof {
+            return Self::Read(error);
         }
+        let remedy = "the frames before it were used, copy or record it again for the rest";
+        Self::BadFile(format!("the file is cut short at byte {offset}, in frame {frame}; {remedy}"))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Sources of frames: cameras, films, files of landmarks, standard input, and the built-in clip with or without faults.
+//! Sources of frames: cameras, Motion-JPEG films, and the built-in clip with or without faults.
 //!
 //! Contract: a [`Source`] lends one [`Frame`] at a time. Pictures stay in the camera's format, because the crop samples
 //! the planes directly. Buffers get their size when a source is opened, and never grow. A frame that cannot be read is an
@@ -11,30 +11,40 @@ mod clip;
 mod delivery;
 mod error;
 mod jpeg;
-mod open;
-mod paced;
-mod points;
-mod rate;
-mod read;
 mod rehearsal;
 pub mod v4l2;
-mod y4m;
 
 pub use avi::AviSource;
 pub use clip::{Clip, DEMO};
 pub use delivery::Delivery;
 pub use error::{CaptureError, FrameFault};
 pub use jpeg::JpegDecoder;
-pub use open::{FileOptions, open_camera, open_file};
-pub use paced::{Paced, monotonic_us};
-pub use rate::FrameRate;
-pub use y4m::Y4mSource;
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use crate::impairment::ImpairmentSet;
 use facewire_face::{Face, Picture};
+use rustix::time::{ClockId, clock_gettime};
+
+use self::clip::Paced;
+use self::rehearsal::Rehearsal;
+use self::v4l2::{CameraSource, Wish};
+use crate::config::{BadScript, Script};
+use crate::impairment::ImpairmentSet;
+
+/// Opens the camera that a setting names (see [`CameraSource::open`]). The name `demo` stands for the built-in clip, which
+/// is repeated in real time, and a [`Script`] for a rehearsal. A camera that delivers nothing for `timeout` has stalled.
+pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
+    match Script::of(device) {
+        _ if device == DEMO => Ok(Box::new(Paced::new(Clip::looped()?))),
+        Some(Ok(script)) => Ok(Box::new(Rehearsal::open(script, wish.width, timeout)?)),
+        Some(Err(BadScript)) => {
+            Err(CaptureError::Absent(format!("{device} is no rehearsal; give {}", Script::EXPECTED)))
+        }
+        None => Ok(Box::new(CameraSource::open(device, wish, timeout)?)),
+    }
+}
 
 /// One frame and the time of its capture, lent by its source until the next call.
 #[derive(Debug, Clone, Copy)]
@@ -46,7 +56,6 @@ pub struct Frame<'a> {
     pub number: u64,
 }
 
-/// What a frame shows.
 #[derive(Debug, Clone, Copy)]
 pub enum Content<'a> {
     /// A picture in which the face is still to be found.
@@ -56,7 +65,6 @@ pub enum Content<'a> {
 }
 
 impl<'a> Frame<'a> {
-    /// The picture, if the frame shows one.
     pub fn picture(&self) -> Option<&Picture<'a>> {
         match &self.content {
             Content::Picture(picture) => Some(picture),
@@ -64,7 +72,6 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// Width and height of the picture, in pixels.
     pub fn size_px(&self) -> [f32; 2] {
         match &self.content {
             Content::Picture(picture) => [picture.width as f32, picture.height as f32],
@@ -163,5 +170,84 @@ impl fmt::Display for Description<'_> {
             Some(rate) => write!(f, " at {rate}"),
             None => Ok(()),
         }
+    }
+}
+
+/// A rate of `frames` in `seconds`, between 0.1 and 1000 frames per second.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrameRate {
+    frames: u32,
+    seconds: u32,
+}
+
+impl FrameRate {
+    pub const FPS_30: Self = Self { frames: 30, seconds: 1 };
+    /// Frames per second that are believed. Files with a slower or faster rate hold arbitrary numbers.
+    const BELIEVED_FPS: RangeInclusive<f64> = 0.1..=1000.0;
+
+    /// Returns `None` if the rate is not believed.
+    pub fn new(frames: u32, seconds: u32) -> Option<Self> {
+        let rate = Self { frames, seconds };
+        (frames > 0 && seconds > 0 && Self::BELIEVED_FPS.contains(&rate.fps())).then_some(rate)
+    }
+
+    /// Returns the rate nearest to `fps`, or `None` as [`FrameRate::new`].
+    pub fn from_fps(fps: f64) -> Option<Self> {
+        let millionths = Self::BELIEVED_FPS.contains(&fps).then(|| (fps * 1e6).round() as u32)?;
+        Self::new(millionths, 1_000_000)
+    }
+
+    pub fn fps(self) -> f64 {
+        f64::from(self.frames) / f64::from(self.seconds)
+    }
+
+    /// Time from one frame to the next in microseconds, rounded down.
+    pub fn period_us(self) -> u64 {
+        self.stamp_us(1)
+    }
+
+    /// Time of frame `number` in microseconds after frame 0, exact to 1 microsecond for streams of any length.
+    pub fn stamp_us(self, number: u64) -> u64 {
+        let us = u128::from(number) * 1_000_000 * u128::from(self.seconds) / u128::from(self.frames);
+        u64::try_from(us).unwrap_or(u64::MAX)
+    }
+}
+
+impl fmt::Display for FrameRate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} fps", (self.fps() * 100.0).round() / 100.0)
+    }
+}
+
+/// Returns the time of `CLOCK_MONOTONIC` in microseconds. Most drivers take their timestamps from this clock.
+pub fn monotonic_us() -> u64 {
+    let time = clock_gettime(ClockId::Monotonic);
+    let [seconds, nanoseconds] = [time.tv_sec, time.tv_nsec].map(|part| u64::try_from(part).unwrap_or(0));
+    seconds * 1_000_000 + nanoseconds / 1000
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stamps_do_not_drift_over_a_day_of_ntsc_and_absurd_rates_are_refused() {
+        let ntsc = FrameRate::new(30_000, 1001).unwrap();
+        assert_eq!(ntsc.stamp_us(30_000 * 86), 1_001_000_000 * 86);
+        assert_eq!((ntsc.period_us(), ntsc.to_string().as_str()), (33_366, "29.97 fps"));
+        assert_eq!(FrameRate::new(1, 10).unwrap().period_us(), 10_000_000);
+        for (frames, seconds) in [(0, 1), (1, 0), (1, 11), (u32::MAX, 1), (0, 0)] {
+            assert_eq!(FrameRate::new(frames, seconds), None, "{frames}/{seconds}");
+        }
+    }
+
+    #[test]
+    fn a_path_to_another_kind_of_device_is_refused_before_it_is_opened() {
+        let wish = Wish { width: 640, height: 480, rate: FrameRate::FPS_30, format: None };
+        let reason = |path| open_camera(path, &wish, Duration::ZERO).err().unwrap().to_string();
+        for path in ["/dev/null", "/dev/tty", "/etc/passwd"] {
+            assert!(reason(path).starts_with(&format!("{path} is not a camera")));
+        }
+        assert!(reason("/dev/video4000").contains("no camera is called /dev/video4000"));
     }
 }

@@ -9,10 +9,9 @@ use std::sync::OnceLock;
 use std::thread::sleep;
 use std::time::Duration;
 
+use super::clip::Paced;
 use super::delivery::{Arrival, DeliveryCounter};
-use super::{
-    CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, Paced, Skipped, Source, monotonic_us,
-};
+use super::{CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, Skipped, Source, monotonic_us};
 use crate::config::{Scene, Script};
 use crate::impairment::{Impairment, ImpairmentSet};
 use facewire_face::{Picture, Pixels};
@@ -34,7 +33,7 @@ const LOSSY: u64 = 8;
 #[derive(Debug)]
 pub(super) struct Rehearsal {
     script: Script,
-    film: Paced<Clip>,
+    film: Paced,
     /// Memory for pictures that are made of those of the clip.
     canvas: Vec<u8>,
     sent: Sent,

@@ -1,10 +1,17 @@
 //! Films that are made in memory, and films that ffmpeg decodes.
 
+use std::io::BufRead;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use facewire::capture::{Clip, Source as _};
+use facewire::capture::{Clip, FrameRate, Source};
 use facewire_face::Pixels;
+
+use self::y4m::Y4mSource;
+
+// The service has no reader of y4m streams; facewire-tools has.
+#[path = "../../tools/src/input/y4m.rs"]
+mod y4m;
 
 /// The y4m header of a film like the built-in clip: 640x480, 4:2:2, full range.
 pub const HEADER: &str = "YUV4MPEG2 W640 H480 F30:1 C422 XCOLORRANGE=FULL\n";
@@ -37,6 +44,11 @@ pub fn demo_y4m(frames: usize) -> Vec<u8> {
 pub fn empty_y4m(frames: usize) -> Vec<u8> {
     let frame = [&b"FRAME\n"[..], &vec![128; FRAME_BYTES]].concat();
     [HEADER.as_bytes(), &frame.repeat(frames)].concat()
+}
+
+/// Returns the frames of a y4m stream.
+pub fn read_y4m<'a>(stream: impl BufRead + 'a) -> impl Source + 'a {
+    Y4mSource::open(stream, "stream", FrameRate::FPS_30).unwrap()
 }
 
 /// Starts ffmpeg, which decodes a film to y4m at 30 frames a second, each frame once. Returns `None` without ffmpeg.

@@ -15,7 +15,8 @@ use self::figures::{Figures, Samples, quantile};
 pub use self::machine::cpu_time;
 use self::machine::{Interruptions, constant_work};
 use self::report::Report;
-use facewire::capture::{DEMO, FileOptions, Frame, Source, open_file};
+use crate::input::{self, USUAL_SIZE_PX};
+use facewire::capture::{DEMO, Frame, FrameRate, Source};
 use facewire::cli::SettingsArgs;
 use facewire::cli::{Failure, print};
 use facewire::pipeline::{Pipeline, Rejected};
@@ -112,8 +113,8 @@ fn measure(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> 
     Ok(())
 }
 
-fn open(input: &str) -> Result<Box<dyn Source + Send>, Failure> {
-    open_file(input, &FileOptions::default()).map_err(Failure::from)
+fn open(input: &str) -> Result<Box<dyn Source>, Failure> {
+    Ok(input::open(input, FrameRate::FPS_30, USUAL_SIZE_PX)?)
 }
 
 fn play(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {

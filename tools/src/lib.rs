@@ -2,6 +2,7 @@
 //! the program `facewire-tools` beside itself, which takes the same arguments.
 
 mod bench;
+mod input;
 mod monitor;
 mod record;
 mod replay;

@@ -11,9 +11,10 @@ use clap::{Args, ValueEnum};
 use facewire_packet::BLENDSHAPE_COUNT;
 
 use self::rows::{Csv, LandmarkFile, Row};
+use crate::input;
 use crate::monitor::yaw_pitch_roll_deg;
 use facewire::calibration::WearerName;
-use facewire::capture::{FileOptions, FrameRate, Source, open_file};
+use facewire::capture::{FrameRate, Source};
 use facewire::cli::say;
 use facewire::cli::{Failure, SettingsArgs};
 use facewire::pipeline::Pipeline;
@@ -103,8 +104,7 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
         wearer.as_str().clone_into(&mut settings.wearer.name);
     }
     let profile = if args.neutral.is_some() { Profile::default() } else { load_profile(&settings.wearer)? };
-    let options = FileOptions { rate: args.fps.unwrap_or(FrameRate::FPS_30), points_size_px: args.size };
-    let source = open_file(&args.input, &options)?;
+    let source = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
     let mut track = Track {
         playback: Playback::new(Pipeline::load_for(&*source, &settings)?, &settings.failsafe),
         source,
@@ -133,7 +133,7 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
 }
 
 struct Track {
-    source: Box<dyn Source + Send>,
+    source: Box<dyn Source>,
     playback: Playback,
     stage: Stage,
     step: Step,

@@ -1,11 +1,13 @@
 //! The sets that a model is judged on: pictures, or clips with truth, tracked as `facewire track` tracks them.
 
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, ensure};
-use facewire::capture::{FileOptions, open_file};
+use facewire::capture::{AviSource, FrameRate};
 use facewire::config::Settings;
 use facewire::pipeline::Pipeline;
 use facewire::playback::{Face, Playback, Shown, neutral_of};
@@ -208,11 +210,11 @@ impl Clip {
 pub fn track(film: &Path) -> Result<Vec<Face>> {
     let settings = Settings::default();
     let path = film.to_str().context("the path is not UTF-8")?;
-    let mut source = open_file(path, &FileOptions::default())?;
+    let mut source = AviSource::open(BufReader::new(File::open(film)?), path, FrameRate::FPS_30)?;
     let solver = Solver::new(Model::embedded(), Profile::default(), shaping(&settings));
     let pipeline = Pipeline::new(load_tracker(&settings.networks)?, solver, settings.camera.horizontal_fov_deg);
     let mut playback = Playback::new(pipeline, &settings.failsafe);
-    std::iter::from_fn(|| playback.find(&mut *source).transpose()).map(|face| Ok(face?)).collect()
+    std::iter::from_fn(|| playback.find(&mut source).transpose()).map(|face| Ok(face?)).collect()
 }
 
 #[cfg(test)]

@@ -254,7 +254,7 @@ fn header(count: u32, largest: u32, [width, height]: [u32; 2], rate: u32) -> Vec
 #[cfg(test)]
 mod tests {
     use clap::Parser;
-    use facewire::capture::{AviSource, Source};
+    use facewire::capture::{AviSource, FrameRate, Source};
 
     use super::*;
 
@@ -300,7 +300,7 @@ mod tests {
         };
         let jpeg = turbojpeg::compress(image.as_deref(), 80, turbojpeg::Subsamp::Sub2x1).expect("a JPEG").to_vec();
         let film = avi(&[jpeg.clone(), jpeg.clone(), jpeg], [64, 48], 30);
-        let mut source = AviSource::open(film.as_slice(), "film").expect("an AVI file");
+        let mut source = AviSource::open(film.as_slice(), "film", FrameRate::FPS_30).expect("an AVI file");
         assert_eq!(source.frame_period_us(), Some(33_333));
         let mut count = 0;
         while let Some(frame) = source.next().expect("a frame") {

@@ -141,7 +141,6 @@ fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, Ca
 
 /// Asks the driver for a rate. Returns the rate that it has set, if it says so.
 fn set_rate(device: &Device, rate: FrameRate) -> Option<FrameRate> {
-    let [frames, seconds] = rate.fraction();
-    let set = device.set_params(&Parameters::new(Fraction::new(seconds, frames))).ok()?.interval;
+    let set = device.set_params(&Parameters::new(Fraction::new(rate.seconds, rate.frames))).ok()?.interval;
     FrameRate::new(set.denominator, set.numerator)
 }

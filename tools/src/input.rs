@@ -1,0 +1,316 @@
+//! Opens the file that an argument names: a film, landmarks or a recording.
+
+mod y4m;
+
+use std::fs::File;
+use std::io::{self, BufRead as _, BufReader, Cursor, ErrorKind, Read as _};
+use std::path::Path;
+
+use facewire::capture::{AviSource, CaptureError, Clip, Content, DEMO, Description, Frame, FrameRate, Source};
+use facewire::recording::{Reader, Recorded, RecordingError};
+use facewire_face::{Face, Landmarks, MESH};
+use npyz::{DType, DTypeError, NpyFile, Order, TypeChar};
+
+use self::y4m::Y4mSource;
+
+/// Number of bytes that are read at once.
+const BUFFER_BYTES: usize = 64 * 1024;
+/// Size of the picture in which the landmarks of a `.npy` file were found, unless an argument tells another.
+pub(crate) const USUAL_SIZE_PX: [u16; 2] = [640, 480];
+/// Largest number of bytes before the numbers; usual files have 128.
+const MAX_START_BYTES: u64 = 1024;
+/// The header of a plain array is a dictionary, in which the shape is a tuple. Nested brackets would keep the parser busy
+/// without bound.
+const MAX_BRACKETS: usize = 2;
+/// Lengths of so few digits have a product of 64 bits.
+const MAX_DIGITS: usize = 19;
+
+/// Opens `-` (y4m on standard input), `demo` (the built-in clip, once through), a `.npy` file of landmarks, or a film or a
+/// recording by its content. A file that states no rate has the given one.
+pub(crate) fn open(input: &str, rate: FrameRate, points_size_px: [u16; 2]) -> Result<Box<dyn Source>, CaptureError> {
+    if input == DEMO {
+        return Ok(Box::new(Clip::once()?));
+    }
+    if input == "-" {
+        let stream = BufReader::with_capacity(BUFFER_BYTES, io::stdin());
+        return Ok(Box::new(Y4mSource::open(stream, "standard input", rate)?));
+    }
+    if Path::new(input).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) {
+        return Ok(Box::new(PointsSource::open(input, rate, points_size_px)?));
+    }
+    let cannot = |error| CaptureError::unopened(input, &error);
+    let mut reader = BufReader::with_capacity(BUFFER_BYTES, File::open(input).map_err(cannot)?);
+    match reader.fill_buf().map_err(cannot)? {
+        [b'R', b'I', b'F', b'F', ..] => Ok(Box::new(AviSource::open(reader, input, rate)?)),
+        [b'F', b'W', b'R', b'E', b'C', ..] => Ok(Box::new(RecordingSource::open(input)?)),
+        [b'Y', b'U', b'V', b'4', ..] => Ok(Box::new(Y4mSource::open(reader, input, rate)?)),
+        _ => {
+            let remedy = format!("convert it with `ffmpeg -i {input} -c:v mjpeg -q:v 3 out.avi`");
+            Err(CaptureError::BadFile(format!("{input} is neither an AVI nor a y4m file; {remedy}")))
+        }
+    }
+}
+
+/// A recording as a source of landmarks.
+struct RecordingSource {
+    reader: Reader<BufReader<File>>,
+    /// The first frame, which was read for the size of its picture.
+    first: Option<Recorded>,
+    current: Option<Recorded>,
+    origin: String,
+    size_px: [u16; 2],
+    number: u64,
+}
+
+impl RecordingSource {
+    fn open(path: &str) -> Result<Self, CaptureError> {
+        let mut reader = Reader::open(Path::new(path)).map_err(|error| unreadable(path, &error))?;
+        let first = reader.next_frame().map_err(|error| unreadable(path, &error))?;
+        let size_px = first.as_ref().map_or([0; 2], |frame| frame.size_px);
+        Ok(Self { reader, first, current: None, origin: path.to_owned(), size_px, number: 0 })
+    }
+}
+
+fn unreadable(path: &str, error: &RecordingError) -> CaptureError {
+    CaptureError::BadFile(format!("{path}: {error}"))
+}
+
+impl Source for RecordingSource {
+    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+        self.current = match self.first.take() {
+            None => self.reader.next_frame().map_err(|error| unreadable(&self.origin, &error))?,
+            first => first,
+        };
+        let Some(frame) = &self.current else { return Ok(None) };
+        let number = self.number;
+        self.number += 1;
+        let (face, size_px) = (frame.landmarks.as_ref().map(Face::from), frame.size_px.map(f32::from));
+        Ok(Some(Frame { content: Content::Face { face, size_px }, captured_us: frame.time_us, number }))
+    }
+
+    fn shows_pictures(&self) -> bool {
+        false
+    }
+
+    fn describe(&self) -> Description<'_> {
+        let [width, height] = self.size_px.map(usize::from);
+        Description { origin: &self.origin, format: "recording", width, height, rate: None }
+    }
+}
+
+/// Landmarks in a `.npy` file: frames x 478 x 3 numbers, in pixels. A frame with a number that is not finite shows no face.
+///
+/// Some trackers write irises of depth 0, which the model was not fitted to. They are put at the depth of the eye.
+struct PointsSource {
+    /// The numbers that were not read yet.
+    values: Box<dyn Iterator<Item = io::Result<f32>>>,
+    origin: String,
+    rate: FrameRate,
+    size_px: [u16; 2],
+    /// Frames that the header announces and that were not read yet.
+    left: u64,
+    number: u64,
+    landmarks: Box<Landmarks>,
+}
+
+impl PointsSource {
+    /// Opens the file at `path`, whose landmarks were found in pictures of this size.
+    fn open(path: &str, rate: FrameRate, size_px: [u16; 2]) -> Result<Self, CaptureError> {
+        let mut reader = BufReader::new(File::open(path).map_err(|error| CaptureError::unopened(path, &error))?);
+        let needs = "it must hold frames x 478 x 3 floating-point numbers in C order";
+        let refuse = |reason: &str| CaptureError::BadFile(format!("{path} {reason}; {needs}"));
+        let mut start = Vec::new();
+        reader.by_ref().take(MAX_START_BYTES).read_to_end(&mut start)?;
+        let npy = is_plain(&start).then(|| NpyFile::new(Cursor::new(start).chain(reader)).ok()).flatten();
+        let npy = npy.ok_or_else(|| refuse("is not a .npy file of plain numbers"))?;
+        let [left, 478, 3] = *npy.shape() else { return Err(refuse(&format!("has shape {:?}", npy.shape()))) };
+        if npy.order() != Order::C {
+            return Err(refuse("is in Fortran order"));
+        }
+        let DType::Plain(kind) = npy.dtype() else { return Err(refuse("holds records")) };
+        let unreadable = |error: DTypeError| refuse(&error.to_string());
+        let values: Box<dyn Iterator<Item = _>> = match (kind.type_char(), kind.size_field()) {
+            (TypeChar::Float, 4) => Box::new(npy.data::<f32>().map_err(unreadable)?),
+            (TypeChar::Float, 8) => {
+                Box::new(npy.data::<f64>().map_err(unreadable)?.map(|value| value.map(|value| value as f32)))
+            }
+            _ => return Err(refuse("holds numbers of another kind")),
+        };
+        let (origin, landmarks) = (path.to_owned(), Box::new(Landmarks::zero()));
+        Ok(Self { values, origin, rate, size_px, left, number: 0, landmarks })
+    }
+}
+
+impl Source for PointsSource {
+    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+        let Some(left) = self.left.checked_sub(1) else { return Ok(None) };
+        // After an error the file has ended.
+        self.left = 0;
+        let number = self.number;
+        for slot in self.landmarks.0.as_flattened_mut() {
+            let value = self.values.next().unwrap_or_else(|| Err(ErrorKind::UnexpectedEof.into()));
+            *slot = value.map_err(|error| match error.kind() {
+                ErrorKind::UnexpectedEof => CaptureError::BadFile(format!(
+                    "the .npy file is cut short in frame {number}; the frames before it were used, write it again for \
+                     the rest"
+                )),
+                _ => error.into(),
+            })?;
+        }
+        (self.left, self.number) = (left, number + 1);
+        if self.landmarks.0.iter().skip(MESH).all(|[_, _, depth]| *depth == 0.0) {
+            self.landmarks.level_irises();
+        }
+        let face = self.landmarks.is_finite().then(|| Face::from(&*self.landmarks));
+        let content = Content::Face { face, size_px: self.size_px.map(f32::from) };
+        Ok(Some(Frame { content, captured_us: self.rate.stamp_us(number), number }))
+    }
+
+    fn shows_pictures(&self) -> bool {
+        false
+    }
+
+    fn describe(&self) -> Description<'_> {
+        let [width, height] = self.size_px.map(usize::from);
+        Description { origin: &self.origin, format: "landmarks", width, height, rate: Some(self.rate) }
+    }
+}
+
+/// Returns whether a file that begins with `start` has the header of an array of numbers.
+fn is_plain(start: &[u8]) -> bool {
+    let header = match start.strip_prefix(b"\x93NUMPY") {
+        Some([1, _, a, b, rest @ ..] | [2 | 3, _, a, b, 0, 0, rest @ ..]) => {
+            rest.get(..usize::from(u16::from_le_bytes([*a, *b])))
+        }
+        _ => None,
+    };
+    let count = |header: &[u8], of: &[u8]| header.iter().filter(|byte| of.contains(byte)).count();
+    header.is_some_and(|header| count(header, b"([{") <= MAX_BRACKETS && count(header, b"0123456789") <= MAX_DIGITS)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+mod tests {
+    use facewire_face::{LANDMARKS, Pixels};
+    use npyz::WriterBuilder as _;
+    use tempfile::NamedTempFile;
+
+    use super::*;
+
+    fn opened(input: &str) -> Result<Box<dyn Source>, CaptureError> {
+        open(input, FrameRate::FPS_30, USUAL_SIZE_PX)
+    }
+
+    #[test]
+    fn a_file_of_another_kind_is_refused_by_name() {
+        let reason = |path| opened(path).err().unwrap().to_string();
+        assert!(reason("/nowhere/film.avi").contains("cannot open /nowhere/film.avi"));
+        assert!(reason("/").contains("cannot open /"));
+        assert!(reason(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")).contains("neither an AVI nor a y4m"));
+    }
+
+    /// The depths of the irises that a frame shows after it went through a file. All other points have depth 6.
+    fn iris_depths(written: [f32; LANDMARKS - MESH]) -> Vec<f32> {
+        let file = NamedTempFile::with_suffix(".npy").unwrap();
+        let options = npyz::WriteOptions::new().default_dtype().shape(&[1, LANDMARKS as u64, 3]);
+        let mut writer = options.writer(&file).begin_nd().unwrap();
+        let depths = [6.0; MESH].into_iter().chain(written);
+        writer.extend(depths.flat_map(|depth| [100.0_f32, 100.0, depth])).unwrap();
+        writer.finish().unwrap();
+        let mut source = opened(file.path().to_str().unwrap()).unwrap();
+        let frame = source.next().unwrap().unwrap();
+        let Content::Face { face, size_px: [640.0, 480.0] } = frame.content else { unreachable!() };
+        face.unwrap().landmarks.0.iter().skip(MESH).map(|point| point[2]).collect()
+    }
+
+    #[test]
+    fn irises_without_depth_are_put_at_the_depth_of_their_eye_and_others_stay() {
+        assert_eq!(iris_depths([0.0; 10]), [6.0; 10]);
+        let mut depths = [0.0; 10];
+        depths[9] = -1.5;
+        assert_eq!(iris_depths(depths), depths);
+    }
+
+    fn y4m(header: &str, frame_bytes: usize, frames: usize) -> Vec<u8> {
+        let frame = [&b"FRAME\n"[..], &vec![7; frame_bytes]].concat();
+        [format!("YUV4MPEG2 {header}\n").as_bytes(), &frame.repeat(frames)].concat()
+    }
+
+    fn open_y4m(bytes: &[u8]) -> Result<Y4mSource<&[u8]>, CaptureError> {
+        Y4mSource::open(bytes, "stream", FrameRate::FPS_30)
+    }
+
+    #[test]
+    fn every_8_bit_layout_of_a_y4m_stream_is_read_at_odd_sizes_with_its_range_and_rate() {
+        let table = [
+            ("C420jpeg", 15 + 2 * 6, Some([1, 1]), false),
+            ("C420mpeg2 Ip XYSCSS=420MPEG2", 15 + 2 * 6, Some([1, 1]), false),
+            ("C420paldv", 15 + 2 * 6, Some([1, 1]), false),
+            ("A1:1", 15 + 2 * 6, Some([1, 1]), false),
+            ("C422 XCOLORRANGE=FULL", 15 + 2 * 9, Some([1, 0]), true),
+            ("C444", 15 * 3, Some([0, 0]), false),
+            ("C411", 15 + 2 * 6, Some([2, 0]), false),
+            ("Cmono", 15, None, false),
+        ];
+        for (fields, bytes, shift, full_range) in table {
+            let stream = y4m(&format!("W5 H3 F25:1 {fields}"), bytes, 2);
+            let mut source = open_y4m(&stream).unwrap();
+            let frame = source.next().unwrap().unwrap();
+            let picture = frame.picture().unwrap();
+            assert_eq!(picture.full_range, full_range, "{fields}");
+            match picture.pixels {
+                Pixels::Planar { planes, chroma_shift, .. } => {
+                    assert_eq!((Some(chroma_shift), planes.concat()), (shift, vec![7; bytes]), "{fields}");
+                }
+                Pixels::Grey { data, .. } => assert_eq!((None, data.len()), (shift, bytes)),
+                _ => panic!("{fields}"),
+            }
+            assert_eq!(source.next().unwrap().unwrap().captured_us, 40_000);
+            assert!(source.next().unwrap().is_none());
+        }
+        assert_eq!(open_y4m(&y4m("W4 H2 F0:0", 12, 1)).unwrap().frame_period_us(), Some(33_333), "no rate");
+    }
+
+    #[test]
+    fn every_truncation_of_a_y4m_stream_gives_the_frames_before_it_and_names_the_frame() {
+        let whole = y4m("W4 H2 F25:1 Cmono", 8, 3);
+        let header = whole.iter().position(|&byte| byte == b'\n').unwrap() + 1;
+        for length in 0..header {
+            assert!(open_y4m(&whole[..length]).is_err_and(|error| error.to_string().contains("the y4m stream")));
+        }
+        for length in header..=whole.len() {
+            let (complete, rest) = ((length - header) / 14, (length - header) % 14);
+            let mut source = open_y4m(&whole[..length]).unwrap();
+            assert!((0..complete).all(|_| source.skip().unwrap()));
+            match source.next() {
+                Ok(frame) => assert!(frame.is_none() && rest == 0, "{length}"),
+                Err(error) => {
+                    let place = format!("cut short at byte {length}, in frame {complete};");
+                    assert!(error.to_string().contains(&place), "{error}");
+                }
+            }
+            assert!(source.next().unwrap().is_none(), "one error, then the end");
+        }
+    }
+
+    #[test]
+    fn a_y4m_stream_that_cannot_be_read_is_refused_with_the_reason() {
+        let reason = |header: &str| open_y4m(&y4m(header, 0, 0)).unwrap_err().to_string();
+        for layout in ["420p10", "422p12", "444p16", "420p9", "mono16", "mono12"] {
+            assert!(reason(&format!("W4 H2 F25:1 C{layout}")).contains("more than 8 bits"), "{layout}");
+        }
+        assert!(reason("W4 H2 F25:1 C444alpha").contains("not supported"));
+        for size in ["W0 H2", "W4097 H2", "W4", "W99999999999999999999 H4", "W-4 H4", "W4294967295 H4294967295"] {
+            assert!(reason(size).contains("each side must be"), "{size}");
+        }
+        assert!(reason(&"W".repeat(5000)).contains("ends within its header"));
+        assert!(open_y4m(b"RIFF").unwrap_err().to_string().contains("does not begin with YUV4MPEG2"));
+        let mut damaged = y4m("W4 H2 F25:1 Cmono", 8, 2);
+        let second = damaged.len() - 14;
+        damaged[second] = b'X';
+        let mut source = open_y4m(&damaged).unwrap();
+        assert!(source.skip().unwrap());
+        let error = source.next().unwrap_err().to_string();
+        assert!(error.contains(&format!("damaged at byte {second}, before frame 1;")), "{error}");
+    }
+}

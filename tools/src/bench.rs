@@ -1,24 +1,21 @@
 //! `facewire bench`: measures the duration of each stage over a clip, processor time and memory.
 
-mod chart;
 mod figures;
 mod layers;
-mod machine;
-mod report;
 
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use clap::Args;
 
-use self::figures::{Figures, Samples, quantile};
-pub use self::machine::cpu_time;
-use self::machine::{Interruptions, constant_work};
-use self::report::Report;
+pub use self::figures::cpu_time;
+use self::figures::{Figures, Samples, constant_work, interruptions, quantile};
+use self::layers::Layers;
 use crate::input::{self, USUAL_SIZE_PX};
-use facewire::capture::{DEMO, Frame, FrameRate, Source};
-use facewire::cli::SettingsArgs;
-use facewire::cli::{Failure, print};
+use facewire::capture::{DEMO, FrameRate, Source};
+use facewire::cli::{Failure, SettingsArgs, print};
+use facewire::config::{Choice as _, Settings};
+use facewire::hardware::{self, Board, Flags, Readings, Sensors};
 use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::{Step, bind_to_hot_cpu};
 
@@ -32,7 +29,6 @@ Examples:
 
 `whole` is the time from a decoded frame in memory to its coefficients. scripts/compare compares it with MediaPipe.";
 
-/// Arguments of `facewire bench`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct BenchArgs {
@@ -68,7 +64,10 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
         return Err(Failure::data("standard input cannot be played more than once; give bench a file".to_owned()));
     }
     let settings = args.settings.load()?;
-    let report = args.report.then(|| Report::begin(&settings));
+    let report = args.report.then(|| {
+        let sensors = Sensors::find(&hardware::root(), &settings.hardware);
+        (sensors.read(), sensors)
+    });
     let mut pipeline = Pipeline::load_for(&*open(&args.input)?, &settings)?;
     // The helper threads of the networks have started, and may run on every CPU, as in the service.
     let bound = bind_to_hot_cpu(&settings.realtime);
@@ -80,36 +79,42 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
     for _ in 0..args.rounds {
         measure(&mut pipeline, args, &mut samples)?;
     }
-    if samples.whole.is_empty() {
+    if samples.stages.whole.is_empty() {
         return Err(Failure::data(format!("{} shows no face in any frame", args.input)));
     }
     // A report does not contain the path of a file.
     let input = if args.report && args.input != DEMO { "another film" } else { &args.input };
     // Peak memory is read before the layers are measured, which takes memory for further networks.
     let mut figures = Figures::new(input, &samples);
-    let layers = (args.layers || args.report).then(|| layers::measure(&settings.networks)).transpose()?;
+    let layers = (args.layers || args.report).then(|| Layers::measure(&settings.networks)).transpose()?;
     // The figures are printed before the drawing, so that they are not lost if the drawing cannot be written.
     print(&match (report, layers) {
-        (Some(report), Some(layers)) => report.text(&settings, bound, &figures, &layers),
+        (Some((before, sensors)), Some(layers)) => {
+            let after = sensors.read();
+            report_text(&settings, bound, [before, after], &figures, &layers)
+        }
         (_, layers) => {
             figures.layers = layers;
             if args.json { figures.json() } else { figures.table() }
         }
     })?;
-    args.svg.as_ref().map_or(Ok(()), |path| chart::draw(path, &samples.whole))
+    args.svg.as_ref().map_or(Ok(()), |path| figures::draw(path, &samples.stages.whole))
 }
 
 /// Plays the input once. Then runs a loop of constant work, which takes as long as the median frame, once for each frame
 /// with a face.
 fn measure(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {
-    let (cpu, begun, interruptions, faces) = (cpu_time(), Instant::now(), Interruptions::now(), samples.whole.len());
+    let (cpu, begun, before) = (cpu_time(), Instant::now(), interruptions());
+    let faces = samples.stages.whole.len();
     play(pipeline, args, samples)?;
     samples.cpu += cpu_time().saturating_sub(cpu);
     samples.elapsed += begun.elapsed();
-    samples.interruptions.push(Interruptions::now().since(interruptions));
-    let mut sorted = samples.whole.clone();
+    for ((sum, now), before) in samples.interruptions.iter_mut().zip(interruptions()).zip(before) {
+        *sum += now.saturating_sub(before);
+    }
+    let mut sorted = samples.stages.whole.clone();
     sorted.sort_unstable();
-    samples.constant.extend(constant_work(quantile(&sorted, 0.5), samples.whole.len() - faces));
+    samples.stages.constant_work.extend(constant_work(quantile(&sorted, 0.5), sorted.len() - faces));
     Ok(())
 }
 
@@ -117,6 +122,7 @@ fn open(input: &str) -> Result<Box<dyn Source>, Failure> {
     Ok(input::open(input, FrameRate::FPS_30, USUAL_SIZE_PX)?)
 }
 
+/// Plays the input once, and keeps the durations of the stages of each frame that has a solution.
 fn play(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Result<(), Failure> {
     let mut source = open(&args.input)?;
     pipeline.forget_face();
@@ -124,23 +130,59 @@ fn play(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Res
         let begun = Instant::now();
         let Some(frame) = source.next()? else { return Ok(()) };
         let decode = begun.elapsed();
-        samples.decode.push(decode);
+        samples.stages.decode.push(decode);
         samples.frames += 1;
-        time_frame(pipeline, &frame, decode, samples)?;
+        let begun = Instant::now();
+        let processed = pipeline.process(&frame);
+        match processed.solved {
+            Ok(_) => samples.push(decode, &processed.times, begun.elapsed()),
+            Err(Rejected::Infer(error)) => return Err(error.into()),
+            Err(_) => {}
+        }
         for _ in 1..args.step.every() {
             source.skip()?;
         }
     }
 }
 
-/// Processes one frame and records the durations of its stages, unless it has no solution.
-fn time_frame(pipeline: &mut Pipeline, frame: &Frame, decode: Duration, samples: &mut Samples) -> Result<(), Failure> {
-    let begun = Instant::now();
-    let processed = pipeline.process(frame);
-    match processed.solved {
-        Ok(_) => samples.push(decode, &processed.times, begun.elapsed()),
-        Err(Rejected::Infer(error)) => return Err(error.into()),
-        Err(_) => {}
-    }
-    Ok(())
+/// Returns one block about the board and the speed, which its owner can send in. It contains no host name, user name,
+/// address, path or serial number (`tests/hardware.rs`).
+fn report_text(
+    settings: &Settings,
+    bound: Option<String>,
+    [before, after]: [Readings; 2],
+    figures: &Figures,
+    layers: &Layers,
+) -> String {
+    let (root, networks, camera) = (hardware::root(), &settings.networks, &settings.camera);
+    // The settings that matter for speed.
+    let in_force = format!(
+        "networks.engine {}, networks.threads {}, camera {} x {} at {}/s in format {}",
+        networks.engine.name(),
+        networks.threads,
+        camera.width,
+        camera.height,
+        camera.fps,
+        camera.format.name(),
+    );
+    let lines = [
+        ("facewire", format!("{}; {in_force}", env!("CARGO_PKG_VERSION"))),
+        ("bound", bound.unwrap_or_else(|| "to no CPU".to_owned())),
+        ("board", Board::detect(&root).tell(settings.board)),
+        ("system", hardware::system()),
+        ("processors", hardware::processors(&root)),
+        ("memory", hardware::memory_mb(&root).map_or_else(|| "unknown".to_owned(), |mb| format!("{mb} MB"))),
+        ("before", before.to_string()),
+        ("after", after.to_string()),
+        ("flags", Flags::ask().map_or_else(|| "none".to_owned(), |flags| flags.to_string())),
+        ("networks", layers.summary()),
+        ("rate", format!("{:.0} frames a second at p95, with decoding", figures.frames_per_second())),
+    ];
+    let lines = lines.map(|(name, value)| format!("{name:<11}{value}\n")).concat();
+    format!(
+        "--- facewire bench --report ---\n{lines}\n{}---\n\
+         This block names no person, machine, address, path or serial number. Please tell us: the settings of boards are \
+         estimates\nuntil their owners have measured them.\n",
+        figures.table()
+    )
 }

@@ -11,6 +11,8 @@ mod track;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use facewire::cli::{Failure, with_exit_status};
@@ -56,9 +58,19 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Replay(args) => replay::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Servo(args) => servo::run(&args),
-        Command::Monitor(args) => monitor::run(&args).map_err(Failure::from),
+        Command::Monitor(args) => monitor::run(&args),
     };
     outcome.map_or_else(|failure| failure.report(), |()| ExitCode::SUCCESS)
+}
+
+/// Returns a flag that these signals set.
+fn stopped_by(signals: &[i32]) -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::<AtomicBool>::default();
+    for signal in signals {
+        let registered = signal_hook::flag::register(*signal, Arc::clone(&stop));
+        registered.map_err(|error| Failure::failed(format!("the system refused a signal handler: {error}")))?;
+    }
+    Ok(stop)
 }
 
 #[cfg(test)]

@@ -1,47 +1,39 @@
 //! `facewire monitor`: receives packets and shows them.
 //!
-//! Role: a receiver for trying out a sender. On a terminal it draws bars; otherwise it writes one line per second, or
-//! with `--json` one object per packet.
-//! Contract: the monitor only listens. It ends with a summary after Ctrl-C, SIGTERM, a closed output, or its limits.
-//! Limits: a serial port that disappears ends the monitor. If several senders use one port, the newest packet is shown.
+//! On a terminal it draws bars; otherwise it writes one line per second, or with `--json` one object per packet. It only
+//! listens, and ends with a summary after Ctrl-C, SIGTERM, a closed output, or its limits. A serial port that disappears
+//! ends it, too. If several senders use one port, the newest packet is shown.
 
-mod bars;
 mod receiver;
-mod report;
 mod screen;
-mod tally;
 
-use std::{
-    io::{self, IsTerminal as _, Write as _},
-    net::SocketAddr,
-    ops::RangeInclusive,
-    path::PathBuf,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    time::{Duration, Instant},
-};
+use std::io::{self, IsTerminal as _, Write as _};
+use std::net::SocketAddr;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::{Duration, Instant};
 
-use facewire_packet::Packet;
+use clap::Args;
+use facewire_face::yaw_pitch_roll_deg;
+use facewire_packet::{BLENDSHAPES, Newest, Packet, Reason, State};
+use serde::{Serialize, Serializer};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-pub use self::report::yaw_pitch_roll_deg;
-use self::{
-    receiver::{Endpoint, Receiver},
-    report::Json,
-    screen::Screen,
-    tally::Tally,
-};
-use facewire::cli::Failure;
-use facewire::link::LinkError;
+use self::receiver::Receiver;
+use self::screen::Screen;
+use crate::stopped_by;
+use facewire::cli::{Failure, STANDARD_OUTPUT, print};
+use facewire::service::histogram::Histogram;
 
 /// Time between two pictures. 30 pictures per second look smooth, and more would only load the board.
 const SCREEN_PERIOD: Duration = Duration::from_millis(33);
+const LINE_PERIOD: Duration = Duration::from_secs(1);
 /// The values of `--seconds`, up to a year.
 const SECONDS: RangeInclusive<f64> = 0.001..=31_536_000.0;
-/// Time between two lines.
-const LINE_PERIOD: Duration = Duration::from_secs(1);
+/// The number of coefficients that a line names, and the least value of one that is worth it.
+const NAMED: usize = 4;
+const NOTEWORTHY: f32 = 0.05;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -50,237 +42,281 @@ Examples:
   facewire monitor --serial /dev/ttyUSB0
   facewire monitor --json --packets 100 > packets.jsonl";
 
-/// Receive packets by UDP, or from a serial port, and show them live
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct MonitorArgs {
     /// Address and port to listen to
     #[arg(long, value_name = "ADDRESS", default_value = "0.0.0.0:5252")]
-    pub listen: SocketAddr,
+    listen: SocketAddr,
     /// Serial port to read instead
     #[arg(long, value_name = "DEVICE", conflicts_with = "listen")]
-    pub serial: Option<PathBuf>,
+    serial: Option<PathBuf>,
     /// Baud rate of the serial port
     #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial",
         value_parser = clap::value_parser!(u32).range(9600..=4_000_000))]
-    pub baud: u32,
+    baud: u32,
     /// Write each packet as one line of JSON
     #[arg(long)]
-    pub json: bool,
+    json: bool,
     /// End after this number of valid packets
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    pub packets: Option<u64>,
+    packets: Option<u64>,
     /// End after this number of seconds
     #[arg(long, value_name = "S", value_parser = seconds)]
-    pub seconds: Option<Duration>,
+    seconds: Option<Duration>,
 }
 
-/// Why the monitor fails.
-#[derive(Debug, thiserror::Error)]
-pub enum MonitorError {
-    /// The port is in use, or the address does not belong to this machine.
-    #[error("cannot listen to {listen} ({error}); end what uses the port, or give --listen another address")]
-    Listen {
-        /// The address to listen to.
-        listen: SocketAddr,
-        /// The error of the system.
-        error: io::Error,
-    },
-    /// The serial port does not open, or has disappeared.
-    #[error("cannot listen to {}", .0.message)]
-    Port(#[from] LinkError),
-    /// No valid packet came by UDP.
-    #[error("no packet came to {listen}; check [[link]] address in the sender's configuration, and the firewall")]
-    NoPacket {
-        /// The address that the monitor listened to.
-        listen: SocketAddr,
-    },
-    /// No valid packet came on the serial line.
-    #[error("no packet came by {}; check the wires, and that both sides have the same baud rate", device.display())]
-    NoFrame {
-        /// The serial port.
-        device: PathBuf,
-    },
-    /// The terminal or the output cannot be written to.
-    #[error("cannot write the output ({0}); check where it goes")]
-    Output(#[from] io::Error),
-}
-
-/// How packets are shown.
-enum View {
-    Screen(Box<Screen>),
-    Lines,
-    Json,
-}
-
-/// Receives packets and shows them until a signal or a limit ends it.
-pub fn run(args: &MonitorArgs) -> Result<(), MonitorError> {
-    let mut receiver = Receiver::open(args)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
-    let mut tally = Tally::default();
-    match watch(args, &mut receiver, &stop, &mut tally) {
-        Err(MonitorError::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => {}
-        watched => watched?,
-    }
-    if tally.packets.packets == 0 {
-        return Err(match args.endpoint() {
-            Endpoint::Udp(listen) => MonitorError::NoPacket { listen },
-            Endpoint::Serial(device) => MonitorError::NoFrame { device },
-        });
-    }
-    summarise(args, &tally)
-}
-
-/// Writes the summary: to standard error if standard output carries JSON.
-fn summarise(args: &MonitorArgs, tally: &Tally) -> Result<(), MonitorError> {
-    let line = tally.summary();
-    let written = if args.json { writeln!(io::stderr(), "{line}") } else { writeln!(io::stdout(), "{line}") };
-    match written {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
-        _ => Ok(()),
-    }
-}
-
-/// Shows packets until a signal or a limit ends it. The screen is restored on return.
-fn watch(
-    args: &MonitorArgs,
-    receiver: &mut Receiver,
-    stop: &AtomicBool,
-    tally: &mut Tally,
-) -> Result<(), MonitorError> {
-    let listen = args.endpoint();
-    let mut view = View::new(args)?;
-    let begin = Instant::now();
-    let end = args.seconds.map(|seconds| begin + seconds);
-    let mut shown = begin;
-    while !stop.load(Ordering::Relaxed)
-        && args.packets.is_none_or(|packets| tally.packets.packets < packets)
-        && end.is_none_or(|end| Instant::now() < end)
-    {
-        let left = end.map_or(SCREEN_PERIOD, |end| end.saturating_duration_since(Instant::now()));
-        let packet = receive(receiver, left.min(SCREEN_PERIOD), tally)?;
-        view.packet(packet.as_ref(), tally)?;
-        if shown.elapsed() >= view.period() {
-            shown = Instant::now();
-            view.refresh(&listen, tally)?;
-        }
-    }
-    Ok(())
-}
-
-/// Waits for a packet and counts it.
-fn receive(receiver: &mut Receiver, wait: Duration, tally: &mut Tally) -> Result<Option<Packet>, MonitorError> {
-    Ok(match receiver.next(wait)? {
-        Some(Ok((packet, from))) => {
-            tally.count(&packet, from, Instant::now());
-            Some(packet)
-        }
-        Some(Err(fault)) => {
-            tally.packets.refuse(fault);
-            None
-        }
-        None => None,
-    })
-}
-
-impl View {
-    fn new(args: &MonitorArgs) -> io::Result<Self> {
-        if args.json {
-            Ok(Self::Json)
-        } else if io::stdout().is_terminal() {
-            Ok(Self::Screen(Box::new(Screen::enter()?)))
-        } else {
-            Ok(Self::Lines)
-        }
-    }
-
-    /// Time between two refreshes.
-    fn period(&self) -> Duration {
-        match self {
-            Self::Screen(_) | Self::Json => SCREEN_PERIOD,
-            Self::Lines => LINE_PERIOD,
-        }
-    }
-
-    /// Shows a packet if every packet is shown.
-    fn packet(&self, packet: Option<&Packet>, tally: &Tally) -> io::Result<()> {
-        let (Self::Json, Some(packet)) = (self, packet) else {
-            return Ok(());
-        };
-        let mut line = serde_json::to_string(&Json::new(packet, tally))?;
-        line.push('\n');
-        io::stdout().write_all(line.as_bytes())
-    }
-
-    /// Shows the current state.
-    fn refresh(&mut self, listen: &Endpoint, tally: &Tally) -> io::Result<()> {
-        let now = Instant::now();
-        match self {
-            Self::Screen(screen) => screen.draw(listen, tally, now),
-            Self::Lines => writeln!(io::stdout(), "{}", report::line(listen, tally, now)),
-            Self::Json => Ok(()),
-        }
+impl MonitorArgs {
+    /// The name of the port or the address that packets come to.
+    fn input(&self) -> String {
+        self.serial.as_ref().map_or_else(|| self.listen.to_string(), |device| device.display().to_string())
     }
 }
 
 /// Reads the value of `--seconds`.
 fn seconds(text: &str) -> Result<Duration, String> {
-    let number = text.parse().unwrap_or(f64::NAN);
-    if SECONDS.contains(&number) {
-        Ok(Duration::from_secs_f64(number))
-    } else {
-        Err(format!("write a number from {} to {}", SECONDS.start(), SECONDS.end()))
+    let number = text.parse().ok().filter(|number| SECONDS.contains(number));
+    let wanted = || format!("write a number from {} to {}", SECONDS.start(), SECONDS.end());
+    number.map(Duration::from_secs_f64).ok_or_else(wanted)
+}
+
+/// Receives packets and shows them until a signal or a limit ends it.
+pub fn run(args: &MonitorArgs) -> Result<(), Failure> {
+    let mut receiver = Receiver::open(args)?;
+    let stop = stopped_by(&[SIGINT, SIGTERM])?;
+    let mut tally = Tally::default();
+    match watch(args, &mut receiver, &stop, &mut tally) {
+        // The reader of the output has gone.
+        Err(failure) if failure.message().is_empty() => {}
+        watched => watched?,
+    }
+    if tally.packets.packets == 0 {
+        let (way, remedy) = match args.serial {
+            Some(_) => ("by", "check the wires, and that both sides have the same baud rate"),
+            None => ("to", "check [[link]] address in the sender's configuration, and the firewall"),
+        };
+        return Err(Failure::failed(format!("no packet came {way} {}; {remedy}", args.input())));
+    }
+    let summary = tally.summary();
+    if !args.json {
+        return print(&(summary + "\n"));
+    }
+    // Standard output carries JSON.
+    let _ = writeln!(io::stderr(), "{summary}");
+    Ok(())
+}
+
+/// How packets are shown.
+enum View {
+    Screen(Screen),
+    Lines,
+    Json,
+}
+
+/// Shows packets until a signal or a limit ends it. The screen is restored on return.
+fn watch(args: &MonitorArgs, receiver: &mut Receiver, stop: &AtomicBool, tally: &mut Tally) -> Result<(), Failure> {
+    let unwritten = |error: io::Error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error);
+    let listen = args.input();
+    let (mut view, period) = match args.json {
+        true => (View::Json, Duration::MAX),
+        false if io::stdout().is_terminal() => (View::Screen(Screen::enter().map_err(unwritten)?), SCREEN_PERIOD),
+        false => (View::Lines, LINE_PERIOD),
+    };
+    let begin = Instant::now();
+    let end = args.seconds.map(|seconds| begin + seconds);
+    let mut shown = begin;
+    while !stop.load(Relaxed)
+        && args.packets.is_none_or(|packets| tally.packets.packets < packets)
+        && end.is_none_or(|end| Instant::now() < end)
+    {
+        let left = end.map_or(SCREEN_PERIOD, |end| end.saturating_duration_since(Instant::now()));
+        match receiver.next(left.min(SCREEN_PERIOD))? {
+            Some(Ok((packet, from))) => {
+                tally.count(&packet, from, Instant::now());
+                if let View::Json = view {
+                    io::stdout().write_all(json(tally).as_bytes()).map_err(unwritten)?;
+                }
+            }
+            Some(Err(fault)) => tally.packets.refuse(fault),
+            None => {}
+        }
+        if shown.elapsed() >= period {
+            shown = Instant::now();
+            match &mut view {
+                View::Screen(screen) => screen.draw(&listen, tally, shown),
+                View::Lines => writeln!(io::stdout(), "{}", line(&listen, tally, shown)),
+                View::Json => Ok(()),
+            }
+            .map_err(unwritten)?;
+        }
+    }
+    Ok(())
+}
+
+/// The tally of all packets, by the names of their senders, and what the summary shows.
+#[derive(Default)]
+struct Tally {
+    packets: facewire_packet::Tally<String>,
+    first: Option<Instant>,
+    /// `None` before the first live packet.
+    ages: Option<Histogram>,
+}
+
+impl Tally {
+    fn count(&mut self, packet: &Packet, from: String, at: Instant) {
+        self.packets.count(packet, from, at);
+        self.first.get_or_insert(at);
+        if packet.state == State::Live {
+            self.ages.get_or_insert_default().record(Duration::from_micros(packet.age_us.into()));
+        }
+    }
+
+    /// Summarises everything in one line.
+    fn summary(&self) -> String {
+        let (Some(first), Some(newest)) = (self.first, &self.packets.newest) else {
+            return "no packets".to_owned();
+        };
+        let facewire_packet::Tally { packets, lost, refused, .. } = self.packets;
+        let span_s = newest.at.duration_since(first).as_secs_f64();
+        let rate_hz = if span_s > 0.0 { packets.saturating_sub(1) as f64 / span_s } else { 0.0 };
+        let ages = self.ages.as_ref().map_or_else(String::new, |ages| {
+            let [p50, p95] = ages.quantiles_ms([0.5, 0.95]);
+            format!("; age of live packets p50 {p50:.1} ms, p95 {p95:.1} ms")
+        });
+        format!("{packets} packets in {span_s:.1} s ({rate_hz:.1} a second), {lost} lost, {refused} refused{ages}")
     }
 }
 
-impl From<MonitorError> for Failure {
-    fn from(error: MonitorError) -> Self {
-        let message = error.to_string();
-        match error {
-            MonitorError::Listen { .. } | MonitorError::NoPacket { .. } | MonitorError::NoFrame { .. } => {
-                Self::failed(message)
-            }
-            MonitorError::Port(_) => Self::unavailable(message),
-            MonitorError::Output(_) => Self::unwritten(message),
-        }
+/// A packet as a JSON object.
+#[derive(Serialize)]
+struct Json<'a> {
+    from: &'a str,
+    state: &'static str,
+    reason: &'static str,
+    neutral_face: &'static str,
+    sequence: u16,
+    lost_before: u16,
+    age_ms: f64,
+    capture_us: u32,
+    head_yaw_deg: f64,
+    head_pitch_deg: f64,
+    head_roll_deg: f64,
+    head_mm: [f32; 3],
+    #[serde(serialize_with = "with_names")]
+    coefficients: [f32; BLENDSHAPES.len()],
+}
+
+fn with_names<S: Serializer>(values: &[f32; BLENDSHAPES.len()], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(BLENDSHAPES.iter().zip(values.map(|value| rounded(value, 1e5))))
+}
+
+/// Returns the newest packet as a line of JSON.
+fn json(tally: &Tally) -> String {
+    let Some(Newest { packet, from, lost_before, .. }) = &tally.packets.newest else { return String::new() };
+    let [head_yaw_deg, head_pitch_deg, head_roll_deg] =
+        yaw_pitch_roll_deg(packet.rotation).map(|deg| rounded(deg, 1e3));
+    let json = Json {
+        from,
+        state: packet.state.name(),
+        reason: packet.reason.name(),
+        neutral_face: packet.neutral_face.name(),
+        sequence: packet.sequence,
+        lost_before: *lost_before,
+        age_ms: f64::from(packet.age_us) / 1000.0,
+        capture_us: packet.capture_us,
+        head_yaw_deg,
+        head_pitch_deg,
+        head_roll_deg,
+        head_mm: packet.position_mm,
+        coefficients: packet.coefficients,
+    };
+    // Numbers and strings always have a JSON form.
+    serde_json::to_string(&json).unwrap_or_default() + "\n"
+}
+
+/// Rounds to the accuracy of the packet, and turns -0 into 0.
+fn rounded(value: f32, steps: f64) -> f64 {
+    (f64::from(value) * steps).round() / steps + 0.0
+}
+
+/// Names the state and the reason.
+fn state(packet: &Packet) -> String {
+    match packet.reason {
+        Reason::None => packet.state.name().to_owned(),
+        reason => format!("{}: {}", packet.state.name(), reason.name()),
     }
+}
+
+/// Describes the current state in one line.
+fn line(listen: &str, tally: &Tally, now: Instant) -> String {
+    let Some(Newest { packet, .. }) = &tally.packets.newest else {
+        return format!("waiting for packets at {listen}");
+    };
+    let counts = format!("lost {}  refused {}", tally.packets.lost, tally.packets.refused);
+    if let Some(silence) = tally.packets.silence(now) {
+        return format!("silent for {:.1} s  {counts}", silence.as_secs_f64());
+    }
+    let mut strongest: Vec<_> = BLENDSHAPES.iter().zip(packet.coefficients).collect();
+    strongest.sort_by(|(_, a), (_, b)| b.total_cmp(a));
+    let noteworthy = strongest.iter().take(NAMED).filter(|(_, value)| *value >= NOTEWORTHY);
+    let [yaw, pitch, roll] = yaw_pitch_roll_deg(packet.rotation);
+    format!(
+        "{}  {:.1} packets/s  {counts}  age {:.1} ms  neutral {}  yaw {yaw:.1} pitch {pitch:.1} roll {roll:.1}{}",
+        state(packet),
+        tally.packets.rate_hz(now),
+        f64::from(packet.age_us) / 1000.0,
+        packet.neutral_face.name(),
+        noteworthy.map(|(name, value)| format!("  {name} {value:.2}")).collect::<String>()
+    )
 }
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
-
     use super::*;
 
-    #[derive(Debug, Parser)]
-    struct Arguments {
-        #[command(flatten)]
-        monitor: MonitorArgs,
-    }
-
-    fn parsed(arguments: &[&str]) -> Result<MonitorArgs, clap::Error> {
-        Arguments::try_parse_from([&["monitor"], arguments].concat()).map(|arguments| arguments.monitor)
-    }
-
     #[test]
-    fn limits_and_baud_rates_that_make_no_sense_are_refused() {
+    fn limits_and_baud_rates_that_make_no_sense_are_refused_and_the_longest_time_fits_the_clock() {
         for wrong in ["0", "-1", "1e19", "1e308", "inf", "NaN", "1e-320", "31536001", "ten"] {
-            assert!(parsed(&[&format!("--seconds={wrong}")]).is_err(), "--seconds {wrong}");
+            assert!(seconds(wrong).is_err(), "--seconds {wrong}");
         }
-        for wrong in ["0", "-1", "300", "4000001", "4294967296"] {
-            assert!(parsed(&["--serial", "/dev/ttyUSB0", &format!("--baud={wrong}")]).is_err(), "--baud {wrong}");
+        for wrong in ["--baud=0", "--baud=300", "--baud=4000001", "--packets=0", "--packets=18446744073709551616"] {
+            let arguments = ["facewire", "monitor", "--serial", "/dev/ttyUSB0", wrong];
+            assert!(crate::command().try_get_matches_from(arguments).is_err(), "{wrong}");
         }
-        for wrong in ["0", "-1", "18446744073709551616"] {
-            assert!(parsed(&[&format!("--packets={wrong}")]).is_err(), "--packets {wrong}");
-        }
+        assert!(Instant::now().checked_add(seconds("31536000").unwrap()).is_some());
     }
 
     #[test]
-    fn the_longest_time_does_not_overflow_the_clock() {
-        let longest = parsed(&["--seconds", "31536000"]).unwrap().seconds.unwrap();
-        assert!(Instant::now().checked_add(longest).is_some());
+    fn json_names_every_coefficient_in_the_order_of_the_packet() {
+        let mut tally = Tally::default();
+        let packet = Packet { state: State::Hold, reason: Reason::Late, coefficients: [0.25; 52], ..Packet::NEUTRAL };
+        tally.count(&packet, "127.0.0.1:7".to_owned(), Instant::now());
+        let text = json(&tally);
+        let begin = r#"{"from":"127.0.0.1:7","state":"hold","reason":"late","neutral_face":"mean","sequence":0,"#;
+        assert!(text.starts_with(begin), "{text}");
+        assert!(text.ends_with("\"noseSneerRight\":0.25,\"tongueOut\":0.25}}\n"), "{text}");
+        assert_eq!(text.matches(":0.25").count(), 52);
+    }
+
+    #[test]
+    fn the_line_shows_waiting_state_and_silence_and_the_summary_counts_rate_and_ages() {
+        let (listen, now, mut tally) = ("0.0.0.0:5252", Instant::now(), Tally::default());
+        assert_eq!(line(listen, &tally, now), "waiting for packets at 0.0.0.0:5252");
+        for sequence in 0..31_u16 {
+            let mut packet = Packet { state: State::Live, sequence, age_us: 20_000, ..Packet::NEUTRAL };
+            packet.coefficients[17] = 0.5;
+            tally.count(&packet, listen.to_owned(), now + Duration::from_millis(100) * sequence.into());
+        }
+        tally.packets.refuse(facewire_packet::DecodeError::Checksum);
+        let last = now + Duration::from_secs(3);
+        let want = "live  10.0 packets/s  lost 0  refused 1  age 20.0 ms  neutral mean  yaw 0.0 pitch 0.0 roll 0.0  \
+                    jawOpen 0.50";
+        assert_eq!(line(listen, &tally, last), want);
+        let later = last + Duration::from_millis(1500);
+        assert_eq!(line(listen, &tally, later), "silent for 1.5 s  lost 0  refused 1");
+        // Reported ages are up to 3.2 % too long.
+        let want = "31 packets in 3.0 s (10.0 a second), 0 lost, 1 refused; \
+                    age of live packets p50 20.4 ms, p95 20.4 ms";
+        assert_eq!(tally.summary(), want);
     }
 }

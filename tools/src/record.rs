@@ -4,7 +4,7 @@
 //! sending. Without a service the command opens the camera itself, and sends nothing.
 
 use std::fs;
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{SyncSender, TrySendError};
@@ -17,9 +17,7 @@ use base64::prelude::BASE64_STANDARD;
 use clap::Args;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-use facewire::cli::Connection;
-use facewire::cli::SettingsArgs;
-use facewire::cli::{Failure, say};
+use facewire::cli::{Connection, Failure, SettingsArgs, say};
 use facewire::pipeline::Pipeline;
 use facewire::preflight::{load_profile, model_warning};
 use facewire::recording::{Recorded, Writer};
@@ -39,15 +37,14 @@ was recorded up to a crash or a power failure can be read, except for the last s
 service runs, it holds the camera: the command then records the frames of the service, with the settings of the \
 service, and the service goes on sending.";
 
-/// Time after which the progress is reported again.
-const PROGRESS: Duration = Duration::from_secs(10);
+/// Time between two reports of the progress.
+const PROGRESS_PERIOD: Duration = Duration::from_secs(10);
 /// Time between two checks whether the recording is over.
-const LOOK: Duration = Duration::from_millis(100);
+const CHECK_PERIOD: Duration = Duration::from_millis(100);
 /// Frames that wait for the disk at most. Each takes some 6 kB.
 const WAITING_FRAMES: usize = 1000;
 const BYTES_PER_MB: u64 = 1_000_000;
 
-/// Arguments of `facewire record`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct RecordArgs {
@@ -75,8 +72,8 @@ pub fn run(args: &RecordArgs) -> Result<(), Failure> {
         return Err(Failure::unwritable(&args.file, &ErrorKind::AlreadyExists.into()));
     }
     match Connection::open()? {
-        Some(connection) => by_service(connection, args, stop),
-        None => without_service(args, stop),
+        Some(connection) => by_service(connection, args, &stop),
+        None => without_service(args, &stop),
     }
 }
 
@@ -88,7 +85,7 @@ struct Lost {
 }
 
 /// Writes the frames that a running service sends.
-fn by_service(mut connection: Connection, args: &RecordArgs, stop: Arc<AtomicBool>) -> Result<(), Failure> {
+fn by_service(mut connection: Connection, args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> {
     connection.ask(&Request::Record {})?;
     let mut recorder = Recorder::begin(args, stop)?;
     say("the service records; Ctrl-C ends it");
@@ -125,7 +122,7 @@ fn listen(mut reply: impl FnMut() -> Result<Reply, Failure>, told: &SyncSender<R
 fn keep_all(heard: &mpsc::Receiver<Result<Reply, Failure>>, recorder: &mut Recorder) -> Result<(), Failure> {
     let other = || Failure::failed("the service is of another version: restart it".to_owned());
     while !recorder.is_over() {
-        let text = match heard.recv_timeout(LOOK) {
+        let text = match heard.recv_timeout(CHECK_PERIOD) {
             Ok(Ok(Reply::Frame(text))) => text,
             Ok(Ok(Reply::Refused(sentence))) => return Err(Failure::failed(sentence)),
             Ok(Err(error)) => return Err(error),
@@ -133,14 +130,12 @@ fn keep_all(heard: &mpsc::Receiver<Result<Reply, Failure>>, recorder: &mut Recor
             Ok(Ok(_)) | Err(mpsc::RecvTimeoutError::Disconnected) => return Err(other()),
         };
         let bytes = BASE64_STANDARD.decode(text).map_err(|_| other())?;
-        if !recorder.keep(&Recorded::from_bytes(&bytes).ok_or_else(other)?)? {
-            break;
-        }
+        recorder.keep(&Recorded::from_bytes(&bytes).ok_or_else(other)?)?;
     }
     Ok(())
 }
 
-fn without_service(args: &RecordArgs, stop: Arc<AtomicBool>) -> Result<(), Failure> {
+fn without_service(args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     let mut pipeline = Pipeline::load(&settings)?;
     pipeline.solver.profile = load_profile(&settings.wearer)?;
@@ -157,67 +152,70 @@ fn without_service(args: &RecordArgs, stop: Arc<AtomicBool>) -> Result<(), Failu
     outcome
 }
 
+/// Keeps the frames of a camera until the recording is over.
 fn record(camera: &mut OpenCamera, pipeline: &mut Pipeline, recorder: &mut Recorder) -> Result<(), Failure> {
     while !recorder.is_over() {
-        let Some(frame) = camera.next()? else { continue };
-        if !recorder.keep(&pipeline.process(&frame).record())? {
-            break;
+        if let Some(frame) = camera.next()? {
+            recorder.keep(&pipeline.process(&frame).record())?;
         }
     }
     Ok(())
 }
 
 /// The file, and the progress of the recording.
-struct Recorder {
+struct Recorder<'a> {
+    args: &'a RecordArgs,
+    stop: &'a AtomicBool,
     writer: Writer,
-    path: PathBuf,
-    stop: Arc<AtomicBool>,
+    /// Whether the file is as large as it may become.
+    is_full: bool,
     /// When the first frame came.
     begun: Option<Instant>,
     told: Instant,
-    longest: Option<Duration>,
-    max_mb: u64,
     faces: u64,
 }
 
-impl Recorder {
-    fn begin(args: &RecordArgs, stop: Arc<AtomicBool>) -> Result<Self, Failure> {
-        let path = args.file.clone();
-        let writer = Writer::create(&path, args.max_mb * BYTES_PER_MB);
-        let writer = writer.map_err(|error| Failure::unwritable(&path, &error))?;
-        let (told, longest) = (Instant::now(), args.seconds.map(Duration::from_secs));
-        Ok(Self { writer, path, stop, begun: None, told, longest, max_mb: args.max_mb, faces: 0 })
+impl<'a> Recorder<'a> {
+    fn begin(args: &'a RecordArgs, stop: &'a AtomicBool) -> Result<Self, Failure> {
+        let writer = Writer::create(&args.file, args.max_mb * BYTES_PER_MB);
+        let writer = writer.map_err(|error| Failure::unwritable(&args.file, &error))?;
+        Ok(Self { args, stop, writer, is_full: false, begun: None, told: Instant::now(), faces: 0 })
     }
 
     fn is_over(&self) -> bool {
-        let lasted = self.begun.map(|begun| begun.elapsed());
-        self.stop.load(Relaxed) || self.longest.zip(lasted).is_some_and(|(longest, lasted)| lasted >= longest)
+        let lasted_s = self.begun.map(|begun| begun.elapsed().as_secs());
+        let is_long = self.args.seconds.zip(lasted_s).is_some_and(|(longest_s, lasted_s)| lasted_s >= longest_s);
+        self.is_full || is_long || self.stop.load(Relaxed)
     }
 
-    /// Keeps a frame. Returns `false` if the file is as large as it may become.
-    fn keep(&mut self, frame: &Recorded) -> Result<bool, Failure> {
+    fn unwritable(&self, error: &io::Error) -> Failure {
+        Failure::unwritable(&self.args.file, error)
+    }
+
+    fn keep(&mut self, frame: &Recorded) -> Result<(), Failure> {
         self.begun.get_or_insert_with(Instant::now);
-        if !self.writer.push(frame).map_err(|error| Failure::unwritable(&self.path, &error))? {
-            say(format_args!("the file is full: --max-mb allows {} MB", self.max_mb));
-            return Ok(false);
+        self.is_full = !self.writer.push(frame).map_err(|error| self.unwritable(&error))?;
+        if self.is_full {
+            say(format_args!("the file is full: --max-mb allows {} MB", self.args.max_mb));
+            return Ok(());
         }
         self.faces += u64::from(frame.landmarks.is_some());
-        if self.told.elapsed() >= PROGRESS {
+        if self.told.elapsed() >= PROGRESS_PERIOD {
             self.told = Instant::now();
             say(format_args!("{} frames, {} with a face", self.writer.frames(), self.faces));
         }
-        Ok(true)
+        Ok(())
     }
 
     /// Writes what is left. An empty file is removed, because it would be in the way of the next attempt.
     fn finish(mut self) -> Result<(), Failure> {
-        let bytes = self.writer.finish().map_err(|error| Failure::unwritable(&self.path, &error))?;
-        let (frames, path) = (self.writer.frames(), self.path.display());
+        let bytes = self.writer.finish().map_err(|error| self.unwritable(&error))?;
+        let (frames, path) = (self.writer.frames(), &self.args.file);
         if frames == 0 {
-            let _ = fs::remove_file(&self.path);
+            let _ = fs::remove_file(path);
         }
         let seconds = self.begun.map_or(0.0, |begun| begun.elapsed().as_secs_f64());
-        say(format_args!("{frames} frames in {seconds:.1} s: {path}, {} kB", bytes / 1000));
+        say(format_args!("{frames} frames in {seconds:.1} s: {}, {} kB", path.display(), bytes / 1000));
         Ok(())
     }
 }
@@ -228,29 +226,18 @@ mod tests {
 
     #[test]
     fn frames_that_a_stalled_disk_has_no_room_for_are_dropped_and_counted() {
-        let (told, heard) = mpsc::sync_channel(3);
-        let (lost, mut replies) = (Lost::default(), (0..10).map(|number| Reply::Frame(number.to_string())));
+        let ((told, heard), lost) = (mpsc::sync_channel(3), &Lost::default());
+        let frame = |number: u32| Reply::Frame(number.to_string());
+        let mut replies = [Reply::Lost(5)].into_iter().chain((0..10).map(frame));
         thread::scope(|scope| {
-            let listener = scope.spawn(|| {
-                let last = || Reply::Refused("the service stops".to_owned());
-                listen(|| Ok(replies.next().unwrap_or_else(last)), &told, &lost);
-            });
+            let mut reply = || Ok(replies.next().unwrap_or(Reply::Refused("the service stops".to_owned())));
+            scope.spawn(move || listen(&mut reply, &told, lost));
             while lost.disk.load(Relaxed) < 7 {
                 thread::yield_now();
             }
-            let kept: Vec<_> = (0..3).map(|_| heard.recv().unwrap().unwrap()).collect();
-            assert_eq!(kept, [0, 1, 2].map(|number| Reply::Frame(number.to_string())));
+            assert_eq!([0, 1, 2].map(|_| heard.recv().unwrap().unwrap()), [0, 1, 2].map(frame));
             assert!(matches!(heard.recv(), Ok(Ok(Reply::Refused(_)))));
-            listener.join().unwrap();
         });
-        listen(
-            {
-                let mut replies = [Reply::Lost(5), Reply::Done(String::new())].into_iter();
-                move || Ok(replies.next().unwrap())
-            },
-            &mpsc::sync_channel(1).0,
-            &lost,
-        );
         assert_eq!((lost.service.load(Relaxed), lost.disk.load(Relaxed)), (5, 7));
     }
 }

@@ -6,8 +6,7 @@ use std::time::Instant;
 use clap::Args;
 
 use crate::bench::cpu_time;
-use facewire::cli::{Failure, say};
-use facewire::cli::{SettingsArgs, log};
+use facewire::cli::{Failure, SettingsArgs, log, say};
 use facewire::recording::{Reader, RecordingError};
 use facewire::service;
 
@@ -20,7 +19,6 @@ The links of the settings get the recorded outputs with the original timing. [fa
 have their current settings, not those of the time of the recording. Stop the service first if both would \
 send to the same receiver.";
 
-/// Arguments of `facewire replay`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ReplayArgs {

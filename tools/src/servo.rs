@@ -3,27 +3,37 @@
 //! Contract: the servo gets no pulses until the first key, and none after the end unless `--end neutral` asks for them. The
 //! terminal is restored however the command ends. A board that the service uses is refused.
 
-mod board;
 mod finder;
-mod terminal;
 
-use std::io::{self, IsTerminal as _};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::io::{self, IsTerminal as _, Read as _, Stdout, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
+use crossterm::event::{self, KeyCode, KeyEvent, KeyModifiers};
+use crossterm::style::Print;
+use crossterm::terminal::{Clear, ClearType, disable_raw_mode, enable_raw_mode};
+use crossterm::{cursor, execute};
+use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-use self::board::Board;
 use self::finder::{Finder, Key};
-use self::terminal::Terminal;
-use facewire::cli::SettingsArgs;
-use facewire::cli::{Failure, print};
-use facewire::config::{LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings};
+use crate::stopped_by;
+use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, print};
+use facewire::config::{AutoDevice, LinkKind, MaestroSettings, Pca9685Settings, SerialDevice, Settings};
+use facewire::link::maestro::{ANSWER_BYTES, Code, Protocol, SILENCE, data, speed, target};
+use facewire::link::pca9685::{Bus, CHANNELS};
+use facewire::link::{PortSearch, lost, open_port};
 
 /// Time after which a pulse is sent again, so that a board with a time-out does not switch the servo off.
 const RESEND_PERIOD: Duration = Duration::from_millis(200);
+/// How long a Maestro has for its answer.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// Speed of the servo, microseconds of the pulse per second: a large step takes a few hundredths of a second.
+const SPEED_US_PER_S: f32 = 2000.0;
+/// Number of steps by which the keys up and down move.
+const LARGE: i32 = 5;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -43,7 +53,6 @@ Keys:
 Move towards an end in small steps and stop before the servo hums or the mechanism binds. A service that uses the board \
 must be stopped first: sudo systemctl stop facewire";
 
-/// Arguments of `facewire servo`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ServoArgs {
@@ -100,10 +109,8 @@ impl ServoArgs {
 /// Reads an address of I2C, such as 0x40 or 64.
 fn address(text: &str) -> Result<u32, String> {
     let number = text.strip_prefix("0x").map_or_else(|| text.parse(), |hex| u32::from_str_radix(hex, 16));
-    number
-        .ok()
-        .filter(|number| (0x40..=0x7F).contains(number))
-        .ok_or_else(|| "write a number from 0x40 to 0x7f".to_owned())
+    let number = number.ok().filter(|number| (0x40..=0x7F).contains(number));
+    number.ok_or_else(|| "write a number from 0x40 to 0x7f".to_owned())
 }
 
 pub fn run(args: &ServoArgs) -> Result<(), Failure> {
@@ -111,33 +118,158 @@ pub fn run(args: &ServoArgs) -> Result<(), Failure> {
     if !io::stdin().is_terminal() || !io::stdout().is_terminal() {
         return Err(Failure::failed("`facewire servo` reads keys from a terminal; run it in one".to_owned()));
     }
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|error| Failure::failed(error.to_string()))?;
-    }
+    let stop = stopped_by(&[SIGINT, SIGTERM, SIGHUP])?;
     let mut board = Board::open(&kind, args.channel)?;
     let mut finder = Finder::new(args.start, args.step);
-    let moved = by_keys(&mut board, &mut finder, &stop);
+    let mut move_by_keys = || -> Result<(), Failure> {
+        let mut terminal = Terminal::enter()?;
+        terminal
+            .write("left/right, down/up: move   0, 1, n: take as an end or as neutral   space: pulses   q: end\r\n")?;
+        while !stop.load(Relaxed) {
+            terminal.write(&format!("\r{}", finder.status()))?;
+            match key()? {
+                Some(Key::End) => break,
+                Some(key) => finder.press(key),
+                None => {}
+            }
+            board.set(finder.pulse_us())?;
+        }
+        Ok(())
+    };
+    let moved = move_by_keys();
     let rest = finder.neutral_us().filter(|_| args.end == End::Neutral);
     let ended = board.set(rest);
     moved.and(ended)?;
     print(&finder.lines(args.channel))
 }
 
-/// Moves the servo until the user or a signal ends it. The terminal is restored on return.
-fn by_keys(board: &mut Board, finder: &mut Finder, stop: &AtomicBool) -> Result<(), Failure> {
-    let mut terminal = Terminal::enter()?;
-    terminal.say("left/right, down/up: move   0, 1, n: take as an end or as neutral   space: pulses   q: end")?;
-    while !stop.load(Relaxed) {
-        terminal.show(&finder.status())?;
-        match terminal::key(RESEND_PERIOD)? {
-            Some(Key::End) => break,
-            Some(key) => finder.press(key),
-            None => {}
+/// The channel of the board.
+enum Board {
+    Maestro(Maestro),
+    Pca9685 { bus: Bus, channel: u8 },
+}
+
+struct Maestro {
+    tty: TTYPort,
+    device: PathBuf,
+    protocol: Protocol,
+    channel: u8,
+}
+
+impl Board {
+    /// Opens the board. Another program that uses it, such as the service, is told as the reason.
+    fn open(kind: &LinkKind, channel: u8) -> Result<Self, Failure> {
+        match kind {
+            LinkKind::Pca9685(_) if channel >= CHANNELS => {
+                Err(Failure::failed(format!("a PCA9685 has the channels 0 to {}", CHANNELS - 1)))
+            }
+            LinkKind::Pca9685(settings) => {
+                let mut bus = Bus::open(settings)?;
+                bus.probe()?;
+                Ok(Self::Pca9685 { bus, channel })
+            }
+            LinkKind::Maestro(settings) => Maestro::open(settings, channel).map(Self::Maestro),
+            _ => Err(Failure::failed("this link leads to no servo board".to_owned())),
         }
-        board.set(finder.pulse_us())?;
     }
-    Ok(())
+
+    /// Gives the channel this pulse, or none.
+    fn set(&mut self, pulse_us: Option<f32>) -> Result<(), Failure> {
+        match self {
+            Self::Maestro(maestro) => maestro.command(Code::SetTarget, target(pulse_us)),
+            Self::Pca9685 { bus, channel } => Ok(bus.set_pulse(*channel, pulse_us)?),
+        }
+    }
+}
+
+impl Maestro {
+    fn open(settings: &MaestroSettings, channel: u8) -> Result<Self, Failure> {
+        let device = PortSearch::new(&settings.device, AutoDevice::Maestro).find()?;
+        let tty = open_port(&device, settings.baud, PATIENCE)?;
+        let mut maestro = Self { tty, device, protocol: Protocol::new(settings), channel };
+        if settings.read_errors {
+            maestro.ask(settings)?;
+        }
+        maestro.command(Code::SetSpeed, speed(SPEED_US_PER_S))?;
+        Ok(maestro)
+    }
+
+    /// Asks for the errors, to check that the Maestro answers. The errors are older than this command, and ignored.
+    fn ask(&mut self, settings: &MaestroSettings) -> Result<(), Failure> {
+        let mut question = Vec::new();
+        // A Maestro that detects its baud rate needs a command of this protocol first.
+        for protocol in [Protocol::pololu(settings), self.protocol] {
+            protocol.write(&mut question, Code::GetErrors, []);
+        }
+        let _ = self.tty.clear(ClearBuffer::Input);
+        let answered = self.tty.write_all(&question).and_then(|()| self.tty.read_exact(&mut [0; ANSWER_BYTES]));
+        answered.map_err(|_| Failure::unavailable(format!("{}: {SILENCE}", self.device.display())))
+    }
+
+    fn command(&mut self, code: Code, value: u16) -> Result<(), Failure> {
+        let ([low, high], mut command) = (data(value), Vec::new());
+        self.protocol.write(&mut command, code, [self.channel, low, high]);
+        // Answers to earlier commands are discarded, because nobody reads them.
+        let _ = self.tty.clear(ClearBuffer::Input);
+        self.tty.write_all(&command).map_err(|error| lost(&self.device, error).into())
+    }
+}
+
+/// A terminal that gives single keys. It is restored when this is dropped.
+struct Terminal(Stdout);
+
+impl Terminal {
+    fn enter() -> Result<Self, Failure> {
+        let mut terminal = Self(io::stdout());
+        enable_raw_mode().and_then(|()| execute!(terminal.0, cursor::Hide)).map_err(gone)?;
+        Ok(terminal)
+    }
+
+    /// Writes text, and clears what was on its line behind it.
+    fn write(&mut self, text: &str) -> Result<(), Failure> {
+        execute!(self.0, Print(text), Clear(ClearType::UntilNewLine)).map_err(gone)
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        // A terminal that has gone cannot be restored.
+        let _ = execute!(self.0, Print("\r\n"), cursor::Show);
+        let _ = disable_raw_mode();
+        let _ = self.0.flush();
+    }
+}
+
+fn gone(error: io::Error) -> Failure {
+    Failure::unwritable(Path::new(STANDARD_OUTPUT), &error)
+}
+
+/// Waits for a key with a meaning, until a pulse is due again.
+fn key() -> Result<Option<Key>, Failure> {
+    match event::poll(RESEND_PERIOD) {
+        Ok(true) => Ok(event::read().map_err(gone)?.as_key_press_event().and_then(meaning)),
+        Ok(false) => Ok(None),
+        // A signal is no failure of the terminal.
+        Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(None),
+        Err(error) => Err(gone(error)),
+    }
+}
+
+fn meaning(key: KeyEvent) -> Option<Key> {
+    let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
+    Some(match key.code {
+        KeyCode::Char('c' | 'd') if is_control => Key::End,
+        KeyCode::Char('q') | KeyCode::Esc => Key::End,
+        KeyCode::Left => Key::Move(-1),
+        KeyCode::Right => Key::Move(1),
+        KeyCode::Down => Key::Move(-LARGE),
+        KeyCode::Up => Key::Move(LARGE),
+        KeyCode::Char('0') => Key::At0,
+        KeyCode::Char('1') => Key::At1,
+        KeyCode::Char('n') => Key::Neutral,
+        KeyCode::Char(' ') => Key::Pulses,
+        _ => return None,
+    })
 }
 
 #[cfg(test)]

@@ -1,27 +1,25 @@
 //! `facewire track`: runs every frame of a file through the pipeline, in the file's own time.
 
-mod rows;
-
 use std::fmt;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use facewire_packet::BLENDSHAPE_COUNT;
+use facewire_packet::BLENDSHAPES;
+use npyz::WriterBuilder as _;
 
-use self::rows::{Csv, LandmarkFile, Row};
 use crate::input;
-use crate::monitor::yaw_pitch_roll_deg;
 use facewire::calibration::WearerName;
 use facewire::capture::{FrameRate, Source};
-use facewire::cli::say;
-use facewire::cli::{Failure, SettingsArgs};
+use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, say};
 use facewire::pipeline::Pipeline;
-use facewire::playback::{Face, Playback, Shown, neutral_of};
+use facewire::playback::{Face, Playback, neutral_of};
 use facewire::preflight::load_profile;
 use facewire::service::Step;
-use facewire_face::{HeadPose, NeutralMode, Profile, Solution};
+use facewire_face::{LANDMARKS, Landmarks, NeutralMode, Profile, yaw_pitch_roll_deg};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -35,8 +33,9 @@ Examples:
 
 /// Number of frames after which the progress is reported.
 const PROGRESS_FRAMES: u64 = 1000;
+const HEAD_COLUMNS: [&str; 6] =
+    ["head_yaw_deg", "head_pitch_deg", "head_roll_deg", "head_x_mm", "head_y_mm", "head_z_mm"];
 
-/// Arguments of `facewire track`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct TrackArgs {
@@ -105,23 +104,23 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     }
     let profile = if args.neutral.is_some() { Profile::default() } else { load_profile(&settings.wearer)? };
     let source = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
+    let mut pipeline = Pipeline::load_for(&*source, &settings)?;
+    let is_estimated = args.neutral == Some(NeutralSource::Estimate);
+    pipeline.solver.profile = if is_estimated { Profile::default() } else { profile };
+    pipeline.solver.neutral_mode = if is_estimated { NeutralMode::Auto } else { NeutralMode::Off };
+    if let Some(tracker) = &mut pipeline.tracker {
+        tracker.set_turns(args.step.has_turns());
+    }
     let mut track = Track {
-        playback: Playback::new(Pipeline::load_for(&*source, &settings)?, &settings.failsafe),
+        playback: Playback::new(pipeline, &settings.failsafe),
         source,
         stage: args.stage,
         step: args.step,
         csv: Csv::create(args.out.as_deref())?,
-        row: None,
+        row: String::new(),
         landmarks: args.landmarks.as_deref().map(LandmarkFile::new).transpose()?,
         tally: Tally::default(),
     };
-    let is_estimated = args.neutral == Some(NeutralSource::Estimate);
-    let solver = &mut track.playback.pipeline.solver;
-    solver.profile = if is_estimated { Profile::default() } else { profile };
-    solver.neutral_mode = if is_estimated { NeutralMode::Auto } else { NeutralMode::Off };
-    if let Some(tracker) = &mut track.playback.pipeline.tracker {
-        tracker.set_turns(args.step.has_turns());
-    }
     let begun = Instant::now();
     let outcome = track.all(args.neutral.as_ref());
     // The rows before an error of the input are kept.
@@ -138,8 +137,8 @@ struct Track {
     stage: Stage,
     step: Step,
     csv: Csv,
-    /// The last row, for frames that the step leaves out.
-    row: Option<Row>,
+    /// The state and the numbers of the last row, for frames that the step leaves out.
+    row: String,
     landmarks: Option<LandmarkFile>,
     tally: Tally,
 }
@@ -149,33 +148,26 @@ impl Track {
         if let Some(NeutralSource::Frames(range)) = neutral {
             self.learn_neutral(range)?;
         }
-        while let Some(face) = self.next()? {
+        while let Some(face) = self.playback.find(&mut *self.source)? {
             self.frame(&face)?;
             self.leave_out(&face)?;
         }
         Ok(())
     }
 
-    fn next(&mut self) -> Result<Option<Face>, Failure> {
-        Ok(self.playback.find(&mut *self.source)?)
-    }
-
     /// Reads up to the end of the range, takes the mean of the faces in the range as neutral, then solves all frames read.
     fn learn_neutral(&mut self, range: &Range<u64>) -> Result<(), Failure> {
         let mut read = Vec::new();
         while read.last().is_none_or(|face: &Face| face.number + 1 < range.end) {
-            let Some(face) = self.next()? else { break };
+            let Some(face) = self.playback.find(&mut *self.source)? else { break };
             read.push(face);
         }
         let frames = read.last().map_or(0, |face| face.number + 1);
+        let refuse = |why: String| Failure::data(format!("--neutral {}..{}: {why}", range.start, range.end));
         if frames <= range.start {
-            return Err(Failure::data(format!(
-                "--neutral {}..{}: the input has {frames} frames; give a range within them",
-                range.start, range.end
-            )));
+            return Err(refuse(format!("the input has {frames} frames; give a range within them")));
         }
-        let refuse = |error| Failure::data(format!("--neutral {}..{}: {error}", range.start, range.end));
-        let neutral = Some(neutral_of(&read, range).map_err(refuse)?);
+        let neutral = Some(neutral_of(&read, range).map_err(|error| refuse(error.to_string()))?);
         self.playback.pipeline.solver.profile = Profile { neutral, ..Profile::default() };
         read.iter().try_for_each(|face| self.frame(face))
     }
@@ -188,9 +180,7 @@ impl Track {
                 break;
             }
             self.tally.frames += 1;
-            if let Some(row) = self.row {
-                self.csv.write(&Row { number, time_us: rate.stamp_us(number), ..row })?;
-            }
+            self.csv.write(number, rate.stamp_us(number), &self.row)?;
         }
         Ok(())
     }
@@ -202,23 +192,19 @@ impl Track {
         }
         let shown = self.playback.show(face);
         self.tally.count(face, shown.solution.is_some());
-        let row = self.make_row(face, &shown);
-        self.csv.write(&row)?;
-        self.row = Some(row);
-        Ok(())
-    }
-
-    fn make_row(&self, face: &Face, shown: &Shown) -> Row {
-        let solved = shown.solution.as_ref();
-        let head = solved.map(|solution| self.stage.head(solution));
-        Row {
-            number: face.number,
-            time_us: face.time_us,
-            state: shown.state,
-            coefficients: solved.map_or(shown.pose.coefficients, |solution| self.stage.of(solution)),
-            angles_deg: head.map_or_else(|| yaw_pitch_roll_deg(shown.pose.rotation), HeadPose::yaw_pitch_roll_deg),
-            position_mm: head.map_or(shown.pose.position_mm, |head| head.position_mm),
+        let mut pose = shown.pose;
+        if let (Some(solution), Stage::Raw | Stage::Corrected) = (&shown.solution, self.stage) {
+            let is_raw = self.stage == Stage::Raw;
+            pose.coefficients = if is_raw { solution.raw.0 } else { solution.corrected.0 };
+            pose.rotation = solution.raw_head.rotation_xyzw;
+            pose.position_mm = solution.raw_head.position_mm;
         }
+        let angles_deg = yaw_pitch_roll_deg(pose.rotation);
+        // Adding 0 turns -0 into 0.
+        let number = |number: &f32| format!(",{:.6}", number + 0.0);
+        let numbers = pose.coefficients.iter().chain(&angles_deg).chain(&pose.position_mm).map(number);
+        self.row = format!("{}{}", shown.state.name(), numbers.collect::<String>());
+        self.csv.write(face.number, face.time_us, &self.row)
     }
 
     fn finish(self) -> Result<Tally, Failure> {
@@ -228,48 +214,25 @@ impl Track {
         self.csv.finish()?;
         let solver = &self.playback.pipeline.solver;
         let estimate = (solver.neutral_mode == NeutralMode::Auto)
-            .then(|| Estimate { share: solver.neutral_share(), forgotten: solver.neutral_forgotten() });
+            .then(|| (100.0 * solver.neutral_share(), solver.neutral_forgotten()));
         Ok(Tally { estimate, ..self.tally })
     }
 }
 
-impl Stage {
-    fn of(self, solution: &Solution) -> [f32; BLENDSHAPE_COUNT] {
-        match self {
-            Self::Raw => solution.raw.0,
-            Self::Corrected => solution.corrected.0,
-            Self::Smoothed => solution.smoothed.0,
-        }
-    }
-
-    fn head(self, solution: &Solution) -> &HeadPose {
-        match self {
-            Self::Raw | Self::Corrected => &solution.raw_head,
-            Self::Smoothed => &solution.head,
-        }
-    }
-}
-
 /// Numbers of frames.
-#[derive(Debug, Default)]
+#[derive(Default)]
 struct Tally {
     frames: u64,
     faces: u64,
     damaged: u64,
-    estimate: Option<Estimate>,
-}
-
-/// How far the estimate of the neutral face has come at the end.
-#[derive(Debug)]
-struct Estimate {
-    share: f32,
-    forgotten: u64,
+    /// How far the estimate of the neutral face has come at the end, in percent, and how often it was forgotten.
+    estimate: Option<(f32, u64)>,
 }
 
 impl Tally {
-    fn count(&mut self, face: &Face, solved: bool) {
+    fn count(&mut self, face: &Face, is_solved: bool) {
         self.frames += 1;
-        self.faces += u64::from(solved);
+        self.faces += u64::from(is_solved);
         self.damaged += u64::from(face.damaged);
         if self.frames.is_multiple_of(PROGRESS_FRAMES) {
             say(self);
@@ -283,8 +246,8 @@ impl fmt::Display for Tally {
         if self.damaged > 0 {
             write!(f, ", {} damaged", self.damaged)?;
         }
-        let Some(Estimate { share, forgotten }) = &self.estimate else { return Ok(()) };
-        write!(f, ", neutral face estimated to {:.0} %", 100.0 * share)?;
+        let Some((percent, forgotten)) = self.estimate else { return Ok(()) };
+        write!(f, ", neutral face estimated to {percent:.0} %")?;
         match forgotten {
             0 => Ok(()),
             1 => write!(f, ", forgotten once for another person"),
@@ -293,17 +256,87 @@ impl fmt::Display for Tally {
     }
 }
 
-impl NeutralSource {
-    fn parse(text: &str) -> Result<Self, String> {
-        if text == "auto" { Ok(Self::Estimate) } else { parse_range(text).map(Self::Frames) }
+/// The CSV file, or standard output.
+struct Csv {
+    path: PathBuf,
+    output: BufWriter<Box<dyn Write>>,
+}
+
+impl Csv {
+    fn create(path: Option<&Path>) -> Result<Self, Failure> {
+        let output: Box<dyn Write> = match path {
+            Some(path) => Box::new(File::create(path).map_err(|error| Failure::unwritable(path, &error))?),
+            None => Box::new(io::stdout()),
+        };
+        let path = path.unwrap_or(Path::new(STANDARD_OUTPUT)).to_owned();
+        let mut csv = Self { path, output: BufWriter::new(output) };
+        let columns = ["frame", "time_s", "state"].into_iter().chain(BLENDSHAPES).chain(HEAD_COLUMNS);
+        let head = writeln!(csv.output, "{}", columns.collect::<Vec<_>>().join(","));
+        csv.check(head)?;
+        Ok(csv)
+    }
+
+    /// Writes a row: its frame, the frame's time, and the other columns.
+    fn write(&mut self, frame: u64, time_us: u64, columns: &str) -> Result<(), Failure> {
+        let written = writeln!(self.output, "{frame},{:.6},{columns}", time_us as f64 / 1e6);
+        self.check(written)
+    }
+
+    fn finish(mut self) -> Result<(), Failure> {
+        let flushed = self.output.flush();
+        self.check(flushed)
+    }
+
+    fn check(&self, outcome: io::Result<()>) -> Result<(), Failure> {
+        outcome.map_err(|error| Failure::unwritable(&self.path, &error))
     }
 }
 
-fn parse_range(text: &str) -> Result<Range<u64>, String> {
-    let wanted = "write auto, or A..B with A below B, such as 0..30";
-    let (start, end) = text.split_once("..").ok_or(wanted)?;
-    let range = start.parse().map_err(|_| wanted)?..end.parse().map_err(|_| wanted)?;
-    if range.is_empty() { Err(wanted.to_owned()) } else { Ok(range) }
+/// Landmarks of all frames. They are kept until the end, because the header of the file states their number.
+struct LandmarkFile {
+    path: PathBuf,
+    values: Vec<f32>,
+}
+
+impl LandmarkFile {
+    /// Checks that the path can be written before a long film is read. An existing file keeps its content until the end,
+    /// because it may be the input.
+    fn new(path: &Path) -> Result<Self, Failure> {
+        let opened = File::options().append(true).create(true).open(path);
+        opened.map_err(|error| Failure::unwritable(path, &error))?;
+        Ok(Self { path: path.to_owned(), values: Vec::new() })
+    }
+
+    /// Adds a frame. All numbers of a frame without a face are not-a-number.
+    fn push(&mut self, landmarks: Option<&Landmarks>) {
+        match landmarks {
+            Some(landmarks) => self.values.extend_from_slice(landmarks.0.as_flattened()),
+            None => self.values.extend([f32::NAN; 3 * LANDMARKS]),
+        }
+    }
+
+    fn write(&self) -> Result<(), Failure> {
+        let shape = [self.values.len() / (3 * LANDMARKS), LANDMARKS, 3].map(|side| side as u64);
+        let write = || {
+            let file = BufWriter::new(File::create(&self.path)?);
+            let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
+            writer.extend(self.values.iter().copied())?;
+            writer.finish()
+        };
+        write().map_err(|error: io::Error| Failure::unwritable(&self.path, &error))
+    }
+}
+
+impl NeutralSource {
+    fn parse(text: &str) -> Result<Self, String> {
+        let range = || {
+            let (start, end) = text.split_once("..")?;
+            let range = start.parse().ok()?..end.parse().ok()?;
+            (!range.is_empty()).then_some(Self::Frames(range))
+        };
+        let wanted = "write auto, or A..B with A below B, such as 0..30";
+        if text == "auto" { Ok(Self::Estimate) } else { range().ok_or_else(|| wanted.to_owned()) }
+    }
 }
 
 fn parse_fps(text: &str) -> Result<FrameRate, String> {
@@ -322,16 +355,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranges_are_half_open_and_not_empty() {
+    fn ranges_are_half_open_and_not_empty_and_sizes_and_rates_of_nothing_are_refused() {
         assert_eq!(NeutralSource::parse("0..30"), Ok(NeutralSource::Frames(0..30)));
         assert_eq!(NeutralSource::parse("auto"), Ok(NeutralSource::Estimate));
         for wrong in ["30", "5..5", "9..2", "a..b", "..4"] {
             assert!(NeutralSource::parse(wrong).is_err(), "{wrong}");
         }
-    }
-
-    #[test]
-    fn sizes_and_rates_of_nothing_are_refused() {
         assert_eq!(parse_size("960x540"), Ok([960, 540]));
         assert!(parse_size("0x540").is_err() && parse_size("960").is_err());
         assert!(parse_fps("0").is_err() && parse_fps("NaN").is_err() && parse_fps("29.97").is_ok());

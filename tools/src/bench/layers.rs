@@ -1,6 +1,5 @@
 //! Times the layers of the networks on the native engine, and compares them with the peak of this core.
 
-use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use facewire_engine::{Network, kernels, peak};
@@ -18,7 +17,7 @@ const DETECTOR: &str = "detector";
 const RUNS: usize = 300;
 
 /// The speed of all networks.
-#[derive(Debug, Serialize)]
+#[derive(Serialize)]
 pub struct Layers {
     /// The instruction set that the kernels use.
     kernels: &'static str,
@@ -29,7 +28,7 @@ pub struct Layers {
     networks: Vec<NetworkSpeed>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Serialize)]
 struct NetworkSpeed {
     name: &'static str,
     #[serde(flatten)]
@@ -37,7 +36,7 @@ struct NetworkSpeed {
     layers: Vec<LayerSpeed>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Serialize)]
 struct LayerSpeed {
     layer: String,
     #[serde(flatten)]
@@ -56,34 +55,58 @@ struct Speed {
 impl Speed {
     fn of(multiply_adds: usize, time: Duration, peak_per_s: f64) -> Self {
         let per_s = multiply_adds as f64 / time.as_secs_f64().max(f64::MIN_POSITIVE);
-        Self {
-            p50_us: time.as_secs_f64() * 1e6,
-            multiply_adds,
-            g_per_s: per_s / 1e9,
-            percent_of_peak: 100.0 * per_s / peak_per_s,
-        }
+        let (p50_us, percent_of_peak) = (time.as_secs_f64() * 1e6, 100.0 * per_s / peak_per_s);
+        Self { p50_us, multiply_adds, g_per_s: per_s / 1e9, percent_of_peak }
+    }
+
+    /// Returns a line of the table.
+    fn line(&self, name: &str) -> String {
+        let Self { p50_us, multiply_adds, g_per_s, percent_of_peak } = self;
+        format!("{name:<40}{multiply_adds:>14}{p50_us:>8.1}{g_per_s:>8.1}{percent_of_peak:>8.0}\n")
     }
 }
 
-/// Measures all networks. They run alternately, so that each finds the caches as the one before it left them.
-pub fn measure(settings: &NetworkSettings) -> Result<Layers, InferError> {
-    let kernels = kernels::fastest();
-    let mut timed = Vec::new();
-    for name in NETWORKS {
-        timed.push(TimedNetwork::new(name, native_network(&settings.folder, kernels, name)?));
+impl Layers {
+    /// Measures all networks. They run alternately, so that each finds the caches as the one before it left them.
+    pub fn measure(settings: &NetworkSettings) -> Result<Self, InferError> {
+        let kernels = kernels::fastest();
+        let load = |name| Ok(TimedNetwork::new(name, native_network(&settings.folder, kernels, name)?));
+        let mut timed = NETWORKS.into_iter().map(load).collect::<Result<Vec<_>, InferError>>()?;
+        let before = peak::multiply_adds_per_second(kernels);
+        for _ in 0..RUNS {
+            timed.iter_mut().for_each(TimedNetwork::time_whole);
+            timed.iter_mut().for_each(TimedNetwork::time_layers);
+        }
+        let peak_per_s = before.max(peak::multiply_adds_per_second(kernels));
+        let networks: Vec<_> = timed.into_iter().map(|network| network.speed(peak_per_s)).collect();
+        let of_frame = || networks.iter().filter(|network| network.name != DETECTOR).map(|network| network.speed);
+        let time = Duration::from_secs_f64(of_frame().map(|speed| speed.p50_us / 1e6).sum());
+        let frame = Speed::of(of_frame().map(|speed| speed.multiply_adds).sum(), time, peak_per_s);
+        Ok(Self { kernels: kernels.name, peak_g_per_s: peak_per_s / 1e9, frame, networks })
     }
-    let before = peak::multiply_adds_per_second(kernels);
-    for _ in 0..RUNS {
-        timed.iter_mut().for_each(TimedNetwork::time_whole);
-        timed.iter_mut().for_each(TimedNetwork::time_layers);
-    }
-    let peak_per_s = before.max(peak::multiply_adds_per_second(kernels));
 
-    let networks: Vec<_> = timed.iter_mut().map(|network| network.speed(peak_per_s)).collect();
-    let of_frame = || networks.iter().filter(|network| network.name != DETECTOR).map(|network| network.speed);
-    let time = Duration::from_secs_f64(of_frame().map(|speed| speed.p50_us / 1e6).sum());
-    let frame = Speed::of(of_frame().map(|speed| speed.multiply_adds).sum(), time, peak_per_s);
-    Ok(Layers { kernels: kernels.name, peak_g_per_s: peak_per_s / 1e9, frame, networks })
+    /// Returns the instruction set, and the speed of the networks of a followed face.
+    pub fn summary(&self) -> String {
+        let Speed { p50_us, percent_of_peak, .. } = self.frame;
+        let (kernels, peak, p50_ms) = (self.kernels, self.peak_g_per_s, p50_us / 1000.0);
+        format!("{kernels}; {p50_ms:.2} ms, {percent_of_peak:.0} % of {peak:.1} G multiply-adds/s, on one thread")
+    }
+
+    pub fn table(&self) -> String {
+        let heading = format!("{:<40}{:>14}{:>8}{:>8}{:>8}\n", "layer", "multiply-adds", "us p50", "G/s", "% peak");
+        let layers = self.networks.iter().flat_map(|network| {
+            network.layers.iter().map(|LayerSpeed { layer, speed }| speed.line(&format!("{:<10}{layer}", network.name)))
+        });
+        let networks = self.networks.iter().map(|network| network.speed.line(network.name));
+        format!(
+            "{heading}{}\n{}{}\nThis core computes at most {:.1} G multiply-adds/s with {}.\n",
+            layers.collect::<String>(),
+            networks.collect::<String>(),
+            self.frame.line("all networks without the detector"),
+            self.peak_g_per_s,
+            self.kernels
+        )
+    }
 }
 
 /// A network and the durations of its runs.
@@ -123,58 +146,17 @@ impl TimedNetwork {
         });
     }
 
-    fn speed(&mut self, peak_per_s: f64) -> NetworkSpeed {
+    fn speed(self, peak_per_s: f64) -> NetworkSpeed {
+        let speed = |multiply_adds, mut times: Vec<Duration>| {
+            times.sort_unstable();
+            Speed::of(multiply_adds, quantile(&times, 0.5), peak_per_s)
+        };
         let described = self.network.layers();
         let multiply_adds = described.iter().map(|(_, multiply_adds)| multiply_adds).sum();
-        let layers = described.into_iter().zip(&mut self.layers).map(|((layer, multiply_adds), runs)| LayerSpeed {
-            layer,
-            speed: Speed::of(multiply_adds, median(runs), peak_per_s),
-        });
-        let layers = layers.collect();
-        NetworkSpeed { name: self.name, speed: Speed::of(multiply_adds, median(&mut self.whole), peak_per_s), layers }
+        let layers = described.into_iter().zip(self.layers);
+        let layers = layers.map(|((layer, adds), times)| LayerSpeed { layer, speed: speed(adds, times) }).collect();
+        NetworkSpeed { name: self.name, speed: speed(multiply_adds, self.whole), layers }
     }
-}
-
-fn median(times: &mut [Duration]) -> Duration {
-    times.sort_unstable();
-    quantile(times, 0.5)
-}
-
-impl Layers {
-    /// Returns the instruction set, and the speed of the networks of a followed face.
-    pub fn summary(&self) -> String {
-        let Speed { p50_us, percent_of_peak, .. } = self.frame;
-        let (kernels, peak) = (self.kernels, self.peak_g_per_s);
-        let p50_ms = p50_us / 1000.0;
-        format!("{kernels}; {p50_ms:.2} ms, {percent_of_peak:.0} % of {peak:.1} G multiply-adds/s, on one thread")
-    }
-
-    pub fn table(&self) -> String {
-        let mut text = format!("{:<40}{:>14}{:>8}{:>8}{:>8}\n", "layer", "multiply-adds", "us p50", "G/s", "% peak");
-        for network in &self.networks {
-            for LayerSpeed { layer, speed } in &network.layers {
-                line(&mut text, &format!("{:<10}{layer}", network.name), speed);
-            }
-        }
-        text += "\n";
-        for network in &self.networks {
-            line(&mut text, network.name, &network.speed);
-        }
-        line(&mut text, "all networks without the detector", &self.frame);
-        // Writing to a string cannot fail.
-        let _ = writeln!(
-            text,
-            "\nThis core computes at most {1:.1} G multiply-adds/s with {0}.",
-            self.kernels, self.peak_g_per_s
-        );
-        text
-    }
-}
-
-/// Appends a line of the table.
-fn line(text: &mut String, name: &str, speed: &Speed) {
-    let Speed { p50_us, multiply_adds, g_per_s, percent_of_peak } = speed;
-    let _ = writeln!(text, "{name:<40}{multiply_adds:>14}{p50_us:>8.1}{g_per_s:>8.1}{percent_of_peak:>8.0}");
 }
 
 #[cfg(test)]

@@ -10,14 +10,13 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use facewire_face::{Model, Profile};
 use serde::{Deserialize, Serialize};
 
-use super::hold::{Fit, Hold, LIDS};
 use super::learn::{Takes, doubt, learn};
-use super::observation::{Observation, View};
+use super::observation::{Fit, Hold, Observation, View};
 use super::profile_file::model_hash;
-use super::take::{Refusal, Take, mean_of};
-use facewire_face::{Model, Profile};
+use super::take::{Refusal, Take};
 
 /// Time to read what to do, for the neutral take and the others.
 const READY_S: [f32; 2] = [1.0, 0.7];
@@ -98,7 +97,7 @@ pub enum Phase {
 #[derive(Debug)]
 pub struct Guide {
     model: Arc<Model>,
-    model_hash: u32,
+    pub(crate) model_hash: u32,
     last_us: Option<u64>,
     period_s: Option<f32>,
     plan: VecDeque<Take>,
@@ -109,7 +108,7 @@ pub struct Guide {
     last_refusal: Option<Refusal>,
     hindered_s: f32,
     retakes: u32,
-    outcome: Option<Result<Profile, Refusal>>,
+    outcome: Option<Result<Calibration, Refusal>>,
 }
 
 /// The take in progress.
@@ -120,19 +119,10 @@ struct Stage {
     tried_frames: u32,
     hindered_s: f32,
     hold: Option<Hold>,
+    /// How strongly the pose is seen, smoothed: the coefficients of a single frame are noisy.
     strength: Option<f32>,
     seen: f32,
     waits_for: Option<Refusal>,
-}
-
-impl Stage {
-    /// Smooths how strongly the pose is seen: the coefficients of a single frame are noisy.
-    fn smooth(&mut self, strength: f32, step_s: f32) -> f32 {
-        let last = self.strength.unwrap_or(strength);
-        let smoothed = last + (1.0 - (-step_s / SMOOTHING_S).exp()) * (strength - last);
-        self.strength = Some(smoothed);
-        smoothed
-    }
 }
 
 impl Guide {
@@ -156,24 +146,28 @@ impl Guide {
         }
     }
 
-    pub fn model_hash(&self) -> u32 {
-        self.model_hash
-    }
-
     /// The take that the guide asks for, or `None` at the end.
     pub fn wanted(&self) -> Option<Take> {
         if self.outcome.is_some() { None } else { self.plan.front().copied() }
     }
 
+    /// What the calibration has found, or `None` while it goes on.
+    pub fn outcome(&self) -> Option<Result<Calibration, Refusal>> {
+        self.outcome.clone()
+    }
+
     pub fn update(&mut self, observation: &Observation) {
         let step_s = self.step_s(observation.time_us);
         let Some(take) = self.wanted() else { return };
-        self.stage.since_s += step_s;
+        let stage = &mut self.stage;
+        stage.since_s += step_s;
         match View::new(&self.model, &self.takes, take, observation) {
             Err(hindrance) => self.hinder(take, hindrance, step_s),
-            Ok(_) if self.stage.since_s < of(READY_S, take) => {}
+            Ok(_) if stage.since_s < of(READY_S, take) => {}
             Ok(mut view) => {
-                view.strength = self.stage.smooth(view.strength_now, step_s);
+                let last = stage.strength.unwrap_or(view.strength_now);
+                view.strength = last + (1.0 - (-step_s / SMOOTHING_S).exp()) * (view.strength_now - last);
+                stage.strength = Some(view.strength);
                 self.measure(take, &view, step_s);
             }
         }
@@ -181,7 +175,6 @@ impl Guide {
 
     pub fn progress(&self) -> Progress {
         let take = self.plan.front().copied().unwrap_or(Take::LookDown);
-        let measured = self.stage.hold.as_ref().map_or(0.0, |hold| hold.done(of(MEASURE_S, take)));
         let phase = match &self.stage {
             _ if self.wanted().is_none() => Phase::Ended,
             Stage { hold: Some(_), .. } => Phase::Measure,
@@ -193,24 +186,12 @@ impl Guide {
             done: Take::ALL.len().saturating_sub(self.plan.len()),
             of: Take::ALL.len(),
             phase,
-            measured,
+            measured: self.stage.hold.as_ref().map_or(0.0, |hold| hold.done(of(MEASURE_S, take))),
             seen: self.stage.seen,
             waits_for: self.stage.waits_for,
             refused: self.refused,
             last_refusal: self.last_refusal,
         }
-    }
-
-    /// What the calibration has found, or `None` while it goes on.
-    pub fn outcome(&self) -> Option<Result<Calibration, Refusal>> {
-        let found = |profile: &Profile| Calibration {
-            profile: profile.clone(),
-            model: self.model_hash,
-            taken: self.takes.taken().collect(),
-            left_out: self.left_out.clone(),
-            refused: self.refused,
-        };
-        self.outcome.as_ref().map(|outcome| outcome.as_ref().map(found).map_err(|refusal| *refusal))
     }
 
     /// Returns the time since the last frame, at most the longest within one hold. After a longer time, and after a clock
@@ -257,36 +238,32 @@ impl Guide {
             None => self.hold(take, view, step_s),
         }
         if self.stage.hold.as_ref().is_some_and(|hold| hold.done(of(MEASURE_S, take)) >= 1.0) {
-            self.accept(take);
+            let seen = self.stage.hold.take().and_then(|hold| hold.finish());
+            match seen.and_then(|seen| self.takes.insert(&self.model, take, seen)) {
+                Some(()) => self.go_on(),
+                None => self.leave_out(take, Refusal::NoFace),
+            }
         } else if self.stage.tried_s > of(PATIENCE_S, take) && self.stage.tried_frames > PATIENCE_FRAMES {
-            let why = self.stage.waits_for.or(self.last_refusal).unwrap_or(Refusal::NotSeen);
-            self.leave_out(take, why);
+            self.leave_out(take, self.stage.waits_for.or(self.last_refusal).unwrap_or(Refusal::NotSeen));
         }
     }
 
     /// Goes on with the hold, or begins one.
     fn hold(&mut self, take: Take, view: &View<'_>, step_s: f32) {
-        let View { seen, coefficients, strength_now, strength } = view;
-        // While a pose fades, the smoothed strength is still high.
-        let is_fading = *strength_now < take.threshold();
-        let is_blink = take != Take::Neutral && mean_of(&LIDS, coefficients) > take.lids();
         let Some(hold) = &mut self.stage.hold else {
-            self.stage.hold = (!is_blink && !is_fading).then(|| Hold::begin(seen, coefficients, *strength));
+            // While a pose fades, the smoothed strength is still high.
+            let is_fading = view.strength_now < take.threshold();
+            self.stage.hold = (!view.is_blink(take) && !is_fading).then(|| Hold::begin(view));
             return;
         };
-        let fit = match take {
-            Take::Neutral => hold.judge_rest(seen, coefficients),
-            _ if is_blink => Fit::Blink,
-            _ => hold.judge_pose(seen, *strength),
-        };
-        match fit {
+        match hold.judge(take, view) {
             Fit::Belongs => {
-                hold.add(seen, coefficients, *strength, step_s);
+                hold.add(view, step_s);
                 self.stage.waits_for = None;
             }
             Fit::Blink if hold.blink(step_s) <= BLINK_S.max(step_s) => {}
             Fit::Blink => self.stop_hold(Refusal::EyesShut),
-            Fit::Anew => *hold = Hold::begin(seen, coefficients, *strength),
+            Fit::Anew => *hold = Hold::begin(view),
             Fit::Broken(refusal) => self.stop_hold(refusal),
         }
     }
@@ -294,19 +271,14 @@ impl Guide {
     /// Refuses what was measured so far, if anything was.
     fn stop_hold(&mut self, refusal: Refusal) {
         if self.stage.hold.take().is_some() {
-            self.refused += 1;
-            self.last_refusal = Some(refusal);
-            self.stage.waits_for = Some(refusal);
+            self.refuse(refusal);
         }
     }
 
-    fn accept(&mut self, take: Take) {
-        let seen = self.stage.hold.take().and_then(|hold| hold.finish());
-        if seen.is_some_and(|seen| self.takes.insert(&self.model, take, seen)) {
-            self.go_on();
-        } else {
-            self.leave_out(take, Refusal::NoFace);
-        }
+    fn refuse(&mut self, refusal: Refusal) {
+        self.refused += 1;
+        self.last_refusal = Some(refusal);
+        self.stage.waits_for = Some(refusal);
     }
 
     fn leave_out(&mut self, take: Take, why: Refusal) {
@@ -326,17 +298,22 @@ impl Guide {
             return;
         }
         let Some(doubt) = doubt(&self.model, &self.takes) else {
-            self.outcome = Some(learn(&self.model, &self.takes).ok_or(Refusal::NoFace));
+            let found = |profile| Calibration {
+                profile,
+                model: self.model_hash,
+                taken: self.takes.taken(),
+                left_out: self.left_out.clone(),
+                refused: self.refused,
+            };
+            self.outcome = Some(learn(&self.model, &self.takes).map(found).ok_or(Refusal::NoFace));
             return;
         };
-        self.refused += 1;
-        self.last_refusal = Some(doubt);
+        self.refuse(doubt);
         if self.retakes == RETAKES {
             self.outcome = Some(Err(doubt));
             return;
         }
         self.retakes += 1;
-        self.stage.waits_for = Some(doubt);
         self.plan.push_back(Take::Neutral);
         // Poses that were not seen relative to the wrong neutral face may be seen relative to the new one.
         self.plan.extend(self.left_out.extract_if(.., |(_, why)| *why == Refusal::NotSeen).map(|(take, _)| take));
@@ -349,4 +326,4 @@ fn of([neutral, pose]: [f32; 2], take: Take) -> f32 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -8,10 +8,12 @@
 //!
 //! Limits: the readings of most people are those of the shipped model.
 
-use super::hold::LIDS;
-use super::observation::Seen;
-use super::take::{Refusal, Take, mean_of};
+use std::collections::BTreeMap;
+
 use facewire_face::{BLENDSHAPES, COEFFS, MAX_REST, Model, Neutral, Profile};
+
+use super::observation::Seen;
+use super::take::{LIDS, Refusal, Take, mean_of};
 
 const GAIN: [f32; 2] = [0.6, 1.6];
 /// Least reading of a pose, above the rest, from which a gain can be found.
@@ -32,60 +34,54 @@ fn typical(pose: Take) -> (f32, f32) {
     }
 }
 
-#[derive(Debug, Clone)]
+/// The neutral take.
+#[derive(Debug)]
 pub(super) struct Known {
     pub(super) neutral: Neutral,
-    pub(super) seen: Seen,
+    pub(super) head_deg: [f32; 3],
     /// Output of the regression for it, relative to itself.
     pub(super) raw: [f32; COEFFS],
 }
 
 /// The accepted takes. Poses are kept as they were seen, so that they stay valid when the neutral take is repeated.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Default)]
 pub(super) struct Takes {
-    neutral: Option<Known>,
-    poses: [Option<Box<Seen>>; Take::ALL.len()],
+    pub(super) neutral: Option<Known>,
+    poses: BTreeMap<Take, Seen>,
 }
 
 impl Takes {
-    /// Keeps a take. Returns whether the model can make anything of it.
-    pub(super) fn insert(&mut self, model: &Model, take: Take, seen: Seen) -> bool {
-        if take != Take::Neutral {
-            self.poses.iter_mut().skip(take.index()).take(1).for_each(|slot| *slot = Some(Box::new(seen.clone())));
-            return true;
+    /// Keeps a take. `None` if the model can make nothing of it.
+    pub(super) fn insert(&mut self, model: &Model, take: Take, seen: Seen) -> Option<()> {
+        if take == Take::Neutral {
+            let neutral = Neutral::from_points(&seen.face.points).ok()?;
+            let raw = seen.raw(model, Some(&neutral))?;
+            self.neutral = Some(Known { neutral, head_deg: seen.head_deg, raw });
+        } else {
+            self.poses.insert(take, seen);
         }
-        let Ok(neutral) = Neutral::from_points(&seen.face.points) else { return false };
-        let Some(raw) = seen.raw(model, Some(&neutral)) else { return false };
-        self.neutral = Some(Known { neutral, seen, raw });
-        true
-    }
-
-    pub(super) fn neutral(&self) -> Option<&Known> {
-        self.neutral.as_ref()
+        Some(())
     }
 
     /// Output of the regression in a pose, relative to the neutral take.
-    pub(super) fn raw(&self, model: &Model, pose: Take) -> Option<[f32; COEFFS]> {
-        self.poses.get(pose.index())?.as_ref()?.raw(model, Some(&self.neutral()?.neutral))
+    fn raw(&self, model: &Model, pose: Take) -> Option<[f32; COEFFS]> {
+        self.poses.get(&pose)?.raw(model, Some(&self.neutral.as_ref()?.neutral))
     }
 
-    pub(super) fn taken(&self) -> impl Iterator<Item = Take> {
-        let neutral = self.neutral.iter().map(|_| Take::Neutral);
-        let poses = Take::ALL.into_iter().zip(&self.poses).filter(|(_, seen)| seen.is_some()).map(|(take, _)| take);
-        neutral.chain(poses)
+    pub(super) fn taken(&self) -> Vec<Take> {
+        self.neutral.iter().map(|_| Take::Neutral).chain(self.poses.keys().copied()).collect()
     }
 }
 
 /// Learns the wearer's profile. `None` without a neutral take.
 pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
-    let known = takes.neutral()?;
+    let known = takes.neutral.as_ref()?;
     let mut profile = Profile { neutral: Some(known.neutral.clone()), ..Profile::default() };
-    let terms = &model.correction.0;
-    for (rest, (raw, terms)) in profile.rest.iter_mut().zip(known.raw.iter().zip(terms)) {
+    for (rest, (raw, terms)) in profile.rest.iter_mut().zip(known.raw.iter().zip(&model.correction.0)) {
         // A reading below 0 is sent as 0. Taking it off, too, would lift the noise of the resting face.
         *rest = terms.rest_of(*raw).clamp(0.0, MAX_REST);
     }
-    for pose in Take::ALL {
+    for pose in takes.poses.keys().copied() {
         let Some(raw) = takes.raw(model, pose) else { continue };
         let (typical, power) = typical(pose);
         let wearer = profile.gain.iter_mut().zip(&profile.rest).zip(&raw);
@@ -128,7 +124,7 @@ const PARTS: [(&[&str], &[Take], Refusal); 4] = [
 /// Why the poses contradict the neutral take, if they do: a pose moves one part of the face while the others rest, so that
 /// most poses show what the other parts look like at rest.
 pub(super) fn doubt(model: &Model, takes: &Takes) -> Option<Refusal> {
-    let known = takes.neutral()?;
+    let known = takes.neutral.as_ref()?;
     PARTS.into_iter().find_map(|(names, poses, refusal)| {
         let raw = poses.iter().filter_map(|pose| takes.raw(model, *pose));
         let mut moved: Vec<f32> = raw.map(|raw| mean_of(names, &raw) - mean_of(names, &known.raw)).collect();

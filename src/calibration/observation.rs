@@ -1,10 +1,11 @@
-//! What one frame shows of the wearer, and whether it meets the conditions of a take.
+//! What a frame shows of the wearer, whether it meets the conditions of a take, and the hold: the part of a take in which
+//! the wearer holds still and the frames are averaged.
 
-use super::hold::LIDS;
-use super::learn::Takes;
-use super::take::{Refusal, Take, mean_of};
 use facewire_face::stages::{FaceMean, Features, Normalised, Residual, normalise};
-use facewire_face::{COEFFS, Camera, Face, HeadPose, Model, Neutral};
+use facewire_face::{BLENDSHAPES, COEFFS, Camera, Face, HeadPose, Model, Neutral};
+
+use super::learn::Takes;
+use super::take::{LIDS, Refusal, Take, mean_of};
 
 /// How far the head may be turned from the camera in the neutral take (yaw, pitch, roll), and from there in the others.
 const FACING_DEG: [f32; 3] = [15.0, 20.0, 15.0];
@@ -13,6 +14,18 @@ const TURNED_DEG: f32 = 12.0;
 const SHUT: f32 = 0.65;
 const SMILES: f32 = 0.5;
 const OPEN: f32 = 0.4;
+
+/// Least number of frames of a hold, however slow the camera is.
+const LEAST_FRAMES: u32 = 3;
+/// How far the head may turn during a hold, degrees.
+const STILL_DEG: f32 = 4.0;
+/// How far a coefficient of the resting face may move during the neutral take. Speech moves the mouth further.
+const REST_MOVES: f32 = 0.25;
+/// Change of the lids from which on a frame of the neutral take shows a blink.
+const BLINK: f32 = 0.25;
+/// By how much a pose may grow during a hold, and from what share of its peak on it counts as released.
+const GROWS: f32 = 1.2;
+const RELEASED: f32 = 0.7;
 
 /// What one frame shows of the wearer. Has a fixed size, so that it can be handed from thread to thread without allocation.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,11 +76,9 @@ impl Observation {
 impl Seen {
     fn new(model: &Model, Face { landmarks, appearance }: Face<'_>, camera: &Camera) -> Option<Self> {
         let face = normalise(landmarks).ok()?;
-        let head = HeadPose::new(&face, camera);
-        let residual = |known| model.residual(appearance, known);
-        let nothing = Residual([0.0; COEFFS]);
-        let residuals = [residual(0.0).ok()?.unwrap_or(nothing), residual(1.0).ok()?.unwrap_or(nothing)];
-        Some(Self { face, residuals, head_deg: head.yaw_pitch_roll_deg() })
+        let head_deg = HeadPose::new(&face, camera).yaw_pitch_roll_deg();
+        let residual = |known| Some(model.residual(appearance, known).ok()?.unwrap_or(Residual([0.0; COEFFS])));
+        Some(Self { residuals: [residual(0.0)?, residual(1.0)?], face, head_deg })
     }
 
     /// Output of the regression for this face. Without a neutral face it is measured from the mean of many people. `None`
@@ -76,39 +87,6 @@ impl Seen {
         let [unknown, known] = &self.residuals;
         let raw = model.process(&Features::new(&self.face, neutral)).ok()?;
         Some(raw.plus(if neutral.is_some() { known } else { unknown }).0)
-    }
-}
-
-#[derive(Debug, Clone)]
-pub(super) struct SeenMean {
-    faces: FaceMean,
-    residuals: [Residual; 2],
-    head_deg: [f32; 3],
-}
-
-impl Default for SeenMean {
-    fn default() -> Self {
-        Self { faces: FaceMean::default(), residuals: [Residual([0.0; COEFFS]); 2], head_deg: [0.0; 3] }
-    }
-}
-
-impl SeenMean {
-    pub(super) fn add(&mut self, seen: &Seen) {
-        self.faces.add(&seen.face);
-        for (sums, residual) in self.residuals.iter_mut().zip(&seen.residuals) {
-            sums.0.iter_mut().zip(&residual.0).for_each(|(sum, value)| *sum += value);
-        }
-        self.head_deg.iter_mut().zip(seen.head_deg).for_each(|(sum, value)| *sum += value);
-    }
-
-    pub(super) fn frames(&self) -> u32 {
-        self.faces.frames()
-    }
-
-    pub(super) fn finish(&self) -> Option<Seen> {
-        let count = self.frames() as f32;
-        let residuals = self.residuals.map(|sums| Residual(sums.0.map(|sum| sum / count)));
-        Some(Seen { face: self.faces.finish()?, residuals, head_deg: self.head_deg.map(|sum| sum / count) })
     }
 }
 
@@ -129,34 +107,137 @@ impl<'a> View<'a> {
             Sight::NoFace => return Err(Refusal::NoFace),
             Sight::Face(seen) => seen,
         };
-        let neutral = takes.neutral().filter(|_| take != Take::Neutral);
-        let (from, limits) = neutral.map_or(([0.0; 3], FACING_DEG), |known| (known.seen.head_deg, [TURNED_DEG; 3]));
+        let known = takes.neutral.as_ref().filter(|_| take != Take::Neutral);
+        let (from, limits) = known.map_or(([0.0; 3], FACING_DEG), |known| (known.head_deg, [TURNED_DEG; 3]));
         let mut angles = seen.head_deg.iter().zip(from).zip(limits);
         // An angle that is not a number is refused, too.
         if !angles.all(|((angle, from), limit)| (angle - from).abs() <= limit) {
             return Err(Refusal::HeadTurned);
         }
-        let coefficients = seen.raw(model, neutral.map(|known| &known.neutral)).ok_or(Refusal::NoFace)?;
-        let strength = neutral.map_or(0.0, |known| take.strength(&coefficients) - take.strength(&known.raw));
+        let coefficients = seen.raw(model, known.map(|known| &known.neutral)).ok_or(Refusal::NoFace)?;
+        let strength = known.map_or(0.0, |known| take.strength(&coefficients) - take.strength(&known.raw));
         Ok(Self { seen, coefficients, strength_now: strength, strength })
     }
 
-    /// Why the face is not what the take asks for.
+    /// Why the face is not what the take asks for. In the neutral take, it is measured from the mean of many people.
     pub(super) fn unfit(&self, take: Take) -> Option<Refusal> {
+        let shows = |names: &[&str], limit: f32| mean_of(names, &self.coefficients) > limit;
         match take {
-            Take::Neutral => not_at_rest(&self.coefficients),
+            Take::Neutral if shows(&LIDS, SHUT) => Some(Refusal::EyesShut),
+            Take::Neutral if shows(Take::Smile.raises(), SMILES) => Some(Refusal::Smiling),
+            Take::Neutral if shows(Take::JawOpen.raises(), OPEN) => Some(Refusal::MouthOpen),
+            Take::Neutral => None,
             _ => (self.strength < take.threshold()).then_some(Refusal::NotSeen),
         }
     }
+
+    /// Whether the lids are closed further than a pose closes them.
+    pub(super) fn is_blink(&self, take: Take) -> bool {
+        mean_of(&LIDS, &self.coefficients) > take.lids()
+    }
 }
 
-/// Why a face, measured from the mean of many people, is not at rest.
-fn not_at_rest(general: &[f32; COEFFS]) -> Option<Refusal> {
-    let shows = |names: &[&str], limit: f32| mean_of(names, general) > limit;
-    match general {
-        _ if shows(&LIDS, SHUT) => Some(Refusal::EyesShut),
-        _ if shows(Take::Smile.raises(), SMILES) => Some(Refusal::Smiling),
-        _ if shows(Take::JawOpen.raises(), OPEN) => Some(Refusal::MouthOpen),
-        _ => None,
+/// What a frame does to a hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Fit {
+    Belongs,
+    /// The frame shows a blink and is left out.
+    Blink,
+    /// The hold begins anew with this frame, because the wearer was still moving into the pose.
+    Anew,
+    Broken(Refusal),
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Hold {
+    faces: FaceMean,
+    /// Sums over the frames.
+    residuals: [[f32; COEFFS]; 2],
+    coefficients: [f32; COEFFS],
+    head_deg: [f32; 3],
+    /// The angles of the head and the strength at the beginning, and the greatest strength since.
+    first_head_deg: [f32; 3],
+    begun: f32,
+    peak: f32,
+    held_s: f32,
+    blink_s: f32,
+}
+
+fn add<const N: usize>(sums: &mut [f32; N], values: &[f32; N]) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+}
+
+impl Hold {
+    pub(super) fn begin(view: &View<'_>) -> Self {
+        let mut hold = Self {
+            faces: FaceMean::default(),
+            residuals: [[0.0; COEFFS]; 2],
+            coefficients: [0.0; COEFFS],
+            head_deg: [0.0; 3],
+            first_head_deg: view.seen.head_deg,
+            begun: view.strength,
+            peak: view.strength,
+            held_s: 0.0,
+            blink_s: 0.0,
+        };
+        hold.add(view, 0.0);
+        hold
+    }
+
+    /// Adds a frame that came `step_s` after the last one.
+    pub(super) fn add(&mut self, View { seen, coefficients, strength, .. }: &View<'_>, step_s: f32) {
+        self.faces.add(&seen.face);
+        self.residuals.iter_mut().zip(&seen.residuals).for_each(|(sums, residual)| add(sums, &residual.0));
+        add(&mut self.coefficients, coefficients);
+        add(&mut self.head_deg, &seen.head_deg);
+        self.peak = self.peak.max(*strength);
+        self.held_s += step_s;
+        self.blink_s = 0.0;
+    }
+
+    /// Judges the next frame of a take.
+    pub(super) fn judge(&self, take: Take, view: &View<'_>) -> Fit {
+        let mut angles = self.first_head_deg.iter().zip(view.seen.head_deg);
+        let is_head_still = angles.all(|(before, now)| (now - before).abs() <= STILL_DEG);
+        if take != Take::Neutral {
+            return match view.strength {
+                _ if view.is_blink(take) => Fit::Blink,
+                _ if !is_head_still => Fit::Broken(Refusal::HeadMoves),
+                strength if strength > GROWS * self.begun => Fit::Anew,
+                strength if strength < RELEASED * self.peak => Fit::Broken(Refusal::TooShort),
+                _ => Fit::Belongs,
+            };
+        }
+        let before = self.coefficients.map(|sum| sum / self.faces.frames() as f32);
+        let lids = mean_of(&LIDS, &view.coefficients) - mean_of(&LIDS, &before);
+        let rests = |(name, _): &(&&str, _)| !name.starts_with("eye");
+        let resting = BLENDSHAPES.iter().zip(view.coefficients.iter().zip(&before)).filter(rests);
+        let moved = resting.map(|(_, (value, before))| (value - before).abs()).fold(0.0, f32::max);
+        match is_head_still {
+            _ if lids > BLINK => Fit::Blink,
+            _ if lids < -BLINK => Fit::Anew,
+            false => Fit::Broken(Refusal::HeadMoves),
+            true if moved > REST_MOVES => Fit::Broken(Refusal::FaceMoves),
+            true => Fit::Belongs,
+        }
+    }
+
+    /// Leaves out a frame that shows a blink. Returns for how long the blink has lasted.
+    pub(super) fn blink(&mut self, step_s: f32) -> f32 {
+        self.blink_s += step_s;
+        self.blink_s
+    }
+
+    /// How much of a hold of `wanted_s` is done, 0 to 1.
+    pub(super) fn done(&self, wanted_s: f32) -> f32 {
+        let frames = self.faces.frames() as f32 / LEAST_FRAMES as f32;
+        (self.held_s / wanted_s).min(frames).clamp(0.0, 1.0)
+    }
+
+    /// The mean of the frames.
+    pub(super) fn finish(&self) -> Option<Seen> {
+        let mean = |sum: f32| sum / self.faces.frames() as f32;
+        let residuals = self.residuals.map(|sums| Residual(sums.map(mean)));
+        Some(Seen { face: self.faces.finish()?, residuals, head_deg: self.head_deg.map(mean) })
     }
 }

@@ -71,15 +71,14 @@ impl ProfileFile {
         if text.len() > MAX_PROFILE_BYTES {
             return Err(format!("it is larger than {} KiB, and so no profile", MAX_PROFILE_BYTES >> 10));
         }
-        let header: Result<Header, _> = toml::from_str(text);
-        if let Ok(Header { format }) = header
+        if let Ok(Header { format }) = toml::from_str(text)
             && format != FORMAT
         {
             return Err(format!("it has format {format}, and this facewire reads format {FORMAT}"));
         }
         let table: Result<Table, _> = toml::from_str(text);
-        let table = table.map_err(|error| one_line(error.message())).and_then(Table::read);
-        table.map_err(|error| format!("it is damaged: {error}"))
+        let file = table.map_err(|error| one_line(error.message())).and_then(Table::read);
+        file.map_err(|error| format!("it is damaged: {error}"))
     }
 
     pub fn text(&self) -> String {
@@ -107,31 +106,26 @@ impl ProfileFile {
 
 impl Table {
     fn read(self) -> Result<ProfileFile, String> {
+        let need = |is_good: bool, error: String| is_good.then_some(()).ok_or(error);
         let absurd = |what: &str| format!("{what} has a value that no face has");
-        if !self.takes.is_sorted_by(|a, b| a < b) {
-            return Err("the takes are not in order".to_owned());
-        }
-        if self.neutral.len() != LANDMARKS {
-            return Err(format!("it has {} landmarks instead of {LANDMARKS}", self.neutral.len()));
-        }
-        let far =
-            self.neutral.iter().position(|point| point.iter().any(|value| value.unsigned_abs() > MAX_STEPS as u32));
-        if let Some(index) = far {
-            return Err(absurd(&format!("landmark {index}")));
-        }
+        need(self.takes.is_sorted_by(|a, b| a < b), "the takes are not in order".to_owned())?;
         let mut points = [[0.0; 3]; LANDMARKS];
-        points.iter_mut().zip(&self.neutral).for_each(|(point, read)| *point = read.map(|value| value as f32 / STEPS));
+        let (landmarks, blendshapes) = (self.neutral.len(), self.blendshapes.len());
+        need(landmarks == LANDMARKS, format!("it has {landmarks} landmarks instead of {LANDMARKS}"))?;
+        need(blendshapes == COEFFS, format!("it has {blendshapes} blendshapes instead of {COEFFS}"))?;
+        for (index, (point, steps)) in points.iter_mut().zip(&self.neutral).enumerate() {
+            need(
+                steps.iter().all(|steps| steps.abs_diff(0) <= MAX_STEPS as u32),
+                absurd(&format!("landmark {index}")),
+            )?;
+            *point = steps.map(|steps| steps as f32 / STEPS);
+        }
         let neutral = Neutral::of_face(&points).map_err(|_| absurd("the neutral face"))?;
         let mut profile = Profile { neutral: Some(neutral), ..Profile::default() };
-        if self.blendshapes.len() != COEFFS {
-            return Err(format!("it has {} blendshapes instead of {COEFFS}", self.blendshapes.len()));
-        }
         for (name, (rest, gain)) in BLENDSHAPES.iter().zip(profile.rest.iter_mut().zip(&mut profile.gain)) {
             let terms = self.blendshapes.get(*name).ok_or_else(|| format!("there is no {name}"))?;
             let is_sane = terms.rest.abs() <= MAX_REST && (GAINS[0]..=GAINS[1]).contains(&terms.gain);
-            if !is_sane {
-                return Err(absurd(&format!("blendshapes.{name}")));
-            }
+            need(is_sane, absurd(&format!("blendshapes.{name}")))?;
             (*rest, *gain) = (terms.rest, terms.gain);
         }
         let hash = |text: String| u32::from_str_radix(&text, 16).map_err(|_| "model is no hash".to_owned());
@@ -176,30 +170,18 @@ pub(super) mod tests {
         ProfileFile::parse(&parsed.text()).unwrap()
     }
 
-    fn error(text: &str) -> String {
-        ProfileFile::parse(text).unwrap_err().to_string()
-    }
-
     #[test]
-    fn profile_that_is_written_is_read_back_the_same() {
+    fn profile_that_is_written_is_read_back_the_same_also_without_a_model_as_older_ones() {
         let file = file(1_790_000_000);
-        assert_eq!(ProfileFile::parse(&file.text()), Ok(file));
-    }
-
-    #[test]
-    fn profile_of_a_version_that_kept_no_model_is_read() {
-        let file = file(7);
-        let old = file.text().replace("model = \"000000a1\"\n", "");
+        let text = file.text();
+        assert_eq!(ProfileFile::parse(&text), Ok(file.clone()));
+        let old = text.replace("model = \"000000a1\"\n", "");
         assert_eq!(ProfileFile::parse(&old), Ok(ProfileFile { model: None, ..file }));
-    }
-
-    #[test]
-    fn models_that_differ_in_one_number_have_different_hashes() {
         let model = Model::embedded();
         let mut other = model.clone();
         other.correction.0[51].lift += 1e-6;
         assert_eq!(model_hash(&model), model_hash(&Model::embedded()));
-        assert_ne!(model_hash(&model), model_hash(&other));
+        assert_ne!(model_hash(&model), model_hash(&other), "models that differ in one number");
     }
 
     #[test]
@@ -212,30 +194,30 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn file_that_is_cut_short_anywhere_is_refused() {
+    fn damaged_foreign_and_absurd_files_are_refused_with_what_is_wrong() {
         let text = file(7).text();
-        let cut = (0..text.len() - 1).step_by(97);
-        assert!(cut.into_iter().all(|length| ProfileFile::parse(&text[..length]).is_err()));
-        assert!(ProfileFile::parse(&text[..text.len() - 60]).is_err(), "the last line is missing");
-    }
-
-    #[test]
-    fn foreign_and_absurd_files_are_refused_with_what_is_wrong() {
-        let text = file(7).text();
-        assert!(error(&text.replace("format = 1", "format = 2")).contains("format 2"));
-        assert!(error("format = 9").contains("format 9"), "another layout is told by its number");
-        assert!(error(&text.replace("gain = 1.2500", "gain = 99.0")).contains("blendshapes.eyeBlinkLeft"));
-        assert!(error(&text.replace("rest = -0.2125", "rest = nan")).contains("blendshapes.eyeBlinkLeft"));
-        assert!(error(&text.replacen("jawOpen", "jawOpem", 1)).contains("there is no jawOpen"));
-        assert!(error(&text.replacen("neutral = [\n[", "neutral = [\n[9999", 1)).contains("face"));
-        assert!(error(&text.replacen("neutral = [\n", "neutral = [\n[0,0,0],\n", 1)).contains("479 landmarks"));
-        assert!(error(&text.replace("\"eyes-shut\"", "\"neutral\"")).contains("takes"));
-        assert!(error(&text.replace("takes", "tekes")).contains("damaged"));
-        assert!(error("\u{1b}[31m = 3").chars().all(|symbol| !symbol.is_control()));
-        assert!(error(&" ".repeat(MAX_PROFILE_BYTES + 1)).contains("16 KiB"));
-        let collapsed = Neutral::from_points(&[[0.5; 3]; LANDMARKS]).unwrap();
-        let profile = Profile { neutral: Some(collapsed), ..Profile::default() };
-        let flat = ProfileFile { profile, model: None, takes: Vec::new(), made_at_unix_s: 0 };
-        assert!(error(&flat.text()).contains("the neutral face"));
+        assert!((0..text.len() - 1).step_by(97).all(|length| ProfileFile::parse(&text[..length]).is_err()));
+        let mut flat = file(7);
+        flat.profile.neutral = Some(Neutral::from_points(&[[0.5; 3]; LANDMARKS]).unwrap());
+        let cases = [
+            (text.replace("format = 1", "format = 2"), "format 2"),
+            // Another layout is told by its number.
+            ("format = 9".to_owned(), "format 9"),
+            (text.replace("gain = 1.2500", "gain = 99.0"), "blendshapes.eyeBlinkLeft"),
+            (text.replace("rest = -0.2125", "rest = nan"), "blendshapes.eyeBlinkLeft"),
+            (text.replacen("jawOpen", "jawOpem", 1), "there is no jawOpen"),
+            (text.replacen("neutral = [\n[", "neutral = [\n[9999", 1), "landmark 0"),
+            (text.replacen("neutral = [\n", "neutral = [\n[0,0,0],\n", 1), "479 landmarks"),
+            (text.replace("\"eyes-shut\"", "\"neutral\""), "takes"),
+            (text.replace("takes", "tekes"), "damaged"),
+            (text.trim_end().rsplit_once('\n').unwrap().0.to_owned(), "51 blendshapes"),
+            (" ".repeat(MAX_PROFILE_BYTES + 1), "16 KiB"),
+            (flat.text(), "the neutral face"),
+            ("\u{1b}[31m = 3".to_owned(), "damaged"),
+        ];
+        for (text, want) in cases {
+            let error = ProfileFile::parse(&text).unwrap_err();
+            assert!(error.contains(want) && error.chars().all(|symbol| !symbol.is_control()), "{want}: {error}");
+        }
     }
 }

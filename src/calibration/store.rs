@@ -20,8 +20,6 @@ use super::take::{Refusal, Take};
 /// Where the service manager puts the state of services.
 const SYSTEM_FOLDER: &str = "/var/lib/facewire";
 
-const MAX_LENGTH: usize = 32;
-
 /// The name of a wearer, which is also that of a file: 1 to 32 letters, digits, `-` and `_` of ASCII.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct WearerName(String);
@@ -34,8 +32,7 @@ impl WearerName {
     pub fn new(text: &str) -> Option<Self> {
         let is_sane = text.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
         // A name that begins with - would be taken for an option.
-        let is_good = is_sane && (1..=MAX_LENGTH).contains(&text.len()) && !text.starts_with('-');
-        is_good.then(|| Self(text.to_owned()))
+        (is_sane && (1..=32).contains(&text.len()) && !text.starts_with('-')).then(|| Self(text.to_owned()))
     }
 
     pub fn parse(text: &str) -> Result<Self, String> {
@@ -56,7 +53,7 @@ impl fmt::Display for WearerName {
 /// A calibration whose profile was kept.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Report {
+pub struct KeptProfile {
     pub wearer: String,
     pub path: String,
     pub taken: Vec<Take>,
@@ -81,8 +78,6 @@ pub struct Listed {
 #[derive(Debug, Error)]
 pub enum StoreError {
     #[error("{0}")]
-    Missing(String),
-    #[error("{0}")]
     Unreadable(String),
     #[error("{0}")]
     Bad(String),
@@ -93,7 +88,7 @@ pub enum StoreError {
 
 impl StoreError {
     fn missing(path: &Path, name: &WearerName) -> Self {
-        Self::Missing(format!("there is no profile {}: run `facewire calibrate --wearer {name}`", path.display()))
+        Self::Unreadable(format!("there is no profile {}: run `facewire calibrate --wearer {name}`", path.display()))
     }
 
     fn unreadable(path: &Path, error: &io::Error) -> Self {
@@ -170,12 +165,19 @@ impl Store {
         Ok((path, (self.sync_folder)(&self.folder).err().map(warning)))
     }
 
-    pub fn keep(&self, name: &WearerName, calibration: Calibration) -> Result<Report, StoreError> {
+    pub fn keep(&self, name: &WearerName, calibration: Calibration) -> Result<KeptProfile, StoreError> {
         let Calibration { profile, model, taken, left_out, refused } = calibration;
         let made_at_unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
         let file = ProfileFile { profile, model: Some(model), takes: taken.clone(), made_at_unix_s };
         let (path, warning) = self.save(name, &file)?;
-        Ok(Report { wearer: name.to_string(), path: path.display().to_string(), taken, left_out, refused, warning })
+        Ok(KeptProfile {
+            wearer: name.to_string(),
+            path: path.display().to_string(),
+            taken,
+            left_out,
+            refused,
+            warning,
+        })
     }
 
     pub fn delete(&self, name: &WearerName) -> Result<(), StoreError> {
@@ -188,26 +190,21 @@ impl Store {
         })
     }
 
-    /// The wearers who have a profile, in alphabetical order. A folder that does not exist yet holds none.
-    pub fn wearers(&self) -> Result<Vec<WearerName>, StoreError> {
+    /// The wearers who have a profile, in alphabetical order, and what is in it. A folder that does not exist yet holds none.
+    pub fn list(&self) -> Result<Vec<Listed>, StoreError> {
         let entries = match fs::read_dir(&self.folder) {
             Ok(entries) => entries,
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
             Err(error) => return Err(StoreError::unreadable(&self.folder, &error)),
         };
         let name = |entry: fs::DirEntry| WearerName::new(entry.file_name().to_str()?.strip_suffix(".toml")?);
-        let mut names: Vec<_> = entries.filter_map(|entry| name(entry.ok()?)).collect();
-        names.sort();
-        Ok(names)
-    }
-
-    /// The wearers who have a profile, and what is in it.
-    pub fn list(&self) -> Result<Vec<Listed>, StoreError> {
-        let listed = |name: &WearerName| {
-            let profile = self.load(name).map(|file| (file.made_at_unix_s, file.takes.len()));
-            Listed { wearer: name.to_string(), profile: profile.map_err(|error| error.to_string()) }
+        let listed = |name: WearerName| {
+            let profile = self.load(&name).map(|file| (file.made_at_unix_s, file.takes.len()));
+            Listed { wearer: name.0, profile: profile.map_err(|error| error.to_string()) }
         };
-        Ok(self.wearers()?.iter().map(listed).collect())
+        let mut listed: Vec<_> = entries.filter_map(|entry| name(entry.ok()?)).map(listed).collect();
+        listed.sort_by(|one, other| one.wearer.cmp(&other.wearer));
+        Ok(listed)
     }
 }
 
@@ -251,4 +248,132 @@ fn folder(setting: &str, variable: impl Fn(&str) -> Option<String>, is_readable:
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+    use std::process::Command;
+
+    use super::super::profile_file::tests::file;
+    use super::*;
+
+    fn name(text: &str) -> WearerName {
+        WearerName::new(text).unwrap()
+    }
+
+    fn store() -> (tempfile::TempDir, Store) {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::new(folder.path().join("facewire").to_str().unwrap());
+        (folder, store)
+    }
+
+    /// What the folder holds, hidden files included.
+    fn content(store: &Store) -> Vec<String> {
+        let entries = fs::read_dir(store.folder()).unwrap();
+        let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn profiles_of_two_wearers_are_kept_apart_listed_and_deleted_and_nobody_else_can_read_them() {
+        let (_folder, store) = store();
+        assert_eq!(store.list().unwrap(), []);
+        let (anna, bert) = (name("anna"), name("bert"));
+        store.save(&bert, &file(1)).unwrap();
+        // An interrupted attempt has left this.
+        fs::write(store.folder().join(".anna.new"), "half a prof").unwrap();
+        store.save(&anna, &file(2)).unwrap();
+        let path = store.save(&anna, &file(3)).unwrap().0;
+        let listed = |wearer: &str, made_s| Listed { wearer: wearer.to_owned(), profile: Ok((made_s, 2)) };
+        assert_eq!(store.list().unwrap(), [listed("anna", 3), listed("bert", 1)]);
+        assert_eq!([&anna, &bert].map(|name| store.load(name).unwrap()), [file(3), file(1)]);
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        assert_eq!([mode(store.folder()), mode(&path)], [0o700, 0o600]);
+        store.delete(&anna).unwrap();
+        let missing =
+            [store.load(&anna).map(drop), store.delete(&anna)].map(|outcome| outcome.unwrap_err().to_string());
+        assert!(missing.iter().all(|error| error.contains("there is no profile")), "{missing:?}");
+        assert_eq!(content(&store), ["bert.toml"]);
+    }
+
+    #[test]
+    fn what_is_no_profile_is_told_with_its_file_and_the_remedy() {
+        let (_folder, store) = store();
+        let path = store.save(&name("anna"), &file(1)).unwrap().0;
+        let whole = fs::read(&path).unwrap();
+        for damaged in [&whole[..whole.len() / 2], b"", b"\xff\xfe", &b" ".repeat(1 << 20)] {
+            fs::write(&path, damaged).unwrap();
+            let error = store.load(&name("anna")).unwrap_err().to_string();
+            assert!(error.starts_with(path.to_str().unwrap()), "{error}");
+            assert!(error.contains("facewire calibrate --wearer anna"), "{error}");
+        }
+        fs::remove_file(&path).unwrap();
+        fs::create_dir_all(&path).unwrap();
+        assert!(matches!(store.load(&name("anna")), Err(StoreError::Unreadable(_))));
+        assert!(matches!(store.save(&name("anna"), &file(1)), Err(StoreError::Unwritable(_))));
+        assert_eq!(content(&store), ["anna.toml"], "nothing is left behind");
+        assert!(Command::new("mkfifo").arg(store.folder().join("bert.toml")).status().unwrap().success());
+        assert!(matches!(store.load(&name("bert")), Err(StoreError::Bad(_))), "a pipe");
+    }
+
+    #[test]
+    fn folder_that_cannot_be_synced_does_not_hide_that_the_new_profile_is_in_place() {
+        let (_folder, mut store) = store();
+        store.save(&name("anna"), &file(1)).unwrap();
+        store.sync_folder = |_| Err(io::Error::other("no answer"));
+        let (path, warning) = store.save(&name("anna"), &file(2)).unwrap();
+        assert!(warning.is_some_and(|warning| warning.contains("no answer") && warning.contains("check the disk")));
+        assert!(path.exists());
+        assert_eq!(store.load(&name("anna")).unwrap(), file(2));
+    }
+
+    /// The folder in which `full_disk_leaves_the_former_profile` lets a process with a limit on the size of files write.
+    const LIMITED: &str = "FACEWIRE_TEST_LIMITED_FOLDER";
+
+    #[test]
+    fn full_disk_leaves_the_former_profile() {
+        if let Ok(folder) = std::env::var(LIMITED) {
+            let error = Store::new(&folder).save(&name("anna"), &file(2)).unwrap_err().to_string();
+            assert!(error.contains("anna.toml") && error.contains("free some space"), "{error}");
+            return;
+        }
+        let (_folder, store) = store();
+        store.save(&name("anna"), &file(1)).unwrap();
+        // A write beyond the limit fails like one to a full disk, and after some of it has been written.
+        let test = "calibration::store::tests::full_disk_leaves_the_former_profile";
+        let script = format!("trap '' XFSZ; ulimit -f 8; exec \"$0\" --exact {test} --nocapture");
+        let mut child = Command::new("sh");
+        child.args(["-c", &script]).arg(std::env::current_exe().unwrap()).env(LIMITED, store.folder());
+        let output = child.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success() && said.contains("1 passed"), "{output:?}");
+        assert_eq!(store.load(&name("anna")).unwrap(), file(1));
+        assert_eq!(content(&store), ["anna.toml"]);
+    }
+
+    #[test]
+    fn folder_is_that_of_the_settings_the_manager_the_system_or_the_user() {
+        let home = ("HOME", "/home/a");
+        let cases: [(_, &[(&str, &str)], _, _); 7] = [
+            ("/data", &[("STATE_DIRECTORY", "/var/lib/x")], true, "/data"),
+            ("", &[("STATE_DIRECTORY", "/var/lib/x:/var/lib/y"), home], true, "/var/lib/x"),
+            ("", &[home], true, "/var/lib/facewire"),
+            ("", &[home], false, "/home/a/.local/state/facewire"),
+            ("", &[home, ("XDG_STATE_HOME", "/state")], false, "/state/facewire"),
+            ("", &[home, ("XDG_STATE_HOME", "relative")], false, "/home/a/.local/state/facewire"),
+            ("", &[], false, "/var/lib/facewire"),
+        ];
+        for (setting, variables, is_readable, want) in cases {
+            let variable =
+                |name: &str| variables.iter().find(|(known, _)| *known == name).map(|(_, v)| (*v).to_owned());
+            assert_eq!(folder(setting, variable, |_| is_readable), Path::new(want), "{variables:?}");
+        }
+    }
+
+    #[test]
+    fn names_that_could_be_paths_options_or_hidden_files_are_refused() {
+        for bad in ["", ".", "..", "a/b", "../a", ".a", "-a", "a b", "a\n", "a\0", "é", "a.toml", &"a".repeat(33)] {
+            assert_eq!(WearerName::new(bad), None, "{bad:?}");
+        }
+        assert!(["anna", "Anna-2", "_", "7", &"a".repeat(32)].iter().all(|good| WearerName::new(good).is_some()));
+    }
+}

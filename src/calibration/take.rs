@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use facewire_face::{BLENDSHAPES, COEFFS};
 
+pub(super) const LIDS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];
+
 /// One thing that the wearer is asked to do, in the order in which the guide asks. Left and right are the wearer's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -24,24 +26,12 @@ pub enum Take {
 }
 
 impl Take {
-    pub const ALL: [Self; 11] = [
-        Self::Neutral,
-        Self::EyesShut,
-        Self::JawOpen,
-        Self::BrowsUp,
-        Self::BrowsDown,
-        Self::Smile,
-        Self::Pucker,
-        Self::LookLeft,
-        Self::LookRight,
-        Self::LookUp,
-        Self::LookDown,
-    ];
-
-    /// Position in [`Take::ALL`].
-    pub fn index(self) -> usize {
-        self as usize
-    }
+    pub const ALL: [Self; 11] = {
+        use Take::{
+            BrowsDown, BrowsUp, EyesShut, JawOpen, LookDown, LookLeft, LookRight, LookUp, Neutral, Pucker, Smile,
+        };
+        [Neutral, EyesShut, JawOpen, BrowsUp, BrowsDown, Smile, Pucker, LookLeft, LookRight, LookUp, LookDown]
+    };
 
     pub fn name(self) -> &'static str {
         self.properties().0
@@ -66,9 +56,7 @@ impl Take {
     fn properties(self) -> (&'static str, &'static str, &'static [&'static str], f32) {
         match self {
             Self::Neutral => ("neutral", "Look into the camera with your face at rest and your mouth closed", &[], 0.0),
-            Self::EyesShut => {
-                ("eyes-shut", "Shut both eyes, count to three, and open them again", &super::hold::LIDS, 0.45)
-            }
+            Self::EyesShut => ("eyes-shut", "Shut both eyes, count to three, and open them again", &LIDS, 0.45),
             Self::JawOpen => ("jaw-open", "Open your mouth wide", &["jawOpen"], 0.3),
             Self::BrowsUp => {
                 ("brows-up", "Raise your eyebrows", &["browInnerUp", "browOuterUpLeft", "browOuterUpRight"], 0.25)
@@ -95,7 +83,7 @@ impl Take {
     /// the lid that is less shut.
     pub(super) fn strength(self, coefficients: &[f32; COEFFS]) -> f32 {
         match self {
-            Self::EyesShut => self.raises().iter().map(|name| mean_of(&[name], coefficients)).fold(f32::MAX, f32::min),
+            Self::EyesShut => LIDS.iter().map(|name| mean_of(&[name], coefficients)).fold(f32::MAX, f32::min),
             _ => mean_of(self.raises(), coefficients),
         }
     }
@@ -103,7 +91,7 @@ impl Take {
     /// How far the lids may close during the take. A frame in which they are closed further shows a blink.
     pub(super) fn lids(self) -> f32 {
         match self {
-            Self::EyesShut => f32::INFINITY,
+            Self::Neutral | Self::EyesShut => f32::INFINITY,
             // The lids follow these.
             Self::LookDown | Self::BrowsDown | Self::Smile => 0.8,
             _ => 0.5,
@@ -167,20 +155,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn takes_name_blendshapes_that_exist_and_each_only_once() {
-        let mut raised: Vec<_> = Take::ALL.iter().flat_map(|take| take.raises()).collect();
-        assert!(raised.iter().all(|name| BLENDSHAPES.contains(name)));
-        let count = raised.len();
-        raised.sort();
-        raised.dedup();
-        assert_eq!(raised.len(), count);
-    }
-
-    #[test]
-    fn takes_stand_in_their_order_and_are_written_as_their_names() {
+    fn takes_stand_in_their_order_and_raise_blendshapes_that_exist_and_each_only_once() {
+        let mut raised = Vec::new();
         for (index, take) in Take::ALL.into_iter().enumerate() {
-            assert_eq!(take.index(), index);
-            assert_eq!(serde_json::to_string(&take).unwrap_or_default(), format!("{:?}", take.name()));
+            assert_eq!(take as usize, index);
+            assert_eq!(serde_json::to_string(&take).unwrap(), format!("{:?}", take.name()));
+            assert!(take.raises().iter().all(|name| BLENDSHAPES.contains(name) && !raised.contains(name)), "{take:?}");
+            raised.extend(take.raises());
         }
     }
 }

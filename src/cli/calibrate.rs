@@ -3,19 +3,19 @@
 //! The service holds the camera while it runs, so that it is asked first. Without a service the command opens the camera
 //! itself. The profile is written at the end alone: Ctrl-C leaves the former one.
 
-mod display;
-
-use std::io::{self, BufRead as _, BufReader, ErrorKind, Write as _};
+use std::io::{self, BufRead as _, BufReader, ErrorKind, IsTerminal as _, Write as _};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use clap::Args;
+use rustix::termios::tcgetwinsize;
 
-use self::display::Display;
 use super::SettingsArgs;
-use super::failure::{Failure, print, say};
-use crate::calibration::{Calibration, Guide, Listed, Observation, Report, Store, Take, WearerName};
+use super::failure::{Failure, STANDARD_OUTPUT, print, say};
+use crate::calibration::{
+    Calibration, Guide, KeptProfile, Listed, Observation, Phase, Progress, Store, Take, WearerName,
+};
 use crate::capture::{Frame, monotonic_us};
 use crate::config::Settings;
 use crate::pipeline::{Pipeline, Rejected};
@@ -129,8 +129,8 @@ fn without_service(args: &CalibrateArgs, request: Request) -> Result<(), Failure
     }
 }
 
-fn told(report: &Report, use_it: &str) -> String {
-    let Report { wearer, path, taken, left_out, refused, warning } = report;
+fn told(report: &KeptProfile, use_it: &str) -> String {
+    let KeptProfile { wearer, path, taken, left_out, refused, warning } = report;
     let first = format!("{path}: {} of {} takes, {refused} refused. {use_it}", taken.len(), Take::ALL.len());
     let left_out = left_out.iter().map(|(take, why)| {
         let name = take.name();
@@ -225,35 +225,135 @@ fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
 
 fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration, Failure> {
     let (mut guide, mut display) = (Guide::new(pipeline.solver.model.clone()), Display::new());
-    let mut light = Light { watch: Watch::new(HOLD_US), looked_us: 0 };
+    let (mut watch, mut looked_us) = (Watch::new(HOLD_US), 0);
     loop {
         if let Some(outcome) = guide.outcome() {
             return outcome.map_err(|refusal| Failure::failed(refusal.end()));
         }
         match camera.next()? {
-            Some(frame) => guide.update(&observe(&frame, pipeline, &mut light)?),
+            Some(frame) => guide.update(&observe(&frame, pipeline, &mut watch, &mut looked_us)?),
             None => guide.update(&Observation::nothing(monotonic_us())),
         }
         display.show(&guide.progress())?;
     }
 }
 
-struct Light {
-    watch: Watch,
-    looked_us: u64,
-}
-
-fn observe(frame: &Frame, pipeline: &mut Pipeline, light: &mut Light) -> Result<Observation, Failure> {
+/// Looks for the face in a frame, and from time to time at the light.
+fn observe(
+    frame: &Frame,
+    pipeline: &mut Pipeline,
+    watch: &mut Watch,
+    looked_us: &mut u64,
+) -> Result<Observation, Failure> {
     let processed = pipeline.process(frame);
     if let Some(picture) = frame.picture()
-        && frame.captured_us.abs_diff(light.looked_us) >= LOOK_US
+        && frame.captured_us.abs_diff(*looked_us) >= LOOK_US
     {
-        light.looked_us = frame.captured_us;
-        light.watch.look(&Look::at(picture, processed.face.map(|face| face.landmarks)), frame.captured_us);
+        *looked_us = frame.captured_us;
+        watch.look(&Look::at(picture, processed.face.map(|face| face.landmarks)), frame.captured_us);
     }
-    let observation = processed.observe(light.watch.present().is_dark());
+    let observation = processed.observe(watch.present().is_dark());
     match processed.solved {
         Err(Rejected::Infer(error)) => Err(error.into()),
         _ => Ok(observation),
+    }
+}
+
+/// Length of a bar.
+const BAR: usize = 24;
+const LINES: u16 = 3;
+
+/// Shows progress on standard output: three lines that are drawn anew on a terminal, and a line for each change otherwise.
+struct Display {
+    is_terminal: bool,
+    last: Option<Progress>,
+}
+
+impl Display {
+    fn new() -> Self {
+        Self { is_terminal: io::stdout().is_terminal(), last: None }
+    }
+
+    fn show(&mut self, progress: &Progress) -> Result<(), Failure> {
+        let shown = if self.is_terminal { self.draw(progress) } else { self.tell(progress) };
+        self.last = Some(progress.clone());
+        shown.map_err(|error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error))
+    }
+
+    /// Draws over the lines of the last time.
+    fn draw(&self, progress: &Progress) -> io::Result<()> {
+        let mut out = io::stdout().lock();
+        match self.last {
+            Some(_) => write!(out, "\x1b[{LINES}F")?, // to the beginning of the line so many lines above
+            None => writeln!(out, "Sit as usual, face the camera, and keep your head still.")?,
+        }
+        // A line that does not fit would be wrapped, and the next picture would be drawn a line too low.
+        let width = tcgetwinsize(&out).map_or(80, |size| usize::from(size.ws_col).max(20) - 1);
+        for line in lines(progress) {
+            writeln!(out, "\x1b[2K{}", line.chars().take(width).collect::<String>())?; // clears the line first
+        }
+        out.flush()
+    }
+
+    /// Writes a line if something has changed other than the measures.
+    fn tell(&self, progress: &Progress) -> io::Result<()> {
+        if self.last.as_ref().is_some_and(|last| last.says_the_same(progress)) {
+            return Ok(());
+        }
+        let [task, _, state] = lines(progress);
+        let mut out = io::stdout();
+        writeln!(out, "{task}: {}", state.trim_start())?;
+        out.flush()
+    }
+}
+
+/// The three lines: what to do, how far it is measured and seen, and what the guide waits for.
+fn lines(progress: &Progress) -> [String; LINES as usize] {
+    let Progress { take, done, of, phase, measured, seen, .. } = progress;
+    let task = format!("[{:2}/{of}] {}", (done + 1).min(*of), take.instruction());
+    let bars = match take {
+        Take::Neutral => format!("        measured {}", bar(*measured)),
+        _ => format!("        measured {}  seen {}", bar(*measured), bar(*seen)),
+    };
+    let last = progress.last_refusal.filter(|_| progress.refused > 0);
+    let refused = last.map_or_else(String::new, |why| format!("   (refused {}: {why})", progress.refused));
+    let state = match (phase, progress.waits_for) {
+        (Phase::Measure, _) => "hold it".to_owned(),
+        (Phase::Ended, _) => "done".to_owned(),
+        (Phase::GetReady, None) => "get ready".to_owned(),
+        (_, Some(why)) => format!("waiting. {why}"),
+        (Phase::Wait, None) => "waiting".to_owned(),
+    };
+    [task, bars, format!("        {state}{refused}")]
+}
+
+/// A bar for a share from 0 to 1.
+fn bar(share: f32) -> String {
+    let full = (share.clamp(0.0, 1.0) * BAR as f32).round() as usize;
+    "█".repeat(full) + &"░".repeat(BAR - full)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Refusal;
+
+    #[test]
+    fn lines_say_what_to_do_what_is_seen_and_what_is_missing() {
+        let progress = Progress {
+            take: Take::JawOpen,
+            done: 2,
+            of: 11,
+            phase: Phase::Wait,
+            measured: f32::NAN,
+            seen: 0.5,
+            waits_for: Some(Refusal::NotSeen),
+            refused: 1,
+            last_refusal: Some(Refusal::HeadMoves),
+        };
+        let [task, bars, state] = lines(&progress);
+        assert_eq!(task, "[ 3/11] Open your mouth wide");
+        assert!(bars.ends_with("measured ░░░░░░░░░░░░░░░░░░░░░░░░  seen ████████████░░░░░░░░░░░░"), "{bars}");
+        assert!(state.contains("waiting. No such movement is seen") && state.contains("refused 1: The head moves"));
     }
 }

@@ -1,20 +1,21 @@
 //! `facewire check`: tries every part that the service needs, and reports which of them work.
 
-mod camera;
+use std::io::{IsTerminal as _, stderr};
 
 use clap::Args;
+use facewire_face::{Camera, Landmarks, Tracker};
 
 use super::SettingsArgs;
-use super::failure::{Failure, print};
+use super::failure::{Failure, print, say};
 use crate::calibration::{Store, Take, WearerName};
-use crate::capture::{Clip, Frame, Source as _};
-use crate::config::{NetworkSettings, Settings};
-use crate::hardware::{self, Board, Flags, Sensors};
+use crate::capture::{Clip, Frame, Source as _, monotonic_us};
+use crate::config::{CameraSettings, NetworkSettings, Settings};
+use crate::hardware::{self, Flags, Machine, Sensors};
 use crate::impairment::ImpairmentSet;
 use crate::link::{Link, notes};
 use crate::preflight::{load_solver, load_tracker, model_warning};
-use facewire_face::Camera;
-use facewire_face::{Landmarks, Tracker};
+use crate::service::OpenCamera;
+use crate::watch::{Look, Watch};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -26,12 +27,24 @@ exit status is that of the first that failed. The camera is watched for 3 second
 into it. POOR says what makes tracking poor although everything works, and what to do; it is no failure. Nor is NOTE, which \
 names a sum of a servo channel or an adjustment that can leave its range and is then limited.";
 
+/// Time for which the camera is watched, microseconds. It holds two windows of what a camera delivers, of which the first
+/// may be poor because the camera still sets its exposure.
+const WATCH_US: u64 = 3_300_000;
+/// Time for which an impairment must last, microseconds.
+const HOLD_US: u64 = 1_000_000;
+
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct CheckArgs {
     #[command(flatten)]
     settings: SettingsArgs,
 }
+
+/// What was found at a part, and what impairs tracking there. That is no failure: the service works all the same.
+type Outcome = Result<(String, ImpairmentSet), Failure>;
+
+/// Landmarks, and the size of the picture in which they were found.
+type Face = (Landmarks, [f32; 2]);
 
 /// Checks all parts, and fails with the first error. Settings come first, so that bad settings touch no device.
 pub fn run(args: &CheckArgs) -> Result<(), Failure> {
@@ -42,15 +55,15 @@ pub fn run(args: &CheckArgs) -> Result<(), Failure> {
     }
     let mut found = find_face(&settings.networks);
     let model = check_model(&settings, found.as_ref().ok().map(|(_, face)| face));
-    let seen = camera::watch(&settings.camera, found.as_mut().ok().map(|(tracker, _)| tracker));
+    let seen = watch(&settings.camera, found.as_mut().ok().map(|(tracker, _)| tracker));
     // The board is looked at while it is still at work.
     let board = check_board(&settings);
-    let wearer = check_wearer(&settings);
+    let intact = |found: String| (found, ImpairmentSet::default());
     let parts: [(_, Outcome); 5] = [
         ("model", model.map(intact)),
-        ("wearer", wearer.map(intact)),
+        ("wearer", check_wearer(&settings).map(intact)),
         ("networks", found.map(|_| intact("they find the face of the built-in clip".to_owned()))),
-        ("camera", seen.map(|seen| (seen.to_string(), seen.impairments))),
+        ("camera", seen),
         ("board", Ok(board)),
     ];
     let links = Link::check_all(&settings.links).into_iter();
@@ -63,34 +76,24 @@ pub fn run(args: &CheckArgs) -> Result<(), Failure> {
     first.map_or(Ok(()), Err)
 }
 
-/// What was found at a part, and what impairs tracking there. That is no failure: the service works all the same.
-type Outcome = Result<(String, ImpairmentSet), Failure>;
-
-fn intact(found: String) -> (String, ImpairmentSet) {
-    (found, ImpairmentSet::default())
-}
-
-fn check_board(settings: &Settings) -> (String, ImpairmentSet) {
-    let root = hardware::root();
-    let (board, readings) = (Board::detect(&root), Sensors::find(&root, &settings.hardware).read());
-    let flags = Flags::ask();
-    let shown = flags.map_or_else(String::new, |flags| format!("; {flags}"));
-    let found = flags.map_or_else(ImpairmentSet::default, Flags::impairments);
-    (format!("{}; {readings}{shown}", board.tell(settings.board)), readings.impairments().and(found))
-}
-
 fn lines(part: &str, outcome: &Outcome) -> String {
     match outcome {
         Ok((found, impairments)) => {
             let poor = impairments.iter().map(|impairment| format!("{part:<9} POOR: {}\n", impairment.sentence()));
             format!("{part:<9} ok: {found}\n") + &poor.collect::<String>()
         }
-        Err(failure) => format!("{part:<9} FAILED: {}\n", failure.message()),
+        Err(failure) => format!("{part:<9} FAILED: {}\n", failure.message),
     }
 }
 
-/// Landmarks, and the size of the picture in which they were found.
-type Face = (Landmarks, [f32; 2]);
+fn check_board(settings: &Settings) -> (String, ImpairmentSet) {
+    let root = hardware::root();
+    let (machine, readings) = (Machine::detect(&root), Sensors::find(&root, &settings.hardware).read());
+    let flags = Flags::ask();
+    let shown = flags.map_or_else(String::new, |flags| format!("; {flags}"));
+    let found = flags.map_or_else(ImpairmentSet::default, Flags::impairments);
+    (format!("{}; {}{shown}", machine.tell(settings.board), readings.line), readings.impairments.and(found))
+}
 
 /// Loads the networks, and finds the face in the first frame of the built-in clip.
 fn find_face(settings: &NetworkSettings) -> Result<(Tracker, Face), Failure> {
@@ -126,4 +129,52 @@ fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failu
     }
     let path = &settings.solver.model;
     Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })
+}
+
+/// Opens the camera, waits for an intact frame, and watches from then on its rate, the frames that it loses, the light, and
+/// the face.
+fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcome {
+    let mut camera = OpenCamera::open(settings)?;
+    if stderr().is_terminal() {
+        say("watching the camera for 3 seconds: look into it");
+    }
+    let mut found = camera.source.describe().to_string();
+    let stated_us = camera.source.frame_period_us();
+    let (mut watch, mut delivered, mut last_look, mut face_px) = (Watch::new(HOLD_US), None, None, None);
+    let end_us = monotonic_us() + WATCH_US;
+    while monotonic_us() < end_us {
+        if let Some(frame) = camera.next()?
+            && let Some(picture) = frame.picture()
+        {
+            let landmarks = match tracker.as_deref_mut() {
+                Some(tracker) => match tracker.detect(picture)? {
+                    Some(region) => tracker.landmarks(picture, &region)?,
+                    None => None,
+                },
+                None => None,
+            };
+            let look = Look::at(picture, landmarks);
+            watch.look(&look, frame.captured_us);
+            face_px = look.face.map(|face| face.size_px).or(face_px);
+            last_look = Some(look);
+        }
+        if let Some(delivery) = camera.source.take_delivery() {
+            watch.delivery(&delivery, stated_us, monotonic_us());
+            delivered = Some(delivery);
+        }
+    }
+    camera.close()?;
+    if let Some(delivery) = delivered {
+        let fps = delivery.fps() * (1.0 - delivery.lost_share());
+        found += &format!("; delivers {fps:.1} frames a second");
+    }
+    if let Some(look) = last_look {
+        found += &format!("; brightness {:.0} of 255", look.picture.brightness);
+    }
+    match face_px {
+        Some(size_px) => found += &format!("; a face of {size_px:.0} px"),
+        None if tracker.is_some() => found += "; no face is in the picture now",
+        None => {}
+    }
+    Ok((found, watch.present()))
 }

@@ -5,6 +5,8 @@ use std::io::{self, ErrorKind, Write as _};
 use std::path::Path;
 use std::process::ExitCode;
 
+use facewire_face::{InferError, ModelError};
+
 use crate::calibration::StoreError;
 use crate::capture::CaptureError;
 use crate::config::{EX_CONFIG, Faults};
@@ -13,8 +15,6 @@ use crate::playback::PlaybackError;
 use crate::preflight::SetupError;
 use crate::recording::RecordingError;
 use crate::service::ServiceError;
-use facewire_face::InferError;
-use facewire_face::ModelError;
 
 const EX_FAILED: u8 = 1;
 const EX_DATAERR: u8 = 65;
@@ -31,10 +31,11 @@ pub const STANDARD_OUTPUT: &str = "standard output";
 pub struct Failure {
     status: u8,
     /// One sentence for the operator. Invalid settings give one line for each fault.
-    message: String,
+    pub message: String,
 }
 
 impl Failure {
+    /// The input is damaged.
     pub fn data(message: String) -> Self {
         Self { status: EX_DATAERR, message }
     }
@@ -45,16 +46,14 @@ impl Failure {
 
     /// A file could not be written. A closed pipe is not a failure, because its reader has read enough.
     pub fn unwritable(path: &Path, error: &io::Error) -> Self {
-        if error.kind() == ErrorKind::BrokenPipe {
-            return Self { status: 0, message: String::new() };
-        }
         let remedy = match error.kind() {
+            ErrorKind::BrokenPipe => return Self { status: 0, message: String::new() },
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "free some space, or write to another disk",
             ErrorKind::AlreadyExists => "give another name, or remove that file first",
             _ if path == Path::new(STANDARD_OUTPUT) => "check where it goes",
             _ => "check the folder, its permissions and the disk",
         };
-        Self { status: EX_IOERR, message: format!("cannot write {}: {error}; {remedy}", path.display()) }
+        Self::unwritten(format!("cannot write {}: {error}; {remedy}", path.display()))
     }
 
     /// A recording could not be read.
@@ -71,10 +70,6 @@ impl Failure {
     /// A device does not answer.
     pub fn unavailable(message: String) -> Self {
         Self { status: EX_UNAVAILABLE, message }
-    }
-
-    pub fn message(&self) -> &str {
-        &self.message
     }
 
     /// Prints the message on standard error and returns the exit status, which is success if there is no message.
@@ -97,80 +92,66 @@ pub fn print(text: &str) -> Result<(), Failure> {
     io::stdout().write_all(text.as_bytes()).map_err(|error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error))
 }
 
-impl From<Faults> for Failure {
-    fn from(faults: Faults) -> Self {
-        Self { status: EX_CONFIG, message: faults.to_string() }
+/// An error that ends a command, and its exit status.
+pub trait ExitStatus: Display {
+    fn exit_status(&self) -> u8;
+}
+
+impl<E: ExitStatus> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self { status: error.exit_status(), message: error.to_string() }
     }
 }
 
-impl From<CaptureError> for Failure {
-    fn from(error: CaptureError) -> Self {
-        let status = match error {
-            CaptureError::BadFile(_) | CaptureError::Frame { .. } => EX_DATAERR,
-            CaptureError::NotStopped { .. } => EX_UNAVAILABLE,
-            CaptureError::Read(_) => EX_IOERR,
-            _ => EX_NOINPUT,
-        };
-        Self { status, message: error.to_string() }
-    }
-}
-
-impl From<InferError> for Failure {
-    fn from(error: InferError) -> Self {
-        Self { status: EX_UNAVAILABLE, message: error.to_string() }
-    }
-}
-
-impl From<PlaybackError> for Failure {
-    fn from(error: PlaybackError) -> Self {
-        match error {
-            PlaybackError::Capture(error) => error.into(),
-            PlaybackError::Infer(error) => error.into(),
-        }
-    }
-}
-
-impl From<SetupError> for Failure {
-    fn from(error: SetupError) -> Self {
-        match error {
-            SetupError::Networks(error) => error.into(),
-            SetupError::Model { error: ModelError::Unreadable { .. }, .. } => {
-                Self { status: EX_NOINPUT, message: error.to_string() }
+/// Declares the exit status of each error.
+macro_rules! exit_statuses {
+    ($( $error:ty { $( $kind:pat => $status:expr, )* } )*) => { $(
+        impl ExitStatus for $error {
+            fn exit_status(&self) -> u8 {
+                match self {
+                    $( $kind => $status, )*
+                }
             }
-            SetupError::Model { .. } => Self { status: EX_CONFIG, message: error.to_string() },
         }
-    }
+    )* };
 }
 
-impl From<StoreError> for Failure {
-    fn from(error: StoreError) -> Self {
-        let status = match error {
-            StoreError::Missing { .. } | StoreError::Unreadable { .. } => EX_NOINPUT,
-            StoreError::Bad { .. } => EX_DATAERR,
-            StoreError::Unwritable { .. } => EX_IOERR,
-        };
-        Self { status, message: error.to_string() }
+exit_statuses! {
+    Faults {
+        _ => EX_CONFIG,
     }
-}
-
-impl From<LinkError> for Failure {
-    fn from(error: LinkError) -> Self {
-        let status = match error.kind {
-            LinkErrorKind::Host => EX_NOHOST,
-            LinkErrorKind::Output => EX_IOERR,
-            LinkErrorKind::Waiting | LinkErrorKind::Claimed | LinkErrorKind::Other => EX_UNAVAILABLE,
-        };
-        Self { status, message: error.to_string() }
+    CaptureError {
+        Self::BadFile(_) | Self::Frame { .. } => EX_DATAERR,
+        Self::NotStopped { .. } => EX_UNAVAILABLE,
+        Self::Read(_) => EX_IOERR,
+        _ => EX_NOINPUT,
     }
-}
-
-impl From<ServiceError> for Failure {
-    fn from(error: ServiceError) -> Self {
-        match error {
-            ServiceError::Setup(error) => error.into(),
-            ServiceError::Link(error) => error.into(),
-            ServiceError::Camera(error) => error.into(),
-            ServiceError::System(_) | ServiceError::Panicked(_) => Self::failed(error.to_string()),
-        }
+    InferError {
+        _ => EX_UNAVAILABLE,
+    }
+    PlaybackError {
+        Self::Capture(error) => error.exit_status(),
+        Self::Infer(error) => error.exit_status(),
+    }
+    SetupError {
+        Self::Networks(error) => error.exit_status(),
+        Self::Model { error: ModelError::Unreadable { .. }, .. } => EX_NOINPUT,
+        Self::Model { .. } => EX_CONFIG,
+    }
+    StoreError {
+        Self::Unreadable(_) => EX_NOINPUT,
+        Self::Bad(_) => EX_DATAERR,
+        Self::Unwritable(_) => EX_IOERR,
+    }
+    LinkError {
+        Self { kind: LinkErrorKind::Host, .. } => EX_NOHOST,
+        Self { kind: LinkErrorKind::Output, .. } => EX_IOERR,
+        _ => EX_UNAVAILABLE,
+    }
+    ServiceError {
+        Self::Setup(error) => error.exit_status(),
+        Self::Link(error) => error.exit_status(),
+        Self::Camera(error) => error.exit_status(),
+        Self::System(_) | Self::Panicked(_) => EX_FAILED,
     }
 }

@@ -11,20 +11,13 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{Registry, reload};
 
-use crate::config::LogLevel;
+use crate::config::{Choice as _, LogLevel};
 
 /// The largest write that a pipe reported as writable accepts without blocking (`PIPE_BUF` in pipe(7)).
 const LONGEST_LINE: usize = 4096;
 
-/// The level of the log, which can be changed while the service runs.
-pub struct Level(reload::Handle<LevelFilter, Registry>);
-
-impl Level {
-    pub fn set(&self, level: LogLevel) {
-        // This fails only after the log has been dropped.
-        let _ = self.0.reload(filter(level));
-    }
-}
+/// Changes the level of the log while the service runs.
+pub type Level = reload::Handle<LevelFilter, Registry>;
 
 /// Starts the log on standard error. Lines have no times if they go to the journal, which adds its own.
 pub fn start(level: LogLevel) -> Level {
@@ -34,24 +27,16 @@ pub fn start(level: LogLevel) -> Level {
     // `tracing` would report that standard error is closed on standard error, and panic.
     let lines = lines.log_internal_errors(false);
     let registry = tracing_subscriber::registry().with(filter);
-    let to_journal = std::env::var_os("JOURNAL_STREAM").is_some();
-    if to_journal {
+    if std::env::var_os("JOURNAL_STREAM").is_some() {
         registry.with(lines.without_time().with_ansi(false)).init();
     } else {
-        let is_terminal = stderr().is_terminal();
-        registry.with(lines.with_timer(uptime()).with_ansi(is_terminal)).init();
+        registry.with(lines.with_timer(uptime()).with_ansi(stderr().is_terminal())).init();
     }
-    Level(handle)
+    handle
 }
 
-fn filter(level: LogLevel) -> LevelFilter {
-    match level {
-        LogLevel::Error => LevelFilter::ERROR,
-        LogLevel::Warn => LevelFilter::WARN,
-        LogLevel::Info => LevelFilter::INFO,
-        LogLevel::Debug => LevelFilter::DEBUG,
-        LogLevel::Trace => LevelFilter::TRACE,
-    }
+pub fn filter(level: LogLevel) -> LevelFilter {
+    level.name().parse().unwrap_or(LevelFilter::INFO)
 }
 
 /// An output that never blocks. If a line cannot be written at once, it is dropped, and the next line that can be
@@ -67,18 +52,14 @@ impl<W: Write + AsFd> Lossy<W> {
         const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
         poll(&mut [PollFd::new(&self.output, PollFlags::OUT)], Some(&AT_ONCE)).is_ok_and(|ready| ready > 0)
     }
-
-    fn report_lost(&mut self) -> io::Result<()> {
-        let lost = std::mem::take(&mut self.lost);
-        writeln!(self.output, "{lost} lines of the log are lost: they were not read in time")
-    }
 }
 
 impl<W: Write + AsFd> Write for Lossy<W> {
     /// Writes one whole line.
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
         if self.lost > 0 && self.is_writable() {
-            self.report_lost()?;
+            let lost = std::mem::take(&mut self.lost);
+            writeln!(self.output, "{lost} lines of the log are lost: they were not read in time")?;
         }
         if self.is_writable() {
             self.output.write_all(line.get(..LONGEST_LINE).unwrap_or(line))?;

@@ -5,22 +5,22 @@ mod check;
 mod devices;
 mod failure;
 pub mod log;
-mod run;
 
 use std::ffi::OsString;
 use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
 use std::process::{self, ExitCode};
+use std::sync::Arc;
 
 use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 pub use self::calibrate::Connection;
 pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
-use crate::config::{self, Faults, Settings};
-use crate::hardware::{self, Board};
+use crate::config::{self, Faults, LogLevel, Settings};
+use crate::hardware::{self, Machine};
 use crate::link::check_settings;
-use crate::service::control_sockets;
+use crate::service::{self, Program, control_sockets};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -42,6 +42,19 @@ Exit status:
   66  no such input, or a fault    78  invalid settings
       of the camera               130  run: ended by a second signal";
 
+const RUN_EXAMPLES: &str = "\
+Examples:
+  facewire run                              the first camera; packets to 127.0.0.1:5252 and to a microcontroller
+  facewire run --config facewire.toml
+  facewire run --board pi4 --config facewire.toml
+
+Without a camera, the service sends the neutral face with the reason, and uses the camera as soon as it appears.
+
+Signals:
+  TERM, INT  stop after sending the neutral face; a second signal stops at once
+  HUP        read the settings again; invalid settings are refused and the current ones stay
+  USR1       write the status line now";
+
 const DEVICES_EXAMPLE: &str = "\
 Example:
   facewire devices                          use a stable path in the settings";
@@ -62,7 +75,11 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Run the service: camera to links, until SIGTERM or Ctrl-C.
-    Run(run::RunArgs),
+    #[command(after_help = RUN_EXAMPLES)]
+    Run {
+        #[command(flatten)]
+        settings: SettingsArgs,
+    },
     /// Guide the wearer through some poses, and learn the wearer's face from them.
     Calibrate(calibrate::CalibrateArgs),
     /// Validate the settings, then try camera, networks, model and links.
@@ -102,7 +119,7 @@ pub struct SettingsArgs {
 
 impl SettingsArgs {
     pub fn load(&self) -> Result<Settings, Faults> {
-        let detected = Board::detect(&hardware::root()).name;
+        let detected = Machine::detect(&hardware::root()).name;
         let check = |settings: &Settings, faults: &mut Faults| check_settings(settings, &control_sockets(), faults);
         config::load(self.board.as_deref(), detected, self.config.as_deref(), check)
     }
@@ -128,7 +145,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 impl Command {
     fn run(self) -> Result<(), Failure> {
         match self {
-            Self::Run(args) => run::run(&args),
+            Self::Run { settings } => run_service(settings),
             Self::Calibrate(args) => calibrate::run(&args),
             Self::Check(args) => check::run(&args),
             Self::Devices => devices::run(),
@@ -137,6 +154,31 @@ impl Command {
                 print(link.as_deref().unwrap_or(config::DEFAULTS))
             }
         }
+    }
+}
+
+fn run_service(arguments: SettingsArgs) -> Result<(), Failure> {
+    let settings = arguments.load()?;
+    let level = log::start(settings.log.level);
+    let status = service::run(settings, Arc::new(RunCommand { arguments, level }))?;
+    tracing::info!("stopped: {status}");
+    Ok(())
+}
+
+/// The program as the service sees it: loads the settings that its arguments name, and owns the log.
+struct RunCommand {
+    arguments: SettingsArgs,
+    level: log::Level,
+}
+
+impl Program for RunCommand {
+    fn load(&self) -> Result<Settings, Faults> {
+        self.arguments.load()
+    }
+
+    fn set_log_level(&self, level: LogLevel) {
+        // This fails only after the log has been dropped.
+        let _ = self.level.reload(log::filter(level));
     }
 }
 

@@ -5,24 +5,20 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use crate::config::HardwareSettings;
+use crate::impairment::{Impairment, ImpairmentSet};
 
 /// Longest text that [`read`] returns. Numbers and names of governors, drivers and sensors are shorter.
 const LONGEST: usize = 64;
 
-/// Returns the folder that contains `sys` and `proc`: `/`, unless a test names another one.
-pub fn root() -> PathBuf {
-    std::env::var_os("FACEWIRE_SYSROOT").map_or_else(|| PathBuf::from("/"), PathBuf::from)
-}
-
 /// Calls `judge` with the trimmed text of a short file. Allocates no memory, so that it can be called for months. Returns
 /// `None` if the file cannot be read: sensors come and go, and some refuse a reading for a moment.
-pub(super) fn read<T>(path: &Path, judge: impl FnOnce(&str) -> Option<T>) -> Option<T> {
+fn read<T>(path: &Path, judge: impl FnOnce(&str) -> Option<T>) -> Option<T> {
     let mut bytes = [0; LONGEST];
     let count = File::open(path).and_then(|mut file| file.read(&mut bytes)).ok()?;
     judge(std::str::from_utf8(bytes.get(..count)?).ok()?.trim())
 }
 
-pub(super) fn number(path: &Path) -> Option<i64> {
+fn number(path: &Path) -> Option<i64> {
     read(path, |text| text.parse().ok())
 }
 
@@ -34,7 +30,7 @@ pub(super) fn text(path: &Path) -> Option<String> {
 }
 
 /// Returns the entries of a folder whose names are `prefix` and a number, in the order of the numbers.
-pub(super) fn numbered(folder: &Path, prefix: &str) -> Vec<PathBuf> {
+fn numbered(folder: &Path, prefix: &str) -> Vec<PathBuf> {
     let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix(prefix)?.parse::<u32>().ok();
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut found: Vec<_> = entries.filter_map(|entry| Some((number(&entry.path())?, entry.path()))).collect();
@@ -62,10 +58,10 @@ const USUAL_LIMIT_C: f32 = 85.0;
 /// Sensors that are not ready return values outside of this range.
 const CREDIBLE_C: std::ops::RangeInclusive<f32> = -40.0..=150.0;
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 pub(super) struct Thermometer {
     /// The type of the thermal zone, or the name of the chip.
-    pub(super) name: String,
+    name: String,
     file: PathBuf,
     /// At this temperature the processor is hot.
     pub(super) limit_c: f32,
@@ -73,10 +69,12 @@ pub(super) struct Thermometer {
 
 impl Thermometer {
     /// Finds the sensor that the settings name, or the best one of the processor.
-    pub(super) fn find(root: &Path, settings: &HardwareSettings) -> Option<Self> {
+    fn find(root: &Path, settings: &HardwareSettings) -> Option<Self> {
         let zones = numbered(&root.join("sys/class/thermal"), "thermal_zone");
-        let zone = |name: &str| zones.iter().find(|zone| text(&zone.join("type")).as_deref() == Some(name));
-        let of_zone = |name: &str| zone(name).map(|folder| Self::of_zone(name, folder));
+        let of_zone = |name: &str| {
+            let zone = zones.iter().find(|zone| text(&zone.join("type")).as_deref() == Some(name))?;
+            Some(Self { name: name.to_owned(), file: zone.join("temp"), limit_c: limit_of_zone(zone) })
+        };
         let mut found = if settings.thermal_zone.is_empty() {
             let of_boards = ZONES.into_iter().find_map(of_zone);
             of_boards.or_else(|| Self::of_chip(root)).or_else(|| PC_ZONES.into_iter().find_map(of_zone))?
@@ -87,10 +85,6 @@ impl Thermometer {
             found.limit_c = settings.temperature_limit_c as f32;
         }
         Some(found)
-    }
-
-    fn of_zone(name: &str, folder: &Path) -> Self {
-        Self { name: name.to_owned(), file: folder.join("temp"), limit_c: limit_of_zone(folder) }
     }
 
     fn of_chip(root: &Path) -> Option<Self> {
@@ -116,17 +110,17 @@ fn celsius(path: &Path) -> Option<f32> {
 /// Returns the temperature from which on a zone is hot: its highest passive trip point, where the kernel slows the
 /// processor down, or a distance below its critical one. Some PCs have trip points at or below 0 that mean nothing.
 fn limit_of_zone(folder: &Path) -> f32 {
-    let (mut passive, mut critical) = (None, None);
-    for index in 0.. {
-        let Some(kind) = text(&folder.join(format!("trip_point_{index}_type"))) else { break };
-        let point = celsius(&folder.join(format!("trip_point_{index}_temp"))).filter(|celsius| *celsius > 0.0);
-        match (kind.as_str(), point) {
-            ("passive", Some(point)) => passive = Some(passive.map_or(point, |highest: f32| highest.max(point))),
-            ("critical", Some(point)) => critical = Some(point),
-            _ => {}
-        }
-    }
-    passive.or(critical.map(|critical| critical - BELOW_CRITICAL_C)).unwrap_or(USUAL_LIMIT_C)
+    let trip_point = |index: u32| {
+        let kind = text(&folder.join(format!("trip_point_{index}_type")))?;
+        Some((kind, celsius(&folder.join(format!("trip_point_{index}_temp"))).filter(|celsius| *celsius > 0.0)))
+    };
+    let points: Vec<_> = (0..).map_while(trip_point).collect();
+    let highest = |wanted: &str| {
+        let temperatures = points.iter().filter(|(kind, _)| kind == wanted).filter_map(|(_, celsius)| *celsius);
+        temperatures.reduce(f32::max)
+    };
+    let critical_c = || highest("critical").map(|critical_c| critical_c - BELOW_CRITICAL_C);
+    highest("passive").or_else(critical_c).unwrap_or(USUAL_LIMIT_C)
 }
 
 /// What tells that the kernel or the processor slows itself down because of heat.
@@ -139,7 +133,7 @@ pub(super) struct Throttling {
 }
 
 impl Throttling {
-    pub(super) fn find(root: &Path) -> Self {
+    fn find(root: &Path) -> Self {
         let slows = |device: &PathBuf| {
             read(&device.join("type"), |kind| Some(SLOWING.iter().any(|slowing| kind.starts_with(slowing))))
                 == Some(true)
@@ -176,16 +170,8 @@ pub(super) struct Policy {
     is_dynamic: bool,
 }
 
-/// What a policy does at present.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Clock {
-    pub(super) governor: String,
-    pub(super) now_mhz: i64,
-    pub(super) highest_mhz: i64,
-}
-
 impl Policy {
-    pub(super) fn find_all(root: &Path) -> Vec<Self> {
+    fn find_all(root: &Path) -> Vec<Self> {
         let folders = numbered(&root.join("sys/devices/system/cpu/cpufreq"), "policy");
         let dynamic = |driver: &str| Some(DYNAMIC_DRIVERS.contains(&driver));
         let policy = |folder: PathBuf| {
@@ -210,13 +196,79 @@ impl Policy {
         read(&self.folder.join("scaling_governor"), is_slow).unwrap_or(false)
     }
 
-    pub(super) fn clock(&self) -> Option<Clock> {
+    /// Describes the governor and the clock rate.
+    fn clock(&self) -> Option<String> {
         let governor = text(&self.folder.join("scaling_governor"))?;
-        let mhz = |file: &str| Some(self.khz(file)? / 1000);
-        Some(Clock { governor, now_mhz: mhz("scaling_cur_freq")?, highest_mhz: mhz("cpuinfo_max_freq")? })
+        let (now, highest) = (self.khz("scaling_cur_freq")? / 1000, self.khz("cpuinfo_max_freq")? / 1000);
+        Some(format!("; {governor} at {now} of {highest} MHz"))
     }
 
     fn khz(&self, file: &str) -> Option<i64> {
         number(&self.folder.join(file))
+    }
+}
+
+#[derive(Debug)]
+pub struct Sensors {
+    pub(super) thermometer: Option<Thermometer>,
+    pub(super) throttling: Throttling,
+    /// The alarm of the supply voltage, on Raspberry Pis.
+    voltage_alarm: Option<PathBuf>,
+    policies: Vec<Policy>,
+}
+
+/// The sensors' readings at one moment.
+#[derive(Debug)]
+pub struct Readings {
+    /// One line that shows them.
+    pub line: String,
+    pub impairments: ImpairmentSet,
+}
+
+impl Sensors {
+    pub fn find(root: &Path, settings: &HardwareSettings) -> Self {
+        let chips = numbered(&root.join("sys/class/hwmon"), "hwmon");
+        let is_supply = |chip: &&PathBuf| text(&chip.join("name")).as_deref() == Some("rpi_volt");
+        Self {
+            thermometer: Thermometer::find(root, settings),
+            throttling: Throttling::find(root),
+            voltage_alarm: chips.iter().find(is_supply).map(|chip| chip.join("in0_lcrit_alarm")),
+            policies: Policy::find_all(root),
+        }
+    }
+
+    /// Whether the supply voltage has been too low within the last 2 s. `None` where the board does not measure it.
+    pub(super) fn is_undervolted(&self) -> Option<bool> {
+        self.voltage_alarm.as_deref().and_then(number).map(|alarm| alarm != 0)
+    }
+
+    pub(super) fn has_slow_governor(&self) -> bool {
+        self.policies.iter().any(Policy::is_slow)
+    }
+
+    pub fn read(&self) -> Readings {
+        let temperature = self.thermometer.as_ref().and_then(|found| Some((found, found.read_c()?)));
+        let (is_slowed, is_undervolted) = (self.throttling.is_slowed(), self.is_undervolted());
+        let mut impairments = ImpairmentSet::default();
+        let is_hot = temperature.is_some_and(|(found, now_c)| now_c >= found.limit_c);
+        impairments.set(Impairment::Hot, is_hot || is_slowed);
+        impairments.set(Impairment::Undervoltage, is_undervolted == Some(true));
+        impairments.set(Impairment::SlowGovernor, self.has_slow_governor());
+        let mut line = match temperature {
+            Some((Thermometer { name, limit_c, .. }, now_c)) => {
+                format!("processor {now_c:.1} °C ({name}), limit {limit_c:.0} °C")
+            }
+            None => "no temperature sensor".to_owned(),
+        };
+        line += if is_slowed { ", slowed down" } else { "" };
+        let mut clocks: Vec<_> = self.policies.iter().filter_map(Policy::clock).collect();
+        clocks.dedup();
+        line += &clocks.concat();
+        line += match is_undervolted {
+            None => "",
+            Some(true) => "; supply voltage too low",
+            Some(false) => "; supply voltage good",
+        };
+        Readings { line, impairments }
     }
 }

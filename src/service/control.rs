@@ -263,7 +263,7 @@ impl Server {
     fn end_if_model_changed(&mut self) {
         let Some(session) = &self.session else { return };
         let model = load_model(&self.parts.settings.solver);
-        if model.is_ok_and(|model| model_hash(&model) != session.guide.model_hash()) {
+        if model.is_ok_and(|model| model_hash(&model) != session.guide.model_hash) {
             let why = "no profile was made, and the former one stays. The blendshape model has changed: try again";
             self.end(Reply::Refused(why.to_owned()));
         }

@@ -17,7 +17,7 @@ use super::manager::{self, Watchdog};
 use super::realtime;
 use super::reload::Reloader;
 use crate::capture::monotonic_us;
-use crate::hardware::{self, Board, Hardware};
+use crate::hardware::{self, Hardware, Machine};
 
 /// Time between two looks at the signals.
 const TICK: Duration = Duration::from_millis(50);
@@ -66,7 +66,7 @@ impl Supervisor {
 
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
     pub(super) fn run(&mut self, all_run: impl Fn() -> bool) {
-        tracing::info!("board {}", Board::detect(&hardware::root()).tell(self.reloader.live().board));
+        tracing::info!("board {}", Machine::detect(&hardware::root()).tell(self.reloader.live().board));
         self.lock_memory();
         manager::ready();
         while !self.counters.stopping() && all_run() {

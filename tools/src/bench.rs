@@ -15,7 +15,7 @@ use crate::input::{self, USUAL_SIZE_PX};
 use facewire::capture::{DEMO, FrameRate, Source};
 use facewire::cli::{Failure, SettingsArgs, print};
 use facewire::config::{Choice as _, Settings};
-use facewire::hardware::{self, Board, Flags, Readings, Sensors};
+use facewire::hardware::{self, Flags, Machine, Readings, Sensors};
 use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::{Step, bind_to_hot_cpu};
 
@@ -168,12 +168,12 @@ fn report_text(
     let lines = [
         ("facewire", format!("{}; {in_force}", env!("CARGO_PKG_VERSION"))),
         ("bound", bound.unwrap_or_else(|| "to no CPU".to_owned())),
-        ("board", Board::detect(&root).tell(settings.board)),
+        ("board", Machine::detect(&root).tell(settings.board)),
         ("system", hardware::system()),
         ("processors", hardware::processors(&root)),
         ("memory", hardware::memory_mb(&root).map_or_else(|| "unknown".to_owned(), |mb| format!("{mb} MB"))),
-        ("before", before.to_string()),
-        ("after", after.to_string()),
+        ("before", before.line),
+        ("after", after.line),
         ("flags", Flags::ask().map_or_else(|| "none".to_owned(), |flags| flags.to_string())),
         ("networks", layers.summary()),
         ("rate", format!("{:.0} frames a second at p95, with decoding", figures.frames_per_second())),

@@ -87,7 +87,7 @@ pub fn run(args: &MonitorArgs) -> Result<(), Failure> {
     let mut tally = Tally::default();
     match watch(args, &mut receiver, &stop, &mut tally) {
         // The reader of the output has gone.
-        Err(failure) if failure.message().is_empty() => {}
+        Err(failure) if failure.message.is_empty() => {}
         watched => watched?,
     }
     if tally.packets.packets == 0 {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::calibration::{Listed, Progress, Report};
+use crate::calibration::{KeptProfile, Listed, Progress};
 
 /// Longest line of a client, bytes.
 pub(super) const MAX_LINE: usize = 256;
@@ -36,7 +36,7 @@ pub enum Request {
 pub enum Reply {
     Progress(Progress),
     /// The calibration has ended, and its profile is in use.
-    Calibrated(Report),
+    Calibrated(KeptProfile),
     /// The wearers, and the one in use.
     Wearers {
         wearers: Vec<Listed>,

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::layers::Layers;
 use facewire::cli::Failure;
-use facewire::hardware::{self, Board};
+use facewire::hardware::{self, Machine};
 use facewire::pipeline::StageTimes;
 
 /// The usual rate of a camera, frames per second.
@@ -146,7 +146,7 @@ impl Figures {
             cpu_percent_at_30_fps: rounded(100.0 * cpu_per_frame_s * CAMERA_FPS),
             peak_memory_mb: rounded(number("/proc/self/status", "VmHWM:", 0) as f64 / 1024.0),
             version: env!("CARGO_PKG_VERSION"),
-            machine: format!("{} ({})", Board::detect(&hardware::root()).model, std::env::consts::ARCH),
+            machine: format!("{} ({})", Machine::detect(&hardware::root()).model, std::env::consts::ARCH),
             layers: None,
         }
     }

@@ -49,7 +49,7 @@ const ARM_CORES: [(&str, &str); 11] = [
 
 /// The board that facewire runs on.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Board {
+pub struct Machine {
     /// The name of its settings, `generic` if it is not recognised.
     pub name: &'static str,
     /// What it calls itself. Contains no serial number.
@@ -57,7 +57,7 @@ pub struct Board {
     recognised_by: Option<String>,
 }
 
-impl Board {
+impl Machine {
     /// Recognises the board whose `/proc` and `/sys` lie below `root`.
     pub fn detect(root: &Path) -> Self {
         let cpus = fs::read_to_string(root.join("proc/cpuinfo")).unwrap_or_default();
@@ -124,15 +124,11 @@ pub fn processors(root: &Path) -> String {
             _ => None,
         }
     };
-    let mut counts: Vec<(String, usize)> = Vec::new();
-    for kind in cpus.lines().filter_map(kind) {
-        match counts.iter_mut().find(|(known, _)| *known == kind) {
-            Some((_, count)) => *count += 1,
-            None => counts.push((kind, 1)),
-        }
-    }
-    let counts: Vec<_> = counts.into_iter().map(|(kind, count)| format!("{count} x {kind}")).collect();
-    if counts.is_empty() { "unknown".to_owned() } else { counts.join(", ") }
+    let all: Vec<_> = cpus.lines().filter_map(kind).collect();
+    let mut kinds = all.clone();
+    kinds.dedup();
+    let count = |kind| format!("{} x {kind}", all.iter().filter(|other| *other == kind).count());
+    if all.is_empty() { "unknown".to_owned() } else { kinds.iter().map(count).collect::<Vec<_>>().join(", ") }
 }
 
 /// Returns the memory that the kernel uses.
@@ -193,11 +189,11 @@ mod tests {
     use super::*;
     use crate::config::BOARDS;
 
-    fn with_tree(compatible: &str) -> Board {
+    fn with_tree(compatible: &str) -> Machine {
         let compatible = compatible.replace(' ', "\0") + "\0";
         let files =
             [("proc/device-tree/compatible", compatible.as_str()), ("proc/device-tree/model", "A Board Rev 1.2\0")];
-        Board::detect(Tree::new(&files).root())
+        Machine::detect(Tree::new(&files).root())
     }
 
     #[test]
@@ -232,7 +228,7 @@ mod tests {
             let cpus =
                 format!("processor\t: 0\nvendor_id\t: GenuineIntel\nmodel name\t: {name}\ncpu MHz\t\t: 800.000\n");
             let files = [("proc/cpuinfo", cpus.as_str()), ("sys/class/dmi/id/product_name", "Default string\n")];
-            let board = Board::detect(Tree::new(&files).root());
+            let board = Machine::detect(Tree::new(&files).root());
             assert_eq!(board.model, name);
             board.name
         };
@@ -247,7 +243,7 @@ mod tests {
         let want = "pi4, recognised by \"brcm,bcm2711\" in the device tree (A Board Rev 1.2)";
         assert_eq!(board.tell("pi4"), want);
         assert_eq!(board.tell("pi5"), "pi5, because the settings say so; this is pi4 (A Board Rev 1.2)");
-        let nameless = Board::detect(Tree::new(&[]).root());
+        let nameless = Machine::detect(Tree::new(&[]).root());
         assert!(nameless.tell("generic").ends_with(" (without a name)"));
     }
 

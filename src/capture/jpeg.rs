@@ -4,7 +4,7 @@
 //! planes by the subsampling of the image, and the buffer holds the announced size at 4:4:4. libjpeg-turbo takes the
 //! standard Huffman tables for an image that has none.
 //!
-//! An image that libjpeg-turbo warns of is cleaned first ([`Cleaner`]) and then must decode without a warning.
+//! An image that libjpeg-turbo warns of is cleaned first ([`clean`]) and then must decode without a warning.
 //!
 //! Decoding allocates on the Rust heap only where libjpeg-turbo gives a message: for images that are refused, and for
 //! the first image of a camera that had to be cleaned. The next [`CLEANED_AT_ONCE`] images are cleaned at once, without
@@ -14,7 +14,7 @@ mod cleaner;
 
 use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Subsamp, YuvImage};
 
-use self::cleaner::Cleaner;
+use self::cleaner::clean;
 use super::{CaptureError, FrameFault};
 use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 
@@ -32,7 +32,8 @@ const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
 #[derive(Debug)]
 pub struct JpegDecoder {
     strict: StrictDecoder,
-    cleaner: Box<Cleaner>,
+    /// Memory for an image that was cleaned.
+    clean: Vec<u8>,
     /// How many of the next images to clean at once.
     clean_at_once: u32,
 }
@@ -40,13 +41,14 @@ pub struct JpegDecoder {
 impl JpegDecoder {
     /// Creates a decoder for images of `width` x `height` pixels.
     pub fn new(width: usize, height: usize) -> Result<Self, CaptureError> {
-        if !(1..=MAX_SIDE_PX).contains(&width) || !(1..=MAX_SIDE_PX).contains(&height) {
+        if ![width, height].iter().all(|side| (1..=MAX_SIDE_PX).contains(side)) {
             return Err(CaptureError::picture_size(width, height));
         }
         let no_memory = |_| CaptureError::Unusable("the JPEG decoder could not start; free some memory".to_owned());
-        let strict = StrictDecoder::new(width, height).map_err(no_memory)?;
-        let cleaner = Box::new(Cleaner::new(strict.max_jpeg_bytes()));
-        Ok(Self { strict, cleaner, clean_at_once: 0 })
+        let padded = |side: usize| side.next_multiple_of(MAX_SUBSAMPLING);
+        let (decompressor, planes) = (decompressor().map_err(no_memory)?, vec![0; 3 * padded(width) * padded(height)]);
+        let strict = StrictDecoder { decompressor, planes, size: [width, height], decoded: None };
+        Ok(Self { clean: Vec::with_capacity(strict.max_jpeg_bytes()), strict, clean_at_once: 0 })
     }
 
     /// Largest number of bytes that an image of this size can sensibly have. Sources bound their buffers by it.
@@ -61,26 +63,31 @@ impl JpegDecoder {
             return Err(FrameFault::NotJpeg);
         }
         let is_cleaned_at_once = self.clean_at_once > 0;
-        let tried = if is_cleaned_at_once { Err(FrameFault::Corrupt) } else { self.strict.decode(jpeg) };
-        if tried != Err(FrameFault::Corrupt) {
-            return tried;
-        }
-        let fault = match self.cleaner.clean(jpeg) {
-            Ok(clean) => {
-                let had_need = !jpeg.starts_with(clean);
-                self.clean_at_once = if had_need { CLEANED_AT_ONCE } else { self.clean_at_once.saturating_sub(1) };
-                return self.strict.decode(clean);
+        if !is_cleaned_at_once {
+            match self.strict.decode(jpeg) {
+                Err(FrameFault::Corrupt) => {}
+                tried => return tried,
             }
-            Err(fault) => fault,
-        };
-        let tried = if is_cleaned_at_once { self.strict.decode(jpeg) } else { Err(FrameFault::Corrupt) };
-        self.clean_at_once = 0;
-        if tried == Err(FrameFault::Corrupt) { Err(fault) } else { tried }
+        }
+        match clean(jpeg, &mut self.clean) {
+            Ok(()) => {
+                let had_need = !jpeg.starts_with(&self.clean);
+                self.clean_at_once = if had_need { CLEANED_AT_ONCE } else { self.clean_at_once.saturating_sub(1) };
+                self.strict.decode(&self.clean)
+            }
+            // The cleaner knows only the images of a camera, and libjpeg-turbo others, too.
+            Err(fault) if is_cleaned_at_once => {
+                self.clean_at_once = 0;
+                self.strict.decode(jpeg).map_err(|tried| if tried == FrameFault::Corrupt { fault } else { tried })
+            }
+            Err(fault) => Err(fault),
+        }
     }
 
     /// Returns the picture that was decoded last.
     pub fn picture(&self) -> Option<Picture<'_>> {
-        self.strict.picture()
+        let [width, height] = self.strict.size;
+        Picture::new(width, height, self.strict.pixels()?, true)
     }
 }
 
@@ -94,12 +101,6 @@ struct StrictDecoder {
 }
 
 impl StrictDecoder {
-    fn new(width: usize, height: usize) -> turbojpeg::Result<Self> {
-        let padded = |side: usize| side.next_multiple_of(MAX_SUBSAMPLING);
-        let planes = vec![0; 3 * padded(width) * padded(height)];
-        Ok(Self { decompressor: decompressor()?, planes, size: [width, height], decoded: None })
-    }
-
     fn max_jpeg_bytes(&self) -> usize {
         self.planes.len() + 64 * 1024
     }
@@ -124,12 +125,6 @@ impl StrictDecoder {
         FrameFault::Corrupt
     }
 
-    fn picture(&self) -> Option<Picture<'_>> {
-        let [width, height] = self.size;
-        let pixels = self.pixels(self.decoded?)?;
-        Picture::new(width, height, pixels, true)
-    }
-
     /// Refuses an image that does not fit the buffer, or that no camera makes.
     fn check(&self, header: &DecompressHeader) -> Result<(), FrameFault> {
         let &DecompressHeader { width, height, subsamp, colorspace, .. } = header;
@@ -142,8 +137,9 @@ impl StrictDecoder {
         camera_like.then_some(()).ok_or(FrameFault::Layout)
     }
 
-    fn pixels(&self, subsamp: Subsamp) -> Option<Pixels<'_>> {
-        let [width, height] = self.size;
+    /// The planes of the image that was decoded last.
+    fn pixels(&self) -> Option<Pixels<'_>> {
+        let (subsamp, [width, height]) = (self.decoded?, self.size);
         if subsamp == Subsamp::Gray {
             return Some(Pixels::Grey { data: &self.planes, stride: width });
         }

@@ -9,12 +9,13 @@ use std::sync::OnceLock;
 use std::thread::sleep;
 use std::time::Duration;
 
+use facewire_face::{Picture, Pixels};
+
 use super::clip::Paced;
 use super::delivery::{Arrival, DeliveryCounter};
 use super::{CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, Skipped, Source, monotonic_us};
 use crate::config::{Scene, Script};
 use crate::impairment::{Impairment, ImpairmentSet};
-use facewire_face::{Picture, Pixels};
 
 /// Length of a random scene, and of the live scene after it.
 const RANDOM_SCENE_US: u64 = 2_000_000;
@@ -53,15 +54,14 @@ impl Rehearsal {
         let film = Paced::new(Clip::looped()?);
         let sent = Sent::new(film.frame_period_us().unwrap_or(0));
         let Description { width: full, height, .. } = film.describe();
-        let is_small = usize::try_from(width).is_ok_and(|width| 2 * width <= full);
+        let is_small = 2 * width as usize <= full;
         let (canvas, slowness) = (vec![GREY; full * height], Duration::ZERO);
         let rehearsal = Self { script, film, canvas, sent, timeout, is_small, begun_us, slowness };
-        match rehearsal.now() {
-            (Scene::Gone, _) => Err(CaptureError::Absent(
-                "no camera is called rehearsal; its script has unplugged it for now".to_owned(),
-            )),
-            _ => Ok(rehearsal),
+        if rehearsal.now().0 == Scene::Gone {
+            let reason = "no camera is called rehearsal; its script has unplugged it for now";
+            return Err(CaptureError::Absent(reason.to_owned()));
         }
+        Ok(rehearsal)
     }
 
     fn now(&self) -> (Scene, Duration) {
@@ -104,15 +104,20 @@ impl Source for Rehearsal {
         self.sent.count(scene, frame.number, frame.captured_us);
         self.slowness += added;
         sleep(added);
-        let paint: fn(&[u8], usize, &mut [u8]) = match scene {
-            Scene::NoFace => |_, _, canvas| canvas.fill(GREY),
-            Scene::Dark => darken,
-            Scene::CutOff => shift,
-            _ => return Ok(Some(frame)),
+        let Some(&Picture { width, height, pixels: Pixels::Planar { planes: [luma, ..], .. }, .. }) = frame.picture()
+        else {
+            return Ok(Some(frame));
         };
-        let Some(&Picture { width, height, pixels, .. }) = frame.picture() else { return Ok(None) };
-        if let Pixels::Planar { planes: [luma, ..], .. } = pixels {
-            paint(luma, width, &mut self.canvas);
+        match scene {
+            Scene::NoFace => self.canvas.fill(GREY),
+            Scene::Dark => self.canvas.iter_mut().zip(luma).for_each(|(dark, luma)| *dark = luma / DARKNESS),
+            Scene::CutOff => {
+                for (row, from) in self.canvas.chunks_exact_mut(width).zip(luma.chunks_exact(width)) {
+                    let kept = from.iter().skip(CUT_OFF).chain(std::iter::repeat(&GREY));
+                    row.iter_mut().zip(kept).for_each(|(pixel, luma)| *pixel = *luma);
+                }
+            }
+            _ => return Ok(Some(frame)),
         }
         let picture = Picture::new(width, height, Pixels::Grey { data: &self.canvas, stride: width }, true);
         Ok(picture.map(|picture| Frame { content: Content::Picture(picture), ..frame }))
@@ -148,19 +153,6 @@ impl Source for Rehearsal {
 
     fn describe(&self) -> Description<'_> {
         Description { origin: "rehearsal", ..self.film.describe() }
-    }
-}
-
-/// Makes the luma plane of a dark picture of the clip's.
-fn darken(luma: &[u8], _: usize, canvas: &mut [u8]) {
-    canvas.iter_mut().zip(luma).for_each(|(dark, luma)| *dark = luma / DARKNESS);
-}
-
-/// Moves the clip to the left.
-fn shift(luma: &[u8], width: usize, canvas: &mut [u8]) {
-    for (row, from) in canvas.chunks_exact_mut(width).zip(luma.chunks_exact(width)) {
-        let kept = from.iter().skip(CUT_OFF).chain(std::iter::repeat(&GREY));
-        row.iter_mut().zip(kept).for_each(|(pixel, luma)| *pixel = *luma);
     }
 }
 
@@ -238,7 +230,6 @@ impl Sent {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use facewire_face::Pixels;
 
     const S: u64 = 1_000_000;
 
@@ -253,46 +244,38 @@ mod tests {
     #[test]
     fn scenes_follow_each_other_and_repeat() {
         let script = script("rehearsal: live 5, gone 2.5,no-face 1");
-        assert_eq!(scene_at(&script, 0), (Scene::Live, 5 * S));
-        assert_eq!(scene_at(&script, 5 * S - 1), (Scene::Live, 1));
-        assert_eq!(scene_at(&script, 5 * S), (Scene::Gone, 5 * S / 2));
-        assert_eq!(scene_at(&script, 8 * S), (Scene::NoFace, S / 2));
-        assert_eq!(scene_at(&script, 17 * S / 2), (Scene::Live, 5 * S));
+        let table = [
+            (0, Scene::Live, 5 * S),
+            (5 * S - 1, Scene::Live, 1),
+            (5 * S, Scene::Gone, 5 * S / 2),
+            (8 * S, Scene::NoFace, S / 2),
+        ];
+        for (elapsed_us, scene, left_us) in table {
+            assert_eq!(scene_at(&script, elapsed_us), (scene, left_us));
+            assert_eq!(scene_at(&script, elapsed_us + 17 * S / 2), (scene, left_us));
+        }
     }
 
     #[test]
     fn a_random_rehearsal_has_every_fault_and_depends_on_its_seed() {
         let scenes = |seed| -> Vec<Scene> {
-            let script = script(&format!("rehearsal: random {seed}"));
-            (0..200).map(|number| scene_at(&script, number * RANDOM_SCENE_US).0).collect()
+            (0..200).map(|number| scene_at(&Script::Random(seed), number * RANDOM_SCENE_US).0).collect()
         };
-        for scene in Scene::RANDOM {
-            assert!(scenes(7).contains(&scene), "{scene:?}");
-        }
-        assert_eq!(scenes(7), scenes(7));
-        assert_ne!(scenes(7), scenes(8));
+        assert!(Scene::RANDOM.iter().all(|scene| scenes(7).contains(scene)));
+        assert!(scenes(7) == scenes(7) && scenes(7) != scenes(8));
         assert!(scenes(7).into_iter().skip(1).step_by(2).all(|scene| scene == Scene::Live));
     }
 
     #[test]
-    fn a_slow_board_takes_its_time_to_decode_and_a_hot_one_says_so() {
+    fn a_slow_board_takes_its_time_to_decode_and_a_fourth_of_it_for_small_pictures() {
         let mut slow = play("slow-4", 640).unwrap();
         let captured_us = slow.next().unwrap().unwrap().captured_us;
         assert!(monotonic_us() - captured_us >= 4 * 33_333);
-        assert!(slow.take_decoding() >= Duration::from_micros(4 * 33_333));
-        assert!(slow.take_decoding().is_zero());
-        let rehearsed = |scene| play(scene, 640).unwrap().rehearsed().to_string();
-        assert_eq!(["slow-4", "live", "hot", "undervoltage"].map(rehearsed), ["none", "none", "hot", "undervoltage"]);
-    }
-
-    #[test]
-    fn small_pictures_take_a_fourth_of_the_time_to_decode_where_decoding_is_slow() {
+        assert!(slow.take_decoding() >= Duration::from_micros(4 * 33_333) && slow.take_decoding().is_zero());
         let [full, small] = [640, 320].map(|width| play("slow-jpeg", width).unwrap());
         let [full_periods, small_periods] = [&full, &small].map(|camera| camera.added_periods(Scene::SlowJpeg));
         assert!((full_periods - 4.0 * small_periods).abs() < 1e-9);
-        assert!(
-            full.has_smaller_mode() && !small.has_smaller_mode() && !play("slow-4", 640).unwrap().has_smaller_mode()
-        );
+        assert_eq!([full, small, slow].map(|camera| camera.has_smaller_mode()), [true, false, false]);
     }
 
     #[test]
@@ -304,11 +287,15 @@ mod tests {
         let mut faceless = play("no-face", 640).unwrap();
         let Pixels::Grey { data, .. } = faceless.next().unwrap().unwrap().picture().unwrap().pixels else { panic!() };
         assert!(data.iter().all(|luma| *luma == GREY));
+        let rehearsed = |scene| play(scene, 640).unwrap().rehearsed().to_string();
+        assert_eq!(["slow-4", "live", "hot", "undervoltage"].map(rehearsed), ["none", "none", "hot", "undervoltage"]);
     }
 
     #[test]
     fn a_camera_at_half_rate_loses_nothing_and_a_lossy_one_keeps_its_rate() {
-        let seen = |scene| {
+        for (scene, fps, lost_percent) in
+            [(Scene::Live, 30.0, 0.0), (Scene::HalfRate, 15.0, 0.0), (Scene::Lossy, 30.0, 11.0)]
+        {
             let (mut sent, mut clip) = (Sent::new(33_333), 0..);
             let delivery = loop {
                 if sent.withholds_next(scene) {
@@ -320,10 +307,7 @@ mod tests {
                     break delivery;
                 }
             };
-            (delivery.fps().round(), (delivery.lost_share() * 100.0).round())
-        };
-        assert_eq!(seen(Scene::Live), (30.0, 0.0));
-        assert_eq!(seen(Scene::HalfRate), (15.0, 0.0));
-        assert_eq!(seen(Scene::Lossy), (30.0, 11.0));
+            assert_eq!((delivery.fps().round(), (delivery.lost_share() * 100.0).round()), (fps, lost_percent));
+        }
     }
 }

@@ -12,6 +12,8 @@ const MOST_STEPS: i32 = 1 << 20;
 const COORDINATES: usize = 3 * LANDMARKS;
 /// Most bytes of a 32-bit number in LEB128.
 const MAX_NUMBER_BYTES: usize = 5;
+/// Most bytes of a frame, rounded up.
+pub(super) const MAX_FRAME_BYTES: usize = 8192;
 
 pub(super) type Steps = [i32; COORDINATES];
 
@@ -57,7 +59,10 @@ impl Recorded {
         let Some(landmarks) = &self.landmarks else { return };
         for (value, before) in landmarks.0.as_flattened().iter().zip(before) {
             let steps = steps(*value);
-            write_number(bytes, zigzag(steps - *before));
+            // Postcard writes numbers as zigzag and LEB128.
+            let mut number = [0; MAX_NUMBER_BYTES];
+            let number = postcard::to_slice(&(steps - *before), &mut number);
+            bytes.extend_from_slice(number.unwrap_or_default());
             *before = steps;
         }
     }
@@ -98,7 +103,9 @@ fn steps(value_px: f32) -> i32 {
 fn read_landmarks(bytes: &mut &[u8], before: &mut Steps) -> Option<Landmarks> {
     let mut landmarks = Landmarks::zero();
     for (value, before) in landmarks.0.as_flattened_mut().iter_mut().zip(before) {
-        let steps = before.checked_add(unzigzag(read_number(bytes)?))?;
+        let (difference, rest) = postcard::take_from_bytes(bytes).ok()?;
+        *bytes = rest;
+        let steps = before.checked_add(difference)?;
         if !(-MOST_STEPS..=MOST_STEPS).contains(&steps) {
             return None;
         }
@@ -113,54 +120,9 @@ fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
     Some(*taken)
 }
 
-/// Folds negative numbers between the others, so that small differences have few bytes.
-const fn zigzag(value: i32) -> u32 {
-    ((value << 1) ^ (value >> 31)).cast_unsigned()
-}
-
-const fn unzigzag(value: u32) -> i32 {
-    (value >> 1).cast_signed() ^ -(value & 1).cast_signed()
-}
-
-/// Appends a number in LEB128: seven bits in each byte, the least first.
-fn write_number(bytes: &mut Vec<u8>, mut value: u32) {
-    while value >= 0x80 {
-        let [low, ..] = value.to_le_bytes();
-        bytes.push(low | 0x80);
-        value >>= 7;
-    }
-    let [last, ..] = value.to_le_bytes();
-    bytes.push(last);
-}
-
-fn read_number(bytes: &mut &[u8]) -> Option<u32> {
-    let mut value = 0;
-    for place in 0..MAX_NUMBER_BYTES {
-        let [byte] = take(bytes)?;
-        value |= u32::from(byte & 0x7F) << (7 * place);
-        if byte & 0x80 == 0 {
-            return Some(value);
-        }
-    }
-    None
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn numbers_of_every_size_are_read_back() {
-        let values = [0, 1, -1, 63, -64, 64, 8191, i32::MAX, i32::MIN];
-        let mut bytes = Vec::new();
-        for value in values {
-            write_number(&mut bytes, zigzag(value));
-        }
-        let mut rest = bytes.as_slice();
-        let read: Vec<i32> = values.iter().map(|_| unzigzag(read_number(&mut rest).unwrap())).collect();
-        assert_eq!((read.as_slice(), rest), (values.as_slice(), [].as_slice()));
-        assert_eq!(read_number(&mut [0xFF; 9].as_slice()), None, "a number without an end");
-    }
 
     #[test]
     fn landmarks_are_kept_to_a_64th_of_a_pixel_and_the_pose_as_in_a_packet() {
@@ -175,34 +137,40 @@ mod tests {
         let read_pose = read.pose().unwrap();
         assert_eq!((read.time_us, read.size_px, read_pose.position_mm), (7, [640, 480], pose.position_mm));
         assert!(read_pose.coefficients.iter().all(|value| (value - 0.25).abs() < 1e-5));
-    }
-
-    #[test]
-    fn frame_without_a_face_keeps_its_reason_and_nothing_that_is_not_finite_is_read_back() {
         let nothing = Recorded::nothing(9, Reason::NoCamera);
         assert_eq!(Recorded::from_bytes(&nothing.to_bytes()).unwrap().pose(), Err(Reason::NoCamera));
-        let absurd = Landmarks([[f32::NAN, f32::INFINITY, f32::MIN]; LANDMARKS]);
-        let frame = Recorded::new(0, &Pose::NEUTRAL, [640.0, 480.0], Some(&absurd));
-        assert!(Recorded::from_bytes(&frame.to_bytes()).unwrap().landmarks.unwrap().is_finite());
     }
 
     #[test]
-    fn landmark_beyond_every_picture_is_no_frame() {
-        let frame = Recorded::new(1, &Pose::NEUTRAL, [640.0, 480.0], Some(&Landmarks::zero()));
-        let head = frame.to_bytes().len() - COORDINATES;
-        for steps in [i32::MIN, -MOST_STEPS - 1, MOST_STEPS + 1, i32::MAX] {
-            let mut bytes = frame.to_bytes();
-            bytes.truncate(head);
-            (0..COORDINATES).for_each(|_| write_number(&mut bytes, zigzag(steps)));
-            assert_eq!(Recorded::from_bytes(&bytes), None, "{steps}");
+    fn a_coordinate_is_written_in_32nds_of_a_pixel_as_zigzag_and_leb128_and_stays_finite() {
+        for (value_px, bytes) in [
+            (0.0, &[0][..]),
+            (-1.0 / 32.0, &[1]),
+            (2.0, &[0x80, 1]),
+            (-300.5, &[0x9f, 0x96, 1]),
+            (f32::INFINITY, &[0x80, 0x80, 0x80, 1]),
+            (f32::NAN, &[0]),
+        ] {
+            let landmarks = Landmarks([[value_px; 3]; LANDMARKS]);
+            let written = Recorded::new(0, &Pose::NEUTRAL, [640.0, 480.0], Some(&landmarks)).to_bytes();
+            assert!(written.ends_with(&bytes.repeat(COORDINATES)), "{value_px}");
+            assert!(Recorded::from_bytes(&written).unwrap().landmarks.unwrap().is_finite());
         }
     }
 
     #[test]
-    fn cut_bytes_are_no_frame() {
+    fn cut_bytes_and_a_landmark_beyond_every_picture_are_no_frame() {
         let bytes = Recorded::new(1, &Pose::NEUTRAL, [640.0, 480.0], Some(&Landmarks::zero())).to_bytes();
         for length in 0..bytes.len() {
             assert_eq!(Recorded::from_bytes(bytes.get(..length).unwrap()), None, "{length}");
+        }
+        let head = bytes.get(..bytes.len() - COORDINATES).unwrap();
+        for (before, difference) in
+            [(0, i32::MIN), (0, -MOST_STEPS - 1), (0, MOST_STEPS + 1), (MOST_STEPS, 1), (MOST_STEPS, i32::MAX)]
+        {
+            let crafted = [head, &postcard::to_allocvec(&difference).unwrap().repeat(COORDINATES)].concat();
+            let read = Recorded::read(&mut crafted.as_slice(), &mut [before; COORDINATES]);
+            assert_eq!(read, None, "{before} and {difference}");
         }
     }
 }

@@ -13,19 +13,28 @@
 //! | 1434 to 7170 | 478 x 3 landmarks: the difference to the frame before in the chunk, or to 0, in 1/32 pixel, zigzag, LEB128 |
 
 mod frame;
-mod reader;
-mod writer;
 
-use std::io;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufReader, ErrorKind, Read, Write as _};
+use std::mem::take;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::Path;
 
-pub use frame::Recorded;
-pub use reader::Reader;
-pub use writer::Writer;
+use flate2::read::DeflateDecoder;
+use flate2::write::DeflateEncoder;
+use flate2::{Compression, Crc};
+
+pub use self::frame::Recorded;
+use self::frame::{MAX_FRAME_BYTES, Steps};
 
 /// The first bytes of a recording; the last one is the version.
-pub const START: [u8; 8] = *b"FWREC\0\0\x01";
-/// Most bytes of the frames of a chunk. A frame takes 7314 bytes at most.
+const START: [u8; 8] = *b"FWREC\0\0\x01";
+/// Most bytes of the frames of a chunk.
 const MAX_CHUNK_BYTES: usize = 1 << 20;
+/// Time after which a chunk is written, microseconds.
+const CHUNK_US: u64 = 1_000_000;
+/// Number of chunks after which the disk is asked to keep what it was given. More often would wear out memory cards.
+const SYNC_CHUNKS: u32 = 10;
 
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
@@ -39,3 +48,180 @@ pub enum RecordingError {
     #[error("it cannot be read: {0}")]
     Read(#[from] io::Error),
 }
+
+/// Writes a recording.
+#[derive(Debug)]
+pub struct Writer {
+    file: File,
+    limit_bytes: u64,
+    written_bytes: u64,
+    chunk: Vec<u8>,
+    before: Box<Steps>,
+    /// When the first frame was captured, and the first one of the chunk.
+    begun_us: Option<(u64, u64)>,
+    chunks: u32,
+    /// Frames in the file, and those in the chunk.
+    frames: u64,
+    chunk_frames: u64,
+}
+
+impl Writer {
+    /// Creates the file, which must not exist and which only its owner may read. No chunk is written that would make it
+    /// larger than `limit_bytes`.
+    pub fn create(path: &Path, limit_bytes: u64) -> io::Result<Self> {
+        let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
+        if let Err(error) = file.write_all(&START) {
+            // An empty file would be in the way of the next attempt.
+            let _ = fs::remove_file(path);
+            return Err(error);
+        }
+        let (chunk, before) = (Vec::with_capacity(MAX_CHUNK_BYTES), Box::new(std::array::from_fn(|_| 0)));
+        let (written_bytes, begun_us, chunks, frames, chunk_frames) = (START.len() as u64, None, 0, 0, 0);
+        Ok(Self { file, limit_bytes, written_bytes, chunk, before, begun_us, chunks, frames, chunk_frames })
+    }
+
+    /// Adds a frame. Returns `false` if there is no room for it.
+    pub fn push(&mut self, frame: &Recorded) -> io::Result<bool> {
+        let (begun_us, chunk_us) = *self.begun_us.get_or_insert((frame.time_us, frame.time_us));
+        let is_due = frame.time_us.saturating_sub(chunk_us) >= CHUNK_US;
+        if is_due || self.chunk.len() + MAX_FRAME_BYTES > MAX_CHUNK_BYTES {
+            if !self.write_chunk()? {
+                return Ok(false);
+            }
+            self.begun_us = Some((begun_us, frame.time_us));
+        }
+        let time_us = frame.time_us.saturating_sub(begun_us);
+        Recorded { time_us, ..frame.clone() }.write(&mut self.chunk, &mut self.before);
+        self.chunk_frames += 1;
+        Ok(true)
+    }
+
+    /// Number of the frames that were given and not discarded.
+    pub fn frames(&self) -> u64 {
+        self.frames + self.chunk_frames
+    }
+
+    /// Writes what is left, and asks the disk to keep all of it. Returns the size of the file in bytes.
+    pub fn finish(&mut self) -> io::Result<u64> {
+        self.write_chunk()?;
+        self.file.sync_data()?;
+        Ok(self.written_bytes)
+    }
+
+    /// Writes the chunk, and begins another one. Returns `false` if there is no room for it; it is then discarded.
+    fn write_chunk(&mut self) -> io::Result<bool> {
+        if self.chunk.is_empty() {
+            return Ok(true);
+        }
+        let mut encoder = DeflateEncoder::new(Vec::new(), Compression::fast());
+        encoder.write_all(&self.chunk)?;
+        let bytes = encoder.finish()?;
+        self.chunk.clear();
+        self.before.fill(0);
+        let (frames, mut crc) = (take(&mut self.chunk_frames), Crc::new());
+        crc.update(&bytes);
+        let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+        let bytes = [&length.to_le_bytes()[..], &crc.sum().to_le_bytes(), &bytes].concat();
+        if self.written_bytes + bytes.len() as u64 > self.limit_bytes {
+            return Ok(false);
+        }
+        self.file.write_all(&bytes)?;
+        self.written_bytes += bytes.len() as u64;
+        self.frames += frames;
+        self.chunks += 1;
+        if self.chunks.is_multiple_of(SYNC_CHUNKS) {
+            self.file.sync_data()?;
+        }
+        Ok(true)
+    }
+}
+
+/// Reads a recording.
+#[derive(Debug)]
+pub struct Reader<R> {
+    input: R,
+    chunk: Vec<u8>,
+    /// Number of bytes of the chunk that were read.
+    read: usize,
+    before: Box<Steps>,
+    frames: u64,
+}
+
+impl Reader<BufReader<File>> {
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        Self::new(BufReader::new(File::open(path)?))
+    }
+}
+
+impl<R: Read> Reader<R> {
+    pub fn new(mut input: R) -> Result<Self, RecordingError> {
+        let mut start = [0; START.len()];
+        let is_whole = is_filled(&mut input, &mut start)?;
+        let ([name @ .., version], [wanted_name @ .., wanted]) = (&start, &START);
+        if !is_whole || name != wanted_name {
+            return Err(RecordingError::Other);
+        }
+        if version > wanted {
+            return Err(RecordingError::Version);
+        }
+        Ok(Self { input, chunk: Vec::new(), read: 0, before: Box::new(std::array::from_fn(|_| 0)), frames: 0 })
+    }
+
+    /// Returns the next frame, or `None` at the end. A chunk that was not written to its end is the end, because that is
+    /// how a recording ends that was interrupted.
+    pub fn next_frame(&mut self) -> Result<Option<Recorded>, RecordingError> {
+        if self.read >= self.chunk.len() && !self.read_chunk()? {
+            return Ok(None);
+        }
+        let mut bytes = self.chunk.get(self.read..).unwrap_or_default();
+        let Some(frame) = Recorded::read(&mut bytes, &mut self.before) else { return Err(self.damaged()) };
+        (self.read, self.frames) = (self.chunk.len() - bytes.len(), self.frames + 1);
+        Ok(Some(frame))
+    }
+
+    /// Reads a chunk. Returns `false` if there is no complete one.
+    fn read_chunk(&mut self) -> Result<bool, RecordingError> {
+        let mut head = [[0; 4]; 2];
+        if !is_filled(&mut self.input, head.as_flattened_mut())? {
+            return Ok(false);
+        }
+        let [length, checksum] = head.map(u32::from_le_bytes);
+        let length = usize::try_from(length).unwrap_or(usize::MAX);
+        if length > MAX_CHUNK_BYTES {
+            return Err(self.damaged());
+        }
+        let mut compressed = vec![0; length];
+        if !is_filled(&mut self.input, &mut compressed)? {
+            return Ok(false);
+        }
+        let mut crc = Crc::new();
+        crc.update(&compressed);
+        self.chunk.clear();
+        let most = MAX_CHUNK_BYTES as u64 + 1;
+        let read = DeflateDecoder::new(compressed.as_slice()).take(most).read_to_end(&mut self.chunk);
+        if crc.sum() != checksum || read.is_err() || !(1..=MAX_CHUNK_BYTES).contains(&self.chunk.len()) {
+            return Err(self.damaged());
+        }
+        self.read = 0;
+        self.before.fill(0);
+        Ok(true)
+    }
+
+    fn damaged(&mut self) -> RecordingError {
+        self.chunk.clear();
+        self.read = 0;
+        RecordingError::Damaged { frames: self.frames }
+    }
+}
+
+/// Fills the buffer. Returns `false` if the input ends before.
+fn is_filled(input: &mut impl Read, buffer: &mut [u8]) -> io::Result<bool> {
+    match input.read_exact(buffer) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+#[cfg(test)]
+mod tests;

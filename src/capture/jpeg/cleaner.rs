@@ -33,110 +33,122 @@ const STANDARD_TABLES: &[u8] = include_bytes!("standard_tables.dht");
 const MAX_STRAY_BYTES: usize = 32;
 /// Parameters of a sequential scan: first and last coefficient, and no successive approximation.
 const SEQUENTIAL: [u8; 3] = [0, 63, 0];
-/// Luma and two chroma components.
-const MAX_COMPONENTS: usize = 3;
 /// Pixels per side of a block, and its coefficients.
 const BLOCK_SIDE: usize = 8;
 const BLOCK_COEFFICIENTS: u8 = 64;
 /// Longest Huffman code, bits.
 const MAX_CODE_BITS: usize = 16;
 
-/// Cleans images, one after the other, in memory of fixed capacity.
-#[derive(Debug)]
-pub(super) struct Cleaner {
-    clean: Vec<u8>,
-    /// The header that each image starts from.
-    standard: Header,
+/// Writes the image to `clean` as the standard wants it, up to its end marker. An image that conforms is copied as it is.
+/// Never grows the memory of `clean`.
+pub(super) fn clean(jpeg: &[u8], clean: &mut Vec<u8>) -> Result<(), FrameFault> {
+    clean.clear();
+    let mut image = Image { jpeg, ..Image::default() };
+    image.read_tables(STANDARD_TABLES).ok_or(FrameFault::Corrupt)?;
+    image.copy_header(clean)?;
+    image.copy_scan(clean)?;
+    match image.marker(MAX_STRAY_BYTES) {
+        Ok(marker::END_OF_IMAGE) | Err(FrameFault::Incomplete) => push(clean, END_OF_IMAGE),
+        _ => Err(FrameFault::Corrupt),
+    }
 }
 
-impl Cleaner {
-    /// Takes the memory for images of up to `max_bytes`.
-    pub(super) fn new(max_bytes: usize) -> Self {
-        let mut standard = Header::default();
-        standard.read_tables(STANDARD_TABLES);
-        Self { clean: Vec::with_capacity(max_bytes), standard }
+fn push(clean: &mut Vec<u8>, bytes: &[u8]) -> Result<(), FrameFault> {
+    if bytes.len() > clean.capacity() - clean.len() {
+        return Err(FrameFault::TooLarge);
     }
+    clean.extend_from_slice(bytes);
+    Ok(())
+}
 
-    /// Returns the image as the standard wants it. An image that conforms is returned as it is, up to its end marker.
-    pub(super) fn clean(&mut self, jpeg: &[u8]) -> Result<&[u8], FrameFault> {
-        self.clean.clear();
-        let (mut input, mut header) = (Input { jpeg, at: 0 }, self.standard.clone());
-        self.copy_header(&mut input, &mut header)?;
-        self.copy_scan(&mut input, &header)?;
-        match input.marker(MAX_STRAY_BYTES) {
-            Ok(marker::END_OF_IMAGE) | Err(FrameFault::Incomplete) => self.push(END_OF_IMAGE)?,
-            _ => return Err(FrameFault::Corrupt),
-        }
-        Ok(&self.clean)
-    }
+/// A sequential image that is being read, and what its header says about its scan.
+#[derive(Default)]
+struct Image<'a> {
+    jpeg: &'a [u8],
+    /// Index of the next byte to be read.
+    at: usize,
+    /// Entropy-coded bits that were read. The last `bits_left` of them were not consumed yet.
+    bits: u64,
+    bits_left: u32,
+    /// Tables of DC and of AC coefficients.
+    tables: [[HuffmanTable<'a>; 2]; 2],
+    /// Minimum coded units between two restart markers; 0 if there are none.
+    restart_interval: usize,
+    /// Width and height in pixels.
+    size: [usize; 2],
+    /// Luma, or luma and two chroma components.
+    components: heapless::Vec<Component, 3>,
+}
 
-    fn copy_header(&mut self, input: &mut Input, header: &mut Header) -> Result<(), FrameFault> {
-        self.push(START_OF_IMAGE)?;
+struct Component {
+    id: u8,
+    /// How many blocks of the component are side by side, and how many below each other, in a minimum coded unit.
+    blocks: [usize; 2],
+    /// Indices of its tables for DC and AC coefficients.
+    tables: [usize; 2],
+}
+
+/// The number of codes of each length, and the values in order of their codes.
+#[derive(Default, Clone, Copy)]
+struct HuffmanTable<'a> {
+    counts: [u8; MAX_CODE_BITS],
+    values: &'a [u8],
+}
+
+impl<'a> Image<'a> {
+    fn copy_header(&mut self, clean: &mut Vec<u8>) -> Result<(), FrameFault> {
+        push(clean, START_OF_IMAGE)?;
         loop {
-            let marker = input.marker(usize::MAX)?;
+            let marker = self.marker(usize::MAX)?;
             if marker == marker::START_OF_IMAGE {
                 continue;
             }
-            let segment = input.segment()?;
-            header.read(marker, segment).ok_or(FrameFault::Corrupt)?;
+            let segment = self.segment()?;
+            self.read_segment(marker, segment).ok_or(FrameFault::Corrupt)?;
             // libjpeg-turbo would warn of another version of JFIF than 1.
             let version = segment.strip_prefix(b"JFIF\0").and_then(<[u8]>::first);
             if marker == marker::APP_0 && version.is_some_and(|version| *version != 1) {
                 continue;
             }
             let length = u16::try_from(segment.len() + 2).map_err(|_| FrameFault::Corrupt)?;
-            self.push(&[0xff, marker])?;
-            self.push(&length.to_be_bytes())?;
-            self.push(segment)?;
+            push(clean, &[0xff, marker])?;
+            push(clean, &length.to_be_bytes())?;
+            push(clean, segment)?;
             if marker == marker::START_OF_SCAN {
-                self.clean.truncate(self.clean.len().saturating_sub(SEQUENTIAL.len()));
-                return self.push(&SEQUENTIAL);
+                clean.truncate(clean.len().saturating_sub(SEQUENTIAL.len()));
+                return push(clean, &SEQUENTIAL);
             }
         }
     }
 
     /// Copies the entropy-coded data and its restart markers.
-    fn copy_scan(&mut self, input: &mut Input, header: &Header) -> Result<(), FrameFault> {
-        let mut left = header.units();
-        let interval = if header.restart_interval == 0 { left } else { header.restart_interval };
+    fn copy_scan(&mut self, clean: &mut Vec<u8>) -> Result<(), FrameFault> {
+        let most =
+            |axis: usize| self.components.iter().filter_map(|of| of.blocks.get(axis)).copied().max().unwrap_or(1);
+        let ([width, height], [columns, rows]) = (self.size, [0, 1].map(most));
+        let mut left = width.div_ceil(BLOCK_SIDE * columns) * height.div_ceil(BLOCK_SIDE * rows);
+        let interval = if self.restart_interval == 0 { left } else { self.restart_interval };
         let mut restarts = (marker::RESTART_0..=marker::RESTART_7).cycle();
         loop {
-            let mut bits = BitReader { bytes: input.jpeg, at: input.at, buffer: 0, left: 0 };
+            let start = self.at;
+            (self.bits, self.bits_left) = (0, 0);
             for _ in 0..left.min(interval) {
-                header.read_unit(&mut bits)?;
+                self.read_unit()?;
             }
-            let end = bits.next_byte();
-            self.push(input.jpeg.get(input.at..end).unwrap_or_default())?;
-            input.at = end;
+            self.unread_whole_bytes();
+            push(clean, self.jpeg.get(start..self.at).unwrap_or_default())?;
             left = left.saturating_sub(interval);
             if left == 0 {
                 return Ok(());
             }
-            let marker = input.marker(MAX_STRAY_BYTES)?;
+            let marker = self.marker(MAX_STRAY_BYTES)?;
             if restarts.next() != Some(marker) {
                 return Err(FrameFault::Corrupt);
             }
-            self.push(&[0xff, marker])?;
+            push(clean, &[0xff, marker])?;
         }
     }
 
-    /// Appends bytes without ever growing the memory.
-    fn push(&mut self, bytes: &[u8]) -> Result<(), FrameFault> {
-        if bytes.len() > self.clean.capacity() - self.clean.len() {
-            return Err(FrameFault::TooLarge);
-        }
-        self.clean.extend_from_slice(bytes);
-        Ok(())
-    }
-}
-
-/// An image that is being read.
-struct Input<'a> {
-    jpeg: &'a [u8],
-    at: usize,
-}
-
-impl<'a> Input<'a> {
     /// Reads the next marker, passing over fill bytes (0xff) and up to `max_stray_bytes` other bytes before it.
     fn marker(&mut self, max_stray_bytes: usize) -> Result<u8, FrameFault> {
         let (mut stray_bytes, mut last) = (0, 0);
@@ -155,7 +167,7 @@ impl<'a> Input<'a> {
         Err(FrameFault::Incomplete)
     }
 
-    /// Reads the content of a segment, whose length comes first and counts itself.
+    /// Returns the content of a segment, whose length comes first and counts itself.
     fn segment(&mut self) -> Result<&'a [u8], FrameFault> {
         let rest = self.jpeg.get(self.at..).unwrap_or_default();
         let (length, _) = rest.split_first_chunk().ok_or(FrameFault::Incomplete)?;
@@ -164,32 +176,9 @@ impl<'a> Input<'a> {
         self.at += length;
         segment.get(2..).ok_or(FrameFault::Corrupt)
     }
-}
 
-/// What the header of a sequential image says about its scan.
-#[derive(Debug, Clone, Default)]
-struct Header {
-    /// Tables of DC and of AC coefficients.
-    tables: [[HuffmanTable; 2]; 2],
-    /// Minimum coded units between two restart markers; 0 if there are none.
-    restart_interval: usize,
-    /// Width and height in pixels.
-    size: [usize; 2],
-    components: heapless::Vec<Component, MAX_COMPONENTS>,
-}
-
-#[derive(Debug, Clone)]
-struct Component {
-    id: u8,
-    /// How often the component is sampled in each direction within a unit.
-    factors: [usize; 2],
-    /// Indices of its tables for DC and AC coefficients.
-    tables: [usize; 2],
-}
-
-impl Header {
     /// Reads the content of a segment; `None` if a sequential image has no such segment.
-    fn read(&mut self, marker: u8, segment: &[u8]) -> Option<()> {
+    fn read_segment(&mut self, marker: u8, segment: &'a [u8]) -> Option<()> {
         match marker {
             marker::BASELINE | marker::EXTENDED_SEQUENTIAL => self.read_frame(segment),
             marker::HUFFMAN_TABLES => self.read_tables(segment),
@@ -209,19 +198,21 @@ impl Header {
         self.components.clear();
         for component in components.chunks_exact(3).take(count.into()) {
             let &[id, sampling, _] = component else { return None };
-            let factors = [sampling >> 4, sampling & 15].map(usize::from);
-            factors.iter().all(|factor| (1..=4).contains(factor)).then_some(())?;
-            self.components.push(Component { id, factors, tables: [0; 2] }).ok()?;
+            let sampling = [sampling >> 4, sampling & 15].map(usize::from);
+            sampling.iter().all(|factor| (1..=4).contains(factor)).then_some(())?;
+            // A scan of one component has one block in each unit, whatever its sampling.
+            let blocks = if count == 1 { [1; 2] } else { sampling };
+            self.components.push(Component { id, blocks, tables: [0; 2] }).ok()?;
         }
         (count > 0 && self.components.len() == usize::from(count)).then_some(())
     }
 
-    fn read_tables(&mut self, mut segment: &[u8]) -> Option<()> {
-        while let Some(([kind, counts @ ..], rest)) = segment.split_first_chunk::<17>() {
+    fn read_tables(&mut self, mut segment: &'a [u8]) -> Option<()> {
+        while let Some((&[kind, ref counts @ ..], rest)) = segment.split_first_chunk::<{ 1 + MAX_CODE_BITS }>() {
             let length = counts.iter().map(|count| usize::from(*count)).sum();
             let (values, rest) = rest.split_at_checked(length)?;
             let table = self.tables.get_mut(usize::from(kind >> 4))?.get_mut(usize::from(kind & 15))?;
-            *table = HuffmanTable::new(counts, values);
+            *table = HuffmanTable { counts: *counts, values };
             segment = rest;
         }
         segment.is_empty().then_some(())
@@ -239,94 +230,28 @@ impl Header {
         (selected == self.components.len() && selected == usize::from(*count)).then_some(())
     }
 
-    /// Number of minimum coded units in the scan.
-    fn units(&self) -> usize {
-        let most = |axis: usize| match self.components.as_slice() {
-            [_] => 1,
-            components => {
-                components.iter().filter_map(|component| component.factors.get(axis)).copied().max().unwrap_or(1)
-            }
-        };
-        let [width, height] = self.size;
-        width.div_ceil(BLOCK_SIDE * most(0)) * height.div_ceil(BLOCK_SIDE * most(1))
-    }
-
-    fn read_unit(&self, bits: &mut BitReader) -> Result<(), FrameFault> {
-        let [dc_tables, ac_tables] = &self.tables;
-        for Component { factors, tables: [dc, ac], .. } in &self.components {
-            let (Some(dc), Some(ac)) = (dc_tables.get(*dc), ac_tables.get(*ac)) else {
+    /// Reads past the blocks of a minimum coded unit.
+    fn read_unit(&mut self) -> Result<(), FrameFault> {
+        for component in 0..self.components.len() {
+            let Some(&Component { blocks, tables: [dc, ac], .. }) = self.components.get(component) else { break };
+            let [dc_tables, ac_tables] = self.tables;
+            let (Some(dc), Some(ac)) = (dc_tables.get(dc), ac_tables.get(ac)) else {
                 return Err(FrameFault::Corrupt);
             };
-            // A scan of one component has one block in each unit, whatever its sampling.
-            let blocks = if self.components.len() == 1 { 1 } else { factors.iter().product() };
-            for _ in 0..blocks {
-                bits.block(dc, ac)?;
+            for _ in 0..blocks.iter().product() {
+                self.read_block(dc, ac)?;
             }
         }
         Ok(())
     }
-}
 
-/// One Huffman table, in the form of ITU-T T.81, F.2.2.3.
-#[derive(Debug, Clone)]
-struct HuffmanTable {
-    /// For each code length: the smallest 16-bit value, with the code in its high bits, that lies above all codes of this
-    /// length and of shorter lengths.
-    ends: [u32; MAX_CODE_BITS],
-    /// For each code length: what to add to a code of this length to get the index of its value.
-    offsets: [i32; MAX_CODE_BITS],
-    values: [u8; 256],
-}
-
-impl Default for HuffmanTable {
-    fn default() -> Self {
-        Self { ends: [0; MAX_CODE_BITS], offsets: [0; MAX_CODE_BITS], values: [0; 256] }
-    }
-}
-
-impl HuffmanTable {
-    /// Builds the table from the number of codes of each length and the values in order of their codes.
-    fn new(counts: &[u8; MAX_CODE_BITS], values: &[u8]) -> Self {
-        let mut table = Self::default();
-        table.values.iter_mut().zip(values).for_each(|(slot, value)| *slot = *value);
-        let (mut code, mut index) = (0, 0);
-        for (bits, ((count, end), offset)) in (1..).zip(counts.iter().zip(&mut table.ends).zip(&mut table.offsets)) {
-            *offset = index - code;
-            code += i32::from(*count);
-            index += i32::from(*count);
-            *end = code.cast_unsigned() << (MAX_CODE_BITS - bits);
-            code *= 2;
-        }
-        table
-    }
-
-    /// The code at the start of `bits`, 16 bits of the stream: its length and its value.
-    fn decode(&self, bits: u32) -> Option<(u32, u8)> {
-        let shorter = self.ends.iter().take_while(|end| bits >= **end).count();
-        let code = i32::try_from(bits >> (MAX_CODE_BITS - 1).checked_sub(shorter)?).ok()?;
-        let value = self.values.get(usize::try_from(code + self.offsets.get(shorter)?).ok()?)?;
-        Some((u32::try_from(shorter + 1).ok()?, *value))
-    }
-}
-
-/// Reads the bits of entropy-coded data up to the next marker.
-struct BitReader<'a> {
-    bytes: &'a [u8],
-    /// Index of the next byte to be loaded.
-    at: usize,
-    buffer: u64,
-    /// Bits of `buffer` that were not consumed yet.
-    left: u32,
-}
-
-impl BitReader<'_> {
     /// Reads past the coefficients of one block.
-    fn block(&mut self, dc: &HuffmanTable, ac: &HuffmanTable) -> Result<(), FrameFault> {
-        let bits = self.code(dc)?;
+    fn read_block(&mut self, dc: &HuffmanTable, ac: &HuffmanTable) -> Result<(), FrameFault> {
+        let bits = self.read_code(dc)?;
         self.consume(bits.into())?;
         let mut coefficient = 1;
         while coefficient < BLOCK_COEFFICIENTS {
-            let code = self.code(ac)?;
+            let code = self.read_code(ac)?;
             let (zeros, bits) = (code >> 4, code & 15);
             // A code without a value ends the block, except for a run of 16 zeros.
             if bits == 0 && zeros < 15 {
@@ -338,42 +263,51 @@ impl BitReader<'_> {
         if coefficient > BLOCK_COEFFICIENTS { Err(FrameFault::Corrupt) } else { Ok(()) }
     }
 
-    /// Index of the first byte of which no bit was consumed.
-    fn next_byte(&self) -> usize {
-        (0..self.left / 8).fold(self.at, |at, _| {
-            let is_stuffed = at >= 2 && self.bytes.get(at - 2..at) == Some(&[0xff, 0]);
-            at.saturating_sub(if is_stuffed { 2 } else { 1 })
-        })
-    }
-
-    fn code(&mut self, table: &HuffmanTable) -> Result<u8, FrameFault> {
+    /// Reads a Huffman code and returns its value. Codes of a length are consecutive numbers, which follow those of the
+    /// next shorter length with a 0 behind them (T.81, C.2).
+    fn read_code(&mut self, table: &HuffmanTable) -> Result<u8, FrameFault> {
         self.load();
-        let bits = if self.left >= 16 { self.buffer >> (self.left - 16) } else { self.buffer << (16 - self.left) };
-        let (length, value) = table.decode((bits & 0xffff) as u32).ok_or(FrameFault::Corrupt)?;
-        self.consume(length)?;
-        Ok(value)
+        let next = (self.bits << 16 >> self.bits_left) as u32 & 0xffff;
+        let (mut first, mut index) = (0, 0);
+        for (length, count) in (1..).zip(table.counts) {
+            let (code, count) = (next >> (16 - length), u32::from(count));
+            if code < first + count {
+                self.consume(length)?;
+                return table.values.get((index + code - first) as usize).copied().ok_or(FrameFault::Corrupt);
+            }
+            (first, index) = (2 * (first + count), index + count);
+        }
+        Err(FrameFault::Corrupt)
     }
 
     fn consume(&mut self, bits: u32) -> Result<(), FrameFault> {
-        if self.left < bits {
+        if self.bits_left < bits {
             self.load();
         }
-        let at_end = if self.at < self.bytes.len() { FrameFault::Corrupt } else { FrameFault::Incomplete };
-        self.left = self.left.checked_sub(bits).ok_or(at_end)?;
+        let at_end = if self.at < self.jpeg.len() { FrameFault::Corrupt } else { FrameFault::Incomplete };
+        self.bits_left = self.bits_left.checked_sub(bits).ok_or(at_end)?;
         Ok(())
     }
 
     /// Loads whole bytes up to the next marker. A data byte 0xff is followed by a stuffed 0.
     fn load(&mut self) {
-        while self.left <= 32 {
-            let (byte, length) = match self.bytes.get(self.at..) {
+        while self.bits_left <= 32 {
+            let (byte, length) = match self.jpeg.get(self.at..) {
                 Some([0xff, 0, ..]) => (0xff, 2),
                 Some([byte, ..]) if *byte != 0xff => (*byte, 1),
                 _ => return,
             };
-            self.buffer = self.buffer << 8 | u64::from(byte);
-            self.left += 8;
+            self.bits = self.bits << 8 | u64::from(byte);
+            self.bits_left += 8;
             self.at += length;
+        }
+    }
+
+    /// Goes back to the first byte of which no bit was consumed.
+    fn unread_whole_bytes(&mut self) {
+        for _ in 0..self.bits_left / 8 {
+            let is_stuffed = self.at >= 2 && self.jpeg.get(self.at - 2..self.at) == Some(&[0xff, 0]);
+            self.at = self.at.saturating_sub(if is_stuffed { 2 } else { 1 });
         }
     }
 }

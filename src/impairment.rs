@@ -7,11 +7,7 @@
 use std::fmt;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
-/// Number of impairments.
-pub(crate) const COUNT: usize = Impairment::ALL.len();
-
-/// Declares the impairments: the name in the status line and in the metrics, and one sentence with what is the matter and
-/// its remedy.
+/// Declares the impairments: the name in the status line and in the metrics, and a sentence with the remedy.
 macro_rules! impairments {
     ($( $(#[doc = $doc:literal])* $variant:ident = $name:literal, $sentence:literal; )*) => {
         /// A condition under which tracking is poor.
@@ -101,14 +97,8 @@ impl ImpairmentSet {
 
 impl fmt::Display for ImpairmentSet {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if *self == Self::default() {
-            return f.write_str("none");
-        }
-        for (index, impairment) in self.iter().enumerate() {
-            f.write_str(if index == 0 { "" } else { "," })?;
-            f.write_str(impairment.name())?;
-        }
-        Ok(())
+        let names: Vec<_> = self.iter().map(Impairment::name).collect();
+        f.write_str(if names.is_empty() { "none".to_owned() } else { names.join(",") }.as_str())
     }
 }
 
@@ -116,7 +106,7 @@ impl fmt::Display for ImpairmentSet {
 #[derive(Debug, Default)]
 pub struct Impairments {
     present: AtomicU32,
-    begun: [AtomicU64; COUNT],
+    begun: [AtomicU64; Impairment::ALL.len()],
 }
 
 impl Impairments {
@@ -136,13 +126,9 @@ impl Impairments {
         ImpairmentSet(self.present.load(Relaxed))
     }
 
-    /// Returns the name of each impairment and how often it has begun, in the order of [`Impairment::ALL`].
-    pub fn begun(&self) -> [(&'static str, u64); COUNT] {
-        let mut counts = Impairment::ALL.map(|impairment| (impairment.name(), 0));
-        for ((_, count), begun) in counts.iter_mut().zip(&self.begun) {
-            *count = begun.load(Relaxed);
-        }
-        counts
+    /// Returns the name of each impairment and how often it has begun.
+    pub fn begun(&self) -> impl Iterator<Item = (&'static str, u64)> {
+        Impairment::ALL.into_iter().zip(&self.begun).map(|(impairment, begun)| (impairment.name(), begun.load(Relaxed)))
     }
 }
 
@@ -157,7 +143,7 @@ mod tests {
         [true, true, false, false, true].into_iter().for_each(hot);
         impairments.set(Impairment::Dark, true);
         assert_eq!(impairments.present().to_string(), "dark,hot");
-        let begun: Vec<_> = impairments.begun().into_iter().filter(|(_, count)| *count > 0).collect();
+        let begun: Vec<_> = impairments.begun().filter(|(_, count)| *count > 0).collect();
         assert_eq!(begun, [("dark", 1), ("hot", 2)]);
         hot(false);
         impairments.set(Impairment::Dark, false);

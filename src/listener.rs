@@ -23,7 +23,7 @@ pub enum Listener {
 
 impl Listener {
     /// Opens the socket. A socket file without a listener, left behind by a service that was killed, is replaced. Any
-    /// other file at the path, including a socket in use, is left untouched and makes `bind` fail.
+    /// other file at the path, including a socket in use, is left untouched and makes this fail.
     pub fn bind(listen: &Listen) -> io::Result<Self> {
         match listen {
             Listen::Off => Err(ErrorKind::AddrNotAvailable.into()),
@@ -65,17 +65,16 @@ impl Listener {
     }
 }
 
-/// Returns whether `path` is a Unix socket on which no process listens any more.
+/// Returns whether `path` is a Unix socket on which no process listens any more. Does not block if the listener is too busy
+/// to accept a connection.
 fn is_stale(path: &Path) -> bool {
     let is_socket = fs::symlink_metadata(path).is_ok_and(|file| file.file_type().is_socket());
-    is_socket && try_connect(path) == Err(Errno::CONNREFUSED)
-}
-
-/// Connects to a Unix socket. Does not block if the listener is too busy to accept the connection.
-fn try_connect(path: &Path) -> rustix::io::Result<()> {
-    let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
-    let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
-    connect(socket, &SocketAddrUnix::new(path)?)
+    let try_connect = || {
+        let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
+        let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
+        connect(socket, &SocketAddrUnix::new(path)?)
+    };
+    is_socket && try_connect() == Err(Errno::CONNREFUSED)
 }
 
 impl AsFd for Listener {
@@ -100,17 +99,13 @@ impl Drop for Listener {
 mod tests {
     use super::*;
 
-    fn unix(path: &Path) -> Listen {
-        Listen::Unix(path.to_owned())
-    }
-
     #[test]
     fn the_socket_file_of_a_killed_service_is_replaced_and_deleted_with_the_new_listener() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("metrics.sock");
         drop(UnixListener::bind(&path).unwrap());
         assert!(path.exists(), "closing a socket leaves its file in place");
-        let listener = Listener::bind(&unix(&path)).unwrap();
+        let listener = Listener::bind(&Listen::Unix(path.clone())).unwrap();
         UnixStream::connect(&path).unwrap();
         drop(listener);
         assert!(!path.exists());
@@ -123,7 +118,7 @@ mod tests {
         let _in_use = UnixListener::bind(&socket).unwrap();
         fs::write(&file, "mine").unwrap();
         for path in [&socket, &file] {
-            assert_eq!(Listener::bind(&unix(path)).unwrap_err().kind(), ErrorKind::AddrInUse);
+            assert_eq!(Listener::bind(&Listen::Unix(path.clone())).unwrap_err().kind(), ErrorKind::AddrInUse);
         }
         UnixStream::connect(&socket).unwrap();
         assert_eq!(fs::read_to_string(&file).unwrap(), "mine");

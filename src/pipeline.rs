@@ -5,6 +5,7 @@
 
 use std::time::{Duration, Instant};
 
+use facewire_face::{Camera, Face, InferError, Solution, SolveError, Solver, Tracker};
 use facewire_packet::Reason;
 
 use crate::calibration::Observation;
@@ -13,17 +14,12 @@ use crate::config::Settings;
 use crate::link::Pose;
 use crate::preflight::{SetupError, load_solver, load_tracker};
 use crate::recording::Recorded;
-use facewire_face::InferError;
-use facewire_face::{Camera, Solution, SolveError, Solver};
-use facewire_face::{Face, Tracker};
 
 /// Why a frame has no solution.
 #[derive(Debug, thiserror::Error)]
 pub enum Rejected {
-    /// The frame shows no face.
     #[error("no face in the picture")]
     NoFace,
-    /// A network failed to run.
     #[error(transparent)]
     Infer(#[from] InferError),
     /// The landmarks cannot be solved.
@@ -43,9 +39,7 @@ impl Rejected {
 pub struct StageTimes {
     /// Finding the region of the face. Only this stage runs the detector, and not while a face is followed.
     pub detect: Option<Duration>,
-    /// Finding the landmarks.
     pub mesh: Option<Duration>,
-    /// From landmarks to coefficients.
     pub solve: Option<Duration>,
 }
 
@@ -65,7 +59,7 @@ pub struct Processed<'a> {
     pub times: StageTimes,
     frame: Frame<'a>,
     camera: Camera,
-    solver: &'a Solver,
+    pub solver: &'a Solver,
 }
 
 impl Processed<'_> {
@@ -86,11 +80,6 @@ impl Processed<'_> {
             Ok(pose) => Recorded::new(time_us, &pose, self.frame.size_px(), landmarks),
             Err(reason) => Recorded::nothing(time_us, reason),
         }
-    }
-
-    /// Share of the estimated neutral face in the reference, and how often the estimate was forgotten.
-    pub fn neutral(&self) -> (f32, u64) {
-        (self.solver.neutral_share(), self.solver.neutral_forgotten())
     }
 }
 
@@ -118,8 +107,8 @@ impl Pipeline {
     /// Loads the networks and the model that the settings name.
     pub fn load(settings: &Settings) -> Result<Self, SetupError> {
         // The model comes first, so that the networks take the memory that reading it leaves free.
-        let solver = load_solver(settings)?;
-        Ok(Self::new(load_tracker(&settings.networks)?, solver, settings.camera.horizontal_fov_deg))
+        let pipeline = Self::for_landmarks(load_solver(settings)?, settings.camera.horizontal_fov_deg);
+        Ok(Self { tracker: Some(load_tracker(&settings.networks)?), ..pipeline })
     }
 
     /// Loads the model, and the networks only if `source` shows pictures.
@@ -133,10 +122,6 @@ impl Pipeline {
     /// A pipeline for frames of landmarks, which were found before.
     pub fn for_landmarks(solver: Solver, horizontal_fov_deg: f32) -> Self {
         Self { tracker: None, solver, horizontal_fov_deg }
-    }
-
-    pub fn new(tracker: Tracker, solver: Solver, horizontal_fov_deg: f32) -> Self {
-        Self { tracker: Some(tracker), solver, horizontal_fov_deg }
     }
 
     /// Returns the face that the frame brings, or else the one that the tracker finds in its picture. `None` if there is no
@@ -153,8 +138,7 @@ impl Pipeline {
         let solver = &mut self.solver;
         let solved = match find(self.tracker.as_mut(), &mut times, frame) {
             Ok(Some(face)) => {
-                let outcome = timed(&mut times.solve, || solver.solve(face, &camera, frame.captured_us));
-                outcome.map_err(Rejected::from)
+                timed(&mut times.solve, || solver.solve(face, &camera, frame.captured_us)).map_err(Rejected::from)
             }
             Ok(None) => Err(Rejected::NoFace),
             Err(error) => Err(error.into()),
@@ -198,12 +182,11 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-    use super::*;
     use facewire_face::stages::normalise;
-    use facewire_face::testing::Scripted;
-    use facewire_face::testing::show;
-    use facewire_face::{Neutral, NeutralMean, testing::face};
-    use facewire_face::{Picture, Pixels};
+    use facewire_face::testing::{Scripted, face, show};
+    use facewire_face::{Neutral, NeutralMean, Picture, Pixels};
+
+    use super::*;
 
     const SIDE: usize = 192;
     const FAILING: usize = 1000;
@@ -228,23 +211,22 @@ mod tests {
             Ok(())
         });
         let solver = load_solver(&Settings::default()).unwrap();
-        (Pipeline::new(Tracker::load(&engine).unwrap(), solver, 60.0), runs)
+        let tracker = Some(Tracker::load(&engine).unwrap());
+        (Pipeline { tracker, solver, horizontal_fov_deg: 60.0 }, runs)
     }
 
-    fn picture(data: &[u8]) -> Picture<'_> {
-        Picture::new(SIDE, SIDE, Pixels::Grey { data, stride: SIDE }, true).unwrap()
+    fn frame(data: &[u8], number: u64) -> Frame<'_> {
+        let picture = Picture::new(SIDE, SIDE, Pixels::Grey { data, stride: SIDE }, true).unwrap();
+        Frame { content: Content::Picture(picture), captured_us: 33_333 * number, number }
     }
 
     #[test]
     fn landmarks_that_form_no_face_are_forgotten_so_that_another_face_is_found() {
         let data = vec![128; SIDE * SIDE];
-        let frame = |number| Frame { content: Content::Picture(picture(&data)), captured_us: 33_333 * number, number };
         let (mut pipeline, detector_runs) = pipeline(1);
-        pipeline.solver.profile.neutral = Some(neutral(&frame(0)));
-        assert!(matches!(pipeline.process(&frame(0)).solved, Err(Rejected::Unsolved(_))));
-        for number in 1..3 {
-            pipeline.process(&frame(number)).solved.unwrap();
-        }
+        pipeline.solver.profile.neutral = Some(neutral(&frame(&data, 0)));
+        assert!(matches!(pipeline.process(&frame(&data, 0)).solved, Err(Rejected::Unsolved(_))));
+        assert!((1..3).all(|number| pipeline.process(&frame(&data, number)).solved.is_ok()));
         assert_eq!(detector_runs.load(Relaxed), 2);
     }
 
@@ -252,7 +234,7 @@ mod tests {
     #[test]
     fn after_a_failed_inference_a_calibration_sees_no_face() {
         let data = vec![128; SIDE * SIDE];
-        let frame = Frame { content: Content::Picture(picture(&data)), captured_us: 0, number: 0 };
+        let frame = frame(&data, 0);
         let (mut pipeline, runs) = pipeline(0);
         pipeline.solver.profile.neutral = Some(neutral(&frame));
         assert!(pipeline.process(&frame).observe(false).shows_face());

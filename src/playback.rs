@@ -5,21 +5,18 @@
 
 use std::ops::Range;
 
+use facewire_face::stages::normalise;
+use facewire_face::{Appearance, InferError, Landmarks, Neutral, NeutralMean, Solution, SolveError};
 use facewire_packet::{Reason, State};
-use thiserror::Error;
 
 use crate::capture::{CaptureError, Content, Frame, Source};
 use crate::config::FailsafeSettings;
 use crate::link::Pose;
 use crate::pipeline::Pipeline;
 use crate::service::failsafe::{Failsafe, History, News};
-use facewire_face::InferError;
-use facewire_face::stages::normalise;
-use facewire_face::{Appearance, Landmarks};
-use facewire_face::{Neutral, NeutralMean, Solution, SolveError};
 
 /// Why a file cannot be played further.
-#[derive(Debug, Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum PlaybackError {
     /// The file cannot be read.
     #[error(transparent)]
@@ -59,14 +56,12 @@ pub struct Shown {
 
 /// A pipeline with the failsafe behind it.
 pub struct Playback {
-    /// Finds and solves the faces.
     pub pipeline: Pipeline,
     failsafe: Failsafe,
     history: History,
 }
 
 impl Playback {
-    /// Begins a file.
     pub fn new(pipeline: Pipeline, settings: &FailsafeSettings) -> Self {
         Self { pipeline, failsafe: Failsafe::new(settings, 0), history: History::default() }
     }
@@ -107,15 +102,10 @@ impl Playback {
             self.pipeline.forget_face();
         }
         let pose = solution.as_ref().map(Pose::from);
-        let news = match &pose {
-            Some(pose) => News::Pose(*pose, face.time_us),
-            None => News::Fault(Reason::NoFace),
-        };
+        let news = News::of(pose.ok_or(Reason::NoFace), face.time_us);
         let sent = self.failsafe.update(&mut self.history, face.time_us, &news);
-        match pose {
-            Some(pose) => Shown { solution, state: State::Live, pose },
-            None => Shown { solution, state: sent.state, pose: sent.pose },
-        }
+        let (state, pose) = pose.map_or((sent.state, sent.pose), |pose| (State::Live, pose));
+        Shown { solution, state, pose }
     }
 }
 

@@ -1,15 +1,12 @@
 //! Preflight: loads what settings name, and finds out what their text cannot tell.
 //!
 //! [`crate::config`] judges settings by their text alone. Whether the networks and the model that they name can be used at
-//! this moment is found out here, and by [`crate::link`] for links. The service does so when it starts, a reload for the
-//! parts that it changes, and `facewire check` for every part by itself.
+//! this moment is found out here, and by [`crate::link`] for links.
+
+use facewire_face::{Filters, HeadFilter, InferError, Model, ModelError, Profile, Shaping, Solver, Tracker};
 
 use crate::calibration::{Store, StoreError, WearerName, model_hash};
 use crate::config::{NetworkSettings, Settings, SmoothingSettings, SolverSettings, WearerSettings};
-use facewire_face::InferError;
-use facewire_face::Tracker;
-
-use facewire_face::{Filters, HeadFilter, Model, ModelError, Profile, Shaping, Solver};
 
 /// Why a part that settings name cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -17,14 +14,9 @@ pub enum SetupError {
     /// The landmark networks do not load, or do not run.
     #[error(transparent)]
     Networks(#[from] InferError),
-    /// The blendshape model does not load.
-    #[error("{}", with_path(path, error))]
-    Model {
-        /// The path of the model file.
-        path: String,
-        /// What is wrong with it.
-        error: ModelError,
-    },
+    /// The blendshape model does not load. An error that does not name the file itself gets its path in front.
+    #[error("{}{error}", if self.is_temporary() { String::new() } else { format!("{path}: ") })]
+    Model { path: String, error: ModelError },
 }
 
 impl SetupError {
@@ -34,20 +26,10 @@ impl SetupError {
     }
 }
 
-/// Names the file in front of an error that does not name it itself.
-fn with_path(path: &str, error: &ModelError) -> String {
-    match error {
-        ModelError::Unreadable { .. } => error.to_string(),
-        _ => format!("{path}: {error}"),
-    }
-}
-
-/// Loads the networks that the settings name.
 pub fn load_tracker(settings: &NetworkSettings) -> Result<Tracker, InferError> {
     Tracker::load(facewire_face::engine(settings.engine, &settings.folder, settings.threads)?.as_ref())
 }
 
-/// Loads the model that the settings name.
 pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
     let path = &settings.model;
     if path.is_empty() {
@@ -69,13 +51,12 @@ pub fn load_profile(settings: &WearerSettings) -> Result<Profile, StoreError> {
     }
 }
 
-/// Says that the profile that the settings name was made with another model than they name, if it was: what it says of the
-/// wearer's rest and range may then not fit.
-pub fn model_warning(settings: &Settings) -> Option<String> {
-    let name = WearerName::new(&settings.wearer.name)?;
-    let made_with = Store::new(&settings.wearer.folder).load(&name).ok()?.model?;
-    let model = load_model(&settings.solver).ok()?;
-    (made_with != model_hash(&model)).then(|| {
+/// Says that the wearer's profile was made with another model, if it was: what it says of the wearer's rest and range may then
+/// not fit.
+pub fn model_warning(wearer: &WearerSettings, solver: &SolverSettings) -> Option<String> {
+    let name = WearerName::new(&wearer.name)?;
+    let made_with = Store::new(&wearer.folder).load(&name).ok()?.model?;
+    (made_with != model_hash(&load_model(solver).ok()?)).then(|| {
         format!(
             "the profile of {name} was made with another blendshape model, and may not fit this one: run `facewire \
              calibrate --wearer {name}`"

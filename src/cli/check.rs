@@ -115,7 +115,8 @@ fn check_wearer(settings: &Settings) -> Result<String, Failure> {
         return Ok("nobody's profile: `facewire calibrate` makes one, and wearer.name chooses it".to_owned());
     };
     let file = store.load(&name)?;
-    let warning = model_warning(settings).map_or_else(String::new, |warning| format!("; {warning}"));
+    let warning =
+        model_warning(&settings.wearer, &settings.solver).map_or_else(String::new, |warning| format!("; {warning}"));
     let (takes, all, folder) = (file.takes.len(), Take::ALL.len(), store.folder().display());
     Ok(format!("{name}, {takes} of {all} takes; profiles in {folder}{warning}"))
 }

@@ -1,7 +1,7 @@
 //! Decides on which [`Step`] the pipeline runs: down when the board is too slow, hot or badly supplied, up again later; and
 //! whether the camera is opened with half the width and height, because decoding takes too long.
 //!
-//! Role: a pure state machine, stepped by time like the failsafe. The supervisor updates it; the hot loop reads the step
+//! It is a pure state machine, stepped by time like the failsafe. The supervisor updates it; the hot loop reads the step
 //! between frames.
 //! Contract: too slow means that four in sixteen frames take longer than their step allows, for half a second. The step
 //! then follows from what a frame takes, so that a constant load changes it once. It goes up when a frame has taken little
@@ -16,13 +16,19 @@
 #[cfg(test)]
 mod tests;
 
+use std::fmt;
 use std::time::Duration;
 
 use super::failsafe::LIVE_FRAMES;
-use super::load::Load;
-use super::step::Step;
+use super::timing::Load;
 use crate::impairment::{Impairment, ImpairmentSet};
 
+/// Longest time between two processed frames. A face that moves less often than twice a second is of no use, and the
+/// failsafe would take longer to notice a lost camera.
+const LONGEST_PERIOD: Duration = Duration::from_millis(500);
+/// What a frame takes if the heads take turns, in percent of a frame on which all heads run, with its decoding. The step
+/// is a small one, so that the difference between machines matters little.
+const TURNS_PERCENT: u32 = 90;
 /// Share of its time that a frame may take on a step that is chosen on the way down.
 const FITS: f64 = 0.95;
 /// Share that a frame must not exceed on a step before the pipeline goes up to it.
@@ -52,9 +58,102 @@ const FULL_AFTER_US: [u64; 2] = [600_000_000, 86_400_000_000];
 /// A picture of half the width and height has this share of the pixels.
 const SMALL_SHARE: u32 = 4;
 
+/// What the pipeline does, from all that it can do down to what a very slow board can do: a later step takes less of the
+/// processor's time. docs/service.md tells what each costs; `scripts/measure-steps` measures it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum Step {
+    /// Every frame, with all networks.
+    #[default]
+    Full,
+    /// Every frame; of the three networks for lips and eyes, one runs on each frame.
+    Turns,
+    /// Every second frame, with all networks; the later ones likewise.
+    Half,
+    Third,
+    Quarter,
+    Sixth,
+    Eighth,
+    Twelfth,
+}
+
+impl Step {
+    pub const ALL: [Self; 8] =
+        [Self::Full, Self::Turns, Self::Half, Self::Third, Self::Quarter, Self::Sixth, Self::Eighth, Self::Twelfth];
+
+    /// The step with this name, for arguments.
+    pub fn parse(name: &str) -> Result<Self, String> {
+        let names = || Self::ALL.map(Self::name).join(", ");
+        Self::ALL.into_iter().find(|step| step.name() == name).ok_or_else(|| format!("give one of {}", names()))
+    }
+
+    /// The name in the log, the status line, the metrics and arguments; and of how many frames of the camera one is
+    /// processed.
+    fn row(self) -> (&'static str, u32) {
+        match self {
+            Self::Full => ("full", 1),
+            Self::Turns => ("turns", 1),
+            Self::Half => ("half", 2),
+            Self::Third => ("third", 3),
+            Self::Quarter => ("quarter", 4),
+            Self::Sixth => ("sixth", 6),
+            Self::Eighth => ("eighth", 8),
+            Self::Twelfth => ("twelfth", 12),
+        }
+    }
+
+    pub fn name(self) -> &'static str {
+        self.row().0
+    }
+
+    pub fn every(self) -> u32 {
+        self.row().1
+    }
+
+    /// Whether the networks for lips and eyes take turns.
+    pub fn has_turns(self) -> bool {
+        self == Self::Turns
+    }
+
+    /// What the step does, for the log.
+    pub(super) fn sentence(self) -> String {
+        match self {
+            Self::Full => "every frame is processed".to_owned(),
+            Self::Turns => "the networks for lips and eyes take turns".to_owned(),
+            lower => format!("one frame in {} is processed", lower.every()),
+        }
+    }
+
+    /// Time between two processed frames of a camera with this frame period. A step that was chosen for a faster camera
+    /// takes more frames of this one.
+    pub(super) fn period(self, camera: Duration) -> Duration {
+        (camera * self.every()).min(LONGEST_PERIOD.max(camera))
+    }
+
+    /// Whether the step is not too slow for a camera with this frame period.
+    fn suits(self, camera: Duration) -> bool {
+        self.every() == 1 || camera * self.every() <= LONGEST_PERIOD
+    }
+
+    /// How long a frame takes on this step, if it takes this long with all networks.
+    fn busy(self, full: Duration) -> Duration {
+        if self.has_turns() { full * TURNS_PERCENT / 100 } else { full }
+    }
+
+    /// How long a frame would take with all networks, if it takes this long on this step.
+    pub(super) fn full_busy(self, busy: Duration) -> Duration {
+        if self.has_turns() { busy * 100 / TURNS_PERCENT } else { busy }
+    }
+}
+
+impl fmt::Display for Step {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
 /// Why the pipeline is not on [`Step::Full`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cause {
+pub(super) enum Cause {
     /// Frames take too long.
     Slow,
     Hot,
@@ -62,10 +161,10 @@ pub enum Cause {
 }
 
 impl Cause {
-    pub const ALL: [Self; 3] = [Self::Slow, Self::Hot, Self::Undervoltage];
+    pub(super) const ALL: [Self; 3] = [Self::Slow, Self::Hot, Self::Undervoltage];
 
     /// The name in the status line and in the metrics.
-    pub fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Slow => "slow",
             Self::Hot => "hot",
@@ -97,17 +196,19 @@ pub(super) struct Conditions {
 
 impl Conditions {
     fn throttled_by(&self) -> Option<Cause> {
-        let hot = self.impaired_by.contains(Impairment::Hot).then_some(Cause::Hot);
-        hot.or_else(|| self.impaired_by.contains(Impairment::Undervoltage).then_some(Cause::Undervoltage))
+        let causes = [(Impairment::Hot, Cause::Hot), (Impairment::Undervoltage, Cause::Undervoltage)];
+        causes.into_iter().find(|(by, _)| self.impaired_by.contains(*by)).map(|(_, cause)| cause)
     }
 }
 
 /// The state of the adaptation.
 #[derive(Debug, Default)]
 pub(super) struct Adaptation {
-    step: Step,
+    pub(super) step: Step,
     /// Why the pipeline went down last; `None` on [`Step::Full`].
-    cause: Option<Cause>,
+    pub(super) cause: Option<Cause>,
+    /// Whether frames take so long that the face is never live, and no lower step is left.
+    pub(super) is_too_slow: bool,
     /// When the step changed last.
     changed_us: Option<u64>,
     /// Since when frames have taken too long.
@@ -116,55 +217,41 @@ pub(super) struct Adaptation {
     calm: Option<(u64, Step)>,
     /// How long it must be possible.
     wait: ProbeBackoff,
-    picture: PictureSize,
+    pub(super) picture: PictureSize,
 }
 
 impl Adaptation {
-    pub(super) fn step(&self) -> Step {
-        self.step
-    }
-
-    /// Why the pipeline is not on the first step.
-    pub(super) fn cause(&self) -> Option<Cause> {
-        self.cause
-    }
-
-    /// Whether the camera is opened with half the width and height.
-    pub(super) fn is_picture_small(&self) -> bool {
-        self.picture.is_small
-    }
-
-    /// Takes in the conditions. Returns whether the step and whether the size of the picture has changed.
-    pub(super) fn update(&mut self, now_us: u64, conditions: &Conditions) -> [bool; 2] {
+    /// Takes in the conditions.
+    pub(super) fn update(&mut self, now_us: u64, conditions: &Conditions) {
         if !conditions.is_allowed {
-            let changes = [self.step != Step::Full, self.picture.is_small];
             *self = Self::default();
-            return changes;
+            return;
         }
-        let is_new_step = self.update_step(now_us, conditions);
-        [is_new_step, self.picture.update(now_us, conditions, self.step, self.cause)]
+        if let Some((step, cause)) = self.lower(now_us, conditions) {
+            self.wait.take_back(now_us, [cause.calm_us(), LONGEST_WAIT_US]);
+            self.change(now_us, step, Some(cause));
+        } else if let Some(step) = self.higher(now_us, conditions) {
+            self.wait.attempt(now_us);
+            self.change(now_us, step, self.cause.filter(|_| step != Step::Full));
+        }
+        self.picture.update(now_us, conditions, self.step, self.cause);
     }
 
-    fn update_step(&mut self, now_us: u64, conditions: &Conditions) -> bool {
-        if let Some((step, cause)) = self.lower(now_us, conditions) {
-            self.descend(now_us, step, cause);
-        } else if let Some(step) = self.higher(now_us, conditions) {
-            self.climb(now_us, step);
-        } else {
-            return false;
-        }
-        true
+    fn change(&mut self, now_us: u64, step: Step, cause: Option<Cause>) {
+        (self.step, self.cause, self.changed_us) = (step, cause, Some(now_us));
+        (self.overloaded_since_us, self.calm) = (None, None);
     }
 
     /// The lower step that is due now.
     fn lower(&mut self, now_us: u64, conditions: &Conditions) -> Option<(Step, Cause)> {
         let load = conditions.load.filter(|load| load.share_on(self.step) > 1.0);
-        let since_us = load.map(|_| self.overloaded_since_us.unwrap_or(now_us));
-        self.overloaded_since_us = since_us;
-        let is_overloaded = since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= OVERLOAD_US);
-        let fitting = load.filter(|_| is_overloaded).map(|load| (load.fitting(self.step), Cause::Slow));
+        self.overloaded_since_us = load.map(|_| self.overloaded_since_us.unwrap_or(now_us));
+        let is_overloaded = self.overloaded_since_us.is_some_and(|us| now_us.saturating_sub(us) >= OVERLOAD_US);
+        let overload = load.filter(|_| is_overloaded).map(|load| (load, load.fitting(self.step)));
+        self.is_too_slow =
+            overload.is_some_and(|(load, fitting)| fitting == self.step && load.is_too_slow_on(self.step));
         let cooler = || Some((self.cooler(now_us, conditions)?, conditions.throttled_by()?));
-        fitting.or_else(cooler).filter(|(step, _)| *step > self.step)
+        overload.map(|(_, fitting)| (fitting, Cause::Slow)).or_else(cooler).filter(|(step, _)| *step > self.step)
     }
 
     /// The next lower step that a hot board takes.
@@ -189,36 +276,11 @@ impl Adaptation {
         if let Some((since_us, best)) = self.calm {
             return (now_us.saturating_sub(since_us) >= self.wait.us).then_some(best);
         }
-        let wait_us = self.probe_us();
+        // Against all appearances, and the more rarely the more often it has failed.
+        let base_us = self.cause.map_or(u64::MAX, Cause::calm_us);
+        let wait_us = PROBE_US.saturating_mul(self.wait.us / base_us).min(LONGEST_WAIT_US);
         let is_time = self.changed_us.is_some_and(|at_us| now_us.saturating_sub(at_us) >= wait_us);
         load.filter(|load| is_time && load.share_on(self.step) <= 1.0).map(|_| above)
-    }
-
-    /// Time after which a higher step is tried against all appearances.
-    fn probe_us(&self) -> u64 {
-        let base_us = self.cause.map_or(u64::MAX, Cause::calm_us);
-        PROBE_US.saturating_mul(self.wait.us / base_us).min(LONGEST_WAIT_US)
-    }
-
-    fn descend(&mut self, now_us: u64, step: Step, cause: Cause) {
-        self.wait.take_back(now_us, [cause.calm_us(), LONGEST_WAIT_US]);
-        self.cause = Some(cause);
-        self.change(now_us, step);
-    }
-
-    fn climb(&mut self, now_us: u64, step: Step) {
-        self.wait.attempt(now_us);
-        if step == Step::Full {
-            self.cause = None;
-        }
-        self.change(now_us, step);
-    }
-
-    fn change(&mut self, now_us: u64, step: Step) {
-        self.step = step;
-        self.changed_us = Some(now_us);
-        self.overloaded_since_us = None;
-        self.calm = None;
     }
 }
 
@@ -251,7 +313,7 @@ impl Load {
     }
 
     /// Whether a frame takes so long that its pose is too old for the failsafe, even on this step: the face is never live.
-    pub(super) fn is_too_slow_on(&self, step: Step) -> bool {
+    fn is_too_slow_on(&self, step: Step) -> bool {
         self.share_on(step) > LIVE_FRAMES as f64
     }
 }
@@ -283,8 +345,9 @@ impl ProbeBackoff {
 
 /// Which size of picture the camera is opened with.
 #[derive(Debug, Default)]
-struct PictureSize {
-    is_small: bool,
+pub(super) struct PictureSize {
+    /// Whether it is half the width and height.
+    pub(super) is_small: bool,
     /// Since when the other size has been the better one.
     better_since_us: Option<u64>,
     /// How long a full-sized picture must be possible.
@@ -292,8 +355,7 @@ struct PictureSize {
 }
 
 impl PictureSize {
-    /// Returns whether the size has changed.
-    fn update(&mut self, now_us: u64, conditions: &Conditions, step: Step, cause: Option<Cause>) -> bool {
+    fn update(&mut self, now_us: u64, conditions: &Conditions, step: Step, cause: Option<Cause>) {
         let load_if =
             |share: fn(Duration) -> Duration| conditions.load.map(|load| load.with_decoding(share(load.decoding)));
         let (is_better, wait_us) = if self.is_small {
@@ -306,7 +368,7 @@ impl PictureSize {
         };
         self.better_since_us = is_better.then(|| self.better_since_us.unwrap_or(now_us));
         if self.better_since_us.is_none_or(|since_us| now_us.saturating_sub(since_us) < wait_us) {
-            return false;
+            return;
         }
         self.is_small = !self.is_small;
         self.better_since_us = None;
@@ -315,6 +377,5 @@ impl PictureSize {
         } else {
             self.wait.attempt(now_us);
         }
-        true
     }
 }

@@ -7,12 +7,11 @@
 //! a client that closes its connection ends its own. No client can hold up the thread: connections do not block, and their
 //! number, the length of a request and the time until it has come are limited.
 
-mod client;
-pub(super) mod protocol;
+pub(super) mod client;
 
+use std::error::Error;
 use std::fs::{DirBuilder, Permissions, set_permissions};
 use std::io::{self, PipeReader, PipeWriter, pipe};
-use std::os::fd::AsFd as _;
 use std::os::unix::fs::{DirBuilderExt as _, PermissionsExt as _};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
@@ -26,8 +25,7 @@ use facewire_packet::Reason;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-use self::client::{Client, Speaks};
-use self::protocol::{Reply, Request, socket_path};
+use self::client::{Client, Reply, Request, Speaks, socket_path};
 use super::counters::Counters;
 use super::hot::HotNews;
 use super::metrics;
@@ -35,7 +33,7 @@ use super::observer::Observed;
 use super::reload::{InUse, Mailbox};
 use crate::calibration::{Guide, Observation, Progress, Store, WearerName, model_hash};
 use crate::capture::monotonic_us;
-use crate::config::{Listen, Settings};
+use crate::config::{Listen, Settings, WearerSettings};
 use crate::listener::Listener;
 use crate::preflight::{is_same_profile, load_model, load_profile, model_warning};
 use crate::recording::Recorded;
@@ -70,10 +68,9 @@ const STACK_BYTES: usize = 512 << 10;
 pub const DEFAULT_WEARER: &str = "default";
 
 /// A handle to the control thread. Dropping it ends the thread, and cancels the calibration.
-#[derive(Debug)]
 pub(super) struct Control {
     stop: Option<PipeWriter>,
-    thread: Option<JoinHandle<()>>,
+    thread: JoinHandle<()>,
 }
 
 /// What the control thread works with.
@@ -100,11 +97,11 @@ impl Control {
 
     fn listen_at(path: Option<PathBuf>, parts: Parts) -> io::Result<Self> {
         let (stop_signal, stop) = pipe()?;
-        let doors =
-            [Door::new(path.map_or(Listen::Off, Listen::Unix)), Door::new(parts.settings.metrics.listen.clone())];
-        let server = Server { doors, parts, stop_signal, clients: Vec::new(), session: None, recording: None };
+        let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
+        let doors = [control, Door::new(parts.settings.metrics.listen.clone(), Speaks::Http)];
+        let server = Server { doors, parts, stop_signal, clients: Vec::new(), calibrating: None, recording: None };
         let builder = Builder::new().name("fw-control".to_owned()).stack_size(STACK_BYTES);
-        Ok(Self { stop: Some(stop), thread: Some(builder.spawn(move || server.run())?) })
+        Ok(Self { stop: Some(stop), thread: builder.spawn(move || server.run())? })
     }
 }
 
@@ -112,14 +109,9 @@ impl Drop for Control {
     /// Waits for no client, and for a disk that does not answer no longer than [`DISK_PATIENCE`].
     fn drop(&mut self) {
         self.stop = None;
-        let Some(thread) = self.thread.take() else { return };
         let end = Instant::now() + DISK_PATIENCE;
-        while !thread.is_finished() && Instant::now() < end {
+        while !self.thread.is_finished() && Instant::now() < end {
             sleep(Duration::from_millis(5));
-        }
-        if thread.is_finished() {
-            // A panic of the thread is ignored: the service does not depend on it.
-            let _ = thread.join();
         }
     }
 }
@@ -127,6 +119,7 @@ impl Drop for Control {
 /// A socket at which the thread listens.
 struct Door {
     listen: Listen,
+    speaks: Speaks,
     listener: Option<Listener>,
     /// When to try again after a failure.
     rests_until: Option<Instant>,
@@ -134,8 +127,8 @@ struct Door {
 }
 
 impl Door {
-    fn new(listen: Listen) -> Self {
-        Self { listen, listener: None, rests_until: None, is_told: false }
+    fn new(listen: Listen, speaks: Speaks) -> Self {
+        Self { listen, speaks, listener: None, rests_until: None, is_told: false }
     }
 
     fn rests(&self) -> bool {
@@ -143,15 +136,15 @@ impl Door {
     }
 
     /// Opens the socket if it is not open yet. A failure is told once, and tried again every second.
-    fn open(&mut self, speaks: Speaks) {
+    fn open(&mut self) {
         if self.listen == Listen::Off || self.listener.is_some() || self.rests() {
             return;
         }
-        let (what, remedy) = match speaks {
+        let (what, remedy) = match self.speaks {
             Speaks::Requests => ("control socket", "end the service that uses it, or make its folder writable"),
             Speaks::Http => ("metrics", "free the address or change metrics.listen"),
         };
-        match bind(&self.listen, speaks) {
+        match bind(&self.listen, self.speaks) {
             Ok(listener) => {
                 tracing::info!("{what} at {}", self.listen);
                 self.listener = Some(listener);
@@ -178,13 +171,13 @@ fn bind(listen: &Listen, speaks: Speaks) -> io::Result<Listener> {
 }
 
 struct Server {
-    /// In the order of [`Speaks`].
+    /// Those of the control socket and of the metrics.
     doors: [Door; 2],
     parts: Parts,
     /// [`Control`] closes the other end of this pipe to stop the thread.
     stop_signal: PipeReader,
     clients: Vec<Client>,
-    session: Option<Session>,
+    calibrating: Option<Calibrating>,
     recording: Option<Recording>,
 }
 
@@ -202,46 +195,38 @@ impl Server {
 
     /// Waits until there is something to do, and lets clients in. Returns `false` if the thread is to stop.
     fn wait(&mut self) -> bool {
-        let mut polled = vec![PollFd::new(&self.stop_signal, PollFlags::IN)];
-        let mut at_doors = Vec::new();
-        for (door, speaks) in self.doors.iter_mut().zip([Speaks::Requests, Speaks::Http]) {
-            door.open(speaks);
-            let inside = self.clients.iter().filter(|client| client.speaks == speaks).count();
-            if let Some(listener) = &door.listener
-                && inside < MAX_CLIENTS
-                && !door.rests()
-            {
-                at_doors.push((listener, speaks, &mut door.rests_until));
-            }
-        }
-        let listeners: Vec<_> = at_doors.iter().map(|(listener, ..)| listener.as_fd()).collect();
-        polled.extend(listeners.iter().map(|listener| PollFd::new(listener, PollFlags::IN)));
-        polled.extend(
-            self.clients
-                .iter()
-                .map(|client| PollFd::new(client, if client.is_behind() { PollFlags::OUT } else { PollFlags::IN })),
-        );
-        let timeout = match (self.session.is_some() || self.recording.is_some(), self.clients.is_empty()) {
+        self.doors.iter_mut().for_each(Door::open);
+        let doors = self.doors.iter().filter_map(|door| {
+            let inside = self.clients.iter().filter(|client| client.speaks == door.speaks).count();
+            let admits = inside < MAX_CLIENTS && !door.rests();
+            Some(PollFd::new(door.listener.as_ref()?, if admits { PollFlags::IN } else { PollFlags::empty() }))
+        });
+        let clients = self
+            .clients
+            .iter()
+            .map(|client| PollFd::new(client, if client.is_behind() { PollFlags::OUT } else { PollFlags::IN }));
+        let stop = PollFd::new(&self.stop_signal, PollFlags::IN);
+        let mut polled: Vec<_> = std::iter::once(stop).chain(doors).chain(clients).collect();
+        let timeout = match (self.calibrating.is_some() || self.recording.is_some(), self.clients.is_empty()) {
             (true, _) => LOOK_BUSY,
             (false, false) => LOOK_CLIENTS,
             (false, true) => LOOK_IDLE,
         };
-        match poll(&mut polled, Some(&timeout)) {
-            Ok(_) => {}
-            Err(error) => return error == Errno::INTR,
+        if let Err(error) = poll(&mut polled, Some(&timeout)) {
+            return error == Errno::INTR;
         }
         let is_ready: Vec<_> = polled.iter().map(|polled| !polled.revents().is_empty()).collect();
-        let [stops, is_ready @ ..] = &*is_ready else { return false };
-        for ((listener, speaks, rests_until), _) in
-            at_doors.into_iter().zip(is_ready).filter(|(_, is_ready)| **is_ready)
-        {
+        let mut is_ready = is_ready.into_iter();
+        let goes_on = is_ready.next() == Some(false);
+        for door in &mut self.doors {
+            let Some(listener) = door.listener.as_ref().filter(|_| is_ready.next() == Some(true)) else { continue };
             match listener.accept() {
-                Ok(stream) => self.clients.push(Client::new(stream, speaks)),
+                Ok(stream) => self.clients.push(Client::new(stream, door.speaks)),
                 // Without memory or file descriptors the client stays in the queue. The delay keeps the loop from spinning.
-                Err(_) => *rests_until = Some(Instant::now() + RETRY_DELAY),
+                Err(_) => door.rests_until = Some(Instant::now() + RETRY_DELAY),
             }
         }
-        !stops
+        goes_on
     }
 
     /// Takes in the settings of a reload.
@@ -252,20 +237,17 @@ impl Server {
             }
             let [_, door] = &mut self.doors;
             if door.listen != settings.metrics.listen {
-                *door = Door::new(settings.metrics.listen.clone());
+                *door = Door::new(settings.metrics.listen.clone(), Speaks::Http);
             }
             self.parts.settings = settings;
-            self.end_if_model_changed();
-        }
-    }
-
-    /// A profile of takes that two models have read would fit neither.
-    fn end_if_model_changed(&mut self) {
-        let Some(session) = &self.session else { return };
-        let model = load_model(&self.parts.settings.solver);
-        if model.is_ok_and(|model| model_hash(&model) != session.guide.model_hash) {
-            let why = "no profile was made, and the former one stays. The blendshape model has changed: try again";
-            self.end(Reply::Refused(why.to_owned()));
+            // A profile of takes that two models have read would fit neither.
+            let model = load_model(&self.parts.settings.solver).map(|model| model_hash(&model));
+            if let (Some(calibrating), Ok(model)) = (&self.calibrating, model)
+                && model != calibrating.guide.model_hash
+            {
+                let why = "no profile was made, and the former one stays. The blendshape model has changed: try again";
+                self.end(Reply::Refused(why.to_owned()));
+            }
         }
     }
 
@@ -311,7 +293,7 @@ impl Server {
                 Ok((name, guide)) => {
                     tracing::info!("calibration of wearer {name} begins");
                     self.parts.observed.ask(true);
-                    self.session = Some(Session::new(client, name, guide, monotonic_us()));
+                    self.calibrating = Some(Calibrating::new(client, name, guide, monotonic_us()));
                     return;
                 }
                 Err(refusal) => Err(refusal),
@@ -322,16 +304,17 @@ impl Server {
                 self.recording = Some(Recording::new(client, monotonic_us()));
                 return;
             }
-            Request::Record {} => Err("another recording is in progress: try again when it has ended".to_owned()),
-            Request::Use { wearer: Some(name) } => named(&name).and_then(|name| self.set_wearer(&name)),
+            Request::Record {} => Err("another recording is in progress: try again when it has ended".into()),
+            Request::Use { wearer: Some(name) } => self.set_wearer(&name),
             Request::Use { wearer: None } => {
                 self.hand_over(Profile::default(), None);
                 Ok(Reply::Done("nobody's profile is in use, until the next start of the service".to_owned()))
             }
-            Request::Delete { wearer } => named(&wearer).and_then(|name| self.delete(&name)),
+            Request::Delete { wearer } => self.delete(&wearer),
             Request::List {} => self.list(),
         };
-        self.send(client, |client| client.send(&outcome.unwrap_or_else(Reply::Refused)));
+        let reply = outcome.unwrap_or_else(|refusal| Reply::Refused(refusal.to_string()));
+        self.send(client, |client| client.send(&reply));
     }
 
     fn store(&self) -> Store {
@@ -339,28 +322,28 @@ impl Server {
     }
 
     /// Deletes the profile of this wearer. It is then in use no longer.
-    fn delete(&mut self, name: &WearerName) -> Result<Reply, String> {
-        self.store().delete(name).map_err(|error| error.to_string())?;
-        if self.parts.in_use.get().as_ref() == Some(name) {
+    fn delete(&mut self, name: &str) -> Outcome<Reply> {
+        let name = named(name)?;
+        self.store().delete(&name)?;
+        if self.parts.in_use.get().as_ref() == Some(&name) {
             self.hand_over(Profile::default(), None);
         }
         Ok(Reply::Done(format!("the profile of {name} is deleted")))
     }
 
-    fn list(&self) -> Result<Reply, String> {
-        let store = self.store();
-        let wearers = store.list().map_err(|error| error.to_string())?;
-        let in_use = self.parts.in_use.get().map(|name| name.to_string());
-        Ok(Reply::Wearers { wearers, in_use, folder: store.folder().display().to_string() })
+    fn list(&self) -> Outcome<Reply> {
+        let (store, in_use) = (self.store(), self.parts.in_use.get().map(|name| name.to_string()));
+        Ok(Reply::Wearers { wearers: store.list()?, in_use, folder: store.folder().display().to_string() })
     }
 
     /// Uses the profile of this wearer.
-    fn set_wearer(&mut self, name: &WearerName) -> Result<Reply, String> {
-        let mut settings = self.parts.settings.clone();
-        name.as_str().clone_into(&mut settings.wearer.name);
-        let profile = load_profile(&settings.wearer).map_err(|error| error.to_string())?;
+    fn set_wearer(&mut self, name: &str) -> Outcome<Reply> {
+        let name = named(name)?;
+        let settings = &self.parts.settings;
+        let wearer = WearerSettings { name: name.to_string(), ..settings.wearer.clone() };
+        let (profile, warning) = (load_profile(&wearer)?, model_warning(&wearer, &settings.solver));
+        let warning = warning.map_or_else(String::new, |warning| format!(". {warning}"));
         self.hand_over(profile, Some(name.clone()));
-        let warning = model_warning(&settings).map_or_else(String::new, |warning| format!(". {warning}"));
         Ok(Reply::Done(format!(
             "the profile of {name} is in use; to use it after every start, set wearer.name = \"{name}\" in the settings{warning}"
         )))
@@ -374,57 +357,53 @@ impl Server {
     }
 
     /// Loads what a calibration of this wearer, or else of the one in use, needs.
-    fn prepare(&self, wearer: Option<&str>) -> Result<(WearerName, Guide), String> {
+    fn prepare(&self, wearer: Option<&str>) -> Outcome<(WearerName, Guide)> {
         let in_use = self.parts.in_use.get();
-        let of_settings = || in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str);
-        let name = named(wearer.unwrap_or_else(of_settings))?;
-        if self.session.is_some() {
-            return Err("another calibration is in progress: try again when it has ended".to_owned());
+        let name = named(wearer.unwrap_or_else(|| in_use.as_ref().map_or(DEFAULT_WEARER, WearerName::as_str)))?;
+        if self.calibrating.is_some() {
+            return Err("another calibration is in progress: try again when it has ended".into());
         }
-        let model = load_model(&self.parts.settings.solver).map_err(|error| error.to_string())?;
-        Ok((name, Guide::new(model)))
+        Ok((name, Guide::new(load_model(&self.parts.settings.solver)?)))
     }
 
     /// Goes on with the calibration in progress.
     fn calibrate(&mut self) {
-        let Some(session) = &mut self.session else { return };
-        if session.client_has_gone() {
-            tracing::info!("calibration of wearer {} cancelled", session.name);
+        let Some(calibrating) = &mut self.calibrating else { return };
+        if calibrating.has_failed || calibrating.client.has_gone(STREAM_PATIENCE) {
+            tracing::info!("calibration of wearer {} cancelled", calibrating.name);
             self.parts.observed.ask(false);
-            self.session = None;
+            self.calibrating = None;
             return;
         }
         let silent_us = SILENT_US.max(SILENT_FRAMES * self.parts.counters.frame_period_us.load(Relaxed));
         let mut next = self.parts.observed.take();
         loop {
-            session.step(next.as_ref(), silent_us, monotonic_us());
+            calibrating.step(next.as_ref(), silent_us, monotonic_us());
             next = self.parts.observed.take();
-            if next.is_none() || session.guide.outcome().is_some() {
+            if next.is_none() || calibrating.guide.outcome().is_some() {
                 break;
             }
         }
-        let Some(outcome) = session.guide.outcome() else { return };
-        let name = session.name.clone();
+        let Some(outcome) = calibrating.guide.outcome() else { return };
+        let name = calibrating.name.clone();
         let reply = match outcome {
             Ok(calibration) => {
                 let profile = calibration.profile.clone();
-                match self.store().keep(&name, calibration) {
-                    Ok(report) => {
-                        self.hand_over(profile, Some(name));
-                        Reply::Calibrated(report)
-                    }
-                    Err(error) => Reply::Refused(error.to_string()),
-                }
+                self.store().keep(&name, calibration).map(|report| (profile, report)).map_err(|error| error.to_string())
             }
-            Err(refusal) => Reply::Refused(refusal.end()),
+            Err(refusal) => Err(refusal.end()),
         };
+        let reply = reply.map_or_else(Reply::Refused, |(profile, report)| {
+            self.hand_over(profile, Some(name));
+            Reply::Calibrated(report)
+        });
         self.end(reply);
     }
 
     /// Ends the calibration with the last answer to its client.
     fn end(&mut self, reply: Reply) {
         self.parts.observed.ask(false);
-        let Some(Session { client, name, .. }) = self.session.take() else { return };
+        let Some(Calibrating { client, name, .. }) = self.calibrating.take() else { return };
         if let Reply::Refused(reason) = &reply {
             tracing::warn!("calibration of wearer {name}: {reason}");
         }
@@ -443,12 +422,15 @@ impl Server {
     }
 }
 
+/// What a client wanted, or why it cannot be had and what to do.
+type Outcome<T> = Result<T, Box<dyn Error>>;
+
 fn named(text: &str) -> Result<WearerName, String> {
     WearerName::new(text).ok_or_else(|| format!("no name of a wearer: give {}", WearerName::EXPECTED))
 }
 
 /// A calibration in progress, and the client that has asked for it.
-struct Session {
+struct Calibrating {
     client: Client,
     name: WearerName,
     guide: Guide,
@@ -459,14 +441,9 @@ struct Session {
     has_failed: bool,
 }
 
-impl Session {
+impl Calibrating {
     fn new(client: Client, name: WearerName, guide: Guide, now_us: u64) -> Self {
         Self { client, name, guide, observed_us: now_us, told: None, has_failed: false }
-    }
-
-    /// Whether the client has closed the connection, or does not read what it asked for.
-    fn client_has_gone(&mut self) -> bool {
-        self.has_failed || self.client.has_gone(STREAM_PATIENCE)
     }
 
     /// Takes in an observation if there is one, or that there was none for the time `silent_us`, and tells the client.
@@ -479,10 +456,6 @@ impl Session {
             None => return,
         }
         self.observed_us = now_us;
-        self.tell(now_us);
-    }
-
-    fn tell(&mut self, now_us: u64) {
         let progress = self.guide.progress();
         let is_known = self.told.as_ref().is_some_and(|(told, told_us)| {
             now_us.saturating_sub(*told_us) < PROGRESS_US && told.says_the_same(&progress)

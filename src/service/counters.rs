@@ -4,15 +4,12 @@
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
-use std::time::Duration;
 
 use facewire_packet::{NeutralFace, State};
 
-use super::adaptation::Cause;
-use super::heartbeat::Heartbeats;
-use super::load::RecentLoad;
-use super::step::Step;
-use super::times::{Times, quantiles};
+use super::adaptation::{Cause, Step};
+use super::timing::{PresentLoad, Times, quantiles};
+use super::watchdog::Heartbeats;
 use crate::impairment::{Impairment, Impairments};
 use crate::link::Traffic;
 
@@ -28,9 +25,11 @@ const NEUTRAL_FACES: [NeutralFace; 3] = [NeutralFace::Mean, NeutralFace::Estimat
 /// `frames` includes those that missed their deadline, and excludes `skipped`, `left_out` and `damaged` frames, which never
 /// reached the pipeline.
 #[derive(Debug, Default)]
-pub struct Counters {
-    stop: Arc<AtomicBool>,
-    stop_sending: AtomicBool,
+pub(super) struct Counters {
+    /// Whether the service is to stop. SIGTERM and SIGINT set it.
+    pub(super) stop: Arc<AtomicBool>,
+    /// Whether the sender is to stop.
+    pub(super) stop_sending: AtomicBool,
     pub(super) heartbeats: Heartbeats,
     pub(super) frames: AtomicU64,
     pub(super) solved: AtomicU64,
@@ -54,7 +53,7 @@ pub struct Counters {
     pub(super) frame_period_us: AtomicU64,
     pub(super) impairments: Impairments,
     state: AtomicUsize,
-    pub(super) recent: RecentLoad,
+    pub(super) load: PresentLoad,
     /// The step of the pipeline, as an index into [`Step::ALL`].
     step: AtomicUsize,
     /// Why it is not the first one, as an index into [`Cause::ALL`] plus 1; 0 on the first step.
@@ -63,26 +62,12 @@ pub struct Counters {
     /// Whether the camera is to be opened with half the width and height.
     pub(super) small_picture: AtomicBool,
     pub(super) has_smaller_mode: AtomicBool,
-    pub(super) neutral: Neutral,
-    pub(super) times: Times,
-}
-
-/// The neutral face from which coefficients are measured.
-#[derive(Debug, Default)]
-pub(super) struct Neutral {
-    /// As an index into [`NEUTRAL_FACES`].
-    face: AtomicUsize,
+    /// The neutral face from which coefficients are measured, as an index into [`NEUTRAL_FACES`].
+    neutral_face: AtomicUsize,
     /// Bits of the share of the estimated face, which is 0 with a calibrated one.
-    share: AtomicU32,
-    forgotten: AtomicU64,
-}
-
-impl Neutral {
-    pub(super) fn set(&self, face: NeutralFace, share: f32, forgotten: u64) {
-        self.face.store(face as usize, Relaxed);
-        self.share.store(share.to_bits(), Relaxed);
-        self.forgotten.store(forgotten, Relaxed);
-    }
+    neutral_share: AtomicU32,
+    neutral_forgotten: AtomicU64,
+    pub(super) times: Times,
 }
 
 /// One entry of the table.
@@ -93,7 +78,7 @@ pub(super) struct Row {
     /// The label that tells the samples apart; empty if there is one sample.
     pub(super) label: &'static str,
     pub(super) help: &'static str,
-    /// `key=value` in the status line; empty for an entry of the page alone.
+    /// `key=value` in the status line; empty if it is on the page alone.
     text: String,
     pub(super) samples: Vec<(&'static str, f64)>,
 }
@@ -134,19 +119,8 @@ fn present<const N: usize>(key: &str, names: [&'static str; N], holds: impl Fn(u
 }
 
 impl Counters {
-    /// Whether the service is to stop.
     pub(super) fn stopping(&self) -> bool {
         self.stop.load(Relaxed)
-    }
-
-    /// Returns the flag that SIGTERM and SIGINT set.
-    pub(super) fn stop_flag(&self) -> Arc<AtomicBool> {
-        Arc::clone(&self.stop)
-    }
-
-    /// Whether the sender is to stop.
-    pub(super) fn sending_stops(&self) -> bool {
-        self.stop_sending.load(Relaxed)
     }
 
     /// Tells all threads to stop.
@@ -174,9 +148,10 @@ impl Counters {
         self.state.store(STATES.iter().position(|known| *known == state).unwrap_or(0), Relaxed);
     }
 
-    /// Counts a missed deadline if the decoding of a frame and the work on it took so long that the next frame had to wait.
-    pub(super) fn count_missed_deadline(&self, busy: Duration, deadline: Duration) {
-        self.deadline_misses.fetch_add(u64::from(busy > deadline), Relaxed);
+    pub(super) fn set_neutral(&self, face: NeutralFace, share: f32, forgotten: u64) {
+        self.neutral_face.store(face as usize, Relaxed);
+        self.neutral_share.store(share.to_bits(), Relaxed);
+        self.neutral_forgotten.store(forgotten, Relaxed);
     }
 
     /// The step on which the hot loop is to run.
@@ -194,10 +169,10 @@ impl Counters {
     /// The table of all counters, in the order of the status line.
     pub(super) fn rows(&self) -> Vec<Row> {
         let impaired_by = self.impairments.present();
-        let begun = self.impairments.begun().map(|(name, count)| (name, count as f64)).into();
+        let begun = self.impairments.begun().map(|(name, count)| (name, count as f64)).collect();
         let [state, step] = [&self.state, &self.step].map(|index| index.load(Relaxed));
-        let (step_cause, neutral) = (self.step_cause.load(Relaxed), self.neutral.face.load(Relaxed));
-        let (is_small, share) = (self.small_picture.load(Relaxed), f32::from_bits(self.neutral.share.load(Relaxed)));
+        let (step_cause, neutral) = (self.step_cause.load(Relaxed), self.neutral_face.load(Relaxed));
+        let (is_small, share) = (self.small_picture.load(Relaxed), f32::from_bits(self.neutral_share.load(Relaxed)));
         let results = [
             ("faces", "solved", &self.solved),
             ("no_face", "no_face", &self.no_face),
@@ -239,12 +214,12 @@ impl Counters {
             gauge "neutral_share" "" "Share of the estimated face in the neutral face, from 0 to 1; 0 with a calibrated one."
                 = (format!("neutral_share={share:.2}"), vec![("", share.into())]);
             counter "neutral_forgotten" "" "How often the estimated neutral face was forgotten because another person sat down."
-                = count("neutral_forgotten", &self.neutral.forgotten);
+                = count("neutral_forgotten", &self.neutral_forgotten);
         }
     }
 
     /// The present counts in one line of `key=value`.
-    pub fn status_line(&self) -> String {
+    pub(super) fn status_line(&self) -> String {
         let frames = format!("frames={}", self.frames.load(Relaxed));
         let texts = self.rows().into_iter().map(|row| row.text).filter(|text| !text.is_empty());
         let times = self.times.all().map(|(name, histogram)| format!("{name}_ms={}", quantiles(histogram)));
@@ -254,6 +229,8 @@ impl Counters {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]
@@ -261,36 +238,23 @@ mod tests {
         let counters = Counters::default();
         assert!(counters.status_line().contains(" state=neutral impaired_by=none step=full step_by=none "));
         counters.frames.store(10, Relaxed);
-        counters.no_face.store(1, Relaxed);
         counters.traffic.sent.store(3, Relaxed);
         counters.times.age.record(Duration::from_millis(8));
         counters.impairments.set(Impairment::Dark, true);
         counters.set_step(Step::Third, Some(Cause::Slow));
         counters.set_state(State::Decay);
-        counters.neutral.set(NeutralFace::Estimated, 0.733, 2);
+        counters.set_neutral(NeutralFace::Estimated, 0.733, 2);
         let line = counters.status_line();
-        let want = "frames=10 faces=0 no_face=1 rejected=0 engine_failures=0 skipped=0 left_out=0 deadline_misses=0 \
+        let want = "frames=10 faces=0 no_face=0 rejected=0 engine_failures=0 skipped=0 left_out=0 deadline_misses=0 \
                     damaged=0 cameras_opened=0 packets=0 sent=3 dropped=0 links_open=0 state=decay impaired_by=dark \
                     step=third step_by=slow step_changes=1 picture=full neutral=estimated neutral_share=0.73 \
                     neutral_forgotten=2 wait_ms=0.000/0.000/0.000 ";
-        assert!(line.starts_with(want), "{line}");
-        assert!(line.ends_with(" age_ms=8.13/8.13/8.13"), "{line}");
-    }
-
-    #[test]
-    fn work_as_long_as_the_frame_period_is_in_time_and_a_microsecond_longer_is_a_miss() {
-        let counters = Counters::default();
-        let misses = |work_us| {
-            counters.count_missed_deadline(Duration::from_micros(work_us), Duration::from_micros(33_333));
-            counters.deadline_misses.load(Relaxed)
-        };
-        assert_eq!([0, 33_333, 33_334, 33_333, 500_000].map(misses), [0, 0, 1, 1, 2]);
+        assert!(line.starts_with(want) && line.ends_with(" age_ms=8.13/8.13/8.13"), "{line}");
     }
 
     #[test]
     fn a_refusal_names_its_link_and_the_error_until_it_is_cleared() {
         let counters = Counters::default();
-        assert!(counters.refusal().is_none());
         counters.set_refusal(Some((2, 101)));
         let (link, error) = counters.refusal().unwrap();
         assert_eq!((link, error.raw_os_error()), (2, Some(101)));

@@ -1,7 +1,7 @@
 //! The failsafe: what the face shows while no poses come.
 //!
-//! Role: stands between the pipeline and the links, in the sender's thread, so that neither a stuck inference nor a lost
-//! camera can freeze a face. [`State`] has the diagram.
+//! It stands between the pipeline and the links, in the sender's thread, so that neither a stuck inference nor a lost camera
+//! can freeze a face. [`State`] has the diagram.
 //! Contract: [`Failsafe::update`] is called for every pose and fault, and no later than [`Failsafe::wait_us`] after the
 //! last call. All times count from the capture of the last pose that the output followed. The output moves at most by
 //! `slew_per_s`, except while the face is live and the output has caught up with it.
@@ -25,8 +25,6 @@ pub(super) const LIVE_FRAMES: u64 = 3;
 const RECOVERY_POSES: u32 = 3;
 /// Shortest time from the first to the last of them.
 const RECOVERY_US: u64 = 100_000;
-/// Number of neutral packets that the sender sends last, because some may be lost.
-pub const STOPPING_PACKETS: usize = 3;
 /// How far the head may turn while a coefficient may move by 1. At 4 units/s this is 180 degrees/s: a decay of 700 ms
 /// brings back a head that is turned by 126 degrees.
 const RADIANS_PER_UNIT: f32 = std::f32::consts::FRAC_PI_4;
@@ -67,8 +65,7 @@ impl News {
 }
 
 impl Failsafe {
-    /// Returns the limits in the settings, for a camera of this frame period. If three frame periods take longer than
-    /// `live_ms`, all times move by the difference.
+    /// Returns the limits of the settings. If three frame periods take longer than `live_ms`, all times move by the difference.
     pub fn new(settings: &FailsafeSettings, frame_period_us: u64) -> Self {
         let [live_us, hold_us, neutral_us] =
             [settings.live_ms, settings.hold_ms, settings.neutral_ms].map(|ms| u64::from(ms) * 1000);
@@ -83,23 +80,27 @@ impl Failsafe {
 
     /// Lets time pass, takes in the news, moves the output and returns it.
     pub fn update(&self, history: &mut History, now_us: u64, news: &News) -> Output {
-        let before_us = history.age_us;
+        let before_us = history.output.age_us;
         let elapsed_us = history.advance(now_us);
         self.age(history);
-        let followed = self.hear(history, now_us, news);
+        history.output.followed = self.hear(history, now_us, news);
         self.move_output(history, before_us, elapsed_us);
-        let moving = history.state == State::Decay || (history.state == State::Live && history.ramping);
-        Output { followed, moving, ..history.output() }
+        let output = &mut history.output;
+        output.moving = output.state == State::Decay || (output.state == State::Live && history.is_ramping);
+        // A fault that is known while the face is still live is told once it no longer is.
+        output.reason = if output.state == State::Live { Reason::None } else { history.reason };
+        output.clone()
     }
 
     /// Moves the face towards neutral as fast as `slew_per_s` allows, because the service stops. The state is
     /// [`State::Neutral`] once the face is neutral.
     pub fn stop(&self, history: &mut History, now_us: u64) -> Output {
-        let elapsed_us = history.advance(now_us);
-        let neutral = history.shown.neutral_here();
-        history.shown = history.shown.towards(&neutral, 1.0, self.slew(elapsed_us));
-        let state = if history.shown == neutral { State::Neutral } else { State::Decay };
-        Output { state, reason: Reason::Stopping, moving: true, ..history.output() }
+        let limit = self.slew(history.advance(now_us));
+        let output = &mut history.output;
+        let neutral = output.pose.neutral_here();
+        output.pose = output.pose.towards(&neutral, 1.0, limit);
+        let state = if output.pose == neutral { State::Neutral } else { State::Decay };
+        Output { state, reason: Reason::Stopping, followed: false, moving: true, ..output.clone() }
     }
 
     /// How far the output may move in this time.
@@ -109,25 +110,25 @@ impl Failsafe {
 
     /// Time from the last update to the next change of state, if no pose or fault comes first.
     pub fn wait_us(&self, history: &History) -> u64 {
-        let next_state_us = match history.state {
+        let next_state_us = match history.output.state {
             State::Live => self.live_us,
             State::Hold => self.hold_us,
             State::Decay => self.neutral_us,
             State::Neutral => u64::MAX,
         };
-        let until_state_us = next_state_us.checked_sub(history.age_us).filter(|us| *us > 0);
-        until_state_us.unwrap_or(u64::MAX)
+        next_state_us.checked_sub(history.output.age_us).filter(|us| *us > 0).unwrap_or(u64::MAX)
     }
 
     /// Leaves the states live and hold when their time is over.
     fn age(&self, history: &mut History) {
-        history.state = match history.state {
+        let output = &mut history.output;
+        output.state = match output.state {
             State::Neutral => State::Neutral,
-            _ if history.age_us >= self.hold_us => State::Decay,
-            _ if history.age_us >= self.live_us => State::Hold,
+            _ if output.age_us >= self.hold_us => State::Decay,
+            _ if output.age_us >= self.live_us => State::Hold,
             state => state,
         };
-        if history.state != State::Live && history.reason == Reason::None {
+        if output.state != State::Live && history.reason == Reason::None {
             history.reason = Reason::Late;
         }
     }
@@ -155,8 +156,8 @@ impl Failsafe {
             return false;
         }
         history.recovery.count(self.live_us);
-        let waiting = matches!(history.state, State::Decay | State::Neutral);
-        if waiting && !history.recovery.complete() {
+        let is_waiting = matches!(history.output.state, State::Decay | State::Neutral);
+        if is_waiting && !history.recovery.is_complete() {
             return false;
         }
         history.follow(pose, capture_us, age_us);
@@ -165,20 +166,20 @@ impl Failsafe {
 
     /// Moves the output as far as the elapsed time allows.
     fn move_output(&self, history: &mut History, before_us: u64, elapsed_us: u64) {
-        let limit = self.slew(elapsed_us);
-        match history.state {
-            State::Live if history.ramping => {
-                history.shown = history.shown.towards(&history.target, 1.0, limit);
-                history.ramping = history.shown != history.target;
+        let (limit, output) = (self.slew(elapsed_us), &mut history.output);
+        match output.state {
+            State::Live if history.is_ramping => {
+                output.pose = output.pose.towards(&history.target, 1.0, limit);
+                history.is_ramping = output.pose != history.target;
             }
-            State::Live => history.shown = history.target,
+            State::Live => output.pose = history.target,
             State::Hold | State::Neutral => {}
             State::Decay => {
-                let part = self.decayed_part(before_us, history.age_us);
-                let neutral = history.shown.neutral_here();
-                history.shown = history.shown.towards(&neutral, part, limit);
-                if part >= 1.0 && history.shown == neutral {
-                    history.state = State::Neutral;
+                let part = self.decayed_part(before_us, output.age_us);
+                let neutral = output.pose.neutral_here();
+                output.pose = output.pose.towards(&neutral, part, limit);
+                if part >= 1.0 && output.pose == neutral {
+                    output.state = State::Neutral;
                 }
             }
         }
@@ -197,16 +198,14 @@ impl Failsafe {
 /// What the failsafe remembers between updates.
 #[derive(Debug, Clone)]
 pub struct History {
-    state: State,
+    output: Output,
+    /// Why no pose comes.
     reason: Reason,
-    shown: Pose,
     target: Pose,
-    /// Whether `shown` still has to catch up with `target`.
-    ramping: bool,
+    /// Whether the output still has to catch up with `target`.
+    is_ramping: bool,
     /// Whether the output has not followed any pose yet.
-    fresh: bool,
-    age_us: u64,
-    capture_us: u64,
+    is_fresh: bool,
     now_us: Option<u64>,
     /// Capture time of the last pose in the news, followed or not.
     heard_us: Option<u64>,
@@ -222,11 +221,6 @@ struct Recovery {
 }
 
 impl Recovery {
-    fn advance(&mut self, elapsed_us: u64) {
-        self.since_first_us = self.since_first_us.saturating_add(elapsed_us);
-        self.since_last_us = self.since_last_us.saturating_add(elapsed_us);
-    }
-
     /// Counts a good pose. A pose that comes `gap_us` or more after the last one starts a new row.
     fn count(&mut self, gap_us: u64) {
         if self.poses == 0 || self.since_last_us >= gap_us {
@@ -236,8 +230,7 @@ impl Recovery {
         self.since_last_us = 0;
     }
 
-    /// Whether the row is long enough to follow poses again.
-    fn complete(&self) -> bool {
+    fn is_complete(&self) -> bool {
         self.poses >= RECOVERY_POSES && self.since_first_us >= RECOVERY_US
     }
 }
@@ -245,15 +238,13 @@ impl Recovery {
 impl Default for History {
     /// Neutral, as before the first frame.
     fn default() -> Self {
+        let (state, reason, pose) = (State::Neutral, Reason::NoCamera, Pose::NEUTRAL);
         Self {
-            state: State::Neutral,
-            reason: Reason::NoCamera,
-            shown: Pose::NEUTRAL,
-            target: Pose::NEUTRAL,
-            ramping: false,
-            fresh: true,
-            age_us: u64::MAX,
-            capture_us: 0,
+            output: Output { state, reason, pose, age_us: u64::MAX, capture_us: 0, followed: false, moving: false },
+            reason,
+            target: pose,
+            is_ramping: false,
+            is_fresh: true,
             now_us: None,
             heard_us: None,
             recovery: Recovery::default(),
@@ -264,10 +255,11 @@ impl Default for History {
 impl History {
     /// Lets time pass, and returns how much. A clock that steps back counts as standing still.
     fn advance(&mut self, now_us: u64) -> u64 {
-        let elapsed_us = now_us.saturating_sub(self.now_us.unwrap_or(now_us));
-        self.now_us = Some(now_us);
-        self.age_us = self.age_us.saturating_add(elapsed_us);
-        self.recovery.advance(elapsed_us);
+        let elapsed_us = now_us.saturating_sub(self.now_us.replace(now_us).unwrap_or(now_us));
+        let Recovery { since_first_us, since_last_us, .. } = &mut self.recovery;
+        for time_us in [&mut self.output.age_us, since_first_us, since_last_us] {
+            *time_us = time_us.saturating_add(elapsed_us);
+        }
         elapsed_us
     }
 
@@ -277,46 +269,21 @@ impl History {
         self.recovery = Recovery::default();
     }
 
-    /// The reason to send with the state. While the face is live this is `None`, even if a fault is known already: it is
-    /// sent once the state leaves `Live`.
-    fn reason_to_send(&self) -> Reason {
-        match self.state {
-            State::Live => Reason::None,
-            State::Hold | State::Decay | State::Neutral => self.reason,
-        }
-    }
-
     /// Follows a good pose from now on. The output moves to it by a ramp if the face was not live before.
     fn follow(&mut self, pose: Pose, capture_us: u64, age_us: u64) {
-        self.ramping |= self.state != State::Live;
-        if self.fresh {
-            self.fresh = false;
-            self.shown.position_mm = pose.position_mm;
+        let output = &mut self.output;
+        self.is_ramping |= output.state != State::Live;
+        if std::mem::take(&mut self.is_fresh) {
+            output.pose.position_mm = pose.position_mm;
         }
-        self.target = pose;
-        self.state = State::Live;
-        self.reason = Reason::None;
-        self.capture_us = capture_us;
-        self.age_us = age_us;
+        (output.state, output.capture_us, output.age_us) = (State::Live, capture_us, age_us);
+        (self.target, self.reason) = (pose, Reason::None);
     }
 
     /// The neutral output that a receiver gets last.
     pub fn last(&self) -> Output {
-        let (state, reason, pose) = (State::Neutral, Reason::Stopping, self.shown.neutral_here());
-        Output { state, reason, pose, ..self.output() }
-    }
-
-    /// The output of this moment.
-    fn output(&self) -> Output {
-        Output {
-            state: self.state,
-            reason: self.reason_to_send(),
-            pose: self.shown,
-            age_us: self.age_us,
-            capture_us: self.capture_us,
-            followed: false,
-            moving: false,
-        }
+        let (state, reason, pose) = (State::Neutral, Reason::Stopping, self.output.pose.neutral_here());
+        Output { state, reason, pose, followed: false, moving: false, ..self.output }
     }
 }
 

@@ -13,17 +13,14 @@ use facewire_packet::Reason;
 use triple_buffer::Input;
 
 use super::ServiceError;
-use super::camera::{self, OpenCamera};
+use super::camera::{self, OpenCamera, Watcher};
 use super::counters::Counters;
-use super::engine_health::{EngineHealth, Remedy};
 use super::failsafe::News;
-use super::frame_timing::FrameTiming;
-use super::heartbeat::Phase;
 use super::observer::Observer;
 use super::realtime::{self, Grant};
 use super::reload::Loader;
-use super::times::between;
-use super::watcher::Watcher;
+use super::timing::{FrameTiming, between};
+use super::watchdog::Phase;
 use crate::calibration::Observation;
 use crate::capture::{CaptureError, Frame, Source, monotonic_us};
 use crate::config::{NetworkSettings, Settings};
@@ -34,13 +31,18 @@ use crate::recording::Recorded;
 use crate::retry::BackOff;
 use facewire_face::{InferError, Model, Profile, Tracker};
 
+/// A single failed inference can be a moment without memory. After this many in a row, the networks are loaded again.
+const FAILURES_BEFORE_REMEDY: u32 = 8;
+/// After so many good inferences, loading the networks again counts as having helped: 10 s at 30 frames a second.
+const GOOD_RUNS_BEFORE_TRUST: u32 = 300;
+
 /// Where the results of the hot loop go.
 pub(super) struct Outlets {
     /// The newest pose or fault, for the sender.
     pub(super) news: Input<News>,
     /// The sender's thread, which is woken for all news.
     pub(super) wake: Thread,
-    /// Events, for the supervisor.
+    /// For the supervisor.
     pub(super) events: mpsc::Sender<Event>,
     /// What each frame shows, for a calibration.
     pub(super) observer: Observer<Observation>,
@@ -134,9 +136,7 @@ impl HotLoop {
         counters: Arc<Counters>,
         loader: Loader,
     ) -> Self {
-        if let Some(pipeline) = &mut pipeline {
-            pipeline.solver.profile = profile.clone();
-        }
+        pipeline.iter_mut().for_each(|pipeline| pipeline.solver.profile = profile.clone());
         Self {
             settings,
             pipeline,
@@ -206,12 +206,10 @@ impl HotLoop {
             return Ok(());
         }
         let settings = self.settings.clone();
-        let mut pipeline = self.load(move || Pipeline::load(&settings))?.map_err(|error| {
-            match error {
-                // A file that was missing may be copied at this moment, and so be incomplete.
-                SetupError::Model { .. } => Event::NotLoaded(error).into(),
-                SetupError::Networks(_) => Trouble::Fatal(error.into()),
-            }
+        let mut pipeline = self.load(move || Pipeline::load(&settings))?.map_err(|error| match error {
+            // A file that was missing may be copied at this moment, and so be incomplete.
+            SetupError::Model { .. } => Event::NotLoaded(error).into(),
+            SetupError::Networks(_) => Trouble::Fatal(error.into()),
         })?;
         pipeline.solver.profile = self.profile.clone();
         self.pipeline = Some(pipeline);
@@ -242,9 +240,7 @@ impl HotLoop {
         self.opened_us = Some(monotonic_us());
         self.timing.camera_opened(source, self.settings.camera.fps);
         self.watcher.camera_opened(source);
-        if let Some(pipeline) = &mut self.pipeline {
-            pipeline.forget_face();
-        }
+        self.pipeline.iter_mut().for_each(Pipeline::forget_face);
         realtime::leave_room_in_heap();
         self.tell(Event::Opened(source.describe().to_string()));
     }
@@ -301,8 +297,11 @@ impl HotLoop {
         add(&counters.frames, 1);
         let counter = match &processed.solved {
             Ok(solution) => {
-                let (share, forgotten) = processed.neutral();
-                counters.neutral.set(solution.neutral_face, share, forgotten);
+                counters.set_neutral(
+                    solution.neutral_face,
+                    processed.solver.neutral_share(),
+                    processed.solver.neutral_forgotten(),
+                );
                 &counters.solved
             }
             Err(Rejected::NoFace) => &counters.no_face,
@@ -315,18 +314,11 @@ impl HotLoop {
         watcher.look(frame, processed.face.map(|face| face.landmarks));
         outlets.observer.publish(|| processed.observe(watcher.is_dark()));
         outlets.recorder.publish(|| processed.record());
-        match processed.solved {
-            Err(Rejected::Infer(error)) => self.engine_failed(error),
-            _ => {
-                self.engine.ran();
-                Ok(())
-            }
-        }
-    }
-
-    /// Counts a failed inference. After too many in a row, loads the networks again, or gives up if that was done already.
-    fn engine_failed(&mut self, error: InferError) -> Result<(), Trouble> {
-        add(&self.counters.engine_failures, 1);
+        let Err(Rejected::Infer(error)) = processed.solved else {
+            self.engine.ran();
+            return Ok(());
+        };
+        add(&counters.engine_failures, 1);
         match self.engine.failed() {
             Remedy::Wait => Ok(()),
             Remedy::Reload => self.reload_engine(error),
@@ -338,9 +330,7 @@ impl HotLoop {
         self.enter(Phase::Open);
         self.tell(Event::EngineFailed(error));
         // A small board may not have the memory for two sets of networks.
-        if let Some(pipeline) = &mut self.pipeline {
-            pipeline.tracker = None;
-        }
+        self.pipeline.iter_mut().for_each(|pipeline| pipeline.tracker = None);
         let (load_tracker, settings) = (self.load_tracker, self.settings.networks.clone());
         let loaded = self.load(move || load_tracker(&settings))?;
         let tracker = loaded.map_err(|error| Trouble::Fatal(SetupError::from(error).into()))?;
@@ -390,9 +380,7 @@ impl HotLoop {
     }
 
     fn set_profile(&mut self, profile: Profile) {
-        if let Some(pipeline) = &mut self.pipeline {
-            pipeline.solver.set_profile(profile.clone());
-        }
+        self.pipeline.iter_mut().for_each(|pipeline| pipeline.solver.set_profile(profile.clone()));
         self.profile = profile;
     }
 
@@ -420,6 +408,45 @@ impl Outlets {
     }
 }
 
+/// The failures since the last good inference, and whether the networks were loaded again because of earlier ones.
+#[derive(Debug, Default)]
+struct EngineHealth {
+    failures: u32,
+    is_reloaded: bool,
+    good_runs: u32,
+}
+
+/// What to do about a failed inference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Remedy {
+    /// Nothing yet: the next frame may do better.
+    Wait,
+    /// Load the networks again.
+    Reload,
+    /// Loading them again did not help.
+    GiveUp,
+}
+
+impl EngineHealth {
+    fn ran(&mut self) {
+        self.failures = 0;
+        self.good_runs = self.good_runs.saturating_add(1);
+        self.is_reloaded &= self.good_runs < GOOD_RUNS_BEFORE_TRUST;
+    }
+
+    fn failed(&mut self) -> Remedy {
+        self.failures += 1;
+        if self.failures < FAILURES_BEFORE_REMEDY {
+            return Remedy::Wait;
+        }
+        if self.is_reloaded {
+            return Remedy::GiveUp;
+        }
+        *self = Self { failures: 0, is_reloaded: true, good_runs: 0 };
+        Remedy::Reload
+    }
+}
+
 /// Adds to a counter that only this thread writes.
 fn add(counter: &AtomicU64, count: u64) {
     counter.fetch_add(count, Relaxed);
@@ -436,16 +463,13 @@ mod tests {
     use crate::service::observer;
     use facewire_face::testing::Scripted;
 
-    /// Inferences that the engine of a test may still run.
-    static GOOD_RUNS: AtomicU32 = AtomicU32::new(0);
-
     /// A hot loop without links, the receiver of its events, and its counters.
     fn hot(settings: Settings, tracker: Tracker) -> (HotLoop, mpsc::Receiver<Event>, Arc<Counters>) {
         let ((news, _), (events, told)) = (triple_buffer::triple_buffer(&News::Nothing), mpsc::channel());
-        let (observer, _) = observer::channel();
-        let (recorder, _) = observer::channel();
+        let (observer, recorder) = (observer::channel().0, observer::channel().0);
         let outlets = Outlets { news, wake: thread::current(), events, observer, recorder };
-        let pipeline = Some(Pipeline::new(tracker, load_solver(&settings).unwrap(), 60.0));
+        let solver = load_solver(&settings).unwrap();
+        let pipeline = Some(Pipeline { tracker: Some(tracker), solver, horizontal_fov_deg: 60.0 });
         let (counters, loader) = (Arc::<Counters>::default(), Loader::start().unwrap());
         let (profile, changes) = (Profile::default(), mpsc::channel().1);
         let hot = HotLoop::new(settings, pipeline, profile, outlets, changes, Arc::clone(&counters), loader);
@@ -456,14 +480,6 @@ mod tests {
         let mut settings = Settings::default();
         device.clone_into(&mut settings.camera.device);
         settings
-    }
-
-    /// Loads networks that see no face, and fail when the good runs are used up.
-    fn load_failing(_: &NetworkSettings) -> Result<Tracker, InferError> {
-        let count_down = |runs: u32| runs.checked_sub(1);
-        Tracker::load(&Scripted::new(move |_| {
-            GOOD_RUNS.fetch_update(Relaxed, Relaxed, count_down).map(drop).map_err(|_| "the device has hung up")
-        }))
     }
 
     #[test]
@@ -491,51 +507,58 @@ mod tests {
         assert!(matches!(Trouble::from(Event::Lost(CaptureError::Gone)), Trouble::Retry(_)));
     }
 
+    /// Inferences that the engine of a test may still run, and the number of CPUs of the thread that loaded it last.
+    static GOOD_RUNS: AtomicU32 = AtomicU32::new(0);
+    static CPUS_OF_LOADER: AtomicU32 = AtomicU32::new(0);
+
+    /// Loads networks that see no face, and fail when the good runs are used up.
+    fn load_failing(_: &NetworkSettings) -> Result<Tracker, InferError> {
+        CPUS_OF_LOADER.store(rustix::thread::sched_getaffinity(None).unwrap().count(), Relaxed);
+        let count_down = |runs: u32| runs.checked_sub(1);
+        Tracker::load(&Scripted::new(move |_| {
+            GOOD_RUNS.fetch_update(Relaxed, Relaxed, count_down).map(drop).map_err(|_| "the device has hung up")
+        }))
+    }
+
+    /// The helper threads of the networks inherit the CPUs of the thread that starts them.
     #[test]
     fn an_engine_that_fails_for_good_is_told_loaded_again_and_then_ends_the_service() {
+        let (cpus, mut settings) = (rustix::thread::sched_getaffinity(None).unwrap(), camera(DEMO));
+        settings.realtime.hot_cpu = (0..1024).find(|cpu| cpus.is_set(*cpu)).map_or(-1, |cpu| cpu as i32);
+        let scheduling = realtime::Scheduling::hot(&settings.realtime);
         let tracker = load_failing(&NetworkSettings::default()).unwrap();
-        let (mut hot, told, counters) = hot(camera(DEMO), tracker);
+        let (mut hot, told, counters) = hot(settings, tracker);
         hot.load_tracker = load_failing;
         GOOD_RUNS.store(3, Relaxed);
-        let error = hot.run().unwrap_err().to_string();
-        assert!(
-            error.starts_with("network detector failed to run (the device has hung up); free some memory"),
-            "{error}"
-        );
+        let bound = thread::spawn(move || {
+            scheduling.apply();
+            hot.run().unwrap_err().to_string()
+        });
+        let error = bound.join().unwrap();
+        assert!(error.starts_with("network detector failed to run (the device has hung up)"), "{error}");
         let told: Vec<Event> = told.try_iter().collect();
         assert!(
             matches!(&*told, [Event::Opened(_), Event::EngineFailed(_), Event::EngineReloaded]),
             "the log is told once: {told:?}"
         );
-        let counts =
-            [&counters.no_face, &counters.rejected, &counters.engine_failures].map(|count| count.load(Relaxed));
-        assert_eq!(counts, [3, 16, 16]);
+        let counts = [&counters.no_face, &counters.rejected, &counters.engine_failures];
+        assert_eq!(counts.map(|count| count.load(Relaxed)), [3, 16, 16]);
+        assert_eq!(CPUS_OF_LOADER.load(Relaxed), cpus.count(), "not bound to the CPU of the hot loop");
     }
 
-    /// Number of CPUs that the thread that loaded the networks last might use.
-    static CPUS_OF_LOADER: AtomicU32 = AtomicU32::new(0);
-
-    fn load_and_look(_: &NetworkSettings) -> Result<Tracker, InferError> {
-        let status = std::fs::read_to_string("/proc/thread-self/status").unwrap();
-        let mask = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed:")).unwrap();
-        CPUS_OF_LOADER.store(mask.chars().filter_map(|digit| digit.to_digit(16)).map(u32::count_ones).sum(), Relaxed);
-        Tracker::load(&Scripted::new(|_| Err("the device has hung up")))
-    }
-
-    /// The helper threads of the networks inherit the CPUs of the thread that starts them.
     #[test]
-    fn a_hot_loop_that_is_bound_to_a_cpu_binds_no_thread_of_networks_that_are_loaded_again() {
-        let (cpus, mut settings) = (rustix::thread::sched_getaffinity(None).unwrap(), camera(DEMO));
-        settings.realtime.hot_cpu = (0..1024).find(|cpu| cpus.is_set(*cpu)).map_or(-1, |cpu| cpu as i32);
-        let scheduling = realtime::Scheduling::hot(&settings.realtime);
-        let (mut hot, ..) = hot(settings, load_and_look(&NetworkSettings::default()).unwrap());
-        hot.load_tracker = load_and_look;
-        let bound = thread::spawn(move || {
-            scheduling.apply();
-            hot.run().unwrap_err();
-            rustix::thread::sched_getaffinity(None).unwrap().count()
-        });
-        assert_eq!(bound.join().unwrap(), 1);
-        assert_eq!(CPUS_OF_LOADER.load(Relaxed), cpus.count());
+    fn eight_failures_in_a_row_reload_the_networks_and_eight_more_soon_after_are_given_up() {
+        for (is_reloaded, good_runs, remedy) in [
+            (false, 0, Remedy::Reload),
+            (true, 0, Remedy::GiveUp),
+            (true, 299, Remedy::GiveUp),
+            (true, 300, Remedy::Reload),
+        ] {
+            let mut health = EngineHealth { is_reloaded, ..EngineHealth::default() };
+            assert!((0..7).all(|_| health.failed() == Remedy::Wait));
+            (0..good_runs).for_each(|_| health.ran());
+            assert!(good_runs == 0 || (0..7).all(|_| health.failed() == Remedy::Wait));
+            assert_eq!(health.failed(), remedy, "{good_runs}");
+        }
     }
 }

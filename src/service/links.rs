@@ -23,16 +23,8 @@ const LOOK: Duration = Duration::from_millis(5);
 pub(super) struct Links(Vec<(LinkSettings, Option<Link>)>);
 
 impl Links {
-    /// Opens the links of a service.
-    pub(super) fn open(settings: &[LinkSettings], traffic: &Arc<Traffic>) -> Result<Self, LinkError> {
-        Self::change(settings, &[], traffic)
-    }
-
-    /// Opens the links in `new` that `live` does not have.
-    ///
-    /// # Errors
-    /// Returns an error if a link cannot be opened. A host name that does not resolve is an error only for a new link that
-    /// is the only one: the service then has nothing else to do, and its manager starts it again.
+    /// Opens the links in `new` that `live` does not have. A host name that does not resolve is an error only for a new link
+    /// that is the only one: the service then has nothing else to do, and its manager starts it again.
     pub(super) fn change(
         new: &[LinkSettings],
         live: &[LinkSettings],
@@ -70,8 +62,7 @@ impl Links {
         self.each().for_each(|(_, link)| link.carrier().refresh());
     }
 
-    /// Offers the output to every link. Returns the shortest time that a link can wait
-    /// for the next output, in microseconds.
+    /// Offers the output to every link. Returns how long the links can wait for the next output, in microseconds.
     pub(super) fn offer(&mut self, now_us: u64, output: &Output, rates: Rates) -> u64 {
         let waits = self.each().map(|(settings, link)| link.offer(settings, rates, now_us, output));
         waits.min().unwrap_or(u64::MAX)
@@ -91,9 +82,8 @@ impl Links {
     pub(super) fn count(&mut self, counters: &Counters) {
         let open = self.each().filter(|(_, link)| link.carrier().is_open()).count();
         counters.links_open.store(open as u64, Relaxed);
-        counters.set_refusal(
-            (0..).zip(self.each()).find_map(|(index, (_, link))| Some((index, link.carrier().refusal()?))),
-        );
+        let refusal = (0..).zip(self.each()).find_map(|(index, (_, link))| Some((index, link.carrier().refusal()?)));
+        counters.set_refusal(refusal);
     }
 
     /// Lets every link send its last packet.
@@ -120,43 +110,32 @@ mod tests {
     use crate::config;
     use crate::link::test_output;
 
-    /// A receiver, and what it was sent until now.
-    struct Receiver(UdpSocket);
+    /// Links to these receivers.
+    fn settings(receivers: [&UdpSocket; 2]) -> Vec<LinkSettings> {
+        let link = |socket: &UdpSocket| format!("[[link]]\naddress = \"{}\"\n", socket.local_addr().unwrap());
+        config::parse("test", &receivers.map(link).concat()).unwrap().links
+    }
 
-    impl Receiver {
-        fn new() -> Self {
-            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-            socket.set_nonblocking(true).unwrap();
-            Self(socket)
-        }
-
-        fn settings(receivers: &[&Self]) -> Vec<LinkSettings> {
-            let link = |it: &&Self| format!("[[link]]\naddress = \"{}\"\n", it.0.local_addr().unwrap());
-            config::parse("test", &receivers.iter().map(link).collect::<String>()).unwrap().links
-        }
-
-        fn seen(&self) -> Vec<(State, Reason)> {
-            let mut datagram = [0; 256];
-            let mut packets = Vec::new();
-            while let Ok(length) = self.0.recv(&mut datagram) {
-                let packet = Packet::decode(&datagram[..length]).unwrap();
-                packets.push((packet.state, packet.reason));
-            }
-            packets
-        }
+    /// What a receiver was sent until now.
+    fn seen(socket: &UdpSocket) -> Vec<(State, Reason)> {
+        socket.set_nonblocking(true).unwrap();
+        let mut datagram = [0; 256];
+        let lengths = std::iter::from_fn(|| Some((socket.recv(&mut datagram).ok()?, datagram)));
+        let packets = lengths.map(|(length, datagram)| Packet::decode(&datagram[..length]).unwrap());
+        packets.map(|packet| (packet.state, packet.reason)).collect()
     }
 
     #[test]
     fn the_receiver_of_a_link_that_a_reload_removes_is_shown_the_neutral_face_last_and_no_other_is() {
-        let [old, kept, new] = [(); 3].map(|()| Receiver::new());
-        let (before, after) = (Receiver::settings(&[&old, &kept]), Receiver::settings(&[&kept, &new]));
-        let mut links = Links::open(&before, &Arc::default()).unwrap();
+        let [old, kept, new] = [(); 3].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+        let (before, after) = (settings([&old, &kept]), settings([&kept, &new]));
+        let mut links = Links::change(&before, &[], &Arc::default()).unwrap();
         links.send_last(&test_output(State::Live));
         let change = Links::change(&after, &before, &Arc::default()).unwrap();
         links.adopt(change, &Output { reason: Reason::Stopping, ..test_output(State::Neutral) });
         links.send_last(&test_output(State::Hold));
         let (live, hold) = ((State::Live, Reason::None), (State::Hold, Reason::NoFace));
-        assert_eq!(old.seen(), [live, (State::Neutral, Reason::Stopping)]);
-        assert_eq!((kept.seen(), new.seen()), (vec![live, hold], vec![hold]));
+        assert_eq!(seen(&old), [live, (State::Neutral, Reason::Stopping)]);
+        assert_eq!((seen(&kept), seen(&new)), (vec![live, hold], vec![hold]));
     }
 }

@@ -1,36 +1,27 @@
 //! The service: from the camera to the links, unattended, until it is told to stop.
 //!
-//! Three threads share the work. The hot loop ([`hot`]) runs frames. The sender ([`sender`]) owns the failsafe and the
-//! links, so that a stuck inference cannot freeze a face. The supervisor ([`supervisor`]), which is the thread that calls
-//! [`run`], handles signals, reloads, the watchdog and the log. The hot loop hands its newest report to the sender in a
-//! triple buffer. Both threads share counters with the supervisor, and send it events between frames. The
-//! supervisor sends changed settings to both ([`reload`]). A fourth thread calibrates wearers,
-//! changes the one in use, records, and serves the counters by HTTP when it is asked ([`control`], [`metrics`]).
+//! The hot loop ([`hot`]) runs frames. The sender ([`sender`]) owns the failsafe and the links, so that a stuck inference
+//! cannot freeze a face. The supervisor ([`supervisor`]), which is the thread that calls [`run`], handles signals, reloads,
+//! the watchdog and the log. The hot loop hands its newest result to the sender in a triple buffer. Both threads share
+//! counters with the supervisor, and send it events between frames. The supervisor sends changed settings to both
+//! ([`reload`]). A fourth thread calibrates wearers, changes the one in use, records, and serves the counters by HTTP when
+//! it is asked ([`control`], [`metrics`]).
 
 mod adaptation;
 mod camera;
 mod control;
 mod counters;
-mod engine_health;
 pub mod failsafe;
-mod frame_timing;
-mod heartbeat;
-pub mod histogram;
 mod hot;
 mod links;
-mod load;
-mod log;
-mod manager;
 mod metrics;
 mod observer;
 mod realtime;
 mod reload;
-mod replay;
 mod sender;
-mod step;
 mod supervisor;
-mod times;
-mod watcher;
+mod timing;
+mod watchdog;
 
 use std::io;
 use std::sync::{Arc, mpsc};
@@ -39,25 +30,25 @@ use std::time::{Duration, Instant};
 
 use facewire_packet::Reason;
 
-pub use adaptation::Cause;
+pub use adaptation::Step;
 pub use camera::OpenCamera;
 pub use control::DEFAULT_WEARER;
-pub use control::protocol::{Reply, Request, control_sockets};
-pub use counters::Counters;
+pub use control::client::{Reply, Request, control_sockets};
 pub use realtime::bind_to_hot_cpu;
 pub use reload::Program;
-pub use replay::replay;
-pub use step::Step;
+pub use sender::replay;
+pub use timing::Histogram;
 
 use self::control::{Control, Parts};
+use self::counters::Counters;
 use self::failsafe::News;
-use self::heartbeat::Phase;
 use self::hot::{Event, HotLoop, Outlets};
 use self::links::Links;
 use self::realtime::Scheduling;
 use self::reload::{InUse, Loader, Mailbox, Mailboxes, Reloader};
 use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
+use self::watchdog::Phase;
 use crate::calibration::WearerName;
 use crate::capture::{CaptureError, monotonic_us};
 use crate::config::Settings;
@@ -77,7 +68,6 @@ pub enum ServiceError {
     /// A network or the model does not load, or the engine fails for good.
     #[error(transparent)]
     Setup(#[from] SetupError),
-    /// A link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
     /// A camera failed in a way that only another process can recover from.
@@ -105,7 +95,7 @@ impl ServiceError {
 pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     let signals = Signals::catch(&counters)?;
-    let links = Links::open(&settings.links, &counters.traffic)?;
+    let links = Links::change(&settings.links, &[], &counters.traffic)?;
     let (loader, wanted) = (Loader::start()?, settings.clone());
     let pipeline = match loader.begin(move || Pipeline::load(&wanted)).recv() {
         Ok(Ok(pipeline)) => Some(pipeline),
@@ -121,29 +111,29 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, Serv
 
     let (changes, for_sender) = mpsc::channel();
     let sender_settings = SenderSettings::new(&settings, Some(links));
-    let sender = Sender::new(sender_settings, for_sender, news, Arc::clone(&counters));
+    let sender = Sender { settings: sender_settings, changes: for_sender, news, counters: Arc::clone(&counters) };
     let sender = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, || sender.run())?;
     let sender_mailbox = Mailbox { changes, thread: sender.thread().clone() };
 
     let (changes, for_hot) = mpsc::channel();
-    let (observer, sights) = observer::channel();
-    let (recorder, frames) = observer::channel();
+    let (observer, observed) = observer::channel();
+    let (recorder, recorded) = observer::channel();
     let wake = sender.thread().clone();
     let outlets = Outlets { news: newest, wake, events: events.clone(), observer, recorder };
-    let (profile, in_use) = profile_of(&settings);
-    let in_use = InUse::new(in_use);
+    let in_use = InUse::default();
+    let profile = profile_of(&settings, &in_use);
     let hot =
         HotLoop::new(settings.clone(), pipeline, profile, outlets, for_hot, Arc::clone(&counters), loader.clone());
     let hot = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
     let hot_mailbox = Mailbox { changes, thread: hot.thread().clone() };
 
-    let (changes, for_control) = mpsc::channel();
+    let (control_changes, changes) = mpsc::channel();
     let parts = Parts {
         settings: settings.clone(),
-        changes: for_control,
+        changes,
         in_use: in_use.clone(),
-        observed: sights,
-        recorded: frames,
+        observed,
+        recorded,
         hot: hot_mailbox.clone(),
         counters: Arc::clone(&counters),
     };
@@ -153,8 +143,9 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, Serv
             tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files")
         })
         .ok();
-    let mailboxes = Mailboxes { hot: hot_mailbox, sender: sender_mailbox, control: changes };
-    let reloader = Reloader::new(settings, program, mailboxes, Arc::clone(&counters.traffic), loader, in_use);
+    let mailboxes = Mailboxes { hot: hot_mailbox, sender: sender_mailbox, control: control_changes };
+    let traffic = Arc::clone(&counters.traffic);
+    let reloader = Reloader { live: settings, program, mailboxes, traffic, loader, in_use, preparing: None };
     let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
@@ -164,19 +155,20 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, Serv
     ended
 }
 
-/// The profile of the wearer that the settings name, and the wearer. The service runs without it if it does not load.
-fn profile_of(settings: &Settings) -> (Profile, Option<WearerName>) {
+/// The profile of the wearer that the settings name, who is then in use. The service runs without it if it does not load.
+fn profile_of(settings: &Settings, in_use: &InUse) -> Profile {
     let name = &settings.wearer.name;
     match load_profile(&settings.wearer) {
         Ok(profile) => {
-            model_warning(settings).inspect(|warning| tracing::warn!("{warning}"));
-            (profile, WearerName::new(name))
+            model_warning(&settings.wearer, &settings.solver).inspect(|warning| tracing::warn!("{warning}"));
+            in_use.set(WearerName::new(name));
+            profile
         }
         Err(error) => {
             tracing::warn!(
                 "wearer {name}: {error}; the service runs without a profile until `facewire calibrate --use {name}`"
             );
-            (Profile::default(), None)
+            Profile::default()
         }
     }
 }
@@ -227,21 +219,18 @@ fn stop(
 mod tests {
     use super::*;
 
-    /// Returns the error of a service whose threads end like this.
-    fn ended(sender: fn(), hot: fn() -> Result<(), ServiceError>) -> String {
-        let (sender, hot) = (std::thread::spawn(sender), std::thread::spawn(hot));
-        stop(&Counters::default(), sender, hot).unwrap_err().to_string()
-    }
-
     #[test]
     fn a_thread_that_panics_is_named_in_the_services_last_words() {
-        assert!(ended(|| {}, || panic!("tried")).starts_with("the hot loop ended by a panic"));
-        assert!(ended(|| panic!("tried"), || Ok(())).starts_with("the sender ended by a panic"));
-    }
-
-    #[test]
-    fn the_error_of_the_hot_loop_is_the_services() {
         let gone = || Err(ServiceError::Camera(CaptureError::Gone));
-        assert_eq!(ended(|| {}, gone), CaptureError::Gone.to_string());
+        let (good, bad): (fn(), fn()) = (|| {}, || panic!("tried"));
+        for (sender, hot, want) in [
+            (good, (|| panic!("tried")) as fn() -> Result<(), ServiceError>, "the hot loop ended by a panic"),
+            (bad, || Ok(()), "the sender ended by a panic"),
+            (good, gone, &CaptureError::Gone.to_string()),
+        ] {
+            let (sender, hot) = (std::thread::spawn(sender), std::thread::spawn(hot));
+            let error = stop(&Counters::default(), sender, hot).unwrap_err().to_string();
+            assert!(error.starts_with(want), "{error}");
+        }
     }
 }

@@ -20,32 +20,17 @@ use crate::config::RealtimeSettings;
 /// Free space to leave at the end of a heap. The C library serves allocations from 128 KiB on outside the heap.
 const HEAP_ROOM_BYTES: usize = 120 * 1024;
 
-/// A request to the system, and whether the system granted it. Displays as the request, with the reason if refused.
+/// A request to the system, and why and with what remedy the system refused it if it did. Displays as the request, with the
+/// reason if refused.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Grant {
-    request: String,
-    refusal: Option<Refusal>,
-}
-
-#[derive(Debug, PartialEq, Eq)]
-struct Refusal {
-    reason: String,
-    remedy: &'static str,
+    pub(super) request: String,
+    pub(super) refusal: Option<(String, &'static str)>,
 }
 
 impl Grant {
     fn new(request: String, outcome: Result<(), String>, remedy: &'static str) -> Self {
-        Self { request, refusal: outcome.err().map(|reason| Refusal { reason, remedy }) }
-    }
-
-    /// Returns whether both are answers to the same request.
-    pub(super) fn is_same_request(&self, other: &Self) -> bool {
-        self.request == other.request
-    }
-
-    /// Returns what the operator can do about the refusal, or `None` if the request was granted.
-    pub(super) fn remedy(&self) -> Option<&'static str> {
-        self.refusal.as_ref().map(|refusal| refusal.remedy)
+        Self { request, refusal: outcome.err().map(|reason| (reason, remedy)) }
     }
 }
 
@@ -53,7 +38,7 @@ impl fmt::Display for Grant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.refusal {
             None => write!(f, "{}", self.request),
-            Some(refusal) => write!(f, "{} refused ({})", self.request, refusal.reason),
+            Some((reason, _)) => write!(f, "{} refused ({reason})", self.request),
         }
     }
 }
@@ -71,15 +56,13 @@ pub(super) struct Scheduling {
 }
 
 impl Scheduling {
-    /// Returns the scheduling of the hot loop.
     pub(super) fn hot(settings: &RealtimeSettings) -> Self {
         let priority = Some(settings.priority).filter(|priority| *priority > 0);
         let cpu_remedy = "set realtime.hot_cpu to a CPU that this machine has and the service may use, or to -1";
         Self { name: "hot", priority, cpu: usize::try_from(settings.hot_cpu).ok(), cpu_remedy }
     }
 
-    /// Returns the scheduling of the sender. Its priority is one above that of the hot loop, so that an inference cannot
-    /// delay the failsafe.
+    /// The priority is one above that of the hot loop, so that an inference cannot delay the failsafe.
     pub(super) fn sender(settings: &RealtimeSettings) -> Self {
         let priority = Self::hot(settings).priority.map(|priority| priority + 1);
         let cpu_remedy = "set realtime.sender_cpu to a CPU that this machine has and the service may use, or to -1";
@@ -126,11 +109,10 @@ fn set_cpu(cpu: usize) -> Result<(), String> {
 /// Locks all present memory of the process, and loads the parts that are not in RAM yet: code, networks, heap, and the
 /// whole stacks of all threads.
 ///
-/// Afterwards no frame causes a page fault, because all memory that a frame needs is mapped by then: the networks have
-/// run once ([`facewire_face::Engine::load`]), and the memory that they and the decoder allocate and free for each frame
-/// stays in the heap (`tests/page_faults.rs`). Future memory is not locked automatically (`MCL_FUTURE`), because allocations beyond
-/// the memory lock limit would then fail. The supervisor therefore calls this function again after a camera was opened
-/// and after settings were changed. Between those moments the memory does not grow.
+/// Afterwards no frame causes a page fault: the networks have run once ([`facewire_face::Engine::load`]), and the memory that
+/// they and the decoder allocate and free for each frame stays in the heap (`tests/page_faults.rs`). Future memory is not
+/// locked (`MCL_FUTURE`), because allocations beyond the memory lock limit would then fail. The supervisor therefore calls
+/// this again after a camera was opened and after settings were changed. Between those moments the memory does not grow.
 pub(super) fn lock_memory() -> Grant {
     let outcome = mlockall(MlockAllFlags::CURRENT).map_err(|error| io::Error::from(error).to_string());
     Grant::new("memory locked".to_owned(), outcome, "give the service LimitMEMLOCK (systemd) or a memlock limit")
@@ -152,17 +134,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_default_settings_request_nothing() {
-        let settings = RealtimeSettings::default();
+    fn the_default_settings_request_nothing_and_the_sender_has_a_higher_priority_than_the_hot_loop() {
+        let mut settings = RealtimeSettings::default();
         assert!(!settings.lock_memory);
         assert!(Scheduling::hot(&settings).apply().is_empty() && Scheduling::sender(&settings).apply().is_empty());
-    }
-
-    #[test]
-    fn the_sender_has_a_higher_priority_than_the_hot_loop() {
-        let settings = RealtimeSettings { priority: 20, ..RealtimeSettings::default() };
-        assert_eq!(Scheduling::hot(&settings).priority, Some(20));
-        assert_eq!(Scheduling::sender(&settings).priority, Some(21));
+        settings.priority = 20;
+        assert_eq!([Scheduling::hot, Scheduling::sender].map(|of| of(&settings).priority), [Some(20), Some(21)]);
     }
 
     #[test]
@@ -186,6 +163,6 @@ mod tests {
         let grants = std::thread::spawn(move || scheduling.apply()).join().unwrap();
         let grant = grants.first().unwrap();
         assert!(grant.to_string().starts_with("sender on CPU 1023 refused (Invalid argument"), "{grant}");
-        assert!(grant.remedy().unwrap().starts_with("set realtime.sender_cpu to a CPU"));
+        assert!(grant.refusal.as_ref().unwrap().1.starts_with("set realtime.sender_cpu to a CPU"));
     }
 }

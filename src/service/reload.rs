@@ -14,11 +14,10 @@ use super::STACK_BYTES;
 use super::hot::{HotChange, HotNews};
 use super::links::Links;
 use super::sender::SenderSettings;
-use crate::calibration::{Store, StoreError, WearerName};
+use crate::calibration::{StoreError, WearerName};
 use crate::config::{Faults, LogLevel, Settings};
 use crate::link::{LinkError, Traffic};
-use crate::preflight::{SetupError, is_same_profile, load_model, load_tracker, model_warning};
-use facewire_face::Profile;
+use crate::preflight::{SetupError, is_same_profile, load_model, load_profile, load_tracker, model_warning};
 
 /// The program around the service, as far as a reload needs it.
 pub trait Program: Send + Sync {
@@ -31,7 +30,7 @@ pub trait Program: Send + Sync {
 
 /// Why a reload is refused.
 #[derive(Debug, thiserror::Error)]
-enum Refusal {
+pub(super) enum Refusal {
     #[error(transparent)]
     Settings(#[from] Faults),
     #[error(transparent)]
@@ -43,14 +42,10 @@ enum Refusal {
 }
 
 /// The wearer whose profile is in use, which need not be the one that the settings name.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct InUse(Arc<Mutex<Option<WearerName>>>);
 
 impl InUse {
-    pub(super) fn new(name: Option<WearerName>) -> Self {
-        Self(Arc::new(Mutex::new(name)))
-    }
-
     pub(super) fn get(&self) -> Option<WearerName> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -61,10 +56,12 @@ impl InUse {
 }
 
 /// New settings with the parts that they change, loaded and opened.
-struct Change {
+pub(super) struct Change {
     settings: Settings,
     hot: HotChange,
     sender: SenderSettings,
+    /// What may not fit together.
+    warning: Option<String>,
 }
 
 impl Change {
@@ -74,11 +71,12 @@ impl Change {
         program: &dyn Program,
         live: &Settings,
         traffic: &Arc<Traffic>,
-        in_use: Option<WearerName>,
+        in_use: Option<&WearerName>,
     ) -> Result<Self, Refusal> {
         let new = program.load()?;
         let is_new_model = new.solver.model != live.solver.model;
         let tracker = (new.networks != live.networks).then(|| load_tracker(&new.networks)).transpose();
+        let tracker = tracker.map_err(SetupError::from)?;
         let model = match load_model(&new.solver) {
             Ok(_) if !is_new_model && new.solver.model.is_empty() => None,
             Err(error) if !is_new_model => {
@@ -87,23 +85,23 @@ impl Change {
             }
             model => Some(model?),
         };
-        let is_same_wearer = is_same_profile(&new.wearer, &live.wearer);
-        let name = if is_same_wearer { in_use } else { WearerName::new(&new.wearer.name) };
-        let profile = match name.map(|name| Store::new(&new.wearer.folder).load(&name)) {
-            None if is_same_wearer => None,
-            None => Some(Profile::default()),
-            Some(Err(error)) if is_same_wearer => {
+        let (is_same_wearer, mut wearer) = (is_same_profile(&new.wearer, &live.wearer), new.wearer.clone());
+        if is_same_wearer {
+            wearer.name = in_use.map_or_else(String::new, WearerName::to_string);
+        }
+        let profile = match load_profile(&wearer) {
+            Ok(_) if is_same_wearer && wearer.name.is_empty() => None,
+            Err(error) if is_same_wearer => {
                 tracing::warn!("{error}; the present profile stays");
                 None
             }
-            Some(file) => Some(file?.profile),
+            profile => Some(profile?),
         };
-        let hot = HotChange { settings: new.clone(), tracker: tracker.map_err(SetupError::from)?, model, profile };
-        if hot.model.is_some() || hot.profile.is_some() {
-            model_warning(&new).inspect(|warning| tracing::warn!("{warning}"));
-        }
+        let is_new_pair = model.is_some() || profile.is_some();
+        let warning = is_new_pair.then(|| model_warning(&wearer, &new.solver)).flatten();
+        let hot = HotChange { settings: new.clone(), tracker, model, profile };
         let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links, traffic)?) };
-        Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new })
+        Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new, warning })
     }
 }
 
@@ -162,43 +160,27 @@ pub(super) struct Mailboxes {
 
 /// The current settings, and the reload in progress.
 pub(super) struct Reloader {
-    live: Settings,
-    program: Arc<dyn Program>,
-    mailboxes: Mailboxes,
-    traffic: Arc<Traffic>,
-    loader: Loader,
-    in_use: InUse,
-    preparing: Option<Receiver<Result<Change, Refusal>>>,
+    pub(super) live: Settings,
+    pub(super) program: Arc<dyn Program>,
+    pub(super) mailboxes: Mailboxes,
+    pub(super) traffic: Arc<Traffic>,
+    pub(super) loader: Loader,
+    pub(super) in_use: InUse,
+    /// One reload runs at a time.
+    pub(super) preparing: Option<Preparing>,
 }
 
+/// Where the loader's thread leaves the change.
+type Preparing = Receiver<Result<Change, Refusal>>;
+
 impl Reloader {
-    pub(super) fn new(
-        live: Settings,
-        program: Arc<dyn Program>,
-        mailboxes: Mailboxes,
-        traffic: Arc<Traffic>,
-        loader: Loader,
-        in_use: InUse,
-    ) -> Self {
-        Self { live, program, mailboxes, traffic, loader, in_use, preparing: None }
-    }
-
-    /// The current settings.
-    pub(super) fn live(&self) -> &Settings {
-        &self.live
-    }
-
-    /// Whether a reload can begin: one reload runs at a time.
-    pub(super) fn is_idle(&self) -> bool {
-        self.preparing.is_none()
-    }
-
     /// Begins to prepare a reload.
     pub(super) fn start(&mut self) {
         tracing::info!("reading the settings again");
         let (program, live, traffic) = (Arc::clone(&self.program), self.live.clone(), Arc::clone(&self.traffic));
         let in_use = self.in_use.get();
-        self.preparing = Some(self.loader.begin(move || Change::prepare(&*program, &live, &traffic, in_use)));
+        let prepare = move || Change::prepare(&*program, &live, &traffic, in_use.as_ref());
+        self.preparing = Some(self.loader.begin(prepare));
     }
 
     /// Hands out the change if it is prepared by now. Returns whether it has.
@@ -221,11 +203,12 @@ impl Reloader {
 
     /// Hands out the change. Links look up their host names again on every reload, and a model or profile may have changed
     /// in its file, even if the settings are the same.
-    fn hand_out(&mut self, Change { mut settings, hot, sender }: Change) {
+    fn hand_out(&mut self, Change { mut settings, hot, sender, warning }: Change) {
         match &*settings.changed_keys(&self.live) {
             [] => tracing::info!("settings are unchanged"),
             changed => tracing::info!("settings changed: {}", changed.join(", ")),
         }
+        warning.iter().for_each(|warning| tracing::warn!("{warning}"));
         if settings.realtime != self.live.realtime {
             tracing::warn!("[realtime] takes effect at the next start: restart the service to change it now");
             settings.realtime = self.live.realtime.clone();
@@ -250,28 +233,8 @@ fn refuse(reason: &dyn std::error::Error) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::test_profile;
+    use crate::calibration::{Store, test_profile};
     use crate::config;
-
-    /// One change of every table that the settings have.
-    const CHANGES: [(&str, &str); 16] = [
-        ("board", "board = \"pi4\""),
-        ("camera", "[camera]\nfps = 15"),
-        ("networks", "[networks]\nthreads = 2"),
-        ("solver", "[solver]\nmodel = \"/other.toml\""),
-        ("smoothing", "[smoothing]\nhead_ms = 77"),
-        ("wearer", "[wearer]\nname = \"anna\""),
-        ("plausibility", "[plausibility]\nlids = false"),
-        ("adjust", "[adjust]\nmirror = true"),
-        ("failsafe", "[failsafe]\nlive_ms = 151"),
-        ("send", "[send]\nrate_hz = 61"),
-        ("link", "[[link]]\naddress = \"127.0.0.1:5999\""),
-        ("realtime", "[realtime]\npriority = 7"),
-        ("hardware", "[hardware]\ntemperature_limit_c = 66"),
-        ("adaptation", "[adaptation]\nenabled = false"),
-        ("metrics", "[metrics]\nlisten = \"127.0.0.1:9101\""),
-        ("log", "[log]\nlevel = \"debug\""),
-    ];
 
     struct Fixed(String);
 
@@ -283,50 +246,36 @@ mod tests {
         fn set_log_level(&self, _: LogLevel) {}
     }
 
-    /// A reloader, and what the hot loop finds in its mailbox.
-    fn reloader(toml: &str, live: Settings, in_use: Option<&str>) -> (Reloader, Receiver<HotNews>) {
+    /// Reloads these settings in place of the live ones. Returns the live ones then, and what the hot loop is told.
+    fn reload(toml: &str, live: Settings) -> (Settings, HotChange) {
         let thread = std::thread::current();
         let ((hot, told), (sender, _), (control, _)) = (mpsc::channel(), mpsc::channel(), mpsc::channel());
-        let mailboxes = Mailboxes {
-            hot: Mailbox { changes: hot, thread: thread.clone() },
-            sender: Mailbox { changes: sender, thread },
-            control,
-        };
-        let in_use = InUse::new(in_use.and_then(WearerName::new));
-        let program = Arc::new(Fixed(toml.to_owned()));
-        (Reloader::new(live, program, mailboxes, Arc::default(), Loader::start().unwrap(), in_use), told)
-    }
-
-    fn change(new: &Settings) -> Change {
-        let hot = HotChange { settings: new.clone(), tracker: None, model: None, profile: None };
-        Change { hot, sender: SenderSettings::new(new, None), settings: new.clone() }
-    }
-
-    #[test]
-    fn a_change_of_any_table_takes_effect_or_waits_for_the_next_start() {
-        let all: Vec<&str> = CHANGES.iter().filter(|(table, _)| *table != "board").map(|(_, toml)| *toml).collect();
-        let all = config::parse("test", &all.join("\n")).unwrap();
-        let tables = CHANGES.map(|(table, _)| table);
-        let mut changed = all.changed_keys(&Settings::default());
-        changed.push("board");
-        assert!(changed.len() == tables.len() && tables.iter().all(|table| changed.contains(table)), "{changed:?}");
-        for (table, toml) in CHANGES {
-            let new = config::parse("test", toml).unwrap();
-            let (mut reloader, told) = reloader(toml, Settings::default(), None);
-            assert!(new.changed_keys(&Settings::default()).contains(&table), "{table}");
-            reloader.hand_out(change(&new));
-            assert!(told.try_recv().is_ok(), "{table} is ignored");
-            assert_eq!(*reloader.live() == new, table != "realtime", "{table}");
-        }
-    }
-
-    fn reloaded(mut reloader: Reloader, told: &Receiver<HotNews>) -> HotChange {
+        let (hot, sender) = (Mailbox { changes: hot, thread: thread.clone() }, Mailbox { changes: sender, thread });
+        let (program, mailboxes) = (Arc::new(Fixed(toml.to_owned())), Mailboxes { hot, sender, control });
+        let (loader, traffic, in_use) = (Loader::start().unwrap(), Arc::default(), InUse::default());
+        let mut reloader = Reloader { live, program, mailboxes, traffic, loader, in_use, preparing: None };
         reloader.start();
         while !reloader.step() {
             std::thread::yield_now();
         }
         let Ok(HotNews::Settings(change)) = told.try_recv() else { panic!("the hot loop is told nothing") };
-        *change
+        (reloader.live, *change)
+    }
+
+    #[test]
+    fn a_change_of_any_table_takes_effect_or_waits_for_the_next_start() {
+        for toml in [
+            "board = \"pi4\"",
+            "[camera]\nfps = 15",
+            "[hardware]\ntemperature_limit_c = 66",
+            "[adaptation]\nenabled = false",
+            "[realtime]\npriority = 7",
+        ] {
+            let new = config::parse("test", toml).unwrap();
+            let (live, hot) = reload(toml, Settings::default());
+            assert!(new != Settings::default() && hot.settings == new, "{toml}");
+            assert_eq!(live == new, !toml.contains("realtime"), "{toml}");
+        }
     }
 
     #[test]
@@ -335,18 +284,16 @@ mod tests {
         let (model, name) = (folder.path().join("model.toml"), WearerName::new("anna").unwrap());
         let toml = format!("[solver]\nmodel = {model:?}\n[wearer]\nname = \"bob\"\nfolder = {:?}\n", folder.path());
         let live = config::parse("test", &toml).unwrap();
-        let read = || {
-            let (reloader, told) = reloader(&toml, live.clone(), Some("anna"));
-            reloaded(reloader, &told)
-        };
-        let nothing = read();
-        assert!(nothing.model.is_none() && nothing.profile.is_none(), "what is missing stays as it is");
+        let prepare = || Change::prepare(&Fixed(toml.clone()), &live, &Arc::default(), Some(&name)).unwrap();
+        let HotChange { model: no_model, profile, .. } = prepare().hot;
+        assert!(no_model.is_none() && profile.is_none(), "what is missing stays as it is");
         let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/models/blendshapes.toml");
         std::fs::copy(shipped, &model).unwrap();
         let file = test_profile(7);
         Store::new(live.wearer.folder.as_str()).save(&name, &file).unwrap();
-        let changed = read();
-        assert!(changed.model.is_some());
-        assert_eq!(changed.profile, Some(file.profile));
+        let changed = prepare();
+        assert_eq!((changed.hot.model.is_some(), changed.hot.profile), (true, Some(file.profile)));
+        let warning = changed.warning.unwrap();
+        assert!(warning.contains("anna") && !warning.contains("bob"), "that of the wearer in use: {warning}");
     }
 }

@@ -1,22 +1,27 @@
-//! The sender: the failsafe and the links, on a thread of their own that no inference can hold up.
+//! The sender: the failsafe and the links, on a thread of their own that no inference can hold up; and a replay, which gives
+//! it recorded faces.
 //!
 //! The thread sleeps until the hot loop wakes it, or until the failsafe or a link is due. It cannot fail, and allocates
 //! nothing; it frees memory only when a reload replaces links.
 
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, mpsc};
-use std::thread;
+use std::thread::{self, Builder};
 use std::time::Duration;
 
 use facewire_packet::State;
 use triple_buffer::Output as Newest;
 
 use super::counters::Counters;
-use super::failsafe::{Failsafe, History, News, STOPPING_PACKETS};
+use super::failsafe::{Failsafe, History, News};
 use super::links::Links;
-use crate::capture::monotonic_us;
+use super::supervisor::Signals;
+use super::timing::{FrameTiming, between};
+use super::{STACK_BYTES, ServiceError};
+use crate::capture::{FrameRate, monotonic_us};
 use crate::config::{FailsafeSettings, Settings};
 use crate::link::{Output, Rates};
+use crate::recording::Recorded;
 
 /// Longest sleep. It bounds how late the sender sees that it is to stop.
 const MAX_SLEEP_US: u64 = 100_000;
@@ -26,6 +31,10 @@ const LONGEST_STOP_US: u64 = 500_000;
 /// Time between the last packets. A serial link drops a packet that it has not written when the next one comes, and
 /// interference that spoils one datagram often spoils those close to it.
 const STOPPING_PERIOD: Duration = Duration::from_millis(20);
+/// Number of the last packets, because some may be lost.
+const STOPPING_PACKETS: usize = 3;
+/// Longest sleep of a replay. It bounds how late a signal is seen.
+const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 
 /// The settings of the sender.
 #[derive(Debug)]
@@ -53,26 +62,17 @@ impl SenderSettings {
 
 /// The state of the sender's thread.
 pub(super) struct Sender {
-    settings: SenderSettings,
-    changes: mpsc::Receiver<SenderSettings>,
-    news: Newest<News>,
-    counters: Arc<Counters>,
+    pub(super) settings: SenderSettings,
+    pub(super) changes: mpsc::Receiver<SenderSettings>,
+    pub(super) news: Newest<News>,
+    pub(super) counters: Arc<Counters>,
 }
 
 impl Sender {
-    pub(super) fn new(
-        settings: SenderSettings,
-        changes: mpsc::Receiver<SenderSettings>,
-        news: Newest<News>,
-        counters: Arc<Counters>,
-    ) -> Self {
-        Self { settings, changes, news, counters }
-    }
-
     /// Sends until the service stops, then moves the face to neutral and closes the links.
     pub(super) fn run(mut self) {
         let mut history = History::default();
-        while !self.counters.sending_stops() {
+        while !self.counters.stop_sending.load(Relaxed) {
             self.counters.heartbeats.sender(monotonic_us());
             self.adopt(&history);
             let wait_us = self.step(&mut history);
@@ -87,7 +87,9 @@ impl Sender {
         let (failsafe, end_us) = (self.failsafe(), monotonic_us() + LONGEST_STOP_US);
         let pause = Duration::from_secs(1) / self.settings.rate_hz.max(1);
         let mut output = failsafe.stop(history, monotonic_us());
-        while (output.state != State::Neutral || self.has_held_links()) && monotonic_us() < end_us {
+        while (output.state != State::Neutral || self.settings.links.as_mut().is_some_and(Links::is_held))
+            && monotonic_us() < end_us
+        {
             self.offer(&output);
             thread::sleep(pause);
             output = failsafe.stop(history, monotonic_us());
@@ -98,10 +100,6 @@ impl Sender {
             self.settings.links.iter_mut().for_each(|links| links.send_last(&last));
             thread::sleep(STOPPING_PERIOD);
         }
-    }
-
-    fn has_held_links(&mut self) -> bool {
-        self.settings.links.as_mut().is_some_and(Links::is_held)
     }
 
     /// Updates the failsafe and offers its output to the links. Returns how long to wait for the next step, in
@@ -136,5 +134,94 @@ impl Sender {
         let wait_us = links.offer(monotonic_us(), output, rates);
         links.count(&self.counters);
         wait_us
+    }
+}
+
+/// Sends frames through the links of the settings until `next` returns `None`, or until SIGTERM or SIGINT; then moves the
+/// face to neutral. Each frame is shown at its own time after the first one. A recording may begin anew: its first frame
+/// then follows the last one. Returns how many packets were sent and dropped.
+pub fn replay<E: From<ServiceError>>(
+    settings: &Settings,
+    mut next: impl FnMut() -> Result<Option<Recorded>, E>,
+) -> Result<[u64; 2], E> {
+    let counters = Arc::new(Counters::default());
+    let _signals = Signals::catch(&counters).map_err(ServiceError::from)?;
+    let links = Links::change(&settings.links, &[], &counters.traffic).map_err(ServiceError::from)?;
+    let (mut newest, news) = triple_buffer::triple_buffer(&News::Nothing);
+    let (settings, changes) = (SenderSettings::new(settings, Some(links)), mpsc::channel().1);
+    let sender = Sender { settings, changes, news, counters: Arc::clone(&counters) };
+    let sender = Builder::new().name("fw-sender".to_owned()).stack_size(STACK_BYTES).spawn(|| sender.run());
+    let sender = sender.map_err(ServiceError::from)?;
+    let (mut clock, mut timing) = (Clock::default(), FrameTiming::new(Arc::clone(&counters)));
+    let outcome = loop {
+        match next() {
+            Ok(Some(frame)) if clock.wait_for(frame.time_us, &counters) => {
+                timing.captured(frame.time_us);
+                newest.write(News::of(frame.pose(), monotonic_us()));
+                sender.thread().unpark();
+            }
+            Ok(_) => break Ok(()),
+            Err(error) => break Err(error),
+        }
+    };
+    counters.stop();
+    sender.thread().unpark();
+    sender.join().map_err(|_| ServiceError::Panicked("sender"))?;
+    outcome.map(|()| [&counters.traffic.sent, &counters.traffic.dropped].map(|count| count.load(Relaxed)))
+}
+
+/// Turns the times of a recording into times of the monotonic clock.
+#[derive(Debug, Default)]
+struct Clock {
+    /// A time of the recording and the time of the monotonic clock at which it is due, microseconds.
+    anchor: Option<(u64, u64)>,
+    /// The last frame's time in the recording, and when it was due.
+    last: Option<(u64, u64)>,
+}
+
+impl Clock {
+    /// When a frame of this time is due. The first frame is due now. A frame that is not later than the one before, because
+    /// the recording begins anew or states no times, follows that one after a frame period: without it, a recording that
+    /// is repeated could keep a processor busy.
+    fn due_us(&mut self, time_us: u64, now_us: u64) -> u64 {
+        if let Some((_, due_us)) = self.last.filter(|(last_us, _)| time_us <= *last_us) {
+            self.anchor = Some((time_us, now_us.max(due_us.saturating_add(FrameRate::FPS_30.period_us()))));
+        }
+        let (from_us, at_us) = *self.anchor.get_or_insert((time_us, now_us));
+        let due_us = at_us.saturating_add(time_us - from_us.min(time_us));
+        self.last = Some((time_us, due_us));
+        due_us
+    }
+
+    /// Waits until the frame is due. Returns `false` if the program is to stop.
+    fn wait_for(&mut self, time_us: u64, counters: &Counters) -> bool {
+        let due_us = self.due_us(time_us, monotonic_us());
+        while !counters.stopping() {
+            let left = between(monotonic_us(), due_us);
+            if left.is_zero() {
+                return true;
+            }
+            thread::park_timeout(left.min(LONGEST_SLEEP));
+        }
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recorded_frames_are_due_at_their_own_distances_or_a_frame_period_apart_without_times_of_their_own() {
+        let mut clock = Clock::default();
+        assert_eq!(clock.due_us(70, 1000), 1000);
+        assert_eq!(clock.due_us(103, 1040), 1033, "a late frame delays no later one");
+        assert_eq!(clock.due_us(170, 1050), 1100);
+        assert_eq!(clock.due_us(70, 1101), 1100 + 33_333);
+        assert_eq!(clock.due_us(100, 1110), 1130 + 33_333);
+        let mut clock = Clock::default();
+        let due: Vec<_> = (0..4).map(|_| clock.due_us(0, 1000)).collect();
+        assert_eq!(due, [1000, 34_333, 67_666, 100_999]);
+        assert_eq!(clock.due_us(0, 5_000_000), 5_000_000, "a program that was stopped does not catch up");
     }
 }

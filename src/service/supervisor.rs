@@ -1,28 +1,34 @@
 //! The supervisor: signals, reloads, watchdog and log, on the thread that starts the others.
 
+use std::fmt::Write as _;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::Receiver;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::flag;
 
-use super::adaptation::{Adaptation, Conditions};
+use super::adaptation::{Adaptation, Cause, Conditions, Step};
 use super::counters::Counters;
 use super::hot::Event;
-use super::log::Log;
-use super::manager::{self, Watchdog};
-use super::realtime;
+use super::realtime::{self, Grant};
 use super::reload::Reloader;
+use super::timing::Load;
+use super::watchdog::{NotifyState, Watchdog, notify};
 use crate::capture::monotonic_us;
 use crate::hardware::{self, Hardware, Machine};
+use crate::impairment::{Impairment, ImpairmentSet};
+use crate::retry::LoggedReasons;
 
 /// Time between two looks at the signals.
 const TICK: Duration = Duration::from_millis(50);
 /// Exit status after a second SIGTERM or SIGINT.
 const EXIT_SECOND_SIGNAL: i32 = 130;
+const STATUS_PERIOD: Duration = Duration::from_secs(10);
+/// What impairs tracking, and that the board is too slow, is not logged again within this time.
+const IMPAIRMENT_PERIOD: Duration = Duration::from_mins(10);
 
 /// The signals that ask for something other than to stop.
 #[derive(Default)]
@@ -35,8 +41,8 @@ impl Signals {
     /// Installs the handlers. The first SIGTERM or SIGINT stops the service, the second ends the process at once.
     pub(super) fn catch(counters: &Counters) -> io::Result<Self> {
         for signal in [SIGTERM, SIGINT] {
-            flag::register_conditional_shutdown(signal, EXIT_SECOND_SIGNAL, counters.stop_flag())?;
-            flag::register(signal, counters.stop_flag())?;
+            flag::register_conditional_shutdown(signal, EXIT_SECOND_SIGNAL, Arc::clone(&counters.stop))?;
+            flag::register(signal, Arc::clone(&counters.stop))?;
         }
         let signals = Self::default();
         flag::register(SIGHUP, Arc::clone(&signals.reload))?;
@@ -59,27 +65,31 @@ pub(super) struct Supervisor {
 impl Supervisor {
     pub(super) fn new(counters: Arc<Counters>, signals: Signals, events: Receiver<Event>, reloader: Reloader) -> Self {
         let watchdog = Watchdog::from_env(monotonic_us());
-        let hardware = Hardware::new(hardware::root(), reloader.live().hardware.clone());
+        let hardware = Hardware::new(hardware::root(), reloader.live.hardware.clone());
         let (adaptation, log) = (Adaptation::default(), Log::default());
         Self { counters, signals, events, reloader, watchdog, adaptation, log, hardware }
     }
 
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
     pub(super) fn run(&mut self, all_run: impl Fn() -> bool) {
-        tracing::info!("board {}", Machine::detect(&hardware::root()).tell(self.reloader.live().board));
+        tracing::info!("board {}", Machine::detect(&hardware::root()).tell(self.reloader.live.board));
         self.lock_memory();
-        manager::ready();
+        notify(NotifyState::Ready);
         while !self.counters.stopping() && all_run() {
             self.receive();
             self.reload();
-            self.ping();
-            self.sense();
-            self.adapt();
+            let now_us = monotonic_us();
+            let is_alive = self.counters.heartbeats.are_alive(now_us);
+            if self.watchdog.as_mut().is_some_and(|watchdog| watchdog.is_ping_due(is_alive, now_us)) {
+                notify(NotifyState::Watchdog);
+            }
+            self.sense(now_us);
+            self.adapt(now_us);
             self.log.impairments(self.counters.impairments.present());
             self.tell_status();
         }
         tracing::info!("stopping");
-        manager::stopping();
+        notify(NotifyState::Stopping);
     }
 
     /// Waits up to one [`TICK`] for an event.
@@ -90,7 +100,7 @@ impl Supervisor {
         self.log.event(event);
         let now = self.log.camera_line();
         if now != before {
-            manager::status(&now);
+            notify(NotifyState::Status(&now));
         }
         if has_grown {
             self.lock_memory();
@@ -104,7 +114,7 @@ impl Supervisor {
 
     /// Begins a reload if one is asked for, and goes on with the one in progress.
     fn reload(&mut self) {
-        if self.reloader.is_idle() && self.signals.reload.swap(false, Relaxed) {
+        if self.reloader.preparing.is_none() && self.signals.reload.swap(false, Relaxed) {
             self.reloader.start();
         }
         if self.reloader.step() {
@@ -112,55 +122,45 @@ impl Supervisor {
         }
     }
 
-    fn ping(&mut self) {
-        if let Some(watchdog) = &mut self.watchdog {
-            let now_us = monotonic_us();
-            watchdog.update(self.counters.heartbeats.are_alive(now_us), now_us);
-        }
-    }
-
     /// Looks for impairments that the hardware causes. Sets only those that have changed, so that a rehearsal may set
     /// others.
-    fn sense(&mut self) {
-        self.hardware.set(&self.reloader.live().hardware);
-        let Some(found) = self.hardware.poll(monotonic_us()) else { return };
+    fn sense(&mut self, now_us: u64) {
+        self.hardware.set(&self.reloader.live.hardware);
+        let Some(found) = self.hardware.poll(now_us) else { return };
         for impairment in Hardware::FINDS {
             self.counters.impairments.set(impairment, found.contains(impairment));
         }
     }
 
     /// Chooses the step of the pipeline and the size of the camera's picture.
-    fn adapt(&mut self) {
-        let counters = &self.counters;
-        let load = counters.recent.load().filter(|_| counters.camera_open.load(Relaxed));
+    fn adapt(&mut self, now_us: u64) {
+        let (counters, adaptation) = (&self.counters, &mut self.adaptation);
+        let load = counters.load.get().filter(|_| counters.camera_open.load(Relaxed));
+        let before = (adaptation.step, adaptation.picture.is_small);
         let conditions = Conditions {
-            is_allowed: self.reloader.live().adaptation.enabled,
+            is_allowed: self.reloader.live.adaptation.enabled,
             load,
             impaired_by: counters.impairments.present(),
             has_smaller_mode: counters.has_smaller_mode.load(Relaxed),
         };
-        let before = self.adaptation.step();
-        let [is_new_step, is_new_size] = self.adaptation.update(monotonic_us(), &conditions);
-        if is_new_step {
-            let (step, cause) = (self.adaptation.step(), self.adaptation.cause());
+        adaptation.update(now_us, &conditions);
+        let Adaptation { step, cause, .. } = *adaptation;
+        if step != before.0 {
             counters.set_step(step, cause);
-            match (cause, load) {
-                (Some(cause), Some(load)) if step > before => Log::step_down(step, cause, &load),
-                _ => Log::step_up(step),
-            }
+            Log::step(step, cause.filter(|_| step > before.0).zip(load));
         }
-        if is_new_size {
-            let is_small = self.adaptation.is_picture_small();
-            counters.small_picture.store(is_small, Relaxed);
-            Log::picture_size(is_small, load);
+        if adaptation.picture.is_small != before.1 {
+            counters.small_picture.store(adaptation.picture.is_small, Relaxed);
+            Log::picture_size(load.filter(|_| adaptation.picture.is_small));
         }
+        load.filter(|_| adaptation.is_too_slow).iter().for_each(|load| self.log.too_slow(load));
     }
 
     fn tell_status(&mut self) {
         let is_asked = self.signals.status.swap(false, Relaxed);
-        if is_asked || self.log.is_status_due() {
+        if is_asked || Instant::now() >= self.log.status_due {
             let line = self.log.status(&self.counters);
-            manager::status(&line);
+            notify(NotifyState::Status(&line));
             self.log.refusal(self.refusal());
         }
     }
@@ -168,14 +168,196 @@ impl Supervisor {
     /// Returns a sentence about the first link whose packets the network does not take.
     fn refusal(&self) -> Option<String> {
         let (index, reason) = self.counters.refusal()?;
-        let link = self.reloader.live().links.get(index)?;
+        let link = self.reloader.live.links.get(index)?;
         let remedy = "check this machine's cable or Wi-Fi, the address, and IPAddressAllow in the unit";
         Some(format!("link {link}: the network takes no packets ({reason}); {remedy}"))
     }
 
     fn lock_memory(&mut self) {
-        if self.reloader.live().realtime.lock_memory {
+        if self.reloader.live.realtime.lock_memory {
             self.log.grant(realtime::lock_memory());
         }
     }
+}
+
+/// What the log has said so far, as far as the next lines depend on it.
+struct Log {
+    /// Description of the open camera, or why there are no pictures.
+    camera: Result<String, String>,
+    /// Why there are no pictures, as it was logged last.
+    blind_because: LoggedReasons,
+    /// Why the network takes no packets, as it was logged last.
+    refusal: LoggedReasons,
+    impaired_by: ImpairmentSet,
+    impaired_at: [Option<Instant>; Impairment::ALL.len()],
+    too_slow_at: Option<Instant>,
+    /// Real-time requests and the system's answers.
+    grants: Vec<Grant>,
+    status_due: Instant,
+    /// Time of the last status line, and the count of frames in it.
+    last_status: (Instant, u64),
+}
+
+impl Default for Log {
+    fn default() -> Self {
+        let now = Instant::now();
+        Self {
+            camera: Err("no camera has been opened yet".to_owned()),
+            blind_because: LoggedReasons::default(),
+            refusal: LoggedReasons::default(),
+            impaired_by: ImpairmentSet::default(),
+            impaired_at: Default::default(),
+            too_slow_at: None,
+            grants: Vec::new(),
+            status_due: now + STATUS_PERIOD,
+            last_status: (now, 0),
+        }
+    }
+}
+
+impl Log {
+    /// Logs an event. Repeated attempts that fail for the same reason are logged once.
+    fn event(&mut self, event: Event) {
+        match event {
+            Event::Started(grants) => grants.into_iter().for_each(|grant| self.grant(grant)),
+            Event::Opened(camera) => {
+                tracing::info!("camera opened: {camera}");
+                self.camera = Ok(camera);
+                self.blind_because.clear();
+            }
+            Event::Lost(error) => {
+                let reason = error.to_string();
+                tracing::warn!("camera lost: {reason}");
+                self.blind_because.is_new(&reason);
+                self.camera = Err(reason);
+            }
+            Event::Closed(error) => self.blind("no camera", error.to_string()),
+            Event::NotLoaded(error) => self.blind("no model", error.to_string()),
+            Event::EngineFailed(error) => tracing::warn!("{error}; loading the networks again"),
+            Event::EngineReloaded => tracing::info!("networks loaded again"),
+        }
+    }
+
+    fn blind(&mut self, what: &str, reason: String) {
+        if self.blind_because.is_new(&reason) {
+            tracing::warn!("{what}: {reason}; trying again");
+        }
+        self.camera = Err(reason);
+    }
+
+    fn camera_line(&self) -> String {
+        match &self.camera {
+            Ok(camera) => format!("camera opened: {camera}"),
+            Err(reason) => format!("blind, because {reason}"),
+        }
+    }
+
+    /// Logs the system's answer to a real-time request, unless the answer is the same as before.
+    fn grant(&mut self, grant: Grant) {
+        if self.grants.contains(&grant) {
+            return;
+        }
+        match &grant.refusal {
+            None => tracing::info!("{grant}"),
+            Some((_, remedy)) => tracing::warn!("{grant}: {remedy}"),
+        }
+        self.grants.retain(|known| known.request != grant.request);
+        self.grants.push(grant);
+    }
+
+    /// Logs which link's packets the network does not take, and why, once for each reason.
+    fn refusal(&mut self, refusal: Option<String>) {
+        match refusal {
+            None => self.refusal.clear(),
+            Some(reason) if self.refusal.is_new(&reason) => tracing::warn!("{reason}"),
+            Some(_) => {}
+        }
+    }
+
+    /// Logs each impairment that has begun since the last call. The status line says when it has passed.
+    fn impairments(&mut self, present: ImpairmentSet) {
+        let before = std::mem::replace(&mut self.impaired_by, present);
+        for (impairment, logged_at) in Impairment::ALL.into_iter().zip(&mut self.impaired_at) {
+            let has_begun = present.contains(impairment) && !before.contains(impairment);
+            if has_begun && logged_at.is_none_or(|logged_at| logged_at.elapsed() >= IMPAIRMENT_PERIOD) {
+                *logged_at = Some(Instant::now());
+                tracing::warn!("tracking is impaired: {}", impairment.sentence());
+            }
+        }
+    }
+
+    /// Logs that no step makes up for what a frame takes.
+    fn too_slow(&mut self, load: &Load) {
+        if self.too_slow_at.is_none_or(|logged_at| logged_at.elapsed() >= IMPAIRMENT_PERIOD) {
+            self.too_slow_at = Some(Instant::now());
+            tracing::warn!(
+                "too slow: a frame takes {:.0} ms, and no step makes up for that: poses come too late, and the face stays \
+                 neutral; end other programs, or use a faster board",
+                ms(load.busy)
+            );
+        }
+    }
+
+    /// Logs the new step of the pipeline. Of a lower one also says why, and what the operator can do about it.
+    fn step(step: Step, lowered_by: Option<(Cause, Load)>) {
+        let what = step.sentence();
+        let reason = match lowered_by {
+            None => return tracing::info!("step {step}: {what} again"),
+            Some((Cause::Hot, _)) => Impairment::Hot.sentence().to_owned(),
+            Some((Cause::Undervoltage, _)) => Impairment::Undervoltage.sentence().to_owned(),
+            Some((Cause::Slow, load)) => format!(
+                "a frame takes {:.1} ms, and the camera has one every {:.1} ms: end other programs, or set a lower \
+                 camera.fps or a smaller camera.width and camera.height",
+                ms(load.busy),
+                ms(load.camera_period)
+            ),
+        };
+        tracing::warn!("step {step}: {what}, because {reason}");
+    }
+
+    /// Logs that the camera is opened again with pictures of another size: with small ones because of this load.
+    fn picture_size(too_slow: Option<Load>) {
+        match too_slow {
+            Some(load) => tracing::warn!(
+                "small picture: the camera is opened with half the width and height, because decoding takes {:.1} ms of the \
+                 {:.1} ms of a frame: set a smaller camera.width and camera.height to begin with such a picture",
+                ms(load.decoding),
+                ms(load.busy)
+            ),
+            None => {
+                tracing::info!("full picture: the camera is opened with the width and height of the settings again")
+            }
+        }
+    }
+
+    fn status(&mut self, counters: &Counters) -> String {
+        let line = self.status_line(counters);
+        if self.camera.is_ok() {
+            tracing::info!("{line}");
+        } else {
+            tracing::warn!("{line}");
+        }
+        line
+    }
+
+    fn status_line(&mut self, counters: &Counters) -> String {
+        let (now, status, count) = (Instant::now(), counters.status_line(), counters.frames.load(Relaxed));
+        let (last, last_count) = std::mem::replace(&mut self.last_status, (now, count));
+        self.status_due = now + STATUS_PERIOD;
+        let fps = (count - last_count) as f64 / now.duration_since(last).as_secs_f64().max(f64::EPSILON);
+        let mut line = match &self.camera {
+            Ok(_) => format!("fps={fps:.1} {status}"),
+            Err(_) => format!("{}: {status}", self.camera_line()),
+        };
+        for (index, grant) in self.grants.iter().enumerate() {
+            let separator = if index == 0 { "; real time: " } else { ", " };
+            // Writing to a string does not fail.
+            let _ = write!(line, "{separator}{grant}");
+        }
+        line
+    }
+}
+
+fn ms(time: Duration) -> f64 {
+    time.as_secs_f64() * 1000.0
 }

@@ -24,7 +24,7 @@ use self::receiver::Receiver;
 use self::screen::Screen;
 use crate::stopped_by;
 use facewire::cli::{Failure, STANDARD_OUTPUT, print};
-use facewire::service::histogram::Histogram;
+use facewire::service::Histogram;
 
 /// Time between two pictures. 30 pictures per second look smooth, and more would only load the board.
 const SCREEN_PERIOD: Duration = Duration::from_millis(33);

@@ -139,7 +139,7 @@ fn without_service(args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> 
     let settings = args.settings.load()?;
     let mut pipeline = Pipeline::load(&settings)?;
     pipeline.solver.profile = load_profile(&settings.wearer)?;
-    model_warning(&settings).iter().for_each(say);
+    model_warning(&settings.wearer, &settings.solver).iter().for_each(say);
     say("no service answers: opening the camera");
     let mut camera = OpenCamera::open(&settings.camera)?;
     let mut recorder = Recorder::begin(args, stop)?;

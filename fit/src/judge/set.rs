@@ -212,7 +212,8 @@ pub fn track(film: &Path) -> Result<Vec<Face>> {
     let path = film.to_str().context("the path is not UTF-8")?;
     let mut source = AviSource::open(BufReader::new(File::open(film)?), path, FrameRate::FPS_30)?;
     let solver = Solver::new(Model::embedded(), Profile::default(), shaping(&settings));
-    let pipeline = Pipeline::new(load_tracker(&settings.networks)?, solver, settings.camera.horizontal_fov_deg);
+    let tracker = Some(load_tracker(&settings.networks)?);
+    let pipeline = Pipeline { tracker, solver, horizontal_fov_deg: settings.camera.horizontal_fov_deg };
     let mut playback = Playback::new(pipeline, &settings.failsafe);
     std::iter::from_fn(|| playback.find(&mut source).transpose()).map(|face| Ok(face?)).collect()
 }

@@ -1,12 +1,77 @@
-//! A client of the control thread, by the control socket or by HTTP.
+//! A client of the control thread, and what it is told: by the control socket, one JSON value a line in both directions, or by
+//! HTTP.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::fd::{AsFd, BorrowedFd};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::protocol::{MAX_LINE, Reply, Request};
+use serde::{Deserialize, Serialize};
+
+use crate::calibration::{KeptProfile, Listed, Progress};
 use crate::service::metrics::MAX_REQUEST_BYTES;
+
+/// Longest line of a client, bytes.
+const MAX_LINE: usize = 256;
+pub(super) const SOCKET: &str = "control";
+/// Where the service manager puts the runtime directory of the service.
+const SYSTEM_FOLDER: &str = "/run/facewire";
+
+/// What a client asks. A client asks once for each connection.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "do", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Request {
+    /// Calibrate this wearer, or the one in use. The answer is any number of [`Reply::Progress`] and one other reply. A
+    /// client that closes the connection cancels the calibration.
+    Calibrate { wearer: Option<String> },
+    /// Use the profile of this wearer, or nobody's.
+    Use { wearer: Option<String> },
+    /// List the wearers who have a profile.
+    List {},
+    /// Delete the profile of this wearer.
+    Delete { wearer: String },
+    /// Tell what every frame shows, as [`Reply::Frame`], until the client closes the connection.
+    Record {},
+}
+
+/// What the service answers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Reply {
+    Progress(Progress),
+    /// The calibration has ended, and its profile is in use.
+    Calibrated(KeptProfile),
+    /// The wearers, and the one in use.
+    Wearers {
+        wearers: Vec<Listed>,
+        in_use: Option<String>,
+        folder: String,
+    },
+    /// The bytes of a [`Recorded`](crate::recording::Recorded) in Base64.
+    Frame(String),
+    /// How many frames were lost since the recording began. Also sent once a second while no frame comes.
+    Lost(u64),
+    Done(String),
+    /// It cannot be done: one sentence that says why, and what to do.
+    Refused(String),
+}
+
+/// Where a client looks for the service.
+pub fn control_sockets() -> Vec<PathBuf> {
+    match std::env::var("RUNTIME_DIRECTORY") {
+        Ok(_) => socket_path().into_iter().collect(),
+        Err(_) => socket_path().into_iter().chain([Path::new(SYSTEM_FOLDER).join(SOCKET)]).collect(),
+    }
+}
+
+/// Where the service listens: in the runtime directory of the service manager, or else of the user.
+pub(super) fn socket_path() -> Option<PathBuf> {
+    let of_service = || std::env::var("RUNTIME_DIRECTORY").ok()?.split(':').next().map(PathBuf::from);
+    let of_user = || std::env::var("XDG_RUNTIME_DIR").ok().map(|folder| Path::new(&folder).join("facewire"));
+    let folder = of_service().or_else(of_user).filter(|folder| folder.is_absolute())?;
+    Some(folder.join(SOCKET))
+}
 
 /// What a client speaks, which is also an index into the doors of the server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,22 +196,29 @@ mod tests {
     }
 
     #[test]
-    fn request_in_pieces_is_read_when_its_line_is_complete() {
-        let (mut client, mut far) = pair();
-        for (piece, want) in [("", None), (r#"{"do":"#, None), ("\"list\"}\n", Some(Ok(Request::List {})))] {
-            far.write_all(piece.as_bytes()).unwrap();
-            assert!(!client.receive().unwrap());
-            assert_eq!(client.request(), want);
-        }
-    }
-
-    #[test]
-    fn nonsense_and_endless_lines_are_refused() {
-        for (sent, why) in [(b"hello\n".to_vec(), "not understood"), (vec![b'x'; 4 * MAX_LINE], "bytes")] {
+    fn requests_are_lines_that_people_can_type_in_pieces_and_nonsense_and_endless_lines_are_refused() {
+        let wearer = Some("anna".to_owned());
+        let longest = Request::Delete { wearer: "a".repeat(32) };
+        for (line, want) in [
+            (r#"{"do":"list"}"#, Ok(Request::List {})),
+            (r#"{"do":"use","wearer":null}"#, Ok(Request::Use { wearer: None })),
+            (r#"{"do":"calibrate","wearer":"anna"}"#, Ok(Request::Calibrate { wearer })),
+            (&serde_json::to_string(&longest).unwrap(), Ok(longest)),
+            (r#"{"do":"dance"}"#, Err("not understood")),
+            (r#"{"do":"list","all":true}"#, Err("not understood")),
+            ("hello", Err("not understood")),
+            (&"x".repeat(4 * MAX_LINE), Err("bytes")),
+        ] {
             let (mut client, mut far) = pair();
-            far.write_all(&sent).unwrap();
+            let (first, last) = line.split_at(4);
+            far.write_all(first.as_bytes()).unwrap();
+            assert!(!client.receive().unwrap() && client.request().is_none());
+            far.write_all(format!("{last}\n").as_bytes()).unwrap();
             client.receive().unwrap();
-            assert!(client.request().unwrap().unwrap_err().contains(why));
+            match (client.request().unwrap(), want) {
+                (Err(refusal), Err(why)) => assert!(refusal.contains(why), "{line}: {refusal}"),
+                (request, want) => assert_eq!(request, want.map_err(str::to_owned), "{line}"),
+            }
         }
     }
 

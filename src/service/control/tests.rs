@@ -8,7 +8,6 @@ use facewire_packet::Reason;
 use tempfile::TempDir;
 
 use super::super::observer::{self, Observer};
-use super::protocol::SOCKET;
 use super::*;
 use crate::calibration::test_wearer::{Wearer, blank_model_file};
 use crate::calibration::{Phase, Refusal, Sight, Take};
@@ -20,28 +19,30 @@ struct Rig {
     observer: Observer<Observation>,
     recorder: Observer<Recorded>,
     told: mpsc::Receiver<HotNews>,
+    settings: Settings,
     reload: mpsc::Sender<Settings>,
 }
 
 impl Rig {
+    /// The model reads nothing in the landmarks.
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("model.toml"), toml::to_string(&blank_model_file()).unwrap()).unwrap();
-        let settings = settings(&folder);
-        let (observer, sights) = observer::channel();
-        let (recorder, frames) = observer::channel();
+        let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+        let mut settings = Settings::default();
+        (settings.wearer.folder, settings.solver.model) = (path("profiles"), path("model.toml"));
+        let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
         let (changes, told) = mpsc::channel();
         let hot = Mailbox { changes, thread: thread::current() };
-        let in_use = InUse::new(WearerName::new(&settings.wearer.name));
         let (reload, changes) = mpsc::channel();
-        let (settings, counters) = (settings.clone(), Arc::default());
-        let parts = Parts { settings, changes, in_use, observed: sights, recorded: frames, hot, counters };
-        let control = Control::listen_at(Some(folder.path().join("run").join(SOCKET)), parts).unwrap();
-        Self { folder, control, observer, recorder, told, reload }
+        let (in_use, counters) = (InUse::default(), Arc::default());
+        let parts = Parts { settings: settings.clone(), changes, in_use, observed, recorded, hot, counters };
+        let control = Control::listen_at(Some(folder.path().join("run/control")), parts).unwrap();
+        Self { folder, control, observer, recorder, told, settings, reload }
     }
 
     fn ask(&self, request: &Request) -> Answers {
-        let path = self.folder.path().join("run").join(SOCKET);
+        let path = self.folder.path().join("run/control");
         let stream = loop {
             // The socket exists as soon as the thread has come to it.
             if let Ok(stream) = UnixStream::connect(&path) {
@@ -53,14 +54,28 @@ impl Rig {
         (&stream).write_all(line.as_bytes()).unwrap();
         Answers::of(stream)
     }
+
+    fn refused(&self, request: &Request) -> String {
+        match self.ask(request).last() {
+            Reply::Refused(why) => why,
+            reply => panic!("{reply:?}"),
+        }
+    }
+
+    /// Begins a calibration, and shows it that there is no face.
+    fn calibrate(&mut self, name: &str) -> Answers {
+        let mut answers = self.ask(&calibrate(name));
+        // The thread asks for observations once it has read the request.
+        while !self.observer.hand(Observation { time_us: 1, is_dark: false, sight: Sight::NoFace }) {
+            thread::yield_now();
+        }
+        assert!(matches!(answers.next(), Reply::Progress(_)));
+        answers
+    }
 }
 
-/// Settings whose profiles and whose model, which reads nothing in the landmarks, are in this folder.
-fn settings(folder: &TempDir) -> Settings {
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let mut settings = Settings::default();
-    (settings.wearer.folder, settings.solver.model) = (path("profiles"), path("model.toml"));
-    settings
+fn calibrate(name: &str) -> Request {
+    Request::Calibrate { wearer: Some(name.to_owned()) }
 }
 
 struct Answers {
@@ -79,46 +94,32 @@ impl Answers {
         serde_json::from_str(&line).unwrap()
     }
 
+    /// Returns the last answer, after any progress.
+    fn last(&mut self) -> Reply {
+        std::iter::repeat_with(|| self.next()).find(|reply| !matches!(reply, Reply::Progress(_))).unwrap()
+    }
+
     /// Returns the next entry of a recording, and keeps how many frames were lost. `None` if nothing has come.
     fn entry(&mut self) -> Option<Recorded> {
         self.lines.get_ref().set_read_timeout(Some(Duration::from_millis(200))).unwrap();
-        let mut line = String::new();
         loop {
+            let mut line = String::new();
             self.lines.read_line(&mut line).ok().filter(|length| *length > 0)?;
             match serde_json::from_str(&line).unwrap() {
                 Reply::Frame(text) => return Recorded::from_bytes(&BASE64_STANDARD.decode(text).unwrap()),
                 Reply::Lost(lost) => self.lost = Some(lost),
                 reply => panic!("{reply:?}"),
             }
-            line.clear();
         }
     }
-
-    /// Returns the last answer, after any progress.
-    fn last(&mut self) -> Reply {
-        loop {
-            match self.next() {
-                Reply::Progress(_) => {}
-                reply => return reply,
-            }
-        }
-    }
-}
-
-fn calibrate(name: &str) -> Request {
-    Request::Calibrate { wearer: Some(name.to_owned()) }
 }
 
 /// Performs every take that the guide asks for, until it has enough. Returns the last answer.
 fn perform(rig: &mut Rig, answers: &mut Answers) -> Reply {
-    let wearer = Wearer::new();
-    let mut take = Take::Neutral;
-    let mut time_us = 0;
-    loop {
-        time_us += 200_000;
-        let sight = wearer.pose(take, 0.8);
-        if !rig.observer.hand(Observation { time_us, is_dark: false, sight }) {
-            return answers.last();
+    let (wearer, mut take) = (Wearer::new(), Take::Neutral);
+    for time_us in (1..).map(|number| number * 200_000) {
+        if !rig.observer.hand(Observation { time_us, is_dark: false, sight: wearer.pose(take, 0.8) }) {
+            break;
         }
         // A step that changes more than measures is told at once, and each take is one.
         answers.lines.get_ref().set_nonblocking(true).unwrap();
@@ -133,13 +134,13 @@ fn perform(rig: &mut Rig, answers: &mut Answers) -> Reply {
         }
         answers.lines.get_ref().set_nonblocking(false).unwrap();
     }
+    answers.last()
 }
 
 #[test]
 fn wearer_who_follows_has_a_profile_that_the_hot_loop_uses() {
     let mut rig = Rig::new();
-    let mut answers = rig.ask(&calibrate("anna"));
-    assert!(matches!(rig_first(&mut rig, &mut answers), Reply::Progress(_)));
+    let mut answers = rig.calibrate("anna");
     let reply = perform(&mut rig, &mut answers);
     let Reply::Calibrated(report) = &reply else { panic!("{reply:?}") };
     assert_eq!((report.wearer.as_str(), report.taken.len()), ("anna", Take::ALL.len()), "{report:?}");
@@ -147,89 +148,67 @@ fn wearer_who_follows_has_a_profile_that_the_hot_loop_uses() {
     assert!(profile.neutral.is_some() && fs::read_to_string(&report.path).unwrap().contains("jawOpen"));
     let Reply::Wearers { wearers, in_use, .. } = rig.ask(&Request::List {}).last() else { panic!("no list") };
     assert_eq!((wearers.len(), in_use.as_deref()), (1, Some("anna")));
-}
 
-/// Returns the first answer to a calibration, after one observation.
-fn rig_first(rig: &mut Rig, answers: &mut Answers) -> Reply {
-    // The thread asks for observations once it has read the request.
-    while !rig.observer.hand(Observation { time_us: 1, is_dark: false, sight: Sight::NoFace }) {
-        thread::yield_now();
-    }
-    answers.next()
-}
-
-#[test]
-fn second_calibration_is_refused_and_a_client_that_vanishes_cancels_its_own() {
-    let mut rig = Rig::new();
-    let mut answers = rig.ask(&calibrate("anna"));
-    rig_first(&mut rig, &mut answers);
-    assert!(matches!(rig.ask(&calibrate("bert")).last(), Reply::Refused(why) if why.contains("in progress")));
-    drop(answers);
-    while rig.observer.hand(Observation { time_us: 2, is_dark: false, sight: Sight::NoFace }) {
-        thread::yield_now();
-    }
-    let mut answers = rig.ask(&calibrate("bert"));
-    assert!(matches!(rig_first(&mut rig, &mut answers), Reply::Progress(_)));
-}
-
-#[test]
-fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
-    let mut rig = Rig::new();
-    let mut answers = rig.ask(&calibrate("anna"));
-    rig_first(&mut rig, &mut answers);
-    drop(rig.control);
-    assert!(!rig.observer.hand(Observation::nothing(3)), "nobody wants observations any more");
-    assert!(!rig.folder.path().join("run").join(SOCKET).exists());
-    assert!(!rig.folder.path().join("profiles").exists(), "nothing was kept");
-}
-
-#[test]
-fn calibration_ends_when_the_model_changes_and_not_at_any_other_reload() {
-    let mut rig = Rig::new();
-    let mut answers = rig.ask(&calibrate("anna"));
-    rig_first(&mut rig, &mut answers);
-    let mut new = settings(&rig.folder);
-    new.camera.fps = 60;
-    rig.reload.send(new.clone()).unwrap();
-    assert!(rig.observer.hand(Observation::nothing(2)) && matches!(answers.next(), Reply::Progress(_)));
-    new.solver.model = String::new();
-    rig.reload.send(new).unwrap();
-    assert!(matches!(answers.last(), Reply::Refused(why) if why.contains("model has changed")));
-    assert!(!rig.folder.path().join("profiles").exists(), "nothing was kept");
-}
-
-#[test]
-fn profile_that_was_made_with_another_model_is_used_with_a_warning() {
-    let mut rig = Rig::new();
-    let mut answers = rig.ask(&calibrate("anna"));
-    rig_first(&mut rig, &mut answers);
-    assert!(matches!(perform(&mut rig, &mut answers), Reply::Calibrated(_)));
     let warns = |rig: &Rig| match rig.ask(&Request::Use { wearer: Some("anna".to_owned()) }).last() {
         Reply::Done(text) => text.contains("another blendshape model"),
         reply => panic!("{reply:?}"),
     };
     assert!(!warns(&rig));
-    let mut new = settings(&rig.folder);
-    new.solver.model = String::new();
-    rig.reload.send(new).unwrap();
+    rig.settings.solver.model = String::new();
+    rig.reload.send(rig.settings.clone()).unwrap();
     assert!(warns(&rig));
+}
+
+#[test]
+fn second_calibration_is_refused_and_a_client_that_vanishes_cancels_its_own() {
+    let mut rig = Rig::new();
+    let answers = rig.calibrate("anna");
+    assert!(rig.refused(&calibrate("bert")).contains("in progress"));
+    drop(answers);
+    while rig.observer.hand(Observation { time_us: 2, is_dark: false, sight: Sight::NoFace }) {
+        thread::yield_now();
+    }
+    rig.calibrate("bert");
+}
+
+#[test]
+fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
+    let mut rig = Rig::new();
+    let _answers = rig.calibrate("anna");
+    let mode = |path: &str| fs::metadata(rig.folder.path().join(path)).unwrap().permissions().mode() & 0o777;
+    assert_eq!([mode("run"), mode("run/control")], [0o700, 0o600], "it belongs to its user alone");
+    drop(rig.control);
+    assert!(!rig.observer.hand(Observation::nothing(3)), "nobody wants observations any more");
+    let exists = |name: &str| rig.folder.path().join(name).exists();
+    assert!(!exists("run/control") && !exists("profiles"), "nothing was kept");
+}
+
+#[test]
+fn calibration_ends_when_the_model_changes_and_not_at_any_other_reload() {
+    let mut rig = Rig::new();
+    let mut answers = rig.calibrate("anna");
+    rig.settings.camera.fps = 60;
+    rig.reload.send(rig.settings.clone()).unwrap();
+    assert!(rig.observer.hand(Observation::nothing(2)) && matches!(answers.next(), Reply::Progress(_)));
+    rig.settings.solver.model = String::new();
+    rig.reload.send(rig.settings.clone()).unwrap();
+    assert!(matches!(answers.last(), Reply::Refused(why) if why.contains("model has changed")));
+    assert!(!rig.folder.path().join("profiles").exists(), "nothing was kept");
 }
 
 #[test]
 fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is_refused() {
     let mut rig = Rig::new();
     let mut recording = rig.ask(&Request::Record {});
-    let mut calibration = rig.ask(&calibrate("anna"));
-    rig_first(&mut rig, &mut calibration);
+    let _answers = rig.calibrate("anna");
     // The thread asks for frames once it has read the request.
     while !rig.recorder.hand(Recorded::nothing(0, Reason::NoFace)) {
         thread::yield_now();
     }
     (1..=3).for_each(|time_us| rig.recorder.publish(|| Recorded::nothing(time_us, Reason::NoFace)));
-    let mut times =
-        std::iter::from_fn(|| recording.entry().map(|entry| entry.time_us)).skip_while(|time_us| *time_us == 0);
-    assert_eq!([times.next(), times.next(), times.next()], [Some(1), Some(2), Some(3)]);
-    assert!(matches!(rig.ask(&Request::Record {}).last(), Reply::Refused(why) if why.contains("in progress")));
+    let times = std::iter::from_fn(|| recording.entry()).map(|entry| entry.time_us).filter(|time_us| *time_us > 0);
+    assert!(times.take(3).eq([1, 2, 3]));
+    assert!(rig.refused(&Request::Record {}).contains("in progress"));
     drop(recording);
     while rig.recorder.hand(Recorded::nothing(4, Reason::NoFace)) {
         thread::yield_now();
@@ -239,12 +218,16 @@ fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is
 
 /// A recording, the ring of its frames, and the far end of its client.
 fn recording() -> (Recording, Observer<Recorded>, Observed<Recorded>, Answers) {
-    let (near, far) = UnixStream::pair().unwrap();
-    near.set_nonblocking(true).unwrap();
-    let client = Client::new(OwnedFd::from(near).into(), Speaks::Requests);
+    let (client, far) = client();
     let (observer, mut observed) = observer::channel();
     observed.ask(true);
     (Recording::new(client, 0), observer, observed, Answers::of(far))
+}
+
+fn client() -> (Client, UnixStream) {
+    let (near, far) = UnixStream::pair().unwrap();
+    near.set_nonblocking(true).unwrap();
+    (Client::new(OwnedFd::from(near).into(), Speaks::Requests), far)
 }
 
 #[test]
@@ -276,56 +259,44 @@ fn client_that_does_not_read_loses_frames_and_holds_no_memory() {
 fn entries_without_a_camera_have_the_clock_of_the_frames_and_none_lies_between_those_of_a_slow_camera() {
     let (mut recording, mut observer, mut observed, mut answers) = recording();
     let second = 1_000_000;
-    let mut step = |captured_us: Option<u64>, is_camera_open, now_us| {
+    for (captured_us, is_camera_open, now_us) in [
+        // A camera with one frame a second, each of which comes 0.2 s after its capture.
+        (Some(second), true, 1_200_000),
+        (None, true, 2_199_000),
+        (Some(2 * second), true, 2_250_000),
+        (None, true, 3_300_000),
+        // It is unplugged, and later a frame comes that was captured before the last entry was made.
+        (None, false, 4_300_000),
+        (Some(4_040_000), true, 4_310_000),
+    ] {
         captured_us.iter().for_each(|us| observer.publish(|| Recorded::nothing(*us, Reason::NoFace)));
         recording.step(&mut observed, is_camera_open, now_us).unwrap();
-    };
-    // A camera with one frame a second, each of which comes 0.2 s after its capture.
-    step(Some(second), true, 1_200_000);
-    step(None, true, 2_199_000);
-    step(Some(2 * second), true, 2_250_000);
-    step(None, true, 3_300_000);
-    // It is unplugged, and later a frame comes that was captured before the last entry was made.
-    step(None, false, 4_300_000);
-    step(Some(4_040_000), true, 4_310_000);
-    let entries: Vec<_> =
-        std::iter::from_fn(|| answers.entry()).map(|entry| (entry.time_us, entry.packet.reason)).collect();
+    }
+    let entries = std::iter::from_fn(|| answers.entry()).map(|entry| (entry.time_us, entry.packet.reason));
     let (face, camera) = (Reason::NoFace, Reason::NoCamera);
     let want = [(second, face), (2 * second, face), (2 * second + 2_050_000, camera), (2 * second + 2_050_001, face)];
-    assert_eq!((entries.as_slice(), answers.lost), (want.as_slice(), Some(0)), "the client hears from the service");
+    assert_eq!(entries.collect::<Vec<_>>(), want);
+    assert_eq!(answers.lost, Some(0), "the client hears from the service");
 }
 
 #[test]
 fn camera_with_two_frames_a_second_is_not_taken_for_a_silent_one() {
-    let (near, _far) = UnixStream::pair().unwrap();
-    let client = Client::new(OwnedFd::from(near).into(), Speaks::Requests);
-    let mut session = Session::new(client, named("anna").unwrap(), Guide::new(Wearer::new().model), 0);
-    let waits_for = |session: &Session| session.guide.progress().waits_for;
-    session.step(None, 1_500_000, 1_400_000);
-    assert_eq!(waits_for(&session), None);
-    session.step(None, 1_500_000, 1_600_000);
-    assert_eq!(waits_for(&session), Some(Refusal::NoPicture));
+    let guide = Guide::new(Wearer::new().model);
+    let mut calibrating = Calibrating::new(client().0, named("anna").unwrap(), guide, 0);
+    let mut waits_for = |now_us| {
+        calibrating.step(None, 1_500_000, now_us);
+        calibrating.guide.progress().waits_for
+    };
+    assert_eq!([1_400_000, 1_600_000].map(&mut waits_for), [None, Some(Refusal::NoPicture)]);
 }
 
 #[test]
 fn wearers_that_are_not_there_or_named_wrongly_are_refused_with_the_remedy() {
     let rig = Rig::new();
-    let refused = |request: Request| match rig.ask(&request).last() {
-        Reply::Refused(why) => why,
-        reply => panic!("{reply:?}"),
-    };
-    let anna = || Some("anna".to_owned());
-    assert!(refused(Request::Use { wearer: anna() }).contains("facewire calibrate --wearer anna"));
-    assert!(refused(Request::Delete { wearer: "../x".to_owned() }).contains("letters"));
-    assert!(refused(Request::Calibrate { wearer: Some("a b".to_owned()) }).contains("letters"));
+    let wearer = Some("anna".to_owned());
+    assert!(rig.refused(&Request::Use { wearer }).contains("facewire calibrate --wearer anna"));
+    assert!(rig.refused(&Request::Delete { wearer: "../x".to_owned() }).contains("letters"));
+    assert!(rig.refused(&calibrate("a b")).contains("letters"));
     assert!(matches!(rig.ask(&Request::Use { wearer: None }).last(), Reply::Done(_)));
     assert!(matches!(rig.told.recv().unwrap(), HotNews::Wearer(profile) if *profile == Profile::default()));
-}
-
-#[test]
-fn socket_belongs_to_its_user_alone() {
-    let rig = Rig::new();
-    rig.ask(&Request::List {}).last();
-    let mode = |path: &str| fs::metadata(rig.folder.path().join(path)).unwrap().permissions().mode() & 0o777;
-    assert_eq!([mode("run"), mode("run/control")], [0o700, 0o600]);
 }

@@ -1,0 +1,404 @@
+//! How long frames wait and take, from capture to sending, and how busy they keep the hot loop: counted without a lock and in
+//! fixed memory.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::Duration;
+
+use heapless::HistoryBuf;
+
+use super::adaptation::Step;
+use super::counters::Counters;
+use crate::capture::{FrameRate, Source};
+use crate::pipeline::StageTimes;
+
+/// Buckets per power of two, and the bits of this number.
+const PARTS: u64 = 1 << PART_BITS;
+const PART_BITS: u32 = 5;
+/// Number of buckets: they end at 64 * 2^30 ns = 68.7 s.
+const BUCKETS: usize = 1024;
+/// Longest duration that is told apart from longer ones.
+const MAX_NS: u64 = end_ns(BUCKETS as u64 - 1) - 1;
+/// A longer time between two frames does not count as a frame period, microseconds.
+const MAX_PERIOD_US: u64 = 500_000;
+/// One part in this many of the mean frame period comes from the newest frame.
+const PERIOD_SHARE: u64 = 8;
+/// Number of frames from which the load is known. With fewer than [`LEAST_FRAMES`] it is not.
+const FRAMES: usize = 16;
+const LEAST_FRAMES: usize = 4;
+/// Of [`FRAMES`] frames, this many may take longer than the load says. A few slow frames, such as those on which another
+/// program wakes up, do not slow down the face.
+const SLOWER: usize = FRAMES / 5;
+
+/// A lock-free histogram of durations.
+///
+/// The buckets are log-linear, as in `HdrHistogram`: each power of two in nanoseconds is divided into 32 equal parts. A
+/// reported duration is therefore never too short and at most 1/32 (3.2 %) too long; below 64 ns it is exact. Durations
+/// above 68 s count as 68 s. Threads may read and record at the same time: a reader loads the buckets one by one, so it
+/// may or may not see a duration that is recorded meanwhile.
+#[derive(Debug)]
+pub struct Histogram {
+    counts: [AtomicU64; BUCKETS],
+    sum_ns: AtomicU64,
+}
+
+impl Default for Histogram {
+    fn default() -> Self {
+        Self { counts: [const { AtomicU64::new(0) }; BUCKETS], sum_ns: AtomicU64::new(0) }
+    }
+}
+
+impl Histogram {
+    pub fn record(&self, time: Duration) {
+        let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX).min(MAX_NS);
+        if let Some(count) = self.counts.get(bucket_of(ns)) {
+            count.fetch_add(1, Relaxed);
+        }
+        self.sum_ns.fetch_add(ns, Relaxed);
+    }
+
+    pub(super) fn sum_s(&self) -> f64 {
+        self.sum_ns.load(Relaxed) as f64 / 1e9
+    }
+
+    /// Returns the duration in milliseconds at each of the given quantiles, such as 0.5 for the median. All are 0 before
+    /// the first duration is recorded.
+    pub fn quantiles_ms<const N: usize>(&self, quantiles: [f64; N]) -> [f64; N] {
+        let total: u64 = self.counts().map(|(_, count)| count).sum();
+        quantiles.map(|quantile| {
+            let mut sum = 0;
+            let reached = self.counts().find(|(_, count)| {
+                sum += count;
+                sum > 0 && sum as f64 >= quantile * total as f64
+            });
+            reached.map_or(0.0, |(end_ns, _)| end_ns as f64 / 1e6)
+        })
+    }
+
+    /// Counts the durations below each of the ascending limits but not below the previous limit, and those at or above
+    /// the last limit. The counts are exact if each limit is the end of a bucket, such as a power of two from 64 on or
+    /// 1.5 times that.
+    pub(super) fn counts_between<const N: usize>(&self, limits_ns: &[u64; N]) -> ([u64; N], u64) {
+        let (mut counts, mut longer) = ([0; N], 0);
+        for (end_ns, count) in self.counts() {
+            match limits_ns.iter().zip(&mut counts).find(|(limit_ns, _)| end_ns <= **limit_ns) {
+                Some((_, sum)) => *sum += count,
+                None => longer += count,
+            }
+        }
+        (counts, longer)
+    }
+
+    /// Iterates over the end of each bucket in nanoseconds (exclusive) and the count of the bucket.
+    fn counts(&self) -> impl Iterator<Item = (u64, u64)> {
+        self.counts.iter().zip(0..).map(|(count, bucket)| (end_ns(bucket), count.load(Relaxed)))
+    }
+}
+
+fn bucket_of(ns: u64) -> usize {
+    let shift = ns.max(PARTS).ilog2() - PART_BITS;
+    usize::try_from((u64::from(shift) << PART_BITS) + (ns >> shift)).unwrap_or(usize::MAX)
+}
+
+/// Returns the end of a bucket (exclusive).
+const fn end_ns(bucket: u64) -> u64 {
+    let shift = (bucket >> PART_BITS).saturating_sub(1);
+    (bucket - (shift << PART_BITS) + 1) << shift
+}
+
+/// The 50th, 95th and 99th percentile in milliseconds, such as `9.25/10.5/12.0`: three significant digits, which is the
+/// precision of the histogram, and no digit below a microsecond.
+pub(super) fn quantiles(histogram: &Histogram) -> String {
+    let digits = |ms: f64| match ms {
+        ..1.0 => format!("{ms:.3}"),
+        ..10.0 => format!("{ms:.2}"),
+        ..100.0 => format!("{ms:.1}"),
+        _ => format!("{ms:.0}"),
+    };
+    histogram.quantiles_ms([0.5, 0.95, 0.99]).map(digits).join("/")
+}
+
+/// Histograms over all frames since the service started.
+#[derive(Debug, Default)]
+pub(super) struct Times {
+    /// From capture to the start of processing: exposure, transfer, decoding and waiting.
+    wait: Histogram,
+    decode: Histogram,
+    /// The stages, for the frames on which they ran.
+    detect: Histogram,
+    pub(super) mesh: Histogram,
+    solve: Histogram,
+    /// From a frame in memory to the hand-over of its result to the sender.
+    work: Histogram,
+    /// From capture to sending, for poses that the failsafe accepted.
+    pub(super) age: Histogram,
+}
+
+impl Times {
+    /// Every histogram with its name: the five stages first.
+    pub(super) fn all(&self) -> [(&'static str, &Histogram); 7] {
+        let Self { wait, decode, detect, mesh, solve, work, age } = self;
+        [
+            ("wait", wait),
+            ("decode", decode),
+            ("detect", detect),
+            ("mesh", mesh),
+            ("solve", solve),
+            ("work", work),
+            ("age", age),
+        ]
+    }
+}
+
+/// Returns the time between two readings of the monotonic clock, or zero if the second is earlier.
+pub(super) fn between(begun_us: u64, ended_us: u64) -> Duration {
+    Duration::from_micros(ended_us.saturating_sub(begun_us))
+}
+
+/// What a frame costs, and how much time the camera leaves for it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Load {
+    /// Decoding and processing of a frame with all networks. Four in five frames take no longer.
+    pub(super) busy: Duration,
+    /// The part of it that decoding takes, on average.
+    pub(super) decoding: Duration,
+    /// Time between two frames of the camera.
+    pub(super) camera_period: Duration,
+}
+
+/// The load, which the hot loop writes and the supervisor reads. A reader may see parts of two loads.
+#[derive(Debug, Default)]
+pub(super) struct PresentLoad {
+    /// 0 while it is not known.
+    busy_us: AtomicU64,
+    decoding_us: AtomicU64,
+    camera_period_us: AtomicU64,
+}
+
+impl PresentLoad {
+    fn set(&self, load: Option<Load>) {
+        if let Some(load) = load {
+            self.decoding_us.store(micros(load.decoding), Relaxed);
+            self.camera_period_us.store(micros(load.camera_period), Relaxed);
+        }
+        self.busy_us.store(load.map_or(0, |load| micros(load.busy).max(1)), Relaxed);
+    }
+
+    /// Returns the load by the last frames; `None` until the camera has delivered enough of them.
+    pub(super) fn get(&self) -> Option<Load> {
+        let [busy, decoding, camera_period] = [&self.busy_us, &self.decoding_us, &self.camera_period_us]
+            .map(|time_us| Duration::from_micros(time_us.load(Relaxed)));
+        (!busy.is_zero()).then_some(Load { busy, decoding, camera_period })
+    }
+}
+
+/// Measures the frames of the open camera and adds to the counters.
+#[derive(Debug)]
+pub(super) struct FrameTiming {
+    counters: Arc<Counters>,
+    last_captured_us: Option<u64>,
+    camera_period: Duration,
+    step: Step,
+    /// How long the work on the newest frame took, until its decoding is known, too.
+    work: Option<Duration>,
+    /// How long the last frames would have taken with all networks, and the part that decoding took.
+    recent: HistoryBuf<(Duration, Duration), FRAMES>,
+}
+
+impl FrameTiming {
+    pub(super) fn new(counters: Arc<Counters>) -> Self {
+        let camera_period = Duration::from_micros(FrameRate::FPS_30.period_us());
+        let (step, recent) = (Step::default(), HistoryBuf::new());
+        Self { counters, last_captured_us: None, camera_period, step, work: None, recent }
+    }
+
+    /// Begins with another camera, which is to deliver `fps` frames a second unless it states its own rate.
+    pub(super) fn camera_opened(&mut self, camera: &dyn Source, fps: u32) {
+        let asked = FrameRate::new(fps, 1).unwrap_or(FrameRate::FPS_30);
+        self.camera_period = Duration::from_micros(camera.frame_period_us().unwrap_or(asked.period_us()));
+        self.last_captured_us = None;
+        self.recent = HistoryBuf::new();
+        self.counters.load.set(None);
+        self.take(self.step);
+    }
+
+    /// Takes a step. The failsafe is as patient as the new step wants at once.
+    pub(super) fn take(&mut self, step: Step) {
+        if step != self.step || self.last_captured_us.is_none() {
+            self.step = step;
+            self.counters.frame_period_us.store(micros(step.period(self.camera_period)), Relaxed);
+        }
+    }
+
+    /// The earliest time of capture of the next frame that the step takes. Frames may come half a period early.
+    pub(super) fn wanted_us(&self) -> u64 {
+        let Some(last_us) = self.last_captured_us.filter(|_| self.step.every() > 1) else { return 0 };
+        last_us + micros(self.step.period(self.camera_period).saturating_sub(self.camera_period / 2))
+    }
+
+    /// Follows the mean time between processed frames: the failsafe is more patient on a slow board.
+    pub(super) fn captured(&mut self, captured_us: u64) {
+        let gap_us = self.last_captured_us.and_then(|last_us| captured_us.checked_sub(last_us));
+        self.last_captured_us = Some(captured_us);
+        let Some(gap_us) = gap_us.filter(|gap_us| *gap_us <= MAX_PERIOD_US) else { return };
+        let mean_us = self.counters.frame_period_us.load(Relaxed);
+        // A recording does not state its rate.
+        let next_us = if mean_us == 0 { gap_us } else { (mean_us * (PERIOD_SHARE - 1) + gap_us) / PERIOD_SHARE };
+        self.counters.frame_period_us.store(next_us, Relaxed);
+    }
+
+    /// Counts how long a frame waited, how long each of its stages took that ran, and how long the whole work took.
+    pub(super) fn worked(&mut self, captured_us: u64, begun_us: u64, ended_us: u64, stages: &StageTimes) {
+        let (times, work) = (&self.counters.times, between(begun_us, ended_us));
+        for (histogram, time) in [
+            (&times.wait, Some(between(captured_us, begun_us))),
+            (&times.detect, stages.detect),
+            (&times.mesh, stages.mesh),
+            (&times.solve, stages.solve),
+            (&times.work, Some(work)),
+        ] {
+            time.into_iter().for_each(|time| histogram.record(time));
+        }
+        self.work = Some(work);
+    }
+
+    /// Counts how long the frame that was worked on took to decode. Ignores the decoding of other frames.
+    pub(super) fn decoded(&mut self, decoding: Duration) {
+        let Some(work) = self.work.take() else { return };
+        let busy = decoding + work;
+        self.counters.times.decode.record(decoding);
+        let is_late = busy > self.step.period(self.camera_period);
+        self.counters.deadline_misses.fetch_add(u64::from(is_late), Relaxed);
+        self.recent.write((self.step.full_busy(busy), decoding));
+        self.counters.load.set(self.load());
+    }
+
+    /// The load by the last frames.
+    fn load(&self) -> Option<Load> {
+        let (mut busy, count) = ([Duration::ZERO; FRAMES], self.recent.len());
+        busy.iter_mut().zip(self.recent.iter()).for_each(|(copy, (busy, _))| *copy = *busy);
+        let busy = busy.get_mut(..count).filter(|busy| busy.len() >= LEAST_FRAMES)?;
+        busy.sort_unstable();
+        let decoding =
+            self.recent.iter().map(|(_, decoding)| *decoding).sum::<Duration>() / u32::try_from(count).ok()?;
+        let busy = *busy.iter().rev().nth(SLOWER * count / FRAMES)?;
+        Some(Load { busy, decoding, camera_period: self.camera_period })
+    }
+}
+
+fn micros(time: Duration) -> u64 {
+    u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::Clip;
+
+    fn histogram_of(times_ns: impl IntoIterator<Item = u64>) -> Histogram {
+        let histogram = Histogram::default();
+        times_ns.into_iter().for_each(|ns| histogram.record(Duration::from_nanos(ns)));
+        histogram
+    }
+
+    #[test]
+    fn a_reported_duration_is_never_too_short_and_at_most_1_in_32_too_long() {
+        for power in 0..36 {
+            let ns = 1_u64 << power;
+            for near_ns in [ns - 1, ns, ns + 1, ns + ns / 3] {
+                let reported_ns = histogram_of([near_ns]).quantiles_ms([1.0])[0] * 1e6;
+                let (least, most) = (near_ns as f64, near_ns as f64 * (1.0 + 1.0 / 32.0) + 1.01);
+                assert!((least..=most).contains(&reported_ns), "{near_ns} is reported as {reported_ns}");
+            }
+        }
+        for bucket in 0..BUCKETS - 1 {
+            let end = end_ns(bucket as u64);
+            assert_eq!((bucket_of(end - 1), bucket_of(end)), (bucket, bucket + 1), "no gap and no overlap");
+        }
+    }
+
+    #[test]
+    fn quantiles_are_those_of_the_durations_in_three_significant_digits() {
+        let of = |times_us: &[u64]| quantiles(&histogram_of(times_us.iter().map(|us| us * 1000)));
+        assert_eq!(of(&[9, 9250, 101_400]), "9.44/103/103");
+        assert_eq!(of(&[]), "0.000/0.000/0.000");
+        assert_eq!(
+            histogram_of((1..=100).map(|ms| ms * 1_000_000)).quantiles_ms([0.5, 1.0]).map(f64::round),
+            [50.0, 101.0]
+        );
+    }
+
+    #[test]
+    fn counts_between_limits_are_exact_and_complete() {
+        let counts = histogram_of([0, 63, 64, 95, 96, 1023, 1024, u64::MAX]).counts_between(&[64, 96, 1024]);
+        assert_eq!(counts, ([2, 2, 2], 2));
+    }
+
+    fn timing() -> FrameTiming {
+        let mut timing = FrameTiming::new(Arc::default());
+        timing.camera_opened(&Clip::once().unwrap(), 30);
+        timing
+    }
+
+    #[test]
+    fn a_lower_step_wants_every_nth_frame_even_if_it_comes_early() {
+        let mut timing = timing();
+        timing.captured(1_000_000);
+        assert_eq!(timing.wanted_us(), 0, "every frame");
+        timing.take(Step::Third);
+        let (second_us, third_us) = (1_000_000 + 2 * 33_333, 1_000_000 + 3 * 33_333);
+        assert!((second_us + 10_000..third_us - 10_000).contains(&timing.wanted_us()), "{}", timing.wanted_us());
+        assert_eq!(timing.counters.frame_period_us.load(Relaxed), 99_999);
+    }
+
+    /// A frame of which decoding and work take these milliseconds.
+    fn frame(timing: &mut FrameTiming, decoding_ms: u64, work_ms: u64) {
+        timing.worked(0, 0, work_ms * 1000, &StageTimes::default());
+        timing.decoded(Duration::from_millis(decoding_ms));
+        // A picture that was left out.
+        timing.decoded(Duration::from_secs(1));
+    }
+
+    #[test]
+    fn a_frame_misses_its_deadline_if_decoding_and_work_take_longer_than_the_step_allows() {
+        let mut timing = timing();
+        let mut misses = |step, decoding_ms| {
+            timing.take(step);
+            frame(&mut timing, decoding_ms, 20);
+            timing.counters.deadline_misses.load(Relaxed)
+        };
+        assert_eq!([misses(Step::Full, 13), misses(Step::Full, 14), misses(Step::Half, 46)], [0, 1, 1]);
+        assert_eq!(misses(Step::Half, 47), 2);
+    }
+
+    #[test]
+    fn a_few_slow_frames_are_no_load_more_of_them_are_and_a_new_camera_is_judged_by_its_own_frames() {
+        for (frames, want_ms) in [
+            (&[(10, 3)][..], None),
+            (&[(10, 4)], Some(10)),
+            (&[(10, 13), (500, 3)], Some(10)),
+            (&[(10, 12), (500, 4)], Some(500)),
+            (&[(500, 9), (10, 16)], Some(10)),
+        ] {
+            let mut timing = timing();
+            frames.iter().for_each(|(ms, count)| (0..*count).for_each(|_| frame(&mut timing, 4, ms - 4)));
+            let load = timing.counters.load.get();
+            assert_eq!(load.map(|load| load.busy.as_millis()), want_ms, "{frames:?}");
+            assert!(load.is_none_or(|load| load.decoding.as_millis() == 4), "{load:?}");
+            timing.camera_opened(&Clip::once().unwrap(), 30);
+            assert_eq!(timing.counters.load.get(), None);
+        }
+    }
+
+    #[test]
+    fn measuring_a_frame_does_not_allocate() {
+        let (mut timing, stage) = (timing(), Some(Duration::from_micros(9)));
+        let allocated = allocation_counter::measure(|| {
+            timing.worked(0, 1, u64::MAX, &StageTimes { detect: stage, mesh: stage, solve: None });
+            timing.decoded(Duration::from_millis(1));
+        });
+        assert_eq!(allocated, allocation_counter::AllocationInfo::default());
+        let recorded = timing.counters.times.all().into_iter().filter(|(_, histogram)| histogram.sum_s() > 0.0);
+        assert_eq!(recorded.map(|(name, _)| name).collect::<Vec<_>>(), ["wait", "decode", "detect", "mesh", "work"]);
+    }
+}

@@ -1,0 +1,138 @@
+//! What the service manager is told by `sd_notify`, and the signs of life on which the pings for its watchdog depend.
+//!
+//! The hot loop and the sender each state by when they will report again: their deadline. A thread that lets its deadline
+//! pass is stuck, and the watchdog is no longer served. Waiting for a camera is not being stuck, and neither is a slow frame
+//! on a throttled board: the patience of each phase is far longer than the phase takes on a healthy machine. Without a
+//! manager (no `NOTIFY_SOCKET`) messages go nowhere.
+
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::Duration;
+
+pub(super) use sd_notify::NotifyState;
+
+/// Longest time to open or close a camera, microseconds. The kernel gives up each control call to a USB camera after
+/// 5 s, and the first frame may take another 5 s.
+const CAMERA_PATIENCE_US: u64 = 30_000_000;
+/// A frame may take two stall timeouts: one to arrive, and one more for a newer frame if it waited in a buffer for long.
+const STALL_TIMEOUTS_PER_FRAME: u64 = 2;
+/// Added to the wait for a frame, microseconds: half a second for the frames that a step leaves out, and as much again, so
+/// that the camera's own timeout comes first.
+const GRACE_US: u64 = 1_000_000;
+/// Longest time to work on one frame, microseconds. Emulated and swapping machines have taken 2 s.
+const WORK_PATIENCE_US: u64 = 10_000_000;
+/// Longest time between two rounds of the sender, which sleeps for 0.1 s at most, microseconds.
+const SENDER_PATIENCE_US: u64 = 5_000_000;
+
+/// What the hot loop is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Phase {
+    /// Loads networks or a model, opens or closes a camera, or pauses before the next attempt.
+    Open,
+    /// Waits for a frame from a camera with this stall timeout.
+    Wait { stall_timeout_ms: u32 },
+    /// Works on a frame.
+    Work,
+}
+
+/// The deadlines, on the monotonic clock. The threads write them, the supervisor reads them.
+#[derive(Debug, Default)]
+pub(super) struct Heartbeats {
+    hot_deadline_us: AtomicU64,
+    sender_deadline_us: AtomicU64,
+}
+
+impl Heartbeats {
+    /// The hot loop begins a phase.
+    pub(super) fn hot(&self, phase: Phase, now_us: u64) {
+        let patience_us = match phase {
+            Phase::Open => CAMERA_PATIENCE_US,
+            Phase::Wait { stall_timeout_ms } => {
+                u64::from(stall_timeout_ms) * 1000 * STALL_TIMEOUTS_PER_FRAME + GRACE_US
+            }
+            Phase::Work => WORK_PATIENCE_US,
+        };
+        self.hot_deadline_us.store(now_us + patience_us, Relaxed);
+    }
+
+    /// The sender begins another round.
+    pub(super) fn sender(&self, now_us: u64) {
+        self.sender_deadline_us.store(now_us + SENDER_PATIENCE_US, Relaxed);
+    }
+
+    /// Whether both threads are within their deadlines.
+    pub(super) fn are_alive(&self, now_us: u64) -> bool {
+        [&self.hot_deadline_us, &self.sender_deadline_us].iter().all(|deadline_us| now_us < deadline_us.load(Relaxed))
+    }
+}
+
+/// Tells the service manager. The service runs on if its manager does not listen.
+pub(super) fn notify(state: NotifyState<'_>) {
+    if let Err(error) = sd_notify::notify(&[state]) {
+        tracing::debug!("the service manager could not be notified: {error}");
+    }
+}
+
+/// Pings the manager twice in each of its watchdog periods, as long as the service is alive.
+#[derive(Debug)]
+pub(super) struct Watchdog {
+    period: Duration,
+    last_ping_us: u64,
+}
+
+impl Watchdog {
+    /// A watchdog for the period in the environment; `None` if the manager has not asked for pings.
+    pub(super) fn from_env(now_us: u64) -> Option<Self> {
+        sd_notify::watchdog_enabled().map(|timeout| Self { period: timeout / 2, last_ping_us: now_us })
+    }
+
+    /// Whether a ping is due. It counts as sent.
+    pub(super) fn is_ping_due(&mut self, is_alive: bool, now_us: u64) -> bool {
+        let is_due = is_alive && u128::from(now_us.saturating_sub(self.last_ping_us)) >= self.period.as_micros();
+        if is_due {
+            self.last_ping_us = now_us;
+        }
+        is_due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: u64 = 1_000_000;
+
+    #[test]
+    fn each_phase_is_stuck_after_its_own_time() {
+        let wait = |stall_timeout_ms| Phase::Wait { stall_timeout_ms };
+        for (phase, expected_s) in [(Phase::Work, 10), (Phase::Open, 30), (wait(1000), 3), (wait(60_000), 121)] {
+            let heartbeats = Heartbeats::default();
+            heartbeats.hot(phase, 100 * S);
+            let alive_s = (100..).take_while(|at_s| {
+                heartbeats.sender(at_s * S);
+                heartbeats.are_alive(at_s * S)
+            });
+            assert_eq!(alive_s.count(), expected_s, "{phase:?}");
+        }
+    }
+
+    #[test]
+    fn a_sender_that_stops_going_round_is_noticed_after_5_s() {
+        let heartbeats = Heartbeats::default();
+        heartbeats.hot(Phase::Open, 100 * S);
+        heartbeats.sender(100 * S);
+        assert!(heartbeats.are_alive(105 * S - 1) && !heartbeats.are_alive(105 * S));
+    }
+
+    #[test]
+    fn a_stuck_service_gets_no_ping_and_one_that_recovers_gets_the_next_at_once() {
+        // A supervisor that looks every 50 ms.
+        let pings_ms = |is_alive: fn(&u64) -> bool| {
+            let mut watchdog = Watchdog { period: Duration::from_secs(1), last_ping_us: 0 };
+            let is_ping_due = |ms: &u64| watchdog.is_ping_due(is_alive(ms), ms * 1000);
+            (50..5000).step_by(50).filter(is_ping_due).collect::<Vec<u64>>()
+        };
+        assert_eq!(pings_ms(|_| true), [1000, 2000, 3000, 4000]);
+        assert_eq!(pings_ms(|ms| *ms < 2500), [1000, 2000]);
+        assert_eq!(pings_ms(|ms| !(2500..3400).contains(ms)), [1000, 2000, 3400, 4400]);
+    }
+}

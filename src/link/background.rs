@@ -6,18 +6,12 @@
 //! 100 ms at first and at most 1 s later. A device that the link of a former configuration still has is waited for in
 //! silence. Every message is counted as sent or dropped.
 
-use std::{
-    fmt::Debug,
-    sync::{
-        Arc,
-        atomic::{
-            AtomicBool,
-            Ordering::{Acquire, Relaxed, Release},
-        },
-    },
-    thread::{self, Builder, JoinHandle},
-    time::{Duration, Instant},
-};
+use std::fmt::{Debug, Display};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
+use std::thread::{self, Builder, JoinHandle};
+use std::time::{Duration, Instant};
 
 use triple_buffer::{Input, Output as Newest, triple_buffer};
 
@@ -38,21 +32,21 @@ const IDLE: Duration = Duration::from_millis(100);
 /// The encoded bytes of one message.
 type Message = heapless::Vec<u8, MESSAGE_BYTES>;
 
-/// A device with a thread of its own, on which it may block, allocate and log. After an error of a method the device is
-/// closed and opened again.
-pub trait Device: Debug + Send + 'static {
-    fn open(&mut self) -> Result<(), LinkError>;
+/// A device with a thread of its own, on which it may block, allocate and log.
+pub(super) trait Device: Debug + Send + 'static {
+    /// Opens the device, which closes when the session is dropped: after an error of one of its methods, and at the end.
+    fn open(&mut self) -> Result<impl Session, LinkError>;
+}
 
+/// An open device.
+pub(super) trait Session {
     /// Writes the message. Returns whether the device took it.
     fn write(&mut self, message: &[u8]) -> Result<bool, LinkError>;
 
-    /// Looks after the open device. Called after each message, and at least every 100 ms.
+    /// Looks after the device. Called after each message, and at least every 100 ms.
     fn attend(&mut self) -> Result<(), LinkError> {
         Ok(())
     }
-
-    /// Closes the device if it is open: after an error, and at the end.
-    fn close(&mut self);
 }
 
 /// State that the carrier and its thread share.
@@ -71,7 +65,7 @@ impl Shared {
     }
 
     fn drop_one(&self) {
-        Traffic::count(&self.traffic.dropped);
+        self.traffic.dropped.fetch_add(1, Relaxed);
     }
 }
 
@@ -85,8 +79,8 @@ pub struct Background {
 
 impl Background {
     /// Starts the thread. The device may appear later. Until the receiver is found, nothing is sent or counted.
-    pub fn start(
-        link: String,
+    pub(super) fn start(
+        link: impl Display,
         name: &str,
         device: impl Device,
         is_found: bool,
@@ -94,8 +88,7 @@ impl Background {
     ) -> Result<Self, LinkError> {
         let (newest, output) = triple_buffer(&Message::new());
         let shared = Arc::new(Shared { traffic, has_receiver: is_found.into(), ..Shared::default() });
-        let work =
-            Work { device, newest: output, is_refused: false, shared: Arc::clone(&shared), retry: Retry::default() };
+        let work = Work { device, newest: output, shared: Arc::clone(&shared), retry: Retry::default() };
         let thread = Builder::new().name(name.to_owned()).spawn(move || work.run());
         let thread = thread.map_err(|error| LinkError::no_thread(link, error))?;
         Ok(Self { newest, shared, thread })
@@ -124,7 +117,6 @@ impl Carrier for Background {
         self.shared.has_receiver.load(Relaxed)
     }
 
-    /// Asks the thread to write the message that it was given last, and to end.
     fn stop(&self) {
         self.shared.stop.store(true, Release);
         self.thread.thread().unpark();
@@ -145,8 +137,6 @@ impl Drop for Background {
 struct Work<D> {
     device: D,
     newest: Newest<Message>,
-    /// Whether the device was too busy for the message that it was given last.
-    is_refused: bool,
     shared: Arc<Shared>,
     /// The attempts to open the device since the last message was written.
     retry: Retry,
@@ -160,16 +150,17 @@ impl<D: Device> Work<D> {
         while !self.shared.stopping() {
             let ended = self.session();
             self.shared.open.store(false, Relaxed);
-            self.device.close();
-            match ended {
-                Err(error) if error.kind == LinkErrorKind::Claimed && Instant::now() < handover_end => {
-                    self.pause(RETRY_PERIOD);
-                }
+            let wait = match ended {
+                Err(error) if error.kind == LinkErrorKind::Claimed && Instant::now() < handover_end => RETRY_PERIOD,
                 ended => {
                     ended.err().iter().for_each(|error| self.log(error));
-                    let wait = self.retry.wait();
-                    self.pause(wait);
+                    self.retry.wait()
                 }
+            };
+            // Waits, however many messages come meanwhile.
+            let end = Instant::now() + wait;
+            while !self.shared.stopping() && Instant::now() < end {
+                thread::park_timeout(end.saturating_duration_since(Instant::now()));
             }
         }
         // A message that came while there was no device is dropped.
@@ -190,54 +181,38 @@ impl<D: Device> Work<D> {
 
     /// Runs from opening the device to the first error, or to the end.
     fn session(&mut self) -> Result<(), LinkError> {
-        let opened = self.device.open();
+        let Self { device, newest, shared, retry } = self;
+        let opened = device.open();
         if !opened.as_ref().is_err_and(|error| error.kind == LinkErrorKind::Waiting) {
-            self.shared.has_receiver.store(true, Relaxed);
+            shared.has_receiver.store(true, Relaxed);
         }
-        opened?;
-        self.shared.open.store(true, Relaxed);
+        let (mut session, mut is_refused) = (opened?, false);
+        shared.open.store(true, Relaxed);
         loop {
             // Read before the message, so that a message given before the end is still written.
-            let stopping = self.shared.stopping();
-            if self.newest.update() {
-                self.write()?;
+            let stopping = shared.stopping();
+            if newest.update() {
+                let took = session.write(newest.peek_output_buffer());
+                is_refused = matches!(took, Ok(false));
+                if matches!(took, Ok(true)) {
+                    *retry = Retry::default();
+                    shared.traffic.sent.fetch_add(1, Relaxed);
+                } else {
+                    shared.drop_one();
+                }
+                took?;
             } else if stopping {
-                return self.write_last_again();
+                // No newer message will come, so a busy device is offered this one again. It has already been counted.
+                let end = Instant::now() + LAST_MESSAGE_TIMEOUT;
+                while is_refused && Instant::now() < end {
+                    thread::sleep(RETRY_PERIOD);
+                    is_refused = !session.write(newest.peek_output_buffer())?;
+                }
+                return Ok(());
             } else {
-                self.device.attend()?;
+                session.attend()?;
                 thread::park_timeout(IDLE);
             }
-        }
-    }
-
-    /// Offers the device the last message again if it was too busy for it, because no newer message will come. The
-    /// message has already been counted.
-    fn write_last_again(&mut self) -> Result<(), LinkError> {
-        let end = Instant::now() + LAST_MESSAGE_TIMEOUT;
-        while self.is_refused && Instant::now() < end {
-            thread::sleep(RETRY_PERIOD);
-            self.is_refused = !self.device.write(self.newest.peek_output_buffer())?;
-        }
-        Ok(())
-    }
-
-    fn write(&mut self) -> Result<(), LinkError> {
-        let took = self.device.write(self.newest.peek_output_buffer());
-        self.is_refused = matches!(took, Ok(false));
-        if matches!(took, Ok(true)) {
-            self.retry = Retry::default();
-            Traffic::count(&self.shared.traffic.sent);
-        } else {
-            self.shared.drop_one();
-        }
-        took.map(drop)
-    }
-
-    /// Waits, however many messages come meanwhile.
-    fn pause(&self, wait: Duration) {
-        let end = Instant::now() + wait;
-        while !self.shared.stopping() && Instant::now() < end {
-            thread::park_timeout(end.saturating_duration_since(Instant::now()));
         }
     }
 }
@@ -258,76 +233,66 @@ mod tests {
     }
 
     impl Device for Scripted {
-        fn open(&mut self) -> Result<(), LinkError> {
-            if self.claimed == 0 {
-                return Ok(());
-            }
-            self.claimed -= 1;
-            Err(LinkError::new(LinkErrorKind::Claimed, "test", "claimed"))
+        fn open(&mut self) -> Result<impl Session, LinkError> {
+            let is_claimed = self.claimed > 0;
+            self.claimed = self.claimed.saturating_sub(1);
+            if is_claimed { Err(LinkError::new(LinkErrorKind::Claimed, "test", "claimed")) } else { Ok(self) }
         }
+    }
 
+    impl Session for &mut Scripted {
         fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
             let _ = self.given.send(message.to_vec());
             Ok(self.takes.recv().unwrap_or(true))
         }
-
-        fn close(&mut self) {}
     }
 
-    struct Test {
-        carrier: Background,
-        given: mpsc::Receiver<Vec<u8>>,
-        takes: mpsc::Sender<bool>,
-        traffic: Arc<Traffic>,
+    /// Starts a carrier and waits until its device is open. Returns also what the device is given, what it is told about
+    /// each message, and the counters.
+    fn start(claimed: u32) -> (Background, mpsc::Receiver<Vec<u8>>, mpsc::Sender<bool>, Arc<Traffic>) {
+        let ((given, written), (takes, answers)) = (mpsc::channel(), mpsc::channel());
+        let (traffic, device) = (Arc::<Traffic>::default(), Scripted { given, takes: answers, claimed });
+        let carrier = Background::start("test", "fw-test", device, true, Arc::clone(&traffic)).unwrap();
+        while !carrier.is_open() {
+            thread::yield_now();
+        }
+        (carrier, written, takes, traffic)
     }
 
-    impl Test {
-        /// Starts a carrier and waits until its device is open.
-        fn start(claimed: u32) -> Self {
-            let ((given, written), (takes, answers)) = (mpsc::channel(), mpsc::channel());
-            let (traffic, device) = (Arc::<Traffic>::default(), Scripted { given, takes: answers, claimed });
-            let carrier = Background::start("test".to_owned(), "fw-test", device, true, Arc::clone(&traffic)).unwrap();
-            while !carrier.is_open() {
-                thread::yield_now();
-            }
-            Self { carrier, given: written, takes, traffic }
-        }
-
-        fn counts(&self) -> (u64, u64) {
-            (self.traffic.sent.load(Relaxed), self.traffic.dropped.load(Relaxed))
-        }
+    fn counts(traffic: &Traffic) -> [u64; 2] {
+        [&traffic.sent, &traffic.dropped].map(|counter| counter.load(Relaxed))
     }
 
     #[test]
     fn a_carrier_that_is_dropped_writes_its_last_message_even_if_the_device_is_busy() {
-        let mut test = Test::start(0);
-        test.carrier.send(&[7]);
-        [false, true].into_iter().for_each(|takes| test.takes.send(takes).unwrap());
-        assert_eq!(test.given.recv().unwrap(), [7]);
-        test.carrier.stop();
-        assert_eq!(test.given.iter().collect::<Vec<_>>(), [[7]]);
-        assert_eq!(test.counts(), (0, 1), "each message is counted once");
+        let (mut carrier, given, takes, traffic) = start(0);
+        carrier.send(&[7]);
+        [false, true].into_iter().for_each(|is_taken| takes.send(is_taken).unwrap());
+        assert_eq!(given.recv().unwrap(), [7]);
+        drop(carrier);
+        assert_eq!(given.iter().collect::<Vec<_>>(), [[7]]);
+        assert_eq!(counts(&traffic), [0, 1], "each message is counted once");
     }
 
     #[test]
     fn a_device_that_hangs_delays_no_sender_and_then_gets_the_newest_message() {
-        let mut test = Test::start(0);
-        test.carrier.send(&[0]);
-        assert_eq!(test.given.recv().unwrap(), [0]);
+        let (mut carrier, given, takes, traffic) = start(0);
+        carrier.send(&[0]);
+        assert_eq!(given.recv().unwrap(), [0]);
         // The thread hangs. If a sender waited for it, this would not end.
-        (1..=100).for_each(|number| test.carrier.send(&[number]));
-        assert_eq!(test.counts(), (0, 99));
-        test.carrier.stop();
-        assert!(!test.carrier.has_ended());
-        (0..2).for_each(|_| test.takes.send(true).unwrap());
-        assert_eq!(test.given.iter().collect::<Vec<_>>(), [[100]]);
-        assert_eq!(test.counts(), (2, 99));
+        (1..=100).for_each(|number| carrier.send(&[number]));
+        assert_eq!(counts(&traffic), [0, 99]);
+        carrier.stop();
+        assert!(!carrier.has_ended());
+        (0..2).for_each(|_| takes.send(true).unwrap());
+        assert_eq!(given.iter().collect::<Vec<_>>(), [[100]]);
+        assert_eq!(counts(&traffic), [2, 99]);
     }
 
     #[test]
     fn a_device_that_the_replaced_link_still_has_is_opened_as_soon_as_it_is_free() {
         let begun = Instant::now();
-        Test::start(20);
+        start(20);
         assert!(begun.elapsed() < HANDOVER, "a back-off would take 20 s: {:?}", begun.elapsed());
     }
 }

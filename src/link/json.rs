@@ -1,54 +1,41 @@
-//! JSON lines: one object a line, for programs that need no more than a parser of JSON.
+//! JSON lines: one object a line, for programs that need no more than a parser of JSON, and their carriers on this machine:
+//! standard output, and a Unix socket. `docs/receivers.md` describes the fields.
+//!
+//! Both may block, so each has the thread of a [`Background`](super::Background). A reader of standard output that is slow
+//! gets the newest line only. A client of the socket that is slow misses whole lines, and one that takes nothing for
+//! [`LONGEST_WAIT`] is disconnected; it delays no other.
 
+use std::io::{self, ErrorKind, Write as _};
+use std::mem;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use facewire_face::HeadPose;
 use facewire_packet::BLENDSHAPES;
+use serde::ser::SerializeMap as _;
 use serde::{Serialize, Serializer};
 
-use super::{
-    Format, Output,
-    angles::{Angles, Gaze},
-};
-use facewire_face::HeadPose;
+use super::angles::{Angles, Gaze};
+use super::background::{Device, Session};
+use super::{Format, LinkError, LinkErrorKind, Output};
+use crate::config::Listen;
+use crate::listener::Listener;
 
 /// Room for one line.
 const LONGEST: usize = 2048;
+/// Most clients of a socket at a time. Further ones are disconnected.
+const MOST_CLIENTS: usize = 8;
+/// Most clients that are accepted or disconnected between two lines, so that a crowd delays no connected client.
+const MOST_AT_ONCE: usize = 16;
+/// Time after which a client that takes nothing is disconnected.
+const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
 /// Lines of JSON.
 #[derive(Debug)]
 pub struct JsonLines {
     line: Vec<u8>,
     gaze: Gaze,
-}
-
-impl JsonLines {
-    pub fn new() -> Self {
-        Self { line: Vec::with_capacity(LONGEST), gaze: Gaze::default() }
-    }
-}
-
-impl Format for JsonLines {
-    fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        self.gaze.follow(&output.pose.coefficients);
-        self.line.clear();
-        if serde_json::to_writer(&mut self.line, &Line::new(output, &self.gaze, sequence)).is_ok() {
-            self.line.push(b'\n');
-            send(&self.line);
-        }
-    }
-}
-
-/// What a line says. `docs/receivers.md` describes the fields.
-#[derive(Serialize)]
-struct Line<'a> {
-    sequence: u32,
-    state: &'static str,
-    reason: &'static str,
-    neutral_face: &'static str,
-    /// `None` before the first pose.
-    age_ms: Option<f64>,
-    capture_us: u64,
-    head: Head,
-    gaze: Eyes,
-    coefficients: Coefficients<'a>,
 }
 
 #[derive(Serialize)]
@@ -60,53 +47,57 @@ struct Head {
     position_mm: [f64; 3],
 }
 
-#[derive(Serialize)]
-struct Eyes {
-    left: Eye,
-    right: Eye,
-}
+impl JsonLines {
+    pub fn new() -> Self {
+        Self { line: Vec::with_capacity(LONGEST), gaze: Gaze::default() }
+    }
 
-#[derive(Serialize)]
-struct Eye {
-    yaw_deg: f64,
-    pitch_deg: f64,
-}
-
-impl<'a> Line<'a> {
-    fn new(output: &'a Output, gaze: &Gaze, sequence: u32) -> Self {
+    fn write(&mut self, output: &Output, sequence: u32) -> serde_json::Result<()> {
         let Output { state, reason, pose, age_us, capture_us, .. } = output;
+        self.gaze.follow(&pose.coefficients);
+        self.line.clear();
         let head = HeadPose::from_rotation(pose.rotation, pose.position_mm);
         let [yaw_deg, pitch_deg, roll_deg] = head.yaw_pitch_roll_deg().map(|angle| rounded(angle, 1e2));
-        let HeadPose { rotation_xyzw, position_mm } = head;
-        let rotation_xyzw = rotation_xyzw.map(|part| rounded(part, 1e5));
-        let position_mm = position_mm.map(|mm| rounded(mm, 1e1));
-        Self {
-            sequence,
-            state: state.name(),
-            reason: reason.name(),
-            neutral_face: pose.neutral_face.name(),
-            age_ms: (*age_us != u64::MAX).then(|| *age_us as f64 / 1000.0),
-            capture_us: *capture_us,
-            head: Head { yaw_deg, pitch_deg, roll_deg, rotation_xyzw, position_mm },
-            gaze: Eyes { left: Eye::new(gaze.left), right: Eye::new(gaze.right) },
-            coefficients: Coefficients(&pose.coefficients),
+        let rotation_xyzw = head.rotation_xyzw.map(|part| rounded(part, 1e5));
+        let position_mm = head.position_mm.map(|mm| rounded(mm, 1e1));
+        let eye = |Angles { yaw, pitch, .. }: Angles| {
+            let angles = [("yaw_deg", yaw), ("pitch_deg", pitch)];
+            Object(angles.map(|(name, angle)| (name, rounded(angle.to_degrees(), 1e2))).into_iter())
+        };
+        let mut serializer = serde_json::Serializer::new(&mut self.line);
+        let mut line = serializer.serialize_map(None)?;
+        line.serialize_entry("sequence", &sequence)?;
+        line.serialize_entry("state", state.name())?;
+        line.serialize_entry("reason", reason.name())?;
+        line.serialize_entry("neutral_face", pose.neutral_face.name())?;
+        // Null before the first pose.
+        line.serialize_entry("age_ms", &(*age_us != u64::MAX).then(|| *age_us as f64 / 1000.0))?;
+        line.serialize_entry("capture_us", capture_us)?;
+        line.serialize_entry("head", &Head { yaw_deg, pitch_deg, roll_deg, rotation_xyzw, position_mm })?;
+        let eyes = [("left", eye(self.gaze.left)), ("right", eye(self.gaze.right))];
+        line.serialize_entry("gaze", &Object(eyes.into_iter()))?;
+        let coefficients = pose.coefficients.map(|value| rounded(value, 1e4));
+        line.serialize_entry("coefficients", &Object(BLENDSHAPES.iter().zip(coefficients)))?;
+        line.end()
+    }
+}
+
+impl Format for JsonLines {
+    fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
+        if self.write(output, sequence).is_ok() {
+            self.line.push(b'\n');
+            send(&self.line);
         }
     }
 }
 
-impl Eye {
-    fn new(angles: Angles) -> Self {
-        let [yaw_deg, pitch_deg] = [angles.yaw, angles.pitch].map(|angle| rounded(angle.to_degrees(), 1e2));
-        Self { yaw_deg, pitch_deg }
-    }
-}
+/// An object of names and values.
+#[derive(Clone)]
+struct Object<I>(I);
 
-/// Coefficients with their names.
-struct Coefficients<'a>(&'a [f32]);
-
-impl Serialize for Coefficients<'_> {
+impl<K: Serialize, V: Serialize, I: Iterator<Item = (K, V)> + Clone> Serialize for Object<I> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(BLENDSHAPES.iter().zip(self.0.iter().map(|value| rounded(*value, 1e4))))
+        serializer.collect_map(self.0.clone())
     }
 }
 
@@ -116,27 +107,131 @@ fn rounded(number: f32, parts: f64) -> f64 {
     (f64::from(number) * parts).round() / parts + 0.0
 }
 
+/// The standard output of this process.
+#[derive(Debug)]
+pub struct Stdout;
+
+impl Device for Stdout {
+    fn open(&mut self) -> Result<impl Session, LinkError> {
+        Ok(Self)
+    }
+}
+
+impl Session for Stdout {
+    fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
+        let mut out = io::stdout().lock();
+        let written = out.write_all(message).and_then(|()| out.flush());
+        written.map(|()| true).map_err(|error| {
+            let sentence = format!("it takes no lines ({error}); start a program that reads them");
+            LinkError::new(LinkErrorKind::Output, "standard output", sentence)
+        })
+    }
+}
+
+/// The path of a socket.
+#[derive(Debug)]
+pub struct Server(pub PathBuf);
+
+impl Server {
+    fn listen(&self) -> Result<Clients, LinkError> {
+        let listener = Listener::bind(&Listen::Unix(self.0.clone()));
+        let listener = listener.map_err(|error| LinkError::no_listener(self.0.display(), error))?;
+        Ok(Clients { listener, clients: Vec::with_capacity(MOST_CLIENTS) })
+    }
+}
+
+impl Device for Server {
+    fn open(&mut self) -> Result<impl Session, LinkError> {
+        self.listen()
+    }
+}
+
+/// An open socket and the clients that have connected to it.
+#[derive(Debug)]
+struct Clients {
+    listener: Listener,
+    clients: Vec<Client>,
+}
+
+impl Session for Clients {
+    fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
+        self.attend()?;
+        self.clients.retain_mut(|client| client.write(message).is_ok());
+        Ok(true)
+    }
+
+    /// Accepts clients that wait, and disconnects those for whom there is no room. If the system cannot accept a client
+    /// now, for example because this process has too many open files, a later call tries again.
+    fn attend(&mut self) -> Result<(), LinkError> {
+        for _ in 0..MOST_AT_ONCE {
+            let Ok(stream) = self.listener.accept_unix() else { break };
+            if self.clients.len() < MOST_CLIENTS {
+                self.clients.push(Client { stream, rest: Vec::new(), took: Instant::now() });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A program that reads lines.
+#[derive(Debug)]
+struct Client {
+    stream: UnixStream,
+    /// The rest of a line that the client has taken only in part.
+    rest: Vec<u8>,
+    /// When the client took bytes last.
+    took: Instant,
+}
+
+impl Client {
+    /// Writes the line, unless the client is still behind with an earlier one. Fails if the client has left, or takes
+    /// nothing for too long.
+    fn write(&mut self, line: &[u8]) -> io::Result<()> {
+        let rest = mem::take(&mut self.rest);
+        self.rest = self.take(&rest)?.to_vec();
+        if self.rest.is_empty() {
+            let left = self.take(line)?;
+            // The client misses a line of which it took nothing.
+            self.rest = if left.len() < line.len() { left.to_vec() } else { Vec::new() };
+        }
+        Ok(())
+    }
+
+    /// Writes as many bytes as the client takes. Returns those that are left.
+    fn take<'a>(&mut self, bytes: &'a [u8]) -> io::Result<&'a [u8]> {
+        if bytes.is_empty() {
+            return Ok(bytes);
+        }
+        match self.stream.write(bytes) {
+            Ok(count) => {
+                self.took = Instant::now();
+                Ok(bytes.get(count..).unwrap_or_default())
+            }
+            Err(error) if error.kind() == ErrorKind::WouldBlock && self.took.elapsed() <= LONGEST_WAIT => Ok(bytes),
+            Err(error) => Err(error),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use std::io::{BufRead as _, BufReader, Read as _};
+    use std::path::Path;
+    use std::sync::Arc;
+
     use facewire_packet::State;
     use serde_json::{Value, json};
 
     use super::*;
-    use crate::link::output::test_output;
-    use crate::link::testing::{LEFT, encoded, face};
-
-    fn line(output: &Output) -> Vec<u8> {
-        let line = encoded(&mut JsonLines::new(), output).remove(0);
-        assert!(line.ends_with(b"}\n") && line.iter().filter(|byte| **byte == b'\n').count() == 1);
-        line
-    }
+    use crate::link::testing::{LEFT, PATIENCE, encoded, eventually, face};
+    use crate::link::{Background, Carrier as _, test_output};
 
     #[test]
     fn a_line_names_everything() {
-        let look = face(&[("jawOpen", 0.123_456), ("eyeLookUpLeft", 1.0)]);
-        let mut output = Output { pose: look.pose, age_us: 23_400, capture_us: 5_000_000, ..test_output(State::Hold) };
+        let mut output = face(&[("jawOpen", 0.123_456), ("eyeLookUpLeft", 1.0)]);
+        output = Output { pose: output.pose, age_us: 23_400, capture_us: 5_000_000, ..test_output(State::Hold) };
         (output.pose.rotation, output.pose.position_mm) = (LEFT, [10.04, -20.0, 600.0]);
-        let mut value: Value = serde_json::from_slice(&line(&output)).unwrap();
+        let mut value: Value = serde_json::from_slice(&encoded(&mut JsonLines::new(), &output).concat()).unwrap();
         let coefficients = value["coefficients"].take();
         assert_eq!((coefficients.as_object().unwrap().len(), &coefficients["jawOpen"]), (52, &json!(0.1235)));
         let head = json!({
@@ -154,17 +249,104 @@ mod tests {
     }
 
     #[test]
-    fn the_age_is_null_before_the_first_pose() {
-        let line = line(&Output { age_us: u64::MAX, ..test_output(State::Neutral) });
-        assert_eq!(serde_json::from_slice::<Value>(&line).unwrap()["age_ms"], Value::Null);
+    fn the_longest_line_fits_and_the_age_is_null_before_the_first_pose() {
+        let mut output = test_output(State::Neutral);
+        output.pose.coefficients = [0.123_456; 52];
+        (output.pose.rotation, output.pose.position_mm) = ([-0.5, -0.5, -0.5, 0.5], [-30_000.12; 3]);
+        output.capture_us = u64::MAX;
+        for (age_us, is_null) in [(u64::MAX - 1, false), (u64::MAX, true)] {
+            output.age_us = age_us;
+            let line = encoded(&mut JsonLines::new(), &output).concat();
+            assert!(line.ends_with(b"}\n") && line.iter().filter(|byte| **byte == b'\n').count() == 1);
+            assert!(line.len() < LONGEST);
+            assert_eq!(serde_json::from_slice::<Value>(&line).unwrap()["age_ms"].is_null(), is_null);
+        }
+    }
+
+    /// A socket that is served only when the test calls it, its path, and its folder.
+    fn clients() -> (Clients, PathBuf, tempfile::TempDir) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lines");
+        (Server(path.clone()).listen().unwrap(), path, folder)
+    }
+
+    fn connected(path: &Path) -> BufReader<UnixStream> {
+        let stream = UnixStream::connect(path).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        BufReader::new(stream)
+    }
+
+    /// Returns the number in the next line.
+    fn next(reader: &mut BufReader<UnixStream>) -> u32 {
+        let mut line = String::new();
+        reader.read_line(&mut line).unwrap();
+        assert!(line.ends_with('\n'), "{line:?}");
+        line.trim().parse().unwrap()
+    }
+
+    fn write(session: &mut Clients, number: u32, padding: usize) {
+        assert!(session.write(format!("{number:0padding$}\n").as_bytes()).unwrap());
     }
 
     #[test]
-    fn the_longest_line_fits() {
-        let mut output = test_output(State::Neutral);
-        (output.age_us, output.capture_us) = (u64::MAX - 1, u64::MAX);
-        output.pose.coefficients = [0.123_456; 52];
-        (output.pose.rotation, output.pose.position_mm) = ([-0.5, -0.5, -0.5, 0.5], [-30_000.12; 3]);
-        assert!(line(&output).len() < LONGEST);
+    fn a_link_serves_its_clients_and_its_file_goes_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lines");
+        let mut carrier = Background::start("lines", "fw-socket", Server(path.clone()), true, Arc::default()).unwrap();
+        eventually("the socket", || carrier.is_open());
+        let mut clients = [connected(&path), connected(&path)];
+        carrier.send(b"1\n");
+        assert_eq!(clients.each_mut().map(next), [1, 1]);
+        carrier.stop();
+        eventually("the end of the carrier", || carrier.has_ended());
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn a_client_that_reads_nothing_delays_no_other_and_later_reads_whole_lines() {
+        let (mut session, path, _folder) = clients();
+        let [mut slow, mut quick, _idle] = [(); 3].map(|()| connected(&path));
+        // Far more than the buffer of a socket holds.
+        for number in 0..1000 {
+            write(&mut session, number, 2000);
+            assert_eq!(next(&mut quick), number);
+        }
+        let (mut gaps, mut before) = (0, next(&mut slow));
+        for number in 1000..1400 {
+            write(&mut session, number, 2000);
+            let number = next(&mut slow);
+            assert!(number > before);
+            gaps += u32::from(number > before + 100);
+            before = number;
+        }
+        assert_eq!(gaps, 1, "the slow client missed lines");
+        let long_ago = Instant::now().checked_sub(2 * LONGEST_WAIT).unwrap();
+        session.clients.iter_mut().for_each(|client| client.took = long_ago);
+        write(&mut session, 1400, 2000);
+        assert_eq!(session.clients.len(), 1, "a client that takes nothing for too long is disconnected");
+    }
+
+    #[test]
+    fn a_crowd_is_disconnected_in_parts_so_that_it_delays_no_line_and_leaving_makes_room() {
+        let (mut session, path, _folder) = clients();
+        let mut crowd: Vec<_> = (0..2 * MOST_AT_ONCE).map(|_| UnixStream::connect(&path).unwrap()).collect();
+        let is_disconnected = |client: &mut UnixStream| {
+            client.set_nonblocking(true).unwrap();
+            client.read(&mut [0; 1]).is_ok_and(|length| length == 0)
+        };
+        for most in [MOST_AT_ONCE, 2 * MOST_AT_ONCE] {
+            session.attend().unwrap();
+            let disconnected = crowd.iter_mut().map(is_disconnected).filter(|is_gone| *is_gone).count();
+            assert_eq!((session.clients.len(), disconnected), (MOST_CLIENTS, most - MOST_CLIENTS));
+        }
+        drop(crowd);
+        write(&mut session, 1, 0);
+        let mut client = connected(&path);
+        write(&mut session, 2, 0);
+        assert_eq!((session.clients.len(), next(&mut client)), (1, 2));
+        // A TCP listener accepts no client of a Unix socket, which stands for any error of the system.
+        session.listener = Listener::bind(&Listen::Tcp(([127, 0, 0, 1], 0).into())).unwrap();
+        write(&mut session, 3, 0);
+        assert_eq!(next(&mut client), 3, "a client keeps its place while the system accepts no others");
     }
 }

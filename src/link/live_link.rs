@@ -62,20 +62,10 @@ impl LiveLink {
         Self { bytes, names_end, swap_mouth, gaze: Gaze::default(), neutral_left: NEUTRAL_FACES }
     }
 
-    /// Whether the receiver is to see a face.
-    fn shows_face(&mut self, state: State) -> bool {
-        let is_neutral = state == State::Neutral;
-        let shows = !is_neutral || self.neutral_left > 0;
-        self.neutral_left = if is_neutral { self.neutral_left.saturating_sub(1) } else { NEUTRAL_FACES };
-        shows
-    }
-
     fn frame(&mut self, output: &Output) {
         let (frame, part) = frame_time(output);
-        self.bytes.extend_from_slice(&frame.to_be_bytes());
-        self.bytes.extend_from_slice(&part.to_be_bytes());
-        self.bytes.extend_from_slice(&FRAMES_PER_S.to_be_bytes());
-        self.bytes.extend_from_slice(&1_i32.to_be_bytes());
+        let time = [frame.to_be_bytes(), part.to_be_bytes(), FRAMES_PER_S.to_be_bytes(), 1_i32.to_be_bytes()];
+        self.bytes.extend_from_slice(time.as_flattened());
         self.bytes.push(VALUES);
         let mut coefficients = output.pose.coefficients;
         if self.swap_mouth {
@@ -92,9 +82,11 @@ impl LiveLink {
 impl Format for LiveLink {
     fn encode(&mut self, output: &Output, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
         self.bytes.truncate(self.names_end);
-        if self.shows_face(output.state) {
+        let is_neutral = output.state == State::Neutral;
+        if !is_neutral || self.neutral_left > 0 {
             self.frame(output);
         }
+        self.neutral_left = if is_neutral { self.neutral_left.saturating_sub(1) } else { NEUTRAL_FACES };
         send(&self.bytes);
     }
 }
@@ -112,8 +104,8 @@ fn frame_time(output: &Output) -> (i32, f32) {
 mod tests {
     use super::*;
     use crate::config::{LinkKind, parse};
-    use crate::link::output::test_output;
-    use crate::link::testing::{DOWN, LEFT, TILTED, encoded, face, turned};
+    use crate::link::test_output;
+    use crate::link::testing::{DOWN, LEFT, TILTED, encoded, face, kind, turned};
 
     /// The documented beginning of a datagram: the version, and the names of device and subject after their lengths.
     const NAMES: &[u8] = b"\x06\0\0\0\x24facewire-0000-0000-0000-000000000000\0\0\0\x04face";
@@ -121,13 +113,14 @@ mod tests {
     const TIME: &[u8] = b"\0\0\x03\xea\0\0\0\0\0\0\0\x3c\0\0\0\x01\x3d";
 
     fn open(keys: &str) -> LiveLink {
-        let settings = parse("test", &format!("[[link]]\nkind = \"live-link\"\nsubject = \"face\"\n{keys}")).unwrap();
-        let LinkKind::LiveLink(settings) = &settings.links[0].kind else { unreachable!() };
-        LiveLink::new(settings)
+        let LinkKind::LiveLink(settings) = kind("live-link", &format!("subject = \"face\"\n{keys}")) else {
+            unreachable!()
+        };
+        LiveLink::new(&settings)
     }
 
-    fn values(format: &mut LiveLink, output: &Output) -> Vec<f32> {
-        let bytes = encoded(format, output).concat();
+    fn values(keys: &str, output: &Output) -> Vec<f32> {
+        let bytes = encoded(&mut open(keys), output).concat();
         bytes[bytes.len() - 244..].as_chunks().0.iter().map(|value| f32::from_be_bytes(*value)).collect()
     }
 
@@ -137,7 +130,7 @@ mod tests {
         (output.capture_us, output.age_us) = (16_600_000, 100_000);
         let bytes = encoded(&mut open(""), &output).concat();
         assert_eq!((bytes.len(), &bytes[..66]), (310, &[NAMES, TIME].concat()[..]));
-        let values = values(&mut open(""), &output);
+        let values = values("", &output);
         assert_eq!((values[0], values[17], values[51], values[52..].to_vec()), (0.5, 0.0, 1.0, vec![0.0; 9]));
     }
 
@@ -152,17 +145,18 @@ mod tests {
 
     #[test]
     fn head_and_eyes_turn_positive_to_the_right_down_and_to_the_left_shoulder() {
-        let angles = |output: &Output| {
-            let values = values(&mut open(""), output);
-            values[52..].iter().map(|angle| angle.to_degrees().round()).collect::<Vec<_>>()
-        };
-        assert_eq!(angles(&turned(LEFT)), [-30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        assert_eq!(angles(&turned(DOWN))[..3], [0.0, 20.0, 0.0]);
-        assert_eq!(angles(&turned(TILTED))[..3], [0.0, 0.0, -10.0]);
-        let left = face(&[("eyeLookOutLeft", 1.0), ("eyeLookInRight", 1.0)]);
-        assert_eq!(angles(&left)[3..], [-35.0, 0.0, 0.0, -35.0, 0.0, 0.0]);
-        let down = face(&[("eyeLookDownLeft", 1.0), ("eyeLookDownRight", 1.0)]);
-        assert_eq!(angles(&down)[3..], [0.0, 35.0, 0.0, 0.0, 35.0, 0.0]);
+        for (output, want) in [
+            (turned(LEFT), [-30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            (turned(DOWN), [0.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            (turned(TILTED), [0.0, 0.0, -10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            (
+                face(&[("eyeLookOutLeft", 1.0), ("eyeLookDownRight", 1.0)]),
+                [0.0, 0.0, 0.0, -35.0, 0.0, 0.0, 0.0, 35.0, 0.0],
+            ),
+        ] {
+            let angles: Vec<f32> = values("", &output)[52..].iter().map(|angle| angle.to_degrees().round()).collect();
+            assert_eq!(angles, want);
+        }
     }
 
     #[test]
@@ -176,7 +170,7 @@ mod tests {
     #[test]
     fn the_sides_of_the_mouth_can_be_exchanged() {
         let output = face(&[("mouthLeft", 0.25), ("mouthRight", 0.5)]);
-        let mouth = |keys| values(&mut open(keys), &output)[21..23].to_vec();
+        let mouth = |keys| values(keys, &output)[21..23].to_vec();
         assert_eq!([mouth(""), mouth("swap_mouth = true\n")], [[0.25, 0.5], [0.5, 0.25]]);
     }
 }

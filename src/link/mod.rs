@@ -5,27 +5,18 @@
 //! Contract: an open link never fails, blocks, allocates or logs on the caller's thread. It counts what it could not
 //! send, because a receiver may appear and disappear at any time. No link waits for another.
 //! Limits: nothing is queued or sent again, because the next packet is newer.
-//!
-//! A new format takes a file with an `impl Format` and an arm in [`format_of`]; its settings are a table and a kind in
-//! `config/link.rs`. A protocol whose receivers subscribe needs a carrier that also receives: see
-//! [`Subscribers`].
 
 mod angles;
 mod background;
 mod check;
 mod ifacialmocap;
 mod json;
-mod lines;
 mod live_link;
 pub mod maestro;
 mod osc;
 mod output;
-mod pace;
-mod packet;
 pub mod pca9685;
 mod serial;
-#[cfg(test)]
-mod testing;
 mod udp;
 mod vmc;
 mod vrchat;
@@ -36,27 +27,25 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-pub use background::{Background, Device};
+pub use background::Background;
 pub use check::{check_settings, notes};
 pub use ifacialmocap::request as ifacialmocap_request;
 use output::Shown;
 #[cfg(test)]
 pub(crate) use output::test_output;
-pub use output::{Output, Pose};
-pub use pace::{Pace, Sent};
+pub use output::{Output, Pace, Pose, Sent};
 use serial::PortClaim;
 pub use serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
 pub use udp::UdpCarrier;
 
 use self::ifacialmocap::{IFacialMocap, Subscribers};
-use self::json::JsonLines;
-use self::lines::{socket_carrier, stdout_carrier};
+use self::json::{JsonLines, Server, Stdout};
 use self::live_link::LiveLink;
 use self::maestro::Maestro;
-use self::packet::{Datagrams, Frames};
 use self::vmc::Vmc;
 use self::vrchat::Vrchat;
 use crate::config::{CarrierSettings, LinkKind, LinkSettings};
+use facewire_packet::Packet;
 
 /// Turns outputs into bytes.
 pub trait Format: Debug + Send {
@@ -124,12 +113,6 @@ pub struct Traffic {
     pub packets: AtomicU64,
     pub sent: AtomicU64,
     pub dropped: AtomicU64,
-}
-
-impl Traffic {
-    fn count(counter: &AtomicU64) {
-        counter.fetch_add(1, Relaxed);
-    }
 }
 
 /// What `[send]` and `[failsafe]` say about the speed of all links.
@@ -200,8 +183,10 @@ impl Link {
             }
             CarrierSettings::I2c(board) => Box::new(pca9685::carrier(board, counters)?),
             CarrierSettings::Subscribers(settings) => Box::new(Subscribers::open(settings, counters)?),
-            CarrierSettings::Stdout => Box::new(stdout_carrier(counters)?),
-            CarrierSettings::UnixSocket(path) => Box::new(socket_carrier(path, counters)?),
+            CarrierSettings::Stdout => Box::new(Background::start(settings, "fw-stdout", Stdout, true, counters)?),
+            CarrierSettings::UnixSocket(path) => {
+                Box::new(Background::start(settings, "fw-socket", Server(path.to_owned()), true, counters)?)
+            }
         };
         Ok(Self::new(format, carrier, traffic))
     }
@@ -263,7 +248,7 @@ impl Link {
 
     /// Whether the link still shows a pose that it has held, or is on its way from there.
     pub fn is_held(&self) -> bool {
-        self.shown.is_held()
+        self.shown.held.is_some()
     }
 
     fn encode(&mut self, output: &Output) {
@@ -272,7 +257,7 @@ impl Link {
         }
         let Self { format, carrier, traffic, .. } = self;
         format.encode(output, self.sequence, &mut |message| {
-            Traffic::count(&traffic.packets);
+            traffic.packets.fetch_add(1, Relaxed);
             carrier.send(message);
         });
         self.sequence = self.sequence.wrapping_add(1);
@@ -288,8 +273,8 @@ impl Link {
 fn format_of(kind: &LinkKind) -> Box<dyn Format> {
     match kind {
         // The thread of the chip takes packets.
-        LinkKind::Udp(_) | LinkKind::Pca9685(_) => Box::new(Datagrams),
-        LinkKind::Serial(_) => Box::new(Frames),
+        LinkKind::Udp(_) | LinkKind::Pca9685(_) => Box::new(Packets { are_framed: false }),
+        LinkKind::Serial(_) => Box::new(Packets { are_framed: true }),
         LinkKind::LiveLink(settings) => Box::new(LiveLink::new(settings)),
         LinkKind::Vmc(settings) => Box::new(Vmc::new(settings)),
         LinkKind::Vrchat(settings) => Box::new(Vrchat::new(settings)),
@@ -299,12 +284,105 @@ fn format_of(kind: &LinkKind) -> Box<dyn Format> {
     }
 }
 
+/// The facewire packet, version 1: each in a datagram, or as a COBS frame on a serial line.
+#[derive(Debug)]
+struct Packets {
+    are_framed: bool,
+}
+
+impl Format for Packets {
+    fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
+        let packet = Packet {
+            state: output.state,
+            reason: output.reason,
+            neutral_face: output.pose.neutral_face,
+            sequence: sequence as u16,
+            age_us: u32::try_from(output.age_us).unwrap_or(u32::MAX),
+            capture_us: output.capture_us as u32,
+            rotation: output.pose.rotation,
+            position_mm: output.pose.position_mm,
+            coefficients: output.pose.coefficients,
+        };
+        if self.are_framed { send(&packet.encode_frame()) } else { send(&packet.encode()) }
+    }
+
+    /// The end of a frame separates the first frame from leftovers on the line.
+    fn preamble(&self) -> Vec<u8> {
+        vec![0; usize::from(self.are_framed)]
+    }
+}
+
+/// Help for the tests of links.
+#[cfg(test)]
+mod testing {
+    use std::thread;
+    use std::time::Instant;
+
+    use facewire_packet::{BLENDSHAPES, State};
+
+    use super::*;
+
+    /// Longer than any step takes on a busy machine.
+    pub const PATIENCE: Duration = Duration::from_secs(10);
+
+    /// Rotations of a head that does one thing, unit quaternions x, y, z, w: 30 degrees to the person's left,
+    pub const LEFT: [f32; 4] = [0.0, 0.258_819, 0.0, 0.965_926];
+    /// 20 degrees down,
+    pub const DOWN: [f32; 4] = [0.173_648, 0.0, 0.0, 0.984_808];
+    /// and 10 degrees to the right shoulder.
+    pub const TILTED: [f32; 4] = [0.0, 0.0, 0.087_156, 0.996_195];
+
+    /// Returns the settings of a link from the lines of its table.
+    pub fn kind(name: &str, keys: &str) -> LinkKind {
+        let text = format!("[[link]]\nkind = \"{name}\"\n{keys}");
+        crate::config::parse("test", &text).unwrap().links.remove(0).kind
+    }
+
+    /// Returns a live output that faces the camera with these coefficients.
+    pub fn face(look: &[(&str, f32)]) -> Output {
+        let mut output = test_output(State::Live);
+        for (name, value) in look {
+            let index = BLENDSHAPES.iter().position(|known| known == name).unwrap();
+            output.pose.coefficients[index] = *value;
+        }
+        output
+    }
+
+    /// Returns a live output that turns the head in this way.
+    pub fn turned(rotation: [f32; 4]) -> Output {
+        let mut output = test_output(State::Live);
+        output.pose.rotation = rotation;
+        output
+    }
+
+    /// Returns the messages that the format makes of an output.
+    pub fn encoded(format: &mut dyn Format, output: &Output) -> Vec<Vec<u8>> {
+        let mut messages = Vec::new();
+        format.encode(output, 7, &mut |bytes| messages.push(bytes.to_vec()));
+        messages
+    }
+
+    /// Waits until it happens, and fails if it does not.
+    pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
+        let end = Instant::now() + PATIENCE;
+        while !happens() {
+            assert!(Instant::now() < end, "{what}");
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    pub fn near(a: &[f32], b: &[f32]) -> bool {
+        a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::mpsc;
 
-    use facewire_packet::{Packet, State};
+    use facewire_packet::{FrameReader, NeutralFace, Reason, State};
 
+    use super::testing::encoded;
     use super::*;
 
     /// A carrier that keeps what it is given.
@@ -323,15 +401,12 @@ mod tests {
 
     #[test]
     fn each_link_numbers_its_own_packets_and_all_count_into_the_same_counters() {
-        let traffic = Arc::<Traffic>::default();
+        let (traffic, settings, output) = (Arc::default(), LinkSettings::default(), test_output(State::Neutral));
         let open = || {
             let (sender, kept) = mpsc::channel();
-            let (format, carrier) = (Box::new(Datagrams), Box::new(Kept(sender)));
-            (Link::new(format, carrier, &traffic), kept)
+            (Link::new(Box::new(Packets { are_framed: false }), Box::new(Kept(sender)), &traffic), kept)
         };
-        let output = Output { followed: false, ..test_output(State::Neutral) };
         let ((mut first, kept_first), (mut second, kept_second)) = (open(), open());
-        let settings = LinkSettings::default();
         (0..3).for_each(|_| first.send_last(&settings, &output));
         for now_us in [0, 1] {
             second.offer(&settings, Rates { send_hz: 60, slew_per_s: 4.0 }, now_us, &output);
@@ -340,5 +415,23 @@ mod tests {
             |kept: mpsc::Receiver<Packet>| kept.try_iter().map(|packet| packet.sequence).collect::<Vec<_>>();
         assert_eq!((sequences(kept_first), sequences(kept_second)), (vec![0, 1, 2], vec![0]));
         assert_eq!(traffic.packets.load(Relaxed), 4);
+    }
+
+    #[test]
+    fn datagrams_and_frames_carry_every_field_of_the_output() {
+        let (rotation, position_mm) = ([0.0, 0.6, 0.0, 0.8], [1.0, -2.0, 600.0]);
+        let mut pose = Pose { rotation, position_mm, neutral_face: NeutralFace::Estimated, ..Pose::NEUTRAL };
+        pose.coefficients[17] = 1.0;
+        let output = Output { pose, age_us: 200, capture_us: (7 << 32) + 5, ..test_output(State::Hold) };
+        let mut frames = Packets { are_framed: true };
+        let line = [frames.preamble(), encoded(&mut frames, &output).concat()].concat();
+        let packet = Packet::decode(&encoded(&mut Packets { are_framed: false }, &output).concat()).unwrap();
+        let Packet { state, reason, sequence, age_us, capture_us, neutral_face, .. } = packet;
+        assert_eq!((state, reason, sequence), (State::Hold, Reason::NoFace, 7));
+        assert_eq!((age_us, capture_us, neutral_face), (200, 5, NeutralFace::Estimated));
+        assert_eq!((packet.position_mm, packet.coefficients), (pose.position_mm, pose.coefficients));
+        assert!(packet.rotation.iter().zip(pose.rotation).all(|(got, want)| (got - want).abs() < 1e-4));
+        let mut reader = FrameReader::default();
+        assert_eq!(line.iter().filter_map(|byte| reader.push(*byte)?.ok()).collect::<Vec<_>>(), [packet]);
     }
 }

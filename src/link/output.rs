@@ -1,11 +1,25 @@
-//! What links send: the face as the failsafe shows it at one moment, and what one receiver is shown of it: the output with
-//! the link's own adjustments, and what its settings want while no face is followed.
+//! What a link sends, and when.
+//!
+//! [`Output`] is the face as the failsafe shows it at one moment. [`Shown`] makes of it what one receiver gets to see: the
+//! link's own adjustments, and what its settings want while no face is followed. [`Pace`] says when that is sent: at least
+//! every 100 ms, because receivers go neutral by themselves after 500 ms without a packet. The only exception is a link
+//! whose `loss` is "silent", while the face is neutral because no face is followed.
+//! Time is an argument: a clock that stands still or steps back delays packets and does no other harm.
 
 use facewire_face::Adjustments;
 use facewire_face::stages::mirror_image;
 use facewire_packet::{BLENDSHAPE_COUNT, NeutralFace, Reason, State};
 
-use crate::config::{LinkSettings, Loss};
+use crate::config::{LinkSettings, Loss, PaceKind};
+
+/// Longest time between two packets, microseconds.
+const KEEP_ALIVE_US: u64 = 100_000;
+/// Smallest visible change of a coefficient.
+const COEFFICIENT_STEP: f32 = 0.005;
+/// Smallest visible change of a component of the head's rotation quaternion: the sine of half of 0.5 degrees.
+const ROTATION_STEP: f32 = 0.004_363;
+/// Smallest visible change of the head's position, millimetres.
+const POSITION_STEP_MM: f32 = 2.0;
 
 /// A pose of the face. The fields are those of [`facewire_packet::Packet`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,6 +42,22 @@ impl Pose {
         coefficients: [0.0; BLENDSHAPE_COUNT],
         neutral_face: NeutralFace::Mean,
     };
+
+    fn adjusted(mut self, adjustments: &Adjustments) -> Self {
+        adjustments.apply(&mut self.coefficients);
+        if adjustments.mirror {
+            (self.rotation, self.position_mm) = mirror_image(self.rotation, self.position_mm);
+        }
+        self
+    }
+
+    /// Whether a receiver would show the difference between two poses.
+    fn differs_visibly(&self, other: &Self) -> bool {
+        let moves = |from: &[f32], to: &[f32], step| from.iter().zip(to).any(|(from, to)| (from - to).abs() >= step);
+        moves(&self.coefficients, &other.coefficients, COEFFICIENT_STEP)
+            || moves(&self.rotation, &other.rotation, ROTATION_STEP)
+            || moves(&self.position_mm, &other.position_mm, POSITION_STEP_MM)
+    }
 }
 
 /// The output of the failsafe.
@@ -37,7 +67,6 @@ pub struct Output {
     pub state: State,
     /// Why the face is not live; [`Reason::None`] while it is.
     pub reason: Reason,
-    /// The pose to show.
     pub pose: Pose,
     /// Time since the capture of the last pose that the output followed; `u64::MAX` if there was none.
     pub age_us: u64,
@@ -54,7 +83,7 @@ pub struct Output {
 pub struct Shown {
     last_live: Option<Pose>,
     /// The pose that is shown in place of that of the output, and since when.
-    held: Option<(Pose, u64)>,
+    pub(super) held: Option<(Pose, u64)>,
 }
 
 impl Shown {
@@ -76,34 +105,84 @@ impl Shown {
             shown.moving = shown.pose != output.pose;
             self.held = shown.moving.then_some((shown.pose, now_us));
         }
-        shown.pose = adjusted(shown.pose, &settings.adjust);
-        shown
+        Self::last(settings, &shown)
     }
 
     /// Returns this output as the last one that the link shows.
     pub fn last(settings: &LinkSettings, output: &Output) -> Output {
-        Output { pose: adjusted(output.pose, &settings.adjust), ..output.clone() }
-    }
-
-    /// Whether a pose is shown in place of that of the output.
-    pub fn is_held(&self) -> bool {
-        self.held.is_some()
+        Output { pose: output.pose.adjusted(&settings.adjust), ..output.clone() }
     }
 }
 
-fn adjusted(mut pose: Pose, adjustments: &Adjustments) -> Pose {
-    adjustments.apply(&mut pose.coefficients);
-    if adjustments.mirror {
-        (pose.rotation, pose.position_mm) = mirror_image(pose.rotation, pose.position_mm);
+/// The pace of a link.
+#[derive(Debug, Clone, Copy)]
+pub struct Pace {
+    kind: PaceKind,
+    period_us: u64,
+    loss: Loss,
+}
+
+/// What a link sent last, and when.
+#[derive(Debug)]
+pub struct Sent {
+    at_us: u64,
+    state: State,
+    reason: Reason,
+    pose: Pose,
+}
+
+impl Pace {
+    /// Returns the pace of a link; `send_hz` is the rate of `[send]`.
+    pub fn new(settings: &LinkSettings, send_hz: u32) -> Self {
+        let period_us = 1_000_000 / u64::from(settings.rate_hz(send_hz).max(1));
+        Self { kind: settings.pace.pace, period_us, loss: settings.pace.loss }
     }
-    pose
+
+    pub fn is_due(self, last: Option<&Sent>, now_us: u64, output: &Output) -> bool {
+        let Some(last) = last else { return true };
+        let followed = output.followed && self.kind == PaceKind::Pose;
+        followed || now_us.saturating_sub(last.at_us) >= self.interval_us(last, output)
+    }
+
+    /// How long to wait before [`Pace::is_due`] is asked again, if no pose or fault comes first.
+    pub fn wait_us(self, last: Option<&Sent>, now_us: u64, output: &Output) -> u64 {
+        let Some(last) = last else { return 0 };
+        let left_us = self.interval_us(last, output).saturating_sub(now_us.saturating_sub(last.at_us));
+        if output.moving { left_us.min(self.period_us) } else { left_us }
+    }
+
+    /// Notes that the output is sent.
+    pub fn sent(self, last: Option<&Sent>, now_us: u64, output: &Output) -> Sent {
+        // A fixed rate keeps its grid, so that late wake-ups do not add up.
+        let grid_us =
+            last.filter(|_| self.kind == PaceKind::Rate).map(|last| last.at_us.saturating_add(self.period_us));
+        let is_on_time = |grid_us: &u64| now_us.checked_sub(*grid_us).is_some_and(|late_us| late_us < self.period_us);
+        let at_us = grid_us.filter(is_on_time).unwrap_or(now_us);
+        Sent { at_us, state: output.state, reason: output.reason, pose: output.pose }
+    }
+
+    /// Time from the last packet to one that carries this output.
+    fn interval_us(self, last: &Sent, output: &Output) -> u64 {
+        let is_new_state = (last.state, last.reason) != (output.state, output.reason);
+        if self.loss == Loss::Silent && output.state == State::Neutral && last.state == State::Neutral {
+            return u64::MAX;
+        }
+        match self.kind {
+            PaceKind::Pose if is_new_state => 0,
+            PaceKind::Pose if output.moving || output.state == State::Hold => self.period_us,
+            PaceKind::Change if is_new_state || last.pose.differs_visibly(&output.pose) => self.period_us,
+            PaceKind::Pose | PaceKind::Change => KEEP_ALIVE_US,
+            PaceKind::Rate => self.period_us,
+        }
+    }
 }
 
 /// Returns a neutral output in this state.
 #[cfg(test)]
 pub fn test_output(state: State) -> Output {
     let reason = if state == State::Live { Reason::None } else { Reason::NoFace };
-    Output { state, reason, pose: Pose::NEUTRAL, age_us: 0, capture_us: 0, followed: true, moving: false }
+    let moving = state == State::Decay;
+    Output { state, reason, pose: Pose::NEUTRAL, age_us: 0, capture_us: 0, followed: false, moving }
 }
 
 #[cfg(test)]
@@ -111,72 +190,165 @@ mod tests {
     use super::*;
     use facewire_face::Adjustment;
 
+    const MS: u64 = 1000;
     const JAW_OPEN: usize = 17;
     const EYE_BLINK: [usize; 2] = [0, 7];
 
     fn output(state: State, jaw_open: f32) -> Output {
-        let mut pose = Pose { rotation: [0.1, 0.2, 0.3, 0.9], position_mm: [30.0, 20.0, 600.0], ..Pose::NEUTRAL };
-        (pose.coefficients[JAW_OPEN], pose.coefficients[EYE_BLINK[0]]) = (jaw_open, 1.0);
-        let reason = if state == State::Live { Reason::None } else { Reason::NoFace };
-        Output { state, reason, pose, age_us: 0, capture_us: 0, followed: false, moving: state == State::Decay }
+        let mut output = test_output(state);
+        (output.pose.rotation, output.pose.position_mm) = ([0.1, 0.2, 0.3, 0.9], [30.0, 20.0, 600.0]);
+        (output.pose.coefficients[JAW_OPEN], output.pose.coefficients[EYE_BLINK[0]]) = (jaw_open, 1.0);
+        output
     }
 
-    fn settings(loss: Loss) -> LinkSettings {
+    fn settings(pace: PaceKind, loss: Loss) -> LinkSettings {
         let mut settings = LinkSettings::default();
-        settings.pace.loss = loss;
+        (settings.pace.pace, settings.pace.loss) = (pace, loss);
         settings
     }
 
     #[test]
-    fn without_settings_of_its_own_a_link_shows_every_output_to_the_last_bit() {
-        let mut shown = Shown::default();
-        for state in [State::Live, State::Hold, State::Decay, State::Neutral] {
-            assert_eq!(shown.next(&settings(Loss::Neutral), 4.0, 0, &output(state, 0.3)), output(state, 0.3));
+    fn mirror_gain_and_limits_hold_for_one_link_and_for_the_neutral_face_too() {
+        let plain = settings(PaceKind::Pose, Loss::Neutral);
+        let mut adjusted = plain.clone();
+        adjusted.adjust.mirror = true;
+        adjusted.adjust.coefficients[JAW_OPEN] = Adjustment { gain: 2.0, offset: 0.0, min: 0.1, max: 0.7 };
+        for (state, jaw_open, want) in [(State::Live, 0.3, 0.6), (State::Live, 0.9, 0.7), (State::Neutral, 0.0, 0.1)] {
+            let output = output(state, jaw_open);
+            assert_eq!(Shown::default().next(&plain, 4.0, 0, &output), output, "to the last bit");
+            let Pose { rotation, position_mm, coefficients, .. } =
+                Shown::default().next(&adjusted, 4.0, 0, &output).pose;
+            assert_eq!(coefficients[JAW_OPEN], want);
+            assert_eq!(EYE_BLINK.map(|place| coefficients[place]), [0.0, 1.0]);
+            assert_eq!((rotation, position_mm[0]), ([0.1, -0.2, -0.3, 0.9], -30.0));
         }
     }
 
     #[test]
-    fn mirror_gain_and_limits_hold_for_one_link_and_for_the_neutral_face_too() {
-        let mut settings = settings(Loss::Neutral);
-        settings.adjust.mirror = true;
-        settings.adjust.coefficients[JAW_OPEN] = Adjustment { gain: 2.0, offset: 0.0, min: 0.1, max: 0.7 };
-        let jaw = |state, jaw_open| Shown::default().next(&settings, 4.0, 0, &output(state, jaw_open)).pose;
-        assert_eq!(jaw(State::Live, 0.3).coefficients[JAW_OPEN], 0.6);
-        assert_eq!(jaw(State::Live, 0.9).coefficients[JAW_OPEN], 0.7);
-        let neutral = jaw(State::Neutral, 0.0);
-        assert_eq!(neutral.coefficients[JAW_OPEN], 0.1);
-        assert_eq!(EYE_BLINK.map(|place| neutral.coefficients[place]), [0.0, 1.0]);
-        assert_eq!((neutral.rotation, neutral.position_mm[0]), ([0.1, -0.2, -0.3, 0.9], -30.0));
-    }
-
-    #[test]
-    fn a_link_that_holds_shows_the_last_live_pose_and_moves_on_within_the_slew_limit() {
-        let (mut shown, settings) = (Shown::default(), settings(Loss::Hold));
-        let mut now_us = 0;
-        let mut see = |output: &Output| {
-            now_us += 50_000;
-            let shown = shown.next(&settings, 4.0, now_us, output);
-            (shown.state, (shown.pose.coefficients[JAW_OPEN] * 1000.0).round(), shown.moving)
-        };
-        assert_eq!(see(&output(State::Neutral, 0.0)), (State::Neutral, 0.0, false), "there was no face yet");
-        assert_eq!(see(&output(State::Live, 0.8)), (State::Live, 800.0, false));
-        assert_eq!(see(&output(State::Hold, 0.8)), (State::Hold, 800.0, false));
-        assert_eq!(see(&output(State::Decay, 0.4)), (State::Hold, 800.0, false));
-        assert_eq!(see(&output(State::Neutral, 0.0)), (State::Hold, 800.0, false));
-        assert_eq!(see(&output(State::Live, 0.3)), (State::Live, 600.0, true), "0.2 in 50 ms");
-        assert_eq!(see(&output(State::Decay, 0.2)), (State::Hold, 600.0, false), "lost again on the way");
-        assert_eq!(see(&output(State::Live, 0.5)), (State::Live, 500.0, false));
-        assert_eq!(see(&output(State::Live, 0.9)), (State::Live, 900.0, false), "nothing is held any more");
-    }
-
-    #[test]
-    fn a_held_pose_moves_to_neutral_when_the_service_stops_and_the_last_packet_is_neutral() {
-        let (mut shown, settings) = (Shown::default(), settings(Loss::Hold));
-        shown.next(&settings, 4.0, 0, &output(State::Live, 0.8));
-        shown.next(&settings, 4.0, 0, &output(State::Neutral, 0.0));
+    fn a_link_that_holds_shows_the_last_live_pose_and_moves_on_within_the_slew_limit_also_when_the_service_stops() {
+        let (mut shown, settings) = (Shown::default(), settings(PaceKind::Pose, Loss::Hold));
         let stopping = Output { reason: Reason::Stopping, ..output(State::Neutral, 0.0) };
-        let seen = shown.next(&settings, 4.0, 100_000, &stopping);
-        assert!((seen.pose.coefficients[JAW_OPEN] - 0.4).abs() < 1e-6 && shown.is_held());
-        assert_eq!(Shown::last(&settings, &stopping).pose.coefficients[JAW_OPEN], 0.0);
+        for (index, (given, want)) in [
+            (output(State::Neutral, 0.0), (State::Neutral, 0.0, false)),
+            (output(State::Live, 0.8), (State::Live, 0.8, false)),
+            (output(State::Hold, 0.8), (State::Hold, 0.8, false)),
+            (output(State::Decay, 0.4), (State::Hold, 0.8, false)),
+            (output(State::Neutral, 0.0), (State::Hold, 0.8, false)),
+            // 0.2 in 50 ms.
+            (output(State::Live, 0.3), (State::Live, 0.6, true)),
+            // Lost again on the way.
+            (output(State::Decay, 0.2), (State::Hold, 0.6, false)),
+            (output(State::Live, 0.5), (State::Live, 0.5, false)),
+            // Nothing is held any more.
+            (output(State::Live, 0.9), (State::Live, 0.9, false)),
+            (output(State::Neutral, 0.0), (State::Hold, 0.9, false)),
+            (stopping.clone(), (State::Neutral, 0.7, true)),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let Output { state, pose, moving, .. } = shown.next(&settings, 4.0, 50 * MS * index as u64, &given);
+            assert_eq!((state, (pose.coefficients[JAW_OPEN] * 1000.0).round() / 1000.0, moving), want, "{index}");
+        }
+        assert!(shown.held.is_some());
+        assert_eq!(Shown::last(&settings, &stopping), stopping, "the last packet is neutral");
+    }
+
+    /// A link that follows its pace, and the times at which it sent.
+    struct Link {
+        pace: Pace,
+        last: Option<Sent>,
+        sent_us: Vec<u64>,
+    }
+
+    impl Link {
+        fn new(kind: PaceKind, loss: Loss, rate_hz: u32) -> Self {
+            Self { pace: Pace::new(&settings(kind, loss), rate_hz), last: None, sent_us: Vec::new() }
+        }
+
+        /// Offers the output, and returns how long the link waits after that.
+        fn offer(&mut self, now_us: u64, output: &Output) -> u64 {
+            if self.pace.is_due(self.last.as_ref(), now_us, output) {
+                self.last = Some(self.pace.sent(self.last.as_ref(), now_us, output));
+                self.sent_us.push(now_us);
+            }
+            self.pace.wait_us(self.last.as_ref(), now_us, output)
+        }
+
+        /// Shows an output for a second, and returns how often it was sent. Every wake-up comes `late_us` late.
+        fn run(&mut self, late_us: u64, output: &Output) -> usize {
+            let mut now_us = 0;
+            while now_us < 1_000_000 {
+                let wait_us = self.offer(now_us, output);
+                assert!((1..=KEEP_ALIVE_US).contains(&wait_us), "{wait_us} at {now_us}");
+                now_us += wait_us + late_us;
+            }
+            self.sent_us.len()
+        }
+    }
+
+    #[test]
+    fn with_pace_pose_every_pose_and_every_change_of_state_is_sent_at_once_and_a_still_face_10_times_a_second() {
+        let mut link = Link::new(PaceKind::Pose, Loss::Neutral, 60);
+        for (at_us, output) in [
+            (0, output(State::Live, 0.1)),
+            (MS, Output { followed: true, ..output(State::Live, 0.1) }),
+            (2 * MS, output(State::Live, 0.2)),
+            (3 * MS, output(State::Hold, 0.2)),
+            (4 * MS, Output { reason: Reason::Late, ..output(State::Hold, 0.2) }),
+        ] {
+            link.offer(at_us, &output);
+        }
+        assert_eq!(link.sent_us, [0, MS, 3 * MS, 4 * MS]);
+        let sent = [State::Live, State::Neutral, State::Hold, State::Decay]
+            .map(|state| Link::new(PaceKind::Pose, Loss::Neutral, 50).run(0, &output(state, 0.5)));
+        assert_eq!(sent, [10, 10, 50, 50]);
+    }
+
+    #[test]
+    fn a_fixed_rate_is_kept_whatever_the_face_does_and_however_late_the_thread_wakes_and_never_catches_up() {
+        let link = || Link::new(PaceKind::Rate, Loss::Neutral, 25);
+        for state in [State::Live, State::Hold, State::Decay, State::Neutral] {
+            let followed = Output { followed: true, ..output(state, 0.5) };
+            assert_eq!([0, 3 * MS].map(|late_us| link().run(late_us, &followed)), [25; 2], "{state:?}");
+        }
+        let mut link = link();
+        for ms in [0, 500, 501, 539, 540] {
+            link.offer(ms * MS, &output(State::Live, 0.5));
+        }
+        assert_eq!(link.sent_us, [0, 500 * MS, 540 * MS]);
+    }
+
+    #[test]
+    fn with_pace_change_only_visible_changes_are_sent_and_never_faster_than_the_rate() {
+        let send = |jaw_open: fn(u64) -> f32| {
+            let mut link = Link::new(PaceKind::Change, Loss::Neutral, 20);
+            for now_us in (0..1_000_000).step_by(10_000) {
+                link.offer(now_us, &Output { followed: true, ..output(State::Live, jaw_open(now_us)) });
+            }
+            link.sent_us.len()
+        };
+        assert_eq!(send(|_| 0.5), 10, "nothing moves");
+        assert_eq!(send(|now_us| if now_us % 20_000 == 0 { 0.5 } else { 0.504 }), 10, "noise");
+        assert_eq!(send(|now_us| now_us as f32 * 1e-6), 20, "a slow movement");
+        let mut link = Link::new(PaceKind::Change, Loss::Neutral, 50);
+        for (ms, state) in [(0, State::Live), (10, State::Hold), (20, State::Hold), (21, State::Hold)] {
+            link.offer(ms * MS, &output(state, 0.5));
+        }
+        assert_eq!(link.sent_us, [0, 20 * MS], "a new state of a face that stands still");
+    }
+
+    #[test]
+    fn a_silent_link_sends_one_neutral_packet_and_nothing_more_until_the_face_is_back() {
+        for kind in [PaceKind::Pose, PaceKind::Change, PaceKind::Rate] {
+            let mut link = Link::new(kind, Loss::Silent, 50);
+            let states = [State::Live, State::Decay, State::Neutral, State::Neutral, State::Live, State::Neutral];
+            for (now_us, state) in (0..).step_by(20_000).zip(states) {
+                link.offer(now_us, &Output { followed: state == State::Live, ..output(state, 0.5) });
+            }
+            assert_eq!(link.sent_us, [0, 20 * MS, 40 * MS, 80 * MS, 100 * MS], "{kind:?}");
+            let day_us = 24 * 3600 * 1000 * MS;
+            assert!(link.offer(day_us, &output(State::Neutral, 0.0)) > day_us && link.sent_us.len() == 5, "{kind:?}");
+        }
     }
 }

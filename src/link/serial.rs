@@ -1,4 +1,4 @@
-//! Serial lines: one message, one write.
+//! Serial lines: one message, one write. Raw bytes, 8N1, no flow control.
 //!
 //! Role: takes messages to a microcontroller by UART or USB, on a thread of its own ([`Background`]). May also ask the
 //! receiver about its state ([`Inquiry`]).
@@ -6,22 +6,37 @@
 //! well: a message that would wait behind more than one other is dropped. A board that restarts gets not a byte until its
 //! boot loader has started the sketch: the boot loader of an Uno takes bytes for commands, and 0x64 erases its memory.
 //! Limits: input that is no answer is discarded. A receiver that stops reading loses messages, which only the log shows.
+//!
+//! `serialport` locks an open port against other processes: with TIOCEXCL, which does not hold off root, and with
+//! `flock`, which does. Its attempt to open a locked port takes TIOCEXCL off the port, though, and its error does not
+//! say who has the port. Links therefore claim a port before they touch it.
+//!
+//! Arduino-like boards restart when DTR rises. Linux raises DTR when a port is opened, and lowers it when the port is
+//! closed unless HUPCL is cleared; `serialport` leaves both to the system. HUPCL is therefore cleared: a board restarts when
+//! its port is opened for the first time, not whenever the service restarts. HUPCL that is set tells that the port is
+//! opened for the first time; for a board that restarts, it is cleared only when the restart is over. Whoever closes the
+//! port earlier lowers DTR, so that the next one to open it restarts the board again and waits again.
 
 mod board;
-mod port;
 
+use std::fmt::Display;
+use std::fs::metadata;
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::fd::OwnedFd;
+use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
+use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 use serialport::{ClearBuffer, SerialPort as _, TTYPort};
 
+use self::board::{CLASS, restarts_board};
 pub use self::board::{PortSearch, is_maestro};
-pub use self::port::{PortClaim, lost};
-use super::background::{Background, Device};
-use super::{Inquiry, LinkError, Traffic};
+use super::background::{Background, Device, Session};
+use super::{Inquiry, LinkError, LinkErrorKind, Traffic};
 use crate::config::{AutoDevice, SerialDevice};
 use crate::retry::LoggedReasons;
 
@@ -36,10 +51,119 @@ const INQUIRY_PERIOD: Duration = Duration::from_secs(1);
 /// A receiver that has not answered by then does not answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
 
+const BUSY: &str = "another program has it open; end that program (the service: `sudo systemctl stop facewire`), or give \
+    another port";
+
+/// The error of a port that failed while it was open.
+pub fn lost(device: &Path, error: impl Display) -> LinkError {
+    port_error(device, format!("went away ({error}); check its cable, and plug it in again"))
+}
+
+fn port_error(device: &Path, sentence: impl Display) -> LinkError {
+    LinkError::new(LinkErrorKind::Other, device.display(), sentence)
+}
+
+fn refused(device: &Path, error: Errno) -> LinkError {
+    let sentence = match error {
+        Errno::NOENT | Errno::NOTDIR | Errno::NODEV | Errno::NXIO => {
+            "there is no such serial port; plug it in, or give one that `facewire devices` lists"
+        }
+        Errno::ACCESS => "this user may not open it; add the user to the group dialout and log in again",
+        // The permissions of files are refused with EACCES, the device rules of a unit or a container with EPERM.
+        Errno::PERM => {
+            "the rules of the service's unit or of the container exclude this device; add DeviceAllow= for its driver to \
+             the unit (docs/service.md, \"What the service may access\")"
+        }
+        Errno::BUSY => BUSY,
+        Errno::NOTTY | Errno::ISDIR | Errno::INVAL => "not a serial port; give one that `facewire devices` lists",
+        other => return cannot_be_opened(device, io::Error::from(other)),
+    };
+    port_error(device, sentence)
+}
+
+fn cannot_be_opened(device: &Path, error: impl Display) -> LinkError {
+    port_error(device, format!("cannot be opened ({error}); check its cable, and plug it in again"))
+}
+
+/// The claimed devices by their device numbers, and the path of the link that claimed each.
+static CLAIMS: Mutex<Vec<(u64, PathBuf)>> = Mutex::new(Vec::new());
+
+/// The exclusive right of one link of this process to a serial port, until it is dropped.
+#[derive(Debug)]
+pub struct PortClaim(u64);
+
+impl PortClaim {
+    /// Claims the port by its device number, which is the same under all names of a device.
+    pub fn acquire(device: &Path) -> Result<Self, LinkError> {
+        let node = metadata(device);
+        let node = node.map_err(|error| refused(device, Errno::from_io_error(&error).unwrap_or(Errno::IO)))?;
+        if !node.file_type().is_char_device() {
+            return Err(refused(device, Errno::NOTTY));
+        }
+        let mut claims = claims();
+        let Some((_, holder)) = claims.iter().find(|(claimed, _)| *claimed == node.rdev()) else {
+            claims.push((node.rdev(), device.to_owned()));
+            return Ok(Self(node.rdev()));
+        };
+        let sentence = if holder == device {
+            "the link that the reload replaced has not closed it yet; check that its receiver reads, or unplug it and plug \
+             it in again"
+                .to_owned()
+        } else {
+            let holder = holder.display();
+            format!(
+                "it is the same device as {holder} at the moment, which another link uses; plug in the device that is \
+                 missing, or give each link a port of its own"
+            )
+        };
+        Err(LinkError::new(LinkErrorKind::Claimed, device.display(), sentence))
+    }
+}
+
+impl Drop for PortClaim {
+    fn drop(&mut self) {
+        claims().retain(|(claimed, _)| *claimed != self.0);
+    }
+}
+
+fn claims() -> MutexGuard<'static, Vec<(u64, PathBuf)>> {
+    CLAIMS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Opens a serial port without claiming it. Reading and writing wait for `timeout` at most. If this restarts the board,
 /// it is restarted again by whoever opens the port next.
 pub fn open_port(device: &Path, baud: u32, timeout: Duration) -> Result<TTYPort, LinkError> {
-    port::open(device, baud, timeout).map(|(tty, _)| tty)
+    open(device, baud, timeout).map(|(tty, _)| tty)
+}
+
+/// Opens the port. If a board there may restart now, also returns what [`keep_dtr`] takes when the restart is over.
+fn open(device: &Path, baud: u32, timeout: Duration) -> Result<(TTYPort, Option<OwnedFd>), LinkError> {
+    let prepare = || {
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let prepared = rustix::fs::open(device, flags, Mode::empty())?;
+        let dtr_rose = tcgetattr(&prepared)?.control_modes.contains(ControlModes::HUPCL);
+        let restarts = dtr_rose && restarts_board(device, Path::new(CLASS));
+        if !restarts {
+            keep_dtr(&prepared)?;
+        }
+        Ok((prepared, restarts))
+    };
+    // Stays open until the port is open for good: otherwise DTR would fall in between.
+    let (prepared, restarts) = prepare().map_err(|error| refused(device, error))?;
+    let tty = serialport::new(device.to_string_lossy(), baud).timeout(timeout).open_native();
+    let tty = tty.map_err(|error| match error.kind {
+        // This is how `serialport` reports the lock of another program.
+        serialport::ErrorKind::NoDevice => refused(device, Errno::BUSY),
+        _ => cannot_be_opened(device, error.description),
+    })?;
+    Ok((tty, restarts.then_some(prepared)))
+}
+
+/// Clears HUPCL, so that closing the port does not lower DTR.
+fn keep_dtr(port: &OwnedFd) -> rustix::io::Result<()> {
+    let mut modes = tcgetattr(port)?;
+    modes.control_modes.remove(ControlModes::HUPCL);
+    tcsetattr(port, OptionalActions::Now, &modes)
 }
 
 /// Starts the thread of a serial line. The port may appear later. Each time that the port opens, the thread writes the
@@ -56,12 +180,11 @@ pub fn serial_carrier(
         SerialDevice::Path(path) => PortClaim::acquire(path).ok(),
         SerialDevice::Auto => None,
     };
-    let search = PortSearch::new(device, auto);
-    let line = Line { search, baud, preamble, inquiry, first_claim, open: None };
-    Background::start(device.to_string(), "fw-serial", line, *device != SerialDevice::Auto, traffic)
+    let line = Line { search: PortSearch::new(device, auto), baud, preamble, inquiry, first_claim };
+    Background::start(device, "fw-serial", line, *device != SerialDevice::Auto, traffic)
 }
 
-/// A serial line, whose port may be closed.
+/// A serial line.
 #[derive(Debug)]
 struct Line {
     search: PortSearch,
@@ -69,38 +192,22 @@ struct Line {
     preamble: Vec<u8>,
     inquiry: Option<Inquiry>,
     first_claim: Option<PortClaim>,
-    open: Option<Port>,
 }
 
 impl Device for Line {
-    fn open(&mut self) -> Result<(), LinkError> {
+    fn open(&mut self) -> Result<impl Session, LinkError> {
         let device = self.search.find()?;
         let claim = self.first_claim.take().map_or_else(|| PortClaim::acquire(&device), Ok)?;
-        let (tty, dtr) = port::open(&device, self.baud, WRITE_TIMEOUT)?;
+        let (tty, dtr) = open(&device, self.baud, WRITE_TIMEOUT)?;
         tracing::info!("link opened: {} at {} baud", device.display(), self.baud);
         if dtr.is_some() {
             tracing::info!("link {}: a board there may restart now, so it gets nothing for 2 s", device.display());
         }
-        let mut port = Port::new(device, tty, dtr, claim);
+        let mut port = Port::new(self, device, tty, dtr, claim);
         if port.dtr.is_none() {
-            port.begin(&self.preamble);
+            port.begin();
         }
-        self.open = Some(port);
-        Ok(())
-    }
-
-    fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
-        let Some(port) = &mut self.open else { return Ok(false) };
-        port.write(message).map_err(|error| lost(&port.device, error))
-    }
-
-    fn attend(&mut self) -> Result<(), LinkError> {
-        let Some(port) = &mut self.open else { return Ok(()) };
-        port.attend(&self.preamble, self.inquiry.as_ref()).map_err(|error| lost(&port.device, error))
-    }
-
-    fn close(&mut self) {
-        self.open = None;
+        Ok(port)
     }
 }
 
@@ -114,35 +221,10 @@ enum Phase {
     Asked,
 }
 
-/// What is due in a phase.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Action {
-    /// The board has restarted: write the preamble.
-    Begin,
-    Ask,
-    /// Read the answer, which is available.
-    Read,
-    /// Log that no answer came.
-    GiveUp,
-}
-
-impl Phase {
-    /// Returns what is due so long after the restart, the preamble or the last question began, while `available` bytes can
-    /// be read. `answer_bytes` is `None` if the receiver is not asked at all.
-    fn due(self, elapsed: Duration, available: usize, answer_bytes: Option<usize>) -> Option<Action> {
-        match (self, answer_bytes) {
-            (Self::Restarting, _) if elapsed >= RESTART => Some(Action::Begin),
-            (Self::Idle, Some(_)) if elapsed >= INQUIRY_PERIOD => Some(Action::Ask),
-            (Self::Asked, Some(bytes)) if available >= bytes => Some(Action::Read),
-            (Self::Asked, _) if elapsed >= ANSWER_TIMEOUT => Some(Action::GiveUp),
-            _ => None,
-        }
-    }
-}
-
 /// An open port.
-#[derive(Debug)]
-struct Port {
+struct Port<'a> {
+    preamble: &'a [u8],
+    inquiry: Option<&'a Inquiry>,
     device: PathBuf,
     tty: TTYPort,
     phase: Phase,
@@ -158,41 +240,64 @@ struct Port {
     _claim: PortClaim,
 }
 
-impl Port {
-    fn new(device: PathBuf, tty: TTYPort, dtr: Option<OwnedFd>, claim: PortClaim) -> Self {
-        let (phase, now, logged) = (Phase::Restarting, Instant::now(), LoggedReasons::default());
-        Self { device, tty, phase, since: now, dtr, takes: true, took_at: now, logged, _claim: claim }
+impl Session for Port<'_> {
+    fn write(&mut self, message: &[u8]) -> Result<bool, LinkError> {
+        self.write_in_time(message).map_err(|error| lost(&self.device, error))
     }
 
-    fn begin(&mut self, preamble: &[u8]) {
+    fn attend(&mut self) -> Result<(), LinkError> {
+        self.advance().map_err(|error| lost(&self.device, error))
+    }
+}
+
+impl<'a> Port<'a> {
+    fn new(line: &'a Line, device: PathBuf, tty: TTYPort, dtr: Option<OwnedFd>, claim: PortClaim) -> Self {
+        let (phase, now, logged) = (Phase::Restarting, Instant::now(), LoggedReasons::default());
+        let (preamble, inquiry) = (&line.preamble, line.inquiry.as_ref());
+        Self {
+            preamble,
+            inquiry,
+            device,
+            tty,
+            phase,
+            since: now,
+            dtr,
+            takes: true,
+            took_at: now,
+            logged,
+            _claim: claim,
+        }
+    }
+
+    fn begin(&mut self) {
         if let Some(port) = self.dtr.take() {
             // If this fails, the board restarts once more at the next opening.
-            let _ = port::keep_dtr(&port);
+            let _ = keep_dtr(&port);
         }
         // A port that takes no bytes yet does not need the preamble.
-        let _ = self.tty.write(preamble);
+        let _ = self.tty.write(self.preamble);
         (self.phase, self.since, self.took_at) = (Phase::Idle, Instant::now(), Instant::now());
     }
 
-    fn attend(&mut self, preamble: &[u8], inquiry: Option<&Inquiry>) -> io::Result<()> {
-        let available = self.tty.bytes_to_read().map_or(0, |bytes| bytes as usize);
-        let due = self.phase.due(self.since.elapsed(), available, inquiry.map(|inquiry| inquiry.answer_bytes));
-        match (due, inquiry) {
-            (Some(Action::Begin), _) => self.begin(preamble),
-            (Some(Action::Ask), Some(inquiry)) => {
+    /// Does what is due in the present phase.
+    fn advance(&mut self) -> io::Result<()> {
+        let (elapsed, available) = (self.since.elapsed(), self.tty.bytes_to_read().map_or(0, |bytes| bytes as usize));
+        match (self.phase, self.inquiry) {
+            (Phase::Restarting, _) if elapsed >= RESTART => self.begin(),
+            (Phase::Idle, Some(inquiry)) if elapsed >= INQUIRY_PERIOD => {
                 self.phase = if inquiry.answer_bytes > 0 { Phase::Asked } else { Phase::Idle };
                 self.since = Instant::now();
                 let _ = self.tty.clear(ClearBuffer::Input);
                 // A question that the port does not take now is asked again a second later.
                 in_time(self.tty.write(&inquiry.question))?;
             }
-            (Some(Action::Read), Some(inquiry)) => {
+            (Phase::Asked, Some(inquiry)) if available >= inquiry.answer_bytes => {
                 self.phase = Phase::Idle;
                 let mut answer = vec![0; inquiry.answer_bytes];
                 self.tty.read_exact(&mut answer)?;
                 (inquiry.troubles)(&answer).into_iter().for_each(|trouble| self.warn(trouble));
             }
-            (Some(Action::GiveUp), Some(inquiry)) => {
+            (Phase::Asked, Some(inquiry)) if elapsed >= ANSWER_TIMEOUT => {
                 self.phase = Phase::Idle;
                 self.warn(inquiry.silence);
             }
@@ -208,7 +313,7 @@ impl Port {
     }
 
     /// Writes the message. Returns whether the port took all of it in time.
-    fn write(&mut self, message: &[u8]) -> io::Result<bool> {
+    fn write_in_time(&mut self, message: &[u8]) -> io::Result<bool> {
         if self.phase == Phase::Restarting {
             return Ok(false);
         }
@@ -231,6 +336,15 @@ impl Port {
     }
 }
 
+impl Drop for Port<'_> {
+    /// Discards unsent bytes if the receiver does not read: closing would wait half a minute for them.
+    fn drop(&mut self) {
+        if !self.takes {
+            let _ = self.tty.clear(ClearBuffer::Output);
+        }
+    }
+}
+
 /// Whether the system holds more unsent bytes than one message. A further message would come late, and each one after
 /// it later.
 ///
@@ -243,30 +357,19 @@ fn is_behind(unsent_bytes: u32, message_bytes: usize) -> bool {
 /// Returns `None` for an error which only means that there was no room in time.
 fn in_time(written: io::Result<usize>) -> io::Result<Option<usize>> {
     match written {
-        Ok(bytes) => Ok(Some(bytes)),
-        Err(error) => match error.kind() {
-            ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted => Ok(None),
-            _ => Err(error),
-        },
-    }
-}
-
-impl Drop for Port {
-    /// Discards unsent bytes if the receiver does not read: closing would wait half a minute for them.
-    fn drop(&mut self) {
-        if !self.takes {
-            let _ = self.tty.clear(ClearBuffer::Output);
+        Err(error) if !matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+            Err(error)
         }
+        written => Ok(written.ok()),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use facewire_packet::FRAME_BYTES;
-    use rustix::fs::{Mode, OFlags};
-    use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 
     use super::*;
+    use crate::link::testing::eventually;
 
     /// Returns how many of the packets given in 10 s a line takes, and the longest time that one of them waits.
     fn given(packets_hz: u32, baud: u32) -> (u32, f64) {
@@ -291,51 +394,60 @@ mod tests {
     }
 
     #[test]
-    fn a_receiver_is_asked_once_a_second_and_its_answer_is_read_when_it_is_whole_or_given_up_after_half_a_second() {
-        let due = |phase: Phase, ms, available, answer| phase.due(Duration::from_millis(ms), available, answer);
-        for (phase, ms, available, answer_bytes, action) in [
-            (Phase::Restarting, 1999, 2, Some(2), None),
-            (Phase::Restarting, 2000, 0, None, Some(Action::Begin)),
-            (Phase::Idle, 9000, 2, None, None),
-            (Phase::Idle, 999, 2, Some(2), None),
-            (Phase::Idle, 1000, 0, Some(0), Some(Action::Ask)),
-            (Phase::Idle, 1000, 2, Some(2), Some(Action::Ask)),
-            (Phase::Asked, 499, 1, Some(2), None),
-            (Phase::Asked, 499, 2, Some(2), Some(Action::Read)),
-            (Phase::Asked, 500, 1, Some(2), Some(Action::GiveUp)),
-        ] {
-            assert_eq!(due(phase, ms, available, answer_bytes), action, "{phase:?} {ms} {available}");
-        }
-    }
-
-    #[test]
     fn a_board_that_restarts_gets_nothing_and_then_the_preamble_once_and_only_then_its_port_keeps_dtr() {
         let (mut board, tty) = TTYPort::pair().unwrap();
         board.set_timeout(Duration::from_secs(10)).unwrap();
         let device = PathBuf::from(tty.name().unwrap());
         let open = || rustix::fs::open(&device, OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).unwrap();
-        let port = open();
-        let mut modes = tcgetattr(&port).unwrap();
+        let other = open();
+        let mut modes = tcgetattr(&other).unwrap();
         modes.control_modes |= ControlModes::HUPCL;
-        tcsetattr(&port, OptionalActions::Now, &modes).unwrap();
-        let keeps_dtr = || !tcgetattr(&port).unwrap().control_modes.contains(ControlModes::HUPCL);
+        tcsetattr(&other, OptionalActions::Now, &modes).unwrap();
+        let keeps_dtr = || !tcgetattr(&other).unwrap().control_modes.contains(ControlModes::HUPCL);
         let search = PortSearch::new(&SerialDevice::Auto, AutoDevice::Microcontroller);
-        let inquiry = Inquiry { question: b"?".to_vec(), answer_bytes: 0, troubles: |_| Vec::new(), silence: "" };
-        let opened = Port::new(device.clone(), tty, Some(open()), PortClaim::acquire(&device).unwrap());
-        let (inquiry, first_claim, open) = (Some(inquiry), None, Some(opened));
-        let mut line = Line { search, baud: 115_200, preamble: vec![0], inquiry, first_claim, open };
+        let inquiry = Inquiry { question: b"?".to_vec(), answer_bytes: 2, troubles: |_| Vec::new(), silence: "" };
+        let line = Line { search, baud: 115_200, preamble: vec![0], inquiry: Some(inquiry), first_claim: None };
+        let mut port = Port::new(&line, device.clone(), tty, Some(open()), PortClaim::acquire(&device).unwrap());
         for _ in 0..3 {
-            assert!(!line.write(b"dropped").unwrap());
-            line.attend().unwrap();
+            assert!(!port.write(b"dropped").unwrap());
+            port.attend().unwrap();
         }
         assert_eq!((board.bytes_to_read().unwrap(), keeps_dtr()), (0, false));
-        line.open.as_mut().unwrap().since = Instant::now().checked_sub(RESTART).unwrap();
-        line.attend().unwrap();
+        let ago = |wait: Duration| Instant::now().checked_sub(wait).unwrap();
+        port.since = ago(RESTART);
+        port.attend().unwrap();
         assert!(keeps_dtr());
-        assert!(line.write(b"first").unwrap() && line.write(b"second").unwrap());
-        let mut bytes = [0; 12];
+        assert!(port.write(b"first").unwrap() && port.write(b"second").unwrap());
+        // Then the receiver is asked once a second, and its answer is read when it is whole, or given up.
+        for (elapsed, phase) in [(INQUIRY_PERIOD / 2, Phase::Idle), (INQUIRY_PERIOD, Phase::Asked)] {
+            port.since = ago(elapsed);
+            port.attend().unwrap();
+            assert_eq!(port.phase, phase);
+        }
+        board.write_all(b"a").unwrap();
+        port.attend().unwrap();
+        assert_eq!(port.phase, Phase::Asked);
+        board.write_all(b"b").unwrap();
+        eventually("the answer", || {
+            port.attend().unwrap();
+            port.phase == Phase::Idle
+        });
+        for (elapsed, phase) in [(INQUIRY_PERIOD, Phase::Asked), (ANSWER_TIMEOUT, Phase::Idle)] {
+            port.since = ago(elapsed);
+            port.attend().unwrap();
+            assert_eq!(port.phase, phase);
+        }
+        let mut bytes = [0; 14];
         board.read_exact(&mut bytes).unwrap();
-        assert_eq!(&bytes, b"\0firstsecond");
+        assert_eq!(&bytes, b"\0firstsecond??");
         assert_eq!(board.bytes_to_read().unwrap(), 0);
+    }
+
+    #[test]
+    fn a_port_that_the_user_may_not_open_names_the_group_and_one_that_the_unit_excludes_its_device_rules() {
+        let [user, unit] =
+            [Errno::ACCESS, Errno::PERM].map(|error| refused(Path::new("/dev/rfcomm0"), error).to_string());
+        assert!(user.contains("/dev/rfcomm0") && user.contains("group dialout"), "{user}");
+        assert!(unit.contains("DeviceAllow=") && !unit.contains("dialout"), "{unit}");
     }
 }

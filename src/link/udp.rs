@@ -7,16 +7,12 @@
 //! may change at any time. A look-up may take seconds, so it has a thread of its own, which hands over each new destination
 //! by a triple buffer.
 
-use std::{
-    fs, io,
-    net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket},
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering::Relaxed},
-    },
-    thread::{self, Thread},
-    time::Duration,
-};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread::{self, Thread};
+use std::time::Duration;
+use std::{fs, io};
 
 use triple_buffer::{Input, Output as Newest, TripleBuffer};
 
@@ -40,21 +36,13 @@ pub struct UdpCarrier {
 impl UdpCarrier {
     /// Opens a carrier to `address`. Messages are dropped until the host name is found.
     pub fn open(address: &Address, traffic: Arc<Traffic>) -> Result<Self, LinkError> {
-        Self::open_with(address, traffic, system_resolver, LOOKUP_PERIOD)
-    }
-
-    fn open_with<R: Resolver>(
-        address: &Address,
-        traffic: Arc<Traffic>,
-        resolve: R,
-        period: Duration,
-    ) -> Result<Self, LinkError> {
         let (mut input, destination) = TripleBuffer::default().split();
         let lookup = if let Ok(receiver) = address.as_str().parse() {
             input.write(Some(Destination::new(address, receiver)?));
             None
         } else {
-            Some(Lookup::start(address.clone(), resolve, period, input)?)
+            let host = Host { address: address.clone(), current: None, destination: input };
+            Some(Lookup::start(host, LOOKUP_PERIOD, system_resolver)?)
         };
         Ok(Self { destination, lookup, traffic, refusal: None })
     }
@@ -65,7 +53,7 @@ impl Carrier for UdpCarrier {
         let destination = self.destination.read().as_ref();
         let sent = destination.map(|to| to.socket.send_to(message, to.receiver));
         let is_sent = matches!(sent, Some(Ok(_)));
-        Traffic::count(if is_sent { &self.traffic.sent } else { &self.traffic.dropped });
+        (if is_sent { &self.traffic.sent } else { &self.traffic.dropped }).fetch_add(1, Relaxed);
         // A full buffer drops this message and says nothing about the network.
         let error = sent.and_then(Result::err).filter(|error| error.kind() != io::ErrorKind::WouldBlock);
         self.refusal = error.and_then(|error| error.raw_os_error());
@@ -111,10 +99,8 @@ impl Destination {
 
 /// Opens a socket for datagrams to this receiver that never blocks.
 pub fn socket_for(receiver: SocketAddr) -> io::Result<UdpSocket> {
-    let socket = match receiver {
-        SocketAddr::V4(_) => UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?,
-        SocketAddr::V6(_) => UdpSocket::bind((Ipv6Addr::UNSPECIFIED, 0))?,
-    };
+    let any: IpAddr = if receiver.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() };
+    let socket = UdpSocket::bind((any, 0))?;
     socket.set_nonblocking(true)?;
     Ok(socket)
 }
@@ -132,10 +118,6 @@ pub fn resolve(address: &Address) -> Result<SocketAddr, LinkError> {
     choose(address, system_resolver(address), None)
 }
 
-trait Resolver: Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static {}
-
-impl<R: Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static> Resolver for R {}
-
 fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
     address.as_str().to_socket_addrs().map(Iterator::collect)
 }
@@ -148,20 +130,19 @@ struct Lookup {
 }
 
 impl Lookup {
-    /// Looks the address up now, after each `period`, and when the thread is woken.
-    fn start<R: Resolver>(
-        address: Address,
-        resolve: R,
+    /// Looks the host up now, after each `period`, and when the thread is woken.
+    fn start(
+        mut host: Host,
         period: Duration,
-        mut destination: Input<Option<Destination>>,
+        resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
     ) -> Result<Self, LinkError> {
-        let (link, is_over) = (address.to_string(), Arc::<AtomicBool>::default());
+        let (link, is_over) = (host.address.clone(), Arc::<AtomicBool>::default());
         let ends = Arc::clone(&is_over);
         let run = move || {
-            let (mut retry, mut current) = (Retry::default(), None);
+            let mut retry = Retry::default();
             while !ends.load(Relaxed) {
-                let found = look_up(&address, &resolve, &mut current, &mut destination);
-                match (found, current) {
+                let found = resolve(&host.address);
+                match (host.take(found), host.current) {
                     (Ok(()), _) => retry = Retry::default(),
                     (Err(error), Some(current)) if retry.logged.is_new(&error.to_string()) => {
                         tracing::warn!("{error}; packets still go to {current}");
@@ -169,7 +150,7 @@ impl Lookup {
                     (Err(_), Some(_)) => {}
                     (Err(error), None) => retry.warn(&error),
                 }
-                thread::park_timeout(if current.is_some() { period } else { retry.wait() });
+                thread::park_timeout(if host.current.is_some() { period } else { retry.wait() });
             }
         };
         let thread = thread::Builder::new().name("fw-lookup".to_owned()).spawn(run);
@@ -185,20 +166,24 @@ impl Drop for Lookup {
     }
 }
 
-/// Looks the address up once. On an error the current destination stays.
-fn look_up(
-    address: &Address,
-    resolve: &impl Resolver,
-    current: &mut Option<SocketAddr>,
-    destination: &mut Input<Option<Destination>>,
-) -> Result<(), LinkError> {
-    let receiver = choose(address, resolve(address), *current)?;
-    if *current != Some(receiver) {
-        destination.write(Some(Destination::new(address, receiver)?));
-        tracing::info!("link {address}: packets go to {receiver}");
-        *current = Some(receiver);
+/// A host name, and the address to which its packets go at present.
+struct Host {
+    address: Address,
+    current: Option<SocketAddr>,
+    destination: Input<Option<Destination>>,
+}
+
+impl Host {
+    /// Takes the result of a look-up. On an error the current destination stays.
+    fn take(&mut self, found: io::Result<Vec<SocketAddr>>) -> Result<(), LinkError> {
+        let receiver = choose(&self.address, found, self.current)?;
+        if self.current != Some(receiver) {
+            self.destination.write(Some(Destination::new(&self.address, receiver)?));
+            tracing::info!("link {}: packets go to {receiver}", self.address);
+            self.current = Some(receiver);
+        }
+        Ok(())
     }
-    Ok(())
 }
 
 /// Chooses one of the addresses found: the current one if it is among them, so that the order in which a name server
@@ -250,8 +235,6 @@ fn is_nearby(address: IpAddr) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Mutex;
-
     use super::*;
     use crate::link::testing::{PATIENCE, eventually};
     use crate::skip::skip;
@@ -260,6 +243,13 @@ mod tests {
 
     fn open(address: &str) -> UdpCarrier {
         UdpCarrier::open(&Address::new(address).unwrap(), Arc::default()).unwrap()
+    }
+
+    /// A host name without an address yet, and the link to it.
+    fn host() -> (Host, UdpCarrier) {
+        let (input, destination) = TripleBuffer::default().split();
+        let host = Host { address: Address::new("head.local:5252").unwrap(), current: None, destination: input };
+        (host, UdpCarrier { destination, lookup: None, traffic: Arc::default(), refusal: None })
     }
 
     fn receiver(address: &str) -> UdpSocket {
@@ -283,63 +273,46 @@ mod tests {
     }
 
     #[test]
-    fn a_message_arrives_as_one_datagram() {
+    fn a_receiver_that_starts_late_gets_every_message_from_then_on_as_one_datagram() {
         for any in ["127.0.0.1:0", "[::1]:0"] {
-            if UdpSocket::bind(any).is_err() {
+            let Ok(socket) = UdpSocket::bind(any) else {
                 skip(&format!("this machine has no address {any}"));
                 continue;
-            }
-            let socket = receiver(any);
-            let mut link = open(&socket.local_addr().unwrap().to_string());
-            assert_eq!(sent(&mut link, &socket), (None, [1, 0]));
+            };
+            let address = socket.local_addr().unwrap().to_string();
+            drop(socket);
+            let mut link = open(&address);
+            (0..10).for_each(|_| link.send(MESSAGE));
+            assert_eq!(sent(&mut link, &receiver(&address)), (None, [11, 0]));
         }
     }
 
     #[test]
-    fn a_receiver_that_starts_late_gets_every_message_from_then_on() {
-        let address = receiver("127.0.0.1:0").local_addr().unwrap().to_string();
-        let mut link = open(&address);
-        (0..10).for_each(|_| link.send(MESSAGE));
-        assert_eq!(sent(&mut link, &receiver(&address)), (None, [11, 0]));
-    }
-
-    #[test]
     fn a_message_that_the_network_refuses_is_counted_and_the_link_lives_on() {
+        let (mut host, mut link) = host();
         // An IPv4 socket cannot reach an IPv6 address, whatever routes this machine has.
-        let receiver = SocketAddr::from((Ipv6Addr::LOCALHOST, 9));
-        let (mut input, destination) = TripleBuffer::default().split();
-        input.write(Some(Destination { socket: UdpSocket::bind("127.0.0.1:0").unwrap(), receiver }));
-        let mut link = UdpCarrier { destination, lookup: None, traffic: Arc::default(), refusal: None };
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        host.destination.write(Some(Destination { socket, receiver: (Ipv6Addr::LOCALHOST, 9).into() }));
         link.send(MESSAGE);
         assert_eq!(counts(&link), [0, 1]);
         assert!(!link.is_open() && link.refusal().is_some());
     }
 
     #[test]
-    fn an_address_without_a_route_is_reported_with_what_to_check() {
+    fn an_address_that_cannot_be_reached_is_reported_with_what_to_check() {
         // A link-local address leads nowhere without the name of an interface. Without IPv6 there is no socket.
-        let error = check(&Address::new("[fe80::1]:5252").unwrap()).unwrap_err().to_string();
-        let beginning = ["link [fe80::1]:5252: no network leads there (", "link [fe80::1]:5252: no socket ("];
-        assert!(beginning.iter().any(|beginning| error.starts_with(beginning)), "{error}");
-    }
-
-    #[test]
-    fn an_unknown_host_is_reported_and_its_messages_are_dropped() {
-        let text = resolve(&Address::new("nowhere.invalid:5252").unwrap()).unwrap_err().to_string();
-        assert!(text.starts_with("link nowhere.invalid:5252: the host does not resolve ("), "{text}");
-        assert!(text.contains("check the spelling"), "{text}");
-        let mut link = open("nowhere.invalid:5252");
-        link.send(MESSAGE);
-        assert_eq!((link.is_open(), counts(&link)), (false, [0, 1]));
+        for (address, beginnings, advice) in [
+            ("[fe80::1]:5252", ["no network leads there (", "no socket ("], "check th"),
+            ("nowhere.invalid:5252", ["the host does not resolve ("; 2], "check the spelling"),
+        ] {
+            let error = check(&Address::new(address).unwrap()).unwrap_err().to_string();
+            let is_named = beginnings.iter().any(|cause| error.starts_with(&format!("link {address}: {cause}")));
+            assert!(is_named && error.contains(advice), "{error}");
+        }
     }
 
     #[test]
     fn in_the_unit_a_name_server_at_a_public_address_is_named_with_the_drop_in() {
-        let names = |cgroup: &str, resolver: &str| {
-            let remedy = remedy([cgroup, resolver]);
-            assert!(remedy.contains("check the spelling"), "{remedy}");
-            remedy.split_once("the name server ").map(|(_, rest)| rest.split_once(", add it to").unwrap().0.to_owned())
-        };
         for (server, is_named) in [
             ("9.9.9.9", true),
             ("2620:fe::fe", true),
@@ -354,51 +327,11 @@ mod tests {
         ] {
             let resolver =
                 format!("# nameserver 8.8.8.8\nsearch lan\nnameserver 10.0.0.1\nnameserver\t{server}\noptions edns0\n");
-            assert_eq!(names("0::/system.slice/facewire.service\n", &resolver), is_named.then(|| server.to_owned()));
-            assert_eq!(names("0::/user.slice/user-1000.slice/session-3.scope\n", &resolver), None);
-        }
-    }
-
-    #[test]
-    fn localhost_is_found_and_reached_by_ipv4() {
-        let socket = receiver("127.0.0.1:0");
-        let mut link = open(&format!("localhost:{}", socket.local_addr().unwrap().port()));
-        eventually("localhost resolves", || arrives(&mut link, &socket));
-    }
-
-    /// A name server whose answer a test can change.
-    #[derive(Clone, Default)]
-    struct NameServer {
-        answer: Arc<Mutex<Vec<SocketAddr>>>,
-        lookups: Arc<Mutex<u32>>,
-    }
-
-    impl NameServer {
-        fn answers(&self, sockets: &[&UdpSocket]) {
-            *self.answer.lock().unwrap() = sockets.iter().map(|socket| socket.local_addr().unwrap()).collect();
-        }
-
-        /// Opens a link to a host name that this server knows.
-        fn link(&self, period: Duration) -> UdpCarrier {
-            let server = self.clone();
-            let resolve = move |_: &Address| {
-                *server.lookups.lock().unwrap() += 1;
-                let found = server.answer.lock().unwrap().clone();
-                if found.is_empty() { Err(io::Error::other("no such host")) } else { Ok(found) }
-            };
-            UdpCarrier::open_with(&Address::new("head.local:5252").unwrap(), Arc::default(), resolve, period).unwrap()
-        }
-
-        /// Lets the link look up its host name, and waits until it has.
-        fn refresh(&self, link: &UdpCarrier) {
-            // A look-up may have begun before the answer changed; the second one has not.
-            for _ in 0..2 {
-                let before = *self.lookups.lock().unwrap();
-                eventually("the name is looked up", || {
-                    link.refresh();
-                    *self.lookups.lock().unwrap() > before
-                });
-            }
+            let [unit, user] = ["0::/system.slice/facewire.service\n", "0::/user.slice/session-3.scope\n"]
+                .map(|cgroup| remedy([cgroup, &resolver]));
+            let name = format!("the name server {server}, add it to the drop-in name-server.conf");
+            assert_eq!((unit.contains(&name), unit.contains("drop-in")), (is_named, is_named), "{unit}");
+            assert!(unit.contains("check the spelling") && !user.contains("drop-in"), "{unit} {user}");
         }
     }
 
@@ -411,34 +344,53 @@ mod tests {
     }
 
     #[test]
+    fn localhost_is_found_and_reached_by_ipv4() {
+        let socket = receiver("127.0.0.1:0");
+        let mut link = open(&format!("localhost:{}", socket.local_addr().unwrap().port()));
+        eventually("localhost resolves", || arrives(&mut link, &socket));
+    }
+
+    #[test]
     fn packets_follow_a_host_name_to_its_new_address() {
         let [old, new] = ["127.0.0.1:0", "127.0.0.1:0"].map(receiver);
-        let server = NameServer::default();
-        server.answers(&[&old, &new]);
-        let mut link = server.link(Duration::from_hours(1));
-        eventually("packets arrive at the first address", || arrives(&mut link, &old));
-        server.answers(&[&new, &old]);
-        server.refresh(&link);
-        assert!(arrives(&mut link, &old), "another order of the same addresses changes nothing");
-        server.answers(&[&new]);
-        server.refresh(&link);
-        eventually("packets arrive at the new address", || arrives(&mut link, &new));
-        assert!(!arrives(&mut link, &old));
-        drop(link);
-        eventually("look-ups end with the link", || Arc::strong_count(&server.lookups) == 1);
+        let [old_address, new_address] = [&old, &new].map(|socket| socket.local_addr().unwrap());
+        let (mut host, mut link) = host();
+        // Another order of the same addresses changes nothing.
+        for found in [[old_address, new_address], [new_address, old_address]] {
+            host.take(Ok(found.to_vec())).unwrap();
+            assert!(arrives(&mut link, &old));
+        }
+        host.take(Ok(vec![new_address])).unwrap();
+        assert!(arrives(&mut link, &new) && !arrives(&mut link, &old));
     }
 
     #[test]
     fn while_look_ups_fail_packets_go_to_the_last_known_address() {
-        let socket = receiver("127.0.0.1:0");
-        let server = NameServer::default();
-        server.answers(&[&socket]);
-        let mut link = server.link(Duration::from_millis(5));
-        eventually("packets arrive", || arrives(&mut link, &socket));
-        server.answers(&[]);
-        let before = *server.lookups.lock().unwrap();
-        eventually("look-ups without being asked", || *server.lookups.lock().unwrap() > before + 1);
-        assert!(arrives(&mut link, &socket) && link.is_open());
+        let (socket, (mut host, mut link)) = (receiver("127.0.0.1:0"), host());
+        for failure in [Ok(Vec::new()), Err(io::Error::other("no such host"))] {
+            host.take(Ok(vec![socket.local_addr().unwrap()])).unwrap();
+            assert!(host.take(failure).is_err());
+            assert!(arrives(&mut link, &socket) && link.is_open());
+        }
+    }
+
+    #[test]
+    fn a_host_is_looked_up_again_and_again_until_the_link_ends_and_without_an_address_messages_are_dropped() {
+        for found in [None, Some(SocketAddr::from((Ipv4Addr::LOCALHOST, 9)))] {
+            let ((host, mut link), (tell, told)) = (host(), std::sync::mpsc::channel());
+            let resolve = move |_: &Address| {
+                let _ = tell.send(());
+                found.map(|address| vec![address]).ok_or_else(|| io::Error::other("no such host"))
+            };
+            link.lookup = Some(Lookup::start(host, Duration::from_millis(1), resolve).unwrap());
+            (0..3).for_each(|_| told.recv_timeout(PATIENCE).unwrap());
+            link.send(MESSAGE);
+            let is_sent = found.is_some();
+            assert_eq!((link.is_open(), counts(&link)), (is_sent, [is_sent.into(), (!is_sent).into()]));
+            drop(link);
+            // This would not return if the thread went on.
+            told.iter().for_each(drop);
+        }
     }
 
     /// Returns the number of an interface other than the loopback interface that has an IPv6 address.

@@ -37,8 +37,11 @@ impl Vmc {
             let arguments: Vec<_> = once(Argument::Text(name)).chain(position_and_rotation).collect();
             Message::new("/VMC/Ext/Bone/Pos", &arguments)
         };
-        let blendshape =
-            |name: &&str| Message::new("/VMC/Ext/Blend/Val", &[Argument::Text(&pascal_case(name)), Argument::Float]);
+        let blendshape = |name: &&str| {
+            let (capital, rest) = name.split_at(1);
+            let name = capital.to_uppercase() + rest;
+            Message::new("/VMC/Ext/Blend/Val", &[Argument::Text(&name), Argument::Float])
+        };
         let bones = if settings.bones { &["Head", "LeftEye", "RightEye"][..] } else { &[] };
         Self {
             ok: [0, 1].map(ok),
@@ -69,31 +72,17 @@ impl Format for Vmc {
     }
 }
 
-/// Returns the name with a capital at its beginning.
-fn pascal_case(name: &str) -> String {
-    let mut letters = name.chars();
-    letters.next().into_iter().flat_map(char::to_uppercase).chain(letters).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use rosc::{OscMessage, OscPacket, OscType};
 
     use super::*;
     use crate::link::osc::received;
-    use crate::link::output::test_output;
+    use crate::link::test_output;
     use crate::link::testing::{DOWN, LEFT, TILTED, encoded, face, near, turned};
 
     fn frame(output: &Output) -> Vec<OscMessage> {
         received(&encoded(&mut Vmc::new(&VmcSettings::default()), output))
-    }
-
-    /// Returns the numbers of the message about a bone or a blendshape.
-    fn numbers(output: &Output, name: &str) -> Vec<f32> {
-        let is_about = |message: &OscMessage| message.args.first() == Some(&OscType::String(name.to_owned()));
-        let found: Vec<_> = frame(output).into_iter().filter(is_about).collect();
-        assert_eq!(found.len(), 1, "{name}");
-        found[0].args.iter().filter_map(|argument| argument.clone().float()).collect()
     }
 
     #[test]
@@ -110,18 +99,22 @@ mod tests {
 
     #[test]
     fn head_and_eyes_turn_in_unitys_left_handed_axes() {
-        let half = |degrees: f32| (0.5 * degrees).to_radians().sin_cos();
+        let look = face(&[("eyeLookOutLeft", 1.0), ("eyeLookDownRight", 1.0)]);
         // In Unity, turns to the person's left are negative about y, nods down are positive about x, and tilts to the
         // right shoulder are negative about z.
-        let ((sin, cos), left) = (half(30.0), numbers(&turned(LEFT), "Head"));
-        assert!(near(&left, &[0.0, 0.0, 0.0, 0.0, -sin, 0.0, cos]), "{left:?}");
-        let ((sin, cos), down) = (half(20.0), numbers(&turned(DOWN), "Head"));
-        assert!(near(&down, &[0.0, 0.0, 0.0, sin, 0.0, 0.0, cos]), "{down:?}");
-        let ((sin, cos), tilted) = (half(10.0), numbers(&turned(TILTED), "Head"));
-        assert!(near(&tilted, &[0.0, 0.0, 0.0, 0.0, 0.0, -sin, cos]), "{tilted:?}");
-        let ((sin, cos), look) = (half(35.0), face(&[("eyeLookOutLeft", 1.0), ("eyeLookDownRight", 1.0)]));
-        assert!(near(&numbers(&look, "LeftEye")[3..], &[0.0, -sin, 0.0, cos]));
-        assert!(near(&numbers(&look, "RightEye")[3..], &[sin, 0.0, 0.0, cos]));
+        for (output, name, [x, y, z], degrees) in [
+            (&turned(LEFT), "Head", [0.0, -1.0, 0.0], 30.0_f32),
+            (&turned(DOWN), "Head", [1.0, 0.0, 0.0], 20.0),
+            (&turned(TILTED), "Head", [0.0, 0.0, -1.0], 10.0),
+            (&look, "LeftEye", [0.0, -1.0, 0.0], 35.0),
+            (&look, "RightEye", [1.0, 0.0, 0.0], 35.0),
+        ] {
+            let is_about = |message: &OscMessage| message.args.first() == Some(&OscType::String(name.to_owned()));
+            let bone = frame(output).into_iter().find(is_about).unwrap();
+            let numbers: Vec<f32> = bone.args.iter().filter_map(|argument| argument.clone().float()).collect();
+            let (sin, cos) = (0.5 * degrees).to_radians().sin_cos();
+            assert!(near(&numbers, &[0.0, 0.0, 0.0, x * sin, y * sin, z * sin, cos]), "{name} {degrees} {numbers:?}");
+        }
     }
 
     #[test]
@@ -141,9 +134,8 @@ mod tests {
     fn ok_tells_whether_the_face_is_tracked() {
         for (state, tracked) in [(State::Live, 1), (State::Hold, 1), (State::Decay, 0), (State::Neutral, 0)] {
             let messages = frame(&test_output(state));
-            assert_eq!(messages[0].addr, "/VMC/Ext/OK");
+            assert_eq!([&*messages[0].addr, &*messages[1].addr], ["/VMC/Ext/OK", "/VMC/Ext/T"]);
             assert_eq!(messages[0].args, [1, 3, 0, tracked].map(OscType::Int));
-            assert_eq!(messages[1].addr, "/VMC/Ext/T");
         }
     }
 }

@@ -181,15 +181,14 @@ mod tests {
     use super::*;
     use crate::config::LinkKind;
     use crate::link::osc::received;
-    use crate::link::output::{Pose, test_output};
-    use crate::link::testing::{DOWN, LEFT, TILTED, encoded, face, near, turned};
+    use crate::link::testing::{DOWN, LEFT, TILTED, encoded, face, kind, near, turned};
+    use crate::link::{Pose, test_output};
 
     type Messages = BTreeMap<String, Vec<OscType>>;
 
     fn open(keys: &str) -> Vrchat {
-        let settings = crate::config::parse("test", &format!("[[link]]\nkind = \"vrchat\"\n{keys}")).unwrap();
-        let LinkKind::Vrchat(settings) = &settings.links[0].kind else { unreachable!() };
-        Vrchat::new(settings)
+        let LinkKind::Vrchat(settings) = kind("vrchat", keys) else { unreachable!() };
+        Vrchat::new(&settings)
     }
 
     fn messages(format: &mut Vrchat, now: Instant, output: &Output) -> Messages {
@@ -201,11 +200,6 @@ mod tests {
     /// Returns what a new link with these settings sends first.
     fn first(keys: &str, output: &Output) -> Messages {
         messages(&mut open(keys), Instant::now(), output)
-    }
-
-    fn numbers<const N: usize>(output: &Output, names: [&str; N]) -> [f32; N] {
-        let messages = first("", output);
-        names.map(|name| messages[&format!("/avatar/parameters/v2/{name}")][0].clone().float().unwrap())
     }
 
     /// The documented bytes of `v2/JawOpen` = 0.5, and of a status that is true.
@@ -221,14 +215,16 @@ mod tests {
 
     #[test]
     fn parameters_follow_the_formulas_of_vrcfacetracking() {
-        let smile = [("mouthSmileLeft", 0.5), ("mouthFrownLeft", 0.1), ("mouthStretchLeft", 0.3)];
-        let brow = [("browInnerUp", 0.5), ("browOuterUpLeft", 1.0), ("browDownLeft", 0.2)];
-        let lids = [("eyeBlinkLeft", 0.2), ("eyeWideLeft", 0.4), ("eyeSquintRight", 0.3)];
-        let mouth =
-            [("mouthLeft", 0.3), ("jawRight", 0.7), ("mouthClose", 0.5), ("jawOpen", 0.3), ("mouthFunnel", 0.4)];
-        let lips = [("mouthUpperUpLeft", 0.4), ("mouthLowerDownRight", 0.8), ("mouthRollUpper", 0.9)];
-        for (look, names, want) in [
-            (&smile[..], ["MouthCornerPullLeft", "MouthCornerSlantLeft", "SmileFrownLeft"], [0.5, 0.5, 0.4]),
+        let smile = face(&[("mouthSmileLeft", 0.5), ("mouthFrownLeft", 0.1), ("mouthStretchLeft", 0.3)]);
+        let brow = face(&[("browInnerUp", 0.5), ("browOuterUpLeft", 1.0), ("browDownLeft", 0.2)]);
+        let lids = face(&[("eyeBlinkLeft", 0.2), ("eyeWideLeft", 0.4), ("eyeSquintRight", 0.3)]);
+        let [mouth, jaw] = [[("mouthLeft", 0.3), ("jawRight", 0.7)], [("mouthClose", 0.5), ("jawOpen", 0.3)]];
+        let mouth = face(&[&mouth[..], &jaw, &[("mouthFunnel", 0.4)]].concat());
+        let lips = face(&[("mouthUpperUpLeft", 0.4), ("mouthLowerDownRight", 0.8), ("mouthRollUpper", 0.9)]);
+        let eyes = face(&[("eyeLookOutLeft", 0.5), ("eyeLookInRight", 0.5), ("eyeLookUpLeft", 1.0)]);
+        let head = ["Head/Yaw", "Head/Pitch", "Head/Roll"];
+        for (output, names, want) in [
+            (&smile, ["MouthCornerPullLeft", "MouthCornerSlantLeft", "SmileFrownLeft"], [0.5, 0.5, 0.4]),
             (&smile, ["SmileSadLeft", "SmileFrown", "SmileFrownRight"], [0.2, 0.2, 0.0]),
             (&brow, ["BrowUpLeft", "BrowExpressionLeft", "BrowInnerUpRight"], [0.8, 0.55, 0.5]),
             (&lids, ["EyeLidLeft", "EyeOpenLeft", "EyeOpenRight"], [0.7, 0.8, 1.0]),
@@ -237,19 +233,15 @@ mod tests {
             (&mouth, ["LipFunnelUpperLeft", "LipFunnelLowerRight", "MouthUpperLeft"], [0.4, 0.4, 0.3]),
             // 1 - 0.4^(1/6)
             (&lips, ["MouthOpen", "LipSuckUpperLeft", "LipSuckUpperRight"], [0.3, 0.141_63, 0.9]),
+            // Eyes and head are positive to the right; eyes are positive up, the head down and to the left shoulder.
+            (&eyes, ["EyeLeftX", "EyeRightX", "EyeLeftY"], [-0.5, -0.5, 1.0]),
+            (&turned(LEFT), head, [-30.0 / 90.0, 0.0, 0.0]),
+            (&turned(DOWN), head, [0.0, 20.0 / 90.0, 0.0]),
+            (&turned(TILTED), head, [0.0, 0.0, -10.0 / 90.0]),
         ] {
-            let found = numbers(&face(look), names);
+            let sent = first("", output);
+            let found = names.map(|name| sent[&format!("/avatar/parameters/v2/{name}")][0].clone().float().unwrap());
             assert!(near(&found, &want), "{names:?} {found:?}");
-        }
-    }
-
-    #[test]
-    fn eyes_and_head_are_positive_to_the_right_and_up_or_down() {
-        let look = face(&[("eyeLookOutLeft", 0.5), ("eyeLookInRight", 0.5), ("eyeLookUpLeft", 1.0)]);
-        assert!(near(&numbers(&look, ["EyeLeftX", "EyeRightX", "EyeLeftY", "EyeY"]), &[-0.5, -0.5, 1.0, 0.5]));
-        for (rotation, want) in [(LEFT, [-30.0, 0.0, 0.0]), (DOWN, [0.0, 20.0, 0.0]), (TILTED, [0.0, 0.0, -10.0])] {
-            let found = numbers(&turned(rotation), ["Head/Yaw", "Head/Pitch", "Head/Roll"]);
-            assert!(near(&found, &want.map(|degrees| degrees / 90.0)), "{found:?}");
         }
     }
 
@@ -270,13 +262,11 @@ mod tests {
             (("jawOpen", 1.0), "JawOpen", [false, true, true, true]),
             (("jawLeft", 0.5), "JawX", [true, false, false, true]),
         ] {
-            let messages = first("bits = 3\nfloats = false\n", &face(&[look]));
-            let sent = |ending: &str| messages.get(&format!("/avatar/parameters/v2/{name}{ending}"));
-            assert_eq!(
-                ["Negative", "1", "2", "4"].map(sent),
-                want.map(|bit| vec![OscType::Bool(bit)]).each_ref().map(Some)
-            );
-            assert_eq!([sent(""), sent("8")], [None; 2]);
+            let mut messages = first("bits = 3\nfloats = false\n", &face(&[look]));
+            let sent = ["Negative", "1", "2", "4", "", "8"]
+                .map(|ending| messages.remove(&format!("/avatar/parameters/v2/{name}{ending}")));
+            let want = want.map(|bit| Some(vec![OscType::Bool(bit)]));
+            assert_eq!(sent[..], [&want[..], &[None, None]].concat());
         }
     }
 
@@ -292,15 +282,14 @@ mod tests {
 
     #[test]
     fn only_changes_are_sent_and_everything_once_a_second() {
-        let (mut format, begun) = (open(""), Instant::now());
-        let mut at = |ms, look: &[(&str, f32)]| messages(&mut format, begun + Duration::from_millis(ms), &face(look));
-        let all = at(0, &[]).len();
-        assert_eq!(all, STATUS.len() + PARAMETERS.len());
-        assert_eq!(at(16, &[]).len(), 0);
-        assert_eq!(at(33, &[("jawOpen", 0.1)]).keys().collect::<Vec<_>>(), ["/avatar/parameters/v2/JawOpen"]);
-        assert_eq!(at(50, &[("jawOpen", 0.103)]).len(), 0, "less than a step");
-        assert_eq!(at(999, &[("jawOpen", 0.103)]).len(), 0);
-        assert_eq!(at(1000, &[("jawOpen", 0.103)]).len(), all);
+        let (mut format, begun, all) = (open(""), Instant::now(), STATUS.len() + PARAMETERS.len());
+        // 0.003 is less than a step.
+        for (ms, jaw_open, want) in
+            [(0, 0.0, all), (16, 0.0, 0), (33, 0.1, 1), (50, 0.103, 0), (999, 0.103, 0), (1000, 0.103, all)]
+        {
+            let output = face(&[("jawOpen", jaw_open)]);
+            assert_eq!(messages(&mut format, begun + Duration::from_millis(ms), &output).len(), want, "{ms} ms");
+        }
     }
 
     #[test]
@@ -308,9 +297,8 @@ mod tests {
         let mut format = open("");
         for (state, want) in [(State::Live, Some(true)), (State::Hold, None), (State::Decay, Some(false))] {
             let messages = messages(&mut format, Instant::now(), &test_output(state));
-            let status =
-                messages.get("/avatar/parameters/EyeTrackingActive").map(|value| value[0] == OscType::Bool(true));
-            assert_eq!(status, want, "{state:?}");
+            let status = messages.get("/avatar/parameters/EyeTrackingActive");
+            assert_eq!(status.map(|value| value[0] == OscType::Bool(true)), want, "{state:?}");
         }
     }
 

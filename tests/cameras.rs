@@ -59,7 +59,7 @@ fn each_raw_format_is_delivered_with_its_time_of_capture() {
     plug_vivid();
     for format in [PixelFormat::Yuyv, PixelFormat::Nv12, PixelFormat::Grey] {
         let mut source = open("auto", Some(format)).unwrap();
-        assert_eq!(source.describe().to_string(), format!("vivid (/dev/video0): {format} 640x480 at 25 fps"));
+        assert_eq!(source.describe().to_string(), format!("vivid (/dev/video0): {} 640x480 at 25 fps", format.name()));
         let first_us = source.next().unwrap().unwrap().captured_us;
         let frame = source.next().unwrap().unwrap();
         assert!(first_us < frame.captured_us && frame.captured_us <= monotonic_us());
@@ -69,7 +69,7 @@ fn each_raw_format_is_delivered_with_its_time_of_capture() {
             Pixels::Grey { .. } => format == PixelFormat::Grey,
             Pixels::Planar { .. } => false,
         };
-        assert!(matches, "{format}");
+        assert!(matches, "{format:?}");
     }
 }
 

@@ -80,12 +80,12 @@ fn shape(input: &mut Input<'_>) -> CropShape {
 
 fn raw(layout: &Layout, used: usize, region: &FaceBox, shape: CropShape) {
     let frame = painted(layout);
-    let mut store = Store::new(layout).unwrap();
+    let mut store = Store::new(*layout).unwrap();
     let padded = [&frame[..], &[PADDING; 64]].concat();
     let used = used.min(padded.len());
-    assert_eq!(store.keep(&padded[..used], layout).is_ok(), used >= frame.len());
-    store.keep(&padded, layout).unwrap();
-    let picture = store.picture(layout).unwrap();
+    assert_eq!(store.keep(&padded[..used]).is_ok(), used >= frame.len());
+    store.keep(&padded).unwrap();
+    let picture = store.picture().unwrap();
     assert_eq!((picture.width, picture.height), (layout.width, layout.height));
     let middle = FaceBox { centre: [0.0; 2], size: 0.0, angle_rad: 0.0 };
     let colour = sampled(&picture, &middle, CropShape { side: 1, border: Border::Replicate, ..shape });
@@ -121,17 +121,17 @@ fn jpeg(layout: &Layout, input: &mut Input<'_>, region: &FaceBox, shape: CropSha
     let cut = usize::from(input.byte()) * input.0.len() / 256;
     let image = input.0;
     let decoded = |store: &mut Store, image: &[u8]| {
-        store.keep(image, layout).map(|()| hash(&store.picture(layout).unwrap())).map_err(|fault| fault.to_string())
+        store.keep(image).map(|()| hash(&store.picture().unwrap())).map_err(|fault| fault.to_string())
     };
-    let mut store = Store::new(layout).unwrap();
+    let mut store = Store::new(*layout).unwrap();
     let alone = decoded(&mut store, image);
-    let mut used = Store::new(layout).unwrap();
+    let mut used = Store::new(*layout).unwrap();
     for before in [&image[..cut], &image[cut..], image] {
         let _ = decoded(&mut used, before);
         assert_eq!(decoded(&mut used, image), alone);
     }
-    assert_eq!(alone.is_ok(), store.picture(layout).is_some());
-    if let Some(picture) = store.picture(layout) {
+    assert_eq!(alone.is_ok(), store.picture().is_some());
+    if let Some(picture) = store.picture() {
         assert_eq!((picture.width, picture.height), (layout.width, layout.height));
         assert!(sampled(&picture, region, shape).iter().all(|value| (-1.0..=1.0).contains(value)));
     }

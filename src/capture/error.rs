@@ -121,3 +121,14 @@ pub enum FrameFault {
     #[error("its JPEG data is corrupt")]
     Corrupt,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bus_without_bandwidth_is_told_with_its_remedy() {
+        let sentence = CaptureError::device(Path::new("/dev/video7"), "starting it", Errno::NOSPC.into()).to_string();
+        assert!(sentence.contains("/dev/video7") && sentence.contains("camera.format = \"mjpeg\""), "{sentence}");
+    }
+}

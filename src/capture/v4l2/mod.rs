@@ -8,14 +8,286 @@
 //!
 //! Limits: single-planar capture in YUYV, NV12, GREY and Motion-JPEG.
 
-mod camera;
-mod layout;
 mod mode;
 mod probe;
 mod select;
 mod stream;
 
-pub use camera::CameraSource;
-pub use layout::{Layout, Store};
-pub use mode::{PixelFormat, Wish};
-pub use probe::{Camera, Found, cameras};
+use std::mem::take;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
+use v4l::format::{Colorspace, Quantization};
+use v4l::video::Capture;
+use v4l::video::capture::Parameters;
+use v4l::{Device, Format, FourCC, Fraction};
+
+pub use self::mode::{PixelFormat, Wish};
+pub use self::probe::{Camera, cameras};
+
+use self::mode::{Choice, choose, has_smaller};
+use self::probe::{guarded, probe};
+use self::select::{failed, start_one};
+use self::stream::Stream;
+use super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, JpegDecoder, Skipped, Source};
+
+/// A camera that has shown this many pictures is a good one: if it fails after that, it is tried first again.
+const PROVEN_AFTER: u32 = 30;
+
+/// An open camera.
+pub struct CameraSource {
+    stream: Stream,
+    store: Store,
+    node: PathBuf,
+    origin: String,
+    rate: Option<FrameRate>,
+    decoding: Duration,
+    has_smaller_mode: bool,
+    /// Number of pictures so far, up to [`PROVEN_AFTER`].
+    shown: u32,
+    /// Whether the last call of [`Source::next`] has returned an error.
+    has_failed: bool,
+}
+
+impl CameraSource {
+    /// Opens the camera that `wanted` names: `auto`, a path (`/dev/video0` or a link to it), or a part of the camera's name
+    /// or of its links. Sets the mode that is nearest to `wish`. The first frame must come within 5 seconds, and each later
+    /// frame within `timeout`. If several cameras fit, the next one is tried if one does not start.
+    pub fn open(wanted: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
+        let start = |node: &Path, note: &str| guarded(node, || Self::start(node, note, wish, timeout));
+        if wanted.starts_with('/') {
+            return start(Path::new(wanted), "");
+        }
+        start_one(cameras(), wanted, wish, start)
+    }
+
+    fn start(path: &Path, note: &str, wish: &Wish, timeout: Duration) -> Result<Self, CaptureError> {
+        let (camera, device) = probe(path)?;
+        let choice = choose(&camera.modes, wish).ok_or_else(|| camera.lacks(wish))?;
+        let has_smaller_mode = has_smaller(&camera.modes, wish, &choice);
+        let Camera { node, card, .. } = camera;
+        let store = Store::new(set_format(&device, &node, choice)?)?;
+        let rate = choice.rate.and_then(|rate| set_rate(&device, rate)).or(choice.rate);
+        let stream = Stream::start(&device, &node, timeout, rate.unwrap_or(FrameRate::FPS_30).period_us())?;
+        let origin = format!("{card} ({}{note})", node.display());
+        let (decoding, shown, has_failed) = (Duration::ZERO, 0, false);
+        Ok(Self { stream, store, node, origin, rate, decoding, has_smaller_mode, shown, has_failed })
+    }
+}
+
+impl Drop for CameraSource {
+    fn drop(&mut self) {
+        if self.shown == PROVEN_AFTER {
+            failed().forget(&self.node);
+        } else if self.has_failed {
+            failed().add(&self.node);
+        }
+    }
+}
+
+impl Source for CameraSource {
+    fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
+        let (store, decoding) = (&mut self.store, &mut self.decoding);
+        let kept = self.stream.newest(|bytes| {
+            let begun = Instant::now();
+            let kept = store.keep(bytes);
+            *decoding += begun.elapsed();
+            kept
+        });
+        self.has_failed = kept.is_err();
+        let (number, captured_us) = kept?;
+        self.shown = PROVEN_AFTER.min(self.shown + 1);
+        let missing = CaptureError::Frame { number, fault: FrameFault::Incomplete };
+        let picture = self.store.picture().ok_or(missing)?;
+        Ok(Some(Frame { content: Content::Picture(picture), captured_us, number }))
+    }
+
+    fn leave_out_until(&mut self, captured_us: u64) {
+        self.stream.wanted_us = captured_us;
+    }
+
+    fn take_skipped(&mut self) -> Skipped {
+        take(&mut self.stream.skipped)
+    }
+
+    fn take_delivery(&mut self) -> Option<Delivery> {
+        self.stream.delivery.take()
+    }
+
+    fn take_decoding(&mut self) -> Duration {
+        take(&mut self.decoding)
+    }
+
+    fn has_smaller_mode(&self) -> bool {
+        self.has_smaller_mode
+    }
+
+    fn close(mut self: Box<Self>) -> Result<(), CaptureError> {
+        self.stream.stop()
+    }
+
+    fn describe(&self) -> Description<'_> {
+        let Layout { format, width, height, .. } = self.store.layout;
+        Description { origin: &self.origin, format: format.name(), width, height, rate: self.rate }
+    }
+}
+
+/// Sets format and size, and returns what the driver has set.
+fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
+    let wanted = Format::new(choice.width, choice.height, FourCC::new(&choice.format.fourcc()));
+    let set = device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))?;
+    Layout::of(&set).ok_or_else(|| {
+        let (path, Format { fourcc, width, height, .. }) = (path.display(), set);
+        let fault = format!("answered with {fourcc} {width}x{height}, which cannot be read");
+        CaptureError::Unusable(format!("{path} {fault}; set another camera.format or size"))
+    })
+}
+
+/// Asks the driver for a rate. Returns the rate that it has set, if it says so.
+fn set_rate(device: &Device, rate: FrameRate) -> Option<FrameRate> {
+    let set = device.set_params(&Parameters::new(Fraction::new(rate.seconds, rate.frames))).ok()?.interval;
+    FrameRate::new(set.denominator, set.numerator)
+}
+
+/// The layout of frames that a driver has set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Layout {
+    pub format: PixelFormat,
+    pub width: usize,
+    pub height: usize,
+    /// Bytes from one row to the next.
+    pub stride: usize,
+    /// Whether black and white are 0 and 255 in raw frames, rather than 16 and 235.
+    pub full_range: bool,
+}
+
+impl Layout {
+    /// The layout of the format that a driver has set; `None` if it is not supported. If the driver does not state the
+    /// range of luma, the kernel's rule applies: full for grey and for the JPEG colour space, limited for all others.
+    pub fn of(set: &Format) -> Option<Self> {
+        let format = PixelFormat::of(set.fourcc.repr)?;
+        let [width, height, stride] = [set.width, set.height, set.stride].map(|number| number as usize);
+        let row_bytes = match format {
+            PixelFormat::Yuyv => 4 * width.div_ceil(2),
+            // Chroma rows have the same stride as luma rows, and hold whole pairs.
+            PixelFormat::Nv12 => 2 * width.div_ceil(2),
+            _ => width,
+        };
+        let stride = if stride == 0 { row_bytes } else { stride };
+        let full_range = match set.quantization {
+            Quantization::FullRange => true,
+            Quantization::LimitedRange => false,
+            Quantization::Default => format == PixelFormat::Grey || matches!(set.colorspace, Colorspace::JPEG),
+        };
+        let fits = [width, height].iter().all(|side| (1..=MAX_SIDE_PX).contains(side))
+            && (row_bytes..=16 * MAX_SIDE_PX).contains(&stride);
+        fits.then_some(Self { format, width, height, stride, full_range })
+    }
+}
+
+/// The memory for the newest frame.
+pub struct Store {
+    layout: Layout,
+    /// The bytes that the camera sent, unless they are a JPEG image.
+    raw: Box<[u8]>,
+    jpeg: Option<JpegDecoder>,
+}
+
+impl Store {
+    pub fn new(layout: Layout) -> Result<Self, CaptureError> {
+        let Layout { format, width, height, stride, .. } = layout;
+        let (raw_rows, is_jpeg) = match format {
+            PixelFormat::Mjpeg | PixelFormat::Jpeg => (0, true),
+            PixelFormat::Nv12 => (height + height.div_ceil(2), false),
+            PixelFormat::Yuyv | PixelFormat::Grey => (height, false),
+        };
+        let jpeg = is_jpeg.then(|| JpegDecoder::new(width, height)).transpose()?;
+        Ok(Self { layout, raw: vec![0; stride * raw_rows].into_boxed_slice(), jpeg })
+    }
+
+    /// Copies or decodes a frame, so that its buffer can go back to the driver.
+    pub fn keep(&mut self, bytes: &[u8]) -> Result<(), FrameFault> {
+        if let Some(decoder) = &mut self.jpeg {
+            return decoder.decode(bytes);
+        }
+        self.raw.copy_from_slice(bytes.get(..self.raw.len()).ok_or(FrameFault::Incomplete)?);
+        Ok(())
+    }
+
+    /// Returns the frame that was kept last.
+    pub fn picture(&self) -> Option<Picture<'_>> {
+        if let Some(decoder) = &self.jpeg {
+            return decoder.picture();
+        }
+        let (Layout { format, width, height, stride, full_range }, data) = (self.layout, &self.raw);
+        let pixels = match format {
+            PixelFormat::Yuyv => Pixels::Yuyv { data, stride },
+            PixelFormat::Nv12 => {
+                let (luma, chroma) = data.split_at_checked(stride * height)?;
+                Pixels::Nv12 { luma, chroma, stride }
+            }
+            _ => Pixels::Grey { data, stride },
+        };
+        Picture::new(width, height, pixels, full_range)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn layout(fourcc: [u8; 4], [width, height, stride]: [u32; 3]) -> Option<Layout> {
+        Layout::of(&Format { stride, ..Format::new(width, height, FourCC::new(&fourcc)) })
+    }
+
+    #[test]
+    fn a_raw_frame_fills_rows_of_whole_pairs_and_is_refused_if_it_is_too_short() {
+        let table = [
+            (*b"YUYV", [6, 4, 12], 48),
+            (*b"YUYV", [6, 4, 16], 64),
+            (*b"YUYV", [5, 3, 0], 36),
+            (*b"NV12", [6, 4, 8], 48),
+            (*b"NV12", [5, 3, 0], 30),
+            (*b"GREY", [6, 4, 0], 24),
+        ];
+        for (fourcc, size, bytes) in table {
+            let mut store = Store::new(layout(fourcc, size).unwrap()).unwrap();
+            assert_eq!(store.keep(&vec![9; bytes - 1]), Err(FrameFault::Incomplete), "{size:?}");
+            assert_eq!(store.keep(&vec![9; bytes + 100]), Ok(()), "padding behind it");
+            assert_eq!((store.keep(&vec![9; bytes]), store.picture().is_some()), (Ok(()), true));
+        }
+        let mut store = Store::new(layout(*b"MJPG", [6, 4, 0]).unwrap()).unwrap();
+        assert_eq!(store.keep(&[9; 100]), Err(FrameFault::NotJpeg));
+    }
+
+    #[test]
+    fn a_layout_that_cannot_hold_a_picture_or_is_not_supported_is_refused() {
+        let table = [
+            (*b"RGB3", [6, 4, 18]),
+            (*b"YUYV", [6, 4, 11]),
+            (*b"YUYV", [5, 3, 11]),
+            (*b"NV12", [5, 3, 5]),
+            (*b"GREY", [5000, 4, 0]),
+            (*b"GREY", [0, 4, 0]),
+        ];
+        for (fourcc, size) in table {
+            assert_eq!(layout(fourcc, size), None, "{size:?}");
+        }
+    }
+
+    #[test]
+    fn the_range_is_limited_unless_the_driver_says_otherwise() {
+        let table = [
+            (b"YUYV", Colorspace::SRGB, Quantization::Default, false),
+            (b"YUYV", Colorspace::JPEG, Quantization::Default, true),
+            (b"GREY", Colorspace::SRGB, Quantization::Default, true),
+            (b"YUYV", Colorspace::SRGB, Quantization::FullRange, true),
+            (b"YUYV", Colorspace::JPEG, Quantization::LimitedRange, false),
+        ];
+        for (fourcc, colorspace, quantization, full_range) in table {
+            let set = Format { colorspace, quantization, ..Format::new(6, 4, FourCC::new(fourcc)) };
+            assert_eq!(Layout::of(&set).unwrap().full_range, full_range, "{set}");
+        }
+    }
+}

@@ -34,12 +34,10 @@ impl PixelFormat {
         }
     }
 
-    /// The format that the kernel names by these four characters.
     pub fn of(fourcc: [u8; 4]) -> Option<Self> {
         Self::ALL.into_iter().find(|format| format.fourcc() == fourcc)
     }
 
-    /// The name of the format for the operator.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Yuyv => "YUYV",
@@ -78,18 +76,6 @@ impl Steps {
 pub struct Rates {
     pub slowest: FrameRate,
     pub fastest: FrameRate,
-}
-
-impl Rates {
-    fn nearest(self, wish: FrameRate) -> FrameRate {
-        if wish.fps() <= self.slowest.fps() {
-            self.slowest
-        } else if wish.fps() >= self.fastest.fps() {
-            self.fastest
-        } else {
-            wish
-        }
-    }
 }
 
 /// A pixel format with its sizes, and the rates at its largest size. `rates` is empty if the driver does not list them.
@@ -148,8 +134,12 @@ impl Mode {
         let (width, height) = (self.width.at_least(wish.width), self.height.at_least(wish.height));
         let at = move |format, rate| Choice { format, width, height, rate };
         let unknown = self.rates.is_empty().then(|| at(self.format, None));
-        let known = self.rates.iter().map(move |rates| at(self.format, Some(rates.nearest(wish.rate))));
-        known.chain(unknown)
+        let nearest = |&Rates { slowest, fastest }: &Rates| match wish.rate.fps() {
+            fps if fps <= slowest.fps() => slowest,
+            fps if fps >= fastest.fps() => fastest,
+            _ => wish.rate,
+        };
+        self.rates.iter().map(move |rates| at(self.format, Some(nearest(rates)))).chain(unknown)
     }
 }
 
@@ -171,31 +161,22 @@ impl Choice {
     }
 }
 
-impl fmt::Display for PixelFormat {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
 impl fmt::Display for Steps {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.min == self.max { write!(f, "{}", self.min) } else { write!(f, "{}..{}", self.min, self.max) }
     }
 }
 
-impl fmt::Display for Rates {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { slowest, fastest } = self;
-        if slowest == fastest { write!(f, "{fastest}") } else { write!(f, "{slowest} to {fastest}") }
-    }
-}
-
 /// Printed as `YUYV 640x480 at 30 fps, 15 fps`.
 impl fmt::Display for Mode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}x{}", self.format, self.width, self.height)?;
-        for (at, rates) in self.rates.iter().enumerate() {
-            write!(f, "{}{rates}", if at == 0 { " at " } else { ", " })?;
+        write!(f, "{} {}x{}", self.format.name(), self.width, self.height)?;
+        for (at, Rates { slowest, fastest }) in self.rates.iter().enumerate() {
+            f.write_str(if at == 0 { " at " } else { ", " })?;
+            if slowest != fastest {
+                write!(f, "{slowest} to ")?;
+            }
+            write!(f, "{fastest}")?;
         }
         Ok(())
     }
@@ -206,23 +187,20 @@ mod tests {
     use super::*;
     use PixelFormat::{Grey, Jpeg, Mjpeg, Nv12, Yuyv};
 
-    fn fps(frames: u32) -> FrameRate {
-        FrameRate::new(frames, 1).unwrap()
-    }
-
     fn mode(format: PixelFormat, [width, height]: [u32; 2], rates: &[u32]) -> Mode {
-        let rates = rates.iter().map(|&rate| Rates { slowest: fps(rate), fastest: fps(rate) }).collect();
+        let rate = |fps: &u32| FrameRate::new(*fps, 1).unwrap();
+        let rates = rates.iter().map(|fps| Rates { slowest: rate(fps), fastest: rate(fps) }).collect();
         Mode { format, width: Steps::one(width), height: Steps::one(height), rates }
     }
 
-    fn wish(width: u32, height: u32, rate: u32) -> Wish {
-        Wish { width, height, rate: fps(rate), format: None }
+    fn wish(width: u32, height: u32, fps: u32) -> Wish {
+        Wish { width, height, rate: FrameRate::new(fps, 1).unwrap(), format: None }
     }
 
     fn chosen(modes: &[Mode], wish: &Wish) -> String {
-        let choice = choose(modes, wish).unwrap();
-        let rate = choice.rate.map_or("?".to_owned(), |rate| rate.to_string());
-        format!("{} {}x{} {rate}", choice.format, choice.width, choice.height)
+        let Choice { format, width, height, rate } = choose(modes, wish).unwrap();
+        let rate = rate.map_or("?".to_owned(), |rate| rate.to_string());
+        format!("{} {width}x{height} {rate}", format.name())
     }
 
     /// The list of a common USB 2 webcam: raw pictures are slow at large sizes.
@@ -286,7 +264,7 @@ mod tests {
         let camera = [Mode {
             width: Steps { min: 32, max: 2592, step: 2 },
             height: Steps { min: 32, max: 1944, step: 2 },
-            rates: vec![Rates { slowest: fps(1), fastest: fps(60) }],
+            rates: vec![Rates { slowest: wish(1, 1, 1).rate, fastest: wish(1, 1, 60).rate }],
             ..mode(Yuyv, [0, 0], &[])
         }];
         assert_eq!(chosen(&camera, &wish(640, 480, 30)), "YUYV 640x480 30 fps");

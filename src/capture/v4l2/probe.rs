@@ -60,10 +60,9 @@ impl Camera {
         let mut offered: Vec<_> = self.modes.iter().map(|mode| mode.format.name()).collect();
         offered.dedup();
         let offered = if offered.is_empty() { "none that is supported".to_owned() } else { offered.join(", ") };
-        let (node, wanted) =
-            (self.node.display(), wish.format.map_or("YUYV, NV12, MJPEG, JPEG or GREY", PixelFormat::name));
+        let wanted = wish.format.map_or("YUYV, NV12, MJPEG, JPEG or GREY", PixelFormat::name);
         let remedy = format!("set camera.format to a format it offers ({offered}), or use another camera");
-        CaptureError::Unusable(format!("{node} does not offer {wanted}; {remedy}"))
+        CaptureError::Unusable(format!("{} does not offer {wanted}; {remedy}", self.node.display()))
     }
 }
 
@@ -82,20 +81,18 @@ pub fn cameras() -> Found {
 
 /// Opens the camera at `path` and lists its modes.
 pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
-    guarded(path, || examine(path))
-}
-
-fn examine(path: &Path) -> Result<(Camera, Device), CaptureError> {
     let fail = |during| move |error| CaptureError::device(path, during, error);
-    let node = video_node(path)?;
-    let device = Device::with_path(&node).map_err(fail("opening it"))?;
-    let (card, driver, is_usb) = match identity(&device, &node).map_err(fail("asking what it is"))? {
-        // A camera that offers only unsupported formats is listed without modes.
-        Some(identity) if device.format().is_ok() => identity,
-        _ => return Err(CaptureError::not_a_camera(&path.display())),
-    };
-    let camera = Camera { card, driver, is_usb, links: links(&node), modes: modes(&device), node };
-    Ok((camera, device))
+    guarded(path, || {
+        let node = video_node(path)?;
+        let device = Device::with_path(&node).map_err(fail("opening it"))?;
+        let (card, driver, is_usb) = match identity(&device, &node).map_err(fail("asking what it is"))? {
+            // A camera that offers only unsupported formats is listed without modes.
+            Some(identity) if device.format().is_ok() => identity,
+            _ => return Err(CaptureError::not_a_camera(&path.display())),
+        };
+        let camera = Camera { card, driver, is_usb, links: links(&node), modes: modes(&device), node };
+        Ok((camera, device))
+    })
 }
 
 /// Returns the node to which `path` leads, if it is a video device. This is checked before the node is opened, because
@@ -155,43 +152,37 @@ fn modes(device: &Device) -> Vec<Mode> {
 fn modes_of(device: &Device, format: PixelFormat) -> Vec<Mode> {
     let fourcc = FourCC::new(&format.fourcc());
     let sizes = device.enum_framesizes(fourcc).unwrap_or_default();
-    let mut sizes: Vec<_> = sizes.into_iter().filter_map(|size| steps(&size.size)).collect();
+    let mut sizes: Vec<_> = sizes.into_iter().map(|size| steps(&size.size)).collect();
+    sizes.retain(|[width, height]| width.max > 0 && height.max > 0);
     if sizes.is_empty() {
         sizes.extend(device.format().ok().map(|set| [Steps::one(set.width), Steps::one(set.height)]));
     }
     let mode = |[width, height]: [Steps; 2]| {
-        let rates = rates(device, fourcc, [width.max, height.max]);
-        Mode { format, width, height, rates }
+        let intervals = device.enum_frameintervals(fourcc, width.max, height.max).unwrap_or_default();
+        Mode { format, width, height, rates: intervals.iter().filter_map(|of| rates(&of.interval)).collect() }
     };
     sizes.into_iter().map(mode).collect()
 }
 
-fn steps(size: &FrameSizeEnum) -> Option<[Steps; 2]> {
-    let [width, height] = match size {
+fn steps(size: &FrameSizeEnum) -> [Steps; 2] {
+    match size {
         FrameSizeEnum::Discrete(size) => [Steps::one(size.width), Steps::one(size.height)],
         FrameSizeEnum::Stepwise(size) => [
             Steps { min: size.min_width, max: size.max_width, step: size.step_width },
             Steps { min: size.min_height, max: size.max_height, step: size.step_height },
         ],
-    };
-    (width.max > 0 && height.max > 0).then_some([width, height])
-}
-
-fn rates(device: &Device, fourcc: FourCC, [width, height]: [u32; 2]) -> Vec<Rates> {
-    let intervals = device.enum_frameintervals(fourcc, width, height).unwrap_or_default();
-    intervals.iter().filter_map(|interval| rates_of(&interval.interval)).collect()
-}
-
-fn rates_of(interval: &FrameIntervalEnum) -> Option<Rates> {
-    let rate = |interval: &Fraction| FrameRate::new(interval.denominator, interval.numerator);
-    match interval {
-        FrameIntervalEnum::Discrete(interval) => rate(interval).map(|rate| Rates { slowest: rate, fastest: rate }),
-        FrameIntervalEnum::Stepwise(steps) => {
-            let fastest = rate(&steps.min)?;
-            // Many drivers state an absurd longest interval.
-            Some(Rates { slowest: rate(&steps.max).unwrap_or(fastest), fastest })
-        }
     }
+}
+
+fn rates(interval: &FrameIntervalEnum) -> Option<Rates> {
+    let rate = |interval: &Fraction| FrameRate::new(interval.denominator, interval.numerator);
+    let (shortest, longest) = match interval {
+        FrameIntervalEnum::Discrete(interval) => (interval, interval),
+        FrameIntervalEnum::Stepwise(steps) => (&steps.min, &steps.max),
+    };
+    let fastest = rate(shortest)?;
+    // Many drivers state an absurd longest interval.
+    Some(Rates { slowest: rate(longest).unwrap_or(fastest), fastest })
 }
 
 thread_local! {
@@ -204,7 +195,16 @@ thread_local! {
 /// The v4l crate panics on unexpected values: a field order that the kernel does not define (the writer of a v4l2loopback
 /// device can set one), a name that is not UTF-8, or an error when buffers are given back.
 pub(super) fn guarded<T>(path: &Path, ask: impl FnOnce() -> Result<T, CaptureError>) -> Result<T, CaptureError> {
-    silence_guarded_panics();
+    // The hook ignores guarded panics, and passes all others to the previous one.
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let previous = take_hook();
+        set_hook(Box::new(move |info| {
+            if !GUARDED.get() {
+                previous(info);
+            }
+        }));
+    });
     let before = GUARDED.replace(true);
     let outcome = catch_unwind(AssertUnwindSafe(ask));
     GUARDED.set(before);
@@ -216,35 +216,18 @@ pub(super) fn guarded<T>(path: &Path, ask: impl FnOnce() -> Result<T, CaptureErr
     })
 }
 
-/// Installs a panic hook that ignores guarded panics, and passes all others to the previous hook.
-fn silence_guarded_panics() {
-    static ONCE: Once = Once::new();
-    ONCE.call_once(|| {
-        let previous = take_hook();
-        set_hook(Box::new(move |info| {
-            if !GUARDED.get() {
-                previous(info);
-            }
-        }));
-    });
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn units_of_a_processor_are_no_cameras() {
-        let camera = |driver: &str| {
+        let is_one = |driver: &str| {
             let (node, card, driver) = ("/dev/video14".into(), driver.to_owned(), driver.to_owned());
-            Camera { node, card, driver, is_usb: false, links: Vec::new(), modes: Vec::new() }
+            Camera { node, card, driver, is_usb: false, links: Vec::new(), modes: Vec::new() }.is_one()
         };
-        for driver in NO_CAMERAS {
-            assert!(!camera(driver).is_one(), "{driver}");
-        }
-        for driver in ["uvcvideo", "gspca_main", "bm2835 mmal", "unicam", "v4l2 loopback"] {
-            assert!(camera(driver).is_one(), "{driver}");
-        }
+        assert!(!NO_CAMERAS.into_iter().any(is_one));
+        assert!(["uvcvideo", "gspca_main", "bm2835 mmal", "unicam", "v4l2 loopback"].into_iter().all(is_one));
     }
 
     #[test]

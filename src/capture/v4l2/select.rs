@@ -58,19 +58,18 @@ pub(super) fn start_one<T>(
     wish: &Wish,
     mut start: impl FnMut(&Path, &str) -> Result<T, CaptureError>,
 ) -> Result<T, CaptureError> {
-    let (begun_us, mut errors, mut note) = (monotonic_us(), Vec::new(), String::new());
+    let (begun_us, mut errors) = (monotonic_us(), Vec::new());
     let ranked = failed().rank(&cameras, wanted, wish);
-    if wanted != AUTO && ranked.len() > 1 {
-        note = ambiguity(&ranked);
-    }
-    for camera in &ranked {
-        let error = match start(&camera.node, &note) {
+    let mut note = if wanted == AUTO { String::new() } else { ambiguity(&ranked) };
+    for Camera { node, .. } in &ranked {
+        match start(node, &note) {
             Ok(source) => return Ok(source),
-            Err(error) => error,
-        };
-        failed().add(&camera.node);
-        note += &format!("; passed over {}, because {error}", camera.node.display());
-        errors.push(error);
+            Err(error) => {
+                failed().add(node);
+                note += &format!("; passed over {}, because {error}", node.display());
+                errors.push(error);
+            }
+        }
         if monotonic_us() - begun_us > TRY_FOR_US {
             break;
         }
@@ -80,12 +79,12 @@ pub(super) fn start_one<T>(
     Err(errors.into_iter().chain(refused).next().unwrap_or_else(|| missing(&cameras, wanted, wish)))
 }
 
-/// Tells how to distinguish the first camera from the others.
+/// Tells how to distinguish the first camera from the others, if a name fits several.
 fn ambiguity(ranked: &[&Camera]) -> String {
+    let [first, _, ..] = ranked else { return String::new() };
     let nodes: Vec<_> = ranked.iter().map(|camera| camera.node.display().to_string()).collect();
     // The last link names the socket, and so distinguishes cameras of the same model.
-    let link = ranked.first().and_then(|camera| camera.links.last());
-    let remedy = link.map_or("a path".to_owned(), |link| format!("\"{}\"", link.display()));
+    let remedy = first.links.last().map_or("a path".to_owned(), |link| format!("\"{}\"", link.display()));
     format!("; the name fits {}: set camera.device = {remedy} to keep to the first", nodes.join(", "))
 }
 
@@ -105,107 +104,97 @@ fn missing(cameras: &[Camera], wanted: &str, wish: &Wish) -> CaptureError {
 impl Camera {
     /// Returns whether the name of the camera or of one of its links contains `part`.
     fn is_named(&self, part: &str) -> bool {
-        let part = part.to_lowercase();
-        let mut links = self.links.iter().filter_map(|link| link.file_name()).map(|name| name.to_string_lossy());
-        self.card.to_lowercase().contains(&part) || links.any(|name| name.to_lowercase().contains(&part))
+        let links = self.links.iter().filter_map(|link| link.file_name()).map(|name| name.to_string_lossy());
+        let mut names = links.chain([self.card.as_str().into()]);
+        names.any(|name| name.to_lowercase().contains(&part.to_lowercase()))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use rustix::io::Errno;
+
     use super::super::super::FrameRate;
     use super::super::mode::{Mode, PixelFormat, Steps};
     use super::*;
 
     const WISH: Wish = Wish { width: 640, height: 480, rate: FrameRate::FPS_30, format: None };
 
-    fn camera(number: u32, card: &str, formats: &[PixelFormat]) -> Camera {
-        let size = (Steps::one(640), Steps::one(480));
-        let mode = |&format| Mode { format, width: size.0, height: size.1, rates: Vec::new() };
+    fn camera(number: u32, card: &str, format: Option<PixelFormat>) -> Camera {
+        let (width, height) = (Steps::one(640), Steps::one(480));
         Camera {
-            node: PathBuf::from(format!("/dev/video{number}")),
+            node: format!("/dev/video{number}").into(),
             card: card.to_owned(),
             driver: "uvcvideo".to_owned(),
-            is_usb: true,
-            links: vec![PathBuf::from(format!("/dev/v4l/by-id/usb-{}-video-index0", card.replace(' ', "_")))],
-            modes: formats.iter().map(mode).collect(),
+            is_usb: number > 0,
+            links: vec![format!("/dev/v4l/by-id/usb-{}-video-index0", card.replace(' ', "_")).into()],
+            modes: format.into_iter().map(|format| Mode { format, width, height, rates: Vec::new() }).collect(),
         }
     }
 
-    fn three() -> Vec<Camera> {
-        let loopback = Camera { is_usb: false, ..camera(0, "Loopback", &[PixelFormat::Yuyv]) };
-        let (webcam, infrared) = (&[PixelFormat::Yuyv], &[PixelFormat::Grey]);
+    fn four() -> Vec<Camera> {
         vec![
-            loopback,
-            camera(1, "HD Webcam C615", &[]),
-            camera(2, "HD Webcam C615", webcam),
-            camera(4, "Infrared Camera", infrared),
+            camera(0, "Loopback", Some(PixelFormat::Yuyv)),
+            camera(1, "HD Webcam C615", None),
+            camera(2, "HD Webcam C615", Some(PixelFormat::Yuyv)),
+            camera(4, "Infrared Camera", Some(PixelFormat::Grey)),
         ]
     }
 
-    /// The numbers of the nodes of `three` cameras in the order in which they are tried.
-    fn ranked(failed: &[&str], wanted: &str, format: Option<PixelFormat>) -> Vec<u32> {
-        let failed = Failed(failed.iter().map(PathBuf::from).collect());
-        let cameras = three();
-        let number = |camera: &&Camera| camera.node.to_str().unwrap()["/dev/video".len()..].parse().unwrap();
-        failed.rank(&cameras, wanted, &Wish { format, ..WISH }).iter().map(number).collect()
-    }
-
     #[test]
-    fn auto_tries_usb_cameras_first_and_those_that_failed_last() {
-        assert_eq!(ranked(&[], "auto", None), [2, 4, 0], "a node without a usable mode is left out");
-        assert_eq!(ranked(&["/dev/video2"], "auto", None), [4, 0, 2]);
-        assert_eq!(ranked(&["/dev/video4", "/dev/video2", "/dev/video0"], "auto", None), [4, 2, 0]);
-        assert_eq!(ranked(&[], "auto", Some(PixelFormat::Grey)), [4]);
-        assert_eq!(ranked(&[], "auto", Some(PixelFormat::Nv12)), [0; 0]);
-    }
-
-    #[test]
-    fn a_part_of_the_name_or_of_a_link_selects_the_camera() {
-        assert_eq!(ranked(&[], "c615", None), [2], "its second device has no usable mode");
-        assert_eq!(ranked(&[], "c615", Some(PixelFormat::Nv12)), [1, 2], "for the error");
-        assert_eq!(ranked(&[], "usb-Infrared_", None), [4]);
-        assert_eq!(ranked(&[], "C920", None), [0; 0]);
+    fn auto_tries_usb_cameras_first_and_those_that_failed_last_and_a_name_those_that_it_is_part_of() {
+        let (grey, nv12) = (Some(PixelFormat::Grey), Some(PixelFormat::Nv12));
+        let table: [(&[&str], _, _, &[&str], _); 9] = [
+            (&[], "auto", None, &["2", "4", "0"], "a node without a usable mode is left out"),
+            (&["2"], "auto", None, &["4", "0", "2"], "one failed"),
+            (&["4", "2", "0"], "auto", None, &["4", "2", "0"], "all failed"),
+            (&[], "auto", grey, &["4"], "of the format"),
+            (&[], "auto", nv12, &[], "no camera has the format"),
+            (&[], "c615", None, &["2"], "its second device has no usable mode"),
+            (&[], "c615", nv12, &["1", "2"], "for the error"),
+            (&[], "usb-Infrared_", None, &["4"], "a link"),
+            (&[], "C920", None, &[], "no such name"),
+        ];
+        for (failed, wanted, format, expected, what) in table {
+            let node = |number: &&str| PathBuf::from(format!("/dev/video{number}"));
+            let (failed, cameras) = (Failed(failed.iter().map(node).collect()), four());
+            let ranked = failed.rank(&cameras, wanted, &Wish { format, ..WISH });
+            let nodes = ranked.iter().map(|camera| camera.node.clone());
+            assert!(nodes.eq(expected.iter().map(node)), "{what}: {ranked:?}");
+        }
     }
 
     fn busy(node: &Path) -> CaptureError {
-        CaptureError::device(node, "starting it", rustix::io::Errno::BUSY.into())
+        CaptureError::device(node, "starting it", Errno::BUSY.into())
     }
 
     #[test]
     fn a_camera_that_does_not_start_is_passed_over_told_and_tried_last_the_next_time() {
-        let [first, second] = [81, 82].map(|number| camera(number, "Webcam", &[PixelFormat::Yuyv]));
+        let cameras = [81, 82].map(|number| camera(number, "Webcam", Some(PixelFormat::Yuyv)));
+        let [first, second] = cameras.each_ref().map(|camera| camera.node.clone());
         let open = |is_busy: fn(&Path) -> bool| {
-            let found = Found { cameras: vec![first.clone(), second.clone()], refused: Vec::new() };
+            let found = Found { cameras: cameras.to_vec(), refused: Vec::new() };
             let mut tried = Vec::new();
             let outcome = start_one(found, "auto", &WISH, |node, note| {
                 tried.push(node.to_owned());
                 if is_busy(node) { Err(busy(node)) } else { Ok(note.to_owned()) }
             });
-            (outcome, tried)
+            (outcome.map_err(|error| error.to_string()), tried)
         };
         let (opened, tried) = open(|node| node.ends_with("video81"));
-        assert!(
-            opened
-                .unwrap()
-                .starts_with("; passed over /dev/video81, because /dev/video81 is in use by another program")
-        );
-        assert_eq!(tried, [first.node.clone(), second.node.clone()]);
-        let (opened, tried) = open(|node| node.ends_with("video81"));
-        assert_eq!((opened.unwrap().as_str(), tried), ("", vec![second.node.clone()]));
-        failed().forget(&first.node);
-        let (refused, _) = open(|_| true);
-        assert!(refused.unwrap_err().to_string().contains("/dev/video81 is in use"), "the first one's error");
+        assert!(opened.unwrap().starts_with("; passed over /dev/video81, because /dev/video81 is in use by another"));
+        assert_eq!(tried, [first.clone(), second.clone()]);
+        assert_eq!(open(|node| node.ends_with("video81")), (Ok(String::new()), vec![second]));
+        failed().forget(&first);
+        assert!(open(|_| true).0.unwrap_err().contains("/dev/video81 is in use"), "the first one's error");
     }
 
     #[test]
     fn a_camera_that_cannot_be_stopped_ends_the_service_only_if_no_other_starts() {
         let open = |starts: bool| {
-            let cameras = [91, 92, 93].map(|number| camera(number, "Webcam", &[PixelFormat::Yuyv])).into();
+            let cameras = [91, 92, 93].map(|number| camera(number, "Webcam", Some(PixelFormat::Yuyv))).into();
             start_one(Found { cameras, refused: Vec::new() }, "webcam", &WISH, |node, _| match node.to_str() {
-                Some("/dev/video92") => {
-                    Err(CaptureError::NotStopped { path: String::new(), source: std::io::ErrorKind::Other.into() })
-                }
+                Some("/dev/video92") => Err(CaptureError::NotStopped { path: String::new(), source: Errno::IO.into() }),
                 Some("/dev/video93") if starts => Ok(()),
                 _ => Err(busy(node)),
             })
@@ -215,21 +204,17 @@ mod tests {
     }
 
     #[test]
-    fn an_ambiguous_name_is_reported_with_its_remedy() {
+    fn an_ambiguous_name_and_a_missing_camera_are_reported_with_their_remedy() {
         let links = ["/dev/v4l/by-id/usb-C615", "/dev/v4l/by-path/usb-1"].map(PathBuf::from);
-        let first = Camera { links: links.into(), ..camera(2, "C615", &[]) };
-        let text = ambiguity(&[&first, &camera(4, "C615", &[])]);
+        let [first, second] = [2, 4].map(|number| camera(number, "C615", None));
+        let text = ambiguity(&[&Camera { links: links.into(), ..first }, &second]);
         assert!(
             text.contains("fits /dev/video2, /dev/video4: set camera.device = \"/dev/v4l/by-path/usb-1\""),
             "{text}"
         );
-    }
-
-    #[test]
-    fn a_missing_camera_is_reported_with_the_existing_ones() {
-        let text = missing(&three(), "C920", &WISH).to_string();
+        let text = missing(&four(), "C920", &WISH).to_string();
         assert!(text.contains("C920") && text.contains("HD Webcam C615 (/dev/video2)"), "{text}");
-        let text = missing(&three()[1..], "auto", &WISH).to_string();
+        let text = missing(&four()[1..], "auto", &WISH).to_string();
         assert!(text.contains("/dev/video1 does not offer") && text.contains("none that is supported"), "{text}");
         assert!(missing(&[], "auto", &WISH).to_string().contains("there is no camera"));
     }

@@ -20,9 +20,9 @@ use v4l::Device;
 use v4l::buffer::{Flags, Metadata, Type};
 use v4l::device::Handle;
 use v4l::io::mmap::Stream as MappedStream;
-use v4l::io::traits::CaptureStream;
+use v4l::io::traits::{CaptureStream, Stream as StoppableStream};
 
-use super::super::delivery::{Arrival, Delivery, DeliveryCounter};
+use super::super::delivery::{Arrival, DeliveryCounter};
 use super::super::{CaptureError, FrameFault, Skipped, monotonic_us};
 use super::probe::guarded;
 
@@ -48,12 +48,12 @@ pub(super) struct Stream {
     /// Time after which a camera without a frame has stalled.
     timeout: Duration,
     period_us: u64,
-    /// Number of frames that were taken from the driver.
+    /// Number of frames that were taken from the driver, without the first one.
     taken: u64,
     /// Frames that were captured earlier are left out.
-    wanted_us: u64,
-    skipped: Skipped,
-    delivery: DeliveryCounter,
+    pub(super) wanted_us: u64,
+    pub(super) skipped: Skipped,
+    pub(super) delivery: DeliveryCounter,
 }
 
 impl Stream {
@@ -62,40 +62,32 @@ impl Stream {
         let fail = |error| CaptureError::device(path, "starting it", error);
         let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
         mapped.set_timeout(START_TIMEOUT);
-        let error = match mapped.next() {
-            Ok(_) => None,
-            Err(error) if error.kind() == io::ErrorKind::TimedOut => Some(CaptureError::stalled(START_TIMEOUT)),
-            Err(error) => Some(fail(error)),
-        };
-        if let Some(error) = error {
+        if let Err(error) = mapped.next().map(|_| ()) {
             release(mapped, path)?;
-            return Err(error);
+            let is_silent = error.kind() == io::ErrorKind::TimedOut;
+            return Err(if is_silent { CaptureError::stalled(START_TIMEOUT) } else { fail(error) });
         }
         let (delivery, skipped) = (DeliveryCounter::new(period_us), Skipped::default());
         let (mapped, handle, path) = (Some(mapped), device.handle(), path.to_owned());
         Ok(Self { mapped, handle, path, timeout, period_us, taken: 0, wanted_us: 0, skipped, delivery })
     }
 
-    /// Lets [`Stream::newest`] leave out frames that were captured before this time.
-    pub(super) fn leave_out_until(&mut self, captured_us: u64) {
-        self.wanted_us = captured_us;
-    }
-
     /// Waits for a frame that is not to be left out, skips all but the newest, and passes the bytes of that one to `keep`.
-    /// Returns its time of capture on the monotonic clock, in microseconds, or what is wrong with it.
+    /// Returns its number and its time of capture on the monotonic clock, in microseconds.
     ///
     /// After a long pause of the reader all buffers are filled, and even the newest frame is old, because the driver had
     /// no buffer for later frames. Such a frame is skipped as well, and the next one awaited.
     pub(super) fn newest(
         &mut self,
         keep: impl FnOnce(&[u8]) -> Result<(), FrameFault>,
-    ) -> Result<Result<u64, FrameFault>, CaptureError> {
+    ) -> Result<(u64, u64), CaptureError> {
         let (handle, timeout) = (&self.handle, self.timeout);
         wait(handle, timeout)?;
         let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
         let (mut skipped, mut left_out, mut patience) = (0, 0, timeout);
         loop {
             let (bytes, meta) = mapped.next().map_err(|error| failed_stream(&error))?;
+            let number = self.taken;
             self.taken += 1;
             let now_us = monotonic_us();
             let captured_us = captured_us(meta, now_us);
@@ -112,30 +104,14 @@ impl Stream {
             let has_newer =
                 is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, mem::take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
-                let kept = filled(bytes, meta).and_then(keep);
-                if kept.is_err() {
+                return filled(bytes, meta).and_then(keep).map(|()| (number, captured_us)).map_err(|fault| {
                     self.delivery.damaged();
-                }
-                return Ok(kept.map(|()| captured_us));
+                    CaptureError::Frame { number, fault }
+                });
             }
             skipped += 1;
             self.skipped.for_newer += 1;
         }
-    }
-
-    /// Number of frames that were taken from the driver, without the first one.
-    pub(super) fn taken(&self) -> u64 {
-        self.taken
-    }
-
-    /// Returns the numbers of frames that were skipped since the last call.
-    pub(super) fn take_skipped(&mut self) -> Skipped {
-        mem::take(&mut self.skipped)
-    }
-
-    /// Returns what the camera has delivered whenever a window is complete.
-    pub(super) fn take_delivery(&mut self) -> Option<Delivery> {
-        self.delivery.take()
     }
 
     /// Stops the camera and gives its buffers back. There are no frames afterwards.
@@ -151,9 +127,19 @@ impl Drop for Stream {
     }
 }
 
-/// Stops a stream of the v4l crate and drops it. A stream that cannot be stopped is leaked.
-fn release<S: v4l::io::traits::Stream>(mut mapped: S, path: &Path) -> Result<(), CaptureError> {
-    if let Err(source) = stop(&mut mapped) {
+/// Stops a stream of the v4l crate and drops it. A stream that cannot be stopped is leaked. A camera that was unplugged
+/// counts as stopped.
+fn release<S: StoppableStream>(mut mapped: S, path: &Path) -> Result<(), CaptureError> {
+    let is_interrupted = |error: &io::Error| error.kind() == io::ErrorKind::Interrupted;
+    let mut outcome = mapped.stop();
+    for _ in 1..STOP_ATTEMPTS {
+        if outcome.as_ref().is_err_and(is_interrupted) {
+            outcome = mapped.stop();
+        }
+    }
+    if let Err(source) = outcome
+        && source.raw_os_error() != Some(Errno::NODEV.raw_os_error())
+    {
         mem::forget(mapped);
         return Err(CaptureError::NotStopped { path: path.display().to_string(), source });
     }
@@ -163,21 +149,6 @@ fn release<S: v4l::io::traits::Stream>(mut mapped: S, path: &Path) -> Result<(),
         Ok(())
     });
     Ok(())
-}
-
-/// Stops a stream. A camera that was unplugged counts as stopped.
-fn stop(mapped: &mut impl v4l::io::traits::Stream) -> io::Result<()> {
-    let mut outcome = mapped.stop();
-    for _ in 1..STOP_ATTEMPTS {
-        match &outcome {
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => outcome = mapped.stop(),
-            _ => break,
-        }
-    }
-    match outcome {
-        Err(error) if error.raw_os_error() == Some(Errno::NODEV.raw_os_error()) => Ok(()),
-        outcome => outcome,
-    }
 }
 
 /// Waits until a buffer is ready.
@@ -239,26 +210,22 @@ mod tests {
 
     use super::*;
 
-    fn meta(bytesused: u32, flags: Flags) -> Metadata {
-        Metadata { bytesused, flags, timestamp: Timestamp::new(2, 500), ..Metadata::default() }
-    }
-
     #[test]
-    fn only_the_part_that_the_driver_filled_is_returned() {
-        let shown = |bytesused, flags| filled(&[7; 100], &meta(bytesused, flags)).map(<[u8]>::len);
-        assert_eq!(shown(60, Flags::empty()), Ok(60));
-        assert_eq!(shown(101, Flags::empty()), Err(FrameFault::Incomplete));
-        assert_eq!(shown(60, Flags::ERROR), Err(FrameFault::Marked));
-    }
-
-    #[test]
-    fn timestamps_of_another_clock_or_of_the_future_are_replaced() {
-        let now_us = 3_000_000;
-        let time = |flags, now_us| captured_us(&meta(0, flags), now_us);
-        assert_eq!(time(Flags::TIMESTAMP_MONOTONIC, now_us), 2_000_500);
-        assert_eq!(time(Flags::TIMESTAMP_COPY, now_us), now_us);
-        assert_eq!(time(Flags::TIMESTAMP_UNKNOWN, now_us), now_us);
-        assert_eq!(time(Flags::TIMESTAMP_MONOTONIC, 1_000_000), 1_000_000);
+    fn only_the_filled_part_of_a_buffer_is_used_with_a_time_of_the_monotonic_clock_that_is_not_in_the_future() {
+        let meta =
+            |flags, bytesused| Metadata { bytesused, flags, timestamp: Timestamp::new(2, 500), ..Metadata::default() };
+        let shown = |flags, bytesused| filled(&[7; 100], &meta(flags, bytesused)).map(<[u8]>::len);
+        assert_eq!(shown(Flags::empty(), 60), Ok(60));
+        assert_eq!(shown(Flags::empty(), 101), Err(FrameFault::Incomplete));
+        assert_eq!(shown(Flags::ERROR, 60), Err(FrameFault::Marked));
+        for (flags, now_us, expected_us) in [
+            (Flags::TIMESTAMP_MONOTONIC, 3_000_000, 2_000_500),
+            (Flags::TIMESTAMP_MONOTONIC, 1_000_000, 1_000_000),
+            (Flags::TIMESTAMP_COPY, 3_000_000, 3_000_000),
+            (Flags::TIMESTAMP_UNKNOWN, 3_000_000, 3_000_000),
+        ] {
+            assert_eq!(captured_us(&meta(flags, 0), now_us), expected_us, "{flags:?}");
+        }
     }
 
     /// A stream whose attempts to stop end as listed, and which panics in `Drop` as that of the v4l crate does.
@@ -267,7 +234,7 @@ mod tests {
         dropped: &'a Cell<bool>,
     }
 
-    impl v4l::io::traits::Stream for Stoppable<'_> {
+    impl StoppableStream for Stoppable<'_> {
         type Item = [u8];
 
         fn start(&mut self) -> io::Result<()> {
@@ -282,41 +249,31 @@ mod tests {
     impl Drop for Stoppable<'_> {
         fn drop(&mut self) {
             self.dropped.set(true);
-            if let Err(error) = v4l::io::traits::Stream::stop(self) {
+            if let Err(error) = self.stop() {
                 panic!("{error}");
             }
         }
     }
 
-    /// Releases such a stream, and returns whether it was dropped.
-    fn released(errors: &[Option<Errno>]) -> (Result<(), CaptureError>, bool) {
-        let dropped = Cell::new(false);
-        let stream = Stoppable { errors: errors.iter(), dropped: &dropped };
-        (release(stream, Path::new("/dev/video7")), dropped.get())
-    }
-
     #[test]
-    fn a_stream_that_stops_is_dropped_even_if_a_signal_interrupts_it() {
-        assert!(matches!(released(&[]), (Ok(()), true)));
-        assert!(matches!(released(&[Some(Errno::INTR), Some(Errno::INTR)]), (Ok(()), true)));
-        assert!(matches!(released(&[Some(Errno::NODEV)]), (Ok(()), true)), "unplugged");
-        assert!(matches!(released(&[None, Some(Errno::IO)]), (Ok(()), true)), "the second attempt is that of its drop");
-    }
-
-    #[test]
-    fn a_camera_that_cannot_be_stopped_is_an_error_with_its_remedy() {
-        for errors in [vec![Some(Errno::IO)], vec![Some(Errno::INTR); STOP_ATTEMPTS]] {
-            let (outcome, dropped) = released(&errors);
-            assert!(!dropped, "its drop would panic");
-            let sentence = outcome.unwrap_err().to_string();
-            assert!(sentence.starts_with("/dev/video7 cannot be stopped: ") && sentence.contains("start this program"));
+    fn a_stream_is_dropped_after_it_has_stopped_and_otherwise_is_an_error_with_its_remedy() {
+        const INTERRUPTED: Option<Errno> = Some(Errno::INTR);
+        let table = [
+            (vec![], true, "stops at once"),
+            (vec![INTERRUPTED; 2], true, "a signal interrupts it"),
+            (vec![Some(Errno::NODEV)], true, "unplugged"),
+            (vec![None, Some(Errno::IO)], true, "the second attempt is that of its drop"),
+            (vec![Some(Errno::IO)], false, "its drop would panic"),
+            (vec![INTERRUPTED; STOP_ATTEMPTS], false, "signals without end"),
+        ];
+        for (errors, stops, what) in table {
+            let dropped = Cell::new(false);
+            let stream = Stoppable { errors: errors.iter(), dropped: &dropped };
+            let sentence = release(stream, Path::new("/dev/video7")).map_err(|error| error.to_string());
+            assert_eq!((sentence.is_ok(), dropped.get()), (stops, stops), "{what}");
+            let remedy =
+                |text: String| text.contains("/dev/video7 cannot be stopped") && text.contains("start this program");
+            assert!(sentence.err().is_none_or(remedy), "{what}");
         }
-    }
-
-    #[test]
-    fn a_bus_without_bandwidth_is_told_with_its_remedy() {
-        let sentence = CaptureError::device(Path::new("/dev/video7"), "starting it", Errno::NOSPC.into()).to_string();
-        assert!(sentence.contains("/dev/video7") && sentence.contains("bandwidth"), "{sentence}");
-        assert!(sentence.contains("camera.format = \"mjpeg\""), "{sentence}");
     }
 }

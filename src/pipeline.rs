@@ -182,9 +182,9 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-    use facewire_face::stages::normalise;
+    use facewire_face::stages::{FaceMean, normalise};
     use facewire_face::testing::{Scripted, face, show};
-    use facewire_face::{Neutral, NeutralMean, Picture, Pixels};
+    use facewire_face::{Neutral, Picture, Pixels};
 
     use super::*;
 
@@ -246,8 +246,8 @@ mod tests {
 
     /// The scripted face as the neutral one. It has few points, so only displacements from itself are sensible.
     fn neutral(frame: &Frame) -> Neutral {
-        let mut mean = NeutralMean::default();
+        let mut mean = FaceMean::default();
         mean.add(&normalise(pipeline(0).0.find(frame).unwrap().unwrap().landmarks).unwrap());
-        mean.finish().unwrap()
+        mean.neutral().unwrap()
     }
 }

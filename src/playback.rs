@@ -5,8 +5,8 @@
 
 use std::ops::Range;
 
-use facewire_face::stages::normalise;
-use facewire_face::{Appearance, InferError, Landmarks, Neutral, NeutralMean, Solution, SolveError};
+use facewire_face::stages::{FaceMean, normalise};
+use facewire_face::{Appearance, InferError, Landmarks, Neutral, Solution, SolveError};
 use facewire_packet::{Reason, State};
 
 use crate::capture::{CaptureError, Content, Frame, Source};
@@ -121,10 +121,10 @@ impl Face {
 
 /// Returns the mean of the faces of these frames, to be taken as the wearer's neutral face.
 pub fn neutral_of(faces: &[Face], frames: &Range<u64>) -> Result<Neutral, SolveError> {
-    let mut mean = NeutralMean::default();
+    let mut mean = FaceMean::default();
     let chosen = faces.iter().filter(|face| frames.contains(&face.number));
     for normalised in chosen.filter_map(|face| normalise(face.landmarks.as_deref()?).ok()) {
         mean.add(&normalised);
     }
-    mean.finish()
+    mean.neutral()
 }

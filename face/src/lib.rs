@@ -1,10 +1,10 @@
 //! The method of facewire: a picture of a face goes in, blendshape coefficients and the pose of the head come out.
 //!
 //! ```text
-//! Picture -> FaceBox -> Landmarks -> Normalised -> Features -> RawCoeffs -> Corrected -> Smoothed -> Solution
-//!           detect      mesh         affine T_a    S, T_d      R    ^       eq. 7, 8     F
-//!                        |                                          |
-//!                        +-> Appearance -> Residual ----------------+
+//! Picture -> FaceBox -> Landmarks -> Normalised -> Features -> Coefficients -> correct -> filter -> Solution
+//!           detect      mesh         affine T_a    S, T_d      R  ^           eq. 7, 8    F
+//!                        |                                        |
+//!                        +-> Appearance -> residual --------------+
 //! ```
 //!
 //! [`Tracker`] follows a face from one [`Picture`] to the next and finds its [`Landmarks`]; [`Solver`] turns them into a
@@ -26,7 +26,7 @@ pub use model::{Model, ModelError};
 pub use picture::{MAX_SIDE_PX, Picture, Pixels};
 pub use solve::{
     Adjustment, Adjustments, Camera, Filter, FilterKind, Filters, GAINS, Group, HeadFilter, HeadPose, MAX_REST,
-    Neutral, NeutralMean, NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver, yaw_pitch_roll_deg,
+    Neutral, NeutralMode, Profile, Rules, Shaping, Solution, SolveError, Solver, yaw_pitch_roll_deg,
 };
 pub use track::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH, Tracker};
 
@@ -34,8 +34,8 @@ pub use track::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH, Tracker};
 pub mod stages {
     pub use crate::infer::{Network, NetworkFolder, Signature, engines, native_network};
     pub use crate::solve::{
-        Corrected, FaceMean, Features, FiltersState, MIRRORED, Normalised, RawCoeffs, Reference, Residual, Smoothed,
-        correct, mirror_image, normalise,
+        Coefficients, FaceMean, Features, FiltersState, MIRRORED, Normalised, Reference, correct, mirror_image,
+        normalise,
     };
     pub use crate::track::{Block, Border, CropShape, Detector, Mesh, Rows, bounds, crop};
 }

@@ -4,10 +4,8 @@ use std::{hint::black_box, ops::Range, path::Path, time::Instant};
 
 use anyhow::{Context, Result};
 use facewire::{config::Settings, preflight::shaping};
-use facewire_face::stages::{Features, normalise};
-use facewire_face::{
-    Appearance, COEFFS, Camera, Face, Landmarks, Model, Neutral, NeutralMean, Profile, Solution, Solver,
-};
+use facewire_face::stages::{FaceMean, Features, normalise};
+use facewire_face::{Appearance, COEFFS, Camera, Face, Landmarks, Model, Neutral, Profile, Solution, Solver};
 
 use crate::arrays::{Arrays, npy_floats};
 use crate::dataset::{LANDMARK_SHAPE, LANDMARK_VALUES, landmarks_of};
@@ -43,11 +41,11 @@ fn solver(model: &Model, neutral: Option<Neutral>) -> Solver {
 }
 
 fn mean_face(clip: &[Landmarks], frames: Range<usize>) -> Result<Neutral> {
-    let mut mean = NeutralMean::default();
+    let mut mean = FaceMean::default();
     for landmarks in clip.get(frames).context("the clip has fewer frames than the neutral range")? {
         mean.add(&normalise(landmarks)?);
     }
-    Ok(mean.finish()?)
+    Ok(mean.neutral()?)
 }
 
 /// Returns the mean absolute second difference over all coefficients, raw and smoothed. It measures the jitter of a

@@ -9,8 +9,8 @@ use std::{collections::BTreeMap, hint::black_box, time::Instant};
 
 use anyhow::{Context, Result, ensure};
 use facewire_face::model::FEATURES;
-use facewire_face::stages::{Features, Normalised, RawCoeffs, correct, normalise};
-use facewire_face::{BLENDSHAPES, COEFFS, Camera, HeadPose, Model, Neutral, NeutralMean, Profile, SolveError};
+use facewire_face::stages::{Coefficients, FaceMean, Features, Normalised, correct, normalise};
+use facewire_face::{BLENDSHAPES, COEFFS, Camera, HeadPose, Model, Neutral, Profile, SolveError};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
@@ -51,7 +51,7 @@ impl<'a> Faces<'a> {
         Self { appearances, ..self }
     }
 
-    fn raw(&self, model: &Model, row: usize) -> Result<RawCoeffs, SolveError> {
+    fn raw(&self, model: &Model, row: usize) -> Result<Coefficients, SolveError> {
         let appearance = self.appearances.map(|appearances| appearances.of(self.samples[row].picture));
         let raw = self.of_landmarks(model, row)?;
         let residual = model.residual(appearance.as_ref(), f32::from(u8::from(self.neutral_known)))?;
@@ -59,7 +59,7 @@ impl<'a> Faces<'a> {
     }
 
     /// Returns what a model makes of the landmarks of picture `row`, without the look of the face.
-    pub fn of_landmarks(&self, model: &Model, row: usize) -> Result<RawCoeffs, SolveError> {
+    pub fn of_landmarks(&self, model: &Model, row: usize) -> Result<Coefficients, SolveError> {
         model.process(&self.features[row])
     }
 
@@ -100,16 +100,15 @@ impl<'a> Faces<'a> {
 }
 
 fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<BTreeMap<Person, Neutral>> {
-    let mut means: BTreeMap<Person, NeutralMean> = BTreeMap::new();
+    let mut means: BTreeMap<Person, FaceMean> = BTreeMap::new();
     for (sample, face) in samples.iter().zip(faces) {
         let mean = means.entry(sample.person()).or_default();
         if sample.neutral {
             mean.add(face);
         }
     }
-    let finish = |(person, mean): (Person, NeutralMean)| {
-        Ok((person, mean.finish().context("a subject has no neutral picture")?))
-    };
+    let finish =
+        |(person, mean): (Person, FaceMean)| Ok((person, mean.neutral().context("a subject has no neutral picture")?));
     means.into_iter().map(finish).collect()
 }
 

@@ -1,7 +1,7 @@
 //! What a frame shows of the wearer, whether it meets the conditions of a take, and the hold: the part of a take in which
 //! the wearer holds still and the frames are averaged.
 
-use facewire_face::stages::{FaceMean, Features, Normalised, Residual, normalise};
+use facewire_face::stages::{Coefficients, FaceMean, Features, Normalised, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, Camera, Face, HeadPose, Model, Neutral};
 
 use super::learn::Takes;
@@ -52,7 +52,7 @@ pub struct Seen {
     pub face: Normalised,
     /// What the look of the face adds to the coefficients: first while the neutral face is unknown, then once it is
     /// known.
-    pub residuals: [Residual; 2],
+    pub residuals: [Coefficients; 2],
     pub head_deg: [f32; 3],
 }
 
@@ -77,7 +77,7 @@ impl Seen {
     fn new(model: &Model, Face { landmarks, appearance }: Face<'_>, camera: &Camera) -> Option<Self> {
         let face = normalise(landmarks).ok()?;
         let head_deg = HeadPose::new(&face, camera).yaw_pitch_roll_deg();
-        let residual = |known| Some(model.residual(appearance, known).ok()?.unwrap_or(Residual([0.0; COEFFS])));
+        let residual = |known| Some(model.residual(appearance, known).ok()?.unwrap_or(Coefficients([0.0; COEFFS])));
         Some(Self { residuals: [residual(0.0)?, residual(1.0)?], face, head_deg })
     }
 
@@ -237,7 +237,7 @@ impl Hold {
     /// The mean of the frames.
     pub(super) fn finish(&self) -> Option<Seen> {
         let mean = |sum: f32| sum / self.faces.frames() as f32;
-        let residuals = self.residuals.map(|sums| Residual(sums.map(mean)));
+        let residuals = self.residuals.map(|sums| Coefficients(sums.map(mean)));
         Some(Seen { face: self.faces.finish()?, residuals, head_deg: self.head_deg.map(mean) })
     }
 }

@@ -154,14 +154,14 @@ fn one_line(message: &str) -> String {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use facewire_face::stages::normalise;
-    use facewire_face::{NeutralMean, testing::face};
+    use facewire_face::stages::{FaceMean, normalise};
+    use facewire_face::testing::face;
 
     /// A profile of a face of few points, which was made at this time.
     pub(crate) fn file(made_at_unix_s: u64) -> ProfileFile {
-        let mut mean = NeutralMean::default();
+        let mut mean = FaceMean::default();
         mean.add(&normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap());
-        let mut profile = Profile { neutral: Some(mean.finish().unwrap()), ..Profile::default() };
+        let mut profile = Profile { neutral: Some(mean.neutral().unwrap()), ..Profile::default() };
         profile.rest.iter_mut().for_each(|rest| *rest = -0.2125);
         profile.gain.iter_mut().for_each(|gain| *gain = 1.25);
         let takes = vec![Take::Neutral, Take::EyesShut];

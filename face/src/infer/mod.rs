@@ -7,7 +7,6 @@
 //!
 //! To add an engine, write its module, and add it to [`engine`], to [`engines`] and to [`EngineChoice`].
 
-mod native;
 #[cfg(feature = "ort")]
 mod onnx_runtime;
 
@@ -16,14 +15,15 @@ use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::{env, sync::Arc};
 
-use facewire_engine::{Team, kernels};
-
-use native::Native;
+use facewire_engine::kernels::{self, Kernels};
+use facewire_engine::{Graph, Team, file};
 
 /// The environment variable that names the folder of the networks and replaces the search.
 const VARIABLE: &str = "FACEWIRE_NETWORKS";
 /// The folder that a package installs.
 const INSTALLED: &str = "/usr/lib/facewire/networks";
+/// Extension of the native engine's files.
+const EXTENSION: &str = "fwnet";
 
 /// Why a network cannot be loaded or run: a sentence that names the file or the network, and the remedy.
 #[derive(Debug, thiserror::Error)]
@@ -51,7 +51,7 @@ impl InferError {
 
 /// Returns the command that installs a file of the folder.
 fn remedy(path: &Path) -> &'static str {
-    let is_native = path.extension().is_some_and(|extension| extension == native::EXTENSION);
+    let is_native = path.extension().is_some_and(|extension| extension == EXTENSION);
     if is_native { "scripts/setup" } else { "scripts/setup onnxruntime" }
 }
 
@@ -166,7 +166,7 @@ pub fn engine(choice: EngineChoice, folder: &str, threads: u32) -> Result<Box<dy
     let folder = NetworkFolder::find(folder)?;
     match choice {
         EngineChoice::Auto | EngineChoice::Native => {
-            Ok(Box::new(Native::new(folder, kernels::fastest(), team(threads)?)))
+            Ok(Box::new(Native { folder, kernels: kernels::fastest(), team: team(threads)? }))
         }
         EngineChoice::OnnxRuntime => onnx_runtime(folder, threads as usize).ok_or_else(|| {
             let remedy = "set networks.engine = \"native\", or build it with the feature `ort`";
@@ -180,18 +180,18 @@ pub fn engine(choice: EngineChoice, folder: &str, threads: u32) -> Result<Box<dy
 pub fn engines(folder: &str, threads: u32) -> Result<Vec<Box<dyn Engine>>, InferError> {
     let folder = NetworkFolder::find(folder)?;
     let team = team(threads)?;
-    let native = |kernels| Box::new(Native::new(folder.clone(), kernels, Arc::clone(&team))) as Box<dyn Engine>;
-    let all = kernels::available().into_iter().map(native);
+    let native = |kernels| Native { folder: folder.clone(), kernels, team: Arc::clone(&team) };
+    let all = kernels::available().into_iter().map(|kernels| Box::new(native(kernels)) as Box<dyn Engine>);
     Ok(all.chain(onnx_runtime(folder.clone(), threads as usize)).collect())
 }
 
 /// Loads the network `name` on the native engine with these kernels and one thread, so that its layers can be measured.
 pub fn native_network(
     folder: &str,
-    kernels: &'static kernels::Kernels,
+    kernels: &'static Kernels,
     name: &str,
 ) -> Result<facewire_engine::Network, InferError> {
-    Native::new(NetworkFolder::find(folder)?, kernels, team(1)?).network(name, |_| Ok(()))
+    Native { folder: NetworkFolder::find(folder)?, kernels, team: team(1)? }.network(name, |_| Ok(()))
 }
 
 /// Starts the threads that run the networks of the native engine. The calling thread is one of them.
@@ -208,12 +208,89 @@ fn team(threads: u32) -> Result<Arc<Team>, InferError> {
 #[cfg(feature = "ort")]
 #[expect(clippy::unnecessary_wraps, reason = "not every build contains the engine")]
 fn onnx_runtime(folder: NetworkFolder, threads: usize) -> Option<Box<dyn Engine>> {
-    Some(Box::new(onnx_runtime::OnnxRuntime::new(folder, threads)))
+    Some(Box::new(onnx_runtime::OnnxRuntime { folder, threads }))
 }
 
 #[cfg(not(feature = "ort"))]
 fn onnx_runtime(_: NetworkFolder, _: usize) -> Option<Box<dyn Engine>> {
     None
+}
+
+/// facewire's own engine with the networks of one folder. Its arithmetic is in the crate [`facewire_engine`].
+struct Native {
+    folder: NetworkFolder,
+    kernels: &'static Kernels,
+    team: Arc<Team>,
+}
+
+impl Native {
+    /// Reads the file of the network `name` and prepares the network. If `check` returns an error for its graph, the file
+    /// counts as damaged.
+    fn network(
+        &self,
+        name: &str,
+        check: impl FnOnce(&Graph) -> Result<(), String>,
+    ) -> Result<facewire_engine::Network, InferError> {
+        let path = self.folder.file(&format!("{name}.{EXTENSION}"))?;
+        let content = fs::read(&path).map_err(|error| InferError::unreadable(&path, &error))?;
+        let damaged = |reason: String| InferError::damaged(&path, &reason);
+        let graph = file::read(&content).map_err(|error| damaged(error.to_string()))?;
+        check(&graph).map_err(damaged)?;
+        let network = facewire_engine::Network::with_team(&graph, self.kernels, Arc::clone(&self.team));
+        network.map_err(|error| damaged(error.to_string()))
+    }
+}
+
+impl Engine for Native {
+    fn name(&self) -> String {
+        format!("native, {}", self.kernels.name)
+    }
+
+    fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError> {
+        let mut network = self.network(signature.name, |graph| check(graph, signature))?;
+        // The first run touches all memory, so that no later run causes a page fault.
+        network.run();
+        Ok(Box::new(network))
+    }
+}
+
+impl Network for facewire_engine::Network {
+    fn input_row(&mut self, row: usize) -> &mut [f32] {
+        if row < self.input_rows() { self.input_row(row) } else { &mut [] }
+    }
+
+    fn run(&mut self) -> Result<(), InferError> {
+        self.run();
+        Ok(())
+    }
+
+    fn output(&self, index: usize) -> &[f32] {
+        if index < self.outputs() { self.output(index) } else { &[] }
+    }
+}
+
+/// Checks that the network has the input and the outputs of the signature. The file describes an output that is a list as
+/// a map, so only the number of its values is compared.
+fn check(graph: &Graph, signature: &Signature) -> Result<(), String> {
+    let shape = |tensor: usize| {
+        graph.tensors().get(tensor).map_or([0; 3], |shape| [shape.rows, shape.columns, shape.channels]).to_vec()
+    };
+    let found = shape(graph.input().tensor);
+    if found != signature.input {
+        return Err(format!("the input has shape {found:?} in place of {:?}", signature.input));
+    }
+    if graph.outputs().len() != signature.outputs.len() {
+        return Err(format!("{} outputs in place of {}", graph.outputs().len(), signature.outputs.len()));
+    }
+    for (output, &(name, expected)) in graph.outputs().iter().zip(signature.outputs) {
+        let (found, is_map) = (shape(output.tensor), expected.len() == 3);
+        let values = |shape: &[usize]| shape.iter().product::<usize>();
+        let is_same = if is_map { found == expected } else { values(&found) == values(expected) };
+        if output.name != name || !is_same {
+            return Err(format!("{} has shape {found:?} in place of {name} with {expected:?}", output.name));
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -229,22 +306,18 @@ mod tests {
         assert!(error.contains("/nonexistent/networks") && !error.contains(INSTALLED), "{error}");
     }
 
-    /// Returns the names of the threads that run networks in this process.
-    fn network_threads() -> Vec<String> {
-        let names = fs::read_dir("/proc/self/task").unwrap().filter_map(|task| {
-            let name = fs::read_to_string(task.unwrap().path().join("comm")).ok()?;
-            Some(name.trim().to_owned()).filter(|name| name.starts_with("fw-net"))
-        });
-        let mut names: Vec<_> = names.collect();
-        names.sort();
-        names
-    }
-
     /// Waits until the threads with these names run. A new thread does not have its name until it has set it itself.
     fn await_network_threads(expected: &[&str]) {
         let start = Instant::now();
-        while network_threads() != expected {
-            assert!(start.elapsed() < Duration::from_secs(10), "{:?} in place of {expected:?}", network_threads());
+        loop {
+            let tasks = fs::read_dir("/proc/self/task").unwrap();
+            let names = tasks.filter_map(|task| fs::read_to_string(task.unwrap().path().join("comm")).ok());
+            let mut names: Vec<_> = names.filter(|name| name.starts_with("fw-net")).collect();
+            names.sort();
+            if names.iter().map(|name| name.trim()).eq(expected.iter().copied()) {
+                return;
+            }
+            assert!(start.elapsed() < Duration::from_secs(10), "{names:?} in place of {expected:?}");
             thread::sleep(Duration::from_millis(1));
         }
     }
@@ -252,8 +325,7 @@ mod tests {
     #[test]
     fn the_native_engine_runs_the_number_of_threads_it_was_asked_for_until_it_is_dropped() {
         let folder = tempfile::tempdir().unwrap();
-        let folder = folder.path().to_str().unwrap().to_owned();
-        let engine = engine(EngineChoice::Native, &folder, 3).unwrap();
+        let engine = engine(EngineChoice::Native, folder.path().to_str().unwrap(), 3).unwrap();
         await_network_threads(&["fw-net-1", "fw-net-2"]);
         drop(engine);
         await_network_threads(&[]);

@@ -28,15 +28,9 @@ const GREY: f32 = 0.5;
 
 /// ONNX Runtime with the networks of one folder.
 pub(super) struct OnnxRuntime {
-    folder: NetworkFolder,
-    threads: usize,
-}
-
-impl OnnxRuntime {
-    /// An engine whose networks use `threads` threads each.
-    pub(super) fn new(folder: NetworkFolder, threads: usize) -> Self {
-        Self { folder, threads }
-    }
+    pub(super) folder: NetworkFolder,
+    /// The threads of each network.
+    pub(super) threads: usize,
 }
 
 impl Engine for OnnxRuntime {
@@ -219,11 +213,9 @@ fn check(session: &Session, signature: &Signature) -> Result<(), String> {
 
 fn check_shape(outlet: &Outlet, expected: &[usize]) -> Result<(), String> {
     let name = outlet.name();
-    let Some(shape) = outlet.dtype().tensor_shape() else {
-        return Err(format!("{name} is not a tensor"));
-    };
-    let expected = onnx_shape(expected);
-    if shape.iter().map(|&size| usize::try_from(size).unwrap_or(0)).eq(expected.iter().copied()) {
+    let (shape, expected) = (outlet.dtype().tensor_shape(), onnx_shape(expected));
+    let sizes = shape.map(|shape| shape.iter().map(|&size| usize::try_from(size).unwrap_or(0)));
+    if sizes.is_some_and(|sizes| sizes.eq(expected.iter().copied())) {
         Ok(())
     } else {
         Err(format!("{name} has shape {shape:?} in place of {expected:?}"))

@@ -63,19 +63,16 @@
 //! [formulas.neutral_unknown.inputs]     # and so on, for wearers whose neutral face is not known
 //! ```
 
-mod appearance;
-mod formulas;
-
 use std::{collections::BTreeMap, fs, path::Path};
 
+use base64::{Engine as _, prelude::BASE64_STANDARD};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
-    AppearanceLayer, BLENDSHAPES, COEFFS, Correction, CorrectiveTerms, FeatureId, Formulas, HiddenLayer, Input,
-    MAX_HIDDEN, MAX_INPUTS, Model, ModelError, Output, Regression,
+    APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, APPEARANCE_UNITS, AppearanceLayer, BLENDSHAPES, COEFFS, Correction,
+    CorrectiveTerms, FeatureId, FormulasTable, HiddenLayer, Input, MAX_HIDDEN, MAX_INPUTS, Model, ModelError, Output,
+    Regression,
 };
-pub use appearance::{AppearanceTable, ResidualRow, ResidualTable};
-pub use formulas::{FormulaSetTable, FormulaTable, FormulasTable};
 
 /// The format of model files that this program reads.
 const FORMAT: u32 = 3;
@@ -109,7 +106,7 @@ pub struct ModelFile {
     pub appearance: Option<AppearanceTable>,
     /// The corrective terms of blendshapes by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub correction: BTreeMap<String, CorrectionTable>,
+    pub correction: BTreeMap<String, CorrectiveTerms>,
 }
 
 /// How well a blendshape is estimated for subjects that the fit has not seen.
@@ -156,23 +153,79 @@ pub struct BlendshapeTable {
     pub weights: Vec<f64>,
 }
 
-/// The [`CorrectiveTerms`] of a blendshape.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// A layer that reads the mesh network's feature map.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "those of the corrective terms")]
-pub struct CorrectionTable {
-    pub shift: f64,
-    pub slope: f64,
-    pub lift: f64,
-    pub response: [f64; 2],
+pub struct AppearanceTable {
+    /// What the weights of each unit are multiplied by.
+    pub scales: Vec<f64>,
+    /// Offset of each unit.
+    pub offsets: Vec<f64>,
+    /// The weights of each landmark, as signed bytes in base 64: for each channel of the map, one weight for each unit.
+    pub landmarks: BTreeMap<String, String>,
+    /// Residuals by the name of the blendshape.
+    pub blendshapes: BTreeMap<String, ResidualTable>,
 }
 
-impl From<&CorrectiveTerms> for CorrectionTable {
-    fn from(terms: &CorrectiveTerms) -> Self {
-        // The nearest short number reads better, and is the same number as an f32.
-        let short = |number: f32| number.to_string().parse().unwrap_or_default();
-        let CorrectiveTerms { shift, slope, lift, response } = *terms;
-        Self { shift: short(shift), slope: short(slope), lift: short(lift), response: response.map(short) }
+/// The residual of a blendshape.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ResidualTable {
+    /// Where the wearer's neutral face is known.
+    pub neutral_known: ResidualRow,
+    /// Where it is not known.
+    pub neutral_unknown: ResidualRow,
+}
+
+/// A weighted sum of the units.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ResidualRow {
+    /// The residual where all units are 0.
+    pub offset: f64,
+    /// Weight of each unit.
+    pub weights: Vec<f64>,
+}
+
+impl AppearanceTable {
+    /// Writes the weights of a landmark, [`APPEARANCE_CHANNELS`] rows.
+    pub fn encode(weights: &[[i8; APPEARANCE_UNITS]]) -> String {
+        BASE64_STANDARD.encode(weights.as_flattened().iter().map(|weight| weight.cast_unsigned()).collect::<Vec<_>>())
+    }
+
+    /// Checks every name and number and lays the numbers out for the solver.
+    fn to_layer(&self) -> Result<AppearanceLayer, ModelError> {
+        let names = APPEARANCE_LANDMARKS.map(|landmark| landmark.to_string());
+        let table = "appearance.landmarks";
+        if let Some(name) = self.landmarks.keys().find(|name| !names.contains(name)) {
+            return Err(unknown(table, name));
+        }
+        let mut weights = Vec::new();
+        for name in &names {
+            let entry = format!("{table}.{name}");
+            let text = self.landmarks.get(name).ok_or_else(|| invalid(&entry, MISSING))?;
+            let bytes = BASE64_STANDARD.decode(text).unwrap_or_default();
+            if bytes.len() != APPEARANCE_CHANNELS * APPEARANCE_UNITS {
+                return Err(invalid(&entry, "is not the list of weights that it must be"));
+            }
+            weights.extend(bytes.into_iter().map(u8::cast_signed));
+        }
+        let residuals = self.blendshapes.values().flat_map(|table| [&table.neutral_known, &table.neutral_unknown]);
+        let mut lists = residuals.map(|row| &row.weights).chain([&self.scales, &self.offsets]);
+        if lists.any(|list| list.len() != APPEARANCE_UNITS) {
+            return Err(invalid("a list of appearance", "has not one number for each unit"));
+        }
+        let output = |of: fn(&ResidualTable) -> &ResidualRow| {
+            output("appearance.blendshapes", &self.blendshapes, APPEARANCE_UNITS, |table| {
+                (of(table).offset, &of(table).weights)
+            })
+        };
+        Ok(AppearanceLayer {
+            weights: weights.into(),
+            scales: row("appearance.scales", &self.scales)?,
+            offsets: row("appearance.offsets", &self.offsets)?,
+            outputs: [output(|table| &table.neutral_known)?, output(|table| &table.neutral_unknown)?],
+        })
     }
 }
 
@@ -182,10 +235,7 @@ impl ModelFile {
         Self { format: FORMAT, made_by, fitted_on, ..Self::default() }
     }
 
-    /// Parses the text of a file.
-    ///
-    /// # Errors
-    /// [`ModelError::Invalid`] if the text is damaged or of another format.
+    /// Parses the text of a file. Text that is damaged or of another format is [`ModelError::Invalid`].
     pub fn parse(text: &str) -> Result<Self, ModelError> {
         #[derive(Deserialize)]
         struct Header {
@@ -205,12 +255,9 @@ impl ModelFile {
         }
     }
 
-    /// Checks every name and number and lays the numbers out for the solver.
-    ///
-    /// # Errors
-    /// [`ModelError::Invalid`], which names the table and the entry.
+    /// Checks every name and number and lays the numbers out for the solver. [`ModelError::Invalid`] names the entry.
     pub fn to_model(&self) -> Result<Model, ModelError> {
-        let appearance = self.appearance.as_ref().map(AppearanceLayer::try_from).transpose()?;
+        let appearance = self.appearance.as_ref().map(AppearanceTable::to_layer).transpose()?;
         let correction = self.correction()?;
         Ok(Model { appearance, correction, ..Model::of(self.regression()?) })
     }
@@ -219,55 +266,43 @@ impl ModelFile {
         let has_formulas_alone = self.offsets.is_none() && self.inputs.is_empty() && self.blendshapes.is_empty();
         match (&self.offsets, &self.formulas) {
             (Some(offsets), None) => self.hidden_layer(offsets).map(Regression::HiddenLayer),
-            (None, Some(formulas)) if has_formulas_alone => Formulas::try_from(formulas).map(Regression::Formulas),
-            _ => Err(ModelError::Invalid(
-                "the model file must have either offsets with inputs and blendshapes, or formulas; restore it or fit it \
-                 again"
-                    .to_owned(),
-            )),
+            (None, Some(formulas)) if has_formulas_alone => formulas.to_formulas().map(Regression::Formulas),
+            _ => Err(invalid("the content", "is not either offsets with inputs and blendshapes, or formulas")),
         }
     }
 
     fn hidden_layer(&self, offsets: &OffsetTable) -> Result<HiddenLayer, ModelError> {
         if self.inputs.len() > MAX_INPUTS {
-            return Err(too_many("inputs"));
+            return Err(invalid("inputs", TOO_MANY));
         }
-        let input = |(name, table): (&String, &InputTable)| {
-            let entry = format!("inputs.{name}");
-            let feature = FeatureId::from_name(name).ok_or_else(|| unknown("inputs", name))?;
-            let input = Input { feature, neutral: finite(&entry, "neutral", table.neutral)? };
-            Ok((input, row(&entry, &table.weights)?))
-        };
-        let (inputs, weights): (Vec<_>, Vec<_>) =
-            self.inputs.iter().map(input).collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
+        let (mut inputs, mut weights) = (Vec::new(), Vec::new());
+        for (name, table) in &self.inputs {
+            let (feature, entry) = (feature("inputs", name)?, format!("inputs.{name}"));
+            inputs.push(Input { feature, neutral: finite(&entry, table.neutral)? });
+            weights.extend(row::<MAX_HIDDEN>(&entry, &table.weights)?);
+        }
         Ok(HiddenLayer {
             inputs: inputs.into(),
             weights: weights.into(),
             offsets_known: row("offsets.neutral_known", &offsets.neutral_known)?,
             offsets_unknown: row("offsets.neutral_unknown", &offsets.neutral_unknown)?,
-            output: output::<MAX_HIDDEN, _>("blendshapes", &self.blendshapes, |table| (table.offset, &table.weights))?,
+            output: output("blendshapes", &self.blendshapes, MAX_HIDDEN, |table| (table.offset, &table.weights))?,
         })
     }
 
     /// Blendshapes that the table does not have keep the usual terms.
     fn correction(&self) -> Result<Correction, ModelError> {
         let mut all = Correction::default();
-        for (name, table) in &self.correction {
+        for (name, terms) in &self.correction {
             let slot = BLENDSHAPES.iter().zip(&mut all.0).find(|(known, _)| *known == name);
             let (_, slot) = slot.ok_or_else(|| unknown("correction", name))?;
-            let entry = format!("correction.{name}");
-            let [from, to] = table.response;
-            *slot = CorrectiveTerms {
-                shift: finite(&entry, "shift", table.shift)?,
-                slope: finite(&entry, "slope", table.slope)?,
-                lift: finite(&entry, "lift", table.lift)?,
-                response: [finite(&entry, "response", from)?, finite(&entry, "response", to)?],
-            };
-            if !slot.keep_order() {
-                return Err(ModelError::Invalid(format!(
-                    "{entry} of the model file does not keep the order of values: slope must be above 0, lift at least \
-                     0, and response two rising numbers from 0 on; restore it or fit it again"
-                )));
+            *slot = *terms;
+            if !terms.keep_order() {
+                return Err(invalid(
+                    &format!("correction.{name}"),
+                    "does not keep the order of values: slope must be above 0, lift at least 0, and response two rising \
+                     numbers from 0 on",
+                ));
             }
         }
         Ok(all)
@@ -295,22 +330,24 @@ fn damaged(text: &[u8], offset: usize, reason: &str) -> ModelError {
     ModelError::Invalid(format!("the model file is damaged in line {line} ({reason}); restore it or fit it again"))
 }
 
+const MISSING: &str = "is missing";
+pub(super) const TOO_MANY: &str = "has more weights than this program holds";
+
+pub(super) fn invalid(entry: &str, fault: &str) -> ModelError {
+    ModelError::Invalid(format!("{entry} of the model file {fault}; restore the file or fit it again"))
+}
+
+/// The name is quoted, because it can contain control characters.
 fn unknown(table: &str, name: &str) -> ModelError {
-    ModelError::Invalid(format!("the model file names an unknown {name:?} in {table}; fit it again with facewire-fit"))
+    invalid(&format!("the name {name:?} in {table}"), "is unknown")
 }
 
-fn missing(entry: &str) -> ModelError {
-    ModelError::Invalid(format!("the model file has no {entry}; restore it or fit it again"))
-}
-
-fn too_many(table: &str) -> ModelError {
-    ModelError::Invalid(format!(
-        "{table} of the model file has more weights than this program holds; fit it again with fewer"
-    ))
+pub(super) fn feature(table: &str, name: &str) -> Result<FeatureId, ModelError> {
+    FeatureId::from_name(name).ok_or_else(|| unknown(table, name))
 }
 
 /// Returns the entry of each blendshape that needs one, its name, and the index of the blendshape.
-fn blendshapes<'a, T>(
+pub(super) fn blendshapes<'a, T>(
     table: &str,
     entries: &'a BTreeMap<String, T>,
 ) -> Result<Vec<(usize, String, &'a T)>, ModelError> {
@@ -320,51 +357,162 @@ fn blendshapes<'a, T>(
     }
     let entry = |(index, name): (usize, &&str)| {
         let entry = format!("{table}.{name}");
-        entries.get(*name).ok_or_else(|| missing(&entry)).map(|found| (index, entry, found))
+        let found = entries.get(*name).ok_or_else(|| invalid(&entry, MISSING))?;
+        Ok((index, entry, found))
     };
     needed().map(entry).collect()
 }
 
-/// Reads the offset and the weight of each of the `N` units for every blendshape.
-fn output<const N: usize, T>(
+/// Reads the offset and the weight of each unit for every blendshape. Units that the file does not have get 0.
+fn output<T>(
     table: &str,
     entries: &BTreeMap<String, T>,
+    units: usize,
     of: impl Fn(&T) -> (f64, &[f64]),
 ) -> Result<Output, ModelError> {
-    let mut output = Output { weights: vec![[0.0; COEFFS]; N].into(), offsets: [0.0; COEFFS] };
+    let mut output = Output { weights: vec![0.0; units * COEFFS].into(), offsets: [0.0; COEFFS] };
     for (index, entry, found) in blendshapes(table, entries)? {
         let (offset, weights) = of(found);
-        let rows = output.weights.iter_mut().chain([&mut output.offsets]);
-        let numbers = row::<N>(&entry, weights)?.into_iter().chain([finite(&entry, "offset", offset)?]);
-        for (row, number) in rows.zip(numbers) {
-            row.get_mut(index).into_iter().for_each(|slot| *slot = number);
+        if weights.len() > units {
+            return Err(invalid(&entry, TOO_MANY));
+        }
+        let slots = output.offsets.iter_mut().skip(index).take(1);
+        let slots = slots.chain(output.weights.iter_mut().skip(index).step_by(COEFFS));
+        for (slot, number) in slots.zip([&offset].into_iter().chain(weights)) {
+            *slot = finite(&entry, *number)?;
         }
     }
     Ok(output)
 }
 
 /// Reads one number for each of `N` units. Units that the file does not have get 0.
-fn row<const N: usize>(table: &str, numbers: &[f64]) -> Result<[f32; N], ModelError> {
+fn row<const N: usize>(entry: &str, numbers: &[f64]) -> Result<[f32; N], ModelError> {
     if numbers.len() > N {
-        return Err(too_many(table));
+        return Err(invalid(entry, TOO_MANY));
     }
     let mut out = [0.0; N];
     for (slot, number) in out.iter_mut().zip(numbers) {
-        *slot = finite(table, "weights", *number)?;
+        *slot = finite(entry, *number)?;
     }
     Ok(out)
 }
 
-fn finite(table: &str, name: &str, number: f64) -> Result<f32, ModelError> {
+pub(super) fn finite(entry: &str, number: f64) -> Result<f32, ModelError> {
     #[expect(clippy::cast_possible_truncation, reason = "checked below")]
     let narrow = number as f32;
-    if narrow.is_finite() {
-        return Ok(narrow);
-    }
-    Err(ModelError::Invalid(format!(
-        "the number {name:?} in {table} of the model file is not finite; restore the file"
-    )))
+    if narrow.is_finite() { Ok(narrow) } else { Err(invalid(entry, "has a number that is not finite")) }
 }
 
 #[cfg(test)]
-mod tests;
+#[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::float_cmp)]
+mod tests {
+    use super::*;
+
+    const SHIPPED: &str = include_str!("../../../models/blendshapes.toml");
+
+    /// The shipped file, with an appearance table whose weights, read as one list, count from -128 to 127 again and again.
+    fn file() -> ModelFile {
+        let rows: Vec<[i8; APPEARANCE_UNITS]> = (0..APPEARANCE_LANDMARKS.len() * APPEARANCE_CHANNELS)
+            .map(|value| core::array::from_fn(|unit| (value * APPEARANCE_UNITS + unit) as i8))
+            .collect();
+        let landmarks = APPEARANCE_LANDMARKS.iter().zip(rows.chunks(APPEARANCE_CHANNELS));
+        let row = |offset: f64| ResidualRow { offset, weights: vec![2.0 * offset; APPEARANCE_UNITS] };
+        let residual = ResidualTable { neutral_known: row(0.25), neutral_unknown: row(0.5) };
+        let shapes = BLENDSHAPES.iter().filter(|name| **name != WITHOUT_MODEL);
+        let appearance = AppearanceTable {
+            scales: vec![0.125; APPEARANCE_UNITS],
+            offsets: vec![-1.5; APPEARANCE_UNITS],
+            landmarks: landmarks.map(|(name, rows)| (name.to_string(), AppearanceTable::encode(rows))).collect(),
+            blendshapes: shapes.map(|name| ((*name).to_owned(), residual.clone())).collect(),
+        };
+        ModelFile { appearance: Some(appearance), ..ModelFile::parse(SHIPPED).expect("the shipped model is sound") }
+    }
+
+    #[test]
+    fn appearance_weights_keep_their_places_through_text_and_bytes() {
+        let text = toml::to_string(&file()).expect("TOML");
+        let model = ModelFile::parse(&text).expect("the same file").to_model().expect("a model");
+        assert!(text.len() <= 1 << 20 && model.size_bytes() <= 1 << 20, "{} {}", text.len(), model.size_bytes());
+        let layer = model.appearance.as_ref().expect("a layer");
+        assert!((0..layer.weights.len()).all(|index| layer.weights[index] == index as i8));
+        assert_eq!(layer.outputs[1].weights[7 * COEFFS..][..COEFFS - 1], [1.0; COEFFS - 1]);
+        assert_eq!(layer.outputs[0].offsets, core::array::from_fn(|shape| if shape < 51 { 0.25 } else { 0.0 }));
+        assert_eq!(Model::from_bytes(&model.to_bytes()), Some(model));
+    }
+
+    #[test]
+    fn file_that_cannot_be_read_is_told_from_one_that_is_damaged_or_of_another_format() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("model.toml");
+        assert!(matches!(Model::load(&path), Err(ModelError::Unreadable { .. })));
+        let cases: [(&[u8], &str); 5] = [
+            (b"format = 3\nmade_by = \"\xff\"\n", "line 2 (it is not UTF-8)"),
+            (b"\nformat = [1", "damaged in line 2"),
+            (b"format = 3", "damaged"),
+            (&SHIPPED.as_bytes()[..SHIPPED.len() / 2], "damaged"),
+            (b"format = 1\nold = true", "has format 1, this program reads format 3"),
+        ];
+        for (content, reason) in cases {
+            fs::write(&path, content).expect("a file");
+            let error = Model::load(&path).expect_err(reason).to_string();
+            assert!(error.contains(reason), "{error}");
+        }
+        fs::write(&path, SHIPPED).expect("a file");
+        assert_eq!(Model::load(&path).expect("the shipped model is sound"), Model::embedded());
+    }
+
+    #[test]
+    fn faults_name_the_entry_in_one_line() {
+        fn appearance(file: &mut ModelFile) -> &mut AppearanceTable {
+            file.appearance.as_mut().expect("a layer")
+        }
+        fn jaw(file: &mut ModelFile) -> &mut BlendshapeTable {
+            file.blendshapes.entry("jawOpen".to_owned()).or_default()
+        }
+        fn many(file: &mut ModelFile) {
+            let names = (0..=MAX_INPUTS).filter_map(|index| FeatureId::from_index(index).map(|id| id.to_string()));
+            file.inputs.extend(names.map(|name| (name, InputTable::default())));
+        }
+        fn input(file: &mut ModelFile, name: &str, weights: Vec<f64>) {
+            file.inputs.insert(name.to_owned(), InputTable { neutral: 0.0, weights });
+        }
+        fn terms(file: &mut ModelFile, lift: f32, response: [f32; 2]) {
+            file.correction.insert("jawOpen".to_owned(), CorrectiveTerms { lift, response, ..CorrectiveTerms::NONE });
+        }
+        let faults: [(&str, fn(&mut ModelFile)); 21] = [
+            ("blendshapes.jawOpen of", |file| _ = file.blendshapes.remove("jawOpen")),
+            ("\"jawOpened\"", |file| _ = file.blendshapes.insert("jawOpened".to_owned(), BlendshapeTable::default())),
+            ("blendshapes.jawOpen", |file| jaw(file).offset = f64::NAN),
+            ("blendshapes.jawOpen", |file| jaw(file).weights = vec![1e300]),
+            ("blendshapes.jawOpen", |file| jaw(file).weights = vec![0.0; MAX_HIDDEN + 1]),
+            ("inputs.y14", |file| input(file, "y14", vec![f64::INFINITY])),
+            ("inputs", many),
+            (r#""line\n\u{1b}end" in inputs"#, |file| input(file, "line\n\u{1b}end", vec![f64::NAN])),
+            ("offsets.neutral_known", |file| {
+                file.offsets.get_or_insert_default().neutral_known = vec![0.0; MAX_HIDDEN + 1];
+            }),
+            ("either offsets", |file| file.offsets = None),
+            ("either offsets", |file| file.formulas = Some(FormulasTable::default())),
+            ("either offsets", |file| (file.offsets, file.formulas) = (None, Some(FormulasTable::default()))),
+            ("correction.jawOpen", |file| terms(file, -0.2, [0.4, 0.8])),
+            ("correction.jawOpen", |file| terms(file, 0.2, [0.8, 0.8])),
+            ("correction.jawOpen", |file| terms(file, f32::NAN, [0.4, 0.8])),
+            ("appearance.landmarks.13 of", |file| _ = appearance(file).landmarks.remove("13")),
+            ("\"12\" in appearance.landmarks", |file| {
+                appearance(file).landmarks.insert("12".to_owned(), String::new());
+            }),
+            ("appearance.landmarks.13 of", |file| {
+                appearance(file).landmarks.insert("13".to_owned(), "AAAA".to_owned());
+            }),
+            ("appearance.blendshapes.jawOpen", |file| _ = appearance(file).blendshapes.remove("jawOpen")),
+            ("list of appearance", |file| appearance(file).scales.truncate(31)),
+            ("appearance.offsets", |file| appearance(file).offsets[0] = f64::INFINITY),
+        ];
+        for (entry, fault) in faults {
+            let mut file = file();
+            fault(&mut file);
+            let error = file.to_model().expect_err(entry).to_string();
+            assert!(error.contains(entry) && !error.contains(char::is_control), "{entry}: {error}");
+        }
+    }
+}

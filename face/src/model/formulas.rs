@@ -1,12 +1,16 @@
-//! The numbers of the paper's own regression: for each blendshape a formula of a few selected features.
+//! The paper's own regression: for each blendshape a formula of a few selected features, as numbers and as tables of a
+//! model file.
 //!
 //! A formula is `T(c(w x + b))`. Its features `x` have mean 0 and deviation 1 over the faces of the fit (eq. 4, 5). The
 //! curve `c` depends on the kind of the formula, and `T` undoes the transformation of the coefficients that it was
 //! fitted to (eq. 6). Faces with and without a known neutral face have formulas of their own.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use serde::{Deserialize, Serialize};
 
-use super::FeatureId;
+use super::file::{ScoreTable, TOO_MANY, blendshapes, feature, finite, invalid};
+use super::{COEFFS, FeatureId, ModelError};
 
 /// Most features of a formula.
 pub const MAX_FORMULA_INPUTS: usize = 64;
@@ -141,9 +145,127 @@ pub fn product_index(one: usize, other: usize, multiplied: usize) -> usize {
     first * multiplied - first * first.saturating_sub(1) / 2 + second - first
 }
 
+/// Formulas of all blendshapes.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FormulasTable {
+    /// Formulas of displacements from the wearer's neutral face.
+    pub neutral_known: FormulaSetTable,
+    /// Formulas of the measures themselves, for wearers whose neutral face is not known.
+    pub neutral_unknown: FormulaSetTable,
+}
+
+/// Formulas of all blendshapes with their features.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FormulaSetTable {
+    /// Mean and standard deviation, over the faces of the fit, of each feature that a formula selects.
+    pub inputs: BTreeMap<String, [f64; 2]>,
+    /// Blendshapes by name.
+    pub blendshapes: BTreeMap<String, FormulaTable>,
+}
+
+/// The formula of a blendshape.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FormulaTable {
+    /// What the formula computes.
+    pub kind: FormulaKind,
+    /// The transformation of the coefficient that the formula was fitted to.
+    pub response: Response,
+    /// The score.
+    pub score: ScoreTable,
+    /// The value of the formula, before its curve, for a face whose features have their means.
+    pub offset: f64,
+    /// Weight of each selected feature, after the feature was scaled to mean 0 and deviation 1.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub weights: BTreeMap<String, f64>,
+    /// Weight of each product of two scaled features, such as `x13*y14`. Only quadratic formulas have products.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub products: BTreeMap<String, f64>,
+}
+
+impl FormulasTable {
+    /// Checks every name and number and lays the numbers out for the solver.
+    pub(super) fn to_formulas(&self) -> Result<Formulas, ModelError> {
+        Ok(Formulas {
+            neutral_known: self.neutral_known.to_set("formulas.neutral_known")?,
+            neutral_unknown: self.neutral_unknown.to_set("formulas.neutral_unknown")?,
+        })
+    }
+}
+
+impl FormulaSetTable {
+    fn to_set(&self, table: &str) -> Result<FormulaSet, ModelError> {
+        let scaled = |(name, [mean, deviation]): (&String, &[f64; 2])| {
+            let entry = format!("{table}.inputs");
+            let feature = feature(&entry, name)?;
+            if !(finite(&entry, *deviation)? > 0.0) {
+                return Err(invalid(&format!("the deviation of {name} in {entry}"), "is not above 0"));
+            }
+            Ok(ScaledInput { feature, mean: finite(&entry, *mean)?, per_deviation: finite(&entry, 1.0 / deviation)? })
+        };
+        // Indices into the inputs are those of their names, in ascending order.
+        let names: Vec<&str> = self.inputs.keys().map(String::as_str).collect();
+        let index_of = |entry: &str, name: &str| {
+            feature(entry, name)?;
+            let index = names.binary_search(&name).ok().and_then(|index| u16::try_from(index).ok());
+            index.ok_or_else(|| invalid(&format!("{table}.inputs.{name}"), "is missing"))
+        };
+        let mut formulas = vec![Formula::default(); COEFFS];
+        for (index, entry, found) in blendshapes(&format!("{table}.blendshapes"), &self.blendshapes)? {
+            let formula = found.to_formula(&entry, index_of)?;
+            formulas.get_mut(index).into_iter().for_each(|slot| slot.clone_from(&formula));
+        }
+        let inputs = self.inputs.iter().map(scaled).collect::<Result<_, _>>()?;
+        Ok(FormulaSet { inputs, formulas: formulas.into() })
+    }
+}
+
+impl FormulaTable {
+    /// `index_of` returns the index of a feature that the given entry names.
+    fn to_formula(
+        &self,
+        entry: &str,
+        index_of: impl Fn(&str, &str) -> Result<u16, ModelError>,
+    ) -> Result<Formula, ModelError> {
+        if self.kind != FormulaKind::Quadratic && !self.products.is_empty() {
+            return Err(invalid(entry, "has products, but its kind is not quadratic"));
+        }
+        // A product without `*` is one of a feature with no name, which is unknown.
+        let pairs: Vec<_> =
+            self.products.keys().map(|name| name.split_once('*').unwrap_or((name.as_str(), ""))).collect();
+        let multiplied: BTreeSet<&str> = pairs.iter().flat_map(|(one, other)| [*one, *other]).collect();
+        let others = self.weights.keys().map(String::as_str).filter(|name| !multiplied.contains(name));
+        let names: Vec<&str> = multiplied.iter().copied().chain(others).collect();
+        if names.len() > MAX_FORMULA_INPUTS || multiplied.len() > MAX_MULTIPLIED {
+            return Err(invalid(entry, TOO_MANY));
+        }
+        let inputs = names.iter().map(|name| index_of(entry, name)).collect::<Result<_, _>>()?;
+        let weight = |name: &&str| finite(entry, self.weights.get(*name).copied().unwrap_or(0.0));
+        let place = |name: &str| names.iter().position(|own| *own == name).unwrap_or(0);
+        let mut products = vec![0.0; multiplied.len() * (multiplied.len() + 1) / 2];
+        for (weight, (one, other)) in self.products.values().zip(&pairs) {
+            let weight = finite(entry, *weight)?;
+            let slot = products.get_mut(product_index(place(one), place(other), multiplied.len()));
+            slot.into_iter().for_each(|slot| *slot += weight);
+        }
+        Ok(Formula {
+            kind: self.kind,
+            response: self.response,
+            offset: finite(entry, self.offset)?,
+            inputs,
+            weights: names.iter().map(weight).collect::<Result<_, _>>()?,
+            multiplied: multiplied.len(),
+            products: products.into(),
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::{BLENDSHAPES, ModelFile};
 
     #[test]
     fn transforming_there_and_back_restores_the_coefficient() {
@@ -156,5 +278,70 @@ mod tests {
             }
         }
         assert!(Response::Logit.restore(Response::Logit.transform(0.0)).abs() < 1e-12);
+    }
+
+    /// A file in which the jaw is `0.1 + 0.2 x + 0.3 y + 0.4 x y + 0.5 y y` of two features `x` and `y`, after a change.
+    fn file(change: impl Fn(&mut FormulaSetTable, &mut FormulaTable)) -> ModelFile {
+        let named = |pairs: [(&str, f64); 2]| pairs.map(|(name, weight)| (name.to_owned(), weight)).into();
+        let mut jaw = FormulaTable {
+            kind: FormulaKind::Quadratic,
+            offset: 0.1,
+            weights: named([("d13-14", 0.2), ("y17", 0.3)]),
+            products: named([("y17*d13-14", 0.4), ("y17*y17", 0.5)]),
+            ..FormulaTable::default()
+        };
+        let modelled = BLENDSHAPES.iter().take(COEFFS - 1);
+        let mut set = FormulaSetTable {
+            inputs: [("d13-14".to_owned(), [0.1, 0.5]), ("y17".to_owned(), [0.0, 2.0])].into(),
+            blendshapes: modelled.map(|name| ((*name).to_owned(), FormulaTable::default())).collect(),
+        };
+        change(&mut set, &mut jaw);
+        set.blendshapes.insert("jawOpen".to_owned(), jaw);
+        let formulas = FormulasTable { neutral_known: set.clone(), neutral_unknown: set };
+        ModelFile { formulas: Some(formulas), ..ModelFile::new(String::new(), String::new()) }
+    }
+
+    #[test]
+    fn a_written_file_reads_back_with_multiplied_features_first_and_products_in_their_places() {
+        let file = file(|_, _| ());
+        let read = ModelFile::parse(&toml::to_string(&file).expect("TOML")).expect("sound");
+        assert_eq!(read, file);
+        let formulas = read.formulas.expect("formulas").to_formulas().expect("sound");
+        let jaw = formulas.neutral_known.formulas.iter().find(|formula| formula.multiplied > 0).expect("the jaw");
+        assert_eq!((jaw.multiplied, &*jaw.inputs, &*jaw.weights), (2, [0, 1].as_slice(), [0.2, 0.3].as_slice()));
+        assert_eq!(&*jaw.products, [0.0, 0.4, 0.5], "x x, x y, y y");
+    }
+
+    #[test]
+    fn faults_name_the_entry() {
+        fn product(jaw: &mut FormulaTable, name: &str) {
+            jaw.products.insert(name.to_owned(), 1.0);
+        }
+        fn add(set: &mut FormulaSetTable, count: usize) -> impl Iterator<Item = String> {
+            let names = || (0..count).filter_map(FeatureId::from_index).map(|feature| feature.to_string());
+            set.inputs.extend(names().map(|name| (name, [0.0, 1.0])));
+            names()
+        }
+        let jaw = "blendshapes.jawOpen";
+        let faults: [(&str, fn(&mut FormulaSetTable, &mut FormulaTable)); 14] = [
+            (jaw, |_, jaw| jaw.kind = FormulaKind::Affine),
+            (jaw, |_, jaw| jaw.offset = f64::NAN),
+            (jaw, |_, jaw| _ = jaw.weights.insert("y17".to_owned(), 1e300)),
+            (jaw, |_, jaw| _ = jaw.products.insert("y17*y17".to_owned(), f64::INFINITY)),
+            ("\"q17\"", |_, jaw| _ = jaw.weights.insert("q17".to_owned(), 1.0)),
+            ("\"q17\"", |_, jaw| product(jaw, "y17*q17")),
+            ("\"\"", |_, jaw| product(jaw, "y17")),
+            ("\"y17*y17\"", |_, jaw| product(jaw, "y17*y17*y17")),
+            ("\"\"", |_, jaw| product(jaw, "*")),
+            ("inputs.d13-14", |set, _| _ = set.inputs.remove("d13-14")),
+            ("y17", |set, _| _ = set.inputs.insert("y17".to_owned(), [0.0, 0.0])),
+            ("blendshapes.jawLeft", |set, _| _ = set.blendshapes.remove("jawLeft")),
+            (jaw, |set, jaw| jaw.weights.extend(add(set, MAX_FORMULA_INPUTS).map(|name| (name, 1.0)))),
+            (jaw, |set, jaw| add(set, MAX_MULTIPLIED).for_each(|name| product(jaw, &format!("{name}*{name}")))),
+        ];
+        for (number, (entry, fault)) in faults.into_iter().enumerate() {
+            let error = file(fault).to_model().expect_err("a fault was put in").to_string();
+            assert!(error.contains(entry) && error.contains("formulas.neutral_known"), "fault {number}: {error}");
+        }
     }
 }

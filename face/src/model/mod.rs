@@ -3,25 +3,25 @@
 //! The build script compiles this module, too: it reads `models/blendshapes.toml` and writes the bytes that the program
 //! contains.
 
-mod feature_id;
 mod file;
 mod formulas;
 
+use core::fmt;
 use std::{io, path::PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{BLENDSHAPES, COEFFS};
-pub(crate) use feature_id::{COORDINATES, DISTANCES};
-pub use feature_id::{FEATURES, FeatureId, MEASURES};
+use crate::{BLENDSHAPES, COEFFS, LANDMARKS};
 pub use file::{
-    AppearanceTable, BlendshapeTable, CorrectionTable, FormulaSetTable, FormulaTable, FormulasTable, InputTable,
-    ModelFile, OffsetTable, ResidualRow, ResidualTable, ScoreTable,
+    AppearanceTable, BlendshapeTable, InputTable, ModelFile, OffsetTable, ResidualRow, ResidualTable, ScoreTable,
 };
-pub(crate) use formulas::{Formula, FormulaSet, Formulas, MAX_PRODUCTS, ScaledInput};
+pub(crate) use formulas::{Formula, Formulas, MAX_PRODUCTS};
 pub use formulas::{
-    FormulaKind, LIFT, MAX_EXPONENT, MAX_FORMULA_INPUTS, MAX_MULTIPLIED, Response, product_index, signed_logarithm,
+    FormulaKind, FormulaSetTable, FormulaTable, FormulasTable, LIFT, MAX_EXPONENT, MAX_FORMULA_INPUTS, MAX_MULTIPLIED,
+    Response, product_index, signed_logarithm,
 };
+#[cfg(test)]
+pub(crate) use formulas::{FormulaSet, ScaledInput};
 
 /// Most units of the hidden layer.
 pub const MAX_HIDDEN: usize = 120;
@@ -43,6 +43,73 @@ pub const APPEARANCE_LANDMARKS: [u16; 180] = [
     383, 384, 385, 386, 387, 388, 390, 395, 398, 401, 402, 405, 409, 411, 412, 415, 416, 417, 418, 425, 428, 430, 432,
     433, 435, 436, 437, 441, 443, 447, 466, 468, 473,
 ];
+
+/// Pairs of landmarks whose distance, unlike their coordinates, survives errors of the head's rotation: lid gaps,
+/// irises to the corners and lids of their eyes, mouth, brows to lids, cheeks and chin.
+#[rustfmt::skip]
+pub(crate) const DISTANCES: [(usize, usize); 35] = [
+    (159, 145), (158, 153), (160, 144), (386, 374), (385, 380), (387, 373), (468, 33), (468, 133), (473, 362),
+    (473, 263), (468, 159), (468, 145), (473, 386), (473, 374), (13, 14), (61, 291), (0, 17), (78, 308), (82, 87),
+    (312, 317), (37, 84), (267, 314), (164, 0), (61, 33), (291, 263), (61, 1), (291, 1), (105, 159), (334, 386),
+    (55, 285), (152, 1), (152, 17), (205, 50), (50, 4), (280, 4),
+];
+
+/// Names of the features that tell how far the head is turned.
+const TURNS: [&str; 3] = ["yaw", "pitch", "roll"];
+/// Number of coordinates, which come first.
+pub(crate) const COORDINATES: usize = 3 * LANDMARKS;
+/// Number of features that are measured on the face: coordinates, then distances.
+pub const MEASURES: usize = COORDINATES + DISTANCES.len();
+/// Number of features of a face.
+pub const FEATURES: usize = MEASURES + TURNS.len();
+
+/// A feature of a face: a coordinate of a landmark, the distance of two landmarks, or how far the head is turned.
+///
+/// Its name says which: `x159`, `y159` and `z159` are coordinates of landmark 159, and `d159-145` is a distance, in eye
+/// distances. `yaw`, `pitch` and `roll` are about the sines of these angles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct FeatureId(u16);
+
+impl FeatureId {
+    /// The feature with this index, or `None` if it is not below [`FEATURES`].
+    pub fn from_index(index: usize) -> Option<Self> {
+        (index < FEATURES).then(|| u16::try_from(index).ok().map(Self))?
+    }
+
+    /// The feature's index.
+    pub fn index(self) -> usize {
+        usize::from(self.0)
+    }
+
+    /// Reads a name as [`FeatureId`] displays it.
+    pub fn from_name(name: &str) -> Option<Self> {
+        if let Some(turn) = TURNS.iter().position(|known| *known == name) {
+            return Self::from_index(MEASURES + turn);
+        }
+        let (kind, rest) = name.split_at_checked(1)?;
+        if kind == "d" {
+            let (a, b) = rest.split_once('-')?;
+            let pair = (a.parse().ok()?, b.parse().ok()?);
+            return Self::from_index(COORDINATES + DISTANCES.iter().position(|known| *known == pair)?);
+        }
+        let axis = ["x", "y", "z"].iter().position(|known| *known == kind)?;
+        let landmark = rest.parse::<usize>().ok().filter(|landmark| *landmark < LANDMARKS)?;
+        Self::from_index(3 * landmark + axis)
+    }
+}
+
+impl fmt::Display for FeatureId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let index = self.index();
+        if let Some(turn) = index.checked_sub(MEASURES).and_then(|turn| TURNS.get(turn)) {
+            return f.write_str(turn);
+        }
+        match index.checked_sub(COORDINATES).and_then(|distance| DISTANCES.get(distance)) {
+            Some((a, b)) => write!(f, "d{a}-{b}"),
+            None => write!(f, "{}{}", ['x', 'y', 'z'].get(index % 3).unwrap_or(&'x'), index / 3),
+        }
+    }
+}
 
 /// A model that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -106,22 +173,18 @@ impl Model {
     }
 }
 
-/// One number for each hidden unit. Units that a model does not use have 0.
-pub(crate) type Hidden = [f32; MAX_HIDDEN];
-
-/// A network with one hidden layer, `h = max(0, W x + a)` and `R = V h + b`.
+/// A network with one hidden layer, `h = max(0, W x + a)` and `R = V h + b`. Units that a model does not use have 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct HiddenLayer {
     /// The selected features.
     pub(crate) inputs: Box<[Input]>,
-    /// The columns of `W`, one for each input.
-    #[serde(with = "rows")]
-    pub(crate) weights: Box<[Hidden]>,
+    /// The columns of `W`, each with [`MAX_HIDDEN`] weights, one column for each input.
+    pub(crate) weights: Box<[f32]>,
     /// `a` where the wearer's neutral face is known, and where it is not.
     #[serde(with = "list")]
-    pub(crate) offsets_known: Hidden,
+    pub(crate) offsets_known: [f32; MAX_HIDDEN],
     #[serde(with = "list")]
-    pub(crate) offsets_unknown: Hidden,
+    pub(crate) offsets_unknown: [f32; MAX_HIDDEN],
     pub(crate) output: Output,
 }
 
@@ -136,9 +199,9 @@ pub(crate) struct Input {
 /// A layer `h = s W x + a` with the residual `V h + b`, where `x` are the values of the feature map. It takes 198 KB.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct AppearanceLayer {
-    /// The columns of `W`, one for each value: landmark by landmark, and channel by channel.
-    #[serde(with = "rows")]
-    pub(crate) weights: Box<[[i8; APPEARANCE_UNITS]]>,
+    /// The columns of `W`, each with [`APPEARANCE_UNITS`] weights, one column for each value of the map: landmark by
+    /// landmark, and channel by channel.
+    pub(crate) weights: Box<[i8]>,
     /// `s`.
     pub(crate) scales: [f32; APPEARANCE_UNITS],
     /// `a`.
@@ -150,9 +213,8 @@ pub(crate) struct AppearanceLayer {
 /// From the units of a layer to blendshapes: `V h + b`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Output {
-    /// The columns of `V`, one for each unit.
-    #[serde(with = "rows")]
-    pub(crate) weights: Box<[[f32; COEFFS]]>,
+    /// The columns of `V`, each with [`COEFFS`] weights, one column for each unit.
+    pub(crate) weights: Box<[f32]>,
     /// `b`.
     #[serde(with = "list")]
     pub(crate) offsets: [f32; COEFFS],
@@ -160,6 +222,7 @@ pub(crate) struct Output {
 
 /// The corrective terms of one blendshape (eq. 7).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct CorrectiveTerms {
     /// `beta`: what is added to the result of the regression.
     pub shift: f32,
@@ -213,17 +276,19 @@ mod list {
     }
 }
 
-/// Writes rows of numbers as one list.
-mod rows {
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-    pub fn serialize<S: Serializer, T: Serialize, const N: usize>(rows: &[[T; N]], to: S) -> Result<S::Ok, S::Error> {
-        rows.as_flattened().serialize(to)
-    }
-
-    pub fn deserialize<'a, D: Deserializer<'a>, T: Deserialize<'a> + Clone, const N: usize>(
-        from: D,
-    ) -> Result<Box<[[T; N]]>, D::Error> {
-        Ok(Vec::deserialize(from)?.as_chunks().0.into())
+    #[test]
+    fn every_feature_is_found_by_its_name_and_other_names_are_refused() {
+        for index in 0..FEATURES {
+            let id = FeatureId::from_index(index).expect("below the count");
+            assert_eq!(FeatureId::from_name(&id.to_string()), Some(id));
+        }
+        assert_eq!(FeatureId::from_index(FEATURES), None);
+        for name in ["", "x", "x478", "y-1", "w3", "d1-2", "d159", "é1"] {
+            assert_eq!(FeatureId::from_name(name), None, "{name}");
+        }
     }
 }

@@ -1,19 +1,47 @@
-//! `S` and `T_d` (eq. 4, 5): the features of a face that the regression reads.
+//! `S` and `T_d` (eq. 4, 5): the features of a face that the regression reads, and what they are measured from.
 //!
 //! Where the wearer's neutral face is known, measures count as displacements from it, and from the mean of many people
 //! otherwise. In between, the reference lies between both ([`Reference`]). How far the head is turned does not depend on
 //! the neutral face. The selection (eq. 4) is the model's list of indices into [`Features`]: the matrix D
 //! of the paper would hold almost nothing but zeros.
 
-use super::{LANDMARKS, affine::Normalised, filter::approach, neutral::Neutral};
+use super::affine::{MAX_COORDINATE, MAX_MISFIT, RIGID};
+use super::{LANDMARKS, Normalised, SolveError, filter::approach};
 use crate::model::{COORDINATES, DISTANCES, FEATURES, FeatureId, MEASURES};
 
-/// All features of one face, in the order of [`FeatureId`].
+/// The neutral face of a wearer: the mean normalised face at rest.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Features {
-    pub(super) values: [f32; FEATURES],
-    /// How far the wearer's neutral face is known: [`Reference::known`].
-    pub(super) known: f32,
+pub struct Neutral {
+    pub(super) measures: Box<[f32; MEASURES]>,
+}
+
+impl Neutral {
+    /// Measures a face whose points are in the basis of [`Normalised::points`].
+    ///
+    /// # Errors
+    /// [`SolveError::NoMean`] if a coordinate is not finite, or larger than that of any face.
+    pub fn from_points(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, SolveError> {
+        if !points.iter().flatten().all(|value| value.abs() < MAX_COORDINATE) {
+            return Err(SolveError::NoMean);
+        }
+        Ok(Self { measures: Box::new(measure(points)) })
+    }
+
+    /// Like [`Neutral::from_points`], for points whose source is not trusted.
+    /// The rigid points must be where those of a normalised face are.
+    pub fn of_face(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, SolveError> {
+        let squared = |(index, canonical): &(usize, [f64; 3])| {
+            let point = points.get(*index).copied().unwrap_or_default();
+            point.iter().zip(canonical).map(|(seen, want)| (f64::from(*seen) - want).powi(2)).sum::<f64>()
+        };
+        let misfit = RIGID.iter().map(squared).sum::<f64>() / RIGID.len() as f64;
+        if misfit.sqrt() <= MAX_MISFIT { Self::from_points(points) } else { Err(SolveError::NoMean) }
+    }
+
+    /// The points of the face, in the basis of [`Normalised::points`].
+    pub fn points(&self) -> impl Iterator<Item = [f32; 3]> {
+        self.measures.as_chunks().0.iter().take(LANDMARKS).copied()
+    }
 }
 
 /// What displacements are measured from: `mean + known * (neutral - mean)`, where `mean` is the mean neutral face of many
@@ -21,7 +49,8 @@ pub struct Features {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reference<'a> {
     neutral: Option<&'a Neutral>,
-    known: f32,
+    /// The share of the wearer's neutral face, from 0 to 1.
+    pub(super) known: f32,
 }
 
 impl<'a> Reference<'a> {
@@ -31,11 +60,6 @@ impl<'a> Reference<'a> {
     /// A face that is the wearer's neutral face by a share of `known`, from 0 to 1. A share of 0 is [`Self::MEAN`].
     pub fn between(neutral: &'a Neutral, known: f32) -> Self {
         if known > 0.0 { Self { neutral: Some(neutral), known: known.min(1.0) } } else { Self::MEAN }
-    }
-
-    /// The share of the wearer's neutral face, from 0 to 1.
-    pub fn known(&self) -> f32 {
-        self.known
     }
 
     /// The mean of many people and the wearer's own face, if this reference lies between them.
@@ -52,6 +76,14 @@ impl<'a> From<Option<&'a Neutral>> for Reference<'a> {
     }
 }
 
+/// All features of one face, in the order of [`FeatureId`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Features {
+    pub(super) values: [f32; FEATURES],
+    /// How far the wearer's neutral face is known, as in [`Reference`].
+    pub(super) known: f32,
+}
+
 impl Features {
     /// The measures of a face minus those of the wearer's neutral face, as far as it is known. The model subtracts the
     /// remaining share of the mean of many people.
@@ -62,10 +94,10 @@ impl Features {
             measures.iter_mut().zip(neutral.measures.iter()).for_each(|(value, rest)| *value -= known * rest);
         }
         let mut values = [0.0; FEATURES];
-        copy(&mut values, measures);
         // The direction of the face in the picture (right, up), and how much higher its left side is than its right.
         let [yaw, pitch] = face.turns();
-        copy(values.iter_mut().skip(MEASURES), [yaw, pitch, face.rotation.m21]);
+        let all = measures.into_iter().chain([yaw, pitch, face.rotation.m21]);
+        values.iter_mut().zip(all).for_each(|(slot, value)| *slot = value);
         Self { values, known }
     }
 
@@ -83,8 +115,13 @@ impl Features {
 /// Coordinates and distances of a face, without a reference.
 pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; MEASURES] {
     let mut values = [0.0; MEASURES];
-    copy(&mut values, points.as_flattened().iter().copied());
-    copy(values.iter_mut().skip(COORDINATES), DISTANCES.iter().map(|pair| distance(points, *pair)));
+    let (coordinates, distances) = values.split_at_mut(COORDINATES);
+    coordinates.copy_from_slice(points.as_flattened());
+    for (value, (a, b)) in distances.iter_mut().zip(DISTANCES) {
+        if let (Some(a), Some(b)) = (points.get(a), points.get(b)) {
+            *value = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt();
+        }
+    }
     values
 }
 
@@ -101,22 +138,11 @@ pub(super) fn mix<const N: usize>(a: &[f32; N], b: &[f32; N], share: f32) -> [f3
     }
 }
 
-fn copy<'a>(slots: impl IntoIterator<Item = &'a mut f32>, values: impl IntoIterator<Item = f32>) {
-    slots.into_iter().zip(values).for_each(|(slot, value)| *slot = value);
-}
-
-fn distance(points: &[[f32; 3]; LANDMARKS], (a, b): (usize, usize)) -> f32 {
-    let (Some(a), Some(b)) = (points.get(a), points.get(b)) else {
-        return 0.0;
-    };
-    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
-}
-
 #[cfg(test)]
 #[allow(clippy::float_cmp)]
 mod tests {
     use super::*;
-    use crate::solve::{Neutral, normalise};
+    use crate::solve::normalise;
     use crate::testing::face;
 
     #[test]
@@ -127,29 +153,33 @@ mod tests {
         assert_eq!(at(0.0), *Features::new(&face, None).values());
         assert_eq!(at(1.0), *Features::new(&face, Some(&neutral)).values());
         assert!(at(1.0)[..MEASURES].iter().all(|value| value.abs() < 1e-6), "the neutral face has no displacement");
-        assert_eq!(at(f32::NAN), at(0.0));
-        assert_eq!(at(7.0), at(1.0));
+        assert_eq!((at(f32::NAN), at(7.0)), (at(0.0), at(1.0)));
         let (none, quarter) = (at(0.0), at(0.25));
         assert!(none[..MEASURES].iter().zip(&quarter).all(|(none, quarter)| (0.75 * none - quarter).abs() < 1e-6));
         assert_eq!(none[MEASURES..], quarter[MEASURES..], "turns of the head do not depend on the neutral face");
     }
 
     #[test]
-    fn turn_of_the_head_is_about_its_sine() {
+    fn turn_of_the_head_is_about_its_sine_and_an_opened_mouth_lengthens_its_distance() {
+        let id = |name| FeatureId::from_name(name).expect("known");
         for (axis, name) in ["yaw", "pitch", "roll"].into_iter().enumerate() {
             let mut angles = [0.0_f32; 3];
             angles[axis] = 20.0;
             let face = normalise(&face(angles, 80.0, [320.0, 240.0])).expect("a face");
-            let value = Features::new(&face, None).get(FeatureId::from_name(name).expect("known"));
+            let value = Features::new(&face, None).get(id(name));
             assert!((value - 20.0_f32.to_radians().sin()).abs() < 0.01, "{name}: {value}");
         }
+        let mut points = [[0.0; 3]; LANDMARKS];
+        points[14] = [0.0, -0.3, -0.4];
+        assert!((measure(&points)[id("d13-14").index()] - 0.5).abs() < 1e-6);
     }
 
     #[test]
-    fn opened_mouth_lengthens_its_distance_by_as_much() {
-        let id = FeatureId::from_name("d13-14").expect("known");
-        let mut points = [[0.0; 3]; LANDMARKS];
-        points[14] = [0.0, -0.3, -0.4];
-        assert!((measure(&points)[id.index()] - 0.5).abs() < 1e-6);
+    fn coordinate_that_no_face_has_is_refused() {
+        for value in [f32::NAN, f32::INFINITY, 1e6] {
+            let mut points = [[0.0; 3]; LANDMARKS];
+            points[477][2] = value;
+            assert_eq!(Neutral::from_points(&points), Err(SolveError::NoMean));
+        }
     }
 }

@@ -1,32 +1,22 @@
 //! `F`: the filters that smooth a value over time.
 //!
 //! A value is a point of `N` numbers: a coefficient is one number, the head's position three, its rotation four. Every
-//! kind returns a weighted mean of what it was given, so that its output lies between the least and the greatest input.
+//! kind returns a weighted mean of its inputs, so that its output lies between the least and the greatest of them.
 //! A filter goes by the time between frames and not by their number, so that a setting means the same at every frame
-//! rate. The settings ([`Filter`]) are separate from what is remembered ([`FilterState`]), so that either can be
-//! replaced while the other stays. Nothing is on the heap.
+//! rate. Settings ([`Filter`]) and memory ([`FilterState`]) are separate, so that either can be replaced alone.
 //!
-//! All kinds have the same two settings, so that they can be exchanged and compared. The first is the time over which
-//! small changes are averaged: the window of the averages. An average over a window of `T` delays by `T / 2`, and so does
-//! a low pass with a time constant of `T / 2`, which also reduces noise by as much. The second is how large a change is
-//! still small, for the kinds that let large changes pass.
+//! All kinds have the same two settings, so that they can be exchanged and compared. An average over a window of `T`
+//! delays by `T / 2`, and so does a low pass with a time constant of `T / 2`, which also reduces noise by as much.
 
-mod gated_average;
-mod kalman;
-mod one_euro;
-#[cfg(test)]
-#[allow(clippy::float_cmp)]
-pub(super) mod tests;
-mod window;
+mod averages;
 
-use gated_average::Past;
-use kalman::Estimate;
-use one_euro::Motion;
-use window::Window;
+use averages::{Past, Window};
 
 /// Longest time between two frames that belong together, seconds: the longest time of the settings. After a longer one a
 /// filter starts anew.
 pub(super) const LONGEST_STEP_S: f32 = 0.35;
+/// Time between frames at which the settings' size of noise is meant, seconds.
+pub(super) const FRAME_S: f32 = 1.0 / 30.0;
 
 /// How a value is smoothed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,7 +25,7 @@ pub struct Filter {
     pub kind: FilterKind,
     /// Time over which small changes are averaged, seconds. 0 turns the filter off.
     pub time_s: f32,
-    /// Size of a change that is no longer small. Above 0.
+    /// Size of a change that is no longer small, for the kinds that let large changes pass. Above 0.
     pub noise_size: f32,
 }
 
@@ -121,14 +111,82 @@ impl Filter {
     fn start<const N: usize>(&self, kind: FilterKind, x: [f32; N]) -> FilterState<N> {
         match kind {
             FilterKind::Off => FilterState::Empty,
-            FilterKind::Kalman => FilterState::Kalman(Estimate::starting_with(self, x)),
-            FilterKind::MovingAverage | FilterKind::TimeWeightedAverage => {
-                FilterState::Window(Window::starting_with(x))
-            }
+            FilterKind::Kalman => FilterState::Kalman(Estimate { value: x, variance: self.noise_variance() }),
+            FilterKind::MovingAverage | FilterKind::TimeWeightedAverage => FilterState::Window(Window::new(x)),
             FilterKind::LowPass => FilterState::LowPass(x),
-            FilterKind::GatedAverage => FilterState::GatedAverage(Past::starting_with(x)),
-            FilterKind::OneEuro => FilterState::OneEuro(Motion::starting_with(x)),
+            FilterKind::GatedAverage => FilterState::GatedAverage(Past::new(x)),
+            FilterKind::OneEuro => FilterState::OneEuro(Motion { value: x, speed: [0.0; N] }),
         }
+    }
+
+    /// Variance of the noise of one frame at 30 frames a second: a change that is no longer small lies outside of it.
+    fn noise_variance(&self) -> f32 {
+        (self.noise_size / OUTSIDE).powi(2).max(f32::MIN_POSITIVE)
+    }
+}
+
+/// Standard deviations within which a value counts as noise for the Kalman filter.
+const OUTSIDE: f32 = 3.0;
+
+/// The estimate of a Kalman filter.
+///
+/// The model is a random walk: `y += w` with a variance of `q dt`, seen as `x = y + v` with the camera's noise `v`. The
+/// noise is taken as white with a fixed density, so that frames that come twice as fast are each twice as noisy. Then
+/// the filter settles to a time constant of `sqrt(R / q)`, whatever the frame rate, and `q` follows from the time of
+/// the settings.
+///
+/// A face holds still and then moves suddenly, which a random walk does not. So when a value lies more than
+/// [`OUTSIDE`] standard deviations from what the filter expects, the variance of the estimate is raised until the value
+/// lies on that limit. The farther a value lies outside, the larger is then the share of it that passes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Estimate<const N: usize> {
+    value: [f32; N],
+    variance: f32,
+}
+
+impl<const N: usize> Estimate<N> {
+    fn step(&mut self, filter: &Filter, x: [f32; N], dt_s: f32) -> [f32; N] {
+        // The density of the noise, R. That of one frame is R / dt.
+        let density = filter.noise_variance() * FRAME_S;
+        let time_constant_s = 0.5 * filter.time_s;
+        let expected = self.variance + density * dt_s / (time_constant_s * time_constant_s);
+        let needed = square(difference(x, self.value)) / (OUTSIDE * OUTSIDE) - density / dt_s.max(f32::MIN_POSITIVE);
+        let variance = expected.max(needed);
+        let gain = variance * dt_s / (variance * dt_s + density);
+        self.value = towards(self.value, x, gain);
+        self.variance = (1.0 - gain) * variance;
+        self.value
+    }
+}
+
+/// Time constant of One Euro's low pass of the speed, seconds: 1 Hz.
+const SPEED_TIME_CONSTANT_S: f32 = 0.159;
+
+/// The last output of a One Euro filter, and its speed in units a second.
+///
+/// > Géry Casiez, Nicolas Roussel, Daniel Vogel: *1€ Filter: A Simple Speed-based Low-pass Filter for Noisy Input in
+/// > Interactive Systems.* CHI 2012.
+///
+/// The speed is measured from the last output, and is itself smoothed by a low pass of 1 Hz. The time constant of the
+/// filter is `1 / (2/T + |speed| / small)`: half of the time of the settings for a face at rest, and one frame for a
+/// movement of one small change a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Motion<const N: usize> {
+    value: [f32; N],
+    speed: [f32; N],
+}
+
+impl<const N: usize> Motion<N> {
+    fn step(&mut self, filter: &Filter, x: [f32; N], dt_s: f32) -> [f32; N] {
+        let change = difference(x, self.value);
+        // The speed is the change divided by the time, which may be 0.
+        let share = passed(dt_s, SPEED_TIME_CONSTANT_S);
+        let per_second = if dt_s > 1e-4 { share / dt_s } else { 1.0 / SPEED_TIME_CONSTANT_S };
+        self.speed = towards(self.speed, [0.0; N], share);
+        add(&mut self.speed, per_second, change);
+        let speed = square(self.speed).sqrt() / filter.noise_size;
+        self.value = towards(self.value, x, passed(dt_s, 1.0 / (2.0 / filter.time_s + speed)));
+        self.value
     }
 }
 
@@ -149,10 +207,9 @@ pub(super) fn approach<const N: usize>(values: &mut [f32; N], to: &[f32; N], sha
 }
 
 /// `a - b`.
-pub(super) fn difference<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
-    let mut out = a;
-    out.iter_mut().zip(b).for_each(|(value, b)| *value -= b);
-    out
+pub(super) fn difference<const N: usize>(mut a: [f32; N], b: [f32; N]) -> [f32; N] {
+    a.iter_mut().zip(b).for_each(|(value, b)| *value -= b);
+    a
 }
 
 /// Adds `weight` times `point` to `sum`.
@@ -163,4 +220,124 @@ pub(super) fn add<const N: usize>(sum: &mut [f32; N], weight: f32, point: [f32; 
 /// The square of the length of a vector.
 pub(super) fn square<const N: usize>(point: [f32; N]) -> f32 {
     point.iter().map(|value| value * value).sum()
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp)]
+pub(super) mod tests {
+    use super::*;
+
+    /// Every kind of filter.
+    pub(in crate::solve) const KINDS: [FilterKind; 7] = [
+        FilterKind::Off,
+        FilterKind::Kalman,
+        FilterKind::MovingAverage,
+        FilterKind::TimeWeightedAverage,
+        FilterKind::LowPass,
+        FilterKind::GatedAverage,
+        FilterKind::OneEuro,
+    ];
+
+    fn filters() -> impl Iterator<Item = Filter> {
+        KINDS.into_iter().map(|kind| Filter { kind, time_s: 0.18, noise_size: 0.05 })
+    }
+
+    /// What a filter makes of pairs of a value and the time since the one before.
+    pub(in crate::solve) fn run(filter: &Filter, signal: impl IntoIterator<Item = (f32, f32)>) -> Vec<f32> {
+        let mut state = FilterState::Empty;
+        signal.into_iter().map(|(x, dt_s)| filter.step(&mut state, [x], dt_s)).map(|[y]| y).collect()
+    }
+
+    /// Values from 0 to 1 at irregular times, with pauses, repeated times and far too many frames a second.
+    fn irregular(seed: u64) -> impl Iterator<Item = (f32, f32)> {
+        let mut random = fastrand::Rng::with_seed(seed);
+        core::iter::repeat_with(move || (random.f32(), [0.0, 1e-6, 0.004, FRAME_S, 0.2, 9.0][random.usize(..6)]))
+    }
+
+    #[test]
+    fn outputs_lie_between_the_least_and_the_greatest_input_whatever_the_times() {
+        for (filter, seed) in filters().flat_map(|filter| (0..20).map(move |seed| (filter, seed))) {
+            let signal = irregular(seed).map(|(x, dt_s)| (0.3 + 0.1 * x, dt_s));
+            let out = run(&filter, signal.take(500));
+            assert!(out.iter().all(|y| (0.3 - 1e-6..=0.4 + 1e-6).contains(y)), "{filter:?}, seed {seed}");
+        }
+    }
+
+    #[test]
+    fn after_a_value_that_is_not_finite_or_a_step_that_is_no_time_a_filter_starts_anew() {
+        let steps = [(f32::NAN, FRAME_S), (f32::INFINITY, FRAME_S), (0.5, 10.0), (0.5, f32::NAN), (0.5, -0.02)];
+        for (filter, step) in filters().flat_map(|filter| steps.map(|step| (filter, step))) {
+            let after: Vec<_> = [step].into_iter().chain(irregular(2).take(50)).collect();
+            let out = run(&filter, irregular(1).take(50).chain(after.clone()));
+            assert_eq!(out[50].is_finite(), step.0.is_finite(), "{filter:?} hides a fault");
+            assert_eq!(out[51..], run(&filter, after)[1..], "{filter:?} {step:?}");
+        }
+    }
+
+    #[test]
+    fn filter_of_another_kind_starts_anew() {
+        for [before, after] in filters().flat_map(|a| filters().map(move |b| [a, b])) {
+            let start = |filter: Filter| core::mem::discriminant(&filter.start(filter.kind, [0.0]));
+            if start(before) == start(after) {
+                continue;
+            }
+            let mut state = FilterState::Empty;
+            (1_u8..9).for_each(|x| _ = before.step(&mut state, [f32::from(x)], FRAME_S));
+            assert_eq!(after.step(&mut state, [0.4], FRAME_S), [0.4], "{before:?}, then {after:?}");
+            let off = Filter { time_s: 0.0, ..before };
+            (1_u8..9).for_each(|x| assert_eq!(off.step(&mut state, [x.into()], FRAME_S), [x.into()], "{off:?}"));
+        }
+    }
+
+    #[test]
+    fn value_that_stays_is_reached_within_a_second_at_every_frame_rate() {
+        for (filter, fps) in filters().flat_map(|filter| [10_u16, 30, 60, 240].map(|fps| (filter, fps))) {
+            for step in [0.02, 0.5] {
+                let frame_s = 1.0 / f32::from(fps);
+                let signal = [(0.1, frame_s); 300].into_iter().chain([(0.1 + step, frame_s); 480]);
+                let after_1_s = run(&filter, signal)[300 + usize::from(fps)];
+                assert!((after_1_s - 0.1 - step).abs() < 0.15 * step, "{filter:?}, {fps} frames a second: {after_1_s}");
+            }
+        }
+    }
+
+    #[test]
+    fn noise_of_a_value_that_stays_is_smoothed_to_less_than_two_thirds() {
+        let mut random = fastrand::Rng::with_seed(4);
+        let noise: Vec<f32> = (0..900).map(|_| 0.5 + 0.02 * (random.f32() - 0.5)).collect();
+        let deviation = |x: &[f32]| (x.iter().map(|x| (x - 0.5).powi(2)).sum::<f32>() / x.len() as f32).sqrt();
+        for (filter, fps) in filters().skip(1).flat_map(|filter| [30.0, 60.0].map(|fps| (filter, fps))) {
+            let out = run(&filter, noise.iter().map(|x| (*x, 1.0 / fps)));
+            assert!(deviation(&out[30..]) < 0.66 * deviation(&noise), "{filter:?}, {fps} frames a second");
+        }
+    }
+
+    /// The response to a step from 0.5, which lasts for 200 frames.
+    fn step_response(kind: FilterKind, fps: f32, size: f32) -> Vec<f32> {
+        let filter = Filter { kind, time_s: 0.2, noise_size: 0.03 };
+        let signal = [0.5; 200].into_iter().chain([0.5 + size; 200]);
+        run(&filter, signal.map(|x| (x, 1.0 / fps))).split_off(200)
+    }
+
+    #[test]
+    fn small_step_takes_the_time_constant_at_every_frame_rate() {
+        for (kind, seconds) in [(FilterKind::LowPass, 0.06..0.14), (FilterKind::Kalman, 0.06..0.11)] {
+            for fps in [30.0_f32, 60.0, 120.0] {
+                let out = step_response(kind, fps, 0.02);
+                let frames = out.iter().position(|y| *y > 0.5 + 0.02 * 0.632).expect("63 percent");
+                assert!(seconds.contains(&(frames as f32 / fps)), "{kind:?}, {fps} frames a second: {frames} frames");
+            }
+        }
+    }
+
+    #[test]
+    fn the_farther_outside_of_the_noise_the_larger_the_share_that_passes() {
+        for (kind, least) in [(FilterKind::Kalman, [0.7, 0.98]), (FilterKind::OneEuro, [0.5, 0.88])] {
+            let share = |size: f32| (step_response(kind, 30.0, size)[0] - 0.5) / size;
+            assert!(share(0.02) < 0.4 && share(0.06) > least[0] && share(0.3) > least[1], "{kind:?}");
+        }
+        let filter = Filter { kind: FilterKind::Kalman, time_s: 0.2, noise_size: 0.03 };
+        let second = run(&filter, [(0.50, FRAME_S), (0.52, FRAME_S)])[1];
+        assert!((0.510..0.515).contains(&second), "the first values are averaged as equals: {second}");
+    }
 }

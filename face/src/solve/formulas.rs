@@ -4,7 +4,7 @@
 //! arbitrarily large for faces that the fit has not seen.
 
 use super::{COEFFS, features::Features};
-use crate::model::{FEATURES, Formula, FormulaKind, FormulaSet, Formulas, MAX_FORMULA_INPUTS, MAX_PRODUCTS};
+use crate::model::{FEATURES, Formula, FormulaKind, Formulas, MAX_FORMULA_INPUTS, MAX_PRODUCTS};
 
 /// Number of sums that are added up side by side, so that no addition waits for the one before.
 const LANES: usize = 8;
@@ -12,23 +12,16 @@ const LANES: usize = 8;
 impl Formulas {
     pub(super) fn process(&self, features: &Features) -> [f32; COEFFS] {
         let set = if features.known >= 0.5 { &self.neutral_known } else { &self.neutral_unknown };
-        let standardised = set.standardised(features);
+        // The values of the inputs with mean 0 and deviation 1.
+        let mut standardised = [0.0; FEATURES];
+        for (value, input) in standardised.iter_mut().zip(&set.inputs) {
+            *value = (features.get(input.feature) - input.mean) * input.per_deviation;
+        }
         let mut coefficients = [0.0; COEFFS];
         for (coefficient, formula) in coefficients.iter_mut().zip(&set.formulas) {
             *coefficient = formula.coefficient(&standardised);
         }
         coefficients
-    }
-}
-
-impl FormulaSet {
-    /// The values of the inputs with mean 0 and deviation 1.
-    fn standardised(&self, features: &Features) -> [f32; FEATURES] {
-        let mut values = [0.0; FEATURES];
-        for (value, input) in values.iter_mut().zip(&self.inputs) {
-            *value = (features.get(input.feature) - input.mean) * input.per_deviation;
-        }
-        values
     }
 }
 
@@ -89,38 +82,39 @@ fn dot(weights: &[f32], values: &[f32]) -> f32 {
 mod tests {
     use super::*;
     use crate::model::{
-        FeatureId, LIFT, MAX_MULTIPLIED, Model, Regression, Response, ScaledInput, product_index, signed_logarithm,
+        FeatureId, FormulaSet, LIFT, MAX_MULTIPLIED, Model, Regression, Response, ScaledInput, product_index,
+        signed_logarithm,
     };
-    use crate::solve::{Neutral, Reference, SolveError, normalise};
+    use crate::solve::{Neutral, Normalised, Reference, SolveError, normalise};
     use crate::testing::face;
 
     const JAW_OPEN: usize = 17;
 
-    /// A model in which all blendshapes but the jaw are 0. Its inputs are the coordinates of some landmarks, halved after
-    /// 0.1 was subtracted.
-    fn model(jaw: Formula) -> Model {
-        let input = |index| ScaledInput {
-            feature: FeatureId::from_index(index).expect("known"),
-            mean: 0.1,
-            per_deviation: 0.5,
+    /// Formulas of which only the jaw's is not 0. Their inputs are the first coordinates, halved after 0.1 was subtracted.
+    fn formulas(known: Formula, unknown: Formula) -> Model {
+        let set = |jaw| {
+            let input = |index| ScaledInput {
+                feature: FeatureId::from_index(index).expect("known"),
+                mean: 0.1,
+                per_deviation: 0.5,
+            };
+            let mut formulas: Box<[Formula]> = vec![Formula::default(); COEFFS].into();
+            formulas[JAW_OPEN] = jaw;
+            FormulaSet { inputs: (0..MAX_FORMULA_INPUTS).map(input).collect(), formulas }
         };
-        let mut formulas: Box<[Formula]> = vec![Formula::default(); COEFFS].into();
-        formulas[JAW_OPEN] = jaw;
-        let set = FormulaSet { inputs: (0..MAX_FORMULA_INPUTS).map(input).collect(), formulas };
-        Model::of(Regression::Formulas(Formulas { neutral_known: set.clone(), neutral_unknown: set }))
+        Model::of(Regression::Formulas(Formulas { neutral_known: set(known), neutral_unknown: set(unknown) }))
     }
 
-    fn features() -> Features {
-        Features::new(&normalise(&face([9.0, 5.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"), Reference::MEAN)
+    fn turned() -> Normalised {
+        normalise(&face([9.0, 5.0, 0.0], 80.0, [320.0, 240.0])).expect("a face")
     }
 
     /// The jaw's coefficient, and the values of the inputs in double precision.
-    fn solved(jaw: Formula) -> (f64, Vec<f64>) {
-        let features = features();
-        let raw = model(jaw).process(&features).expect("finite");
-        assert!(raw.0.iter().enumerate().all(|(index, value)| index == JAW_OPEN || *value == 0.0));
+    fn solved(jaw: Formula) -> (Result<f64, SolveError>, Vec<f64>) {
+        let features = Features::new(&turned(), Reference::MEAN);
+        let found = formulas(jaw.clone(), jaw).process(&features).map(|raw| raw.0[JAW_OPEN].into());
         let values = features.values()[..MAX_FORMULA_INPUTS].iter().map(|value| (f64::from(*value) - 0.1) * 0.5);
-        (raw.0[JAW_OPEN].into(), values.collect())
+        (found, values.collect())
     }
 
     fn formula(kind: FormulaKind, response: Response, offset: f32) -> Formula {
@@ -128,49 +122,45 @@ mod tests {
         Formula { kind, response, offset, inputs, weights, ..Formula::default() }
     }
 
-    fn sum(values: &[f64], of: impl Fn(f64) -> f64) -> f64 {
-        0.4 * of(values[5]) - 0.3 * of(values[3]) + 0.2 * of(values[4])
-    }
-
     #[test]
     fn every_kind_and_response_computes_its_equation() {
-        let (found, values) = solved(formula(FormulaKind::Affine, Response::Plain, 0.3));
-        assert!((found - (0.3 + sum(&values, |value| value))).abs() < 1e-6);
-        let (found, values) = solved(formula(FormulaKind::Affine, Response::SquareRoot, 0.7));
-        assert!((found - (0.7 + sum(&values, |value| value)).powi(2)).abs() < 1e-6);
-        let (found, values) = solved(formula(FormulaKind::Affine, Response::Logit, 0.3));
-        let logistic = 1.0 / (1.0 + (-0.3 - sum(&values, |value| value)).exp());
-        assert!((found - (logistic - 0.02) / 0.96).abs() < 1e-6, "{found} {logistic}");
-        let (found, values) = solved(formula(FormulaKind::Exponential, Response::Plain, -0.5));
-        assert!((found - ((-0.5 + sum(&values, |value| value)).exp() - LIFT)).abs() < 1e-6);
-        let (found, values) = solved(formula(FormulaKind::LogExponential, Response::Plain, -0.5));
-        assert!((found - ((-0.5 + sum(&values, signed_logarithm)).exp() - LIFT)).abs() < 1e-6);
+        let same: fn(f64) -> f64 = |x| x;
+        let logit: fn(f64) -> f64 = |sum| (1.0 / (1.0 + (-sum).exp()) - 0.02) / 0.96;
+        let exponential: fn(f64) -> f64 = |sum| sum.exp() - LIFT;
+        let cases: [(_, _, _, fn(f64) -> f64, fn(f64) -> f64); 5] = [
+            (FormulaKind::Affine, Response::Plain, 0.3, same, same),
+            (FormulaKind::Affine, Response::SquareRoot, 0.7, same, |sum| sum * sum),
+            (FormulaKind::Affine, Response::Logit, 0.3, same, logit),
+            (FormulaKind::Exponential, Response::Plain, -0.5, same, exponential),
+            (FormulaKind::LogExponential, Response::Plain, -0.5, signed_logarithm, exponential),
+        ];
+        for (kind, response, offset, of_value, of_sum) in cases {
+            let (found, values) = solved(formula(kind, response, offset));
+            let sum = 0.4 * of_value(values[5]) - 0.3 * of_value(values[3]) + 0.2 * of_value(values[4]);
+            let wanted = of_sum(f64::from(offset) + sum);
+            assert!(found.is_ok_and(|found| (found - wanted).abs() < 1e-6), "{kind:?} {response:?}: {wanted}");
+        }
     }
 
     #[test]
     fn products_of_as_many_features_as_allowed_have_their_own_weights() {
         for multiplied in [1, 2, 13, MAX_MULTIPLIED] {
-            let weight = |index: usize| (index as f32 * 0.618).fract() - 0.5;
+            let weight = |index: usize| 0.1 * ((index as f32 * 0.618).fract() - 0.5);
             let products: Box<[f32]> = (0..multiplied * (multiplied + 1) / 2).map(weight).collect();
             let inputs: Box<[u16]> = (0..).take(MAX_FORMULA_INPUTS).collect();
             let weights = inputs.iter().map(|index| 0.002 * f32::from(*index)).collect();
-            let jaw = Formula {
-                kind: FormulaKind::Quadratic,
-                offset: 0.5,
-                inputs,
-                weights,
-                multiplied,
-                products: products.iter().map(|weight| 0.1 * weight).collect(),
-                ..Formula::default()
-            };
-            let (found, values) = solved(jaw);
+            let kind = FormulaKind::Quadratic;
+            let plain = Formula { kind, offset: 0.5, inputs, weights, ..Formula::default() };
+            let (found, values) = solved(Formula { multiplied, products: products.clone(), ..plain });
             let mut wanted: f64 =
                 0.5 + (0..).zip(&values).map(|(index, value)| 0.002 * f64::from(index) * value).sum::<f64>();
-            for (one, value) in values.iter().enumerate().take(multiplied) {
-                for (other, factor) in values.iter().enumerate().take(multiplied).skip(one) {
-                    wanted += 0.1 * f64::from(products[product_index(other, one, multiplied)]) * value * factor;
+            for one in 0..multiplied {
+                for other in one..multiplied {
+                    let weight = products[product_index(other, one, multiplied)];
+                    wanted += f64::from(weight) * values[one] * values[other];
                 }
             }
+            let found = found.expect("finite");
             assert!((0.01..0.99).contains(&wanted) && (found - wanted).abs() < 1e-5, "{multiplied}: {found} {wanted}");
         }
     }
@@ -178,50 +168,40 @@ mod tests {
     #[test]
     fn results_are_clamped_and_nans_reject_the_frame() {
         for kind in [FormulaKind::Affine, FormulaKind::Exponential] {
-            for (offset, clamped) in [(-9.0, 0.0), (9.0, 1.0)] {
-                assert!((solved(formula(kind, Response::Plain, offset)).0 - clamped).abs() < 1e-9, "{offset}");
+            for (offset, clamped) in [(-9.0, Ok(0.0)), (9.0, Ok(1.0)), (f32::NAN, Err(SolveError::Absurd))] {
+                assert_eq!(solved(formula(kind, Response::Plain, offset)).0, clamped, "{kind:?} {offset}");
             }
-            for response in [Response::Plain, Response::SquareRoot, Response::Logit] {
-                let nan = model(formula(kind, response, f32::NAN));
-                assert_eq!(nan.process(&features()), Err(SolveError::Absurd), "{kind:?} {response:?}");
-            }
+        }
+        for response in [Response::SquareRoot, Response::Logit] {
+            assert_eq!(solved(formula(FormulaKind::Affine, response, f32::NAN)).0, Err(SolveError::Absurd));
         }
     }
 
     #[test]
     fn the_case_of_the_face_selects_the_formulas_and_a_face_that_is_known_in_part_mixes_their_results() {
         let of = |offset| formula(FormulaKind::Affine, Response::Plain, offset);
-        let (known, mut both) = (model(of(0.3)), model(of(0.5)));
-        let (Regression::Formulas(known), Regression::Formulas(all)) = (known.regression, &mut both.regression) else {
-            panic!("formulas")
-        };
-        all.neutral_known = known.neutral_known;
-        let jaw = |known| both.process(&Features { known, ..features() }).expect("finite").0[JAW_OPEN];
+        let (model, face) = (formulas(of(0.3), of(0.5)), turned());
+        let features = Features::new(&face, Reference::MEAN);
+        let jaw = |known| model.process(&Features { known, ..features.clone() }).expect("finite").0[JAW_OPEN];
         assert!((jaw(0.0) - jaw(1.0) - 0.2).abs() < 1e-6);
-        let face = normalise(&face([9.0, 5.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
         let neutral = Neutral::from_points(&face.points).expect("a neutral face");
-        let jaw = |known| both.solve(&face, Reference::between(&neutral, known)).expect("finite").0[JAW_OPEN];
+        let jaw = |known| model.solve(&face, Reference::between(&neutral, known)).expect("finite").0[JAW_OPEN];
         assert!((jaw(0.0) - jaw(1.0)).abs() > 0.05);
         assert!((jaw(0.25) - (0.75 * jaw(0.0) + 0.25 * jaw(1.0))).abs() < 1e-6);
     }
 
     #[test]
     fn the_largest_formulas_take_256_kib() {
-        let largest = Formula {
-            inputs: [0; MAX_FORMULA_INPUTS].into(),
-            weights: [0.0; MAX_FORMULA_INPUTS].into(),
-            products: [0.0; MAX_PRODUCTS].into(),
-            ..Formula::default()
+        let (inputs, weights) = ([0; MAX_FORMULA_INPUTS].into(), [0.0; MAX_FORMULA_INPUTS].into());
+        let largest = Formula { inputs, weights, products: [0.0; MAX_PRODUCTS].into(), ..Formula::default() };
+        let mut model = formulas(largest.clone(), largest.clone());
+        let Regression::Formulas(Formulas { neutral_known, neutral_unknown }) = &mut model.regression else {
+            panic!("formulas")
         };
-        let input = |index| ScaledInput {
-            feature: FeatureId::from_index(index).expect("known"),
-            mean: 0.0,
-            per_deviation: 0.0,
-        };
-        let formulas = vec![largest; COEFFS].into();
-        let set = FormulaSet { inputs: (0..FEATURES).map(input).collect(), formulas };
-        let bytes =
-            Model::of(Regression::Formulas(Formulas { neutral_known: set.clone(), neutral_unknown: set })).size_bytes();
-        assert!(bytes <= 256 * 1024, "{bytes}");
+        for set in [neutral_known, neutral_unknown] {
+            set.inputs = set.inputs.iter().cycle().take(FEATURES).cloned().collect();
+            set.formulas.fill(largest.clone());
+        }
+        assert!(model.size_bytes() <= 256 * 1024, "{}", model.size_bytes());
     }
 }

@@ -1,7 +1,7 @@
 //! From landmarks to blendshape coefficients: pure arithmetic without a clock, a log or, but for loading a model, I/O.
 //!
 //! ```text
-//! normalise -> Model::solve ----> RawCoeffs::plus -> correct -> Rules::step -> Filters::step -> ...
+//! normalise -> Model::solve ----> Coefficients::plus -> correct -> Rules::step -> Filters::step -> ...
 //!              Model::residual ---^
 //!     ... -> Rules::close_mouth -> Adjustments::apply -> Crossfade::step -> Adjustments::limit
 //! ```
@@ -9,19 +9,14 @@
 //! [`Solver`] runs these stages. A stage that gets values it cannot use, such as landmarks that are not finite or do
 //! not form a face, returns an error, and the whole frame is rejected.
 
-mod adjustments;
 mod affine;
-mod appearance;
-mod canonical;
 mod correction;
-mod crossfade;
 mod features;
 mod filter;
 mod formulas;
-mod head_filter;
-mod neutral;
+mod identity;
 mod neutral_estimate;
-mod noise_level;
+mod output;
 mod plausible;
 mod pose;
 mod regression;
@@ -32,20 +27,28 @@ use crate::model::Model;
 use crate::track::LANDMARKS;
 
 #[cfg(any(test, feature = "testing"))]
-pub(crate) use canonical::RIGID;
-
-pub use adjustments::{Adjustment, Adjustments, MIRRORED};
+pub(crate) use affine::RIGID;
 pub use affine::{FaceMean, Normalised, normalise};
-pub use appearance::Residual;
-pub use correction::{Corrected, GAINS, MAX_REST, correct};
+pub use correction::{GAINS, MAX_REST, correct};
 pub(crate) use facewire_packet::{BLENDSHAPE_COUNT as COEFFS, BLENDSHAPES};
-pub use features::{Features, Reference};
+pub use features::{Features, Neutral, Reference};
 pub use filter::{Filter, FilterKind};
-pub use head_filter::HeadFilter;
-pub use neutral::{Neutral, NeutralMean};
 pub use neutral_estimate::NeutralMode;
+pub use output::{Adjustment, Adjustments, MIRRORED};
 pub use plausible::Rules;
 pub use pose::{Camera, HeadPose, mirror_image, yaw_pitch_roll_deg};
-pub use regression::RawCoeffs;
-pub use smoothing::{Filters, FiltersState, Group, Smoothed};
+pub use smoothing::{Filters, FiltersState, Group, HeadFilter};
 pub use solver::{Profile, Shaping, Solution, SolveError, Solver};
+
+/// One number for each blendshape, in the order of [`BLENDSHAPES`]. Results of the regression are finite; after the
+/// correction they are within `0..=1`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coefficients(pub [f32; COEFFS]);
+
+impl Coefficients {
+    /// Adds what the look of the face contributes.
+    pub fn plus(mut self, residual: &Self) -> Self {
+        self.0.iter_mut().zip(&residual.0).for_each(|(value, residual)| *value += residual);
+        self
+    }
+}

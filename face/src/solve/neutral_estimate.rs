@@ -1,34 +1,21 @@
 //! Estimates the wearer's neutral face while it watches.
 //!
-//! A face that faces the camera, holds still, and that the model reads as nearly at rest ([`rest`]), is averaged, weighted
+//! A face that faces the camera, holds still, and that the model reads as nearly at rest ([`RestWatch`]), is averaged, weighted
 //! by how sure that is. A wearer who only speaks or smiles gives no evidence, so that no expression becomes neutral. The
 //! outputs by which a frame is judged count as measured from the mean of many people, whatever the reference is by
 //! now: otherwise a half-smile that is held would look more like rest the more of it was learned.
 //!
 //! The reference moves from the mean to the estimate at a bounded speed, and so does the output. When another person
-//! sits down ([`identity`]), it moves back, and learning begins anew.
+//! sits down ([`super::identity`]), it moves back, and learning begins anew.
 //!
 //! Limits: of a wearer whose face at rest reads like an expression (root sum square beyond 0.45), or whose eyes read as 0.3
 //! shut, nothing is learned. Only a calibration can tell that from a smile or tiredness. Outputs at rest are not
 //! subtracted: in films of 20 people that raised the error, because an output below 0 at rest says nothing.
 
-mod identity;
-mod rest;
-#[cfg(test)]
-#[allow(clippy::cast_possible_truncation, clippy::float_cmp)]
-mod tests;
-
-use self::{
-    identity::{Identity, Verdict},
-    rest::RestWatch,
-};
-use super::{
-    COEFFS, RawCoeffs, Reference,
-    affine::Normalised,
-    features::measure,
-    filter::{approach, difference, square},
-    neutral::Neutral,
-};
+use super::features::{Neutral, Reference, measure};
+use super::filter::{approach, difference, square};
+use super::identity::{Identity, Verdict};
+use super::{COEFFS, Coefficients, Normalised};
 use crate::model::MEASURES;
 
 /// Longest time that one frame counts for, seconds.
@@ -76,10 +63,11 @@ pub(super) struct NeutralEstimate {
     evidence_s: f32,
     /// The face that the reference contains by `share`.
     used: Neutral,
-    share: f32,
+    pub(super) share: f32,
     /// Whether `used` shows somebody who has left.
     is_fading: bool,
-    forgotten: u64,
+    /// How often another person was noticed.
+    pub(super) forgotten: u64,
     watch: RestWatch,
     identity: Identity,
     /// Where the last face was.
@@ -118,19 +106,9 @@ impl NeutralEstimate {
         Reference::between(&self.used, self.share)
     }
 
-    /// Share of the wearer's own face in the reference, from 0 to 1.
-    pub(super) fn share(&self) -> f32 {
-        self.share
-    }
-
-    /// How often another person was noticed.
-    pub(super) fn forgotten(&self) -> u64 {
-        self.forgotten
-    }
-
     /// Takes in a frame `step_s` seconds after the last one, and what the regression made of it with [`Self::reference`].
     /// Does not allocate.
-    pub(super) fn update(&mut self, mode: NeutralMode, face: &Normalised, raw: &RawCoeffs, step_s: f32) {
+    pub(super) fn update(&mut self, mode: NeutralMode, face: &Normalised, raw: &Coefficients, step_s: f32) {
         let dt_s = step_s.min(LONGEST_STEP_S);
         if mode == NeutralMode::Auto {
             if self.has_jumped(face, dt_s) || step_s > GAP_S {
@@ -154,7 +132,7 @@ impl NeutralEstimate {
         self.position.replace(position).is_some_and(|last| position.is_far_from(last, dt_s))
     }
 
-    fn learn(&mut self, face: &Normalised, raw: &RawCoeffs, dt_s: f32) {
+    fn learn(&mut self, face: &Normalised, raw: &Coefficients, dt_s: f32) {
         let mut outputs = raw.0;
         outputs.iter_mut().zip(&self.outputs).for_each(|(output, rest)| *output += self.share * rest);
         let weight_s = self.watch.weight(face, &outputs, dt_s) * dt_s;
@@ -176,7 +154,7 @@ impl NeutralEstimate {
 
     /// The share that the estimate deserves: the more evidence, and the nearer to rest the model reads its mean.
     fn wanted_share(&self) -> f32 {
-        self.evidence_s / (self.evidence_s + HALF_EVIDENCE_S) * rest::quality(&self.outputs)
+        self.evidence_s / (self.evidence_s + HALF_EVIDENCE_S) * quality(&self.outputs)
     }
 
     /// Moves the reference towards the estimate.
@@ -201,5 +179,253 @@ impl Position {
         distance(self.origin_px, last.origin_px) > MOST_SPEED * time_s * last.scale_px
             || distance(self.turns, last.turns) > MOST_TURN * time_s
             || (self.scale_px / last.scale_px - 1.0).abs() > MOST_ZOOM * time_s
+    }
+}
+
+/// Sines of yaw and pitch at which a face no longer counts as frontal. A camera is often above or below the face.
+const FRONTAL: [f32; 2] = [0.3, 0.4];
+/// Root sum square of the outputs at which a face no longer counts as at rest.
+const MOST_OUTPUT: f32 = 0.45;
+/// Output of `eyeBlink` at which an eye no longer counts as open.
+const MOST_SHUT: f32 = 0.3;
+/// Least weight that counts. Frames with a lower weight are ignored, because many of them would add up: a speaking mouth
+/// comes close to rest again and again.
+const LEAST_WEIGHT: f32 = 0.05;
+/// `eyeBlinkLeft` and `eyeBlinkRight`.
+const LIDS: [usize; 2] = [0, 7];
+/// Distance of the outputs from their recent average at which a face no longer counts as still.
+const MOST_MOTION: f32 = 0.2;
+/// Time constant of that average, seconds.
+const RECENT_S: f32 = 0.3;
+/// Time after which 63 % of a motion is forgotten, seconds. A mouth that speaks passes its average again and again.
+const CALM_S: f32 = 0.8;
+
+/// The recent outputs, by which it is judged how sure it is that a face is at rest.
+///
+/// At rest, the model reads about 0 even of a face that it does not know: in films of 20 people, the root sum square of
+/// the outputs is at most 0.15 at rest, and rarely below 0.4 otherwise. On real faces at rest it is about 0.1.
+#[derive(Debug, Clone, Default)]
+struct RestWatch {
+    recent: Option<[f32; COEFFS]>,
+    motion: f32,
+}
+
+impl RestWatch {
+    /// Returns from 0 to 1 how sure it is that this face is at rest, `dt_s` seconds after the last one.
+    fn weight(&mut self, face: &Normalised, outputs: &[f32; COEFFS], dt_s: f32) -> f32 {
+        let motion = self.motion(outputs, dt_s);
+        let [yaw, pitch] = face.turns();
+        let shut = LIDS.iter().filter_map(|lid| outputs.get(*lid)).fold(0.0, |most: f32, lid| most.max(*lid));
+        let parts = [
+            yaw / FRONTAL[0],
+            pitch / FRONTAL[1],
+            strength(outputs) / MOST_OUTPUT,
+            shut / MOST_SHUT,
+            motion / MOST_MOTION,
+        ];
+        // Each part falls smoothly from 1 at 0 to 0 at 1 and beyond.
+        let weight = parts.iter().map(|ratio| (1.0 - ratio * ratio).max(0.0).powi(3)).product();
+        if weight < LEAST_WEIGHT { 0.0 } else { weight }
+    }
+
+    /// The largest recent distance of the outputs from their average, which fades. The first frame counts as moving.
+    fn motion(&mut self, outputs: &[f32; COEFFS], dt_s: f32) -> f32 {
+        let Some(recent) = &mut self.recent else {
+            self.recent = Some(*outputs);
+            return MOST_MOTION;
+        };
+        let distance = square(difference(*outputs, *recent)).sqrt();
+        approach(recent, outputs, 1.0 - (-dt_s / RECENT_S).exp());
+        self.motion = distance.max(self.motion * (-dt_s / CALM_S).exp());
+        self.motion
+    }
+}
+
+/// Returns from 0 to 1 how far a face with these outputs can be taken as neutral.
+fn quality(outputs: &[f32; COEFFS]) -> f32 {
+    let ratio = strength(outputs) / MOST_OUTPUT;
+    (1.0 - ratio * ratio).max(0.0)
+}
+
+/// Root sum square of the outputs. Those below 0 are no expression.
+fn strength(outputs: &[f32; COEFFS]) -> f32 {
+    square(outputs.map(|value| value.max(0.0))).sqrt()
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp)]
+mod tests {
+    use core::iter;
+
+    use super::*;
+    use crate::solve::filter::{FRAME_S, add};
+    use crate::{solve::normalise, testing::face};
+
+    const SECOND: usize = 30;
+    const JAW_OPEN: usize = 17;
+    const SMILES: [usize; 2] = [23, 24];
+    /// Landmark of the chin, which is not rigid.
+    const CHIN: usize = 152;
+
+    /// A frame: how the head is turned, where the chin is, and the outputs measured from the mean of many people.
+    #[derive(Clone, Copy)]
+    struct Shot {
+        yaw_deg: f32,
+        chin: f32,
+        /// How much wider than usual the temples are.
+        width: f32,
+        outputs: [f32; COEFFS],
+    }
+
+    const REST: Shot = Shot { yaw_deg: 0.0, chin: -1.4, width: 0.0, outputs: [0.0; COEFFS] };
+
+    impl Shot {
+        fn with(mut self, blendshapes: &[usize], value: f32) -> Self {
+            blendshapes.iter().for_each(|index| self.outputs[*index] = value);
+            self
+        }
+
+        fn face(&self) -> Normalised {
+            let mut face = normalise(&face([self.yaw_deg, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
+            face.points[CHIN] = [0.0, self.chin, 0.0];
+            for (landmark, side) in [(389, 1.0), (251, 1.0), (340, 1.0), (162, -1.0), (21, -1.0), (111, -1.0)] {
+                face.points[landmark] = [side * (1.0 + self.width), 0.0, 0.0];
+            }
+            face
+        }
+
+        fn held(self, seconds: usize) -> impl Iterator<Item = Self> {
+            iter::repeat_n(self, seconds * SECOND)
+        }
+    }
+
+    /// A jaw that opens and shuts three times a second with this amplitude.
+    fn speech(amplitude: f32, frame: usize) -> Shot {
+        let open = 0.35 + amplitude * (0.6 * frame as f32).sin();
+        Shot { chin: -1.4 - 0.4 * open, ..REST }.with(&[JAW_OPEN], open)
+    }
+
+    impl NeutralEstimate {
+        fn watch(&mut self, mode: NeutralMode, shots: impl IntoIterator<Item = Shot>) {
+            shots.into_iter().for_each(|shot| self.step(mode, &shot, FRAME_S));
+        }
+
+        /// Shows a frame, for which the regression gives less of what is at rest the more the wearer is known.
+        fn step(&mut self, mode: NeutralMode, shot: &Shot, step_s: f32) {
+            let mut raw = shot.outputs;
+            add(&mut raw, -self.share, self.outputs);
+            self.update(mode, &shot.face(), &Coefficients(raw), step_s);
+        }
+
+        fn chin(&self) -> f32 {
+            self.used.measures[3 * CHIN + 1]
+        }
+    }
+
+    fn watched(shots: impl IntoIterator<Item = Shot>) -> NeutralEstimate {
+        let mut estimate = NeutralEstimate::default();
+        estimate.watch(NeutralMode::Auto, shots);
+        estimate
+    }
+
+    #[test]
+    fn face_at_rest_is_the_reference_within_half_a_minute() {
+        let estimate = watched(REST.held(30));
+        assert!(estimate.share > 0.95 && (estimate.chin() + 1.4).abs() < 1e-3, "{}", estimate.share);
+        assert!(watched(REST.held(1)).share < 0.06, "not at once");
+    }
+
+    #[test]
+    fn speaking_smiling_turned_and_shut_eyed_faces_are_never_learned() {
+        let (smile, turned) = (REST.with(&SMILES, 0.5), Shot { yaw_deg: 25.0, ..REST });
+        for shot in [smile, REST.with(&LIDS, 0.9), REST.with(&LIDS, 0.32), turned] {
+            assert_eq!(watched(shot.held(60)).share, 0.0);
+        }
+        for amplitude in [0.2, 0.25] {
+            let estimate = watched((0..60 * SECOND).map(|frame| speech(amplitude, frame)));
+            assert!(estimate.share < 0.05, "{amplitude}: {}", estimate.share);
+        }
+    }
+
+    #[test]
+    fn two_seconds_of_rest_in_a_minute_of_speech_are_enough() {
+        let shots = |frame| if (300..360).contains(&frame) { REST } else { speech(0.25, frame) };
+        let estimate = watched((0..60 * SECOND).map(shots));
+        assert!(estimate.share > 0.8 && (estimate.chin() + 1.4).abs() < 0.01, "{}", estimate.share);
+    }
+
+    #[test]
+    fn rest_outweighs_a_half_smile_that_is_held_and_looks_no_more_like_rest_once_it_has_been_learned() {
+        let half_smile = Shot { chin: -1.3, ..REST }.with(&SMILES, 0.24);
+        let mut estimate = watched(half_smile.held(5));
+        let weight = |estimate: &mut NeutralEstimate| {
+            let before_s = estimate.evidence_s;
+            estimate.step(NeutralMode::Auto, &half_smile, FRAME_S);
+            estimate.evidence_s - before_s
+        };
+        let early = weight(&mut estimate);
+        estimate.watch(NeutralMode::Auto, half_smile.held(40));
+        assert!(estimate.share > 0.3 && weight(&mut estimate) < 1.05 * early);
+        let chin = watched(half_smile.held(20).chain(REST.held(20))).chin();
+        assert!((chin + 1.4).abs() < 0.02, "{chin}");
+    }
+
+    #[test]
+    fn share_and_reference_move_at_a_bounded_speed_while_rest_comes_and_people_change() {
+        let other = Shot { chin: -1.6, width: 0.2, ..REST };
+        let mut estimate = NeutralEstimate::default();
+        let (mut least, mut most) = (0.0_f32, 0.0_f32);
+        for shot in REST.held(40).chain(other.held(40)) {
+            let (share, chin) = (estimate.share, estimate.chin());
+            estimate.step(NeutralMode::Auto, &shot, FRAME_S);
+            (least, most) = (least.min(estimate.share - share), most.max(estimate.share - share));
+            assert!(share == 0.0 || estimate.share == 0.0 || (estimate.chin() - chin).abs() < 0.002);
+        }
+        assert!(most <= 1.01 * RISE_PER_S * FRAME_S && least >= -1.01 * FALL_PER_S * FRAME_S, "{least} {most}");
+        assert_eq!(estimate.forgotten, 1);
+        assert!((estimate.chin() + 1.6).abs() < 0.01 && estimate.share > 0.8, "{}", estimate.share);
+    }
+
+    #[test]
+    fn another_person_is_noticed_within_ten_seconds_and_a_wearer_who_looks_away_leaves_or_speaks_is_not_forgotten() {
+        let wearer = watched(REST.held(40));
+        let other = Shot { width: 0.2, ..REST };
+        for gap_s in [FRAME_S, 60.0] {
+            let mut estimate = wearer.clone();
+            estimate.step(NeutralMode::Auto, &other, gap_s);
+            estimate.watch(NeutralMode::Auto, other.held(10));
+            assert_eq!(estimate.forgotten, 1, "{gap_s}");
+        }
+        let mut estimate = wearer;
+        estimate.watch(NeutralMode::Auto, Shot { yaw_deg: 40.0, ..REST }.held(20));
+        estimate.step(NeutralMode::Auto, &REST, 60.0);
+        estimate.watch(NeutralMode::Auto, (0..20 * SECOND).map(|frame| speech(0.25, frame)));
+        assert!(estimate.forgotten == 0 && estimate.share > 0.95);
+    }
+
+    #[test]
+    fn frozen_estimate_stays_and_one_that_is_off_fades_in_four_seconds() {
+        let mut estimate = watched(REST.held(20));
+        let before = estimate.clone();
+        estimate.watch(NeutralMode::Frozen, Shot { chin: -1.7, width: 0.2, ..REST }.held(20));
+        assert_eq!((estimate.share, &estimate.used), (before.share, &before.used));
+        estimate.watch(NeutralMode::Off, REST.held(2));
+        assert!((0.3..0.6).contains(&estimate.share), "{}", estimate.share);
+        estimate.watch(NeutralMode::Off, REST.held(2));
+        assert_eq!(estimate.reference(), Reference::MEAN);
+        estimate.watch(NeutralMode::Auto, REST.held(20));
+        assert!(estimate.share > 0.9, "what was learned is still there");
+    }
+
+    #[test]
+    fn time_that_stands_still_or_jumps_changes_nothing_visible() {
+        for step_s in [0.0, 1e9, f32::INFINITY] {
+            let mut estimate = watched(REST.held(20));
+            let share = estimate.share;
+            estimate.step(NeutralMode::Auto, &REST, step_s);
+            assert!((estimate.share - share).abs() <= RISE_PER_S * LONGEST_STEP_S);
+            estimate.watch(NeutralMode::Auto, REST.held(20));
+            assert!(estimate.share > 0.95 && estimate.used.measures.iter().all(|value| value.is_finite()), "{step_s}");
+        }
     }
 }

@@ -3,19 +3,13 @@
 //! - `mouthClose` says how far the lips close over an open jaw: it is at most `jawOpen`.
 //! - Opposed blendshapes, such as `jawLeft` and `jawRight`, are not shown together ([`opposed`]).
 //! - The lids: a blink closes both alike, and a wink leaves the other eye open ([`lids`]).
-//! - In a blink, the eye keeps its direction, which the camera cannot see then.
+//! - In a blink, the eye keeps its direction, which the camera cannot see then ([`GazeState`]).
 //! - A small value at rest is none ([`dead_zone`]). Gaze has no dead zone, because it hardly ever rests in the middle.
 //!
 //! Every rule is continuous, so that no rule makes a step.
 
-mod gaze;
-#[cfg(test)]
-#[allow(clippy::float_cmp)]
-mod tests;
-
-use super::{BLENDSHAPES, COEFFS, Corrected, correction::smoothstep};
-pub(super) use gaze::GazeState;
-use gaze::hold_gaze;
+use super::filter::{FRAME_S, LONGEST_STEP_S};
+use super::{BLENDSHAPES, COEFFS, Coefficients, correction::smoothstep};
 
 /// The rules that are in force.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,27 +33,29 @@ impl Rules {
 
     /// Makes the coefficients of a frame plausible that was captured `dt_s` seconds after the last one. Values that are not
     /// finite leave no trace in `state`.
-    pub(super) fn step(self, state: &mut GazeState, corrected: &Corrected, dt_s: f32) -> Corrected {
-        let mut out = corrected.0;
+    pub(super) fn step(self, state: &mut GazeState, mut values: Coefficients, dt_s: f32) -> Coefficients {
+        let out = &mut values.0;
         if self.dead_zone > 0.0 {
             let with_dead_zone = out.iter_mut().enumerate().filter(|(index, _)| !GAZE.as_flattened().contains(index));
             with_dead_zone.for_each(|(_, value)| *value = dead_zone(*value, self.dead_zone));
         }
         if self.lids {
-            change(&mut out, BLINKS, lids);
+            let lids = lids(pick(out, BLINKS));
+            put(out, BLINKS, lids);
         }
         if self.opposed {
             for pair in OPPOSED {
-                change(&mut out, pair, opposed);
+                let pulling = opposed(pick(out, pair));
+                put(out, pair, pulling);
             }
         }
-        self.close_mouth(&mut out);
+        self.close_mouth(out);
         if self.gaze {
-            hold_gaze(state, &mut out, dt_s);
+            state.hold(out, dt_s);
         } else {
             *state = GazeState::default();
         }
-        Corrected(out)
+        values
     }
 
     /// Limits `mouthClose` to `jawOpen`. Filters can undo this, because the two have filters of their own.
@@ -98,42 +94,79 @@ fn opposed([a, b]: [f32; 2]) -> [f32; 2] {
 const BLINK_DIFFERENCE: f32 = 0.1;
 /// Half of the difference of the lids from which on a wink is meant.
 const WINK_DIFFERENCE: f32 = 0.25;
+/// The share of a winking lid's closure that shows at the other one.
+const WINK_LEAK: f32 = 0.4;
 
 /// Draws the values of the lids together while they are nearly alike, and leaves them more and more to themselves, the
-/// more they differ. A blink closes both as far as the one that is further shut. In a wink, the
-/// lid that is further open loses the share of the winking lid's closure that shows at it ([`WINK_LEAK`]).
+/// more they differ. A blink closes both as far as the one that is further shut. In a wink, the lid that is further open
+/// loses the share of its reading that comes from the winking lid ([`WINK_LEAK`]).
 fn lids([left, right]: [f32; 2]) -> [f32; 2] {
     let half = 0.5 * (left - right).abs();
     let wink = smoothstep(half, [BLINK_DIFFERENCE, WINK_DIFFERENCE]);
     let (open, shut) = (left.min(right), left.max(right));
     let both = 0.5 * (left + right) + half * ((shut - 0.3) / 0.5).clamp(0.0, 1.0);
-    // In a wink, a part of the other lid's reading comes from the winking lid.
     let free = (open - WINK_LEAK * wink * shut).max(0.0);
     let [shut, open] = [both + wink * (shut - both), (1.0 - wink) * both + wink * free];
     if left >= right { [shut, open] } else { [open, shut] }
 }
 
-/// The share of a winking lid that shows at the other one.
-const WINK_LEAK: f32 = 0.4;
+/// From this closure on the direction of an eye follows more slowly.
+const LOWERED: f32 = 0.35;
+/// From this closure on the direction stays.
+const SHUT: f32 = 0.75;
+/// The direction is held until an eye has been shut for the first of these times, and is free again from the second on.
+const BLINK_S: [f32; 2] = [0.4, 0.8];
+
+/// The directions of the left and of the right eye in the last frame, and for how long each lid has been further shut
+/// than [`LOWERED`].
+///
+/// The lid hides the iris before it is shut, so the direction follows the regression ever more slowly while the lid
+/// closes, and stops once it has closed. While the lid opens, the direction moves on from where it was. A lowered lid,
+/// as of an eye that looks down, is not shut: the direction then still follows within a few frames. Eyes that stay shut
+/// for longer than any blink are followed again, so that they look where the wearer looks when they open.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct GazeState {
+    directions: Option<[[f32; 4]; 2]>,
+    shut_s: [f32; 2],
+}
+
+impl GazeState {
+    /// Holds the directions of eyes that are shut, `dt_s` seconds after the last frame.
+    fn hold(&mut self, values: &mut [f32; COEFFS], dt_s: f32) {
+        if !(0.0..=LONGEST_STEP_S).contains(&dt_s) {
+            *self = Self::default();
+        }
+        let closures = pick(values, BLINKS);
+        let mut directions = GAZE.map(|places| pick(values, places));
+        let last = self.directions.unwrap_or(directions);
+        let eyes = directions.iter_mut().zip(last).zip(closures.into_iter().zip(&mut self.shut_s));
+        for ((now, last), (closure, shut_s)) in eyes {
+            *shut_s = if closure > LOWERED && dt_s.is_finite() { *shut_s + dt_s } else { 0.0 };
+            let share = smoothstep(closure, [LOWERED, SHUT]) * (1.0 - smoothstep(*shut_s, BLINK_S));
+            // The share is meant for the time between frames at 30 frames a second.
+            let held = if share > 0.0 { share.powf(dt_s / FRAME_S) } else { 0.0 };
+            now.iter_mut().zip(last).for_each(|(now, last)| *now += held * (last - *now));
+        }
+        GAZE.into_iter().zip(directions).for_each(|(places, now)| put(values, places, now));
+        let is_finite = directions.as_flattened().iter().all(|value| value.is_finite());
+        self.directions = is_finite.then_some(directions);
+    }
+}
 
 /// The place of a blendshape. An unknown name does not compile.
 #[allow(clippy::indexing_slicing, reason = "runs at compile time, where an index out of range is an error")]
 const fn index_of(name: &str) -> usize {
-    let mut index = 0;
-    while !is_same(BLENDSHAPES[index], name) {
+    let (name, mut index) = (name.as_bytes(), 0);
+    loop {
+        let (known, mut same) = (BLENDSHAPES[index].as_bytes(), 0);
+        while same < name.len() && same < known.len() && known[same] == name[same] {
+            same += 1;
+        }
+        if same == name.len() && same == known.len() {
+            return index;
+        }
         index += 1;
     }
-    index
-}
-
-#[allow(clippy::indexing_slicing, reason = "runs at compile time, where an index out of range is an error")]
-const fn is_same(a: &str, b: &str) -> bool {
-    let (a, b) = (a.as_bytes(), b.as_bytes());
-    let mut index = 0;
-    while index < a.len() && index < b.len() && a[index] == b[index] {
-        index += 1;
-    }
-    index == a.len() && index == b.len()
 }
 
 /// `eyeBlink`, left and right.
@@ -166,14 +199,132 @@ fn pick<const N: usize>(values: &[f32; COEFFS], places: [usize; N]) -> [f32; N] 
 /// Replaces the values at these places.
 fn put<const N: usize>(values: &mut [f32; COEFFS], places: [usize; N], new: [f32; N]) {
     for (place, new) in places.into_iter().zip(new) {
-        if let Some(value) = values.get_mut(place) {
-            *value = new;
-        }
+        values.get_mut(place).into_iter().for_each(|value| *value = new);
     }
 }
 
-/// Replaces the values at these places by what `rule` makes of them.
-fn change<const N: usize>(values: &mut [f32; COEFFS], places: [usize; N], rule: impl Fn([f32; N]) -> [f32; N]) {
-    let new = rule(pick(values, places));
-    put(values, places, new);
+#[cfg(test)]
+#[allow(clippy::float_cmp)]
+mod tests {
+    use super::*;
+
+    const ALL: Rules = Rules { mouth_close: true, opposed: true, lids: true, gaze: true, dead_zone: 0.03 };
+    /// Each rule alone, and all of them.
+    const EACH: [Rules; 6] = [
+        Rules { mouth_close: true, ..Rules::OFF },
+        Rules { opposed: true, ..Rules::OFF },
+        Rules { lids: true, ..Rules::OFF },
+        Rules { gaze: true, ..Rules::OFF },
+        Rules { dead_zone: 0.03, ..Rules::OFF },
+        ALL,
+    ];
+
+    fn step(rules: Rules, state: &mut GazeState, values: [f32; COEFFS]) -> [f32; COEFFS] {
+        rules.step(state, Coefficients(values), FRAME_S).0
+    }
+
+    /// What these values at these places become in a first frame.
+    fn shown<const N: usize>(rules: Rules, places: [usize; N], new: [f32; N]) -> [f32; N] {
+        let mut values = [0.0; COEFFS];
+        put(&mut values, places, new);
+        pick(&step(rules, &mut GazeState::default(), values), places)
+    }
+
+    fn random_face(random: &mut fastrand::Rng) -> [f32; COEFFS] {
+        [(); COEFFS].map(|()| if random.bool() { random.f32() } else { 0.1 * random.f32() })
+    }
+
+    #[test]
+    fn no_rule_makes_a_step_or_leaves_the_range() {
+        let mut random = fastrand::Rng::with_seed(1);
+        for rules in EACH {
+            let mut state = GazeState::default();
+            for _ in 0..2000 {
+                let values = random_face(&mut random);
+                let change = 0.001;
+                let near = values.map(|value| (value + change * (2.0 * random.f32() - 1.0)).clamp(0.0, 1.0));
+                let [a, b] = [values, near].map(|values| step(rules, &mut state.clone(), values));
+                assert!(a.iter().all(|value| (0.0..=1.0).contains(value)), "{rules:?}: {a:?}");
+                // The rules follow each other, and the slope of each is at most about 3.
+                let largest = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                assert!(largest < 20.0 * change, "{rules:?}: {largest}");
+                step(rules, &mut state, values);
+            }
+        }
+    }
+
+    #[test]
+    fn value_that_is_not_a_number_affects_no_later_frame() {
+        let mut random = fastrand::Rng::with_seed(3);
+        for rules in EACH {
+            let mut state = GazeState::default();
+            step(rules, &mut state, random_face(&mut random));
+            step(rules, &mut state, [f32::NAN; COEFFS]);
+            let values = random_face(&mut random);
+            assert_eq!(step(rules, &mut state, values), step(rules, &mut GazeState::default(), values));
+        }
+    }
+
+    #[test]
+    fn lips_close_only_as_far_as_the_jaw_is_open() {
+        let close = |jaw| shown(ALL, [MOUTH_CLOSE, JAW_OPEN], [0.5, jaw])[0];
+        assert_eq!((close(0.0), close(0.2), close(0.8)), (0.0, 0.2, 0.5));
+    }
+
+    #[test]
+    fn of_opposed_movements_only_the_larger_is_shown_and_hardly_reduced_by_noise() {
+        for pair in OPPOSED {
+            let shown = |a: f32, b: f32| shown(EACH[1], pair, [a, b]);
+            let [larger, smaller] = shown(0.8, 0.1);
+            assert!(larger > 0.78 && smaller == 0.0);
+            assert_eq!([shown(0.4, 0.4), shown(0.0, 0.3), shown(0.0, 0.0)], [[0.0, 0.0], [0.0, 0.3], [0.0, 0.0]]);
+        }
+    }
+
+    #[test]
+    fn blink_closes_both_lids_alike_and_a_wink_one() {
+        let [left, right] = shown(ALL, BLINKS, [0.97, 0.85]);
+        assert!((left - right).abs() < 1e-6 && left > 0.9, "{left} {right}");
+        for leak in [0.0, 0.1, 0.2, 0.3, 0.4] {
+            let [left, right] = shown(ALL, BLINKS, [0.95, leak]);
+            assert!(left > 0.9 && right < 0.2, "{leak}: {left} {right}");
+            assert_eq!(shown(ALL, BLINKS, [leak, 0.95]), [right, left]);
+        }
+    }
+
+    /// How far the left eye is shown to look down in each frame, given how far both eyes are shut and it looks down.
+    fn looks(frames: impl IntoIterator<Item = (f32, f32)>) -> Vec<f32> {
+        let mut state = GazeState::default();
+        let mut look = |(shut, down)| {
+            let mut values = [0.0; COEFFS];
+            put(&mut values, [BLINKS[0], BLINKS[1], GAZE[0][0]], [shut, shut, down]);
+            pick(&step(ALL, &mut state, values), [GAZE[0][0]])[0]
+        };
+        frames.into_iter().map(&mut look).collect()
+    }
+
+    #[test]
+    fn shut_eye_keeps_its_direction_and_moves_on_from_it_when_it_opens() {
+        let blink = [(0.0, 0.1), (0.3, 0.1), (0.8, 0.7), (1.0, 0.9), (1.0, 0.9), (0.8, 0.7)];
+        let shown = looks(blink.into_iter().chain([(0.5, 0.3), (0.2, 0.12), (0.0, 0.1)]));
+        assert!(shown[..6].iter().all(|down| (down - 0.1).abs() < 0.02), "{shown:?}");
+        assert!(shown[6..].iter().all(|down| *down < 0.25) && (shown[8] - 0.1).abs() < 0.01, "{shown:?}");
+    }
+
+    #[test]
+    fn eye_that_stays_shut_for_longer_than_a_blink_or_is_only_lowered_is_followed_without_a_step() {
+        let shown = looks([(0.0, 0.1)].into_iter().chain([(1.0, 0.8); 40]));
+        assert!(shown[..12].iter().all(|down| (down - 0.1).abs() < 0.02), "{shown:?}");
+        assert!((shown[31] - 0.8).abs() < 0.01, "{shown:?}");
+        assert!(shown.windows(2).all(|pair| (pair[1] - pair[0]).abs() < 0.25), "{shown:?}");
+        assert!(looks([(0.5, 0.1), (0.5, 0.9), (0.5, 0.9), (0.5, 0.9), (0.5, 0.9)])[4] > 0.85);
+    }
+
+    #[test]
+    fn small_values_at_rest_are_none_and_larger_ones_unchanged() {
+        let at = |value| shown(ALL, [index_of("browInnerUp")], [value])[0];
+        assert_eq!((at(0.03), at(0.09), at(0.5)), (0.0, 0.09, 0.5));
+        let curve: Vec<f32> = (0_u8..=120).map(|i| at(f32::from(i) / 1000.0)).collect();
+        assert!(curve.windows(2).all(|pair| pair[1] >= pair[0] && pair[1] - pair[0] < 0.0025));
+    }
 }

@@ -116,46 +116,35 @@ mod tests {
         HeadPose::new(&normalise(&face(angles, scale_px, origin_px)).expect("a face"), &camera)
     }
 
-    fn near(a: &[f32], b: &[f32], tolerance: f32) -> bool {
-        a.iter().zip(b).all(|(a, b)| (a - b).abs() < tolerance)
+    fn assert_near(a: &[f32], b: &[f32], tolerance: f32) {
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < tolerance), "{a:?} in place of {b:?}");
     }
 
     #[test]
-    fn angles_are_positive_to_the_left_up_and_to_the_right_shoulder() {
-        let seen = pose([20.0, 10.0, -5.0], 80.0, [320.0, 240.0]);
-        assert!(near(&seen.yaw_pitch_roll_deg(), &[20.0 * YAW_GAIN, 10.0, -5.0], 0.02));
-        let other_sign = seen.rotation_xyzw.map(|part| -part);
-        assert!(near(&yaw_pitch_roll_deg(other_sign), &[20.0 * YAW_GAIN, 10.0, -5.0], 0.02));
+    fn angles_are_positive_to_the_left_up_and_to_the_right_shoulder_and_mirrored_where_they_must() {
+        let seen = HeadPose { position_mm: [30.0, 20.0, 600.0], ..pose([20.0, 10.0, -5.0], 80.0, [320.0, 240.0]) };
+        let [yaw, pitch, roll] = [20.0 * YAW_GAIN, 10.0, -5.0];
+        assert_near(&seen.yaw_pitch_roll_deg(), &[yaw, pitch, roll], 0.02);
+        assert_near(&yaw_pitch_roll_deg(seen.rotation_xyzw.map(|part| -part)), &[yaw, pitch, roll], 0.02);
+        assert_near(&seen.mirrored().yaw_pitch_roll_deg(), &[-yaw, pitch, -roll], 0.02);
+        assert_near(&seen.mirrored().position_mm, &[-30.0, 20.0, 600.0], 1e-6);
     }
 
     #[test]
-    fn quaternion_rotates_the_gaze_to_the_left_and_up_and_is_the_identity_for_a_head_that_faces_the_camera() {
-        assert!(near(&pose([0.0; 3], 80.0, [320.0, 240.0]).rotation_xyzw, &[0.0, 0.0, 0.0, 1.0], 1e-4));
+    fn quaternion_rotates_the_gaze_and_is_the_identity_for_a_head_that_faces_the_camera() {
+        assert_near(&pose([0.0; 3], 80.0, [320.0, 240.0]).rotation_xyzw, &[0.0, 0.0, 0.0, 1.0], 1e-4);
         let gaze = pose([20.0, 10.0, 0.0], 80.0, [320.0, 240.0]).rotation() * Vector3::z();
         let (yaw, pitch) = ((20.0 * YAW_GAIN).to_radians(), 10.0_f32.to_radians());
-        assert!(near(gaze.as_slice(), &[yaw.sin(), yaw.cos() * pitch.sin(), yaw.cos() * pitch.cos()], 1e-3));
-    }
-
-    #[test]
-    fn mirror_image_turns_and_tilts_the_other_way_and_nods_the_same_way() {
-        let seen = HeadPose { position_mm: [30.0, 20.0, 600.0], ..pose([20.0, 10.0, -25.0], 80.0, [320.0, 240.0]) };
-        let [yaw, pitch, roll] = seen.yaw_pitch_roll_deg();
-        let mirrored = seen.mirrored();
-        assert!(near(&mirrored.yaw_pitch_roll_deg(), &[-yaw, pitch, -roll], 1e-3), "{mirrored:?}");
-        assert!(near(&mirrored.position_mm, &[-30.0, 20.0, 600.0], 1e-6));
+        assert_near(gaze.as_slice(), &[yaw.sin(), yaw.cos() * pitch.sin(), yaw.cos() * pitch.cos()], 1e-3);
+        for roll in [170.0, -170.0] {
+            assert!(pose([0.0, 0.0, roll], 80.0, [320.0, 240.0]).rotation_xyzw[3] >= 0.0);
+        }
     }
 
     #[test]
     fn eyes_63_mm_apart_have_the_position_that_the_angle_of_view_gives() {
         let focal_px = 320.0 / 30.0_f32.to_radians().tan();
         let seen = pose([0.0; 3], 63.0 * focal_px / 600.0, [320.0 + 0.1 * focal_px, 240.0]);
-        assert!(near(&seen.position_mm, &[60.0, 0.0, 600.0], 0.5));
-    }
-
-    #[test]
-    fn w_of_the_quaternion_is_never_negative() {
-        for roll in [170.0, -170.0] {
-            assert!(pose([0.0, 0.0, roll], 80.0, [320.0, 240.0]).rotation_xyzw[3] >= 0.0);
-        }
+        assert_near(&seen.position_mm, &[60.0, 0.0, 600.0], 0.5);
     }
 }

@@ -1,4 +1,4 @@
-//! `R`: the fitted regression from features to coefficients.
+//! `R`: the fitted regression from features to coefficients, and what the look of a face adds to it.
 //!
 //! A model holds one of two kinds of regression, which serve faces with and without a known neutral face: the hidden layer
 //! that facewire ships, or one formula for each blendshape as in the paper ([`super::formulas`]).
@@ -8,56 +8,41 @@
 //! known, displacements are measured from the mean of many neutral faces, and `a` differs. In between, the reference and
 //! `a` are mixed.
 //!
+//! Some expressions move no landmark, such as a puffed cheek or a lip that is rolled in. For them a linear layer,
+//! `h = s W x + a` with a residual `V h + b`, reads the mesh network's feature map `x` at some landmarks. It is fitted to
+//! what the regression leaves unexplained. Landmarks from a file come without these values; the stage is then left out.
+//! The map carries more of the camera's noise than the landmarks do. The filters smooth the sum.
+//!
 //! Limits: `tongueOut` is always 0, because no landmark lies on the tongue.
 
-use facewire_engine::kernels::rows::add_rows;
+use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 
-use super::{
-    COEFFS, SolveError,
-    affine::Normalised,
-    appearance::Residual,
-    features::{Features, Reference, mix},
-};
-use crate::model::{HiddenLayer, Model, Output, Regression};
+use super::features::{Features, Reference, mix};
+use super::{COEFFS, Coefficients, Normalised, SolveError};
+use crate::model::{APPEARANCE_UNITS, AppearanceLayer, HiddenLayer, Model, Output, Regression};
+use crate::track::Appearance;
 
 /// The shipped model, as the build script wrote it.
 const EMBEDDED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blendshapes.bin"));
 /// Largest result of a face. On rendered and real faces, results stay between -0.5 and 1.5.
 const MAX_RESULT: f32 = 5.0;
 
-/// Results of the regression, in the order of [`super::BLENDSHAPES`]: finite, not yet clamped.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RawCoeffs(pub [f32; COEFFS]);
-
-impl RawCoeffs {
-    /// Adds what the look of the face contributes.
-    pub fn plus(mut self, residual: &Residual) -> Self {
-        self.0.iter_mut().zip(&residual.0).for_each(|(value, residual)| *value += residual);
-        self
-    }
-}
-
-/// Whether all results can be those of a face. No range contains a NaN.
-pub(super) fn are_sane(results: &[f32; COEFFS]) -> bool {
-    results.iter().all(|value| (-MAX_RESULT..=MAX_RESULT).contains(value))
-}
-
 impl Model {
     /// The model that is built into the program.
     ///
     /// # Panics
-    /// Never: the build script has read these bytes back.
+    /// Never: the build script wrote these bytes.
     #[expect(clippy::expect_used, reason = "see Panics")]
     pub fn embedded() -> Self {
         Self::from_bytes(EMBEDDED).expect("the embedded model is whole")
     }
 
     /// Computes the coefficients of a face, measured from `reference`. Does not allocate.
-    pub(crate) fn solve(&self, face: &Normalised, reference: Reference) -> Result<RawCoeffs, SolveError> {
+    pub(crate) fn solve(&self, face: &Normalised, reference: Reference) -> Result<Coefficients, SolveError> {
         match (&self.regression, reference.ends()) {
             (Regression::Formulas(_), Some(ends)) => {
                 let [unknown, known] = ends.map(|end| self.process(&Features::new(face, end)));
-                Ok(RawCoeffs(mix(&unknown?.0, &known?.0, reference.known())))
+                Ok(Coefficients(mix(&unknown?.0, &known?.0, reference.known)))
             }
             _ => self.process(&Features::new(face, reference)),
         }
@@ -66,17 +51,27 @@ impl Model {
     /// Computes the coefficients of a face from its features alone. Does not allocate.
     ///
     /// Formulas are for features of a neutral face that is either known or not: for a share in between, they take the
-    /// nearer case.
-    ///
-    /// # Errors
-    /// [`SolveError::Absurd`] if a result is not a number or far outside a coefficient's range.
-    pub fn process(&self, features: &Features) -> Result<RawCoeffs, SolveError> {
-        let raw = match &self.regression {
+    /// nearer case. A result that is not a number or far outside a coefficient's range is [`SolveError::Absurd`].
+    pub fn process(&self, features: &Features) -> Result<Coefficients, SolveError> {
+        sane(match &self.regression {
             Regression::HiddenLayer(layer) => layer.process(features),
             Regression::Formulas(formulas) => formulas.process(features),
-        };
-        if are_sane(&raw) { Ok(RawCoeffs(raw)) } else { Err(SolveError::Absurd) }
+        })
     }
+
+    /// Computes what the look of a face adds to the regression. Returns `None` if it is not known how the face looks, or
+    /// if the model does not read it. `known` is the share of the wearer's neutral face in the reference. Does not
+    /// allocate.
+    pub fn residual(&self, appearance: Option<&Appearance>, known: f32) -> Result<Option<Coefficients>, SolveError> {
+        let both = self.appearance.as_ref().zip(appearance);
+        both.map(|(layer, appearance)| sane(layer.process(appearance, known))).transpose()
+    }
+}
+
+/// Returns the results if all can be those of a face. No range contains a NaN.
+fn sane(results: [f32; COEFFS]) -> Result<Coefficients, SolveError> {
+    let are_sane = results.iter().all(|value| (-MAX_RESULT..=MAX_RESULT).contains(value));
+    if are_sane { Ok(Coefficients(results)) } else { Err(SolveError::Absurd) }
 }
 
 /// Number of inputs whose values are gathered before their weighted columns are added.
@@ -85,8 +80,8 @@ const BATCH: usize = 64;
 impl HiddenLayer {
     fn process(&self, features: &Features) -> [f32; COEFFS] {
         let mut hidden = mix(&self.offsets_unknown, &self.offsets_known, features.known);
-        let mean_share = 1.0 - features.known;
-        for (inputs, weights) in self.inputs.chunks(BATCH).zip(self.weights.chunks(BATCH)) {
+        let (columns, mean_share) = (self.weights.as_chunks().0, 1.0 - features.known);
+        for (inputs, weights) in self.inputs.chunks(BATCH).zip(columns.chunks(BATCH)) {
             let mut values = [0.0; BATCH];
             for (value, input) in values.iter_mut().zip(inputs) {
                 *value = features.get(input.feature) - mean_share * input.neutral;
@@ -98,44 +93,53 @@ impl HiddenLayer {
     }
 }
 
+impl AppearanceLayer {
+    fn process(&self, appearance: &Appearance, share: f32) -> [f32; COEFFS] {
+        let mut hidden = [0.0; APPEARANCE_UNITS];
+        add_byte_rows(&mut hidden, self.weights.as_chunks().0, appearance.0.as_flattened());
+        for ((unit, scale), offset) in hidden.iter_mut().zip(&self.scales).zip(&self.offsets) {
+            *unit = *unit * scale + offset;
+        }
+        let [known, unknown] = &self.outputs;
+        match share {
+            0.0 => unknown.process(&hidden),
+            1.0 => known.process(&hidden),
+            share => mix(&unknown.process(&hidden), &known.process(&hidden), share),
+        }
+    }
+}
+
 impl Output {
     /// `V h + b`.
-    pub(super) fn process(&self, units: &[f32]) -> [f32; COEFFS] {
+    fn process(&self, units: &[f32]) -> [f32; COEFFS] {
         let mut out = self.offsets;
-        add_rows(&mut out, &self.weights, units);
+        add_rows(&mut out, self.weights.as_chunks().0, units);
         out
     }
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp)]
 mod tests {
     use super::*;
-    use crate::model::{FeatureId, Input, MAX_HIDDEN, MAX_INPUTS, ModelFile};
-    use crate::solve::{Neutral, normalise};
+    use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, FeatureId, Input, MAX_HIDDEN, ModelFile};
+    use crate::solve::{Camera, Filters, Neutral, Profile, Shaping, Solver, normalise};
     use crate::testing::face;
+    use crate::track::{Face, Landmarks};
 
-    #[test]
-    fn embedded_numbers_are_those_of_the_readable_file_bit_for_bit() {
-        let file =
-            ModelFile::parse(include_str!("../../../models/blendshapes.toml")).expect("the shipped model is sound");
-        let read = file.to_model().expect("the shipped model is sound");
-        assert_eq!(read.to_bytes(), EMBEDDED);
-        assert_eq!(Model::embedded(), read);
+    const JAW_OPEN: usize = 17;
+    const CHEEK_PUFF: usize = 46;
+    const TONGUE_OUT: usize = 51;
+
+    fn landmarks() -> Landmarks {
+        face([0.0; 3], 80.0, [320.0, 240.0])
     }
 
     #[test]
-    fn embedded_model_moves_smoothly_from_the_mean_of_many_people_to_the_neutral_face() {
-        let model = Model::embedded();
-        let face = normalise(&face([3.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
-        let neutral = Neutral::from_points(&face.points).expect("a neutral face");
-        let ends = [None, Some(&neutral)].map(|neutral| model.process(&Features::new(&face, neutral)).ok());
-        // This face has few points, so that its values measured from the mean are absurd: only shares near 1 count.
-        let at = |known| model.solve(&face, Reference::between(&neutral, known)).ok();
-        assert_eq!([at(0.0), at(1.0)], ends);
-        let near: Vec<RawCoeffs> = (980_u16..=1000).filter_map(|share| at(f32::from(share) / 1000.0)).collect();
-        assert_eq!(near.len(), 21);
-        let steps = near.windows(2).flat_map(|pair| pair[0].0.iter().zip(&pair[1].0).map(|(a, b)| (a - b).abs()));
-        assert!(steps.clone().any(|step| step > 1e-4) && steps.fold(0.0, f32::max) < 0.05);
+    fn embedded_numbers_are_those_of_the_readable_file_bit_for_bit() {
+        let file = ModelFile::parse(include_str!("../../../models/blendshapes.toml")).expect("sound");
+        assert_eq!(file.to_model().expect("sound").to_bytes(), EMBEDDED);
+        assert!(EMBEDDED.len() <= 1 << 20, "{}", EMBEDDED.len());
     }
 
     #[test]
@@ -145,8 +149,9 @@ mod tests {
         assert_eq!(Model::from_bytes(&[]), None);
     }
 
-    const JAW_OPEN: usize = 17;
-    const TONGUE_OUT: usize = 51;
+    fn output(units: usize) -> Output {
+        Output { weights: vec![0.0; units * COEFFS].into(), offsets: [0.0; COEFFS] }
+    }
 
     /// A layer with two hidden units, `x - 0.5` and `0.5 - x`, where `x` is that of the outer corner of the left eye.
     /// `JAW_OPEN` weights them by 2 and 3.
@@ -156,41 +161,44 @@ mod tests {
             (row[0], row[MAX_HIDDEN - 1]) = (a, b);
             row
         };
-        let mut output = Output { weights: vec![[0.0; COEFFS]; MAX_HIDDEN].into(), offsets: [0.0; COEFFS] };
+        let mut output = output(MAX_HIDDEN);
         output.offsets[JAW_OPEN] = 0.1;
-        (output.weights[0][JAW_OPEN], output.weights[MAX_HIDDEN - 1][JAW_OPEN]) = (2.0, 3.0);
+        (output.weights[JAW_OPEN], output.weights[(MAX_HIDDEN - 1) * COEFFS + JAW_OPEN]) = (2.0, 3.0);
         HiddenLayer {
             inputs: [Input { feature: FeatureId::from_name("x263").expect("known"), neutral: 0.2 }].into(),
-            weights: [row(1.0, -1.0)].into(),
+            weights: row(1.0, -1.0).into(),
             offsets_known: [0.0; MAX_HIDDEN],
             offsets_unknown: row(-0.5, 0.5),
             output,
         }
     }
 
-    fn features() -> Features {
-        Features::new(&normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).expect("a face"), Reference::MEAN)
+    /// The result for a face of which this share of the neutral face is known, though nothing is subtracted.
+    fn solved(layer: HiddenLayer, known: f32) -> Result<[f32; COEFFS], SolveError> {
+        let features = Features::new(&normalise(&landmarks()).expect("a face"), Reference::MEAN);
+        Model::of(Regression::HiddenLayer(layer)).process(&Features { known, ..features }).map(|raw| raw.0)
     }
 
     #[test]
     fn result_is_the_weighted_sum_of_the_positive_hidden_units() {
-        let raw = layer().process(&features());
-        let x = 0.7218 - 0.2;
-        assert!((raw[JAW_OPEN] - (0.1 + 2.0 * (x - 0.5))).abs() < 1e-3, "{}", raw[JAW_OPEN]);
-        assert!(raw.iter().enumerate().all(|(index, value)| index == JAW_OPEN || *value == 0.0));
+        for known in [0.0, 0.25, 1.0] {
+            let raw = solved(layer(), known).expect("a result");
+            let hidden = 0.7218 - (1.0 - known) * (0.2 + 0.5);
+            assert!((raw[JAW_OPEN] - (0.1 + 2.0 * hidden)).abs() < 1e-3, "{known}: {}", raw[JAW_OPEN]);
+            assert!(raw.iter().enumerate().all(|(index, value)| index == JAW_OPEN || *value == 0.0));
+        }
     }
 
     #[test]
     fn absurd_results_and_nans_reject_the_frame() {
-        let outcome = |layer| Model::of(Regression::HiddenLayer(layer)).process(&features());
         for wrong in [f32::NAN, f32::INFINITY, -7.0] {
             let mut layer = layer();
             layer.output.offsets[JAW_OPEN] = wrong;
-            assert_eq!(outcome(layer), Err(SolveError::Absurd));
+            assert_eq!(solved(layer, 0.0), Err(SolveError::Absurd));
         }
         let mut layer = layer();
         layer.offsets_unknown[0] = f32::NAN;
-        assert_eq!(outcome(layer), Err(SolveError::Absurd));
+        assert_eq!(solved(layer, 0.0), Err(SolveError::Absurd));
     }
 
     #[test]
@@ -198,21 +206,61 @@ mod tests {
         let model = Model::embedded();
         let Regression::HiddenLayer(layer) = model.regression else { panic!("not a hidden layer") };
         for output in model.appearance.iter().flat_map(|layer| &layer.outputs).chain([&layer.output]) {
-            let tongue = output.weights.iter().map(|weights| weights[TONGUE_OUT]);
-            assert!(tongue.chain([output.offsets[TONGUE_OUT]]).all(|number| number == 0.0));
+            let mut tongue = output.weights.iter().chain(&output.offsets).skip(TONGUE_OUT).step_by(COEFFS);
+            assert!(tongue.all(|number| *number == 0.0));
+        }
+    }
+
+    /// A layer with one unit, `0.01 * 50 x - 1`, where `x` is the second value of the first landmark. `cheekPuff` is
+    /// `0.1 + 0.4 h` where the neutral face is known, and `0.3 h` where it is not.
+    fn appearance_layer() -> AppearanceLayer {
+        let output = |weight, offset| {
+            let mut output = output(APPEARANCE_UNITS);
+            (output.weights[3 * COEFFS + CHEEK_PUFF], output.offsets[CHEEK_PUFF]) = (weight, offset);
+            output
+        };
+        let mut weights = vec![0; APPEARANCE_UNITS * APPEARANCE_LANDMARKS.len() * APPEARANCE_CHANNELS];
+        let (mut scales, mut offsets) = ([1.0; APPEARANCE_UNITS], [0.0; APPEARANCE_UNITS]);
+        (weights[APPEARANCE_UNITS + 3], scales[3], offsets[3]) = (50, 0.01, -1.0);
+        AppearanceLayer { weights: weights.into(), scales, offsets, outputs: [output(0.4, 0.1), output(0.3, 0.0)] }
+    }
+
+    /// The appearance whose second value at the first landmark is `value`, and whose other values are 0.
+    fn appearance(value: f32) -> Appearance {
+        let mut appearance = Appearance::zero();
+        appearance.0[0][1] = value;
+        appearance
+    }
+
+    #[test]
+    fn residual_is_the_weighted_sum_of_the_units() {
+        let at = |value, known: f32| appearance_layer().process(&appearance(value), known)[CHEEK_PUFF];
+        for x in [6.0, 1.0] {
+            let unit = 0.5 * x - 1.0;
+            assert!((at(x, 1.0) - (0.1 + 0.4 * unit)).abs() < 1e-5, "{x}");
+            assert!((at(x, 0.0) - 0.3 * unit).abs() < 1e-5, "{x}");
+            assert!((at(x, 0.25) - (0.025 + 0.325 * unit)).abs() < 1e-5, "{x}");
         }
     }
 
     #[test]
-    fn the_largest_layer_takes_256_kib_and_the_shipped_model_at_most_1_mib() {
-        let input = Input { feature: FeatureId::from_index(0).expect("known"), neutral: 0.0 };
-        let largest = HiddenLayer {
-            inputs: vec![input; MAX_INPUTS].into(),
-            weights: vec![[0.0; MAX_HIDDEN]; MAX_INPUTS].into(),
-            ..layer()
+    fn solver_adds_the_residual_which_landmarks_alone_do_not_have_and_rejects_values_that_are_not_finite() {
+        let (landmarks, camera) = (landmarks(), Camera::new([640.0, 480.0], 60.0));
+        let model = Model { appearance: Some(appearance_layer()), ..Model::embedded() };
+        // The face has few points, so only displacements from itself are sensible.
+        let neutral = Neutral::from_points(&normalise(&landmarks).expect("a face").points).ok();
+        let mut solver = Solver::new(model, Profile { neutral, ..Profile::default() }, Shaping::only(Filters::OFF));
+        let mut solve = |value: Option<f32>| {
+            let appearance = value.map(appearance);
+            let face = Face { landmarks: &landmarks, appearance: appearance.as_ref() };
+            solver.solve(face, &camera, 0).map(|solution| solution.raw.0)
         };
-        let bytes = Model::of(Regression::HiddenLayer(largest)).size_bytes();
-        assert!(bytes <= 256 * 1024, "{bytes}");
-        assert!(Model::embedded().size_bytes() <= 1 << 20, "{}", Model::embedded().size_bytes());
+        let mut want = solve(None).expect("a face");
+        want[CHEEK_PUFF] += 0.9;
+        for wrong in [f32::NAN, f32::INFINITY, 1e9] {
+            assert_eq!(solve(Some(wrong)), Err(SolveError::Absurd), "{wrong}");
+            let found = solve(Some(6.0)).expect("a face");
+            assert!(found.iter().zip(&want).all(|(found, want)| (found - want).abs() < 1e-5));
+        }
     }
 }

@@ -1,15 +1,7 @@
 //! The filters of all coefficients and of the head, chosen by the part of the face that moves.
 
-use super::{
-    BLENDSHAPES, COEFFS, Corrected, HeadPose,
-    filter::{Filter, FilterKind, FilterState},
-    head_filter::{HeadFilter, HeadState},
-    noise_level::NoiseLevel,
-};
-
-/// Coefficients ready to be sent, each within `0..=1`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Smoothed(pub [f32; COEFFS]);
+use super::filter::{Filter, FilterKind, FilterState, LONGEST_STEP_S, difference};
+use super::{BLENDSHAPES, COEFFS, Coefficients, HeadPose};
 
 /// Coefficients that share a filter, because they belong to a part of the face that moves in its own way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,7 +39,7 @@ impl Group {
     }
 
     /// The size of a change that is no longer small, in good light; found by `facewire-fit tune smoothing`.
-    pub(super) fn noise_size(self) -> f32 {
+    fn noise_size(self) -> f32 {
         match self {
             Self::Gaze => 0.136,
             Self::Brows => 0.096,
@@ -63,10 +55,10 @@ impl Group {
     }
 }
 
-/// The filters of all coefficients, in the order of [`BLENDSHAPES`], and of the head.
+/// The filters of all coefficients and of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filters {
-    /// The filters of the coefficients.
+    /// The filters of the coefficients, in the order of [`BLENDSHAPES`].
     pub coefficients: [Filter; COEFFS],
     /// The filter of the head's rotation and position.
     pub head: HeadFilter,
@@ -82,11 +74,8 @@ pub struct FiltersState {
 
 impl Default for FiltersState {
     fn default() -> Self {
-        Self {
-            noise: NoiseLevel::default(),
-            coefficients: [const { FilterState::Empty }; COEFFS],
-            head: HeadState::default(),
-        }
+        let coefficients = [const { FilterState::Empty }; COEFFS];
+        Self { noise: NoiseLevel::default(), coefficients, head: HeadState::default() }
     }
 }
 
@@ -108,28 +97,242 @@ impl Filters {
     pub fn step(
         &self,
         state: &mut FiltersState,
-        corrected: &Corrected,
+        corrected: &Coefficients,
         head: &HeadPose,
         dt_s: f32,
-    ) -> (Smoothed, HeadPose) {
+    ) -> (Coefficients, HeadPose) {
         let level = state.noise.step(&corrected.0, dt_s);
-        let mut out = corrected.0;
-        for (value, (filter, state)) in out.iter_mut().zip(self.coefficients.iter().zip(&mut state.coefficients)) {
+        let mut out = *corrected;
+        for (value, (filter, state)) in out.0.iter_mut().zip(self.coefficients.iter().zip(&mut state.coefficients)) {
             [*value] = filter.at_noise_level(level).step(state, [*value], dt_s);
         }
-        (Smoothed(out), self.head.at_noise_level(level).step(&mut state.head, head, dt_s))
+        (out, self.head.step(&mut state.head, head, level, dt_s))
     }
+}
+
+/// Standard deviation of the noise at level 1, that of good light, relative to a small change.
+const REFERENCE: f32 = 0.125;
+/// Bounds of the product of two steps, relative to the square of a small change. A coefficient that moves widely counts no
+/// more than one that hardly moves.
+const PRODUCTS: [f32; 2] = [-4.0, 0.5];
+/// Time constant of the average of the products, seconds.
+const AVERAGE_S: f32 = 1.0;
+/// The least and the greatest level. A higher one leaves less jitter in the dark, and takes more of fast expressions in noisy
+/// pictures.
+const LEVELS: [f32; 2] = [1.0, 2.0];
+
+/// How noisy the last frames are, relative to the noise for which the sizes of small changes are meant.
+///
+/// A camera amplifies its noise with a dark picture: coefficients of a still face then tremble 20 times as much as in good
+/// light. A change counts as small up to a few times the noise, so the size of a small change follows the noise.
+///
+/// Noise throws a value back and forth, so that successive steps of a still face have opposite signs: the mean of their
+/// product is the negative variance of the noise. Movement goes on from frame to frame, and its products are positive. The
+/// noise is averaged over the coefficients and over about a second.
+#[derive(Debug, Clone, PartialEq)]
+struct NoiseLevel {
+    /// From this size on, a change of each coefficient is no longer small in good light.
+    sizes: [f32; COEFFS],
+    /// Mean product of successive steps, relative to the square of a small change.
+    product: f32,
+    /// The last frame, and its steps from the one before.
+    last: Option<([f32; COEFFS], Option<[f32; COEFFS]>)>,
+}
+
+impl Default for NoiseLevel {
+    fn default() -> Self {
+        Self { sizes: BLENDSHAPES.map(|name| Group::of(name).noise_size()), product: 0.0, last: None }
+    }
+}
+
+impl NoiseLevel {
+    /// Takes a frame that was captured `dt_s` seconds after the last one, and returns the level.
+    fn step(&mut self, values: &[f32; COEFFS], dt_s: f32) -> f32 {
+        let last = self.last.take().filter(|_| (0.0..=LONGEST_STEP_S).contains(&dt_s));
+        let steps = last.map(|(last, before)| {
+            let steps = difference(*values, last);
+            if let Some(product) = before.and_then(|before| self.mean_product(&steps, &before)) {
+                self.product += (1.0 - (-dt_s / AVERAGE_S).exp()) * (product - self.product);
+            }
+            steps
+        });
+        self.last = Some((*values, steps));
+        let [lowest, highest] = LEVELS;
+        ((-self.product).max(0.0).sqrt() / REFERENCE).clamp(lowest, highest)
+    }
+
+    /// The mean product of the steps of the coefficients that move at all. `None` if none does.
+    fn mean_product(&self, steps: &[f32; COEFFS], before: &[f32; COEFFS]) -> Option<f32> {
+        let [least, greatest] = PRODUCTS;
+        let (mut sum, mut count) = (0.0_f32, 0.0_f32);
+        for ((step, before), size) in steps.iter().zip(before).zip(&self.sizes) {
+            let product = step * before / (size * size);
+            // A coefficient that is 0 all the time tells nothing, and neither does a value that is not a number.
+            if product != 0.0 && product.is_finite() {
+                (sum, count) = (sum + product.clamp(least, greatest), count + 1.0);
+            }
+        }
+        (count > 0.0).then(|| sum / count)
+    }
+}
+
+/// Size of a turn that is no longer small. The distance of two unit quaternions is half of the angle in radians.
+const SMALL_TURN: f32 = 0.5 * 0.03;
+/// Size of a movement that is no longer small, millimetres. The depth is the noisiest of the three coordinates.
+const SMALL_MOVE_MM: f32 = 5.0;
+
+/// How the head's pose is smoothed.
+///
+/// The rotation is smoothed as a quaternion and not as three angles, so that nothing wraps at 180 degrees. Of the two
+/// quaternions of a rotation, the filter takes the one that is nearer to its last output. A weighted mean of
+/// quaternions that are near each other is their mean rotation, once it has its length of 1 again.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadFilter {
+    /// How the rotation is smoothed.
+    pub rotation: Filter,
+    /// How the position is smoothed.
+    pub position: Filter,
+}
+
+/// What a [`HeadFilter`] remembers between frames.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct HeadState {
+    rotation: FilterState<4>,
+    position: FilterState<3>,
+    last: Option<[f32; 4]>,
+}
+
+impl HeadFilter {
+    /// No smoothing.
+    pub const OFF: Self = Self { rotation: Filter::OFF, position: Filter::OFF };
+
+    /// The filter of this kind, which averages small changes over `time_s`.
+    pub fn new(kind: FilterKind, time_s: f32) -> Self {
+        let filter = |noise_size| Filter { kind, time_s, noise_size };
+        Self { rotation: filter(SMALL_TURN), position: filter(SMALL_MOVE_MM) }
+    }
+
+    /// Filters the pose of a frame that was captured `dt_s` seconds after the last one, in a picture of this noise level.
+    fn step(&self, state: &mut HeadState, head: &HeadPose, level: f32, dt_s: f32) -> HeadPose {
+        let near = state.last.map_or(head.rotation_xyzw, |last| nearer(head.rotation_xyzw, last));
+        let mean = self.rotation.at_noise_level(level).step(&mut state.rotation, near, dt_s);
+        let rotation = unit(mean, near);
+        state.last = rotation.iter().all(|value| value.is_finite()).then_some(rotation);
+        let position_mm = self.position.at_noise_level(level).step(&mut state.position, head.position_mm, dt_s);
+        HeadPose::from_rotation(rotation, position_mm)
+    }
+}
+
+/// Of the two quaternions of a rotation, returns the one that is nearer to `last`.
+fn nearer(rotation: [f32; 4], last: [f32; 4]) -> [f32; 4] {
+    let cosine: f32 = rotation.iter().zip(last).map(|(a, b)| a * b).sum();
+    if cosine < 0.0 { rotation.map(|value| -value) } else { rotation }
+}
+
+/// Gives a quaternion the length of 1. A mean of opposite rotations has no direction; `instead` counts then.
+fn unit(mean: [f32; 4], instead: [f32; 4]) -> [f32; 4] {
+    let length = mean.iter().map(|value| value * value).sum::<f32>().sqrt();
+    if length > 0.1 { mean.map(|value| value / length) } else { instead }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solve::filter::{FRAME_S, tests::KINDS};
 
     #[test]
     fn every_blendshape_belongs_to_the_part_of_the_face_that_it_moves() {
         let members = |group| BLENDSHAPES.iter().filter(|name| Group::of(name) == group).count();
         assert_eq!(Group::ALL.map(members), [6, 8, 5, 24, 4, 5]);
-        let groups = ["eyeBlinkLeft", "eyeLookInRight", "noseSneerLeft", "cheekPuff", "tongueOut"].map(Group::of);
-        assert_eq!(groups, [Group::Lids, Group::Gaze, Group::Cheeks, Group::Cheeks, Group::Mouth]);
+    }
+
+    /// The level after 3 seconds of noise with this deviation in units of a small change, of which the first
+    /// `moving` coefficients also swing widely.
+    fn level(deviation: f32, moving: usize) -> f32 {
+        let mut random = fastrand::Rng::with_seed(2);
+        let mut level = NoiseLevel::default();
+        let mut frame = |number: u16| {
+            let mut values = [0.5; COEFFS];
+            for (index, (value, size)) in values.iter_mut().zip(level.sizes).enumerate() {
+                // The sum of 12 has a deviation of 1.
+                let noise: f32 = (0..12).map(|_| random.f32() - 0.5).sum();
+                let swing = if index < moving { 0.3 * (0.4 * f32::from(number)).sin() } else { 0.0 };
+                *value += deviation * size * noise + swing;
+            }
+            level.step(&values, FRAME_S)
+        };
+        (0..90).map(&mut frame).last().unwrap_or(0.0)
+    }
+
+    #[test]
+    fn level_follows_the_noise_and_not_the_movement_even_of_the_whole_face() {
+        assert!([0, 30, COEFFS].iter().all(|moving| (level(0.01, *moving) - 1.0).abs() < 0.01));
+        assert!((level(0.44, 0) - 2.0).abs() < 0.01, "{}", level(0.44, 0));
+        assert!((1.4..1.8).contains(&level(0.2, 0)), "{}", level(0.2, 0));
+    }
+
+    #[test]
+    fn values_and_times_that_are_not_numbers_leave_a_level() {
+        let mut level = NoiseLevel::default();
+        for (value, dt_s) in [(0.1, FRAME_S), (f32::NAN, FRAME_S), (0.3, f32::NAN), (0.1, FRAME_S), (0.2, -1.0)] {
+            assert!((1.0..=2.0).contains(&level.step(&[value; COEFFS], dt_s)));
+        }
+    }
+
+    /// A head that is tilted by an angle about the axis that points into the camera.
+    fn tilted(roll_deg: f32) -> HeadPose {
+        let half = (0.5 * roll_deg).to_radians();
+        HeadPose::from_rotation([0.0, 0.0, half.sin(), half.cos()], [0.0, 0.0, 600.0])
+    }
+
+    fn roll_deg(pose: &HeadPose) -> f32 {
+        pose.yaw_pitch_roll_deg()[2]
+    }
+
+    fn run(kind: FilterKind, poses: impl IntoIterator<Item = HeadPose>) -> Vec<HeadPose> {
+        let (filter, mut state) = (HeadFilter::new(kind, 0.2), HeadState::default());
+        poses.into_iter().map(|pose| filter.step(&mut state, &pose, 1.0, FRAME_S)).collect()
+    }
+
+    #[test]
+    fn turn_past_180_degrees_is_smoothed_like_any_other() {
+        for kind in KINDS {
+            let turn = |from: f32| run(kind, (0_u8..60).map(|frame| tilted(from + f32::from(frame))));
+            for (past, near) in turn(150.0).iter().zip(&turn(0.0)) {
+                let turned = (roll_deg(past) - roll_deg(near)).rem_euclid(360.0);
+                assert!((turned - 150.0).abs() < 0.1 && past.rotation_xyzw[3] >= 0.0, "{kind:?}: {turned}");
+            }
+        }
+    }
+
+    #[test]
+    fn rotation_has_a_length_of_1_and_a_pose_that_is_not_finite_affects_no_later_frame() {
+        let mut random = fastrand::Rng::with_seed(8);
+        let mut pose = || unit([(); 4].map(|()| random.f32() - 0.5), [0.0, 0.0, 0.0, 1.0]);
+        let poses: Vec<_> = (0..300).map(|_| HeadPose::from_rotation(pose(), [0.0; 3])).collect();
+        let wrong = HeadPose { rotation_xyzw: [f32::NAN; 4], position_mm: [f32::NAN; 3] };
+        for kind in KINDS {
+            let out = run(kind, poses.iter().copied());
+            for pose in &out {
+                let length: f32 = pose.rotation_xyzw.iter().map(|value| value * value).sum();
+                assert!((length - 1.0).abs() < 1e-4, "{kind:?}: {pose:?}");
+            }
+            let after = run(kind, [tilted(1.0), tilted(2.0), wrong].into_iter().chain(poses.iter().copied()));
+            assert_eq!(after[3..], out, "{kind:?}");
+        }
+    }
+
+    #[test]
+    fn trembling_head_is_smoothed_and_a_fast_turn_is_followed_at_once() {
+        let mut random = fastrand::Rng::with_seed(9);
+        let still: Vec<_> = (0..300).map(|_| tilted(10.0 + 0.5 * (random.f32() - 0.5))).collect();
+        let deviation = |poses: &[HeadPose]| {
+            (poses.iter().map(|pose| (roll_deg(pose) - 10.0).powi(2)).sum::<f32>() / poses.len() as f32).sqrt()
+        };
+        for kind in [FilterKind::Kalman, FilterKind::GatedAverage, FilterKind::OneEuro] {
+            let out = run(kind, still.iter().copied().chain([tilted(20.0), tilted(30.0)]));
+            assert!(deviation(&out[30..300]) < 0.5 * deviation(&still), "{kind:?}");
+            assert!(roll_deg(&out[301]) > 29.0, "{kind:?}: {:?}", out[301]);
+        }
     }
 }

@@ -8,9 +8,8 @@ use facewire_packet::NeutralFace;
 use thiserror::Error;
 
 use super::{
-    Adjustments, COEFFS, Camera, Corrected, Filters, FiltersState, HeadPose, Model, Neutral, NeutralMode, RawCoeffs,
-    Reference, Rules, Smoothed, correct, crossfade::Crossfade, neutral_estimate::NeutralEstimate, normalise,
-    plausible::GazeState,
+    Adjustments, COEFFS, Camera, Coefficients, Filters, FiltersState, HeadPose, Model, Neutral, NeutralMode, Reference,
+    Rules, correct, neutral_estimate::NeutralEstimate, normalise, output::Crossfade, plausible::GazeState,
 };
 use crate::track::Face;
 
@@ -21,11 +20,11 @@ const ESTIMATED: f32 = 0.25;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solution {
     /// Output of the regression.
-    pub raw: RawCoeffs,
+    pub raw: Coefficients,
     /// Coefficients after the corrective terms.
-    pub corrected: Corrected,
+    pub corrected: Coefficients,
     /// Coefficients after the rules of anatomy, the filters and the adjustments: these are sent.
-    pub smoothed: Smoothed,
+    pub smoothed: Coefficients,
     /// Pose of the head as it was seen.
     pub raw_head: HeadPose,
     /// Pose of the head after filter and adjustments: this is sent.
@@ -123,9 +122,6 @@ impl Solver {
     }
 
     /// Solves the face of a frame that `camera` captured at `time_us`. Does not allocate.
-    ///
-    /// # Errors
-    /// [`SolveError`]: the caller treats the frame as one without a face.
     pub fn solve<'a>(
         &mut self,
         face: impl Into<Face<'a>>,
@@ -137,12 +133,12 @@ impl Solver {
         let calibrated = self.profile.neutral.as_ref().map(|neutral| Reference::between(neutral, 1.0));
         let reference = calibrated.unwrap_or_else(|| self.history.estimate.reference());
         let mut raw = self.model.solve(&face, reference)?;
-        if let Some(residual) = self.model.residual(appearance, reference.known())? {
+        if let Some(residual) = self.model.residual(appearance, reference.known)? {
             raw = raw.plus(&residual);
         }
         let neutral_face = match calibrated {
             Some(_) => NeutralFace::Calibrated,
-            None if reference.known() >= ESTIMATED => NeutralFace::Estimated,
+            None if reference.known >= ESTIMATED => NeutralFace::Estimated,
             None => NeutralFace::Mean,
         };
         // Only now, because a rejected frame does not reach the filters: their time goes on until the next good frame.
@@ -153,7 +149,7 @@ impl Solver {
         let corrected = correct(&raw, &self.model.correction, &self.profile);
         let raw_head = HeadPose::new(&face, camera);
         let (Shaping { rules, filters, adjustments }, history) = (&self.shaping, &mut self.history);
-        let plausible = rules.step(&mut history.gaze, &corrected, step_s);
+        let plausible = rules.step(&mut history.gaze, corrected, step_s);
         let (mut smoothed, mut head) = filters.step(&mut history.filters, &plausible, &raw_head, step_s);
         rules.close_mouth(&mut smoothed.0);
         adjustments.apply(&mut smoothed.0);
@@ -179,12 +175,12 @@ impl Solver {
 
     /// Share of the estimated neutral face in the reference, from 0 to 1. It is 0 with a calibrated one.
     pub fn neutral_share(&self) -> f32 {
-        if self.profile.neutral.is_some() { 0.0 } else { self.history.estimate.share() }
+        if self.profile.neutral.is_some() { 0.0 } else { self.history.estimate.share }
     }
 
     /// How often the estimate was forgotten, because another person sat down.
     pub fn neutral_forgotten(&self) -> u64 {
-        self.history.estimate.forgotten()
+        self.history.estimate.forgotten
     }
 }
 
@@ -206,15 +202,19 @@ impl History {
 #[allow(clippy::float_cmp)]
 mod tests {
     use super::*;
-    use crate::solve::{COEFFS, FilterKind, MAX_REST, Neutral};
+    use crate::solve::{FilterKind, MAX_REST};
     use crate::testing::face;
     use crate::track::{LANDMARKS, Landmarks};
 
     const CAMERA: Camera = Camera { width_px: 640.0, height_px: 480.0, horizontal_fov_deg: 60.0 };
+    const FRAME_US: u64 = 33_333;
+
+    fn turned(yaw_deg: f32) -> Landmarks {
+        face([yaw_deg, 0.0, 0.0], 80.0, [320.0, 240.0])
+    }
 
     fn solver() -> Solver {
-        let seen = normalise(&face([3.0, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face");
-        let neutral = Neutral::from_points(&seen.points).ok();
+        let neutral = Neutral::from_points(&normalise(&turned(3.0)).expect("a face").points).ok();
         let shaping = Shaping::only(Filters::uniform(FilterKind::GatedAverage, 0.18));
         Solver::new(Model::embedded(), Profile { neutral, ..Profile::default() }, shaping)
     }
@@ -226,8 +226,7 @@ mod tests {
             if number == 10 {
                 change(&mut solver, &mut camera);
             }
-            let landmarks = face([0.3 * f32::from(number), 0.0, 0.0], 80.0, [320.0, 240.0]);
-            solver.solve(&landmarks, &camera, 33_333 * u64::from(number)).expect("a face")
+            solver.solve(&turned(0.3 * f32::from(number)), &camera, FRAME_US * u64::from(number)).expect("a face")
         };
         (0..20).map(frame).collect()
     }
@@ -238,8 +237,7 @@ mod tests {
         let mut got = solutions(|_, camera| *camera = Camera::new([640.0, 480.0], 90.0));
         assert_ne!(got[10].head.position_mm, want[10].head.position_mm);
         for (got, want) in got.iter_mut().zip(&want) {
-            got.head.position_mm = want.head.position_mm;
-            got.raw_head.position_mm = want.raw_head.position_mm;
+            (got.head.position_mm, got.raw_head.position_mm) = (want.head.position_mm, want.raw_head.position_mm);
         }
         assert_eq!(got, want);
     }
@@ -273,32 +271,19 @@ mod tests {
     }
 
     #[test]
-    fn long_gap_and_a_clock_that_ran_back_start_the_filters_anew() {
-        let is_fresh = |last_us| {
+    fn long_gap_a_clock_that_ran_back_and_a_second_of_rejected_frames_start_the_filters_anew() {
+        let is_fresh = |rejected: u64, last_us| {
             let mut solver = solver();
-            let mut solve = |yaw, time_us| solver.solve(&face([yaw, 0.0, 0.0], 80.0, [320.0, 240.0]), &CAMERA, time_us);
             for frame in 1..=3_u8 {
-                solve(f32::from(frame), 33_333 * u64::from(frame)).expect("a face");
+                solver.solve(&turned(frame.into()), &CAMERA, FRAME_US * u64::from(frame)).expect("a face");
             }
-            let solution = solve(5.0, last_us).expect("a face");
-            solution.smoothed.0 == solution.corrected.0
+            for frame in 4..4 + rejected {
+                assert!(solver.solve(&Landmarks([[f32::NAN; 3]; LANDMARKS]), &CAMERA, FRAME_US * frame).is_err());
+            }
+            let solution = solver.solve(&turned(5.0), &CAMERA, last_us).expect("a face");
+            solution.smoothed == solution.corrected
         };
-        assert!(is_fresh(600_000) && is_fresh(99_998));
-        assert!(!is_fresh(133_332));
-    }
-
-    #[test]
-    fn time_goes_on_while_frames_are_rejected() {
-        let mut solver = solver();
-        let mut solve = |landmarks: &Landmarks, time_us| solver.solve(landmarks, &CAMERA, time_us);
-        for frame in 1..=3_u8 {
-            let turned = face([f32::from(frame), 0.0, 0.0], 80.0, [320.0, 240.0]);
-            solve(&turned, 33_333 * u64::from(frame)).expect("a face");
-        }
-        for frame in 4..=33_u64 {
-            assert!(solve(&Landmarks([[f32::NAN; 3]; LANDMARKS]), 33_333 * frame).is_err());
-        }
-        let solution = solve(&face([5.0, 0.0, 0.0], 80.0, [320.0, 240.0]), 33_333 * 34).expect("a face");
-        assert_eq!(solution.smoothed.0, solution.corrected.0, "the last good frame is a second old");
+        assert!(is_fresh(0, 600_000) && is_fresh(0, 99_998) && is_fresh(30, FRAME_US * 34));
+        assert!(!is_fresh(0, FRAME_US * 4));
     }
 }

@@ -3,12 +3,14 @@
 //! Anchors, decoding and weighted non-maximum suppression are those of MediaPipe's short-range face detection graph. There
 //! are 896 anchors of size 1: two in each cell of a grid at stride 8, and six in each cell of a grid at stride 16.
 
+use std::iter;
+
 use crate::infer::{Engine, InferError, Network, Signature};
 use crate::picture::Picture;
 
 use super::block::Block;
 use super::crop::{Border, CropShape, crop};
-use super::region::{FaceBox, Mapping};
+use super::landmarks::{FaceBox, Mapping};
 
 /// Samples per side of the network's input.
 const SIDE: usize = 128;
@@ -43,18 +45,14 @@ impl Detector {
 
     /// Returns the region of interest around the face with the highest score. Returns `None` if there is no face.
     pub fn find(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
-        let view = letterbox(picture);
+        // The square around the whole picture.
+        let [width, height] = [picture.width as f32, picture.height as f32];
+        let view = FaceBox { centre: [width / 2.0, height / 2.0], size: width.max(height), angle_rad: 0.0 };
         crop(picture, &view, SHAPE, &mut self.block, &mut *self.network);
         self.network.run()?;
         let face = strongest(candidates(self.network.output(0), self.network.output(1)));
         Ok(face.and_then(|face| face.region(&view.mapping())))
     }
-}
-
-/// The square around the whole picture.
-fn letterbox(picture: &Picture) -> FaceBox {
-    let [width, height] = [picture.width as f32, picture.height as f32];
-    FaceBox { centre: [width / 2.0, height / 2.0], size: width.max(height), angle_rad: 0.0 }
 }
 
 /// A box with two eyes. Coordinates run from 0 to 1 across the network's input.
@@ -117,14 +115,11 @@ fn strongest(candidates: impl Iterator<Item = Candidate> + Clone) -> Option<Cand
 
 /// Centres of the anchors, from 0 to 1 across the network's input.
 fn anchors() -> impl Iterator<Item = [f32; 2]> + Clone {
-    grid(16, 2).chain(grid(8, 6))
-}
-
-/// The centre of each cell of a grid of `cells` x `cells`, `per_cell` times.
-fn grid(cells: usize, per_cell: usize) -> impl Iterator<Item = [f32; 2]> + Clone {
-    let centre = move |cell: usize| (cell as f32 + 0.5) / cells as f32;
-    (0..cells * cells)
-        .flat_map(move |index| std::iter::repeat_n([centre(index % cells), centre(index / cells)], per_cell))
+    [(16, 2), (8, 6)].into_iter().flat_map(|(cells, per_cell): (usize, usize)| {
+        let centre = move |cell: usize| (cell as f32 + 0.5) / cells as f32;
+        let cell = move |index: usize| [centre(index % cells), centre(index / cells)];
+        (0..cells * cells).flat_map(move |index| iter::repeat_n(cell(index), per_cell))
+    })
 }
 
 fn logistic(x: f32) -> f32 {
@@ -134,12 +129,6 @@ fn logistic(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn there_is_an_anchor_for_each_box_of_the_network() {
-        assert_eq!(anchors().count(), ANCHORS);
-        assert!(anchors().all(|centre| centre.iter().all(|value| (0.0..1.0).contains(value))));
-    }
 
     #[test]
     fn boxes_of_one_face_are_merged_and_other_faces_left_out() {
@@ -152,20 +141,16 @@ mod tests {
     }
 
     #[test]
-    fn the_best_face_is_found_among_any_number_of_candidates() {
-        let boxes = [0.0, 0.0, 16.0, 16.0].iter().chain(&[0.0; VALUES - 4]).copied();
-        let boxes: Vec<f32> = std::iter::repeat_n(boxes, ANCHORS).flatten().collect();
-        let mut scores = [1.0; ANCHORS];
-        scores[ANCHORS - 1] = 5.0;
-        let best = strongest(candidates(&boxes, &scores)).expect("a face");
-        assert!((best.score - logistic(5.0)).abs() < f32::EPSILON);
-        assert!(best.values[0] > 0.8 && best.values[1] > 0.8, "the last anchor is at the bottom right: {best:?}");
-    }
-
-    #[test]
-    fn scores_that_are_low_or_not_a_number_are_not_a_face() {
-        let boxes = vec![f32::NAN; ANCHORS * VALUES];
-        assert!(strongest(candidates(&boxes, &[f32::NAN; ANCHORS])).is_none());
-        assert!(strongest(candidates(&boxes, &[-9.0; ANCHORS])).is_none());
+    fn the_best_face_is_found_among_any_number_and_scores_that_are_low_or_not_a_number_are_no_face() {
+        let boxes: Vec<f32> = [[0.0, 0.0, 16.0, 16.0], [0.0; 4], [0.0; 4], [0.0; 4]].as_flattened().repeat(ANCHORS);
+        let best = |others: f32, last: f32| {
+            let mut scores = [others; ANCHORS];
+            scores[ANCHORS - 1] = last;
+            strongest(candidates(&boxes, &scores))
+        };
+        let found = best(1.0, 5.0).expect("a face");
+        assert!((found.score - logistic(5.0)).abs() < f32::EPSILON);
+        assert!(found.values[0] > 0.8 && found.values[1] > 0.8, "the last anchor is at the bottom right: {found:?}");
+        assert!(best(f32::NAN, f32::NAN).is_none() && best(-9.0, -9.0).is_none());
     }
 }

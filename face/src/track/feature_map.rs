@@ -8,8 +8,8 @@
 
 use facewire_engine::kernels::rows::add_pair;
 
+use super::landmarks::bounds;
 use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_CHANNELS, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
-use super::region::bounds;
 
 /// The values of a map at one position.
 pub(super) type Cell = [f32; FEATURE_CHANNELS];
@@ -124,62 +124,49 @@ fn rotate([x, y]: [f32; 2], [cos, sin]: [f32; 2]) -> [f32; 2] {
 mod tests {
     use super::*;
 
-    /// The value at a position of a map whose values are `column + 100 row`.
-    fn value(position: [f32; 2]) -> f32 {
+    /// A map whose values are `column + 100 row`.
+    fn map() -> Vec<f32> {
         let value = |at: usize| (at % FEATURE_SIZE + 100 * (at / FEATURE_SIZE)) as f32;
-        let cells: Vec<f32> = (0..FEATURE_SIZE * FEATURE_SIZE).flat_map(|at| [value(at); FEATURE_CHANNELS]).collect();
-        let mut cell = [7.0; FEATURE_CHANNELS];
-        FeatureMap::new(&cells).sample(position, &mut cell);
-        assert!(cell.iter().all(|other| (other - cell[0]).abs() < 1e-6));
-        cell[0]
+        (0..FEATURE_SIZE * FEATURE_SIZE).flat_map(|at| [value(at); FEATURE_CHANNELS]).collect()
     }
 
     #[test]
-    fn values_between_cells_are_interpolated_and_those_of_the_edges_are_exact() {
-        for [x, y] in [[0.0, 0.0], [10.25, 3.5], [47.0, 47.0], [47.0, 0.5], [46.75, 20.0]] {
-            assert!((value([x, y]) - (x + 100.0 * y)).abs() < 1e-2, "{x} {y}");
+    fn values_between_cells_are_interpolated_and_outside_the_map_they_are_0() {
+        let map = map();
+        let inside = [[0.0, 0.0], [10.25, 3.5], [47.0, 47.0], [47.0, 0.5], [46.75, 20.0]];
+        let outside = [[-0.1, 5.0], [47.1, 5.0], [5.0, -0.1], [5.0, 47.1], [f32::NAN, 5.0], [5.0, f32::INFINITY]];
+        let wanted = inside.map(|[x, y]| x + 100.0 * y).into_iter().chain([0.0; 6]);
+        for (position, wanted) in inside.into_iter().chain(outside).zip(wanted) {
+            let mut cell = [7.0; FEATURE_CHANNELS];
+            FeatureMap::new(&map).sample(position, &mut cell);
+            assert!(cell.iter().all(|value| (value - wanted).abs() < 1e-2), "{position:?}: {}", cell[0]);
         }
     }
 
-    #[test]
-    fn positions_outside_the_map_and_numbers_that_are_not_finite_give_0() {
-        for outside in [[-0.1, 5.0], [47.1, 5.0], [5.0, -0.1], [5.0, 47.1], [f32::NAN, 5.0], [5.0, f32::INFINITY]] {
-            assert!(value(outside).abs() < f32::EPSILON, "{outside:?}");
-        }
-    }
-
-    /// A mesh of four points: the corners of an upright box of 96 x 48 samples.
-    fn mesh() -> Vec<[f32; 3]> {
-        vec![[48.0, 48.0, 0.0], [144.0, 48.0, 0.0], [48.0, 96.0, 0.0], [144.0, 96.0, 0.0]]
+    /// The crop around the corners of a box of 96 x 48 samples, whose upper right corner is moved down.
+    fn transform(down: f32) -> Transform {
+        let mesh = [[48.0, 48.0, 0.0], [144.0, 48.0 + down, 0.0], [48.0, 96.0, 0.0], [144.0, 96.0, 0.0]];
+        Transform::around(&mesh, &[0, 1, 2, 3], [0, 1])
     }
 
     #[test]
     fn crop_is_centred_on_the_points_and_1_5_times_as_large_as_their_box() {
-        let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
-        let ([left, top], [right, bottom]) = (transform.apply([0.0, 0.0]), transform.apply([64.0, 64.0]));
+        let ([left, top], [right, bottom]) = (transform(0.0).apply([0.0, 0.0]), transform(0.0).apply([64.0, 64.0]));
         assert!((right + left - 2.0 * 96.0).abs() < 1e-3 && (bottom + top - 2.0 * 72.0).abs() < 1e-3);
         assert!((right - left - 144.0).abs() < 1e-3 && (bottom - top - 72.0).abs() < 1e-3);
-    }
-
-    #[test]
-    fn turning_back_undoes_turning() {
-        let mut mesh = mesh();
-        mesh[1][1] = 80.0;
-        let transform = Transform::around(&mesh, &[0, 1, 2, 3], [0, 1]);
-        let [x, y] = transform.turn_back(transform.turn([3.0, -2.0]));
-        assert!((x - 3.0).abs() < 1e-4 && (y + 2.0).abs() < 1e-4, "{x} {y}");
+        let [x, y] = transform(32.0).turn_back(transform(32.0).turn([3.0, -2.0]));
+        assert!((x - 3.0).abs() < 1e-4 && (y + 2.0).abs() < 1e-4, "turning back undoes turning: {x} {y}");
     }
 
     #[test]
     fn sampling_a_ramp_gives_its_values_at_the_cells_of_the_crop() {
-        let transform = Transform::around(&mesh(), &[0, 1, 2, 3], [0, 1]);
-        let cells = (0..FEATURE_SIZE * FEATURE_SIZE).map(|at| [(at % FEATURE_SIZE) as f32; FEATURE_CHANNELS]);
-        let ramp: Vec<f32> = cells.flatten().collect();
         let mut row = [[0.0; FEATURE_CHANNELS]; CROP_SIZE];
-        transform.sample(FeatureMap::new(&ramp), 0, row.as_flattened_mut());
+        transform(0.0).sample(FeatureMap::new(&map()), 7, row.as_flattened_mut());
         for (left, right) in row[7].into_iter().zip(row[8]) {
-            assert!((right - left - 2.25).abs() < 1e-4, "one cell of the crop is 2.25 cells of the map");
-            assert!((left + right - 2.0 * 23.5).abs() < 1e-3);
+            assert!((right - left - 2.25).abs() < 1e-3, "one cell of the crop is 2.25 cells of the map");
+            // The middle of the crop is 24 cells to the right and 18 down. Row 7 ends half of its height above it.
+            let wanted = (24.0 - 0.5) + 100.0 * (18.0 - 0.5 - 0.5 * 1.125);
+            assert!((f32::midpoint(left, right) - wanted).abs() < 1e-2, "{left} {right}");
         }
     }
 }

@@ -15,12 +15,11 @@ use crate::picture::Picture;
 use super::block::Block;
 use super::crop::{Border, CropShape, crop};
 use super::feature_map::{FeatureMap, Transform};
-use super::landmarks::{Appearance, Face, Landmarks};
+use super::landmarks::{Appearance, Face, FaceBox, Landmarks};
 use super::refinement::{
     CROP_SIZE, FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LEFT_EYE_ROTATION, LEFT_IRIS, LEFT_IRIS_DEPTH, LIPS,
     LIPS_ROTATION, RIGHT_EYE, RIGHT_EYE_ROTATION, RIGHT_IRIS, RIGHT_IRIS_DEPTH,
 };
-use super::region::FaceBox;
 
 /// Samples per side of the backbone's input.
 const SIDE: usize = 192;
@@ -34,6 +33,7 @@ static BACKBONE: Signature = Signature {
 };
 const SHAPE: CropShape = CropShape { side: SIDE, range: [0.0, 1.0], border: Border::Replicate };
 const HEAD_INPUT: [usize; 3] = [CROP_SIZE, CROP_SIZE, FEATURE_CHANNELS];
+const EYE_OUTPUTS: &[(&str, &[usize])] = &[("points", &[142]), ("iris", &[10])];
 
 /// The network of a head and the points that it computes.
 struct Refinement {
@@ -46,34 +46,32 @@ struct Refinement {
     level: [u16; 2],
 }
 
-static LIPS_REFINEMENT: Refinement = Refinement {
-    signature: Signature { name: "lips", input: HEAD_INPUT, outputs: &[("points", &[160])] },
-    points: &LIPS,
-    iris: None,
-    level: LIPS_ROTATION,
-};
-static RIGHT_EYE_REFINEMENT: Refinement = Refinement {
-    signature: eye_signature("left_eye"),
-    points: &RIGHT_EYE,
-    iris: Some((&RIGHT_IRIS, &RIGHT_IRIS_DEPTH)),
-    level: RIGHT_EYE_ROTATION,
-};
-static LEFT_EYE_REFINEMENT: Refinement = Refinement {
-    signature: eye_signature("right_eye"),
-    points: &LEFT_EYE,
-    iris: Some((&LEFT_IRIS, &LEFT_IRIS_DEPTH)),
-    level: LEFT_EYE_ROTATION,
-};
-
 /// The network of the person's right eye is called `left_eye`: MediaPipe names it by the side of the picture.
-const fn eye_signature(name: &'static str) -> Signature {
-    Signature { name, input: HEAD_INPUT, outputs: &[("points", &[142]), ("iris", &[10])] }
-}
+static REFINEMENTS: [Refinement; 3] = [
+    Refinement {
+        signature: Signature { name: "lips", input: HEAD_INPUT, outputs: &[("points", &[160])] },
+        points: &LIPS,
+        iris: None,
+        level: LIPS_ROTATION,
+    },
+    Refinement {
+        signature: Signature { name: "left_eye", input: HEAD_INPUT, outputs: EYE_OUTPUTS },
+        points: &RIGHT_EYE,
+        iris: Some((&RIGHT_IRIS, &RIGHT_IRIS_DEPTH)),
+        level: RIGHT_EYE_ROTATION,
+    },
+    Refinement {
+        signature: Signature { name: "right_eye", input: HEAD_INPUT, outputs: EYE_OUTPUTS },
+        points: &LEFT_EYE,
+        iris: Some((&LEFT_IRIS, &LEFT_IRIS_DEPTH)),
+        level: LEFT_EYE_ROTATION,
+    },
+];
 
 /// The backbone, its heads, and what they found last.
 pub struct Mesh {
     backbone: Box<dyn Network>,
-    heads: [Head; 3],
+    heads: Vec<Head>,
     block: Block,
     landmarks: Landmarks,
     appearance: Appearance,
@@ -98,7 +96,7 @@ impl Mesh {
         };
         Ok(Self {
             backbone: engine.load(&BACKBONE)?,
-            heads: [head(&LIPS_REFINEMENT)?, head(&RIGHT_EYE_REFINEMENT)?, head(&LEFT_EYE_REFINEMENT)?],
+            heads: REFINEMENTS.iter().map(head).collect::<Result<_, _>>()?,
             block: Block::default(),
             landmarks: Landmarks::zero(),
             appearance: Appearance::zero(),
@@ -150,8 +148,8 @@ impl Mesh {
 }
 
 impl Head {
-    /// Replaces the points of this head in `landmarks`, which are in samples of the backbone's input. `mesh` and `map` are
-    /// the points and the feature map of the backbone.
+    /// Runs the network on its crop of `map` and replaces the points of this head in `landmarks`, which are in samples of
+    /// the backbone's input. `mesh` are the backbone's own points.
     fn refine(&mut self, mesh: &[[f32; 3]], map: FeatureMap, landmarks: &mut Landmarks) -> Result<(), InferError> {
         let transform = self.transform(mesh);
         for row in 0..CROP_SIZE {
@@ -219,26 +217,39 @@ mod tests {
     use crate::picture::Pixels;
     use crate::testing::{Run, Scripted, face, show};
 
+    fn look(mesh: &mut Mesh) -> Option<Landmarks> {
+        let picture = Picture::new(4, 4, Pixels::Grey { data: &[0; 16], stride: 4 }, true).expect("a whole picture");
+        let region = FaceBox { centre: [2.0; 2], size: 4.0, angle_rad: 0.0 };
+        mesh.find(&picture, &region).expect("a run").cloned()
+    }
+
+    /// Networks that show a face, after which `alter` changes their outputs.
+    fn mesh(alter: impl Fn(&mut Run) + Send + Sync + 'static) -> Mesh {
+        let engine = Scripted::new(move |mut run| {
+            show(&mut run, &face([0.0; 3], 60.0, [96.0, 80.0]));
+            alter(&mut run);
+            Ok(())
+        });
+        Mesh::load(&engine).expect("scripted networks")
+    }
+
     /// Runs of each network on a number of pictures, with heads that take turns.
     fn runs_by_turns(pictures: usize, begins_anew_after: usize) -> [usize; 4] {
         let runs: [_; 4] = std::array::from_fn(|_| std::sync::Arc::new(AtomicUsize::new(0)));
         let counted = runs.clone();
-        let engine = Scripted::new(move |mut run| {
-            show(&mut run, &face([0.0; 3], 60.0, [96.0, 80.0]));
+        let mut mesh = mesh(move |run| {
             let index = ["mesh", "lips", "left_eye", "right_eye"].iter().position(|name| *name == run.network);
             counted[index.expect("a network of the mesh")].fetch_add(1, Relaxed);
-            Ok(())
         });
-        let mut mesh = Mesh::load(&engine).expect("scripted networks");
         mesh.set_turns(true);
-        let first = look(&mut mesh).expect("a run").expect("a face").clone();
-        for _ in 1..pictures {
-            let next = look(&mut mesh).expect("a run").expect("a face").clone();
+        let first = look(&mut mesh).expect("a face");
+        for picture in 1..pictures {
+            if picture == begins_anew_after {
+                mesh.begin();
+            }
+            let next = look(&mut mesh).expect("a face");
             for (next, first) in next.0.iter().flatten().zip(first.0.iter().flatten()) {
                 assert!((next - first).abs() < 1e-3, "a face that rests: {next} instead of {first}");
-            }
-            if runs[0].load(Relaxed) == begins_anew_after {
-                mesh.begin();
             }
         }
         runs.map(|runs| runs.load(Relaxed))
@@ -251,38 +262,23 @@ mod tests {
         assert_eq!(runs_by_turns(7, 6), [7, 4, 4, 3], "all heads on the last picture, which shows another face");
     }
 
-    /// Whether the mesh finds a face, if all networks show one after which `alter` changes their outputs.
-    fn found(alter: fn(&mut Run)) -> bool {
-        let engine = Scripted::new(move |mut run| {
-            show(&mut run, &face([0.0; 3], 60.0, [96.0, 80.0]));
-            alter(&mut run);
-            Ok(())
-        });
-        look(&mut Mesh::load(&engine).expect("scripted networks")).expect("a run").is_some()
-    }
-
-    fn look(mesh: &mut Mesh) -> Result<Option<&Landmarks>, InferError> {
-        let pixels = Pixels::Grey { data: &[0; 16], stride: 4 };
-        let picture = Picture::new(4, 4, pixels, true).expect("a whole picture");
-        let region = FaceBox { centre: [2.0; 2], size: 4.0, angle_rad: 0.0 };
-        mesh.find(&picture, &region)
-    }
-
-    /// Sets the last value of an output of one network.
-    fn set(run: &mut Run, network: &str, output: usize, value: f32) {
-        if run.network == network {
-            *run.outputs[output].last_mut().expect("values") = value;
-        }
-    }
-
     #[test]
     fn a_flag_below_one_half_or_a_number_that_is_not_finite_in_any_output_is_not_a_face() {
-        assert!(found(|_| {}));
-        assert!(found(|run| set(run, "mesh", 1, 0.01)));
-        assert!(!found(|run| set(run, "mesh", 1, -0.01)));
-        assert!(!found(|run| set(run, "mesh", 1, f32::NAN)));
-        assert!(!found(|run| set(run, "mesh", 0, f32::NAN)));
-        assert!(!found(|run| set(run, "lips", 0, f32::INFINITY)));
-        assert!(!found(|run| set(run, "left_eye", 1, f32::NAN)));
+        let cases = [
+            ("mesh", 1, 0.01, true),
+            ("mesh", 1, -0.01, false),
+            ("mesh", 1, f32::NAN, false),
+            ("mesh", 0, f32::NAN, false),
+            ("lips", 0, f32::INFINITY, false),
+            ("left_eye", 1, f32::NAN, false),
+        ];
+        for (network, output, value, is_face) in cases {
+            let mut mesh = mesh(move |run| {
+                if run.network == network {
+                    *run.outputs[output].last_mut().expect("values") = value;
+                }
+            });
+            assert_eq!(look(&mut mesh).is_some(), is_face, "{value} in output {output} of {network}");
+        }
     }
 }

@@ -1,4 +1,6 @@
 //! Finds a face in a picture, follows it from frame to frame and returns its landmarks.
+//!
+//! The region of interest comes from the landmarks of the previous frame. The detector runs only if there is no region.
 
 mod block;
 mod crop;
@@ -6,18 +8,144 @@ mod detector;
 mod feature_map;
 mod landmarks;
 mod mesh;
-mod planes;
 pub(crate) mod refinement;
-mod region;
-mod tracker;
+
+use crate::infer::{Engine, InferError};
+use crate::picture::Picture;
 
 pub use block::Block;
 pub use crop::{Border, CropShape, Rows, crop};
 pub use detector::Detector;
 #[cfg(any(test, feature = "testing"))]
 pub(crate) use feature_map::Transform;
-pub use landmarks::{Appearance, Face, LANDMARKS, Landmarks, MESH};
+pub use landmarks::{Appearance, Face, FaceBox, LANDMARKS, Landmarks, MESH, bounds};
 pub use mesh::Mesh;
-pub use region::FaceBox;
-pub use region::bounds;
-pub use tracker::Tracker;
+
+/// The networks, and the region of the face that they follow.
+pub struct Tracker {
+    detector: Detector,
+    mesh: Mesh,
+    region: Option<FaceBox>,
+}
+
+impl Tracker {
+    /// Loads all networks.
+    pub fn load(engine: &dyn Engine) -> Result<Self, InferError> {
+        Ok(Self { detector: Detector::load(engine)?, mesh: Mesh::load(engine)?, region: None })
+    }
+
+    /// Returns the region of this picture to search for landmarks: around the landmarks of the previous picture, or where
+    /// the detector finds a face. Returns `None` if it finds no face.
+    pub fn detect(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
+        if self.region.is_none() {
+            self.region = self.detector.find(picture)?;
+            self.mesh.begin();
+        }
+        Ok(self.region)
+    }
+
+    /// Returns the landmarks of the face in `region`, in pixels of the picture. If there is no face, returns `None` and
+    /// forgets the region, so that the detector searches the next picture.
+    pub fn landmarks(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
+        // If a network fails, the landmarks are half written: there is no face then.
+        self.region = None;
+        let found = self.mesh.find(picture, region)?;
+        self.region = found.and_then(FaceBox::following);
+        Ok(found)
+    }
+
+    /// The face in the last picture, if there was one.
+    pub fn face(&self) -> Option<Face<'_>> {
+        self.region.and(Some(self.mesh.face()))
+    }
+
+    /// Sets whether the heads of the mesh take turns ([`Mesh`]).
+    pub fn set_turns(&mut self, by_turns: bool) {
+        self.mesh.set_turns(by_turns);
+    }
+
+    /// Forgets the region, so that the detector searches the next picture.
+    pub fn forget(&mut self) {
+        self.region = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+    use super::*;
+    use crate::picture::Pixels;
+    use crate::testing::{Scripted, face, show};
+
+    const WIDTH: usize = 192;
+
+    /// A picture of the size of the mesh's input: a region that covers it does not change coordinates.
+    fn picture() -> Picture<'static> {
+        static GREY: [u8; WIDTH * WIDTH] = [128; WIDTH * WIDTH];
+        Picture::new(WIDTH, WIDTH, Pixels::Grey { data: &GREY, stride: WIDTH }, true).expect("a whole picture")
+    }
+
+    /// A tracker whose networks show a face, unless `script` refuses for a network and the number of its run.
+    fn tracker(script: fn(&str, usize) -> Result<bool, &'static str>) -> (Tracker, Arc<[AtomicUsize; 2]>) {
+        let runs = Arc::new([AtomicUsize::new(0), AtomicUsize::new(0)]);
+        let counted = Arc::clone(&runs);
+        let engine = Scripted::new(move |mut run| {
+            let runs = &counted[usize::from(run.network != "detector")];
+            if script(run.network, runs.fetch_add(1, Relaxed))? {
+                show(&mut run, &face([0.0; 3], 60.0, [110.0, 70.0]));
+            }
+            Ok(())
+        });
+        (Tracker::load(&engine).expect("scripted networks"), runs)
+    }
+
+    #[test]
+    fn the_landmarks_are_those_of_the_networks_and_the_next_region_follows_them() {
+        let (mut tracker, _) = tracker(|_, _| Ok(true));
+        let region = FaceBox { centre: [96.0; 2], size: 192.0, angle_rad: 0.0 };
+        let found = tracker.landmarks(&picture(), &region).expect("a run").expect("a face").clone();
+        let shown = face([0.0; 3], 60.0, [110.0, 70.0]);
+        for (index, (found, shown)) in found.0.iter().zip(&shown.0).enumerate().take(MESH) {
+            for (found, shown) in found.iter().zip(shown) {
+                assert!((found - shown).abs() < 1e-3, "landmark {index}: {found} in place of {shown}");
+            }
+        }
+        let next = tracker.detect(&picture()).expect("no run").expect("the region of the same face");
+        let [min, max] = bounds(shown.0.iter().map(|[x, y, _]| [*x, *y]));
+        for axis in [0, 1] {
+            assert!((next.centre[axis] - f32::midpoint(min[axis], max[axis])).abs() < 1e-2, "{next:?}");
+        }
+    }
+
+    #[test]
+    fn after_a_network_failed_there_is_no_face_until_the_next_picture() {
+        // The mesh and its three heads run on each picture.
+        let (mut tracker, _) = tracker(|_, run| if run == 2 * 4 + 1 { Err("no memory") } else { Ok(true) });
+        let mut follow = || {
+            let region = tracker.detect(&picture()).expect("a run").expect("a face");
+            let outcome = tracker.landmarks(&picture(), &region).map(drop);
+            assert_eq!(tracker.face().is_some(), outcome.is_ok());
+            outcome.map_err(|error| error.to_string())
+        };
+        assert!(follow().is_ok() && follow().is_ok());
+        let failure = follow().expect_err("no memory");
+        assert!(failure.starts_with("network lips failed to run (no memory); "), "{failure}");
+        assert!(follow().is_ok());
+    }
+
+    #[test]
+    fn the_detector_runs_until_it_finds_a_face_and_not_while_that_face_is_followed() {
+        let (mut tracker, runs) = tracker(|network, run| Ok(network != "detector" || run > 0));
+        assert_eq!(tracker.detect(&picture()).expect("a run"), None);
+        for _ in 0..3 {
+            let region = tracker.detect(&picture()).expect("a run").expect("a face");
+            assert!(tracker.landmarks(&picture(), &region).expect("a run").is_some());
+        }
+        assert_eq!(runs[0].load(Relaxed), 2);
+        tracker.forget();
+        assert!(tracker.detect(&picture()).expect("a run").is_some());
+        assert_eq!(runs[0].load(Relaxed), 3);
+    }
+}

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
-use facewire_face::model::{Correction, CorrectionTable, CorrectiveTerms, ModelFile};
+use facewire_face::model::{Correction, CorrectiveTerms, ModelFile};
 use facewire_face::{BLENDSHAPES, COEFFS, Model};
 use rayon::prelude::*;
 
@@ -76,8 +76,7 @@ pub fn run(options: &Options) -> Result<()> {
     for fitted in &fitted {
         println!("{}", fitted.line());
         if fitted.crossed < (1.0 - LEAST_GAIN) * fitted.before {
-            let table = CorrectionTable::from(&fitted.terms);
-            file.correction.extend(sides(&fitted.stem).map(|name| (name.to_owned(), table)));
+            file.correction.extend(sides(&fitted.stem).map(|name| (name.to_owned(), fitted.terms)));
         }
     }
     let sets: Vec<String> = options.sets.iter().map(|path| path.display().to_string()).collect();

@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::Args;
 use facewire::config::Settings;
 use facewire::preflight::shaping;
-use facewire_face::stages::{Corrected, FiltersState};
+use facewire_face::stages::{Coefficients, FiltersState};
 use facewire_face::{BLENDSHAPES, COEFFS, Filter, FilterKind, Filters, Group, HeadPose};
 use maud::{Markup, html};
 use plotters::prelude::*;
@@ -159,7 +159,7 @@ fn measured(filters: &Filters, streams: &[Stream]) -> [Sums; PARTS.len()] {
     for stream in streams {
         let mut state = FiltersState::default();
         let step = |(coefficients, head): (&[f32; COEFFS], &HeadPose)| {
-            let (smoothed, head) = filters.step(&mut state, &Corrected(*coefficients), head, 1.0 / FPS as f32);
+            let (smoothed, head) = filters.step(&mut state, &Coefficients(*coefficients), head, 1.0 / FPS as f32);
             (smoothed.0, head)
         };
         let (coefficients, heads): (Vec<_>, Vec<_>) = stream.raw.iter().zip(&stream.raw_heads).map(step).unzip();

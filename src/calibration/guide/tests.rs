@@ -1,7 +1,7 @@
 //! The guide with a wearer who shows the coefficients that a test wants.
 
 use facewire_face::model::{FormulaSetTable, FormulaTable, FormulasTable, ModelFile};
-use facewire_face::stages::{Residual, normalise};
+use facewire_face::stages::{Coefficients, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, testing::face};
 
 use super::super::observation::{Seen, Sight};
@@ -37,7 +37,7 @@ impl Wearer {
         let face = normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap();
         let general: Vec<_> = self.general.iter().chain(shown).copied().collect();
         let residuals = [&*general, shown].map(|shown| {
-            let mut residual = Residual([0.0; COEFFS]);
+            let mut residual = Coefficients([0.0; COEFFS]);
             shown.iter().for_each(|(name, value)| residual.0[index(name)] += value);
             residual
         });

@@ -9,10 +9,8 @@
 //! place of another, that is noticed in 2 of 3 pairs within half a minute, most often after 6 s. Limits: people whose faces
 //! have similar proportions count as one person; then the estimate adapts to the new face without being forgotten.
 
-use crate::solve::{
-    affine::Normalised,
-    filter::{approach, difference},
-};
+use super::Normalised;
+use super::filter::{approach, difference};
 
 /// Sines of yaw and pitch up to which a frame is measured.
 const MOST_TURN: [f32; 2] = [0.26, 0.35];

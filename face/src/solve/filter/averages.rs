@@ -1,0 +1,223 @@
+//! Averages over the last seconds: the moving, the time-weighted and the gated one.
+
+use core::iter;
+
+use heapless::HistoryBuf;
+
+use super::{Filter, add, difference, square, towards};
+
+/// Number of bins of a window.
+const BINS: usize = 16;
+
+/// The last values, and the times that they stand for.
+///
+/// Every value stands for the time since the value before it, so that the mean is that of the curve and does not jump
+/// when a frame leaves the window. The first value stands for all the time before it. Values that follow each other fast
+/// share a bin, so that the bins suffice for the window at every frame rate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Window<const N: usize> {
+    newest: Bin<N>,
+    older: HistoryBuf<Bin<N>, BINS>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Bin<const N: usize> {
+    value: [f32; N],
+    span_s: f32,
+}
+
+impl<const N: usize> Window<N> {
+    pub fn new(value: [f32; N]) -> Self {
+        Self { newest: Bin { value, span_s: f32::INFINITY }, older: HistoryBuf::new() }
+    }
+
+    /// Adds the value `x`, `dt_s` seconds after the last one.
+    pub fn push(&mut self, x: [f32; N], dt_s: f32, window_s: f32) {
+        let newest = &mut self.newest;
+        let span_s = newest.span_s + dt_s;
+        // Two neighbouring bins last longer than this together, so that all of them cover the window.
+        if span_s <= 2.0 * window_s / BINS as f32 {
+            // Without any time between them, the newer value replaces the older one.
+            let share = if span_s > 0.0 { dt_s / span_s } else { 1.0 };
+            *newest = Bin { value: towards(newest.value, x, share), span_s };
+        } else {
+            self.older.write(*newest);
+            *newest = Bin { value: x, span_s: dt_s };
+        }
+    }
+
+    /// The mean of the curve over the last `window_s` seconds.
+    pub fn mean(&self, window_s: f32) -> [f32; N] {
+        let mut left_s = window_s;
+        self.weighted(|span_s| {
+            let inside_s = span_s.min(left_s);
+            left_s -= inside_s;
+            inside_s
+        })
+    }
+
+    /// The mean of the curve over the last `window_s` seconds, with weights of `exp(-2 age / window_s)`.
+    pub fn weighted_mean(&self, window_s: f32) -> [f32; N] {
+        let (mut age_s, mut before) = (0.0_f32, 1.0);
+        self.weighted(|span_s| {
+            age_s = (age_s + span_s).min(window_s);
+            let after = (-2.0 * age_s / window_s).exp();
+            let weight = before - after;
+            before = after;
+            weight
+        })
+    }
+
+    /// The weighted mean of all bins, from the newest to the oldest.
+    fn weighted(&self, mut weight_of: impl FnMut(f32) -> f32) -> [f32; N] {
+        let (mut sum, mut total) = ([0.0; N], 0.0);
+        for bin in iter::once(&self.newest).chain(self.older.oldest_ordered().rev()) {
+            let weight = weight_of(bin.span_s);
+            add(&mut sum, weight, bin.value);
+            total += weight;
+        }
+        if total > 0.0 { sum.map(|sum| sum / total) } else { self.newest.value }
+    }
+}
+
+/// Frame rate that the equations of the gated average assume.
+const FPS: f32 = 30.0;
+/// Most values that a gated average remembers: the longest window of the settings at 90 frames per second. At higher
+/// rates the window is shorter.
+const MAX_VALUES: usize = 32;
+
+/// The last outputs of a gated moving average (eq. 9 to 11), and the time since the output before each, seconds.
+///
+/// A new value within one standard deviation of the last N values is averaged with them, `(f_t + N avg) / (N + 1)`. A
+/// value outside this gate passes unchanged, so that a blink is not delayed. (Eq. 10 has the root, so it is a standard
+/// deviation.) The equations count frames at 30 frames per second. Here the last values are those of a window of time,
+/// and N is that time in whole frames of 1/30 s, so that the response to a small change takes as long at every frame
+/// rate.
+///
+/// As printed, the gate has a step at its edge and closes to nothing on a face that holds still, so that values jump
+/// between smoothed and not smoothed. Here the share of the new value grows smoothly from `1 / (N + 1)` in the middle
+/// of the gate to 1 at its edge, and the gate is never narrower than a few times the jitter of a still face.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Past<const N: usize>(HistoryBuf<([f32; N], f32), MAX_VALUES>);
+
+impl<const N: usize> Past<N> {
+    pub fn new(value: [f32; N]) -> Self {
+        let mut past = HistoryBuf::new();
+        past.write((value, 0.0));
+        Self(past)
+    }
+
+    /// Filters the value `x`, `dt_s` seconds after the last one (eq. 11). Fewer than two values in the window have no
+    /// deviation, so that `x` passes.
+    pub fn step(&mut self, filter: &Filter, x: [f32; N], dt_s: f32) -> [f32; N] {
+        let (mut count, mut sum, mut squares, mut oldest_s) = (0.0, [0.0; N], 0.0, 0.0);
+        for (value, age_s) in self.values(filter.time_s, dt_s) {
+            // Squares of differences from `x` lose fewer digits in the variance than squares of the values would.
+            let from_x = difference(value, x);
+            add(&mut sum, 1.0, from_x);
+            (count, squares, oldest_s) = (count + 1.0, squares + square(from_x), age_s);
+        }
+        let mut value = x;
+        if count >= 2.0 {
+            // The average minus `x`.
+            let offset = sum.map(|sum| sum / count);
+            let variance = (squares - count * square(offset)) / (count - 1.0);
+            // Rounding can make the variance of equal values negative.
+            let gate = variance.max(0.0).sqrt().max(filter.noise_size).max(f32::EPSILON);
+            add(&mut value, 1.0, offset);
+            value = towards(value, x, share(square(offset).sqrt() / gate, (oldest_s * FPS).round()));
+        }
+        self.0.write((value, dt_s));
+        value
+    }
+
+    /// The outputs and their ages, `dt_s` after the newest, from the newest to the last that is at most `window_s` old.
+    fn values(&self, window_s: f32, dt_s: f32) -> impl Iterator<Item = ([f32; N], f32)> {
+        let with_age = self.0.oldest_ordered().rev().scan(dt_s, |next_age_s, (value, since_last_s)| {
+            let age_s = *next_age_s;
+            *next_age_s += since_last_s;
+            Some((*value, age_s))
+        });
+        with_age.take_while(move |(_, age_s)| *age_s <= window_s)
+    }
+}
+
+/// Share of the new value, `distance` gates away from the average of the values of the last `frames` frames.
+fn share(distance: f32, frames: f32) -> f32 {
+    if distance > 1.0 {
+        return 1.0;
+    }
+    let inside = 1.0 / (frames + 1.0);
+    inside + (1.0 - inside) * distance.powi(4)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::run;
+    use super::super::{FRAME_S, FilterKind};
+    use super::*;
+
+    /// The response to a step, frame by frame.
+    fn step_response(kind: FilterKind, fps: f32, [from, to]: [f32; 2]) -> Vec<f32> {
+        let filter = Filter { kind, ..GATED };
+        run(&filter, [from; 200].into_iter().chain([to; 400]).map(|x| (x, 1.0 / fps))).split_off(200)
+    }
+
+    #[test]
+    fn averages_over_a_window_rise_by_their_weights_at_every_frame_rate() {
+        for fps in [10.0_f32, 30.0, 60.0, 240.0] {
+            let moving = step_response(FilterKind::MovingAverage, fps, [0.0, 1.0]);
+            let weighted = step_response(FilterKind::TimeWeightedAverage, fps, [0.0, 1.0]);
+            for (frame, (moving, weighted)) in (1_u16..).zip(moving.into_iter().zip(weighted)) {
+                let passed = (f32::from(frame) / fps / 0.18).min(1.0);
+                assert!((moving - passed).abs() < 0.08, "{fps} frames a second, frame {frame}: {moving}");
+                let want = (1.0 - (-2.0 * passed).exp()) / (1.0 - (-2.0_f32).exp());
+                assert!((weighted - want).abs() < 0.08, "{fps} frames a second, frame {frame}: {weighted}, not {want}");
+            }
+        }
+    }
+
+    const GATED: Filter = Filter { kind: FilterKind::GatedAverage, time_s: 0.18, noise_size: 0.05 };
+
+    #[test]
+    fn value_on_the_average_keeps_it_and_one_outside_the_gate_passes() {
+        let mut past = Past::new([0.1]);
+        for value in [0.3, 0.1, 0.3, 0.2] {
+            past.0.write(([value], FRAME_S));
+        }
+        let deviation = 0.1_f32;
+        let [near] = past.clone().step(&GATED, [0.2 + 0.1 * deviation], FRAME_S);
+        assert!((near - (0.2 + 0.1 * deviation / 6.0)).abs() < 1e-4, "{near}");
+        let [outside] = past.step(&GATED, [0.2 + 1.01 * deviation], FRAME_S);
+        assert!((outside - (0.2 + 1.01 * deviation)).abs() < 1e-6, "{outside}");
+    }
+
+    #[test]
+    fn window_holds_as_many_values_as_its_time_and_at_most_32_and_a_sudden_move_passes() {
+        for (fps, want) in [(10.0, 1), (15.0, 2), (30.0, 5), (60.0, 10), (120.0, 21), (240.0, 32)] {
+            let mut past = Past::new([0.5]);
+            (0_u8..100).for_each(|frame| _ = past.step(&GATED, [0.5 + 0.01 * f32::from(frame % 2)], 1.0 / fps));
+            assert_eq!(past.values(GATED.time_s, 1.0 / fps).count(), want, "{fps} frames per second");
+            let [moved] = past.step(&GATED, [0.9], 1.0 / fps);
+            assert!((moved - 0.9).abs() < 1e-6, "{fps} frames per second: {moved}");
+        }
+    }
+
+    #[test]
+    fn smooth_edge_lets_near_values_come_out_near() {
+        let out = |last| run(&GATED, [0.2, 0.2, 0.2, 0.2, 0.2, last].map(|x| (x, FRAME_S)))[5];
+        assert!((out(0.251) - out(0.249)).abs() < 0.015, "across the edge of the gate");
+        assert!(out(0.21) < 0.203, "well inside");
+    }
+
+    #[test]
+    fn small_step_is_followed_as_fast_at_every_frame_rate() {
+        for fps in [15.0_f32, 30.0, 60.0, 120.0] {
+            let out = step_response(FilterKind::GatedAverage, fps, [0.5, 0.53]);
+            let reached_s = |y| out.iter().position(|out| *out > y).map(|frames| frames as f32 / fps);
+            let (half_way_s, nearly_s) = (reached_s(0.515).expect("half way"), reached_s(0.527).expect("90 percent"));
+            assert!((0.19..0.25).contains(&half_way_s), "{fps} frames per second: {half_way_s} s");
+            assert!((0.9..1.2).contains(&nearly_s), "{fps} frames per second: {nearly_s} s");
+        }
+    }
+}

@@ -83,7 +83,7 @@ fn a_slow_reader_gets_a_fresh_frame_and_the_number_of_skipped_ones() {
     let asked_us = monotonic_us();
     let captured_us = source.next().unwrap().unwrap().captured_us;
     assert!(captured_us + 500_000 > asked_us, "{} us old", asked_us - captured_us);
-    let skipped = source.take_skipped().for_newer;
+    let skipped = source.take_tally().for_newer;
     assert!(skipped >= 3, "{skipped}");
 }
 
@@ -94,14 +94,14 @@ fn a_reader_of_every_third_frame_gets_no_other_and_the_others_are_left_out() {
     let mut source = open("vivid", Some(PixelFormat::Yuyv)).unwrap();
     let period_us = source.frame_period_us().unwrap();
     let mut captured_us = source.next().unwrap().unwrap().captured_us;
-    source.take_skipped();
+    source.take_tally();
     for _ in 0..5 {
         let wanted_us = captured_us + 5 * period_us / 2;
         source.leave_out_until(wanted_us);
         captured_us = source.next().unwrap().unwrap().captured_us;
         assert!(captured_us >= wanted_us, "{} us early", wanted_us - captured_us);
     }
-    let left_out = source.take_skipped().left_out;
+    let left_out = source.take_tally().left_out;
     assert!((1..=10).contains(&left_out), "{left_out}");
 }
 

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use super::{AviSource, CaptureError, Description, Frame, FrameRate, Skipped, Source, monotonic_us};
+use super::{AviSource, CaptureError, Description, Frame, FrameRate, Source, Tally, monotonic_us};
 
 /// The name of the built-in clip, in place of a file or a camera.
 pub const DEMO: &str = "demo";
@@ -90,15 +90,14 @@ pub(super) struct Paced {
     due_us: Option<u64>,
     /// Frames that are due earlier are left out.
     wanted_us: u64,
-    skipped: Skipped,
-    decoding: Duration,
+    pub(super) tally: Tally,
 }
 
 impl Paced {
     /// Starts to play with the first call of [`Source::next`].
     pub(super) fn new(clip: Clip) -> Self {
         let period_us = clip.frame_period_us().unwrap_or(FrameRate::FPS_30.period_us());
-        Self { clip, period_us, due_us: None, wanted_us: 0, skipped: Skipped::default(), decoding: Duration::ZERO }
+        Self { clip, period_us, due_us: None, wanted_us: 0, tally: Tally::default() }
     }
 }
 
@@ -106,19 +105,19 @@ impl Source for Paced {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
         let now_us = monotonic_us();
         let due_us = self.due_us.unwrap_or(now_us);
-        let Skipped { for_newer, left_out } = frames_skipped(now_us, due_us, self.wanted_us, self.period_us);
+        let [for_newer, left_out] = frames_skipped(now_us, due_us, self.wanted_us, self.period_us);
         let count = for_newer.saturating_add(left_out);
         let captured_us = due_us + u64::from(count) * self.period_us;
         self.due_us = Some(captured_us + self.period_us);
-        self.skipped.for_newer = self.skipped.for_newer.saturating_add(for_newer);
-        self.skipped.left_out = self.skipped.left_out.saturating_add(left_out);
+        self.tally.for_newer = self.tally.for_newer.saturating_add(for_newer);
+        self.tally.left_out = self.tally.left_out.saturating_add(left_out);
         for _ in 0..count.min(MAX_SKIPPED) {
             self.clip.skip()?;
         }
         sleep(Duration::from_micros(captured_us.saturating_sub(now_us)));
         let begun = Instant::now();
         let frame = self.clip.next()?;
-        self.decoding += begun.elapsed();
+        self.tally.decoding += begun.elapsed();
         Ok(frame.map(|frame| Frame { captured_us, ..frame }))
     }
 
@@ -126,12 +125,8 @@ impl Source for Paced {
         self.wanted_us = captured_us;
     }
 
-    fn take_skipped(&mut self) -> Skipped {
-        take(&mut self.skipped)
-    }
-
-    fn take_decoding(&mut self) -> Duration {
-        take(&mut self.decoding)
+    fn take_tally(&mut self) -> Tally {
+        take(&mut self.tally)
     }
 
     fn describe(&self) -> Description<'_> {
@@ -139,13 +134,13 @@ impl Source for Paced {
     }
 }
 
-/// Returns how many frames from `due_us` on are due before `wanted_us`, and how many of the others are older than the
-/// newest one.
-fn frames_skipped(now_us: u64, due_us: u64, wanted_us: u64, period_us: u64) -> Skipped {
+/// Returns how many frames from `due_us` on are older than the newest one, apart from those that are due before `wanted_us`,
+/// and how many the latter are.
+fn frames_skipped(now_us: u64, due_us: u64, wanted_us: u64, period_us: u64) -> [u32; 2] {
     let count = |periods: u64| u32::try_from(periods).unwrap_or(u32::MAX);
     let left_out = count(wanted_us.saturating_sub(due_us).div_ceil(period_us));
     let older = count(now_us.saturating_sub(due_us) / period_us);
-    Skipped { for_newer: older.saturating_sub(left_out), left_out }
+    [older.saturating_sub(left_out), left_out]
 }
 
 #[cfg(test)]
@@ -180,8 +175,8 @@ mod tests {
             (155, 125, [2, 3], "of the wanted ones the newest"),
             (u64::MAX, 0, [u32::MAX, 0], "no overflow"),
         ];
-        for (now_us, wanted_us, [for_newer, left_out], what) in table {
-            assert_eq!(frames_skipped(now_us, 100, wanted_us, 10), Skipped { for_newer, left_out }, "{what}");
+        for (now_us, wanted_us, skipped, what) in table {
+            assert_eq!(frames_skipped(now_us, 100, wanted_us, 10), skipped, "{what}");
         }
     }
 
@@ -199,12 +194,12 @@ mod tests {
             }
             camera.leave_out_until(first_us + wanted_periods * PERIOD_US);
             let (captured_us, number) = camera.next().unwrap().map(|frame| (frame.captured_us, frame.number)).unwrap();
-            let Skipped { for_newer, left_out } = camera.take_skipped();
+            let Tally { for_newer, left_out, .. } = camera.take_tally();
             let periods = u64::from(for_newer + left_out) + 1;
             assert_eq!((captured_us, number), (first_us + periods * PERIOD_US, periods));
             assert!(captured_us <= monotonic_us() && u64::from(for_newer) >= late_periods);
             assert_eq!(u64::from(left_out), wanted_periods.saturating_sub(1));
-            assert_eq!(camera.take_skipped(), Skipped::default());
+            assert_eq!(camera.take_tally(), Tally::default());
         }
     }
 }

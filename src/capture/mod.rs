@@ -52,7 +52,7 @@ pub struct Frame<'a> {
     pub content: Content<'a>,
     /// Time of capture in microseconds: on `CLOCK_MONOTONIC` for a camera, from the beginning of the file for a file.
     pub captured_us: u64,
-    /// Position in the source, from 0. Frames that were skipped or could not be read are counted.
+    /// Position in the source, from 0. Frames that were skipped or could not be read count.
     pub number: u64,
 }
 
@@ -97,20 +97,9 @@ pub trait Source {
     /// decoding them. It then waits for the first frame that was captured later.
     fn leave_out_until(&mut self, _captured_us: u64) {}
 
-    /// Returns how many frames [`Source::next`] has skipped since the last call of this method, also where it returned an
-    /// error.
-    fn take_skipped(&mut self) -> Skipped {
-        Skipped::default()
-    }
-
-    /// Returns how long a camera's frames took to decode since the last call of this method.
-    fn take_decoding(&mut self) -> Duration {
-        Duration::ZERO
-    }
-
-    /// What the service is to take for impaired although it is not, because a rehearsal asks for it.
-    fn rehearsed(&self) -> ImpairmentSet {
-        ImpairmentSet::default()
+    /// Returns what this source has counted since the last call of this method, also where [`Source::next`] failed.
+    fn take_tally(&mut self) -> Tally {
+        Tally::default()
     }
 
     /// Returns what a camera has delivered whenever a window of about 1.5 s is complete. A source that loses no frames and
@@ -142,13 +131,17 @@ pub trait Source {
     }
 }
 
-/// Numbers of frames that were not decoded.
+/// What a source has counted and measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Skipped {
+pub struct Tally {
     /// Frames skipped because a newer one had arrived.
     pub for_newer: u32,
     /// Frames left out because the reader wanted a later one ([`Source::leave_out_until`]).
     pub left_out: u32,
+    /// How long a camera's frames took to decode.
+    pub decoding: Duration,
+    /// What the service is to take for impaired although it is not, because a rehearsal asks for it.
+    pub rehearsed: ImpairmentSet,
 }
 
 /// What a source delivers. Printed as `demo: MJPEG 640x480 at 30 fps`.

@@ -4,7 +4,6 @@
 //! happens depends on the script and on this clock alone. `live 5, gone 2` plays for 5 s, is unplugged for 2 s, and
 //! repeats this. `random 7` has a fault of random kind and length in every other 2 s; the number seeds the generator.
 
-use std::mem::take;
 use std::sync::OnceLock;
 use std::thread::sleep;
 use std::time::Duration;
@@ -13,9 +12,9 @@ use facewire_face::{Picture, Pixels};
 
 use super::clip::Paced;
 use super::delivery::{Arrival, DeliveryCounter};
-use super::{CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, Skipped, Source, monotonic_us};
+use super::{CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, Source, Tally, monotonic_us};
 use crate::config::{Scene, Script};
-use crate::impairment::{Impairment, ImpairmentSet};
+use crate::impairment::Impairment;
 
 /// Length of a random scene, and of the live scene after it.
 const RANDOM_SCENE_US: u64 = 2_000_000;
@@ -42,8 +41,6 @@ pub(super) struct Rehearsal {
     /// Whether half the width and height were asked for. The pictures keep their size: only their decoding is faster.
     is_small: bool,
     begun_us: u64,
-    /// Time that slow scenes have added to the decoding.
-    slowness: Duration,
 }
 
 impl Rehearsal {
@@ -55,8 +52,8 @@ impl Rehearsal {
         let sent = Sent::new(film.frame_period_us().unwrap_or(0));
         let Description { width: full, height, .. } = film.describe();
         let is_small = 2 * width as usize <= full;
-        let (canvas, slowness) = (vec![GREY; full * height], Duration::ZERO);
-        let rehearsal = Self { script, film, canvas, sent, timeout, is_small, begun_us, slowness };
+        let canvas = vec![GREY; full * height];
+        let rehearsal = Self { script, film, canvas, sent, timeout, is_small, begun_us };
         if rehearsal.now().0 == Scene::Gone {
             let reason = "no camera is called rehearsal; its script has unplugged it for now";
             return Err(CaptureError::Absent(reason.to_owned()));
@@ -100,9 +97,9 @@ impl Source for Rehearsal {
             self.film.next()?;
         }
         let added = Duration::from_micros(self.sent.period_us).mul_f64(self.added_periods(scene));
+        self.film.tally.decoding += added;
         let Some(frame) = self.film.next()? else { return Ok(None) };
         self.sent.count(scene, frame.number, frame.captured_us);
-        self.slowness += added;
         sleep(added);
         let Some(&Picture { width, height, pixels: Pixels::Planar { planes: [luma, ..], .. }, .. }) = frame.picture()
         else {
@@ -127,24 +124,15 @@ impl Source for Rehearsal {
         self.film.leave_out_until(captured_us);
     }
 
-    fn take_skipped(&mut self) -> Skipped {
-        self.film.take_skipped()
-    }
-
     fn take_delivery(&mut self) -> Option<Delivery> {
         self.sent.delivery.take()
     }
 
-    fn take_decoding(&mut self) -> Duration {
-        self.film.take_decoding() + take(&mut self.slowness)
-    }
-
-    fn rehearsed(&self) -> ImpairmentSet {
-        let mut rehearsed = ImpairmentSet::default();
-        let (scene, _) = self.now();
-        rehearsed.set(Impairment::Hot, scene == Scene::Hot);
-        rehearsed.set(Impairment::Undervoltage, scene == Scene::Undervoltage);
-        rehearsed
+    fn take_tally(&mut self) -> Tally {
+        let (scene, mut tally) = (self.now().0, self.film.take_tally());
+        tally.rehearsed.set(Impairment::Hot, scene == Scene::Hot);
+        tally.rehearsed.set(Impairment::Undervoltage, scene == Scene::Undervoltage);
+        tally
     }
 
     fn has_smaller_mode(&self) -> bool {
@@ -190,40 +178,38 @@ fn random_at(seed: u64, elapsed_us: u64) -> (Scene, u64) {
 #[derive(Debug)]
 struct Sent {
     period_us: u64,
-    /// Number of the last frame of the clip that was played.
-    last: Option<u64>,
+    /// Number of the next frame of the clip that was not played.
+    next: u64,
     delivery: DeliveryCounter,
 }
 
 impl Sent {
     fn new(period_us: u64) -> Self {
-        Self { period_us, last: None, delivery: DeliveryCounter::new(period_us) }
+        Self { period_us, next: 0, delivery: DeliveryCounter::new(period_us) }
     }
 
-    /// The camera's own number of a frame of the clip, and whether the frame arrives.
-    fn sequence(scene: Scene, number: u64) -> (u64, bool) {
+    /// The camera's own number of a frame of the clip; `None` if the frame does not arrive.
+    fn sequence(scene: Scene, number: u64) -> Option<u64> {
         match scene {
-            Scene::HalfRate => (number / HALF_RATE, number.is_multiple_of(HALF_RATE)),
-            Scene::Lossy => (number, !number.is_multiple_of(LOSSY)),
-            _ => (number, true),
+            Scene::HalfRate => number.is_multiple_of(HALF_RATE).then_some(number / HALF_RATE),
+            Scene::Lossy => (!number.is_multiple_of(LOSSY)).then_some(number),
+            _ => Some(number),
         }
     }
 
     fn withholds_next(&self, scene: Scene) -> bool {
-        !Self::sequence(scene, self.last.map_or(0, |last| last + 1)).1
+        Self::sequence(scene, self.next).is_none()
     }
 
     /// Counts a frame of the clip, and those before it for which the reader was too late: a driver delivers them all.
     fn count(&mut self, scene: Scene, number: u64, captured_us: u64) {
-        let first = self.last.replace(number).map_or(number, |last| (last + 1).min(number));
-        for earlier in first..=number {
-            let (sequence, arrives) = Self::sequence(scene, earlier);
-            if arrives {
-                let captured_us = captured_us.saturating_sub((number - earlier) * self.period_us);
-                let sequence = u32::try_from(sequence).unwrap_or(0);
-                self.delivery.arrived(Arrival { sequence, captured_us, taken_us: captured_us });
+        for earlier in self.next..=number {
+            let captured_us = captured_us.saturating_sub((number - earlier) * self.period_us);
+            if let Some(sequence) = Self::sequence(scene, earlier) {
+                self.delivery.arrived(Arrival { sequence: sequence as u32, captured_us, taken_us: captured_us });
             }
         }
+        self.next = number + 1;
     }
 }
 
@@ -233,31 +219,22 @@ mod tests {
 
     const S: u64 = 1_000_000;
 
-    fn script(device: &str) -> Script {
-        Script::of(device).unwrap().unwrap()
-    }
-
     fn play(scene: &str, width: u32) -> Result<Rehearsal, CaptureError> {
-        Rehearsal::open(script(&format!("rehearsal: {scene} 60")), width, Duration::from_millis(1))
+        let script = Script::of(&format!("rehearsal: {scene} 60")).unwrap().unwrap();
+        Rehearsal::open(script, width, Duration::from_millis(1))
     }
 
     #[test]
-    fn scenes_follow_each_other_and_repeat() {
-        let script = script("rehearsal: live 5, gone 2.5,no-face 1");
-        let table = [
-            (0, Scene::Live, 5 * S),
-            (5 * S - 1, Scene::Live, 1),
-            (5 * S, Scene::Gone, 5 * S / 2),
-            (8 * S, Scene::NoFace, S / 2),
-        ];
-        for (elapsed_us, scene, left_us) in table {
-            assert_eq!(scene_at(&script, elapsed_us), (scene, left_us));
-            assert_eq!(scene_at(&script, elapsed_us + 17 * S / 2), (scene, left_us));
+    fn scenes_follow_each_other_and_repeat_and_random_ones_have_every_fault_and_depend_on_their_seed() {
+        let script = Script::Scenes(vec![(Scene::Live, 5 * S), (Scene::Gone, 5 * S / 2), (Scene::NoFace, S)]);
+        for (elapsed_us, now) in [
+            (0, (Scene::Live, 5 * S)),
+            (5 * S - 1, (Scene::Live, 1)),
+            (5 * S, (Scene::Gone, 5 * S / 2)),
+            (8 * S, (Scene::NoFace, S / 2)),
+        ] {
+            assert_eq!([0, 17 * S / 2].map(|period_us| scene_at(&script, period_us + elapsed_us)), [now; 2]);
         }
-    }
-
-    #[test]
-    fn a_random_rehearsal_has_every_fault_and_depends_on_its_seed() {
         let scenes = |seed| -> Vec<Scene> {
             (0..200).map(|number| scene_at(&Script::Random(seed), number * RANDOM_SCENE_US).0).collect()
         };
@@ -270,8 +247,9 @@ mod tests {
     fn a_slow_board_takes_its_time_to_decode_and_a_fourth_of_it_for_small_pictures() {
         let mut slow = play("slow-4", 640).unwrap();
         let captured_us = slow.next().unwrap().unwrap().captured_us;
-        assert!(monotonic_us() - captured_us >= 4 * 33_333);
-        assert!(slow.take_decoding() >= Duration::from_micros(4 * 33_333) && slow.take_decoding().is_zero());
+        let added = Duration::from_micros(4 * 33_333);
+        assert!(Duration::from_micros(monotonic_us() - captured_us) >= added);
+        assert!(slow.take_tally().decoding >= added && slow.take_tally().decoding.is_zero());
         let [full, small] = [640, 320].map(|width| play("slow-jpeg", width).unwrap());
         let [full_periods, small_periods] = [&full, &small].map(|camera| camera.added_periods(Scene::SlowJpeg));
         assert!((full_periods - 4.0 * small_periods).abs() < 1e-9);
@@ -287,27 +265,21 @@ mod tests {
         let mut faceless = play("no-face", 640).unwrap();
         let Pixels::Grey { data, .. } = faceless.next().unwrap().unwrap().picture().unwrap().pixels else { panic!() };
         assert!(data.iter().all(|luma| *luma == GREY));
-        let rehearsed = |scene| play(scene, 640).unwrap().rehearsed().to_string();
+        let rehearsed = |scene| play(scene, 640).unwrap().take_tally().rehearsed.to_string();
         assert_eq!(["slow-4", "live", "hot", "undervoltage"].map(rehearsed), ["none", "none", "hot", "undervoltage"]);
     }
 
     #[test]
     fn a_camera_at_half_rate_loses_nothing_and_a_lossy_one_keeps_its_rate() {
-        for (scene, fps, lost_percent) in
-            [(Scene::Live, 30.0, 0.0), (Scene::HalfRate, 15.0, 0.0), (Scene::Lossy, 30.0, 11.0)]
+        for (scene, fps, lost, withholds_next) in
+            [(Scene::Live, 30.0, 0, false), (Scene::HalfRate, 15.0, 0, false), (Scene::Lossy, 30.0, 5, true)]
         {
-            let (mut sent, mut clip) = (Sent::new(33_333), 0..);
-            let delivery = loop {
-                if sent.withholds_next(scene) {
-                    clip.next();
-                }
-                let number = clip.next().unwrap();
-                sent.count(scene, number, number * 33_333);
-                if let Some(delivery) = sent.delivery.take() {
-                    break delivery;
-                }
-            };
-            assert_eq!((delivery.fps().round(), (delivery.lost_share() * 100.0).round()), (fps, lost_percent));
+            let mut sent = Sent::new(33_333);
+            // The reader takes every third frame.
+            (2..48).step_by(3).for_each(|number| sent.count(scene, number, number * 33_333));
+            let delivery = sent.delivery.take().unwrap();
+            assert_eq!((delivery.fps().round(), delivery.lost), (fps, lost), "{scene:?}");
+            assert_eq!(sent.withholds_next(scene), withholds_next, "{scene:?}");
         }
     }
 }

@@ -279,11 +279,11 @@ impl HotLoop {
 
     /// Takes in what the source has counted and measured.
     fn account(&mut self, source: &mut dyn Source) {
-        let skipped = source.take_skipped();
-        add(&self.counters.skipped, skipped.for_newer.into());
-        add(&self.counters.left_out, skipped.left_out.into());
-        self.timing.decoded(source.take_decoding());
-        let before = std::mem::replace(&mut self.rehearsed, source.rehearsed());
+        let tally = source.take_tally();
+        add(&self.counters.skipped, tally.for_newer.into());
+        add(&self.counters.left_out, tally.left_out.into());
+        self.timing.decoded(tally.decoding);
+        let before = std::mem::replace(&mut self.rehearsed, tally.rehearsed);
         for impairment in self.rehearsed.iter().chain(before.iter()) {
             self.counters.impairments.set(impairment, self.rehearsed.contains(impairment));
         }

@@ -15,7 +15,7 @@ mod stream;
 
 use std::mem::take;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 use v4l::format::{Colorspace, Quantization};
@@ -30,7 +30,7 @@ use self::mode::{Choice, choose, has_smaller};
 use self::probe::{guarded, probe};
 use self::select::{failed, start_one};
 use self::stream::Stream;
-use super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, JpegDecoder, Skipped, Source};
+use super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, JpegDecoder, Source, Tally};
 
 /// A camera that has shown this many pictures is a good one: if it fails after that, it is tried first again.
 const PROVEN_AFTER: u32 = 30;
@@ -42,7 +42,6 @@ pub struct CameraSource {
     node: PathBuf,
     origin: String,
     rate: Option<FrameRate>,
-    decoding: Duration,
     has_smaller_mode: bool,
     /// Number of pictures so far, up to [`PROVEN_AFTER`].
     shown: u32,
@@ -71,8 +70,7 @@ impl CameraSource {
         let rate = choice.rate.and_then(|rate| set_rate(&device, rate)).or(choice.rate);
         let stream = Stream::start(&device, &node, timeout, rate.unwrap_or(FrameRate::FPS_30).period_us())?;
         let origin = format!("{card} ({}{note})", node.display());
-        let (decoding, shown, has_failed) = (Duration::ZERO, 0, false);
-        Ok(Self { stream, store, node, origin, rate, decoding, has_smaller_mode, shown, has_failed })
+        Ok(Self { stream, store, node, origin, rate, has_smaller_mode, shown: 0, has_failed: false })
     }
 }
 
@@ -88,13 +86,7 @@ impl Drop for CameraSource {
 
 impl Source for CameraSource {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        let (store, decoding) = (&mut self.store, &mut self.decoding);
-        let kept = self.stream.newest(|bytes| {
-            let begun = Instant::now();
-            let kept = store.keep(bytes);
-            *decoding += begun.elapsed();
-            kept
-        });
+        let kept = self.stream.newest(|bytes| self.store.keep(bytes));
         self.has_failed = kept.is_err();
         let (number, captured_us) = kept?;
         self.shown = PROVEN_AFTER.min(self.shown + 1);
@@ -107,16 +99,12 @@ impl Source for CameraSource {
         self.stream.wanted_us = captured_us;
     }
 
-    fn take_skipped(&mut self) -> Skipped {
-        take(&mut self.stream.skipped)
+    fn take_tally(&mut self) -> Tally {
+        take(&mut self.stream.tally)
     }
 
     fn take_delivery(&mut self) -> Option<Delivery> {
         self.stream.delivery.take()
-    }
-
-    fn take_decoding(&mut self) -> Duration {
-        take(&mut self.decoding)
     }
 
     fn has_smaller_mode(&self) -> bool {

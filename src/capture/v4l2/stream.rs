@@ -13,7 +13,7 @@ use std::io;
 use std::mem;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rustix::io::Errno;
 use v4l::Device;
@@ -23,7 +23,7 @@ use v4l::io::mmap::Stream as MappedStream;
 use v4l::io::traits::{CaptureStream, Stream as StoppableStream};
 
 use super::super::delivery::{Arrival, DeliveryCounter};
-use super::super::{CaptureError, FrameFault, Skipped, monotonic_us};
+use super::super::{CaptureError, FrameFault, Tally, monotonic_us};
 use super::probe::guarded;
 
 /// Number of buffers. Two are enough for streaming; two more bridge a late wake-up without a dropped frame.
@@ -52,7 +52,7 @@ pub(super) struct Stream {
     taken: u64,
     /// Frames that were captured earlier are left out.
     pub(super) wanted_us: u64,
-    pub(super) skipped: Skipped,
+    pub(super) tally: Tally,
     pub(super) delivery: DeliveryCounter,
 }
 
@@ -67,9 +67,9 @@ impl Stream {
             let is_silent = error.kind() == io::ErrorKind::TimedOut;
             return Err(if is_silent { CaptureError::stalled(START_TIMEOUT) } else { fail(error) });
         }
-        let (delivery, skipped) = (DeliveryCounter::new(period_us), Skipped::default());
+        let (delivery, tally) = (DeliveryCounter::new(period_us), Tally::default());
         let (mapped, handle, path) = (Some(mapped), device.handle(), path.to_owned());
-        Ok(Self { mapped, handle, path, timeout, period_us, taken: 0, wanted_us: 0, skipped, delivery })
+        Ok(Self { mapped, handle, path, timeout, period_us, taken: 0, wanted_us: 0, tally, delivery })
     }
 
     /// Waits for a frame that is not to be left out, skips all but the newest, and passes the bytes of that one to `keep`.
@@ -96,7 +96,7 @@ impl Stream {
             }
             if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
                 left_out += 1;
-                self.skipped.left_out += 1;
+                self.tally.left_out += 1;
                 wait(handle, timeout)?;
                 continue;
             }
@@ -104,13 +104,15 @@ impl Stream {
             let has_newer =
                 is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, mem::take(&mut patience))?;
             if !has_newer || skipped > BUFFERS {
-                return filled(bytes, meta).and_then(keep).map(|()| (number, captured_us)).map_err(|fault| {
+                let (begun, kept) = (Instant::now(), filled(bytes, meta).and_then(keep));
+                self.tally.decoding += begun.elapsed();
+                return kept.map(|()| (number, captured_us)).map_err(|fault| {
                     self.delivery.damaged();
                     CaptureError::Frame { number, fault }
                 });
             }
             skipped += 1;
-            self.skipped.for_newer += 1;
+            self.tally.for_newer += 1;
         }
     }
 

@@ -1,67 +1,46 @@
 //! A listening socket, TCP or Unix, and the connections accepted on it.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, ErrorKind};
 use std::net::TcpListener;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::FileTypeExt as _;
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 
-use rustix::io::Errno;
-use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
+use rustix::io::{Errno, ioctl_fionbio};
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept_with, connect, socket_with};
 
 use crate::config::Listen;
 
-/// An open listening socket.
+/// An open listening socket, and the path of its file if it has one, which is deleted on drop.
 #[derive(Debug)]
-pub enum Listener {
-    Tcp(TcpListener),
-    /// The socket and the path of its file, which is deleted on drop.
-    Unix(UnixListener, PathBuf),
+pub struct Listener {
+    socket: OwnedFd,
+    path: Option<PathBuf>,
 }
 
 impl Listener {
     /// Opens the socket. A socket file without a listener, left behind by a service that was killed, is replaced. Any
     /// other file at the path, including a socket in use, is left untouched and makes this fail.
     pub fn bind(listen: &Listen) -> io::Result<Self> {
-        match listen {
-            Listen::Off => Err(ErrorKind::AddrNotAvailable.into()),
-            Listen::Tcp(address) => {
-                let listener = TcpListener::bind(address)?;
-                listener.set_nonblocking(true)?;
-                Ok(Self::Tcp(listener))
-            }
+        let (socket, path): (OwnedFd, _) = match listen {
+            Listen::Off => return Err(ErrorKind::AddrNotAvailable.into()),
+            Listen::Tcp(address) => (TcpListener::bind(address)?.into(), None),
             Listen::Unix(path) => {
                 if is_stale(path) {
                     fs::remove_file(path)?;
                 }
-                let listener = UnixListener::bind(path)?;
-                listener.set_nonblocking(true)?;
-                Ok(Self::Unix(listener, path.clone()))
+                (UnixListener::bind(path)?.into(), Some(path.clone()))
             }
-        }
+        };
+        ioctl_fionbio(&socket, true)?;
+        Ok(Self { socket, path })
     }
 
     /// Accepts the waiting connection, which does not block.
-    pub fn accept(&self) -> io::Result<File> {
-        let stream: OwnedFd = match self {
-            Self::Tcp(listener) => {
-                let stream = listener.accept()?.0;
-                stream.set_nonblocking(true)?;
-                stream.into()
-            }
-            Self::Unix(..) => self.accept_unix()?.into(),
-        };
-        Ok(stream.into())
-    }
-
-    /// Accepts the waiting connection of a Unix socket, which does not block.
-    pub fn accept_unix(&self) -> io::Result<UnixStream> {
-        let Self::Unix(listener, _) = self else { return Err(ErrorKind::Unsupported.into()) };
-        let stream = listener.accept()?.0;
-        stream.set_nonblocking(true)?;
-        Ok(stream)
+    pub fn accept(&self) -> io::Result<OwnedFd> {
+        Ok(accept_with(&self.socket, SocketFlags::NONBLOCK | SocketFlags::CLOEXEC)?)
     }
 }
 
@@ -79,24 +58,21 @@ fn is_stale(path: &Path) -> bool {
 
 impl AsFd for Listener {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        match self {
-            Self::Tcp(listener) => listener.as_fd(),
-            Self::Unix(listener, _) => listener.as_fd(),
-        }
+        self.socket.as_fd()
     }
 }
 
 impl Drop for Listener {
     fn drop(&mut self) {
-        if let Self::Unix(_, path) = self {
-            // If this fails, the next service finds the file stale and replaces it.
-            let _ = fs::remove_file(path);
-        }
+        // If this fails, the next service finds the file stale and replaces it.
+        self.path.iter().for_each(|path| drop(fs::remove_file(path)));
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::net::UnixStream;
+
     use super::*;
 
     #[test]

@@ -164,7 +164,7 @@ impl Session for Clients {
     /// now, for example because this process has too many open files, a later call tries again.
     fn attend(&mut self) -> Result<(), LinkError> {
         for _ in 0..MOST_AT_ONCE {
-            let Ok(stream) = self.listener.accept_unix() else { break };
+            let Ok(stream) = self.listener.accept().map(UnixStream::from) else { break };
             if self.clients.len() < MOST_CLIENTS {
                 self.clients.push(Client { stream, rest: Vec::new(), took: Instant::now() });
             }
@@ -344,8 +344,10 @@ mod tests {
         let mut client = connected(&path);
         write(&mut session, 2, 0);
         assert_eq!((session.clients.len(), next(&mut client)), (1, 2));
-        // A TCP listener accepts no client of a Unix socket, which stands for any error of the system.
+        // A TCP socket that is shut down accepts nobody, which stands for any error of the system.
         session.listener = Listener::bind(&Listen::Tcp(([127, 0, 0, 1], 0).into())).unwrap();
+        rustix::net::shutdown(&session.listener, rustix::net::Shutdown::Both).unwrap();
+        assert_ne!(session.listener.accept().unwrap_err().kind(), ErrorKind::WouldBlock);
         write(&mut session, 3, 0);
         assert_eq!(next(&mut client), 3, "a client keeps its place while the system accepts no others");
     }

@@ -107,9 +107,9 @@ pub(super) fn wait_after(lasted: Duration, back_off: &mut BackOff) -> Duration {
 #[derive(Debug)]
 pub(super) struct Watcher {
     counters: Arc<Counters>,
-    watch: Watch,
+    pub(super) watch: Watch,
     /// Frame period that the camera states.
-    stated_us: Option<u64>,
+    pub(super) stated_us: Option<u64>,
     /// Capture of the picture that was looked at last.
     last_look_us: u64,
 }
@@ -119,13 +119,8 @@ impl Watcher {
         Self { counters, watch: Watch::new(HOLD_US), stated_us: None, last_look_us: 0 }
     }
 
-    /// Begins with another camera.
-    pub(super) fn camera_opened(&mut self, camera: &dyn Source) {
-        self.stated_us = camera.frame_period_us();
-    }
-
     /// A camera that is closed impairs nothing.
-    pub(super) fn camera_closed(&mut self) {
+    pub(super) fn forget(&mut self) {
         self.watch = Watch::new(HOLD_US);
         self.tell();
     }
@@ -147,11 +142,6 @@ impl Watcher {
             self.watch.delivery(&delivery, self.stated_us, monotonic_us());
             self.tell();
         }
-    }
-
-    /// Whether the light is too poor to calibrate.
-    pub(super) fn is_dark(&self) -> bool {
-        self.watch.present().is_dark()
     }
 
     fn tell(&self) {

@@ -27,7 +27,7 @@ use rustix::io::Errno;
 
 use self::client::{Client, Reply, Request, Speaks, socket_path};
 use super::counters::Counters;
-use super::hot::HotNews;
+use super::hot::HotChange;
 use super::metrics;
 use super::observer::Observed;
 use super::reload::{InUse, Mailbox};
@@ -81,7 +81,7 @@ pub(super) struct Parts {
     pub(super) in_use: InUse,
     pub(super) observed: Observed<Observation>,
     pub(super) recorded: Observed<Recorded>,
-    pub(super) hot: Mailbox<HotNews>,
+    pub(super) hot: Arc<Mailbox<HotChange>>,
     pub(super) counters: Arc<Counters>,
 }
 
@@ -135,6 +135,19 @@ impl Door {
         self.rests_until.is_some_and(|until| Instant::now() < until)
     }
 
+    /// Opens the socket. That for requests is for its user alone.
+    fn bind(&self) -> io::Result<Listener> {
+        let (Listen::Unix(path), Speaks::Requests) = (&self.listen, self.speaks) else {
+            return Listener::bind(&self.listen);
+        };
+        if let Some(folder) = path.parent() {
+            DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
+        }
+        let listener = Listener::bind(&self.listen)?;
+        set_permissions(path, Permissions::from_mode(0o600))?;
+        Ok(listener)
+    }
+
     /// Opens the socket if it is not open yet. A failure is told once, and tried again every second.
     fn open(&mut self) {
         if self.listen == Listen::Off || self.listener.is_some() || self.rests() {
@@ -144,7 +157,7 @@ impl Door {
             Speaks::Requests => ("control socket", "end the service that uses it, or make its folder writable"),
             Speaks::Http => ("metrics", "free the address or change metrics.listen"),
         };
-        match bind(&self.listen, self.speaks) {
+        match self.bind() {
             Ok(listener) => {
                 tracing::info!("{what} at {}", self.listen);
                 self.listener = Some(listener);
@@ -157,17 +170,6 @@ impl Door {
             }
         }
     }
-}
-
-/// Opens a socket. That for requests is for its user alone.
-fn bind(listen: &Listen, speaks: Speaks) -> io::Result<Listener> {
-    let (Listen::Unix(path), Speaks::Requests) = (listen, speaks) else { return Listener::bind(listen) };
-    if let Some(folder) = path.parent() {
-        DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
-    }
-    let listener = Listener::bind(listen)?;
-    set_permissions(path, Permissions::from_mode(0o600))?;
-    Ok(listener)
 }
 
 struct Server {
@@ -221,7 +223,7 @@ impl Server {
         for door in &mut self.doors {
             let Some(listener) = door.listener.as_ref().filter(|_| is_ready.next() == Some(true)) else { continue };
             match listener.accept() {
-                Ok(stream) => self.clients.push(Client::new(stream, door.speaks)),
+                Ok(stream) => self.clients.push(Client::new(stream.into(), door.speaks)),
                 // Without memory or file descriptors the client stays in the queue. The delay keeps the loop from spinning.
                 Err(_) => door.rests_until = Some(Instant::now() + RETRY_DELAY),
             }
@@ -240,11 +242,11 @@ impl Server {
                 *door = Door::new(settings.metrics.listen.clone(), Speaks::Http);
             }
             self.parts.settings = settings;
-            // A profile of takes that two models have read would fit neither.
-            let model = load_model(&self.parts.settings.solver).map(|model| model_hash(&model));
-            if let (Some(calibrating), Ok(model)) = (&self.calibrating, model)
-                && model != calibrating.guide.model_hash
+            if let Some(calibrating) = &self.calibrating
+                && let Ok(model) = load_model(&self.parts.settings.solver)
+                && model_hash(&model) != calibrating.guide.model_hash
             {
+                // A profile of takes that two models have read would fit neither.
                 let why = "no profile was made, and the former one stays. The blendshape model has changed: try again";
                 self.end(Reply::Refused(why.to_owned()));
             }
@@ -352,7 +354,7 @@ impl Server {
     /// Hands a profile to the hot loop.
     fn hand_over(&mut self, profile: Profile, name: Option<WearerName>) {
         tracing::info!("wearer {}", name.as_ref().map_or("nobody", WearerName::as_str));
-        self.parts.hot.send(HotNews::Wearer(Box::new(profile)));
+        self.parts.hot.send(HotChange { profile: Some(profile), ..HotChange::default() });
         self.parts.in_use.set(name);
     }
 
@@ -386,16 +388,13 @@ impl Server {
         }
         let Some(outcome) = calibrating.guide.outcome() else { return };
         let name = calibrating.name.clone();
-        let reply = match outcome {
-            Ok(calibration) => {
-                let profile = calibration.profile.clone();
-                self.store().keep(&name, calibration).map(|report| (profile, report)).map_err(|error| error.to_string())
-            }
-            Err(refusal) => Err(refusal.end()),
-        };
-        let reply = reply.map_or_else(Reply::Refused, |(profile, report)| {
+        let kept = outcome.map_err(|refusal| refusal.end()).and_then(|calibration| {
+            let profile = calibration.profile.clone();
+            Ok((profile, self.store().keep(&name, calibration).map_err(|error| error.to_string())?))
+        });
+        let reply = kept.map_or_else(Reply::Refused, |(profile, kept)| {
             self.hand_over(profile, Some(name));
-            Reply::Calibrated(report)
+            Reply::Calibrated(kept)
         });
         self.end(reply);
     }
@@ -422,7 +421,7 @@ impl Server {
     }
 }
 
-/// What a client wanted, or why it cannot be had and what to do.
+/// What a client gets, or why not and what to do.
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
 fn named(text: &str) -> Result<WearerName, String> {

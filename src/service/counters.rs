@@ -129,13 +129,12 @@ impl Counters {
         self.stop_sending.store(true, Relaxed);
     }
 
-    /// Sets the first link that the network refuses: its index and the system's error number.
+    /// Sets the first link that the network refuses, by its index, and the system's error number.
     pub(super) fn set_refusal(&self, refusal: Option<(u32, i32)>) {
         let word = refusal.map_or(0, |(link, error)| (u64::from(link) + 1) << 32 | u64::from(error.unsigned_abs()));
         self.refusal.store(word, Relaxed);
     }
 
-    /// Returns the first link that the network refuses, as [`Counters::set_refusal`] set it, and the system's error.
     pub(super) fn refusal(&self) -> Option<(usize, io::Error)> {
         let word = self.refusal.load(Relaxed);
         let link = usize::try_from(word >> 32).ok()?.checked_sub(1)?;
@@ -143,7 +142,6 @@ impl Counters {
         Some((link, io::Error::from_raw_os_error(error)))
     }
 
-    /// Sets the state of the failsafe.
     pub(super) fn set_state(&self, state: State) {
         self.state.store(STATES.iter().position(|known| *known == state).unwrap_or(0), Relaxed);
     }
@@ -154,7 +152,6 @@ impl Counters {
         self.neutral_forgotten.store(forgotten, Relaxed);
     }
 
-    /// The step on which the hot loop is to run.
     pub(super) fn step(&self) -> Step {
         Step::ALL.get(self.step.load(Relaxed)).copied().unwrap_or_default()
     }

@@ -42,7 +42,6 @@ pub(super) struct Outlets {
     pub(super) news: Input<News>,
     /// The sender's thread, which is woken for all news.
     pub(super) wake: Thread,
-    /// For the supervisor.
     pub(super) events: mpsc::Sender<Event>,
     /// What each frame shows, for a calibration.
     pub(super) observer: Observer<Observation>,
@@ -61,24 +60,17 @@ pub(super) enum Event {
     Lost(CaptureError),
     /// No camera could be opened.
     Closed(CaptureError),
-    /// The pipeline could not be loaded, because something that it needs is not there yet.
+    /// Something that the pipeline needs is not there yet.
     NotLoaded(SetupError),
     /// The engine has failed several times in a row, and its networks are about to be loaded again.
     EngineFailed(InferError),
     EngineReloaded,
 }
 
-/// What other threads leave for the hot loop.
-pub(super) enum HotNews {
-    /// New settings, after a reload.
-    Settings(Box<HotChange>),
-    /// The profile of another wearer, or a new one.
-    Wearer(Box<Profile>),
-}
-
-/// New settings, and the parts that they replace. A part that is `None` keeps its current value.
+/// What a reload or a change of the wearer replaces. A part that is `None` keeps its current value.
+#[derive(Default)]
 pub(super) struct HotChange {
-    pub(super) settings: Settings,
+    pub(super) settings: Option<Settings>,
     pub(super) tracker: Option<Tracker>,
     pub(super) model: Option<Model>,
     pub(super) profile: Option<Profile>,
@@ -95,7 +87,7 @@ pub(super) struct HotLoop {
     loader: Loader,
     engine: EngineHealth,
     outlets: Outlets,
-    changes: mpsc::Receiver<HotNews>,
+    changes: mpsc::Receiver<HotChange>,
     counters: Arc<Counters>,
     /// When the open camera delivered its first picture.
     opened_us: Option<u64>,
@@ -132,7 +124,7 @@ impl HotLoop {
         mut pipeline: Option<Pipeline>,
         profile: Profile,
         outlets: Outlets,
-        changes: mpsc::Receiver<HotNews>,
+        changes: mpsc::Receiver<HotChange>,
         counters: Arc<Counters>,
         loader: Loader,
     ) -> Self {
@@ -196,7 +188,7 @@ impl HotLoop {
         // Closing the camera may block in the kernel, too.
         self.enter(Phase::Open);
         self.counters.camera_open.store(false, Relaxed);
-        self.watcher.camera_closed();
+        self.watcher.forget();
         camera.close().map_err(Event::Lost)?;
         outcome
     }
@@ -227,22 +219,19 @@ impl HotLoop {
             self.enter(self.wait());
             add(&self.counters.damaged, 1);
         });
-        self.account(&mut *camera.source);
+        let source = &mut *camera.source;
+        self.account(source);
         outcome.map_err(Event::Closed)?;
-        self.opened(&*camera.source);
-        self.stream(camera)
-    }
-
-    fn opened(&mut self, source: &dyn Source) {
         add(&self.counters.opened, 1);
         self.counters.has_smaller_mode.store(source.has_smaller_mode(), Relaxed);
         self.counters.camera_open.store(true, Relaxed);
         self.opened_us = Some(monotonic_us());
         self.timing.camera_opened(source, self.settings.camera.fps);
-        self.watcher.camera_opened(source);
+        self.watcher.stated_us = source.frame_period_us();
         self.pipeline.iter_mut().for_each(Pipeline::forget_face);
         realtime::leave_room_in_heap();
         self.tell(Event::Opened(source.describe().to_string()));
+        self.stream(camera)
     }
 
     /// Runs frames until the service stops, the camera fails, or new settings or another size of picture want it opened
@@ -267,7 +256,6 @@ impl HotLoop {
         Ok(())
     }
 
-    /// Runs on the step that the supervisor has chosen.
     fn take_step(&mut self, source: &mut dyn Source) {
         let step = self.counters.step();
         self.timing.take(step);
@@ -297,11 +285,8 @@ impl HotLoop {
         add(&counters.frames, 1);
         let counter = match &processed.solved {
             Ok(solution) => {
-                counters.set_neutral(
-                    solution.neutral_face,
-                    processed.solver.neutral_share(),
-                    processed.solver.neutral_forgotten(),
-                );
+                let solver = processed.solver;
+                counters.set_neutral(solution.neutral_face, solver.neutral_share(), solver.neutral_forgotten());
                 &counters.solved
             }
             Err(Rejected::NoFace) => &counters.no_face,
@@ -312,7 +297,7 @@ impl HotLoop {
         // The result is on its way: measuring delays nobody.
         timing.worked(frame.captured_us, begun_us, monotonic_us(), &processed.times);
         watcher.look(frame, processed.face.map(|face| face.landmarks));
-        outlets.observer.publish(|| processed.observe(watcher.is_dark()));
+        outlets.observer.publish(|| processed.observe(watcher.watch.present().is_dark()));
         outlets.recorder.publish(|| processed.record());
         let Err(Rejected::Infer(error)) = processed.solved else {
             self.engine.ran();
@@ -334,54 +319,37 @@ impl HotLoop {
         let (load_tracker, settings) = (self.load_tracker, self.settings.networks.clone());
         let loaded = self.load(move || load_tracker(&settings))?;
         let tracker = loaded.map_err(|error| Trouble::Fatal(SetupError::from(error).into()))?;
-        if let Some(pipeline) = &mut self.pipeline {
-            pipeline.tracker = Some(tracker);
-        }
+        self.pipeline.as_mut().map(|pipeline| pipeline.tracker.insert(tracker));
         self.tell(Event::EngineReloaded);
         Ok(())
     }
 
-    /// Takes the changes of all reloads since the last call. Returns whether the camera is to be opened again. What was
-    /// learned of the wearer stays.
+    /// Takes all changes since the last call. Returns whether the camera is to be opened again. What was learned of the wearer
+    /// stays, and a file that was read again and has not changed replaces nothing.
     fn adopt(&mut self) -> bool {
         let mut is_new_camera = false;
-        while let Ok(news) = self.changes.try_recv() {
-            match news {
-                HotNews::Settings(change) => is_new_camera |= self.adopt_settings(*change),
-                HotNews::Wearer(profile) => self.set_profile(*profile),
+        while let Ok(HotChange { settings, tracker, model, profile }) = self.changes.try_recv() {
+            if let Some(profile) = profile.filter(|profile| *profile != self.profile) {
+                self.pipeline.iter_mut().for_each(|pipeline| pipeline.solver.set_profile(profile.clone()));
+                self.profile = profile;
+            }
+            let Some(settings) = settings else { continue };
+            is_new_camera |= settings.camera != self.settings.camera;
+            self.settings = settings;
+            // A pipeline that is not loaded yet will be loaded by the new settings.
+            let Some(pipeline) = &mut self.pipeline else { continue };
+            pipeline.horizontal_fov_deg = self.settings.camera.horizontal_fov_deg;
+            pipeline.tracker = tracker.or(pipeline.tracker.take());
+            let solver = &mut pipeline.solver;
+            solver.neutral_mode = self.settings.wearer.neutral;
+            let (shaping, model) = (preflight::shaping(&self.settings), model.filter(|model| *model != solver.model));
+            if model.is_some() || shaping != solver.shaping {
+                model.into_iter().for_each(|model| solver.model = model);
+                solver.shaping = shaping;
+                solver.crossfade();
             }
         }
         is_new_camera
-    }
-
-    /// Takes the change of a reload. Returns whether the camera is to be opened again. A file that was read again and has
-    /// not changed replaces nothing.
-    fn adopt_settings(&mut self, HotChange { settings, tracker, model, profile }: HotChange) -> bool {
-        let is_new_camera = settings.camera != self.settings.camera;
-        self.settings = settings;
-        if let Some(profile) = profile.filter(|profile| *profile != self.profile) {
-            self.set_profile(profile);
-        }
-        // A pipeline that is not loaded yet will be loaded by the new settings.
-        let Some(pipeline) = &mut self.pipeline else { return is_new_camera };
-        pipeline.horizontal_fov_deg = self.settings.camera.horizontal_fov_deg;
-        pipeline.tracker = tracker.or(pipeline.tracker.take());
-        let solver = &mut pipeline.solver;
-        solver.neutral_mode = self.settings.wearer.neutral;
-        let (shaping, model) = (preflight::shaping(&self.settings), model.filter(|model| *model != solver.model));
-        if model.is_some() || shaping != solver.shaping {
-            if let Some(model) = model {
-                solver.model = model;
-            }
-            solver.shaping = shaping;
-            solver.crossfade();
-        }
-        is_new_camera
-    }
-
-    fn set_profile(&mut self, profile: Profile) {
-        self.pipeline.iter_mut().for_each(|pipeline| pipeline.solver.set_profile(profile.clone()));
-        self.profile = profile;
     }
 
     /// Begins a phase and returns the time.
@@ -419,9 +387,7 @@ struct EngineHealth {
 /// What to do about a failed inference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Remedy {
-    /// Nothing yet: the next frame may do better.
     Wait,
-    /// Load the networks again.
     Reload,
     /// Loading them again did not help.
     GiveUp,

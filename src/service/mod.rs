@@ -45,7 +45,7 @@ use self::failsafe::News;
 use self::hot::{Event, HotLoop, Outlets};
 use self::links::Links;
 use self::realtime::Scheduling;
-use self::reload::{InUse, Loader, Mailbox, Mailboxes, Reloader};
+use self::reload::{InUse, Loader, Mailbox, Reloader};
 use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
 use self::watchdog::Phase;
@@ -116,16 +116,15 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, Serv
     let sender_mailbox = Mailbox { changes, thread: sender.thread().clone() };
 
     let (changes, for_hot) = mpsc::channel();
-    let (observer, observed) = observer::channel();
-    let (recorder, recorded) = observer::channel();
+    let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
     let wake = sender.thread().clone();
     let outlets = Outlets { news: newest, wake, events: events.clone(), observer, recorder };
     let in_use = InUse::default();
     let profile = profile_of(&settings, &in_use);
-    let hot =
-        HotLoop::new(settings.clone(), pipeline, profile, outlets, for_hot, Arc::clone(&counters), loader.clone());
+    let (live, shared) = (settings.clone(), Arc::clone(&counters));
+    let hot = HotLoop::new(live, pipeline, profile, outlets, for_hot, shared, loader.clone());
     let hot = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
-    let hot_mailbox = Mailbox { changes, thread: hot.thread().clone() };
+    let hot_mailbox = Arc::new(Mailbox { changes, thread: hot.thread().clone() });
 
     let (control_changes, changes) = mpsc::channel();
     let parts = Parts {
@@ -134,7 +133,7 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, Serv
         in_use: in_use.clone(),
         observed,
         recorded,
-        hot: hot_mailbox.clone(),
+        hot: Arc::clone(&hot_mailbox),
         counters: Arc::clone(&counters),
     };
     // The face goes on without it.
@@ -143,9 +142,17 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, Serv
             tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files")
         })
         .ok();
-    let mailboxes = Mailboxes { hot: hot_mailbox, sender: sender_mailbox, control: control_changes };
-    let traffic = Arc::clone(&counters.traffic);
-    let reloader = Reloader { live: settings, program, mailboxes, traffic, loader, in_use, preparing: None };
+    let reloader = Reloader {
+        live: settings,
+        program,
+        hot: hot_mailbox,
+        sender: sender_mailbox,
+        control: control_changes,
+        traffic: Arc::clone(&counters.traffic),
+        loader,
+        in_use,
+        preparing: None,
+    };
     let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::{Builder, Thread};
 
 use super::STACK_BYTES;
-use super::hot::{HotChange, HotNews};
+use super::hot::HotChange;
 use super::links::Links;
 use super::sender::SenderSettings;
 use crate::calibration::{StoreError, WearerName};
@@ -99,7 +99,7 @@ impl Change {
         };
         let is_new_pair = model.is_some() || profile.is_some();
         let warning = is_new_pair.then(|| model_warning(&wearer, &new.solver)).flatten();
-        let hot = HotChange { settings: new.clone(), tracker, model, profile };
+        let hot = HotChange { settings: Some(new.clone()), tracker, model, profile };
         let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links, traffic)?) };
         Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new, warning })
     }
@@ -130,16 +130,10 @@ impl Loader {
     }
 }
 
-/// Where the changes for one thread go.
+/// Where a thread finds changes.
 pub(super) struct Mailbox<T> {
     pub(super) changes: mpsc::Sender<T>,
     pub(super) thread: Thread,
-}
-
-impl<T> Clone for Mailbox<T> {
-    fn clone(&self) -> Self {
-        Self { changes: self.changes.clone(), thread: self.thread.clone() }
-    }
 }
 
 impl<T> Mailbox<T> {
@@ -150,19 +144,14 @@ impl<T> Mailbox<T> {
     }
 }
 
-/// Where the changes for all threads go.
-pub(super) struct Mailboxes {
-    pub(super) hot: Mailbox<HotNews>,
-    pub(super) sender: Mailbox<SenderSettings>,
-    /// The control thread looks here when it has something to do.
-    pub(super) control: mpsc::Sender<Settings>,
-}
-
 /// The current settings, and the reload in progress.
 pub(super) struct Reloader {
     pub(super) live: Settings,
     pub(super) program: Arc<dyn Program>,
-    pub(super) mailboxes: Mailboxes,
+    pub(super) hot: Arc<Mailbox<HotChange>>,
+    pub(super) sender: Mailbox<SenderSettings>,
+    /// The control thread looks here when it has something to do.
+    pub(super) control: mpsc::Sender<Settings>,
     pub(super) traffic: Arc<Traffic>,
     pub(super) loader: Loader,
     pub(super) in_use: InUse,
@@ -174,7 +163,6 @@ pub(super) struct Reloader {
 type Preparing = Receiver<Result<Change, Refusal>>;
 
 impl Reloader {
-    /// Begins to prepare a reload.
     pub(super) fn start(&mut self) {
         tracing::info!("reading the settings again");
         let (program, live, traffic) = (Arc::clone(&self.program), self.live.clone(), Arc::clone(&self.traffic));
@@ -195,8 +183,8 @@ impl Reloader {
                 self.hand_out(change);
                 return true;
             }
-            Ok(Err(refusal)) => refuse(&refusal),
-            Err(_) => refuse(&io::Error::other("the thread that read them panicked; please report it")),
+            Ok(Err(refusal)) => refuse(&refusal.to_string()),
+            Err(_) => refuse("the thread that read them panicked; please report it"),
         }
         false
     }
@@ -215,18 +203,16 @@ impl Reloader {
         }
         self.program.set_log_level(settings.log.level);
         self.live = settings;
-        self.mailboxes.hot.send(HotNews::Settings(Box::new(hot)));
-        self.mailboxes.sender.send(sender);
+        self.hot.send(hot);
+        self.sender.send(sender);
         // Without a control socket nobody reads it.
-        let _ = self.mailboxes.control.send(self.live.clone());
+        let _ = self.control.send(self.live.clone());
     }
 }
 
 /// Logs one line for each fault.
-fn refuse(reason: &dyn std::error::Error) {
-    for line in reason.to_string().lines() {
-        tracing::error!("{line}");
-    }
+fn refuse(faults: &str) {
+    faults.lines().for_each(|fault| tracing::error!("{fault}"));
     tracing::error!("settings refused: the current ones stay");
 }
 
@@ -250,16 +236,15 @@ mod tests {
     fn reload(toml: &str, live: Settings) -> (Settings, HotChange) {
         let thread = std::thread::current();
         let ((hot, told), (sender, _), (control, _)) = (mpsc::channel(), mpsc::channel(), mpsc::channel());
-        let (hot, sender) = (Mailbox { changes: hot, thread: thread.clone() }, Mailbox { changes: sender, thread });
-        let (program, mailboxes) = (Arc::new(Fixed(toml.to_owned())), Mailboxes { hot, sender, control });
+        let hot = Arc::new(Mailbox { changes: hot, thread: thread.clone() });
+        let (sender, program) = (Mailbox { changes: sender, thread }, Arc::new(Fixed(toml.to_owned())));
         let (loader, traffic, in_use) = (Loader::start().unwrap(), Arc::default(), InUse::default());
-        let mut reloader = Reloader { live, program, mailboxes, traffic, loader, in_use, preparing: None };
+        let mut reloader = Reloader { live, program, hot, sender, control, traffic, loader, in_use, preparing: None };
         reloader.start();
         while !reloader.step() {
             std::thread::yield_now();
         }
-        let Ok(HotNews::Settings(change)) = told.try_recv() else { panic!("the hot loop is told nothing") };
-        (reloader.live, *change)
+        (reloader.live, told.try_recv().expect("the hot loop is told"))
     }
 
     #[test]
@@ -273,7 +258,7 @@ mod tests {
         ] {
             let new = config::parse("test", toml).unwrap();
             let (live, hot) = reload(toml, Settings::default());
-            assert!(new != Settings::default() && hot.settings == new, "{toml}");
+            assert!(new != Settings::default() && hot.settings.as_ref() == Some(&new), "{toml}");
             assert_eq!(live == new, !toml.contains("realtime"), "{toml}");
         }
     }

@@ -1,6 +1,5 @@
 //! The supervisor: signals, reloads, watchdog and log, on the thread that starts the others.
 
-use std::fmt::Write as _;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -95,12 +94,10 @@ impl Supervisor {
     /// Waits up to one [`TICK`] for an event.
     fn receive(&mut self) {
         let Ok(event) = self.events.recv_timeout(TICK) else { return };
-        let has_grown = matches!(event, Event::Opened(_) | Event::EngineReloaded);
-        let before = self.log.camera_line();
+        let (has_grown, before) = (matches!(event, Event::Opened(_) | Event::EngineReloaded), self.log.camera_line());
         self.log.event(event);
-        let now = self.log.camera_line();
-        if now != before {
-            notify(NotifyState::Status(&now));
+        if self.log.camera_line() != before {
+            notify(NotifyState::Status(&self.log.camera_line()));
         }
         if has_grown {
             self.lock_memory();
@@ -122,8 +119,7 @@ impl Supervisor {
         }
     }
 
-    /// Looks for impairments that the hardware causes. Sets only those that have changed, so that a rehearsal may set
-    /// others.
+    /// Looks for impairments that the hardware causes. A rehearsal may set others.
     fn sense(&mut self, now_us: u64) {
         self.hardware.set(&self.reloader.live.hardware);
         let Some(found) = self.hardware.poll(now_us) else { return };
@@ -158,19 +154,18 @@ impl Supervisor {
 
     fn tell_status(&mut self) {
         let is_asked = self.signals.status.swap(false, Relaxed);
-        if is_asked || Instant::now() >= self.log.status_due {
-            let line = self.log.status(&self.counters);
-            notify(NotifyState::Status(&line));
-            self.log.refusal(self.refusal());
+        if !is_asked && Instant::now() < self.log.status_due {
+            return;
         }
-    }
-
-    /// Returns a sentence about the first link whose packets the network does not take.
-    fn refusal(&self) -> Option<String> {
-        let (index, reason) = self.counters.refusal()?;
-        let link = self.reloader.live.links.get(index)?;
+        notify(NotifyState::Status(&self.log.status(&self.counters)));
+        let refused = self.counters.refusal();
+        let refused = refused.and_then(|(index, reason)| Some((self.reloader.live.links.get(index)?, reason)));
+        let Some((link, reason)) = refused else { return self.log.refusals.clear() };
         let remedy = "check this machine's cable or Wi-Fi, the address, and IPAddressAllow in the unit";
-        Some(format!("link {link}: the network takes no packets ({reason}); {remedy}"))
+        let line = format!("link {link}: the network takes no packets ({reason}); {remedy}");
+        if self.log.refusals.is_new(&line) {
+            tracing::warn!("{line}");
+        }
     }
 
     fn lock_memory(&mut self) {
@@ -184,10 +179,9 @@ impl Supervisor {
 struct Log {
     /// Description of the open camera, or why there are no pictures.
     camera: Result<String, String>,
-    /// Why there are no pictures, as it was logged last.
+    /// Why there are no pictures, and why the network takes no packets, as it was logged.
     blind_because: LoggedReasons,
-    /// Why the network takes no packets, as it was logged last.
-    refusal: LoggedReasons,
+    refusals: LoggedReasons,
     impaired_by: ImpairmentSet,
     impaired_at: [Option<Instant>; Impairment::ALL.len()],
     too_slow_at: Option<Instant>,
@@ -204,7 +198,7 @@ impl Default for Log {
         Self {
             camera: Err("no camera has been opened yet".to_owned()),
             blind_because: LoggedReasons::default(),
-            refusal: LoggedReasons::default(),
+            refusals: LoggedReasons::default(),
             impaired_by: ImpairmentSet::default(),
             impaired_at: Default::default(),
             too_slow_at: None,
@@ -265,15 +259,6 @@ impl Log {
         self.grants.push(grant);
     }
 
-    /// Logs which link's packets the network does not take, and why, once for each reason.
-    fn refusal(&mut self, refusal: Option<String>) {
-        match refusal {
-            None => self.refusal.clear(),
-            Some(reason) if self.refusal.is_new(&reason) => tracing::warn!("{reason}"),
-            Some(_) => {}
-        }
-    }
-
     /// Logs each impairment that has begun since the last call. The status line says when it has passed.
     fn impairments(&mut self, present: ImpairmentSet) {
         let before = std::mem::replace(&mut self.impaired_by, present);
@@ -286,7 +271,6 @@ impl Log {
         }
     }
 
-    /// Logs that no step makes up for what a frame takes.
     fn too_slow(&mut self, load: &Load) {
         if self.too_slow_at.is_none_or(|logged_at| logged_at.elapsed() >= IMPAIRMENT_PERIOD) {
             self.too_slow_at = Some(Instant::now());
@@ -330,31 +314,23 @@ impl Log {
         }
     }
 
+    /// Logs the status line, and returns it.
     fn status(&mut self, counters: &Counters) -> String {
-        let line = self.status_line(counters);
-        if self.camera.is_ok() {
-            tracing::info!("{line}");
-        } else {
-            tracing::warn!("{line}");
-        }
-        line
-    }
-
-    fn status_line(&mut self, counters: &Counters) -> String {
         let (now, status, count) = (Instant::now(), counters.status_line(), counters.frames.load(Relaxed));
         let (last, last_count) = std::mem::replace(&mut self.last_status, (now, count));
         self.status_due = now + STATUS_PERIOD;
         let fps = (count - last_count) as f64 / now.duration_since(last).as_secs_f64().max(f64::EPSILON);
-        let mut line = match &self.camera {
-            Ok(_) => format!("fps={fps:.1} {status}"),
-            Err(_) => format!("{}: {status}", self.camera_line()),
-        };
-        for (index, grant) in self.grants.iter().enumerate() {
-            let separator = if index == 0 { "; real time: " } else { ", " };
-            // Writing to a string does not fail.
-            let _ = write!(line, "{separator}{grant}");
+        let grants = self.grants.iter().map(Grant::to_string).collect::<Vec<_>>().join(", ");
+        let grants = if grants.is_empty() { grants } else { format!("; real time: {grants}") };
+        if self.camera.is_ok() {
+            let line = format!("fps={fps:.1} {status}{grants}");
+            tracing::info!("{line}");
+            line
+        } else {
+            let line = format!("{}: {status}{grants}", self.camera_line());
+            tracing::warn!("{line}");
+            line
         }
-        line
     }
 }
 

@@ -3,8 +3,7 @@
 //! Contract: [`Look::at`] does not allocate, and takes the same time for every size of picture.
 
 use facewire_face::stages::bounds;
-use facewire_face::{Landmarks, MESH};
-use facewire_face::{Picture, Pixels};
+use facewire_face::{Landmarks, MESH, Picture, Pixels};
 
 /// Columns and rows of the samples of the whole picture, and of those of the box around the face.
 const PICTURE_GRID: [usize; 2] = [24, 18];
@@ -14,10 +13,9 @@ const LANDMARK_STEP: usize = 4;
 /// A landmark is cut off if it lies nearer to the border of the picture than this part of the face's size. The network
 /// moves points that would be far outside to the border.
 const BORDER: f32 = 0.02;
-/// Black of video range, and its steps from black to white.
+/// Black of video range, and its steps from black to white; white of full range.
 const VIDEO_BLACK: f32 = 16.0;
 const VIDEO_STEPS: f32 = 219.0;
-/// White of full range.
 const WHITE: f32 = 255.0;
 /// Number of classes of roughness. The last one holds all greater values.
 const ROUGHNESSES: usize = 64;
@@ -63,58 +61,41 @@ impl Look {
     /// Looks at a picture and at the face that was found in it.
     pub fn at(picture: &Picture, landmarks: Option<&Landmarks>) -> Self {
         let size = [picture.width, picture.height].map(|side| side as f32);
-        let face = landmarks.map(|landmarks| (landmarks, face_box(landmarks)));
+        let points = landmarks.map(|landmarks| landmarks.0.iter().take(MESH).map(|[x, y, _]| [*x, *y]));
+        let face_box = points.clone().map(bounds);
         let (mut all, mut around) = (Samples::default(), Samples::default());
-        for [x, y] in grid([[0.0; 2], size], PICTURE_GRID) {
-            let Some([luma, roughness]) = sample(picture, x, y) else { continue };
+        for point in grid([[0.0; 2], size], PICTURE_GRID) {
+            let Some([luma, roughness]) = sample(picture, point) else { continue };
             all.add(luma);
             all.add_roughness(roughness);
-            if !face.is_some_and(|(_, face_box)| contains(face_box, [x, y])) {
+            if !face_box.is_some_and(|face_box| contains(face_box, point)) {
                 around.add(luma);
             }
         }
         let all = all.light(picture);
         // Without a sample, the face fills the picture.
         let surroundings = if around.count == 0 { all.brightness } else { around.light(picture).brightness };
-        let face = face.map(|(landmarks, face_box)| FaceLook::at(picture, landmarks, face_box, surroundings));
+        let face = points.zip(face_box).map(|(points, [min, max])| {
+            let size_px = (max[0] - min[0]).max(max[1] - min[1]);
+            let inside = [[BORDER * size_px; 2], size.map(|side| side - BORDER * size_px)];
+            let (mut samples, mut cut_off, mut count) = (Samples::default(), 0, 0);
+            for point in points.step_by(LANDMARK_STEP) {
+                count += 1;
+                cut_off += u32::from(!contains(inside, point));
+                sample(picture, point).iter().for_each(|[luma, _]| samples.add(*luma));
+            }
+            for point in grid([min, max], FACE_GRID) {
+                sample(picture, point).iter().for_each(|[_, roughness]| samples.add_roughness(*roughness));
+            }
+            let (light, size) = (samples.light(picture), size_px / size[0].max(size[1]));
+            FaceLook { light, surroundings, size_px, size, cut_off: cut_off as f32 / count.max(1) as f32 }
+        });
         Self { picture: all, face }
-    }
-}
-
-impl FaceLook {
-    fn at(picture: &Picture, landmarks: &Landmarks, [min, max]: Box2, surroundings: f32) -> Self {
-        let size = [picture.width, picture.height].map(|side| side as f32);
-        let size_px = (max[0] - min[0]).max(max[1] - min[1]);
-        let border = BORDER * size_px;
-        let (mut samples, mut cut_off, mut points) = (Samples::default(), 0, 0);
-        for [x, y, _] in landmarks.0.iter().take(MESH).step_by(LANDMARK_STEP) {
-            points += 1;
-            cut_off += u32::from(!contains([[border; 2], size.map(|side| side - border)], [*x, *y]));
-            if let Some([luma, _]) = sample(picture, *x, *y) {
-                samples.add(luma);
-            }
-        }
-        for [x, y] in grid([min, max], FACE_GRID) {
-            if let Some([_, roughness]) = sample(picture, x, y) {
-                samples.add_roughness(roughness);
-            }
-        }
-        Self {
-            light: samples.light(picture),
-            surroundings,
-            size_px,
-            size: size_px / size[0].max(size[1]),
-            cut_off: cut_off as f32 / points.max(1) as f32,
-        }
     }
 }
 
 /// Least and greatest coordinates.
 type Box2 = [[f32; 2]; 2];
-
-fn face_box(landmarks: &Landmarks) -> Box2 {
-    bounds(landmarks.0.iter().take(MESH).map(|[x, y, _]| [*x, *y]))
-}
 
 fn contains([min, max]: Box2, [x, y]: [f32; 2]) -> bool {
     (min[0]..max[0]).contains(&x) && (min[1]..max[1]).contains(&y)
@@ -130,24 +111,24 @@ fn grid([min, max]: Box2, [columns, rows]: [usize; 2]) -> impl Iterator<Item = [
 
 /// Returns the luma of a pixel, and how much it deviates from the line through its neighbours in the row. Returns `None`
 /// outside the picture.
-fn sample(picture: &Picture, x: f32, y: f32) -> Option<[u8; 2]> {
+fn sample(picture: &Picture, point: [f32; 2]) -> Option<[u8; 2]> {
     let (plane, stride, step) = match picture.pixels {
         Pixels::Yuyv { data, stride } => (data, stride, 2),
         Pixels::Nv12 { luma: plane, stride, .. }
         | Pixels::Planar { planes: [plane, ..], strides: [stride, _], .. }
         | Pixels::Grey { data: plane, stride } => (plane, stride, 1),
     };
-    if !contains([[0.0; 2], [picture.width as f32, picture.height as f32]], [x, y]) {
+    if !contains([[0.0; 2], [picture.width as f32, picture.height as f32]], point) {
         return None;
     }
-    let [x, y] = [x as usize, y as usize];
+    let [x, y] = point.map(|at| at as usize);
     let luma = |x: usize| plane.get(y * stride + x.min(picture.width - 1) * step).copied();
     let [before, here, after] = [luma(x.saturating_sub(1))?, luma(x)?, luma(x + 1)?];
     let roughness = (u16::from(before) + u16::from(after)).abs_diff(2 * u16::from(here));
     Some([here, u8::try_from(roughness).unwrap_or(u8::MAX)])
 }
 
-/// Sums over samples of luma and of roughness.
+/// Sums over samples of luma, and the number of samples of each roughness.
 struct Samples {
     sum: u32,
     squares: u32,
@@ -218,18 +199,14 @@ mod tests {
     fn every_format_and_range_gives_the_same_brightness() {
         let luma = vec![126; SIDE * SIDE];
         let yuyv: Vec<u8> = luma.iter().flat_map(|luma| [*luma, 30]).collect();
-        let formats = [
+        for pixels in [
             Pixels::Grey { data: &luma, stride: SIDE },
             Pixels::Yuyv { data: &yuyv, stride: 2 * SIDE },
             Pixels::Nv12 { luma: &luma, chroma: &yuyv, stride: SIDE },
             Pixels::Planar { planes: [&luma, &yuyv, &yuyv], strides: [SIDE; 2], chroma_shift: [1, 1] },
-        ];
-        for pixels in formats {
-            let brightness = |full_range| {
-                let picture = Picture::new(SIDE, SIDE, pixels, full_range).unwrap();
-                Look::at(&picture, None).picture.brightness
-            };
-            let [full, video] = [true, false].map(brightness);
+        ] {
+            let picture = |full_range| Picture::new(SIDE, SIDE, pixels, full_range).unwrap();
+            let [full, video] = [true, false].map(|range| Look::at(&picture(range), None).picture.brightness);
             assert!((full - 126.0).abs() < 0.1 && (video - 128.1).abs() < 0.1, "{pixels:?}");
         }
     }

@@ -1,12 +1,274 @@
-//! Watches picture and camera for what makes tracking poor.
+//! Decides from looks at the picture, and from what the camera delivers, what makes tracking poor. The service watches while
+//! it runs, and `facewire check` for three seconds.
 //!
-//! `look` measures light and face in a picture, [`Delivery`](crate::capture::Delivery) says what the camera delivers, and
-//! `judge` decides from both which impairments are present. The service watches while it runs, and `facewire check` for
-//! three seconds.
+//! Contract: [`Watch`] is pure: time is a number, and it neither allocates nor reads a clock. The thresholds of the picture
+//! are where the coefficients become poor ("What makes tracking poor" in docs/service.md has the figures).
+//! Limits: noise that a camera smooths away is not seen. Motion blur is not measured.
 
-mod judge;
 mod look;
-mod steady;
 
-pub use judge::Watch;
 pub use look::{FaceLook, Light, Look};
+
+use crate::capture::Delivery;
+use crate::impairment::{Impairment, ImpairmentSet};
+
+/// A pair of thresholds: where an impairment begins, and where it ends.
+type Thresholds = [f32; 2];
+
+/// Contrast divided by the noise.
+const CLARITY: Thresholds = [1.7, 2.3];
+/// Contrast of a face, of 255 steps.
+const CONTRAST: Thresholds = [5.0, 6.5];
+/// Brightness of the surroundings divided by that of an unclear face, from which the light comes from behind.
+const BACKLIGHT: f32 = 2.0;
+/// Brightness of a picture without a face.
+const BRIGHTNESS: Thresholds = [20.0, 30.0];
+/// Least contrast that a picture without a face is taken to have: a plain wall has none, and is not dark therefore.
+const PLAIN: f32 = 10.0;
+/// Brightness below which a picture without contrast is black.
+const BLACK: f32 = 25.0;
+/// Longer side of the face in pixels, and as a part of the longer side of the picture.
+const SIZE_PX: Thresholds = [38.0, 48.0];
+const SIZE: Thresholds = [0.12, 0.135];
+/// Share of the face that is cut off.
+const CUT_OFF: Thresholds = [0.08, 0.05];
+/// Frame rate divided by the rate that the camera states. Cameras that expose longer go from 30 to 15 frames a second or
+/// less, and 25 a second is what light of 50 Hz asks for.
+const RATE: Thresholds = [0.6, 0.75];
+/// Share of the frames that are lost. Each of them makes the face stand still for a moment.
+const LOST: Thresholds = [0.05, 0.02];
+/// Number of impairments that are seen in the picture. The others are seen in what the camera delivers.
+const OF_PICTURE: usize = 5;
+/// Longest time that one look stands for, microseconds. Looks at the clip come every 0.3 s, those at a slow camera and
+/// at what it delivers every 1.5 s.
+const MAX_STEP_US: u64 = 2_000_000;
+
+/// What one look says about an impairment. Of two verdicts on the same impairment the greater one holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Verdict {
+    Fine,
+    /// There is nothing to judge, for example no face.
+    Unknown,
+    /// The value lies between the thresholds.
+    Between,
+    Poor,
+}
+
+impl Verdict {
+    /// Judges a value that is poor below the first threshold, and fine from the second on.
+    fn of_great(value: f32, [poor, fine]: Thresholds) -> Self {
+        match value {
+            _ if value < poor => Self::Poor,
+            _ if value < fine => Self::Between,
+            _ => Self::Fine,
+        }
+    }
+
+    /// Judges a value that is poor above the first threshold, and fine up to the second.
+    fn of_small(value: f32, thresholds: Thresholds) -> Self {
+        Self::of_great(-value, thresholds.map(|threshold| -threshold))
+    }
+}
+
+/// An impairment over time. It begins when looks have said so for the time `hold_us` more than they have denied it, and
+/// ends likewise, so that it does not come and go with every look.
+#[derive(Debug, Clone, Copy, Default)]
+struct Steady {
+    /// From 0 to `hold_us`.
+    evidence_us: u64,
+    last_us: Option<u64>,
+    is_present: bool,
+}
+
+impl Steady {
+    /// Adds a look at the time `now_us`, and returns whether the impairment is present.
+    fn update(&mut self, verdict: Verdict, now_us: u64, hold_us: u64) -> bool {
+        let since_us = now_us.saturating_sub(self.last_us.replace(now_us).unwrap_or(now_us)).min(MAX_STEP_US);
+        self.evidence_us = match verdict {
+            Verdict::Poor => (self.evidence_us + since_us).min(hold_us),
+            Verdict::Between => self.evidence_us,
+            Verdict::Fine => self.evidence_us.saturating_sub(since_us),
+            Verdict::Unknown => self.evidence_us.saturating_sub(since_us / 4),
+        };
+        self.is_present = self.evidence_us == hold_us || (self.is_present && self.evidence_us > 0);
+        self.is_present
+    }
+}
+
+/// Watches one camera.
+#[derive(Debug)]
+pub struct Watch {
+    hold_us: u64,
+    steady: [Steady; Self::FINDS.len()],
+    present: ImpairmentSet,
+}
+
+impl Watch {
+    /// The impairments that this watch can find.
+    pub const FINDS: [Impairment; 7] = [
+        Impairment::Black,
+        Impairment::Dark,
+        Impairment::Backlight,
+        Impairment::SmallFace,
+        Impairment::CutOffFace,
+        Impairment::HalvedRate,
+        Impairment::MissingFrames,
+    ];
+
+    /// Begins to watch a camera. An impairment begins, and ends, when the looks have said so for `hold_us`.
+    pub fn new(hold_us: u64) -> Self {
+        Self { hold_us, steady: Default::default(), present: ImpairmentSet::default() }
+    }
+
+    /// The impairments of this camera that are present.
+    pub fn present(&self) -> ImpairmentSet {
+        self.present
+    }
+
+    /// Judges a look at the picture at the time `now_us`.
+    pub fn look(&mut self, look: &Look, now_us: u64) {
+        let of_face = |judge: fn(FaceLook) -> Verdict| look.face.map_or(Verdict::Unknown, judge);
+        let is_black =
+            look.face.is_none() && look.picture.brightness < BLACK && look.picture.contrast < look.picture.noise;
+        let dark = match look.face {
+            Some(face) => {
+                if is_backlit(face) {
+                    Verdict::Fine
+                } else {
+                    unclear(face)
+                }
+            }
+            None if is_black => Verdict::Fine,
+            None => Verdict::of_great(look.picture.brightness, BRIGHTNESS)
+                .max(Verdict::of_great(look.picture.contrast.max(PLAIN) / look.picture.noise, CLARITY)),
+        };
+        let verdicts = [
+            if is_black { Verdict::Poor } else { Verdict::Fine },
+            dark,
+            of_face(|face| if is_backlit(face) { unclear(face) } else { Verdict::Fine }),
+            of_face(|face| Verdict::of_great(face.size_px, SIZE_PX).max(Verdict::of_great(face.size, SIZE))),
+            of_face(|face| Verdict::of_small(face.cut_off, CUT_OFF)),
+        ];
+        self.judge(0, verdicts, now_us);
+    }
+
+    /// Judges at the time `now_us` what the camera has delivered, which states a frame period in microseconds.
+    pub fn delivery(&mut self, delivery: &Delivery, stated_us: Option<u64>, now_us: u64) {
+        let rate = stated_us.map(|stated_us| delivery.fps() * stated_us as f32 / 1e6);
+        let rate = rate.map_or(Verdict::Unknown, |rate| Verdict::of_great(rate, RATE));
+        self.judge(OF_PICTURE, [rate, Verdict::of_small(delivery.lost_share(), LOST)], now_us);
+    }
+
+    /// Updates the impairments from number `first` on.
+    fn judge<const COUNT: usize>(&mut self, first: usize, verdicts: [Verdict; COUNT], now_us: u64) {
+        let judged = Self::FINDS.into_iter().zip(&mut self.steady).skip(first);
+        for ((impairment, steady), verdict) in judged.zip(verdicts) {
+            self.present.set(impairment, steady.update(verdict, now_us, self.hold_us));
+        }
+    }
+}
+
+fn is_backlit(face: FaceLook) -> bool {
+    face.surroundings > BACKLIGHT * face.light.brightness
+}
+
+fn unclear(face: FaceLook) -> Verdict {
+    let Light { contrast, noise, .. } = face.light;
+    Verdict::of_great(contrast / noise, CLARITY).max(Verdict::of_great(contrast, CONTRAST))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HOLD_US: u64 = 3_000_000;
+
+    /// Returns after how many looks, which are 0.25 s apart, the impairment changed.
+    fn changes(verdicts: &[(Verdict, usize)]) -> Vec<usize> {
+        let (mut steady, mut was_present) = (Steady::default(), false);
+        let looks = verdicts.iter().flat_map(|(verdict, count)| std::iter::repeat_n(*verdict, *count)).enumerate();
+        let mut is_change = |(look, verdict)| {
+            let is_present = steady.update(verdict, 5_000_000 + look as u64 * 250_000, HOLD_US);
+            std::mem::replace(&mut was_present, is_present) != is_present
+        };
+        looks.filter(|look| is_change(*look)).map(|(look, _)| look).collect()
+    }
+
+    #[test]
+    fn an_impairment_comes_after_three_seconds_goes_after_three_and_stays_as_it_is_while_looks_alternate() {
+        let flicker = [(Verdict::Poor, 1), (Verdict::Fine, 1)].repeat(100);
+        assert!(changes(&flicker).is_empty());
+        assert_eq!(changes(&[(Verdict::Poor, 20), (Verdict::Fine, 20)]), [12, 31]);
+        assert_eq!(changes(&[vec![(Verdict::Poor, 14)], flicker].concat()), [12]);
+        assert_eq!(changes(&[(Verdict::Poor, 13), (Verdict::Between, 200)]), [12]);
+        assert_eq!(changes(&[(Verdict::Poor, 13), (Verdict::Unknown, 100)]), [12, 60], "the face has left");
+        let mut after_a_pause = Steady::default();
+        assert!([0, 86_400_000_000].iter().all(|at_us| !after_a_pause.update(Verdict::Poor, *at_us, HOLD_US)));
+    }
+
+    /// A face in good light, large and whole.
+    const FACE: FaceLook = FaceLook {
+        light: Light { brightness: 110.0, contrast: 28.0, noise: 2.0 },
+        surroundings: 140.0,
+        size_px: 200.0,
+        size: 0.3,
+        cut_off: 0.0,
+    };
+
+    /// Returns what is told after looks of 4 s.
+    fn told(face: Option<FaceLook>, picture: Light) -> String {
+        let mut watch = Watch::new(HOLD_US);
+        (0..16).for_each(|look| watch.look(&Look { picture, face }, look * 250_000));
+        watch.present().to_string()
+    }
+
+    #[test]
+    fn each_impairment_of_a_face_has_its_threshold() {
+        let light = |brightness, contrast, noise| Light { brightness, contrast, noise };
+        for (face, want) in [
+            (FACE, "none"),
+            (FaceLook { light: light(110.0, 28.0, 20.0), ..FACE }, "dark"),
+            (FaceLook { light: light(110.0, 4.9, 2.0), ..FACE }, "dark"),
+            (FaceLook { light: light(110.0, 5.1, 2.0), ..FACE }, "none"),
+            (FaceLook { light: light(40.0, 12.0, 2.0), ..FACE }, "none"),
+            (FaceLook { light: light(40.0, 4.0, 2.0), ..FACE }, "backlight"),
+            (FaceLook { size_px: 37.0, ..FACE }, "small-face"),
+            (FaceLook { size: 0.11, ..FACE }, "small-face"),
+            (FaceLook { cut_off: 0.1, ..FACE }, "cut-off-face"),
+        ] {
+            assert_eq!(told(Some(face), FACE.light), want, "{face:?}");
+        }
+    }
+
+    #[test]
+    fn a_picture_without_a_face_is_black_dark_noisy_or_in_order() {
+        for (brightness, contrast, noise, want) in [
+            (2.0, 0.0, 0.5, "black"),
+            (15.0, 8.0, 2.0, "dark"),
+            (60.0, 10.0, 20.0, "dark"),
+            // A wall.
+            (128.0, 0.0, 0.5, "none"),
+            (60.0, 10.0, 3.0, "none"),
+        ] {
+            assert_eq!(told(None, Light { brightness, contrast, noise }), want, "{brightness} {contrast} {noise}");
+        }
+    }
+
+    #[test]
+    fn half_of_the_stated_rate_and_lost_frames_are_told_apart() {
+        for (what, fps, lost, stated_us, want) in [
+            ("all is well", 30.0, 0.0, Some(33_333), "none"),
+            ("light of 50 Hz", 25.0, 0.0, Some(33_333), "none"),
+            ("half the rate", 15.0, 0.0, Some(33_333), "halved-rate"),
+            ("a quarter", 7.5, 0.0, Some(33_333), "halved-rate"),
+            ("a bad cable", 30.0, 0.1, Some(33_333), "missing-frames"),
+            ("the camera was opened at this rate", 15.0, 0.0, Some(66_667), "none"),
+            ("the camera states no rate", 15.0, 0.0, None, "none"),
+        ] {
+            let (mut watch, sent) = (Watch::new(HOLD_US), f32::round(fps * 1.5));
+            let delivery = Delivery { time_us: 1_500_000, sent: sent as u64, lost: f32::round(sent * lost) as u64 };
+            (0..4).for_each(|window| watch.delivery(&delivery, stated_us, window * 1_500_000));
+            assert_eq!(watch.present().to_string(), want, "{what}");
+        }
+    }
+}

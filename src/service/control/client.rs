@@ -14,7 +14,7 @@ use crate::service::metrics::MAX_REQUEST_BYTES;
 
 /// Longest line of a client, bytes.
 const MAX_LINE: usize = 256;
-pub(super) const SOCKET: &str = "control";
+const SOCKET: &str = "control";
 /// Where the service manager puts the runtime directory of the service.
 const SYSTEM_FOLDER: &str = "/run/facewire";
 
@@ -24,13 +24,17 @@ const SYSTEM_FOLDER: &str = "/run/facewire";
 pub enum Request {
     /// Calibrate this wearer, or the one in use. The answer is any number of [`Reply::Progress`] and one other reply. A
     /// client that closes the connection cancels the calibration.
-    Calibrate { wearer: Option<String> },
+    Calibrate {
+        wearer: Option<String>,
+    },
     /// Use the profile of this wearer, or nobody's.
-    Use { wearer: Option<String> },
-    /// List the wearers who have a profile.
+    Use {
+        wearer: Option<String>,
+    },
     List {},
-    /// Delete the profile of this wearer.
-    Delete { wearer: String },
+    Delete {
+        wearer: String,
+    },
     /// Tell what every frame shows, as [`Reply::Frame`], until the client closes the connection.
     Record {},
 }
@@ -59,10 +63,8 @@ pub enum Reply {
 
 /// Where a client looks for the service.
 pub fn control_sockets() -> Vec<PathBuf> {
-    match std::env::var("RUNTIME_DIRECTORY") {
-        Ok(_) => socket_path().into_iter().collect(),
-        Err(_) => socket_path().into_iter().chain([Path::new(SYSTEM_FOLDER).join(SOCKET)]).collect(),
-    }
+    let of_system = std::env::var("RUNTIME_DIRECTORY").is_err().then(|| Path::new(SYSTEM_FOLDER).join(SOCKET));
+    socket_path().into_iter().chain(of_system).collect()
 }
 
 /// Where the service listens: in the runtime directory of the service manager, or else of the user.
@@ -73,7 +75,6 @@ pub(super) fn socket_path() -> Option<PathBuf> {
     Some(folder.join(SOCKET))
 }
 
-/// What a client speaks, which is also an index into the doors of the server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Speaks {
     /// Lines of JSON.
@@ -101,13 +102,9 @@ impl Client {
     /// Reads what has come of a request. Returns whether the client has ended its side, or cannot send more.
     pub(super) fn receive(&mut self) -> io::Result<bool> {
         let most = if self.speaks == Speaks::Http { MAX_REQUEST_BYTES } else { MAX_LINE };
-        let mut bytes = [0; MAX_REQUEST_BYTES];
-        let free = bytes.get_mut(..most.saturating_sub(self.input.len())).unwrap_or_default();
-        match self.stream.read(free) {
-            Ok(count) => {
-                self.input.extend_from_slice(free.get(..count).unwrap_or_default());
-                Ok(count == 0 || self.input.len() >= most)
-            }
+        let left = most.saturating_sub(self.input.len());
+        match (&self.stream).take(left as u64).read_to_end(&mut self.input) {
+            Ok(_) => Ok(true),
             Err(error) if is_later(&error) => Ok(false),
             Err(error) => Err(error),
         }

@@ -18,7 +18,7 @@ struct Rig {
     control: Control,
     observer: Observer<Observation>,
     recorder: Observer<Recorded>,
-    told: mpsc::Receiver<HotNews>,
+    told: mpsc::Receiver<HotChange>,
     settings: Settings,
     reload: mpsc::Sender<Settings>,
 }
@@ -33,7 +33,7 @@ impl Rig {
         (settings.wearer.folder, settings.solver.model) = (path("profiles"), path("model.toml"));
         let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
         let (changes, told) = mpsc::channel();
-        let hot = Mailbox { changes, thread: thread::current() };
+        let hot = Arc::new(Mailbox { changes, thread: thread::current() });
         let (reload, changes) = mpsc::channel();
         let (in_use, counters) = (InUse::default(), Arc::default());
         let parts = Parts { settings: settings.clone(), changes, in_use, observed, recorded, hot, counters };
@@ -144,7 +144,7 @@ fn wearer_who_follows_has_a_profile_that_the_hot_loop_uses() {
     let reply = perform(&mut rig, &mut answers);
     let Reply::Calibrated(report) = &reply else { panic!("{reply:?}") };
     assert_eq!((report.wearer.as_str(), report.taken.len()), ("anna", Take::ALL.len()), "{report:?}");
-    let HotNews::Wearer(profile) = rig.told.recv().unwrap() else { panic!("no profile") };
+    let profile = rig.told.recv().unwrap().profile.unwrap();
     assert!(profile.neutral.is_some() && fs::read_to_string(&report.path).unwrap().contains("jawOpen"));
     let Reply::Wearers { wearers, in_use, .. } = rig.ask(&Request::List {}).last() else { panic!("no list") };
     assert_eq!((wearers.len(), in_use.as_deref()), (1, Some("anna")));
@@ -298,5 +298,5 @@ fn wearers_that_are_not_there_or_named_wrongly_are_refused_with_the_remedy() {
     assert!(rig.refused(&Request::Delete { wearer: "../x".to_owned() }).contains("letters"));
     assert!(rig.refused(&calibrate("a b")).contains("letters"));
     assert!(matches!(rig.ask(&Request::Use { wearer: None }).last(), Reply::Done(_)));
-    assert!(matches!(rig.told.recv().unwrap(), HotNews::Wearer(profile) if *profile == Profile::default()));
+    assert_eq!(rig.told.recv().unwrap().profile, Some(Profile::default()));
 }

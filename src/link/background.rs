@@ -34,8 +34,10 @@ type Message = heapless::Vec<u8, MESSAGE_BYTES>;
 
 /// A device with a thread of its own, on which it may block, allocate and log.
 pub(super) trait Device: Debug + Send + 'static {
+    type Session<'a>: Session;
+
     /// Opens the device, which closes when the session is dropped: after an error of one of its methods, and at the end.
-    fn open(&mut self) -> Result<impl Session, LinkError>;
+    fn open(&mut self) -> Result<Self::Session<'_>, LinkError>;
 }
 
 /// An open device.
@@ -233,7 +235,9 @@ mod tests {
     }
 
     impl Device for Scripted {
-        fn open(&mut self) -> Result<impl Session, LinkError> {
+        type Session<'a> = &'a mut Self;
+
+        fn open(&mut self) -> Result<&mut Self, LinkError> {
             let is_claimed = self.claimed > 0;
             self.claimed = self.claimed.saturating_sub(1);
             if is_claimed { Err(LinkError::new(LinkErrorKind::Claimed, "test", "claimed")) } else { Ok(self) }

@@ -32,104 +32,35 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
     }
     for (index, link) in settings.links.iter().enumerate() {
         let earlier = settings.links.get(..index).unwrap_or_default();
+        let mut check = Check { link, earlier, settings, faults };
         if let Some(line) = line(link) {
-            check_port(line, earlier, &settings.links, faults);
-            check_speed(line, link, settings, faults);
+            check.port(line);
+            check.speed(line);
         }
         match &link.kind {
-            LinkKind::Maestro(it) => check_servos(&ServoBoard::maestro(it), &it.channels, link, faults),
+            LinkKind::Maestro(it) => check.servos(&ServoBoard::maestro(it), &it.channels),
             LinkKind::Pca9685(it) => {
-                check_chip(it, earlier, faults);
-                check_servos(&ServoBoard::pca9685(it), &it.channels, link, faults);
+                check.chip(it);
+                check.servos(&ServoBoard::pca9685(it), &it.channels);
                 let expected = "\"rate\" for a PCA9685: its speed limits are kept by even steps";
-                need(link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected, faults);
+                check.need(link.pace.pace == PaceKind::Rate, "link.pace", "another pace", expected);
             }
-            LinkKind::IFacialMocap(it) => check_listener(it, earlier, faults),
-            LinkKind::Json(it) => check_socket(&it.to, earlier, settings, control, faults),
-            LinkKind::Vrchat(it) => check_parameters(it, faults),
+            LinkKind::IFacialMocap(it) => check.listener(it),
+            LinkKind::Json(it) => check.socket(&it.to, control),
+            LinkKind::Vrchat(it) => check.parameters(it),
             LinkKind::Udp(_) | LinkKind::Serial(_) | LinkKind::LiveLink(_) | LinkKind::Vmc(_) => {}
         }
     }
 }
 
-fn need(is_good: bool, key: &str, value: impl Display, expected: impl Display, faults: &mut Faults) {
-    if !is_good {
-        faults.conflict(key, value, expected);
-    }
-}
+/// A serial port, its baud rate, and what "auto" stands for.
+type Line<'a> = (&'a SerialDevice, u32, AutoDevice);
 
-/// The serial port, the baud rate and what "auto" stands for, if the link uses a serial line.
-fn line(link: &LinkSettings) -> Option<(&SerialDevice, u32, AutoDevice)> {
+fn line(link: &LinkSettings) -> Option<Line<'_>> {
     match link.kind.carrier() {
         CarrierSettings::Serial { device, baud, auto } => Some((device, baud, auto)),
         _ => None,
     }
-}
-
-/// Adds a fault for a serial port that two links share, and for "auto" beside another port. Only the text counts: two names
-/// may mean the same device for a while, and the links then wait for each other.
-fn check_port(
-    (device, _, auto): (&SerialDevice, u32, AutoDevice),
-    earlier: &[LinkSettings],
-    all: &[LinkSettings],
-    faults: &mut Faults,
-) {
-    let is_auto = *device == SerialDevice::Auto;
-    let is_same = |other: (&SerialDevice, u32, AutoDevice)| other.0 == device && (other.2 == auto || !is_auto);
-    let is_taken = earlier.iter().filter_map(line).any(is_same);
-    let expected = "another port, or remove this link: an earlier link has the same port";
-    need(!is_taken, "link.device", quoted(&device.to_string()), expected, faults);
-    let beside = all.iter().filter_map(line).find(|other| other.2 == auto && *other.0 != SerialDevice::Auto);
-    if let (true, Some((other, ..))) = (is_auto, beside) {
-        let why = format!("another link has the port {other}, which \"auto\" may find, too");
-        faults.conflict("link.device", "\"auto\"", format!("the path of a port, or remove this link: {why}"));
-    }
-}
-
-/// Adds a fault for a serial line that is too slow for its link. By USB, which is where "auto" finds a Maestro, a baud rate
-/// means nothing.
-fn check_speed(
-    (device, baud, auto): (&SerialDevice, u32, AutoDevice),
-    link: &LinkSettings,
-    settings: &Settings,
-    faults: &mut Faults,
-) {
-    let is_usb = *device == SerialDevice::Auto && auto == AutoDevice::Maestro;
-    if is_usb || ["camera", "send"].iter().any(|table| faults.has_invalid_value(table)) {
-        return;
-    }
-    let rate_hz = link.rate_hz(settings.send.rate_hz);
-    let rate_hz = if link.pace.pace == PaceKind::Pose { rate_hz.max(settings.camera.fps) } else { rate_hz };
-    let message_bytes = match &link.kind {
-        // A command for each channel, in the longer of both protocols and with a CRC.
-        LinkKind::Maestro(it) => COMMAND_BYTES * it.channels.len().max(1),
-        _ => FRAME_BYTES,
-    };
-    let most_hz = |baud: u32| {
-        let packets = u64::from(baud) * LINE_SHARE / 100 / (message_bytes as u64 * BITS_PER_BYTE);
-        u32::try_from(packets).unwrap_or(u32::MAX)
-    };
-    if most_hz(baud) >= rate_hz {
-        return;
-    }
-    let most_baud = if auto == AutoDevice::Maestro { MOST_MAESTRO_BAUD } else { u32::MAX };
-    let usual = || USUAL_BAUDS.into_iter().filter(|usual| *usual <= most_baud);
-    let slower = |baud| format!("pace = \"rate\" and rate_hz = {}", most_hz(baud));
-    let fastest = usual().next_back().unwrap_or(baud);
-    let advice = match usual().find(|baud| most_hz(*baud) >= rate_hz) {
-        Some(enough) if most_hz(baud) >= SLOWEST_LINK_HZ => format!("{enough} or more, or {}", slower(baud)),
-        Some(enough) => format!("{enough} or more"),
-        None if fastest > baud => format!("{fastest}, {}", slower(fastest)),
-        None => slower(baud),
-    };
-    let because = format!("{rate_hz} packets a second need more than {LINE_SHARE} % of the line at {device}");
-    faults.conflict("link.baud", baud, format!("{advice}: {because}"));
-}
-
-fn check_chip(chip: &Pca9685Settings, earlier: &[LinkSettings], faults: &mut Faults) {
-    let is_same = |link: &LinkSettings| matches!(&link.kind, LinkKind::Pca9685(it) if (it.bus, it.address) == (chip.bus, chip.address));
-    let expected = "another bus or address: an earlier link has the same chip";
-    need(!earlier.iter().any(is_same), "link.address", format!("{:#04x}", chip.address), expected, faults);
 }
 
 /// What a servo board can do.
@@ -143,13 +74,10 @@ struct ServoBoard {
 
 impl ServoBoard {
     fn maestro(settings: &MaestroSettings) -> Self {
-        Self {
-            name: "Maestro",
-            last_channel: 23,
-            // Those with 12 channels or more, which have the command for several targets, make longer pulses.
-            longest_pulse_us: if settings.multiple_targets { 4080 } else { 3280 },
-            least_limits: [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2],
-        }
+        // Those with 12 channels or more, which have the command for several targets, make longer pulses.
+        let longest_pulse_us = if settings.multiple_targets { 4080 } else { 3280 };
+        let least_limits = [SPEED_UNIT_US_PER_S, ACCELERATION_UNIT_US_PER_S2];
+        Self { name: "Maestro", last_channel: 23, longest_pulse_us, least_limits }
     }
 
     fn pca9685(settings: &Pca9685Settings) -> Self {
@@ -158,37 +86,184 @@ impl ServoBoard {
     }
 }
 
-fn check_servos(board: &ServoBoard, channels: &[ChannelSettings], link: &LinkSettings, faults: &mut Faults) {
-    need(!channels.is_empty(), "link.channel", "[]", "at least one [[link.channel]]", faults);
-    let expected =
-        "\"neutral\" or \"hold\" for a servo board, and loss = \"release\" for channels that are to be switched off";
-    need(link.pace.loss != Loss::Silent, "link.loss", "\"silent\"", expected, faults);
-    for (index, channel) in channels.iter().enumerate() {
-        let number = channel.channel;
-        let is_first = channels.iter().take(index).all(|earlier| earlier.channel != number);
-        let expected = "a number that no earlier channel of this board has";
-        need(is_first, "link.channel.channel", number, expected, faults);
-        let expected = format!("0 to {}: these are the channels of a {}", board.last_channel, board.name);
-        need(number <= board.last_channel, "link.channel.channel", number, &expected, faults);
-        // A source with a typing error counts for nothing.
-        if !faults.has_any_in("link.channel.sources") {
-            check_sources(channel, faults);
-        }
-        check_motion(channel, board, faults);
-    }
+/// The check of one link.
+struct Check<'a> {
+    link: &'a LinkSettings,
+    earlier: &'a [LinkSettings],
+    settings: &'a Settings,
+    faults: &'a mut Faults,
 }
 
-fn check_sources(channel: &ChannelSettings, faults: &mut Faults) {
-    let number = channel.channel;
-    if channel.sources.used().next().is_none() {
-        let expected = format!("at least one source for channel {number}, such as {{ jawOpen = 1.0 }}");
-        return faults.conflict("link.channel.sources", "{}", expected);
+impl Check<'_> {
+    fn need(&mut self, is_good: bool, key: &str, value: impl Display, expected: impl Display) {
+        if !is_good {
+            self.faults.conflict(key, value, expected);
+        }
     }
-    let [least, most] = range(channel);
-    let expected = format!(
-        "another offset for channel {number}: its sum goes from {least} to {most}, so that it always stays at one end"
-    );
-    need(least < 1.0 && most > 0.0, "link.channel.offset", channel.offset, &expected, faults);
+
+    /// Adds a fault for a serial port that two links share, and for "auto" beside another port. Only the text counts: two
+    /// names may mean the same device for a while, and the links then wait for each other.
+    fn port(&mut self, (device, _, auto): Line<'_>) {
+        let is_auto = *device == SerialDevice::Auto;
+        let is_same = |other: Line<'_>| other.0 == device && (other.2 == auto || !is_auto);
+        let is_taken = self.earlier.iter().filter_map(line).any(is_same);
+        let expected = "another port, or remove this link: an earlier link has the same port";
+        self.need(!is_taken, "link.device", quoted(&device.to_string()), expected);
+        let mut others = self.settings.links.iter().filter_map(line);
+        let beside = others.find(|other| other.2 == auto && *other.0 != SerialDevice::Auto);
+        if let (true, Some((other, ..))) = (is_auto, beside) {
+            let why = format!("another link has the port {other}, which \"auto\" may find, too");
+            let expected = format!("the path of a port, or remove this link: {why}");
+            self.faults.conflict("link.device", "\"auto\"", expected);
+        }
+    }
+
+    /// Adds a fault for a serial line that is too slow for its link. By USB, which is where "auto" finds a Maestro, a baud
+    /// rate means nothing.
+    fn speed(&mut self, (device, baud, auto): Line<'_>) {
+        let is_usb = *device == SerialDevice::Auto && auto == AutoDevice::Maestro;
+        if is_usb || ["camera", "send"].iter().any(|table| self.faults.has_invalid_value(table)) {
+            return;
+        }
+        let rate_hz = self.link.rate_hz(self.settings.send.rate_hz);
+        let fps = if self.link.pace.pace == PaceKind::Pose { self.settings.camera.fps } else { 0 };
+        let rate_hz = rate_hz.max(fps);
+        let message_bytes = match &self.link.kind {
+            // A command for each channel, in the longer of both protocols and with a CRC.
+            LinkKind::Maestro(it) => COMMAND_BYTES * it.channels.len().max(1),
+            _ => FRAME_BYTES,
+        };
+        let most_hz = |baud: u32| {
+            let packets = u64::from(baud) * LINE_SHARE / 100 / (message_bytes as u64 * BITS_PER_BYTE);
+            u32::try_from(packets).unwrap_or(u32::MAX)
+        };
+        if most_hz(baud) >= rate_hz {
+            return;
+        }
+        let most_baud = if auto == AutoDevice::Maestro { MOST_MAESTRO_BAUD } else { u32::MAX };
+        let usual = || USUAL_BAUDS.into_iter().filter(|usual| *usual <= most_baud);
+        let slower = |baud| format!("pace = \"rate\" and rate_hz = {}", most_hz(baud));
+        let fastest = usual().next_back().unwrap_or(baud);
+        let advice = match usual().find(|baud| most_hz(*baud) >= rate_hz) {
+            Some(enough) if most_hz(baud) >= SLOWEST_LINK_HZ => format!("{enough} or more, or {}", slower(baud)),
+            Some(enough) => format!("{enough} or more"),
+            None if fastest > baud => format!("{fastest}, {}", slower(fastest)),
+            None => slower(baud),
+        };
+        let because = format!("{rate_hz} packets a second need more than {LINE_SHARE} % of the line at {device}");
+        self.faults.conflict("link.baud", baud, format!("{advice}: {because}"));
+    }
+
+    fn chip(&mut self, Pca9685Settings { bus, address, .. }: &Pca9685Settings) {
+        let is_same = |link: &LinkSettings| matches!(&link.kind, LinkKind::Pca9685(it) if (it.bus, it.address) == (*bus, *address));
+        let expected = "another bus or address: an earlier link has the same chip";
+        self.need(!self.earlier.iter().any(is_same), "link.address", format!("{address:#04x}"), expected);
+    }
+
+    fn servos(&mut self, board: &ServoBoard, channels: &[ChannelSettings]) {
+        self.need(!channels.is_empty(), "link.channel", "[]", "at least one [[link.channel]]");
+        let expected = "\"neutral\" or \"hold\" for a servo board, and loss = \"release\" for channels that are to be switched off";
+        self.need(self.link.pace.loss != Loss::Silent, "link.loss", "\"silent\"", expected);
+        for (index, channel) in channels.iter().enumerate() {
+            let number = channel.channel;
+            let is_first = channels.iter().take(index).all(|earlier| earlier.channel != number);
+            let expected = "a number that no earlier channel of this board has";
+            self.need(is_first, "link.channel.channel", number, expected);
+            let expected = format!("0 to {}: these are the channels of a {}", board.last_channel, board.name);
+            self.need(number <= board.last_channel, "link.channel.channel", number, expected);
+            // A source with a typing error counts for nothing.
+            if !self.faults.has_any_in("link.channel.sources") {
+                self.sources(channel);
+            }
+            self.motion(channel, board);
+        }
+    }
+
+    fn sources(&mut self, channel: &ChannelSettings) {
+        let number = channel.channel;
+        if channel.sources.used().next().is_none() {
+            let expected = format!("at least one source for channel {number}, such as {{ jawOpen = 1.0 }}");
+            return self.faults.conflict("link.channel.sources", "{}", expected);
+        }
+        let [least, most] = range(channel);
+        let sum = format!("its sum goes from {least} to {most}, so that it always stays at one end");
+        let expected = format!("another offset for channel {number}: {sum}");
+        self.need(least < 1.0 && most > 0.0, "link.channel.offset", channel.offset, expected);
+    }
+
+    fn motion(&mut self, channel: &ChannelSettings, board: &ServoBoard) {
+        let ChannelSettings { channel: number, pulse_at_0_us, pulse_at_1_us, .. } = *channel;
+        let ServoBoard { name, longest_pulse_us, least_limits: [least_speed, least_acceleration], .. } = *board;
+        let at_1 = "link.channel.pulse_at_1_us";
+        for (key, pulse_us) in [("link.channel.pulse_at_0_us", pulse_at_0_us), (at_1, pulse_at_1_us)] {
+            let expected =
+                format!("at most {longest_pulse_us} for channel {number}: the {name} cannot make a longer pulse");
+            self.need(pulse_us <= longest_pulse_us, key, pulse_us, expected);
+        }
+        let expected = format!("another pulse than pulse_at_0_us for channel {number}: the servo would not move");
+        self.need(pulse_at_0_us != pulse_at_1_us, at_1, pulse_at_1_us, expected);
+        let span_us = pulse_at_0_us.abs_diff(pulse_at_1_us) as f32;
+        let limits = [
+            ("link.channel.speed_per_s", channel.speed_per_s, least_speed),
+            ("link.channel.acceleration_per_s2", channel.acceleration_per_s2, least_acceleration),
+        ];
+        // A board that counts limits in units cannot keep one below a unit.
+        for (key, limit, least) in limits.into_iter().filter(|_| span_us > 0.0) {
+            let rounded_up = (least / span_us * 1000.0).ceil() / 1000.0;
+            let expected = format!("0 or at least {rounded_up:.3} for channel {number}: the {name} cannot keep less");
+            self.need(limit <= 0.0 || limit * span_us >= least, key, limit, expected);
+        }
+    }
+
+    fn listener(&mut self, it: &IFacialMocapSettings) {
+        let Some(listen) = it.listen else {
+            let expected = "an address to listen at, or link.address";
+            return self.need(it.address.is_some(), "link.listen", "\"\"", expected);
+        };
+        let is_shared = |link: &LinkSettings| match &link.kind {
+            LinkKind::IFacialMocap(it) => it.listen.is_some_and(|other| is_same_port(other, listen)),
+            _ => false,
+        };
+        let expected = "another port, because an earlier link listens there, or \"\" with link.address";
+        self.need(!self.earlier.iter().any(is_shared), "link.listen", quoted(&listen.to_string()), expected);
+    }
+
+    fn socket(&mut self, to: &JsonTarget, control: &[PathBuf]) {
+        let JsonTarget::Unix(path) = to else { return };
+        let is_path = |other: &Path| other == path;
+        let serves =
+            |link: &LinkSettings| matches!(link.kind.carrier(), CarrierSettings::UnixSocket(it) if is_path(it));
+        let user = if self.earlier.iter().any(serves) {
+            "an earlier link"
+        } else if matches!(&self.settings.metrics.listen, Listen::Unix(other) if is_path(other)) {
+            "metrics.listen"
+        } else if control.iter().any(|other| is_path(other)) {
+            "the control socket of the service"
+        } else {
+            return;
+        };
+        let value = quoted(&format!("unix:{}", path.display()));
+        self.faults.conflict("link.to", value, format!("another path: {user} has this one"));
+    }
+
+    /// Adds the faults of a link to VRChat that names an unknown parameter, or sends none.
+    fn parameters(&mut self, it: &VrchatSettings) {
+        for name in it.parameters.names().filter(|name| parameter_names().all(|known| known != *name)) {
+            self.faults.conflict("link.parameters", quoted(name), Parameters::EXPECTED);
+        }
+        let has_form = it.floats || it.bits > 0;
+        let has_group = it.shapes || it.compounds || it.head;
+        if it.parameters.names_any() || it.native_eyes || has_form && has_group {
+            return;
+        }
+        let (key, others) = if has_form {
+            ("link.shapes", "link.compounds or link.head")
+        } else {
+            ("link.floats", "link.bits or link.parameters")
+        };
+        let expected = format!("true, or {others}, because no parameter is sent otherwise");
+        self.faults.conflict(key, false, expected);
+    }
 }
 
 /// Returns the least and the greatest position that the sum of a channel can have before it is limited, for coefficients
@@ -203,44 +278,6 @@ fn range(channel: &ChannelSettings) -> [f32; 2] {
     [at(f32::min), at(f32::max)]
 }
 
-fn check_motion(channel: &ChannelSettings, board: &ServoBoard, faults: &mut Faults) {
-    let ChannelSettings { channel: number, pulse_at_0_us, pulse_at_1_us, .. } = *channel;
-    let ServoBoard { name, longest_pulse_us, least_limits: [least_speed, least_acceleration], .. } = *board;
-    for (key, pulse_us) in
-        [("link.channel.pulse_at_0_us", pulse_at_0_us), ("link.channel.pulse_at_1_us", pulse_at_1_us)]
-    {
-        let expected =
-            format!("at most {longest_pulse_us} for channel {number}: the {name} cannot make a longer pulse");
-        need(pulse_us <= longest_pulse_us, key, pulse_us, &expected, faults);
-    }
-    let expected = format!("another pulse than pulse_at_0_us for channel {number}: the servo would not move");
-    need(pulse_at_0_us != pulse_at_1_us, "link.channel.pulse_at_1_us", pulse_at_1_us, &expected, faults);
-    let span_us = pulse_at_0_us.abs_diff(pulse_at_1_us) as f32;
-    let limits = [
-        ("link.channel.speed_per_s", channel.speed_per_s, least_speed),
-        ("link.channel.acceleration_per_s2", channel.acceleration_per_s2, least_acceleration),
-    ];
-    // A board that counts limits in units cannot keep one below a unit.
-    for (key, limit, least) in limits.into_iter().filter(|_| span_us > 0.0) {
-        let rounded_up = (least / span_us * 1000.0).ceil() / 1000.0;
-        let expected = format!("0 or at least {rounded_up:.3} for channel {number}: the {name} cannot keep less");
-        need(limit <= 0.0 || limit * span_us >= least, key, limit, &expected, faults);
-    }
-}
-
-fn check_listener(it: &IFacialMocapSettings, earlier: &[LinkSettings], faults: &mut Faults) {
-    let Some(listen) = it.listen else {
-        let expected = "an address to listen at, or link.address";
-        return need(it.address.is_some(), "link.listen", "\"\"", expected, faults);
-    };
-    let is_shared = |link: &LinkSettings| match &link.kind {
-        LinkKind::IFacialMocap(it) => it.listen.is_some_and(|other| is_same_port(other, listen)),
-        _ => false,
-    };
-    let expected = "another port, because an earlier link listens there, or \"\" with link.address";
-    need(!earlier.iter().any(is_shared), "link.listen", quoted(&listen.to_string()), expected, faults);
-}
-
 /// Whether the system lets only one of two sockets have its address.
 fn is_same_port(one: SocketAddr, other: SocketAddr) -> bool {
     // A socket for all IPv6 addresses takes those of IPv4, too.
@@ -248,68 +285,27 @@ fn is_same_port(one: SocketAddr, other: SocketAddr) -> bool {
     one.port() == other.port() && (one.ip() == other.ip() || covers(one, other) || covers(other, one))
 }
 
-fn check_socket(
-    to: &JsonTarget,
-    earlier: &[LinkSettings],
-    settings: &Settings,
-    control: &[PathBuf],
-    faults: &mut Faults,
-) {
-    let JsonTarget::Unix(path) = to else { return };
-    let is_path = |other: &Path| other == path;
-    let serves = |link: &LinkSettings| matches!(link.kind.carrier(), CarrierSettings::UnixSocket(it) if is_path(it));
-    let user = if earlier.iter().any(serves) {
-        "an earlier link"
-    } else if matches!(&settings.metrics.listen, Listen::Unix(other) if is_path(other)) {
-        "metrics.listen"
-    } else if control.iter().any(|other| is_path(other)) {
-        "the control socket of the service"
-    } else {
-        return;
-    };
-    let value = quoted(&format!("unix:{}", path.display()));
-    faults.conflict("link.to", value, format!("another path: {user} has this one"));
-}
-
-/// Adds the faults of a link to VRChat that names an unknown parameter, or sends none.
-fn check_parameters(it: &VrchatSettings, faults: &mut Faults) {
-    for name in it.parameters.names().filter(|name| parameter_names().all(|known| known != *name)) {
-        faults.conflict("link.parameters", quoted(name), Parameters::EXPECTED);
-    }
-    let has_form = it.floats || it.bits > 0;
-    let has_group = it.shapes || it.compounds || it.head;
-    if it.parameters.names_any() || it.native_eyes || has_form && has_group {
-        return;
-    }
-    let (key, expected) = if has_form {
-        ("link.shapes", "true, or link.compounds or link.head, because no parameter is sent otherwise")
-    } else {
-        ("link.floats", "true, or link.bits or link.parameters, because no parameter is sent otherwise")
-    };
-    faults.conflict(key, false, expected);
-}
-
 /// Says where a sum can leave its range and is limited, and which names not every receiver reads. Both may be meant.
 pub fn notes(settings: &Settings) -> Vec<String> {
     let mut notes = notes_of_adjustments("adjust", &settings.adjust);
     for link in &settings.links {
         notes.extend(notes_of_adjustments("link.adjust", &link.adjust));
-        if let LinkKind::LiveLink(it) = &link.kind {
-            notes.extend(live_link::note(it).map(|note| format!("{link}: {note}")));
-        }
-        let (LinkKind::Maestro(MaestroSettings { channels, .. }) | LinkKind::Pca9685(Pca9685Settings { channels, .. })) =
-            &link.kind
-        else {
-            continue;
-        };
-        for channel in channels {
-            let ([least, most], number) = (range(channel), channel.channel);
-            if least < 0.0 || most > 1.0 {
-                let sum = format!("channel {number} of {link}: the sum of its sources goes from {least} to {most}");
-                notes
-                    .push(format!("{sum} and is limited to 0 to 1; with smaller numbers it would use its whole range"));
+        let channels = match &link.kind {
+            LinkKind::LiveLink(it) => {
+                notes.extend(live_link::note(it).map(|note| format!("{link}: {note}")));
+                continue;
             }
-        }
+            LinkKind::Maestro(MaestroSettings { channels, .. })
+            | LinkKind::Pca9685(Pca9685Settings { channels, .. }) => channels,
+            _ => continue,
+        };
+        notes.extend(channels.iter().filter_map(|channel| {
+            let ([least, most], number) = (range(channel), channel.channel);
+            let sum = format!("channel {number} of {link}: the sum of its sources goes from {least} to {most}");
+            let is_limited = least < 0.0 || most > 1.0;
+            is_limited
+                .then(|| format!("{sum} and is limited to 0 to 1; with smaller numbers it would use its whole range"))
+        }));
     }
     notes
 }
@@ -333,6 +329,7 @@ mod tests {
     const JAW: &str = "[[link.channel]]\nchannel = 3\nsources = { jawOpen = 1.0 }\n";
     const JSON: &str = "[[link]]\nkind = \"json\"\nto = \"unix:/run/x\"\n";
     const SERIAL: &str = "[[link]]\nkind = \"serial\"\n";
+    const IFACIALMOCAP: &str = "[[link]]\nkind = \"ifacialmocap\"\n";
     const VRCHAT: &str = "[[link]]\nkind = \"vrchat\"\n";
 
     fn faults(text: &[&str]) -> String {
@@ -343,69 +340,39 @@ mod tests {
 
     #[test]
     fn links_that_cannot_work_are_refused_with_key_value_and_remedy_and_others_are_accepted() {
-        let channel = |number: u32| JAW.replace('3', &number.to_string());
-        let acm0 = "device = \"/dev/ttyACM0\"\n";
+        let channel_16 = JAW.replace('3', "16");
+        let (acm0, by_id) = ("device = \"/dev/ttyACM0\"\n", "device = \"/dev/serial/by-id/x\"\n");
         let cases: [(&[&str], &str); 31] = [
             (&[MAESTRO], "link.channel = []: give at least one [[link.channel]]"),
             (&[MAESTRO, JAW, JAW], "link.channel.channel = 3: give a number that no earlier channel of this board has"),
-            (&[PCA9685, &channel(16)], "link.channel.channel = 16: give 0 to 15: these are the channels of a PCA9685"),
-            (&[MAESTRO, &channel(16)], ""),
+            (&[PCA9685, &channel_16], "link.channel.channel = 16: give 0 to 15: these are the channels of a PCA9685"),
+            (&[MAESTRO, &channel_16], ""),
             (&[MAESTRO, "[[link.channel]]\n"], "link.channel.sources = {}: give at least one source for channel 0"),
-            (
-                &[MAESTRO, JAW, "offset = 1.0\n"],
-                "link.channel.offset = 1: give another offset for channel 3: its sum goes",
-            ),
+            (&[MAESTRO, JAW, "offset = 1.0\n"], "link.channel.offset = 1: give another offset for channel 3: its"),
             (&[MAESTRO, JAW, "pulse_at_1_us = 3281\n"], "link.channel.pulse_at_1_us = 3281: give at most 3280 for"),
             (&[MAESTRO, "multiple_targets = true\n", JAW, "pulse_at_1_us = 4080\n"], ""),
-            (
-                &[PCA9685, "pulses_hz = 400\n", JAW, "pulse_at_0_us = 2600\n"],
-                "link.channel.pulse_at_0_us = 2600: give at",
-            ),
+            (&[PCA9685, "pulses_hz = 400\n", JAW, "pulse_at_0_us = 2600\n"], "link.channel.pulse_at_0_us = 2600: give"),
             (&[PCA9685, JAW, "pulse_at_0_us = 2000\n"], "link.channel.pulse_at_1_us = 2000: give another pulse than"),
-            (
-                &[MAESTRO, JAW, "speed_per_s = 0.02\n"],
-                "link.channel.speed_per_s = 0.02: give 0 or at least 0.025 for channel 3: the Maestro cannot keep less",
-            ),
+            (&[MAESTRO, JAW, "speed_per_s = 0.02\n"], "link.channel.speed_per_s = 0.02: give 0 or at least 0.025 for"),
             (&[PCA9685, JAW, "speed_per_s = 0.02\n"], ""),
-            (
-                &[MAESTRO, JAW, "acceleration_per_s2 = 0.3\n"],
-                "link.channel.acceleration_per_s2 = 0.3: give 0 or at least 0.313",
-            ),
+            (&[MAESTRO, JAW, "acceleration_per_s2 = 0.3\n"], "link.channel.acceleration_per_s2 = 0.3: give 0 or at"),
             (&[MAESTRO, JAW, "speed_per_s = 0.025\nacceleration_per_s2 = 0.313\n"], ""),
             (&[PCA9685, "pace = \"change\"\n", JAW], "link.pace = another pace: give \"rate\" for a PCA9685"),
-            (
-                &[MAESTRO, "loss = \"silent\"\n", JAW],
-                "link.loss = \"silent\": give \"neutral\" or \"hold\" for a servo",
-            ),
+            (&[MAESTRO, "loss = \"silent\"\n", JAW], "link.loss = \"silent\": give \"neutral\" or \"hold\" for a"),
             (&[PCA9685, JAW, PCA9685, JAW], "link.address = 0x40: give another bus or address: an earlier link has"),
-            (
-                &[MAESTRO, JAW, MAESTRO, JAW],
-                "link.device = \"auto\": give another port, or remove this link: an earlier",
-            ),
-            (
-                &[SERIAL, acm0, SERIAL],
-                "link.device = \"auto\": give the path of a port, or remove this link: another link has the port /dev/ttyACM0",
-            ),
+            (&[MAESTRO, JAW, MAESTRO, JAW], "link.device = \"auto\": give another port, or remove this link"),
+            (&[SERIAL, acm0, SERIAL], "link.device = \"auto\": give the path of a port, or remove this link"),
             (&[MAESTRO, JAW, SERIAL], ""),
             // Two names may mean one port at present, and two others later.
-            (&[SERIAL, acm0, SERIAL, "device = \"/dev/serial/by-id/x\"\n"], ""),
+            (&[SERIAL, acm0, SERIAL, by_id], ""),
             (&[JSON], ""),
             (&[JSON, JSON], "link.to = \"unix:/run/x\": give another path: an earlier link has this one"),
-            (
-                &["[metrics]\nlisten = \"unix:/run/x\"\n", JSON],
-                "link.to = \"unix:/run/x\": give another path: metrics.",
-            ),
-            (
-                &[&JSON.replace("/x", "/control")],
-                "link.to = \"unix:/run/control\": give another path: the control socket",
-            ),
-            (
-                &["[[link]]\nkind = \"ifacialmocap\"\nlisten = \"\"\n"],
-                "link.listen = \"\": give an address to listen at, or link.address",
-            ),
+            (&["[metrics]\nlisten = \"unix:/run/x\"\n", JSON], "link.to = \"unix:/run/x\": give another path: metr"),
+            (&[&JSON.replace("/x", "/control")], "link.to = \"unix:/run/control\": give another path: the control"),
+            (&[IFACIALMOCAP, "listen = \"\"\n"], "link.listen = \"\": give an address to listen at, or link.address"),
             (&[VRCHAT, "floats = false\n"], "link.floats = false: give true, or link.bits or link.parameters"),
             (&[VRCHAT, "shapes = false\ncompounds = false\nhead = false\n"], "link.shapes = false: give true, or"),
-            (&[VRCHAT, "parameters = \"JawOpen, JawOpn\"\n"], "link.parameters = \"JawOpn\": give \"\", or names of"),
+            (&[VRCHAT, "parameters = \"JawOpen, JawOpn\"\n"], "link.parameters = \"JawOpn\": give \"\", or names"),
             (&[VRCHAT, "floats = false\nparameters = \"JawOpen\"\n"], ""),
             // The link to the board that is plugged in suits any rate.
             (&["[camera]\nfps = 240\n[send]\nrate_hz = 240\n"], ""),
@@ -426,56 +393,47 @@ mod tests {
     #[test]
     fn two_links_that_listen_at_one_port_are_refused() {
         for (earlier, is_refused) in [
-            ("127.0.0.1:5000", true),
-            ("0.0.0.0:5000", true),
-            ("[::]:5000", true),
-            ("127.0.0.1:5001", false),
-            ("127.0.0.2:5000", false),
-            ("[::1]:5000", false),
+            (["127.0.0.1:5000", "0.0.0.0:5000", "[::]:5000"], true),
+            (["127.0.0.1:5001", "127.0.0.2:5000", "[::1]:5000"], false),
         ] {
-            let link = |listen: &str| format!("[[link]]\nkind = \"ifacialmocap\"\nlisten = \"{listen}\"\n");
-            let faults = faults(&[&link(earlier), &link("127.0.0.1:5000")]);
-            let want =
-                "link.listen = \"127.0.0.1:5000\": give another port, because an earlier link listens there, or \"\"";
-            assert_eq!((faults.starts_with(want), faults.is_empty()), (is_refused, !is_refused), "{earlier}: {faults}");
+            for listen in earlier {
+                let [one, other] = [listen, "127.0.0.1:5000"].map(|listen| format!("listen = \"{listen}\"\n"));
+                let faults = faults(&[IFACIALMOCAP, &one, IFACIALMOCAP, &other]);
+                let want = "link.listen = \"127.0.0.1:5000\": give another port, because an earlier link listens there";
+                assert_eq!((faults.starts_with(want), faults.is_empty()), (is_refused, !is_refused), "{faults}");
+            }
         }
     }
 
     #[test]
     fn a_rate_above_80_percent_of_a_serial_line_is_refused_with_the_rates_that_fit() {
         // 134 bytes of 10 bits: 115200 baud carry 85.97 a second, of which 68.8 are 80 %.
-        let exactly = 134 * 10 * 60 * 10 / 8;
-        let want = "link.baud = 115200: give 230400 or more, or pace = \"rate\" and rate_hz = 68: 69 packets a second need \
-                    more than 80 % of the line at /dev/ttyS0";
-        let [by_rate, by_change] = ["rate", "change"].map(|pace| format!("pace = \"{pace}\"\nrate_hz = 11\n"));
-        for (baud, fps, rate_hz, more, want) in [
-            (115_200, 30, 69, "", want),
-            (115_200, 69, 30, "", want),
+        let slow = "link.baud = 115200: give 230400 or more, or pace = \"rate\" and rate_hz = 68: 69 packets a second \
+                    need more than 80 % of the line at /dev/ttyS0";
+        for (baud, fps, rate_hz, pace, want) in [
+            (115_200, 30, 69, "pose", slow),
+            (115_200, 69, 30, "pose", slow),
+            (115_200, 30, 68, "pose", ""),
+            (115_200, 69, 30, "change", ""),
+            // Exactly 80 % for 60 packets are 100500 baud.
             (
-                exactly - 1,
+                100_499,
                 60,
                 60,
-                "",
+                "pose",
                 "link.baud = 100499: give 115200 or more, or pace = \"rate\" and rate_hz = 59: 60",
             ),
-            (19_200, 240, 240, "", "link.baud = 19200: give 460800 or more"),
-            (
-                19_200,
-                60,
-                60,
-                "pace = \"rate\"\n",
-                "link.baud = 19200: give 115200 or more, or pace = \"rate\" and rate_hz = 11",
-            ),
-            (19_200, 60, 60, &by_rate, ""),
-            (19_200, 60, 60, &by_change, ""),
-            (115_200, 30, 68, "", ""),
-            (exactly, 60, 60, "", ""),
-            (460_800, 240, 240, "", ""),
+            (100_500, 60, 60, "pose", ""),
+            (19_200, 240, 240, "pose", "link.baud = 19200: give 460800 or more"),
+            (460_800, 240, 240, "pose", ""),
+            (19_200, 60, 60, "rate", "link.baud = 19200: give 115200 or more, or pace = \"rate\" and rate_hz = 11: 60"),
+            (19_200, 60, 11, "rate", ""),
             // The line is judged when the rates are known.
-            (19_200, 0, 60, "", "file:2: camera.fps = 0: give a whole number from 1 to 240 (1/s)"),
+            (19_200, 0, 60, "pose", "file:2: camera.fps = 0: give a whole number from 1 to 240 (1/s)"),
         ] {
             let rates = format!("[camera]\nfps = {fps}\n[send]\nrate_hz = {rate_hz}\n");
-            let faults = faults(&[&rates, SERIAL, &format!("device = \"/dev/ttyS0\"\nbaud = {baud}\n{more}")]);
+            let keys = format!("device = \"/dev/ttyS0\"\nbaud = {baud}\npace = \"{pace}\"\n");
+            let faults = faults(&[&rates, SERIAL, &keys]);
             assert!(faults.starts_with(want) && faults.is_empty() == want.is_empty(), "{want}: {faults}");
             assert!(!faults.contains('\n'), "{faults}");
         }

@@ -112,7 +112,9 @@ fn rounded(number: f32, parts: f64) -> f64 {
 pub struct Stdout;
 
 impl Device for Stdout {
-    fn open(&mut self) -> Result<impl Session, LinkError> {
+    type Session<'a> = Self;
+
+    fn open(&mut self) -> Result<Self, LinkError> {
         Ok(Self)
     }
 }
@@ -132,23 +134,18 @@ impl Session for Stdout {
 #[derive(Debug)]
 pub struct Server(pub PathBuf);
 
-impl Server {
-    fn listen(&self) -> Result<Clients, LinkError> {
+impl Device for Server {
+    type Session<'a> = Clients;
+
+    fn open(&mut self) -> Result<Clients, LinkError> {
         let listener = Listener::bind(&Listen::Unix(self.0.clone()));
         let listener = listener.map_err(|error| LinkError::no_listener(self.0.display(), error))?;
         Ok(Clients { listener, clients: Vec::with_capacity(MOST_CLIENTS) })
     }
 }
 
-impl Device for Server {
-    fn open(&mut self) -> Result<impl Session, LinkError> {
-        self.listen()
-    }
-}
-
 /// An open socket and the clients that have connected to it.
-#[derive(Debug)]
-struct Clients {
+pub struct Clients {
     listener: Listener,
     clients: Vec<Client>,
 }
@@ -174,7 +171,6 @@ impl Session for Clients {
 }
 
 /// A program that reads lines.
-#[derive(Debug)]
 struct Client {
     stream: UnixStream,
     /// The rest of a line that the client has taken only in part.
@@ -188,28 +184,23 @@ impl Client {
     /// nothing for too long.
     fn write(&mut self, line: &[u8]) -> io::Result<()> {
         let rest = mem::take(&mut self.rest);
-        self.rest = self.take(&rest)?.to_vec();
-        if self.rest.is_empty() {
-            let left = self.take(line)?;
-            // The client misses a line of which it took nothing.
-            self.rest = if left.len() < line.len() { left.to_vec() } else { Vec::new() };
+        for (bytes, has_begun) in [(rest.as_slice(), true), (line, false)] {
+            if bytes.is_empty() || !self.rest.is_empty() {
+                continue;
+            }
+            match self.stream.write(bytes) {
+                Ok(count) => {
+                    self.took = Instant::now();
+                    self.rest = bytes.get(count..).unwrap_or_default().to_vec();
+                }
+                // The client misses a line of which it took nothing.
+                Err(error) if error.kind() == ErrorKind::WouldBlock && self.took.elapsed() <= LONGEST_WAIT => {
+                    self.rest = if has_begun { bytes.to_vec() } else { Vec::new() };
+                }
+                Err(error) => return Err(error),
+            }
         }
         Ok(())
-    }
-
-    /// Writes as many bytes as the client takes. Returns those that are left.
-    fn take<'a>(&mut self, bytes: &'a [u8]) -> io::Result<&'a [u8]> {
-        if bytes.is_empty() {
-            return Ok(bytes);
-        }
-        match self.stream.write(bytes) {
-            Ok(count) => {
-                self.took = Instant::now();
-                Ok(bytes.get(count..).unwrap_or_default())
-            }
-            Err(error) if error.kind() == ErrorKind::WouldBlock && self.took.elapsed() <= LONGEST_WAIT => Ok(bytes),
-            Err(error) => Err(error),
-        }
     }
 }
 
@@ -267,7 +258,7 @@ mod tests {
     fn clients() -> (Clients, PathBuf, tempfile::TempDir) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("lines");
-        (Server(path.clone()).listen().unwrap(), path, folder)
+        (Server(path.clone()).open().unwrap(), path, folder)
     }
 
     fn connected(path: &Path) -> BufReader<UnixStream> {

@@ -36,14 +36,11 @@ const CHECK_PERIOD: Duration = Duration::from_secs(1);
 pub const CHANNELS: u8 = 16;
 /// Steps of one period.
 const STEPS: u16 = 4096;
-/// Values of the prescaler that the chip takes.
-const PRESCALES: [f32; 2] = [3.0, 255.0];
 
 const MODE1: u8 = 0x00;
 const MODE2: u8 = 0x01;
 /// First register of channel 0. Each channel has four: ON low, ON high, OFF low, OFF high.
 const LED0_ON_L: u8 = 0x06;
-/// High OFF register of all channels at once.
 const ALL_LED_OFF_H: u8 = 0xFD;
 /// The divider of the oscillator. It can be written only while the chip sleeps.
 const PRE_SCALE: u8 = 0xFE;
@@ -59,16 +56,17 @@ const AUTO_INCREMENT: u8 = 0x20;
 const SLEEP: u8 = 0x10;
 /// MODE2: outputs drive high and low, are not inverted, change at the end of a transfer, and are low while OE is high.
 const OUTPUTS: u8 = 0x04;
-/// MODE2: the bits that can be written.
+/// MODE2: the bits that can be written, and those of them that say what a pulse looks like: inversion, and open drain if
+/// it is 0.
 const OUTPUT_BITS: u8 = 0x1F;
-/// MODE2: of these, the bits that say what a pulse looks like: inversion, and open drain if it is 0.
 const POLARITY_BITS: u8 = 0x14;
 /// High ON and OFF registers: no pulses, but always on or always off.
 const FULL: u8 = 0x10;
 
 /// Time that the oscillator takes to start.
 const OSCILLATOR_START: Duration = Duration::from_micros(500);
-/// Most bytes of one transfer. More would need an adapter that does not only speak `SMBus`.
+/// Most bytes of one transfer of `SMBus`. Every adapter supports these; those of PCs and the kernel's `i2c-stub` support no
+/// longer ones.
 const TRANSFER_BYTES: usize = 32;
 
 /// Starts the thread that writes to the chip. The chip may get its power later.
@@ -81,7 +79,8 @@ fn name(settings: &Pca9685Settings) -> String {
     format!("I2C bus {}, address {:#04x}", settings.bus, settings.address)
 }
 
-fn refused(name: impl Display, error: &io::Error) -> LinkError {
+fn refused(name: impl Display, error: impl Into<io::Error>) -> LinkError {
+    let error = error.into();
     let sentence = match error.raw_os_error().map(Errno::from_raw_os_error) {
         Some(Errno::NOENT) => {
             "there is no /dev/i2c bus of this number; switch I2C on, run `modprobe i2c-dev`, or give a number that \
@@ -103,18 +102,12 @@ fn refused(name: impl Display, error: &io::Error) -> LinkError {
             "the bus hangs; check that SDA and SCL are not connected to ground or to each other, and cut the board's \
              power for a moment"
         }
-        _ => {
-            let sentence = format!("{error}; check the wires and the power of the board");
-            return LinkError::new(LinkErrorKind::Other, name, sentence);
-        }
+        _ => &format!("{error}; check the wires and the power of the board"),
     };
     LinkError::new(LinkErrorKind::Other, name, sentence)
 }
 
 /// One chip on a bus of Linux, `/dev/i2c-N`.
-///
-/// Transfers are those of `SMBus`, of 32 bytes at most, because every adapter supports them. The adapters of PCs and
-/// the kernel's `i2c-stub` support no others.
 ///
 /// The chip is claimed by a lock on one byte of the bus's device node, the byte at the chip's address. Only programs that
 /// may open the bus can take the lock. It holds in all namespaces that have the same node, and the kernel frees it when
@@ -135,22 +128,21 @@ impl Bus {
         let name = name(settings);
         let (node, address) = (PathBuf::from(format!("/dev/i2c-{}", settings.bus)), settings.address as u8);
         // A lock for writing needs a file that is open for writing.
-        let claim = File::options().read(true).write(true).open(&node).map_err(|error| refused(&name, &error))?;
-        match lock_byte(&claim, address) {
-            Ok(()) => {}
-            Err(Errno::AGAIN | Errno::ACCESS) => {
+        let claim = File::options().read(true).write(true).open(&node).map_err(|error| refused(&name, error))?;
+        lock_byte(&claim, address).map_err(|error| match error {
+            Errno::AGAIN | Errno::ACCESS => {
                 let sentence = "another program moves servos there; end that program, or stop the service with \
                     `systemctl stop facewire`";
-                return Err(LinkError::new(LinkErrorKind::Claimed, &name, sentence));
+                LinkError::new(LinkErrorKind::Claimed, &name, sentence)
             }
-            Err(error) => return Err(refused(&name, &error.into())),
-        }
-        let chip = LinuxI2CDevice::new(node, address.into()).map_err(|error| refused(&name, &error.into()))?;
+            error => refused(&name, error),
+        })?;
+        let chip = LinuxI2CDevice::new(node, address.into()).map_err(|error| refused(&name, error))?;
         Ok(Self { name, chip, period: Period::of(settings), _claim: claim })
     }
 
     fn run<T>(&mut self, work: impl FnOnce(&mut LinuxI2CDevice) -> io::Result<T>) -> Result<T, LinkError> {
-        work(&mut self.chip).map_err(|error| refused(&self.name, &error))
+        work(&mut self.chip).map_err(|error| refused(&self.name, error))
     }
 
     /// Checks that the chip answers. Changes nothing.
@@ -186,9 +178,10 @@ pub struct Period {
 impl Period {
     /// Returns the period that the chip can make and that is nearest to the rate in the settings.
     pub fn of(settings: &Pca9685Settings) -> Self {
-        let ([least, most], oscillator_hz) = (PRESCALES, settings.oscillator_hz as f32);
+        let oscillator_hz = settings.oscillator_hz as f32;
         let prescale = (oscillator_hz / (f32::from(STEPS) * settings.pulses_hz as f32)).round() - 1.0;
-        Self { prescale: prescale.clamp(least, most) as u8, oscillator_hz }
+        // The values that the chip takes.
+        Self { prescale: prescale.clamp(3.0, 255.0) as u8, oscillator_hz }
     }
 
     fn step_us(self) -> f32 {
@@ -356,7 +349,9 @@ struct Moving<'a> {
 }
 
 impl Device for Chip {
-    fn open(&mut self) -> Result<impl Session, LinkError> {
+    type Session<'a> = Moving<'a>;
+
+    fn open(&mut self) -> Result<Moving<'_>, LinkError> {
         let (servos, mut bus) = (&mut self.servos, Bus::open(&self.settings)?);
         if bus.run(Registers::has_external_clock)? {
             tracing::warn!(
@@ -404,36 +399,30 @@ mod tests {
 
     const JAW_OPEN: usize = 17;
     /// At 2.0 a second, the first servo moves by 1600 microseconds a second.
-    const SETTINGS: &str = "\
+    const CHANNEL_KEYS: &str = "\
         [[link.channel]]\nchannel = 9\nsources = { jawOpen = 1.0 }\npulse_at_0_us = 1900\npulse_at_1_us = 1100\n\
         speed_per_s = 2.0\nacceleration_per_s2 = 1000.0\n\
         [[link.channel]]\nchannel = 4\nsources = { jawOpen = 1.0, headYaw = 0.01 }\nloss = \"release\"\n";
     const SPEED_US_PER_S: f32 = 1600.0;
 
-    fn settings(keys: &str) -> Pca9685Settings {
-        let LinkKind::Pca9685(settings) = kind("pca9685", &[keys, SETTINGS].concat()) else { unreachable!() };
-        settings
-    }
-
     fn period(pulses_hz: u32, oscillator_hz: u32) -> Period {
         Period::of(&Pca9685Settings { pulses_hz, oscillator_hz, ..Pca9685Settings::default() })
     }
 
-    /// A chip that holds to its data sheet, and the number of transfers to it.
-    struct Simulated([u8; 256], usize);
+    /// A chip that holds to its data sheet.
+    struct Simulated([u8; 256]);
 
     impl Simulated {
-        /// A chip that has just got power.
-        fn powered_on() -> Self {
-            let mut chip = Self([0; 256], 0);
-            chip.set_up(SLEEP | 1, OUTPUTS, 30);
+        /// A chip that another program has set up.
+        fn new(mode1: u8, mode2: u8, prescale: u8) -> Self {
+            let mut chip = Self([0; 256]);
+            (chip.0[0], chip.0[1], chip.0[usize::from(PRE_SCALE)]) = (mode1, mode2, prescale);
             chip.set(ALL_LED_OFF_H, FULL);
             chip
         }
 
-        /// Lets another program set these registers.
-        fn set_up(&mut self, mode1: u8, mode2: u8, prescale: u8) {
-            (self.0[0], self.0[1], self.0[usize::from(PRE_SCALE)]) = (mode1, mode2, prescale);
+        fn powered_on() -> Self {
+            Self::new(SLEEP | 1, OUTPUTS, 30)
         }
 
         fn set(&mut self, register: u8, byte: u8) {
@@ -470,21 +459,22 @@ mod tests {
 
         fn put(&mut self, register: u8, bytes: &[u8]) -> io::Result<()> {
             assert!(bytes.len() <= 32, "more than SMBus carries");
-            self.1 += 1;
             let increment = u8::from(self.0[0] & AUTO_INCREMENT != 0);
             (0..).zip(bytes).for_each(|(place, byte)| self.set(register + place * increment, *byte));
             Ok(())
         }
     }
 
-    fn started() -> (Servos, Simulated) {
-        let (mut servos, mut chip) = (Servos::new(&settings("")), Simulated::powered_on());
-        servos.start(&mut chip).unwrap();
-        (servos, chip)
+    /// The servos of a service that starts.
+    fn start(chip: &mut Simulated) -> Servos {
+        let LinkKind::Pca9685(settings) = kind("pca9685", CHANNEL_KEYS) else { unreachable!() };
+        let mut servos = Servos::new(&settings);
+        servos.start(chip).unwrap();
+        servos
     }
 
     /// Shows a jaw and returns the pulses of channels 9 and 4.
-    fn show((servos, chip): (&mut Servos, &mut Simulated), state: State, jaw_open: f32) -> [Option<f32>; 2] {
+    fn show(servos: &mut Servos, chip: &mut Simulated, state: State, jaw_open: f32) -> [Option<f32>; 2] {
         let reason = if state == State::Live { Reason::None } else { Reason::NoFace };
         let mut packet = Packet { state, reason, ..Packet::NEUTRAL };
         packet.coefficients[JAW_OPEN] = jaw_open;
@@ -494,55 +484,47 @@ mod tests {
 
     #[test]
     fn the_pulse_goes_no_faster_than_the_limit_and_stays_between_both_ends_whatever_comes_in() {
-        let ((mut servos, mut chip), begun) = (started(), Instant::now());
-        let [first, _] = show((&mut servos, &mut chip), State::Live, 0.0).map(Option::unwrap);
-        assert!((first - 1900.0).abs() < 3.0, "{first}");
+        let (mut chip, begun) = (Simulated::powered_on(), Instant::now());
+        let mut servos = start(&mut chip);
+        let [first_us, _] = show(&mut servos, &mut chip, State::Live, 0.0).map(Option::unwrap);
+        assert!((first_us - 1900.0).abs() < 3.0, "{first_us}");
         for wild in [1.0, f32::NAN, f32::INFINITY, 1e30, f32::NEG_INFINITY, 0.5, 1.0].iter().cycle().take(2000) {
-            let [jaw, direct] = show((&mut servos, &mut chip), State::Live, *wild).map(Option::unwrap);
+            let [jaw_us, direct_us] = show(&mut servos, &mut chip, State::Live, *wild).map(Option::unwrap);
             // The way at the highest speed, and a step of the chip.
             let most_us = SPEED_US_PER_S * begun.elapsed().as_secs_f32() + 5.0;
-            assert!(first - jaw <= most_us, "{jaw} after {:?}", begun.elapsed());
-            assert!((1097.0..=1903.0).contains(&jaw) && (997.0..=2003.0).contains(&direct), "{jaw} {direct}");
+            assert!(first_us - jaw_us <= most_us, "{jaw_us} after {:?}", begun.elapsed());
+            assert!(
+                (1097.0..=1903.0).contains(&jaw_us) && (997.0..=2003.0).contains(&direct_us),
+                "{jaw_us} {direct_us}"
+            );
         }
+        let [jaw_us, direct_us] = show(&mut servos, &mut chip, State::Neutral, 0.0);
+        assert!(jaw_us.is_some() && direct_us.is_none(), "a lost face releases only channels that ask for it");
+        let mut others = (0..CHANNELS).filter(|channel| ![9, 4].contains(channel));
+        assert!(others.all(|channel| chip.pulse_us(channel).is_none()), "channels without settings");
     }
 
     #[test]
     fn after_a_crash_servos_go_on_from_the_pulses_that_the_chip_has_kept_at_whatever_rate() {
         for pulses_hz in [50, 200] {
-            let mut chip = Simulated::powered_on();
-            let crashed = period(pulses_hz, 25_000_000);
+            let (mut chip, crashed) = (Simulated::powered_on(), period(pulses_hz, 25_000_000));
             chip.prepare(crashed).unwrap();
             chip.write_channels(9, &crashed.registers(Some(1200.0))).unwrap();
-            let (mut servos, begun) = (Servos::new(&settings("")), Instant::now());
-            servos.start(&mut chip).unwrap();
+            let begun = Instant::now();
+            let mut servos = start(&mut chip);
             for _ in 0..5 {
-                let [jaw, _] = show((&mut servos, &mut chip), State::Neutral, 0.0);
-                let moved_us = jaw.unwrap() - 1200.0;
+                let moved_us = show(&mut servos, &mut chip, State::Neutral, 0.0)[0].unwrap() - 1200.0;
                 let most_us = SPEED_US_PER_S * begun.elapsed().as_secs_f32() + 5.0;
                 assert!((-5.0..=most_us).contains(&moved_us), "{moved_us} us after {:?}", begun.elapsed());
             }
+            // After a failure of the bus they go on from where they are, too.
+            let before_us = chip.pulse_us(9).unwrap();
+            thread::sleep(Duration::from_millis(50));
+            servos.start(&mut chip).unwrap();
+            let [jaw_us, direct_us] = show(&mut servos, &mut chip, State::Live, 1.0).map(Option::unwrap);
+            assert!((jaw_us - before_us).abs() < 5.0, "{jaw_us}");
+            assert!((direct_us - 2000.0).abs() < 3.0, "{direct_us}: a servo without limits is where the face wants it");
         }
-    }
-
-    #[test]
-    fn a_servo_whose_bus_has_failed_goes_on_from_where_it_is() {
-        let (mut servos, mut chip) = started();
-        let [before, _] = show((&mut servos, &mut chip), State::Live, 0.0).map(Option::unwrap);
-        thread::sleep(Duration::from_millis(50));
-        servos.start(&mut chip).unwrap();
-        let [jaw, direct] = show((&mut servos, &mut chip), State::Live, 1.0).map(Option::unwrap);
-        assert!((jaw - before).abs() < 5.0, "{jaw}");
-        assert!((direct - 2000.0).abs() < 3.0, "a servo without limits is where the face wants it: {direct}");
-    }
-
-    #[test]
-    fn channels_without_settings_get_no_pulses_and_a_lost_face_releases_only_those_that_ask_for_it() {
-        let (mut servos, mut chip) = started();
-        assert!(show((&mut servos, &mut chip), State::Live, 0.0).iter().all(Option::is_some));
-        let others = (0..CHANNELS).filter(|channel| ![9, 4].contains(channel));
-        assert!(others.into_iter().all(|channel| chip.pulse_us(channel).is_none()));
-        let [jaw, direct] = show((&mut servos, &mut chip), State::Neutral, 0.0);
-        assert!(jaw.is_some() && direct.is_none());
     }
 
     #[test]
@@ -556,8 +538,7 @@ mod tests {
             (Errno::TIMEDOUT, "the bus hangs"),
             (Errno::INVAL, "check the wires"),
         ] {
-            let error = refused("I2C bus 1, address 0x40", &io::Error::from(errno)).to_string();
-            assert!(error.starts_with("link I2C bus 1, address 0x40: ") && error.contains(told), "{error}");
+            assert!(refused("the bus", errno).to_string().contains(told), "{errno}");
         }
     }
 
@@ -566,40 +547,30 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let [first, second] = [(); 2].map(|()| File::options().read(true).write(true).open(file.path()).unwrap());
         assert_eq!(lock_byte(&first, 0x40), Ok(()));
-        assert_eq!(lock_byte(&second, 0x40), Err(Errno::AGAIN));
-        assert_eq!(lock_byte(&second, 0x41), Ok(()), "another chip");
+        assert_eq!([0x40, 0x41].map(|chip| lock_byte(&second, chip)), [Err(Errno::AGAIN), Ok(())]);
         drop(first);
         assert_eq!(lock_byte(&second, 0x40), Ok(()));
     }
 
     #[test]
-    fn the_prescaler_is_that_of_the_data_sheet_and_follows_the_oscillator() {
-        // After power-on, it is 30 for 200 Hz.
-        for (pulses_hz, oscillator_hz, prescale) in
-            [(200, 25_000_000, 30), (50, 25_000_000, 121), (50, 27_000_000, 131), (24, 25_000_000, 253)]
-        {
-            assert_eq!(period(pulses_hz, oscillator_hz).prescale, prescale);
-        }
-        assert!((period(50, 27_000_000).longest_pulse_us() - 20_000.0).abs() < 80.0);
-    }
-
-    #[test]
     fn a_chip_that_has_just_got_power_makes_the_pulses_of_its_channels_after_it_was_prepared() {
-        let (mut chip, period) = (Simulated::powered_on(), period(50, 25_000_000));
-        assert_eq!([(); 2].map(|()| chip.prepare(period).unwrap()), [Found::Asleep, Found::Ready]);
-        assert!((0..CHANNELS).all(|channel| chip.pulse_us(channel).is_none()));
-        let pulse_us = |channel: u8| (channel != 5).then_some(1000.0 + 50.0 * f32::from(channel));
-        let pulses: Vec<Option<f32>> = (0..CHANNELS).map(pulse_us).collect();
-        let bytes: Vec<u8> = pulses.iter().flat_map(|pulse_us| period.registers(*pulse_us)).collect();
-        let before = chip.1;
-        chip.write_channels(0, &bytes).unwrap();
-        assert_eq!(chip.1 - before, 2, "16 channels in two transfers");
-        for (channel, wanted) in (0..).zip(pulses) {
-            let pulse_us = chip.pulse_us(channel);
-            let error = wanted.zip(pulse_us).map_or(0.0, |(wanted, pulse_us)| (wanted - pulse_us).abs());
-            assert!(wanted.is_some() == pulse_us.is_some() && error <= 2.5, "{channel}: {pulse_us:?}");
-            assert_eq!(chip.read_pulse_us(channel, period).unwrap(), pulse_us);
+        // The data sheet gives the prescaler 30 for 200 Hz, and 121 for 50 Hz.
+        for (pulses_hz, prescale) in [(200, 30), (50, 121)] {
+            let (mut chip, period) = (Simulated::powered_on(), period(pulses_hz, 25_000_000));
+            let found = [(); 2].map(|()| chip.prepare(period).unwrap());
+            assert_eq!((period.prescale, found), (prescale, [Found::Asleep, Found::Ready]));
+            assert!((0..CHANNELS).all(|channel| chip.pulse_us(channel).is_none()));
+            let wanted_us = |channel: u8| (channel != 5).then_some(1000.0 + 50.0 * f32::from(channel));
+            let bytes: Vec<u8> = (0..CHANNELS).flat_map(|channel| period.registers(wanted_us(channel))).collect();
+            chip.write_channels(0, &bytes).unwrap();
+            for channel in 0..CHANNELS {
+                let (wanted_us, pulse_us) = (wanted_us(channel), chip.pulse_us(channel));
+                let error_us = wanted_us.zip(pulse_us).map_or(0.0, |(wanted, pulse)| f32::abs(wanted - pulse));
+                assert!(wanted_us.is_some() == pulse_us.is_some() && error_us <= 2.5, "{channel}: {pulse_us:?}");
+                assert_eq!(chip.read_pulse_us(channel, period).unwrap(), pulse_us);
+            }
         }
+        assert_eq!([period(50, 27_000_000), period(24, 25_000_000)].map(|period| period.prescale), [131, 253]);
     }
 
     #[test]
@@ -613,8 +584,7 @@ mod tests {
             (AUTO_INCREMENT, OUTPUTS, 30),
             (AUTO_INCREMENT | EXTERNAL_CLOCK, OUTPUTS, 30),
         ] {
-            let mut chip = Simulated::powered_on();
-            chip.set_up(mode1, mode2, prescale);
+            let mut chip = Simulated::new(mode1, mode2, prescale);
             let found = [(); 2].map(|()| chip.prepare(period).unwrap());
             assert_eq!(found, [Found::Altered, Found::Ready], "{mode1:#x} {mode2:#x}");
             chip.write_channels(3, &period.registers(Some(1500.0))).unwrap();
@@ -625,23 +595,21 @@ mod tests {
 
     #[test]
     fn a_pulse_is_read_wherever_it_begins_and_no_pulse_is_read_of_channels_that_are_off_or_mean_something_else() {
-        let mut chip = Simulated::powered_on();
         // 1512 of 4096 steps at 200 Hz, which begin near the end of the period.
         let (late, full_on, empty) = ([0xA0, 0x0F, 0x88, 0x05], [0, FULL, 0x33, 0x01], [0x33, 0x01, 0x33, 0x01]);
         for (mode1, mode2, contents, want_us) in [
-            (AUTO_INCREMENT, OUTPUTS, late, Some(1874.9)),
-            (AUTO_INCREMENT, OUTPUTS, [0, 0, 0, FULL], None),
-            (AUTO_INCREMENT, OUTPUTS, full_on, None),
-            (AUTO_INCREMENT, OUTPUTS, empty, None),
-            (AUTO_INCREMENT | SLEEP, OUTPUTS, late, None),
-            (AUTO_INCREMENT, 0x14, late, None),
-            (AUTO_INCREMENT, 0x00, late, None),
+            (AUTO_INCREMENT, OUTPUTS, late, 1875),
+            (AUTO_INCREMENT, OUTPUTS, [0, 0, 0, FULL], 0),
+            (AUTO_INCREMENT, OUTPUTS, full_on, 0),
+            (AUTO_INCREMENT, OUTPUTS, empty, 0),
+            (AUTO_INCREMENT | SLEEP, OUTPUTS, late, 0),
+            (AUTO_INCREMENT, 0x14, late, 0),
+            (AUTO_INCREMENT, 0x00, late, 0),
         ] {
-            chip.set_up(mode1, mode2, 30);
+            let mut chip = Simulated::new(mode1, mode2, 30);
             chip.0[6..10].copy_from_slice(&contents);
-            let read_us = chip.read_pulse_us(0, period(50, 25_000_000)).unwrap();
-            let is_right = read_us.zip(want_us).map_or(read_us == want_us, |(read, want)| (read - want).abs() < 0.1);
-            assert!(is_right, "{mode1:#x} {mode2:#x} {contents:?} {read_us:?}");
+            let read_us = chip.read_pulse_us(0, period(50, 25_000_000)).unwrap().unwrap_or(0.0);
+            assert_eq!(read_us.round() as u32, want_us, "{mode1:#x} {mode2:#x} {contents:?}");
         }
     }
 

@@ -51,9 +51,6 @@ const INQUIRY_PERIOD: Duration = Duration::from_secs(1);
 /// A receiver that has not answered by then does not answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
 
-const BUSY: &str = "another program has it open; end that program (the service: `sudo systemctl stop facewire`), or give \
-    another port";
-
 /// The error of a port that failed while it was open.
 pub fn lost(device: &Path, error: impl Display) -> LinkError {
     port_error(device, format!("went away ({error}); check its cable, and plug it in again"))
@@ -74,7 +71,10 @@ fn refused(device: &Path, error: Errno) -> LinkError {
             "the rules of the service's unit or of the container exclude this device; add DeviceAllow= for its driver to \
              the unit (docs/service.md, \"What the service may access\")"
         }
-        Errno::BUSY => BUSY,
+        Errno::BUSY => {
+            "another program has it open; end that program (the service: `sudo systemctl stop facewire`), or give \
+             another port"
+        }
         Errno::NOTTY | Errno::ISDIR | Errno::INVAL => "not a serial port; give one that `facewire devices` lists",
         other => return cannot_be_opened(device, io::Error::from(other)),
     };
@@ -108,12 +108,11 @@ impl PortClaim {
         let sentence = if holder == device {
             "the link that the reload replaced has not closed it yet; check that its receiver reads, or unplug it and plug \
              it in again"
-                .to_owned()
         } else {
-            let holder = holder.display();
-            format!(
-                "it is the same device as {holder} at the moment, which another link uses; plug in the device that is \
-                 missing, or give each link a port of its own"
+            &format!(
+                "it is the same device as {} at the moment, which another link uses; plug in the device that is missing, \
+                 or give each link a port of its own",
+                holder.display()
             )
         };
         Err(LinkError::new(LinkErrorKind::Claimed, device.display(), sentence))
@@ -176,12 +175,10 @@ pub fn serial_carrier(
     traffic: Arc<Traffic>,
 ) -> Result<Background, LinkError> {
     // Claimed here, so that the first of two links to one device gets it.
-    let first_claim = match device {
-        SerialDevice::Path(path) => PortClaim::acquire(path).ok(),
-        SerialDevice::Auto => None,
-    };
+    let path = if let SerialDevice::Path(path) = device { Some(path) } else { None };
+    let first_claim = path.and_then(|path| PortClaim::acquire(path).ok());
     let line = Line { search: PortSearch::new(device, auto), baud, preamble, inquiry, first_claim };
-    Background::start(device, "fw-serial", line, *device != SerialDevice::Auto, traffic)
+    Background::start(device, "fw-serial", line, path.is_some(), traffic)
 }
 
 /// A serial line.
@@ -195,7 +192,9 @@ struct Line {
 }
 
 impl Device for Line {
-    fn open(&mut self) -> Result<impl Session, LinkError> {
+    type Session<'a> = Port<'a>;
+
+    fn open(&mut self) -> Result<Port<'_>, LinkError> {
         let device = self.search.find()?;
         let claim = self.first_claim.take().map_or_else(|| PortClaim::acquire(&device), Ok)?;
         let (tty, dtr) = open(&device, self.baud, WRITE_TIMEOUT)?;
@@ -371,26 +370,24 @@ mod tests {
     use super::*;
     use crate::link::testing::eventually;
 
-    /// Returns how many of the packets given in 10 s a line takes, and the longest time that one of them waits.
-    fn given(packets_hz: u32, baud: u32) -> (u32, f64) {
-        let (bytes_per_s, mut unsent_bytes, mut taken, mut longest_s) = (f64::from(baud) / 10.0, 0.0, 0, 0.0);
-        for _ in 0..10 * packets_hz {
-            if !is_behind(unsent_bytes as u32, FRAME_BYTES) {
-                longest_s = f64::max(longest_s, unsent_bytes / bytes_per_s);
-                unsent_bytes += FRAME_BYTES as f64;
-                taken += 1;
-            }
-            unsent_bytes = f64::max(0.0, unsent_bytes - bytes_per_s / f64::from(packets_hz));
-        }
-        (taken, longest_s)
-    }
-
     #[test]
     fn a_line_that_is_too_slow_is_always_busy_and_no_packet_waits_for_two_others_and_a_fast_one_drops_none() {
-        let (taken, waited_s) = given(60, 57_600);
-        assert!((428..=432).contains(&taken), "{taken}: 57,600 baud carry 42.99 a second");
-        assert!(waited_s <= 10.0 * FRAME_BYTES as f64 / 57_600.0, "{waited_s}");
-        assert_eq!(given(42, 57_600).0, 420);
+        // 57,600 baud carry 42.99 packets a second.
+        for (packets_hz, most_taken) in [(60_u32, 428..=432), (42, 420..=420)] {
+            let (bytes_per_s, mut unsent_bytes, mut taken, mut longest_s) = (5760.0, 0.0, 0, 0.0_f64);
+            for _ in 0..10 * packets_hz {
+                if !is_behind(unsent_bytes as u32, FRAME_BYTES) {
+                    longest_s = longest_s.max(unsent_bytes / bytes_per_s);
+                    unsent_bytes += FRAME_BYTES as f64;
+                    taken += 1;
+                }
+                unsent_bytes = f64::max(0.0, unsent_bytes - bytes_per_s / f64::from(packets_hz));
+            }
+            assert!(
+                most_taken.contains(&taken) && longest_s <= FRAME_BYTES as f64 / bytes_per_s,
+                "{taken} {longest_s}"
+            );
+        }
     }
 
     #[test]
@@ -405,42 +402,34 @@ mod tests {
         tcsetattr(&other, OptionalActions::Now, &modes).unwrap();
         let keeps_dtr = || !tcgetattr(&other).unwrap().control_modes.contains(ControlModes::HUPCL);
         let search = PortSearch::new(&SerialDevice::Auto, AutoDevice::Microcontroller);
-        let inquiry = Inquiry { question: b"?".to_vec(), answer_bytes: 2, troubles: |_| Vec::new(), silence: "" };
-        let line = Line { search, baud: 115_200, preamble: vec![0], inquiry: Some(inquiry), first_claim: None };
+        let inquiry = Some(Inquiry { question: b"?".to_vec(), answer_bytes: 2, troubles: |_| Vec::new(), silence: "" });
+        let line = Line { search, baud: 115_200, preamble: vec![0], inquiry, first_claim: None };
         let mut port = Port::new(&line, device.clone(), tty, Some(open()), PortClaim::acquire(&device).unwrap());
         for _ in 0..3 {
             assert!(!port.write(b"dropped").unwrap());
             port.attend().unwrap();
         }
         assert_eq!((board.bytes_to_read().unwrap(), keeps_dtr()), (0, false));
-        let ago = |wait: Duration| Instant::now().checked_sub(wait).unwrap();
-        port.since = ago(RESTART);
-        port.attend().unwrap();
+        // Returns the phase so long after the last one began.
+        let after = |port: &mut Port, elapsed| {
+            port.since = Instant::now().checked_sub(elapsed).unwrap();
+            port.attend().unwrap();
+            port.phase
+        };
+        assert_eq!(after(&mut port, RESTART), Phase::Idle);
         assert!(keeps_dtr());
         assert!(port.write(b"first").unwrap() && port.write(b"second").unwrap());
         // Then the receiver is asked once a second, and its answer is read when it is whole, or given up.
-        for (elapsed, phase) in [(INQUIRY_PERIOD / 2, Phase::Idle), (INQUIRY_PERIOD, Phase::Asked)] {
-            port.since = ago(elapsed);
-            port.attend().unwrap();
-            assert_eq!(port.phase, phase);
-        }
-        board.write_all(b"a").unwrap();
-        port.attend().unwrap();
-        assert_eq!(port.phase, Phase::Asked);
-        board.write_all(b"b").unwrap();
-        eventually("the answer", || {
-            port.attend().unwrap();
-            port.phase == Phase::Idle
-        });
-        for (elapsed, phase) in [(INQUIRY_PERIOD, Phase::Asked), (ANSWER_TIMEOUT, Phase::Idle)] {
-            port.since = ago(elapsed);
-            port.attend().unwrap();
-            assert_eq!(port.phase, phase);
+        let phases = [INQUIRY_PERIOD / 2, INQUIRY_PERIOD, ANSWER_TIMEOUT].map(|elapsed| after(&mut port, elapsed));
+        assert_eq!(phases, [Phase::Idle, Phase::Asked, Phase::Idle]);
+        assert_eq!(after(&mut port, INQUIRY_PERIOD), Phase::Asked);
+        for (byte, phase) in [(b"a", Phase::Asked), (b"b", Phase::Idle)] {
+            board.write_all(byte).unwrap();
+            eventually("the answer", || after(&mut port, Duration::ZERO) == phase);
         }
         let mut bytes = [0; 14];
         board.read_exact(&mut bytes).unwrap();
-        assert_eq!(&bytes, b"\0firstsecond??");
-        assert_eq!(board.bytes_to_read().unwrap(), 0);
+        assert_eq!((&bytes, board.bytes_to_read().unwrap()), (b"\0firstsecond??", 0));
     }
 
     #[test]

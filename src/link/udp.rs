@@ -7,7 +7,7 @@
 //! may change at any time. A look-up may take seconds, so it has a thread of its own, which hands over each new destination
 //! by a triple buffer.
 
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::{self, Thread};
@@ -83,24 +83,22 @@ struct Destination {
 impl Destination {
     /// Opens a socket that may broadcast.
     fn new(address: &Address, receiver: SocketAddr) -> Result<Self, LinkError> {
-        let socket = socket_for(receiver).and_then(|socket| {
+        let opened = socket_for(receiver).and_then(|socket| {
             if receiver.is_ipv4() {
                 socket.set_broadcast(true)?;
             }
-            Ok(socket)
+            Ok(Self { socket, receiver })
         });
-        let socket = socket.map_err(|error| {
+        opened.map_err(|error| {
             let sentence = format!("no socket ({error}); check that the service may use the network");
             LinkError::new(LinkErrorKind::Other, address, sentence)
-        })?;
-        Ok(Self { socket, receiver })
+        })
     }
 }
 
 /// Opens a socket for datagrams to this receiver that never blocks.
 pub fn socket_for(receiver: SocketAddr) -> io::Result<UdpSocket> {
-    let any: IpAddr = if receiver.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() };
-    let socket = UdpSocket::bind((any, 0))?;
+    let socket = UdpSocket::bind(if receiver.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })?;
     socket.set_nonblocking(true)?;
     Ok(socket)
 }
@@ -235,6 +233,8 @@ fn is_nearby(address: IpAddr) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::net::{Ipv4Addr, Ipv6Addr};
+
     use super::*;
     use crate::link::testing::{PATIENCE, eventually};
     use crate::skip::skip;
@@ -313,18 +313,10 @@ mod tests {
 
     #[test]
     fn in_the_unit_a_name_server_at_a_public_address_is_named_with_the_drop_in() {
-        for (server, is_named) in [
-            ("9.9.9.9", true),
-            ("2620:fe::fe", true),
-            // The resolver of a private network that goes by the addresses of providers.
-            ("100.100.100.100", true),
-            ("127.0.0.53", false),
-            ("192.168.1.1", false),
-            ("172.20.0.1", false),
-            ("fe80::1%eth0", false),
-            ("fd00::1", false),
-            ("::1", false),
-        ] {
+        // 100.100.100.100 resolves in private networks that go by the addresses of providers.
+        let far = ["9.9.9.9", "2620:fe::fe", "100.100.100.100"].map(|server| (server, true));
+        let near = ["127.0.0.53", "192.168.1.1", "172.20.0.1", "fe80::1%eth0", "fd00::1", "::1"];
+        for (server, is_named) in far.into_iter().chain(near.map(|server| (server, false))) {
             let resolver =
                 format!("# nameserver 8.8.8.8\nsearch lan\nnameserver 10.0.0.1\nnameserver\t{server}\noptions edns0\n");
             let [unit, user] = ["0::/system.slice/facewire.service\n", "0::/user.slice/session-3.scope\n"]
@@ -391,24 +383,6 @@ mod tests {
             // This would not return if the thread went on.
             told.iter().for_each(drop);
         }
-    }
-
-    /// Returns the number of an interface other than the loopback interface that has an IPv6 address.
-    fn interface() -> Option<u32> {
-        let addresses = fs::read_to_string("/proc/net/if_inet6").ok()?;
-        let interface = |line: &str| u32::from_str_radix(line.split_whitespace().nth(1)?, 16).ok();
-        addresses.lines().filter(|line| !line.ends_with(" lo")).find_map(interface)
-    }
-
-    /// A group of the local network reaches its members on the interface whose number the address names, without a route.
-    #[test]
-    fn an_ipv6_multicast_group_gets_each_message_on_the_interface_that_the_address_names() {
-        let Some(interface) = interface() else { return skip("this machine has no network with IPv6") };
-        let group = Ipv6Addr::new(0xff02, 0, 0, 0, 0, 0, 0xface, 0x1e);
-        let member = receiver("[::]:0");
-        member.join_multicast_v6(&group, interface).unwrap();
-        let mut link = open(&format!("[{group}%{interface}]:{}", member.local_addr().unwrap().port()));
-        assert_eq!(sent(&mut link, &member), (None, [1, 0]));
     }
 
     /// The system sends to a group by its route, or by the default route.

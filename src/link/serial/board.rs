@@ -1,9 +1,9 @@
 //! What the numbers of USB devices tell about serial ports: which is the board for `device = "auto"`, and which board
 //! restarts when its port is opened.
 //!
-//! Only one board that is the only one is chosen. A line to a modem, a printer or a radio must not carry packets by
-//! surprise, so an adapter that anything may be connected to is never chosen, nor one of several boards. A board that was
-//! chosen before is chosen again, and is waited for while its power is off for a moment.
+//! A board is chosen only if it is the only one. A line to a modem, a printer or a radio must not carry packets by
+//! surprise, so an adapter that anything may be connected to is never chosen. A board that was chosen before is chosen
+//! again, and is waited for while its power is off for a moment.
 //!
 //! Limits: ports must have their names from the kernel and from udev. A board at the pins of a UART is not recognised.
 
@@ -47,17 +47,15 @@ pub fn is_maestro(vendor: u16, product: u16) -> bool {
 }
 
 /// Whether opening this port restarts the board behind it, if DTR was low. `class` is what the kernel knows of ports.
-/// Whether the DTR of an adapter is connected is not known, so that any board behind one counts.
+///
+/// Drivers of serial chips such as the CH340 name their ports `ttyUSB0`, or `ttyCH341USB0` if they come from the maker.
+/// Whether the DTR of such a chip is connected is not known, so that any board behind one counts. A board at another port
+/// restarts only if the lists above contain it.
 pub fn restarts_board(device: &Path, class: &Path) -> bool {
     let node = device.canonicalize().unwrap_or_default();
     let name = node.file_name().unwrap_or_default().to_string_lossy();
     let (vendor, product) = usb_device(&node, class).map(|device| numbers(&device)).unwrap_or_default();
-    is_restarted_by_dtr(&name, &vendor, &product)
-}
-
-/// Drivers of serial chips such as the CH340 name their ports `ttyUSB0`, or `ttyCH341USB0` if they come from the maker.
-/// A board at any other port restarts only if the lists above contain it.
-fn is_restarted_by_dtr(name: &str, vendor: &str, product: &str) -> bool {
+    let (vendor, product) = (vendor.as_str(), product.as_str());
     let is_arduino = ARDUINO_VENDORS.contains(&vendor) && ARDUINOS.contains(&product);
     is_arduino || name.contains("USB") || MODEM_CHIPS.contains(&(vendor, product))
 }
@@ -83,44 +81,39 @@ impl PortSearch {
     pub fn find(&mut self) -> Result<PathBuf, LinkError> {
         match &self.device {
             SerialDevice::Path(path) => Ok(path.clone()),
-            SerialDevice::Auto => {
-                self.choose(Ports::list(self.wanted, Path::new(LINKS), Path::new(CLASS)), Instant::now())
-            }
+            SerialDevice::Auto => self.choose(ports(self.wanted, Path::new(LINKS), Path::new(CLASS)), Instant::now()),
         }
     }
 
-    fn choose(&mut self, mut ports: Ports, now: Instant) -> Result<PathBuf, LinkError> {
-        let error = |kind, sentence: String| Err(LinkError::new(kind, "auto", sentence));
+    /// Chooses among the boards, and names the others if there is no board.
+    fn choose(&mut self, [mut boards, others]: [Vec<PathBuf>; 2], now: Instant) -> Result<PathBuf, LinkError> {
+        let error = |kind, sentence: &str| Err(LinkError::new(kind, "auto", sentence));
         if let Some(chosen) = &self.chosen {
-            if ports.boards.contains(chosen) {
-                ports.boards = vec![chosen.clone()];
-            } else if now.duration_since(*self.missed_at.get_or_insert(now)) < REPLACE_AFTER && !ports.boards.is_empty()
-            {
-                let sentence =
-                    format!("waits for {}; another board takes its place after half a minute", chosen.display());
-                return error(LinkErrorKind::Other, sentence);
+            if boards.contains(chosen) {
+                boards = vec![chosen.clone()];
+            } else if now.duration_since(*self.missed_at.get_or_insert(now)) < REPLACE_AFTER && !boards.is_empty() {
+                let away = format!("waits for {}; another board takes its place after half a minute", chosen.display());
+                return error(LinkErrorKind::Other, &away);
             }
         }
-        match ports.boards.as_slice() {
+        match boards.as_slice() {
             [board] => {
                 (self.chosen, self.missed_at) = (Some(board.clone()), None);
                 Ok(board.clone())
             }
             [] if self.wanted == AutoDevice::Maestro => {
-                error(LinkErrorKind::Waiting, "waits for a Pololu Maestro; none is plugged into USB".to_owned())
+                error(LinkErrorKind::Waiting, "waits for a Pololu Maestro; none is plugged into USB")
             }
             [] => {
-                let hint = if ports.others.is_empty() {
-                    String::new()
-                } else {
-                    format!("; if your board is one of these, give its path as link.device: {}", joined(&ports.others))
-                };
+                let hint =
+                    format!("; if your board is one of these, give its path as link.device: {}", joined(&others));
+                let hint = if others.is_empty() { "" } else { &hint };
                 let sentence = "waits for a microcontroller board; none of a known maker is plugged in";
-                error(LinkErrorKind::Waiting, format!("{sentence}{hint}"))
+                error(LinkErrorKind::Waiting, &[sentence, hint].concat())
             }
             boards => {
-                let sentence = "more than one such board is plugged in; give the path of one as link.device";
-                error(LinkErrorKind::Other, format!("{sentence}: {}", joined(boards)))
+                let sentence = "more than one such board is plugged in; give the path of one as link.device: ";
+                error(LinkErrorKind::Other, &[sentence, &joined(boards)].concat())
             }
         }
     }
@@ -130,33 +123,26 @@ fn joined(ports: &[PathBuf]) -> String {
     ports.iter().map(|port| port.display().to_string()).collect::<Vec<_>>().join(", ")
 }
 
-/// The serial ports of USB devices, by the stable path of the first port of each device.
-#[derive(Debug, Default)]
-struct Ports {
-    boards: Vec<PathBuf>,
-    others: Vec<PathBuf>,
-}
-
-impl Ports {
-    /// Lists the ports that have a link in `links`, with what `class` tells of them.
-    fn list(wanted: AutoDevice, links: &Path, class: &Path) -> Self {
-        let mut paths: Vec<PathBuf> =
-            fs::read_dir(links).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-        paths.sort();
-        let mut devices: Vec<(PathBuf, PathBuf)> =
-            paths.into_iter().filter_map(|path| Some((usb_device(&path, class)?, path))).collect();
-        devices.dedup_by(|later, earlier| later.0 == earlier.0);
-        let mut ports = Self::default();
-        for (device, path) in devices {
-            match (auto_device(&device), wanted) {
-                (Some(found), wanted) if found == wanted => ports.boards.push(path),
-                // The message would recommend the path.
-                (Some(AutoDevice::Maestro), AutoDevice::Microcontroller) => {}
-                _ => ports.others.push(path),
-            }
+/// Lists the serial ports of USB devices that have a link in `links`, by the stable path of the first port of each device:
+/// the wanted boards, and the others.
+fn ports(wanted: AutoDevice, links: &Path, class: &Path) -> [Vec<PathBuf>; 2] {
+    let mut paths: Vec<PathBuf> =
+        fs::read_dir(links).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    let mut devices: Vec<(PathBuf, PathBuf)> =
+        paths.into_iter().filter_map(|path| Some((usb_device(&path, class)?, path))).collect();
+    devices.dedup_by(|later, earlier| later.0 == earlier.0);
+    let mut ports = [Vec::new(), Vec::new()];
+    let [boards, others] = &mut ports;
+    for (device, path) in devices {
+        match auto_device(&device) {
+            Some(found) if found == wanted => boards.push(path),
+            // The message would recommend the path.
+            Some(AutoDevice::Maestro) => {}
+            _ => others.push(path),
         }
-        ports
     }
+    ports
 }
 
 /// Returns the folder of the USB device that the port belongs to: the nearest above the port that has a vendor.
@@ -190,6 +176,8 @@ mod tests {
 
     use tempfile::TempDir;
 
+    use AutoDevice::{Maestro, Microcontroller};
+
     use super::*;
 
     /// A machine with USB devices, in a folder.
@@ -214,124 +202,99 @@ mod tests {
                 fs::create_dir(root.join("tty").join(node)).unwrap();
                 symlink(port, root.join("tty").join(node).join("device")).unwrap();
                 fs::write(root.join("dev").join(node), "").unwrap();
-                symlink(Path::new("../dev").join(node), self.link(name, index)).unwrap();
+                symlink(Path::new("../dev").join(node), self.0.path().join(format!("by-id/usb-{name}-if0{index}")))
+                    .unwrap();
             }
             fs::write(device.join("idVendor"), format!("{vendor}\n")).unwrap();
             fs::write(device.join("idProduct"), format!("{product}\n")).unwrap();
         }
 
         fn unplug(&self, name: &str) {
-            fs::remove_file(self.link(name, 0)).unwrap();
+            fs::remove_file(self.link(name)).unwrap();
         }
 
-        fn link(&self, name: &str, index: usize) -> PathBuf {
-            self.0.path().join(format!("by-id/usb-{name}-if0{index}"))
+        /// The first port of a device.
+        fn link(&self, name: &str) -> PathBuf {
+            self.0.path().join(format!("by-id/usb-{name}-if00"))
         }
 
         fn find(&self, search: &mut PortSearch, now: Instant) -> Result<PathBuf, LinkError> {
-            search.choose(Ports::list(search.wanted, &self.0.path().join("by-id"), &self.0.path().join("tty")), now)
+            search.choose(ports(search.wanted, &self.0.path().join("by-id"), &self.0.path().join("tty")), now)
         }
 
-        fn find_first(&self, wanted: AutoDevice) -> Result<PathBuf, LinkError> {
-            self.find(&mut PortSearch::new(&SerialDevice::Auto, wanted), Instant::now())
-        }
-
-        /// Asserts that there is no such board, and that the message names these devices.
-        fn has_none(&self, wanted: AutoDevice, named: &[&str]) {
-            let LinkError { kind, message } = self.find_first(wanted).unwrap_err();
-            assert_eq!(kind, LinkErrorKind::Waiting, "{message}");
-            let paths = named.iter().map(|name| self.link(name, 0)).collect::<Vec<_>>();
-            assert!(
-                message.ends_with(&joined(&paths)) && message.contains(".device: ") != named.is_empty(),
-                "{message}"
-            );
+        /// Asserts that this device is found, or none with this kind of error and a message that names these devices.
+        fn finds(&self, wanted: AutoDevice, found: Result<&str, (LinkErrorKind, &[&str])>) {
+            let paths = |names: &[&str]| names.iter().map(|name| self.link(name)).collect::<Vec<_>>();
+            match (self.find(&mut PortSearch::new(&SerialDevice::Auto, wanted), Instant::now()), found) {
+                (Ok(path), Ok(name)) => assert_eq!(path, self.link(name)),
+                (Err(error), Err((kind, named))) => {
+                    assert_eq!(error.kind, kind, "{error}");
+                    assert!(error.message.ends_with(&joined(&paths(named))), "{error}");
+                    assert_eq!(error.message.contains(".device"), !named.is_empty(), "{error}");
+                }
+                (result, _) => panic!("{result:?}"),
+            }
         }
     }
-
-    use AutoDevice::{Maestro, Microcontroller};
 
     #[test]
     fn the_only_board_is_found_by_its_maker_among_ports_that_anything_may_be_connected_to() {
         let machine = Machine::new();
-        machine.has_none(Microcontroller, &[]);
+        machine.finds(Microcontroller, Err((LinkErrorKind::Waiting, &[])));
         machine.plug("1a86_Serial", "1a86:7523", &["ttyUSB0"]);
         machine.plug("Raspberry_Pi_Debug_Probe", "2e8a:000c", &["ttyACM0"]);
         machine.plug("Van_Ooijen_Keyboard", "16c0:27dd", &["ttyACM1"]);
-        machine.has_none(Microcontroller, &["1a86_Serial", "Raspberry_Pi_Debug_Probe", "Van_Ooijen_Keyboard"]);
+        let others: &[&str] = &["1a86_Serial", "Raspberry_Pi_Debug_Probe", "Van_Ooijen_Keyboard"];
+        machine.finds(Microcontroller, Err((LinkErrorKind::Waiting, others)));
         machine.plug("Teensyduino", "16c0:0483", &["ttyACM2"]);
-        assert_eq!(machine.find_first(Microcontroller), Ok(machine.link("Teensyduino", 0)));
-    }
-
-    #[test]
-    fn a_maestro_is_found_by_a_link_for_maestros_at_its_first_port_and_gets_no_packets() {
-        let machine = Machine::new();
-        machine.plug("Arduino", "2341:0043", &["ttyACM0"]);
-        assert_eq!(machine.find_first(Maestro).unwrap_err().kind, LinkErrorKind::Waiting);
-        machine.plug("Pololu_Mini_Maestro_12", "1ffb:008a", &["ttyACM2", "ttyACM1"]);
-        assert_eq!(machine.find_first(Maestro), Ok(machine.link("Pololu_Mini_Maestro_12", 0)));
-        assert_eq!(machine.find_first(Microcontroller), Ok(machine.link("Arduino", 0)));
-        machine.unplug("Arduino");
-        machine.has_none(Microcontroller, &[]);
-        machine.plug("Pololu_Micro_Maestro_6", "1ffb:0089", &["ttyACM3", "ttyACM4"]);
-        assert!(machine.find_first(Maestro).unwrap_err().message.contains("more than one"));
+        machine.finds(Microcontroller, Ok("Teensyduino"));
+        machine.finds(Maestro, Err((LinkErrorKind::Waiting, &[])));
+        machine.plug("Pololu_Mini_Maestro_12", "1ffb:008a", &["ttyACM4", "ttyACM3"]);
+        machine.finds(Maestro, Ok("Pololu_Mini_Maestro_12"));
+        machine.finds(Microcontroller, Ok("Teensyduino"));
+        machine.unplug("Teensyduino");
+        // A Maestro would take packets for commands, so that its path is not recommended.
+        machine.finds(Microcontroller, Err((LinkErrorKind::Waiting, others)));
     }
 
     #[test]
     fn of_several_boards_none_is_taken_but_the_one_that_is_in_use_is_kept() {
         let (machine, now) = (Machine::new(), Instant::now());
-        machine.plug("B", "2341:0043", &["ttyACM0"]);
-        let mut search = PortSearch::new(&SerialDevice::Auto, Microcontroller);
-        assert_eq!(machine.find(&mut search, now), Ok(machine.link("B", 0)));
-        machine.plug("A", "239a:80f4", &["ttyACM1"]);
-        assert_eq!(machine.find(&mut search, now), Ok(machine.link("B", 0)));
-        let LinkError { kind, message } = machine.find_first(Microcontroller).unwrap_err();
-        assert_eq!(kind, LinkErrorKind::Other, "somebody must choose");
-        assert!(message.ends_with(&joined(&["A", "B"].map(|name| machine.link(name, 0)))), "{message}");
-    }
-
-    #[test]
-    fn a_board_that_is_away_for_seconds_is_waited_for_and_later_another_takes_its_place() {
-        let (machine, now) = (Machine::new(), Instant::now());
         machine.plug("Head", "2341:0043", &["ttyACM0"]);
         let mut search = PortSearch::new(&SerialDevice::Auto, Microcontroller);
-        assert_eq!(machine.find(&mut search, now), Ok(machine.link("Head", 0)));
+        assert_eq!(machine.find(&mut search, now), Ok(machine.link("Head")));
+        machine.plug("Other", "239a:80f4", &["ttyACM1"]);
+        assert_eq!(machine.find(&mut search, now), Ok(machine.link("Head")));
+        // Somebody must choose.
+        machine.finds(Microcontroller, Err((LinkErrorKind::Other, &["Head", "Other"])));
+        // A board that is away for seconds is waited for, and later another takes its place.
         machine.unplug("Head");
         let days_later = now + 1000 * REPLACE_AFTER;
-        assert!(machine.find(&mut search, days_later).is_err());
-        machine.plug("Other", "2341:0043", &["ttyACM1"]);
-        let away = machine.find(&mut search, days_later + REPLACE_AFTER / 2).unwrap_err().to_string();
-        assert!(away.contains(&format!("waits for {}", machine.link("Head", 0).display())), "{away}");
-        assert_eq!(machine.find(&mut search, days_later + REPLACE_AFTER), Ok(machine.link("Other", 0)));
-    }
-
-    #[test]
-    fn opening_the_port_of_an_uno_restarts_it_whatever_the_name_of_its_port() {
-        let machine = Machine::new();
-        machine.plug("Uno", "2341:0043", &["ttyACM0"]);
-        machine.plug("Leonardo", "2341:8036", &["ttyACM1"]);
-        let restarts = |path: &Path| restarts_board(path, &machine.0.path().join("tty"));
-        let ports = ["dev/ttyACM0", "dev/ttyACM1", "dev/ttyACM2"].map(|port| machine.0.path().join(port));
-        assert_eq!(ports.map(|port| restarts(&port)), [true, false, false]);
-        assert_eq!(["Uno", "Leonardo"].map(|name| restarts(&machine.link(name, 0))), [true, false]);
+        let away = [days_later, days_later + REPLACE_AFTER / 2].map(|now| machine.find(&mut search, now).unwrap_err());
+        assert!(away[1].message.contains(&format!("waits for {}", machine.link("Head").display())), "{away:?}");
+        assert_eq!(machine.find(&mut search, days_later + REPLACE_AFTER), Ok(machine.link("Other")));
     }
 
     #[test]
     fn boards_with_a_serial_chip_restart_and_boards_with_their_own_usb_uarts_and_maestros_do_not() {
-        for (name, vendor, product, restarts) in [
-            ("ttyUSB12", "10c4", "ea60", true),
-            ("ttyCH341USB0", "1a86", "7523", true),
-            ("ttyACM1", "2341", "0001", true),
-            ("ttyACM0", "2a03", "0042", true),
-            ("ttyACM0", "1a86", "55d4", true),
-            ("ttyACM0", "2341", "8036", false),
-            ("ttyACM0", "2e8a", "000a", false),
-            ("ttyACM0", "1ffb", "0089", false),
-            ("ttyACM0", "1b4f", "0043", false),
-            ("ttyAMA0", "", "", false),
-            ("3", "", "", false),
+        let machine = Machine::new();
+        for (node, numbers, restarts) in [
+            ("ttyUSB12", "10c4:ea60", true),
+            ("ttyCH341USB0", "1a86:7523", true),
+            ("ttyACM1", "2341:0001", true),
+            ("ttyACM2", "2a03:0042", true),
+            ("ttyACM3", "1a86:55d4", true),
+            ("ttyACM4", "2341:8036", false),
+            ("ttyACM5", "2e8a:000a", false),
+            ("ttyACM6", "1ffb:0089", false),
+            ("ttyACM7", "1b4f:0043", false),
         ] {
-            assert_eq!(is_restarted_by_dtr(name, vendor, product), restarts, "{name} {vendor}:{product}");
+            machine.plug(node, numbers, &[node]);
+            let by_node = machine.0.path().join("dev").join(node);
+            let found = [by_node, machine.link(node)].map(|path| restarts_board(&path, &machine.0.path().join("tty")));
+            assert_eq!(found, [restarts; 2], "{node} {numbers}");
         }
+        assert!(!restarts_board(Path::new("/dev/ttyAMA0"), &machine.0.path().join("tty")));
     }
 
     #[test]

@@ -112,108 +112,93 @@ pub struct Parameter {
     pub formula: Formula,
 }
 
-/// Every parameter.
 pub static PARAMETERS: LazyLock<Vec<Parameter>> = LazyLock::new(|| {
     let mut parameters = Vec::new();
-    let tables = [(Group::Shape, SHAPES), (Group::Compound, COMPOUNDS), (Group::Head, HEAD)];
-    for (group, (names, endings, value)) in
-        tables.into_iter().flat_map(|(group, rows)| rows.iter().map(move |row| (group, row)))
-    {
-        for name in *names {
-            let formula = |of| Formula { of, value: *value };
-            let parameter =
-                |(ending, of): &(&str, Of)| Parameter { name: format!("{name}{ending}"), group, formula: formula(*of) };
-            parameters.extend(endings.iter().map(parameter));
+    for (names, endings, value) in ROWS {
+        for (ending, of, group) in *endings {
+            let formula = Formula { of: *of, value: *value };
+            let named = |name| Parameter { name: format!("{name}{ending}"), group: *group, formula };
+            parameters.extend(names.iter().map(named));
         }
     }
     parameters
 });
 
-/// Names, and what follows them for each side, for the mean of both, or for all three.
-type Row = (&'static [&'static str], &'static [(&'static str, Of)], fn(&Face, &Side) -> f32);
+/// What follows a name, for which part of the face, and the group of this parameter.
+type Endings = &'static [(&'static str, Of, Group)];
+type Row = (&'static [&'static str], Endings, fn(&Face, &Side) -> f32);
 
-const WHOLE: &[(&str, Of)] = &[("", Of::Both)];
-const SIDES: &[(&str, Of)] = &[("Left", Of::Left), ("Right", Of::Right)];
-const ALL: &[(&str, Of)] = &[("Left", Of::Left), ("Right", Of::Right), ("", Of::Both)];
+/// One movement of the whole face, of each side, or of each side with the mean of both as a compound.
+const WHOLE: Endings = &[("", Of::Both, Group::Shape)];
+const SIDES: Endings = &[("Left", Of::Left, Group::Shape), ("Right", Of::Right, Group::Shape)];
+const EACH: Endings =
+    &[("Left", Of::Left, Group::Shape), ("Right", Of::Right, Group::Shape), ("", Of::Both, Group::Compound)];
+const LOOK_X: Endings =
+    &[("LeftX", Of::Left, Group::Shape), ("RightX", Of::Right, Group::Shape), ("X", Of::Both, Group::Compound)];
+const LOOK_Y: Endings =
+    &[("LeftY", Of::Left, Group::Shape), ("RightY", Of::Right, Group::Shape), ("Y", Of::Both, Group::Compound)];
+/// Several movements in one number: for both sides, for each side, or all three.
+const BOTH: Endings = &[("", Of::Both, Group::Compound)];
+const BOTH_SIDES: Endings = &[("Left", Of::Left, Group::Compound), ("Right", Of::Right, Group::Compound)];
+const ALL: Endings =
+    &[("Left", Of::Left, Group::Compound), ("Right", Of::Right, Group::Compound), ("", Of::Both, Group::Compound)];
+const HEAD: Endings = &[("", Of::Both, Group::Head)];
 
-const SHAPES: &[Row] = &[
-    (&["EyeLeftX"], WHOLE, |f, _| f.left.look[0]),
-    (&["EyeLeftY"], WHOLE, |f, _| f.left.look[1]),
-    (&["EyeRightX"], WHOLE, |f, _| f.right.look[0]),
-    (&["EyeRightY"], WHOLE, |f, _| f.right.look[1]),
-    (&["EyeOpen"], SIDES, |_, s| 1.0 - s.blink),
-    (&["EyeClosed"], SIDES, |_, s| s.blink),
+const ROWS: &[Row] = &[
+    (&["Eye"], LOOK_X, |_, s| s.look[0]),
+    (&["Eye"], LOOK_Y, |_, s| s.look[1]),
+    (&["EyeOpen"], EACH, |_, s| 1.0 - s.blink),
+    (&["EyeClosed"], EACH, |_, s| s.blink),
     (&["EyeWide"], SIDES, |_, s| s.wide),
+    (&["EyeWide"], BOTH, |f, _| f.left.wide.max(f.right.wide)),
+    (&["EyeLid"], ALL, |_, s| 0.75 * (1.0 - s.blink) + 0.25 * s.wide),
     (&["EyeSquint"], SIDES, |_, s| s.squint),
+    (&["EyeSquint", "EyesSquint"], BOTH, |f, _| f.left.squint.max(f.right.squint)),
     (&["BrowPinch", "BrowLowerer"], SIDES, |_, s| s.brow_down),
-    (&["BrowInnerUp"], SIDES, |f, _| f.brow_inner_up),
-    (&["BrowOuterUp"], SIDES, |_, s| s.brow_outer_up),
-    (&["NoseSneer"], SIDES, |_, s| s.sneer),
-    (&["CheekSquint"], SIDES, |_, s| s.cheek_squint),
+    (&["BrowDown"], ALL, |_, s| s.brow_down),
+    (&["BrowInnerUp"], EACH, |f, _| f.brow_inner_up),
+    (&["BrowOuterUp"], EACH, |_, s| s.brow_outer_up),
+    (&["BrowUp"], ALL, |f, s| 0.6 * s.brow_outer_up + 0.4 * f.brow_inner_up),
+    (&["BrowExpression"], ALL, |f, s| mean(f.brow_inner_up, s.brow_outer_up).min(1.0) - s.brow_down),
+    (&["NoseSneer"], EACH, |_, s| s.sneer),
+    (&["CheekSquint"], EACH, |_, s| s.cheek_squint),
     (&["CheekPuff"], SIDES, |f, _| f.cheek_puff),
+    (&["CheekPuffSuck"], ALL, |f, _| f.cheek_puff),
     (&["JawOpen"], WHOLE, |f, _| f.jaw_open),
     (&["Jaw"], SIDES, |_, s| s.jaw),
+    (&["JawX"], BOTH, |f, _| f.right.jaw - f.left.jaw),
     (&["JawForward"], WHOLE, |f, _| f.jaw_forward),
+    (&["JawZ"], BOTH, |f, _| f.jaw_forward),
     (&["MouthClosed"], WHOLE, |f, _| f.mouth_close.min(f.jaw_open)),
-    (&["LipSuckUpper"], SIDES, |f, s| f.suck_upper(s)),
-    (&["LipSuckLower"], SIDES, |f, _| f.roll_lower),
-    (&["LipFunnelUpper", "LipFunnelLower"], SIDES, |f, _| f.funnel),
-    (&["LipPuckerUpper", "LipPuckerLower"], SIDES, |f, _| f.pucker),
     (&["MouthUpper", "MouthLower"], SIDES, |_, s| s.mouth),
-    (&["MouthUpperUp", "MouthUpperDeepen"], SIDES, |_, s| s.upper_up),
-    (&["MouthLowerDown"], SIDES, |_, s| s.lower_down),
-    (&["MouthCornerPull", "MouthCornerSlant"], SIDES, |_, s| s.smile),
-    (&["MouthFrown"], SIDES, |_, s| s.frown),
-    (&["MouthStretch"], SIDES, |_, s| s.stretch),
-    (&["MouthDimple"], SIDES, |_, s| s.dimple),
-    (&["MouthRaiserUpper"], WHOLE, |f, _| f.shrug_upper),
-    (&["MouthRaiserLower"], WHOLE, |f, _| f.shrug_lower),
-    (&["MouthPress"], SIDES, |_, s| s.press),
-    (&["TongueOut"], WHOLE, |f, _| f.tongue_out),
-];
-
-const COMPOUNDS: &[Row] = &[
-    (&["EyeX"], WHOLE, |_, s| s.look[0]),
-    (&["EyeY"], WHOLE, |_, s| s.look[1]),
-    (&["EyeOpen"], WHOLE, |_, s| 1.0 - s.blink),
-    (&["EyeClosed"], WHOLE, |_, s| s.blink),
-    (&["EyeWide"], WHOLE, |f, _| f.left.wide.max(f.right.wide)),
-    (&["EyeLid"], ALL, |_, s| 0.75 * (1.0 - s.blink) + 0.25 * s.wide),
-    (&["EyeSquint", "EyesSquint"], WHOLE, |f, _| f.left.squint.max(f.right.squint)),
-    (&["BrowUp"], ALL, |f, s| 0.6 * s.brow_outer_up + 0.4 * f.brow_inner_up),
-    (&["BrowDown"], ALL, |_, s| s.brow_down),
-    (&["BrowInnerUp"], WHOLE, |f, _| f.brow_inner_up),
-    (&["BrowOuterUp"], WHOLE, |_, s| s.brow_outer_up),
-    (&["BrowExpression"], ALL, |f, s| mean(f.brow_inner_up, s.brow_outer_up).min(1.0) - s.brow_down),
-    (&["JawX"], WHOLE, |f, _| f.right.jaw - f.left.jaw),
-    (&["JawZ"], WHOLE, |f, _| f.jaw_forward),
-    (&["CheekSquint"], WHOLE, |_, s| s.cheek_squint),
-    (&["CheekPuffSuck"], ALL, |f, _| f.cheek_puff),
-    (&["MouthUpperX", "MouthLowerX", "MouthX"], WHOLE, |f, _| f.right.mouth - f.left.mouth),
-    (&["LipSuckUpper"], WHOLE, |f, s| f.suck_upper(s)),
-    (&["LipSuckLower"], WHOLE, |f, _| f.roll_lower),
-    (&["LipSuck"], WHOLE, |f, s| mean(f.suck_upper(s), f.roll_lower)),
-    (&["LipFunnelUpper", "LipFunnelLower", "LipFunnel"], WHOLE, |f, _| f.funnel),
-    (&["LipPuckerUpper", "LipPuckerLower"], WHOLE, |f, _| f.pucker),
+    (&["MouthUpperX", "MouthLowerX", "MouthX"], BOTH, |f, _| f.right.mouth - f.left.mouth),
+    (&["LipSuckUpper"], EACH, |f, s| f.suck_upper(s)),
+    (&["LipSuckLower"], EACH, |f, _| f.roll_lower),
+    (&["LipSuck"], BOTH, |f, s| mean(f.suck_upper(s), f.roll_lower)),
+    (&["LipFunnelUpper", "LipFunnelLower"], EACH, |f, _| f.funnel),
+    (&["LipFunnel"], BOTH, |f, _| f.funnel),
+    (&["LipPuckerUpper", "LipPuckerLower"], EACH, |f, _| f.pucker),
     (&["LipPucker"], ALL, |f, _| f.pucker),
     (&["LipSuckFunnelUpper"], ALL, |f, s| f.suck_upper(s) - f.funnel),
     (&["LipSuckFunnelLower"], ALL, |f, _| f.roll_lower - f.funnel),
-    (&["MouthUpperUp"], WHOLE, |_, s| s.upper_up),
-    (&["MouthLowerDown"], WHOLE, |_, s| s.lower_down),
-    (&["MouthOpen"], WHOLE, |_, s| mean(s.upper_up, s.lower_down)),
-    (&["MouthStretch"], WHOLE, |_, s| s.stretch),
-    (&["MouthPress"], WHOLE, |_, s| s.press),
-    (&["MouthDimple"], WHOLE, |_, s| s.dimple),
-    (&["MouthTightenerStretch"], ALL, |_, s| 0.0 - s.stretch),
-    (&["NoseSneer"], WHOLE, |_, s| s.sneer),
+    (&["MouthUpperUp"], EACH, |_, s| s.upper_up),
+    (&["MouthUpperDeepen"], SIDES, |_, s| s.upper_up),
+    (&["MouthLowerDown"], EACH, |_, s| s.lower_down),
+    (&["MouthOpen"], BOTH, |_, s| mean(s.upper_up, s.lower_down)),
+    (&["MouthCornerPull", "MouthCornerSlant"], SIDES, |_, s| s.smile),
+    (&["MouthFrown"], SIDES, |_, s| s.frown),
     (&["MouthCornerY", "SmileFrown"], ALL, |_, s| s.smile - s.frown),
-    (&["MouthSmile"], SIDES, |_, s| s.smile),
-    (&["MouthSad"], SIDES, |_, s| s.frown.max(s.stretch)),
+    (&["MouthSmile"], BOTH_SIDES, |_, s| s.smile),
+    (&["MouthSad"], BOTH_SIDES, |_, s| s.frown.max(s.stretch)),
     (&["SmileSad"], ALL, |_, s| s.smile - s.frown.max(s.stretch)),
-];
-
-const HEAD: &[Row] = &[
-    (&["Head/Yaw"], WHOLE, |f, _| f.head[0]),
-    (&["Head/Pitch"], WHOLE, |f, _| f.head[1]),
-    (&["Head/Roll"], WHOLE, |f, _| f.head[2]),
+    (&["MouthStretch"], EACH, |_, s| s.stretch),
+    (&["MouthTightenerStretch"], ALL, |_, s| 0.0 - s.stretch),
+    (&["MouthDimple"], EACH, |_, s| s.dimple),
+    (&["MouthPress"], EACH, |_, s| s.press),
+    (&["MouthRaiserUpper"], WHOLE, |f, _| f.shrug_upper),
+    (&["MouthRaiserLower"], WHOLE, |f, _| f.shrug_lower),
+    (&["TongueOut"], WHOLE, |f, _| f.tongue_out),
+    (&["Head/Yaw"], HEAD, |f, _| f.head[0]),
+    (&["Head/Pitch"], HEAD, |f, _| f.head[1]),
+    (&["Head/Roll"], HEAD, |f, _| f.head[2]),
 ];

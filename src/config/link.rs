@@ -9,7 +9,7 @@ use std::{
 use facewire_face::{Adjustments, BLENDSHAPES, COEFFS};
 
 use super::{
-    overlay::{Entry, Overlay, Section, Setting, key, section, table},
+    overlay::{Entry, Field, Overlay, Section, Setting, field, key, section, table},
     value::{
         Address, EXACTLY_36_CHARACTERS, JsonTarget, MOST_BITS, OSC_PREFIX, Parameters, SerialDevice,
         UP_TO_64_CHARACTERS, choices, one_of,
@@ -60,13 +60,7 @@ macro_rules! link_kinds {
             }
 
             /// The settings that only this kind has.
-            fn section(&self) -> &dyn Section {
-                match self {
-                    $( Self::$variant(settings) => settings, )*
-                }
-            }
-
-            fn section_mut(&mut self) -> &mut dyn Section {
+            fn section(&mut self) -> &mut dyn Section {
                 match self {
                     $( Self::$variant(settings) => settings, )*
                 }
@@ -200,11 +194,11 @@ impl Setting for Vec<ChannelSettings> {
     type Bounds = ();
 
     fn set(&mut self, entry: &Entry<'_>, (): &(), file: &mut Overlay<'_>) {
-        for entry in entry.each() {
+        self.extend(entry.each().iter().map(|entry| {
             let mut channel = ChannelSettings::default();
-            file.section(&mut channel, &entry);
-            self.push(channel);
-        }
+            file.section(&mut channel, entry);
+            channel
+        }));
     }
 }
 
@@ -240,15 +234,8 @@ impl Sources {
 }
 
 impl Section for Sources {
-    fn keys(&self) -> Vec<&'static str> {
-        SOURCE_NAMES.to_vec()
-    }
-
-    fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>) {
-        let named = SOURCE_NAMES.iter().zip(&mut self.0).find(|(name, _)| **name == entry.key);
-        if let Some((_, gain)) = named {
-            gain.set(entry, &(-10.0..=10.0, ""), file);
-        }
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        SOURCE_NAMES.into_iter().zip(&mut self.0).map(|(name, gain)| field(name, gain, (-10.0..=10.0, ""))).collect()
     }
 }
 
@@ -280,18 +267,15 @@ pub enum AutoDevice {
 
 impl LinkKind {
     pub fn carrier(&self) -> CarrierSettings<'_> {
+        let serial = |device, baud: &u32, auto| CarrierSettings::Serial { device, baud: *baud, auto };
         match self {
             Self::Udp(UdpSettings { address })
             | Self::LiveLink(LiveLinkSettings { address, .. })
             | Self::Vmc(VmcSettings { address, .. })
             | Self::Vrchat(VrchatSettings { address, .. })
             | Self::Json(JsonSettings { to: JsonTarget::Udp(address) }) => CarrierSettings::Udp(address),
-            Self::Serial(SerialSettings { device, baud }) => {
-                CarrierSettings::Serial { device, baud: *baud, auto: AutoDevice::Microcontroller }
-            }
-            Self::Maestro(MaestroSettings { device, baud, .. }) => {
-                CarrierSettings::Serial { device, baud: *baud, auto: AutoDevice::Maestro }
-            }
+            Self::Serial(SerialSettings { device, baud }) => serial(device, baud, AutoDevice::Microcontroller),
+            Self::Maestro(MaestroSettings { device, baud, .. }) => serial(device, baud, AutoDevice::Maestro),
             Self::Pca9685(settings) => CarrierSettings::I2c(settings),
             Self::IFacialMocap(settings) => CarrierSettings::Subscribers(settings),
             Self::Json(JsonSettings { to: JsonTarget::Stdout }) => CarrierSettings::Stdout,
@@ -321,26 +305,34 @@ impl LinkSettings {
     pub fn rate_hz(&self, send_hz: u32) -> u32 {
         if self.pace.rate_hz == 0 { send_hz } else { self.pace.rate_hz }
     }
+
+    /// Reads a link. Its kind chooses its other keys, which cannot be judged without it.
+    fn read(entry: &Entry<'_>, file: &mut Overlay<'_>) -> Self {
+        let mut link = Self::default();
+        if let Some(name) = entry.value.get_ref().as_table().and_then(|table| table.get("kind")) {
+            let Some(kind) = name.get_ref().as_str().and_then(LinkKind::named) else {
+                file.refuse_value("link.kind", name, one_of(LinkKind::NAMES.iter().copied()));
+                return link;
+            };
+            link = Self::of(kind);
+        }
+        file.section(&mut link, entry);
+        link
+    }
 }
 
 impl Section for LinkSettings {
-    fn keys(&self) -> Vec<&'static str> {
-        [vec!["kind"], self.kind.section().keys(), self.pace.keys(), vec!["adjust"]].concat()
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        let mut fields: Vec<Field<'_>> = vec![("kind", Box::new(|_, _| {}))];
+        fields.extend(self.kind.section().fields());
+        fields.extend(self.pace.fields());
+        fields.push(field("adjust", &mut self.adjust, ()));
+        fields
     }
 
-    fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>) {
-        match entry.key {
-            // The kind chose the other keys.
-            "kind" => {}
-            "adjust" => file.section(&mut self.adjust, entry),
-            key if self.pace.keys().contains(&key) => self.pace.set_key(entry, file),
-            _ => self.kind.section_mut().set_key(entry, file),
-        }
-    }
-
-    fn objection(&self, key: &str) -> Option<String> {
+    fn objection(&mut self, key: &str) -> Option<String> {
         let mut others = LinkKind::NAMES.iter().filter_map(|name| LinkKind::named(name));
-        let is_of_another = others.any(|kind| kind.section().keys().contains(&key));
+        let is_of_another = others.any(|mut kind| kind.section().keys().contains(&key));
         let (kind, keys) = (self.kind.name(), self.keys().join(", "));
         is_of_another.then(|| format!("not a setting of a link with kind = \"{kind}\"; that has {keys}"))
     }
@@ -351,29 +343,14 @@ impl Setting for Vec<LinkSettings> {
     type Bounds = ();
 
     fn set(&mut self, entry: &Entry<'_>, (): &(), file: &mut Overlay<'_>) {
-        self.clear();
         if entry.value.get_ref().as_array().is_none() {
             return file.refuse(entry, "each link under its own [[link]]".to_owned());
         }
-        self.extend(entry.each().iter().map(|entry| link(entry, file)));
+        *self = entry.each().iter().map(|entry| LinkSettings::read(entry, file)).collect();
     }
 }
 
-fn link(entry: &Entry<'_>, file: &mut Overlay<'_>) -> LinkSettings {
-    let mut link = LinkSettings::default();
-    if let Some(name) = entry.value.get_ref().as_table().and_then(|table| table.get("kind")) {
-        let Some(kind) = name.get_ref().as_str().and_then(LinkKind::named) else {
-            // The other keys cannot be judged without the kind.
-            file.refuse_value("link.kind", name, one_of(LinkKind::NAMES.iter().copied()));
-            return link;
-        };
-        link = LinkSettings::of(kind);
-    }
-    file.section(&mut link, entry);
-    link
-}
-
-/// Shows where the link leads: an address, a path, or a serial port.
+/// Shows where the link leads: an address, a path, a serial port, or who may ask.
 impl fmt::Display for LinkSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.kind.carrier() {
@@ -382,21 +359,14 @@ impl fmt::Display for LinkSettings {
             CarrierSettings::I2c(Pca9685Settings { bus, address, .. }) => {
                 write!(f, "I2C bus {bus}, address {address:#04x}")
             }
-            CarrierSettings::Subscribers(settings) => settings.fmt(f),
+            CarrierSettings::Subscribers(IFacialMocapSettings { listen, address, .. }) => match (listen, address) {
+                (Some(listen), Some(address)) => write!(f, "those who ask at {listen}, and {address}"),
+                (Some(listen), None) => write!(f, "those who ask at {listen}"),
+                (None, Some(address)) => address.fmt(f),
+                (None, None) => f.write_str("nobody"),
+            },
             CarrierSettings::Stdout => f.write_str("standard output"),
             CarrierSettings::UnixSocket(path) => path.display().fmt(f),
-        }
-    }
-}
-
-/// Shows where receivers ask, and who gets the face without asking.
-impl fmt::Display for IFacialMocapSettings {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match (&self.listen, &self.address) {
-            (Some(listen), Some(address)) => write!(f, "those who ask at {listen}, and {address}"),
-            (Some(listen), None) => write!(f, "those who ask at {listen}"),
-            (None, Some(address)) => address.fmt(f),
-            (None, None) => f.write_str("nobody"),
         }
     }
 }

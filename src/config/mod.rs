@@ -65,7 +65,7 @@ const LINKS: &str = include_str!("links.toml");
 /// Returns a `[[link]]` of the kind of this name with all its settings, each after its comment, and with an example of
 /// the settings without which it cannot work. Returns `None` if there is no such kind.
 pub fn default_link(name: &str) -> Option<String> {
-    let link = LinkSettings::of(LinkKind::named(name)?);
+    let mut link = LinkSettings::of(LinkKind::named(name)?);
     let (own, channel) = LINKS.split_once("\n[[link.channel]]\n")?;
     let own = own.split("\n[[link]]\n").find_map(|own| own.strip_prefix(&format!("kind = \"{name}\"\n\n")))?;
     let (_, first) = DEFAULTS.split_once("\n[[link]]\n")?;

@@ -63,7 +63,6 @@ impl Faults {
 
 /// A key of a file and its value.
 pub struct Entry<'a> {
-    pub key: &'a str,
     /// The key after those of the tables around it, such as `camera.width`.
     pub path: String,
     pub value: &'a Spanned<DeValue<'a>>,
@@ -73,7 +72,7 @@ impl Entry<'_> {
     /// Returns each table of an array of tables, or the only one.
     pub fn each(&self) -> Vec<Self> {
         let tables = self.value.get_ref().as_array().map_or(std::slice::from_ref(self.value), |array| array);
-        tables.iter().map(|value| Self { key: self.key, path: self.path.clone(), value }).collect()
+        tables.iter().map(|value| Self { path: self.path.clone(), value }).collect()
     }
 }
 
@@ -96,15 +95,27 @@ impl<T: Value> Setting for T {
     }
 }
 
+/// A key of a section, and what takes its value.
+pub type Field<'a> = (&'static str, Box<dyn FnOnce(&Entry<'_>, &mut Overlay<'_>) + 'a>);
+
+/// Makes a field of a key and the setting that stands under it.
+pub fn field<'a, T: Setting>(key: &'static str, setting: &'a mut T, bounds: T::Bounds) -> Field<'a>
+where
+    T::Bounds: 'a,
+{
+    (key, Box::new(move |entry, file| setting.set(entry, &bounds, file)))
+}
+
 /// A table of settings.
 pub trait Section {
-    fn keys(&self) -> Vec<&'static str>;
+    fn fields(&mut self) -> Vec<Field<'_>>;
 
-    /// Sets one of the keys.
-    fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>);
+    fn keys(&mut self) -> Vec<&'static str> {
+        self.fields().iter().map(|(key, _)| *key).collect()
+    }
 
     /// Says why a key that the section does not have is none, if there is more to say than which key is similar.
-    fn objection(&self, _key: &str) -> Option<String> {
+    fn objection(&mut self, _key: &str) -> Option<String> {
         None
     }
 }
@@ -133,7 +144,7 @@ macro_rules! key {
 }
 
 /// Declares tables of settings: `field: Type = default, bounds;` for each key. `field "key": ...` gives a field another key
-/// than its name. With `impl Type`, the struct and its defaults are those of another crate.
+/// than its name.
 macro_rules! section {
     ($(
         $(#[doc = $doc:literal])*
@@ -159,28 +170,18 @@ macro_rules! section {
             }
         }
 
-        section! { impl $name { $( $field $($key)?: $type $(, $bounds)?; )* } }
-    )* };
-    (impl $name:ty { $( $field:ident $($key:literal)?: $type:ty $(, $bounds:expr)?; )* }) => {
         impl Section for $name {
-            fn keys(&self) -> Vec<&'static str> {
-                vec![ $( key!($field $($key)?), )* ]
-            }
-
-            fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>) {
-                match entry.key {
-                    $( key!($field $($key)?) => {
-                        let _bounds = ();
-                        $( let _bounds = $bounds; )?
-                        <$type as $crate::config::overlay::Setting>::set(&mut self.$field, entry, &_bounds, file);
-                    } )*
-                    _ => {}
-                }
+            fn fields(&mut self) -> Vec<Field<'_>> {
+                vec![ $( {
+                    let _bounds = ();
+                    $( let _bounds = $bounds; )?
+                    field(key!($field $($key)?), &mut self.$field, _bounds)
+                }, )* ]
             }
         }
 
         table!($name);
-    };
+    )* };
 }
 
 pub(super) use {key, section, table};
@@ -225,9 +226,8 @@ impl<'a> Overlay<'a> {
         for (name, value) in table {
             let key = name.get_ref().as_ref();
             let path = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
-            let keys = section.keys();
-            if keys.contains(&key) {
-                section.set_key(&Entry { key, path, value }, self);
+            if let Some((_, set)) = section.fields().into_iter().find(|(known, _)| *known == key) {
+                set(&Entry { path, value }, self);
                 continue;
             }
             let objection = match path.as_str() {
@@ -237,7 +237,7 @@ impl<'a> Overlay<'a> {
                     a time for each part of the face, such as mouth_ms = 180"
                         .to_owned()
                 }
-                _ => section.objection(key).unwrap_or_else(|| format!("not a setting{}", hint(key, &keys))),
+                _ => section.objection(key).unwrap_or_else(|| format!("not a setting{}", hint(key, &section.keys()))),
             };
             let sentence = format!("{} is {objection}", printable(&path));
             self.fault(name.span().start, path, false, sentence);

@@ -3,8 +3,6 @@
 //! `rehearsal: live 5, gone 2` plays for 5 s, is unplugged for 2 s, and starts over. `rehearsal: random 7` has random
 //! faults, the same ones for each seed. This module only reads the script; `capture` plays it.
 
-use std::time::Duration;
-
 /// Longest scene of a script, seconds.
 const LONGEST_SCENE_S: f64 = 86_400.0;
 
@@ -89,16 +87,14 @@ impl Script {
         if let Some(seed) = script.trim().strip_prefix("random ") {
             return seed.trim().parse().ok().map(Self::Random);
         }
-        script.split(',').map(parse_scene).collect::<Option<_>>().map(Self::Scenes)
+        let scene = |text: &str| {
+            let (name, length) = text.trim().split_once(' ')?;
+            let (_, scene) = Scene::ALL.into_iter().find(|(known, _)| *known == name)?;
+            let length_s: f64 = length.trim().parse().ok()?;
+            (0.001..=LONGEST_SCENE_S).contains(&length_s).then(|| (scene, (length_s * 1e6).round() as u64))
+        };
+        script.split(',').map(scene).collect::<Option<_>>().map(Self::Scenes)
     }
-}
-
-fn parse_scene(text: &str) -> Option<(Scene, u64)> {
-    let (name, length) = text.trim().split_once(' ')?;
-    let (_, scene) = Scene::ALL.into_iter().find(|(known, _)| *known == name)?;
-    let length_s: f64 = length.trim().parse().ok()?;
-    let length = (0.001..=LONGEST_SCENE_S).contains(&length_s).then(|| Duration::from_secs_f64(length_s))?;
-    Some((scene, u64::try_from(length.as_micros()).ok()?))
 }
 
 #[cfg(test)]
@@ -106,17 +102,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scenes_are_read_with_their_lengths() {
+    fn a_script_is_read_or_refused_and_another_camera_setting_is_none() {
         let scenes = vec![(Scene::Live, 5_000_000), (Scene::Gone, 2_500_000), (Scene::NoFace, 1_000_000)];
         assert_eq!(Script::of("rehearsal: live 5, gone 2.5,no-face 1"), Some(Ok(Script::Scenes(scenes))));
         assert_eq!(Script::of("rehearsal: random 7"), Some(Ok(Script::Random(7))));
-    }
-
-    #[test]
-    fn an_unreadable_script_is_refused_and_another_camera_setting_is_not_a_script() {
+        assert_eq!(Script::of("/dev/video0"), None);
         for bad in ["", "live", "live 0", "live -1", "live x", "live 3,", "nap 3", "random", "random x", "live 1e9"] {
             assert_eq!(Script::of(&format!("rehearsal:{bad}")), Some(Err(BadScript)), "{bad}");
         }
-        assert_eq!(Script::of("/dev/video0"), None);
     }
 }

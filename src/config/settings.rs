@@ -4,7 +4,7 @@
 
 use super::{
     link::LinkSettings,
-    overlay::{Entry, Overlay, Section, Setting, key, section, table},
+    overlay::{Entry, Field, Overlay, Section, Setting, field, key, section, table},
     value::{ANY_TEXT, Listen, choices},
 };
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rules};
@@ -108,22 +108,50 @@ section! {
     }
 }
 
-section! {
-    impl Rules {
-        lids: bool;
-        gaze: bool;
-        opposed: bool;
-        mouth_close: bool;
-        dead_zone: f32, (0.0..=0.2, "");
+impl Section for Rules {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            field("lids", &mut self.lids, ()),
+            field("gaze", &mut self.gaze, ()),
+            field("opposed", &mut self.opposed, ()),
+            field("mouth_close", &mut self.mouth_close, ()),
+            field("dead_zone", &mut self.dead_zone, (0.0..=0.2, "")),
+        ]
     }
 }
 
-section! {
-    impl Adjustment {
-        gain: f32, (0.0..=10.0, "");
-        offset: f32, (-1.0..=1.0, "");
-        min: f32, (0.0..=1.0, "");
-        max: f32, (0.0..=1.0, "");
+table!(Rules);
+
+/// `mirror`, and a key for each blendshape.
+impl Section for Adjustments {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        let coefficients = BLENDSHAPES.into_iter().zip(&mut self.coefficients);
+        let coefficients = coefficients.map(|(key, adjustment)| field(key, adjustment, ()));
+        [field("mirror", &mut self.mirror, ())].into_iter().chain(coefficients).collect()
+    }
+}
+
+table!(Adjustments);
+
+impl Section for Adjustment {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            field("gain", &mut self.gain, (0.0..=10.0, "")),
+            field("offset", &mut self.offset, (-1.0..=1.0, "")),
+            field("min", &mut self.min, (0.0..=1.0, "")),
+            field("max", &mut self.max, (0.0..=1.0, "")),
+        ]
+    }
+}
+
+impl Setting for Adjustment {
+    type Bounds = ();
+
+    fn set(&mut self, entry: &Entry<'_>, (): &(), file: &mut Overlay<'_>) {
+        file.section(self, entry);
+        if self.min > self.max {
+            file.refuse(entry, "a min that is at most max".to_owned());
+        }
     }
 }
 
@@ -160,21 +188,3 @@ choices! {
     OneEuro = "one-euro"
 }
 choices! { NeutralMode: Auto = "auto", Frozen = "frozen", Off = "off" }
-
-/// `mirror`, and a key for each blendshape.
-impl Section for Adjustments {
-    fn keys(&self) -> Vec<&'static str> {
-        ["mirror"].into_iter().chain(BLENDSHAPES).collect()
-    }
-
-    fn set_key(&mut self, entry: &Entry<'_>, file: &mut Overlay<'_>) {
-        let named = BLENDSHAPES.iter().zip(&mut self.coefficients).find(|(name, _)| **name == entry.key);
-        let Some((_, adjustment)) = named else { return self.mirror.set(entry, &(), file) };
-        file.section(adjustment, entry);
-        if adjustment.min > adjustment.max {
-            file.refuse(entry, "a min that is at most max".to_owned());
-        }
-    }
-}
-
-table!(Adjustments);

@@ -3,7 +3,6 @@
 
 use facewire_face::BLENDSHAPES;
 
-use super::overlay::Section as _;
 use super::*;
 
 /// A file that uses every key.
@@ -95,24 +94,20 @@ fn every_kind_of_link_explains_its_settings_and_loads_to_its_defaults() {
 #[test]
 fn a_file_with_every_key_loads_and_each_of_its_tables_counts_as_changed() {
     let settings = parse("file", EVERY_KEY).unwrap();
-    let default = Settings::default();
-    assert_eq!(settings.changed_keys(&default), keys(""), "the board and every table");
-    let changed = [
-        (settings.camera.changed_keys(&default.camera), "[camera]\n"),
-        (settings.networks.changed_keys(&default.networks), "[networks]\n"),
-        (settings.wearer.changed_keys(&default.wearer), "[wearer]\n"),
-        (settings.failsafe.changed_keys(&default.failsafe), "[failsafe]\n"),
-        (settings.realtime.changed_keys(&default.realtime), "[realtime]\n"),
-        (settings.hardware.changed_keys(&default.hardware), "[hardware]\n"),
-    ];
-    changed.into_iter().for_each(|(changed, heading)| assert_eq!(changed, keys(heading)));
-    let sections: Vec<&str> = EVERY_KEY.split("\n[[link]]\n").skip(1).collect();
-    assert_eq!((sections.len(), settings.links.len()), (LinkKind::NAMES.len(), LinkKind::NAMES.len()));
-    for (link, text) in settings.links.iter().zip(sections) {
-        let shared = ["kind", "pace", "rate_hz", "loss", "adjust"];
-        let own = link.keys().into_iter().filter(|key| !shared.contains(key));
-        own.for_each(|key| assert!(text.contains(&format!("{key} = ")), "{}: {key}", link.kind.name()));
+    let tables = settings.changed_keys(&Settings::default());
+    assert_eq!(tables, keys(""), "the board and every table");
+    let of_tables = tables.iter().filter(|table| !["board", "link"].contains(table));
+    let of_links = LinkKind::NAMES.iter().map(|kind| format!("[[link]]\nkind = \"{kind}\"\n"));
+    let text = EVERY_KEY.replacen("[[link]]\n", "[[link]]\nkind = \"udp\"\n", 1);
+    for heading in of_tables.map(|table| format!("[{table}]\n")).chain(of_links) {
+        let (_, section) = text.split_once(&heading).unwrap_or_else(|| panic!("{heading}"));
+        let section = section.split("\n\n").next().unwrap();
+        let of_all_links = ["kind", "pace", "rate_hz", "loss", "adjust", "channel"];
+        let others: &[&str] = if heading.starts_with("[[") { &of_all_links } else { &BLENDSHAPES };
+        let own = keys(&heading).into_iter().filter(|key| !others.contains(&key.as_str()));
+        own.for_each(|key| assert!(section.contains(&format!("{key} = ")), "{heading}{key}"));
     }
+    assert_eq!(settings.links.len(), LinkKind::NAMES.len());
     let jaw = settings.links[0].adjust.coefficients[17];
     assert_eq!((jaw.gain, jaw.offset, jaw.min, jaw.max), (1.25, 0.0, 0.0, 0.9));
     let LinkKind::Maestro(maestro) = &settings.links[5].kind else { panic!() };
@@ -164,22 +159,18 @@ smoothing_ms = 180
 live_ms = \"150\"
 slew_per_s = nan
 [adjust]
-jawopen = { gain = 2 }
 jawLeft = { min = 0.5, max = 0.4 }
 cheekPuff = { gian = 2.0 }
-mouthLeft = { gain = 20 }
 [wearer]
 \"line\\nend\" = 1
 name = \"tab\tand é\"
 [[link]]
-address = \"127.0.0.1\"
 adjust = { mirror = 3 }
 device = \"/dev/ttyUSB0\"
 [[link]]
 kind = \"maestro\"
 [[link.channel]]
 sources = { jawopen = 1.0, headYaw = 40.0 }
-nuetral = 0.5
 [[link]]
 kind = \"seriell\"
 baud = 300
@@ -194,18 +185,14 @@ facewire.toml:8: solver.smoothing_ms is no longer a setting: [smoothing] has a f
 face, such as mouth_ms = 180
 facewire.toml:10: failsafe.live_ms = \"150\": give a whole number from 20 to 5000 (ms)
 facewire.toml:11: failsafe.slew_per_s = nan: give a number from 0.1 to 100.0 (1/s)
-facewire.toml:13: adjust.jawopen is not a setting; did you mean jawOpen?
-facewire.toml:14: adjust.jawLeft = { min = 0.5, max = 0.4 }: give a min that is at most max
-facewire.toml:15: adjust.cheekPuff.gian is not a setting; did you mean gain?
-facewire.toml:16: adjust.mouthLeft.gain = 20: give a number from 0.0 to 10.0
-facewire.toml:18: wearer.line\\nend is not a setting; there are name, folder, neutral
-facewire.toml:21: link.address = \"127.0.0.1\": give \"host:port\" with a port from 1 to 65535
-facewire.toml:22: link.adjust.mirror = 3: give true or false
-facewire.toml:23: link.device is not a setting of a link with kind = \"udp\"; that has kind, address, pace, rate_hz, loss, adjust
-facewire.toml:27: link.channel.sources.jawopen is not a setting; did you mean jawOpen?
-facewire.toml:27: link.channel.sources.headYaw = 40.0: give a number from -10.0 to 10.0
-facewire.toml:28: link.channel.nuetral is not a setting; did you mean neutral?
-facewire.toml:30: link.kind = \"seriell\": give one of \"udp\", \"serial\", \"live-link\", \"vmc\", \"vrchat\", \
+facewire.toml:13: adjust.jawLeft = { min = 0.5, max = 0.4 }: give a min that is at most max
+facewire.toml:14: adjust.cheekPuff.gian is not a setting; did you mean gain?
+facewire.toml:16: wearer.line\\nend is not a setting; there are name, folder, neutral
+facewire.toml:19: link.adjust.mirror = 3: give true or false
+facewire.toml:20: link.device is not a setting of a link with kind = \"udp\"; that has kind, address, pace, rate_hz, loss, adjust
+facewire.toml:24: link.channel.sources.jawopen is not a setting; did you mean jawOpen?
+facewire.toml:24: link.channel.sources.headYaw = 40.0: give a number from -10.0 to 10.0
+facewire.toml:26: link.kind = \"seriell\": give one of \"udp\", \"serial\", \"live-link\", \"vmc\", \"vrchat\", \
 \"maestro\", \"pca9685\", \"ifacialmocap\", \"json\"
 wearer.name = \"tab\\tand é\": give 1 to 32 letters, digits, - or _, or \"\"";
     assert_eq!(faults(text), want);
@@ -234,39 +221,29 @@ fn wrong_values_and_settings_that_do_not_fit_together_are_refused() {
 
 #[test]
 fn texts_are_taken_or_refused_with_what_to_give() {
-    let cases: [(&str, &[&str], &[&str], &str); 10] = [
-        ("[[link]]\nkind = \"live-link\"\nsubject", &["my face"], &["", "é"], "1 to 64 printable ASCII characters"),
-        ("[[link]]\nkind = \"live-link\"\ndevice_id", &[], &["short"], "36 printable ASCII characters in quotes"),
-        ("[[link]]\nkind = \"json\"\nto", &["udp:host:1"], &["file", "unix:lines", "udp:5000"], "\"stdout\", "),
-        (
-            "[[link]]\nkind = \"ifacialmocap\"\nlisten",
-            &["", "0.0.0.0:49983"],
-            &["localhost:49983", "0.0.0.0:0", "49983"],
-            "\"\", or an address of this",
-        ),
-        ("[[link]]\nkind = \"ifacialmocap\"\naddress", &["", "pc.local:1"], &["pc.local"], "\"\", or \"host:port\""),
-        ("[[link]]\nkind = \"vrchat\"\nprefix", &["FT/"], &["FT", "/FT/", "F T/", "FT*/"], "\"\", or up to 64"),
-        ("[[link]]\nkind = \"vrchat\"\nparameters", &["JawOpen:8"], &["JawOpen:9"], "\"\", or names of parameters"),
-        ("[[link]]\nkind = \"serial\"\ndevice", &["/dev/ttyUSB0"], &["ttyUSB0"], "\"auto\", or a path in quotes"),
-        (
-            "[[link]]\naddress",
-            &["head.local:1", "[::1]:65535"],
-            &["", ":1", "host", "host:", "host:0", "host:65536", "::1:5252", "host:port"],
-            "\"host:port\"",
-        ),
+    let cases = [
+        ("address", "head.local:1|[::1]:65535", "|:1|host|host:|host:0|host:65536|::1:5252", "\"host:port\""),
+        ("kind = \"serial\"\ndevice", "/dev/ttyUSB0", "ttyUSB0", "\"auto\", or a path in quotes"),
+        ("kind = \"live-link\"\nsubject", "my face", "|é", "1 to 64 printable ASCII characters"),
+        ("kind = \"live-link\"\ndevice_id", "0123456789abcdef0123456789abcdef0123", "short", "36 printable"),
+        ("kind = \"json\"\nto", "udp:host:1|unix:/run/lines", "file|unix:lines|udp:5000", "\"stdout\", "),
+        ("kind = \"ifacialmocap\"\nlisten", "|0.0.0.0:1", "localhost:1|0.0.0.0:0|49983", "\"\", or an address of"),
+        ("kind = \"ifacialmocap\"\naddress", "|pc.local:1", "pc.local", "\"\", or \"host:port\""),
+        ("kind = \"vrchat\"\nprefix", "|FT/", "FT|/FT/|F T/|FT*/", "\"\", or up to 64"),
+        ("kind = \"vrchat\"\nparameters", "JawOpen:8, MouthX", "JawOpen:9", "\"\", or names of parameters"),
         // Metrics are for this machine alone.
         (
             "[metrics]\nlisten",
-            &["127.0.0.1:9464", "127.0.0.2:1", "[::1]:9464", "unix:/run/facewire/metrics.sock", ""],
-            &["0.0.0.0:9464", "[::]:9464", "192.168.1.5:9464", "localhost:9464", "127.0.0.1:0", "unix:m.sock", "9464"],
+            "|127.0.0.1:9464|127.0.0.2:1|[::1]:9464|unix:/run/metrics.sock",
+            "0.0.0.0:9464|[::]:9464|192.168.1.5:9464|localhost:9464|127.0.0.1:0|unix:m.sock|9464",
             "\"\", a loopback address and port",
         ),
     ];
     for (key, good, bad, expected) in cases {
-        good.iter().for_each(|value| assert_eq!(faults(&format!("{key} = \"{value}\"\n")), "", "{key} {value}"));
-        for value in bad {
-            let fault = faults(&format!("{key} = \"{value}\"\n"));
-            assert!(fault.contains(&format!(" = \"{value}\": give {expected}")), "{fault}");
+        let faults = |value| faults(&format!("[[link]]\n{key} = \"{value}\"\n"));
+        good.split('|').for_each(|good| assert_eq!(faults(good), "", "{key} {good}"));
+        for bad in bad.split('|') {
+            assert!(faults(bad).contains(&format!(" = \"{bad}\": give {expected}")), "{key} {bad}: {}", faults(bad));
         }
     }
 }

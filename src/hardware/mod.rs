@@ -50,16 +50,8 @@ impl Hardware {
 
     pub fn new(root: PathBuf, settings: HardwareSettings) -> Self {
         let sensors = Sensors::find(&root, &settings);
-        Self {
-            throttle_count: sensors.throttling.count(),
-            root,
-            settings,
-            sensors,
-            next_poll_us: 0,
-            next_search_us: 0,
-            until_us: [0; 3],
-            found: ImpairmentSet::default(),
-        }
+        let (throttle_count, found) = (sensors.throttle_count(), ImpairmentSet::default());
+        Self { root, settings, sensors, next_poll_us: 0, next_search_us: 0, throttle_count, until_us: [0; 3], found }
     }
 
     pub fn set(&mut self, settings: &HardwareSettings) {
@@ -80,27 +72,19 @@ impl Hardware {
             self.sensors = Sensors::find(&self.root, &self.settings);
         }
         let before = self.found;
-        let is_undervolted = self.sensors.is_undervolted() == Some(true);
-        let seen = [is_undervolted, self.is_hot(), self.sensors.has_slow_governor()];
-        for ((impairment, until_us), is_seen) in Self::FINDS.into_iter().zip(&mut self.until_us).zip(seen) {
-            if is_seen {
+        let below_limit_c = if before.contains(Impairment::Hot) { HYSTERESIS_C } else { 0.0 };
+        let mut seen = self.sensors.read_below(below_limit_c).impairments;
+        let count = self.sensors.throttle_count();
+        if count > std::mem::replace(&mut self.throttle_count, count) {
+            seen.set(Impairment::Hot, true);
+        }
+        for (impairment, until_us) in Self::FINDS.into_iter().zip(&mut self.until_us) {
+            if seen.contains(impairment) {
                 *until_us = now_us + HOLD_US;
             }
             self.found.set(impairment, now_us < *until_us);
         }
         (self.found != before).then_some(self.found)
-    }
-
-    /// Whether the processor is hot, was hot and has not cooled down enough, or has been slowed down since the last call.
-    fn is_hot(&mut self) -> bool {
-        let count = self.sensors.throttling.count();
-        let has_throttled = count > std::mem::replace(&mut self.throttle_count, count);
-        let was_hot = self.found.contains(Impairment::Hot);
-        let is_above = self.sensors.thermometer.as_ref().is_some_and(|found| {
-            let limit_c = if was_hot { found.limit_c - HYSTERESIS_C } else { found.limit_c };
-            found.read_c().is_some_and(|now_c| now_c >= limit_c)
-        });
-        is_above || has_throttled || self.sensors.throttling.is_slowed()
     }
 }
 
@@ -119,7 +103,11 @@ mod tests {
     impl Tree {
         pub(super) fn new(files: &[(&str, &str)]) -> Self {
             let tree = Self(tempfile::tempdir().unwrap());
-            tree.write(files);
+            for (path, text) in files {
+                let path = tree.root().join(path);
+                fs::create_dir_all(path.parent().unwrap()).unwrap();
+                fs::write(path, text).unwrap();
+            }
             tree
         }
 
@@ -127,196 +115,147 @@ mod tests {
             self.0.path()
         }
 
-        fn write(&self, files: &[(&str, &str)]) {
-            for (path, text) in files {
-                let path = self.root().join(path);
+        /// Writes files of sensors, each given as `path=text` without the folder that its kind of sensor is in.
+        fn write(&self, files: &str) {
+            for (path, text) in files.split_whitespace().map(|file| file.split_once('=').unwrap()) {
+                let (sensor, _) = path.split_once('/').unwrap();
+                let folder = match sensor.trim_end_matches(|c: char| c.is_ascii_digit()) {
+                    "thermal_zone" | "cooling_device" => "sys/class/thermal",
+                    "hwmon" => "sys/class/hwmon",
+                    "policy" => "sys/devices/system/cpu/cpufreq",
+                    _ => "sys/devices/system/cpu",
+                };
+                let path = self.root().join(folder).join(path);
                 fs::create_dir_all(path.parent().unwrap()).unwrap();
-                fs::write(path, text).unwrap();
+                fs::write(path, format!("{text}\n")).unwrap();
             }
         }
-
-        /// The line that shows the readings, and the impairments.
-        fn read(&self) -> (String, String) {
-            let Readings { line, impairments } = Sensors::find(self.root(), &HardwareSettings::default()).read();
-            (line, impairments.to_string())
-        }
     }
-
-    const TEMPERATURE: &str = "sys/class/thermal/thermal_zone0/temp";
-    const ALARM: &str = "sys/class/hwmon/hwmon1/in0_lcrit_alarm";
-    const GOVERNOR: &str = "sys/devices/system/cpu/cpufreq/policy0/scaling_governor";
-    const DRIVER: &str = "sys/devices/system/cpu/cpufreq/policy0/scaling_driver";
-    const CLOCK: &str = "sys/devices/system/cpu/cpufreq/policy0/scaling_cur_freq";
-    const PREFERENCE: &str = "sys/devices/system/cpu/cpufreq/policy0/energy_performance_preference";
 
     /// A Raspberry Pi 4: a critical trip point alone, and the alarm of its supply voltage.
-    fn pi4() -> Tree {
-        Tree::new(&[
-            ("sys/class/thermal/thermal_zone0/type", "cpu-thermal\n"),
-            (TEMPERATURE, "48199\n"),
-            ("sys/class/thermal/thermal_zone0/trip_point_0_type", "critical\n"),
-            ("sys/class/thermal/thermal_zone0/trip_point_0_temp", "90000\n"),
-            ("sys/class/hwmon/hwmon0/name", "cpu_thermal\n"),
-            ("sys/class/hwmon/hwmon1/name", "rpi_volt\n"),
-            (ALARM, "0\n"),
-            (DRIVER, "cpufreq-dt\n"),
-            (GOVERNOR, "ondemand\n"),
-            (CLOCK, "1500000\n"),
-            ("sys/devices/system/cpu/cpufreq/policy0/cpuinfo_max_freq", "1800000\n"),
-        ])
-    }
+    const PI4: &str = "thermal_zone0/type=cpu-thermal thermal_zone0/temp=48199 thermal_zone0/trip_point_0_type=critical
+        thermal_zone0/trip_point_0_temp=90000 hwmon0/name=cpu_thermal hwmon1/name=rpi_volt hwmon1/in0_lcrit_alarm=0
+        policy0/scaling_driver=cpufreq-dt policy0/scaling_governor=ondemand policy0/scaling_cur_freq=1500000
+        policy0/cpuinfo_max_freq=1800000";
+    const RK3588: &str = "thermal_zone0/type=gpu-thermal thermal_zone0/temp=99000 thermal_zone1/type=soc-thermal
+        thermal_zone1/temp=60000 thermal_zone2/type=bigcore0-thermal thermal_zone2/temp=71000
+        thermal_zone2/trip_point_0_type=active thermal_zone2/trip_point_0_temp=50000
+        thermal_zone2/trip_point_1_type=passive thermal_zone2/trip_point_1_temp=75000
+        thermal_zone2/trip_point_2_type=passive thermal_zone2/trip_point_2_temp=85000
+        thermal_zone2/trip_point_3_type=critical thermal_zone2/trip_point_3_temp=115000";
+    /// A PC whose firmware reports a constant temperature, and a trip point of 0, which means nothing.
+    const PC: &str = "thermal_zone0/type=acpitz thermal_zone0/temp=27800 thermal_zone1/type=x86_pkg_temp
+        thermal_zone1/temp=61000 thermal_zone1/trip_point_0_type=passive thermal_zone1/trip_point_0_temp=0";
 
     #[test]
     fn sensors_show_their_figures_and_what_they_mean() {
-        let device = "sys/class/thermal/cooling_device1";
-        let [kind, state] = ["type", "cur_state"].map(|file| format!("{device}/{file}"));
-        let policy = |file| format!("sys/devices/system/cpu/cpufreq/policy4/{file}");
-        let [governor, now, highest] = ["scaling_governor", "scaling_cur_freq", "cpuinfo_max_freq"].map(policy);
         let good = "processor 48.2 °C (cpu-thermal), limit 80 °C; ondemand at 1500 of 1800 MHz; supply voltage good";
-        let cases: [(&[(&str, &str)], &str, &str); 12] = [
-            (&[], "none", good),
-            (&[(TEMPERATURE, "79900")], "none", "processor 79.9 °C"),
-            (&[(TEMPERATURE, "80100")], "hot", "processor 80.1 °C"),
-            // Sensors that are not ready return nonsense.
-            (&[(TEMPERATURE, "-274000")], "none", "no temperature sensor"),
-            (&[(TEMPERATURE, "327670")], "none", "no temperature sensor"),
-            (&[(TEMPERATURE, "")], "none", "no temperature sensor"),
-            (&[(ALARM, "1\n")], "undervoltage", "; supply voltage too low"),
-            // Other chips have alarms of other voltages.
-            (&[(ALARM, "1\n"), ("sys/class/hwmon/hwmon1/name", "ina219")], "none", "1800 MHz"),
-            (&[(&kind, "pwm-fan"), (&state, "3")], "none", good),
-            (&[(&kind, "thermal-cpufreq-0"), (&state, "1")], "hot", ", slowed down"),
-            (&[(&kind, "Processor"), (&state, "1")], "hot", ", slowed down"),
-            (
-                &[(&governor, "powersave"), (&now, "408000"), (&highest, "2400000")],
-                "slow-governor",
-                "; ondemand at 1500 of 1800 MHz; powersave at 408 of 2400 MHz; supply",
-            ),
-        ];
-        for (files, found, shown) in cases {
-            let tree = pi4();
-            tree.write(files);
-            let (line, impairments) = tree.read();
-            assert!(impairments == found && line.contains(shown), "{files:?}: {impairments}, {line}");
-        }
-        assert_eq!(Tree::new(&[]).read(), ("no temperature sensor".to_owned(), "none".to_owned()));
-    }
-
-    #[test]
-    fn rk3588_is_measured_at_its_big_cores_and_hot_at_its_highest_passive_trip_point() {
-        let tree = Tree::new(&[]);
-        let zones = [("gpu-thermal", "99000"), ("soc-thermal", "60000"), ("bigcore0-thermal", "71000")];
-        let points = [("active", "50000"), ("passive", "75000"), ("passive", "85000"), ("critical", "115000")];
-        for (index, (kind, temp)) in zones.into_iter().enumerate() {
-            let zone = format!("sys/class/thermal/thermal_zone{index}");
-            tree.write(&[(&format!("{zone}/type"), kind), (&format!("{zone}/temp"), temp)]);
-            for (point, (kind, temp)) in points.into_iter().enumerate() {
-                let point = format!("{zone}/trip_point_{point}");
-                tree.write(&[(&format!("{point}_type"), kind), (&format!("{point}_temp"), temp)]);
-            }
-        }
-        assert_eq!(tree.read().0, "processor 71.0 °C (bigcore0-thermal), limit 85 °C");
-        let settings = HardwareSettings { thermal_zone: "gpu-thermal".to_owned(), temperature_limit_c: 95 };
-        let readings = Sensors::find(tree.root(), &settings).read();
-        assert_eq!(readings.line, "processor 99.0 °C (gpu-thermal), limit 95 °C");
-        assert!(readings.impairments.contains(Impairment::Hot));
-    }
-
-    #[test]
-    fn a_pc_is_measured_by_its_processor_and_not_by_the_constant_of_its_firmware() {
-        let tree = Tree::new(&[
-            ("sys/class/thermal/thermal_zone0/type", "acpitz"),
-            (TEMPERATURE, "27800"),
-            ("sys/class/thermal/thermal_zone1/type", "x86_pkg_temp"),
-            ("sys/class/thermal/thermal_zone1/temp", "61000"),
-            ("sys/class/thermal/thermal_zone1/trip_point_0_type", "passive"),
-            ("sys/class/thermal/thermal_zone1/trip_point_0_temp", "0"),
-        ]);
-        let of_zone = "processor 61.0 °C (x86_pkg_temp), limit 85 °C";
-        assert_eq!(tree.read().0, of_zone, "a trip point of 0 means nothing");
-        tree.write(&[
-            ("sys/class/hwmon/hwmon10/name", "coretemp"),
-            ("sys/class/hwmon/hwmon10/temp1_input", "62000"),
-            ("sys/class/hwmon/hwmon10/temp1_crit", "105000"),
-        ]);
-        assert_eq!(tree.read().0, "processor 62.0 °C (coretemp), limit 95 °C");
-    }
-
-    #[test]
-    fn governors_that_save_power_are_slow_and_those_that_follow_the_load_are_not() {
+        let coretemp = "hwmon10/name=coretemp hwmon10/temp1_input=62000 hwmon10/temp1_crit=105000";
+        let slow =
+            "policy4/scaling_governor=powersave policy4/scaling_cur_freq=408000 policy4/cpuinfo_max_freq=2400000";
+        let slow_shown = "; ondemand at 1500 of 1800 MHz; powersave at 408 of 2400 MHz; supply";
         let cases = [
-            ("performance", "cpufreq-dt", "1800000", "", false),
-            ("schedutil", "cpufreq-dt", "600000", "", false),
-            ("ondemand", "cpufreq-dt", "600000", "", false),
-            ("powersave", "cpufreq-dt", "600000", "", true),
-            ("powersave", "intel_cpufreq", "600000", "", true),
-            ("powersave", "intel_pstate", "700000", "balance_performance", false),
-            ("powersave", "amd-pstate-epp", "700000", "balance_power", false),
-            ("powersave", "intel_pstate", "700000", "power", true),
-            ("powersave", "intel_pstate", "700000", "", false),
-            ("conservative", "cpufreq-dt", "600000", "", true),
-            ("conservative", "cpufreq-dt", "1500000", "", false),
-            ("userspace", "cpufreq-dt", "1000000", "", true),
+            ("", "", "none", "no temperature sensor"),
+            (PI4, "", "none", good),
+            (PI4, "thermal_zone0/temp=79900", "none", "processor 79.9 °C"),
+            (PI4, "thermal_zone0/temp=80100", "hot", "processor 80.1 °C"),
+            // Sensors that are not ready return nonsense.
+            (PI4, "thermal_zone0/temp=-274000", "none", "no temperature sensor"),
+            (PI4, "thermal_zone0/temp=327670", "none", "no temperature sensor"),
+            (PI4, "thermal_zone0/temp=", "none", "no temperature sensor"),
+            (PI4, "hwmon1/in0_lcrit_alarm=1", "undervoltage", "; supply voltage too low"),
+            // Other chips have alarms of other voltages.
+            (PI4, "hwmon1/in0_lcrit_alarm=1 hwmon1/name=ina219", "none", "1800 MHz"),
+            (PI4, "cooling_device1/type=pwm-fan cooling_device1/cur_state=3", "none", good),
+            (PI4, "cooling_device1/type=thermal-cpufreq-0 cooling_device1/cur_state=1", "hot", ", slowed down"),
+            (PI4, "cooling_device1/type=Processor cooling_device1/cur_state=1", "hot", ", slowed down"),
+            (PI4, slow, "slow-governor", slow_shown),
+            (RK3588, "", "none", "processor 71.0 °C (bigcore0-thermal), limit 85 °C"),
+            (PC, "", "none", "processor 61.0 °C (x86_pkg_temp), limit 85 °C"),
+            (PC, coretemp, "none", "processor 62.0 °C (coretemp), limit 95 °C"),
         ];
-        for (governor, driver, now_khz, preference, is_slow) in cases {
-            let tree = pi4();
-            tree.write(&[(GOVERNOR, governor), (DRIVER, driver), (CLOCK, now_khz), (PREFERENCE, preference)]);
-            let want = if is_slow { "slow-governor" } else { "none" };
-            assert_eq!(tree.read().1, want, "{governor} of {driver} at {now_khz} kHz, {preference}");
+        let read = |files: [&str; 2], settings| {
+            let tree = Tree::new(&[]);
+            files.iter().for_each(|files| tree.write(files));
+            let Readings { line, impairments } = Sensors::find(tree.root(), &settings).read();
+            (line, impairments.to_string())
+        };
+        for (board, files, found, shown) in cases {
+            let (line, impairments) = read([board, files], HardwareSettings::default());
+            assert!(impairments == found && line.contains(shown), "{files}: {impairments}, {line}");
+        }
+        let settings = HardwareSettings { thermal_zone: "gpu-thermal".to_owned(), temperature_limit_c: 95 };
+        let want = ("processor 99.0 °C (gpu-thermal), limit 95 °C".to_owned(), "hot".to_owned());
+        assert_eq!(read([RK3588, ""], settings), want);
+        // Governors that save power are slow, and those that follow the load are not.
+        let cases = [
+            ("performance", "cpufreq-dt", "1800000", "", "none"),
+            ("schedutil", "cpufreq-dt", "600000", "", "none"),
+            ("ondemand", "cpufreq-dt", "600000", "", "none"),
+            ("powersave", "cpufreq-dt", "600000", "", "slow-governor"),
+            ("powersave", "intel_cpufreq", "600000", "", "slow-governor"),
+            ("powersave", "intel_pstate", "700000", "balance_performance", "none"),
+            ("powersave", "amd-pstate-epp", "700000", "balance_power", "none"),
+            ("powersave", "intel_pstate", "700000", "power", "slow-governor"),
+            ("powersave", "intel_pstate", "700000", "", "none"),
+            ("conservative", "cpufreq-dt", "600000", "", "slow-governor"),
+            ("conservative", "cpufreq-dt", "1500000", "", "none"),
+            ("userspace", "cpufreq-dt", "1000000", "", "slow-governor"),
+        ];
+        for (governor, driver, now_khz, preference, want) in cases {
+            let files = format!(
+                "policy0/scaling_governor={governor} policy0/scaling_driver={driver} policy0/scaling_cur_freq={now_khz} \
+                 policy0/energy_performance_preference={preference}"
+            );
+            assert_eq!(read([PI4, &files], HardwareSettings::default()).1, want, "{files}");
         }
     }
 
     /// The hardware of a board as the service watches it, and the time.
-    struct Watched {
-        tree: Tree,
-        hardware: Hardware,
-        now_us: u64,
-    }
+    struct Watched(Tree, Hardware, u64);
 
     impl Watched {
-        fn new(tree: Tree) -> Self {
+        fn new(files: &str) -> Self {
+            let tree = Tree::new(&[]);
+            tree.write(files);
             let hardware = Hardware::new(tree.root().to_owned(), HardwareSettings::default());
-            Self { tree, hardware, now_us: 1_000_000_000 }
+            Self(tree, hardware, 1_000_000_000)
         }
 
         /// Lets this time pass after the files have changed, and returns the impairments at its end.
-        fn after(&mut self, seconds: u64, files: &[(&str, &str)]) -> String {
-            self.tree.write(files);
+        fn after(&mut self, seconds: u64, files: &str) -> String {
+            let Self(tree, hardware, now_us) = self;
+            tree.write(files);
             for _ in 0..seconds * 20 {
-                self.now_us += 50_000;
-                self.hardware.poll(self.now_us);
+                *now_us += 50_000;
+                hardware.poll(*now_us);
             }
-            self.hardware.found.to_string()
+            hardware.found.to_string()
         }
     }
 
     #[test]
     fn heat_begins_at_the_limit_ends_5_degrees_below_it_and_passes_with_a_sensor_that_goes_away() {
-        let mut board = Watched::new(pi4());
-        let at_c = |celsius: &str| board.after(15, &[(TEMPERATURE, &format!("{celsius}000\n"))]);
+        let mut board = Watched::new(PI4);
+        let at_c = |celsius: &str| board.after(15, &format!("thermal_zone0/temp={celsius}000"));
         let found = ["79", "80", "78", "76", "75", "74", "79", "80"].map(at_c);
         assert_eq!(found, ["none", "hot", "hot", "hot", "hot", "none", "none", "hot"]);
-        fs::remove_file(board.tree.root().join(TEMPERATURE)).unwrap();
-        assert_eq!(board.after(15, &[]), "none");
+        fs::remove_file(board.0.root().join("sys/class/thermal/thermal_zone0/temp")).unwrap();
+        assert_eq!(board.after(15, ""), "none");
     }
 
     #[test]
     fn what_was_seen_counts_for_10_seconds_and_a_sensor_that_comes_late_within_a_minute() {
-        let count = "sys/devices/system/cpu/cpu3/thermal_throttle/core_throttle_count";
-        let tree = pi4();
-        tree.write(&[(count, "7\n")]);
-        let mut board = Watched::new(tree);
-        assert_eq!(board.after(3, &[]), "none", "what a core did before the start does not count");
-        assert_eq!(board.after(3, &[(count, "8\n")]), "hot");
-        assert_eq!(board.after(13, &[(ALARM, "1\n")]), "undervoltage");
-        assert_eq!(board.after(6, &[(ALARM, "0\n")]), "undervoltage");
-        assert_eq!(board.after(6, &[]), "none");
-        board.hardware.set(&HardwareSettings { temperature_limit_c: 45, ..HardwareSettings::default() });
-        assert_eq!(board.after(3, &[]), "hot", "changed settings count at once");
-
-        let mut board = Watched::new(Tree::new(&[]));
-        assert_eq!(board.after(10, &[]), "none");
-        let late = [("sys/class/hwmon/hwmon0/name", "rpi_volt"), ("sys/class/hwmon/hwmon0/in0_lcrit_alarm", "1")];
-        assert_eq!(board.after(61, &late), "undervoltage");
+        let mut board = Watched::new(&format!("{PI4} cpu3/thermal_throttle/core_throttle_count=7"));
+        assert_eq!(board.after(3, ""), "none", "what a core did before the start does not count");
+        assert_eq!(board.after(3, "cpu3/thermal_throttle/core_throttle_count=8"), "hot");
+        assert_eq!(board.after(13, "hwmon1/in0_lcrit_alarm=1"), "undervoltage");
+        assert_eq!(board.after(6, "hwmon1/in0_lcrit_alarm=0"), "undervoltage");
+        assert_eq!(board.after(6, ""), "none");
+        board.1.set(&HardwareSettings { temperature_limit_c: 45, ..HardwareSettings::default() });
+        assert_eq!(board.after(3, ""), "hot", "changed settings count at once");
+        let mut board = Watched::new("");
+        assert_eq!(board.after(10, ""), "none");
+        assert_eq!(board.after(61, "hwmon0/name=rpi_volt hwmon0/in0_lcrit_alarm=1"), "undervoltage");
     }
 }

@@ -1,32 +1,21 @@
-//! The sensors of a board as the kernel shows them in `/sys`: temperature, throttling and clock rates.
+//! The sensors of a board as the kernel shows them in `/sys`: temperature, throttling, clock rates and supply voltage.
 
-use std::fs::{self, File};
-use std::io::Read as _;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::config::HardwareSettings;
 use crate::impairment::{Impairment, ImpairmentSet};
 
-/// Longest text that [`read`] returns. Numbers and names of governors, drivers and sensors are shorter.
-const LONGEST: usize = 64;
-
-/// Calls `judge` with the trimmed text of a short file. Allocates no memory, so that it can be called for months. Returns
-/// `None` if the file cannot be read: sensors come and go, and some refuse a reading for a moment.
-fn read<T>(path: &Path, judge: impl FnOnce(&str) -> Option<T>) -> Option<T> {
-    let mut bytes = [0; LONGEST];
-    let count = File::open(path).and_then(|mut file| file.read(&mut bytes)).ok()?;
-    judge(std::str::from_utf8(bytes.get(..count)?).ok()?.trim())
-}
-
-fn number(path: &Path) -> Option<i64> {
-    read(path, |text| text.parse().ok())
-}
-
-/// Reads a text, without the zero byte that ends it in a device tree.
+/// Reads a text, without the zero byte that ends it in a device tree. Returns `None` if the file cannot be read: sensors
+/// come and go, and some refuse a reading for a moment.
 pub(super) fn text(path: &Path) -> Option<String> {
     let bytes = fs::read(path).ok()?;
     let text = String::from_utf8_lossy(&bytes);
     Some(text.trim_matches(|c: char| c == '\0' || c.is_whitespace()).to_owned())
+}
+
+fn number(path: &Path) -> Option<i64> {
+    text(path)?.parse().ok()
 }
 
 /// Returns the entries of a folder whose names are `prefix` and a number, in the order of the numbers.
@@ -59,12 +48,12 @@ const USUAL_LIMIT_C: f32 = 85.0;
 const CREDIBLE_C: std::ops::RangeInclusive<f32> = -40.0..=150.0;
 
 #[derive(Debug)]
-pub(super) struct Thermometer {
+struct Thermometer {
     /// The type of the thermal zone, or the name of the chip.
     name: String,
     file: PathBuf,
     /// At this temperature the processor is hot.
-    pub(super) limit_c: f32,
+    limit_c: f32,
 }
 
 impl Thermometer {
@@ -75,9 +64,17 @@ impl Thermometer {
             let zone = zones.iter().find(|zone| text(&zone.join("type")).as_deref() == Some(name))?;
             Some(Self { name: name.to_owned(), file: zone.join("temp"), limit_c: limit_of_zone(zone) })
         };
+        let of_chip = || {
+            let chips = numbered(&root.join("sys/class/hwmon"), "hwmon").into_iter();
+            let mut named = chips.filter_map(|chip| Some((text(&chip.join("name"))?, chip)));
+            let (name, chip) = named.find(|(name, _)| CHIPS.contains(&name.as_str()))?;
+            let critical_c = celsius(&chip.join("temp1_crit"));
+            let limit_c = critical_c.map_or(USUAL_LIMIT_C, |critical_c| critical_c - BELOW_CRITICAL_C);
+            Some(Self { name, file: chip.join("temp1_input"), limit_c })
+        };
         let mut found = if settings.thermal_zone.is_empty() {
             let of_boards = ZONES.into_iter().find_map(of_zone);
-            of_boards.or_else(|| Self::of_chip(root)).or_else(|| PC_ZONES.into_iter().find_map(of_zone))?
+            of_boards.or_else(of_chip).or_else(|| PC_ZONES.into_iter().find_map(of_zone))?
         } else {
             of_zone(&settings.thermal_zone)?
         };
@@ -85,19 +82,6 @@ impl Thermometer {
             found.limit_c = settings.temperature_limit_c as f32;
         }
         Some(found)
-    }
-
-    fn of_chip(root: &Path) -> Option<Self> {
-        let chips = numbered(&root.join("sys/class/hwmon"), "hwmon");
-        let named = |chip: &PathBuf| text(&chip.join("name")).filter(|name| CHIPS.contains(&name.as_str()));
-        let (name, folder) = chips.iter().find_map(|chip| Some((named(chip)?, chip)))?;
-        let critical_c = celsius(&folder.join("temp1_crit"));
-        let limit_c = critical_c.map_or(USUAL_LIMIT_C, |critical_c| critical_c - BELOW_CRITICAL_C);
-        Some(Self { name, file: folder.join("temp1_input"), limit_c })
-    }
-
-    pub(super) fn read_c(&self) -> Option<f32> {
-        celsius(&self.file)
     }
 }
 
@@ -123,98 +107,44 @@ fn limit_of_zone(folder: &Path) -> f32 {
     highest("passive").or_else(critical_c).unwrap_or(USUAL_LIMIT_C)
 }
 
-/// What tells that the kernel or the processor slows itself down because of heat.
-#[derive(Debug, Default)]
-pub(super) struct Throttling {
-    /// States of cooling devices: 0 while the processor may run at its full clock rate.
-    states: Vec<PathBuf>,
-    /// How often each core of an x86 processor has slowed itself down.
-    counts: Vec<PathBuf>,
-}
-
-impl Throttling {
-    fn find(root: &Path) -> Self {
-        let slows = |device: &PathBuf| {
-            read(&device.join("type"), |kind| Some(SLOWING.iter().any(|slowing| kind.starts_with(slowing))))
-                == Some(true)
-        };
-        let devices = numbered(&root.join("sys/class/thermal"), "cooling_device");
-        let states = devices.into_iter().filter(slows).map(|device| device.join("cur_state")).collect();
-        let cpus = numbered(&root.join("sys/devices/system/cpu"), "cpu").into_iter();
-        let of_cpu =
-            |cpu: PathBuf| ["core", "package"].map(|part| cpu.join(format!("thermal_throttle/{part}_throttle_count")));
-        Self { states, counts: cpus.flat_map(of_cpu).filter(|path| path.exists()).collect() }
-    }
-
-    /// Whether a cooling device slows the processor down at present.
-    pub(super) fn is_slowed(&self) -> bool {
-        self.states.iter().any(|path| number(path).is_some_and(|state| state > 0))
-    }
-
-    /// How often the processor has slowed itself down since the machine was started.
-    pub(super) fn count(&self) -> i64 {
-        self.counts.iter().filter_map(|path| number(path)).sum()
-    }
-}
-
 /// Drivers whose governor "powersave" chooses the rate by load, as "schedutil" does with other drivers. The preference for
 /// energy or performance is a separate setting there.
 const DYNAMIC_DRIVERS: [&str; 2] = ["intel_pstate", "amd-pstate-epp"];
 /// A processor whose governor is slow to raise the rate is slow below this share of its highest rate.
 const SLOW_PERCENT: i64 = 60;
 
-/// Processors that share one clock rate.
-#[derive(Debug)]
-pub(super) struct Policy {
-    folder: PathBuf,
-    is_dynamic: bool,
+/// Describes the governor and the clock rate of processors that share one clock, given their folder.
+fn clock(folder: &Path) -> Option<String> {
+    let governor = text(&folder.join("scaling_governor"))?;
+    let mhz = |file| Some(number(&folder.join(file))? / 1000);
+    Some(format!("; {governor} at {} of {} MHz", mhz("scaling_cur_freq")?, mhz("cpuinfo_max_freq")?))
 }
 
-impl Policy {
-    fn find_all(root: &Path) -> Vec<Self> {
-        let folders = numbered(&root.join("sys/devices/system/cpu/cpufreq"), "policy");
-        let dynamic = |driver: &str| Some(DYNAMIC_DRIVERS.contains(&driver));
-        let policy = |folder: PathBuf| {
-            let is_dynamic = read(&folder.join("scaling_driver"), dynamic).unwrap_or(false);
-            Self { folder, is_dynamic }
-        };
-        folders.into_iter().map(policy).collect()
-    }
-
-    /// Whether the processors run slower than they could, or soon will, because the governor saves power.
-    pub(super) fn is_slow(&self) -> bool {
-        let is_slow = |governor: &str| match governor {
-            "powersave" if self.is_dynamic => {
-                read(&self.folder.join("energy_performance_preference"), |preference| Some(preference == "power"))
-            }
-            "powersave" => Some(true),
-            "conservative" | "userspace" => {
-                Some(self.khz("scaling_cur_freq")? * 100 < self.khz("cpuinfo_max_freq")? * SLOW_PERCENT)
-            }
-            _ => Some(false),
-        };
-        read(&self.folder.join("scaling_governor"), is_slow).unwrap_or(false)
-    }
-
-    /// Describes the governor and the clock rate.
-    fn clock(&self) -> Option<String> {
-        let governor = text(&self.folder.join("scaling_governor"))?;
-        let (now, highest) = (self.khz("scaling_cur_freq")? / 1000, self.khz("cpuinfo_max_freq")? / 1000);
-        Some(format!("; {governor} at {now} of {highest} MHz"))
-    }
-
-    fn khz(&self, file: &str) -> Option<i64> {
-        number(&self.folder.join(file))
-    }
+/// Whether these processors run slower than they could, or soon will, because the governor saves power.
+fn has_slow_governor(folder: &Path) -> Option<bool> {
+    let read = |file| text(&folder.join(file));
+    let khz = |file| number(&folder.join(file));
+    Some(match read("scaling_governor")?.as_str() {
+        "powersave" if read("scaling_driver").is_some_and(|driver| DYNAMIC_DRIVERS.contains(&driver.as_str())) => {
+            read("energy_performance_preference")? == "power"
+        }
+        "powersave" => true,
+        "conservative" | "userspace" => khz("scaling_cur_freq")? * 100 < khz("cpuinfo_max_freq")? * SLOW_PERCENT,
+        _ => false,
+    })
 }
 
 #[derive(Debug)]
 pub struct Sensors {
-    pub(super) thermometer: Option<Thermometer>,
-    pub(super) throttling: Throttling,
-    /// The alarm of the supply voltage, on Raspberry Pis.
+    thermometer: Option<Thermometer>,
+    /// States of cooling devices: 0 while the processor may run at its full clock rate.
+    cooling_states: Vec<PathBuf>,
+    /// How often each core of an x86 processor has slowed itself down.
+    throttle_counts: Vec<PathBuf>,
+    /// The alarm of the supply voltage, on Raspberry Pis: whether it has been too low within the last 2 s.
     voltage_alarm: Option<PathBuf>,
-    policies: Vec<Policy>,
+    /// The folders of processors that share one clock.
+    policies: Vec<PathBuf>,
 }
 
 /// The sensors' readings at one moment.
@@ -229,31 +159,42 @@ impl Sensors {
     pub fn find(root: &Path, settings: &HardwareSettings) -> Self {
         let chips = numbered(&root.join("sys/class/hwmon"), "hwmon");
         let is_supply = |chip: &&PathBuf| text(&chip.join("name")).as_deref() == Some("rpi_volt");
+        let devices = numbered(&root.join("sys/class/thermal"), "cooling_device").into_iter();
+        let slows = |device: &PathBuf| {
+            text(&device.join("type")).is_some_and(|kind| SLOWING.iter().any(|slowing| kind.starts_with(slowing)))
+        };
+        let cpus = numbered(&root.join("sys/devices/system/cpu"), "cpu").into_iter();
+        let counts =
+            |cpu: PathBuf| ["core", "package"].map(|part| cpu.join(format!("thermal_throttle/{part}_throttle_count")));
         Self {
             thermometer: Thermometer::find(root, settings),
-            throttling: Throttling::find(root),
+            cooling_states: devices.filter(slows).map(|device| device.join("cur_state")).collect(),
+            throttle_counts: cpus.flat_map(counts).filter(|path| path.exists()).collect(),
             voltage_alarm: chips.iter().find(is_supply).map(|chip| chip.join("in0_lcrit_alarm")),
-            policies: Policy::find_all(root),
+            policies: numbered(&root.join("sys/devices/system/cpu/cpufreq"), "policy"),
         }
     }
 
-    /// Whether the supply voltage has been too low within the last 2 s. `None` where the board does not measure it.
-    pub(super) fn is_undervolted(&self) -> Option<bool> {
-        self.voltage_alarm.as_deref().and_then(number).map(|alarm| alarm != 0)
-    }
-
-    pub(super) fn has_slow_governor(&self) -> bool {
-        self.policies.iter().any(Policy::is_slow)
+    /// How often the processor has slowed itself down since the machine was started.
+    pub(super) fn throttle_count(&self) -> i64 {
+        self.throttle_counts.iter().filter_map(|path| number(path)).sum()
     }
 
     pub fn read(&self) -> Readings {
-        let temperature = self.thermometer.as_ref().and_then(|found| Some((found, found.read_c()?)));
-        let (is_slowed, is_undervolted) = (self.throttling.is_slowed(), self.is_undervolted());
+        self.read_below(0.0)
+    }
+
+    /// Reads the sensors. The processor counts as hot from this much below the limit on.
+    pub(super) fn read_below(&self, below_limit_c: f32) -> Readings {
+        let temperature = self.thermometer.as_ref().and_then(|found| Some((found, celsius(&found.file)?)));
+        let is_slowed = self.cooling_states.iter().any(|path| number(path).is_some_and(|state| state > 0));
+        let voltage_alarm = self.voltage_alarm.as_deref().and_then(number);
+        let is_hot = temperature.is_some_and(|(found, now_c)| now_c >= found.limit_c - below_limit_c);
+        let has_slow_governor = self.policies.iter().any(|folder| has_slow_governor(folder) == Some(true));
         let mut impairments = ImpairmentSet::default();
-        let is_hot = temperature.is_some_and(|(found, now_c)| now_c >= found.limit_c);
         impairments.set(Impairment::Hot, is_hot || is_slowed);
-        impairments.set(Impairment::Undervoltage, is_undervolted == Some(true));
-        impairments.set(Impairment::SlowGovernor, self.has_slow_governor());
+        impairments.set(Impairment::Undervoltage, voltage_alarm.is_some_and(|alarm| alarm != 0));
+        impairments.set(Impairment::SlowGovernor, has_slow_governor);
         let mut line = match temperature {
             Some((Thermometer { name, limit_c, .. }, now_c)) => {
                 format!("processor {now_c:.1} °C ({name}), limit {limit_c:.0} °C")
@@ -261,13 +202,13 @@ impl Sensors {
             None => "no temperature sensor".to_owned(),
         };
         line += if is_slowed { ", slowed down" } else { "" };
-        let mut clocks: Vec<_> = self.policies.iter().filter_map(Policy::clock).collect();
+        let mut clocks: Vec<_> = self.policies.iter().filter_map(|folder| clock(folder)).collect();
         clocks.dedup();
         line += &clocks.concat();
-        line += match is_undervolted {
+        line += match voltage_alarm {
             None => "",
-            Some(true) => "; supply voltage too low",
-            Some(false) => "; supply voltage good",
+            Some(0) => "; supply voltage good",
+            Some(_) => "; supply voltage too low",
         };
         Readings { line, impairments }
     }

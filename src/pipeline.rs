@@ -182,6 +182,8 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
+    use crate::calibration::Sight;
+
     use facewire_face::stages::{FaceMean, normalise};
     use facewire_face::testing::{Scripted, face, show};
     use facewire_face::{Neutral, Picture, Pixels};
@@ -237,11 +239,11 @@ mod tests {
         let frame = frame(&data, 0);
         let (mut pipeline, runs) = pipeline(0);
         pipeline.solver.profile.neutral = Some(neutral(&frame));
-        assert!(pipeline.process(&frame).observe(false).shows_face());
+        assert!(matches!(pipeline.process(&frame).observe(false).sight, Sight::Face(_)));
         runs.store(FAILING, Relaxed);
         let failed = pipeline.process(&frame);
         assert!(matches!(failed.solved, Err(Rejected::Infer(_))));
-        assert!(!failed.observe(false).shows_face() && failed.record().landmarks.is_none());
+        assert!(failed.observe(false).sight == Sight::NoFace && failed.record().landmarks.is_none());
     }
 
     /// The scripted face as the neutral one. It has few points, so only displacements from itself are sensible.

@@ -66,11 +66,6 @@ impl Observation {
         let seen = face.and_then(|face| Seen::new(model, face, camera));
         Self { time_us, is_dark, sight: seen.map_or(Sight::NoFace, Sight::Face) }
     }
-
-    /// Whether the frame shows a face that can be read.
-    pub fn shows_face(&self) -> bool {
-        matches!(self.sight, Sight::Face(_))
-    }
 }
 
 impl Seen {

@@ -1,41 +1,26 @@
 //! A wearer's profile as a file that people can read and compare (TOML).
-//!
-//! ```toml
-//! format = 1
-//! made_by = "facewire 0.1.0"
-//! made_at_unix_s = 1790000000
-//! model = "1a2b3c4d"                    # the hash of the model that read them; absent in older files
-//! takes = ["neutral", "eyes-shut"]      # the takes that were accepted
-//!
-//! neutral = [                           # x, y, z of the 478 landmarks, in ten-thousandths of the distance of the eyes
-//! [0, -5059, 6753],
-//! ]
-//!
-//! [blendshapes]
-//! eyeBlinkLeft = { rest = 0.0213, gain = 1.1042 }
-//! ```
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use facewire_face::{BLENDSHAPES, COEFFS, GAINS, LANDMARKS, MAX_REST, Model, Neutral, Profile};
 use flate2::Crc;
 use serde::Deserialize;
 
 use super::take::Take;
-use facewire_face::{BLENDSHAPES, COEFFS, GAINS, LANDMARKS, MAX_REST, Model, Neutral, Profile};
 
-const FORMAT: u32 = 1;
+const FORMAT: i64 = 1;
 pub const MAX_PROFILE_BYTES: usize = 16 << 10;
 /// Steps of a coordinate for each eye distance.
 const STEPS: f32 = 10_000.0;
 /// Greatest coordinate in a file, steps. Faces stay below 3 eye distances.
-const MAX_STEPS: i32 = 50_000;
+const MAX_STEPS: f32 = 50_000.0;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProfileFile {
     /// The wearer's profile, with a neutral face.
     pub profile: Profile,
-    /// The hash of the model that read the takes, if the file says so.
+    /// The hash of the model that read the takes. Older files do not have it.
     pub model: Option<u32>,
     pub takes: Vec<Take>,
     pub made_at_unix_s: u64,
@@ -64,21 +49,16 @@ struct Terms {
 impl ProfileFile {
     /// Reads a text, or says in one sentence why it is no profile.
     pub fn parse(text: &str) -> Result<Self, String> {
-        #[derive(Deserialize)]
-        struct Header {
-            format: u32,
-        }
         if text.len() > MAX_PROFILE_BYTES {
             return Err(format!("it is larger than {} KiB, and so no profile", MAX_PROFILE_BYTES >> 10));
         }
-        if let Ok(Header { format }) = toml::from_str(text)
-            && format != FORMAT
-        {
+        let damaged = |error: toml::de::Error| format!("it is damaged: {}", one_line(error.message()));
+        let table: toml::Table = text.parse().map_err(damaged)?;
+        if let Some(format) = table.get("format").and_then(toml::Value::as_integer).filter(|format| *format != FORMAT) {
             return Err(format!("it has format {format}, and this facewire reads format {FORMAT}"));
         }
-        let table: Result<Table, _> = toml::from_str(text);
-        let file = table.map_err(|error| one_line(error.message())).and_then(Table::read);
-        file.map_err(|error| format!("it is damaged: {error}"))
+        let table: Table = table.try_into().map_err(damaged)?;
+        table.read().map_err(|error| format!("it is damaged: {error}"))
     }
 
     pub fn text(&self) -> String {
@@ -92,9 +72,9 @@ impl ProfileFile {
         }
         let _ = writeln!(text, "takes = [{}]\n", takes.join(", "));
         text.push_str("# x, y, z of the landmarks, in ten-thousandths of the distance of the eyes\nneutral = [\n");
+        let steps = |value: f32| (value * STEPS).round().clamp(-MAX_STEPS, MAX_STEPS) as i32;
         for [x, y, z] in self.profile.neutral.iter().flat_map(Neutral::points) {
-            let [x, y, z] = [x, y, z].map(steps);
-            let _ = writeln!(text, "[{x},{y},{z}],");
+            let _ = writeln!(text, "[{},{},{}],", steps(x), steps(y), steps(z));
         }
         text.push_str("]\n\n[blendshapes]\n");
         for (name, (rest, gain)) in BLENDSHAPES.iter().zip(self.profile.rest.iter().zip(&self.profile.gain)) {
@@ -109,15 +89,12 @@ impl Table {
         let need = |is_good: bool, error: String| is_good.then_some(()).ok_or(error);
         let absurd = |what: &str| format!("{what} has a value that no face has");
         need(self.takes.is_sorted_by(|a, b| a < b), "the takes are not in order".to_owned())?;
-        let mut points = [[0.0; 3]; LANDMARKS];
         let (landmarks, blendshapes) = (self.neutral.len(), self.blendshapes.len());
         need(landmarks == LANDMARKS, format!("it has {landmarks} landmarks instead of {LANDMARKS}"))?;
         need(blendshapes == COEFFS, format!("it has {blendshapes} blendshapes instead of {COEFFS}"))?;
+        let mut points = [[0.0; 3]; LANDMARKS];
         for (index, (point, steps)) in points.iter_mut().zip(&self.neutral).enumerate() {
-            need(
-                steps.iter().all(|steps| steps.abs_diff(0) <= MAX_STEPS as u32),
-                absurd(&format!("landmark {index}")),
-            )?;
+            need(steps.iter().all(|steps| (*steps as f32).abs() <= MAX_STEPS), absurd(&format!("landmark {index}")))?;
             *point = steps.map(|steps| steps as f32 / STEPS);
         }
         let neutral = Neutral::of_face(&points).map_err(|_| absurd("the neutral face"))?;
@@ -141,11 +118,6 @@ pub fn model_hash(model: &Model) -> u32 {
     crc.sum()
 }
 
-/// A coordinate in steps. The greatest is far below the range of the type.
-fn steps(value: f32) -> i32 {
-    (value * STEPS).round().clamp(-(MAX_STEPS as f32), MAX_STEPS as f32) as i32
-}
-
 /// The message without line ends and terminal escape sequences, which a damaged file may contain.
 fn one_line(message: &str) -> String {
     message.chars().map(|symbol| if symbol.is_control() { ' ' } else { symbol }).take(200).collect()
@@ -154,16 +126,14 @@ fn one_line(message: &str) -> String {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use facewire_face::stages::{FaceMean, normalise};
+    use facewire_face::stages::normalise;
     use facewire_face::testing::face;
 
     /// A profile of a face of few points, which was made at this time.
     pub(crate) fn file(made_at_unix_s: u64) -> ProfileFile {
-        let mut mean = FaceMean::default();
-        mean.add(&normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap());
-        let mut profile = Profile { neutral: Some(mean.neutral().unwrap()), ..Profile::default() };
-        profile.rest.iter_mut().for_each(|rest| *rest = -0.2125);
-        profile.gain.iter_mut().for_each(|gain| *gain = 1.25);
+        let face = normalise(&face([0.0; 3], 80.0, [320.0, 240.0])).unwrap();
+        let neutral = Some(Neutral::from_points(&face.points).unwrap());
+        let profile = Profile { neutral, rest: [-0.2125; COEFFS], gain: [1.25; COEFFS] };
         let takes = vec![Take::Neutral, Take::EyesShut];
         let parsed = ProfileFile { profile, model: Some(0xA1), takes, made_at_unix_s };
         // Rounded once, it stays the same.
@@ -189,7 +159,7 @@ pub(super) mod tests {
         let mut file = file(u64::MAX >> 1);
         file.profile.neutral = Some(Neutral::from_points(&[[-2.9999; 3]; LANDMARKS]).unwrap());
         file.takes = Take::ALL.to_vec();
-        file.profile.rest.iter_mut().for_each(|rest| *rest = -MAX_REST);
+        file.profile.rest = [-MAX_REST; COEFFS];
         assert!(file.text().len() <= MAX_PROFILE_BYTES, "{}", file.text().len());
     }
 

@@ -21,7 +21,7 @@ use super::take::{Refusal, Take};
 const SYSTEM_FOLDER: &str = "/var/lib/facewire";
 
 /// The name of a wearer, which is also that of a file: 1 to 32 letters, digits, `-` and `_` of ASCII.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WearerName(String);
 
 impl WearerName {
@@ -86,19 +86,18 @@ pub enum StoreError {
     Unwritable(String),
 }
 
-impl StoreError {
-    fn missing(path: &Path, name: &WearerName) -> Self {
-        Self::Unreadable(format!("there is no profile {}: run `facewire calibrate --wearer {name}`", path.display()))
-    }
+fn missing(path: &Path, name: &WearerName) -> StoreError {
+    let path = path.display();
+    StoreError::Unreadable(format!("there is no profile {path}: run `facewire calibrate --wearer {name}`"))
+}
 
-    fn unreadable(path: &Path, error: &io::Error) -> Self {
-        Self::Unreadable(format!("cannot read {}: {error}; {}", path.display(), remedy(error)))
-    }
+fn unreadable(path: &Path, error: &io::Error) -> StoreError {
+    StoreError::Unreadable(format!("cannot read {}: {error}; {}", path.display(), remedy(error)))
+}
 
-    fn unwritable(path: &Path, error: &io::Error) -> Self {
-        let (path, remedy) = (path.display(), remedy(error));
-        Self::Unwritable(format!("cannot write {path}: {error}; {remedy}; the former profile stays"))
-    }
+fn unwritable(path: &Path, error: &io::Error) -> StoreError {
+    let (path, remedy) = (path.display(), remedy(error));
+    StoreError::Unwritable(format!("cannot write {path}: {error}; {remedy}; the former profile stays"))
 }
 
 fn remedy(error: &io::Error) -> &'static str {
@@ -136,8 +135,8 @@ impl Store {
     pub fn load(&self, name: &WearerName) -> Result<ProfileFile, StoreError> {
         let path = self.path(name);
         let bytes = read(&path).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => StoreError::missing(&path, name),
-            _ => StoreError::unreadable(&path, &error),
+            ErrorKind::NotFound => missing(&path, name),
+            _ => unreadable(&path, &error),
         })?;
         let text = str::from_utf8(&bytes).map_err(|_| "it is damaged: it is not UTF-8".to_owned());
         text.and_then(ProfileFile::parse).map_err(|error| {
@@ -149,14 +148,13 @@ impl Store {
     /// Keeps the profile of a wearer, in place of the former one. Returns the path of the file, and a warning if a power cut
     /// could bring the former profile back.
     pub fn save(&self, name: &WearerName, file: &ProfileFile) -> Result<(PathBuf, Option<String>), StoreError> {
-        let refuse = |error| StoreError::unwritable(&self.folder, &error);
-        DirBuilder::new().recursive(true).mode(0o700).create(&self.folder).map_err(refuse)?;
+        let create = DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
+        create.map_err(|error| unwritable(&self.folder, &error))?;
         let (path, new) = (self.path(name), self.folder.join(format!(".{name}.new")));
-        let outcome = write(&new, file.text().as_bytes()).and_then(|()| fs::rename(&new, &path));
-        if let Err(error) = outcome {
+        if let Err(error) = write(&new, file.text().as_bytes()).and_then(|()| fs::rename(&new, &path)) {
             // What is left of it is of no use; the next attempt writes it anew.
             let _ = fs::remove_file(&new);
-            return Err(StoreError::unwritable(&path, &error));
+            return Err(unwritable(&path, &error));
         }
         let warning = |error| {
             let folder = self.folder.display();
@@ -185,8 +183,8 @@ impl Store {
         // A power cut may have left this.
         let _ = fs::remove_file(self.folder.join(format!(".{name}.new")));
         fs::remove_file(&path).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => StoreError::missing(&path, name),
-            _ => StoreError::unwritable(&path, &error),
+            ErrorKind::NotFound => missing(&path, name),
+            _ => unwritable(&path, &error),
         })
     }
 
@@ -195,14 +193,14 @@ impl Store {
         let entries = match fs::read_dir(&self.folder) {
             Ok(entries) => entries,
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(error) => return Err(StoreError::unreadable(&self.folder, &error)),
+            Err(error) => return Err(unreadable(&self.folder, &error)),
         };
-        let name = |entry: fs::DirEntry| WearerName::new(entry.file_name().to_str()?.strip_suffix(".toml")?);
-        let listed = |name: WearerName| {
+        let listed = |entry: fs::DirEntry| {
+            let name = WearerName::new(entry.file_name().to_str()?.strip_suffix(".toml")?)?;
             let profile = self.load(&name).map(|file| (file.made_at_unix_s, file.takes.len()));
-            Listed { wearer: name.0, profile: profile.map_err(|error| error.to_string()) }
+            Some(Listed { wearer: name.0, profile: profile.map_err(|error| error.to_string()) })
         };
-        let mut listed: Vec<_> = entries.filter_map(|entry| name(entry.ok()?)).map(listed).collect();
+        let mut listed: Vec<_> = entries.filter_map(|entry| listed(entry.ok()?)).collect();
         listed.sort_by(|one, other| one.wearer.cmp(&other.wearer));
         Ok(listed)
     }
@@ -233,17 +231,13 @@ fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
 /// The folder of the profiles, given the setting, the environment, and which folders can be read.
 fn folder(setting: &str, variable: impl Fn(&str) -> Option<String>, is_readable: impl Fn(&Path) -> bool) -> PathBuf {
     let path = |name: &str| variable(name).filter(|path| path.starts_with('/')).map(PathBuf::from);
-    if !setting.is_empty() {
-        return setting.into();
-    }
     // The service manager may give several folders.
-    if let Some(state) = variable("STATE_DIRECTORY").and_then(|folders| folders.split(':').next().map(PathBuf::from)) {
-        return state;
-    }
-    let of_user = path("XDG_STATE_HOME").or_else(|| path("HOME").map(|home| home.join(".local/state")));
-    match of_user {
-        Some(state) if !is_readable(SYSTEM_FOLDER.as_ref()) => state.join("facewire"),
-        _ => SYSTEM_FOLDER.into(),
+    let of_manager = || variable("STATE_DIRECTORY")?.split(':').next().map(PathBuf::from);
+    let of_user = || path("XDG_STATE_HOME").or_else(|| path("HOME").map(|home| home.join(".local/state")));
+    let is_system = is_readable(SYSTEM_FOLDER.as_ref());
+    match Some(setting).filter(|setting| !setting.is_empty()).map(PathBuf::from).or_else(of_manager) {
+        Some(folder) => folder,
+        None => of_user().filter(|_| !is_system).map_or_else(|| SYSTEM_FOLDER.into(), |state| state.join("facewire")),
     }
 }
 

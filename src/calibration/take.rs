@@ -1,10 +1,8 @@
 //! The takes of a calibration: what the wearer is asked to do, by which coefficients it is seen, and why a take is refused.
 
-use std::fmt;
-
-use serde::{Deserialize, Serialize};
-
 use facewire_face::{BLENDSHAPES, COEFFS};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
 pub(super) const LIDS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];
 
@@ -105,22 +103,34 @@ pub(super) fn mean_of(names: &[&str], coefficients: &[f32; COEFFS]) -> f32 {
 }
 
 /// Why the guide waits, or refuses a take. Displays as one sentence for the wearer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Error)]
 #[serde(rename_all = "kebab-case")]
 pub enum Refusal {
+    #[error("No picture comes from the camera: check its cable")]
     NoPicture,
+    #[error("No face is in the picture: sit in front of the camera")]
     NoFace,
+    #[error("The face is too dark: turn on a light in front of you")]
     TooDark,
-    /// The head does not face the camera, or is not as in the neutral take.
+    /// Also if the head is not as in the neutral take.
+    #[error("The head is turned: face the camera")]
     HeadTurned,
+    #[error("The head moves: keep it still")]
     HeadMoves,
+    #[error("The face moves: hold it still")]
     FaceMoves,
-    /// The eyes were shut in the neutral take, or for longer than a blink in another pose.
+    /// In the neutral take, or for longer than a blink in another pose.
+    #[error("The eyes are shut or half shut: open them as you usually do")]
     EyesShut,
+    #[error("The mouth smiles: let your face rest")]
     Smiling,
+    #[error("The mouth is open: close it")]
     MouthOpen,
+    #[error("The eyebrows are raised or drawn down: let your face rest")]
     BrowsMoved,
+    #[error("No such movement is seen: make it stronger")]
     NotSeen,
+    #[error("The movement ended too early: hold it a little longer")]
     TooShort,
 }
 
@@ -128,25 +138,6 @@ impl Refusal {
     /// What to tell when a calibration ends without a profile for this reason.
     pub fn end(self) -> String {
         format!("no profile was made, and the former one stays. {self}, and try again")
-    }
-}
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::NoPicture => "No picture comes from the camera: check its cable",
-            Self::NoFace => "No face is in the picture: sit in front of the camera",
-            Self::TooDark => "The face is too dark: turn on a light in front of you",
-            Self::HeadTurned => "The head is turned: face the camera",
-            Self::HeadMoves => "The head moves: keep it still",
-            Self::FaceMoves => "The face moves: hold it still",
-            Self::EyesShut => "The eyes are shut or half shut: open them as you usually do",
-            Self::Smiling => "The mouth smiles: let your face rest",
-            Self::MouthOpen => "The mouth is open: close it",
-            Self::BrowsMoved => "The eyebrows are raised or drawn down: let your face rest",
-            Self::NotSeen => "No such movement is seen: make it stronger",
-            Self::TooShort => "The movement ended too early: hold it a little longer",
-        })
     }
 }
 

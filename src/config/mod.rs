@@ -19,20 +19,12 @@ mod value;
 
 use std::path::Path;
 
-pub use link::{
-    AtLoss, AutoDevice, CarrierSettings, ChannelSettings, IFacialMocapSettings, LinkKind, LinkSettings,
-    LiveLinkSettings, Loss, MOST_MAESTRO_BAUD, MaestroProtocol, MaestroSettings, PaceKind, PaceSettings,
-    Pca9685Settings, SOURCE_COUNT, SOURCE_NAMES, SerialSettings, Sources, UdpSettings, VmcSettings, VrchatSettings,
-};
+pub use link::*;
 pub use overlay::{Fault, Faults};
 pub use rehearsal::{BadScript, Scene, Script};
-pub use settings::{
-    AdaptationSettings, CameraFormat, CameraSettings, FailsafeSettings, HardwareSettings, LogLevel, LogSettings,
-    MetricsSettings, NetworkSettings, RealtimeSettings, SendSettings, Settings, SmoothingSettings, SolverSettings,
-    WearerSettings,
-};
+pub use settings::*;
 pub(crate) use value::quoted;
-pub use value::{Address, Choice, JsonTarget, Listen, ParameterChoice, Parameters, SerialDevice};
+pub use value::{Address, Choice, JsonTarget, Listen, Parameters, SerialDevice};
 
 use self::overlay::{Overlay, Section as _};
 use crate::calibration::WearerName;
@@ -150,7 +142,7 @@ fn lay(
     file.lay(&document, &mut settings, &mut faults);
     check(&settings, &mut faults);
     check_more(&settings, &mut faults);
-    faults.into_result(settings)
+    if faults.iter().next().is_none() { Ok(settings) } else { Err(faults) }
 }
 
 /// Returns the board called `name`. [`AUTO`] stands for the board called `detected`.
@@ -177,21 +169,16 @@ fn check(settings: &Settings, faults: &mut Faults) {
     need(live_ms < hold_ms, "failsafe.hold_ms", hold_ms.to_string(), &after_live);
     let after_hold = format!("more than failsafe.hold_ms, which is {hold_ms}");
     need(hold_ms < neutral_ms, "failsafe.neutral_ms", neutral_ms.to_string(), &after_hold);
-    let device = &settings.camera.device;
+    let (device, name) = (&settings.camera.device, &settings.wearer.name);
     let cameras = "\"auto\", the path of a camera, part of its name, \"demo\" or a rehearsal";
     need(!device.trim().is_empty(), "camera.device", format!("{device:?}"), cameras);
     let is_readable = Script::of(device).is_none_or(|script| script.is_ok());
     need(is_readable, "camera.device", format!("{device:?}"), Script::EXPECTED);
-    let paths = [
-        ("networks.folder", &settings.networks.folder),
-        ("solver.model", &settings.solver.model),
-        ("wearer.folder", &settings.wearer.folder),
-    ];
-    for (key, path) in paths {
+    let [folder, model, wearers] = [&settings.networks.folder, &settings.solver.model, &settings.wearer.folder];
+    for (key, path) in [("networks.folder", folder), ("solver.model", model), ("wearer.folder", wearers)] {
         let expected = "a path from / on: no shell replaces the ~ of a setting";
         need(!path.starts_with('~'), key, format!("{path:?}"), expected);
     }
-    let name = &settings.wearer.name;
     let is_name = name.is_empty() || WearerName::new(name).is_some();
     need(is_name, "wearer.name", format!("{name:?}"), &format!("{}, or \"\"", WearerName::EXPECTED));
     need(!settings.links.is_empty(), "link", "[]".to_owned(), "at least one [[link]]");

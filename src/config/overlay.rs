@@ -41,11 +41,6 @@ impl Faults {
         self.push(format!("{key} = {value}: give {expected}"));
     }
 
-    /// Returns `value` if there are no faults.
-    pub fn into_result<T>(self, value: T) -> Result<T, Self> {
-        if self.0.is_empty() { Ok(value) } else { Err(self) }
-    }
-
     /// Whether a value in this table is wrong by itself.
     pub fn has_invalid_value(&self, table: &str) -> bool {
         self.0.iter().any(|fault| fault.is_invalid_value && fault.key.split('.').next() == Some(table))

@@ -3,57 +3,22 @@
 //! `rehearsal: live 5, gone 2` plays for 5 s, is unplugged for 2 s, and starts over. `rehearsal: random 7` has random
 //! faults, the same ones for each seed. This module only reads the script; `capture` plays it.
 
+use super::value::{Choice as _, choices};
+
 /// Longest scene of a script, seconds.
 const LONGEST_SCENE_S: f64 = 86_400.0;
 
-/// What the camera does for a while.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scene {
-    Live,
-    /// Shows a grey picture.
-    NoFace,
-    Damaged,
-    /// Delivers no frame, like a camera that has stalled.
-    Silent,
-    /// Delivers neither a frame nor an error, like a driver or an inference that hangs.
-    Hung,
-    Gone,
-    Dark,
-    CutOff,
-    /// Delivers every other frame, like a camera that exposes longer.
-    HalfRate,
-    /// Loses every eighth frame, like a camera on a busy bus.
-    Lossy,
-    /// Plays the clip on a board that takes this many frame periods to decode a frame.
-    Slow(u32),
-    /// Plays the clip on a board that takes two frame periods to decode a frame, and half of one for half the width and
-    /// height.
-    SlowJpeg,
-    Hot,
-    Undervoltage,
+choices! {
+    /// What the camera does for a while: it shows a grey picture, damaged, dark or cut-off pictures; delivers no frame
+    /// (silent), neither a frame nor an error (hung) or every other frame, like a camera that exposes longer; loses every
+    /// eighth frame; or plays the clip on a board that takes so many frame periods to decode a frame. A slow JPEG decoder
+    /// takes two, and half of one for half the width and height.
+    pub enum Scene: Live = "live", NoFace = "no-face", Damaged = "damaged", Silent = "silent", Hung = "hung",
+    Gone = "gone", Dark = "dark", CutOff = "cut-off", HalfRate = "half-rate", Lossy = "lossy", Slow2 = "slow-2",
+    Slow4 = "slow-4", Slow8 = "slow-8", SlowJpeg = "slow-jpeg", Hot = "hot", Undervoltage = "undervoltage"
 }
 
 impl Scene {
-    /// Every scene with its name in a script.
-    pub const ALL: [(&'static str, Self); 16] = [
-        ("live", Self::Live),
-        ("no-face", Self::NoFace),
-        ("damaged", Self::Damaged),
-        ("silent", Self::Silent),
-        ("hung", Self::Hung),
-        ("gone", Self::Gone),
-        ("dark", Self::Dark),
-        ("cut-off", Self::CutOff),
-        ("half-rate", Self::HalfRate),
-        ("lossy", Self::Lossy),
-        ("slow-2", Self::Slow(2)),
-        ("slow-4", Self::Slow(4)),
-        ("slow-8", Self::Slow(8)),
-        ("slow-jpeg", Self::SlowJpeg),
-        ("hot", Self::Hot),
-        ("undervoltage", Self::Undervoltage),
-    ];
-
     /// The scenes of a random rehearsal: each tells by itself what receivers then see.
     pub const RANDOM: [Self; 6] = [Self::Live, Self::NoFace, Self::Damaged, Self::Silent, Self::Hung, Self::Gone];
 }
@@ -77,8 +42,7 @@ impl Script {
          damaged, silent, hung, gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, slow-jpeg, hot and undervoltage with \
          their seconds, or \"rehearsal: random 7\"";
 
-    /// Reads the script in the camera setting `device`. Returns `None` if the setting names no rehearsal, and an error
-    /// if the script cannot be read.
+    /// Reads the script in the camera setting `device`. Returns `None` if the setting names no rehearsal.
     pub fn of(device: &str) -> Option<Result<Self, BadScript>> {
         device.strip_prefix("rehearsal:").map(|script| Self::parse(script).ok_or(BadScript))
     }
@@ -89,9 +53,9 @@ impl Script {
         }
         let scene = |text: &str| {
             let (name, length) = text.trim().split_once(' ')?;
-            let (_, scene) = Scene::ALL.into_iter().find(|(known, _)| *known == name)?;
+            let (_, scene) = Scene::ALL.iter().find(|(known, _)| *known == name)?;
             let length_s: f64 = length.trim().parse().ok()?;
-            (0.001..=LONGEST_SCENE_S).contains(&length_s).then(|| (scene, (length_s * 1e6).round() as u64))
+            (0.001..=LONGEST_SCENE_S).contains(&length_s).then(|| (*scene, (length_s * 1e6).round() as u64))
         };
         script.split(',').map(scene).collect::<Option<_>>().map(Self::Scenes)
     }

@@ -274,15 +274,6 @@ read_from_text!(
     }
 );
 
-/// How a parameter is sent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ParameterChoice {
-    /// Whether it is sent as a number.
-    pub number: bool,
-    /// As how many bits it is sent; 0 for none.
-    pub bits: u32,
-}
-
 /// A list of parameters and the number of their bits. An empty list stands for all.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Parameters(Vec<(String, u32)>);
@@ -302,13 +293,10 @@ impl Parameters {
         self.0.iter().map(|(name, _)| name.as_str())
     }
 
-    /// Returns how a parameter is sent, and `general` for all if the list is empty.
-    pub fn of(&self, name: &str, general: ParameterChoice) -> Option<ParameterChoice> {
-        if !self.names_any() {
-            return Some(general);
-        }
-        let (_, bits) = self.0.iter().find(|(named, _)| *named == name)?;
-        Some(ParameterChoice { number: *bits == 0, bits: *bits })
+    /// Returns whether a parameter is sent as a number, and as how many bits; `general` if the list is empty.
+    pub fn of(&self, name: &str, general: (bool, u32)) -> Option<(bool, u32)> {
+        let named = self.0.iter().find(|(named, _)| *named == name).map(|(_, bits)| (*bits == 0, *bits));
+        if self.names_any() { named } else { Some(general) }
     }
 }
 

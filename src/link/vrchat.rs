@@ -15,7 +15,7 @@ use super::{
     angles::Gaze,
     osc::{Argument, Bundles, Message},
 };
-use crate::config::{ParameterChoice, VrchatSettings};
+use crate::config::VrchatSettings;
 
 /// Time after which everything is sent again.
 const REFRESH: Duration = Duration::from_secs(1);
@@ -86,9 +86,11 @@ fn add(entries: &mut Vec<Entry>, Parameter { name, group, formula }: &Parameter,
         Group::Compound => settings.compounds,
         Group::Head => settings.head,
     };
-    let general = ParameterChoice { number: settings.floats, bits: settings.bits };
-    let choice = settings.parameters.of(name, general).filter(|_| is_wanted || settings.parameters.names_any());
-    let Some(ParameterChoice { number, bits }) = choice else { return };
+    let choice = settings
+        .parameters
+        .of(name, (settings.floats, settings.bits))
+        .filter(|_| is_wanted || settings.parameters.names_any());
+    let Some((number, bits)) = choice else { return };
     let address = format!("/avatar/parameters/{}v2/{name}", settings.prefix);
     if number {
         entries.push(Entry::new(&address, Content::Number(*formula)));

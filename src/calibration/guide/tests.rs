@@ -54,27 +54,26 @@ impl Wearer {
         Guide::new(Arc::clone(&self.model))
     }
 
-    /// Follows the guide from `begun_us` on: `act` says what the wearer shows in each frame, given the take and the time
-    /// since the guide asked for it. Returns the outcome, and the time of the last frame.
+    /// Follows the guide in frames at these times: `act` says what the wearer shows, given the take and the time since the
+    /// guide asked for it. Returns the outcome, and the time of the last frame.
     fn follow(
         guide: &mut Guide,
-        begun_us: u64,
+        times_us: impl IntoIterator<Item = u64>,
         mut act: impl FnMut(Take, f32) -> Sight,
     ) -> (Result<Calibration, Refusal>, u64) {
-        let (mut time_us, mut asked) = (begun_us, (None, begun_us));
-        loop {
+        let mut asked = (None, 0);
+        for time_us in times_us {
             let Some(take) = guide.wanted() else { return (guide.outcome().unwrap(), time_us) };
-            time_us += FRAME_US;
-            assert!(time_us - begun_us < 300_000_000, "the guide does not end: {:?}", guide.progress());
             if asked.0 != Some(take) {
                 asked = (Some(take), time_us);
             }
             let sight = act(take, (time_us - asked.1) as f32 / 1e6);
             guide.update(&Observation { time_us, is_dark: false, sight });
         }
+        panic!("the guide does not end: {:?}", guide.progress())
     }
 
-    /// Shows the guide this many frames, from the first one on.
+    /// Shows the guide this many frames.
     fn show(&self, frames: u64, mut act: impl FnMut(u64) -> (bool, Sight)) -> Guide {
         let mut guide = self.guide();
         for frame in 0..frames {
@@ -85,13 +84,19 @@ impl Wearer {
     }
 }
 
+/// The times of frames for 300 s.
+fn frames_from(begin_us: u64) -> impl Iterator<Item = u64> {
+    (0..9000).map(move |frame| begin_us + frame * FRAME_US)
+}
+
 fn index(name: &str) -> usize {
     BLENDSHAPES.iter().position(|known| *known == name).unwrap()
 }
 
 /// Follows every take to this extent, half a second after being asked.
 fn follow_all(wearer: &Wearer, extent: f32) -> (Result<Calibration, Refusal>, u64) {
-    Wearer::follow(&mut wearer.guide(), 0, |take, since_s| wearer.pose(take, if since_s > 0.5 { extent } else { 0.0 }))
+    let act = |take, since_s| wearer.pose(take, if since_s > 0.5 { extent } else { 0.0 });
+    Wearer::follow(&mut wearer.guide(), frames_from(0), act)
 }
 
 #[test]
@@ -115,43 +120,42 @@ fn wearer_who_follows_is_done_within_30_s_and_gets_gains_within_bounds() {
 fn slow_camera_is_enough() {
     let wearer = Wearer::new();
     for period_us in [400_000, 500_000, 1_000_000, 2_000_000] {
-        let (mut guide, mut time_us) = (wearer.guide(), 0);
-        for frame in 0..400 {
-            let Some(take) = guide.wanted() else { break };
-            // A blink in every seventh frame, and times that vary by a quarter.
+        // Times that vary by a quarter, and a blink in every seventh frame.
+        let times_us = (1..400).scan(0, |time_us, frame| {
+            *time_us += period_us * (75 + 50 * (frame % 2)) / 100;
+            Some(*time_us)
+        });
+        let mut frame = 0;
+        let (outcome, _) = Wearer::follow(&mut wearer.guide(), times_us, |take, _| {
+            frame += 1;
             let shut = if frame % 7 == 3 && take != Take::EyesShut { 0.9 } else { 0.0 };
             let mut shown: Vec<_> = take.raises().iter().map(|name| (*name, 0.8)).collect();
             shown.extend(["eyeBlinkLeft", "eyeBlinkRight"].map(|name| (name, shut)));
-            time_us += period_us * (75 + 50 * (frame % 2)) / 100;
-            let sight = wearer.shows([0.0; 3], &shown);
-            guide.update(&Observation { time_us, is_dark: false, sight });
-        }
-        let calibration = guide.outcome().unwrap_or_else(|| panic!("{period_us}: {:?}", guide.progress()));
-        assert_eq!(calibration.unwrap().taken, Take::ALL, "{period_us}");
+            wearer.shows([0.0; 3], &shown)
+        });
+        assert_eq!(outcome.unwrap().taken, Take::ALL, "{period_us}");
     }
 }
 
 #[test]
-fn conditions_of_the_neutral_take_are_named() {
+fn conditions_of_the_neutral_take_are_named_and_without_it_there_is_no_profile() {
     let mut wearer = Wearer::new();
-    let face = wearer.shows([0.0; 3], &[]);
-    let waits_for = |wearer: &Wearer, is_dark, sight: &Sight| {
+    let waits_for = |wearer: &Wearer, is_dark, sight: Sight| {
         wearer.show(120, |_| (is_dark, sight.clone())).progress().waits_for.unwrap()
     };
-    assert_eq!(waits_for(&wearer, false, &Sight::NoPicture), Refusal::NoPicture);
-    assert_eq!(waits_for(&wearer, false, &Sight::NoFace), Refusal::NoFace);
-    assert_eq!(waits_for(&wearer, true, &face), Refusal::TooDark);
+    assert_eq!(waits_for(&wearer, false, Sight::NoPicture), Refusal::NoPicture);
+    assert_eq!(waits_for(&wearer, false, Sight::NoFace), Refusal::NoFace);
+    assert_eq!(waits_for(&wearer, true, wearer.shows([0.0; 3], &[])), Refusal::TooDark);
     for turned in [[25.0, 0.0, 0.0], [0.0, -25.0, 0.0], [0.0, 0.0, 25.0], [f32::NAN, 0.0, 0.0]] {
-        assert_eq!(waits_for(&wearer, false, &wearer.shows(turned, &[])), Refusal::HeadTurned);
+        assert_eq!(waits_for(&wearer, false, wearer.shows(turned, &[])), Refusal::HeadTurned);
     }
-    for (take, refusal) in
-        [(Take::EyesShut, Refusal::EyesShut), (Take::Smile, Refusal::Smiling), (Take::JawOpen, Refusal::MouthOpen)]
-    {
-        wearer.general = take.raises().iter().map(|name| (*name, 0.8)).collect();
-        assert_eq!(waits_for(&wearer, false, &wearer.shows([0.0; 3], &[])), refusal);
+    let poses = [Take::EyesShut, Take::Smile, Take::JawOpen];
+    for (pose, refusal) in poses.into_iter().zip([Refusal::EyesShut, Refusal::Smiling, Refusal::MouthOpen]) {
+        wearer.general = pose.raises().iter().map(|name| (*name, 0.8)).collect();
+        assert_eq!(waits_for(&wearer, false, wearer.shows([0.0; 3], &[])), refusal);
     }
-    assert_eq!(follow_all(&wearer, 0.8).0, Err(Refusal::MouthOpen), "there is no profile without a neutral take");
-    let (outcome, took_us) = Wearer::follow(&mut wearer.guide(), 0, |_, _| Sight::NoFace);
+    assert_eq!(follow_all(&wearer, 0.8).0, Err(Refusal::MouthOpen));
+    let (outcome, took_us) = Wearer::follow(&mut wearer.guide(), frames_from(0), |_, _| Sight::NoFace);
     assert_eq!(outcome, Err(Refusal::NoFace));
     assert!(took_us < 40_000_000, "{took_us}");
 }
@@ -162,85 +166,55 @@ fn moving_head_and_speaking_mouth_refuse_the_neutral_take_and_a_blink_is_left_ou
     let at_rest = |head_deg, shown: Shown| (false, wearer.shows(head_deg, shown));
     let sways = wearer.show(120, |frame| at_rest([0.5 * (frame % 20) as f32, 0.0, 0.0], &[]));
     assert_eq!((sways.refused > 2, sways.last_refusal), (true, Some(Refusal::HeadMoves)));
-    let speaks = wearer.show(120, |frame| at_rest([0.0; 3], &[("jawOpen", if frame % 16 < 8 { 0.0 } else { 0.35 })]));
+    let jaw = |frame| if frame % 16 < 8 { 0.0 } else { 0.35 };
+    let speaks = wearer.show(120, |frame| at_rest([0.0; 3], &[("jawOpen", jaw(frame))]));
     assert_eq!((speaks.refused > 2, speaks.last_refusal), (true, Some(Refusal::FaceMoves)));
-    assert_eq!(speaks.wanted(), Some(Take::Neutral));
-    let blinks = wearer.show(100, |frame| {
-        let shut = if (50..55).contains(&frame) { 0.6 } else { 0.0 };
-        at_rest([0.0; 3], &[("eyeBlinkLeft", shut), ("eyeBlinkRight", shut)])
-    });
-    assert_eq!((blinks.refused, blinks.wanted()), (0, Some(Take::EyesShut)));
-    assert!(blinks.takes.neutral.unwrap().raw[0].abs() < 0.01);
+    let shut = |frame| if (50..55).contains(&frame) { 0.6 } else { 0.0 };
+    let blink = |frame| at_rest([0.0; 3], &[("eyeBlinkLeft", shut(frame)), ("eyeBlinkRight", shut(frame))]);
+    let Progress { take, done, refused, .. } = wearer.show(100, blink).progress();
+    assert_eq!((take, done, refused), (Take::EyesShut, 1, 0));
+    assert!(wearer.show(100, blink).takes.neutral.unwrap().raw[0].abs() < 0.01);
 }
 
 #[test]
 fn poses_are_taken_again_or_left_out_with_the_reason() {
-    type Act = fn(&Wearer, Take, f32) -> Sight;
-    let cases: [(&str, Act, u32, Option<Refusal>, &[(Take, Refusal)]); 5] = [
-        (
-            "a pose that is not performed",
-            |wearer, take, _| wearer.pose(take, if take == Take::BrowsUp { 0.05 } else { 0.6 }),
-            0,
-            None,
-            &[(Take::BrowsUp, Refusal::NotSeen)],
-        ),
-        (
-            "a pose that ends too early",
-            |wearer, take, since_s| {
-                let is_released = take == Take::Smile && (1.0..1.6).contains(&since_s);
-                wearer.pose(take, if is_released { 0.0 } else { 0.8 })
-            },
-            1,
-            Some(Refusal::TooShort),
-            &[],
-        ),
-        (
-            "a wearer who moves into each pose slowly",
-            |wearer, take, since_s| wearer.pose(take, (0.4 * since_s).min(0.9)),
-            0,
-            None,
-            &[],
-        ),
-        (
-            "a face that is lost in the middle of a take",
-            |wearer, take, since_s| match take {
-                Take::JawOpen if (1.0..3.0).contains(&since_s) => Sight::NoFace,
-                _ => wearer.pose(take, 0.8),
-            },
-            1,
-            Some(Refusal::NoFace),
-            &[],
-        ),
-        (
-            "a head that turns away",
-            |wearer, take, _| match take {
-                Take::LookLeft => wearer.shows([20.0, 0.0, 0.0], &[("eyeLookOutLeft", 0.8), ("eyeLookInRight", 0.8)]),
-                _ => wearer.pose(take, 0.8),
-            },
-            0,
-            None,
-            &[(Take::LookLeft, Refusal::HeadTurned)],
-        ),
-    ];
     let wearer = Wearer::new();
-    for (what, act, refused, last_refusal, left_out) in cases {
+    let run = |act: fn(&Wearer, Take, f32) -> Sight| {
         let mut guide = wearer.guide();
-        let (outcome, took_us) = Wearer::follow(&mut guide, 0, |take, since_s| act(&wearer, take, since_s));
-        let calibration = outcome.unwrap();
-        assert_eq!((calibration.refused, guide.last_refusal), (refused, last_refusal), "{what}");
-        assert_eq!((&*calibration.left_out, calibration.taken.len()), (left_out, 11 - left_out.len()), "{what}");
-        assert!(took_us < 40_000_000, "{what}: {took_us}");
-        let gain = calibration.profile.gain[index("eyeLookOutLeft")];
-        assert!(what != "a wearer who moves into each pose slowly" || (0.85..0.92).contains(&gain), "{gain}");
-        assert!(left_out.is_empty() || calibration.profile.gain[index(left_out[0].0.raises()[0])] == 1.0, "{what}");
-    }
+        let (outcome, took_us) =
+            Wearer::follow(&mut guide, frames_from(0), |take, since_s| act(&wearer, take, since_s));
+        assert!(took_us < 40_000_000, "{took_us}");
+        let Calibration { profile, left_out, refused, .. } = outcome.unwrap();
+        ((refused, guide.last_refusal, left_out), profile.gain)
+    };
+    let not_performed = run(|wearer, take, _| wearer.pose(take, if take == Take::BrowsUp { 0.05 } else { 0.6 }));
+    assert_eq!(not_performed.0, (0, None, vec![(Take::BrowsUp, Refusal::NotSeen)]));
+    assert!(not_performed.1[index("browInnerUp")] == 1.0 && not_performed.1[index("browDownLeft")] < 0.9);
+    let ends_too_early = run(|wearer, take, since_s| {
+        let is_released = take == Take::Smile && (1.0..1.6).contains(&since_s);
+        wearer.pose(take, if is_released { 0.0 } else { 0.8 })
+    });
+    assert_eq!(ends_too_early.0, (1, Some(Refusal::TooShort), vec![]));
+    let slow = run(|wearer, take, since_s| wearer.pose(take, (0.4 * since_s).min(0.9)));
+    assert_eq!(slow.0, (0, None, vec![]));
+    assert!((0.85..0.92).contains(&slow.1[index("eyeLookOutLeft")]), "a slow pose is measured at its end");
+    let face_is_lost = run(|wearer, take, since_s| match take {
+        Take::JawOpen if (1.0..3.0).contains(&since_s) => Sight::NoFace,
+        _ => wearer.pose(take, 0.8),
+    });
+    assert_eq!(face_is_lost.0, (1, Some(Refusal::NoFace), vec![]));
+    let head_is_turned = run(|wearer, take, _| match take {
+        Take::LookLeft => wearer.shows([20.0, 0.0, 0.0], &[("eyeLookOutLeft", 0.8), ("eyeLookInRight", 0.8)]),
+        _ => wearer.pose(take, 0.8),
+    });
+    assert_eq!(head_is_turned.0, (0, None, vec![(Take::LookLeft, Refusal::HeadTurned)]));
 }
 
 #[test]
 fn faint_smile_in_the_neutral_take_is_found_by_the_poses_and_the_take_is_repeated() {
     let wearer = Wearer::new();
     let (mut guide, mut neutrals) = (wearer.guide(), 0);
-    let (outcome, _) = Wearer::follow(&mut guide, 0, |take, since_s| {
+    let (outcome, _) = Wearer::follow(&mut guide, frames_from(0), |take, since_s| {
         neutrals += u32::from(take == Take::Neutral && since_s == 0.0);
         let below = if neutrals == 1 { -0.35 } else { 0.0 };
         let mut shown: Vec<_> = take.raises().iter().map(|name| (*name, 0.8)).collect();
@@ -262,23 +236,14 @@ fn clock_that_jumps_in_either_direction_breaks_no_take_and_completes_none() {
         let observe = |guide: &mut Guide, time_us| {
             guide.update(&Observation { time_us, is_dark: false, sight: wearer.shows([0.0; 3], &[]) });
         };
-        let begun_us = 5_000_000;
-        (0..45).for_each(|frame| observe(&mut guide, begun_us + frame * FRAME_US));
+        assert_eq!(guide.progress().phase, Phase::GetReady);
+        frames_from(5_000_000).take(45).for_each(|time_us| observe(&mut guide, time_us));
         assert_eq!(guide.progress().phase, Phase::Measure);
-        observe(&mut guide, begun_us + jump_us);
-        assert_eq!(guide.wanted(), Some(Take::Neutral), "a gap does not count as held");
-        observe(&mut guide, 1);
-        assert_eq!(guide.wanted(), Some(Take::Neutral));
-        assert_eq!(Wearer::follow(&mut guide, 2, |take, _| wearer.pose(take, 0.8)).0.unwrap().taken, Take::ALL);
+        for time_us in [5_000_000 + jump_us, 1] {
+            observe(&mut guide, time_us);
+            assert_eq!(guide.wanted(), Some(Take::Neutral), "a gap does not count as held");
+        }
+        let (outcome, _) = Wearer::follow(&mut guide, frames_from(2), |take, _| wearer.pose(take, 0.8));
+        assert_eq!(outcome.unwrap().taken, Take::ALL);
     }
-}
-
-#[test]
-fn progress_says_which_take_is_how_far() {
-    let wearer = Wearer::new();
-    let at = |frames| wearer.show(frames, |_| (false, wearer.shows([0.0; 3], &[]))).progress();
-    assert_eq!((at(0).phase, at(0).done), (Phase::GetReady, 0));
-    let measured = [1, 35, 50, 60, 70].map(|frames| at(frames).measured);
-    assert!(measured.is_sorted() && measured[4] > 0.8 && measured[0] == 0.0, "{measured:?}");
-    assert_eq!((at(85).take, at(85).done, at(85).of), (Take::EyesShut, 1, 11));
 }

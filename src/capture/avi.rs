@@ -16,7 +16,6 @@ use super::{CaptureError, Content, Description, Frame, FrameFault, FrameRate, So
 /// Number of bytes of a header chunk that are read.
 const FIELD_BYTES: usize = 64;
 
-/// A Motion-JPEG AVI file.
 #[derive(Debug)]
 pub struct AviSource<R> {
     riff: Riff<R>,
@@ -24,7 +23,6 @@ pub struct AviSource<R> {
     origin: String,
     rate: FrameRate,
     decoder: JpegDecoder,
-    /// Memory for the largest image.
     jpeg: Box<[u8]>,
     /// Length of the current image, which may be too large for `jpeg`.
     jpeg_bytes: usize,
@@ -65,8 +63,8 @@ impl<R: Read> AviSource<R> {
 
     /// Reads the next frame that was not dropped into `self.jpeg`. Returns `false` at the end.
     fn read_frame(&mut self) -> io::Result<bool> {
-        while let Some(item) = self.riff.next_item()? {
-            let Item::Chunk { id, bytes } = item else { continue };
+        while let Some((id, bytes)) = self.riff.next_item()? {
+            let Some(bytes) = bytes else { continue };
             if !self.video.is_frame(id) {
                 match self.riff.skip(bytes.into()) {
                     // A file that is cut off within its index has all of its frames.
@@ -109,7 +107,6 @@ impl<R: Read> Source for AviSource<R> {
     }
 }
 
-/// The first video stream by the file's header.
 #[derive(Debug, Clone, Copy)]
 struct Video {
     stream: u8,
@@ -134,19 +131,18 @@ impl Video {
             ErrorKind::UnexpectedEof => refuse("ends within its header"),
             _ => error.into(),
         };
-        if riff.next_item().map_err(early)? != Some(Item::List(*b"AVI ")) {
+        if riff.next_item().map_err(early)? != Some((*b"AVI ", None)) {
             return Err(refuse("is not an AVI file"));
         }
         let (mut streams, mut video, mut picture) = (0_u8, None, None);
         loop {
-            let (id, bytes) = match riff.next_item().map_err(early)? {
-                None => return Err(refuse("has no pictures")),
-                Some(Item::List(kind)) if kind == *b"movi" => break,
-                Some(Item::List(_)) => continue,
-                Some(Item::Chunk { id, bytes }) => (id, bytes),
+            let (id, bytes) = match riff.next_item().map_err(early)?.ok_or_else(|| refuse("has no pictures"))? {
+                (kind, None) if kind == *b"movi" => break,
+                (_, None) => continue,
+                (id, Some(bytes)) => (id, bytes),
             };
             let fields = riff.read_start(bytes).map_err(early)?;
-            let word = |at: usize| fields.get(at..at + 4).and_then(|b| b.try_into().ok()).unwrap_or([0; 4]);
+            let word = |at: usize| fields.get(at..).and_then(<[u8]>::first_chunk).copied().unwrap_or_default();
             let number = |at| u32::from_le_bytes(word(at));
             if id == *b"strh" {
                 if word(0) == *b"vids" && video.is_none() {
@@ -159,11 +155,11 @@ impl Video {
                 picture = Some((sides.map(|side| side as usize), word(16).map(|c| c.to_ascii_uppercase())));
             }
         }
-        match (video, picture) {
-            (Some((stream, rate)), Some((size, codec))) if stream <= 99 => match &codec {
-                b"MJPG" | b"JPEG" => Ok(Self { stream, size, rate }),
-                _ => Err(refuse("is not Motion-JPEG")),
-            },
+        match video.zip(picture) {
+            Some(((stream @ ..=99, rate), (size, codec))) if [*b"MJPG", *b"JPEG"].contains(&codec) => {
+                Ok(Self { stream, size, rate })
+            }
+            Some(((..=99, _), _)) => Err(refuse("is not Motion-JPEG")),
             _ => Err(refuse("has no video stream")),
         }
     }
@@ -184,13 +180,6 @@ struct Riff<R> {
     has_padding: bool,
 }
 
-/// The next part of the stream: the kind of a list that begins, or a chunk, whose content is to be read or skipped.
-#[derive(Debug, PartialEq, Eq)]
-enum Item {
-    List([u8; 4]),
-    Chunk { id: [u8; 4], bytes: u32 },
-}
-
 impl<R: Read> Read for Riff<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let bytes = self.reader.read(buffer)?;
@@ -204,8 +193,9 @@ impl<R: Read> Riff<R> {
         Self { reader, offset: 0, end: None, has_padding: false }
     }
 
-    /// Reads the beginning of the next list or chunk. Returns `None` at the proper end of the stream.
-    fn next_item(&mut self) -> io::Result<Option<Item>> {
+    /// Reads the beginning of the next list or chunk. Returns the kind of a list, or the name of a chunk and its number of
+    /// bytes, which are to be read or skipped. Returns `None` at the proper end of the stream.
+    fn next_item(&mut self) -> io::Result<Option<([u8; 4], Option<u32>)>> {
         if take(&mut self.has_padding) {
             self.skip_up_to(1)?;
         }
@@ -229,12 +219,12 @@ impl<R: Read> Riff<R> {
             b"LIST" => {}
             _ => {
                 self.has_padding = bytes % 2 == 1;
-                return Ok(Some(Item::Chunk { id, bytes }));
+                return Ok(Some((id, Some(bytes))));
             }
         }
         let mut kind = [0; 4];
         self.read_exact(&mut kind)?;
-        Ok(Some(Item::List(kind)))
+        Ok(Some((kind, None)))
     }
 
     /// Returns the first bytes of a chunk, with zeros behind a shorter one, and skips the rest.
@@ -264,31 +254,24 @@ mod tests {
     use super::super::jpeg::tests::jpeg;
     use super::*;
 
-    /// Returns a chunk with its padding.
     fn chunk(id: &[u8; 4], content: &[u8]) -> Vec<u8> {
         let padding = &[0][..content.len() % 2];
         [&id[..], &u32::try_from(content.len()).unwrap().to_le_bytes(), content, padding].concat()
     }
 
-    /// Returns a `LIST` or `RIFF`.
     fn list(id: &[u8; 4], kind: &[u8; 4], chunks: &[Vec<u8>]) -> Vec<u8> {
         chunk(id, &[&kind[..], &chunks.concat()].concat())
     }
 
     /// Returns the header of a film of 30 frames per second, in which stream 0 is sound and stream 1 is video.
     fn avi_header(width: u32, codec: &[u8; 4]) -> Vec<u8> {
-        let sound = chunk(b"strh", &[&b"auds"[..], &[0; 52]].concat());
-        let mut video = [&b"vids"[..], codec, &[0; 48]].concat();
-        (video[20], video[24]) = (1, 30);
-        let mut format = [0; 40];
-        format[4..8].copy_from_slice(&width.to_le_bytes());
-        format[8] = 8;
-        format[16..20].copy_from_slice(codec);
-        let streams = [
-            list(b"LIST", b"strl", &[sound, chunk(b"strf", &[0; 18])]),
-            list(b"LIST", b"strl", &[chunk(b"strh", &video), chunk(b"strf", &format)]),
-        ];
-        list(b"LIST", b"hdrl", &[vec![chunk(b"avih", &[0; 56])], streams.to_vec()].concat())
+        let (zeros, [one, rate, height]) = ([0; 56], [1_u32, 30, 8].map(u32::to_le_bytes));
+        let video = [&b"vids"[..], codec, &zeros[..12], &one, &rate, &zeros[..28]].concat();
+        let format = [&zeros[..4], &width.to_le_bytes(), &height, &zeros[..4], codec, &zeros[..20]].concat();
+        let sound = [chunk(b"strh", &[&b"auds"[..], &zeros[..52]].concat()), chunk(b"strf", &zeros[..18])];
+        let streams = [sound, [chunk(b"strh", &video), chunk(b"strf", &format)]];
+        let lists = streams.map(|chunks| list(b"LIST", b"strl", &chunks)).concat();
+        list(b"LIST", b"hdrl", &[chunk(b"avih", &zeros), lists])
     }
 
     /// Returns a complete film of 16 x 8 pixels with an index, and with sound between the frames.

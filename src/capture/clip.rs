@@ -14,14 +14,11 @@ use super::{AviSource, CaptureError, Description, Frame, FrameRate, Source, Tall
 
 /// The name of the built-in clip, in place of a file or a camera.
 pub const DEMO: &str = "demo";
-/// The environment variable that names the file and replaces the search.
 const VARIABLE: &str = "FACEWIRE_DEMO";
-/// The file that a package installs.
 const INSTALLED: &str = "/usr/share/facewire/demo.avi";
 /// Largest number of frames that are skipped at once, so that a process that was stopped for hours continues soon.
 const MAX_SKIPPED: u32 = 300;
 
-/// The built-in clip as a source.
 #[derive(Debug)]
 pub struct Clip {
     file: Arc<File>,
@@ -45,7 +42,6 @@ fn path() -> PathBuf {
 }
 
 impl Clip {
-    /// Opens the clip, to be played once.
     pub fn once() -> Result<Self, CaptureError> {
         let path = path();
         let refused = |error| CaptureError::unopened(&path.display().to_string(), &error);
@@ -94,7 +90,6 @@ pub(super) struct Paced {
 }
 
 impl Paced {
-    /// Starts to play with the first call of [`Source::next`].
     pub(super) fn new(clip: Clip) -> Self {
         let period_us = clip.frame_period_us().unwrap_or(FrameRate::FPS_30.period_us());
         Self { clip, period_us, due_us: None, wanted_us: 0, tally: Tally::default() }

@@ -18,7 +18,6 @@ const LATE_PERIODS: u64 = 2;
 /// What a camera delivered within a window of about 1.5 s.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Delivery {
-    /// Time that was counted.
     pub time_us: u64,
     /// Frames that the camera sent in this time.
     pub sent: u64,
@@ -37,7 +36,6 @@ impl Delivery {
     }
 }
 
-/// A frame as the driver announces it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Arrival {
     /// The driver's number of the frame, which may overflow.
@@ -56,7 +54,6 @@ pub(super) struct DeliveryCounter {
     last: Option<Arrival>,
     /// Smallest difference of the sequence numbers of two frames, without 0.
     step: Option<u64>,
-    /// Time from the first frame of the window to its last.
     time_us: u64,
     pairs: u64,
     /// Sum of the times between the frames of the pairs.
@@ -93,7 +90,6 @@ impl DeliveryCounter {
         }
     }
 
-    /// Counts that the frame which arrived last is damaged.
     pub(super) fn damaged(&mut self) {
         self.damaged += 1;
     }

@@ -43,24 +43,22 @@ impl CaptureError {
     /// Converts the system's error about the device at `path`.
     pub(super) fn device(path: &Path, during: &'static str, source: io::Error) -> Self {
         let path = path.display();
-        match source.kind() {
+        Self::Unusable(match source.kind() {
             ErrorKind::NotFound => {
-                Self::Absent(format!("no camera is called {path}; `facewire devices` lists those there are"))
+                return Self::Absent(format!("no camera is called {path}; `facewire devices` lists those there are"));
             }
-            ErrorKind::PermissionDenied => {
-                Self::Unusable(format!("no permission to open {path}; add the user to the group `video`"))
+            ErrorKind::PermissionDenied => format!("no permission to open {path}; add the user to the group `video`"),
+            ErrorKind::ResourceBusy => {
+                format!("{path} is in use by another program; stop that program (`fuser -v {path}` names it)")
             }
-            ErrorKind::ResourceBusy => Self::Unusable(format!(
-                "{path} is in use by another program; stop that program (`fuser -v {path}` names it)"
-            )),
             // The kernel's USB drivers refuse to reserve time on the bus with ENOSPC.
-            ErrorKind::StorageFull => Self::Unusable(format!(
+            ErrorKind::StorageFull => format!(
                 "{path} cannot start, because its USB bus has no bandwidth left; give it a port of its own instead of a \
                  hub shared with other cameras or sound, set camera.format = \"mjpeg\", or choose a smaller picture"
-            )),
-            _ if source.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => Self::not_a_camera(&path),
-            _ => Self::driver_failed(during, &source),
-        }
+            ),
+            _ if source.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => return Self::not_a_camera(&path),
+            _ => return Self::driver_failed(during, &source),
+        })
     }
 
     /// Converts the system's error about an open camera.

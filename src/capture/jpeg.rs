@@ -34,12 +34,10 @@ pub struct JpegDecoder {
     strict: StrictDecoder,
     /// Memory for an image that was cleaned.
     clean: Vec<u8>,
-    /// How many of the next images to clean at once.
     clean_at_once: u32,
 }
 
 impl JpegDecoder {
-    /// Creates a decoder for images of `width` x `height` pixels.
     pub fn new(width: usize, height: usize) -> Result<Self, CaptureError> {
         if ![width, height].iter().all(|side| (1..=MAX_SIDE_PX).contains(side)) {
             return Err(CaptureError::picture_size(width, height));
@@ -84,7 +82,6 @@ impl JpegDecoder {
         }
     }
 
-    /// Returns the picture that was decoded last.
     pub fn picture(&self) -> Option<Picture<'_>> {
         let [width, height] = self.strict.size;
         Picture::new(width, height, self.strict.pixels()?, true)
@@ -137,7 +134,6 @@ impl StrictDecoder {
         camera_like.then_some(()).ok_or(FrameFault::Layout)
     }
 
-    /// The planes of the image that was decoded last.
     fn pixels(&self) -> Option<Pixels<'_>> {
         let (subsamp, [width, height]) = (self.decoded?, self.size);
         if subsamp == Subsamp::Gray {

@@ -16,10 +16,8 @@ use super::{CaptureError, Clip, Content, Delivery, Description, Frame, FrameFaul
 use crate::config::{Scene, Script};
 use crate::impairment::Impairment;
 
-/// Length of a random scene, and of the live scene after it.
 const RANDOM_SCENE_US: u64 = 2_000_000;
 const SHORTEST_FAULT_US: u64 = 100_000;
-/// Luma of the picture without a face.
 const GREY: u8 = 128;
 /// Part of the clip's brightness in the dark: one 150th of its light.
 const DARKNESS: u8 = 10;
@@ -29,7 +27,6 @@ const CUT_OFF: usize = 270;
 const HALF_RATE: u64 = 2;
 const LOSSY: u64 = 8;
 
-/// The camera of a rehearsal.
 #[derive(Debug)]
 pub(super) struct Rehearsal {
     script: Script,
@@ -66,7 +63,6 @@ impl Rehearsal {
         (scene, Duration::from_micros(left_us))
     }
 
-    /// Returns how many frame periods a scene adds to the decoding of a frame.
     fn added_periods(&self, scene: Scene) -> f64 {
         match scene {
             Scene::Slow2 => 2.0,

@@ -5,7 +5,6 @@ use facewire_packet::{PACKET_BYTES, Packet, Reason, State};
 use crate::link::Pose;
 use facewire_face::{LANDMARKS, Landmarks};
 
-/// Steps of a landmark's coordinate per pixel.
 const STEPS_PER_PX: f32 = 32.0;
 /// Largest coordinate, steps: 32,768 pixels.
 const MOST_STEPS: i32 = 1 << 20;
@@ -35,7 +34,6 @@ impl Recorded {
         Self { time_us, packet: packet(State::Neutral, reason, &pose), size_px: [0; 2], landmarks: None }
     }
 
-    /// A frame with a pose. Does not allocate.
     pub fn new(time_us: u64, pose: &Pose, size_px: [f32; 2], landmarks: Option<&Landmarks>) -> Self {
         let packet = packet(State::Live, Reason::None, pose);
         Self { time_us, packet, size_px: size_px.map(|side| side as u16), landmarks: landmarks.cloned() }
@@ -77,7 +75,6 @@ impl Recorded {
         Some(Self { time_us, packet, size_px, landmarks })
     }
 
-    /// The bytes of this frame alone.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(2 * COORDINATES);
         self.write(&mut bytes, &mut [0; COORDINATES]);

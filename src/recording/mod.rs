@@ -29,7 +29,6 @@ use self::frame::{MAX_FRAME_BYTES, Steps};
 
 /// The first bytes of a recording; the last one is the version.
 const START: [u8; 8] = *b"FWREC\0\0\x01";
-/// Most bytes of the frames of a chunk.
 const MAX_CHUNK_BYTES: usize = 1 << 20;
 /// Time after which a chunk is written, microseconds.
 const CHUNK_US: u64 = 1_000_000;
@@ -49,7 +48,6 @@ pub enum RecordingError {
     Read(#[from] io::Error),
 }
 
-/// Writes a recording.
 #[derive(Debug)]
 pub struct Writer {
     file: File,
@@ -136,7 +134,6 @@ impl Writer {
     }
 }
 
-/// Reads a recording.
 #[derive(Debug)]
 pub struct Reader<R> {
     input: R,

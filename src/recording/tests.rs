@@ -36,7 +36,6 @@ fn write(path: &Path, frames: &[Recorded], limit_bytes: u64) -> (Vec<u8>, usize)
     (bytes, taken)
 }
 
-/// Reads frames up to the end or to an error.
 fn read(bytes: &[u8]) -> (Vec<Recorded>, Option<RecordingError>) {
     let mut read = Vec::new();
     let mut read_all = || {

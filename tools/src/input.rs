@@ -13,7 +13,6 @@ use npyz::{DType, DTypeError, NpyFile, Order, TypeChar};
 
 use self::y4m::Y4mSource;
 
-/// Number of bytes that are read at once.
 const BUFFER_BYTES: usize = 64 * 1024;
 /// Size of the picture in which the landmarks of a `.npy` file were found, unless an argument tells another.
 pub(crate) const USUAL_SIZE_PX: [u16; 2] = [640, 480];
@@ -51,7 +50,6 @@ pub(crate) fn open(input: &str, rate: FrameRate, points_size_px: [u16; 2]) -> Re
     }
 }
 
-/// A recording as a source of landmarks.
 struct RecordingSource {
     reader: Reader<BufReader<File>>,
     /// The first frame, which was read for the size of its picture.
@@ -102,7 +100,6 @@ impl Source for RecordingSource {
 ///
 /// Some trackers write irises of depth 0, which the model was not fitted to. They are put at the depth of the eye.
 struct PointsSource {
-    /// The numbers that were not read yet.
     values: Box<dyn Iterator<Item = io::Result<f32>>>,
     origin: String,
     rate: FrameRate,

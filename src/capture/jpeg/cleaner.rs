@@ -33,10 +33,8 @@ const STANDARD_TABLES: &[u8] = include_bytes!("standard_tables.dht");
 const MAX_STRAY_BYTES: usize = 32;
 /// Parameters of a sequential scan: first and last coefficient, and no successive approximation.
 const SEQUENTIAL: [u8; 3] = [0, 63, 0];
-/// Pixels per side of a block, and its coefficients.
 const BLOCK_SIDE: usize = 8;
 const BLOCK_COEFFICIENTS: u8 = 64;
-/// Longest Huffman code, bits.
 const MAX_CODE_BITS: usize = 16;
 
 /// Writes the image to `clean` as the standard wants it, up to its end marker. An image that conforms is copied as it is.
@@ -65,16 +63,13 @@ fn push(clean: &mut Vec<u8>, bytes: &[u8]) -> Result<(), FrameFault> {
 #[derive(Default)]
 struct Image<'a> {
     jpeg: &'a [u8],
-    /// Index of the next byte to be read.
     at: usize,
     /// Entropy-coded bits that were read. The last `bits_left` of them were not consumed yet.
     bits: u64,
     bits_left: u32,
-    /// Tables of DC and of AC coefficients.
     tables: [[HuffmanTable<'a>; 2]; 2],
     /// Minimum coded units between two restart markers; 0 if there are none.
     restart_interval: usize,
-    /// Width and height in pixels.
     size: [usize; 2],
     /// Luma, or luma and two chroma components.
     components: heapless::Vec<Component, 3>,
@@ -230,7 +225,6 @@ impl<'a> Image<'a> {
         (selected == self.components.len() && selected == usize::from(*count)).then_some(())
     }
 
-    /// Reads past the blocks of a minimum coded unit.
     fn read_unit(&mut self) -> Result<(), FrameFault> {
         for component in 0..self.components.len() {
             let Some(&Component { blocks, tables: [dc, ac], .. }) = self.components.get(component) else { break };
@@ -245,7 +239,6 @@ impl<'a> Image<'a> {
         Ok(())
     }
 
-    /// Reads past the coefficients of one block.
     fn read_block(&mut self, dc: &HuffmanTable, ac: &HuffmanTable) -> Result<(), FrameFault> {
         let bits = self.read_code(dc)?;
         self.consume(bits.into())?;

@@ -15,10 +15,14 @@ mod stream;
 
 use std::mem::take;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
+use v4l::device::Handle;
 use v4l::format::{Colorspace, Quantization};
+use v4l::io::mmap::Stream as MappedStream;
+use v4l::io::traits::CaptureStream;
 use v4l::video::Capture;
 use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
@@ -29,20 +33,37 @@ pub use self::probe::{Camera, cameras};
 use self::mode::{Choice, choose, has_smaller};
 use self::probe::{guarded, probe};
 use self::select::{failed, start_one};
-use self::stream::Stream;
-use super::{CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, JpegDecoder, Source, Tally};
+use self::stream::{BUFFERS, captured_us, failed_stream, filled, is_monotonic, is_ready, wait};
+use super::delivery::{Arrival, DeliveryCounter};
+use super::{
+    CaptureError, Content, Delivery, Description, Frame, FrameFault, FrameRate, JpegDecoder, Source, Tally,
+    monotonic_us,
+};
 
 /// A camera that has shown this many pictures is a good one: if it fails after that, it is tried first again.
 const PROVEN_AFTER: u32 = 30;
+/// Age, in frame periods, from which a frame that waited in a buffer is skipped. The next frame comes in less time.
+const STALE_PERIODS: u64 = 2;
+/// Largest number of frames that are left out at once, so that a camera whose clock stands still is read nevertheless.
+const MAX_LEFT_OUT: u32 = 16;
 
-/// An open camera.
 pub struct CameraSource {
-    stream: Stream,
+    /// `None` after the camera was stopped.
+    mapped: Option<MappedStream<'static>>,
+    handle: Arc<Handle>,
     store: Store,
     node: PathBuf,
     origin: String,
     rate: Option<FrameRate>,
+    /// Time after which a camera without a frame has stalled.
+    timeout: Duration,
     has_smaller_mode: bool,
+    /// Number of frames that were taken from the driver, without the first one.
+    taken: u64,
+    /// Frames that were captured earlier are left out.
+    wanted_us: u64,
+    tally: Tally,
+    delivery: DeliveryCounter,
     /// Number of pictures so far, up to [`PROVEN_AFTER`].
     shown: u32,
     /// Whether the last call of [`Source::next`] has returned an error.
@@ -68,14 +89,75 @@ impl CameraSource {
         let Camera { node, card, .. } = camera;
         let store = Store::new(set_format(&device, &node, choice)?)?;
         let rate = choice.rate.and_then(|rate| set_rate(&device, rate)).or(choice.rate);
-        let stream = Stream::start(&device, &node, timeout, rate.unwrap_or(FrameRate::FPS_30).period_us())?;
-        let origin = format!("{card} ({}{note})", node.display());
-        Ok(Self { stream, store, node, origin, rate, has_smaller_mode, shown: 0, has_failed: false })
+        Ok(Self {
+            mapped: Some(stream::start(&device, &node)?),
+            handle: device.handle(),
+            store,
+            origin: format!("{card} ({}{note})", node.display()),
+            node,
+            rate,
+            timeout,
+            has_smaller_mode,
+            taken: 0,
+            wanted_us: 0,
+            tally: Tally::default(),
+            delivery: DeliveryCounter::new(rate.unwrap_or(FrameRate::FPS_30).period_us()),
+            shown: 0,
+            has_failed: false,
+        })
+    }
+
+    /// Waits for a frame that is not to be left out, skips all but the newest, and keeps the pixels of that one. Returns its
+    /// number and its time of capture.
+    ///
+    /// After a long pause of the reader all buffers are filled, and even the newest frame is old, because the driver had
+    /// no buffer for later frames. Such a frame is skipped as well, and the next one awaited.
+    fn keep_newest(&mut self) -> Result<(u64, u64), CaptureError> {
+        let (handle, timeout) = (&self.handle, self.timeout);
+        wait(handle, timeout)?;
+        let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
+        let stale_us = STALE_PERIODS * self.rate.unwrap_or(FrameRate::FPS_30).period_us();
+        let (mut skipped, mut left_out, mut patience) = (0, 0, timeout);
+        loop {
+            let (bytes, meta) = mapped.next().map_err(|error| failed_stream(&error))?;
+            let (number, now_us) = (self.taken, monotonic_us());
+            self.taken += 1;
+            let captured_us = captured_us(meta, now_us);
+            if is_monotonic(meta) {
+                self.delivery.arrived(Arrival { sequence: meta.sequence, captured_us, taken_us: now_us });
+            }
+            if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
+                left_out += 1;
+                self.tally.left_out += 1;
+                wait(handle, timeout)?;
+                continue;
+            }
+            let is_stale = skipped > 0 && now_us - captured_us > stale_us;
+            let has_newer = is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, take(&mut patience))?;
+            if !has_newer || skipped > BUFFERS {
+                let begun = Instant::now();
+                let kept = filled(bytes, meta).and_then(|bytes| self.store.keep(bytes));
+                self.tally.decoding += begun.elapsed();
+                return kept.map(|()| (number, captured_us)).map_err(|fault| {
+                    self.delivery.damaged();
+                    CaptureError::Frame { number, fault }
+                });
+            }
+            skipped += 1;
+            self.tally.for_newer += 1;
+        }
+    }
+
+    /// Stops the camera and gives its buffers back. There are no frames afterwards.
+    fn stop(&mut self) -> Result<(), CaptureError> {
+        self.mapped.take().map_or(Ok(()), |mapped| stream::release(mapped, &self.node))
     }
 }
 
 impl Drop for CameraSource {
     fn drop(&mut self) {
+        // The result matters to those who call `close`.
+        let _ = self.stop();
         if self.shown == PROVEN_AFTER {
             failed().forget(&self.node);
         } else if self.has_failed {
@@ -86,7 +168,7 @@ impl Drop for CameraSource {
 
 impl Source for CameraSource {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
-        let kept = self.stream.newest(|bytes| self.store.keep(bytes));
+        let kept = self.keep_newest();
         self.has_failed = kept.is_err();
         let (number, captured_us) = kept?;
         self.shown = PROVEN_AFTER.min(self.shown + 1);
@@ -96,15 +178,15 @@ impl Source for CameraSource {
     }
 
     fn leave_out_until(&mut self, captured_us: u64) {
-        self.stream.wanted_us = captured_us;
+        self.wanted_us = captured_us;
     }
 
     fn take_tally(&mut self) -> Tally {
-        take(&mut self.stream.tally)
+        take(&mut self.tally)
     }
 
     fn take_delivery(&mut self) -> Option<Delivery> {
-        self.stream.delivery.take()
+        self.delivery.take()
     }
 
     fn has_smaller_mode(&self) -> bool {
@@ -112,7 +194,7 @@ impl Source for CameraSource {
     }
 
     fn close(mut self: Box<Self>) -> Result<(), CaptureError> {
-        self.stream.stop()
+        self.stop()
     }
 
     fn describe(&self) -> Description<'_> {
@@ -121,7 +203,6 @@ impl Source for CameraSource {
     }
 }
 
-/// Sets format and size, and returns what the driver has set.
 fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
     let wanted = Format::new(choice.width, choice.height, FourCC::new(&choice.format.fourcc()));
     let set = device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))?;
@@ -138,13 +219,11 @@ fn set_rate(device: &Device, rate: FrameRate) -> Option<FrameRate> {
     FrameRate::new(set.denominator, set.numerator)
 }
 
-/// The layout of frames that a driver has set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
     pub format: PixelFormat,
     pub width: usize,
     pub height: usize,
-    /// Bytes from one row to the next.
     pub stride: usize,
     /// Whether black and white are 0 and 255 in raw frames, rather than 16 and 235.
     pub full_range: bool,
@@ -174,7 +253,6 @@ impl Layout {
     }
 }
 
-/// The memory for the newest frame.
 pub struct Store {
     layout: Layout,
     /// The bytes that the camera sent, unless they are a JPEG image.
@@ -203,7 +281,6 @@ impl Store {
         Ok(())
     }
 
-    /// Returns the frame that was kept last.
     pub fn picture(&self) -> Option<Picture<'_>> {
         if let Some(decoder) = &self.jpeg {
             return decoder.picture();

@@ -7,7 +7,6 @@ use super::super::FrameRate;
 /// Share of the wanted rate that is fast enough, so that 29.97 counts as 30.
 const RATE_TOLERANCE: f64 = 0.98;
 
-/// The pixel formats that are supported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PixelFormat {
     Yuyv,
@@ -23,7 +22,6 @@ impl PixelFormat {
     /// because the networks were trained on colour.
     pub const ALL: [Self; 5] = [Self::Yuyv, Self::Nv12, Self::Mjpeg, Self::Jpeg, Self::Grey];
 
-    /// The four characters by which the kernel names the format.
     pub const fn fourcc(self) -> [u8; 4] {
         match self {
             Self::Yuyv => *b"YUYV",
@@ -97,7 +95,6 @@ pub struct Wish {
 }
 
 impl Wish {
-    /// The same wish with half the width and height.
     pub fn halved(&self) -> Self {
         Self { width: self.width / 2, height: self.height / 2, ..*self }
     }
@@ -167,7 +164,6 @@ impl fmt::Display for Steps {
     }
 }
 
-/// Printed as `YUYV 640x480 at 30 fps, 15 fps`.
 impl fmt::Display for Mode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}x{}", self.format.name(), self.width, self.height)?;
@@ -241,22 +237,17 @@ mod tests {
     }
 
     #[test]
-    fn formats_are_preferred_raw_then_jpeg_then_grey() {
+    fn formats_are_preferred_raw_then_jpeg_then_grey_and_the_ntsc_rate_and_an_unknown_one_count_as_30() {
         let mut modes: Vec<_> = [Grey, Jpeg, Mjpeg, Nv12, Yuyv].map(|format| mode(format, [640, 480], &[30])).into();
         for expected in ["YUYV", "NV12", "MJPEG", "JPEG", "GREY"] {
             assert!(chosen(&modes, &wish(640, 480, 30)).starts_with(expected));
             modes.pop();
         }
-    }
-
-    #[test]
-    fn the_ntsc_rate_counts_as_30_and_a_driver_that_lists_no_rates_as_fast_enough() {
         let ntsc = FrameRate::new(30_000, 1001).unwrap();
-        let rates = vec![Rates { slowest: ntsc, fastest: ntsc }];
-        let modes = [Mode { rates, ..mode(Yuyv, [640, 480], &[]) }, mode(Mjpeg, [640, 480], &[30])];
-        assert_eq!(chosen(&modes, &wish(640, 480, 30)), "YUYV 640x480 29.97 fps");
-        let modes = [mode(Yuyv, [640, 480], &[]), mode(Mjpeg, [640, 480], &[30])];
-        assert_eq!(chosen(&modes, &wish(640, 480, 30)), "YUYV 640x480 ?");
+        for (rates, rate) in [(vec![Rates { slowest: ntsc, fastest: ntsc }], "29.97 fps"), (vec![], "?")] {
+            let modes = [Mode { rates, ..mode(Yuyv, [640, 480], &[]) }, mode(Mjpeg, [640, 480], &[30])];
+            assert_eq!(chosen(&modes, &wish(640, 480, 30)), format!("YUYV 640x480 {rate}"));
+        }
     }
 
     #[test]
@@ -271,29 +262,28 @@ mod tests {
         assert_eq!(chosen(&camera, &wish(641, 481, 90)), "YUYV 642x482 60 fps");
         assert_eq!(chosen(&camera, &wish(9999, 16, 30)), "YUYV 2592x32 30 fps");
         assert_eq!(camera[0].to_string(), "YUYV 32..2592x32..1944 at 1 fps to 60 fps");
-    }
-
-    #[test]
-    fn steps_never_leave_their_range() {
-        let table = [
-            (Steps { min: 16, max: 100, step: 16 }, 99, 96),
-            (Steps { min: 16, max: 100, step: 0 }, 50, 50),
-            (Steps { min: 16, max: 10, step: 3 }, 50, 16),
-            (Steps { min: 0, max: u32::MAX, step: u32::MAX }, 1, u32::MAX),
-            (Steps::one(640), 4096, 640),
-        ];
-        for (steps, wish, expected) in table {
-            assert_eq!(steps.at_least(wish), expected, "{steps:?}");
+        // The last three are what no driver should state.
+        for ([min, max, step], wish, expected) in [
+            ([16, 100, 16], 99, 96),
+            ([16, 100, 0], 50, 50),
+            ([16, 10, 3], 50, 16),
+            ([0, u32::MAX, u32::MAX], 1, u32::MAX),
+        ] {
+            assert_eq!(Steps { min, max, step }.at_least(wish), expected);
         }
     }
 
     #[test]
     fn a_smaller_mode_has_half_the_pixels_and_is_as_fast() {
-        let is_smaller = |modes: &[Mode], wish: Wish| has_smaller(modes, &wish, &choose(modes, &wish).unwrap());
-        assert!(is_smaller(&webcam(), wish(1280, 720, 30)));
-        assert!(is_smaller(&webcam(), wish(640, 480, 30)));
-        assert!(!is_smaller(&webcam(), wish(640, 480, 60)), "320x240 has no 60 fps");
-        assert!(!is_smaller(&webcam(), wish(320, 240, 30)), "the smallest already");
-        assert!(!is_smaller(&[mode(Mjpeg, [640, 480], &[30]), mode(Mjpeg, [352, 288], &[15])], wish(640, 480, 30)));
+        let slow_and_small = vec![mode(Mjpeg, [640, 480], &[30]), mode(Mjpeg, [352, 288], &[15])];
+        for (modes, wish, expected, what) in [
+            (webcam(), wish(1280, 720, 30), true, "640x480"),
+            (webcam(), wish(640, 480, 30), true, "320x240"),
+            (webcam(), wish(640, 480, 60), false, "320x240 has no 60 fps"),
+            (webcam(), wish(320, 240, 30), false, "the smallest already"),
+            (slow_and_small, wish(640, 480, 30), false, "slower"),
+        ] {
+            assert_eq!(has_smaller(&modes, &wish, &choose(&modes, &wish).unwrap()), expected, "{what}");
+        }
     }
 }

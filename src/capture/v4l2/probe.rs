@@ -17,7 +17,6 @@ use v4l::{Device, FourCC, Fraction};
 use super::super::{CaptureError, FrameRate};
 use super::mode::{Mode, PixelFormat, Rates, Steps, Wish};
 
-/// The kernel's major number of video devices.
 const VIDEO_MAJOR: u32 = 81;
 /// Folders of links to the nodes. A link keeps its name when its node gets another number.
 const LINK_FOLDERS: [&str; 2] = ["/dev/v4l/by-id", "/dev/v4l/by-path"];
@@ -79,7 +78,6 @@ pub fn cameras() -> Found {
     found
 }
 
-/// Opens the camera at `path` and lists its modes.
 pub(super) fn probe(path: &Path) -> Result<(Camera, Device), CaptureError> {
     let fail = |during| move |error| CaptureError::device(path, during, error);
     guarded(path, || {
@@ -105,7 +103,6 @@ fn video_node(path: &Path) -> Result<PathBuf, CaptureError> {
     if is_video { Ok(node) } else { Err(CaptureError::not_a_camera(&path.display())) }
 }
 
-/// Returns all `/dev/videoN` in order of their numbers.
 fn nodes() -> Vec<PathBuf> {
     let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("video")?.parse::<u32>().ok();
     let mut nodes: Vec<_> = entries("/dev").filter(|path| number(path).is_some()).collect();

@@ -19,7 +19,6 @@ const TRY_FOR_US: u64 = 10_000_000;
 /// Nodes of the cameras that failed, the last one at the end.
 pub(super) struct Failed(Vec<PathBuf>);
 
-/// The failures that this process has seen.
 pub(super) fn failed() -> MutexGuard<'static, Failed> {
     static FAILED: Mutex<Failed> = Mutex::new(Failed(Vec::new()));
     FAILED.lock().unwrap_or_else(PoisonError::into_inner)
@@ -88,7 +87,6 @@ fn ambiguity(ranked: &[&Camera]) -> String {
     format!("; the name fits {}: set camera.device = {remedy} to keep to the first", nodes.join(", "))
 }
 
-/// The error if none of `cameras` can be tried.
 fn missing(cameras: &[Camera], wanted: &str, wish: &Wish) -> CaptureError {
     let Some(first) = cameras.first() else {
         let remedy = "plug one in, or set camera.device = \"demo\" to play the built-in clip";
@@ -102,7 +100,6 @@ fn missing(cameras: &[Camera], wanted: &str, wish: &Wish) -> CaptureError {
 }
 
 impl Camera {
-    /// Returns whether the name of the camera or of one of its links contains `part`.
     fn is_named(&self, part: &str) -> bool {
         let links = self.links.iter().filter_map(|link| link.file_name()).map(|name| name.to_string_lossy());
         let mut names = links.chain([self.card.as_str().into()]);

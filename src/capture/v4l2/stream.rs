@@ -1,9 +1,9 @@
-//! The buffers of a camera: waits for frames, takes the newest, and gives all buffers back at the end.
+//! The buffers of a camera: starts the stream, waits for frames, and gives all buffers back at the end.
 //!
 //! The v4l crate's stream lends a buffer from one `next` to the following one, and cannot be used after an error. Every
 //! error therefore ends the source.
 //!
-//! Its `Drop` stops the stream, and panics if that fails with any error but `ENODEV`. [`Stream::stop`] therefore stops the
+//! Its `Drop` stops the stream, and panics if that fails with any error but `ENODEV`. [`release`] therefore stops the
 //! stream first and drops it only afterwards. A camera that cannot be stopped stays open, because its descriptor cannot
 //! be closed without that `Drop`: only the end of the process frees it ([`CaptureError::NotStopped`]). `Drop` stops the
 //! stream a second time. If that fails and freeing the buffers fails too, the crate panics while it is already panicking, so
@@ -11,127 +11,44 @@
 
 use std::io;
 use std::mem;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::path::Path;
+use std::time::Duration;
 
 use rustix::io::Errno;
 use v4l::Device;
 use v4l::buffer::{Flags, Metadata, Type};
 use v4l::device::Handle;
 use v4l::io::mmap::Stream as MappedStream;
-use v4l::io::traits::{CaptureStream, Stream as StoppableStream};
+use v4l::io::traits::{CaptureStream, Stream};
 
-use super::super::delivery::{Arrival, DeliveryCounter};
-use super::super::{CaptureError, FrameFault, Tally, monotonic_us};
+use super::super::{CaptureError, FrameFault, monotonic_us};
 use super::probe::guarded;
 
 /// Number of buffers. Two are enough for streaming; two more bridge a late wake-up without a dropped frame.
-const BUFFERS: u32 = 4;
+pub(super) const BUFFERS: u32 = 4;
 /// Flag of `poll` for a buffer that can be dequeued.
 const READABLE: i16 = 1;
 /// Time limit for the first frame. Exposure, USB bandwidth and sleeping hubs can delay it.
 const START_TIMEOUT: Duration = Duration::from_secs(5);
-/// Age, in frame periods, from which a frame that waited in a buffer is skipped. The next frame comes in less time.
-const STALE_PERIODS: u64 = 2;
-/// Largest number of frames that are left out at once, so that a camera whose clock stands still is read nevertheless.
-const MAX_LEFT_OUT: u32 = 16;
 /// Largest number of attempts to stop, which signals can interrupt.
 const STOP_ATTEMPTS: usize = 10;
 
-/// The running stream of a camera.
-pub(super) struct Stream {
-    /// `None` after [`Stream::stop`].
-    mapped: Option<MappedStream<'static>>,
-    handle: Arc<Handle>,
-    path: PathBuf,
-    /// Time after which a camera without a frame has stalled.
-    timeout: Duration,
-    period_us: u64,
-    /// Number of frames that were taken from the driver, without the first one.
-    taken: u64,
-    /// Frames that were captured earlier are left out.
-    pub(super) wanted_us: u64,
-    pub(super) tally: Tally,
-    pub(super) delivery: DeliveryCounter,
-}
-
-impl Stream {
-    /// Maps the buffers, starts the camera and discards the first frame, because some drivers deliver an old one.
-    pub(super) fn start(device: &Device, path: &Path, timeout: Duration, period_us: u64) -> Result<Self, CaptureError> {
-        let fail = |error| CaptureError::device(path, "starting it", error);
-        let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
-        mapped.set_timeout(START_TIMEOUT);
-        if let Err(error) = mapped.next().map(|_| ()) {
-            release(mapped, path)?;
-            let is_silent = error.kind() == io::ErrorKind::TimedOut;
-            return Err(if is_silent { CaptureError::stalled(START_TIMEOUT) } else { fail(error) });
-        }
-        let (delivery, tally) = (DeliveryCounter::new(period_us), Tally::default());
-        let (mapped, handle, path) = (Some(mapped), device.handle(), path.to_owned());
-        Ok(Self { mapped, handle, path, timeout, period_us, taken: 0, wanted_us: 0, tally, delivery })
+/// Maps the buffers, starts the camera and discards the first frame, because some drivers deliver an old one.
+pub(super) fn start(device: &Device, path: &Path) -> Result<MappedStream<'static>, CaptureError> {
+    let fail = |error| CaptureError::device(path, "starting it", error);
+    let mut mapped = MappedStream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(fail)?;
+    mapped.set_timeout(START_TIMEOUT);
+    if let Err(error) = mapped.next().map(|_| ()) {
+        release(mapped, path)?;
+        let is_silent = error.kind() == io::ErrorKind::TimedOut;
+        return Err(if is_silent { CaptureError::stalled(START_TIMEOUT) } else { fail(error) });
     }
-
-    /// Waits for a frame that is not to be left out, skips all but the newest, and passes the bytes of that one to `keep`.
-    /// Returns its number and its time of capture on the monotonic clock, in microseconds.
-    ///
-    /// After a long pause of the reader all buffers are filled, and even the newest frame is old, because the driver had
-    /// no buffer for later frames. Such a frame is skipped as well, and the next one awaited.
-    pub(super) fn newest(
-        &mut self,
-        keep: impl FnOnce(&[u8]) -> Result<(), FrameFault>,
-    ) -> Result<(u64, u64), CaptureError> {
-        let (handle, timeout) = (&self.handle, self.timeout);
-        wait(handle, timeout)?;
-        let mapped = self.mapped.as_mut().ok_or(CaptureError::Gone)?;
-        let (mut skipped, mut left_out, mut patience) = (0, 0, timeout);
-        loop {
-            let (bytes, meta) = mapped.next().map_err(|error| failed_stream(&error))?;
-            let number = self.taken;
-            self.taken += 1;
-            let now_us = monotonic_us();
-            let captured_us = captured_us(meta, now_us);
-            if is_monotonic(meta) {
-                self.delivery.arrived(Arrival { sequence: meta.sequence, captured_us, taken_us: now_us });
-            }
-            if captured_us < self.wanted_us && left_out < MAX_LEFT_OUT {
-                left_out += 1;
-                self.tally.left_out += 1;
-                wait(handle, timeout)?;
-                continue;
-            }
-            let is_stale = skipped > 0 && now_us - captured_us > STALE_PERIODS * self.period_us;
-            let has_newer =
-                is_ready(handle, Duration::ZERO)? || is_stale && is_ready(handle, mem::take(&mut patience))?;
-            if !has_newer || skipped > BUFFERS {
-                let (begun, kept) = (Instant::now(), filled(bytes, meta).and_then(keep));
-                self.tally.decoding += begun.elapsed();
-                return kept.map(|()| (number, captured_us)).map_err(|fault| {
-                    self.delivery.damaged();
-                    CaptureError::Frame { number, fault }
-                });
-            }
-            skipped += 1;
-            self.tally.for_newer += 1;
-        }
-    }
-
-    /// Stops the camera and gives its buffers back. There are no frames afterwards.
-    pub(super) fn stop(&mut self) -> Result<(), CaptureError> {
-        self.mapped.take().map_or(Ok(()), |mapped| release(mapped, &self.path))
-    }
-}
-
-impl Drop for Stream {
-    fn drop(&mut self) {
-        // The result matters to those who call `stop` themselves.
-        let _ = self.stop();
-    }
+    Ok(mapped)
 }
 
 /// Stops a stream of the v4l crate and drops it. A stream that cannot be stopped is leaked. A camera that was unplugged
 /// counts as stopped.
-fn release<S: StoppableStream>(mut mapped: S, path: &Path) -> Result<(), CaptureError> {
+pub(super) fn release<S: Stream>(mut mapped: S, path: &Path) -> Result<(), CaptureError> {
     let is_interrupted = |error: &io::Error| error.kind() == io::ErrorKind::Interrupted;
     let mut outcome = mapped.stop();
     for _ in 1..STOP_ATTEMPTS {
@@ -153,8 +70,7 @@ fn release<S: StoppableStream>(mut mapped: S, path: &Path) -> Result<(), Capture
     Ok(())
 }
 
-/// Waits until a buffer is ready.
-fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureError> {
+pub(super) fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureError> {
     let deadline_us = monotonic_us() + u64::try_from(timeout.as_micros()).unwrap_or(u64::MAX / 2);
     loop {
         let left = Duration::from_micros(deadline_us.saturating_sub(monotonic_us()));
@@ -168,7 +84,7 @@ fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureError> {
 }
 
 /// Returns whether a buffer is ready, or becomes ready within `timeout`. A signal ends the wait early.
-fn is_ready(handle: &Handle, timeout: Duration) -> Result<bool, CaptureError> {
+pub(super) fn is_ready(handle: &Handle, timeout: Duration) -> Result<bool, CaptureError> {
     // Rounded up, so that the last fraction of a millisecond is not spent in a busy loop.
     let timeout_ms = i32::try_from(timeout.as_micros().div_ceil(1000)).unwrap_or(i32::MAX);
     match handle.poll(READABLE, timeout_ms) {
@@ -178,12 +94,12 @@ fn is_ready(handle: &Handle, timeout: Duration) -> Result<bool, CaptureError> {
     }
 }
 
-fn failed_stream(error: &io::Error) -> CaptureError {
+pub(super) fn failed_stream(error: &io::Error) -> CaptureError {
     CaptureError::driver_failed("sending frames", error)
 }
 
 /// Returns the part of a buffer that the driver has filled.
-fn filled<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<&'a [u8], FrameFault> {
+pub(super) fn filled<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<&'a [u8], FrameFault> {
     if meta.flags.contains(Flags::ERROR) {
         return Err(FrameFault::Marked);
     }
@@ -192,7 +108,7 @@ fn filled<'a>(bytes: &'a [u8], meta: &Metadata) -> Result<&'a [u8], FrameFault> 
 
 /// Returns the driver's timestamp if it uses the monotonic clock, and `now_us` otherwise. A timestamp in the future is
 /// clamped to `now_us`.
-fn captured_us(meta: &Metadata, now_us: u64) -> u64 {
+pub(super) fn captured_us(meta: &Metadata, now_us: u64) -> u64 {
     if !is_monotonic(meta) {
         return now_us;
     }
@@ -200,7 +116,7 @@ fn captured_us(meta: &Metadata, now_us: u64) -> u64 {
     seconds.saturating_mul(1_000_000).saturating_add(micros).min(now_us)
 }
 
-fn is_monotonic(meta: &Metadata) -> bool {
+pub(super) fn is_monotonic(meta: &Metadata) -> bool {
     meta.flags & Flags::TIMESTAMP_MASK == Flags::TIMESTAMP_MONOTONIC
 }
 
@@ -236,7 +152,7 @@ mod tests {
         dropped: &'a Cell<bool>,
     }
 
-    impl StoppableStream for Stoppable<'_> {
+    impl Stream for Stoppable<'_> {
         type Item = [u8];
 
         fn start(&mut self) -> io::Result<()> {

@@ -13,7 +13,6 @@ use facewire_face::{MAX_SIDE_PX, Picture, Pixels};
 /// Longest header line that is read. Usual ones have less than 100 bytes.
 const MAX_LINE_BYTES: u64 = 1024;
 
-/// A y4m stream.
 #[derive(Debug)]
 pub struct Y4mSource<R> {
     input: R,

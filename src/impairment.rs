@@ -19,6 +19,10 @@ macro_rules! impairments {
         impl Impairment {
             pub const ALL: [Self; [$( $name ),*].len()] = [$( Self::$variant ),*];
 
+            fn bit(self) -> u32 {
+                1 << self as u32
+            }
+
             pub fn name(self) -> &'static str {
                 match self {
                     $( Self::$variant => $name, )*
@@ -48,7 +52,6 @@ impairments! {
     HalvedRate = "halved-rate",
         "the camera delivers about half its frame rate or less, as many do to expose longer: add light, or keep the rate with \
          `v4l2-ctl -d /dev/videoN --set-ctrl=exposure_dynamic_framerate=0` (older kernels call it exposure_auto_priority)";
-    /// Frames get lost between the camera and the service.
     MissingFrames = "missing-frames",
         "frames get lost or damaged between camera and board: give the camera a USB port of its own instead of a hub, use a \
          short cable, set camera.format = \"mjpeg\", or choose a smaller picture";
@@ -59,12 +62,6 @@ impairments! {
     SlowGovernor = "slow-governor",
         "a processor saves power and so runs slower than it could: write \"performance\" or \"schedutil\" to \
          /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor";
-}
-
-impl Impairment {
-    fn bit(self) -> u32 {
-        1 << self as u32
-    }
 }
 
 /// A set of impairments. Displays as their names with commas between them, or as `none`.
@@ -85,7 +82,6 @@ impl ImpairmentSet {
         self.0 = if is_present { self.0 | impairment.bit() } else { self.0 & !impairment.bit() };
     }
 
-    /// Returns the impairments of both sets.
     pub fn and(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
@@ -110,6 +106,11 @@ pub struct Impairments {
 }
 
 impl Impairments {
+    /// States which of these impairments are present.
+    pub fn set_all(&self, judged: impl IntoIterator<Item = Impairment>, present: ImpairmentSet) {
+        judged.into_iter().for_each(|impairment| self.set(impairment, present.contains(impairment)));
+    }
+
     /// States whether an impairment is present. Counts it if it was not present before.
     pub fn set(&self, impairment: Impairment, is_present: bool) {
         let bit = impairment.bit();
@@ -126,7 +127,6 @@ impl Impairments {
         ImpairmentSet(self.present.load(Relaxed))
     }
 
-    /// Returns the name of each impairment and how often it has begun.
     pub fn begun(&self) -> impl Iterator<Item = (&'static str, u64)> {
         Impairment::ALL.into_iter().zip(&self.begun).map(|(impairment, begun)| (impairment.name(), begun.load(Relaxed)))
     }

@@ -76,27 +76,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_socket_file_of_a_killed_service_is_replaced_and_deleted_with_the_new_listener() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("metrics.sock");
-        drop(UnixListener::bind(&path).unwrap());
-        assert!(path.exists(), "closing a socket leaves its file in place");
-        let listener = Listener::bind(&Listen::Unix(path.clone())).unwrap();
-        UnixStream::connect(&path).unwrap();
-        drop(listener);
-        assert!(!path.exists());
-    }
-
-    #[test]
     fn a_socket_in_use_and_a_regular_file_are_left_untouched() {
         let folder = tempfile::tempdir().unwrap();
-        let [socket, file] = ["metrics.sock", "notes.txt"].map(|name| folder.path().join(name));
-        let _in_use = UnixListener::bind(&socket).unwrap();
+        let [stale, used, file] = ["stale", "used", "notes.txt"].map(|name| folder.path().join(name));
+        let _in_use = UnixListener::bind(&used).unwrap();
         fs::write(&file, "mine").unwrap();
-        for path in [&socket, &file] {
+        for path in [&used, &file] {
             assert_eq!(Listener::bind(&Listen::Unix(path.clone())).unwrap_err().kind(), ErrorKind::AddrInUse);
         }
-        UnixStream::connect(&socket).unwrap();
+        UnixStream::connect(&used).unwrap();
         assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
+
+        drop(UnixListener::bind(&stale).unwrap());
+        assert!(stale.exists(), "closing a socket leaves its file in place");
+        let listener = Listener::bind(&Listen::Unix(stale.clone())).unwrap();
+        UnixStream::connect(&stale).unwrap();
+        drop(listener);
+        assert!(!stale.exists());
     }
 }

@@ -94,7 +94,6 @@ impl From<&Solution> for Pose {
     }
 }
 
-/// Turns frames into coefficients.
 pub struct Pipeline {
     /// Finds the landmarks in pictures. `None` for a source of landmarks.
     pub tracker: Option<Tracker>,
@@ -104,14 +103,12 @@ pub struct Pipeline {
 }
 
 impl Pipeline {
-    /// Loads the networks and the model that the settings name.
     pub fn load(settings: &Settings) -> Result<Self, SetupError> {
         // The model comes first, so that the networks take the memory that reading it leaves free.
         let pipeline = Self::for_landmarks(load_solver(settings)?, settings.camera.horizontal_fov_deg);
         Ok(Self { tracker: Some(load_tracker(&settings.networks)?), ..pipeline })
     }
 
-    /// Loads the model, and the networks only if `source` shows pictures.
     pub fn load_for(source: &dyn Source, settings: &Settings) -> Result<Self, SetupError> {
         if source.shows_pictures() {
             return Self::load(settings);
@@ -154,7 +151,6 @@ impl Pipeline {
         Processed { solved, face, times, frame: *frame, camera, solver: &self.solver }
     }
 
-    /// Makes the tracker search the next picture as a whole.
     pub fn forget_face(&mut self) {
         if let Some(tracker) = &mut self.tracker {
             tracker.forget();

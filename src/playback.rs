@@ -18,10 +18,8 @@ use crate::service::failsafe::{Failsafe, History, News};
 /// Why a file cannot be played further.
 #[derive(Debug, thiserror::Error)]
 pub enum PlaybackError {
-    /// The file cannot be read.
     #[error(transparent)]
     Capture(#[from] CaptureError),
-    /// A network failed to run.
     #[error(transparent)]
     Infer(#[from] InferError),
 }
@@ -29,13 +27,9 @@ pub enum PlaybackError {
 /// What was found in one frame of the file.
 #[derive(Debug, Clone)]
 pub struct Face {
-    /// Position in the file, from 0.
     pub number: u64,
-    /// Time of the frame, by the file.
     pub time_us: u64,
-    /// Width and height of the picture.
     size_px: [f32; 2],
-    /// The landmarks in pixels, if the frame shows a face.
     pub landmarks: Option<Box<Landmarks>>,
     /// How the face looks at the landmarks, if the frame shows one in a picture.
     appearance: Option<Appearance>,
@@ -46,7 +40,6 @@ pub struct Face {
 /// What the service would send for one frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Shown {
-    /// The solution of the frame, if it has one.
     pub solution: Option<Solution>,
     /// Live with a solution, else the state of the failsafe.
     pub state: State,
@@ -110,7 +103,6 @@ impl Playback {
 }
 
 impl Face {
-    /// The frame for the rest of the pipeline.
     pub fn frame(&self) -> Frame<'_> {
         let appearance = self.appearance.as_ref();
         let face = self.landmarks.as_deref().map(|landmarks| facewire_face::Face { landmarks, appearance });

@@ -8,10 +8,8 @@ use facewire_face::{Filters, HeadFilter, InferError, Model, ModelError, Profile,
 use crate::calibration::{Store, StoreError, WearerName, model_hash};
 use crate::config::{NetworkSettings, Settings, SmoothingSettings, SolverSettings, WearerSettings};
 
-/// Why a part that settings name cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SetupError {
-    /// The landmark networks do not load, or do not run.
     #[error(transparent)]
     Networks(#[from] InferError),
     /// The blendshape model does not load. An error that does not name the file itself gets its path in front.
@@ -38,7 +36,6 @@ pub fn load_model(settings: &SolverSettings) -> Result<Model, SetupError> {
     Model::load(path.as_ref()).map_err(|error| SetupError::Model { path: path.clone(), error })
 }
 
-/// Whether both settings name the same profile.
 pub fn is_same_profile(one: &WearerSettings, other: &WearerSettings) -> bool {
     (&one.name, &one.folder) == (&other.name, &other.folder)
 }
@@ -64,7 +61,6 @@ pub fn model_warning(wearer: &WearerSettings, solver: &SolverSettings) -> Option
     })
 }
 
-/// The rules, filters and adjustments that the settings ask for.
 pub fn shaping(settings: &Settings) -> Shaping {
     Shaping {
         rules: settings.plausibility,

@@ -14,7 +14,6 @@ const FIRST_WAIT: Duration = Duration::from_millis(100);
 pub struct BackOff(Duration);
 
 impl BackOff {
-    /// Returns how long to wait before the next attempt.
     pub fn wait(&mut self) -> Duration {
         self.0 = (2 * self.0).clamp(FIRST_WAIT, LONGEST_WAIT);
         self.0
@@ -40,7 +39,6 @@ impl LoggedReasons {
         is_new
     }
 
-    /// Forgets all reasons after a success.
     pub fn clear(&mut self) {
         self.0.clear();
     }
@@ -50,7 +48,6 @@ impl LoggedReasons {
 #[derive(Debug, Default)]
 pub struct Retry {
     back_off: BackOff,
-    /// Reasons that were logged since the last success.
     pub logged: LoggedReasons,
 }
 

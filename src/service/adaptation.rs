@@ -45,11 +45,9 @@ const LOWEST_THROTTLED: Step = Step::Quarter;
 const WORTH_SAVING: f64 = 0.2;
 /// Time after which the step above is tried even though a frame seems to take too long for it.
 const PROBE_US: u64 = 900_000_000;
-/// Longest time before a step up.
 const LONGEST_WAIT_US: u64 = 3_600_000_000;
 /// An attempt at something better has failed if it is taken back within this multiple of the wait before it.
 const PROVEN_AFTER: u64 = 6;
-/// Factor by which a failed attempt multiplies the wait.
 const GROWTH: u64 = 4;
 /// The pipeline must have been on a lower step for this time before a small picture is chosen.
 const SMALL_AFTER_US: u64 = 30_000_000;
@@ -80,7 +78,6 @@ impl Step {
     pub const ALL: [Self; 8] =
         [Self::Full, Self::Turns, Self::Half, Self::Third, Self::Quarter, Self::Sixth, Self::Eighth, Self::Twelfth];
 
-    /// The step with this name, for arguments.
     pub fn parse(name: &str) -> Result<Self, String> {
         let names = || Self::ALL.map(Self::name).join(", ");
         Self::ALL.into_iter().find(|step| step.name() == name).ok_or_else(|| format!("give one of {}", names()))
@@ -109,12 +106,10 @@ impl Step {
         self.row().1
     }
 
-    /// Whether the networks for lips and eyes take turns.
     pub fn has_turns(self) -> bool {
         self == Self::Turns
     }
 
-    /// What the step does, for the log.
     pub(super) fn sentence(self) -> String {
         match self {
             Self::Full => "every frame is processed".to_owned(),
@@ -154,7 +149,6 @@ impl fmt::Display for Step {
 /// Why the pipeline is not on [`Step::Full`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Cause {
-    /// Frames take too long.
     Slow,
     Hot,
     Undervoltage,
@@ -163,7 +157,6 @@ pub(super) enum Cause {
 impl Cause {
     pub(super) const ALL: [Self; 3] = [Self::Slow, Self::Hot, Self::Undervoltage];
 
-    /// The name in the status line and in the metrics.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Slow => "slow",
@@ -186,11 +179,8 @@ impl Cause {
 pub(super) struct Conditions {
     /// Whether the settings allow any step but the first, and a small picture.
     pub(super) is_allowed: bool,
-    /// `None` while there are no frames.
     pub(super) load: Option<Load>,
-    /// What makes tracking poor at present.
     pub(super) impaired_by: ImpairmentSet,
-    /// Whether the camera offers a smaller picture than the present one.
     pub(super) has_smaller_mode: bool,
 }
 
@@ -201,7 +191,6 @@ impl Conditions {
     }
 }
 
-/// The state of the adaptation.
 #[derive(Debug, Default)]
 pub(super) struct Adaptation {
     pub(super) step: Step,
@@ -209,19 +198,15 @@ pub(super) struct Adaptation {
     pub(super) cause: Option<Cause>,
     /// Whether frames take so long that the face is never live, and no lower step is left.
     pub(super) is_too_slow: bool,
-    /// When the step changed last.
     changed_us: Option<u64>,
-    /// Since when frames have taken too long.
     overloaded_since_us: Option<u64>,
     /// Since when a higher step has been possible, and the lowest that was possible at any time since.
     calm: Option<(u64, Step)>,
-    /// How long it must be possible.
     wait: ProbeBackoff,
     pub(super) picture: PictureSize,
 }
 
 impl Adaptation {
-    /// Takes in the conditions.
     pub(super) fn update(&mut self, now_us: u64, conditions: &Conditions) {
         if !conditions.is_allowed {
             *self = Self::default();
@@ -242,7 +227,6 @@ impl Adaptation {
         (self.overloaded_since_us, self.calm) = (None, None);
     }
 
-    /// The lower step that is due now.
     fn lower(&mut self, now_us: u64, conditions: &Conditions) -> Option<(Step, Cause)> {
         let load = conditions.load.filter(|load| load.share_on(self.step) > 1.0);
         self.overloaded_since_us = load.map(|_| self.overloaded_since_us.unwrap_or(now_us));
@@ -254,7 +238,6 @@ impl Adaptation {
         overload.map(|(_, fitting)| (fitting, Cause::Slow)).or_else(cooler).filter(|(step, _)| *step > self.step)
     }
 
-    /// The next lower step that a hot board takes.
     fn cooler(&self, now_us: u64, conditions: &Conditions) -> Option<Step> {
         let is_due = self.changed_us.is_none_or(|at_us| now_us.saturating_sub(at_us) >= THROTTLED_US);
         let load = conditions.load?;
@@ -263,7 +246,6 @@ impl Adaptation {
         Step::ALL.into_iter().find(is_lower).filter(|step| is_due && *step <= lowest)
     }
 
-    /// The higher step that is due now.
     fn higher(&mut self, now_us: u64, conditions: &Conditions) -> Option<Step> {
         let above = Step::ALL.into_iter().rfind(|step| *step < self.step)?;
         let load = conditions.load.filter(|_| conditions.throttled_by().is_none());
@@ -302,7 +284,6 @@ impl Load {
         Step::ALL.into_iter().find(|above| *above < step && self.fits_well(*above))
     }
 
-    /// Whether a frame leaves enough time on a step for the pipeline to go up to it.
     fn fits_well(&self, step: Step) -> bool {
         self.share_on(step) <= FITS_WELL
     }
@@ -346,7 +327,6 @@ impl ProbeBackoff {
 /// Which size of picture the camera is opened with.
 #[derive(Debug, Default)]
 pub(super) struct PictureSize {
-    /// Whether it is half the width and height.
     pub(super) is_small: bool,
     /// Since when the other size has been the better one.
     better_since_us: Option<u64>,

@@ -93,9 +93,8 @@ fn wish(settings: &CameraSettings) -> Wish {
     Wish { width: settings.width, height: settings.height, rate, format }
 }
 
-/// Returns how long to wait before the next attempt to open the camera, which delivered frames for the time `lasted`.
-/// The back-off starts again at 100 ms if that was at least [`LONGEST_WAIT`]: a camera that shows a few frames and fails,
-/// again and again, does not keep the machine busy.
+/// Returns how long to wait before the next attempt to open the camera, which delivered frames for the time `lasted`. A
+/// camera that shows a few frames and fails, again and again, does not keep the machine busy.
 pub(super) fn wait_after(lasted: Duration, back_off: &mut BackOff) -> Duration {
     if lasted >= LONGEST_WAIT {
         *back_off = BackOff::default();
@@ -108,9 +107,7 @@ pub(super) fn wait_after(lasted: Duration, back_off: &mut BackOff) -> Duration {
 pub(super) struct Watcher {
     counters: Arc<Counters>,
     pub(super) watch: Watch,
-    /// Frame period that the camera states.
     pub(super) stated_us: Option<u64>,
-    /// Capture of the picture that was looked at last.
     last_look_us: u64,
 }
 
@@ -145,10 +142,7 @@ impl Watcher {
     }
 
     fn tell(&self) {
-        let present = self.watch.present();
-        for impairment in Watch::FINDS {
-            self.counters.impairments.set(impairment, present.contains(impairment));
-        }
+        self.counters.impairments.set_all(Watch::FINDS, self.watch.present());
     }
 }
 

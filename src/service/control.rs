@@ -73,10 +73,8 @@ pub(super) struct Control {
     thread: JoinHandle<()>,
 }
 
-/// What the control thread works with.
 pub(super) struct Parts {
     pub(super) settings: Settings,
-    /// New settings, after a reload.
     pub(super) changes: mpsc::Receiver<Settings>,
     pub(super) in_use: InUse,
     pub(super) observed: Observed<Observation>,
@@ -92,14 +90,7 @@ impl Control {
         if path.is_none() {
             tracing::debug!("no control socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set");
         }
-        Self::listen_at(path, parts)
-    }
-
-    fn listen_at(path: Option<PathBuf>, parts: Parts) -> io::Result<Self> {
-        let (stop_signal, stop) = pipe()?;
-        let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
-        let doors = [control, Door::new(parts.settings.metrics.listen.clone(), Speaks::Http)];
-        let server = Server { doors, parts, stop_signal, clients: Vec::new(), calibrating: None, recording: None };
+        let (server, stop) = Server::new(path, parts)?;
         let builder = Builder::new().name("fw-control".to_owned()).stack_size(STACK_BYTES);
         Ok(Self { stop: Some(stop), thread: builder.spawn(move || server.run())? })
     }
@@ -116,12 +107,10 @@ impl Drop for Control {
     }
 }
 
-/// A socket at which the thread listens.
 struct Door {
     listen: Listen,
     speaks: Speaks,
     listener: Option<Listener>,
-    /// When to try again after a failure.
     rests_until: Option<Instant>,
     is_told: bool,
 }
@@ -173,10 +162,8 @@ impl Door {
 }
 
 struct Server {
-    /// Those of the control socket and of the metrics.
     doors: [Door; 2],
     parts: Parts,
-    /// [`Control`] closes the other end of this pipe to stop the thread.
     stop_signal: PipeReader,
     clients: Vec<Client>,
     calibrating: Option<Calibrating>,
@@ -184,6 +171,15 @@ struct Server {
 }
 
 impl Server {
+    /// Also returns the end of the pipe that is closed to stop the thread.
+    fn new(path: Option<PathBuf>, parts: Parts) -> io::Result<(Self, PipeWriter)> {
+        let (stop_signal, stop) = pipe()?;
+        let control = Door::new(path.map_or(Listen::Off, Listen::Unix), Speaks::Requests);
+        let doors = [control, Door::new(parts.settings.metrics.listen.clone(), Speaks::Http)];
+        let server = Self { doors, parts, stop_signal, clients: Vec::new(), calibrating: None, recording: None };
+        Ok((server, stop))
+    }
+
     fn run(mut self) {
         while self.wait() {
             self.adopt();
@@ -231,7 +227,6 @@ impl Server {
         goes_on
     }
 
-    /// Takes in the settings of a reload.
     fn adopt(&mut self) {
         while let Ok(settings) = self.parts.changes.try_recv() {
             if !is_same_profile(&settings.wearer, &self.parts.settings.wearer) {
@@ -253,7 +248,6 @@ impl Server {
         }
     }
 
-    /// Answers the clients that have asked, and leaves those that have gone.
     fn serve(&mut self) {
         for mut client in std::mem::take(&mut self.clients) {
             let patience = if client.speaks == Speaks::Http { HTTP_PATIENCE } else { ASK_PATIENCE };
@@ -338,7 +332,6 @@ impl Server {
         Ok(Reply::Wearers { wearers: store.list()?, in_use, folder: store.folder().display().to_string() })
     }
 
-    /// Uses the profile of this wearer.
     fn set_wearer(&mut self, name: &str) -> Outcome<Reply> {
         let name = named(name)?;
         let settings = &self.parts.settings;
@@ -351,7 +344,6 @@ impl Server {
         )))
     }
 
-    /// Hands a profile to the hot loop.
     fn hand_over(&mut self, profile: Profile, name: Option<WearerName>) {
         tracing::info!("wearer {}", name.as_ref().map_or("nobody", WearerName::as_str));
         self.parts.hot.send(HotChange { profile: Some(profile), ..HotChange::default() });
@@ -368,7 +360,6 @@ impl Server {
         Ok((name, Guide::new(load_model(&self.parts.settings.solver)?)))
     }
 
-    /// Goes on with the calibration in progress.
     fn calibrate(&mut self) {
         let Some(calibrating) = &mut self.calibrating else { return };
         if calibrating.has_failed || calibrating.client.has_gone(STREAM_PATIENCE) {
@@ -399,7 +390,6 @@ impl Server {
         self.end(reply);
     }
 
-    /// Ends the calibration with the last answer to its client.
     fn end(&mut self, reply: Reply) {
         self.parts.observed.ask(false);
         let Some(Calibrating { client, name, .. }) = self.calibrating.take() else { return };

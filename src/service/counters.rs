@@ -40,7 +40,6 @@ pub(super) struct Counters {
     pub(super) left_out: AtomicU64,
     pub(super) deadline_misses: AtomicU64,
     pub(super) damaged: AtomicU64,
-    /// How often a camera was opened.
     pub(super) opened: AtomicU64,
     pub(super) camera_open: AtomicBool,
     /// Packets of all links, counted by the links themselves.
@@ -70,9 +69,7 @@ pub(super) struct Counters {
     pub(super) times: Times,
 }
 
-/// One entry of the table.
 pub(super) struct Row {
-    /// Name on the page.
     pub(super) metric: &'static str,
     pub(super) kind: &'static str,
     /// The label that tells the samples apart; empty if there is one sample.
@@ -93,7 +90,6 @@ macro_rules! rows {
     };
 }
 
-/// The text and the samples of a row.
 type Values = (String, Vec<(&'static str, f64)>);
 
 /// Counts, each with its key in the status line and the value of its label.
@@ -215,7 +211,6 @@ impl Counters {
         }
     }
 
-    /// The present counts in one line of `key=value`.
     pub(super) fn status_line(&self) -> String {
         let frames = format!("frames={}", self.frames.load(Relaxed));
         let texts = self.rows().into_iter().map(|row| row.text).filter(|text| !text.is_empty());

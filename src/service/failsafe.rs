@@ -21,18 +21,16 @@ use crate::link::{Output, Pose};
 
 /// Frame periods without a pose for which the face stays live: a camera may drop two frames in a row.
 pub(super) const LIVE_FRAMES: u64 = 3;
-/// Good poses in a row that end a decay or a neutral face.
+/// Good poses in a row that end a decay or a neutral face, and the shortest time from the first to the last of them.
 const RECOVERY_POSES: u32 = 3;
-/// Shortest time from the first to the last of them.
 const RECOVERY_US: u64 = 100_000;
 /// How far the head may turn while a coefficient may move by 1. At 4 units/s this is 180 degrees/s: a decay of 700 ms
 /// brings back a head that is turned by 126 degrees.
 const RADIANS_PER_UNIT: f32 = std::f32::consts::FRAC_PI_4;
 /// How far the head may move while a coefficient may move by 1. At 4 units/s this is 1 m/s.
 const MM_PER_UNIT: f32 = 250.0;
-/// Rounding error of the solver that a coefficient of 0 or 1 may have.
+/// Rounding errors that a coefficient of 0 or 1, and the length of the quaternion, may have.
 const COEFFICIENT_TOLERANCE: f32 = 1e-3;
-/// Rounding error that the length of the quaternion may have.
 const ROTATION_TOLERANCE: f32 = 1e-2;
 /// Farther than any camera sees a face, and within the 16 bits of the packet.
 const POSITION_LIMIT_MM: f32 = 32_000.0;
@@ -50,7 +48,6 @@ pub struct Failsafe {
 #[derive(Debug, Clone, Copy)]
 #[expect(clippy::large_enum_variant, reason = "three of them live in a triple buffer, none on the heap")]
 pub enum News {
-    /// Nothing, except that time has passed.
     Nothing,
     /// The newest pose and the capture time of its frame. A pose that was given before changes nothing.
     Pose(Pose, u64),
@@ -67,15 +64,11 @@ impl News {
 impl Failsafe {
     /// Returns the limits of the settings. If three frame periods take longer than `live_ms`, all times move by the difference.
     pub fn new(settings: &FailsafeSettings, frame_period_us: u64) -> Self {
+        let FailsafeSettings { live_ms, hold_ms, neutral_ms, slew_per_s } = *settings;
+        let longer_us = frame_period_us.saturating_mul(LIVE_FRAMES).saturating_sub(u64::from(live_ms) * 1000);
         let [live_us, hold_us, neutral_us] =
-            [settings.live_ms, settings.hold_ms, settings.neutral_ms].map(|ms| u64::from(ms) * 1000);
-        let longer_us = frame_period_us.saturating_mul(LIVE_FRAMES).saturating_sub(live_us);
-        Self {
-            live_us: live_us.saturating_add(longer_us),
-            hold_us: hold_us.saturating_add(longer_us),
-            neutral_us: neutral_us.saturating_add(longer_us),
-            slew_per_s: settings.slew_per_s,
-        }
+            [live_ms, hold_ms, neutral_ms].map(|ms| (u64::from(ms) * 1000).saturating_add(longer_us));
+        Self { live_us, hold_us, neutral_us, slew_per_s }
     }
 
     /// Lets time pass, takes in the news, moves the output and returns it.
@@ -103,7 +96,6 @@ impl Failsafe {
         Output { state, reason: Reason::Stopping, followed: false, moving: true, ..output.clone() }
     }
 
-    /// How far the output may move in this time.
     fn slew(&self, elapsed_us: u64) -> f32 {
         self.slew_per_s * Duration::from_micros(elapsed_us).as_secs_f32()
     }
@@ -119,7 +111,6 @@ impl Failsafe {
         next_state_us.checked_sub(history.output.age_us).filter(|us| *us > 0).unwrap_or(u64::MAX)
     }
 
-    /// Leaves the states live and hold when their time is over.
     fn age(&self, history: &mut History) {
         let output = &mut history.output;
         output.state = match output.state {
@@ -137,23 +128,16 @@ impl Failsafe {
     fn hear(&self, history: &mut History, now_us: u64, news: &News) -> bool {
         let (pose, capture_us) = match *news {
             News::Nothing => return false,
-            News::Fault(reason) => {
-                history.fault(reason);
-                return false;
-            }
+            News::Fault(reason) => return history.fault(reason),
             News::Pose(pose, capture_us) => (pose, capture_us),
         };
         if history.heard_us.replace(capture_us) == Some(capture_us) {
             return false;
         }
         let age_us = now_us.saturating_sub(capture_us);
-        let Some(pose) = pose.checked() else {
-            history.fault(Reason::BadResult);
-            return false;
-        };
+        let Some(pose) = pose.checked() else { return history.fault(Reason::BadResult) };
         if age_us >= self.live_us {
-            history.fault(Reason::Late);
-            return false;
+            return history.fault(Reason::Late);
         }
         history.recovery.count(self.live_us);
         let is_waiting = matches!(history.output.state, State::Decay | State::Neutral);
@@ -164,7 +148,6 @@ impl Failsafe {
         true
     }
 
-    /// Moves the output as far as the elapsed time allows.
     fn move_output(&self, history: &mut History, before_us: u64, elapsed_us: u64) {
         let (limit, output) = (self.slew(elapsed_us), &mut history.output);
         match output.state {
@@ -212,7 +195,7 @@ pub struct History {
     recovery: Recovery,
 }
 
-/// Good poses in a row.
+/// The good poses in a row.
 #[derive(Debug, Clone, Default)]
 struct Recovery {
     poses: u32,
@@ -236,7 +219,6 @@ impl Recovery {
 }
 
 impl Default for History {
-    /// Neutral, as before the first frame.
     fn default() -> Self {
         let (state, reason, pose) = (State::Neutral, Reason::NoCamera, Pose::NEUTRAL);
         Self {
@@ -263,10 +245,11 @@ impl History {
         elapsed_us
     }
 
-    /// Notes why there is no pose, and starts the recovery over.
-    fn fault(&mut self, reason: Reason) {
+    /// Notes why there is no pose, and starts the recovery over. Nothing new is followed.
+    fn fault(&mut self, reason: Reason) -> bool {
         self.reason = reason;
         self.recovery = Recovery::default();
+        false
     }
 
     /// Follows a good pose from now on. The output moves to it by a ramp if the face was not live before.
@@ -328,7 +311,6 @@ impl Pose {
     }
 }
 
-/// Turns `from` towards `to` about one axis, the shorter way.
 fn turned(from: [f32; 4], to: [f32; 4], part: f32, limit_rad: f32) -> [f32; 4] {
     let unit = |rotation| UnitQuaternion::new_normalize(Quaternion::from(rotation));
     let Some((axis, angle)) = unit(from).rotation_to(&unit(to)).axis_angle() else {
@@ -341,7 +323,6 @@ fn turned(from: [f32; 4], to: [f32; 4], part: f32, limit_rad: f32) -> [f32; 4] {
     (step * unit(from)).coords.into()
 }
 
-/// Moves `from` towards `to` on a straight line.
 fn moved(from: [f32; 3], to: [f32; 3], part: f32, limit_mm: f32) -> [f32; 3] {
     let way = Vector3::from(to) - Vector3::from(from);
     if part >= 1.0 && way.norm() <= limit_mm {

@@ -43,9 +43,7 @@ pub(super) struct Outlets {
     /// The sender's thread, which is woken for all news.
     pub(super) wake: Thread,
     pub(super) events: mpsc::Sender<Event>,
-    /// What each frame shows, for a calibration.
     pub(super) observer: Observer<Observation>,
-    /// What each frame shows and sends, for a recording.
     pub(super) recorder: Observer<Recorded>,
 }
 
@@ -56,9 +54,7 @@ pub(super) enum Event {
     Started(Vec<Grant>),
     /// A camera delivers pictures; the text describes it.
     Opened(String),
-    /// The open camera failed.
     Lost(CaptureError),
-    /// No camera could be opened.
     Closed(CaptureError),
     /// Something that the pipeline needs is not there yet.
     NotLoaded(SetupError),
@@ -89,11 +85,9 @@ pub(super) struct HotLoop {
     outlets: Outlets,
     changes: mpsc::Receiver<HotChange>,
     counters: Arc<Counters>,
-    /// When the open camera delivered its first picture.
     opened_us: Option<u64>,
     timing: FrameTiming,
     watcher: Watcher,
-    /// Whether the camera was opened with half the width and height.
     has_small_picture: bool,
     /// The impairments that a rehearsal has set.
     rehearsed: ImpairmentSet,
@@ -147,7 +141,6 @@ impl HotLoop {
         }
     }
 
-    /// Runs until the service stops.
     pub(super) fn run(mut self) -> Result<(), ServiceError> {
         let mut back_off = BackOff::default();
         while !self.counters.stopping() {
@@ -179,7 +172,16 @@ impl HotLoop {
     /// Loads what is missing, opens the camera and runs its frames until it fails, or until the service stops or wants
     /// another camera.
     fn attempt(&mut self) -> Result<(), Trouble> {
-        self.load_pipeline()?;
+        if self.pipeline.is_none() {
+            let settings = self.settings.clone();
+            let loaded = self.load(move || Pipeline::load(&settings))?;
+            let pipeline = self.pipeline.insert(loaded.map_err(|error| match error {
+                // A file that was missing may be copied at this moment, and so be incomplete.
+                SetupError::Model { .. } => Event::NotLoaded(error).into(),
+                SetupError::Networks(_) => Trouble::Fatal(error.into()),
+            })?);
+            pipeline.solver.profile = self.profile.clone();
+        }
         self.enter(Phase::Open);
         self.has_small_picture = self.counters.small_picture.load(Relaxed);
         let camera = OpenCamera::begin(&self.settings.camera, self.has_small_picture);
@@ -193,22 +195,6 @@ impl HotLoop {
         outcome
     }
 
-    fn load_pipeline(&mut self) -> Result<(), Trouble> {
-        if self.pipeline.is_some() {
-            return Ok(());
-        }
-        let settings = self.settings.clone();
-        let mut pipeline = self.load(move || Pipeline::load(&settings))?.map_err(|error| match error {
-            // A file that was missing may be copied at this moment, and so be incomplete.
-            SetupError::Model { .. } => Event::NotLoaded(error).into(),
-            SetupError::Networks(_) => Trouble::Fatal(error.into()),
-        })?;
-        pipeline.solver.profile = self.profile.clone();
-        self.pipeline = Some(pipeline);
-        Ok(())
-    }
-
-    /// Waits for a part that the loader's thread loads.
     fn load<T: Send + 'static>(&self, job: impl FnOnce() -> T + Send + 'static) -> Result<T, Trouble> {
         self.loader.begin(job).recv().map_err(|_| Trouble::Fatal(ServiceError::Panicked("loader")))
     }
@@ -240,7 +226,12 @@ impl HotLoop {
         let is_other_size = |this: &Self| this.counters.small_picture.load(Relaxed) != this.has_small_picture;
         while !self.counters.stopping() && !self.adopt() && !is_other_size(self) {
             self.enter(self.wait());
-            self.take_step(&mut *camera.source);
+            let step = self.counters.step();
+            self.timing.take(step);
+            camera.source.leave_out_until(self.timing.wanted_us());
+            if let Some(tracker) = self.pipeline.as_mut().and_then(|pipeline| pipeline.tracker.as_mut()) {
+                tracker.set_turns(step.has_turns());
+            }
             let outcome = match camera.next() {
                 Ok(Some(frame)) => self.frame(&frame),
                 Ok(None) => {
@@ -256,25 +247,13 @@ impl HotLoop {
         Ok(())
     }
 
-    fn take_step(&mut self, source: &mut dyn Source) {
-        let step = self.counters.step();
-        self.timing.take(step);
-        source.leave_out_until(self.timing.wanted_us());
-        if let Some(tracker) = self.pipeline.as_mut().and_then(|pipeline| pipeline.tracker.as_mut()) {
-            tracker.set_turns(step.has_turns());
-        }
-    }
-
-    /// Takes in what the source has counted and measured.
     fn account(&mut self, source: &mut dyn Source) {
         let tally = source.take_tally();
         add(&self.counters.skipped, tally.for_newer.into());
         add(&self.counters.left_out, tally.left_out.into());
         self.timing.decoded(tally.decoding);
         let before = std::mem::replace(&mut self.rehearsed, tally.rehearsed);
-        for impairment in self.rehearsed.iter().chain(before.iter()) {
-            self.counters.impairments.set(impairment, self.rehearsed.contains(impairment));
-        }
+        self.counters.impairments.set_all(tally.rehearsed.iter().chain(before.iter()), tally.rehearsed);
     }
 
     fn frame(&mut self, frame: &Frame) -> Result<(), Trouble> {
@@ -352,7 +331,6 @@ impl HotLoop {
         is_new_camera
     }
 
-    /// Begins a phase and returns the time.
     fn enter(&self, phase: Phase) -> u64 {
         let now_us = monotonic_us();
         self.counters.heartbeats.hot(phase, now_us);
@@ -384,12 +362,10 @@ struct EngineHealth {
     good_runs: u32,
 }
 
-/// What to do about a failed inference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Remedy {
     Wait,
     Reload,
-    /// Loading them again did not help.
     GiveUp,
 }
 
@@ -413,7 +389,6 @@ impl EngineHealth {
     }
 }
 
-/// Adds to a counter that only this thread writes.
 fn add(counter: &AtomicU64, count: u64) {
     counter.fetch_add(count, Relaxed);
 }

@@ -15,7 +15,6 @@ use crate::link::{Link, LinkError, Output, Rates, Traffic};
 
 /// How long a stopping service waits for its links to send their last packet.
 const LAST_PACKET: Duration = Duration::from_millis(500);
-/// Time between two looks whether they have.
 const LOOK: Duration = Duration::from_millis(5);
 
 /// Links in the order of their settings. In a change that a reload prepares, a link is `None` if the sender has it.
@@ -31,34 +30,29 @@ impl Links {
         traffic: &Arc<Traffic>,
     ) -> Result<Self, LinkError> {
         let mut kept: Vec<&LinkKind> = live.iter().map(|link| &link.kind).collect();
-        let mut change = Vec::with_capacity(new.len());
-        for settings in new {
-            if let Some(index) = kept.iter().position(|kind| **kind == settings.kind) {
+        let change = new.iter().map(|settings| {
+            let link = if let Some(index) = kept.iter().position(|kind| **kind == settings.kind) {
                 kept.swap_remove(index);
-                change.push((settings.clone(), None));
-                continue;
-            }
-            if new.len() == 1 {
-                Link::resolve(settings)?;
-            }
-            change.push((settings.clone(), Some(Link::open(settings, traffic)?)));
-        }
-        Ok(Self(change))
+                None
+            } else {
+                if new.len() == 1 {
+                    Link::resolve(settings)?;
+                }
+                Some(Link::open(settings, traffic)?)
+            };
+            Ok((settings.clone(), link))
+        });
+        change.collect::<Result<_, _>>().map(Self)
     }
 
-    /// Replaces the links. Those that the change leaves out are carried over, all others send `last` and are dropped. This
-    /// neither allocates nor waits.
-    pub(super) fn adopt(&mut self, mut change: Self, last: &Output) {
-        for (settings, link) in change.0.iter_mut().filter(|(_, link)| link.is_none()) {
-            let same = self.0.iter_mut().find(|(live, link)| live.kind == settings.kind && link.is_some());
+    /// Takes over those of the old links that the change keeps, and makes all links look up their host names now. The other
+    /// old links send `last`. This neither allocates nor waits.
+    pub(super) fn take_over(&mut self, old: &mut Self, last: &Output) {
+        for (settings, link) in self.0.iter_mut().filter(|(_, link)| link.is_none()) {
+            let same = old.0.iter_mut().find(|(live, link)| live.kind == settings.kind && link.is_some());
             *link = same.and_then(|(_, link)| link.take());
         }
-        self.send_last(last);
-        *self = change;
-    }
-
-    /// Makes links look up their host names now.
-    pub(super) fn refresh(&mut self) {
+        old.send_last(last);
         self.each().for_each(|(_, link)| link.carrier().refresh());
     }
 
@@ -73,7 +67,6 @@ impl Links {
         self.each().any(|(_, link)| link.is_held())
     }
 
-    /// Sends the output by every link at once, as the last one.
     pub(super) fn send_last(&mut self, output: &Output) {
         self.each().for_each(|(settings, link)| link.send_last(settings, output));
     }
@@ -86,7 +79,6 @@ impl Links {
         counters.set_refusal(refusal);
     }
 
-    /// Lets every link send its last packet.
     pub(super) fn close(mut self) {
         let end = Instant::now() + LAST_PACKET;
         self.each().for_each(|(_, link)| link.carrier().stop());
@@ -131,9 +123,9 @@ mod tests {
         let (before, after) = (settings([&old, &kept]), settings([&kept, &new]));
         let mut links = Links::change(&before, &[], &Arc::default()).unwrap();
         links.send_last(&test_output(State::Live));
-        let change = Links::change(&after, &before, &Arc::default()).unwrap();
-        links.adopt(change, &Output { reason: Reason::Stopping, ..test_output(State::Neutral) });
-        links.send_last(&test_output(State::Hold));
+        let mut change = Links::change(&after, &before, &Arc::default()).unwrap();
+        change.take_over(&mut links, &Output { reason: Reason::Stopping, ..test_output(State::Neutral) });
+        change.send_last(&test_output(State::Hold));
         let (live, hold) = ((State::Live, Reason::None), (State::Hold, Reason::NoFace));
         assert_eq!(seen(&old), [live, (State::Neutral, Reason::Stopping)]);
         assert_eq!((seen(&kept), seen(&new)), (vec![live, hold], vec![hold]));

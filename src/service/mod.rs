@@ -59,13 +59,11 @@ use facewire_face::Profile;
 
 /// How long a stopping service waits for the hot loop, which may be opening a camera in the kernel.
 const HOT_PATIENCE: Duration = Duration::from_secs(2);
-/// Time between two looks whether the hot loop has ended.
 const HOT_LOOK: Duration = Duration::from_millis(10);
 
 /// Why the service could not start, or why it ended.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
-    /// A network or the model does not load, or the engine fails for good.
     #[error(transparent)]
     Setup(#[from] SetupError),
     #[error(transparent)]
@@ -73,7 +71,6 @@ pub enum ServiceError {
     /// A camera failed in a way that only another process can recover from.
     #[error(transparent)]
     Camera(#[from] CaptureError),
-    /// The system refused a thread or a signal handler.
     #[error(
         "the system refused a thread or a signal handler: {0}; raise the limit of threads (systemd: TasksMax), or free some memory"
     )]
@@ -84,7 +81,6 @@ pub enum ServiceError {
 }
 
 impl ServiceError {
-    /// The reason that receivers get when the hot loop ends with this error.
     fn reason(&self) -> Reason {
         if matches!(self, Self::Camera(_)) { Reason::NoCamera } else { Reason::BadResult }
     }
@@ -110,8 +106,9 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, Serv
     counters.heartbeats.sender(monotonic_us());
 
     let (changes, for_sender) = mpsc::channel();
-    let sender_settings = SenderSettings::new(&settings, Some(links));
-    let sender = Sender { settings: sender_settings, changes: for_sender, news, counters: Arc::clone(&counters) };
+    let (failsafe, rate_hz) = (settings.failsafe.clone(), settings.send.rate_hz);
+    let for_links = SenderSettings { failsafe, rate_hz, links };
+    let sender = Sender { settings: for_links, changes: for_sender, news, counters: Arc::clone(&counters) };
     let sender = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, || sender.run())?;
     let sender_mailbox = Mailbox { changes, thread: sender.thread().clone() };
 

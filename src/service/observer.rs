@@ -13,8 +13,6 @@ const RING: usize = 32;
 struct Shared {
     is_wanted: AtomicBool,
     lost: AtomicU64,
-    #[cfg(test)]
-    taken: AtomicU64,
 }
 
 /// The end through which the hot loop publishes.
@@ -29,7 +27,6 @@ pub(super) struct Observed<T> {
     ring: Receiver<T>,
 }
 
-/// Returns both ends. Nothing is wanted yet.
 pub(super) fn channel<T>() -> (Observer<T>, Observed<T>) {
     let ((sender, receiver), shared) = (sync_channel(RING), Arc::<Shared>::default());
     (Observer { shared: Arc::clone(&shared), ring: sender }, Observed { shared, ring: receiver })
@@ -45,20 +42,6 @@ impl<T> Observer<T> {
     }
 }
 
-#[cfg(test)]
-impl<T> Observer<T> {
-    /// Publishes a value and waits until it is taken. Returns `false` if nobody wants it.
-    pub(super) fn hand(&mut self, value: T) -> bool {
-        let taken = self.shared.taken.load(Relaxed);
-        self.publish(|| value);
-        let is_wanted = || self.shared.is_wanted.load(Relaxed);
-        while is_wanted() && self.shared.taken.load(Relaxed) == taken {
-            std::thread::yield_now();
-        }
-        is_wanted()
-    }
-}
-
 impl<T> Observed<T> {
     /// Starts or stops asking for values. What was published before is discarded.
     pub(super) fn ask(&mut self, is_wanted: bool) {
@@ -67,15 +50,10 @@ impl<T> Observed<T> {
         self.shared.lost.store(0, Relaxed);
     }
 
-    /// Returns the next value that was published.
     pub(super) fn take(&mut self) -> Option<T> {
-        let value = self.ring.try_recv().ok()?;
-        #[cfg(test)]
-        self.shared.taken.fetch_add(1, Relaxed);
-        Some(value)
+        self.ring.try_recv().ok()
     }
 
-    /// How many values had no room since they are asked for.
     pub(super) fn lost(&self) -> u64 {
         self.shared.lost.load(Relaxed)
     }
@@ -95,7 +73,5 @@ mod tests {
         assert_eq!(allocated, allocation_counter::AllocationInfo::default());
         assert!((0..RING).all(|number| observed.take() == Some(number)) && observed.take().is_none());
         assert_eq!(observed.lost(), 5);
-        observed.ask(true);
-        assert_eq!(observed.lost(), 0);
     }
 }

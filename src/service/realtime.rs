@@ -25,21 +25,19 @@ const HEAP_ROOM_BYTES: usize = 120 * 1024;
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Grant {
     pub(super) request: String,
-    pub(super) refusal: Option<(String, &'static str)>,
+    pub(super) refusal: Option<(String, String)>,
 }
 
 impl Grant {
-    fn new(request: String, outcome: Result<(), String>, remedy: &'static str) -> Self {
-        Self { request, refusal: outcome.err().map(|reason| (reason, remedy)) }
+    fn new(request: String, outcome: Result<(), String>, remedy: &str) -> Self {
+        Self { request, refusal: outcome.err().map(|reason| (reason, remedy.to_owned())) }
     }
 }
 
 impl fmt::Display for Grant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.refusal {
-            None => write!(f, "{}", self.request),
-            Some((reason, _)) => write!(f, "{} refused ({reason})", self.request),
-        }
+        let refused = self.refusal.as_ref().map_or_else(String::new, |(reason, _)| format!(" refused ({reason})"));
+        write!(f, "{}{refused}", self.request)
     }
 }
 
@@ -51,31 +49,32 @@ pub(super) struct Scheduling {
     priority: Option<u32>,
     /// The only CPU that may run the thread. `None` allows every CPU.
     cpu: Option<usize>,
-    /// What the operator can do if the system refuses the CPU.
-    cpu_remedy: &'static str,
 }
 
 impl Scheduling {
     pub(super) fn hot(settings: &RealtimeSettings) -> Self {
         let priority = Some(settings.priority).filter(|priority| *priority > 0);
-        let cpu_remedy = "set realtime.hot_cpu to a CPU that this machine has and the service may use, or to -1";
-        Self { name: "hot", priority, cpu: usize::try_from(settings.hot_cpu).ok(), cpu_remedy }
+        Self { name: "hot", priority, cpu: usize::try_from(settings.hot_cpu).ok() }
     }
 
     /// The priority is one above that of the hot loop, so that an inference cannot delay the failsafe.
     pub(super) fn sender(settings: &RealtimeSettings) -> Self {
         let priority = Self::hot(settings).priority.map(|priority| priority + 1);
-        let cpu_remedy = "set realtime.sender_cpu to a CPU that this machine has and the service may use, or to -1";
-        Self { name: "sender", priority, cpu: usize::try_from(settings.sender_cpu).ok(), cpu_remedy }
+        Self { name: "sender", priority, cpu: usize::try_from(settings.sender_cpu).ok() }
     }
 
     /// Requests the priority and the CPU for the calling thread. Returns one answer for each request.
     pub(super) fn apply(self) -> Vec<Grant> {
-        let priority = self.priority.map(|priority| {
+        let Self { name, priority, cpu } = self;
+        let priority = priority.map(|priority| {
             let remedy = "give the service LimitRTPRIO (systemd) or an rtprio limit";
-            Grant::new(format!("{} priority {priority}", self.name), set_priority(priority), remedy)
+            Grant::new(format!("{name} priority {priority}"), set_priority(priority), remedy)
         });
-        let cpu = self.cpu.map(|cpu| Grant::new(format!("{} on CPU {cpu}", self.name), set_cpu(cpu), self.cpu_remedy));
+        let cpu = cpu.map(|cpu| {
+            let remedy =
+                format!("set realtime.{name}_cpu to a CPU that this machine has and the service may use, or to -1");
+            Grant::new(format!("{name} on CPU {cpu}"), set_cpu(cpu), &remedy)
+        });
         priority.into_iter().chain(cpu).collect()
     }
 }
@@ -118,11 +117,9 @@ pub(super) fn lock_memory() -> Grant {
     Grant::new("memory locked".to_owned(), outcome, "give the service LimitMEMLOCK (systemd) or a memlock limit")
 }
 
-/// Enlarges the calling thread's heap, so that it does not grow later.
-///
-/// Libraries allocate and free heap memory for each frame. Fragmentation may make the heap grow by a page after hours, and
-/// that page causes a page fault even with locked memory. The GNU C library keeps free space of up to 128 KiB at the end of
-/// the heap and returns only larger spaces to the system.
+/// Enlarges the calling thread's heap, so that it does not grow later: fragmentation may make it grow by a page after hours,
+/// and that page causes a page fault even with locked memory. The GNU C library keeps free space of up to 128 KiB at the
+/// end of the heap and returns only larger spaces to the system.
 pub(super) fn leave_room_in_heap() {
     drop(black_box(vec![1_u8; HEAP_ROOM_BYTES]));
 }
@@ -145,16 +142,14 @@ mod tests {
     #[test]
     fn a_thread_runs_only_on_its_configured_cpu() {
         let allowed = sched_getaffinity(None).unwrap();
-        let cpu = (0..CpuSet::MAX_CPU).rfind(|cpu| allowed.is_set(*cpu)).unwrap();
-        let hot_cpu = i32::try_from(cpu).unwrap();
+        let hot_cpu = (0..CpuSet::MAX_CPU).rfind(|cpu| allowed.is_set(*cpu)).unwrap() as i32;
         let scheduling = Scheduling::hot(&RealtimeSettings { hot_cpu, ..RealtimeSettings::default() });
         let bound = std::thread::spawn(move || {
-            let grants = scheduling.apply();
-            assert_eq!(grants.first().unwrap().to_string(), format!("hot on CPU {cpu}"));
+            assert_eq!(scheduling.apply().first().unwrap().to_string(), format!("hot on CPU {hot_cpu}"));
             sched_getaffinity(None).unwrap()
         });
         let bound = bound.join().unwrap();
-        assert!(bound.is_set(cpu) && bound.count() == 1);
+        assert!(bound.is_set(hot_cpu as usize) && bound.count() == 1);
     }
 
     #[test]

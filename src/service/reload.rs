@@ -21,14 +21,12 @@ use crate::preflight::{SetupError, is_same_profile, load_model, load_profile, lo
 
 /// The program around the service, as far as a reload needs it.
 pub trait Program: Send + Sync {
-    /// Reads the settings again.
     fn load(&self) -> Result<Settings, Faults>;
 
     /// Sets the least severe level that is logged.
     fn set_log_level(&self, level: LogLevel);
 }
 
-/// Why a reload is refused.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum Refusal {
     #[error(transparent)]
@@ -60,7 +58,6 @@ pub(super) struct Change {
     settings: Settings,
     hot: HotChange,
     sender: SenderSettings,
-    /// What may not fit together.
     warning: Option<String>,
 }
 
@@ -100,8 +97,9 @@ impl Change {
         let is_new_pair = model.is_some() || profile.is_some();
         let warning = is_new_pair.then(|| model_warning(&wearer, &new.solver)).flatten();
         let hot = HotChange { settings: Some(new.clone()), tracker, model, profile };
-        let links = if new.links == live.links { None } else { Some(Links::change(&new.links, &live.links, traffic)?) };
-        Ok(Self { hot, sender: SenderSettings::new(&new, links), settings: new, warning })
+        let links = Links::change(&new.links, &live.links, traffic)?;
+        let sender = SenderSettings { failsafe: new.failsafe.clone(), rate_hz: new.send.rate_hz, links };
+        Ok(Self { settings: new, hot, sender, warning })
     }
 }
 
@@ -130,7 +128,6 @@ impl Loader {
     }
 }
 
-/// Where a thread finds changes.
 pub(super) struct Mailbox<T> {
     pub(super) changes: mpsc::Sender<T>,
     pub(super) thread: Thread,
@@ -159,7 +156,6 @@ pub(super) struct Reloader {
     pub(super) preparing: Option<Preparing>,
 }
 
-/// Where the loader's thread leaves the change.
 type Preparing = Receiver<Result<Change, Refusal>>;
 
 impl Reloader {
@@ -171,7 +167,6 @@ impl Reloader {
         self.preparing = Some(self.loader.begin(prepare));
     }
 
-    /// Hands out the change if it is prepared by now. Returns whether it has.
     pub(super) fn step(&mut self) -> bool {
         let prepared = match self.preparing.as_ref().map(Receiver::try_recv) {
             None | Some(Err(TryRecvError::Empty)) => return false,

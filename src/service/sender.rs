@@ -36,31 +36,13 @@ const STOPPING_PACKETS: usize = 3;
 /// Longest sleep of a replay. It bounds how late a signal is seen.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 
-/// The settings of the sender.
 #[derive(Debug)]
 pub(super) struct SenderSettings {
-    failsafe: FailsafeSettings,
-    rate_hz: u32,
-    /// `None` in a change that keeps the links.
-    links: Option<Links>,
+    pub(super) failsafe: FailsafeSettings,
+    pub(super) rate_hz: u32,
+    pub(super) links: Links,
 }
 
-impl SenderSettings {
-    pub(super) fn new(settings: &Settings, links: Option<Links>) -> Self {
-        Self { failsafe: settings.failsafe.clone(), rate_hz: settings.send.rate_hz, links }
-    }
-
-    /// Takes the settings of a reload. Links that it removes send `last`.
-    fn adopt(&mut self, change: Self, last: &Output) {
-        self.failsafe = change.failsafe;
-        self.rate_hz = change.rate_hz;
-        let Some(links) = &mut self.links else { return };
-        change.links.into_iter().for_each(|change| links.adopt(change, last));
-        links.refresh();
-    }
-}
-
-/// The state of the sender's thread.
 pub(super) struct Sender {
     pub(super) settings: SenderSettings,
     pub(super) changes: mpsc::Receiver<SenderSettings>,
@@ -74,22 +56,22 @@ impl Sender {
         let mut history = History::default();
         while !self.counters.stop_sending.load(Relaxed) {
             self.counters.heartbeats.sender(monotonic_us());
-            self.adopt(&history);
+            while let Ok(change) = self.changes.try_recv() {
+                let mut old = std::mem::replace(&mut self.settings, change);
+                self.settings.links.take_over(&mut old.links, &history.last());
+            }
             let wait_us = self.step(&mut history);
             thread::park_timeout(Duration::from_micros(wait_us.min(MAX_SLEEP_US)));
         }
         self.stop(&mut history);
-        self.settings.links.into_iter().for_each(Links::close);
+        self.settings.links.close();
     }
 
-    /// Moves the face to neutral by the slew limit, and then sends the neutral face three times.
     fn stop(&mut self, history: &mut History) {
         let (failsafe, end_us) = (self.failsafe(), monotonic_us() + LONGEST_STOP_US);
         let pause = Duration::from_secs(1) / self.settings.rate_hz.max(1);
         let mut output = failsafe.stop(history, monotonic_us());
-        while (output.state != State::Neutral || self.settings.links.as_mut().is_some_and(Links::is_held))
-            && monotonic_us() < end_us
-        {
+        while (output.state != State::Neutral || self.settings.links.is_held()) && monotonic_us() < end_us {
             self.offer(&output);
             thread::sleep(pause);
             output = failsafe.stop(history, monotonic_us());
@@ -97,7 +79,7 @@ impl Sender {
         let last = history.last();
         self.counters.set_state(last.state);
         for _ in 0..STOPPING_PACKETS {
-            self.settings.links.iter_mut().for_each(|links| links.send_last(&last));
+            self.settings.links.send_last(&last);
             thread::sleep(STOPPING_PERIOD);
         }
     }
@@ -115,22 +97,14 @@ impl Sender {
         wait_us
     }
 
-    /// The failsafe for the camera's current frame period.
     fn failsafe(&self) -> Failsafe {
         Failsafe::new(&self.settings.failsafe, self.counters.frame_period_us.load(Relaxed))
     }
 
-    /// Takes the settings of all reloads since the last call.
-    fn adopt(&mut self, history: &History) {
-        while let Ok(change) = self.changes.try_recv() {
-            self.settings.adopt(change, &history.last());
-        }
-    }
-
     fn offer(&mut self, output: &Output) -> u64 {
         self.counters.set_state(output.state);
-        let Some(links) = &mut self.settings.links else { return u64::MAX };
-        let rates = Rates { send_hz: self.settings.rate_hz, slew_per_s: self.settings.failsafe.slew_per_s };
+        let SenderSettings { failsafe, rate_hz, links } = &mut self.settings;
+        let rates = Rates { send_hz: *rate_hz, slew_per_s: failsafe.slew_per_s };
         let wait_us = links.offer(monotonic_us(), output, rates);
         links.count(&self.counters);
         wait_us
@@ -148,7 +122,8 @@ pub fn replay<E: From<ServiceError>>(
     let _signals = Signals::catch(&counters).map_err(ServiceError::from)?;
     let links = Links::change(&settings.links, &[], &counters.traffic).map_err(ServiceError::from)?;
     let (mut newest, news) = triple_buffer::triple_buffer(&News::Nothing);
-    let (settings, changes) = (SenderSettings::new(settings, Some(links)), mpsc::channel().1);
+    let (failsafe, rate_hz) = (settings.failsafe.clone(), settings.send.rate_hz);
+    let (settings, changes) = (SenderSettings { failsafe, rate_hz, links }, mpsc::channel().1);
     let sender = Sender { settings, changes, news, counters: Arc::clone(&counters) };
     let sender = Builder::new().name("fw-sender".to_owned()).stack_size(STACK_BYTES).spawn(|| sender.run());
     let sender = sender.map_err(ServiceError::from)?;
@@ -193,7 +168,6 @@ impl Clock {
         due_us
     }
 
-    /// Waits until the frame is due. Returns `false` if the program is to stop.
     fn wait_for(&mut self, time_us: u64, counters: &Counters) -> bool {
         let due_us = self.due_us(time_us, monotonic_us());
         while !counters.stopping() {

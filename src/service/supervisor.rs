@@ -21,7 +21,6 @@ use crate::hardware::{self, Hardware, Machine};
 use crate::impairment::{Impairment, ImpairmentSet};
 use crate::retry::LoggedReasons;
 
-/// Time between two looks at the signals.
 const TICK: Duration = Duration::from_millis(50);
 /// Exit status after a second SIGTERM or SIGINT.
 const EXIT_SECOND_SIGNAL: i32 = 130;
@@ -29,7 +28,6 @@ const STATUS_PERIOD: Duration = Duration::from_secs(10);
 /// What impairs tracking, and that the board is too slow, is not logged again within this time.
 const IMPAIRMENT_PERIOD: Duration = Duration::from_mins(10);
 
-/// The signals that ask for something other than to stop.
 #[derive(Default)]
 pub(super) struct Signals {
     reload: Arc<AtomicBool>,
@@ -104,12 +102,10 @@ impl Supervisor {
         }
     }
 
-    /// Logs the events that are left after the threads have ended.
     pub(super) fn log_events(&mut self) {
         self.events.try_iter().for_each(|event| self.log.event(event));
     }
 
-    /// Begins a reload if one is asked for, and goes on with the one in progress.
     fn reload(&mut self) {
         if self.reloader.preparing.is_none() && self.signals.reload.swap(false, Relaxed) {
             self.reloader.start();
@@ -122,13 +118,11 @@ impl Supervisor {
     /// Looks for impairments that the hardware causes. A rehearsal may set others.
     fn sense(&mut self, now_us: u64) {
         self.hardware.set(&self.reloader.live.hardware);
-        let Some(found) = self.hardware.poll(now_us) else { return };
-        for impairment in Hardware::FINDS {
-            self.counters.impairments.set(impairment, found.contains(impairment));
+        if let Some(found) = self.hardware.poll(now_us) {
+            self.counters.impairments.set_all(Hardware::FINDS, found);
         }
     }
 
-    /// Chooses the step of the pipeline and the size of the camera's picture.
     fn adapt(&mut self, now_us: u64) {
         let (counters, adaptation) = (&self.counters, &mut self.adaptation);
         let load = counters.load.get().filter(|_| counters.camera_open.load(Relaxed));
@@ -177,7 +171,6 @@ impl Supervisor {
 
 /// What the log has said so far, as far as the next lines depend on it.
 struct Log {
-    /// Description of the open camera, or why there are no pictures.
     camera: Result<String, String>,
     /// Why there are no pictures, and why the network takes no packets, as it was logged.
     blind_because: LoggedReasons,
@@ -185,7 +178,6 @@ struct Log {
     impaired_by: ImpairmentSet,
     impaired_at: [Option<Instant>; Impairment::ALL.len()],
     too_slow_at: Option<Instant>,
-    /// Real-time requests and the system's answers.
     grants: Vec<Grant>,
     status_due: Instant,
     /// Time of the last status line, and the count of frames in it.
@@ -314,7 +306,6 @@ impl Log {
         }
     }
 
-    /// Logs the status line, and returns it.
     fn status(&mut self, counters: &Counters) -> String {
         let (now, status, count) = (Instant::now(), counters.status_line(), counters.frames.load(Relaxed));
         let (last, last_count) = std::mem::replace(&mut self.last_status, (now, count));

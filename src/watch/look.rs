@@ -25,21 +25,17 @@ const MEDIAN_ROUGHNESS: f32 = 0.6745 * 2.449_49;
 /// Noise of a picture that was rounded to whole numbers, or smoothed by compression.
 const LEAST_NOISE: f32 = 0.5;
 
-/// What a picture shows of light and face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
     pub picture: Light,
     pub face: Option<FaceLook>,
 }
 
-/// What a picture shows of a face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaceLook {
-    /// The part of the face that is in the picture.
     pub light: Light,
     /// Mean brightness of the picture outside the box around the face.
     pub surroundings: f32,
-    /// Longer side of the box around the face, in pixels.
     pub size_px: f32,
     /// The same as a part of the longer side of the picture.
     pub size: f32,
@@ -94,7 +90,6 @@ impl Look {
     }
 }
 
-/// Least and greatest coordinates.
 type Box2 = [[f32; 2]; 2];
 
 fn contains([min, max]: Box2, [x, y]: [f32; 2]) -> bool {

@@ -74,7 +74,6 @@ impl Verdict {
 /// ends likewise, so that it does not come and go with every look.
 #[derive(Debug, Clone, Copy, Default)]
 struct Steady {
-    /// From 0 to `hold_us`.
     evidence_us: u64,
     last_us: Option<u64>,
     is_present: bool,
@@ -104,7 +103,6 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// The impairments that this watch can find.
     pub const FINDS: [Impairment; 7] = [
         Impairment::Black,
         Impairment::Dark,
@@ -120,7 +118,6 @@ impl Watch {
         Self { hold_us, steady: Default::default(), present: ImpairmentSet::default() }
     }
 
-    /// The impairments of this camera that are present.
     pub fn present(&self) -> ImpairmentSet {
         self.present
     }

@@ -1,10 +1,9 @@
 use std::fs;
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{BufRead as _, BufReader};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::thread;
 
-use facewire_packet::Reason;
 use tempfile::TempDir;
 
 use super::super::observer::{self, Observer};
@@ -12,14 +11,14 @@ use super::*;
 use crate::calibration::test_wearer::{Wearer, blank_model_file};
 use crate::calibration::{Phase, Refusal, Sight, Take};
 
-/// A control thread, and what a hot loop would hold.
+/// What the control thread works with, and what a hot loop and a supervisor would hold.
 struct Rig {
     folder: TempDir,
-    control: Control,
+    server: Server,
+    stop: PipeWriter,
     observer: Observer<Observation>,
     recorder: Observer<Recorded>,
     told: mpsc::Receiver<HotChange>,
-    settings: Settings,
     reload: mpsc::Sender<Settings>,
 }
 
@@ -32,45 +31,45 @@ impl Rig {
         let mut settings = Settings::default();
         (settings.wearer.folder, settings.solver.model) = (path("profiles"), path("model.toml"));
         let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
-        let (changes, told) = mpsc::channel();
+        let ((changes, told), (reload, reloads)) = (mpsc::channel(), mpsc::channel());
         let hot = Arc::new(Mailbox { changes, thread: thread::current() });
-        let (reload, changes) = mpsc::channel();
         let (in_use, counters) = (InUse::default(), Arc::default());
-        let parts = Parts { settings: settings.clone(), changes, in_use, observed, recorded, hot, counters };
-        let control = Control::listen_at(Some(folder.path().join("run/control")), parts).unwrap();
-        Self { folder, control, observer, recorder, told, settings, reload }
+        let parts = Parts { settings, changes: reloads, in_use, observed, recorded, hot, counters };
+        let (server, stop) = Server::new(Some(folder.path().join("run/control")), parts).unwrap();
+        Self { folder, server, stop, observer, recorder, told, reload }
     }
 
-    fn ask(&self, request: &Request) -> Answers {
-        let path = self.folder.path().join("run/control");
-        let stream = loop {
-            // The socket exists as soon as the thread has come to it.
-            if let Ok(stream) = UnixStream::connect(&path) {
-                break stream;
-            }
-            thread::yield_now();
-        };
-        let line = serde_json::to_string(request).unwrap() + "\n";
-        (&stream).write_all(line.as_bytes()).unwrap();
-        Answers::of(stream)
+    fn ask(&mut self, request: Request) -> Answers {
+        let (client, far) = client();
+        self.server.answer(client, request);
+        Answers::of(far)
     }
 
-    fn refused(&self, request: &Request) -> String {
-        match self.ask(request).last() {
-            Reply::Refused(why) => why,
+    fn refused(&mut self, request: Request) -> String {
+        match self.ask(request).next() {
+            Some(Reply::Refused(why)) => why,
             reply => panic!("{reply:?}"),
         }
     }
 
+    fn show(&mut self, time_us: u64, sight: Sight) {
+        self.observer.publish(|| Observation { time_us, is_dark: false, sight });
+        self.server.calibrate();
+    }
+
     /// Begins a calibration, and shows it that there is no face.
     fn calibrate(&mut self, name: &str) -> Answers {
-        let mut answers = self.ask(&calibrate(name));
-        // The thread asks for observations once it has read the request.
-        while !self.observer.hand(Observation { time_us: 1, is_dark: false, sight: Sight::NoFace }) {
-            thread::yield_now();
-        }
-        assert!(matches!(answers.next(), Reply::Progress(_)));
+        let mut answers = self.ask(calibrate(name));
+        self.show(1, Sight::NoFace);
+        assert!(matches!(answers.next(), Some(Reply::Progress(_))));
         answers
+    }
+
+    fn reload(&mut self, change: impl Fn(&mut Settings)) {
+        let mut settings = self.server.parts.settings.clone();
+        change(&mut settings);
+        self.reload.send(settings).unwrap();
+        self.server.adopt();
     }
 }
 
@@ -78,96 +77,86 @@ fn calibrate(name: &str) -> Request {
     Request::Calibrate { wearer: Some(name.to_owned()) }
 }
 
+fn client() -> (Client, UnixStream) {
+    let (near, far) = UnixStream::pair().unwrap();
+    [&near, &far].into_iter().for_each(|end| end.set_nonblocking(true).unwrap());
+    (Client::new(OwnedFd::from(near).into(), Speaks::Requests), far)
+}
+
 struct Answers {
     lines: BufReader<UnixStream>,
+    /// What has come of the next line.
+    line: String,
     lost: Option<u64>,
 }
 
 impl Answers {
     fn of(stream: UnixStream) -> Self {
-        Self { lines: BufReader::new(stream), lost: None }
+        Self { lines: BufReader::new(stream), line: String::new(), lost: None }
     }
 
-    fn next(&mut self) -> Reply {
-        let mut line = String::new();
-        self.lines.read_line(&mut line).unwrap();
-        serde_json::from_str(&line).unwrap()
+    /// Returns the next answer, if one has come.
+    fn next(&mut self) -> Option<Reply> {
+        self.lines.read_line(&mut self.line).ok().filter(|length| *length > 0)?;
+        Some(serde_json::from_str(&std::mem::take(&mut self.line)).unwrap())
     }
 
-    /// Returns the last answer, after any progress.
-    fn last(&mut self) -> Reply {
-        std::iter::repeat_with(|| self.next()).find(|reply| !matches!(reply, Reply::Progress(_))).unwrap()
-    }
-
-    /// Returns the next entry of a recording, and keeps how many frames were lost. `None` if nothing has come.
+    /// Returns the next entry of a recording, and keeps how many frames were lost.
     fn entry(&mut self) -> Option<Recorded> {
-        self.lines.get_ref().set_read_timeout(Some(Duration::from_millis(200))).unwrap();
-        loop {
-            let mut line = String::new();
-            self.lines.read_line(&mut line).ok().filter(|length| *length > 0)?;
-            match serde_json::from_str(&line).unwrap() {
-                Reply::Frame(text) => return Recorded::from_bytes(&BASE64_STANDARD.decode(text).unwrap()),
-                Reply::Lost(lost) => self.lost = Some(lost),
-                reply => panic!("{reply:?}"),
+        match self.next()? {
+            Reply::Frame(text) => Recorded::from_bytes(&BASE64_STANDARD.decode(text).unwrap()),
+            Reply::Lost(lost) => {
+                self.lost = Some(lost);
+                self.entry()
             }
+            reply => panic!("{reply:?}"),
         }
     }
-}
-
-/// Performs every take that the guide asks for, until it has enough. Returns the last answer.
-fn perform(rig: &mut Rig, answers: &mut Answers) -> Reply {
-    let (wearer, mut take) = (Wearer::new(), Take::Neutral);
-    for time_us in (1..).map(|number| number * 200_000) {
-        if !rig.observer.hand(Observation { time_us, is_dark: false, sight: wearer.pose(take, 0.8) }) {
-            break;
-        }
-        // A step that changes more than measures is told at once, and each take is one.
-        answers.lines.get_ref().set_nonblocking(true).unwrap();
-        let mut line = String::new();
-        while answers.lines.read_line(&mut line).is_ok_and(|length| length > 0) {
-            match serde_json::from_str(&line).unwrap() {
-                Reply::Progress(Progress { take: wanted, phase, .. }) if phase != Phase::Ended => take = wanted,
-                Reply::Progress(_) => {}
-                reply => return reply,
-            }
-            line.clear();
-        }
-        answers.lines.get_ref().set_nonblocking(false).unwrap();
-    }
-    answers.last()
 }
 
 #[test]
 fn wearer_who_follows_has_a_profile_that_the_hot_loop_uses() {
     let mut rig = Rig::new();
     let mut answers = rig.calibrate("anna");
-    let reply = perform(&mut rig, &mut answers);
-    let Reply::Calibrated(report) = &reply else { panic!("{reply:?}") };
-    assert_eq!((report.wearer.as_str(), report.taken.len()), ("anna", Take::ALL.len()), "{report:?}");
+    let (wearer, mut take, mut kept) = (Wearer::new(), Take::Neutral, None);
+    for time_us in (1..1000).map(|number| number * 200_000) {
+        if kept.is_some() {
+            break;
+        }
+        rig.show(time_us, wearer.pose(take, 0.8));
+        // A step that changes more than measures is told at once, and each take is one.
+        while let Some(reply) = answers.next() {
+            match reply {
+                Reply::Progress(Progress { take: wanted, phase, .. }) if phase != Phase::Ended => take = wanted,
+                Reply::Progress(_) => {}
+                Reply::Calibrated(profile) => kept = Some(profile),
+                reply => panic!("{reply:?}"),
+            }
+        }
+    }
+    let kept = kept.unwrap();
+    assert_eq!((kept.wearer.as_str(), kept.taken.len()), ("anna", Take::ALL.len()), "{kept:?}");
     let profile = rig.told.recv().unwrap().profile.unwrap();
-    assert!(profile.neutral.is_some() && fs::read_to_string(&report.path).unwrap().contains("jawOpen"));
-    let Reply::Wearers { wearers, in_use, .. } = rig.ask(&Request::List {}).last() else { panic!("no list") };
+    assert!(profile.neutral.is_some() && fs::read_to_string(&kept.path).unwrap().contains("jawOpen"));
+    let Some(Reply::Wearers { wearers, in_use, .. }) = rig.ask(Request::List {}).next() else { panic!("no list") };
     assert_eq!((wearers.len(), in_use.as_deref()), (1, Some("anna")));
 
-    let warns = |rig: &Rig| match rig.ask(&Request::Use { wearer: Some("anna".to_owned()) }).last() {
-        Reply::Done(text) => text.contains("another blendshape model"),
+    let warns = |rig: &mut Rig| match rig.ask(Request::Use { wearer: Some("anna".to_owned()) }).next() {
+        Some(Reply::Done(text)) => text.contains("another blendshape model"),
         reply => panic!("{reply:?}"),
     };
-    assert!(!warns(&rig));
-    rig.settings.solver.model = String::new();
-    rig.reload.send(rig.settings.clone()).unwrap();
-    assert!(warns(&rig));
+    assert!(!warns(&mut rig));
+    rig.reload(|settings| settings.solver.model = String::new());
+    assert!(warns(&mut rig));
 }
 
 #[test]
 fn second_calibration_is_refused_and_a_client_that_vanishes_cancels_its_own() {
     let mut rig = Rig::new();
     let answers = rig.calibrate("anna");
-    assert!(rig.refused(&calibrate("bert")).contains("in progress"));
+    assert!(rig.refused(calibrate("bert")).contains("in progress"));
     drop(answers);
-    while rig.observer.hand(Observation { time_us: 2, is_dark: false, sight: Sight::NoFace }) {
-        thread::yield_now();
-    }
+    rig.server.calibrate();
     rig.calibrate("bert");
 }
 
@@ -175,59 +164,48 @@ fn second_calibration_is_refused_and_a_client_that_vanishes_cancels_its_own() {
 fn stop_ends_a_calibration_at_once_and_removes_the_socket() {
     let mut rig = Rig::new();
     let _answers = rig.calibrate("anna");
-    let mode = |path: &str| fs::metadata(rig.folder.path().join(path)).unwrap().permissions().mode() & 0o777;
-    assert_eq!([mode("run"), mode("run/control")], [0o700, 0o600], "it belongs to its user alone");
-    drop(rig.control);
-    assert!(!rig.observer.hand(Observation::nothing(3)), "nobody wants observations any more");
-    let exists = |name: &str| rig.folder.path().join(name).exists();
-    assert!(!exists("run/control") && !exists("profiles"), "nothing was kept");
+    let control = Control { stop: Some(rig.stop), thread: thread::spawn(|| rig.server.run()) };
+    let socket = rig.folder.path().join("run/control");
+    while fs::metadata(&socket).is_ok_and(|file| file.permissions().mode() & 0o777 != 0o600) || !socket.exists() {
+        thread::yield_now();
+    }
+    let mode = fs::metadata(rig.folder.path().join("run")).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o700, "it belongs to its user alone");
+    drop(control);
+    rig.observer.publish(|| panic!("nobody wants observations any more"));
+    assert!(!socket.exists() && !rig.folder.path().join("profiles").exists(), "nothing was kept");
 }
 
 #[test]
 fn calibration_ends_when_the_model_changes_and_not_at_any_other_reload() {
     let mut rig = Rig::new();
     let mut answers = rig.calibrate("anna");
-    rig.settings.camera.fps = 60;
-    rig.reload.send(rig.settings.clone()).unwrap();
-    assert!(rig.observer.hand(Observation::nothing(2)) && matches!(answers.next(), Reply::Progress(_)));
-    rig.settings.solver.model = String::new();
-    rig.reload.send(rig.settings.clone()).unwrap();
-    assert!(matches!(answers.last(), Reply::Refused(why) if why.contains("model has changed")));
-    assert!(!rig.folder.path().join("profiles").exists(), "nothing was kept");
+    rig.reload(|settings| settings.camera.fps = 60);
+    assert!(rig.server.calibrating.is_some());
+    rig.reload(|settings| settings.solver.model = String::new());
+    assert!(matches!(answers.next(), Some(Reply::Refused(why)) if why.contains("model has changed")));
+    assert!(rig.server.calibrating.is_none() && !rig.folder.path().join("profiles").exists(), "nothing was kept");
 }
 
 #[test]
 fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is_refused() {
     let mut rig = Rig::new();
-    let mut recording = rig.ask(&Request::Record {});
+    let mut recording = rig.ask(Request::Record {});
     let _answers = rig.calibrate("anna");
-    // The thread asks for frames once it has read the request.
-    while !rig.recorder.hand(Recorded::nothing(0, Reason::NoFace)) {
-        thread::yield_now();
-    }
     (1..=3).for_each(|time_us| rig.recorder.publish(|| Recorded::nothing(time_us, Reason::NoFace)));
-    let times = std::iter::from_fn(|| recording.entry()).map(|entry| entry.time_us).filter(|time_us| *time_us > 0);
-    assert!(times.take(3).eq([1, 2, 3]));
-    assert!(rig.refused(&Request::Record {}).contains("in progress"));
+    rig.server.record();
+    assert!(std::iter::from_fn(|| recording.entry()).map(|entry| entry.time_us).eq([1, 2, 3]));
+    assert!(rig.refused(Request::Record {}).contains("in progress"));
     drop(recording);
-    while rig.recorder.hand(Recorded::nothing(4, Reason::NoFace)) {
-        thread::yield_now();
-    }
-    assert!(rig.observer.hand(Observation::nothing(5)), "the calibration goes on");
+    rig.server.record();
+    assert!(rig.server.recording.is_none() && rig.server.calibrating.is_some(), "the calibration goes on");
 }
 
 /// A recording, the ring of its frames, and the far end of its client.
 fn recording() -> (Recording, Observer<Recorded>, Observed<Recorded>, Answers) {
-    let (client, far) = client();
-    let (observer, mut observed) = observer::channel();
+    let ((client, far), (observer, mut observed)) = (client(), observer::channel());
     observed.ask(true);
     (Recording::new(client, 0), observer, observed, Answers::of(far))
-}
-
-fn client() -> (Client, UnixStream) {
-    let (near, far) = UnixStream::pair().unwrap();
-    near.set_nonblocking(true).unwrap();
-    (Client::new(OwnedFd::from(near).into(), Speaks::Requests), far)
 }
 
 #[test]
@@ -292,11 +270,11 @@ fn camera_with_two_frames_a_second_is_not_taken_for_a_silent_one() {
 
 #[test]
 fn wearers_that_are_not_there_or_named_wrongly_are_refused_with_the_remedy() {
-    let rig = Rig::new();
+    let mut rig = Rig::new();
     let wearer = Some("anna".to_owned());
-    assert!(rig.refused(&Request::Use { wearer }).contains("facewire calibrate --wearer anna"));
-    assert!(rig.refused(&Request::Delete { wearer: "../x".to_owned() }).contains("letters"));
-    assert!(rig.refused(&calibrate("a b")).contains("letters"));
-    assert!(matches!(rig.ask(&Request::Use { wearer: None }).last(), Reply::Done(_)));
+    assert!(rig.refused(Request::Use { wearer }).contains("facewire calibrate --wearer anna"));
+    assert!(rig.refused(Request::Delete { wearer: "../x".to_owned() }).contains("letters"));
+    assert!(rig.refused(calibrate("a b")).contains("letters"));
+    assert!(matches!(rig.ask(Request::Use { wearer: None }).next(), Some(Reply::Done(_))));
     assert_eq!(rig.told.recv().unwrap().profile, Some(Profile::default()));
 }

@@ -1,11 +1,10 @@
 //! The guide: asks for one take after the other, and accepts or refuses what it sees.
 //!
-//! A pure state machine: time comes with the observations, in any order and with any gaps. A take goes through three
-//! phases: get ready, wait until the conditions hold (a face that faces the camera, enough light, and for a pose that the
-//! pose is seen, relative to the neutral take), and measure while the wearer holds still. A pose that is not seen for
-//! some seconds is left out. At the end the neutral take is compared with the poses, in which the parts of the face that
-//! they do not move are at rest, too: where these read less than in the neutral take, the wearer smiled, opened
-//! the mouth, lowered the lids or raised the brows in it, and it is taken again.
+//! A pure state machine: time comes with the observations, in any order and with any gaps. In a take the guide lets the
+//! wearer get ready, waits until the conditions hold (a face that faces the camera, enough light, and for a pose that the
+//! pose is seen, relative to the neutral take), and measures while the wearer holds still. A pose that is not seen for some
+//! seconds is left out. At the end the neutral take is compared with the poses, in which the parts of the face that they do
+//! not move are at rest, too: where these read less than in the neutral take, it is taken again.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -284,10 +283,10 @@ impl Guide {
     fn leave_out(&mut self, take: Take, why: Refusal) {
         if take == Take::Neutral {
             self.outcome = Some(Err(why));
-            return;
+        } else {
+            self.left_out.push((take, why));
+            self.go_on();
         }
-        self.left_out.push((take, why));
-        self.go_on();
     }
 
     /// Goes on with the next take, or ends.
@@ -309,11 +308,11 @@ impl Guide {
             return;
         };
         self.refuse(doubt);
-        if self.retakes == RETAKES {
+        self.retakes += 1;
+        if self.retakes > RETAKES {
             self.outcome = Some(Err(doubt));
             return;
         }
-        self.retakes += 1;
         self.plan.push_back(Take::Neutral);
         // Poses that were not seen relative to the wrong neutral face may be seen relative to the new one.
         self.plan.extend(self.left_out.extract_if(.., |(_, why)| *why == Refusal::NotSeen).map(|(take, _)| take));

@@ -1,19 +1,17 @@
 //! What the takes tell about the wearer.
 //!
-//! - The neutral face is that of the neutral take, and the rest is what the model still reads of that face, measured from itself.
-//! - The gain of a coefficient compares what the pose that raises it reads with what it reads of most people. Shut lids
-//!   then read 1. In other poses, how far people go differs from time to time, and a model that reads little of a full
-//!   expression often reads most of a small one. The gain therefore makes up only a part of the difference, and is 1
-//!   for poses where a gain would make expressions between rest and pose worse.
-//!
-//! Limits: the readings of most people are those of the shipped model.
+//! The neutral face is that of the neutral take, and the rest is what the model still reads of that face, measured from
+//! itself. The gain of a coefficient compares what the pose that raises it reads with what it reads of most people. Shut
+//! lids then read 1. In other poses, how far people go differs from time to time, and a model that reads little of a full
+//! expression often reads most of a small one. The gain therefore makes up only a part of the difference, and is 1 for poses
+//! where a gain would make expressions between rest and pose worse. The readings of most people are those of the shipped model.
 
 use std::collections::BTreeMap;
 
 use facewire_face::{BLENDSHAPES, COEFFS, MAX_REST, Model, Neutral, Profile};
 
 use super::observation::Seen;
-use super::take::{LIDS, Refusal, Take, mean_of};
+use super::take::{Refusal, Take, mean_of};
 
 const GAIN: [f32; 2] = [0.6, 1.6];
 /// Least reading of a pose, above the rest, from which a gain can be found.
@@ -100,34 +98,26 @@ const BELOW: f32 = -0.2;
 /// Least number of such poses.
 const LEAST_POSES: usize = 3;
 
-/// Parts of the face: the coefficients that tell how far they are moved, the poses that leave them at rest, and what the
-/// wearer did in a neutral take in which they were not at rest.
-const PARTS: [(&[&str], &[Take], Refusal); 4] = [
-    (
-        &["mouthSmileLeft", "mouthSmileRight"],
-        &[Take::EyesShut, Take::BrowsUp, Take::LookLeft, Take::LookRight, Take::LookUp, Take::LookDown],
-        Refusal::Smiling,
-    ),
-    (
-        &["jawOpen"],
-        &[Take::EyesShut, Take::BrowsUp, Take::BrowsDown, Take::LookLeft, Take::LookRight, Take::LookUp],
-        Refusal::MouthOpen,
-    ),
-    (&LIDS, &[Take::JawOpen, Take::BrowsUp, Take::Pucker, Take::LookLeft, Take::LookRight], Refusal::EyesShut),
-    (
-        &["browInnerUp", "browOuterUpLeft", "browOuterUpRight"],
-        &[Take::EyesShut, Take::Smile, Take::Pucker, Take::LookLeft, Take::LookRight, Take::LookDown],
-        Refusal::BrowsMoved,
-    ),
-];
+/// Parts of the face: the pose that moves one, the poses that leave it at rest, and what the wearer did in a neutral take in
+/// which it was not at rest.
+const PARTS: [(Take, &[Take], Refusal); 4] = {
+    use Take::{BrowsDown, BrowsUp, EyesShut, JawOpen, LookDown, LookLeft, LookRight, LookUp, Pucker, Smile};
+    [
+        (Smile, &[EyesShut, BrowsUp, LookLeft, LookRight, LookUp, LookDown], Refusal::Smiling),
+        (JawOpen, &[EyesShut, BrowsUp, BrowsDown, LookLeft, LookRight, LookUp], Refusal::MouthOpen),
+        (EyesShut, &[JawOpen, BrowsUp, Pucker, LookLeft, LookRight], Refusal::EyesShut),
+        (BrowsUp, &[EyesShut, Smile, Pucker, LookLeft, LookRight, LookDown], Refusal::BrowsMoved),
+    ]
+};
 
 /// Why the poses contradict the neutral take, if they do: a pose moves one part of the face while the others rest, so that
 /// most poses show what the other parts look like at rest.
 pub(super) fn doubt(model: &Model, takes: &Takes) -> Option<Refusal> {
     let known = takes.neutral.as_ref()?;
-    PARTS.into_iter().find_map(|(names, poses, refusal)| {
+    PARTS.into_iter().find_map(|(part, poses, refusal)| {
+        let strength = |raw| mean_of(part.raises(), raw);
         let raw = poses.iter().filter_map(|pose| takes.raw(model, *pose));
-        let mut moved: Vec<f32> = raw.map(|raw| mean_of(names, &raw) - mean_of(names, &known.raw)).collect();
+        let mut moved: Vec<f32> = raw.map(|raw| strength(&raw) - strength(&known.raw)).collect();
         moved.sort_by(f32::total_cmp);
         let median = moved.get(moved.len() / 2).filter(|_| moved.len() >= LEAST_POSES)?;
         (*median < BELOW).then_some(refusal)

@@ -12,11 +12,11 @@ use clap::Args;
 use rustix::termios::tcgetwinsize;
 
 use super::SettingsArgs;
-use super::failure::{Failure, STANDARD_OUTPUT, print, say};
+use super::failure::{Failure, print, say};
 use crate::calibration::{
     Calibration, Guide, KeptProfile, Listed, Observation, Phase, Progress, Store, Take, WearerName,
 };
-use crate::capture::{Frame, monotonic_us};
+use crate::capture::monotonic_us;
 use crate::config::Settings;
 use crate::pipeline::{Pipeline, Rejected};
 use crate::service::{DEFAULT_WEARER, OpenCamera, Reply, Request, control_sockets};
@@ -175,10 +175,8 @@ impl Connection {
                     return Ok(Some(Self { path, stream: BufReader::new(stream) }));
                 }
                 Err(error) if error.kind() == ErrorKind::PermissionDenied => {
-                    let path = path.display();
-                    return Err(Failure::failed(format!(
-                        "the service at {path} belongs to another user: try again with sudo"
-                    )));
+                    let why = format!("the service at {} belongs to another user: try again with sudo", path.display());
+                    return Err(Failure::failed(why));
                 }
                 // Nobody listens there.
                 Err(_) => {}
@@ -230,38 +228,27 @@ fn guide(camera: &mut OpenCamera, pipeline: &mut Pipeline) -> Result<Calibration
         if let Some(outcome) = guide.outcome() {
             return outcome.map_err(|refusal| Failure::failed(refusal.end()));
         }
-        match camera.next()? {
-            Some(frame) => guide.update(&observe(&frame, pipeline, &mut watch, &mut looked_us)?),
-            None => guide.update(&Observation::nothing(monotonic_us())),
-        }
+        let observation = match camera.next()? {
+            None => Observation::nothing(monotonic_us()),
+            Some(frame) => {
+                let processed = pipeline.process(&frame);
+                if let Some(picture) = frame.picture()
+                    && frame.captured_us.abs_diff(looked_us) >= LOOK_US
+                {
+                    looked_us = frame.captured_us;
+                    watch.look(&Look::at(picture, processed.face.map(|face| face.landmarks)), looked_us);
+                }
+                let observation = processed.observe(watch.present().is_dark());
+                if let Err(Rejected::Infer(error)) = processed.solved {
+                    return Err(error.into());
+                }
+                observation
+            }
+        };
+        guide.update(&observation);
         display.show(&guide.progress())?;
     }
 }
-
-/// Looks for the face in a frame, and from time to time at the light.
-fn observe(
-    frame: &Frame,
-    pipeline: &mut Pipeline,
-    watch: &mut Watch,
-    looked_us: &mut u64,
-) -> Result<Observation, Failure> {
-    let processed = pipeline.process(frame);
-    if let Some(picture) = frame.picture()
-        && frame.captured_us.abs_diff(*looked_us) >= LOOK_US
-    {
-        *looked_us = frame.captured_us;
-        watch.look(&Look::at(picture, processed.face.map(|face| face.landmarks)), frame.captured_us);
-    }
-    let observation = processed.observe(watch.present().is_dark());
-    match processed.solved {
-        Err(Rejected::Infer(error)) => Err(error.into()),
-        _ => Ok(observation),
-    }
-}
-
-/// Length of a bar.
-const BAR: usize = 24;
-const LINES: u16 = 3;
 
 /// Shows progress on standard output: three lines that are drawn anew on a terminal, and a line for each change otherwise.
 struct Display {
@@ -275,46 +262,31 @@ impl Display {
     }
 
     fn show(&mut self, progress: &Progress) -> Result<(), Failure> {
-        let shown = if self.is_terminal { self.draw(progress) } else { self.tell(progress) };
-        self.last = Some(progress.clone());
-        shown.map_err(|error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error))
-    }
-
-    /// Draws over the lines of the last time.
-    fn draw(&self, progress: &Progress) -> io::Result<()> {
-        let mut out = io::stdout().lock();
-        match self.last {
-            Some(_) => write!(out, "\x1b[{LINES}F")?, // to the beginning of the line so many lines above
-            None => writeln!(out, "Sit as usual, face the camera, and keep your head still.")?,
+        let last = self.last.replace(progress.clone());
+        let shown = lines(progress);
+        if self.is_terminal {
+            let begin = match last {
+                Some(_) => "\x1b[3F", // to the beginning of the line three lines above
+                None => "Sit as usual, face the camera, and keep your head still.\n",
+            };
+            // A line that does not fit would be wrapped, and the next picture would be drawn a line too low.
+            let width = tcgetwinsize(io::stdout()).map_or(80, |size| usize::from(size.ws_col).max(20) - 1);
+            // Each line is cleared first.
+            let drawn = shown.map(|line| format!("\x1b[2K{}\n", line.chars().take(width).collect::<String>()));
+            return print(&[begin, &drawn.concat()].concat());
         }
-        // A line that does not fit would be wrapped, and the next picture would be drawn a line too low.
-        let width = tcgetwinsize(&out).map_or(80, |size| usize::from(size.ws_col).max(20) - 1);
-        for line in lines(progress) {
-            writeln!(out, "\x1b[2K{}", line.chars().take(width).collect::<String>())?; // clears the line first
-        }
-        out.flush()
-    }
-
-    /// Writes a line if something has changed other than the measures.
-    fn tell(&self, progress: &Progress) -> io::Result<()> {
-        if self.last.as_ref().is_some_and(|last| last.says_the_same(progress)) {
-            return Ok(());
-        }
-        let [task, _, state] = lines(progress);
-        let mut out = io::stdout();
-        writeln!(out, "{task}: {}", state.trim_start())?;
-        out.flush()
+        let [task, _, state] = shown;
+        let is_told = last.is_some_and(|last| last.says_the_same(progress));
+        if is_told { Ok(()) } else { print(&format!("{task}: {}\n", state.trim_start())) }
     }
 }
 
 /// The three lines: what to do, how far it is measured and seen, and what the guide waits for.
-fn lines(progress: &Progress) -> [String; LINES as usize] {
+fn lines(progress: &Progress) -> [String; 3] {
     let Progress { take, done, of, phase, measured, seen, .. } = progress;
     let task = format!("[{:2}/{of}] {}", (done + 1).min(*of), take.instruction());
-    let bars = match take {
-        Take::Neutral => format!("        measured {}", bar(*measured)),
-        _ => format!("        measured {}  seen {}", bar(*measured), bar(*seen)),
-    };
+    let measured = format!("        measured {}", bar(*measured));
+    let bars = if *take == Take::Neutral { measured } else { format!("{measured}  seen {}", bar(*seen)) };
     let last = progress.last_refusal.filter(|_| progress.refused > 0);
     let refused = last.map_or_else(String::new, |why| format!("   (refused {}: {why})", progress.refused));
     let state = match (phase, progress.waits_for) {
@@ -327,10 +299,10 @@ fn lines(progress: &Progress) -> [String; LINES as usize] {
     [task, bars, format!("        {state}{refused}")]
 }
 
-/// A bar for a share from 0 to 1.
+/// A bar of 24 characters for a share from 0 to 1.
 fn bar(share: f32) -> String {
-    let full = (share.clamp(0.0, 1.0) * BAR as f32).round() as usize;
-    "█".repeat(full) + &"░".repeat(BAR - full)
+    let full = (share.clamp(0.0, 1.0) * 24.0).round() as usize;
+    "█".repeat(full) + &"░".repeat(24 - full)
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@
 
 use std::io::{IsTerminal as _, stderr};
 
-use clap::Args;
 use facewire_face::{Camera, Landmarks, Tracker};
 
 use super::SettingsArgs;
@@ -17,7 +16,7 @@ use crate::preflight::{load_solver, load_tracker, model_warning};
 use crate::service::OpenCamera;
 use crate::watch::{Look, Watch};
 
-const EXAMPLES: &str = "\
+pub const EXAMPLES: &str = "\
 Examples:
   facewire check
   facewire check --config facewire.toml
@@ -33,13 +32,6 @@ const WATCH_US: u64 = 3_300_000;
 /// Time for which an impairment must last, microseconds.
 const HOLD_US: u64 = 1_000_000;
 
-#[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
-pub struct CheckArgs {
-    #[command(flatten)]
-    settings: SettingsArgs,
-}
-
 /// What was found at a part, and what impairs tracking there. That is no failure: the service works all the same.
 type Outcome = Result<(String, ImpairmentSet), Failure>;
 
@@ -47,8 +39,8 @@ type Outcome = Result<(String, ImpairmentSet), Failure>;
 type Face = (Landmarks, [f32; 2]);
 
 /// Checks all parts, and fails with the first error. Settings come first, so that bad settings touch no device.
-pub fn run(args: &CheckArgs) -> Result<(), Failure> {
-    let settings = args.settings.load()?;
+pub fn run(arguments: &SettingsArgs) -> Result<(), Failure> {
+    let settings = arguments.load()?;
     print("settings  ok\n")?;
     for note in notes(&settings) {
         print(&format!("settings  NOTE: {note}\n"))?;

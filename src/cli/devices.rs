@@ -1,6 +1,5 @@
 //! `facewire devices`: lists connected devices as the settings name them.
 
-use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -17,18 +16,12 @@ const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
 const FIRST_PORT: &str = "-if00";
 
 pub fn run() -> Result<(), Failure> {
-    let mut text = String::new();
     let found = cameras();
-    // Writing to a string cannot fail.
-    for camera in &found.cameras {
-        text += &camera_lines(camera);
-    }
+    let mut text: String = found.cameras.iter().map(camera_lines).collect();
     if found.cameras.is_empty() {
         text += "no camera\n";
     }
-    for refused in &found.refused {
-        let _ = writeln!(text, "not examined: {refused}");
-    }
+    text.extend(found.refused.iter().map(|refused| format!("not examined: {refused}\n")));
     let ports = serialport::available_ports().unwrap_or_default();
     text.extend(ports.iter().map(|port| port_lines(port, &PORT_LINKS)));
     if ports.is_empty() {
@@ -39,12 +32,8 @@ pub fn run() -> Result<(), Failure> {
 
 fn camera_lines(camera: &Camera) -> String {
     let mut text = format!("camera {} \"{}\" ({})\n", camera.node.display(), camera.card, camera.driver);
-    for link in &camera.links {
-        let _ = writeln!(text, "  stable path {}", link.display());
-    }
-    for mode in &camera.modes {
-        let _ = writeln!(text, "  {mode}");
-    }
+    text.extend(camera.links.iter().map(|link| format!("  stable path {}\n", link.display())));
+    text.extend(camera.modes.iter().map(|mode| format!("  {mode}\n")));
     if camera.modes.is_empty() {
         text += "  no format that facewire reads (YUYV, NV12, MJPEG, GREY)\n";
     }
@@ -59,15 +48,11 @@ fn port_lines(port: &SerialPortInfo, link_folders: &[impl AsRef<Path>]) -> Strin
     let mut text = format!("serial port {} ({kind})\n", port.port_name);
     let links: Vec<_> =
         link_folders.iter().flat_map(|folder| links_to(Path::new(&port.port_name), folder.as_ref())).collect();
-    for link in &links {
-        let _ = writeln!(text, "  stable path {}", link.display());
-    }
+    text.extend(links.iter().map(|link| format!("  stable path {}\n", link.display())));
     if matches!(&port.port_type, SerialPortType::UsbPort(usb) if is_maestro(usb.vid, usb.pid)) {
-        let is_first = links.iter().any(|link| link.to_string_lossy().ends_with(FIRST_PORT));
-        text += if is_first {
-            "  takes commands: kind = \"maestro\"\n"
-        } else {
-            "  takes no commands: its first port does\n"
+        text += match links.iter().any(|link| link.to_string_lossy().ends_with(FIRST_PORT)) {
+            true => "  takes commands: kind = \"maestro\"\n",
+            false => "  takes no commands: its first port does\n",
         };
     }
     text
@@ -88,41 +73,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_port_of_a_maestro_that_takes_commands_is_told_from_the_other_one() {
+    fn ports_are_listed_with_their_stable_paths_and_the_one_of_a_maestro_that_takes_commands_is_marked() {
         let folder = tempfile::tempdir().unwrap();
-        let links = folder.path().join("by-id");
+        let [links, absent] = ["by-id", "by-path"].map(|name| folder.path().join(name));
         fs::create_dir(&links).unwrap();
-        let listed = |node: &str, link: &str| {
-            let node = folder.path().join(node);
+        let (serial_number, manufacturer, product) = (None, None, None);
+        let maestro = serialport::UsbPortInfo { vid: 0x1ffb, pid: 0x0089, serial_number, manufacturer, product };
+        let maestro = SerialPortType::UsbPort(maestro);
+        let cases = [
+            ("ttyACM0", "usb-Head_0001", SerialPortType::Unknown, "UART", ""),
+            ("ttyACM1", "usb-Pololu-if00", maestro.clone(), "USB", "  takes commands: kind = \"maestro\"\n"),
+            ("ttyACM2", "usb-Pololu-if02", maestro, "USB", "  takes no commands: its first port does\n"),
+        ];
+        for (node, link, port_type, kind, last) in cases {
+            let (node, link) = (folder.path().join(node), links.join(link));
             fs::write(&node, "").unwrap();
-            symlink(&node, links.join(link)).unwrap();
-            let (serial_number, manufacturer, product) = (None, None, None);
-            let usb = serialport::UsbPortInfo { vid: 0x1ffb, pid: 0x0089, serial_number, manufacturer, product };
-            let port_name = node.display().to_string();
-            let info = SerialPortInfo { port_name, port_type: SerialPortType::UsbPort(usb) };
-            port_lines(&info, std::slice::from_ref(&links))
-        };
-        let first = listed("ttyACM0", "usb-Pololu_Micro_Maestro_6-if00");
-        assert!(first.ends_with("  takes commands: kind = \"maestro\"\n"), "{first}");
-        let second = listed("ttyACM1", "usb-Pololu_Micro_Maestro_6-if02");
-        assert!(second.ends_with("  takes no commands: its first port does\n"), "{second}");
-    }
-
-    #[test]
-    fn a_serial_port_is_listed_with_its_stable_paths() {
-        let folder = tempfile::tempdir().unwrap();
-        let [port, other, links] = ["ttyACM0", "ttyACM1", "by-id"].map(|name| folder.path().join(name));
-        for node in [&port, &other] {
-            fs::write(node, "").unwrap();
+            symlink(&node, &link).unwrap();
+            let info = SerialPortInfo { port_name: node.display().to_string(), port_type };
+            let want = format!("serial port {} ({kind})\n  stable path {}\n{last}", node.display(), link.display());
+            assert_eq!(port_lines(&info, &[&links, &absent]), want);
         }
-        fs::create_dir(&links).unwrap();
-        symlink("../ttyACM0", links.join("usb-Head_0001")).unwrap();
-        symlink("../ttyACM1", links.join("usb-Other_0002")).unwrap();
-        let name = port.display().to_string();
-        let info = SerialPortInfo { port_name: name.clone(), port_type: SerialPortType::Unknown };
-        let stable = links.join("usb-Head_0001");
-        let absent = folder.path().join("by-path");
-        let want = format!("serial port {name} (UART)\n  stable path {}\n", stable.display());
-        assert_eq!(port_lines(&info, &[links, absent]), want);
     }
 }

@@ -76,14 +76,12 @@ struct Cli {
 enum Command {
     /// Run the service: camera to links, until SIGTERM or Ctrl-C.
     #[command(after_help = RUN_EXAMPLES)]
-    Run {
-        #[command(flatten)]
-        settings: SettingsArgs,
-    },
+    Run(SettingsArgs),
     /// Guide the wearer through some poses, and learn the wearer's face from them.
     Calibrate(calibrate::CalibrateArgs),
     /// Validate the settings, then try camera, networks, model and links.
-    Check(check::CheckArgs),
+    #[command(after_help = check::EXAMPLES)]
+    Check(SettingsArgs),
     /// List cameras with their formats and stable paths, and serial ports.
     #[command(after_help = DEVICES_EXAMPLE)]
     Devices,
@@ -145,7 +143,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 impl Command {
     fn run(self) -> Result<(), Failure> {
         match self {
-            Self::Run { settings } => run_service(settings),
+            Self::Run(arguments) => run_service(arguments),
             Self::Calibrate(args) => calibrate::run(&args),
             Self::Check(args) => check::run(&args),
             Self::Devices => devices::run(),

@@ -9,10 +9,11 @@ use std::{
 use facewire_face::{Adjustments, BLENDSHAPES, COEFFS};
 
 use super::{
-    overlay::{Entry, Field, Overlay, Section, Setting, field, key, section, table},
+    overlay::{Entry, Field, Overlay, Section, field, key, section},
     value::{
         Address, EXACTLY_36_CHARACTERS, JsonTarget, MOST_BITS, OSC_PREFIX, Parameters, SerialDevice,
-        UP_TO_64_CHARACTERS, choices, one_of,
+        UP_TO_64_CHARACTERS, address, choice, choices, flag, json_target, number, one_of, optional_address, parameters,
+        serial_device, socket_address, table, text, whole,
     },
 };
 
@@ -89,86 +90,86 @@ impl Default for LinkKind {
 
 section! {
     UdpSettings {
-        address: Address = Address::local(5252);
+        address: Address = Address::local(5252), address();
     }
 
     SerialSettings {
-        device: SerialDevice = SerialDevice::Auto;
-        baud: u32 = 115_200, (19_200..=4_000_000, " (1/s)");
+        device: SerialDevice = SerialDevice::Auto, serial_device();
+        baud: u32 = 115_200, whole(19_200..=4_000_000, " (1/s)");
     }
 
     LiveLinkSettings {
-        address: Address = Address::local(11_111);
-        subject: String = "webcam".to_owned(), UP_TO_64_CHARACTERS;
-        device_id: String = "facewire-0000-0000-0000-000000000000".to_owned(), EXACTLY_36_CHARACTERS;
-        swap_mouth: bool = false;
+        address: Address = Address::local(11_111), address();
+        subject: String = "webcam".to_owned(), text(UP_TO_64_CHARACTERS);
+        device_id: String = "facewire-0000-0000-0000-000000000000".to_owned(), text(EXACTLY_36_CHARACTERS);
+        swap_mouth: bool = false, flag();
     }
 
     VmcSettings {
-        address: Address = Address::local(39_540);
-        bones: bool = true;
-        bundles: bool = true;
+        address: Address = Address::local(39_540), address();
+        bones: bool = true, flag();
+        bundles: bool = true, flag();
     }
 
     VrchatSettings {
-        address: Address = Address::local(9000);
-        prefix: String = String::new(), OSC_PREFIX;
-        floats: bool = true;
-        bits: u32 = 0, (0..=MOST_BITS, "");
-        shapes: bool = true;
-        compounds: bool = true;
-        head: bool = true;
-        native_eyes: bool = false;
-        parameters: Parameters = Parameters::default();
+        address: Address = Address::local(9000), address();
+        prefix: String = String::new(), text(OSC_PREFIX);
+        floats: bool = true, flag();
+        bits: u32 = 0, whole(0..=MOST_BITS, "");
+        shapes: bool = true, flag();
+        compounds: bool = true, flag();
+        head: bool = true, flag();
+        native_eyes: bool = false, flag();
+        parameters: Parameters = Parameters::default(), parameters();
     }
 
     MaestroSettings {
-        device: SerialDevice = SerialDevice::Auto;
-        baud: u32 = 115_200, (9_600..=MOST_MAESTRO_BAUD, " (1/s)");
-        protocol: MaestroProtocol = MaestroProtocol::Compact;
-        device_number: u32 = 12, (0..=127, "");
-        crc: bool = false;
-        multiple_targets: bool = false;
-        read_errors: bool = true;
-        channels "channel": Vec<ChannelSettings> = Vec::new();
+        device: SerialDevice = SerialDevice::Auto, serial_device();
+        baud: u32 = 115_200, whole(9_600..=MOST_MAESTRO_BAUD, " (1/s)");
+        protocol: MaestroProtocol = MaestroProtocol::Compact, choice();
+        device_number: u32 = 12, whole(0..=127, "");
+        crc: bool = false, flag();
+        multiple_targets: bool = false, flag();
+        read_errors: bool = true, flag();
+        channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
     }
 
     Pca9685Settings {
-        bus: u32 = 1, (0..=255, "");
-        address: u32 = 0x40, (0x40..=0x7f, "");
-        pulses_hz: u32 = 50, (40..=400, " (1/s)");
-        oscillator_hz: u32 = 25_000_000, (20_000_000..=30_000_000, " (Hz)");
-        channels "channel": Vec<ChannelSettings> = Vec::new();
+        bus: u32 = 1, whole(0..=255, "");
+        address: u32 = 0x40, whole(0x40..=0x7f, "");
+        pulses_hz: u32 = 50, whole(40..=400, " (1/s)");
+        oscillator_hz: u32 = 25_000_000, whole(20_000_000..=30_000_000, " (Hz)");
+        channels "channel": Vec<ChannelSettings> = Vec::new(), channels;
     }
 
     IFacialMocapSettings {
-        listen: Option<SocketAddr> = Some((Ipv4Addr::UNSPECIFIED, 49_983).into());
-        reply_port: u32 = 49_983, (0..=65_535, "");
-        address: Option<Address> = None;
-        version: u32 = 2, (1..=2, "");
+        listen: Option<SocketAddr> = Some((Ipv4Addr::UNSPECIFIED, 49_983).into()), socket_address();
+        reply_port: u32 = 49_983, whole(0..=65_535, "");
+        address: Option<Address> = None, optional_address();
+        version: u32 = 2, whole(1..=2, "");
     }
 
     JsonSettings {
-        to: JsonTarget = JsonTarget::Stdout;
+        to: JsonTarget = JsonTarget::Stdout, json_target();
     }
 
     PaceSettings {
-        pace: PaceKind = PaceKind::Pose;
-        rate_hz: u32 = 0, (0..=240, " (1/s)");
-        loss: Loss = Loss::Neutral;
+        pace: PaceKind = PaceKind::Pose, choice();
+        rate_hz: u32 = 0, whole(0..=240, " (1/s)");
+        loss: Loss = Loss::Neutral, choice();
     }
 
     ChannelSettings {
-        channel: u32 = 0, (0..=23, "");
-        sources: Sources = Sources::default();
-        offset: f32 = 0.0, (-10.0..=10.0, "");
-        pulse_at_0_us: u32 = 1000, (64..=4080, " (microseconds)");
-        pulse_at_1_us: u32 = 2000, (64..=4080, " (microseconds)");
-        neutral: f32 = -1.0, (-1.0..=1.0, "");
-        speed_per_s: f32 = 0.0, (0.0..=100.0, " (1/s)");
-        acceleration_per_s2: f32 = 0.0, (0.0..=1000.0, " (1/s²)");
-        dead_zone: f32 = 0.0, (0.0..=0.2, "");
-        loss: AtLoss = AtLoss::Neutral;
+        channel: u32 = 0, whole(0..=23, "");
+        sources: Sources = Sources::default(), table;
+        offset: f32 = 0.0, number(-10.0..=10.0, "");
+        pulse_at_0_us: u32 = 1000, whole(64..=4080, " (microseconds)");
+        pulse_at_1_us: u32 = 2000, whole(64..=4080, " (microseconds)");
+        neutral: f32 = -1.0, number(-1.0..=1.0, "");
+        speed_per_s: f32 = 0.0, number(0.0..=100.0, " (1/s)");
+        acceleration_per_s2: f32 = 0.0, number(0.0..=1000.0, " (1/s²)");
+        dead_zone: f32 = 0.0, number(0.0..=0.2, "");
+        loss: AtLoss = AtLoss::Neutral, choice();
     }
 }
 
@@ -189,17 +190,13 @@ choices! {
     pub enum AtLoss: Neutral = "neutral", Release = "release"
 }
 
-/// One table for each channel.
-impl Setting for Vec<ChannelSettings> {
-    type Bounds = ();
-
-    fn set(&mut self, entry: &Entry<'_>, (): &(), file: &mut Overlay<'_>) {
-        self.extend(entry.each().iter().map(|entry| {
-            let mut channel = ChannelSettings::default();
-            file.section(&mut channel, entry);
-            channel
-        }));
-    }
+/// Reads one table for each channel.
+fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+    channels.extend(entry.each().iter().map(|entry| {
+        let mut channel = ChannelSettings::default();
+        file.section(&mut channel, entry);
+        channel
+    }));
 }
 
 /// The angles of the head that a channel can follow, degrees: yaw to the person's left, pitch upwards, roll to the
@@ -235,11 +232,13 @@ impl Sources {
 
 impl Section for Sources {
     fn fields(&mut self) -> Vec<Field<'_>> {
-        SOURCE_NAMES.into_iter().zip(&mut self.0).map(|(name, gain)| field(name, gain, (-10.0..=10.0, ""))).collect()
+        SOURCE_NAMES
+            .into_iter()
+            .zip(&mut self.0)
+            .map(|(name, gain)| field(name, gain, number(-10.0..=10.0, "")))
+            .collect()
     }
 }
-
-table!(Sources);
 
 /// How a link reaches its receiver.
 #[derive(Debug, Clone, Copy)]
@@ -326,7 +325,7 @@ impl Section for LinkSettings {
         let mut fields: Vec<Field<'_>> = vec![("kind", Box::new(|_, _| {}))];
         fields.extend(self.kind.section().fields());
         fields.extend(self.pace.fields());
-        fields.push(field("adjust", &mut self.adjust, ()));
+        fields.push(field("adjust", &mut self.adjust, table));
         fields
     }
 
@@ -338,16 +337,12 @@ impl Section for LinkSettings {
     }
 }
 
-/// The links of a file replace the default ones.
-impl Setting for Vec<LinkSettings> {
-    type Bounds = ();
-
-    fn set(&mut self, entry: &Entry<'_>, (): &(), file: &mut Overlay<'_>) {
-        if entry.value.get_ref().as_array().is_none() {
-            return file.refuse(entry, "each link under its own [[link]]".to_owned());
-        }
-        *self = entry.each().iter().map(|entry| LinkSettings::read(entry, file)).collect();
+/// Reads the links of a file, which replace the default ones.
+pub(super) fn links(links: &mut Vec<LinkSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+    if entry.value.get_ref().as_array().is_none() {
+        return file.refuse(entry, "each link under its own [[link]]".to_owned());
     }
+    *links = entry.each().iter().map(|entry| LinkSettings::read(entry, file)).collect();
 }
 
 /// Shows where the link leads: an address, a path, a serial port, or who may ask.

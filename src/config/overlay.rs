@@ -8,7 +8,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use super::value::Value;
+use super::value::Reader;
 
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
@@ -71,35 +71,8 @@ impl Entry<'_> {
     }
 }
 
-/// What can stand under a key: a value, a table, or an array of tables.
-pub trait Setting {
-    type Bounds;
-
-    /// Takes the value of the entry, or adds a fault to those of the file.
-    fn set(&mut self, entry: &Entry<'_>, bounds: &Self::Bounds, file: &mut Overlay<'_>);
-}
-
-impl<T: Value> Setting for T {
-    type Bounds = T::Bounds;
-
-    fn set(&mut self, entry: &Entry<'_>, bounds: &Self::Bounds, file: &mut Overlay<'_>) {
-        match T::read(entry.value.get_ref(), bounds) {
-            Ok(value) => *self = value,
-            Err(expected) => file.refuse(entry, expected),
-        }
-    }
-}
-
 /// A key of a section, and what takes its value.
 pub type Field<'a> = (&'static str, Box<dyn FnOnce(&Entry<'_>, &mut Overlay<'_>) + 'a>);
-
-/// Makes a field of a key and the setting that stands under it.
-pub fn field<'a, T: Setting>(key: &'static str, setting: &'a mut T, bounds: T::Bounds) -> Field<'a>
-where
-    T::Bounds: 'a,
-{
-    (key, Box::new(move |entry, file| setting.set(entry, &bounds, file)))
-}
 
 /// A table of settings.
 pub trait Section {
@@ -115,17 +88,9 @@ pub trait Section {
     }
 }
 
-/// Lets a section stand under a key.
-macro_rules! table {
-    ($type:ty) => {
-        impl $crate::config::overlay::Setting for $type {
-            type Bounds = ();
-
-            fn set(&mut self, entry: &Entry<'_>, (): &(), file: &mut Overlay<'_>) {
-                file.section(self, entry);
-            }
-        }
-    };
+/// Makes a field of a key, its setting, and the reader that takes the value or adds a fault to those of the file.
+pub fn field<'a, T>(key: &'static str, setting: &'a mut T, read: impl Reader<T> + 'a) -> Field<'a> {
+    (key, Box::new(move |entry, file| read(setting, entry, file)))
 }
 
 /// The key of a field: its name, unless another one is given.
@@ -138,12 +103,12 @@ macro_rules! key {
     };
 }
 
-/// Declares tables of settings: `field: Type = default, bounds;` for each key. `field "key": ...` gives a field another key
+/// Declares tables of settings: `field: Type = default, reader;` for each key. `field "key": ...` gives a field another key
 /// than its name.
 macro_rules! section {
     ($(
         $(#[doc = $doc:literal])*
-        $name:ident { $( $field:ident $($key:literal)?: $type:ty = $default:expr $(, $bounds:expr)?; )* }
+        $name:ident { $( $field:ident $($key:literal)?: $type:ty = $default:expr, $read:expr; )* }
     )*) => { $(
         $(#[doc = $doc])*
         #[derive(Debug, Clone, PartialEq)]
@@ -167,19 +132,13 @@ macro_rules! section {
 
         impl Section for $name {
             fn fields(&mut self) -> Vec<Field<'_>> {
-                vec![ $( {
-                    let _bounds = ();
-                    $( let _bounds = $bounds; )?
-                    field(key!($field $($key)?), &mut self.$field, _bounds)
-                }, )* ]
+                vec![ $( field(key!($field $($key)?), &mut self.$field, $read), )* ]
             }
         }
-
-        table!($name);
     )* };
 }
 
-pub(super) use {key, section, table};
+pub(super) use {key, section};
 
 /// A file that is being laid over settings.
 pub struct Overlay<'a> {

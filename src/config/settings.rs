@@ -3,163 +3,150 @@
 //! `systemd/facewire.toml` explains them. The tables of links are in `link.rs`.
 
 use super::{
-    link::LinkSettings,
-    overlay::{Entry, Field, Overlay, Section, Setting, field, key, section, table},
-    value::{ANY_TEXT, Listen, choices},
+    link::{LinkSettings, links},
+    overlay::{Entry, Field, Overlay, Section, field, key, section},
+    value::{ANY_TEXT, Listen, choice, choices, flag, listen, number, table, text, whole},
 };
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rules};
 
 section! {
     Settings {
-        board: &'static str = "generic";
-        camera: CameraSettings = CameraSettings::default();
-        networks: NetworkSettings = NetworkSettings::default();
-        solver: SolverSettings = SolverSettings::default();
-        smoothing: SmoothingSettings = SmoothingSettings::default();
-        wearer: WearerSettings = WearerSettings::default();
-        plausibility: Rules = Rules { mouth_close: true, opposed: true, lids: true, gaze: true, dead_zone: 0.02 };
-        adjust: Adjustments = Adjustments::default();
-        failsafe: FailsafeSettings = FailsafeSettings::default();
-        send: SendSettings = SendSettings::default();
-        links "link": Vec<LinkSettings> = vec![LinkSettings::default(), LinkSettings::to_the_board()];
-        realtime: RealtimeSettings = RealtimeSettings::default();
-        hardware: HardwareSettings = HardwareSettings::default();
-        adaptation: AdaptationSettings = AdaptationSettings::default();
-        metrics: MetricsSettings = MetricsSettings::default();
-        log: LogSettings = LogSettings::default();
+        board: &'static str = "generic", board;
+        camera: CameraSettings = CameraSettings::default(), table;
+        networks: NetworkSettings = NetworkSettings::default(), table;
+        solver: SolverSettings = SolverSettings::default(), table;
+        smoothing: SmoothingSettings = SmoothingSettings::default(), table;
+        wearer: WearerSettings = WearerSettings::default(), table;
+        plausibility: Rules = Rules { mouth_close: true, opposed: true, lids: true, gaze: true, dead_zone: 0.02 }, table;
+        adjust: Adjustments = Adjustments::default(), table;
+        failsafe: FailsafeSettings = FailsafeSettings::default(), table;
+        send: SendSettings = SendSettings::default(), table;
+        links "link": Vec<LinkSettings> = vec![LinkSettings::default(), LinkSettings::to_the_board()], links;
+        realtime: RealtimeSettings = RealtimeSettings::default(), table;
+        hardware: HardwareSettings = HardwareSettings::default(), table;
+        adaptation: AdaptationSettings = AdaptationSettings::default(), table;
+        metrics: MetricsSettings = MetricsSettings::default(), table;
+        log: LogSettings = LogSettings::default(), table;
     }
 
     CameraSettings {
-        device: String = "auto".to_owned(), ANY_TEXT;
-        width: u32 = 640, (160..=3840, " (pixels)");
-        height: u32 = 480, (120..=2160, " (pixels)");
-        fps: u32 = 30, (1..=240, " (1/s)");
-        format: CameraFormat = CameraFormat::Auto;
-        stall_timeout_ms: u32 = 1000, (100..=60_000, " (ms)");
-        horizontal_fov_deg: f32 = 60.0, (10.0..=170.0, " (degrees)");
+        device: String = "auto".to_owned(), text(ANY_TEXT);
+        width: u32 = 640, whole(160..=3840, " (pixels)");
+        height: u32 = 480, whole(120..=2160, " (pixels)");
+        fps: u32 = 30, whole(1..=240, " (1/s)");
+        format: CameraFormat = CameraFormat::Auto, choice();
+        stall_timeout_ms: u32 = 1000, whole(100..=60_000, " (ms)");
+        horizontal_fov_deg: f32 = 60.0, number(10.0..=170.0, " (degrees)");
     }
 
     NetworkSettings {
-        folder: String = String::new(), ANY_TEXT;
-        engine: EngineChoice = EngineChoice::Auto;
-        threads: u32 = 1, (1..=8, "");
+        folder: String = String::new(), text(ANY_TEXT);
+        engine: EngineChoice = EngineChoice::Auto, choice();
+        threads: u32 = 1, whole(1..=8, "");
     }
 
     SolverSettings {
-        model: String = String::new(), ANY_TEXT;
+        model: String = String::new(), text(ANY_TEXT);
     }
 
     SmoothingSettings {
-        lids: FilterKind = FilterKind::GatedAverage;
-        lids_ms: u32 = 350, (0..=350, " (ms)");
-        gaze: FilterKind = FilterKind::Kalman;
-        gaze_ms: u32 = 200, (0..=350, " (ms)");
-        brows: FilterKind = FilterKind::GatedAverage;
-        brows_ms: u32 = 350, (0..=350, " (ms)");
-        mouth: FilterKind = FilterKind::GatedAverage;
-        mouth_ms: u32 = 350, (0..=350, " (ms)");
-        jaw: FilterKind = FilterKind::GatedAverage;
-        jaw_ms: u32 = 220, (0..=350, " (ms)");
-        cheeks: FilterKind = FilterKind::GatedAverage;
-        cheeks_ms: u32 = 350, (0..=350, " (ms)");
-        head: FilterKind = FilterKind::GatedAverage;
-        head_ms: u32 = 350, (0..=350, " (ms)");
+        lids: FilterKind = FilterKind::GatedAverage, choice();
+        lids_ms: u32 = 350, whole(0..=350, " (ms)");
+        gaze: FilterKind = FilterKind::Kalman, choice();
+        gaze_ms: u32 = 200, whole(0..=350, " (ms)");
+        brows: FilterKind = FilterKind::GatedAverage, choice();
+        brows_ms: u32 = 350, whole(0..=350, " (ms)");
+        mouth: FilterKind = FilterKind::GatedAverage, choice();
+        mouth_ms: u32 = 350, whole(0..=350, " (ms)");
+        jaw: FilterKind = FilterKind::GatedAverage, choice();
+        jaw_ms: u32 = 220, whole(0..=350, " (ms)");
+        cheeks: FilterKind = FilterKind::GatedAverage, choice();
+        cheeks_ms: u32 = 350, whole(0..=350, " (ms)");
+        head: FilterKind = FilterKind::GatedAverage, choice();
+        head_ms: u32 = 350, whole(0..=350, " (ms)");
     }
 
     WearerSettings {
-        name: String = String::new(), ANY_TEXT;
-        folder: String = String::new(), ANY_TEXT;
-        neutral: NeutralMode = NeutralMode::Auto;
+        name: String = String::new(), text(ANY_TEXT);
+        folder: String = String::new(), text(ANY_TEXT);
+        neutral: NeutralMode = NeutralMode::Auto, choice();
     }
 
     FailsafeSettings {
-        live_ms: u32 = 150, (20..=5000, " (ms)");
-        hold_ms: u32 = 300, (40..=10_000, " (ms)");
-        neutral_ms: u32 = 1000, (60..=60_000, " (ms)");
-        slew_per_s: f32 = 4.0, (0.1..=100.0, " (1/s)");
+        live_ms: u32 = 150, whole(20..=5000, " (ms)");
+        hold_ms: u32 = 300, whole(40..=10_000, " (ms)");
+        neutral_ms: u32 = 1000, whole(60..=60_000, " (ms)");
+        slew_per_s: f32 = 4.0, number(0.1..=100.0, " (1/s)");
     }
 
     SendSettings {
-        rate_hz: u32 = 60, (10..=240, " (1/s)");
+        rate_hz: u32 = 60, whole(10..=240, " (1/s)");
     }
 
     RealtimeSettings {
-        lock_memory: bool = false;
-        priority: u32 = 0, (0..=98, "");
-        hot_cpu: i32 = -1, (-1..=1023, "");
-        sender_cpu: i32 = -1, (-1..=1023, "");
+        lock_memory: bool = false, flag();
+        priority: u32 = 0, whole(0..=98, "");
+        hot_cpu: i32 = -1, whole(-1..=1023, "");
+        sender_cpu: i32 = -1, whole(-1..=1023, "");
     }
 
     HardwareSettings {
-        thermal_zone: String = String::new(), ANY_TEXT;
-        temperature_limit_c: u32 = 0, (0..=120, " (°C)");
+        thermal_zone: String = String::new(), text(ANY_TEXT);
+        temperature_limit_c: u32 = 0, whole(0..=120, " (°C)");
     }
 
     AdaptationSettings {
-        enabled: bool = true;
+        enabled: bool = true, flag();
     }
 
     MetricsSettings {
-        listen: Listen = Listen::Off;
+        listen: Listen = Listen::Off, listen();
     }
 
     LogSettings {
-        level: LogLevel = LogLevel::Info;
-    }
-}
-
-impl Section for Rules {
-    fn fields(&mut self) -> Vec<Field<'_>> {
-        vec![
-            field("lids", &mut self.lids, ()),
-            field("gaze", &mut self.gaze, ()),
-            field("opposed", &mut self.opposed, ()),
-            field("mouth_close", &mut self.mouth_close, ()),
-            field("dead_zone", &mut self.dead_zone, (0.0..=0.2, "")),
-        ]
-    }
-}
-
-table!(Rules);
-
-/// `mirror`, and a key for each blendshape.
-impl Section for Adjustments {
-    fn fields(&mut self) -> Vec<Field<'_>> {
-        let coefficients = BLENDSHAPES.into_iter().zip(&mut self.coefficients);
-        let coefficients = coefficients.map(|(key, adjustment)| field(key, adjustment, ()));
-        [field("mirror", &mut self.mirror, ())].into_iter().chain(coefficients).collect()
-    }
-}
-
-table!(Adjustments);
-
-impl Section for Adjustment {
-    fn fields(&mut self) -> Vec<Field<'_>> {
-        vec![
-            field("gain", &mut self.gain, (0.0..=10.0, "")),
-            field("offset", &mut self.offset, (-1.0..=1.0, "")),
-            field("min", &mut self.min, (0.0..=1.0, "")),
-            field("max", &mut self.max, (0.0..=1.0, "")),
-        ]
-    }
-}
-
-impl Setting for Adjustment {
-    type Bounds = ();
-
-    fn set(&mut self, entry: &Entry<'_>, (): &(), file: &mut Overlay<'_>) {
-        file.section(self, entry);
-        if self.min > self.max {
-            file.refuse(entry, "a min that is at most max".to_owned());
-        }
+        level: LogLevel = LogLevel::Info, choice();
     }
 }
 
 /// The board is chosen before the tables are read.
-impl Setting for &'static str {
-    type Bounds = ();
+fn board(_: &mut &str, _: &Entry<'_>, _: &mut Overlay<'_>) {}
 
-    fn set(&mut self, _: &Entry<'_>, (): &(), _: &mut Overlay<'_>) {}
+impl Section for Rules {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            field("lids", &mut self.lids, flag()),
+            field("gaze", &mut self.gaze, flag()),
+            field("opposed", &mut self.opposed, flag()),
+            field("mouth_close", &mut self.mouth_close, flag()),
+            field("dead_zone", &mut self.dead_zone, number(0.0..=0.2, "")),
+        ]
+    }
+}
+
+/// `mirror`, and a key for each blendshape.
+impl Section for Adjustments {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        let adjustment = |adjustment: &mut Adjustment, entry: &Entry<'_>, file: &mut Overlay<'_>| {
+            file.section(adjustment, entry);
+            if adjustment.min > adjustment.max {
+                file.refuse(entry, "a min that is at most max".to_owned());
+            }
+        };
+        let coefficients = BLENDSHAPES.into_iter().zip(&mut self.coefficients);
+        let coefficients = coefficients.map(|(key, coefficient)| field(key, coefficient, adjustment));
+        [field("mirror", &mut self.mirror, flag())].into_iter().chain(coefficients).collect()
+    }
+}
+
+impl Section for Adjustment {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            field("gain", &mut self.gain, number(0.0..=10.0, "")),
+            field("offset", &mut self.offset, number(-1.0..=1.0, "")),
+            field("min", &mut self.min, number(0.0..=1.0, "")),
+            field("max", &mut self.max, number(0.0..=1.0, "")),
+        ]
+    }
 }
 
 impl SmoothingSettings {

@@ -1,16 +1,10 @@
-//! The types of values: how each is read, checked and described.
+//! The types of values, and their readers: each takes a value, or tells what to give instead.
 
 use std::{fmt, net::SocketAddr, ops::RangeInclusive, path::PathBuf};
 
 use toml::de::DeValue;
 
-/// A type of value.
-pub trait Value: Sized {
-    type Bounds;
-
-    /// Reads a value. If it has another type or is out of bounds, returns what to give instead; the text follows "give".
-    fn read(value: &DeValue<'_>, bounds: &Self::Bounds) -> Result<Self, String>;
-}
+use super::overlay::{Entry, Overlay, Section};
 
 /// A type with a few named values.
 pub trait Choice: Copy + PartialEq + 'static {
@@ -41,13 +35,27 @@ macro_rules! choices {
 
 pub(super) use choices;
 
-impl<T: Choice> Value for T {
-    type Bounds = ();
+/// Takes the value of an entry, or adds a fault to those of the file.
+pub trait Reader<T>: Fn(&mut T, &Entry<'_>, &mut Overlay<'_>) {}
 
-    fn read(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        let named = value.as_str().and_then(|text| Self::ALL.iter().find(|(name, _)| *name == text));
-        named.map(|(_, value)| *value).ok_or_else(|| one_of(Self::ALL.iter().map(|(name, _)| *name)))
+impl<T, F: Fn(&mut T, &Entry<'_>, &mut Overlay<'_>)> Reader<T> for F {}
+
+/// Reads a table.
+pub fn table<T: Section>(section: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>) {
+    file.section(section, entry);
+}
+
+/// Reads a value by `read`; `expected` follows "give".
+fn value<T>(read: impl Fn(&DeValue<'_>) -> Option<T>, expected: String) -> impl Reader<T> {
+    move |setting, entry, file| match read(entry.value.get_ref()) {
+        Some(value) => *setting = value,
+        None => file.refuse(entry, expected.clone()),
     }
+}
+
+pub fn choice<T: Choice>() -> impl Reader<T> {
+    let named = |text: &str| T::ALL.iter().find(|(name, _)| *name == text).map(|(_, value)| *value);
+    value(move |value| named(value.as_str()?), one_of(T::ALL.iter().map(|(name, _)| *name)))
 }
 
 /// Describes a choice of these names.
@@ -60,51 +68,47 @@ pub fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }
 
-/// The range of a number, and its unit as it follows the range in a message.
-pub type Range<T> = (RangeInclusive<T>, &'static str);
-
-/// Implements [`Value`] for types of whole numbers.
-macro_rules! whole_number {
-    ($($type:ty),*) => { $(
-        impl Value for $type {
-            type Bounds = Range<$type>;
-
-            fn read(value: &DeValue<'_>, (range, unit): &Self::Bounds) -> Result<Self, String> {
-                let number = |text: &str, radix| Self::from_str_radix(text, radix).ok();
-                let number = value.as_integer().and_then(|integer| number(integer.as_str(), integer.radix()));
-                let expected = || format!("a whole number from {} to {}{unit}", range.start(), range.end());
-                number.filter(|number| range.contains(number)).ok_or_else(expected)
-            }
-        }
-    )* };
+/// Reads a whole number in this range. The unit follows the range in a message.
+pub fn whole<T: TryFrom<i64> + PartialOrd + fmt::Display>(range: RangeInclusive<T>, unit: &str) -> impl Reader<T> {
+    let expected = format!("a whole number from {} to {}{unit}", range.start(), range.end());
+    let read = move |value: &DeValue<'_>| {
+        let integer = value.as_integer()?;
+        let number = T::try_from(i64::from_str_radix(integer.as_str(), integer.radix()).ok()?).ok()?;
+        range.contains(&number).then_some(number)
+    };
+    value(read, expected)
 }
 
-whole_number!(u32, i32);
-
-impl Value for f32 {
-    type Bounds = Range<f32>;
-
-    fn read(value: &DeValue<'_>, (range, unit): &Self::Bounds) -> Result<Self, String> {
+pub fn number(range: RangeInclusive<f32>, unit: &str) -> impl Reader<f32> {
+    let expected = format!("a number from {:?} to {:?}{unit}", range.start(), range.end());
+    let read = move |value: &DeValue<'_>| {
         let number = match value {
-            DeValue::Float(float) => float.as_str().parse().ok(),
-            DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),
-            _ => None,
+            DeValue::Float(float) => float.as_str().parse().ok()?,
+            DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok()?,
+            _ => return None,
         };
-        let expected = || format!("a number from {:?} to {:?}{unit}", range.start(), range.end());
-        number.filter(|number| range.contains(number)).ok_or_else(expected)
-    }
+        range.contains(&number).then_some(number)
+    };
+    value(read, expected)
 }
 
-impl Value for bool {
-    type Bounds = ();
+pub fn flag() -> impl Reader<bool> {
+    value(|value| value.as_bool(), "true or false".to_owned())
+}
 
-    fn read(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        value.as_bool().ok_or_else(|| "true or false".to_owned())
-    }
+/// Reads a text from which `parse` makes a value.
+fn parsed<T>(expected: impl Into<String>, parse: impl Fn(&str) -> Option<T>) -> impl Reader<T> {
+    value(move |value| parse(value.as_str()?), expected.into())
+}
+
+/// As [`parsed`], or an empty text for nothing.
+fn optional<T>(expected: &str, parse: impl Fn(&str) -> Option<T>) -> impl Reader<Option<T>> {
+    let read = move |text: &str| if text.is_empty() { Some(None) } else { parse(text).map(Some) };
+    parsed(format!("\"\", or {expected}"), read)
 }
 
 /// Which texts a setting takes: their description, and whether a text is one of them.
-pub type Texts = (&'static str, fn(&str) -> bool);
+type Texts = (&'static str, fn(&str) -> bool);
 
 pub const ANY_TEXT: Texts = ("a text in quotes", |_| true);
 pub const UP_TO_64_CHARACTERS: Texts =
@@ -123,44 +127,16 @@ fn is_printable(text: &str) -> bool {
     text.bytes().all(|byte| (b' '..=b'~').contains(&byte))
 }
 
-impl Value for String {
-    type Bounds = Texts;
-
-    fn read(value: &DeValue<'_>, (expected, takes): &Texts) -> Result<Self, String> {
-        value.as_str().filter(|text| takes(text)).map(str::to_owned).ok_or_else(|| (*expected).to_owned())
-    }
+pub fn text((expected, takes): Texts) -> impl Reader<String> {
+    parsed(expected, move |text| takes(text).then(|| text.to_owned()))
 }
 
-/// A value that may be left out, as an empty text.
-impl<T: Value<Bounds = ()>> Value for Option<T> {
-    type Bounds = ();
-
-    fn read(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        match value.as_str() {
-            Some("") => Ok(None),
-            _ => T::read(value, &()).map(Some).map_err(|expected| format!("\"\", or {expected}")),
-        }
-    }
+/// Reads an address to listen at.
+pub fn socket_address() -> impl Reader<Option<SocketAddr>> {
+    optional("an address of this machine in numbers and a port from 1 to 65535, such as \"0.0.0.0:49983\"", |text| {
+        text.parse().ok().filter(|address: &SocketAddr| address.port() != 0)
+    })
 }
-
-/// Implements [`Value`] for types that are read from a text: what is expected, and how the text is read.
-macro_rules! read_from_text {
-    ($type:ty, $expected:expr, $read:expr) => {
-        impl Value for $type {
-            type Bounds = ();
-
-            fn read(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-                value.as_str().and_then($read).ok_or_else(|| $expected.to_owned())
-            }
-        }
-    };
-}
-
-read_from_text!(
-    SocketAddr,
-    "an address of this machine in numbers and a port from 1 to 65535, such as \"0.0.0.0:49983\"",
-    |text| text.parse().ok().filter(|address: &Self| address.port() != 0)
-);
 
 /// A path from the root: a service has no folder that a relative path could start at.
 fn absolute(path: &str) -> Option<PathBuf> {
@@ -184,10 +160,12 @@ impl fmt::Display for SerialDevice {
     }
 }
 
-read_from_text!(SerialDevice, "\"auto\", or a path in quotes that begins with /", |text| match text {
-    "auto" => Some(Self::Auto),
-    path => absolute(path).map(Self::Path),
-});
+pub fn serial_device() -> impl Reader<SerialDevice> {
+    parsed("\"auto\", or a path in quotes that begins with /", |text| match text {
+        "auto" => Some(SerialDevice::Auto),
+        path => absolute(path).map(SerialDevice::Path),
+    })
+}
 
 /// A network address as it is written: `host:port`. The host is a name or an address; an IPv6 address has brackets.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -219,7 +197,15 @@ impl fmt::Display for Address {
     }
 }
 
-read_from_text!(Address, "\"host:port\" with a port from 1 to 65535", Self::new);
+const ADDRESS: &str = "\"host:port\" with a port from 1 to 65535";
+
+pub fn address() -> impl Reader<Address> {
+    parsed(ADDRESS, Address::new)
+}
+
+pub fn optional_address() -> impl Reader<Option<Address>> {
+    optional(ADDRESS, Address::new)
+}
 
 /// An address that only programs on this machine can reach.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -240,19 +226,18 @@ impl fmt::Display for Listen {
     }
 }
 
-read_from_text!(
-    Listen,
-    "\"\", a loopback address and port such as \"127.0.0.1:9464\" or \"[::1]:9464\", or \"unix:\" and a path that begins \
-     with /",
-    |text| match text.strip_prefix("unix:") {
-        Some(path) => absolute(path).map(Self::Unix),
-        None if text.is_empty() => Some(Self::Off),
+pub fn listen() -> impl Reader<Listen> {
+    let expected = "\"\", a loopback address and port such as \"127.0.0.1:9464\" or \"[::1]:9464\", or \"unix:\" and a path \
+                    that begins with /";
+    parsed(expected, |text| match text.strip_prefix("unix:") {
+        Some(path) => absolute(path).map(Listen::Unix),
+        None if text.is_empty() => Some(Listen::Off),
         None => {
             let address = text.parse().ok().filter(|at: &SocketAddr| at.ip().is_loopback() && at.port() != 0);
-            address.map(Self::Tcp)
+            address.map(Listen::Tcp)
         }
-    }
-);
+    })
+}
 
 /// Where JSON lines go.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -263,16 +248,16 @@ pub enum JsonTarget {
     Unix(PathBuf),
 }
 
-read_from_text!(
-    JsonTarget,
-    "\"stdout\", \"udp:host:port\" with a port from 1 to 65535, or \"unix:\" and a path that begins with /",
-    |text| match text.split_once(':') {
-        None => (text == "stdout").then_some(Self::Stdout),
-        Some(("udp", address)) => Address::new(address).map(Self::Udp),
-        Some(("unix", path)) => absolute(path).map(Self::Unix),
+pub fn json_target() -> impl Reader<JsonTarget> {
+    let expected =
+        "\"stdout\", \"udp:host:port\" with a port from 1 to 65535, or \"unix:\" and a path that begins with /";
+    parsed(expected, |text| match text.split_once(':') {
+        None => (text == "stdout").then_some(JsonTarget::Stdout),
+        Some(("udp", address)) => Address::new(address).map(JsonTarget::Udp),
+        Some(("unix", path)) => absolute(path).map(JsonTarget::Unix),
         Some(_) => None,
-    }
-);
+    })
+}
 
 /// A list of parameters and the number of their bits. An empty list stands for all.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -300,11 +285,13 @@ impl Parameters {
     }
 }
 
-read_from_text!(Parameters, Self::EXPECTED, |text| {
-    let entry = |entry: &str| {
-        let (name, bits) = entry.split_once(':').unwrap_or((entry, "0"));
-        Some((name.to_owned(), bits.parse().ok().filter(|bits| *bits <= MOST_BITS)?))
-    };
-    let entries = text.split(',').map(str::trim).filter(|entry| !entry.is_empty());
-    entries.map(entry).collect::<Option<_>>().map(Self)
-});
+pub fn parameters() -> impl Reader<Parameters> {
+    parsed(Parameters::EXPECTED, |text| {
+        let entry = |entry: &str| {
+            let (name, bits) = entry.split_once(':').unwrap_or((entry, "0"));
+            Some((name.to_owned(), bits.parse().ok().filter(|bits| *bits <= MOST_BITS)?))
+        };
+        let entries = text.split(',').map(str::trim).filter(|entry| !entry.is_empty());
+        entries.map(entry).collect::<Option<_>>().map(Parameters)
+    })
+}

@@ -115,7 +115,7 @@ const PARTS: [(Take, &[Take], Refusal); 4] = {
 pub(super) fn doubt(model: &Model, takes: &Takes) -> Option<Refusal> {
     let known = takes.neutral.as_ref()?;
     PARTS.into_iter().find_map(|(part, poses, refusal)| {
-        let strength = |raw| mean_of(part.raises(), raw);
+        let strength = |raw: &[f32; COEFFS]| mean_of(part.raises(), raw);
         let raw = poses.iter().filter_map(|pose| takes.raw(model, *pose));
         let mut moved: Vec<f32> = raw.map(|raw| strength(&raw) - strength(&known.raw)).collect();
         moved.sort_by(f32::total_cmp);

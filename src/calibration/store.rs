@@ -249,14 +249,10 @@ mod tests {
     use super::super::profile_file::tests::file;
     use super::*;
 
-    fn name(text: &str) -> WearerName {
-        WearerName::new(text).unwrap()
-    }
-
-    fn store() -> (tempfile::TempDir, Store) {
+    fn store() -> (tempfile::TempDir, Store, [WearerName; 2]) {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::new(folder.path().join("facewire").to_str().unwrap());
-        (folder, store)
+        (folder, store, ["anna", "bert"].map(|name| WearerName::new(name).unwrap()))
     }
 
     /// What the folder holds, hidden files included.
@@ -269,9 +265,8 @@ mod tests {
 
     #[test]
     fn profiles_of_two_wearers_are_kept_apart_listed_and_deleted_and_nobody_else_can_read_them() {
-        let (_folder, store) = store();
+        let (_folder, store, [anna, bert]) = store();
         assert_eq!(store.list().unwrap(), []);
-        let (anna, bert) = (name("anna"), name("bert"));
         store.save(&bert, &file(1)).unwrap();
         // An interrupted attempt has left this.
         fs::write(store.folder().join(".anna.new"), "half a prof").unwrap();
@@ -291,33 +286,33 @@ mod tests {
 
     #[test]
     fn what_is_no_profile_is_told_with_its_file_and_the_remedy() {
-        let (_folder, store) = store();
-        let path = store.save(&name("anna"), &file(1)).unwrap().0;
+        let (_folder, store, [anna, bert]) = store();
+        let path = store.save(&anna, &file(1)).unwrap().0;
         let whole = fs::read(&path).unwrap();
         for damaged in [&whole[..whole.len() / 2], b"", b"\xff\xfe", &b" ".repeat(1 << 20)] {
             fs::write(&path, damaged).unwrap();
-            let error = store.load(&name("anna")).unwrap_err().to_string();
+            let error = store.load(&anna).unwrap_err().to_string();
             assert!(error.starts_with(path.to_str().unwrap()), "{error}");
             assert!(error.contains("facewire calibrate --wearer anna"), "{error}");
         }
         fs::remove_file(&path).unwrap();
         fs::create_dir_all(&path).unwrap();
-        assert!(matches!(store.load(&name("anna")), Err(StoreError::Unreadable(_))));
-        assert!(matches!(store.save(&name("anna"), &file(1)), Err(StoreError::Unwritable(_))));
+        assert!(matches!(store.load(&anna), Err(StoreError::Unreadable(_))));
+        assert!(matches!(store.save(&anna, &file(1)), Err(StoreError::Unwritable(_))));
         assert_eq!(content(&store), ["anna.toml"], "nothing is left behind");
         assert!(Command::new("mkfifo").arg(store.folder().join("bert.toml")).status().unwrap().success());
-        assert!(matches!(store.load(&name("bert")), Err(StoreError::Bad(_))), "a pipe");
+        assert!(matches!(store.load(&bert), Err(StoreError::Bad(_))), "a pipe");
     }
 
     #[test]
     fn folder_that_cannot_be_synced_does_not_hide_that_the_new_profile_is_in_place() {
-        let (_folder, mut store) = store();
-        store.save(&name("anna"), &file(1)).unwrap();
+        let (_folder, mut store, [anna, _]) = store();
+        store.save(&anna, &file(1)).unwrap();
         store.sync_folder = |_| Err(io::Error::other("no answer"));
-        let (path, warning) = store.save(&name("anna"), &file(2)).unwrap();
+        let (path, warning) = store.save(&anna, &file(2)).unwrap();
         assert!(warning.is_some_and(|warning| warning.contains("no answer") && warning.contains("check the disk")));
         assert!(path.exists());
-        assert_eq!(store.load(&name("anna")).unwrap(), file(2));
+        assert_eq!(store.load(&anna).unwrap(), file(2));
     }
 
     /// The folder in which `full_disk_leaves_the_former_profile` lets a process with a limit on the size of files write.
@@ -326,12 +321,12 @@ mod tests {
     #[test]
     fn full_disk_leaves_the_former_profile() {
         if let Ok(folder) = std::env::var(LIMITED) {
-            let error = Store::new(&folder).save(&name("anna"), &file(2)).unwrap_err().to_string();
+            let error = Store::new(&folder).save(&WearerName::new("anna").unwrap(), &file(2)).unwrap_err().to_string();
             assert!(error.contains("anna.toml") && error.contains("free some space"), "{error}");
             return;
         }
-        let (_folder, store) = store();
-        store.save(&name("anna"), &file(1)).unwrap();
+        let (_folder, store, [anna, _]) = store();
+        store.save(&anna, &file(1)).unwrap();
         // A write beyond the limit fails like one to a full disk, and after some of it has been written.
         let test = "calibration::store::tests::full_disk_leaves_the_former_profile";
         let script = format!("trap '' XFSZ; ulimit -f 8; exec \"$0\" --exact {test} --nocapture");
@@ -340,7 +335,7 @@ mod tests {
         let output = child.output().unwrap();
         let said = String::from_utf8_lossy(&output.stdout);
         assert!(output.status.success() && said.contains("1 passed"), "{output:?}");
-        assert_eq!(store.load(&name("anna")).unwrap(), file(1));
+        assert_eq!(store.load(&anna).unwrap(), file(1));
         assert_eq!(content(&store), ["anna.toml"]);
     }
 

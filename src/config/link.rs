@@ -9,7 +9,7 @@ use std::{
 use facewire_face::{Adjustments, BLENDSHAPES, COEFFS};
 
 use super::{
-    overlay::{Entry, Field, Overlay, Section, field, key, section},
+    overlay::{Entry, Field, Overlay, Section, field, section},
     value::{
         Address, EXACTLY_36_CHARACTERS, JsonTarget, MOST_BITS, OSC_PREFIX, Parameters, SerialDevice,
         UP_TO_64_CHARACTERS, address, choice, choices, flag, json_target, number, one_of, optional_address, parameters,
@@ -89,9 +89,7 @@ impl Default for LinkKind {
 }
 
 section! {
-    UdpSettings {
-        address: Address = Address::local(5252), address();
-    }
+    UdpSettings { address: Address = Address::local(5252), address(); }
 
     SerialSettings {
         device: SerialDevice = SerialDevice::Auto, serial_device();
@@ -149,9 +147,7 @@ section! {
         version: u32 = 2, whole(1..=2, "");
     }
 
-    JsonSettings {
-        to: JsonTarget = JsonTarget::Stdout, json_target();
-    }
+    JsonSettings { to: JsonTarget = JsonTarget::Stdout, json_target(); }
 
     PaceSettings {
         pace: PaceKind = PaceKind::Pose, choice();
@@ -308,9 +304,10 @@ impl LinkSettings {
     /// Reads a link. Its kind chooses its other keys, which cannot be judged without it.
     fn read(entry: &Entry<'_>, file: &mut Overlay<'_>) -> Self {
         let mut link = Self::default();
-        if let Some(name) = entry.value.get_ref().as_table().and_then(|table| table.get("kind")) {
-            let Some(kind) = name.get_ref().as_str().and_then(LinkKind::named) else {
-                file.refuse_value("link.kind", name, one_of(LinkKind::NAMES.iter().copied()));
+        if let Some(value) = entry.value.get_ref().as_table().and_then(|table| table.get("kind")) {
+            let Some(kind) = value.get_ref().as_str().and_then(LinkKind::named) else {
+                let kinds = one_of(LinkKind::NAMES.iter().copied());
+                file.refuse(&Entry { path: "link.kind".to_owned(), value }, kinds);
                 return link;
             };
             link = Self::of(kind);

@@ -26,7 +26,7 @@ pub use settings::*;
 pub(crate) use value::quoted;
 pub use value::{Address, Choice, JsonTarget, Listen, Parameters, SerialDevice};
 
-use self::overlay::{Overlay, Section as _};
+use self::overlay::{Entry, Overlay, Section as _};
 use crate::calibration::WearerName;
 
 /// Exit status for bad settings, as in `sysexits.h`. systemd does not restart a service that exits with it.
@@ -131,7 +131,7 @@ fn lay(
     let named = value.map_or(Some(AUTO), |value| value.get_ref().as_str()).and_then(|name| find_board(name, detected));
     // A board that the file names must be known, even if another one is fixed.
     if let (Some(value), None) = (value, named) {
-        file.refuse_value("board", value, value::one_of(board_names()));
+        file.refuse(&Entry { path: "board".to_owned(), value }, value::one_of(board_names()));
     }
     if let Some((name, text)) = fixed.or(named) {
         settings.board = name;

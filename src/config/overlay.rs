@@ -10,6 +10,8 @@ use toml::{
 
 use super::value::Reader;
 
+/// What replaces two settings of earlier versions.
+const SMOOTHING: &str = "[smoothing] has a filter and a time for each part of the face, such as mouth_ms = 180";
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -93,16 +95,6 @@ pub fn field<'a, T>(key: &'static str, setting: &'a mut T, read: impl Reader<T> 
     (key, Box::new(move |entry, file| read(setting, entry, file)))
 }
 
-/// The key of a field: its name, unless another one is given.
-macro_rules! key {
-    ($field:ident) => {
-        stringify!($field)
-    };
-    ($field:ident $key:literal) => {
-        $key
-    };
-}
-
 /// Declares tables of settings: `field: Type = default, reader;` for each key. `field "key": ...` gives a field another key
 /// than its name.
 macro_rules! section {
@@ -125,20 +117,20 @@ macro_rules! section {
         impl $name {
             /// The keys whose values differ from those of `other`.
             pub fn changed_keys(&self, other: &Self) -> Vec<&'static str> {
-                let keys = [ $( (key!($field $($key)?), self.$field != other.$field), )* ];
+                let keys = [ $( ([$($key,)? stringify!($field)][0], self.$field != other.$field), )* ];
                 keys.into_iter().filter(|(_, is_changed)| *is_changed).map(|(key, _)| key).collect()
             }
         }
 
         impl Section for $name {
             fn fields(&mut self) -> Vec<Field<'_>> {
-                vec![ $( field(key!($field $($key)?), &mut self.$field, $read), )* ]
+                vec![ $( field([$($key,)? stringify!($field)][0], &mut self.$field, $read), )* ]
             }
         }
     )* };
 }
 
-pub(super) use {key, section};
+pub(super) use section;
 
 /// A file that is being laid over settings.
 pub struct Overlay<'a> {
@@ -185,12 +177,7 @@ impl<'a> Overlay<'a> {
                 continue;
             }
             let objection = match path.as_str() {
-                // Settings of earlier versions.
-                "solver.smoothing_ms" | "solver.smoothing_frames" => {
-                    "no longer a setting: [smoothing] has a filter and \
-                    a time for each part of the face, such as mouth_ms = 180"
-                        .to_owned()
-                }
+                "solver.smoothing_ms" | "solver.smoothing_frames" => format!("no longer a setting: {SMOOTHING}"),
                 _ => section.objection(key).unwrap_or_else(|| format!("not a setting{}", hint(key, &section.keys()))),
             };
             let sentence = format!("{} is {objection}", printable(&path));
@@ -199,14 +186,10 @@ impl<'a> Overlay<'a> {
     }
 
     /// Adds the fault that the value of this entry is not what is expected.
-    pub fn refuse(&mut self, entry: &Entry<'_>, expected: String) {
-        self.refuse_value(&entry.path, entry.value, expected);
-    }
-
-    pub fn refuse_value(&mut self, path: &str, value: &Spanned<DeValue<'_>>, expected: String) {
+    pub fn refuse(&mut self, Entry { path, value }: &Entry<'_>, expected: String) {
         let written = self.text.get(value.span()).unwrap_or_default().lines().next().unwrap_or_default();
         let sentence = format!("{path} = {}: give {expected}", printable(written));
-        self.fault(value.span().start, path.to_owned(), true, sentence);
+        self.fault(value.span().start, path.clone(), true, sentence);
     }
 
     fn fault(&mut self, start: usize, key: String, is_invalid_value: bool, sentence: String) {

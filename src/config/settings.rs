@@ -4,7 +4,7 @@
 
 use super::{
     link::{LinkSettings, links},
-    overlay::{Entry, Field, Overlay, Section, field, key, section},
+    overlay::{Entry, Field, Overlay, Section, field, section},
     value::{ANY_TEXT, Listen, choice, choices, flag, listen, number, table, text, whole},
 };
 use facewire_face::{Adjustment, Adjustments, BLENDSHAPES, EngineChoice, FilterKind, Group, NeutralMode, Rules};
@@ -45,9 +45,7 @@ section! {
         threads: u32 = 1, whole(1..=8, "");
     }
 
-    SolverSettings {
-        model: String = String::new(), text(ANY_TEXT);
-    }
+    SolverSettings { model: String = String::new(), text(ANY_TEXT); }
 
     SmoothingSettings {
         lids: FilterKind = FilterKind::GatedAverage, choice();
@@ -79,9 +77,7 @@ section! {
         slew_per_s: f32 = 4.0, number(0.1..=100.0, " (1/s)");
     }
 
-    SendSettings {
-        rate_hz: u32 = 60, whole(10..=240, " (1/s)");
-    }
+    SendSettings { rate_hz: u32 = 60, whole(10..=240, " (1/s)"); }
 
     RealtimeSettings {
         lock_memory: bool = false, flag();
@@ -95,17 +91,9 @@ section! {
         temperature_limit_c: u32 = 0, whole(0..=120, " (°C)");
     }
 
-    AdaptationSettings {
-        enabled: bool = true, flag();
-    }
-
-    MetricsSettings {
-        listen: Listen = Listen::Off, listen();
-    }
-
-    LogSettings {
-        level: LogLevel = LogLevel::Info, choice();
-    }
+    AdaptationSettings { enabled: bool = true, flag(); }
+    MetricsSettings { listen: Listen = Listen::Off, listen(); }
+    LogSettings { level: LogLevel = LogLevel::Info, choice(); }
 }
 
 /// The board is chosen before the tables are read.

@@ -19,8 +19,10 @@ const FIELD_BYTES: usize = 64;
 #[derive(Debug)]
 pub struct AviSource<R> {
     riff: Riff<R>,
-    video: Video,
     origin: String,
+    /// Number of the first video stream.
+    stream: u8,
+    size: [usize; 2],
     rate: FrameRate,
     decoder: JpegDecoder,
     jpeg: Box<[u8]>,
@@ -35,20 +37,18 @@ impl<R: Read> AviSource<R> {
     /// Reads the header. `origin` names the source to the operator. A film that states no rate has the given one.
     pub fn open(reader: R, origin: &str, rate: FrameRate) -> Result<Self, CaptureError> {
         let mut riff = Riff::new(reader);
-        let video = Video::read(&mut riff)?;
-        let ([width, height], origin) = (video.size, origin.to_owned());
+        let (stream, size, stated) = riff.read_header()?;
+        let ([width, height], rate, origin) = (size, stated.unwrap_or(rate), origin.to_owned());
         let decoder = JpegDecoder::new(width, height)?;
         let jpeg = vec![0; decoder.max_jpeg_bytes()].into_boxed_slice();
-        let rate = video.rate.unwrap_or(rate);
-        Ok(Self { riff, video, origin, rate, decoder, jpeg, jpeg_bytes: 0, read: 0, ended: false })
+        Ok(Self { riff, origin, stream, size, rate, decoder, jpeg, jpeg_bytes: 0, read: 0, ended: false })
     }
 
     /// Continues with the same film from its beginning. Numbers and times continue to grow.
     pub(super) fn rewind(&mut self, reader: R) -> Result<(), CaptureError> {
         self.riff = Riff::new(reader);
-        self.video = Video::read(&mut self.riff)?;
         self.ended = false;
-        Ok(())
+        self.riff.read_header().map(|_| ())
     }
 
     /// Decodes the frame behind which [`Source::skip`] has put the reader.
@@ -63,9 +63,12 @@ impl<R: Read> AviSource<R> {
 
     /// Reads the next frame that was not dropped into `self.jpeg`. Returns `false` at the end.
     fn read_frame(&mut self) -> io::Result<bool> {
+        // A frame's name is the number of its stream and `dc` or `db`.
+        let name = [b'0' + self.stream / 10, b'0' + self.stream % 10, b'd'];
         while let Some((id, bytes)) = self.riff.next_item()? {
             let Some(bytes) = bytes else { continue };
-            if !self.video.is_frame(id) {
+            let [tens, ones, d, kind] = id;
+            if [tens, ones, d] != name || !matches!(kind, b'c' | b'b') {
                 match self.riff.skip(bytes.into()) {
                     // A file that is cut off within its index has all of its frames.
                     Err(error) if error.kind() == ErrorKind::UnexpectedEof && id == *b"idx1" => return Ok(false),
@@ -102,66 +105,8 @@ impl<R: Read> Source for AviSource<R> {
     }
 
     fn describe(&self) -> Description<'_> {
-        let [width, height] = self.video.size;
+        let [width, height] = self.size;
         Description { origin: &self.origin, format: "MJPEG", width, height, rate: Some(self.rate) }
-    }
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Video {
-    stream: u8,
-    size: [usize; 2],
-    rate: Option<FrameRate>,
-}
-
-impl Video {
-    /// Returns whether a chunk is a frame of this stream. Its name is then the two-digit number and `dc` or `db`.
-    fn is_frame(self, [tens, ones, d, kind]: [u8; 4]) -> bool {
-        let number = [b'0' + self.stream / 10, b'0' + self.stream % 10];
-        [tens, ones] == number && d == b'd' && matches!(kind, b'c' | b'b')
-    }
-
-    /// Reads the header, up to the first frame. The offsets are those of `AVISTREAMHEADER` and `BITMAPINFOHEADER`.
-    fn read<R: Read>(riff: &mut Riff<R>) -> Result<Self, CaptureError> {
-        let refuse = |reason| {
-            let remedy = "convert it with `ffmpeg -i FILE -c:v mjpeg -q:v 3 out.avi`";
-            CaptureError::BadFile(format!("the AVI file {reason}; {remedy}"))
-        };
-        let early = |error: io::Error| match error.kind() {
-            ErrorKind::UnexpectedEof => refuse("ends within its header"),
-            _ => error.into(),
-        };
-        if riff.next_item().map_err(early)? != Some((*b"AVI ", None)) {
-            return Err(refuse("is not an AVI file"));
-        }
-        let (mut streams, mut video, mut picture) = (0_u8, None, None);
-        loop {
-            let (id, bytes) = match riff.next_item().map_err(early)?.ok_or_else(|| refuse("has no pictures"))? {
-                (kind, None) if kind == *b"movi" => break,
-                (_, None) => continue,
-                (id, Some(bytes)) => (id, bytes),
-            };
-            let fields = riff.read_start(bytes).map_err(early)?;
-            let word = |at: usize| fields.get(at..).and_then(<[u8]>::first_chunk).copied().unwrap_or_default();
-            let number = |at| u32::from_le_bytes(word(at));
-            if id == *b"strh" {
-                if word(0) == *b"vids" && video.is_none() {
-                    video = Some((streams, FrameRate::new(number(24), number(20))));
-                }
-                streams = streams.saturating_add(1);
-            } else if id == *b"strf" && video.is_some() && picture.is_none() {
-                // A negative height says that the top row comes first.
-                let sides = [number(4), number(8).cast_signed().unsigned_abs()];
-                picture = Some((sides.map(|side| side as usize), word(16).map(|c| c.to_ascii_uppercase())));
-            }
-        }
-        match video.zip(picture) {
-            Some(((stream @ ..=99, rate), (size, codec))) if [*b"MJPG", *b"JPEG"].contains(&codec) => {
-                Ok(Self { stream, size, rate })
-            }
-            Some(((..=99, _), _)) => Err(refuse("is not Motion-JPEG")),
-            _ => Err(refuse("has no video stream")),
-        }
     }
 }
 
@@ -191,6 +136,50 @@ impl<R: Read> Read for Riff<R> {
 impl<R: Read> Riff<R> {
     fn new(reader: R) -> Self {
         Self { reader, offset: 0, end: None, has_padding: false }
+    }
+
+    /// Reads the header, up to the first frame. Returns the number of the first video stream, the size of its pictures and its
+    /// rate. The offsets are those of `AVISTREAMHEADER` and `BITMAPINFOHEADER`.
+    fn read_header(&mut self) -> Result<(u8, [usize; 2], Option<FrameRate>), CaptureError> {
+        let refuse = |reason| {
+            let remedy = "convert it with `ffmpeg -i FILE -c:v mjpeg -q:v 3 out.avi`";
+            CaptureError::BadFile(format!("the AVI file {reason}; {remedy}"))
+        };
+        let early = |error: io::Error| match error.kind() {
+            ErrorKind::UnexpectedEof => refuse("ends within its header"),
+            _ => error.into(),
+        };
+        if self.next_item().map_err(early)? != Some((*b"AVI ", None)) {
+            return Err(refuse("is not an AVI file"));
+        }
+        let (mut streams, mut video, mut picture) = (0_u8, None, None);
+        loop {
+            let (id, bytes) = match self.next_item().map_err(early)?.ok_or_else(|| refuse("has no pictures"))? {
+                (kind, None) if kind == *b"movi" => break,
+                (_, None) => continue,
+                (id, Some(bytes)) => (id, bytes),
+            };
+            let fields = self.read_start(bytes).map_err(early)?;
+            let word = |at: usize| fields.get(at..).and_then(<[u8]>::first_chunk).copied().unwrap_or_default();
+            let number = |at| u32::from_le_bytes(word(at));
+            if id == *b"strh" {
+                if word(0) == *b"vids" && video.is_none() {
+                    video = Some((streams, FrameRate::new(number(24), number(20))));
+                }
+                streams = streams.saturating_add(1);
+            } else if id == *b"strf" && video.is_some() && picture.is_none() {
+                // A negative height says that the top row comes first.
+                let sides = [number(4), number(8).cast_signed().unsigned_abs()];
+                picture = Some((sides.map(|side| side as usize), word(16).map(|c| c.to_ascii_uppercase())));
+            }
+        }
+        match video.zip(picture) {
+            Some(((stream @ ..=99, rate), (size, codec))) if [*b"MJPG", *b"JPEG"].contains(&codec) => {
+                Ok((stream, size, rate))
+            }
+            Some(((..=99, _), _)) => Err(refuse("is not Motion-JPEG")),
+            _ => Err(refuse("has no video stream")),
+        }
     }
 
     /// Reads the beginning of the next list or chunk. Returns the kind of a list, or the name of a chunk and its number of

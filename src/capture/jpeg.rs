@@ -12,6 +12,8 @@
 
 mod cleaner;
 
+use std::mem::take;
+
 use turbojpeg::{Colorspace, DecompressHeader, Decompressor, Subsamp, YuvImage};
 
 use self::cleaner::clean;
@@ -31,7 +33,10 @@ const END_OF_IMAGE: &[u8] = &[0xff, 0xd9];
 /// Decodes JPEG images of one size.
 #[derive(Debug)]
 pub struct JpegDecoder {
-    strict: StrictDecoder,
+    decompressor: Decompressor,
+    planes: Vec<u8>,
+    size: [usize; 2],
+    decoded: Option<Subsamp>,
     /// Memory for an image that was cleaned.
     clean: Vec<u8>,
     clean_at_once: u32,
@@ -43,26 +48,28 @@ impl JpegDecoder {
             return Err(CaptureError::picture_size(width, height));
         }
         let no_memory = |_| CaptureError::Unusable("the JPEG decoder could not start; free some memory".to_owned());
-        let padded = |side: usize| side.next_multiple_of(MAX_SUBSAMPLING);
-        let (decompressor, planes) = (decompressor().map_err(no_memory)?, vec![0; 3 * padded(width) * padded(height)]);
-        let strict = StrictDecoder { decompressor, planes, size: [width, height], decoded: None };
-        Ok(Self { clean: Vec::with_capacity(strict.max_jpeg_bytes()), strict, clean_at_once: 0 })
+        let [columns, rows] = [width, height].map(|side| side.next_multiple_of(MAX_SUBSAMPLING));
+        let (decompressor, planes) = (decompressor().map_err(no_memory)?, vec![0; 3 * columns * rows]);
+        let (size, clean) = ([width, height], Vec::new());
+        let mut decoder = Self { decompressor, planes, size, decoded: None, clean, clean_at_once: 0 };
+        decoder.clean.reserve_exact(decoder.max_jpeg_bytes());
+        Ok(decoder)
     }
 
     /// Largest number of bytes that an image of this size can sensibly have. Sources bound their buffers by it.
     pub fn max_jpeg_bytes(&self) -> usize {
-        self.strict.max_jpeg_bytes()
+        self.planes.len() + 64 * 1024
     }
 
     /// Decodes one image, which [`JpegDecoder::picture`] then returns. After an error there is no picture.
     pub fn decode(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
-        self.strict.decoded = None;
+        self.decoded = None;
         if !jpeg.starts_with(START_OF_IMAGE) {
             return Err(FrameFault::NotJpeg);
         }
         let is_cleaned_at_once = self.clean_at_once > 0;
         if !is_cleaned_at_once {
-            match self.strict.decode(jpeg) {
+            match self.decode_strictly(jpeg) {
                 Err(FrameFault::Corrupt) => {}
                 tried => return tried,
             }
@@ -71,43 +78,31 @@ impl JpegDecoder {
             Ok(()) => {
                 let had_need = !jpeg.starts_with(&self.clean);
                 self.clean_at_once = if had_need { CLEANED_AT_ONCE } else { self.clean_at_once.saturating_sub(1) };
-                self.strict.decode(&self.clean)
+                let clean = take(&mut self.clean);
+                let decoded = self.decode_strictly(&clean);
+                self.clean = clean;
+                decoded
             }
             // The cleaner knows only the images of a camera, and libjpeg-turbo others, too.
             Err(fault) if is_cleaned_at_once => {
                 self.clean_at_once = 0;
-                self.strict.decode(jpeg).map_err(|tried| if tried == FrameFault::Corrupt { fault } else { tried })
+                self.decode_strictly(jpeg).map_err(|tried| if tried == FrameFault::Corrupt { fault } else { tried })
             }
             Err(fault) => Err(fault),
         }
     }
 
     pub fn picture(&self) -> Option<Picture<'_>> {
-        let [width, height] = self.strict.size;
-        Picture::new(width, height, self.strict.pixels()?, true)
-    }
-}
-
-/// Decodes images, and refuses every image that libjpeg-turbo warns about.
-#[derive(Debug)]
-struct StrictDecoder {
-    decompressor: Decompressor,
-    planes: Vec<u8>,
-    size: [usize; 2],
-    decoded: Option<Subsamp>,
-}
-
-impl StrictDecoder {
-    fn max_jpeg_bytes(&self) -> usize {
-        self.planes.len() + 64 * 1024
+        let [width, height] = self.size;
+        Picture::new(width, height, self.pixels()?, true)
     }
 
-    fn decode(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
+    /// Decodes an image, and refuses every image that libjpeg-turbo warns about.
+    fn decode_strictly(&mut self, jpeg: &[u8]) -> Result<(), FrameFault> {
         let header = self.decompressor.read_header(jpeg).map_err(|_| self.corrupt())?;
         self.check(&header)?;
         let (subsamp, [width, height]) = (header.subsamp, self.size);
-        let pixels = self.planes.as_mut_slice();
-        let image = YuvImage { pixels, width, align: 1, height, subsamp };
+        let image = YuvImage { pixels: self.planes.as_mut_slice(), width, align: 1, height, subsamp };
         self.decompressor.decompress_to_yuv(jpeg, image).map_err(|_| self.corrupt())?;
         self.decoded = Some(subsamp);
         Ok(())

@@ -21,8 +21,8 @@ pub(super) type Steps = [i32; COORDINATES];
 pub struct Recorded {
     /// Time of the frame in microseconds: of its capture, or in a file since the first frame.
     pub time_us: u64,
-    /// What receivers were to show: a live pose, or the neutral face with the reason why there is none.
-    pub packet: Packet,
+    /// The pose that receivers were to show, or the reason why there was none.
+    pub pose: Result<Pose, Reason>,
     /// Width and height of the picture in which the landmarks were found, pixels.
     pub size_px: [u16; 2],
     pub landmarks: Option<Landmarks>,
@@ -30,33 +30,30 @@ pub struct Recorded {
 
 impl Recorded {
     pub fn nothing(time_us: u64, reason: Reason) -> Self {
-        let pose = Pose::NEUTRAL;
-        Self { time_us, packet: packet(State::Neutral, reason, &pose), size_px: [0; 2], landmarks: None }
+        Self { time_us, pose: Err(reason), size_px: [0; 2], landmarks: None }
     }
 
     pub fn new(time_us: u64, pose: &Pose, size_px: [f32; 2], landmarks: Option<&Landmarks>) -> Self {
-        let packet = packet(State::Live, Reason::None, pose);
-        Self { time_us, packet, size_px: size_px.map(|side| side as u16), landmarks: landmarks.cloned() }
-    }
-
-    pub fn pose(&self) -> Result<Pose, Reason> {
-        if self.packet.state != State::Live {
-            return Err(self.packet.reason);
-        }
-        let Packet { rotation, position_mm, coefficients, neutral_face, .. } = self.packet;
-        Ok(Pose { rotation, position_mm, coefficients, neutral_face })
+        Self { time_us, pose: Ok(*pose), size_px: size_px.map(|side| side as u16), landmarks: landmarks.cloned() }
     }
 
     /// Appends the bytes of the frame to `bytes`. The landmarks are written as the difference to those of `before`, which
     /// then become these.
     pub(super) fn write(&self, bytes: &mut Vec<u8>, before: &mut Steps) {
+        let (state, reason, pose) = match &self.pose {
+            Ok(pose) => (State::Live, Reason::None, pose),
+            Err(reason) => (State::Neutral, *reason, &Pose::NEUTRAL),
+        };
+        let Pose { rotation, position_mm, coefficients, neutral_face } = *pose;
+        let packet =
+            Packet { state, reason, neutral_face, rotation, position_mm, coefficients, age_us: 0, ..Packet::NEUTRAL };
         bytes.extend_from_slice(&self.time_us.to_le_bytes());
-        bytes.extend_from_slice(&self.packet.encode());
+        bytes.extend_from_slice(&packet.encode());
         let size_px = if self.landmarks.is_some() { self.size_px } else { [0; 2] };
         bytes.extend_from_slice(size_px.map(u16::to_le_bytes).as_flattened());
         let Some(landmarks) = &self.landmarks else { return };
         for (value, before) in landmarks.0.as_flattened().iter().zip(before) {
-            let steps = steps(*value);
+            let steps = ((value * STEPS_PER_PX).round() as i32).clamp(-MOST_STEPS, MOST_STEPS);
             // Postcard writes numbers as zigzag and LEB128.
             let mut number = [0; MAX_NUMBER_BYTES];
             let number = postcard::to_slice(&(steps - *before), &mut number);
@@ -69,10 +66,21 @@ impl Recorded {
     pub(super) fn read(bytes: &mut &[u8], before: &mut Steps) -> Option<Self> {
         let time_us = u64::from_le_bytes(take(bytes)?);
         let packet = Packet::decode(&take::<PACKET_BYTES>(bytes)?).ok()?;
+        let Packet { state, reason, rotation, position_mm, coefficients, neutral_face, .. } = packet;
+        let pose = Pose { rotation, position_mm, coefficients, neutral_face };
+        let pose = if state == State::Live { Ok(pose) } else { Err(reason) };
         let size_px = [u16::from_le_bytes(take(bytes)?), u16::from_le_bytes(take(bytes)?)];
-        let has_face = size_px.iter().all(|side| *side > 0);
-        let landmarks = if has_face { Some(read_landmarks(bytes, before)?) } else { None };
-        Some(Self { time_us, packet, size_px, landmarks })
+        if size_px.contains(&0) {
+            return Some(Self { time_us, pose, size_px, landmarks: None });
+        }
+        let mut landmarks = Landmarks::zero();
+        for (value, before) in landmarks.0.as_flattened_mut().iter_mut().zip(before) {
+            let (difference, rest) = postcard::take_from_bytes(bytes).ok()?;
+            *bytes = rest;
+            *before = before.checked_add(difference).filter(|steps| (-MOST_STEPS..=MOST_STEPS).contains(steps))?;
+            *value = *before as f32 / STEPS_PER_PX;
+        }
+        Some(Self { time_us, pose, size_px, landmarks: Some(landmarks) })
     }
 
     pub fn to_bytes(&self) -> Vec<u8> {
@@ -85,30 +93,6 @@ impl Recorded {
     pub fn from_bytes(mut bytes: &[u8]) -> Option<Self> {
         Self::read(&mut bytes, &mut [0; COORDINATES]).filter(|_| bytes.is_empty())
     }
-}
-
-fn packet(state: State, reason: Reason, pose: &Pose) -> Packet {
-    let Pose { rotation, position_mm, coefficients, neutral_face } = *pose;
-    let (sequence, age_us, capture_us) = (0, 0, 0);
-    Packet { state, reason, neutral_face, sequence, age_us, capture_us, rotation, position_mm, coefficients }
-}
-
-fn steps(value_px: f32) -> i32 {
-    ((value_px * STEPS_PER_PX).round() as i32).clamp(-MOST_STEPS, MOST_STEPS)
-}
-
-fn read_landmarks(bytes: &mut &[u8], before: &mut Steps) -> Option<Landmarks> {
-    let mut landmarks = Landmarks::zero();
-    for (value, before) in landmarks.0.as_flattened_mut().iter_mut().zip(before) {
-        let (difference, rest) = postcard::take_from_bytes(bytes).ok()?;
-        *bytes = rest;
-        let steps = before.checked_add(difference)?;
-        if !(-MOST_STEPS..=MOST_STEPS).contains(&steps) {
-            return None;
-        }
-        (*before, *value) = (steps, steps as f32 / STEPS_PER_PX);
-    }
-    Some(landmarks)
 }
 
 fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
@@ -131,11 +115,11 @@ mod tests {
         let kept = read.landmarks.as_ref().unwrap();
         let differences = kept.0.as_flattened().iter().zip(landmarks.0.as_flattened()).map(|(a, b)| (a - b).abs());
         assert!(differences.fold(0.0, f32::max) <= 1.0 / 64.0);
-        let read_pose = read.pose().unwrap();
+        let read_pose = read.pose.unwrap();
         assert_eq!((read.time_us, read.size_px, read_pose.position_mm), (7, [640, 480], pose.position_mm));
         assert!(read_pose.coefficients.iter().all(|value| (value - 0.25).abs() < 1e-5));
         let nothing = Recorded::nothing(9, Reason::NoCamera);
-        assert_eq!(Recorded::from_bytes(&nothing.to_bytes()).unwrap().pose(), Err(Reason::NoCamera));
+        assert_eq!(Recorded::from_bytes(&nothing.to_bytes()).unwrap().pose, Err(Reason::NoCamera));
     }
 
     #[test]

@@ -132,7 +132,7 @@ pub fn replay<E: From<ServiceError>>(
         match next() {
             Ok(Some(frame)) if clock.wait_for(frame.time_us, &counters) => {
                 timing.captured(frame.time_us);
-                newest.write(News::of(frame.pose(), monotonic_us()));
+                newest.write(News::of(frame.pose, monotonic_us()));
                 sender.thread().unpark();
             }
             Ok(_) => break Ok(()),

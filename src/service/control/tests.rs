@@ -250,7 +250,7 @@ fn entries_without_a_camera_have_the_clock_of_the_frames_and_none_lies_between_t
         captured_us.iter().for_each(|us| observer.publish(|| Recorded::nothing(*us, Reason::NoFace)));
         recording.step(&mut observed, is_camera_open, now_us).unwrap();
     }
-    let entries = std::iter::from_fn(|| answers.entry()).map(|entry| (entry.time_us, entry.packet.reason));
+    let entries = std::iter::from_fn(|| answers.entry()).map(|entry| (entry.time_us, entry.pose.unwrap_err()));
     let (face, camera) = (Reason::NoFace, Reason::NoCamera);
     let want = [(second, face), (2 * second, face), (2 * second + 2_050_000, camera), (2 * second + 2_050_001, face)];
     assert_eq!(entries.collect::<Vec<_>>(), want);

@@ -102,13 +102,11 @@ pub trait Source {
         Tally::default()
     }
 
-    /// Returns what a camera has delivered whenever a window of about 1.5 s is complete. A source that loses no frames and
-    /// keeps its rate returns `None`.
+    /// Returns what a camera has delivered whenever a window of about 1.5 s is complete.
     fn take_delivery(&mut self) -> Option<Delivery> {
         None
     }
 
-    /// Time from one frame to the next in microseconds, if the source states a rate.
     fn frame_period_us(&self) -> Option<u64> {
         self.describe().rate.map(FrameRate::period_us)
     }
@@ -118,7 +116,7 @@ pub trait Source {
         false
     }
 
-    /// Whether the frames are pictures, so that the landmark networks are needed.
+    /// Whether the landmark networks are needed.
     fn shows_pictures(&self) -> bool {
         true
     }
@@ -138,7 +136,6 @@ pub struct Tally {
     pub for_newer: u32,
     /// Frames left out because the reader wanted a later one ([`Source::leave_out_until`]).
     pub left_out: u32,
-    /// How long a camera's frames took to decode.
     pub decoding: Duration,
     /// What the service is to take for impaired although it is not, because a rehearsal asks for it.
     pub rehearsed: ImpairmentSet,
@@ -147,9 +144,7 @@ pub struct Tally {
 /// What a source delivers. Printed as `demo: MJPEG 640x480 at 30 fps`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Description<'a> {
-    /// The camera or file.
     pub origin: &'a str,
-    /// Name of the pixel format.
     pub format: &'static str,
     pub width: usize,
     pub height: usize,
@@ -184,7 +179,6 @@ impl FrameRate {
         (frames > 0 && seconds > 0 && Self::BELIEVED_FPS.contains(&rate.fps())).then_some(rate)
     }
 
-    /// Returns the rate nearest to `fps`, or `None` as [`FrameRate::new`].
     pub fn from_fps(fps: f64) -> Option<Self> {
         let millionths = Self::BELIEVED_FPS.contains(&fps).then(|| (fps * 1e6).round() as u32)?;
         Self::new(millionths, 1_000_000)

@@ -19,7 +19,7 @@ use crate::impairment::Impairment;
 const RANDOM_SCENE_US: u64 = 2_000_000;
 const SHORTEST_FAULT_US: u64 = 100_000;
 const GREY: u8 = 128;
-/// Part of the clip's brightness in the dark: one 150th of its light.
+/// By this the clip's luma is divided in the dark: to one 150th of its light.
 const DARKNESS: u8 = 10;
 /// Columns of the clip, of 640, that are outside the picture. They hold a quarter of the face.
 const CUT_OFF: usize = 270;

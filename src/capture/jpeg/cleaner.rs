@@ -72,15 +72,16 @@ struct Image<'a> {
     restart_interval: usize,
     size: [usize; 2],
     /// Luma, or luma and two chroma components.
-    components: heapless::Vec<Component, 3>,
+    components: heapless::Vec<Component<'a>, 3>,
 }
 
-struct Component {
+#[derive(Clone, Copy)]
+struct Component<'a> {
     id: u8,
     /// How many blocks of the component are side by side, and how many below each other, in a minimum coded unit.
     blocks: [usize; 2],
-    /// Indices of its tables for DC and AC coefficients.
-    tables: [usize; 2],
+    /// Its tables for DC and AC coefficients.
+    tables: [HuffmanTable<'a>; 2],
 }
 
 /// The number of codes of each length, and the values in order of their codes.
@@ -197,7 +198,7 @@ impl<'a> Image<'a> {
             sampling.iter().all(|factor| (1..=4).contains(factor)).then_some(())?;
             // A scan of one component has one block in each unit, whatever its sampling.
             let blocks = if count == 1 { [1; 2] } else { sampling };
-            self.components.push(Component { id, blocks, tables: [0; 2] }).ok()?;
+            self.components.push(Component { id, blocks, tables: Default::default() }).ok()?;
         }
         (count > 0 && self.components.len() == usize::from(count)).then_some(())
     }
@@ -219,21 +220,18 @@ impl<'a> Image<'a> {
         let mut selected = 0;
         for (selector, component) in selectors.chunks_exact(2).zip(&mut self.components) {
             let &[id, tables] = selector else { return None };
-            component.tables = [tables >> 4, tables & 15].map(usize::from);
+            let [dc, ac] = &self.tables;
+            component.tables = [*dc.get(usize::from(tables >> 4))?, *ac.get(usize::from(tables & 15))?];
             selected += usize::from(id == component.id);
         }
         (selected == self.components.len() && selected == usize::from(*count)).then_some(())
     }
 
     fn read_unit(&mut self) -> Result<(), FrameFault> {
-        for component in 0..self.components.len() {
-            let Some(&Component { blocks, tables: [dc, ac], .. }) = self.components.get(component) else { break };
-            let [dc_tables, ac_tables] = self.tables;
-            let (Some(dc), Some(ac)) = (dc_tables.get(dc), ac_tables.get(ac)) else {
-                return Err(FrameFault::Corrupt);
-            };
+        for number in 0..self.components.len() {
+            let Some(Component { blocks, tables: [dc, ac], .. }) = self.components.get(number).copied() else { break };
             for _ in 0..blocks.iter().product() {
-                self.read_block(dc, ac)?;
+                self.read_block(&dc, &ac)?;
             }
         }
         Ok(())

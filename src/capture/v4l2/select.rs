@@ -161,58 +161,53 @@ mod tests {
         }
     }
 
-    fn busy(node: &Path) -> CaptureError {
-        CaptureError::device(node, "starting it", Errno::BUSY.into())
-    }
-
     #[test]
     fn a_camera_that_does_not_start_is_passed_over_told_and_tried_last_the_next_time() {
-        let cameras = [81, 82].map(|number| camera(number, "Webcam", Some(PixelFormat::Yuyv)));
-        let [first, second] = cameras.each_ref().map(|camera| camera.node.clone());
-        let open = |is_busy: fn(&Path) -> bool| {
-            let found = Found { cameras: cameras.to_vec(), refused: Vec::new() };
+        // For cameras with numbers from `first` on: whether each opens (o), is busy (b) or cannot be stopped (s), the
+        // beginning of the note or error to be told, and the numbers that are tried.
+        let table: [(u32, &str, &str, &[u32]); 5] = [
+            (81, "bo", "; passed over /dev/video81, because /dev/video81 is in use by another", &[81, 82]),
+            (81, "oo", "", &[82]),
+            (84, "bbb", "/dev/video84 is in use", &[84, 85, 86]),
+            // Only the end of the process frees it, but as long as another camera starts, the service goes on.
+            (87, "bsb", "/dev/video88 cannot be stopped", &[87, 88, 89]),
+            (94, "bso", "; passed over /dev/video94", &[94, 95, 96]),
+        ];
+        for (first, outcomes, expected, expected_tries) in table {
+            let outcomes: Vec<_> = (first..).zip(outcomes.chars()).collect();
+            let camera = |(number, _): &(u32, char)| camera(*number, "Webcam", Some(PixelFormat::Yuyv));
+            let found = Found { cameras: outcomes.iter().map(camera).collect(), refused: Vec::new() };
             let mut tried = Vec::new();
-            let outcome = start_one(found, "auto", &WISH, |node, note| {
-                tried.push(node.to_owned());
-                if is_busy(node) { Err(busy(node)) } else { Ok(note.to_owned()) }
+            let told = start_one(found, "auto", &WISH, |node, note| {
+                let is_it = |(number, _): &&(u32, char)| node.ends_with(format!("video{number}"));
+                let (number, outcome) = outcomes.iter().find(is_it).unwrap();
+                tried.push(*number);
+                match outcome {
+                    'b' => Err(CaptureError::device(node, "starting it", Errno::BUSY.into())),
+                    's' => Err(CaptureError::NotStopped { path: node.display().to_string(), source: Errno::IO.into() }),
+                    _ => Ok(note.to_owned()),
+                }
             });
-            (outcome.map_err(|error| error.to_string()), tried)
-        };
-        let (opened, tried) = open(|node| node.ends_with("video81"));
-        assert!(opened.unwrap().starts_with("; passed over /dev/video81, because /dev/video81 is in use by another"));
-        assert_eq!(tried, [first.clone(), second.clone()]);
-        assert_eq!(open(|node| node.ends_with("video81")), (Ok(String::new()), vec![second]));
-        failed().forget(&first);
-        assert!(open(|_| true).0.unwrap_err().contains("/dev/video81 is in use"), "the first one's error");
-    }
-
-    #[test]
-    fn a_camera_that_cannot_be_stopped_ends_the_service_only_if_no_other_starts() {
-        let open = |starts: bool| {
-            let cameras = [91, 92, 93].map(|number| camera(number, "Webcam", Some(PixelFormat::Yuyv))).into();
-            start_one(Found { cameras, refused: Vec::new() }, "webcam", &WISH, |node, _| match node.to_str() {
-                Some("/dev/video92") => Err(CaptureError::NotStopped { path: String::new(), source: Errno::IO.into() }),
-                Some("/dev/video93") if starts => Ok(()),
-                _ => Err(busy(node)),
-            })
-        };
-        assert!(matches!(open(false), Err(CaptureError::NotStopped { .. })));
-        assert!(open(true).is_ok());
+            let told = told.unwrap_or_else(|error| error.to_string());
+            assert!(told.starts_with(expected) && told.is_empty() == expected.is_empty(), "{told}");
+            assert_eq!(tried, expected_tries, "{told}");
+        }
     }
 
     #[test]
     fn an_ambiguous_name_and_a_missing_camera_are_reported_with_their_remedy() {
         let links = ["/dev/v4l/by-id/usb-C615", "/dev/v4l/by-path/usb-1"].map(PathBuf::from);
         let [first, second] = [2, 4].map(|number| camera(number, "C615", None));
+        let missing = |cameras: &[Camera], wanted| missing(cameras, wanted, &WISH).to_string();
         let text = ambiguity(&[&Camera { links: links.into(), ..first }, &second]);
         assert!(
             text.contains("fits /dev/video2, /dev/video4: set camera.device = \"/dev/v4l/by-path/usb-1\""),
             "{text}"
         );
-        let text = missing(&four(), "C920", &WISH).to_string();
+        let text = missing(&four(), "C920");
         assert!(text.contains("C920") && text.contains("HD Webcam C615 (/dev/video2)"), "{text}");
-        let text = missing(&four()[1..], "auto", &WISH).to_string();
+        let text = missing(&four()[1..], "auto");
         assert!(text.contains("/dev/video1 does not offer") && text.contains("none that is supported"), "{text}");
-        assert!(missing(&[], "auto", &WISH).to_string().contains("there is no camera"));
+        assert!(missing(&[], "auto").contains("there is no camera"));
     }
 }

@@ -176,15 +176,14 @@ mod tests {
     #[test]
     fn a_stream_is_dropped_after_it_has_stopped_and_otherwise_is_an_error_with_its_remedy() {
         const INTERRUPTED: Option<Errno> = Some(Errno::INTR);
-        let table = [
+        for (errors, stops, what) in [
             (vec![], true, "stops at once"),
             (vec![INTERRUPTED; 2], true, "a signal interrupts it"),
             (vec![Some(Errno::NODEV)], true, "unplugged"),
             (vec![None, Some(Errno::IO)], true, "the second attempt is that of its drop"),
             (vec![Some(Errno::IO)], false, "its drop would panic"),
             (vec![INTERRUPTED; STOP_ATTEMPTS], false, "signals without end"),
-        ];
-        for (errors, stops, what) in table {
+        ] {
             let dropped = Cell::new(false);
             let stream = Stoppable { errors: errors.iter(), dropped: &dropped };
             let sentence = release(stream, Path::new("/dev/video7")).map_err(|error| error.to_string());

@@ -35,7 +35,6 @@ impl ChannelInput {
     }
 }
 
-/// The pulses of a channel, microseconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pulses {
     /// Where the channel goes.
@@ -44,7 +43,6 @@ pub struct Pulses {
     pub now_us: f32,
 }
 
-/// A channel and its motion.
 #[derive(Debug, Clone)]
 pub struct Channel {
     pub number: u8,
@@ -56,7 +54,6 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// A channel that rests at its neutral position.
     pub fn new(settings: &ChannelSettings) -> Self {
         let neutral = if settings.neutral < 0.0 { settings.offset.clamp(0.0, 1.0) } else { settings.neutral };
         let limit = |value| if value > 0.0 { value } else { f32::INFINITY };
@@ -73,7 +70,6 @@ impl Channel {
         [self.settings.pulse_at_0_us as f32, self.settings.pulse_at_1_us as f32]
     }
 
-    /// How far the pulse changes from end to end, microseconds.
     pub fn span_us(&self) -> f32 {
         let [at_0_us, at_1_us] = self.ends_us();
         (at_1_us - at_0_us).abs()
@@ -137,7 +133,6 @@ impl Limits {
     const NONE: Self = Self { speed_per_s: f32::INFINITY, acceleration_per_s2: f32::INFINITY };
 }
 
-/// How a position follows its target within limits of speed and acceleration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Motion {
     position: f32,
@@ -145,12 +140,10 @@ struct Motion {
 }
 
 impl Motion {
-    /// A motion that rests at this position.
     fn at(position: f32) -> Self {
         Self { position, speed_per_s: 0.0 }
     }
 
-    /// Moves towards `target` for `step_s`, and returns the new position.
     fn step(&mut self, limits: Limits, target: f32, step_s: f32) -> f32 {
         let target = if target.is_nan() { self.position } else { target.clamp(0.0, 1.0) };
         if limits == Limits::NONE {

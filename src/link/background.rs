@@ -29,7 +29,6 @@ const RETRY_PERIOD: Duration = Duration::from_millis(2);
 /// Longest sleep. Every message ends it.
 const IDLE: Duration = Duration::from_millis(100);
 
-/// The encoded bytes of one message.
 type Message = heapless::Vec<u8, MESSAGE_BYTES>;
 
 /// A device with a thread of its own, on which it may block, allocate and log.
@@ -40,7 +39,6 @@ pub(super) trait Device: Debug + Send + 'static {
     fn open(&mut self) -> Result<Self::Session<'_>, LinkError>;
 }
 
-/// An open device.
 pub(super) trait Session {
     /// Writes the message. Returns whether the device took it.
     fn write(&mut self, message: &[u8]) -> Result<bool, LinkError>;
@@ -51,7 +49,6 @@ pub(super) trait Session {
     }
 }
 
-/// State that the carrier and its thread share.
 #[derive(Debug, Default)]
 struct Shared {
     stop: AtomicBool,
@@ -98,7 +95,6 @@ impl Background {
 }
 
 impl Carrier for Background {
-    /// Hands the message to the thread. It replaces a message that was not written yet.
     fn send(&mut self, message: &[u8]) {
         let buffer = self.newest.input_buffer_mut();
         buffer.clear();
@@ -135,7 +131,6 @@ impl Drop for Background {
     }
 }
 
-/// The thread of a device.
 struct Work<D> {
     device: D,
     newest: Newest<Message>,
@@ -145,8 +140,6 @@ struct Work<D> {
 }
 
 impl<D: Device> Work<D> {
-    /// Writes messages until it is told to stop. This thread also logs what happens to the device, because no message
-    /// waits for it.
     fn run(mut self) {
         let handover_end = Instant::now() + HANDOVER;
         while !self.shared.stopping() {
@@ -159,7 +152,6 @@ impl<D: Device> Work<D> {
                     self.retry.wait()
                 }
             };
-            // Waits, however many messages come meanwhile.
             let end = Instant::now() + wait;
             while !self.shared.stopping() && Instant::now() < end {
                 thread::park_timeout(end.saturating_duration_since(Instant::now()));
@@ -181,7 +173,6 @@ impl<D: Device> Work<D> {
         }
     }
 
-    /// Runs from opening the device to the first error, or to the end.
     fn session(&mut self) -> Result<(), LinkError> {
         let Self { device, newest, shared, retry } = self;
         let opened = device.open();

@@ -19,7 +19,6 @@ use crate::config::{
 
 /// Share of a serial line that packets may use, percent. The rest makes up for clocks that differ.
 const LINE_SHARE: u64 = 80;
-/// Bits of a byte on a serial line: a start bit, 8 data bits and a stop bit.
 const BITS_PER_BYTE: u64 = 10;
 /// Baud rates that every serial port supports. The last one carries the highest rate that a setting allows.
 const USUAL_BAUDS: [u32; 6] = [19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
@@ -53,7 +52,6 @@ pub fn check_settings(settings: &Settings, control: &[PathBuf], faults: &mut Fau
     }
 }
 
-/// A serial port, its baud rate, and what "auto" stands for.
 type Line<'a> = (&'a SerialDevice, u32, AutoDevice);
 
 fn line(link: &LinkSettings) -> Option<Line<'_>> {
@@ -63,7 +61,6 @@ fn line(link: &LinkSettings) -> Option<Line<'_>> {
     }
 }
 
-/// What a servo board can do.
 struct ServoBoard {
     name: &'static str,
     last_channel: u32,
@@ -86,7 +83,6 @@ impl ServoBoard {
     }
 }
 
-/// The check of one link.
 struct Check<'a> {
     link: &'a LinkSettings,
     earlier: &'a [LinkSettings],
@@ -382,12 +378,6 @@ mod tests {
             assert!(faults.starts_with(want) && faults.is_empty() == want.is_empty(), "{want}: {faults}");
             assert!(!faults.contains('\n'), "{faults}");
         }
-    }
-
-    #[test]
-    fn a_misspelt_source_is_the_only_fault_of_its_channel() {
-        let faults = faults(&[MAESTRO, "[[link.channel]]\nsources = { jawopen = 1.0 }\n"]);
-        assert_eq!(faults, "file:4: link.channel.sources.jawopen is not a setting; did you mean jawOpen?");
     }
 
     #[test]

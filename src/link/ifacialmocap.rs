@@ -27,14 +27,12 @@ use super::udp::socket_for;
 use super::{Background, Carrier, Format, LinkError, LinkErrorKind, Output, Traffic, UdpCarrier};
 use crate::config::IFacialMocapSettings;
 
-/// Room for one datagram.
 const LONGEST: usize = 2048;
 /// What a receiver sends to ask for the stream, and what follows if it wants version 2.
 const REQUEST: &[u8] = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719";
 const SECOND: &[u8] = b"|sendDataVersion=v2";
 /// Most datagrams that are read between two messages of the stream: more than the system keeps.
 const MOST_AT_ONCE: usize = 1000;
-/// Most receivers that asked.
 const MOST: usize = 8;
 /// A receiver that has not asked for this long may lose its place to a newcomer.
 const RECENT: Duration = Duration::from_mins(1);
@@ -43,25 +41,21 @@ const CHECK_PERIOD: Duration = Duration::from_millis(500);
 const MOST_CHECKS_AWAY: u32 = 6;
 /// Most lines of the log in a period. The last of them says that the log will be silent.
 const MOST_LINES: u32 = 20;
-/// Length of a period of the log, from its first line on.
 const LOG_PERIOD: Duration = Duration::from_mins(10);
 
-/// Datagrams of version 2.
 #[derive(Debug)]
 pub struct IFacialMocap {
     names: Vec<String>,
     text: Vec<u8>,
-    gaze: Gaze,
 }
 
 impl IFacialMocap {
     pub fn new() -> Self {
         let names = BLENDSHAPES.iter().map(|name| short(name)).collect();
-        Self { names, text: Vec::with_capacity(LONGEST), gaze: Gaze::default() }
+        Self { names, text: Vec::with_capacity(LONGEST) }
     }
 
-    fn write(&mut self, output: &Output) -> io::Result<()> {
-        self.gaze.follow(&output.pose.coefficients);
+    fn write(&mut self, output: &Output, gaze: Gaze) -> io::Result<()> {
         let text = &mut self.text;
         text.clear();
         for (name, value) in self.names.iter().zip(output.pose.coefficients) {
@@ -71,21 +65,20 @@ impl IFacialMocap {
         let [x, y, z] = [right_mm, 0.0 - down_mm, 0.0 - away_mm].map(|mm| 0.001 * mm);
         write_angles(text, "=head", Angles::of(output.pose.rotation))?;
         write!(text, ",{x:.4},{y:.4},{z:.4}")?;
-        write_angles(text, "|rightEye", self.gaze.right)?;
-        write_angles(text, "|leftEye", self.gaze.left)?;
+        write_angles(text, "|rightEye", gaze.right)?;
+        write_angles(text, "|leftEye", gaze.left)?;
         text.write_all(b"|")
     }
 }
 
 impl Format for IFacialMocap {
-    fn encode(&mut self, output: &Output, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        if self.write(output).is_ok() {
+    fn encode(&mut self, output: &Output, gaze: Gaze, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
+        if self.write(output, gaze).is_ok() {
             send(&self.text);
         }
     }
 }
 
-/// Writes a rotation about the axes x, y and z in degrees.
 fn write_angles(text: &mut Vec<u8>, name: &str, angles: Angles) -> io::Result<()> {
     let [x, y, z] = [0.0 - angles.pitch, angles.yaw, angles.roll].map(f32::to_degrees);
     write!(text, "{name}#{x:.3},{y:.3},{z:.3}")
@@ -132,7 +125,6 @@ pub struct Subscribers {
 }
 
 impl Subscribers {
-    /// Starts to listen.
     pub fn open(settings: &IFacialMocapSettings, traffic: Arc<Traffic>) -> Result<Self, LinkError> {
         let IFacialMocapSettings { listen, reply_port, address, version } = settings;
         let has_subscriber = Arc::<AtomicBool>::default();
@@ -169,7 +161,6 @@ impl Carrier for Subscribers {
         self.carriers().find_map(Carrier::refusal)
     }
 
-    /// Whether anybody wants the stream.
     fn has_receiver(&self) -> bool {
         self.fixed.is_some() || self.has_subscriber.load(Relaxed)
     }
@@ -187,21 +178,17 @@ impl Carrier for Subscribers {
     }
 }
 
-/// A receiver that asked.
 #[derive(Debug)]
 struct Subscriber {
     address: SocketAddr,
-    /// Connected to the receiver.
     socket: UdpSocket,
     version: u32,
     asked: Instant,
     /// Whether the system has reported since the last check that the receiver is away.
     is_refused: bool,
-    /// The number of checks in a row that found it away.
     checks_away: u32,
 }
 
-/// Takes requests, and sends to those who asked.
 #[derive(Debug)]
 struct Server {
     listen: SocketAddr,
@@ -216,7 +203,6 @@ struct Server {
     log: Option<(Instant, u32)>,
 }
 
-/// The server with its open socket.
 struct Listening<'a> {
     server: &'a mut Server,
     socket: UdpSocket,
@@ -228,7 +214,6 @@ impl Device for Server {
     fn open(&mut self) -> Result<Listening<'_>, LinkError> {
         let socket = UdpSocket::bind(self.listen).and_then(|socket| socket.set_nonblocking(true).map(|()| socket));
         let socket = socket.map_err(|error| {
-            // Another program, or the link that this one replaces, may have the port.
             let is_claimed = error.kind() == ErrorKind::AddrInUse;
             let error = LinkError::no_listener(self.listen, error);
             if is_claimed { LinkError { kind: LinkErrorKind::Claimed, ..error } } else { error }
@@ -301,7 +286,6 @@ impl Server {
         self.has_subscriber.store(true, Relaxed);
     }
 
-    /// Drops receivers that have been away for long.
     fn check(&mut self, now: Instant) {
         self.checked = now;
         for it in &mut self.subscribers {
@@ -336,39 +320,27 @@ mod tests {
 
     use super::*;
     use crate::config::Address;
-    use crate::link::testing::{DOWN, LEFT, TILTED, encoded, eventually, face, turned};
+    use crate::link::testing::{LEFT, encoded, eventually, face};
 
     const FACE: &[u8] = b"jawOpen&50|=head#-1,0,0,0,0,0|";
     const FACE_1: &[u8] = b"jawOpen-50|=head#-1,0,0,0,0,0|";
     const V2: &str = "|sendDataVersion=v2";
 
     #[test]
-    fn a_frame_names_blendshapes_as_the_app_does_and_head_and_eyes_turn_about_the_axes_of_arkit() {
-        let mut left = turned(LEFT);
-        left.pose.position_mm = [100.0, 50.0, 600.0];
-        let [look, closed] = [
-            [("eyeLookInRight", 1.0), ("eyeLookDownLeft", 1.0), ("mouthSmileRight", 0.126)],
-            [("jawLeft", 1.0), ("browInnerUp", 0.5), ("mouthRight", 0.0)],
-        ]
-        .map(|look| face(&look));
-        let mut longest = turned(LEFT);
-        (longest.pose.coefficients, longest.pose.position_mm) = ([1.0; 52], [-30_000.0; 3]);
-        for (output, part) in [
-            (&look, "|mouthSmile_R&13|"),
-            (&look, "eyeBlink_L&0|"),
-            (&closed, "|jawLeft&100|"),
-            (&closed, "|browInnerUp&50|"),
-            (&closed, "|mouthRight&0|"),
-            (&left, "|=head#0.000,30.000,0.000,0.1000,-0.0500,-0.6000|"),
-            (&turned(DOWN), "|=head#20.000,0.000,0.000,0.0000,0.0000,0.0000|"),
-            (&turned(TILTED), "|=head#0.000,0.000,10.000,0.0000,0.0000,0.0000|"),
-            (&look, "|rightEye#0.000,35.000,0.000|leftEye#35.000,0.000,0.000|"),
-            (&longest, "jawOpen&100|"),
-        ] {
-            let text = String::from_utf8(encoded(&mut IFacialMocap::new(), output).concat()).unwrap();
-            assert!(text.contains(part) && text.matches('&').count() == 52, "{part} in {text}");
-            assert!(text.len() < 1400, "no network divides it");
+    fn a_frame_names_blendshapes_as_the_app_does_and_then_head_and_eyes_and_no_network_divides_it() {
+        let look = [("eyeLookInRight", 1.0), ("eyeLookDownLeft", 1.0), ("mouthSmileRight", 0.126), ("jawLeft", 1.0)];
+        let mut output = face(&look);
+        (output.pose.rotation, output.pose.position_mm) = (LEFT, [100.0, 50.0, 600.0]);
+        let text = |output: &Output| String::from_utf8(encoded(&mut IFacialMocap::new(), output).concat()).unwrap();
+        let frame = text(&output);
+        let end =
+            "|=head#0.000,30.000,0.000,0.1000,-0.0500,-0.6000|rightEye#0.000,35.000,0.000|leftEye#35.000,0.000,0.000|";
+        for part in ["|mouthSmile_R&13|", "eyeBlink_L&0|", "|jawLeft&100|", "|browInnerUp&0|", "|mouthRight&0|", end] {
+            assert!(frame.contains(part), "{part} in {frame}");
         }
+        assert_eq!(frame.matches('&').count(), 52);
+        (output.pose.coefficients, output.pose.position_mm) = ([1.0; 52], [-30_000.0; 3]);
+        assert!(text(&output).len() < 1400);
     }
 
     fn ask(ending: &str) -> Vec<u8> {

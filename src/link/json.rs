@@ -22,21 +22,15 @@ use super::{Format, LinkError, LinkErrorKind, Output};
 use crate::config::Listen;
 use crate::listener::Listener;
 
-/// Room for one line.
 const LONGEST: usize = 2048;
 /// Most clients of a socket at a time. Further ones are disconnected.
 const MOST_CLIENTS: usize = 8;
 /// Most clients that are accepted or disconnected between two lines, so that a crowd delays no connected client.
 const MOST_AT_ONCE: usize = 16;
-/// Time after which a client that takes nothing is disconnected.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
-/// Lines of JSON.
 #[derive(Debug)]
-pub struct JsonLines {
-    line: Vec<u8>,
-    gaze: Gaze,
-}
+pub struct JsonLines(Vec<u8>);
 
 #[derive(Serialize)]
 struct Head {
@@ -49,13 +43,12 @@ struct Head {
 
 impl JsonLines {
     pub fn new() -> Self {
-        Self { line: Vec::with_capacity(LONGEST), gaze: Gaze::default() }
+        Self(Vec::with_capacity(LONGEST))
     }
 
-    fn write(&mut self, output: &Output, sequence: u32) -> serde_json::Result<()> {
+    fn write(&mut self, output: &Output, gaze: Gaze, sequence: u32) -> serde_json::Result<()> {
         let Output { state, reason, pose, age_us, capture_us, .. } = output;
-        self.gaze.follow(&pose.coefficients);
-        self.line.clear();
+        self.0.clear();
         let head = HeadPose::from_rotation(pose.rotation, pose.position_mm);
         let [yaw_deg, pitch_deg, roll_deg] = head.yaw_pitch_roll_deg().map(|angle| rounded(angle, 1e2));
         let rotation_xyzw = head.rotation_xyzw.map(|part| rounded(part, 1e5));
@@ -64,17 +57,16 @@ impl JsonLines {
             let angles = [("yaw_deg", yaw), ("pitch_deg", pitch)];
             Object(angles.map(|(name, angle)| (name, rounded(angle.to_degrees(), 1e2))).into_iter())
         };
-        let mut serializer = serde_json::Serializer::new(&mut self.line);
+        let mut serializer = serde_json::Serializer::new(&mut self.0);
         let mut line = serializer.serialize_map(None)?;
         line.serialize_entry("sequence", &sequence)?;
         line.serialize_entry("state", state.name())?;
         line.serialize_entry("reason", reason.name())?;
         line.serialize_entry("neutral_face", pose.neutral_face.name())?;
-        // Null before the first pose.
         line.serialize_entry("age_ms", &(*age_us != u64::MAX).then(|| *age_us as f64 / 1000.0))?;
         line.serialize_entry("capture_us", capture_us)?;
         line.serialize_entry("head", &Head { yaw_deg, pitch_deg, roll_deg, rotation_xyzw, position_mm })?;
-        let eyes = [("left", eye(self.gaze.left)), ("right", eye(self.gaze.right))];
+        let eyes = [("left", eye(gaze.left)), ("right", eye(gaze.right))];
         line.serialize_entry("gaze", &Object(eyes.into_iter()))?;
         let coefficients = pose.coefficients.map(|value| rounded(value, 1e4));
         line.serialize_entry("coefficients", &Object(BLENDSHAPES.iter().zip(coefficients)))?;
@@ -83,15 +75,14 @@ impl JsonLines {
 }
 
 impl Format for JsonLines {
-    fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        if self.write(output, sequence).is_ok() {
-            self.line.push(b'\n');
-            send(&self.line);
+    fn encode(&mut self, output: &Output, gaze: Gaze, sequence: u32, send: &mut dyn FnMut(&[u8])) {
+        if self.write(output, gaze, sequence).is_ok() {
+            self.0.push(b'\n');
+            send(&self.0);
         }
     }
 }
 
-/// An object of names and values.
 #[derive(Clone)]
 struct Object<I>(I);
 
@@ -107,7 +98,6 @@ fn rounded(number: f32, parts: f64) -> f64 {
     (f64::from(number) * parts).round() / parts + 0.0
 }
 
-/// The standard output of this process.
 #[derive(Debug)]
 pub struct Stdout;
 
@@ -144,7 +134,6 @@ impl Device for Server {
     }
 }
 
-/// An open socket and the clients that have connected to it.
 pub struct Clients {
     listener: Listener,
     clients: Vec<Client>,
@@ -170,12 +159,9 @@ impl Session for Clients {
     }
 }
 
-/// A program that reads lines.
 struct Client {
     stream: UnixStream,
-    /// The rest of a line that the client has taken only in part.
     rest: Vec<u8>,
-    /// When the client took bytes last.
     took: Instant,
 }
 
@@ -208,50 +194,40 @@ impl Client {
 mod tests {
     use std::io::{BufRead as _, BufReader, Read as _};
     use std::path::Path;
-    use std::sync::Arc;
 
     use facewire_packet::State;
     use serde_json::{Value, json};
 
     use super::*;
-    use crate::link::testing::{LEFT, PATIENCE, encoded, eventually, face};
-    use crate::link::{Background, Carrier as _, test_output};
+    use crate::link::test_output;
+    use crate::link::testing::{LEFT, PATIENCE, encoded, face};
 
     #[test]
-    fn a_line_names_everything() {
+    fn a_line_names_everything_and_the_age_is_null_before_the_first_pose() {
         let mut output = face(&[("jawOpen", 0.123_456), ("eyeLookUpLeft", 1.0)]);
         output = Output { pose: output.pose, age_us: 23_400, capture_us: 5_000_000, ..test_output(State::Hold) };
         (output.pose.rotation, output.pose.position_mm) = (LEFT, [10.04, -20.0, 600.0]);
-        let mut value: Value = serde_json::from_slice(&encoded(&mut JsonLines::new(), &output).concat()).unwrap();
-        let coefficients = value["coefficients"].take();
+        let line = |output: &Output| encoded(&mut JsonLines::new(), output).concat();
+        let value = |output: &Output| serde_json::from_slice::<Value>(&line(output)).unwrap();
+        let mut found = value(&output);
+        let coefficients = found["coefficients"].take();
         assert_eq!((coefficients.as_object().unwrap().len(), &coefficients["jawOpen"]), (52, &json!(0.1235)));
-        let head = json!({
-            "yaw_deg": 30.0, "pitch_deg": 0.0, "roll_deg": 0.0,
-            "rotation_xyzw": [0.0, 0.25882, 0.0, 0.96593], "position_mm": [10.0, -20.0, 600.0],
-        });
-        let gaze = json!({
-            "left": { "yaw_deg": 0.0, "pitch_deg": 35.0 }, "right": { "yaw_deg": 0.0, "pitch_deg": 0.0 },
-        });
         let want = json!({
             "sequence": 7, "state": "hold", "reason": "no face", "neutral_face": "mean", "age_ms": 23.4,
-            "capture_us": 5_000_000, "head": head, "gaze": gaze, "coefficients": null,
+            "capture_us": 5_000_000, "coefficients": null,
+            "head": {
+                "yaw_deg": 30.0, "pitch_deg": 0.0, "roll_deg": 0.0,
+                "rotation_xyzw": [0.0, 0.25882, 0.0, 0.96593], "position_mm": [10.0, -20.0, 600.0],
+            },
+            "gaze": { "left": { "yaw_deg": 0.0, "pitch_deg": 35.0 }, "right": { "yaw_deg": 0.0, "pitch_deg": 0.0 } },
         });
-        assert_eq!(value, want);
-    }
-
-    #[test]
-    fn the_longest_line_fits_and_the_age_is_null_before_the_first_pose() {
-        let mut output = test_output(State::Neutral);
-        output.pose.coefficients = [0.123_456; 52];
-        (output.pose.rotation, output.pose.position_mm) = ([-0.5, -0.5, -0.5, 0.5], [-30_000.12; 3]);
-        output.capture_us = u64::MAX;
-        for (age_us, is_null) in [(u64::MAX - 1, false), (u64::MAX, true)] {
-            output.age_us = age_us;
-            let line = encoded(&mut JsonLines::new(), &output).concat();
-            assert!(line.ends_with(b"}\n") && line.iter().filter(|byte| **byte == b'\n').count() == 1);
-            assert!(line.len() < LONGEST);
-            assert_eq!(serde_json::from_slice::<Value>(&line).unwrap()["age_ms"].is_null(), is_null);
-        }
+        assert_eq!(found, want);
+        (output.pose.coefficients, output.pose.rotation) = ([0.123_456; 52], [-0.5, -0.5, -0.5, 0.5]);
+        (output.pose.position_mm, output.age_us, output.capture_us) = ([-30_000.12; 3], u64::MAX - 1, u64::MAX);
+        let longest = line(&output);
+        assert!(longest.ends_with(b"}\n") && longest.len() < LONGEST);
+        output.age_us = u64::MAX;
+        assert!(value(&output)["age_ms"].is_null());
     }
 
     /// A socket that is served only when the test calls it, its path, and its folder.
@@ -277,20 +253,6 @@ mod tests {
 
     fn write(session: &mut Clients, number: u32, padding: usize) {
         assert!(session.write(format!("{number:0padding$}\n").as_bytes()).unwrap());
-    }
-
-    #[test]
-    fn a_link_serves_its_clients_and_its_file_goes_with_it() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("lines");
-        let mut carrier = Background::start("lines", "fw-socket", Server(path.clone()), true, Arc::default()).unwrap();
-        eventually("the socket", || carrier.is_open());
-        let mut clients = [connected(&path), connected(&path)];
-        carrier.send(b"1\n");
-        assert_eq!(clients.each_mut().map(next), [1, 1]);
-        carrier.stop();
-        eventually("the end of the carrier", || carrier.has_ended());
-        assert!(!path.exists());
     }
 
     #[test]

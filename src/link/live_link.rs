@@ -6,18 +6,13 @@
 
 use facewire_packet::State;
 
-use super::{
-    Format, Output,
-    angles::{Angles, Gaze},
-};
+use super::angles::{Angles, Gaze};
+use super::{Format, Output};
 use crate::config::LiveLinkSettings;
 
 const VERSION: u8 = 6;
-/// The rate in which the time of a frame is counted.
 const FRAMES_PER_S: i32 = 60;
-/// Coefficients, and the angles of the head and of two eyes.
 const VALUES: u8 = 61;
-/// Bytes of a datagram without those of the two names.
 const FIXED_BYTES: usize = 270;
 /// Bytes of a datagram that every receiver reads: some accept no other length.
 const USUAL_BYTES: usize = 312;
@@ -37,15 +32,12 @@ pub fn note(settings: &LiveLinkSettings) -> Option<String> {
     (bytes != USUAL_BYTES).then_some(sentence)
 }
 
-/// Datagrams of one subject.
 #[derive(Debug)]
 pub struct LiveLink {
     /// The datagram. Its beginning, up to the subject's name, stays the same.
     bytes: Vec<u8>,
     names_end: usize,
     swap_mouth: bool,
-    gaze: Gaze,
-    /// How many neutral faces are still to be sent.
     neutral_left: u8,
 }
 
@@ -59,32 +51,26 @@ impl LiveLink {
             bytes.extend_from_slice(name.as_bytes());
         }
         let (names_end, swap_mouth) = (bytes.len(), settings.swap_mouth);
-        Self { bytes, names_end, swap_mouth, gaze: Gaze::default(), neutral_left: NEUTRAL_FACES }
-    }
-
-    fn frame(&mut self, output: &Output) {
-        let (frame, part) = frame_time(output);
-        let time = [frame.to_be_bytes(), part.to_be_bytes(), FRAMES_PER_S.to_be_bytes(), 1_i32.to_be_bytes()];
-        self.bytes.extend_from_slice(time.as_flattened());
-        self.bytes.push(VALUES);
-        let mut coefficients = output.pose.coefficients;
-        if self.swap_mouth {
-            coefficients.swap(MOUTH_LEFT, MOUTH_LEFT + 1);
-        }
-        self.gaze.follow(&coefficients);
-        let angles = [Angles::of(output.pose.rotation), self.gaze.left, self.gaze.right].map(Angles::reversed);
-        for value in coefficients.iter().chain(angles.as_flattened()) {
-            self.bytes.extend_from_slice(&value.to_be_bytes());
-        }
+        Self { bytes, names_end, swap_mouth, neutral_left: NEUTRAL_FACES }
     }
 }
 
 impl Format for LiveLink {
-    fn encode(&mut self, output: &Output, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
+    fn encode(&mut self, output: &Output, gaze: Gaze, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
         self.bytes.truncate(self.names_end);
         let is_neutral = output.state == State::Neutral;
         if !is_neutral || self.neutral_left > 0 {
-            self.frame(output);
+            let (frame, part) = frame_time(output);
+            let time = [frame.to_be_bytes(), part.to_be_bytes(), FRAMES_PER_S.to_be_bytes(), 1_i32.to_be_bytes()];
+            self.bytes.extend_from_slice(time.as_flattened());
+            self.bytes.push(VALUES);
+            let mut coefficients = output.pose.coefficients;
+            if self.swap_mouth {
+                coefficients.swap(MOUTH_LEFT, MOUTH_LEFT + 1);
+            }
+            let angles = [Angles::of(output.pose.rotation), gaze.left, gaze.right].map(Angles::reversed);
+            let values = coefficients.iter().chain(angles.as_flattened());
+            self.bytes.extend(values.flat_map(|value| value.to_be_bytes()));
         }
         self.neutral_left = if is_neutral { self.neutral_left.saturating_sub(1) } else { NEUTRAL_FACES };
         send(&self.bytes);
@@ -105,7 +91,7 @@ mod tests {
     use super::*;
     use crate::config::{LinkKind, parse};
     use crate::link::test_output;
-    use crate::link::testing::{DOWN, LEFT, TILTED, encoded, face, kind, turned};
+    use crate::link::testing::{encoded, face, kind};
 
     /// The documented beginning of a datagram: the version, and the names of device and subject after their lengths.
     const NAMES: &[u8] = b"\x06\0\0\0\x24facewire-0000-0000-0000-000000000000\0\0\0\x04face";
@@ -113,25 +99,27 @@ mod tests {
     const TIME: &[u8] = b"\0\0\x03\xea\0\0\0\0\0\0\0\x3c\0\0\0\x01\x3d";
 
     fn open(keys: &str) -> LiveLink {
-        let LinkKind::LiveLink(settings) = kind("live-link", &format!("subject = \"face\"\n{keys}")) else {
-            unreachable!()
-        };
+        let keys = format!("subject = \"face\"\n{keys}");
+        let LinkKind::LiveLink(settings) = kind("live-link", &keys) else { unreachable!() };
         LiveLink::new(&settings)
     }
 
-    fn values(keys: &str, output: &Output) -> Vec<f32> {
+    /// Returns the length of a datagram, what is before its values, and its values.
+    fn parts(keys: &str, output: &Output) -> (usize, Vec<u8>, Vec<f32>) {
         let bytes = encoded(&mut open(keys), output).concat();
-        bytes[bytes.len() - 244..].as_chunks().0.iter().map(|value| f32::from_be_bytes(*value)).collect()
+        let (names, values) = bytes.split_at(bytes.len() - 244);
+        (bytes.len(), names.to_vec(), values.as_chunks().0.iter().map(|value| f32::from_be_bytes(*value)).collect())
     }
 
     #[test]
-    fn a_datagram_has_the_documented_bytes() {
-        let mut output = face(&[("eyeBlinkLeft", 0.5), ("tongueOut", 1.0)]);
+    fn a_datagram_has_the_documented_bytes_and_the_sides_of_the_mouth_can_be_exchanged() {
+        let mut output = face(&[("eyeBlinkLeft", 0.5), ("tongueOut", 1.0), ("mouthLeft", 0.25)]);
         (output.capture_us, output.age_us) = (16_600_000, 100_000);
-        let bytes = encoded(&mut open(""), &output).concat();
-        assert_eq!((bytes.len(), &bytes[..66]), (310, &[NAMES, TIME].concat()[..]));
-        let values = values("", &output);
-        assert_eq!((values[0], values[17], values[51], values[52..].to_vec()), (0.5, 0.0, 1.0, vec![0.0; 9]));
+        for (keys, [left, right]) in [("", [0.25, 0.0]), ("swap_mouth = true\n", [0.0, 0.25])] {
+            let mut want = vec![0.0; 61];
+            (want[0], want[21], want[22], want[51]) = (0.5, left, right, 1.0);
+            assert_eq!(parts(keys, &output), (310, [NAMES, TIME].concat(), want));
+        }
     }
 
     #[test]
@@ -144,33 +132,10 @@ mod tests {
     }
 
     #[test]
-    fn head_and_eyes_turn_positive_to_the_right_down_and_to_the_left_shoulder() {
-        for (output, want) in [
-            (turned(LEFT), [-30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
-            (turned(DOWN), [0.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
-            (turned(TILTED), [0.0, 0.0, -10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
-            (
-                face(&[("eyeLookOutLeft", 1.0), ("eyeLookDownRight", 1.0)]),
-                [0.0, 0.0, 0.0, -35.0, 0.0, 0.0, 0.0, 35.0, 0.0],
-            ),
-        ] {
-            let angles: Vec<f32> = values("", &output)[52..].iter().map(|angle| angle.to_degrees().round()).collect();
-            assert_eq!(angles, want);
-        }
-    }
-
-    #[test]
     fn without_a_face_the_datagram_ends_after_the_name_once_neutral_faces_were_sent() {
         let mut format = open("");
         let states = [State::Live, State::Decay].into_iter().chain([State::Neutral; 5]).chain([State::Live]);
         let lengths = states.map(|state| encoded(&mut format, &test_output(state)).concat().len());
         assert_eq!(lengths.collect::<Vec<_>>(), [310, 310, 310, 310, 310, NAMES.len(), NAMES.len(), 310]);
-    }
-
-    #[test]
-    fn the_sides_of_the_mouth_can_be_exchanged() {
-        let output = face(&[("mouthLeft", 0.25), ("mouthRight", 0.5)]);
-        let mouth = |keys| values(keys, &output)[21..23].to_vec();
-        assert_eq!([mouth(""), mouth("swap_mouth = true\n")], [[0.25, 0.5], [0.5, 0.25]]);
     }
 }

@@ -9,19 +9,18 @@
 
 use std::time::Instant;
 
+use super::angles::Gaze;
 use super::{Format, Inquiry, Output};
 use crate::config::{MaestroProtocol, MaestroSettings};
 use crate::servo::{Channel, ChannelInput};
 
 /// Longest command for one channel: 0xAA, device, command, channel, two bytes, CRC.
 pub const COMMAND_BYTES: usize = 7;
-/// Length of the answer to [`Code::GetErrors`].
 pub const ANSWER_BYTES: usize = 2;
 /// Begins a command of the Pololu protocol. A Maestro that detects its baud rate does so by this byte.
 const POLOLU: u8 = 0xAA;
 /// x^7 + x^3 + 1, the least significant bit first.
 const CRC_POLYNOMIAL: u8 = 0b1001_0001;
-/// Highest limits: 14 bits of speed, 8 of acceleration.
 const MOST_SPEED: f32 = 16_383.0;
 const MOST_ACCELERATION: f32 = 255.0;
 /// A speed of 1 in units of the Maestro: 0.25 µs per 10 ms.
@@ -29,7 +28,6 @@ pub const SPEED_UNIT_US_PER_S: f32 = 25.0;
 /// An acceleration of 1 in units of the Maestro: 0.25 µs per 10 ms per 80 ms.
 pub const ACCELERATION_UNIT_US_PER_S2: f32 = 312.5;
 
-/// The message about a Maestro that does not answer.
 pub const SILENCE: &str = "the Maestro does not answer: set its serial mode to \"USB Dual Port\" in the Maestro Control Center, \
     give its command port, whose stable path ends with -if00, and check that link.crc equals \"Enable CRC\"; set \
     link.read_errors = false if no wire leads back from it";
@@ -59,17 +57,14 @@ pub enum Code {
     GetErrors = 0xA1,
 }
 
-/// How commands are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Protocol {
     /// The number of the device, for the Pololu protocol; `None` for the compact one.
     device_number: Option<u8>,
-    /// Whether each command ends with its CRC.
     crc: bool,
 }
 
 impl Protocol {
-    /// The protocol of a link with these settings.
     pub fn new(settings: &MaestroSettings) -> Self {
         match settings.protocol {
             MaestroProtocol::Pololu => Self::pololu(settings),
@@ -117,7 +112,6 @@ pub fn speed(us_per_s: f32) -> u16 {
     units(us_per_s / SPEED_UNIT_US_PER_S, MOST_SPEED)
 }
 
-/// Returns the greatest limit of the Maestro that is not above this acceleration; 0 means no limit.
 fn acceleration(us_per_s2: f32) -> u16 {
     units(us_per_s2 / ACCELERATION_UNIT_US_PER_S2, MOST_ACCELERATION)
 }
@@ -126,21 +120,14 @@ fn units(limit: f32, most: f32) -> u16 {
     if limit.is_infinite() { 0 } else { limit.floor().clamp(1.0, most) as u16 }
 }
 
-/// Returns a sentence for each error in the answer to [`Code::GetErrors`].
 fn errors(answer: &[u8]) -> Vec<&'static str> {
     let register = answer.iter().rev().fold(0_u16, |register, byte| register << 8 | u16::from(*byte));
     ERRORS.into_iter().enumerate().filter(|(bit, _)| register >> bit & 1 == 1).map(|(_, error)| error).collect()
 }
 
-/// The commands to one Maestro.
 #[derive(Debug)]
 pub struct Maestro {
-    protocol: Protocol,
-    /// The Pololu protocol, whatever that of the link is.
-    pololu: Protocol,
-    read_errors: bool,
-    multiple_targets: bool,
-    /// In the order of their numbers.
+    settings: MaestroSettings,
     channels: Vec<Channel>,
     stepped_at: Option<Instant>,
     message: Vec<u8>,
@@ -150,18 +137,10 @@ impl Maestro {
     pub fn new(settings: &MaestroSettings) -> Self {
         let mut channels: Vec<Channel> = settings.channels.iter().map(Channel::new).collect();
         channels.sort_by_key(|channel| channel.number);
-        Self {
-            protocol: Protocol::new(settings),
-            pololu: Protocol::pololu(settings),
-            read_errors: settings.read_errors,
-            multiple_targets: settings.multiple_targets,
-            stepped_at: None,
-            message: Vec::with_capacity(channels.len() * COMMAND_BYTES),
-            channels,
-        }
+        let message = Vec::with_capacity(channels.len() * COMMAND_BYTES);
+        Self { settings: settings.clone(), channels, stepped_at: None, message }
     }
 
-    /// Sets the limits of all channels.
     fn limits(&self, out: &mut Vec<u8>) {
         for channel in &self.channels {
             let (span_us, limits) = (channel.span_us(), channel.limits);
@@ -169,21 +148,22 @@ impl Maestro {
             let acceleration = acceleration(limits.acceleration_per_s2 * span_us);
             for (code, limit) in [(Code::SetSpeed, speed), (Code::SetAcceleration, acceleration)] {
                 let [low, high] = data(limit);
-                self.protocol.write(out, code, [channel.number, low, high]);
+                Protocol::new(&self.settings).write(out, code, [channel.number, low, high]);
             }
         }
     }
 }
 
 impl Format for Maestro {
-    fn encode(&mut self, output: &Output, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        let Self { protocol, multiple_targets, channels, stepped_at, message, .. } = self;
+    fn encode(&mut self, output: &Output, _gaze: Gaze, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
+        let Self { settings, channels, stepped_at, message } = self;
+        let protocol = Protocol::new(settings);
         let now = Instant::now();
         let step_s = stepped_at.replace(now).map_or(0.0, |before| (now - before).as_secs_f32());
         let input = ChannelInput::new(output.state, output.reason, output.pose.rotation, &output.pose.coefficients);
         message.clear();
         // One command sets neighbours if it may set several, otherwise each channel has its own.
-        let is_next = |a: &Channel, b: &Channel| *multiple_targets && a.number.checked_add(1) == Some(b.number);
+        let is_next = |a: &Channel, b: &Channel| settings.multiple_targets && a.number.checked_add(1) == Some(b.number);
         for block in channels.chunk_by_mut(is_next) {
             let (first, count) = (block.first().map_or(0, |channel| channel.number), block.len());
             let targets = block
@@ -203,7 +183,7 @@ impl Format for Maestro {
     /// discarded.
     fn preamble(&self) -> Vec<u8> {
         let mut out = Vec::new();
-        self.pololu.write(&mut out, Code::GetErrors, []);
+        Protocol::pololu(&self.settings).write(&mut out, Code::GetErrors, []);
         self.limits(&mut out);
         out
     }
@@ -211,10 +191,10 @@ impl Format for Maestro {
     fn inquiry(&self) -> Option<Inquiry> {
         let mut question = Vec::new();
         self.limits(&mut question);
-        if self.read_errors {
-            self.protocol.write(&mut question, Code::GetErrors, []);
+        if self.settings.read_errors {
+            Protocol::new(&self.settings).write(&mut question, Code::GetErrors, []);
         }
-        let answer_bytes = if self.read_errors { ANSWER_BYTES } else { 0 };
+        let answer_bytes = if self.settings.read_errors { ANSWER_BYTES } else { 0 };
         Some(Inquiry { question, answer_bytes, troubles: errors, silence: SILENCE })
     }
 }
@@ -253,12 +233,5 @@ mod tests {
         let targets = [f32::NEG_INFINITY, -1.0, 0.0, 4080.0, 1e30].map(|pulse_us| target(Some(pulse_us)));
         assert_eq!(targets, [1, 1, 1, 16_320, 16_383]);
         assert_eq!(data(16_383), [0x7F; 2]);
-    }
-
-    #[test]
-    fn each_error_bit_has_a_sentence() {
-        assert!(errors(&[0, 0]).is_empty());
-        assert_eq!(errors(&[0xFF, 0x01]).len(), 9);
-        assert!(errors(&[0x08, 0x00])[0].contains("link.crc") && errors(&[0x00, 0x01])[0].contains("beyond its end"));
     }
 }

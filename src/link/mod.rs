@@ -27,32 +27,32 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-pub use background::Background;
-pub use check::{check_settings, notes};
-pub use ifacialmocap::request as ifacialmocap_request;
-use output::Shown;
-#[cfg(test)]
-pub(crate) use output::test_output;
-pub use output::{Output, Pace, Pose, Sent};
-use serial::PortClaim;
-pub use serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
-pub use udp::UdpCarrier;
+use facewire_packet::Packet;
 
+use self::angles::Gaze;
+pub use self::background::Background;
+pub use self::check::{check_settings, notes};
+pub use self::ifacialmocap::request as ifacialmocap_request;
 use self::ifacialmocap::{IFacialMocap, Subscribers};
 use self::json::{JsonLines, Server, Stdout};
 use self::live_link::LiveLink;
 use self::maestro::Maestro;
+use self::output::Shown;
+#[cfg(test)]
+pub(crate) use self::output::test_output;
+pub use self::output::{Output, Pace, Pose, Sent};
+use self::serial::PortClaim;
+pub use self::serial::{PortSearch, is_maestro, lost, open_port, serial_carrier};
+pub use self::udp::UdpCarrier;
 use self::vmc::Vmc;
 use self::vrchat::Vrchat;
 use crate::config::{CarrierSettings, LinkKind, LinkSettings};
-use facewire_packet::Packet;
 
-/// Turns outputs into bytes.
 pub trait Format: Debug + Send {
     /// Encodes the output as the link's packet number `sequence`, in memory that was taken when the link was opened, and
     /// calls `send` once for each message. The output is as the settings of the link want it: adjusted, and held or
     /// neutral while no face is followed.
-    fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8]));
+    fn encode(&mut self, output: &Output, gaze: Gaze, sequence: u32, send: &mut dyn FnMut(&[u8]));
 
     /// The bytes to write to a serial port that has just been opened.
     fn preamble(&self) -> Vec<u8> {
@@ -73,11 +73,9 @@ pub struct Inquiry {
     pub answer_bytes: usize,
     /// Returns a sentence for each trouble in an answer. The log gets each once until the port is opened again.
     pub troubles: fn(&[u8]) -> Vec<&'static str>,
-    /// The sentence if no answer comes.
     pub silence: &'static str,
 }
 
-/// Takes bytes to a receiver.
 pub trait Carrier: Debug + Send {
     /// Sends the message or drops it, without waiting, and counts it.
     fn send(&mut self, message: &[u8]);
@@ -122,13 +120,13 @@ pub struct Rates {
     pub slew_per_s: f32,
 }
 
-/// A connection to one receiver.
 #[derive(Debug)]
 pub struct Link {
     format: Box<dyn Format>,
     carrier: Box<dyn Carrier>,
     traffic: Arc<Traffic>,
     sequence: u32,
+    gaze: Gaze,
     shown: Shown,
     last: Option<Sent>,
 }
@@ -141,7 +139,6 @@ pub struct LinkError {
     pub message: String,
 }
 
-/// What follows from a [`LinkError`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LinkErrorKind {
     /// The host does not resolve, or no network leads there.
@@ -165,9 +162,8 @@ impl LinkError {
     }
 
     fn no_listener(place: impl Display, error: io::Error) -> Self {
-        let sentence =
-            format!("nothing can listen there ({error}); stop what listens there already, or give another place");
-        Self::new(LinkErrorKind::Other, place, sentence)
+        let advice = "stop what listens there already, or give another place";
+        Self::new(LinkErrorKind::Other, place, format!("nothing can listen there ({error}); {advice}"))
     }
 }
 
@@ -192,7 +188,8 @@ impl Link {
     }
 
     fn new(format: Box<dyn Format>, carrier: Box<dyn Carrier>, traffic: &Arc<Traffic>) -> Self {
-        Self { format, carrier, traffic: Arc::clone(traffic), sequence: 0, shown: Shown::default(), last: None }
+        let (traffic, gaze, shown) = (Arc::clone(traffic), Gaze::default(), Shown::default());
+        Self { format, carrier, traffic, sequence: 0, gaze, shown, last: None }
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
@@ -255,21 +252,20 @@ impl Link {
         if !self.carrier.has_receiver() {
             return;
         }
+        self.gaze.follow(&output.pose.coefficients);
         let Self { format, carrier, traffic, .. } = self;
-        format.encode(output, self.sequence, &mut |message| {
+        format.encode(output, self.gaze, self.sequence, &mut |message| {
             traffic.packets.fetch_add(1, Relaxed);
             carrier.send(message);
         });
         self.sequence = self.sequence.wrapping_add(1);
     }
 
-    /// How the link reaches its receiver.
     pub fn carrier(&self) -> &dyn Carrier {
         &*self.carrier
     }
 }
 
-/// Returns the format of a kind of link.
 fn format_of(kind: &LinkKind) -> Box<dyn Format> {
     match kind {
         // The thread of the chip takes packets.
@@ -291,7 +287,7 @@ struct Packets {
 }
 
 impl Format for Packets {
-    fn encode(&mut self, output: &Output, sequence: u32, send: &mut dyn FnMut(&[u8])) {
+    fn encode(&mut self, output: &Output, _gaze: Gaze, sequence: u32, send: &mut dyn FnMut(&[u8])) {
         let packet = Packet {
             state: output.state,
             reason: output.reason,
@@ -312,7 +308,6 @@ impl Format for Packets {
     }
 }
 
-/// Help for the tests of links.
 #[cfg(test)]
 mod testing {
     use std::thread;
@@ -325,14 +320,9 @@ mod testing {
     /// Longer than any step takes on a busy machine.
     pub const PATIENCE: Duration = Duration::from_secs(10);
 
-    /// Rotations of a head that does one thing, unit quaternions x, y, z, w: 30 degrees to the person's left,
+    /// Rotation of a head that turns 30 degrees to the person's left, unit quaternion x, y, z, w.
     pub const LEFT: [f32; 4] = [0.0, 0.258_819, 0.0, 0.965_926];
-    /// 20 degrees down,
-    pub const DOWN: [f32; 4] = [0.173_648, 0.0, 0.0, 0.984_808];
-    /// and 10 degrees to the right shoulder.
-    pub const TILTED: [f32; 4] = [0.0, 0.0, 0.087_156, 0.996_195];
 
-    /// Returns the settings of a link from the lines of its table.
     pub fn kind(name: &str, keys: &str) -> LinkKind {
         let text = format!("[[link]]\nkind = \"{name}\"\n{keys}");
         crate::config::parse("test", &text).unwrap().links.remove(0).kind
@@ -348,21 +338,13 @@ mod testing {
         output
     }
 
-    /// Returns a live output that turns the head in this way.
-    pub fn turned(rotation: [f32; 4]) -> Output {
-        let mut output = test_output(State::Live);
-        output.pose.rotation = rotation;
-        output
-    }
-
-    /// Returns the messages that the format makes of an output.
     pub fn encoded(format: &mut dyn Format, output: &Output) -> Vec<Vec<u8>> {
-        let mut messages = Vec::new();
-        format.encode(output, 7, &mut |bytes| messages.push(bytes.to_vec()));
+        let (mut messages, mut gaze) = (Vec::new(), Gaze::default());
+        gaze.follow(&output.pose.coefficients);
+        format.encode(output, gaze, 7, &mut |bytes| messages.push(bytes.to_vec()));
         messages
     }
 
-    /// Waits until it happens, and fails if it does not.
     pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
         let end = Instant::now() + PATIENCE;
         while !happens() {
@@ -385,13 +367,13 @@ mod tests {
     use super::testing::encoded;
     use super::*;
 
-    /// A carrier that keeps what it is given.
+    /// A carrier that keeps the numbers of packets.
     #[derive(Debug)]
-    struct Kept(mpsc::Sender<Packet>);
+    struct Kept(mpsc::Sender<u16>);
 
     impl Carrier for Kept {
         fn send(&mut self, message: &[u8]) {
-            self.0.send(Packet::decode(message).unwrap()).unwrap();
+            self.0.send(Packet::decode(message).unwrap().sequence).unwrap();
         }
 
         fn is_open(&self) -> bool {
@@ -402,18 +384,15 @@ mod tests {
     #[test]
     fn each_link_numbers_its_own_packets_and_all_count_into_the_same_counters() {
         let (traffic, settings, output) = (Arc::default(), LinkSettings::default(), test_output(State::Neutral));
-        let open = || {
-            let (sender, kept) = mpsc::channel();
-            (Link::new(Box::new(Packets { are_framed: false }), Box::new(Kept(sender)), &traffic), kept)
-        };
-        let ((mut first, kept_first), (mut second, kept_second)) = (open(), open());
+        let open = |kept| Link::new(Box::new(Packets { are_framed: false }), Box::new(Kept(kept)), &traffic);
+        let ((first, kept_first), (second, kept_second)) = (mpsc::channel(), mpsc::channel());
+        let (mut first, mut second) = (open(first), open(second));
         (0..3).for_each(|_| first.send_last(&settings, &output));
         for now_us in [0, 1] {
             second.offer(&settings, Rates { send_hz: 60, slew_per_s: 4.0 }, now_us, &output);
         }
-        let sequences =
-            |kept: mpsc::Receiver<Packet>| kept.try_iter().map(|packet| packet.sequence).collect::<Vec<_>>();
-        assert_eq!((sequences(kept_first), sequences(kept_second)), (vec![0, 1, 2], vec![0]));
+        let sequences = [kept_first, kept_second].map(|kept| kept.try_iter().collect::<Vec<_>>());
+        assert_eq!(sequences, [vec![0, 1, 2], vec![0]]);
         assert_eq!(traffic.packets.load(Relaxed), 4);
     }
 

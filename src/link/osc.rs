@@ -9,38 +9,19 @@ pub const LONGEST: usize = 1200;
 /// What a bundle begins with. The time tag 1 means "at once".
 const HEAD: &[u8] = b"#bundle\0\0\0\0\0\0\0\0\x01";
 
-pub enum Argument<'a> {
-    Text(&'a str),
-    Int(i32),
-    /// A number that [`Message::set`] replaces.
-    Float,
-    /// The only argument, which [`Message::set_bool`] replaces.
-    Bool,
-}
-
 /// The bytes of a message: its address, the types of its arguments, and these.
 #[derive(Debug)]
 pub struct Message(Vec<u8>);
 
 impl Message {
-    pub fn new(address: &str, arguments: &[Argument<'_>]) -> Self {
-        let tag = |argument: &Argument<'_>| match argument {
-            Argument::Text(_) => 's',
-            Argument::Int(_) => 'i',
-            Argument::Float => 'f',
-            Argument::Bool => 'F',
-        };
+    /// A message with arguments of these types: a text for each `s`, whole numbers for `i`, and numbers for `f`, which
+    /// [`Message::set`] replaces. A truth value, `F`, must be the only argument.
+    pub fn new(address: &str, types: &str, text: &str, whole: &[i32]) -> Self {
         let mut message = Self(Vec::new());
-        message.add_text(address);
-        message.add_text(&[','].into_iter().chain(arguments.iter().map(tag)).collect::<String>());
-        for argument in arguments {
-            match argument {
-                Argument::Text(text) => message.add_text(text),
-                Argument::Int(number) => message.0.extend_from_slice(&number.to_be_bytes()),
-                Argument::Float => message.0.extend_from_slice(&[0; 4]),
-                Argument::Bool => {}
-            }
-        }
+        let text = types.starts_with('s').then_some(text);
+        [address, &format!(",{types}")].into_iter().chain(text).for_each(|text| message.add_text(text));
+        message.0.extend(whole.iter().flat_map(|number| number.to_be_bytes()));
+        message.0.resize(message.0.len() + 4 * types.matches('f').count(), 0);
         message
     }
 
@@ -56,7 +37,7 @@ impl Message {
         words.iter_mut().rev().zip(numbers.iter().rev()).for_each(|(word, number)| *word = number.to_be_bytes());
     }
 
-    /// Replaces the only argument, which is a truth value and consists of its type alone.
+    /// Replaces the truth value, which consists of its type alone.
     pub fn set_bool(&mut self, value: bool) {
         if let Some(word) = self.0.as_chunks_mut().0.last_mut() {
             *word = if value { *b",T\0\0" } else { *b",F\0\0" };
@@ -64,7 +45,6 @@ impl Message {
     }
 }
 
-/// Puts messages into bundles.
 #[derive(Debug)]
 pub struct Bundles {
     /// If not, each message travels in a datagram of its own.
@@ -105,18 +85,15 @@ impl Bundles {
 /// Decodes bundles with a library that is not ours, and returns their messages in order. No bundle may be too long.
 #[cfg(test)]
 pub fn received(datagrams: &[Vec<u8>]) -> Vec<rosc::OscMessage> {
-    let mut messages = Vec::new();
-    for bytes in datagrams {
-        assert!(bytes.len() <= LONGEST, "{}", bytes.len());
-        let (&[], rosc::OscPacket::Bundle(bundle)) = rosc::decoder::decode_udp(bytes).unwrap() else {
-            panic!("no bundle: {bytes:?}")
-        };
-        messages.extend(bundle.content.into_iter().map(|packet| match packet {
-            rosc::OscPacket::Message(message) => message,
-            rosc::OscPacket::Bundle(_) => panic!("a bundle within a bundle"),
-        }));
-    }
-    messages
+    let content = |bytes: &Vec<u8>| match rosc::decoder::decode_udp(bytes).unwrap() {
+        (&[], rosc::OscPacket::Bundle(bundle)) if bytes.len() <= LONGEST => bundle.content,
+        _ => panic!("no bundle: {bytes:?}"),
+    };
+    let messages = datagrams.iter().flat_map(content).map(|packet| match packet {
+        rosc::OscPacket::Message(message) => message,
+        rosc::OscPacket::Bundle(_) => panic!("a bundle within a bundle"),
+    });
+    messages.collect()
 }
 
 #[cfg(test)]
@@ -130,18 +107,17 @@ mod tests {
         let (mut bundles, mut datagrams, mut want) = (Bundles::new(true), Vec::new(), Vec::new());
         let mut send = |bytes: &[u8]| datagrams.push(bytes.to_vec());
         for number in 0_u8..100 {
-            let (name, value) = ("n".repeat(number.into()), f32::from(number) / 8.0);
-            let mut numbers = Message::new("/n", &[Argument::Text(&name), Argument::Int(-7), Argument::Float]);
+            let (name, value, is_even) = ("n".repeat(number.into()), f32::from(number) / 8.0, number % 2 == 0);
+            let mut numbers = Message::new("/n", "sif", &name, &[-7]);
             numbers.set(&[value]);
-            let mut flag = Message::new("/flag", &[Argument::Bool]);
-            flag.set_bool(number % 2 == 0);
+            let mut flag = Message::new("/flag", "F", "", &[]);
+            flag.set_bool(is_even);
             [&numbers, &flag].into_iter().for_each(|message| bundles.add(message, &mut send));
             let args = vec![OscType::String(name), OscType::Int(-7), OscType::Float(value)];
             want.push(OscMessage { addr: "/n".to_owned(), args });
-            want.push(OscMessage { addr: "/flag".to_owned(), args: vec![OscType::Bool(number % 2 == 0)] });
+            want.push(OscMessage { addr: "/flag".to_owned(), args: vec![OscType::Bool(is_even)] });
         }
-        bundles.flush(&mut send);
-        bundles.flush(&mut send);
+        (0..2).for_each(|_| bundles.flush(&mut send));
         assert!(datagrams.len() > 1);
         assert_eq!(received(&datagrams), want);
         let count = received(&datagrams[..1]).len();

@@ -12,13 +12,10 @@ use facewire_packet::{BLENDSHAPE_COUNT, NeutralFace, Reason, State};
 
 use crate::config::{LinkSettings, Loss, PaceKind};
 
-/// Longest time between two packets, microseconds.
 const KEEP_ALIVE_US: u64 = 100_000;
-/// Smallest visible change of a coefficient.
 const COEFFICIENT_STEP: f32 = 0.005;
 /// Smallest visible change of a component of the head's rotation quaternion: the sine of half of 0.5 degrees.
 const ROTATION_STEP: f32 = 0.004_363;
-/// Smallest visible change of the head's position, millimetres.
 const POSITION_STEP_MM: f32 = 2.0;
 
 /// A pose of the face. The fields are those of [`facewire_packet::Packet`].
@@ -114,7 +111,6 @@ impl Shown {
     }
 }
 
-/// The pace of a link.
 #[derive(Debug, Clone, Copy)]
 pub struct Pace {
     kind: PaceKind,
@@ -122,7 +118,6 @@ pub struct Pace {
     loss: Loss,
 }
 
-/// What a link sent last, and when.
 #[derive(Debug)]
 pub struct Sent {
     at_us: u64,
@@ -151,7 +146,6 @@ impl Pace {
         if output.moving { left_us.min(self.period_us) } else { left_us }
     }
 
-    /// Notes that the output is sent.
     pub fn sent(self, last: Option<&Sent>, now_us: u64, output: &Output) -> Sent {
         // A fixed rate keeps its grid, so that late wake-ups do not add up.
         let grid_us =
@@ -190,14 +184,13 @@ mod tests {
     use super::*;
     use facewire_face::Adjustment;
 
-    const MS: u64 = 1000;
     const JAW_OPEN: usize = 17;
-    const EYE_BLINK: [usize; 2] = [0, 7];
+    const EYE_BLINK_RIGHT: usize = 7;
 
     fn output(state: State, jaw_open: f32) -> Output {
         let mut output = test_output(state);
         (output.pose.rotation, output.pose.position_mm) = ([0.1, 0.2, 0.3, 0.9], [30.0, 20.0, 600.0]);
-        (output.pose.coefficients[JAW_OPEN], output.pose.coefficients[EYE_BLINK[0]]) = (jaw_open, 1.0);
+        (output.pose.coefficients[JAW_OPEN], output.pose.coefficients[0]) = (jaw_open, 1.0);
         output
     }
 
@@ -216,11 +209,10 @@ mod tests {
         for (state, jaw_open, want) in [(State::Live, 0.3, 0.6), (State::Live, 0.9, 0.7), (State::Neutral, 0.0, 0.1)] {
             let output = output(state, jaw_open);
             assert_eq!(Shown::default().next(&plain, 4.0, 0, &output), output, "to the last bit");
-            let Pose { rotation, position_mm, coefficients, .. } =
+            let Pose { rotation, position_mm: [x_mm, ..], coefficients, .. } =
                 Shown::default().next(&adjusted, 4.0, 0, &output).pose;
-            assert_eq!(coefficients[JAW_OPEN], want);
-            assert_eq!(EYE_BLINK.map(|place| coefficients[place]), [0.0, 1.0]);
-            assert_eq!((rotation, position_mm[0]), ([0.1, -0.2, -0.3, 0.9], -30.0));
+            assert_eq!([JAW_OPEN, 0, EYE_BLINK_RIGHT].map(|place| coefficients[place]), [want, 0.0, 1.0]);
+            assert_eq!((rotation, x_mm), ([0.1, -0.2, -0.3, 0.9], -30.0));
         }
     }
 
@@ -228,27 +220,23 @@ mod tests {
     fn a_link_that_holds_shows_the_last_live_pose_and_moves_on_within_the_slew_limit_also_when_the_service_stops() {
         let (mut shown, settings) = (Shown::default(), settings(PaceKind::Pose, Loss::Hold));
         let stopping = Output { reason: Reason::Stopping, ..output(State::Neutral, 0.0) };
-        for (index, (given, want)) in [
+        for (now_us, (given, want)) in (0..).step_by(50_000).zip([
             (output(State::Neutral, 0.0), (State::Neutral, 0.0, false)),
             (output(State::Live, 0.8), (State::Live, 0.8, false)),
             (output(State::Hold, 0.8), (State::Hold, 0.8, false)),
             (output(State::Decay, 0.4), (State::Hold, 0.8, false)),
             (output(State::Neutral, 0.0), (State::Hold, 0.8, false)),
-            // 0.2 in 50 ms.
+            // 0.2 in 50 ms, and lost again on the way.
             (output(State::Live, 0.3), (State::Live, 0.6, true)),
-            // Lost again on the way.
             (output(State::Decay, 0.2), (State::Hold, 0.6, false)),
             (output(State::Live, 0.5), (State::Live, 0.5, false)),
             // Nothing is held any more.
             (output(State::Live, 0.9), (State::Live, 0.9, false)),
             (output(State::Neutral, 0.0), (State::Hold, 0.9, false)),
             (stopping.clone(), (State::Neutral, 0.7, true)),
-        ]
-        .into_iter()
-        .enumerate()
-        {
-            let Output { state, pose, moving, .. } = shown.next(&settings, 4.0, 50 * MS * index as u64, &given);
-            assert_eq!((state, (pose.coefficients[JAW_OPEN] * 1000.0).round() / 1000.0, moving), want, "{index}");
+        ]) {
+            let Output { state, pose, moving, .. } = shown.next(&settings, 4.0, now_us, &given);
+            assert_eq!((state, (pose.coefficients[JAW_OPEN] * 1000.0).round() / 1000.0, moving), want, "{now_us}");
         }
         assert!(shown.held.is_some());
         assert_eq!(Shown::last(&settings, &stopping), stopping, "the last packet is neutral");
@@ -258,48 +246,46 @@ mod tests {
     struct Link {
         pace: Pace,
         last: Option<Sent>,
-        sent_us: Vec<u64>,
+        sent_ms: Vec<u64>,
     }
 
     impl Link {
         fn new(kind: PaceKind, loss: Loss, rate_hz: u32) -> Self {
-            Self { pace: Pace::new(&settings(kind, loss), rate_hz), last: None, sent_us: Vec::new() }
+            Self { pace: Pace::new(&settings(kind, loss), rate_hz), last: None, sent_ms: Vec::new() }
         }
 
-        /// Offers the output, and returns how long the link waits after that.
-        fn offer(&mut self, now_us: u64, output: &Output) -> u64 {
+        /// Offers the output, and returns how long the link waits after that, microseconds.
+        fn offer(&mut self, now_ms: u64, output: &Output) -> u64 {
+            let now_us = 1000 * now_ms;
             if self.pace.is_due(self.last.as_ref(), now_us, output) {
                 self.last = Some(self.pace.sent(self.last.as_ref(), now_us, output));
-                self.sent_us.push(now_us);
+                self.sent_ms.push(now_ms);
             }
             self.pace.wait_us(self.last.as_ref(), now_us, output)
         }
 
-        /// Shows an output for a second, and returns how often it was sent. Every wake-up comes `late_us` late.
-        fn run(&mut self, late_us: u64, output: &Output) -> usize {
-            let mut now_us = 0;
-            while now_us < 1_000_000 {
-                let wait_us = self.offer(now_us, output);
-                assert!((1..=KEEP_ALIVE_US).contains(&wait_us), "{wait_us} at {now_us}");
-                now_us += wait_us + late_us;
+        /// Shows an output for a second, and returns how often it was sent. Every wake-up comes `late_ms` late.
+        fn run(&mut self, late_ms: u64, output: &Output) -> usize {
+            let mut now_ms = 0;
+            while now_ms < 1000 {
+                let wait_us = self.offer(now_ms, output);
+                assert!((1..=KEEP_ALIVE_US).contains(&wait_us), "{wait_us} at {now_ms}");
+                now_ms += wait_us / 1000 + late_ms;
             }
-            self.sent_us.len()
+            self.sent_ms.len()
         }
     }
 
     #[test]
     fn with_pace_pose_every_pose_and_every_change_of_state_is_sent_at_once_and_a_still_face_10_times_a_second() {
         let mut link = Link::new(PaceKind::Pose, Loss::Neutral, 60);
-        for (at_us, output) in [
-            (0, output(State::Live, 0.1)),
-            (MS, Output { followed: true, ..output(State::Live, 0.1) }),
-            (2 * MS, output(State::Live, 0.2)),
-            (3 * MS, output(State::Hold, 0.2)),
-            (4 * MS, Output { reason: Reason::Late, ..output(State::Hold, 0.2) }),
-        ] {
-            link.offer(at_us, &output);
+        let followed = Output { followed: true, ..output(State::Live, 0.1) };
+        let late = Output { reason: Reason::Late, ..output(State::Hold, 0.2) };
+        let outputs = [output(State::Live, 0.1), followed, output(State::Live, 0.2), output(State::Hold, 0.2), late];
+        for (now_ms, output) in (0..).zip(&outputs) {
+            link.offer(now_ms, output);
         }
-        assert_eq!(link.sent_us, [0, MS, 3 * MS, 4 * MS]);
+        assert_eq!(link.sent_ms, [0, 1, 3, 4]);
         let sent = [State::Live, State::Neutral, State::Hold, State::Decay]
             .map(|state| Link::new(PaceKind::Pose, Loss::Neutral, 50).run(0, &output(state, 0.5)));
         assert_eq!(sent, [10, 10, 50, 50]);
@@ -310,32 +296,31 @@ mod tests {
         let link = || Link::new(PaceKind::Rate, Loss::Neutral, 25);
         for state in [State::Live, State::Hold, State::Decay, State::Neutral] {
             let followed = Output { followed: true, ..output(state, 0.5) };
-            assert_eq!([0, 3 * MS].map(|late_us| link().run(late_us, &followed)), [25; 2], "{state:?}");
+            assert_eq!([0, 3].map(|late_ms| link().run(late_ms, &followed)), [25; 2], "{state:?}");
         }
         let mut link = link();
-        for ms in [0, 500, 501, 539, 540] {
-            link.offer(ms * MS, &output(State::Live, 0.5));
+        for now_ms in [0, 500, 501, 539, 540] {
+            link.offer(now_ms, &output(State::Live, 0.5));
         }
-        assert_eq!(link.sent_us, [0, 500 * MS, 540 * MS]);
+        assert_eq!(link.sent_ms, [0, 500, 540]);
     }
 
     #[test]
     fn with_pace_change_only_visible_changes_are_sent_and_never_faster_than_the_rate() {
-        let send = |jaw_open: fn(u64) -> f32| {
+        let steady: fn(u64) -> f32 = |_| 0.5;
+        let noise: fn(u64) -> f32 = |now_ms| if now_ms % 20 == 0 { 0.5 } else { 0.504 };
+        for (jaw_open, count) in [(steady, 10), (noise, 10), (|now_ms| now_ms as f32 * 1e-3, 20)] {
             let mut link = Link::new(PaceKind::Change, Loss::Neutral, 20);
-            for now_us in (0..1_000_000).step_by(10_000) {
-                link.offer(now_us, &Output { followed: true, ..output(State::Live, jaw_open(now_us)) });
+            for now_ms in (0..1000).step_by(10) {
+                link.offer(now_ms, &Output { followed: true, ..output(State::Live, jaw_open(now_ms)) });
             }
-            link.sent_us.len()
-        };
-        assert_eq!(send(|_| 0.5), 10, "nothing moves");
-        assert_eq!(send(|now_us| if now_us % 20_000 == 0 { 0.5 } else { 0.504 }), 10, "noise");
-        assert_eq!(send(|now_us| now_us as f32 * 1e-6), 20, "a slow movement");
-        let mut link = Link::new(PaceKind::Change, Loss::Neutral, 50);
-        for (ms, state) in [(0, State::Live), (10, State::Hold), (20, State::Hold), (21, State::Hold)] {
-            link.offer(ms * MS, &output(state, 0.5));
+            assert_eq!(link.sent_ms.len(), count);
         }
-        assert_eq!(link.sent_us, [0, 20 * MS], "a new state of a face that stands still");
+        let mut link = Link::new(PaceKind::Change, Loss::Neutral, 50);
+        for (now_ms, state) in [(0, State::Live), (10, State::Hold), (20, State::Hold), (21, State::Hold)] {
+            link.offer(now_ms, &output(state, 0.5));
+        }
+        assert_eq!(link.sent_ms, [0, 20], "a new state of a face that stands still");
     }
 
     #[test]
@@ -343,12 +328,12 @@ mod tests {
         for kind in [PaceKind::Pose, PaceKind::Change, PaceKind::Rate] {
             let mut link = Link::new(kind, Loss::Silent, 50);
             let states = [State::Live, State::Decay, State::Neutral, State::Neutral, State::Live, State::Neutral];
-            for (now_us, state) in (0..).step_by(20_000).zip(states) {
-                link.offer(now_us, &Output { followed: state == State::Live, ..output(state, 0.5) });
+            for (now_ms, state) in (0..).step_by(20).zip(states) {
+                link.offer(now_ms, &Output { followed: state == State::Live, ..output(state, 0.5) });
             }
-            assert_eq!(link.sent_us, [0, 20 * MS, 40 * MS, 80 * MS, 100 * MS], "{kind:?}");
-            let day_us = 24 * 3600 * 1000 * MS;
-            assert!(link.offer(day_us, &output(State::Neutral, 0.0)) > day_us && link.sent_us.len() == 5, "{kind:?}");
+            let day_ms = 24 * 3600 * 1000;
+            assert!(link.offer(day_ms, &output(State::Neutral, 0.0)) > 1000 * day_ms, "{kind:?}");
+            assert_eq!(link.sent_ms, [0, 20, 40, 80, 100], "{kind:?}");
         }
     }
 }

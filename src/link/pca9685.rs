@@ -30,11 +30,9 @@ use super::{LinkError, LinkErrorKind, Traffic};
 use crate::config::Pca9685Settings;
 use crate::servo::{Channel, ChannelInput};
 
-/// Time between two checks whether the chip still makes pulses.
 const CHECK_PERIOD: Duration = Duration::from_secs(1);
 
 pub const CHANNELS: u8 = 16;
-/// Steps of one period.
 const STEPS: u16 = 4096;
 
 const MODE1: u8 = 0x00;
@@ -63,7 +61,6 @@ const POLARITY_BITS: u8 = 0x14;
 /// High ON and OFF registers: no pulses, but always on or always off.
 const FULL: u8 = 0x10;
 
-/// Time that the oscillator takes to start.
 const OSCILLATOR_START: Duration = Duration::from_micros(500);
 /// Most bytes of one transfer of `SMBus`. Every adapter supports these; those of PCs and the kernel's `i2c-stub` support no
 /// longer ones.
@@ -71,8 +68,7 @@ const TRANSFER_BYTES: usize = 32;
 
 /// Starts the thread that writes to the chip. The chip may get its power later.
 pub fn carrier(settings: &Pca9685Settings, traffic: Arc<Traffic>) -> Result<Background, LinkError> {
-    let chip = Chip { servos: Servos::new(settings), settings: settings.clone() };
-    Background::start(name(settings), "fw-i2c", chip, true, traffic)
+    Background::start(name(settings), "fw-i2c", Servos::new(settings), true, traffic)
 }
 
 fn name(settings: &Pca9685Settings) -> String {
@@ -118,7 +114,6 @@ pub struct Bus {
     name: String,
     chip: LinuxI2CDevice,
     period: Period,
-    /// The lock belongs to this open file.
     _claim: File,
 }
 
@@ -145,7 +140,7 @@ impl Bus {
         work(&mut self.chip).map_err(|error| refused(&self.name, error))
     }
 
-    /// Checks that the chip answers. Changes nothing.
+    /// Checks that the chip answers.
     pub fn probe(&mut self) -> Result<(), LinkError> {
         self.run(|chip| chip.get(MODE1).map(drop))
     }
@@ -160,7 +155,6 @@ impl Bus {
     }
 }
 
-/// Locks one byte of the file for as long as it is open.
 fn lock_byte(file: &File, byte: u8) -> Result<(), Errno> {
     let [l_type, l_whence] = [F_WRLCK, SEEK_SET].map(|constant| constant as c_short);
     let lock = flock { l_type, l_whence, l_start: byte.into(), l_len: 1, l_pid: 0 };
@@ -168,7 +162,6 @@ fn lock_byte(file: &File, byte: u8) -> Result<(), Errno> {
     locked.map(drop).map_err(|error| Errno::from_raw_os_error(error as i32))
 }
 
-/// The period of the pulses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Period {
     prescale: u8,
@@ -180,7 +173,6 @@ impl Period {
     pub fn of(settings: &Pca9685Settings) -> Self {
         let oscillator_hz = settings.oscillator_hz as f32;
         let prescale = (oscillator_hz / (f32::from(STEPS) * settings.pulses_hz as f32)).round() - 1.0;
-        // The values that the chip takes.
         Self { prescale: prescale.clamp(3.0, 255.0) as u8, oscillator_hz }
     }
 
@@ -213,22 +205,16 @@ impl Period {
     }
 }
 
-/// What a chip was doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Found {
-    /// It made pulses of the wanted period.
     Ready,
-    /// It had no power before.
     Asleep,
-    /// Another program has set it up.
     Altered,
 }
 
-/// Access to the registers of a chip.
 trait Registers {
     fn get(&mut self, register: u8) -> io::Result<u8>;
 
-    /// Writes to this register and those after it.
     fn put(&mut self, register: u8, bytes: &[u8]) -> io::Result<()>;
 
     /// Makes the chip ready if it is not: sets outputs and period and starts the oscillator. All channels are without
@@ -268,7 +254,6 @@ trait Registers {
         Ok(self.get(MODE1)? & EXTERNAL_CLOCK != 0)
     }
 
-    /// Writes the registers of neighbouring channels, from those of this channel on.
     fn write_channels(&mut self, first: u8, bytes: &[u8]) -> io::Result<()> {
         let registers = (first_register(first)..).step_by(TRANSFER_BYTES);
         registers.zip(bytes.chunks(TRANSFER_BYTES)).try_for_each(|(register, bytes)| self.put(register, bytes))
@@ -289,9 +274,10 @@ impl Registers for LinuxI2CDevice {
     }
 }
 
-/// The servos of one chip, and their motion.
+/// The servos of one chip as a device of a thread of its own: a bus that hangs blocks that thread alone.
 #[derive(Debug)]
 struct Servos {
+    settings: Pca9685Settings,
     period: Period,
     channels: Vec<Channel>,
     stepped_at: Option<Instant>,
@@ -300,7 +286,7 @@ struct Servos {
 impl Servos {
     fn new(settings: &Pca9685Settings) -> Self {
         let channels = settings.channels.iter().map(Channel::new).collect();
-        Self { period: Period::of(settings), channels, stepped_at: None }
+        Self { settings: settings.clone(), period: Period::of(settings), channels, stepped_at: None }
     }
 
     /// Makes the chip ready. Servos that it moves already go on from where its pulses hold them, whether this process or
@@ -334,25 +320,17 @@ impl Servos {
     }
 }
 
-/// The chip as a device of a thread of its own: a bus that hangs blocks that thread alone.
-#[derive(Debug)]
-struct Chip {
-    settings: Pca9685Settings,
-    servos: Servos,
-}
-
-/// The chip on its open bus.
 struct Moving<'a> {
     servos: &'a mut Servos,
     bus: Bus,
     checked_at: Instant,
 }
 
-impl Device for Chip {
+impl Device for Servos {
     type Session<'a> = Moving<'a>;
 
     fn open(&mut self) -> Result<Moving<'_>, LinkError> {
-        let (servos, mut bus) = (&mut self.servos, Bus::open(&self.settings)?);
+        let mut bus = Bus::open(&self.settings)?;
         if bus.run(Registers::has_external_clock)? {
             tracing::warn!(
                 "link {}: another program has told the chip to go by a clock at its pin EXTCLK; if nothing is connected \
@@ -360,9 +338,9 @@ impl Device for Chip {
                 bus.name
             );
         }
-        bus.run(|chip| servos.start(chip))?;
+        bus.run(|chip| self.start(chip))?;
         tracing::info!("link opened: {}", bus.name);
-        Ok(Moving { servos, bus, checked_at: Instant::now() })
+        Ok(Moving { servos: self, bus, checked_at: Instant::now() })
     }
 }
 
@@ -529,17 +507,10 @@ mod tests {
 
     #[test]
     fn each_error_of_a_bus_is_told_with_what_to_do() {
-        for (errno, told) in [
-            (Errno::NOENT, "switch I2C on"),
-            (Errno::ACCESS, "group i2c"),
-            (Errno::PERM, "i2c.conf"),
-            (Errno::BUSY, "a driver of the kernel"),
-            (Errno::NXIO, "no chip answers"),
-            (Errno::TIMEDOUT, "the bus hangs"),
-            (Errno::INVAL, "check the wires"),
-        ] {
-            assert!(refused("the bus", errno).to_string().contains(told), "{errno}");
-        }
+        let told =
+            ["switch I2C on", "group i2c", "i2c.conf", "a driver of the", "no chip", "the bus hangs", "the wires"];
+        let errors = [2, 13, 1, 16, 6, 110, 22].map(|errno| refused("it", io::Error::from_raw_os_error(errno)).message);
+        assert!(errors.iter().zip(told).all(|(error, told)| error.contains(told)), "{errors:#?}");
     }
 
     #[test]

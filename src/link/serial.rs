@@ -46,12 +46,9 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(50);
 const STUCK_AFTER: Duration = Duration::from_millis(500);
 /// How long a board that restarts gets nothing. The boot loader of an Uno waits for a new sketch for 1 s.
 const RESTART: Duration = Duration::from_secs(2);
-/// Time between two questions.
 const INQUIRY_PERIOD: Duration = Duration::from_secs(1);
-/// A receiver that has not answered by then does not answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// The error of a port that failed while it was open.
 pub fn lost(device: &Path, error: impl Display) -> LinkError {
     port_error(device, format!("went away ({error}); check its cable, and plug it in again"))
 }
@@ -151,14 +148,12 @@ fn open(device: &Path, baud: u32, timeout: Duration) -> Result<(TTYPort, Option<
     let (prepared, restarts) = prepare().map_err(|error| refused(device, error))?;
     let tty = serialport::new(device.to_string_lossy(), baud).timeout(timeout).open_native();
     let tty = tty.map_err(|error| match error.kind {
-        // This is how `serialport` reports the lock of another program.
         serialport::ErrorKind::NoDevice => refused(device, Errno::BUSY),
         _ => cannot_be_opened(device, error.description),
     })?;
     Ok((tty, restarts.then_some(prepared)))
 }
 
-/// Clears HUPCL, so that closing the port does not lower DTR.
 fn keep_dtr(port: &OwnedFd) -> rustix::io::Result<()> {
     let mut modes = tcgetattr(port)?;
     modes.control_modes.remove(ControlModes::HUPCL);
@@ -181,7 +176,6 @@ pub fn serial_carrier(
     Background::start(device, "fw-serial", line, path.is_some(), traffic)
 }
 
-/// A serial line.
 #[derive(Debug)]
 struct Line {
     search: PortSearch,
@@ -213,14 +207,11 @@ impl Device for Line {
 /// What an open port is doing: `Restarting -> Idle <-> Asked`. Messages are written in all phases but the first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
-    /// A board may restart, and gets nothing.
     Restarting,
     Idle,
-    /// The receiver was asked, and has not answered.
     Asked,
 }
 
-/// An open port.
 struct Port<'a> {
     preamble: &'a [u8],
     inquiry: Option<&'a Inquiry>,
@@ -273,12 +264,10 @@ impl<'a> Port<'a> {
             // If this fails, the board restarts once more at the next opening.
             let _ = keep_dtr(&port);
         }
-        // A port that takes no bytes yet does not need the preamble.
         let _ = self.tty.write(self.preamble);
         (self.phase, self.since, self.took_at) = (Phase::Idle, Instant::now(), Instant::now());
     }
 
-    /// Does what is due in the present phase.
     fn advance(&mut self) -> io::Result<()> {
         let (elapsed, available) = (self.since.elapsed(), self.tty.bytes_to_read().map_or(0, |bytes| bytes as usize));
         match (self.phase, self.inquiry) {
@@ -311,7 +300,6 @@ impl<'a> Port<'a> {
         }
     }
 
-    /// Writes the message. Returns whether the port took all of it in time.
     fn write_in_time(&mut self, message: &[u8]) -> io::Result<bool> {
         if self.phase == Phase::Restarting {
             return Ok(false);

@@ -9,7 +9,7 @@
 
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 use std::thread::{self, Thread};
 use std::time::Duration;
 use std::{fs, io};
@@ -20,15 +20,14 @@ use super::{Carrier, LinkError, LinkErrorKind, Traffic};
 use crate::config::Address;
 use crate::retry::Retry;
 
-/// Time from one successful look-up of a host name to the next.
 const LOOKUP_PERIOD: Duration = Duration::from_secs(5);
 
 /// Datagrams to one address.
 #[derive(Debug)]
 pub struct UdpCarrier {
     destination: Newest<Option<Destination>>,
-    /// `None` for an address in numbers.
-    lookup: Option<Lookup>,
+    /// The thread that looks a host name up, and what lives as long as it is to go on.
+    lookup: Option<(Thread, Arc<()>)>,
     traffic: Arc<Traffic>,
     refusal: Option<i32>,
 }
@@ -42,7 +41,7 @@ impl UdpCarrier {
             None
         } else {
             let host = Host { address: address.clone(), current: None, destination: input };
-            Some(Lookup::start(host, LOOKUP_PERIOD, system_resolver)?)
+            Some(host.start(LOOKUP_PERIOD, system_resolver)?)
         };
         Ok(Self { destination, lookup, traffic, refusal: None })
     }
@@ -59,7 +58,6 @@ impl Carrier for UdpCarrier {
         self.refusal = error.and_then(|error| error.raw_os_error());
     }
 
-    /// Whether the address is known and the network took the last message.
     fn is_open(&self) -> bool {
         self.destination.peek_output_buffer().is_some() && self.refusal.is_none()
     }
@@ -69,11 +67,10 @@ impl Carrier for UdpCarrier {
     }
 
     fn refresh(&self) {
-        self.lookup.iter().for_each(|lookup| lookup.thread.unpark());
+        self.lookup.iter().for_each(|(thread, _)| thread.unpark());
     }
 }
 
-/// A receiver, and a socket for it.
 #[derive(Debug)]
 struct Destination {
     socket: UdpSocket,
@@ -81,7 +78,6 @@ struct Destination {
 }
 
 impl Destination {
-    /// Opens a socket that may broadcast.
     fn new(address: &Address, receiver: SocketAddr) -> Result<Self, LinkError> {
         let opened = socket_for(receiver).and_then(|socket| {
             if receiver.is_ipv4() {
@@ -120,50 +116,6 @@ fn system_resolver(address: &Address) -> io::Result<Vec<SocketAddr>> {
     address.as_str().to_socket_addrs().map(Iterator::collect)
 }
 
-/// The look-ups for one link. They end when this is dropped.
-#[derive(Debug)]
-struct Lookup {
-    is_over: Arc<AtomicBool>,
-    thread: Thread,
-}
-
-impl Lookup {
-    /// Looks the host up now, after each `period`, and when the thread is woken.
-    fn start(
-        mut host: Host,
-        period: Duration,
-        resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
-    ) -> Result<Self, LinkError> {
-        let (link, is_over) = (host.address.clone(), Arc::<AtomicBool>::default());
-        let ends = Arc::clone(&is_over);
-        let run = move || {
-            let mut retry = Retry::default();
-            while !ends.load(Relaxed) {
-                let found = resolve(&host.address);
-                match (host.take(found), host.current) {
-                    (Ok(()), _) => retry = Retry::default(),
-                    (Err(error), Some(current)) if retry.logged.is_new(&error.to_string()) => {
-                        tracing::warn!("{error}; packets still go to {current}");
-                    }
-                    (Err(_), Some(_)) => {}
-                    (Err(error), None) => retry.warn(&error),
-                }
-                thread::park_timeout(if host.current.is_some() { period } else { retry.wait() });
-            }
-        };
-        let thread = thread::Builder::new().name("fw-lookup".to_owned()).spawn(run);
-        let thread = thread.map_err(|error| LinkError::no_thread(link, error))?.thread().clone();
-        Ok(Self { is_over, thread })
-    }
-}
-
-impl Drop for Lookup {
-    fn drop(&mut self) {
-        self.is_over.store(true, Relaxed);
-        self.thread.unpark();
-    }
-}
-
 /// A host name, and the address to which its packets go at present.
 struct Host {
     address: Address,
@@ -172,6 +124,34 @@ struct Host {
 }
 
 impl Host {
+    /// Starts a thread that looks the host up now, after each `period`, and when it is woken.
+    fn start(
+        mut self,
+        period: Duration,
+        resolve: impl Fn(&Address) -> io::Result<Vec<SocketAddr>> + Send + 'static,
+    ) -> Result<(Thread, Arc<()>), LinkError> {
+        let (address, link) = (self.address.clone(), Arc::new(()));
+        let is_wanted = Arc::downgrade(&link);
+        let run = move || {
+            let mut retry = Retry::default();
+            while is_wanted.strong_count() > 0 {
+                let found = resolve(&self.address);
+                match (self.take(found), self.current) {
+                    (Ok(()), _) => retry = Retry::default(),
+                    (Err(error), Some(current)) if retry.logged.is_new(&error.to_string()) => {
+                        tracing::warn!("{error}; packets still go to {current}");
+                    }
+                    (Err(_), Some(_)) => {}
+                    (Err(error), None) => retry.warn(&error),
+                }
+                thread::park_timeout(if self.current.is_some() { period } else { retry.wait() });
+            }
+        };
+        let thread = thread::Builder::new().name("fw-lookup".to_owned()).spawn(run);
+        let thread = thread.map_err(|error| LinkError::no_thread(address, error))?;
+        Ok((thread.thread().clone(), link))
+    }
+
     /// Takes the result of a look-up. On an error the current destination stays.
     fn take(&mut self, found: io::Result<Vec<SocketAddr>>) -> Result<(), LinkError> {
         let receiver = choose(&self.address, found, self.current)?;
@@ -223,7 +203,6 @@ fn remedy([cgroup, resolver]: [&str; 2]) -> String {
     format!("check the spelling and the network, or give its address in numbers{}", blocked.unwrap_or_default())
 }
 
-/// Whether the unit allows this address of a single host.
 fn is_nearby(address: IpAddr) -> bool {
     match address {
         IpAddr::V4(it) => it.is_loopback() || it.is_private() || it.is_link_local() || it.is_unspecified(),
@@ -263,15 +242,6 @@ mod tests {
         [&link.traffic.sent, &link.traffic.dropped].map(|counter| counter.load(Relaxed))
     }
 
-    /// Sends a message, and returns what the network says of it once the socket got it.
-    fn sent(link: &mut UdpCarrier, socket: &UdpSocket) -> (Option<i32>, [u64; 2]) {
-        link.send(MESSAGE);
-        let mut bytes = [0; 1024];
-        let length = socket.recv(&mut bytes).unwrap();
-        assert_eq!(&bytes[..length], MESSAGE);
-        (link.refusal(), counts(link))
-    }
-
     #[test]
     fn a_receiver_that_starts_late_gets_every_message_from_then_on_as_one_datagram() {
         for any in ["127.0.0.1:0", "[::1]:0"] {
@@ -279,11 +249,14 @@ mod tests {
                 skip(&format!("this machine has no address {any}"));
                 continue;
             };
-            let address = socket.local_addr().unwrap().to_string();
+            let (address, mut bytes) = (socket.local_addr().unwrap().to_string(), [0; 100]);
             drop(socket);
             let mut link = open(&address);
-            (0..10).for_each(|_| link.send(MESSAGE));
-            assert_eq!(sent(&mut link, &receiver(&address)), (None, [11, 0]));
+            (0..10).for_each(|_| link.send(b"early"));
+            let socket = receiver(&address);
+            link.send(MESSAGE);
+            let length = socket.recv(&mut bytes).unwrap();
+            assert_eq!((&bytes[..length], link.refusal(), counts(&link)), (MESSAGE, None, [11, 0]));
         }
     }
 
@@ -301,12 +274,12 @@ mod tests {
     #[test]
     fn an_address_that_cannot_be_reached_is_reported_with_what_to_check() {
         // A link-local address leads nowhere without the name of an interface. Without IPv6 there is no socket.
-        for (address, beginnings, advice) in [
+        for (address, causes, advice) in [
             ("[fe80::1]:5252", ["no network leads there (", "no socket ("], "check th"),
             ("nowhere.invalid:5252", ["the host does not resolve ("; 2], "check the spelling"),
         ] {
             let error = check(&Address::new(address).unwrap()).unwrap_err().to_string();
-            let is_named = beginnings.iter().any(|cause| error.starts_with(&format!("link {address}: {cause}")));
+            let is_named = causes.iter().any(|cause| error.starts_with(&format!("link {address}: {cause}")));
             assert!(is_named && error.contains(advice), "{error}");
         }
     }
@@ -336,10 +309,11 @@ mod tests {
     }
 
     #[test]
-    fn localhost_is_found_and_reached_by_ipv4() {
+    fn localhost_is_found_and_reached_by_ipv4_which_may_be_a_broadcast() {
         let socket = receiver("127.0.0.1:0");
         let mut link = open(&format!("localhost:{}", socket.local_addr().unwrap().port()));
         eventually("localhost resolves", || arrives(&mut link, &socket));
+        assert!(link.destination.read().as_ref().unwrap().socket.broadcast().unwrap());
     }
 
     #[test]
@@ -374,7 +348,7 @@ mod tests {
                 let _ = tell.send(());
                 found.map(|address| vec![address]).ok_or_else(|| io::Error::other("no such host"))
             };
-            link.lookup = Some(Lookup::start(host, Duration::from_millis(1), resolve).unwrap());
+            link.lookup = Some(host.start(Duration::from_millis(1), resolve).unwrap());
             (0..3).for_each(|_| told.recv_timeout(PATIENCE).unwrap());
             link.send(MESSAGE);
             let is_sent = found.is_some();
@@ -383,18 +357,5 @@ mod tests {
             // This would not return if the thread went on.
             told.iter().for_each(drop);
         }
-    }
-
-    /// The system sends to a group by its route, or by the default route.
-    #[test]
-    fn an_ipv4_multicast_group_gets_each_message_and_no_router_passes_it_on() {
-        let (group, member) = (Ipv4Addr::new(239, 255, 70, 87), receiver("0.0.0.0:0"));
-        if member.join_multicast_v4(&group, &Ipv4Addr::UNSPECIFIED).is_err() {
-            return skip("this machine has no route for multicast");
-        }
-        let mut link = open(&format!("{group}:{}", member.local_addr().unwrap().port()));
-        let socket = &link.destination.read().as_ref().unwrap().socket;
-        assert_eq!((socket.multicast_ttl_v4().unwrap(), socket.broadcast().unwrap()), (1, true));
-        assert_eq!(sent(&mut link, &member), (None, [1, 0]));
     }
 }

@@ -10,14 +10,11 @@ use std::time::{Duration, Instant};
 use facewire_packet::State;
 
 use self::parameters::{Face, Formula, Group, PARAMETERS, Parameter};
-use super::{
-    Format, Output,
-    angles::Gaze,
-    osc::{Argument, Bundles, Message},
-};
+use super::angles::Gaze;
+use super::osc::{Bundles, Message};
+use super::{Format, Output};
 use crate::config::VrchatSettings;
 
-/// Time after which everything is sent again.
 const REFRESH: Duration = Duration::from_secs(1);
 /// Smallest change that is sent: half a step of the 8 bits with which VRChat shows parameters to other players.
 const STEP: f32 = 0.004;
@@ -25,20 +22,16 @@ const STEP: f32 = 0.004;
 const STEP_DEG: f32 = 45.0 * STEP;
 /// The status of the tracking. These names have no prefix.
 const STATUS: [&str; 3] = ["EyeTrackingActive", "ExpressionTrackingActive", "LipTrackingActive"];
-/// From this value on, all bits of a binary parameter are set.
 const FULL: f32 = 0.99999;
 
-/// Returns the names of all parameters.
 pub fn parameter_names() -> impl Iterator<Item = &'static str> {
     PARAMETERS.iter().map(|parameter| parameter.name.as_str())
 }
 
-/// The messages of an avatar.
 #[derive(Debug)]
 pub struct Vrchat {
     entries: Vec<Entry>,
     bundles: Bundles,
-    gaze: Gaze,
     refreshed: Option<Instant>,
 }
 
@@ -51,21 +44,18 @@ impl Vrchat {
             entries.push(Entry::new("/tracking/eye/EyesClosedAmount", Content::Number(Formula::EYES_CLOSED)));
             entries.push(Entry::new("/tracking/eye/LeftRightPitchYaw", Content::EyeAngles));
         }
-        Self { entries, bundles: Bundles::new(true), gaze: Gaze::default(), refreshed: None }
+        Self { entries, bundles: Bundles::new(true), refreshed: None }
     }
 
-    /// Encodes the output at a moment.
-    fn encode_at(&mut self, now: Instant, output: &Output, send: &mut dyn FnMut(&[u8])) {
+    fn encode_at(&mut self, now: Instant, output: &Output, gaze: Gaze, send: &mut dyn FnMut(&[u8])) {
         let is_refreshed = self.refreshed.is_none_or(|refreshed| now.duration_since(refreshed) >= REFRESH);
         if is_refreshed {
             self.refreshed = Some(now);
         }
-        self.gaze.follow(&output.pose.coefficients);
-        let face = Face::new(&output.pose, &self.gaze);
+        let face = Face::new(&output.pose, gaze);
         let is_tracked = matches!(output.state, State::Live | State::Hold);
         for entry in &mut self.entries {
-            let numbers = entry.content.numbers(&face, &self.gaze, is_tracked);
-            if entry.follow(numbers, is_refreshed) {
+            if entry.follow(entry.content.numbers(&face, gaze, is_tracked), is_refreshed) {
                 self.bundles.add(&entry.message, send);
             }
         }
@@ -74,8 +64,8 @@ impl Vrchat {
 }
 
 impl Format for Vrchat {
-    fn encode(&mut self, output: &Output, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
-        self.encode_at(Instant::now(), output, send);
+    fn encode(&mut self, output: &Output, gaze: Gaze, _sequence: u32, send: &mut dyn FnMut(&[u8])) {
+        self.encode_at(Instant::now(), output, gaze, send);
     }
 }
 
@@ -99,7 +89,7 @@ fn add(entries: &mut Vec<Entry>, Parameter { name, group, formula }: &Parameter,
         entries.push(Entry::new(&format!("{address}Negative"), Content::IsNegative(*formula)));
     }
     for bit in 0..bits {
-        entries.push(Entry::new(&format!("{address}{}", 1_u32 << bit), Content::Bit { formula: *formula, bits, bit }));
+        entries.push(Entry::new(&format!("{address}{}", 1_u32 << bit), Content::Bit(*formula, bits, bit)));
     }
 }
 
@@ -111,29 +101,24 @@ struct Entry {
     sent: [f32; 4],
 }
 
-/// What a message says.
 #[derive(Debug, Clone, Copy)]
 enum Content {
     IsTracked,
     Number(Formula),
     IsNegative(Formula),
-    /// One of the bits that stand for the size of a number.
-    Bit {
-        formula: Formula,
-        bits: u32,
-        bit: u32,
-    },
+    /// One of this number of bits, which stand for the size of a number.
+    Bit(Formula, u32, u32),
     /// Pitch and yaw of the left and of the right eye, degrees.
     EyeAngles,
 }
 
 impl Content {
-    fn numbers(self, face: &Face, gaze: &Gaze, is_tracked: bool) -> [f32; 4] {
+    fn numbers(self, face: &Face, gaze: Gaze, is_tracked: bool) -> [f32; 4] {
         let number = match self {
             Self::IsTracked => is_tracked.into(),
             Self::Number(formula) => formula.value(face),
             Self::IsNegative(formula) => (formula.value(face) < 0.0).into(),
-            Self::Bit { formula, bits, bit } => {
+            Self::Bit(formula, bits, bit) => {
                 let size = formula.value(face).abs();
                 let whole = if size > FULL { u32::MAX } else { (size * (1_u32 << bits.min(31)) as f32) as u32 };
                 f32::from(whole >> bit & 1 == 1)
@@ -148,14 +133,13 @@ impl Content {
 }
 
 impl Entry {
-    /// A message that has not been sent yet.
     fn new(address: &str, content: Content) -> Self {
-        let arguments = match content {
-            Content::Number(_) => &[Argument::Float][..],
-            Content::EyeAngles => &[const { Argument::Float }; 4],
-            Content::IsTracked | Content::IsNegative(_) | Content::Bit { .. } => &[Argument::Bool],
+        let types = match content {
+            Content::Number(_) => "f",
+            Content::EyeAngles => "ffff",
+            Content::IsTracked | Content::IsNegative(_) | Content::Bit(..) => "F",
         };
-        Self { message: Message::new(address, arguments), content, sent: [f32::NAN; 4] }
+        Self { message: Message::new(address, types, "", &[]), content, sent: [f32::NAN; 4] }
     }
 
     /// Takes the numbers of a face. Returns whether to send them: they are refreshed, or a step away from those before.
@@ -182,9 +166,9 @@ mod tests {
 
     use super::*;
     use crate::config::LinkKind;
+    use crate::link::Pose;
     use crate::link::osc::received;
-    use crate::link::testing::{DOWN, LEFT, TILTED, encoded, face, kind, near, turned};
-    use crate::link::{Pose, test_output};
+    use crate::link::testing::{encoded, face, kind, near};
 
     type Messages = BTreeMap<String, Vec<OscType>>;
 
@@ -194,8 +178,9 @@ mod tests {
     }
 
     fn messages(format: &mut Vrchat, now: Instant, output: &Output) -> Messages {
-        let mut datagrams = Vec::new();
-        format.encode_at(now, output, &mut |bytes| datagrams.push(bytes.to_vec()));
+        let (mut datagrams, mut gaze) = (Vec::new(), Gaze::default());
+        gaze.follow(&output.pose.coefficients);
+        format.encode_at(now, output, gaze, &mut |bytes| datagrams.push(bytes.to_vec()));
         received(&datagrams).into_iter().map(|message| (message.addr, message.args)).collect()
     }
 
@@ -223,8 +208,6 @@ mod tests {
         let [mouth, jaw] = [[("mouthLeft", 0.3), ("jawRight", 0.7)], [("mouthClose", 0.5), ("jawOpen", 0.3)]];
         let mouth = face(&[&mouth[..], &jaw, &[("mouthFunnel", 0.4)]].concat());
         let lips = face(&[("mouthUpperUpLeft", 0.4), ("mouthLowerDownRight", 0.8), ("mouthRollUpper", 0.9)]);
-        let eyes = face(&[("eyeLookOutLeft", 0.5), ("eyeLookInRight", 0.5), ("eyeLookUpLeft", 1.0)]);
-        let head = ["Head/Yaw", "Head/Pitch", "Head/Roll"];
         for (output, names, want) in [
             (&smile, ["MouthCornerPullLeft", "MouthCornerSlantLeft", "SmileFrownLeft"], [0.5, 0.5, 0.4]),
             (&smile, ["SmileSadLeft", "SmileFrown", "SmileFrownRight"], [0.2, 0.2, 0.0]),
@@ -235,26 +218,11 @@ mod tests {
             (&mouth, ["LipFunnelUpperLeft", "LipFunnelLowerRight", "MouthUpperLeft"], [0.4, 0.4, 0.3]),
             // 1 - 0.4^(1/6)
             (&lips, ["MouthOpen", "LipSuckUpperLeft", "LipSuckUpperRight"], [0.3, 0.141_63, 0.9]),
-            // Eyes and head are positive to the right; eyes are positive up, the head down and to the left shoulder.
-            (&eyes, ["EyeLeftX", "EyeRightX", "EyeLeftY"], [-0.5, -0.5, 1.0]),
-            (&turned(LEFT), head, [-30.0 / 90.0, 0.0, 0.0]),
-            (&turned(DOWN), head, [0.0, 20.0 / 90.0, 0.0]),
-            (&turned(TILTED), head, [0.0, 0.0, -10.0 / 90.0]),
         ] {
             let sent = first("", output);
             let found = names.map(|name| sent[&format!("/avatar/parameters/v2/{name}")][0].clone().float().unwrap());
             assert!(near(&found, &want), "{names:?} {found:?}");
         }
-    }
-
-    #[test]
-    fn native_eyes_are_angles_in_degrees_down_and_to_the_right() {
-        let look = face(&[("eyeLookDownLeft", 1.0), ("eyeLookOutRight", 1.0), ("eyeBlinkLeft", 0.5)]);
-        let messages = first("native_eyes = true\n", &look);
-        let angles = messages["/tracking/eye/LeftRightPitchYaw"].iter().map(|angle| angle.clone().float().unwrap());
-        assert!(near(&angles.collect::<Vec<_>>(), &[35.0, 0.0, 0.0, 35.0]));
-        assert_eq!(messages["/tracking/eye/EyesClosedAmount"], [OscType::Float(0.25)]);
-        assert!(!first("", &look).keys().any(|address| address.starts_with("/tracking")));
     }
 
     #[test]
@@ -283,24 +251,22 @@ mod tests {
     }
 
     #[test]
-    fn only_changes_are_sent_and_everything_once_a_second() {
+    fn only_changes_are_sent_and_everything_once_a_second_and_the_status_is_false_without_a_face() {
         let (mut format, begun, all) = (open(""), Instant::now(), STATUS.len() + PARAMETERS.len());
-        // 0.003 is less than a step.
-        for (ms, jaw_open, want) in
-            [(0, 0.0, all), (16, 0.0, 0), (33, 0.1, 1), (50, 0.103, 0), (999, 0.103, 0), (1000, 0.103, all)]
-        {
-            let output = face(&[("jawOpen", jaw_open)]);
-            assert_eq!(messages(&mut format, begun + Duration::from_millis(ms), &output).len(), want, "{ms} ms");
-        }
-    }
-
-    #[test]
-    fn the_status_is_false_without_a_face() {
-        let mut format = open("");
-        for (state, want) in [(State::Live, Some(true)), (State::Hold, None), (State::Decay, Some(false))] {
-            let messages = messages(&mut format, Instant::now(), &test_output(state));
-            let status = messages.get("/avatar/parameters/EyeTrackingActive");
-            assert_eq!(status.map(|value| value[0] == OscType::Bool(true)), want, "{state:?}");
+        for (ms, state, jaw_open, count, status) in [
+            (0, State::Live, 0.0, all, Some(true)),
+            (16, State::Hold, 0.0, 0, None),
+            (33, State::Live, 0.1, 1, None),
+            // Less than a step.
+            (999, State::Live, 0.103, 0, None),
+            (1000, State::Live, 0.103, all, Some(true)),
+            (1016, State::Decay, 0.103, STATUS.len(), Some(false)),
+        ] {
+            let output = Output { state, ..face(&[("jawOpen", jaw_open)]) };
+            let messages = messages(&mut format, begun + Duration::from_millis(ms), &output);
+            let found =
+                messages.get("/avatar/parameters/EyeTrackingActive").map(|value| value[0] == OscType::Bool(true));
+            assert_eq!((messages.len(), found), (count, status), "{ms} ms");
         }
     }
 

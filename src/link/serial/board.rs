@@ -16,7 +16,6 @@ use crate::link::{LinkError, LinkErrorKind};
 
 /// Links to the serial ports of USB devices, with names that stay with the device.
 const LINKS: &str = "/dev/serial/by-id";
-/// What the kernel knows of serial ports.
 pub const CLASS: &str = "/sys/class/tty";
 /// Vendors of boards: Arduino (two numbers), Adafruit, Raspberry Pi, Espressif, SparkFun, Seeed, Pololu.
 /// `systemd/99-facewire.rules` has the same numbers.
@@ -60,14 +59,11 @@ pub fn restarts_board(device: &Path, class: &Path) -> bool {
     is_arduino || name.contains("USB") || MODEM_CHIPS.contains(&(vendor, product))
 }
 
-/// The search for the port of one link.
 #[derive(Debug)]
 pub struct PortSearch {
     device: SerialDevice,
     wanted: AutoDevice,
-    /// The board that was chosen last.
     chosen: Option<PathBuf>,
-    /// When the search first missed it.
     missed_at: Option<Instant>,
 }
 
@@ -153,7 +149,6 @@ fn usb_device(port: &Path, class: &Path) -> Option<PathBuf> {
     Some(device.to_owned())
 }
 
-/// Returns the numbers of the vendor and of the product.
 fn numbers(device: &Path) -> (String, String) {
     let read = |name| fs::read_to_string(device.join(name)).unwrap_or_default().trim().to_owned();
     (read("idVendor"), read("idProduct"))
@@ -197,13 +192,11 @@ mod tests {
             let (root, (vendor, product)) = (self.0.path(), numbers.split_once(':').unwrap());
             let device = root.join("usb").join(name);
             for (index, node) in nodes.iter().enumerate() {
-                let port = device.join(format!("1.{index}/port"));
-                fs::create_dir_all(&port).unwrap();
-                fs::create_dir(root.join("tty").join(node)).unwrap();
-                symlink(port, root.join("tty").join(node).join("device")).unwrap();
+                let (port, class) = (device.join(format!("1.{index}/port")), root.join("tty").join(node));
+                [&port, &class].into_iter().for_each(|folder| fs::create_dir_all(folder).unwrap());
+                symlink(port, class.join("device")).unwrap();
                 fs::write(root.join("dev").join(node), "").unwrap();
-                symlink(Path::new("../dev").join(node), self.0.path().join(format!("by-id/usb-{name}-if0{index}")))
-                    .unwrap();
+                symlink(Path::new("../dev").join(node), root.join(format!("by-id/usb-{name}-if0{index}"))).unwrap();
             }
             fs::write(device.join("idVendor"), format!("{vendor}\n")).unwrap();
             fs::write(device.join("idProduct"), format!("{product}\n")).unwrap();
@@ -222,39 +215,34 @@ mod tests {
             search.choose(ports(search.wanted, &self.0.path().join("by-id"), &self.0.path().join("tty")), now)
         }
 
-        /// Asserts that this device is found, or none with this kind of error and a message that names these devices.
-        fn finds(&self, wanted: AutoDevice, found: Result<&str, (LinkErrorKind, &[&str])>) {
-            let paths = |names: &[&str]| names.iter().map(|name| self.link(name)).collect::<Vec<_>>();
-            match (self.find(&mut PortSearch::new(&SerialDevice::Auto, wanted), Instant::now()), found) {
-                (Ok(path), Ok(name)) => assert_eq!(path, self.link(name)),
-                (Err(error), Err((kind, named))) => {
-                    assert_eq!(error.kind, kind, "{error}");
-                    assert!(error.message.ends_with(&joined(&paths(named))), "{error}");
-                    assert_eq!(error.message.contains(".device"), !named.is_empty(), "{error}");
-                }
-                (result, _) => panic!("{result:?}"),
-            }
+        /// Asserts that this device is found, or none, and that the message names these devices.
+        fn finds(&self, wanted: AutoDevice, found: Option<&str>, named: &[&str]) {
+            let result = self.find(&mut PortSearch::new(&SerialDevice::Auto, wanted), Instant::now());
+            assert_eq!(result.as_ref().ok(), found.map(|name| self.link(name)).as_ref(), "{result:?}");
+            let message = result.err().map(|error| error.message).unwrap_or_default();
+            let named_paths = joined(&named.iter().map(|name| self.link(name)).collect::<Vec<_>>());
+            assert!(message.ends_with(&named_paths) && message.contains(".device") != named.is_empty(), "{message}");
         }
     }
 
     #[test]
     fn the_only_board_is_found_by_its_maker_among_ports_that_anything_may_be_connected_to() {
         let machine = Machine::new();
-        machine.finds(Microcontroller, Err((LinkErrorKind::Waiting, &[])));
+        machine.finds(Microcontroller, None, &[]);
         machine.plug("1a86_Serial", "1a86:7523", &["ttyUSB0"]);
         machine.plug("Raspberry_Pi_Debug_Probe", "2e8a:000c", &["ttyACM0"]);
         machine.plug("Van_Ooijen_Keyboard", "16c0:27dd", &["ttyACM1"]);
         let others: &[&str] = &["1a86_Serial", "Raspberry_Pi_Debug_Probe", "Van_Ooijen_Keyboard"];
-        machine.finds(Microcontroller, Err((LinkErrorKind::Waiting, others)));
+        machine.finds(Microcontroller, None, others);
         machine.plug("Teensyduino", "16c0:0483", &["ttyACM2"]);
-        machine.finds(Microcontroller, Ok("Teensyduino"));
-        machine.finds(Maestro, Err((LinkErrorKind::Waiting, &[])));
+        machine.finds(Microcontroller, Some("Teensyduino"), &[]);
+        machine.finds(Maestro, None, &[]);
         machine.plug("Pololu_Mini_Maestro_12", "1ffb:008a", &["ttyACM4", "ttyACM3"]);
-        machine.finds(Maestro, Ok("Pololu_Mini_Maestro_12"));
-        machine.finds(Microcontroller, Ok("Teensyduino"));
+        machine.finds(Maestro, Some("Pololu_Mini_Maestro_12"), &[]);
+        machine.finds(Microcontroller, Some("Teensyduino"), &[]);
         machine.unplug("Teensyduino");
         // A Maestro would take packets for commands, so that its path is not recommended.
-        machine.finds(Microcontroller, Err((LinkErrorKind::Waiting, others)));
+        machine.finds(Microcontroller, None, others);
     }
 
     #[test]
@@ -266,7 +254,7 @@ mod tests {
         machine.plug("Other", "239a:80f4", &["ttyACM1"]);
         assert_eq!(machine.find(&mut search, now), Ok(machine.link("Head")));
         // Somebody must choose.
-        machine.finds(Microcontroller, Err((LinkErrorKind::Other, &["Head", "Other"])));
+        machine.finds(Microcontroller, None, &["Head", "Other"]);
         // A board that is away for seconds is waited for, and later another takes its place.
         machine.unplug("Head");
         let days_later = now + 1000 * REPLACE_AFTER;

@@ -21,14 +21,12 @@ pub enum Group {
 /// Declares [`Face`] and [`Side`] from the places of the coefficients in [`facewire_packet::BLENDSHAPES`].
 macro_rules! face {
     (sides { $($side:ident $left:literal $right:literal)* } whole { $($whole:ident $place:literal)* }) => {
-        /// One side of the face.
         pub struct Side {
             $( $side: f32, )*
             /// Direction of the eye as parts of the full angle, to the person's right and upwards.
             look: [f32; 2],
         }
 
-        /// A face as the formulas need it.
         pub struct Face {
             $( $whole: f32, )*
             left: Side,
@@ -38,7 +36,7 @@ macro_rules! face {
         }
 
         impl Face {
-            pub fn new(pose: &Pose, gaze: &Gaze) -> Self {
+            pub fn new(pose: &Pose, gaze: Gaze) -> Self {
                 let from = &pose.coefficients;
                 let look = |eye: Angles| [0.0 - eye.yaw / FULL_GAZE, eye.pitch / FULL_GAZE];
                 Self {
@@ -70,7 +68,6 @@ impl Face {
     }
 }
 
-/// How a parameter follows from the face.
 #[derive(Debug, Clone, Copy)]
 pub struct Formula {
     of: Of,
@@ -81,12 +78,10 @@ pub struct Formula {
 enum Of {
     Left,
     Right,
-    /// The mean of both sides.
     Both,
 }
 
 impl Formula {
-    /// How far both eyes are closed.
     pub const EYES_CLOSED: Self = Self { of: Of::Both, value: |_, s| s.blink };
 
     /// The value of the parameter, from -1 to 1.

@@ -26,13 +26,10 @@ const LEAST_DEVIATION: f32 = 0.01;
 /// [`LEAST_FACES`] faces have been read.
 const EPOCHS: usize = 30;
 const LEAST_FACES: usize = 600_000;
-/// Initial learning rate.
 const RATE: f32 = 1e-3;
 const SEED: u64 = 2;
-/// Pictures whose moments one thread adds up at a time.
 const BLOCK: usize = 1024;
 
-/// Fits the layer to the pictures of `samples` that are not held out.
 pub fn fit(samples: &[Sample], appearances: &Appearances, model: &Model) -> Result<AppearanceTable> {
     let faces = Residuals::new(samples, appearances, model)?;
     ensure!(faces.len() > 0, "all pictures are held out");
@@ -45,12 +42,10 @@ pub fn fit(samples: &[Sample], appearances: &Appearances, model: &Model) -> Resu
     Ok(table(&network, &faces))
 }
 
-/// The look of the training pictures, and what the landmark model leaves unexplained of their coefficients.
 struct Residuals<'a> {
     appearances: &'a Appearances,
     pictures: Vec<usize>,
     mean: Vec<f32>,
-    /// Inverse of the deviation of each value.
     scale: Vec<f32>,
     /// Coefficients of the landmark model with the neutral face known, then without, one column per face.
     start: DMatrix<f32>,
@@ -78,7 +73,6 @@ impl<'a> Residuals<'a> {
     }
 }
 
-/// Returns the mean of each value over some pictures, and the inverse of its deviation.
 fn moments(appearances: &Appearances, pictures: &[usize]) -> (Vec<f32>, Vec<f32>) {
     let sums = |block: &[usize]| {
         let mut sums = vec![[0.0_f64; 2]; Appearances::VALUES];

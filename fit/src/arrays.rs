@@ -5,12 +5,14 @@
 //! for a number that is not finite, the row.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, BufWriter, Read};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use half::f16;
-use npyz::{Deserialize, NpyFile, Order, npz::NpzArchive};
+use npyz::npz::{NpzArchive, NpzWriter};
+use npyz::zip::{CompressionMethod, DateTime, write::FileOptions};
+use npyz::{AutoSerialize, Deserialize, NpyFile, Order, WriterBuilder};
 
 pub struct Arrays {
     path: PathBuf,
@@ -26,38 +28,32 @@ impl Arrays {
 
     /// Reads a float32 array and returns its values row by row. `shape` is the shape of one row.
     pub fn floats(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
-        let label = self.label(name);
-        finite(values(self.array(name)?, shape, "float32", &label)?, shape, &label)
+        let (label, values) = self.values(name, shape, "float32")?;
+        finite(values, shape, &label)
     }
 
-    /// Reads a float16 array like [`Self::floats`].
     pub fn halves(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f16>> {
-        let label = self.label(name);
-        finite(values(self.array(name)?, shape, "float16", &label)?, shape, &label)
+        let (label, values) = self.values(name, shape, "float16")?;
+        finite(values, shape, &label)
+    }
+
+    pub fn integers(&mut self, name: &str, shape: &[usize]) -> Result<Vec<i32>> {
+        Ok(self.values(name, shape, "int32")?.1)
+    }
+
+    fn values<T: Deserialize>(&mut self, name: &str, shape: &[usize], kind: &str) -> Result<(String, Vec<T>)> {
+        let label = format!("{}: {name}", self.path.display());
+        let array = self.archive.by_name(name).with_context(|| format!("{label} is damaged"))?;
+        let array = array.with_context(|| format!("{} has no array {name}", self.path.display()))?;
+        let values = values(array, shape, kind, &label)?;
+        Ok((label, values))
     }
 
     pub fn has(&self, name: &str) -> bool {
         self.archive.array_names().any(|other| other == name)
     }
-
-    /// Reads an int32 array like [`Self::floats`].
-    pub fn integers(&mut self, name: &str, shape: &[usize]) -> Result<Vec<i32>> {
-        let label = self.label(name);
-        values(self.array(name)?, shape, "int32", &label)
-    }
-
-    fn array(&mut self, name: &str) -> Result<NpyFile<impl Read>> {
-        let label = self.label(name);
-        let array = self.archive.by_name(name).with_context(|| format!("{label} is damaged"))?;
-        array.with_context(|| format!("{} has no array {name}", self.path.display()))
-    }
-
-    fn label(&self, name: &str) -> String {
-        format!("{}: {name}", self.path.display())
-    }
 }
 
-/// Reads the float32 array of an npy file like [`Arrays::floats`].
 pub fn npy_floats(path: &Path, shape: &[usize]) -> Result<Vec<f32>> {
     let label = path.display().to_string();
     let array = NpyFile::new(open(path)?).with_context(|| format!("{label} is not a NumPy array (.npy)"))?;
@@ -89,13 +85,32 @@ fn finite<T: Copy + Into<f32>>(values: Vec<T>, row: &[usize], label: &str) -> Re
     }
 }
 
+pub type Archive = NpzWriter<BufWriter<File>>;
+
+pub fn create(path: &Path) -> Result<Archive> {
+    Ok(NpzWriter::new(BufWriter::new(File::create(path)?)))
+}
+
+/// Writes an array without compression and without a time stamp, so that the same values give the same file.
+pub fn write_array<T: AutoSerialize, Chunk: IntoIterator<Item = T>>(
+    archive: &mut Archive,
+    name: &str,
+    shape: &[u64],
+    chunks: impl IntoIterator<Item = Result<Chunk>>,
+) -> Result<()> {
+    let options = FileOptions::default().compression_method(CompressionMethod::Stored);
+    let options = options.last_modified_time(DateTime::default()).large_file(true);
+    let mut array = archive.array::<T>(name, options)?.default_dtype().shape(shape).begin_nd()?;
+    for chunk in chunks {
+        array.extend(chunk?)?;
+    }
+    Ok(array.finish()?)
+}
+
 #[cfg(test)]
 pub mod tests {
-    use npyz::{WriterBuilder, npz::NpzWriter, zip::write::FileOptions};
-
     use super::*;
 
-    /// A float32 array to write, with the value at each index.
     pub struct TestArray<'a> {
         pub name: &'a str,
         pub shape: &'a [u64],
@@ -103,9 +118,8 @@ pub mod tests {
         pub value: &'a dyn Fn(usize) -> f32,
     }
 
-    /// Writes an archive of float32 arrays and the int32 array `subject`.
     pub fn write(path: &Path, floats: &[TestArray], subjects: &[i32]) {
-        let mut npz = NpzWriter::create(path).expect("a file");
+        let mut npz = create(path).expect("a file");
         for TestArray { name, shape, order, value } in floats {
             let array = npz.array::<f32>(name, FileOptions::default()).expect("an array");
             let mut array = array.default_dtype().shape(shape).order(*order).begin_nd().expect("begun");
@@ -113,10 +127,7 @@ pub mod tests {
             array.extend((0..count).map(value)).expect("written");
             array.finish().expect("written");
         }
-        let array = npz.array::<i32>("subject", FileOptions::default()).expect("an array");
-        let mut array = array.default_dtype().shape(&[subjects.len() as u64]).begin_nd().expect("begun");
-        array.extend(subjects.iter().copied()).expect("written");
-        array.finish().expect("written");
+        write_array(&mut npz, "subject", &[subjects.len() as u64], [Ok(subjects.to_vec())]).expect("written");
         npz.zip_writer().finish().expect("written");
     }
 

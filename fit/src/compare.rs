@@ -5,10 +5,9 @@
 //! anew for every fold. The same data give the same results, except for times.
 
 mod choice;
-mod export;
-mod split;
 mod trial;
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -19,15 +18,14 @@ use rayon::prelude::*;
 use serde_json::json;
 
 use self::choice::{Budget, Choice};
-use self::split::Split;
-use self::trial::{Trial, Trials, UntimedTrial};
-use crate::dataset::{self, Sample};
+use self::trial::{Trial, Trials};
+use crate::dataset::{self, Sample, held_out};
 use crate::design::MODELLED;
 use crate::judge::Faces;
 use crate::kinds::{self, Kind};
 use crate::output::{self, Table};
 use crate::paper::{MODELS_TITLE, model_rows};
-use crate::report::{Diagnostics, Fitted, with_papers};
+use crate::report::{Fitted, with_papers};
 use crate::train;
 
 /// The budget of the whole solver: memory, and time for one face.
@@ -36,7 +34,6 @@ const ALL_NANOSECONDS: usize = 20_000;
 
 const FOLDS: usize = 3;
 
-/// Arguments of `fit`.
 #[derive(Debug, Args)]
 pub struct FitArgs {
     /// Landmarks with true coefficients (npz archive with names.json beside it)
@@ -61,7 +58,6 @@ pub struct FitArgs {
     export: Option<PathBuf>,
 }
 
-/// Which blendshapes and kinds to fit, and how.
 #[derive(Debug, Clone, Args)]
 pub struct FitOptions {
     /// Blendshapes by ARKit name, separated by commas [default: all]
@@ -87,7 +83,7 @@ pub fn run(args: &FitArgs) -> Result<()> {
         return args.write_json(&choice::json(&known, &split, &args.budget()));
     };
     let unknown = args.choose(&samples, &split, false)?;
-    let file = export::model_file(&known, &unknown, args.made_by(), split.described())?;
+    let file = choice::model_file(&known, &unknown, args.made_by(), split.described())?;
     output::write(path, toml::to_string(&file)?)?;
     println!("model in memory: {} bytes", file.to_model()?.size_bytes());
     let [known, unknown] = [known, unknown].map(|choices| choice::json(&choices, &split, &args.budget()));
@@ -134,7 +130,6 @@ impl FitArgs {
         output::write(path, serde_json::to_string_pretty(results)?)
     }
 
-    /// The command, without the names of the files that it writes.
     fn made_by(&self) -> String {
         let FitOptions { blendshapes, kinds, folds, .. } = &self.options;
         let mut parts = vec![format!("facewire-fit fit {} --export", self.dataset.display())];
@@ -146,35 +141,29 @@ impl FitArgs {
     }
 }
 
-/// Fits the kinds in `options` for a report and applies them to the held-out subjects.
-pub fn fitted(samples: &[Sample], faces: &Faces, options: &FitOptions) -> Result<Vec<Fitted>> {
+/// Fits the kinds in `options` for a report and applies them to the held-out subjects. Each model has the number of its
+/// blendshape.
+pub fn fitted(samples: &[Sample], faces: &Faces, options: &FitOptions) -> Result<Vec<(usize, Fitted)>> {
     let split = Split::new(samples, options.folds, false)?;
     ensure!(!split.one_subject, "a report of kinds needs several subjects");
     let tried = options.run_trials(samples, faces, &split, &options.kinds()?)?;
     let each = |(blendshape, trials): (usize, Vec<Trial>)| {
-        trials.into_iter().map(move |trial| as_fitted(blendshape, trial)).collect::<Vec<_>>()
+        let truth = faces.truth(blendshape, &split.held_out);
+        trials.into_iter().map(|trial| (blendshape, as_fitted(&trial, &truth))).collect::<Vec<_>>()
     };
     Ok(tried.into_iter().flat_map(each).collect())
 }
 
-fn as_fitted(blendshape: usize, trial: Trial) -> Fitted {
-    Fitted {
-        kind: trial.name(),
-        blendshape,
-        predictions: trial.predictions,
-        degrees_of_freedom: trial.weights,
-        bytes: trial.bytes,
-        nanoseconds: trial.nanoseconds,
-    }
+fn as_fitted(trial: &Trial, truth: &[f64]) -> Fitted {
+    let costs = [trial.bytes as f64, trial.nanoseconds];
+    Fitted::new(trial.name(), trial.predictions.clone(), truth, trial.weights, costs)
 }
 
 fn beside_the_paper(choice: &Choice, faces: &Faces, split: &Split) -> Table {
     let blendshape = BLENDSHAPES.iter().position(|name| *name == choice.blendshape).unwrap_or(0);
     let truth = faces.truth(blendshape, &split.held_out);
-    let fitted: Vec<Fitted> = choice.trials.iter().map(|trial| as_fitted(blendshape, trial.clone())).collect();
-    let found: Vec<Diagnostics> = fitted.iter().map(|fitted| Diagnostics::new(fitted, &truth)).collect();
-    let models: Vec<_> = fitted.iter().map(|fitted| fitted.kind.as_str()).zip(&found).collect();
-    with_papers(&models, model_rows(choice.blendshape))
+    let fitted: Vec<Fitted> = choice.trials.iter().map(|trial| as_fitted(trial, &truth)).collect();
+    with_papers(&fitted.iter().collect::<Vec<_>>(), model_rows(choice.blendshape))
 }
 
 struct Kinds {
@@ -183,7 +172,6 @@ struct Kinds {
 }
 
 impl FitOptions {
-    /// Selects some kinds on all blendshapes, with the default folds and epochs.
     pub fn to_kinds(kinds: Vec<String>) -> Self {
         Self { blendshapes: Vec::new(), kinds, folds: FOLDS, epochs: train::EPOCHS }
     }
@@ -201,10 +189,10 @@ impl FitOptions {
         let runner = Trials::new(faces, split);
         let widest = kinds.each.iter().map(|kind| kind.limits.features).max().unwrap_or(0);
         let done = AtomicUsize::new(0);
-        let one = |blendshape: &usize| -> Result<(usize, Vec<UntimedTrial>)> {
+        let one = |blendshape: &usize| -> Result<(usize, Vec<_>)> {
             let ranks = runner.rank(*blendshape, widest);
             let trials = kinds.each.iter().map(|kind| runner.run_kind(kind, *blendshape, &ranks));
-            let trials = trials.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
+            let trials: Vec<_> = trials.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
             let done = 1 + done.fetch_add(1, Ordering::Relaxed);
             eprint!("\r{done} of {} blendshapes", blendshapes.len());
             Ok((*blendshape, trials))
@@ -212,9 +200,10 @@ impl FitOptions {
         let tried = blendshapes.par_iter().map(one).collect::<Result<Vec<_>>>()?;
         eprintln!();
         // Times are taken one after another while no fit loads the cores, because the choice depends on them.
-        let timed = |tried: Vec<UntimedTrial>| tried.into_iter().map(|tried| runner.timed(tried)).collect();
-        let mut tried: Vec<(usize, Vec<Trial>)> =
-            tried.into_iter().map(|(blendshape, tried)| (blendshape, timed(tried))).collect();
+        let timed = |(blendshape, tried): (usize, Vec<_>)| {
+            (blendshape, tried.into_iter().map(|tried| runner.timed(tried)).collect::<Vec<_>>())
+        };
+        let mut tried: Vec<_> = tried.into_iter().map(timed).collect();
         if kinds.hidden_layer && !split.one_subject {
             let layer = trial::hidden_layer_trials(samples, faces, split, self.epochs as usize)?;
             for (blendshape, trials) in &mut tried {
@@ -248,11 +237,85 @@ impl FitOptions {
     }
 }
 
+/// If all pictures are of one subject, one in this many pictures is held out.
+const HOLD_OUT_EVERY: usize = 4;
+const SEED: u64 = 1;
+
+/// The split of the pictures, which are denoted by their index: which ones the fit sees, which choose the kind, and which
+/// it is scored on.
+pub struct Split {
+    pub seen: Vec<usize>,
+    pub held_out: Vec<usize>,
+    pub folds: usize,
+    pub one_subject: bool,
+    /// The fold of every picture, without meaning for held-out pictures.
+    fold: Vec<usize>,
+    group: Vec<usize>,
+}
+
+impl Split {
+    /// Splits by subject, or by picture if there is only one subject or if `one_subject` is set.
+    pub fn new(samples: &[Sample], folds: usize, one_subject: bool) -> Result<Self> {
+        let subjects: BTreeSet<usize> = samples.iter().map(|sample| sample.subject).collect();
+        let split = if one_subject || subjects.len() == 1 {
+            Self::by_picture(samples.len(), folds)
+        } else {
+            Self::by_subject(samples, folds)?
+        };
+        let filled = (0..folds).all(|fold| !split.validation(fold).is_empty());
+        ensure!(folds > 1 && filled && !split.held_out.is_empty(), "too few subjects or pictures for {folds} folds");
+        Ok(split)
+    }
+
+    fn by_subject(samples: &[Sample], folds: usize) -> Result<Self> {
+        let held_out = held_out(samples)?;
+        let seen: Vec<usize> = (0..samples.len()).filter(|row| !samples[*row].held_out()).collect();
+        let subjects: BTreeSet<usize> = seen.iter().map(|row| samples[*row].subject).collect();
+        let subjects: Vec<usize> = subjects.into_iter().collect();
+        let fold = |sample: &Sample| subjects.partition_point(|subject| *subject < sample.subject) % folds.max(1);
+        let group = samples.iter().map(|sample| sample.subject).collect();
+        Ok(Self { seen, held_out, folds, one_subject: false, fold: samples.iter().map(fold).collect(), group })
+    }
+
+    fn by_picture(pictures: usize, folds: usize) -> Self {
+        let mut order: Vec<usize> = (0..pictures).collect();
+        fastrand::Rng::with_seed(SEED).shuffle(&mut order);
+        let (held_out, seen) = (0..pictures).partition(|row| order[*row].is_multiple_of(HOLD_OUT_EVERY));
+        let fold = order.iter().map(|index| index / HOLD_OUT_EVERY % folds.max(1)).collect();
+        Self { seen, held_out, folds, one_subject: true, fold, group: (0..pictures).collect() }
+    }
+
+    pub fn training(&self, without: usize) -> Vec<usize> {
+        self.seen.iter().copied().filter(|row| self.fold[*row] != without).collect()
+    }
+
+    pub fn described(&self) -> String {
+        let of = if self.one_subject { "of the same subject" } else { "of other subjects" };
+        let (seen, held_out) = (self.seen.len(), self.held_out.len());
+        format!("{seen} pictures; r and mse are those of {held_out} pictures {of}")
+    }
+
+    pub fn validation(&self, fold: usize) -> Vec<usize> {
+        self.seen.iter().copied().filter(|row| self.fold[*row] == fold).collect()
+    }
+
+    /// Returns the mean squared error on the seen pictures and its standard error. The standard error allows for
+    /// correlated errors within a group (clustered standard error).
+    pub fn mean_error(&self, squared: &[f64]) -> [f64; 2] {
+        let count = squared.len() as f64;
+        let mean = squared.iter().sum::<f64>() / count;
+        let mut sums = vec![0.0; self.group.iter().max().map_or(0, |last| last + 1)];
+        self.seen.iter().zip(squared).for_each(|(row, error)| sums[self.group[*row]] += error - mean);
+        [mean, sums.iter().map(|sum| sum * sum).sum::<f64>().sqrt() / count]
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use crate::reference;
+    use facewire_face::Landmarks;
 
     use super::*;
+    use crate::reference;
 
     fn options(blendshapes: &[&str], kinds: &[&str]) -> FitOptions {
         let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
@@ -278,5 +341,45 @@ mod tests {
         assert!(of("ols").r > 0.93 && of("poly").mse < of("ols").mse, "{:?}", [of("ols").mse, of("poly").mse]);
         let [validation, error] = of("ols").validation;
         assert!((validation - of("ols").mse).abs() < 4.0 * error, "{validation} {error}");
+    }
+
+    fn samples(subjects: usize, each: usize) -> Vec<Sample> {
+        let sample = |row: usize| Sample { subject: row / each, ..Sample::of_test(Landmarks::zero(), row) };
+        (0..subjects * each).map(sample).collect()
+    }
+
+    #[test]
+    fn no_subject_is_in_two_folds() {
+        let samples = samples(32, 3);
+        let split = Split::new(&samples, 3, false).unwrap();
+        let subjects = |rows: &[usize]| rows.iter().map(|row| samples[*row].subject).collect::<BTreeSet<_>>();
+        assert!(subjects(&split.seen).is_disjoint(&subjects(&split.held_out)));
+        for fold in 0..3 {
+            let (training, validation) = (split.training(fold), split.validation(fold));
+            assert!(subjects(&training).is_disjoint(&subjects(&validation)));
+            assert_eq!(training.len() + validation.len(), split.seen.len());
+        }
+    }
+
+    #[test]
+    fn pictures_of_one_subject_are_split_evenly_and_too_few_subjects_for_the_folds_are_refused() {
+        let split = Split::new(&samples(1, 400), 3, false).unwrap();
+        assert!(split.one_subject && split.held_out.len() == 100);
+        assert!((0..3).all(|fold| split.validation(fold).len().abs_diff(100) < 3));
+        assert!(Split::new(&samples(9, 2), 30, false).is_err() && Split::new(&samples(32, 2), 1, false).is_err());
+    }
+
+    #[test]
+    fn an_error_that_all_pictures_of_a_subject_share_counts_once() {
+        let apart = Split::new(&samples(1, 400), 3, true).unwrap();
+        let together = Split::new(&samples(100, 4), 3, false).unwrap();
+        let of_subject = |split: &Split| split.seen.iter().map(|row| (row / 4 % 2) as f64).collect::<Vec<_>>();
+        let [mean, error] = together.mean_error(&of_subject(&together));
+        // Of the 88 seen subjects, 38 have odd numbers.
+        let deviation = |mean: f64| (mean * (1.0 - mean)).sqrt();
+        assert!((mean - 38.0 / 88.0).abs() < 1e-9, "{mean}");
+        assert!((error - deviation(mean) / 88_f64.sqrt()).abs() < 1e-6, "{error}");
+        let [mean, error] = apart.mean_error(&of_subject(&apart));
+        assert!((error - deviation(mean) / 300_f64.sqrt()).abs() < 1e-6, "{error}");
     }
 }

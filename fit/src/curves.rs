@@ -1,12 +1,13 @@
 //! Compares the curves of a clip with the true curves.
 
-use std::fmt::Write;
 use std::ops::Range;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use facewire_face::{BLENDSHAPES, COEFFS, Solution};
 
+use crate::output::Table;
+use crate::recording::CsvTable;
 use crate::statistics::{mean, pearson, standard_deviation};
 
 /// The largest lag in frames by which a curve may follow the truth. Smoothing and the network delay curves.
@@ -24,8 +25,14 @@ impl Truth {
     /// Reads a CSV file with a header: `yaw_deg,pitch_deg,roll_deg` (pitch positive when nodding down) and the
     /// blendshapes.
     pub fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Self::parse(&text).with_context(|| format!("{} is not a table of true curves", path.display()))
+        Self::of(&CsvTable::load(path)?).with_context(|| format!("{} is not a table of true curves", path.display()))
+    }
+
+    fn of(table: &CsvTable) -> Result<Self> {
+        let [yaw, pitch, roll] = ["yaw_deg", "pitch_deg", "roll_deg"].map(|name| table.numbers(name));
+        let (yaw, pitch, roll) = (yaw?, pitch?, roll?);
+        let pose_deg = (0..yaw.len()).map(|row| [yaw[row], -pitch[row], roll[row]]).collect();
+        Ok(Self { pose_deg, coefficients: table.coefficients()? })
     }
 
     pub fn fits(&self, path: &Path, frames: usize) -> Result<()> {
@@ -37,71 +44,44 @@ impl Truth {
         );
         Ok(())
     }
-
-    fn parse(text: &str) -> Result<Self> {
-        let mut lines = text.lines();
-        let header: Vec<&str> = lines.next().context("the table is empty")?.split(',').collect();
-        let column = |name: &str| header.iter().position(|known| *known == name).with_context(|| format!("no {name}"));
-        let pose = [column("yaw_deg")?, column("pitch_deg")?, column("roll_deg")?];
-        let shapes = BLENDSHAPES.iter().map(|name| column(name)).collect::<Result<Vec<_>>>()?;
-        let mut truth = Truth { pose_deg: vec![], coefficients: vec![] };
-        for (number, line) in (2..).zip(lines) {
-            let value = |cell: &str| cell.parse().ok().filter(|value: &f64| value.is_finite());
-            let row: Option<Vec<f64>> = line.split(',').map(value).collect();
-            let row = row.with_context(|| format!("line {number} has a value that is not a number"))?;
-            ensure!(row.len() == header.len(), "line {number} has {} values instead of {}", row.len(), header.len());
-            let [yaw, pitch, roll] = pose.map(|index| row[index]);
-            truth.pose_deg.push([yaw, -pitch, roll]);
-            truth.coefficients.push(core::array::from_fn(|index| row[shapes[index]]));
-        }
-        Ok(truth)
-    }
 }
 
-/// Returns the best correlation of a curve that may lag the truth by up to [`MAX_LAG`] frames, and that lag.
 fn lagged_r(curve: &[f64], truth: &[f64]) -> (f64, usize) {
     let at = |lag: usize| (pearson(curve.get(lag..).unwrap_or_default(), truth), lag);
     (0..=MAX_LAG).map(at).fold((-1.0, 0), |best, next| if next.0 > best.0 { next } else { best })
 }
 
-fn moving(truth: &Truth) -> impl Iterator<Item = (usize, Vec<f64>)> {
-    let curve = |index: usize| truth.coefficients.iter().map(|frame| frame[index]).collect::<Vec<_>>();
-    let curves = (0..COEFFS).map(move |index| (index, curve(index)));
-    curves.filter(|(_, curve)| standard_deviation(curve) > MOVING)
-}
-
 /// Returns the table that `clip` prints: the best correlation and its lag, with the neutral face known and not known.
-pub fn table(truth: &Truth, known: &[Solution], unknown: &[Solution]) -> Result<String> {
-    let mut lines =
-        String::from("| blendshape           | r, neutral known (lag) | r, not known (lag) |\n|---|---|---|\n");
-    let mut found = Vec::new();
-    for (index, true_curve) in moving(truth) {
-        let [a, b] = [known, unknown].map(|solved| lagged_r(&curve(solved, index), &true_curve));
-        writeln!(lines, "| {:<20} | {:.3} ({}) | {:.3} ({}) |", BLENDSHAPES[index], a.0, a.1, b.0, b.1)?;
-        found.push([a.0, b.0]);
-    }
-    let [a, b] = [0, 1].map(|side: usize| mean(found.iter().map(|pair| pair[side])));
-    writeln!(lines, "| mean of {} | {a:.3} | {b:.3} |", found.len())?;
-    Ok(lines)
+pub fn table(truth: &Truth, known: &[Solution], unknown: &[Solution]) -> Table {
+    let found = |index: usize| {
+        let true_curve: Vec<f64> = truth.coefficients.iter().map(|frame| frame[index]).collect();
+        let both = || [known, unknown].map(|solved| lagged_r(&curve(solved, index), &true_curve));
+        (standard_deviation(&true_curve) > MOVING).then(|| (BLENDSHAPES[index], both()))
+    };
+    let found: Vec<_> = (0..COEFFS).filter_map(found).collect();
+    let row = |(name, both): &(&str, [(f64, usize); 2])| {
+        [(*name).to_owned()].into_iter().chain(both.map(|(r, lag)| format!("{r:.3} ({lag})"))).collect::<Vec<_>>()
+    };
+    let means = [0, 1].map(|side: usize| format!("{:.3}", mean(found.iter().map(|(_, both)| both[side].0))));
+    let means = [format!("mean of {}", found.len())].into_iter().chain(means).collect();
+    let heads = ["blendshape", "r, neutral known (lag)", "r, not known (lag)"];
+    Table::new(heads, found.iter().map(row).chain([means]))
 }
 
 fn curve(solved: &[Solution], index: usize) -> Vec<f64> {
     solved.iter().map(|frame| f64::from(frame.smoothed.0[index])).collect()
 }
 
-/// Returns the mean absolute error of yaw, pitch and roll in degrees.
 pub fn pose_error_deg(truth: &Truth, solved: &[Solution]) -> [f64; 3] {
     let angles = |frame: &Solution| frame.head.yaw_pitch_roll_deg().map(f64::from);
     let pairs = || solved.iter().map(angles).zip(&truth.pose_deg);
     core::array::from_fn(|axis| mean(pairs().map(|(angles, truth)| (angles[axis] - truth[axis]).abs())))
 }
 
-/// Names of the parts with their frames, in order.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Parts(Vec<(String, Range<usize>)>);
 
 impl Parts {
-    /// Reads a table of name, first frame and number of frames.
     pub fn load(path: &Path) -> Result<Self> {
         let refusal = || {
             format!("{} is no table of parts: make the clip with `facewire-fit film --script wearer`", path.display())
@@ -128,7 +108,17 @@ impl Parts {
     }
 }
 
-pub fn runs(frames: impl Iterator<Item = usize>) -> Vec<Range<usize>> {
+/// A lid is shut above the first value, and open below the second.
+pub const SHUT: f64 = 0.9;
+pub const OPEN: f64 = 0.1;
+/// `eyeBlinkLeft` and `eyeBlinkRight`.
+pub const LIDS: [usize; 2] = [0, 7];
+
+pub fn shut(truth: &[[f64; COEFFS]], lid: usize) -> Vec<Range<usize>> {
+    runs((0..truth.len()).filter(|frame| truth[*frame][lid] > SHUT))
+}
+
+fn runs(frames: impl Iterator<Item = usize>) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
     for frame in frames {
         match runs.last_mut() {
@@ -166,16 +156,19 @@ mod tests {
     fn truth_of_another_length_or_without_numbers_is_refused() {
         let header = format!("frame,yaw_deg,pitch_deg,roll_deg,{}", BLENDSHAPES.join(","));
         let row = |value: &str| ["0.5"; COEFFS + 3].join(",") + "," + value;
-        let truth = Truth::parse(&[&header, &row("0.1"), &row("0.2")].map(String::as_str).join("\n")).expect("a table");
+        let read = |last: &str| {
+            let text = [&header, &row("0.1"), &row(last)].map(String::as_str).join("\n");
+            Truth::of(&CsvTable::read(text.as_bytes())?)
+        };
+        let truth = read("0.2").expect("a table");
         assert!(truth.fits(Path::new("clip.csv"), 2).is_ok());
         let refusal = truth.fits(Path::new("clip.csv"), 3).expect_err("a row is missing").to_string();
         assert!(refusal.contains("clip.csv has 2 rows") && refusal.contains("3 frames"), "{refusal}");
-        let refusal = Truth::parse(&[&header, &row("0.1"), &row("NaN")].map(String::as_str).join("\n")).err();
-        assert!(refusal.is_some_and(|error| error.to_string().contains("line 3")));
+        assert!(read("NaN").is_err_and(|error| error.to_string().contains("line 3")));
     }
 
     #[test]
-    fn jaw_and_blinks_follow_the_truth_even_if_the_neutral_face_is_not_known() {
+    fn jaw_blinks_and_head_follow_the_truth_even_if_the_neutral_face_is_not_known() {
         let (solved, truth) = demo(None);
         for (name, least) in [("jawOpen", 0.9), ("eyeBlinkLeft", 0.8), ("eyeBlinkRight", 0.8)] {
             let index = index_of(name);
@@ -183,22 +176,19 @@ mod tests {
             let (r, _) = lagged_r(&curve(&solved, index), &true_curve);
             assert!(r > least, "{name}: {r}");
         }
-    }
-
-    #[test]
-    fn closed_eyes_read_above_0_8_and_open_ones_below_0_1() {
+        assert!(pose_error_deg(&truth, &solved).iter().all(|error| *error < 1.5));
         let (solved, _) = demo(Some(0..1));
-        for name in ["eyeBlinkLeft", "eyeBlinkRight"] {
-            let curve = curve(&solved, index_of(name));
-            assert!(curve.iter().any(|value| *value > 0.8), "{name}");
-            assert!(curve.iter().take(3).all(|value| *value < 0.1), "{name}");
+        for lid in LIDS {
+            let curve = curve(&solved, lid);
+            assert!(curve.iter().any(|value| *value > 0.8), "closed");
+            assert!(curve.iter().take(3).all(|value| *value < 0.1), "open");
         }
     }
 
     #[test]
-    fn head_pose_error_is_below_1_5_degrees_on_average() {
-        let (solved, truth) = demo(None);
-        assert!(pose_error_deg(&truth, &solved).iter().all(|error| *error < 1.5));
+    fn shut_lids_are_found_as_ranges() {
+        let truth = [0.0, 0.95, 1.0, 0.2, 0.0, 1.0].map(|value| [value; COEFFS]);
+        assert_eq!(shut(&truth, LIDS[1]), [1..3, 5..6]);
     }
 
     #[test]

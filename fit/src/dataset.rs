@@ -12,27 +12,21 @@ use crate::arrays::Arrays;
 
 /// One in this many subjects is held out: the fit never sees their pictures.
 pub const HOLD_OUT_EVERY: usize = 8;
-/// The shape of one face in an array.
 pub const LANDMARK_SHAPE: [usize; 2] = [LANDMARKS, 3];
-/// The number of values of one face.
 pub const LANDMARK_VALUES: usize = 3 * LANDMARKS;
-/// The array of the feature map's values, which an archive may lack.
 pub const FEATURES: &str = "features";
 /// The number of columns of `meta`. The last column is 1 for a neutral face.
 const META: usize = 5;
 
-/// One picture of a face, as landmarks and true values.
 #[derive(Clone)]
 pub struct Sample {
     pub landmarks: Landmarks,
-    /// The true coefficients in the order of [`BLENDSHAPES`].
     pub truth: [f64; COEFFS],
     /// The true yaw, pitch (positive when the head nods up) and roll in degrees.
     pub pose_deg: [f64; 3],
     pub picture: usize,
     pub subject: usize,
     pub neutral: bool,
-    /// Whether this sample is a mirrored copy.
     pub mirrored: bool,
 }
 
@@ -44,13 +38,18 @@ impl Sample {
         (self.subject, self.mirrored)
     }
 
+    #[cfg(test)]
+    pub fn of_test(landmarks: Landmarks, picture: usize) -> Self {
+        let (truth, pose_deg) = ([0.0; COEFFS], [0.0; 3]);
+        Self { landmarks, truth, pose_deg, picture, subject: 0, neutral: false, mirrored: false }
+    }
+
     /// Returns whether the fit must not see this picture. Whole subjects are held out, never single pictures.
     pub fn held_out(&self) -> bool {
         self.subject % HOLD_OUT_EVERY == HOLD_OUT_EVERY - 1
     }
 }
 
-/// Loads a dataset. All arrays must have one row per picture.
 pub fn load(path: &Path) -> Result<Vec<Sample>> {
     load_all(&[path])
 }
@@ -96,14 +95,11 @@ fn append(path: &Path, samples: &mut Vec<Sample>) -> Result<Vec<i32>> {
     Ok(subjects)
 }
 
-/// How the faces of a dataset look at their landmarks, in half precision.
 pub struct Appearances(Vec<f16>);
 
 impl Appearances {
-    /// Number of values of one picture.
     pub const VALUES: usize = APPEARANCE_LANDMARKS.len() * APPEARANCE_CHANNELS;
 
-    /// Writes the values of a picture to `out`, which has [`Self::VALUES`] places.
     pub fn copy(&self, picture: usize, out: &mut [f32]) {
         self.0[picture * Self::VALUES..][..Self::VALUES].convert_to_f32_slice(out);
     }
@@ -131,7 +127,6 @@ pub fn load_appearances(paths: &[impl AsRef<Path>], pictures: usize) -> Result<O
     Ok(Some(Appearances(values)))
 }
 
-/// Returns the indices of the held-out subjects' samples, or an error if there are none to judge by.
 pub fn held_out(samples: &[Sample]) -> Result<Vec<usize>> {
     let rows: Vec<usize> = (0..samples.len()).filter(|row| samples[*row].held_out()).collect();
     let subjects = samples.iter().map(|sample| sample.subject + 1).max().unwrap_or(0);
@@ -185,7 +180,6 @@ pub mod tests {
     use super::*;
     use crate::arrays::tests::{TestArray, write};
 
-    /// Returns 320 rendered faces of 32 people, as `fit/tests/faces.py` packs them.
     pub fn test_faces() -> Vec<Sample> {
         let mut archive = NpzArchive::open(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/faces.npz")).expect("faces");
         let mut read = |name: &str, unit: f32| -> Vec<f32> {
@@ -195,18 +189,15 @@ pub mod tests {
         let (landmarks, weights, pose) = (read("landmarks", 32.0), read("weights", 1000.0), read("pose", 64.0));
         let (subject, neutral) = (read("subject", 1.0), read("neutral", 1.0));
         let sample = |(row, points): (usize, &[f32])| Sample {
-            landmarks: landmarks_of(points),
             truth: core::array::from_fn(|shape| f64::from(weights[row * COEFFS + shape])),
             pose_deg: pose_of(&pose[3 * row..][..3]),
-            picture: row,
             subject: subject[row] as usize,
             neutral: neutral[row] > 0.5,
-            mirrored: false,
+            ..Sample::of_test(landmarks_of(points), row)
         };
         landmarks.chunks_exact(LANDMARK_VALUES).enumerate().map(sample).collect()
     }
 
-    /// Loads an archive with the given numbers of rows in landmarks, weights, pose and meta.
     fn loaded(rows: [u64; 4], subjects: &[i32], names: &[&str]) -> Result<Vec<Sample>> {
         let folder = tempfile::tempdir()?;
         load(&written(folder.path(), rows, subjects, names)?)
@@ -241,15 +232,6 @@ pub mod tests {
     }
 
     #[test]
-    fn columns_are_matched_by_name_and_subjects_numbered_by_rank() {
-        let mut names = BLENDSHAPES;
-        names.swap(0, 51);
-        let samples = loaded([3; 4], &[7, 5, 7], &names).expect("a dataset");
-        assert_eq!(samples.iter().map(|sample| sample.subject).collect::<Vec<_>>(), [1, 0, 1]);
-        assert_eq!([samples[1].truth[0], samples[1].truth[51]], [103.0, 52.0]);
-    }
-
-    #[test]
     fn arrays_of_different_lengths_are_refused_with_both_lengths() {
         for (index, name) in ["weights", "pose", "meta"].into_iter().enumerate() {
             let mut rows = [3; 4];
@@ -261,7 +243,11 @@ pub mod tests {
     }
 
     #[test]
-    fn names_that_do_not_match_the_columns_are_refused() {
+    fn columns_are_matched_by_name_and_names_that_do_not_match_are_refused() {
+        let mut names = BLENDSHAPES;
+        names.swap(0, 51);
+        let sample = &loaded([3; 4], &[7, 5, 7], &names).expect("a dataset")[1];
+        assert_eq!([sample.truth[0], sample.truth[51]], [103.0, 52.0]);
         let refusal = |names: &[&str]| refusal([1; 4], &[1], names);
         let twice = [&BLENDSHAPES[..51], &["jawOpen"]].concat();
         assert!(refusal(&BLENDSHAPES[..51]).contains("names.json has 51 names"));

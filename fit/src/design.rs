@@ -13,10 +13,8 @@ use crate::judge::Faces;
 
 /// Number of blendshapes that the model predicts: all but the last, `tongueOut`, which no landmark shows.
 pub const MODELLED: usize = BLENDSHAPES.len() - 1;
-/// Number of faces whose products one thread adds up at a time.
 const BLOCK: usize = 4096;
 
-/// Features and true coefficients of all faces. A face is a column.
 pub struct Design<'a> {
     samples: &'a [Sample],
     known: Faces<'a>,
@@ -26,7 +24,6 @@ pub struct Design<'a> {
 }
 
 impl<'a> Design<'a> {
-    /// Builds the design from all samples. Every person must have a neutral picture.
     pub fn new(samples: &'a [Sample]) -> Result<Self> {
         let (known, unknown) = (Faces::new(samples, true)?, Faces::new(samples, false)?);
         let rows: Vec<usize> = (0..samples.len()).filter(|row| samples[*row].neutral).collect();
@@ -55,7 +52,6 @@ impl<'a> Design<'a> {
         }
     }
 
-    /// Returns the standardised features of some faces, one column per face.
     pub fn columns(&self, faces: &[usize], features: &[usize], scale: &Scale) -> DMatrix<f32> {
         DMatrix::from_fn(features.len(), faces.len(), |row, column| {
             let feature = features[row];
@@ -63,7 +59,6 @@ impl<'a> Design<'a> {
         })
     }
 
-    /// Returns the true coefficients of some faces, one column per face.
     pub fn truth(&self, faces: &[usize]) -> DMatrix<f32> {
         let truth = |row: usize, column: usize| self.samples[faces[column] % self.samples.len()].truth[row] as f32;
         DMatrix::from_fn(MODELLED, faces.len(), truth)
@@ -86,7 +81,6 @@ impl<'a> Design<'a> {
     }
 }
 
-/// Mean and standard deviation of each feature.
 pub struct Scale {
     pub mean: Vec<f32>,
     pub deviation: Vec<f32>,
@@ -115,14 +109,12 @@ const MIN_RELATIVE_DEVIATION: f64 = 0.02;
 /// as much as the large ones; with 0, the network would hardly learn from them.
 const WHITENING: f64 = 0.6;
 
-/// A linear map from standardised features to scaled principal components.
 pub struct Basis {
     pub features: Vec<usize>,
     pub map: DMatrix<f32>,
 }
 
 impl Basis {
-    /// Computes the `count` largest components.
     pub fn of(design: &Design, scale: &Scale, features: Vec<usize>, count: usize) -> Result<Self> {
         let (gram, _) = design.moments(&features, scale)?;
         let eigen = gram.symmetric_eigen();
@@ -145,11 +137,9 @@ impl Basis {
 // Backward elimination: repeatedly leaves out the landmarks without which a linear fit of all blendshapes together
 // loses least. Selecting by correlation alone gives the same few points many times over.
 
-/// Coordinates per landmark.
 const AXES: usize = 3;
 /// One in this many landmarks is left out at a time.
 const PART: usize = 6;
-/// Ridge penalty, relative to the variance of a standardised feature.
 const RIDGE: f64 = 0.003;
 
 /// Returns the features of the `count` best landmarks, together with all distances and the features of head rotation.

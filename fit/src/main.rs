@@ -12,7 +12,6 @@ mod dataset;
 mod design;
 mod drawing;
 mod evaluate;
-mod heat;
 mod judge;
 mod kinds;
 mod network;
@@ -65,7 +64,7 @@ enum Command {
     /// Compare the curves in a CSV file of `facewire track` with true curves, or with those of another tracker
     Evaluate(evaluate::EvaluateArgs),
     /// Print how good a model is on people with true coefficients, by facewire's own solver, and how sure that is
-    Judge(judge::command::JudgeArgs),
+    Judge(judge::JudgeArgs),
     /// Write the statistics of every blendshape and kind of model as one HTML page with charts
     Report(report::ReportArgs),
     /// Rank the features of every blendshape by correlation, partial F and support vectors, as one HTML page
@@ -113,7 +112,7 @@ fn run(command: Command) -> Result<()> {
         Command::Train { datasets, out, epochs, keep } => train(&datasets, &out, epochs, keep.as_deref()),
         Command::Fit(args) => compare::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
-        Command::Judge(args) => judge::command::run(&args),
+        Command::Judge(args) => judge::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Select(args) => segments::run(&args),
         Command::Clip { landmarks, truth, neutral_frames, model } => {
@@ -135,14 +134,13 @@ fn train(datasets: &[PathBuf], out: &Path, epochs: u32, keep: Option<&Path>) -> 
     let pictures: String = datasets.iter().map(|path| pictures_of(path)).collect();
     let made_by = format!("facewire-fit train {names} {how}{pictures}");
     let appearances = dataset::load_appearances(datasets, samples.len())?;
-    let pictures = train::Pictures { samples: &samples, appearances: appearances.as_ref() };
     let file = match keep {
-        Some(path) => train::extend(path, pictures, &made_by)?,
-        None => train::train(pictures, epochs as usize, made_by)?,
+        Some(path) => train::extend(path, &samples, appearances.as_ref(), &made_by)?,
+        None => train::train(&samples, appearances.as_ref(), epochs as usize, made_by)?,
     };
     output::write(out, toml::to_string(&file)?)?;
     let model = file.to_model()?;
-    judge::command::judge_fitted(names, samples, appearances, &model)
+    judge::judge_fitted(names, samples, appearances, &model)
 }
 
 fn pictures_of(dataset: &Path) -> String {
@@ -151,7 +149,7 @@ fn pictures_of(dataset: &Path) -> String {
 }
 
 fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {
-    let (model, frames) = (judge::command::load_model(model)?, clip::load(landmarks)?);
+    let (model, frames) = (judge::load_model(model)?, clip::load(landmarks)?);
     let known = clip::solve(&model, &frames, Some(0..neutral_frames), clip::FRAME_US)?;
     let unknown = clip::solve(&model, &frames, None, clip::FRAME_US)?;
     for (name, solved) in [("known", &known), ("not known", &unknown)] {
@@ -165,7 +163,7 @@ fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Op
     let Some(path) = truth else { return Ok(()) };
     let truth = curves::Truth::load(path)?;
     truth.fits(path, frames.len())?;
-    print!("{}", curves::table(&truth, &known, &unknown)?);
+    print!("{}", curves::table(&truth, &known, &unknown).text());
     let [yaw, pitch, roll] = curves::pose_error_deg(&truth, &known);
     println!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees");
     Ok(())

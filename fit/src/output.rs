@@ -146,7 +146,6 @@ pub fn figure(drawing: &str, caption: &str, name: &str) -> Markup {
     }
 }
 
-/// Returns the section that says what each term means.
 pub fn guide(terms: &[(&str, &str)]) -> Markup {
     html! {
         h2 id="guide" { "How to read it" }

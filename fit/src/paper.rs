@@ -7,7 +7,6 @@ pub const AGAINST_ARKIT_TITLE: &str = "\"Comparison Between ARKit and our method
 /// Title of the paper's table with the rows [`SMILE_LEFT`] and [`CHEEK_PUFF`].
 pub const MODELS_TITLE: &str = "\"Demonstrative statistical behavior of blendshape models\"";
 
-/// The paper's model on video for one blendshape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AgainstArkit {
     pub blendshape: &'static str,
@@ -22,7 +21,6 @@ const fn row(blendshape: &'static str, events: [f64; 3], agreement: [f64; 6]) ->
     AgainstArkit { blendshape, events, agreement }
 }
 
-/// The fifteen rows of the paper's table.
 pub const AGAINST_ARKIT: [AgainstArkit; 15] = [
     row("eyeBlinkLeft", [1.00, 1.00, 1.00], [0.576, 0.572, 0.305, 0.752, 0.061, 0.216]),
     row("eyeLookDownLeft", [0.61, 1.00, 0.76], [0.657, 0.678, 0.393, 0.876, 0.015, 0.074]),

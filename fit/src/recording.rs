@@ -2,8 +2,7 @@
 //!
 //! Columns are matched by name regardless of case and order, because Live Link Face has `JawRight` before `JawLeft`.
 //! The time is the column `Timecode` (Live Link Face, `hours:minutes:seconds:frames.part`), `time_s` (`facewire
-//! track`), or
-//! `frame` at a given rate. Without any of these columns, rows are assumed to follow each other at that rate. Times
+//! track`), or `frame` at a given rate. Without any of these columns, rows are assumed to follow each other at that rate. Times
 //! count from the first row. Other columns are ignored.
 
 use std::collections::BTreeMap;
@@ -12,7 +11,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use csv::{Reader, StringRecord};
-use facewire_face::BLENDSHAPES;
+use facewire_face::{BLENDSHAPES, COEFFS};
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
@@ -22,37 +21,79 @@ pub struct Recording {
     pub curves: BTreeMap<&'static str, Vec<f64>>,
 }
 
-/// The source of a row's time, with the index of its column.
-#[derive(Debug, Clone, Copy)]
-enum Clock {
-    Timecode(usize),
-    Seconds(usize),
-    Frame(usize),
-    Rows,
+/// A CSV file with a header. Columns are found regardless of case. Cells that nobody asks for may hold anything.
+pub struct CsvTable {
+    header: StringRecord,
+    pub rows: Vec<StringRecord>,
+}
+
+impl CsvTable {
+    pub fn load(path: &Path) -> Result<Self> {
+        let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Self::read(file).with_context(|| path.display().to_string())
+    }
+
+    pub fn read(input: impl std::io::Read) -> Result<Self> {
+        let mut reader = Reader::from_reader(input);
+        let header = reader.headers().context("is not a CSV file")?.clone();
+        let rows = reader.records().collect::<Result<_, _>>().context("is not a CSV file")?;
+        Ok(Self { header, rows })
+    }
+
+    fn columns<'a>(&'a self, name: &'a str) -> impl Iterator<Item = usize> + 'a {
+        let cells = self.header.iter().enumerate();
+        cells.filter(move |(_, cell)| cell.trim().eq_ignore_ascii_case(name)).map(|(index, _)| index)
+    }
+
+    pub fn column(&self, name: &str) -> Option<usize> {
+        self.columns(name).next()
+    }
+
+    pub fn cell(&self, row: usize, column: usize) -> &str {
+        self.rows[row].get(column).unwrap_or_default().trim()
+    }
+
+    pub fn number(&self, row: usize, column: usize) -> Result<f64> {
+        let (cell, name) = (self.cell(row, column), &self.header[column]);
+        let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
+        value.with_context(|| format!("line {}, column {name}: `{cell}` is not a number", row + 2))
+    }
+
+    pub fn numbers(&self, name: &str) -> Result<Vec<f64>> {
+        let column = self.column(name).with_context(|| format!("no column {name}"))?;
+        (0..self.rows.len()).map(|row| self.number(row, column)).collect()
+    }
+
+    /// Returns the coefficients of every row. All blendshapes must have a column.
+    pub fn coefficients(&self) -> Result<Vec<[f64; COEFFS]>> {
+        let curves = BLENDSHAPES.iter().map(|name| self.numbers(name)).collect::<Result<Vec<_>>>()?;
+        Ok((0..self.rows.len()).map(|row| core::array::from_fn(|shape| curves[shape][row])).collect())
+    }
 }
 
 impl Recording {
-    /// Reads a file. `fps` is the rate of files without times.
     pub fn load(path: &Path, fps: f64) -> Result<Self> {
-        let named = || format!("{}", path.display());
-        let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Self::read(file, fps).with_context(named)
+        Self::of(&CsvTable::load(path)?, fps).with_context(|| path.display().to_string())
     }
 
-    pub fn read(input: impl std::io::Read, fps: f64) -> Result<Self> {
-        let mut reader = Reader::from_reader(input);
-        let header = reader.headers().context("is not a CSV file")?.clone();
-        let columns = blendshape_columns(&header)?;
-        let clock = Clock::of(&header);
-        let rows = reader.records().collect::<Result<Vec<_>, _>>().context("is not a CSV file")?;
-        ensure!(rows.len() >= 2, "has {} rows of coefficients, but at least 2 are needed", rows.len());
-        let times = clock.times_s(&rows, fps)?;
-        let kept = increasing(&times)?;
-        let mut curves = BTreeMap::new();
-        for (name, column) in columns {
-            let values = kept.iter().map(|row| number(&rows[*row], *row, column, name));
-            curves.insert(name, values.collect::<Result<Vec<_>>>()?);
+    pub fn of(table: &CsvTable, fps: f64) -> Result<Self> {
+        let mut columns = Vec::new();
+        for name in BLENDSHAPES {
+            let count = table.columns(name).count();
+            ensure!(count <= 1, "has {count} columns called {name}");
+            columns.extend(table.column(name).map(|column| (name, column)));
         }
+        let begin: Vec<&str> = table.header.iter().take(4).collect();
+        ensure!(!columns.is_empty(), "has no column of a blendshape: its first line begins with `{}`", begin.join(","));
+        let rows = table.rows.len();
+        ensure!(rows >= 2, "has {rows} rows of coefficients, but at least 2 are needed");
+        let times = times_s(table, fps)?;
+        let kept = increasing(&times)?;
+        let curve = |(name, column)| {
+            let values = kept.iter().map(|row| table.number(*row, column)).collect::<Result<_>>();
+            Ok((name, values?))
+        };
+        let curves = columns.into_iter().map(curve).collect::<Result<_>>()?;
         Ok(Self { times_s: kept.iter().map(|row| times[*row] - times[0]).collect(), curves })
     }
 
@@ -81,39 +122,16 @@ impl Recording {
     }
 }
 
-fn blendshape_columns(header: &StringRecord) -> Result<Vec<(&'static str, usize)>> {
-    let mut found = Vec::new();
-    for name in BLENDSHAPES {
-        let columns: Vec<usize> = columns(header, name).collect();
-        ensure!(columns.len() <= 1, "has {} columns called {name}", columns.len());
-        found.extend(columns.first().map(|column| (name, *column)));
+fn times_s(table: &CsvTable, fps: f64) -> Result<Vec<f64>> {
+    if let Some(column) = table.column("timecode") {
+        return timecode_seconds((0..table.rows.len()).map(|row| table.cell(row, column)));
     }
-    let begin: Vec<&str> = header.iter().take(4).collect();
-    ensure!(!found.is_empty(), "has no column of a blendshape: its first line begins with `{}`", begin.join(","));
-    Ok(found)
-}
-
-fn columns<'a>(header: &'a StringRecord, name: &'a str) -> impl Iterator<Item = usize> + 'a {
-    header.iter().enumerate().filter(move |(_, cell)| cell.trim().eq_ignore_ascii_case(name)).map(|(index, _)| index)
-}
-
-impl Clock {
-    fn of(header: &StringRecord) -> Self {
-        let column = |name| columns(header, name).next();
-        let timecode = column("timecode").map(Self::Timecode);
-        let seconds = || column("time_s").map(Self::Seconds);
-        timecode.or_else(seconds).or_else(|| column("frame").map(Self::Frame)).unwrap_or(Self::Rows)
+    if table.column("time_s").is_some() {
+        return table.numbers("time_s");
     }
-
-    fn times_s(self, rows: &[StringRecord], fps: f64) -> Result<Vec<f64>> {
-        let numbers = |column, name| rows.iter().zip(0..).map(move |(record, row)| number(record, row, column, name));
-        match self {
-            Self::Timecode(column) => timecode_seconds(rows.iter().map(|row| row.get(column).unwrap_or_default())),
-            Self::Seconds(column) => numbers(column, "time_s").collect(),
-            Self::Frame(column) => numbers(column, "frame").map(|frame| Ok(frame? / fps)).collect(),
-            Self::Rows => Ok((0..rows.len()).map(|row| row as f64 / fps).collect()),
-        }
-    }
+    let rows = (0..table.rows.len()).map(|row| row as f64);
+    let frames = if table.column("frame").is_some() { table.numbers("frame")? } else { rows.collect() };
+    Ok(frames.into_iter().map(|frame| frame / fps).collect())
 }
 
 /// Returns the rows that are later than the previous row. Recordings repeat a time if a frame was late.
@@ -131,21 +149,13 @@ fn increasing(times: &[f64]) -> Result<Vec<usize>> {
     Ok(kept)
 }
 
-fn number(record: &StringRecord, row: usize, column: usize, name: &str) -> Result<f64> {
-    let cell = record.get(column).unwrap_or_default().trim();
-    let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
-    value.with_context(|| format!("line {}, column {name}: `{cell}` is not a number", row + 2))
-}
-
 /// Frame rates of timecodes. The rate may be higher than that of the recording, such as 60 for a recording at 30 Hz.
 const RATES: [f64; 5] = [24.0, 25.0, 30.0, 50.0, 60.0];
 /// The application's default, for recordings that are too short to contain every frame number.
 const DEFAULT_RATE: f64 = 60.0;
-/// Length of a recording in seconds that contains every frame number.
 const SHOWS_RATE_S: f64 = 2.0;
 const DAY_S: f64 = 86_400.0;
 
-/// A timecode: whole seconds since midnight, and frames.
 type Timecode = (f64, f64);
 
 /// Converts timecodes to seconds since the midnight before the first of them. The recording may pass midnight. The rate
@@ -188,7 +198,7 @@ mod tests {
     use super::*;
 
     fn read(text: &str) -> Result<Recording> {
-        Recording::read(text.as_bytes(), 30.0)
+        Recording::of(&CsvTable::read(text.as_bytes())?, 30.0)
     }
 
     fn refusal(text: &str) -> String {
@@ -209,6 +219,8 @@ mod tests {
     fn files_without_times_use_the_given_rate() {
         assert_eq!(read("frame,jawOpen\n5,0\n8,1\n").unwrap().times_s, [0.0, 3.0 / 30.0]);
         assert_eq!(read("jawOpen\n0\n1\n").unwrap().times_s, [0.0, 1.0 / 30.0]);
+        let repeated = read("time_s,jawOpen\n0,0.1\n1,0.2\n1,0.9\n2,0.3\n").unwrap();
+        assert_eq!(repeated.curves["jawOpen"], [0.1, 0.2, 0.3], "a row that repeats the previous time is left out");
     }
 
     #[test]
@@ -219,12 +231,6 @@ mod tests {
         assert!(values.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-12), "{values:?}");
         assert_eq!([-0.1, 2.1].map(|time| recording.at("jawOpen", time)), [None, None]);
         assert_eq!(recording.at("jawLeft", 1.0), None);
-    }
-
-    #[test]
-    fn a_row_that_repeats_the_previous_time_is_left_out() {
-        let recording = read("time_s,jawOpen\n0,0.1\n1,0.2\n1,0.9\n2,0.3\n").unwrap();
-        assert_eq!(recording.curves["jawOpen"], [0.1, 0.2, 0.3]);
     }
 
     #[test]
@@ -239,21 +245,12 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_follows_from_the_highest_frame_number() {
+    fn the_rate_follows_from_the_highest_frame_number_and_a_recording_may_pass_midnight() {
         let last = |highest| timecode_seconds(["00:00:00:00.0", highest, "00:00:03:15.0"].into_iter()).unwrap()[2];
         assert!((last("00:00:01:29.0") - 3.5).abs() < 1e-9);
         assert!((last("00:00:01:58.0") - 3.25).abs() < 1e-9);
-    }
-
-    #[test]
-    fn a_short_recording_is_assumed_to_count_60_frames_a_second() {
-        assert_eq!(timecode_seconds(["00:00:01:00.0", "00:00:01:15.0"].into_iter()).unwrap(), [1.0, 1.25]);
-    }
-
-    #[test]
-    fn a_recording_may_pass_midnight() {
         let times = timecode_seconds(["23:59:59:30.0", "00:00:00:30.0"].into_iter()).unwrap();
-        assert!((times[1] - times[0] - 1.0).abs() < 1e-9);
+        assert!((times[1] - times[0] - 1.0).abs() < 1e-9, "a short one is assumed to count 60 frames a second");
     }
 
     #[test]

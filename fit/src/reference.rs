@@ -7,9 +7,7 @@ use std::path::{Path, PathBuf};
 
 pub use skip::skip;
 
-/// A rig that is reduced to what tests need.
 pub const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/rig");
-/// The curves and poses that the built-in clip was rendered from.
 pub const DEMO_TRUTH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/demo-truth.csv");
 
 /// Returns a file in the folder named by `FACEWIRE_SHARED`, or `shared` beside the checkout. If it is missing, notes that

@@ -1,7 +1,5 @@
 //! `facewire-fit report`: statistics of every blendshape and kind of model, as one HTML page with charts.
 
-mod drawings;
-
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -9,23 +7,23 @@ use clap::Args;
 use facewire_face::{BLENDSHAPES, COEFFS, Model, model::MAX_HIDDEN};
 use maud::{Markup, html};
 use nalgebra::DMatrix;
+use plotters::prelude::*;
 use rayon::prelude::*;
 
 use crate::compare::{self, FitOptions};
 use crate::dataset;
-use crate::drawing::{face::face, subsample};
-use crate::heat::LandmarkMotion;
-use crate::judge::{Faces, command::load_model, estimates, regression_ns};
+use crate::drawing::{
+    Axis, BLUE_INK, LandmarkMotion, ORANGE_INK, POINT_PX, SIZE_PX, chart, face, scatter, subsample, svg,
+};
+use crate::judge::{Faces, estimates, load_model, regression_ns};
 use crate::output::{self, Table, figure, guide, number};
 use crate::paper::{MODELS_TITLE, ModelRow, model_rows};
 use crate::statistics::{
-    SHAPIRO_WILK_MAX, TestResult, autocorrelation, breusch_pagan, durbin_watson, f_statistic, mean, mse, pearson,
-    r_squared, shapiro_wilk, xi,
+    SHAPIRO_WILK_MAX, TestResult, autocorrelation, breusch_pagan, column_means, durbin_watson, f_statistic, mse,
+    pearson, r_squared, shapiro_wilk, xi,
 };
 
-/// Largest lag of the autocorrelation chart.
 const LAGS: usize = 30;
-/// Titles and decimals of the statistics.
 const COLUMNS: [(&str, usize); 11] = [
     ("R2", 3),
     ("xi", 3),
@@ -42,7 +40,6 @@ const COLUMNS: [(&str, usize); 11] = [
 /// The column of p values, which are too small to be averaged or written with a fixed number of decimals.
 const P: usize = 5;
 
-/// Arguments of `report`.
 #[derive(Debug, Args)]
 pub struct ReportArgs {
     /// Landmarks with true coefficients (npz archive with names.json beside it)
@@ -61,28 +58,12 @@ pub struct ReportArgs {
     kinds: Vec<String>,
 }
 
-/// A fitted model of one blendshape with its predictions for the judged pictures, in the order of the truth.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Fitted {
-    pub kind: String,
-    pub blendshape: usize,
-    pub predictions: Vec<f64>,
-    /// The number of fitted weights, without the constant.
-    pub degrees_of_freedom: usize,
-    pub bytes: usize,
-    pub nanoseconds: f64,
-}
-
 /// Applies the model that facewire runs. Its memory and time are divided evenly among the blendshapes.
-fn shipped(kind: &str, model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Fitted>> {
-    let nanoseconds = regression_ns(model, faces, rows)? / COEFFS as f64;
-    let fitted = |(blendshape, predictions): (usize, Vec<f64>)| Fitted {
-        kind: kind.to_owned(),
-        blendshape,
-        predictions,
-        degrees_of_freedom: MAX_HIDDEN,
-        bytes: model.size_bytes() / COEFFS,
-        nanoseconds,
+fn shipped(kind: &str, model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<(usize, Fitted)>> {
+    let costs = [(model.size_bytes() / COEFFS) as f64, regression_ns(model, faces, rows)? / COEFFS as f64];
+    let fitted = |(blendshape, predictions): (usize, Vec<f64>)| {
+        let truth = faces.truth(blendshape, rows);
+        (blendshape, Fitted::new(kind.to_owned(), predictions, &truth, MAX_HIDDEN, costs))
     };
     // The last blendshape, `tongueOut`, has no model.
     Ok(estimates(model, faces, rows)?.into_iter().enumerate().take(COEFFS - 1).map(fitted).collect())
@@ -100,10 +81,8 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         fitted.extend(compare::fitted(&samples, &known, &FitOptions::to_kinds(args.kinds.clone()))?);
     }
     let section = |(blendshape, name): (usize, &'static str)| {
-        let truth = known.truth(blendshape, &rows);
-        let own = fitted.iter().filter(|model| model.blendshape == blendshape);
-        let models: Vec<_> = own.map(|model| (model, Diagnostics::new(model, &truth))).collect();
-        (!models.is_empty()).then_some(Section { name, truth, models })
+        let models: Vec<_> = fitted.iter().filter(|own| own.0 == blendshape).map(|(_, model)| model).collect();
+        (!models.is_empty()).then(|| Section { name, truth: known.truth(blendshape, &rows), models })
     };
     let sections: Vec<Section> = BLENDSHAPES.into_iter().enumerate().filter_map(section).collect();
     let motion = LandmarkMotion::new(&known, &unknown, &rows)?;
@@ -118,8 +97,8 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         p { "Mean over the blendshapes." }
         (table("kind", means(&sections)).html())
         h2 id="all" { "All blendshapes" }
-        p { (sections.first().map_or("", |section| &section.models[0].0.kind)) "." }
-        (table("blendshape", sections.iter().map(|own| (own.name, own.models[0].1.values))).linked().html())
+        p { (sections.first().map_or("", |section| &section.models[0].kind)) "." }
+        (table("blendshape", sections.iter().map(|own| (own.name, own.models[0].values))).linked().html())
         (guide(&GUIDE))
         @for section in &drawn { (section) }
     };
@@ -130,28 +109,33 @@ pub fn run(args: &ReportArgs) -> Result<()> {
 
 type Values = [Option<f64>; COLUMNS.len()];
 
-/// The statistics of the paper's tables, for one model of one blendshape on the judged pictures.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Diagnostics {
+pub struct Fitted {
+    kind: String,
+    predictions: Vec<f64>,
     values: Values,
     /// Truth minus estimate, in the order of the estimates.
     residuals: Vec<f64>,
 }
 
-impl Diagnostics {
-    /// Computes the statistics of a model's predictions. Pictures have no natural order, so the residuals are ordered
-    /// by estimate. Correlated neighbours then mean that the model has the wrong curvature. There is no F of a model that is
-    /// worse than the mean of the truth.
-    pub fn new(fitted: &Fitted, truth: &[f64]) -> Self {
-        let estimates = &fitted.predictions;
+impl Fitted {
+    /// Computes the statistics of a model with a number of `weights`, without the constant. Pictures have no natural order,
+    /// so the residuals are ordered by estimate. Correlated neighbours then mean that the model has the wrong curvature.
+    /// There is no F of a model that is worse than the mean of the truth.
+    pub fn new(
+        kind: String,
+        predictions: Vec<f64>,
+        truth: &[f64],
+        weights: usize,
+        [bytes, nanoseconds]: [f64; 2],
+    ) -> Self {
+        let estimates = &predictions;
         let mut order: Vec<usize> = (0..truth.len()).collect();
         order.sort_by(|a, b| estimates[*a].total_cmp(&estimates[*b]));
         let residuals: Vec<f64> = order.iter().map(|row| truth[*row] - estimates[*row]).collect();
         let sorted: Vec<f64> = order.iter().map(|row| estimates[*row]).collect();
         let r_squared = r_squared(estimates, truth);
-        let f = f_statistic(r_squared, truth.len(), fitted.degrees_of_freedom).filter(|f| f.statistic > 0.0);
+        let f = f_statistic(r_squared, truth.len(), weights).filter(|f| f.statistic > 0.0);
         let spread = breusch_pagan(&residuals, &DMatrix::from_column_slice(sorted.len(), 1, &sorted));
-        let spread = spread.map(|tested| tested.lagrange);
         let statistic = |tested: Option<TestResult>| tested.map(|tested| tested.statistic);
         let values = [
             Some(r_squared),
@@ -163,10 +147,10 @@ impl Diagnostics {
             statistic(f),
             statistic(shapiro_wilk(&subsample(&residuals, SHAPIRO_WILK_MAX))),
             Some(pearson(estimates, truth)),
-            Some(fitted.bytes as f64),
-            Some(fitted.nanoseconds),
+            Some(bytes),
+            Some(nanoseconds),
         ];
-        Self { values, residuals }
+        Self { kind, predictions, values, residuals }
     }
 }
 
@@ -183,8 +167,8 @@ fn table<N: Into<String>>(first: &str, rows: impl IntoIterator<Item = (N, Values
 }
 
 /// Returns the statistics of models of one blendshape, followed by those of the paper, which has fewer columns.
-pub fn with_papers(models: &[(&str, &Diagnostics)], paper: &[ModelRow]) -> Table {
-    let own = models.iter().map(|(name, found)| ((*name).to_owned(), found.values));
+pub fn with_papers(models: &[&Fitted], paper: &[ModelRow]) -> Table {
+    let own = models.iter().map(|model| (model.kind.clone(), model.values));
     let papers = paper.iter().map(|row| {
         let [r_squared, xi, mse, durbin_watson, shapiro_wilk] = row.figures.map(Some);
         let bytes = Some(row.bytes as f64);
@@ -198,33 +182,30 @@ pub fn with_papers(models: &[(&str, &Diagnostics)], paper: &[ModelRow]) -> Table
 struct Section<'a> {
     name: &'static str,
     truth: Vec<f64>,
-    models: Vec<(&'a Fitted, Diagnostics)>,
+    models: Vec<&'a Fitted>,
 }
 
-/// Returns the statistics of every kind of model, averaged over the blendshapes.
 fn means(sections: &[Section]) -> Vec<(String, Values)> {
     let mut kinds: Vec<(String, Vec<Values>)> = Vec::new();
-    for (model, found) in sections.iter().flat_map(|section| &section.models) {
+    for model in sections.iter().flat_map(|section| &section.models) {
         match kinds.iter_mut().find(|(kind, _)| *kind == model.kind) {
-            Some((_, values)) => values.push(found.values),
-            None => kinds.push((model.kind.clone(), vec![found.values])),
+            Some((_, values)) => values.push(model.values),
+            None => kinds.push((model.kind.clone(), vec![model.values])),
         }
     }
-    kinds.into_iter().map(|(kind, values)| (kind, mean_values(&values))).collect()
-}
-
-fn mean_values(all: &[Values]) -> Values {
-    core::array::from_fn(|column| {
-        let values: Vec<f64> = all.iter().filter_map(|values| values[column]).collect();
-        (column != P && !values.is_empty()).then(|| mean(values.into_iter()))
-    })
+    let mean = |(kind, values): (String, Vec<Values>)| {
+        let mut means = column_means(&values);
+        means[P] = None;
+        (kind, means)
+    };
+    kinds.into_iter().map(mean).collect()
 }
 
 impl Section<'_> {
     fn html(&self, motion: &LandmarkMotion) -> Result<Markup> {
-        let (model, diagnostics) = self.models.first().context("a blendshape has no model")?;
+        let model = self.models.first().context("a blendshape has no model")?;
         let pairs: Vec<_> = model.predictions.iter().copied().zip(self.truth.iter().copied()).collect();
-        let lags = autocorrelation(&diagnostics.residuals, LAGS);
+        let lags = autocorrelation(&model.residuals, LAGS);
         let found = motion.correlations(&self.truth);
         let by_value = |a: &(usize, &f64), b: &(usize, &f64)| a.1.total_cmp(b.1);
         let (least, _) = found.iter().enumerate().min_by(by_value).context("there are no landmarks")?;
@@ -233,22 +214,18 @@ impl Section<'_> {
         let correlation = format!("Correlation of each landmark with the truth: black 0, yellow {highest:.2}");
         let moved = format!("Landmarks {most} (blue, most correlated) and {least} (orange, least), in eye distances");
         let figures = [
-            (drawings::fit(&pairs)?, "Estimate against truth, mostly of pictures that show the expression"),
-            (
-                drawings::ranked(&pairs)?,
-                "Estimates (dots) and truth (line), with the pictures in the order of the truth",
-            ),
-            (drawings::residuals(&pairs)?, "Residuals against estimates, for the same pictures"),
-            (drawings::autocorrelation(&lags, pairs.len())?, "Autocorrelation of the residuals"),
+            (fit_chart(&pairs)?, "Estimate against truth, mostly of pictures that show the expression"),
+            (ranked_chart(&pairs)?, "Estimates (dots) and truth (line), with the pictures in the order of the truth"),
+            (residual_chart(&pairs)?, "Residuals against estimates, for the same pictures"),
+            (autocorrelation_chart(&lags, pairs.len())?, "Autocorrelation of the residuals"),
             (face(&motion.positions, &found, &[])?, &correlation),
-            (drawings::movements(&follows, &rests)?, &moved),
+            (movement_chart(&follows, &rests)?, &moved),
         ];
-        let models: Vec<_> = self.models.iter().map(|(model, found)| (model.kind.as_str(), found)).collect();
         let paper = model_rows(self.name);
         Ok(html! {
             section id=(self.name) {
                 h2 { (self.name) }
-                (with_papers(&models, paper).html())
+                (with_papers(&self.models, paper).html())
                 @if !paper.is_empty() { p { "Last rows: " (MODELS_TITLE) " of the paper, fitted and judged on pictures of one avatar." } }
                 div.figures { @for (drawing, caption) in &figures { (figure(drawing, caption, self.name)) } }
                 p.up { a href="#all" { "All blendshapes" } }
@@ -297,32 +274,93 @@ fn cpu() -> String {
     name.map_or_else(|| "an unknown CPU".to_owned(), |(_, name)| name.trim().to_owned())
 }
 
+/// Number of points in a scatter plot: enough to see its shape, and few enough for fifty plots on a page.
+const CLOUD: usize = 300;
+const LARGEST: usize = 200;
+
+fn fit_chart(pairs: &[(f64, f64)]) -> Result<String> {
+    let points: Vec<_> = thinned(pairs).into_iter().map(|(estimate, truth)| (truth, estimate)).collect();
+    let axes = [Axis::linear("truth", [0.0, 1.0]), Axis::linear("estimate", [0.0, 1.0])];
+    scatter(&[(&points, BLUE_INK)], &axes, &[[(0.0, 0.0), (1.0, 1.0)]])
+}
+
+fn residual_chart(pairs: &[(f64, f64)]) -> Result<String> {
+    let points: Vec<_> = thinned(pairs).into_iter().map(|(estimate, truth)| (estimate, truth - estimate)).collect();
+    let axes = [Axis::linear("estimate", [0.0, 1.0]), Axis::linear("residual", [-1.0, 1.0])];
+    scatter(&[(&points, BLUE_INK)], &axes, &[[(0.0, 0.0), (1.0, 0.0)]])
+}
+
+/// Plots the displacement against the truth for a landmark that follows the blendshape (blue) and one that does not
+/// (orange).
+fn movement_chart(follows: &[(f64, f64)], rests: &[(f64, f64)]) -> Result<String> {
+    let largest = follows.iter().chain(rests).map(|(_, moved)| moved.abs()).fold(0.0, f64::max);
+    let axes = [Axis::linear("truth", [0.0, 1.0]), Axis::linear("displacement", [-largest, largest])];
+    let half = |points: &[(f64, f64)]| subsample(&thinned(points), CLOUD / 2);
+    scatter(&[(&half(rests), ORANGE_INK), (&half(follows), BLUE_INK)], &axes, &[])
+}
+
+/// Returns at most [`CLOUD`] points: those with the largest coordinates, and a sample of the others. A plain sample
+/// would mostly show zeros, because most blendshapes are 0 in most pictures.
+fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| b.0.max(b.1).total_cmp(&a.0.max(a.1)));
+    let (largest, others) = sorted.split_at(sorted.len().min(LARGEST));
+    [largest.to_vec(), subsample(others, CLOUD - LARGEST)].concat()
+}
+
+fn ranked_chart(pairs: &[(f64, f64)]) -> Result<String> {
+    let mut pairs = pairs.to_vec();
+    pairs.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let pairs = subsample(&pairs, CLOUD);
+    let percent = |index: usize| 100.0 * index as f64 / pairs.len() as f64;
+    let axes = [Axis::linear("% of pictures, by truth", [0.0, 100.0]), Axis::linear("coefficient", [0.0, 1.0])];
+    svg(SIZE_PX, |area| {
+        let mut chart = chart(area, &axes)?;
+        let points = pairs.iter().enumerate().map(|(index, pair)| (percent(index), pair.0));
+        chart.draw_series(points.map(|point| Circle::new(point, POINT_PX, BLUE_INK.filled())))?;
+        let line = pairs.iter().enumerate().map(|(index, pair)| (percent(index), pair.1));
+        chart.draw_series(LineSeries::new(line, ORANGE_INK.stroke_width(2)))?;
+        Ok(())
+    })
+}
+
+/// Plots the autocorrelation by lag, with the 95 % limits of uncorrelated values.
+fn autocorrelation_chart(lags: &[f64], values: usize) -> Result<String> {
+    let last = lags.len() as f64;
+    let axes = [Axis::linear("lag", [0.0, last]), Axis::linear("autocorrelation", [-0.5, 1.0])];
+    let limit = 1.96 / (values as f64).sqrt();
+    svg(SIZE_PX, |area| {
+        let mut chart = chart(area, &axes)?;
+        let bar = |(lag, value): (usize, &f64)| {
+            PathElement::new(vec![(lag as f64, 0.0), (lag as f64, *value)], BLUE_INK.stroke_width(5))
+        };
+        chart.draw_series(lags.iter().enumerate().skip(1).map(bar))?;
+        for level in [-limit, limit] {
+            chart.draw_series(LineSeries::new([(0.0, level), (last, level)], ORANGE_INK.stroke_width(1)))?;
+        }
+        Ok(())
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn diagnostics(predictions: Vec<f64>, truth: &[f64]) -> Diagnostics {
-        let kind = "test".to_owned();
-        let fitted = Fitted { kind, blendshape: 0, predictions, degrees_of_freedom: 1, bytes: 8, nanoseconds: 1.0 };
-        Diagnostics::new(&fitted, truth)
+    fn values(predictions: Vec<f64>, truth: &[f64]) -> Values {
+        Fitted::new("test".to_owned(), predictions, truth, 1, [8.0, 1.0]).values
     }
 
     #[test]
-    fn a_model_of_wrong_curvature_has_a_low_durbin_watson_in_any_order_of_the_pictures() {
+    fn wrong_curvature_lowers_durbin_watson_and_a_model_worse_than_the_mean_has_no_f() {
         let truth: Vec<f64> = (0..200).map(|i| f64::from(i * 77 % 200) / 200.0).collect();
-        let bent = truth.iter().map(|value| value * value).collect();
-        assert!(diagnostics(bent, &truth).values[3].unwrap() < 0.1);
-    }
-
-    #[test]
-    fn a_model_worse_than_the_mean_has_no_f_and_a_small_p_keeps_its_magnitude() {
+        let bent = values(truth.iter().map(|value| value * value).collect(), &truth);
+        assert!(bent[3].unwrap() < 0.1, "in any order of the pictures");
         let truth: Vec<f64> = (0..20).map(f64::from).collect();
-        let mut values = diagnostics(truth.iter().rev().copied().collect(), &truth).values;
-        assert!(values[0].unwrap() < 0.0 && values[6].is_none());
-        values[P] = Some(2.68e-5);
-        let text = table("kind", [("one", values)]).text();
-        assert!(text.contains(" 3e-5 |"), "{text}");
-        let mean = mean_values(&[values, [None; COLUMNS.len()]]);
-        assert_eq!([mean[0], mean[P], mean[6]], [values[0], None, None], "means leave out p and missing values");
+        let mut worse = values(truth.iter().rev().copied().collect(), &truth);
+        assert!(worse[0].unwrap() < 0.0 && worse[6].is_none());
+        worse[P] = Some(2.68e-5);
+        let text = table("kind", [("one", worse)]).text();
+        assert!(text.contains(" 3e-5 |"), "a small p keeps its magnitude: {text}");
+        assert_eq!(column_means(&[worse, [None; COLUMNS.len()]])[..7], worse[..7], "missing values are left out");
     }
 }

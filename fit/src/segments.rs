@@ -5,9 +5,8 @@
 //! one: by partial F and by support vectors. The F of a single feature orders features like r squared, so it would be
 //! no check. The partial F, which controls for the subject, the head's pose and all other blendshapes, distinguishes
 //! features that move with this blendshape from those that move with others that usually accompany it. The model that
-//! facewire runs shares its features among all blendshapes and selects them in another way (`select.rs`).
+//! facewire runs shares its features among all blendshapes and selects them in another way (`design.rs`).
 
-mod ranking;
 mod tables;
 
 use std::path::PathBuf;
@@ -16,14 +15,16 @@ use anyhow::{Context, Result};
 use clap::Args;
 use facewire_face::BLENDSHAPES;
 use facewire_face::model::MEASURES;
+use nalgebra::DMatrix;
+use rayon::prelude::*;
 
-use self::ranking::{Pictures, Ranking, Segment};
+use crate::dataset::{self, Sample};
 use crate::design::MODELLED;
+use crate::drawing::subsample;
 use crate::judge::Faces;
-use crate::statistics::f_regression;
-use crate::{dataset, output};
+use crate::statistics::{Regressors, f_regression, mean, pearson, r_squared, spearman, standard_deviation};
+use crate::{kinds, output};
 
-/// Arguments of `select`.
 #[derive(Debug, Args)]
 pub struct SelectArgs {
     /// Landmarks with true coefficients (npz archive with names.json beside it)
@@ -84,7 +85,7 @@ fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize
     for (index, (blendshape, (r, partial_f))) in moving.iter().zip(r.into_iter().zip(partial_f)).enumerate() {
         eprint!("\rsupport vectors: blendshape {} of {} ", index + 1, moving.len());
         let f_alone = r.iter().map(|r| f_regression(*r, pictures.seen.len())).collect();
-        let r2 = ranking::scores(pictures, *blendshape, most_rows)?;
+        let r2 = scores(pictures, *blendshape, most_rows)?;
         let rankings = [r.iter().map(|r| r.abs()).collect(), partial_f, r2].map(Ranking::new);
         segments.push(Segment { blendshape: *blendshape, r, f_alone, rankings, count: kept });
     }
@@ -92,51 +93,193 @@ fn segments(pictures: &Pictures, wanted: &[usize], kept: usize, most_rows: usize
     Ok(segments)
 }
 
+const NAMES: [&str; 3] = ["r", "F", "SVR"];
+const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+
+#[derive(Debug, Clone, PartialEq)]
+struct Ranking {
+    pub scores: Vec<f64>,
+    /// Rank of each feature, from 1. Of features with equal scores, the first has the better rank.
+    pub ranks: Vec<usize>,
+    pub order: Vec<usize>,
+}
+
+impl Ranking {
+    pub fn new(scores: Vec<f64>) -> Self {
+        let mut order: Vec<usize> = (0..scores.len()).collect();
+        order.sort_by(|a, b| scores[*b].total_cmp(&scores[*a]));
+        let mut ranks = vec![0; scores.len()];
+        order.iter().enumerate().for_each(|(index, feature)| ranks[*feature] = index + 1);
+        Self { scores, ranks, order }
+    }
+
+    /// Returns the share of the best `count` features that are also among the best `count` of another ranking.
+    pub fn overlap(&self, other: &Self, count: usize) -> f64 {
+        let best = self.order.iter().take(count);
+        best.filter(|feature| other.ranks[**feature] <= count).count() as f64 / count as f64
+    }
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Segment {
+    pub blendshape: usize,
+    pub r: Vec<f64>,
+    /// F of each feature alone, which has the order of `r` squared.
+    pub f_alone: Vec<f64>,
+    pub rankings: [Ranking; NAMES.len()],
+    pub count: usize,
+}
+
+impl Segment {
+    /// Returns the features that are kept: those with the highest correlation, best first.
+    pub fn kept(&self) -> &[usize] {
+        &self.rankings[0].order[..self.count]
+    }
+
+    pub fn keeps(&self, feature: usize) -> bool {
+        self.rankings[0].ranks[feature] <= self.count
+    }
+
+    pub fn agreements(&self) -> [f64; 2 * PAIRS.len()] {
+        core::array::from_fn(|index| {
+            let (a, b) = PAIRS[index % PAIRS.len()];
+            let (one, other) = (&self.rankings[a], &self.rankings[b]);
+            if index < PAIRS.len() { one.overlap(other, self.count) } else { spearman(&one.scores, &other.scores) }
+        })
+    }
+}
+
+const ANGLES: usize = 3;
+
+/// Pictures of subjects that the fit may see, on which features are ranked, and of held-out subjects, on which support
+/// vectors are judged.
+struct Pictures<'a> {
+    samples: &'a [Sample],
+    pub known: &'a Faces<'a>,
+    pub seen: Vec<usize>,
+    pub held_out: Vec<usize>,
+}
+
+impl<'a> Pictures<'a> {
+    pub fn new(samples: &'a [Sample], known: &'a Faces<'a>) -> Result<Self> {
+        let held_out = known.rows(false)?;
+        let seen: Vec<usize> = (0..samples.len()).filter(|row| !samples[*row].held_out()).collect();
+        Ok(Self { samples, known, seen, held_out })
+    }
+
+    pub fn feature(&self, feature: usize, rows: &[usize]) -> Vec<f64> {
+        rows.iter().map(|row| f64::from(self.known.values(*row)[feature])).collect()
+    }
+
+    pub fn correlations(&self, blendshapes: &[usize]) -> Vec<Vec<f64>> {
+        let truths: Vec<Vec<f64>> = blendshapes.iter().map(|shape| self.known.truth(*shape, &self.seen)).collect();
+        let of = |feature: usize| {
+            let values = self.feature(feature, &self.seen);
+            truths.iter().map(|truth| pearson(&values, truth)).collect()
+        };
+        transposed(&(0..MEASURES).into_par_iter().map(of).collect::<Vec<Vec<f64>>>(), blendshapes.len())
+    }
+
+    /// Returns the partial F of every feature with each of `blendshapes`, controlling for the subject, the true pose
+    /// and all other blendshapes.
+    pub fn partial_f(&self, blendshapes: &[usize]) -> Result<Vec<Vec<f64>>> {
+        let held = DMatrix::from_fn(self.seen.len(), MODELLED + ANGLES, |row, column| {
+            let sample = &self.samples[self.seen[row]];
+            if column < MODELLED { sample.truth[column] } else { sample.pose_deg[column - MODELLED] }
+        });
+        let subjects: Vec<usize> = self.seen.iter().map(|row| self.samples[*row].subject).collect();
+        let regressors = Regressors::new(held, &subjects).context("too few pictures of each subject")?;
+        let of = |feature: usize| {
+            let all = regressors.partial_f(&self.feature(feature, &self.seen));
+            blendshapes.iter().map(|shape| all[*shape]).collect()
+        };
+        Ok(transposed(&(0..MEASURES).into_par_iter().map(of).collect::<Vec<Vec<f64>>>(), blendshapes.len()))
+    }
+}
+
+fn transposed(rows: &[Vec<f64>], columns: usize) -> Vec<Vec<f64>> {
+    (0..columns).map(|column| rows.iter().map(|row| row[column]).collect()).collect()
+}
+
+// The ranking by support vectors: how well a support vector regression with a Gaussian kernel predicts the coefficient
+// from a single feature.
+//
+// The importance of a feature in a regression on all features would tell little, because neighbouring landmarks move
+// alike and each of them is dispensable.
+
+/// Coefficient above which a picture shows the expression.
+const SHOWS: f64 = 0.05;
+
+/// Returns R2 of a regression on each feature, fitted to at most `most` pictures and judged on at most as many of
+/// held-out subjects. At least half of these pictures show the expression, if there are enough of them.
+fn scores(pictures: &Pictures, blendshape: usize, most: usize) -> Result<Vec<f64>> {
+    let [fitted, judged] = [&pictures.seen, &pictures.held_out].map(|rows| bounded(pictures, blendshape, rows, most));
+    let [own, other] = [&fitted, &judged].map(|rows| pictures.known.truth(blendshape, rows));
+    let score = |feature: usize| {
+        let (own_values, other_values) = (pictures.feature(feature, &fitted), pictures.feature(feature, &judged));
+        Ok(r_squared(&estimates(&own_values, &own, &other_values)?, &other))
+    };
+    (0..MEASURES).into_par_iter().map(score).collect()
+}
+
+/// Returns at most `most` of the pictures `rows`, evenly spaced by coefficient among those that show the expression,
+/// and among those that do not.
+fn bounded(pictures: &Pictures, blendshape: usize, rows: &[usize], most: usize) -> Vec<usize> {
+    let mut by_truth: Vec<_> = rows.iter().copied().zip(pictures.known.truth(blendshape, rows)).collect();
+    by_truth.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let sorted: Vec<usize> = by_truth.iter().map(|(row, _)| *row).collect();
+    let (rests, shows) = sorted.split_at(by_truth.partition_point(|(_, truth)| *truth < SHOWS));
+    let showing = subsample(shows, (most / 2).max(most.saturating_sub(rests.len())));
+    [subsample(rests, most - showing.len()), showing].concat()
+}
+
+fn estimates(values: &[f64], truth: &[f64], others: &[f64]) -> Result<Vec<f64>> {
+    let (centre, deviation) = (mean(values.iter().copied()), standard_deviation(values).max(f64::EPSILON));
+    let scaled = |value: &f64| (value - centre) / deviation;
+    let faces = DMatrix::from_iterator(values.len(), 1, values.iter().map(scaled));
+    let fitted = kinds::support_vectors(&faces, truth)?;
+    Ok(others.iter().map(|value| fitted.predict(&[scaled(value)])).collect())
+}
+
 #[cfg(test)]
 mod tests {
-    use crate::dataset::Sample;
     use crate::dataset::tests::test_faces;
-    use crate::reference;
+    use serde_json::Value;
 
     use super::*;
-
-    /// Landmarks around the left eye and on its lids, without the iris.
-    const LEFT_LIDS: [usize; 32] = [
-        249, 263, 362, 373, 374, 380, 381, 382, 384, 385, 386, 387, 388, 390, 398, 466, 253, 254, 256, 257, 258, 259,
-        260, 286, 339, 341, 359, 414, 463, 467, 252, 255,
-    ];
 
     /// The landmark between nose and upper lip, and the inner edge of the upper lip.
     const NOSE_BASE: usize = 2;
     const UPPER_LIP: usize = 13;
 
-    /// Ranks the features of one blendshape on few pictures, with few support vectors.
-    fn segment(samples: &[Sample], name: &str) -> Segment {
-        let known = Faces::new(samples, true).unwrap();
-        let pictures = Pictures::new(samples, &known).unwrap();
-        segments(&pictures, &[blendshape(name).unwrap()], kept_count(2.0), 20).unwrap().pop().unwrap()
-    }
-
-    #[test]
-    fn the_best_features_of_eye_blink_left_are_at_the_left_eyelids() {
-        let Some(path) = reference::shared("dataset/train.npz") else { return };
-        let segment = segment(&dataset::load(&path).unwrap(), "eyeBlinkLeft");
-        let [r, f, _] = &segment.rankings;
-        for ranking in [r, f] {
-            let landmarks = tables::landmarks(&ranking.order[..8]);
-            assert!(landmarks.iter().all(|landmark| LEFT_LIDS.contains(landmark)), "{landmarks:?}");
-        }
-        assert!(segment.r[r.order[0]].abs() > 0.7);
-    }
-
     #[test]
     fn all_features_kept_for_jaw_open_are_at_mouth_and_chin() {
         let samples = test_faces();
-        let segment = segment(&samples, "jawOpen");
+        let known = Faces::new(&samples, true).unwrap();
+        let pictures = Pictures::new(&samples, &known).unwrap();
+        let segment = &segments(&pictures, &[blendshape("jawOpen").unwrap()], kept_count(2.0), 20).unwrap()[0];
         let neutral = samples.iter().find(|sample| sample.neutral).unwrap();
         let down = |landmark: usize| neutral.landmarks.0[landmark][1];
         let landmarks = tables::landmarks(segment.kept());
         assert!(landmarks.iter().all(|landmark| down(*landmark) > down(NOSE_BASE)), "{landmarks:?}");
         assert!(landmarks.iter().filter(|landmark| down(**landmark) > down(UPPER_LIP)).count() > landmarks.len() / 2);
+    }
+
+    #[test]
+    fn the_best_feature_has_rank_1_equal_ones_keep_their_order_and_overlap_counts_the_best_in_common() {
+        let ranking = Ranking::new(vec![0.1, 0.9, 0.5, 0.9]);
+        assert_eq!((&ranking.ranks[..], &ranking.order[..]), (&[4, 1, 3, 2][..], &[1, 3, 2, 0][..]));
+        let other = Ranking::new(vec![0.1, 0.2, 0.3, 0.4]);
+        assert!((ranking.overlap(&other, 2) - 0.5).abs() < 1e-12 && (ranking.overlap(&ranking, 2) - 1.0).abs() < 1e-12);
+    }
+
+    /// The tolerance is large because the penalty does not include the offset in scikit-learn.
+    #[test]
+    fn estimates_agree_with_scikit_learn_within_0_04() {
+        let all: Value = serde_json::from_str(include_str!("../tests/reference.json")).unwrap();
+        let part = |name: &str| serde_json::from_value(all["support_vectors"][name].clone()).unwrap();
+        let [values, truth, places, theirs]: [Vec<f64>; 4] = ["values", "truth", "places", "estimates"].map(part);
+        let ours = estimates(&values, &truth, &places).unwrap();
+        assert!(ours.iter().zip(&theirs).all(|(a, b)| (a - b).abs() < 0.04), "{ours:?} {theirs:?}");
     }
 }

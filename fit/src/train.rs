@@ -14,9 +14,7 @@ use crate::design::{Basis, Design, MODELLED, Scale, select, with_mirrored};
 use crate::network::{Network, Training, TrainingData, Units};
 use crate::{appearance, judge};
 
-/// Number of landmarks that the model uses.
 const SELECTED: usize = 140;
-/// Number of principal components of their features.
 const COMPONENTS: usize = 300;
 /// Noise on each component, and on the input that tells whether the neutral face is known. Less noise improves weak
 /// blendshapes, but increases the jitter on real footage.
@@ -26,21 +24,18 @@ const KNOWN_NOISE: f32 = 0.02;
 const LEAST_FEATURE: f32 = 0.005;
 /// Smallest deviation of a blendshape, by which its errors are divided.
 const LEAST_TRUTH: f32 = 0.01;
-/// Default number of passes over the training data.
 pub const EPOCHS: u32 = 60;
-/// Initial learning rate.
 const RATE: f32 = 2e-3;
 const SEED: u64 = 1;
 
-/// The pictures of a dataset. The held-out subjects among them only serve to score the model.
-#[derive(Clone, Copy)]
-pub struct Pictures<'a> {
-    pub samples: &'a [Sample],
-    pub appearances: Option<&'a Appearances>,
-}
-
-pub fn train(pictures: Pictures, epochs: usize, made_by: String) -> Result<ModelFile> {
-    let (samples, held_out) = (pictures.samples, held_out(pictures.samples)?.len());
+/// Fits a model to a dataset. The held-out subjects only serve to score it.
+pub fn train(
+    samples: &[Sample],
+    appearances: Option<&Appearances>,
+    epochs: usize,
+    made_by: String,
+) -> Result<ModelFile> {
+    let held_out = held_out(samples)?.len();
     let fitted_on = format!(
         "{} pictures and their mirror images; r and mse are those of {held_out} pictures of other subjects",
         samples.len() - held_out
@@ -49,27 +44,26 @@ pub fn train(pictures: Pictures, epochs: usize, made_by: String) -> Result<Model
         let seen = with_mirrored(samples)?;
         fit(&Design::new(&seen)?, epochs, ModelFile::new(made_by, fitted_on))?
     };
-    if let Some(appearances) = pictures.appearances {
+    if let Some(appearances) = appearances {
         file.appearance = Some(appearance::fit(samples, appearances, &file.to_model()?)?);
     }
-    score(&mut file, pictures)?;
+    score(&mut file, samples, appearances)?;
     Ok(file)
 }
 
 /// Fits the part that reads how a face looks to what the landmark model of another file leaves unexplained, and
 /// scores both together.
-pub fn extend(path: &Path, pictures: Pictures, made_by: &str) -> Result<ModelFile> {
+pub fn extend(path: &Path, samples: &[Sample], appearances: Option<&Appearances>, made_by: &str) -> Result<ModelFile> {
     let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut file = ModelFile { appearance: None, ..ModelFile::parse(&text)? };
-    let appearances =
-        pictures.appearances.context("the dataset has no features: render it with this version of synth")?;
+    let looks = appearances.context("the dataset has no features: render it with this version of synth")?;
     file.made_by = format!("{made_by}; landmark model: {}", file.made_by);
-    file.appearance = Some(appearance::fit(pictures.samples, appearances, &file.to_model()?)?);
-    score(&mut file, pictures)?;
+    file.appearance = Some(appearance::fit(samples, looks, &file.to_model()?)?);
+    score(&mut file, samples, appearances)?;
     Ok(file)
 }
 
-fn score(file: &mut ModelFile, Pictures { samples, appearances }: Pictures) -> Result<()> {
+fn score(file: &mut ModelFile, samples: &[Sample], appearances: Option<&Appearances>) -> Result<()> {
     let model = file.to_model()?;
     let scores = |known| judge::scores(&model, &judge::Faces::new(samples, known)?.with_appearances(appearances));
     let [known, unknown] = [scores(true)?, scores(false)?];

@@ -1,17 +1,22 @@
-//! Commands of `facewire-fit` on a small synthetic dataset. Two correlated blendshapes each move a landmark of their
-//! own, and the other 49 do not move.
+//! Commands of `facewire-fit` on a small synthetic dataset, in which two correlated blendshapes each move a landmark of
+//! their own, and the other 49 do not move; and `evaluate` and `judge` on the built-in clip as `facewire track` tracks it.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::indexing_slicing, clippy::cast_possible_truncation)]
 
+#[path = "../../tests/common/skip.rs"]
+mod skip;
+
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::BufReader;
-use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::LazyLock;
 
+use facewire_face::stages::Mesh;
 use facewire_face::{BLENDSHAPES, LANDMARKS};
 use npyz::{NpyFile, WriterBuilder, npz::NpzWriter, zip::write::FileOptions};
+use serde_json::Value;
 use tempfile::TempDir;
 
 const SUBJECTS: usize = 16;
@@ -61,15 +66,14 @@ fn weights(picture: usize) -> Vec<f32> {
     BLENDSHAPES.iter().map(|name| moved.get(name).copied().unwrap_or(0.0)).collect()
 }
 
-/// Writes `faces.npz` and `names.json` with a number of subjects, and returns the path of the dataset.
-fn write_dataset(folder: &Path, subjects: usize) -> String {
-    let pictures = subjects * PICTURES;
-    let path = folder.join("faces.npz");
-    let mut npz = NpzWriter::create(&path).unwrap();
+/// Writes `faces.npz` and `names.json` with a number of subjects to a new folder.
+fn with_dataset(subjects: usize) -> TempDir {
+    let (folder, pictures) = (TempDir::new().unwrap(), subjects * PICTURES);
+    let mut npz = NpzWriter::create(folder.path().join("faces.npz")).unwrap();
     let mut array = |name: &str, shape: &[u64], row: &dyn Fn(usize) -> Vec<f32>| {
         let shape: Vec<u64> = [pictures as u64].iter().chain(shape).copied().collect();
-        let mut array =
-            npz.array(name, FileOptions::default()).unwrap().default_dtype().shape(&shape).begin_nd().unwrap();
+        let array = npz.array(name, FileOptions::default()).unwrap();
+        let mut array = array.default_dtype().shape(&shape).begin_nd().unwrap();
         array.extend((0..pictures).flat_map(row)).unwrap();
         array.finish().unwrap();
     };
@@ -77,29 +81,36 @@ fn write_dataset(folder: &Path, subjects: usize) -> String {
     array("weights", &[BLENDSHAPES.len() as u64], &weights);
     array("pose", &[3], &|picture| vec![noise(picture * 3), noise(picture * 5), noise(picture * 11)]);
     array("meta", &[5], &|picture| vec![0.0, 0.0, 0.0, 0.0, f32::from(u8::from(picture.is_multiple_of(PICTURES)))]);
-    let shape = [pictures as u64];
-    let mut numbers =
-        npz.array("subject", FileOptions::default()).unwrap().default_dtype().shape(&shape).begin_nd().unwrap();
-    numbers.extend((0..pictures).map(|picture| i32::try_from(picture / PICTURES).unwrap())).unwrap();
+    let numbers = npz.array("subject", FileOptions::default()).unwrap();
+    let mut numbers = numbers.default_dtype().shape(&[pictures as u64]).begin_nd().unwrap();
+    numbers.extend((0..pictures).map(|picture| (picture / PICTURES) as i32)).unwrap();
     numbers.finish().unwrap();
     npz.zip_writer().finish().unwrap();
-    fs::write(folder.join("names.json"), serde_json::to_string(&BLENDSHAPES.as_slice()).unwrap()).unwrap();
-    path.to_str().unwrap().to_owned()
+    write(&folder, "names.json", serde_json::to_string(&BLENDSHAPES.as_slice()).unwrap());
+    folder
 }
 
-fn run(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_facewire-fit")).current_dir(folder).args(arguments).output().unwrap()
+fn write(folder: &TempDir, name: &str, content: impl AsRef<[u8]>) {
+    fs::write(folder.path().join(name), content).unwrap();
+}
+
+fn read(folder: &TempDir, name: &str) -> String {
+    fs::read_to_string(folder.path().join(name)).unwrap()
+}
+
+fn run(folder: &TempDir, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_facewire-fit")).current_dir(folder.path()).args(arguments).output().unwrap()
 }
 
 /// Runs a command that must succeed and returns its standard output.
-fn printed(folder: &Path, arguments: &[&str]) -> String {
+fn printed(folder: &TempDir, arguments: &[&str]) -> String {
     let output = run(folder, arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }
 
 /// Runs a command that must fail and returns its standard error.
-fn refusal(folder: &Path, arguments: &[&str]) -> String {
+fn refusal(folder: &TempDir, arguments: &[&str]) -> String {
     let output = run(folder, arguments);
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(!output.status.success() && !said.contains("panicked"), "{arguments:?}: {said}");
@@ -115,11 +126,10 @@ fn rows(csv: &str) -> Vec<BTreeMap<&str, &str>> {
 
 #[test]
 fn each_blendshapes_own_landmark_is_found_and_partial_f_separates_correlated_blendshapes() {
-    let folder = TempDir::new().unwrap();
-    let dataset = write_dataset(folder.path(), SUBJECTS);
-    let options = ["select", &dataset, "--svr-rows", "40", "--csv", "ranks.csv", "--out", "page.html"];
-    let printed = self::printed(folder.path(), &options);
-    let csv = fs::read_to_string(folder.path().join("ranks.csv")).unwrap();
+    let folder = with_dataset(SUBJECTS);
+    let options = ["select", "faces.npz", "--svr-rows", "40", "--csv", "ranks.csv", "--out", "page.html"];
+    let printed = self::printed(&folder, &options);
+    let csv = read(&folder, "ranks.csv");
     let rows = rows(&csv);
     assert_eq!(rows.len(), MOVES.len() * FEATURES, "blendshapes that do not move are left out");
     for (name, landmark, _) in MOVES {
@@ -133,25 +143,22 @@ fn each_blendshapes_own_landmark_is_found_and_partial_f_separates_correlated_ble
         let [by_r, by_f] = ["rank_r", "rank_f"].map(|by| rank(&wrong, by).parse::<u32>().unwrap());
         assert!(by_r <= 6 && by_f > 10, "{name}: {wrong} has rank {by_r} by r, {by_f} by F");
     }
-    let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
+    let page = read(&folder, "page.html");
     assert_eq!(page.matches("<svg").count(), MOVES.len() * 6);
     assert!(!page.contains("src=") && !page.contains("<script") && !page.contains("<link"), "no external resources");
 
-    self::printed(folder.path(), &["select", "--csv", "again.csv", &dataset, "--svr-rows", "40"]);
-    assert!(fs::read_to_string(folder.path().join("again.csv")).unwrap() == csv, "the same data give the same table");
+    self::printed(&folder, &["select", "--csv", "again.csv", "faces.npz", "--svr-rows", "40"]);
+    assert!(read(&folder, "again.csv") == csv, "the same data give the same table");
 }
 
 #[test]
 fn blendshapes_and_percentile_can_be_chosen_and_invalid_ones_are_refused() {
-    let folder = TempDir::new().unwrap();
-    let dataset = write_dataset(folder.path(), SUBJECTS);
-    let printed = printed(
-        folder.path(),
-        &["select", &dataset, "--blendshape", "jawOpen", "--percentile", "1", "--svr-rows", "20", "--csv", "ranks.csv"],
-    );
+    let folder = with_dataset(SUBJECTS);
+    let options = ["--blendshape", "jawOpen", "--percentile", "1", "--svr-rows", "20"];
+    let printed = printed(&folder, &[&["select", "faces.npz"], &options[..]].concat());
     let is_kept = |line: &str| line.starts_with("| jawOpen ") && line.contains(" |   15 | ");
     assert!(printed.lines().any(is_kept) && !printed.contains("mouthShrugLower"), "{printed}");
-    let refusal = |arguments: &[&str]| refusal(folder.path(), &[&["select", &dataset], arguments].concat());
+    let refusal = |arguments: &[&str]| refusal(&folder, &[&["select", "faces.npz"], arguments].concat());
     assert!(refusal(&["--blendshape", "jawOpened"]).contains("not a blendshape that landmarks show"));
     assert!(refusal(&["--blendshape", "jawLeft"]).contains("none of these blendshapes moves"));
     assert!(refusal(&["--percentile", "0"]).contains("from 0.1 to 50"));
@@ -159,29 +166,20 @@ fn blendshapes_and_percentile_can_be_chosen_and_invalid_ones_are_refused() {
 
 #[test]
 fn blendshapes_that_do_not_move_are_left_out_of_fit_and_report_and_named() {
-    let folder = TempDir::new().unwrap();
-    let dataset = write_dataset(folder.path(), SUBJECTS);
-    for arguments in [["fit", &dataset, "--kinds", "pls,log-exp"], ["report", &dataset, "--kinds", "pls,log-exp"]] {
-        let output = run(folder.path(), &arguments);
+    let folder = with_dataset(SUBJECTS);
+    for arguments in [["fit", "faces.npz", "--kinds", "pls,log-exp"], ["report", "faces.npz", "--kinds", "pls,log-exp"]]
+    {
+        let output = run(&folder, &arguments);
         let said = String::from_utf8(output.stderr).unwrap();
         assert!(output.status.success(), "{said}");
         assert!(said.contains("do not move in the pictures: eyeBlinkLeft") && !said.contains("jawOpen"), "{said}");
         let printed = String::from_utf8(output.stdout).unwrap();
         assert!(arguments[0] == "report" || printed.lines().any(|line| line.starts_with("| jawOpen ")), "{printed}");
     }
-}
-
-#[test]
-fn every_kind_of_formula_stores_the_same_numbers_for_a_feature() {
-    let folder = TempDir::new().unwrap();
-    let dataset = write_dataset(folder.path(), SUBJECTS);
-    let options = ["--kinds", "exp,log-exp", "--blendshapes", "jawOpen", "--json", "figures.json"];
-    printed(folder.path(), &[&["fit", &dataset], &options[..]].concat());
-    let figures = fs::read_to_string(folder.path().join("figures.json")).unwrap();
-    let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
-    let trials = figures["blendshapes"][0]["trials"].as_array().unwrap();
-    assert_eq!(trials.len(), 2);
-    for trial in trials {
+    let options = ["fit", "faces.npz", "--kinds", "exp,log-exp", "--blendshapes", "jawOpen", "--json", "figures.json"];
+    printed(&folder, &options);
+    let figures: Value = serde_json::from_str(&read(&folder, "figures.json")).unwrap();
+    for trial in figures["blendshapes"][0]["trials"].as_array().unwrap() {
         // A weight and an index for every feature, and the offset.
         assert_eq!(trial["bytes"].as_u64().unwrap(), trial["features"].as_u64().unwrap() * 6 + 4);
         assert!(trial["nanoseconds"].as_f64().unwrap() > 0.0);
@@ -197,17 +195,16 @@ fn numbers_of(text: &str, name: &str, columns: [usize; 2]) -> [f64; 2] {
 
 #[test]
 fn judge_finds_in_an_exported_model_what_fit_stated() {
-    let folder = TempDir::new().unwrap();
-    let dataset = write_dataset(folder.path(), SUBJECTS);
+    let folder = with_dataset(SUBJECTS);
     let cases = |text: &str| {
         let (known, unknown) = text.split_once("neutral face not known").unwrap();
         [known, unknown].map(str::to_owned)
     };
     for kinds in [&[][..], &["--kinds", "exp,log-exp"], &["--kinds", "poly"]] {
         // No limit of time, because a loaded machine may exceed any.
-        let fit = ["fit", &dataset, "--nanoseconds", "1000000000", "--export", "model.toml"];
-        let fitted = cases(&printed(folder.path(), &[&fit, kinds].concat()));
-        let judged = cases(&printed(folder.path(), &["judge", &dataset, "--model", "model.toml"]));
+        let fit = ["fit", "faces.npz", "--nanoseconds", "1000000000", "--export", "model.toml"];
+        let fitted = cases(&printed(&folder, &[&fit, kinds].concat()));
+        let judged = cases(&printed(&folder, &["judge", "faces.npz", "--model", "model.toml"]));
         for (name, _, _) in MOVES {
             for (fitted, judged) in fitted.iter().zip(&judged) {
                 let stated = numbers_of(fitted, name, [3, 4]);
@@ -217,41 +214,38 @@ fn judge_finds_in_an_exported_model_what_fit_stated() {
             }
         }
     }
-    let refused = refusal(folder.path(), &["fit", &dataset, "--export", "model.toml", "--kinds", "knn"]);
+    let refused = refusal(&folder, &["fit", "faces.npz", "--export", "model.toml", "--kinds", "knn"]);
     assert!(refused.contains("no formula was chosen"), "{refused}");
 }
 
 #[test]
 fn fewer_than_eight_subjects_are_refused_if_some_must_be_held_out() {
-    let folder = TempDir::new().unwrap();
-    let dataset = write_dataset(folder.path(), 7);
+    let folder = with_dataset(7);
     for command in ["judge", "train", "report", "select", "fit"] {
         let options = if command == "train" { &["--out", "model.toml"][..] } else { &[] };
-        let said = refusal(folder.path(), &[&[command, &dataset], options].concat());
+        let said = refusal(&folder, &[&[command, "faces.npz"], options].concat());
         assert!(said.contains("7 subjects are too few") && said.contains("--all-subjects"), "{command}: {said}");
     }
-    let said = printed(folder.path(), &["judge", &dataset, "--all-subjects", "--resamples", "40"]);
+    let said = printed(&folder, &["judge", "faces.npz", "--all-subjects", "--resamples", "40"]);
     assert!(said.contains("7 people, 84 pictures; 2 blendshapes move"), "{said}");
 }
 
 #[test]
 fn a_model_that_is_compared_with_itself_differs_by_nothing_in_text_and_files() {
-    let folder = TempDir::new().unwrap();
-    let dataset = write_dataset(folder.path(), 8);
+    let folder = with_dataset(8);
     let model = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/blendshapes.toml");
     let options = ["--all-subjects", "--resamples", "40", "--against", model, "--json", "a.json", "--csv", "a.csv"];
     let options = [&options[..], &["--page", "a.html"]].concat();
-    let said = printed(folder.path(), &[&["judge", &dataset, "--model", model], &options[..]].concat());
+    let said = printed(&folder, &[&["judge", "faces.npz", "--model", model], &options[..]].concat());
     assert!(said.contains("+0.000 .. +0.000") && !said.contains("| * |"), "{said}");
 
-    let page = fs::read_to_string(folder.path().join("a.html")).unwrap();
+    let page = read(&folder, "a.html");
     assert!(
         page.contains("faces.npz, neutral face known") && page.contains("jawOpen") && !page.contains("eyeBlinkLeft")
     );
     assert!(!page.contains(">better<") && !page.contains("src=") && !page.contains("<script"));
 
-    let json: serde_json::Value =
-        serde_json::from_str(&fs::read_to_string(folder.path().join("a.json")).unwrap()).unwrap();
+    let json: Value = serde_json::from_str(&read(&folder, "a.json")).unwrap();
     let state = &json["sets"][0]["neutral"]["neutral_face_known"];
     let jaw = |side: &str| state[side]["figures"]["jawOpen"]["all"]["mse"]["value"].as_f64().unwrap();
     assert!(jaw("model") > 0.0 && (jaw("model") - jaw("against")).abs() < 1e-12);
@@ -260,7 +254,7 @@ fn a_model_that_is_compared_with_itself_differs_by_nothing_in_text_and_files() {
     assert!((parts.iter().sum::<f64>() - jaw("model")).abs() < 1e-9, "the parts of the error add up");
     assert_eq!(state["difference"]["mean_of_blendshapes"]["all"]["r"]["certain"], false);
 
-    let csv = fs::read_to_string(folder.path().join("a.csv")).unwrap();
+    let csv = read(&folder, "a.csv");
     let rows = rows(&csv);
     assert_eq!(rows.len(), 2 * 2 * 8 * BLENDSHAPES.len() * 3);
     let own = |row: &&BTreeMap<&str, &str>| {
@@ -286,24 +280,73 @@ fn an_output_path_that_cannot_be_written_is_refused_before_the_dataset_is_read()
         ["select", "absent.npz", "--out", "no/page.html"],
         ["select", "absent.npz", "--csv", "no/ranks.csv"],
     ] {
-        assert!(refusal(folder.path(), &arguments).contains("cannot write no/"), "{arguments:?}");
+        assert!(refusal(&folder, &arguments).contains("cannot write no/"), "{arguments:?}");
     }
-    assert!(refusal(folder.path(), &["train", "absent.npz", "--epochs", "0"]).contains("--epochs"));
+    assert!(refusal(&folder, &["train", "absent.npz", "--epochs", "0"]).contains("--epochs"));
+}
+
+/// The curves that the built-in clip was rendered from.
+const DEMO_TRUTH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/demo-truth.csv");
+
+/// The built-in clip, tracked once for all tests. The table is empty if no networks can be run.
+static DEMO: LazyLock<TempDir> = LazyLock::new(|| {
+    let folder = TempDir::new().unwrap();
+    let csv = folder.path().join("demo.csv");
+    let _ = facewire_tools::run(["facewire", "track", "demo", "--out", csv.to_str().unwrap()].map(OsString::from));
+    folder
+});
+
+/// Returns the tracked clip. If the networks cannot be run, notes why and returns `None`.
+fn demo() -> Option<String> {
+    let engine = facewire_face::engine(facewire_face::EngineChoice::Auto, "", 1);
+    if let Err(error) = engine.and_then(|engine| Mesh::load(engine.as_ref())) {
+        skip::skip(&error.to_string());
+        return None;
+    }
+    assert!(read(&DEMO, "demo.csv").lines().count() > 1, "track writes the clip");
+    Some(DEMO.path().join("demo.csv").to_str().unwrap().to_owned())
+}
+
+fn evaluated(track: &str, options: &[&str]) -> Value {
+    let folder = TempDir::new().unwrap();
+    printed(&folder, &[&["evaluate", track, DEMO_TRUTH, "--json", "figures.json"], options].concat());
+    serde_json::from_str(&read(&folder, "figures.json")).unwrap()
 }
 
 #[test]
-fn the_truth_of_a_clip_must_have_a_row_for_every_frame() {
+fn jaw_and_blinks_of_the_built_in_clip_follow_the_truth_and_all_curves_correlate_above_0_7_on_average() {
+    let Some(track) = demo() else { return };
+    let found = evaluated(&track, &[]);
+    assert_eq!(found["frames"], 240);
+    for name in ["jawOpen", "eyeBlinkLeft", "eyeBlinkRight"] {
+        let own = &found["blendshapes"][name]["figures"];
+        let bounds = [("pearson", 0.8), ("spearman", 0.7), ("xi", 0.45), ("accuracy", 0.8), ("f1", 0.7)];
+        for (figure, least) in bounds {
+            assert!(own[figure].as_f64().unwrap() >= least, "{name}, {figure}: {own}");
+        }
+        assert!(own["msd"].as_f64().unwrap() < 0.04, "{name}: {own}");
+    }
+    let found = evaluated(&track, &["--shift", "auto"]);
+    assert!(found["mean_of_moving"]["pearson"].as_f64().unwrap() > 0.7, "{}", found["mean_of_moving"]);
+    assert!(found["shift_frames"].as_i64().unwrap().abs() <= 3);
+}
+
+#[test]
+fn judge_gives_a_clip_the_figures_that_track_and_evaluate_give_it() {
+    let Some(track) = demo() else { return };
+    let wanted = evaluated(&track, &[]);
     let folder = TempDir::new().unwrap();
-    let dataset = write_dataset(folder.path(), 1);
-    let row = ["0.1"; 56].join(",");
-    let heads = format!("frame,yaw_deg,pitch_deg,roll_deg,{}", BLENDSHAPES.join(","));
-    let write = |name: &str, rows: usize| {
-        let rows = vec![row.as_str(); rows].join("\n");
-        fs::write(folder.path().join(name), format!("{heads}\n{rows}\n")).unwrap();
-    };
-    write("whole.csv", PICTURES);
-    write("short.csv", PICTURES - 1);
-    let whole = printed(folder.path(), &["clip", &dataset, "--truth", "whole.csv"]);
-    assert!(whole.contains("head pose"), "{whole}");
-    assert!(refusal(folder.path(), &["clip", &dataset, "--truth", "short.csv"]).contains("short.csv has 11 rows"));
+    let film = concat!(env!("CARGO_MANIFEST_DIR"), "/../src/capture/demo.avi");
+    fs::copy(film, folder.path().join("demo.avi")).unwrap();
+    fs::copy(DEMO_TRUTH, folder.path().join("demo.csv")).unwrap();
+    printed(&folder, &["judge", ".", "--resamples", "40", "--json", "figures.json"]);
+    let found: Value = serde_json::from_str(&read(&folder, "figures.json")).unwrap();
+    let state = |name: &str| &found["sets"][0]["neutral"][name]["model"]["figures"]["mean_of_people"]["all"];
+    let value = |state: &Value, figure: &str| state[figure]["value"].as_f64().unwrap();
+    for (figure, name) in [("r", "pearson"), ("mse", "msd")] {
+        let own = value(state("neutral_face_not_known"), figure);
+        let wanted = wanted["mean_of_moving"][name].as_f64().unwrap();
+        assert!((own - wanted).abs() < 2e-4, "{figure}: {own} instead of {wanted}");
+    }
+    assert!(value(state("neutral_face_known"), "r") > value(state("neutral_face_not_known"), "r"));
 }

@@ -1,14 +1,18 @@
 //! The choice of the kind of model for a blendshape.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use facewire_face::model::Response;
+use anyhow::{Result, ensure};
+use facewire_face::BLENDSHAPES;
+use facewire_face::model::{FeatureId, FormulaSetTable, FormulaTable, FormulasTable, ModelFile, Response, ScoreTable};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::split::Split;
-use super::trial::Trial;
-use crate::kinds::Form;
+use super::Split;
+use super::trial::{Scale, Trial};
+use crate::design::MODELLED;
+use crate::kinds::{Form, Formula};
 use crate::output::{Table, number};
 use crate::statistics::mean;
 
@@ -21,8 +25,7 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// Returns whether the model can run on a board within the budget.
-    pub fn allows(&self, trial: &Trial) -> bool {
+    fn allows(&self, trial: &Trial) -> bool {
         let runs = trial.form != Form::Large && (trial.formula.is_some() || !self.formulas_only);
         runs && trial.bytes <= self.bytes && trial.nanoseconds <= self.nanoseconds
     }
@@ -32,7 +35,6 @@ impl Budget {
 #[derive(Debug, Clone, Serialize)]
 pub struct Choice {
     pub blendshape: &'static str,
-    /// All trials, in the order of the kinds.
     pub trials: Vec<Trial>,
     /// The simplest trial within the budget whose validation error is within one standard error of the best trial's.
     pub chosen: Option<usize>,
@@ -60,12 +62,11 @@ impl Choice {
         Self { blendshape, trials, chosen, best_within_budget, best, linear }
     }
 
-    pub fn at(&self, index: Option<usize>) -> Option<&Trial> {
+    fn at(&self, index: Option<usize>) -> Option<&Trial> {
         self.trials.get(index?)
     }
 }
 
-/// Returns a key that orders trials from simple to complex.
 fn simplicity(trial: &Trial) -> (Form, Response) {
     (trial.form, trial.response)
 }
@@ -99,7 +100,6 @@ fn by_blendshape(choices: &[Choice]) -> Table {
     Table::new(heads, choices.iter().map(row))
 }
 
-/// Returns one line per kind and response, averaged over the blendshapes.
 fn by_kind(choices: &[Choice]) -> Table {
     let row = |(index, first): (usize, &Trial)| {
         let chosen = choices.iter().filter(|choice| choice.chosen == Some(index)).count();
@@ -122,7 +122,6 @@ fn by_kind(choices: &[Choice]) -> Table {
     Table::new(heads, choices.iter().take(1).flat_map(|first| &first.trials).enumerate().map(row))
 }
 
-/// Returns the mean scores of the chosen kinds, and the blendshapes for which each form was chosen.
 fn summary(choices: &[Choice]) -> String {
     let chosen: Vec<(&str, &Trial)> =
         choices.iter().filter_map(|choice| Some((choice.blendshape, choice.at(choice.chosen)?))).collect();
@@ -149,7 +148,6 @@ fn summary(choices: &[Choice]) -> String {
     text
 }
 
-/// The forms that can run on a board, in words.
 const FORMS: [(Form, &str); 5] = [
     (Form::Affine, "affine"),
     (Form::Exponential, "exponential"),
@@ -169,9 +167,81 @@ pub fn json(choices: &[Choice], split: &Split, budget: &Budget) -> Value {
     })
 }
 
+// The chosen formulas as a model file.
+
+/// Returns the model of the formulas that were chosen with the subjects' neutral faces known and not known. The formula of
+/// a blendshape without a choice is always 0; the names of these blendshapes are printed on standard error.
+pub fn model_file(known: &[Choice], unknown: &[Choice], made_by: String, fitted_on: String) -> Result<ModelFile> {
+    let formulas = FormulasTable { neutral_known: set(known)?, neutral_unknown: set(unknown)? };
+    Ok(ModelFile { formulas: Some(formulas), ..ModelFile::new(made_by, fitted_on) })
+}
+
+fn set(choices: &[Choice]) -> Result<FormulaSetTable> {
+    let mut table = FormulaSetTable::default();
+    let mut without = Vec::new();
+    for name in &BLENDSHAPES[..MODELLED] {
+        let choice = choices.iter().find(|choice| choice.blendshape == *name);
+        let chosen = choice.and_then(|choice| choice.at(choice.chosen));
+        let formula =
+            if let Some((trial, (formula, scale))) = chosen.and_then(|trial| Some((trial, trial.formula.as_ref()?))) {
+                add_inputs(&mut table.inputs, scale)?;
+                formula_table(trial, formula, &names(scale))
+            } else {
+                without.push(*name);
+                FormulaTable::default()
+            };
+        table.blendshapes.insert((*name).to_owned(), formula);
+    }
+    ensure!(without.len() < MODELLED, "no formula was chosen: allow more kinds, or a larger budget");
+    if !without.is_empty() {
+        eprintln!("always 0 in the model file, because no formula was chosen: {}", without.join(", "));
+    }
+    Ok(table)
+}
+
+fn names(scale: &Scale) -> Vec<String> {
+    scale.features.iter().filter_map(|feature| FeatureId::from_index(*feature)).map(|id| id.to_string()).collect()
+}
+
+/// Adds mean and deviation of each feature of a formula.
+fn add_inputs(inputs: &mut BTreeMap<String, [f64; 2]>, scale: &Scale) -> Result<()> {
+    for (name, (mean, deviation)) in names(scale).into_iter().zip(scale.mean.iter().zip(&scale.deviation)) {
+        let own = [rounded(*mean), rounded(*deviation)];
+        let first = *inputs.entry(name).or_insert(own);
+        ensure!(first.map(f64::to_bits) == own.map(f64::to_bits), "the formulas were fitted to different faces");
+    }
+    Ok(())
+}
+
+fn formula_table(trial: &Trial, formula: &Formula, names: &[String]) -> FormulaTable {
+    let products =
+        formula.pairs().map(|([one, other], weight)| (format!("{}*{}", names[one], names[other]), rounded(weight)));
+    FormulaTable {
+        kind: formula.kind,
+        response: formula.response,
+        score: ScoreTable { r: rounded(trial.r), mse: rounded(trial.mse) },
+        offset: rounded(formula.offset),
+        weights: names.iter().cloned().zip(formula.weights.iter().copied().map(rounded)).collect(),
+        products: products.collect(),
+    }
+}
+
+/// Rounds to seven digits, as many as the solver's single precision has.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.6e}").parse().unwrap_or(value)
+}
+
 #[cfg(test)]
 mod tests {
+    use facewire_face::Landmarks;
+    use facewire_face::stages::{Features, normalise};
+
     use super::*;
+    use crate::clip::tests::test_clip;
+    use crate::compare::trial::Trials;
+    use crate::dataset::Sample;
+    use crate::judge::{Faces, estimates};
+    use crate::kinds;
 
     fn trial(kind: &'static str, form: Form, validation: [f64; 2], bytes: usize) -> Trial {
         Trial {
@@ -198,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn the_simpler_kind_within_a_standard_error_of_the_best_is_chosen() {
+    fn the_simplest_kind_in_the_budget_within_a_standard_error_of_the_best_is_chosen() {
         let trials = |affine| {
             vec![
                 trial("ols", Form::Affine, [affine, 0.1], 10),
@@ -208,18 +278,58 @@ mod tests {
         };
         assert_eq!(chosen(trials(1.19)), [Some("ols"), Some("poly"), Some("gp-rbf"), Some("ols")]);
         assert_eq!(chosen(trials(1.21))[0], Some("poly"));
-    }
-
-    #[test]
-    fn among_equally_simple_kinds_the_better_is_chosen() {
-        let trials = vec![trial("ols", Form::Affine, [1.1, 0.5], 10), trial("ridge", Form::Affine, [1.0, 0.5], 10)];
-        assert_eq!(chosen(trials)[0], Some("ridge"));
-    }
-
-    #[test]
-    fn a_kind_over_the_budget_is_not_chosen() {
-        let trials = vec![trial("ols", Form::Affine, [2.0, 0.1], 10), trial("poly", Form::Quadratic, [1.0, 0.1], 101)];
-        assert_eq!(chosen(trials), [Some("ols"), Some("ols"), Some("poly"), Some("ols")]);
+        let equal = vec![trial("ols", Form::Affine, [1.1, 0.5], 10), trial("ridge", Form::Affine, [1.0, 0.5], 10)];
+        assert_eq!(chosen(equal)[0], Some("ridge"), "the better of equally simple ones");
+        let costly = vec![trial("ols", Form::Affine, [2.0, 0.1], 10), trial("poly", Form::Quadratic, [1.0, 0.1], 101)];
+        assert_eq!(chosen(costly), [Some("ols"), Some("ols"), Some("poly"), Some("ols")]);
         assert_eq!(chosen(vec![trial("gp-rbf", Form::Large, [1.0, 0.1], 1)])[..2], [None, None]);
+    }
+
+    const JAW_OPEN: usize = 17;
+
+    /// The built-in clip as facewire tracks it. The truth of the jaw is the gap of the lips, stretched from 0 to 1.
+    fn samples() -> Vec<Sample> {
+        let gap = FeatureId::from_name("d13-14").unwrap().index();
+        let sample = |(row, landmarks): (usize, Landmarks)| {
+            let gap = Features::new(&normalise(&landmarks).unwrap(), None).values()[gap];
+            let mut sample = Sample { neutral: row == 0, ..Sample::of_test(landmarks, row) };
+            sample.truth[JAW_OPEN] = f64::from((4.0 * gap - 0.1).clamp(0.0, 1.0));
+            sample
+        };
+        test_clip().into_iter().enumerate().map(sample).collect()
+    }
+
+    fn choice(trial: &Trial) -> Choice {
+        let budget = Budget { bytes: usize::MAX, nanoseconds: f64::INFINITY, formulas_only: true };
+        Choice::new("jawOpen", vec![trial.clone()], &budget)
+    }
+
+    #[test]
+    fn solver_gives_what_every_exported_kind_gives_on_a_tracked_clip() {
+        let samples = samples();
+        let split = Split::new(&samples, 2, true).unwrap();
+        let cases = [true, false].map(|known| Faces::new(&samples, known).unwrap());
+        let trials = cases.each_ref().map(|faces| {
+            let runner = Trials::new(faces, &split);
+            let ranks = runner.rank(JAW_OPEN, 30);
+            let kinds = kinds::ALL.iter().filter(|kind| kind.form.is_formula());
+            let tried = kinds.flat_map(|kind| runner.run_kind(kind, JAW_OPEN, &ranks).unwrap());
+            tried.map(|tried| runner.timed(tried)).collect::<Vec<Trial>>()
+        });
+        assert_eq!(trials[0].len(), 4 * 3 + 2 + 3, "kinds with their responses");
+        for (known, unknown) in trials[0].iter().zip(&trials[1]) {
+            let file = model_file(&[choice(known)], &[choice(unknown)], String::new(), String::new()).unwrap();
+            let model = ModelFile::parse(&toml::to_string(&file).unwrap()).unwrap().to_model().unwrap();
+            for (trial, faces) in [known, unknown].into_iter().zip(&cases) {
+                let solved = estimates(&model, faces, &split.held_out).unwrap();
+                let differences =
+                    solved[JAW_OPEN].iter().zip(&trial.predictions).map(|(one, other)| (one - other).abs());
+                let largest = differences.fold(0.0, f64::max);
+                assert!(largest < 1e-4, "{}: {largest}", trial.name());
+                let most = trial.predictions.iter().fold(0.0_f64, |most, value| most.max(*value));
+                let least = trial.predictions.iter().fold(1.0_f64, |least, value| least.min(*value));
+                assert!(most - least > 0.1, "{}: {least} to {most}", trial.name());
+            }
+        }
     }
 }

@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::split::Split;
+use super::Split;
 use crate::dataset::Sample;
 use crate::design::{Design, MODELLED, with_mirrored};
 use crate::judge::{Faces, estimates, regression_ns};
@@ -23,7 +23,6 @@ const SEED: u64 = 1;
 /// least.
 const TIMED: usize = 100;
 const TIMED_PASSES: usize = 7;
-/// Bytes of a number, and of the index of a feature.
 const NUMBER_BYTES: usize = 4;
 const INDEX_BYTES: usize = 2;
 
@@ -34,13 +33,10 @@ pub struct Trial {
     pub form: Form,
     /// Cross-validated mean squared error on the seen pictures, and its standard error.
     pub validation: [f64; 2],
-    /// Pearson's correlation on held-out pictures.
     pub r: f64,
-    /// Mean squared error on held-out pictures.
     pub mse: f64,
     pub bytes: usize,
     pub nanoseconds: f64,
-    /// Number of fitted weights, without the constant.
     pub weights: usize,
     pub faces: usize,
     pub features: usize,
@@ -53,6 +49,29 @@ pub struct Trial {
 impl Trial {
     pub fn name(&self) -> String {
         format!("{}{}", self.kind, suffix(self.response))
+    }
+
+    /// Returns the trial of the hidden layer with the errors of `estimated`, which has a value for every seen picture, and
+    /// of `predictions` for the held-out ones.
+    fn judged(faces: &Faces, split: &Split, blendshape: usize, estimated: &[f64], predictions: Vec<f64>) -> Self {
+        let seen = split.seen.iter().zip(faces.truth(blendshape, &split.seen));
+        let errors: Vec<f64> = seen.map(|(row, truth)| (estimated[*row] - truth).powi(2)).collect();
+        let truth = faces.truth(blendshape, &split.held_out);
+        Self {
+            kind: HIDDEN_LAYER,
+            response: Response::Plain,
+            form: Form::HiddenLayer,
+            validation: split.mean_error(&errors),
+            r: pearson(&predictions, &truth),
+            mse: mse(&predictions, &truth),
+            bytes: 0,
+            nanoseconds: f64::INFINITY,
+            weights: MAX_HIDDEN,
+            faces: split.seen.len(),
+            features: 0,
+            predictions,
+            formula: None,
+        }
     }
 }
 
@@ -80,80 +99,58 @@ impl<'a> Trials<'a> {
         self.trainings.iter().map(|(_, ranking)| ranking.best(blendshape, count)).collect()
     }
 
-    pub fn run_kind(&self, kind: &Kind, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Vec<UntimedTrial>> {
+    /// Tries a kind with every response. The trials have no times yet.
+    pub fn run_kind(&self, kind: &Kind, blendshape: usize, ranks: &[Vec<usize>]) -> Result<Vec<(Trial, Fitted)>> {
         kind.form.responses().iter().map(|response| self.run(kind, *response, blendshape, ranks)).collect()
     }
 
-    pub fn timed(&self, tried: UntimedTrial) -> Trial {
-        let nanoseconds = tried.model.nanoseconds(self.faces, &self.split.held_out);
-        let formula = tried.model.model.formula().map(|formula| (formula, tried.model.scale));
-        Trial { nanoseconds, formula, ..tried.trial }
+    pub fn timed(&self, (trial, model): (Trial, Fitted)) -> Trial {
+        let nanoseconds = model.nanoseconds(self.faces, &self.split.held_out);
+        let formula = model.model.formula().map(|formula| (formula, model.scale));
+        Trial { nanoseconds, formula, ..trial }
     }
 
-    fn run(&self, kind: &Kind, response: Response, blendshape: usize, ranks: &[Vec<usize>]) -> Result<UntimedTrial> {
-        let fit = |training: usize| {
-            let job = Job { trials: self, training, blendshape, features: &ranks[training] };
-            job.fit(kind, response)
-        };
-        let mut errors = vec![0.0; self.faces.len()];
+    fn run(&self, kind: &Kind, response: Response, blendshape: usize, ranks: &[Vec<usize>]) -> Result<(Trial, Fitted)> {
+        let fit = |training: usize| self.fit(kind, response, blendshape, (training, &ranks[training]));
+        let mut estimated = vec![0.0; self.faces.len()];
         for fold in 0..self.split.folds {
             let rows = self.split.validation(fold);
             let estimates = fit(fold)?.estimates(self.faces, &rows);
-            let truth = self.faces.truth(blendshape, &rows);
-            let squares = estimates.iter().zip(truth).map(|(estimate, truth)| (estimate - truth).powi(2));
-            rows.iter().zip(squares).for_each(|(row, square)| errors[*row] = square);
+            rows.iter().zip(estimates).for_each(|(row, estimate)| estimated[*row] = estimate);
         }
-        let errors: Vec<f64> = self.split.seen.iter().map(|row| errors[*row]).collect();
         let fitted = fit(self.split.folds)?;
-        let truth = self.faces.truth(blendshape, &self.split.held_out);
         let predictions = fitted.estimates(self.faces, &self.split.held_out);
         let features = fitted.scale.features.len();
         let trial = Trial {
             kind: kind.name,
             response,
             form: kind.form,
-            validation: self.split.mean_error(&errors),
-            r: pearson(&predictions, &truth),
-            mse: mse(&predictions, &truth),
             bytes: NUMBER_BYTES * fitted.model.numbers() + INDEX_BYTES * features,
-            nanoseconds: f64::INFINITY,
             weights: fitted.model.weights(),
             faces: fitted.faces,
             features,
-            predictions,
-            formula: None,
+            ..Trial::judged(self.faces, self.split, blendshape, &estimated, predictions)
         };
-        Ok(UntimedTrial { trial, model: fitted })
+        Ok((trial, fitted))
     }
-}
 
-pub struct UntimedTrial {
-    trial: Trial,
-    model: Fitted,
-}
-
-struct Job<'a> {
-    trials: &'a Trials<'a>,
-    training: usize,
-    blendshape: usize,
-    features: &'a [usize],
-}
-
-impl Job<'_> {
-    fn fit(&self, kind: &Kind, response: Response) -> Result<Fitted> {
+    fn fit(
+        &self,
+        kind: &Kind,
+        response: Response,
+        blendshape: usize,
+        (training, ranked): (usize, &[usize]),
+    ) -> Result<Fitted> {
         let Limits { features, faces } = kind.limits;
-        let rows = sample(&self.trials.trainings[self.training].0, faces);
-        let features = &self.features[..features.min(self.features.len())];
-        let scale = Scale::of(self.trials.faces, &rows, features);
-        let matrix = scale.matrix(self.trials.faces, &rows);
-        let truth = self.trials.faces.truth(self.blendshape, &rows);
-        let model = with_response(kind, response, &matrix, &truth)
-            .with_context(|| format!("{} cannot be fitted to {}", kind.name, BLENDSHAPES[self.blendshape]))?;
-        Ok(Fitted { model, scale, blendshape: self.blendshape, faces: rows.len() })
+        let rows = sample(&self.trainings[training].0, faces);
+        let scale = Scale::of(self.faces, &rows, &ranked[..features.min(ranked.len())]);
+        let truth = self.faces.truth(blendshape, &rows);
+        let model = with_response(kind, response, &scale.matrix(self.faces, &rows), &truth)
+            .with_context(|| format!("{} cannot be fitted to {}", kind.name, BLENDSHAPES[blendshape]))?;
+        Ok(Fitted { model, scale, blendshape, faces: rows.len() })
     }
 }
 
-/// Returns at most `most` of the rows, always the same ones.
 fn sample(rows: &[usize], most: usize) -> Vec<usize> {
     let mut rows = rows.to_vec();
     if rows.len() > most {
@@ -198,7 +195,7 @@ impl Scale {
     }
 }
 
-struct Fitted {
+pub struct Fitted {
     model: Box<dyn Predictor>,
     scale: Scale,
     blendshape: usize,
@@ -206,7 +203,6 @@ struct Fitted {
 }
 
 impl Fitted {
-    /// Predicts the coefficients of some pictures, after the corrective terms.
     fn estimates(&self, faces: &Faces, rows: &[usize]) -> Vec<f64> {
         let terms = Correction::default().0[self.blendshape];
         let one = |row: &usize| {
@@ -236,16 +232,13 @@ impl Fitted {
 // leave. Plain correlation would select the same few points many times over.
 
 /// The smallest deviation, in eye distances, that a feature is scaled by.
-pub const LEAST_DEVIATION: f64 = 0.001;
+const LEAST_DEVIATION: f64 = 0.001;
 /// Noise assumed in each feature, relative to its variance. Without it, a feature that nearly repeats others could be
 /// selected for its tiny remainder.
 const NOISE: f64 = 0.003;
-/// Number of pictures whose products one thread adds up at a time.
 const BLOCK: usize = 2048;
 
-/// Sums and sums of products of the features and of the truth.
-/// Sums and sums of products of features, and of features with the truth.
-pub struct Moments {
+struct Moments {
     count: f64,
     sum: DVector<f64>,
     gram: DMatrix<f64>,
@@ -254,7 +247,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    pub fn of(faces: &Faces, rows: &[usize]) -> Self {
+    fn of(faces: &Faces, rows: &[usize]) -> Self {
         let part = |rows: &[usize]| {
             let columns = DMatrix::from_fn(FEATURES, rows.len(), |feature, row| faces.values(rows[row])[feature]);
             let truth = faces.truths(rows).rows(0, MODELLED).into_owned();
@@ -272,13 +265,13 @@ impl Moments {
         parts.iter().fold(Self::none(), Self::with)
     }
 
-    pub fn none() -> Self {
+    fn none() -> Self {
         let (sum, truth_sum) = (DVector::zeros(FEATURES), DVector::zeros(MODELLED));
         let (gram, cross) = (DMatrix::zeros(FEATURES, FEATURES), DMatrix::zeros(FEATURES, MODELLED));
         Self { count: 0.0, sum, gram, truth_sum, cross }
     }
 
-    pub fn with(mut self, other: &Self) -> Self {
+    fn with(mut self, other: &Self) -> Self {
         self.count += other.count;
         self.sum += &other.sum;
         self.gram += &other.gram;
@@ -287,7 +280,7 @@ impl Moments {
         self
     }
 
-    pub fn standardised(mut self) -> Ranking {
+    fn standardised(mut self) -> Ranking {
         let (mean, truth_mean) = (self.sum / self.count, self.truth_sum / self.count);
         self.gram /= self.count;
         self.gram.ger(-1.0, &mean, &mean, 1.0);
@@ -303,7 +296,7 @@ impl Moments {
     }
 }
 
-pub struct Ranking {
+struct Ranking {
     gram: DMatrix<f64>,
     cross: DMatrix<f64>,
 }
@@ -312,7 +305,7 @@ impl Ranking {
     /// Returns the `count` best features for a blendshape, by pivoted Cholesky decomposition. `rest` is the part of
     /// each feature's variance that the selected features do not explain, `covariance` the same of its covariance with
     /// the truth.
-    pub fn best(&self, blendshape: usize, count: usize) -> Vec<usize> {
+    fn best(&self, blendshape: usize, count: usize) -> Vec<usize> {
         let mut rest = self.gram.diagonal().add_scalar(NOISE);
         let mut covariance = self.cross.column(blendshape).into_owned();
         let mut chosen: Vec<usize> = Vec::new();
@@ -335,10 +328,10 @@ impl Ranking {
     }
 }
 
-/// The name of this kind.
 pub const HIDDEN_LAYER: &str = "hidden-layer";
 
-/// Trains the network on every fold and returns one trial per blendshape, in their order.
+/// Trains the network on every fold and returns one trial per blendshape, in their order. Each has an even share of the
+/// network's cost.
 pub fn hidden_layer_trials(samples: &[Sample], faces: &Faces, split: &Split, epochs: usize) -> Result<Vec<Trial>> {
     let mut estimated = vec![vec![0.0; samples.len()]; MODELLED];
     for fold in 0..split.folds {
@@ -352,49 +345,20 @@ pub fn hidden_layer_trials(samples: &[Sample], faces: &Faces, split: &Split, epo
     eprintln!("hidden layer on all seen pictures");
     let file = train_on(samples, &split.seen, epochs)?;
     let model = file.to_model()?;
-    let cost = Cost {
-        bytes: model.size_bytes() / COEFFS,
-        nanoseconds: regression_ns(&model, faces, &split.held_out)? / COEFFS as f64,
-        features: file.inputs.len(),
-    };
+    let bytes = model.size_bytes() / COEFFS;
+    let nanoseconds = regression_ns(&model, faces, &split.held_out)? / COEFFS as f64;
     let predictions = estimates(&model, faces, &split.held_out)?;
-    let all = estimated.iter().zip(predictions).enumerate();
-    Ok(all.map(|(blendshape, (seen, held_out))| trial(faces, split, &cost, (blendshape, seen, held_out))).collect())
-}
-
-/// The cost per blendshape: an even share of the whole network's.
-struct Cost {
-    bytes: usize,
-    nanoseconds: f64,
-    features: usize,
+    let trial = |(blendshape, (seen, held_out)): (usize, (&Vec<f64>, Vec<f64>))| {
+        let trial = Trial::judged(faces, split, blendshape, seen, held_out);
+        Trial { bytes, nanoseconds, features: file.inputs.len(), ..trial }
+    };
+    Ok(estimated.iter().zip(predictions).enumerate().map(trial).collect())
 }
 
 fn train_on(samples: &[Sample], rows: &[usize], epochs: usize) -> Result<ModelFile> {
     let own: Vec<Sample> = rows.iter().map(|row| samples[*row].clone()).collect();
     let file = ModelFile::new(String::new(), String::new());
     train::fit(&Design::new(&with_mirrored(&own)?)?, epochs, file)
-}
-
-fn trial(faces: &Faces, split: &Split, cost: &Cost, fitted: (usize, &Vec<f64>, Vec<f64>)) -> Trial {
-    let (blendshape, estimated, predictions) = fitted;
-    let seen = split.seen.iter().zip(faces.truth(blendshape, &split.seen));
-    let errors: Vec<f64> = seen.map(|(row, truth)| (estimated[*row] - truth).powi(2)).collect();
-    let truth = faces.truth(blendshape, &split.held_out);
-    Trial {
-        kind: HIDDEN_LAYER,
-        response: Response::Plain,
-        form: Form::HiddenLayer,
-        validation: split.mean_error(&errors),
-        r: pearson(&predictions, &truth),
-        mse: mse(&predictions, &truth),
-        bytes: cost.bytes,
-        nanoseconds: cost.nanoseconds,
-        weights: MAX_HIDDEN,
-        faces: split.seen.len(),
-        features: cost.features,
-        predictions,
-        formula: None,
-    }
 }
 
 #[cfg(test)]

@@ -1,24 +1,20 @@
 //! Aligns two recordings in time: the truth is interpolated at the times of the track.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use csv::StringRecord;
 use facewire_face::BLENDSHAPES;
 
 use crate::curves::MOVING;
-use crate::recording::Recording;
+use crate::recording::{CsvTable, Recording};
 use crate::statistics::{Event, mean, pearson, standard_deviation};
 
 /// Tolerance at the ends of a recording, because files round their times.
 const SLACK_S: f64 = 0.001;
 /// Recordings count as different in length if they differ by more than this many frames.
 const LENGTH_FRAMES: f64 = 1.5;
-/// Range of the search for the best shift.
 const SEARCH_S: f64 = 2.0;
-/// Fewest common rows that can be judged.
 const LEAST_ROWS: usize = 10;
 
 #[derive(Debug, Clone, PartialEq)]
@@ -98,35 +94,29 @@ pub fn best(track: &Recording, truth: &Recording) -> Result<Aligned> {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Annotations(BTreeMap<&'static str, Vec<Event>>);
 
-#[derive(Debug, Clone, Copy)]
-struct Times {
-    column: usize,
-    per_second: f64,
-}
-
 impl Annotations {
     /// Reads a CSV file with the columns `blendshape` and `time_s` or `frame`, and maybe `end_s` or `end_frame`.
     pub fn load(path: &Path, fps: f64) -> Result<Self> {
-        let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Self::read(file, fps).with_context(|| format!("{}", path.display()))
+        Self::of(&CsvTable::load(path)?, fps).with_context(|| path.display().to_string())
     }
 
-    fn read(input: impl std::io::Read, fps: f64) -> Result<Self> {
-        let mut reader = csv::Reader::from_reader(input);
-        let header = reader.headers().context("is not a CSV file")?.clone();
-        let names = position(&header, "blendshape").context("has no column blendshape")?;
-        let begin = Times::of(&header, ["time_s", "frame"], fps).context("has no column time_s or frame")?;
-        let finish = Times::of(&header, ["end_s", "end_frame"], fps);
+    fn of(table: &CsvTable, fps: f64) -> Result<Self> {
+        let names = table.column("blendshape").context("has no column blendshape")?;
+        let times = |seconds: &str, frames: &str| {
+            let column = table.column(seconds).map(|column| (column, 1.0));
+            column.or_else(|| table.column(frames).map(|column| (column, fps)))
+        };
+        let begin = times("time_s", "frame").context("has no column time_s or frame")?;
+        let finish = times("end_s", "end_frame");
         let mut events: BTreeMap<_, Vec<Event>> = BTreeMap::new();
-        for (line, record) in (2..).zip(reader.records()) {
-            let record = record.context("is not a CSV file")?;
-            let cell = record.get(names).unwrap_or_default().trim();
+        for row in 0..table.rows.len() {
+            let cell = table.cell(row, names);
             let known = BLENDSHAPES.into_iter().find(|name| name.eq_ignore_ascii_case(cell));
-            let name = known.with_context(|| format!("line {line}: `{cell}` is not a blendshape"))?;
-            let time = |times: Times| times.seconds(&record).with_context(|| format!("line {line}"));
-            let start_s = time(begin)?;
-            let end_s = finish.filter(|column| !column.is_blank(&record)).map_or(Ok(start_s), time)?;
-            ensure!(end_s >= start_s, "line {line}: the event ends before it begins");
+            let name = known.with_context(|| format!("line {}: `{cell}` is not a blendshape", row + 2))?;
+            let time_s = |(column, per_second)| Ok::<_, anyhow::Error>(table.number(row, column)? / per_second);
+            let start_s = time_s(begin)?;
+            let end_s = finish.filter(|end| !table.cell(row, end.0).is_empty()).map_or(Ok(start_s), time_s)?;
+            ensure!(end_s >= start_s, "line {}: the event ends before it begins", row + 2);
             events.entry(name).or_default().push(Event { start_s, end_s });
         }
         ensure!(!events.is_empty(), "has no events");
@@ -134,32 +124,8 @@ impl Annotations {
     }
 
     /// Returns the events of a blendshape, or `None` if the blendshape was not annotated.
-    pub fn of(&self, blendshape: &str) -> Option<&[Event]> {
+    pub fn of_blendshape(&self, blendshape: &str) -> Option<&[Event]> {
         self.0.get(blendshape).map(Vec::as_slice)
-    }
-}
-
-fn position(header: &StringRecord, name: &str) -> Option<usize> {
-    header.iter().position(|cell| cell.trim() == name)
-}
-
-impl Times {
-    fn of(header: &StringRecord, [seconds, frames]: [&str; 2], fps: f64) -> Option<Self> {
-        let column = |name, per_second| position(header, name).map(|column| Self { column, per_second });
-        column(seconds, 1.0).or_else(|| column(frames, fps))
-    }
-
-    fn cell(self, record: &StringRecord) -> &str {
-        record.get(self.column).unwrap_or_default().trim()
-    }
-
-    fn is_blank(self, record: &StringRecord) -> bool {
-        self.cell(record).is_empty()
-    }
-
-    fn seconds(self, record: &StringRecord) -> Result<f64> {
-        let number = self.cell(record).parse().ok().filter(|number: &f64| number.is_finite());
-        Ok(number.with_context(|| format!("`{}` is not a number", self.cell(record)))? / self.per_second)
     }
 }
 
@@ -167,12 +133,15 @@ impl Times {
 mod tests {
     use super::*;
 
-    /// A `jawOpen` that oscillates and lags by `lag_s`.
+    fn recording(text: &str, fps: f64) -> Recording {
+        Recording::of(&CsvTable::read(text.as_bytes()).unwrap(), fps).unwrap()
+    }
+
     fn wave(fps: f64, length_s: f64, lag_s: f64) -> Recording {
         let times = (0..1000).map(|row| f64::from(row) / fps).take_while(|time| *time < length_s + 0.5 / fps);
         let value = |time: f64| ((time - lag_s) * 4.0).sin().mul_add(0.5, 0.5);
         let lines: Vec<String> = times.map(|time| format!("{time},{}\n", value(time))).collect();
-        Recording::read(format!("time_s,jawOpen\n{}", lines.concat()).as_bytes(), fps).unwrap()
+        recording(&format!("time_s,jawOpen\n{}", lines.concat()), fps)
     }
 
     #[test]
@@ -181,6 +150,8 @@ mod tests {
         assert_eq!(aligned.times_s.len(), 151);
         let worst = aligned.pairs[0].estimate.iter().zip(&aligned.pairs[0].truth).map(|(a, b)| (a - b).abs());
         assert!(worst.fold(0.0, f64::max) < 2e-4);
+        let refused = same_length(&wave(30.0, 5.0, 0.0), &wave(100.0, 4.0, 0.0)).expect_err("another length");
+        assert!(refused.to_string().contains("--overlap"), "{refused}");
     }
 
     #[test]
@@ -194,37 +165,32 @@ mod tests {
 
     #[test]
     fn blendshapes_that_only_one_file_has_are_named() {
-        let other = Recording::read("time_s,jawOpen,jawLeft\n0,0,0\n5,1,1\n".as_bytes(), 30.0).unwrap();
+        let other = recording("time_s,jawOpen,jawLeft\n0,0,0\n5,1,1\n", 30.0);
         let aligned = Aligned::new(&wave(30.0, 5.0, 0.0), &other, 0).unwrap();
         assert_eq!(aligned.unmatched, [vec![], vec!["jawLeft"]]);
-        let strange = Recording::read("time_s,jawLeft\n0,0\n5,1\n".as_bytes(), 30.0).unwrap();
+        let strange = recording("time_s,jawLeft\n0,0\n5,1\n", 30.0);
         assert!(Aligned::new(&wave(30.0, 5.0, 0.0), &strange, 0).is_err());
     }
 
     fn read(text: &str) -> Result<Annotations> {
-        Annotations::read(text.as_bytes(), 30.0)
+        Annotations::of(&CsvTable::read(text.as_bytes())?, 30.0)
     }
 
     #[test]
-    fn events_may_be_given_in_seconds_or_frames() {
+    fn events_may_be_given_in_seconds_or_frames_with_or_without_an_end() {
         let seconds = read("blendshape,time_s\njawOpen,0.5\nEyeBlinkLeft,2\njawOpen,1.5\n").unwrap();
-        assert_eq!(seconds.of("jawOpen"), Some(&[Event::at(0.5), Event::at(1.5)][..]));
-        assert_eq!(seconds.of("jawLeft"), None);
+        assert_eq!(seconds.of_blendshape("jawOpen"), Some(&[Event::at(0.5), Event::at(1.5)][..]));
+        assert_eq!(seconds.of_blendshape("jawLeft"), None);
         assert_eq!(read("frame,blendshape\n15,jawOpen\n60,eyeBlinkLeft\n45,jawOpen\n").unwrap(), seconds);
-    }
-
-    #[test]
-    fn an_event_may_have_an_end() {
-        let events = read("blendshape,frame,end_frame\njawOpen,15,60\njawOpen,90,\n").unwrap();
-        let wanted = [Event { start_s: 0.5, end_s: 2.0 }, Event::at(3.0)];
-        assert_eq!(events.of("jawOpen"), Some(&wanted[..]));
+        let ended = read("blendshape,frame,end_frame\njawOpen,15,60\njawOpen,90,\n").unwrap();
+        assert_eq!(ended.0["jawOpen"], [Event { start_s: 0.5, end_s: 2.0 }, Event::at(3.0)]);
     }
 
     #[test]
     fn errors_name_the_line() {
         let refusal = |text| format!("{:#}", read(text).unwrap_err());
         assert!(refusal("blendshape,time_s\njawOpen,1\njawOpened,2\n").contains("line 3: `jawOpened`"));
-        assert!(refusal("blendshape,time_s\njawOpen,soon\n").contains("line 2: `soon`"));
+        assert!(refusal("blendshape,time_s\njawOpen,soon\n").contains("line 2, column time_s: `soon`"));
         assert!(refusal("blendshape,time_s,end_s\njawOpen,2,1\n").contains("line 2: the event ends before"));
         assert!(refusal("blendshape,when\njawOpen,1\n").contains("time_s or frame"));
         assert!(refusal("blendshape,time_s\n").contains("no events"));

@@ -4,15 +4,15 @@
 use std::ops::AddAssign;
 
 use facewire_face::COEFFS;
+use nalgebra::{Vector2, Vector3, vector};
 use rayon::prelude::*;
 
 use crate::curves::MOVING;
 use crate::design::MODELLED;
-use crate::statistics::{ErrorParts, Interval, Moments, draw, jitter_at_rest, mean, standard_deviation};
+use crate::statistics::{Interval, Moments, draw, jitter_at_rest, mean, standard_deviation};
 
 /// A blendshape is at rest in the pictures in which its true coefficient is at most this, and moves in the others.
 const REST: f64 = 0.02;
-/// Fewest pictures for a correlation, gain or slope.
 const LEAST_PICTURES: f64 = 10.0;
 
 /// Which pictures count: all, those in which the blendshape is at rest, or those in which it moves.
@@ -26,28 +26,22 @@ pub enum Phase {
 impl Phase {
     pub const ALL: [Self; 3] = [Self::All, Self::AtRest, Self::Moving];
 
-    /// The name in files.
     pub fn name(self) -> &'static str {
         ["all", "at_rest", "moving"][self as usize]
     }
 
-    /// The name in tables.
-    pub fn title(self) -> &'static str {
-        ["all", "at rest", "moving"][self as usize]
+    pub fn title(self) -> String {
+        self.name().replace('_', " ")
     }
 }
 
-/// A figure of merit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Figure {
-    /// Pearson's correlation.
     R,
     Mse,
-    /// Mean error, estimate minus truth.
     Bias,
     /// Standard deviation of the estimates divided by that of the truth.
     Gain,
-    /// Slope of the straight line through the estimates over the truth.
     Slope,
     /// Part of the error that subtracting each person's mean error would remove.
     MseOfBias,
@@ -61,32 +55,30 @@ pub enum Figure {
 }
 
 impl Figure {
-    pub const ALL: [Self; 10] = [
-        Self::R,
-        Self::Mse,
-        Self::Bias,
-        Self::Gain,
-        Self::Slope,
-        Self::MseOfBias,
-        Self::MseOfGain,
-        Self::MseOfRest,
-        Self::Jitter,
-        Self::Resting,
+    /// The figures in order, with their names in files and their decimals.
+    const TABLE: [(Self, &str, usize); 10] = [
+        (Self::R, "r", 3),
+        (Self::Mse, "mse", 4),
+        (Self::Bias, "bias", 3),
+        (Self::Gain, "gain", 2),
+        (Self::Slope, "slope", 2),
+        (Self::MseOfBias, "mse_of_bias", 4),
+        (Self::MseOfGain, "mse_of_gain", 4),
+        (Self::MseOfRest, "mse_of_rest", 4),
+        (Self::Jitter, "jitter", 4),
+        (Self::Resting, "resting", 3),
     ];
 
-    /// The name in files.
+    pub fn all() -> [Self; Self::TABLE.len()] {
+        Self::TABLE.map(|(figure, ..)| figure)
+    }
+
     pub fn name(self) -> &'static str {
-        let names =
-            ["r", "mse", "bias", "gain", "slope", "mse_of_bias", "mse_of_gain", "mse_of_rest", "jitter", "resting"];
-        names[self as usize]
+        Self::TABLE[self as usize].1
     }
 
     pub fn decimals(self) -> usize {
-        match self {
-            Self::Gain | Self::Slope => 2,
-            Self::R | Self::Bias | Self::Resting => 3,
-            _ => 4,
-        }
+        Self::TABLE[self as usize].2
     }
 
     pub fn format(self, value: f64) -> String {
@@ -98,7 +90,7 @@ impl Figure {
     }
 }
 
-pub type Figures = [f64; Figure::ALL.len()];
+pub type Figures = [f64; Figure::TABLE.len()];
 type Phases<T> = [T; Phase::ALL.len()];
 
 /// The pictures or frames of one person, in order: for each the estimates and the truth of all blendshapes.
@@ -119,15 +111,14 @@ pub struct Person {
     pub averages: Phases<Figures>,
 }
 
-/// Sums over pictures. Sums of several people can be added.
 #[derive(Debug, Clone, Copy, Default)]
 struct ErrorSums {
     moments: Moments,
     /// The parts of each person's error, weighted by the number of pictures.
-    parts: ErrorParts,
-    jitter: [f64; 2],
+    parts: Vector3<f64>,
+    jitter: Vector2<f64>,
     /// Coefficients of faces that are at rest as a whole, and the number of these faces.
-    resting: [f64; 2],
+    resting: Vector2<f64>,
 }
 
 impl Person {
@@ -142,7 +133,7 @@ impl Person {
             let moves = sums.iter().map(|sums| sums[Phase::All as usize].moves());
             let moving = mean_of(&all().zip(moves).filter(|(_, moves)| *moves).map(|(own, _)| own));
             let shown = mean_of(&all());
-            Figure::ALL.map(|figure| match figure {
+            Figure::all().map(|figure| match figure {
                 Figure::Jitter | Figure::Resting => shown[figure as usize],
                 _ => moving[figure as usize],
             })
@@ -154,7 +145,6 @@ impl Person {
         &self.figures[blendshape][phase as usize]
     }
 
-    /// Returns whether a blendshape moves enough for a correlation.
     pub fn moves(&self, blendshape: usize) -> bool {
         self.sums[blendshape][Phase::All as usize].moves()
     }
@@ -169,18 +159,17 @@ fn error_sums(faces: &SolvedFaces, blendshape: usize, resting: &[bool], is_film:
             let sums = &mut phases[phase as usize];
             sums.moments.add(estimate, truth);
             if *rests {
-                sums.resting = [sums.resting[0] + estimate.abs(), sums.resting[1] + 1.0];
+                sums.resting += vector![estimate.abs(), 1.0];
             }
         }
     }
     if is_film {
         let (estimates, truths): (Vec<f64>, Vec<f64>) = pairs.unzip();
-        let jitter = jitter_at_rest(&estimates, &truths).map_or([0.0; 2], |jitter| [jitter, 1.0]);
+        let jitter = jitter_at_rest(&estimates, &truths).map_or(Vector2::zeros(), |jitter| vector![jitter, 1.0]);
         phases[Phase::All as usize].jitter = jitter;
     }
     for sums in phases.iter_mut().filter(|sums| sums.moments.count() > 0.0) {
-        let (ErrorParts { bias, gain, rest }, count) = (sums.moments.error_parts(), sums.moments.count());
-        sums.parts = ErrorParts { bias: count * bias, gain: count * gain, rest: count * rest };
+        sums.parts = sums.moments.count() * sums.moments.error_parts();
     }
     phases
 }
@@ -193,16 +182,16 @@ impl ErrorSums {
     fn figures(&self) -> Figures {
         let (moments, count) = (&self.moments, self.moments.count());
         let shows_motion = self.moves() && count >= LEAST_PICTURES;
-        Figure::ALL.map(|figure| match figure {
+        Figure::all().map(|figure| match figure {
             Figure::R | Figure::Gain | Figure::Slope if !shows_motion => f64::NAN,
             Figure::R => moments.pearson(),
             Figure::Mse => moments.mse(),
             Figure::Bias => moments.bias(),
             Figure::Gain => moments.gain(),
             Figure::Slope => moments.slope(),
-            Figure::MseOfBias => self.parts.bias / count,
-            Figure::MseOfGain => self.parts.gain / count,
-            Figure::MseOfRest => self.parts.rest / count,
+            Figure::MseOfBias => self.parts[0] / count,
+            Figure::MseOfGain => self.parts[1] / count,
+            Figure::MseOfRest => self.parts[2] / count,
             Figure::Jitter => self.jitter[0] / self.jitter[1],
             Figure::Resting => self.resting[0] / self.resting[1],
         })
@@ -212,15 +201,12 @@ impl ErrorSums {
 impl AddAssign<&ErrorSums> for ErrorSums {
     fn add_assign(&mut self, other: &Self) {
         self.moments += other.moments;
-        self.parts.bias += other.parts.bias;
-        self.parts.gain += other.parts.gain;
-        self.parts.rest += other.parts.rest;
-        self.jitter = [self.jitter[0] + other.jitter[0], self.jitter[1] + other.jitter[1]];
-        self.resting = [self.resting[0] + other.resting[0], self.resting[1] + other.resting[1]];
+        self.parts += other.parts;
+        self.jitter += other.jitter;
+        self.resting += other.resting;
     }
 }
 
-/// Returns the mean of each figure over those that are defined.
 fn mean_of(figures: &(impl Iterator<Item = Figures> + Clone)) -> Figures {
     core::array::from_fn(|index| {
         let values: Vec<f64> = figures.clone().map(|own| own[index]).filter(|value| value.is_finite()).collect();
@@ -228,7 +214,6 @@ fn mean_of(figures: &(impl Iterator<Item = Figures> + Clone)) -> Figures {
     })
 }
 
-/// A row of a judgement's tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Row {
     Blendshape(usize),
@@ -240,7 +225,6 @@ pub enum Row {
 }
 
 impl Row {
-    /// All rows in the order in which they are shown.
     pub fn all() -> impl Iterator<Item = Self> {
         (0..COEFFS).map(Self::Blendshape).chain([Self::Blendshapes, Self::People])
     }
@@ -299,7 +283,6 @@ impl Judgement {
         self.people.iter().map(|person| person.sums[0][Phase::All as usize].moments.count()).sum()
     }
 
-    /// Returns whether a row's truth moves.
     pub fn moves(&self, row: Row) -> bool {
         !self.get(row, Phase::All, Figure::R).is_nan()
     }
@@ -355,6 +338,8 @@ mod tests {
         let both = judged(&[-0.1, 0.1]);
         let near = |figure, value: f64| (both.get(Row::Blendshape(0), Phase::All, figure) - value).abs() < 1e-9;
         assert!(near(Figure::Bias, 0.0) && near(Figure::MseOfBias, 0.01) && near(Figure::Mse, 0.01));
+        let [mean, deviation] = both.spread(3, Phase::All, Figure::Bias);
+        assert!(mean.abs() < 1e-9 && (deviation - 0.02_f64.sqrt()).abs() < 1e-9, "over the people");
     }
 
     #[test]
@@ -378,13 +363,5 @@ mod tests {
         let [many, few] =
             [&many, &few].map(|judged| judged.interval(Row::People, Phase::All, Figure::Bias).half_width());
         assert!(few > 2.0 * many, "{few} {many}");
-    }
-
-    #[test]
-    fn spread_is_that_of_the_people() {
-        let judged = judged(&[0.1, 0.3]);
-        let [mean, deviation] = judged.spread(3, Phase::All, Figure::Bias);
-        assert!((mean - 0.2).abs() < 1e-9 && (deviation - 0.02_f64.sqrt()).abs() < 1e-9);
-        assert!((judged.pictures() - 120.0).abs() < 1e-9);
     }
 }

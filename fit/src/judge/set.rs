@@ -10,14 +10,14 @@ use anyhow::{Context, Result, ensure};
 use facewire::capture::{AviSource, FrameRate};
 use facewire::config::Settings;
 use facewire::pipeline::Pipeline;
-use facewire::playback::{Face, Playback, Shown, neutral_of};
+use facewire::playback::{Face, Playback, neutral_of};
 use facewire::preflight::{load_tracker, shaping};
-use facewire_face::{COEFFS, Model, Neutral, Profile, Solver};
+use facewire_face::{COEFFS, Model, Neutral, NeutralMode, Profile, Solver};
 use rayon::prelude::*;
 
 use super::figures::{Person, SolvedFaces};
 use super::{Faces, estimates, pose_error_deg};
-use crate::curves::Truth;
+use crate::curves::{Parts, Truth};
 use crate::dataset::{self, Appearances, Sample};
 
 pub struct Set {
@@ -28,33 +28,27 @@ pub struct Set {
 enum Content {
     /// Single pictures of each person, and the look of the faces if that is known.
     Pictures(Vec<Sample>, Option<Appearances>),
-    Clips(Vec<Clip>),
+    /// Clips with the neutral face of each person, and the number of frames from which it was taken.
+    Clips(Vec<(Clip, Neutral)>, u64),
 }
 
 /// Results of the regression with the truth: for each picture of a person a pair of all blendshapes.
 pub type RawFaces = Vec<([f32; COEFFS], [f64; COEFFS])>;
 
-/// Which part of a set counts, and where its neutral faces are.
-#[derive(Debug, Clone, Copy)]
-pub struct SetOptions {
-    /// Judge on all subjects of a dataset, not only the held-out ones.
-    pub all_subjects: bool,
-    /// Number of frames at the start of each clip in which the face is at rest.
-    pub neutral_frames: u32,
-}
-
 impl Set {
-    pub fn load(path: &Path, options: SetOptions) -> Result<Self> {
-        let name = path.display().to_string();
+    /// Loads a dataset, of which only the held-out subjects count unless `all_subjects`, or a folder of clips, which begin
+    /// with `neutral_frames` at rest.
+    pub fn load(path: &Path, all_subjects: bool, neutral_frames: u32) -> Result<Self> {
+        let (name, neutral_frames) = (path.display().to_string(), neutral_frames.into());
         if path.is_dir() {
-            return Ok(Self {
-                name,
-                content: Content::Clips(load_each(path, |film| Clip::load(film, options.neutral_frames))?),
-            });
+            let clips = Clip::load_all(path, false)?;
+            let neutrals = clips.iter().map(|clip| clip.neutral(neutral_frames)).collect::<Result<Vec<_>>>()?;
+            let clips = clips.into_iter().zip(neutrals).collect();
+            return Ok(Self { name, content: Content::Clips(clips, neutral_frames) });
         }
         let samples = dataset::load(path)?;
         let appearances = dataset::load_appearances(&[path], samples.len())?;
-        Self::of(name, samples, appearances, options.all_subjects)
+        Self::of(name, samples, appearances, all_subjects)
     }
 
     pub fn of(
@@ -78,15 +72,22 @@ impl Set {
                 let faces = Faces::new(samples, neutral_known)?.with_appearances(appearances.as_ref());
                 models.iter().map(|model| people_of(model, samples, &faces)).collect()
             }
-            Content::Clips(clips) => {
-                let solve = |model: &&Model| clips.par_iter().map(|clip| clip.person(model, neutral_known)).collect();
-                Ok(models.iter().map(solve).collect())
+            Content::Clips(clips, neutral_frames) => {
+                let person = |model: &Model, (clip, neutral): &(Clip, Neutral)| {
+                    let mut playback = playback(model, profile(neutral, neutral_known), NeutralMode::Off);
+                    let shown = clip.faces.iter().map(|face| playback.show(face).pose.coefficients.map(f64::from));
+                    let estimates = shown.collect();
+                    let is_neutral = clip.faces.iter().map(|face| face.number < *neutral_frames).collect();
+                    let faces = SolvedFaces { estimates, truths: clip.truth.coefficients.clone(), is_neutral };
+                    Person::new(clip.name.clone(), &faces, true)
+                };
+                Ok(models.iter().map(|model| clips.par_iter().map(|clip| person(model, clip)).collect()).collect())
             }
         }
     }
 
     /// Returns the results of the regression with the truth, person by person, relative to the neutral face if
-    /// `neutral_known`.
+    /// `neutral_known`. Frames without a face are left out.
     pub fn raw(&self, model: &Model, neutral_known: bool) -> Result<Vec<RawFaces>> {
         match &self.content {
             Content::Pictures(samples, appearances) => {
@@ -97,7 +98,14 @@ impl Set {
                 }
                 Ok(people.into_values().collect())
             }
-            Content::Clips(clips) => Ok(clips.par_iter().map(|clip| clip.raw(model, neutral_known)).collect()),
+            Content::Clips(clips, _) => {
+                let raw = |(clip, neutral): &(Clip, Neutral)| {
+                    let mut playback = playback(model, profile(neutral, neutral_known), NeutralMode::Off);
+                    let pairs = clip.faces.iter().map(|face| playback.show(face)).zip(&clip.truth.coefficients);
+                    pairs.filter_map(|(shown, truth)| Some((shown.solution?.raw.0, *truth))).collect()
+                };
+                Ok(clips.par_iter().map(raw).collect())
+            }
         }
     }
 
@@ -109,12 +117,17 @@ impl Set {
                 let [yaw, pitch, roll] = pose_error_deg(samples)?;
                 Ok(format!("head pose, mean error: yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} degrees"))
             }
-            Content::Clips(clips) => {
-                let [all, faceless] = clips.iter().map(Clip::frames).fold([0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-                Ok(format!("no face was found in {faceless} of {all} frames"))
+            Content::Clips(clips, _) => {
+                let frames = || clips.iter().flat_map(|(clip, _)| &clip.faces);
+                let faceless = frames().filter(|face| face.landmarks.is_none()).count();
+                Ok(format!("no face was found in {faceless} of {} frames", frames().count()))
             }
         }
     }
+}
+
+fn profile(neutral: &Neutral, is_known: bool) -> Profile {
+    Profile { neutral: is_known.then(|| neutral.clone()), ..Profile::default() }
 }
 
 fn people_of(model: &Model, samples: &[Sample], faces: &Faces) -> Result<Vec<Person>> {
@@ -129,85 +142,49 @@ fn people_of(model: &Model, samples: &[Sample], faces: &Faces) -> Result<Vec<Per
     Ok(people.iter().map(|(subject, faces)| Person::new(subject.to_string(), faces, false)).collect())
 }
 
-struct Clip {
-    name: String,
-    faces: Vec<Face>,
-    truth: Truth,
-    neutral: Neutral,
-    neutral_frames: u32,
-}
-
-/// Loads every film of a folder, in parallel, in the order of their names.
-pub fn load_each<T: Send>(folder: &Path, load: impl Fn(&Path) -> Result<T> + Sync) -> Result<Vec<T>> {
-    let films = films(folder)?;
-    let done = AtomicUsize::new(0);
-    let load = |film: &PathBuf| -> Result<T> {
-        let clip = load(film).with_context(|| format!("{}", film.display()))?;
-        eprintln!(
-            "{}: tracked {} of {} clips",
-            folder.display(),
-            done.fetch_add(1, Ordering::Relaxed) + 1,
-            films.len()
-        );
-        Ok(clip)
-    };
-    films.par_iter().map(load).collect()
-}
-
-/// Returns the films of a folder in the order of their names.
-fn films(folder: &Path) -> Result<Vec<PathBuf>> {
-    let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
-    let paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
-    let mut films: Vec<PathBuf> =
-        paths.into_iter().filter(|path| path.extension().is_some_and(|end| end == "avi")).collect();
-    films.sort();
-    ensure!(!films.is_empty(), "{} has no .avi files: make them with `facewire-fit film`", folder.display());
-    Ok(films)
+/// A clip of one person with its truth, tracked as `facewire track` does.
+pub struct Clip {
+    pub name: String,
+    pub faces: Vec<Face>,
+    pub truth: Truth,
+    pub parts: Parts,
 }
 
 impl Clip {
-    fn load(film: &Path, neutral_frames: u32) -> Result<Self> {
+    /// Loads every clip of a folder, in parallel, in the order of their names.
+    pub fn load_all(folder: &Path, has_parts: bool) -> Result<Vec<Self>> {
+        let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
+        let mut films = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+        films.retain(|path| path.extension().is_some_and(|end| end == "avi"));
+        films.sort();
+        ensure!(!films.is_empty(), "{} has no .avi files: make them with `facewire-fit film`", folder.display());
+        let done = AtomicUsize::new(0);
+        let load = |film: &PathBuf| -> Result<Self> {
+            let clip = Self::load(film, has_parts).with_context(|| film.display().to_string())?;
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            eprintln!("{}: tracked {done} of {} clips", folder.display(), films.len());
+            Ok(clip)
+        };
+        films.par_iter().map(load).collect()
+    }
+
+    fn load(film: &Path, has_parts: bool) -> Result<Self> {
         let csv = film.with_extension("csv");
         let truth = Truth::load(&csv)?;
+        let parts = if has_parts { Parts::load(&film.with_extension("parts.csv"))? } else { Parts::default() };
         let faces = track(film)?;
         truth.fits(&csv, faces.len())?;
-        let neutral = neutral_of(&faces, &(0..neutral_frames.into())).context("no neutral face in the first frames")?;
         let name = film.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { name, faces, truth, neutral, neutral_frames })
+        Ok(Self { name, faces, truth, parts })
     }
 
-    /// Solves every frame, relative to the neutral face if `neutral_known`.
-    fn person(&self, model: &Model, neutral_known: bool) -> Person {
-        let shown = self.shown(model, neutral_known);
-        let faces = SolvedFaces {
-            estimates: shown.map(|shown| shown.pose.coefficients.map(f64::from)).collect(),
-            truths: self.truth.coefficients.clone(),
-            is_neutral: self.faces.iter().map(|face| face.number < self.neutral_frames.into()).collect(),
-        };
-        Person::new(self.name.clone(), &faces, true)
-    }
-
-    /// Returns the results of the regression with the truth, for every frame with a face.
-    fn raw(&self, model: &Model, neutral_known: bool) -> RawFaces {
-        let pairs = self.shown(model, neutral_known).zip(&self.truth.coefficients);
-        pairs.filter_map(|(shown, truth)| Some((shown.solution?.raw.0, *truth))).collect()
-    }
-
-    fn shown(&self, model: &Model, neutral_known: bool) -> impl Iterator<Item = Shown> {
-        let settings = Settings::default();
-        let profile = Profile { neutral: neutral_known.then(|| self.neutral.clone()), ..Profile::default() };
-        let solver = Solver::new(model.clone(), profile, shaping(&settings));
-        let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
-        let mut playback = Playback::new(pipeline, &settings.failsafe);
-        self.faces.iter().map(move |face| playback.show(face))
-    }
-
-    fn frames(&self) -> [usize; 2] {
-        [self.faces.len(), self.faces.iter().filter(|face| face.landmarks.is_none()).count()]
+    pub fn neutral(&self, frames: u64) -> Result<Neutral> {
+        neutral_of(&self.faces, &(0..frames))
+            .with_context(|| format!("{}: no neutral face in the first frames", self.name))
     }
 }
 
-pub fn track(film: &Path) -> Result<Vec<Face>> {
+fn track(film: &Path) -> Result<Vec<Face>> {
     let settings = Settings::default();
     let path = film.to_str().context("the path is not UTF-8")?;
     let mut source = AviSource::open(BufReader::new(File::open(film)?), path, FrameRate::FPS_30)?;
@@ -218,6 +195,13 @@ pub fn track(film: &Path) -> Result<Vec<Face>> {
     std::iter::from_fn(|| playback.find(&mut source).transpose()).map(|face| Ok(face?)).collect()
 }
 
+pub fn playback(model: &Model, profile: Profile, neutral_mode: NeutralMode) -> Playback {
+    let settings = Settings::default();
+    let mut solver = Solver::new(model.clone(), profile, shaping(&settings));
+    solver.neutral_mode = neutral_mode;
+    Playback::new(Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg), &settings.failsafe)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -226,7 +210,7 @@ mod tests {
     fn a_folder_without_films_is_refused_with_the_remedy() {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("01.csv"), "").expect("written");
-        let refusal = load_each(folder.path(), |_| Ok(())).expect_err("refused").to_string();
+        let refusal = Clip::load_all(folder.path(), false).err().expect("refused").to_string();
         assert!(refusal.contains("no .avi files") && refusal.contains("facewire-fit film"), "{refusal}");
     }
 }

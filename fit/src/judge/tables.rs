@@ -6,23 +6,20 @@ use facewire_face::BLENDSHAPES;
 use maud::{Markup, html};
 use serde_json::{Map, Value, json};
 
-use super::command::{Judged, NEUTRAL, Rivals};
 use super::figures::{Figure, Figures, Judgement, Person, Phase, Row};
-use crate::drawing::{Axes, Axis, BLUE_INK, scatter};
+use super::{Judged, NEUTRAL, Rivals};
+use crate::drawing::{Axis, BLUE_INK, scatter};
 use crate::output::{Cell, Table, figure, guide, number};
 use crate::statistics::Interval;
 
-/// People are listed one by one if they are no more than this.
 const LISTED_PEOPLE: usize = 50;
 /// The figures that tables show of every phase, and those that are compared for every row.
 const MAIN: [Figure; 5] = [Figure::R, Figure::Mse, Figure::Bias, Figure::Gain, Figure::Slope];
 const COMPARED: [Figure; 2] = [Figure::R, Figure::Mse];
 const MEANS: [Row; 2] = [Row::Blendshapes, Row::People];
-/// Width of a drawn interval, and distance of its ends from the edges.
 const BAR_PX: f64 = 80.0;
 const MARGIN_PX: f64 = 6.0;
 
-/// Returns all tables of one set as text.
 pub fn text(judged: &Judged) -> Result<String> {
     let mut text = String::new();
     for (Rivals { model, against }, neutral) in judged.neutral.iter().zip(NEUTRAL) {
@@ -34,7 +31,7 @@ pub fn text(judged: &Judged) -> Result<String> {
         }
         if let Some(other) = against {
             let pair = Pair { model, other };
-            let rows = Row::all().map(|row| (name(row, model), COMPARED.map(|figure| (pair, row, Phase::All, figure))));
+            let rows = Row::all().map(|row| (name(row, model), pair, row, Phase::All, COMPARED));
             add("compared with the other model", comparison("blendshape", &["r", "MSE"], rows));
         }
     }
@@ -103,7 +100,6 @@ fn people(judgement: &Judgement) -> Table {
     Table::new(heads, judgement.people.iter().map(row))
 }
 
-/// Returns the means with their intervals, and the parts of the error.
 fn summary(judged: &Judged) -> Table {
     let row = |judgement: &Judgement, state: &str, row: Row, phase: Phase| {
         [format!("{state}, {}, {}", name(row, judgement), phase.title())]
@@ -120,10 +116,8 @@ fn summary(judged: &Judged) -> Table {
     Table::new(heads, rows)
 }
 
-/// The titles of [`with_intervals`].
 pub const WITH_INTERVALS: [&str; 8] = ["r", "95 %", "MSE", "95 %", "= bias", "+ gain", "+ rest", "bias"];
 
-/// Returns correlation and error of a row with their intervals, the parts of the error, and the bias.
 pub fn with_intervals(judgement: &Judgement, row: Row, phase: Phase) -> impl Iterator<Item = String> {
     let value = |figure: Figure| figure.format(judgement.get(row, phase, figure));
     let pairs = COMPARED.map(|figure| {
@@ -155,27 +149,29 @@ struct Pair<'a> {
     other: &'a Judgement,
 }
 
-type Compared<'a> = (Pair<'a>, Row, Phase, Figure);
+type Compared<'a, const N: usize> = (String, Pair<'a>, Row, Phase, [Figure; N]);
 
 /// Returns a table of named rows with the figures of both models in columns with `titles`, and their differences. A
 /// difference whose interval excludes 0 is marked; on a page its interval is drawn to the scale of its column.
 fn comparison<'a, const N: usize>(
     first: &str,
     titles: &[&str; N],
-    rows: impl Iterator<Item = (String, [Compared<'a>; N])>,
+    rows: impl Iterator<Item = Compared<'a, N>>,
 ) -> Table {
     let heads = titles.iter().flat_map(|title| [title, "other", "difference", "95 %", ""]);
-    let compare = |(pair, row, phase, figure): &Compared| pair.model.difference(pair.other, *row, *phase, *figure);
-    let rows: Vec<_> = rows.map(|(name, compared)| (name, compared, compared.each_ref().map(compare))).collect();
+    let compare = |own: Compared<'a, N>| {
+        let (_, pair, row, phase, figures) = &own;
+        let found = figures.map(|figure| pair.model.difference(pair.other, *row, *phase, figure));
+        (own, found)
+    };
+    let rows: Vec<_> = rows.map(compare).collect();
     let reach = core::array::from_fn::<f64, N, _>(|column| {
-        let ends = rows.iter().flat_map(|(_, _, found)| [found[column].1.low, found[column].1.high]);
+        let ends = rows.iter().flat_map(|(_, found)| [found[column].1.low, found[column].1.high]);
         ends.filter(|end| end.is_finite()).map(f64::abs).fold(f64::MIN_POSITIVE, f64::max)
     });
-    let cells = |(name, compared, found): &(String, [Compared; N], [(f64, Interval); N])| {
+    let cells = |((name, pair, row, phase, figures), found): &(Compared<N>, [(f64, Interval); N])| {
         let mut cells = vec![Cell::from(name.as_str())];
-        for ((pair, row, phase, figure), ((difference, interval), reach)) in
-            compared.iter().zip(found.iter().zip(reach))
-        {
+        for (figure, ((difference, interval), reach)) in figures.iter().zip(found.iter().zip(reach)) {
             let own = [pair.model, pair.other].map(|judgement| figure.format(judgement.get(*row, *phase, *figure)));
             cells.extend(own.map(Cell::from));
             cells.push(figure.signed(*difference).into());
@@ -210,7 +206,6 @@ fn bar(value: f64, interval: Interval, reach: f64, verdict: &str) -> Markup {
     }
 }
 
-/// Returns the titles of the sections of a page that compares two models, and the page.
 pub fn page(judged: &[Judged], names: &[String; 2]) -> Result<(Vec<String>, Markup)> {
     let mut pairs = Vec::new();
     for one in judged {
@@ -220,9 +215,7 @@ pub fn page(judged: &[Judged], names: &[String; 2]) -> Result<(Vec<String>, Mark
         }
     }
     let means = pairs.iter().flat_map(|(title, pair)| {
-        MEANS.map(|row| {
-            (format!("{title}, {}", name(row, pair.model)), COMPARED.map(|own| (*pair, row, Phase::All, own)))
-        })
+        MEANS.map(|row| (format!("{title}, {}", name(row, pair.model)), *pair, row, Phase::All, COMPARED))
     });
     let overview = comparison("set", &["r", "MSE"], means).html();
     let sections = pairs.iter().map(|(title, pair)| pair.section(title)).collect::<Result<Vec<_>>>()?;
@@ -267,9 +260,8 @@ impl Pair<'_> {
     fn section(self, title: &str) -> Result<Markup> {
         let model = self.model;
         let means = MEANS.iter().flat_map(|row| {
-            Phase::ALL.map(|phase| {
-                (format!("{}, {}", name(*row, model), phase.title()), COMPARED.map(|own| (self, *row, phase, own)))
-            })
+            let title = |phase: Phase| format!("{}, {}", name(*row, model), phase.title());
+            Phase::ALL.map(|phase| (title(phase), self, *row, phase, COMPARED))
         });
         let parts = [
             (Figure::MseOfBias, "MSE: bias"),
@@ -281,10 +273,10 @@ impl Pair<'_> {
         let parts = MEANS.iter().flat_map(|row| parts.map(|(own, title)| (*row, own, title)));
         let parts = parts.filter(|(row, own, _)| model.get(*row, Phase::All, *own).is_finite());
         let parts =
-            parts.map(|(row, own, title)| (format!("{}, {title}", name(row, model)), [(self, row, Phase::All, own)]));
+            parts.map(|(row, own, title)| (format!("{}, {title}", name(row, model)), self, row, Phase::All, [own]));
         let shown = |phase: Phase, figures: [Figure; 2]| {
             let rows = Row::all().filter(|row| model.moves(*row));
-            rows.map(move |row| (name(row, model), figures.map(|own| (self, row, phase, own))))
+            rows.map(move |row| (name(row, model), self, row, phase, figures))
         };
         let charts = [(Figure::R, ["r, other model", "r, model"]), (Figure::Mse, ["MSE, other model", "MSE, model"])];
         let charts = charts.map(|(own, axes)| Ok::<_, anyhow::Error>((self.people_chart(own, axes)?, axes[0])));
@@ -319,8 +311,8 @@ impl Pair<'_> {
         let values = || points.iter().flat_map(|point| [point.0, point.1]).filter(|value| value.is_finite());
         let [least, most] = [values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max)];
         let range = if least < most { [least, most] } else { [0.0, 1.0] };
-        let axes = Axes { x: Axis::linear(x, range), y: Axis::linear(y, range) };
-        scatter(&[(&points, BLUE_INK)], axes, &[[(range[0], range[0]), (range[1], range[1])]])
+        let axes = [Axis::linear(x, range), Axis::linear(y, range)];
+        scatter(&[(&points, BLUE_INK)], &axes, &[[(range[0], range[0]), (range[1], range[1])]])
     }
 
     fn people_table(self) -> Table {
@@ -356,7 +348,7 @@ pub fn json(judged: &[Judged]) -> Value {
 }
 
 fn by_phase(value: impl Fn(Phase, Figure) -> Value) -> Map<String, Value> {
-    let figures = |phase| Figure::ALL.map(|figure| (figure.name().to_owned(), value(phase, figure)));
+    let figures = |phase| Figure::all().map(|figure| (figure.name().to_owned(), value(phase, figure)));
     Phase::ALL.map(|phase| (phase.name().to_owned(), figures(phase).into_iter().collect())).into_iter().collect()
 }
 
@@ -396,20 +388,21 @@ fn differences(model: &Judgement, against: &Judgement) -> Value {
 
 /// Returns a line for each person, blendshape and phase, with an empty cell for what is not defined.
 pub fn csv(judged: &[Judged]) -> String {
-    let names = Figure::ALL.map(Figure::name).join(",");
+    let names = Figure::all().map(Figure::name).join(",");
     let mut text = format!("set,neutral,model,person,blendshape,pictures,{names}\n");
     let cell = |value: &f64| if value.is_finite() { format!("{value:.6}") } else { String::new() };
     let cells = |figures: &Figures| figures.iter().map(cell).collect::<Vec<_>>().join(",");
     for Judged { set, neutral, .. } in judged {
-        for (rivals, state) in neutral.iter().zip(["known", "not_known"]) {
-            let judgements = [Some(&rivals.model), rivals.against.as_ref()].into_iter().flatten();
-            for (judgement, model) in judgements.zip(["model", "against"]) {
-                for person in &judgement.people {
-                    for (shape, blendshape) in BLENDSHAPES.iter().enumerate() {
-                        for phase in Phase::ALL {
-                            let (name, cells) = (&person.name, cells(person.figures(shape, phase)));
-                            text += &format!("{set},{state},{model},{name},{blendshape},{},{cells}\n", phase.name());
-                        }
+        let states = neutral.iter().zip(["known", "not_known"]);
+        let judgements = states.flat_map(|(Rivals { model, against }, state)| {
+            [(state, "model", Some(model)), (state, "against", against.as_ref())]
+        });
+        for (state, model, judgement) in judgements {
+            for person in judgement.iter().flat_map(|judgement| &judgement.people) {
+                for (shape, blendshape) in BLENDSHAPES.iter().enumerate() {
+                    for phase in Phase::ALL {
+                        let (name, cells) = (&person.name, cells(person.figures(shape, phase)));
+                        text += &format!("{set},{state},{model},{name},{blendshape},{},{cells}\n", phase.name());
                     }
                 }
             }

@@ -10,12 +10,10 @@ use super::{Fitted, Predictor};
 
 /// Ridge penalty on a standardised feature, relative to the mean variance. It is also the initial damping of the steps to
 /// an exponential.
-const RIDGE: f64 = 0.001;
+pub const RIDGE: f64 = 0.001;
 /// The penalty that keeps ordinary least squares solvable if features repeat each other.
-const TINY: f64 = 1e-9;
-/// Share of the variance that the kept principal components carry.
+pub const TINY: f64 = 1e-9;
 const KEPT: f64 = 0.999;
-/// Number of components of partial least squares.
 const COMPONENTS: usize = 16;
 /// Smallest length of a new direction relative to the first, before it counts as rounding noise.
 const LEAST_LENGTH: f64 = 1e-9;
@@ -25,7 +23,6 @@ const STEPS: usize = 12;
 const EASE: f64 = 0.3;
 const STRAIN: f64 = 5.0;
 
-/// A formula of standardised features.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Formula {
     pub kind: FormulaKind,
@@ -34,7 +31,6 @@ pub struct Formula {
     pub weights: Vec<f64>,
     /// Weights of the products of the first features, at the places of [`product_index`]. Only quadratic formulas have them.
     pub products: Vec<f64>,
-    /// The number of fitted weights, without the constant.
     pub degrees_of_freedom: usize,
 }
 
@@ -97,38 +93,24 @@ pub fn dot<'a>(weights: impl IntoIterator<Item = &'a f64>, values: &[f64]) -> f6
     weights.into_iter().zip(values).map(|(weight, value)| weight * value).sum()
 }
 
-/// Multiple linear regression.
-pub fn ordinary(faces: &DMatrix<f64>, truth: &[f64]) -> Result<Fitted> {
-    Ok(Box::new(least_squares(faces, truth, TINY)?))
-}
-
-/// Least squares with a penalty on the squared weights.
-pub fn ridge(faces: &DMatrix<f64>, truth: &[f64]) -> Result<Fitted> {
-    Ok(Box::new(least_squares(faces, truth, RIDGE)?))
-}
-
-/// Fits an affine map by least squares, with a penalty of `ridge` times the mean variance on the squared weights.
-fn least_squares(faces: &DMatrix<f64>, truth: &[f64], ridge: f64) -> Result<Formula> {
+pub fn least_squares(faces: &DMatrix<f64>, truth: &[f64], ridge: f64) -> Result<Formula> {
     let (faces, truth, centre) = centred(faces, truth);
     let transposed = faces.transpose();
     Ok(centre.affine(&solve(&transposed * faces, &(transposed * truth), ridge)?))
 }
 
-/// Solves `(A + ridge mean(diag A)) w = c`.
 fn solve(mut gram: DMatrix<f64>, cross: &DVector<f64>, ridge: f64) -> Result<DVector<f64>> {
     let penalty = ridge * gram.diagonal().mean();
     (0..gram.nrows()).for_each(|index| gram[(index, index)] += penalty);
     Ok(gram.cholesky().context("no feature varies in these faces")?.solve(cross))
 }
 
-/// The means that centring subtracts.
 struct Centre {
     face: DVector<f64>,
     truth: f64,
 }
 
 impl Centre {
-    /// Returns the affine map of features whose weights were fitted to centred data.
     fn affine(&self, weights: &DVector<f64>) -> Formula {
         Formula::affine(weights.as_slice().to_vec(), self.truth - weights.dot(&self.face))
     }
@@ -143,7 +125,6 @@ fn centred(faces: &DMatrix<f64>, truth: &[f64]) -> (DMatrix<f64>, DVector<f64>, 
     (faces, truth, centre)
 }
 
-/// Least squares on the largest principal components.
 pub fn principal_components(faces: &DMatrix<f64>, truth: &[f64]) -> Result<Fitted> {
     let (faces, truth, centre) = centred(faces, truth);
     let transposed = faces.transpose();

@@ -8,7 +8,6 @@ use super::{Fitted, Predictor, formula::dot};
 /// Length scales to try, relative to the root of the number of features, and noise variances, relative to the signal's.
 const LENGTHS: [f64; 4] = [0.7, 1.4, 2.8, 5.6];
 const NOISES: [f64; 4] = [0.003, 0.03, 0.15, 0.6];
-/// Number of faces for choosing length scale and noise.
 const SELECTION_FACES: usize = 300;
 /// Errors of support vectors up to this size cost nothing (epsilon).
 const ZONE: f64 = 0.05;
@@ -22,7 +21,6 @@ const NEIGHBOURS: usize = 8;
 /// Squared distance below which two faces count as the same.
 const SAME: f64 = 1e-18;
 
-/// The likeness of two faces.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Kernel {
     /// The squared exponential, `exp(-d2 / 2)`.
@@ -36,11 +34,9 @@ pub enum Kernel {
 /// The sum of the likenesses to the kept faces, each with a weight.
 struct Likeness {
     likeness: Box<dyn Fn(DVectorView<f64>, &[f64]) -> f64 + Send + Sync>,
-    /// One column per face.
     faces: DMatrix<f64>,
     weights: Vec<f64>,
     mean: f64,
-    /// Numbers beside faces and weights.
     constants: usize,
 }
 
@@ -59,7 +55,6 @@ impl Predictor for Likeness {
     }
 }
 
-/// Returns the squared distances between all pairs of rows.
 fn squared_distances(faces: &DMatrix<f64>) -> DMatrix<f64> {
     let products = faces * faces.transpose();
     DMatrix::from_fn(faces.nrows(), faces.nrows(), |one, other| {
@@ -89,7 +84,6 @@ pub fn gaussian_process(kernel: Kernel, faces: &DMatrix<f64>, truth: &[f64]) -> 
 }
 
 impl Kernel {
-    /// Returns the covariance of two faces from their squared distance in units of the length scale.
     fn covariance(self, squared: f64) -> f64 {
         if self == Self::Matern {
             let distance = (5.0 * squared).sqrt();
@@ -105,7 +99,6 @@ impl Kernel {
         covariance.cholesky()
     }
 
-    /// Returns the length scale and noise with the highest likelihood on the first faces.
     fn choose(self, squares: &DMatrix<f64>, truth: &DVector<f64>, unit: f64) -> (f64, f64) {
         let count = truth.len().min(SELECTION_FACES);
         let squares = squares.view((0, 0), (count, count)).into_owned();
@@ -174,7 +167,6 @@ fn multipliers(kernel: &DMatrix<f64>, truth: &[f64]) -> Vec<f64> {
 
 /// The weighted mean of the nearest faces, found by brute force, because a k-d tree is no faster in 24 dimensions.
 struct Neighbours {
-    /// One column per face.
     faces: DMatrix<f64>,
     truth: Vec<f64>,
 }
@@ -197,34 +189,11 @@ impl Predictor for Neighbours {
         sum / weights
     }
 
-    /// The effective degrees of freedom of a smoother: faces divided by neighbours.
     fn weights(&self) -> usize {
         self.truth.len() / NEIGHBOURS
     }
 
     fn numbers(&self) -> usize {
         self.faces.len() + self.truth.len()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_multipliers_minimise_the_dual() {
-        let mut random = fastrand::Rng::with_seed(7);
-        let faces = DMatrix::from_fn(60, 3, |_, _| 2.0 * random.f64() - 1.0);
-        let truth = DVector::from_fn(60, |row, _| faces[(row, 0)] * faces[(row, 1)]);
-        let kernel = squared_distances(&faces).map(|squared| (-squared / 3.0).exp() + 1.0);
-        let dual = |multipliers: &DVector<f64>| {
-            multipliers.dot(&(&kernel * multipliers)) / 2.0 - truth.dot(multipliers) + ZONE * multipliers.lp_norm(1)
-        };
-        let found = DVector::from_vec(multipliers(&kernel, truth.as_slice()));
-        for (index, step) in (0..60).flat_map(|index| [(index, -0.01), (index, 0.01)]) {
-            let mut other = found.clone();
-            other[index] = (other[index] + step).clamp(-MOST, MOST);
-            assert!(dual(&other) >= dual(&found) - 1e-5, "{index} {step}");
-        }
     }
 }

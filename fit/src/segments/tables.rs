@@ -10,15 +10,12 @@ use maud::{Markup, html};
 use plotters::style::RGBColor;
 use rayon::prelude::*;
 
-use super::ranking::{NAMES, PAIRS, Pictures, Ranking, Segment};
-use crate::drawing::face::face;
-use crate::drawing::{Axes, Axis, BLUE_INK, scatter, subsample};
-use crate::heat::LandmarkMotion;
+use super::{NAMES, PAIRS, Pictures, Ranking, Segment};
+use crate::drawing::{Axis, BLUE_INK, LandmarkMotion, face, scatter, subsample};
 use crate::judge::Faces;
 use crate::output::{Table, figure, guide, number};
 use crate::statistics::mean;
 
-/// Number of features that a section lists with their scores.
 const LISTED: usize = 10;
 
 fn feature_name(feature: usize) -> String {
@@ -145,7 +142,6 @@ fn section(segment: &Segment, pictures: &Pictures, motion: &LandmarkMotion) -> R
     })
 }
 
-/// Returns the root of the largest score of each landmark's coordinates.
 fn strength(ranking: &Ranking) -> Vec<f64> {
     let largest = |scores: &[f64]| scores.iter().copied().fold(0.0, f64::max).sqrt();
     ranking.scores[..3 * LANDMARKS].chunks_exact(3).map(largest).collect()
@@ -195,22 +191,18 @@ const GUIDE: [(&str, &str); 6] = [
 
 /// Number of points for features that are not among the best of any ranking: enough to show their distribution.
 const OTHERS: usize = 250;
-/// Colour of features that are not kept.
 const GREY_INK: RGBColor = RGBColor(140, 150, 165);
-/// Titles of the axes for the ranks by [`NAMES`].
 const RANKS: [&str; NAMES.len()] = ["rank by correlation", "rank by partial F", "rank by SVR"];
 
-/// Plots the absolute correlation by rank. Kept features are blue, up to a vertical line.
 pub fn order(segment: &Segment) -> Result<String> {
     let ranking = &segment.rankings[0];
     let point = |feature: &usize| ((ranking.ranks[*feature] as f64).log10(), ranking.scores[*feature]);
     let (kept, others) = ranking.order.split_at(segment.count);
     let [kept, others] = [kept, &subsample(others, OTHERS)].map(|some| some.iter().map(point).collect::<Vec<_>>());
     let most = tenth_above(ranking.scores[ranking.order[0]]);
-    let axes =
-        Axes { x: Axis::ranks(RANKS[0], ranking.ranks.len()), y: Axis::linear("absolute correlation", [0.0, most]) };
+    let axes = [Axis::ranks(RANKS[0], ranking.ranks.len()), Axis::linear("absolute correlation", [0.0, most])];
     let cut = cut(segment);
-    scatter(&[(&others, GREY_INK), (&kept, BLUE_INK)], axes, &[[(cut, 0.0), (cut, most)]])
+    scatter(&[(&others, GREY_INK), (&kept, BLUE_INK)], &axes, &[[(cut, 0.0), (cut, most)]])
 }
 
 /// Plots the ranks by two of [`NAMES`] against each other. The lower left corner holds the best features of both.
@@ -226,11 +218,10 @@ pub fn ranks(segment: &Segment, (x, y): (usize, usize)) -> Result<String> {
     let others: Vec<_> = best.iter().chain(&subsample(&others, OTHERS)).map(point).collect();
     let last = a.ranks.len();
     let (cut, end) = (cut(segment), power(last));
-    let axes = Axes { x: Axis::ranks(RANKS[x], last), y: Axis::ranks(RANKS[y], last) };
-    scatter(&[(&others, GREY_INK), (&kept, BLUE_INK)], axes, &[[(cut, 0.0), (cut, end)], [(0.0, cut), (end, cut)]])
+    let axes = [Axis::ranks(RANKS[x], last), Axis::ranks(RANKS[y], last)];
+    scatter(&[(&others, GREY_INK), (&kept, BLUE_INK)], &axes, &[[(cut, 0.0), (cut, end)], [(0.0, cut), (end, cut)]])
 }
 
-/// Returns the position of the line behind the last feature that is kept.
 fn cut(segment: &Segment) -> f64 {
     (segment.count as f64 + 0.5).log10()
 }

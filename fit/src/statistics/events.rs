@@ -5,7 +5,7 @@
 //! that is stuck high find all events. The paper defines `n_FN` twice; the first definition is read as
 //! `n_FP = n_algo - n_TP`, the second as `n_FN = n_ref - n_TP`.
 //!
-//! F1 does not tell for how long a curve is up without an event. [`EventCounts::j`] does.
+//! F1 does not tell for how long a curve is up without an event. J does.
 
 use serde::Serialize;
 
@@ -23,15 +23,9 @@ pub struct Event {
 }
 
 impl Event {
-    /// Returns an event without duration.
     #[cfg(test)]
     pub fn at(time_s: f64) -> Self {
         Self { start_s: time_s, end_s: time_s }
-    }
-
-    fn is_near(&self, time_s: f64, tolerance_s: f64) -> bool {
-        let reach = tolerance_s + SLACK_S;
-        (self.start_s - reach..=self.end_s + reach).contains(&time_s)
     }
 }
 
@@ -42,7 +36,6 @@ pub struct EventLimits {
     pub tolerance_s: f64,
 }
 
-/// Event counts of one blendshape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct EventCounts {
     pub reference: usize,
@@ -55,37 +48,17 @@ pub struct EventCounts {
 }
 
 impl EventCounts {
-    /// Returns the share of the judged curve's events that match, or `None` if it has none.
-    pub fn precision(&self) -> Option<f64> {
-        ratio(self.found, self.estimate)
+    /// Returns precision, recall, F1 and J. Precision is undefined without an event of the judged curve, the others without
+    /// one of the reference. F1 is 0 if no event was found. J is recall minus the share of the time outside of events in
+    /// which the judged curve is up: at most 0 for a curve that is always up, and 1 for a perfect one.
+    pub fn rates(&self) -> [Option<f64>; 4] {
+        let ratio = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
+        let (precision, recall) = (ratio(self.found, self.estimate), ratio(self.found, self.reference));
+        let harmonic = |recall: f64| precision.map_or(0.0, |precision| 2.0 * precision * recall / (precision + recall));
+        let f1 = recall.map(|recall| if self.found > 0 { harmonic(recall) } else { 0.0 });
+        let false_time = ratio(self.frames_false, self.frames_outside).unwrap_or(0.0);
+        [precision, recall, f1, recall.map(|recall| recall - false_time)]
     }
-
-    /// Returns the share of the reference's events that were found, or `None` if it has none.
-    pub fn recall(&self) -> Option<f64> {
-        ratio(self.found, self.reference)
-    }
-
-    /// Returns the harmonic mean of precision and recall: 0 if no event was found, `None` if the reference has none.
-    pub fn f1(&self) -> Option<f64> {
-        let recall = self.recall()?;
-        let precision = self.precision().unwrap_or(0.0);
-        Some(if self.found > 0 { 2.0 * precision * recall / (precision + recall) } else { 0.0 })
-    }
-
-    /// Returns the share of the time outside of events in which the judged curve is up: 0 if there is no such time.
-    pub fn false_time(&self) -> f64 {
-        ratio(self.frames_false, self.frames_outside).unwrap_or(0.0)
-    }
-
-    /// Returns J, which is recall minus the share of false time, or `None` if the reference has no event. A curve that is
-    /// always up has at most 0, a perfect one 1.
-    pub fn j(&self) -> Option<f64> {
-        Some(self.recall()? - self.false_time())
-    }
-}
-
-fn ratio(part: usize, whole: usize) -> Option<f64> {
-    (whole > 0).then(|| part as f64 / whole as f64)
 }
 
 /// Returns the events of a curve: it rises to `f_min` after it was below half of it, and falls below half of it again.
@@ -113,16 +86,16 @@ pub fn count_events(times_s: &[f64], curve: &[f64], reference: &[Event], limits:
     let rises = events_of(times_s, curve, limits.f_min);
     let mut events = reference.to_vec();
     events.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
-    let (mut found, mut next) = (0, 0);
+    let (mut found, mut next, reach) = (0, 0, limits.tolerance_s + SLACK_S);
     for event in &events {
-        let reach = limits.tolerance_s + SLACK_S;
         next += rises[next..].iter().take_while(|rise| rise.start_s < event.start_s - reach).count();
         if rises.get(next).is_some_and(|rise| rise.start_s <= event.start_s + reach) {
             found += 1;
             next += 1;
         }
     }
-    let is_outside = |time: &f64| !events.iter().any(|event| event.is_near(*time, limits.tolerance_s));
+    let is_near = |event: &Event, time: &f64| (event.start_s - reach..=event.end_s + reach).contains(time);
+    let is_outside = |time: &f64| !events.iter().any(|event| is_near(event, time));
     let outside: Vec<f64> =
         times_s.iter().zip(curve).filter(|(time, _)| is_outside(time)).map(|(_, value)| *value).collect();
     let frames_false = outside.iter().filter(|value| **value >= limits.f_min).count();
@@ -139,22 +112,17 @@ mod tests {
         (0..count).map(|frame| frame as f64 / 30.0).collect()
     }
 
-    /// Counts events that are given by frame number, at 30 frames a second.
     fn counts(curve: &[f64], frames: &[f64]) -> EventCounts {
         let events: Vec<Event> = frames.iter().map(|frame| Event::at(frame / 30.0)).collect();
         count_events(&times(curve.len()), curve, &events, LIMITS)
     }
 
     #[test]
-    fn oscillating_around_the_threshold_is_one_event() {
-        let curve = [0.0, 0.31, 0.29, 0.31, 0.16, 0.31, 0.1, 0.31];
-        assert_eq!(events_of(&times(8), &curve, 0.3).len(), 2);
-    }
-
-    #[test]
     fn an_event_lasts_from_its_rise_to_the_last_frame_above_half_of_the_threshold() {
         let curve = [0.1, 0.2, 0.25, 0.3, 0.4, 0.2, 0.1, 0.0];
         assert_eq!(events_of(&times(8), &curve, 0.3), [Event { start_s: 0.1, end_s: 5.0 / 30.0 }]);
+        let oscillating = [0.0, 0.31, 0.29, 0.31, 0.16, 0.31, 0.1, 0.31];
+        assert_eq!(events_of(&times(8), &oscillating, 0.3).len(), 2, "around the threshold it is one event");
     }
 
     #[test]
@@ -168,7 +136,9 @@ mod tests {
     fn a_curve_that_is_stuck_high_finds_no_event_and_all_time_outside_is_false() {
         let counts = counts(&[1.0; 90], &[3.0, 30.0, 60.0]);
         assert_eq!([counts.reference, counts.estimate, counts.found], [3, 0, 0]);
-        assert_eq!([counts.precision(), counts.f1(), counts.j()], [None, Some(0.0), Some(-1.0)]);
+        assert_eq!(counts.rates(), [None, Some(0.0), Some(0.0), Some(-1.0)]);
+        let none = EventCounts { estimate: 2, ..EventCounts::default() };
+        assert_eq!(none.rates(), [Some(0.0), None, None, None], "without events in the reference");
     }
 
     #[test]
@@ -193,16 +163,9 @@ mod tests {
         // Frames 5 to 35 belong to the event. The curve is up in frames 36 to 59, too.
         let counted = counts(&curve, &[20.0]);
         assert_eq!([counted.frames_outside, counted.frames_false], [120 - 31, 24]);
-        assert!((counted.j().unwrap() - (1.0 - 24.0 / 89.0)).abs() < 1e-12);
+        assert!((counted.rates()[3].unwrap() - (1.0 - 24.0 / 89.0)).abs() < 1e-12);
         let lasting = [Event { start_s: 20.0 / 30.0, end_s: 60.0 / 30.0 }];
         let counted = count_events(&times(120), &curve, &lasting, LIMITS);
-        assert_eq!((counted.frames_false, counted.j()), (0, Some(1.0)));
-    }
-
-    #[test]
-    fn f1_and_j_are_undefined_without_reference_events_and_0_if_none_is_found() {
-        let counts = |reference, estimate| EventCounts { reference, estimate, ..EventCounts::default() };
-        assert_eq!([counts(0, 2).f1(), counts(0, 2).j()], [None, None]);
-        assert_eq!([counts(2, 0).f1(), counts(2, 0).j()], [Some(0.0), Some(0.0)]);
+        assert_eq!((counted.frames_false, counted.rates()[3]), (0, Some(1.0)));
     }
 }

@@ -3,9 +3,17 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ContinuousCDF, FisherSnedecor, Normal};
+use serde::Serialize;
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, Normal};
 
-use super::{TestResult, mean};
+use super::mean;
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TestResult {
+    pub statistic: f64,
+    /// The probability of a statistic at least as large under the null hypothesis.
+    pub p: f64,
+}
 
 /// Singular values below this share of the largest one belong to columns that repeat others.
 const SAME: f64 = 1e-10;
@@ -31,7 +39,6 @@ pub fn f_regression(pearson: f64, rows: usize) -> f64 {
 pub struct ColumnSpace(DMatrix<f64>);
 
 impl ColumnSpace {
-    /// Computes the space of the centred columns. Returns `None` if they contain NaN.
     pub fn of(columns: &DMatrix<f64>) -> Option<Self> {
         let mut centred = columns.clone();
         centred.column_iter_mut().for_each(|mut column| column.add_scalar_mut(-column.mean()));
@@ -42,10 +49,6 @@ impl ColumnSpace {
         Some(Self(decomposed.u?.select_columns(&kept)))
     }
 
-    pub fn rank(&self) -> usize {
-        self.0.ncols()
-    }
-
     /// Returns R2 of the least-squares regression of `values` on the columns and a constant. Returns `None` if the
     /// values or all columns are constant.
     pub fn explain(&self, values: &[f64]) -> Option<f64> {
@@ -53,7 +56,7 @@ impl ColumnSpace {
         target.add_scalar_mut(-target.mean());
         let total = target.norm_squared();
         let scale = values.iter().map(|value| value.powi(2)).sum::<f64>();
-        let varies = total > scale * f64::EPSILON && self.rank() > 0;
+        let varies = total > scale * f64::EPSILON && self.0.ncols() > 0;
         varies.then(|| self.0.tr_mul(&target).norm_squared() / total)
     }
 }
@@ -66,28 +69,17 @@ pub fn durbin_watson(residuals: &[f64]) -> f64 {
     if squares > 0.0 { steps / squares } else { 2.0 }
 }
 
-/// The results of the Breusch-Pagan test, which tests whether the spread of the residuals changes with the regressors.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BreuschPagan {
-    /// Lagrange multiplier, `n R2`: chi-squared with one degree of freedom per regressor.
-    pub lagrange: TestResult,
-    pub f: TestResult,
-}
-
-/// Performs the Breusch-Pagan test in Koenker's form, which does not assume normal residuals: regresses the squared
-/// residuals on `regressors` (rows x columns, without a constant). Returns `None` if there are too few rows or all
-/// values are constant.
-pub fn breusch_pagan(residuals: &[f64], regressors: &DMatrix<f64>) -> Option<BreuschPagan> {
-    use statrs::distribution::{ChiSquared, ContinuousCDF};
+/// Tests by Breusch and Pagan whether the spread of the residuals changes with `regressors` (rows x columns, without a
+/// constant). Koenker's form does not assume normal residuals: `n R2` of the squared residuals is chi-squared with one
+/// degree of freedom per regressor. Returns `None` if there are too few rows or all values are constant.
+pub fn breusch_pagan(residuals: &[f64], regressors: &DMatrix<f64>) -> Option<TestResult> {
     let squares: Vec<f64> = residuals.iter().map(|residual| residual.powi(2)).collect();
     let space = ColumnSpace::of(regressors)?;
-    let (r_squared, rank) = (space.explain(&squares)?, space.rank());
-    let statistic = squares.len() as f64 * r_squared;
-    let p = ChiSquared::new(rank as f64).ok()?.sf(statistic);
-    Some(BreuschPagan { lagrange: TestResult { statistic, p }, f: f_statistic(r_squared, squares.len(), rank)? })
+    let statistic = squares.len() as f64 * space.explain(&squares)?;
+    squares.len().checked_sub(space.0.ncols() + 1).filter(|rest| *rest > 0)?;
+    Some(TestResult { statistic, p: ChiSquared::new(space.0.ncols() as f64).ok()?.sf(statistic) })
 }
 
-/// Returns the autocorrelation at lags 0 to `lags`, relative to lag 0. Returns zeros if the values are constant.
 pub fn autocorrelation(values: &[f64], lags: usize) -> Vec<f64> {
     let centre = mean(values.iter().copied());
     let centred: Vec<f64> = values.iter().map(|value| value - centre).collect();
@@ -108,10 +100,8 @@ const ROUNDING: f64 = 1e-12;
 pub struct Regressors {
     /// The regressors without the group means, scaled to length 1.
     columns: DMatrix<f64>,
-    /// Inverse of their second moments.
     inverse: DMatrix<f64>,
     groups: Groups,
-    /// Residual degrees of freedom.
     degrees_of_freedom: f64,
 }
 
@@ -169,7 +159,6 @@ impl Groups {
         Self { of_row: groups.iter().map(|group| ranks[group]).collect(), sizes: sizes.into_values().collect() }
     }
 
-    /// Subtracts the mean of every group.
     fn centre(&self, values: &mut [f64]) {
         let mut sums = vec![0.0; self.sizes.len()];
         self.of_row.iter().zip(values.iter()).for_each(|(group, value)| sums[*group] += value);
@@ -185,7 +174,6 @@ impl Groups {
 
 /// Largest sample for which Royston's approximation holds.
 pub const SHAPIRO_WILK_MAX: usize = 5000;
-/// Smallest sample that can deviate from normality.
 const FEWEST: usize = 3;
 /// Up to this sample size, only the last weight is corrected, and above it the last two.
 const FEW: usize = 5;
@@ -221,7 +209,6 @@ pub fn shapiro_wilk(values: &[f64]) -> Option<TestResult> {
     Some(TestResult { statistic, p: p_of(statistic, sorted.len())? })
 }
 
-/// Returns the weights of the sorted values: an antisymmetric vector of length 1.
 fn weights(count: usize) -> Option<Vec<f64>> {
     let normal = Normal::standard();
     let n = count as f64;
@@ -278,27 +265,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_regression_with_as_many_weights_as_rows_has_no_f() {
-        assert_eq!(f_statistic(0.9, 5, 4), None);
-        assert_eq!(f_statistic(0.9, 5, 0), None);
-    }
-
-    #[test]
-    fn equal_squares_cannot_be_tested_for_a_changing_spread() {
-        let regressors = DMatrix::from_fn(8, 1, |row, _| row as f64);
-        assert_eq!(breusch_pagan(&[0.5; 8], &regressors), None);
-    }
-
-    /// Tests two strongly correlated regressors and a value that follows only the first.
-    #[test]
-    fn a_value_has_no_partial_f_with_a_regressor_that_merely_accompanies_its_cause() {
-        let first = |row: usize| (row as f64 * 0.7).sin();
-        let regressors = DMatrix::from_fn(200, 2, |row, column| {
-            first(row) + if column == 1 { 0.3 * (row as f64 * 1.9).cos() } else { 0.0 }
-        });
-        let values: Vec<f64> = (0..200).map(|row| first(row) + 0.1 * (row as f64 * 2.3).sin()).collect();
-        let f = Regressors::new(regressors, &[0; 200]).unwrap().partial_f(&values);
-        assert!(f[0] > 1000.0 && f[1] < 5.0, "{f:?}");
+    fn what_cannot_be_tested_has_no_result() {
+        let line = DMatrix::from_fn(8, 1, |row, _| row as f64);
+        assert_eq!([f_statistic(0.9, 5, 4), f_statistic(0.9, 5, 0)], [None; 2], "no degree of freedom");
+        assert_eq!(breusch_pagan(&[0.5; 8], &line), None, "equal squares");
+        assert!(Regressors::new(line.rows(0, 3).into_owned(), &[0, 1, 2]).is_none(), "as many groups as rows");
+        let too_many = vec![0.0; SHAPIRO_WILK_MAX + 1];
+        assert_eq!([&[1.0, 2.0][..], &[1.0; 20], &too_many].map(shapiro_wilk), [None; 3], "few, constant, many");
     }
 
     #[test]
@@ -313,17 +286,5 @@ mod tests {
         let all = Regressors::new(regressors, &[0; 50]).unwrap().partial_f(&values);
         assert!((all[0] / alone[0] - 1.0).abs() < 1e-4 && alone[2] > 0.0, "{alone:?} {all:?}");
         assert!(all[1] + all[2] + all[3] < f64::EPSILON);
-    }
-
-    #[test]
-    fn as_many_groups_as_rows_leave_nothing_to_test() {
-        assert!(Regressors::new(DMatrix::identity(3, 1), &[0, 1, 2]).is_none());
-    }
-
-    #[test]
-    fn samples_that_are_too_small_too_large_or_constant_are_not_tested() {
-        assert_eq!(shapiro_wilk(&[1.0, 2.0]), None);
-        assert_eq!(shapiro_wilk(&[1.0; 20]), None);
-        assert_eq!(shapiro_wilk(&vec![0.0; SHAPIRO_WILK_MAX + 1]), None);
     }
 }

@@ -1,6 +1,6 @@
 //! Random expressions: faces of recordings and faces composed of them, speech, grimaces, few shapes, and rest.
 
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::sync::LazyLock;
 
 use clap::ValueEnum;
@@ -20,12 +20,11 @@ use super::expression::Coefficients;
 const TRACE: f32 = 0.15;
 /// Probability that the partner of a random shape moves, too, and the factor on its strength.
 const PAIRED: f64 = 0.6;
-const PARTNER_SCALE: core::ops::Range<f32> = 0.7..1.3;
+const PARTNER_SCALE: Range<f32> = 0.7..1.3;
 /// Number of shapes that are added to a composed face, and that a grimace consists of.
-const ADDED: core::ops::RangeInclusive<usize> = 1..=4;
-const GRIMACE: core::ops::RangeInclusive<usize> = 6..=16;
+const ADDED: RangeInclusive<usize> = 1..=4;
+const GRIMACE: RangeInclusive<usize> = 6..=16;
 
-/// A kind of expression.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Kind {
     /// Upper and lower half of two recorded frames far apart in time
@@ -55,7 +54,7 @@ impl Kind {
 pub type Share = (Kind, f32);
 
 pub struct Expressions {
-    moments: Moments,
+    pub moments: Moments,
     kinds: Vec<Kind>,
     frequencies: WeightedIndex<f32>,
     shapes: Vec<usize>,
@@ -68,16 +67,12 @@ impl Expressions {
         Ok(Self { moments, kinds: mix.iter().map(|(kind, _)| *kind).collect(), frequencies, shapes })
     }
 
-    pub fn frames(&self) -> &[Coefficients] {
-        self.moments.frames()
-    }
-
     pub fn draw(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let mut face = match self.kinds[self.frequencies.sample(rng)] {
             Kind::Recorded => self.moments.recorded(rng),
             Kind::Composed => self.composed(rng),
             Kind::Speech => self.moments.speech(rng),
-            Kind::Grimace => paired(rng),
+            Kind::Grimace => grimace(rng),
             Kind::Single => self.single(rng),
             Kind::Combined => combined(rng),
             Kind::Halves => self.moments.halves(rng),
@@ -122,7 +117,7 @@ fn raise(rng: &mut ChaCha8Rng, face: &mut Coefficients, index: usize, strength: 
     }
 }
 
-fn paired(rng: &mut ChaCha8Rng) -> Coefficients {
+fn grimace(rng: &mut ChaCha8Rng) -> Coefficients {
     let mut face = [0.0; COEFFS];
     for _ in 0..rng.random_range(GRIMACE) {
         let (index, strength) = (any_shape(rng), rng.random::<f32>().powi(2));
@@ -153,14 +148,12 @@ pub const HALVES_SCALE: Range<f32> = 1.0..1.5;
 const CALM: Range<f32> = 0.2..1.0;
 /// The jaw moves if it opens or shuts by this within [`SPAN`] frames.
 const JAW_MOVES: f32 = 0.04;
-/// A tenth of a second, in frames.
 const SPAN: usize = 3;
 /// Two moments with fewer frames between them can be parts of the same motion.
 pub const APART: usize = 60;
 
 pub struct Moments {
-    frames: Vec<Coefficients>,
-    /// Indices of the frames in which the jaw moves.
+    pub frames: Vec<Coefficients>,
     speaking: Vec<usize>,
 }
 
@@ -173,22 +166,18 @@ impl Moments {
         Self { frames, speaking }
     }
 
-    pub fn frames(&self) -> &[Coefficients] {
-        &self.frames
-    }
-
-    pub fn any(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+    fn any(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         self.frames.choose(rng).copied().unwrap_or([0.0; COEFFS])
     }
 
-    pub fn recorded(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+    fn recorded(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let face = self.either_side(rng);
         let mut face = scaled(rng, face, SCALE);
         shift_gaze(rng, &mut face, 0.25);
         face
     }
 
-    pub fn composed(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+    fn composed(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let mut face = [0.0; COEFFS];
         for region in Region::ALL {
             region.copy(&self.source(rng), &mut face);
@@ -203,7 +192,7 @@ impl Moments {
     }
 
     /// Returns the face of a person who speaks: the mouth between two sounds, under a calm upper face.
-    pub fn speech(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+    fn speech(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let upper = self.source(rng);
         let mut face = scaled(rng, upper, CALM);
         let mouth = if rng.random() { self.spoken(rng) } else { self.spoken_over_a_trace(rng) };
@@ -213,7 +202,7 @@ impl Moments {
     }
 
     /// Returns a face whose upper and lower half are from moments far apart, each mirrored or not.
-    pub fn halves(&self, rng: &mut ChaCha8Rng) -> Coefficients {
+    fn halves(&self, rng: &mut ChaCha8Rng) -> Coefficients {
         let [upper, lower] = self.apart(rng).map(|index| either_way(rng, &self.frames[index]));
         scaled(rng, with_upper(&upper, &lower), HALVES_SCALE)
     }
@@ -252,7 +241,6 @@ impl Moments {
     }
 }
 
-/// Returns a face with the upper half of one face and the lower half of another.
 pub fn with_upper(upper: &Coefficients, lower: &Coefficients) -> Coefficients {
     let mut face = *lower;
     Region::ALL.into_iter().filter(|region| region.is_upper()).for_each(|region| region.copy(upper, &mut face));
@@ -283,9 +271,8 @@ fn shift_gaze(rng: &mut ChaCha8Rng, face: &mut Coefficients, share: f64) {
 // speech shows a mixture of two.
 
 /// Range of the factor on each coefficient: people articulate differently.
-const ARTICULATION: core::ops::Range<f32> = 0.4..1.6;
+const ARTICULATION: Range<f32> = 0.4..1.6;
 
-/// Shapes with their strength. A name without a side stands for both sides.
 type Viseme = &'static [(&'static str, f32)];
 
 /// The visemes of English, after the groups of MPEG-4 (ISO/IEC 14496-2).
@@ -343,28 +330,25 @@ mod tests {
     use facewire_face::BLENDSHAPES;
     use rand_chacha::rand_core::SeedableRng;
 
-    use crate::statistics::pearson;
-    use crate::synth::anatomy::index_of;
-
     use super::*;
+    use crate::statistics::pearson;
 
-    fn expressions(kinds: &[Kind], shapes: &[&str]) -> Expressions {
-        let mix: Vec<Share> = kinds.iter().map(|kind| (*kind, 1.0)).collect();
-        let recording = (0..200_u16).map(|frame| [f32::from(frame) / 200.0; COEFFS]).collect();
+    fn drawn(moments: Moments, mix: &[Share], shapes: &[&str], count: usize) -> Vec<Coefficients> {
         let shapes = shapes.iter().map(|name| index_of(name)).collect();
-        Expressions::new(Moments::new(&[recording]), &mix, shapes).expect("a mixture")
+        let expressions = Expressions::new(moments, mix, shapes).expect("a mixture");
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        (0..count).map(|_| expressions.draw(&mut rng)).collect()
     }
 
-    fn drawn(kinds: &[Kind], count: usize) -> Vec<Coefficients> {
-        let (mut rng, expressions) = (ChaCha8Rng::seed_from_u64(5), expressions(kinds, &[]));
-        (0..count).map(|_| expressions.draw(&mut rng)).collect()
+    fn moments(count: u16) -> Moments {
+        Moments::new(&[(0..count).map(|frame| [f32::from(frame) / f32::from(count); COEFFS]).collect()])
     }
 
     #[test]
     fn coefficients_are_bounded_and_lips_close_no_further_than_the_jaw_is_open() {
         let (close, open, tongue) = (index_of("mouthClose"), index_of("jawOpen"), index_of("tongueOut"));
         for kind in Kind::value_variants() {
-            for face in drawn(&[*kind], 300) {
+            for face in drawn(moments(200), &[(*kind, 1.0)], &[], 300) {
                 assert!(face.iter().all(|value| (0.0..=1.0).contains(value)), "{kind:?}");
                 assert!(face[close] <= face[open] && face[tongue] == 0.0, "{kind:?}");
             }
@@ -373,42 +357,27 @@ mod tests {
 
     #[test]
     fn every_shape_but_the_tongue_is_drawn_strong_and_weak() {
-        for kinds in [&[Kind::Single, Kind::Combined][..], &[Kind::Grimace]] {
-            let faces = drawn(kinds, 4000);
+        for mix in [&[(Kind::Single, 1.0), (Kind::Combined, 1.0)][..], &[(Kind::Grimace, 1.0)]] {
+            let faces = drawn(moments(200), mix, &[], 4000);
             for index in 0..COEFFS - 1 {
-                let [strong, weak] = [0.6..1.1, 0.01..0.4].map(|range: core::ops::Range<f32>| {
-                    faces.iter().filter(|face| range.contains(&face[index])).count()
-                });
+                let [strong, weak] = [0.6..1.1, 0.01..0.4]
+                    .map(|range: Range<f32>| faces.iter().filter(|face| range.contains(&face[index])).count());
                 assert!(strong > 20 && weak > 20, "{} {strong} {weak}", BLENDSHAPES[index]);
             }
         }
     }
 
     #[test]
-    fn only_chosen_shapes_are_shown_alone() {
-        let mut rng = ChaCha8Rng::seed_from_u64(7);
-        let (puff, open) = (index_of("cheekPuff"), index_of("jawOpen"));
-        let rest = vec![[0.0; COEFFS]];
-        let expressions =
-            Expressions::new(Moments::new(&[rest]), &[(Kind::Single, 1.0)], vec![puff, open]).expect("a mixture");
-        for _ in 0..200 {
-            let face = expressions.draw(&mut rng);
-            assert!(face.iter().enumerate().all(|(index, value)| *value == 0.0 || [puff, open].contains(&index)));
+    fn only_chosen_shapes_are_shown_alone_and_kinds_are_drawn_as_often_as_the_mixture_says() {
+        let shapes = ["cheekPuff", "jawOpen"];
+        for face in drawn(Moments::new(&[vec![[0.0; COEFFS]]]), &[(Kind::Single, 1.0)], &shapes, 200) {
+            let mut shown = BLENDSHAPES.iter().zip(face).filter(|(_, value)| *value > 0.0);
+            assert!(shown.all(|(name, _)| shapes.contains(name)));
         }
-    }
-
-    #[test]
-    fn kinds_are_drawn_as_often_as_the_mixture_says() {
-        let mut rng = ChaCha8Rng::seed_from_u64(8);
         let mix = [(Kind::Rest, 3.0), (Kind::Recorded, 1.0), (Kind::Grimace, 0.0)];
-        let expressions = Expressions::new(Moments::new(&[vec![[0.5; COEFFS]]]), &mix, Vec::new()).expect("a mixture");
-        let rests = (0..2000).filter(|_| expressions.draw(&mut rng).iter().all(|value| *value == 0.0)).count();
+        let faces = drawn(Moments::new(&[vec![[0.5; COEFFS]]]), &mix, &[], 2000);
+        let rests = faces.iter().filter(|face| face.iter().all(|value| *value == 0.0)).count();
         assert!((1400..1600).contains(&rests), "{rests}");
-    }
-
-    /// Returns a recording in which every coefficient is the frame's share of the whole.
-    fn moments(count: u16) -> Moments {
-        Moments::new(&[(0..count).map(|frame| [f32::from(frame) / f32::from(count); COEFFS]).collect()])
     }
 
     #[test]
@@ -422,7 +391,7 @@ mod tests {
             seen[lower] = true;
         }
         assert!(seen.iter().all(|seen| *seen), "every frame is used");
-        assert!(super::tests::moments(1).apart(&mut rng).iter().all(|index| *index == 0));
+        assert_eq!(super::tests::moments(1).apart(&mut rng), [0; 2]);
     }
 
     #[test]

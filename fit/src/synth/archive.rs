@@ -1,36 +1,32 @@
-//! Writes the rows of all subjects as one archive in the layout that `train` and `judge` read.
+//! Writes the rows of all subjects as one archive in the layout that `train` and `judge` read, and the shards of which it
+//! is made: one archive of rows per subject, in a folder beside it, from which an interrupted run is resumed. The folder
+//! stores the settings that it was made with, and refuses other settings.
 
-use std::fs::{self, File};
-use std::io::BufWriter;
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use facewire_face::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS};
 use facewire_face::{BLENDSHAPES, COEFFS, LANDMARKS};
 use half::f16;
-use npyz::WriterBuilder;
-use npyz::npz::NpzWriter;
-use npyz::zip::{CompressionMethod, DateTime, write::FileOptions};
+use npyz::Deserialize;
+use npyz::npz::NpzArchive;
 
-use super::worker::{META, ROW};
+use super::worker::{APPEARANCE, META, ROW, Rows};
+use crate::arrays::{Archive, create, write_array};
 use crate::dataset;
 
-/// An array of the archive: its position in a row, and its shape for one picture.
-struct Column {
-    name: &'static str,
-    first: usize,
-    shape: &'static [usize],
-}
-
-/// The file beside an archive that names the columns of `weights`.
 const NAMES: &str = "names.json";
 const POINTS: usize = 3 * LANDMARKS;
-const COLUMNS: [Column; 4] = [
-    Column { name: "landmarks", first: 0, shape: &[LANDMARKS, 3] },
-    Column { name: "weights", first: POINTS, shape: &[COEFFS] },
-    Column { name: "pose", first: POINTS + COEFFS, shape: &[3] },
-    Column { name: "meta", first: POINTS + COEFFS + 3, shape: &[META] },
+const COLUMNS: [(&str, usize, &[u64]); 4] = [
+    ("landmarks", 0, &[LANDMARKS as u64, 3]),
+    ("weights", POINTS, &[COEFFS as u64]),
+    ("pose", POINTS + COEFFS, &[3]),
+    ("meta", POINTS + COEFFS + 3, &[META as u64]),
 ];
+/// The array of the rows in a shard, and the file that stores the settings of all shards.
+const NUMBERS: &str = "numbers";
+const SETTINGS: &str = "settings.txt";
 
 /// Checks before the first picture is rendered that the output is an npz file, which its provenance file cannot
 /// overwrite, and that `names.json` does not belong to another dataset.
@@ -49,70 +45,103 @@ pub fn check(out: &Path) -> Result<()> {
 
 /// Writes the archive. `subjects` holds the numbers of each subject. `appearance` returns the values of the feature map in
 /// the pictures of a subject, which are not all in memory at the same time.
-pub fn write(out: &Path, subjects: &[Vec<f32>], appearance: impl Fn(usize) -> Result<Vec<f16>>) -> Result<()> {
-    let failed = || format!("cannot write {}", out.display());
-    let unfinished = out.with_extension("unfinished");
-    let mut npz = NpzWriter::new(BufWriter::new(File::create(&unfinished).with_context(failed)?));
-    for column in &COLUMNS {
-        write_column(&mut npz, column, subjects).with_context(failed)?;
+pub fn write(out: &Path, subjects: &[Vec<f32>], appearance: impl Fn(u64) -> Result<Vec<f16>>) -> Result<()> {
+    let rows = || subjects.iter().flat_map(|rows| rows.chunks_exact(ROW));
+    let pictures = rows().count() as u64;
+    fs::write(out.with_file_name(NAMES), serde_json::to_string(&BLENDSHAPES.as_slice())?)
+        .context("cannot write names.json")?;
+    write_whole(out, |archive| {
+        for (name, first, shape) in COLUMNS {
+            let width = shape.iter().product::<u64>() as usize;
+            let values = rows().map(|row| Ok(row[first..first + width].iter().copied()));
+            write_array(archive, name, &[&[pictures], shape].concat(), values)?;
+        }
+        let numbers = (0_i32..).zip(subjects);
+        let numbers = numbers.map(|(number, rows)| Ok(core::iter::repeat_n(number, rows.len() / ROW)));
+        write_array(archive, "subject", &[pictures], numbers)?;
+        let shape = [pictures, APPEARANCE_LANDMARKS.len() as u64, APPEARANCE_CHANNELS as u64];
+        write_array(archive, dataset::FEATURES, &shape, (0..subjects.len() as u64).map(appearance))
+    })
+}
+
+/// Writes an archive under another name first, so that it is whole or absent.
+fn write_whole(path: &Path, write: impl FnOnce(&mut Archive) -> Result<()>) -> Result<()> {
+    let unfinished = path.with_extension("unfinished");
+    let written = || -> Result<()> {
+        let mut archive = create(&unfinished)?;
+        write(&mut archive)?;
+        archive.zip_writer().finish()?;
+        Ok(fs::rename(&unfinished, path)?)
+    };
+    written().with_context(|| format!("cannot write {}", path.display()))
+}
+
+pub struct Shards {
+    folder: PathBuf,
+}
+
+impl Shards {
+    /// Opens or creates the folder beside `out`. `settings` are all settings that determine the pictures.
+    pub fn open(out: &Path, settings: &str) -> Result<Self> {
+        let mut name = out.file_name().context("the output has no file name")?.to_owned();
+        name.push(".parts");
+        let folder = out.with_file_name(name);
+        fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        let known = folder.join(SETTINGS);
+        match fs::read_to_string(&known) {
+            Ok(text) => ensure!(
+                text == settings,
+                "{} was made with other settings:\n{text}remove the folder, or use these settings again",
+                folder.display()
+            ),
+            Err(_) => fs::write(&known, settings).with_context(|| format!("cannot write {}", known.display()))?,
+        }
+        Ok(Self { folder })
     }
-    write_subjects(&mut npz, subjects).with_context(failed)?;
-    write_appearance(&mut npz, subjects, appearance).with_context(failed)?;
-    npz.zip_writer().finish().with_context(failed)?;
-    let names = serde_json::to_string(&BLENDSHAPES.as_slice())?;
-    fs::write(out.with_file_name(NAMES), names).context("cannot write names.json")?;
-    fs::rename(&unfinished, out).with_context(failed)
-}
 
-/// Returns file options without a time stamp, so that the same pictures give the same file.
-fn options() -> FileOptions {
-    FileOptions::default()
-        .compression_method(CompressionMethod::Stored)
-        .last_modified_time(DateTime::default())
-        .large_file(true)
-}
-
-fn pictures(subjects: &[Vec<f32>]) -> u64 {
-    subjects.iter().map(|rows| (rows.len() / ROW) as u64).sum()
-}
-
-fn write_column(npz: &mut NpzWriter<BufWriter<File>>, column: &Column, subjects: &[Vec<f32>]) -> Result<()> {
-    let sides = column.shape.iter().map(|side| *side as u64);
-    let shape: Vec<u64> = core::iter::once(pictures(subjects)).chain(sides).collect();
-    let width: usize = column.shape.iter().product();
-    let mut array = npz.array::<f32>(column.name, options())?.default_dtype().shape(&shape).begin_nd()?;
-    for row in subjects.iter().flat_map(|rows| rows.chunks_exact(ROW)) {
-        array.extend(row[column.first..column.first + width].iter().copied())?;
+    fn path(&self, subject: u64) -> PathBuf {
+        self.folder.join(format!("subject-{subject:06}.npz"))
     }
-    Ok(array.finish()?)
-}
 
-fn write_subjects(npz: &mut NpzWriter<BufWriter<File>>, subjects: &[Vec<f32>]) -> Result<()> {
-    let shape = [pictures(subjects)];
-    let mut array = npz.array::<i32>("subject", options())?.default_dtype().shape(&shape).begin_nd()?;
-    for (number, rows) in (0_i32..).zip(subjects) {
-        array.extend(core::iter::repeat_n(number, rows.len() / ROW))?;
+    pub fn has(&self, subject: u64) -> bool {
+        self.path(subject).exists()
     }
-    Ok(array.finish()?)
-}
 
-fn write_appearance(
-    npz: &mut NpzWriter<BufWriter<File>>,
-    subjects: &[Vec<f32>],
-    appearance: impl Fn(usize) -> Result<Vec<f16>>,
-) -> Result<()> {
-    let shape = [pictures(subjects), APPEARANCE_LANDMARKS.len() as u64, APPEARANCE_CHANNELS as u64];
-    let mut array = npz.array::<f16>(dataset::FEATURES, options())?.default_dtype().shape(&shape).begin_nd()?;
-    for number in 0..subjects.len() {
-        array.extend(appearance(number)?)?;
+    pub fn numbers(&self, subject: u64) -> Result<Vec<f32>> {
+        self.read(subject, NUMBERS, ROW)
     }
-    Ok(array.finish()?)
+
+    pub fn appearance(&self, subject: u64) -> Result<Vec<f16>> {
+        self.read(subject, dataset::FEATURES, APPEARANCE)
+    }
+
+    fn read<T: Deserialize>(&self, subject: u64, name: &str, width: usize) -> Result<Vec<T>> {
+        let path = self.path(subject);
+        let damaged = || format!("{} is damaged or missing: remove it and start again", path.display());
+        let mut archive = NpzArchive::open(&path).with_context(damaged)?;
+        let array = archive.by_name(name).with_context(damaged)?.with_context(damaged)?;
+        let values = array.into_vec::<T>().with_context(damaged)?;
+        ensure!(values.len().is_multiple_of(width), damaged());
+        Ok(values)
+    }
+
+    pub fn write(&self, subject: u64, Rows { numbers, appearance }: &Rows) -> Result<()> {
+        write_whole(&self.path(subject), |archive| {
+            let shape = |values: usize, width: usize| [(values / width) as u64, width as u64];
+            write_array(archive, NUMBERS, &shape(numbers.len(), ROW), [Ok(numbers.iter().copied())])?;
+            let shape = shape(appearance.len(), APPEARANCE);
+            write_array(archive, dataset::FEATURES, &shape, [Ok(appearance.iter().copied())])
+        })
+    }
+
+    pub fn remove(self) -> Result<()> {
+        fs::remove_dir_all(&self.folder).with_context(|| format!("cannot remove {}", self.folder.display()))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synth::worker::APPEARANCE;
 
     #[test]
     fn another_datasets_names_and_outputs_other_than_npz_are_refused() {
@@ -133,13 +162,12 @@ mod tests {
 
     #[test]
     fn an_archive_reads_back_as_a_dataset() {
-        let folder = std::env::temp_dir().join(format!("facewire-fit-{}-archive", std::process::id()));
-        fs::create_dir_all(&folder).expect("a folder");
-        let out = folder.join("faces.npz");
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("faces.npz");
         let row = |start: u16| (0..ROW).map(move |index| f32::from(start) + index as f32 / 4096.0);
         let subjects = vec![row(0).chain(row(1)).collect(), vec![], row(2).collect::<Vec<f32>>()];
         let appearance =
-            |number: usize| Ok(vec![f16::from_f32(number as f32); subjects[number].len() / ROW * APPEARANCE]);
+            |number: u64| Ok(vec![f16::from_f32(number as f32); subjects[number as usize].len() / ROW * APPEARANCE]);
         write(&out, &subjects, appearance).expect("written");
         let samples = dataset::load(&out).expect("read");
         assert_eq!(samples.iter().map(|sample| sample.subject).collect::<Vec<_>>(), [0, 0, 1]);
@@ -148,6 +176,25 @@ mod tests {
         assert_eq!(samples[0].pose_deg[1], -f64::from(1487.0_f32 / 4096.0), "pitch nods down in the file");
         let appearances = dataset::load_appearances(&[&out], samples.len()).expect("read").expect("features");
         assert_eq!([0, 1, 2].map(|row| appearances.of(row).0[179][31]), [0.0, 0.0, 2.0]);
-        fs::remove_dir_all(folder).expect("removed");
+    }
+
+    #[test]
+    fn shards_are_read_back_unchanged_and_other_settings_are_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("out.npz");
+        let shards = Shards::open(&out, "seed 1\n").expect("a folder");
+        let numbers: Vec<f32> = (0..2 * ROW).map(|index| index as f32 / 7.0).collect();
+        let appearance: Vec<f16> = (0..2 * APPEARANCE).map(|index| f16::from_f32(index as f32 / 7.0)).collect();
+        let rows = Rows { numbers, appearance };
+        shards.write(3, &rows).expect("written");
+        shards.write(4, &Rows::default()).expect("written");
+        assert_eq!([3, 4, 5].map(|subject| shards.has(subject)), [true, true, false]);
+        let read = |subject| Ok(Rows { numbers: shards.numbers(subject)?, appearance: shards.appearance(subject)? });
+        assert_eq!(read(3).expect("read"), rows);
+        assert_eq!(read(4).expect("read"), Rows::default());
+        assert!(read(5).is_err_and(|error: anyhow::Error| format!("{error:#}").contains("subject-000005.npz")));
+        Shards::open(&out, "seed 1\n").expect("the same settings");
+        assert!(Shards::open(&out, "seed 2\n").err().is_some_and(|error| error.to_string().contains("seed 1")));
+        shards.remove().expect("removed");
     }
 }

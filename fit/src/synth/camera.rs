@@ -8,9 +8,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
 use turbojpeg::{Compressor, Image, PixelFormat, Subsamp};
 
-/// Number of entries in the table of the tone curve.
 const TONES: usize = 4096;
-/// Largest index of this table.
 const TONE_SCALE: f32 = (TONES - 1) as f32;
 /// Number of precomputed normal deviates beyond those of one row.
 const NORMALS: usize = 1 << 15;
@@ -19,9 +17,7 @@ const LEAST_BLUR: f32 = 0.3;
 
 #[derive(Debug, Clone)]
 pub struct Effects {
-    /// Standard deviation of the defocus in pixels.
     pub defocus_px: f32,
-    /// Motion during the exposure in pixels.
     pub motion_px: Vec2,
     /// Factor on the light, including the white balance.
     pub exposure: Vec3,
@@ -32,7 +28,6 @@ pub struct Effects {
     /// Exponent of the tone curve divided by the usual 1/2.2.
     pub contrast: f32,
     pub sharpening: f32,
-    /// JPEG quality from 1 to 100.
     pub jpeg_quality: i32,
     pub chroma: Subsamp,
 }
@@ -53,19 +48,10 @@ impl Camera {
         let rng = ChaCha8Rng::seed_from_u64(0);
         let normals = rng.sample_iter(StandardNormal).take(NORMALS + 3 * width).collect();
         let (scratch, bytes) = (vec![[0.0; 3]; width * height], vec![0; 3 * width * height]);
-        Ok(Self {
-            width,
-            scratch,
-            bytes,
-            unsharp: Vec::new(),
-            normals,
-            curve: Vec::new(),
-            contrast: 0.0,
-            compressor: Compressor::new()?,
-        })
+        let (unsharp, curve, compressor) = (Vec::new(), Vec::new(), Compressor::new()?);
+        Ok(Self { width, scratch, bytes, unsharp, normals, curve, contrast: 0.0, compressor })
     }
 
-    /// Converts linear light to a JPEG image. Overwrites `light`.
     pub fn capture(&mut self, light: &mut [[f32; 3]], effects: &Effects, rng: &mut ChaCha8Rng) -> Result<Vec<u8>> {
         if effects.defocus_px > LEAST_BLUR {
             defocus(light, &mut self.scratch, self.width, effects.defocus_px);
@@ -84,7 +70,6 @@ impl Camera {
         Ok(self.compressor.compress_to_vec(image)?)
     }
 
-    /// Converts light to bytes: exposure, vignette, noise, and tone curve.
     fn expose(&mut self, light: &mut [[f32; 3]], effects: &Effects, rng: &mut ChaCha8Rng) {
         if self.contrast.to_bits() != effects.contrast.to_bits() {
             (self.contrast, self.curve) = (effects.contrast, tone_curve(effects.contrast));
@@ -109,12 +94,11 @@ impl Camera {
                 *value = TONE_SCALE * (*value + noise * (*value * photons + sensor).max(0.0).sqrt()).clamp(0.0, 1.0);
             }
             for (byte, value) in bytes.iter_mut().zip(line.as_flattened()) {
-                *byte = curve[whole(*value)];
+                *byte = curve[*value as usize];
             }
         }
     }
 
-    /// Sharpens by adding the difference of each pixel from the mean of its four neighbours.
     fn sharpen(&mut self, strength: f32) {
         let stride = 3 * self.width;
         let original = &mut self.unsharp;
@@ -152,23 +136,18 @@ fn byte(value: f32) -> u8 {
     (value + 0.5) as u8
 }
 
-/// Rounds a small number down, which is not negative.
-pub fn whole(value: f32) -> usize {
-    value as usize
-}
-
-pub fn defocus(light: &mut [[f32; 3]], scratch: &mut [[f32; 3]], width: usize, sigma: f32) {
+fn defocus(light: &mut [[f32; 3]], scratch: &mut [[f32; 3]], width: usize, sigma: f32) {
     let kernel = gaussian(sigma);
     blur_rows(light, scratch, width, &kernel);
     blur_columns(scratch, light, width, &kernel);
 }
 
-pub fn smear(light: &mut [[f32; 3]], scratch: &mut [[f32; 3]], width: usize, path: Vec2) {
+fn smear(light: &mut [[f32; 3]], scratch: &mut [[f32; 3]], width: usize, path: Vec2) {
     scratch.copy_from_slice(light);
     let height = light.len() / width;
-    let taps = whole(path.length().ceil()).max(2);
+    let taps = (path.length().ceil() as usize).max(2);
     let offset = |tap: usize| (path * (tap as f32 / (taps - 1) as f32 - 0.5)).round();
-    let offsets: Vec<[isize; 2]> = (0..taps).map(|tap| [offset(tap).x, offset(tap).y].map(signed)).collect();
+    let offsets: Vec<[isize; 2]> = (0..taps).map(|tap| offset(tap).to_array().map(|step| step as isize)).collect();
     light.as_flattened_mut().fill(0.0);
     for (row, line) in light.chunks_exact_mut(width).enumerate() {
         for [dx, dy] in &offsets {
@@ -192,13 +171,12 @@ fn add_shifted(to: &mut [[f32; 3]], from: &[[f32; 3]], by: isize) {
 
 /// Returns the right half of a normalised Gaussian kernel, beginning with its centre.
 fn gaussian(sigma: f32) -> Vec<f32> {
-    let taps = whole((2.5 * sigma).ceil()) + 1;
+    let taps = (2.5 * sigma).ceil() as usize + 1;
     let weight = |tap: usize| (-0.5 * (tap as f32 / sigma).powi(2)).exp();
     let sum = weight(0) + 2.0 * (1..taps).map(weight).sum::<f32>();
     (0..taps).map(|tap| weight(tap) / sum).collect()
 }
 
-/// Blurs along rows. The pixels at the border are repeated.
 fn blur_rows(from: &[[f32; 3]], to: &mut [[f32; 3]], width: usize, kernel: &[f32]) {
     let reach = kernel.len() - 1;
     let mut padded = vec![[0.0; 3]; width + 2 * reach];
@@ -211,7 +189,6 @@ fn blur_rows(from: &[[f32; 3]], to: &mut [[f32; 3]], width: usize, kernel: &[f32
     }
 }
 
-/// Blurs along columns. The pixels at the border are repeated.
 fn blur_columns(from: &[[f32; 3]], to: &mut [[f32; 3]], width: usize, kernel: &[f32]) {
     let height = from.len() / width;
     for (row, out) in to.chunks_exact_mut(width).enumerate() {
@@ -229,10 +206,6 @@ fn weigh<'a>(out: &mut [f32], kernel: &[f32], around: impl Fn(usize) -> [&'a [f3
             *out += weight * (before + behind);
         }
     }
-}
-
-fn signed(value: f32) -> isize {
-    value as isize
 }
 
 #[cfg(test)]
@@ -262,13 +235,6 @@ mod tests {
         let deviation = (seen.map(|value| (value - 0.25).powi(2)).sum::<f32>() / (3 * WIDTH * 16) as f32).sqrt();
         assert!((deviation / 0.000_4_f32.sqrt().hypot(0.03) - 1.0).abs() < 0.1, "{deviation}");
     }
-}
-
-#[cfg(test)]
-mod blur_tests {
-    use super::*;
-
-    const WIDTH: usize = 24;
 
     fn point(column: usize, row: usize) -> Vec<[f32; 3]> {
         let mut light = vec![[0.0; 3]; WIDTH * 16];
@@ -285,8 +251,12 @@ mod blur_tests {
     }
 
     #[test]
-    fn blur_neither_moves_nor_loses_light() {
+    fn blur_neither_moves_nor_loses_light_and_an_even_picture_stays_even_up_to_its_border() {
         let mut scratch = vec![[0.0; 3]; WIDTH * 16];
+        let mut even = vec![[0.5; 3]; WIDTH * 16];
+        defocus(&mut even, &mut scratch, WIDTH, 1.3);
+        smear(&mut even, &mut scratch, WIDTH, Vec2::new(-3.0, 5.0));
+        assert!(even.as_flattened().iter().all(|value| (value - 0.5).abs() < 1e-5));
         for (column, row) in [(10, 7), (12, 8)] {
             let (mut defocused, mut smeared) = (point(column, row), point(column, row));
             defocus(&mut defocused, &mut scratch, WIDTH, 1.3);
@@ -297,14 +267,5 @@ mod blur_tests {
                 assert!((sum - 1.0).abs() < 1e-4 && light[row * WIDTH + column][0] < 0.5);
             }
         }
-    }
-
-    #[test]
-    fn an_even_picture_stays_even_up_to_its_border() {
-        let mut scratch = vec![[0.0; 3]; WIDTH * 16];
-        let mut light = vec![[0.5; 3]; WIDTH * 16];
-        defocus(&mut light, &mut scratch, WIDTH, 1.3);
-        smear(&mut light, &mut scratch, WIDTH, Vec2::new(-3.0, 5.0));
-        assert!(light.as_flattened().iter().all(|value| (value - 0.5).abs() < 1e-5));
     }
 }

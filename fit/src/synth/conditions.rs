@@ -15,14 +15,11 @@ use super::props::Glasses;
 use super::render::FACE_CM;
 use super::scene::{Lens, Light, Lighting};
 
-/// Share of the people with each condition.
 const GLASSES: f32 = 0.12;
 const SIDE_LIGHT: f32 = 0.05;
 const DARK: f32 = 0.05;
 const SMALL: f32 = 0.05;
-/// Share of the pictures in which something hides a part of the face.
 const OCCLUDED: f64 = 0.05;
-/// Width of a small face in pixels.
 const SMALL_PX: [f32; 2] = [55.0, 65.0];
 
 /// A condition that all pictures of a set have in common.
@@ -45,22 +42,13 @@ pub enum Condition {
 #[derive(Debug, Clone)]
 pub struct Conditions {
     pub glasses: Option<Glasses>,
-    /// Share of the pictures in which something hides a part of the face.
     pub occluded: f64,
     beard: (BeardStyle, Option<f32>),
     side_light: Option<Light>,
-    dark: Option<Dark>,
-    /// Width of a small face in pixels.
+    /// Exposure, noise and contrast of a dark room.
+    dark: Option<(f32, [f32; 2], f32)>,
     small_px: Option<f32>,
-    /// Depth of wrinkles, from 0 to 1.
     wrinkles: f32,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Dark {
-    exposure: f32,
-    noise: [f32; 2],
-    contrast: f32,
 }
 
 impl Conditions {
@@ -81,16 +69,14 @@ impl Conditions {
         let beard = BeardStyle::random(rng);
         let full = rng.random_range(0.7..1.0);
         let light = side_light_from(rng);
-        let room = Dark::random(rng);
+        let gain = rng.random_range(0.02..0.06);
+        let exposure = rng.random_range(0.15..0.4);
+        let room = (exposure, [gain, gain * rng.random_range(0.1..0.3)], rng.random_range(0.7..0.9));
         let width = rng.random_range(SMALL_PX[0]..SMALL_PX[1]);
         let wrinkles = rng.random_range(0.0_f32..0.75).powf(1.5);
         Self {
             glasses: glasses.then_some(style),
-            occluded: if forced.is_some() {
-                f64::from(u8::from(occluded))
-            } else {
-                OCCLUDED * f64::from(u8::from(occluded))
-            },
+            occluded: if forced.is_some() { 1.0 } else { OCCLUDED } * f64::from(u8::from(occluded)),
             beard: (beard, (forced == Some(Condition::Beard)).then_some(full)),
             side_light: side_light.then_some(light),
             dark: dark.then_some(room),
@@ -113,9 +99,9 @@ impl Conditions {
     }
 
     pub fn apply_to_effects(&self, effects: &mut Effects) {
-        if let Some(dark) = self.dark {
-            effects.exposure *= dark.exposure;
-            (effects.noise, effects.contrast) = (dark.noise, dark.contrast);
+        if let Some((exposure, noise, contrast)) = self.dark {
+            effects.exposure *= exposure;
+            (effects.noise, effects.contrast) = (noise, contrast);
         }
     }
 
@@ -131,17 +117,6 @@ fn side_light_from(rng: &mut ChaCha8Rng) -> Light {
     let warm = rng.random_range(-0.1..0.3);
     let colour = Vec3::new(1.0 + 0.5 * warm, 1.0, 1.0 - warm) * rng.random_range(0.8..1.5);
     Light { toward: toward.normalize_or(Vec3::X), colour }
-}
-
-impl Dark {
-    fn random(rng: &mut ChaCha8Rng) -> Self {
-        let gain = rng.random_range(0.02..0.06);
-        Self {
-            exposure: rng.random_range(0.15..0.4),
-            noise: [gain, gain * rng.random_range(0.1..0.3)],
-            contrast: rng.random_range(0.7..0.9),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -166,18 +141,12 @@ mod tests {
     }
 
     #[test]
-    fn conditions_are_rare_unless_forced_and_absent_if_taken_away() {
-        let glasses = |people: &[Conditions]| people.iter().filter(|person| person.glasses.is_some()).count();
-        assert!((20..90).contains(&glasses(&drawn(None, &[]))));
-        assert_eq!(glasses(&drawn(None, &[Factor::Glasses])), 0);
-        assert!(drawn(None, &[Factor::Occlusion]).iter().all(|person| person.occluded == 0.0));
-    }
-
-    #[test]
-    fn taking_one_condition_away_leaves_the_others_as_they_were() {
-        let pairs = drawn(None, &[]).into_iter().zip(drawn(None, &[Factor::Glasses]));
-        for (all, fewer) in pairs {
-            assert_eq!(all.dark.map(|dark| dark.exposure), fewer.dark.map(|dark| dark.exposure));
+    fn conditions_are_rare_and_taking_one_away_leaves_the_others_as_they_were() {
+        let (all, without) = (drawn(None, &[]), drawn(None, &[Factor::Glasses]));
+        assert!((20..90).contains(&all.iter().filter(|person| person.glasses.is_some()).count()));
+        for (all, fewer) in all.into_iter().zip(without) {
+            assert!(fewer.glasses.is_none());
+            assert_eq!(all.dark, fewer.dark);
             assert_eq!(all.small_px, fewer.small_px);
             assert_eq!(all.beard, fewer.beard);
         }

@@ -17,12 +17,10 @@ use super::anatomy::enforce_limits;
 use super::expression::Coefficients;
 use super::options::{Curves, MixOptions, Set, mix_text};
 use crate::design::MODELLED;
-use crate::drawing::{Axes, Axis, BLUE_INK, DrawError, ORANGE_INK, SIZE_PX, svg};
-use crate::output;
-use crate::output::{Table, figure, number};
+use crate::drawing::{Axis, BLUE_INK, DrawError, ORANGE_INK, SIZE_PX, chart, svg};
+use crate::output::{self, Table, figure, number};
 use crate::statistics::{mean, pearson};
 
-/// Arguments of `expressions`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   facewire-fit expressions expressions.html
@@ -52,7 +50,7 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<()> {
     options.csv.iter().chain([&options.out]).try_for_each(|path| output::check(path))?;
     let moments = options.curves.moments(options.set)?;
-    let mut recorded = moments.frames().to_vec();
+    let mut recorded = moments.frames.clone();
     ensure!(recorded.len() > 1, "the recordings have too few frames to compare with");
     recorded.iter_mut().for_each(enforce_limits);
     let expressions = options.mix.expressions(options.set, moments)?;
@@ -70,45 +68,37 @@ pub fn run(options: &Options) -> Result<()> {
 fn table(faces: &[Coefficients]) -> Result<String> {
     let mut text = BLENDSHAPES.join(",") + "\n";
     for face in faces {
-        for (index, value) in face.iter().enumerate() {
-            write!(text, "{}{value:.4}", if index > 0 { "," } else { "" })?;
-        }
-        text.push('\n');
+        writeln!(text, "{}", face.map(|value| format!("{value:.4}")).join(","))?;
     }
     Ok(text)
 }
 
 /// Coefficients above these limits count as visible and as strong.
-pub const VISIBLE: f64 = 0.1;
-pub const STRONG: f64 = 0.3;
-/// A coefficient below this limit counts as 0.
+const VISIBLE: f64 = 0.1;
+const STRONG: f64 = 0.3;
 const ZERO: f64 = 0.01;
-/// The quantiles that are shown of each blendshape.
-pub const QUANTILES: [f64; 4] = [0.5, 0.75, 0.9, 0.99];
+const QUANTILES: [f64; 4] = [0.5, 0.75, 0.9, 0.99];
 
-pub struct Figures {
-    pub count: usize,
+struct Figures {
+    count: usize,
     /// Share of the expressions by their number of visible coefficients, from 0 on.
-    pub densities: Vec<f64>,
-    pub strong: f64,
-    /// Share of the expressions without a visible coefficient.
-    pub rest: f64,
-    pub shapes: Vec<Marginal>,
-    pub correlations: Vec<Vec<f64>>,
+    densities: Vec<f64>,
+    strong: f64,
+    rest: f64,
+    shapes: Vec<Marginal>,
+    correlations: Vec<Vec<f64>>,
 }
 
-pub struct Marginal {
-    pub index: usize,
-    /// Share of the expressions in which it is 0.
-    pub zero: f64,
-    pub quantiles: [f64; QUANTILES.len()],
+struct Marginal {
+    index: usize,
+    zero: f64,
+    quantiles: [f64; QUANTILES.len()],
     /// If it has two sides: their mean absolute difference and their correlation. Only the left side has them.
-    pub sides: Option<[f64; 2]>,
+    sides: Option<[f64; 2]>,
 }
 
 impl Figures {
-    /// Computes the statistics of at least one expression.
-    pub fn of(faces: &[Coefficients]) -> Self {
+    fn of(faces: &[Coefficients]) -> Self {
         let columns: Vec<Vec<f64>> =
             (0..COEFFS).map(|index| faces.iter().map(|face| f64::from(face[index])).collect()).collect();
         let mut densities = vec![0.0; COEFFS + 1];
@@ -126,12 +116,12 @@ impl Figures {
         }
     }
 
-    pub fn visible(&self) -> f64 {
+    fn visible(&self) -> f64 {
         self.densities.iter().enumerate().map(|(count, share)| count as f64 * share).sum()
     }
 
     /// Returns the smallest number of visible coefficients that this share of the expressions does not exceed.
-    pub fn density_quantile(&self, share: f64) -> usize {
+    fn density_quantile(&self, share: f64) -> usize {
         let mut sum = 0.0;
         let reached = |own: &f64| {
             sum += own;
@@ -162,47 +152,35 @@ fn above(face: &Coefficients, limit: f64) -> usize {
     face.iter().filter(|value| f64::from(**value) > limit).count()
 }
 
-/// Two blendshapes whose correlation differs between recorded and sampled expressions.
-pub struct Difference {
-    pub pair: [usize; 2],
-    pub correlations: [f64; 2],
-}
+type Difference = ([usize; 2], [f64; 2]);
 
 /// Returns the pairs whose correlations differ most, the largest difference first.
-pub fn largest_differences(recorded: &Figures, sampled: &Figures, count: usize) -> Vec<Difference> {
+fn largest_differences(recorded: &Figures, sampled: &Figures, count: usize) -> Vec<Difference> {
     let pairs = (0..MODELLED).flat_map(|a| (0..a).map(move |b| [b, a]));
-    let difference = |pair: [usize; 2]| {
-        let [a, b] = pair;
-        Difference { pair, correlations: [recorded, sampled].map(|figures| figures.correlations[a][b]) }
-    };
-    let mut all: Vec<Difference> = pairs.map(difference).collect();
-    let size = |own: &Difference| (own.correlations[0] - own.correlations[1]).abs();
+    let both = |[a, b]: [usize; 2]| ([a, b], [recorded, sampled].map(|figures| figures.correlations[a][b]));
+    let mut all: Vec<Difference> = pairs.map(both).collect();
+    let size = |(_, [recorded, sampled]): &Difference| (recorded - sampled).abs();
     all.sort_by(|one, other| size(other).total_cmp(&size(one)));
     all.truncate(count);
     all
 }
 
-/// Size of a cell of a heat map, and room for the names beside the cells.
 const CELL_PX: i32 = 12;
 const NAMES_PX: i32 = 130;
-/// Height of a row of the chart of ranges, and its width.
 const ROW_PX: i32 = 14;
 const RANGES_PX: u32 = 560;
 const TEXT: (&str, i32) = ("sans-serif", 10);
 
-/// Plots the distribution of the number of visible coefficients: recorded (blue) and sampled (orange).
-pub fn densities(recorded: &Figures, sampled: &Figures) -> Result<String> {
+fn densities(recorded: &Figures, sampled: &Figures) -> Result<String> {
     let both = [(recorded, BLUE_INK), (sampled, ORANGE_INK)];
     let percent = |figures: &Figures| -> Vec<(f64, f64)> {
         figures.densities.iter().enumerate().map(|(count, share)| (count as f64, 100.0 * share)).collect()
     };
     let most = both.iter().flat_map(|(figures, _)| percent(figures)).map(|(_, share)| share).fold(5.0, f64::max);
-    let axes = Axes {
-        x: Axis::linear("coefficients above 0.1", [0.0, 45.0]),
-        y: Axis::linear("% of the expressions", [0.0, most.ceil()]),
-    };
+    let axes =
+        [Axis::linear("coefficients above 0.1", [0.0, 45.0]), Axis::linear("% of the expressions", [0.0, most.ceil()])];
     svg(SIZE_PX, |area| {
-        let mut chart = axes.draw(area)?;
+        let mut chart = chart(area, &axes)?;
         for (figures, ink) in both {
             let points = percent(figures).into_iter().filter(|(count, _)| *count <= 45.0);
             chart.draw_series(LineSeries::new(points, ink.stroke_width(2)))?;
@@ -213,7 +191,7 @@ pub fn densities(recorded: &Figures, sampled: &Figures) -> Result<String> {
 
 /// Plots the range from the median to the 99th percentile of every blendshape, with a dot at the 90th: recorded (blue)
 /// above sampled (orange).
-pub fn ranges(recorded: &Figures, sampled: &Figures) -> Result<String> {
+fn ranges(recorded: &Figures, sampled: &Figures) -> Result<String> {
     let height = 2 * ROW_PX + ROW_PX * i32::try_from(MODELLED)?;
     svg((RANGES_PX, height.unsigned_abs()), |area| {
         let width = RANGES_PX.cast_signed() - NAMES_PX - 20;
@@ -238,8 +216,7 @@ pub fn ranges(recorded: &Figures, sampled: &Figures) -> Result<String> {
     })
 }
 
-/// Draws a matrix of numbers from -1 (blue) to 1 (red) for all pairs of blendshapes.
-pub fn matrix(values: &[Vec<f64>]) -> Result<String> {
+fn matrix(values: &[Vec<f64>]) -> Result<String> {
     let size = NAMES_PX + CELL_PX * i32::try_from(MODELLED)?;
     svg((size.unsigned_abs(), size.unsigned_abs()), |area| -> Result<(), DrawError> {
         for (row, name) in (0..).zip(&BLENDSHAPES[..MODELLED]) {
@@ -259,7 +236,6 @@ pub fn matrix(values: &[Vec<f64>]) -> Result<String> {
     })
 }
 
-/// Maps -1 to 1 to colours from blue by way of white to red.
 fn colour(value: f64) -> RGBColor {
     const ENDS: [[f64; 3]; 2] = [[33.0, 102.0, 172.0], [178.0, 24.0, 43.0]];
     let end = ENDS[usize::from(value > 0.0)];
@@ -267,25 +243,22 @@ fn colour(value: f64) -> RGBColor {
     RGBColor(red, green, blue)
 }
 
-/// Number of pairs of blendshapes that are listed because their correlations differ most.
 const LISTED: usize = 24;
 const COLOURS: &str = "Blue: recorded. Orange: sampled";
 
-pub fn page(recorded: &Figures, sampled: &Figures, mix: &str) -> Result<Markup> {
+fn page(recorded: &Figures, sampled: &Figures, mix: &str) -> Result<Markup> {
     let difference: Vec<Vec<f64>> = (recorded.correlations.iter().zip(&sampled.correlations))
         .map(|(one, other)| one.iter().zip(other).map(|(one, other)| other - one).collect())
         .collect();
-    let densities = densities(recorded, sampled)?;
-    let ranges = ranges(recorded, sampled)?;
     let maps = [&recorded.correlations, &sampled.correlations, &difference].map(|values| matrix(values));
     let [recorded_map, sampled_map, difference_map] = maps;
     Ok(html! {
             p { (recorded.count) " recorded frames and " (sampled.count) " sampled expressions: " (mix) "." }
             h2 id="density" { "Density" }
             (density_table(recorded, sampled).html())
-            div.figures { (figure(&densities, COLOURS, "Number of visible coefficients")) }
+            div.figures { (figure(&densities(recorded, sampled)?, COLOURS, "Number of visible coefficients")) }
             h2 id="shapes" { "Blendshapes" }
-            div.figures.large { (figure(&ranges, "Lines run from the median to the 99th percentile, dots are at the 90th. Blue: recorded. Orange: sampled", "Ranges")) }
+            div.figures.large { (figure(&ranges(recorded, sampled)?, "Lines run from the median to the 99th percentile, dots are at the 90th. Blue: recorded. Orange: sampled", "Ranges")) }
             (shape_table(recorded, sampled).html())
             h2 id="sides" { "Left and right" }
             p { "The mean absolute difference of both sides, and their correlation." }
@@ -301,7 +274,7 @@ pub fn page(recorded: &Figures, sampled: &Figures, mix: &str) -> Result<Markup> 
     })
 }
 
-pub fn summary(recorded: &Figures, sampled: &Figures) -> String {
+fn summary(recorded: &Figures, sampled: &Figures) -> String {
     let line = |name: &str, figures: &Figures| {
         let [low, middle, high] = [0.05, 0.5, 0.95].map(|share| figures.density_quantile(share));
         format!(
@@ -350,77 +323,48 @@ fn side_table(recorded: &Figures, sampled: &Figures) -> Table {
 }
 
 fn difference_table(differences: &[Difference]) -> Table {
-    let cells = |own: &Difference| {
-        let Difference { correlations: [recorded, sampled], .. } = own;
-        row(&own.pair.map(|index| BLENDSHAPES[index]).join(", "), [*recorded, *sampled, sampled - recorded])
+    let cells = |(pair, [recorded, sampled]): &Difference| {
+        row(&pair.map(|index| BLENDSHAPES[index]).join(", "), [*recorded, *sampled, sampled - recorded])
     };
     Table::new(["pair", "recorded", "sampled", "difference"], differences.iter().map(cells))
 }
 
-pub const CONTENTS: [(&str, &str); 4] =
+const CONTENTS: [(&str, &str); 4] =
     [("density", "Density"), ("shapes", "Blendshapes"), ("sides", "Left and right"), ("correlations", "Correlations")];
 
 #[cfg(test)]
 mod tests {
-    use crate::synth::anatomy::index_of;
-
     use super::*;
+    use crate::synth::anatomy::{index_of, tests::face as face_of};
 
     /// Returns 11 faces: jawOpen rises from 0 to 1, mouthFunnel follows it, mouthSmileLeft falls, and mouthSmileRight is
     /// half as strong.
     fn faces() -> Vec<Coefficients> {
         let face = |step: u8| {
-            let mut face = [0.0; COEFFS];
             let open = f32::from(step) / 10.0;
-            face[index_of("jawOpen")] = open;
-            face[index_of("mouthFunnel")] = 0.2 * open;
-            face[index_of("mouthSmileLeft")] = 1.0 - open;
-            face[index_of("mouthSmileRight")] = (1.0 - open) / 2.0;
-            face
+            face_of(&[
+                ("jawOpen", open),
+                ("mouthFunnel", 0.2 * open),
+                ("mouthSmileLeft", 1.0 - open),
+                ("mouthSmileRight", (1.0 - open) / 2.0),
+            ])
         };
         (0..11).map(face).collect()
     }
 
     #[test]
-    fn densities_count_visible_coefficients() {
-        let figures = Figures::of(&[faces(), vec![[0.0; COEFFS]; 11]].concat());
-        assert_eq!(figures.count, 22);
-        assert!((figures.rest - 0.5).abs() < 1e-9 && figures.density_quantile(0.5) == 0);
-        assert!((figures.densities.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+    fn figures_have_densities_quantiles_and_the_difference_of_both_sides() {
+        let near = |one: f64, other: f64| (one - other).abs() < 1e-6;
+        let halves = Figures::of(&[faces(), vec![[0.0; COEFFS]; 11]].concat());
+        assert!(near(halves.rest, 0.5) && halves.density_quantile(0.5) == 0 && halves.density_quantile(1.0) == 4);
         let visible: usize = faces().iter().map(|face| above(face, VISIBLE)).sum();
-        assert!((figures.visible() - visible as f64 / 22.0).abs() < 1e-9 && figures.density_quantile(1.0) == 4);
-    }
-
-    #[test]
-    fn marginals_have_quantiles_and_the_difference_of_both_sides() {
+        assert!(near(halves.visible(), visible as f64 / 22.0) && near(halves.densities.iter().sum(), 1.0));
         let figures = Figures::of(&faces());
         let shape = |name: &str| &figures.shapes[index_of(name)];
-        let near = |one: f64, other: f64| (one - other).abs() < 1e-6;
         assert!(near(shape("jawOpen").quantiles[0], 0.5) && near(shape("jawOpen").quantiles[2], 0.9));
         assert!(near(shape("jawOpen").zero, 1.0 / 11.0) && near(shape("browInnerUp").zero, 1.0));
         let [gap, r] = shape("mouthSmileLeft").sides.expect("two sides");
         assert!(near(gap, 0.25) && near(r, 1.0), "{gap} {r}");
         assert!(shape("jawOpen").sides.is_none() && shape("mouthSmileRight").sides.is_none());
-    }
-
-    #[test]
-    fn the_largest_difference_of_correlations_comes_first() {
-        let mut broken = faces();
-        let funnel = index_of("mouthFunnel");
-        for face in &mut broken {
-            face[funnel] = 0.2 - face[funnel];
-        }
-        let [recorded, sampled] = [faces(), broken].map(|faces| Figures::of(&faces));
-        let differences = largest_differences(&recorded, &sampled, 3);
-        assert_eq!(differences.len(), 3);
-        assert!(differences.iter().all(|own| own.pair.contains(&funnel)), "only mouthFunnel was changed");
-        assert!((differences[0].correlations[0] + differences[0].correlations[1]).abs() < 1e-6);
-    }
-
-    #[test]
-    fn a_matrix_has_a_cell_and_two_names_for_every_pair_of_names() {
-        let drawing = matrix(&vec![vec![0.5; MODELLED]; MODELLED]).expect("a drawing");
-        assert_eq!(drawing.matches("<rect").count(), MODELLED * MODELLED);
-        assert_eq!(drawing.matches("<text").count(), 2 * MODELLED);
     }
 }

@@ -1,33 +1,25 @@
 //! Deforms the head by ARKit coefficients: moves the vertices of the rig's shapes and rotates the eyeballs. `tongueOut`
 //! has no shape.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use facewire_face::{BLENDSHAPES, COEFFS};
 use glam::{Mat3, Vec3};
 
-use super::geometry::vertices_of;
-use super::rig::{Rig, Triangle};
+use super::anatomy::index_of;
+use super::rig::{Rig, Triangle, vertices_of};
 
-/// One value per blendshape, in the order of [`BLENDSHAPES`].
 pub type Coefficients = [f32; COEFFS];
 
 /// Rotation of an eyeball per unit of `eyeLookIn` or `eyeLookOut`, and of `eyeLookUp` or `eyeLookDown`.
-pub const GAZE_DEG: [f32; 2] = [34.7, 31.9];
+const GAZE_DEG: [f32; 2] = [34.7, 31.9];
 
 pub struct Deformer {
-    drivers: Vec<Driver>,
+    drivers: Vec<(usize, usize, f32)>,
     eyes: [Eye; 2],
-}
-
-struct Driver {
-    coefficient: usize,
-    shape: usize,
-    gain: f32,
 }
 
 struct Eye {
     vertices: Vec<u32>,
-    /// Indices of this eye's `eyeLookIn`, `eyeLookOut`, `eyeLookUp` and `eyeLookDown`.
     look: [usize; 4],
     /// The outward direction along x: 1 for the person's left eye, -1 for the right.
     out: f32,
@@ -38,18 +30,17 @@ impl Deformer {
         let shown = BLENDSHAPES.iter().enumerate().filter(|(_, name)| **name != "tongueOut");
         let drivers = shown.map(|(coefficient, name)| drivers(rig, coefficient, name)).collect::<Result<Vec<_>>>()?;
         let [left, right] = &rig.parts.eyes;
-        let eyes = [Eye::new(left, "Left", 1.0)?, Eye::new(right, "Right", -1.0)?];
+        let eyes = [Eye::new(left, "Left", 1.0), Eye::new(right, "Right", -1.0)];
         Ok(Self { drivers: drivers.into_iter().flatten().collect(), eyes })
     }
 
-    /// Deforms the vertices in `base` and stores them in `out`.
     pub fn deform(&self, rig: &Rig, base: &[Vec3], weights: &Coefficients, out: &mut Vec<Vec3>) {
         out.clear();
         out.extend_from_slice(base);
-        for driver in &self.drivers {
-            let weight = weights[driver.coefficient] * driver.gain;
+        for (coefficient, shape, gain) in &self.drivers {
+            let weight = weights[*coefficient] * gain;
             if weight != 0.0 {
-                for (vertex, offset) in &rig.shapes[driver.shape].moves {
+                for (vertex, offset) in &rig.shapes[*shape].moves {
                     out[*vertex as usize] += weight * *offset;
                 }
             }
@@ -58,11 +49,11 @@ impl Deformer {
     }
 }
 
-fn drivers(rig: &Rig, coefficient: usize, name: &str) -> Result<Vec<Driver>> {
+fn drivers(rig: &Rig, coefficient: usize, name: &str) -> Result<Vec<(usize, usize, f32)>> {
     let gain = 1.0 / ratio(name).with_context(|| format!("no amplitude of {name}"))?;
     let found = rig_names(name).into_iter().filter_map(|name| rig.shape(&name));
-    let drivers: Vec<_> = found.map(|shape| Driver { coefficient, shape, gain }).collect();
-    anyhow::ensure!(!drivers.is_empty(), "the rig has no shape for {name}");
+    let drivers: Vec<_> = found.map(|shape| (coefficient, shape, gain)).collect();
+    ensure!(!drivers.is_empty(), "the rig has no shape for {name}");
     Ok(drivers)
 }
 
@@ -75,14 +66,9 @@ fn rig_names(name: &str) -> Vec<String> {
 }
 
 impl Eye {
-    fn new(triangles: &[Triangle], side: &str, out: f32) -> Result<Self> {
-        let vertices = vertices_of(triangles);
-        let index = |stem: &str| {
-            let name = format!("{stem}{side}");
-            BLENDSHAPES.iter().position(|known| *known == name).with_context(|| format!("no {name}"))
-        };
-        let look = [index("eyeLookIn")?, index("eyeLookOut")?, index("eyeLookUp")?, index("eyeLookDown")?];
-        Ok(Self { vertices, look, out })
+    fn new(triangles: &[Triangle], side: &str, out: f32) -> Self {
+        let look = ["In", "Out", "Up", "Down"].map(|to| index_of(&format!("eyeLook{to}{side}")));
+        Self { vertices: vertices_of(triangles), look, out }
     }
 
     fn turn(&self, weights: &Coefficients, points: &mut [Vec3]) {
@@ -110,7 +96,7 @@ impl Eye {
 
 /// Returns the rotation of an eyeball from `[in, out, up, down]`. `out` is 1 for the person's left eye, -1 for the
 /// right.
-pub fn gaze([inward, outward, up, down]: [f32; 4], out: f32) -> Mat3 {
+fn gaze([inward, outward, up, down]: [f32; 4], out: f32) -> Mat3 {
     head_rotation(out * (outward - inward) * GAZE_DEG[0], (down - up) * GAZE_DEG[1], 0.0)
 }
 
@@ -164,7 +150,7 @@ const RATIOS: [(&str, f32); 30] = [
 /// The same for shapes whose name ends with a direction of motion instead of a side of the face.
 const SIDEWAYS: [(&str, f32); 3] = [("mouthLeft", 1.57), ("mouthRight", 1.57), ("mouthUpperUp", 0.94)];
 
-pub fn ratio(name: &str) -> Option<f32> {
+fn ratio(name: &str) -> Option<f32> {
     let stem = name.strip_suffix("Left").or_else(|| name.strip_suffix("Right")).unwrap_or(name);
     let all = || SIDEWAYS.iter().chain(&RATIOS);
     let of = |wanted: &str| all().find(|(known, _)| *known == wanted).map(|(_, ratio)| *ratio);
@@ -173,12 +159,9 @@ pub fn ratio(name: &str) -> Option<f32> {
 
 #[cfg(test)]
 mod tests {
-    use facewire_face::BLENDSHAPES;
-
-    use crate::reference;
-    use crate::synth::anatomy::index_of;
-
     use super::*;
+    use crate::reference;
+    use crate::synth::anatomy::tests::face;
 
     #[test]
     fn positive_angles_turn_left_nod_down_and_tip_right() {
@@ -205,17 +188,13 @@ mod tests {
     }
 
     fn deformed(rig: &Rig, moved: &[(&str, f32)]) -> Vec<Vec3> {
-        let mut weights = [0.0; COEFFS];
-        for (name, weight) in moved {
-            weights[index_of(name)] = *weight;
-        }
         let mut points = Vec::new();
-        Deformer::new(rig).expect("shapes").deform(rig, &rig.neutral, &weights, &mut points);
+        Deformer::new(rig).expect("shapes").deform(rig, &rig.neutral, &face(moved), &mut points);
         points
     }
 
     #[test]
-    fn eye_blink_left_shuts_only_the_persons_left_lid() {
+    fn eye_blink_left_shuts_only_the_persons_left_lid_and_the_iris_rotates_with_the_gaze() {
         let rig = rig();
         let points = deformed(&rig, &[("eyeBlinkLeft", 1.0)]);
         let gap = |points: &[Vec3], [upper, lower]: [usize; 2]| {
@@ -225,6 +204,11 @@ mod tests {
         assert!(rig.landmark(43).x > 0.0, "the person's left is at positive x, right in the picture");
         assert!(gap(&points, left) < 0.2 * gap(&rig.neutral, left));
         assert!(gap(&points, right) > 0.98 * gap(&rig.neutral, right));
+        let eye = rig.parts.eyes[0].concat();
+        let depth = |vertex: &u32| rig.neutral[*vertex as usize].z;
+        let iris = *eye.iter().max_by(|a, b| depth(a).total_cmp(&depth(b))).expect("a vertex") as usize;
+        let moved = |look| deformed(&rig, &[(look, 1.0)])[iris] - rig.neutral[iris];
+        assert!(moved("eyeLookOutLeft").x > 0.7 && moved("eyeLookDownLeft").y < -0.7, "the iris turns");
     }
 
     #[test]
@@ -256,28 +240,5 @@ mod tests {
         let open = deformed(&rig, &[("jawOpen", 1.0)]);
         let closed = deformed(&rig, &[("jawOpen", 1.0), ("mouthClose", 1.0)]);
         assert!(lips(&open) > 2.0 && (lips(&closed) - lips(&rig.neutral)).abs() < 0.1);
-    }
-
-    #[test]
-    fn the_iris_rotates_with_the_gaze() {
-        let rig = rig();
-        let front = rig.parts.eyes[0]
-            .concat()
-            .into_iter()
-            .max_by(|a, b| rig.neutral[*a as usize].z.total_cmp(&rig.neutral[*b as usize].z));
-        let iris = front.expect("a vertex") as usize;
-        let out = deformed(&rig, &[("eyeLookOutLeft", 1.0)])[iris];
-        let down = deformed(&rig, &[("eyeLookDownLeft", 1.0)])[iris];
-        assert!(out.x - rig.neutral[iris].x > 0.7, "out is to the person's left for the left eye");
-        assert!(rig.neutral[iris].y - down.y > 0.7);
-    }
-
-    #[test]
-    fn every_blendshape_but_the_tongue_has_an_amplitude() {
-        assert!(BLENDSHAPES.iter().filter(|name| **name != "tongueOut").all(|name| ratio(name).is_some()));
-        assert_eq!(
-            [ratio("mouthSmileLeft"), ratio("mouthLeft"), ratio("jawRight")],
-            [Some(0.86), Some(1.57), Some(1.02)]
-        );
     }
 }

@@ -7,7 +7,6 @@ use clap::ValueEnum;
 use glam::{Vec2, Vec3};
 use turbojpeg::Subsamp;
 
-use super::backdrop::Backdrop;
 use super::camera::Effects;
 use super::person::Looks;
 use super::scene::{Light, Lighting};
@@ -15,10 +14,8 @@ use super::scene::{Light, Lighting};
 /// Size of a face without [`Factor::Size`], relative to the picture, and its distance without [`Factor::Distance`].
 const FACE_SHARE: f32 = 0.5;
 const DISTANCE_CM: f32 = 60.0;
-/// Factor on the angles without [`Factor::Turns`].
 const FEWER_TURNS: f32 = 0.3;
 
-/// A factor of variety.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Factor {
     /// Camera noise
@@ -81,34 +78,9 @@ pub enum Factor {
     Wrinkles,
 }
 
-/// The factors that the reference renderer of the rig does not have.
-const NOT_IN_REFERENCE: [Factor; 23] = [
-    F::Noise,
-    F::Motion,
-    F::Defocus,
-    F::Jpeg,
-    F::Sharpening,
-    F::Vignette,
-    F::Exposure,
-    F::Contrast,
-    F::Light,
-    F::Shadows,
-    F::Beard,
-    F::Hair,
-    F::BrowShape,
-    F::BrowColour,
-    F::Tint,
-    F::Gloss,
-    F::Eyes,
-    F::Glasses,
-    F::Occlusion,
-    F::SideLight,
-    F::Dark,
-    F::Small,
-    F::Wrinkles,
-];
+/// The factors that the reference renderer of the rig has, too.
+const IN_REFERENCE: [Factor; 6] = [F::Backdrop, F::Identity, F::Size, F::Distance, F::Place, F::Turns];
 
-/// The conditions that occur rarely.
 const CONDITIONS: [Factor; 5] = [F::Glasses, F::Occlusion, F::SideLight, F::Dark, F::Small];
 
 #[derive(Debug, Clone)]
@@ -116,11 +88,9 @@ pub struct Without(Vec<Factor>);
 
 impl Without {
     pub fn new(factors: &[Factor], like_reference: bool) -> Self {
-        let reference: &[Factor] = if like_reference { &NOT_IN_REFERENCE } else { &[] };
-        let mut all = [factors, reference].concat();
-        all.sort_by_key(|factor| *factor as u8);
-        all.dedup();
-        Self(all)
+        let all = Factor::value_variants().iter().copied();
+        let takes = |factor: &Factor| factors.contains(factor) || (like_reference && !IN_REFERENCE.contains(factor));
+        Self(all.filter(takes).collect())
     }
 
     pub fn conditions() -> Self {
@@ -131,40 +101,24 @@ impl Without {
         self.0.contains(&factor)
     }
 
-    /// Returns the names of the factors, in a fixed order.
     pub fn names(&self) -> Vec<String> {
         let name = |factor: &Factor| factor.to_possible_value().map(|value| value.get_name().to_owned());
         self.0.iter().filter_map(name).collect()
     }
 
-    pub fn simplify_looks(&self, looks: &mut Looks) {
-        let Looks { brow_colour, brow_lift, brow_thickness, .. } = looks;
-        if self.takes(F::BrowShape) {
-            (*brow_lift, *brow_thickness) = ([0.22, 0.44], 1.3);
-        }
-        if self.takes(F::BrowColour) {
-            *brow_colour = (Vec3::splat(0.015), 1.0);
-        }
-        if self.takes(F::Beard) {
-            looks.beard = 0.0;
-        }
-        if self.takes(F::Hair) {
-            looks.hair = None;
-        }
-        if self.takes(F::Tint) {
-            looks.tint = Vec3::ONE;
-        }
-        if self.takes(F::Gloss) {
-            looks.gloss = 1.0;
-        }
-        if self.takes(F::Eyes) {
-            (looks.iris, looks.lashes) = (0.39, 0.15);
-        }
-    }
-
-    pub fn simplify_identity(&self, identity: &mut [f32]) {
-        if self.takes(F::Identity) {
-            identity.fill(0.0);
+    pub fn simplify_person(&self, identity: &mut [f32], looks: &mut Looks) {
+        for factor in &self.0 {
+            match factor {
+                F::Identity => identity.fill(0.0),
+                F::BrowShape => (looks.brow_lift, looks.brow_thickness) = ([0.22, 0.44], 1.3),
+                F::BrowColour => looks.brow_colour = (Vec3::splat(0.015), 1.0),
+                F::Beard => looks.beard = 0.0,
+                F::Hair => looks.hair = None,
+                F::Tint => looks.tint = Vec3::ONE,
+                F::Gloss => looks.gloss = 1.0,
+                F::Eyes => (looks.iris, looks.lashes) = (0.39, 0.15),
+                _ => {}
+            }
         }
     }
 
@@ -183,58 +137,36 @@ impl Without {
             vec![light(key, 0.6), light(Vec3::new(-0.9, 0.2, 0.6), 0.26), light(Vec3::new(0.1, 1.0, -0.4), 0.2)];
     }
 
-    pub fn simplify_backdrop(&self, backdrop: &mut Backdrop) {
-        if self.takes(F::Backdrop) {
-            backdrop.flatten();
-        }
-    }
-
     /// Makes the size of the face, relative to the picture, and its distance in centimetres plain.
     pub fn simplify_size(&self, share: &mut f32, distance_cm: &mut f32) {
-        if self.takes(F::Size) {
-            *share = FACE_SHARE;
-        }
-        if self.takes(F::Distance) {
-            *distance_cm = DISTANCE_CM;
-        }
+        *share = if self.takes(F::Size) { FACE_SHARE } else { *share };
+        *distance_cm = if self.takes(F::Distance) { DISTANCE_CM } else { *distance_cm };
     }
 
     pub fn simplify_pose(&self, angles_deg: &mut [f32; 3], position: &mut Vec3, distance_cm: f32) {
-        if self.takes(F::Turns) {
-            *angles_deg = angles_deg.map(|angle| FEWER_TURNS * angle);
-        }
-        if self.takes(F::Place) {
-            (position.x, position.y) = (0.0, -0.5);
-        }
-        if self.takes(F::Distance) {
-            position.z = -distance_cm;
+        for factor in &self.0 {
+            match factor {
+                F::Turns => *angles_deg = angles_deg.map(|angle| FEWER_TURNS * angle),
+                F::Place => (position.x, position.y) = (0.0, -0.5),
+                F::Distance => position.z = -distance_cm,
+                _ => {}
+            }
         }
     }
 
     pub fn simplify_effects(&self, effects: &mut Effects) {
-        if self.takes(F::Noise) {
-            effects.noise = [0.0; 2];
-        }
-        if self.takes(F::Motion) {
-            effects.motion_px = Vec2::ZERO;
-        }
-        if self.takes(F::Defocus) {
-            effects.defocus_px = 0.0;
-        }
-        if self.takes(F::Jpeg) {
-            (effects.jpeg_quality, effects.chroma) = (95, Subsamp::Sub2x1);
-        }
-        if self.takes(F::Sharpening) {
-            effects.sharpening = 0.0;
-        }
-        if self.takes(F::Vignette) {
-            effects.vignette = 0.0;
-        }
-        if self.takes(F::Exposure) {
-            effects.exposure = Vec3::splat(0.8);
-        }
-        if self.takes(F::Contrast) {
-            effects.contrast = 1.0;
+        for factor in &self.0 {
+            match factor {
+                F::Noise => effects.noise = [0.0; 2],
+                F::Motion => effects.motion_px = Vec2::ZERO,
+                F::Defocus => effects.defocus_px = 0.0,
+                F::Jpeg => (effects.jpeg_quality, effects.chroma) = (95, Subsamp::Sub2x1),
+                F::Sharpening => effects.sharpening = 0.0,
+                F::Vignette => effects.vignette = 0.0,
+                F::Exposure => effects.exposure = Vec3::splat(0.8),
+                F::Contrast => effects.contrast = 1.0,
+                _ => {}
+            }
         }
     }
 }
@@ -244,7 +176,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
 
-    use crate::synth::scene::{random_effects, random_lighting};
+    use crate::synth::scene::random_effects;
 
     use super::*;
 
@@ -256,14 +188,5 @@ mod tests {
         assert_eq!((plain.noise, plain.jpeg_quality), ([0.0; 2], 95));
         let others = |effects: &Effects| (effects.defocus_px, effects.exposure, effects.vignette, effects.sharpening);
         assert_eq!(others(&plain), others(&drawn));
-    }
-
-    #[test]
-    fn without_light_the_key_light_comes_from_the_front() {
-        for seed in 0..50 {
-            let mut lighting = random_lighting(&mut ChaCha8Rng::seed_from_u64(seed));
-            Without::new(&[F::Light, F::Shadows], false).simplify_lighting(&mut lighting);
-            assert!(lighting.lights[0].toward.z > 0.5 && !lighting.shadows);
-        }
     }
 }

@@ -12,7 +12,6 @@ use rayon::prelude::*;
 use super::assets::Assets;
 use super::canvas::MOST_SAMPLES;
 use super::conditions::Condition;
-use super::expression::Coefficients;
 use super::factors::Without;
 use super::options::{Set, Sources, picture_size};
 use super::sample::{PictureSpec, Subject, Variety};
@@ -24,10 +23,8 @@ use crate::output;
 const MOST_SECONDS: i64 = 3600;
 /// Numbers of people from here on are used in films only.
 const FILM_PEOPLE: u64 = 1 << 40;
-/// Exposure time as a share of the frame period.
 const SHUTTER: f32 = 0.4;
 
-/// Arguments of `film`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   facewire-fit film clip.avi --truth clip.csv --seconds 10
@@ -65,86 +62,47 @@ pub struct Options {
     sources: Sources,
 }
 
-/// Everything that the clips of a run share.
-struct Studio {
-    assets: Assets,
-    variety: Variety,
-    recordings: Vec<Vec<Coefficients>>,
-    script: Script,
-    size: [usize; 2],
-    frames: usize,
-    seed: u64,
-}
-
-struct Files {
-    film: PathBuf,
-    truth: PathBuf,
-}
-
 pub fn run(options: &Options) -> Result<()> {
     let files = files(options)?;
-    for Files { film, truth } in &files {
-        output::check(film)?;
-        output::check(truth)?;
-    }
-    let studio = Studio::open(options)?;
-    files.par_iter().enumerate().try_for_each(|(number, files)| {
-        let frames = studio.shoot(number, files)?;
-        eprintln!("{}: {frames} frames", files.film.display());
+    files.iter().flatten().try_for_each(|path| output::check(path))?;
+    let recordings = options.sources.curves.recordings(options.set)?;
+    let assets = Assets::load(&options.sources.rig)?;
+    let textures = options.sources.textures(options.set, &assets.names)?;
+    let variety = Variety { textures, without: Without::conditions(), condition: options.condition };
+    let size = picture_size(&options.size)?;
+    let shoot = |(number, [film, truth]): (usize, &[PathBuf; 2])| -> Result<()> {
+        let person = [options.set.seed(options.seed), FILM_PEOPLE + number as u64];
+        let mut subject = Subject::random(&assets, &variety, size, person);
+        let parts = options.script.parts(&mut subject.rng, &recordings, (options.seconds * RATE) as usize)?;
+        let specs = specs(&mut subject, &parts);
+        let mut imager = Imager::new(size, MOST_SAMPLES)?;
+        let pictures = specs.iter().map(|spec| imager.take_picture(&assets, &mut subject, spec));
+        let pictures = pictures.collect::<Result<Vec<_>>>()?;
+        output::write(film, avi(&pictures, [u32::try_from(size[0])?, u32::try_from(size[1])?], RATE))?;
+        if options.script == Script::Wearer {
+            output::write(&truth.with_extension("parts.csv"), places(&parts)?)?;
+        }
+        output::write(truth, table(&specs)?)?;
+        eprintln!("{}: {} frames", film.display(), specs.len());
         Ok(())
-    })
+    };
+    files.par_iter().enumerate().try_for_each(shoot)
 }
 
-/// Returns the files to write. With `--count`, makes the folder for them.
-fn files(options: &Options) -> Result<Vec<Files>> {
+/// Returns the film and the truth of each clip to write. With `--count`, makes the folder for them.
+fn files(options: &Options) -> Result<Vec<[PathBuf; 2]>> {
     let Options { out, truth, count, .. } = options;
     if let Some(truth) = truth {
-        return Ok(vec![Files { film: out.clone(), truth: truth.clone() }]);
+        return Ok(vec![[out.clone(), truth.clone()]]);
     }
     std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-    let name = |number: u16, ending: &str| out.join(format!("{number:02}.{ending}"));
-    let files = |number| Files { film: name(number, "avi"), truth: name(number, "csv") };
+    let files = |number: u16| ["avi", "csv"].map(|ending| out.join(format!("{number:02}.{ending}")));
     Ok((1..=count.unwrap_or(1)).map(files).collect())
-}
-
-impl Studio {
-    fn open(options: &Options) -> Result<Self> {
-        let recordings = options.sources.curves.recordings(options.set)?;
-        let assets = Assets::load(&options.sources.rig)?;
-        let textures = options.sources.textures(options.set, &assets.names)?;
-        Ok(Self {
-            assets,
-            variety: Variety { textures, without: Without::conditions(), condition: options.condition },
-            recordings,
-            script: options.script,
-            size: picture_size(&options.size)?,
-            frames: (options.seconds * RATE) as usize,
-            seed: options.set.seed(options.seed),
-        })
-    }
-
-    fn shoot(&self, number: usize, files: &Files) -> Result<usize> {
-        let person = [self.seed, FILM_PEOPLE + number as u64];
-        let mut subject = Subject::random(&self.assets, &self.variety, self.size, person);
-        let parts = self.script.parts(subject.rng(), &self.recordings, self.frames)?;
-        let specs = specs(&mut subject, &parts);
-        let mut imager = Imager::new(self.size, MOST_SAMPLES)?;
-        let pictures = specs.iter().map(|spec| imager.take_picture(&self.assets, &mut subject, spec));
-        let pictures = pictures.collect::<Result<Vec<_>>>()?;
-        let [width, height] = self.size;
-        let size = [u32::try_from(width)?, u32::try_from(height)?];
-        output::write(&files.film, avi(&pictures, size, RATE))?;
-        if self.script == Script::Wearer {
-            output::write(&files.truth.with_extension("parts.csv"), places(&parts)?)?;
-        }
-        output::write(&files.truth, table(&specs)?)?;
-        Ok(specs.len())
-    }
 }
 
 fn specs(subject: &mut Subject, parts: &[Part]) -> Vec<PictureSpec> {
     let moments: Vec<&Moment> = parts.iter().flat_map(|part| &part.moments).collect();
-    let sway = random_sway(subject.rng(), moments.len());
+    let sway = random_sway(&mut subject.rng, moments.len());
     let spec = |(moment, motion): (&&Moment, [f32; 6])| {
         let [yaw, pitch, roll, x, y, z] = motion.map(|value| moment.sway * value);
         let mut spec = subject.pose(moment.face, [yaw + moment.yaw_deg, pitch, roll], Vec3::new(x, y, z));
@@ -179,76 +137,46 @@ fn blur_motion(specs: &mut [PictureSpec]) {
 fn table(specs: &[PictureSpec]) -> Result<String> {
     let mut text = format!("frame,yaw_deg,pitch_deg,roll_deg,{}\n", BLENDSHAPES.join(","));
     for (number, spec) in specs.iter().enumerate() {
-        write!(text, "{number}")?;
         let values = spec.scene.placement.angles_deg.iter().chain(&spec.scene.weights);
-        for value in values {
-            write!(text, ",{value:.4}")?;
-        }
-        text.push('\n');
+        let values: String = values.map(|value| format!(",{value:.4}")).collect();
+        writeln!(text, "{number}{values}")?;
     }
     Ok(text)
 }
 
-struct Chunks(Vec<u8>);
-
-impl Chunks {
-    fn numbers(&mut self, values: &[u32]) -> &mut Self {
-        for value in values {
-            self.0.extend(value.to_le_bytes());
-        }
-        self
-    }
-
-    fn chunk(&mut self, id: [u8; 4], body: &[u8]) -> &mut Self {
-        self.0.extend(id);
-        self.numbers(&[length(body)]);
-        self.0.extend(body);
-        self.0.resize(self.0.len().next_multiple_of(2), 0);
-        self
-    }
-
-    fn list(&mut self, id: [u8; 4], kind: [u8; 4], body: &[u8]) -> &mut Self {
-        self.chunk(id, &[kind.as_slice(), body].concat())
-    }
+fn numbers(values: &[u32]) -> Vec<u8> {
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
 }
 
 fn length(bytes: &[u8]) -> u32 {
     u32::try_from(bytes.len()).unwrap_or(u32::MAX)
 }
 
+fn chunk(id: &[u8; 4], parts: &[&[u8]]) -> Vec<u8> {
+    let body = parts.concat();
+    let padding = vec![0; body.len() % 2];
+    [id.as_slice(), &numbers(&[length(&body)]), &body, &padding].concat()
+}
+
 /// Returns an AVI file with `frames` (JPEG images of `size`) at `rate` frames per second. It must be smaller than 4 GB.
 fn avi(frames: &[Vec<u8>], [width, height]: [u32; 2], rate: u32) -> Vec<u8> {
     let count = u32::try_from(frames.len()).unwrap_or(u32::MAX);
     let largest = frames.iter().map(|frame| length(frame)).max().unwrap_or(0);
-    let (mut images, mut index) = (Chunks(vec![]), Chunks(vec![]));
+    let (mut images, mut index) = (Vec::new(), Vec::new());
     for frame in frames {
-        let offset = length(&images.0) + 4;
-        images.chunk(*b"00dc", frame);
-        index.0.extend(b"00dc");
+        index.extend(b"00dc");
         // AVIIF_KEYFRAME: every image can be decoded on its own.
-        index.numbers(&[0x10, offset, length(frame)]);
+        index.extend(numbers(&[0x10, length(&images) + 4, length(frame)]));
+        images.extend(chunk(b"00dc", &[frame]));
     }
-    let mut body = Chunks(vec![]);
-    body.list(*b"LIST", *b"hdrl", &header(count, largest, [width, height], rate));
-    body.list(*b"LIST", *b"movi", &images.0).chunk(*b"idx1", &index.0);
-    let mut file = Chunks(vec![]);
-    file.list(*b"RIFF", *b"AVI ", &body.0);
-    file.0
-}
-
-fn header(count: u32, largest: u32, [width, height]: [u32; 2], rate: u32) -> Vec<u8> {
-    let mut main = Chunks(vec![]);
-    main.numbers(&[1_000_000 / rate, largest * rate, 0, 0x10, count, 0, 1, largest, width, height, 0, 0, 0, 0]);
-    let mut stream = Chunks(b"vidsMJPG".to_vec());
-    stream.numbers(&[0, 0, 0, 1, rate, 0, count, largest, u32::MAX, 0, 0, height << 16 | width]);
-    let mut format = Chunks(vec![]);
-    format.numbers(&[40, width, height, 24 << 16 | 1]).0.extend(b"MJPG");
-    format.numbers(&[3 * width * height, 0, 0, 0, 0]);
-    let mut streams = Chunks(vec![]);
-    streams.chunk(*b"strh", &stream.0).chunk(*b"strf", &format.0);
-    let mut all = Chunks(vec![]);
-    all.chunk(*b"avih", &main.0).list(*b"LIST", *b"strl", &streams.0);
-    all.0
+    let main = [1_000_000 / rate, largest * rate, 0, 0x10, count, 0, 1, largest, width, height, 0, 0, 0, 0];
+    let stream = numbers(&[0, 0, 0, 1, rate, 0, count, largest, u32::MAX, 0, 0, height << 16 | width]);
+    let format = [numbers(&[40, width, height, 24 << 16 | 1]), b"MJPG".to_vec()].concat();
+    let format = chunk(b"strf", &[&format, &numbers(&[3 * width * height, 0, 0, 0, 0])]);
+    let streams = chunk(b"LIST", &[b"strl", &chunk(b"strh", &[b"vidsMJPG", &stream]), &format]);
+    let header = chunk(b"LIST", &[b"hdrl", &chunk(b"avih", &[&numbers(&main)]), &streams]);
+    let images = chunk(b"LIST", &[b"movi", &images]);
+    chunk(b"RIFF", &[b"AVI ", &header, &images, &chunk(b"idx1", &[&index])])
 }
 
 #[cfg(test)]
@@ -264,27 +192,19 @@ mod tests {
         options: Options,
     }
 
-    fn refusal(arguments: &[&str]) -> String {
-        let film = ["film", "a.avi", "--truth", "a.csv"];
-        Cli::try_parse_from([&film, arguments].concat()).map_or_else(|error| error.to_string(), |_| String::new())
-    }
-
     #[test]
-    fn with_a_count_the_clips_have_numbers_and_their_truth_beside_them() {
+    fn with_a_count_the_clips_have_numbers_and_options_that_have_no_effect_are_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let out = folder.path().join("clips").display().to_string();
         let options = Cli::try_parse_from(["film", &out, "--count", "11"]).expect("no --truth needed").options;
         let files = files(&options).expect("a folder");
         assert_eq!(files.len(), 11);
-        assert!(files[0].film.ends_with("clips/01.avi") && files[10].truth.ends_with("clips/11.csv"));
+        assert!(files[0][0].ends_with("clips/01.avi") && files[10][1].ends_with("clips/11.csv"));
         assert!(Cli::try_parse_from(["film", "a.avi"]).is_err_and(|error| error.to_string().contains("--truth")));
-    }
-
-    #[test]
-    fn film_does_not_accept_options_that_have_no_effect_on_it() {
-        assert_eq!(refusal(&["--seconds", "10", "--skins", "one"]), "");
+        let parsed = |option: &[&str]| Cli::try_parse_from([&["film", "a.avi", "--truth", "a.csv"], option].concat());
+        parsed(&["--seconds", "10", "--skins", "one"]).expect("allowed");
         for option in ["--count=3", "--mix=rest=1", "--shapes=jawOpen", "--turn-deg=1"] {
-            let error = refusal(&[option]);
+            let error = parsed(&[option]).expect_err("refused").to_string();
             assert!(error.contains("unexpected argument") || error.contains("cannot be used with"), "{error}");
         }
     }

@@ -3,9 +3,8 @@
 //!
 //! ```text
 //! Subject -> PictureSpec -> Head -> samples -> light -> JPEG -> Landmarks -> archive
-//! sample     sample         render  raster     canvas   camera  finder       archive
-//!            acting         expression, scene, shade, paint
-//!            composing, anatomy, visemes
+//! sample     sample         render  canvas     canvas   camera  worker       archive
+//!            acting, anatomy, script        expression, scene, shade, paint
 //! ```
 //!
 //! Contract: a subject's pictures depend on nothing but the seed and the subject's number. Limits: the renderer shows
@@ -15,7 +14,6 @@ mod acting;
 mod anatomy;
 mod archive;
 mod assets;
-mod backdrop;
 mod camera;
 mod canvas;
 mod conditions;
@@ -23,7 +21,6 @@ pub mod describe;
 mod expression;
 mod factors;
 pub mod film;
-mod geometry;
 mod options;
 mod paint;
 mod person;
@@ -35,7 +32,5 @@ mod sample;
 mod scene;
 mod script;
 mod shade;
-mod shards;
 mod textures;
 mod worker;
-mod wrinkles;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
-use facewire_face::{BLENDSHAPES, COEFFS};
+use facewire_face::BLENDSHAPES;
 
 use super::acting::{Expressions, Kind, Moments, Share};
 use super::conditions::Condition;
@@ -13,8 +13,8 @@ use super::expression::Coefficients;
 use super::factors::{Factor, Without};
 use super::sample::{Distribution, TextureChoice, Variety};
 use crate::design::MODELLED;
+use crate::recording::CsvTable;
 
-/// Rig, textures and recordings to draw from.
 #[derive(Debug, Clone, Args)]
 pub struct Sources {
     /// Folder of the face rig
@@ -33,7 +33,6 @@ pub struct Sources {
     pub eyes: Vec<String>,
 }
 
-/// Contents of the single pictures of `synth`.
 #[derive(Debug, Clone, Args)]
 pub struct SceneOptions {
     #[command(flatten)]
@@ -53,24 +52,18 @@ pub struct SceneOptions {
 }
 
 impl Sources {
-    pub fn textures(&self, set: Set, known: &[Vec<String>; 3]) -> Result<TextureChoice> {
-        let [skins, brows, eyes] = known;
-        Ok(TextureChoice {
-            skins: chosen(set, "skins", skins, &self.skins)?,
-            brows: chosen(set, "brows", brows, &self.brows)?,
-            eyes: chosen(set, "eyes", eyes, &self.eyes)?,
-        })
+    /// Returns the indices of the skins, brows and eyes to draw from.
+    pub fn textures(&self, set: Set, [skins, brows, eyes]: &[Vec<String>; 3]) -> Result<TextureChoice> {
+        let skins = chosen(set, "skins", skins, &self.skins)?;
+        Ok([skins, chosen(set, "brows", brows, &self.brows)?, chosen(set, "eyes", eyes, &self.eyes)?])
     }
 }
 
 impl SceneOptions {
     pub fn distribution(&self, set: Set, textures: TextureChoice, moments: Moments) -> Result<Distribution> {
+        let without = Without::new(&self.without, self.like_reference);
         Ok(Distribution {
-            variety: Variety {
-                textures,
-                without: Without::new(&self.without, self.like_reference),
-                condition: self.condition,
-            },
+            variety: Variety { textures, without, condition: self.condition },
             expressions: self.mix.expressions(set, moments)?,
             turn_deg: <[f32; 2]>::try_from(self.turn_deg.as_slice()).ok(),
         })
@@ -78,10 +71,10 @@ impl SceneOptions {
 
     /// Returns the settings that determine the pictures as text, for the provenance file.
     pub fn describe(&self, set: Set, sources: &Sources, distribution: &Distribution) -> Result<String> {
-        let (mut text, TextureChoice { skins, brows, eyes }) = (String::new(), &distribution.variety.textures);
+        let (mut text, [skins, brows, eyes]) = (String::new(), &distribution.variety.textures);
         writeln!(text, "rig {}", sources.rig.display())?;
         writeln!(text, "skins {skins:?}, brows {brows:?}, eyes {eyes:?}")?;
-        let (frames, mix) = (distribution.expressions.frames().len(), mix_text(self.mix.mix(set)));
+        let (frames, mix) = (distribution.expressions.moments.frames.len(), mix_text(self.mix.mix(set)));
         writeln!(text, "curves {:?}, {frames} frames, mix {mix}", sources.curves.curves)?;
         writeln!(text, "turn {:?}, shapes {:?}", distribution.turn_deg, self.mix.shapes)?;
         writeln!(text, "without {:?}", distribution.variety.without.names())?;
@@ -90,7 +83,6 @@ impl SceneOptions {
     }
 }
 
-/// Parses the two numbers of `--size` to width and height.
 pub fn picture_size(size: &[usize]) -> Result<[usize; 2]> {
     let &[width, height] = size else { bail!("--size takes two numbers") };
     ensure!(width.min(height) >= 128 && width.max(height) <= 2048, "--size takes numbers from 128 to 2048");
@@ -112,20 +104,18 @@ fn chosen(set: Set, kind: &str, known: &[String], wanted: &[String]) -> Result<V
     Ok(chosen)
 }
 
-fn named(known: &[String], wanted: &[String]) -> Result<Vec<usize>> {
+fn named<S: std::borrow::Borrow<str>>(known: &[S], wanted: &[String]) -> Result<Vec<usize>> {
     let find = |name: &String| {
-        known
-            .iter()
-            .position(|known| known == name)
-            .with_context(|| format!("no {name}: the names are {}", known.join(", ")))
+        let index = known.iter().position(|known| known.borrow() == name);
+        index.with_context(|| format!("no {name}: the names are {}", known.join(", ")))
     };
     wanted.iter().map(find).collect()
 }
 
 /// One in this many skin, brow and eye textures belongs to the judging set.
-pub const JUDGE_EVERY: usize = 4;
+const JUDGE_EVERY: usize = 4;
 /// One in this many recordings, beginning with the second, belongs to the judging set.
-pub const JUDGE_RECORDING_EVERY: usize = 3;
+const JUDGE_RECORDING_EVERY: usize = 3;
 
 /// A set of textures, recordings and people. The training set and the judging set are disjoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -139,13 +129,11 @@ pub enum Set {
 }
 
 impl Set {
-    /// Returns whether texture `index` of its kind belongs to the set.
-    pub fn has(self, index: usize) -> bool {
+    fn has(self, index: usize) -> bool {
         self.is_chosen(index % JUDGE_EVERY == JUDGE_EVERY - 1)
     }
 
-    /// Returns whether recording `index` belongs to the set.
-    pub fn has_recording(self, index: usize) -> bool {
+    fn has_recording(self, index: usize) -> bool {
         self.is_chosen(index % JUDGE_RECORDING_EVERY == 1)
     }
 
@@ -153,15 +141,10 @@ impl Set {
         self == Self::All || for_judging == (self == Self::Judge)
     }
 
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Train => "train",
-            Self::Judge => "judge",
-            Self::All => "all",
-        }
+    fn name(self) -> &'static str {
+        ["train", "judge", "all"][self as usize]
     }
 
-    /// Derives a seed so that different sets contain different people.
     pub fn seed(self, seed: u64) -> u64 {
         seed.wrapping_mul(3).wrapping_add(self as u64)
     }
@@ -180,7 +163,6 @@ const TRAIN_MIX: [Share; 8] = [
 ];
 const JUDGE_MIX: [Share; 2] = [(Kind::Halves, 92.0), (Kind::Rest, 8.0)];
 
-/// Recordings to draw from.
 #[derive(Debug, Clone, Args)]
 pub struct Curves {
     /// Folder with recordings of ARKit coefficients (Live Link Face, CSV), of which each set has some; or the files to use
@@ -188,7 +170,6 @@ pub struct Curves {
     pub curves: Vec<PathBuf>,
 }
 
-/// Kinds of expressions and their frequencies.
 #[derive(Debug, Clone, Args)]
 pub struct MixOptions {
     /// Relative frequencies of the kinds of expressions, like recorded=3,rest=1; kinds that are not named do not
@@ -202,20 +183,24 @@ pub struct MixOptions {
 }
 
 impl Curves {
+    /// Returns the recordings of the set in the order of their names.
     pub fn recordings(&self, set: Set) -> Result<Vec<Vec<Coefficients>>> {
-        let load = |path: &PathBuf| Ok(Recording::load(path)?.frames);
-        let [folder] = self.curves.as_slice() else { return self.curves.iter().map(load).collect() };
-        if !folder.is_dir() {
-            return Ok(vec![load(folder)?]);
-        }
-        let paths = in_folder(folder)?;
+        let folder = match self.curves.as_slice() {
+            [folder] if folder.is_dir() => folder.display(),
+            files => return files.iter().map(|path| recording(path)).collect(),
+        };
+        let entries = std::fs::read_dir(&self.curves[0]).with_context(|| format!("cannot read the folder {folder}"))?;
+        let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+        paths.retain(|path| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv")));
+        ensure!(!paths.is_empty(), "{folder} has no recordings (CSV)");
+        paths.sort();
         let own = paths.iter().enumerate().filter(|(index, _)| set.has_recording(*index)).map(|(_, path)| path);
-        let recordings = own.map(load).collect::<Result<Vec<_>>>()?;
+        let recordings = own.map(|path| recording(path)).collect::<Result<Vec<_>>>()?;
         ensure!(
             !recordings.is_empty(),
-            "none of the {} recordings in {} belongs to --set {}, which has one in {JUDGE_RECORDING_EVERY}: add some, or name files",
+            "none of the {} recordings in {folder} belongs to --set {}, which has one in {JUDGE_RECORDING_EVERY}: add \
+             some, or name files",
             paths.len(),
-            folder.display(),
             set.name()
         );
         Ok(recordings)
@@ -228,7 +213,8 @@ impl Curves {
 
 impl MixOptions {
     pub fn expressions(&self, set: Set, moments: Moments) -> Result<Expressions> {
-        Expressions::new(moments, self.mix(set), self.shapes()?).context("--mix needs a kind with a share above 0")
+        let shapes = named(&BLENDSHAPES[..MODELLED], &self.shapes)?;
+        Expressions::new(moments, self.mix(set), shapes).context("--mix needs a kind with a share above 0")
     }
 
     pub fn mix(&self, set: Set) -> &[Share] {
@@ -237,13 +223,6 @@ impl MixOptions {
             Set::Judge => &JUDGE_MIX,
             Set::Train | Set::All => &TRAIN_MIX,
         }
-    }
-
-    fn shapes(&self) -> Result<Vec<usize>> {
-        let find = |name: &String| BLENDSHAPES[..MODELLED].iter().position(|known| known == name);
-        let known = || BLENDSHAPES[..MODELLED].join(", ");
-        let named = |name| find(name).with_context(|| format!("no {name}: the names are {}", known()));
-        self.shapes.iter().map(named).collect()
     }
 }
 
@@ -258,67 +237,24 @@ fn share(text: &str) -> Result<Share, String> {
     share.map(|share| (kind, share)).ok_or_else(|| format!("{number} is not a number that is at least 0"))
 }
 
-/// A recording of coefficients at 30 frames per second.
-pub struct Recording {
-    /// The frames, with coefficients from 0 to 1.
-    pub frames: Vec<Coefficients>,
-}
-
-/// Returns the recordings of a folder in the order of their names.
-pub fn in_folder(folder: &Path) -> Result<Vec<PathBuf>> {
-    let entries = std::fs::read_dir(folder).with_context(|| format!("cannot read the folder {}", folder.display()))?;
-    let paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
-    let is_table = |path: &PathBuf| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
-    let mut recordings: Vec<PathBuf> = paths.into_iter().filter(is_table).collect();
-    ensure!(!recordings.is_empty(), "{} has no recordings (CSV)", folder.display());
-    recordings.sort();
-    Ok(recordings)
-}
-
-impl Recording {
-    /// Reads a CSV file with a header of blendshape names, in any order and case.
-    pub fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Self::parse(&text).with_context(|| format!("{} is not a recording of blendshapes", path.display()))
-    }
-
-    fn parse(text: &str) -> Result<Self> {
-        let mut lines = text.lines();
-        let header: Vec<&str> = lines.next().context("the table is empty")?.split(',').map(str::trim).collect();
-        let column = |name: &&str| {
-            header
-                .iter()
-                .position(|known| known.eq_ignore_ascii_case(name))
-                .with_context(|| format!("no column {name}"))
-        };
-        let columns = BLENDSHAPES.iter().map(column).collect::<Result<Vec<_>>>()?;
-        let lines = lines.enumerate().filter(|(_, line)| !line.trim().is_empty());
-        let frames =
-            lines.map(|(row, line)| frame(line, &columns).with_context(|| format!("line {} is damaged", row + 2)));
-        let frames = frames.collect::<Result<Vec<_>>>()?;
+/// Reads a recording at 30 frames per second: a CSV file with a header of blendshape names, in any order and case.
+fn recording(path: &Path) -> Result<Vec<Coefficients>> {
+    let read = || {
+        let frames = CsvTable::load(path)?.coefficients()?;
         ensure!(!frames.is_empty(), "there are no frames");
-        Ok(Self { frames })
-    }
-}
-
-fn frame(line: &str, columns: &[usize]) -> Result<Coefficients> {
-    let values: Vec<&str> = line.split(',').collect();
-    let mut frame = [0.0; COEFFS];
-    for (slot, column) in frame.iter_mut().zip(columns) {
-        let text = values.get(*column).context("a line is short")?;
-        let value = text.trim().parse::<f32>().ok().filter(|value| value.is_finite());
-        *slot = value.with_context(|| format!("{text} is not a number"))?.clamp(0.0, 1.0);
-    }
-    Ok(frame)
+        Ok(frames.into_iter().map(|frame| frame.map(|value| (value as f32).clamp(0.0, 1.0))).collect())
+    };
+    read().with_context(|| format!("{} is not a recording of blendshapes", path.display()))
 }
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
+    use clap::{CommandFactory, Parser};
+    use facewire_face::COEFFS;
 
     use super::*;
 
-    #[derive(Parser)]
+    #[derive(Debug, Parser)]
     struct Cli {
         #[command(flatten)]
         sources: Sources,
@@ -335,114 +271,66 @@ mod tests {
     }
 
     #[test]
-    fn the_judging_set_shares_no_texture_with_the_training_set() {
+    fn the_judging_set_shares_no_texture_with_the_training_set_and_has_other_people() {
         let sources = parsed(&[]).sources;
         let [train, judge] =
             [Set::Train, Set::Judge].map(|set| sources.textures(set, &rig([4, 9, 30])).expect("enough of each"));
-        let kinds = [(train.skins, judge.skins), (train.brows, judge.brows), (train.eyes, judge.eyes)];
-        for ((train, judge), count) in kinds.into_iter().zip([4, 9, 30]) {
+        for ((train, judge), count) in train.into_iter().zip(judge).zip([4, 9, 30]) {
             assert!(!train.is_empty() && !judge.is_empty() && train.iter().all(|number| !judge.contains(number)));
             assert_eq!(train.len() + judge.len(), count);
         }
+        assert!(Set::Train.seed(1) != Set::Judge.seed(1) && Set::Judge.seed(1) != Set::All.seed(1));
     }
 
     #[test]
-    fn a_set_without_a_texture_is_refused() {
-        let sources = parsed(&[]).sources;
+    fn a_set_without_a_texture_and_unknown_names_are_refused() {
         for (counts, kind) in [([3, 4, 4], "skins"), ([4, 3, 4], "brows"), ([4, 4, 3], "eyes")] {
-            let error = sources.textures(Set::Judge, &rig(counts)).err().expect("refused").to_string();
+            let error = parsed(&[]).sources.textures(Set::Judge, &rig(counts)).err().expect("refused").to_string();
             assert!(error.contains(&format!("rig's 3 {kind}")) && error.contains("--set judge"), "{error}");
         }
-        let named = parsed(&["--skins", "texture 1"]).sources;
-        assert_eq!(named.textures(Set::Judge, &rig([3, 4, 4])).expect("named").skins, [1]);
-    }
-
-    #[test]
-    fn picture_sizes_are_limited_to_128_to_2048() {
+        let named = |name: &str| parsed(&["--skins", name]).sources.textures(Set::Judge, &rig([3, 4, 4]));
+        assert_eq!(named("texture 1").expect("known")[0], [1]);
+        assert!(named("other").err().expect("unknown").to_string().contains("texture 0, texture 1"));
         assert_eq!(picture_size(&[128, 2048]).expect("allowed"), [128, 2048]);
         assert!(picture_size(&[127, 400]).is_err() && picture_size(&[400, 2049]).is_err());
     }
 
     #[test]
-    fn unknown_names_are_refused_with_the_known_ones() {
-        let known = ["a".to_owned(), "b".to_owned()];
-        assert_eq!(chosen(Set::Judge, "skins", &known, &["b".to_owned()]).expect("known"), [1]);
-        let error = chosen(Set::All, "skins", &known, &["c".to_owned()]).expect_err("unknown");
-        assert!(error.to_string().contains("a, b"));
-    }
-
-    #[test]
-    fn sets_contain_different_people_for_the_same_seed() {
-        assert_ne!(Set::Train.seed(1), Set::Judge.seed(1));
-        assert_ne!(Set::Judge.seed(1), Set::All.seed(1));
-    }
-
-    #[test]
-    fn columns_are_matched_by_name() {
-        let mut names: Vec<String> = BLENDSHAPES.iter().map(|name| name[..1].to_uppercase() + &name[1..]).collect();
+    fn columns_of_a_recording_are_matched_by_name_and_what_is_not_a_number_is_refused_with_file_and_line() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("spec.csv");
+        let mut names = BLENDSHAPES.map(|name| name[..1].to_uppercase() + &name[1..]);
         names.reverse();
         let values: Vec<String> = (0..COEFFS).map(|index| format!("{:.2}", index as f32 / 100.0)).collect();
-        let text = format!("Timecode,{}\n10:00,{}\n", names.join(","), values.join(","));
-        let recording = Recording::parse(&text).expect("a recording");
-        assert_eq!(recording.frames.len(), 1);
-        assert!((recording.frames[0][0] - 0.51).abs() < 1e-6, "the first blendshape is in the last column");
-        assert!(Recording::parse("Timecode,JawOpen\n1,0.5\n").is_err());
-    }
-
-    #[test]
-    fn a_value_that_is_not_a_number_is_refused_with_file_and_line() {
-        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(&path, format!("Timecode,{}\n10:00,{}\n", names.join(","), values.join(","))).expect("written");
+        let frames = recording(&path).expect("a recording");
+        assert!((frames[0][0] - 0.51).abs() < 1e-6, "the first blendshape is in the last column");
         for wrong in ["NaN", "inf", "high"] {
-            let path = folder.path().join("spec.csv");
             let (good, mut bad) = (["0.5"; COEFFS], ["0.5"; COEFFS]);
             bad[7] = wrong;
-            let text = [BLENDSHAPES, good, bad].map(|row| row.join(",")).join("\n");
-            std::fs::write(&path, text).expect("written");
-            let error = format!("{:#}", Recording::load(&path).err().expect("refused"));
+            std::fs::write(&path, [BLENDSHAPES, good, bad].map(|row| row.join(",")).join("\n")).expect("written");
+            let error = format!("{:#}", recording(&path).expect_err("refused"));
             assert!(error.contains("spec.csv") && error.contains("line 3") && error.contains(wrong), "{error}");
-        }
-    }
-}
-
-#[cfg(test)]
-mod acting_options_tests {
-    use std::path::Path;
-
-    use clap::{CommandFactory, Parser};
-    use facewire_face::COEFFS;
-
-    use super::*;
-
-    #[derive(Debug, Parser)]
-    struct Cli {
-        #[command(flatten)]
-        curves: Curves,
-        #[command(flatten)]
-        mix: MixOptions,
-    }
-
-    fn parsed(arguments: &[&str]) -> Cli {
-        Cli::parse_from([&["synth"], arguments].concat())
-    }
-
-    fn write_recordings(folder: &Path, count: usize) {
-        for number in 0..count {
-            let values = vec![format!("0.{number}"); COEFFS].join(",");
-            let text = format!("{}\n{values}\n", BLENDSHAPES.join(","));
-            std::fs::write(folder.join(format!("take_{number}.csv")), text).expect("written");
         }
     }
 
     #[test]
     fn training_and_judging_share_no_recording_of_a_folder_and_named_recordings_are_all_used() {
         let folder = tempfile::tempdir().expect("a folder");
-        write_recordings(folder.path(), 5);
         std::fs::write(folder.path().join("README.md"), "no recording").expect("written");
-        let values = |curves: &str, set: Set| -> Vec<f32> {
-            let recordings = parsed(&["--curves", curves]).curves.recordings(set).expect("recordings");
-            recordings.iter().map(|frames| frames[0][0]).collect()
-        };
         let path = folder.path().to_str().expect("a path");
+        let recordings = |curves: &str, set: Set| parsed(&["--curves", curves]).sources.curves.recordings(set);
+        let values = |curves: &str, set: Set| -> Vec<f32> {
+            recordings(curves, set).expect("recordings").iter().map(|frames| frames[0][0]).collect()
+        };
+        for number in 0..5 {
+            let text = format!("{}\n{}\n", BLENDSHAPES.join(","), vec![format!("0.{number}"); COEFFS].join(","));
+            std::fs::write(folder.path().join(format!("take_{number}.csv")), text).expect("written");
+            if number == 0 {
+                let error = recordings(path, Set::Judge).expect_err("refused").to_string();
+                assert!(error.contains("none of the 1 recordings") && error.contains("--set judge"), "{error}");
+            }
+        }
         assert_eq!(values(path, Set::Train), [0.0, 0.2, 0.3]);
         assert_eq!(values(path, Set::Judge), [0.1, 0.4]);
         assert_eq!(values(path, Set::All).len(), 5);
@@ -450,34 +338,18 @@ mod acting_options_tests {
     }
 
     #[test]
-    fn a_set_without_a_recording_is_refused() {
-        let folder = tempfile::tempdir().expect("a folder");
-        write_recordings(folder.path(), 1);
-        let few = parsed(&["--curves", folder.path().to_str().expect("a path")]).curves;
-        let error = few.recordings(Set::Judge).expect_err("refused").to_string();
-        assert!(error.contains("none of the 1 recordings") && error.contains("--set judge"), "{error}");
-    }
-
-    #[test]
-    fn kinds_of_expressions_are_named_with_their_shares() {
-        let given = parsed(&["--mix", "recorded=3,rest=0.5"]).mix;
+    fn kinds_of_expressions_are_named_with_their_shares_and_the_help_shows_the_default_mixtures() {
+        let given = parsed(&["--mix", "recorded=3,rest=0.5"]).scenes.mix;
         assert_eq!(given.mix(Set::Judge), [(Kind::Recorded, 3.0), (Kind::Rest, 0.5)]);
         assert_eq!(mix_text(given.mix(Set::Judge)), "recorded=3,rest=0.5");
-        for (wrong, reason) in [
-            ("38,38,19,5", "KIND=SHARE"),
-            ("smile=1", "called smile"),
-            ("rest=-1", "at least 0"),
-            ("rest=NaN", "at least 0"),
-        ] {
+        let wrong =
+            [("5,3", "KIND=SHARE"), ("smile=1", "called smile"), ("rest=-1", "at least 0"), ("rest=NaN", "at least 0")];
+        for (wrong, reason) in wrong {
             let error = Cli::try_parse_from(["synth", "--mix", wrong]).expect_err("refused").to_string();
             assert!(error.contains(reason), "{error}");
         }
-        let none = parsed(&["--mix", "rest=0"]).mix.expressions(Set::Train, Moments::new(&[]));
+        let none = parsed(&["--mix", "rest=0"]).scenes.mix.expressions(Set::Train, Moments::new(&[]));
         assert!(none.err().is_some_and(|error| error.to_string().contains("above 0")));
-    }
-
-    #[test]
-    fn the_help_shows_the_default_mixtures() {
         let help = Cli::command().render_help().to_string().replace(['\n', ' '], "");
         assert!(help.contains(&mix_text(&TRAIN_MIX)) && help.contains(&mix_text(&JUDGE_MIX)), "{help}");
     }

@@ -8,15 +8,15 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 use super::assets::Assets;
-use super::geometry::smoothstep;
 use super::person::{Cover, Person};
 use super::render::{Barycentric, Corners, Head};
+use super::rig::smoothstep;
 use super::scene::Lighting;
-use super::textures::{Skin, Texture};
+use super::textures::{Skin, Texture, eye_colour};
 
 /// Colours in linear light.
-const GUMS: Vec3A = Vec3A::new(0.32, 0.075, 0.07);
-const TEETH: Vec3A = Vec3A::new(0.68, 0.61, 0.50);
+pub const GUMS: Vec3A = Vec3A::new(0.32, 0.075, 0.07);
+pub const TEETH: Vec3A = Vec3A::new(0.68, 0.61, 0.50);
 /// Share of the light that a full beard absorbs.
 const BEARD: Vec3A = Vec3A::new(0.75, 0.76, 0.74);
 /// Distances inside the hairline at which hair begins and is full, in centimetres.
@@ -25,9 +25,7 @@ pub const HAIR_EDGE: [f32; 2] = [-0.9, 0.9];
 pub const FULL_HAIR: f32 = HAIR_EDGE[1] + 0.45;
 /// Factor on the specular highlight of hair, compared to skin's.
 const HAIR_GLOSS: f32 = 0.2;
-/// Factor on the colour of eye textures.
 const EYE: f32 = 0.75;
-/// Colour of the lashes.
 pub const LASHES: Vec3A = Vec3A::splat(0.004);
 /// Exponent and strength of the specular highlight on eyes.
 const GLINT: (i32, f32) = (400, 2.5);
@@ -88,29 +86,28 @@ impl<'a> Painter<'a> {
 
     #[inline]
     pub fn skin(&self, cover: Cover, vertices: [usize; 3]) -> SkinPaint<'_> {
+        let (looks, lit) = (&self.person.looks, |vertex: usize| &self.head.lit[vertex]);
+        let attributes = |vertex: usize| &self.person.attributes[vertex];
         match cover {
             Cover::Cloth => {
-                let cloth = Vec3A::from(self.person.looks.cloth.0);
-                SkinPaint::Plain(Corners(vertices.map(|vertex| cloth * self.head.lit[vertex].diffuse)))
+                let cloth = Vec3A::from(looks.cloth.0);
+                SkinPaint::Plain(Corners(vertices.map(|vertex| cloth * lit(vertex).diffuse)))
             }
             Cover::Tone => SkinPaint::Plain(Corners(vertices.map(|vertex| {
-                let tone = Vec3A::from_vec4(self.person.attributes[vertex].tone);
-                let lit = &self.head.lit[vertex];
-                tone * lit.diffuse + self.person.looks.gloss * lit.gloss
+                let tone = Vec3A::from_vec4(attributes(vertex).tone);
+                tone * lit(vertex).diffuse + looks.gloss * lit(vertex).gloss
             }))),
             Cover::Texture => SkinPaint::Textured {
                 texture: &self.skin.texture,
-                uv: Corners(vertices.map(|vertex| self.person.attributes[vertex].cover.xy())),
-                diffuse: Corners(vertices.map(|vertex| self.tint * self.head.lit[vertex].diffuse)),
-                gloss: Corners(vertices.map(|vertex| self.person.looks.gloss * self.head.lit[vertex].gloss)),
+                uv: Corners(vertices.map(|vertex| attributes(vertex).cover.xy())),
+                diffuse: Corners(vertices.map(|vertex| self.tint * lit(vertex).diffuse)),
+                gloss: Corners(vertices.map(|vertex| looks.gloss * lit(vertex).gloss)),
             },
             Cover::Hair => SkinPaint::Hair {
-                colour: Vec3A::from(self.person.looks.hair.map_or(Vec3::ZERO, |(colour, _)| colour)),
-                rest: Corners(vertices.map(|vertex| self.person.attributes[vertex].rest.truncate())),
-                diffuse: Corners(vertices.map(|vertex| self.head.lit[vertex].diffuse)),
-                gloss: Corners(
-                    vertices.map(|vertex| HAIR_GLOSS * self.person.looks.gloss * self.head.lit[vertex].gloss),
-                ),
+                colour: Vec3A::from(looks.hair.map_or(Vec3::ZERO, |(colour, _)| colour)),
+                rest: Corners(vertices.map(|vertex| attributes(vertex).rest.truncate())),
+                diffuse: Corners(vertices.map(|vertex| lit(vertex).diffuse)),
+                gloss: Corners(vertices.map(|vertex| HAIR_GLOSS * looks.gloss * lit(vertex).gloss)),
             },
             Cover::Mixed => SkinPaint::Mixed { painter: self, vertices },
         }
@@ -145,20 +142,10 @@ impl<'a> Painter<'a> {
         }
     }
 
-    pub fn gums(&self, vertices: [usize; 3]) -> Corners<Vec3A> {
-        let lit = |vertex: usize| &self.head.lit[vertex];
-        Corners(vertices.map(|vertex| GUMS * lit(vertex).diffuse + lit(vertex).gloss))
-    }
-
-    pub fn teeth(&self, vertices: [usize; 3]) -> Corners<Vec3A> {
-        let lit = |vertex: usize| &self.head.lit[vertex];
-        Corners(vertices.map(|vertex| TEETH * lit(vertex).diffuse + 1.5 * lit(vertex).gloss))
-    }
-
-    /// Returns the colour of a wet eyeball in the shade of its lids.
     pub fn eye(&self, at: Barycentric) -> Vec3A {
         let offset = at.interpolate(|vertex| self.assets.ball_offsets[vertex]);
-        let colour = EYE * self.assets.eyes[self.person.looks.eye].colour(offset.truncate(), self.person.looks.iris);
+        let looks = &self.person.looks;
+        let colour = EYE * eye_colour(&self.assets.eyes[looks.eye], offset.truncate(), looks.iris);
         let normal = at.interpolate(|vertex| self.head.normals[vertex]).normalize_or_zero();
         let point = at.interpolate(|vertex| self.head.points[vertex]);
         let view = -point.normalize_or_zero();
@@ -179,7 +166,6 @@ impl<'a> Painter<'a> {
     }
 }
 
-/// Returns a number from 0 to 1 that differs from strand to strand.
 fn strand(rest: Vec3) -> f32 {
     noise(Vec3::new(rest.x * 9.0, rest.y * 1.4, rest.z * 1.4))
 }
@@ -196,26 +182,19 @@ static NOISE: LazyLock<Vec<f32>> = LazyLock::new(|| {
     (0..CELLS.iter().product()).map(|_| rng.random()).collect()
 });
 
-/// Returns smooth noise over space, from 0 to 1, with one random value per unit cell.
 fn noise(at_point: Vec3) -> f32 {
     // Whole numbers are rounded down, because no point lies below -ORIGIN.
     let at_point = at_point + ORIGIN;
     let cell = at_point.as_uvec3();
     let offset = at_point - cell.as_vec3();
     let share = offset * offset * (3.0 - 2.0 * offset);
-    let [x, y, z] = [(cell.x, CELLS[0]), (cell.y, CELLS[1]), (cell.z, CELLS[2])].map(|(at, cells)| wrapped(at, cells));
+    let wrapped = |cell: u32, cells: usize| [cell as usize % cells, (cell as usize + 1) % cells];
+    let [x, y, z] = [wrapped(cell.x, CELLS[0]), wrapped(cell.y, CELLS[1]), wrapped(cell.z, CELLS[2])];
+    let lerp = |[from, to]: [f32; 2], share: f32| from + (to - from) * share;
     let row = |y: usize, z: usize| {
         let row = &NOISE[(z * CELLS[1] + y) * CELLS[0]..][..CELLS[0]];
-        lerp(row[x[0]], row[x[1]], share.x)
+        lerp(x.map(|x| row[x]), share.x)
     };
-    let plane = |z: usize| lerp(row(y[0], z), row(y[1], z), share.y);
-    lerp(plane(z[0]), plane(z[1]), share.z)
-}
-
-fn wrapped(cell: u32, cells: usize) -> [usize; 2] {
-    [cell as usize % cells, (cell as usize + 1) % cells]
-}
-
-fn lerp(from: f32, to: f32, share: f32) -> f32 {
-    from + (to - from) * share
+    let plane = |z: usize| lerp(y.map(|y| row(y, z)), share.y);
+    lerp(z.map(plane), share.z)
 }

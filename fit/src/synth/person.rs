@@ -6,15 +6,13 @@ use rand::seq::IteratorRandom;
 use rand_chacha::ChaCha8Rng;
 
 use super::assets::Assets;
-use super::geometry::{piecewise, smoothstep};
 use super::paint::{FULL_HAIR, HAIR_EDGE};
-use super::rig::Triangle;
+use super::rig::{Triangle, piecewise, smoothstep};
 use super::sample::{TextureChoice, normal};
 
 /// Height of the hairline at depths z, in centimetres: nape, behind the ear, above the ear, temple, forehead.
 const HAIRLINE: [(f32, f32); 7] =
     [(-6.0, -7.0), (-3.0, -5.0), (-1.5, 1.0), (0.5, 5.4), (3.0, 6.4), (6.0, 9.6), (9.0, 11.4)];
-/// Ears are beyond this distance from the middle and below this height.
 const EAR: (f32, f32) = (7.65, 5.6);
 /// The beard grows at these distances from the mouth, in centimetres.
 const BEARD_REACH: [f32; 2] = [1.0, 5.0];
@@ -31,7 +29,6 @@ pub struct Looks {
     pub hair: Option<(Vec3, f32)>,
     /// Offset of the hairline in centimetres, positive upwards.
     pub hairline: f32,
-    /// Darkness of the beard, from 0 to 1.
     pub beard: f32,
     pub beard_style: BeardStyle,
     /// Depth of the wrinkles that come with an expression, from 0 to 1.
@@ -50,7 +47,6 @@ pub struct Looks {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BeardStyle {
     Full,
-    /// Above the upper lip.
     Moustache,
     Goatee,
     Stubble,
@@ -204,22 +200,21 @@ const HAIR: [[f32; 3]; 6] = [
     [0.2, 0.07, 0.025],
     [0.3, 0.3, 0.31],
 ];
-/// Skin of lower lightness counts as dark.
 const DARK_SKIN: f32 = 0.16;
 
 fn pick(rng: &mut ChaCha8Rng, list: &[usize]) -> usize {
     list.iter().choose(rng).copied().unwrap_or(0)
 }
 
-pub fn random_looks(rng: &mut ChaCha8Rng, assets: &Assets, textures: &TextureChoice) -> Looks {
-    let skin = pick(rng, &textures.skins);
+pub fn random_looks(rng: &mut ChaCha8Rng, assets: &Assets, [skins, brows, eyes]: &TextureChoice) -> Looks {
+    let skin = pick(rng, skins);
     let hair = hair_colour(rng, assets.skins[skin].lightness);
     let brow = hair.min(Vec3::splat(0.12)) * rng.random_range(0.12..0.55);
     let bearded = rng.random_bool(0.3);
     Looks {
         skin,
-        brow: pick(rng, &textures.brows),
-        eye: pick(rng, &textures.eyes),
+        brow: pick(rng, brows),
+        eye: pick(rng, eyes),
         tint: Vec3::new(rng.random_range(0.9..1.12), 1.0, rng.random_range(0.88..1.1)) * rng.random_range(0.75..1.2),
         gloss: rng.random_range(0.4..2.2),
         hair: rng.random_bool(0.85).then(|| (hair, rng.random_range(0.1..1.6))),
@@ -228,18 +223,16 @@ pub fn random_looks(rng: &mut ChaCha8Rng, assets: &Assets, textures: &TextureCho
         beard_style: BeardStyle::Full,
         wrinkles: 0.0,
         brow_colour: (brow, rng.random_range(0.6..1.0)),
-        brow_lift: brow_lift(rng),
+        // High or low, level or arched.
+        brow_lift: {
+            let inner = normal(rng, 0.22, 0.6);
+            [inner, inner + normal(rng, 0.22, 0.5)]
+        },
         brow_thickness: rng.random_range(1.0..1.9),
         iris: rng.random_range(0.355..0.42),
         lashes: rng.random_range(0.05..0.5),
         cloth: (cloth_colour(rng), normal(rng, 1.0, 2.0) - 13.0),
     }
-}
-
-/// Draws the offset of the brows' inner and outer end in centimetres: high or low, level or arched.
-fn brow_lift(rng: &mut ChaCha8Rng) -> [f32; 2] {
-    let (inner, tilt) = (normal(rng, 0.22, 0.6), normal(rng, 0.22, 0.5));
-    [inner, inner + tilt]
 }
 
 fn cloth_colour(rng: &mut ChaCha8Rng) -> Vec3 {

@@ -7,9 +7,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::canvas::{Canvas, Position};
-use super::geometry::normals_into;
 use super::render::{Corners, draw, on_screen};
-use super::rig::{Rig, Triangle};
+use super::rig::{Rig, Triangle, normals_into};
 use super::scene::{Lighting, Scene};
 use super::shade::{DepthMap, Surface, VertexLight, shade};
 
@@ -20,14 +19,11 @@ const ALONG: u16 = 12;
 #[derive(Debug, Clone)]
 pub struct Prop {
     pub points: Vec<Vec3>,
-    /// Colour of each vertex in linear light.
     pub colours: Vec<Vec3>,
     pub triangles: Vec<Triangle>,
-    /// The lens that the mesh is, or `None` for an opaque mesh.
     pub lens: Option<Lens>,
 }
 
-/// How much light a lens of glasses reflects and lets through.
 #[derive(Debug, Clone, Copy)]
 pub struct Lens {
     /// Share of the light that the lens absorbs.
@@ -81,12 +77,10 @@ impl Prop {
     }
 }
 
-/// Exponent of the reflection of lamps on a lens, and its strength.
 const GLINT: (i32, f32) = (900, 3.0);
 /// Largest share of a lens's colour that its reflections replace.
 const MOST_GLARE: f32 = 0.9;
 
-/// Buffers for a thing, with one entry per vertex.
 #[derive(Default)]
 pub struct PropLayer {
     points: Vec<Vec3>,
@@ -152,7 +146,6 @@ fn lamps(lighting: &Lighting, toward: Vec3) -> Vec3 {
     lighting.lights.iter().map(|lamp| lamp.colour * seen(toward, lamp.toward)).sum()
 }
 
-/// Points of the outline of a lens.
 const OUTLINE: u16 = 28;
 /// Distance of the lenses from the bridge of the nose in centimetres, and their curvature towards the sides.
 const BEFORE: f32 = 0.45;
@@ -171,7 +164,6 @@ pub struct Glasses {
 }
 
 impl Glasses {
-    /// Draws a style: mostly clear lenses in a dark or coloured frame, sometimes sunglasses.
     pub fn random(rng: &mut ChaCha8Rng) -> Self {
         let hue = Vec3::new(rng.random(), rng.random(), rng.random());
         let dark: bool = rng.random_bool(0.2);
@@ -190,7 +182,6 @@ impl Glasses {
         }
     }
 
-    /// Returns frame and lenses, fitted to a head with the vertices `base`.
     pub fn build(&self, rig: &Rig, base: &[Vec3]) -> [Prop; 2] {
         let at = |landmark: usize| base[rig.landmarks[landmark]];
         let bridge = at(27);
@@ -247,7 +238,6 @@ impl Glasses {
     }
 }
 
-/// Draws a thing before a face. `skin` and `hair` are colours in linear light.
 pub fn random_occluder(rng: &mut ChaCha8Rng, skin: Vec3, hair: Vec3) -> Prop {
     let mut prop = Prop::new(None);
     match rng.random_range(0..20) {
@@ -285,7 +275,6 @@ fn hand(rng: &mut ChaCha8Rng, prop: &mut Prop, skin: Vec3) {
     prop.ellipsoid(palm - 7.0 * up, axes(up, Vec3::new(2.9, 6.0, 2.2)), shade);
 }
 
-/// A dark microphone below or before the mouth, on a handle.
 fn microphone(rng: &mut ChaCha8Rng, prop: &mut Prop) {
     let head = Vec3::new(rng.random_range(-3.0..3.0), rng.random_range(-9.0..-4.5), rng.random_range(13.0..17.0));
     let grey = rng.random_range(0.01..0.2);
@@ -297,7 +286,6 @@ fn microphone(rng: &mut ChaCha8Rng, prop: &mut Prop) {
     prop.ellipsoid(handle, axes(along, Vec3::new(1.1, 8.0, 1.1)), |_| Vec3::splat(0.6 * grey));
 }
 
-/// Strands of hair that hang over one half of the forehead, and often over an eye.
 fn strands(rng: &mut ChaCha8Rng, prop: &mut Prop, hair: Vec3) {
     let side = if rng.random() { 1.0 } else { -1.0 };
     let (inner, length) = (rng.random_range(0.0..3.5), rng.random_range(2.5..6.0));
@@ -324,12 +312,10 @@ fn scarf(rng: &mut ChaCha8Rng, prop: &mut Prop) {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec2;
     use rand_chacha::rand_core::SeedableRng;
 
-    use crate::synth::geometry::normals;
-
     use super::*;
+    use crate::synth::rig::normals;
 
     #[test]
     fn the_normals_of_an_ellipsoid_point_outwards() {

@@ -6,15 +6,13 @@ use glam::{Vec2, Vec3};
 use super::anatomy::index_of;
 use super::assets::{Assets, BOUNDS};
 use super::canvas::{Canvas, Position, Window};
-use super::geometry::{normals_into, smoothstep};
-use super::paint::{LASHES, Painter};
+use super::paint::{GUMS, LASHES, Painter, TEETH};
 use super::person::Person;
 use super::props::PropLayer;
-use super::rig::Triangle;
+use super::rig::{Triangle, normals_into, smoothstep};
 use super::scene::{PIVOT, Scene};
 use super::shade::{DepthMap, Surface, VertexLight, shade};
 
-/// Cells per side of the key light's depth map.
 const SHADOW_SIDE: usize = 200;
 /// Visibility of the sky directly behind the lips.
 const MOUTH_SKY: f32 = 0.6;
@@ -29,7 +27,6 @@ const LIPS_MARGIN: u8 = 6;
 /// Distance by which the eyeball lies further back behind a shut lid, because the lids of some heads are too flat for
 /// their eyes, in centimetres.
 const SHUT_EYE_CM: f32 = 0.4;
-/// Samples across the width of a face.
 const SAMPLES_PER_FACE: f32 = 150.0;
 
 pub struct Renderer {
@@ -40,20 +37,17 @@ pub struct Renderer {
     props: PropLayer,
 }
 
-/// The head in one picture, with one entry per vertex.
 #[derive(Default)]
 pub struct Head {
     pub shape: Vec<Vec3>,
     pub points: Vec<Vec3>,
     pub normals: Vec<Vec3>,
     pub lit: Vec<VertexLight>,
-    /// Position among the samples, and inverse depth.
     screen: Vec<(Position, f32)>,
     sky: Vec<f32>,
 }
 
 impl Renderer {
-    /// Creates a renderer for pictures of this size, which have at least `least_density` samples per side of a pixel.
     pub fn new(size: [usize; 2], least_density: f32) -> Self {
         Self {
             least_density,
@@ -64,7 +58,6 @@ impl Renderer {
         }
     }
 
-    /// Draws a person in linear light over the backdrop in `pixels`.
     pub fn draw(&mut self, assets: &Assets, person: &Person, scene: &Scene, pixels: &mut [[f32; 3]]) {
         self.canvas.clear(self.density(scene));
         self.head.pose(assets, person, scene, self.canvas.density);
@@ -81,14 +74,13 @@ impl Renderer {
             let paint = painter.skin(person.covers[number], vertices);
             move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, paint.colour(weights))
         });
-        draw(canvas, &head.screen, (&parts.gums, &mouth), 1.0, |_, vertices| {
-            let corners = painter.gums(vertices);
-            move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, corners.at(weights))
-        });
-        draw(canvas, &head.screen, (&parts.teeth, &mouth), 1.0, |_, vertices| {
-            let corners = painter.teeth(vertices);
-            move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, corners.at(weights))
-        });
+        for (part, colour, gloss) in [(&parts.gums, GUMS, 1.0), (&parts.teeth, TEETH, 1.5)] {
+            draw(canvas, &head.screen, (part, &mouth), 1.0, |_, vertices| {
+                let lit = |vertex: usize| &head.lit[vertex];
+                let corners = Corners(vertices.map(|vertex| colour * lit(vertex).diffuse + gloss * lit(vertex).gloss));
+                move |canvas, index, inverse_depth, weights| canvas.set(index, inverse_depth, corners.at(weights))
+            });
+        }
         for (eye, lift) in parts.eyes.iter().zip(eye_lifts(scene)) {
             draw(canvas, &head.screen, (eye, &whole), lift, |_, vertices| {
                 let painter = &painter;
@@ -113,7 +105,6 @@ impl Renderer {
         self.canvas.resolve(pixels);
     }
 
-    /// Returns the pixel positions of the outer eye corners in the last picture: the person's right, then left.
     pub fn eye_corners(&self, assets: &Assets) -> [Vec2; 2] {
         [36, 45].map(|index| self.head.screen[assets.rig.landmarks[index]].0.samples() / self.canvas.density)
     }
@@ -202,7 +193,6 @@ impl<T: Copy + core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>> Cor
     }
 }
 
-/// Returns the position of a point among the samples, and its inverse depth.
 pub fn on_screen(scene: &Scene, density: Vec2, point: Vec3) -> (Position, f32) {
     let seen = scene.lens.project(point);
     seen.map_or((Position::NOWHERE, 0.0), |(pixel, depth)| (Position::new(density * pixel), depth))

@@ -5,33 +5,31 @@
 //!
 //! Materials that only suit ray tracing (tear fluid, eye occlusion, the inner iris) are not used.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use glam::{Vec2, Vec3};
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::arrays::Arrays;
 
 /// Shorter offsets of an expression, in centimetres, are treated as 0.
 const LEAST_MOVE: f32 = 0.002;
-/// The four eye corners among the 68 landmarks.
 const EYE_CORNERS: [usize; 4] = [36, 39, 42, 45];
 /// Lashes higher than this above the eye corners belong to the upper lids, in centimetres.
 const UPPER_LASH: f32 = 0.12;
 
 pub type Triangle = [u32; 3];
 
-/// A head at rest with its expression shapes and identity modes.
 pub struct Rig {
     pub neutral: Vec<Vec3>,
     pub shapes: Vec<Shape>,
     pub identities: Vec<Vec<Vec3>>,
     pub skin_uv: Vec<Vec2>,
-    /// Vertices of the usual 68 landmarks.
     pub landmarks: Vec<usize>,
     pub parts: Parts,
 }
@@ -44,7 +42,6 @@ pub struct Parts {
     pub teeth: Vec<Triangle>,
     /// Eyeballs: the person's left, then right.
     pub eyes: [Vec<Triangle>; 2],
-    /// Lashes of the upper lids.
     pub lashes: Vec<Triangle>,
 }
 
@@ -63,13 +60,13 @@ impl Rig {
         let expressions = arrays.floats("expressions", &[vertices, 3])?;
         let identities = arrays.floats("identities", &[vertices, 3])?;
         let skin_uv = arrays.floats("skin_uv", &[2])?;
-        let landmarks = vertex_list(&names["landmark68_vertices"])?;
+        let landmarks: Vec<usize> = list(&names, "landmark68_vertices")?;
         ensure!(
             landmarks.iter().all(|index| *index < vertices),
             "rig.json: a landmark refers to a vertex that does not exist"
         );
-        let parts = parts(&mut arrays, &strings(&names["materials"])?, &neutral, &landmarks)?;
-        let names = strings(&names["expressions"])?;
+        let parts = parts(&mut arrays, &list(&names, "materials")?, &neutral, &landmarks)?;
+        let names = list(&names, "expressions")?;
         let shapes = names.into_iter().zip(expressions.chunks_exact(3 * vertices));
         let mut rig = Self {
             shapes: shapes.map(|(name, offsets)| Shape { name, moves: moves(&points(offsets)) }).collect(),
@@ -83,7 +80,6 @@ impl Rig {
         Ok(rig)
     }
 
-    /// Returns the position of one of the 68 landmarks on the head at rest.
     pub fn landmark(&self, index: usize) -> Vec3 {
         self.neutral[self.landmarks[index]]
     }
@@ -102,12 +98,8 @@ fn moves(offsets: &[Vec3]) -> Vec<(u32, Vec3)> {
     far.filter_map(|(index, offset)| Some((u32::try_from(index).ok()?, *offset))).collect()
 }
 
-fn strings(list: &Value) -> Result<Vec<String>> {
-    serde_json::from_value(list.clone()).context("rig.json lacks a list of names")
-}
-
-fn vertex_list(list: &Value) -> Result<Vec<usize>> {
-    serde_json::from_value(list.clone()).context("rig.json lacks landmark68_vertices")
+fn list<T: DeserializeOwned>(file: &Value, name: &str) -> Result<Vec<T>> {
+    serde_json::from_value(file[name].clone()).with_context(|| format!("rig.json lacks a list of {name}"))
 }
 
 fn parts(arrays: &mut Arrays, materials: &[String], neutral: &[Vec3], landmarks: &[usize]) -> Result<Parts> {
@@ -162,7 +154,6 @@ fn add_bust(rig: &mut Rig) {
     }
 }
 
-/// Returns the boundary edges of the shoulders, directed like the triangles that they belong to.
 fn rim(triangles: &[Triangle], points: &[Vec3]) -> Vec<[u32; 2]> {
     let directed = || triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
     let all: HashSet<[u32; 2]> = directed().collect();
@@ -177,5 +168,86 @@ impl Rig {
         self.skin_uv.push(self.skin_uv[vertex]);
         self.identities.iter_mut().for_each(|mode| mode.push(mode[vertex]));
         u32::try_from(self.neutral.len() - 1).unwrap_or(u32::MAX)
+    }
+}
+
+// Geometry and interpolation for several stages.
+
+/// Returns area-weighted unit normals of the vertices, and 0 for vertices without triangles.
+pub fn normals(points: &[Vec3], triangles: &[Triangle]) -> Vec<Vec3> {
+    let mut sums = vec![Vec3::ZERO; points.len()];
+    normals_into(points, triangles, &mut sums);
+    sums
+}
+
+pub fn normals_into(points: &[Vec3], triangles: &[Triangle], sums: &mut [Vec3]) {
+    sums.fill(Vec3::ZERO);
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|vertex| points[vertex as usize]);
+        let normal = (b - a).cross(c - a);
+        for vertex in triangle {
+            sums[*vertex as usize] += normal;
+        }
+    }
+    for normal in sums {
+        *normal = normal.normalize_or_zero();
+    }
+}
+
+pub fn vertices_of(triangles: &[Triangle]) -> Vec<u32> {
+    let mut vertices = triangles.concat();
+    vertices.sort_unstable();
+    vertices.dedup();
+    vertices
+}
+
+pub struct SimpleMesh {
+    pub vertices: Vec<u32>,
+    pub triangles: Vec<Triangle>,
+}
+
+impl SimpleMesh {
+    /// Merges the vertices that share a cube with sides of `cell`, in the length of the points.
+    pub fn new(points: &[Vec3], triangles: &[Triangle], cell: f32) -> Self {
+        let (mut vertices, mut numbers) = (Vec::new(), BTreeMap::new());
+        let mut number = |vertex: u32| {
+            let cube = (points[vertex as usize] / cell).floor().as_ivec3().to_array();
+            *numbers.entry(cube).or_insert_with(|| {
+                vertices.push(vertex);
+                u32::try_from(vertices.len() - 1).unwrap_or(u32::MAX)
+            })
+        };
+        let merged: BTreeSet<Triangle> = triangles.iter().map(|triangle| triangle.map(&mut number)).collect();
+        let triangles = merged.into_iter().filter(|[a, b, c]| a != b && b != c && c != a).collect();
+        Self { vertices, triangles }
+    }
+}
+
+pub fn smoothstep(from: f32, to: f32, value: f32) -> f32 {
+    let share = ((value - from) / (to - from)).clamp(0.0, 1.0);
+    share * share * (3.0 - 2.0 * share)
+}
+
+/// Interpolates linearly between points in ascending order. The function is constant outside of them.
+pub fn piecewise(points: &[(f32, f32)], at: f32) -> f32 {
+    let between = points.windows(2).find(|pair| at <= pair[1].0);
+    match (between, points.last()) {
+        (Some(pair), _) => {
+            let share = ((at - pair[0].0) / (pair[1].0 - pair[0].0)).clamp(0.0, 1.0);
+            pair[0].1 + share * (pair[1].1 - pair[0].1)
+        }
+        (None, Some(last)) => last.1,
+        (None, None) => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn normals_point_to_the_side_from_which_corners_run_counter_clockwise() {
+        let points = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
+        assert_eq!(normals(&points, &[[0, 1, 2]]), [Vec3::Z, Vec3::Z, Vec3::Z, Vec3::ZERO]);
     }
 }

@@ -8,16 +8,15 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
-use super::archive;
+use super::archive::{self, Shards};
 use super::assets::Assets;
 use super::options::{SceneOptions, Set, Sources, picture_size};
-use super::shards::Shards;
-use super::worker::{ROW, Setup, Times, Worker};
+use super::sample::Distribution;
+use super::worker::{ROW, Times, Worker};
 
 /// Increases when the same settings give other pictures.
 const EDITION: u32 = 8;
 
-/// Arguments of `synth`.
 #[derive(Debug, Args)]
 pub struct Options {
     /// The archive to write (npz); names.json and a text file with the settings are written beside it
@@ -49,10 +48,11 @@ pub struct Options {
     scenes: SceneOptions,
 }
 
-/// A run of `synth`, shared by all threads.
 struct Job<'a> {
-    setup: &'a Setup<'a>,
+    assets: &'a Assets,
+    distribution: &'a Distribution,
     shards: &'a Shards,
+    size: [usize; 2],
     options: &'a Options,
     saved: Option<(&'a Path, usize)>,
     next: AtomicU64,
@@ -78,8 +78,6 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
         options.scenes.describe(options.set, &options.sources, &distribution)?
     );
     let shards = Shards::open(&options.out, &settings)?;
-    let setup =
-        Setup { assets: &assets, distribution: &distribution, size: [width, height], seed: options.set.seed(*seed) };
     let folder = PathBuf::from(options.save_pictures.first().map_or("", String::as_str));
     let saved = options.save_pictures.get(1).map(|count| count.parse().context("--save-pictures specs a number"));
     let saved = saved.transpose()?.map(|count| (folder.as_path(), count));
@@ -87,12 +85,20 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     }
     let job = Job {
-        setup: &setup,
+        assets: &assets,
+        distribution: &distribution,
         shards: &shards,
+        size: [width, height],
         options,
         saved,
         next: AtomicU64::new(0),
-        progress: Mutex::new(Progress::new(options.pictures.next_multiple_of(options.per_subject))),
+        progress: Mutex::new(Progress {
+            started: Instant::now(),
+            said: Instant::now(),
+            wanted: options.pictures.next_multiple_of(options.per_subject),
+            done: 0,
+            resumed: 0,
+        }),
     };
     job.warn_unsaved();
     job.report(job.run_threads()?);
@@ -112,7 +118,7 @@ pub fn provenance(archive: &Path) -> PathBuf {
 
 fn finish(options: &Options, shards: &Shards, subjects: u64) -> Result<()> {
     let rows = (0..subjects).map(|number| shards.numbers(number)).collect::<Result<Vec<_>>>()?;
-    archive::write(&options.out, &rows, |subject| shards.appearance(subject as u64))?;
+    archive::write(&options.out, &rows, |subject| shards.appearance(subject))?;
     let pictures: usize = rows.iter().map(|rows| rows.len() / ROW).sum();
     let tries: f32 = rows.iter().flat_map(|rows| rows.chunks_exact(ROW)).filter_map(|row| row.last()).sum();
     let people = rows.iter().filter(|rows| !rows.is_empty()).count();
@@ -132,7 +138,7 @@ impl Job<'_> {
         let threads = self.options.threads.unwrap_or(cores).max(1);
         std::thread::scope(|scope| {
             let running: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.run_worker())).collect();
-            let mut total = Times::default();
+            let mut total = Times::zeros();
             for thread in running {
                 let Ok(times) = thread.join() else { bail!("a thread panicked") };
                 total += times?;
@@ -141,23 +147,22 @@ impl Job<'_> {
         })
     }
 
-    /// Renders one subject after another until all are done.
     fn run_worker(&self) -> Result<Times> {
         let mut worker = None;
         loop {
             let number = self.next.fetch_add(1, Ordering::Relaxed);
             if number >= self.subjects() {
-                return Ok(worker.map_or(Times::default(), |worker: Worker| worker.times()));
+                return Ok(worker.map_or(Times::zeros(), |worker: Worker| worker.times()));
             }
             if self.shards.has(number) {
                 self.count(self.shards.numbers(number)?.len() / ROW, true);
                 continue;
             }
-            let ready = match worker.take() {
-                Some(ready) => ready,
-                None => Worker::new(self.setup)?,
+            let seed = self.options.set.seed(self.options.seed);
+            let worker = match &mut worker {
+                Some(worker) => worker,
+                none => none.insert(Worker::new(self.assets, self.distribution, self.size, seed)?),
             };
-            let worker = worker.insert(ready);
             let rows = worker.subject(number, self.options.per_subject, self.saved_of(number))?;
             self.shards.write(number, &rows)?;
             self.count(rows.numbers.len() / ROW, false);
@@ -170,7 +175,6 @@ impl Job<'_> {
         (before < count).then(|| (folder, count - before))
     }
 
-    /// Prints a warning if subjects whose pictures should be saved were rendered by an earlier run.
     fn warn_unsaved(&self) {
         let is_saved = |number: &u64| self.saved_of(*number).is_some();
         let done = (0..self.subjects()).take_while(is_saved).filter(|number| self.shards.has(*number)).count();
@@ -180,9 +184,14 @@ impl Job<'_> {
         }
     }
 
+    /// Counts pictures and prints the progress at intervals.
     fn count(&self, pictures: usize, resumed: bool) {
-        if let Ok(mut progress) = self.progress.lock() {
-            progress.count(pictures, resumed);
+        let Ok(mut progress) = self.progress.lock() else { return };
+        progress.done += pictures;
+        progress.resumed += if resumed { pictures } else { 0 };
+        if progress.said.elapsed().as_secs_f64() > PROGRESS_S {
+            progress.said = Instant::now();
+            eprintln!("{}", progress.line());
         }
     }
 
@@ -190,17 +199,16 @@ impl Job<'_> {
         let Ok(progress) = self.progress.lock() else { return };
         eprintln!("{}", progress.line());
         let made = progress.made().max(1) as f64;
-        let [render, camera, tracking] = [times.render, times.camera, times.tracking].map(|time| time / made * 1e3);
+        let [render, camera, tracking] = times.data.0[0].map(|time| time / made * 1e3);
         eprintln!(
             "CPU milliseconds a picture: render {render:.1}, camera and JPEG {camera:.1}, tracking {tracking:.1}"
         );
     }
 }
 
-/// Seconds between lines.
 const PROGRESS_S: f64 = 5.0;
 
-pub struct Progress {
+struct Progress {
     started: Instant,
     said: Instant,
     wanted: usize,
@@ -210,27 +218,11 @@ pub struct Progress {
 }
 
 impl Progress {
-    pub fn new(wanted: usize) -> Self {
-        let now = Instant::now();
-        Self { started: now, said: now, wanted, done: 0, resumed: 0 }
-    }
-
-    pub fn made(&self) -> usize {
+    fn made(&self) -> usize {
         self.done - self.resumed
     }
 
-    /// Counts pictures and prints the progress at intervals.
-    pub fn count(&mut self, pictures: usize, resumed: bool) {
-        self.done += pictures;
-        self.resumed += if resumed { pictures } else { 0 };
-        if self.said.elapsed().as_secs_f64() > PROGRESS_S {
-            self.said = Instant::now();
-            eprintln!("{}", self.line());
-        }
-    }
-
-    /// Returns a line with the pictures made, pictures per second, and the remaining time.
-    pub fn line(&self) -> String {
+    fn line(&self) -> String {
         let rate = self.made() as f64 / self.started.elapsed().as_secs_f64();
         let left = self.wanted.saturating_sub(self.done) as f64 / rate.max(1e-9);
         let left =
@@ -255,7 +247,6 @@ mod tests {
         options: Options,
     }
 
-    /// Returns options for a small archive in a folder, drawn from the small rig and a recording of waves.
     fn options(folder: &Path, threads: &str) -> Options {
         let [out, curves] = ["faces.npz", "curves.csv"].map(|name| folder.join(name));
         let wave = |frame: usize, shape: usize| (0.07 * (frame * (1 + shape % 5) + 14 * shape) as f64).sin();

@@ -12,15 +12,14 @@ use rand_distr::StandardNormal;
 
 use super::acting::Expressions;
 use super::assets::Assets;
-use super::backdrop::Backdrop;
 use super::camera::Effects;
 use super::conditions::{Condition, Conditions};
 use super::expression::Coefficients;
-use super::factors::Without;
+use super::factors::{Factor, Without};
 use super::person::{Person, random_looks};
 use super::props::{Prop, random_occluder};
 use super::render::FACE_CM;
-use super::scene::{Lens, Lighting, Placement, Scene, random_effects, random_lighting};
+use super::scene::{Backdrop, Lens, Lighting, Placement, Scene, random_effects, random_lighting};
 
 /// Limit on the weights of identity modes in standard deviations, beyond which heads look unnatural.
 const IDENTITY_LIMIT: f32 = 2.5;
@@ -33,14 +32,9 @@ const NEARLY_FRONTAL_DEG: [(f32, f32); 3] = [(2.0, 5.0); 3];
 const CONDITIONS: u64 = u16::MAX as u64;
 const OCCLUDERS: u64 = 1 << 63;
 
-/// Indices of the textures to draw from, at least one of each kind.
-pub struct TextureChoice {
-    pub skins: Vec<usize>,
-    pub brows: Vec<usize>,
-    pub eyes: Vec<usize>,
-}
+/// Indices of the skins, brows and eyes to draw from, at least one of each.
+pub type TextureChoice = [Vec<usize>; 3];
 
-/// The distribution that people, rooms and cameras are drawn from.
 pub struct Variety {
     pub textures: TextureChoice,
     pub without: Without,
@@ -60,13 +54,13 @@ pub struct Subject {
     pub distance: f32,
     lighting: Lighting,
     lens: Lens,
-    backdrop: Backdrop,
+    pub backdrop: Backdrop,
     effects: Effects,
     conditions: Conditions,
     worn: Vec<Arc<Prop>>,
     skin: Vec3,
     number: u64,
-    rng: ChaCha8Rng,
+    pub rng: ChaCha8Rng,
 }
 
 pub struct PictureSpec {
@@ -75,13 +69,11 @@ pub struct PictureSpec {
     pub neutral: bool,
 }
 
-/// Draws a normal deviate, clamped to a limit.
 pub fn normal(rng: &mut ChaCha8Rng, deviation: f32, limit: f32) -> f32 {
     (rng.sample::<f32, _>(StandardNormal) * deviation).clamp(-limit, limit)
 }
 
 impl Subject {
-    /// Draws subject `number` of a seed for pictures of `size`.
     pub fn random(assets: &Assets, variety: &Variety, size: [usize; 2], [seed, number]: [u64; 2]) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(stream(number, 0));
@@ -99,11 +91,12 @@ impl Subject {
         let mut conditions_rng = rng.clone();
         conditions_rng.set_stream(stream(number, CONDITIONS));
         let conditions = Conditions::random(&mut conditions_rng, variety.condition, without);
-        without.simplify_identity(&mut identity);
-        without.simplify_looks(&mut looks);
+        without.simplify_person(&mut identity, &mut looks);
         without.simplify_size(&mut share, &mut distance);
         without.simplify_lighting(&mut lighting);
-        without.simplify_backdrop(&mut backdrop);
+        if without.takes(Factor::Backdrop) {
+            backdrop.flatten();
+        }
         conditions.apply_to_looks(&mut looks);
         conditions.apply_to_lighting(&mut lighting);
         let face_px = share * size[0].min(size[1]) as f32;
@@ -111,10 +104,11 @@ impl Subject {
         lens.focal_px = conditions.focal_px(&lens, distance);
         let person = Person::new(assets, &identity, looks);
         let glasses = conditions.glasses.as_ref().map(|style| style.build(&assets.rig, &person.base).map(Arc::new));
-        let skin = assets.skins[person.looks.skin].lightness;
+        // The lightness is that of the skin's green in linear light.
+        let green = assets.skins[person.looks.skin].lightness;
         Self {
             worn: glasses.into_iter().flatten().collect(),
-            skin: skin_colour(skin, person.looks.tint),
+            skin: Vec3::new(green.powf(0.6), green, 0.75 * green) * person.looks.tint,
             conditions,
             lens,
             person,
@@ -136,15 +130,11 @@ impl Subject {
     pub fn random_spec(&mut self, distribution: &Distribution, neutral: bool) -> PictureSpec {
         let rng = &mut self.rng;
         let weights = if neutral { [0.0; COEFFS] } else { distribution.expressions.draw(rng) };
-        let angles_deg =
-            if neutral { NEARLY_FRONTAL_DEG } else { TURN_DEG }.map(|(deviation, limit)| normal(rng, deviation, limit));
-        let angles_deg = match distribution.turn_deg {
-            Some([yaw, pitch]) if !neutral => {
-                [yaw.copysign(angles_deg[0]), pitch.copysign(angles_deg[1]), angles_deg[2]]
-            }
-            _ => angles_deg,
-        };
-        let mut angles_deg = angles_deg;
+        let ranges = if neutral { NEARLY_FRONTAL_DEG } else { TURN_DEG };
+        let mut angles_deg = ranges.map(|(deviation, limit)| normal(rng, deviation, limit));
+        if let Some([yaw, pitch]) = distribution.turn_deg.filter(|_| !neutral) {
+            angles_deg = [yaw.copysign(angles_deg[0]), pitch.copysign(angles_deg[1]), angles_deg[2]];
+        }
         let mut position = position(rng, self.distance, &self.lens);
         let mut effects = self.effects.clone();
         effects.exposure *= rng.random_range(0.9..1.1);
@@ -181,24 +171,11 @@ impl Subject {
         self.conditions.apply_to_effects(&mut effects);
         PictureSpec { scene, effects, neutral: false }
     }
-
-    pub fn backdrop(&self) -> &Backdrop {
-        &self.backdrop
-    }
-
-    pub fn rng(&mut self) -> &mut ChaCha8Rng {
-        &mut self.rng
-    }
 }
 
 /// Returns the stream of random numbers of a subject (part 0) or of one of its pictures (parts from 1 on).
 fn stream(number: u64, part: u64) -> u64 {
     ((number + 1) << 16) + part
-}
-
-/// Returns the colour of skin whose lightness is that of its green in linear light.
-fn skin_colour(lightness: f32, tint: Vec3) -> Vec3 {
-    Vec3::new(lightness.powf(0.6), lightness, 0.75 * lightness) * tint
 }
 
 fn position(rng: &mut ChaCha8Rng, distance: f32, lens: &Lens) -> Vec3 {

@@ -12,17 +12,15 @@ use turbojpeg::Subsamp;
 
 use super::camera::Effects;
 use super::expression::{Coefficients, head_rotation};
-use super::geometry::smoothstep;
 use super::props::Prop;
+use super::rig::smoothstep;
 use super::sample::normal;
 
-/// The point of the rig that the head rotates about.
 pub const PIVOT: Vec3 = Vec3::new(0.0, -1.0, 3.0);
 /// The approximate position of the tip of the nose.
 const NOSE: Vec3 = Vec3::new(0.0, 0.4, 13.0);
 /// Between these heights the neck's motion changes from the head's to the shoulders', in centimetres.
 const NECK: [f32; 2] = [-8.5, -15.0];
-/// Rotation of the shoulders as a share of the head's.
 const SHOULDERS: f32 = 0.25;
 
 #[derive(Debug, Clone, Copy)]
@@ -46,7 +44,6 @@ pub struct Lighting {
 #[derive(Debug, Clone, Copy)]
 pub struct Lens {
     pub size: [usize; 2],
-    /// Focal length in pixels.
     pub focal_px: f32,
 }
 
@@ -57,7 +54,6 @@ pub struct Placement {
     pub position: Vec3,
 }
 
-/// A head with expression, pose and lighting, seen through a lens.
 #[derive(Debug, Clone)]
 pub struct Scene {
     pub weights: Coefficients,
@@ -68,7 +64,6 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Returns the approximate position of the tip of the nose in the picture, in pixels.
     pub fn nose(&self) -> Option<Vec2> {
         let mut tip = [NOSE];
         self.placement.place(&mut tip, &[0.0]);
@@ -77,7 +72,6 @@ impl Scene {
 }
 
 impl Lighting {
-    /// Returns the ambient light on a surface without occlusion.
     pub fn ambient(&self, normal: Vec3) -> Vec3 {
         let [mean, x, y, z] = self.ambient;
         (mean + normal.x * x + normal.y * y + normal.z * z).max(Vec3::ZERO)
@@ -95,7 +89,6 @@ impl Lens {
 }
 
 impl Placement {
-    /// Returns the rotations of head and shoulders from the rig to the world, about [`PIVOT`].
     fn rotations(&self) -> [Mat3; 2] {
         let [yaw, pitch, roll] = self.angles_deg;
         let facing = Mat3::from_quat(Quat::from_rotation_arc(Vec3::Z, (-self.position).normalize_or(Vec3::Z)));
@@ -114,7 +107,6 @@ impl Placement {
     }
 }
 
-/// Returns the weight of the shoulders' rotation for a vertex of the head at rest, from 0 to 1.
 pub fn shoulder(point: Vec3) -> f32 {
     smoothstep(-NECK[0], -NECK[1], -point.y)
 }
@@ -170,6 +162,97 @@ pub fn random_effects(rng: &mut ChaCha8Rng) -> Effects {
         sharpening: if rng.random_bool(0.4) { rng.random_range(0.2..1.0) } else { 0.0 },
         jpeg_quality: rng.random_range(60..=95),
         chroma: if rng.random() { Subsamp::Sub2x1 } else { Subsamp::Sub2x2 },
+    }
+}
+
+// The background of a picture: a gradient with soft and sharp shapes, like a room that is out of focus.
+
+const CELL: usize = 6;
+const SHAPES: u8 = 14;
+
+#[derive(Debug, Clone)]
+pub struct Backdrop {
+    size: [usize; 2],
+    cells: Vec<Vec3>,
+}
+
+struct Shape {
+    centre: Vec2,
+    half: Vec2,
+    turn: Vec2,
+    round: bool,
+    edge: f32,
+    colour: Vec3,
+    opacity: f32,
+}
+
+impl Backdrop {
+    pub fn random(rng: &mut ChaCha8Rng, size: [usize; 2], light: Vec3) -> Self {
+        let size = size.map(|side| side.div_ceil(CELL) + 1);
+        let wall = random_colour(rng) * light;
+        let slope = Vec2::from_angle(rng.random_range(0.0..core::f32::consts::TAU)) * rng.random_range(0.0..0.6);
+        let count = if rng.random_bool(0.25) { 0 } else { rng.random_range(2..=SHAPES) };
+        let shapes: Vec<Shape> = (0..count).map(|_| Shape::random(rng, light)).collect();
+        let cell = |index: usize| {
+            let position = Vec2::new((index % size[0]) as f32, (index / size[0]) as f32);
+            let position = position / size[0] as f32 - Vec2::new(0.5, 0.5 * size[1] as f32 / size[0] as f32);
+            let start = wall * (1.0 + slope.dot(position)).max(0.1);
+            shapes.iter().fold(start, |colour, shape| colour.lerp(shape.colour, shape.cover(position)))
+        };
+        Self { cells: (0..size[0] * size[1]).map(cell).collect(), size }
+    }
+
+    pub fn flatten(&mut self) {
+        let mean = self.cells.iter().sum::<Vec3>() / self.cells.len().max(1) as f32;
+        self.cells.fill(mean);
+    }
+
+    pub fn fill(&self, width: usize, pixels: &mut [[f32; 3]]) {
+        for (row, line) in pixels.chunks_exact_mut(width).enumerate() {
+            let (upper, down) = (row / CELL, (row % CELL) as f32 / CELL as f32);
+            for (cell, run) in line.chunks_mut(CELL).enumerate() {
+                let at = |dx: usize, dy: usize| self.cells[(upper + dy) * self.size[0] + cell + dx];
+                let (left, right) = (at(0, 0).lerp(at(0, 1), down), at(1, 0).lerp(at(1, 1), down));
+                let step = (right - left) / CELL as f32;
+                let mut colour = left;
+                for pixel in run {
+                    *pixel = colour.to_array();
+                    colour += step;
+                }
+            }
+        }
+    }
+}
+
+/// Returns a colour for a wall or an object in linear light. Most colours are unsaturated.
+fn random_colour(rng: &mut ChaCha8Rng) -> Vec3 {
+    let level = rng.random_range(0.02_f32..0.9).powf(1.4);
+    let hue = Vec3::new(rng.random(), rng.random(), rng.random());
+    level * Vec3::ONE.lerp(2.0 * hue, rng.random_range(0.0_f32..0.8).powi(2))
+}
+
+impl Shape {
+    fn random(rng: &mut ChaCha8Rng, light: Vec3) -> Self {
+        let lamp = rng.random_bool(0.08);
+        Self {
+            centre: Vec2::new(rng.random_range(-0.6..0.6), rng.random_range(-0.6..0.6)),
+            half: Vec2::new(rng.random_range(0.02..0.35), rng.random_range(0.02..0.4)),
+            turn: Vec2::from_angle(if rng.random_bool(0.7) { 0.0 } else { rng.random_range(-0.6..0.6) }),
+            round: rng.random_bool(0.35),
+            edge: rng.random_range(0.01..0.12),
+            colour: random_colour(rng) * light * if lamp { 4.0 } else { 1.0 },
+            opacity: rng.random_range(0.4..1.0),
+        }
+    }
+
+    fn cover(&self, position: Vec2) -> f32 {
+        let offset = self.turn.rotate(position - self.centre).abs() - self.half;
+        let beyond = if self.round {
+            (((offset + self.half) / self.half).length() - 1.0) * self.half.min_element()
+        } else {
+            offset.max_element()
+        };
+        self.opacity * (1.0 - smoothstep(-self.edge, self.edge, beyond))
     }
 }
 

@@ -1,6 +1,7 @@
 //! What the person of a clip does: acts one after the other, each a part of the clip with a name.
 
 use std::f32::consts::TAU;
+use std::ops::Range;
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
@@ -10,11 +11,10 @@ use rand::seq::IteratorRandom;
 use rand_chacha::ChaCha8Rng;
 
 use super::acting::{APART, HALVES_SCALE, with_upper};
-use super::anatomy::{enforce_limits, index_of, mirrored};
+use super::anatomy::{enforce_limits, find, index_of, mirrored};
 use super::expression::Coefficients;
-use super::geometry::{piecewise, smoothstep};
+use super::rig::{piecewise, smoothstep};
 
-/// What a clip shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Script {
     /// A face that follows recordings, after half a second at rest
@@ -27,7 +27,6 @@ pub enum Script {
 #[derive(Debug, Clone, Copy)]
 pub struct Moment {
     pub face: Coefficients,
-    /// Share of the head's sway.
     pub sway: f32,
     /// Yaw of the head in degrees, without the sway.
     pub yaw_deg: f32,
@@ -47,7 +46,6 @@ pub struct Part {
 }
 
 const FULL_LIGHT: Light = Light { exposure: 1.0, noise: 1.0 };
-/// The lights under which the face holds still.
 const STILL: [(&str, Light); 3] = [
     ("still-bright", FULL_LIGHT),
     ("still-dim", Light { exposure: 0.45, noise: 1.6 }),
@@ -74,12 +72,10 @@ const POSES: [(&str, &[(&str, f32)]); 10] = [
 /// Length of a take. The pose is there between these times.
 const TAKE_S: f32 = 3.0;
 const HOLD_S: [f32; 2] = [1.0, 2.7];
-/// Time that a face takes into a pose and out of it.
 const MOVE_S: f32 = 0.35;
 /// How far people go when they are asked for their largest expression. Shut eyes are shut.
-const STRENGTH: core::ops::Range<f32> = 0.75..1.0;
-/// How much the sides of a face differ.
-const SIDES: core::ops::Range<f32> = 0.92..1.0;
+const STRENGTH: Range<f32> = 0.75..1.0;
+const SIDES: Range<f32> = 0.92..1.0;
 /// Share of its sway that a head keeps while it is asked to hold still.
 const CALM: f32 = 0.1;
 
@@ -88,7 +84,6 @@ const CALM: f32 = 0.1;
 const TALK_S: usize = 60;
 const JUDGED_S: usize = 20;
 const STRETCH_S: usize = 5;
-/// Time in which one stretch fades into the next.
 const FADE_S: f32 = 0.5;
 
 impl Script {
@@ -108,7 +103,8 @@ impl Script {
 }
 
 fn wearer(rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>]) -> Result<Vec<Part>> {
-    let mut parts: Vec<Part> = STILL.iter().map(|(name, light)| still(name, *light)).collect();
+    let still = |(name, light)| acted(name, STILL_S, |_| Moment { light, ..at_rest([0.0; COEFFS]) });
+    let mut parts: Vec<Part> = STILL.map(still).into();
     parts.push(acted("neutral", TAKE_S, |_| Moment { sway: CALM, ..at_rest([0.0; COEFFS]) }));
     for (name, shapes) in POSES {
         let pose = pose(rng, name, shapes);
@@ -136,17 +132,13 @@ fn frames(seconds: f32) -> usize {
     (seconds * RATE as f32).round() as usize
 }
 
-fn still(name: &'static str, light: Light) -> Part {
-    acted(name, STILL_S, |_| Moment { light, ..at_rest([0.0; COEFFS]) })
-}
-
 /// Draws how a person shows a pose. Names without a side stand for both sides.
 fn pose(rng: &mut ChaCha8Rng, name: &str, shapes: &[(&str, f32)]) -> Coefficients {
     let strength = if name == "eyes-shut" { 1.0 } else { rng.random_range(STRENGTH) };
     let mut face = [0.0; COEFFS];
     for (shape, share) in shapes {
         let sides = [format!("{shape}Left"), format!("{shape}Right"), (*shape).to_owned()];
-        for index in sides.iter().filter_map(|side| super::anatomy::find(side)) {
+        for index in sides.iter().filter_map(|side| find(side)) {
             let side = if name == "eyes-shut" { 1.0 } else { rng.random_range(SIDES) };
             face[index] = strength * share * side;
         }
@@ -154,7 +146,6 @@ fn pose(rng: &mut ChaCha8Rng, name: &str, shapes: &[(&str, f32)]) -> Coefficient
     face
 }
 
-/// Follows recordings, stretch after stretch, with a swaying head.
 fn follow(name: &'static str, rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>], seconds: usize) -> Result<Part> {
     let rate = RATE as usize;
     let fade = frames(FADE_S);
@@ -198,7 +189,6 @@ fn blinks(rng: &mut ChaCha8Rng) -> Part {
     })
 }
 
-/// Time from one wink to the next.
 const WINK_S: f32 = 1.2;
 
 /// Winks of the left eye, then of the right, twice each. A cheek rises with its lid.
@@ -216,13 +206,11 @@ fn winks() -> Part {
     })
 }
 
-/// A face at rest that turns 30 degrees to either side.
 fn turned() -> Part {
     const YAW: [(f32, f32); 6] = [(0.0, 0.0), (1.0, 30.0), (2.0, 30.0), (3.5, -30.0), (4.5, -30.0), (5.5, 0.0)];
     acted("turned", 6.0, |time_s| Moment { yaw_deg: piecewise(&YAW, time_s), ..at_rest([0.0; COEFFS]) })
 }
 
-/// Frame rate of recordings and clips.
 pub const RATE: u32 = 30;
 /// Largest yaw, pitch and roll (degrees) and displacement along x, y and z (centimetres) of a head, and the smallest
 /// share of them that a clip reaches.
@@ -230,40 +218,27 @@ const SWAY: [f32; 6] = [22.0, 12.0, 8.0, 2.5, 1.5, 4.0];
 const LEAST_SWAY: f32 = 0.75;
 /// Number of waves that a motion consists of, and the range of their frequencies.
 const WAVES: usize = 4;
-const HERTZ: core::ops::Range<f32> = 0.08..0.7;
-/// Faster waves are smaller.
+const HERTZ: Range<f32> = 0.08..0.7;
 const SLOW_HERTZ: f32 = 0.2;
 
-#[derive(Debug, Clone, Copy)]
-struct Stretch {
-    recording: usize,
-    first: usize,
-}
-
-impl Stretch {
-    /// Returns whether both stretches are of different moments, even frame by frame.
-    fn is_apart_from(self, other: Self) -> bool {
-        self.recording != other.recording || self.first.abs_diff(other.first) >= APART
-    }
+/// Returns whether two stretches, each of a recording from a frame on, are of different moments, even frame by frame.
+fn are_apart((recording, first): (usize, usize), other: (usize, usize)) -> bool {
+    recording != other.0 || first.abs_diff(other.1) >= APART
 }
 
 /// Returns the curves of a clip. Upper and lower half of the face follow stretches of recordings from different moments,
 /// each mirrored in half of the clips, with each coefficient scaled.
-pub fn random_curves(
-    rng: &mut ChaCha8Rng,
-    recordings: &[Vec<Coefficients>],
-    count: usize,
-) -> Result<Vec<Coefficients>> {
+fn random_curves(rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<Coefficients>> {
     let of = |(recording, frames): (usize, &Vec<Coefficients>)| {
         let last = (frames.len() + 1).saturating_sub(count);
-        (0..last).map(move |first| Stretch { recording, first })
+        (0..last).map(move |first| (recording, first))
     };
-    let all: Vec<Stretch> = recordings.iter().enumerate().flat_map(of).collect();
+    let all: Vec<(usize, usize)> = recordings.iter().enumerate().flat_map(of).collect();
     let short = "the recordings of this set are too short for two stretches of this length: choose fewer --seconds";
     let upper = *all.iter().choose(rng).context(short)?;
-    let lower = *all.iter().filter(|stretch| stretch.is_apart_from(upper)).choose(rng).context(short)?;
-    let [upper, lower] = [upper, lower].map(|stretch| {
-        let frames = &recordings[stretch.recording][stretch.first..][..count];
+    let lower = *all.iter().filter(|stretch| are_apart(**stretch, upper)).choose(rng).context(short)?;
+    let [upper, lower] = [upper, lower].map(|(recording, first)| {
+        let frames = &recordings[recording][first..][..count];
         if rng.random() { frames.iter().map(mirrored).collect() } else { frames.to_vec() }
     });
     let gains: Coefficients = core::array::from_fn(|_| rng.random_range(HALVES_SCALE));
@@ -276,11 +251,17 @@ pub fn random_curves(
     Ok(faces.collect())
 }
 
-/// Returns yaw, pitch, roll, x, y and z of a head in every frame of a clip.
 pub fn random_sway(rng: &mut ChaCha8Rng, count: usize) -> Vec<[f32; 6]> {
     let motions = SWAY.map(|largest| {
-        let waves: [Wave; WAVES] = core::array::from_fn(|_| Wave::random(rng));
-        let at = |frame: usize| waves.iter().map(|wave| wave.at(frame as f32 / RATE as f32)).sum::<f32>();
+        let waves: [_; WAVES] = core::array::from_fn(|_| {
+            let hertz: f32 = rng.random_range(HERTZ);
+            let size = rng.random_range(0.3..1.0) * (SLOW_HERTZ / hertz).min(1.0);
+            (size, hertz, rng.random_range(0.0..TAU))
+        });
+        let at = |frame: usize| {
+            let time_s = frame as f32 / RATE as f32;
+            waves.iter().map(|(size, hertz, phase)| size * (TAU * hertz * time_s + phase).sin()).sum::<f32>()
+        };
         let motion: Vec<f32> = (0..count).map(at).collect();
         let peak = motion.iter().map(|value| value.abs()).fold(f32::MIN_POSITIVE, f32::max);
         let scale = largest * rng.random_range(LEAST_SWAY..1.0) / peak;
@@ -289,30 +270,9 @@ pub fn random_sway(rng: &mut ChaCha8Rng, count: usize) -> Vec<[f32; 6]> {
     (0..count).map(|frame| core::array::from_fn(|axis| motions[axis][frame])).collect()
 }
 
-struct Wave {
-    size: f32,
-    hertz: f32,
-    phase: f32,
-}
-
-impl Wave {
-    fn random(rng: &mut ChaCha8Rng) -> Self {
-        let hertz: f32 = rng.random_range(HERTZ);
-        let size = rng.random_range(0.3..1.0) * (SLOW_HERTZ / hertz).min(1.0);
-        Self { size, hertz, phase: rng.random_range(0.0..TAU) }
-    }
-
-    fn at(&self, time_s: f32) -> f32 {
-        self.size * (TAU * self.hertz * time_s + self.phase).sin()
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use facewire_face::COEFFS;
     use rand_chacha::rand_core::SeedableRng;
-
-    use crate::synth::anatomy::index_of;
 
     use super::*;
 
@@ -340,7 +300,12 @@ mod tests {
     }
 
     #[test]
-    fn poses_are_held_on_both_sides_and_shut_eyes_are_shut() {
+    fn poses_are_held_on_both_sides_shut_eyes_are_shut_and_every_blink_is_seen_shut() {
+        for seed in 0..10 {
+            let parts = wearer_parts(seed);
+            let lid: Vec<f32> = part(&parts, "blinks").iter().map(|moment| moment.face[0]).collect();
+            assert_eq!(lid.windows(2).filter(|pair| pair[0] < 0.9 && pair[1] >= 0.9).count(), 6, "seed {seed}");
+        }
         let parts = wearer_parts(2);
         let held = |name: &str, shape: &str| part(&parts, name)[50].face[index_of(shape)];
         for side in ["eyeBlinkLeft", "eyeBlinkRight"] {
@@ -349,16 +314,6 @@ mod tests {
         for (pose, shape) in [("smile", "mouthSmileLeft"), ("jaw-open", "jawOpen"), ("look-up", "eyeLookUpRight")] {
             assert!((0.69..1.0).contains(&held(pose, shape)), "{pose}");
             assert!(part(&parts, pose)[0].face.iter().all(|value| value.abs() < 1e-6));
-        }
-    }
-
-    #[test]
-    fn blinks_last_130_ms_and_every_one_is_seen_shut() {
-        for seed in 0..10 {
-            let parts = wearer_parts(seed);
-            let lid: Vec<f32> = part(&parts, "blinks").iter().map(|moment| moment.face[0]).collect();
-            let shut = lid.windows(2).filter(|pair| pair[0] < 0.9 && pair[1] >= 0.9).count();
-            assert_eq!(shut, 6, "seed {seed}");
         }
     }
 
@@ -381,16 +336,10 @@ mod tests {
             let moment = |index: usize| curves[0][index] / (curves[1][index] - curves[0][index]);
             assert!((moment(brow) - moment(jaw)).abs() > APART as f32 - 2.0, "{} {}", moment(brow), moment(jaw));
         }
-    }
-
-    #[test]
-    fn recordings_without_two_stretches_are_refused() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        for count in [230, 300] {
-            let error = random_curves(&mut rng, &[recording(280)], count).expect_err("too short").to_string();
-            assert!(error.contains("--seconds"), "{error}");
-        }
-        assert!(random_curves(&mut rng, &[recording(280), recording(280)], 280).is_ok(), "one stretch of each");
+        let error = random_curves(&mut rng, &[recording(280)], 230).expect_err("too short").to_string();
+        assert!(error.contains("--seconds"), "{error}");
+        random_curves(&mut rng, &[recording(280), recording(280)], 280).expect("one stretch of each");
     }
 
     #[test]

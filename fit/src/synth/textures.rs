@@ -5,8 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use glam::{Vec2, Vec3, Vec3A, Vec4};
 
-use super::geometry::{smoothstep, vertices_of};
-use super::rig::{Rig, Triangle};
+use super::rig::{Rig, Triangle, smoothstep, vertices_of};
 
 /// An image with 8 bits per channel. As in the rig, u runs right and v up, both from 0 to 1.
 pub struct Texture {
@@ -16,7 +15,6 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// Loads a PNG or JPEG file. Images without alpha are opaque.
     pub fn load(path: &Path) -> Result<Self> {
         let picture = image::open(path).with_context(|| format!("cannot read {}", path.display()))?.into_rgba8();
         let (width, height) = (picture.width() as usize, picture.height() as usize);
@@ -32,20 +30,14 @@ impl Texture {
         self.pixels[row.min(self.height - 1) * self.width + column.min(self.width - 1)]
     }
 
-    /// Samples the texture bilinearly, clamped to the border. Channels are 0 to 255 as stored (sRGB). Weights are
+    /// Samples the texture bilinearly, clamped to the border. Channels are 0 to 255 * 256, as stored (sRGB). Weights are
     /// integer 256ths, so that one multiplication blends two channels.
-    #[inline]
-    pub fn sample(&self, uv: Vec2) -> Vec4 {
-        self.weighted(uv) * (1.0 / 256.0)
-    }
-
-    /// Samples the texture as [`Texture::sample`] does. Channels are 0 to 255 * 256.
     #[inline]
     fn weighted(&self, uv: Vec2) -> Vec4 {
         let limit = Vec2::new(self.width as f32 - 1.0, self.height as f32 - 1.0);
         let position = Vec2::new(uv.x * self.width as f32, (1.0 - uv.y) * self.height as f32) - 0.5;
         let position = 256.0 * position.clamp(Vec2::ZERO, limit);
-        let (x, y) = (index(position.x), index(position.y));
+        let (x, y) = (position.x as usize, position.y as usize);
         let (column, row, right, down) = (x / 256, y / 256, x % 256, y % 256);
         let both = right * down / 256;
         let taps = [(0, 0, 256 + both - right - down), (1, 0, right - both), (0, 1, down - both), (1, 1, both)];
@@ -59,43 +51,26 @@ impl Texture {
         Vec4::new(channel(red_blue), channel(green_alpha), channel(red_blue >> 16), channel(green_alpha >> 16))
     }
 
-    /// Samples the texture in linear light, from 0 to 1.
     #[inline]
     pub fn light(&self, uv: Vec2) -> Vec3A {
         linear(Vec3A::from_vec4(self.weighted(uv)) * (1.0 / (255.0 * 256.0)))
     }
 }
 
-fn index(value: f32) -> usize {
-    value as usize
-}
-
 /// Converts sRGB to linear light, both from 0 to 1. Approximates the power of 2.2 without `powf`, to within 0.01.
 #[inline]
-pub fn linear(colour: Vec3A) -> Vec3A {
+fn linear(colour: Vec3A) -> Vec3A {
     colour * colour * (Vec3A::splat(0.8) + 0.2 * colour)
 }
 
-/// Centre of the eye in the texture.
+/// Centre of the eye and radius of the iris in the texture.
 const CENTRE: Vec2 = Vec2::new(0.288, 1.0 - 0.708);
-/// Radius of the iris in the texture.
 const IRIS: f32 = 0.115;
 
-pub struct EyeTexture {
-    texture: Texture,
-}
-
-impl EyeTexture {
-    pub fn new(texture: Texture) -> Result<Self> {
-        let [width, height] = texture.size();
-        (width > 0 && height > 0).then_some(Self { texture }).context("an eye texture is empty")
-    }
-
-    /// Returns the colour at an offset from the centre of the ball. The offset and the radius `iris` are relative to
-    /// the radius of the ball.
-    pub fn colour(&self, offset: Vec2, iris: f32) -> Vec3 {
-        self.texture.light(CENTRE + offset * (IRIS / iris)).into()
-    }
+/// Returns the colour of an eye at an offset from the centre of the ball. The offset and the radius `iris` are relative to
+/// the radius of the ball.
+pub fn eye_colour(texture: &Texture, offset: Vec2, iris: f32) -> Vec3 {
+    texture.light(CENTRE + offset * (IRIS / iris)).into()
 }
 
 /// Returns the offset of every eyeball vertex from its ball's centre, relative to the ball's radius, for eyes that look
@@ -119,7 +94,6 @@ pub fn ball_offsets(rig: &Rig) -> Vec<Vec3> {
 //
 // A texture contains two brows, one above the other. The upper one is used for both sides.
 
-/// Alpha above which a pixel belongs to a brow.
 const INK: u8 = 40;
 /// Exponent on alpha. Values below 1 make brows denser, because the textures show single hairs, which are smaller than
 /// the camera's pixels.
@@ -174,10 +148,9 @@ impl Brow {
         from.lerp(to, along) + Vec2::new(0.0, scale * (rest.y - inner.lerp(outer, along).y))
     }
 
-    /// Returns the opacity of the brow at a texture coordinate, from 0 to 1.
     pub fn cover(&self, uv: Vec2) -> f32 {
         let inside = uv.x > 0.0 && uv.x < 1.0 && uv.y > self.floor && uv.y < 1.0;
-        if inside { self.opacity[alpha_of(self.texture.sample(uv))] } else { 0.0 }
+        if inside { self.opacity[(self.texture.weighted(uv).w / 256.0 + 0.5) as usize] } else { 0.0 }
     }
 
     /// Returns whether a triangle with these texture coordinates may show a part of the brow.
@@ -186,10 +159,6 @@ impl Brow {
         let (least, most) = (a.min(b).min(c), a.max(b).max(c));
         least.x < 1.0 && least.y < 1.0 && most.x > 0.0 && most.y > self.floor
     }
-}
-
-fn alpha_of(sample: Vec4) -> usize {
-    (sample.w + 0.5) as usize
 }
 
 /// Returns a row between the upper and the lower brow.
@@ -212,16 +181,12 @@ fn ends(texture: &Texture, floor_row: usize) -> Option<[Vec2; 2]> {
         |column: usize| -> Vec<usize> { (0..floor_row).filter(|row| texture.pixel(column, *row)[3] > INK).collect() };
     let columns: Vec<usize> = (0..width).filter(|column| !rows_of(*column).is_empty()).collect();
     let at = |share: f32| {
-        let column = *columns.get(fraction(columns.len(), share))?;
+        let column = *columns.get((columns.len() as f32 * share) as usize)?;
         let rows = rows_of(column);
         let row = rows.iter().sum::<usize>() as f32 / rows.len().max(1) as f32;
         Some(Vec2::new(column as f32 / width as f32, 1.0 - row / height as f32))
     };
     Some([at(0.05)?, at(0.97)?])
-}
-
-fn fraction(count: usize, share: f32) -> usize {
-    (count as f32 * share) as usize
 }
 
 // Skin: a texture on the face, and a smooth tone where the texture does not fit.
@@ -237,11 +202,9 @@ const SEAM: f32 = 0.04;
 const NECK: f32 = -8.5;
 const BESIDE: f32 = 4.6;
 const BEHIND: f32 = 7.5;
-/// Number of diffusion steps of the tone.
 const SWEEPS: usize = 120;
 
 pub struct Layout {
-    /// Weight of the texture against the tone, for each vertex.
     pub share: Vec<f32>,
     neighbours: Vec<Vec<u32>>,
 }

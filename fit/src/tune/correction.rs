@@ -5,7 +5,7 @@
 //! the error is averaged over the pictures of each level of the truth, and then over the levels, weighted by a power of
 //! their number of pictures ([`LEVELLING`]).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -14,8 +14,8 @@ use facewire_face::model::{Correction, CorrectiveTerms, ModelFile};
 use facewire_face::{BLENDSHAPES, COEFFS, Model};
 use rayon::prelude::*;
 
-use crate::judge::set::{RawFaces, Set, SetOptions};
-use crate::output;
+use crate::judge::set::{RawFaces, Set};
+use crate::output::{self, Table};
 
 /// Upper ends of the levels of the truth. The first one is that of a blendshape at rest.
 const LEVELS: [f64; 6] = [0.02, 0.2, 0.4, 0.6, 0.8, 1.0];
@@ -35,7 +35,6 @@ const LEAST_GAIN: f64 = 0.02;
 /// Introduces the sets in the model file's `made_by`.
 const TUNED_BY: &str = "; corrective terms: facewire-fit tune correction ";
 
-/// Arguments of `tune correction`.
 #[derive(Debug, Args)]
 #[command(after_help = "Each half of the people judges the terms that were fitted to the other half.
 
@@ -58,7 +57,6 @@ pub struct Options {
     neutral_frames: u32,
 }
 
-/// Results of the regression with the truth for one kind of blendshape of one person.
 type Pairs = Vec<[f64; 2]>;
 
 pub fn run(options: &Options) -> Result<()> {
@@ -68,13 +66,12 @@ pub fn run(options: &Options) -> Result<()> {
     let mut file = ModelFile::parse(&text)?;
     let people = people(options, &file.to_model()?)?;
     println!("error: squared, mean over the levels of the truth");
-    println!("| blendshapes      | shift | slope | lift | response    | error before | after | after, other people |");
-    println!("|---|---|---|---|---|---|---|---|");
     let fitted: Vec<_> =
         stems().into_par_iter().filter(|stem| stem != KEPT).map(|stem| Fitted::new(stem, &people)).collect();
     file.correction = BTreeMap::new();
+    let heads = ["blendshapes", "shift", "slope", "lift", "response", "error before", "after", "after, other people"];
+    print!("{}", Table::new(heads, fitted.iter().map(Fitted::row)).text());
     for fitted in &fitted {
-        println!("{}", fitted.line());
         if fitted.crossed < (1.0 - LEAST_GAIN) * fitted.before {
             file.correction.extend(sides(&fitted.stem).map(|name| (name.to_owned(), fitted.terms)));
         }
@@ -88,7 +85,7 @@ pub fn run(options: &Options) -> Result<()> {
 fn people(options: &Options, model: &Model) -> Result<Vec<RawFaces>> {
     let mut people = Vec::new();
     for path in &options.sets {
-        let set = Set::load(path, SetOptions { all_subjects: false, neutral_frames: options.neutral_frames })?;
+        let set = Set::load(path, false, options.neutral_frames)?;
         let [known, unknown] = [set.raw(model, true)?, set.raw(model, false)?];
         people.extend(known.into_iter().zip(unknown).map(|(known, unknown)| [known, unknown].concat()));
     }
@@ -112,24 +109,20 @@ impl Fitted {
         Self { before, after, crossed: crossed(&stem, &people), stem, terms }
     }
 
-    fn line(&self) -> String {
+    fn row(&self) -> Vec<String> {
         let CorrectiveTerms { shift, slope, lift, response: [from, to] } = self.terms;
-        let Self { stem, before, after, crossed, .. } = self;
-        let terms = format!("{shift:+.3} | {slope:.2} | {lift:.2} | {from:.2} .. {to:.2}");
-        format!("| {stem:<16} | {terms} | {before:.4} | {after:.4} | {crossed:.4} |")
+        let terms =
+            [format!("{shift:+.3}"), format!("{slope:.2}"), format!("{lift:.2}"), format!("{from:.2} .. {to:.2}")];
+        let errors = [self.before, self.after, self.crossed].map(|error| format!("{error:.4}"));
+        [self.stem.clone()].into_iter().chain(terms).chain(errors).collect()
     }
 }
 
 /// Returns the names of the blendshapes without their side. Both sides have the same terms.
 fn stems() -> Vec<String> {
-    let mut stems: Vec<String> = Vec::new();
-    for name in BLENDSHAPES.iter().filter(|name| **name != "tongueOut") {
-        let stem = stem(name);
-        if !stems.contains(&stem) {
-            stems.push(stem);
-        }
-    }
-    stems
+    let mut known = BTreeSet::new();
+    let shown = BLENDSHAPES.iter().filter(|name| **name != "tongueOut");
+    shown.map(|name| stem(name)).filter(|stem| known.insert(stem.clone())).collect()
 }
 
 fn stem(name: &str) -> String {
@@ -196,18 +189,12 @@ fn crossed(stem: &str, people: &[Pairs]) -> f64 {
     f64::midpoint(errors[0], errors[1])
 }
 
-/// How often the steps are halved.
 const HALVINGS: usize = 9;
-/// Limit on the rounds with steps of one size.
 const MOST_ROUNDS: usize = 60;
 
-/// Returns the point at which `cost` is lowest, as a search by coordinates finds it: from `start`, each coordinate goes up or
-/// down by its step as long as that lowers the cost, and then the steps are halved.
-pub fn minimum<const N: usize>(
-    start: [f64; N],
-    mut steps: [f64; N],
-    cost: impl Fn(&[f64; N]) -> f64,
-) -> ([f64; N], f64) {
+/// Searches by coordinates for the point at which `cost` is lowest: from `start`, each coordinate goes up or down by its step
+/// as long as that lowers the cost, and then the steps are halved.
+fn minimum<const N: usize>(start: [f64; N], mut steps: [f64; N], cost: impl Fn(&[f64; N]) -> f64) -> ([f64; N], f64) {
     let mut best = (start, cost(&start));
     for _ in 0..HALVINGS {
         for _ in 0..MOST_ROUNDS {
@@ -256,14 +243,5 @@ mod tests {
             let corrected = found.correct(raw, 0.0, 1.0);
             assert!((corrected - want).abs() < 0.03, "{found:?}: {raw} gives {corrected}");
         }
-    }
-
-    #[test]
-    fn the_bottom_of_a_bowl_is_found_and_walls_are_kept() {
-        let bowl = |[x, y]: &[f64; 2]| (x - 0.3).powi(2) + 2.0 * (y + 0.7).powi(2);
-        let ([x, y], cost) = minimum([0.0, 0.0], [0.2, 0.2], bowl);
-        assert!((x - 0.3).abs() < 1e-2 && (y + 0.7).abs() < 1e-2 && cost < 1e-3, "{x} {y}");
-        let walled = |point: &[f64; 2]| if point[1] < 0.0 { f64::INFINITY } else { bowl(point) };
-        assert!(minimum([0.0, 0.5], [0.2, 0.2], walled).0[1] >= 0.0);
     }
 }

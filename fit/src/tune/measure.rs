@@ -3,21 +3,15 @@
 use std::fmt;
 use std::iter::Sum;
 use std::ops::Range;
-use std::path::Path;
 
 use anyhow::{Context, Result};
-use facewire::config::Settings;
-use facewire::pipeline::Pipeline;
-use facewire::playback::{Playback, neutral_of};
-use facewire::preflight::shaping;
-use facewire_face::{BLENDSHAPES, COEFFS, Group, HeadPose, Model, Profile, Solver};
+use facewire_face::{BLENDSHAPES, COEFFS, Group, HeadPose, Model, NeutralMode, Profile};
 
-use super::smoothing::{PARTS, Part};
-use crate::curves::{Parts, Truth, runs};
-use crate::judge::set::{load_each, track};
+use super::{PARTS, Part};
+use crate::curves::{LIDS, OPEN, SHUT, shut};
+use crate::judge::set::{Clip, playback};
 use crate::output::Table;
 
-/// Frame rate of the clips.
 pub const FPS: f64 = 30.0;
 /// Frames at the end of a part at rest whose standard deviation counts: 2 seconds.
 const STILL_FRAMES: usize = 60;
@@ -27,13 +21,6 @@ const MOST_LAG: usize = 10;
 const MOST_LEAD: usize = 3;
 /// A value that moves less in a frame is left out when its delay is measured.
 const MOVING: f64 = 0.03;
-
-/// One curve of a clip before and after a filter, with the truth.
-pub struct Curves<'a> {
-    pub raw: &'a [f64],
-    pub filtered: &'a [f64],
-    pub truth: &'a [f64],
-}
 
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sums {
@@ -47,26 +34,23 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// Measures one curve: its jitter in the frames at rest, and its delay in those that move.
-    pub fn of(curves: &Curves, still: &[Range<usize>], moving: &[Range<usize>]) -> Self {
+    /// Measures one curve before and after a filter, and the truth: its jitter in the frames at rest, and its delay in those
+    /// that move.
+    fn of([raw, filtered, truth]: [&[f64]; 3], still: &[Range<usize>], moving: &[Range<usize>]) -> Self {
         let mut sums = Self::default();
         for frames in still {
             let last = frames.end.saturating_sub(STILL_FRAMES).max(frames.start)..frames.end;
-            sums.still[0] += deviations(&curves.raw[last.clone()]);
-            sums.still[1] += deviations(&curves.filtered[last.clone()]);
+            sums.still[0] += deviations(&raw[last.clone()]);
+            sums.still[1] += deviations(&filtered[last.clone()]);
             sums.still[2] += last.len() as f64;
         }
         for frames in moving {
-            sums.add_movement(
-                &curves.raw[frames.clone()],
-                &curves.filtered[frames.clone()],
-                &curves.truth[frames.clone()],
-            );
+            sums.add_movement([raw, filtered, truth].map(|curve| &curve[frames.clone()]));
         }
         sums
     }
 
-    fn add_movement(&mut self, raw: &[f64], filtered: &[f64], truth: &[f64]) {
+    fn add_movement(&mut self, [raw, filtered, truth]: [&[f64]; 3]) {
         for (correlation, curve) in self.correlations.iter_mut().zip([raw, filtered]) {
             let inner = &truth[MOST_LEAD..truth.len().saturating_sub(MOST_LAG).max(MOST_LEAD)];
             for (lag, sum) in correlation.iter_mut().enumerate() {
@@ -84,7 +68,6 @@ impl Sums {
         self.errors[1] += filtered.len() as f64;
     }
 
-    /// Standard deviation at rest before and after the filter.
     pub fn deviations(&self) -> [f64; 2] {
         [self.still[0], self.still[1]].map(|squares| (squares / self.still[2]).sqrt())
     }
@@ -106,7 +89,6 @@ impl Sums {
         self.same_value[0] / self.same_value[1].max(1.0) * 1000.0 / FPS
     }
 
-    /// Mean squared error while the face moves.
     pub fn mse(&self) -> f64 {
         self.errors[0] / self.errors[1].max(1.0)
     }
@@ -115,10 +97,10 @@ impl Sums {
 impl Sum for Sums {
     fn sum<I: Iterator<Item = Self>>(sums: I) -> Self {
         sums.fold(Self::default(), |mut all, one| {
-            let pairs = all.still.iter_mut().zip(one.still);
-            let pairs = pairs.chain(all.correlations.iter_mut().flatten().zip(one.correlations.into_iter().flatten()));
-            let pairs = pairs.chain(all.same_value.iter_mut().zip(one.same_value));
-            pairs.chain(all.errors.iter_mut().zip(one.errors)).for_each(|(all, one)| *all += one);
+            let Self { still, correlations, same_value, errors } = &mut all;
+            let sums = still.iter_mut().chain(correlations.as_flattened_mut()).chain(same_value).chain(errors);
+            let still = one.still.iter().chain(one.correlations.as_flattened());
+            sums.zip(still.chain(&one.same_value).chain(&one.errors)).for_each(|(all, one)| *all += one);
             all
         })
     }
@@ -163,84 +145,64 @@ fn frames_until(value: f64, curve: &[f64]) -> Option<f64> {
 /// Frames at the start of a clip in which the face is at rest, and from which its neutral face is taken.
 const NEUTRAL_FRAMES: u64 = 75;
 
-pub struct Stream {
-    pub parts: Parts,
-    pub truth: Truth,
-    pub raw: Vec<[f32; COEFFS]>,
-    pub raw_heads: Vec<HeadPose>,
-    pub sent: Vec<[f32; COEFFS]>,
-    pub sent_heads: Vec<HeadPose>,
-}
+/// The coefficients and the head in each frame.
+pub type Frames = Vec<([f32; COEFFS], HeadPose)>;
 
-/// Tracks and solves the clips of a folder, in parallel. The solver knows the neutral face.
-pub fn load(folder: &Path, settings: &Settings) -> Result<Vec<Stream>> {
-    load_each(folder, |film| Stream::load(film, settings))
+/// A clip of a wearer whose neutral face is known: as solved, and as sent with the default filters.
+pub struct Stream {
+    clip: Clip,
+    pub raw: Frames,
+    sent: Frames,
 }
 
 impl Stream {
-    fn load(film: &Path, settings: &Settings) -> Result<Self> {
-        let csv = film.with_extension("csv");
-        let (truth, parts) = (Truth::load(&csv)?, Parts::load(&film.with_extension("parts.csv"))?);
-        let faces = track(film)?;
-        truth.fits(&csv, faces.len())?;
-        let neutral = neutral_of(&faces, &(0..NEUTRAL_FRAMES)).context("no neutral face in the first frames")?;
-        let profile = Profile { neutral: Some(neutral), ..Profile::default() };
-        let solver = Solver::new(Model::embedded(), profile, shaping(settings));
-        let pipeline = Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg);
-        let mut playback = Playback::new(pipeline, &settings.failsafe);
-        let mut stream = Self { parts, truth, raw: vec![], raw_heads: vec![], sent: vec![], sent_heads: vec![] };
-        for face in &faces {
-            // A frame without a solution repeats the frame before.
-            let frame = playback.show(face).solution.map_or_else(
-                || stream.last().context("no face in the first frame"),
-                |solved| Ok((solved.corrected.0, solved.raw_head, solved.smoothed.0, solved.head)),
-            );
-            let (raw, raw_head, sent, sent_head) = frame?;
-            stream.raw.push(raw);
-            stream.raw_heads.push(raw_head);
-            stream.sent.push(sent);
-            stream.sent_heads.push(sent_head);
+    pub fn of(clip: Clip) -> Result<Self> {
+        let profile = Profile { neutral: Some(clip.neutral(NEUTRAL_FRAMES)?), ..Profile::default() };
+        let mut playback = playback(&Model::embedded(), profile, NeutralMode::Off);
+        let (mut raw, mut sent) = (Frames::new(), Frames::new());
+        for face in &clip.faces {
+            if let Some(solved) = playback.show(face).solution {
+                raw.push((solved.corrected.0, solved.raw_head));
+                sent.push((solved.smoothed.0, solved.head));
+            } else {
+                // A frame without a solution repeats the frame before.
+                raw.push(*raw.last().context("no face in the first frame")?);
+                sent.push(*sent.last().context("no face in the first frame")?);
+            }
         }
-        Ok(stream)
+        Ok(Self { clip, raw, sent })
     }
 
-    fn last(&self) -> Option<([f32; COEFFS], HeadPose, [f32; COEFFS], HeadPose)> {
-        Some((*self.raw.last()?, *self.raw_heads.last()?, *self.sent.last()?, *self.sent_heads.last()?))
-    }
-
-    /// Measures a part of the face, given what a filter makes of the clip, in the parts of the clip at rest and in motion.
-    pub fn sums(
-        &self,
-        part: Part,
-        coefficients: &[[f32; COEFFS]],
-        heads: &[HeadPose],
-        still: &[&str],
-        moving: &[&str],
-    ) -> Sums {
-        let [still, moving] = [still, moving].map(|names| self.parts.starting_with(names).collect::<Vec<_>>());
-        let sums =
-            |raw: &[f64], filtered: &[f64], truth: &[f64]| Sums::of(&Curves { raw, filtered, truth }, &still, &moving);
+    /// Measures what a filter makes of a part of the face, in the parts of the clip at rest and in motion.
+    pub fn sums(&self, part: Part, filtered: &Frames, still: &[&str], moving: &[&str]) -> Sums {
+        let [still, moving] = [still, moving].map(|names| self.clip.parts.starting_with(names).collect::<Vec<_>>());
+        let truth = &self.clip.truth;
+        let sums = |value: &dyn Fn(&([f32; COEFFS], HeadPose)) -> f64, truth: Vec<f64>| {
+            let [raw, filtered] = [&self.raw, filtered].map(|frames| frames.iter().map(value).collect::<Vec<_>>());
+            Sums::of([&raw, &filtered, &truth], &still, &moving)
+        };
         let Part::Group(group) = part else {
-            let angle =
-                |heads: &[HeadPose], axis: usize| heads.iter().map(|head| angles_deg(head)[axis]).collect::<Vec<_>>();
-            let truth = |axis: usize| self.truth.pose_deg.iter().map(|pose| pose[axis]).collect::<Vec<_>>();
-            return (0..3).map(|axis| sums(&angle(&self.raw_heads, axis), &angle(heads, axis), &truth(axis))).sum();
+            let angle = |axis: usize| {
+                let truth = truth.pose_deg.iter().map(|pose| pose[axis]).collect();
+                sums(&|(_, head)| head.yaw_pitch_roll_deg()[axis].into(), truth)
+            };
+            return (0..3).map(angle).sum();
         };
-        let curve = |frames: &[[f32; COEFFS]], index: usize| {
-            frames.iter().map(|frame| frame[index].into()).collect::<Vec<f64>>()
-        };
-        let truth = |index: usize| self.truth.coefficients.iter().map(|frame| frame[index]).collect::<Vec<_>>();
         let members = (0..COEFFS).filter(|index| Group::of(BLENDSHAPES[*index]) == group);
-        members.map(|index| sums(&curve(&self.raw, index), &curve(coefficients, index), &truth(index))).sum()
+        let truth = |index: usize| truth.coefficients.iter().map(|frame| frame[index]).collect();
+        members.map(|index| sums(&|(face, _)| face[index].into(), truth(index))).sum()
+    }
+
+    /// Returns the frames of a part in which a true lid is shut, as ranges.
+    fn shut(&self, part: &str, lid: usize) -> Vec<Range<usize>> {
+        let frames = self.clip.parts.of(part);
+        let runs = shut(&self.clip.truth.coefficients[frames.clone()], lid).into_iter();
+        runs.map(|run| frames.start + run.start..frames.start + run.end).collect()
     }
 }
 
-/// A lid is shut and open beyond these values.
-const SHUT: f32 = 0.9;
-const OPEN: f32 = 0.1;
 /// Frames after the truth within which a lid must have followed.
 const LATE: usize = 4;
-const BLINKS: [usize; 2] = [0, 7];
 /// The parts of a clip at rest.
 const LIGHTS: [&str; 3] = ["still-bright", "still-dim", "still-dark"];
 
@@ -266,67 +228,60 @@ struct Blinks {
     opened: usize,
 }
 
-pub fn angles_deg(head: &HeadPose) -> [f64; 3] {
-    head.yaw_pitch_roll_deg().map(f64::from)
-}
-
 pub fn summary_of(streams: &[Stream]) -> Summary {
     let sums = |part: Part, still: &[&str], moving: &[&str]| -> Sums {
-        streams.iter().map(|stream| stream.sums(part, &stream.sent, &stream.sent_heads, still, moving)).sum()
+        streams.iter().map(|stream| stream.sums(part, &stream.sent, still, moving)).sum()
     };
     let parts = PARTS.map(|(part, name, _)| {
         let rest = LIGHTS.map(|light| sums(part, &[light], &[]).deviations());
         let moved = sums(part, &[], &["talk", "judged"]);
         (name, rest, [moved.lag_ms(), moved.same_value_ms()])
     });
+    let stages: [fn(&Stream) -> &Frames; 2] = [|stream| &stream.raw, |stream| &stream.sent];
     Summary {
         parts: parts.into(),
-        blinks: [blinks(streams, |stream| &stream.raw), blinks(streams, |stream| &stream.sent)],
-        leaks: [leaks(streams, |stream| &stream.raw), leaks(streams, |stream| &stream.sent)],
-        gaze: [gaze(streams, |stream| &stream.raw), gaze(streams, |stream| &stream.sent)],
+        blinks: stages.map(|frames| blinks(streams, frames)),
+        leaks: stages.map(|frames| leaks(streams, frames)),
+        gaze: stages.map(|frames| gaze(streams, frames)),
     }
 }
 
-fn shut(stream: &Stream, part: &str, lid: usize) -> Vec<Range<usize>> {
-    let is_shut = |frame: usize| stream.truth.coefficients[frame][lid] > SHUT.into();
-    runs(stream.parts.of(part).filter(|frame| is_shut(*frame)))
-}
-
-fn blinks(streams: &[Stream], curves: impl Fn(&Stream) -> &Vec<[f32; COEFFS]>) -> Blinks {
+fn blinks(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> Blinks {
     let mut all = Blinks::default();
     for stream in streams {
-        for run in shut(stream, "blinks", BLINKS[0]) {
-            let after = run.end + LATE..(run.end + 10).min(stream.raw.len());
-            let lids = |frames: Range<usize>| {
-                BLINKS.map(|lid| curves(stream)[frames.clone()].iter().map(move |f| f[lid]).collect::<Vec<_>>())
+        for run in stream.shut("blinks", LIDS[0]) {
+            let both = |range: Range<usize>, is_there: fn(f64) -> bool| {
+                let faces = &frames(stream)[range];
+                LIDS.iter().all(|lid| faces.iter().any(|(face, _)| is_there(face[*lid].into())))
             };
+            let after = run.end + LATE..(run.end + 10).min(stream.raw.len());
             all.count += 1;
-            all.shut += usize::from(lids(run.start..run.end + LATE).iter().all(|lid| lid.iter().any(|x| *x > SHUT)));
-            all.opened += usize::from(lids(after).iter().all(|lid| lid.iter().any(|x| *x < OPEN)));
+            all.shut += usize::from(both(run.start..run.end + LATE, |lid| lid > SHUT));
+            all.opened += usize::from(both(after, |lid| lid < OPEN));
         }
     }
     all
 }
 
-fn leaks(streams: &[Stream], curves: impl Fn(&Stream) -> &Vec<[f32; COEFFS]>) -> [f32; 2] {
+fn leaks(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> [f32; 2] {
     let mut leaks = Vec::new();
     for stream in streams {
-        for [winking, open] in [[BLINKS[0], BLINKS[1]], [BLINKS[1], BLINKS[0]]] {
-            let frames = shut(stream, "winks", winking).into_iter().flatten();
-            leaks.extend(frames.map(|frame| curves(stream)[frame][open]));
+        for [winking, open] in [[LIDS[0], LIDS[1]], [LIDS[1], LIDS[0]]] {
+            let winks = stream.shut("winks", winking).into_iter().flatten();
+            leaks.extend(winks.map(|frame| frames(stream)[frame].0[open]));
         }
     }
     [leaks.iter().sum::<f32>() / leaks.len().max(1) as f32, leaks.iter().copied().fold(0.0, f32::max)]
 }
 
-fn gaze(streams: &[Stream], curves: impl Fn(&Stream) -> &Vec<[f32; COEFFS]>) -> f64 {
+fn gaze(streams: &[Stream], frames: fn(&Stream) -> &Frames) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     let gaze = || (0..COEFFS).filter(|index| Group::of(BLENDSHAPES[*index]) == Group::Gaze);
     for stream in streams {
-        for run in shut(stream, "blinks", BLINKS[0]).into_iter().filter(|run| run.start > 5) {
-            let before = &curves(stream)[run.start - 5];
-            for frame in run {
-                sum += gaze().map(|index| f64::from((curves(stream)[frame][index] - before[index]).abs())).sum::<f64>();
+        for run in stream.shut("blinks", LIDS[0]).into_iter().filter(|run| run.start > 5) {
+            let (before, _) = &frames(stream)[run.start - 5];
+            for (face, _) in &frames(stream)[run] {
+                sum += gaze().map(|index| f64::from((face[index] - before[index]).abs())).sum::<f64>();
                 count += 8.0;
             }
         }
@@ -338,11 +293,8 @@ impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let row = |(part, lights, [lag, same]): &PartFigures| {
             let rest = lights.map(|[raw, sent]| format!("{sent:.4} of {raw:.4} ({:.2})", sent / raw.max(1e-9)));
-            [(*part).to_owned()]
-                .into_iter()
-                .chain(rest)
-                .chain([lag, same].map(|ms| format!("{ms:.1}")))
-                .collect::<Vec<_>>()
+            let lags = [lag, same].map(|ms| format!("{ms:.1}"));
+            [(*part).to_owned()].into_iter().chain(rest).chain(lags).collect::<Vec<_>>()
         };
         let heads = ["part", "deviation at rest, bright", "dim", "dark", "lag ms", "same value ms"];
         f.write_str(&Table::new(heads, self.parts.iter().map(row)).text())?;
@@ -370,8 +322,7 @@ mod tests {
     fn delay_between_frames_is_found_by_both_measures() {
         for delay in [0.0, 0.4, 1.0, 2.7] {
             let (raw, filtered) = (wave(1.5), wave(1.5 + delay));
-            let curves = Curves { raw: &raw, filtered: &filtered, truth: &wave(0.0) };
-            let sums = Sums::of(&curves, &[], core::slice::from_ref(&(0..300)));
+            let sums = Sums::of([&raw, &filtered, &wave(0.0)], &[], core::slice::from_ref(&(0..300)));
             assert!((sums.lag_ms() - delay * 1000.0 / FPS).abs() < 3.0, "{delay}: {}", sums.lag_ms());
             // At the turning points the curve passes some values at once.
             assert!((sums.same_value_ms() - delay * 1000.0 / FPS).abs() < 6.0, "{delay}: {}", sums.same_value_ms());
@@ -382,8 +333,7 @@ mod tests {
     fn jitter_is_the_ratio_of_the_deviations_of_the_last_two_seconds() {
         let raw: Vec<f64> = (0..75).map(|frame| if frame < 15 { 5.0 } else { f64::from(frame % 2) }).collect();
         let filtered: Vec<f64> = raw.iter().map(|value| 0.3 * value + 7.0).collect();
-        let sums =
-            Sums::of(&Curves { raw: &raw, filtered: &filtered, truth: &raw }, core::slice::from_ref(&(0..75)), &[]);
+        let sums = Sums::of([&raw, &filtered, &raw], core::slice::from_ref(&(0..75)), &[]);
         assert!((sums.jitter() - 0.3).abs() < 1e-9 && (sums.deviations()[0] - 0.5).abs() < 1e-9);
     }
 }

@@ -1,8 +1,7 @@
 //! What makes tracking poor although every part works, and what the operator can do about it.
 //!
-//! `facewire check` looks for impairments once. The service looks for them all the time: whoever detects one sets it in
-//! [`Impairments`], and clears it when it has passed. The detectors apply hysteresis, so that an impairment does not come
-//! and go from frame to frame.
+//! Whoever detects an impairment sets it in [`Impairments`], and clears it when it has passed. The detectors apply
+//! hysteresis, so that it does not come and go from frame to frame.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};

@@ -1,14 +1,4 @@
-//! facewire: camera frames in, blendshape packets out.
-//!
-//! ```text
-//! Frame -> FaceBox -> Landmarks -> Normalised -> Features -> RawCoeffs -> Corrected -> Smoothed -> Packet
-//! capture  detect      mesh         affine T_a    S, T_d      R    ^       eq. 7, 8     F           link
-//!                       |                                          |
-//!                       +-> Appearance -> Residual ----------------+
-//! ```
-//!
-//! One stage, one module, one type out: a stage cannot be skipped, because the next does not accept its input.
-//! Equation numbers are those of the method in `ARCHITECTURE.md`.
+//! facewire: camera frames in, blendshape packets out. `ARCHITECTURE.md` shows a frame's way.
 
 pub mod calibration;
 pub mod capture;

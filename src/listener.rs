@@ -44,8 +44,8 @@ impl Listener {
     }
 }
 
-/// Returns whether `path` is a Unix socket on which no process listens any more. Does not block if the listener is too busy
-/// to accept a connection.
+/// Returns whether `path` is a Unix socket on which no process listens any more. Does not block if the listener is too
+/// busy to accept a connection.
 fn is_stale(path: &Path) -> bool {
     let is_socket = fs::symlink_metadata(path).is_ok_and(|file| file.file_type().is_socket());
     let try_connect = || {

@@ -1,7 +1,7 @@
 //! The hot path: from a frame to its coefficients.
 //!
-//! Contract: [`Pipeline::process`] does not allocate, lock, log or panic; all memory is taken when the pipeline is made. A
-//! frame whose result is not trustworthy is rejected as a whole.
+//! [`Pipeline::process`] does not allocate, lock, log or panic. A frame whose result is not trustworthy is rejected as a
+//! whole.
 
 use std::time::{Duration, Instant};
 
@@ -121,8 +121,8 @@ impl Pipeline {
         Self { tracker: None, solver, horizontal_fov_deg }
     }
 
-    /// Returns the face that the frame brings, or else the one that the tracker finds in its picture. `None` if there is no
-    /// face, or a picture but no tracker.
+    /// Returns the face that the frame brings, or else the one that the tracker finds in its picture. `None` if there is
+    /// no face, or a picture but no tracker.
     pub fn find<'a>(&'a mut self, frame: &Frame<'a>) -> Result<Option<Face<'a>>, InferError> {
         find(self.tracker.as_mut(), &mut StageTimes::default(), frame)
     }

@@ -1,7 +1,8 @@
 //! Plays a file through the pipeline in the file's own time, as the service runs a camera.
 //!
-//! [`Playback::find`] finds the faces of a file, and [`Playback::show`] solves them and returns what the service would send.
-//! Faces can be kept in between, so that the neutral face may come from a later frame, or to solve them several times.
+//! [`Playback::find`] finds the faces of a file, and [`Playback::show`] solves them and returns what the service would
+//! send. Faces can be kept in between, so that the neutral face may come from a later frame, or to solve them several
+//! times.
 
 use std::ops::Range;
 

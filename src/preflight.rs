@@ -1,7 +1,7 @@
 //! Preflight: loads what settings name, and finds out what their text cannot tell.
 //!
-//! [`crate::config`] judges settings by their text alone. Whether the networks and the model that they name can be used at
-//! this moment is found out here, and by [`crate::link`] for links.
+//! [`crate::config`] judges settings by their text alone. Whether the networks and the model that they name can be used
+//! at this moment is found out here, and by [`crate::link`] for links.
 
 use facewire_face::{Filters, HeadFilter, InferError, Model, ModelError, Profile, Shaping, Solver, Tracker};
 
@@ -48,8 +48,8 @@ pub fn load_profile(settings: &WearerSettings) -> Result<Profile, StoreError> {
     }
 }
 
-/// Says that the wearer's profile was made with another model, if it was: what it says of the wearer's rest and range may then
-/// not fit.
+/// Says that the wearer's profile was made with another model, if it was: what it says of the wearer's rest and range may
+/// then not fit.
 pub fn model_warning(wearer: &WearerSettings, solver: &SolverSettings) -> Option<String> {
     let name = WearerName::new(&wearer.name)?;
     let made_with = Store::new(&wearer.folder).load(&name).ok()?.model?;

@@ -17,10 +17,10 @@ use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 pub use self::calibrate::Connection;
 pub use self::failure::{Failure, STANDARD_OUTPUT, print, say};
-use crate::config::{self, Faults, LogLevel, Settings};
+use crate::config::{self, Faults, Settings};
 use crate::hardware::{self, Machine};
 use crate::link::check_settings;
-use crate::service::{self, Program, control_sockets};
+use crate::service::{self, control_sockets};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -158,26 +158,11 @@ impl Command {
 fn run_service(arguments: SettingsArgs) -> Result<(), Failure> {
     let settings = arguments.load()?;
     let level = log::start(settings.log.level);
-    let status = service::run(settings, Arc::new(RunCommand { arguments, level }))?;
+    // This fails only after the log has been dropped.
+    let set_log_level = move |wanted| drop(level.reload(log::filter(wanted)));
+    let status = service::run(settings, Arc::new(move || arguments.load()), Box::new(set_log_level))?;
     tracing::info!("stopped: {status}");
     Ok(())
-}
-
-/// The program as the service sees it: loads the settings that its arguments name, and owns the log.
-struct RunCommand {
-    arguments: SettingsArgs,
-    level: log::Level,
-}
-
-impl Program for RunCommand {
-    fn load(&self) -> Result<Settings, Faults> {
-        self.arguments.load()
-    }
-
-    fn set_log_level(&self, level: LogLevel) {
-        // This fails only after the log has been dropped.
-        let _ = self.level.reload(log::filter(level));
-    }
 }
 
 /// Replaces this process by `facewire-tools` with these arguments. Returns only if there is no such program.

@@ -1,17 +1,15 @@
-//! Decides on which [`Step`] the pipeline runs: down when the board is too slow, hot or badly supplied, up again later; and
-//! whether the camera is opened with half the width and height, because decoding takes too long.
+//! Decides on which [`Step`] the pipeline runs: down when the board is too slow, hot or badly supplied, up again later;
+//! and whether the camera is opened with half the width and height, because decoding takes too long.
 //!
-//! It is a pure state machine, stepped by time like the failsafe. The supervisor updates it; the hot loop reads the step
-//! between frames.
-//! Contract: too slow means that four in sixteen frames take longer than their step allows, for half a second. The step
-//! then follows from what a frame takes, so that a constant load changes it once. It goes up when a frame has taken little
-//! enough for the step above, without a break, for [`Cause::calm_us`]. Heat and low voltage take it down by one step at a
-//! time. A step up that fails multiplies this time, so that no load makes the steps oscillate.
-//! Limits: a governor that saves power slows the processor down when there is less to do, so that a frame seems to take
-//! long. Therefore the step above is tried from time to time whatever a frame takes.
-//! Picture: opening the camera again interrupts the face for up to a second. A small picture is chosen only if the pipeline
-//! has been too slow for [`SMALL_AFTER_US`], the camera has a smaller mode, and the time saved lets the pipeline go up a
-//! step. The full size comes back only after it would have left time on the first step for ten minutes.
+//! It is a pure state machine, stepped by time like the failsafe. Too slow means that four in sixteen frames take longer
+//! than their step allows, for half a second. The step then follows from what a frame takes, so that a constant load
+//! changes it once. It goes up when a frame has taken little enough for the step above, without a break, for
+//! [`Cause::calm_us`]. Heat and low voltage take it down by one step at a time. A step up that fails multiplies this
+//! time, so that no load makes the steps oscillate. A governor that saves power slows the processor down when there is
+//! less to do, so that a frame seems to take long. Therefore the step above is tried from time to time whatever a frame
+//! takes. Opening the camera again interrupts the face for up to a second. A small picture is chosen only if the time
+//! saved lets the pipeline go up a step, and the full size comes back only after it would have left time on the first
+//! step for ten minutes.
 
 #[cfg(test)]
 mod tests;
@@ -26,8 +24,7 @@ use crate::impairment::{Impairment, ImpairmentSet};
 /// Longest time between two processed frames. A face that moves less often than twice a second is of no use, and the
 /// failsafe would take longer to notice a lost camera.
 const LONGEST_PERIOD: Duration = Duration::from_millis(500);
-/// What a frame takes if the heads take turns, in percent of a frame on which all heads run, with its decoding. The step
-/// is a small one, so that the difference between machines matters little.
+/// What a frame takes if the heads take turns, in percent of a frame on which all heads run, with its decoding.
 const TURNS_PERCENT: u32 = 90;
 /// Share of its time that a frame may take on a step that is chosen on the way down.
 const FITS: f64 = 0.95;
@@ -37,11 +34,10 @@ const FITS_WELL: f64 = 0.85;
 const OVERLOAD_US: u64 = 500_000;
 /// Time between two steps down because of heat or low voltage: a processor takes this long to cool down noticeably.
 const THROTTLED_US: u64 = 60_000_000;
-/// The lowest step because of heat or low voltage. It saves three quarters of what facewire takes; lower ones would save
-/// little more.
+/// The lowest step because of heat or low voltage. Lower ones would save little more than its three quarters.
 const LOWEST_THROTTLED: Step = Step::Quarter;
-/// Below `half`, heat and low voltage take the pipeline down only while the frames keep the hot loop busy for more than this
-/// share of the time. Below it something else heats the board, and a slower face would not help.
+/// Below `half`, heat and low voltage take the pipeline down only while frames keep the hot loop busy for more than this
+/// share of the time. Otherwise something else heats the board.
 const WORTH_SAVING: f64 = 0.2;
 /// Time after which the step above is tried even though a frame seems to take too long for it.
 const PROBE_US: u64 = 900_000_000;
@@ -83,8 +79,7 @@ impl Step {
         Self::ALL.into_iter().find(|step| step.name() == name).ok_or_else(|| format!("give one of {}", names()))
     }
 
-    /// The name in the log, the status line, the metrics and arguments; and of how many frames of the camera one is
-    /// processed.
+    /// The name everywhere, and of how many frames of the camera one is processed.
     fn row(self) -> (&'static str, u32) {
         match self {
             Self::Full => ("full", 1),
@@ -118,8 +113,7 @@ impl Step {
         }
     }
 
-    /// Time between two processed frames of a camera with this frame period. A step that was chosen for a faster camera
-    /// takes more frames of this one.
+    /// Time between two processed frames. A step that was chosen for a faster camera takes more frames of this one.
     pub(super) fn period(self, camera: Duration) -> Duration {
         (camera * self.every()).min(LONGEST_PERIOD.max(camera))
     }
@@ -293,7 +287,8 @@ impl Load {
         Self { busy: self.busy.saturating_sub(self.decoding) + decoding, decoding, ..self }
     }
 
-    /// Whether a frame takes so long that its pose is too old for the failsafe, even on this step: the face is never live.
+    /// Whether a frame takes so long that its pose is too old for the failsafe, even on this step: the face is never
+    /// live.
     fn is_too_slow_on(&self, step: Step) -> bool {
         self.share_on(step) > LIVE_FRAMES as f64
     }
@@ -312,8 +307,8 @@ impl ProbeBackoff {
         self.attempted_us = Some(now_us);
     }
 
-    /// Takes the last attempt back, if there was one. The wait grows if the attempt has failed, and becomes `least_us`
-    /// again if it lasted. It is always from `least_us` to `longest_us`.
+    /// Takes the last attempt back, if there was one. The wait grows if it has failed, and is the least again if it
+    /// lasted.
     fn take_back(&mut self, now_us: u64, [least_us, longest_us]: [u64; 2]) {
         let growth = match self.attempted_us.take().map(|at_us| now_us.saturating_sub(at_us)) {
             Some(lasted_us) if lasted_us < PROVEN_AFTER * self.us => GROWTH,

@@ -1,5 +1,5 @@
-//! The open camera, whether and when to open it again, and what it shows that impairs tracking. The service and the commands
-//! read frames through it.
+//! The open camera, whether and when to open it again, and what it shows that impairs tracking. The service and the
+//! commands read frames through it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -37,7 +37,16 @@ impl OpenCamera {
 
     /// Opens the camera, with half the width and height of the settings if `is_small`.
     pub(super) fn begin(settings: &CameraSettings, is_small: bool) -> Result<Self, CaptureError> {
-        let wish = if is_small { wish(settings).halved() } else { wish(settings) };
+        let format = match settings.format {
+            CameraFormat::Auto => None,
+            CameraFormat::Yuyv => Some(PixelFormat::Yuyv),
+            CameraFormat::Mjpeg => Some(PixelFormat::Mjpeg),
+            CameraFormat::Nv12 => Some(PixelFormat::Nv12),
+            CameraFormat::Grey => Some(PixelFormat::Grey),
+        };
+        let rate = FrameRate::new(settings.fps, 1).unwrap_or(FrameRate::FPS_30);
+        let wish = Wish { width: settings.width, height: settings.height, rate, format };
+        let wish = if is_small { wish.halved() } else { wish };
         let timeout = Duration::from_millis(settings.stall_timeout_ms.into());
         Ok(Self { source: capture::open_camera(&settings.device, &wish, timeout)?, damaged: None })
     }
@@ -66,8 +75,8 @@ impl OpenCamera {
         }
     }
 
-    /// Waits until the camera delivers a first intact frame and discards that frame. A device that opens but delivers only
-    /// damaged frames does not count as a camera. Calls `damaged` for each damaged frame.
+    /// Waits until the camera delivers a first intact frame and discards that frame. A device that opens but delivers
+    /// only damaged frames does not count as a camera. Calls `damaged` for each damaged frame.
     pub(super) fn await_picture(&mut self, mut damaged: impl FnMut()) -> Result<(), CaptureError> {
         while self.next()?.is_none() {
             damaged();
@@ -79,18 +88,6 @@ impl OpenCamera {
     pub fn close(self) -> Result<(), CaptureError> {
         self.source.close()
     }
-}
-
-fn wish(settings: &CameraSettings) -> Wish {
-    let format = match settings.format {
-        CameraFormat::Auto => None,
-        CameraFormat::Yuyv => Some(PixelFormat::Yuyv),
-        CameraFormat::Mjpeg => Some(PixelFormat::Mjpeg),
-        CameraFormat::Nv12 => Some(PixelFormat::Nv12),
-        CameraFormat::Grey => Some(PixelFormat::Grey),
-    };
-    let rate = FrameRate::new(settings.fps, 1).unwrap_or(FrameRate::FPS_30);
-    Wish { width: settings.width, height: settings.height, rate, format }
 }
 
 /// Returns how long to wait before the next attempt to open the camera, which delivered frames for the time `lasted`. A

@@ -1,11 +1,10 @@
-//! The control thread: programs on this machine calibrate wearers, choose the one in use, record, and read the metrics while
-//! the service runs.
+//! The control thread: programs on this machine calibrate wearers, choose the one in use, record, and read the metrics
+//! while the service runs.
 //!
-//! The thread `fw-control` has two doors: a Unix socket in the runtime directory, which only the service's user and root may
-//! open, and the address of the metrics if the settings name one. It runs the guide on what the hot loop observes, keeps the
-//! profile, and hands it to the hot loop through the mailbox of reloads. One calibration and one recording run at a time, and
-//! a client that closes its connection ends its own. No client can hold up the thread: connections do not block, and their
-//! number, the length of a request and the time until it has come are limited.
+//! It has two doors: a Unix socket in the runtime directory, which only the service's user and root may open, and the
+//! address of the metrics. One calibration and one recording run at a time, and a client that closes its connection ends
+//! its own. No client can hold up the thread: connections do not block, and their number, the length of a request and the
+//! time until it has come are limited.
 
 pub(super) mod client;
 
@@ -54,8 +53,7 @@ const STREAM_PATIENCE: Duration = Duration::from_secs(10);
 const RETRY_DELAY: Duration = Duration::from_secs(1);
 /// Time without a frame after which a client that records is sent something else, microseconds.
 const QUIET_US: u64 = 1_000_000;
-/// Least time without a frame after which the guide is told that no picture comes, microseconds, and the number of the
-/// camera's frames that must be missing.
+/// Least time and number of missing frames after which the guide is told that no picture comes.
 const SILENT_US: u64 = 500_000;
 const SILENT_FRAMES: u64 = 3;
 /// Least time between two messages in which only measures have changed, microseconds.
@@ -220,7 +218,8 @@ impl Server {
             let Some(listener) = door.listener.as_ref().filter(|_| is_ready.next() == Some(true)) else { continue };
             match listener.accept() {
                 Ok(stream) => self.clients.push(Client::new(stream.into(), door.speaks)),
-                // Without memory or file descriptors the client stays in the queue. The delay keeps the loop from spinning.
+                // Without memory or file descriptors the client stays in the queue. The delay keeps the loop from
+                // spinning.
                 Err(_) => door.rests_until = Some(Instant::now() + RETRY_DELAY),
             }
         }
@@ -255,9 +254,7 @@ impl Server {
                 continue;
             }
             if client.is_behind() {
-                if client.flush().is_ok() && client.is_behind() {
-                    self.clients.push(client);
-                }
+                self.send(client, Client::flush);
                 continue;
             }
             let Ok(has_ended) = client.receive() else { continue };

@@ -1,5 +1,5 @@
-//! The counters that all threads share, without a lock and in fixed memory. [`Counters::rows`] is the one table from which
-//! the status line and the metrics page are made.
+//! The counters that all threads share, without a lock and in fixed memory. [`Counters::rows`] is the one table from
+//! which the status line and the metrics page are made.
 
 use std::io;
 use std::sync::Arc;
@@ -17,13 +17,13 @@ use crate::link::Traffic;
 const STATES: [State; 4] = [State::Neutral, State::Live, State::Hold, State::Decay];
 const NEUTRAL_FACES: [NeutralFace; 3] = [NeutralFace::Mean, NeutralFace::Estimated, NeutralFace::Calibrated];
 
-/// Counters of a running service. They only grow, except for those that describe the present. They add up once the threads
-/// have ended (those of a running service may be one frame or packet off):
+/// Counters of a running service. Those that do not describe the present only grow, and add up once the threads have
+/// ended:
 /// - `frames = solved + no_face + rejected`;
 /// - `packets = sent + dropped`, each over all links, including those that a reload has replaced.
 ///
-/// `frames` includes those that missed their deadline, and excludes `skipped`, `left_out` and `damaged` frames, which never
-/// reached the pipeline.
+/// `frames` includes those that missed their deadline, and excludes `skipped`, `left_out` and `damaged` frames, which
+/// never reached the pipeline.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
     /// Whether the service is to stop. SIGTERM and SIGINT set it.
@@ -45,8 +45,8 @@ pub(super) struct Counters {
     /// Packets of all links, counted by the links themselves.
     pub(super) traffic: Arc<Traffic>,
     pub(super) links_open: AtomicU64,
-    /// The first link whose last packet the network refused: its index plus 1 in the upper half, the system's error number
-    /// in the lower half; 0 if there is none. Both share a word so that they always belong together.
+    /// The first link whose last packet the network refused: its index plus 1 in the upper half, the system's error
+    /// number in the lower half; 0 if there is none. Both share a word so that they always belong together.
     refusal: AtomicU64,
     /// Mean time between processed frames at present, microseconds. The failsafe is more patient with slow cameras.
     pub(super) frame_period_us: AtomicU64,
@@ -80,7 +80,8 @@ pub(super) struct Row {
     pub(super) samples: Vec<(&'static str, f64)>,
 }
 
-/// The columns are the kind, the name, the label and the help of a metric, and its text in the status line with its samples.
+/// The columns are the kind, the name, the label and the help of a metric, and its text in the status line with its
+/// samples.
 macro_rules! rows {
     ($($kind:ident $metric:literal $label:literal $help:literal = $values:expr;)*) => {
         vec![$({
@@ -247,10 +248,10 @@ mod tests {
     #[test]
     fn a_refusal_names_its_link_and_the_error_until_it_is_cleared() {
         let counters = Counters::default();
-        counters.set_refusal(Some((2, 101)));
-        let (link, error) = counters.refusal().unwrap();
-        assert_eq!((link, error.raw_os_error()), (2, Some(101)));
-        counters.set_refusal(None);
-        assert!(counters.refusal().is_none());
+        let refused = |refusal| {
+            counters.set_refusal(refusal);
+            counters.refusal().map(|(link, error)| (link, error.raw_os_error()))
+        };
+        assert_eq!([Some((2, 101)), None].map(refused), [Some((2, Some(101))), None]);
     }
 }

@@ -1,12 +1,10 @@
 //! The failsafe: what the face shows while no poses come.
 //!
-//! It stands between the pipeline and the links, in the sender's thread, so that neither a stuck inference nor a lost camera
-//! can freeze a face. [`State`] has the diagram.
-//! Contract: [`Failsafe::update`] is called for every pose and fault, and no later than [`Failsafe::wait_us`] after the
-//! last call. All times count from the capture of the last pose that the output followed. The output moves at most by
-//! `slew_per_s`, except while the face is live and the output has caught up with it.
-//! Limits: a clock that stands still or steps back delays transitions by the step and does no other harm. The head's
-//! rotation decays with the coefficients; its position has no neutral value and stays.
+//! [`State`] has the diagram. [`Failsafe::update`] is called for every pose and fault, and no later than
+//! [`Failsafe::wait_us`] after the last call. All times count from the capture of the last pose that the output followed.
+//! The output moves at most by `slew_per_s`, except while the face is live and the output has caught up with it. A clock
+//! that stands still or steps back delays transitions by the step and does no other harm. The head's rotation decays with
+//! the coefficients; its position has no neutral value and stays.
 
 #[cfg(test)]
 mod tests;
@@ -24,10 +22,8 @@ pub(super) const LIVE_FRAMES: u64 = 3;
 /// Good poses in a row that end a decay or a neutral face, and the shortest time from the first to the last of them.
 const RECOVERY_POSES: u32 = 3;
 const RECOVERY_US: u64 = 100_000;
-/// How far the head may turn while a coefficient may move by 1. At 4 units/s this is 180 degrees/s: a decay of 700 ms
-/// brings back a head that is turned by 126 degrees.
+/// How far the head may turn and move while a coefficient may move by 1. At 4 units/s this is 180 degrees/s and 1 m/s.
 const RADIANS_PER_UNIT: f32 = std::f32::consts::FRAC_PI_4;
-/// How far the head may move while a coefficient may move by 1. At 4 units/s this is 1 m/s.
 const MM_PER_UNIT: f32 = 250.0;
 /// Rounding errors that a coefficient of 0 or 1, and the length of the quaternion, may have.
 const COEFFICIENT_TOLERANCE: f32 = 1e-3;
@@ -62,7 +58,8 @@ impl News {
 }
 
 impl Failsafe {
-    /// Returns the limits of the settings. If three frame periods take longer than `live_ms`, all times move by the difference.
+    /// Returns the limits of the settings. If three frame periods take longer than `live_ms`, all times move by the
+    /// difference.
     pub fn new(settings: &FailsafeSettings, frame_period_us: u64) -> Self {
         let FailsafeSettings { live_ms, hold_ms, neutral_ms, slew_per_s } = *settings;
         let longer_us = frame_period_us.saturating_mul(LIVE_FRAMES).saturating_sub(u64::from(live_ms) * 1000);
@@ -85,8 +82,7 @@ impl Failsafe {
         output.clone()
     }
 
-    /// Moves the face towards neutral as fast as `slew_per_s` allows, because the service stops. The state is
-    /// [`State::Neutral`] once the face is neutral.
+    /// Moves the face towards neutral as fast as `slew_per_s` allows, because the service stops.
     pub fn stop(&self, history: &mut History, now_us: u64) -> Output {
         let limit = self.slew(history.advance(now_us));
         let output = &mut history.output;
@@ -139,9 +135,14 @@ impl Failsafe {
         if age_us >= self.live_us {
             return history.fault(Reason::Late);
         }
-        history.recovery.count(self.live_us);
-        let is_waiting = matches!(history.output.state, State::Decay | State::Neutral);
-        if is_waiting && !history.recovery.is_complete() {
+        let recovery = &mut history.recovery;
+        if recovery.poses == 0 || recovery.since_last_us >= self.live_us {
+            *recovery = Recovery::default();
+        }
+        recovery.poses = recovery.poses.saturating_add(1);
+        recovery.since_last_us = 0;
+        let is_recovered = recovery.poses >= RECOVERY_POSES && recovery.since_first_us >= RECOVERY_US;
+        if matches!(history.output.state, State::Decay | State::Neutral) && !is_recovered {
             return false;
         }
         history.follow(pose, capture_us, age_us);
@@ -168,8 +169,7 @@ impl Failsafe {
         }
     }
 
-    /// Which part of the remaining way to neutral the face covers between two ages: a straight line that ends at
-    /// `neutral_us`.
+    /// Which part of the remaining way to neutral the face covers between two ages, on a line that ends at `neutral_us`.
     fn decayed_part(&self, before_us: u64, age_us: u64) -> f32 {
         let from_us = before_us.max(self.hold_us);
         let left = Duration::from_micros(self.neutral_us.saturating_sub(from_us));
@@ -195,27 +195,12 @@ pub struct History {
     recovery: Recovery,
 }
 
-/// The good poses in a row.
+/// The good poses in a row. One that comes `live_us` or more after the last starts a new row.
 #[derive(Debug, Clone, Default)]
 struct Recovery {
     poses: u32,
     since_first_us: u64,
     since_last_us: u64,
-}
-
-impl Recovery {
-    /// Counts a good pose. A pose that comes `gap_us` or more after the last one starts a new row.
-    fn count(&mut self, gap_us: u64) {
-        if self.poses == 0 || self.since_last_us >= gap_us {
-            *self = Self::default();
-        }
-        self.poses = self.poses.saturating_add(1);
-        self.since_last_us = 0;
-    }
-
-    fn is_complete(&self) -> bool {
-        self.poses >= RECOVERY_POSES && self.since_first_us >= RECOVERY_US
-    }
 }
 
 impl Default for History {
@@ -292,8 +277,7 @@ impl Pose {
         })
     }
 
-    /// Moves the fraction `part` of the way to `target`, but no coefficient by more than `limit`, and the head by no more
-    /// than the equivalent of it.
+    /// Moves the fraction `part` of the way to `target`, but no coefficient by more than `limit`, and the head likewise.
     pub(crate) fn towards(&self, target: &Self, part: f32, limit: f32) -> Self {
         let mut coefficients = target.coefficients;
         for (value, from) in coefficients.iter_mut().zip(self.coefficients) {

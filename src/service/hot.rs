@@ -169,8 +169,7 @@ impl HotLoop {
         Ok(())
     }
 
-    /// Loads what is missing, opens the camera and runs its frames until it fails, or until the service stops or wants
-    /// another camera.
+    /// Loads what is missing, and runs frames until something fails, or until the service stops or wants another camera.
     fn attempt(&mut self) -> Result<(), Trouble> {
         if self.pipeline.is_none() {
             let settings = self.settings.clone();
@@ -220,8 +219,7 @@ impl HotLoop {
         self.stream(camera)
     }
 
-    /// Runs frames until the service stops, the camera fails, or new settings or another size of picture want it opened
-    /// again.
+    /// Runs frames until the camera fails or is to be opened again, or the service stops.
     fn stream(&mut self, camera: &mut OpenCamera) -> Result<(), Trouble> {
         let is_other_size = |this: &Self| this.counters.small_picture.load(Relaxed) != this.has_small_picture;
         while !self.counters.stopping() && !self.adopt() && !is_other_size(self) {
@@ -303,8 +301,8 @@ impl HotLoop {
         Ok(())
     }
 
-    /// Takes all changes since the last call. Returns whether the camera is to be opened again. What was learned of the wearer
-    /// stays, and a file that was read again and has not changed replaces nothing.
+    /// Takes all changes since the last call. Returns whether the camera is to be opened again. What was learned of the
+    /// wearer stays, and a file that was read again and has not changed replaces nothing.
     fn adopt(&mut self) -> bool {
         let mut is_new_camera = false;
         while let Ok(HotChange { settings, tracker, model, profile }) = self.changes.try_recv() {
@@ -354,7 +352,7 @@ impl Outlets {
     }
 }
 
-/// The failures since the last good inference, and whether the networks were loaded again because of earlier ones.
+/// The failures since the last good inference, and whether earlier ones made the networks load again.
 #[derive(Debug, Default)]
 struct EngineHealth {
     failures: u32,

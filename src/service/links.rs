@@ -1,8 +1,7 @@
 //! The sender's links, and how a reload changes them.
 //!
-//! A link whose format and receiver stay the same is carried over with its open port and its packet numbers. A link that
-//! is removed or replaced sends the neutral face and is dropped: it writes this last packet and closes its port on its own
-//! thread. Servos that only the old link moves are then neutral or released.
+//! A link whose format and receiver stay the same is carried over with its open port and its packet numbers. One that is
+//! removed or replaced sends the neutral face, and closes its port on its own thread.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -22,8 +21,8 @@ const LOOK: Duration = Duration::from_millis(5);
 pub(super) struct Links(Vec<(LinkSettings, Option<Link>)>);
 
 impl Links {
-    /// Opens the links in `new` that `live` does not have. A host name that does not resolve is an error only for a new link
-    /// that is the only one: the service then has nothing else to do, and its manager starts it again.
+    /// Opens the links in `new` that `live` does not have. A host name that does not resolve is an error only for a new
+    /// link that is the only one: the service then has nothing else to do, and its manager starts it again.
     pub(super) fn change(
         new: &[LinkSettings],
         live: &[LinkSettings],
@@ -45,8 +44,8 @@ impl Links {
         change.collect::<Result<_, _>>().map(Self)
     }
 
-    /// Takes over those of the old links that the change keeps, and makes all links look up their host names now. The other
-    /// old links send `last`. This neither allocates nor waits.
+    /// Takes over those of the old links that the change keeps, and makes all links look up their host names now. The
+    /// other old links send `last`. This neither allocates nor waits.
     pub(super) fn take_over(&mut self, old: &mut Self, last: &Output) {
         for (settings, link) in self.0.iter_mut().filter(|(_, link)| link.is_none()) {
             let same = old.0.iter_mut().find(|(live, link)| live.kind == settings.kind && link.is_some());

@@ -1,7 +1,8 @@
 //! The metrics: one page of `OpenMetrics` text, which Prometheus reads by HTTP, made from the table of the counters.
 //!
-//! There is no encryption and no password, so only this machine can connect ([`super::control`]). A page in a browser could
-//! still ask for the metrics under a name that its owner lets point to this machine, so requests to other hosts are refused.
+//! There is no encryption and no password, so only this machine can connect ([`super::control`]). A page in a browser
+//! could still ask for the metrics under a name that its owner lets point to this machine, so requests to other hosts are
+//! refused.
 
 use std::fmt::Write as _;
 use std::fs;

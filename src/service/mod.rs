@@ -1,11 +1,8 @@
 //! The service: from the camera to the links, unattended, until it is told to stop.
 //!
-//! The hot loop ([`hot`]) runs frames. The sender ([`sender`]) owns the failsafe and the links, so that a stuck inference
-//! cannot freeze a face. The supervisor ([`supervisor`]), which is the thread that calls [`run`], handles signals, reloads,
-//! the watchdog and the log. The hot loop hands its newest result to the sender in a triple buffer. Both threads share
-//! counters with the supervisor, and send it events between frames. The supervisor sends changed settings to both
-//! ([`reload`]). A fourth thread calibrates wearers, changes the one in use, records, and serves the counters by HTTP when
-//! it is asked ([`control`], [`metrics`]).
+//! The [`hot`] loop runs frames, and hands its newest result to the sender in a triple buffer. The [`sender`] owns the
+//! failsafe and the links, so that a stuck inference cannot freeze a face. The [`supervisor`], on the thread that calls
+//! [`run`], handles signals, reloads, the watchdog and the log. The [`control`] thread serves other programs.
 
 mod adaptation;
 mod camera;
@@ -35,7 +32,6 @@ pub use camera::OpenCamera;
 pub use control::DEFAULT_WEARER;
 pub use control::client::{Reply, Request, control_sockets};
 pub use realtime::bind_to_hot_cpu;
-pub use reload::Program;
 pub use sender::replay;
 pub use timing::Histogram;
 
@@ -45,13 +41,13 @@ use self::failsafe::News;
 use self::hot::{Event, HotLoop, Outlets};
 use self::links::Links;
 use self::realtime::Scheduling;
-use self::reload::{InUse, Loader, Mailbox, Reloader};
+use self::reload::{InUse, LoadSettings, Loader, Mailbox, Reloader};
 use self::sender::{Sender, SenderSettings};
 use self::supervisor::{Signals, Supervisor};
 use self::watchdog::Phase;
 use crate::calibration::WearerName;
 use crate::capture::{CaptureError, monotonic_us};
-use crate::config::Settings;
+use crate::config::{LogLevel, Settings};
 use crate::link::LinkError;
 use crate::pipeline::Pipeline;
 use crate::preflight::{SetupError, load_profile, model_warning};
@@ -86,9 +82,13 @@ impl ServiceError {
     }
 }
 
-/// Runs until SIGTERM or SIGINT. A second of these signals ends the process at once. SIGHUP lets `program` read the
-/// settings again, and SIGUSR1 writes the status line. Returns the last status line.
-pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, ServiceError> {
+/// Runs until SIGTERM or SIGINT. A second of these signals ends the process at once. SIGHUP reads the settings again, and
+/// SIGUSR1 writes the status line. Returns the last status line.
+pub fn run(
+    settings: Settings,
+    load_settings: LoadSettings,
+    set_log_level: Box<dyn Fn(LogLevel)>,
+) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
     let signals = Signals::catch(&counters)?;
     let links = Links::change(&settings.links, &[], &counters.traffic)?;
@@ -105,23 +105,21 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, Serv
     counters.heartbeats.hot(Phase::Open, monotonic_us());
     counters.heartbeats.sender(monotonic_us());
 
-    let (changes, for_sender) = mpsc::channel();
     let (failsafe, rate_hz) = (settings.failsafe.clone(), settings.send.rate_hz);
-    let for_links = SenderSettings { failsafe, rate_hz, links };
-    let sender = Sender { settings: for_links, changes: for_sender, news, counters: Arc::clone(&counters) };
-    let sender = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, || sender.run())?;
-    let sender_mailbox = Mailbox { changes, thread: sender.thread().clone() };
+    let (for_links, shared) = (SenderSettings { failsafe, rate_hz, links }, Arc::clone(&counters));
+    let run_sender = |changes| Sender { settings: for_links, changes, news, counters: shared }.run();
+    let (sender, sender_mailbox) = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, run_sender)?;
 
-    let (changes, for_hot) = mpsc::channel();
     let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
     let wake = sender.thread().clone();
     let outlets = Outlets { news: newest, wake, events: events.clone(), observer, recorder };
     let in_use = InUse::default();
     let profile = profile_of(&settings, &in_use);
     let (live, shared) = (settings.clone(), Arc::clone(&counters));
-    let hot = HotLoop::new(live, pipeline, profile, outlets, for_hot, shared, loader.clone());
-    let hot = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, || hot.run())?;
-    let hot_mailbox = Arc::new(Mailbox { changes, thread: hot.thread().clone() });
+    let for_hot = loader.clone();
+    let run_hot = |changes| HotLoop::new(live, pipeline, profile, outlets, changes, shared, for_hot).run();
+    let (hot, hot_mailbox) = spawn("fw-hot", Scheduling::hot(&settings.realtime), &events, run_hot)?;
+    let hot_mailbox = Arc::new(hot_mailbox);
 
     let (control_changes, changes) = mpsc::channel();
     let parts = Parts {
@@ -141,7 +139,8 @@ pub fn run(settings: Settings, program: Arc<dyn Program>) -> Result<String, Serv
         .ok();
     let reloader = Reloader {
         live: settings,
-        program,
+        load_settings,
+        set_log_level,
         hot: hot_mailbox,
         sender: sender_mailbox,
         control: control_changes,
@@ -177,24 +176,26 @@ fn profile_of(settings: &Settings, in_use: &InUse) -> Profile {
     }
 }
 
-/// Stack of the hot loop and of the sender. With locked memory the whole stack is in RAM. ONNX Runtime, which prepares its
-/// networks on the hot loop's thread, needs the most; the usual 2 MiB would be a tenth of all memory.
+/// Stack of a thread. With locked memory the whole stack is in RAM, and the usual 2 MiB would be a tenth of all memory.
+/// ONNX Runtime needs the most.
 const STACK_BYTES: usize = 1 << 20;
 
-/// Starts a thread, which first makes its real-time requests and reports the system's answers.
-fn spawn<T: Send + 'static>(
+/// Starts a thread, which first makes its real-time requests, and returns where it finds changes.
+fn spawn<T: Send + 'static, Change: Send + 'static>(
     name: &str,
     scheduling: Scheduling,
     events: &mpsc::Sender<Event>,
-    run: impl FnOnce() -> T + Send + 'static,
-) -> io::Result<JoinHandle<T>> {
-    let events = events.clone();
-    Builder::new().name(name.to_owned()).stack_size(STACK_BYTES).spawn(move || {
+    run: impl FnOnce(mpsc::Receiver<Change>) -> T + Send + 'static,
+) -> io::Result<(JoinHandle<T>, Mailbox<Change>)> {
+    let (events, (changes, found)) = (events.clone(), mpsc::channel());
+    let thread = Builder::new().name(name.to_owned()).stack_size(STACK_BYTES).spawn(move || {
         // The supervisor does not end before this thread.
         let _ = events.send(Event::Started(scheduling.apply()));
         drop(events);
-        run()
-    })
+        run(found)
+    })?;
+    let mailbox = Mailbox { changes, thread: thread.thread().clone() };
+    Ok((thread, mailbox))
 }
 
 /// Ends the threads: the sender first, so that the receivers get the last packets whatever holds up the hot loop.

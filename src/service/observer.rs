@@ -1,12 +1,10 @@
-//! What the hot loop shows other threads, a calibration or a recording: every value, in a bounded ring, only while somebody
-//! wants it.
+//! What the hot loop shows to a calibration or a recording: every value, in a bounded ring, only while somebody wants it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Values that wait at most. The reader comes every 10 ms, so that more than one waits only while it is held up, or behind
-/// a camera with more than 100 frames a second. Each takes some 6 kB.
+/// Values that wait at most. The reader comes every 10 ms. Each takes some 6 kB.
 const RING: usize = 32;
 
 #[derive(Debug, Default)]
@@ -33,8 +31,7 @@ pub(super) fn channel<T>() -> (Observer<T>, Observed<T>) {
 }
 
 impl<T> Observer<T> {
-    /// Publishes what `observe` returns, if somebody wants it. Neither allocates nor waits: without room in the ring, the
-    /// value is counted as lost.
+    /// Publishes what `observe` returns, if somebody wants it. Neither allocates nor waits: without room it is lost.
     pub(super) fn publish(&mut self, observe: impl FnOnce() -> T) {
         if self.shared.is_wanted.load(Relaxed) && self.ring.try_send(observe()).is_err() {
             self.shared.lost.fetch_add(1, Relaxed);

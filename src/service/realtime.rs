@@ -1,8 +1,7 @@
 //! Real-time scheduling: locks memory, raises the priority of threads and binds threads to CPUs.
 //!
-//! The service requests each of these only if the settings ask for it. If the system refuses a request, the service runs
-//! without it, and the status line says so. Priorities are set per thread, after the networks are loaded: a scheduling
-//! policy of the whole process would also apply to the helper threads of the networks.
+//! If the system refuses a request, the service runs without it, and the status line says so. Priorities are set per
+//! thread, because a scheduling policy of the whole process would also apply to the helper threads of the networks.
 
 use std::hint::black_box;
 use std::{fmt, io};
@@ -20,8 +19,8 @@ use crate::config::RealtimeSettings;
 /// Free space to leave at the end of a heap. The C library serves allocations from 128 KiB on outside the heap.
 const HEAP_ROOM_BYTES: usize = 120 * 1024;
 
-/// A request to the system, and why and with what remedy the system refused it if it did. Displays as the request, with the
-/// reason if refused.
+/// A request to the system, and why and with what remedy the system refused it if it did. Displays as the request, with
+/// the reason if refused.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Grant {
     pub(super) request: String,
@@ -79,8 +78,8 @@ impl Scheduling {
     }
 }
 
-/// Binds the calling thread to the CPU of the hot loop, for a measurement outside the service. Returns the system's answer
-/// if the settings name a CPU.
+/// Binds the calling thread to the CPU of the hot loop, for a measurement outside the service. Returns the system's
+/// answer if the settings name a CPU.
 pub fn bind_to_hot_cpu(settings: &RealtimeSettings) -> Option<String> {
     let hot = Scheduling { priority: None, ..Scheduling::hot(settings) };
     hot.apply().first().map(Grant::to_string)
@@ -108,18 +107,18 @@ fn set_cpu(cpu: usize) -> Result<(), String> {
 /// Locks all present memory of the process, and loads the parts that are not in RAM yet: code, networks, heap, and the
 /// whole stacks of all threads.
 ///
-/// Afterwards no frame causes a page fault: the networks have run once ([`facewire_face::Engine::load`]), and the memory that
-/// they and the decoder allocate and free for each frame stays in the heap (`tests/page_faults.rs`). Future memory is not
-/// locked (`MCL_FUTURE`), because allocations beyond the memory lock limit would then fail. The supervisor therefore calls
-/// this again after a camera was opened and after settings were changed. Between those moments the memory does not grow.
+/// Afterwards no frame causes a page fault: the networks have run once, and the memory that they and the decoder allocate
+/// for each frame stays in the heap. Future memory is not locked (`MCL_FUTURE`), because allocations beyond the memory
+/// lock limit would then fail. The supervisor therefore calls this again after a camera was opened or settings were
+/// changed.
 pub(super) fn lock_memory() -> Grant {
     let outcome = mlockall(MlockAllFlags::CURRENT).map_err(|error| io::Error::from(error).to_string());
     Grant::new("memory locked".to_owned(), outcome, "give the service LimitMEMLOCK (systemd) or a memlock limit")
 }
 
-/// Enlarges the calling thread's heap, so that it does not grow later: fragmentation may make it grow by a page after hours,
-/// and that page causes a page fault even with locked memory. The GNU C library keeps free space of up to 128 KiB at the
-/// end of the heap and returns only larger spaces to the system.
+/// Enlarges the calling thread's heap, so that it does not grow later: fragmentation may make it grow by a page after
+/// hours, and that page causes a page fault even with locked memory. The GNU C library keeps free space of up to 128 KiB
+/// at the end of the heap and returns only larger spaces to the system.
 pub(super) fn leave_room_in_heap() {
     drop(black_box(vec![1_u8; HEAP_ROOM_BYTES]));
 }

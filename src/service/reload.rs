@@ -1,9 +1,9 @@
 //! Reload on SIGHUP: new settings take effect whole or not at all, while the service runs.
 //!
-//! The loader's thread reads the settings and builds what they change, because loading networks may take seconds. If
-//! anything fails, the current settings stay. Otherwise the hot loop and the sender each find their part of the change
-//! in a channel, take it between frames, and free what it replaces; that may delay one frame.
+//! The loader's thread reads the settings and builds what they change, because loading networks may take seconds. The hot
+//! loop and the sender take their parts between frames, and free what they replace; that may delay one frame.
 
+use std::error::Error;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, TryRecvError};
@@ -14,30 +14,16 @@ use super::STACK_BYTES;
 use super::hot::HotChange;
 use super::links::Links;
 use super::sender::SenderSettings;
-use crate::calibration::{StoreError, WearerName};
+use crate::calibration::WearerName;
 use crate::config::{Faults, LogLevel, Settings};
-use crate::link::{LinkError, Traffic};
-use crate::preflight::{SetupError, is_same_profile, load_model, load_profile, load_tracker, model_warning};
+use crate::link::Traffic;
+use crate::preflight::{is_same_profile, load_model, load_profile, load_tracker, model_warning};
 
-/// The program around the service, as far as a reload needs it.
-pub trait Program: Send + Sync {
-    fn load(&self) -> Result<Settings, Faults>;
+/// Reads the settings again.
+pub(super) type LoadSettings = Arc<dyn Fn() -> Result<Settings, Faults> + Send + Sync>;
 
-    /// Sets the least severe level that is logged.
-    fn set_log_level(&self, level: LogLevel);
-}
-
-#[derive(Debug, thiserror::Error)]
-pub(super) enum Refusal {
-    #[error(transparent)]
-    Settings(#[from] Faults),
-    #[error(transparent)]
-    Setup(#[from] SetupError),
-    #[error(transparent)]
-    Wearer(#[from] StoreError),
-    #[error(transparent)]
-    Link(#[from] LinkError),
-}
+/// Where the loader's thread leaves the change, or why there is none.
+type Preparing = Receiver<Result<Change, Box<dyn Error + Send + Sync>>>;
 
 /// The wearer whose profile is in use, which need not be the one that the settings name.
 #[derive(Debug, Clone, Default)]
@@ -62,18 +48,17 @@ pub(super) struct Change {
 }
 
 impl Change {
-    /// Reads the settings and builds the parts that differ from the current ones. The files of the model and of the wearer in
-    /// use are read again even if their names stay, because they may have changed; the hot loop compares them.
+    /// Builds the parts that differ from the current ones. The files of the model and of the wearer in use are read again
+    /// even if their names stay, because they may have changed; the hot loop compares them.
     fn prepare(
-        program: &dyn Program,
+        load_settings: &LoadSettings,
         live: &Settings,
         traffic: &Arc<Traffic>,
         in_use: Option<&WearerName>,
-    ) -> Result<Self, Refusal> {
-        let new = program.load()?;
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let new = load_settings()?;
         let is_new_model = new.solver.model != live.solver.model;
-        let tracker = (new.networks != live.networks).then(|| load_tracker(&new.networks)).transpose();
-        let tracker = tracker.map_err(SetupError::from)?;
+        let tracker = (new.networks != live.networks).then(|| load_tracker(&new.networks)).transpose()?;
         let model = match load_model(&new.solver) {
             Ok(_) if !is_new_model && new.solver.model.is_empty() => None,
             Err(error) if !is_new_model => {
@@ -103,11 +88,9 @@ impl Change {
     }
 }
 
-/// The thread that loads networks, models and profiles, at the start, for a reload and after the engine has failed.
-///
-/// It is one thread for all of them because the C library gives each thread a heap of its own, and keeps what was once in
-/// use there. It has neither the priority nor the CPU of the hot loop, which the helper threads of the networks would
-/// inherit.
+/// The thread that loads networks, models and profiles. It is one for all of them because the C library gives each thread
+/// a heap of its own, and keeps what was once in use there. It has neither the priority nor the CPU of the hot loop,
+/// which the helper threads of the networks would inherit.
 #[derive(Debug, Clone)]
 pub(super) struct Loader(mpsc::Sender<Box<dyn FnOnce() + Send>>);
 
@@ -144,7 +127,8 @@ impl<T> Mailbox<T> {
 /// The current settings, and the reload in progress.
 pub(super) struct Reloader {
     pub(super) live: Settings,
-    pub(super) program: Arc<dyn Program>,
+    pub(super) load_settings: LoadSettings,
+    pub(super) set_log_level: Box<dyn Fn(LogLevel)>,
     pub(super) hot: Arc<Mailbox<HotChange>>,
     pub(super) sender: Mailbox<SenderSettings>,
     /// The control thread looks here when it has something to do.
@@ -156,14 +140,12 @@ pub(super) struct Reloader {
     pub(super) preparing: Option<Preparing>,
 }
 
-type Preparing = Receiver<Result<Change, Refusal>>;
-
 impl Reloader {
     pub(super) fn start(&mut self) {
         tracing::info!("reading the settings again");
-        let (program, live, traffic) = (Arc::clone(&self.program), self.live.clone(), Arc::clone(&self.traffic));
+        let (load, live, traffic) = (Arc::clone(&self.load_settings), self.live.clone(), Arc::clone(&self.traffic));
         let in_use = self.in_use.get();
-        let prepare = move || Change::prepare(&*program, &live, &traffic, in_use.as_ref());
+        let prepare = move || Change::prepare(&load, &live, &traffic, in_use.as_ref());
         self.preparing = Some(self.loader.begin(prepare));
     }
 
@@ -184,8 +166,8 @@ impl Reloader {
         false
     }
 
-    /// Hands out the change. Links look up their host names again on every reload, and a model or profile may have changed
-    /// in its file, even if the settings are the same.
+    /// Hands out the change. Links look up their host names again on every reload, and a model or profile may have
+    /// changed in its file, even if the settings are the same.
     fn hand_out(&mut self, Change { mut settings, hot, sender, warning }: Change) {
         match &*settings.changed_keys(&self.live) {
             [] => tracing::info!("settings are unchanged"),
@@ -196,7 +178,7 @@ impl Reloader {
             tracing::warn!("[realtime] takes effect at the next start: restart the service to change it now");
             settings.realtime = self.live.realtime.clone();
         }
-        self.program.set_log_level(settings.log.level);
+        (self.set_log_level)(settings.log.level);
         self.live = settings;
         self.hot.send(hot);
         self.sender.send(sender);
@@ -217,14 +199,9 @@ mod tests {
     use crate::calibration::{Store, test_profile};
     use crate::config;
 
-    struct Fixed(String);
-
-    impl Program for Fixed {
-        fn load(&self) -> Result<Settings, Faults> {
-            config::parse("test", &self.0)
-        }
-
-        fn set_log_level(&self, _: LogLevel) {}
+    fn fixed(toml: &str) -> LoadSettings {
+        let toml = toml.to_owned();
+        Arc::new(move || config::parse("test", &toml))
     }
 
     /// Reloads these settings in place of the live ones. Returns the live ones then, and what the hot loop is told.
@@ -232,9 +209,21 @@ mod tests {
         let thread = std::thread::current();
         let ((hot, told), (sender, _), (control, _)) = (mpsc::channel(), mpsc::channel(), mpsc::channel());
         let hot = Arc::new(Mailbox { changes: hot, thread: thread.clone() });
-        let (sender, program) = (Mailbox { changes: sender, thread }, Arc::new(Fixed(toml.to_owned())));
+        let (sender, load_settings) = (Mailbox { changes: sender, thread }, fixed(toml));
+        let set_log_level = Box::new(|_| {});
         let (loader, traffic, in_use) = (Loader::start().unwrap(), Arc::default(), InUse::default());
-        let mut reloader = Reloader { live, program, hot, sender, control, traffic, loader, in_use, preparing: None };
+        let mut reloader = Reloader {
+            live,
+            load_settings,
+            set_log_level,
+            hot,
+            sender,
+            control,
+            traffic,
+            loader,
+            in_use,
+            preparing: None,
+        };
         reloader.start();
         while !reloader.step() {
             std::thread::yield_now();
@@ -264,7 +253,7 @@ mod tests {
         let (model, name) = (folder.path().join("model.toml"), WearerName::new("anna").unwrap());
         let toml = format!("[solver]\nmodel = {model:?}\n[wearer]\nname = \"bob\"\nfolder = {:?}\n", folder.path());
         let live = config::parse("test", &toml).unwrap();
-        let prepare = || Change::prepare(&Fixed(toml.clone()), &live, &Arc::default(), Some(&name)).unwrap();
+        let prepare = || Change::prepare(&fixed(&toml), &live, &Arc::default(), Some(&name)).unwrap();
         let HotChange { model: no_model, profile, .. } = prepare().hot;
         assert!(no_model.is_none() && profile.is_none(), "what is missing stays as it is");
         let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/models/blendshapes.toml");

@@ -1,5 +1,5 @@
-//! The sender: the failsafe and the links, on a thread of their own that no inference can hold up; and a replay, which gives
-//! it recorded faces.
+//! The sender: the failsafe and the links, on a thread of their own that no inference can hold up; and a replay, which
+//! gives it recorded faces.
 //!
 //! The thread sleeps until the hot loop wakes it, or until the failsafe or a link is due. It cannot fail, and allocates
 //! nothing; it frees memory only when a reload replaces links.
@@ -25,8 +25,7 @@ use crate::recording::Recorded;
 
 /// Longest sleep. It bounds how late the sender sees that it is to stop.
 const MAX_SLEEP_US: u64 = 100_000;
-/// Longest time that a stopping service takes to move the face to neutral. A face that `slew_per_s` would keep moving for
-/// longer jumps to neutral then.
+/// Longest time that a stopping service takes to move the face to neutral. A face that is still on its way jumps then.
 const LONGEST_STOP_US: u64 = 500_000;
 /// Time between the last packets. A serial link drops a packet that it has not written when the next one comes, and
 /// interference that spoils one datagram often spoils those close to it.
@@ -84,8 +83,7 @@ impl Sender {
         }
     }
 
-    /// Updates the failsafe and offers its output to the links. Returns how long to wait for the next step, in
-    /// microseconds.
+    /// Offers the output of the failsafe to the links. Returns how long to wait for the next step, microseconds.
     fn step(&mut self, history: &mut History) -> u64 {
         let failsafe = self.failsafe();
         let news = if self.news.update() { self.news.peek_output_buffer() } else { &News::Nothing };
@@ -111,9 +109,8 @@ impl Sender {
     }
 }
 
-/// Sends frames through the links of the settings until `next` returns `None`, or until SIGTERM or SIGINT; then moves the
-/// face to neutral. Each frame is shown at its own time after the first one. A recording may begin anew: its first frame
-/// then follows the last one. Returns how many packets were sent and dropped.
+/// Sends frames through the links, each at its own time after the first one, until `next` returns `None`, or until
+/// SIGTERM or SIGINT; then moves the face to neutral. Returns how many packets were sent and dropped.
 pub fn replay<E: From<ServiceError>>(
     settings: &Settings,
     mut next: impl FnMut() -> Result<Option<Recorded>, E>,
@@ -155,9 +152,8 @@ struct Clock {
 }
 
 impl Clock {
-    /// When a frame of this time is due. The first frame is due now. A frame that is not later than the one before, because
-    /// the recording begins anew or states no times, follows that one after a frame period: without it, a recording that
-    /// is repeated could keep a processor busy.
+    /// When a frame of this time is due. One that is not later than the frame before, because the recording begins anew
+    /// or states no times, follows that one after a frame period: otherwise it could keep a processor busy.
     fn due_us(&mut self, time_us: u64, now_us: u64) -> u64 {
         if let Some((_, due_us)) = self.last.filter(|(last_us, _)| time_us <= *last_us) {
             self.anchor = Some((time_us, now_us.max(due_us.saturating_add(FrameRate::FPS_30.period_us()))));

@@ -63,7 +63,9 @@ impl Supervisor {
     pub(super) fn new(counters: Arc<Counters>, signals: Signals, events: Receiver<Event>, reloader: Reloader) -> Self {
         let watchdog = Watchdog::from_env(monotonic_us());
         let hardware = Hardware::new(hardware::root(), reloader.live.hardware.clone());
-        let (adaptation, log) = (Adaptation::default(), Log::default());
+        let blind_because = "no camera has been opened yet".to_owned();
+        let log = Log { blind_because, last_status: Some((Instant::now(), 0)), ..Log::default() };
+        let adaptation = Adaptation::default();
         Self { counters, signals, events, reloader, watchdog, adaptation, log, hardware }
     }
 
@@ -148,7 +150,7 @@ impl Supervisor {
 
     fn tell_status(&mut self) {
         let is_asked = self.signals.status.swap(false, Relaxed);
-        if !is_asked && Instant::now() < self.log.status_due {
+        if !is_asked && self.log.last_status.is_some_and(|(last, _)| last.elapsed() < STATUS_PERIOD) {
             return;
         }
         notify(NotifyState::Status(&self.log.status(&self.counters)));
@@ -170,35 +172,21 @@ impl Supervisor {
 }
 
 /// What the log has said so far, as far as the next lines depend on it.
+#[derive(Default)]
 struct Log {
-    camera: Result<String, String>,
-    /// Why there are no pictures, and why the network takes no packets, as it was logged.
-    blind_because: LoggedReasons,
+    /// Description of the open camera.
+    camera: Option<String>,
+    /// Why there are no pictures, and the reasons that were logged.
+    blind_because: String,
+    blind_reasons: LoggedReasons,
+    /// Why the network takes no packets, as it was logged.
     refusals: LoggedReasons,
     impaired_by: ImpairmentSet,
     impaired_at: [Option<Instant>; Impairment::ALL.len()],
     too_slow_at: Option<Instant>,
     grants: Vec<Grant>,
-    status_due: Instant,
-    /// Time of the last status line, and the count of frames in it.
-    last_status: (Instant, u64),
-}
-
-impl Default for Log {
-    fn default() -> Self {
-        let now = Instant::now();
-        Self {
-            camera: Err("no camera has been opened yet".to_owned()),
-            blind_because: LoggedReasons::default(),
-            refusals: LoggedReasons::default(),
-            impaired_by: ImpairmentSet::default(),
-            impaired_at: Default::default(),
-            too_slow_at: None,
-            grants: Vec::new(),
-            status_due: now + STATUS_PERIOD,
-            last_status: (now, 0),
-        }
-    }
+    /// Time of the last status line, or of the start, and the count of frames in it.
+    last_status: Option<(Instant, u64)>,
 }
 
 impl Log {
@@ -208,14 +196,13 @@ impl Log {
             Event::Started(grants) => grants.into_iter().for_each(|grant| self.grant(grant)),
             Event::Opened(camera) => {
                 tracing::info!("camera opened: {camera}");
-                self.camera = Ok(camera);
-                self.blind_because.clear();
+                self.camera = Some(camera);
+                self.blind_reasons.clear();
             }
             Event::Lost(error) => {
-                let reason = error.to_string();
-                tracing::warn!("camera lost: {reason}");
-                self.blind_because.is_new(&reason);
-                self.camera = Err(reason);
+                tracing::warn!("camera lost: {error}");
+                self.blind_reasons.is_new(&error.to_string());
+                self.blind("no camera", error.to_string());
             }
             Event::Closed(error) => self.blind("no camera", error.to_string()),
             Event::NotLoaded(error) => self.blind("no model", error.to_string()),
@@ -225,17 +212,15 @@ impl Log {
     }
 
     fn blind(&mut self, what: &str, reason: String) {
-        if self.blind_because.is_new(&reason) {
+        if self.blind_reasons.is_new(&reason) {
             tracing::warn!("{what}: {reason}; trying again");
         }
-        self.camera = Err(reason);
+        (self.camera, self.blind_because) = (None, reason);
     }
 
     fn camera_line(&self) -> String {
-        match &self.camera {
-            Ok(camera) => format!("camera opened: {camera}"),
-            Err(reason) => format!("blind, because {reason}"),
-        }
+        let blind = || format!("blind, because {}", self.blind_because);
+        self.camera.as_ref().map_or_else(blind, |camera| format!("camera opened: {camera}"))
     }
 
     /// Logs the system's answer to a real-time request, unless the answer is the same as before.
@@ -308,20 +293,18 @@ impl Log {
 
     fn status(&mut self, counters: &Counters) -> String {
         let (now, status, count) = (Instant::now(), counters.status_line(), counters.frames.load(Relaxed));
-        let (last, last_count) = std::mem::replace(&mut self.last_status, (now, count));
-        self.status_due = now + STATUS_PERIOD;
+        let (last, last_count) = self.last_status.replace((now, count)).unwrap_or((now, count));
         let fps = (count - last_count) as f64 / now.duration_since(last).as_secs_f64().max(f64::EPSILON);
         let grants = self.grants.iter().map(Grant::to_string).collect::<Vec<_>>().join(", ");
         let grants = if grants.is_empty() { grants } else { format!("; real time: {grants}") };
-        if self.camera.is_ok() {
+        if self.camera.is_some() {
             let line = format!("fps={fps:.1} {status}{grants}");
             tracing::info!("{line}");
-            line
-        } else {
-            let line = format!("{}: {status}{grants}", self.camera_line());
-            tracing::warn!("{line}");
-            line
+            return line;
         }
+        let line = format!("{}: {status}{grants}", self.camera_line());
+        tracing::warn!("{line}");
+        line
     }
 }
 

@@ -1,5 +1,5 @@
-//! How long frames wait and take, from capture to sending, and how busy they keep the hot loop: counted without a lock and in
-//! fixed memory.
+//! How long frames wait and take, from capture to sending, and how busy they keep the hot loop: counted without a lock
+//! and in fixed memory.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -26,15 +26,14 @@ const PERIOD_SHARE: u64 = 8;
 /// Number of frames from which the load is known. With fewer than [`LEAST_FRAMES`] it is not.
 const FRAMES: usize = 16;
 const LEAST_FRAMES: usize = 4;
-/// Of [`FRAMES`] frames, this many may take longer than the load says. A few slow frames, such as those on which another
-/// program wakes up, do not slow down the face.
+/// Of [`FRAMES`] frames, this many may take longer than the load says: those on which another program wakes up.
 const SLOWER: usize = FRAMES / 5;
 
 /// A lock-free histogram of durations.
 ///
 /// The buckets are log-linear, as in `HdrHistogram`: each power of two in nanoseconds is divided into 32 equal parts. A
-/// reported duration is therefore never too short and at most 1/32 (3.2 %) too long; below 64 ns it is exact. A reader may
-/// or may not see a duration that is recorded meanwhile.
+/// reported duration is therefore never too short and at most 1/32 (3.2 %) too long; below 64 ns it is exact. A reader
+/// may or may not see a duration that is recorded meanwhile.
 #[derive(Debug)]
 pub struct Histogram {
     counts: [AtomicU64; BUCKETS],
@@ -60,8 +59,7 @@ impl Histogram {
         self.sum_ns.load(Relaxed) as f64 / 1e9
     }
 
-    /// Returns the duration in milliseconds at each of the given quantiles, such as 0.5 for the median. All are 0 before
-    /// the first duration is recorded.
+    /// Returns the duration in milliseconds at each of the given quantiles. All are 0 before the first duration.
     pub fn quantiles_ms<const N: usize>(&self, quantiles: [f64; N]) -> [f64; N] {
         let total: u64 = self.counts().map(|(_, count)| count).sum();
         quantiles.map(|quantile| {
@@ -74,9 +72,8 @@ impl Histogram {
         })
     }
 
-    /// Counts the durations below each of the ascending limits but not below the previous limit, and those at or above
-    /// the last limit. The counts are exact if each limit is the end of a bucket, such as a power of two from 64 on or
-    /// 1.5 times that.
+    /// Counts the durations below each of the ascending limits but not below the previous one, and the longer ones. The
+    /// counts are exact at the ends of buckets, such as powers of two from 64 on and 1.5 times these.
     pub(super) fn counts_between<const N: usize>(&self, limits_ns: &[u64; N]) -> ([u64; N], u64) {
         let (mut counts, mut longer) = ([0; N], 0);
         for (end_ns, count) in self.counts() {
@@ -105,8 +102,7 @@ const fn end_ns(bucket: u64) -> u64 {
     (bucket - (shift << PART_BITS) + 1) << shift
 }
 
-/// The 50th, 95th and 99th percentile in milliseconds, such as `9.25/10.5/12.0`: three significant digits, which is the
-/// precision of the histogram, and no digit below a microsecond.
+/// The 50th, 95th and 99th percentile in milliseconds, such as `9.25/10.5/12.0`, in the precision of the histogram.
 pub(super) fn quantiles(histogram: &Histogram) -> String {
     let digits = |ms: f64| match ms {
         ..1.0 => format!("{ms:.3}"),
@@ -246,14 +242,11 @@ impl FrameTiming {
     /// Counts how long a frame waited, how long each of its stages took that ran, and how long the whole work took.
     pub(super) fn worked(&mut self, captured_us: u64, begun_us: u64, ended_us: u64, stages: &StageTimes) {
         let (times, work) = (&self.counters.times, between(begun_us, ended_us));
-        for (histogram, time) in [
-            (&times.wait, Some(between(captured_us, begun_us))),
-            (&times.detect, stages.detect),
-            (&times.mesh, stages.mesh),
-            (&times.solve, stages.solve),
-            (&times.work, Some(work)),
-        ] {
-            time.into_iter().for_each(|time| histogram.record(time));
+        times.wait.record(between(captured_us, begun_us));
+        times.work.record(work);
+        for (stage, time) in [(&times.detect, stages.detect), (&times.mesh, stages.mesh), (&times.solve, stages.solve)]
+        {
+            time.into_iter().for_each(|time| stage.record(time));
         }
         self.work = Some(work);
     }
@@ -337,8 +330,7 @@ mod tests {
         timing.captured(1_000_000);
         assert_eq!(timing.wanted_us(), 0, "every frame");
         timing.take(Step::Third);
-        let (second_us, third_us) = (1_000_000 + 2 * 33_333, 1_000_000 + 3 * 33_333);
-        assert!((second_us + 10_000..third_us - 10_000).contains(&timing.wanted_us()), "{}", timing.wanted_us());
+        assert!((1_076_000..1_090_000).contains(&timing.wanted_us()), "{}", timing.wanted_us());
         assert_eq!(timing.counters.frame_period_us.load(Relaxed), 99_999);
     }
 

@@ -1,9 +1,8 @@
 //! What the service manager is told by `sd_notify`, and the signs of life on which the pings for its watchdog depend.
 //!
-//! The hot loop and the sender each state by when they will report again: their deadline. A thread that lets its deadline
-//! pass is stuck, and the watchdog is no longer served. Waiting for a camera is not being stuck, and neither is a slow frame
-//! on a throttled board: the patience of each phase is far longer than the phase takes on a healthy machine. Without a
-//! manager (no `NOTIFY_SOCKET`) messages go nowhere.
+//! The hot loop and the sender each state by when they will report again. A thread that lets its deadline pass is stuck,
+//! and the watchdog is no longer served. The patience of each phase is far longer than it takes on a healthy machine,
+//! because waiting for a camera is not being stuck, and neither is a slow frame on a throttled board.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
@@ -15,8 +14,7 @@ pub(super) use sd_notify::NotifyState;
 const CAMERA_PATIENCE_US: u64 = 30_000_000;
 /// A frame may take two stall timeouts: one to arrive, and one more for a newer frame if it waited in a buffer for long.
 const STALL_TIMEOUTS_PER_FRAME: u64 = 2;
-/// Added to the wait for a frame, microseconds: half a second for the frames that a step leaves out, and as much again, so
-/// that the camera's own timeout comes first.
+/// Added to that, microseconds: half a second for the frames that a step leaves out, and as much again.
 const GRACE_US: u64 = 1_000_000;
 /// Longest time to work on one frame, microseconds. Emulated and swapping machines have taken 2 s.
 const WORK_PATIENCE_US: u64 = 10_000_000;

@@ -1,8 +1,8 @@
-//! Decides from looks at the picture, and from what the camera delivers, what makes tracking poor. The service watches while
-//! it runs, and `facewire check` for three seconds.
+//! Decides from looks at the picture, and from what the camera delivers, what makes tracking poor. The service watches
+//! while it runs, and `facewire check` for three seconds.
 //!
-//! Contract: [`Watch`] is pure: time is a number, and it neither allocates nor reads a clock. The thresholds of the picture
-//! are where the coefficients become poor ("What makes tracking poor" in docs/service.md has the figures).
+//! Contract: [`Watch`] is pure: time is a number, and it neither allocates nor reads a clock. The thresholds of the
+//! picture are where the coefficients become poor ("What makes tracking poor" in docs/service.md has the figures).
 //! Limits: noise that a camera smooths away is not seen. Motion blur is not measured.
 
 mod look;

@@ -1,5 +1,5 @@
-//! A client of the control thread, and what it is told: by the control socket, one JSON value a line in both directions, or by
-//! HTTP.
+//! A client of the control thread, and what it is told: by the control socket, one JSON value a line in both directions,
+//! or by HTTP.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read as _, Write as _};

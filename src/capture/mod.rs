@@ -27,7 +27,6 @@ use std::time::Duration;
 use facewire_face::{Face, Picture};
 use rustix::time::{ClockId, clock_gettime};
 
-use self::clip::Paced;
 use self::rehearsal::Rehearsal;
 use self::v4l2::{CameraSource, Wish};
 use crate::config::{BadScript, Script};
@@ -37,8 +36,8 @@ use crate::impairment::ImpairmentSet;
 /// is repeated in real time, and a [`Script`] for a rehearsal. A camera that delivers nothing for `timeout` has stalled.
 pub fn open_camera(device: &str, wish: &Wish, timeout: Duration) -> Result<Box<dyn Source + Send>, CaptureError> {
     match Script::of(device) {
-        _ if device == DEMO => Ok(Box::new(Paced::new(Clip::looped()?))),
-        Some(Ok(script)) => Ok(Box::new(Rehearsal::open(script, wish.width, timeout)?)),
+        _ if device == DEMO => Ok(Box::new(Rehearsal::open(None, wish.width, timeout)?)),
+        Some(Ok(script)) => Ok(Box::new(Rehearsal::open(Some(script), wish.width, timeout)?)),
         Some(Err(BadScript)) => {
             Err(CaptureError::Absent(format!("{device} is no rehearsal; give {}", Script::EXPECTED)))
         }

@@ -1,21 +1,26 @@
-//! The built-in clip as a camera with faults, so that operators can rehearse how links and receivers behave then.
+//! The built-in clip as a camera: repeated in real time, with timestamps of the monotonic clock, skipping frames for a reader
+//! that is late. A script adds faults, so that operators can rehearse how links and receivers behave then.
 //!
 //! The clock of a rehearsal starts when the process first opens one, and keeps running while the camera is closed. What
 //! happens depends on the script and on this clock alone. `live 5, gone 2` plays for 5 s, is unplugged for 2 s, and
 //! repeats this. `random 7` has a fault of random kind and length in every other 2 s; the number seeds the generator.
 
+use std::mem::take;
 use std::sync::OnceLock;
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use facewire_face::{Picture, Pixels};
 
-use super::clip::Paced;
 use super::delivery::{Arrival, DeliveryCounter};
-use super::{CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, Source, Tally, monotonic_us};
+use super::{
+    CaptureError, Clip, Content, Delivery, Description, Frame, FrameFault, FrameRate, Source, Tally, monotonic_us,
+};
 use crate::config::{Scene, Script};
 use crate::impairment::Impairment;
 
+/// Largest number of frames that are skipped at once, so that a process that was stopped for hours continues soon.
+const MAX_SKIPPED: u32 = 300;
 const RANDOM_SCENE_US: u64 = 2_000_000;
 const SHORTEST_FAULT_US: u64 = 100_000;
 const GREY: u8 = 128;
@@ -29,8 +34,9 @@ const LOSSY: u64 = 8;
 
 #[derive(Debug)]
 pub(super) struct Rehearsal {
-    script: Script,
-    film: Paced,
+    clip: Clip,
+    /// `None` plays the clip without faults.
+    script: Option<Script>,
     /// Memory for pictures that are made of those of the clip.
     canvas: Vec<u8>,
     sent: Sent,
@@ -38,29 +44,52 @@ pub(super) struct Rehearsal {
     /// Whether half the width and height were asked for. The pictures keep their size: only their decoding is faster.
     is_small: bool,
     begun_us: u64,
+    /// Time at which the next frame is due. The first call sets it.
+    due_us: Option<u64>,
+    /// Frames that are due earlier are left out.
+    wanted_us: u64,
+    tally: Tally,
 }
 
 impl Rehearsal {
-    /// Opens the camera of a rehearsal, for pictures of `width`. A silent camera has stalled after `timeout`.
-    pub(super) fn open(script: Script, width: u32, timeout: Duration) -> Result<Self, CaptureError> {
+    /// Opens the camera, for pictures of `width`. A silent camera has stalled after `timeout`.
+    pub(super) fn open(script: Option<Script>, width: u32, timeout: Duration) -> Result<Self, CaptureError> {
         static BEGUN_US: OnceLock<u64> = OnceLock::new();
         let begun_us = *BEGUN_US.get_or_init(monotonic_us);
-        let film = Paced::new(Clip::looped()?);
-        let sent = Sent::new(film.frame_period_us().unwrap_or(0));
-        let Description { width: full, height, .. } = film.describe();
-        let is_small = 2 * width as usize <= full;
-        let canvas = vec![GREY; full * height];
-        let rehearsal = Self { script, film, canvas, sent, timeout, is_small, begun_us };
-        if rehearsal.now().0 == Scene::Gone {
+        let clip = Clip::looped()?;
+        let sent = Sent::new(clip.frame_period_us().unwrap_or(FrameRate::FPS_30.period_us()));
+        let Description { width: full, height, .. } = clip.describe();
+        let (is_small, canvas, tally) = (2 * width as usize <= full, vec![GREY; full * height], Tally::default());
+        let (due_us, wanted_us) = (None, 0);
+        let camera = Self { clip, script, canvas, sent, timeout, is_small, begun_us, due_us, wanted_us, tally };
+        if camera.now().0 == Scene::Gone {
             let reason = "no camera is called rehearsal; its script has unplugged it for now";
             return Err(CaptureError::Absent(reason.to_owned()));
         }
-        Ok(rehearsal)
+        Ok(camera)
     }
 
     fn now(&self) -> (Scene, Duration) {
-        let (scene, left_us) = scene_at(&self.script, monotonic_us().saturating_sub(self.begun_us));
+        let elapsed_us = monotonic_us().saturating_sub(self.begun_us);
+        let (scene, left_us) = self.script.as_ref().map_or((Scene::Live, 0), |script| scene_at(script, elapsed_us));
         (scene, Duration::from_micros(left_us))
+    }
+
+    /// Skips the frames for which the reader is too late, and waits for the next one. Returns the time at which it is due.
+    fn pace(&mut self) -> Result<u64, CaptureError> {
+        let (now_us, period_us) = (monotonic_us(), self.sent.period_us);
+        let due_us = self.due_us.unwrap_or(now_us);
+        let [for_newer, left_out] = frames_skipped(now_us, due_us, self.wanted_us, period_us);
+        let count = for_newer.saturating_add(left_out);
+        let captured_us = due_us + u64::from(count) * period_us;
+        self.due_us = Some(captured_us + period_us);
+        self.tally.for_newer = self.tally.for_newer.saturating_add(for_newer);
+        self.tally.left_out = self.tally.left_out.saturating_add(left_out);
+        for _ in 0..count.min(MAX_SKIPPED) {
+            self.clip.skip()?;
+        }
+        sleep(Duration::from_micros(captured_us.saturating_sub(now_us)));
+        Ok(captured_us)
     }
 
     fn added_periods(&self, scene: Scene) -> f64 {
@@ -79,10 +108,6 @@ impl Source for Rehearsal {
     fn next(&mut self) -> Result<Option<Frame<'_>>, CaptureError> {
         let (scene, left) = self.now();
         match scene {
-            Scene::Damaged => {
-                let number = self.film.next()?.map_or(0, |frame| frame.number);
-                return Err(CaptureError::Frame { number, fault: FrameFault::Corrupt });
-            }
             Scene::Silent if left >= self.timeout => {
                 sleep(self.timeout);
                 return Err(CaptureError::stalled(self.timeout));
@@ -91,13 +116,20 @@ impl Source for Rehearsal {
             Scene::Gone => return Err(CaptureError::Gone),
             _ => {}
         }
+        let mut captured_us = self.pace()?;
         if self.sent.withholds_next(scene) {
-            self.film.next()?;
+            self.clip.skip()?;
+            captured_us = self.pace()?;
         }
         let added = Duration::from_micros(self.sent.period_us).mul_f64(self.added_periods(scene));
-        self.film.tally.decoding += added;
-        let Some(frame) = self.film.next()? else { return Ok(None) };
-        self.sent.count(scene, frame.number, frame.captured_us);
+        let begun = Instant::now();
+        let Some(frame) = self.clip.next()? else { return Ok(None) };
+        self.tally.decoding += begun.elapsed() + added;
+        let frame = Frame { captured_us, ..frame };
+        if scene == Scene::Damaged {
+            return Err(CaptureError::Frame { number: frame.number, fault: FrameFault::Corrupt });
+        }
+        self.sent.count(scene, frame.number, captured_us);
         sleep(added);
         let Some(&Picture { width, height, pixels: Pixels::Planar { planes: [luma, ..], .. }, .. }) = frame.picture()
         else {
@@ -119,15 +151,15 @@ impl Source for Rehearsal {
     }
 
     fn leave_out_until(&mut self, captured_us: u64) {
-        self.film.leave_out_until(captured_us);
+        self.wanted_us = captured_us;
     }
 
     fn take_delivery(&mut self) -> Option<Delivery> {
-        self.sent.delivery.take()
+        self.script.as_ref().and_then(|_| self.sent.delivery.take())
     }
 
     fn take_tally(&mut self) -> Tally {
-        let (scene, mut tally) = (self.now().0, self.film.take_tally());
+        let (scene, mut tally) = (self.now().0, take(&mut self.tally));
         tally.rehearsed.set(Impairment::Hot, scene == Scene::Hot);
         tally.rehearsed.set(Impairment::Undervoltage, scene == Scene::Undervoltage);
         tally
@@ -138,8 +170,18 @@ impl Source for Rehearsal {
     }
 
     fn describe(&self) -> Description<'_> {
-        Description { origin: "rehearsal", ..self.film.describe() }
+        let clip = self.clip.describe();
+        Description { origin: if self.script.is_some() { "rehearsal" } else { clip.origin }, ..clip }
     }
+}
+
+/// Returns how many frames from `due_us` on are older than the newest one, apart from those that are due before `wanted_us`,
+/// and how many the latter are.
+fn frames_skipped(now_us: u64, due_us: u64, wanted_us: u64, period_us: u64) -> [u32; 2] {
+    let count = |periods: u64| u32::try_from(periods).unwrap_or(u32::MAX);
+    let left_out = count(wanted_us.saturating_sub(due_us).div_ceil(period_us));
+    let older = count(now_us.saturating_sub(due_us) / period_us);
+    [older.saturating_sub(left_out), left_out]
 }
 
 /// Returns the scene at a time since the start, and how long it lasts from then on, both in microseconds.
@@ -219,7 +261,7 @@ mod tests {
 
     fn play(scene: &str, width: u32) -> Result<Rehearsal, CaptureError> {
         let script = Script::of(&format!("rehearsal: {scene} 60")).unwrap().unwrap();
-        Rehearsal::open(script, width, Duration::from_millis(1))
+        Rehearsal::open(Some(script), width, Duration::from_millis(1))
     }
 
     #[test]
@@ -278,6 +320,41 @@ mod tests {
             let delivery = sent.delivery.take().unwrap();
             assert_eq!((delivery.fps().round(), delivery.lost), (fps, lost), "{scene:?}");
             assert_eq!(sent.withholds_next(scene), withholds_next, "{scene:?}");
+        }
+    }
+
+    #[test]
+    fn a_late_reader_gets_the_newest_frame_that_is_due() {
+        for (now_us, wanted_us, skipped, what) in [
+            (109, 0, [0, 0], "still the newest"),
+            (110, 0, [1, 0], "late"),
+            (135, 0, [3, 0], "later"),
+            (99, 125, [0, 3], "the frame that is due at 130 is the first wanted one"),
+            (155, 125, [2, 3], "of the wanted ones the newest"),
+            (u64::MAX, 0, [u32::MAX, 0], "no overflow"),
+        ] {
+            assert_eq!(frames_skipped(now_us, 100, wanted_us, 10), skipped, "{what}");
+        }
+    }
+
+    #[test]
+    fn frames_carry_the_monotonic_time_at_which_they_were_due_and_skipped_ones_are_counted() {
+        const PERIOD_US: u64 = 33_333;
+        for (wanted_periods, late_periods) in [(0, 0), (2, 0), (0, 5)] {
+            let mut camera = Rehearsal::open(None, 640, Duration::ZERO).unwrap();
+            let mut first_us = camera.next().unwrap().unwrap().captured_us;
+            if late_periods > 0 {
+                first_us = monotonic_us() - (late_periods + 1) * PERIOD_US;
+                camera.due_us = Some(first_us + PERIOD_US);
+            }
+            camera.leave_out_until(first_us + wanted_periods * PERIOD_US);
+            let (captured_us, number) = camera.next().unwrap().map(|frame| (frame.captured_us, frame.number)).unwrap();
+            let Tally { for_newer, left_out, .. } = camera.take_tally();
+            let periods = u64::from(for_newer + left_out) + 1;
+            assert_eq!((captured_us, number), (first_us + periods * PERIOD_US, periods));
+            assert!(captured_us <= monotonic_us() && u64::from(for_newer) >= late_periods);
+            assert_eq!(u64::from(left_out), wanted_periods.saturating_sub(1));
+            assert_eq!(camera.take_tally(), Tally::default());
         }
     }
 }

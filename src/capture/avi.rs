@@ -117,7 +117,6 @@ impl<R: Read> Source for AviSource<R> {
 #[derive(Debug)]
 struct Riff<R> {
     reader: R,
-    /// Number of bytes that were read.
     offset: u64,
     /// Offset at which the current `RIFF` ends, if it states a size.
     end: Option<u64>,

@@ -204,7 +204,7 @@ impl Source for CameraSource {
 }
 
 fn set_format(device: &Device, path: &Path, choice: Choice) -> Result<Layout, CaptureError> {
-    let wanted = Format::new(choice.width, choice.height, FourCC::new(&choice.format.fourcc()));
+    let wanted = Format::new(choice.size[0], choice.size[1], FourCC::new(&choice.format.fourcc()));
     let set = device.set_format(&wanted).map_err(|error| CaptureError::device(path, "setting its format", error))?;
     Layout::of(&set).ok_or_else(|| {
         let (path, Format { fourcc, width, height, .. }) = (path.display(), set);

@@ -80,8 +80,8 @@ pub struct Rates {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mode {
     pub format: PixelFormat,
-    pub width: Steps,
-    pub height: Steps,
+    /// Widths and heights.
+    pub size: [Steps; 2],
     pub rates: Vec<Rates>,
 }
 
@@ -104,8 +104,7 @@ impl Wish {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Choice {
     pub format: PixelFormat,
-    pub width: u32,
-    pub height: u32,
+    pub size: [u32; 2],
     pub rate: Option<FrameRate>,
 }
 
@@ -128,15 +127,15 @@ pub fn has_smaller(modes: &[Mode], wish: &Wish, chosen: &Choice) -> bool {
 impl Mode {
     /// The mode at its best size for the wish, once for each range of rates.
     fn choices(&self, wish: &Wish) -> impl Iterator<Item = Choice> {
-        let (width, height) = (self.width.at_least(wish.width), self.height.at_least(wish.height));
-        let at = move |format, rate| Choice { format, width, height, rate };
-        let unknown = self.rates.is_empty().then(|| at(self.format, None));
+        let [width, height] = self.size;
+        let (format, size) = (self.format, [width.at_least(wish.width), height.at_least(wish.height)]);
+        let unknown = self.rates.is_empty().then_some(Choice { format, size, rate: None });
         let nearest = |&Rates { slowest, fastest }: &Rates| match wish.rate.fps() {
             fps if fps <= slowest.fps() => slowest,
             fps if fps >= fastest.fps() => fastest,
             _ => wish.rate,
         };
-        self.rates.iter().map(move |rates| at(self.format, Some(nearest(rates)))).chain(unknown)
+        self.rates.iter().map(move |rates| Choice { format, size, rate: Some(nearest(rates)) }).chain(unknown)
     }
 }
 
@@ -147,14 +146,15 @@ impl Choice {
         let (fps, wanted) = (self.rate.unwrap_or(wish.rate).fps(), wish.rate.fps());
         let millihertz = |hertz: f64| (hertz * 1000.0).round() as u64;
         let short = if fps >= RATE_TOLERANCE * wanted { 0 } else { millihertz(wanted - fps) };
-        let smaller = self.width < wish.width || self.height < wish.height;
+        let [width, height] = self.size;
+        let smaller = width < wish.width || height < wish.height;
         let distance = self.pixels().abs_diff(u64::from(wish.width) * u64::from(wish.height));
         let preference = PixelFormat::ALL.iter().take_while(|&&format| format != self.format).count();
         [short, smaller.into(), distance, preference as u64, millihertz((fps - wanted).abs())]
     }
 
     fn pixels(&self) -> u64 {
-        u64::from(self.width) * u64::from(self.height)
+        self.size.map(u64::from).iter().product()
     }
 }
 
@@ -166,7 +166,8 @@ impl fmt::Display for Steps {
 
 impl fmt::Display for Mode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}x{}", self.format.name(), self.width, self.height)?;
+        let [width, height] = self.size;
+        write!(f, "{} {width}x{height}", self.format.name())?;
         for (at, Rates { slowest, fastest }) in self.rates.iter().enumerate() {
             f.write_str(if at == 0 { " at " } else { ", " })?;
             if slowest != fastest {
@@ -183,10 +184,10 @@ mod tests {
     use super::*;
     use PixelFormat::{Grey, Jpeg, Mjpeg, Nv12, Yuyv};
 
-    fn mode(format: PixelFormat, [width, height]: [u32; 2], rates: &[u32]) -> Mode {
+    fn mode(format: PixelFormat, size: [u32; 2], rates: &[u32]) -> Mode {
         let rate = |fps: &u32| FrameRate::new(*fps, 1).unwrap();
         let rates = rates.iter().map(|fps| Rates { slowest: rate(fps), fastest: rate(fps) }).collect();
-        Mode { format, width: Steps::one(width), height: Steps::one(height), rates }
+        Mode { format, size: size.map(Steps::one), rates }
     }
 
     fn wish(width: u32, height: u32, fps: u32) -> Wish {
@@ -194,7 +195,7 @@ mod tests {
     }
 
     fn chosen(modes: &[Mode], wish: &Wish) -> String {
-        let Choice { format, width, height, rate } = choose(modes, wish).unwrap();
+        let Choice { format, size: [width, height], rate } = choose(modes, wish).unwrap();
         let rate = rate.map_or("?".to_owned(), |rate| rate.to_string());
         format!("{} {width}x{height} {rate}", format.name())
     }
@@ -239,9 +240,8 @@ mod tests {
     #[test]
     fn ranges_of_sizes_and_rates_give_the_wanted_mode_and_an_unknown_rate_counts_as_the_wanted_one() {
         let (slowest, fastest, ntsc) = (wish(1, 1, 1).rate, wish(1, 1, 60).rate, FrameRate::new(30_000, 1001).unwrap());
-        let sides = [2592, 1944].map(|max| Steps { min: 32, max, step: 2 });
-        let with =
-            |rates| [Mode { format: Yuyv, width: sides[0], height: sides[1], rates }, mode(Mjpeg, [640, 480], &[30])];
+        let size = [2592, 1944].map(|max| Steps { min: 32, max, step: 2 });
+        let with = |rates| [Mode { format: Yuyv, size, rates }, mode(Mjpeg, [640, 480], &[30])];
         let camera = with(vec![Rates { slowest, fastest }]);
         assert_eq!(camera[0].to_string(), "YUYV 32..2592x32..1944 at 1 fps to 60 fps");
         for (camera, wish, expected) in [

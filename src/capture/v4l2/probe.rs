@@ -148,20 +148,20 @@ fn modes_of(device: &Device, format: PixelFormat) -> Vec<Mode> {
     let fourcc = FourCC::new(&format.fourcc());
     let sizes = device.enum_framesizes(fourcc).unwrap_or_default();
     let mut sizes: Vec<_> = sizes.into_iter().map(|size| steps(&size.size)).collect();
-    sizes.retain(|[width, height]| width.max > 0 && height.max > 0);
+    sizes.retain(|size| size.iter().all(|side| side.max > 0));
     if sizes.is_empty() {
-        sizes.extend(device.format().ok().map(|set| [Steps::one(set.width), Steps::one(set.height)]));
+        sizes.extend(device.format().ok().map(|set| [set.width, set.height].map(Steps::one)));
     }
-    let mode = |[width, height]: [Steps; 2]| {
-        let intervals = device.enum_frameintervals(fourcc, width.max, height.max).unwrap_or_default();
-        Mode { format, width, height, rates: intervals.iter().filter_map(|of| rates(&of.interval)).collect() }
+    let mode = |size: [Steps; 2]| {
+        let intervals = device.enum_frameintervals(fourcc, size[0].max, size[1].max).unwrap_or_default();
+        Mode { format, size, rates: intervals.iter().filter_map(|of| rates(&of.interval)).collect() }
     };
     sizes.into_iter().map(mode).collect()
 }
 
 fn steps(size: &FrameSizeEnum) -> [Steps; 2] {
     match size {
-        FrameSizeEnum::Discrete(size) => [Steps::one(size.width), Steps::one(size.height)],
+        FrameSizeEnum::Discrete(size) => [size.width, size.height].map(Steps::one),
         FrameSizeEnum::Stepwise(size) => [
             Steps { min: size.min_width, max: size.max_width, step: size.step_width },
             Steps { min: size.min_height, max: size.max_height, step: size.step_height },

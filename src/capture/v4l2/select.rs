@@ -118,14 +118,14 @@ mod tests {
     const WISH: Wish = Wish { width: 640, height: 480, rate: FrameRate::FPS_30, format: None };
 
     fn camera(number: u32, card: &str, format: Option<PixelFormat>) -> Camera {
-        let (width, height) = (Steps::one(640), Steps::one(480));
+        let size = [640, 480].map(Steps::one);
         Camera {
             node: format!("/dev/video{number}").into(),
             card: card.to_owned(),
             driver: "uvcvideo".to_owned(),
             is_usb: number > 0,
             links: vec![format!("/dev/v4l/by-id/usb-{}-video-index0", card.replace(' ', "_")).into()],
-            modes: format.into_iter().map(|format| Mode { format, width, height, rates: Vec::new() }).collect(),
+            modes: format.into_iter().map(|format| Mode { format, size, rates: Vec::new() }).collect(),
         }
     }
 

@@ -9,21 +9,15 @@ mod common;
 use std::thread::sleep;
 use std::time::Duration;
 
-use common::service::{Receiver, Service, counted};
+use common::service::{DEMO, Receiver, Service, counted};
 use common::slew::assert_slew;
 use common::stuck::Stuck;
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
-use rustix::process::Signal;
 
 /// Ages of the last good pose at which hold, decay and neutral begin, microseconds.
 const TIMES_US: [u32; 3] = [150_000, 300_000, 1_000_000];
 /// How late a state may begin on a busy machine, microseconds.
 const LATER_US: u32 = 1_000_000;
-
-/// Settings for a camera that plays this scene for 3 s after each 4 s of the clip.
-fn rehearsal(scene: &str) -> String {
-    format!("[camera]\ndevice = \"rehearsal: live 4, {scene} 3\"\nstall_timeout_ms = 500\n")
-}
 
 /// Returns the packets between two live ones in which the face first becomes neutral. A busy machine may hold the face
 /// briefly before and after.
@@ -50,19 +44,18 @@ fn assert_failsafe(packets: &[Packet], reason: Reason) {
     assert_eq!((last.reason, last.coefficients), (reason, [0.0; BLENDSHAPES.len()]));
 }
 
-/// Returns the packets from the first live one through a fault up to a few live packets after it.
-fn through_a_fault(receiver: &Receiver) -> Vec<Packet> {
-    receiver.until(|packet| packet.state == State::Live);
-    let mut packets = receiver.until(|packet| packet.state == State::Neutral);
-    packets.extend(receiver.until(|packet| packet.state == State::Live));
-    packets.extend((0..4).map(|_| receiver.packet()));
-    packets
+/// Plays the clip for 4 s and this scene for 3 s, again and again, and checks the packets through the first fault.
+fn assert_rehearsed(scene: &str, reason: Reason) {
+    let toml = format!("[camera]\ndevice = \"rehearsal: live 4, {scene} 3\"\nstall_timeout_ms = 500\n");
+    let (_service, receiver) = Service::live(&toml);
+    let packets = receiver.until_state(State::Neutral);
+    assert_failsafe(&through(packets, &receiver), reason);
 }
 
-fn assert_rehearsed(scene: &str, reason: Reason) {
-    let receiver = Receiver::new();
-    let _service = Service::start(&rehearsal(scene), &[receiver.address()]);
-    assert_failsafe(&through_a_fault(&receiver), reason);
+fn through(mut packets: Vec<Packet>, receiver: &Receiver) -> Vec<Packet> {
+    packets.extend(receiver.live());
+    packets.extend((0..4).map(|_| receiver.packet()));
+    packets
 }
 
 #[test]
@@ -88,44 +81,34 @@ fn a_camera_with_damaged_frames_only_is_none_and_comes_back_by_a_ramp() {
 /// The service opens such a camera again and again, says so once, and counts every damaged frame.
 #[test]
 fn a_camera_that_never_shows_anything_is_told_once_and_its_frames_are_counted() {
-    let receiver = Receiver::new();
-    let service = Service::start("[camera]\ndevice = \"rehearsal: damaged 60\"\n", &[receiver.address()]);
+    let (service, receiver) = Service::with_receiver("[camera]\ndevice = \"rehearsal: damaged 60\"\n");
     let packets: Vec<Packet> = (0..40).map(|_| receiver.packet()).collect();
     let is_blind = |packet: &Packet| (packet.state, packet.reason) == (State::Neutral, Reason::NoCamera);
     assert!(packets.iter().skip(20).all(is_blind));
-    let (run, _) = service.stop(Signal::TERM);
-    let run = run.succeeded();
-    assert!(counted(&run.err, "damaged") >= 16, "{}", run.err);
-    assert_eq!(counted(&run.err, "cameras_opened"), 0);
-    assert_eq!(run.err.matches("no camera: 8 frames in a row were bad").count(), 1, "{}", run.err);
-    assert!(!run.err.contains("camera opened"), "{}", run.err);
+    let log = service.stopped();
+    assert!(counted(&log, "damaged") >= 16 && counted(&log, "cameras_opened") == 0, "{log}");
+    assert_eq!(log.matches("no camera: 8 frames in a row were bad").count(), 1, "{log}");
+    assert!(!log.contains("camera opened"), "{log}");
 }
 
 /// The thread that runs inferences is stopped while the sender runs on.
 #[test]
 fn a_stuck_inference_holds_decays_is_neutral_and_comes_back_by_a_ramp() {
-    let receiver = Receiver::new();
-    let mut service = Service::start("[camera]\ndevice = \"demo\"\n", &[receiver.address()]);
-    receiver.until(|packet| packet.state == State::Live);
+    let (mut service, receiver) = Service::live(DEMO);
     let stuck = Stuck::stop(service.thread("fw-hot"));
-    let mut packets = receiver.until(|packet| packet.state == State::Neutral);
+    let packets = receiver.until_state(State::Neutral);
     drop(stuck);
-    packets.extend(receiver.until(|packet| packet.state == State::Live));
-    packets.extend((0..4).map(|_| receiver.packet()));
-    assert_failsafe(&packets, Reason::Late);
+    assert_failsafe(&through(packets, &receiver), Reason::Late);
 }
 
-/// The camera's frame period is 33 ms. Decoding does not count as work on a frame, but not all of these stops hit it.
+/// Each stop takes three frame periods. Decoding does not count as work on a frame, but not all of these stops hit it.
 #[test]
 fn work_that_takes_longer_than_a_frame_period_is_a_missed_deadline() {
-    let receiver = Receiver::new();
-    let mut service = Service::start("[camera]\ndevice = \"demo\"\n", &[receiver.address()]);
-    receiver.until(|packet| packet.state == State::Live);
+    let (mut service, _receiver) = Service::live(DEMO);
     for _ in 0..10 {
         let _stuck = Stuck::computing(service.thread("fw-hot"));
         sleep(Duration::from_millis(100));
     }
-    let (run, _) = service.stop(Signal::TERM);
-    let log = run.succeeded().err;
+    let log = service.stopped();
     assert!(counted(&log, "deadline_misses") > 0, "{log}");
 }

@@ -6,80 +6,33 @@ mod targets;
 
 use std::fs;
 
-/// Runs the target on every file in its folder, and on no bytes at all.
-fn keeps_its_promise(target: fn(&[u8]), name: &str) {
-    let folder = format!("{}/fuzz/corpus/{name}", env!("CARGO_MANIFEST_DIR"));
-    let mut files: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    assert!(files.len() >= 3, "{folder} holds {} files", files.len());
-    files.sort();
-    for file in files {
-        println!("{}", file.display());
-        target(&fs::read(file).unwrap());
+const TARGETS: [(&str, fn(&[u8])); 13] = [
+    ("packet", targets::packet),
+    ("cobs_stream", targets::cobs_stream),
+    ("configuration", targets::configuration),
+    ("frame_intake", targets::frame_intake),
+    ("model_file", targets::model_file),
+    ("profile_file", targets::profile_file),
+    ("recording", targets::recording),
+    ("receiver", targets::receiver),
+    ("network_file", targets::network_file),
+    ("network", targets::network),
+    ("y4m", targets::y4m),
+    ("avi", targets::avi),
+    ("subscription", targets::subscription),
+];
+
+#[test]
+fn every_target_keeps_its_promise_on_every_file_of_its_folder_and_on_no_bytes_at_all() {
+    for (name, target) in TARGETS {
+        let folder = format!("{}/fuzz/corpus/{name}", env!("CARGO_MANIFEST_DIR"));
+        let mut files: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        assert!(files.len() >= 3, "{folder} holds {} files", files.len());
+        files.sort();
+        for file in files {
+            println!("{}", file.display());
+            target(&fs::read(file).unwrap());
+        }
+        target(&[]);
     }
-    target(&[]);
-}
-
-#[test]
-fn packet_corpus() {
-    keeps_its_promise(targets::packet, "packet");
-}
-
-#[test]
-fn cobs_stream_corpus() {
-    keeps_its_promise(targets::cobs_stream, "cobs_stream");
-}
-
-#[test]
-fn configuration_corpus() {
-    keeps_its_promise(targets::configuration, "configuration");
-}
-
-#[test]
-fn frame_intake_corpus() {
-    keeps_its_promise(targets::frame_intake, "frame_intake");
-}
-
-#[test]
-fn model_file_corpus() {
-    keeps_its_promise(targets::model_file, "model_file");
-}
-
-#[test]
-fn profile_file_corpus() {
-    keeps_its_promise(targets::profile_file, "profile_file");
-}
-
-#[test]
-fn recording_corpus() {
-    keeps_its_promise(targets::recording, "recording");
-}
-
-#[test]
-fn receiver_corpus() {
-    keeps_its_promise(targets::receiver, "receiver");
-}
-
-#[test]
-fn network_file_corpus() {
-    keeps_its_promise(targets::network_file, "network_file");
-}
-
-#[test]
-fn network_corpus() {
-    keeps_its_promise(targets::network, "network");
-}
-
-#[test]
-fn y4m_corpus() {
-    keeps_its_promise(targets::y4m, "y4m");
-}
-
-#[test]
-fn avi_corpus() {
-    keeps_its_promise(targets::avi, "avi");
-}
-
-#[test]
-fn subscription_corpus() {
-    keeps_its_promise(targets::subscription, "subscription");
 }

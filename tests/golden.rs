@@ -8,13 +8,13 @@
 mod common;
 
 use std::io::BufReader;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::LazyLock;
 
 use common::film::{decode, demo_avi, read_y4m};
 use common::points::{Distance, read_npy, read_npz, read_steps};
 use common::program::{Run, facewire, text};
-use common::{shared, skip};
+use common::{project, shared, skip};
 use facewire::capture::{Clip, Source};
 use facewire_face::Engine;
 use facewire_face::Picture;
@@ -32,43 +32,29 @@ const ENGINES_WORST_PX: f64 = 0.1;
 /// Largest mean difference between the values of the feature map that two engines find. The standard deviation of the
 /// values is 1.4.
 const APPEARANCE_MEAN: f64 = 0.01;
-/// Largest difference of any of these values.
-const APPEARANCE_WORST: f32 = 0.3;
+const APPEARANCE_WORST: f64 = 0.3;
+const APPEARANCE_FRAMES: usize = 20;
 /// Largest number of frames between the moments at which an engine and MediaPipe lose or find a face.
 const FRAMES_APART: usize = 3;
-/// The landmarks of a frame without a face.
 const NO_FACE: Landmarks = Landmarks([[f32::NAN; 3]; LANDMARKS]);
 
-/// An engine with the landmarks that it finds in the built-in clip.
-type Tracked = (Box<dyn Engine>, Vec<Landmarks>);
-
-/// Every engine of this build.
-static DEMO: LazyLock<Vec<Tracked>> = LazyLock::new(|| {
-    let engines = facewire_face::stages::engines("", 1).unwrap_or_else(|error| panic!("{error}"));
+/// Every engine of this build. `cross/test` runs a test on an emulated processor with the fastest engine alone, and the
+/// first 80 frames of the clip, because all of them would take an hour.
+static ENGINES: LazyLock<Vec<Box<dyn Engine>>> = LazyLock::new(|| {
+    let mut engines = facewire_face::stages::engines("", 1).unwrap_or_else(|error| panic!("{error}"));
     assert!(!engines.is_empty(), "this build has no engine");
-    let tracked = |engine: Box<dyn Engine>| {
-        let landmarks = track(&*engine, &mut Clip::once().unwrap(), |picture| picture);
-        (engine, landmarks)
-    };
-    let count = if is_emulated() { 1 } else { engines.len() };
-    engines.into_iter().take(count).map(tracked).collect()
+    engines.truncate(if is_emulated() { 1 } else { usize::MAX });
+    engines
 });
 
-/// Returns whether `cross/test` runs this test on an emulated processor. The fastest engine then follows the first 80 frames
-/// of the clip; all engines would take an hour for the whole clip.
 fn is_emulated() -> bool {
     std::env::var_os("FACEWIRE_EMULATED").is_some()
 }
 
-fn engines() -> impl Iterator<Item = &'static dyn Engine> {
-    DEMO.iter().map(|(engine, _)| &**engine)
-}
-
-/// Follows the face through a film whose pictures pass through `alter`.
-fn track(engine: &dyn Engine, film: &mut dyn Source, alter: fn(Picture) -> Picture) -> Vec<Landmarks> {
+/// Follows the face through the first frames of a film whose pictures pass through `alter`.
+fn track(engine: &dyn Engine, film: &mut dyn Source, most: usize, alter: fn(Picture) -> Picture) -> Vec<Landmarks> {
     let mut tracker = Tracker::load(engine).unwrap_or_else(|error| panic!("{}: {error}", engine.name()));
     let mut faces = Vec::new();
-    let most = if is_emulated() { 80 } else { usize::MAX };
     while faces.len() < most
         && let Some(frame) = film.next().unwrap()
     {
@@ -80,6 +66,10 @@ fn track(engine: &dyn Engine, film: &mut dyn Source, alter: fn(Picture) -> Pictu
     faces
 }
 
+fn track_demo(engine: &dyn Engine, most: usize) -> Vec<Landmarks> {
+    track(engine, &mut Clip::once().unwrap(), most, |picture| picture)
+}
+
 /// Follows the face through a film that ffmpeg decodes. Returns `None` without ffmpeg.
 fn track_decoded(
     engine: &dyn Engine,
@@ -89,7 +79,7 @@ fn track_decoded(
 ) -> Option<Vec<Landmarks>> {
     let mut decoder = decode(film, options)?;
     let stream = BufReader::new(decoder.stdout.take().unwrap());
-    let landmarks = track(engine, &mut read_y4m(stream), alter);
+    let landmarks = track(engine, &mut read_y4m(stream), usize::MAX, alter);
     assert!(decoder.wait().unwrap().success());
     Some(landmarks)
 }
@@ -110,18 +100,12 @@ fn reference(engine: &dyn Engine, film: &str) -> Option<[Vec<Landmarks>; 2]> {
     Some([ours, read_npz(&shared.join(golden))])
 }
 
-fn golden() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/demo-landmarks.npy")
-}
-
 /// Measures and prints how far an engine's landmarks of a film are from MediaPipe's.
 fn measure(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[Landmarks]) -> Distance {
     let distance = Distance::between(ours, theirs);
     let Distance { frames, mean_px, worst_px, .. } = distance;
-    println!(
-        "{}, {film}: {frames} frames with a face, mean distance {mean_px:.2} px, worst {worst_px:.2} px",
-        engine.name()
-    );
+    let name = engine.name();
+    println!("{name}, {film}: {frames} frames with a face, mean distance {mean_px:.2} px, worst {worst_px:.2} px");
     distance
 }
 
@@ -135,20 +119,22 @@ fn assert_near(engine: &dyn Engine, film: &str, ours: &[Landmarks], theirs: &[La
 /// Every 8th frame of the clip, and every frame where the folder of reference clips exists.
 #[test]
 fn the_clip_is_as_mediapipe_sees_it() {
-    for (engine, demo) in &*DEMO {
+    for engine in &*ENGINES {
+        let demo = track_demo(&**engine, if is_emulated() { 80 } else { 240 });
         let ours: Vec<Landmarks> = demo.iter().step_by(8).cloned().collect();
-        let (theirs, frames) = (read_steps(&golden()), if is_emulated() { 10 } else { 30 });
+        let (theirs, frames) =
+            (read_steps(&project("tests/golden/demo-landmarks.npy")), if is_emulated() { 10 } else { 30 });
         assert_near(&**engine, "every 8th frame of the built-in clip", &ours, &theirs[..frames], frames);
         if let Some(shared) = shared() {
             let theirs = read_npz(&shared.join("golden/demo-mediapipe.npz"));
-            assert_near(&**engine, "the built-in clip", demo, &theirs, 240);
+            assert_near(&**engine, "the built-in clip", &demo, &theirs, 240);
         }
     }
 }
 
 #[test]
 fn a_person_who_speaks_is_as_mediapipe_sees_it() {
-    for engine in engines() {
+    for engine in ENGINES.iter().map(|engine| &**engine) {
         let Some([ours, theirs]) = reference(engine, "single_face.mp4") else { return };
         assert_near(engine, "a person who speaks", &ours, &theirs, 72);
     }
@@ -156,12 +142,14 @@ fn a_person_who_speaks_is_as_mediapipe_sees_it() {
 
 #[test]
 fn a_person_who_leaves_is_lost_when_mediapipe_loses_them() {
-    for engine in engines() {
+    for engine in ENGINES.iter().map(|engine| &**engine) {
         let Some([ours, theirs]) = reference(engine, "face_noface.mov") else { return };
-        let changes = [&ours, &theirs].map(|faces| changes(faces));
+        // The frames at which a face appears or disappears.
+        let changes = [&ours, &theirs].map(|faces| -> Vec<usize> {
+            (1..faces.len()).filter(|&frame| faces[frame].is_finite() != faces[frame - 1].is_finite()).collect()
+        });
         let [ours_changes, theirs_changes] = &changes;
-        assert!(!theirs_changes.is_empty());
-        assert_eq!(ours_changes.len(), theirs_changes.len(), "{}: {changes:?}", engine.name());
+        assert!(!theirs_changes.is_empty() && ours_changes.len() == theirs_changes.len(), "{changes:?}");
         let mut pairs = ours_changes.iter().zip(theirs_changes);
         assert!(pairs.all(|(a, b)| a.abs_diff(*b) <= FRAMES_APART), "{}: {changes:?}", engine.name());
         let distance = measure(engine, "a person who leaves", &ours, &theirs);
@@ -173,73 +161,52 @@ fn a_person_who_leaves_is_lost_when_mediapipe_loses_them() {
 /// All engines get the regions that the last engine of the list finds, so that differences do not add up from frame to
 /// frame.
 #[test]
-fn engines_find_the_same_landmarks_in_the_same_regions() {
-    let (last, others) = DEMO.split_last().unwrap();
-    let mut reference = Tracker::load(&*last.0).unwrap_or_else(|error| panic!("{}: {error}", last.0.name()));
-    let mut trackers: Vec<Tracker> = others.iter().map(|(engine, _)| Tracker::load(&**engine).unwrap()).collect();
-    let mut found = vec![Vec::new(); trackers.len()];
-    let (mut expected, mut clip) = (Vec::new(), Clip::once().unwrap());
-    while let Some(frame) = clip.next().unwrap() {
-        let picture = frame.picture().unwrap();
-        let region = reference.detect(picture).unwrap().unwrap();
-        expected.push(reference.landmarks(picture, &region).unwrap().unwrap().clone());
-        for (tracker, found) in trackers.iter_mut().zip(&mut found) {
-            found.push(tracker.landmarks(picture, &region).unwrap().unwrap().clone());
-        }
-    }
-    for ((engine, _), found) in others.iter().zip(&found) {
-        let distance = Distance::between(found, &expected);
-        println!("{} and {} in the same regions: {distance:?}", engine.name(), last.0.name());
-        let is_same = distance.mean_px <= ENGINES_MEAN_PX
-            && distance.worst_px <= ENGINES_WORST_PX
-            && distance.worst_depth_px <= ENGINES_WORST_PX;
-        assert!(is_same && distance.frames == expected.len(), "{}: {distance:?}", engine.name());
-    }
-}
-
-/// All engines get the same regions, as above.
-#[test]
-fn engines_see_the_same_appearance_in_the_same_regions() {
-    let (last, others) = DEMO.split_last().unwrap();
-    let mut reference = Tracker::load(&*last.0).unwrap();
-    let values = |tracker: &Tracker| tracker.face().unwrap().appearance.unwrap().0.clone();
-    for (engine, _) in others {
+fn engines_find_the_same_landmarks_and_appearance_in_the_same_regions() {
+    let (last, others) = ENGINES.split_last().unwrap();
+    let mut reference = Tracker::load(&**last).unwrap_or_else(|error| panic!("{}: {error}", last.name()));
+    let map = |tracker: &Tracker| tracker.face().unwrap().appearance.unwrap().0.clone();
+    for engine in others {
         let (mut tracker, mut clip) = (Tracker::load(&**engine).unwrap(), Clip::once().unwrap());
-        let (mut sum, mut worst, mut count) = (0.0_f64, 0.0_f32, 0.0);
-        for _ in 0..20 {
-            let frame = clip.next().unwrap().unwrap();
+        let (mut found, mut expected, mut differences) = (Vec::new(), Vec::new(), Vec::new());
+        reference.forget();
+        while let Some(frame) = clip.next().unwrap() {
             let picture = frame.picture().unwrap();
-            reference.forget();
             let region = reference.detect(picture).unwrap().unwrap();
-            assert!(reference.landmarks(picture, &region).unwrap().is_some());
-            assert!(tracker.landmarks(picture, &region).unwrap().is_some());
-            let (found, expected) = (values(&tracker), values(&reference));
-            for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
-                let difference = (found - expected).abs();
-                (sum, worst, count) = (sum + f64::from(difference), worst.max(difference), count + 1.0);
+            expected.push(reference.landmarks(picture, &region).unwrap().unwrap().clone());
+            found.push(tracker.landmarks(picture, &region).unwrap().unwrap().clone());
+            if expected.len() > APPEARANCE_FRAMES {
+                continue;
             }
+            let (ours, theirs) = (map(&tracker), map(&reference));
+            let pairs = ours.as_flattened().iter().zip(theirs.as_flattened());
+            differences.extend(pairs.map(|(ours, theirs)| f64::from((ours - theirs).abs())));
         }
-        let mean = sum / count;
-        println!("{} and {}: mean difference of the map {mean:.1e}, largest {worst:.1e}", engine.name(), last.0.name());
-        assert!(mean <= APPEARANCE_MEAN && worst <= APPEARANCE_WORST, "{}: {mean} {worst}", engine.name());
+        let distance = Distance::between(&found, &expected);
+        let mean = differences.iter().sum::<f64>() / differences.len() as f64;
+        let worst = differences.iter().copied().fold(0.0, f64::max);
+        let told = format!(
+            "{} and {} in the same regions: {distance:?}, values of the map differ by {mean:.1e}, at most {worst:.1e}",
+            engine.name(),
+            last.name()
+        );
+        println!("{told}");
+        let is_near = distance.worst_px <= ENGINES_WORST_PX && distance.worst_depth_px <= ENGINES_WORST_PX;
+        assert!(is_near && distance.mean_px <= ENGINES_MEAN_PX && distance.frames == expected.len(), "{told}");
+        assert!(mean <= APPEARANCE_MEAN && worst <= APPEARANCE_WORST, "{told}");
     }
-}
-
-/// Returns the frames at which a face appears or disappears.
-fn changes(faces: &[Landmarks]) -> Vec<usize> {
-    (1..faces.len()).filter(|&frame| faces[frame].is_finite() != faces[frame - 1].is_finite()).collect()
 }
 
 /// A y4m stream states whether black and white are 16 and 235 or 0 and 255. Both ranges give the same landmarks. A picture
 /// that is read with the wrong range gives other landmarks.
 #[test]
 fn a_film_of_either_luma_range_gives_the_same_landmarks() {
-    for (engine, demo) in &*DEMO {
+    for engine in &*ENGINES {
+        let demo = track_demo(&**engine, 24);
         for (range, format) in [("limited", "yuv420p"), ("full", "yuvj420p")] {
             let distance = |alter| {
                 let options = ["-frames:v", "24", "-pix_fmt", format];
                 let ours = track_decoded(&**engine, &demo_avi(), &options, alter)?;
-                Some(Distance::between(&ours, &demo[..24]))
+                Some(Distance::between(&ours, &demo))
             };
             let Some(right) = distance(|picture| picture) else {
                 return skip("no ffmpeg");
@@ -256,6 +223,6 @@ fn a_film_of_either_luma_range_gives_the_same_landmarks() {
 fn the_program_writes_the_landmarks_of_its_engine() {
     let file = NamedTempFile::with_suffix(".npy").unwrap();
     Run::of(&mut facewire(["track", "demo", "--landmarks", text(file.path())])).succeeded();
-    let (engine, landmarks) = &DEMO[0];
-    assert!(read_npy(file.path()) == *landmarks, "other landmarks than those of {}", engine.name());
+    let landmarks = track_demo(&*ENGINES[0], usize::MAX);
+    assert!(read_npy(file.path()) == landmarks, "other landmarks than those of {}", ENGINES[0].name());
 }

@@ -9,11 +9,10 @@ use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
+use common::film::demo_y4m;
 use common::networks::installed;
 use common::program::{Run, facewire, settings, text};
-use common::service::{Receiver, Service};
-use facewire_packet::State;
-use rustix::process::Signal;
+use common::service::{DEMO, Receiver, Service};
 use tempfile::TempDir;
 
 /// A Raspberry Pi 4 that is too hot, has a weak power supply, and saves power.
@@ -30,7 +29,13 @@ const IMPAIRED_PI4: [(&str, &str); 10] = [
     ("sys/devices/system/cpu/cpufreq/policy0/cpuinfo_max_freq", "1800000\n"),
 ];
 
-/// Returns a folder with these files.
+/// The device tree of a Raspberry Pi 4, and what `facewire` says of it.
+const PI4: [(&str, &str); 2] = [
+    ("proc/device-tree/compatible", "raspberrypi,4-model-b\0brcm,bcm2711\0"),
+    ("proc/device-tree/model", "Raspberry Pi 4 Model B Rev 1.4\0"),
+];
+const PI4_TOLD: &str = "pi4, recognised by \"brcm,bcm2711\" in the device tree (Raspberry Pi 4 Model B Rev 1.4)";
+
 fn board(files: &[(&str, &str)]) -> TempDir {
     let root = tempfile::tempdir().unwrap();
     for (path, text) in files {
@@ -41,15 +46,20 @@ fn board(files: &[(&str, &str)]) -> TempDir {
     root
 }
 
+/// Runs `facewire check` with the built-in clip on this board, and returns what it prints.
+fn check(root: &TempDir, arguments: &[&str]) -> String {
+    let file = settings(DEMO);
+    let mut command = facewire([&["check", "--config", text(file.path())], arguments].concat());
+    Run::of(command.env("FACEWIRE_SYSROOT", root.path())).succeeded().out
+}
+
 #[test]
 fn the_service_says_once_with_the_remedy_that_the_board_is_hot_undervolted_and_slow() {
-    let (root, receiver) = (board(&IMPAIRED_PI4), Receiver::new());
-    let service = Service::start_with("[camera]\ndevice = \"demo\"\n", &[receiver.address()], |command| {
-        command.env("FACEWIRE_SYSROOT", root.path()).stderr(std::process::Stdio::piped())
-    });
-    receiver.until(|packet| packet.state == State::Live);
-    let (run, _) = service.stop(Signal::TERM);
-    let log = run.succeeded().err;
+    let (root, receiver) = (board(&[&IMPAIRED_PI4[..], &PI4].concat()), Receiver::new());
+    let service =
+        Service::start_with(DEMO, &[receiver.address()], |command| command.env("FACEWIRE_SYSROOT", root.path()));
+    receiver.live();
+    let log = service.stopped();
     for sentence in
         ["use a stronger power supply", "add a heat sink or a fan", "write \"performance\" or \"schedutil\""]
     {
@@ -58,57 +68,30 @@ fn the_service_says_once_with_the_remedy_that_the_board_is_hot_undervolted_and_s
         assert_eq!(told.count(), 1, "{sentence}: {log}");
     }
     assert!(log.lines().last().unwrap().contains(" impaired_by=undervoltage,hot,slow-governor "), "{log}");
+    assert!(log.contains(&format!(" board {PI4_TOLD}\n")), "{log}");
 }
 
 #[test]
-fn check_shows_the_figures_of_the_board_and_the_remedy_for_what_slows_it_down_and_succeeds() {
-    let root = board(&IMPAIRED_PI4);
-    let file = settings("[camera]\ndevice = \"demo\"\n");
-    let check = || {
-        let mut command = facewire(["check", "--config", text(file.path())]);
-        Run::of(command.env("FACEWIRE_SYSROOT", root.path())).succeeded().out
-    };
-    let out = check();
+fn check_shows_the_board_its_figures_and_the_remedy_for_what_slows_it_down_and_succeeds() {
+    let root = board(&[&IMPAIRED_PI4[..], &PI4].concat());
+    let out = check(&root, &[]);
     let of_board: Vec<_> = out.lines().filter(|line| line.starts_with("board ")).collect();
     let figures = "processor 82.3 °C (cpu-thermal), limit 80 °C; powersave at 600 of 1800 MHz; supply voltage too low";
-    assert!(of_board[0].starts_with("board     ok: ") && of_board[0].ends_with(figures), "{out}");
-    let poor = [
+    let wants = [
+        &format!("board     ok: {PI4_TOLD}; {figures}"),
         "board     POOR: the supply voltage",
         "board     POOR: the board is so hot",
         "board     POOR: a processor saves",
     ];
-    assert_eq!(of_board.len(), 1 + poor.len(), "{out}");
-    assert!(of_board[1..].iter().zip(poor).all(|(line, want)| line.starts_with(want)), "{out}");
-
+    assert_eq!(of_board.len(), wants.len(), "{out}");
+    assert!(of_board.iter().zip(wants).all(|(line, want)| line.starts_with(want)), "{out}");
+    let other = check(&root, &["--board", "pi-zero-2w"]);
+    assert!(other.contains("ok: pi-zero-2w, because the settings say so; this is pi4 (Raspberry Pi 4"), "{other}");
     for (path, good) in [(1, "48000"), (5, "0"), (7, "ondemand")] {
         fs::write(root.path().join(IMPAIRED_PI4[path].0), good).unwrap();
     }
-    assert!(!check().contains("POOR"), "{}", check());
-}
-
-#[test]
-fn the_board_is_recognised_and_told_by_run_and_check_unless_the_settings_name_another_one() {
-    let root = board(&IMPAIRED_PI4);
-    fs::create_dir_all(root.path().join("proc/device-tree")).unwrap();
-    fs::write(root.path().join("proc/device-tree/compatible"), "raspberrypi,4-model-b\0brcm,bcm2711\0").unwrap();
-    fs::write(root.path().join("proc/device-tree/model"), "Raspberry Pi 4 Model B Rev 1.4\0").unwrap();
-    let told = "pi4, recognised by \"brcm,bcm2711\" in the device tree (Raspberry Pi 4 Model B Rev 1.4)";
-    let check = |arguments: &[&str], toml: &str| {
-        let file = settings(&["[camera]\ndevice = \"demo\"\n", toml].concat());
-        let mut command = facewire([&["check", "--config", text(file.path())], arguments].concat());
-        Run::of(command.env("FACEWIRE_SYSROOT", root.path())).succeeded().out
-    };
-    assert!(check(&[], "").contains(&format!("board     ok: {told}; processor")), "{}", check(&[], ""));
-    let other = check(&["--board", "pi-zero-2w"], "");
-    assert!(other.contains("ok: pi-zero-2w, because the settings say so; this is pi4 (Raspberry Pi 4"), "{other}");
-
-    let receiver = Receiver::new();
-    let service = Service::start_with("[camera]\ndevice = \"demo\"\n", &[receiver.address()], |command| {
-        command.env("FACEWIRE_SYSROOT", root.path()).stderr(std::process::Stdio::piped())
-    });
-    receiver.packet();
-    let log = service.stop(Signal::TERM).0.succeeded().err;
-    assert!(log.contains(&format!(" board {told}\n")), "{log}");
+    let out = check(&root, &[]);
+    assert!(!out.contains("POOR"), "{out}");
 }
 
 /// Returns the search path of programs with a `vcgencmd` in front that prints this text.
@@ -121,60 +104,43 @@ fn with_vcgencmd(folder: &Path, prints: &str) -> OsString {
 }
 
 #[test]
-fn check_tells_what_the_firmware_of_a_raspberry_pi_has_seen_since_its_start() {
-    let (root, programs) = (board(&[]), tempfile::tempdir().unwrap());
-    let path = with_vcgencmd(programs.path(), "throttled=0x50000");
-    let file = settings("[camera]\ndevice = \"demo\"\n");
-    let mut command = facewire(["check", "--config", text(file.path())]);
-    let out = Run::of(command.env("FACEWIRE_SYSROOT", root.path()).env("PATH", path)).succeeded().out;
-    assert!(out.contains("; firmware flags 0x50000: nothing now, low voltage, throttled since the start\n"), "{out}");
-    assert!(out.contains("board     POOR: the supply voltage is too low") && !out.contains("heat sink"), "{out}");
-}
-
-#[test]
 fn the_report_has_the_board_and_its_speed_and_nothing_that_identifies_its_owner() {
-    let (root, programs) = (board(&IMPAIRED_PI4), tempfile::tempdir().unwrap());
+    let programs = tempfile::tempdir().unwrap();
     let secrets = ["10000000d5c3b2a1", "e4:5f:01:aa:bb:cc", "pi-of-erika", "Erika"];
-    let of_board = [
-        ("proc/device-tree/compatible", "raspberrypi,4-model-b\0brcm,bcm2711\0"),
-        ("proc/device-tree/model", "Raspberry Pi 4 Model B Rev 1.4\0"),
+    let processors = "processor\t: 0\nCPU part\t: 0xd08\n\n".repeat(4) + "Serial\t\t: 10000000d5c3b2a1\n";
+    let of_owner = [
+        ("proc/cpuinfo", processors.as_str()),
         ("proc/device-tree/serial-number", "10000000d5c3b2a1\0"),
         ("proc/meminfo", "MemTotal:        3884376 kB\n"),
         ("proc/sys/kernel/hostname", "pi-of-erika\n"),
         ("sys/class/net/eth0/address", "e4:5f:01:aa:bb:cc\n"),
         ("sys/class/dmi/id/product_serial", "10000000d5c3b2a1\n"),
     ];
-    let processors = "processor\t: 0\nCPU part\t: 0xd08\n\n".repeat(4) + "Serial\t\t: 10000000d5c3b2a1\n";
-    for (path, text) in of_board.into_iter().chain([("proc/cpuinfo", processors.as_str())]) {
-        let path = root.path().join(path);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, text).unwrap();
-    }
-    let recording = programs.path().join("Erika.avi");
-    fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/src/capture/demo.avi"), &recording).unwrap();
+    let root = board(&[&IMPAIRED_PI4[..], &PI4, &of_owner].concat());
+    let recording = programs.path().join("Erika.y4m");
+    fs::write(&recording, demo_y4m(10)).unwrap();
     let link =
         "[[link]]\naddress = \"pi-of-erika:5252\"\n[camera]\ndevice = \"Camera of Erika\"\n[realtime]\nhot_cpu = 0\n";
     let file = settings(link);
     let mut command = facewire(["bench", text(&recording), "--rounds", "1", "--report", "--config", text(file.path())]);
-    command.env("FACEWIRE_SYSROOT", root.path()).env("PATH", with_vcgencmd(programs.path(), "throttled=0x0"));
+    command.env("FACEWIRE_SYSROOT", root.path()).env("PATH", with_vcgencmd(programs.path(), "throttled=0x50000"));
     let run = Run::of(command.env("USER", "Erika").env("HOME", "/home/Erika").env("FACEWIRE_NETWORKS", installed()));
     let report = run.succeeded().out;
 
-    let wants = [
-        "board      pi4, recognised by \"brcm,bcm2711\" in the device tree (Raspberry Pi 4 Model B Rev 1.4)\n",
+    for want in [
+        &format!("board      {PI4_TOLD}\n"),
         "processors 4 x Cortex-A72\n",
         "memory     3793 MB\n",
         "before     processor 82.3 °C (cpu-thermal), limit 80 °C; powersave at 600 of 1800 MHz; supply voltage too low\n",
         "after      processor 82.3 °C",
-        "flags      firmware flags 0x0: ",
+        "flags      firmware flags 0x50000: nothing now, low voltage, throttled since the start\n",
         "networks.threads 2, camera 640 x 480 at 30/s in format auto\n",
         "bound      hot on CPU 0",
         " frames a second at p95, with decoding\n",
         "% of one core at 30 frames a second",
         "peak memory",
         "G multiply-adds/s, on one thread\n",
-    ];
-    for want in wants {
+    ] {
         assert!(report.contains(want), "{want}: {report}");
     }
     for stage in ["decode ", "mesh ", "solve ", "whole "] {

@@ -13,32 +13,27 @@ mod photo;
 #[path = "impairments/track.rs"]
 mod track;
 
-use std::fs;
 use std::hint::black_box;
 use std::io::BufReader;
-use std::process::Stdio;
 use std::sync::LazyLock;
-use std::thread::sleep;
+use std::thread::{scope, sleep};
 use std::time::{Duration, Instant};
 
 use common::film::{decode, read_y4m};
-use common::service::{Receiver, Service};
-use common::shared;
+use common::service::Service;
+use common::{PATIENCE, shared};
 use facewire::capture::{Clip, Source};
 use facewire::impairment::Impairment;
 use facewire::watch::Look;
 use photo::Photo;
 use rustix::process::Signal;
-use tempfile::NamedTempFile;
 use track::{Agreement, Track};
 
 /// White of a sensor in electrons: of one that amplifies little, and of one in dim light at its highest gain.
 const BRIGHT: f32 = 6400.0;
 const DIM: f32 = 400.0;
-/// Luma of a window behind the face.
 const WINDOW: u8 = 235;
 
-/// A film, and its undisturbed track.
 struct Film {
     name: String,
     photos: Vec<Photo>,
@@ -82,10 +77,9 @@ impl Film {
 
     fn with_few_pixels(&self, size: f32) -> Track {
         self.taken(|photo, _| {
-            let small = photo.smaller(size);
-            let inner = [small.width, small.height].map(|side| (side as f32 * size) as usize);
-            let from = [(small.width - inner[0]) / 2, (small.height - inner[1]) / 2];
-            small.cut(from, [from[0] + inner[0], from[1] + inner[1]])
+            let inner = [photo.width, photo.height].map(|side| (side as f32 * size) as usize);
+            let from = [(photo.width - inner[0]) / 2, (photo.height - inner[1]) / 2];
+            photo.smaller(size).cut(from, [from[0] + inner[0], from[1] + inner[1]])
         })
     }
 
@@ -126,7 +120,6 @@ impl Film {
     }
 }
 
-/// Every sixth frame of the built-in clip.
 static DEMO: LazyLock<Film> = LazyLock::new(|| Film::demo(6));
 
 #[test]
@@ -175,51 +168,43 @@ fn a_face_that_is_cut_off_is_told_where_the_coefficients_are_poor() {
     }
 }
 
-/// Longer than a scene and its impairment last on a busy machine.
-const PATIENCE: Duration = Duration::from_mins(1);
-
 /// Runs a service whose camera plays this scene and then the clip. The status line must first name the impairment and
 /// then none, and the log must name its remedy once.
 fn assert_told(scene: &str, impairment: Impairment) {
-    let (receiver, log) = (Receiver::new(), NamedTempFile::new().unwrap());
     let toml = format!("[camera]\ndevice = \"rehearsal: {scene} 8, live 3600\"\n");
-    let service = Service::start_logging_to(&toml, &[receiver.address()], Stdio::from(log.reopen().unwrap()));
+    let (service, receiver) = Service::with_receiver(&toml);
     receiver.packet();
-    let told = || fs::read_to_string(log.path()).unwrap();
     for wanted in [impairment.name(), "none"].map(|name| format!(" impaired_by={name} ")) {
         let begun = Instant::now();
-        while !told().lines().rfind(|line| line.contains(" impaired_by=")).is_some_and(|line| line.contains(&wanted)) {
-            assert!(begun.elapsed() < PATIENCE, "never{wanted}: {}", told());
+        let is_told = |log: &str| {
+            log.lines().rfind(|line| line.contains(" impaired_by=")).is_some_and(|line| line.contains(&wanted))
+        };
+        while !is_told(&service.log()) {
+            assert!(begun.elapsed() < PATIENCE, "never{wanted}: {}", service.log());
             service.signal(Signal::USR1);
             sleep(Duration::from_millis(200));
         }
     }
-    assert_eq!(told().matches(impairment.sentence()).count(), 1, "{}", told());
+    assert_eq!(service.logged(impairment.sentence()), 1, "{}", service.log());
 }
 
 #[test]
-fn the_service_names_a_face_that_is_cut_off_while_it_lasts() {
-    assert_told("cut-off", Impairment::CutOffFace);
-}
-
-#[test]
-fn the_service_names_a_camera_at_half_its_rate_while_it_lasts() {
-    assert_told("half-rate", Impairment::HalvedRate);
-}
-
-#[test]
-fn the_service_names_missing_frames_while_they_last() {
-    assert_told("lossy", Impairment::MissingFrames);
-}
-
-#[test]
-fn the_service_names_darkness_while_it_lasts() {
-    assert_told("dark", Impairment::Dark);
+fn the_service_names_impairments_while_they_last_and_each_remedy_once() {
+    scope(|scope| {
+        for (scene, impairment) in [
+            ("cut-off", Impairment::CutOffFace),
+            ("half-rate", Impairment::HalvedRate),
+            ("lossy", Impairment::MissingFrames),
+            ("dark", Impairment::Dark),
+        ] {
+            scope.spawn(move || assert_told(scene, impairment));
+        }
+    });
 }
 
 #[test]
 #[ignore = "prints the figures from which the thresholds come"]
-fn figures_of_the_picture() {
+fn figures() {
     let mut films = vec![Film::demo(2)];
     for (name, frames) in [("single_face.mp4", "72"), ("face_noface.mov", "72")] {
         let Some(shared) = shared() else { continue };
@@ -232,47 +217,29 @@ fn figures_of_the_picture() {
     for film in &films {
         let tell = |case: String, track: &Track| println!("{:.11} {case:24} {}", film.name, track.row(&film.whole));
         tell("undisturbed".to_owned(), &film.whole);
-        for electrons in [BRIGHT, BRIGHT / 4.0, DIM, DIM / 4.0] {
-            for light in [1.0, 0.5, 0.25, 0.125, 0.06, 0.03, 0.015, 0.008] {
+        for light in [1.0, 0.5, 0.25, 0.125, 0.06, 0.03, 0.015, 0.008] {
+            tell(format!("backlight {light}"), &film.against_light(light));
+            for electrons in [BRIGHT, BRIGHT / 4.0, DIM, DIM / 4.0] {
                 tell(format!("light {light}, {electrons} e-"), &film.in_light(light, electrons));
             }
-        }
-        for light in [1.0, 0.5, 0.25, 0.125, 0.06, 0.03, 0.015] {
-            tell(format!("backlight {light}"), &film.against_light(light));
         }
         for size in [0.5, 0.4, 0.35, 0.3, 0.27, 0.25, 0.2, 0.15, 0.1] {
             tell(format!("far away {size}"), &film.far_away(size));
             tell(format!("few pixels {size}"), &film.with_few_pixels(size));
         }
-        for (side, name) in ["left", "top", "right", "bottom"].into_iter().enumerate() {
-            for share in [0.0, 0.05, 0.1, 0.15, 0.2, 0.3] {
-                tell(format!("{name} {share} cut off"), &film.cut_off(side, share));
-            }
+        for (share, side) in
+            [0.0, 0.05, 0.1, 0.15, 0.2, 0.3].iter().flat_map(|share| [0, 1, 2, 3].map(|side| (share, side)))
+        {
+            tell(format!("{share} cut off on side {side}"), &film.cut_off(side, *share));
         }
+        for lost in [0.02, 0.05, 0.1, 0.2] {
+            let mut random = fastrand::Rng::with_seed(7);
+            tell(format!("{lost} of the frames lost"), &film.whole.keeping(|_| random.f32() >= lost));
+        }
+        tell("half the rate".to_owned(), &film.whole.keeping(|number| number % 2 == 0));
     }
-}
-
-#[test]
-#[ignore = "prints the figures from which the thresholds come"]
-fn figures_of_the_camera_and_the_cost() {
-    let film = Film::demo(1);
-    for lost in [0.02, 0.05, 0.1, 0.2] {
-        println!("{lost} of the frames lost: {}", film.whole.losing(lost).row(&film.whole));
-    }
-    println!("half the rate: {}", film.whole.halved().row(&film.whole));
-    cost(&film);
-}
-
-/// Prints how long a look takes.
-fn cost(film: &Film) {
-    let picture = film.photos[0].picture();
-    let landmarks = &film.whole.landmarks;
-    let look = || {
-        let begun = Instant::now();
-        black_box(Look::at(black_box(&picture), Some(landmarks)));
-        begun.elapsed()
-    };
-    let mut times: Vec<Duration> = (0..10_000).map(|_| look()).collect();
-    times.sort_unstable();
-    println!("a look takes {:.1?}, and {:.1?} in the worst of 100", times[5_000], times[9_900]);
+    let (picture, landmarks) = (films[0].photos[0].picture(), &films[0].whole.landmarks);
+    let begun = Instant::now();
+    (0..10_000).for_each(|_| _ = black_box(Look::at(black_box(&picture), Some(landmarks))));
+    println!("a look takes {:.1?}", begun.elapsed() / 10_000);
 }

@@ -1,21 +1,24 @@
-//! `facewire run` allocates no memory for a frame, and holds little memory in all.
+//! `facewire run` allocates no memory for a frame, holds little memory in all, and with locked memory waits for no page,
+//! whether the page is on a disk or has never been touched.
 //!
 //! A preloaded library (`tests/hooks/allocations.c`) counts the calls that allocate or free memory in every thread, those of
-//! C code included. The tests build it with the C compiler that also builds libjpeg-turbo.
+//! C code included. The tests build it with the C compiler that also builds libjpeg-turbo. The kernel tells which memory of
+//! a process is locked and resident (`/proc/PID/smaps`), and how many page faults each of its threads has had
+//! (`/proc/PID/task/TID/stat`); see `man 5 proc`.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
 mod common;
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::hint::black_box;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 
-use common::service::{Receiver, Service};
-use facewire_packet::{Packet, State};
-use tempfile::{NamedTempFile, TempDir};
+use common::project;
+use common::service::{DEMO, Receiver, Service};
+use tempfile::TempDir;
 
-const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
 /// Live packets before the count begins. The first frame of the camera allocates the camera's memory.
 const WARM_UP: usize = 30;
 /// Frames that are counted. The clip has 240, so it starts over in between.
@@ -34,48 +37,40 @@ const JPEG_FUNCTIONS: [&str; 8] = [
 ];
 /// The number of calls that these functions make for an image of three components.
 const JPEG_CALLS: usize = 14;
-/// The highest resident memory that the service may reach.
 const MAX_KIB: usize = 30_000_000 / 1024;
-/// How often the settings change in the test of reloads.
 const RELOADS: usize = 200;
+/// Live packets of one count of page faults: as many as come in a second and a half.
+const COUNTED_FRAMES: usize = 40;
+/// Counts of page faults, of which one may show minor faults, because the kernel may move a page of its own accord.
+const COUNTS: usize = 9;
 
-/// The preloaded library and the file in which it counts the calls.
+/// The folder of the preloaded library and of the file in which it counts the calls.
 struct Hook(TempDir);
 
 impl Hook {
-    fn build() -> Self {
+    /// Builds the library, and starts a service with it.
+    fn start(receiver: &Receiver) -> (Self, Service) {
         let hook = Self(tempfile::tempdir().unwrap());
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hooks/allocations.c");
-        let built = Command::new("cc").args(["-O2", "-shared", "-fPIC", "-o"]).arg(hook.library()).arg(source).status();
-        assert!(built.unwrap().success());
-        fs::write(hook.counters(), []).unwrap();
-        hook
-    }
-
-    fn library(&self) -> PathBuf {
-        self.0.path().join("allocations.so")
-    }
-
-    fn counters(&self) -> PathBuf {
-        self.0.path().join("counters")
-    }
-
-    fn start(&self, receiver: &Receiver) -> Service {
-        Service::start_with(DEMO, &[receiver.address()], |command| {
-            command.env("LD_PRELOAD", self.library()).env("ALLOCATIONS_FILE", self.counters()).stderr(Stdio::null())
-        })
+        let [library, counters] = ["allocations.so", "counters"].map(|name| hook.0.path().join(name));
+        let mut compiler = Command::new("cc");
+        compiler.args(["-O2", "-shared", "-fPIC", "-o"]).arg(&library).arg(project("tests/hooks/allocations.c"));
+        assert!(compiler.status().unwrap().success());
+        fs::write(&counters, []).unwrap();
+        let service = Service::start_with(DEMO, &[receiver.address()], |command| {
+            command.env("LD_PRELOAD", library).env("ALLOCATIONS_FILE", counters)
+        });
+        (hook, service)
     }
 
     /// Returns the calls so far, by thread and return address.
     fn read(&self) -> BTreeMap<(u64, u64), u64> {
-        let bytes = fs::read(self.counters()).unwrap();
+        let bytes = fs::read(self.0.path().join("counters")).unwrap();
         let numbers: Vec<u64> = bytes.as_chunks().0.iter().map(|bytes| u64::from_ne_bytes(*bytes)).collect();
         let counters = numbers.as_chunks::<3>().0.iter();
         counters.filter(|[thread, ..]| *thread != 0).map(|&[thread, caller, calls]| ((thread, caller), calls)).collect()
     }
 }
 
-/// The functions of the program, by their addresses.
 struct Functions {
     /// The address at which the program begins in the memory of the service.
     base: u64,
@@ -92,36 +87,26 @@ impl Functions {
             Some((address, words.nth(1)?.to_owned()))
         };
         let names = String::from_utf8(listed.stdout).unwrap().lines().filter_map(symbol).collect();
-        let maps = mappings(service);
+        let maps = service.proc("maps");
         let first = maps.lines().find(|line| line.ends_with(program)).unwrap_or_else(|| panic!("{maps}"));
         let base = u64::from_str_radix(first.split('-').next().unwrap(), 16).unwrap();
         Self { base, names }
     }
 
-    /// Returns the name of the function that contains an address.
     fn at(&self, address: u64) -> &str {
         let offset = address.wrapping_sub(self.base);
         self.names.range(..offset).next_back().map_or("?", |(_, name)| name.as_str())
     }
 }
 
-fn mappings(service: &Service) -> String {
-    fs::read_to_string(format!("/proc/{}/maps", service.pid())).unwrap()
-}
-
-/// Waits until `count` live packets have arrived.
-fn live_packets(receiver: &Receiver, count: usize) {
-    (0..count).for_each(|_| _ = receiver.until(|packet: &Packet| packet.state == State::Live));
-}
-
 #[test]
 fn frames_allocate_nothing_in_rust_or_c_except_what_libjpeg_turbo_needs_to_decode() {
-    let (receiver, hook) = (Receiver::new(), Hook::build());
-    let mut service = hook.start(&receiver);
-    live_packets(&receiver, WARM_UP);
-    let (before, mapped) = (hook.read(), mappings(&service));
-    live_packets(&receiver, FRAMES);
-    let (after, mapped_later) = (hook.read(), mappings(&service));
+    let receiver = Receiver::new();
+    let (hook, mut service) = Hook::start(&receiver);
+    receiver.live_packets(WARM_UP);
+    let (before, mapped) = (hook.read(), service.proc("maps"));
+    receiver.live_packets(FRAMES);
+    let (after, mapped_later) = (hook.read(), service.proc("maps"));
 
     let functions = Functions::of(&service);
     let threads = ["fw-hot", "fw-sender"].map(|name| u64::try_from(service.thread(name)).unwrap());
@@ -144,48 +129,86 @@ fn frames_allocate_nothing_in_rust_or_c_except_what_libjpeg_turbo_needs_to_decod
     assert_eq!(mapped, mapped_later, "the process has mapped or unmapped memory");
 }
 
-/// A line of `/proc/PID/status`, in KiB.
-fn kib(service: &Service, line: &str) -> usize {
-    let status = fs::read_to_string(format!("/proc/{}/status", service.pid())).unwrap();
-    let value = status.lines().find_map(|it| it.strip_prefix(line)).unwrap();
-    value.trim().trim_end_matches(" kB").parse().unwrap()
-}
-
-#[test]
-fn a_service_that_follows_a_face_holds_at_most_30_mb() {
-    let receiver = Receiver::new();
-    let service = Service::start(DEMO, &[receiver.address()]);
-    live_packets(&receiver, WARM_UP);
-    let peak_kib = kib(&service, "VmHWM:");
-    assert!(peak_kib <= MAX_KIB, "{peak_kib} KiB, at most {MAX_KIB} KiB are allowed");
-}
-
 /// Each reload of the networks loads the new ones before the old ones are freed, on as many threads as the settings want.
 #[test]
-fn after_200_random_reloads_the_service_still_holds_at_most_30_mb() {
-    let (receiver, log) = (Receiver::new(), NamedTempFile::new().unwrap());
-    let service = Service::start_logging_to(DEMO, &[receiver.address()], log.reopen().unwrap().into());
-    live_packets(&receiver, WARM_UP);
-    let (mut random, link) =
-        (fastrand::Rng::with_seed(21), format!("[[link]]\naddress = \"{}\"\n", receiver.address()));
-    let answered = || {
-        let log = fs::read_to_string(log.path()).unwrap();
-        log.matches("settings changed").count() + log.matches("settings are unchanged").count()
-    };
+fn a_service_holds_at_most_30_mb_at_first_and_after_200_random_reloads() {
+    let (service, receiver) = Service::live(DEMO);
+    receiver.live_packets(WARM_UP);
+    let peak_kib = service.kib("VmHWM:");
+    assert!(peak_kib <= MAX_KIB, "{peak_kib} KiB, at most {MAX_KIB} KiB are allowed");
+    let mut random = fastrand::Rng::with_seed(21);
+    let answered = || service.logged("settings changed") + service.logged("settings are unchanged");
     for reload in 1..=RELOADS {
         // The last one is that of the beginning again: more threads need more memory.
         let threads = if reload == RELOADS { 1 } else { random.u32(1..=8) };
         let rate_hz = random.u32(10..=240);
         let filter = random.choice(["kalman", "one-euro", "low-pass"]).unwrap();
-        let settings = format!(
-            "{DEMO}[networks]\nthreads = {threads}\n[smoothing]\nbrows = \"{filter}\"\n[send]\nrate_hz = {rate_hz}\n{link}"
-        );
-        service.reload(&settings);
+        let smoothing = format!("[smoothing]\nbrows = \"{filter}\"\n");
+        service.reload(&format!("{DEMO}[networks]\nthreads = {threads}\n{smoothing}[send]\nrate_hz = {rate_hz}\n"));
         while answered() < reload {
             receiver.packet();
         }
     }
-    live_packets(&receiver, WARM_UP);
-    let held_kib = kib(&service, "VmRSS:");
+    receiver.live_packets(WARM_UP);
+    let held_kib = service.kib("VmRSS:");
     assert!(held_kib <= MAX_KIB, "{held_kib} KiB, at most {MAX_KIB} KiB are allowed");
+}
+
+/// Minor and major page faults of a thread so far.
+fn page_faults(thread: &Path) -> [u64; 2] {
+    let stat = fs::read_to_string(thread.join("stat")).unwrap();
+    // Field 2, the name, may have spaces.
+    let fields: Vec<&str> = stat.rsplit_once(") ").unwrap().1.split(' ').collect();
+    [10, 12].map(|field| fields[field - 3].parse().unwrap())
+}
+
+/// Returns the parts of the memory that the process has mapped itself and may use, and that are not locked or not resident.
+fn unlocked(service: &Service) -> Vec<String> {
+    let maps = service.proc("smaps");
+    // Each part ends with its flags.
+    let parts: Vec<&str> = maps.split_inclusive("VmFlags:").collect();
+    let flags = |part: &str| part.lines().next().unwrap_or_default().split(' ').any(|flag| flag == "lo");
+    let mut unlocked = Vec::new();
+    for (part, next) in parts.iter().zip(&parts[1..]) {
+        let number = |key: &str| part.lines().find_map(|line| line.strip_prefix(key)).map(str::trim);
+        // [vdso] and [vvar] are the kernel's.
+        let is_own = !part.contains(" ---p ") && !part.contains("[v");
+        if is_own && !(flags(next) && number("Size:") == number("Rss:")) {
+            unlocked.push((*part).to_owned());
+        }
+    }
+    assert!(parts.len() > 20, "{maps}");
+    unlocked
+}
+
+#[test]
+fn locked_memory_is_all_resident_and_frames_fault_no_page() {
+    let (mut service, receiver) = Service::live(&format!("{DEMO}[realtime]\nlock_memory = true\n"));
+    receiver.live_packets(WARM_UP);
+    let unlocked = unlocked(&service);
+    let threads = ["fw-hot", "fw-sender"].map(|name| service.thread(name));
+    let faults = || threads.map(|thread| page_faults(Path::new(&format!("/proc/{thread}/task/{thread}"))));
+    let counted = [(); COUNTS].map(|()| {
+        let before = faults();
+        receiver.live_packets(COUNTED_FRAMES);
+        [before, faults()]
+    });
+    let log = service.stopped();
+    if !log.contains("INFO memory locked") {
+        return common::skip(&format!("this machine locks no memory: {log}"));
+    }
+    assert!(unlocked.is_empty(), "memory that may fault: {unlocked:?}");
+    let has_major = |[before, after]: &[[[u64; 2]; 2]; 2]| [0, 1].map(|thread| after[thread][1] > before[thread][1]);
+    assert!(counted.iter().all(|count| has_major(count) == [false; 2]), "hot and sender: {counted:?}");
+    let clean = counted.iter().filter(|[before, after]| before == after).count();
+    assert!(clean + 1 >= COUNTS, "hot and sender: {counted:?}");
+}
+
+/// The count can fail: it shows the pages that a thread touches for the first time.
+#[test]
+fn the_kernel_counts_the_pages_that_a_thread_touches_first() {
+    let me = PathBuf::from("/proc/thread-self").canonicalize().unwrap();
+    let [before, _] = page_faults(&me);
+    let pages = vec![1_u8; 4 << 20];
+    assert!(page_faults(&me)[0] > before + 100, "of {} bytes", black_box(pages).len());
 }

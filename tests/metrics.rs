@@ -9,39 +9,31 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::Command;
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use common::program::{Run, text};
-use common::service::{Receiver, Service};
-use facewire_packet::State;
-use rustix::process::{Pid, Resource, Rlimit, Signal, getrlimit, prlimit};
+use common::service::{DEMO, Receiver, Service};
+use common::{PATIENCE, eventually, project};
+use rustix::process::{Resource, Rlimit, Signal, getrlimit, prlimit};
 use serde_json::Value;
-
-/// Longer than anything in these tests takes on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(30);
 
 /// How far counters may differ: frames that are solved but not sent yet, or that come while the page is written.
 const FRAMES_BETWEEN: f64 = 30.0;
 
 /// Starts a service that plays the built-in clip and serves its metrics at `listen`.
-fn start(listen: &str, receiver: &Receiver) -> Service {
-    let toml = format!("[camera]\ndevice = \"demo\"\n[metrics]\nlisten = \"{listen}\"\n");
-    Service::start(&toml, &[receiver.address()])
+fn start(listen: &str) -> (Service, Receiver) {
+    Service::live(&format!("{DEMO}[metrics]\nlisten = \"{listen}\"\n"))
 }
 
-/// Returns a loopback address that was free a moment ago.
 fn free_address() -> String {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
 }
 
-/// Reads all samples by the parser.
 fn samples(python: &Path, listen: &str) -> Value {
-    let reader = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/metrics_reader.py");
-    let run = Run::of(Command::new(python).arg(reader).arg(listen)).succeeded();
+    let run = Run::of(Command::new(python).arg(project("tests/metrics_reader.py")).arg(listen)).succeeded();
     serde_json::from_str(&run.out).unwrap()
 }
 
-/// Sends these bytes and returns the answer.
 fn answer(address: &str, request: &[u8]) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -51,24 +43,14 @@ fn answer(address: &str, request: &[u8]) -> String {
     answer
 }
 
-fn eventually(what: &str, mut is_so: impl FnMut() -> bool) {
-    let begun = Instant::now();
-    while !is_so() {
-        assert!(begun.elapsed() < PATIENCE, "never: {what}");
-        sleep(Duration::from_millis(20));
-    }
-}
-
 #[test]
 fn prometheus_parser_reads_the_metrics_by_tcp_and_by_unix_socket() {
-    let Some(python) = common::python_with("prometheus_client") else {
+    let Some(python) = common::python_with("venv-tests", "prometheus_client") else {
         return common::skip("Prometheus' parser is not there; run scripts/setup tests");
     };
     let folder = tempfile::tempdir().unwrap();
     for listen in [free_address(), format!("unix:{}", text(&folder.path().join("metrics.sock")))] {
-        let receiver = Receiver::new();
-        let service = start(&listen, &receiver);
-        receiver.until(|packet| packet.state == State::Live);
+        let (service, _receiver) = start(&listen);
         let before = samples(&python, &listen);
         let samples = samples(&python, &listen);
         let value = |name: &str| samples[name].as_f64().unwrap_or_else(|| panic!("no {name} in {samples}"));
@@ -90,21 +72,20 @@ fn prometheus_parser_reads_the_metrics_by_tcp_and_by_unix_socket() {
             ["live", "hold", "decay", "neutral"].map(|state| format!("facewire_failsafe_state{{state={state}}}"));
         assert!((states.iter().map(|state| value(state)).sum::<f64>() - 1.0).abs() < 1e-9, "{samples}");
         assert!(value("facewire_resident_memory_bytes{}") > 10e6);
-        service.stop(Signal::TERM).0.succeeded();
+        service.stopped();
     }
     assert!(!folder.path().join("metrics.sock").exists(), "it goes with the service");
 }
 
 #[test]
 fn a_port_in_use_is_told_once_stops_no_face_and_is_taken_when_it_is_free() {
-    let (other, receiver) = (TcpListener::bind("127.0.0.1:0").unwrap(), Receiver::new());
+    let other = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = other.local_addr().unwrap().to_string();
-    let service = start(&address, &receiver);
-    receiver.until(|packet| packet.state == State::Live);
+    let (service, receiver) = start(&address);
     (0..60).for_each(|_| _ = receiver.packet());
     drop(other);
     eventually("metrics", || TcpStream::connect(&address).is_ok());
-    let log = service.stop(Signal::TERM).0.succeeded().err;
+    let log = service.stopped();
     let told = format!(
         "no metrics at {address} (Address already in use (os error 98)): free the address or change metrics.listen"
     );
@@ -115,30 +96,12 @@ fn a_port_in_use_is_told_once_stops_no_face_and_is_taken_when_it_is_free() {
 fn the_socket_that_a_killed_service_left_behind_is_taken_by_the_next() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("metrics.sock");
-    let listen = format!("unix:{}", text(&path));
     for _ in 0..2 {
-        let receiver = Receiver::new();
-        let service = start(&listen, &receiver);
+        let (service, _receiver) = start(&format!("unix:{}", text(&path)));
         eventually("metrics", || UnixStream::connect(&path).is_ok());
         assert_eq!(service.stop(Signal::KILL).0.status, None);
         assert!(path.exists());
     }
-}
-
-#[test]
-fn readers_with_wrong_requests_are_answered_and_a_silent_reader_delays_no_other() {
-    let (address, receiver) = (free_address(), Receiver::new());
-    let service = start(&address, &receiver);
-    eventually("metrics", || TcpStream::connect(&address).is_ok());
-    let _silent = TcpStream::connect(&address).unwrap();
-    assert!(answer(&address, b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n").starts_with("HTTP/1.1 200 OK\r\n"));
-    assert!(answer(&address, b"GET /metrics HTTP/1.1\r\nHost: evil.example\r\n\r\n").starts_with("HTTP/1.1 421 "));
-    assert!(answer(&address, b"GET / HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 404 "));
-    assert!(answer(&address, b"DELETE /metrics HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 405 "));
-    assert!(answer(&address, &[0; 64]).starts_with("HTTP/1.1 400 "));
-    assert!(answer(&address, &[b"GET /".as_slice(), &[b'x'; 4091]].concat()).starts_with("HTTP/1.1 431 "));
-    receiver.until(|packet| packet.state == State::Live);
-    service.stop(Signal::TERM).0.succeeded();
 }
 
 /// Returns the CPU time of a thread in ticks, of which there are 100 a second.
@@ -149,22 +112,31 @@ fn ticks(thread: i32) -> u64 {
 }
 
 #[test]
-fn without_free_descriptors_a_reader_waits_and_costs_nothing() {
-    let (address, receiver) = (free_address(), Receiver::new());
-    let mut service = start(&address, &receiver);
+fn wrong_requests_are_answered_a_silent_reader_delays_no_other_and_one_without_a_descriptor_waits_and_costs_nothing() {
+    let address = free_address();
+    let (mut service, receiver) = start(&address);
     eventually("metrics", || TcpStream::connect(&address).is_ok());
-    receiver.until(|packet| packet.state == State::Live);
-    let (pid, thread) = (Pid::from_raw(service.pid().try_into().unwrap()), service.thread("fw-control"));
-    let own = getrlimit(Resource::Nofile);
-    prlimit(pid, Resource::Nofile, Rlimit { current: Some(3), ..own }).unwrap();
-    let reader = std::thread::spawn({
-        let address = address.clone();
-        move || answer(&address, b"GET /metrics HTTP/1.1\r\n\r\n")
-    });
+    let _silent = TcpStream::connect(&address).unwrap();
+    let good = b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    for (request, status) in [
+        (&good[..], "200 OK\r\n"),
+        (b"GET /metrics HTTP/1.1\r\nHost: evil.example\r\n\r\n", "421 "),
+        (b"GET / HTTP/1.1\r\n\r\n", "404 "),
+        (b"DELETE /metrics HTTP/1.1\r\n\r\n", "405 "),
+        (&[0; 64], "400 "),
+        (&[b"GET /".as_slice(), &[b'x'; 4091]].concat(), "431 "),
+    ] {
+        let answer = answer(&address, request);
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{answer}");
+    }
+    let (thread, own) = (service.thread("fw-control"), getrlimit(Resource::Nofile));
+    prlimit(Some(service.pid()), Resource::Nofile, Rlimit { current: Some(3), ..own.clone() }).unwrap();
+    let reader = std::thread::spawn(move || answer(&address, good));
     let begun = ticks(thread);
     sleep(Duration::from_secs(2));
     let took = ticks(thread) - begun;
     assert!(took < 10, "{took} of 200 ticks");
-    prlimit(pid, Resource::Nofile, own).unwrap();
+    prlimit(Some(service.pid()), Resource::Nofile, own).unwrap();
     assert!(reader.join().unwrap().starts_with("HTTP/1.1 200 OK"));
+    receiver.live();
 }

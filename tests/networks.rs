@@ -6,11 +6,11 @@
 mod common;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
-use common::program::{Run, text};
-use common::skip;
+use common::program::Run;
+use common::{project, python_with, skip};
 use facewire_face::Engine;
 use facewire_face::stages::Signature;
 
@@ -34,14 +34,6 @@ static NETWORKS: [Signature; 5] = [
     Signature { name: "left_eye", input: HEAD_INPUT, outputs: EYE_OUTPUTS },
     Signature { name: "right_eye", input: HEAD_INPUT, outputs: EYE_OUTPUTS },
 ];
-
-/// Returns the Python in whose environment the interpreter is installed, if there is one.
-fn python() -> Option<PathBuf> {
-    let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
-    let cache = cache.unwrap_or_else(|| PathBuf::from(std::env::var_os("HOME").unwrap()).join(".cache"));
-    let python = cache.join("facewire/venv-onnx/bin/python");
-    python.exists().then_some(python)
-}
 
 fn values(file: &Path) -> Vec<f32> {
     fs::read(file).unwrap().as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
@@ -77,12 +69,13 @@ fn difference(engine: &dyn Engine, signature: &'static Signature, folder: &Path)
 
 #[test]
 fn every_engine_computes_what_the_tflite_interpreter_computes() {
-    let Some(python) = python() else {
+    let Some(python) = python_with("venv-onnx", "sys") else {
         return skip("no TFLite interpreter; run scripts/setup onnxruntime");
     };
     let folder = tempfile::tempdir().unwrap();
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/models/networks/check.py");
-    Run::of(Command::new(python).env("PYTHONDONTWRITEBYTECODE", "1").args([script, text(folder.path())])).succeeded();
+    let mut check = Command::new(python);
+    check.arg(project("models/networks/check.py")).arg(folder.path()).env("PYTHONDONTWRITEBYTECODE", "1");
+    Run::of(&mut check).succeeded();
     for engine in facewire_face::stages::engines("", 1).unwrap_or_else(|error| panic!("{error}")) {
         for signature in &NETWORKS {
             let difference = difference(&*engine, signature, folder.path());

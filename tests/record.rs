@@ -3,21 +3,19 @@
 
 mod common;
 
-use std::fs::{self, OpenOptions};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use common::program::{Run, facewire, settings, text};
-use common::service::{Receiver, Service};
+use common::service::{DEMO, Receiver, Service};
 use facewire::link::Pose;
 use facewire::recording::{Reader, Recorded, Writer};
 use facewire_face::Landmarks;
 use facewire_packet::{Reason, State};
-use rustix::process::Signal;
 use tempfile::TempDir;
 
 const JAW_OPEN: usize = 17;
-const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
 
 fn place() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
@@ -72,10 +70,10 @@ fn service_is_recorded_while_it_goes_on_sending_what_the_recording_holds() {
     let ((folder, path), receiver) = (place(), Receiver::new());
     let service =
         Service::start_with(DEMO, &[receiver.address()], |command| command.env("XDG_RUNTIME_DIR", folder.path()));
-    receiver.until(|packet| packet.state == State::Live);
+    receiver.live();
     Run::of(&mut record(&path, &["--seconds", "1"], folder.path())).succeeded();
     let sent = receiver.rest();
-    service.stop(Signal::TERM).0.succeeded();
+    service.stopped();
     let recorded = frames(&path);
     let is_sent = |frame: &Recorded| {
         sent.iter().any(|packet| Ok(packet.coefficients) == frame.pose.map(|pose| pose.coefficients))
@@ -102,12 +100,10 @@ fn replay_sends_the_recorded_faces_in_order_and_moves_to_neutral_at_the_end() {
 fn recording_that_was_cut_off_is_replayed_to_its_last_complete_second_and_other_files_are_refused() {
     let ((folder, path), file) = (place(), settings("[[link]]\naddress = \"127.0.0.1:9\"\n"));
     opening_jaw(&path);
-    let length = fs::metadata(&path).unwrap().len();
-    OpenOptions::new().write(true).open(&path).unwrap().set_len(length - 1).unwrap();
+    let bytes = fs::read(&path).unwrap();
+    fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
     let replay = |path: &Path| Run::of(&mut facewire(["replay", text(path), "--config", text(file.path())]));
     assert!(replay(&path).succeeded().err.contains(" 0 frames"));
-    let other = folder.path().join("other");
-    fs::write(&other, "no recording").unwrap();
-    assert!(replay(&other).sentence(65).contains("is no recording of facewire"));
+    assert!(replay(file.path()).sentence(65).contains("is no recording of facewire"));
     assert!(replay(&folder.path().join("missing")).sentence(66).contains("cannot be read"));
 }

@@ -7,22 +7,19 @@
 mod common;
 
 use std::fs;
-use std::io::{BufRead as _, BufReader, PipeReader, PipeWriter, Write as _, pipe};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::io::{PipeReader, PipeWriter, Write as _, pipe};
+use std::process::Command;
 use std::time::{Duration, Instant};
 
-use common::program::{Run, facewire, settings, text};
-use common::service::{Receiver, Service, counted};
+use common::program::{Run, facewire, text};
+use common::service::{DEMO, NO_CAMERA, Receiver, Service, counted};
 use common::slew::assert_slew;
+use common::{eventually, project, skip};
 use facewire_packet::{BLENDSHAPES, Packet, Reason, State};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::Signal;
 use serde_json::Value;
 
-const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
-const NO_CAMERA: &str = "[camera]\ndevice = \"/dev/video99\"\n";
-/// From the signal to the end of the process.
 const LONGEST_STOP: Duration = Duration::from_secs(3);
 
 /// Checks that no packet was lost and none came twice, from the very first.
@@ -44,58 +41,42 @@ fn assert_stopped(packets: &[Packet], (run, took): (Run, Duration)) -> String {
     run.succeeded().err
 }
 
-/// Checks that every frame and every packet is in one of the counts of the last line.
-fn assert_adds_up(log: &str) {
-    let count = |key| counted(log, key);
-    assert!(count("faces") > 0 && count("frames") >= count("faces"), "{log}");
-    assert_eq!(count("frames"), count("faces") + count("no_face") + count("rejected"), "{log}");
-    assert_eq!(count("packets"), count("sent") + count("dropped"), "{log}");
-}
-
 #[test]
 fn every_receiver_sees_the_face_go_live_and_stop_neutral() {
     let [first, second] = [Receiver::new(), Receiver::new()];
     let service = Service::start(DEMO, &[first.address(), format!("localhost:{}", second.port())]);
-    let mut packets = first.until(|packet| packet.state == State::Live);
+    let mut packets = first.live();
     assert!(packets.split_last().unwrap().1.iter().all(|packet| packet.state == State::Neutral));
-    packets.extend((0..40).map(|_| first.packet()));
-    let ended = service.stop(Signal::TERM);
-    packets.extend(first.rest());
-
-    assert_numbered(&packets);
-    assert_eq!(packets, second.rest(), "to the second receiver go the same packets");
-    let log = assert_stopped(&packets, ended);
-    assert!(log.contains("camera opened: demo: MJPEG 640x480 at 30 fps"), "{log}");
-    assert_adds_up(&log);
-}
-
-#[test]
-fn live_packets_follow_the_face() {
-    let receiver = Receiver::new();
-    let _service = Service::start(DEMO, &[receiver.address()]);
-    let mut packets: Vec<Packet> = Vec::new();
     let changes = |packets: &[Packet], differ: fn(&Packet, &Packet) -> bool| {
         packets.windows(2).filter(|pair| differ(&pair[0], &pair[1])).count()
     };
     while changes(&packets, |a, b| a.capture_us != b.capture_us) < 20 {
-        packets.extend(receiver.until(|packet| packet.state == State::Live).pop());
+        packets.push(first.packet());
     }
     let moves = changes(&packets, |a, b| a.coefficients != b.coefficients);
     assert!(moves > 10, "{moves} moves in {} packets", packets.len());
-    for packet in &packets {
-        assert_eq!(packet.reason, Reason::None);
-        assert!(packet.age_us < 1_000_000, "{packet:?}");
+    for packet in packets.iter().filter(|packet| packet.state == State::Live) {
+        assert!(packet.reason == Reason::None && packet.age_us < 1_000_000, "{packet:?}");
         assert!(packet.coefficients.iter().any(|value| *value > 0.02), "{packet:?}");
-        let [x, y, z, w] = packet.rotation;
-        assert!((x * x + y * y + z * z + w * w - 1.0).abs() < 1e-3, "{packet:?}");
+        let length = packet.rotation.iter().map(|part| part * part).sum::<f32>();
+        assert!((length - 1.0).abs() < 1e-3, "{packet:?}");
         assert!(packet.position_mm[2] > 100.0, "in front of the camera: {packet:?}");
     }
+    let ended = service.stop(Signal::TERM);
+    packets.extend(first.rest());
+    assert_numbered(&packets);
+    assert_eq!(packets, second.rest(), "to the second receiver go the same packets");
+    let log = assert_stopped(&packets, ended);
+    assert!(log.contains("camera opened: demo: MJPEG 640x480 at 30 fps"), "{log}");
+    // Every frame and every packet is in one of the counts of the last line.
+    let count = |key| counted(&log, key);
+    assert!(count("faces") > 0 && count("frames") == count("faces") + count("no_face") + count("rejected"), "{log}");
+    assert_eq!(count("packets"), count("sent") + count("dropped"), "{log}");
 }
 
 #[test]
 fn without_a_camera_the_face_is_neutral_10_times_a_second_and_the_log_says_why() {
-    let receiver = Receiver::new();
-    let service = Service::start(NO_CAMERA, &[receiver.address()]);
+    let (service, receiver) = Service::with_receiver(NO_CAMERA);
     let mut packets = vec![receiver.packet()];
     let begun = Instant::now();
     packets.extend((0..20).map(|_| receiver.packet()));
@@ -114,83 +95,67 @@ fn without_a_camera_the_face_is_neutral_10_times_a_second_and_the_log_says_why()
 
 #[test]
 fn a_model_file_that_is_not_mounted_yet_is_waited_for_with_a_neutral_face() {
-    let (receiver, disk) = (Receiver::new(), tempfile::tempdir().unwrap());
+    let disk = tempfile::tempdir().unwrap();
     let model = disk.path().join("mounted/blendshapes.toml");
-    let service = Service::start(&format!("{DEMO}[solver]\nmodel = \"{}\"\n", text(&model)), &[receiver.address()]);
+    let (service, receiver) = Service::with_receiver(&format!("{DEMO}[solver]\nmodel = \"{}\"\n", text(&model)));
     for packet in receiver.until(|packet| packet.reason == Reason::BadResult) {
         assert_eq!((packet.state, packet.coefficients), (State::Neutral, [0.0; BLENDSHAPES.len()]));
     }
-    for _ in 0..30 {
-        assert_eq!(receiver.packet().state, State::Neutral);
-    }
+    (0..30).for_each(|_| assert_eq!(receiver.packet().state, State::Neutral));
     fs::create_dir(model.parent().unwrap()).unwrap();
-    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/blendshapes.toml");
-    let whole = fs::read(shipped).unwrap();
+    let whole = fs::read(project("models/blendshapes.toml")).unwrap();
     // A copy in progress. Within 2 s, which are 20 packets, the service tries to read it.
     fs::write(&model, &whole[..whole.len() / 2]).unwrap();
-    for _ in 0..20 {
-        assert_eq!(receiver.packet().state, State::Neutral);
-    }
+    (0..20).for_each(|_| assert_eq!(receiver.packet().state, State::Neutral));
     fs::write(model.with_extension("part"), &whole).unwrap();
     fs::rename(model.with_extension("part"), &model).unwrap();
-    receiver.until(|packet| packet.state == State::Live);
-    let log = service.stop(Signal::TERM).0.succeeded().err;
+    receiver.live();
+    let log = service.stopped();
     assert_eq!(log.matches("blendshapes.toml cannot be read (No such file or directory").count(), 1, "{log}");
     assert_eq!(log.matches("no model: ").count(), 2, "once for each reason: {log}");
 }
 
-/// Starts the service in a network namespace whose only interface is down. Returns `None` if none can be made.
-fn cut_off(settings: &Path) -> Option<Child> {
-    let unshare = ["--user", "--map-root-user", "--net"];
-    let works = Command::new("unshare").args(unshare).arg("true").output().is_ok_and(|run| run.status.success());
-    let mut command = Command::new("unshare");
-    command.args(unshare).arg(env!("CARGO_BIN_EXE_facewire")).args(["run", "--config", text(settings)]);
-    works.then(|| command.stderr(Stdio::piped()).spawn().unwrap())
-}
-
+/// The service runs in a network namespace whose only interface is down.
 #[test]
 fn a_network_that_takes_no_packets_is_told_once() {
-    let settings = settings(&[NO_CAMERA, "[[link]]\naddress = \"192.0.2.1:5252\"\n"].concat());
-    let Some(mut service) = cut_off(settings.path()) else {
-        return common::skip("unshare cannot make a network namespace here");
-    };
-    let mut log = BufReader::new(service.stderr.take().unwrap()).lines().map(Result::unwrap);
+    let unshare = ["--user", "--map-root-user", "--net"];
+    if !Command::new("unshare").args(unshare).arg("true").output().is_ok_and(|run| run.status.success()) {
+        return skip("unshare cannot make a network namespace here");
+    }
+    let mut command = Command::new("unshare");
+    command.args(unshare).arg(env!("CARGO_BIN_EXE_facewire"));
+    let service = Service::of(command, NO_CAMERA, &["192.0.2.1:5252".to_owned()], |command| command);
     let refusal = "link 192.0.2.1:5252: the network takes no packets (Network is unreachable";
-    let status = log.by_ref().take_while(|line| !line.contains(refusal)).last().unwrap();
-    assert!(status.contains(" links_open=0 "), "{status}");
-    let pid = Pid::from_child(&service);
-    kill_process(pid, Signal::USR1).unwrap();
-    log.by_ref().find(|line| line.contains(" links_open=0 ")).unwrap();
-    kill_process(pid, Signal::TERM).unwrap();
-    assert_eq!(log.filter(|line| line.contains(refusal)).count(), 0);
-    assert!(service.wait().unwrap().success());
+    service.await_log(refusal);
+    let before = service.logged(" links_open=0 ");
+    service.signal(Signal::USR1);
+    eventually("the status", || service.logged(" links_open=0 ") > before);
+    assert_eq!(service.stopped().matches(refusal).count(), 1);
 }
 
 /// The age of the last pose that tells that the camera hangs, even on a busy machine, microseconds.
 const HUNG_US: u32 = 3_000_000;
 
-/// Starts a service whose camera hangs in the kernel, and returns it with the packets so far.
-fn hung(receiver: &Receiver) -> (Service, Vec<Packet>) {
-    let service = Service::start("[camera]\ndevice = \"rehearsal: live 2, hung 60\"\n", &[receiver.address()]);
-    let mut packets = receiver.until(|packet| packet.state == State::Live);
+/// Starts a service whose camera hangs in the kernel, and returns it with its receiver and the packets so far.
+fn hung() -> (Service, Receiver, Vec<Packet>) {
+    let (service, receiver) = Service::with_receiver("[camera]\ndevice = \"rehearsal: live 2, hung 60\"\n");
+    let mut packets = receiver.live();
     packets.extend(receiver.until(|packet| packet.age_us > HUNG_US));
-    (service, packets)
+    (service, receiver, packets)
 }
 
 #[test]
 fn a_hung_camera_does_not_keep_the_service_from_stopping() {
-    let receiver = Receiver::new();
-    let (service, mut packets) = hung(&receiver);
-    let (run, took) = service.stop(Signal::TERM);
+    let (service, receiver, mut packets) = hung();
+    let ended = service.stop(Signal::TERM);
     packets.extend(receiver.rest());
-    let log = assert_stopped(&packets, (run, took));
+    let log = assert_stopped(&packets, ended);
     assert!(log.contains("is left behind"), "{log}");
 }
 
 #[test]
 fn a_second_signal_ends_the_service_at_once() {
-    let receiver = Receiver::new();
-    let (service, _) = hung(&receiver);
+    let (service, receiver, _) = hung();
     service.signal(Signal::TERM);
     receiver.until(|packet| packet.reason == Reason::Stopping);
     let (run, took) = service.stop(Signal::INT);
@@ -199,17 +164,23 @@ fn a_second_signal_ends_the_service_at_once() {
     assert!(!run.err.contains("is left behind"), "the first signal was obeyed: {}", run.err);
 }
 
-#[test]
-fn a_log_whose_reader_has_gone_ends_no_service() {
+/// Starts a service that logs into this pipe, asks it for a line, and checks that it runs and stops all the same.
+fn assert_undisturbed(log: PipeWriter) {
     let receiver = Receiver::new();
-    let service = Service::start_logging_to(DEMO, &[receiver.address()], pipe().unwrap().1.into());
-    let mut packets = receiver.until(|packet| packet.state == State::Live);
+    let service = Service::start_with(DEMO, &[receiver.address()], |command| command.stderr(log));
+    let mut packets = receiver.live();
+    service.signal(Signal::USR1);
+    packets.extend((0..10).map(|_| receiver.packet()));
     let ended = service.stop(Signal::INT);
     packets.extend(receiver.rest());
     assert_stopped(&packets, ended);
 }
 
-/// Returns a full pipe.
+#[test]
+fn a_log_whose_reader_has_gone_ends_no_service() {
+    assert_undisturbed(pipe().unwrap().1);
+}
+
 fn full() -> (PipeReader, PipeWriter) {
     let (reader, mut writer) = pipe().unwrap();
     let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
@@ -221,39 +192,24 @@ fn full() -> (PipeReader, PipeWriter) {
 
 #[test]
 fn a_log_that_nobody_reads_holds_up_nothing() {
-    let (receiver, (_reader, log)) = (Receiver::new(), full());
-    let service = Service::start_logging_to(DEMO, &[receiver.address()], log.into());
-    let mut packets = receiver.until(|packet| packet.state == State::Live);
-    service.signal(Signal::USR1);
-    packets.extend((0..10).map(|_| receiver.packet()));
-    let ended = service.stop(Signal::TERM);
-    packets.extend(receiver.rest());
-    assert_stopped(&packets, ended);
+    let (_reader, log) = full();
+    assert_undisturbed(log);
 }
 
 #[test]
-fn the_monitor_writes_each_packet_as_a_line_of_json() {
-    let port = Receiver::new().port();
-    let address = format!("127.0.0.1:{port}");
-    let _service = Service::start(DEMO, std::slice::from_ref(&address));
-    let mut monitor = facewire(["monitor", "--json", "--packets", "5", "--seconds", "20", "--listen", &address]);
-    let run = Run::of(&mut monitor).succeeded();
-    assert!(run.err.starts_with("5 packets in "), "{}", run.err);
-    let lines: Vec<Value> = run.out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert_eq!(lines.len(), 5);
-    for (line, before) in lines.iter().zip(lines[0]["sequence"].as_u64().unwrap()..) {
-        assert_eq!(line["sequence"], before);
-        assert!(["live", "hold", "decay", "neutral"].contains(&line["state"].as_str().unwrap()), "{line}");
-        let names = line["coefficients"].as_object().unwrap();
-        assert!(names.len() == BLENDSHAPES.len() && BLENDSHAPES.iter().all(|name| names.contains_key(*name)), "{line}");
-    }
-}
-
-#[test]
-fn the_monitor_of_a_silent_or_taken_port_fails_with_what_to_check() {
+fn the_monitor_shows_packets_and_fails_at_a_silent_or_taken_port_with_what_to_check() {
     let receiver = Receiver::new();
     let run = Run::of(&mut facewire(["monitor", "--listen", &receiver.address()]));
     assert!(run.sentence(1).contains("give --listen another address"), "{}", run.err);
     let run = Run::of(&mut facewire(["monitor", "--listen", "127.0.0.1:0", "--seconds", "0.2"]));
     assert!(run.sentence(1).contains("no packet came to "), "{}", run.err);
+    let address = receiver.address();
+    drop(receiver);
+    let _service = Service::start(DEMO, std::slice::from_ref(&address));
+    let mut monitor = facewire(["monitor", "--json", "--packets", "5", "--seconds", "20", "--listen", &address]);
+    let run = Run::of(&mut monitor).succeeded();
+    assert!(run.err.starts_with("5 packets in "), "{}", run.err);
+    let lines: Vec<Value> = run.out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let sequences = lines.iter().map(|line| line["sequence"].as_u64().unwrap());
+    assert!(lines.len() == 5 && sequences.eq((lines[0]["sequence"].as_u64().unwrap()..).take(5)), "{}", run.out);
 }

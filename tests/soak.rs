@@ -7,7 +7,6 @@
 //! the end, memory and descriptors must be what they were, and the counters must add up.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
 
-mod board;
 mod common;
 #[path = "soak/counted.rs"]
 mod counted;
@@ -25,7 +24,7 @@ use libtest_mimic::{Arguments, Trial};
 
 use self::faults::Faults;
 use self::judge::Judge;
-use self::process::Service;
+use self::process::Process;
 
 /// The environment variable that makes this program the service.
 const SERVICE: &str = "FACEWIRE_SOAK_SERVICE";
@@ -33,7 +32,6 @@ const SERVICE: &str = "FACEWIRE_SOAK_SERVICE";
 const STEP: Duration = Duration::from_millis(100);
 /// How many steps are judged together.
 const STEPS: u32 = 10;
-/// The seed of the faults, which are the same in every run.
 const SEED: u64 = 7;
 
 fn main() -> ExitCode {
@@ -54,26 +52,22 @@ fn minutes() -> u32 {
 }
 
 fn soak(minutes: u32) {
-    let mut faults = Faults::new(SEED);
-    let mut service = Service::start(&faults.settings());
+    let mut faults = Faults::new();
+    let mut process = Process::start(&faults.settings());
     let mut judge = Judge::default();
     let end = Instant::now() + Duration::from_mins(1) * minutes;
     while Instant::now() < end {
-        let is_changed = faults.change_settings(&service);
+        let is_changed = faults.change_settings(&process);
         for _ in 0..STEPS {
             std::thread::sleep(STEP);
-            faults.step(&service);
+            faults.step(&process);
         }
-        judge.interval(service.packets(), service.sample(), is_changed);
+        judge.interval(process.packets(), process.sample(), is_changed);
     }
-    faults.end();
+    let summary = faults.end();
     // Meanwhile the last change takes effect, and the links that it ended are counted.
     std::thread::sleep(Duration::from_secs(1));
-    let (rest, log) = service.stop();
+    let (rest, log) = process.stop();
     judge.end(rest, &log);
-    println!(
-        "{judge}; boards pulled, receivers ended, hot loops stopped, settings \
-              changed: {:?}",
-        faults.counts
-    );
+    println!("{summary}");
 }

@@ -32,7 +32,6 @@ impl Row {
     }
 }
 
-/// Parses the rows after the header.
 pub fn rows(csv: &str) -> Vec<Row> {
     csv.lines().skip(1).map(Row::parse).collect()
 }

@@ -15,10 +15,8 @@ mod y4m;
 
 /// The y4m header of a film like the built-in clip: 640x480, 4:2:2, full range.
 pub const HEADER: &str = "YUV4MPEG2 W640 H480 F30:1 C422 XCOLORRANGE=FULL\n";
-/// Bytes of a frame's samples.
 const FRAME_BYTES: usize = 640 * 480 * 2;
 
-/// Returns the path of the built-in clip.
 pub fn demo_avi() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src/capture/demo.avi")
 }
@@ -46,7 +44,6 @@ pub fn empty_y4m(frames: usize) -> Vec<u8> {
     [HEADER.as_bytes(), &frame.repeat(frames)].concat()
 }
 
-/// Returns the frames of a y4m stream.
 pub fn read_y4m<'a>(stream: impl BufRead + 'a) -> impl Source + 'a {
     Y4mSource::open(stream, "stream", FrameRate::FPS_30).unwrap()
 }

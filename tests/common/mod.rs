@@ -1,8 +1,10 @@
 //! Helpers that the whole-program tests share.
 #![allow(dead_code, unused_imports, reason = "each test uses some of them")]
 
+pub mod board;
 pub mod coefficients;
 pub mod film;
+pub mod maestro;
 pub mod networks;
 pub mod points;
 pub mod program;
@@ -13,21 +15,37 @@ pub mod stuck;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 pub use skip::skip;
 
+/// Longer than anything in these tests takes on a busy machine.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
+pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !happens() {
+        assert!(begun.elapsed() < PATIENCE, "{what} did not come");
+        sleep(Duration::from_millis(2));
+    }
+}
+
+pub fn project(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
 /// The folder of reference clips and figures that are not part of the project, or `None` if it is not at hand.
 pub fn shared() -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
-    let folder = std::env::var_os("FACEWIRE_SHARED").map_or_else(beside, PathBuf::from);
+    let folder = std::env::var_os("FACEWIRE_SHARED").map_or_else(|| project("../shared"), PathBuf::from);
     folder.join("golden").is_dir().then_some(folder)
 }
 
-/// Returns the Python into which `scripts/setup tests` installs packages, or `None` if it cannot import this module.
-pub fn python_with(module: &str) -> Option<PathBuf> {
+/// Returns the Python of this virtual environment, made by `scripts/setup`, or `None` if it cannot import this module.
+pub fn python_with(environment: &str, module: &str) -> Option<PathBuf> {
     let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
     let cache = cache.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache")))?;
-    let python = cache.join("facewire/venv-tests/bin/python");
+    let python = cache.join("facewire").join(environment).join("bin/python");
     let imported = Command::new(&python).args(["-c", &format!("import {module}")]).output();
     imported.is_ok_and(|output| output.status.success()).then_some(python)
 }

@@ -20,24 +20,16 @@ pub fn facewire<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Comm
     command
 }
 
-/// Returns a path as an argument.
 pub fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// Writes a file of settings.
 pub fn settings(toml: &str) -> NamedTempFile {
     let mut file = NamedTempFile::with_suffix(".toml").unwrap();
     file.write_all(toml.as_bytes()).unwrap();
     file
 }
 
-/// Tracks a y4m stream on standard input.
-pub fn track_stream(stream: &[u8]) -> Run {
-    Run::fed(&mut facewire(["track", "-"]), stream)
-}
-
-/// A run that has ended.
 #[derive(Debug)]
 pub struct Run {
     pub status: Option<i32>,

@@ -1,109 +1,174 @@
 //! A running service and a receiver of its packets.
 
+use std::fs;
+use std::io::Read as _;
 use std::net::UdpSocket;
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
-use std::thread::sleep;
+use std::thread::{panicking, sleep};
 use std::time::{Duration, Instant};
 
-use facewire_packet::{PACKET_BYTES, Packet};
+use facewire_packet::{PACKET_BYTES, Packet, State};
 use rustix::process::{Pid, Signal, kill_process};
-use tempfile::NamedTempFile;
+use tempfile::TempDir;
 
-use super::program::{Run, facewire, settings, text};
+use super::program::{Run, facewire, text};
 use super::stuck::thread_called;
+use super::{PATIENCE, eventually};
 
-/// Longer than anything in these tests takes on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(30);
+pub const DEMO: &str = "[camera]\ndevice = \"demo\"\n";
+pub const NO_CAMERA: &str = "[camera]\ndevice = \"/dev/video99\"\n";
 
-/// `facewire run` in the background. It is killed when the test ends, even if the test fails.
+/// `facewire run` in the background, with its settings and its log. It is killed when the test ends, even if the test fails.
 pub struct Service {
-    child: Option<Child>,
-    settings: NamedTempFile,
+    pub child: Child,
+    folder: TempDir,
+    /// The links that are added to all settings.
+    links: String,
 }
 
 impl Service {
     /// Starts a service with these settings and one link to each receiver.
     pub fn start(toml: &str, addresses: &[String]) -> Self {
-        Self::start_logging_to(toml, addresses, Stdio::piped())
+        Self::start_with(toml, addresses, |command| command)
     }
 
-    /// Starts a service that writes its log to `log`.
-    pub fn start_logging_to(toml: &str, addresses: &[String], log: Stdio) -> Self {
-        Self::start_with(toml, addresses, |command| command.stderr(log))
+    /// Starts a service with these settings and a link to a receiver.
+    pub fn with_receiver(toml: &str) -> (Self, Receiver) {
+        let receiver = Receiver::new();
+        (Self::start(toml, &[receiver.address()]), receiver)
+    }
+
+    /// Starts a service with a receiver, and waits until its face is live.
+    pub fn live(toml: &str) -> (Self, Receiver) {
+        let (service, receiver) = Self::with_receiver(toml);
+        receiver.live();
+        (service, receiver)
     }
 
     /// Starts a service after `prepare` has changed its command.
     pub fn start_with(toml: &str, addresses: &[String], prepare: impl FnOnce(&mut Command) -> &mut Command) -> Self {
-        let links: Vec<String> =
-            addresses.iter().map(|address| format!("[[link]]\naddress = \"{address}\"\n")).collect();
-        let settings = settings(&[toml, &links.concat()].concat());
-        let mut command = facewire(["run", "--config", text(settings.path())]);
-        Self { child: Some(started(prepare(&mut command))), settings }
+        Self::of(facewire::<&str>([]), toml, addresses, prepare)
     }
 
-    /// Returns the number of the thread with this name.
+    /// Starts a service by this command, which takes the arguments of `facewire`.
+    pub fn of(
+        mut command: Command,
+        toml: &str,
+        addresses: &[String],
+        prepare: impl FnOnce(&mut Command) -> &mut Command,
+    ) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let links: String = addresses.iter().map(|address| format!("[[link]]\naddress = \"{address}\"\n")).collect();
+        let settings = folder.path().join("facewire.toml");
+        fs::write(&settings, [toml, &links].concat()).unwrap();
+        let log = fs::File::options().append(true).create(true).open(folder.path().join("log")).unwrap();
+        command.args(["run", "--config", text(&settings)]).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(log);
+        Self { child: prepare(&mut command).spawn().unwrap(), folder, links }
+    }
+
     pub fn thread(&mut self, name: &str) -> i32 {
-        thread_called(self.child.as_mut().unwrap(), name)
+        thread_called(&mut self.child, name)
     }
 
-    /// Gives the service other settings.
+    /// The path of the settings.
+    pub fn settings(&self) -> PathBuf {
+        self.folder.path().join("facewire.toml")
+    }
+
+    pub fn pid(&self) -> Pid {
+        Pid::from_child(&self.child)
+    }
+
+    /// Reads a file of the process in `/proc`.
+    pub fn proc(&self, file: &str) -> String {
+        fs::read_to_string(format!("/proc/{}/{file}", self.child.id())).unwrap()
+    }
+
+    /// A line of `/proc/PID/status`, in KiB.
+    pub fn kib(&self, line: &str) -> usize {
+        let status = self.proc("status");
+        let value = status.lines().find_map(|it| it.strip_prefix(line)).unwrap();
+        value.trim().trim_end_matches(" kB").parse().unwrap()
+    }
+
+    pub fn log(&self) -> String {
+        fs::read_to_string(self.folder.path().join("log")).unwrap()
+    }
+
+    pub fn logged(&self, text: &str) -> usize {
+        self.log().matches(text).count()
+    }
+
+    pub fn await_log(&self, text: &str) {
+        let begun = Instant::now();
+        while self.logged(text) == 0 {
+            assert!(begun.elapsed() < PATIENCE, "no {text}: {}", self.log());
+            sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Gives the service other settings, with the links to its receivers.
     pub fn reload(&self, toml: &str) {
-        std::fs::write(self.settings.path(), toml).unwrap();
+        fs::write(self.settings(), [toml, &self.links].concat()).unwrap();
         self.signal(Signal::HUP);
     }
 
+    /// Gives the service other settings, and waits until it has taken them.
+    pub fn change(&self, toml: &str) {
+        let before = self.logged("settings changed");
+        self.reload(toml);
+        eventually("the new settings", || self.logged("settings changed") > before);
+    }
+
     pub fn signal(&self, signal: Signal) {
-        kill_process(Pid::from_child(self.child.as_ref().unwrap()), signal).unwrap();
+        kill_process(self.pid(), signal).unwrap();
     }
 
     /// Sends the signal and waits for the end. Returns the run, and how long the end took.
     pub fn stop(mut self, signal: Signal) -> (Run, Duration) {
+        let begun = Instant::now();
         self.signal(signal);
-        let mut child = self.child.take().unwrap();
-        let told = Instant::now();
-        while child.try_wait().unwrap().is_none() {
-            if told.elapsed() > PATIENCE {
-                child.kill().unwrap();
-            }
-            sleep(Duration::from_millis(5));
-        }
-        let took = told.elapsed();
-        (Run::ended(&child.wait_with_output().unwrap()), took)
+        eventually("the end", || self.child.try_wait().unwrap().is_some());
+        let took = begun.elapsed();
+        let (status, mut out, err) = (self.child.wait().unwrap().code(), String::new(), self.log());
+        self.child.stdout.take().map(|mut stdout| stdout.read_to_string(&mut out).unwrap());
+        assert!(!err.contains("panicked"), "{err}");
+        (Run { status, out, err }, took)
     }
 
-    pub fn pid(&self) -> u32 {
-        self.child.as_ref().unwrap().id()
+    /// Stops the service as systemd does, which must succeed. Returns its log.
+    pub fn stopped(self) -> String {
+        self.stop(Signal::TERM).0.succeeded().err
     }
 }
 
 impl Drop for Service {
     fn drop(&mut self) {
-        if let Some(child) = &mut self.child {
-            child.kill().unwrap();
-            child.wait().unwrap();
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        if panicking() {
+            let log = self.log();
+            let lines: Vec<&str> = log.lines().rev().take(20).collect();
+            eprintln!("the end of the service's log, newest first:\n{}", lines.join("\n"));
         }
     }
 }
 
-fn started(command: &mut Command) -> Child {
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap()
-}
-
 /// Returns this counter of the last status line in a log.
 pub fn counted(log: &str, key: &str) -> u64 {
-    let line =
-        log.lines().rfind(|line| line.contains(" cameras_opened=")).unwrap_or_else(|| panic!("no status: {log}"));
+    let line = log.lines().rfind(|line| line.contains(" cameras_opened="));
+    let line = line.unwrap_or_else(|| panic!("no status: {log}"));
     let value = line.split_whitespace().find_map(|part| part.strip_prefix(key)?.strip_prefix('='));
     value.unwrap_or_else(|| panic!("no {key}: {line}")).parse().unwrap()
 }
 
-/// A receiver of packets at a UDP port of its own.
-pub struct Receiver(UdpSocket);
+pub struct Receiver(pub UdpSocket);
 
 impl Receiver {
     pub fn new() -> Self {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        socket.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        socket.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
         Self(socket)
     }
 
@@ -115,11 +180,17 @@ impl Receiver {
         self.0.local_addr().unwrap().to_string()
     }
 
-    /// Returns the next packet, which must be valid and come within 5 seconds.
+    /// Returns the next datagram, which must come within 10 seconds.
+    pub fn datagram(&self) -> Vec<u8> {
+        let mut bytes = vec![0; 2048];
+        let length = self.0.recv(&mut bytes).unwrap_or_else(|error| panic!("nothing came: {error}"));
+        bytes.truncate(length);
+        bytes
+    }
+
+    /// Returns the next packet, which must be valid and come within 10 seconds.
     pub fn packet(&self) -> Packet {
-        let mut bytes = [0; PACKET_BYTES + 1];
-        let length = self.0.recv(&mut bytes).unwrap_or_else(|error| panic!("no packet came: {error}"));
-        Packet::decode(&bytes[..length]).unwrap()
+        Packet::decode(&self.datagram()).unwrap()
     }
 
     /// Returns the packets up to and including the first that is wanted.
@@ -131,6 +202,18 @@ impl Receiver {
             packets.push(self.packet());
         }
         packets
+    }
+
+    pub fn until_state(&self, state: State) -> Vec<Packet> {
+        self.until(|packet| packet.state == state)
+    }
+
+    pub fn live(&self) -> Vec<Packet> {
+        self.until_state(State::Live)
+    }
+
+    pub fn live_packets(&self, count: usize) {
+        (0..count).for_each(|_| drop(self.live()));
     }
 
     /// Returns the packets that have come and were not taken yet.

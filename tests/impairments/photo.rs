@@ -10,7 +10,6 @@ const GAMMA: f32 = 2.2;
 const GREY: u8 = 128;
 /// Noise of reading a pixel of a small sensor, in electrons.
 const READ_NOISE: f32 = 5.0;
-/// Normal random numbers of deviation 1.
 static NORMAL: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let mut random = fastrand::Rng::with_seed(7);
     (0..65_521).map(|_| (0..12).map(|_| random.f32()).sum::<f32>() - 6.0).collect()
@@ -68,12 +67,11 @@ impl Photo {
         let noise: Vec<f32> =
             linear.iter().map(|light| (light * electrons + READ_NOISE * READ_NOISE).sqrt() / electrons).collect();
         // Over the root of the light, which is nearly proportional to luma.
-        let encoded: Vec<u8> =
-            ramp(4096, |root| root.powf(2.0 / GAMMA) * 255.0).iter().map(|luma| luma.round() as u8).collect();
+        let encoded = ramp(4096, |root| (root.powf(2.0 / GAMMA) * 255.0).round());
         for (at, luma) in self.planes[0].iter_mut().enumerate() {
             let value = usize::from(*luma);
             let light = linear[value] + noise[value] * NORMAL[start.wrapping_add(at * 31) % NORMAL.len()];
-            *luma = encoded[(light.clamp(0.0, 1.0).sqrt() * 4095.0) as usize];
+            *luma = encoded[(light.clamp(0.0, 1.0).sqrt() * 4095.0) as usize] as u8;
         }
         let gain = light.powf(1.0 / GAMMA);
         for chroma in self.planes[1..].iter_mut().flatten() {
@@ -88,17 +86,13 @@ impl Photo {
         let centre = [f32::midpoint(left, right), f32::midpoint(top, bottom)];
         let radii = [(right - left) * 0.62, (bottom - top) * 0.66];
         let window = (f32::from(luma) / 255.0).powf(GAMMA);
-        let lit: Vec<u8> =
-            ramp(256, |luma| ((luma.powf(GAMMA) + flare * window).min(1.0).powf(1.0 / GAMMA) * 255.0).round())
-                .iter()
-                .map(|luma| *luma as u8)
-                .collect();
+        let lit = ramp(256, |luma| ((luma.powf(GAMMA) + flare * window).min(1.0).powf(1.0 / GAMMA) * 255.0).round());
         for y in 0..self.height {
             for x in 0..self.width {
                 let at = y * self.width + x;
                 let [u, v] = [(x as f32 - centre[0]) / radii[0], (y as f32 - centre[1]) / radii[1]];
                 let person = u * u + v * v < 1.0 || v > 0.0 && u.abs() < 0.6 + (v - 0.8).max(0.0) * 2.0;
-                self.planes[0][at] = if person { lit[usize::from(self.planes[0][at])] } else { luma };
+                self.planes[0][at] = if person { lit[usize::from(self.planes[0][at])] as u8 } else { luma };
                 if !person {
                     self.planes[1][at] = 128;
                     self.planes[2][at] = 128;
@@ -115,25 +109,21 @@ impl Photo {
         let offset = [(width - inner[0]) / 2, (height - inner[1]) / 2];
         let planes = [0, 1, 2].map(|plane: usize| {
             let mut canvas = vec![GREY; width * height];
-            for y in 0..inner[1] {
-                for x in 0..inner[0] {
-                    let span = |at: usize| (at as f32 / factor) as usize..((at + 1) as f32 / factor).ceil() as usize;
-                    let (mut sum, mut count) = (0, 0);
-                    for row in span(y).filter(|row| *row < height) {
-                        for column in span(x).filter(|column| *column < width) {
-                            sum += u32::from(self.planes[plane][row * width + column]);
-                            count += 1;
-                        }
-                    }
-                    canvas[(y + offset[1]) * width + x + offset[0]] = (sum / count.max(1)) as u8;
-                }
+            let span = |at: usize, side: usize| {
+                let end = ((at + 1) as f32 / factor).ceil() as usize;
+                (at as f32 / factor) as usize..end.min(side)
+            };
+            for (x, y) in (0..inner[1]).flat_map(|y| (0..inner[0]).map(move |x| (x, y))) {
+                let places = span(y, height).flat_map(|row| span(x, width).map(move |column| row * width + column));
+                let (sum, count) =
+                    places.fold((0, 0), |(sum, count), place| (sum + u32::from(self.planes[plane][place]), count + 1));
+                canvas[(y + offset[1]) * width + x + offset[0]] = (sum / count.max(1)) as u8;
             }
             canvas
         });
         Self { width, height, planes }
     }
 
-    /// A wall as large and as bright as the picture.
     pub fn wall(&self) -> Self {
         Self { planes: [0; 3].map(|_: usize| vec![GREY; self.width * self.height]), ..*self }
     }

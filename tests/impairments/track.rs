@@ -5,8 +5,7 @@ use facewire::config::Settings;
 use facewire::impairment::ImpairmentSet;
 use facewire::pipeline::Pipeline;
 use facewire::watch::{FaceLook, Look, Watch};
-use facewire_face::{COEFFS, Camera};
-use facewire_face::{Face, Landmarks, MESH};
+use facewire_face::{COEFFS, Camera, Face, Landmarks, MESH};
 
 use super::photo::Photo;
 
@@ -14,18 +13,15 @@ use super::photo::Photo;
 const MOVES: f32 = 0.03;
 /// Time for which an impairment must last. The shortest film has 2.4 s.
 const HOLD_US: u64 = 2_000_000;
-/// Time between two frames of a film.
 const PERIOD_US: usize = 33_333;
 
 pub struct Track {
     /// Number of frames of the film from one frame of the track to the next.
     pub step: usize,
-    /// The coefficients of each frame; `None` without a face.
     pub coefficients: Vec<Option<[f32; COEFFS]>>,
     pub looks: Vec<Look>,
     /// The box around the face, or where it was last.
     pub boxes: Vec<[f32; 4]>,
-    /// The last face.
     pub landmarks: Landmarks,
 }
 
@@ -43,11 +39,8 @@ impl Track {
             let (landmarks, appearance) = found.map(|face| (face.landmarks.clone(), face.appearance.cloned())).unzip();
             let camera = Camera::new(frame.size_px(), settings.camera.horizontal_fov_deg);
             let appearance = appearance.flatten();
-            let solve = |landmarks| {
-                let face = Face { landmarks, appearance: appearance.as_ref() };
-                pipeline.solver.solve(face, &camera, frame.captured_us).ok()
-            };
-            let solution = landmarks.as_ref().and_then(solve);
+            let face = landmarks.as_ref().map(|landmarks| Face { landmarks, appearance: appearance.as_ref() });
+            let solution = face.and_then(|face| pipeline.solver.solve(face, &camera, frame.captured_us).ok());
             track.coefficients.push(solution.map(|solution| solution.smoothed.0));
             track.looks.push(Look::at(frame.picture().unwrap(), landmarks.as_ref()));
             track.landmarks = landmarks.unwrap_or(track.landmarks);
@@ -56,7 +49,6 @@ impl Track {
         track
     }
 
-    /// What is told at the end of the film.
     pub fn told(&self) -> ImpairmentSet {
         let mut watch = Watch::new(HOLD_US);
         for (number, look) in self.looks.iter().enumerate() {
@@ -65,17 +57,7 @@ impl Track {
         watch.present()
     }
 
-    /// The track without a part of its frames.
-    pub fn losing(&self, share: f32) -> Self {
-        let mut random = fastrand::Rng::with_seed(7);
-        self.keeping(|_| random.f32() >= share)
-    }
-
-    pub fn halved(&self) -> Self {
-        self.keeping(|number| number % 2 == 0)
-    }
-
-    fn keeping(&self, mut keeps: impl FnMut(usize) -> bool) -> Self {
+    pub fn keeping(&self, mut keeps: impl FnMut(usize) -> bool) -> Self {
         let kept = self.coefficients.iter().enumerate().map(|(number, row)| row.filter(|_| keeps(number)));
         let (looks, boxes, landmarks) = (self.looks.clone(), self.boxes.clone(), self.landmarks.clone());
         Self { step: self.step, coefficients: kept.collect(), looks, boxes, landmarks }
@@ -83,14 +65,14 @@ impl Track {
 
     /// The coefficients of each frame. A frame without a face repeats the last one.
     fn held(&self) -> Vec<[f32; COEFFS]> {
-        let hold = |last: &mut [f32; COEFFS], row: &Option<[f32; COEFFS]>| {
-            *last = row.unwrap_or(*last);
-            Some(*last)
+        let mut last = [0.0; COEFFS];
+        let mut hold = |row: &Option<[f32; COEFFS]>| {
+            last = row.unwrap_or(last);
+            last
         };
-        self.coefficients.iter().scan([0.0; COEFFS], hold).collect()
+        self.coefficients.iter().map(&mut hold).collect()
     }
 
-    /// The figures of a track beside the undisturbed one.
     pub fn row(&self, whole: &Self) -> String {
         let Agreement { r, difference, faces } = Agreement::of(whole, self);
         let brightness = mean(self.looks.iter().map(|look| look.picture.brightness));
@@ -127,9 +109,7 @@ fn mean(values: impl Iterator<Item = f32>) -> f32 {
 pub struct Agreement {
     /// Mean Pearson correlation of the coefficients that move in the undisturbed film.
     pub r: f32,
-    /// Mean absolute difference.
     pub difference: f32,
-    /// Share of the frames with a face.
     pub faces: f32,
 }
 

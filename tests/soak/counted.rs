@@ -19,7 +19,6 @@ static COUNTED: Counted = Counted;
 
 static COUNTS: [Slot; SLOTS] = [const { Slot { thread: AtomicI32::new(0), count: AtomicU64::new(0) } }; SLOTS];
 
-/// How often a thread has allocated memory.
 struct Slot {
     thread: AtomicI32,
     count: AtomicU64,
@@ -66,15 +65,10 @@ fn count() {
 
 /// Answers each line of standard input with one of standard output: `thread:count` for every thread.
 pub fn answer_on_standard_output() {
-    let answer = || {
-        let counted = COUNTS.iter().filter(|slot| slot.thread.load(Relaxed) != 0);
-        let counts = counted.map(|slot| format!("{}:{}", slot.thread.load(Relaxed), slot.count.load(Relaxed)));
-        counts.collect::<Vec<_>>().join(" ")
-    };
-    thread::spawn(move || {
-        let mut line = String::new();
-        while stdin().read_line(&mut line).is_ok_and(|bytes| bytes > 0) {
-            let _ = writeln!(stdout(), "{}", answer());
+    thread::spawn(|| {
+        for _ in stdin().lines() {
+            let count = |slot: &Slot| format!("{}:{} ", slot.thread.load(Relaxed), slot.count.load(Relaxed));
+            let _ = writeln!(stdout(), "{}", COUNTS.iter().map(count).collect::<String>());
         }
     });
 }

@@ -1,11 +1,11 @@
 //! Judges the service second by second, and as a whole at the end.
 
 use std::collections::BTreeSet;
-use std::fmt;
 use std::time::Duration;
 
-use facewire_packet::{Packet, Reason, State};
+use facewire_packet::{Reason, State};
 
+use super::common::service::counted;
 use super::common::slew::assert_slew;
 use super::process::{Arrival, Sample};
 
@@ -22,7 +22,6 @@ const SURROUNDINGS_S: usize = 3;
 const RESIDENT_NOISE_KIB: f64 = 1024.0;
 const RESIDENT_KIB_PER_H: f64 = 1024.0;
 
-/// The observations so far.
 #[derive(Default)]
 pub struct Judge {
     last: Option<Arrival>,
@@ -33,13 +32,14 @@ pub struct Judge {
     /// For how many seconds frames have flowed under the same settings.
     flowing_s: usize,
     judged_s: usize,
-    growth_kib: f64,
 }
 
 impl Judge {
     /// Judges the packets of a second and the state of the process at its end. The settings may have changed at its beginning.
     pub fn interval(&mut self, packets: Vec<Arrival>, sample: Sample, is_changed: bool) {
-        let flows = !packets.is_empty() && packets.iter().all(|(_, packet)| flows(packet));
+        // These packets stem from frames, with or without a face.
+        let is_of_frame = |(_, packet): &Arrival| matches!(packet.reason, Reason::None | Reason::NoFace);
+        let flows = !packets.is_empty() && packets.iter().all(is_of_frame);
         for arrival in packets {
             self.packet(arrival);
         }
@@ -84,9 +84,14 @@ impl Judge {
         for unwanted in ["panicked", "settings refused", "another program", "not closed it yet"] {
             assert!(!log.contains(unwanted), "{unwanted}: {log}");
         }
-        let reloads = log.matches("settings changed").count();
+        let reloads = log.matches("settings changed").count() as u64;
         assert!(reloads > 0, "{log}");
-        self.assert_counts(log.lines().last().unwrap(), reloads as u64);
+        // Every link sends what this one receives, and a link that a reload opens sends one packet at once besides.
+        let count = |name: &str| counted(log, name);
+        let all = LINKS * self.packets;
+        assert!((all..=all + LINKS * reloads).contains(&count("packets")), "{} received: {log}", self.packets);
+        assert_eq!(count("faces") + count("no_face") + count("rejected"), count("frames"), "{log}");
+        assert_eq!(count("sent") + count("dropped"), count("packets"), "{log}");
         self.assert_memory();
         for wanted in ["Live/None", "Hold/Late", "Neutral/NoFace", "Neutral/NoCamera"] {
             assert!(self.seen.contains(wanted), "{wanted} never came: {:?}", self.seen);
@@ -94,59 +99,30 @@ impl Judge {
         assert!(self.judged_s > 0, "frames never flowed for long enough to be judged");
     }
 
-    /// Checks that the counters of the last line add up. Every link sends what this one receives, and a link that a reload
-    /// opens sends one packet at once besides.
-    fn assert_counts(&self, line: &str, reloads: u64) {
-        let count = |name: &str| -> u64 {
-            let value = line.split_whitespace().find_map(|pair| pair.strip_prefix(name)?.strip_prefix('='));
-            value.and_then(|value| value.parse().ok()).unwrap_or_else(|| panic!("no {name} in {line}"))
-        };
-        let all = LINKS * self.packets;
-        assert!((all..=all + LINKS * reloads).contains(&count("packets")), "{} received, {line}", self.packets);
-        assert_eq!(count("faces") + count("no_face") + count("rejected"), count("frames"), "{line}");
-        assert_eq!(count("sent") + count("dropped"), count("packets"), "{line}");
-    }
-
-    /// Checks that memory and descriptors have not grown.
-    fn assert_memory(&mut self) {
+    fn assert_memory(&self) {
         let judged = &self.samples[WARM_UP_S..];
         let third = judged.len() / 3;
         let (first, last) = (&judged[..third], &judged[judged.len() - third..]);
         let most = |samples: &[Sample]| samples.iter().map(|sample| sample.descriptors).max().unwrap();
         assert!(most(last) <= most(first), "descriptors: {} at first, {} at last", most(first), most(last));
         let between = last[0].at - first[0].at;
-        self.growth_kib = median_kib(last) - median_kib(first);
+        let growth_kib = median_kib(last) - median_kib(first);
         let allowed_kib = RESIDENT_NOISE_KIB.max(RESIDENT_KIB_PER_H * between.as_secs_f64() / 3600.0);
-        assert!(self.growth_kib <= allowed_kib, "memory grew by {} KiB in {between:?}", self.growth_kib);
-    }
-}
-
-impl fmt::Display for Judge {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (first, last) = (&self.samples[0], &self.samples[self.samples.len() - 1]);
-        write!(
-            f,
-            "{} packets in {:.0} s, longest pause {:.0} ms; resident {} KiB, growth between first and last third \
-             {:.0} KiB; {} descriptors; allocations and page faults judged in {} s; seen {:?}",
+        assert!(growth_kib <= allowed_kib, "memory grew by {growth_kib} KiB in {between:?}");
+        println!(
+            "{} packets, longest pause {:?}; growth of memory between first and last third {growth_kib:.0} KiB; {} \
+             descriptors; allocations and page faults judged in {} s; seen {:?}",
             self.packets,
-            (last.at - first.at).as_secs_f64(),
-            self.longest_pause.as_secs_f64() * 1000.0,
-            last.resident_kib,
-            self.growth_kib,
-            last.descriptors,
+            self.longest_pause,
+            most(last),
             self.judged_s,
             self.seen
-        )
+        );
     }
-}
-
-/// Whether the packet stems from a frame, with or without a face.
-fn flows(packet: &Packet) -> bool {
-    matches!(packet.reason, Reason::None | Reason::NoFace)
 }
 
 fn median_kib(samples: &[Sample]) -> f64 {
-    let mut kib: Vec<u64> = samples.iter().map(|sample| sample.resident_kib).collect();
+    let mut kib: Vec<usize> = samples.iter().map(|sample| sample.resident_kib).collect();
     kib.sort_unstable();
     kib[kib.len() / 2] as f64
 }

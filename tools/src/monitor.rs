@@ -106,22 +106,12 @@ pub fn run(args: &MonitorArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// How packets are shown.
-enum View {
-    Screen(Screen),
-    Lines,
-    Json,
-}
-
 /// Shows packets until a signal or a limit ends it. The screen is restored on return.
 fn watch(args: &MonitorArgs, receiver: &mut Receiver, stop: &AtomicBool, tally: &mut Tally) -> Result<(), Failure> {
     let unwritten = |error: io::Error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error);
     let listen = args.input();
-    let (mut view, period) = match args.json {
-        true => (View::Json, Duration::MAX),
-        false if io::stdout().is_terminal() => (View::Screen(Screen::enter().map_err(unwritten)?), SCREEN_PERIOD),
-        false => (View::Lines, LINE_PERIOD),
-    };
+    let is_screen = !args.json && io::stdout().is_terminal();
+    let mut screen = is_screen.then(Screen::enter).transpose().map_err(unwritten)?;
     let begin = Instant::now();
     let end = args.seconds.map(|seconds| begin + seconds);
     let mut shown = begin;
@@ -133,21 +123,20 @@ fn watch(args: &MonitorArgs, receiver: &mut Receiver, stop: &AtomicBool, tally: 
         match receiver.next(left.min(SCREEN_PERIOD))? {
             Some(Ok((packet, from))) => {
                 tally.count(&packet, from, Instant::now());
-                if let View::Json = view {
+                if args.json {
                     io::stdout().write_all(json(tally).as_bytes()).map_err(unwritten)?;
                 }
             }
             Some(Err(fault)) => tally.packets.refuse(fault),
             None => {}
         }
-        if shown.elapsed() >= period {
+        if !args.json && shown.elapsed() >= if is_screen { SCREEN_PERIOD } else { LINE_PERIOD } {
             shown = Instant::now();
-            match &mut view {
-                View::Screen(screen) => screen.draw(&listen, tally, shown),
-                View::Lines => writeln!(io::stdout(), "{}", line(&listen, tally, shown)),
-                View::Json => Ok(()),
-            }
-            .map_err(unwritten)?;
+            let written = match &mut screen {
+                Some(screen) => screen.draw(&listen, tally, shown),
+                None => writeln!(io::stdout(), "{}", line(&listen, tally, shown)),
+            };
+            written.map_err(unwritten)?;
         }
     }
     Ok(())

@@ -19,7 +19,7 @@ use facewire::pipeline::Pipeline;
 use facewire::playback::{Face, Playback, neutral_of};
 use facewire::preflight::load_profile;
 use facewire::service::Step;
-use facewire_face::{LANDMARKS, Landmarks, NeutralMode, Profile, yaw_pitch_roll_deg};
+use facewire_face::{LANDMARKS, NeutralMode, Profile, yaw_pitch_roll_deg};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -114,38 +114,49 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     let mut track = Track {
         playback: Playback::new(pipeline, &settings.failsafe),
         source,
-        stage: args.stage,
-        step: args.step,
-        csv: Csv::create(args.out.as_deref())?,
+        args,
+        out: BufWriter::new(match &args.out {
+            Some(path) => Box::new(File::create(path).map_err(|error| Failure::unwritable(path, &error))?),
+            None => Box::new(io::stdout()),
+        }),
         row: String::new(),
-        landmarks: args.landmarks.as_deref().map(LandmarkFile::new).transpose()?,
+        landmarks: Vec::new(),
         tally: Tally::default(),
     };
+    if let Some(path) = &args.landmarks {
+        // The path is checked before a long film is read. An existing file keeps its content until the end, because it
+        // may be the input.
+        let opened = File::options().append(true).create(true).open(path);
+        opened.map_err(|error| Failure::unwritable(path, &error))?;
+    }
     let begun = Instant::now();
-    let outcome = track.all(args.neutral.as_ref());
+    let outcome = track.all();
     // The rows before an error of the input are kept.
-    let tally = track.finish()?;
-    if outcome.is_ok() || tally.frames > 0 {
-        say(format_args!("{tally} in {:.1} s", begun.elapsed().as_secs_f64()));
+    track.finish()?;
+    if outcome.is_ok() || track.tally.frames > 0 {
+        say(format_args!("{} in {:.1} s", track.tally, begun.elapsed().as_secs_f64()));
     }
     outcome
 }
 
-struct Track {
+struct Track<'a> {
     source: Box<dyn Source>,
     playback: Playback,
-    stage: Stage,
-    step: Step,
-    csv: Csv,
+    args: &'a TrackArgs,
+    /// The CSV file, or standard output.
+    out: BufWriter<Box<dyn Write>>,
     /// The state and the numbers of the last row, for frames that the step leaves out.
     row: String,
-    landmarks: Option<LandmarkFile>,
+    /// The landmarks of all frames. They are kept until the end, because the header of the file states their number.
+    landmarks: Vec<f32>,
     tally: Tally,
 }
 
-impl Track {
-    fn all(&mut self, neutral: Option<&NeutralSource>) -> Result<(), Failure> {
-        if let Some(NeutralSource::Frames(range)) = neutral {
+impl Track<'_> {
+    fn all(&mut self) -> Result<(), Failure> {
+        let columns = ["frame", "time_s", "state"].into_iter().chain(BLENDSHAPES).chain(HEAD_COLUMNS);
+        self.write(&columns.collect::<Vec<_>>().join(","))?;
+        if let Some(NeutralSource::Frames(range)) = &self.args.neutral {
             self.learn_neutral(range)?;
         }
         while let Some(face) = self.playback.find(&mut *self.source)? {
@@ -175,26 +186,27 @@ impl Track {
     /// Skips the frames that the step leaves out after this one, and repeats its row for each.
     fn leave_out(&mut self, face: &Face) -> Result<(), Failure> {
         let rate = self.source.describe().rate.unwrap_or(FrameRate::FPS_30);
-        for number in (face.number + 1..).take(self.step.every() as usize - 1) {
+        for number in (face.number + 1..).take(self.args.step.every() as usize - 1) {
             if !self.source.skip()? {
                 break;
             }
             self.tally.frames += 1;
-            self.csv.write(number, rate.stamp_us(number), &self.row)?;
+            self.write_row(number, rate.stamp_us(number))?;
         }
         Ok(())
     }
 
     /// Solves a frame and writes its row.
     fn frame(&mut self, face: &Face) -> Result<(), Failure> {
-        if let Some(file) = &mut self.landmarks {
-            file.push(face.landmarks.as_deref());
+        if self.args.landmarks.is_some() {
+            let landmarks = face.landmarks.as_deref().map(|landmarks| landmarks.0.as_flattened());
+            self.landmarks.extend_from_slice(landmarks.unwrap_or(&[f32::NAN; 3 * LANDMARKS]));
         }
         let shown = self.playback.show(face);
         self.tally.count(face, shown.solution.is_some());
         let mut pose = shown.pose;
-        if let (Some(solution), Stage::Raw | Stage::Corrected) = (&shown.solution, self.stage) {
-            let is_raw = self.stage == Stage::Raw;
+        if let (Some(solution), Stage::Raw | Stage::Corrected) = (&shown.solution, self.args.stage) {
+            let is_raw = self.args.stage == Stage::Raw;
             pose.coefficients = if is_raw { solution.raw.0 } else { solution.corrected.0 };
             pose.rotation = solution.raw_head.rotation_xyzw;
             pose.position_mm = solution.raw_head.position_mm;
@@ -204,19 +216,43 @@ impl Track {
         let number = |number: &f32| format!(",{:.6}", number + 0.0);
         let numbers = pose.coefficients.iter().chain(&angles_deg).chain(&pose.position_mm).map(number);
         self.row = format!("{}{}", shown.state.name(), numbers.collect::<String>());
-        self.csv.write(face.number, face.time_us, &self.row)
+        self.write_row(face.number, face.time_us)
     }
 
-    fn finish(self) -> Result<Tally, Failure> {
-        if let Some(file) = &self.landmarks {
-            file.write()?;
-        }
-        self.csv.finish()?;
-        let solver = &self.playback.pipeline.solver;
-        let estimate = (solver.neutral_mode == NeutralMode::Auto)
-            .then(|| (100.0 * solver.neutral_share(), solver.neutral_forgotten()));
-        Ok(Tally { estimate, ..self.tally })
+    fn write_row(&mut self, number: u64, time_us: u64) -> Result<(), Failure> {
+        self.write(&format!("{number},{:.6},{}", time_us as f64 / 1e6, self.row))
     }
+
+    fn write(&mut self, line: &str) -> Result<(), Failure> {
+        let written = writeln!(self.out, "{line}");
+        written.map_err(|error| self.unwritable(&error))
+    }
+
+    fn unwritable(&self, error: &io::Error) -> Failure {
+        Failure::unwritable(self.args.out.as_deref().unwrap_or(Path::new(STANDARD_OUTPUT)), error)
+    }
+
+    /// Writes what is left.
+    fn finish(&mut self) -> Result<(), Failure> {
+        if let Some(path) = &self.args.landmarks {
+            write_npy(path, &self.landmarks).map_err(|error| Failure::unwritable(path, &error))?;
+        }
+        let flushed = self.out.flush();
+        flushed.map_err(|error| self.unwritable(&error))?;
+        let solver = &self.playback.pipeline.solver;
+        self.tally.estimate = (solver.neutral_mode == NeutralMode::Auto)
+            .then(|| (100.0 * solver.neutral_share(), solver.neutral_forgotten()));
+        Ok(())
+    }
+}
+
+/// Writes landmarks. All numbers of a frame without a face are not-a-number.
+fn write_npy(path: &Path, values: &[f32]) -> io::Result<()> {
+    let shape = [values.len() / (3 * LANDMARKS), LANDMARKS, 3].map(|side| side as u64);
+    let file = BufWriter::new(File::create(path)?);
+    let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
+    writer.extend(values.iter().copied())?;
+    writer.finish()
 }
 
 /// Numbers of frames.
@@ -253,77 +289,6 @@ impl fmt::Display for Tally {
             1 => write!(f, ", forgotten once for another person"),
             times => write!(f, ", forgotten {times} times for another person"),
         }
-    }
-}
-
-/// The CSV file, or standard output.
-struct Csv {
-    path: PathBuf,
-    output: BufWriter<Box<dyn Write>>,
-}
-
-impl Csv {
-    fn create(path: Option<&Path>) -> Result<Self, Failure> {
-        let output: Box<dyn Write> = match path {
-            Some(path) => Box::new(File::create(path).map_err(|error| Failure::unwritable(path, &error))?),
-            None => Box::new(io::stdout()),
-        };
-        let path = path.unwrap_or(Path::new(STANDARD_OUTPUT)).to_owned();
-        let mut csv = Self { path, output: BufWriter::new(output) };
-        let columns = ["frame", "time_s", "state"].into_iter().chain(BLENDSHAPES).chain(HEAD_COLUMNS);
-        let head = writeln!(csv.output, "{}", columns.collect::<Vec<_>>().join(","));
-        csv.check(head)?;
-        Ok(csv)
-    }
-
-    /// Writes a row: its frame, the frame's time, and the other columns.
-    fn write(&mut self, frame: u64, time_us: u64, columns: &str) -> Result<(), Failure> {
-        let written = writeln!(self.output, "{frame},{:.6},{columns}", time_us as f64 / 1e6);
-        self.check(written)
-    }
-
-    fn finish(mut self) -> Result<(), Failure> {
-        let flushed = self.output.flush();
-        self.check(flushed)
-    }
-
-    fn check(&self, outcome: io::Result<()>) -> Result<(), Failure> {
-        outcome.map_err(|error| Failure::unwritable(&self.path, &error))
-    }
-}
-
-/// Landmarks of all frames. They are kept until the end, because the header of the file states their number.
-struct LandmarkFile {
-    path: PathBuf,
-    values: Vec<f32>,
-}
-
-impl LandmarkFile {
-    /// Checks that the path can be written before a long film is read. An existing file keeps its content until the end,
-    /// because it may be the input.
-    fn new(path: &Path) -> Result<Self, Failure> {
-        let opened = File::options().append(true).create(true).open(path);
-        opened.map_err(|error| Failure::unwritable(path, &error))?;
-        Ok(Self { path: path.to_owned(), values: Vec::new() })
-    }
-
-    /// Adds a frame. All numbers of a frame without a face are not-a-number.
-    fn push(&mut self, landmarks: Option<&Landmarks>) {
-        match landmarks {
-            Some(landmarks) => self.values.extend_from_slice(landmarks.0.as_flattened()),
-            None => self.values.extend([f32::NAN; 3 * LANDMARKS]),
-        }
-    }
-
-    fn write(&self) -> Result<(), Failure> {
-        let shape = [self.values.len() / (3 * LANDMARKS), LANDMARKS, 3].map(|side| side as u64);
-        let write = || {
-            let file = BufWriter::new(File::create(&self.path)?);
-            let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
-            writer.extend(self.values.iter().copied())?;
-            writer.finish()
-        };
-        write().map_err(|error: io::Error| Failure::unwritable(&self.path, &error))
     }
 }
 

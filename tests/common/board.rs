@@ -1,5 +1,4 @@
 //! A pseudo-terminal that plays a board at a serial line.
-#![allow(dead_code, reason = "each test uses a part")]
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -9,7 +8,7 @@ use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::fs::symlink;
 use std::path::PathBuf;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use facewire_packet::{FrameReader, Packet};
 use rustix::fs::{Mode, OFlags};
@@ -17,7 +16,8 @@ use rustix::io::{Errno, ioctl_fionbio};
 use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
-/// The far end of a serial line.
+use super::eventually;
+
 pub struct Board {
     pub master: File,
     pub device: PathBuf,
@@ -59,7 +59,6 @@ impl Board {
         (&self.master).write_all(bytes).unwrap();
     }
 
-    /// Returns the packets that have arrived.
     pub fn packets(&mut self) -> Vec<Packet> {
         let mut bytes = [0; 4096];
         let length = self.master.read(&mut bytes).unwrap_or(0);
@@ -81,14 +80,6 @@ impl Board {
             !packets.is_empty()
         });
         packets
-    }
-}
-
-pub fn eventually(what: &str, mut happens: impl FnMut() -> bool) {
-    let end = Instant::now() + Duration::from_secs(10);
-    while !happens() {
-        assert!(Instant::now() < end, "{what} did not come");
-        thread::sleep(Duration::from_millis(2));
     }
 }
 

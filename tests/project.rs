@@ -1,0 +1,281 @@
+//! The project's own files: the documents refer to what exists, and the scripts and what `systemd/` installs do what they say.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)]
+
+mod common;
+
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use common::program::{Run, text};
+use common::project;
+use facewire::config::parse_and_check;
+use facewire::link::check_settings;
+use tempfile::TempDir;
+
+fn files(folder: &Path) -> Vec<PathBuf> {
+    fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect()
+}
+
+/// Every document for users: those in the top folder, in `docs`, and the README of each folder.
+fn documents() -> Vec<(PathBuf, String)> {
+    let (top, docs) = (files(&project("")), files(&project("docs")));
+    let readmes = top.iter().map(|folder| folder.join("README.md")).filter(|path| path.exists());
+    let is_document = |path: &&PathBuf| path.extension().is_some_and(|ending| ending == "md");
+    let paths: Vec<PathBuf> = top.iter().chain(&docs).filter(is_document).cloned().chain(readmes).collect();
+    paths.into_iter().map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect()
+}
+
+/// The part of a link that leads to a heading: lower case, with hyphens for spaces and without other characters.
+fn anchor(heading: &str) -> String {
+    let kept = heading.chars().filter(|character| character.is_alphanumeric() || " -_".contains(*character));
+    kept.collect::<String>().to_lowercase().replace(' ', "-")
+}
+
+#[test]
+fn every_link_between_documents_leads_to_a_file_and_to_a_heading_in_it() {
+    for (path, document) in documents() {
+        let links = document.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+        for link in links.filter(|link| !link.contains("://")) {
+            let (file, heading) = link.split_once('#').unwrap_or((link, ""));
+            let target = if file.is_empty() { path.clone() } else { path.parent().unwrap().join(file) };
+            assert!(target.exists(), "{}: there is no {link}", path.display());
+            let has_heading = || {
+                let text = fs::read_to_string(&target).unwrap();
+                let mut headings = text.lines().filter(|line| line.starts_with('#'));
+                headings.any(|line| anchor(line.trim_start_matches('#').trim()) == heading)
+            };
+            assert!(heading.is_empty() || has_heading(), "{}: {link} has no such heading", path.display());
+        }
+    }
+}
+
+/// The blocks of settings in a document: in a fence marked `toml`, or indented and beginning with a table.
+fn settings(document: &str) -> impl Iterator<Item = String> {
+    let fenced = document.split("```toml\n").skip(1).map(|rest| rest.split("```").next().unwrap().to_owned());
+    let indented = document.split("\n\n").filter(|paragraph| paragraph.starts_with("    ["));
+    fenced.chain(indented.map(|paragraph| paragraph.lines().map(|line| line.trim().to_owned() + "\n").collect()))
+}
+
+#[test]
+fn every_block_of_settings_in_a_document_loads() {
+    let (mut count, check) = (0, |settings: &_, faults: &mut _| check_settings(settings, &[], faults));
+    for (path, document) in documents() {
+        for block in settings(&document) {
+            // Documents show systemd's units, too.
+            let is_unit = ["[Service]", "[Unit]", "[Journal]"].iter().any(|table| block.starts_with(table));
+            if !is_unit && let Err(faults) = parse_and_check(text(&path), &block, check) {
+                panic!("{faults}\nin\n{block}");
+            }
+            count += 1;
+        }
+    }
+    assert!(count > 5, "{count} blocks");
+}
+
+fn sources(folder: &Path) -> String {
+    let source = |path: &PathBuf| match path.extension().and_then(|ending| ending.to_str()) {
+        None if path.is_dir() => sources(path),
+        Some("rs") => fs::read_to_string(path).unwrap(),
+        _ => String::new(),
+    };
+    files(folder).iter().map(source).collect()
+}
+
+#[test]
+fn every_fault_of_the_table_names_tests_and_they_exist() {
+    let table = fs::read_to_string(project("docs/service.md")).unwrap();
+    let tests = ["src", "tests"].map(|folder| sources(&project(folder))).concat();
+    let rows: Vec<&str> = table.lines().filter(|line| line.matches('|').count() == 5).skip(2).collect();
+    assert!(rows.len() >= 20, "{rows:?}");
+    for row in rows {
+        let names: Vec<&str> = row.rsplit('|').nth(1).unwrap().split('`').skip(1).step_by(2).collect();
+        assert!(!names.is_empty(), "{row}");
+        for name in names {
+            let is_case = project("tests/guest/cases").join(name).exists();
+            assert!(is_case || tests.contains(&format!("fn {name}()")), "{name}");
+        }
+    }
+}
+
+#[test]
+fn the_unit_is_correct_and_exposes_no_more_than_it_did() {
+    let checked = Run::of(&mut Command::new(project("systemd/check"))).succeeded();
+    if checked.out.contains("skipped") {
+        common::skip(&checked.out);
+    }
+}
+
+/// A rule that matches any webcam or any adapter would move its name to whichever device was plugged in last.
+#[test]
+fn udev_rules_give_no_device_a_name_and_keep_modemmanager_away_from_boards() {
+    let file = fs::read_to_string(project("systemd/99-facewire.rules")).unwrap();
+    let rules: Vec<&str> = file.lines().filter(|line| !line.is_empty() && !line.starts_with('#')).collect();
+    for rule in &rules {
+        assert!(!rule.contains("SYMLINK") && !rule.contains("NAME"), "{rule}");
+        let is_of_board = rule.starts_with("SUBSYSTEM==\"tty\"") && rule.contains("ATTRS{idVendor}==");
+        assert!(is_of_board && rule.ends_with("ENV{ID_MM_DEVICE_IGNORE}=\"1\""), "{rule}");
+        // A modem may be behind one of these adapters.
+        assert!(["0403", "1a86", "10c4", "067b"].iter().all(|adapter| !rule.contains(adapter)), "{rule}");
+    }
+}
+
+#[test]
+fn installing_puts_everything_in_place_and_keeps_a_configuration_that_is_there() {
+    let [dest, networks] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    fs::write(networks.path().join("mesh.fwnet"), "").unwrap();
+    let at = |path: &str| dest.path().join(path);
+    let install = |options: &[&str]| {
+        let mut command = Command::new(project("systemd/install"));
+        command.args(["--dest", text(dest.path()), "--networks", text(networks.path())]);
+        Run::of(command.args(["--binary", env!("CARGO_BIN_EXE_facewire")]).args(options)).succeeded()
+    };
+    install(&[]);
+    for (file, mode) in [
+        ("usr/bin/facewire", 0o755),
+        ("usr/lib/facewire/networks/mesh.fwnet", 0o644),
+        ("usr/lib/systemd/system/facewire.service", 0o644),
+        ("usr/lib/udev/rules.d/99-facewire.rules", 0o644),
+        ("usr/share/doc/facewire/service.md", 0o644),
+    ] {
+        assert_eq!(fs::metadata(at(file)).unwrap().permissions().mode() & 0o777, mode, "{file}");
+    }
+    let configuration = at("etc/facewire/facewire.toml");
+    assert_eq!(fs::read(&configuration).unwrap(), fs::read(project("systemd/facewire.toml")).unwrap());
+    fs::write(&configuration, "# mine\n").unwrap();
+    install(&[]);
+    install(&["--uninstall"]);
+    assert_eq!(fs::read_to_string(&configuration).unwrap(), "# mine\n");
+    assert!(!at("usr/bin/facewire").exists() && !at("usr/lib/facewire").exists());
+}
+
+/// Lets one test of scripts run at a time. A process that one test starts would hold the scripts open that another test is
+/// writing, and the system refuses to run a program that is open for writing.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn write_script(path: &Path, commands: &str) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, format!("#!/bin/sh\n{commands}\n")).unwrap();
+    fs::set_permissions(path, Permissions::from_mode(0o755)).unwrap();
+}
+
+fn search_path(first: &Path) -> String {
+    format!("{}:{}", first.display(), std::env::var("PATH").unwrap())
+}
+
+#[test]
+fn setup_refuses_a_machine_without_onnx_runtime_before_it_installs_anything() {
+    let _alone = alone();
+    for (machine, bits) in [("armv7l", "32"), ("aarch64", "32"), ("riscv64", "64")] {
+        let stand_ins = tempfile::tempdir().unwrap();
+        write_script(&stand_ins.path().join("uname"), &format!("echo {machine}"));
+        write_script(&stand_ins.path().join("getconf"), &format!("echo {bits}"));
+        let cache = stand_ins.path().join("cache");
+        let mut setup = Command::new(project("scripts/setup"));
+        setup.arg("onnxruntime").env("PATH", search_path(stand_ins.path())).env("XDG_CACHE_HOME", &cache);
+        let Run { status, out, err } = Run::of(&mut setup);
+        let want = format!("setup: there is no ONNX Runtime for {machine} with {bits} bits: leave networks.engine at");
+        assert!((status, out.as_str()) == (Some(1), "") && err.starts_with(&want), "{err}");
+        assert!(!cache.exists());
+    }
+}
+
+#[test]
+fn help_sets_nothing_up() {
+    let (_alone, folder) = (alone(), tempfile::tempdir().unwrap());
+    let cache = folder.path().join("cache");
+    for name in ["compare", "demo", "package", "setup"] {
+        let mut script = Command::new(project("scripts").join(name));
+        let run = Run::of(script.arg("--help").env("XDG_CACHE_HOME", &cache)).succeeded();
+        assert!(run.out.contains("Usage: scripts/") && run.err.is_empty(), "{name}: {}{}", run.out, run.err);
+        assert!(!cache.exists());
+    }
+}
+
+/// A copy of `scripts/test` in a project whose programs and scripts are stand-ins that do nothing.
+struct Rehearsal {
+    folder: TempDir,
+    _alone: MutexGuard<'static, ()>,
+}
+
+impl Rehearsal {
+    fn new() -> Self {
+        let rehearsal = Self { folder: tempfile::tempdir().unwrap(), _alone: alone() };
+        let programs = "programs/cargo programs/rustfmt programs/shellcheck programs/qemu-aarch64 scripts/setup cross/setup \
+                        cross/count cross/test scripts/package packaging/check packaging/try tests/guest/arm64 \
+                        tests/guest/setup tests/guest/cameras tests/guest/run";
+        programs.split(' ').for_each(|program| rehearsal.replace(program, ""));
+        rehearsal.replace("programs/uname", "echo x86_64");
+        fs::copy(project("scripts/test"), rehearsal.folder.path().join("scripts/test")).unwrap();
+        rehearsal
+    }
+
+    fn replace(&self, file: &str, commands: &str) {
+        write_script(&self.folder.path().join(file), commands);
+    }
+
+    fn run(&self, steps: &[&str]) -> Run {
+        let mut test = Command::new(self.folder.path().join("scripts/test"));
+        test.env("PATH", search_path(&self.folder.path().join("programs"))).env_remove("CARGO_TARGET_DIR");
+        Run::of(test.args(steps))
+    }
+}
+
+/// The last heading of a run of `scripts/test`, without the time, and what follows it.
+fn verdict(output: &str) -> (&str, &str) {
+    let (heading, list) = output.rsplit("\n== ").next().unwrap().split_once('\n').unwrap();
+    (heading.split(" (").next().unwrap(), list)
+}
+
+#[test]
+fn all_passed_is_said_only_if_nothing_was_skipped_and_what_was_is_listed_with_its_reason() {
+    let rehearsal = Rehearsal::new();
+    assert_eq!(verdict(&rehearsal.run(&[]).succeeded().out).0, "all passed");
+    let not_asked_for = "step cross: not asked for\nstep device: not asked for\nstep package: not asked for\n\
+                         step unit: not asked for\n";
+    assert_eq!(verdict(&rehearsal.run(&["lint"]).succeeded().out), ("passed, but 4 skipped", not_asked_for));
+    rehearsal
+        .replace("programs/cargo", "[ $1 != test ] || echo 'golden smile: there is no ffmpeg' >>$FACEWIRE_SKIPPED");
+    rehearsal.replace("tests/guest/setup", "echo 'device tests: they need Debian' >>$FACEWIRE_SKIPPED; exit 77");
+    rehearsal.replace("cross/setup", "exit 77");
+    rehearsal.replace("packaging/check", "exit 77");
+    let run = rehearsal.run(&[]).succeeded();
+    let list = "ARM by emulation: cross/setup does not work on this system\ndevice tests: they need Debian\n\
+                golden smile: there is no ffmpeg\npackages: they are made on x86-64 Debian, as root\n";
+    assert_eq!(verdict(&run.out), ("passed, but 4 skipped", list));
+    assert!(!run.out.contains("all passed"), "{}", run.out);
+}
+
+#[test]
+fn a_step_that_fails_ends_the_run_without_a_verdict() {
+    let rehearsal = Rehearsal::new();
+    let steps = "programs/cargo programs/shellcheck scripts/setup cross/setup cross/count scripts/package packaging/check \
+                 packaging/try tests/guest/setup tests/guest/run";
+    for file in steps.split(' ') {
+        rehearsal.replace(file, "exit 3");
+        let run = rehearsal.run(&[]);
+        assert!(run.status == Some(3) && !run.out.contains("passed"), "{file}: {}", run.out);
+        rehearsal.replace(file, "");
+    }
+}
+
+/// Set for the run of the next test that skips itself.
+const SKIPS: &str = "FACEWIRE_TEST_SKIPS";
+
+#[test]
+fn a_test_that_skips_itself_is_listed_by_its_name() {
+    if std::env::var_os(SKIPS).is_some() {
+        return common::skip("this machine lacks\nsomething\n");
+    }
+    let (_alone, list) = (alone(), tempfile::NamedTempFile::new().unwrap());
+    let mut this = Command::new(std::env::current_exe().unwrap());
+    this.args(["--exact", "a_test_that_skips_itself_is_listed_by_its_name", "--test-threads", "2"]);
+    Run::of(this.env(SKIPS, "1").env("FACEWIRE_SKIPPED", list.path())).succeeded();
+    let want = "project a_test_that_skips_itself_is_listed_by_its_name: this machine lacks something\n";
+    assert_eq!(fs::read_to_string(list.path()).unwrap(), want);
+}

@@ -19,7 +19,6 @@ use super::take::{Refusal, Take};
 
 /// Time to read what to do, for the neutral take and the others.
 const READY_S: [f32; 2] = [1.0, 0.7];
-/// Time for which the face is measured.
 const MEASURE_S: [f32; 2] = [1.5, 0.7];
 /// Time after which a take that is not accepted is given up, counted while a face is seen under fair conditions.
 const PATIENCE_S: [f32; 2] = [15.0, 5.0];
@@ -92,7 +91,6 @@ pub enum Phase {
     Ended,
 }
 
-/// Guides a wearer through a calibration.
 #[derive(Debug)]
 pub struct Guide {
     model: Arc<Model>,
@@ -150,7 +148,6 @@ impl Guide {
         if self.outcome.is_some() { None } else { self.plan.front().copied() }
     }
 
-    /// What the calibration has found, or `None` while it goes on.
     pub fn outcome(&self) -> Option<Result<Calibration, Refusal>> {
         self.outcome.clone()
     }
@@ -247,7 +244,6 @@ impl Guide {
         }
     }
 
-    /// Goes on with the hold, or begins one.
     fn hold(&mut self, take: Take, view: &View<'_>, step_s: f32) {
         let Some(hold) = &mut self.stage.hold else {
             // While a pose fades, the smoothed strength is still high.
@@ -289,7 +285,6 @@ impl Guide {
         }
     }
 
-    /// Goes on with the next take, or ends.
     fn go_on(&mut self) {
         self.plan.pop_front();
         self.stage = Stage::default();

@@ -32,7 +32,6 @@ fn typical(pose: Take) -> (f32, f32) {
     }
 }
 
-/// The neutral take.
 #[derive(Debug)]
 pub(super) struct Known {
     pub(super) neutral: Neutral,
@@ -95,7 +94,6 @@ pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
 /// The neutral take is in doubt if the median reading of a part of the face, in the poses that leave that part at rest,
 /// lies this far or farther from the neutral take.
 const BELOW: f32 = -0.2;
-/// Least number of such poses.
 const LEAST_POSES: usize = 3;
 
 /// Parts of the face: the pose that moves one, the poses that leave it at rest, and what the wearer did in a neutral take in

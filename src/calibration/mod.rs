@@ -1,11 +1,6 @@
 //! Calibration: guides a wearer through some poses, learns from them what is particular about the wearer, and keeps that
-//! in a file.
-//!
-//! ```text
-//! Observation (one per frame) -> Guide -> Takes -> learn -> Profile -> Store
-//! ```
-//!
-//! [`Guide`] and what it is made of are pure: time comes with the observations. [`Store`] is the folder of the profiles.
+//! in a file: `Observation` (one per frame) -> [`Guide`] -> `Takes` -> `learn` -> `Profile` -> [`Store`]. All but the store
+//! is pure: time comes with the observations.
 
 mod guide;
 

@@ -132,7 +132,6 @@ impl<'a> View<'a> {
     }
 }
 
-/// What a frame does to a hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fit {
     Belongs,
@@ -190,7 +189,6 @@ impl Hold {
         self.blink_s = 0.0;
     }
 
-    /// Judges the next frame of a take.
     pub(super) fn judge(&self, take: Take, view: &View<'_>) -> Fit {
         let mut angles = self.first_head_deg.iter().zip(view.seen.head_deg);
         let is_head_still = angles.all(|(before, now)| (now - before).abs() <= STILL_DEG);
@@ -229,7 +227,6 @@ impl Hold {
         (self.held_s / wanted_s).min(frames).clamp(0.0, 1.0)
     }
 
-    /// The mean of the frames.
     pub(super) fn finish(&self) -> Option<Seen> {
         let mean = |sum: f32| sum / self.faces.frames() as f32;
         let residuals = self.residuals.map(|sums| Coefficients(sums.map(mean)));

@@ -18,7 +18,6 @@ const MAX_STEPS: f32 = 50_000.0;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProfileFile {
-    /// The wearer's profile, with a neutral face.
     pub profile: Profile,
     /// The hash of the model that read the takes. Older files do not have it.
     pub model: Option<u32>,

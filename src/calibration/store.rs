@@ -57,7 +57,6 @@ pub struct KeptProfile {
     pub wearer: String,
     pub path: String,
     pub taken: Vec<Take>,
-    /// The poses that were left out, and why.
     pub left_out: Vec<(Take, Refusal)>,
     pub refused: u32,
     /// What is not as it should be, although the profile is in place.
@@ -109,7 +108,6 @@ fn remedy(error: &io::Error) -> &'static str {
     }
 }
 
-/// The folder of the profiles.
 pub struct Store {
     folder: PathBuf,
     /// Brings the entries of the folder to the disk. Tests let it fail.

@@ -87,7 +87,6 @@ fn check_board(settings: &Settings) -> (String, ImpairmentSet) {
     (format!("{}; {}{shown}", machine.tell(settings.board), readings.line), readings.impairments.and(found))
 }
 
-/// Loads the networks, and finds the face in the first frame of the built-in clip.
 fn find_face(settings: &NetworkSettings) -> Result<(Tracker, Face), Failure> {
     let mut tracker = load_tracker(settings)?;
     let mut clip = Clip::once()?;

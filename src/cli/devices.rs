@@ -12,7 +12,6 @@ use crate::link::is_maestro;
 /// Folders of stable links to serial ports: `by-id` names the device, `by-path` the socket it is plugged into.
 const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
 
-/// End of the stable path of a device's first port.
 const FIRST_PORT: &str = "-if00";
 
 pub fn run() -> Result<(), Failure> {

@@ -26,7 +26,6 @@ const EX_IOERR: u8 = 74;
 /// The name of standard output in messages.
 pub const STANDARD_OUTPUT: &str = "standard output";
 
-/// Why a command failed.
 #[derive(Debug)]
 pub struct Failure {
     status: u8,
@@ -56,18 +55,15 @@ impl Failure {
         Self::unwritten(format!("cannot write {}: {error}; {remedy}", path.display()))
     }
 
-    /// A recording could not be read.
     pub fn recording(path: &Path, error: &RecordingError) -> Self {
         let status = if matches!(error, RecordingError::Read(_)) { EX_NOINPUT } else { EX_DATAERR };
         Self { status, message: format!("{}: {error}", path.display()) }
     }
 
-    /// Output could not be written.
     pub fn unwritten(message: String) -> Self {
         Self { status: EX_IOERR, message }
     }
 
-    /// A device does not answer.
     pub fn unavailable(message: String) -> Self {
         Self { status: EX_UNAVAILABLE, message }
     }
@@ -87,7 +83,6 @@ pub fn say(line: impl Display) {
     let _ = writeln!(io::stderr(), "facewire: {line}");
 }
 
-/// Prints text on standard output.
 pub fn print(text: &str) -> Result<(), Failure> {
     io::stdout().write_all(text.as_bytes()).map_err(|error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error))
 }

@@ -104,7 +104,6 @@ pub const TOOLS: [(&str, &str); 6] = [
     ("monitor", "Receive packets and show them live"),
 ];
 
-/// The sources of the settings.
 #[derive(Debug, Clone, Args)]
 pub struct SettingsArgs {
     /// Configuration file [default: built-in settings]

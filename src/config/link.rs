@@ -22,7 +22,6 @@ use super::{
 const BOARD_HZ: u32 = 60;
 /// Positions per second to a servo board: hobby servos read a position 50 times a second.
 const SERVO_HZ: u32 = 50;
-/// Highest baud rate of a Maestro.
 pub const MOST_MAESTRO_BAUD: u32 = 200_000;
 
 /// One `[[link]]`: a receiver, what is sent to it, and when.
@@ -30,7 +29,6 @@ pub const MOST_MAESTRO_BAUD: u32 = 200_000;
 pub struct LinkSettings {
     pub kind: LinkKind,
     pub pace: PaceSettings,
-    /// Changes for this receiver alone.
     pub adjust: Adjustments,
 }
 
@@ -60,7 +58,6 @@ macro_rules! link_kinds {
                 }
             }
 
-            /// The settings that only this kind has.
             fn section(&mut self) -> &mut dyn Section {
                 match self {
                     $( Self::$variant(settings) => settings, )*
@@ -186,7 +183,6 @@ choices! {
     pub enum AtLoss: Neutral = "neutral", Release = "release"
 }
 
-/// Reads one table for each channel.
 fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut Overlay<'_>) {
     channels.extend(entry.each().iter().map(|entry| {
         let mut channel = ChannelSettings::default();
@@ -198,7 +194,6 @@ fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut O
 /// The angles of the head that a channel can follow, degrees: yaw to the person's left, pitch upwards, roll to the
 /// person's right shoulder.
 const ANGLES: [&str; 3] = ["headYaw", "headPitch", "headRoll"];
-/// Number of sources.
 pub const SOURCE_COUNT: usize = COEFFS + ANGLES.len();
 /// The names of all sources: those of the coefficients, then those of the angles.
 pub const SOURCE_NAMES: [&str; SOURCE_COUNT] = {
@@ -220,7 +215,6 @@ impl Default for Sources {
 }
 
 impl Sources {
-    /// The sources that move the channel.
     pub fn used(&self) -> impl Iterator<Item = (&'static str, f32)> {
         SOURCE_NAMES.into_iter().zip(self.0).filter(|(_, gain)| *gain != 0.0)
     }

@@ -33,7 +33,6 @@ pub struct Fault {
 pub struct Faults(Vec<Fault>);
 
 impl Faults {
-    /// Adds a fault without a position.
     pub(super) fn push(&mut self, sentence: String) {
         self.0.push(Fault { place: None, key: String::new(), is_invalid_value: false, sentence });
     }
@@ -58,7 +57,6 @@ impl Faults {
     }
 }
 
-/// A key of a file and its value.
 pub struct Entry<'a> {
     /// The key after those of the tables around it, such as `camera.width`.
     pub path: String,
@@ -160,7 +158,6 @@ impl<'a> Overlay<'a> {
         faults.0.extend(self.found.into_iter().map(|(_, fault)| fault));
     }
 
-    /// Lays the table of this entry over a section.
     pub fn section(&mut self, section: &mut dyn Section, entry: &Entry<'_>) {
         match entry.value.get_ref().as_table() {
             Some(table) => self.entries(section, &entry.path, table),

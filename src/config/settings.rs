@@ -153,7 +153,6 @@ impl SmoothingSettings {
 
 choices! { pub enum CameraFormat: Auto = "auto", Yuyv = "yuyv", Mjpeg = "mjpeg", Nv12 = "nv12", Grey = "grey" }
 choices! {
-    /// Severity of a log message.
     pub enum LogLevel: Error = "error", Warn = "warn", Info = "info", Debug = "debug", Trace = "trace"
 }
 choices! { EngineChoice: Auto = "auto", Native = "native", OnnxRuntime = "onnxruntime" }

@@ -146,56 +146,48 @@ fn the_argument_counts_before_the_file_and_the_file_before_the_board_that_is_rec
 
 #[test]
 fn all_faults_are_reported_at_once_with_line_key_value_and_bounds() {
-    let text = "\
-camera = 3
-[sned]
-[networks]
-threds = 2
-threads = 0
-engine = \"tflite\"
-[solver]
-smoothing_ms = 180
-[failsafe]
-live_ms = \"150\"
-slew_per_s = nan
-[adjust]
-jawLeft = { min = 0.5, max = 0.4 }
-cheekPuff = { gian = 2.0 }
-[wearer]
-\"line\\nend\" = 1
-name = \"tab\tand é\"
-[[link]]
-adjust = { mirror = 3 }
-device = \"/dev/ttyUSB0\"
-[[link]]
-kind = \"maestro\"
-[[link.channel]]
-sources = { jawopen = 1.0, headYaw = 40.0 }
-[[link]]
-kind = \"seriell\"
-baud = 300
-";
-    let want = "\
-facewire.toml:1: camera = 3: give a table
-facewire.toml:2: sned is not a setting; did you mean send?
-facewire.toml:4: networks.threds is not a setting; did you mean threads?
-facewire.toml:5: networks.threads = 0: give a whole number from 1 to 8
-facewire.toml:6: networks.engine = \"tflite\": give one of \"auto\", \"native\", \"onnxruntime\"
-facewire.toml:8: solver.smoothing_ms is no longer a setting: [smoothing] has a filter and a time for each part of the \
-face, such as mouth_ms = 180
-facewire.toml:10: failsafe.live_ms = \"150\": give a whole number from 20 to 5000 (ms)
-facewire.toml:11: failsafe.slew_per_s = nan: give a number from 0.1 to 100.0 (1/s)
-facewire.toml:13: adjust.jawLeft = { min = 0.5, max = 0.4 }: give a min that is at most max
-facewire.toml:14: adjust.cheekPuff.gian is not a setting; did you mean gain?
-facewire.toml:16: wearer.line\\nend is not a setting; there are name, folder, neutral
-facewire.toml:19: link.adjust.mirror = 3: give true or false
-facewire.toml:20: link.device is not a setting of a link with kind = \"udp\"; that has kind, address, pace, rate_hz, loss, adjust
-facewire.toml:24: link.channel.sources.jawopen is not a setting; did you mean jawOpen?
-facewire.toml:24: link.channel.sources.headYaw = 40.0: give a number from -10.0 to 10.0
-facewire.toml:26: link.kind = \"seriell\": give one of \"udp\", \"serial\", \"live-link\", \"vmc\", \"vrchat\", \
-\"maestro\", \"pca9685\", \"ifacialmocap\", \"json\"
-wearer.name = \"tab\\tand é\": give 1 to 32 letters, digits, - or _, or \"\"";
-    assert_eq!(faults(text), want);
+    let lines = [
+        ("camera = 3", "camera = 3: give a table"),
+        ("[sned]", "sned is not a setting; did you mean send?"),
+        ("[networks]\nthreds = 2", "networks.threds is not a setting; did you mean threads?"),
+        ("threads = 0", "networks.threads = 0: give a whole number from 1 to 8"),
+        ("engine = \"tflite\"", "networks.engine = \"tflite\": give one of \"auto\", \"native\", \"onnxruntime\""),
+        (
+            "[solver]\nsmoothing_ms = 180",
+            "solver.smoothing_ms is no longer a setting: [smoothing] has a filter and a time",
+        ),
+        ("[failsafe]\nlive_ms = \"9\"", "failsafe.live_ms = \"9\": give a whole number from 20 to 5000 (ms)"),
+        ("slew_per_s = nan", "failsafe.slew_per_s = nan: give a number from 0.1 to 100.0 (1/s)"),
+        (
+            "[adjust]\njawLeft = { min = 0.5, max = 0.4 }",
+            "adjust.jawLeft = { min = 0.5, max = 0.4 }: give a min that is",
+        ),
+        ("cheekPuff = { gian = 2.0 }", "adjust.cheekPuff.gian is not a setting; did you mean gain?"),
+        ("[wearer]\n\"line\\nend\" = 1", "wearer.line\\nend is not a setting; there are name, folder, neutral"),
+        ("[[link]]\nadjust = { mirror = 3 }", "link.adjust.mirror = 3: give true or false"),
+        (
+            "device = \"/dev/ttyUSB0\"",
+            "link.device is not a setting of a link with kind = \"udp\"; that has kind, address, ",
+        ),
+        (
+            "[[link]]\nkind = \"maestro\"\n[[link.channel]]\nsources = { jawopen = 1 }",
+            "link.channel.sources.jawopen is not",
+        ),
+        ("[[link]]\nkind = \"serial\"\n[[link.channel]]", "link.channel is not a setting of a link with kind"),
+        (
+            "[[link]]\nkind = \"seriell\"",
+            "link.kind = \"seriell\": give one of \"udp\", \"serial\", \"live-link\", \"vmc\", ",
+        ),
+        ("[metrics]\nlisten = \"tab\té\"", "metrics.listen = \"tab\\té\": give \"\", a loopback address"),
+    ];
+    let (mut text, mut want) = (String::new(), Vec::new());
+    for (lines, fault) in lines {
+        text += &format!("{lines}\n");
+        want.push(format!("facewire.toml:{}: {fault}", text.lines().count()));
+    }
+    let faults = faults(&text);
+    assert_eq!(faults.lines().count(), want.len(), "{faults}");
+    faults.lines().zip(want).for_each(|(fault, want)| assert!(fault.starts_with(&want), "{want}: {faults}"));
 }
 
 #[test]

@@ -40,7 +40,6 @@ pub trait Reader<T>: Fn(&mut T, &Entry<'_>, &mut Overlay<'_>) {}
 
 impl<T, F: Fn(&mut T, &Entry<'_>, &mut Overlay<'_>)> Reader<T> for F {}
 
-/// Reads a table.
 pub fn table<T: Section>(section: &mut T, entry: &Entry<'_>, file: &mut Overlay<'_>) {
     file.section(section, entry);
 }
@@ -58,7 +57,6 @@ pub fn choice<T: Choice>() -> impl Reader<T> {
     value(move |value| named(value.as_str()?), one_of(T::ALL.iter().map(|(name, _)| *name)))
 }
 
-/// Describes a choice of these names.
 pub fn one_of(names: impl Iterator<Item = &'static str>) -> String {
     format!("one of {}", names.map(quoted).collect::<Vec<_>>().join(", "))
 }
@@ -131,7 +129,6 @@ pub fn text((expected, takes): Texts) -> impl Reader<String> {
     parsed(expected, move |text| takes(text).then(|| text.to_owned()))
 }
 
-/// Reads an address to listen at.
 pub fn socket_address() -> impl Reader<Option<SocketAddr>> {
     optional("an address of this machine in numbers and a port from 1 to 65535, such as \"0.0.0.0:49983\"", |text| {
         text.parse().ok().filter(|address: &SocketAddr| address.port() != 0)
@@ -181,7 +178,6 @@ impl Address {
         (is_host && is_port).then(|| Self(text.to_owned()))
     }
 
-    /// A port of this machine.
     pub(super) fn local(port: u16) -> Self {
         Self(format!("127.0.0.1:{port}"))
     }
@@ -211,7 +207,6 @@ pub fn optional_address() -> impl Reader<Option<Address>> {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Listen {
     Off,
-    /// A loopback address.
     Tcp(SocketAddr),
     Unix(PathBuf),
 }
@@ -244,7 +239,6 @@ pub fn listen() -> impl Reader<Listen> {
 pub enum JsonTarget {
     Stdout,
     Udp(Address),
-    /// A Unix socket.
     Unix(PathBuf),
 }
 
@@ -263,7 +257,6 @@ pub fn json_target() -> impl Reader<JsonTarget> {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Parameters(Vec<(String, u32)>);
 
-/// Most bits of a binary parameter.
 pub const MOST_BITS: u32 = 8;
 
 impl Parameters {

@@ -328,4 +328,14 @@ mod tests {
         assert!(bars.ends_with("measured ░░░░░░░░░░░░░░░░░░░░░░░░  seen ████████████░░░░░░░░░░░░"), "{bars}");
         assert!(state.contains("waiting. No such movement is seen") && state.contains("refused 1: The head moves"));
     }
+
+    #[test]
+    fn the_documents_name_every_request_of_the_control_socket() {
+        let lines = include_str!("../../docs/calibration.md").lines().map(str::trim);
+        let requests = lines.filter_map(|line| serde_json::from_str(&line[..=line.find('}')?]).ok());
+        let wearer = || Some("anna".to_owned());
+        let all = [Request::Calibrate { wearer: wearer() }, Request::Use { wearer: wearer() }, Request::List {}];
+        let all = [&all[..], &[Request::Delete { wearer: "anna".to_owned() }, Request::Record {}]].concat();
+        assert_eq!(requests.collect::<Vec<Request>>(), all);
+    }
 }

@@ -130,22 +130,3 @@ impl Impairments {
         Impairment::ALL.into_iter().zip(&self.begun).map(|(impairment, begun)| (impairment.name(), begun.load(Relaxed)))
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_impairment_is_counted_when_it_begins_and_not_while_it_lasts() {
-        let impairments = Impairments::default();
-        let hot = |is_present| impairments.set(Impairment::Hot, is_present);
-        [true, true, false, false, true].into_iter().for_each(hot);
-        impairments.set(Impairment::Dark, true);
-        assert_eq!(impairments.present().to_string(), "dark,hot");
-        let begun: Vec<_> = impairments.begun().filter(|(_, count)| *count > 0).collect();
-        assert_eq!(begun, [("dark", 1), ("hot", 2)]);
-        hot(false);
-        impairments.set(Impairment::Dark, false);
-        assert_eq!(impairments.present().to_string(), "none");
-    }
-}

@@ -3,10 +3,10 @@
 //! [`crate::config`] judges settings by their text alone. Whether the networks and the model that they name can be used
 //! at this moment is found out here, and by [`crate::link`] for links.
 
-use facewire_face::{Filters, HeadFilter, InferError, Model, ModelError, Profile, Shaping, Solver, Tracker};
+use facewire_face::{Filters, Group, HeadFilter, InferError, Model, ModelError, Profile, Shaping, Solver, Tracker};
 
 use crate::calibration::{Store, StoreError, WearerName, model_hash};
-use crate::config::{NetworkSettings, Settings, SmoothingSettings, SolverSettings, WearerSettings};
+use crate::config::{NetworkSettings, Settings, SolverSettings, WearerSettings};
 
 #[derive(Debug, thiserror::Error)]
 pub enum SetupError {
@@ -62,20 +62,13 @@ pub fn model_warning(wearer: &WearerSettings, solver: &SolverSettings) -> Option
 }
 
 pub fn shaping(settings: &Settings) -> Shaping {
-    Shaping {
-        rules: settings.plausibility,
-        filters: filters(&settings.smoothing),
-        adjustments: settings.adjust.clone(),
-    }
-}
-
-fn filters(settings: &SmoothingSettings) -> Filters {
-    let seconds = |ms: u32| ms as f32 / 1000.0;
-    let of_group = |group| {
-        let (kind, ms) = settings.of(group);
+    let (smoothing, seconds) = (&settings.smoothing, |ms: u32| ms as f32 / 1000.0);
+    let of_group = |group: Group| {
+        let (kind, ms) = smoothing.of(group);
         group.filter(kind, seconds(ms))
     };
-    Filters::new(of_group, HeadFilter::new(settings.head, seconds(settings.head_ms)))
+    let filters = Filters::new(of_group, HeadFilter::new(smoothing.head, seconds(smoothing.head_ms)));
+    Shaping { rules: settings.plausibility, filters, adjustments: settings.adjust.clone() }
 }
 
 /// A solver by the settings, for a wearer of whom nothing is known.

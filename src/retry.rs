@@ -47,7 +47,7 @@ impl LoggedReasons {
 /// Attempts at something that logs its own failures. Start with a new value after a success.
 #[derive(Debug, Default)]
 pub struct Retry {
-    back_off: BackOff,
+    pub back_off: BackOff,
     pub logged: LoggedReasons,
 }
 
@@ -58,10 +58,6 @@ impl Retry {
         if self.logged.is_new(&reason) {
             tracing::warn!("no {reason}; trying again");
         }
-    }
-
-    pub fn wait(&mut self) -> Duration {
-        self.back_off.wait()
     }
 }
 

@@ -149,7 +149,7 @@ impl<D: Device> Work<D> {
                 Err(error) if error.kind == LinkErrorKind::Claimed && Instant::now() < handover_end => RETRY_PERIOD,
                 ended => {
                     ended.err().iter().for_each(|error| self.log(error));
-                    self.retry.wait()
+                    self.retry.back_off.wait()
                 }
             };
             let end = Instant::now() + wait;

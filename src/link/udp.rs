@@ -144,7 +144,7 @@ impl Host {
                     (Err(_), Some(_)) => {}
                     (Err(error), None) => retry.warn(&error),
                 }
-                thread::park_timeout(if self.current.is_some() { period } else { retry.wait() });
+                thread::park_timeout(if self.current.is_some() { period } else { retry.back_off.wait() });
             }
         };
         let thread = thread::Builder::new().name("fw-lookup".to_owned()).spawn(run);

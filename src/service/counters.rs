@@ -4,11 +4,12 @@
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::time::Duration;
 
 use facewire_packet::{NeutralFace, State};
 
 use super::adaptation::{Cause, Step};
-use super::timing::{PresentLoad, Times, quantiles};
+use super::timing::{Load, Times, micros, quantiles};
 use super::watchdog::Heartbeats;
 use crate::impairment::{Impairment, Impairments};
 use crate::link::Traffic;
@@ -28,6 +29,9 @@ const NEUTRAL_FACES: [NeutralFace; 3] = [NeutralFace::Mean, NeutralFace::Estimat
 pub(super) struct Counters {
     /// Whether the service is to stop. SIGTERM and SIGINT set it.
     pub(super) stop: Arc<AtomicBool>,
+    /// Whether SIGHUP and SIGUSR1 have asked to read the settings again and to write the status line.
+    pub(super) wants_reload: Arc<AtomicBool>,
+    pub(super) wants_status: Arc<AtomicBool>,
     /// Whether the sender is to stop.
     pub(super) stop_sending: AtomicBool,
     pub(super) heartbeats: Heartbeats,
@@ -52,7 +56,10 @@ pub(super) struct Counters {
     pub(super) frame_period_us: AtomicU64,
     pub(super) impairments: Impairments,
     state: AtomicUsize,
-    pub(super) load: PresentLoad,
+    /// The load, of which a reader may see parts of two; `busy_us` is 0 while it is not known.
+    busy_us: AtomicU64,
+    decoding_us: AtomicU64,
+    camera_period_us: AtomicU64,
     /// The step of the pipeline, as an index into [`Step::ALL`].
     step: AtomicUsize,
     /// Why it is not the first one, as an index into [`Cause::ALL`] plus 1; 0 on the first step.
@@ -139,6 +146,20 @@ impl Counters {
         Some((link, io::Error::from_raw_os_error(error)))
     }
 
+    pub(super) fn set_load(&self, load: Option<Load>) {
+        if let Some(load) = load {
+            self.decoding_us.store(micros(load.decoding), Relaxed);
+            self.camera_period_us.store(micros(load.camera_period), Relaxed);
+        }
+        self.busy_us.store(load.map_or(0, |load| micros(load.busy).max(1)), Relaxed);
+    }
+
+    pub(super) fn load(&self) -> Option<Load> {
+        let [busy, decoding, camera_period] = [&self.busy_us, &self.decoding_us, &self.camera_period_us]
+            .map(|time_us| Duration::from_micros(time_us.load(Relaxed)));
+        (!busy.is_zero()).then_some(Load { busy, decoding, camera_period })
+    }
+
     pub(super) fn set_state(&self, state: State) {
         self.state.store(STATES.iter().position(|known| *known == state).unwrap_or(0), Relaxed);
     }
@@ -222,8 +243,6 @@ impl Counters {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use super::*;
 
     #[test]
@@ -243,15 +262,5 @@ mod tests {
                     step=third step_by=slow step_changes=1 picture=full neutral=estimated neutral_share=0.73 \
                     neutral_forgotten=2 wait_ms=0.000/0.000/0.000 ";
         assert!(line.starts_with(want) && line.ends_with(" age_ms=8.13/8.13/8.13"), "{line}");
-    }
-
-    #[test]
-    fn a_refusal_names_its_link_and_the_error_until_it_is_cleared() {
-        let counters = Counters::default();
-        let refused = |refusal| {
-            counters.set_refusal(refusal);
-            counters.refusal().map(|(link, error)| (link, error.raw_os_error()))
-        };
-        assert_eq!([Some((2, 101)), None].map(refused), [Some((2, Some(101))), None]);
     }
 }

@@ -140,7 +140,8 @@ mod tests {
         let counters = Counters::default();
         counters.solved.store(7, Relaxed);
         counters.traffic.dropped.store(2, Relaxed);
-        counters.impairments.set(Impairment::Hot, true);
+        // It begins twice, and lasts for two looks.
+        [true, true, false, true].iter().for_each(|is_hot| counters.impairments.set(Impairment::Hot, *is_hot));
         counters.set_step(Step::Half, Some(Cause::Hot));
         counters.set_neutral(NeutralFace::Estimated, 0.5, 3);
         counters.times.mesh.record(Duration::from_micros(20));
@@ -149,7 +150,7 @@ mod tests {
             "# TYPE facewire_frames counter",
             "facewire_frames_total{result=\"solved\"} 7",
             "facewire_link_packets_total{result=\"dropped\"} 2",
-            "facewire_impairments_total{by=\"hot\"} 1",
+            "facewire_impairments_total{by=\"hot\"} 2",
             "facewire_step{step=\"half\"} 1",
             "facewire_step{step=\"full\"} 0",
             "facewire_neutral_face{from=\"estimated\"} 1",

@@ -43,7 +43,7 @@ use self::links::Links;
 use self::realtime::Scheduling;
 use self::reload::{InUse, LoadSettings, Loader, Mailbox, Reloader};
 use self::sender::{Sender, SenderSettings};
-use self::supervisor::{Signals, Supervisor};
+use self::supervisor::{Supervisor, catch_signals};
 use self::watchdog::Phase;
 use crate::calibration::WearerName;
 use crate::capture::{CaptureError, monotonic_us};
@@ -90,7 +90,7 @@ pub fn run(
     set_log_level: Box<dyn Fn(LogLevel)>,
 ) -> Result<String, ServiceError> {
     let counters = Arc::new(Counters::default());
-    let signals = Signals::catch(&counters)?;
+    catch_signals(&counters)?;
     let links = Links::change(&settings.links, &[], &counters.traffic)?;
     let (loader, wanted) = (Loader::start()?, settings.clone());
     let pipeline = match loader.begin(move || Pipeline::load(&wanted)).recv() {
@@ -149,7 +149,7 @@ pub fn run(
         in_use,
         preparing: None,
     };
-    let mut supervisor = Supervisor::new(Arc::clone(&counters), signals, heard, reloader);
+    let mut supervisor = Supervisor::new(Arc::clone(&counters), heard, reloader);
     supervisor.run(|| !sender.is_finished() && !hot.is_finished());
     // The receivers get the last packets first: the control thread may be writing to a slow disk.
     let ended = stop(&counters, sender, hot);

@@ -130,12 +130,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_default_settings_request_nothing_and_the_sender_has_a_higher_priority_than_the_hot_loop() {
-        let mut settings = RealtimeSettings::default();
-        assert!(!settings.lock_memory);
-        assert!(Scheduling::hot(&settings).apply().is_empty() && Scheduling::sender(&settings).apply().is_empty());
-        settings.priority = 20;
-        assert_eq!([Scheduling::hot, Scheduling::sender].map(|of| of(&settings).priority), [Some(20), Some(21)]);
+    fn the_sender_has_a_higher_priority_than_the_hot_loop_and_the_default_settings_ask_for_none() {
+        let priorities =
+            |settings: &RealtimeSettings| [Scheduling::hot, Scheduling::sender].map(|of| of(settings).priority);
+        assert_eq!(priorities(&RealtimeSettings::default()), [None; 2]);
+        let settings = RealtimeSettings { priority: 20, ..RealtimeSettings::default() };
+        assert_eq!(priorities(&settings), [Some(20), Some(21)]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::io;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
@@ -28,29 +28,19 @@ const STATUS_PERIOD: Duration = Duration::from_secs(10);
 /// What impairs tracking, and that the board is too slow, is not logged again within this time.
 const IMPAIRMENT_PERIOD: Duration = Duration::from_mins(10);
 
-#[derive(Default)]
-pub(super) struct Signals {
-    reload: Arc<AtomicBool>,
-    status: Arc<AtomicBool>,
-}
-
-impl Signals {
-    /// Installs the handlers. The first SIGTERM or SIGINT stops the service, the second ends the process at once.
-    pub(super) fn catch(counters: &Counters) -> io::Result<Self> {
-        for signal in [SIGTERM, SIGINT] {
-            flag::register_conditional_shutdown(signal, EXIT_SECOND_SIGNAL, Arc::clone(&counters.stop))?;
-            flag::register(signal, Arc::clone(&counters.stop))?;
-        }
-        let signals = Self::default();
-        flag::register(SIGHUP, Arc::clone(&signals.reload))?;
-        flag::register(SIGUSR1, Arc::clone(&signals.status))?;
-        Ok(signals)
+/// Installs the handlers. The first SIGTERM or SIGINT stops the service, the second ends the process at once.
+pub(super) fn catch_signals(counters: &Counters) -> io::Result<()> {
+    for signal in [SIGTERM, SIGINT] {
+        flag::register_conditional_shutdown(signal, EXIT_SECOND_SIGNAL, Arc::clone(&counters.stop))?;
+        flag::register(signal, Arc::clone(&counters.stop))?;
     }
+    flag::register(SIGHUP, Arc::clone(&counters.wants_reload))?;
+    flag::register(SIGUSR1, Arc::clone(&counters.wants_status))?;
+    Ok(())
 }
 
 pub(super) struct Supervisor {
     counters: Arc<Counters>,
-    signals: Signals,
     events: Receiver<Event>,
     reloader: Reloader,
     watchdog: Option<Watchdog>,
@@ -60,13 +50,13 @@ pub(super) struct Supervisor {
 }
 
 impl Supervisor {
-    pub(super) fn new(counters: Arc<Counters>, signals: Signals, events: Receiver<Event>, reloader: Reloader) -> Self {
+    pub(super) fn new(counters: Arc<Counters>, events: Receiver<Event>, reloader: Reloader) -> Self {
         let watchdog = Watchdog::from_env(monotonic_us());
         let hardware = Hardware::new(hardware::root(), reloader.live.hardware.clone());
         let blind_because = "no camera has been opened yet".to_owned();
         let log = Log { blind_because, last_status: Some((Instant::now(), 0)), ..Log::default() };
         let adaptation = Adaptation::default();
-        Self { counters, signals, events, reloader, watchdog, adaptation, log, hardware }
+        Self { counters, events, reloader, watchdog, adaptation, log, hardware }
     }
 
     /// Runs until the service is to stop, or until `all_run` says that a thread has ended by itself.
@@ -109,7 +99,7 @@ impl Supervisor {
     }
 
     fn reload(&mut self) {
-        if self.reloader.preparing.is_none() && self.signals.reload.swap(false, Relaxed) {
+        if self.reloader.preparing.is_none() && self.counters.wants_reload.swap(false, Relaxed) {
             self.reloader.start();
         }
         if self.reloader.step() {
@@ -127,7 +117,7 @@ impl Supervisor {
 
     fn adapt(&mut self, now_us: u64) {
         let (counters, adaptation) = (&self.counters, &mut self.adaptation);
-        let load = counters.load.get().filter(|_| counters.camera_open.load(Relaxed));
+        let load = counters.load().filter(|_| counters.camera_open.load(Relaxed));
         let before = (adaptation.step, adaptation.picture.is_small);
         let conditions = Conditions {
             is_allowed: self.reloader.live.adaptation.enabled,
@@ -149,7 +139,7 @@ impl Supervisor {
     }
 
     fn tell_status(&mut self) {
-        let is_asked = self.signals.status.swap(false, Relaxed);
+        let is_asked = self.counters.wants_status.swap(false, Relaxed);
         if !is_asked && self.log.last_status.is_some_and(|(last, _)| last.elapsed() < STATUS_PERIOD) {
             return;
         }

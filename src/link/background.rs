@@ -87,8 +87,8 @@ impl Background {
     ) -> Result<Self, LinkError> {
         let (newest, output) = triple_buffer(&Message::new());
         let shared = Arc::new(Shared { traffic, has_receiver: is_found.into(), ..Shared::default() });
-        let work = Work { device, newest: output, shared: Arc::clone(&shared), retry: Retry::default() };
-        let thread = Builder::new().name(name.to_owned()).spawn(move || work.run());
+        let theirs = Arc::clone(&shared);
+        let thread = Builder::new().name(name.to_owned()).spawn(move || run(device, output, &theirs));
         let thread = thread.map_err(|error| LinkError::no_thread(link, error))?;
         Ok(Self { newest, shared, thread })
     }
@@ -131,81 +131,74 @@ impl Drop for Background {
     }
 }
 
-struct Work<D> {
-    device: D,
-    newest: Newest<Message>,
-    shared: Arc<Shared>,
-    /// The attempts to open the device since the last message was written.
-    retry: Retry,
+/// Writes messages until it is told to stop, and logs what happens to the device, because no message waits for it.
+fn run(mut device: impl Device, mut newest: Newest<Message>, shared: &Shared) {
+    let (handover_end, mut retry) = (Instant::now() + HANDOVER, Retry::default());
+    while !shared.stopping() {
+        let ended = session(&mut device, &mut newest, shared, &mut retry);
+        shared.open.store(false, Relaxed);
+        let is_claimed = ended.as_ref().is_err_and(|error| error.kind == LinkErrorKind::Claimed);
+        let wait = if is_claimed && Instant::now() < handover_end {
+            RETRY_PERIOD
+        } else {
+            match ended {
+                // A receiver that is not there yet is no fault.
+                Err(error) if error.kind == LinkErrorKind::Waiting && retry.logged.is_new(&error.to_string()) => {
+                    tracing::info!("{error}");
+                }
+                Err(error) if error.kind != LinkErrorKind::Waiting => retry.warn(&error),
+                _ => {}
+            }
+            retry.back_off.wait()
+        };
+        let end = Instant::now() + wait;
+        while !shared.stopping() && Instant::now() < end {
+            thread::park_timeout(end.saturating_duration_since(Instant::now()));
+        }
+    }
+    // A message that came while there was no device is dropped.
+    if newest.update() {
+        shared.drop_one();
+    }
 }
 
-impl<D: Device> Work<D> {
-    fn run(mut self) {
-        let handover_end = Instant::now() + HANDOVER;
-        while !self.shared.stopping() {
-            let ended = self.session();
-            self.shared.open.store(false, Relaxed);
-            let wait = match ended {
-                Err(error) if error.kind == LinkErrorKind::Claimed && Instant::now() < handover_end => RETRY_PERIOD,
-                ended => {
-                    ended.err().iter().for_each(|error| self.log(error));
-                    self.retry.back_off.wait()
-                }
-            };
-            let end = Instant::now() + wait;
-            while !self.shared.stopping() && Instant::now() < end {
-                thread::park_timeout(end.saturating_duration_since(Instant::now()));
-            }
-        }
-        // A message that came while there was no device is dropped.
-        if self.newest.update() {
-            self.shared.drop_one();
-        }
+/// Runs from opening the device to the first error, or to the end. `retry` starts anew with each message that is written.
+fn session(
+    device: &mut impl Device,
+    newest: &mut Newest<Message>,
+    shared: &Shared,
+    retry: &mut Retry,
+) -> Result<(), LinkError> {
+    let opened = device.open();
+    if !opened.as_ref().is_err_and(|error| error.kind == LinkErrorKind::Waiting) {
+        shared.has_receiver.store(true, Relaxed);
     }
-
-    /// Logs why the device is not open, once for each reason. A receiver that is not there yet is no fault, and is
-    /// logged as information.
-    fn log(&mut self, error: &LinkError) {
-        if error.kind != LinkErrorKind::Waiting {
-            self.retry.warn(error);
-        } else if self.retry.logged.is_new(&error.to_string()) {
-            tracing::info!("{error}");
-        }
-    }
-
-    fn session(&mut self) -> Result<(), LinkError> {
-        let Self { device, newest, shared, retry } = self;
-        let opened = device.open();
-        if !opened.as_ref().is_err_and(|error| error.kind == LinkErrorKind::Waiting) {
-            shared.has_receiver.store(true, Relaxed);
-        }
-        let (mut session, mut is_refused) = (opened?, false);
-        shared.open.store(true, Relaxed);
-        loop {
-            // Read before the message, so that a message given before the end is still written.
-            let stopping = shared.stopping();
-            if newest.update() {
-                let took = session.write(newest.peek_output_buffer());
-                is_refused = matches!(took, Ok(false));
-                if matches!(took, Ok(true)) {
-                    *retry = Retry::default();
-                    shared.traffic.sent.fetch_add(1, Relaxed);
-                } else {
-                    shared.drop_one();
-                }
-                took?;
-            } else if stopping {
-                // No newer message will come, so a busy device is offered this one again. It has already been counted.
-                let end = Instant::now() + LAST_MESSAGE_TIMEOUT;
-                while is_refused && Instant::now() < end {
-                    thread::sleep(RETRY_PERIOD);
-                    is_refused = !session.write(newest.peek_output_buffer())?;
-                }
-                return Ok(());
+    let (mut session, mut is_refused) = (opened?, false);
+    shared.open.store(true, Relaxed);
+    loop {
+        // Read before the message, so that a message given before the end is still written.
+        let stopping = shared.stopping();
+        if newest.update() {
+            let took = session.write(newest.peek_output_buffer());
+            is_refused = matches!(took, Ok(false));
+            if matches!(took, Ok(true)) {
+                *retry = Retry::default();
+                shared.traffic.sent.fetch_add(1, Relaxed);
             } else {
-                session.attend()?;
-                thread::park_timeout(IDLE);
+                shared.drop_one();
             }
+            took?;
+        } else if stopping {
+            // No newer message will come, so a busy device is offered this one again. It has already been counted.
+            let end = Instant::now() + LAST_MESSAGE_TIMEOUT;
+            while is_refused && Instant::now() < end {
+                thread::sleep(RETRY_PERIOD);
+                is_refused = !session.write(newest.peek_output_buffer())?;
+            }
+            return Ok(());
+        } else {
+            session.attend()?;
+            thread::park_timeout(IDLE);
         }
     }
 }

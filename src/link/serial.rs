@@ -1,21 +1,18 @@
 //! Serial lines: one message, one write. Raw bytes, 8N1, no flow control.
 //!
-//! Role: takes messages to a microcontroller by UART or USB, on a thread of its own ([`Background`]). May also ask the
-//! receiver about its state ([`Inquiry`]).
 //! Contract: a port that is missing or disappears is opened again by its path. The newest message wins on the line as
 //! well: a message that would wait behind more than one other is dropped. A board that restarts gets not a byte until its
 //! boot loader has started the sketch: the boot loader of an Uno takes bytes for commands, and 0x64 erases its memory.
 //! Limits: input that is no answer is discarded. A receiver that stops reading loses messages, which only the log shows.
 //!
-//! `serialport` locks an open port against other processes: with TIOCEXCL, which does not hold off root, and with
-//! `flock`, which does. Its attempt to open a locked port takes TIOCEXCL off the port, though, and its error does not
-//! say who has the port. Links therefore claim a port before they touch it.
+//! `serialport` locks an open port against other processes with TIOCEXCL and `flock`. Its attempt to open a locked port
+//! takes TIOCEXCL off the port, though, and its error does not say who has it. Links therefore claim a port before they
+//! touch it.
 //!
 //! Arduino-like boards restart when DTR rises. Linux raises DTR when a port is opened, and lowers it when the port is
-//! closed unless HUPCL is cleared; `serialport` leaves both to the system. HUPCL is therefore cleared: a board restarts when
-//! its port is opened for the first time, not whenever the service restarts. HUPCL that is set tells that the port is
-//! opened for the first time; for a board that restarts, it is cleared only when the restart is over. Whoever closes the
-//! port earlier lowers DTR, so that the next one to open it restarts the board again and waits again.
+//! closed unless HUPCL is cleared. HUPCL is therefore cleared, so that a board restarts only when its port is opened for the
+//! first time; for a board that restarts, it is cleared only when the restart is over. Whoever closes the port earlier
+//! lowers DTR, so that the next one to open it restarts the board again and waits again.
 
 mod board;
 

@@ -27,7 +27,7 @@ pub enum PlaybackError {
 
 /// What was found in one frame of the file.
 #[derive(Debug, Clone)]
-pub struct Face {
+pub struct TrackedFrame {
     pub number: u64,
     pub time_us: u64,
     size_px: [f32; 2],
@@ -62,13 +62,13 @@ impl Playback {
 
     /// Reads the next frame and finds its face; `None` at the end. Landmarks that form no face are kept, but the next
     /// frame is searched anew.
-    pub fn find(&mut self, source: &mut dyn Source) -> Result<Option<Face>, PlaybackError> {
+    pub fn find(&mut self, source: &mut dyn Source) -> Result<Option<TrackedFrame>, PlaybackError> {
         let rate = source.describe().rate;
         let face = match source.next() {
             Ok(None) => return Ok(None),
             Ok(Some(frame)) => {
                 let face = self.pipeline.find(&frame)?;
-                Face {
+                TrackedFrame {
                     number: frame.number,
                     time_us: frame.captured_us,
                     size_px: frame.size_px(),
@@ -79,7 +79,7 @@ impl Playback {
             }
             Err(CaptureError::Frame { number, .. }) => {
                 let time_us = rate.map_or(0, |rate| rate.stamp_us(number));
-                Face { number, time_us, size_px: [0.0; 2], landmarks: None, appearance: None, damaged: true }
+                TrackedFrame { number, time_us, size_px: [0.0; 2], landmarks: None, appearance: None, damaged: true }
             }
             Err(error) => return Err(error.into()),
         };
@@ -90,7 +90,7 @@ impl Playback {
     }
 
     /// Solves a face. A frame without a solution shows what the service would send.
-    pub fn show(&mut self, face: &Face) -> Shown {
+    pub fn show(&mut self, face: &TrackedFrame) -> Shown {
         let solution = self.pipeline.process(&face.frame()).solved.ok();
         if face.landmarks.is_some() && solution.is_none() {
             self.pipeline.forget_face();
@@ -103,7 +103,7 @@ impl Playback {
     }
 }
 
-impl Face {
+impl TrackedFrame {
     pub fn frame(&self) -> Frame<'_> {
         let appearance = self.appearance.as_ref();
         let face = self.landmarks.as_deref().map(|landmarks| facewire_face::Face { landmarks, appearance });
@@ -113,7 +113,7 @@ impl Face {
 }
 
 /// Returns the mean of the faces of these frames, to be taken as the wearer's neutral face.
-pub fn neutral_of(faces: &[Face], frames: &Range<u64>) -> Result<Neutral, SolveError> {
+pub fn neutral_of(faces: &[TrackedFrame], frames: &Range<u64>) -> Result<Neutral, SolveError> {
     let mut mean = FaceMean::default();
     let chosen = faces.iter().filter(|face| frames.contains(&face.number));
     for normalised in chosen.filter_map(|face| normalise(face.landmarks.as_deref()?).ok()) {

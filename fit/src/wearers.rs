@@ -8,7 +8,7 @@ use clap::Args;
 use facewire::calibration::{Guide, Observation, Take};
 use facewire::capture::Content;
 use facewire::config::Settings;
-use facewire::playback::{Face, Shown};
+use facewire::playback::{Shown, TrackedFrame};
 use facewire_face::{BLENDSHAPES, COEFFS, Camera, Group, Model, NeutralMode, Profile};
 use rayon::prelude::*;
 
@@ -200,7 +200,7 @@ impl Learned {
     }
 }
 
-fn observation(model: &Model, face: &Face, time_us: u64) -> Observation {
+fn observation(model: &Model, face: &TrackedFrame, time_us: u64) -> Observation {
     let frame = face.frame();
     let camera = Camera::new(frame.size_px(), Settings::default().camera.horizontal_fov_deg);
     let seen = if let Content::Face { face, .. } = frame.content { face } else { None };

@@ -16,7 +16,7 @@ use facewire::calibration::WearerName;
 use facewire::capture::{FrameRate, Source};
 use facewire::cli::{Failure, STANDARD_OUTPUT, SettingsArgs, say};
 use facewire::pipeline::Pipeline;
-use facewire::playback::{Face, Playback, neutral_of};
+use facewire::playback::{Playback, TrackedFrame, neutral_of};
 use facewire::preflight::load_profile;
 use facewire::service::Step;
 use facewire_face::{LANDMARKS, NeutralMode, Profile, yaw_pitch_roll_deg};
@@ -169,7 +169,7 @@ impl Track<'_> {
     /// Reads up to the end of the range, takes the mean of the faces in the range as neutral, then solves all frames read.
     fn learn_neutral(&mut self, range: &Range<u64>) -> Result<(), Failure> {
         let mut read = Vec::new();
-        while read.last().is_none_or(|face: &Face| face.number + 1 < range.end) {
+        while read.last().is_none_or(|face: &TrackedFrame| face.number + 1 < range.end) {
             let Some(face) = self.playback.find(&mut *self.source)? else { break };
             read.push(face);
         }
@@ -184,7 +184,7 @@ impl Track<'_> {
     }
 
     /// Skips the frames that the step leaves out after this one, and repeats its row for each.
-    fn leave_out(&mut self, face: &Face) -> Result<(), Failure> {
+    fn leave_out(&mut self, face: &TrackedFrame) -> Result<(), Failure> {
         let rate = self.source.describe().rate.unwrap_or(FrameRate::FPS_30);
         for number in (face.number + 1..).take(self.args.step.every() as usize - 1) {
             if !self.source.skip()? {
@@ -197,7 +197,7 @@ impl Track<'_> {
     }
 
     /// Solves a frame and writes its row.
-    fn frame(&mut self, face: &Face) -> Result<(), Failure> {
+    fn frame(&mut self, face: &TrackedFrame) -> Result<(), Failure> {
         if self.args.landmarks.is_some() {
             let landmarks = face.landmarks.as_deref().map(|landmarks| landmarks.0.as_flattened());
             self.landmarks.extend_from_slice(landmarks.unwrap_or(&[f32::NAN; 3 * LANDMARKS]));
@@ -266,7 +266,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn count(&mut self, face: &Face, is_solved: bool) {
+    fn count(&mut self, face: &TrackedFrame, is_solved: bool) {
         self.frames += 1;
         self.faces += u64::from(is_solved);
         self.damaged += u64::from(face.damaged);

@@ -10,7 +10,7 @@ use anyhow::{Context, Result, ensure};
 use facewire::capture::{AviSource, FrameRate};
 use facewire::config::Settings;
 use facewire::pipeline::Pipeline;
-use facewire::playback::{Face, Playback, neutral_of};
+use facewire::playback::{Playback, TrackedFrame, neutral_of};
 use facewire::preflight::{load_tracker, shaping};
 use facewire_face::{COEFFS, Model, Neutral, NeutralMode, Profile, Solver};
 use rayon::prelude::*;
@@ -145,7 +145,7 @@ fn people_of(model: &Model, samples: &[Sample], faces: &Faces) -> Result<Vec<Per
 /// A clip of one person with its truth, tracked as `facewire track` does.
 pub struct Clip {
     pub name: String,
-    pub faces: Vec<Face>,
+    pub faces: Vec<TrackedFrame>,
     pub truth: Truth,
     pub parts: Parts,
 }
@@ -184,7 +184,7 @@ impl Clip {
     }
 }
 
-fn track(film: &Path) -> Result<Vec<Face>> {
+fn track(film: &Path) -> Result<Vec<TrackedFrame>> {
     let settings = Settings::default();
     let path = film.to_str().context("the path is not UTF-8")?;
     let mut source = AviSource::open(BufReader::new(File::open(film)?), path, FrameRate::FPS_30)?;

@@ -158,7 +158,9 @@ impl<R: Read> Riff<R> {
                 (_, None) => continue,
                 (id, Some(bytes)) => (id, bytes),
             };
-            let fields = self.read_start(bytes).map_err(early)?;
+            let (length, mut fields) = (FIELD_BYTES.min(bytes as usize), [0; FIELD_BYTES]);
+            self.read_exact(fields.get_mut(..length).unwrap_or_default()).map_err(early)?;
+            self.skip(u64::from(bytes) - length as u64).map_err(early)?;
             let word = |at: usize| fields.get(at..).and_then(<[u8]>::first_chunk).copied().unwrap_or_default();
             let number = |at| u32::from_le_bytes(word(at));
             if id == *b"strh" {
@@ -213,15 +215,6 @@ impl<R: Read> Riff<R> {
         let mut kind = [0; 4];
         self.read_exact(&mut kind)?;
         Ok(Some((kind, None)))
-    }
-
-    /// Returns the first bytes of a chunk, with zeros behind a shorter one, and skips the rest.
-    fn read_start(&mut self, bytes: u32) -> io::Result<[u8; FIELD_BYTES]> {
-        let mut start = [0; FIELD_BYTES];
-        let length = usize::try_from(bytes).map_or(FIELD_BYTES, |bytes| bytes.min(FIELD_BYTES));
-        self.read_exact(start.get_mut(..length).unwrap_or_default())?;
-        self.skip(u64::from(bytes) - length as u64)?;
-        Ok(start)
     }
 
     fn skip(&mut self, bytes: u64) -> io::Result<()> {

@@ -62,7 +62,8 @@ pub(super) struct DeliveryCounter {
     numbers: u64,
     /// Frames that are missing by the timestamps.
     gaps: u64,
-    damaged: u64,
+    /// Frames that arrived damaged.
+    pub(super) damaged: u64,
 }
 
 impl DeliveryCounter {
@@ -88,10 +89,6 @@ impl DeliveryCounter {
             self.numbers += numbers;
             self.gaps += ((time_us + self.period_us / 2) / self.period_us).saturating_sub(1);
         }
-    }
-
-    pub(super) fn damaged(&mut self) {
-        self.damaged += 1;
     }
 
     /// Returns the counts of a window when it is complete, and begins the next one. Returns `None` if every frame of the
@@ -164,7 +161,7 @@ mod tests {
             let captured_us = u64::from(number) * PERIOD_US;
             counter.arrived(Arrival { sequence: number, captured_us, taken_us: captured_us });
             if number % 10 == 3 {
-                counter.damaged();
+                counter.damaged += 1;
             }
             lost.extend(counter.take().map(|delivery| delivery.lost));
         }

@@ -183,11 +183,10 @@ impl<R: Read> Reader<R> {
             return Ok(false);
         }
         let [length, checksum] = head.map(u32::from_le_bytes);
-        let length = usize::try_from(length).unwrap_or(usize::MAX);
-        if length > MAX_CHUNK_BYTES {
+        if length as usize > MAX_CHUNK_BYTES {
             return Err(self.damaged());
         }
-        let mut compressed = vec![0; length];
+        let mut compressed = vec![0; length as usize];
         if !is_filled(&mut self.input, &mut compressed)? {
             return Ok(false);
         }

@@ -72,7 +72,10 @@ fn recording_that_was_cut_anywhere_has_all_frames_of_its_complete_chunks_in_a_th
 }
 
 #[test]
-fn damaged_chunk_ends_the_recording_and_the_frames_before_it_are_used() {
+fn damaged_chunk_ends_the_recording_and_other_files_and_later_versions_are_refused() {
+    assert!(matches!(read(b"RIFF....AVI "), (_, Some(RecordingError::Other))));
+    assert!(matches!(read(b"FW"), (_, Some(RecordingError::Other))));
+    assert!(matches!(read(b"FWREC\0\0\x02"), (_, Some(RecordingError::Version))));
     let (_folder, path, frames) = file_and_frames(70);
     let (mut bytes, _) = write(&path, &frames, u64::MAX);
     let middle = bytes.len() / 2;
@@ -82,13 +85,6 @@ fn damaged_chunk_ends_the_recording_and_the_frames_before_it_are_used() {
     assert!(error.unwrap().to_string().contains("damaged after frame 31"));
     bytes[START.len()..][..4].copy_from_slice(&u32::MAX.to_le_bytes());
     assert!(matches!(read(&bytes), (none, Some(RecordingError::Damaged { frames: 0 })) if none.is_empty()));
-}
-
-#[test]
-fn other_files_and_later_versions_are_refused() {
-    assert!(matches!(read(b"RIFF....AVI "), (_, Some(RecordingError::Other))));
-    assert!(matches!(read(b"FW"), (_, Some(RecordingError::Other))));
-    assert!(matches!(read(b"FWREC\0\0\x02"), (_, Some(RecordingError::Version))));
 }
 
 #[test]

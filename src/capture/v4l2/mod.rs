@@ -32,7 +32,7 @@ pub use self::probe::{Camera, cameras};
 
 use self::mode::{Choice, choose, has_smaller};
 use self::probe::{guarded, probe};
-use self::select::{failed, start_one};
+use self::select::{remember, start_one};
 use self::stream::{BUFFERS, captured_us, failed_stream, filled, is_monotonic, is_ready, wait};
 use super::delivery::{Arrival, DeliveryCounter};
 use super::{
@@ -139,7 +139,7 @@ impl CameraSource {
                 let kept = filled(bytes, meta).and_then(|bytes| self.store.keep(bytes));
                 self.tally.decoding += begun.elapsed();
                 return kept.map(|()| (number, captured_us)).map_err(|fault| {
-                    self.delivery.damaged();
+                    self.delivery.damaged += 1;
                     CaptureError::Frame { number, fault }
                 });
             }
@@ -158,10 +158,9 @@ impl Drop for CameraSource {
     fn drop(&mut self) {
         // The result matters to those who call `close`.
         let _ = self.stop();
-        if self.shown == PROVEN_AFTER {
-            failed().forget(&self.node);
-        } else if self.has_failed {
-            failed().add(&self.node);
+        let is_proven = self.shown == PROVEN_AFTER;
+        if is_proven || self.has_failed {
+            remember(&self.node, !is_proven);
         }
     }
 }

@@ -5,7 +5,7 @@
 //! cameras, of these the one with the lowest number. Those that failed follow, the last one that failed at the end.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use super::super::{CaptureError, monotonic_us};
 use super::mode::{Wish, choose};
@@ -16,36 +16,27 @@ const AUTO: &str = "auto";
 /// Time after which no further camera is tried in one call: a silent one takes seconds, and the service's watchdog waits.
 const TRY_FOR_US: u64 = 10_000_000;
 
-/// Nodes of the cameras that failed, the last one at the end.
-pub(super) struct Failed(Vec<PathBuf>);
+/// Nodes of the cameras that failed in this process, the last one at the end.
+static FAILED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-pub(super) fn failed() -> MutexGuard<'static, Failed> {
-    static FAILED: Mutex<Failed> = Mutex::new(Failed(Vec::new()));
-    FAILED.lock().unwrap_or_else(PoisonError::into_inner)
+/// Remembers whether a camera failed when it was used last.
+pub(super) fn remember(node: &Path, has_failed: bool) {
+    let mut failed = FAILED.lock().unwrap_or_else(PoisonError::into_inner);
+    failed.retain(|failed| failed != node);
+    failed.extend(has_failed.then(|| node.to_owned()));
 }
 
-impl Failed {
-    pub(super) fn add(&mut self, node: &Path) {
-        self.forget(node);
-        self.0.push(node.to_owned());
+/// Returns the cameras that `wanted` names, in the order in which they are tried. A camera without a usable mode is
+/// tried only if no other has such a name, because many webcams have a second device of the same name.
+fn rank<'a>(failed: &[PathBuf], cameras: &'a [Camera], wanted: &str, wish: &Wish) -> Vec<&'a Camera> {
+    let is_usable = |camera: &&Camera| choose(&camera.modes, wish).is_some();
+    let mut ranked: Vec<_> = cameras.iter().filter(|camera| wanted == AUTO || camera.is_named(wanted)).collect();
+    if wanted == AUTO || ranked.iter().any(is_usable) {
+        ranked.retain(is_usable);
     }
-
-    pub(super) fn forget(&mut self, node: &Path) {
-        self.0.retain(|failed| failed != node);
-    }
-
-    /// Returns the cameras that `wanted` names, in the order in which they are tried. A camera without a usable mode is
-    /// tried only if no other has such a name, because many webcams have a second device of the same name.
-    fn rank<'a>(&self, cameras: &'a [Camera], wanted: &str, wish: &Wish) -> Vec<&'a Camera> {
-        let is_usable = |camera: &&Camera| choose(&camera.modes, wish).is_some();
-        let mut ranked: Vec<_> = cameras.iter().filter(|camera| wanted == AUTO || camera.is_named(wanted)).collect();
-        if wanted == AUTO || ranked.iter().any(is_usable) {
-            ranked.retain(is_usable);
-        }
-        let turn = |camera: &Camera| self.0.iter().position(|node| *node == camera.node).map_or(0, |at| at + 1);
-        ranked.sort_by_key(|camera| (turn(camera), !camera.is_usb));
-        ranked
-    }
+    let turn = |camera: &Camera| failed.iter().position(|node| *node == camera.node).map_or(0, |at| at + 1);
+    ranked.sort_by_key(|camera| (turn(camera), !camera.is_usb));
+    ranked
 }
 
 /// Calls `start` with the node of one camera after the other, until one starts: every camera if `wanted` is `auto`, else
@@ -58,13 +49,13 @@ pub(super) fn start_one<T>(
     mut start: impl FnMut(&Path, &str) -> Result<T, CaptureError>,
 ) -> Result<T, CaptureError> {
     let (begun_us, mut errors) = (monotonic_us(), Vec::new());
-    let ranked = failed().rank(&cameras, wanted, wish);
+    let ranked = rank(&FAILED.lock().unwrap_or_else(PoisonError::into_inner), &cameras, wanted, wish);
     let mut note = if wanted == AUTO { String::new() } else { ambiguity(&ranked) };
     for Camera { node, .. } in &ranked {
         match start(node, &note) {
             Ok(source) => return Ok(source),
             Err(error) => {
-                failed().add(node);
+                remember(node, true);
                 note += &format!("; passed over {}, because {error}", node.display());
                 errors.push(error);
             }
@@ -154,8 +145,8 @@ mod tests {
         ];
         for (failed, wanted, format, expected, what) in table {
             let node = |number: &&str| PathBuf::from(format!("/dev/video{number}"));
-            let (failed, cameras) = (Failed(failed.iter().map(node).collect()), four());
-            let ranked = failed.rank(&cameras, wanted, &Wish { format, ..WISH });
+            let (failed, cameras) = (failed.iter().map(node).collect::<Vec<_>>(), four());
+            let ranked = rank(&failed, &cameras, wanted, &Wish { format, ..WISH });
             let nodes = ranked.iter().map(|camera| camera.node.clone());
             assert!(nodes.eq(expected.iter().map(node)), "{what}: {ranked:?}");
         }

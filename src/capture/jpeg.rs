@@ -125,8 +125,8 @@ impl JpegDecoder {
         }
         let grey = subsamp == Subsamp::Gray && colorspace == Colorspace::Gray;
         let colour = chroma_shift(subsamp).is_some() && colorspace == Colorspace::YCbCr;
-        let camera_like = (grey || colour) && !header.is_lossless && !header.is_arithmetic;
-        camera_like.then_some(()).ok_or(FrameFault::Layout)
+        let is_usual = (grey || colour) && !header.is_lossless && !header.is_arithmetic;
+        if is_usual { Ok(()) } else { Err(FrameFault::Layout) }
     }
 
     fn pixels(&self) -> Option<Pixels<'_>> {

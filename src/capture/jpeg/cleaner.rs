@@ -100,15 +100,14 @@ impl<'a> Image<'a> {
                 continue;
             }
             let segment = self.segment()?;
-            self.read_segment(marker, segment).ok_or(FrameFault::Corrupt)?;
+            let content = segment.get(2..).ok_or(FrameFault::Corrupt)?;
+            self.read_segment(marker, content).ok_or(FrameFault::Corrupt)?;
             // libjpeg-turbo would warn of another version of JFIF than 1.
-            let version = segment.strip_prefix(b"JFIF\0").and_then(<[u8]>::first);
+            let version = content.strip_prefix(b"JFIF\0").and_then(<[u8]>::first);
             if marker == marker::APP_0 && version.is_some_and(|version| *version != 1) {
                 continue;
             }
-            let length = u16::try_from(segment.len() + 2).map_err(|_| FrameFault::Corrupt)?;
             push(clean, &[0xff, marker])?;
-            push(clean, &length.to_be_bytes())?;
             push(clean, segment)?;
             if marker == marker::START_OF_SCAN {
                 clean.truncate(clean.len().saturating_sub(SEQUENTIAL.len()));
@@ -119,9 +118,9 @@ impl<'a> Image<'a> {
 
     /// Copies the entropy-coded data and its restart markers.
     fn copy_scan(&mut self, clean: &mut Vec<u8>) -> Result<(), FrameFault> {
-        let most =
-            |axis: usize| self.components.iter().filter_map(|of| of.blocks.get(axis)).copied().max().unwrap_or(1);
-        let ([width, height], [columns, rows]) = (self.size, [0, 1].map(most));
+        let blocks = self.components.iter().map(|component| component.blocks);
+        let [columns, rows] = blocks.fold([1; 2], |most, [x, y]| [most[0].max(x), most[1].max(y)]);
+        let [width, height] = self.size;
         let mut left = width.div_ceil(BLOCK_SIDE * columns) * height.div_ceil(BLOCK_SIDE * rows);
         let interval = if self.restart_interval == 0 { left } else { self.restart_interval };
         let mut restarts = (marker::RESTART_0..=marker::RESTART_7).cycle();
@@ -163,14 +162,13 @@ impl<'a> Image<'a> {
         Err(FrameFault::Incomplete)
     }
 
-    /// Returns the content of a segment, whose length comes first and counts itself.
+    /// Returns a segment. Its length comes first and counts itself.
     fn segment(&mut self) -> Result<&'a [u8], FrameFault> {
         let rest = self.jpeg.get(self.at..).unwrap_or_default();
-        let (length, _) = rest.split_first_chunk().ok_or(FrameFault::Incomplete)?;
+        let length = rest.first_chunk().ok_or(FrameFault::Incomplete)?;
         let length = usize::from(u16::from_be_bytes(*length));
-        let segment = rest.get(..length).ok_or(FrameFault::Incomplete)?;
         self.at += length;
-        segment.get(2..).ok_or(FrameFault::Corrupt)
+        rest.get(..length).ok_or(FrameFault::Incomplete)
     }
 
     /// Reads the content of a segment; `None` if a sequential image has no such segment.

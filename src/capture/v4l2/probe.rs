@@ -59,20 +59,25 @@ impl Camera {
     }
 }
 
-fn is_camera(driver: &str) -> bool {
-    !NO_CAMERAS.contains(&driver)
+impl Found {
+    /// Adds what the examination of a node gave, and leaves out nodes that are no cameras.
+    fn add(&mut self, examined: Result<Camera, CaptureError>) {
+        match examined {
+            Ok(camera) if NO_CAMERAS.contains(&camera.driver.as_str()) => {}
+            Ok(camera) => self.cameras.push(camera),
+            Err(CaptureError::Absent(_) | CaptureError::Gone) => {}
+            Err(error) => self.refused.push(error),
+        }
+    }
 }
 
 /// Examines every video device. Devices that are no cameras (metadata, output, converters) are left out.
 pub fn cameras() -> Found {
     let mut found = Found::default();
-    for node in nodes() {
-        match probe(&node) {
-            Ok((camera, _)) => found.cameras.extend(is_camera(&camera.driver).then_some(camera)),
-            Err(CaptureError::Absent(_) | CaptureError::Gone) => {}
-            Err(error) => found.refused.push(error),
-        }
-    }
+    let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("video")?.parse::<u32>().ok();
+    let mut nodes: Vec<_> = entries("/dev").filter(|path| number(path).is_some()).collect();
+    nodes.sort_by_key(number);
+    nodes.iter().for_each(|node| found.add(probe(node).map(|(camera, _)| camera)));
     found
 }
 
@@ -99,13 +104,6 @@ fn video_node(path: &Path) -> Result<PathBuf, CaptureError> {
     let meta = fs::metadata(&node).map_err(fail)?;
     let is_video = meta.file_type().is_char_device() && rustix::fs::major(meta.rdev()) == VIDEO_MAJOR;
     if is_video { Ok(node) } else { Err(CaptureError::not_a_camera(&path.display())) }
-}
-
-fn nodes() -> Vec<PathBuf> {
-    let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("video")?.parse::<u32>().ok();
-    let mut nodes: Vec<_> = entries("/dev").filter(|path| number(path).is_some()).collect();
-    nodes.sort_by_key(number);
-    nodes
 }
 
 fn links(node: &Path) -> Vec<PathBuf> {
@@ -216,9 +214,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn units_of_a_processor_are_no_cameras() {
-        assert!(!NO_CAMERAS.into_iter().any(is_camera));
-        assert!(["uvcvideo", "gspca_main", "bm2835 mmal", "unicam", "v4l2 loopback"].into_iter().all(is_camera));
+    fn units_of_a_processor_are_no_cameras_and_a_device_that_could_not_be_examined_is_told() {
+        let mut found = Found::default();
+        for driver in NO_CAMERAS.into_iter().chain(["uvcvideo", "bm2835 mmal", "unicam", "v4l2 loopback"]) {
+            let (node, card, driver) = ("/dev/video14".into(), driver.to_owned(), driver.to_owned());
+            found.add(Ok(Camera { node, card, driver, is_usb: false, links: Vec::new(), modes: Vec::new() }));
+        }
+        found.add(Err(CaptureError::Gone));
+        found.add(Err(CaptureError::Unusable("no permission".to_owned())));
+        let drivers: Vec<_> = found.cameras.iter().map(|camera| camera.driver.as_str()).collect();
+        assert_eq!((drivers, found.refused.len()), (vec!["uvcvideo", "bm2835 mmal", "unicam", "v4l2 loopback"], 1));
     }
 
     #[test]

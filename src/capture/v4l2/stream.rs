@@ -12,7 +12,7 @@
 use std::io;
 use std::mem;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rustix::io::Errno;
 use v4l::Device;
@@ -21,7 +21,7 @@ use v4l::device::Handle;
 use v4l::io::mmap::Stream as MappedStream;
 use v4l::io::traits::{CaptureStream, Stream};
 
-use super::super::{CaptureError, FrameFault, monotonic_us};
+use super::super::{CaptureError, FrameFault};
 use super::probe::guarded;
 
 /// Number of buffers. Two are enough for streaming; two more bridge a late wake-up without a dropped frame.
@@ -71,16 +71,13 @@ pub(super) fn release<S: Stream>(mut mapped: S, path: &Path) -> Result<(), Captu
 }
 
 pub(super) fn wait(handle: &Handle, timeout: Duration) -> Result<(), CaptureError> {
-    let deadline_us = monotonic_us() + u64::try_from(timeout.as_micros()).unwrap_or(u64::MAX / 2);
-    loop {
-        let left = Duration::from_micros(deadline_us.saturating_sub(monotonic_us()));
-        if is_ready(handle, left)? {
-            return Ok(());
-        }
-        if left.is_zero() {
+    let deadline = Instant::now() + timeout;
+    while !is_ready(handle, deadline.saturating_duration_since(Instant::now()))? {
+        if Instant::now() >= deadline {
             return Err(CaptureError::stalled(timeout));
         }
     }
+    Ok(())
 }
 
 /// Returns whether a buffer is ready, or becomes ready within `timeout`. A signal ends the wait early.

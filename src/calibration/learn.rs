@@ -99,7 +99,7 @@ const LEAST_POSES: usize = 3;
 /// Parts of the face: the pose that moves one, the poses that leave it at rest, and what the wearer did in a neutral take in
 /// which it was not at rest.
 const PARTS: [(Take, &[Take], Refusal); 4] = {
-    use Take::{BrowsDown, BrowsUp, EyesShut, JawOpen, LookDown, LookLeft, LookRight, LookUp, Pucker, Smile};
+    use Take::*;
     [
         (Smile, &[EyesShut, BrowsUp, LookLeft, LookRight, LookUp, LookDown], Refusal::Smiling),
         (JawOpen, &[EyesShut, BrowsUp, BrowsDown, LookLeft, LookRight, LookUp], Refusal::MouthOpen),

@@ -25,9 +25,7 @@ pub enum Take {
 
 impl Take {
     pub const ALL: [Self; 11] = {
-        use Take::{
-            BrowsDown, BrowsUp, EyesShut, JawOpen, LookDown, LookLeft, LookRight, LookUp, Neutral, Pucker, Smile,
-        };
+        use Take::*;
         [Neutral, EyesShut, JawOpen, BrowsUp, BrowsDown, Smile, Pucker, LookLeft, LookRight, LookUp, LookDown]
     };
 
@@ -52,28 +50,27 @@ impl Take {
 
     /// The name in files, the instruction, the coefficients that it raises, and the threshold of their strength.
     fn properties(self) -> (&'static str, &'static str, &'static [&'static str], f32) {
+        use Take::*;
         match self {
-            Self::Neutral => ("neutral", "Look into the camera with your face at rest and your mouth closed", &[], 0.0),
-            Self::EyesShut => ("eyes-shut", "Shut both eyes, count to three, and open them again", &LIDS, 0.45),
-            Self::JawOpen => ("jaw-open", "Open your mouth wide", &["jawOpen"], 0.3),
-            Self::BrowsUp => {
+            Neutral => ("neutral", "Look into the camera with your face at rest and your mouth closed", &[], 0.0),
+            EyesShut => ("eyes-shut", "Shut both eyes, count to three, and open them again", &LIDS, 0.45),
+            JawOpen => ("jaw-open", "Open your mouth wide", &["jawOpen"], 0.3),
+            BrowsUp => {
                 ("brows-up", "Raise your eyebrows", &["browInnerUp", "browOuterUpLeft", "browOuterUpRight"], 0.25)
             }
-            Self::BrowsDown => {
+            BrowsDown => {
                 ("brows-down", "Draw your eyebrows down, as if in anger", &["browDownLeft", "browDownRight"], 0.25)
             }
-            Self::Smile => ("smile", "Smile as widely as you can", &["mouthSmileLeft", "mouthSmileRight"], 0.25),
-            Self::Pucker => ("pucker", "Pucker your lips, as if for a kiss", &["mouthPucker"], 0.25),
-            Self::LookLeft => {
+            Smile => ("smile", "Smile as widely as you can", &["mouthSmileLeft", "mouthSmileRight"], 0.25),
+            Pucker => ("pucker", "Pucker your lips, as if for a kiss", &["mouthPucker"], 0.25),
+            LookLeft => {
                 ("look-left", "Look to your left with your eyes alone", &["eyeLookOutLeft", "eyeLookInRight"], 0.3)
             }
-            Self::LookRight => {
+            LookRight => {
                 ("look-right", "Look to your right with your eyes alone", &["eyeLookInLeft", "eyeLookOutRight"], 0.3)
             }
-            Self::LookUp => ("look-up", "Look up with your eyes alone", &["eyeLookUpLeft", "eyeLookUpRight"], 0.2),
-            Self::LookDown => {
-                ("look-down", "Look down with your eyes alone", &["eyeLookDownLeft", "eyeLookDownRight"], 0.2)
-            }
+            LookUp => ("look-up", "Look up with your eyes alone", &["eyeLookUpLeft", "eyeLookUpRight"], 0.2),
+            LookDown => ("look-down", "Look down with your eyes alone", &["eyeLookDownLeft", "eyeLookDownRight"], 0.2),
         }
     }
 

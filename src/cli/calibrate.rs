@@ -187,20 +187,17 @@ impl Connection {
 
     pub fn ask(&mut self, request: &Request) -> Result<(), Failure> {
         let line = serde_json::to_string(request).map_err(|error| Failure::failed(error.to_string()))?;
-        let stream = self.stream.get_mut();
-        writeln!(stream, "{line}").map_err(|error| lost(&self.path, &error))
+        writeln!(self.stream.get_mut(), "{line}").map_err(|error| lost(&self.path, &error))
     }
 
     pub fn reply(&mut self) -> Result<Reply, Failure> {
         let mut line = String::new();
-        match self.stream.read_line(&mut line) {
-            Ok(0) => Err(lost(&self.path, &ErrorKind::ConnectionReset.into())),
-            Ok(_) => serde_json::from_str(&line).map_err(|_| {
-                let path = self.path.display();
-                Failure::failed(format!("the service at {path} is of another version: restart it"))
-            }),
-            Err(error) => Err(lost(&self.path, &error)),
+        let count = self.stream.read_line(&mut line).map_err(|error| lost(&self.path, &error))?;
+        if count == 0 {
+            return Err(lost(&self.path, &ErrorKind::ConnectionReset.into()));
         }
+        let other = |_| format!("the service at {} is of another version: restart it", self.path.display());
+        serde_json::from_str(&line).map_err(|error| Failure::failed(other(error)))
     }
 }
 

@@ -99,40 +99,32 @@ fn holds(plane: &[u8], stride: usize, [row_bytes, rows]: [usize; 2]) -> bool {
 mod tests {
     use super::*;
 
-    const DATA: [u8; 64] = [0; 64];
-
-    fn grey(len: usize, stride: usize) -> Pixels<'static> {
-        Pixels::Grey { data: DATA.get(..len).unwrap(), stride }
-    }
-
     #[test]
-    fn a_picture_without_its_last_row_or_column_is_refused() {
-        assert!(Picture::new(5, 4, grey(29, 8), false).is_some());
-        assert!(Picture::new(5, 4, grey(28, 8), false).is_none(), "last row one byte short");
-        assert!(Picture::new(5, 4, grey(64, 4), false).is_none(), "rows overlap");
-        assert!(Picture::new(0, 4, grey(64, 8), false).is_none());
-        assert!(Picture::new(5, 4097, grey(64, 8), false).is_none());
-        assert!(Picture::new(5, 4, grey(64, usize::MAX), false).is_none(), "no overflow");
-    }
-
-    #[test]
-    fn a_row_of_odd_width_needs_its_last_chroma_pair() {
-        let yuyv = |stride| Pixels::Yuyv { data: &DATA, stride };
-        assert!(Picture::new(3, 2, yuyv(8), false).is_some());
-        assert!(Picture::new(3, 2, yuyv(7), false).is_none());
+    fn a_picture_is_refused_unless_every_row_and_column_is_complete() {
+        const DATA: [u8; 64] = [0; 64];
+        let (grey, yuyv) =
+            (|data, stride| Pixels::Grey { data, stride }, |stride| Pixels::Yuyv { data: &DATA, stride });
         let nv12 = |chroma| Pixels::Nv12 { luma: &DATA, chroma, stride: 4 };
-        assert!(Picture::new(3, 3, nv12(DATA.get(..8).unwrap()), false).is_some());
-        assert!(Picture::new(3, 3, nv12(DATA.get(..7).unwrap()), false).is_none());
-    }
-
-    #[test]
-    fn short_chroma_planes_and_odd_shifts_are_refused() {
         let planar = |cr, chroma_shift| Pixels::Planar { planes: [&DATA, &DATA, cr], strides: [5, 3], chroma_shift };
-        let cr_of = |len| DATA.get(..len).unwrap();
-        assert!(Picture::new(5, 3, planar(cr_of(6), [1, 1]), true).is_some());
-        assert!(Picture::new(5, 3, planar(cr_of(5), [1, 1]), true).is_none());
-        assert!(Picture::new(5, 3, planar(&DATA, [0, 0]), true).is_none(), "chroma as wide as luma needs its stride");
-        assert!(Picture::new(5, 3, planar(&DATA, [3, 0]), true).is_none());
-        assert!(Picture::new(5, 3, planar(&DATA, [255, 255]), true).is_none());
+        let cases = [
+            (true, [5, 4], grey(&DATA[..29], 8)),
+            (false, [5, 4], grey(&DATA[..28], 8)),
+            (false, [5, 4], grey(&DATA, 4)),
+            (false, [0, 4], grey(&DATA, 8)),
+            (false, [5, 4097], grey(&DATA, 8)),
+            (false, [5, 4], grey(&DATA, usize::MAX)),
+            (true, [3, 2], yuyv(8)),
+            (false, [3, 2], yuyv(7)),
+            (true, [3, 3], nv12(&DATA[..8])),
+            (false, [3, 3], nv12(&DATA[..7])),
+            (true, [5, 3], planar(&DATA[..6], [1, 1])),
+            (false, [5, 3], planar(&DATA[..5], [1, 1])),
+            (false, [5, 3], planar(&DATA, [0, 0])),
+            (false, [5, 3], planar(&DATA, [3, 0])),
+            (false, [5, 3], planar(&DATA, [255, 255])),
+        ];
+        for (is_whole, [width, height], pixels) in cases {
+            assert_eq!(Picture::new(width, height, pixels, true).is_some(), is_whole, "{width} x {height} {pixels:?}");
+        }
     }
 }

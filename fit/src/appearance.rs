@@ -7,7 +7,7 @@
 //! pictures, because the map of a mirrored picture is not a mirrored map.
 
 use anyhow::{Result, ensure};
-use facewire_face::model::{APPEARANCE_LANDMARKS, APPEARANCE_UNITS, AppearanceTable, ResidualRow, ResidualTable};
+use facewire_face::model::{APPEARANCE_LANDMARKS, APPEARANCE_UNITS, AppearanceTable, Cases, ResidualRow};
 use facewire_face::{BLENDSHAPES, Model};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -142,7 +142,7 @@ fn table(network: &Network, faces: &Residuals) -> AppearanceTable {
     let residual =
         |first: usize| ResidualRow { offset: number(network.b[first]), weights: numbers(network.v.row(first).iter()) };
     let residuals =
-        |shape: usize| ResidualTable { neutral_known: residual(shape), neutral_unknown: residual(MODELLED + shape) };
+        |shape: usize| Cases { neutral_known: residual(shape), neutral_unknown: residual(MODELLED + shape) };
     AppearanceTable {
         scales: scales.iter().map(|scale| f64::from(*scale)).collect(),
         offsets: (0..APPEARANCE_UNITS).map(offset).collect(),

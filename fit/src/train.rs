@@ -6,7 +6,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use facewire_face::BLENDSHAPES;
-use facewire_face::model::{BlendshapeTable, FeatureId, InputTable, MAX_HIDDEN, ModelFile, OffsetTable, ScoreTable};
+use facewire_face::model::{BlendshapeTable, Cases, FeatureId, InputTable, MAX_HIDDEN, ModelFile, ScoreTable};
 use nalgebra::{DMatrix, DVector};
 
 use crate::dataset::{Appearances, Sample, held_out};
@@ -123,7 +123,7 @@ fn fill_in(file: &mut ModelFile, design: &Design, scale: &Scale, basis: &Basis, 
     let means = DVector::from_iterator(basis.features.len(), basis.features.iter().map(|feature| scale.mean[*feature]));
     let unknown = &network.a - &weights * means;
     let known = &unknown + network.w.column(components);
-    file.offsets = Some(OffsetTable { neutral_known: numbers(known.iter()), neutral_unknown: numbers(unknown.iter()) });
+    file.offsets = Some(Cases { neutral_known: numbers(known.iter()), neutral_unknown: numbers(unknown.iter()) });
     for (column, feature) in weights.column_iter().zip(&basis.features) {
         let table = InputTable { neutral: number(design.neutral[*feature]), weights: numbers(column.iter()) };
         file.inputs.extend(FeatureId::from_index(*feature).map(|id| (id.to_string(), table)));

@@ -13,42 +13,13 @@
 //! neutral = 0.05
 //! weights = [1.9, -0.4]
 //!
-//! [blendshapes.jawOpen]       # its weight for each hidden unit
-//! neutral_known = { r = 0.95, mse = 0.004 }     # score on held-out subjects, without `correction`
+//! [blendshapes.jawOpen]       # the scores on held-out subjects, without `correction`; the weight of each hidden unit
+//! neutral_known = { r = 0.95, mse = 0.004 }
 //! neutral_unknown = { r = 0.93, mse = 0.005 }
 //! offset = 0.01
 //! weights = [0.8, 0.1]
-//! ```
 //!
-//! The table `appearance`, which may be missing, is that of the layer that reads the mesh network's feature map:
-//!
-//! ```toml
-//! [appearance]
-//! scales = [0.001, 0.002]     # of the weights of each of the 32 units
-//! offsets = [0.1, -0.3]
-//!
-//! [appearance.landmarks]      # signed bytes in base 64: for each of 32 channels, a weight for each of 32 units
-//! 13 = "AP8BAv4D..."
-//!
-//! [appearance.blendshapes.cheekPuff]    # what is added to the blendshape
-//! neutral_known = { offset = 0.01, weights = [0.1, -0.2] }
-//! neutral_unknown = { offset = 0.02, weights = [0.1, -0.1] }
-//! ```
-//!
-//! The table `correction`, which may be missing, has the corrective terms (eq. 7) of the blendshapes that need some:
-//!
-//! ```toml
-//! [correction.eyeBlinkLeft]
-//! shift = -0.02               # beta
-//! slope = 1.05                # 1 - gamma
-//! lift = 0.2                  # 1 / eta
-//! response = [0.5, 0.9]       # the values at which g begins and ends to rise
-//! ```
-//!
-//! Instead of offsets, inputs and blendshapes of a hidden layer, the file can hold one formula for each blendshape:
-//!
-//! ```toml
-//! [formulas.neutral_known.inputs]       # mean and deviation of each selected feature over the faces of the fit
+//! [formulas.neutral_known.inputs]       # in place of the tables above: mean and deviation of each selected feature
 //! d13-14 = [0.06, 0.09]
 //! y17 = [-0.03, 0.05]
 //!
@@ -60,7 +31,22 @@
 //! weights = { d13-14 = 0.12, y17 = -0.08 }
 //! products = { "d13-14*d13-14" = 0.01, "d13-14*y17" = -0.02 }
 //!
-//! [formulas.neutral_unknown.inputs]     # and so on, for wearers whose neutral face is not known
+//! [appearance]                # may be missing: the layer that reads the mesh network's feature map
+//! scales = [0.001, 0.002]     # of the weights of each of the 32 units
+//! offsets = [0.1, -0.3]
+//!
+//! [appearance.landmarks]      # signed bytes in base 64: for each of 32 channels, a weight for each of 32 units
+//! 13 = "AP8BAv4D..."
+//!
+//! [appearance.blendshapes.cheekPuff]    # what is added to the blendshape
+//! neutral_known = { offset = 0.01, weights = [0.1, -0.2] }
+//! neutral_unknown = { offset = 0.02, weights = [0.1, -0.1] }
+//!
+//! [correction.eyeBlinkLeft]   # corrective terms (eq. 7) of the blendshapes that need some
+//! shift = -0.02               # beta
+//! slope = 1.05                # 1 - gamma
+//! lift = 0.2                  # 1 / eta
+//! response = [0.5, 0.9]       # the values at which g begins and ends to rise
 //! ```
 
 use std::{collections::BTreeMap, fs, path::Path};
@@ -69,9 +55,9 @@ use base64::{Engine as _, prelude::BASE64_STANDARD};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
-    APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, APPEARANCE_UNITS, AppearanceLayer, BLENDSHAPES, COEFFS, Correction,
-    CorrectiveTerms, FeatureId, FormulasTable, HiddenLayer, Input, MAX_HIDDEN, MAX_INPUTS, Model, ModelError, Output,
-    Regression,
+    APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, APPEARANCE_UNITS, AppearanceLayer, BLENDSHAPES, COEFFS, Cases,
+    Correction, CorrectiveTerms, FeatureId, FormulaSetTable, HiddenLayer, Input, MAX_HIDDEN, MAX_INPUTS, Model,
+    ModelError, Output, Regression,
 };
 
 /// The format of model files that this program reads.
@@ -91,7 +77,7 @@ pub struct ModelFile {
     pub fitted_on: String,
     /// Offsets of the hidden units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub offsets: Option<OffsetTable>,
+    pub offsets: Option<Cases<Vec<f64>>>,
     /// The features that the hidden layer selects, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub inputs: BTreeMap<String, InputTable>,
@@ -100,7 +86,7 @@ pub struct ModelFile {
     pub blendshapes: BTreeMap<String, BlendshapeTable>,
     /// One formula for each blendshape.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub formulas: Option<FormulasTable>,
+    pub formulas: Option<Cases<FormulaSetTable>>,
     /// The layer that reads how the face looks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub appearance: Option<AppearanceTable>,
@@ -117,16 +103,6 @@ pub struct ScoreTable {
     pub r: f64,
     /// Mean squared error.
     pub mse: f64,
-}
-
-/// Offsets of the hidden units, one for each unit.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct OffsetTable {
-    /// For displacements from the wearer's neutral face.
-    pub neutral_known: Vec<f64>,
-    /// For wearers whose neutral face is not known.
-    pub neutral_unknown: Vec<f64>,
 }
 
 /// A feature that the hidden layer selects.
@@ -153,7 +129,7 @@ pub struct BlendshapeTable {
     pub weights: Vec<f64>,
 }
 
-/// A layer that reads the mesh network's feature map.
+/// The layer that reads the mesh network's feature map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AppearanceTable {
@@ -161,20 +137,10 @@ pub struct AppearanceTable {
     pub scales: Vec<f64>,
     /// Offset of each unit.
     pub offsets: Vec<f64>,
-    /// The weights of each landmark, as signed bytes in base 64: for each channel of the map, one weight for each unit.
+    /// The weights of each landmark, as [`AppearanceTable::encode`] writes them.
     pub landmarks: BTreeMap<String, String>,
-    /// Residuals by the name of the blendshape.
-    pub blendshapes: BTreeMap<String, ResidualTable>,
-}
-
-/// The residual of a blendshape.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ResidualTable {
-    /// Where the wearer's neutral face is known.
-    pub neutral_known: ResidualRow,
-    /// Where it is not known.
-    pub neutral_unknown: ResidualRow,
+    /// What is added to each blendshape.
+    pub blendshapes: BTreeMap<String, Cases<ResidualRow>>,
 }
 
 /// A weighted sum of the units.
@@ -215,7 +181,7 @@ impl AppearanceTable {
         if lists.any(|list| list.len() != APPEARANCE_UNITS) {
             return Err(invalid("a list of appearance", "has not one number for each unit"));
         }
-        let output = |of: fn(&ResidualTable) -> &ResidualRow| {
+        let output = |of: fn(&Cases<ResidualRow>) -> &ResidualRow| {
             output("appearance.blendshapes", &self.blendshapes, APPEARANCE_UNITS, |table| {
                 (of(table).offset, &of(table).weights)
             })
@@ -224,7 +190,10 @@ impl AppearanceTable {
             weights: weights.into(),
             scales: row("appearance.scales", &self.scales)?,
             offsets: row("appearance.offsets", &self.offsets)?,
-            outputs: [output(|table| &table.neutral_known)?, output(|table| &table.neutral_unknown)?],
+            outputs: Cases {
+                neutral_known: output(|table| &table.neutral_known)?,
+                neutral_unknown: output(|table| &table.neutral_unknown)?,
+            },
         })
     }
 }
@@ -266,12 +235,14 @@ impl ModelFile {
         let has_formulas_alone = self.offsets.is_none() && self.inputs.is_empty() && self.blendshapes.is_empty();
         match (&self.offsets, &self.formulas) {
             (Some(offsets), None) => self.hidden_layer(offsets).map(Regression::HiddenLayer),
-            (None, Some(formulas)) if has_formulas_alone => formulas.to_formulas().map(Regression::Formulas),
+            (None, Some(formulas)) if has_formulas_alone => {
+                FormulaSetTable::to_sets(formulas).map(Regression::Formulas)
+            }
             _ => Err(invalid("the content", "is not either offsets with inputs and blendshapes, or formulas")),
         }
     }
 
-    fn hidden_layer(&self, offsets: &OffsetTable) -> Result<HiddenLayer, ModelError> {
+    fn hidden_layer(&self, offsets: &Cases<Vec<f64>>) -> Result<HiddenLayer, ModelError> {
         if self.inputs.len() > MAX_INPUTS {
             return Err(invalid("inputs", TOO_MANY));
         }
@@ -417,7 +388,7 @@ mod tests {
             .collect();
         let landmarks = APPEARANCE_LANDMARKS.iter().zip(rows.chunks(APPEARANCE_CHANNELS));
         let row = |offset: f64| ResidualRow { offset, weights: vec![2.0 * offset; APPEARANCE_UNITS] };
-        let residual = ResidualTable { neutral_known: row(0.25), neutral_unknown: row(0.5) };
+        let residual = Cases { neutral_known: row(0.25), neutral_unknown: row(0.5) };
         let shapes = BLENDSHAPES.iter().filter(|name| **name != WITHOUT_MODEL);
         let appearance = AppearanceTable {
             scales: vec![0.125; APPEARANCE_UNITS],
@@ -435,8 +406,11 @@ mod tests {
         assert!(text.len() <= 1 << 20 && model.size_bytes() <= 1 << 20, "{} {}", text.len(), model.size_bytes());
         let layer = model.appearance.as_ref().expect("a layer");
         assert!((0..layer.weights.len()).all(|index| layer.weights[index] == index as i8));
-        assert_eq!(layer.outputs[1].weights[7 * COEFFS..][..COEFFS - 1], [1.0; COEFFS - 1]);
-        assert_eq!(layer.outputs[0].offsets, core::array::from_fn(|shape| if shape < 51 { 0.25 } else { 0.0 }));
+        assert_eq!(layer.outputs.neutral_unknown.weights[7 * COEFFS..][..COEFFS - 1], [1.0; COEFFS - 1]);
+        assert_eq!(
+            layer.outputs.neutral_known.offsets,
+            core::array::from_fn(|shape| if shape < 51 { 0.25 } else { 0.0 })
+        );
         assert_eq!(Model::from_bytes(&model.to_bytes()), Some(model));
     }
 
@@ -492,8 +466,8 @@ mod tests {
                 file.offsets.get_or_insert_default().neutral_known = vec![0.0; MAX_HIDDEN + 1];
             }),
             ("either offsets", |file| file.offsets = None),
-            ("either offsets", |file| file.formulas = Some(FormulasTable::default())),
-            ("either offsets", |file| (file.offsets, file.formulas) = (None, Some(FormulasTable::default()))),
+            ("either offsets", |file| file.formulas = Some(Cases::default())),
+            ("either offsets", |file| (file.offsets, file.formulas) = (None, Some(Cases::default()))),
             ("correction.jawOpen", |file| terms(file, -0.2, [0.4, 0.8])),
             ("correction.jawOpen", |file| terms(file, 0.2, [0.8, 0.8])),
             ("correction.jawOpen", |file| terms(file, f32::NAN, [0.4, 0.8])),

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use super::file::{ScoreTable, TOO_MANY, blendshapes, feature, finite, invalid};
-use super::{COEFFS, FeatureId, ModelError};
+use super::{COEFFS, Cases, FeatureId, ModelError};
 
 /// Most features of a formula.
 pub const MAX_FORMULA_INPUTS: usize = 64;
@@ -94,16 +94,7 @@ impl Response {
     }
 }
 
-/// Formulas of all blendshapes. They take at most 256 KiB.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Formulas {
-    /// Formulas of displacements from the wearer's neutral face.
-    pub neutral_known: FormulaSet,
-    /// Formulas of the measures themselves, for wearers whose neutral face is not known.
-    pub neutral_unknown: FormulaSet,
-}
-
-/// Formulas of all blendshapes with their features.
+/// Formulas of all blendshapes with their features. Those of both cases take at most 256 KiB.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FormulaSet {
     /// The features that at least one formula selects.
@@ -145,16 +136,6 @@ pub fn product_index(one: usize, other: usize, multiplied: usize) -> usize {
     first * multiplied - first * first.saturating_sub(1) / 2 + second - first
 }
 
-/// Formulas of all blendshapes.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FormulasTable {
-    /// Formulas of displacements from the wearer's neutral face.
-    pub neutral_known: FormulaSetTable,
-    /// Formulas of the measures themselves, for wearers whose neutral face is not known.
-    pub neutral_unknown: FormulaSetTable,
-}
-
 /// Formulas of all blendshapes with their features.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -185,17 +166,15 @@ pub struct FormulaTable {
     pub products: BTreeMap<String, f64>,
 }
 
-impl FormulasTable {
+impl FormulaSetTable {
     /// Checks every name and number and lays the numbers out for the solver.
-    pub(super) fn to_formulas(&self) -> Result<Formulas, ModelError> {
-        Ok(Formulas {
-            neutral_known: self.neutral_known.to_set("formulas.neutral_known")?,
-            neutral_unknown: self.neutral_unknown.to_set("formulas.neutral_unknown")?,
+    pub(super) fn to_sets(cases: &Cases<Self>) -> Result<Cases<FormulaSet>, ModelError> {
+        Ok(Cases {
+            neutral_known: cases.neutral_known.to_set("formulas.neutral_known")?,
+            neutral_unknown: cases.neutral_unknown.to_set("formulas.neutral_unknown")?,
         })
     }
-}
 
-impl FormulaSetTable {
     fn to_set(&self, table: &str) -> Result<FormulaSet, ModelError> {
         let scaled = |(name, [mean, deviation]): (&String, &[f64; 2])| {
             let entry = format!("{table}.inputs");
@@ -297,7 +276,7 @@ mod tests {
         };
         change(&mut set, &mut jaw);
         set.blendshapes.insert("jawOpen".to_owned(), jaw);
-        let formulas = FormulasTable { neutral_known: set.clone(), neutral_unknown: set };
+        let formulas = Cases { neutral_known: set.clone(), neutral_unknown: set };
         ModelFile { formulas: Some(formulas), ..ModelFile::new(String::new(), String::new()) }
     }
 
@@ -306,7 +285,7 @@ mod tests {
         let file = file(|_, _| ());
         let read = ModelFile::parse(&toml::to_string(&file).expect("TOML")).expect("sound");
         assert_eq!(read, file);
-        let formulas = read.formulas.expect("formulas").to_formulas().expect("sound");
+        let formulas = FormulaSetTable::to_sets(&read.formulas.expect("formulas")).expect("sound");
         let jaw = formulas.neutral_known.formulas.iter().find(|formula| formula.multiplied > 0).expect("the jaw");
         assert_eq!((jaw.multiplied, &*jaw.inputs, &*jaw.weights), (2, [0, 1].as_slice(), [0.2, 0.3].as_slice()));
         assert_eq!(&*jaw.products, [0.0, 0.4, 0.5], "x x, x y, y y");

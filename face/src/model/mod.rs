@@ -12,16 +12,14 @@ use std::{io, path::PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::{BLENDSHAPES, COEFFS, LANDMARKS};
-pub use file::{
-    AppearanceTable, BlendshapeTable, InputTable, ModelFile, OffsetTable, ResidualRow, ResidualTable, ScoreTable,
-};
-pub(crate) use formulas::{Formula, Formulas, MAX_PRODUCTS};
-pub use formulas::{
-    FormulaKind, FormulaSetTable, FormulaTable, FormulasTable, LIFT, MAX_EXPONENT, MAX_FORMULA_INPUTS, MAX_MULTIPLIED,
-    Response, product_index, signed_logarithm,
-};
+pub use file::{AppearanceTable, BlendshapeTable, InputTable, ModelFile, ResidualRow, ScoreTable};
 #[cfg(test)]
-pub(crate) use formulas::{FormulaSet, ScaledInput};
+pub(crate) use formulas::ScaledInput;
+pub(crate) use formulas::{Formula, FormulaSet, MAX_PRODUCTS};
+pub use formulas::{
+    FormulaKind, FormulaSetTable, FormulaTable, LIFT, MAX_EXPONENT, MAX_FORMULA_INPUTS, MAX_MULTIPLIED, Response,
+    product_index, signed_logarithm,
+};
 
 /// Most units of the hidden layer.
 pub const MAX_HIDDEN: usize = 120;
@@ -137,6 +135,16 @@ pub struct Model {
     pub correction: Correction,
 }
 
+/// What a model has for wearers whose neutral face is known, and for those whose is not.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cases<T> {
+    /// For displacements from the wearer's neutral face.
+    pub neutral_known: T,
+    /// For displacements from the mean of many people, or for the measures themselves.
+    pub neutral_unknown: T,
+}
+
 /// From features to coefficients.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::large_enum_variant, reason = "a solver has one model, and the larger variant is the usual one")]
@@ -144,7 +152,7 @@ pub(crate) enum Regression {
     /// One network for all blendshapes.
     HiddenLayer(HiddenLayer),
     /// One formula for each blendshape.
-    Formulas(Formulas),
+    Formulas(Cases<FormulaSet>),
 }
 
 impl Model {
@@ -206,8 +214,8 @@ pub(crate) struct AppearanceLayer {
     pub(crate) scales: [f32; APPEARANCE_UNITS],
     /// `a`.
     pub(crate) offsets: [f32; APPEARANCE_UNITS],
-    /// `V` and `b` where the wearer's neutral face is known, and where it is not.
-    pub(crate) outputs: [Output; 2],
+    /// `V` and `b`.
+    pub(crate) outputs: Cases<Output>,
 }
 
 /// From the units of a layer to blendshapes: `V h + b`.

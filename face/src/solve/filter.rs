@@ -130,10 +130,9 @@ const OUTSIDE: f32 = 3.0;
 
 /// The estimate of a Kalman filter.
 ///
-/// The model is a random walk: `y += w` with a variance of `q dt`, seen as `x = y + v` with the camera's noise `v`. The
-/// noise is taken as white with a fixed density, so that frames that come twice as fast are each twice as noisy. Then
-/// the filter settles to a time constant of `sqrt(R / q)`, whatever the frame rate, and `q` follows from the time of
-/// the settings.
+/// The model is a random walk: `y += w` with a variance of `q dt`, seen as `x = y + v` with the camera's white noise `v`
+/// of a fixed density. Then the filter settles to a time constant of `sqrt(R / q)`, whatever the frame rate, and `q`
+/// follows from the time of the settings.
 ///
 /// A face holds still and then moves suddenly, which a random walk does not. So when a value lies more than
 /// [`OUTSIDE`] standard deviations from what the filter expects, the variance of the estimate is raised until the value

@@ -4,12 +4,12 @@
 //! arbitrarily large for faces that the fit has not seen.
 
 use super::{COEFFS, features::Features};
-use crate::model::{FEATURES, Formula, FormulaKind, Formulas, MAX_FORMULA_INPUTS, MAX_PRODUCTS};
+use crate::model::{Cases, FEATURES, Formula, FormulaKind, FormulaSet, MAX_FORMULA_INPUTS, MAX_PRODUCTS};
 
 /// Number of sums that are added up side by side, so that no addition waits for the one before.
 const LANES: usize = 8;
 
-impl Formulas {
+impl Cases<FormulaSet> {
     pub(super) fn process(&self, features: &Features) -> [f32; COEFFS] {
         let set = if features.known >= 0.5 { &self.neutral_known } else { &self.neutral_unknown };
         // The values of the inputs with mean 0 and deviation 1.
@@ -82,8 +82,7 @@ fn dot(weights: &[f32], values: &[f32]) -> f32 {
 mod tests {
     use super::*;
     use crate::model::{
-        FeatureId, FormulaSet, LIFT, MAX_MULTIPLIED, Model, Regression, Response, ScaledInput, product_index,
-        signed_logarithm,
+        FeatureId, LIFT, MAX_MULTIPLIED, Model, Regression, Response, ScaledInput, product_index, signed_logarithm,
     };
     use crate::solve::{Neutral, Normalised, Reference, SolveError, normalise};
     use crate::testing::face;
@@ -102,7 +101,7 @@ mod tests {
             formulas[JAW_OPEN] = jaw;
             FormulaSet { inputs: (0..MAX_FORMULA_INPUTS).map(input).collect(), formulas }
         };
-        Model::of(Regression::Formulas(Formulas { neutral_known: set(known), neutral_unknown: set(unknown) }))
+        Model::of(Regression::Formulas(Cases { neutral_known: set(known), neutral_unknown: set(unknown) }))
     }
 
     fn turned() -> Normalised {
@@ -172,9 +171,6 @@ mod tests {
                 assert_eq!(solved(formula(kind, Response::Plain, offset)).0, clamped, "{kind:?} {offset}");
             }
         }
-        for response in [Response::SquareRoot, Response::Logit] {
-            assert_eq!(solved(formula(FormulaKind::Affine, response, f32::NAN)).0, Err(SolveError::Absurd));
-        }
     }
 
     #[test]
@@ -188,20 +184,5 @@ mod tests {
         let jaw = |known| model.solve(&face, Reference::between(&neutral, known)).expect("finite").0[JAW_OPEN];
         assert!((jaw(0.0) - jaw(1.0)).abs() > 0.05);
         assert!((jaw(0.25) - (0.75 * jaw(0.0) + 0.25 * jaw(1.0))).abs() < 1e-6);
-    }
-
-    #[test]
-    fn the_largest_formulas_take_256_kib() {
-        let (inputs, weights) = ([0; MAX_FORMULA_INPUTS].into(), [0.0; MAX_FORMULA_INPUTS].into());
-        let largest = Formula { inputs, weights, products: [0.0; MAX_PRODUCTS].into(), ..Formula::default() };
-        let mut model = formulas(largest.clone(), largest.clone());
-        let Regression::Formulas(Formulas { neutral_known, neutral_unknown }) = &mut model.regression else {
-            panic!("formulas")
-        };
-        for set in [neutral_known, neutral_unknown] {
-            set.inputs = set.inputs.iter().cycle().take(FEATURES).cloned().collect();
-            set.formulas.fill(largest.clone());
-        }
-        assert!(model.size_bytes() <= 256 * 1024, "{}", model.size_bytes());
     }
 }

@@ -5,9 +5,9 @@
 //! minute. Widths and mean heights of pairs of landmarks do not depend on the head's yaw at first order. What a change
 //! of the distance to the camera does to the measures (scale and perspective) does not count as a difference.
 //!
-//! In films of 13 people of two minutes each, the distance of the same person is at most 2.8. When one of them takes the
-//! place of another, that is noticed in 2 of 3 pairs within half a minute, most often after 6 s. Limits: people whose faces
-//! have similar proportions count as one person; then the estimate adapts to the new face without being forgotten.
+//! In films of 13 people, the distance of the same person is at most 2.8. When one takes the place of another, that is
+//! noticed in 2 of 3 pairs within half a minute, most often after 6 s. Limits: people whose faces have similar proportions
+//! count as one person; then the estimate adapts to the new face without being forgotten.
 
 use super::Normalised;
 use super::filter::{approach, difference};
@@ -66,12 +66,10 @@ const MEASURES: [Measure; COUNT] = [
 /// Measures, each divided by its deviation.
 type Shape = [f32; COUNT];
 
-/// Whose face it is.
+/// Whether a face is that of the wearer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// The wearer's.
     Same,
-    /// Perhaps another person's.
     Doubtful,
     /// Another person's, who is the wearer from now on.
     Another,
@@ -103,19 +101,11 @@ impl Identity {
 
     /// Judges the face of a frame, `dt_s` seconds after the last one.
     pub(super) fn update(&mut self, face: &Normalised, dt_s: f32) -> Verdict {
-        let turns = face.turns();
-        if turns.iter().zip(MOST_TURN).all(|(turn, most)| turn.abs() <= most) {
-            let shape = shape(face);
-            self.recent.add(&shape, dt_s, RECENT_S);
-            self.compare(&shape, dt_s)
-        } else if self.different_s > 0.0 {
-            Verdict::Doubtful
-        } else {
-            Verdict::Same
+        if face.turns().iter().zip(MOST_TURN).any(|(turn, most)| !(turn.abs() <= most)) {
+            return if self.different_s > 0.0 { Verdict::Doubtful } else { Verdict::Same };
         }
-    }
-
-    fn compare(&mut self, shape: &Shape, dt_s: f32) -> Verdict {
+        let shape = shape(face);
+        self.recent.add(&shape, dt_s, RECENT_S);
         if self.is_open && self.recent.seconds < LEAST_RECENT_S {
             return Verdict::Doubtful;
         }
@@ -124,7 +114,7 @@ impl Identity {
             self.different_s = 0.0;
             self.is_open &= self.recent.seconds < RECENT_S;
             if !self.is_open {
-                self.wearer.add(shape, dt_s, WEARER_S);
+                self.wearer.add(&shape, dt_s, WEARER_S);
             }
             return if distance <= DOUBTFUL { Verdict::Same } else { Verdict::Doubtful };
         }
@@ -137,11 +127,17 @@ impl Identity {
         Verdict::Another
     }
 
-    /// Mean square difference of both averages, in units of the variance that it has for the same person: that of an
-    /// average falls with its time.
+    /// Mean square difference of both averages, without what another distance to the camera explains, in units of the
+    /// variance that it has for the same person: that of an average falls with its time.
     fn distance(&self) -> f32 {
+        let mut difference = difference(self.recent.shape, self.wearer.shape);
+        let scale = MEASURES.each_ref().map(|measure| measure.value / measure.deviation);
+        let mut perspective = MEASURES.each_ref().map(|measure| measure.value * measure.depth / measure.deviation);
+        remove(&mut perspective, &scale);
+        remove(&mut difference, &scale);
+        remove(&mut difference, &perspective);
         let [recent, wearer] = [&self.recent, &self.wearer].map(|average| average.seconds.max(LEAST_SUM_S));
-        distance(&self.recent.shape, &self.wearer.shape) / (RECENT_S / recent + RECENT_S / wearer)
+        dot(&difference, &difference) / (COUNT - 2) as f32 / (RECENT_S / recent + RECENT_S / wearer)
     }
 }
 
@@ -161,17 +157,6 @@ fn shape(face: &Normalised) -> Shape {
             .map(|landmark| face.points.get(landmark).and_then(|point| point.get(*axis)).copied().unwrap_or_default());
         (if *axis == X { a - b } else { 0.5 * (a + b) }) / deviation
     })
-}
-
-/// Mean square of the differences, without what another distance to the camera explains.
-fn distance(a: &Shape, b: &Shape) -> f32 {
-    let mut difference = difference(*a, *b);
-    let scale = MEASURES.each_ref().map(|measure| measure.value / measure.deviation);
-    let mut perspective = MEASURES.each_ref().map(|measure| measure.value * measure.depth / measure.deviation);
-    remove(&mut perspective, &scale);
-    remove(&mut difference, &scale);
-    remove(&mut difference, &perspective);
-    dot(&difference, &difference) / (COUNT - 2) as f32
 }
 
 /// Removes the part of a vector that lies along another.

@@ -19,7 +19,7 @@ use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 
 use super::features::{Features, Reference, mix};
 use super::{COEFFS, Coefficients, Normalised, SolveError};
-use crate::model::{APPEARANCE_UNITS, AppearanceLayer, HiddenLayer, Model, Output, Regression};
+use crate::model::{APPEARANCE_UNITS, AppearanceLayer, Cases, HiddenLayer, Model, Output, Regression};
 use crate::track::Appearance;
 
 /// The shipped model, as the build script wrote it.
@@ -100,7 +100,7 @@ impl AppearanceLayer {
         for ((unit, scale), offset) in hidden.iter_mut().zip(&self.scales).zip(&self.offsets) {
             *unit = *unit * scale + offset;
         }
-        let [known, unknown] = &self.outputs;
+        let Cases { neutral_known: known, neutral_unknown: unknown } = &self.outputs;
         match share {
             0.0 => unknown.process(&hidden),
             1.0 => known.process(&hidden),
@@ -140,13 +140,8 @@ mod tests {
         let file = ModelFile::parse(include_str!("../../../models/blendshapes.toml")).expect("sound");
         assert_eq!(file.to_model().expect("sound").to_bytes(), EMBEDDED);
         assert!(EMBEDDED.len() <= 1 << 20, "{}", EMBEDDED.len());
-    }
-
-    #[test]
-    fn bytes_that_are_not_a_model_are_refused() {
         assert_eq!(Model::from_bytes(&EMBEDDED[..EMBEDDED.len() - 4]), None, "cut short");
         assert_eq!(Model::from_bytes(&[EMBEDDED, &[0; 4]].concat()), None, "too long");
-        assert_eq!(Model::from_bytes(&[]), None);
     }
 
     fn output(units: usize) -> Output {
@@ -192,20 +187,19 @@ mod tests {
     #[test]
     fn absurd_results_and_nans_reject_the_frame() {
         for wrong in [f32::NAN, f32::INFINITY, -7.0] {
-            let mut layer = layer();
-            layer.output.offsets[JAW_OPEN] = wrong;
-            assert_eq!(solved(layer, 0.0), Err(SolveError::Absurd));
+            let [mut output, mut hidden] = [layer(), layer()];
+            output.output.offsets[JAW_OPEN] = wrong;
+            hidden.offsets_unknown[0] = wrong.abs() + 5.0;
+            assert_eq!([output, hidden].map(|layer| solved(layer, 0.0)), [Err(SolveError::Absurd); 2], "{wrong}");
         }
-        let mut layer = layer();
-        layer.offsets_unknown[0] = f32::NAN;
-        assert_eq!(solved(layer, 0.0), Err(SolveError::Absurd));
     }
 
     #[test]
     fn shipped_layers_never_put_the_tongue_out() {
         let model = Model::embedded();
         let Regression::HiddenLayer(layer) = model.regression else { panic!("not a hidden layer") };
-        for output in model.appearance.iter().flat_map(|layer| &layer.outputs).chain([&layer.output]) {
+        let outputs = &model.appearance.expect("a layer").outputs;
+        for output in [&layer.output, &outputs.neutral_known, &outputs.neutral_unknown] {
             let mut tongue = output.weights.iter().chain(&output.offsets).skip(TONGUE_OUT).step_by(COEFFS);
             assert!(tongue.all(|number| *number == 0.0));
         }
@@ -222,7 +216,8 @@ mod tests {
         let mut weights = vec![0; APPEARANCE_UNITS * APPEARANCE_LANDMARKS.len() * APPEARANCE_CHANNELS];
         let (mut scales, mut offsets) = ([1.0; APPEARANCE_UNITS], [0.0; APPEARANCE_UNITS]);
         (weights[APPEARANCE_UNITS + 3], scales[3], offsets[3]) = (50, 0.01, -1.0);
-        AppearanceLayer { weights: weights.into(), scales, offsets, outputs: [output(0.4, 0.1), output(0.3, 0.0)] }
+        let outputs = Cases { neutral_known: output(0.4, 0.1), neutral_unknown: output(0.3, 0.0) };
+        AppearanceLayer { weights: weights.into(), scales, offsets, outputs }
     }
 
     /// The appearance whose second value at the first landmark is `value`, and whose other values are 0.

@@ -200,37 +200,26 @@ mod tests {
 
     /// The crop, one sample after the other.
     fn plain_crop(picture: &Picture, region: &FaceBox, shape: CropShape) -> Vec<[f32; 3]> {
-        let nearest = |x: i32, y: i32| {
-            let [x, y] =
-                [(x, picture.width), (y, picture.height)].map(|(at, size)| at.clamp(0, size as i32 - 1) as usize);
-            pixel(picture, x, y)
-        };
+        let [width, height] = [picture.width as i32, picture.height as i32];
+        let nearest = |x: i32, y: i32| pixel(picture, x.clamp(0, width - 1) as usize, y.clamp(0, height - 1) as usize);
         let sample = |[x, y]: [i32; 2]| {
-            let [left, top] = [x >> 5, y >> 5];
-            let [right, down] = [x & 31, y & 31].map(i64::from);
+            let ([left, top], [right, down]) = ([x >> 16, y >> 16], [x, y].map(|at| i64::from(at >> 11 & 31)));
             let corners = [
                 (nearest(left, top), (32 - right) * (32 - down)),
                 (nearest(left + 1, top), right * (32 - down)),
                 (nearest(left, top + 1), (32 - right) * down),
                 (nearest(left + 1, top + 1), right * down),
             ];
-            let inside = (0..picture.width as i32).contains(&left) && (0..picture.height as i32).contains(&top);
+            let inside = (0..width).contains(&left) && (0..height).contains(&top);
             [0, 1, 2].map(|channel| {
-                let level =
-                    corners.iter().map(|(pixel, weight)| pixel[channel] * weight).sum::<i64>().clamp(0, 255 * 1024);
-                let level = if inside || shape.border == Border::Replicate { level } else { 0 };
+                let sum: i64 = corners.iter().map(|(pixel, weight)| pixel[channel] * weight).sum();
+                let level = if inside || shape.border == Border::Replicate { sum.clamp(0, 255 * 1024) } else { 0 };
                 level as f32 * ((shape.range[1] - shape.range[0]) / (255.0 * 1024.0)) + shape.range[0]
             })
         };
         let (mapping, side) = (region.mapping(), shape.side);
-        let step = mapping.step(side).map(|along| ((along * 65536.0) as i32).clamp(-MAX_STEP, MAX_STEP));
-        let row = |row: usize| {
-            let start = mapping.to_picture(0.0, row as f32 * (1.0 / side as f32)).map(|at| (at * 65536.0) as i32);
-            let start = start.map(|start| start.saturating_add(1024));
-            (0..side as i32)
-                .map(move |number| [0, 1].map(|axis| start[axis].wrapping_add(step[axis].wrapping_mul(number)) >> 11))
-        };
-        (0..side).flat_map(row).map(sample).collect()
+        let row = |row: usize| Row { start: start(&mapping, side, row), step: step(&mapping, side) };
+        (0..side).flat_map(|number| (0..side).map(move |column| row(number).position(column))).map(sample).collect()
     }
 
     /// The samples that [`crop`] writes.
@@ -243,29 +232,20 @@ mod tests {
     /// Pixels of a random format whose planes have no byte to spare, in a picture of this size.
     fn pixels<'a>(random: &mut fastrand::Rng, [width, height]: [usize; 2], data: &'a [u8]) -> Pixels<'a> {
         let pad = random.usize(..20);
-        let plane = |from: usize, stride: usize, row: usize, rows: usize| &data[from..from + stride * (rows - 1) + row];
-        let half = |size: usize| size.div_ceil(2);
+        let plane = |from: usize, row: usize, rows: usize| &data[from..from + (row + pad) * (rows - 1) + row];
+        let ([half_width, half_height], stride) = ([width, height].map(|size| size.div_ceil(2)), width + pad);
         match random.u8(..8) {
-            0 | 1 => {
-                let row = 4 * half(width);
-                Pixels::Yuyv { data: plane(0, row + pad, row, height), stride: row + pad }
-            }
+            0 | 1 => Pixels::Yuyv { data: plane(0, 4 * half_width, height), stride: 4 * half_width + pad },
             2 | 3 => {
-                let (row, stride) = (2 * half(width), 2 * half(width) + pad);
-                let luma = plane(0, stride, width, height);
-                Pixels::Nv12 { luma, chroma: plane(7, stride, row, half(height)), stride }
+                let (luma, chroma) = (plane(0, 2 * half_width, height), plane(7, 2 * half_width, half_height));
+                Pixels::Nv12 { luma, chroma, stride: 2 * half_width + pad }
             }
-            4 => Pixels::Grey { data: plane(0, width + pad, width, height), stride: width + pad },
+            4 => Pixels::Grey { data: plane(0, width, height), stride },
             _ => {
-                let shift = [[1, 1], [1, 0], [0, 0], [2, 0], [0, 1]][random.usize(..5)];
-                let [row, rows] = [width.div_ceil(1 << shift[0]), height.div_ceil(1 << shift[1])];
-                let strides = [width + pad, row + random.usize(..9)];
-                let chroma = |from| plane(from, strides[1], row, rows);
-                Pixels::Planar {
-                    planes: [plane(0, strides[0], width, height), chroma(3), chroma(9)],
-                    strides,
-                    chroma_shift: shift,
-                }
+                let chroma_shift = [[1, 1], [1, 0], [0, 0], [2, 0], [0, 1]][random.usize(..5)];
+                let [row, rows] = [width.div_ceil(1 << chroma_shift[0]), height.div_ceil(1 << chroma_shift[1])];
+                let planes = [plane(0, width, height), plane(3, row, rows), plane(9, row, rows)];
+                Pixels::Planar { planes, strides: [stride, row + pad], chroma_shift }
             }
         }
     }

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use anyhow::{Result, ensure};
 use facewire_face::BLENDSHAPES;
-use facewire_face::model::{FeatureId, FormulaSetTable, FormulaTable, FormulasTable, ModelFile, Response, ScoreTable};
+use facewire_face::model::{Cases, FeatureId, FormulaSetTable, FormulaTable, ModelFile, Response, ScoreTable};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -172,7 +172,7 @@ pub fn json(choices: &[Choice], split: &Split, budget: &Budget) -> Value {
 /// Returns the model of the formulas that were chosen with the subjects' neutral faces known and not known. The formula of
 /// a blendshape without a choice is always 0; the names of these blendshapes are printed on standard error.
 pub fn model_file(known: &[Choice], unknown: &[Choice], made_by: String, fitted_on: String) -> Result<ModelFile> {
-    let formulas = FormulasTable { neutral_known: set(known)?, neutral_unknown: set(unknown)? };
+    let formulas = Cases { neutral_known: set(known)?, neutral_unknown: set(unknown)? };
     Ok(ModelFile { formulas: Some(formulas), ..ModelFile::new(made_by, fitted_on) })
 }
 

@@ -1,6 +1,6 @@
 //! The guide with a wearer who shows the coefficients that a test wants.
 
-use facewire_face::model::{FormulaSetTable, FormulaTable, FormulasTable, ModelFile};
+use facewire_face::model::{Cases, FormulaSetTable, FormulaTable, ModelFile};
 use facewire_face::stages::{Coefficients, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, testing::face};
 
@@ -21,7 +21,7 @@ pub(crate) fn blank_model_file() -> ModelFile {
     let named = |name: &&str| ((*name).to_owned(), FormulaTable::default());
     let blendshapes = BLENDSHAPES.iter().filter(|name| **name != "tongueOut").map(named).collect();
     let formulas = FormulaSetTable { blendshapes, ..FormulaSetTable::default() };
-    let formulas = FormulasTable { neutral_known: formulas.clone(), neutral_unknown: formulas };
+    let formulas = Cases { neutral_known: formulas.clone(), neutral_unknown: formulas };
     ModelFile { formulas: Some(formulas), ..ModelFile::new(String::new(), String::new()) }
 }
 

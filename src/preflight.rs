@@ -3,7 +3,7 @@
 //! [`crate::config`] judges settings by their text alone. Whether the networks and the model that they name can be used
 //! at this moment is found out here, and by [`crate::link`] for links.
 
-use facewire_face::{Filters, Group, HeadFilter, InferError, Model, ModelError, Profile, Shaping, Solver, Tracker};
+use facewire_face::{Filters, Group, InferError, Model, ModelError, Profile, Shaping, Solver, Tracker};
 
 use crate::calibration::{Store, StoreError, WearerName, model_hash};
 use crate::config::{NetworkSettings, Settings, SolverSettings, WearerSettings};
@@ -67,7 +67,7 @@ pub fn shaping(settings: &Settings) -> Shaping {
         let (kind, ms) = smoothing.of(group);
         group.filter(kind, seconds(ms))
     };
-    let filters = Filters::new(of_group, HeadFilter::new(smoothing.head, seconds(smoothing.head_ms)));
+    let filters = Filters::new(of_group, smoothing.head, seconds(smoothing.head_ms));
     Shaping { rules: settings.plausibility, filters, adjustments: settings.adjust.clone() }
 }
 

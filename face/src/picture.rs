@@ -16,41 +16,19 @@ pub struct Picture<'a> {
     pub full_range: bool,
 }
 
-/// The samples of a picture. Strides are in bytes.
+/// The samples of a picture. A stride is the number of bytes from one row to the next.
 #[derive(Debug, Clone, Copy)]
+#[allow(missing_docs, reason = "the variants tell the fields")]
 pub enum Pixels<'a> {
     /// Packed 4:2:2, `Y0 Cb Y1 Cr`.
-    Yuyv {
-        /// All rows.
-        data: &'a [u8],
-        /// Bytes from one row to the next.
-        stride: usize,
-    },
+    Yuyv { data: &'a [u8], stride: usize },
     /// A luma plane, and a plane of interleaved `Cb Cr` of half the width and height.
-    Nv12 {
-        /// Luma rows.
-        luma: &'a [u8],
-        /// Chroma rows.
-        chroma: &'a [u8],
-        /// Bytes from one row to the next, in both planes.
-        stride: usize,
-    },
-    /// Three planes, of which the chroma planes are smaller by powers of two (Motion-JPEG, y4m).
-    Planar {
-        /// Luma, Cb, Cr.
-        planes: [&'a [u8]; 3],
-        /// Bytes from one row to the next of luma and of both chroma planes.
-        strides: [usize; 2],
-        /// Chroma is `1 << x` narrower and `1 << y` lower than luma, rounded up.
-        chroma_shift: [u8; 2],
-    },
+    Nv12 { luma: &'a [u8], chroma: &'a [u8], stride: usize },
+    /// Luma, Cb and Cr (Motion-JPEG, y4m), with the strides of luma and of both chroma planes. Chroma is `1 << x` narrower
+    /// and `1 << y` lower than luma, rounded up.
+    Planar { planes: [&'a [u8]; 3], strides: [usize; 2], chroma_shift: [u8; 2] },
     /// Luma only.
-    Grey {
-        /// All rows.
-        data: &'a [u8],
-        /// Bytes from one row to the next.
-        stride: usize,
-    },
+    Grey { data: &'a [u8], stride: usize },
 }
 
 impl<'a> Picture<'a> {

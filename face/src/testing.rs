@@ -11,7 +11,6 @@ use crate::track::{LANDMARKS, Landmarks, MESH, Transform};
 
 /// One run of a scripted network.
 pub struct Run<'a> {
-    /// Name of the network.
     pub network: &'static str,
     /// The outputs in the order of the signature, for the closure to fill in. They contain the values of the run before,
     /// and 0 in the first run.
@@ -69,7 +68,6 @@ impl Network for ScriptedNetwork {
     }
 }
 
-/// Score and face flag of a face, before the sigmoid.
 const CERTAIN: f32 = 10.0;
 /// An anchor in the middle of the picture: row 8 and column 8 of the 16 x 16 cells, which have two anchors each.
 const MIDDLE_ANCHOR: usize = (8 * 16 + 8) * 2;

@@ -139,7 +139,7 @@ fn trials(streams: &[Stream]) -> Vec<(Trial, [Sums; PARTS.len()])> {
     let trial = |(kind, time_ms, size): (FilterKind, f32, f32)| {
         let mut filters = Filters::uniform(kind, time_ms / 1000.0);
         filters.coefficients.iter_mut().for_each(|filter| filter.noise_size *= size);
-        filters.head.rotation.noise_size *= size;
+        filters.rotation.noise_size *= size;
         (Trial { kind, time_ms, size, sums: Sums::default() }, measured(&filters, streams))
     };
     all.into_par_iter().map(trial).collect()
@@ -151,7 +151,7 @@ fn default_of(part: Part, filters: &Filters, sums: &Sums) -> Trial {
             let filters = BLENDSHAPES.iter().zip(filters.coefficients).find(|(name, _)| Group::of(name) == group);
             filters.map_or(Filter::OFF, |(_, filter)| filter)
         }
-        Part::Head => filters.head.rotation,
+        Part::Head => filters.rotation,
     };
     Trial { kind: filter.kind, time_ms: (filter.time_s * 1000.0).round(), size: 1.0, sums: *sums }
 }

@@ -1,9 +1,8 @@
 //! Runs the landmark networks on an [`Engine`].
 //!
 //! A network has one input and a few outputs of fixed shapes, all `f32`. The input and those outputs that are maps are
-//! stored row by row, pixel by pixel within a row, and channel by channel within a pixel. The caller writes the input in
-//! place, runs the network and reads the outputs in place. After [`Engine::load`] a network allocates nothing, unless a run
-//! fails.
+//! stored row by row, pixel by pixel, and channel by channel. The caller writes the input and reads the outputs in place.
+//! After [`Engine::load`] a network allocates nothing, unless a run fails.
 //!
 //! To add an engine, write its module, and add it to [`engine`], to [`engines`] and to [`EngineChoice`].
 
@@ -22,7 +21,6 @@ use facewire_engine::{Graph, Team, file};
 const VARIABLE: &str = "FACEWIRE_NETWORKS";
 /// The folder that a package installs.
 const INSTALLED: &str = "/usr/lib/facewire/networks";
-/// Extension of the native engine's files.
 const EXTENSION: &str = "fwnet";
 
 /// Why a network cannot be loaded or run: a sentence that names the file or the network, and the remedy.
@@ -49,7 +47,6 @@ impl InferError {
     }
 }
 
-/// Returns the command that installs a file of the folder.
 fn remedy(path: &Path) -> &'static str {
     let is_native = path.extension().is_some_and(|extension| extension == EXTENSION);
     if is_native { "scripts/setup" } else { "scripts/setup onnxruntime" }
@@ -66,16 +63,14 @@ pub enum EngineChoice {
     OnnxRuntime,
 }
 
-/// The name of a network and the shapes of its input and outputs. An engine refuses a file that differs from them,
-/// so that networks of another version are found at start-up.
+/// What the file of a network must contain. Networks of another version are thus found at start-up.
 #[derive(Debug)]
 pub struct Signature {
     /// File name without its extension, which is the engine's own.
     pub name: &'static str,
     /// Shape of the only input: rows, columns, channels.
     pub input: [usize; 3],
-    /// Names and shapes of the outputs, in the order in which [`Network::output`] numbers them. A shape of three numbers is
-    /// that of a map: rows, columns, channels.
+    /// Names and shapes of the outputs. A shape of three numbers is that of a map: rows, columns, channels.
     pub outputs: &'static [(&'static str, &'static [usize])],
 }
 
@@ -84,22 +79,19 @@ pub trait Engine: Send + Sync {
     /// The name that operators and tests see.
     fn name(&self) -> String;
 
-    /// Loads the network that `signature` describes and takes all memory that its runs need, so that the first frame
-    /// does not wait for any.
+    /// Loads the network that `signature` describes and takes all memory that its runs need.
     fn load(&self, signature: &'static Signature) -> Result<Box<dyn Network>, InferError>;
 }
 
 /// A network that is ready to run.
 pub trait Network: Send {
-    /// Returns one row of the input, pixel by pixel, and channel by channel within a pixel. The slice is empty if there is no
-    /// such row.
+    /// Returns one row of the input. The slice is empty if there is no such row.
     fn input_row(&mut self, row: usize) -> &mut [f32];
 
     /// Computes the outputs from the input. After a failure, the outputs are unspecified.
     fn run(&mut self) -> Result<(), InferError>;
 
-    /// Returns the values of output `index` of the signature, in the engine's memory. The slice is empty if there is no such
-    /// output.
+    /// Returns the values of output `index` of the signature. The slice is empty if there is no such output.
     fn output(&self, index: usize) -> &[f32];
 }
 
@@ -112,7 +104,16 @@ impl NetworkFolder {
     /// names. If that is not set either, returns the first that exists of `facewire/networks` in the user's cache,
     /// which `scripts/setup` fills, and the folder of an installed package.
     pub fn find(setting: &str) -> Result<Self, InferError> {
-        let tried = candidates(setting);
+        let user = || {
+            let home = || env::var_os("HOME").map(|home| Path::new(&home).join(".cache"));
+            let cache = env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home);
+            cache.map(|cache| cache.join("facewire/networks"))
+        };
+        let tried: Vec<PathBuf> = match (setting, env::var_os(VARIABLE)) {
+            ("", Some(named)) => vec![named.into()],
+            ("", None) => user().into_iter().chain([INSTALLED.into()]).collect(),
+            (setting, _) => vec![setting.into()],
+        };
         let mut refused = None;
         for folder in &tried {
             match fs::metadata(folder) {
@@ -148,19 +149,6 @@ impl NetworkFolder {
     }
 }
 
-fn candidates(setting: &str) -> Vec<PathBuf> {
-    if !setting.is_empty() {
-        return vec![setting.into()];
-    }
-    if let Some(named) = env::var_os(VARIABLE) {
-        return vec![named.into()];
-    }
-    let cache = env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
-    let home = || env::var_os("HOME").map(|home| Path::new(&home).join(".cache"));
-    let user = cache.or_else(home).map(|cache| cache.join("facewire/networks"));
-    user.into_iter().chain([INSTALLED.into()]).collect()
-}
-
 /// Returns the engine of this choice, whose networks are in `folder` ([`NetworkFolder::find`]) and run on this many threads.
 pub fn engine(choice: EngineChoice, folder: &str, threads: u32) -> Result<Box<dyn Engine>, InferError> {
     let folder = NetworkFolder::find(folder)?;
@@ -194,7 +182,6 @@ pub fn native_network(
     Native { folder: NetworkFolder::find(folder)?, kernels, team: team(1)? }.network(name, |_| Ok(()))
 }
 
-/// Starts the threads that run the networks of the native engine. The calling thread is one of them.
 fn team(threads: u32) -> Result<Arc<Team>, InferError> {
     Team::new(threads as usize).map(Arc::new).map_err(|error| {
         InferError(format!(
@@ -204,7 +191,6 @@ fn team(threads: u32) -> Result<Arc<Team>, InferError> {
     })
 }
 
-/// Returns ONNX Runtime, if this build contains it.
 #[cfg(feature = "ort")]
 #[expect(clippy::unnecessary_wraps, reason = "not every build contains the engine")]
 fn onnx_runtime(folder: NetworkFolder, threads: usize) -> Option<Box<dyn Engine>> {
@@ -224,8 +210,7 @@ struct Native {
 }
 
 impl Native {
-    /// Reads the file of the network `name` and prepares the network. If `check` returns an error for its graph, the file
-    /// counts as damaged.
+    /// Prepares the network `name`. If `check` returns an error for its graph, the file counts as damaged.
     fn network(
         &self,
         name: &str,

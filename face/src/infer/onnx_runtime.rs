@@ -19,17 +19,13 @@ use ort::value::{Outlet, Tensor};
 
 use super::{Engine, InferError, Network, NetworkFolder, Signature, remedy};
 
-/// File name of the library in the network folder.
 const LIBRARY: &str = "libonnxruntime.so";
 /// Runs of a network when it is loaded. ONNX Runtime plans its memory in the first run and allocates it in the second.
 const WARM_UP_RUNS: usize = 2;
-/// Value of every input during the warm-up: a grey picture.
 const GREY: f32 = 0.5;
 
-/// ONNX Runtime with the networks of one folder.
 pub(super) struct OnnxRuntime {
     pub(super) folder: NetworkFolder,
-    /// The threads of each network.
     pub(super) threads: usize,
 }
 
@@ -143,7 +139,6 @@ fn onnx_shape(shape: &[usize]) -> Vec<usize> {
     }
 }
 
-/// Returns the number of values of a map, and 0 for a shape that is not a map's.
 fn map_values(shape: &[usize]) -> usize {
     if shape.len() == 3 { shape.iter().product() } else { 0 }
 }
@@ -198,7 +193,6 @@ fn preallocate(signature: &Signature) -> ort::Result<RunOptions<HasSelectedOutpu
     Ok(RunOptions::new()?.with_outputs(selector))
 }
 
-/// Checks that the session has the input and the outputs of the signature.
 fn check(session: &Session, signature: &Signature) -> Result<(), String> {
     let [input] = session.inputs() else {
         return Err(format!("{} inputs in place of 1", session.inputs().len()));
@@ -222,10 +216,8 @@ fn check_shape(outlet: &Outlet, expected: &[usize]) -> Result<(), String> {
     }
 }
 
-/// Returns the message of an engine on one line and without control characters. A message that is too long is cut and
-/// ends in an ellipsis.
+/// Returns a message of at most three lines of a terminal, without control characters, on one line.
 fn one_line(message: impl Display) -> String {
-    /// Two to three lines of a terminal.
     const MAX_BYTES: usize = 240;
     let message = message.to_string();
     let words = message.split(|character: char| character.is_whitespace() || character.is_control());

@@ -210,18 +210,14 @@ impl ModelFile {
         struct Header {
             format: u32,
         }
-        let parsed = from_toml::<Self>(text);
-        // A file of another format has another layout, which looks like damage. Only then is the text parsed again.
-        let format = match &parsed {
-            Ok(file) => Some(file.format),
-            Err(_) => from_toml::<Header>(text).ok().map(|header| header.format),
-        };
-        match format {
-            Some(found) if found != FORMAT => Err(ModelError::Invalid(format!(
-                "the model file has format {found}, this program reads format {FORMAT}; fit it again with facewire-fit"
-            ))),
-            _ => parsed,
+        // A file of another format has another layout, which would look like damage.
+        let Header { format } = from_toml(text)?;
+        if format == FORMAT {
+            return from_toml(text);
         }
+        Err(ModelError::Invalid(format!(
+            "the model file has format {format}, this program reads format {FORMAT}; fit it again with facewire-fit"
+        )))
     }
 
     /// Checks every name and number and lays the numbers out for the solver. [`ModelError::Invalid`] names the entry.

@@ -16,7 +16,6 @@ use super::{COEFFS, Cases, FeatureId, ModelError};
 pub const MAX_FORMULA_INPUTS: usize = 64;
 /// Most features of a quadratic formula that are multiplied with each other.
 pub const MAX_MULTIPLIED: usize = 24;
-/// Most products of a quadratic formula.
 pub const MAX_PRODUCTS: usize = MAX_MULTIPLIED * (MAX_MULTIPLIED + 1) / 2;
 
 /// The constant that an exponential formula subtracts, because most coefficients are 0. The slopes of the steepest and
@@ -97,9 +96,7 @@ impl Response {
 /// Formulas of all blendshapes with their features. Those of both cases take at most 256 KiB.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FormulaSet {
-    /// The features that at least one formula selects.
     pub inputs: Box<[ScaledInput]>,
-    /// One formula for each blendshape.
     pub formulas: Box<[Formula]>,
 }
 
@@ -117,11 +114,9 @@ pub struct ScaledInput {
 pub struct Formula {
     pub kind: FormulaKind,
     pub response: Response,
-    /// `b`.
     pub offset: f32,
     /// Indices into [`FormulaSet::inputs`], at most [`MAX_FORMULA_INPUTS`].
     pub inputs: Box<[u16]>,
-    /// `w`, one for each of the inputs.
     pub weights: Box<[f32]>,
     /// How many of the inputs are multiplied with each other. They come first.
     pub multiplied: usize,

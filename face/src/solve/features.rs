@@ -16,10 +16,8 @@ pub struct Neutral {
 }
 
 impl Neutral {
-    /// Measures a face whose points are in the basis of [`Normalised::points`].
-    ///
-    /// # Errors
-    /// [`SolveError::NoMean`] if a coordinate is not finite, or larger than that of any face.
+    /// Measures a face whose points are in the basis of [`Normalised::points`]. A coordinate that no face has is
+    /// [`SolveError::NoMean`].
     pub fn from_points(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, SolveError> {
         if !points.iter().flatten().all(|value| value.abs() < MAX_COORDINATE) {
             return Err(SolveError::NoMean);
@@ -101,7 +99,6 @@ impl Features {
         Self { values, known }
     }
 
-    /// The value of one feature.
     pub(super) fn get(&self, id: FeatureId) -> f32 {
         self.values.get(id.index()).copied().unwrap_or(f32::NAN)
     }
@@ -112,7 +109,6 @@ impl Features {
     }
 }
 
-/// Coordinates and distances of a face, without a reference.
 pub(super) fn measure(points: &[[f32; 3]; LANDMARKS]) -> [f32; MEASURES] {
     let mut values = [0.0; MEASURES];
     let (coordinates, distances) = values.split_at_mut(COORDINATES);

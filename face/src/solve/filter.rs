@@ -71,9 +71,7 @@ impl Filter {
         Self { noise_size: level * self.noise_size, ..self }
     }
 
-    /// Filters the value `x` of a frame that was captured `dt_s` seconds after the last one.
-    ///
-    /// A value that is not finite is returned as it is and empties the state, so that it affects no later frame. After
+    /// Filters the value `x` of a frame that was captured `dt_s` seconds after the last one. A value that is not finite is returned as it is and empties the state, so that it affects no later frame. After
     /// more than [`LONGEST_STEP_S`] seconds, or a time that is not a number, the filter starts anew.
     pub(super) fn step<const N: usize>(&self, state: &mut FilterState<N>, x: [f32; N], dt_s: f32) -> [f32; N] {
         let kind = if self.time_s > 0.0 { self.kind } else { FilterKind::Off };
@@ -107,7 +105,6 @@ impl Filter {
         }
     }
 
-    /// The state after a first value.
     fn start<const N: usize>(&self, kind: FilterKind, x: [f32; N]) -> FilterState<N> {
         match kind {
             FilterKind::Off => FilterState::Empty,
@@ -205,18 +202,15 @@ pub(super) fn approach<const N: usize>(values: &mut [f32; N], to: &[f32; N], sha
     values.iter_mut().zip(to).for_each(|(value, to)| *value += share * (to - *value));
 }
 
-/// `a - b`.
 pub(super) fn difference<const N: usize>(mut a: [f32; N], b: [f32; N]) -> [f32; N] {
     a.iter_mut().zip(b).for_each(|(value, b)| *value -= b);
     a
 }
 
-/// Adds `weight` times `point` to `sum`.
 pub(super) fn add<const N: usize>(sum: &mut [f32; N], weight: f32, point: [f32; N]) {
     sum.iter_mut().zip(point).for_each(|(sum, value)| *sum += weight * value);
 }
 
-/// The square of the length of a vector.
 pub(super) fn square<const N: usize>(point: [f32; N]) -> f32 {
     point.iter().map(|value| value * value).sum()
 }

@@ -37,7 +37,6 @@ struct Measure {
     axis: usize,
     /// Standard deviation of averages of the same person.
     deviation: f32,
-    /// Mean over people.
     value: f32,
     /// Mean depth of the landmarks, by which perspective changes the measure.
     depth: f32,
@@ -63,7 +62,6 @@ const MEASURES: [Measure; COUNT] = [
     Measure { landmarks: [454, 234], axis: Z, deviation: 0.0138, value: -0.899, depth: -0.899 },
 ];
 
-/// Measures, each divided by its deviation.
 type Shape = [f32; COUNT];
 
 /// Whether a face is that of the wearer.
@@ -92,7 +90,6 @@ struct Average {
 }
 
 impl Identity {
-    /// The next face may be another person's.
     pub(super) fn gap(&mut self) {
         self.recent = Average::default();
         self.different_s = 0.0;

@@ -37,7 +37,7 @@ pub use neutral_estimate::NeutralMode;
 pub use output::{Adjustment, Adjustments, MIRRORED};
 pub use plausible::Rules;
 pub use pose::{Camera, HeadPose, mirror_image, yaw_pitch_roll_deg};
-pub use smoothing::{Filters, FiltersState, Group, HeadFilter};
+pub use smoothing::{Filters, FiltersState, Group};
 pub use solver::{Profile, Shaping, Solution, SolveError, Solver};
 
 /// One number for each blendshape, in the order of [`BLENDSHAPES`]. Results of the regression are finite; after the

@@ -93,7 +93,6 @@ impl Default for NeutralEstimate {
 }
 
 impl NeutralEstimate {
-    /// What displacements are measured from.
     pub(super) fn reference(&self) -> Reference<'_> {
         Reference::between(&self.used, self.share)
     }
@@ -151,7 +150,6 @@ impl NeutralEstimate {
         self.watch = RestWatch::default();
     }
 
-    /// Moves the reference towards the estimate.
     fn follow(&mut self, mode: NeutralMode, dt_s: f32) {
         let is_wanted = mode == NeutralMode::Auto && !self.is_fading;
         // The more evidence, and the nearer to rest the model reads its mean, the larger the share.
@@ -177,11 +175,9 @@ const MOST_SHUT: f32 = 0.3;
 /// Least weight that counts. Frames with a lower weight are ignored, because many of them would add up: a speaking mouth
 /// comes close to rest again and again.
 const LEAST_WEIGHT: f32 = 0.05;
-/// `eyeBlinkLeft` and `eyeBlinkRight`.
 const LIDS: [usize; 2] = [0, 7];
 /// Distance of the outputs from their recent average at which a face no longer counts as still.
 const MOST_MOTION: f32 = 0.2;
-/// Time constant of that average, seconds.
 const RECENT_S: f32 = 0.3;
 /// Time after which 63 % of a motion is forgotten, seconds. A mouth that speaks passes its average again and again.
 const CALM_S: f32 = 0.8;

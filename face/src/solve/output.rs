@@ -87,7 +87,6 @@ pub(super) struct Crossfade {
     difference: Option<Difference>,
 }
 
-/// An old output minus a new one, and the share of it that is left.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Difference {
     coefficients: [f32; COEFFS],

@@ -37,11 +37,9 @@ impl Camera {
 /// Position and orientation of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadPose {
-    /// Rotation as a unit quaternion x, y, z, w with w not negative. It is the identity for a head that faces the
-    /// camera.
+    /// Rotation as a unit quaternion x, y, z, w with w not negative.
     pub rotation_xyzw: [f32; 4],
-    /// Position of the point between the eyes relative to the camera, millimetres: x right in the picture, y down, z
-    /// away from the camera.
+    /// Position of the point between the eyes from the camera, millimetres: x right in the picture, y down, z away.
     pub position_mm: [f32; 3],
 }
 

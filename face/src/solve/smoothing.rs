@@ -1,6 +1,6 @@
 //! The filters of all coefficients and of the head, chosen by the part of the face that moves.
 
-use super::filter::{Filter, FilterKind, FilterState, LONGEST_STEP_S, difference};
+use super::filter::{Filter, FilterKind, FilterState, LONGEST_STEP_S, difference, square};
 use super::{BLENDSHAPES, COEFFS, Coefficients, HeadPose};
 
 /// Coefficients that share a filter, because they belong to a part of the face that moves in its own way.
@@ -58,8 +58,10 @@ impl Group {
 pub struct Filters {
     /// The filters of the coefficients, in the order of [`BLENDSHAPES`].
     pub coefficients: [Filter; COEFFS],
-    /// The filter of the head's rotation and position.
-    pub head: HeadFilter,
+    /// The filter of the head's rotation.
+    pub rotation: Filter,
+    /// The filter of the head's position.
+    pub position: Filter,
 }
 
 /// The states of all filters.
@@ -67,28 +69,33 @@ pub struct Filters {
 pub struct FiltersState {
     noise: NoiseLevel,
     coefficients: [FilterState<1>; COEFFS],
-    head: HeadState,
+    rotation: FilterState<4>,
+    position: FilterState<3>,
+    last_rotation: Option<[f32; 4]>,
 }
 
 impl Default for FiltersState {
     fn default() -> Self {
         let coefficients = [const { FilterState::Empty }; COEFFS];
-        Self { noise: NoiseLevel::default(), coefficients, head: HeadState::default() }
+        let (rotation, position) = (FilterState::Empty, FilterState::Empty);
+        Self { noise: NoiseLevel::default(), coefficients, rotation, position, last_rotation: None }
     }
 }
 
 impl Filters {
     /// No smoothing.
-    pub const OFF: Self = Self { coefficients: [Filter::OFF; COEFFS], head: HeadFilter::OFF };
+    pub const OFF: Self = Self { coefficients: [Filter::OFF; COEFFS], rotation: Filter::OFF, position: Filter::OFF };
 
-    /// One filter for each group, and one for the head.
-    pub fn new(of: impl Fn(Group) -> Filter, head: HeadFilter) -> Self {
-        Self { coefficients: BLENDSHAPES.map(|name| of(Group::of(name))), head }
+    /// One filter for each group, and this kind and time for the head.
+    pub fn new(of: impl Fn(Group) -> Filter, kind: FilterKind, time_s: f32) -> Self {
+        let head = |noise_size| Filter { kind, time_s, noise_size };
+        let coefficients = BLENDSHAPES.map(|name| of(Group::of(name)));
+        Self { coefficients, rotation: head(SMALL_TURN), position: head(SMALL_MOVE_MM) }
     }
 
     /// The same kind and time for every group and the head.
     pub fn uniform(kind: FilterKind, time_s: f32) -> Self {
-        Self::new(|group| group.filter(kind, time_s), HeadFilter::new(kind, time_s))
+        Self::new(|group| group.filter(kind, time_s), kind, time_s)
     }
 
     /// Filters the coefficients and the pose of the head of a frame that was captured `dt_s` seconds after the last one.
@@ -104,8 +111,37 @@ impl Filters {
         for (value, (filter, state)) in out.0.iter_mut().zip(self.coefficients.iter().zip(&mut state.coefficients)) {
             [*value] = filter.at_noise_level(level).step(state, [*value], dt_s);
         }
-        (out, self.head.step(&mut state.head, head, level, dt_s))
+        (out, self.step_head(state, head, level, dt_s))
     }
+
+    /// The rotation is smoothed as a quaternion and not as three angles, so that nothing wraps at 180 degrees. Of the two
+    /// quaternions of a rotation, the filter takes the one that is nearer to its last output. A weighted mean of
+    /// quaternions that are near each other is their mean rotation, once it has its length of 1 again.
+    fn step_head(&self, state: &mut FiltersState, head: &HeadPose, level: f32, dt_s: f32) -> HeadPose {
+        let near = state.last_rotation.map_or(head.rotation_xyzw, |last| nearer(head.rotation_xyzw, last));
+        let mean = self.rotation.at_noise_level(level).step(&mut state.rotation, near, dt_s);
+        let rotation = unit(mean, near);
+        state.last_rotation = rotation.iter().all(|value| value.is_finite()).then_some(rotation);
+        let position_mm = self.position.at_noise_level(level).step(&mut state.position, head.position_mm, dt_s);
+        HeadPose::from_rotation(rotation, position_mm)
+    }
+}
+
+/// Size of a turn that is no longer small. The distance of two unit quaternions is half of the angle in radians.
+const SMALL_TURN: f32 = 0.5 * 0.03;
+/// Size of a movement that is no longer small, millimetres. The depth is the noisiest of the three coordinates.
+const SMALL_MOVE_MM: f32 = 5.0;
+
+/// Of the two quaternions of a rotation, returns the one that is nearer to `last`.
+fn nearer(rotation: [f32; 4], last: [f32; 4]) -> [f32; 4] {
+    let cosine: f32 = rotation.iter().zip(last).map(|(a, b)| a * b).sum();
+    if cosine < 0.0 { rotation.map(|value| -value) } else { rotation }
+}
+
+/// Gives a quaternion the length of 1. A mean of opposite rotations has no direction; `instead` counts then.
+fn unit(mean: [f32; 4], instead: [f32; 4]) -> [f32; 4] {
+    let length = square(mean).sqrt();
+    if length > 0.1 { mean.map(|value| value / length) } else { instead }
 }
 
 /// Standard deviation of the noise at level 1, that of good light, relative to a small change.
@@ -122,9 +158,9 @@ const LEVELS: [f32; 2] = [1.0, 2.0];
 /// How noisy the last frames are, relative to the noise for which the sizes of small changes are meant.
 ///
 /// A camera amplifies its noise with a dark picture: coefficients of a still face then tremble 20 times as much as in good
-/// light, and the size of a small change must follow. Noise throws a value back and forth, so that successive steps of a still face have opposite signs: the mean of their
-/// product is the negative variance of the noise. Movement goes on from frame to frame, and its products are positive. The
-/// noise is averaged over the coefficients and over about a second.
+/// light, and the size of a small change must follow. Noise throws a value back and forth, so that successive steps of a
+/// still face have opposite signs: the mean of their product is the negative variance of the noise. Movement goes on from
+/// frame to frame, and its products are positive.
 #[derive(Debug, Clone, PartialEq)]
 struct NoiseLevel {
     /// From this size on, a change of each coefficient is no longer small in good light.
@@ -172,69 +208,10 @@ impl NoiseLevel {
     }
 }
 
-/// Size of a turn that is no longer small. The distance of two unit quaternions is half of the angle in radians.
-const SMALL_TURN: f32 = 0.5 * 0.03;
-/// Size of a movement that is no longer small, millimetres. The depth is the noisiest of the three coordinates.
-const SMALL_MOVE_MM: f32 = 5.0;
-
-/// How the head's pose is smoothed.
-///
-/// The rotation is smoothed as a quaternion and not as three angles, so that nothing wraps at 180 degrees. Of the two
-/// quaternions of a rotation, the filter takes the one that is nearer to its last output. A weighted mean of
-/// quaternions that are near each other is their mean rotation, once it has its length of 1 again.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HeadFilter {
-    /// How the rotation is smoothed.
-    pub rotation: Filter,
-    /// How the position is smoothed.
-    pub position: Filter,
-}
-
-/// What a [`HeadFilter`] remembers between frames.
-#[derive(Debug, Clone, PartialEq, Default)]
-struct HeadState {
-    rotation: FilterState<4>,
-    position: FilterState<3>,
-    last: Option<[f32; 4]>,
-}
-
-impl HeadFilter {
-    /// No smoothing.
-    pub const OFF: Self = Self { rotation: Filter::OFF, position: Filter::OFF };
-
-    /// The filter of this kind, which averages small changes over `time_s`.
-    pub fn new(kind: FilterKind, time_s: f32) -> Self {
-        let filter = |noise_size| Filter { kind, time_s, noise_size };
-        Self { rotation: filter(SMALL_TURN), position: filter(SMALL_MOVE_MM) }
-    }
-
-    /// Filters the pose of a frame that was captured `dt_s` seconds after the last one, in a picture of this noise level.
-    fn step(&self, state: &mut HeadState, head: &HeadPose, level: f32, dt_s: f32) -> HeadPose {
-        let near = state.last.map_or(head.rotation_xyzw, |last| nearer(head.rotation_xyzw, last));
-        let mean = self.rotation.at_noise_level(level).step(&mut state.rotation, near, dt_s);
-        let rotation = unit(mean, near);
-        state.last = rotation.iter().all(|value| value.is_finite()).then_some(rotation);
-        let position_mm = self.position.at_noise_level(level).step(&mut state.position, head.position_mm, dt_s);
-        HeadPose::from_rotation(rotation, position_mm)
-    }
-}
-
-/// Of the two quaternions of a rotation, returns the one that is nearer to `last`.
-fn nearer(rotation: [f32; 4], last: [f32; 4]) -> [f32; 4] {
-    let cosine: f32 = rotation.iter().zip(last).map(|(a, b)| a * b).sum();
-    if cosine < 0.0 { rotation.map(|value| -value) } else { rotation }
-}
-
-/// Gives a quaternion the length of 1. A mean of opposite rotations has no direction; `instead` counts then.
-fn unit(mean: [f32; 4], instead: [f32; 4]) -> [f32; 4] {
-    let length = mean.iter().map(|value| value * value).sum::<f32>().sqrt();
-    if length > 0.1 { mean.map(|value| value / length) } else { instead }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::filter::{FRAME_S, square, tests::KINDS};
+    use crate::solve::filter::{FRAME_S, tests::KINDS};
 
     #[test]
     fn every_blendshape_belongs_to_the_part_of_the_face_that_it_moves() {
@@ -278,8 +255,8 @@ mod tests {
     }
 
     fn run(kind: FilterKind, poses: impl IntoIterator<Item = HeadPose>) -> Vec<HeadPose> {
-        let (filter, mut state) = (HeadFilter::new(kind, 0.2), HeadState::default());
-        poses.into_iter().map(|pose| filter.step(&mut state, &pose, 1.0, FRAME_S)).collect()
+        let (filters, mut state) = (Filters::uniform(kind, 0.2), FiltersState::default());
+        poses.into_iter().map(|pose| filters.step_head(&mut state, &pose, 1.0, FRAME_S)).collect()
     }
 
     #[test]

@@ -185,7 +185,6 @@ impl History {
     fn step_s(&mut self, time_us: u64) -> f32 {
         let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
         if step_us.is_none() {
-            // What was learned of the wearer stays.
             (self.gaze, self.filters) = (GazeState::default(), FiltersState::default());
             self.crossfade = Crossfade::default();
         }

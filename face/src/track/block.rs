@@ -1,9 +1,7 @@
-//! Converts the pixels around a block of samples at once, so that each sample reads pixels that are red, green and blue
-//! already.
+//! Converts the pixels around a block of samples to red, green and blue at once.
 //!
-//! This is several times faster than converting the four pixels around each sample. Blocks are so small that their pixels
-//! stay in the nearest caches. If the region is rotated, only those columns of each row are converted that lie around
-//! samples.
+//! This is several times faster than converting the four pixels around each sample. Blocks stay in the nearest caches. If
+//! the region is rotated, only those columns of each row are converted that lie around samples.
 
 use std::ops::Range;
 
@@ -32,7 +30,6 @@ impl<'a> Planes<'a> {
         Self { pixels: picture.pixels, factors: if picture.full_range { &FULL_RANGE } else { &VIDEO_RANGE }, last }
     }
 
-    /// Whether a column and a row are inside the picture.
     pub(super) fn contain(&self, [x, y]: [i32; 2]) -> bool {
         (0..=self.last[0]).contains(&x) && (0..=self.last[1]).contains(&y)
     }
@@ -57,8 +54,7 @@ impl<'a> Planes<'a> {
         self.factors.pixel(samples)
     }
 
-    /// Converts groups of pixels of a row, the first of which is at an even column. A pixel outside the picture
-    /// becomes the nearest pixel of the picture.
+    /// Converts groups of pixels of a row like [`Planes::nearest`]. The first is at an even column.
     fn convert(&self, [x, y]: [i32; 2], groups: &mut [[Pixel; GROUP]]) {
         let y = y.clamp(0, self.last[1]);
         let left = (x.min(0).unsigned_abs() as usize).div_ceil(GROUP).min(groups.len());
@@ -139,7 +135,6 @@ impl Row {
     }
 }
 
-/// A number of samples or pixels, which is far below 2^31.
 pub(super) fn signed(number: usize) -> i32 {
     i32::try_from(number).unwrap_or(i32::MAX)
 }
@@ -147,9 +142,7 @@ pub(super) fn signed(number: usize) -> i32 {
 /// Memory for the pixels around a block of samples.
 pub struct Block {
     groups: Box<[[Pixel; GROUP]]>,
-    /// Groups in a row of pixels.
     width: usize,
-    /// Rows of pixels.
     height: usize,
     /// Column and row of the first pixel in the picture.
     origin: [i32; 2],
@@ -212,14 +205,12 @@ impl Block {
     }
 }
 
-/// The outline of a block of samples.
 struct Outline {
     /// Columns and rows of the corners in the memory, in the order in which the outline connects them.
     corners: [[f32; 2]; 4],
 }
 
 impl Outline {
-    /// The outline of a block, given the positions of the ends of its first row and its last row.
     fn new([first, second]: [[i32; 2]; 2], [fourth, third]: [[i32; 2]; 2], [left, top]: [i32; 2]) -> Self {
         let relative = |at: i32, origin: i32| at.wrapping_sub(origin << 16) as f32 / 65536.0;
         Self { corners: [first, second, third, fourth].map(|[x, y]| [relative(x, left), relative(y, top)]) }

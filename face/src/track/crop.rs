@@ -20,7 +20,6 @@ use super::landmarks::{FaceBox, Mapping};
 const ONE: f32 = 65536.0;
 /// 1/64 px in 16.16, which is added to round to the nearest 1/32 px.
 const HALF_32ND: i32 = 1 << 10;
-/// Largest number of samples in a row.
 const MAX_SIDE: usize = 192;
 /// Longest step from one sample to the next, about 170 px. With a longer step the positions of a row would overflow:
 /// they would leave the picture on one side and enter it again on the other.
@@ -98,7 +97,6 @@ pub fn crop(
     }
 }
 
-/// What the blocks of a crop have in common.
 struct Crop<'a> {
     planes: Planes<'a>,
     shape: CropShape,
@@ -106,7 +104,6 @@ struct Crop<'a> {
 }
 
 impl Crop<'_> {
-    /// Writes a block of samples, whose first row has the number `first`.
     fn write(&mut self, first: usize, rows: &[Row], columns: Range<usize>, output: &mut (impl Rows + ?Sized)) {
         let [low, high] = self.shape.range;
         let scale = (high - low) / WHITE as f32;
@@ -141,7 +138,6 @@ impl Crop<'_> {
         }
     }
 
-    /// Sets samples outside the picture to black.
     fn blacken_outside(&self, row: &Row, first: usize, output: &mut [f32]) {
         for (number, output) in (first..).zip(output.chunks_exact_mut(3)) {
             if !self.planes.contain(row.position(number).map(|at| at >> 16)) {
@@ -159,7 +155,6 @@ fn start(mapping: &Mapping, side: usize, row: usize) -> [i32; 2] {
     mapping.to_picture(0.0, row as f32 * pitch).map(|at| ((at * ONE) as i32).saturating_add(HALF_32ND))
 }
 
-/// The step from a sample to the next one of its row.
 #[expect(clippy::cast_possible_truncation, reason = "saturates")]
 fn step(mapping: &Mapping, side: usize) -> [i32; 2] {
     mapping.step(side).map(|along| ((along * ONE) as i32).clamp(-MAX_STEP, MAX_STEP))

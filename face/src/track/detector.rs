@@ -12,12 +12,10 @@ use super::block::Block;
 use super::crop::{Border, CropShape, crop};
 use super::landmarks::{FaceBox, Mapping};
 
-/// Samples per side of the network's input.
 const SIDE: usize = 128;
 const ANCHORS: usize = 896;
 /// Numbers per anchor: centre and size of the box, then six keypoints.
 const VALUES: usize = 16;
-/// Smallest score of a face.
 const MIN_SCORE: f32 = 0.5;
 /// The network's scores are clipped to this absolute value before the logistic function.
 const SCORE_CLIP: f32 = 100.0;
@@ -58,14 +56,12 @@ impl Detector {
 /// A box with two eyes. Coordinates run from 0 to 1 across the network's input.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
-    /// Probability of a face.
     score: f32,
     /// Left, top, right and bottom of the box; x and y of both eyes, the person's right eye first.
     values: [f32; 8],
 }
 
 impl Candidate {
-    /// Intersection over union of two boxes.
     fn overlap(&self, other: &Self) -> f32 {
         let [left, top, right, bottom, ..] = self.values;
         let [other_left, other_top, other_right, other_bottom, ..] = other.values;

@@ -1,17 +1,13 @@
 //! The feature map of the mesh network, and the rotated crop of it that a head receives.
 //!
-//! Positions count cells, and whole numbers are centres of cells. Outside its cells the map counts as 0.
-//!
-//! The arithmetic of the crop is that of MediaPipe's operators `Landmarks2TransformMatrix`, `TransformTensorBilinear` and
-//! `TransformLandmarks`. The line through two rotation points is level in the crop, and the crop is 1.5 times as large as
-//! the box around the head's points.
+//! Positions count cells, and whole numbers are centres of cells. Outside its cells the map counts as 0. The arithmetic
+//! is that of MediaPipe's operators `Landmarks2TransformMatrix`, `TransformTensorBilinear` and `TransformLandmarks`.
 
 use facewire_engine::kernels::rows::add_pair;
 
 use super::landmarks::bounds;
 use super::refinement::{CROP_SCALE, CROP_SIZE, FEATURE_CHANNELS, FEATURE_SCALE, FEATURE_SIZE, TARGET_ANGLE};
 
-/// The values of a map at one position.
 pub(super) type Cell = [f32; FEATURE_CHANNELS];
 
 /// A map of 48 x 48 cells, row by row.
@@ -19,12 +15,10 @@ pub(super) type Cell = [f32; FEATURE_CHANNELS];
 pub(super) struct FeatureMap<'a>(&'a [Cell]);
 
 impl<'a> FeatureMap<'a> {
-    /// The map with these values, cell by cell.
     pub(super) fn new(values: &'a [f32]) -> Self {
         Self(values.as_chunks().0)
     }
 
-    /// Writes the values at a position.
     pub(super) fn sample(self, position: [f32; 2], cell: &mut Cell) {
         *cell = [0.0; FEATURE_CHANNELS];
         for (at, weights) in taps(position) {
@@ -115,7 +109,6 @@ impl Transform {
     }
 }
 
-/// Rotates a point by an angle, given by its cosine and sine.
 fn rotate([x, y]: [f32; 2], [cos, sin]: [f32; 2]) -> [f32; 2] {
     [cos * x - sin * y, sin * x + cos * y]
 }

@@ -34,7 +34,6 @@ impl Landmarks {
         self.level_iris(&LEFT_IRIS, &LEFT_IRIS_DEPTH);
     }
 
-    /// Moves the points of one iris to the mean depth of the contour of its eye.
     pub(super) fn level_iris(&mut self, iris: &[u16], contour: &[u16]) {
         let depth_of = |index: &u16| self.0.get(usize::from(*index)).map_or(0.0, |point| point[2]);
         let depth = contour.iter().map(depth_of).sum::<f32>() / contour.len() as f32;
@@ -139,7 +138,6 @@ pub fn bounds(points: impl Iterator<Item = [f32; 2]>) -> [[f32; 2]; 2] {
 #[derive(Debug, Clone, Copy)]
 pub struct Mapping {
     region: FaceBox,
-    /// The direction of the region's x axis in the picture, of length 1.
     across: [f32; 2],
 }
 

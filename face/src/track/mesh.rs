@@ -6,8 +6,6 @@
 //!
 //! On a board that is too slow the heads take turns: one runs on each picture. The others repeat their last corrections of
 //! the backbone's points, and the place of the iris, in the coordinates of their crops, which follow the face.
-//!
-//! The feature map is also sampled at the landmarks of every picture, because it shows how the face looks there.
 
 use crate::infer::{Engine, InferError, Network, Signature};
 use crate::picture::Picture;
@@ -21,7 +19,6 @@ use super::refinement::{
     LIPS_ROTATION, RIGHT_EYE, RIGHT_EYE_ROTATION, RIGHT_IRIS, RIGHT_IRIS_DEPTH,
 };
 
-/// Samples per side of the backbone's input.
 const SIDE: usize = 192;
 /// Smallest face flag of a face. The network's flag is the logit of a probability, so that 0 means one half.
 const MIN_FLAG: f32 = 0.0;
@@ -35,10 +32,8 @@ const SHAPE: CropShape = CropShape { side: SIDE, range: [0.0, 1.0], border: Bord
 const HEAD_INPUT: [usize; 3] = [CROP_SIZE, CROP_SIZE, FEATURE_CHANNELS];
 const EYE_OUTPUTS: &[(&str, &[usize])] = &[("points", &[142]), ("iris", &[10])];
 
-/// The network of a head and the points that it computes.
 struct Refinement {
     signature: Signature,
-    /// The points of the first output.
     points: &'static [u16],
     /// The iris points of the second output, and the contour of the eye, whose mean depth they take.
     iris: Option<(&'static [u16], &'static [u16])>,
@@ -182,7 +177,6 @@ impl Head {
         Transform::around(mesh, self.refinement.points, self.refinement.level)
     }
 
-    /// Places the iris where the network saw it last.
     fn place_iris(&self, transform: &Transform, landmarks: &mut Landmarks) {
         if let Some((iris, contour)) = self.refinement.iris {
             replace(landmarks, iris, self.network.output(1), transform);

@@ -6,7 +6,6 @@ use heapless::HistoryBuf;
 
 use super::{Filter, add, difference, square, towards};
 
-/// Number of bins of a window.
 const BINS: usize = 16;
 
 /// The last values, and the times that they stand for.
@@ -68,7 +67,6 @@ impl<const N: usize> Window<N> {
         })
     }
 
-    /// The weighted mean of all bins, from the newest to the oldest.
     fn weighted(&self, mut weight_of: impl FnMut(f32) -> f32) -> [f32; N] {
         let (mut sum, mut total) = ([0.0; N], 0.0);
         for bin in iter::once(&self.newest).chain(self.older.oldest_ordered().rev()) {
@@ -89,12 +87,9 @@ const MAX_VALUES: usize = 32;
 /// The last outputs of a gated moving average (eq. 9 to 11), and the time since the output before each, seconds.
 ///
 /// A new value within one standard deviation of the last N values is averaged with them, `(f_t + N avg) / (N + 1)`. A
-/// value outside this gate passes unchanged, so that a blink is not delayed. (Eq. 10 has the root, so it is a standard
-/// deviation.) The equations count frames at 30 frames per second. Here the last values are those of a window of time,
-/// and N is that time in whole frames of 1/30 s, so that the response to a small change takes as long at every frame
-/// rate.
-///
-/// As printed, the gate has a step at its edge and closes to nothing on a face that holds still, so that values jump
+/// value outside this gate passes unchanged, so that a blink is not delayed. The equations count frames at 30 frames per
+/// second. Here the last values are those of a window of time, and N is that time in whole frames of 1/30 s, so that the
+/// response to a small change takes as long at every frame rate. As printed, the gate has a step at its edge and closes to nothing on a face that holds still, so that values jump
 /// between smoothed and not smoothed. Here the share of the new value grows smoothly from `1 / (N + 1)` in the middle
 /// of the gate to 1 at its edge, and the gate is never narrower than a few times the jitter of a still face.
 #[derive(Debug, Clone, PartialEq)]
@@ -119,7 +114,6 @@ impl<const N: usize> Past<N> {
         }
         let mut value = x;
         if count >= 2.0 {
-            // The average minus `x`.
             let offset = sum.map(|sum| sum / count);
             let variance = (squares - count * square(offset)) / (count - 1.0);
             // Rounding can make the variance of equal values negative.

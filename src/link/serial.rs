@@ -45,12 +45,14 @@ const STUCK_AFTER: Duration = Duration::from_millis(500);
 const RESTART: Duration = Duration::from_secs(2);
 const INQUIRY_PERIOD: Duration = Duration::from_secs(1);
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
+const CANNOT_BE_OPENED: &str = "cannot be opened";
 
 pub fn lost(device: &Path, error: impl Display) -> LinkError {
-    port_error(device, format!("went away ({error}); check its cable, and plug it in again"))
+    failed(device, "went away", error)
 }
 
-fn port_error(device: &Path, sentence: impl Display) -> LinkError {
+fn failed(device: &Path, how: &str, error: impl Display) -> LinkError {
+    let sentence = format!("{how} ({error}); check its cable, and plug it in again");
     LinkError::new(LinkErrorKind::Other, device.display(), sentence)
 }
 
@@ -70,13 +72,9 @@ fn refused(device: &Path, error: Errno) -> LinkError {
              another port"
         }
         Errno::NOTTY | Errno::ISDIR | Errno::INVAL => "not a serial port; give one that `facewire devices` lists",
-        other => return cannot_be_opened(device, io::Error::from(other)),
+        other => return failed(device, CANNOT_BE_OPENED, io::Error::from(other)),
     };
-    port_error(device, sentence)
-}
-
-fn cannot_be_opened(device: &Path, error: impl Display) -> LinkError {
-    port_error(device, format!("cannot be opened ({error}); check its cable, and plug it in again"))
+    LinkError::new(LinkErrorKind::Other, device.display(), sentence)
 }
 
 /// The claimed devices by their device numbers, and the path of the link that claimed each.
@@ -146,7 +144,7 @@ fn open(device: &Path, baud: u32, timeout: Duration) -> Result<(TTYPort, Option<
     let tty = serialport::new(device.to_string_lossy(), baud).timeout(timeout).open_native();
     let tty = tty.map_err(|error| match error.kind {
         serialport::ErrorKind::NoDevice => refused(device, Errno::BUSY),
-        _ => cannot_be_opened(device, error.description),
+        _ => failed(device, CANNOT_BE_OPENED, error.description),
     })?;
     Ok((tty, restarts.then_some(prepared)))
 }
@@ -201,24 +199,18 @@ impl Device for Line {
     }
 }
 
-/// What an open port is doing: `Restarting -> Idle <-> Asked`. Messages are written in all phases but the first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    Restarting,
-    Idle,
-    Asked,
-}
-
+/// An open port. While its board restarts, it gets nothing; then it may be asked, and answers.
 struct Port<'a> {
     preamble: &'a [u8],
     inquiry: Option<&'a Inquiry>,
     device: PathBuf,
     tty: TTYPort,
-    phase: Phase,
-    /// When the restart, the preamble or the last question began.
-    since: Instant,
     /// The port of a board that restarts: DTR falls if it is closed before the restart is over.
     dtr: Option<OwnedFd>,
+    /// Whether an answer is awaited.
+    is_asked: bool,
+    /// When the restart, the preamble or the last question began.
+    since: Instant,
     /// Whether the port takes messages. A message that a slow line leaves out does not count.
     takes: bool,
     took_at: Instant,
@@ -238,22 +230,10 @@ impl Session for Port<'_> {
 }
 
 impl<'a> Port<'a> {
-    fn new(line: &'a Line, device: PathBuf, tty: TTYPort, dtr: Option<OwnedFd>, claim: PortClaim) -> Self {
-        let (phase, now, logged) = (Phase::Restarting, Instant::now(), LoggedReasons::default());
-        let (preamble, inquiry) = (&line.preamble, line.inquiry.as_ref());
-        Self {
-            preamble,
-            inquiry,
-            device,
-            tty,
-            phase,
-            since: now,
-            dtr,
-            takes: true,
-            took_at: now,
-            logged,
-            _claim: claim,
-        }
+    fn new(line: &'a Line, device: PathBuf, tty: TTYPort, dtr: Option<OwnedFd>, _claim: PortClaim) -> Self {
+        let (preamble, inquiry, now) = (&line.preamble, line.inquiry.as_ref(), Instant::now());
+        let (is_asked, since, takes, took_at, logged) = (false, now, true, now, LoggedReasons::default());
+        Self { preamble, inquiry, device, tty, dtr, is_asked, since, takes, took_at, logged, _claim }
     }
 
     fn begin(&mut self) {
@@ -262,31 +242,32 @@ impl<'a> Port<'a> {
             let _ = keep_dtr(&port);
         }
         let _ = self.tty.write(self.preamble);
-        (self.phase, self.since, self.took_at) = (Phase::Idle, Instant::now(), Instant::now());
+        (self.since, self.took_at) = (Instant::now(), Instant::now());
     }
 
+    /// Does what is due: ends the restart, asks, or takes the answer.
     fn advance(&mut self) -> io::Result<()> {
         let (elapsed, available) = (self.since.elapsed(), self.tty.bytes_to_read().map_or(0, |bytes| bytes as usize));
-        match (self.phase, self.inquiry) {
-            (Phase::Restarting, _) if elapsed >= RESTART => self.begin(),
-            (Phase::Idle, Some(inquiry)) if elapsed >= INQUIRY_PERIOD => {
-                self.phase = if inquiry.answer_bytes > 0 { Phase::Asked } else { Phase::Idle };
-                self.since = Instant::now();
-                let _ = self.tty.clear(ClearBuffer::Input);
-                // A question that the port does not take now is asked again a second later.
-                in_time(self.tty.write(&inquiry.question))?;
+        if self.dtr.is_some() {
+            if elapsed >= RESTART {
+                self.begin();
             }
-            (Phase::Asked, Some(inquiry)) if available >= inquiry.answer_bytes => {
-                self.phase = Phase::Idle;
-                let mut answer = vec![0; inquiry.answer_bytes];
-                self.tty.read_exact(&mut answer)?;
-                (inquiry.troubles)(&answer).into_iter().for_each(|trouble| self.warn(trouble));
-            }
-            (Phase::Asked, Some(inquiry)) if elapsed >= ANSWER_TIMEOUT => {
-                self.phase = Phase::Idle;
-                self.warn(inquiry.silence);
-            }
-            _ => {}
+            return Ok(());
+        }
+        let Some(inquiry) = self.inquiry else { return Ok(()) };
+        if self.is_asked && available >= inquiry.answer_bytes {
+            self.is_asked = false;
+            let mut answer = vec![0; inquiry.answer_bytes];
+            self.tty.read_exact(&mut answer)?;
+            (inquiry.troubles)(&answer).into_iter().for_each(|trouble| self.warn(trouble));
+        } else if self.is_asked && elapsed >= ANSWER_TIMEOUT {
+            self.is_asked = false;
+            self.warn(inquiry.silence);
+        } else if !self.is_asked && elapsed >= INQUIRY_PERIOD {
+            (self.is_asked, self.since) = (inquiry.answer_bytes > 0, Instant::now());
+            let _ = self.tty.clear(ClearBuffer::Input);
+            // A question that the port does not take now is asked again a second later.
+            in_time(self.tty.write(&inquiry.question))?;
         }
         Ok(())
     }
@@ -298,11 +279,11 @@ impl<'a> Port<'a> {
     }
 
     fn write_in_time(&mut self, message: &[u8]) -> io::Result<bool> {
-        if self.phase == Phase::Restarting {
+        if self.dtr.is_some() {
             return Ok(false);
         }
         // Input that is no answer is discarded, because a board whose output nobody takes may stop.
-        if self.phase != Phase::Asked {
+        if !self.is_asked {
             let _ = self.tty.clear(ClearBuffer::Input);
         }
         let took_before = self.takes;
@@ -395,22 +376,20 @@ mod tests {
             port.attend().unwrap();
         }
         assert_eq!((board.bytes_to_read().unwrap(), keeps_dtr()), (0, false));
-        // Returns the phase so long after the last one began.
+        // Returns whether an answer is awaited so long after the restart or the last question.
         let after = |port: &mut Port, elapsed| {
             port.since = Instant::now().checked_sub(elapsed).unwrap();
             port.attend().unwrap();
-            port.phase
+            port.is_asked
         };
-        assert_eq!(after(&mut port, RESTART), Phase::Idle);
-        assert!(keeps_dtr());
+        assert!(!after(&mut port, RESTART) && keeps_dtr());
         assert!(port.write(b"first").unwrap() && port.write(b"second").unwrap());
         // Then the receiver is asked once a second, and its answer is read when it is whole, or given up.
-        let phases = [INQUIRY_PERIOD / 2, INQUIRY_PERIOD, ANSWER_TIMEOUT].map(|elapsed| after(&mut port, elapsed));
-        assert_eq!(phases, [Phase::Idle, Phase::Asked, Phase::Idle]);
-        assert_eq!(after(&mut port, INQUIRY_PERIOD), Phase::Asked);
-        for (byte, phase) in [(b"a", Phase::Asked), (b"b", Phase::Idle)] {
+        let asked = [INQUIRY_PERIOD / 2, INQUIRY_PERIOD, ANSWER_TIMEOUT, INQUIRY_PERIOD].map(|it| after(&mut port, it));
+        assert_eq!(asked, [false, true, false, true]);
+        for (byte, is_asked) in [(b"a", true), (b"b", false)] {
             board.write_all(byte).unwrap();
-            eventually("the answer", || after(&mut port, Duration::ZERO) == phase);
+            eventually("the answer", || after(&mut port, Duration::ZERO) == is_asked);
         }
         let mut bytes = [0; 14];
         board.read_exact(&mut bytes).unwrap();

@@ -22,8 +22,7 @@ use crate::train::{importance, number, numbers};
 const NOISE: f32 = 1.0;
 /// Smallest deviation of a value, by which its differences from the mean are divided.
 const LEAST_DEVIATION: f32 = 0.01;
-/// Passes over the training pictures. A small dataset is passed more often, until about
-/// [`LEAST_FACES`] faces have been read.
+/// Passes over the pictures: more for a small dataset, until about [`LEAST_FACES`] faces have been read.
 const EPOCHS: usize = 30;
 const LEAST_FACES: usize = 600_000;
 const RATE: f32 = 1e-3;
@@ -32,8 +31,8 @@ const BLOCK: usize = 1024;
 
 pub fn fit(samples: &[Sample], appearances: &Appearances, model: &Model) -> Result<AppearanceTable> {
     let faces = Residuals::new(samples, appearances, model)?;
-    ensure!(faces.len() > 0, "all pictures are held out");
-    let epochs = EPOCHS.max(LEAST_FACES / faces.len());
+    ensure!(!faces.pictures.is_empty(), "all pictures are held out");
+    let epochs = EPOCHS.max(LEAST_FACES / faces.pictures.len());
     let progress = |epoch| eprint!("\rappearance: epoch {epoch} of {epochs}");
     let training =
         Training { hidden: APPEARANCE_UNITS, units: Units::Linear, start: 0.1, rate: RATE, epochs, seed: SEED };
@@ -98,12 +97,8 @@ fn moments(appearances: &Appearances, pictures: &[usize]) -> (Vec<f32>, Vec<f32>
 }
 
 impl Examples for Residuals<'_> {
-    fn len(&self) -> usize {
-        self.pictures.len()
-    }
-
-    fn inputs(&self) -> usize {
-        Appearances::VALUES
+    fn size(&self) -> [usize; 2] {
+        [self.pictures.len(), Appearances::VALUES]
     }
 
     fn importance(&self) -> &[f32] {

@@ -111,20 +111,13 @@ pub fn write_array<T: AutoSerialize, Chunk: IntoIterator<Item = T>>(
 pub mod tests {
     use super::*;
 
-    pub struct TestArray<'a> {
-        pub name: &'a str,
-        pub shape: &'a [u64],
-        pub order: Order,
-        pub value: &'a dyn Fn(usize) -> f32,
-    }
-
-    pub fn write(path: &Path, floats: &[TestArray], subjects: &[i32]) {
+    /// Writes an archive of float32 arrays, given by name, shape and the value at each index, and the int32 array `subject`.
+    pub fn write(path: &Path, floats: &[(&str, &[u64])], value: impl Fn(usize) -> f32, order: Order, subjects: &[i32]) {
         let mut npz = create(path).expect("a file");
-        for TestArray { name, shape, order, value } in floats {
+        for (name, shape) in floats {
             let array = npz.array::<f32>(name, FileOptions::default()).expect("an array");
-            let mut array = array.default_dtype().shape(shape).order(*order).begin_nd().expect("begun");
-            let count = shape.iter().product::<u64>() as usize;
-            array.extend((0..count).map(value)).expect("written");
+            let mut array = array.default_dtype().shape(shape).order(order).begin_nd().expect("begun");
+            array.extend((0..shape.iter().product::<u64>() as usize).map(&value)).expect("written");
             array.finish().expect("written");
         }
         write_array(&mut npz, "subject", &[subjects.len() as u64], [Ok(subjects.to_vec())]).expect("written");
@@ -134,8 +127,7 @@ pub mod tests {
     fn refusal(shape: &[u64], order: Order, value: f32) -> String {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("faces.npz");
-        let array = TestArray { name: "pose", shape, order, value: &|index| if index == 4 { value } else { 0.5 } };
-        write(&path, &[array], &[1, 2]);
+        write(&path, &[("pose", shape)], |index| if index == 4 { value } else { 0.5 }, order, &[1, 2]);
         let mut arrays = Arrays::open(&path).expect("an archive");
         assert_eq!(arrays.integers("subject", &[]).expect("int32"), [1, 2]);
         arrays.floats("pose", &[3]).map_or_else(|error| format!("{error:#}"), |_| String::new())
@@ -161,7 +153,7 @@ pub mod tests {
     fn missing_arrays_wrong_types_and_other_files_are_refused_by_name() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("faces.npz");
-        write(&path, &[], &[1]);
+        write(&path, &[], |_| 0.0, Order::C, &[1]);
         let refusal = |result: Result<Vec<f32>>| format!("{:#}", result.expect_err("refused"));
         let mut arrays = Arrays::open(&path).expect("an archive");
         assert!(refusal(arrays.floats("pose", &[3])).contains("faces.npz has no array pose"));

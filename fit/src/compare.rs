@@ -20,7 +20,7 @@ use serde_json::json;
 use self::choice::{Budget, Choice};
 use self::trial::{Trial, Trials};
 use crate::dataset::{self, Sample, held_out};
-use crate::design::MODELLED;
+use crate::design::{MODELLED, find, index_of};
 use crate::judge::Faces;
 use crate::kinds::{self, Kind};
 use crate::output::{self, Table};
@@ -141,8 +141,7 @@ impl FitArgs {
     }
 }
 
-/// Fits the kinds in `options` for a report and applies them to the held-out subjects. Each model has the number of its
-/// blendshape.
+/// Fits kinds for a report and applies them to the held-out subjects. Returns each model with its blendshape.
 pub fn fitted(samples: &[Sample], faces: &Faces, options: &FitOptions) -> Result<Vec<(usize, Fitted)>> {
     let split = Split::new(samples, options.folds, false)?;
     ensure!(!split.one_subject, "a report of kinds needs several subjects");
@@ -160,7 +159,7 @@ fn as_fitted(trial: &Trial, truth: &[f64]) -> Fitted {
 }
 
 fn beside_the_paper(choice: &Choice, faces: &Faces, split: &Split) -> Table {
-    let blendshape = BLENDSHAPES.iter().position(|name| *name == choice.blendshape).unwrap_or(0);
+    let blendshape = index_of(choice.blendshape);
     let truth = faces.truth(blendshape, &split.held_out);
     let fitted: Vec<Fitted> = choice.trials.iter().map(|trial| as_fitted(trial, &truth)).collect();
     with_papers(&fitted.iter().collect::<Vec<_>>(), model_rows(choice.blendshape))
@@ -215,8 +214,9 @@ impl FitOptions {
 
     fn blendshapes(&self) -> Result<Vec<usize>> {
         let find = |name: &String| {
-            let index = BLENDSHAPES.iter().take(MODELLED).position(|known| known == name);
-            index.with_context(|| format!("no blendshape {name} among those that landmarks show"))
+            find(name)
+                .filter(|index| *index < MODELLED)
+                .with_context(|| format!("no blendshape {name} among those that landmarks show"))
         };
         if self.blendshapes.is_empty() {
             Ok((0..MODELLED).collect())
@@ -241,8 +241,7 @@ impl FitOptions {
 const HOLD_OUT_EVERY: usize = 4;
 const SEED: u64 = 1;
 
-/// The split of the pictures, which are denoted by their index: which ones the fit sees, which choose the kind, and which
-/// it is scored on.
+/// Indices of the pictures that the fit sees, that choose the kind, and on which it is scored.
 pub struct Split {
     pub seen: Vec<usize>,
     pub held_out: Vec<usize>,
@@ -299,8 +298,7 @@ impl Split {
         self.seen.iter().copied().filter(|row| self.fold[*row] == fold).collect()
     }
 
-    /// Returns the mean squared error on the seen pictures and its standard error. The standard error allows for
-    /// correlated errors within a group (clustered standard error).
+    /// Returns the mean squared error on the seen pictures, and its standard error clustered by group.
     pub fn mean_error(&self, squared: &[f64]) -> [f64; 2] {
         let count = squared.len() as f64;
         let mean = squared.iter().sum::<f64>() / count;

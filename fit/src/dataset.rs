@@ -111,8 +111,7 @@ impl Appearances {
     }
 }
 
-/// Loads how the faces of some datasets look. Together, the datasets must have this number of pictures. Returns `None`
-/// if an archive lacks the feature map.
+/// Loads how the faces look, for this number of pictures in all. Returns `None` if an archive lacks the map.
 pub fn load_appearances(paths: &[impl AsRef<Path>], pictures: usize) -> Result<Option<Appearances>> {
     let mut values = Vec::new();
     for path in paths.iter().map(AsRef::as_ref) {
@@ -178,7 +177,7 @@ pub mod tests {
     use npyz::{Order, npz::NpzArchive};
 
     use super::*;
-    use crate::arrays::tests::{TestArray, write};
+    use crate::arrays::tests::write;
 
     pub fn test_faces() -> Vec<Sample> {
         let mut archive = NpzArchive::open(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/faces.npz")).expect("faces");
@@ -206,11 +205,9 @@ pub mod tests {
     fn written(folder: &Path, rows: [u64; 4], subjects: &[i32], names: &[&str]) -> Result<PathBuf> {
         let path = folder.join("faces.npz");
         let shapes = [vec![rows[0], 478, 3], vec![rows[1], 52], vec![rows[2], 3], vec![rows[3], 5]];
-        let arrays = ["landmarks", "weights", "pose", "meta"].into_iter().zip(&shapes);
-        let value = |index: usize| index as f32;
-        let arrays: Vec<TestArray> =
-            arrays.map(|(name, shape)| TestArray { name, shape, order: Order::C, value: &value }).collect();
-        write(&path, &arrays, subjects);
+        let names_of = ["landmarks", "weights", "pose", "meta"].into_iter();
+        let arrays: Vec<(&str, &[u64])> = names_of.zip(shapes.iter().map(Vec::as_slice)).collect();
+        write(&path, &arrays, |index| index as f32, Order::C, subjects);
         std::fs::write(folder.join("names.json"), serde_json::to_string(names)?)?;
         Ok(path)
     }

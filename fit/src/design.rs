@@ -15,6 +15,14 @@ use crate::judge::Faces;
 pub const MODELLED: usize = BLENDSHAPES.len() - 1;
 const BLOCK: usize = 4096;
 
+pub fn find(name: &str) -> Option<usize> {
+    BLENDSHAPES.iter().position(|known| *known == name)
+}
+
+pub fn index_of(name: &str) -> usize {
+    find(name).unwrap_or_default()
+}
+
 pub struct Design<'a> {
     samples: &'a [Sample],
     known: Faces<'a>,
@@ -87,8 +95,7 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// Computes the scale of a design. A standard deviation below `least` is replaced by `least`, so that a feature
-    /// that hardly ever moves cannot dominate when it does.
+    /// Computes the scale. Deviations are at least `least`, so that a feature that rarely moves cannot dominate.
     pub fn of(design: &Design, least: f32) -> Self {
         let moments = |feature: usize| {
             let values = (0..design.len()).map(|face| f64::from(design.value(face, feature)));
@@ -206,8 +213,7 @@ fn mirror(sample: &Sample, points: &[usize; LANDMARKS]) -> Sample {
     }
 }
 
-/// Returns the opposite landmark of each landmark, found in the mean of all pictures, in which the lips do not coincide
-/// as in a closed mouth.
+/// Returns the opposite of each landmark, from the mean of all pictures, in which the lips do not coincide.
 fn mirrored_points(samples: &[Sample]) -> Result<[usize; LANDMARKS]> {
     let mut mean = Box::new([[0.0_f32; 3]; LANDMARKS]);
     for sample in samples.iter().filter(|sample| !sample.held_out()) {
@@ -220,8 +226,7 @@ fn mirrored_points(samples: &[Sample]) -> Result<[usize; LANDMARKS]> {
     Ok(pairs)
 }
 
-/// Pairs each point with the point nearest to its mirror image, the closest pairs first. A point in the middle is
-/// paired with itself.
+/// Pairs each point with the one nearest to its mirror image, the closest first. Some are paired with themselves.
 fn pair_up(points: &[[f32; 3]; LANDMARKS]) -> [usize; LANDMARKS] {
     let gap = |a: &[f32; 3], b: &[f32; 3]| (a[0] + b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2);
     let all = (0..LANDMARKS).flat_map(|a| (a..LANDMARKS).map(move |b| (a, b)));

@@ -29,7 +29,7 @@ pub struct Axis {
 
 impl Axis {
     pub fn linear(name: &'static str, range: [f64; 2]) -> Self {
-        Self { name, range, ticks: 6, label: with_few_decimals }
+        Self { name, range, ticks: 6, label: |value| ((value * 100.0).round() / 100.0 + 0.0).to_string() }
     }
 
     /// Returns an axis of ranks from 1 to `last`, with a logarithmic scale because the first ranks matter most.
@@ -79,10 +79,6 @@ pub fn scatter(clouds: &[(&[(f64, f64)], RGBColor)], axes: &[Axis; 2], lines: &[
 
 pub fn subsample<T: Copy>(values: &[T], most: usize) -> Vec<T> {
     values.iter().step_by(values.len().div_ceil(most).max(1)).copied().collect()
-}
-
-fn with_few_decimals(value: f64) -> String {
-    format!("{}", (value * 100.0).round() / 100.0 + 0.0)
 }
 
 // The face as one dot per landmark.

@@ -2,7 +2,6 @@
 
 mod align;
 
-use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
@@ -186,7 +185,7 @@ fn heading(aligned: &Aligned) -> String {
         if !names.is_empty() {
             let named: Vec<&str> = names.iter().copied().take(NAMED).collect();
             let dots = if names.len() > NAMED { ", ..." } else { "" };
-            let _ = writeln!(text, "{} only in the {side}: {}{dots}", names.len(), named.join(", "));
+            text += &format!("{} only in the {side}: {}{dots}\n", names.len(), named.join(", "));
         }
     }
     text
@@ -293,14 +292,5 @@ mod tests {
         assert_eq!(metric(derived, "f1"), Some(1.0));
         let none = Annotations::default();
         assert_eq!(all(&aligned(curve.clone(), curve), Some(&none), LIMITS)[0].events, None);
-    }
-
-    #[test]
-    fn the_papers_line_follows_the_blendshapes_that_it_reports() {
-        let metrics = [Some(0.5); COLUMNS.len()];
-        let scores = ["jawOpen", "jawLeft"].map(|blendshape| Score { blendshape, moves: true, metrics, events: None });
-        let table = table(&scores).text();
-        let lines: Vec<&str> = table.lines().collect();
-        assert!(lines[2].contains("jawLeft") && lines[3].contains("jawOpen") && lines[4].contains("0.921"));
     }
 }

@@ -27,12 +27,6 @@ use crate::statistics::{mean, mse, pearson, standard_deviation};
 const TIMED_PASSES: usize = 7;
 const MOVES: f64 = 1e-3;
 
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Score {
-    pub r: f64,
-    pub mse: f64,
-}
-
 pub struct Faces<'a> {
     samples: &'a [Sample],
     features: Vec<Features>,
@@ -75,8 +69,7 @@ impl<'a> Faces<'a> {
         if all { Ok((0..self.len()).collect()) } else { held_out(self.samples) }
     }
 
-    /// Returns those of the blendshapes `wanted` that move in every one of `parts` of the samples. The others can be
-    /// neither fitted nor judged; their names are printed on standard error.
+    /// Returns those of the blendshapes that move in each of `parts`. The names of the others are printed.
     pub fn moving(&self, wanted: &[usize], parts: &[&[usize]]) -> Result<Vec<usize>> {
         let moves = |shape: &usize| parts.iter().all(|rows| standard_deviation(&self.truth(*shape, rows)) > MOVES);
         let (moving, still): (Vec<usize>, Vec<usize>) = wanted.iter().partition(|shape| moves(shape));
@@ -115,14 +108,11 @@ fn neutrals(samples: &[Sample], faces: &[Normalised]) -> Result<BTreeMap<Person,
     means.into_iter().map(finish).collect()
 }
 
-pub fn scores(model: &Model, faces: &Faces) -> Result<Vec<Score>> {
-    scores_of(model, faces, &faces.rows(false)?)
-}
-
-pub fn scores_of(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<Score>> {
+/// Returns correlation and mean squared error of the corrected coefficients in pictures `rows`, for each blendshape.
+pub fn scores(model: &Model, faces: &Faces, rows: &[usize]) -> Result<Vec<[f64; 2]>> {
     let score = |(blendshape, estimate): (usize, Vec<f64>)| {
         let truth = faces.truth(blendshape, rows);
-        Score { r: pearson(&estimate, &truth), mse: mse(&estimate, &truth) }
+        [pearson(&estimate, &truth), mse(&estimate, &truth)]
     };
     Ok(estimates(model, faces, rows)?.into_iter().enumerate().map(score).collect())
 }
@@ -149,8 +139,7 @@ pub fn regression_ns(model: &Model, faces: &Faces, rows: &[usize]) -> Result<f64
     (0..TIMED_PASSES).try_fold(f64::INFINITY, |best, _| Ok(best.min(pass()?)))
 }
 
-/// Returns the mean absolute error of yaw, pitch and roll in degrees over all pictures, held out or not, because the
-/// head pose is not fitted.
+/// Returns the mean absolute error of yaw, pitch and roll in degrees over all pictures: the pose is not fitted.
 pub fn pose_error_deg(samples: &[Sample]) -> Result<[f64; 3]> {
     let camera = Camera { width_px: 400.0, height_px: 600.0, horizontal_fov_deg: 16.1 };
     let angles = |pose: HeadPose| pose.yaw_pitch_roll_deg().map(f64::from);
@@ -286,9 +275,9 @@ mod tests {
         let model = Model::embedded();
         for (neutral_known, least_r, most_mse) in bounds {
             let faces = Faces::new(samples, neutral_known).expect("faces");
-            let scores = scores_of(&model, &faces, &faces.rows(true).expect("all")).expect("scores");
+            let scores = scores(&model, &faces, &faces.rows(true).expect("all")).expect("scores");
             let shown = || scores[..scores.len() - 1].iter();
-            let [r, mse] = [mean(shown().map(|score| score.r)), mean(shown().map(|score| score.mse))];
+            let [r, mse] = [0, 1].map(|figure: usize| mean(shown().map(|score| score[figure])));
             assert!(r >= least_r && mse <= most_mse, "neutral known: {neutral_known}, r {r}, MSE {mse}");
         }
     }

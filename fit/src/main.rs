@@ -5,7 +5,6 @@
 
 mod appearance;
 mod arrays;
-mod clip;
 mod compare;
 mod curves;
 mod dataset;
@@ -149,16 +148,16 @@ fn pictures_of(dataset: &Path) -> String {
 }
 
 fn clip(landmarks: &Path, truth: Option<&Path>, neutral_frames: usize, model: Option<&Path>) -> Result<()> {
-    let (model, frames) = (judge::load_model(model)?, clip::load(landmarks)?);
-    let known = clip::solve(&model, &frames, Some(0..neutral_frames), clip::FRAME_US)?;
-    let unknown = clip::solve(&model, &frames, None, clip::FRAME_US)?;
+    let (model, frames) = (judge::load_model(model)?, curves::load_landmarks(landmarks)?);
+    let known = curves::solve(&model, &frames, Some(0..neutral_frames), curves::FRAME_US)?;
+    let unknown = curves::solve(&model, &frames, None, curves::FRAME_US)?;
     for (name, solved) in [("known", &known), ("not known", &unknown)] {
-        let [raw, smoothed] = clip::jitters(solved);
+        let [raw, smoothed] = curves::jitters(solved);
         println!("neutral {name}: mean second difference raw {raw:.4}, smoothed {smoothed:.4}");
     }
-    let [p50, p99] = clip::cost_us(&model, &frames)?;
+    let [p50, p99] = curves::cost_us(&model, &frames)?;
     println!("solver, landmarks to smoothed coefficients and head pose: p50 {p50:.1}, p99 {p99:.1} microseconds");
-    let [p50, p99] = clip::regression_us(&model, &frames)?;
+    let [p50, p99] = curves::regression_us(&model, &frames)?;
     println!("regression alone: p50 {p50:.1}, p99 {p99:.1} microseconds");
     let Some(path) = truth else { return Ok(()) };
     let truth = curves::Truth::load(path)?;

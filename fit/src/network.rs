@@ -13,8 +13,7 @@ const MOMENTS: [f32; 2] = [0.9, 0.999];
 const TINY: f32 = 1e-8;
 /// Weight of an error that clamping removes: an output below 0 for a truth of 0, or above 1 for a truth of 1.
 const CLAMPED: f32 = 0.09;
-/// Weight of a face at rest. It exceeds 1 because turning the head must not move coefficients, and few of the pictures
-/// show it.
+/// Weight of a face at rest: few pictures show that turning the head must not move coefficients.
 const REST: f32 = 3.0;
 
 /// What hidden units return for their weighted sum.
@@ -45,9 +44,8 @@ pub struct Training {
 }
 
 pub trait Examples: Sync {
-    fn len(&self) -> usize;
-
-    fn inputs(&self) -> usize;
+    /// Returns the number of faces, and that of their inputs.
+    fn size(&self) -> [usize; 2];
 
     fn importance(&self) -> &[f32];
 
@@ -80,11 +78,11 @@ impl Network {
     }
 
     pub fn train(data: &impl Examples, training: &Training, on_epoch: impl Fn(usize)) -> Self {
-        let Training { rate, epochs, seed, .. } = *training;
+        let (Training { rate, epochs, seed, .. }, [faces, inputs]) = (*training, data.size());
         let mut random = fastrand::Rng::with_seed(seed);
-        let mut network = Self::new(data.inputs(), data.importance().len(), training, &mut random);
+        let mut network = Self::new(inputs, data.importance().len(), training, &mut random);
         let mut adam = Adam::new(&network);
-        let mut order: Vec<usize> = (0..data.len()).collect();
+        let mut order: Vec<usize> = (0..faces).collect();
         let steps = (epochs * (order.len() / BATCH).max(1)) as f32;
         for epoch in 0..epochs {
             random.shuffle(&mut order);
@@ -125,15 +123,17 @@ impl Network {
         (hidden, output)
     }
 
-    /// Returns the gradient of the squared error, in the order of [`Network::parameters`]. `importance` is the weight of
-    /// the error of each output.
+    /// Returns the gradient of the squared error, in which each output has a weight (`importance`).
     fn gradient(&self, batch: Batch, importance: &[f32]) -> [DMatrix<f32>; 4] {
         let Batch { inputs, start, truth } = batch;
         let (hidden, mut error) = self.outputs(&inputs);
         if let Some(start) = start {
             error += start;
         }
-        error.zip_apply(&truth, |output, truth| *output = weighted_error(*output, truth));
+        error.zip_apply(&truth, |output, truth| {
+            let is_clamped = truth <= 0.0 && *output < 0.0 || truth >= 1.0 && *output > 1.0;
+            *output = (*output - truth) * if is_clamped { CLAMPED } else { 1.0 };
+        });
         let at_rest = |truth: &DVectorView<'_, f32>| truth.iter().all(|value| *value == 0.0);
         let faces = error.column_iter_mut().zip(truth.column_iter());
         faces.filter(|(_, truth)| at_rest(truth)).for_each(|(mut error, _)| error *= REST);
@@ -151,22 +151,13 @@ impl Network {
     }
 }
 
-fn weighted_error(output: f32, truth: f32) -> f32 {
-    let is_clamped = truth <= 0.0 && output < 0.0 || truth >= 1.0 && output > 1.0;
-    (output - truth) * if is_clamped { CLAMPED } else { 1.0 }
-}
-
 pub fn noise(random: &mut fastrand::Rng) -> f32 {
     (random.f32() - 0.5) * 12.0_f32.sqrt()
 }
 
 impl Examples for TrainingData {
-    fn len(&self) -> usize {
-        self.inputs.ncols()
-    }
-
-    fn inputs(&self) -> usize {
-        self.inputs.nrows()
+    fn size(&self) -> [usize; 2] {
+        [self.inputs.ncols(), self.inputs.nrows()]
     }
 
     fn importance(&self) -> &[f32] {

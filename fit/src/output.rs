@@ -103,8 +103,7 @@ pub fn number(value: Option<f64>, decimals: usize) -> String {
     value.filter(|value| value.is_finite()).map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
 }
 
-/// Writes a page and prints its size. The navigation leads to `contents`, pairs of section and title, and then to the
-/// sections that are called like their title.
+/// Writes a page with links to `contents` (section and title) and to `sections`, and prints its size.
 pub fn write_page(
     path: &Path,
     title: &str,
@@ -144,6 +143,11 @@ pub fn figure(drawing: &str, caption: &str, name: &str) -> Markup {
             figcaption { (caption) }
         }
     }
+}
+
+/// Returns the drawings of a section, each with its caption.
+pub fn figures(drawn: &[(String, &str)], name: &str) -> Markup {
+    html! { div.figures { @for (drawing, caption) in drawn { (figure(drawing, caption, name)) } } }
 }
 
 pub fn guide(terms: &[(&str, &str)]) -> Markup {

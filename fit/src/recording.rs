@@ -108,8 +108,7 @@ impl Recording {
         steps.get(steps.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// Interpolates a blendshape linearly at a time between the first and the last row. Returns `None` outside of that
-    /// range, and for a blendshape that was not recorded.
+    /// Interpolates a blendshape linearly. Returns `None` outside of the recorded times and for an unrecorded one.
     pub fn at(&self, blendshape: &str, time_s: f64) -> Option<f64> {
         let curve = self.curves.get(blendshape)?;
         let next = self.times_s.partition_point(|time| *time < time_s);
@@ -158,8 +157,7 @@ const DAY_S: f64 = 86_400.0;
 
 type Timecode = (f64, f64);
 
-/// Converts timecodes to seconds since the midnight before the first of them. The recording may pass midnight. The rate
-/// is assumed to be the lowest usual rate at which the highest frame number occurs.
+/// Converts timecodes to seconds since the first midnight, at the lowest usual rate that has all frame numbers.
 fn timecode_seconds<'a>(codes: impl Iterator<Item = &'a str>) -> Result<Vec<f64>> {
     let one = |(row, code): (usize, &str)| {
         parse(code).with_context(|| format!("line {}: `{code}` is not a timecode hh:mm:ss:ff.fff", row + 2))
@@ -206,17 +204,13 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_found_by_name_in_any_order_and_case() {
+    fn columns_are_found_by_name_in_any_order_and_case_and_files_without_times_use_the_given_rate() {
         let track = read("frame,time_s,state,jawLeft,jawRight\n0,0.0,live,0.1,0.2\n1,0.5,live,0.3,0.4\n").unwrap();
         let live_link = read(
             "Timecode,BlendShapeCount,JawRight,JawLeft,HeadYaw\n01:00:00:00.0,61,0.2,0.1,0\n01:00:00:30.0,61,0.4,0.3,0\n",
         );
         assert_eq!(track.curves["jawLeft"], [0.1, 0.3]);
         assert_eq!(live_link.unwrap(), track);
-    }
-
-    #[test]
-    fn files_without_times_use_the_given_rate() {
         assert_eq!(read("frame,jawOpen\n5,0\n8,1\n").unwrap().times_s, [0.0, 3.0 / 30.0]);
         assert_eq!(read("jawOpen\n0\n1\n").unwrap().times_s, [0.0, 1.0 / 30.0]);
         let repeated = read("time_s,jawOpen\n0,0.1\n1,0.2\n1,0.9\n2,0.3\n").unwrap();

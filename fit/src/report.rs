@@ -16,7 +16,7 @@ use crate::drawing::{
     Axis, BLUE_INK, LandmarkMotion, ORANGE_INK, POINT_PX, SIZE_PX, chart, face, scatter, subsample, svg,
 };
 use crate::judge::{Faces, estimates, load_model, regression_ns};
-use crate::output::{self, Table, figure, guide, number};
+use crate::output::{self, Table, figures, guide, number};
 use crate::paper::{MODELS_TITLE, ModelRow, model_rows};
 use crate::statistics::{
     SHAPIRO_WILK_MAX, TestResult, autocorrelation, breusch_pagan, column_means, durbin_watson, f_statistic, mse,
@@ -213,7 +213,7 @@ impl Section<'_> {
         let [follows, rests] = [most, least].map(|landmark| motion.movement(landmark, &self.truth));
         let correlation = format!("Correlation of each landmark with the truth: black 0, yellow {highest:.2}");
         let moved = format!("Landmarks {most} (blue, most correlated) and {least} (orange, least), in eye distances");
-        let figures = [
+        let drawn = [
             (fit_chart(&pairs)?, "Estimate against truth, mostly of pictures that show the expression"),
             (ranked_chart(&pairs)?, "Estimates (dots) and truth (line), with the pictures in the order of the truth"),
             (residual_chart(&pairs)?, "Residuals against estimates, for the same pictures"),
@@ -227,7 +227,7 @@ impl Section<'_> {
                 h2 { (self.name) }
                 (with_papers(&self.models, paper).html())
                 @if !paper.is_empty() { p { "Last rows: " (MODELS_TITLE) " of the paper, fitted and judged on pictures of one avatar." } }
-                div.figures { @for (drawing, caption) in &figures { (figure(drawing, caption, self.name)) } }
+                (figures(&drawn, self.name))
                 p.up { a href="#all" { "All blendshapes" } }
             }
         })
@@ -290,8 +290,7 @@ fn residual_chart(pairs: &[(f64, f64)]) -> Result<String> {
     scatter(&[(&points, BLUE_INK)], &axes, &[[(0.0, 0.0), (1.0, 0.0)]])
 }
 
-/// Plots the displacement against the truth for a landmark that follows the blendshape (blue) and one that does not
-/// (orange).
+/// Plots the displacement of a landmark that follows the blendshape (blue), and of one that rests (orange).
 fn movement_chart(follows: &[(f64, f64)], rests: &[(f64, f64)]) -> Result<String> {
     let largest = follows.iter().chain(rests).map(|(_, moved)| moved.abs()).fold(0.0, f64::max);
     let axes = [Axis::linear("truth", [0.0, 1.0]), Axis::linear("displacement", [-largest, largest])];
@@ -299,8 +298,7 @@ fn movement_chart(follows: &[(f64, f64)], rests: &[(f64, f64)]) -> Result<String
     scatter(&[(&half(rests), ORANGE_INK), (&half(follows), BLUE_INK)], &axes, &[])
 }
 
-/// Returns at most [`CLOUD`] points: those with the largest coordinates, and a sample of the others. A plain sample
-/// would mostly show zeros, because most blendshapes are 0 in most pictures.
+/// Returns at most [`CLOUD`] points: the largest, and a sample of the others, most of which are 0.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| b.0.max(b.1).total_cmp(&a.0.max(a.1)));

@@ -19,7 +19,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::dataset::{self, Sample};
-use crate::design::MODELLED;
+use crate::design::{MODELLED, find};
 use crate::drawing::subsample;
 use crate::judge::Faces;
 use crate::statistics::{Regressors, f_regression, mean, pearson, r_squared, spearman, standard_deviation};
@@ -47,8 +47,9 @@ pub struct SelectArgs {
 }
 
 fn blendshape(name: &str) -> Result<usize, String> {
-    let known = BLENDSHAPES.iter().take(MODELLED).position(|known| *known == name);
-    known.ok_or_else(|| "not a blendshape that landmarks show: names are like eyeBlinkLeft".to_owned())
+    find(name)
+        .filter(|index| *index < MODELLED)
+        .ok_or_else(|| "not a blendshape that landmarks show: names are like eyeBlinkLeft".to_owned())
 }
 
 fn percentile(text: &str) -> Result<f64, String> {
@@ -151,8 +152,7 @@ impl Segment {
 
 const ANGLES: usize = 3;
 
-/// Pictures of subjects that the fit may see, on which features are ranked, and of held-out subjects, on which support
-/// vectors are judged.
+/// Pictures of subjects that the fit may see, to rank features on, and held-out ones to judge support vectors by.
 struct Pictures<'a> {
     samples: &'a [Sample],
     pub known: &'a Faces<'a>,
@@ -180,8 +180,7 @@ impl<'a> Pictures<'a> {
         transposed(&(0..MEASURES).into_par_iter().map(of).collect::<Vec<Vec<f64>>>(), blendshapes.len())
     }
 
-    /// Returns the partial F of every feature with each of `blendshapes`, controlling for the subject, the true pose
-    /// and all other blendshapes.
+    /// Returns the partial F of every feature, controlling for the subject, the true pose and all other blendshapes.
     pub fn partial_f(&self, blendshapes: &[usize]) -> Result<Vec<Vec<f64>>> {
         let held = DMatrix::from_fn(self.seen.len(), MODELLED + ANGLES, |row, column| {
             let sample = &self.samples[self.seen[row]];
@@ -222,8 +221,7 @@ fn scores(pictures: &Pictures, blendshape: usize, most: usize) -> Result<Vec<f64
     (0..MEASURES).into_par_iter().map(score).collect()
 }
 
-/// Returns at most `most` of the pictures `rows`, evenly spaced by coefficient among those that show the expression,
-/// and among those that do not.
+/// Returns at most `most` rows, evenly spaced by coefficient among those that show the expression, and the rest.
 fn bounded(pictures: &Pictures, blendshape: usize, rows: &[usize], most: usize) -> Vec<usize> {
     let mut by_truth: Vec<_> = rows.iter().copied().zip(pictures.known.truth(blendshape, rows)).collect();
     by_truth.sort_by(|a, b| a.1.total_cmp(&b.1));

@@ -53,10 +53,8 @@ pub fn mse(estimate: &[f64], truth: &[f64]) -> f64 {
     mean(differences(estimate, truth).map(|difference| difference.powi(2)))
 }
 
-/// Returns the standard deviation (n - 1) of the differences: the error without its mean.
-///
-/// The paper does not say how it computes its column "Deviation". In some of its rows, the value exceeds the root of
-/// the mean squared deviation, which this function never does by more than a factor of `sqrt(n / (n - 1))`.
+/// Returns the standard deviation (n - 1) of the differences: the error without its mean. The paper does not define its
+/// "Deviation", which in some rows exceeds the root of the MSD, as this one can only by `sqrt(n / (n - 1))`.
 pub fn deviation_of_differences(estimate: &[f64], truth: &[f64]) -> f64 {
     standard_deviation(&differences(estimate, truth).collect::<Vec<_>>())
 }
@@ -73,8 +71,7 @@ pub fn accuracy(estimate: &[f64], truth: &[f64]) -> f64 {
     1.0 - mse(estimate, truth).sqrt()
 }
 
-/// Returns the coefficient of determination: the share of the truth's variance that the estimate explains. It is below
-/// 0 if the estimate is worse than the truth's mean, and 0 if the truth is constant.
+/// Returns the share of the truth's variance that the estimate explains: below 0 if its mean is better, 0 at rest.
 pub fn r_squared(estimate: &[f64], truth: &[f64]) -> f64 {
     let centre = mean(truth.iter().copied());
     let variance = mean(truth.iter().map(|value| (value - centre).powi(2)));
@@ -83,18 +80,15 @@ pub fn r_squared(estimate: &[f64], truth: &[f64]) -> f64 {
 
 const SEED: u64 = 1;
 
-/// Returns Spearman's correlation: Pearson's correlation of the ranks, with the mean rank for equal values. Returns 0
-/// if one side is constant.
+/// Returns Spearman's correlation, with the mean rank for equal values, or 0 if one side is constant.
 pub fn spearman(estimate: &[f64], truth: &[f64]) -> f64 {
     let ranks = |values: &[f64]| Data::new(values.to_vec()).ranks(RankTieBreaker::Average);
     pearson(&ranks(estimate), &ranks(truth))
 }
 
 /// Returns Chatterjee's correlation (2021, eq. 1.2): 1 if the truth is a function of the estimate, about 0 if they are
-/// independent, and 0 if the truth is constant.
-///
-/// Equal estimates are put in a random order, as the definition requires, which is the same in every run. In order of
-/// time, a curve that rests at 0 would seem to follow any truth that changes slowly.
+/// independent, and 0 if the truth is constant. Equal estimates are put in a random order, the same in every run: in
+/// order of time, a curve that rests at 0 would seem to follow any truth that changes slowly.
 pub fn xi(estimate: &[f64], truth: &[f64]) -> f64 {
     let count = estimate.len().min(truth.len());
     let mut order: Vec<usize> = (0..count).collect();
@@ -113,7 +107,7 @@ pub fn xi(estimate: &[f64], truth: &[f64]) -> f64 {
 /// Sums over pairs of estimate and truth. Figures that are not defined are not a number.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Moments {
-    count: f64,
+    pub count: f64,
     estimate: f64,
     truth: f64,
     estimate_squared: f64,
@@ -131,10 +125,6 @@ impl Moments {
             truth_squared: truth.powi(2),
             product: estimate * truth,
         };
-    }
-
-    pub fn count(&self) -> f64 {
-        self.count
     }
 
     fn variances(&self) -> [f64; 2] {
@@ -236,8 +226,7 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Returns the interval between the percentiles of the values. Values that are not a number are left out; without
-    /// any other values, the ends are not a number.
+    /// Returns the interval between the percentiles of the finite values. It is not a number without any.
     pub fn of(values: impl Iterator<Item = f64>) -> Self {
         let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
         values.sort_by(f64::total_cmp);

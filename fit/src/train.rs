@@ -51,8 +51,7 @@ pub fn train(
     Ok(file)
 }
 
-/// Fits the part that reads how a face looks to what the landmark model of another file leaves unexplained, and
-/// scores both together.
+/// Fits the part that reads how a face looks to what the landmark model of another file leaves unexplained.
 pub fn extend(path: &Path, samples: &[Sample], appearances: Option<&Appearances>, made_by: &str) -> Result<ModelFile> {
     let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut file = ModelFile { appearance: None, ..ModelFile::parse(&text)? };
@@ -65,9 +64,12 @@ pub fn extend(path: &Path, samples: &[Sample], appearances: Option<&Appearances>
 
 fn score(file: &mut ModelFile, samples: &[Sample], appearances: Option<&Appearances>) -> Result<()> {
     let model = file.to_model()?;
-    let scores = |known| judge::scores(&model, &judge::Faces::new(samples, known)?.with_appearances(appearances));
+    let scores = |known| {
+        let faces = judge::Faces::new(samples, known)?.with_appearances(appearances);
+        judge::scores(&model, &faces, &faces.rows(false)?)
+    };
     let [known, unknown] = [scores(true)?, scores(false)?];
-    let score = |score: &judge::Score| ScoreTable { r: rounded(score.r, 4), mse: rounded(score.mse, 5) };
+    let score = |[r, mse]: &[f64; 2]| ScoreTable { r: rounded(*r, 4), mse: rounded(*mse, 5) };
     for (name, (known, unknown)) in BLENDSHAPES.iter().zip(known.iter().zip(&unknown)) {
         if let Some(table) = file.blendshapes.get_mut(*name) {
             (table.neutral_known, table.neutral_unknown) = (score(known), score(unknown));

@@ -51,13 +51,14 @@ pub struct Options {
 
 /// Most jitter that is left at rest, as a share of that without a filter.
 const MOST_JITTER: f64 = 1.0 / 3.0;
-const KINDS: [(FilterKind, &str); 6] = [
-    (FilterKind::Kalman, "kalman"),
-    (FilterKind::MovingAverage, "moving-average"),
-    (FilterKind::TimeWeightedAverage, "time-weighted-average"),
-    (FilterKind::LowPass, "low-pass"),
-    (FilterKind::GatedAverage, "gated-average"),
-    (FilterKind::OneEuro, "one-euro"),
+/// The kinds to try, each with its name in the settings and its colour.
+const KINDS: [(FilterKind, &str, RGBColor); 6] = [
+    (FilterKind::Kalman, "kalman", RGBColor(47, 126, 216)),
+    (FilterKind::MovingAverage, "moving-average", RGBColor(230, 126, 34)),
+    (FilterKind::TimeWeightedAverage, "time-weighted-average", RGBColor(241, 196, 15)),
+    (FilterKind::LowPass, "low-pass", RGBColor(127, 140, 141)),
+    (FilterKind::GatedAverage, "gated-average", RGBColor(39, 174, 96)),
+    (FilterKind::OneEuro, "one-euro", RGBColor(155, 89, 182)),
 ];
 const TIMES_MS: [u16; 10] = [40, 70, 80, 100, 130, 180, 220, 260, 300, 350];
 /// Sizes of small changes to try, relative to that of the settings.
@@ -102,7 +103,7 @@ fn smoothing(options: &Options) -> Result<()> {
         let best = best(&trials, most_lag_ms);
         let default = default_of(part, &defaults, &default_sums[index]);
         rows.extend([printed_row(name, "best", &best), printed_row(name, "default", &default)]);
-        for (kind, _) in KINDS {
+        for (kind, ..) in KINDS {
             let of_kind: Vec<Trial> = trials.iter().filter(|trial| trial.kind == kind).copied().collect();
             rows.push(printed_row(name, "best of kind", &self::best(&of_kind, most_lag_ms)));
         }
@@ -127,13 +128,13 @@ fn printed_row(part: &str, what: &str, trial: &Trial) -> Vec<String> {
 }
 
 fn kind_name(kind: FilterKind) -> &'static str {
-    KINDS.iter().find(|(known, _)| *known == kind).map_or("off", |(_, name)| name)
+    KINDS.iter().find(|own| own.0 == kind).map_or("off", |own| own.1)
 }
 
 /// Measures every kind with every time, and the kinds that let large changes pass with every size of these.
 fn trials(streams: &[Stream]) -> Vec<(Trial, [Sums; PARTS.len()])> {
     let is_adaptive = |kind| matches!(kind, FilterKind::Kalman | FilterKind::GatedAverage | FilterKind::OneEuro);
-    let all = KINDS.iter().flat_map(|(kind, _)| TIMES_MS.map(|time_ms| (*kind, f32::from(time_ms))));
+    let all = KINDS.iter().flat_map(|(kind, ..)| TIMES_MS.map(|time_ms| (*kind, f32::from(time_ms))));
     let all = all.flat_map(|(kind, time_ms)| SIZES.map(|size| (kind, time_ms, size)));
     let all: Vec<_> = all.filter(|(kind, _, size)| is_adaptive(*kind) || (size - 1.0).abs() < 0.01).collect();
     let trial = |(kind, time_ms, size): (FilterKind, f32, f32)| {
@@ -191,14 +192,6 @@ fn measured(filters: &Filters, streams: &[Stream]) -> [Sums; PARTS.len()] {
 }
 
 const SIZE_PX: (u32, u32) = (520, 360);
-const INKS: [RGBColor; 6] = [
-    RGBColor(47, 126, 216),
-    RGBColor(230, 126, 34),
-    RGBColor(241, 196, 15),
-    RGBColor(127, 140, 141),
-    RGBColor(39, 174, 96),
-    RGBColor(155, 89, 182),
-];
 const MOST_MS: f64 = 160.0;
 
 fn section(name: &str, trials: &[Trial], best: &Trial, default: &Trial, most_lag_ms: f64) -> Result<Markup> {
@@ -226,7 +219,7 @@ fn plot(trials: &[Trial], best: &Trial, most_lag_ms: f64, delay_ms: impl Fn(&Tri
     let point = |trial: &Trial| (delay_ms(trial), trial.sums.jitter());
     svg(SIZE_PX, |area| {
         let mut chart = chart(area, &axes)?;
-        for (kind, ink) in KINDS.iter().map(|(kind, _)| *kind).zip(INKS) {
+        for (kind, _, ink) in KINDS {
             let of_kind = trials.iter().filter(|trial| trial.kind == kind);
             let shown = of_kind.clone().filter(|trial| delay_ms(trial) < MOST_MS);
             chart.draw_series(shown.clone().map(|trial| Circle::new(point(trial), 2, ink.mix(0.4).filled())))?;
@@ -244,7 +237,7 @@ fn plot(trials: &[Trial], best: &Trial, most_lag_ms: f64, delay_ms: impl Fn(&Tri
 fn page(sections: &[Markup], summary: &Summary, clips: usize) -> Markup {
     html! {
         p { (clips) " rendered wearers at 30 frames a second. Jitter is the standard deviation over 2 seconds of a still face with the camera's noise, as a share of that before the filter. A line leads through the times of one kind of filter from 40 to 350 ms; points are other sizes of a small change." }
-        p { @for ((_, name), ink) in KINDS.iter().zip(INKS) { span style=(format!("color: rgb({},{},{})", ink.0, ink.1, ink.2)) { "■ " (name) " " } } }
+        p { @for (_, name, ink) in &KINDS { span style=(format!("color: rgb({},{},{})", ink.0, ink.1, ink.2)) { "■ " (name) " " } } }
         h2 { "With the default settings, as sent" }
         pre { (summary) }
         @for section in sections { (section) }

@@ -12,8 +12,7 @@ use facewire::playback::{Shown, TrackedFrame};
 use facewire_face::{BLENDSHAPES, COEFFS, Camera, Group, Model, NeutralMode, Profile};
 use rayon::prelude::*;
 
-use crate::clip::FRAME_US;
-use crate::curves::{LIDS, OPEN, SHUT, shut};
+use crate::curves::{FRAME_US, LIDS, OPEN, SHUT, shut};
 use crate::judge::figures::{Judgement, Person, Phase, Row, SolvedFaces};
 use crate::judge::load_model;
 use crate::judge::set::{Clip, playback};
@@ -244,10 +243,7 @@ fn still(shown: &[Shown]) -> [f64; 3] {
         standard_deviation(&(0..solved.len()).map(|frame| f64::from(value(frame, shape))).collect::<Vec<_>>())
     };
     let all = |value: &dyn Fn(usize, usize) -> f32| mean((0..COEFFS - 1).map(|shape| spread(value, shape)));
-    let angles = |frame: usize, axis: usize| {
-        let head = &solved[frame].head;
-        head.yaw_pitch_roll_deg()[axis]
-    };
+    let angles = |frame: usize, axis: usize| solved[frame].head.yaw_pitch_roll_deg()[axis];
     [
         all(&|frame, shape| solved[frame].raw.0[shape]),
         all(&|frame, shape| solved[frame].smoothed.0[shape]),
@@ -286,17 +282,8 @@ fn turned_at_rest(clip: &Clip, shown: &[Shown]) -> [f64; COEFFS] {
 }
 
 fn table_of(all: &[(Knowledge, Vec<Checks>)]) -> Table {
-    let heads = [
-        "known of the wearer",
-        "jitter at rest, raw: bright, dim, dark",
-        "sent",
-        "share",
-        "head (degrees)",
-        "blinks above 0.9",
-        "below 0.1 again",
-        "wink: other eye, median",
-        "most",
-    ];
+    let heads = ["known of the wearer", "jitter at rest, raw: bright, dim, dark", "sent", "share", "head (degrees)"];
+    let heads = heads.into_iter().chain(["blinks above 0.9", "below 0.1 again", "wink: other eye, median", "most"]);
     Table::new(heads, all.iter().map(|(knowledge, people)| row(*knowledge, people)))
 }
 

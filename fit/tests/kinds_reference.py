@@ -3,7 +3,7 @@
 
   pip install numpy scikit-learn==1.9.1 && python kinds_reference.py > kinds_reference.json
 
-A test compares the kinds of facewire-fit with these values on the same faces (src/kinds/reference_values.rs).
+A test compares the kinds of facewire-fit with these values on the same faces (src/kinds/mod.rs).
 """
 
 import json

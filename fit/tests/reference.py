@@ -3,7 +3,7 @@
 
   pip install scipy==1.17.1 statsmodels==0.15.0 scikit-learn==1.9.1 && python reference.py > reference.json
 
-A test compares the statistics of facewire-fit with these values (src/statistics/reference_values.rs).
+A test compares the statistics of facewire-fit with these values (src/statistics.rs).
 """
 
 import json

@@ -1,7 +1,6 @@
 //! The choice of the kind of model for a blendshape.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 
 use anyhow::{Result, ensure};
 use facewire_face::BLENDSHAPES;
@@ -134,15 +133,14 @@ fn summary(choices: &[Choice]) -> String {
     );
     let nonlinear = trials().filter(|trial| trial.form != Form::Affine).count();
     let transformed = trials().filter(|trial| trial.form == Form::Affine && trial.response != Response::Plain).count();
-    let _ = writeln!(
-        text,
-        "{nonlinear} of {} need more than an affine map, {transformed} an affine map of the transformed truth",
+    text += &format!(
+        "{nonlinear} of {} need more than an affine map, {transformed} an affine map of the transformed truth\n",
         chosen.len()
     );
     for (form, words) in FORMS {
         let names: Vec<&str> = chosen.iter().filter(|(_, trial)| trial.form == form).map(|(name, _)| *name).collect();
         if !names.is_empty() {
-            let _ = writeln!(text, "{words}, {}: {}", names.len(), names.join(", "));
+            text += &format!("{words}, {}: {}\n", names.len(), names.join(", "));
         }
     }
     text
@@ -169,8 +167,7 @@ pub fn json(choices: &[Choice], split: &Split, budget: &Budget) -> Value {
 
 // The chosen formulas as a model file.
 
-/// Returns the model of the formulas that were chosen with the subjects' neutral faces known and not known. The formula of
-/// a blendshape without a choice is always 0; the names of these blendshapes are printed on standard error.
+/// Returns the model of the chosen formulas. A blendshape without a choice is always 0, and its name is printed.
 pub fn model_file(known: &[Choice], unknown: &[Choice], made_by: String, fitted_on: String) -> Result<ModelFile> {
     let formulas = Cases { neutral_known: set(known)?, neutral_unknown: set(unknown)? };
     Ok(ModelFile { formulas: Some(formulas), ..ModelFile::new(made_by, fitted_on) })
@@ -237,8 +234,8 @@ mod tests {
     use facewire_face::stages::{Features, normalise};
 
     use super::*;
-    use crate::clip::tests::test_clip;
     use crate::compare::trial::Trials;
+    use crate::curves::tests::test_clip;
     use crate::dataset::Sample;
     use crate::judge::{Faces, estimates};
     use crate::kinds;

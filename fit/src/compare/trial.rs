@@ -19,8 +19,7 @@ use crate::statistics::{mse, pearson};
 use crate::train;
 
 const SEED: u64 = 1;
-/// Number of faces to time, and number of passes over them. The fastest pass counts, because other load disturbs it
-/// least.
+/// Number of faces to time, and of passes over them. The fastest pass counts: other load disturbs it least.
 const TIMED: usize = 100;
 const TIMED_PASSES: usize = 7;
 const NUMBER_BYTES: usize = 4;
@@ -51,8 +50,7 @@ impl Trial {
         format!("{}{}", self.kind, suffix(self.response))
     }
 
-    /// Returns the trial of the hidden layer with the errors of `estimated`, which has a value for every seen picture, and
-    /// of `predictions` for the held-out ones.
+    /// Returns the trial of the hidden layer with `estimated` for seen pictures and `predictions` for held-out ones.
     fn judged(faces: &Faces, split: &Split, blendshape: usize, estimated: &[f64], predictions: Vec<f64>) -> Self {
         let seen = split.seen.iter().zip(faces.truth(blendshape, &split.seen));
         let errors: Vec<f64> = seen.map(|(row, truth)| (estimated[*row] - truth).powi(2)).collect();
@@ -160,8 +158,7 @@ fn sample(rows: &[usize], most: usize) -> Vec<usize> {
     rows
 }
 
-/// The features of a model, with the mean and standard deviation of each. They are the same for all models that are fitted
-/// to all faces.
+/// The features of a model with their means and deviations, the same for all models that are fitted to all faces.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scale {
     pub features: Vec<usize>,
@@ -233,8 +230,7 @@ impl Fitted {
 
 /// The smallest deviation, in eye distances, that a feature is scaled by.
 const LEAST_DEVIATION: f64 = 0.001;
-/// Noise assumed in each feature, relative to its variance. Without it, a feature that nearly repeats others could be
-/// selected for its tiny remainder.
+/// Assumed noise, relative to the variance. Without it, a tiny remainder of a repeated feature could be selected.
 const NOISE: f64 = 0.003;
 const BLOCK: usize = 2048;
 
@@ -330,8 +326,7 @@ impl Ranking {
 
 pub const HIDDEN_LAYER: &str = "hidden-layer";
 
-/// Trains the network on every fold and returns one trial per blendshape, in their order. Each has an even share of the
-/// network's cost.
+/// Trains the network on every fold. Returns a trial per blendshape, with an even share of the cost.
 pub fn hidden_layer_trials(samples: &[Sample], faces: &Faces, split: &Split, epochs: usize) -> Result<Vec<Trial>> {
     let mut estimated = vec![vec![0.0; samples.len()]; MODELLED];
     for fold in 0..split.folds {

@@ -168,8 +168,8 @@ fn error_sums(faces: &SolvedFaces, blendshape: usize, resting: &[bool], is_film:
         let jitter = jitter_at_rest(&estimates, &truths).map_or(Vector2::zeros(), |jitter| vector![jitter, 1.0]);
         phases[Phase::All as usize].jitter = jitter;
     }
-    for sums in phases.iter_mut().filter(|sums| sums.moments.count() > 0.0) {
-        sums.parts = sums.moments.count() * sums.moments.error_parts();
+    for sums in phases.iter_mut().filter(|sums| sums.moments.count > 0.0) {
+        sums.parts = sums.moments.count * sums.moments.error_parts();
     }
     phases
 }
@@ -180,7 +180,7 @@ impl ErrorSums {
     }
 
     fn figures(&self) -> Figures {
-        let (moments, count) = (&self.moments, self.moments.count());
+        let (moments, count) = (&self.moments, self.moments.count);
         let shows_motion = self.moves() && count >= LEAST_PICTURES;
         Figure::all().map(|figure| match figure {
             Figure::R | Figure::Gain | Figure::Slope if !shows_motion => f64::NAN,
@@ -217,8 +217,7 @@ fn mean_of(figures: &(impl Iterator<Item = Figures> + Clone)) -> Figures {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Row {
     Blendshape(usize),
-    /// The mean of the blendshapes' rows: of all that landmarks show, or for figures that need motion, of those that
-    /// move.
+    /// The mean of the rows of all blendshapes that landmarks show, or that move if the figure needs motion.
     Blendshapes,
     /// The mean of the people, where a person's figures are the mean over the blendshapes that the person moves.
     People,
@@ -261,8 +260,7 @@ impl Judgement {
         Interval::of(self.draws.iter().map(|draw| draw[row.index()][phase as usize][figure as usize]))
     }
 
-    /// Returns how much higher a figure is than in `other`, which judges the same people, with the confidence interval of
-    /// the difference. Both are compared on the same draws.
+    /// Returns a figure minus that of `other`, which judges the same people, and its interval over the same draws.
     pub fn difference(&self, other: &Self, row: Row, phase: Phase, figure: Figure) -> (f64, Interval) {
         let value = |figures: &[Phases<Figures>]| figures[row.index()][phase as usize][figure as usize];
         let pairs = self.draws.iter().zip(&other.draws);
@@ -270,8 +268,7 @@ impl Judgement {
         (value(&self.figures) - value(&other.figures), interval)
     }
 
-    /// Returns mean and standard deviation over the people of a blendshape's figure. Only people who move the blendshape
-    /// count.
+    /// Returns mean and standard deviation of a figure over the people who move the blendshape.
     pub fn spread(&self, shape: usize, phase: Phase, figure: Figure) -> [f64; 2] {
         let moving = self.people.iter().filter(|person| person.moves(shape));
         let values = moving.map(|person| person.figures(shape, phase)[figure as usize]);
@@ -280,7 +277,7 @@ impl Judgement {
     }
 
     pub fn pictures(&self) -> f64 {
-        self.people.iter().map(|person| person.sums[0][Phase::All as usize].moments.count()).sum()
+        self.people.iter().map(|person| person.sums[0][Phase::All as usize].moments.count).sum()
     }
 
     pub fn moves(&self, row: Row) -> bool {

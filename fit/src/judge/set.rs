@@ -12,7 +12,7 @@ use facewire::config::Settings;
 use facewire::pipeline::Pipeline;
 use facewire::playback::{Playback, TrackedFrame, neutral_of};
 use facewire::preflight::{load_tracker, shaping};
-use facewire_face::{COEFFS, Model, Neutral, NeutralMode, Profile, Solver};
+use facewire_face::{COEFFS, Model, Neutral, NeutralMode, Profile, Solver, Tracker};
 use rayon::prelude::*;
 
 use super::figures::{Person, SolvedFaces};
@@ -36,8 +36,7 @@ enum Content {
 pub type RawFaces = Vec<([f32; COEFFS], [f64; COEFFS])>;
 
 impl Set {
-    /// Loads a dataset, of which only the held-out subjects count unless `all_subjects`, or a folder of clips, which begin
-    /// with `neutral_frames` at rest.
+    /// Loads a dataset, or its held-out subjects, or a folder of clips that begin with `neutral_frames` at rest.
     pub fn load(path: &Path, all_subjects: bool, neutral_frames: u32) -> Result<Self> {
         let (name, neutral_frames) = (path.display().to_string(), neutral_frames.into());
         if path.is_dir() {
@@ -64,8 +63,7 @@ impl Set {
         Ok(Self { name, content: Content::Pictures(samples, appearances) })
     }
 
-    /// Runs each model on every face, relative to the person's neutral face if `neutral_known`. Returns the people by
-    /// model.
+    /// Runs each model on every face. Returns the people by model.
     pub fn people(&self, models: &[&Model], neutral_known: bool) -> Result<Vec<Vec<Person>>> {
         match &self.content {
             Content::Pictures(samples, appearances) => {
@@ -86,8 +84,7 @@ impl Set {
         }
     }
 
-    /// Returns the results of the regression with the truth, person by person, relative to the neutral face if
-    /// `neutral_known`. Frames without a face are left out.
+    /// Returns the results of the regression with the truth, person by person. Frames without a face are left out.
     pub fn raw(&self, model: &Model, neutral_known: bool) -> Result<Vec<RawFaces>> {
         match &self.content {
             Content::Pictures(samples, appearances) => {
@@ -109,8 +106,7 @@ impl Set {
         }
     }
 
-    /// Returns facts about the set itself in one line: the error of the head pose, or the number of frames without a
-    /// face.
+    /// Returns a line with the error of the head pose, or the number of frames without a face.
     pub fn notes(&self) -> Result<String> {
         match &self.content {
             Content::Pictures(samples, _) => {
@@ -188,18 +184,22 @@ fn track(film: &Path) -> Result<Vec<TrackedFrame>> {
     let settings = Settings::default();
     let path = film.to_str().context("the path is not UTF-8")?;
     let mut source = AviSource::open(BufReader::new(File::open(film)?), path, FrameRate::FPS_30)?;
-    let solver = Solver::new(Model::embedded(), Profile::default(), shaping(&settings));
     let tracker = Some(load_tracker(&settings.networks)?);
-    let pipeline = Pipeline { tracker, solver, horizontal_fov_deg: settings.camera.horizontal_fov_deg };
-    let mut playback = Playback::new(pipeline, &settings.failsafe);
+    let mut playback = playback_with(tracker, &Model::embedded(), Profile::default(), NeutralMode::Off);
     std::iter::from_fn(|| playback.find(&mut source).transpose()).map(|face| Ok(face?)).collect()
 }
 
+/// Returns the solver and the failsafe with the default settings, for faces that have been found.
 pub fn playback(model: &Model, profile: Profile, neutral_mode: NeutralMode) -> Playback {
+    playback_with(None, model, profile, neutral_mode)
+}
+
+fn playback_with(tracker: Option<Tracker>, model: &Model, profile: Profile, neutral_mode: NeutralMode) -> Playback {
     let settings = Settings::default();
     let mut solver = Solver::new(model.clone(), profile, shaping(&settings));
     solver.neutral_mode = neutral_mode;
-    Playback::new(Pipeline::for_landmarks(solver, settings.camera.horizontal_fov_deg), &settings.failsafe)
+    let pipeline = Pipeline { tracker, solver, horizontal_fov_deg: settings.camera.horizontal_fov_deg };
+    Playback::new(pipeline, &settings.failsafe)
 }
 
 #[cfg(test)]

@@ -8,8 +8,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{Fitted, Predictor};
 
-/// Ridge penalty on a standardised feature, relative to the mean variance. It is also the initial damping of the steps to
-/// an exponential.
+/// Ridge penalty, relative to the mean variance, and the initial damping of the steps to an exponential.
 pub const RIDGE: f64 = 0.001;
 /// The penalty that keeps ordinary least squares solvable if features repeat each other.
 pub const TINY: f64 = 1e-9;
@@ -17,8 +16,7 @@ const KEPT: f64 = 0.999;
 const COMPONENTS: usize = 16;
 /// Smallest length of a new direction relative to the first, before it counts as rounding noise.
 const LEAST_LENGTH: f64 = 1e-9;
-/// Number of steps of the fit of an exponential, and factors of the damping after a step that reduced the error, and
-/// after one that did not.
+/// Steps of the fit of an exponential, and factors of the damping after a better and after a worse step.
 const STEPS: usize = 12;
 const EASE: f64 = 0.3;
 const STRAIN: f64 = 5.0;
@@ -34,8 +32,7 @@ pub struct Formula {
     pub degrees_of_freedom: usize,
 }
 
-/// Returns how many of the features of a quadratic formula are multiplied with each other: the first of them, because all
-/// 64 would give 2,080 products.
+/// Returns how many of the features are multiplied: the first of them, because all 64 would give 2,080 products.
 fn multiplied(features: usize) -> usize {
     features.min(MAX_MULTIPLIED)
 }
@@ -222,8 +219,7 @@ fn exponent(faces: &DMatrix<f64>, truth: &[f64]) -> Result<Formula> {
     Ok(Formula::affine(weights.as_slice()[..last].to_vec(), weights[last]))
 }
 
-/// Ridge regression on the features, and on the squares and products of the first of them: first with first to last,
-/// second with second to last, and so on.
+/// Ridge regression on the features, and on the squares and products of the first of them, in order.
 pub fn quadratic(faces: &DMatrix<f64>, truth: &[f64]) -> Result<Fitted> {
     let (features, multiplied) = (faces.ncols(), multiplied(faces.ncols()));
     let pairs: Vec<_> = (0..multiplied).flat_map(|one| (one..multiplied).map(move |other| (one, other))).collect();

@@ -115,8 +115,7 @@ fn sample(shares: &[f64], random: &mut fastrand::Rng) -> Vec<usize> {
     core::iter::repeat_n((), shares.len()).map(one).collect()
 }
 
-/// Reduces the shares of the faces that a tree predicts well. Returns the tree's odds of being wrong, or `None` if it
-/// makes no error.
+/// Reduces the shares of well predicted faces. Returns the odds that the tree is wrong, `None` without an error.
 fn reweight(shares: &mut [f64], estimates: &[f64], truth: &[f64]) -> Option<f64> {
     let errors: Vec<f64> = estimates.iter().zip(truth).map(|(estimate, truth)| (estimate - truth).abs()).collect();
     let largest = errors.iter().copied().fold(0.0, f64::max);

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::{NAMES, PAIRS, Pictures, Ranking, Segment};
 use crate::drawing::{Axis, BLUE_INK, LandmarkMotion, face, scatter, subsample};
 use crate::judge::Faces;
-use crate::output::{Table, figure, guide, number};
+use crate::output::{Table, figures, guide, number};
 use crate::statistics::mean;
 
 const LISTED: usize = 10;
@@ -29,8 +29,7 @@ pub fn landmarks(features: &[usize]) -> Vec<usize> {
     coordinates.map(|feature| feature / 3).filter(|landmark| known.insert(*landmark)).collect()
 }
 
-/// Returns a line for every segment with the agreement of the rankings (the shares of best features that two have in
-/// common, and the correlations of all ranks), and their mean.
+/// Returns a line for every segment with shares of common best features and correlations of ranks, and the means.
 pub fn summary(segments: &[Segment]) -> Table {
     let pairs = |what: &str| PAIRS.map(|(a, b)| format!("{what} {}, {}", NAMES[a], NAMES[b]));
     let own = ["blendshape", "kept", "landmarks", "best", "r", "best by F"].map(str::to_owned);
@@ -109,7 +108,7 @@ fn section(segment: &Segment, pictures: &Pictures, motion: &LandmarkMotion) -> R
     let by_f = &segment.rankings[1];
     let heat_f = face(&motion.positions, &strength(by_f), &landmarks(&by_f.order[..segment.count]))?;
     let [r_and_f, r_and_svr, f_and_svr] = PAIRS.map(|pair| ranks(segment, pair));
-    let figures = [
+    let drawn = [
         (heat, caption.as_str()),
         (
             heat_f,
@@ -136,7 +135,7 @@ fn section(segment: &Segment, pictures: &Pictures, motion: &LandmarkMotion) -> R
                 @if !distances.is_empty() { "Distances: " (distances) "." }
             }
             (best_features(segment).html())
-            div.figures { @for (drawing, caption) in &figures { (figure(drawing, caption, name)) } }
+            (figures(&drawn, name))
             p.up { a href="#all" { "Up" } }
         }
     })
@@ -199,14 +198,14 @@ pub fn order(segment: &Segment) -> Result<String> {
     let point = |feature: &usize| ((ranking.ranks[*feature] as f64).log10(), ranking.scores[*feature]);
     let (kept, others) = ranking.order.split_at(segment.count);
     let [kept, others] = [kept, &subsample(others, OTHERS)].map(|some| some.iter().map(point).collect::<Vec<_>>());
-    let most = tenth_above(ranking.scores[ranking.order[0]]);
+    // The next tenth above the highest.
+    let most = ((ranking.scores[ranking.order[0]] * 10.0).ceil() / 10.0).clamp(0.1, 1.0);
     let axes = [Axis::ranks(RANKS[0], ranking.ranks.len()), Axis::linear("absolute correlation", [0.0, most])];
     let cut = cut(segment);
     scatter(&[(&others, GREY_INK), (&kept, BLUE_INK)], &axes, &[[(cut, 0.0), (cut, most)]])
 }
 
-/// Plots the ranks by two of [`NAMES`] against each other. The lower left corner holds the best features of both.
-/// Features that are kept by correlation are blue.
+/// Plots two of the ranks against each other: the best of both are in the lower left corner, the kept ones blue.
 pub fn ranks(segment: &Segment, (x, y): (usize, usize)) -> Result<String> {
     let [a, b] = [x, y].map(|index| &segment.rankings[index]);
     let power = |rank: usize| (rank as f64).log10();
@@ -224,8 +223,4 @@ pub fn ranks(segment: &Segment, (x, y): (usize, usize)) -> Result<String> {
 
 fn cut(segment: &Segment) -> f64 {
     (segment.count as f64 + 0.5).log10()
-}
-
-fn tenth_above(value: f64) -> f64 {
-    ((value * 10.0).ceil() / 10.0).clamp(0.1, 1.0)
 }

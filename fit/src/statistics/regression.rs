@@ -18,11 +18,8 @@ pub struct TestResult {
 /// Singular values below this share of the largest one belong to columns that repeat others.
 const SAME: f64 = 1e-10;
 
-/// Returns the overall F statistic of a regression with `parameters` weights and a constant, from its R2 on `rows`
-/// rows. Returns `None` if no degree of freedom remains.
-///
-/// The p value holds for rows that the weights were fitted to by least squares. For other rows, F only measures the
-/// size of the effect.
+/// Returns the overall F of a regression with `parameters` weights and a constant, or `None` if no freedom remains.
+/// The p value holds for rows that the weights were fitted to. For others, F only measures the size of the effect.
 pub fn f_statistic(r_squared: f64, rows: usize, parameters: usize) -> Option<TestResult> {
     let rest = rows.checked_sub(parameters + 1).filter(|rest| *rest > 0 && parameters > 0)? as f64;
     let statistic = (r_squared / parameters as f64) / ((1.0 - r_squared) / rest);
@@ -30,8 +27,7 @@ pub fn f_statistic(r_squared: f64, rows: usize, parameters: usize) -> Option<Tes
     Some(TestResult { statistic, p })
 }
 
-/// Returns the F of a regression on a single regressor, from its correlation with the truth in `rows` rows. F is
-/// infinite for a perfect correlation, and 0 if no degree of freedom remains.
+/// Returns the F of a single regressor: infinite for a perfect correlation, 0 if no degree of freedom remains.
 pub fn f_regression(pearson: f64, rows: usize) -> f64 {
     f_statistic(pearson.powi(2), rows, 1).map_or(0.0, |tested| tested.statistic)
 }
@@ -49,8 +45,7 @@ impl ColumnSpace {
         Some(Self(decomposed.u?.select_columns(&kept)))
     }
 
-    /// Returns R2 of the least-squares regression of `values` on the columns and a constant. Returns `None` if the
-    /// values or all columns are constant.
+    /// Returns R2 of the regression of `values` on the columns, or `None` if either is constant.
     pub fn explain(&self, values: &[f64]) -> Option<f64> {
         let mut target = DVector::from_column_slice(values);
         target.add_scalar_mut(-target.mean());
@@ -61,8 +56,7 @@ impl ColumnSpace {
     }
 }
 
-/// Returns the Durbin-Watson statistic of residuals in their order: 2 if neighbours are uncorrelated, near 0 if they
-/// are alike, near 4 if they alternate. Returns 2 if all residuals are 0.
+/// Returns the Durbin-Watson statistic: 2 if neighbours are uncorrelated, near 0 if alike, near 4 if they alternate.
 pub fn durbin_watson(residuals: &[f64]) -> f64 {
     let steps: f64 = residuals.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
     let squares: f64 = residuals.iter().map(|residual| residual.powi(2)).sum();
@@ -95,8 +89,7 @@ const MAX_INFLATION: f64 = 1e8;
 /// Share of the variance below which a remainder is rounding error.
 const ROUNDING: f64 = 1e-12;
 
-/// Correlated regressors, with rows in groups that each have a mean of their own (fixed effects). They are prepared
-/// once to test any number of values.
+/// Regressors with rows in groups that each have a mean of their own (fixed effects), prepared for any number of tests.
 pub struct Regressors {
     /// The regressors without the group means, scaled to length 1.
     columns: DMatrix<f64>,
@@ -125,10 +118,8 @@ impl Regressors {
         Some(Self { columns: regressors, inverse, groups, degrees_of_freedom })
     }
 
-    /// Returns the partial F of `values` with every regressor, controlling for all other regressors and the groups,
-    /// with 1 and the residual degrees of freedom. It is symmetric: regressing the values on the regressor or the
-    /// regressor on the values gives the same F. It is 0 for a regressor that is constant or a combination of the
-    /// others.
+    /// Returns the partial F of `values` with every regressor, controlling for all others and the groups. It is
+    /// symmetric, and 0 for a regressor that is constant or a combination of the others.
     pub fn partial_f(&self, values: &[f64]) -> Vec<f64> {
         let mut values = DVector::from_column_slice(values);
         self.groups.centre(values.as_mut_slice());
@@ -191,8 +182,7 @@ const SMALL_DEVIATION: [f64; 4] = [1.3822, -0.778_57, 0.062_767, -0.002_032_2];
 const LARGE_MEAN: [f64; 4] = [-1.5861, -0.310_82, -0.083_751, 0.003_891_5];
 const LARGE_DEVIATION: [f64; 3] = [-0.4803, -0.082_676, 0.003_030_2];
 
-/// Returns W, which is 1 for a sample that looks normal, and its p value. Returns `None` for fewer than 3 or more than
-/// [`SHAPIRO_WILK_MAX`] values, and for constant values.
+/// Returns W, which is 1 for a normal sample, and its p. `None` for constant values, and for too few or too many.
 pub fn shapiro_wilk(values: &[f64]) -> Option<TestResult> {
     if !(FEWEST..=SHAPIRO_WILK_MAX).contains(&values.len()) {
         return None;

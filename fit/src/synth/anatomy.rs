@@ -9,6 +9,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::expression::Coefficients;
+use crate::design::index_of;
 
 const ACTIVE: f32 = 0.3;
 /// Largest convergence of the eyes, as a share of `eyeLookIn`. Recorded eyes converge by 0.05.
@@ -65,31 +66,19 @@ impl Region {
             to[index] = *value;
         }
     }
-
-    pub fn is_upper(self) -> bool {
-        matches!(self, Self::Gaze | Self::Lids | Self::Brows)
-    }
 }
 
-pub struct Partner {
-    pub index: usize,
-    /// Whether both shapes always have the same strength.
-    pub fixed: bool,
-}
-
-impl Partner {
-    pub fn of(index: usize) -> Option<Self> {
-        let name = BLENDSHAPES[index];
-        let opposite = MIRRORED[index];
-        if opposite == index || ["jawLeft", "jawRight", "mouthLeft", "mouthRight"].contains(&name) {
-            return None;
-        }
-        let across = LOOK.iter().zip(LOOK.iter().rev()).find_map(|(eye, other)| {
-            let to = eye.iter().position(|look| *look == index)?;
-            Some(other[[1, 0, 2, 3][to]])
-        });
-        Some(Self { index: across.unwrap_or(opposite), fixed: across.is_some() })
+/// Returns the shape of the other side, and whether both always have the same strength.
+pub fn partner(index: usize) -> Option<(usize, bool)> {
+    let (name, opposite) = (BLENDSHAPES[index], MIRRORED[index]);
+    if opposite == index || ["jawLeft", "jawRight", "mouthLeft", "mouthRight"].contains(&name) {
+        return None;
     }
+    let across = LOOK.iter().zip(LOOK.iter().rev()).find_map(|(eye, other)| {
+        let to = eye.iter().position(|look| *look == index)?;
+        Some(other[[1, 0, 2, 3][to]])
+    });
+    Some((across.unwrap_or(opposite), across.is_some()))
 }
 
 pub fn mirrored(face: &Coefficients) -> Coefficients {
@@ -165,17 +154,10 @@ pub fn enforce_limits(face: &mut Coefficients) {
     face[*TONGUE_OUT] = 0.0;
 }
 
-pub fn find(name: &str) -> Option<usize> {
-    BLENDSHAPES.iter().position(|known| *known == name)
-}
-
-pub fn index_of(name: &str) -> usize {
-    find(name).unwrap_or_default()
-}
-
 #[cfg(test)]
 pub mod tests {
     use super::*;
+    use crate::design::find;
 
     pub fn face(shapes: &[(&str, f32)]) -> Coefficients {
         let mut face = [0.0; COEFFS];
@@ -195,7 +177,7 @@ pub mod tests {
 
     #[test]
     fn both_eyes_look_in_the_same_direction() {
-        let partner = |name: &str| Partner::of(index_of(name)).map(|partner| BLENDSHAPES[partner.index]);
+        let partner = |name: &str| partner(index_of(name)).map(|(partner, _)| BLENDSHAPES[partner]);
         assert_eq!(partner("eyeLookInLeft"), Some("eyeLookOutRight"));
         assert_eq!(partner("eyeLookOutLeft"), Some("eyeLookInRight"));
         assert_eq!(partner("eyeLookUpLeft"), Some("eyeLookUpRight"));

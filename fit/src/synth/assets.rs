@@ -8,12 +8,12 @@ use facewire_face::COEFFS;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::anatomy::index_of;
 use super::expression::{Coefficients, Deformer};
 use super::rig::{Rig, SimpleMesh, Triangle, normals, smoothstep, vertices_of};
 use super::scene::shoulder;
 use super::shade::ambient_occlusion;
 use super::textures::{Brow, Layout, Skin, Texture, ball_offsets};
+use crate::design::{find, index_of};
 
 /// Least visibility of the sky, because indirect light reaches every vertex.
 const LEAST_VISIBILITY: f32 = 0.03;
@@ -156,6 +156,7 @@ impl Wrinkles {
     pub fn new(rig: &Rig) -> Self {
         let sides = [("Left", 1.0), ("Right", -1.0)];
         let groups = sides.iter().flat_map(|side| GROUPS.iter().map(move |group| (side, group)));
+        let driver = |name: &str, side: &str| find(name).unwrap_or_else(|| index_of(&format!("{name}{side}")));
         let wrinkle = |((side, sign), (pattern, names)): (&(&str, f32), &(Pattern, &[(&str, f32)]))| Wrinkle {
             drivers: names.iter().map(|(name, depth)| (driver(name, side), *depth)).collect(),
             lines: lines(rig, *sign, *pattern),
@@ -172,10 +173,6 @@ impl Wrinkles {
             }
         }
     }
-}
-
-fn driver(name: &str, side: &str) -> usize {
-    if name == "browInnerUp" { index_of(name) } else { index_of(&format!("{name}{side}")) }
 }
 
 fn lines(rig: &Rig, sign: f32, pattern: Pattern) -> Vec<(u32, f32)> {

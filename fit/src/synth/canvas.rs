@@ -69,7 +69,10 @@ impl Canvas {
             let rows = Footprint::new(number, density.y, grid.height);
             mean.clear();
             mean.resize(grid.width, Vec4::ZERO);
-            for (samples, weight) in colour[rows.range(grid.width)].chunks_exact(grid.width).zip(rows.weights) {
+            for (samples, weight) in colour[rows.samples.start * grid.width..rows.samples.end * grid.width]
+                .chunks_exact(grid.width)
+                .zip(rows.weights)
+            {
                 mean.iter_mut().zip(samples).for_each(|(mean, sample)| *mean += weight * *sample);
             }
             for (pixel, columns) in line.iter_mut().zip(&*columns) {
@@ -92,10 +95,6 @@ impl Footprint {
         }
         let sum: f32 = weights.iter().sum();
         Self { samples: first..end, weights: weights.map(|weight| weight / sum) }
-    }
-
-    fn range(&self, width: usize) -> Range<usize> {
-        self.samples.start * width..self.samples.end * width
     }
 }
 
@@ -127,8 +126,7 @@ impl Position {
     /// A position that belongs to no triangle that is drawn.
     pub const NOWHERE: Self = Self([i32::MAX; 2]);
 
-    /// Snaps a position. Positions far outside of any grid, and those that are not numbers, become
-    /// [`Position::NOWHERE`].
+    /// Snaps a position. What is far outside of any grid, or no number, becomes [`Position::NOWHERE`].
     pub fn new(position: Vec2) -> Self {
         if !(position.x.abs() < FARTHEST && position.y.abs() < FARTHEST) {
             return Self::NOWHERE;
@@ -180,8 +178,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// Returns the samples that a triangle may cover, or `None` if it covers none. Triangles whose corners run clockwise
-    /// in the picture face away and cover none.
+    /// Returns the samples that a triangle may cover, or `None`, as for corners that run clockwise: it faces away.
     #[inline]
     pub fn cover(&self, corners: [Position; 3]) -> Option<Coverage> {
         if corners.iter().any(|corner| corner.0[0] == i32::MAX) {

@@ -1,7 +1,6 @@
 //! `facewire-fit expressions`: compares the expressions that `synth` draws with recorded ones: density, distribution of
 //! each blendshape, asymmetry, and correlations.
 
-use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
@@ -57,7 +56,7 @@ pub fn run(options: &Options) -> Result<()> {
     let mut rng = ChaCha8Rng::seed_from_u64(options.set.seed(options.seed));
     let sampled: Vec<Coefficients> = (0..options.count).map(|_| expressions.draw(&mut rng)).collect();
     if let Some(path) = &options.csv {
-        output::write(path, table(&sampled)?)?;
+        output::write(path, table(&sampled))?;
     }
     let [recorded, sampled] = [recorded, sampled].map(|faces| Figures::of(&faces));
     print!("{}", summary(&recorded, &sampled));
@@ -65,12 +64,12 @@ pub fn run(options: &Options) -> Result<()> {
     output::write_page(&options.out, "Expressions", &CONTENTS, &[], &body)
 }
 
-fn table(faces: &[Coefficients]) -> Result<String> {
+fn table(faces: &[Coefficients]) -> String {
     let mut text = BLENDSHAPES.join(",") + "\n";
     for face in faces {
-        writeln!(text, "{}", face.map(|value| format!("{value:.4}")).join(","))?;
+        text += &(face.map(|value| format!("{value:.4}")).join(",") + "\n");
     }
-    Ok(text)
+    text
 }
 
 /// Coefficients above these limits count as visible and as strong.
@@ -189,8 +188,7 @@ fn densities(recorded: &Figures, sampled: &Figures) -> Result<String> {
     })
 }
 
-/// Plots the range from the median to the 99th percentile of every blendshape, with a dot at the 90th: recorded (blue)
-/// above sampled (orange).
+/// Plots the range from the median to the 99th percentile, with a dot at the 90th: recorded (blue) above sampled.
 fn ranges(recorded: &Figures, sampled: &Figures) -> Result<String> {
     let height = 2 * ROW_PX + ROW_PX * i32::try_from(MODELLED)?;
     svg((RANGES_PX, height.unsigned_abs()), |area| {
@@ -335,10 +333,10 @@ const CONTENTS: [(&str, &str); 4] =
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synth::anatomy::{index_of, tests::face as face_of};
+    use crate::design::index_of;
+    use crate::synth::anatomy::tests::face as face_of;
 
-    /// Returns 11 faces: jawOpen rises from 0 to 1, mouthFunnel follows it, mouthSmileLeft falls, and mouthSmileRight is
-    /// half as strong.
+    /// Returns 11 faces: jawOpen rises from 0 to 1, mouthFunnel with it, mouthSmileLeft falls, mouthSmileRight by half.
     fn faces() -> Vec<Coefficients> {
         let face = |step: u8| {
             let open = f32::from(step) / 10.0;

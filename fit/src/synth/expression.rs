@@ -5,8 +5,8 @@ use anyhow::{Context, Result, ensure};
 use facewire_face::{BLENDSHAPES, COEFFS};
 use glam::{Mat3, Vec3};
 
-use super::anatomy::index_of;
 use super::rig::{Rig, Triangle, vertices_of};
+use crate::design::index_of;
 
 pub type Coefficients = [f32; COEFFS];
 
@@ -94,14 +94,12 @@ impl Eye {
     }
 }
 
-/// Returns the rotation of an eyeball from `[in, out, up, down]`. `out` is 1 for the person's left eye, -1 for the
-/// right.
+/// Returns the rotation of an eyeball from `[in, out, up, down]`. `out` is 1 for the left eye, -1 for the right.
 fn gaze([inward, outward, up, down]: [f32; 4], out: f32) -> Mat3 {
     head_rotation(out * (outward - inward) * GAZE_DEG[0], (down - up) * GAZE_DEG[1], 0.0)
 }
 
-/// Returns the rotation for angles in degrees: yaw to the person's left, pitch nodding down, roll to the right
-/// shoulder.
+/// Returns the rotation for yaw to the person's left, pitch nodding down, and roll to the right shoulder.
 pub fn head_rotation(yaw_deg: f32, pitch_deg: f32, roll_deg: f32) -> Mat3 {
     let [yaw, pitch, roll] = [yaw_deg, pitch_deg, roll_deg].map(f32::to_radians);
     Mat3::from_rotation_z(roll) * Mat3::from_rotation_x(pitch) * Mat3::from_rotation_y(yaw)

@@ -1,6 +1,5 @@
 //! `facewire-fit film`: renders a clip of one person, driven by a recording, with the truth of every frame.
 
-use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -11,11 +10,10 @@ use rayon::prelude::*;
 
 use super::assets::Assets;
 use super::canvas::MOST_SAMPLES;
-use super::conditions::Condition;
-use super::factors::Without;
 use super::options::{Set, Sources, picture_size};
 use super::sample::{PictureSpec, Subject, Variety};
 use super::script::{Moment, Part, RATE, Script, random_sway};
+use super::variety::{Condition, Without};
 use super::worker::Imager;
 use crate::output;
 
@@ -80,9 +78,9 @@ pub fn run(options: &Options) -> Result<()> {
         let pictures = pictures.collect::<Result<Vec<_>>>()?;
         output::write(film, avi(&pictures, [u32::try_from(size[0])?, u32::try_from(size[1])?], RATE))?;
         if options.script == Script::Wearer {
-            output::write(&truth.with_extension("parts.csv"), places(&parts)?)?;
+            output::write(&truth.with_extension("parts.csv"), places(&parts))?;
         }
-        output::write(truth, table(&specs)?)?;
+        output::write(truth, table(&specs))?;
         eprintln!("{}: {} frames", film.display(), specs.len());
         Ok(())
     };
@@ -111,37 +109,33 @@ fn specs(subject: &mut Subject, parts: &[Part]) -> Vec<PictureSpec> {
         spec
     };
     let mut specs: Vec<PictureSpec> = moments.iter().zip(sway).map(spec).collect();
-    blur_motion(&mut specs);
-    specs
-}
-
-fn places(parts: &[Part]) -> Result<String> {
-    let (mut text, mut first) = ("part,first_frame,frames\n".to_owned(), 0);
-    for part in parts {
-        writeln!(text, "{},{first},{}", part.name, part.moments.len())?;
-        first += part.moments.len();
-    }
-    Ok(text)
-}
-
-fn blur_motion(specs: &mut [PictureSpec]) {
     let noses: Vec<Option<Vec2>> = specs.iter().map(|spec| spec.scene.nose()).collect();
     for (spec, pair) in specs.iter_mut().skip(1).zip(noses.windows(2)) {
         if let [Some(before), Some(after)] = pair {
             spec.effects.motion_px = SHUTTER * (*after - *before);
         }
     }
+    specs
+}
+
+fn places(parts: &[Part]) -> String {
+    let (mut text, mut first) = ("part,first_frame,frames\n".to_owned(), 0);
+    for part in parts {
+        text += &format!("{},{first},{}\n", part.name, part.moments.len());
+        first += part.moments.len();
+    }
+    text
 }
 
 /// Returns the truth as `evaluate` and `clip --truth` read it, with pitch positive when nodding down.
-fn table(specs: &[PictureSpec]) -> Result<String> {
+fn table(specs: &[PictureSpec]) -> String {
     let mut text = format!("frame,yaw_deg,pitch_deg,roll_deg,{}\n", BLENDSHAPES.join(","));
     for (number, spec) in specs.iter().enumerate() {
         let values = spec.scene.placement.angles_deg.iter().chain(&spec.scene.weights);
         let values: String = values.map(|value| format!(",{value:.4}")).collect();
-        writeln!(text, "{number}{values}")?;
+        text += &format!("{number}{values}\n");
     }
-    Ok(text)
+    text
 }
 
 fn numbers(values: &[u32]) -> Vec<u8> {

@@ -1,6 +1,5 @@
 //! Options of `synth` and `film`, and the distributions of pictures that they define.
 
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -8,10 +7,9 @@ use clap::{Args, ValueEnum};
 use facewire_face::BLENDSHAPES;
 
 use super::acting::{Expressions, Kind, Moments, Share};
-use super::conditions::Condition;
 use super::expression::Coefficients;
-use super::factors::{Factor, Without};
 use super::sample::{Distribution, TextureChoice, Variety};
+use super::variety::{Condition, Factor, Without};
 use crate::design::MODELLED;
 use crate::recording::CsvTable;
 
@@ -70,16 +68,19 @@ impl SceneOptions {
     }
 
     /// Returns the settings that determine the pictures as text, for the provenance file.
-    pub fn describe(&self, set: Set, sources: &Sources, distribution: &Distribution) -> Result<String> {
-        let (mut text, [skins, brows, eyes]) = (String::new(), &distribution.variety.textures);
-        writeln!(text, "rig {}", sources.rig.display())?;
-        writeln!(text, "skins {skins:?}, brows {brows:?}, eyes {eyes:?}")?;
+    pub fn describe(&self, set: Set, sources: &Sources, distribution: &Distribution) -> String {
+        let [skins, brows, eyes] = &distribution.variety.textures;
         let (frames, mix) = (distribution.expressions.moments.frames.len(), mix_text(self.mix.mix(set)));
-        writeln!(text, "curves {:?}, {frames} frames, mix {mix}", sources.curves.curves)?;
-        writeln!(text, "turn {:?}, shapes {:?}", distribution.turn_deg, self.mix.shapes)?;
-        writeln!(text, "without {:?}", distribution.variety.without.names())?;
-        writeln!(text, "condition {:?}", self.condition)?;
-        Ok(text)
+        format!(
+            "rig {}\nskins {skins:?}, brows {brows:?}, eyes {eyes:?}\ncurves {:?}, {frames} frames, mix {mix}\n\
+             turn {:?}, shapes {:?}\nwithout {:?}\ncondition {:?}\n",
+            sources.rig.display(),
+            sources.curves.curves,
+            distribution.turn_deg,
+            self.mix.shapes,
+            distribution.variety.without.names(),
+            self.condition
+        )
     }
 }
 
@@ -94,7 +95,7 @@ fn chosen(set: Set, kind: &str, known: &[String], wanted: &[String]) -> Result<V
     if !wanted.is_empty() {
         return named(known, wanted);
     }
-    let chosen: Vec<usize> = (0..known.len()).filter(|index| set.has(*index)).collect();
+    let chosen: Vec<usize> = (0..known.len()).filter(|index| set.has(*index, [JUDGE_EVERY, JUDGE_EVERY - 1])).collect();
     ensure!(
         !chosen.is_empty(),
         "none of the rig's {} {kind} belongs to --set {}, which has one in {JUDGE_EVERY}: add some, or use --{kind}",
@@ -129,16 +130,9 @@ pub enum Set {
 }
 
 impl Set {
-    fn has(self, index: usize) -> bool {
-        self.is_chosen(index % JUDGE_EVERY == JUDGE_EVERY - 1)
-    }
-
-    fn has_recording(self, index: usize) -> bool {
-        self.is_chosen(index % JUDGE_RECORDING_EVERY == 1)
-    }
-
-    fn is_chosen(self, for_judging: bool) -> bool {
-        self == Self::All || for_judging == (self == Self::Judge)
+    /// Returns whether every `step`th index, beginning with `first`, is for judging and this set is, too; or neither.
+    fn has(self, index: usize, [step, first]: [usize; 2]) -> bool {
+        self == Self::All || (index % step == first) == (self == Self::Judge)
     }
 
     fn name(self) -> &'static str {
@@ -194,7 +188,11 @@ impl Curves {
         paths.retain(|path| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv")));
         ensure!(!paths.is_empty(), "{folder} has no recordings (CSV)");
         paths.sort();
-        let own = paths.iter().enumerate().filter(|(index, _)| set.has_recording(*index)).map(|(_, path)| path);
+        let own = paths
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| set.has(*index, [JUDGE_RECORDING_EVERY, 1]))
+            .map(|(_, path)| path);
         let recordings = own.map(|path| recording(path)).collect::<Result<Vec<_>>>()?;
         ensure!(
             !recordings.is_empty(),
@@ -285,12 +283,12 @@ mod tests {
     #[test]
     fn a_set_without_a_texture_and_unknown_names_are_refused() {
         for (counts, kind) in [([3, 4, 4], "skins"), ([4, 3, 4], "brows"), ([4, 4, 3], "eyes")] {
-            let error = parsed(&[]).sources.textures(Set::Judge, &rig(counts)).err().expect("refused").to_string();
+            let error = parsed(&[]).sources.textures(Set::Judge, &rig(counts)).expect_err("refused").to_string();
             assert!(error.contains(&format!("rig's 3 {kind}")) && error.contains("--set judge"), "{error}");
         }
         let named = |name: &str| parsed(&["--skins", name]).sources.textures(Set::Judge, &rig([3, 4, 4]));
         assert_eq!(named("texture 1").expect("known")[0], [1]);
-        assert!(named("other").err().expect("unknown").to_string().contains("texture 0, texture 1"));
+        assert!(named("other").expect_err("unknown").to_string().contains("texture 0, texture 1"));
         assert_eq!(picture_size(&[128, 2048]).expect("allowed"), [128, 2048]);
         assert!(picture_size(&[127, 400]).is_err() && picture_size(&[400, 2049]).is_err());
     }

@@ -131,9 +131,11 @@ impl Person {
         let skin = &assets.skins[looks.skin];
         let attributes = |vertex: usize| {
             let (point, uv) = (rest[vertex], assets.rig.skin_uv[vertex]);
+            // The distance below the collar, which is lower in front than at the sides.
+            let collar = looks.cloth.1 + 0.06 * point.x * point.x - 0.12 * point.z.max(0.0) - point.y;
             VertexAttributes {
                 tone: (skin.tone[vertex] * looks.tint).extend(assets.layout.share[vertex]),
-                cover: Vec4::new(uv.x, uv.y, hair[vertex], collar_at(point, looks.cloth.1)),
+                cover: Vec4::new(uv.x, uv.y, hair[vertex], collar),
                 rest: point.extend(looks.beard * looks.beard_style.share(point, mouth) * beard_at(point, mouth)),
             }
         };
@@ -175,11 +177,6 @@ impl Cover {
 fn hair_at(point: Vec3, hairline: f32) -> f32 {
     let ear = point.x.abs() > EAR.0 && point.y < EAR.1;
     if ear { -1.0 } else { point.y - piecewise(&HAIRLINE, point.z) - hairline * smoothstep(0.0, 6.0, point.z) }
-}
-
-/// Returns the distance below the collar, which is lower in front than at the sides.
-fn collar_at(point: Vec3, height: f32) -> f32 {
-    height + 0.06 * point.x * point.x - 0.12 * point.z.max(0.0) - point.y
 }
 
 /// Returns the density of a beard, which grows around the mouth and along the jaw, but not on the lips.

@@ -3,7 +3,6 @@
 
 use glam::{Vec2, Vec3};
 
-use super::anatomy::index_of;
 use super::assets::{Assets, BOUNDS};
 use super::canvas::{Canvas, Position, Window};
 use super::paint::{GUMS, LASHES, Painter, TEETH};
@@ -12,6 +11,7 @@ use super::props::PropLayer;
 use super::rig::{Triangle, normals_into, smoothstep};
 use super::scene::{PIVOT, Scene};
 use super::shade::{DepthMap, Surface, VertexLight, shade};
+use crate::design::index_of;
 
 const SHADOW_SIDE: usize = 200;
 /// Visibility of the sky directly behind the lips.
@@ -109,8 +109,7 @@ impl Renderer {
         [36, 45].map(|index| self.head.screen[assets.rig.landmarks[index]].0.samples() / self.canvas.density)
     }
 
-    /// Returns the samples per side of a pixel. More than [`SAMPLES_PER_FACE`] across a face are not visible to the mesh
-    /// network, which reduces the face to 192 pixels.
+    /// Returns the samples per side of a pixel. More would not be visible to the mesh network at 192 pixels.
     fn density(&self, scene: &Scene) -> f32 {
         let face_px = FACE_CM * scene.lens.focal_px / -scene.placement.position.z;
         (SAMPLES_PER_FACE / face_px).max(self.least_density)

@@ -75,7 +75,7 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
     let settings = format!(
         "synth edition {EDITION}, seed {seed}, set {:?}, {per_subject} pictures a subject of {width} x {height}\n{}",
         options.set,
-        options.scenes.describe(options.set, &options.sources, &distribution)?
+        options.scenes.describe(options.set, &options.sources, &distribution)
     );
     let shards = Shards::open(&options.out, &settings)?;
     let folder = PathBuf::from(options.save_pictures.first().map_or("", String::as_str));
@@ -96,8 +96,8 @@ fn run_until(options: &Options, whole: bool) -> Result<()> {
             started: Instant::now(),
             said: Instant::now(),
             wanted: options.pictures.next_multiple_of(options.per_subject),
+            made: 0,
             done: 0,
-            resumed: 0,
         }),
     };
     job.warn_unsaved();
@@ -188,7 +188,7 @@ impl Job<'_> {
     fn count(&self, pictures: usize, resumed: bool) {
         let Ok(mut progress) = self.progress.lock() else { return };
         progress.done += pictures;
-        progress.resumed += if resumed { pictures } else { 0 };
+        progress.made += if resumed { 0 } else { pictures };
         if progress.said.elapsed().as_secs_f64() > PROGRESS_S {
             progress.said = Instant::now();
             eprintln!("{}", progress.line());
@@ -198,7 +198,7 @@ impl Job<'_> {
     fn report(&self, times: Times) {
         let Ok(progress) = self.progress.lock() else { return };
         eprintln!("{}", progress.line());
-        let made = progress.made().max(1) as f64;
+        let made = progress.made.max(1) as f64;
         let [render, camera, tracking] = times.data.0[0].map(|time| time / made * 1e3);
         eprintln!(
             "CPU milliseconds a picture: render {render:.1}, camera and JPEG {camera:.1}, tracking {tracking:.1}"
@@ -212,18 +212,14 @@ struct Progress {
     started: Instant,
     said: Instant,
     wanted: usize,
+    /// Pictures that this run made, and those that are done.
+    made: usize,
     done: usize,
-    /// Pictures among `done` that an earlier run made.
-    resumed: usize,
 }
 
 impl Progress {
-    fn made(&self) -> usize {
-        self.done - self.resumed
-    }
-
     fn line(&self) -> String {
-        let rate = self.made() as f64 / self.started.elapsed().as_secs_f64();
+        let rate = self.made as f64 / self.started.elapsed().as_secs_f64();
         let left = self.wanted.saturating_sub(self.done) as f64 / rate.max(1e-9);
         let left =
             if rate > 0.0 { format!("{:.0} min left", left / 60.0) } else { "remaining time unknown".to_owned() };

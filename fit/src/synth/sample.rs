@@ -13,13 +13,12 @@ use rand_distr::StandardNormal;
 use super::acting::Expressions;
 use super::assets::Assets;
 use super::camera::Effects;
-use super::conditions::{Condition, Conditions};
 use super::expression::Coefficients;
-use super::factors::{Factor, Without};
 use super::person::{Person, random_looks};
 use super::props::{Prop, random_occluder};
 use super::render::FACE_CM;
 use super::scene::{Backdrop, Lens, Lighting, Placement, Scene, random_effects, random_lighting};
+use super::variety::{Condition, Conditions, Factor, Without};
 
 /// Limit on the weights of identity modes in standard deviations, beyond which heads look unnatural.
 const IDENTITY_LIMIT: f32 = 2.5;

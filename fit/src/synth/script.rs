@@ -11,9 +11,10 @@ use rand::seq::IteratorRandom;
 use rand_chacha::ChaCha8Rng;
 
 use super::acting::{APART, HALVES_SCALE, with_upper};
-use super::anatomy::{enforce_limits, find, index_of, mirrored};
+use super::anatomy::{enforce_limits, mirrored};
 use super::expression::Coefficients;
 use super::rig::{piecewise, smoothstep};
+use crate::design::{find, index_of};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Script {
@@ -55,8 +56,7 @@ const STILL_S: f32 = 2.5;
 /// A clip of recordings starts with a neutral face. Motion fades in between these times in seconds.
 const START_S: [f32; 2] = [0.5, 1.5];
 
-/// The poses of a calibration, with the blendshapes that they consist of and the strength of each, relative to that of
-/// the pose.
+/// The poses of a calibration with their blendshapes, and the strength of each relative to that of the pose.
 const POSES: [(&str, &[(&str, f32)]); 10] = [
     ("eyes-shut", &[("eyeBlink", 1.0), ("eyeSquint", 0.2)]),
     ("jaw-open", &[("jawOpen", 1.0), ("mouthStretch", 0.1), ("mouthLowerDown", 0.15)]),
@@ -79,8 +79,7 @@ const SIDES: Range<f32> = 0.92..1.0;
 /// Share of its sway that a head keeps while it is asked to hold still.
 const CALM: f32 = 0.1;
 
-/// Length of what a wearer does before and while the result is judged, and of the stretches of recordings that it consists
-/// of.
+/// Length of what a wearer does before and while the result is judged, and of its stretches of recordings.
 const TALK_S: usize = 60;
 const JUDGED_S: usize = 20;
 const STRETCH_S: usize = 5;
@@ -221,11 +220,6 @@ const WAVES: usize = 4;
 const HERTZ: Range<f32> = 0.08..0.7;
 const SLOW_HERTZ: f32 = 0.2;
 
-/// Returns whether two stretches, each of a recording from a frame on, are of different moments, even frame by frame.
-fn are_apart((recording, first): (usize, usize), other: (usize, usize)) -> bool {
-    recording != other.0 || first.abs_diff(other.1) >= APART
-}
-
 /// Returns the curves of a clip. Upper and lower half of the face follow stretches of recordings from different moments,
 /// each mirrored in half of the clips, with each coefficient scaled.
 fn random_curves(rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>], count: usize) -> Result<Vec<Coefficients>> {
@@ -236,7 +230,8 @@ fn random_curves(rng: &mut ChaCha8Rng, recordings: &[Vec<Coefficients>], count: 
     let all: Vec<(usize, usize)> = recordings.iter().enumerate().flat_map(of).collect();
     let short = "the recordings of this set are too short for two stretches of this length: choose fewer --seconds";
     let upper = *all.iter().choose(rng).context(short)?;
-    let lower = *all.iter().filter(|stretch| are_apart(**stretch, upper)).choose(rng).context(short)?;
+    let lower =
+        *all.iter().filter(|own| own.0 != upper.0 || own.1.abs_diff(upper.1) >= APART).choose(rng).context(short)?;
     let [upper, lower] = [upper, lower].map(|(recording, first)| {
         let frames = &recordings[recording][first..][..count];
         if rng.random() { frames.iter().map(mirrored).collect() } else { frames.to_vec() }

@@ -44,17 +44,16 @@ pub fn shade(lighting: &Lighting, shadow: &DepthMap, surface: &Surface) -> Verte
         if surface.normal.dot(lamp.toward) <= dark {
             continue;
         }
-        let open =
-            if index == 0 && lighting.shadows { shadowed(lighting, shadow, surface) } else { surface.sky.sqrt() };
+        let open = if index == 0 && lighting.shadows {
+            let lifted = surface.point + 0.15 * surface.normal;
+            shadow.light_at(lifted, lighting.softness * shadow.cells_per_cm) * surface.sky.sqrt().sqrt()
+        } else {
+            surface.sky.sqrt()
+        };
         add_lamp(&mut lit, lamp, surface, view, open);
     }
     lit.gloss += Vec3A::from(lighting.ambient(-view.reflect(surface.normal)) * surface.sky * SKY_GLOSS);
     lit
-}
-
-fn shadowed(lighting: &Lighting, shadow: &DepthMap, surface: &Surface) -> f32 {
-    let lifted = surface.point + 0.15 * surface.normal;
-    shadow.light_at(lifted, shadow.cells(lighting.softness)) * surface.sky.sqrt().sqrt()
 }
 
 fn add_lamp(lit: &mut VertexLight, lamp: &Light, surface: &Surface, view: Vec3, open: f32) {
@@ -133,10 +132,6 @@ impl DepthMap {
             covered.each(|index, weights| self.depths[index] = self.depths[index].max(weights.dot(depths)));
         }
         self.seen = seen;
-    }
-
-    pub fn cells(&self, length_cm: f32) -> f32 {
-        length_cm * self.cells_per_cm
     }
 
     fn project(&self, point: Vec3) -> (Vec2, f32) {

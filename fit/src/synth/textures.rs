@@ -21,10 +21,6 @@ impl Texture {
         Ok(Self { width, height, pixels: picture.into_raw().as_chunks::<4>().0.to_vec() })
     }
 
-    pub fn size(&self) -> [usize; 2] {
-        [self.width, self.height]
-    }
-
     /// Returns the pixel at a column and a row from the top, clamped to the border.
     pub fn pixel(&self, column: usize, row: usize) -> [u8; 4] {
         self.pixels[row.min(self.height - 1) * self.width + column.min(self.width - 1)]
@@ -95,8 +91,7 @@ pub fn ball_offsets(rig: &Rig) -> Vec<Vec3> {
 // A texture contains two brows, one above the other. The upper one is used for both sides.
 
 const INK: u8 = 40;
-/// Exponent on alpha. Values below 1 make brows denser, because the textures show single hairs, which are smaller than
-/// the camera's pixels.
+/// Exponent on alpha, which makes brows denser: the textures show hairs smaller than the camera's pixels.
 const DENSER: f32 = 0.35;
 /// Landmarks at the inner and outer end of the person's left brow, and the height of its centre line above them in cm.
 const ANCHORS: [(usize, f32); 2] = [(22, 0.05), (26, 0.05)];
@@ -117,7 +112,6 @@ pub struct Brow {
 
 impl Brow {
     pub fn new(texture: Texture, rig: &Rig) -> Result<Self> {
-        let [_, height] = texture.size();
         let floor_row = upper_rows(&texture).context("a brow texture does not show two brows")?;
         let on_face = ANCHORS.map(|(index, above)| {
             let point = rig.landmark(index);
@@ -132,7 +126,14 @@ impl Brow {
         let face = &rig.parts.skin[..rig.parts.face];
         let triangles = face.iter().filter(|triangle| triangle.iter().all(near)).copied().collect();
         let opacity = (0..=u8::MAX).map(|alpha| (f32::from(alpha) / 255.0).powf(DENSER)).collect();
-        Ok(Self { opacity, on_face, in_texture, floor: 1.0 - floor_row as f32 / height as f32, texture, triangles })
+        Ok(Self {
+            opacity,
+            on_face,
+            in_texture,
+            floor: 1.0 - floor_row as f32 / texture.height as f32,
+            texture,
+            triangles,
+        })
     }
 
     /// Returns the position of a vertex along the brow: 0 at the inner end, 1 at the outer end.
@@ -163,7 +164,7 @@ impl Brow {
 
 /// Returns a row between the upper and the lower brow.
 fn upper_rows(texture: &Texture) -> Option<usize> {
-    let [width, height] = texture.size();
+    let Texture { width, height, .. } = *texture;
     let ink = |row: usize| (0..width).filter(|column| texture.pixel(*column, row)[3] > INK).count();
     let inked: Vec<bool> = (0..height).map(|row| ink(row) > 0).collect();
     let first = inked.iter().position(|inked| *inked)?;
@@ -176,7 +177,7 @@ fn upper_rows(texture: &Texture) -> Option<usize> {
 
 /// Returns inner and outer end of the upper brow.
 fn ends(texture: &Texture, floor_row: usize) -> Option<[Vec2; 2]> {
-    let [width, height] = texture.size();
+    let Texture { width, height, .. } = *texture;
     let rows_of =
         |column: usize| -> Vec<usize> { (0..floor_row).filter(|row| texture.pixel(column, *row)[3] > INK).collect() };
     let columns: Vec<usize> = (0..width).filter(|column| !rows_of(*column).is_empty()).collect();
@@ -223,7 +224,8 @@ impl Layout {
         let mut rings: Vec<u8> = vec![BLEND_RINGS; rig.neutral.len()];
         for (index, triangle) in rig.parts.skin.iter().enumerate() {
             let back = index >= rig.parts.face;
-            let seam = spans_seam(rig, triangle.map(|vertex| vertex as usize));
+            let [a, b, c] = triangle.map(|vertex| rig.skin_uv[vertex as usize]);
+            let seam = [(a, b), (b, c), (c, a)].iter().any(|(from, to)| (*from - *to).abs().max_element() > SEAM);
             for vertex in triangle.map(|vertex| vertex as usize) {
                 let point = rig.neutral[vertex];
                 if seam || point.y < NECK || point.z < BESIDE || (back && point.z < BEHIND) {
@@ -249,11 +251,6 @@ fn neighbours(rig: &Rig) -> Vec<Vec<u32>> {
         list.dedup();
     }
     lists
-}
-
-fn spans_seam(rig: &Rig, vertices: [usize; 3]) -> bool {
-    let [a, b, c] = vertices.map(|vertex| rig.skin_uv[vertex]);
-    [(a, b), (b, c), (c, a)].iter().any(|(from, to)| (*from - *to).abs().max_element() > SEAM)
 }
 
 /// Sets each vertex to its distance in rings from the nearest vertex at 0, at most [`BLEND_RINGS`].

@@ -25,8 +25,7 @@ const STEPS: [f64; 5] = [0.04, 0.2, 0.2, 0.1, 0.1];
 /// most of its way, and then suddenly on.
 const LEAST_WIDTH: f64 = 0.4;
 const BOUNDS: [[f64; 2]; 3] = [[-0.05, 0.0], [0.8, 1.8], [0.0, 1.0]];
-/// The lids keep their usual terms. With the terms of the least error, blinks do not quite close, which everybody would
-/// see.
+/// The lids keep their usual terms: with those of the least error, blinks do not quite close.
 const KEPT: &str = "eyeBlink";
 /// Power of a level's number of pictures that is its weight: with 1 all pictures count alike, with 0 all levels.
 const LEVELLING: f64 = 0.75;

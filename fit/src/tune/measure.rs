@@ -34,8 +34,7 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// Measures one curve before and after a filter, and the truth: its jitter in the frames at rest, and its delay in those
-    /// that move.
+    /// Measures the jitter at rest and the delay in motion of a curve, given raw, filtered and true.
     fn of([raw, filtered, truth]: [&[f64]; 3], still: &[Range<usize>], moving: &[Range<usize>]) -> Self {
         let mut sums = Self::default();
         for frames in still {

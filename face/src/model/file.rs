@@ -433,6 +433,7 @@ mod tests {
 
     #[test]
     fn faults_name_the_entry_in_one_line() {
+        type Fault = (&'static str, fn(&mut ModelFile));
         fn appearance(file: &mut ModelFile) -> &mut AppearanceTable {
             file.appearance.as_mut().expect("a layer")
         }
@@ -449,7 +450,7 @@ mod tests {
         fn terms(file: &mut ModelFile, lift: f32, response: [f32; 2]) {
             file.correction.insert("jawOpen".to_owned(), CorrectiveTerms { lift, response, ..CorrectiveTerms::NONE });
         }
-        let faults: [(&str, fn(&mut ModelFile)); 21] = [
+        let faults: [Fault; 21] = [
             ("blendshapes.jawOpen of", |file| _ = file.blendshapes.remove("jawOpen")),
             ("\"jawOpened\"", |file| _ = file.blendshapes.insert("jawOpened".to_owned(), BlendshapeTable::default())),
             ("blendshapes.jawOpen", |file| jaw(file).offset = f64::NAN),

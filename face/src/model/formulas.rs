@@ -222,7 +222,9 @@ impl FormulaTable {
         for (weight, (one, other)) in self.products.values().zip(&pairs) {
             let weight = finite(entry, *weight)?;
             let slot = products.get_mut(product_index(place(one), place(other), multiplied.len()));
-            slot.into_iter().for_each(|slot| *slot += weight);
+            if let Some(slot) = slot {
+                *slot += weight;
+            }
         }
         Ok(Formula {
             kind: self.kind,
@@ -288,6 +290,7 @@ mod tests {
 
     #[test]
     fn faults_name_the_entry() {
+        type Fault = (&'static str, fn(&mut FormulaSetTable, &mut FormulaTable));
         fn product(jaw: &mut FormulaTable, name: &str) {
             jaw.products.insert(name.to_owned(), 1.0);
         }
@@ -297,7 +300,7 @@ mod tests {
             names()
         }
         let jaw = "blendshapes.jawOpen";
-        let faults: [(&str, fn(&mut FormulaSetTable, &mut FormulaTable)); 14] = [
+        let faults: [Fault; 14] = [
             (jaw, |_, jaw| jaw.kind = FormulaKind::Affine),
             (jaw, |_, jaw| jaw.offset = f64::NAN),
             (jaw, |_, jaw| _ = jaw.weights.insert("y17".to_owned(), 1e300)),

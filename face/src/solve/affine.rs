@@ -258,7 +258,7 @@ mod tests {
         let mean = mean.finish().expect("two faces");
         let numbers =
             |face: &Normalised| [face.points.as_flattened(), face.rotation.as_slice(), &face.origin_px].concat();
-        let half_way = numbers(&a).into_iter().zip(numbers(&b)).map(|(a, b)| (a + b) / 2.0);
+        let half_way = numbers(&a).into_iter().zip(numbers(&b)).map(|(a, b)| f32::midpoint(a, b));
         assert!(half_way.zip(numbers(&mean)).all(|(want, got)| (want - got).abs() < 1e-4));
     }
 }

@@ -62,8 +62,7 @@ impl<'a> Reference<'a> {
 
     /// The mean of many people and the wearer's own face, if this reference lies between them.
     pub(super) fn ends(&self) -> Option<[Self; 2]> {
-        let neutral = self.neutral.filter(|_| self.known < 1.0)?;
-        Some([Self::MEAN, Self::between(neutral, 1.0)])
+        self.neutral.filter(|_| self.known < 1.0).map(|neutral| [Self::MEAN, Self::between(neutral, 1.0)])
     }
 }
 

@@ -123,10 +123,11 @@ mod tests {
 
     #[test]
     fn every_kind_and_response_computes_its_equation() {
-        let same: fn(f64) -> f64 = |x| x;
-        let logit: fn(f64) -> f64 = |sum| (1.0 / (1.0 + (-sum).exp()) - 0.02) / 0.96;
-        let exponential: fn(f64) -> f64 = |sum| sum.exp() - LIFT;
-        let cases: [(_, _, _, fn(f64) -> f64, fn(f64) -> f64); 5] = [
+        type Curve = fn(f64) -> f64;
+        let same: Curve = |x| x;
+        let logit: Curve = |sum| (1.0 / (1.0 + (-sum).exp()) - 0.02) / 0.96;
+        let exponential: Curve = |sum| sum.exp() - LIFT;
+        let cases: [(_, _, _, Curve, Curve); 5] = [
             (FormulaKind::Affine, Response::Plain, 0.3, same, same),
             (FormulaKind::Affine, Response::SquareRoot, 0.7, same, |sum| sum * sum),
             (FormulaKind::Affine, Response::Logit, 0.3, same, logit),

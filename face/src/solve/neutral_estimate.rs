@@ -9,8 +9,7 @@
 //! sits down ([`super::identity`]), it moves back, and learning begins anew.
 //!
 //! Limits: of a wearer whose face at rest reads like an expression (root sum square beyond 0.45), or whose eyes read as 0.3
-//! shut, nothing is learned. Only a calibration can tell that from a smile or tiredness. Outputs at rest are not
-//! subtracted: in films of 20 people that raised the error, because an output below 0 at rest says nothing.
+//! shut, nothing is learned. Only a calibration can tell that from a smile or tiredness.
 
 use super::features::{Neutral, Reference, measure};
 use super::filter::{approach, difference, square};
@@ -257,7 +256,9 @@ mod tests {
 
     impl Shot {
         fn with(mut self, blendshapes: &[usize], value: f32) -> Self {
-            blendshapes.iter().for_each(|index| self.outputs[*index] = value);
+            for index in blendshapes {
+                self.outputs[*index] = value;
+            }
             self
         }
 

@@ -158,15 +158,8 @@ impl Mapping {
 
 #[cfg(test)]
 mod tests {
-    use super::super::refinement::{FEATURE_CHANNELS, FEATURE_SIZE, LEFT_EYE, LIPS, RIGHT_EYE};
+    use super::super::refinement::{FEATURE_CHANNELS, FEATURE_SIZE};
     use super::*;
-
-    #[test]
-    fn every_landmark_is_in_the_list_once_and_lips_and_lids_are_in_it() {
-        assert!(APPEARANCE_LANDMARKS.is_sorted_by(|one, other| one < other));
-        let contours = LIPS[..40].iter().chain(&RIGHT_EYE[..16]).chain(&LEFT_EYE[..16]);
-        assert!(contours.into_iter().all(|index| APPEARANCE_LANDMARKS.contains(index)));
-    }
 
     #[test]
     fn values_are_those_of_the_map_at_the_landmarks() {

@@ -292,13 +292,8 @@ impl Guide {
             return;
         }
         let Some(doubt) = doubt(&self.model, &self.takes) else {
-            let found = |profile| Calibration {
-                profile,
-                model: self.model_hash,
-                taken: self.takes.taken(),
-                left_out: self.left_out.clone(),
-                refused: self.refused,
-            };
+            let (left_out, refused, taken) = (self.left_out.clone(), self.refused, self.takes.taken());
+            let found = |profile| Calibration { profile, model: self.model_hash, taken, left_out, refused };
             self.outcome = Some(learn(&self.model, &self.takes).map(found).ok_or(Refusal::NoFace));
             return;
         };

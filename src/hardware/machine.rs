@@ -128,10 +128,10 @@ pub fn processors(root: &Path) -> String {
         }
     };
     let all: Vec<_> = cpus.lines().filter_map(kind).collect();
-    let mut kinds = all.clone();
-    kinds.dedup();
-    let count = |kind| format!("{} x {kind}", all.iter().filter(|other| *other == kind).count());
-    if all.is_empty() { "unknown".to_owned() } else { kinds.iter().map(count).collect::<Vec<_>>().join(", ") }
+    let is_first = |(index, kind): &(usize, &String)| all.iter().take(*index).all(|earlier| earlier != *kind);
+    let count = |(_, kind)| format!("{} x {kind}", all.iter().filter(|other| *other == kind).count());
+    let counts: Vec<_> = all.iter().enumerate().filter(is_first).map(count).collect();
+    if counts.is_empty() { "unknown".to_owned() } else { counts.join(", ") }
 }
 
 /// Returns the memory that the kernel uses.
@@ -236,7 +236,7 @@ mod tests {
     fn processors_are_counted_by_kind_and_serial_numbers_are_left_out() {
         let with_cpus = |cpus: &str| processors(Tree::new(&[("proc/cpuinfo", cpus)]).root());
         let of_64_bits = |part: &str| format!("processor\t: 0\nCPU implementer\t: 0x41\nCPU part\t: {part}\n\n");
-        let rk3588 = of_64_bits("0xd05").repeat(4) + &of_64_bits("0xd0b").repeat(4) + "Serial\t\t: 58f3a7c2b1d0e946\n";
+        let rk3588 = (of_64_bits("0xd05") + &of_64_bits("0xd0b")).repeat(4) + "Serial\t\t: 58f3a7c2b1d0e946\n";
         assert_eq!(with_cpus(&rk3588), "4 x Cortex-A55, 4 x Cortex-A76");
         let of_32_bits = "processor\t: 0\nmodel name\t: ARMv7 Processor rev 4 (v7l)\nCPU part\t: 0xd03\n\n";
         assert_eq!(with_cpus(&of_32_bits.repeat(4)), "4 x Cortex-A53");

@@ -1,10 +1,8 @@
 //! A carrier that may wait: one thread, one device, and the newest message.
 //!
-//! Role: takes messages to a device that may block, be missing or disappear, such as a serial port.
-//! Contract: [`Background::send`](Carrier::send) hands the message to the device's own thread through a triple buffer,
-//! where the newest message wins, so it never waits. A device that is missing or disappears is opened again, after
-//! 100 ms at first and at most 1 s later. A device that the link of a former configuration still has is waited for in
-//! silence. Every message is counted as sent or dropped.
+//! [`Background::send`](Carrier::send) hands the message to the device's own thread through a triple buffer, where the
+//! newest message wins, so it never waits. A device that is missing or disappears is opened again, after 100 ms at first
+//! and at most 1 s later. A device that the link of a former configuration still has is waited for in silence.
 
 use std::fmt::{Debug, Display};
 use std::sync::Arc;

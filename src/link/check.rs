@@ -430,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn a_baud_rate_counts_on_a_serial_line_only_and_the_advice_is_one_that_a_maestro_can_follow() {
+    fn the_advice_about_a_baud_rate_is_one_that_a_maestro_can_follow_and_by_usb_there_is_none() {
         let channels = |count: u32| (0..count).map(|number| JAW.replace('3', &number.to_string())).collect::<String>();
         assert_eq!(faults(&[MAESTRO, "rate_hz = 240\nbaud = 9600\n", &channels(24)]), "");
         for (more, count, advice) in [

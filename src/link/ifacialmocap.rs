@@ -8,8 +8,6 @@
 //!
 //! A receiver asks once, when it starts, so no time limit applies: each has a connected socket of its own, to which the
 //! system reports that nobody listens or that the host is away, and one that has been away for some seconds is dropped.
-//! There are at most 8 of them, and a newcomer takes the place only of one that asked more than a minute ago. The log gets
-//! a few lines at a time, whatever strangers send.
 
 use std::fmt;
 use std::io::{self, ErrorKind, Write as _};

@@ -1,8 +1,7 @@
 //! Pololu's Maestro: servos by serial commands, by its user's guide (<https://www.pololu.com/docs/0J40>, section 5).
 //!
-//! Role: each output becomes one message that sets the targets of all channels. The Maestro itself keeps the limits of speed
-//! and acceleration.
-//! Contract: the limits are sent whenever the port is opened, and again once a second together with the question for its
+//! Contract: each output becomes one message that sets the targets of all channels. The Maestro itself keeps the limits of
+//! speed and acceleration, which are sent whenever the port is opened, and again once a second with the question for its
 //! errors, because a Maestro that restarts after a drop of its supply voltage has forgotten them.
 //! Limits: a Maestro does not limit the speed of the first pulse after none, because it does not know where the servo is.
 //! Its units of speed hold for its default period of 20 ms.

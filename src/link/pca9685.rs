@@ -1,14 +1,12 @@
 //! PCA9685: servos by I2C. The registers are those of its data sheet (NXP, revision 4).
 //!
-//! Role: the thread of the chip is the receiver of the link's packets. From each it takes the next step of all channels, and
-//! writes the registers from the first to the last channel in use. It keeps the limits of speed and acceleration itself,
-//! because the chip has none.
+//! Role: for each packet of the link, the thread of the chip moves all channels by a step. It keeps the limits of speed and
+//! acceleration itself, because the chip has none.
 //! Contract: motion goes on from the pulses that the chip makes when the link opens, so that nothing jumps after a crash,
-//! a reload or a failure of the bus, and only while the chip takes registers. The chip is set up if it does not make the
-//! wanted pulses: after power-on, after its power failed for a moment, and after another program changed it.
-//! Limits: a servo without pulses begins at neutral, or where this link has moved it last. When the service stops, or a
-//! reload removes the link, a servo whose limits keep it from reaching neutral in time stops on its way. The chip has no
-//! time-out. If the machine crashes, it repeats its last pulses until its power is cut.
+//! a reload or a failure of the bus. The chip is set up if it does not make the wanted pulses: after power-on, after its
+//! power failed for a moment, and after another program changed it.
+//! Limits: a servo without pulses begins at neutral, or where this link has moved it last. When the service stops, a slow
+//! servo may stop on its way to neutral. If the machine crashes, the chip repeats its last pulses until its power is cut.
 
 use std::fmt::Display;
 use std::fs::File;
@@ -542,6 +540,10 @@ mod tests {
             }
         }
         assert_eq!([period(50, 27_000_000), period(24, 25_000_000)].map(|period| period.prescale), [131, 253]);
+        // No pulse reaches the reserved bits or lasts a whole period.
+        let registers = |pulse_us| period(50, 25_000_000).registers(Some(pulse_us));
+        assert_eq!([f32::NAN, f32::NEG_INFINITY, -5.0, 0.0].map(registers), [[0, 0, 0, FULL]; 4]);
+        assert_eq!([f32::INFINITY, 1e9, 20_000.0].map(registers), [[0, 0, 0xFF, 0x0F]; 3]);
     }
 
     #[test]
@@ -582,12 +584,5 @@ mod tests {
             let read_us = chip.read_pulse_us(0, period(50, 25_000_000)).unwrap().unwrap_or(0.0);
             assert_eq!(read_us.round() as u32, want_us, "{mode1:#x} {mode2:#x} {contents:?}");
         }
-    }
-
-    #[test]
-    fn no_pulse_reaches_the_reserved_bits_or_lasts_a_whole_period() {
-        let registers = |pulse_us| period(50, 25_000_000).registers(Some(pulse_us));
-        assert_eq!([f32::NAN, f32::NEG_INFINITY, -5.0, 0.0].map(registers), [[0, 0, 0, FULL]; 4]);
-        assert_eq!([f32::INFINITY, 1e9, 20_000.0].map(registers), [[0, 0, 0xFF, 0x0F]; 3]);
     }
 }

@@ -73,14 +73,12 @@ impl MonitorArgs {
     }
 }
 
-/// Reads the value of `--seconds`.
 fn seconds(text: &str) -> Result<Duration, String> {
     let number = text.parse().ok().filter(|number| SECONDS.contains(number));
     let wanted = || format!("write a number from {} to {}", SECONDS.start(), SECONDS.end());
     number.map(Duration::from_secs_f64).ok_or_else(wanted)
 }
 
-/// Receives packets and shows them until a signal or a limit ends it.
 pub fn run(args: &MonitorArgs) -> Result<(), Failure> {
     let mut receiver = Receiver::open(args)?;
     let stop = stopped_by(&[SIGINT, SIGTERM])?;
@@ -160,7 +158,6 @@ impl Tally {
         }
     }
 
-    /// Summarises everything in one line.
     fn summary(&self) -> String {
         let (Some(first), Some(newest)) = (self.first, &self.packets.newest) else {
             return "no packets".to_owned();
@@ -176,7 +173,6 @@ impl Tally {
     }
 }
 
-/// A packet as a JSON object.
 #[derive(Serialize)]
 struct Json<'a> {
     from: &'a str,
@@ -228,7 +224,6 @@ fn rounded(value: f32, steps: f64) -> f64 {
     (f64::from(value) * steps).round() / steps + 0.0
 }
 
-/// Names the state and the reason.
 fn state(packet: &Packet) -> String {
     match packet.reason {
         Reason::None => packet.state.name().to_owned(),
@@ -236,7 +231,6 @@ fn state(packet: &Packet) -> String {
     }
 }
 
-/// Describes the current state in one line.
 fn line(listen: &str, tally: &Tally, now: Instant) -> String {
     let Some(Newest { packet, .. }) = &tally.packets.newest else {
         return format!("waiting for packets at {listen}");

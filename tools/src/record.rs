@@ -84,7 +84,6 @@ struct Lost {
     disk: AtomicU64,
 }
 
-/// Writes the frames that a running service sends.
 fn by_service(mut connection: Connection, args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> {
     connection.ask(&Request::Record {})?;
     let mut recorder = Recorder::begin(args, stop)?;
@@ -152,7 +151,6 @@ fn without_service(args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> 
     outcome
 }
 
-/// Keeps the frames of a camera until the recording is over.
 fn record(camera: &mut OpenCamera, pipeline: &mut Pipeline, recorder: &mut Recorder) -> Result<(), Failure> {
     while !recorder.is_over() {
         if let Some(frame) = camera.next()? {
@@ -162,7 +160,6 @@ fn record(camera: &mut OpenCamera, pipeline: &mut Pipeline, recorder: &mut Recor
     Ok(())
 }
 
-/// The file, and the progress of the recording.
 struct Recorder<'a> {
     args: &'a RecordArgs,
     stop: &'a AtomicBool,

@@ -119,7 +119,7 @@ pub fn run(args: &ServoArgs) -> Result<(), Failure> {
         return Err(Failure::failed("`facewire servo` reads keys from a terminal; run it in one".to_owned()));
     }
     let stop = stopped_by(&[SIGINT, SIGTERM, SIGHUP])?;
-    let mut board = Board::open(&kind, args.channel)?;
+    let mut set_pulse = open(&kind, args.channel)?;
     let mut finder = Finder::new(args.start, args.step);
     let mut move_by_keys = || -> Result<(), Failure> {
         let mut terminal = Terminal::enter()?;
@@ -132,21 +132,37 @@ pub fn run(args: &ServoArgs) -> Result<(), Failure> {
                 Some(key) => finder.press(key),
                 None => {}
             }
-            board.set(finder.pulse_us())?;
+            set_pulse(finder.pulse_us())?;
         }
         Ok(())
     };
     let moved = move_by_keys();
     let rest = finder.neutral_us().filter(|_| args.end == End::Neutral);
-    let ended = board.set(rest);
+    let ended = set_pulse(rest);
     moved.and(ended)?;
     print(&finder.lines(args.channel))
 }
 
-/// The channel of the board.
-enum Board {
-    Maestro(Maestro),
-    Pca9685 { bus: Bus, channel: u8 },
+/// Gives the channel of a board this pulse, or none.
+type SetPulse = Box<dyn FnMut(Option<f32>) -> Result<(), Failure>>;
+
+/// Opens the board. Another program that uses it, such as the service, is told as the reason.
+fn open(kind: &LinkKind, channel: u8) -> Result<SetPulse, Failure> {
+    match kind {
+        LinkKind::Pca9685(_) if channel >= CHANNELS => {
+            Err(Failure::failed(format!("a PCA9685 has the channels 0 to {}", CHANNELS - 1)))
+        }
+        LinkKind::Pca9685(settings) => {
+            let mut bus = Bus::open(settings)?;
+            bus.probe()?;
+            Ok(Box::new(move |pulse_us| Ok(bus.set_pulse(channel, pulse_us)?)))
+        }
+        LinkKind::Maestro(settings) => {
+            let mut maestro = Maestro::open(settings, channel)?;
+            Ok(Box::new(move |pulse_us| maestro.command(Code::SetTarget, target(pulse_us))))
+        }
+        _ => Err(Failure::failed("this link leads to no servo board".to_owned())),
+    }
 }
 
 struct Maestro {
@@ -156,54 +172,25 @@ struct Maestro {
     channel: u8,
 }
 
-impl Board {
-    /// Opens the board. Another program that uses it, such as the service, is told as the reason.
-    fn open(kind: &LinkKind, channel: u8) -> Result<Self, Failure> {
-        match kind {
-            LinkKind::Pca9685(_) if channel >= CHANNELS => {
-                Err(Failure::failed(format!("a PCA9685 has the channels 0 to {}", CHANNELS - 1)))
-            }
-            LinkKind::Pca9685(settings) => {
-                let mut bus = Bus::open(settings)?;
-                bus.probe()?;
-                Ok(Self::Pca9685 { bus, channel })
-            }
-            LinkKind::Maestro(settings) => Maestro::open(settings, channel).map(Self::Maestro),
-            _ => Err(Failure::failed("this link leads to no servo board".to_owned())),
-        }
-    }
-
-    /// Gives the channel this pulse, or none.
-    fn set(&mut self, pulse_us: Option<f32>) -> Result<(), Failure> {
-        match self {
-            Self::Maestro(maestro) => maestro.command(Code::SetTarget, target(pulse_us)),
-            Self::Pca9685 { bus, channel } => Ok(bus.set_pulse(*channel, pulse_us)?),
-        }
-    }
-}
-
 impl Maestro {
     fn open(settings: &MaestroSettings, channel: u8) -> Result<Self, Failure> {
         let device = PortSearch::new(&settings.device, AutoDevice::Maestro).find()?;
         let tty = open_port(&device, settings.baud, PATIENCE)?;
         let mut maestro = Self { tty, device, protocol: Protocol::new(settings), channel };
         if settings.read_errors {
-            maestro.ask(settings)?;
+            // The question for errors checks that the Maestro answers. Its errors are older than this command, and ignored.
+            // A Maestro that detects its baud rate needs a command of the first protocol.
+            let mut question = Vec::new();
+            for protocol in [Protocol::pololu(settings), maestro.protocol] {
+                protocol.write(&mut question, Code::GetErrors, []);
+            }
+            let _ = maestro.tty.clear(ClearBuffer::Input);
+            let asked = maestro.tty.write_all(&question);
+            let answered = asked.and_then(|()| maestro.tty.read_exact(&mut [0; ANSWER_BYTES]));
+            answered.map_err(|_| Failure::unavailable(format!("{}: {SILENCE}", maestro.device.display())))?;
         }
         maestro.command(Code::SetSpeed, speed(SPEED_US_PER_S))?;
         Ok(maestro)
-    }
-
-    /// Asks for the errors, to check that the Maestro answers. The errors are older than this command, and ignored.
-    fn ask(&mut self, settings: &MaestroSettings) -> Result<(), Failure> {
-        let mut question = Vec::new();
-        // A Maestro that detects its baud rate needs a command of this protocol first.
-        for protocol in [Protocol::pololu(settings), self.protocol] {
-            protocol.write(&mut question, Code::GetErrors, []);
-        }
-        let _ = self.tty.clear(ClearBuffer::Input);
-        let answered = self.tty.write_all(&question).and_then(|()| self.tty.read_exact(&mut [0; ANSWER_BYTES]));
-        answered.map_err(|_| Failure::unavailable(format!("{}: {SILENCE}", self.device.display())))
     }
 
     fn command(&mut self, code: Code, value: u16) -> Result<(), Failure> {

@@ -1,6 +1,5 @@
 //! `facewire track`: runs every frame of a file through the pipeline, in the file's own time.
 
-use std::fmt;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::ops::Range;
@@ -121,7 +120,9 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
         }),
         row: String::new(),
         landmarks: Vec::new(),
-        tally: Tally::default(),
+        frames: 0,
+        faces: 0,
+        damaged: 0,
     };
     if let Some(path) = &args.landmarks {
         // The path is checked before a long film is read. An existing file keeps its content until the end, because it
@@ -133,8 +134,9 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     let outcome = track.all();
     // The rows before an error of the input are kept.
     track.finish()?;
-    if outcome.is_ok() || track.tally.frames > 0 {
-        say(format_args!("{} in {:.1} s", track.tally, begun.elapsed().as_secs_f64()));
+    if outcome.is_ok() || track.frames > 0 {
+        let estimate = track.estimate().unwrap_or_default();
+        say(format_args!("{}{estimate} in {:.1} s", track.summary(), begun.elapsed().as_secs_f64()));
     }
     outcome
 }
@@ -149,7 +151,9 @@ struct Track<'a> {
     row: String,
     /// The landmarks of all frames. They are kept until the end, because the header of the file states their number.
     landmarks: Vec<f32>,
-    tally: Tally,
+    frames: u64,
+    faces: u64,
+    damaged: u64,
 }
 
 impl Track<'_> {
@@ -190,7 +194,7 @@ impl Track<'_> {
             if !self.source.skip()? {
                 break;
             }
-            self.tally.frames += 1;
+            self.frames += 1;
             self.write_row(number, rate.stamp_us(number))?;
         }
         Ok(())
@@ -203,7 +207,12 @@ impl Track<'_> {
             self.landmarks.extend_from_slice(landmarks.unwrap_or(&[f32::NAN; 3 * LANDMARKS]));
         }
         let shown = self.playback.show(face);
-        self.tally.count(face, shown.solution.is_some());
+        self.frames += 1;
+        self.faces += u64::from(shown.solution.is_some());
+        self.damaged += u64::from(face.damaged);
+        if self.frames.is_multiple_of(PROGRESS_FRAMES) {
+            say(self.summary());
+        }
         let mut pose = shown.pose;
         if let (Some(solution), Stage::Raw | Stage::Corrected) = (&shown.solution, self.args.stage) {
             let is_raw = self.args.stage == Stage::Raw;
@@ -239,10 +248,24 @@ impl Track<'_> {
         }
         let flushed = self.out.flush();
         flushed.map_err(|error| self.unwritable(&error))?;
-        let solver = &self.playback.pipeline.solver;
-        self.tally.estimate = (solver.neutral_mode == NeutralMode::Auto)
-            .then(|| (100.0 * solver.neutral_share(), solver.neutral_forgotten()));
         Ok(())
+    }
+
+    fn summary(&self) -> String {
+        let damaged = if self.damaged > 0 { format!(", {} damaged", self.damaged) } else { String::new() };
+        format!("{} frames, {} with a face{damaged}", self.frames, self.faces)
+    }
+
+    /// How far the estimate of the neutral face has come at the end, and how often it was forgotten.
+    fn estimate(&self) -> Option<String> {
+        let solver = &self.playback.pipeline.solver;
+        let forgotten = match solver.neutral_forgotten() {
+            0 => String::new(),
+            1 => ", forgotten once for another person".to_owned(),
+            times => format!(", forgotten {times} times for another person"),
+        };
+        (solver.neutral_mode == NeutralMode::Auto)
+            .then(|| format!(", neutral face estimated to {:.0} %{forgotten}", 100.0 * solver.neutral_share()))
     }
 }
 
@@ -253,43 +276,6 @@ fn write_npy(path: &Path, values: &[f32]) -> io::Result<()> {
     let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
     writer.extend(values.iter().copied())?;
     writer.finish()
-}
-
-/// Numbers of frames.
-#[derive(Default)]
-struct Tally {
-    frames: u64,
-    faces: u64,
-    damaged: u64,
-    /// How far the estimate of the neutral face has come at the end, in percent, and how often it was forgotten.
-    estimate: Option<(f32, u64)>,
-}
-
-impl Tally {
-    fn count(&mut self, face: &TrackedFrame, is_solved: bool) {
-        self.frames += 1;
-        self.faces += u64::from(is_solved);
-        self.damaged += u64::from(face.damaged);
-        if self.frames.is_multiple_of(PROGRESS_FRAMES) {
-            say(self);
-        }
-    }
-}
-
-impl fmt::Display for Tally {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} frames, {} with a face", self.frames, self.faces)?;
-        if self.damaged > 0 {
-            write!(f, ", {} damaged", self.damaged)?;
-        }
-        let Some((percent, forgotten)) = self.estimate else { return Ok(()) };
-        write!(f, ", neutral face estimated to {percent:.0} %")?;
-        match forgotten {
-            0 => Ok(()),
-            1 => write!(f, ", forgotten once for another person"),
-            times => write!(f, ", forgotten {times} times for another person"),
-        }
-    }
 }
 
 impl NeutralSource {

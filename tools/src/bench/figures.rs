@@ -1,5 +1,6 @@
 //! What a bench measures, and its figures as a table, as JSON and as a drawing.
 
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs;
 use std::hint::black_box;
@@ -23,6 +24,9 @@ const DISTRIBUTION: [f64; 15] =
     [0.1, 1.0, 5.0, 10.0, 25.0, 50.0, 75.0, 90.0, 95.0, 98.0, 99.0, 99.5, 99.8, 99.9, 100.0];
 /// Steps of the loop of constant work between two readings of the clock, while its speed is measured.
 const CALIBRATION_STEPS: u64 = 20_000;
+/// Times that another process took the processor from this one, interrupts of all cores, and the time that the hypervisor
+/// gave to other virtual machines, of all cores.
+const INTERRUPTIONS: [&str; 3] = ["involuntary_switches", "interrupts", "stolen_ms"];
 const DRAWING_PX: (u32, u32) = (800, 480);
 /// Share of the frames that the drawing is wide enough for.
 const SHOWN: f64 = 0.999;
@@ -65,7 +69,6 @@ impl Samples {
     }
 }
 
-/// The results.
 #[derive(Serialize)]
 pub struct Figures {
     input: String,
@@ -75,7 +78,7 @@ pub struct Figures {
     stages: Stages<Latency>,
     /// Distribution of `whole`: pairs of a percentage of the frames and the milliseconds that they took at most.
     whole_distribution_ms: Vec<[f64; 2]>,
-    interruptions: Interruptions,
+    interruptions: BTreeMap<&'static str, u64>,
     /// Processor time, with decoding, as a share of the time that the rounds took; 100 is one core.
     cpu_percent: f64,
     /// Processor time per frame, with decoding, as a share of one core at 30 frames per second.
@@ -88,18 +91,6 @@ pub struct Figures {
     pub layers: Option<Layers>,
 }
 
-/// Counts of events that take the processor from this process.
-#[derive(Serialize)]
-struct Interruptions {
-    /// Times that another process took the processor from this one.
-    involuntary_switches: u64,
-    /// Interrupts of all cores.
-    interrupts: u64,
-    /// Time that the hypervisor gave to other virtual machines, of all cores.
-    stolen_ms: u64,
-}
-
-/// Quantiles of durations in milliseconds.
 #[derive(Serialize)]
 struct Latency {
     p50_ms: f64,
@@ -126,7 +117,6 @@ impl Figures {
         let stages = &samples.stages;
         let mut whole = stages.whole.clone();
         whole.sort_unstable();
-        let [involuntary_switches, interrupts, stolen_ms] = samples.interruptions;
         Self {
             input: input.to_owned(),
             frames: samples.frames,
@@ -141,7 +131,7 @@ impl Figures {
                 constant_work: Latency::of(&stages.constant_work),
             },
             whole_distribution_ms: DISTRIBUTION.map(|percent| [percent, ms(&whole, percent / 100.0)]).to_vec(),
-            interruptions: Interruptions { involuntary_switches, interrupts, stolen_ms },
+            interruptions: INTERRUPTIONS.into_iter().zip(samples.interruptions).collect(),
             cpu_percent: rounded(100.0 * cpu_s / samples.elapsed.as_secs_f64().max(f64::MIN_POSITIVE)),
             cpu_percent_at_30_fps: rounded(100.0 * cpu_per_frame_s * CAMERA_FPS),
             peak_memory_mb: rounded(number("/proc/self/status", "VmHWM:", 0) as f64 / 1024.0),
@@ -176,7 +166,7 @@ impl Figures {
             format!("{stage:<16} {p50_ms:>8.3} {p95_ms:>8.3} {p99_ms:>8.3} {p99_9_ms:>8.3} {max_ms:>8.3}\n")
         });
         let Self { input, frames, faces, machine, peak_memory_mb, .. } = self;
-        let Interruptions { involuntary_switches, interrupts, stolen_ms } = self.interruptions;
+        let [switches, interrupts, stolen_ms] = INTERRUPTIONS.map(|name| self.interruptions.get(name).unwrap_or(&0));
         format!(
             "{input}: {frames} frames, {faces} with a face, on {machine}\n\n\
              milliseconds          p50      p95      p99    p99.9      max\n{}\n\
@@ -184,7 +174,7 @@ impl Figures {
              work` is\na loop that uses no memory and takes as long as the median frame: its times above p50 come from the \
              machine, not\nfrom facewire.\n\n\
              {:.1} % of one core at 30 frames a second, {:.0} % in this run; peak memory {peak_memory_mb:.1} MB\n\
-             During the frames: {involuntary_switches} switches to other processes, {interrupts} interrupts of all cores, \
+             During the frames: {switches} switches to other processes, {interrupts} interrupts of all cores, \
              {stolen_ms} ms stolen by the hypervisor\n{}",
             rows.concat(),
             self.cpu_percent_at_30_fps,
@@ -194,7 +184,6 @@ impl Figures {
     }
 }
 
-/// Returns a quantile in milliseconds.
 fn ms(sorted: &[Duration], part: f64) -> f64 {
     rounded(quantile(sorted, part).as_secs_f64() * 1000.0)
 }
@@ -256,7 +245,7 @@ fn timed(steps: u64) -> Duration {
     begun.elapsed()
 }
 
-/// Returns the fields of [`Interruptions`] since the start of the process and of the machine.
+/// Returns the counts of [`INTERRUPTIONS`] since the start of the process and of the machine.
 pub fn interruptions() -> [u64; 3] {
     // The fields of `cpu` are ticks: user, nice, system, idle, iowait, irq, softirq, steal (man 5 proc).
     let stolen_ms = number("/proc/stat", "cpu ", 7) * 1000 / clock_ticks_per_second().max(1);

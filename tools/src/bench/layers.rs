@@ -16,7 +16,6 @@ const DETECTOR: &str = "detector";
 /// How often each network runs as a whole, and then again layer by layer.
 const RUNS: usize = 100;
 
-/// The speed of all networks.
 #[derive(Serialize)]
 pub struct Layers {
     /// The instruction set that the kernels use.
@@ -59,7 +58,6 @@ impl Speed {
         Self { p50_us, multiply_adds, g_per_s: per_s / 1e9, percent_of_peak }
     }
 
-    /// Returns a line of the table.
     fn line(&self, name: &str) -> String {
         let Self { p50_us, multiply_adds, g_per_s, percent_of_peak } = self;
         format!("{name:<40}{multiply_adds:>14}{p50_us:>8.1}{g_per_s:>8.1}{percent_of_peak:>8.0}\n")
@@ -113,7 +111,6 @@ impl Layers {
     }
 }
 
-/// A network and the durations of its runs.
 struct TimedNetwork {
     name: &'static str,
     network: Network,

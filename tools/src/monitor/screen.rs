@@ -123,18 +123,19 @@ fn texts(listen: &str, tally: &Tally, now: Instant) -> [String; 3] {
     [status.with(colour).bold().to_string(), counts, footer]
 }
 
+/// The filled part of a bar, 0..=1, and the number after it, three characters.
+type Cell = (f32, String);
+
 /// Draws the row of this name, with two slots of this width.
 fn row(name: &str, packet: &Packet, slot: usize) -> String {
-    let cells = cells(name, packet).map(|cell| cell.map_or_else(|| " ".repeat(slot), |cell| cell.drawn(slot, packet)));
-    format!("{name:NAME_WIDTH$}{}", cells.join(&" ".repeat(GAP)))
-}
-
-/// The content of one slot.
-struct Cell {
-    /// The filled part of the bar, 0..=1.
-    fill: f32,
-    /// The number after the bar, three characters.
-    number: String,
+    let colour = if packet.state == State::Live { Color::Cyan } else { Color::DarkGrey };
+    let drawn = |cell: Option<Cell>| {
+        let Some((fill, number)) = cell else { return " ".repeat(slot) };
+        let bar = bar(fill, slot.saturating_sub(NUMBER_WIDTH)).with(colour).on(TRACK);
+        let number = format!(" {number:>3}");
+        format!("{bar}{}", if fill < 0.05 { number.dim() } else { number.stylize() })
+    };
+    format!("{name:NAME_WIDTH$}{}", cells(name, packet).map(drawn).join(&" ".repeat(GAP)))
 }
 
 /// Returns the values of a row, left and right. A blendshape without sides uses the left slot.
@@ -155,7 +156,7 @@ fn cells(name: &str, packet: &Packet) -> [Option<Cell>; 2] {
 fn angle(degrees: f32) -> [Option<Cell>; 2] {
     [degrees, -degrees].map(|degrees| {
         let number = if degrees >= 0.5 { format!("{degrees:2.0}°") } else { String::new() };
-        Some(Cell { fill: (degrees / HEAD_FULL_DEG).clamp(0.0, 1.0), number })
+        Some(((degrees / HEAD_FULL_DEG).clamp(0.0, 1.0), number))
     })
 }
 
@@ -164,18 +165,7 @@ fn coefficient(name: &str, side: &str, packet: &Packet) -> Option<Cell> {
     let index = BLENDSHAPES.iter().position(|known| known.strip_prefix(name) == Some(side))?;
     let fill = *packet.coefficients.get(index)?;
     let number = format!("{fill:.2}");
-    Some(Cell { fill, number: number.strip_prefix('0').map_or_else(|| "1.0".to_owned(), str::to_owned) })
-}
-
-impl Cell {
-    /// Draws the bar and its number in `slot` characters.
-    fn drawn(&self, slot: usize, packet: &Packet) -> String {
-        let colour = if packet.state == State::Live { Color::Cyan } else { Color::DarkGrey };
-        let bar = bar(self.fill, slot.saturating_sub(NUMBER_WIDTH));
-        let number = format!(" {:>3}", self.number);
-        let number = if self.fill < 0.05 { number.dim() } else { number.stylize() };
-        format!("{}{number}", bar.with(colour).on(TRACK))
-    }
+    Some((fill, number.strip_prefix('0').map_or_else(|| "1.0".to_owned(), str::to_owned)))
 }
 
 /// Draws a bar of `width` characters, filled in steps of an eighth of a character.
@@ -213,7 +203,7 @@ mod tests {
         let mut packet = Packet::NEUTRAL;
         packet.coefficients[0] = 1.0;
         packet.rotation = [0.0, 0.25_f32.sin(), 0.0, 0.25_f32.cos()];
-        let numbers = |name| cells(name, &packet).map(|cell| cell.unwrap().number);
+        let numbers = |name| cells(name, &packet).map(|cell| cell.unwrap().1);
         assert_eq!(numbers("eyeBlink"), ["1.0", ".00"]);
         assert_eq!(numbers("head yaw"), ["29°", ""]);
     }

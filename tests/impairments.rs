@@ -13,7 +13,6 @@ mod photo;
 #[path = "impairments/track.rs"]
 mod track;
 
-use std::hint::black_box;
 use std::io::BufReader;
 use std::sync::LazyLock;
 use std::thread::{scope, sleep};
@@ -24,10 +23,9 @@ use common::service::Service;
 use common::{PATIENCE, shared};
 use facewire::capture::{Clip, Source};
 use facewire::impairment::Impairment;
-use facewire::watch::Look;
 use photo::Photo;
 use rustix::process::Signal;
-use track::{Agreement, Track};
+use track::{Track, agreement};
 
 /// White of a sensor in electrons: of one that amplifies little, and of one in dim light at its highest gain.
 const BRIGHT: f32 = 6400.0;
@@ -102,7 +100,7 @@ impl Film {
     /// Checks that what is told about a film fits its coefficients: the impairment if they are poor, and none if they are
     /// good. Returns their correlation.
     fn judge(&self, poor: &Track, impairment: Impairment) -> f32 {
-        let Agreement { r, .. } = Agreement::of(&self.whole, poor);
+        let r = agreement(&self.whole, poor);
         let told = poor.told();
         println!("{}: r {r:.3}, told {told}", impairment.name());
         let others = told.iter().filter(|other| *other != impairment).count();
@@ -238,8 +236,4 @@ fn figures() {
         }
         tell("half the rate".to_owned(), &film.whole.keeping(|number| number % 2 == 0));
     }
-    let (picture, landmarks) = (films[0].photos[0].picture(), &films[0].whole.landmarks);
-    let begun = Instant::now();
-    (0..10_000).for_each(|_| _ = black_box(Look::at(black_box(&picture), Some(landmarks))));
-    println!("a look takes {:.1?}", begun.elapsed() / 10_000);
 }

@@ -272,7 +272,7 @@ fn keys_move_one_channel_and_the_lines_for_the_settings_come_at_the_end() {
 }
 
 #[test]
-fn the_servo_is_released_and_the_terminal_restored_after_a_signal_and_after_ctrl_c() {
+fn the_servo_is_released_and_the_terminal_restored_after_a_signal_and_after_ctrl_c_or_holds_its_neutral_pulse() {
     for signal in [Some(Signal::TERM), Some(Signal::HUP), None] {
         let maestro = Maestro::plugged_in(Model::MICRO_6);
         let mut session = Session::with(&maestro, &[]);
@@ -285,10 +285,6 @@ fn the_servo_is_released_and_the_terminal_restored_after_a_signal_and_after_ctrl
         assert!(session.ended().success(), "{signal:?}: {}", session.screen);
         await_pulse(&maestro, 3, None);
     }
-}
-
-#[test]
-fn with_end_neutral_the_servo_holds_its_neutral_pulse() {
     let maestro = Maestro::plugged_in(Model::MICRO_6);
     let mut session = Session::with(&maestro, &["--end", "neutral"]);
     [RIGHT, b"n", UP, b"q"].into_iter().for_each(|key| session.press(key));

@@ -164,13 +164,6 @@ fn a_face_that_leaves_the_picture_is_held_and_then_decays_to_neutral_and_its_lan
 }
 
 #[test]
-fn a_film_without_a_face_is_neutral_throughout() {
-    let rows = rows(&track_stream(&empty_y4m(3)).succeeded().out);
-    assert_eq!(rows.len(), 3);
-    assert!(rows.iter().all(|row| row.state == "neutral" && row.coefficients().iter().all(|value| *value == 0.0)));
-}
-
-#[test]
 fn an_input_that_is_cut_off_gives_the_rows_before_the_cut() {
     let (y4m, avi) = (demo_y4m(4), fs::read(demo_avi()).unwrap());
     for (whole, run) in [

@@ -74,14 +74,13 @@ impl Track {
     }
 
     pub fn row(&self, whole: &Self) -> String {
-        let Agreement { r, difference, faces } = Agreement::of(whole, self);
+        let r = agreement(whole, self);
         let brightness = mean(self.looks.iter().map(|look| look.picture.brightness));
         let face =
             |value: fn(&FaceLook) -> f32| mean(self.looks.iter().filter_map(|look| look.face.as_ref()).map(value));
         format!(
-            "r {r:.3} difference {difference:.3} faces {:3.0} % | brightness {brightness:3.0} | face {:3.0}, around {:3.0}, \
+            "r {r:.3} | brightness {brightness:3.0} | face {:3.0}, around {:3.0}, \
              contrast {:4.1}, noise {:4.1}, {:3.0} px, {:.3}, cut off {:.2} | {}",
-            faces * 100.0,
             face(|face| face.light.brightness),
             face(|face| face.surroundings),
             face(|face| face.light.contrast),
@@ -105,26 +104,11 @@ fn mean(values: impl Iterator<Item = f32>) -> f32 {
     sum / count
 }
 
-/// How far the coefficients of a disturbed film agree with those of the undisturbed one.
-pub struct Agreement {
-    /// Mean Pearson correlation of the coefficients that move in the undisturbed film.
-    pub r: f32,
-    pub difference: f32,
-    pub faces: f32,
-}
-
-impl Agreement {
-    pub fn of(whole: &Track, poor: &Track) -> Self {
-        let [ours, theirs] = [whole, poor].map(Track::held);
-        let pair = |index: usize| ours.iter().zip(&theirs).map(move |(a, b)| [a[index], b[index]]);
-        let moving: Vec<f32> = (0..COEFFS).filter_map(|index| correlation(&pair(index).collect::<Vec<_>>())).collect();
-        let faces = poor.coefficients.iter().map(|row| if row.is_some() { 1.0 } else { 0.0 });
-        Self {
-            r: mean(moving.into_iter()),
-            difference: mean((0..COEFFS).flat_map(pair).map(|[a, b]| (a - b).abs())),
-            faces: mean(faces),
-        }
-    }
+/// Mean Pearson correlation of the coefficients that move in the undisturbed film, in this and in a disturbed one.
+pub fn agreement(whole: &Track, poor: &Track) -> f32 {
+    let [ours, theirs] = [whole, poor].map(Track::held);
+    let pair = |index: usize| ours.iter().zip(&theirs).map(move |(a, b)| [a[index], b[index]]);
+    mean((0..COEFFS).filter_map(|index| correlation(&pair(index).collect::<Vec<_>>())))
 }
 
 /// Pearson's correlation, or `None` if the first of the two does not move. It is 0 if only the second does not.

@@ -1,10 +1,10 @@
 //! What the takes tell about the wearer.
 //!
 //! The neutral face is that of the neutral take, and the rest is what the model still reads of that face, measured from
-//! itself. The gain of a coefficient compares what the pose that raises it reads with what it reads of most people. Shut
-//! lids then read 1. In other poses, how far people go differs from time to time, and a model that reads little of a full
-//! expression often reads most of a small one. The gain therefore makes up only a part of the difference, and is 1 for poses
-//! where a gain would make expressions between rest and pose worse. The readings of most people are those of the shipped model.
+//! itself. The gain of a coefficient compares what the pose that raises it reads with what it reads of most people, by the
+//! shipped model. Shut lids then read 1. In other poses, how far people go differs from time to time, and a model that reads
+//! little of a full expression often reads most of a small one. The gain therefore makes up only a part of the difference,
+//! and is 1 for poses where a gain would make expressions between rest and pose worse.
 
 use std::collections::BTreeMap;
 
@@ -96,8 +96,8 @@ pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
 const BELOW: f32 = -0.2;
 const LEAST_POSES: usize = 3;
 
-/// Parts of the face: the pose that moves one, the poses that leave it at rest, and what the wearer did in a neutral take in
-/// which it was not at rest.
+/// Parts of the face: the pose that moves one, the poses that leave it at rest, and what the wearer did in a neutral take
+/// in which it was not at rest.
 const PARTS: [(Take, &[Take], Refusal); 4] = {
     use Take::*;
     [

@@ -50,8 +50,7 @@ pub enum Sight {
 pub struct Seen {
     /// The face in its own basis.
     pub face: Normalised,
-    /// What the look of the face adds to the coefficients: first while the neutral face is unknown, then once it is
-    /// known.
+    /// What the look of the face adds to the coefficients, while the neutral face is unknown and once it is known.
     pub residuals: [Coefficients; 2],
     pub head_deg: [f32; 3],
 }

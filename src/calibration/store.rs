@@ -143,8 +143,8 @@ impl Store {
         })
     }
 
-    /// Keeps the profile of a wearer, in place of the former one. Returns the path of the file, and a warning if a power cut
-    /// could bring the former profile back.
+    /// Keeps the profile of a wearer, in place of the former one. Returns the path of the file, and a warning if a power
+    /// cut could bring the former profile back.
     pub fn save(&self, name: &WearerName, file: &ProfileFile) -> Result<(PathBuf, Option<String>), StoreError> {
         let create = DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
         create.map_err(|error| unwritable(&self.folder, &error))?;
@@ -186,7 +186,7 @@ impl Store {
         })
     }
 
-    /// The wearers who have a profile, in alphabetical order, and what is in it. A folder that does not exist yet holds none.
+    /// The wearers who have a profile, in alphabetical order. A folder that does not exist yet holds none.
     pub fn list(&self) -> Result<Vec<Listed>, StoreError> {
         let entries = match fs::read_dir(&self.folder) {
             Ok(entries) => entries,

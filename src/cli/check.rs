@@ -123,8 +123,7 @@ fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failu
     Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })
 }
 
-/// Opens the camera, waits for an intact frame, and watches from then on its rate, the frames that it loses, the light, and
-/// the face.
+/// Opens the camera, waits for an intact frame, and then watches its rate, lost frames, the light and the face.
 fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcome {
     let mut camera = OpenCamera::open(settings)?;
     if stderr().is_terminal() {

@@ -191,8 +191,7 @@ fn channels(channels: &mut Vec<ChannelSettings>, entry: &Entry<'_>, file: &mut O
     }));
 }
 
-/// The angles of the head that a channel can follow, degrees: yaw to the person's left, pitch upwards, roll to the
-/// person's right shoulder.
+/// Angles of the head, degrees: yaw to the person's left, pitch upwards, roll to the person's right shoulder.
 const ANGLES: [&str; 3] = ["headYaw", "headPitch", "headRoll"];
 pub const SOURCE_COUNT: usize = COEFFS + ANGLES.len();
 /// The names of all sources: those of the coefficients, then those of the angles.

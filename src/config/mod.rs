@@ -4,8 +4,7 @@
 //! user's file overrides the board's. A file contains only the settings that it changes, and may name the board. Which
 //! board this is, the caller finds out.
 //! Contract: either every setting is valid, or [`Faults`] names every fault at once, each with key, value and bounds.
-//! Settings are judged by their text alone: no device, host or model file is touched. Links judge their settings
-//! themselves, see [`load`].
+//! Settings are judged by their text alone: no device, host or model file is touched. Links judge theirs, see [`load`].
 //! `settings.rs` and `link.rs` declare each key with its type, default and bounds; `systemd/facewire.toml` and
 //! `links.toml` explain them.
 
@@ -156,8 +155,7 @@ fn board_names() -> impl Iterator<Item = &'static str> {
     [AUTO].into_iter().chain(BOARDS.map(|(name, _)| name))
 }
 
-/// Adds the faults of settings that are valid one by one but do not fit together. Tables with faults of their own are not
-/// judged.
+/// Adds the faults of settings that do not fit together. Tables with faults of their own are not judged.
 fn check(settings: &Settings, faults: &mut Faults) {
     let mut need = |is_good: bool, key: &str, value: String, expected: &str| {
         if !is_good && !faults.has_invalid_value(key.split('.').next().unwrap_or(key)) {

@@ -93,8 +93,7 @@ pub fn field<'a, T>(key: &'static str, setting: &'a mut T, read: impl Reader<T> 
     (key, Box::new(move |entry, file| read(setting, entry, file)))
 }
 
-/// Declares tables of settings: `field: Type = default, reader;` for each key. `field "key": ...` gives a field another key
-/// than its name.
+/// Declares tables of settings: `field: Type = default, reader;` for each key, or `field "key": ...` if their names differ.
 macro_rules! section {
     ($(
         $(#[doc = $doc:literal])*

@@ -39,8 +39,8 @@ pub struct BadScript;
 impl Script {
     /// Describes a valid script; the text follows "give".
     pub const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
-         damaged, silent, hung, gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, slow-jpeg, hot and undervoltage with \
-         their seconds, or \"rehearsal: random 7\"";
+         damaged, silent, hung, gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, slow-jpeg, hot and \
+         undervoltage with their seconds, or \"rehearsal: random 7\"";
 
     /// Reads the script in the camera setting `device`. Returns `None` if the setting names no rehearsal.
     pub fn of(device: &str) -> Option<Result<Self, BadScript>> {

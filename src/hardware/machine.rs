@@ -142,8 +142,7 @@ pub fn memory_mb(root: &Path) -> Option<u64> {
 }
 
 /// A Raspberry Pi's flags of low voltage and reduced clock rate, as the program `vcgencmd` prints them. Only commands that
-/// a person calls ask for them: the service starts no programs. Unlike sensors, they also tell what has been since the
-/// board was started.
+/// a person calls ask for them: the service starts no programs. They also tell what has been since the board's start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Flags(u32);
 

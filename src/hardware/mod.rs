@@ -103,11 +103,7 @@ mod tests {
     impl Tree {
         pub(super) fn new(files: &[(&str, &str)]) -> Self {
             let tree = Self(tempfile::tempdir().unwrap());
-            for (path, text) in files {
-                let path = tree.root().join(path);
-                fs::create_dir_all(path.parent().unwrap()).unwrap();
-                fs::write(path, text).unwrap();
-            }
+            files.iter().for_each(|(path, text)| tree.write_file(path, text));
             tree
         }
 
@@ -115,19 +111,23 @@ mod tests {
             self.0.path()
         }
 
+        fn write_file(&self, path: &str, text: &str) {
+            let path = self.root().join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+
         /// Writes files of sensors, each given as `path=text` without the folder that its kind of sensor is in.
         fn write(&self, files: &str) {
             for (path, text) in files.split_whitespace().map(|file| file.split_once('=').unwrap()) {
                 let (sensor, _) = path.split_once('/').unwrap();
                 let folder = match sensor.trim_end_matches(|c: char| c.is_ascii_digit()) {
-                    "thermal_zone" | "cooling_device" => "sys/class/thermal",
-                    "hwmon" => "sys/class/hwmon",
-                    "policy" => "sys/devices/system/cpu/cpufreq",
-                    _ => "sys/devices/system/cpu",
+                    "thermal_zone" | "cooling_device" => "class/thermal",
+                    "hwmon" => "class/hwmon",
+                    "policy" => "devices/system/cpu/cpufreq",
+                    _ => "devices/system/cpu",
                 };
-                let path = self.root().join(folder).join(path);
-                fs::create_dir_all(path.parent().unwrap()).unwrap();
-                fs::write(path, format!("{text}\n")).unwrap();
+                self.write_file(&format!("sys/{folder}/{path}"), &format!("{text}\n"));
             }
         }
     }

@@ -149,7 +149,8 @@ impl NetworkFolder {
     }
 }
 
-/// Returns the engine of this choice, whose networks are in `folder` ([`NetworkFolder::find`]) and run on this many threads.
+/// Returns the engine of this choice, whose networks are in `folder` ([`NetworkFolder::find`]) and run on this many
+/// threads.
 pub fn engine(choice: EngineChoice, folder: &str, threads: u32) -> Result<Box<dyn Engine>, InferError> {
     let folder = NetworkFolder::find(folder)?;
     match choice {

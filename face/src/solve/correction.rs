@@ -2,7 +2,8 @@
 //!
 //! Per blendshape `R_t = (1 + g(f)/eta - gamma) (f + beta)` with the result `f` of the regression, clamped to `0..=1`.
 //! What holds for everybody is in the model ([`CorrectiveTerms`]); what the wearer adds is in the [`Profile`].
-//! - `g` rises smoothly from 0 to 1 over the model's range of response. A closed eye reads 0.7, and `1/eta` lifts it to 0.97.
+//! - `g` rises smoothly from 0 to 1 over the model's range of response. A closed eye reads 0.7, and `1/eta` lifts it to
+//!   0.97.
 //! - `beta` is the model's shift less the profile's rest, which is the output for the face at rest. The sum is divided by
 //!   `1 - rest`, so that an output of 1 stays 1.
 //! - `1 - gamma` is the model's slope. The profile's gain comes before it, as a factor on `f + beta`, so that lids that

@@ -47,7 +47,6 @@ impl Neutral {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reference<'a> {
     neutral: Option<&'a Neutral>,
-    /// The share of the wearer's neutral face, from 0 to 1.
     pub(super) known: f32,
 }
 

@@ -71,8 +71,9 @@ impl Filter {
         Self { noise_size: level * self.noise_size, ..self }
     }
 
-    /// Filters the value `x` of a frame that was captured `dt_s` seconds after the last one. A value that is not finite is returned as it is and empties the state, so that it affects no later frame. After
-    /// more than [`LONGEST_STEP_S`] seconds, or a time that is not a number, the filter starts anew.
+    /// Filters the value `x` of a frame that was captured `dt_s` seconds after the last one. A value that is not finite
+    /// is returned as it is and empties the state, so that it affects no later frame. After more than
+    /// [`LONGEST_STEP_S`] seconds, or a time that is not a number, the filter starts anew.
     pub(super) fn step<const N: usize>(&self, state: &mut FilterState<N>, x: [f32; N], dt_s: f32) -> [f32; N] {
         let kind = if self.time_s > 0.0 { self.kind } else { FilterKind::Off };
         if !x.iter().all(|value| value.is_finite()) {

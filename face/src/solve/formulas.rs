@@ -38,7 +38,6 @@ impl Formula {
         narrow
     }
 
-    /// `w x + b`.
     fn sum(&self, standardised: &[f32; FEATURES]) -> f32 {
         let mut values = [0.0; MAX_FORMULA_INPUTS];
         for (value, input) in values.iter_mut().zip(&self.inputs) {

@@ -1,9 +1,9 @@
 //! Estimates the wearer's neutral face while it watches.
 //!
-//! A face that faces the camera, holds still, and that the model reads as nearly at rest ([`RestWatch`]), is averaged, weighted
-//! by how sure that is. A wearer who only speaks or smiles gives no evidence, so that no expression becomes neutral. The
-//! outputs by which a frame is judged count as measured from the mean of many people, whatever the reference is by
-//! now: otherwise a half-smile that is held would look more like rest the more of it was learned.
+//! A face that faces the camera, holds still, and that the model reads as nearly at rest ([`RestWatch`]), is averaged,
+//! weighted by how sure that is. A wearer who only speaks or smiles gives no evidence, so that no expression becomes
+//! neutral. The outputs by which a frame is judged count as measured from the mean of many people, whatever the
+//! reference is by now: otherwise a half-smile that is held would look more like rest the more of it was learned.
 //!
 //! The reference moves from the mean to the estimate at a bounded speed, and so does the output. When another person
 //! sits down ([`super::identity`]), it moves back, and learning begins anew.

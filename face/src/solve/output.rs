@@ -165,7 +165,6 @@ mod tests {
         assert!(apply(Adjustment::default(), f32::NAN).is_nan(), "a fault is not hidden");
     }
 
-    /// Leads a value and an angle of the head, and returns what is shown.
     fn step(crossfade: &mut Crossfade, value: f32, roll_deg: f32, dt_s: f32) -> (f32, f32) {
         let half = (0.5 * roll_deg).to_radians();
         let mut head = HeadPose::from_rotation([0.0, 0.0, half.sin(), half.cos()], [value, 0.0, 600.0]);

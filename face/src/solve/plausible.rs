@@ -79,7 +79,8 @@ fn dead_zone(value: f32, zone: f32) -> f32 {
 }
 
 /// Only the larger of two opposed values remains, and is reduced the more, the nearer the smaller one is to it:
-/// `a (1 - (b/a)^4)` is 0 where both are equal, so that there is no step, and hardly less than `a` where `b` is less than half.
+/// `a (1 - (b/a)^4)` is 0 where both are equal, so that there is no step, and hardly less than `a` where `b` is less
+/// than half.
 fn opposed([a, b]: [f32; 2]) -> [f32; 2] {
     let less = |large: f32, small: f32| if large <= small { 0.0 } else { large - large * (small / large).powi(4) };
     [less(a, b), less(b, a)]
@@ -123,7 +124,6 @@ pub(super) struct GazeState {
 }
 
 impl GazeState {
-    /// Holds the directions of eyes that are shut, `dt_s` seconds after the last frame.
     fn hold(&mut self, values: &mut [f32; COEFFS], dt_s: f32) {
         if !(0.0..=LONGEST_STEP_S).contains(&dt_s) {
             *self = Self::default();

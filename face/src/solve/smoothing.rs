@@ -149,10 +149,9 @@ const REFERENCE: f32 = 0.125;
 /// Bounds of the product of two steps, relative to the square of a small change. A coefficient that moves widely counts no
 /// more than one that hardly moves.
 const PRODUCTS: [f32; 2] = [-4.0, 0.5];
-/// Time constant of the average of the products, seconds.
 const AVERAGE_S: f32 = 1.0;
-/// The least and the greatest level. A higher one leaves less jitter in the dark, and takes more of fast expressions in noisy
-/// pictures.
+/// The least and the greatest level. A higher one leaves less jitter in the dark, and takes more of fast expressions in
+/// noisy pictures.
 const LEVELS: [f32; 2] = [1.0, 2.0];
 
 /// How noisy the last frames are, relative to the noise for which the sizes of small changes are meant.
@@ -167,7 +166,6 @@ struct NoiseLevel {
     sizes: [f32; COEFFS],
     /// Mean product of successive steps, relative to the square of a small change.
     product: f32,
-    /// The last frame, and its steps from the one before.
     last: Option<([f32; COEFFS], Option<[f32; COEFFS]>)>,
 }
 

@@ -181,7 +181,8 @@ impl Solver {
 }
 
 impl History {
-    /// Returns the seconds since the last frame that was filtered, 0 for the first. A clock that ran backwards clears the history.
+    /// Returns the seconds since the last frame that was filtered, 0 for the first. A clock that ran backwards clears
+    /// the history.
     fn step_s(&mut self, time_us: u64) -> f32 {
         let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
         if step_us.is_none() {

@@ -13,10 +13,9 @@ use crate::picture::{Picture, Pixels};
 static FULL_RANGE: Factors = Factors { luma: 8192, black: 0, red: 11485, green: [-2819, -5850], blue: 14516 };
 static VIDEO_RANGE: Factors = Factors { luma: 9539, black: 16, red: 13075, green: [-3209, -6660], blue: 16525 };
 
-/// The pixels of a picture of any format, read as red, green and blue.
-///
-/// The conversion is BT.601 in the 13-bit fixed point of libswscale, which rounds each product down by itself. Half a level
-/// of brightness visibly moves the landmarks, so agreement with MediaPipe needs the same rounding.
+/// The pixels of a picture of any format, read as red, green and blue. The conversion is BT.601 in the 13-bit fixed
+/// point of libswscale, which rounds each product down by itself. Half a level of brightness visibly moves the
+/// landmarks, so agreement with MediaPipe needs the same rounding.
 pub(super) struct Planes<'a> {
     pixels: Pixels<'a>,
     factors: &'static Factors,

@@ -193,7 +193,6 @@ mod tests {
         }
     }
 
-    /// The crop, one sample after the other.
     fn plain_crop(picture: &Picture, region: &FaceBox, shape: CropShape) -> Vec<[f32; 3]> {
         let [width, height] = [picture.width as i32, picture.height as i32];
         let nearest = |x: i32, y: i32| pixel(picture, x.clamp(0, width - 1) as usize, y.clamp(0, height - 1) as usize);
@@ -217,7 +216,6 @@ mod tests {
         (0..side).flat_map(|number| (0..side).map(move |column| row(number).position(column))).map(sample).collect()
     }
 
-    /// The samples that [`crop`] writes.
     fn samples(picture: &Picture, region: &FaceBox, shape: CropShape, block: &mut Block) -> Vec<[f32; 3]> {
         let mut rows = vec![[f32::NAN; 3 * MAX_SIDE]; shape.side];
         crop(picture, region, shape, block, &mut rows);

@@ -1,6 +1,5 @@
-//! Finds a face in a picture, follows it from frame to frame and returns its landmarks.
-//!
-//! The region of interest comes from the landmarks of the previous frame. The detector runs only if there is no region.
+//! Finds a face in a picture, follows it from frame to frame and returns its landmarks. The region of interest comes
+//! from the landmarks of the previous frame. The detector runs only if there is no region.
 
 mod block;
 mod crop;

@@ -89,9 +89,10 @@ const MAX_VALUES: usize = 32;
 /// A new value within one standard deviation of the last N values is averaged with them, `(f_t + N avg) / (N + 1)`. A
 /// value outside this gate passes unchanged, so that a blink is not delayed. The equations count frames at 30 frames per
 /// second. Here the last values are those of a window of time, and N is that time in whole frames of 1/30 s, so that the
-/// response to a small change takes as long at every frame rate. As printed, the gate has a step at its edge and closes to nothing on a face that holds still, so that values jump
-/// between smoothed and not smoothed. Here the share of the new value grows smoothly from `1 / (N + 1)` in the middle
-/// of the gate to 1 at its edge, and the gate is never narrower than a few times the jitter of a still face.
+/// response to a small change takes as long at every frame rate. As printed, the gate has a step at its edge and closes
+/// to nothing on a face that holds still, so that values jump between smoothed and not smoothed. Here the share of the
+/// new value grows smoothly from `1 / (N + 1)` in the middle of the gate to 1 at its edge, and the gate is never
+/// narrower than a few times the jitter of a still face.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Past<const N: usize>(HistoryBuf<([f32; N], f32), MAX_VALUES>);
 

@@ -152,7 +152,7 @@ fn recovery_starts_over_after_a_fault_or_a_gap() {
     for (interrupt, gap_ms) in [(News::Fault(Reason::NoFace), 0), (News::Nothing, 160)] {
         let mut run = Run::live(&all(0.0));
         run.wait(2000 * MS);
-        (0..2).for_each(|_| drop(run.pose_after(60 * MS, &all(1.0))));
+        assert!((0..2).all(|_| run.pose_after(60 * MS, &all(1.0)).state == State::Neutral));
         run.now_us += gap_ms * MS;
         run.news(interrupt);
         assert_eq!(run.pose_after(60 * MS, &all(1.0)).state, State::Neutral);
@@ -163,7 +163,7 @@ fn recovery_starts_over_after_a_fault_or_a_gap() {
 fn recovery_ramps_from_the_current_output_and_then_follows_exactly() {
     let mut run = Run::live(&all(1.0));
     run.wait(600 * MS);
-    let mut show = |ms: u64| if ms % 33 == 0 { run.pose_after(MS, &all(0.8)) } else { run.wait(MS) };
+    let mut show = |ms: u64| if ms.is_multiple_of(33) { run.pose_after(MS, &all(0.8)) } else { run.wait(MS) };
     let outputs: Vec<Output> = (0..1000).map(&mut show).collect();
     assert!(fastest(&outputs) <= SLEW_PER_S * 1.001, "{}", fastest(&outputs));
     assert_eq!(outputs.last().unwrap().pose, all(0.8));

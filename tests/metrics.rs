@@ -130,7 +130,7 @@ fn wrong_requests_are_answered_a_silent_reader_delays_no_other_and_one_without_a
         assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{answer}");
     }
     let (thread, own) = (service.thread("fw-control"), getrlimit(Resource::Nofile));
-    prlimit(Some(service.pid()), Resource::Nofile, Rlimit { current: Some(3), ..own.clone() }).unwrap();
+    prlimit(Some(service.pid()), Resource::Nofile, Rlimit { current: Some(3), ..own }).unwrap();
     let reader = std::thread::spawn(move || answer(&address, good));
     let begun = ticks(thread);
     sleep(Duration::from_secs(2));

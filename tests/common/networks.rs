@@ -23,6 +23,8 @@ pub fn with(name: &str, content: Option<&[u8]>) -> TempDir {
             symlink(installed.join(&file), folder.path().join(&file)).unwrap();
         }
     }
-    content.map(|content| fs::write(folder.path().join(name), content).unwrap());
+    if let Some(content) = content {
+        fs::write(folder.path().join(name), content).unwrap();
+    }
     folder
 }

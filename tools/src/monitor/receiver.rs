@@ -18,7 +18,7 @@ type Received = Option<Result<(Packet, String), DecodeError>>;
 /// A socket or a port to listen on.
 pub enum Receiver {
     Udp(UdpSocket),
-    Serial(Line),
+    Serial(Box<Line>),
 }
 
 impl Receiver {
@@ -29,7 +29,7 @@ impl Receiver {
             return UdpSocket::bind(args.listen).map(Self::Udp).map_err(refused);
         };
         let port = BufReader::new(open_port(&device, args.baud, Duration::ZERO).map_err(unheard)?);
-        Ok(Self::Serial(Line { device, port, frames: FrameReader::default(), is_synchronised: false }))
+        Ok(Self::Serial(Box::new(Line { device, port, frames: FrameReader::default(), is_synchronised: false })))
     }
 
     /// Waits for the next packet for `wait` at most.

@@ -59,7 +59,9 @@ impl Rehearsal {
         let clip = Clip::looped()?;
         let sent = Sent::new(clip.frame_period_us().unwrap_or(FrameRate::FPS_30.period_us()));
         let Description { width: full, height, .. } = clip.describe();
-        let (is_small, canvas, tally) = (2 * width as usize <= full, vec![GREY; full * height], Tally::default());
+        let (is_small, tally) = (2 * width as usize <= full, Tally::default());
+        // The clip without faults needs no picture of its own.
+        let canvas = script.as_ref().map_or_else(Vec::new, |_| vec![GREY; full * height]);
         let (due_us, wanted_us) = (None, 0);
         let camera = Self { clip, script, canvas, sent, timeout, is_small, begun_us, due_us, wanted_us, tally };
         if camera.now().0 == Scene::Gone {

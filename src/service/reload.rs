@@ -57,34 +57,38 @@ impl Change {
         in_use: Option<&WearerName>,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let new = load_settings()?;
-        let is_new_model = new.solver.model != live.solver.model;
+        let is_same_model = new.solver.model == live.solver.model;
         let tracker = (new.networks != live.networks).then(|| load_tracker(&new.networks)).transpose()?;
-        let model = match load_model(&new.solver) {
-            Ok(_) if !is_new_model && new.solver.model.is_empty() => None,
-            Err(error) if !is_new_model => {
-                tracing::warn!("{error}; the present model stays");
-                None
-            }
-            model => Some(model?),
-        };
+        let keeps_model = is_same_model && new.solver.model.is_empty();
+        let model = replaced(keeps_model, is_same_model, "model", || load_model(&new.solver))?;
         let (is_same_wearer, mut wearer) = (is_same_profile(&new.wearer, &live.wearer), new.wearer.clone());
         if is_same_wearer {
             wearer.name = in_use.map_or_else(String::new, WearerName::to_string);
         }
-        let profile = match load_profile(&wearer) {
-            Ok(_) if is_same_wearer && wearer.name.is_empty() => None,
-            Err(error) if is_same_wearer => {
-                tracing::warn!("{error}; the present profile stays");
-                None
-            }
-            profile => Some(profile?),
-        };
+        let keeps_profile = is_same_wearer && wearer.name.is_empty();
+        let profile = replaced(keeps_profile, is_same_wearer, "profile", || load_profile(&wearer))?;
         let is_new_pair = model.is_some() || profile.is_some();
         let warning = is_new_pair.then(|| model_warning(&wearer, &new.solver)).flatten();
         let hot = HotChange { settings: Some(new.clone()), tracker, model, profile };
         let links = Links::change(&new.links, &live.links, traffic)?;
         let sender = SenderSettings { failsafe: new.failsafe.clone(), rate_hz: new.send.rate_hz, links };
         Ok(Self { settings: new, hot, sender, warning })
+    }
+}
+
+/// Loads a part, unless it `keeps` the present one. One of the same name that does not load any more leaves it in use.
+fn replaced<T, E: Error>(
+    keeps: bool,
+    is_same: bool,
+    what: &str,
+    load: impl FnOnce() -> Result<T, E>,
+) -> Result<Option<T>, E> {
+    match (!keeps).then(load).transpose() {
+        Err(error) if is_same => {
+            tracing::warn!("{error}; the present {what} stays");
+            Ok(None)
+        }
+        loaded => loaded,
     }
 }
 

@@ -150,11 +150,6 @@ pub(super) mod tests {
         greatest.profile.neutral = Some(Neutral::from_points(&[[-2.9999; 3]; LANDMARKS]).unwrap());
         (greatest.takes, greatest.profile.rest) = (Take::ALL.to_vec(), [-MAX_REST; COEFFS]);
         assert!(greatest.text().len() <= MAX_PROFILE_BYTES, "{}", greatest.text().len());
-        let model = Model::embedded();
-        let mut other = model.clone();
-        other.correction.0[51].lift += 1e-6;
-        assert_eq!(model_hash(&model), model_hash(&Model::embedded()));
-        assert_ne!(model_hash(&model), model_hash(&other), "models that differ in one number");
     }
 
     #[test]
@@ -165,16 +160,12 @@ pub(super) mod tests {
         flat.profile.neutral = Some(Neutral::from_points(&[[0.5; 3]; LANDMARKS]).unwrap());
         let cases = [
             (text.replace("format = 1", "format = 2"), "format 2"),
-            // Another layout is told by its number.
-            ("format = 9".to_owned(), "format 9"),
             (text.replace("gain = 1.2500", "gain = 99.0"), "blendshapes.eyeBlinkLeft"),
             (text.replace("rest = -0.2125", "rest = nan"), "blendshapes.eyeBlinkLeft"),
             (text.replacen("jawOpen", "jawOpem", 1), "there is no jawOpen"),
             (text.replacen("neutral = [\n[", "neutral = [\n[9999", 1), "landmark 0"),
             (text.replacen("neutral = [\n", "neutral = [\n[0,0,0],\n", 1), "479 landmarks"),
             (text.replace("\"eyes-shut\"", "\"neutral\""), "takes"),
-            (text.replace("takes", "tekes"), "damaged"),
-            (text.trim_end().rsplit_once('\n').unwrap().0.to_owned(), "51 blendshapes"),
             (" ".repeat(MAX_PROFILE_BYTES + 1), "16 KiB"),
             (flat.text(), "the neutral face"),
             ("\u{1b}[31m = 3".to_owned(), "damaged"),

@@ -305,34 +305,14 @@ fn bar(share: f32) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Refusal;
-
-    #[test]
-    fn lines_say_what_to_do_what_is_seen_and_what_is_missing() {
-        let progress = Progress {
-            take: Take::JawOpen,
-            done: 2,
-            of: 11,
-            phase: Phase::Wait,
-            measured: f32::NAN,
-            seen: 0.5,
-            waits_for: Some(Refusal::NotSeen),
-            refused: 1,
-            last_refusal: Some(Refusal::HeadMoves),
-        };
-        let [task, bars, state] = lines(&progress);
-        assert_eq!(task, "[ 3/11] Open your mouth wide");
-        assert!(bars.ends_with("measured ░░░░░░░░░░░░░░░░░░░░░░░░  seen ████████████░░░░░░░░░░░░"), "{bars}");
-        assert!(state.contains("waiting. No such movement is seen") && state.contains("refused 1: The head moves"));
-    }
 
     #[test]
     fn the_documents_name_every_request_of_the_control_socket() {
         let lines = include_str!("../../docs/calibration.md").lines().map(str::trim);
         let requests = lines.filter_map(|line| serde_json::from_str(&line[..=line.find('}')?]).ok());
-        let wearer = || Some("anna".to_owned());
-        let all = [Request::Calibrate { wearer: wearer() }, Request::Use { wearer: wearer() }, Request::List {}];
-        let all = [&all[..], &[Request::Delete { wearer: "anna".to_owned() }, Request::Record {}]].concat();
+        let (anna, wearer) = ("anna".to_owned(), || Some("anna".to_owned()));
+        let [calibrate, choose] = [Request::Calibrate { wearer: wearer() }, Request::Use { wearer: wearer() }];
+        let all = [calibrate, choose, Request::List {}, Request::Delete { wearer: anna }, Request::Record {}];
         assert_eq!(requests.collect::<Vec<Request>>(), all);
     }
 }

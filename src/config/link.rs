@@ -1,20 +1,16 @@
 //! Settings of a link: each kind of link has a table of keys of its own, and all kinds share the keys of the pace.
 
-use std::{
-    fmt,
-    net::{Ipv4Addr, SocketAddr},
-    path::Path,
-};
+use std::fmt;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::Path;
 
 use facewire_face::{Adjustments, BLENDSHAPES, COEFFS};
 
-use super::{
-    overlay::{Entry, Field, Overlay, Section, field, section},
-    value::{
-        Address, EXACTLY_36_CHARACTERS, JsonTarget, MOST_BITS, OSC_PREFIX, Parameters, SerialDevice,
-        UP_TO_64_CHARACTERS, address, choice, choices, flag, json_target, number, one_of, optional_address, parameters,
-        serial_device, socket_address, table, text, whole,
-    },
+use super::overlay::{Entry, Field, Overlay, Section, field, section};
+use super::value::{
+    Address, EXACTLY_36_CHARACTERS, JsonTarget, MOST_BITS, OSC_PREFIX, Parameters, SerialDevice, UP_TO_64_CHARACTERS,
+    address, choice, choices, flag, json_target, number, one_of, optional_address, parameters, serial_device,
+    socket_address, table, text, whole,
 };
 
 /// Most packets per second to the microcontroller board: fewer than a line of 115200 baud carries, and more than hobby

@@ -1,16 +1,12 @@
 //! Settings: TOML files laid over the defaults.
 //!
-//! Role: reads `--board` and `--config` into one typed [`Settings`]. The board's file overrides the defaults, and the
-//! user's file overrides the board's. A file contains only the settings that it changes, and may name the board. Which
-//! board this is, the caller finds out.
-//! Contract: either every setting is valid, or [`Faults`] names every fault at once, each with key, value and bounds.
-//! Settings are judged by their text alone: no device, host or model file is touched. Links judge theirs, see [`load`].
-//! `settings.rs` and `link.rs` declare each key with its type, default and bounds; `systemd/facewire.toml` and
-//! `links.toml` explain them.
+//! The board's file overrides the defaults, and the user's file, which may name the board, overrides the board's. Either
+//! every setting is valid, or [`Faults`] names every fault at once, each with key, value and bounds. Settings are judged
+//! by their text alone: no device, host or model file is touched. `settings.rs` and `link.rs` declare each key with its
+//! type, default and bounds; `systemd/facewire.toml` and `links.toml` explain them.
 
 mod link;
 mod overlay;
-mod rehearsal;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -19,11 +15,10 @@ mod value;
 use std::path::Path;
 
 pub use link::*;
-pub use overlay::{Fault, Faults};
-pub use rehearsal::{BadScript, Scene, Script};
+pub use overlay::Faults;
 pub use settings::*;
 pub(crate) use value::quoted;
-pub use value::{Address, Choice, JsonTarget, Listen, Parameters, SerialDevice};
+pub use value::{Address, BadScript, Choice, JsonTarget, Listen, Parameters, Scene, Script, SerialDevice};
 
 use self::overlay::{Entry, Overlay, Section as _};
 use crate::calibration::WearerName;
@@ -78,9 +73,8 @@ pub fn default_link(name: &str) -> Option<String> {
     Some(format!("[[link]]\n{}{}", paragraphs.join("\n"), channel.unwrap_or_default()))
 }
 
-/// Loads the settings of a run: the defaults, overridden by the board, overridden by the file. `argument` takes precedence
-/// over the board that the file names. `detected` is the board that was recognised, for "auto". `check` adds the faults
-/// that settings can have besides, such as those of links.
+/// Loads the settings of a run. `argument` takes precedence over the board that the file names. `detected` is the board
+/// that was recognised, for "auto". `check` adds the faults that settings can have besides, such as those of links.
 pub fn load(
     argument: Option<&str>,
     detected: &str,
@@ -141,7 +135,7 @@ fn lay(
     file.lay(&document, &mut settings, &mut faults);
     check(&settings, &mut faults);
     check_more(&settings, &mut faults);
-    if faults.iter().next().is_none() { Ok(settings) } else { Err(faults) }
+    if faults.is_empty() { Ok(settings) } else { Err(faults) }
 }
 
 /// Returns the board called `name`. [`AUTO`] stands for the board called `detected`.

@@ -1,12 +1,9 @@
-//! Lays a TOML file over settings, and collects its faults. One `section!` makes the struct of a table, its defaults, the
-//! reader of its keys, and the comparison of two.
+//! Lays a TOML file over settings, and collects its faults.
 
 use std::fmt;
 
-use toml::{
-    Spanned,
-    de::{DeTable, DeValue},
-};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
 
 use super::value::Reader;
 
@@ -15,26 +12,23 @@ const SMOOTHING: &str = "[smoothing] has a filter and a time for each part of th
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
-/// A fault of the settings. Displays as one line.
-#[derive(Debug, thiserror::Error)]
-#[error("{}{sentence}", place.as_ref().map_or_else(String::new, |place| format!("{place}: ")))]
-pub struct Fault {
-    /// The position as `file:line`, unless the fault is that of a file or of several settings together.
-    pub place: Option<String>,
+#[derive(Debug)]
+struct Fault {
     key: String,
     /// Whether the value is wrong by itself: of another type, or out of bounds.
     is_invalid_value: bool,
+    /// Begins with `file:line:`, unless the fault is that of a file or of several settings together.
     sentence: String,
 }
 
 /// All faults of the settings, displayed one per line.
 #[derive(Debug, Default, thiserror::Error)]
-#[error("{}", .0.iter().map(Fault::to_string).collect::<Vec<_>>().join("\n"))]
+#[error("{}", .0.iter().map(|fault| &*fault.sentence).collect::<Vec<_>>().join("\n"))]
 pub struct Faults(Vec<Fault>);
 
 impl Faults {
     pub(super) fn push(&mut self, sentence: String) {
-        self.0.push(Fault { place: None, key: String::new(), is_invalid_value: false, sentence });
+        self.0.push(Fault { key: String::new(), is_invalid_value: false, sentence });
     }
 
     /// Adds the fault that a value is valid by itself, but not together with other settings.
@@ -52,8 +46,8 @@ impl Faults {
         self.0.iter().any(|fault| fault.key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.')))
     }
 
-    pub fn iter(&self) -> impl Iterator<Item = &Fault> {
-        self.0.iter()
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
     }
 }
 
@@ -94,6 +88,7 @@ pub fn field<'a, T>(key: &'static str, setting: &'a mut T, read: impl Reader<T> 
 }
 
 /// Declares tables of settings: `field: Type = default, reader;` for each key, or `field "key": ...` if their names differ.
+/// Makes the struct of each table, its defaults, the reader of its keys, and the comparison of two.
 macro_rules! section {
     ($(
         $(#[doc = $doc:literal])*
@@ -190,8 +185,9 @@ impl<'a> Overlay<'a> {
 
     fn fault(&mut self, start: usize, key: String, is_invalid_value: bool, sentence: String) {
         let before = self.text.get(..start).unwrap_or_default();
-        let place = Some(format!("{}:{}", self.source, 1 + before.matches('\n').count()));
-        self.found.push((start, Fault { place, key, is_invalid_value, sentence }));
+        let line = 1 + before.matches('\n').count();
+        let sentence = format!("{}:{line}: {sentence}", self.source);
+        self.found.push((start, Fault { key, is_invalid_value, sentence }));
     }
 }
 

@@ -169,7 +169,7 @@ pub fn serial_device() -> impl Reader<SerialDevice> {
 pub struct Address(String);
 
 impl Address {
-    /// Reads an address. Returns `None` unless the text is a host, a colon and a port from 1 to 65535.
+    /// Returns `None` unless the text is a host, a colon and a port from 1 to 65535.
     pub fn new(text: &str) -> Option<Self> {
         let (host, port) = text.rsplit_once(':')?;
         let is_bracketed = host.starts_with('[') && host.ends_with(']');
@@ -287,4 +287,60 @@ pub fn parameters() -> impl Reader<Parameters> {
         let entries = text.split(',').map(str::trim).filter(|entry| !entry.is_empty());
         entries.map(entry).collect::<Option<_>>().map(Parameters)
     })
+}
+
+/// Longest scene of a script, seconds.
+const LONGEST_SCENE_S: f64 = 86_400.0;
+
+choices! {
+    /// What the camera does for a while: it shows a grey picture, damaged, dark or cut-off pictures; delivers no frame
+    /// (silent), neither a frame nor an error (hung) or every other frame, like a camera that exposes longer; loses every
+    /// eighth frame; or plays the clip on a board that takes so many frame periods to decode a frame. A slow JPEG decoder
+    /// takes two, and half of one for half the width and height.
+    pub enum Scene: Live = "live", NoFace = "no-face", Damaged = "damaged", Silent = "silent", Hung = "hung",
+    Gone = "gone", Dark = "dark", CutOff = "cut-off", HalfRate = "half-rate", Lossy = "lossy", Slow2 = "slow-2",
+    Slow4 = "slow-4", Slow8 = "slow-8", SlowJpeg = "slow-jpeg", Hot = "hot", Undervoltage = "undervoltage"
+}
+
+impl Scene {
+    /// The scenes of a random rehearsal: each tells by itself what receivers then see.
+    pub const RANDOM: [Self; 6] = [Self::Live, Self::NoFace, Self::Damaged, Self::Silent, Self::Hung, Self::Gone];
+}
+
+/// The script of a camera that plays the built-in clip with faults, over and over.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Script {
+    /// Scenes and their lengths in microseconds.
+    Scenes(Vec<(Scene, u64)>),
+    /// Random faults from this seed.
+    Random(u64),
+}
+
+/// A rehearsal whose script cannot be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BadScript;
+
+impl Script {
+    /// Describes a valid script; the text follows "give".
+    pub const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
+         damaged, silent, hung, gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, slow-jpeg, hot and \
+         undervoltage with their seconds, or \"rehearsal: random 7\"";
+
+    /// Reads the script in the camera setting `device`. Returns `None` if the setting names no rehearsal.
+    pub fn of(device: &str) -> Option<Result<Self, BadScript>> {
+        device.strip_prefix("rehearsal:").map(|script| Self::parse(script).ok_or(BadScript))
+    }
+
+    fn parse(script: &str) -> Option<Self> {
+        if let Some(seed) = script.trim().strip_prefix("random ") {
+            return seed.trim().parse().ok().map(Self::Random);
+        }
+        let scene = |text: &str| {
+            let (name, length) = text.trim().split_once(' ')?;
+            let (_, scene) = Scene::ALL.iter().find(|(known, _)| *known == name)?;
+            let length_s: f64 = length.trim().parse().ok()?;
+            (0.001..=LONGEST_SCENE_S).contains(&length_s).then(|| (*scene, (length_s * 1e6).round() as u64))
+        };
+        script.split(',').map(scene).collect::<Option<_>>().map(Self::Scenes)
+    }
 }

@@ -161,14 +161,11 @@ mod tests {
             (PI4, "thermal_zone0/temp=80100", "hot", "processor 80.1 °C"),
             // Sensors that are not ready return nonsense.
             (PI4, "thermal_zone0/temp=-274000", "none", "no temperature sensor"),
-            (PI4, "thermal_zone0/temp=327670", "none", "no temperature sensor"),
-            (PI4, "thermal_zone0/temp=", "none", "no temperature sensor"),
             (PI4, "hwmon1/in0_lcrit_alarm=1", "undervoltage", "; supply voltage too low"),
             // Other chips have alarms of other voltages.
             (PI4, "hwmon1/in0_lcrit_alarm=1 hwmon1/name=ina219", "none", "1800 MHz"),
             (PI4, "cooling_device1/type=pwm-fan cooling_device1/cur_state=3", "none", good),
             (PI4, "cooling_device1/type=thermal-cpufreq-0 cooling_device1/cur_state=1", "hot", ", slowed down"),
-            (PI4, "cooling_device1/type=Processor cooling_device1/cur_state=1", "hot", ", slowed down"),
             (PI4, slow, "slow-governor", slow_shown),
             (RK3588, "", "none", "processor 71.0 °C (bigcore0-thermal), limit 85 °C"),
             (PC, "", "none", "processor 61.0 °C (x86_pkg_temp), limit 85 °C"),
@@ -189,16 +186,10 @@ mod tests {
         assert_eq!(read([RK3588, ""], settings), want);
         // Governors that save power are slow, and those that follow the load are not.
         let cases = [
-            ("performance", "cpufreq-dt", "1800000", "", "none"),
-            ("schedutil", "cpufreq-dt", "600000", "", "none"),
             ("ondemand", "cpufreq-dt", "600000", "", "none"),
-            ("powersave", "cpufreq-dt", "600000", "", "slow-governor"),
             ("powersave", "intel_cpufreq", "600000", "", "slow-governor"),
             ("powersave", "intel_pstate", "700000", "balance_performance", "none"),
-            ("powersave", "amd-pstate-epp", "700000", "balance_power", "none"),
             ("powersave", "intel_pstate", "700000", "power", "slow-governor"),
-            ("powersave", "intel_pstate", "700000", "", "none"),
-            ("conservative", "cpufreq-dt", "600000", "", "slow-governor"),
             ("conservative", "cpufreq-dt", "1500000", "", "none"),
             ("userspace", "cpufreq-dt", "1000000", "", "slow-governor"),
         ];

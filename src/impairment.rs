@@ -9,7 +9,6 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 /// Declares the impairments: the name in the status line and in the metrics, and a sentence with the remedy.
 macro_rules! impairments {
     ($( $(#[doc = $doc:literal])* $variant:ident = $name:literal, $sentence:literal; )*) => {
-        /// A condition under which tracking is poor.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Impairment {
             $( $(#[doc = $doc])* $variant, )*
@@ -105,7 +104,6 @@ pub struct Impairments {
 }
 
 impl Impairments {
-    /// States which of these impairments are present.
     pub fn set_all(&self, judged: impl IntoIterator<Item = Impairment>, present: ImpairmentSet) {
         judged.into_iter().for_each(|impairment| self.set(impairment, present.contains(impairment)));
     }

@@ -38,7 +38,6 @@ impl Listener {
         Ok(Self { socket, path })
     }
 
-    /// Accepts the waiting connection, which does not block.
     pub fn accept(&self) -> io::Result<OwnedFd> {
         Ok(accept_with(&self.socket, SocketFlags::NONBLOCK | SocketFlags::CLOEXEC)?)
     }

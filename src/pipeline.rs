@@ -9,20 +9,18 @@ use facewire_face::{Camera, Face, InferError, Solution, SolveError, Solver, Trac
 use facewire_packet::Reason;
 
 use crate::calibration::Observation;
-use crate::capture::{Content, Frame, Source};
+use crate::capture::{Content, Frame};
 use crate::config::Settings;
 use crate::link::Pose;
 use crate::preflight::{SetupError, load_solver, load_tracker};
 use crate::recording::Recorded;
 
-/// Why a frame has no solution.
 #[derive(Debug, thiserror::Error)]
 pub enum Rejected {
     #[error("no face in the picture")]
     NoFace,
     #[error(transparent)]
     Infer(#[from] InferError),
-    /// The landmarks cannot be solved.
     #[error(transparent)]
     Unsolved(#[from] SolveError),
 }
@@ -43,7 +41,6 @@ pub struct StageTimes {
     pub solve: Option<Duration>,
 }
 
-/// Runs a stage and measures its duration, which is used for statistics only.
 fn timed<T>(time: &mut Option<Duration>, stage: impl FnOnce() -> T) -> T {
     let begun = Instant::now();
     let result = stage();
@@ -51,7 +48,6 @@ fn timed<T>(time: &mut Option<Duration>, stage: impl FnOnce() -> T) -> T {
     result
 }
 
-/// All that one frame gave.
 pub struct Processed<'a> {
     pub solved: Result<Solution, Rejected>,
     /// The face, unless the frame was rejected: after a failed inference the landmarks may be half written.
@@ -63,7 +59,6 @@ pub struct Processed<'a> {
 }
 
 impl Processed<'_> {
-    /// The pose to show, or why there is none.
     pub fn pose(&self) -> Result<Pose, Reason> {
         self.solved.as_ref().map(Pose::from).map_err(Rejected::reason)
     }
@@ -98,27 +93,16 @@ pub struct Pipeline {
     /// Finds the landmarks in pictures. `None` for a source of landmarks.
     pub tracker: Option<Tracker>,
     pub solver: Solver,
-    /// Angle of view of the camera, for the position of the head.
     pub horizontal_fov_deg: f32,
 }
 
 impl Pipeline {
-    pub fn load(settings: &Settings) -> Result<Self, SetupError> {
+    /// Loads a pipeline for frames that are pictures, or else landmarks, which need no networks.
+    pub fn load(settings: &Settings, are_pictures: bool) -> Result<Self, SetupError> {
         // The model comes first, so that the networks take the memory that reading it leaves free.
-        let pipeline = Self::for_landmarks(load_solver(settings)?, settings.camera.horizontal_fov_deg);
-        Ok(Self { tracker: Some(load_tracker(&settings.networks)?), ..pipeline })
-    }
-
-    pub fn load_for(source: &dyn Source, settings: &Settings) -> Result<Self, SetupError> {
-        if source.shows_pictures() {
-            return Self::load(settings);
-        }
-        Ok(Self::for_landmarks(load_solver(settings)?, settings.camera.horizontal_fov_deg))
-    }
-
-    /// A pipeline for frames of landmarks, which were found before.
-    pub fn for_landmarks(solver: Solver, horizontal_fov_deg: f32) -> Self {
-        Self { tracker: None, solver, horizontal_fov_deg }
+        let solver = load_solver(settings)?;
+        let tracker = are_pictures.then(|| load_tracker(&settings.networks)).transpose()?;
+        Ok(Self { tracker, solver, horizontal_fov_deg: settings.camera.horizontal_fov_deg })
     }
 
     /// Returns the face that the frame brings, or else the one that the tracker finds in its picture. `None` if there is

@@ -16,7 +16,6 @@ use crate::link::Pose;
 use crate::pipeline::Pipeline;
 use crate::service::failsafe::{Failsafe, History, News};
 
-/// Why a file cannot be played further.
 #[derive(Debug, thiserror::Error)]
 pub enum PlaybackError {
     #[error(transparent)]
@@ -25,7 +24,6 @@ pub enum PlaybackError {
     Infer(#[from] InferError),
 }
 
-/// What was found in one frame of the file.
 #[derive(Debug, Clone)]
 pub struct TrackedFrame {
     pub number: u64,
@@ -38,7 +36,6 @@ pub struct TrackedFrame {
     pub damaged: bool,
 }
 
-/// What the service would send for one frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Shown {
     pub solution: Option<Solution>,
@@ -48,7 +45,6 @@ pub struct Shown {
     pub pose: Pose,
 }
 
-/// A pipeline with the failsafe behind it.
 pub struct Playback {
     pub pipeline: Pipeline,
     failsafe: Failsafe,

@@ -40,7 +40,6 @@ pub fn is_same_profile(one: &WearerSettings, other: &WearerSettings) -> bool {
     (&one.name, &one.folder) == (&other.name, &other.folder)
 }
 
-/// Loads the profile of the wearer that the settings name, or nobody's.
 pub fn load_profile(settings: &WearerSettings) -> Result<Profile, StoreError> {
     match WearerName::new(&settings.name) {
         Some(name) => Ok(Store::new(&settings.folder).load(&name)?.profile),
@@ -71,7 +70,6 @@ pub fn shaping(settings: &Settings) -> Shaping {
     Shaping { rules: settings.plausibility, filters, adjustments: settings.adjust.clone() }
 }
 
-/// A solver by the settings, for a wearer of whom nothing is known.
 pub fn load_solver(settings: &Settings) -> Result<Solver, SetupError> {
     let mut solver = Solver::new(load_model(&settings.solver)?, Profile::default(), shaping(settings));
     solver.neutral_mode = settings.wearer.neutral;

@@ -4,7 +4,6 @@ use std::collections::VecDeque;
 use std::fmt::Display;
 use std::time::Duration;
 
-/// The longest wait between two attempts.
 pub const LONGEST_WAIT: Duration = Duration::from_secs(1);
 const FIRST_WAIT: Duration = Duration::from_millis(100);
 
@@ -25,7 +24,6 @@ impl BackOff {
 #[derive(Debug, Default)]
 pub struct LoggedReasons(VecDeque<String>);
 
-/// Reasons that are remembered. A further one takes the place of the oldest.
 const MAX_REASONS: usize = 8;
 
 impl LoggedReasons {
@@ -52,7 +50,6 @@ pub struct Retry {
 }
 
 impl Retry {
-    /// Logs what is missing and why, once for each reason.
     pub fn warn(&mut self, missing: &impl Display) {
         let reason = missing.to_string();
         if self.logged.is_new(&reason) {

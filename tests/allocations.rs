@@ -45,7 +45,7 @@ impl Way {
         let settings = config::parse("test", &link).unwrap();
         let traffic = Arc::<Traffic>::default();
         Self {
-            pipeline: Pipeline::load(&settings).unwrap_or_else(|error| panic!("{error}")),
+            pipeline: Pipeline::load(&settings, true).unwrap_or_else(|error| panic!("{error}")),
             failsafe: Failsafe::new(&settings.failsafe, 33_333),
             history: History::default(),
             link: Link::open(&settings.links[0], &traffic).unwrap(),

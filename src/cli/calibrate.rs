@@ -208,7 +208,7 @@ fn lost(path: &Path, error: &io::Error) -> Failure {
 
 fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
     say("no service answers: opening the camera");
-    let mut pipeline = Pipeline::load(settings)?;
+    let mut pipeline = Pipeline::load(settings, true)?;
     let mut camera = OpenCamera::open(&settings.camera)?;
     let outcome = guide(&mut camera, &mut pipeline);
     // A camera that does not close must not cost the result.

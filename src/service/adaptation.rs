@@ -1,15 +1,13 @@
 //! Decides on which [`Step`] the pipeline runs: down when the board is too slow, hot or badly supplied, up again later;
 //! and whether the camera is opened with half the width and height, because decoding takes too long.
 //!
-//! It is a pure state machine, stepped by time like the failsafe. Too slow means that four in sixteen frames take longer
-//! than their step allows, for half a second. The step then follows from what a frame takes, so that a constant load
-//! changes it once. It goes up when a frame has taken little enough for the step above, without a break, for
-//! [`Cause::calm_us`]. Heat and low voltage take it down by one step at a time. A step up that fails multiplies this
-//! time, so that no load makes the steps oscillate. A governor that saves power slows the processor down when there is
-//! less to do, so that a frame seems to take long. Therefore the step above is tried from time to time whatever a frame
-//! takes. Opening the camera again interrupts the face for up to a second. A small picture is chosen only if the time
-//! saved lets the pipeline go up a step, and the full size comes back only after it would have left time on the first
-//! step for ten minutes.
+//! It is a pure state machine, stepped by time. Too slow means that four in sixteen frames take longer than their step
+//! allows, for half a second. The step then follows from what a frame takes, so that a constant load changes it once. It
+//! goes up when a frame has taken little enough for the step above for [`Cause::calm_us`]. A step up that fails
+//! multiplies this time, so that no load makes the steps oscillate. A governor that saves power slows the processor down
+//! when there is less to do, so that a frame seems to take long: therefore the step above is tried from time to time.
+//! Opening the camera again interrupts the face, so a small picture is chosen only if the time saved lets the pipeline go
+//! up a step.
 
 #[cfg(test)]
 mod tests;
@@ -118,7 +116,6 @@ impl Step {
         (camera * self.every()).min(LONGEST_PERIOD.max(camera))
     }
 
-    /// Whether the step is not too slow for a camera with this frame period.
     fn suits(self, camera: Duration) -> bool {
         self.every() == 1 || camera * self.every() <= LONGEST_PERIOD
     }
@@ -140,7 +137,6 @@ impl fmt::Display for Step {
     }
 }
 
-/// Why the pipeline is not on [`Step::Full`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Cause {
     Slow,
@@ -159,7 +155,6 @@ impl Cause {
         }
     }
 
-    /// How long all must be well before the first attempt to go up.
     fn calm_us(self) -> u64 {
         match self {
             Self::Slow => 10_000_000,
@@ -168,7 +163,6 @@ impl Cause {
     }
 }
 
-/// What the step and the size of the picture depend on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Conditions {
     /// Whether the settings allow any step but the first, and a small picture.
@@ -210,7 +204,7 @@ impl Adaptation {
             self.wait.take_back(now_us, [cause.calm_us(), LONGEST_WAIT_US]);
             self.change(now_us, step, Some(cause));
         } else if let Some(step) = self.higher(now_us, conditions) {
-            self.wait.attempt(now_us);
+            self.wait.attempted_us = Some(now_us);
             self.change(now_us, step, self.cause.filter(|_| step != Step::Full));
         }
         self.picture.update(now_us, conditions, self.step, self.cause);
@@ -226,8 +220,9 @@ impl Adaptation {
         self.overloaded_since_us = load.map(|_| self.overloaded_since_us.unwrap_or(now_us));
         let is_overloaded = self.overloaded_since_us.is_some_and(|us| now_us.saturating_sub(us) >= OVERLOAD_US);
         let overload = load.filter(|_| is_overloaded).map(|load| (load, load.fitting(self.step)));
-        self.is_too_slow =
-            overload.is_some_and(|(load, fitting)| fitting == self.step && load.is_too_slow_on(self.step));
+        // Then its pose is too old for the failsafe.
+        let is_late = |load: Load| load.share_on(self.step) > LIVE_FRAMES as f64;
+        self.is_too_slow = overload.is_some_and(|(load, fitting)| fitting == self.step && is_late(load));
         let cooler = || Some((self.cooler(now_us, conditions)?, conditions.throttled_by()?));
         overload.map(|(_, fitting)| (fitting, Cause::Slow)).or_else(cooler).filter(|(step, _)| *step > self.step)
     }
@@ -282,15 +277,8 @@ impl Load {
         self.share_on(step) <= FITS_WELL
     }
 
-    /// The load if decoding took this long.
     fn with_decoding(self, decoding: Duration) -> Self {
         Self { busy: self.busy.saturating_sub(self.decoding) + decoding, decoding, ..self }
-    }
-
-    /// Whether a frame takes so long that its pose is too old for the failsafe, even on this step: the face is never
-    /// live.
-    fn is_too_slow_on(&self, step: Step) -> bool {
-        self.share_on(step) > LIVE_FRAMES as f64
     }
 }
 
@@ -303,10 +291,6 @@ struct ProbeBackoff {
 }
 
 impl ProbeBackoff {
-    fn attempt(&mut self, now_us: u64) {
-        self.attempted_us = Some(now_us);
-    }
-
     /// Takes the last attempt back, if there was one. The wait grows if it has failed, and is the least again if it
     /// lasted.
     fn take_back(&mut self, now_us: u64, [least_us, longest_us]: [u64; 2]) {
@@ -319,13 +303,11 @@ impl ProbeBackoff {
     }
 }
 
-/// Which size of picture the camera is opened with.
 #[derive(Debug, Default)]
 pub(super) struct PictureSize {
     pub(super) is_small: bool,
     /// Since when the other size has been the better one.
     better_since_us: Option<u64>,
-    /// How long a full-sized picture must be possible.
     wait: ProbeBackoff,
 }
 
@@ -350,7 +332,7 @@ impl PictureSize {
         if self.is_small {
             self.wait.take_back(now_us, FULL_AFTER_US);
         } else {
-            self.wait.attempt(now_us);
+            self.wait.attempted_us = Some(now_us);
         }
     }
 }

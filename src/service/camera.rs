@@ -28,7 +28,6 @@ pub struct OpenCamera {
 }
 
 impl OpenCamera {
-    /// Opens the camera of the settings and waits for its first picture.
     pub fn open(settings: &CameraSettings) -> Result<Self, CaptureError> {
         let mut camera = Self::begin(settings, false)?;
         camera.await_picture(|| {})?;
@@ -130,7 +129,6 @@ impl Watcher {
         }
     }
 
-    /// Judges what the camera has delivered, if a window is complete.
     pub(super) fn count(&mut self, camera: &mut dyn Source) {
         if let Some(delivery) = camera.take_delivery() {
             self.watch.delivery(&delivery, self.stated_us, monotonic_us());
@@ -150,7 +148,6 @@ mod tests {
     use super::*;
     use crate::capture::{Clip, Content, Description};
 
-    /// The built-in clip with damaged frames at its beginning.
     struct DamagedClip {
         clip: Clip,
         damaged: u32,
@@ -172,8 +169,7 @@ mod tests {
     fn a_camera_is_accepted_at_its_first_intact_frame_and_given_up_after_eight_damaged_ones_in_a_row() {
         for (damaged, expected) in [(0, 0), (7, 7), (100, 8)] {
             let source = Box::new(DamagedClip { clip: Clip::looped().unwrap(), damaged });
-            let mut camera = OpenCamera { source, damaged: None };
-            let mut counted = 0;
+            let (mut camera, mut counted) = (OpenCamera { source, damaged: None }, 0);
             let outcome = camera.await_picture(|| counted += 1);
             let is_given_up = matches!(outcome, Err(CaptureError::AllDamaged { count: 8, fault: FrameFault::NotJpeg }));
             assert_eq!((counted, is_given_up), (expected, damaged == 100));

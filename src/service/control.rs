@@ -1,10 +1,10 @@
 //! The control thread: programs on this machine calibrate wearers, choose the one in use, record, and read the metrics
 //! while the service runs.
 //!
-//! It has two doors: a Unix socket in the runtime directory, which only the service's user and root may open, and the
-//! address of the metrics. One calibration and one recording run at a time, and a client that closes its connection ends
-//! its own. No client can hold up the thread: connections do not block, and their number, the length of a request and the
-//! time until it has come are limited.
+//! It has two doors: a Unix socket in the runtime directory, for the service's user and root alone, and the address of
+//! the metrics. One calibration and one recording run at a time, and a client that closes its connection ends its own. No
+//! client can hold up the thread: connections do not block, and their number, the length of a request and the time until
+//! it has come are limited.
 
 pub(super) mod client;
 
@@ -60,7 +60,6 @@ const SILENT_FRAMES: u64 = 3;
 const PROGRESS_US: u64 = 60_000;
 /// How long a stopping service waits for a profile that is being written.
 const DISK_PATIENCE: Duration = Duration::from_secs(1);
-/// Stack of the thread: reading a profile and a model takes most of it.
 const STACK_BYTES: usize = 512 << 10;
 /// The wearer who is calibrated if the client names none and none is in use.
 pub const DEFAULT_WEARER: &str = "default";
@@ -122,7 +121,6 @@ impl Door {
         self.rests_until.is_some_and(|until| Instant::now() < until)
     }
 
-    /// Opens the socket. That for requests is for its user alone.
     fn bind(&self) -> io::Result<Listener> {
         let (Listen::Unix(path), Speaks::Requests) = (&self.listen, self.speaks) else {
             return Listener::bind(&self.listen);
@@ -189,7 +187,6 @@ impl Server {
         self.parts.recorded.ask(false);
     }
 
-    /// Waits until there is something to do, and lets clients in. Returns `false` if the thread is to stop.
     fn wait(&mut self) -> bool {
         self.doors.iter_mut().for_each(Door::open);
         let doors = self.doors.iter().filter_map(|door| {
@@ -273,7 +270,6 @@ impl Server {
         }
     }
 
-    /// Sends the last that a client gets. A client that does not read it harms only itself.
     fn send(&mut self, mut client: Client, send: impl FnOnce(&mut Client) -> io::Result<()>) {
         if send(&mut client).is_ok() && client.is_behind() {
             self.clients.push(client);
@@ -359,20 +355,20 @@ impl Server {
 
     fn calibrate(&mut self) {
         let Some(calibrating) = &mut self.calibrating else { return };
-        if calibrating.has_failed || calibrating.client.has_gone(STREAM_PATIENCE) {
+        let silent_us = SILENT_US.max(SILENT_FRAMES * self.parts.counters.frame_period_us.load(Relaxed));
+        let mut next = self.parts.observed.take();
+        let told = loop {
+            let told = calibrating.step(next.as_ref(), silent_us, monotonic_us());
+            next = self.parts.observed.take();
+            if next.is_none() || told.is_err() || calibrating.guide.outcome().is_some() {
+                break told;
+            }
+        };
+        if told.is_err() || calibrating.client.has_gone(STREAM_PATIENCE) {
             tracing::info!("calibration of wearer {} cancelled", calibrating.name);
             self.parts.observed.ask(false);
             self.calibrating = None;
             return;
-        }
-        let silent_us = SILENT_US.max(SILENT_FRAMES * self.parts.counters.frame_period_us.load(Relaxed));
-        let mut next = self.parts.observed.take();
-        loop {
-            calibrating.step(next.as_ref(), silent_us, monotonic_us());
-            next = self.parts.observed.take();
-            if next.is_none() || calibrating.guide.outcome().is_some() {
-                break;
-            }
         }
         let Some(outcome) = calibrating.guide.outcome() else { return };
         let name = calibrating.name.clone();
@@ -408,14 +404,12 @@ impl Server {
     }
 }
 
-/// What a client gets, or why not and what to do.
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
 fn named(text: &str) -> Result<WearerName, String> {
     WearerName::new(text).ok_or_else(|| format!("no name of a wearer: give {}", WearerName::EXPECTED))
 }
 
-/// A calibration in progress, and the client that has asked for it.
 struct Calibrating {
     client: Client,
     name: WearerName,
@@ -424,40 +418,38 @@ struct Calibrating {
     observed_us: u64,
     /// What the client was told last, and when.
     told: Option<(Progress, u64)>,
-    has_failed: bool,
 }
 
 impl Calibrating {
     fn new(client: Client, name: WearerName, guide: Guide, now_us: u64) -> Self {
-        Self { client, name, guide, observed_us: now_us, told: None, has_failed: false }
+        Self { client, name, guide, observed_us: now_us, told: None }
     }
 
     /// Takes in an observation if there is one, or that there was none for the time `silent_us`, and tells the client.
-    fn step(&mut self, observation: Option<&Observation>, silent_us: u64, now_us: u64) {
+    fn step(&mut self, observation: Option<&Observation>, silent_us: u64, now_us: u64) -> io::Result<()> {
         match observation {
             Some(observation) => self.guide.update(observation),
             None if now_us.saturating_sub(self.observed_us) > silent_us => {
                 self.guide.update(&Observation::nothing(now_us));
             }
-            None => return,
+            None => return Ok(()),
         }
         self.observed_us = now_us;
         let progress = self.guide.progress();
         let is_known = self.told.as_ref().is_some_and(|(told, told_us)| {
             now_us.saturating_sub(*told_us) < PROGRESS_US && told.says_the_same(&progress)
         });
-        self.has_failed = self.client.flush().is_err();
+        self.client.flush()?;
         if !is_known && !self.client.is_behind() {
-            self.has_failed |= self.client.send(&Reply::Progress(progress.clone())).is_err();
+            self.client.send(&Reply::Progress(progress.clone()))?;
             self.told = Some((progress, now_us));
         }
+        Ok(())
     }
 }
 
-/// A recording in progress, and the client that has asked for it.
 struct Recording {
     client: Client,
-    /// When the client was sent something last.
     sent_us: u64,
     /// The time of the last entry, when it was made, and whether it was a frame.
     last: Option<(u64, u64, bool)>,

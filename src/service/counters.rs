@@ -32,7 +32,6 @@ pub(super) struct Counters {
     /// Whether SIGHUP and SIGUSR1 have asked to read the settings again and to write the status line.
     pub(super) wants_reload: Arc<AtomicBool>,
     pub(super) wants_status: Arc<AtomicBool>,
-    /// Whether the sender is to stop.
     pub(super) stop_sending: AtomicBool,
     pub(super) heartbeats: Heartbeats,
     pub(super) frames: AtomicU64,
@@ -100,7 +99,6 @@ macro_rules! rows {
 
 type Values = (String, Vec<(&'static str, f64)>);
 
-/// Counts, each with its key in the status line and the value of its label.
 fn counts<const N: usize>(counts: [(&str, &'static str, &AtomicU64); N]) -> Values {
     let counts = counts.map(|(key, value, count)| (key, value, count.load(Relaxed)));
     let samples = counts.map(|(_, value, count)| (value, count as f64));
@@ -115,7 +113,6 @@ fn flag(text: &str, is_set: bool) -> Values {
     (text.to_owned(), vec![("", f64::from(u8::from(is_set)))])
 }
 
-/// Those of the names that hold at present.
 fn present<const N: usize>(key: &str, names: [&'static str; N], holds: impl Fn(usize) -> bool) -> Values {
     let samples: Vec<_> = names.into_iter().zip(0..).map(|(name, at)| (name, f64::from(u8::from(holds(at))))).collect();
     let held: Vec<_> = samples.iter().filter(|(_, holds)| *holds > 0.0).map(|(name, _)| *name).collect();
@@ -127,7 +124,6 @@ impl Counters {
         self.stop.load(Relaxed)
     }
 
-    /// Tells all threads to stop.
     pub(super) fn stop(&self) {
         self.stop.store(true, Relaxed);
         self.stop_sending.store(true, Relaxed);
@@ -181,7 +177,6 @@ impl Counters {
         self.step_changes.fetch_add(1, Relaxed);
     }
 
-    /// The table of all counters, in the order of the status line.
     pub(super) fn rows(&self) -> Vec<Row> {
         let impaired_by = self.impairments.present();
         let begun = self.impairments.begun().map(|(name, count)| (name, count as f64)).collect();

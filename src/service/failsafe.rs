@@ -31,7 +31,6 @@ const ROTATION_TOLERANCE: f32 = 1e-2;
 /// Farther than any camera sees a face, and within the 16 bits of the packet.
 const POSITION_LIMIT_MM: f32 = 32_000.0;
 
-/// The limits of the failsafe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Failsafe {
     live_us: u64,
@@ -68,7 +67,6 @@ impl Failsafe {
         Self { live_us, hold_us, neutral_us, slew_per_s }
     }
 
-    /// Lets time pass, takes in the news, moves the output and returns it.
     pub fn update(&self, history: &mut History, now_us: u64, news: &News) -> Output {
         let before_us = history.output.age_us;
         let elapsed_us = history.advance(now_us);
@@ -120,7 +118,6 @@ impl Failsafe {
         }
     }
 
-    /// Takes in the news. Returns whether the output follows a new pose from now on.
     fn hear(&self, history: &mut History, now_us: u64, news: &News) -> bool {
         let (pose, capture_us) = match *news {
             News::Nothing => return false,
@@ -135,18 +132,16 @@ impl Failsafe {
         if age_us >= self.live_us {
             return history.fault(Reason::Late);
         }
-        let recovery = &mut history.recovery;
-        if recovery.poses == 0 || recovery.since_last_us >= self.live_us {
-            *recovery = Recovery::default();
+        let Recovery { poses, since_first_us, since_last_us } = history.recovery;
+        let is_row = poses > 0 && since_last_us < self.live_us;
+        let (poses, since_first_us) = if is_row { (poses.saturating_add(1), since_first_us) } else { (1, 0) };
+        history.recovery = Recovery { poses, since_first_us, since_last_us: 0 };
+        let is_recovered = poses >= RECOVERY_POSES && since_first_us >= RECOVERY_US;
+        let is_followed = is_recovered || matches!(history.output.state, State::Live | State::Hold);
+        if is_followed {
+            history.follow(pose, capture_us, age_us);
         }
-        recovery.poses = recovery.poses.saturating_add(1);
-        recovery.since_last_us = 0;
-        let is_recovered = recovery.poses >= RECOVERY_POSES && recovery.since_first_us >= RECOVERY_US;
-        if matches!(history.output.state, State::Decay | State::Neutral) && !is_recovered {
-            return false;
-        }
-        history.follow(pose, capture_us, age_us);
-        true
+        is_followed
     }
 
     fn move_output(&self, history: &mut History, before_us: u64, elapsed_us: u64) {
@@ -178,16 +173,13 @@ impl Failsafe {
     }
 }
 
-/// What the failsafe remembers between updates.
 #[derive(Debug, Clone)]
 pub struct History {
     output: Output,
-    /// Why no pose comes.
     reason: Reason,
     target: Pose,
     /// Whether the output still has to catch up with `target`.
     is_ramping: bool,
-    /// Whether the output has not followed any pose yet.
     is_fresh: bool,
     now_us: Option<u64>,
     /// Capture time of the last pose in the news, followed or not.
@@ -263,17 +255,15 @@ impl Pose {
 
     /// Removes rounding errors. Returns `None` if any value is not a number or out of range.
     fn checked(&self) -> Option<Self> {
-        let plausible = -COEFFICIENT_TOLERANCE..=1.0 + COEFFICIENT_TOLERANCE;
-        let coefficients_good = self.coefficients.iter().all(|value| plausible.contains(value));
-        let limit = -POSITION_LIMIT_MM..=POSITION_LIMIT_MM;
-        let position_good = self.position_mm.iter().all(|mm| limit.contains(mm));
-        let quaternion = Quaternion::from(self.rotation);
-        let rotation_good = (quaternion.norm() - 1.0).abs() <= ROTATION_TOLERANCE;
-        (coefficients_good && position_good && rotation_good).then(|| Self {
+        let (plausible, quaternion) =
+            (-COEFFICIENT_TOLERANCE..=1.0 + COEFFICIENT_TOLERANCE, Quaternion::from(self.rotation));
+        let is_good = self.coefficients.iter().all(|value| plausible.contains(value))
+            && self.position_mm.iter().all(|mm| mm.abs() <= POSITION_LIMIT_MM)
+            && (quaternion.norm() - 1.0).abs() <= ROTATION_TOLERANCE;
+        is_good.then(|| Self {
             rotation: quaternion.normalize().coords.into(),
-            position_mm: self.position_mm,
             coefficients: self.coefficients.map(|value| value.clamp(0.0, 1.0)),
-            neutral_face: self.neutral_face,
+            ..*self
         })
     }
 
@@ -297,9 +287,7 @@ impl Pose {
 
 fn turned(from: [f32; 4], to: [f32; 4], part: f32, limit_rad: f32) -> [f32; 4] {
     let unit = |rotation| UnitQuaternion::new_normalize(Quaternion::from(rotation));
-    let Some((axis, angle)) = unit(from).rotation_to(&unit(to)).axis_angle() else {
-        return to;
-    };
+    let Some((axis, angle)) = unit(from).rotation_to(&unit(to)).axis_angle() else { return to };
     if part >= 1.0 && angle <= limit_rad {
         return to;
     }

@@ -36,11 +36,8 @@ const FAILURES_BEFORE_REMEDY: u32 = 8;
 /// After so many good inferences, loading the networks again counts as having helped: 10 s at 30 frames a second.
 const GOOD_RUNS_BEFORE_TRUST: u32 = 300;
 
-/// Where the results of the hot loop go.
 pub(super) struct Outlets {
-    /// The newest pose or fault, for the sender.
     pub(super) news: Input<News>,
-    /// The sender's thread, which is woken for all news.
     pub(super) wake: Thread,
     pub(super) events: mpsc::Sender<Event>,
     pub(super) observer: Observer<Observation>,
@@ -50,13 +47,10 @@ pub(super) struct Outlets {
 /// An event for the log. Threads send events only between frames.
 #[derive(Debug)]
 pub(super) enum Event {
-    /// A thread started and got these answers to its real-time requests.
     Started(Vec<Grant>),
-    /// A camera delivers pictures; the text describes it.
     Opened(String),
     Lost(CaptureError),
     Closed(CaptureError),
-    /// Something that the pipeline needs is not there yet.
     NotLoaded(SetupError),
     /// The engine has failed several times in a row, and its networks are about to be loaded again.
     EngineFailed(InferError),
@@ -78,7 +72,6 @@ pub(super) struct HotLoop {
     pipeline: Option<Pipeline>,
     /// The profile of the wearer, for a pipeline that is loaded later.
     profile: Profile,
-    /// Loads the networks again after the engine has failed.
     load_tracker: fn(&NetworkSettings) -> Result<Tracker, InferError>,
     loader: Loader,
     engine: EngineHealth,
@@ -89,13 +82,10 @@ pub(super) struct HotLoop {
     timing: FrameTiming,
     watcher: Watcher,
     has_small_picture: bool,
-    /// The impairments that a rehearsal has set.
     rehearsed: ImpairmentSet,
 }
 
-/// Why the loop has to begin again, or to end.
 enum Trouble {
-    /// Something is away or has failed for now: try again.
     Retry(Event),
     /// Trying again in this process does not help.
     Fatal(ServiceError),
@@ -173,7 +163,7 @@ impl HotLoop {
     fn attempt(&mut self) -> Result<(), Trouble> {
         if self.pipeline.is_none() {
             let settings = self.settings.clone();
-            let loaded = self.load(move || Pipeline::load(&settings))?;
+            let loaded = self.load(move || Pipeline::load(&settings, true))?;
             let pipeline = self.pipeline.insert(loaded.map_err(|error| match error {
                 // A file that was missing may be copied at this moment, and so be incomplete.
                 SetupError::Model { .. } => Event::NotLoaded(error).into(),
@@ -199,9 +189,9 @@ impl HotLoop {
     }
 
     fn show(&mut self, camera: &mut OpenCamera) -> Result<(), Trouble> {
-        self.enter(self.wait());
+        self.enter_wait();
         let outcome = camera.await_picture(|| {
-            self.enter(self.wait());
+            self.enter_wait();
             add(&self.counters.damaged, 1);
         });
         let source = &mut *camera.source;
@@ -219,11 +209,10 @@ impl HotLoop {
         self.stream(camera)
     }
 
-    /// Runs frames until the camera fails or is to be opened again, or the service stops.
     fn stream(&mut self, camera: &mut OpenCamera) -> Result<(), Trouble> {
         let is_other_size = |this: &Self| this.counters.small_picture.load(Relaxed) != this.has_small_picture;
         while !self.counters.stopping() && !self.adopt() && !is_other_size(self) {
-            self.enter(self.wait());
+            self.enter_wait();
             let step = self.counters.step();
             self.timing.take(step);
             camera.source.leave_out_until(self.timing.wanted_us());
@@ -335,8 +324,8 @@ impl HotLoop {
         now_us
     }
 
-    fn wait(&self) -> Phase {
-        Phase::Wait { stall_timeout_ms: self.settings.camera.stall_timeout_ms }
+    fn enter_wait(&self) {
+        self.enter(Phase::Wait { stall_timeout_ms: self.settings.camera.stall_timeout_ms });
     }
 
     /// The supervisor outlives this thread; if it did not, nobody would be left to read the event.
@@ -352,10 +341,11 @@ impl Outlets {
     }
 }
 
-/// The failures since the last good inference, and whether earlier ones made the networks load again.
 #[derive(Debug, Default)]
 struct EngineHealth {
+    /// Failures since the last good inference.
     failures: u32,
+    /// Whether earlier failures made the networks load again, and the good inferences since.
     is_reloaded: bool,
     good_runs: u32,
 }
@@ -440,8 +430,7 @@ mod tests {
         let not_stopped =
             || CaptureError::NotStopped { path: "/dev/video0".to_owned(), source: io::Error::other("stuck") };
         for event in [Event::Lost(not_stopped()), Event::Closed(not_stopped())] {
-            let Trouble::Fatal(error) = Trouble::from(event) else { panic!("the service goes on") };
-            assert_eq!(error.reason(), Reason::NoCamera);
+            assert!(matches!(Trouble::from(event), Trouble::Fatal(error) if error.reason() == Reason::NoCamera));
         }
         assert!(matches!(Trouble::from(Event::Lost(CaptureError::Gone)), Trouble::Retry(_)));
     }

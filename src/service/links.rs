@@ -70,7 +70,6 @@ impl Links {
         self.each().for_each(|(settings, link)| link.send_last(settings, output));
     }
 
-    /// Counts the open links, and notes which link the network refuses.
     pub(super) fn count(&mut self, counters: &Counters) {
         let open = self.each().filter(|(_, link)| link.carrier().is_open()).count();
         counters.links_open.store(open as u64, Relaxed);
@@ -101,13 +100,11 @@ mod tests {
     use crate::config;
     use crate::link::test_output;
 
-    /// Links to these receivers.
     fn settings(receivers: [&UdpSocket; 2]) -> Vec<LinkSettings> {
         let link = |socket: &UdpSocket| format!("[[link]]\naddress = \"{}\"\n", socket.local_addr().unwrap());
         config::parse("test", &receivers.map(link).concat()).unwrap().links
     }
 
-    /// What a receiver was sent until now.
     fn seen(socket: &UdpSocket) -> Vec<(State, Reason)> {
         socket.set_nonblocking(true).unwrap();
         let mut datagram = [0; 256];

@@ -57,7 +57,6 @@ use facewire_face::Profile;
 const HOT_PATIENCE: Duration = Duration::from_secs(2);
 const HOT_LOOK: Duration = Duration::from_millis(10);
 
-/// Why the service could not start, or why it ended.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
     #[error(transparent)]
@@ -93,7 +92,7 @@ pub fn run(
     catch_signals(&counters)?;
     let links = Links::change(&settings.links, &[], &counters.traffic)?;
     let (loader, wanted) = (Loader::start()?, settings.clone());
-    let pipeline = match loader.begin(move || Pipeline::load(&wanted)).recv() {
+    let pipeline = match loader.begin(move || Pipeline::load(&wanted, true)).recv() {
         Ok(Ok(pipeline)) => Some(pipeline),
         // The hot loop tries again.
         Ok(Err(error)) if error.is_temporary() => None,

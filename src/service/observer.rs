@@ -13,13 +13,11 @@ struct Shared {
     lost: AtomicU64,
 }
 
-/// The end through which the hot loop publishes.
 pub(super) struct Observer<T> {
     shared: Arc<Shared>,
     ring: SyncSender<T>,
 }
 
-/// The end that reads.
 pub(super) struct Observed<T> {
     shared: Arc<Shared>,
     ring: Receiver<T>,

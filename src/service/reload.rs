@@ -19,7 +19,6 @@ use crate::config::{Faults, LogLevel, Settings};
 use crate::link::Traffic;
 use crate::preflight::{is_same_profile, load_model, load_profile, load_tracker, model_warning};
 
-/// Reads the settings again.
 pub(super) type LoadSettings = Arc<dyn Fn() -> Result<Settings, Faults> + Send + Sync>;
 
 /// Where the loader's thread leaves the change, or why there is none.
@@ -39,7 +38,6 @@ impl InUse {
     }
 }
 
-/// New settings with the parts that they change, loaded and opened.
 pub(super) struct Change {
     settings: Settings,
     hot: HotChange,
@@ -128,7 +126,6 @@ impl<T> Mailbox<T> {
     }
 }
 
-/// The current settings, and the reload in progress.
 pub(super) struct Reloader {
     pub(super) live: Settings,
     pub(super) load_settings: LoadSettings,
@@ -140,7 +137,6 @@ pub(super) struct Reloader {
     pub(super) traffic: Arc<Traffic>,
     pub(super) loader: Loader,
     pub(super) in_use: InUse,
-    /// One reload runs at a time.
     pub(super) preparing: Option<Preparing>,
 }
 
@@ -191,7 +187,6 @@ impl Reloader {
     }
 }
 
-/// Logs one line for each fault.
 fn refuse(faults: &str) {
     faults.lines().for_each(|fault| tracing::error!("{fault}"));
     tracing::error!("settings refused: the current ones stay");
@@ -237,13 +232,7 @@ mod tests {
 
     #[test]
     fn a_change_of_any_table_takes_effect_or_waits_for_the_next_start() {
-        for toml in [
-            "board = \"pi4\"",
-            "[camera]\nfps = 15",
-            "[hardware]\ntemperature_limit_c = 66",
-            "[adaptation]\nenabled = false",
-            "[realtime]\npriority = 7",
-        ] {
+        for toml in ["board = \"pi4\"", "[hardware]\ntemperature_limit_c = 66", "[realtime]\npriority = 7"] {
             let new = config::parse("test", toml).unwrap();
             let (live, hot) = reload(toml, Settings::default());
             assert!(new != Settings::default() && hot.settings.as_ref() == Some(&new), "{toml}");

@@ -30,7 +30,6 @@ const LONGEST_STOP_US: u64 = 500_000;
 /// Time between the last packets. A serial link drops a packet that it has not written when the next one comes, and
 /// interference that spoils one datagram often spoils those close to it.
 const STOPPING_PERIOD: Duration = Duration::from_millis(20);
-/// Number of the last packets, because some may be lost.
 const STOPPING_PACKETS: usize = 3;
 /// Longest sleep of a replay. It bounds how late a signal is seen.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
@@ -83,7 +82,6 @@ impl Sender {
         }
     }
 
-    /// Offers the output of the failsafe to the links. Returns how long to wait for the next step, microseconds.
     fn step(&mut self, history: &mut History) -> u64 {
         let failsafe = self.failsafe();
         let news = if self.news.update() { self.news.peek_output_buffer() } else { &News::Nothing };
@@ -184,11 +182,9 @@ mod tests {
     #[test]
     fn recorded_frames_are_due_at_their_own_distances_or_a_frame_period_apart_without_times_of_their_own() {
         let mut clock = Clock::default();
-        assert_eq!(clock.due_us(70, 1000), 1000);
-        assert_eq!(clock.due_us(103, 1040), 1033, "a late frame delays no later one");
-        assert_eq!(clock.due_us(170, 1050), 1100);
-        assert_eq!(clock.due_us(70, 1101), 1100 + 33_333);
-        assert_eq!(clock.due_us(100, 1110), 1130 + 33_333);
+        let due =
+            [(70, 1000), (103, 1040), (170, 1050), (70, 1101), (100, 1110)].map(|(at, now)| clock.due_us(at, now));
+        assert_eq!(due, [1000, 1033, 1100, 1100 + 33_333, 1130 + 33_333], "a late frame delays no later one");
         let mut clock = Clock::default();
         let due: Vec<_> = (0..4).map(|_| clock.due_us(0, 1000)).collect();
         assert_eq!(due, [1000, 34_333, 67_666, 100_999]);

@@ -161,15 +161,12 @@ impl Supervisor {
     }
 }
 
-/// What the log has said so far, as far as the next lines depend on it.
 #[derive(Default)]
 struct Log {
-    /// Description of the open camera.
     camera: Option<String>,
     /// Why there are no pictures, and the reasons that were logged.
     blind_because: String,
     blind_reasons: LoggedReasons,
-    /// Why the network takes no packets, as it was logged.
     refusals: LoggedReasons,
     impaired_by: ImpairmentSet,
     impaired_at: [Option<Instant>; Impairment::ALL.len()],
@@ -230,17 +227,14 @@ impl Log {
     fn impairments(&mut self, present: ImpairmentSet) {
         let before = std::mem::replace(&mut self.impaired_by, present);
         for (impairment, logged_at) in Impairment::ALL.into_iter().zip(&mut self.impaired_at) {
-            let has_begun = present.contains(impairment) && !before.contains(impairment);
-            if has_begun && logged_at.is_none_or(|logged_at| logged_at.elapsed() >= IMPAIRMENT_PERIOD) {
-                *logged_at = Some(Instant::now());
+            if present.contains(impairment) && !before.contains(impairment) && is_due(logged_at) {
                 tracing::warn!("tracking is impaired: {}", impairment.sentence());
             }
         }
     }
 
     fn too_slow(&mut self, load: &Load) {
-        if self.too_slow_at.is_none_or(|logged_at| logged_at.elapsed() >= IMPAIRMENT_PERIOD) {
-            self.too_slow_at = Some(Instant::now());
+        if is_due(&mut self.too_slow_at) {
             tracing::warn!(
                 "too slow: a frame takes {:.0} ms, and no step makes up for that: poses come too late, and the face stays \
                  neutral; end other programs, or use a faster board",
@@ -296,6 +290,13 @@ impl Log {
         tracing::warn!("{line}");
         line
     }
+}
+
+/// Whether something was not logged within the last [`IMPAIRMENT_PERIOD`]. It counts as logged now.
+fn is_due(logged_at: &mut Option<Instant>) -> bool {
+    let is_due = logged_at.is_none_or(|logged_at| logged_at.elapsed() >= IMPAIRMENT_PERIOD);
+    *logged_at = logged_at.filter(|_| !is_due).or_else(|| Some(Instant::now()));
+    is_due
 }
 
 fn ms(time: Duration) -> f64 {

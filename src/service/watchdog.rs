@@ -21,14 +21,14 @@ const WORK_PATIENCE_US: u64 = 10_000_000;
 /// Longest time between two rounds of the sender, which sleeps for 0.1 s at most, microseconds.
 const SENDER_PATIENCE_US: u64 = 5_000_000;
 
-/// What the hot loop is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Phase {
     /// Loads networks or a model, opens or closes a camera, or pauses before the next attempt.
     Open,
     /// Waits for a frame from a camera with this stall timeout.
-    Wait { stall_timeout_ms: u32 },
-    /// Works on a frame.
+    Wait {
+        stall_timeout_ms: u32,
+    },
     Work,
 }
 
@@ -40,7 +40,6 @@ pub(super) struct Heartbeats {
 }
 
 impl Heartbeats {
-    /// The hot loop begins a phase.
     pub(super) fn hot(&self, phase: Phase, now_us: u64) {
         let patience_us = match phase {
             Phase::Open => CAMERA_PATIENCE_US,
@@ -52,18 +51,15 @@ impl Heartbeats {
         self.hot_deadline_us.store(now_us + patience_us, Relaxed);
     }
 
-    /// The sender begins another round.
     pub(super) fn sender(&self, now_us: u64) {
         self.sender_deadline_us.store(now_us + SENDER_PATIENCE_US, Relaxed);
     }
 
-    /// Whether both threads are within their deadlines.
     pub(super) fn are_alive(&self, now_us: u64) -> bool {
         [&self.hot_deadline_us, &self.sender_deadline_us].iter().all(|deadline_us| now_us < deadline_us.load(Relaxed))
     }
 }
 
-/// Tells the service manager. The service runs on if its manager does not listen.
 pub(super) fn notify(state: NotifyState<'_>) {
     if let Err(error) = sd_notify::notify(&[state]) {
         tracing::debug!("the service manager could not be notified: {error}");
@@ -83,7 +79,6 @@ impl Watchdog {
         sd_notify::watchdog_enabled().map(|timeout| Self { period: timeout / 2, last_ping_us: now_us })
     }
 
-    /// Whether a ping is due. It counts as sent.
     pub(super) fn is_ping_due(&mut self, is_alive: bool, now_us: u64) -> bool {
         let is_due = is_alive && u128::from(now_us.saturating_sub(self.last_ping_us)) >= self.period.as_micros();
         if is_due {
@@ -129,7 +124,6 @@ mod tests {
             let is_ping_due = |ms: &u64| watchdog.is_ping_due(is_alive(ms), ms * 1000);
             (50..5000).step_by(50).filter(is_ping_due).collect::<Vec<u64>>()
         };
-        assert_eq!(pings_ms(|_| true), [1000, 2000, 3000, 4000]);
         assert_eq!(pings_ms(|ms| *ms < 2500), [1000, 2000]);
         assert_eq!(pings_ms(|ms| !(2500..3400).contains(ms)), [1000, 2000, 3400, 4400]);
     }

@@ -37,7 +37,6 @@ pub struct FaceLook {
     /// Mean brightness of the picture outside the box around the face.
     pub surroundings: f32,
     pub size_px: f32,
-    /// The same as a part of the longer side of the picture.
     pub size: f32,
     /// Share of the face that is outside the picture or at its border, from 0 to 1.
     pub cut_off: f32,
@@ -54,12 +53,11 @@ pub struct Light {
 }
 
 impl Look {
-    /// Looks at a picture and at the face that was found in it.
     pub fn at(picture: &Picture, landmarks: Option<&Landmarks>) -> Self {
         let size = [picture.width, picture.height].map(|side| side as f32);
         let points = landmarks.map(|landmarks| landmarks.0.iter().take(MESH).map(|[x, y, _]| [*x, *y]));
         let face_box = points.clone().map(bounds);
-        let (mut all, mut around) = (Samples::default(), Samples::default());
+        let (mut all, mut around) = (Samples::NONE, Samples::NONE);
         for point in grid([[0.0; 2], size], PICTURE_GRID) {
             let Some([luma, roughness]) = sample(picture, point) else { continue };
             all.add(luma);
@@ -74,7 +72,7 @@ impl Look {
         let face = points.zip(face_box).map(|(points, [min, max])| {
             let size_px = (max[0] - min[0]).max(max[1] - min[1]);
             let inside = [[BORDER * size_px; 2], size.map(|side| side - BORDER * size_px)];
-            let (mut samples, mut cut_off, mut count) = (Samples::default(), 0, 0);
+            let (mut samples, mut cut_off, mut count) = (Samples::NONE, 0, 0);
             for point in points.step_by(LANDMARK_STEP) {
                 count += 1;
                 cut_off += u32::from(!contains(inside, point));
@@ -96,7 +94,6 @@ fn contains([min, max]: Box2, [x, y]: [f32; 2]) -> bool {
     (min[0]..max[0]).contains(&x) && (min[1]..max[1]).contains(&y)
 }
 
-/// The centres of the cells into which a grid divides a box.
 fn grid([min, max]: Box2, [columns, rows]: [usize; 2]) -> impl Iterator<Item = [f32; 2]> {
     let at = |index: usize, count: usize, min: f32, max: f32| min + (max - min) * (index as f32 + 0.5) / count as f32;
     (0..rows).flat_map(move |row| {
@@ -131,13 +128,9 @@ struct Samples {
     roughnesses: [u16; ROUGHNESSES],
 }
 
-impl Default for Samples {
-    fn default() -> Self {
-        Self { sum: 0, squares: 0, count: 0, roughnesses: [0; ROUGHNESSES] }
-    }
-}
-
 impl Samples {
+    const NONE: Self = Self { sum: 0, squares: 0, count: 0, roughnesses: [0; ROUGHNESSES] };
+
     fn add(&mut self, luma: u8) {
         let luma = u32::from(luma);
         self.sum += luma;

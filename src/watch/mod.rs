@@ -15,7 +15,6 @@ use crate::impairment::{Impairment, ImpairmentSet};
 /// A pair of thresholds: where an impairment begins, and where it ends.
 type Thresholds = [f32; 2];
 
-/// Contrast divided by the noise.
 const CLARITY: Thresholds = [1.7, 2.3];
 /// Contrast of a face, of 255 steps.
 const CONTRAST: Thresholds = [5.0, 6.5];
@@ -30,7 +29,6 @@ const BLACK: f32 = 25.0;
 /// Longer side of the face in pixels, and as a part of the longer side of the picture.
 const SIZE_PX: Thresholds = [38.0, 48.0];
 const SIZE: Thresholds = [0.12, 0.135];
-/// Share of the face that is cut off.
 const CUT_OFF: Thresholds = [0.08, 0.05];
 /// Frame rate divided by the rate that the camera states. Cameras that expose longer go from 30 to 15 frames a second or
 /// less, and 25 a second is what light of 50 Hz asks for.
@@ -80,7 +78,6 @@ struct Steady {
 }
 
 impl Steady {
-    /// Adds a look at the time `now_us`, and returns whether the impairment is present.
     fn update(&mut self, verdict: Verdict, now_us: u64, hold_us: u64) -> bool {
         let since_us = now_us.saturating_sub(self.last_us.replace(now_us).unwrap_or(now_us)).min(MAX_STEP_US);
         self.evidence_us = match verdict {
@@ -94,7 +91,6 @@ impl Steady {
     }
 }
 
-/// Watches one camera.
 #[derive(Debug)]
 pub struct Watch {
     hold_us: u64,
@@ -128,13 +124,8 @@ impl Watch {
         let is_black =
             look.face.is_none() && look.picture.brightness < BLACK && look.picture.contrast < look.picture.noise;
         let dark = match look.face {
-            Some(face) => {
-                if is_backlit(face) {
-                    Verdict::Fine
-                } else {
-                    unclear(face)
-                }
-            }
+            Some(face) if is_backlit(face) => Verdict::Fine,
+            Some(face) => unclear(face),
             None if is_black => Verdict::Fine,
             None => Verdict::of_great(look.picture.brightness, BRIGHTNESS)
                 .max(Verdict::of_great(look.picture.contrast.max(PLAIN) / look.picture.noise, CLARITY)),
@@ -156,7 +147,6 @@ impl Watch {
         self.judge(OF_PICTURE, [rate, Verdict::of_small(delivery.lost_share(), LOST)], now_us);
     }
 
-    /// Updates the impairments from number `first` on.
     fn judge<const COUNT: usize>(&mut self, first: usize, verdicts: [Verdict; COUNT], now_us: u64) {
         let judged = Self::FINDS.into_iter().zip(&mut self.steady).skip(first);
         for ((impairment, steady), verdict) in judged.zip(verdicts) {
@@ -212,7 +202,6 @@ mod tests {
         cut_off: 0.0,
     };
 
-    /// Returns what is told after looks of 4 s.
     fn told(face: Option<FaceLook>, picture: Light) -> String {
         let mut watch = Watch::new(HOLD_US);
         (0..16).for_each(|look| watch.look(&Look { picture, face }, look * 250_000));
@@ -239,25 +228,16 @@ mod tests {
 
     #[test]
     fn a_picture_without_a_face_is_black_dark_noisy_or_in_order() {
-        for (brightness, contrast, noise, want) in [
-            (2.0, 0.0, 0.5, "black"),
-            (15.0, 8.0, 2.0, "dark"),
-            (60.0, 10.0, 20.0, "dark"),
-            // A wall.
-            (128.0, 0.0, 0.5, "none"),
-            (60.0, 10.0, 3.0, "none"),
-        ] {
-            assert_eq!(told(None, Light { brightness, contrast, noise }), want, "{brightness} {contrast} {noise}");
-        }
+        let told = |brightness, contrast, noise| told(None, Light { brightness, contrast, noise });
+        assert_eq!([told(2.0, 0.0, 0.5), told(15.0, 8.0, 2.0), told(60.0, 10.0, 20.0)], ["black", "dark", "dark"]);
+        assert_eq!([told(128.0, 0.0, 0.5), told(60.0, 10.0, 3.0)], ["none"; 2], "a wall, and good light");
     }
 
     #[test]
     fn half_of_the_stated_rate_and_lost_frames_are_told_apart() {
         for (what, fps, lost, stated_us, want) in [
-            ("all is well", 30.0, 0.0, Some(33_333), "none"),
             ("light of 50 Hz", 25.0, 0.0, Some(33_333), "none"),
             ("half the rate", 15.0, 0.0, Some(33_333), "halved-rate"),
-            ("a quarter", 7.5, 0.0, Some(33_333), "halved-rate"),
             ("a bad cable", 30.0, 0.1, Some(33_333), "missing-frames"),
             ("the camera was opened at this rate", 15.0, 0.0, Some(66_667), "none"),
             ("the camera states no rate", 15.0, 0.0, None, "none"),

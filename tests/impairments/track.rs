@@ -28,7 +28,7 @@ pub struct Track {
 impl Track {
     pub fn of(photos: &[Photo], step: usize, alter: impl Fn(&Photo, usize) -> Photo) -> Self {
         let settings = Settings::default();
-        let mut pipeline = Pipeline::load(&settings).unwrap_or_else(|error| panic!("{error}"));
+        let mut pipeline = Pipeline::load(&settings, true).unwrap_or_else(|error| panic!("{error}"));
         let (coefficients, looks, boxes) = (Vec::new(), Vec::new(), Vec::new());
         let mut track = Self { step, coefficients, looks, boxes, landmarks: Landmarks::zero() };
         for (number, photo) in photos.iter().enumerate() {

@@ -68,7 +68,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
         let sensors = Sensors::find(&hardware::root(), &settings.hardware);
         (sensors.read(), sensors)
     });
-    let mut pipeline = Pipeline::load_for(&*open(&args.input)?, &settings)?;
+    let mut pipeline = Pipeline::load(&settings, open(&args.input)?.shows_pictures())?;
     // The helper threads of the networks have started, and may run on every CPU, as in the service.
     let bound = bind_to_hot_cpu(&settings.realtime);
     if let Some(tracker) = &mut pipeline.tracker {

@@ -136,7 +136,7 @@ fn keep_all(heard: &mpsc::Receiver<Result<Reply, Failure>>, recorder: &mut Recor
 
 fn without_service(args: &RecordArgs, stop: &AtomicBool) -> Result<(), Failure> {
     let settings = args.settings.load()?;
-    let mut pipeline = Pipeline::load(&settings)?;
+    let mut pipeline = Pipeline::load(&settings, true)?;
     pipeline.solver.profile = load_profile(&settings.wearer)?;
     model_warning(&settings.wearer, &settings.solver).iter().for_each(say);
     say("no service answers: opening the camera");

@@ -103,7 +103,7 @@ pub fn run(args: &TrackArgs) -> Result<(), Failure> {
     }
     let profile = if args.neutral.is_some() { Profile::default() } else { load_profile(&settings.wearer)? };
     let source = input::open(&args.input, args.fps.unwrap_or(FrameRate::FPS_30), args.size)?;
-    let mut pipeline = Pipeline::load_for(&*source, &settings)?;
+    let mut pipeline = Pipeline::load(&settings, source.shows_pictures())?;
     let is_estimated = args.neutral == Some(NeutralSource::Estimate);
     pipeline.solver.profile = if is_estimated { Profile::default() } else { profile };
     pipeline.solver.neutral_mode = if is_estimated { NeutralMode::Auto } else { NeutralMode::Off };

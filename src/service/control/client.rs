@@ -12,7 +12,6 @@ use serde::{Deserialize, Serialize};
 use crate::calibration::{KeptProfile, Listed, Progress};
 use crate::service::metrics::MAX_REQUEST_BYTES;
 
-/// Longest line of a client, bytes.
 const MAX_LINE: usize = 256;
 const SOCKET: &str = "control";
 /// Where the service manager puts the runtime directory of the service.
@@ -27,7 +26,6 @@ pub enum Request {
     Calibrate {
         wearer: Option<String>,
     },
-    /// Use the profile of this wearer, or nobody's.
     Use {
         wearer: Option<String>,
     },
@@ -39,14 +37,12 @@ pub enum Request {
     Record {},
 }
 
-/// What the service answers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Reply {
     Progress(Progress),
     /// The calibration has ended, and its profile is in use.
     Calibrated(KeptProfile),
-    /// The wearers, and the one in use.
     Wearers {
         wearers: Vec<Listed>,
         in_use: Option<String>,
@@ -61,7 +57,6 @@ pub enum Reply {
     Refused(String),
 }
 
-/// Where a client looks for the service.
 pub fn control_sockets() -> Vec<PathBuf> {
     let of_system = std::env::var("RUNTIME_DIRECTORY").is_err().then(|| Path::new(SYSTEM_FOLDER).join(SOCKET));
     socket_path().into_iter().chain(of_system).collect()
@@ -77,9 +72,7 @@ pub(super) fn socket_path() -> Option<PathBuf> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Speaks {
-    /// Lines of JSON.
     Requests,
-    /// HTTP, to read the metrics.
     Http,
 }
 
@@ -130,17 +123,14 @@ impl Client {
         is_closed || (self.is_behind() && self.has_waited(patience))
     }
 
-    /// Whether the service has waited for the client for this time.
     pub(super) fn has_waited(&self, time: Duration) -> bool {
         self.since.elapsed() > time
     }
 
-    /// Whether the client has not yet taken all that it was sent.
     pub(super) fn is_behind(&self) -> bool {
         !self.output.is_empty()
     }
 
-    /// Sends a line.
     pub(super) fn send(&mut self, reply: &Reply) -> io::Result<()> {
         let mut line = serde_json::to_vec(reply)?;
         line.push(b'\n');
@@ -155,7 +145,6 @@ impl Client {
         self.flush()
     }
 
-    /// Sends on what the client has not taken.
     pub(super) fn flush(&mut self) -> io::Result<()> {
         while self.is_behind() {
             match self.stream.write(&self.output) {
@@ -197,7 +186,6 @@ mod tests {
         let wearer = Some("anna".to_owned());
         let longest = Request::Delete { wearer: "a".repeat(32) };
         for (line, want) in [
-            (r#"{"do":"list"}"#, Ok(Request::List {})),
             (r#"{"do":"use","wearer":null}"#, Ok(Request::Use { wearer: None })),
             (r#"{"do":"calibrate","wearer":"anna"}"#, Ok(Request::Calibrate { wearer })),
             (&serde_json::to_string(&longest).unwrap(), Ok(longest)),

@@ -6,7 +6,6 @@ use crate::config::LinkSettings;
 use crate::link::{Pace, Sent};
 
 const MS: u64 = 1000;
-/// Frame period of a camera with 30 frames per second.
 const FRAME_US: u64 = 33_333;
 const SLEW_PER_S: f32 = 4.0;
 const SETTINGS: FailsafeSettings =
@@ -22,7 +21,6 @@ fn all(value: f32) -> Pose {
     Pose { coefficients: [value; 52], position_mm: [10.0, 20.0, 600.0], ..Pose::NEUTRAL }
 }
 
-/// Returns a head turned about the vertical axis.
 fn turned(degrees: f32) -> Pose {
     let (sin, cos) = (degrees.to_radians() / 2.0).sin_cos();
     Pose { rotation: [0.0, sin, 0.0, cos], ..all(1.0) }
@@ -50,7 +48,6 @@ impl Run {
         self.failsafe.update(&mut self.history, self.now_us, &news)
     }
 
-    /// Lets time pass, and then gives a pose captured at that moment.
     fn pose_after(&mut self, us: u64, pose: &Pose) -> Output {
         self.now_us += us;
         self.news(News::Pose(*pose, self.now_us))
@@ -61,7 +58,6 @@ impl Run {
         self.news(News::Nothing)
     }
 
-    /// Returns the outputs of this time, one each millisecond.
     fn watch(&mut self, ms: u64) -> Vec<Output> {
         (0..ms).map(|_| self.wait(MS)).collect()
     }
@@ -69,13 +65,9 @@ impl Run {
 
 /// Returns the states of outputs that are a millisecond apart, and when each begins.
 fn transitions(outputs: &[Output]) -> Vec<(u64, State)> {
-    let mut changes: Vec<(u64, State)> = Vec::new();
-    for (at_ms, output) in (1..).zip(outputs) {
-        if changes.last().is_none_or(|(_, state)| *state != output.state) {
-            changes.push((at_ms, output.state));
-        }
-    }
-    changes
+    let mut states: Vec<_> = (1..).zip(outputs.iter().map(|output| output.state)).collect();
+    states.dedup_by_key(|(_, state)| *state);
+    states
 }
 
 /// Returns the fastest movement of a coefficient between outputs that are a millisecond apart, in units per second.
@@ -89,16 +81,9 @@ fn silence_leads_through_hold_and_decay_to_neutral_at_150_300_and_1000_ms_after_
     let short = FailsafeSettings { neutral_ms: 310, ..SETTINGS };
     for (what, settings, frame_period_us, late_ms, want_ms, most_per_s) in [
         ("by the settings", SETTINGS, FRAME_US, 0, [150, 300, 1000], 1.0 / 0.7),
-        ("from the capture of the last pose, not its arrival", SETTINGS, FRAME_US, 50, [100, 250, 950], 1.0 / 0.7),
-        (
-            "a slow camera moves all times by what three frames take longer",
-            SETTINGS,
-            100 * MS,
-            0,
-            [300, 450, 1150],
-            1.5,
-        ),
-        ("the slew limit delays neutral after a short decay", short, FRAME_US, 0, [150, 300, 550], SLEW_PER_S),
+        ("from the capture, not the arrival", SETTINGS, FRAME_US, 50, [100, 250, 950], 1.0 / 0.7),
+        ("three frames of a slow camera", SETTINGS, 100 * MS, 0, [300, 450, 1150], 1.5),
+        ("the slew limit delays neutral", short, FRAME_US, 0, [150, 300, 550], SLEW_PER_S),
     ] {
         let mut run = Run::live(&all(1.0));
         run.now_us += FRAME_US;
@@ -197,10 +182,9 @@ fn every_fault_is_sent_with_its_reason_until_a_pose_is_followed() {
 fn a_pose_with_one_bad_number_is_rejected_whole_and_rounding_is_not_bad() {
     let [mut nan, mut beyond] = [all(0.5); 2];
     (nan.coefficients[20], beyond.coefficients[51]) = (f32::NAN, 1.01);
-    let bad_rotation = Pose { rotation: [0.0, 0.0, 0.0, f32::NAN], ..all(0.5) };
-    let no_rotation = Pose { rotation: [0.0; 4], ..all(0.5) };
+    let rotations = [[0.0, 0.0, 0.0, f32::NAN], [0.0; 4]].map(|rotation| Pose { rotation, ..all(0.5) });
     let far = Pose { position_mm: [0.0, 0.0, f32::INFINITY], ..all(0.5) };
-    for bad in [nan, beyond, bad_rotation, no_rotation, far] {
+    for bad in [nan, beyond, far].into_iter().chain(rotations) {
         let mut run = Run::live(&all(1.0));
         let output = run.pose_after(FRAME_US, &bad);
         assert_eq!((output.pose, output.followed), (all(1.0), false));

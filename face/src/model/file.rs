@@ -1,53 +1,6 @@
 //! The model as a file that people can read and compare (TOML).
-//!
-//! ```toml
-//! format = 3
-//! made_by = "facewire-fit train ..."
-//! fitted_on = "..."
-//!
-//! [offsets]                   # of the hidden units, at most 120
-//! neutral_known = [0.1, -0.3]
-//! neutral_unknown = [0.2, -0.1]
-//!
-//! [inputs.d13-14]             # a selected feature: its mean over neutral faces, its weight for each hidden unit
-//! neutral = 0.05
-//! weights = [1.9, -0.4]
-//!
-//! [blendshapes.jawOpen]       # the scores on held-out subjects, without `correction`; the weight of each hidden unit
-//! neutral_known = { r = 0.95, mse = 0.004 }
-//! neutral_unknown = { r = 0.93, mse = 0.005 }
-//! offset = 0.01
-//! weights = [0.8, 0.1]
-//!
-//! [formulas.neutral_known.inputs]       # in place of the tables above: mean and deviation of each selected feature
-//! d13-14 = [0.06, 0.09]
-//! y17 = [-0.03, 0.05]
-//!
-//! [formulas.neutral_known.blendshapes.jawOpen]
-//! kind = "quadratic"                    # or affine, exponential, log-exponential
-//! response = "plain"                    # or square-root, logit
-//! score = { r = 0.95, mse = 0.004 }
-//! offset = 0.21
-//! weights = { d13-14 = 0.12, y17 = -0.08 }
-//! products = { "d13-14*d13-14" = 0.01, "d13-14*y17" = -0.02 }
-//!
-//! [appearance]                # may be missing: the layer that reads the mesh network's feature map
-//! scales = [0.001, 0.002]     # of the weights of each of the 32 units
-//! offsets = [0.1, -0.3]
-//!
-//! [appearance.landmarks]      # signed bytes in base 64: for each of 32 channels, a weight for each of 32 units
-//! 13 = "AP8BAv4D..."
-//!
-//! [appearance.blendshapes.cheekPuff]    # what is added to the blendshape
-//! neutral_known = { offset = 0.01, weights = [0.1, -0.2] }
-//! neutral_unknown = { offset = 0.02, weights = [0.1, -0.1] }
-//!
-//! [correction.eyeBlinkLeft]   # corrective terms (eq. 7) of the blendshapes that need some
-//! shift = -0.02               # beta
-//! slope = 1.05                # 1 - gamma
-//! lift = 0.2                  # 1 / eta
-//! response = [0.5, 0.9]       # the values at which g begins and ends to rise
-//! ```
+
+#![allow(missing_docs, reason = "the example of `ModelFile` shows what the fields hold")]
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -66,31 +19,71 @@ const FORMAT: u32 = 3;
 const WITHOUT_MODEL: &str = "tongueOut";
 
 /// The content of a file: a hidden layer (offsets, inputs and blendshapes) or formulas.
+///
+/// ```toml
+/// format = 3
+/// made_by = "facewire-fit train ..."
+/// fitted_on = "..."
+///
+/// [offsets]                   # of the hidden units, at most 120
+/// neutral_known = [0.1, -0.3]
+/// neutral_unknown = [0.2, -0.1]
+///
+/// [inputs.d13-14]             # a selected feature: its mean over neutral faces, its weight for each hidden unit
+/// neutral = 0.05
+/// weights = [1.9, -0.4]
+///
+/// [blendshapes.jawOpen]       # the scores on held-out subjects, without `correction`; the weight of each hidden unit
+/// neutral_known = { r = 0.95, mse = 0.004 }
+/// neutral_unknown = { r = 0.93, mse = 0.005 }
+/// offset = 0.01
+/// weights = [0.8, 0.1]
+///
+/// [formulas.neutral_known.inputs]       # in place of the tables above: mean and deviation of each selected feature
+/// d13-14 = [0.06, 0.09]
+/// y17 = [-0.03, 0.05]
+///
+/// [formulas.neutral_known.blendshapes.jawOpen]
+/// kind = "quadratic"                    # or affine, exponential, log-exponential
+/// response = "plain"                    # or square-root, logit
+/// score = { r = 0.95, mse = 0.004 }
+/// offset = 0.21
+/// weights = { d13-14 = 0.12, y17 = -0.08 }
+/// products = { "d13-14*d13-14" = 0.01, "d13-14*y17" = -0.02 }
+///
+/// [appearance]                # may be missing: the layer that reads the mesh network's feature map
+/// scales = [0.001, 0.002]     # of the weights of each of the 32 units
+/// offsets = [0.1, -0.3]
+///
+/// [appearance.landmarks]      # signed bytes in base 64: for each of 32 channels, a weight for each of 32 units
+/// 13 = "AP8BAv4D..."
+///
+/// [appearance.blendshapes.cheekPuff]    # what is added to the blendshape
+/// neutral_known = { offset = 0.01, weights = [0.1, -0.2] }
+/// neutral_unknown = { offset = 0.02, weights = [0.1, -0.1] }
+///
+/// [correction.eyeBlinkLeft]   # corrective terms (eq. 7) of the blendshapes that need some
+/// shift = -0.02               # beta
+/// slope = 1.05                # 1 - gamma
+/// lift = 0.2                  # 1 / eta
+/// response = [0.5, 0.9]       # the values at which g begins and ends to rise
+/// ```
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelFile {
-    /// Version of the layout.
     pub format: u32,
-    /// The command that wrote the file.
     pub made_by: String,
-    /// The data that the model was fitted on, in words.
     pub fitted_on: String,
-    /// Offsets of the hidden units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub offsets: Option<Cases<Vec<f64>>>,
-    /// The features that the hidden layer selects, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub inputs: BTreeMap<String, InputTable>,
-    /// The blendshapes of the hidden layer by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub blendshapes: BTreeMap<String, BlendshapeTable>,
-    /// One formula for each blendshape.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub formulas: Option<Cases<FormulaSetTable>>,
-    /// The layer that reads how the face looks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub appearance: Option<AppearanceTable>,
-    /// The corrective terms of blendshapes by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction: BTreeMap<String, CorrectiveTerms>,
 }
@@ -99,9 +92,7 @@ pub struct ModelFile {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScoreTable {
-    /// Pearson's correlation.
     pub r: f64,
-    /// Mean squared error.
     pub mse: f64,
 }
 
@@ -109,9 +100,7 @@ pub struct ScoreTable {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InputTable {
-    /// Mean of the feature over neutral faces.
     pub neutral: f64,
-    /// Weight of the feature for each hidden unit.
     pub weights: Vec<f64>,
 }
 
@@ -119,13 +108,9 @@ pub struct InputTable {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BlendshapeTable {
-    /// Score where the wearer's neutral face is known.
     pub neutral_known: ScoreTable,
-    /// Score where it is not known.
     pub neutral_unknown: ScoreTable,
-    /// The coefficient where all hidden units are 0.
     pub offset: f64,
-    /// Weight of each hidden unit.
     pub weights: Vec<f64>,
 }
 
@@ -133,13 +118,9 @@ pub struct BlendshapeTable {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AppearanceTable {
-    /// What the weights of each unit are multiplied by.
     pub scales: Vec<f64>,
-    /// Offset of each unit.
     pub offsets: Vec<f64>,
-    /// The weights of each landmark, as [`AppearanceTable::encode`] writes them.
     pub landmarks: BTreeMap<String, String>,
-    /// What is added to each blendshape.
     pub blendshapes: BTreeMap<String, Cases<ResidualRow>>,
 }
 
@@ -147,9 +128,7 @@ pub struct AppearanceTable {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ResidualRow {
-    /// The residual where all units are 0.
     pub offset: f64,
-    /// Weight of each unit.
     pub weights: Vec<f64>,
 }
 

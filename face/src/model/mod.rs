@@ -114,18 +114,14 @@ impl fmt::Display for FeatureId {
 pub enum ModelError {
     /// The file is missing or cannot be read. It may be later: its disk may not be mounted yet.
     #[error("the model {} cannot be read ({source}); check the path and its permissions", path.display())]
-    Unreadable {
-        /// The path of the file.
-        path: PathBuf,
-        /// The error of the system.
-        source: io::Error,
-    },
+    #[allow(missing_docs, reason = "the types say it")]
+    Unreadable { path: PathBuf, source: io::Error },
     /// The file is damaged, of another format, or holds what no model has: a sentence that names the entry and the remedy.
     #[error("{0}")]
     Invalid(String),
 }
 
-/// A fitted regression, which takes at most 256 KiB, the layer that adds to it, and the terms that correct the sum.
+/// A fitted regression, the layer that adds to it, and the terms that correct the sum.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Model {
     pub(crate) regression: Regression,
@@ -138,10 +134,9 @@ pub struct Model {
 /// What a model has for wearers whose neutral face is known, and for those whose is not.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[allow(missing_docs, reason = "the names say it")]
 pub struct Cases<T> {
-    /// For displacements from the wearer's neutral face.
     pub neutral_known: T,
-    /// For displacements from the mean of many people, or for the measures themselves.
     pub neutral_unknown: T,
 }
 
@@ -162,10 +157,7 @@ impl Model {
     }
 
     /// The numbers of the model as bytes.
-    ///
-    /// # Panics
-    /// Never: lists of numbers can be written to memory.
-    #[expect(clippy::expect_used, reason = "see Panics")]
+    #[expect(clippy::expect_used, clippy::missing_panics_doc, reason = "lists of numbers can be written to memory")]
     pub fn to_bytes(&self) -> Vec<u8> {
         postcard::to_allocvec(self).expect("numbers in memory")
     }
@@ -245,8 +237,7 @@ pub struct CorrectiveTerms {
 impl CorrectiveTerms {
     /// Terms that change nothing.
     pub const NONE: Self = Self { shift: 0.0, slope: 1.0, lift: 0.0, response: [0.5, 0.9] };
-    /// The terms of the eyelids where the model states none: full closure reads 0.7 and becomes 0.97. A lift of 0.25
-    /// from 0.5 on has a smaller squared error, but then only every third blink of unseen people reaches 0.9.
+    /// The terms of the eyelids where the model states none: full closure reads 0.7 and becomes 0.97.
     const EYE_BLINK: Self = Self { lift: 0.4, response: [0.35, 0.75], ..Self::NONE };
 
     /// Whether the terms are finite and keep the order of values.

@@ -1,10 +1,8 @@
 //! `T_a` (eq. 3): the transform from pixels to the face's own basis.
 //!
-//! The three points of the paper (eyes and nose) are noisy. The basis is therefore fitted to [`RIGID`], points around
-//! the eyes, the nose and the temples that expressions hardly move, by a least-squares similarity (Kabsch, Umeyama),
-//! which is `R3 R2 R1` in one step. Compared with the three points, this lowers the mean error of the head's pitch from
-//! 3.2 to 2.4 degrees and that of its roll from 1.0 to 0.8. Axes: x to the person's left, y up, z out of the face; the
-//! origin lies between the eyes; the unit is their distance. Limits: weak perspective is assumed, so a face away from
+//! The three points of the paper (eyes and nose) are noisy. The basis is therefore fitted to [`RIGID`] by a least-squares
+//! similarity (Kabsch, Umeyama), which is `R3 R2 R1` in one step. Axes: x to the person's left, y up, z out of the face;
+//! the origin lies between the eyes; the unit is their distance. Limits: weak perspective is assumed, so a face away from
 //! the middle of the picture appears turned by the angle at which the camera sees it.
 
 use nalgebra::{Matrix3, Vector3};
@@ -21,11 +19,8 @@ pub(super) const MAX_COORDINATE: f32 = 10.0;
 /// Limit on the iterations of the 3 x 3 singular value decomposition. In double precision, 10 suffice.
 const MAX_ITERATIONS: usize = 100;
 
-/// Landmark index and coordinates, in the basis of [`Normalised::points`], of points that expressions hardly move:
-/// corners of the eyes, bridge, sides and wings of the nose, temples, middle of the forehead.
-///
-/// They are the mean of the aligned neutral, near-frontal faces of the 400 subjects of the training data, made
-/// symmetric, and rotated so that a face that looks into the camera has no pitch.
+/// Landmark index and coordinates of points that expressions hardly move: the mean of the aligned neutral faces of the
+/// training data, made symmetric, and rotated so that a face that looks into the camera has no pitch.
 pub(crate) const RIGID: [(usize, [f64; 3]); 32] = [
     (33, [-0.7218, 0.0143, -0.0445]),
     (133, [-0.2782, -0.0143, 0.0445]),

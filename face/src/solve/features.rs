@@ -1,9 +1,7 @@
 //! `S` and `T_d` (eq. 4, 5): the features of a face that the regression reads, and what they are measured from.
 //!
-//! Where the wearer's neutral face is known, measures count as displacements from it, and from the mean of many people
-//! otherwise. In between, the reference lies between both ([`Reference`]). How far the head is turned does not depend on
-//! the neutral face. The selection (eq. 4) is the model's list of indices into [`Features`]: the matrix D
-//! of the paper would hold almost nothing but zeros.
+//! The selection (eq. 4) is the model's list of indices into [`Features`]: the matrix D of the paper would hold almost
+//! nothing but zeros.
 
 use super::affine::{MAX_COORDINATE, MAX_MISFIT, RIGID};
 use super::{LANDMARKS, Normalised, SolveError, filter::approach};
@@ -25,8 +23,7 @@ impl Neutral {
         Ok(Self { measures: Box::new(measure(points)) })
     }
 
-    /// Like [`Neutral::from_points`], for points whose source is not trusted.
-    /// The rigid points must be where those of a normalised face are.
+    /// Like [`Neutral::from_points`], for points whose source is not trusted: they must form a normalised face.
     pub fn of_face(points: &[[f32; 3]; LANDMARKS]) -> Result<Self, SolveError> {
         let squared = |(index, canonical): &(usize, [f64; 3])| {
             let point = points.get(*index).copied().unwrap_or_default();
@@ -171,9 +168,7 @@ mod tests {
     #[test]
     fn coordinate_that_no_face_has_is_refused() {
         for value in [f32::NAN, f32::INFINITY, 1e6] {
-            let mut points = [[0.0; 3]; LANDMARKS];
-            points[477][2] = value;
-            assert_eq!(Neutral::from_points(&points), Err(SolveError::NoMean));
+            assert_eq!(Neutral::from_points(&[[0.0, value, 0.0]; LANDMARKS]), Err(SolveError::NoMean));
         }
     }
 }

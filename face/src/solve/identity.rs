@@ -1,13 +1,11 @@
 //! Tells people apart by the rigid shape of their faces.
 //!
-//! A few measures that expressions hardly change, such as the width of the temples and the height of the angles of the
-//! jaw, are averaged over 6 s of frames in which the head faces the camera, and compared with their mean over the last
-//! minute. Widths and mean heights of pairs of landmarks do not depend on the head's yaw at first order. What a change
-//! of the distance to the camera does to the measures (scale and perspective) does not count as a difference.
+//! Measures that expressions hardly change are averaged over 6 s of frames in which the head faces the camera, and compared
+//! with their mean over the last minute. Widths and mean heights of pairs of landmarks do not depend on the head's yaw at
+//! first order. What another distance to the camera does to them (scale and perspective) does not count as a difference.
 //!
 //! In films of 13 people, the distance of the same person is at most 2.8. When one takes the place of another, that is
-//! noticed in 2 of 3 pairs within half a minute, most often after 6 s. Limits: people whose faces have similar proportions
-//! count as one person; then the estimate adapts to the new face without being forgotten.
+//! noticed in 2 of 3 pairs within half a minute. Limits: people whose faces have similar proportions count as one person.
 
 use super::Normalised;
 use super::filter::{approach, difference};
@@ -21,10 +19,9 @@ const WEARER_S: f32 = 60.0;
 const LEAST_SUM_S: f32 = 0.1;
 /// Time before the average of the person in the picture says something, seconds.
 const LEAST_RECENT_S: f32 = 1.5;
-/// Distance from which on a face is another person's, and time for which it has to last, seconds.
+/// Distances from which on a face is, and may be, another person's, and the time for which the first has to last, seconds.
 const ANOTHER: f32 = 3.3;
 const ANOTHER_S: f32 = 1.5;
-/// Distance from which on a face may be another person's.
 const DOUBTFUL: f32 = 2.5;
 
 const X: usize = 0;

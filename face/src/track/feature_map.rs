@@ -114,11 +114,11 @@ fn rotate([x, y]: [f32; 2], [cos, sin]: [f32; 2]) -> [f32; 2] {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// A map whose values are `column + 100 row`.
-    fn map() -> Vec<f32> {
+    pub(in crate::track) fn map() -> Vec<f32> {
         let value = |at: usize| (at % FEATURE_SIZE + 100 * (at / FEATURE_SIZE)) as f32;
         (0..FEATURE_SIZE * FEATURE_SIZE).flat_map(|at| [value(at); FEATURE_CHANNELS]).collect()
     }

@@ -76,9 +76,10 @@ mod tests {
 
     use super::*;
     use crate::picture::Pixels;
-    use crate::testing::{Scripted, face, show};
+    use crate::testing::{Run, Scripted, face, show};
 
     const WIDTH: usize = 192;
+    const NETWORKS: [&str; 5] = ["detector", "mesh", "lips", "left_eye", "right_eye"];
 
     /// A picture of the size of the mesh's input: a region that covers it does not change coordinates.
     fn picture() -> Picture<'static> {
@@ -86,25 +87,36 @@ mod tests {
         Picture::new(WIDTH, WIDTH, Pixels::Grey { data: &GREY, stride: WIDTH }, true).expect("a whole picture")
     }
 
-    /// A tracker whose networks show a face, unless `script` refuses for a network and the number of its run.
-    fn tracker(script: fn(&str, usize) -> Result<bool, &'static str>) -> (Tracker, Arc<[AtomicUsize; 2]>) {
-        let runs = Arc::new([AtomicUsize::new(0), AtomicUsize::new(0)]);
+    /// A tracker whose networks show a face, unless `alter` changes it or refuses a network's run of this number, and how
+    /// often each of [`NETWORKS`] has run.
+    fn tracker(
+        alter: impl Fn(&mut Run, usize) -> Result<(), &'static str> + Send + Sync + 'static,
+    ) -> (Tracker, Arc<[AtomicUsize; 5]>) {
+        let runs: Arc<[AtomicUsize; 5]> = Arc::default();
         let counted = Arc::clone(&runs);
         let engine = Scripted::new(move |mut run| {
-            let runs = &counted[usize::from(run.network != "detector")];
-            if script(run.network, runs.fetch_add(1, Relaxed))? {
-                show(&mut run, &face([0.0; 3], 60.0, [110.0, 70.0]));
-            }
-            Ok(())
+            let network = NETWORKS.iter().position(|name| *name == run.network).expect("a known network");
+            show(&mut run, &face([0.0; 3], 60.0, [110.0, 70.0]));
+            alter(&mut run, counted[network].fetch_add(1, Relaxed))
         });
         (Tracker::load(&engine).expect("scripted networks"), runs)
     }
 
+    /// A region that covers the picture.
+    const WHOLE: FaceBox = FaceBox { centre: [96.0; 2], size: 192.0, angle_rad: 0.0 };
+
+    /// Finds the face in the next picture.
+    fn follow(tracker: &mut Tracker) -> Result<Option<Landmarks>, String> {
+        tracker.detect(&picture()).expect("a run").expect("a face");
+        let outcome = tracker.landmarks(&picture(), &WHOLE).map(|found| found.cloned());
+        assert_eq!(tracker.face().is_some(), matches!(outcome, Ok(Some(_))));
+        outcome.map_err(|error| error.to_string())
+    }
+
     #[test]
     fn the_landmarks_are_those_of_the_networks_and_the_next_region_follows_them() {
-        let (mut tracker, _) = tracker(|_, _| Ok(true));
-        let region = FaceBox { centre: [96.0; 2], size: 192.0, angle_rad: 0.0 };
-        let found = tracker.landmarks(&picture(), &region).expect("a run").expect("a face").clone();
+        let (mut tracker, _) = tracker(|_, _| Ok(()));
+        let found = follow(&mut tracker).expect("a run").expect("a face");
         let shown = face([0.0; 3], 60.0, [110.0, 70.0]);
         for (index, (found, shown)) in found.0.iter().zip(&shown.0).enumerate().take(MESH) {
             for (found, shown) in found.iter().zip(shown) {
@@ -120,31 +132,72 @@ mod tests {
 
     #[test]
     fn after_a_network_failed_there_is_no_face_until_the_next_picture() {
-        // The mesh and its three heads run on each picture.
-        let (mut tracker, _) = tracker(|_, run| if run == 2 * 4 + 1 { Err("no memory") } else { Ok(true) });
-        let mut follow = || {
-            let region = tracker.detect(&picture()).expect("a run").expect("a face");
-            let outcome = tracker.landmarks(&picture(), &region).map(drop);
-            assert_eq!(tracker.face().is_some(), outcome.is_ok());
-            outcome.map_err(|error| error.to_string())
-        };
-        assert!(follow().is_ok() && follow().is_ok());
-        let failure = follow().expect_err("no memory");
+        let fails =
+            |run: &mut Run, number| if run.network == "lips" && number == 2 { Err("no memory") } else { Ok(()) };
+        let (mut tracker, _) = tracker(fails);
+        assert!(follow(&mut tracker).is_ok() && follow(&mut tracker).is_ok());
+        let failure = follow(&mut tracker).expect_err("no memory");
         assert!(failure.starts_with("network lips failed to run (no memory); "), "{failure}");
-        assert!(follow().is_ok());
+        assert!(follow(&mut tracker).is_ok());
     }
 
     #[test]
     fn the_detector_runs_until_it_finds_a_face_and_not_while_that_face_is_followed() {
-        let (mut tracker, runs) = tracker(|network, run| Ok(network != "detector" || run > 0));
+        let (mut tracker, runs) = tracker(|run, number| {
+            if run.network == "detector" && number == 0 {
+                run.outputs[1].fill(-9.0);
+            }
+            Ok(())
+        });
         assert_eq!(tracker.detect(&picture()).expect("a run"), None);
         for _ in 0..3 {
-            let region = tracker.detect(&picture()).expect("a run").expect("a face");
-            assert!(tracker.landmarks(&picture(), &region).expect("a run").is_some());
+            assert!(follow(&mut tracker).is_ok_and(|found| found.is_some()));
         }
         assert_eq!(runs[0].load(Relaxed), 2);
         tracker.forget();
         assert!(tracker.detect(&picture()).expect("a run").is_some());
         assert_eq!(runs[0].load(Relaxed), 3);
+    }
+
+    #[test]
+    fn heads_by_turns_run_one_at_a_time_and_all_at_once_on_another_face() {
+        let (mut tracker, runs) = tracker(|_, _| Ok(()));
+        tracker.set_turns(true);
+        let first = follow(&mut tracker).expect("a run").expect("a face");
+        for (picture, wanted) in [[2, 2, 1, 1], [3, 2, 2, 1], [4, 2, 2, 2], [5, 3, 2, 2]].into_iter().enumerate() {
+            let next = follow(&mut tracker).expect("a run").expect("a face");
+            for (next, first) in next.0.iter().flatten().zip(first.0.iter().flatten()) {
+                assert!((next - first).abs() < 1e-2, "a face that rests: {next} instead of {first}");
+            }
+            assert_eq!([1, 2, 3, 4].map(|network| runs[network].load(Relaxed)), wanted, "{picture}");
+        }
+        tracker.forget();
+        follow(&mut tracker).expect("a run").expect("a face");
+        assert_eq!([1, 2, 3, 4].map(|network| runs[network].load(Relaxed)), [6, 4, 3, 3]);
+    }
+
+    #[test]
+    fn a_flag_below_one_half_or_a_number_that_is_not_finite_in_any_output_is_not_a_face() {
+        let cases = [
+            ("mesh", 1, 0.01, true),
+            ("mesh", 1, -0.01, false),
+            ("mesh", 1, f32::NAN, false),
+            ("mesh", 0, f32::NAN, false),
+            ("lips", 0, f32::INFINITY, false),
+            ("left_eye", 1, f32::NAN, false),
+        ];
+        for (network, output, value, is_face) in cases {
+            let (mut tracker, _) = tracker(move |run, _| {
+                if run.network == network {
+                    *run.outputs[output].last_mut().expect("values") = value;
+                }
+                Ok(())
+            });
+            assert_eq!(
+                follow(&mut tracker).expect("a run").is_some(),
+                is_face,
+                "{value} in output {output} of {network}"
+            );
+        }
     }
 }

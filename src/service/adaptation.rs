@@ -77,26 +77,14 @@ impl Step {
         Self::ALL.into_iter().find(|step| step.name() == name).ok_or_else(|| format!("give one of {}", names()))
     }
 
-    /// The name everywhere, and of how many frames of the camera one is processed.
-    fn row(self) -> (&'static str, u32) {
-        match self {
-            Self::Full => ("full", 1),
-            Self::Turns => ("turns", 1),
-            Self::Half => ("half", 2),
-            Self::Third => ("third", 3),
-            Self::Quarter => ("quarter", 4),
-            Self::Sixth => ("sixth", 6),
-            Self::Eighth => ("eighth", 8),
-            Self::Twelfth => ("twelfth", 12),
-        }
-    }
-
     pub fn name(self) -> &'static str {
-        self.row().0
+        let names = ["full", "turns", "half", "third", "quarter", "sixth", "eighth", "twelfth"];
+        names.get(self as usize).copied().unwrap_or_default()
     }
 
+    /// Of how many frames of the camera one is processed.
     pub fn every(self) -> u32 {
-        self.row().1
+        [1, 1, 2, 3, 4, 6, 8, 12].get(self as usize).copied().unwrap_or(1)
     }
 
     pub fn has_turns(self) -> bool {
@@ -145,21 +133,10 @@ pub(super) enum Cause {
 }
 
 impl Cause {
-    pub(super) const ALL: [Self; 3] = [Self::Slow, Self::Hot, Self::Undervoltage];
-
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Slow => "slow",
-            Self::Hot => "hot",
-            Self::Undervoltage => "undervoltage",
-        }
-    }
+    pub(super) const NAMES: [&str; 3] = ["slow", "hot", "undervoltage"];
 
     fn calm_us(self) -> u64 {
-        match self {
-            Self::Slow => 10_000_000,
-            Self::Hot | Self::Undervoltage => 120_000_000,
-        }
+        if self == Self::Slow { 10_000_000 } else { 120_000_000 }
     }
 }
 

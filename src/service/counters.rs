@@ -61,7 +61,7 @@ pub(super) struct Counters {
     camera_period_us: AtomicU64,
     /// The step of the pipeline, as an index into [`Step::ALL`].
     step: AtomicUsize,
-    /// Why it is not the first one, as an index into [`Cause::ALL`] plus 1; 0 on the first step.
+    /// Why it is not the first one, as an index into [`Cause::NAMES`] plus 1; 0 on the first step.
     step_cause: AtomicUsize,
     step_changes: AtomicU64,
     /// Whether the camera is to be opened with half the width and height.
@@ -215,7 +215,7 @@ impl Counters {
             gauge "step" "step" "1 for the present step of the pipeline, 0 for the others."
                 = present("step", Step::ALL.map(Step::name), |at| at == step);
             gauge "step_by" "by" "1 for the reason of a step other than full, else 0."
-                = present("step_by", Cause::ALL.map(Cause::name), |at| at + 1 == step_cause);
+                = present("step_by", Cause::NAMES, |at| at + 1 == step_cause);
             counter "step_changes" "" "How often the step has changed." = count("step_changes", &self.step_changes);
             gauge "small_picture" "" "1 if the camera is opened with half the width and height, else 0."
                 = flag(if is_small { "picture=small" } else { "picture=full" }, is_small);

@@ -12,17 +12,14 @@ use std::thread::{Builder, Thread};
 
 use super::STACK_BYTES;
 use super::hot::HotChange;
-use super::links::Links;
-use super::sender::SenderSettings;
+use super::sender::{Links, SenderSettings};
 use crate::calibration::WearerName;
 use crate::config::{Faults, LogLevel, Settings};
 use crate::link::Traffic;
 use crate::preflight::{is_same_profile, load_model, load_profile, load_tracker, model_warning};
 
+type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 pub(super) type LoadSettings = Arc<dyn Fn() -> Result<Settings, Faults> + Send + Sync>;
-
-/// Where the loader's thread leaves the change, or why there is none.
-type Preparing = Receiver<Result<Change, Box<dyn Error + Send + Sync>>>;
 
 /// The wearer whose profile is in use, which need not be the one that the settings name.
 #[derive(Debug, Clone, Default)]
@@ -53,7 +50,7 @@ impl Change {
         live: &Settings,
         traffic: &Arc<Traffic>,
         in_use: Option<&WearerName>,
-    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+    ) -> Outcome<Self> {
         let new = load_settings()?;
         let is_same_model = new.solver.model == live.solver.model;
         let tracker = (new.networks != live.networks).then(|| load_tracker(&new.networks)).transpose()?;
@@ -137,7 +134,7 @@ pub(super) struct Reloader {
     pub(super) traffic: Arc<Traffic>,
     pub(super) loader: Loader,
     pub(super) in_use: InUse,
-    pub(super) preparing: Option<Preparing>,
+    pub(super) preparing: Option<Receiver<Outcome<Change>>>,
 }
 
 impl Reloader {
@@ -247,8 +244,8 @@ mod tests {
         let toml = format!("[solver]\nmodel = {model:?}\n[wearer]\nname = \"bob\"\nfolder = {:?}\n", folder.path());
         let live = config::parse("test", &toml).unwrap();
         let prepare = || Change::prepare(&fixed(&toml), &live, &Arc::default(), Some(&name)).unwrap();
-        let HotChange { model: no_model, profile, .. } = prepare().hot;
-        assert!(no_model.is_none() && profile.is_none(), "what is missing stays as it is");
+        let missing = prepare().hot;
+        assert!(missing.model.is_none() && missing.profile.is_none(), "what is missing stays as it is");
         let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/models/blendshapes.toml");
         std::fs::copy(shipped, &model).unwrap();
         let file = test_profile(7);

@@ -71,17 +71,10 @@ impl Histogram {
         })
     }
 
-    /// Counts the durations below each of the ascending limits but not below the previous one, and the longer ones. The
-    /// counts are exact at the ends of buckets, such as powers of two from 64 on and 1.5 times these.
-    pub(super) fn counts_between<const N: usize>(&self, limits_ns: &[u64; N]) -> ([u64; N], u64) {
-        let (mut counts, mut longer) = ([0; N], 0);
-        for (end_ns, count) in self.counts() {
-            match limits_ns.iter().zip(&mut counts).find(|(limit_ns, _)| end_ns <= **limit_ns) {
-                Some((_, sum)) => *sum += count,
-                None => longer += count,
-            }
-        }
-        (counts, longer)
+    /// Counts the durations below a limit. The count is exact at the ends of buckets, such as powers of two from 64 on and
+    /// 1.5 times these.
+    pub(super) fn count_below(&self, limit_ns: u64) -> u64 {
+        self.counts().take_while(|(end_ns, _)| *end_ns <= limit_ns).map(|(_, count)| count).sum()
     }
 
     fn counts(&self) -> impl Iterator<Item = (u64, u64)> {
@@ -172,7 +165,7 @@ pub(super) struct FrameTiming {
 impl FrameTiming {
     pub(super) fn new(counters: Arc<Counters>) -> Self {
         let camera_period = Duration::from_micros(FrameRate::FPS_30.period_us());
-        let (step, recent) = (Step::default(), HistoryBuf::new());
+        let (step, recent) = (Step::Full, HistoryBuf::new());
         Self { counters, last_captured_us: None, camera_period, step, work: None, recent }
     }
 
@@ -271,16 +264,12 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_those_of_the_durations_in_three_significant_digits() {
+    fn quantiles_have_three_significant_digits_and_counts_below_limits_are_exact() {
         let of = |times_us: &[u64]| quantiles(&histogram_of(times_us.iter().map(|us| us * 1000)));
         assert_eq!(of(&[9, 9250, 101_400]), "9.44/103/103");
         assert_eq!(of(&[]), "0.000/0.000/0.000");
-    }
-
-    #[test]
-    fn counts_between_limits_are_exact_and_complete() {
-        let counts = histogram_of([0, 63, 64, 95, 96, 1023, 1024, u64::MAX]).counts_between(&[64, 96, 1024]);
-        assert_eq!(counts, ([2, 2, 2], 2));
+        let histogram = histogram_of([0, 63, 64, 95, 96, 1023, 1024, u64::MAX]);
+        assert_eq!([64, 96, 1024, u64::MAX].map(|limit_ns| histogram.count_below(limit_ns)), [2, 4, 6, 8]);
     }
 
     fn timing() -> FrameTiming {

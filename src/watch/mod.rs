@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn each_impairment_of_a_face_has_its_threshold() {
+    fn each_impairment_of_a_face_and_of_a_picture_without_one_has_its_threshold() {
         let light = |brightness, contrast, noise| Light { brightness, contrast, noise };
         for (face, want) in [
             (FACE, "none"),
@@ -224,10 +224,6 @@ mod tests {
         ] {
             assert_eq!(told(Some(face), FACE.light), want, "{face:?}");
         }
-    }
-
-    #[test]
-    fn a_picture_without_a_face_is_black_dark_noisy_or_in_order() {
         let told = |brightness, contrast, noise| told(None, Light { brightness, contrast, noise });
         assert_eq!([told(2.0, 0.0, 0.5), told(15.0, 8.0, 2.0), told(60.0, 10.0, 20.0)], ["black", "dark", "dark"]);
         assert_eq!([told(128.0, 0.0, 0.5), told(60.0, 10.0, 3.0)], ["none"; 2], "a wall, and good light");

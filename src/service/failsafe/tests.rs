@@ -120,6 +120,10 @@ fn a_pose_during_hold_is_followed_at_once_by_a_ramp() {
     let output = run.pose_after(10 * MS, &all(1.0));
     assert_eq!((output.state, output.reason), (State::Live, Reason::None));
     assert!((output.pose.coefficients[0] - 0.04).abs() < 1e-5);
+    let mut fresh = Run::new();
+    let pose = (0..3).map(|_| fresh.pose_after(50 * MS, &all(1.0))).last().unwrap().pose;
+    assert_eq!(pose.position_mm, [10.0, 20.0, 600.0], "the first pose sets the position without a ramp");
+    assert!(pose.coefficients[0] <= 0.2 + 1e-5, "but its expression does not jump");
 }
 
 #[test]
@@ -130,10 +134,7 @@ fn recovery_takes_three_poses_and_100_ms() {
         let mut states = (1..).map(|_| run.pose_after(period_ms * MS, &all(1.0)).state);
         assert_eq!(states.position(|state| state == State::Live), Some(first_live - 1), "every {period_ms} ms");
     }
-}
-
-#[test]
-fn recovery_starts_over_after_a_fault_or_a_gap() {
+    // It starts over after a fault or a gap.
     for (interrupt, gap_ms) in [(News::Fault(Reason::NoFace), 0), (News::Nothing, 160)] {
         let mut run = Run::live(&all(0.0));
         run.wait(2000 * MS);
@@ -153,14 +154,6 @@ fn recovery_ramps_from_the_current_output_and_then_follows_exactly() {
     assert!(fastest(&outputs) <= SLEW_PER_S * 1.001, "{}", fastest(&outputs));
     assert_eq!(outputs.last().unwrap().pose, all(0.8));
     assert_eq!(run.pose_after(FRAME_US, &all(0.1)).pose, all(0.1), "live and caught up, nothing limits");
-}
-
-#[test]
-fn the_first_pose_sets_the_position_without_a_ramp() {
-    let mut run = Run::new();
-    let pose = (0..3).map(|_| run.pose_after(50 * MS, &all(1.0))).last().unwrap().pose;
-    assert_eq!(pose.position_mm, [10.0, 20.0, 600.0]);
-    assert!(pose.coefficients[0] <= 0.2 + 1e-5, "but its expression does not jump");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::packet::{PACKET_BYTES, VERSION};
+use crate::{PACKET_BYTES, VERSION};
 
 /// The reason why a byte sequence is not a valid packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

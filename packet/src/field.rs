@@ -1,6 +1,7 @@
 //! The wire layout: one constant per field, little-endian, without gaps.
 
-use crate::packet::PACKET_BYTES;
+/// The length of a packet in bytes.
+pub const PACKET_BYTES: usize = 132;
 
 pub const MAGIC: Field<2> = Field { at: 0 };
 pub const VERSION: Field<1> = Field { at: 2 };

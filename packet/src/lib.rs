@@ -34,8 +34,9 @@ mod tally;
 
 pub use blendshapes::{BLENDSHAPE_COUNT, BLENDSHAPES};
 pub use error::DecodeError;
+pub use field::PACKET_BYTES;
 pub use frame::{FRAME_BYTES, FrameReader};
-pub use packet::{PACKET_BYTES, Packet, SILENCE_MS, VERSION};
+pub use packet::{Packet, SILENCE_MS, VERSION};
 pub use receiver::{Face, LATE_MS, Receiver, TRAVEL_MS};
 pub use state::{NeutralFace, Reason, State};
 #[cfg(feature = "std")]

@@ -2,10 +2,8 @@
 
 use crc::{CRC_16_MCRF4XX, Crc, NoTable};
 
-use crate::{BLENDSHAPE_COUNT, DecodeError, NeutralFace, Reason, State, field, quantise};
+use crate::{BLENDSHAPE_COUNT, DecodeError, NeutralFace, PACKET_BYTES, Reason, State, field, quantise};
 
-/// The length of a packet in bytes.
-pub const PACKET_BYTES: usize = 132;
 /// The version of the format that this crate writes and reads.
 pub const VERSION: u8 = 1;
 /// A receiver must move to neutral on its own if no valid packet arrives for this long.

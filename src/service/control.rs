@@ -194,10 +194,9 @@ impl Server {
             let admits = inside < MAX_CLIENTS && !door.rests();
             Some(PollFd::new(door.listener.as_ref()?, if admits { PollFlags::IN } else { PollFlags::empty() }))
         });
-        let clients = self
-            .clients
-            .iter()
-            .map(|client| PollFd::new(client, if client.is_behind() { PollFlags::OUT } else { PollFlags::IN }));
+        let clients = self.clients.iter();
+        let clients =
+            clients.map(|client| PollFd::new(client, if client.is_behind() { PollFlags::OUT } else { PollFlags::IN }));
         let stop = PollFd::new(&self.stop_signal, PollFlags::IN);
         let mut polled: Vec<_> = std::iter::once(stop).chain(doors).chain(clients).collect();
         let timeout = match (self.calibrating.is_some() || self.recording.is_some(), self.clients.is_empty()) {

@@ -144,9 +144,9 @@ impl HotLoop {
                     let is_camera = matches!(event, Event::Lost(_) | Event::Closed(_));
                     self.outlets.report(News::Fault(if is_camera { Reason::NoCamera } else { Reason::BadResult }));
                     self.tell(event);
+                    self.enter(Phase::Open);
                     let wait = camera::wait_after(lasted, &mut back_off);
                     if !self.counters.stopping() {
-                        self.enter(Phase::Open);
                         thread::park_timeout(wait);
                     }
                 }
@@ -476,12 +476,8 @@ mod tests {
 
     #[test]
     fn eight_failures_in_a_row_reload_the_networks_and_eight_more_soon_after_are_given_up() {
-        for (is_reloaded, good_runs, remedy) in [
-            (false, 0, Remedy::Reload),
-            (true, 0, Remedy::GiveUp),
-            (true, 299, Remedy::GiveUp),
-            (true, 300, Remedy::Reload),
-        ] {
+        let [reload, give_up] = [Remedy::Reload, Remedy::GiveUp];
+        for (is_reloaded, good_runs, remedy) in [(false, 0, reload), (true, 299, give_up), (true, 300, reload)] {
             let mut health = EngineHealth { is_reloaded, ..EngineHealth::default() };
             assert!((0..7).all(|_| health.failed() == Remedy::Wait));
             (0..good_runs).for_each(|_| health.ran());

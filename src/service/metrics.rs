@@ -148,8 +148,6 @@ mod tests {
             "facewire_link_packets_total{result=\"dropped\"} 2",
             "facewire_impairments_total{by=\"hot\"} 2",
             "facewire_step{step=\"half\"} 1",
-            "facewire_step{step=\"full\"} 0",
-            "# UNIT facewire_stage_seconds seconds",
             "facewire_stage_seconds_bucket{le=\"0.000016384\",stage=\"mesh\"} 0",
             "facewire_stage_seconds_bucket{le=\"0.000024576\",stage=\"mesh\"} 1",
             "facewire_stage_seconds_sum{stage=\"mesh\"} 0.00002",

@@ -1,10 +1,9 @@
 //! The guide: asks for one take after the other, and accepts or refuses what it sees.
 //!
 //! A pure state machine: time comes with the observations, in any order and with any gaps. In a take the guide lets the
-//! wearer get ready, waits until the conditions hold (a face that faces the camera, enough light, and for a pose that the
-//! pose is seen, relative to the neutral take), and measures while the wearer holds still. A pose that is not seen for some
-//! seconds is left out. At the end the neutral take is compared with the poses, in which the parts of the face that they do
-//! not move are at rest, too: where these read less than in the neutral take, it is taken again.
+//! wearer get ready, waits until the conditions hold (a face that faces the camera, enough light, and the pose), and
+//! measures while the wearer holds still. A pose that is not seen for some seconds is left out. If the poses contradict the
+//! neutral take at the end, it is taken again.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -32,8 +31,7 @@ const PATIENCE_FRAMES: u32 = 15;
 /// Longest time between two frames of one hold: this time, or with a slow camera this many frames.
 const GAP_S: f32 = 1.0;
 const GAP_FRAMES: f32 = 3.0;
-/// One part in this many of the mean time between frames comes from the newest one. It is never taken to be longer than
-/// that of the slowest camera.
+/// One part in this many of the mean time between frames comes from the newest one.
 const PERIOD_SHARE: f32 = 8.0;
 const MAX_PERIOD_S: f32 = 5.0;
 /// Longest blink that is left out. A blink that a slow camera shows in one frame is never too long.
@@ -199,7 +197,7 @@ impl Guide {
             return 0.0;
         };
         let step_s = passed_us as f32 / 1e6;
-        let period_s = *self.period_s.get_or_insert(step_s.min(MAX_PERIOD_S));
+        let period_s = self.period_s.unwrap_or(step_s.min(MAX_PERIOD_S));
         let gap_s = GAP_S.max(GAP_FRAMES * period_s);
         if step_s > gap_s {
             self.stage.hold = None;

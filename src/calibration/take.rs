@@ -1,4 +1,4 @@
-//! The takes of a calibration: what the wearer is asked to do, by which coefficients it is seen, and why a take is refused.
+//! The takes of a calibration: what the wearer is asked to do, and why a take is refused.
 
 use facewire_face::{BLENDSHAPES, COEFFS};
 use serde::{Deserialize, Serialize};
@@ -37,7 +37,7 @@ impl Take {
         self.properties().1
     }
 
-    /// The coefficients that the pose raises to the end of their range. The neutral face raises none.
+    /// The coefficients that the pose raises to the end of their range.
     pub fn raises(self) -> &'static [&'static str] {
         self.properties().2
     }
@@ -74,8 +74,7 @@ impl Take {
         }
     }
 
-    /// How strongly the pose is seen in these coefficients: their mean, or, for shut eyes, the value of
-    /// the lid that is less shut.
+    /// How strongly the pose is seen: the mean of its coefficients, or, for shut eyes, the lid that is less shut.
     pub(super) fn strength(self, coefficients: &[f32; COEFFS]) -> f32 {
         match self {
             Self::EyesShut => LIDS.iter().map(|name| mean_of(&[name], coefficients)).fold(f32::MAX, f32::min),
@@ -144,9 +143,9 @@ mod tests {
 
     #[test]
     fn takes_stand_in_their_order_and_raise_blendshapes_that_exist_and_each_only_once() {
+        assert!(Take::ALL.is_sorted());
         let mut raised = Vec::new();
-        for (index, take) in Take::ALL.into_iter().enumerate() {
-            assert_eq!(take as usize, index);
+        for take in Take::ALL {
             assert_eq!(serde_json::to_string(&take).unwrap(), format!("{:?}", take.name()));
             assert!(take.raises().iter().all(|name| BLENDSHAPES.contains(name) && !raised.contains(name)), "{take:?}");
             raised.extend(take.raises());

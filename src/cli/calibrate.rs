@@ -38,9 +38,9 @@ stays. After the next start, the service uses the wearer that wearer.name of its
 /// Longest time between two lines of a service that works.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Time for which poor light must last before the guide waits for better light, microseconds.
+/// Time for which poor light must last before the guide waits for better light.
 const HOLD_US: u64 = 1_000_000;
-/// Time from one look at the light to the next, microseconds.
+/// Time from one look at the light to the next.
 const LOOK_US: u64 = 250_000;
 
 #[derive(Debug, Args)]
@@ -115,7 +115,7 @@ fn without_service(args: &CalibrateArgs, request: Request) -> Result<(), Failure
         Request::Use { .. } => Err(Failure::failed(
             "no service runs here that could be told; set wearer.name in its settings, or start it".to_owned(),
         )),
-        // `facewire record` asks for it.
+        // Only `facewire record` asks for it.
         Request::Record {} => Ok(()),
         Request::List {} => {
             let in_use = Some(settings.wearer.name.as_str()).filter(|name| !name.is_empty());
@@ -208,8 +208,7 @@ fn lost(path: &Path, error: &io::Error) -> Failure {
 
 fn calibrate_here(settings: &Settings) -> Result<Calibration, Failure> {
     say("no service answers: opening the camera");
-    let mut pipeline = Pipeline::load(settings, true)?;
-    let mut camera = OpenCamera::open(&settings.camera)?;
+    let (mut pipeline, mut camera) = (Pipeline::load(settings, true)?, OpenCamera::open(&settings.camera)?);
     let outcome = guide(&mut camera, &mut pipeline);
     // A camera that does not close must not cost the result.
     if let Err(error) = camera.close() {
@@ -284,19 +283,18 @@ fn lines(progress: &Progress) -> [String; 3] {
     let task = format!("[{:2}/{of}] {}", (done + 1).min(*of), take.instruction());
     let measured = format!("        measured {}", bar(*measured));
     let bars = if *take == Take::Neutral { measured } else { format!("{measured}  seen {}", bar(*seen)) };
-    let last = progress.last_refusal.filter(|_| progress.refused > 0);
-    let refused = last.map_or_else(String::new, |why| format!("   (refused {}: {why})", progress.refused));
+    let refused = progress.last_refusal.map(|why| format!("   (refused {}: {why})", progress.refused));
+    let refused = refused.unwrap_or_default();
     let state = match (phase, progress.waits_for) {
         (Phase::Measure, _) => "hold it".to_owned(),
         (Phase::Ended, _) => "done".to_owned(),
-        (Phase::GetReady, None) => "get ready".to_owned(),
         (_, Some(why)) => format!("waiting. {why}"),
+        (Phase::GetReady, None) => "get ready".to_owned(),
         (Phase::Wait, None) => "waiting".to_owned(),
     };
     [task, bars, format!("        {state}{refused}")]
 }
 
-/// A bar of 24 characters for a share from 0 to 1.
 fn bar(share: f32) -> String {
     let full = (share.clamp(0.0, 1.0) * 24.0).round() as usize;
     "█".repeat(full) + &"░".repeat(24 - full)

@@ -32,7 +32,7 @@ const WATCH_US: u64 = 3_300_000;
 /// Time for which an impairment must last, microseconds.
 const HOLD_US: u64 = 1_000_000;
 
-/// What was found at a part, and what impairs tracking there. That is no failure: the service works all the same.
+/// What was found at a part, and what impairs tracking there, which is no failure.
 type Outcome = Result<(String, ImpairmentSet), Failure>;
 
 /// Landmarks, and the size of the picture in which they were found.
@@ -80,11 +80,11 @@ fn lines(part: &str, outcome: &Outcome) -> String {
 
 fn check_board(settings: &Settings) -> (String, ImpairmentSet) {
     let root = hardware::root();
-    let (machine, readings) = (Machine::detect(&root), Sensors::find(&root, &settings.hardware).read());
+    let (machine, (line, slowing)) = (Machine::detect(&root), Sensors::find(&root, &settings.hardware).read(0.0));
     let flags = Flags::ask();
     let shown = flags.map_or_else(String::new, |flags| format!("; {flags}"));
     let found = flags.map_or_else(ImpairmentSet::default, Flags::impairments);
-    (format!("{}; {}{shown}", machine.tell(settings.board), readings.line), readings.impairments.and(found))
+    (format!("{}; {line}{shown}", machine.tell(settings.board)), slowing.and(found))
 }
 
 fn find_face(settings: &NetworkSettings) -> Result<(Tracker, Face), Failure> {
@@ -106,10 +106,9 @@ fn check_wearer(settings: &Settings) -> Result<String, Failure> {
         return Ok("nobody's profile: `facewire calibrate` makes one, and wearer.name chooses it".to_owned());
     };
     let file = store.load(&name)?;
-    let warning =
-        model_warning(&settings.wearer, &settings.solver).map_or_else(String::new, |warning| format!("; {warning}"));
+    let warning = model_warning(&settings.wearer, &settings.solver).map(|warning| format!("; {warning}"));
     let (takes, all, folder) = (file.takes.len(), Take::ALL.len(), store.folder().display());
-    Ok(format!("{name}, {takes} of {all} takes; profiles in {folder}{warning}"))
+    Ok(format!("{name}, {takes} of {all} takes; profiles in {folder}{}", warning.unwrap_or_default()))
 }
 
 /// Loads the blendshape model, and solves the face of the built-in clip if the networks have found it.
@@ -137,13 +136,12 @@ fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcom
         if let Some(frame) = camera.next()?
             && let Some(picture) = frame.picture()
         {
-            let landmarks = match tracker.as_deref_mut() {
-                Some(tracker) => match tracker.detect(picture)? {
-                    Some(region) => tracker.landmarks(picture, &region)?,
-                    None => None,
-                },
-                None => None,
-            };
+            let mut landmarks = None;
+            if let Some(tracker) = tracker.as_deref_mut()
+                && let Some(region) = tracker.detect(picture)?
+            {
+                landmarks = tracker.landmarks(picture, &region)?;
+            }
             let look = Look::at(picture, landmarks);
             watch.look(&look, frame.captured_us);
             face_px = look.face.map(|face| face.size_px).or(face_px);

@@ -1,5 +1,6 @@
 //! `facewire devices`: lists connected devices as the settings name them.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -11,8 +12,6 @@ use crate::link::is_maestro;
 
 /// Folders of stable links to serial ports: `by-id` names the device, `by-path` the socket it is plugged into.
 const PORT_LINKS: [&str; 2] = ["/dev/serial/by-id", "/dev/serial/by-path"];
-
-const FIRST_PORT: &str = "-if00";
 
 pub fn run() -> Result<(), Failure> {
     let found = cameras();
@@ -49,7 +48,7 @@ fn port_lines(port: &SerialPortInfo, link_folders: &[impl AsRef<Path>]) -> Strin
         link_folders.iter().flat_map(|folder| links_to(Path::new(&port.port_name), folder.as_ref())).collect();
     text.extend(links.iter().map(|link| format!("  stable path {}\n", link.display())));
     if matches!(&port.port_type, SerialPortType::UsbPort(usb) if is_maestro(usb.vid, usb.pid)) {
-        text += match links.iter().any(|link| link.to_string_lossy().ends_with(FIRST_PORT)) {
+        text += match links.iter().any(|link| link.to_string_lossy().ends_with("-if00")) {
             true => "  takes commands: kind = \"maestro\"\n",
             false => "  takes no commands: its first port does\n",
         };
@@ -57,12 +56,10 @@ fn port_lines(port: &SerialPortInfo, link_folders: &[impl AsRef<Path>]) -> Strin
     text
 }
 
-fn links_to(port: &Path, folder: &Path) -> Vec<PathBuf> {
-    let Ok(port) = fs::canonicalize(port) else { return Vec::new() };
+fn links_to(port: &Path, folder: &Path) -> BTreeSet<PathBuf> {
+    let Ok(port) = fs::canonicalize(port) else { return BTreeSet::new() };
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut links: Vec<_> = entries.filter(|link| fs::canonicalize(link).is_ok_and(|end| end == port)).collect();
-    links.sort();
-    links
+    entries.filter(|link| fs::canonicalize(link).is_ok_and(|end| end == port)).collect()
 }
 
 #[cfg(test)]
@@ -80,17 +77,16 @@ mod tests {
         let maestro = serialport::UsbPortInfo { vid: 0x1ffb, pid: 0x0089, serial_number, manufacturer, product };
         let maestro = SerialPortType::UsbPort(maestro);
         let cases = [
-            ("ttyACM0", "usb-Head_0001", SerialPortType::Unknown, "UART", ""),
-            ("ttyACM1", "usb-Pololu-if00", maestro.clone(), "USB", "  takes commands: kind = \"maestro\"\n"),
-            ("ttyACM2", "usb-Pololu-if02", maestro, "USB", "  takes no commands: its first port does\n"),
+            ("usb-Head_0001", SerialPortType::Unknown, "UART", ""),
+            ("usb-Pololu-if00", maestro.clone(), "USB", "  takes commands: kind = \"maestro\"\n"),
+            ("usb-Pololu-if02", maestro, "USB", "  takes no commands: its first port does\n"),
         ];
-        for (node, link, port_type, kind, last) in cases {
-            let (node, link) = (folder.path().join(node), links.join(link));
-            fs::write(&node, "").unwrap();
-            symlink(&node, &link).unwrap();
-            let info = SerialPortInfo { port_name: node.display().to_string(), port_type };
-            let want = format!("serial port {} ({kind})\n  stable path {}\n{last}", node.display(), link.display());
-            assert_eq!(port_lines(&info, &[&links, &absent]), want);
+        for (link, port_type, kind, last) in cases {
+            let (port_name, link) = (folder.path().join(link).display().to_string(), links.join(link));
+            fs::write(&port_name, "").unwrap();
+            symlink(&port_name, &link).unwrap();
+            let want = format!("serial port {port_name} ({kind})\n  stable path {}\n{last}", link.display());
+            assert_eq!(port_lines(&SerialPortInfo { port_name, port_type }, &[&links, &absent]), want);
         }
     }
 }

@@ -52,16 +52,12 @@ impl Failure {
             _ if path == Path::new(STANDARD_OUTPUT) => "check where it goes",
             _ => "check the folder, its permissions and the disk",
         };
-        Self::unwritten(format!("cannot write {}: {error}; {remedy}", path.display()))
+        Self { status: EX_IOERR, message: format!("cannot write {}: {error}; {remedy}", path.display()) }
     }
 
     pub fn recording(path: &Path, error: &RecordingError) -> Self {
         let status = if matches!(error, RecordingError::Read(_)) { EX_NOINPUT } else { EX_DATAERR };
         Self { status, message: format!("{}: {error}", path.display()) }
-    }
-
-    pub fn unwritten(message: String) -> Self {
-        Self { status: EX_IOERR, message }
     }
 
     pub fn unavailable(message: String) -> Self {
@@ -98,7 +94,6 @@ impl<E: ExitStatus> From<E> for Failure {
     }
 }
 
-/// Declares the exit status of each error.
 macro_rules! exit_statuses {
     ($( $error:ty { $( $kind:pat => $status:expr, )* } )*) => { $(
         impl ExitStatus for $error {
@@ -112,18 +107,14 @@ macro_rules! exit_statuses {
 }
 
 exit_statuses! {
-    Faults {
-        _ => EX_CONFIG,
-    }
+    Faults { _ => EX_CONFIG, }
     CaptureError {
         Self::BadFile(_) | Self::Frame { .. } => EX_DATAERR,
         Self::NotStopped { .. } => EX_UNAVAILABLE,
         Self::Read(_) => EX_IOERR,
         _ => EX_NOINPUT,
     }
-    InferError {
-        _ => EX_UNAVAILABLE,
-    }
+    InferError { _ => EX_UNAVAILABLE, }
     PlaybackError {
         Self::Capture(error) => error.exit_status(),
         Self::Infer(error) => error.exit_status(),

@@ -319,7 +319,7 @@ impl Section for LinkSettings {
         let mut others = LinkKind::NAMES.iter().filter_map(|name| LinkKind::named(name));
         let is_of_another = others.any(|mut kind| kind.section().keys().contains(&key));
         let (kind, keys) = (self.kind.name(), self.keys().join(", "));
-        is_of_another.then(|| format!("not a setting of a link with kind = \"{kind}\"; that has {keys}"))
+        is_of_another.then(|| format!(" of a link with kind = \"{kind}\"; that has {keys}"))
     }
 }
 

@@ -7,8 +7,6 @@ use toml::de::{DeTable, DeValue};
 
 use super::value::Reader;
 
-/// What replaces two settings of earlier versions.
-const SMOOTHING: &str = "[smoothing] has a filter and a time for each part of the face, such as mouth_ms = 180";
 /// A name that is less similar to an unknown key is not suggested.
 const LEAST_SIMILARITY: f64 = 0.6;
 
@@ -167,11 +165,8 @@ impl<'a> Overlay<'a> {
                 set(&Entry { path, value }, self);
                 continue;
             }
-            let objection = match path.as_str() {
-                "solver.smoothing_ms" | "solver.smoothing_frames" => format!("no longer a setting: {SMOOTHING}"),
-                _ => section.objection(key).unwrap_or_else(|| format!("not a setting{}", hint(key, &section.keys()))),
-            };
-            let sentence = format!("{} is {objection}", printable(&path));
+            let objection = section.objection(key).unwrap_or_else(|| hint(key, &section.keys()));
+            let sentence = format!("{} is not a setting{objection}", printable(&path));
             self.fault(name.span().start, path, false, sentence);
         }
     }

@@ -129,7 +129,6 @@ fn all_faults_are_reported_at_once_with_line_key_value_and_bounds() {
         ("[sned]", "sned is not a setting; did you mean send?"),
         ("[networks]\nthreads = 0", "networks.threads = 0: give a whole number from 1 to 8"),
         ("engine = \"tflite\"", "networks.engine = \"tflite\": give one of \"auto\", \"native\", \"onnxruntime\""),
-        ("[solver]\nsmoothing_ms = 180", "solver.smoothing_ms is no longer a setting: [smoothing] has a filter and"),
         ("[failsafe]\nlive_ms = \"9\"", "failsafe.live_ms = \"9\": give a whole number from 20 to 5000 (ms)"),
         ("slew_per_s = nan", "failsafe.slew_per_s = nan: give a number from 0.1 to 100.0 (1/s)"),
         ("[adjust]\njawLeft = { min = 0.5, max = 0.4 }", "adjust.jawLeft = { min = 0.5, max = 0.4 }: give a min"),

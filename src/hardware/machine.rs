@@ -30,16 +30,12 @@ const INTEL_N: &str = "Intel(R) N";
 const PLACEHOLDERS: [&str; 6] =
     ["", "Default string", "To Be Filled By O.E.M.", "System Product Name", "System manufacturer", "Not Specified"];
 /// ARM's numbers of cores, in `CPU part` of `/proc/cpuinfo` (Main ID registers of Arm's technical reference manuals).
-const ARM_CORES: [(&str, &str); 11] = [
-    ("0xc07", "Cortex-A7"),
-    ("0xc0f", "Cortex-A15"),
+const ARM_CORES: [(&str, &str); 7] = [
     ("0xd03", "Cortex-A53"),
     ("0xd04", "Cortex-A35"),
     ("0xd05", "Cortex-A55"),
-    ("0xd07", "Cortex-A57"),
     ("0xd08", "Cortex-A72"),
     ("0xd09", "Cortex-A73"),
-    ("0xd0a", "Cortex-A75"),
     ("0xd0b", "Cortex-A76"),
     ("0xd41", "Cortex-A78"),
 ];

@@ -1,8 +1,6 @@
 //! What the kernel tells of the board: temperature, supply voltage, clock rates, and which board it is.
 //!
-//! Role: finds the sensors below a root folder, which is `/` except in tests, and reads them. [`Hardware`] turns the
-//! readings into impairments with hysteresis for the service, [`Readings`] shows them once for `facewire check`.
-//! Limits: all files are readable by everybody. A Raspberry Pi's flags of a reduced clock rate are not among them:
+//! [`Hardware`] turns the readings of the [`Sensors`] into impairments with hysteresis for the service. All files are readable by everybody. A Raspberry Pi's flags of a reduced clock rate are not among them:
 //! `get_throttled` in `/sys` makes the kernel log a warning with a stack trace, and kernels since 2025 do not have it. Low
 //! voltage is in `rpi_volt`, which the kernel asks the firmware for every 2 s, and a Pi that slows down because of heat
 //! shows it in its temperature.
@@ -13,7 +11,7 @@ mod sensors;
 use std::path::PathBuf;
 
 pub use self::machine::{Flags, Machine, memory_mb, processors, system};
-pub use self::sensors::{Readings, Sensors};
+pub use self::sensors::Sensors;
 use crate::config::HardwareSettings;
 use crate::impairment::{Impairment, ImpairmentSet};
 
@@ -73,7 +71,7 @@ impl Hardware {
         }
         let before = self.found;
         let below_limit_c = if before.contains(Impairment::Hot) { HYSTERESIS_C } else { 0.0 };
-        let mut seen = self.sensors.read_below(below_limit_c).impairments;
+        let (_, mut seen) = self.sensors.read(below_limit_c);
         let count = self.sensors.throttle_count();
         if count > std::mem::replace(&mut self.throttle_count, count) {
             seen.set(Impairment::Hot, true);
@@ -174,7 +172,7 @@ mod tests {
         let read = |files: [&str; 2], settings| {
             let tree = Tree::new(&[]);
             files.iter().for_each(|files| tree.write(files));
-            let Readings { line, impairments } = Sensors::find(tree.root(), &settings).read();
+            let (line, impairments) = Sensors::find(tree.root(), &settings).read(0.0);
             (line, impairments.to_string())
         };
         for (board, files, found, shown) in cases {

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use crate::config::HardwareSettings;
 use crate::impairment::{Impairment, ImpairmentSet};
 
-/// Reads a text, without the zero byte that ends it in a device tree. Returns `None` if the file cannot be read: sensors
-/// come and go, and some refuse a reading for a moment.
+/// Reads a text without the zero byte that ends it in a device tree. Sensors come and go, and some refuse a reading for a
+/// moment.
 pub(super) fn text(path: &Path) -> Option<String> {
     let bytes = fs::read(path).ok()?;
     let text = String::from_utf8_lossy(&bytes);
@@ -147,14 +147,6 @@ pub struct Sensors {
     policies: Vec<PathBuf>,
 }
 
-/// The sensors' readings at one moment.
-#[derive(Debug)]
-pub struct Readings {
-    /// One line that shows them.
-    pub line: String,
-    pub impairments: ImpairmentSet,
-}
-
 impl Sensors {
     pub fn find(root: &Path, settings: &HardwareSettings) -> Self {
         let chips = numbered(&root.join("sys/class/hwmon"), "hwmon");
@@ -180,12 +172,8 @@ impl Sensors {
         self.throttle_counts.iter().filter_map(|path| number(path)).sum()
     }
 
-    pub fn read(&self) -> Readings {
-        self.read_below(0.0)
-    }
-
-    /// Reads the sensors. The processor counts as hot from this much below the limit on.
-    pub(super) fn read_below(&self, below_limit_c: f32) -> Readings {
+    /// Reads the sensors: a line that shows them, and what they mean. The processor is hot from this much below the limit on.
+    pub fn read(&self, below_limit_c: f32) -> (String, ImpairmentSet) {
         let temperature = self.thermometer.as_ref().and_then(|found| Some((found, celsius(&found.file)?)));
         let is_slowed = self.cooling_states.iter().any(|path| number(path).is_some_and(|state| state > 0));
         let voltage_alarm = self.voltage_alarm.as_deref().and_then(number);
@@ -210,6 +198,6 @@ impl Sensors {
             Some(0) => "; supply voltage good",
             Some(_) => "; supply voltage too low",
         };
-        Readings { line, impairments }
+        (line, impairments)
     }
 }

@@ -15,7 +15,7 @@ use crate::input::{self, USUAL_SIZE_PX};
 use facewire::capture::{DEMO, FrameRate, Source};
 use facewire::cli::{Failure, SettingsArgs, print};
 use facewire::config::{Choice as _, Settings};
-use facewire::hardware::{self, Flags, Machine, Readings, Sensors};
+use facewire::hardware::{self, Flags, Machine, Sensors};
 use facewire::pipeline::{Pipeline, Rejected};
 use facewire::service::{Step, bind_to_hot_cpu};
 
@@ -66,7 +66,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
     let settings = args.settings.load()?;
     let report = args.report.then(|| {
         let sensors = Sensors::find(&hardware::root(), &settings.hardware);
-        (sensors.read(), sensors)
+        (sensors.read(0.0).0, sensors)
     });
     let mut pipeline = Pipeline::load(&settings, open(&args.input)?.shows_pictures())?;
     // The helper threads of the networks have started, and may run on every CPU, as in the service.
@@ -90,7 +90,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
     // The figures are printed before the drawing, so that they are not lost if the drawing cannot be written.
     print(&match (report, layers) {
         (Some((before, sensors)), Some(layers)) => {
-            let after = sensors.read();
+            let (after, _) = sensors.read(0.0);
             report_text(&settings, bound, [before, after], &figures, &layers)
         }
         (_, layers) => {
@@ -150,7 +150,7 @@ fn play(pipeline: &mut Pipeline, args: &BenchArgs, samples: &mut Samples) -> Res
 fn report_text(
     settings: &Settings,
     bound: Option<String>,
-    [before, after]: [Readings; 2],
+    [before, after]: [String; 2],
     figures: &Figures,
     layers: &Layers,
 ) -> String {
@@ -172,8 +172,8 @@ fn report_text(
         ("system", hardware::system()),
         ("processors", hardware::processors(&root)),
         ("memory", hardware::memory_mb(&root).map_or_else(|| "unknown".to_owned(), |mb| format!("{mb} MB"))),
-        ("before", before.line),
-        ("after", after.line),
+        ("before", before),
+        ("after", after),
         ("flags", Flags::ask().map_or_else(|| "none".to_owned(), |flags| flags.to_string())),
         ("networks", layers.summary()),
         ("rate", format!("{:.0} frames a second at p95, with decoding", figures.frames_per_second())),

@@ -42,7 +42,6 @@ const RETAKES: u32 = 2;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
     pub profile: Profile,
-    /// The hash of the model that has read the takes.
     pub model: u32,
     pub taken: Vec<Take>,
     /// The poses that were left out, and why. Their coefficients keep general values.
@@ -70,7 +69,6 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Whether nothing but measures differs.
     pub fn says_the_same(&self, other: &Self) -> bool {
         let key = |of: &Self| (of.take, of.phase, of.waits_for, of.refused, of.last_refusal);
         key(self) == key(other)
@@ -80,11 +78,9 @@ impl Progress {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Phase {
-    /// The wearer reads what to do.
     GetReady,
     /// The conditions of the take do not hold, or its pose is not seen yet.
     Wait,
-    /// The wearer holds still and is measured.
     Measure,
     Ended,
 }
@@ -106,7 +102,6 @@ pub struct Guide {
     outcome: Option<Result<Calibration, Refusal>>,
 }
 
-/// The take in progress.
 #[derive(Debug, Default)]
 struct Stage {
     since_s: f32,
@@ -249,19 +244,22 @@ impl Guide {
             self.stage.hold = (!view.is_blink(take) && !is_fading).then(|| Hold::begin(view));
             return;
         };
-        match hold.judge(take, view) {
+        let fit = hold.judge(take, view);
+        if fit == Fit::Blink {
+            hold.blink_s += step_s;
+        }
+        match fit {
             Fit::Belongs => {
                 hold.add(view, step_s);
                 self.stage.waits_for = None;
             }
-            Fit::Blink if hold.blink(step_s) <= BLINK_S.max(step_s) => {}
+            Fit::Blink if hold.blink_s <= BLINK_S.max(step_s) => {}
             Fit::Blink => self.stop_hold(Refusal::EyesShut),
             Fit::Anew => *hold = Hold::begin(view),
             Fit::Broken(refusal) => self.stop_hold(refusal),
         }
     }
 
-    /// Refuses what was measured so far, if anything was.
     fn stop_hold(&mut self, refusal: Refusal) {
         if self.stage.hold.take().is_some() {
             self.refuse(refusal);
@@ -307,7 +305,6 @@ impl Guide {
     }
 }
 
-/// The value for the neutral take, or that for a pose.
 fn of([neutral, pose]: [f32; 2], take: Take) -> f32 {
     if take == Take::Neutral { neutral } else { pose }
 }

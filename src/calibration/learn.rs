@@ -60,7 +60,6 @@ impl Takes {
         Some(())
     }
 
-    /// Output of the regression in a pose, relative to the neutral take.
     fn raw(&self, model: &Model, pose: Take) -> Option<[f32; COEFFS]> {
         self.poses.get(&pose)?.raw(model, Some(&self.neutral.as_ref()?.neutral))
     }
@@ -70,7 +69,6 @@ impl Takes {
     }
 }
 
-/// Learns the wearer's profile. `None` without a neutral take.
 pub(super) fn learn(model: &Model, takes: &Takes) -> Option<Profile> {
     let known = takes.neutral.as_ref()?;
     let mut profile = Profile { neutral: Some(known.neutral.clone()), ..Profile::default() };

@@ -15,7 +15,6 @@ const SHUT: f32 = 0.65;
 const SMILES: f32 = 0.5;
 const OPEN: f32 = 0.4;
 
-/// Least number of frames of a hold, however slow the camera is.
 const LEAST_FRAMES: u32 = 3;
 /// How far the head may turn during a hold, degrees.
 const STILL_DEG: f32 = 4.0;
@@ -31,7 +30,6 @@ const RELEASED: f32 = 0.7;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
     pub time_us: u64,
-    /// Whether the light is too poor for a calibration.
     pub is_dark: bool,
     pub sight: Sight,
 }
@@ -48,7 +46,6 @@ pub enum Sight {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Seen {
-    /// The face in its own basis.
     pub face: Normalised,
     /// What the look of the face adds to the coefficients, while the neutral face is unknown and once it is known.
     pub residuals: [Coefficients; 2],
@@ -125,7 +122,6 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Whether the lids are closed further than a pose closes them.
     pub(super) fn is_blink(&self, take: Take) -> bool {
         mean_of(&LIDS, &self.coefficients) > take.lids()
     }
@@ -153,11 +149,8 @@ pub(super) struct Hold {
     begun: f32,
     peak: f32,
     held_s: f32,
-    blink_s: f32,
-}
-
-fn add<const N: usize>(sums: &mut [f32; N], values: &[f32; N]) {
-    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+    /// For how long the blink has lasted that the newest frames show.
+    pub(super) blink_s: f32,
 }
 
 impl Hold {
@@ -177,8 +170,8 @@ impl Hold {
         hold
     }
 
-    /// Adds a frame that came `step_s` after the last one.
     pub(super) fn add(&mut self, View { seen, coefficients, strength, .. }: &View<'_>, step_s: f32) {
+        let add = |sums: &mut [f32], values: &[f32]| sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         self.faces.add(&seen.face);
         self.residuals.iter_mut().zip(&seen.residuals).for_each(|(sums, residual)| add(sums, &residual.0));
         add(&mut self.coefficients, coefficients);
@@ -212,12 +205,6 @@ impl Hold {
             true if moved > REST_MOVES => Fit::Broken(Refusal::FaceMoves),
             true => Fit::Belongs,
         }
-    }
-
-    /// Leaves out a frame that shows a blink. Returns for how long the blink has lasted.
-    pub(super) fn blink(&mut self, step_s: f32) -> f32 {
-        self.blink_s += step_s;
-        self.blink_s
     }
 
     /// How much of a hold of `wanted_s` is done, 0 to 1.

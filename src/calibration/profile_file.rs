@@ -11,7 +11,6 @@ use super::take::Take;
 
 const FORMAT: i64 = 1;
 pub const MAX_PROFILE_BYTES: usize = 16 << 10;
-/// Steps of a coordinate for each eye distance.
 const STEPS: f32 = 10_000.0;
 /// Greatest coordinate in a file, steps. Faces stay below 3 eye distances.
 const MAX_STEPS: f32 = 50_000.0;
@@ -63,7 +62,6 @@ impl ProfileFile {
     pub fn text(&self) -> String {
         let mut text = String::with_capacity(MAX_PROFILE_BYTES);
         let takes: Vec<_> = self.takes.iter().map(|take| format!("{:?}", take.name())).collect();
-        // Writing to a string cannot fail.
         let _ = writeln!(text, "format = {FORMAT}\nmade_by = \"facewire {}\"", env!("CARGO_PKG_VERSION"));
         let _ = writeln!(text, "made_at_unix_s = {}", self.made_at_unix_s);
         if let Some(model) = self.model {

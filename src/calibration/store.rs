@@ -25,10 +25,8 @@ const SYSTEM_FOLDER: &str = "/var/lib/facewire";
 pub struct WearerName(String);
 
 impl WearerName {
-    /// What a name may be; the text follows "give".
     pub const EXPECTED: &'static str = "1 to 32 letters, digits, - or _";
 
-    /// Reads a name. `None` if it is too long, or has characters that a name may not have.
     pub fn new(text: &str) -> Option<Self> {
         let is_sane = text.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
         // A name that begins with - would be taken for an option.
@@ -50,7 +48,6 @@ impl fmt::Display for WearerName {
     }
 }
 
-/// A calibration whose profile was kept.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeptProfile {
@@ -80,7 +77,6 @@ pub enum StoreError {
     Unreadable(String),
     #[error("{0}")]
     Bad(String),
-    /// The former profile is unchanged.
     #[error("{0}")]
     Unwritable(String),
 }

@@ -131,7 +131,6 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// What to tell when a calibration ends without a profile for this reason.
     pub fn end(self) -> String {
         format!("no profile was made, and the former one stays. {self}, and try again")
     }

@@ -86,7 +86,6 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     }
 }
 
-/// Asks the service, and shows what it answers.
 fn by_service(mut connection: Connection, request: &Request) -> Result<(), Failure> {
     connection.ask(request)?;
     let mut display = Display::new();
@@ -109,8 +108,7 @@ fn without_service(args: &CalibrateArgs, request: Request) -> Result<(), Failure
         Request::Calibrate { .. } => {
             let of_settings = || WearerName::new(&settings.wearer.name).or_else(|| WearerName::new(DEFAULT_WEARER));
             let Some(name) = args.wearer.clone().or_else(of_settings) else { return Ok(()) };
-            let calibration = calibrate_here(&settings)?;
-            print(&told(&store.keep(&name, calibration)?, ""))
+            print(&told(&store.keep(&name, calibrate_here(&settings)?)?, ""))
         }
         Request::Use { .. } => Err(Failure::failed(
             "no service runs here that could be told; set wearer.name in its settings, or start it".to_owned(),
@@ -141,7 +139,6 @@ fn told(report: &KeptProfile, use_it: &str) -> String {
     [first, left_out.collect(), warning, last].concat()
 }
 
-/// Lists wearers, and marks the one in use.
 fn listed(wearers: &[Listed], in_use: Option<&str>, folder: &str) -> String {
     let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
     let line = |Listed { wearer, profile }: &Listed| {
@@ -158,7 +155,6 @@ fn listed(wearers: &[Listed], in_use: Option<&str>, folder: &str) -> String {
     format!("profiles in {folder}, * in use:\n{}{none}", wearers.iter().map(line).collect::<String>())
 }
 
-/// A connection to the control socket of the service.
 pub struct Connection {
     path: PathBuf,
     stream: BufReader<UnixStream>,
@@ -178,7 +174,6 @@ impl Connection {
                     let why = format!("the service at {} belongs to another user: try again with sudo", path.display());
                     return Err(Failure::failed(why));
                 }
-                // Nobody listens there.
                 Err(_) => {}
             }
         }
@@ -267,7 +262,6 @@ impl Display {
             };
             // A line that does not fit would be wrapped, and the next picture would be drawn a line too low.
             let width = tcgetwinsize(io::stdout()).map_or(80, |size| usize::from(size.ws_col).max(20) - 1);
-            // Each line is cleared first.
             let drawn = shown.map(|line| format!("\x1b[2K{}\n", line.chars().take(width).collect::<String>()));
             return print(&[begin, &drawn.concat()].concat());
         }
@@ -277,7 +271,6 @@ impl Display {
     }
 }
 
-/// The three lines: what to do, how far it is measured and seen, and what the guide waits for.
 fn lines(progress: &Progress) -> [String; 3] {
     let Progress { take, done, of, phase, measured, seen, .. } = progress;
     let task = format!("[{:2}/{of}] {}", (done + 1).min(*of), take.instruction());

@@ -35,7 +35,6 @@ const HOLD_US: u64 = 1_000_000;
 /// What was found at a part, and what impairs tracking there, which is no failure.
 type Outcome = Result<(String, ImpairmentSet), Failure>;
 
-/// Landmarks, and the size of the picture in which they were found.
 type Face = (Landmarks, [f32; 2]);
 
 /// Checks all parts, and fails with the first error. Settings come first, so that bad settings touch no device.
@@ -122,7 +121,6 @@ fn check_model(settings: &Settings, face: Option<&Face>) -> Result<String, Failu
     Ok(if path.is_empty() { "the built-in one".to_owned() } else { path.clone() })
 }
 
-/// Opens the camera, waits for an intact frame, and then watches its rate, lost frames, the light and the face.
 fn watch(settings: &CameraSettings, mut tracker: Option<&mut Tracker>) -> Outcome {
     let mut camera = OpenCamera::open(settings)?;
     if stderr().is_terminal() {

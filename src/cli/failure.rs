@@ -23,7 +23,6 @@ const EX_NOHOST: u8 = 68;
 const EX_UNAVAILABLE: u8 = 69;
 const EX_IOERR: u8 = 74;
 
-/// The name of standard output in messages.
 pub const STANDARD_OUTPUT: &str = "standard output";
 
 #[derive(Debug)]
@@ -34,7 +33,6 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// The input is damaged.
     pub fn data(message: String) -> Self {
         Self { status: EX_DATAERR, message }
     }
@@ -83,7 +81,6 @@ pub fn print(text: &str) -> Result<(), Failure> {
     io::stdout().write_all(text.as_bytes()).map_err(|error| Failure::unwritable(Path::new(STANDARD_OUTPUT), &error))
 }
 
-/// An error that ends a command, and its exit status.
 pub trait ExitStatus: Display {
     fn exit_status(&self) -> u8;
 }

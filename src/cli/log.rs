@@ -55,7 +55,6 @@ impl<W: Write + AsFd> Lossy<W> {
 }
 
 impl<W: Write + AsFd> Write for Lossy<W> {
-    /// Writes one whole line.
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
         if self.lost > 0 && self.is_writable() {
             let lost = std::mem::take(&mut self.lost);

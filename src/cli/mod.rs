@@ -32,7 +32,6 @@ Examples:
   facewire monitor                          show the packets as they arrive (in another terminal)
   facewire track demo --out demo.csv        write the coefficients of a clip";
 
-/// Printed at the end of every help text.
 const EXIT_STATUS: &str = "\
 Exit status:
    0  success                      68  a host name does not resolve
@@ -182,7 +181,6 @@ pub fn command() -> clap::Command {
     with_exit_status(Cli::command()).mut_subcommands(with_exit_status).subcommands(tools)
 }
 
-/// Appends the exit statuses to the help of a command.
 pub fn with_exit_status(command: clap::Command) -> clap::Command {
     let examples = command.get_after_help().map(ToString::to_string).unwrap_or_default();
     command.after_help(format!("{examples}\n\n{EXIT_STATUS}"))

@@ -31,7 +31,6 @@ pub struct LinkSettings {
 /// Declares the kinds of links. The first is the default.
 macro_rules! link_kinds {
     ( $( $variant:ident($settings:ident) = $key:literal, )* ) => {
-        /// What a link sends, and how it travels.
         #[derive(Debug, Clone, PartialEq)]
         pub enum LinkKind {
             $( $variant($settings), )*
@@ -40,7 +39,6 @@ macro_rules! link_kinds {
         impl LinkKind {
             pub const NAMES: &[&str] = &[ $( $key, )* ];
 
-            /// Returns the kind of this name with its default settings.
             pub(super) fn named(name: &str) -> Option<Self> {
                 match name {
                     $( $key => Some(Self::$variant($settings::default())), )*
@@ -331,7 +329,6 @@ pub(super) fn links(links: &mut Vec<LinkSettings>, entry: &Entry<'_>, file: &mut
     *links = entry.each().iter().map(|entry| LinkSettings::read(entry, file)).collect();
 }
 
-/// Shows where the link leads: an address, a path, a serial port, or who may ask.
 impl fmt::Display for LinkSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.kind.carrier() {

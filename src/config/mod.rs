@@ -45,7 +45,6 @@ pub const BOARDS: [(&str, &str); 8] = [
 /// The default settings in TOML, each after its comment. The settings are commented out, so that those of a board stay in
 /// force, except those that make the second link another one than the first.
 pub const DEFAULTS: &str = include_str!("../../systemd/facewire.toml");
-/// The settings that only links of one kind have.
 const LINKS: &str = include_str!("links.toml");
 
 /// Returns a `[[link]]` of the kind of this name with all its settings, each after its comment, and with an example of

@@ -34,7 +34,6 @@ impl Faults {
         self.push(format!("{key} = {value}: give {expected}"));
     }
 
-    /// Whether a value in this table is wrong by itself.
     pub fn has_invalid_value(&self, table: &str) -> bool {
         self.0.iter().any(|fault| fault.is_invalid_value && fault.key.split('.').next() == Some(table))
     }
@@ -66,7 +65,6 @@ impl Entry<'_> {
 /// A key of a section, and what takes its value.
 pub type Field<'a> = (&'static str, Box<dyn FnOnce(&Entry<'_>, &mut Overlay<'_>) + 'a>);
 
-/// A table of settings.
 pub trait Section {
     fn fields(&mut self) -> Vec<Field<'_>>;
 
@@ -105,7 +103,6 @@ macro_rules! section {
         }
 
         impl $name {
-            /// The keys whose values differ from those of `other`.
             pub fn changed_keys(&self, other: &Self) -> Vec<&'static str> {
                 let keys = [ $( ([$($key,)? stringify!($field)][0], self.$field != other.$field), )* ];
                 keys.into_iter().filter(|(_, is_changed)| *is_changed).map(|(key, _)| key).collect()

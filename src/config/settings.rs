@@ -138,7 +138,6 @@ impl Section for Adjustment {
 }
 
 impl SmoothingSettings {
-    /// The filter of a group of coefficients and its time in milliseconds.
     pub fn of(&self, group: Group) -> (FilterKind, u32) {
         match group {
             Group::Lids => (self.lids, self.lids_ms),

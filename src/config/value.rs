@@ -6,7 +6,6 @@ use toml::de::DeValue;
 
 use super::overlay::{Entry, Overlay, Section};
 
-/// A type with a few named values.
 pub trait Choice: Copy + PartialEq + 'static {
     const ALL: &'static [(&'static str, Self)];
 
@@ -61,7 +60,6 @@ pub fn one_of(names: impl Iterator<Item = &'static str>) -> String {
     format!("one of {}", names.map(quoted).collect::<Vec<_>>().join(", "))
 }
 
-/// Writes a text as a TOML string.
 pub fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }
@@ -140,7 +138,6 @@ fn absolute(path: &str) -> Option<PathBuf> {
     path.starts_with('/').then(|| path.into())
 }
 
-/// The serial port of a link.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SerialDevice {
     /// What is plugged into USB.
@@ -234,7 +231,6 @@ pub fn listen() -> impl Reader<Listen> {
     })
 }
 
-/// Where JSON lines go.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum JsonTarget {
     Stdout,
@@ -289,7 +285,6 @@ pub fn parameters() -> impl Reader<Parameters> {
     })
 }
 
-/// Longest scene of a script, seconds.
 const LONGEST_SCENE_S: f64 = 86_400.0;
 
 choices! {
@@ -312,16 +307,13 @@ impl Scene {
 pub enum Script {
     /// Scenes and their lengths in microseconds.
     Scenes(Vec<(Scene, u64)>),
-    /// Random faults from this seed.
     Random(u64),
 }
 
-/// A rehearsal whose script cannot be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BadScript;
 
 impl Script {
-    /// Describes a valid script; the text follows "give".
     pub const EXPECTED: &'static str = "a rehearsal such as \"rehearsal: live 5, gone 2.5\" of the scenes live, no-face, \
          damaged, silent, hung, gone, dark, cut-off, half-rate, lossy, slow-2, slow-4, slow-8, slow-jpeg, hot and \
          undervoltage with their seconds, or \"rehearsal: random 7\"";

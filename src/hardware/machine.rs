@@ -40,7 +40,6 @@ const ARM_CORES: [(&str, &str); 7] = [
     ("0xd41", "Cortex-A78"),
 ];
 
-/// The machine that facewire runs on.
 #[derive(Debug)]
 pub struct Machine {
     /// The name of its settings, `generic` if it is not recognised.
@@ -69,7 +68,6 @@ impl Machine {
         Self { name: name.unwrap_or("generic"), model: model(root, processor), recognised_by }
     }
 
-    /// Tells which settings are in force, and why.
     pub fn tell(&self, in_force: &str) -> String {
         let Self { name, model, recognised_by } = self;
         match recognised_by {
@@ -102,7 +100,6 @@ pub fn system() -> String {
     format!("Linux {release} for {machine}, pages of {} bytes; program for {program}", page_size())
 }
 
-/// Returns how many processors of each kind there are.
 pub fn processors(root: &Path) -> String {
     let cpus = fs::read_to_string(root.join("proc/cpuinfo")).unwrap_or_default();
     let kind = |line: &str| {

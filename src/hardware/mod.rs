@@ -1,6 +1,7 @@
 //! What the kernel tells of the board: temperature, supply voltage, clock rates, and which board it is.
 //!
-//! [`Hardware`] turns the readings of the [`Sensors`] into impairments with hysteresis for the service. All files are readable by everybody. A Raspberry Pi's flags of a reduced clock rate are not among them:
+//! [`Hardware`] turns the readings of the [`Sensors`] into impairments with hysteresis for the service.
+//! All files are readable by everybody. A Raspberry Pi's flags of a reduced clock rate are not among them:
 //! `get_throttled` in `/sys` makes the kernel log a warning with a stack trace, and kernels since 2025 do not have it. Low
 //! voltage is in `rpi_volt`, which the kernel asks the firmware for every 2 s, and a Pi that slows down because of heat
 //! shows it in its temperature.
@@ -15,7 +16,6 @@ pub use self::sensors::Sensors;
 use crate::config::HardwareSettings;
 use crate::impairment::{Impairment, ImpairmentSet};
 
-/// Time between two readings.
 const POLL_US: u64 = 2_000_000;
 /// Time after which sensors are looked for again, because drivers may be loaded late.
 const SEARCH_US: u64 = 60_000_000;

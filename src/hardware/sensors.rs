@@ -52,12 +52,10 @@ struct Thermometer {
     /// The type of the thermal zone, or the name of the chip.
     name: String,
     file: PathBuf,
-    /// At this temperature the processor is hot.
     limit_c: f32,
 }
 
 impl Thermometer {
-    /// Finds the sensor that the settings name, or the best one of the processor.
     fn find(root: &Path, settings: &HardwareSettings) -> Option<Self> {
         let zones = numbered(&root.join("sys/class/thermal"), "thermal_zone");
         let of_zone = |name: &str| {
@@ -85,7 +83,6 @@ impl Thermometer {
     }
 }
 
-/// Reads a temperature in thousandths of a degree.
 fn celsius(path: &Path) -> Option<f32> {
     let celsius = number(path)? as f32 / 1000.0;
     CREDIBLE_C.contains(&celsius).then_some(celsius)
@@ -143,7 +140,6 @@ pub struct Sensors {
     throttle_counts: Vec<PathBuf>,
     /// The alarm of the supply voltage, on Raspberry Pis: whether it has been too low within the last 2 s.
     voltage_alarm: Option<PathBuf>,
-    /// The folders of processors that share one clock.
     policies: Vec<PathBuf>,
 }
 
@@ -172,7 +168,7 @@ impl Sensors {
         self.throttle_counts.iter().filter_map(|path| number(path)).sum()
     }
 
-    /// Reads the sensors: a line that shows them, and what they mean. The processor is hot from this much below the limit on.
+    /// Returns a line that shows the sensors, and what they mean. The processor is hot from this much below the limit on.
     pub fn read(&self, below_limit_c: f32) -> (String, ImpairmentSet) {
         let temperature = self.thermometer.as_ref().and_then(|found| Some((found, celsius(&found.file)?)));
         let is_slowed = self.cooling_states.iter().any(|path| number(path).is_some_and(|state| state > 0));

@@ -11,10 +11,9 @@ use std::sync::Arc;
 use facewire_face::{Model, Profile};
 use serde::{Deserialize, Serialize};
 
-use super::learn::{Takes, doubt, learn};
 use super::observation::{Fit, Hold, Observation, View};
 use super::profile_file::model_hash;
-use super::take::{Refusal, Take};
+use super::take::{Refusal, Take, Takes, doubt, learn};
 
 /// Time to read what to do, for the neutral take and the others.
 const READY_S: [f32; 2] = [1.0, 0.7];

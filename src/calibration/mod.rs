@@ -3,7 +3,6 @@
 //! is pure: time comes with the observations.
 
 mod guide;
-mod learn;
 mod observation;
 mod profile_file;
 mod store;

@@ -4,8 +4,7 @@
 use facewire_face::stages::{Coefficients, FaceMean, Features, Normalised, normalise};
 use facewire_face::{BLENDSHAPES, COEFFS, Camera, Face, HeadPose, Model, Neutral};
 
-use super::learn::Takes;
-use super::take::{LIDS, Refusal, Take, mean_of};
+use super::take::{LIDS, Refusal, Take, Takes, mean_of};
 
 /// How far the head may be turned from the camera in the neutral take (yaw, pitch, roll), and from there in the others.
 const FACING_DEG: [f32; 3] = [15.0, 20.0, 15.0];

@@ -160,14 +160,8 @@ impl Store {
         let made_at_unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
         let file = ProfileFile { profile, model: Some(model), takes: taken.clone(), made_at_unix_s };
         let (path, warning) = self.save(name, &file)?;
-        Ok(KeptProfile {
-            wearer: name.to_string(),
-            path: path.display().to_string(),
-            taken,
-            left_out,
-            refused,
-            warning,
-        })
+        let (wearer, path) = (name.to_string(), path.display().to_string());
+        Ok(KeptProfile { wearer, path, taken, left_out, refused, warning })
     }
 
     pub fn delete(&self, name: &WearerName) -> Result<(), StoreError> {
@@ -280,8 +274,7 @@ mod tests {
     fn what_is_no_profile_is_told_with_its_file_and_the_remedy() {
         let (_folder, store, [anna, bert]) = store();
         let path = store.save(&anna, &file(1)).unwrap().0;
-        let whole = fs::read(&path).unwrap();
-        for damaged in [&whole[..whole.len() / 2], b"", b"\xff\xfe", &b" ".repeat(1 << 20)] {
+        for damaged in [&b"format = 1"[..], b"\xff\xfe", &b" ".repeat(1 << 20)] {
             fs::write(&path, damaged).unwrap();
             let error = store.load(&anna).unwrap_err().to_string();
             assert!(error.starts_with(path.to_str().unwrap()), "{error}");

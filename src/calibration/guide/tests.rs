@@ -50,10 +50,6 @@ impl Wearer {
         self.shows([0.0; 3], &shown)
     }
 
-    fn guide(&self) -> Guide {
-        Guide::new(Arc::clone(&self.model))
-    }
-
     /// Follows the guide in frames at these times: `act` says what the wearer shows, given the take and the time since it
     /// was asked for. Returns the outcome, and the time of the last frame.
     fn follow(
@@ -75,7 +71,7 @@ impl Wearer {
 
     /// Shows the guide this many frames.
     fn show(&self, frames: u64, mut act: impl FnMut(u64) -> (bool, Sight)) -> Guide {
-        let mut guide = self.guide();
+        let mut guide = Guide::new(self.model.clone());
         for frame in 0..frames {
             let (is_dark, sight) = act(frame);
             guide.update(&Observation { time_us: frame * FRAME_US, is_dark, sight });
@@ -96,7 +92,7 @@ fn index(name: &str) -> usize {
 /// Follows every take to this extent, half a second after being asked.
 fn follow_all(wearer: &Wearer, extent: f32) -> (Result<Calibration, Refusal>, u64) {
     let act = |take, since_s| wearer.pose(take, if since_s > 0.5 { extent } else { 0.0 });
-    Wearer::follow(&mut wearer.guide(), frames_from(0), act)
+    Wearer::follow(&mut Guide::new(wearer.model.clone()), frames_from(0), act)
 }
 
 #[test]
@@ -126,7 +122,7 @@ fn slow_camera_is_enough() {
             Some(*time_us)
         });
         let mut frame = 0;
-        let (outcome, _) = Wearer::follow(&mut wearer.guide(), times_us, |take, _| {
+        let (outcome, _) = Wearer::follow(&mut Guide::new(wearer.model.clone()), times_us, |take, _| {
             frame += 1;
             let is_blink = frame % 7 == 3 && take != Take::EyesShut;
             wearer.pose(if is_blink { Take::EyesShut } else { take }, 0.9)
@@ -152,7 +148,8 @@ fn conditions_of_the_neutral_take_are_named_and_without_it_there_is_no_profile()
         assert_eq!(waits_for(&wearer, false, wearer.pose(Take::Neutral, 0.0)), refusal);
     }
     assert_eq!(follow_all(&wearer, 0.8).0, Err(Refusal::MouthOpen));
-    let (outcome, took_us) = Wearer::follow(&mut wearer.guide(), frames_from(0), |_, _| Sight::NoFace);
+    let (outcome, took_us) =
+        Wearer::follow(&mut Guide::new(wearer.model.clone()), frames_from(0), |_, _| Sight::NoFace);
     assert!(outcome == Err(Refusal::NoFace) && took_us < 40_000_000, "{took_us}");
 }
 
@@ -173,7 +170,7 @@ fn moving_head_and_speaking_mouth_refuse_the_neutral_take_and_a_blink_is_left_ou
 fn poses_are_taken_again_or_left_out_with_the_reason() {
     let wearer = Wearer::new();
     let run = |act: fn(&Wearer, Take, f32) -> Sight| {
-        let mut guide = wearer.guide();
+        let mut guide = Guide::new(wearer.model.clone());
         let (outcome, _) = Wearer::follow(&mut guide, frames_from(0), |take, since_s| act(&wearer, take, since_s));
         let Calibration { profile, left_out, refused, .. } = outcome.unwrap();
         ((refused, guide.last_refusal, left_out), profile.gain)
@@ -200,7 +197,7 @@ fn poses_are_taken_again_or_left_out_with_the_reason() {
 #[test]
 fn faint_smile_in_the_neutral_take_is_found_by_the_poses_and_the_take_is_repeated() {
     let wearer = Wearer::new();
-    let (mut guide, mut neutrals) = (wearer.guide(), 0);
+    let (mut guide, mut neutrals) = (Guide::new(wearer.model.clone()), 0);
     let (outcome, _) = Wearer::follow(&mut guide, frames_from(0), |take, since_s| {
         neutrals += u32::from(take == Take::Neutral && since_s == 0.0);
         let below = if neutrals == 1 { -0.35 } else { 0.0 };
@@ -219,7 +216,7 @@ fn faint_smile_in_the_neutral_take_is_found_by_the_poses_and_the_take_is_repeate
 fn clock_that_jumps_in_either_direction_breaks_no_take_and_completes_none() {
     let wearer = Wearer::new();
     for jump_us in [3_600_000_000, 2_000_000] {
-        let mut guide = wearer.guide();
+        let mut guide = Guide::new(wearer.model.clone());
         let observe = |guide: &mut Guide, time_us| {
             guide.update(&Observation { time_us, is_dark: false, sight: wearer.shows([0.0; 3], &[]) });
         };

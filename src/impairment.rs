@@ -1,7 +1,6 @@
 //! What makes tracking poor although every part works, and what the operator can do about it.
 //!
-//! Whoever detects an impairment sets it in [`Impairments`], and clears it when it has passed. The detectors apply
-//! hysteresis, so that it does not come and go from frame to frame.
+//! Detectors set an impairment in [`Impairments`], and clear it when it has passed. They apply hysteresis.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};

@@ -80,9 +80,8 @@ mod tests {
         let [stale, used, file] = ["stale", "used", "notes.txt"].map(|name| folder.path().join(name));
         let _in_use = UnixListener::bind(&used).unwrap();
         fs::write(&file, "mine").unwrap();
-        for path in [&used, &file] {
-            assert_eq!(Listener::bind(&Listen::Unix(path.clone())).unwrap_err().kind(), ErrorKind::AddrInUse);
-        }
+        let refusal = |path: &PathBuf| Listener::bind(&Listen::Unix(path.clone())).unwrap_err().kind();
+        assert_eq!([&used, &file].map(refusal), [ErrorKind::AddrInUse; 2]);
         UnixStream::connect(&used).unwrap();
         assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
 

@@ -1,7 +1,6 @@
 //! Preflight: loads what settings name, and finds out what their text cannot tell.
 //!
-//! [`crate::config`] judges settings by their text alone. Whether the networks and the model that they name can be used
-//! at this moment is found out here, and by [`crate::link`] for links.
+//! [`crate::config`] judges settings by their text alone. Whether the files that they name can be used is found out here.
 
 use facewire_face::{Filters, Group, InferError, Model, ModelError, Profile, Shaping, Solver, Tracker};
 

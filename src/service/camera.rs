@@ -68,10 +68,8 @@ impl OpenCamera {
 
     /// Fails if so many damaged frames came in a row that the camera is to be opened again.
     pub(super) fn check(&self) -> Result<(), CaptureError> {
-        match self.damaged {
-            Some((count, fault)) if count >= MAX_DAMAGED => Err(CaptureError::AllDamaged { count, fault }),
-            _ => Ok(()),
-        }
+        let too_many = self.damaged.filter(|(count, _)| *count >= MAX_DAMAGED);
+        too_many.map_or(Ok(()), |(count, fault)| Err(CaptureError::AllDamaged { count, fault }))
     }
 
     /// Waits until the camera delivers a first intact frame and discards that frame. A device that opens but delivers

@@ -309,7 +309,6 @@ impl Server {
         Store::new(&self.parts.settings.wearer.folder)
     }
 
-    /// Deletes the profile of this wearer. It is then in use no longer.
     fn delete(&mut self, name: &str) -> Outcome<Reply> {
         let name = named(name)?;
         self.store().delete(&name)?;

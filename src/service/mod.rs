@@ -128,12 +128,11 @@ pub fn run(
         hot: Arc::clone(&hot_mailbox),
         counters: Arc::clone(&counters),
     };
+    let control = Control::start(parts);
     // The face goes on without it.
-    let control = Control::start(parts)
-        .inspect_err(|error| {
-            tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files")
-        })
-        .ok();
+    if let Err(error) = &control {
+        tracing::warn!("no control socket and no metrics: {error}; raise the limit of threads and files");
+    }
     let reloader = Reloader {
         live: settings,
         load_settings,

@@ -68,11 +68,9 @@ impl Scheduling {
             let remedy = "give the service LimitRTPRIO (systemd) or an rtprio limit";
             Grant::new(format!("{name} priority {priority}"), set_priority(priority), remedy)
         });
-        let cpu = cpu.map(|cpu| {
-            let remedy =
-                format!("set realtime.{name}_cpu to a CPU that this machine has and the service may use, or to -1");
-            Grant::new(format!("{name} on CPU {cpu}"), set_cpu(cpu), &remedy)
-        });
+        let remedy =
+            format!("set realtime.{name}_cpu to a CPU that this machine has and the service may use, or to -1");
+        let cpu = cpu.map(|cpu| Grant::new(format!("{name} on CPU {cpu}"), set_cpu(cpu), &remedy));
         priority.into_iter().chain(cpu).collect()
     }
 }

@@ -135,7 +135,13 @@ impl Supervisor {
             counters.small_picture.store(adaptation.picture.is_small, Relaxed);
             Log::picture_size(load.filter(|_| adaptation.picture.is_small));
         }
-        load.filter(|_| adaptation.is_too_slow).iter().for_each(|load| self.log.too_slow(load));
+        if let Some(load) = load.filter(|_| adaptation.is_too_slow && is_due(&mut self.log.too_slow_at)) {
+            tracing::warn!(
+                "too slow: a frame takes {:.0} ms, and no step makes up for that: poses come too late, and the face stays \
+                 neutral; end other programs, or use a faster board",
+                ms(load.busy)
+            );
+        }
     }
 
     fn tell_status(&mut self) {
@@ -233,16 +239,6 @@ impl Log {
         }
     }
 
-    fn too_slow(&mut self, load: &Load) {
-        if is_due(&mut self.too_slow_at) {
-            tracing::warn!(
-                "too slow: a frame takes {:.0} ms, and no step makes up for that: poses come too late, and the face stays \
-                 neutral; end other programs, or use a faster board",
-                ms(load.busy)
-            );
-        }
-    }
-
     /// Logs the new step of the pipeline. Of a lower one also says why, and what the operator can do about it.
     fn step(step: Step, lowered_by: Option<(Cause, Load)>) {
         let what = step.sentence();
@@ -281,13 +277,15 @@ impl Log {
         let fps = (count - last_count) as f64 / now.duration_since(last).as_secs_f64().max(f64::EPSILON);
         let grants = self.grants.iter().map(Grant::to_string).collect::<Vec<_>>().join(", ");
         let grants = if grants.is_empty() { grants } else { format!("; real time: {grants}") };
+        let line = match &self.camera {
+            Some(_) => format!("fps={fps:.1} {status}{grants}"),
+            None => format!("{}: {status}{grants}", self.camera_line()),
+        };
         if self.camera.is_some() {
-            let line = format!("fps={fps:.1} {status}{grants}");
-            tracing::info!("{line}");
-            return line;
+            tracing::info!("{line}")
+        } else {
+            tracing::warn!("{line}")
         }
-        let line = format!("{}: {status}{grants}", self.camera_line());
-        tracing::warn!("{line}");
         line
     }
 }
@@ -295,7 +293,9 @@ impl Log {
 /// Whether something was not logged within the last [`IMPAIRMENT_PERIOD`]. It counts as logged now.
 fn is_due(logged_at: &mut Option<Instant>) -> bool {
     let is_due = logged_at.is_none_or(|logged_at| logged_at.elapsed() >= IMPAIRMENT_PERIOD);
-    *logged_at = logged_at.filter(|_| !is_due).or_else(|| Some(Instant::now()));
+    if is_due {
+        *logged_at = Some(Instant::now());
+    }
     is_due
 }
 

@@ -209,10 +209,8 @@ impl FrameTiming {
         let (times, work) = (&self.counters.times, between(begun_us, ended_us));
         times.wait.record(between(captured_us, begun_us));
         times.work.record(work);
-        for (stage, time) in [(&times.detect, stages.detect), (&times.mesh, stages.mesh), (&times.solve, stages.solve)]
-        {
-            time.into_iter().for_each(|time| stage.record(time));
-        }
+        let ran = [(&times.detect, stages.detect), (&times.mesh, stages.mesh), (&times.solve, stages.solve)];
+        ran.iter().for_each(|(stage, time)| time.iter().for_each(|time| stage.record(*time)));
         self.work = Some(work);
     }
 

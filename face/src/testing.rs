@@ -12,8 +12,7 @@ use crate::track::{LANDMARKS, Landmarks, MESH, Transform};
 /// One run of a scripted network.
 pub struct Run<'a> {
     pub network: &'static str,
-    /// The outputs in the order of the signature, for the closure to fill in. They contain the values of the run before,
-    /// and 0 in the first run.
+    /// The outputs in the order of the signature, with the values of the run before, for the closure to fill in.
     pub outputs: &'a mut [Vec<f32>],
 }
 

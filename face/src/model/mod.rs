@@ -29,8 +29,8 @@ pub const MAX_INPUTS: usize = 470;
 pub const APPEARANCE_UNITS: usize = 32;
 /// Values of the mesh network's feature map at each landmark.
 pub const APPEARANCE_CHANNELS: usize = 32;
-/// The landmarks: lips, lids and irises, and the rest of the face without its outline, behind which the background lies.
-/// With each landmark, its mirror image is in the list.
+/// The landmarks at which the map is read, with each its mirror image: not the outline of the face, behind which lies the
+/// background.
 pub const APPEARANCE_LANDMARKS: [u16; 180] = [
     0, 1, 2, 3, 5, 6, 7, 9, 13, 14, 17, 33, 34, 36, 37, 39, 40, 46, 49, 50, 55, 61, 63, 66, 68, 69, 71, 78, 79, 80, 81,
     82, 84, 87, 88, 91, 95, 98, 104, 105, 108, 116, 117, 119, 121, 123, 133, 134, 135, 137, 138, 139, 140, 143, 144,
@@ -42,8 +42,7 @@ pub const APPEARANCE_LANDMARKS: [u16; 180] = [
     433, 435, 436, 437, 441, 443, 447, 466, 468, 473,
 ];
 
-/// Pairs of landmarks whose distance, unlike their coordinates, survives errors of the head's rotation: lid gaps,
-/// irises to the corners and lids of their eyes, mouth, brows to lids, cheeks and chin.
+/// Pairs of landmarks whose distance, unlike their coordinates, survives errors of the head's rotation.
 #[rustfmt::skip]
 pub(crate) const DISTANCES: [(usize, usize); 35] = [
     (159, 145), (158, 153), (160, 144), (386, 374), (385, 380), (387, 373), (468, 33), (468, 133), (473, 362),
@@ -162,7 +161,6 @@ impl Model {
         postcard::to_allocvec(self).expect("numbers in memory")
     }
 
-    /// Reads what [`Model::to_bytes`] wrote, or returns `None` if the bytes are not a model.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
         postcard::take_from_bytes(bytes).ok().filter(|(_, rest)| rest.is_empty()).map(|(model, _)| model)
     }

@@ -164,9 +164,8 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<(Matrix3<f64>, f64, Vector3<f64>),
     };
     #[expect(clippy::cast_precision_loss, reason = "a few dozen points")]
     let count = RIGID.len() as f64;
-    let (seen_sum, canonical_sum) =
-        pairs().fold((Vector3::zeros(), Vector3::zeros()), |(a, b), (seen, canonical)| (a + seen, b + canonical));
-    let (seen_mean, canonical_mean) = (seen_sum / count, canonical_sum / count);
+    let sums = pairs().fold([Vector3::zeros(); 2], |[a, b], (seen, canonical)| [a + seen, b + canonical]);
+    let [seen_mean, canonical_mean] = sums.map(|sum| sum / count);
     let (mut covariance, mut seen_var, mut canonical_var) = (Matrix3::zeros(), 0.0, 0.0);
     for (seen, canonical) in pairs() {
         let (s, c) = (seen - seen_mean, canonical - canonical_mean);
@@ -186,8 +185,7 @@ fn fit_rigid(landmarks: &Landmarks) -> Result<(Matrix3<f64>, f64, Vector3<f64>),
     Ok((rotation, scale, seen_mean - scale * (rotation * canonical_mean)))
 }
 
-/// Returns the proper rotation `R` that maximises `tr(R' M)`, and that trace. Returns `None` if the rank of `M` is
-/// below 2, because the rotation is then ambiguous.
+/// Returns the proper rotation `R` that maximises `tr(R' M)`, and that trace, or `None` if it is ambiguous.
 fn nearest_rotation(covariance: Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
     let size = covariance.amax();
     if size <= 0.0 || !size.is_finite() {
@@ -245,15 +243,13 @@ mod tests {
 
     #[test]
     fn mean_of_two_faces_lies_half_way() {
-        let [a, b] = [10.0, -2.0].map(|yaw| normalise(&face([yaw, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"));
+        let faces = [10.0, -2.0].map(|yaw| normalise(&face([yaw, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"));
         let mut mean = FaceMean::default();
         assert!(mean.finish().is_none() && mean.neutral() == Err(SolveError::NoFrames));
-        mean.add(&a);
-        mean.add(&b);
-        let mean = mean.finish().expect("two faces");
+        faces.iter().for_each(|face| mean.add(face));
         let numbers =
             |face: &Normalised| [face.points.as_flattened(), face.rotation.as_slice(), &face.origin_px].concat();
-        let half_way = numbers(&a).into_iter().zip(numbers(&b)).map(|(a, b)| f32::midpoint(a, b));
-        assert!(half_way.zip(numbers(&mean)).all(|(want, got)| (want - got).abs() < 1e-4));
+        let [a, b, mean] = [&faces[0], &faces[1], &mean.finish().expect("two faces")].map(numbers);
+        assert!(a.iter().zip(b).zip(mean).all(|((a, b), mean)| (f32::midpoint(*a, b) - mean).abs() < 1e-4));
     }
 }

@@ -10,8 +10,7 @@ use super::affine::Normalised;
 
 /// Mean distance between the middles of an adult's eyes, millimetres.
 const EYE_DISTANCE_MM: f32 = 63.0;
-/// True yaw divided by apparent yaw. A head turns about its neck, so that a turned face also moves sideways and the
-/// camera sees it from the side: measured at 55 to 100 cm, the apparent yaw is 1.1 times the true yaw.
+/// True yaw divided by apparent yaw: a head turns about its neck, so that a turned face also moves sideways.
 const YAW_GAIN: f32 = 0.9;
 
 /// The properties of the camera that the head's position depends on.
@@ -77,8 +76,7 @@ impl HeadPose {
     }
 }
 
-/// Returns the angles of a rotation (quaternion x, y, z, w) in degrees: the turn to the person's left, the nod upwards and
-/// the tilt to the person's right shoulder.
+/// Turn to the person's left, nod upwards and tilt to the person's right shoulder of a quaternion x, y, z, w, in degrees.
 pub fn yaw_pitch_roll_deg(rotation_xyzw: [f32; 4]) -> [f32; 3] {
     let rotation = UnitQuaternion::new_normalize(Quaternion::from(rotation_xyzw));
     // The columns are the directions of x (the person's left), y (up) and z (out of the face).

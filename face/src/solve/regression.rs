@@ -102,14 +102,15 @@ impl Output {
 }
 
 #[cfg(test)]
-#[allow(clippy::float_cmp)]
+#[allow(clippy::cast_possible_truncation, clippy::panic)]
 mod tests {
     use super::*;
-    use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, FeatureId, Input, MAX_HIDDEN, ModelFile};
+    use crate::model::{APPEARANCE_CHANNELS, APPEARANCE_LANDMARKS, FeatureId, InputTable, ModelFile};
     use crate::solve::{Camera, Filters, Neutral, Profile, Shaping, Solver, normalise};
     use crate::testing::face;
     use crate::track::{Face, Landmarks};
 
+    const SHIPPED: &str = include_str!("../../../models/blendshapes.toml");
     const JAW_OPEN: usize = 17;
     const CHEEK_PUFF: usize = 46;
 
@@ -119,60 +120,54 @@ mod tests {
 
     #[test]
     fn embedded_numbers_are_those_of_the_readable_file_bit_for_bit() {
-        let file = ModelFile::parse(include_str!("../../../models/blendshapes.toml")).expect("sound");
-        assert_eq!(file.to_model().expect("sound").to_bytes(), EMBEDDED);
+        assert_eq!(ModelFile::parse(SHIPPED).and_then(|file| file.to_model()).expect("sound").to_bytes(), EMBEDDED);
         assert!(EMBEDDED.len() <= 1 << 20, "{}", EMBEDDED.len());
         assert_eq!(Model::from_bytes(&EMBEDDED[..EMBEDDED.len() - 4]), None, "cut short");
         assert_eq!(Model::from_bytes(&[EMBEDDED, &[0; 4]].concat()), None, "too long");
     }
 
-    fn output(units: usize) -> Output {
-        Output { weights: vec![0.0; units * COEFFS].into(), offsets: [0.0; COEFFS] }
-    }
-
-    /// A layer with two hidden units, `x - 0.5` and `0.5 - x`, where `x` is that of the outer corner of the left eye.
-    /// `JAW_OPEN` weights them by 2 and 3.
-    fn layer() -> HiddenLayer {
-        let row = |a: f32, b: f32| {
-            let mut row = [0.0; MAX_HIDDEN];
-            (row[0], row[MAX_HIDDEN - 1]) = (a, b);
-            row
-        };
-        let mut output = output(MAX_HIDDEN);
-        output.offsets[JAW_OPEN] = 0.1;
-        (output.weights[JAW_OPEN], output.weights[(MAX_HIDDEN - 1) * COEFFS + JAW_OPEN]) = (2.0, 3.0);
-        HiddenLayer {
-            inputs: [Input { feature: FeatureId::from_name("x263").expect("known"), neutral: 0.2 }].into(),
-            weights: row(1.0, -1.0).into(),
-            offsets_known: [0.0; MAX_HIDDEN],
-            offsets_unknown: row(-0.5, 0.5),
-            output,
-        }
-    }
-
-    /// The result for a face of which this share of the neutral face is known, though nothing is subtracted.
-    fn solved(layer: HiddenLayer, known: f32) -> Result<[f32; COEFFS], SolveError> {
-        let features = Features::new(&normalise(&landmarks()).expect("a face"), Reference::MEAN);
-        Model::of(Regression::HiddenLayer(layer)).process(&Features { known, ..features }).map(|raw| raw.0)
+    /// Features of a face of which this share of the neutral face is known, though nothing is subtracted.
+    fn features(known: f32) -> Features {
+        Features { known, ..Features::new(&normalise(&landmarks()).expect("a face"), Reference::MEAN) }
     }
 
     #[test]
     fn result_is_the_weighted_sum_of_the_positive_hidden_units() {
+        let file = ModelFile::parse(SHIPPED).expect("sound");
+        let offsets = file.offsets.expect("a hidden layer");
         for known in [0.0, 0.25, 1.0] {
-            let raw = solved(layer(), known).expect("a result");
-            let hidden = 0.7218 - (1.0 - known) * (0.2 + 0.5);
-            assert!((raw[JAW_OPEN] - (0.1 + 2.0 * hidden)).abs() < 1e-3, "{known}: {}", raw[JAW_OPEN]);
-            assert!(raw.iter().enumerate().all(|(index, value)| index == JAW_OPEN || *value == 0.0));
+            let features = features(known as f32);
+            let value = |name: &str| f64::from(features.get(FeatureId::from_name(name).expect("known")));
+            let unit = |(unit, (known_offset, unknown_offset)): (usize, (&f64, &f64))| {
+                let input = |(name, table): (&String, &InputTable)| {
+                    (value(name) - (1.0 - known) * table.neutral) * table.weights[unit]
+                };
+                let sum: f64 = file.inputs.iter().map(input).sum();
+                (sum + known * known_offset + (1.0 - known) * unknown_offset).max(0.0)
+            };
+            let pairs = offsets.neutral_known.iter().zip(&offsets.neutral_unknown);
+            let hidden: Vec<f64> = pairs.enumerate().map(unit).collect();
+            let raw = Model::embedded().process(&features).map(|raw| raw.0[JAW_OPEN]);
+            let table = &file.blendshapes["jawOpen"];
+            let want =
+                table.offset + table.weights.iter().zip(&hidden).map(|(weight, unit)| weight * unit).sum::<f64>();
+            assert!(raw.is_ok_and(|raw| (f64::from(raw) - want).abs() < 1e-3), "{known}: {raw:?} in place of {want}");
         }
     }
 
     #[test]
     fn absurd_results_and_nans_reject_the_frame() {
-        for wrong in [f32::NAN, f32::INFINITY, -7.0] {
-            let [mut output, mut hidden] = [layer(), layer()];
-            output.output.offsets[JAW_OPEN] = wrong;
-            hidden.offsets_unknown[0] = wrong.abs() + 5.0;
-            assert_eq!([output, hidden].map(|layer| solved(layer, 0.0)), [Err(SolveError::Absurd); 2], "{wrong}");
+        for (wrong, is_hidden) in
+            [f32::NAN, f32::INFINITY, -1e6].into_iter().flat_map(|wrong| [(wrong, false), (wrong, true)])
+        {
+            let mut model = Model::embedded();
+            let Regression::HiddenLayer(layer) = &mut model.regression else { panic!("the shipped model is a layer") };
+            if is_hidden {
+                layer.offsets_unknown[0] = wrong.abs();
+            } else {
+                layer.output.offsets[JAW_OPEN] = wrong;
+            }
+            assert_eq!(model.process(&features(0.0)), Err(SolveError::Absurd), "{wrong}");
         }
     }
 
@@ -180,7 +175,7 @@ mod tests {
     /// `0.1 + 0.4 h` where the neutral face is known, and `0.3 h` where it is not.
     fn appearance_layer() -> AppearanceLayer {
         let output = |weight, offset| {
-            let mut output = output(APPEARANCE_UNITS);
+            let mut output = Output { weights: vec![0.0; APPEARANCE_UNITS * COEFFS].into(), offsets: [0.0; COEFFS] };
             (output.weights[3 * COEFFS + CHEEK_PUFF], output.offsets[CHEEK_PUFF]) = (weight, offset);
             output
         };

@@ -5,18 +5,13 @@ use super::{BLENDSHAPES, COEFFS, Coefficients, HeadPose};
 
 /// Coefficients that share a filter, because they belong to a part of the face that moves in its own way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs, reason = "`Group::of` tells which belong to each")]
 pub enum Group {
-    /// `eyeBlink`, `eyeSquint`, `eyeWide`.
     Lids,
-    /// `eyeLook`.
     Gaze,
-    /// `brow`.
     Brows,
-    /// `mouth` and `tongueOut`.
     Mouth,
-    /// `jaw`.
     Jaw,
-    /// `cheek` and `nose`.
     Cheeks,
 }
 
@@ -149,8 +144,7 @@ const REFERENCE: f32 = 0.125;
 /// more than one that hardly moves.
 const PRODUCTS: [f32; 2] = [-4.0, 0.5];
 const AVERAGE_S: f32 = 1.0;
-/// The least and the greatest level. A higher one leaves less jitter in the dark, and takes more of fast expressions in
-/// noisy pictures.
+/// The least and the greatest level. A higher one takes more of fast expressions in noisy pictures.
 const LEVELS: [f32; 2] = [1.0, 2.0];
 
 /// How noisy the last frames are, relative to the noise for which the sizes of small changes are meant: in a dark picture,
@@ -187,7 +181,6 @@ impl NoiseLevel {
         ((-self.product).max(0.0).sqrt() / REFERENCE).clamp(lowest, highest)
     }
 
-    /// The mean product of the steps of the coefficients that move at all. `None` if none does.
     fn mean_product(&self, steps: &[f32; COEFFS], before: &[f32; COEFFS]) -> Option<f32> {
         let [least, greatest] = PRODUCTS;
         let (mut sum, mut count) = (0.0_f32, 0.0_f32);

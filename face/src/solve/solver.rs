@@ -159,8 +159,7 @@ impl Solver {
         self.crossfade();
     }
 
-    /// Makes the next output begin where the last one ended, after any part was replaced: the difference to the new
-    /// values fades within half a second.
+    /// Makes the next output begin where the last one ended, after any part was replaced.
     pub fn crossfade(&mut self) {
         self.history.crossfade.is_due = true;
     }

@@ -1,7 +1,6 @@
 //! Finds a face in the whole picture, with short-range BlazeFace.
 //!
-//! Anchors, decoding and weighted non-maximum suppression are those of MediaPipe's short-range face detection graph. There
-//! are 896 anchors of size 1: two in each cell of a grid at stride 8, and six in each cell of a grid at stride 16.
+//! Anchors, decoding and weighted non-maximum suppression are those of MediaPipe's short-range face detection graph.
 
 use std::iter;
 
@@ -95,8 +94,7 @@ fn candidates(boxes: &[f32], scores: &[f32]) -> impl Iterator<Item = Candidate> 
     })
 }
 
-/// Weighted non-maximum suppression for the best face alone: the mean of all candidates that overlap the one with the
-/// highest score, weighted by their scores.
+/// The weighted mean of all candidates that overlap the one with the highest score.
 fn strongest(candidates: impl Iterator<Item = Candidate> + Clone) -> Option<Candidate> {
     let best = candidates.clone().max_by(|a, b| a.score.total_cmp(&b.score))?;
     let (mut sum, mut weight) = ([0.0; 8], 0.0);

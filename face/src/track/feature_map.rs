@@ -55,8 +55,7 @@ pub(crate) struct Transform {
 }
 
 impl Transform {
-    /// The crop around the points of the mesh whose indices are `points`, in which the line through the points `level` is
-    /// level. The mesh is in samples of the backbone's input.
+    /// The crop around `points` of the mesh, in samples of the backbone's input, in which a line through `level` is level.
     pub(crate) fn around(mesh: &[[f32; 3]], points: &[u16], level: [u16; 2]) -> Self {
         let point = |index: u16| {
             mesh.get(usize::from(index))
@@ -75,8 +74,7 @@ impl Transform {
         Self { linear, shift }
     }
 
-    /// Maps a point of a head's output to samples of the backbone's input. A head counts four steps to a cell of its crop,
-    /// as many as there are samples of the backbone's input to a cell of the feature map.
+    /// Maps a point of a head's output, which counts four steps to a cell, to samples of the backbone's input.
     pub(crate) fn apply(&self, point: [f32; 2]) -> [f32; 2] {
         self.map(point, self.shift.map(|shift| shift / FEATURE_SCALE))
     }

@@ -1,6 +1,4 @@
-//! The 478 points of a face, which show where the skin is, the region of the picture where the next frame's are expected,
-//! and how the skin looks: the mesh network's feature map, sampled at some points, shows what lies between them, such as
-//! folds, shadows and teeth.
+//! The points of a face, the region of the picture where the next frame's are expected, and how the skin looks.
 
 use super::feature_map::FeatureMap;
 use super::refinement::{FEATURE_SCALE, LEFT_IRIS, LEFT_IRIS_DEPTH, RIGHT_IRIS, RIGHT_IRIS_DEPTH};
@@ -27,8 +25,7 @@ impl Landmarks {
         self.0.as_flattened().iter().fold(true, |finite, value| finite & value.is_finite())
     }
 
-    /// Moves each iris to the mean depth of the contour of its eye. [`super::Mesh`] does this to all landmarks it finds;
-    /// the recordings of some other trackers have irises at depth 0.
+    /// Moves each iris to the mean depth of the contour of its eye: some trackers record irises at depth 0.
     pub fn level_irises(&mut self) {
         self.level_iris(&RIGHT_IRIS, &RIGHT_IRIS_DEPTH);
         self.level_iris(&LEFT_IRIS, &LEFT_IRIS_DEPTH);
@@ -84,10 +81,7 @@ const MARGIN: f32 = 1.5;
 /// Outer corners of the eyes: the person's right eye, which is on the left of an unmirrored picture, then the left eye.
 const EYE_CORNERS: [usize; 2] = [33, 263];
 
-/// The region of interest: the square of the picture, in pixels, that the mesh network receives.
-///
-/// The geometry is that of MediaPipe's face landmark graph. The eyes are level in the square, and a side of the square
-/// is 1.5 times the long side of the box around the face.
+/// The region of interest: the square of the picture, in pixels, that the mesh network receives, as in MediaPipe's graph.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaceBox {
     /// Centre: x to the right, y down.
@@ -99,9 +93,8 @@ pub struct FaceBox {
 }
 
 impl FaceBox {
-    /// Returns the region of interest around an upright box, given by its least and greatest coordinates, in which the
-    /// line from `eyes[0]` to `eyes[1]` is level. Returns `None` if the box is smaller than a pixel or a number is not
-    /// finite.
+    /// Returns the region around an upright box of least and greatest coordinates, in which the line between the eyes is
+    /// level, or `None` if the box is smaller than a pixel or a number is not finite.
     pub fn around([min, max]: [[f32; 2]; 2], eyes: [[f32; 2]; 2]) -> Option<Self> {
         let side = (max[0] - min[0]).max(max[1] - min[1]);
         let region = Self {
@@ -113,8 +106,7 @@ impl FaceBox {
         (finite && side >= 1.0).then_some(region)
     }
 
-    /// Returns the region of interest for the next frame, from the landmarks of this frame. Returns `None` as
-    /// [`FaceBox::around`] does.
+    /// Returns the region for the next frame, from the landmarks of this frame, like [`FaceBox::around`].
     pub fn following(landmarks: &Landmarks) -> Option<Self> {
         let eyes = EYE_CORNERS.map(|index| landmarks.0.get(index).map_or([f32::NAN; 2], |[x, y, _]| [*x, *y]));
         Self::around(bounds(landmarks.0.iter().take(MESH).map(|[x, y, _]| [*x, *y])), eyes)

@@ -1,11 +1,8 @@
 //! Finds the landmarks of a face in its region of interest, with the attention mesh network and its three heads.
 //!
-//! The backbone computes 468 points and a feature map. Each head receives a rotated crop of that map around the lips or
-//! an eye, and computes better `x` and `y` for the points there; `z` remains the backbone's. The heads of the eyes also
-//! compute five points of the iris.
-//!
-//! On a board that is too slow the heads take turns: one runs on each picture. The others repeat their last corrections of
-//! the backbone's points, and the place of the iris, in the coordinates of their crops, which follow the face.
+//! Each head receives a rotated crop of the backbone's feature map around the lips or an eye, and computes better `x` and
+//! `y` for the points there. The heads of the eyes also compute five points of the iris. On a board that is too slow the
+//! heads take turns: the others repeat their last corrections in the coordinates of their crops, which follow the face.
 
 use crate::infer::{Engine, InferError, Network, Signature};
 use crate::picture::Picture;
@@ -110,8 +107,7 @@ impl Mesh {
         self.turn = None;
     }
 
-    /// Returns the landmarks of the face inside `region`, in pixels of the picture. Returns `None` if the network sees no
-    /// face there or computes a number that is not finite.
+    /// Returns the landmarks of the face inside `region`, in pixels of the picture, if the network sees one there.
     pub fn find(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
         crop(picture, region, SHAPE, &mut self.block, &mut *self.backbone);
         self.backbone.run()?;
@@ -143,8 +139,7 @@ impl Mesh {
 }
 
 impl Head {
-    /// Runs the network on its crop of `map` and replaces the points of this head in `landmarks`, which are in samples of
-    /// the backbone's input. `mesh` are the backbone's own points.
+    /// Replaces the points of this head in `landmarks`, which are in samples of the backbone's input, like those of `mesh`.
     fn refine(&mut self, mesh: &[[f32; 3]], map: FeatureMap, landmarks: &mut Landmarks) -> Result<(), InferError> {
         let transform = self.transform(mesh);
         for row in 0..CROP_SIZE {

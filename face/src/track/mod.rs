@@ -33,8 +33,7 @@ impl Tracker {
         Ok(Self { detector: Detector::load(engine)?, mesh: Mesh::load(engine)?, region: None })
     }
 
-    /// Returns the region of this picture to search for landmarks: around the landmarks of the previous picture, or where
-    /// the detector finds a face. Returns `None` if it finds no face.
+    /// Returns the region to search: around the landmarks of the previous picture, or where the detector finds a face.
     pub fn detect(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
         if self.region.is_none() {
             self.region = self.detector.find(picture)?;
@@ -43,8 +42,7 @@ impl Tracker {
         Ok(self.region)
     }
 
-    /// Returns the landmarks of the face in `region`, in pixels of the picture. If there is no face, returns `None` and
-    /// forgets the region, so that the detector searches the next picture.
+    /// Returns the landmarks of the face in `region`, in pixels of the picture. If there is none, forgets the region.
     pub fn landmarks(&mut self, picture: &Picture, region: &FaceBox) -> Result<Option<&Landmarks>, InferError> {
         // If a network fails, the landmarks are half written: there is no face then.
         self.region = None;

@@ -41,7 +41,6 @@ impl<'a> Picture<'a> {
 }
 
 impl Pixels<'_> {
-    /// Returns whether the samples of `width` x `height` pixels are complete.
     fn hold(&self, width: usize, height: usize) -> bool {
         match *self {
             Self::Yuyv { data, stride } => holds(data, stride, [4 * width.div_ceil(2), height]),

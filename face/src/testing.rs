@@ -9,7 +9,6 @@ use crate::solve::RIGID;
 use crate::track::refinement::{LEFT_EYE, LEFT_EYE_ROTATION, LIPS, LIPS_ROTATION, RIGHT_EYE, RIGHT_EYE_ROTATION};
 use crate::track::{LANDMARKS, Landmarks, MESH, Transform};
 
-/// One run of a scripted network.
 pub struct Run<'a> {
     pub network: &'static str,
     /// The outputs in the order of the signature, with the values of the run before, for the closure to fill in.
@@ -86,14 +85,13 @@ pub fn show(run: &mut Run, landmarks: &Landmarks) {
             flag[0] = CERTAIN;
         }
         ("lips", [points]) => refine(landmarks, &LIPS, LIPS_ROTATION, points),
-        // The networks bear MediaPipe's names: by the side of the picture.
+        // The networks are named by the side of the picture.
         ("left_eye", [points, _]) => refine(landmarks, &RIGHT_EYE, RIGHT_EYE_ROTATION, points),
         ("right_eye", [points, _]) => refine(landmarks, &LEFT_EYE, LEFT_EYE_ROTATION, points),
         (name, _) => panic!("no network {name}"),
     }
 }
 
-/// Writes `points` of the landmarks as a head gives them: in its own crop.
 fn refine(landmarks: &Landmarks, points: &[u16], level: [u16; 2], output: &mut [f32]) {
     let transform = Transform::around(&landmarks.0, points, level);
     let origin = transform.apply([0.0, 0.0]);

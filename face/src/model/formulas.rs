@@ -120,7 +120,7 @@ pub struct Formula {
     /// Indices into [`FormulaSet::inputs`], at most [`MAX_FORMULA_INPUTS`].
     pub inputs: Box<[u16]>,
     pub weights: Box<[f32]>,
-    /// How many of the inputs are multiplied with each other. They come first.
+    /// How many of the inputs, the first ones, are multiplied with each other.
     pub multiplied: usize,
     /// Weights of the products: of the first input with itself and all later ones that are multiplied, then of the
     /// second input with itself and all later ones, and so on.

@@ -1,7 +1,5 @@
-//! The numbers of a fitted model. The solver's stages compute with them; [`ModelFile`] is the text that they are read from.
-//!
-//! The build script compiles this module, too: it reads `models/blendshapes.toml` and writes the bytes that the program
-//! contains.
+//! The numbers of a fitted model; [`ModelFile`] is the text that they are read from. The build script compiles this module,
+//! too, and writes the bytes of `models/blendshapes.toml` that the program contains.
 
 mod file;
 mod formulas;
@@ -51,9 +49,7 @@ pub(crate) const DISTANCES: [(usize, usize); 35] = [
     (55, 285), (152, 1), (152, 17), (205, 50), (50, 4), (280, 4),
 ];
 
-/// Names of the features that tell how far the head is turned.
 const TURNS: [&str; 3] = ["yaw", "pitch", "roll"];
-/// Number of coordinates, which come first.
 pub(crate) const COORDINATES: usize = 3 * LANDMARKS;
 /// Number of features that are measured on the face: coordinates, then distances.
 pub const MEASURES: usize = COORDINATES + DISTANCES.len();
@@ -111,7 +107,7 @@ impl fmt::Display for FeatureId {
 /// A model that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
-    /// The file is missing or cannot be read. It may be later: its disk may not be mounted yet.
+    /// The file is missing or cannot be read, perhaps because its disk is not mounted yet.
     #[error("the model {} cannot be read ({source}); check the path and its permissions", path.display())]
     #[allow(missing_docs, reason = "the types say it")]
     Unreadable { path: PathBuf, source: io::Error },
@@ -139,13 +135,10 @@ pub struct Cases<T> {
     pub neutral_unknown: T,
 }
 
-/// From features to coefficients.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::large_enum_variant, reason = "a solver has one model, and the larger variant is the usual one")]
 pub(crate) enum Regression {
-    /// One network for all blendshapes.
     HiddenLayer(HiddenLayer),
-    /// One formula for each blendshape.
     Formulas(Cases<FormulaSet>),
 }
 
@@ -174,7 +167,6 @@ impl Model {
 /// A network with one hidden layer, `h = max(0, W x + a)` and `R = V h + b`. Units that a model does not use have 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct HiddenLayer {
-    /// The selected features.
     pub(crate) inputs: Box<[Input]>,
     /// The columns of `W`, each with [`MAX_HIDDEN`] weights, one column for each input.
     pub(crate) weights: Box<[f32]>,
@@ -186,7 +178,6 @@ pub(crate) struct HiddenLayer {
     pub(crate) output: Output,
 }
 
-/// A selected feature.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Input {
     pub(crate) feature: FeatureId,
@@ -200,11 +191,8 @@ pub(crate) struct AppearanceLayer {
     /// The columns of `W`, each with [`APPEARANCE_UNITS`] weights, one column for each value of the map: landmark by
     /// landmark, and channel by channel.
     pub(crate) weights: Box<[i8]>,
-    /// `s`.
     pub(crate) scales: [f32; APPEARANCE_UNITS],
-    /// `a`.
     pub(crate) offsets: [f32; APPEARANCE_UNITS],
-    /// `V` and `b`.
     pub(crate) outputs: Cases<Output>,
 }
 
@@ -213,7 +201,6 @@ pub(crate) struct AppearanceLayer {
 pub(crate) struct Output {
     /// The columns of `V`, each with [`COEFFS`] weights, one column for each unit.
     pub(crate) weights: Box<[f32]>,
-    /// `b`.
     #[serde(with = "list")]
     pub(crate) offsets: [f32; COEFFS],
 }

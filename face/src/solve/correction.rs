@@ -8,8 +8,7 @@
 use super::{Coefficients, Profile};
 use crate::model::{Correction, CorrectiveTerms};
 
-/// Largest resting offset that is removed, so that a neutral face recorded during a blink or a smile cannot switch a
-/// blendshape off.
+/// Largest resting offset that is removed, so that a blink while at rest is recorded cannot switch a blendshape off.
 pub const MAX_REST: f32 = 0.3;
 /// Least and greatest factor that a wearer's range gives.
 pub const GAINS: [f32; 2] = [0.5, 2.0];

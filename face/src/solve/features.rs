@@ -39,8 +39,7 @@ impl Neutral {
     }
 }
 
-/// What displacements are measured from: `mean + known * (neutral - mean)`, where `mean` is the mean neutral face of many
-/// people, which the model contains.
+/// What displacements are measured from: `mean + known * (neutral - mean)`, with the model's mean of many people.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reference<'a> {
     neutral: Option<&'a Neutral>,
@@ -78,8 +77,7 @@ pub struct Features {
 }
 
 impl Features {
-    /// The measures of a face minus those of the wearer's neutral face, as far as it is known. The model subtracts the
-    /// remaining share of the mean of many people.
+    /// The measures of a face minus those of the wearer's neutral face. The model subtracts the remaining share of the mean.
     pub fn new<'a>(face: &Normalised, reference: impl Into<Reference<'a>>) -> Self {
         let Reference { neutral, known } = reference.into();
         let mut measures = measure(&face.points);

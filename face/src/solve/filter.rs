@@ -8,8 +8,7 @@ mod averages;
 
 use averages::{Past, Window};
 
-/// Longest time between two frames that belong together, seconds: the longest time of the settings. After a longer one a
-/// filter starts anew.
+/// Longest time between two frames that belong together, seconds. After a longer one a filter starts anew.
 pub(super) const LONGEST_STEP_S: f32 = 0.35;
 /// Time between frames at which the settings' size of noise is meant, seconds.
 pub(super) const FRAME_S: f32 = 1.0 / 30.0;

@@ -107,7 +107,6 @@ mod tests {
         normalise(&face([9.0, 5.0, 0.0], 80.0, [320.0, 240.0])).expect("a face")
     }
 
-    /// The jaw's coefficient, and the values of the inputs in double precision.
     fn solved(jaw: Formula) -> (Result<f64, SolveError>, Vec<f64>) {
         let features = Features::new(&turned(), Reference::MEAN);
         let found = formulas(jaw.clone(), jaw).process(&features).map(|raw| raw.0[JAW_OPEN].into());

@@ -10,7 +10,6 @@
 use super::Normalised;
 use super::filter::{approach, difference};
 
-/// Sines of yaw and pitch up to which a frame is measured.
 const MOST_TURN: [f32; 2] = [0.26, 0.35];
 /// Times over which the measures of the person in the picture and of the wearer are averaged, seconds.
 const RECENT_S: f32 = 6.0;
@@ -61,7 +60,6 @@ const MEASURES: [Measure; COUNT] = [
 
 type Shape = [f32; COUNT];
 
-/// Whether a face is that of the wearer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     Same,
@@ -70,7 +68,6 @@ pub(super) enum Verdict {
     Another,
 }
 
-/// The wearer's shape, and that of the person in the picture.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Identity {
     recent: Average,
@@ -93,7 +90,6 @@ impl Identity {
         self.is_open = self.wearer.seconds > 0.0;
     }
 
-    /// Judges the face of a frame, `dt_s` seconds after the last one.
     pub(super) fn update(&mut self, face: &Normalised, dt_s: f32) -> Verdict {
         if face.turns().iter().zip(MOST_TURN).any(|(turn, most)| !(turn.abs() <= most)) {
             return if self.different_s > 0.0 { Verdict::Doubtful } else { Verdict::Same };
@@ -136,7 +132,6 @@ impl Identity {
 }
 
 impl Average {
-    /// Adds a shape to the mean over at most `longest_s` seconds.
     fn add(&mut self, shape: &Shape, dt_s: f32, longest_s: f32) {
         self.seconds = (self.seconds + dt_s).min(longest_s);
         // The first frame has no time step.
@@ -153,7 +148,6 @@ fn shape(face: &Normalised) -> Shape {
     })
 }
 
-/// Removes the part of a vector that lies along another.
 fn remove(vector: &mut Shape, along: &Shape) {
     let share = dot(vector, along) / dot(along, along);
     vector.iter_mut().zip(along).for_each(|(value, along)| *value -= share * along);

@@ -13,7 +13,6 @@ use super::identity::{Identity, Verdict};
 use super::{COEFFS, Coefficients, Normalised};
 use crate::model::MEASURES;
 
-/// Longest time that one frame counts for, seconds.
 const LONGEST_STEP_S: f32 = 0.1;
 /// A longer pause between frames is a gap, seconds: somebody else may have sat down.
 const GAP_S: f32 = 0.5;
@@ -26,9 +25,7 @@ const SHORTEST_JUMP_S: f32 = 0.033;
 /// Evidence at which the reference is half the wearer's, seconds at full weight: a few frames are a good mean.
 /// `facewire-fit wearers` shows what is learned from wearers who are never at rest.
 const HALF_EVIDENCE_S: f32 = 0.005;
-/// Evidence that is remembered, seconds at full weight. Later frames replace it little by little.
 const MEMORY_S: f32 = 30.0;
-/// Bounds on the speed of the share, per second.
 const RISE_PER_S: f32 = 0.05;
 const FALL_PER_S: f32 = 0.25;
 /// Time in which the reference in use follows the estimate by 63 %, seconds.
@@ -46,25 +43,20 @@ pub enum NeutralMode {
     Off,
 }
 
-/// The estimate of the wearer's neutral face. All memory is taken when it is made.
 #[derive(Debug, Clone)]
 pub(super) struct NeutralEstimate {
-    /// Mean of the measures at rest.
     mean: Box<[f32; MEASURES]>,
     /// Mean of the outputs at rest, measured from the mean of many people.
     outputs: [f32; COEFFS],
-    /// Weight of both means.
     evidence_s: f32,
     /// The face that the reference contains by `share`.
     used: Neutral,
     pub(super) share: f32,
     /// Whether `used` shows somebody who has left.
     is_fading: bool,
-    /// How often another person was noticed.
     pub(super) forgotten: u64,
     watch: RestWatch,
     identity: Identity,
-    /// Where the last face was and how it was turned: [`Normalised`].
     position: Option<([f32; 2], f32, [f32; 2])>,
 }
 
@@ -91,8 +83,7 @@ impl NeutralEstimate {
         Reference::between(&self.used, self.share)
     }
 
-    /// Takes in a frame `step_s` seconds after the last one, and what the regression made of it with [`Self::reference`].
-    /// Does not allocate.
+    /// Takes in a frame, and what the regression made of it with [`Self::reference`]. Does not allocate.
     pub(super) fn update(&mut self, mode: NeutralMode, face: &Normalised, raw: &Coefficients, step_s: f32) {
         let dt_s = step_s.min(LONGEST_STEP_S);
         if mode == NeutralMode::Auto {
@@ -164,10 +155,8 @@ impl NeutralEstimate {
 const FRONTAL: [f32; 2] = [0.3, 0.4];
 /// Root sum square of the outputs at which a face no longer counts as at rest.
 const MOST_OUTPUT: f32 = 0.45;
-/// Output of `eyeBlink` at which an eye no longer counts as open.
 const MOST_SHUT: f32 = 0.3;
-/// Least weight that counts. Frames with a lower weight are ignored, because many of them would add up: a speaking mouth
-/// comes close to rest again and again.
+/// Least weight that counts: a speaking mouth comes close to rest again and again, which would add up.
 const LEAST_WEIGHT: f32 = 0.05;
 const LIDS: [usize; 2] = [0, 7];
 /// Distance of the outputs from their recent average at which a face no longer counts as still.
@@ -268,7 +257,6 @@ mod tests {
         }
     }
 
-    /// A jaw that opens and shuts three times a second with this amplitude.
     fn speech(amplitude: f32, frame: usize) -> Shot {
         let open = 0.35 + amplitude * (0.6 * frame as f32).sin();
         Shot { chin: -1.4 - 0.4 * open, ..REST }.with(&[JAW_OPEN], open)

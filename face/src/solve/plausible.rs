@@ -31,8 +31,7 @@ impl Rules {
     /// No rules.
     pub const OFF: Self = Self { mouth_close: false, opposed: false, lids: false, gaze: false, dead_zone: 0.0 };
 
-    /// Makes the coefficients of a frame plausible that was captured `dt_s` seconds after the last one. Values that are not
-    /// finite leave no trace in `state`.
+    /// Applies the rules to a frame `dt_s` after the last one. Values that are not finite leave no trace in `state`.
     pub(super) fn step(self, state: &mut GazeState, mut values: Coefficients, dt_s: f32) -> Coefficients {
         let out = &mut values.0;
         if self.dead_zone > 0.0 {
@@ -67,8 +66,7 @@ impl Rules {
     }
 }
 
-/// Turns values up to `zone` into 0. Above, the curve rises without a step or a kink to meet the value itself at three
-/// times the zone.
+/// Turns values up to `zone` into 0. Above, the curve rises without a kink to meet the value at three times the zone.
 fn dead_zone(value: f32, zone: f32) -> f32 {
     match (value - zone) / (2.0 * zone) {
         1.0.. => value,
@@ -78,9 +76,8 @@ fn dead_zone(value: f32, zone: f32) -> f32 {
     }
 }
 
-/// Only the larger of two opposed values remains, and is reduced the more, the nearer the smaller one is to it:
-/// `a (1 - (b/a)^4)` is 0 where both are equal, so that there is no step, and hardly less than `a` where `b` is less
-/// than half.
+/// Only the larger of two opposed values remains: `a (1 - (b/a)^4)` is 0 where both are equal, so that there is no step,
+/// and hardly less than `a` where `b` is less than half.
 fn opposed([a, b]: [f32; 2]) -> [f32; 2] {
     let less = |large: f32, small: f32| if large <= small { 0.0 } else { large - large * (small / large).powi(4) };
     [less(a, b), less(b, a)]
@@ -88,7 +85,6 @@ fn opposed([a, b]: [f32; 2]) -> [f32; 2] {
 
 /// Half of the difference of the lids up to which a blink is meant, and from which on a wink is meant.
 const WINK_DIFFERENCE: [f32; 2] = [0.1, 0.25];
-/// The share of a winking lid's closure that shows at the other one.
 const WINK_LEAK: f32 = 0.4;
 
 /// Draws the values of the lids together, the less the more they differ. A blink closes both as far as the one that is
@@ -202,7 +198,6 @@ mod tests {
         rules.step(state, Coefficients(values), FRAME_S).0
     }
 
-    /// What these values at these places become in a first frame.
     fn shown<const N: usize>(rules: Rules, places: [usize; N], new: [f32; N]) -> [f32; N] {
         let mut values = [0.0; COEFFS];
         put(&mut values, places, new);

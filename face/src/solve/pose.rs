@@ -8,7 +8,6 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::affine::Normalised;
 
-/// Mean distance between the middles of an adult's eyes, millimetres.
 const EYE_DISTANCE_MM: f32 = 63.0;
 /// True yaw divided by apparent yaw: a head turns about its neck, so that a turned face also moves sideways.
 const YAW_GAIN: f32 = 0.9;

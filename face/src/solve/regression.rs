@@ -11,7 +11,6 @@ use super::{COEFFS, Coefficients, Normalised, SolveError};
 use crate::model::{APPEARANCE_UNITS, AppearanceLayer, Cases, HiddenLayer, Model, Output, Regression};
 use crate::track::Appearance;
 
-/// The shipped model, as the build script wrote it.
 const EMBEDDED: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blendshapes.bin"));
 /// Largest result of a face. On rendered and real faces, results stay between -0.5 and 1.5.
 const MAX_RESULT: f32 = 5.0;
@@ -93,7 +92,6 @@ impl AppearanceLayer {
 }
 
 impl Output {
-    /// `V h + b`.
     fn process(&self, units: &[f32]) -> [f32; COEFFS] {
         let mut out = self.offsets;
         add_rows(&mut out, self.weights.as_chunks().0, units);
@@ -126,9 +124,13 @@ mod tests {
         assert_eq!(Model::from_bytes(&[EMBEDDED, &[0; 4]].concat()), None, "too long");
     }
 
-    /// Features of a face of which this share of the neutral face is known, though nothing is subtracted.
+    /// Features near those of a face at rest, of which this share of the neutral face is known.
     fn features(known: f32) -> Features {
-        Features { known, ..Features::new(&normalise(&landmarks()).expect("a face"), Reference::MEAN) }
+        let mut values = core::array::from_fn(|index| 0.02 * (index as f32).sin());
+        for (name, table) in ModelFile::parse(SHIPPED).expect("sound").inputs {
+            values[FeatureId::from_name(&name).expect("known").index()] += (1.0 - known) * table.neutral as f32;
+        }
+        Features { values, known }
     }
 
     #[test]
@@ -186,7 +188,6 @@ mod tests {
         AppearanceLayer { weights: weights.into(), scales, offsets, outputs }
     }
 
-    /// The appearance whose second value at the first landmark is `value`, and whose other values are 0.
     fn appearance(value: f32) -> Appearance {
         let mut appearance = Appearance::zero();
         appearance.0[0][1] = value;

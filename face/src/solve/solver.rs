@@ -69,10 +69,9 @@ pub struct Solver {
 pub struct Profile {
     /// The neutral face, from which displacements are measured; `None` measures from the mean of many people.
     pub neutral: Option<Neutral>,
-    /// The output of the regression, plus the model's shift, for the face at rest, per blendshape in the order of
-    /// [`BLENDSHAPES`](super::BLENDSHAPES); 0 where unknown.
+    /// The output of the regression, plus the model's shift, for the face at rest; 0 where unknown.
     pub rest: [f32; COEFFS],
-    /// The factor that brings the wearer's full expression to the full range, in the same order; 1 where unknown.
+    /// The factor that brings the wearer's full expression to the full range; 1 where unknown.
     pub gain: [f32; COEFFS],
 }
 
@@ -176,8 +175,7 @@ impl Solver {
 }
 
 impl History {
-    /// Returns the seconds since the last frame that was filtered, 0 for the first. A clock that ran backwards clears
-    /// the history.
+    /// Returns the seconds since the last frame that was filtered. A clock that ran backwards clears the history.
     fn step_s(&mut self, time_us: u64) -> f32 {
         let step_us = self.last_us.and_then(|last_us| time_us.checked_sub(last_us));
         if step_us.is_none() {

@@ -17,7 +17,6 @@ static VIDEO_RANGE: Factors = Factors { luma: 9539, black: 16, red: 13075, green
 pub(super) struct Planes<'a> {
     pixels: Pixels<'a>,
     factors: &'static Factors,
-    /// The last column and the last row of the picture.
     last: [i32; 2],
 }
 
@@ -131,7 +130,6 @@ pub struct Block {
     pub(super) groups: Box<[[Pixel; GROUP]]>,
     width: usize,
     height: usize,
-    /// Column and row of the first pixel in the picture.
     origin: [i32; 2],
 }
 
@@ -143,16 +141,14 @@ impl Default for Block {
 }
 
 impl Block {
-    /// Whether the pixels around blocks of `columns` x `rows` samples fit the memory. `step` leads from a sample to the
-    /// next one of its row, and the distance between rows is that between samples.
+    /// Whether the pixels around blocks of `columns` x `rows` samples, which are a `step` apart, fit the memory.
     pub(super) fn holds([columns, rows]: [usize; 2], step: [i32; 2]) -> bool {
         let [along, across] = step.map(|step| step.unsigned_abs() as usize);
         let pixels = |along: usize, across: usize| ((columns - 1) * along + (rows - 1) * across) / 65536 + 3;
         (pixels(along, across) + 1).div_ceil(GROUP) * pixels(across, along) <= CAPACITY
     }
 
-    /// Converts the pixels around a block of samples. Returns `None` if the pixels do not fit the memory or the positions
-    /// do not fit 16.16 fixed point.
+    /// Converts the pixels around a block of samples, or returns `None` if they or the positions do not fit.
     pub(super) fn fill(&mut self, planes: &Planes, rows: &[Row], columns: Range<usize>) -> Option<()> {
         let ends = |row: &Row| [columns.start, columns.end - 1].map(|column| row.position(column));
         let mut bounds = [[i32::MAX; 2], [i32::MIN; 2]];

@@ -19,8 +19,7 @@ const ONE: f32 = 65536.0;
 /// 1/64 px in 16.16, which is added to round to the nearest 1/32 px.
 const HALF_32ND: i32 = 1 << 10;
 const MAX_SIDE: usize = 192;
-/// Longest step from one sample to the next, about 170 px. With a longer step the positions of a row would overflow:
-/// they would leave the picture on one side and enter it again on the other.
+/// Longest step from one sample to the next, about 170 px. With a longer one the positions of a row would overflow.
 #[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "192 fits")]
 const MAX_STEP: i32 = i32::MAX / MAX_SIDE as i32;
 
@@ -144,8 +143,7 @@ impl Crop<'_> {
     }
 }
 
-/// The position of the first sample of a row, plus 1/64 px. Rounding the sum down rounds the position to the nearest
-/// 1/32 px.
+/// The position of the first sample of a row, plus 1/64 px, so that rounding down gives the nearest 1/32 px.
 #[expect(clippy::cast_possible_truncation, reason = "saturates: a position so far outside is border in any case")]
 fn start(mapping: &Mapping, side: usize, row: usize) -> [i32; 2] {
     let pitch = 1.0 / side as f32;
@@ -238,8 +236,7 @@ mod tests {
         let data = [[90, 100, 90, 180].repeat(6), vec![0; 24]].concat().repeat(18);
         let picture = Picture::new(12, 18, Pixels::Yuyv { data: &data, stride: 48 }, true).expect("all rows are there");
         let shape = CropShape { side: MAX_SIDE, range: [0.0, 1.0], border: Border::Replicate };
-        // Without a limit of the step, the first and last samples of a row would be inside at 65,879 px, and those
-        // between them outside.
+        // Without a limit of the step, the first and last samples of a row alone would be inside at 65,879 px.
         for size in [0.0, 20.0, 4000.0, 65_879.125, 1e9, f32::INFINITY, f32::NAN] {
             let region = FaceBox { centre: [5.0 + size / 2.0; 2], size, angle_rad: 0.0 };
             let samples = samples(&picture, &region, shape, &mut Block::default());

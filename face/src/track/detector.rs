@@ -16,7 +16,6 @@ const ANCHORS: usize = 896;
 /// Numbers per anchor: centre and size of the box, then six keypoints.
 const VALUES: usize = 16;
 const MIN_SCORE: f32 = 0.5;
-/// The network's scores are clipped to this absolute value before the logistic function.
 const SCORE_CLIP: f32 = 100.0;
 /// Boxes with a larger intersection over union than this belong to the same face.
 const SAME_FACE_IOU: f32 = 0.3;
@@ -42,7 +41,6 @@ impl Detector {
 
     /// Returns the region of interest around the face with the highest score. Returns `None` if there is no face.
     pub fn find(&mut self, picture: &Picture) -> Result<Option<FaceBox>, InferError> {
-        // The square around the whole picture.
         let [width, height] = [picture.width as f32, picture.height as f32];
         let view = FaceBox { centre: [width / 2.0, height / 2.0], size: width.max(height), angle_rad: 0.0 };
         crop(picture, &view, SHAPE, &mut self.block, &mut *self.network);
@@ -72,7 +70,6 @@ impl Candidate {
         shared / (area + other_area - shared).max(f32::EPSILON)
     }
 
-    /// The region of interest in the picture that the network saw through `view`.
     fn region(&self, view: &Mapping) -> Option<FaceBox> {
         let [left, top, right, bottom, x0, y0, x1, y1] = self.values;
         let corners = [view.to_picture(left, top), view.to_picture(right, bottom)];

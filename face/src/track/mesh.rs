@@ -34,7 +34,6 @@ struct Refinement {
     points: &'static [u16],
     /// The iris points of the second output, and the contour of the eye, whose mean depth they take.
     iris: Option<(&'static [u16], &'static [u16])>,
-    /// Two points whose line is level in the head's crop.
     level: [u16; 2],
 }
 
@@ -75,7 +74,6 @@ pub struct Mesh {
 struct Head {
     network: Box<dyn Network>,
     refinement: &'static Refinement,
-    /// How the last run moved each point, in the coordinates of the crop.
     corrections: Vec<[f32; 2]>,
 }
 

@@ -27,7 +27,6 @@ impl<const N: usize> Window<N> {
         Self { newest: Bin { value, span_s: f32::INFINITY }, older: HistoryBuf::new() }
     }
 
-    /// Adds the value `x`, `dt_s` seconds after the last one.
     pub fn push(&mut self, x: [f32; N], dt_s: f32, window_s: f32) {
         let newest = &mut self.newest;
         let span_s = newest.span_s + dt_s;
@@ -42,7 +41,6 @@ impl<const N: usize> Window<N> {
         }
     }
 
-    /// The mean of the curve over the last `window_s` seconds.
     pub fn mean(&self, window_s: f32) -> [f32; N] {
         let mut left_s = window_s;
         self.weighted(|span_s| {
@@ -75,7 +73,6 @@ impl<const N: usize> Window<N> {
     }
 }
 
-/// Frame rate that the equations of the gated average assume.
 const FPS: f32 = 30.0;
 /// Most values that a gated average remembers: the longest window of the settings at 90 frames per second. At higher
 /// rates the window is shorter.

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-use facewire::config::{BOARDS, Fault, Faults, Settings, load, parse_and_check};
+use facewire::config::{BOARDS, Faults, Settings, load, parse_and_check};
 use facewire::link::{check_settings, notes};
 
 /// The name of a table that does not exist. Adding it is a fault that affects no other setting.
@@ -25,9 +25,9 @@ pub fn configuration(data: &[u8]) {
         assert!(faults.to_string().contains(": cannot be read ("), "{faults}");
         return;
     };
-    judge(&settled, text);
+    judge(&settled, &FILE.display().to_string(), text);
     let alone = parse_and_check("file", text, check);
-    judge(&alone, text);
+    judge(&alone, "file", text);
     tells_one_more_fault(&alone, text);
 }
 
@@ -35,22 +35,21 @@ fn check(settings: &Settings, faults: &mut Faults) {
     check_settings(settings, &[], faults);
 }
 
-fn judge(settled: &Result<Settings, Faults>, text: &str) {
+fn judge(settled: &Result<Settings, Faults>, source: &str, text: &str) {
     match settled {
         Ok(settings) => assert!(notes(settings).iter().all(|note| !note.contains(char::is_control))),
         Err(faults) => {
             assert!(faults.iter().next().is_some());
-            faults.iter().for_each(|fault| judge_fault(fault, text));
+            faults.iter().for_each(|fault| judge_fault(fault, source, text));
         }
     }
 }
 
-fn judge_fault(fault: &Fault, text: &str) {
-    let shown = fault.to_string();
-    assert!(!shown.is_empty() && !shown.contains(char::is_control), "{shown:?}");
-    if let Some(place) = &fault.place {
-        let line = place.rsplit(':').next().and_then(|line| line.parse::<usize>().ok());
-        assert!(line.is_some_and(|line| (1..=text.split('\n').count()).contains(&line)), "{shown}");
+fn judge_fault(fault: &str, source: &str, text: &str) {
+    assert!(!fault.is_empty() && !fault.contains(char::is_control), "{fault:?}");
+    if let Some(place) = fault.strip_prefix(&format!("{source}:")) {
+        let line = place.split(':').next().and_then(|line| line.parse::<usize>().ok());
+        assert!(line.is_some_and(|line| (1..=text.split('\n').count()).contains(&line)), "{fault}");
     }
 }
 
@@ -66,5 +65,5 @@ fn tells_one_more_fault(settled: &Result<Settings, Faults>, text: &str) {
 }
 
 fn told(settled: &Result<Settings, Faults>) -> Vec<String> {
-    settled.as_ref().err().map_or_else(Vec::new, |faults| faults.iter().map(Fault::to_string).collect())
+    settled.as_ref().err().map_or_else(Vec::new, |faults| faults.iter().map(str::to_owned).collect())
 }

@@ -134,7 +134,7 @@ fn lay(
     file.lay(&document, &mut settings, &mut faults);
     check(&settings, &mut faults);
     check_more(&settings, &mut faults);
-    if faults.is_empty() { Ok(settings) } else { Err(faults) }
+    if faults.iter().next().is_none() { Ok(settings) } else { Err(faults) }
 }
 
 /// Returns the board called `name`. [`AUTO`] stands for the board called `detected`.

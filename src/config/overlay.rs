@@ -43,8 +43,8 @@ impl Faults {
         self.0.iter().any(|fault| fault.key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.')))
     }
 
-    pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
+    pub fn iter(&self) -> impl Iterator<Item = &str> {
+        self.0.iter().map(|fault| &*fault.sentence)
     }
 }
 

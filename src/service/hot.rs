@@ -395,7 +395,7 @@ mod tests {
     /// A hot loop without links, the receiver of its events, and its counters.
     fn hot(settings: Settings, tracker: Tracker) -> (HotLoop, mpsc::Receiver<Event>, Arc<Counters>) {
         let ((news, _), (events, told)) = (triple_buffer::triple_buffer(&News::Nothing), mpsc::channel());
-        let (observer, recorder) = (observer::channel().0, observer::channel().0);
+        let (observer, recorder) = (observer::channel(observer::OBSERVED).0, observer::channel(observer::RECORDED).0);
         let outlets = Outlets { news, wake: thread::current(), events, observer, recorder };
         let solver = load_solver(&settings).unwrap();
         let pipeline = Some(Pipeline { tracker: Some(tracker), solver, horizontal_fov_deg: 60.0 });

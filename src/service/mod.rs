@@ -107,7 +107,8 @@ pub fn run(
     let run_sender = |changes| Sender { settings: for_links, changes, news, counters: shared }.run();
     let (sender, sender_mailbox) = spawn("fw-sender", Scheduling::sender(&settings.realtime), &events, run_sender)?;
 
-    let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
+    let ((observer, observed), (recorder, recorded)) =
+        (observer::channel(observer::OBSERVED), observer::channel(observer::RECORDED));
     let wake = sender.thread().clone();
     let outlets = Outlets { news: newest, wake, events: events.clone(), observer, recorder };
     let in_use = InUse::default();

@@ -4,8 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Values that wait at most. The reader comes every 10 ms. Each takes some 6 kB.
-const RING: usize = 32;
+/// Values that wait at most, of some 6 kB each. The reader comes every 10 ms. A recording is to be whole, and a calibration
+/// misses nothing by a frame that is lost.
+pub(super) const RECORDED: usize = 32;
+pub(super) const OBSERVED: usize = 8;
 
 #[derive(Debug, Default)]
 struct Shared {
@@ -23,8 +25,8 @@ pub(super) struct Observed<T> {
     ring: Receiver<T>,
 }
 
-pub(super) fn channel<T>() -> (Observer<T>, Observed<T>) {
-    let ((sender, receiver), shared) = (sync_channel(RING), Arc::<Shared>::default());
+pub(super) fn channel<T>(ring: usize) -> (Observer<T>, Observed<T>) {
+    let ((sender, receiver), shared) = (sync_channel(ring), Arc::<Shared>::default());
     (Observer { shared: Arc::clone(&shared), ring: sender }, Observed { shared, ring: receiver })
 }
 
@@ -60,13 +62,14 @@ mod tests {
 
     #[test]
     fn what_has_no_room_is_counted_and_publishing_never_allocates() {
-        let (mut observer, mut observed) = channel();
+        let (mut observer, mut observed) = channel(OBSERVED);
         observer.publish(|| 0);
         assert_eq!(observed.take(), None, "nobody wanted it");
         observed.ask(true);
-        let allocated = allocation_counter::measure(|| (0..RING + 5).for_each(|number| observer.publish(|| number)));
+        let allocated =
+            allocation_counter::measure(|| (0..OBSERVED + 5).for_each(|number| observer.publish(|| number)));
         assert_eq!(allocated, allocation_counter::AllocationInfo::default());
-        assert!((0..RING).all(|number| observed.take() == Some(number)) && observed.take().is_none());
+        assert!((0..OBSERVED).all(|number| observed.take() == Some(number)) && observed.take().is_none());
         assert_eq!(observed.lost(), 5);
     }
 }

@@ -30,7 +30,8 @@ impl Rig {
         let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
         let mut settings = Settings::default();
         (settings.wearer.folder, settings.solver.model) = (path("profiles"), path("model.toml"));
-        let ((observer, observed), (recorder, recorded)) = (observer::channel(), observer::channel());
+        let ((observer, observed), (recorder, recorded)) =
+            (observer::channel(observer::OBSERVED), observer::channel(observer::RECORDED));
         let ((changes, told), (reload, reloads)) = (mpsc::channel(), mpsc::channel());
         let hot = Arc::new(Mailbox { changes, thread: thread::current() });
         let (in_use, counters) = (InUse::default(), Arc::default());
@@ -203,7 +204,7 @@ fn client_that_records_gets_every_frame_beside_a_calibration_and_a_second_one_is
 
 /// A recording, the ring of its frames, and the far end of its client.
 fn recording() -> (Recording, Observer<Recorded>, Observed<Recorded>, Answers) {
-    let ((client, far), (observer, mut observed)) = (client(), observer::channel());
+    let ((client, far), (observer, mut observed)) = (client(), observer::channel(observer::RECORDED));
     observed.ask(true);
     (Recording::new(client, 0), observer, observed, Answers::of(far))
 }

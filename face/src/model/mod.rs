@@ -149,7 +149,7 @@ impl Model {
     }
 
     /// The numbers of the model as bytes.
-    #[expect(clippy::expect_used, clippy::missing_panics_doc, reason = "lists of numbers can be written to memory")]
+    #[allow(clippy::expect_used, clippy::missing_panics_doc, reason = "lists of numbers can be written to memory")]
     pub fn to_bytes(&self) -> Vec<u8> {
         postcard::to_allocvec(self).expect("numbers in memory")
     }

@@ -246,7 +246,9 @@ mod tests {
         let faces = [10.0, -2.0].map(|yaw| normalise(&face([yaw, 0.0, 0.0], 80.0, [320.0, 240.0])).expect("a face"));
         let mut mean = FaceMean::default();
         assert!(mean.finish().is_none() && mean.neutral() == Err(SolveError::NoFrames));
-        faces.iter().for_each(|face| mean.add(face));
+        for face in &faces {
+            mean.add(face);
+        }
         let numbers =
             |face: &Normalised| [face.points.as_flattened(), face.rotation.as_slice(), &face.origin_px].concat();
         let [a, b, mean] = [&faces[0], &faces[1], &mean.finish().expect("two faces")].map(numbers);

@@ -132,7 +132,7 @@ fn nearer(rotation: [f32; 4], last: [f32; 4]) -> [f32; 4] {
     if cosine < 0.0 { rotation.map(|value| -value) } else { rotation }
 }
 
-/// Gives a quaternion the length of 1. A mean of opposite rotations has no direction; `instead` counts then.
+/// Gives a quaternion the length of 1. A mean of opposite rotations has no direction: then `instead` counts.
 fn unit(mean: [f32; 4], instead: [f32; 4]) -> [f32; 4] {
     let length = square(mean).sqrt();
     if length > 0.1 { mean.map(|value| value / length) } else { instead }

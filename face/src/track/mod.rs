@@ -106,7 +106,7 @@ mod tests {
     /// Finds the face in the next picture.
     fn follow(tracker: &mut Tracker) -> Result<Option<Landmarks>, String> {
         tracker.detect(&picture()).expect("a run").expect("a face");
-        let outcome = tracker.landmarks(&picture(), &WHOLE).map(|found| found.cloned());
+        let outcome = tracker.landmarks(&picture(), &WHOLE).map(Option::<&Landmarks>::cloned);
         assert_eq!(tracker.face().is_some(), matches!(outcome, Ok(Some(_))));
         outcome.map_err(|error| error.to_string())
     }

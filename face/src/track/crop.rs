@@ -194,7 +194,7 @@ mod tests {
         // Without memory for a block, each sample is computed from the four pixels around it.
         let (mut block, mut plain) = (Block::default(), Block::default());
         plain.groups = Box::default();
-        for round in 0..400 {
+        for round in 0..200 {
             let size = [random.usize(1..150), random.usize(1..150)];
             let data: Vec<u8> = (0..60_000).map(|_| random.u8(..)).collect();
             let pixels = pixels(&mut random, size, &data);

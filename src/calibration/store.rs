@@ -106,13 +106,16 @@ fn remedy(error: &io::Error) -> &'static str {
 
 pub struct Store {
     folder: PathBuf,
+    /// Brings the entries of the folder to the disk. Tests let it fail.
+    sync_folder: fn(&Path) -> io::Result<()>,
 }
 
 impl Store {
     /// The folder of the settings, or if that is empty the usual one.
     pub fn new(setting: &str) -> Self {
         let is_readable = |path: &Path| fs::read_dir(path).is_ok();
-        Self { folder: folder(setting, |name| std::env::var(name).ok(), is_readable) }
+        let folder = folder(setting, |name| std::env::var(name).ok(), is_readable);
+        Self { folder, sync_folder: |folder| File::open(folder)?.sync_all() }
     }
 
     pub fn folder(&self) -> &Path {
@@ -151,8 +154,7 @@ impl Store {
             let folder = self.folder.display();
             format!("the new profile is in use, but the disk did not confirm it ({folder}: {error}): check the disk")
         };
-        let synced = File::open(&self.folder).and_then(|folder| folder.sync_all());
-        Ok((path, synced.err().map(warning)))
+        Ok((path, (self.sync_folder)(&self.folder).err().map(warning)))
     }
 
     pub fn keep(&self, name: &WearerName, calibration: Calibration) -> Result<KeptProfile, StoreError> {
@@ -287,6 +289,17 @@ mod tests {
         assert_eq!(content(&store), ["anna.toml"], "nothing is left behind");
         assert!(Command::new("mkfifo").arg(store.folder().join("bert.toml")).status().unwrap().success());
         assert!(matches!(store.load(&bert), Err(StoreError::Bad(_))), "a pipe");
+    }
+
+    #[test]
+    fn folder_that_cannot_be_synced_does_not_hide_that_the_new_profile_is_in_place() {
+        let (_folder, mut store, [anna, _]) = store();
+        store.save(&anna, &file(1)).unwrap();
+        store.sync_folder = |_| Err(io::Error::other("no answer"));
+        let (path, warning) = store.save(&anna, &file(2)).unwrap();
+        assert!(warning.is_some_and(|warning| warning.contains("no answer") && warning.contains("check the disk")));
+        assert!(path.exists());
+        assert_eq!(store.load(&anna).unwrap(), file(2));
     }
 
     /// The folder in which `full_disk_leaves_the_former_profile` lets a process with a limit on the size of files write.

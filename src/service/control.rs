@@ -362,13 +362,14 @@ impl Server {
                 break told;
             }
         };
-        if told.is_err() || calibrating.client.has_gone(STREAM_PATIENCE) {
-            tracing::info!("calibration of wearer {} cancelled", calibrating.name);
-            self.parts.observed.ask(false);
-            self.calibrating = None;
+        let Some(outcome) = calibrating.guide.outcome() else {
+            if told.is_err() || calibrating.client.has_gone(STREAM_PATIENCE) {
+                tracing::info!("calibration of wearer {} cancelled", calibrating.name);
+                self.parts.observed.ask(false);
+                self.calibrating = None;
+            }
             return;
-        }
-        let Some(outcome) = calibrating.guide.outcome() else { return };
+        };
         let name = calibrating.name.clone();
         let kept = outcome.map_err(|refusal| refusal.end()).and_then(|calibration| {
             let profile = calibration.profile.clone();

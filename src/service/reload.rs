@@ -195,14 +195,55 @@ mod tests {
     use crate::calibration::{Store, test_profile};
     use crate::config;
 
+    fn fixed(toml: &str) -> LoadSettings {
+        let toml = toml.to_owned();
+        Arc::new(move || config::parse("test", &toml))
+    }
+
+    /// Reloads these settings in place of the live ones. Returns the live ones then, and what the hot loop is told.
+    fn reload(toml: &str, live: Settings) -> (Settings, HotChange) {
+        let thread = std::thread::current();
+        let ((hot, told), (sender, _), (control, _)) = (mpsc::channel(), mpsc::channel(), mpsc::channel());
+        let hot = Arc::new(Mailbox { changes: hot, thread: thread.clone() });
+        let (sender, load_settings) = (Mailbox { changes: sender, thread }, fixed(toml));
+        let set_log_level = Box::new(|_| {});
+        let (loader, traffic, in_use) = (Loader::start().unwrap(), Arc::default(), InUse::default());
+        let mut reloader = Reloader {
+            live,
+            load_settings,
+            set_log_level,
+            hot,
+            sender,
+            control,
+            traffic,
+            loader,
+            in_use,
+            preparing: None,
+        };
+        reloader.start();
+        while !reloader.step() {
+            std::thread::yield_now();
+        }
+        (reloader.live, told.try_recv().expect("the hot loop is told"))
+    }
+
+    #[test]
+    fn a_change_of_any_table_takes_effect_or_waits_for_the_next_start() {
+        for toml in ["board = \"pi4\"", "[hardware]\ntemperature_limit_c = 66", "[realtime]\npriority = 7"] {
+            let new = config::parse("test", toml).unwrap();
+            let (live, hot) = reload(toml, Settings::default());
+            assert!(new != Settings::default() && hot.settings.as_ref() == Some(&new), "{toml}");
+            assert_eq!(live == new, !toml.contains("realtime"), "{toml}");
+        }
+    }
+
     #[test]
     fn a_model_and_a_profile_that_have_changed_under_the_same_path_are_read_again() {
         let folder = tempfile::tempdir().unwrap();
         let (model, name) = (folder.path().join("model.toml"), WearerName::new("anna").unwrap());
         let toml = format!("[solver]\nmodel = {model:?}\n[wearer]\nname = \"bob\"\nfolder = {:?}\n", folder.path());
         let live = config::parse("test", &toml).unwrap();
-        let load_settings: LoadSettings = Arc::new(move || config::parse("test", &toml));
-        let prepare = || Change::prepare(&load_settings, &live, &Arc::default(), Some(&name)).unwrap();
+        let prepare = || Change::prepare(&fixed(&toml), &live, &Arc::default(), Some(&name)).unwrap();
         let missing = prepare().hot;
         assert!(missing.model.is_none() && missing.profile.is_none(), "what is missing stays as it is");
         let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/models/blendshapes.toml");

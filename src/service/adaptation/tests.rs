@@ -124,6 +124,27 @@ fn heat_takes_the_rate_down_to_a_quarter_one_step_a_minute_and_up_again_one_step
     assert!(times_s[..3] == [0, 60, 120] && times_s[3..].windows(2).all(|pair| pair[1] - pair[0] >= 120));
 }
 
+/// A processor that warms up by what facewire takes, with a time constant of a minute, and is hot from 80 degrees until
+/// it is below 75.
+#[test]
+fn heat_that_follows_the_load_does_not_make_the_steps_oscillate() {
+    for ambient_c in [30.0, 40.0, 50.0, 60.0, 70.0, 78.0] {
+        let mut rehearsal = Rehearsal::default();
+        let (mut temperature_c, mut is_hot) = (ambient_c, false);
+        while rehearsal.now_us < 24 * 60 * MINUTE {
+            let step = rehearsal.adaptation.step;
+            let share = step.busy(PERIOD).div_duration_f64(step.period(PERIOD));
+            temperature_c += (ambient_c + 60.0 * share - temperature_c) * TICK as f64 / MINUTE as f64;
+            is_hot = temperature_c >= if is_hot { 75.0 } else { 80.0 };
+            rehearsal.pass(TICK, |_| 0.7, if is_hot { &[Impairment::Hot] } else { &[] });
+        }
+        let times_us: Vec<u64> = rehearsal.changes.iter().map(|(at_us, _)| *at_us).collect();
+        // Eight changes never come within ten minutes.
+        assert!(times_us.windows(8).all(|times_us| times_us[7] - times_us[0] >= 10 * MINUTE), "{ambient_c} °C");
+        assert!(times_us.len() <= 70, "{ambient_c} °C: {} changes in a day", times_us.len());
+    }
+}
+
 /// A governor lets each frame take most of the time that the step gives it.
 #[test]
 fn a_processor_that_slows_down_when_it_has_time_is_tried_on_higher_steps_every_15_minutes() {

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Judges packets that tests/packet_recorder.py has recorded.
 
-Exit status 1: the packets are wrong; 3: there are too few poses to judge the clip by.
+Exit status 1: the packets are wrong; 3: the poses are too few or do not follow the clip, as on a machine that is too busy for
+its speed.
 
   judge.py clip PACKETS.csv TRUTH.csv FPS   the packets show the face of the clip, played at FPS frames a second
   judge.py passes PACKETS.csv STEP...       the packets pass through these steps in this order, and none is missing
@@ -17,7 +18,7 @@ import sys
 LEAST_CORRELATION = 0.7
 # Share of the clip's frames that must have given a pose, so that no coefficient is judged by a few frames.
 LEAST_SEEN = 0.7
-TOO_FEW = 3
+NOT_FOLLOWED = 3
 # The clip's frames that a search step moves the truth by.
 STEP_FRAMES = 0.25
 
@@ -79,14 +80,15 @@ def judge_clip(packets, truth_path, fps):
     seen = poses(packets)
     if len(seen) < LEAST_SEEN * len(truth_rows):
         print(f"only {len(seen)} poses of the clip's {len(truth_rows)} frames came", file=sys.stderr)
-        sys.exit(TOO_FEW)
+        sys.exit(NOT_FOLLOWED)
     positions = [(time_s - seen[0][0]) * float(fps) for time_s, _ in seen]
     shown = {name: [float(row[name]) for _, row in seen] for name in truth}
     lag, correlations = align(positions, shown, truth)
     figures = ", ".join(f"{name} {r:.3f}" for name, r in correlations.items())
     print(f"{len(seen)} poses, lag {lag:g} frames, correlation {figures}")
     if min(correlations.values()) <= LEAST_CORRELATION:
-        return f"correlation is not above {LEAST_CORRELATION}"
+        print(f"correlation is not above {LEAST_CORRELATION}", file=sys.stderr)
+        sys.exit(NOT_FOLLOWED)
     return complaint_about_order(packets)
 
 

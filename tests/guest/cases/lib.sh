@@ -6,8 +6,8 @@ set -eu
 patience=180
 # The film that shows the face of the built-in clip has every 4th of its frames, which come 30 a second.
 clip_frames=60
-# The judge's exit status if too few frames gave a pose.
-too_few=3
+# The judge's exit status if too few frames gave a pose, or the poses do not follow the clip.
+not_followed=3
 work=/run/case
 service='' decoder=''
 
@@ -127,12 +127,12 @@ shown_at() {
 }
 
 # show_clip: the face of the clip reaches the packets. The case defines `play FPS` and `stop_playing`. On a busy machine
-# too few frames give a pose, and the clip is shown again more slowly.
+# frames give poses too seldom or too irregularly, and the clip is shown again more slowly.
 show_clip() {
     for period_s in 0.5 1.5 5; do
         status=0
         shown_at $period_s || status=$?
-        [ "$status" = $too_few ] || break
+        [ "$status" = $not_followed ] || break
     done
     grep -o 'camera opened: .*' $work/log
     [ "$status" = 0 ] || fail 'the face is not the face of the clip'
